@@ -1,0 +1,70 @@
+/* job: what to render (settings) and the pieces it is cut into (units).
+ *
+ * A unit is a pure function of (scene blob, settings, tile, first sample, sample count): whoever renders it,
+ * whenever, gets the same bits. The image is cut into square tiles of `tile_size` pixels, row by row from the
+ * top left; tiles at the right and bottom rim may be smaller.
+ *
+ * Sample indices are split into two halves, even and odd. Each half has random numbers of its own, so the two
+ * half images are independent and their difference measures the noise (see film.h).
+ */
+#ifndef LIGHTMILL_JOB_H
+#define LIGHTMILL_JOB_H
+
+#include "common/base.h"
+
+typedef enum { INTEGRATOR_BDPT = 1, INTEGRATOR_PATH = 2, INTEGRATOR_LIGHT = 3 } integrator_t;
+typedef enum { SAMPLER_SOBOL = 1, SAMPLER_INDEPENDENT = 2 } sampler_kind_t;
+
+enum {
+    JOB_MAX_RESOLUTION = 32768, /* pixels a side */
+    JOB_MAX_PIXELS = 1 << 27,   /* pixels in all: 128 Mi */
+    JOB_MAX_SPP = 1 << 30,      /* samples a pixel; the film counts them in 32 bits */
+    JOB_MAX_DEPTH = 100,
+    JOB_MIN_TILE = 8,
+    JOB_MAX_TILE = 256
+};
+
+typedef struct {
+    integrator_t integrator;
+    sampler_kind_t sampler;
+    uint64_t seed;
+    int32_t width, height; /* pixels */
+    int32_t max_depth;     /* as pbrt counts: paths of at most max_depth + 1 segments */
+    uint32_t spp;          /* samples a pixel; JOB_MAX_SPP when only time_limit ends the job */
+    double time_limit;     /* seconds from the first assignment; 0 for none */
+    int32_t tile_size;     /* pixels a side */
+    int32_t film_scale;    /* film sums count in units of 2^-film_scale (film.h) */
+} job_settings_t;
+
+typedef struct {
+    uint32_t tile;  /* index in the tile grid */
+    uint32_t first; /* first sample index */
+    uint32_t count; /* samples a pixel, > 0 */
+} unit_t;
+
+/* A pixel rectangle, [x0, x1) by [y0, y1). */
+typedef struct {
+    int32_t x0, y0, x1, y1;
+} rect_t;
+
+/* Defaults: bdpt, sobol, seed 0, 1280 x 720, depth 8, 64 spp, tiles of 32, FILM_DEFAULT_SCALE. */
+job_settings_t job_settings_default(void);
+/* Checks every field against the limits above; the message names the field, its value and the range. */
+result_t job_settings_check(const job_settings_t *settings);
+
+uint32_t job_tile_count(const job_settings_t *settings);
+rect_t job_tile_rect(const job_settings_t *settings, uint32_t tile);
+/* Pixels of a tile. */
+uint32_t job_tile_pixels(const job_settings_t *settings, uint32_t tile);
+/* True when the unit lies inside the job: a tile that exists, 0 < count, first + count <= spp. */
+bool job_unit_valid(const job_settings_t *settings, const unit_t *unit);
+/* Samples of half 0 (even indices) or 1 (odd indices) in a unit. */
+uint32_t unit_half_count(const unit_t *unit, int half);
+
+const char *integrator_name(integrator_t integrator);
+const char *sampler_name(sampler_kind_t sampler);
+/* False when the name is not known. */
+bool integrator_from_name(const char *name, integrator_t *integrator);
+bool sampler_from_name(const char *name, sampler_kind_t *sampler);
+
+#endif
