@@ -1,0 +1,115 @@
+/* job: settings and units (see job.h). */
+#include "common/job.h"
+
+#include "common/film.h"
+
+#include <math.h>
+#include <string.h>
+
+job_settings_t job_settings_default(void)
+{
+    return (job_settings_t){.integrator = INTEGRATOR_BDPT,
+                            .sampler = SAMPLER_SOBOL,
+                            .width = 1280,
+                            .height = 720,
+                            .max_depth = 8,
+                            .spp = 64,
+                            .tile_size = 32,
+                            .film_scale = FILM_DEFAULT_SCALE};
+}
+
+static result_t check_range(const char *name, int64_t value, int64_t low, int64_t high)
+{
+    if (value >= low && value <= high) return result_ok();
+    return result_fail(RESULT_USAGE, "%s is %lld, must be from %lld to %lld", name, (long long)value,
+                       (long long)low, (long long)high);
+}
+
+result_t job_settings_check(const job_settings_t *settings)
+{
+    TRY(check_range("integrator", settings->integrator, INTEGRATOR_BDPT, INTEGRATOR_LIGHT));
+    TRY(check_range("sampler", settings->sampler, SAMPLER_SOBOL, SAMPLER_INDEPENDENT));
+    TRY(check_range("width", settings->width, 1, JOB_MAX_RESOLUTION));
+    TRY(check_range("height", settings->height, 1, JOB_MAX_RESOLUTION));
+    TRY(check_range("pixels in all", (int64_t)settings->width * settings->height, 1, JOB_MAX_PIXELS));
+    TRY(check_range("max depth", settings->max_depth, 0, JOB_MAX_DEPTH));
+    TRY(check_range("samples a pixel", settings->spp, 1, JOB_MAX_SPP));
+    TRY(check_range("tile size", settings->tile_size, JOB_MIN_TILE, JOB_MAX_TILE));
+    TRY(check_range("film scale", settings->film_scale, FILM_MIN_SCALE, FILM_MAX_SCALE));
+    if (!(settings->time_limit >= 0) || !isfinite(settings->time_limit))
+        return result_fail(RESULT_USAGE, "time limit is %g, must be 0 (none) or positive seconds",
+                           settings->time_limit);
+    return result_ok();
+}
+
+static uint32_t tiles_across(const job_settings_t *settings)
+{
+    return (uint32_t)((settings->width + settings->tile_size - 1) / settings->tile_size);
+}
+
+uint32_t job_tile_count(const job_settings_t *settings)
+{
+    return tiles_across(settings) *
+           (uint32_t)((settings->height + settings->tile_size - 1) / settings->tile_size);
+}
+
+rect_t job_tile_rect(const job_settings_t *settings, uint32_t tile)
+{
+    int32_t size = settings->tile_size;
+    int32_t x = (int32_t)(tile % tiles_across(settings)) * size;
+    int32_t y = (int32_t)(tile / tiles_across(settings)) * size;
+    return (rect_t){x, y, int_min(x + size, settings->width), int_min(y + size, settings->height)};
+}
+
+uint32_t job_tile_pixels(const job_settings_t *settings, uint32_t tile)
+{
+    rect_t rect = job_tile_rect(settings, tile);
+    return (uint32_t)((rect.x1 - rect.x0) * (rect.y1 - rect.y0));
+}
+
+bool job_unit_valid(const job_settings_t *settings, const unit_t *unit)
+{
+    return unit->tile < job_tile_count(settings) && unit->count > 0 && unit->count <= settings->spp &&
+           unit->first <= settings->spp - unit->count;
+}
+
+uint32_t unit_half_count(const unit_t *unit, int half)
+{
+    uint32_t even = (unit->count + 1 - (unit->first & 1)) / 2;
+    return half == 0 ? even : unit->count - even;
+}
+
+static const char *const integrator_names[] = {[INTEGRATOR_BDPT] = "bdpt",
+                                               [INTEGRATOR_PATH] = "path",
+                                               [INTEGRATOR_LIGHT] = "light"};
+static const char *const sampler_names[] = {[SAMPLER_SOBOL] = "sobol", [SAMPLER_INDEPENDENT] = "independent"};
+
+const char *integrator_name(integrator_t integrator)
+{
+    return integrator_names[integrator];
+}
+
+const char *sampler_name(sampler_kind_t sampler)
+{
+    return sampler_names[sampler];
+}
+
+bool integrator_from_name(const char *name, integrator_t *integrator)
+{
+    for (int i = INTEGRATOR_BDPT; i <= INTEGRATOR_LIGHT; i++)
+        if (strcmp(name, integrator_names[i]) == 0) {
+            *integrator = (integrator_t)i;
+            return true;
+        }
+    return false;
+}
+
+bool sampler_from_name(const char *name, sampler_kind_t *sampler)
+{
+    for (int i = SAMPLER_SOBOL; i <= SAMPLER_INDEPENDENT; i++)
+        if (strcmp(name, sampler_names[i]) == 0) {
+            *sampler = (sampler_kind_t)i;
+            return true;
+        }
+    return false;
+}
