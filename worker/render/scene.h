@@ -1,0 +1,59 @@
+/* scene: the blob as geometry to trace: Embree trees, ray queries, and what a ray hit. */
+#ifndef LIGHTMILL_RENDER_SCENE_H
+#define LIGHTMILL_RENDER_SCENE_H
+
+#include "common/scene_blob.h"
+
+#include <embree3/rtcore.h>
+
+/* A point on a surface. All vectors are in world space, directions of unit length. */
+typedef struct {
+    vec3_t p;
+    vec3_t ng;      /* geometric normal, on the side to which the shape emits */
+    vec3_t ns;      /* shading normal, in the hemisphere of ng */
+    vec3_t tangent; /* the direction in which u grows; orthogonal to ns only after bsdf set-up. Zero: any */
+    float offset;   /* distance by which a ray must start off the surface so as not to hit it again */
+    const blob_material_t *material;
+    uint32_t light; /* index of the light that the shape is, or BLOB_NONE */
+} surface_t;
+
+typedef struct scene scene_t;
+
+/* Builds the trees on one thread. The blob must outlive the scene. RESULT_LIMIT when Embree runs out of memory. */
+result_t scene_new(const scene_blob_t *blob, scene_t **scene);
+/* Frees the scene and sets *scene to NULL. */
+void scene_destroy(scene_t **scene);
+const scene_blob_t *scene_blob(const scene_t *scene);
+
+/* Finds the first surface along a ray from `origin` in the unit direction. False when there is none. */
+bool scene_intersect(const scene_t *scene, vec3_t origin, vec3_t direction, surface_t *surface);
+
+enum { SCENE_PACKET = 8 };
+/* Segments between points; the ends are already off their surfaces (scene_offset). */
+typedef struct {
+    int count;
+    vec3_t from[SCENE_PACKET], to[SCENE_PACKET];
+} segments_t;
+
+/* True when something lies between the points. */
+bool scene_occluded(const scene_t *scene, vec3_t from, vec3_t to);
+/* Bit i of the answer is set when something lies between from[i] and to[i]. Quickest when all start close
+ * together. */
+uint32_t scene_occluded_packet(const scene_t *scene, const segments_t *segments);
+
+/* The surface's point moved off the surface, to the side to which `direction` points. */
+static inline vec3_t scene_offset(const surface_t *surface, vec3_t direction)
+{
+    float side = v_dot(surface->ng, direction) < 0 ? -surface->offset : surface->offset;
+    return v_mad(surface->p, side, surface->ng);
+}
+
+/* How far off a surface rays must start at p (a few hundred units in the last place of its largest coordinate:
+ * the rounding of a hit point and of Embree's distances stays below it). */
+static inline float scene_offset_at(vec3_t p)
+{
+    float largest = fmaxf(fabsf(p.x), fmaxf(fabsf(p.y), fabsf(p.z)));
+    return fmaxf(largest, 0x1p-10f) * 0x1p-18f;
+}
+
+#endif
