@@ -13,7 +13,7 @@ ifneq ($(filter-out help clean deps,$(or $(MAKECMDGOALS),all)),)
 PKG_CFLAGS := $(shell pkg-config --cflags $(PACKAGES) 2>/dev/null)
 PKG_LIBS   := $(shell pkg-config --libs $(filter-out OpenEXR,$(PACKAGES)) 2>/dev/null) -lOpenEXRCore-3_1
 endif
-ALL_CFLAGS = -std=gnu17 $(BASELINE) $(WARNINGS) $(CFLAGS) $(SANITIZE) -I. -I$(BUILD) $(patsubst -I%,-isystem%,$(PKG_CFLAGS)) -pthread
+ALL_CFLAGS = -std=gnu17 -D_GNU_SOURCE $(BASELINE) $(WARNINGS) $(CFLAGS) $(SANITIZE) -I. -I$(BUILD) $(patsubst -I%,-isystem%,$(PKG_CFLAGS)) -pthread
 ALL_LIBS   = $(LDFLAGS) $(PKG_LIBS) -lembree3 -lm -pthread
 
 COMMON_SRC := $(wildcard common/*.c)
@@ -21,7 +21,7 @@ PROTO_SRC  := $(wildcard proto/*.c)
 RENDER_SRC := $(wildcard worker/render/*.c)
 WORKER_SRC := $(filter-out worker/main.c,$(wildcard worker/*.c))
 MASTER_SRC := $(filter-out master/main.c,$(wildcard master/*.c))
-CLIENT_SRC := $(filter-out client/main.c,$(wildcard client/*.c client/import/*.c))
+CLIENT_SRC := $(filter-out client/main.c,$(wildcard client/*.c client/import/*.c client/import/*/*.c))
 LIB_SRC    := $(COMMON_SRC) $(PROTO_SRC) $(RENDER_SRC) $(WORKER_SRC) $(MASTER_SRC) $(CLIENT_SRC)
 SCHEMA_C   := $(BUILD)/proto/lightmill.pb-c.c
 SCHEMA_O   := $(BUILD)/proto/lightmill.pb-c.o
@@ -29,7 +29,7 @@ objects     = $(patsubst %.c,$(BUILD)/%.o,$(1))
 
 PROGRAMS := $(BUILD)/lightmill $(BUILD)/lightmill-master $(BUILD)/lightmill-worker
 TEST_SRC := $(wildcard tests/unit/*.c tests/statistics/*.c tests/farm/*.c)
-TESTS    := $(patsubst tests/%.c,$(BUILD)/tests/%,$(filter tests/%,$(shell grep -l 'int main(' $(TEST_SRC) /dev/null 2>/dev/null)))
+TESTS    := $(patsubst tests/%.c,$(BUILD)/tests/%,$(filter tests/%,$(shell grep -l '^int main' $(TEST_SRC) /dev/null 2>/dev/null)))
 
 all: $(PROGRAMS)
 

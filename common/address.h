@@ -1,4 +1,5 @@
-/* address: where a master listens, "HOST[:PORT]" as people write it, and the ZeroMQ endpoints made from it. */
+/* address: where a master listens, "HOST[:PORT]" as people write it, and the ZeroMQ endpoints made from it.
+ */
 #ifndef LIGHTMILL_ADDRESS_H
 #define LIGHTMILL_ADDRESS_H
 
@@ -11,7 +12,8 @@ typedef struct {
     int port;                        /* 1 to 65535 */
 } address_t;
 
-/* Reads "host", "host:port", "[v6]:port" or any of them after "tcp://". RESULT_USAGE when it is none of these. */
+/* Reads "host", "host:port", "[v6]:port" or any of them after "tcp://". RESULT_USAGE when it is none of
+ * these. */
 result_t address_parse(const char *text, int default_port, address_t *address);
 /* "tcp://host:port" in fresh memory; the caller frees it. */
 char *address_endpoint(const address_t *address, int port);

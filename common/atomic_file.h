@@ -1,7 +1,8 @@
 /* atomic_file: a file that appears whole or not at all.
  *
- * The bytes go to a temporary beside the target. Commit flushes it to the disk and renames it over the target;
- * until then an old file of that name stays as it was, whatever happens: a full disk, a signal, a power cut.
+ * The bytes go to a temporary beside the target. Commit flushes it to the disk and renames it over the
+ * target; until then an old file of that name stays as it was, whatever happens: a full disk, a signal, a
+ * power cut.
  */
 #ifndef LIGHTMILL_ATOMIC_FILE_H
 #define LIGHTMILL_ATOMIC_FILE_H

@@ -17,7 +17,7 @@ void film_counts_add(film_counts_t *sum, const film_counts_t *more)
 int64_t film_quantise(float value, int scale)
 {
     const double limit = 0x1p62;
-    double units = ldexp((double)value, scale);
+    double units = (double)value * (double)(UINT64_C(1) << scale);
     return units >= limit ? INT64_C(1) << 62 : units <= -limit ? -(INT64_C(1) << 62) : llrint(units);
 }
 
@@ -34,6 +34,13 @@ static uint64_t add_sums(int64_t *sum, const int64_t *more, size_t count)
         overflows += wraps;
     }
     return overflows;
+}
+
+uint64_t film_add(int64_t sum[3], const float rgb[3], int scale)
+{
+    int64_t more[3];
+    for (int c = 0; c < 3; c++) more[c] = film_quantise(rgb[c], scale);
+    return add_sums(sum, more, 3);
 }
 
 size_t batch_tile_values(const job_settings_t *settings, uint32_t tile)
@@ -98,9 +105,7 @@ static void batch_add_splats(batch_t *batch, const unit_result_t *result)
         const splat_t *splat = &result->splats[i];
         size_t half = splat->pixel & SPLAT_HALF_BIT ? half_values : 0;
         int64_t *sum = batch->splat + half + (size_t)3 * (splat->pixel & ~SPLAT_HALF_BIT);
-        int64_t more[3];
-        for (int c = 0; c < 3; c++) more[c] = film_quantise(splat->rgb[c], batch->settings.film_scale);
-        batch->counts.overflows += add_sums(sum, more, 3);
+        batch->counts.overflows += film_add(sum, splat->rgb, batch->settings.film_scale);
     }
 }
 

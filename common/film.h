@@ -40,6 +40,9 @@ typedef struct {
 /* Radiance to fixed point, rounded to nearest even. A value that does not fit is saturated at +-2^62 and shows
  * as an overflow when it is added. The caller has dropped NaN and infinity. */
 int64_t film_quantise(float value, int scale);
+/* Rounds one contribution to the film's grid and adds it to the sums of a pixel. Returns how many of the three
+ * additions would have overflowed; these are left out. */
+uint64_t film_add(int64_t sum[3], const float rgb[3], int scale);
 
 /* The result of one unit, in memory that is reused from unit to unit. */
 typedef struct {

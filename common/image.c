@@ -85,7 +85,8 @@ bool image_find_rgb(const image_t *image, const char *layer, const image_channel
 }
 
 /* Takes over `text`. */
-static image_attribute_t *append_attribute(image_t *image, const char *name, attribute_kind_t kind, char *text)
+static image_attribute_t *append_attribute(image_t *image, const char *name, attribute_kind_t kind,
+                                           char *text)
 {
     size_t bytes = (image->attribute_count + 1) * sizeof *image->attributes;
     image->attributes = mem_realloc(image->attributes, bytes);

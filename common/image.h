@@ -1,15 +1,20 @@
 /* image: float images with named channels, as OpenEXR knows them, and their files.
  *
- * Pixels are in rows from the top left. A channel's value at (x, y) is data[(y * width + x) * stride]; an owned
- * channel is a plane (stride 1), a view borrows any strided array, so that a film is written without a copy.
- * Attributes are the named values of an EXR header.
+ * Pixels are in rows from the top left. A channel's value at (x, y) is data[(y * width + x) * stride]; an
+ * owned channel is a plane (stride 1), a view borrows any strided array, so that a film is written without a
+ * copy. Attributes are the named values of an EXR header.
  */
 #ifndef LIGHTMILL_IMAGE_H
 #define LIGHTMILL_IMAGE_H
 
 #include "common/base.h"
 
-enum { IMAGE_MAX_SIDE = 32768, IMAGE_MAX_PIXELS = 1 << 27, IMAGE_MAX_CHANNELS = 1024, IMAGE_MAX_ATTRIBUTES = 4096 };
+enum {
+    IMAGE_MAX_SIDE = 32768,
+    IMAGE_MAX_PIXELS = 1 << 27,
+    IMAGE_MAX_CHANNELS = 1024,
+    IMAGE_MAX_ATTRIBUTES = 4096
+};
 #define IMAGE_MAX_BYTES ((uint64_t)1 << 33) /* of all channels as floats */
 
 /* How a channel is stored in a file; in memory all are floats. */
@@ -46,7 +51,8 @@ void image_init(image_t *image, int width, int height);
 /* Frees what the image owns; harmless on a zeroed image. */
 void image_free(image_t *image);
 
-/* Adds a zeroed plane of width * height floats, owned by the image; NULL when memory lacks. `name` is copied. */
+/* Adds a zeroed plane of width * height floats, owned by the image; NULL when memory lacks. `name` is copied.
+ */
 float *image_add_channel(image_t *image, const char *name, pixel_type_t type);
 /* Adds a channel whose pixels the caller keeps as long as the image lives. */
 void image_add_view(image_t *image, const char *name, pixel_type_t type, const float *data, size_t stride);
@@ -67,8 +73,8 @@ void image_set_u64(image_t *image, const char *name, uint64_t value);
 const image_attribute_t *image_attribute(const image_t *image, const char *name);
 
 /* BLAKE2b-256 of the pixels alone, in this order, little-endian: width and height as 32-bit integers, then by
- * ascending name (bytewise) each channel's name, a zero byte, and its floats' bits row by row. Attributes, the
- * compression and the order of channels in the file do not matter. */
+ * ascending name (bytewise) each channel's name, a zero byte, and its floats' bits row by row. Attributes,
+ * the compression and the order of channels in the file do not matter. */
 hash_t image_hash(const image_t *image);
 
 /* Reads an OpenEXR file: the first part of a scanline or tiled file (of a tiled one the full resolution), its

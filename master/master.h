@@ -1,5 +1,5 @@
-/* master: accepts jobs, keeps blobs, hands out units, merges batches, writes images. Runs on threads of its own
- * until it is stopped; the process around it (main.c, or `lightmill render`) only starts and stops it. */
+/* master: accepts jobs, keeps blobs, hands out units, merges batches, writes images. Runs on threads of its
+ * own until it is stopped; the process around it (main.c, or `lightmill render`) only starts and stops it. */
 #ifndef LIGHTMILL_MASTER_H
 #define LIGHTMILL_MASTER_H
 
@@ -23,8 +23,8 @@ master_options_t master_options_default(void);
 result_t master_start(const master_options_t *options, master_t **master);
 /* The TCP port of the control socket, 0 on inproc. */
 int master_control_port(const master_t *master);
-/* Stops taking work in, writes the image so far of every unfinished job, joins the threads, frees everything and
- * sets *master to NULL. */
+/* Stops taking work in, writes the image so far of every unfinished job, joins the threads, frees everything
+ * and sets *master to NULL. */
 result_t master_stop(master_t **master);
 
 #endif

@@ -1,9 +1,9 @@
 /* wire: messages on ZeroMQ sockets, and the hard limits on everything that a peer sends.
  *
- * A message is a header frame (the bytes "LMIL", a version byte, then a protobuf Envelope) and up to two payload
- * frames. A socket of the master is a ROUTER, a peer's is a DEALER; on a ROUTER the identity frame comes first.
- * Whatever arrives is checked against the limits before anything is allocated for it; a message that breaks
- * them is an error value, never an abort, and the socket can go on being used.
+ * A message is a header frame (the bytes "LMIL", a version byte, then a protobuf Envelope) and up to two
+ * payload frames. A socket of the master is a ROUTER, a peer's is a DEALER; on a ROUTER the identity frame
+ * comes first. Whatever arrives is checked against the limits before anything is allocated for it; a message
+ * that breaks them is an error value, never an abort, and the socket can go on being used.
  */
 #ifndef LIGHTMILL_WIRE_H
 #define LIGHTMILL_WIRE_H
@@ -15,57 +15,91 @@
 
 enum {
     WIRE_VERSION = 1,
-    WIRE_DEFAULT_PORT = 7420, /* control; bulk is the next one */
-    WIRE_MAX_HEADER = 1 << 20,
+    WIRE_DEFAULT_PORT = 7420,         /* control; bulk is the next one */
+    WIRE_MAX_HEADER = 1 << 20,        /* bytes of a header frame, preamble included */
+    WIRE_MAX_CONTROL_FRAME = 1 << 20, /* control messages have no payloads */
+    WIRE_MAX_DECODED = 16 << 20,      /* bytes that decoding one header may allocate */
     WIRE_MAX_PAYLOADS = 2,
     WIRE_MAX_UNITS = 1 << 14, /* units in an assignment or a batch */
     WIRE_MAX_STRING = 1024,
     WIRE_MAX_CHUNK = 4 << 20, /* bytes of a blob or an image in one message */
     WIRE_MAX_IDENTITY = 255
 };
-/* The largest payload frame: a compressed splat frame of the largest film may not exceed this. */
-#define WIRE_MAX_PAYLOAD ((size_t)1 << 32)
+/* The largest payload frame: the raw splat frame of the largest film (6 GiB) fits. */
+#define WIRE_MAX_PAYLOAD ((size_t)1 << 33)
+
+/* The life of a job, as JobStatus.state says it. */
+typedef enum {
+    JOB_QUEUED = 1, /* waiting for a worker, or for its turn */
+    JOB_RUNNING,    /* units have been handed out */
+    JOB_FINISHING,  /* no more units are handed out; last batches come in, the image is being written */
+    JOB_DONE,
+    JOB_CANCELLED,
+    JOB_FAILED /* JobStatus.message says why */
+} job_state_t;
+
+/* "queued", "running", ...; "unknown" for anything else. */
+const char *job_state_name(uint32_t state);
+/* True for JOB_DONE, JOB_CANCELLED and JOB_FAILED. */
+bool job_state_final(uint32_t state);
 
 typedef struct {
     Lm__Envelope *envelope; /* decoded, its body is set; freed by wire_free */
     uint8_t identity[WIRE_MAX_IDENTITY];
-    size_t identity_size;               /* 0 when it came from a DEALER */
+    size_t identity_size;                 /* 0 when it came from a DEALER */
     zmq_msg_t payload[WIRE_MAX_PAYLOADS]; /* open for i < payload_count */
     int payload_count;
     size_t bytes; /* all frames as they came, without the identity */
 } wire_message_t;
 
-/* Makes a socket with our limits set (largest message, high-water marks, linger, reconnect back-off with a
- * ceiling, TCP keep-alive, mandatory routing on a ROUTER). type is ZMQ_ROUTER or ZMQ_DEALER. */
+/* Makes a socket with our limits set (largest frame WIRE_MAX_PAYLOAD, high-water marks, linger, reconnect
+ * back-off with a ceiling, TCP keep-alive, mandatory routing on a ROUTER). type is ZMQ_ROUTER or ZMQ_DEALER.
+ */
 result_t wire_socket(void *context, int type, void **socket);
+/* Lowers the largest frame that the socket takes in; a connection that sends more is dropped by libzmq before
+ * memory is allocated. A control socket takes WIRE_MAX_CONTROL_FRAME. Call before bind or connect. */
+result_t wire_socket_limit(void *socket, size_t largest_frame);
 
 /* Sends an envelope with its payloads. The identity is for a ROUTER (NULL on a DEALER). Payload messages are
- * consumed, also on failure. Never blocks: RESULT_LIMIT when the peer's queue is full, RESULT_UNREACHABLE when
- * a ROUTER no longer knows the peer. */
+ * consumed, also on failure. Never blocks: RESULT_LIMIT when the peer's queue is full, RESULT_UNREACHABLE
+ * when a ROUTER no longer knows the peer. */
 result_t wire_send(void *socket, const uint8_t *identity, size_t identity_size, const Lm__Envelope *envelope,
                    zmq_msg_t *payload, int payload_count);
 
-/* Receives one message without blocking. *received is false when there is none. RESULT_PROTOCOL when the message
- * was malformed or over a limit: it has been read to its end and thrown away, and message->identity says who
- * sent it. On success the caller frees the message with wire_free. */
+/* Receives one message without blocking. *received is false when there is none. RESULT_PROTOCOL when the
+ * message was malformed or over a limit: it has been read to its end and thrown away, and message->identity
+ * says who sent it. On success the caller frees the message with wire_free. */
 result_t wire_receive(void *socket, bool router, wire_message_t *message, bool *received);
 void wire_free(wire_message_t *message);
 
 /* Settings, units and counts to and from their messages. From a message everything is checked
- * (job_settings_check, job_unit_valid, WIRE_MAX_UNITS). */
+ * (job_settings_check, job_unit_valid, WIRE_MAX_UNITS); the message of a failure says which field is wrong.
+ */
 void wire_settings_put(const job_settings_t *settings, Lm__Settings *message);
 result_t wire_settings_get(const Lm__Settings *message, job_settings_t *settings);
 void wire_counts_put(const film_counts_t *counts, Lm__Counts *message);
 void wire_counts_get(const Lm__Counts *message, film_counts_t *counts);
+/* The array of messages for `count` units, in one piece of memory that the caller frees with free(); NULL for
+ * none. */
+Lm__Unit **wire_units_new(const unit_t *units, size_t count);
+/* Fills units[count] and checks each against the job. */
+result_t wire_units_get(Lm__Unit *const *messages, size_t count, const job_settings_t *settings,
+                        unit_t *units);
+/* False when the bytes field is not exactly HASH_BYTES long. */
+bool wire_hash_get(const ProtobufCBinaryData *bytes, hash_t *hash);
+/* Points the bytes field at the hash, which must outlive the message. */
+ProtobufCBinaryData wire_hash_put(const hash_t *hash);
 
-/* Why bytes of a payload cannot be trusted to be small: the codec refuses to expand beyond what the units of the
- * batch can need. */
+/* The payload codec (payload.c; PROTOCOL.md gives the byte layout). The decoder knows from the units how many
+ * bytes must come out, so a hostile payload can neither make it allocate nor write more than that. */
 
-/* Compresses the sums of a batch: two payload messages for wire_send (eye tiles, splat frame; the second is empty
- * when the batch has no splats). `compress` false stores them as they are, for inproc. */
+/* Compresses the sums of a batch: two payload messages for wire_send (eye tiles, splat frame; the second is
+ * empty when the batch has no splats). `compress` false stores them as they are, for inproc. On failure none
+ * is open. */
 result_t payload_encode(const batch_t *batch, bool compress, zmq_msg_t payload[2]);
-/* The reverse. `batch` has been initialised with the job's settings and holds the message's units, checked; its
- * eye and splat arrays are filled. RESULT_PROTOCOL when the bytes do not decode to exactly the right size. */
+/* The reverse. `batch` has been initialised with the job's settings and holds the message's units, checked;
+ * its eye and splat arrays are filled, splat is left NULL or zeroed when the frame is empty. RESULT_PROTOCOL
+ * when the bytes do not decode to exactly the right size. */
 result_t payload_decode(const zmq_msg_t *eye, const zmq_msg_t *splat, batch_t *batch);
 
 #endif

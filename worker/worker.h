@@ -1,5 +1,5 @@
-/* worker: the process side of rendering. Dials the master, fetches blobs, renders units on its threads and sends
- * batches; knows nothing of what a unit means (render/renderer.h does). */
+/* worker: the process side of rendering. Dials the master, fetches blobs, renders units on its threads and
+ * sends batches; knows nothing of what a unit means (render/renderer.h does). */
 #ifndef LIGHTMILL_WORKER_H
 #define LIGHTMILL_WORKER_H
 
@@ -19,9 +19,9 @@ typedef struct {
 } worker_options_t;
 
 worker_options_t worker_options_default(void);
-/* Serves until *stop becomes non-zero, then finishes the units in hand (1: drain: render what threads have begun,
- * send it, wait for the acknowledgement, say goodbye) or leaves at once (2). Dials for ever: a master that is not
- * there yet, or comes back, is found. Returns RESULT_OK after a clean leave. */
+/* Serves until *stop becomes non-zero, then finishes the units in hand (1: drain: render what threads have
+ * begun, send it, wait for the acknowledgement, say goodbye) or leaves at once (2). Dials for ever: a master
+ * that is not there yet, or comes back, is found. Returns RESULT_OK after a clean leave. */
 result_t worker_run(const worker_options_t *options, const atomic_int *stop);
 
 #endif

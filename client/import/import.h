@@ -1,0 +1,27 @@
+/* import: a scene file of somebody else's format becomes our scene blob.
+ *
+ * The format is chosen by the file's extension: one table entry each. Importing either succeeds, with
+ * warnings for what was left out because it hardly changes the picture, or fails with one error that names
+ * the file, the line, the column and the cure. docs/import.md lists what is supported.
+ */
+#ifndef LIGHTMILL_IMPORT_H
+#define LIGHTMILL_IMPORT_H
+
+#include "common/scene_blob.h"
+
+/* Where warnings go: `warn` gets one line for people, "file:line:column: text", valid during the call. */
+typedef struct {
+    void (*warn)(void *context, const char *message);
+    void *context;
+} import_report_t;
+
+/* Reads the scene at `path` into an empty builder. A directory stands for the scene.pbrt in it. `report` may
+ * be NULL, and so may its `warn`: warnings then go to the log. After an error the builder is only fit to be
+ * destroyed. RESULT_INPUT: the file, or one it refers to, is missing, malformed or not supported. */
+result_t import_scene(const char *path, blob_builder_t *builder, const import_report_t *report);
+
+/* The same as one finished blob; the caller frees *bytes. A file that already is a blob is not a scene here:
+ * see blob_recognise. */
+result_t import_scene_blob(const char *path, const import_report_t *report, uint8_t **bytes, uint64_t *size);
+
+#endif

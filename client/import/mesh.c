@@ -1,0 +1,150 @@
+/* mesh: see mesh.h. */
+#include "client/import/mesh.h"
+
+#include <float.h>
+#include <inttypes.h>
+#include <stdlib.h>
+
+/* Embree wants coordinates below 2^60 or so; nobody models in such units. */
+static const float largest_coordinate = 1e18f;
+
+void mesh_free(mesh_t *mesh)
+{
+    free(mesh->positions);
+    free(mesh->normals);
+    free(mesh->uvs);
+    free(mesh->triangles);
+    *mesh = (mesh_t){0};
+}
+
+static bool coordinates_usable(vec3_t p)
+{
+    return fabsf(p.x) < largest_coordinate && fabsf(p.y) < largest_coordinate &&
+           fabsf(p.z) < largest_coordinate;
+}
+
+static result_t transform_positions(mesh_t *mesh, const affine_t *object_from_mesh, position_t at)
+{
+    for (uint32_t i = 0; i < mesh->vertex_count; ++i) {
+        vec3_t p = mesh->positions[i];
+        mesh->positions[i] = affine_point(object_from_mesh, p);
+        if (!coordinates_usable(mesh->positions[i]))
+            return error_at(
+                at, "vertex %" PRIu32 " lies at (%g %g %g): coordinates must be finite and below 1e18", i,
+                (double)p.x, (double)p.y, (double)p.z);
+    }
+    return result_ok();
+}
+
+static result_t check_uvs(const mesh_t *mesh, position_t at)
+{
+    for (uint32_t i = 0; mesh->uvs && i < mesh->vertex_count; ++i)
+        if (!isfinite(mesh->uvs[i].x) || !isfinite(mesh->uvs[i].y))
+            return error_at(at, "the uv coordinates of vertex %" PRIu32 " are not finite", i);
+    return result_ok();
+}
+
+static result_t check_indices(const mesh_t *mesh, position_t at)
+{
+    for (uint32_t i = 0; i < mesh->triangle_count; ++i)
+        for (int k = 0; k < 3; ++k)
+            if (mesh->triangles[i].v[k] >= mesh->vertex_count)
+                return error_at(at,
+                                "triangle %" PRIu32 " uses vertex %" PRIu32 ", but there are %" PRIu32
+                                " vertices, counted from 0",
+                                i, mesh->triangles[i].v[k], mesh->vertex_count);
+    return result_ok();
+}
+
+/* Twice the area, along (p1 - p0) x (p2 - p0). */
+static vec3_t triangle_normal(const mesh_t *mesh, const blob_triangle_t *t)
+{
+    vec3_t p = mesh->positions[t->v[0]];
+    return v_cross(v_sub(mesh->positions[t->v[1]], p), v_sub(mesh->positions[t->v[2]], p));
+}
+
+/* Removes triangles whose area is zero, or so small that its square is a denormal, which the renderer
+ * flushes. */
+static void drop_degenerate(mesh_t *mesh, position_t at, report_t *report)
+{
+    uint32_t kept = 0, total = mesh->triangle_count;
+    for (uint32_t i = 0; i < total; ++i) {
+        vec3_t n = triangle_normal(mesh, &mesh->triangles[i]);
+        if (v_length2(n) >= FLT_MIN) mesh->triangles[kept++] = mesh->triangles[i];
+    }
+    mesh->triangle_count = kept;
+    if (kept < total)
+        report_warning(report, at, "%" PRIu32 " of %" PRIu32 " triangles have no area and are left out",
+                       total - kept, total);
+}
+
+/* A vertex whose normal has no direction gets the mean of its triangles' normals, weighted by area. */
+static void mend_normals(mesh_t *mesh, bool flip, uint32_t missing, position_t at, report_t *report)
+{
+    report_warning(report, at,
+                   "%" PRIu32 " of %" PRIu32 " vertex normals have no direction; the mean of the "
+                   "triangles about the vertex is used",
+                   missing, mesh->vertex_count);
+    vec3_t *sums = mem_zalloc(mesh->vertex_count, sizeof *sums);
+    for (uint32_t i = 0; i < mesh->triangle_count; ++i) {
+        vec3_t n = triangle_normal(mesh, &mesh->triangles[i]);
+        for (int k = 0; k < 3; ++k) {
+            vec3_t *sum = &sums[mesh->triangles[i].v[k]];
+            *sum = v_mad(*sum, flip ? -1.0f : 1.0f, n);
+        }
+    }
+    for (uint32_t i = 0; i < mesh->vertex_count; ++i) {
+        if (!v_is_zero(mesh->normals[i])) continue;
+        bool usable = v_length2(sums[i]) >= FLT_MIN && isfinite(v_length2(sums[i]));
+        mesh->normals[i] = usable ? v_normalize(sums[i]) : vec3(0, 0, 1);
+    }
+    free(sums);
+}
+
+static void transform_normals(mesh_t *mesh, const affine_t *inverse, bool reverse, bool flip, position_t at,
+                              report_t *report)
+{
+    uint32_t missing = 0;
+    for (uint32_t i = 0; i < mesh->vertex_count; ++i) {
+        vec3_t n = affine_normal(inverse, mesh->normals[i]);
+        mesh->normals[i] = reverse ? v_neg(n) : n;
+        missing += v_is_zero(n);
+    }
+    if (missing) mend_normals(mesh, flip, missing, at, report);
+}
+
+static uint32_t append(const mesh_t *mesh, blob_builder_t *builder)
+{
+    blob_mesh_t record = {.vertex_count = mesh->vertex_count,
+                          .triangle_count = mesh->triangle_count,
+                          .first_normal = BLOB_NONE,
+                          .first_uv = BLOB_NONE};
+    record.first_position =
+        blob_builder_add(builder, BLOB_SECTION_POSITIONS, mesh->positions, mesh->vertex_count);
+    if (mesh->normals)
+        record.first_normal =
+            blob_builder_add(builder, BLOB_SECTION_NORMALS, mesh->normals, mesh->vertex_count);
+    if (mesh->uvs)
+        record.first_uv = blob_builder_add(builder, BLOB_SECTION_UVS, mesh->uvs, mesh->vertex_count);
+    record.first_triangle =
+        blob_builder_add(builder, BLOB_SECTION_TRIANGLES, mesh->triangles, mesh->triangle_count);
+    return blob_builder_add(builder, BLOB_SECTION_MESHES, &record, 1);
+}
+
+result_t mesh_add(mesh_t *mesh, const affine_t *object_from_mesh, bool reverse, position_t at,
+                  report_t *report, blob_builder_t *builder, uint32_t *index, bool *flip)
+{
+    affine_t inverse;
+    if (!affine_invert(object_from_mesh, &inverse))
+        return error_at(at, "the current transform is singular or not finite");
+    *flip = reverse != (affine_determinant(object_from_mesh) < 0);
+    *index = BLOB_NONE;
+    TRY(check_indices(mesh, at));
+    TRY(check_uvs(mesh, at));
+    TRY(transform_positions(mesh, object_from_mesh, at));
+    drop_degenerate(mesh, at, report);
+    if (mesh->triangle_count == 0) return result_ok();
+    if (mesh->normals) transform_normals(mesh, &inverse, reverse, *flip, at, report);
+    *index = append(mesh, builder);
+    return result_ok();
+}

@@ -1,0 +1,16 @@
+/* number: decimal text to double, quickly and correctly rounded.
+ *
+ * Scene files are mostly numbers. Those with at most 2^53 as significand and a power of ten within 10^+-22
+ * (all that a program prints with nine digits) are converted exactly with one multiplication or division
+ * (Clinger 1990, "How to Read Floating Point Numbers Accurately"); the rest goes to strtod.
+ */
+#ifndef LIGHTMILL_IMPORT_NUMBER_H
+#define LIGHTMILL_IMPORT_NUMBER_H
+
+#include <stdbool.h>
+
+/* Reads a number that starts at `text` and ends before `end`. Returns the first byte behind it, or NULL when
+ * there is no finite number. "nan", "inf" and hexadecimal are not numbers. */
+const char *number_parse(const char *text, const char *end, double *value);
+
+#endif

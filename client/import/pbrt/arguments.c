@@ -1,0 +1,58 @@
+/* arguments: what every directive does to read what follows its name (see directives.h). */
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "client/import/pbrt/directives.h"
+
+result_t pbrt_read_string(pbrt_t *p, int slot, const char *what)
+{
+    token_t token;
+    char quote[TOKEN_QUOTE_SIZE];
+    TRY(lexer_next(p->lexer, &token));
+    if (token.kind != TOKEN_STRING)
+        return error_at(token.at, "expected %s in quotes, found %s", what, token_quote(&token, quote));
+    free(p->arguments[slot]);
+    p->arguments[slot] = mem_alloc(token.length + 1);
+    return token_unescape(&token, p->arguments[slot]);
+}
+
+result_t pbrt_read_numbers(pbrt_t *p, int count, double *numbers, const char *directive, position_t at)
+{
+    token_t token;
+    char quote[TOKEN_QUOTE_SIZE];
+    TRY(lexer_peek(p->lexer, &token));
+    bool bracket = token.kind == TOKEN_OPEN;
+    if (bracket) TRY(lexer_next(p->lexer, &token));
+    for (int i = 0; i < count; ++i) {
+        if (lexer_number(p->lexer, &numbers[i])) continue;
+        TRY(lexer_next(p->lexer, &token));
+        return error_at(token.at, "%s takes %d numbers: expected number %d, found %s", directive, count,
+                        i + 1, token_quote(&token, quote));
+    }
+    if (!bracket) return result_ok();
+    TRY(lexer_next(p->lexer, &token));
+    if (token.kind != TOKEN_CLOSE)
+        return error_at(token.at, "%s in line %u takes %d numbers: expected ']', found %s", directive,
+                        at.line, count, token_quote(&token, quote));
+    return result_ok();
+}
+
+result_t pbrt_read_params(pbrt_t *p)
+{
+    params_clear(p->params);
+    return params_parse(p->params, p->lexer);
+}
+
+result_t pbrt_read_params_for(pbrt_t *p, target_t target)
+{
+    TRY(pbrt_read_params(p));
+    params_set_fallback(p->params, p->now.defaults[target]);
+    return result_ok();
+}
+
+result_t pbrt_finish_params(pbrt_t *p, const char *kind, const char *name)
+{
+    char what[100];
+    snprintf(what, sizeof what, "%s \"%.60s\"", kind, name);
+    return params_finish(p->params, what, p->dialect.dialect == DIALECT_V4, p->report);
+}

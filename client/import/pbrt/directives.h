@@ -1,0 +1,82 @@
+/* directives: the functions behind the table of directives in pbrt.c, and the helpers they share.
+ *
+ * A directive's function is called with the place of its name when the name has been read; it reads the rest.
+ */
+#ifndef LIGHTMILL_IMPORT_PBRT_DIRECTIVES_H
+#define LIGHTMILL_IMPORT_PBRT_DIRECTIVES_H
+
+#include "client/import/pbrt/state.h"
+
+/* transforms.c */
+result_t pbrt_identity(pbrt_t *p, position_t at);
+result_t pbrt_translate(pbrt_t *p, position_t at);
+result_t pbrt_scale(pbrt_t *p, position_t at);
+result_t pbrt_rotate(pbrt_t *p, position_t at);
+result_t pbrt_look_at(pbrt_t *p, position_t at);
+result_t pbrt_transform(pbrt_t *p, position_t at);
+result_t pbrt_concat_transform(pbrt_t *p, position_t at);
+result_t pbrt_coordinate_system(pbrt_t *p, position_t at);
+result_t pbrt_coord_sys_transform(pbrt_t *p, position_t at);
+result_t pbrt_active_transform(pbrt_t *p, position_t at);
+result_t pbrt_transform_times(pbrt_t *p, position_t at);
+
+/* options.c */
+result_t pbrt_camera(pbrt_t *p, position_t at);
+result_t pbrt_film(pbrt_t *p, position_t at);
+result_t pbrt_sampler(pbrt_t *p, position_t at);
+result_t pbrt_integrator(pbrt_t *p, position_t at);
+result_t pbrt_pixel_filter(pbrt_t *p, position_t at);
+result_t pbrt_accelerator(pbrt_t *p, position_t at);
+result_t pbrt_color_space(pbrt_t *p, position_t at);
+result_t pbrt_option(pbrt_t *p, position_t at);
+/* What depends on several options, at WorldBegin. */
+result_t pbrt_options_finish(pbrt_t *p);
+
+/* materials.c */
+result_t pbrt_material(pbrt_t *p, position_t at);
+result_t pbrt_make_named_material(pbrt_t *p, position_t at);
+result_t pbrt_named_material(pbrt_t *p, position_t at);
+/* Makes material 0, which shapes have when none is set. */
+void pbrt_default_material(pbrt_t *p);
+/* The index in the blob of the current material as a shape with these parameters wears it: in v3 they
+ * override the material's own. */
+result_t pbrt_wear_material(pbrt_t *p, params_t *shape_params, position_t at, uint32_t *index);
+/* Checks the materials that no shape wears: warnings only. */
+void pbrt_check_unused_materials(pbrt_t *p);
+
+/* textures.c */
+result_t pbrt_texture(pbrt_t *p, position_t at);
+
+/* A number that may come from a float texture; at least 0. */
+result_t pbrt_float_value(pbrt_t *p, params_t *params, const char *name, double *value);
+
+typedef enum {
+    COLOUR_REFLECTANCE, /* v4 takes it for at most 1, v3 keeps it */
+    COLOUR_UNBOUNDED,   /* a physical quantity: an index of refraction */
+    COLOUR_LIGHT        /* emitted */
+} colour_use_t;
+
+/* A colour, in linear sRGB, that may come from a spectrum texture; no component is negative. */
+result_t pbrt_colour(pbrt_t *p, params_t *params, const char *name, colour_use_t use, rgb_t *value);
+
+/* lights.c */
+result_t pbrt_area_light(pbrt_t *p, position_t at);
+result_t pbrt_light(pbrt_t *p, position_t at);
+
+/* shapes.c */
+result_t pbrt_shape(pbrt_t *p, position_t at);
+
+/* arguments.c */
+/* Reads a quoted string into p->arguments[slot], where it lives until the slot is read again. `what` says
+ * what it is, for messages ("material"). */
+result_t pbrt_read_string(pbrt_t *p, int slot, const char *what);
+/* Reads `count` numbers, with or without brackets. */
+result_t pbrt_read_numbers(pbrt_t *p, int count, double *numbers, const char *directive, position_t at);
+/* Reads the parameters that follow into p->params. */
+result_t pbrt_read_params(pbrt_t *p);
+/* The same with the defaults of an Attribute directive behind them. */
+result_t pbrt_read_params_for(pbrt_t *p, target_t target);
+/* Reports the parameters nobody read: `kind` and `name` say whose ("Camera", "perspective"). */
+result_t pbrt_finish_params(pbrt_t *p, const char *kind, const char *name);
+
+#endif

@@ -1,0 +1,310 @@
+/* pbrt: files, the table of directives, and the loop over them (see pbrt.h). */
+#include "client/import/pbrt/pbrt.h"
+
+#include <errno.h>
+#include <inttypes.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+
+#include "client/import/pbrt/directives.h"
+
+static const size_t largest_file = (size_t)1 << 34;
+
+static result_t parse_file(pbrt_t *p, const char *path, const char *label);
+
+/* ---- blocks and files ---------------------------------------------------------------------------------- */
+
+static result_t attribute_begin(pbrt_t *p, position_t at)
+{
+    return pbrt_push(p, SCOPE_ATTRIBUTE, at);
+}
+
+static result_t attribute_end(pbrt_t *p, position_t at)
+{
+    return pbrt_pop(p, SCOPE_ATTRIBUTE, "AttributeEnd", at);
+}
+
+static result_t transform_begin(pbrt_t *p, position_t at)
+{
+    return pbrt_push(p, SCOPE_TRANSFORM, at);
+}
+
+static result_t transform_end(pbrt_t *p, position_t at)
+{
+    return pbrt_pop(p, SCOPE_TRANSFORM, "TransformEnd", at);
+}
+
+static result_t reverse_orientation(pbrt_t *p, position_t at)
+{
+    (void)at;
+    p->now.reverse = !p->now.reverse;
+    return result_ok();
+}
+
+/* Attribute "shape" "float alpha" 1: parameters that later directives take as their defaults. */
+static result_t attribute(pbrt_t *p, position_t at)
+{
+    static const char *const targets[TARGET_COUNT] = {"shape", "light", "material", "medium", "texture"};
+    TRY(pbrt_read_string(p, 0, "\"shape\", \"light\", \"material\", \"medium\" or \"texture\""));
+    size_t target = 0;
+    while (target < TARGET_COUNT && strcmp(p->arguments[0], targets[target]) != 0) ++target;
+    if (target == TARGET_COUNT)
+        return error_at(at, "Attribute \"%.40s\": shape, light, material, medium and texture are known",
+                        p->arguments[0]);
+    TRY(pbrt_read_params_for(p, (target_t)target));
+    p->kept = grow(p->kept, &p->kept_capacity, p->kept_count + 1, sizeof(params_t *));
+    p->now.defaults[target] = p->kept[p->kept_count++] = p->params;
+    p->params = params_new();
+    return result_ok();
+}
+
+static result_t include(pbrt_t *p, position_t at)
+{
+    TRY(pbrt_read_string(p, 0, "the file's name"));
+    if (p->open_sources == MAX_INCLUDES)
+        return error_at(at, "files include one another deeper than %d", MAX_INCLUDES);
+    char *label = mem_strdup(p->arguments[0]), *path = pbrt_resolve(p, label);
+    struct stat included, open;
+    result_t result = result_ok();
+    if (stat(path, &included) != 0) result = error_at(at, "%s cannot be included: %s", path, strerror(errno));
+    for (int i = 0; result.code == RESULT_OK && i < p->open_sources; ++i)
+        if (stat(p->sources[i]->path, &open) == 0 && open.st_dev == included.st_dev &&
+            open.st_ino == included.st_ino)
+            result = error_at(at, "%s includes itself", path);
+    if (result.code == RESULT_OK) result = parse_file(p, path, label);
+    free(path);
+    free(label);
+    return result;
+}
+
+static result_t world_begin(pbrt_t *p, position_t at)
+{
+    (void)at;
+    affine_t identity = affine_identity();
+    TRY(pbrt_options_finish(p));
+    p->now.ctm = identity;
+    pbrt_name_coordinates(p, "world", &identity);
+    p->phase = PHASE_WORLD;
+    return result_ok();
+}
+
+static result_t world_end(pbrt_t *p, position_t at)
+{
+    if (p->scope_count)
+        return error_at(at, "WorldEnd, but the block of line %" PRIu32 " is still open",
+                        p->scopes[p->scope_count - 1].at.line);
+    p->phase = PHASE_DONE;
+    return result_ok();
+}
+
+/* ---- objects ------------------------------------------------------------------------------------------- */
+
+static result_t object_begin(pbrt_t *p, position_t at)
+{
+    uint32_t old;
+    TRY(pbrt_read_string(p, 0, "the object's name"));
+    if (p->object) return error_at(at, "an object inside an object; close the first with ObjectEnd");
+    if (names_find(&p->object_names, p->arguments[0], &old))
+        return error_at(at, "the object \"%.60s\" has been defined before, in line %" PRIu32, p->arguments[0],
+                        p->objects[old].at.line);
+    TRY(pbrt_push(p, SCOPE_OBJECT, at));
+    p->objects = grow(p->objects, &p->object_capacity, p->object_count + 1, sizeof *p->objects);
+    p->objects[p->object_count] = (object_t){.at = at};
+    names_add(&p->object_names, p->arguments[0], (uint32_t)p->object_count);
+    p->object = p->object_count++;
+    return result_ok();
+}
+
+static result_t object_end(pbrt_t *p, position_t at)
+{
+    TRY(pbrt_pop(p, SCOPE_OBJECT, "ObjectEnd", at));
+    p->object = 0;
+    return result_ok();
+}
+
+static result_t object_instance(pbrt_t *p, position_t at)
+{
+    blob_instance_t instance;
+    xform_t inverse;
+    TRY(pbrt_read_string(p, 0, "the object's name"));
+    if (p->object) return error_at(at, "an instance inside an object is not supported, as in pbrt");
+    if (!names_find(&p->object_names, p->arguments[0], &instance.object))
+        return error_at(at, "no object \"%.60s\" has been defined before", p->arguments[0]);
+    if (p->objects[instance.object].count == 0) {
+        report_warning(p->report, at, "the object \"%.60s\" is empty", p->arguments[0]);
+        return result_ok();
+    }
+    instance.world_from_object = affine_to_xform(&p->now.ctm);
+    if (!xform_invert(&instance.world_from_object, &inverse))
+        return error_at(at, "the current transform is singular or not finite");
+    blob_builder_add(p->builder, BLOB_SECTION_INSTANCES, &instance, 1);
+    return result_ok();
+}
+
+/* ---- media: none yet ----------------------------------------------------------------------------------- */
+
+static result_t make_named_medium(pbrt_t *p, position_t at)
+{
+    TRY(pbrt_read_string(p, 0, "the medium's name"));
+    TRY(pbrt_read_params(p));
+    report_warning(p->report, at,
+                   "medium \"%.60s\" is ignored: media are not supported yet, using it is an error",
+                   p->arguments[0]);
+    return result_ok();
+}
+
+static result_t medium_interface(pbrt_t *p, position_t at)
+{
+    token_t token;
+    TRY(pbrt_read_string(p, 0, "the name of the medium inside"));
+    bool empty = p->arguments[0][0] == '\0';
+    TRY(lexer_peek(p->lexer, &token));
+    if (token.kind == TOKEN_STRING) {
+        TRY(pbrt_read_string(p, 0, "the name of the medium outside"));
+        empty = empty && p->arguments[0][0] == '\0';
+    }
+    return empty ? result_ok() : error_at(at, "media are not supported yet");
+}
+
+/* ---- the table ----------------------------------------------------------------------------------------- */
+
+typedef struct {
+    entry_t entry;
+    unsigned phases; /* phase_t in which it may stand */
+    result_t (*run)(pbrt_t *p, position_t at);
+} directive_t;
+
+enum { ANY_PHASE = PHASE_OPTIONS | PHASE_WORLD };
+
+static const directive_t directives[] = {
+    {{"Shape", DIALECT_BOTH}, PHASE_WORLD, pbrt_shape},
+    {{"AttributeBegin", DIALECT_BOTH}, ANY_PHASE, attribute_begin},
+    {{"AttributeEnd", DIALECT_BOTH}, ANY_PHASE, attribute_end},
+    {{"TransformBegin", DIALECT_BOTH}, ANY_PHASE, transform_begin},
+    {{"TransformEnd", DIALECT_BOTH}, ANY_PHASE, transform_end},
+    {{"Attribute", DIALECT_V4}, ANY_PHASE, attribute},
+    {{"ReverseOrientation", DIALECT_BOTH}, PHASE_WORLD, reverse_orientation},
+    {{"Include", DIALECT_BOTH}, ANY_PHASE, include},
+    {{"Import", DIALECT_V4}, ANY_PHASE, NULL},
+
+    {{"Identity", DIALECT_BOTH}, ANY_PHASE, pbrt_identity},
+    {{"Translate", DIALECT_BOTH}, ANY_PHASE, pbrt_translate},
+    {{"Scale", DIALECT_BOTH}, ANY_PHASE, pbrt_scale},
+    {{"Rotate", DIALECT_BOTH}, ANY_PHASE, pbrt_rotate},
+    {{"LookAt", DIALECT_BOTH}, ANY_PHASE, pbrt_look_at},
+    {{"Transform", DIALECT_BOTH}, ANY_PHASE, pbrt_transform},
+    {{"ConcatTransform", DIALECT_BOTH}, ANY_PHASE, pbrt_concat_transform},
+    {{"CoordinateSystem", DIALECT_BOTH}, ANY_PHASE, pbrt_coordinate_system},
+    {{"CoordSysTransform", DIALECT_BOTH}, ANY_PHASE, pbrt_coord_sys_transform},
+    {{"ActiveTransform", DIALECT_BOTH}, ANY_PHASE, pbrt_active_transform},
+    {{"TransformTimes", DIALECT_BOTH}, PHASE_OPTIONS, pbrt_transform_times},
+
+    {{"Camera", DIALECT_BOTH}, PHASE_OPTIONS, pbrt_camera},
+    {{"Film", DIALECT_BOTH}, PHASE_OPTIONS, pbrt_film},
+    {{"Sampler", DIALECT_BOTH}, PHASE_OPTIONS, pbrt_sampler},
+    {{"Integrator", DIALECT_BOTH}, PHASE_OPTIONS, pbrt_integrator},
+    {{"PixelFilter", DIALECT_BOTH}, PHASE_OPTIONS, pbrt_pixel_filter},
+    {{"Accelerator", DIALECT_BOTH}, PHASE_OPTIONS, pbrt_accelerator},
+    {{"ColorSpace", DIALECT_V4}, ANY_PHASE, pbrt_color_space},
+    {{"Option", DIALECT_V4}, PHASE_OPTIONS, pbrt_option},
+    {{"WorldBegin", DIALECT_BOTH}, PHASE_OPTIONS, world_begin},
+    {{"WorldEnd", DIALECT_V3}, PHASE_WORLD, world_end},
+
+    {{"Material", DIALECT_BOTH}, ANY_PHASE, pbrt_material},
+    {{"MakeNamedMaterial", DIALECT_BOTH}, ANY_PHASE, pbrt_make_named_material},
+    {{"NamedMaterial", DIALECT_BOTH}, ANY_PHASE, pbrt_named_material},
+    {{"Texture", DIALECT_BOTH}, ANY_PHASE, pbrt_texture},
+    {{"AreaLightSource", DIALECT_BOTH}, PHASE_WORLD, pbrt_area_light},
+    {{"LightSource", DIALECT_BOTH}, PHASE_WORLD, pbrt_light},
+    {{"MakeNamedMedium", DIALECT_BOTH}, ANY_PHASE, make_named_medium},
+    {{"MediumInterface", DIALECT_BOTH}, ANY_PHASE, medium_interface},
+
+    {{"ObjectBegin", DIALECT_BOTH}, PHASE_WORLD, object_begin},
+    {{"ObjectEnd", DIALECT_BOTH}, PHASE_WORLD, object_end},
+    {{"ObjectInstance", DIALECT_BOTH}, PHASE_WORLD, object_instance},
+};
+
+static result_t wrong_phase(const pbrt_t *p, const directive_t *directive, position_t at)
+{
+    const char *name = directive->entry.name;
+    return p->phase == PHASE_OPTIONS ? error_at(at, "%s must come after WorldBegin", name)
+                                     : error_at(at, "%s must come before WorldBegin", name);
+}
+
+static result_t run_directive(pbrt_t *p, const token_t *token)
+{
+    char name[TOKEN_QUOTE_SIZE];
+    if (token->kind != TOKEN_WORD)
+        return error_at(token->at, "expected a directive, found %s", token_quote(token, name));
+    size_t index;
+    snprintf(name, sizeof name, "%.*s", (int)(token->length < 40 ? token->length : 40), token->text);
+    TRY(entry_find(directives, ARRAY_LENGTH(directives), sizeof *directives, "directive", name, &p->dialect,
+                   token->at, &index));
+    const directive_t *directive = &directives[index];
+    if (!directive->run) return error_at(token->at, "%s is not supported yet", directive->entry.name);
+    if (!(directive->phases & p->phase)) return wrong_phase(p, directive, token->at);
+    return directive->run(p, token->at);
+}
+
+/* ---- the loop ------------------------------------------------------------------------------------------ */
+
+static result_t parse_source(pbrt_t *p)
+{
+    for (;;) {
+        token_t token;
+        TRY(lexer_next(p->lexer, &token));
+        if (token.kind == TOKEN_END) return result_ok();
+        if (p->phase == PHASE_DONE) {
+            report_warning(p->report, token.at, "what follows WorldEnd is ignored");
+            return result_ok();
+        }
+        TRY(run_directive(p, &token));
+    }
+}
+
+static result_t open_source(pbrt_t *p, const char *path, const char *label, source_t **source, size_t *size)
+{
+    uint8_t *data;
+    TRY(file_read(path, largest_file, &data, size));
+    *source = mem_alloc(sizeof **source);
+    **source = (source_t){mem_strdup(path), mem_strdup(label), data};
+    p->files = grow(p->files, &p->file_capacity, p->file_count + 1, sizeof(source_t *));
+    p->files[p->file_count++] = *source;
+    return result_ok();
+}
+
+/* Reads one file: the main one or an included one. Positions keep pointing to its path until the end of the
+ * import, its text is dropped when it has been read. */
+static result_t parse_file(pbrt_t *p, const char *path, const char *label)
+{
+    source_t *source, *outer_source = p->source;
+    lexer_t *outer_lexer = p->lexer;
+    size_t size;
+    TRY(open_source(p, path, label, &source, &size));
+    lexer_t lexer = lexer_begin(source->path, (const char *)source->data, size);
+    if (!outer_source) pbrt_set_defaults(p, dialect_detect(source->path, (const char *)source->data, size));
+    p->sources[p->open_sources++] = p->source = source;
+    p->lexer = &lexer;
+    result_t result = parse_source(p);
+    if (result.code == RESULT_OK && !outer_source) result = pbrt_finish(p, lexer_position(&lexer));
+    p->lexer = outer_lexer;
+    p->source = outer_source;
+    --p->open_sources;
+    free(source->data);
+    source->data = NULL;
+    return result;
+}
+
+result_t pbrt_import(const char *path, blob_builder_t *builder, report_t *report)
+{
+    pbrt_t *p = mem_alloc(sizeof *p);
+    pbrt_begin(p, builder, report);
+    const char *slash = strrchr(path, '/');
+    p->folder = slash ? mem_printf("%.*s", (int)(slash + 1 - path), path) : mem_strdup("");
+    result_t result = parse_file(p, path, slash ? slash + 1 : path);
+    pbrt_end(p);
+    free(p);
+    return result;
+}

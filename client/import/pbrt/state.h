@@ -1,0 +1,147 @@
+/* state: everything that is known while a pbrt scene is read: the graphics state and its stack, names,
+ * materials, objects, and the scene that comes of them.
+ *
+ * The blob wants shapes grouped by object, while a file mixes them, so shapes are gathered per object and
+ * laid out at the end. Materials are made when a shape first uses them: what nothing uses may well be
+ * unsupported.
+ */
+#ifndef LIGHTMILL_IMPORT_PBRT_STATE_H
+#define LIGHTMILL_IMPORT_PBRT_STATE_H
+
+#include "client/import/affine.h"
+#include "client/import/pbrt/dialect.h"
+#include "client/import/pbrt/names.h"
+#include "client/import/pbrt/params.h"
+
+enum { MAX_SCOPES = 1000, MAX_INCLUDES = 32, ARGUMENTS = 3 };
+
+/* The directives that `Attribute` (v4) sets default parameters for. */
+typedef enum {
+    TARGET_SHAPE,
+    TARGET_LIGHT,
+    TARGET_MATERIAL,
+    TARGET_MEDIUM,
+    TARGET_TEXTURE,
+    TARGET_COUNT
+} target_t;
+
+/* What AttributeBegin saves and AttributeEnd restores. */
+typedef struct {
+    affine_t ctm;
+    bool reverse;                     /* ReverseOrientation */
+    uint32_t material;                /* index in materials */
+    bool emits;                       /* an AreaLightSource is in force */
+    blob_light_t light;               /* its radiance and flags */
+    params_t *defaults[TARGET_COUNT]; /* owned by the state's kept lists; NULL: none */
+} graphics_t;
+
+typedef enum { SCOPE_ATTRIBUTE, SCOPE_TRANSFORM, SCOPE_OBJECT } scope_kind_t;
+
+typedef struct {
+    scope_kind_t kind;
+    position_t at; /* of the Begin */
+    graphics_t saved;
+    size_t textures, materials; /* names known outside; v3 forgets those made inside */
+} scope_t;
+
+/* A Material or MakeNamedMaterial directive. Owned: params, name. */
+typedef struct {
+    size_t entry; /* in the table of materials */
+    params_t *params;
+    position_t at;
+    char *name;
+    bool made;
+    uint32_t index; /* in the blob, once made */
+} material_t;
+
+typedef struct {
+    bool is_float;
+    rgb_t colour; /* of a float texture: the value three times */
+} texture_t;
+
+/* Owned: shapes. */
+typedef struct {
+    blob_shape_t *shapes;
+    size_t count, capacity;
+    position_t at;
+} object_t;
+
+/* A file that has been opened. Owned: path, label, data. */
+typedef struct {
+    char *path;  /* as opened, for messages */
+    char *label; /* as the scene calls it, for names in the blob, which must not depend on the machine */
+    uint8_t *data;
+} source_t;
+
+typedef enum { PHASE_OPTIONS = 1, PHASE_WORLD = 2, PHASE_DONE = 4 } phase_t;
+
+typedef struct pbrt {
+    report_t *report;
+    blob_builder_t *builder;
+    dialect_choice_t dialect;
+    phase_t phase;
+
+    lexer_t *lexer; /* of the file that is being read */
+    source_t *source;
+    source_t *sources[MAX_INCLUDES]; /* of the files that are open, outermost first */
+    int open_sources;
+    source_t **files; /* all of them; positions point to their paths */
+    size_t file_count, file_capacity;
+    char *folder; /* of the main file, with a '/' at its end, or empty */
+
+    char *arguments[ARGUMENTS]; /* the strings of the current directive */
+    params_t *params;           /* and its parameters */
+    params_t **kept;            /* lists of Attribute directives */
+    size_t kept_count, kept_capacity;
+
+    graphics_t now;
+    scope_t *scopes;
+    size_t scope_count, scope_capacity;
+    names_t coordinates; /* values: indices in systems */
+    affine_t *systems;
+    size_t system_count, system_capacity;
+
+    names_t material_names, texture_names, object_names;
+    material_t *materials;
+    size_t material_count, material_capacity;
+    texture_t *textures;
+    size_t texture_count, texture_capacity;
+    object_t *objects; /* 0 is the world */
+    size_t object_count, object_capacity;
+    size_t object; /* the one that shapes go to */
+
+    blob_scene_t scene;
+    double frame_aspect; /* of the camera; 0: the film's */
+    position_t film_at, camera_at;
+} pbrt_t;
+
+void pbrt_begin(pbrt_t *p, blob_builder_t *builder, report_t *report);
+/* Frees all that the state owns. */
+void pbrt_end(pbrt_t *p);
+
+/* Sets what a scene of the dialect has when it says nothing. */
+void pbrt_set_defaults(pbrt_t *p, dialect_choice_t dialect);
+
+/* Saves the graphics state. Fails beyond MAX_SCOPES. */
+result_t pbrt_push(pbrt_t *p, scope_kind_t kind, position_t at);
+/* Restores it; fails when the innermost scope is of another kind. `directive` is the End directive's name. */
+result_t pbrt_pop(pbrt_t *p, scope_kind_t kind, const char *directive, position_t at);
+
+/* Gives a transform a name for CoordSysTransform. */
+void pbrt_name_coordinates(pbrt_t *p, const char *name, const affine_t *t);
+
+/* "label:line" in the blob's strings. */
+uint32_t pbrt_name_of_place(pbrt_t *p, position_t at);
+/* Where a file that the scene names lies: as pbrt does, from the main file's folder; when it is not there,
+ * from that of the file which names it. The caller frees it. */
+char *pbrt_resolve(const pbrt_t *p, const char *filename);
+
+/* Adds a shape to the current object with the area light that is in force. `shape` has everything but light
+ * and name. */
+void pbrt_add_shape(pbrt_t *p, blob_shape_t shape, position_t at);
+
+/* Lays out scene, objects and shapes in the builder, and says what looks forgotten. `at` is the end of the
+ * file. */
+result_t pbrt_finish(pbrt_t *p, position_t at);
+
+#endif

@@ -1,0 +1,74 @@
+/* report: see report.h. */
+#include "client/import/report.h"
+
+#include <inttypes.h>
+#include <stdarg.h>
+#include <stdio.h>
+
+enum { LONGEST_MESSAGE = 1000 };
+
+static int format_position(char *text, size_t size, position_t at)
+{
+    if (at.line == 0) return snprintf(text, size, "%s: ", at.path);
+    if (at.column == 0) return snprintf(text, size, "%s:%" PRIu32 ": ", at.path, at.line);
+    return snprintf(text, size, "%s:%" PRIu32 ":%" PRIu32 ": ", at.path, at.line, at.column);
+}
+
+static void format_message(char text[LONGEST_MESSAGE], position_t at, const char *format, va_list arguments)
+{
+    int used = format_position(text, LONGEST_MESSAGE, at);
+    if (used >= 0 && used < LONGEST_MESSAGE)
+        vsnprintf(text + used, (size_t)(LONGEST_MESSAGE - used), format, arguments);
+}
+
+static void say(const report_t *report, const char *message)
+{
+    if (report->sink.warn)
+        report->sink.warn(report->sink.context, message);
+    else
+        log_warning("%s", message);
+}
+
+report_t report_begin(const import_report_t *sink)
+{
+    return (report_t){.sink = sink ? *sink : (import_report_t){0}};
+}
+
+void report_end(report_t *report)
+{
+    if (report->warnings <= REPORT_MAX_WARNINGS) return;
+    char message[LONGEST_MESSAGE];
+    snprintf(message, sizeof message, "%" PRIu64 " more warnings are not shown",
+             report->warnings - REPORT_MAX_WARNINGS);
+    say(report, message);
+}
+
+void report_warning(report_t *report, position_t at, const char *format, ...)
+{
+    if (++report->warnings > REPORT_MAX_WARNINGS) return;
+    char message[LONGEST_MESSAGE];
+    va_list arguments;
+    va_start(arguments, format);
+    format_message(message, at, format, arguments);
+    va_end(arguments);
+    say(report, message);
+}
+
+result_t error_at(position_t at, const char *format, ...)
+{
+    char message[LONGEST_MESSAGE];
+    va_list arguments;
+    va_start(arguments, format);
+    format_message(message, at, format, arguments);
+    va_end(arguments);
+    return result_fail(RESULT_INPUT, "%s", message);
+}
+
+void *grow(void *array, size_t *capacity, size_t need, size_t size)
+{
+    if (need <= *capacity) return array;
+    size_t larger = *capacity < 8 ? 8 : *capacity * 2;
+    if (larger < need) larger = need;
+    *capacity = larger;
+    return mem_realloc(array, larger * size);
+}

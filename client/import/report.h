@@ -1,0 +1,41 @@
+/* report: where in a file something is, and what is said about it.
+ *
+ * An error ends the import and travels as a result_t; a warning goes to the caller's sink (or the log) and
+ * the import goes on. After REPORT_MAX_WARNINGS lines the rest is only counted, and the count is told at the
+ * end.
+ */
+#ifndef LIGHTMILL_IMPORT_REPORT_H
+#define LIGHTMILL_IMPORT_REPORT_H
+
+#include "client/import/import.h"
+
+enum { REPORT_MAX_WARNINGS = 100 };
+
+/* A place in a text file, counted from 1; column counts bytes. `path` is owned by whoever read the file and
+ * lives as long as the import. Line 0 is the file as a whole. */
+typedef struct {
+    const char *path;
+    uint32_t line, column;
+} position_t;
+
+typedef struct {
+    import_report_t sink;
+    uint64_t warnings;
+} report_t;
+
+report_t report_begin(const import_report_t *sink);
+/* Tells how many warnings were not written out, if any. */
+void report_end(report_t *report);
+
+/* "path:line:column: text" to the sink. */
+void report_warning(report_t *report, position_t at, const char *format, ...)
+    __attribute__((format(printf, 3, 4)));
+
+/* A RESULT_INPUT result "path:line:column: text". */
+result_t error_at(position_t at, const char *format, ...) __attribute__((format(printf, 2, 3)));
+
+/* Makes room for `need` records of `size` bytes in an array that holds *capacity of them, doubling it;
+ * returns the array, which may have moved. */
+void *grow(void *array, size_t *capacity, size_t need, size_t size);
+
+#endif

@@ -1,0 +1,133 @@
+/* output: see output.h.
+ *
+ * DESIGN. A master hands out images as finished EXR files, so the EXR is written as it came; a PNG is made from
+ * it. When only a PNG is wanted the EXR takes a detour through a temporary file, since the EXR reader wants one.
+ */
+#include "client/output.h"
+
+#include "client/options.h"
+#include "common/image.h"
+
+#include <errno.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+#include <unistd.h>
+
+const char output_usage[] =
+    "  -o, --output FILE  where the image goes: .exr, or .png for a PNG alone\n"
+    "  --png FILE         write a PNG as well\n"
+    "  --exposure STOPS   brighten (or darken) PNGs\n"
+    "  --half             half floats in the EXR\n";
+
+result_t output_option(output_t *output, const char *option, const char *value, bool *taken)
+{
+    *taken = true;
+    if (strcmp(option, "output") == 0) output->path = value;
+    else if (strcmp(option, "png") == 0) output->png = value;
+    else if (strcmp(option, "half") == 0) output->half = true;
+    else if (strcmp(option, "exposure") == 0) return option_real(option, value, -50, 50, &output->exposure);
+    else *taken = false;
+    return result_ok();
+}
+
+static bool has_extension(const char *path, const char *extension)
+{
+    size_t length = strlen(path), tail = strlen(extension);
+    return length > tail && strcasecmp(path + length - tail, extension) == 0;
+}
+
+/* A file can be written when its directory can: the writer puts a temporary there and renames it. */
+static result_t check_writable(const char *path)
+{
+    const char *slash = strrchr(path, '/');
+    char *dir = slash == NULL ? mem_strdup(".") : slash == path ? mem_strdup("/") : mem_strdup(path);
+    if (slash && slash != path) dir[slash - path] = '\0';
+    result_t result = result_ok();
+    if (slash && slash[1] == '\0')
+        result = result_fail(RESULT_USAGE, "%.300s is a directory, not a file to write to", path);
+    else if (access(dir, W_OK | X_OK) != 0)
+        result = result_fail(RESULT_IO, "cannot write %.200s: %s: %s", path, dir, strerror(errno));
+    else if (access(path, F_OK) == 0 && access(path, W_OK) != 0)
+        result = result_fail(RESULT_IO, "cannot write %.200s: %s", path, strerror(errno));
+    free(dir);
+    return result;
+}
+
+result_t output_check(const output_t *output)
+{
+    if (output->path && !has_extension(output->path, ".exr") && !has_extension(output->path, ".png"))
+        return result_fail(RESULT_USAGE, "the output '%.200s' must end in .exr or .png", output->path);
+    if (output->png && !has_extension(output->png, ".png"))
+        return result_fail(RESULT_USAGE, "the PNG '%.200s' must end in .png", output->png);
+    if (output->path) TRY(check_writable(output->path));
+    if (output->png) TRY(check_writable(output->png));
+    return result_ok();
+}
+
+static double mean_square(const image_t *image, const image_channel_t *const rgb[3])
+{
+    size_t pixels = (size_t)image->width * (size_t)image->height;
+    double sum = 0;
+    for (int c = 0; c < 3; c++)
+        for (size_t i = 0; i < pixels; i++) {
+            double value = rgb[c]->data[i * rgb[c]->stride];
+            sum += value * value;
+        }
+    return sum / (3.0 * (double)pixels);
+}
+
+static double mean_value(const image_t *image, const image_channel_t *const rgb[3])
+{
+    size_t pixels = (size_t)image->width * (size_t)image->height;
+    double sum = 0;
+    for (int c = 0; c < 3; c++)
+        for (size_t i = 0; i < pixels; i++) sum += rgb[c]->data[i * rgb[c]->stride];
+    return sum / (3.0 * (double)pixels);
+}
+
+/* Relative noise of an image of ours; negative when it has no noise layer. */
+static double relative_noise(const image_t *image)
+{
+    const image_channel_t *noise[3], *picture[3];
+    if (!image_find_rgb(image, "noise", noise) || !image_find_rgb(image, "", picture)) return -1;
+    double mean = mean_value(image, picture);
+    return mean > 0 ? sqrt(mean_square(image, noise)) / mean : -1;
+}
+
+/* Puts the bytes into a temporary file and reads them as an image. */
+static result_t read_bytes(const uint8_t *exr, size_t size, image_t *image)
+{
+    const char *dir = getenv("TMPDIR");
+    char *path = mem_printf("%s/lightmill-XXXXXX", dir && dir[0] ? dir : "/tmp");
+    int file = mkstemp(path);
+    result_t result = result_ok();
+    if (file < 0) result = result_fail(RESULT_IO, "cannot create %.200s: %s", path, strerror(errno));
+    for (size_t done = 0; result.code == RESULT_OK && done < size;) {
+        ssize_t written = write(file, exr + done, size - done);
+        if (written < 0 && errno != EINTR)
+            result = result_fail(RESULT_IO, "cannot write %.200s: %s", path, strerror(errno));
+        if (written > 0) done += (size_t)written;
+    }
+    if (file >= 0) close(file);
+    if (result.code == RESULT_OK) result = image_read_exr(path, image);
+    if (file >= 0) unlink(path);
+    free(path);
+    return result;
+}
+
+result_t output_write(const output_t *output, const uint8_t *exr, size_t size, double *noise)
+{
+    bool png_alone = has_extension(output->path, ".png");
+    if (!png_alone) TRY(file_write_atomic(output->path, exr, size));
+    image_t image;
+    TRY(png_alone ? read_bytes(exr, size, &image) : image_read_exr(output->path, &image));
+    *noise = relative_noise(&image);
+    result_t result = result_ok();
+    float exposure = (float)output->exposure;
+    if (png_alone) result = image_write_png(output->path, &image, exposure);
+    if (output->png && result.code == RESULT_OK) result = image_write_png(output->png, &image, exposure);
+    image_free(&image);
+    return result;
+}

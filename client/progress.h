@@ -1,0 +1,29 @@
+/* progress: how far a job is, for people: one line redrawn on a terminal, plain lines now and then otherwise. */
+#ifndef LIGHTMILL_PROGRESS_H
+#define LIGHTMILL_PROGRESS_H
+
+#include "proto/wire.h"
+
+typedef struct {
+    bool quiet;
+    bool terminal;   /* stderr is one */
+    bool drawn;      /* a line is on the terminal that is not ended yet */
+    double last;     /* clock of the last plain line */
+} progress_t;
+
+progress_t progress_start(bool quiet);
+/* Shows a status; call a few times a second. */
+void progress_job(progress_t *progress, const Lm__JobStatus *status);
+/* Shows an upload. */
+void progress_upload(progress_t *progress, uint64_t done, uint64_t size);
+/* Ends the line on a terminal. */
+void progress_end(progress_t *progress);
+
+/* "1:02:03" or "4:05" or "6.7 s" into text[32]. */
+void format_duration(double seconds, char text[32]);
+/* "12.3 M" and the like into text[32]. */
+void format_count(double count, char text[32]);
+/* The share of a job that is done, 0 to 1. */
+double job_fraction(const Lm__JobStatus *status);
+
+#endif

@@ -1,0 +1,297 @@
+/* remote: see remote.h.
+ *
+ * DESIGN. Strictly one question at a time on either socket, so an answer is known by its request number, and what
+ * comes late for an abandoned question is thrown away by the same test. Chunks are large (4 MB), so even one at a
+ * time they fill all but the longest links.
+ */
+#include "client/remote.h"
+
+#include "common/address.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+static const double SLOW_ANSWER = 120.0; /* seconds for answers that a master must work for */
+/* Images are checked against this before memory is allocated: five float layers of the largest film. */
+static const uint64_t MAX_IMAGE_BYTES = (uint64_t)JOB_MAX_PIXELS * 64;
+
+struct remote {
+    void *context;
+    bool own_context;
+    char *control_endpoint;
+    char *bulk_endpoint; /* NULL until the master has told it */
+    void *control, *bulk;
+    double timeout;
+    uint64_t request; /* the last number used */
+};
+
+static result_t connect_socket(void *context, const char *endpoint, size_t limit, void **socket)
+{
+    TRY(wire_socket(context, ZMQ_DEALER, socket));
+    TRY(wire_socket_limit(*socket, limit));
+    if (zmq_connect(*socket, endpoint) == 0) return result_ok();
+    return result_fail(RESULT_USAGE, "cannot connect to %s: %s", endpoint, zmq_strerror(zmq_errno()));
+}
+
+result_t remote_open(void *context, const char *control_endpoint, const char *bulk_endpoint, double timeout,
+                     remote_t **remote_pointer)
+{
+    remote_t *remote = mem_zalloc(1, sizeof *remote);
+    remote->own_context = context == NULL;
+    remote->context = context ? context : zmq_ctx_new();
+    remote->control_endpoint = mem_strdup(control_endpoint);
+    remote->bulk_endpoint = bulk_endpoint ? mem_strdup(bulk_endpoint) : NULL;
+    remote->timeout = timeout;
+    result_t result =
+        connect_socket(remote->context, control_endpoint, WIRE_MAX_CONTROL_FRAME, &remote->control);
+    if (result.code != RESULT_OK) remote_close(&remote);
+    *remote_pointer = remote;
+    return result;
+}
+
+void remote_close(remote_t **remote_pointer)
+{
+    remote_t *remote = *remote_pointer;
+    if (remote == NULL) return;
+    if (remote->control) zmq_close(remote->control);
+    if (remote->bulk) zmq_close(remote->bulk);
+    if (remote->own_context) zmq_ctx_term(remote->context);
+    free(remote->control_endpoint);
+    free(remote->bulk_endpoint);
+    free(remote);
+    *remote_pointer = NULL;
+}
+
+/* ---- questions and answers ---------------------------------------------------------------------------- */
+
+static result_t unreachable(const remote_t *remote, const char *endpoint, double timeout)
+{
+    return result_fail(RESULT_UNREACHABLE,
+                       "no answer from the master at %s within %.1f s: is lightmill-master running there, is "
+                       "the port (%s) right and open?",
+                       endpoint, timeout, remote->control_endpoint);
+}
+
+static result_t refused(const Lm__Refusal *refusal)
+{
+    bool known = refusal->code > RESULT_OK && refusal->code <= RESULT_MISMATCH;
+    return result_fail(known ? (result_code_t)refusal->code : RESULT_PROTOCOL, "the master refuses: %.400s",
+                       refusal->reason);
+}
+
+/* Waits for the answer with the number of the last request. */
+static result_t await_answer(remote_t *remote, void *socket, double timeout, wire_message_t *message)
+{
+    const char *endpoint = socket == remote->control ? remote->control_endpoint : remote->bulk_endpoint;
+    double deadline = clock_now() + timeout;
+    for (;;) {
+        bool received = false;
+        TRY(wire_receive(socket, false, message, &received));
+        if (received && message->envelope->request == remote->request) return result_ok();
+        if (received) {
+            wire_free(message);
+            continue;
+        }
+        double left = deadline - clock_now();
+        if (left <= 0) return unreachable(remote, endpoint, timeout);
+        zmq_pollitem_t item = {.socket = socket, .events = ZMQ_POLLIN};
+        zmq_poll(&item, 1, (long)(1e3 * left) + 1);
+    }
+}
+
+/* Asks and waits for an answer of the kind `expected`. A payload is consumed. */
+static result_t ask(remote_t *remote, void *socket, Lm__Envelope *envelope, zmq_msg_t *payload, double timeout,
+                    Lm__Envelope__BodyCase expected, wire_message_t *answer)
+{
+    envelope->request = ++remote->request;
+    TRY(wire_send(socket, NULL, 0, envelope, payload, payload ? 1 : 0));
+    TRY(await_answer(remote, socket, timeout, answer));
+    if (answer->envelope->body_case == expected) return result_ok();
+    result_t result = answer->envelope->body_case == LM__ENVELOPE__BODY_REFUSAL
+                          ? refused(answer->envelope->refusal)
+                          : result_fail(RESULT_PROTOCOL, "the master answered with a message of kind %d, not %d",
+                                        (int)answer->envelope->body_case, (int)expected);
+    wire_free(answer);
+    return result;
+}
+
+/* Connects the bulk socket at first use, after asking where it is. */
+static result_t need_bulk(remote_t *remote)
+{
+    if (remote->bulk) return result_ok();
+    if (remote->bulk_endpoint == NULL) {
+        wire_message_t message;
+        address_t address;
+        TRY(remote_status(remote, 0, &message));
+        uint32_t port = message.envelope->job_status_reply->bulk_port;
+        wire_free(&message);
+        TRY(address_parse(remote->control_endpoint, WIRE_DEFAULT_PORT, &address));
+        if (port < 1 || port > 65535)
+            return result_fail(RESULT_PROTOCOL, "the master names %u as its bulk port", port);
+        remote->bulk_endpoint = address_endpoint(&address, (int)port);
+    }
+    return connect_socket(remote->context, remote->bulk_endpoint, WIRE_MAX_CHUNK, &remote->bulk);
+}
+
+/* ---- jobs --------------------------------------------------------------------------------------------- */
+
+result_t remote_submit(remote_t *remote, const char *name, const job_settings_t *settings, const hash_t *blob,
+                       uint64_t *job)
+{
+    Lm__Settings wire_settings = LM__SETTINGS__INIT;
+    wire_settings_put(settings, &wire_settings);
+    Lm__JobSubmit submit = LM__JOB_SUBMIT__INIT;
+    submit.name = (char *)name;
+    submit.settings = &wire_settings;
+    submit.blob = wire_hash_put(blob);
+    Lm__Envelope envelope = LM__ENVELOPE__INIT;
+    envelope.body_case = LM__ENVELOPE__BODY_JOB_SUBMIT;
+    envelope.job_submit = &submit;
+    wire_message_t answer;
+    TRY(ask(remote, remote->control, &envelope, NULL, remote->timeout, LM__ENVELOPE__BODY_JOB_ACCEPTED, &answer));
+    *job = answer.envelope->job_accepted->job;
+    wire_free(&answer);
+    return result_ok();
+}
+
+result_t remote_status(remote_t *remote, uint64_t job, wire_message_t *message)
+{
+    Lm__JobStatusRequest request = LM__JOB_STATUS_REQUEST__INIT;
+    request.job = job;
+    Lm__Envelope envelope = LM__ENVELOPE__INIT;
+    envelope.body_case = LM__ENVELOPE__BODY_JOB_STATUS_REQUEST;
+    envelope.job_status_request = &request;
+    TRY(ask(remote, remote->control, &envelope, NULL, remote->timeout, LM__ENVELOPE__BODY_JOB_STATUS_REPLY,
+            message));
+    const Lm__JobStatusReply *reply = message->envelope->job_status_reply;
+    if (job == 0 || (reply->n_jobs == 1 && reply->jobs[0]->job == job)) return result_ok();
+    wire_free(message);
+    return result_fail(RESULT_PROTOCOL, "the master's answer is not about job %016llx", (unsigned long long)job);
+}
+
+result_t remote_cancel(remote_t *remote, uint64_t job)
+{
+    Lm__JobCancel cancel = LM__JOB_CANCEL__INIT;
+    cancel.job = job;
+    Lm__Envelope envelope = LM__ENVELOPE__INIT;
+    envelope.body_case = LM__ENVELOPE__BODY_JOB_CANCEL;
+    envelope.job_cancel = &cancel;
+    wire_message_t answer;
+    TRY(ask(remote, remote->control, &envelope, NULL, remote->timeout, LM__ENVELOPE__BODY_DONE, &answer));
+    wire_free(&answer);
+    return result_ok();
+}
+
+/* ---- blobs -------------------------------------------------------------------------------------------- */
+
+/* Sends `length` bytes from `offset`, none to ask where to begin; *next is where the master wants to go on. */
+static result_t put_chunk(remote_t *remote, const scene_blob_t *blob, uint64_t offset, size_t length,
+                          uint64_t *next)
+{
+    Lm__BlobPut put = LM__BLOB_PUT__INIT;
+    put.blob = wire_hash_put(&blob->hash);
+    put.offset = offset;
+    put.size = blob->size;
+    Lm__Envelope envelope = LM__ENVELOPE__INIT;
+    envelope.body_case = LM__ENVELOPE__BODY_BLOB_PUT;
+    envelope.blob_put = &put;
+    zmq_msg_t payload;
+    if (zmq_msg_init_size(&payload, length) != 0) return result_fail(RESULT_LIMIT, "out of memory");
+    if (length > 0) memcpy(zmq_msg_data(&payload), blob->bytes + offset, length);
+    /* The last chunk makes the master hash the whole blob. */
+    double timeout = offset + length == blob->size ? SLOW_ANSWER : remote->timeout;
+    if (timeout < remote->timeout) timeout = remote->timeout;
+    wire_message_t answer;
+    TRY(ask(remote, remote->bulk, &envelope, &payload, timeout, LM__ENVELOPE__BODY_BLOB_PUT_REPLY, &answer));
+    *next = answer.envelope->blob_put_reply->next;
+    wire_free(&answer);
+    if (*next <= blob->size) return result_ok();
+    return result_fail(RESULT_PROTOCOL, "the master asks for bytes beyond the end of the scene");
+}
+
+result_t remote_put_blob(remote_t *remote, const scene_blob_t *blob, remote_progress_fn progress,
+                         void *progress_context)
+{
+    TRY(need_bulk(remote));
+    uint64_t next;
+    TRY(put_chunk(remote, blob, 0, 0, &next));
+    /* A master that throws bytes away (a wrong hash on its disk) may go back once, not for ever. */
+    int setbacks = 0;
+    while (next < blob->size) {
+        uint64_t left = blob->size - next, before = next;
+        TRY(put_chunk(remote, blob, next, left < WIRE_MAX_CHUNK ? (size_t)left : WIRE_MAX_CHUNK, &next));
+        if (next <= before && ++setbacks > 2)
+            return result_fail(RESULT_PROTOCOL, "the master does not keep the scene that it is sent");
+        if (progress) progress(progress_context, next, blob->size);
+    }
+    return result_ok();
+}
+
+/* ---- images ------------------------------------------------------------------------------------------- */
+
+typedef struct {
+    uint64_t job;
+    bool half;
+    uint64_t snapshot; /* 0: the first answer names it */
+    uint64_t size;
+    uint8_t *bytes;
+    uint64_t have;
+} image_fetch_t;
+
+static result_t take_image_chunk(image_fetch_t *fetch, wire_message_t *answer)
+{
+    const Lm__ImageChunk *chunk = answer->envelope->image_chunk;
+    if (answer->payload_count != 1) return result_fail(RESULT_PROTOCOL, "a chunk of an image without bytes");
+    size_t length = zmq_msg_size(&answer->payload[0]);
+    if (fetch->snapshot == 0) {
+        if (chunk->size == 0 || chunk->size > MAX_IMAGE_BYTES)
+            return result_fail(RESULT_LIMIT, "an image of %llu bytes", (unsigned long long)chunk->size);
+        fetch->snapshot = chunk->snapshot;
+        fetch->size = chunk->size;
+        fetch->bytes = malloc(fetch->size);
+        if (fetch->bytes == NULL)
+            return result_fail(RESULT_LIMIT, "no memory for an image of %llu bytes",
+                               (unsigned long long)chunk->size);
+    }
+    if (chunk->offset != fetch->have || length == 0 || length > fetch->size - fetch->have)
+        return result_fail(RESULT_PROTOCOL, "a chunk of an image that nobody asked for");
+    memcpy(fetch->bytes + fetch->have, zmq_msg_data(&answer->payload[0]), length);
+    fetch->have += length;
+    return result_ok();
+}
+
+static result_t get_image_chunk(remote_t *remote, image_fetch_t *fetch)
+{
+    uint64_t left = fetch->size - fetch->have;
+    Lm__ImageGet get = LM__IMAGE_GET__INIT;
+    get.job = fetch->job;
+    get.snapshot = fetch->snapshot;
+    get.offset = fetch->have;
+    get.length = fetch->size == 0 || left > WIRE_MAX_CHUNK ? WIRE_MAX_CHUNK : (uint32_t)left;
+    get.half = fetch->half;
+    Lm__Envelope envelope = LM__ENVELOPE__INIT;
+    envelope.body_case = LM__ENVELOPE__BODY_IMAGE_GET;
+    envelope.image_get = &get;
+    double timeout = fetch->snapshot == 0 && remote->timeout < SLOW_ANSWER ? SLOW_ANSWER : remote->timeout;
+    wire_message_t answer;
+    TRY(ask(remote, remote->bulk, &envelope, NULL, timeout, LM__ENVELOPE__BODY_IMAGE_CHUNK, &answer));
+    result_t result = take_image_chunk(fetch, &answer);
+    wire_free(&answer);
+    return result;
+}
+
+result_t remote_fetch_image(remote_t *remote, uint64_t job, bool half, uint8_t **bytes, size_t *size)
+{
+    TRY(need_bulk(remote));
+    image_fetch_t fetch = {.job = job, .half = half};
+    do {
+        result_t result = get_image_chunk(remote, &fetch);
+        if (result.code != RESULT_OK) {
+            free(fetch.bytes);
+            return result;
+        }
+    } while (fetch.have < fetch.size);
+    *bytes = fetch.bytes;
+    *size = fetch.size;
+    return result_ok();
+}

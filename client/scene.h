@@ -1,0 +1,18 @@
+/* scene: a scene as it is named on a command line, as one blob in memory. */
+#ifndef LIGHTMILL_SCENE_H
+#define LIGHTMILL_SCENE_H
+
+#include "common/scene_blob.h"
+
+typedef struct {
+    uint8_t *bytes; /* of an imported scene, owned; NULL when the blob is mapped from a file */
+    scene_blob_t blob;
+    char *name; /* owned; what to call the job and the image: "cornell" */
+} scene_t;
+
+/* Loads a scene file (.pbrt), a directory that holds a scene.pbrt, or a scene blob. Warnings go to the log. */
+result_t scene_load(const char *path, scene_t *scene);
+/* Harmless on a zeroed scene. */
+void scene_free(scene_t *scene);
+
+#endif

@@ -1,0 +1,13 @@
+/* text: strings of unknown origin on the way to a terminal or into JSON. */
+#ifndef LIGHTMILL_TEXT_H
+#define LIGHTMILL_TEXT_H
+
+/* Prints to stdout with control characters and bytes that are not UTF-8 as \xNN, so that a file cannot
+ * command the terminal. */
+void text_print(const char *text);
+/* Prints to stdout as a JSON string with its quotes; a byte that is not UTF-8 becomes U+FFFD. */
+void text_print_json(const char *text);
+/* Prints to stdout as a JSON number, or null when it is not finite. */
+void text_print_json_number(double value);
+
+#endif

@@ -1,0 +1,87 @@
+/* picture: see picture.h. */
+#include "common/picture.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+static void add_layers(image_t *image, const film_image_t *film, pixel_type_t type)
+{
+    image_add_rgb_views(image, NULL, type, film->sum);
+    image_add_rgb_views(image, "eye", type, film->eye);
+    image_add_rgb_views(image, "light", type, film->light);
+    image_add_rgb_views(image, "noise", type, film->noise);
+    /* A half counts exactly to 2048 only. */
+    image_add_view(image, "samples", PIXEL_FLOAT, film->samples, 1);
+}
+
+static void add_settings(image_t *image, const job_settings_t *settings)
+{
+    image_set_string(image, "lightmill.integrator", integrator_name(settings->integrator));
+    image_set_string(image, "lightmill.sampler", sampler_name(settings->sampler));
+    image_set_u64(image, "lightmill.seed", settings->seed);
+    image_set_int(image, "lightmill.maxDepth", settings->max_depth);
+    image_set_int(image, "lightmill.spp", (int32_t)settings->spp);
+    image_set_float(image, "lightmill.timeLimit", (float)settings->time_limit);
+    image_set_int(image, "lightmill.tileSize", settings->tile_size);
+    image_set_int(image, "lightmill.filmScale", settings->film_scale);
+}
+
+static uint64_t total_samples(const film_image_t *film)
+{
+    size_t pixels = (size_t)film->width * (size_t)film->height;
+    double total = 0;
+    for (size_t p = 0; p < pixels; p++) total += (double)film->samples[p];
+    return (uint64_t)total;
+}
+
+static void add_counts(image_t *image, const film_image_t *film, const film_counts_t *counts)
+{
+    image_set_u64(image, "lightmill.samples", total_samples(film));
+    image_set_u64(image, "lightmill.lightPaths", counts->light_paths[0] + counts->light_paths[1]);
+    image_set_u64(image, "lightmill.rays", counts->rays);
+    image_set_u64(image, "lightmill.dropped", counts->dropped);
+    image_set_u64(image, "lightmill.overflows", counts->overflows);
+    image_set_float(image, "lightmill.cpuSeconds", (float)(1e-6 * (double)counts->cpu_us));
+}
+
+static void add_history(image_t *image, const film_image_t *film, const picture_meta_t *meta)
+{
+    char hash[2 * HASH_BYTES + 1];
+    hash_to_hex(&meta->scene, hash);
+    image_set_string(image, "lightmill.version", LIGHTMILL_VERSION);
+    image_set_string(image, "lightmill.sceneHash", hash);
+    if (meta->scene_name != NULL) image_set_string(image, "lightmill.scene", meta->scene_name);
+    add_settings(image, &meta->settings);
+    add_counts(image, film, &meta->counts);
+    image_set_int(image, "lightmill.workers", (int32_t)meta->workers);
+    image_set_float(image, "lightmill.wallSeconds", (float)meta->wall_seconds);
+}
+
+result_t picture_write_exr(const char *path, const film_image_t *film, const picture_meta_t *meta, bool half)
+{
+    image_t image;
+    image_init(&image, film->width, film->height);
+    add_layers(&image, film, half ? PIXEL_HALF : PIXEL_FLOAT);
+    add_history(&image, film, meta);
+    result_t result = image_write_exr(path, &image);
+    image_free(&image);
+    return result;
+}
+
+result_t picture_write_png(const char *path, const film_image_t *film, float exposure)
+{
+    image_t image;
+    image_init(&image, film->width, film->height);
+    image_add_rgb_views(&image, NULL, PIXEL_FLOAT, film->sum);
+    result_t result = image_write_png(path, &image, exposure);
+    image_free(&image);
+    return result;
+}
+
+char *picture_png_path(const char *path)
+{
+    const char *slash = strrchr(path, '/'), *name = slash != NULL ? slash + 1 : path;
+    const char *dot = strrchr(name, '.');
+    size_t stem = dot != NULL && dot != name ? (size_t)(dot - path) : strlen(path);
+    return mem_printf("%.*s.png", (int)stem, path);
+}

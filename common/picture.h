@@ -1,0 +1,31 @@
+/* picture: a resolved film as files: the OpenEXR with its layers and its history, and a PNG to look at.
+ *
+ * Layers of the EXR: R G B (the picture), eye.* and light.* (strategies with t >= 2 eye vertices, and t = 1),
+ * noise.* (estimated standard error of R G B), samples (eye samples of each pixel). Its attributes, all named
+ * lightmill.*, hold what it takes to make the same bits again.
+ */
+#ifndef LIGHTMILL_PICTURE_H
+#define LIGHTMILL_PICTURE_H
+
+#include "common/film.h"
+#include "common/image.h"
+
+/* The history of a picture. */
+typedef struct {
+    hash_t scene;            /* of the scene blob */
+    const char *scene_name;  /* for people, such as the file it came from; NULL for none */
+    job_settings_t settings; /* what was asked for */
+    film_counts_t counts;    /* what was done, CPU time and all */
+    uint32_t workers;        /* that took part */
+    double wall_seconds;     /* from the first assignment to now */
+} picture_meta_t;
+
+/* Writes the EXR, whole or not at all, as 32-bit floats or, with `half`, as halves (samples stay floats). */
+result_t picture_write_exr(const char *path, const film_image_t *film, const picture_meta_t *meta, bool half);
+/* Writes the picture as an 8-bit sRGB PNG, scaled by 2^exposure, whole or not at all. */
+result_t picture_write_png(const char *path, const film_image_t *film, float exposure);
+/* The name of the PNG that goes with an image file: its extension replaced by .png, or .png appended when it
+ * has none; fresh memory. */
+char *picture_png_path(const char *path);
+
+#endif

@@ -1,0 +1,25 @@
+/* bulk_server: the thread that owns the bulk socket: batches of workers are decoded and merged, blobs come
+ * and go, images are fetched. */
+#ifndef LIGHTMILL_BULK_SERVER_H
+#define LIGHTMILL_BULK_SERVER_H
+
+#include "master/blob_store.h"
+#include "master/farm.h"
+#include "master/gallery.h"
+
+typedef struct bulk_server bulk_server_t;
+
+typedef struct {
+    farm_t *farm; /* kept by the caller, like the store and the gallery */
+    blob_store_t *store;
+    gallery_t *gallery;
+    void *socket; /* a bound ROUTER; closed by the server's thread */
+    int wake;     /* eventfd, written by the gallery when an image is ready */
+} bulk_server_options_t;
+
+/* Starts the thread; on failure the socket is still the caller's. */
+result_t bulk_server_start(const bulk_server_options_t *options, bulk_server_t **server);
+/* Ends the thread, closes the socket and sets *server to NULL. */
+void bulk_server_stop(bulk_server_t **server);
+
+#endif

@@ -1,0 +1,404 @@
+/* control_server: see control_server.h. Translates messages into calls of the farm, and back. */
+#include "master/control_server.h"
+
+#include "master/complaint.h"
+
+#include <errno.h>
+#include <pthread.h>
+#include <stdatomic.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/prctl.h>
+#include <unistd.h>
+
+enum {
+    TICK_MS = 100,
+    MESSAGES_A_TURN = 256, /* before notices and the clock get their turn */
+    RETRY_MS = 2000        /* after which an idle worker asks again, if no JobReady comes */
+};
+
+struct control_server {
+    control_server_options_t options;
+    pthread_t thread;
+    atomic_bool stop;
+    complaint_t complaint;
+    unit_t *units; /* room for one assignment */
+    uint64_t messages, bytes, malformed;
+};
+
+static void reply(control_server_t *server, const wire_message_t *message, Lm__Envelope *answer)
+{
+    answer->request = message->envelope != NULL ? message->envelope->request : 0;
+    result_t result =
+        wire_send(server->options.socket, message->identity, message->identity_size, answer, NULL, 0);
+    if (result.code != RESULT_OK) log_debug("an answer was not sent: %s", result.message);
+}
+
+static void refuse(control_server_t *server, const wire_message_t *message, result_t reason)
+{
+    Lm__Refusal refusal = LM__REFUSAL__INIT;
+    Lm__Envelope answer = LM__ENVELOPE__INIT;
+    refusal.code = reason.code;
+    refusal.reason = reason.message;
+    answer.body_case = LM__ENVELOPE__BODY_REFUSAL;
+    answer.refusal = &refusal;
+    reply(server, message, &answer);
+}
+
+static void done(control_server_t *server, const wire_message_t *message)
+{
+    Lm__Done body = LM__DONE__INIT;
+    Lm__Envelope answer = LM__ENVELOPE__INIT;
+    answer.body_case = LM__ENVELOPE__BODY_DONE;
+    answer.done = &body;
+    reply(server, message, &answer);
+}
+
+static identity_t sender(const wire_message_t *message)
+{
+    identity_t identity = {.size = message->identity_size};
+    memcpy(identity.bytes, message->identity, message->identity_size);
+    return identity;
+}
+
+static uint32_t milliseconds(double seconds)
+{
+    return (uint32_t)(1000 * seconds + 0.5);
+}
+
+/* ---- workers ------------------------------------------------------------------------------------------- */
+
+static void on_hello(control_server_t *server, const wire_message_t *message)
+{
+    const Lm__Hello *hello = message->envelope->hello;
+    const control_server_options_t *options = &server->options;
+    if (hello->protocol_version != WIRE_VERSION) {
+        result_t reason = result_fail(RESULT_PROTOCOL,
+                                      "the worker speaks protocol %u, this master (" LIGHTMILL_VERSION
+                                      ") speaks %d: both need the same version of Lightmill",
+                                      hello->protocol_version, WIRE_VERSION);
+        if (complaint_allowed(&server->complaint, clock_now()))
+            log_warning("worker %s is refused: %s", hello->name, reason.message);
+        refuse(server, message, reason);
+        return;
+    }
+    Lm__Welcome welcome = LM__WELCOME__INIT;
+    identity_t identity = sender(message);
+    result_t result =
+        farm_hello(options->farm, clock_now(), &identity, hello->name, hello->threads, &welcome.worker);
+    if (result.code != RESULT_OK) {
+        refuse(server, message, result);
+        return;
+    }
+    char *capabilities[] = {"raw", "planes"};
+    welcome.protocol_version = WIRE_VERSION;
+    welcome.software = "lightmill-master " LIGHTMILL_VERSION;
+    welcome.heartbeat_ms = milliseconds(options->heartbeat);
+    welcome.lease_ms = milliseconds(options->lease);
+    welcome.batch_ms = milliseconds(options->batch_interval);
+    welcome.bulk_port = options->bulk_port;
+    welcome.n_capabilities = ARRAY_LENGTH(capabilities);
+    welcome.capabilities = capabilities;
+    Lm__Envelope answer = LM__ENVELOPE__INIT;
+    answer.body_case = LM__ENVELOPE__BODY_WELCOME;
+    answer.welcome = &welcome;
+    reply(server, message, &answer);
+}
+
+static void send_assignment(control_server_t *server, const wire_message_t *message, const farm_work_t *work)
+{
+    Lm__Settings settings = LM__SETTINGS__INIT;
+    Lm__Assignment assignment = LM__ASSIGNMENT__INIT;
+    Lm__Envelope answer = LM__ENVELOPE__INIT;
+    wire_settings_put(&work->settings, &settings);
+    assignment.job = work->job;
+    assignment.settings = &settings;
+    assignment.blob = wire_hash_put(&work->blob);
+    assignment.blob_size = work->blob_size;
+    assignment.n_units = work->unit_count;
+    assignment.units = wire_units_new(work->units, work->unit_count);
+    answer.body_case = LM__ENVELOPE__BODY_ASSIGNMENT;
+    answer.assignment = &assignment;
+    reply(server, message, &answer);
+    free(assignment.units);
+}
+
+static void on_work_request(control_server_t *server, const wire_message_t *message)
+{
+    const Lm__WorkRequest *request = message->envelope->work_request;
+    farm_work_t work = {.units = server->units};
+    identity_t identity = sender(message);
+    result_t result = farm_take(server->options.farm, clock_now(), &identity, request->worker, request->job,
+                                request->samples, request->unit_samples, &work);
+    if (result.code != RESULT_OK) {
+        refuse(server, message, result);
+    } else if (work.job != 0) {
+        send_assignment(server, message, &work);
+    } else {
+        Lm__NoWork none = LM__NO_WORK__INIT;
+        Lm__Envelope answer = LM__ENVELOPE__INIT;
+        none.retry_ms = RETRY_MS;
+        answer.body_case = LM__ENVELOPE__BODY_NO_WORK;
+        answer.no_work = &none;
+        reply(server, message, &answer);
+    }
+}
+
+static void on_heartbeat(control_server_t *server, const wire_message_t *message)
+{
+    const Lm__Heartbeat *beat = message->envelope->heartbeat;
+    Lm__HeartbeatReply body = LM__HEARTBEAT_REPLY__INIT;
+    Lm__Envelope answer = LM__ENVELOPE__INIT;
+    identity_t identity = sender(message);
+    body.known = farm_heartbeat(server->options.farm, clock_now(), &identity, beat->worker, beat->job,
+                                beat->units_held);
+    answer.body_case = LM__ENVELOPE__BODY_HEARTBEAT_REPLY;
+    answer.heartbeat_reply = &body;
+    reply(server, message, &answer);
+}
+
+static void on_goodbye(control_server_t *server, const wire_message_t *message)
+{
+    const Lm__Goodbye *goodbye = message->envelope->goodbye;
+    farm_goodbye(server->options.farm, goodbye->worker, goodbye->reason);
+    done(server, message);
+}
+
+/* ---- clients ------------------------------------------------------------------------------------------- */
+
+static result_t submit(control_server_t *server, const Lm__JobSubmit *request, uint64_t *job)
+{
+    job_settings_t settings;
+    hash_t blob;
+    uint64_t size;
+    TRY(wire_settings_get(request->settings, &settings));
+    if (!wire_hash_get(&request->blob, &blob))
+        return result_fail(RESULT_PROTOCOL, "the scene's hash has %zu bytes, not %d", request->blob.len,
+                           HASH_BYTES);
+    if (!blob_store_find(server->options.store, &blob, &size))
+        return result_fail(RESULT_INPUT, "this master does not have the scene: send it first");
+    return farm_submit(server->options.farm, clock_now(), request->name, &settings, &blob, size, job);
+}
+
+static void on_submit(control_server_t *server, const wire_message_t *message)
+{
+    Lm__JobAccepted accepted = LM__JOB_ACCEPTED__INIT;
+    result_t result = submit(server, message->envelope->job_submit, &accepted.job);
+    if (result.code != RESULT_OK) {
+        refuse(server, message, result);
+        return;
+    }
+    Lm__Envelope answer = LM__ENVELOPE__INIT;
+    answer.body_case = LM__ENVELOPE__BODY_JOB_ACCEPTED;
+    answer.job_accepted = &accepted;
+    reply(server, message, &answer);
+}
+
+/* One job's report as messages that point into it. */
+typedef struct {
+    Lm__JobStatus status;
+    Lm__Settings settings;
+    Lm__Counts counts;
+} status_message_t;
+
+static void fill_status(job_report_t *report, status_message_t *out)
+{
+    lm__job_status__init(&out->status);
+    lm__settings__init(&out->settings);
+    lm__counts__init(&out->counts);
+    wire_settings_put(&report->settings, &out->settings);
+    wire_counts_put(&report->counts, &out->counts);
+    out->status.job = report->job;
+    out->status.name = report->name;
+    out->status.state = (uint32_t)report->state;
+    out->status.settings = &out->settings;
+    out->status.blob = wire_hash_put(&report->blob);
+    out->status.samples_done = report->samples_done;
+    out->status.samples_total = report->samples_total;
+    out->status.elapsed = report->elapsed;
+    out->status.remaining = report->remaining;
+    out->status.workers = report->workers;
+    out->status.workers_seen = report->workers_seen;
+    out->status.bytes_received = report->bytes_received;
+    out->status.batches = report->batches;
+    out->status.batches_refused = report->batches_refused;
+    out->status.units_reissued = report->units_reissued;
+    out->status.counts = &out->counts;
+    out->status.message = report->message;
+}
+
+static void on_status(control_server_t *server, const wire_message_t *message)
+{
+    uint64_t job = message->envelope->job_status_request->job;
+    size_t count;
+    Lm__JobStatusReply body = LM__JOB_STATUS_REPLY__INIT;
+    job_report_t *reports = farm_report(server->options.farm, clock_now(), job, &count, &body.workers);
+    if (job != 0 && count == 0) {
+        refuse(server, message, result_fail(RESULT_INPUT, "there is no job %llu", (unsigned long long)job));
+        return;
+    }
+    status_message_t *statuses = mem_alloc((count + 1) * sizeof *statuses);
+    Lm__JobStatus **pointers = mem_alloc((count + 1) * sizeof(Lm__JobStatus *));
+    for (size_t i = 0; i < count; i++) {
+        fill_status(&reports[i], &statuses[i]);
+        pointers[i] = &statuses[i].status;
+    }
+    body.n_jobs = count;
+    body.jobs = pointers;
+    body.bulk_port = server->options.bulk_port;
+    Lm__Envelope answer = LM__ENVELOPE__INIT;
+    answer.body_case = LM__ENVELOPE__BODY_JOB_STATUS_REPLY;
+    answer.job_status_reply = &body;
+    reply(server, message, &answer);
+    free(pointers);
+    free(statuses);
+    free(reports);
+}
+
+static void on_cancel(control_server_t *server, const wire_message_t *message)
+{
+    result_t result = farm_cancel(server->options.farm, clock_now(), message->envelope->job_cancel->job);
+    if (result.code == RESULT_OK)
+        done(server, message);
+    else
+        refuse(server, message, result);
+}
+
+/* ---- the thread ---------------------------------------------------------------------------------------- */
+
+static void dispatch(control_server_t *server, const wire_message_t *message)
+{
+    switch (message->envelope->body_case) {
+    case LM__ENVELOPE__BODY_HELLO:
+        on_hello(server, message);
+        break;
+    case LM__ENVELOPE__BODY_WORK_REQUEST:
+        on_work_request(server, message);
+        break;
+    case LM__ENVELOPE__BODY_HEARTBEAT:
+        on_heartbeat(server, message);
+        break;
+    case LM__ENVELOPE__BODY_GOODBYE:
+        on_goodbye(server, message);
+        break;
+    case LM__ENVELOPE__BODY_JOB_SUBMIT:
+        on_submit(server, message);
+        break;
+    case LM__ENVELOPE__BODY_JOB_STATUS_REQUEST:
+        on_status(server, message);
+        break;
+    case LM__ENVELOPE__BODY_JOB_CANCEL:
+        on_cancel(server, message);
+        break;
+    default:
+        refuse(server, message,
+               result_fail(RESULT_PROTOCOL, "a message of kind %d does not belong on the control socket",
+                           (int)message->envelope->body_case));
+    }
+}
+
+static void on_malformed(control_server_t *server, const wire_message_t *message, result_t reason)
+{
+    server->malformed++;
+    if (complaint_allowed(&server->complaint, clock_now()))
+        log_warning("a peer sent nonsense to the control socket: %s", reason.message);
+    if (message->identity_size > 0) refuse(server, message, reason);
+}
+
+/* Handles what has come; true when there may be more. */
+static bool receive_some(control_server_t *server)
+{
+    for (int i = 0; i < MESSAGES_A_TURN; i++) {
+        wire_message_t message;
+        bool received;
+        result_t result = wire_receive(server->options.socket, true, &message, &received);
+        if (result.code == RESULT_OK && !received) return false;
+        server->messages++;
+        server->bytes += message.bytes;
+        if (received)
+            dispatch(server, &message);
+        else if (result.code == RESULT_PROTOCOL)
+            on_malformed(server, &message, result);
+        else
+            return false; /* a broken socket: the loop goes on at the pace of its ticks */
+        wire_free(&message);
+    }
+    return true;
+}
+
+static void send_notices(control_server_t *server)
+{
+    for (notice_t notice; farm_next_notice(server->options.farm, &notice);) {
+        Lm__JobReady ready = LM__JOB_READY__INIT;
+        Lm__JobOver over = LM__JOB_OVER__INIT;
+        Lm__Envelope envelope = LM__ENVELOPE__INIT;
+        if (notice.job == 0) {
+            envelope.body_case = LM__ENVELOPE__BODY_JOB_READY;
+            envelope.job_ready = &ready;
+        } else {
+            over.job = notice.job;
+            over.flush = notice.flush;
+            envelope.body_case = LM__ENVELOPE__BODY_JOB_OVER;
+            envelope.job_over = &over;
+        }
+        result_t result = wire_send(server->options.socket, notice.identity.bytes, notice.identity.size,
+                                    &envelope, NULL, 0);
+        if (result.code != RESULT_OK) log_debug("a notice was not sent: %s", result.message);
+    }
+}
+
+static void *control_server_run(void *argument)
+{
+    control_server_t *server = argument;
+    double last_tick = 0;
+    bool more = false;
+    prctl(PR_SET_NAME, "lm-control");
+    while (!atomic_load(&server->stop)) {
+        zmq_pollitem_t items[] = {{.socket = server->options.socket, .events = ZMQ_POLLIN},
+                                  {.fd = server->options.wake, .events = ZMQ_POLLIN}};
+        zmq_poll(items, ARRAY_LENGTH(items), more ? 0 : TICK_MS);
+        uint64_t count;
+        if (items[1].revents != 0 && read(server->options.wake, &count, sizeof count) < 0 && errno != EAGAIN)
+            log_debug("cannot read an eventfd: %s", strerror(errno));
+        more = receive_some(server);
+        /* Leases are looked at only when no message waits: a heartbeat may be among them. */
+        if (!more && clock_now() - last_tick >= 1e-3 * TICK_MS) {
+            last_tick = clock_now();
+            farm_tick(server->options.farm, last_tick);
+        }
+        send_notices(server);
+    }
+    log_info("control socket: %llu messages, %.1f MB, %llu malformed", (unsigned long long)server->messages,
+             1e-6 * (double)server->bytes, (unsigned long long)server->malformed);
+    zmq_close(server->options.socket);
+    return NULL;
+}
+
+result_t control_server_start(const control_server_options_t *options, control_server_t **out)
+{
+    control_server_t *server = mem_zalloc(1, sizeof *server);
+    server->options = *options;
+    server->units = mem_alloc(WIRE_MAX_UNITS * sizeof *server->units);
+    int error = pthread_create(&server->thread, NULL, control_server_run, server);
+    if (error == 0) {
+        *out = server;
+        return result_ok();
+    }
+    free(server->units);
+    free(server);
+    return result_fail(RESULT_LIMIT, "cannot start a thread: %s", strerror(error));
+}
+
+void control_server_stop(control_server_t **out)
+{
+    control_server_t *server = *out;
+    if (server == NULL) return;
+    atomic_store(&server->stop, true);
+    uint64_t one = 1;
+    if (write(server->options.wake, &one, sizeof one) < 0) log_debug("the control thread is awake already");
+    pthread_join(server->thread, NULL);
+    free(server->units);
+    free(server);
+    *out = NULL;
+}

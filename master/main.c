@@ -1,0 +1,168 @@
+/* lightmill-master: the command line around master.h. */
+#include "common/address.h"
+#include "master/master.h"
+#include "proto/wire.h"
+
+#include <getopt.h>
+#include <pthread.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+static const char HELP[] =
+    "lightmill-master: takes jobs, shares them out to workers and puts the image together\n"
+    "\n"
+    "usage: lightmill-master [options]\n"
+    "\n"
+    "  --listen HOST[:PORT]   where to listen (127.0.0.1:7420); the port after it is used too;\n"
+    "                         port 0 chooses free ones\n"
+    "  --data DIR             where scenes and images are kept (lightmill-data)\n"
+    "  --heartbeat SECONDS    how often workers say that they live (1)\n"
+    "  --lease SECONDS        the silence after which a worker's share is given to others (5)\n"
+    "  --batch-interval SECONDS  how often workers send what they have (10)\n"
+    "  --insecure             listen on an address that other machines can reach, without keys\n"
+    "  --quiet                log warnings and errors only\n"
+    "  --verbose              log every batch\n"
+    "  --help, --version\n"
+    "\n"
+    "SIGTERM or SIGINT ends it: the images of unfinished jobs are written first. A second one ends it at "
+    "once.\n"
+    "Exit codes: 0 success, 1 usage, 2 bad file, 3 input or output failed, 5 limit exceeded.\n";
+
+/* How many signals asked us to end. The one variable that is not constant: a signal handler has no argument.
+ */
+static volatile sig_atomic_t signals;
+
+static void on_signal(int number)
+{
+    if (++signals > 1) _exit(128 + number);
+}
+
+typedef struct {
+    master_options_t master;
+    address_t address;
+    bool any_port;
+    log_level_t log;
+} command_t;
+
+static result_t parse_seconds(const char *name, const char *text, double *value)
+{
+    char *end;
+    *value = strtod(text, &end);
+    if (end != text && *end == '\0') return result_ok();
+    return result_fail(RESULT_USAGE, "--%s takes a number of seconds, not \"%s\"", name, text);
+}
+
+/* "HOST:0" asks for free ports, which an address cannot say. */
+static result_t parse_listen(const char *text, command_t *command)
+{
+    size_t length = strlen(text);
+    command->any_port = length > 2 && strcmp(text + length - 2, ":0") == 0;
+    if (!command->any_port) {
+        TRY(address_parse(text, WIRE_DEFAULT_PORT, &command->address));
+        if (command->address.port < 65535) return result_ok();
+        return result_fail(RESULT_USAGE, "port 65535 leaves none for the bulk socket");
+    }
+    char *host = mem_strdup(text);
+    host[length - 2] = '\0';
+    result_t result = address_parse(host, WIRE_DEFAULT_PORT, &command->address);
+    free(host);
+    return result;
+}
+
+static result_t set_option(command_t *command, const char *name, const char *value)
+{
+    if (strcmp(name, "listen") == 0) return parse_listen(value, command);
+    if (strcmp(name, "heartbeat") == 0) return parse_seconds(name, value, &command->master.heartbeat);
+    if (strcmp(name, "lease") == 0) return parse_seconds(name, value, &command->master.lease);
+    if (strcmp(name, "batch-interval") == 0)
+        return parse_seconds(name, value, &command->master.batch_interval);
+    if (strcmp(name, "data") == 0) command->master.data_dir = value;
+    if (strcmp(name, "insecure") == 0) command->master.insecure = true;
+    if (strcmp(name, "quiet") == 0) command->log = LOG_WARNING;
+    if (strcmp(name, "verbose") == 0) command->log = LOG_DEBUG;
+    return result_ok();
+}
+
+/* *done is set when there is nothing more to do (--help, --version). */
+static result_t parse_command(int argc, char **argv, command_t *command, bool *done)
+{
+    static const struct option options[] = {{"listen", required_argument, NULL, 0},
+                                            {"data", required_argument, NULL, 0},
+                                            {"heartbeat", required_argument, NULL, 0},
+                                            {"lease", required_argument, NULL, 0},
+                                            {"batch-interval", required_argument, NULL, 0},
+                                            {"insecure", no_argument, NULL, 0},
+                                            {"quiet", no_argument, NULL, 0},
+                                            {"verbose", no_argument, NULL, 0},
+                                            {"help", no_argument, NULL, 'h'},
+                                            {"version", no_argument, NULL, 'v'},
+                                            {NULL, 0, NULL, 0}};
+    int index, choice;
+    while ((choice = getopt_long(argc, argv, "h", options, &index)) != -1) {
+        if (choice == '?') return result_fail(RESULT_USAGE, "see lightmill-master --help");
+        *done = choice == 'h' || choice == 'v';
+        if (choice == 'h') fputs(HELP, stdout);
+        if (choice == 'v') puts("lightmill-master " LIGHTMILL_VERSION);
+        if (*done) return result_ok();
+        TRY(set_option(command, options[index].name, optarg));
+    }
+    if (optind < argc)
+        return result_fail(RESULT_USAGE, "\"%s\" is not an option; see lightmill-master --help",
+                           argv[optind]);
+    return result_ok();
+}
+
+/* Starts the master with the signals blocked, so that its threads never get them, and waits for one. */
+static result_t serve(const master_options_t *options)
+{
+    sigset_t ending, before;
+    sigemptyset(&ending);
+    sigaddset(&ending, SIGINT);
+    sigaddset(&ending, SIGTERM);
+    pthread_sigmask(SIG_BLOCK, &ending, &before);
+    struct sigaction action = {.sa_handler = on_signal};
+    sigaction(SIGINT, &action, NULL);
+    sigaction(SIGTERM, &action, NULL);
+    signal(SIGPIPE, SIG_IGN);
+
+    master_t *master;
+    TRY(master_start(options, &master));
+    while (signals == 0) sigsuspend(&before);
+    log_info("ending; once more to end at once");
+    pthread_sigmask(SIG_SETMASK, &before, NULL);
+    return master_stop(&master);
+}
+
+static result_t run(int argc, char **argv)
+{
+    command_t command = {.master = master_options_default(), .log = LOG_INFO};
+    bool done = false;
+    TRY(address_parse("127.0.0.1", WIRE_DEFAULT_PORT, &command.address));
+    TRY(parse_command(argc, argv, &command, &done));
+    if (done) return result_ok();
+    log_init("master", command.log);
+    char *control, *bulk;
+    if (command.any_port) {
+        control = mem_printf("tcp://%s:*", command.address.host);
+        bulk = mem_strdup(control);
+    } else {
+        control = address_endpoint(&command.address, command.address.port);
+        bulk = address_endpoint(&command.address, command.address.port + 1);
+    }
+    command.master.control_endpoint = control;
+    command.master.bulk_endpoint = bulk;
+    result_t result = serve(&command.master);
+    free(control);
+    free(bulk);
+    return result;
+}
+
+int main(int argc, char **argv)
+{
+    result_t result = run(argc, argv);
+    if (result.code != RESULT_OK) fprintf(stderr, "lightmill-master: %s\n", result.message);
+    return result_exit_code(result);
+}

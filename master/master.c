@@ -1,0 +1,284 @@
+/* master: see master.h. Puts the pieces together and takes them apart in the right order.
+ *
+ * DESIGN. Three threads beside the caller's: the control server (heartbeats, assignments, clients), the bulk
+ * server (batches, blobs, images) and the gallery (image files). They share the farm, which is passive. Each
+ * sleeps on its socket and an eventfd; the eventfds belong to the master. */
+#include "master/master.h"
+
+#include "master/bulk_server.h"
+#include "master/control_server.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/eventfd.h>
+#include <sys/file.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+enum { MAX_INTERVAL = 3600 }; /* seconds, of heartbeats, leases and batches */
+
+struct master {
+    void *context;
+    bool own_context;
+    int lock_file;
+    int control_wake, bulk_wake, image_wake; /* eventfds */
+    void *control_socket, *bulk_socket;      /* until a server's thread owns them */
+    int control_port, bulk_port;
+    farm_t *farm;
+    blob_store_t *store;
+    gallery_t *gallery;
+    control_server_t *control;
+    bulk_server_t *bulk;
+};
+
+master_options_t master_options_default(void)
+{
+    return (master_options_t){.control_endpoint = "tcp://127.0.0.1:7420",
+                              .bulk_endpoint = "tcp://127.0.0.1:7421",
+                              .data_dir = "lightmill-data",
+                              .heartbeat = 1,
+                              .lease = 5,
+                              .batch_interval = 10};
+}
+
+/* ---- checking the options ------------------------------------------------------------------------------ */
+
+/* True for "tcp://" and a host that only this machine reaches. */
+static bool is_loopback(const char *endpoint)
+{
+    static const char *const hosts[] = {"127.", "localhost:", "[::1]:", "lo:"};
+    if (strncmp(endpoint, "tcp://", 6) != 0) return false;
+    for (size_t i = 0; i < ARRAY_LENGTH(hosts); i++) {
+        if (strncmp(endpoint + 6, hosts[i], strlen(hosts[i])) != 0) continue;
+        /* "127.example.org" is a name, not an address */
+        return i > 0 || strspn(endpoint + 6, "0123456789.") == strcspn(endpoint + 6, ":");
+    }
+    return false;
+}
+
+static result_t check_endpoint(const char *endpoint, bool insecure)
+{
+    if (strncmp(endpoint, "inproc://", 9) == 0 || is_loopback(endpoint)) return result_ok();
+    if (strncmp(endpoint, "tcp://", 6) != 0)
+        return result_fail(RESULT_USAGE, "cannot listen on %s: it must begin with tcp:// or inproc://",
+                           endpoint);
+    if (!insecure)
+        return result_fail(
+            RESULT_USAGE,
+            "%s can be reached from other machines, and this version has no keys yet to keep strangers "
+            "out: listen on 127.0.0.1, or say --insecure if you trust everybody on that network",
+            endpoint + 6);
+    log_warning(
+        "INSECURE: %s is open to everybody on its network: anyone there can submit jobs, send results and "
+        "read images",
+        endpoint + 6);
+    return result_ok();
+}
+
+static result_t check_seconds(const char *name, double value, double least)
+{
+    if (isfinite(value) && value >= least && value <= MAX_INTERVAL) return result_ok();
+    return result_fail(RESULT_USAGE, "%s is %g s, must be from %g to %d", name, value, least, MAX_INTERVAL);
+}
+
+static result_t check_options(const master_options_t *options)
+{
+    TRY(check_seconds("heartbeat", options->heartbeat, 0.05));
+    TRY(check_seconds("lease", options->lease, 0.1));
+    TRY(check_seconds("batch interval", options->batch_interval, 0.1));
+    if (options->lease < 2 * options->heartbeat)
+        return result_fail(RESULT_USAGE, "the lease (%g s) must be at least two heartbeats (%g s)",
+                           options->lease, options->heartbeat);
+    TRY(check_endpoint(options->control_endpoint, options->insecure));
+    return check_endpoint(options->bulk_endpoint, options->insecure);
+}
+
+/* ---- setting up ---------------------------------------------------------------------------------------- */
+
+/* Makes the directory and its parents. */
+static result_t make_directories(const char *path)
+{
+    char *copy = mem_strdup(path);
+    result_t result = result_ok();
+    for (char *slash = copy + 1; result.code == RESULT_OK; slash++) {
+        char end = *slash;
+        if (end != '/' && end != '\0') continue;
+        *slash = '\0';
+        if (mkdir(copy, 0777) != 0 && errno != EEXIST)
+            result = result_fail(RESULT_IO, "cannot make the directory %s: %s", copy, strerror(errno));
+        *slash = end;
+        if (end == '\0') break;
+    }
+    free(copy);
+    return result;
+}
+
+/* Two masters on one directory would write over each other's images. */
+static result_t lock_directory(const char *path, int *descriptor)
+{
+    char *name = mem_printf("%s/lock", path);
+    result_t result = result_ok();
+    *descriptor = open(name, O_RDWR | O_CREAT | O_CLOEXEC, 0666);
+    if (*descriptor < 0)
+        result = result_fail(RESULT_IO, "cannot write in the data directory: %s: %s", name, strerror(errno));
+    else if (flock(*descriptor, LOCK_EX | LOCK_NB) != 0)
+        result =
+            result_fail(RESULT_IO, "another master uses the data directory %s: give this one its own", path);
+    free(name);
+    return result;
+}
+
+static result_t make_eventfd(int *descriptor)
+{
+    *descriptor = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
+    if (*descriptor >= 0) return result_ok();
+    return result_fail(RESULT_LIMIT, "cannot make an eventfd: %s", strerror(errno));
+}
+
+enum { ENDPOINT_SIZE = 300 };
+
+/* `bound` becomes the endpoint with the port that was chosen. */
+static result_t bind_socket(void *context, const char *endpoint, size_t largest_frame, void **socket,
+                            char bound[ENDPOINT_SIZE], int *port)
+{
+    TRY(wire_socket(context, ZMQ_ROUTER, socket));
+    TRY(wire_socket_limit(*socket, largest_frame));
+    int v6 = strchr(endpoint, '[') != NULL;
+    if (zmq_setsockopt(*socket, ZMQ_IPV6, &v6, sizeof v6) != 0 || zmq_bind(*socket, endpoint) != 0)
+        return result_fail(RESULT_IO, "cannot listen on %s: %s%s", endpoint, zmq_strerror(errno),
+                           errno == EADDRINUSE ? "; is another master running? --listen chooses another port"
+                                               : "");
+    size_t size = ENDPOINT_SIZE;
+    if (zmq_getsockopt(*socket, ZMQ_LAST_ENDPOINT, bound, &size) != 0)
+        return result_fail(RESULT_IO, "cannot find the port of %s: %s", endpoint, zmq_strerror(errno));
+    const char *colon = strrchr(bound, ':');
+    *port = strncmp(bound, "tcp://", 6) == 0 && colon != NULL ? atoi(colon + 1) : 0;
+    return result_ok();
+}
+
+static result_t open_sockets(master_t *master, const master_options_t *options)
+{
+    master->context = options->context != NULL ? options->context : zmq_ctx_new();
+    master->own_context = options->context == NULL;
+    if (master->context == NULL)
+        return result_fail(RESULT_IO, "cannot start ZeroMQ: %s", zmq_strerror(errno));
+    char control[ENDPOINT_SIZE], bulk[ENDPOINT_SIZE];
+    TRY(bind_socket(master->context, options->control_endpoint, WIRE_MAX_CONTROL_FRAME,
+                    &master->control_socket, control, &master->control_port));
+    TRY(bind_socket(master->context, options->bulk_endpoint, WIRE_MAX_PAYLOAD, &master->bulk_socket, bulk,
+                    &master->bulk_port));
+    log_info("listening on %s (control) and %s (bulk), data in %s", control, bulk, options->data_dir);
+    return result_ok();
+}
+
+/* Three quarters of the machine's memory. */
+static uint64_t film_limit(void)
+{
+    long pages = sysconf(_SC_PHYS_PAGES), size = sysconf(_SC_PAGESIZE);
+    return pages > 0 && size > 0 ? (uint64_t)pages / 4 * 3 * (uint64_t)size : (uint64_t)1 << 32;
+}
+
+static result_t start_store(master_t *master, const master_options_t *options)
+{
+    TRY(make_directories(options->data_dir));
+    TRY(lock_directory(options->data_dir, &master->lock_file));
+    char *blobs = mem_printf("%s/blobs", options->data_dir);
+    result_t result = blob_store_open(blobs, &master->store);
+    free(blobs);
+    return result;
+}
+
+static result_t start_threads(master_t *master, const master_options_t *options)
+{
+    farm_options_t farm = {.lease = options->lease,
+                           .batch_interval = options->batch_interval,
+                           .film_limit = film_limit(),
+                           .first_job = gallery_last_job(options->data_dir) + 1,
+                           .control_wake = master->control_wake,
+                           .image_wake = master->image_wake};
+    master->farm = farm_new(&farm);
+    gallery_options_t gallery = {.farm = master->farm,
+                                 .data_dir = options->data_dir,
+                                 .image_wake = master->image_wake,
+                                 .answer_wake = master->bulk_wake};
+    TRY(gallery_start(&gallery, &master->gallery));
+    bulk_server_options_t bulk = {.farm = master->farm,
+                                  .store = master->store,
+                                  .gallery = master->gallery,
+                                  .socket = master->bulk_socket,
+                                  .wake = master->bulk_wake};
+    TRY(bulk_server_start(&bulk, &master->bulk));
+    master->bulk_socket = NULL;
+    control_server_options_t control = {.farm = master->farm,
+                                        .store = master->store,
+                                        .socket = master->control_socket,
+                                        .wake = master->control_wake,
+                                        .bulk_port = (uint32_t)master->bulk_port,
+                                        .heartbeat = options->heartbeat,
+                                        .lease = options->lease,
+                                        .batch_interval = options->batch_interval};
+    TRY(control_server_start(&control, &master->control));
+    master->control_socket = NULL;
+    return result_ok();
+}
+
+static result_t start(master_t *master, const master_options_t *options)
+{
+    TRY(check_options(options));
+    TRY(start_store(master, options));
+    TRY(make_eventfd(&master->control_wake));
+    TRY(make_eventfd(&master->bulk_wake));
+    TRY(make_eventfd(&master->image_wake));
+    TRY(open_sockets(master, options));
+    return start_threads(master, options);
+}
+
+static void close_descriptor(int descriptor)
+{
+    if (descriptor >= 0) close(descriptor);
+}
+
+/* Takes apart whatever was put together. */
+static void dismantle(master_t *master)
+{
+    control_server_stop(&master->control);
+    bulk_server_stop(&master->bulk);
+    if (master->farm != NULL) farm_shut_down(master->farm, clock_now());
+    gallery_stop(&master->gallery);
+    farm_destroy(&master->farm);
+    blob_store_close(&master->store);
+    if (master->control_socket != NULL) zmq_close(master->control_socket);
+    if (master->bulk_socket != NULL) zmq_close(master->bulk_socket);
+    if (master->own_context && master->context != NULL) zmq_ctx_term(master->context);
+    close_descriptor(master->control_wake);
+    close_descriptor(master->bulk_wake);
+    close_descriptor(master->image_wake);
+    close_descriptor(master->lock_file);
+    free(master);
+}
+
+result_t master_start(const master_options_t *options, master_t **out)
+{
+    master_t *master = mem_zalloc(1, sizeof *master);
+    master->lock_file = master->control_wake = master->bulk_wake = master->image_wake = -1;
+    result_t result = start(master, options);
+    if (result.code != RESULT_OK) dismantle(master);
+    *out = result.code == RESULT_OK ? master : NULL;
+    return result;
+}
+
+int master_control_port(const master_t *master)
+{
+    return master->control_port;
+}
+
+result_t master_stop(master_t **master)
+{
+    if (*master != NULL) dismantle(*master);
+    *master = NULL;
+    return result_ok();
+}

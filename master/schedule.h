@@ -1,0 +1,62 @@
+/* schedule: which samples of which tile of one job are counted, which are out with a worker, which are to be
+ * had.
+ *
+ * A pure data structure: it knows no sockets, no clock and no lock (the farm locks). Workers are known by the
+ * number that the farm gave them. The invariants:
+ *
+ *   - every sample of every tile is exactly one of free, issued (to one worker) or counted;
+ *   - a sample that is counted stays counted: what schedule_accept took is in the film, once.
+ *
+ * Units are handed out so that the image converges evenly: always from a tile whose lowest free sample is
+ * lowest.
+ */
+#ifndef LIGHTMILL_SCHEDULE_H
+#define LIGHTMILL_SCHEDULE_H
+
+#include "common/job.h"
+
+typedef struct schedule schedule_t;
+
+/* All samples free; `settings` have passed job_settings_check. */
+schedule_t *schedule_new(const job_settings_t *settings);
+/* Frees the schedule and sets *schedule to NULL. */
+void schedule_destroy(schedule_t **schedule);
+
+/* What a worker asks for. */
+typedef struct {
+    uint64_t worker;
+    uint64_t samples;      /* pixel samples wanted in all */
+    uint64_t unit_samples; /* pixel samples that make a good unit */
+    uint32_t threads;      /* of this worker */
+    uint32_t farm_threads; /* of all workers that share the job, this one among them */
+} schedule_wish_t;
+
+/* Issues units to a worker, at most `capacity`; returns how many. A unit has unit_samples pixel samples, at
+ * least one a pixel, less while the image is young and near the job's end (see the note in schedule.c). */
+size_t schedule_take(schedule_t *schedule, const schedule_wish_t *wish, unit_t *units, size_t capacity);
+
+/* Counts the units, all or none. RESULT_MISMATCH names a unit that was counted before or is in the list
+ * twice; then nothing has changed. The units are valid for the job; who holds them does not matter, and
+ * holders of what is counted now lose it. */
+result_t schedule_accept(schedule_t *schedule, const unit_t *units, size_t count);
+
+/* Frees what the worker holds of these units; returns the number of pieces. */
+size_t schedule_release_units(schedule_t *schedule, uint64_t worker, const unit_t *units, size_t count);
+/* Frees all that the worker holds; returns the number of pieces. */
+size_t schedule_release(schedule_t *schedule, uint64_t worker);
+
+/* True while there are free samples. */
+bool schedule_available(const schedule_t *schedule);
+/* True when every sample is counted. */
+bool schedule_complete(const schedule_t *schedule);
+/* Units that a worker holds. */
+size_t schedule_held(const schedule_t *schedule, uint64_t worker);
+/* Workers that hold units. */
+size_t schedule_holders(const schedule_t *schedule);
+/* Pixel samples counted, and wanted in all. */
+uint64_t schedule_done(const schedule_t *schedule);
+uint64_t schedule_total(const schedule_t *schedule);
+/* The number of sample ranges in memory: it stays near the number of tiles plus that of units out. */
+size_t schedule_spans(const schedule_t *schedule);
+
+#endif

@@ -1,0 +1,501 @@
+/* wire: see wire.h; PROTOCOL.md describes the bytes.
+ *
+ * DESIGN. Everything that arrives is untrusted. Three walls stand between a peer's bytes and our memory:
+ *
+ *   - libzmq drops a connection that announces a frame over ZMQ_MAXMSGSIZE, before it allocates;
+ *   - a header may make protobuf-c allocate at most WIRE_MAX_DECODED bytes: the decoder runs on an allocator
+ * with a budget, since a megabyte of empty sub-messages would otherwise unfold to many times its size;
+ *   - one walk over the decoded message, driven by protobuf-c's own descriptors, holds every string, bytes
+ * field and repeated field to its limit. A field that is added to the schema is held too, with no code here.
+ *
+ * Strings end up in logs and on terminals, so control characters in them are replaced as they come in.
+ *
+ * Sending never blocks: the threads that own sockets serve many peers, and one that does not read must not
+ * hold up the others. ZeroMQ decides at the first frame of a message whether there is room for all of it; a
+ * later frame can only fail because the connection went away meanwhile, and then the rest still has to be
+ * handed over so that ZeroMQ discards the message whole. */
+#include "proto/wire.h"
+
+#include <errno.h>
+#include <stdlib.h>
+#include <string.h>
+
+static const uint8_t PREAMBLE[] = {'L', 'M', 'I', 'L', WIRE_VERSION};
+
+/* Socket options. Times are in ms, keep-alive in seconds. */
+enum {
+    HIGH_WATER_MARK = 64, /* messages queued a connection; peers have few requests open at a time */
+    LINGER_MS = 1000,
+    RECONNECT_MS = 100,
+    RECONNECT_MAX_MS = 5000,
+    CONNECT_TIMEOUT_MS = 5000,
+    UNACKNOWLEDGED_MAX_MS = 30000,
+    KEEP_ALIVE_IDLE = 30,
+    KEEP_ALIVE_INTERVAL = 10,
+    KEEP_ALIVE_COUNT = 3
+};
+
+/* ---- names of states ----------------------------------------------------------------------------------- */
+
+const char *job_state_name(uint32_t state)
+{
+    static const char *const names[] = {
+        [JOB_QUEUED] = "queued", [JOB_RUNNING] = "running",     [JOB_FINISHING] = "finishing",
+        [JOB_DONE] = "done",     [JOB_CANCELLED] = "cancelled", [JOB_FAILED] = "failed"};
+    return state >= JOB_QUEUED && state <= JOB_FAILED ? names[state] : "unknown";
+}
+
+bool job_state_final(uint32_t state)
+{
+    return state == JOB_DONE || state == JOB_CANCELLED || state == JOB_FAILED;
+}
+
+/* ---- sockets ------------------------------------------------------------------------------------------- */
+
+result_t wire_socket_limit(void *socket, size_t largest_frame)
+{
+    int64_t limit = (int64_t)largest_frame;
+    if (zmq_setsockopt(socket, ZMQ_MAXMSGSIZE, &limit, sizeof limit) == 0) return result_ok();
+    return result_fail(RESULT_IO, "cannot limit a socket's messages: %s", zmq_strerror(errno));
+}
+
+static result_t set_options(void *socket, int type)
+{
+    const struct {
+        int option, value;
+    } options[] = {{ZMQ_SNDHWM, HIGH_WATER_MARK},
+                   {ZMQ_RCVHWM, HIGH_WATER_MARK},
+                   {ZMQ_LINGER, LINGER_MS},
+                   {ZMQ_RECONNECT_IVL, RECONNECT_MS},
+                   {ZMQ_RECONNECT_IVL_MAX, RECONNECT_MAX_MS},
+                   {ZMQ_CONNECT_TIMEOUT, CONNECT_TIMEOUT_MS},
+                   {ZMQ_TCP_MAXRT, UNACKNOWLEDGED_MAX_MS},
+                   {ZMQ_TCP_KEEPALIVE, 1},
+                   {ZMQ_TCP_KEEPALIVE_IDLE, KEEP_ALIVE_IDLE},
+                   {ZMQ_TCP_KEEPALIVE_INTVL, KEEP_ALIVE_INTERVAL},
+                   {ZMQ_TCP_KEEPALIVE_CNT, KEEP_ALIVE_COUNT}};
+    for (size_t i = 0; i < ARRAY_LENGTH(options); i++)
+        if (zmq_setsockopt(socket, options[i].option, &options[i].value, sizeof options[i].value) != 0)
+            return result_fail(RESULT_IO, "cannot set socket option %d: %s", options[i].option,
+                               zmq_strerror(errno));
+    int mandatory = 1;
+    if (type == ZMQ_ROUTER && zmq_setsockopt(socket, ZMQ_ROUTER_MANDATORY, &mandatory, sizeof mandatory) != 0)
+        return result_fail(RESULT_IO, "cannot make routing mandatory: %s", zmq_strerror(errno));
+    return wire_socket_limit(socket, WIRE_MAX_PAYLOAD);
+}
+
+result_t wire_socket(void *context, int type, void **socket)
+{
+    *socket = zmq_socket(context, type);
+    if (*socket == NULL) return result_fail(RESULT_IO, "cannot make a socket: %s", zmq_strerror(errno));
+    result_t result = set_options(*socket, type);
+    if (result.code != RESULT_OK) {
+        zmq_close(*socket);
+        *socket = NULL;
+    }
+    return result;
+}
+
+/* ---- sending ------------------------------------------------------------------------------------------- */
+
+static result_t header_encode(const Lm__Envelope *envelope, zmq_msg_t *header)
+{
+    size_t size = sizeof PREAMBLE + lm__envelope__get_packed_size(envelope);
+    if (size > WIRE_MAX_HEADER)
+        return result_fail(RESULT_LIMIT, "a message header of %zu bytes is over the limit of %d", size,
+                           WIRE_MAX_HEADER);
+    if (zmq_msg_init_size(header, size) != 0)
+        return result_fail(RESULT_LIMIT, "no memory for a message header of %zu bytes", size);
+    uint8_t *bytes = zmq_msg_data(header);
+    memcpy(bytes, PREAMBLE, sizeof PREAMBLE);
+    lm__envelope__pack(envelope, bytes + sizeof PREAMBLE);
+    return result_ok();
+}
+
+static result_t send_failure(int error)
+{
+    switch (error) {
+    case EAGAIN:
+        return result_fail(RESULT_LIMIT, "the peer does not keep up: its queue of messages is full");
+    case EHOSTUNREACH:
+        return result_fail(RESULT_UNREACHABLE, "the peer is no longer connected");
+    default:
+        return result_fail(RESULT_IO, "cannot send a message: %s", zmq_strerror(error));
+    }
+}
+
+/* Sends the frames of one message; those that ZeroMQ did not take are closed. */
+static result_t send_frames(void *socket, zmq_msg_t **frames, int count)
+{
+    int error = 0;
+    for (int i = 0; i < count; i++) {
+        int flags = ZMQ_DONTWAIT | (i + 1 < count ? ZMQ_SNDMORE : 0);
+        bool refused_whole = error != 0 && i == 1; /* see the note at the top of the file */
+        if (refused_whole) {
+            for (; i < count; i++) zmq_msg_close(frames[i]);
+            break;
+        }
+        if (zmq_msg_send(frames[i], socket, flags) >= 0) continue;
+        if (error == 0) error = errno;
+        zmq_msg_close(frames[i]);
+    }
+    return error == 0 ? result_ok() : send_failure(error);
+}
+
+result_t wire_send(void *socket, const uint8_t *identity, size_t identity_size, const Lm__Envelope *envelope,
+                   zmq_msg_t *payload, int payload_count)
+{
+    zmq_msg_t address, header;
+    zmq_msg_t *frames[2 + WIRE_MAX_PAYLOADS];
+    int count = 0;
+    result_t result = header_encode(envelope, &header);
+    if (result.code == RESULT_OK && identity != NULL) {
+        if (zmq_msg_init_size(&address, identity_size) == 0) {
+            memcpy(zmq_msg_data(&address), identity, identity_size);
+            frames[count++] = &address;
+        } else {
+            zmq_msg_close(&header);
+            result = result_fail(RESULT_LIMIT, "no memory for a message");
+        }
+    }
+    if (result.code != RESULT_OK) {
+        for (int i = 0; i < payload_count; i++) zmq_msg_close(&payload[i]);
+        return result;
+    }
+    frames[count++] = &header;
+    for (int i = 0; i < payload_count && i < WIRE_MAX_PAYLOADS; i++) frames[count++] = &payload[i];
+    return send_frames(socket, frames, count);
+}
+
+/* ---- decoding a header --------------------------------------------------------------------------------- */
+
+/* protobuf-c allocates through this while it decodes; what it made is freed with free(). */
+static void *budget_alloc(void *budget, size_t size)
+{
+    size_t *left = budget;
+    if (size > *left) return NULL;
+    *left -= size;
+    return malloc(size);
+}
+
+static void budget_free(void *budget, void *memory)
+{
+    (void)budget;
+    free(memory);
+}
+
+static result_t message_check(ProtobufCMessage *message);
+
+static result_t string_check(char *text, const char *name)
+{
+    size_t length = strlen(text);
+    if (length > WIRE_MAX_STRING)
+        return result_fail(RESULT_PROTOCOL, "%s has %zu characters, the limit is %d", name, length,
+                           WIRE_MAX_STRING);
+    for (char *c = text; *c != '\0'; c++)
+        if ((unsigned char)*c < 0x20 || *c == 0x7f) *c = '?';
+    return result_ok();
+}
+
+/* One value of a field: a string, bytes or a message; numbers have nothing to check here. */
+static result_t value_check(const ProtobufCFieldDescriptor *field, void *value)
+{
+    switch (field->type) {
+    case PROTOBUF_C_TYPE_STRING: {
+        char *text = *(char **)value;
+        return text == NULL || text == protobuf_c_empty_string ? result_ok()
+                                                               : string_check(text, field->name);
+    }
+    case PROTOBUF_C_TYPE_BYTES: {
+        size_t length = ((ProtobufCBinaryData *)value)->len;
+        if (length <= WIRE_MAX_STRING) return result_ok();
+        return result_fail(RESULT_PROTOCOL, "%s has %zu bytes, the limit is %d", field->name, length,
+                           WIRE_MAX_STRING);
+    }
+    case PROTOBUF_C_TYPE_MESSAGE: {
+        ProtobufCMessage *message = *(ProtobufCMessage **)value;
+        return message == NULL ? result_ok() : message_check(message);
+    }
+    default:
+        return result_ok();
+    }
+}
+
+static result_t repeated_check(const ProtobufCFieldDescriptor *field, size_t count, void **values)
+{
+    if (count > WIRE_MAX_UNITS)
+        return result_fail(RESULT_PROTOCOL, "%zu %s, the limit is %d", count, field->name, WIRE_MAX_UNITS);
+    bool pointers = field->type == PROTOBUF_C_TYPE_STRING || field->type == PROTOBUF_C_TYPE_MESSAGE;
+    for (size_t i = 0; pointers && i < count; i++) TRY(value_check(field, &values[i]));
+    return result_ok();
+}
+
+static result_t message_check(ProtobufCMessage *message)
+{
+    uint8_t *base = (uint8_t *)message;
+    for (unsigned i = 0; i < message->descriptor->n_fields; i++) {
+        const ProtobufCFieldDescriptor *field = &message->descriptor->fields[i];
+        void *value = base + field->offset;
+        bool one_of = (field->flags & PROTOBUF_C_FIELD_FLAG_ONEOF) != 0;
+        if (one_of && *(uint32_t *)(base + field->quantifier_offset) != field->id) continue;
+        if (field->label == PROTOBUF_C_LABEL_REPEATED)
+            TRY(repeated_check(field, *(size_t *)(base + field->quantifier_offset), *(void ***)value));
+        else
+            TRY(value_check(field, value));
+    }
+    return result_ok();
+}
+
+static result_t header_decode(const uint8_t *bytes, size_t size, Lm__Envelope **envelope)
+{
+    if (size < sizeof PREAMBLE || memcmp(bytes, PREAMBLE, sizeof PREAMBLE - 1) != 0)
+        return result_fail(RESULT_PROTOCOL, "a message of %zu bytes does not begin like one of ours", size);
+    if (bytes[sizeof PREAMBLE - 1] != WIRE_VERSION)
+        return result_fail(RESULT_PROTOCOL,
+                           "the peer speaks protocol %d, this program speaks %d: both need the same "
+                           "version of Lightmill",
+                           bytes[sizeof PREAMBLE - 1], WIRE_VERSION);
+    if (size > WIRE_MAX_HEADER)
+        return result_fail(RESULT_PROTOCOL, "a header of %zu bytes is over the limit of %d", size,
+                           WIRE_MAX_HEADER);
+    size_t budget = WIRE_MAX_DECODED;
+    ProtobufCAllocator allocator = {budget_alloc, budget_free, &budget};
+    Lm__Envelope *made = lm__envelope__unpack(&allocator, size - sizeof PREAMBLE, bytes + sizeof PREAMBLE);
+    if (made == NULL) return result_fail(RESULT_PROTOCOL, "a header of %zu bytes does not decode", size);
+    result_t result = message_check(&made->base);
+    if (result.code == RESULT_OK && made->body_case == LM__ENVELOPE__BODY__NOT_SET)
+        result = result_fail(RESULT_PROTOCOL, "a message of no known kind");
+    if (result.code == RESULT_OK)
+        *envelope = made;
+    else
+        lm__envelope__free_unpacked(made, NULL);
+    return result;
+}
+
+/* ---- receiving ----------------------------------------------------------------------------------------- */
+
+/* Reads the next frame into an open `frame`; false when there is none. */
+static bool next_frame(void *socket, zmq_msg_t *frame, int *error)
+{
+    zmq_msg_init(frame);
+    int rc;
+    do rc = zmq_msg_recv(frame, socket, ZMQ_DONTWAIT);
+    while (rc < 0 && errno == EINTR);
+    if (rc >= 0) return true;
+    *error = errno;
+    zmq_msg_close(frame);
+    return false;
+}
+
+/* Reads and drops the frames that follow `frame`; returns how many bytes those were. */
+static size_t drain(void *socket, bool more)
+{
+    size_t bytes = 0;
+    int error;
+    while (more) {
+        zmq_msg_t frame;
+        if (!next_frame(socket, &frame, &error)) break;
+        bytes += zmq_msg_size(&frame);
+        more = zmq_msg_more(&frame) != 0;
+        zmq_msg_close(&frame);
+    }
+    return bytes;
+}
+
+static result_t receive_identity(void *socket, wire_message_t *message, bool *received)
+{
+    zmq_msg_t frame;
+    int error;
+    if (!next_frame(socket, &frame, &error)) {
+        if (error == EAGAIN) return result_ok();
+        return result_fail(RESULT_IO, "cannot receive: %s", zmq_strerror(error));
+    }
+    size_t size = zmq_msg_size(&frame);
+    bool more = zmq_msg_more(&frame) != 0, fits = size > 0 && size <= WIRE_MAX_IDENTITY;
+    if (fits) {
+        memcpy(message->identity, zmq_msg_data(&frame), size);
+        message->identity_size = size;
+    }
+    zmq_msg_close(&frame);
+    if (fits && more) {
+        *received = true;
+        return result_ok();
+    }
+    drain(socket, more);
+    return result_fail(RESULT_PROTOCOL, "a message without a header");
+}
+
+/* The frames after the header. */
+static result_t receive_payloads(void *socket, bool more, wire_message_t *message)
+{
+    while (more) {
+        zmq_msg_t *frame = &message->payload[message->payload_count];
+        int error;
+        if (message->payload_count == WIRE_MAX_PAYLOADS) {
+            message->bytes += drain(socket, true);
+            return result_fail(RESULT_PROTOCOL, "a message with more than %d payloads", WIRE_MAX_PAYLOADS);
+        }
+        if (!next_frame(socket, frame, &error))
+            return result_fail(RESULT_IO, "cannot receive a payload: %s", zmq_strerror(error));
+        message->payload_count++;
+        message->bytes += zmq_msg_size(frame);
+        more = zmq_msg_more(frame) != 0;
+        if (zmq_msg_size(frame) > WIRE_MAX_PAYLOAD) {
+            message->bytes += drain(socket, more);
+            return result_fail(RESULT_PROTOCOL, "a payload of %zu bytes is over the limit",
+                               zmq_msg_size(frame));
+        }
+    }
+    return result_ok();
+}
+
+static void close_payloads(wire_message_t *message)
+{
+    for (int i = 0; i < message->payload_count; i++) zmq_msg_close(&message->payload[i]);
+    message->payload_count = 0;
+}
+
+result_t wire_receive(void *socket, bool router, wire_message_t *message, bool *received)
+{
+    message->envelope = NULL;
+    message->identity_size = 0;
+    message->payload_count = 0;
+    message->bytes = 0;
+    *received = false;
+    if (router) {
+        TRY(receive_identity(socket, message, received));
+        if (!*received) return result_ok();
+    }
+    *received = false;
+    zmq_msg_t header;
+    int error;
+    if (!next_frame(socket, &header, &error)) {
+        if (error == EAGAIN && !router) return result_ok();
+        return result_fail(RESULT_IO, "cannot receive: %s", zmq_strerror(error));
+    }
+    message->bytes = zmq_msg_size(&header);
+    result_t payloads = receive_payloads(socket, zmq_msg_more(&header) != 0, message);
+    result_t result = header_decode(zmq_msg_data(&header), zmq_msg_size(&header), &message->envelope);
+    zmq_msg_close(&header);
+    if (result.code == RESULT_OK && payloads.code != RESULT_OK) {
+        lm__envelope__free_unpacked(message->envelope, NULL);
+        message->envelope = NULL;
+        result = payloads;
+    }
+    if (result.code != RESULT_OK) close_payloads(message);
+    *received = result.code == RESULT_OK;
+    return result;
+}
+
+void wire_free(wire_message_t *message)
+{
+    if (message->envelope != NULL) lm__envelope__free_unpacked(message->envelope, NULL);
+    message->envelope = NULL;
+    close_payloads(message);
+}
+
+/* ---- settings, units, counts, hashes ------------------------------------------------------------------- */
+
+void wire_settings_put(const job_settings_t *settings, Lm__Settings *message)
+{
+    message->integrator = (uint32_t)settings->integrator;
+    message->sampler = (uint32_t)settings->sampler;
+    message->seed = settings->seed;
+    message->width = (uint32_t)settings->width;
+    message->height = (uint32_t)settings->height;
+    message->max_depth = (uint32_t)settings->max_depth;
+    message->spp = settings->spp;
+    message->time_limit = settings->time_limit;
+    message->tile_size = (uint32_t)settings->tile_size;
+    message->film_scale = (uint32_t)settings->film_scale;
+}
+
+result_t wire_settings_get(const Lm__Settings *message, job_settings_t *settings)
+{
+    if (message == NULL) return result_fail(RESULT_PROTOCOL, "a message without settings");
+    const struct {
+        const char *name;
+        uint32_t value;
+    } fields[] = {{"integrator", message->integrator}, {"sampler", message->sampler},
+                  {"width", message->width},           {"height", message->height},
+                  {"max_depth", message->max_depth},   {"tile_size", message->tile_size},
+                  {"film_scale", message->film_scale}};
+    for (size_t i = 0; i < ARRAY_LENGTH(fields); i++)
+        if (fields[i].value > INT32_MAX)
+            return result_fail(RESULT_PROTOCOL, "%s is %u, out of all bounds", fields[i].name,
+                               fields[i].value);
+    *settings = (job_settings_t){.integrator = (integrator_t)message->integrator,
+                                 .sampler = (sampler_kind_t)message->sampler,
+                                 .seed = message->seed,
+                                 .width = (int32_t)message->width,
+                                 .height = (int32_t)message->height,
+                                 .max_depth = (int32_t)message->max_depth,
+                                 .spp = message->spp,
+                                 .time_limit = message->time_limit,
+                                 .tile_size = (int32_t)message->tile_size,
+                                 .film_scale = (int32_t)message->film_scale};
+    return job_settings_check(settings);
+}
+
+void wire_counts_put(const film_counts_t *counts, Lm__Counts *message)
+{
+    message->light_paths_even = counts->light_paths[0];
+    message->light_paths_odd = counts->light_paths[1];
+    message->dropped = counts->dropped;
+    message->overflows = counts->overflows;
+    message->rays = counts->rays;
+    message->cpu_us = counts->cpu_us;
+}
+
+void wire_counts_get(const Lm__Counts *message, film_counts_t *counts)
+{
+    *counts = (film_counts_t){0};
+    if (message == NULL) return; /* proto3 leaves out a message of zeroes */
+    counts->light_paths[0] = message->light_paths_even;
+    counts->light_paths[1] = message->light_paths_odd;
+    counts->dropped = message->dropped;
+    counts->overflows = message->overflows;
+    counts->rays = message->rays;
+    counts->cpu_us = message->cpu_us;
+}
+
+Lm__Unit **wire_units_new(const unit_t *units, size_t count)
+{
+    if (count == 0) return NULL;
+    Lm__Unit **messages = mem_alloc(count * (sizeof *messages + sizeof **messages));
+    Lm__Unit *storage = (Lm__Unit *)(messages + count);
+    for (size_t i = 0; i < count; i++) {
+        lm__unit__init(&storage[i]);
+        storage[i].tile = units[i].tile;
+        storage[i].first = units[i].first;
+        storage[i].count = units[i].count;
+        messages[i] = &storage[i];
+    }
+    return messages;
+}
+
+result_t wire_units_get(Lm__Unit *const *messages, size_t count, const job_settings_t *settings,
+                        unit_t *units)
+{
+    if (count > WIRE_MAX_UNITS)
+        return result_fail(RESULT_PROTOCOL, "%zu units, the limit is %d", count, WIRE_MAX_UNITS);
+    for (size_t i = 0; i < count; i++) {
+        units[i] = (unit_t){messages[i]->tile, messages[i]->first, messages[i]->count};
+        if (!job_unit_valid(settings, &units[i]))
+            return result_fail(RESULT_PROTOCOL, "unit (tile %u, samples %u + %u) is not of this job",
+                               units[i].tile, units[i].first, units[i].count);
+    }
+    return result_ok();
+}
+
+bool wire_hash_get(const ProtobufCBinaryData *bytes, hash_t *hash)
+{
+    if (bytes->len != HASH_BYTES) return false;
+    memcpy(hash->bytes, bytes->data, HASH_BYTES);
+    return true;
+}
+
+ProtobufCBinaryData wire_hash_put(const hash_t *hash)
+{
+    return (ProtobufCBinaryData){HASH_BYTES, (uint8_t *)hash->bytes};
+}

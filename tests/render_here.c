@@ -1,0 +1,119 @@
+/* render_here: see render_here.h. */
+#include "tests/render_here.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdlib.h>
+
+#include <cmocka.h>
+
+static void check(result_t result)
+{
+    if (result.code != RESULT_OK) fail_msg("%s", result.message);
+}
+
+film_t *render_here(const scene_blob_t *blob, const job_settings_t *settings)
+{
+    renderer_t *renderer;
+    film_t *film;
+    check(job_settings_check(settings));
+    check(renderer_new(blob, settings, &renderer));
+    check(film_new(settings, &film));
+    batch_t batch;
+    batch_init(&batch, settings);
+    unit_result_t result = {0};
+    atomic_bool cancel = false;
+    for (uint32_t tile = 0; tile < job_tile_count(settings); tile++) {
+        unit_t unit = {tile, 0, settings->spp};
+        assert_true(renderer_unit(renderer, &unit, &result, &cancel));
+        batch_add(&batch, &result);
+    }
+    film_merge(film, &batch);
+    unit_result_free(&result);
+    batch_free(&batch);
+    renderer_destroy(&renderer);
+    return film;
+}
+
+test_scene_t test_scene_begin(vec3_t eye, float fov, int resolution)
+{
+    test_scene_t scene = {.builder = blob_builder_new()};
+    blob_scene_t record = {.world_from_camera = {{{1, 0, 0, eye.x}, {0, 1, 0, eye.y}, {0, 0, 1, eye.z}}},
+                           .fov = fov,
+                           .filter = {.kind = FILTER_BOX, .radius_x = 0.5f, .radius_y = 0.5f},
+                           .width = resolution,
+                           .height = resolution,
+                           .max_depth = 8,
+                           .spp = 16,
+                           .integrator = INTEGRATOR_BDPT,
+                           .sampler = SAMPLER_SOBOL};
+    blob_builder_add(scene.builder, BLOB_SECTION_SCENE, &record, 1);
+    return scene;
+}
+
+uint32_t test_scene_material(test_scene_t *scene, blob_material_t material)
+{
+    return blob_builder_add(scene->builder, BLOB_SECTION_MATERIALS, &material, 1);
+}
+
+static void add_shape(test_scene_t *scene, shape_kind_t kind, uint32_t geometry, uint32_t material, rgb_t radiance)
+{
+    uint32_t index = blob_builder_count(scene->builder, BLOB_SECTION_SHAPES), light = BLOB_NONE;
+    if (!v_is_zero(radiance))
+        light = blob_builder_add(scene->builder, BLOB_SECTION_LIGHTS,
+                                 &(blob_light_t){.radiance = radiance, .shape = index}, 1);
+    blob_shape_t shape = {.kind = kind, .geometry = geometry, .material = material, .light = light};
+    blob_builder_add(scene->builder, BLOB_SECTION_SHAPES, &shape, 1);
+}
+
+static void add_mesh(test_scene_t *scene, const vec3_t *positions, uint32_t vertices,
+                     const blob_triangle_t *triangles, uint32_t count, uint32_t material, rgb_t radiance)
+{
+    blob_mesh_t mesh = {.vertex_count = vertices, .first_normal = BLOB_NONE, .first_uv = BLOB_NONE,
+                        .triangle_count = count};
+    mesh.first_position = blob_builder_add(scene->builder, BLOB_SECTION_POSITIONS, positions, vertices);
+    mesh.first_triangle = blob_builder_add(scene->builder, BLOB_SECTION_TRIANGLES, triangles, count);
+    add_shape(scene, SHAPE_MESH, blob_builder_add(scene->builder, BLOB_SECTION_MESHES, &mesh, 1), material,
+              radiance);
+}
+
+void test_scene_rectangle(test_scene_t *scene, vec3_t p, vec3_t e1, vec3_t e2, uint32_t material, rgb_t radiance)
+{
+    const vec3_t positions[] = {p, v_add(p, e1), v_add(p, v_add(e1, e2)), v_add(p, e2)};
+    const blob_triangle_t triangles[] = {{{0, 1, 2}}, {{0, 2, 3}}};
+    add_mesh(scene, positions, 4, triangles, 2, material, radiance);
+}
+
+void test_scene_room(test_scene_t *scene, vec3_t low, vec3_t high, uint32_t material, rgb_t radiance)
+{
+    vec3_t positions[8];
+    for (int i = 0; i < 8; i++)
+        positions[i] = vec3(i & 1 ? high.x : low.x, i & 2 ? high.y : low.y, i & 4 ? high.z : low.z);
+    static const blob_triangle_t triangles[12] = {{{0, 1, 2}}, {{1, 3, 2}}, {{4, 6, 5}}, {{5, 6, 7}},
+                                                  {{0, 4, 1}}, {{1, 4, 5}}, {{2, 3, 6}}, {{3, 7, 6}},
+                                                  {{0, 2, 4}}, {{2, 6, 4}}, {{1, 5, 3}}, {{3, 5, 7}}};
+    add_mesh(scene, positions, 8, triangles, 12, material, radiance);
+}
+
+void test_scene_sphere(test_scene_t *scene, vec3_t centre, float radius, uint32_t material, rgb_t radiance)
+{
+    blob_sphere_t sphere = {{{{1, 0, 0, centre.x}, {0, 1, 0, centre.y}, {0, 0, 1, centre.z}}}, radius};
+    add_shape(scene, SHAPE_SPHERE, blob_builder_add(scene->builder, BLOB_SECTION_SPHERES, &sphere, 1), material,
+              radiance);
+}
+
+void test_scene_finish(test_scene_t *scene)
+{
+    blob_object_t world = {0, blob_builder_count(scene->builder, BLOB_SECTION_SHAPES)};
+    blob_builder_add(scene->builder, BLOB_SECTION_OBJECTS, &world, 1);
+    uint64_t size;
+    check(blob_builder_finish(scene->builder, &scene->bytes, &size));
+    check(blob_open(scene->bytes, size, &scene->blob));
+}
+
+void test_scene_end(test_scene_t *scene)
+{
+    blob_builder_destroy(&scene->builder);
+    free(scene->bytes);
+    *scene = (test_scene_t){0};
+}

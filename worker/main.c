@@ -1,0 +1,140 @@
+/* lightmill-worker: renders for a master until it is told to leave.
+ *
+ * DESIGN. Only the command line and the signals live here. The first SIGTERM or SIGINT asks the worker to
+ * finish what it has begun and to send it; the second ends the process at once.
+ */
+#include "common/address.h"
+#include "worker/worker.h"
+
+#include <errno.h>
+#include <getopt.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+enum { DEFAULT_PORT = 7420, MAX_THREADS = 4096 };
+
+/* Written by the signal handler; the one variable of this kind that a handler needs. */
+static atomic_int stop_requested;
+
+static const char usage[] =
+    "usage: lightmill-worker [HOST[:PORT]] [options]\n"
+    "\n"
+    "Renders for the master at HOST:PORT (default 127.0.0.1:7420). It may be started before the master, and "
+    "finds\n"
+    "it again when it comes back. SIGTERM or Ctrl-C: finish and send what is in hand, then leave; twice: at "
+    "once.\n"
+    "\n"
+    "  --threads N        render threads (default: one a core)\n"
+    "  --name NAME        what to be called (default: host name and process number)\n"
+    "  --cache DIR        where scenes are kept, shared by the workers of a machine\n"
+    "                     (default: $XDG_CACHE_HOME/lightmill or ~/.cache/lightmill)\n"
+    "  --cache-limit GB   how much they may take; the least recently used go first (default: 20)\n"
+    "  --quiet            warnings and errors only\n"
+    "  --verbose          every batch and assignment\n"
+    "  --help, --version\n"
+    "\n"
+    "Exit codes: 0 left as asked, 1 wrong command line, 3 the operating system refused, 5 out of memory.\n";
+
+static void on_signal(int number)
+{
+    (void)number;
+    if (atomic_fetch_add(&stop_requested, 1) > 0) _exit(RESULT_CANCELLED);
+}
+
+static void catch_signals(void)
+{
+    struct sigaction action = {.sa_handler = on_signal};
+    sigemptyset(&action.sa_mask);
+    sigaction(SIGTERM, &action, NULL);
+    sigaction(SIGINT, &action, NULL);
+    signal(SIGPIPE, SIG_IGN);
+}
+
+static result_t parse_number(const char *option, const char *text, double least, double most, double *value)
+{
+    char *end;
+    errno = 0;
+    *value = strtod(text, &end);
+    if (end == text || *end != '\0' || errno != 0 || !(*value >= least && *value <= most))
+        return result_fail(RESULT_USAGE, "--%s takes a number from %g to %g, not '%.100s'", option, least,
+                           most, text);
+    return result_ok();
+}
+
+typedef struct {
+    worker_options_t options;
+    char *endpoint; /* owned */
+    log_level_t level;
+    bool done; /* help or version was printed */
+} command_t;
+
+static result_t parse_option(command_t *command, const char *option, const char *value)
+{
+    double number;
+    if (strcmp(option, "threads") == 0) {
+        TRY(parse_number(option, value, 1, MAX_THREADS, &number));
+        command->options.threads = (int)number;
+    } else if (strcmp(option, "cache-limit") == 0) {
+        TRY(parse_number(option, value, 0, 1e9, &number));
+        command->options.cache_limit = (uint64_t)(number * 1e9);
+    } else if (strcmp(option, "cache") == 0) {
+        command->options.cache_dir = value;
+    } else if (strcmp(option, "name") == 0) {
+        command->options.name = value;
+    } else if (strcmp(option, "quiet") == 0) {
+        command->level = LOG_WARNING;
+    } else if (strcmp(option, "verbose") == 0) {
+        command->level = LOG_DEBUG;
+    } else {
+        printf("%s", strcmp(option, "help") == 0 ? usage : "lightmill-worker " LIGHTMILL_VERSION "\n");
+        command->done = true;
+    }
+    return result_ok();
+}
+
+static result_t parse_arguments(int argc, char **argv, command_t *command)
+{
+    static const struct option options[] = {{"threads", required_argument, NULL, 0},
+                                            {"name", required_argument, NULL, 0},
+                                            {"cache", required_argument, NULL, 0},
+                                            {"cache-limit", required_argument, NULL, 0},
+                                            {"quiet", no_argument, NULL, 0},
+                                            {"verbose", no_argument, NULL, 0},
+                                            {"help", no_argument, NULL, 0},
+                                            {"version", no_argument, NULL, 0},
+                                            {NULL, 0, NULL, 0}};
+    *command = (command_t){.options = worker_options_default(), .level = LOG_INFO};
+    int index, found;
+    while ((found = getopt_long(argc, argv, "", options, &index)) != -1) {
+        if (found == '?') return result_fail(RESULT_USAGE, "see lightmill-worker --help");
+        TRY(parse_option(command, options[index].name, optarg));
+        if (command->done) return result_ok();
+    }
+    if (argc - optind > 1)
+        return result_fail(RESULT_USAGE, "more than one master: '%.100s'", argv[optind + 1]);
+    address_t address;
+    TRY(address_parse(optind < argc ? argv[optind] : "127.0.0.1", DEFAULT_PORT, &address));
+    command->endpoint = address_endpoint(&address, address.port);
+    command->options.control_endpoint = command->endpoint;
+    return result_ok();
+}
+
+int main(int argc, char **argv)
+{
+    command_t command;
+    result_t result = parse_arguments(argc, argv, &command);
+    if (result.code == RESULT_OK && !command.done) {
+        char *name = command.options.name ? mem_printf("worker %s", command.options.name)
+                                          : mem_printf("worker %d", (int)getpid());
+        log_init(name, command.level);
+        free(name);
+        catch_signals();
+        result = worker_run(&command.options, &stop_requested);
+    }
+    if (result.code != RESULT_OK) fprintf(stderr, "lightmill-worker: %s\n", result.message);
+    free(command.endpoint);
+    return result_exit_code(result);
+}
