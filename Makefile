@@ -9,7 +9,7 @@ BUILD   ?= build
 BASELINE := -march=x86-64-v3 -ffp-contract=off -fno-math-errno -fno-trapping-math
 WARNINGS := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Wvla
 PACKAGES := libzmq libczmq libprotobuf-c libsodium libzstd blosc libpng OpenEXR
-ifneq ($(filter-out help clean deps,$(or $(MAKECMDGOALS),all)),)
+ifneq ($(filter-out help clean deps deps-dev check demo asan tsan,$(or $(MAKECMDGOALS),all)),)
 PKG_CFLAGS := $(shell pkg-config --cflags $(PACKAGES) 2>/dev/null)
 PKG_LIBS   := $(shell pkg-config --libs $(filter-out OpenEXR,$(PACKAGES)) 2>/dev/null) -lOpenEXRCore-3_1
 endif
@@ -55,8 +55,73 @@ $(BUILD)/tests/%: $(BUILD)/tests/%.o $(call objects,$(LIB_SRC) $(wildcard tests/
 
 -include $(shell find $(BUILD) -name '*.d' 2>/dev/null)
 
+# ---- tests ----------------------------------------------------------------------------------------------
+
+# Builds in a make of its own, so that pkg-config is asked after `deps` has installed it.
+JOBS     := $(if $(findstring -j,$(MAKEFLAGS)),,-j$(shell nproc))
+SUBMAKE   = +$(MAKE) --no-print-directory
+
+check: deps
+	$(SUBMAKE) $(JOBS) all tests
+	$(SUBMAKE) run-tests
+
+tests: $(TESTS)
+
+run-tests: $(PROGRAMS) $(TESTS)
+	@tests/run.sh $(TESTS)
+
+asan tsan: CHECKED_FLAGS = -O1 -g -fno-omit-frame-pointer
+asan: SANITIZERS = -fsanitize=address,undefined -fno-sanitize-recover=undefined
+tsan: SANITIZERS = -fsanitize=thread
+asan tsan: deps
+	$(SUBMAKE) $(JOBS) BUILD=$(BUILD)/$@ CFLAGS="$(CHECKED_FLAGS)" SANITIZE="$(SANITIZERS)" all tests
+	$(SUBMAKE) BUILD=$(BUILD)/$@ CFLAGS="$(CHECKED_FLAGS)" SANITIZE="$(SANITIZERS)" run-tests
+
+# ---- the rest -------------------------------------------------------------------------------------------
+
+demo: deps
+	$(SUBMAKE) $(JOBS) all
+	tests/demo.sh $(BUILD) $(BUILD)/demo
+
+deps:
+	@docker/install-packages.sh build
+
+deps-dev:
+	@docker/install-packages.sh build run dev
+
+install: $(PROGRAMS)
+	install -d $(DESTDIR)$(PREFIX)/bin
+	install -m 755 $(PROGRAMS) $(DESTDIR)$(PREFIX)/bin
+
+uninstall:
+	rm -f $(addprefix $(DESTDIR)$(PREFIX)/bin/,$(notdir $(PROGRAMS)))
+
+OUR_C = $(shell git ls-files '*.c')
+format:
+	clang-format -i $(OUR_C) $(shell git ls-files '*.h')
+
+lint: $(SCHEMA_C)
+	@if command -v clang-tidy >/dev/null; then \
+	    clang-tidy --quiet --checks='-*,bugprone-*,-bugprone-easily-swappable-parameters,-bugprone-narrowing-conversions,-bugprone-implicit-widening-of-multiplication-result,-bugprone-reserved-identifier,clang-analyzer-*,-clang-analyzer-security.insecureAPI.*' \
+	        $(OUR_C) -- $(ALL_CFLAGS); \
+	else echo "clang-tidy is missing: make deps-dev"; fi
+	@if command -v cppcheck >/dev/null; then \
+	    cppcheck --quiet --std=c11 --enable=warning,performance,portability --inline-suppr --error-exitcode=1 \
+	        --suppress=normalCheckLevelMaxBranches -I. $(OUR_C); \
+	else echo "cppcheck is missing: make deps-dev"; fi
+
 clean:
 	rm -rf $(BUILD)
 
-.PHONY: all clean
+help:
+	@echo "make            build lightmill, lightmill-master and lightmill-worker in $(BUILD)/"
+	@echo "make demo       render scenes/seed-hidden on a farm of three processes on this machine"
+	@echo "make check      install what is missing, build, run all tests"
+	@echo "make asan       the tests under the address and undefined-behaviour sanitizers (tsan: threads)"
+	@echo "make install    into PREFIX ($(PREFIX)); DESTDIR is honoured; uninstall takes it back"
+	@echo "make deps       the Debian packages of docker/packages.txt; deps-dev: also those for format and lint"
+	@echo "make format     clang-format; make lint: clang-tidy and cppcheck"
+	@echo "make clean      remove $(BUILD)/"
+
+.PHONY: all check tests run-tests asan tsan demo deps deps-dev install uninstall format lint clean help
 .SECONDARY:

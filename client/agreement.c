@@ -160,5 +160,6 @@ static int by_largest_z(const void *a, const void *b)
 
 void agreement_sort_blocks(agreement_t *agreement)
 {
+    if (agreement->block_count == 0) return;
     qsort(agreement->blocks, agreement->block_count, sizeof *agreement->blocks, by_largest_z);
 }

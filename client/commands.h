@@ -1,5 +1,5 @@
-/* commands: what `lightmill` can do. Each takes its own arguments (argv[0] is the command's name) and returns the
- * result that decides the exit code; main.c prints the message of a failed one. */
+/* commands: what `lightmill` can do. Each takes its own arguments (argv[0] is the command's name) and returns
+ * the result that decides the exit code; main.c prints the message of a failed one. */
 #ifndef LIGHTMILL_COMMANDS_H
 #define LIGHTMILL_COMMANDS_H
 

@@ -208,7 +208,8 @@ static const char *filter_name(uint32_t kind)
 
 static void print_rgb(const char *name, rgb_t value)
 {
-    printf("  %s %g %g %g", name, (double)value.x, (double)value.y, (double)value.z);
+    /* Adding 0 makes -0 a 0. */
+    printf("  %s %g %g %g", name, (double)value.x + 0.0, (double)value.y + 0.0, (double)value.z + 0.0);
 }
 
 static void print_material(const scene_blob_t *blob, size_t index)

@@ -1,4 +1,5 @@
-/* lightmill: the command of people. This file only finds the subcommand and turns its result into an exit code. */
+/* lightmill: the command of people. This file only finds the subcommand and turns its result into an exit
+ * code. */
 #include "client/commands.h"
 
 #include <stdio.h>

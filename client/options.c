@@ -44,8 +44,8 @@ result_t option_job(const char *text, uint64_t *job)
 {
     char *end;
     errno = 0;
-    *job = strtoull(text, &end, 16);
-    if (!isxdigit((unsigned char)text[0]) || *end != '\0' || errno != 0 || *job == 0)
+    *job = strtoull(text, &end, 10);
+    if (!isdigit((unsigned char)text[0]) || *end != '\0' || errno != 0 || *job == 0)
         return result_fail(RESULT_USAGE, "'%.100s' is no job number; see lightmill status", text);
     return result_ok();
 }

@@ -1,4 +1,5 @@
-/* options: what several commands take on their command line: numbers with ranges, render settings, outputs. */
+/* options: what several commands take on their command line: numbers with ranges, render settings, outputs.
+ */
 #ifndef LIGHTMILL_OPTIONS_H
 #define LIGHTMILL_OPTIONS_H
 
@@ -10,7 +11,7 @@
 result_t option_integer(const char *option, const char *text, long long least, long long most,
                         long long *value);
 result_t option_real(const char *option, const char *text, double least, double most, double *value);
-/* A job's number as the commands print it: up to 16 hex digits. */
+/* A job's number. */
 result_t option_job(const char *text, uint64_t *job);
 
 /* What the command line says about the settings; the rest comes from the scene. */
@@ -31,7 +32,10 @@ typedef struct {
     {"spp", required_argument, NULL, 0}, {"time", required_argument, NULL, 0},                               \
         {"integrator", required_argument, NULL, 0}, {"max-depth", required_argument, NULL, 0},               \
         {"seed", required_argument, NULL, 0}, {"resolution", required_argument, NULL, 0},                    \
-        {"sampler", required_argument, NULL, 0}, {"tile-size", required_argument, NULL, 0}
+        {"sampler", required_argument, NULL, 0},                                                             \
+    {                                                                                                        \
+        "tile-size", required_argument, NULL, 0                                                              \
+    }
 extern const char settings_usage[];
 
 overrides_t overrides_none(void);

@@ -1,7 +1,8 @@
 /* output: see output.h.
  *
- * DESIGN. A master hands out images as finished EXR files, so the EXR is written as it came; a PNG is made from
- * it. When only a PNG is wanted the EXR takes a detour through a temporary file, since the EXR reader wants one.
+ * DESIGN. A master hands out images as finished EXR files, so the EXR is written as it came; a PNG is made
+ * from it. When only a PNG is wanted the EXR takes a detour through a temporary file, since the EXR reader
+ * wants one.
  */
 #include "client/output.h"
 
@@ -15,20 +16,24 @@
 #include <strings.h>
 #include <unistd.h>
 
-const char output_usage[] =
-    "  -o, --output FILE  where the image goes: .exr, or .png for a PNG alone\n"
-    "  --png FILE         write a PNG as well\n"
-    "  --exposure STOPS   brighten (or darken) PNGs\n"
-    "  --half             half floats in the EXR\n";
+const char output_usage[] = "  -o, --output FILE  where the image goes: .exr, or .png for a PNG alone\n"
+                            "  --png FILE         write a PNG as well\n"
+                            "  --exposure STOPS   brighten (or darken) PNGs\n"
+                            "  --half             half floats in the EXR\n";
 
 result_t output_option(output_t *output, const char *option, const char *value, bool *taken)
 {
     *taken = true;
-    if (strcmp(option, "output") == 0) output->path = value;
-    else if (strcmp(option, "png") == 0) output->png = value;
-    else if (strcmp(option, "half") == 0) output->half = true;
-    else if (strcmp(option, "exposure") == 0) return option_real(option, value, -50, 50, &output->exposure);
-    else *taken = false;
+    if (strcmp(option, "output") == 0)
+        output->path = value;
+    else if (strcmp(option, "png") == 0)
+        output->png = value;
+    else if (strcmp(option, "half") == 0)
+        output->half = true;
+    else if (strcmp(option, "exposure") == 0)
+        return option_real(option, value, -50, 50, &output->exposure);
+    else
+        *taken = false;
     return result_ok();
 }
 
@@ -91,7 +96,7 @@ static double mean_value(const image_t *image, const image_channel_t *const rgb[
 static double relative_noise(const image_t *image)
 {
     const image_channel_t *noise[3], *picture[3];
-    if (!image_find_rgb(image, "noise", noise) || !image_find_rgb(image, "", picture)) return -1;
+    if (!image_find_rgb(image, "noise", noise) || !image_find_rgb(image, NULL, picture)) return -1;
     double mean = mean_value(image, picture);
     return mean > 0 ? sqrt(mean_square(image, noise)) / mean : -1;
 }

@@ -16,7 +16,10 @@ typedef struct {
 /* Entries for a getopt_long table; -o is its one short option. */
 #define OUTPUT_OPTIONS                                                                                       \
     {"output", required_argument, NULL, 'o'}, {"png", required_argument, NULL, 0},                           \
-        {"exposure", required_argument, NULL, 0}, {"half", no_argument, NULL, 0}
+        {"exposure", required_argument, NULL, 0},                                                            \
+    {                                                                                                        \
+        "half", no_argument, NULL, 0                                                                         \
+    }
 extern const char output_usage[];
 
 /* Takes an option of OUTPUT_OPTIONS; *taken is false when it is another one. `value` is kept. */
@@ -24,7 +27,8 @@ result_t output_option(output_t *output, const char *option, const char *value, 
 /* Checks, before any work is done, that the files can be written. */
 result_t output_check(const output_t *output);
 /* Writes the files from the bytes of an EXR, each whole or not at all. `path` must be set. *noise becomes the
- * root of the mean square of the image's noise estimate over the image's mean, or negative when it has none. */
+ * root of the mean square of the image's noise estimate over the image's mean, or negative when it has none.
+ */
 result_t output_write(const output_t *output, const uint8_t *exr, size_t size, double *noise);
 
 #endif

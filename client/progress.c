@@ -1,8 +1,8 @@
 /* progress: see progress.h.
  *
- * DESIGN. Everything goes to stderr, so that stdout stays for results (a job's number, JSON). The master counts a
- * sample when its batch is merged, so the bar moves in steps of the batch interval; the rate is the mean since the
- * first assignment, which does not jump with them.
+ * DESIGN. Everything goes to stderr, so that stdout stays for results (a job's number, JSON). The master
+ * counts a sample when its batch is merged, so the bar moves in steps of the batch interval; the rate is the
+ * mean since the first assignment, which does not jump with them.
  */
 #include "client/progress.h"
 
@@ -21,20 +21,28 @@ progress_t progress_start(bool quiet)
 
 void format_duration(double seconds, char text[32])
 {
-    if (!(seconds >= 0)) snprintf(text, 32, "?");
-    else if (seconds < 10) snprintf(text, 32, "%.1f s", seconds);
-    else if (seconds < 3600) snprintf(text, 32, "%d:%02d", (int)seconds / 60, (int)seconds % 60);
+    if (!(seconds >= 0))
+        snprintf(text, 32, "?");
+    else if (seconds < 10)
+        snprintf(text, 32, "%.1f s", seconds);
+    else if (seconds < 3600)
+        snprintf(text, 32, "%d:%02d", (int)seconds / 60, (int)seconds % 60);
     else if (seconds < 1e8)
         snprintf(text, 32, "%d:%02d:%02d", (int)seconds / 3600, (int)seconds / 60 % 60, (int)seconds % 60);
-    else snprintf(text, 32, "years");
+    else
+        snprintf(text, 32, "years");
 }
 
 void format_count(double count, char text[32])
 {
-    if (count < 1e4) snprintf(text, 32, "%.0f", count);
-    else if (count < 1e6) snprintf(text, 32, "%.0f k", 1e-3 * count);
-    else if (count < 1e9) snprintf(text, 32, "%.2f M", 1e-6 * count);
-    else snprintf(text, 32, "%.2f G", 1e-9 * count);
+    if (count < 1e4)
+        snprintf(text, 32, "%.0f", count);
+    else if (count < 1e6)
+        snprintf(text, 32, "%.0f k", 1e-3 * count);
+    else if (count < 1e9)
+        snprintf(text, 32, "%.2f M", 1e-6 * count);
+    else
+        snprintf(text, 32, "%.2f G", 1e-9 * count);
 }
 
 double job_fraction(const Lm__JobStatus *status)
@@ -83,17 +91,22 @@ void progress_job(progress_t *progress, const Lm__JobStatus *status)
     if (progress->quiet) return;
     char text[160];
     describe(status, text, sizeof text);
-    if (progress->terminal) draw_bar(progress, job_fraction(status), text);
-    else if (plain_line_due(progress)) fprintf(stderr, "%s\n", text);
+    if (progress->terminal)
+        draw_bar(progress, job_fraction(status), text);
+    else if (plain_line_due(progress))
+        fprintf(stderr, "%s\n", text);
 }
 
 void progress_upload(progress_t *progress, uint64_t done, uint64_t size)
 {
     if (progress->quiet || size == 0) return;
     char text[80];
-    snprintf(text, sizeof text, "uploading the scene: %.1f of %.1f MB", 1e-6 * (double)done, 1e-6 * (double)size);
-    if (progress->terminal) draw_bar(progress, (double)done / (double)size, text);
-    else if (plain_line_due(progress)) fprintf(stderr, "%s\n", text);
+    snprintf(text, sizeof text, "uploading the scene: %.1f of %.1f MB", 1e-6 * (double)done,
+             1e-6 * (double)size);
+    if (progress->terminal)
+        draw_bar(progress, (double)done / (double)size, text);
+    else if (plain_line_due(progress))
+        fprintf(stderr, "%s\n", text);
 }
 
 void progress_end(progress_t *progress)

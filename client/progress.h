@@ -1,4 +1,5 @@
-/* progress: how far a job is, for people: one line redrawn on a terminal, plain lines now and then otherwise. */
+/* progress: how far a job is, for people: one line redrawn on a terminal, plain lines now and then otherwise.
+ */
 #ifndef LIGHTMILL_PROGRESS_H
 #define LIGHTMILL_PROGRESS_H
 
@@ -6,9 +7,9 @@
 
 typedef struct {
     bool quiet;
-    bool terminal;   /* stderr is one */
-    bool drawn;      /* a line is on the terminal that is not ended yet */
-    double last;     /* clock of the last plain line */
+    bool terminal; /* stderr is one */
+    bool drawn;    /* a line is on the terminal that is not ended yet */
+    double last;   /* clock of the last plain line */
 } progress_t;
 
 progress_t progress_start(bool quiet);

@@ -1,8 +1,8 @@
 /* remote: see remote.h.
  *
- * DESIGN. Strictly one question at a time on either socket, so an answer is known by its request number, and what
- * comes late for an abandoned question is thrown away by the same test. Chunks are large (4 MB), so even one at a
- * time they fill all but the longest links.
+ * DESIGN. Strictly one question at a time on either socket, so an answer is known by its request number, and
+ * what comes late for an abandoned question is thrown away by the same test. Chunks are large (4 MB), so even
+ * one at a time they fill all but the longest links.
  */
 #include "client/remote.h"
 
@@ -100,17 +100,18 @@ static result_t await_answer(remote_t *remote, void *socket, double timeout, wir
 }
 
 /* Asks and waits for an answer of the kind `expected`. A payload is consumed. */
-static result_t ask(remote_t *remote, void *socket, Lm__Envelope *envelope, zmq_msg_t *payload, double timeout,
-                    Lm__Envelope__BodyCase expected, wire_message_t *answer)
+static result_t ask(remote_t *remote, void *socket, Lm__Envelope *envelope, zmq_msg_t *payload,
+                    double timeout, Lm__Envelope__BodyCase expected, wire_message_t *answer)
 {
     envelope->request = ++remote->request;
     TRY(wire_send(socket, NULL, 0, envelope, payload, payload ? 1 : 0));
     TRY(await_answer(remote, socket, timeout, answer));
     if (answer->envelope->body_case == expected) return result_ok();
-    result_t result = answer->envelope->body_case == LM__ENVELOPE__BODY_REFUSAL
-                          ? refused(answer->envelope->refusal)
-                          : result_fail(RESULT_PROTOCOL, "the master answered with a message of kind %d, not %d",
-                                        (int)answer->envelope->body_case, (int)expected);
+    result_t result =
+        answer->envelope->body_case == LM__ENVELOPE__BODY_REFUSAL
+            ? refused(answer->envelope->refusal)
+            : result_fail(RESULT_PROTOCOL, "the master answered with a message of kind %d, not %d",
+                          (int)answer->envelope->body_case, (int)expected);
     wire_free(answer);
     return result;
 }
@@ -148,7 +149,8 @@ result_t remote_submit(remote_t *remote, const char *name, const job_settings_t 
     envelope.body_case = LM__ENVELOPE__BODY_JOB_SUBMIT;
     envelope.job_submit = &submit;
     wire_message_t answer;
-    TRY(ask(remote, remote->control, &envelope, NULL, remote->timeout, LM__ENVELOPE__BODY_JOB_ACCEPTED, &answer));
+    TRY(ask(remote, remote->control, &envelope, NULL, remote->timeout, LM__ENVELOPE__BODY_JOB_ACCEPTED,
+            &answer));
     *job = answer.envelope->job_accepted->job;
     wire_free(&answer);
     return result_ok();
@@ -166,7 +168,7 @@ result_t remote_status(remote_t *remote, uint64_t job, wire_message_t *message)
     const Lm__JobStatusReply *reply = message->envelope->job_status_reply;
     if (job == 0 || (reply->n_jobs == 1 && reply->jobs[0]->job == job)) return result_ok();
     wire_free(message);
-    return result_fail(RESULT_PROTOCOL, "the master's answer is not about job %016llx", (unsigned long long)job);
+    return result_fail(RESULT_PROTOCOL, "the master's answer is not about job %llu", (unsigned long long)job);
 }
 
 result_t remote_cancel(remote_t *remote, uint64_t job)
@@ -184,7 +186,8 @@ result_t remote_cancel(remote_t *remote, uint64_t job)
 
 /* ---- blobs -------------------------------------------------------------------------------------------- */
 
-/* Sends `length` bytes from `offset`, none to ask where to begin; *next is where the master wants to go on. */
+/* Sends `length` bytes from `offset`, none to ask where to begin; *next is where the master wants to go on.
+ */
 static result_t put_chunk(remote_t *remote, const scene_blob_t *blob, uint64_t offset, size_t length,
                           uint64_t *next)
 {

@@ -1,8 +1,8 @@
 /* remote: the client's side of the protocol: questions to a master and their answers.
  *
- * Every call asks and waits for the answer, at most `timeout` seconds (longer where the master has long work to do:
- * taking a snapshot, checking a large scene). RESULT_UNREACHABLE names the address and the cure; a Refusal becomes
- * a result with the master's own code and reason. One thread at a time.
+ * Every call asks and waits for the answer, at most `timeout` seconds (longer where the master has long work
+ * to do: taking a snapshot, checking a large scene). RESULT_UNREACHABLE names the address and the cure; a
+ * Refusal becomes a result with the master's own code and reason. One thread at a time.
  */
 #ifndef LIGHTMILL_REMOTE_H
 #define LIGHTMILL_REMOTE_H
@@ -15,8 +15,8 @@ typedef struct remote remote_t;
 /* The default of --timeout, seconds. */
 #define REMOTE_DEFAULT_TIMEOUT 5.0
 
-/* Connects to "tcp://host:port" or "inproc://name". `bulk_endpoint` may be NULL on TCP: the master tells its port
- * with the first status. `context` NULL: one is made. Strings are copied. Nothing is sent yet. */
+/* Connects to "tcp://host:port" or "inproc://name". `bulk_endpoint` may be NULL on TCP: the master tells its
+ * port with the first status. `context` NULL: one is made. Strings are copied. Nothing is sent yet. */
 result_t remote_open(void *context, const char *control_endpoint, const char *bulk_endpoint, double timeout,
                      remote_t **remote);
 /* Closes the sockets and sets *remote to NULL. */
@@ -31,8 +31,8 @@ result_t remote_put_blob(remote_t *remote, const scene_blob_t *blob, remote_prog
 /* Submits a job whose blob is in the store. */
 result_t remote_submit(remote_t *remote, const char *name, const job_settings_t *settings, const hash_t *blob,
                        uint64_t *job);
-/* The state of a job, or of all jobs when `job` is 0: the answer is message->envelope->job_status_reply, and the
- * caller frees the message with wire_free. With a job the reply holds exactly that one. */
+/* The state of a job, or of all jobs when `job` is 0: the answer is message->envelope->job_status_reply, and
+ * the caller frees the message with wire_free. With a job the reply holds exactly that one. */
 result_t remote_status(remote_t *remote, uint64_t job, wire_message_t *message);
 result_t remote_cancel(remote_t *remote, uint64_t job);
 /* The image of a job so far, as the bytes of an EXR file; the caller frees *bytes. */

@@ -10,8 +10,8 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-/* The last part of a path without its extension; for DIR/scene.pbrt the directory's name, since all scenes that
- * come as a folder are called so. The caller frees it. */
+/* The last part of a path without its extension; for DIR/scene.pbrt the directory's name, since all scenes
+ * that come as a folder are called so. The caller frees it. */
 static char *scene_name(const char *path)
 {
     char *resolved = realpath(path, NULL);
@@ -56,8 +56,10 @@ result_t scene_load(const char *path, scene_t *scene)
         result = import_scene_blob(path, NULL, &scene->bytes, &size);
         if (result.code == RESULT_OK) result = blob_open(scene->bytes, size, &scene->blob);
     }
-    if (result.code == RESULT_OK) scene->name = scene_name(path);
-    else scene_free(scene);
+    if (result.code == RESULT_OK)
+        scene->name = scene_name(path);
+    else
+        scene_free(scene);
     return result;
 }
 

@@ -363,6 +363,7 @@ typedef struct {
     const image_t *image;
     exr_encode_pipeline_t encoder;
     bool encoder_ready;
+    exr_result_t (*compress)(exr_encode_pipeline_t *encoder); /* the library's own */
     float *stage; /* [channels][lines of a chunk][width], gathered from the channels */
     int32_t lines;
 } exr_writer_t;
@@ -429,6 +430,27 @@ static void gather_lines(const image_t *image, const image_channel_t *channel, i
         if (isfinite(out[i])) out[i] = fmaxf(-HALF_MAX, fminf(HALF_MAX, out[i]));
 }
 
+/* A chunk as large as its pixels is stored as they are, and read so. OpenEXRCore 3.1 forgets to where
+ * compression makes it exactly as large; such a chunk would come back as noise. */
+static exr_result_t compress_chunk(exr_encode_pipeline_t *encoder)
+{
+    const exr_writer_t *writer = encoder->encoding_user_data;
+    exr_result_t code = writer->compress(encoder);
+    if (code == EXR_ERR_SUCCESS && encoder->compressed_bytes == encoder->packed_bytes)
+        memcpy(encoder->compressed_buffer, encoder->packed_buffer, encoder->packed_bytes);
+    return code;
+}
+
+static result_t start_encoder(exr_writer_t *writer)
+{
+    TRY_WRITE(exr_encoding_choose_default_routines(writer->context, 0, &writer->encoder));
+    writer->compress = writer->encoder.compress_fn;
+    writer->encoder.compress_fn = compress_chunk;
+    writer->encoder.encoding_user_data = writer;
+    writer->encoder_ready = true;
+    return result_ok();
+}
+
 static result_t write_chunk(exr_writer_t *writer, int y)
 {
     exr_encode_pipeline_t *encoder = &writer->encoder;
@@ -450,8 +472,7 @@ static result_t write_chunk(exr_writer_t *writer, int y)
         channel->user_pixel_stride = sizeof(float);
         channel->user_line_stride = writer->image->width * (int32_t)sizeof(float);
     }
-    if (!writer->encoder_ready) TRY_WRITE(exr_encoding_choose_default_routines(writer->context, 0, encoder));
-    writer->encoder_ready = true;
+    if (!writer->encoder_ready) TRY(start_encoder(writer));
     TRY_WRITE(exr_encoding_run(writer->context, 0, encoder));
     return result_ok();
 }

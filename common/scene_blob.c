@@ -454,7 +454,7 @@ int blob_film_scale(const scene_blob_t *blob)
 {
     float brightest = 0;
     for (uint64_t i = 0; i < blob->counts[BLOB_SECTION_LIGHTS]; i++)
-        brightest = fmaxf(brightest, v_max(blob->lights[i].radiance));
+        brightest = float_max(brightest, v_max(blob->lights[i].radiance));
     int excess = brightest > 0 ? ilogbf(brightest) - 9 : 0;
     return int_max(FILM_MIN_SCALE, FILM_DEFAULT_SCALE - int_max(0, excess));
 }

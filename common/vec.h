@@ -66,9 +66,18 @@ static inline vec3_t v_normalize(vec3_t a)
 {
     return v_scale(a, 1.0f / v_length(a));
 }
+/* The larger and the smaller of two numbers, in one instruction each; b where a is NaN. */
+static inline float float_max(float a, float b)
+{
+    return a > b ? a : b;
+}
+static inline float float_min(float a, float b)
+{
+    return a < b ? a : b;
+}
 static inline float v_max(vec3_t a)
 {
-    return fmaxf(a.x, fmaxf(a.y, a.z));
+    return float_max(a.x, float_max(a.y, a.z));
 }
 static inline bool v_is_zero(vec3_t a)
 {

@@ -44,10 +44,9 @@ typedef struct {
     identity_t identity;
     uint32_t threads;
     bool connected;
-    bool idle;         /* was told that there is no work */
-    double last_seen;  /* seconds */
-    uint64_t job;      /* that it has loaded or was assigned last */
-    uint64_t declined; /* a job that it cannot render */
+    bool idle;        /* was told that there is no work */
+    double last_seen; /* seconds */
+    uint64_t job;     /* that it has loaded or was assigned last */
     uint64_t batches, batches_refused, units_reissued, bytes;
 } worker_t;
 
@@ -399,21 +398,6 @@ void farm_goodbye(farm_t *farm, uint64_t id, const char *reason)
     unlock(farm);
 }
 
-void farm_decline(farm_t *farm, uint64_t id, uint64_t job_id, const char *reason)
-{
-    lock(farm);
-    worker_t *worker = find_worker(farm, id);
-    job_t *job = find_job(farm, job_id);
-    if (worker != NULL && worker->connected && job != NULL && job->schedule != NULL) {
-        worker->declined = job_id;
-        count_reissued(job, worker, schedule_release(job->schedule, id));
-        log_warning("worker %s cannot render job %llu: %s", worker->name, (unsigned long long)job_id, reason);
-        snprintf(job->message, sizeof job->message, "worker %s: %s", worker->name, reason);
-        notify_idle(farm);
-    }
-    unlock(farm);
-}
-
 /* The threads of all connected workers. */
 static uint32_t farm_threads(const farm_t *farm)
 {
@@ -424,10 +408,10 @@ static uint32_t farm_threads(const farm_t *farm)
 }
 
 /* Issues units of one job, if it has any for this worker. */
-static size_t take_from_job(farm_t *farm, double now, job_t *job, const worker_t *worker,
-                            const schedule_wish_t *wish, farm_work_t *work)
+static size_t take_from_job(farm_t *farm, double now, job_t *job, const schedule_wish_t *wish,
+                            farm_work_t *work)
 {
-    if (!has_work(job) || worker->declined == job->id) return 0;
+    if (!has_work(job)) return 0;
     if (job->state == JOB_QUEUED && !job_start(farm, now, job)) return 0;
     work->unit_count = schedule_take(job->schedule, wish, work->units, WIRE_MAX_UNITS);
     work->job = job->id;
@@ -453,7 +437,7 @@ result_t farm_take(farm_t *farm, double now, const identity_t *identity, uint64_
                             .farm_threads = farm_threads(farm)};
     work->unit_count = 0;
     for (size_t i = 0; i < farm->job_count && work->unit_count == 0; i++)
-        take_from_job(farm, now, farm->jobs[i], worker, &wish, work);
+        take_from_job(farm, now, farm->jobs[i], &wish, work);
     if (work->unit_count == 0) work->job = 0;
     worker->idle = work->unit_count == 0;
     worker->job = work->unit_count > 0 ? work->job : loaded_job;

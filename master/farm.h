@@ -53,9 +53,6 @@ bool farm_heartbeat(farm_t *farm, double now, const identity_t *identity, uint64
                     uint32_t units_held);
 /* The worker leaves: its units go back. */
 void farm_goodbye(farm_t *farm, uint64_t worker, const char *reason);
-/* The worker cannot render this job: its units go back, and it is not asked again. */
-void farm_decline(farm_t *farm, uint64_t worker, uint64_t job, const char *reason);
-
 /* Work for a worker; the caller gives room for WIRE_MAX_UNITS units. */
 typedef struct {
     uint64_t job; /* 0: there is none */

@@ -254,12 +254,12 @@ static uint64_t most(uint64_t a, uint64_t b)
     return a > b ? a : b;
 }
 
-/* How many pixel samples a worker may have now: half of its share of what is free. */
-static uint64_t fair_grant(const schedule_t *s, const schedule_wish_t *wish)
+/* Half of what is the worker's of the free pixel samples, if they were shared out by threads. */
+static uint64_t fair_share(const schedule_t *s, const schedule_wish_t *wish)
 {
     uint64_t threads = most(wish->threads, 1), all = most(wish->farm_threads, threads);
     uint64_t free_samples = s->total - s->counted - s->issued;
-    return least(wish->samples, most(free_samples / (2 * all), 1) * threads);
+    return most(free_samples / (2 * all), 1) * threads;
 }
 
 /* Issues one unit of about `samples` pixel samples from the tile at the top of the heap. */
@@ -284,8 +284,8 @@ size_t schedule_take(schedule_t *s, const schedule_wish_t *wish, unit_t *units, 
     if (wish->samples == 0 || capacity == 0 || !schedule_available(s)) return 0;
     holder_t *holder = holder_make(s, wish->worker);
     if (holder == NULL) return 0;
-    uint64_t grant = fair_grant(s, wish), taken = 0;
-    uint64_t unit_samples = least(wish->unit_samples, grant / (UNITS_A_THREAD * most(wish->threads, 1)));
+    uint64_t share = fair_share(s, wish), grant = least(wish->samples, share), taken = 0;
+    uint64_t unit_samples = least(wish->unit_samples, share / (UNITS_A_THREAD * most(wish->threads, 1)));
     size_t count = 0;
     while (count < capacity && taken < grant && schedule_available(s)) {
         units[count] = take_unit(s, holder, unit_samples);

@@ -274,7 +274,7 @@ static void load(bulk_t *bulk, const assignment_t *assignment)
     const job_settings_t *settings = &assignment->settings;
     result_t result = prepare_scene(bulk, assignment);
     if (result.code == RESULT_OK) {
-        log_info("job %016llx: %d x %d, %s, scene of %.1f MB ready", (unsigned long long)assignment->job,
+        log_info("job %llu: %d x %d, %s, scene of %.1f MB ready", (unsigned long long)assignment->job,
                  settings->width, settings->height, integrator_name(settings->integrator),
                  1e-6 * (double)assignment->blob_size);
         workshop_loaded(bulk->options.shop, bulk->renderer);
@@ -287,7 +287,7 @@ static void load(bulk_t *bulk, const assignment_t *assignment)
         wait_events(bulk, PAUSE);
         return;
     }
-    log_error("job %016llx cannot be rendered here: %s", (unsigned long long)assignment->job, result.message);
+    log_error("job %llu cannot be rendered here: %s", (unsigned long long)assignment->job, result.message);
     workshop_refuse(bulk->options.shop, result);
 }
 
@@ -336,7 +336,7 @@ static void report_answer(const closed_batch_t *closed, const Lm__Envelope *enve
     if (accepted)
         log_debug("batch %llu was counted", (unsigned long long)closed->sequence);
     else
-        log_warning("the master refused batch %llu of job %016llx (%zu units): %.300s",
+        log_warning("the master refused batch %llu of job %llu (%zu units): %.300s",
                     (unsigned long long)closed->sequence, (unsigned long long)closed->job,
                     closed->batch->unit_count, reason);
 }

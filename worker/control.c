@@ -274,7 +274,7 @@ static void on_assignment(control_t *control, const Lm__Assignment *message)
         give_up_job(control, result);
         return;
     }
-    log_debug("assigned %zu units of job %016llx", assignment.unit_count, (unsigned long long)assignment.job);
+    log_debug("assigned %zu units of job %llu", assignment.unit_count, (unsigned long long)assignment.job);
     /* An empty assignment is as good as none: do not ask again at once. */
     control->next_request = clock_now() + (assignment.unit_count == 0 ? TICK : 0);
     workshop_assign(control->setup.shop, &assignment);
@@ -359,7 +359,7 @@ static void report(control_t *control, const workshop_state_t *state)
     if (state->job == 0)
         log_info("waiting for work");
     else
-        log_info("rendering job %016llx: %.0f samples/s, %u units in hand", (unsigned long long)state->job,
+        log_info("rendering job %llu: %.0f samples/s, %u units in hand", (unsigned long long)state->job,
                  state->samples_per_second, state->units_held);
 }
 

@@ -2,6 +2,7 @@
 #include "worker/render/alias.h"
 
 #include "common/base.h"
+#include "common/vec.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -54,12 +55,12 @@ uint32_t alias_sample(const alias_t *alias, float *u)
     float scaled = *u * (float)alias->count;
     uint32_t bin = (uint32_t)scaled;
     if (bin >= alias->count) bin = alias->count - 1;
-    float rest = fminf(scaled - (float)bin, 0x1.fffffep-1f);
+    float rest = float_min(scaled - (float)bin, 0x1.fffffep-1f);
     float keep = alias->bins[bin].keep;
     if (rest < keep) {
-        *u = fminf(rest / keep, 0x1.fffffep-1f);
+        *u = float_min(rest / keep, 0x1.fffffep-1f);
         return bin;
     }
-    *u = fminf((rest - keep) / (1 - keep), 0x1.fffffep-1f);
+    *u = float_min((rest - keep) / (1 - keep), 0x1.fffffep-1f);
     return alias->bins[bin].other;
 }

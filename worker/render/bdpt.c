@@ -25,8 +25,9 @@
  * The weight of a connected path is 1 / (1 + share of the light side + share of the eye side). A Dirac lobe has the
  * same probability both ways, so its density cancels in r / p: discrete probabilities stand in for densities.
  *
- * Light vertices are stored first; each eye vertex then gathers its connections, weighs each before it pays for
- * the shadow ray, leaves the faint ones to Russian roulette, and traces the rest as one packet.
+ * Light vertices are stored first; each eye vertex then gathers its connections, evaluates each before it pays for
+ * the shadow ray, and traces the rays of those that carry anything as one packet. (Leaving faint ones to Russian
+ * roulette was tried: it saves as much time as it adds noise.)
  */
 #include "worker/render/integrator.h"
 
@@ -61,13 +62,13 @@ typedef struct {
     segments_t segments;
     rgb_t values[SCENE_PACKET];
     vec2_t rasters[SCENE_PACKET]; /* where t = 1 connections fall */
+    uint32_t dimensions[SCENE_PACKET]; /* of the numbers that choose the pixel there */
 } bundle_t;
 
 /* One bidirectional sample. */
 typedef struct {
     sample_t *sample;
     const stage_t *stage;
-    uint64_t dice;     /* state of the numbers for roulette */
     rgb_t radiance;    /* of the eye subpath, so far */
     int light_count;   /* stored light vertices: y_1 ... y_count */
     vertex_t light[MAX_VERTICES];
@@ -76,24 +77,6 @@ typedef struct {
 static inline float square(float x)
 {
     return x * x;
-}
-
-static float roll(bidirectional_t *b)
-{
-    b->dice += 0x9E3779B97F4A7C15u;
-    return sampler_float((uint32_t)(sampler_mix(b->dice) >> 32));
-}
-
-/* Keeps a contribution for which a shadow ray is worth its price; a faint one survives in proportion to its
- * luminance and then stands for those that did not. */
-static bool worth_tracing(bidirectional_t *b, rgb_t *value)
-{
-    float luminance = rgb_luminance(*value), threshold = b->stage->roulette;
-    if (!(luminance > 0)) return false;
-    if (luminance >= threshold) return true;
-    if (roll(b) * threshold >= luminance) return false;
-    *value = v_scale(*value, threshold / luminance);
-    return true;
 }
 
 /* share_i of the head comment for the vertex at the junction; r and q as there. */
@@ -130,7 +113,7 @@ static bool walk_scatter(walk_t *walk, const vertex_t *vertex, sampler_t *sample
     rgb_t throughput = v_mul(vertex->throughput, next.weight);
     if (walk->mode == TRANSPORT_IMPORTANCE)
         throughput = v_scale(throughput, shading_adjoint(&vertex->bsdf, vertex->wo, next.wi));
-    float survive = fminf(1, v_max(throughput) / walk->reference);
+    float survive = float_min(1, v_max(throughput) / walk->reference);
     if (!(choices.y < survive)) return false;
     walk->throughput = v_scale(throughput, 1 / survive);
     walk->pdf = next.pdf;
@@ -193,12 +176,12 @@ static void trace_light_subpath(bidirectional_t *b, sampler_t *sampler, int *dep
 /* ---- strategies ---------------------------------------------------------------------------------------- */
 
 /* t = 1: joins a light vertex to the camera. */
-static void join_camera(bidirectional_t *b, const vertex_t *y, bundle_t *bundle)
+static void join_camera(const bidirectional_t *b, const vertex_t *y, uint32_t dimension, bundle_t *bundle)
 {
     const stage_t *stage = b->stage;
     camera_view_t view;
     bsdf_value_t fy;
-    float margin = fmaxf(stage->filter.x.radius, stage->filter.y.radius);
+    float margin = float_max(stage->filter.x.radius, stage->filter.y.radius);
     if (!camera_project(&stage->camera, y->surface.p, margin, &view) ||
         !bsdf_eval(&y->bsdf, y->wo, view.w, TRANSPORT_IMPORTANCE, &fy))
         return;
@@ -207,11 +190,12 @@ static void join_camera(bidirectional_t *b, const vertex_t *y, bundle_t *bundle)
     float r = view.pdf * fabsf(v_dot(view.w, y->surface.ng)) / distance2;
     float weight = 1 / (1 + mis_share(y, r, fy.pdf_rev));
     rgb_t value = v_scale(v_mul(y->throughput, fy.f), geometry / distance2 * weight);
-    if (!worth_tracing(b, &value)) return;
+    if (v_is_zero(value)) return;
     int n = bundle->segments.count++;
     bundle->segments.from[n] = stage->camera.position;
     bundle->segments.to[n] = scene_offset(&y->surface, view.w);
     bundle->rasters[n] = view.raster;
+    bundle->dimensions[n] = dimension;
     bundle->values[n] = value;
 }
 
@@ -223,7 +207,7 @@ static void splat_bundle(bidirectional_t *b, bundle_t *bundle)
     uint32_t occluded = scene_occluded_packet(b->stage->scene, &bundle->segments);
     for (int i = 0; i < count; i++)
         if (!(occluded >> i & 1))
-            sample_splat(b->sample, bundle->rasters[i], bundle->values[i], (vec2_t){roll(b), roll(b)});
+            sample_splat(b->sample, bundle->rasters[i], bundle->values[i], bundle->dimensions[i]);
     bundle->segments.count = 0;
 }
 
@@ -248,7 +232,7 @@ static void bundle_add(bundle_t *bundle, vec3_t from, vec3_t to, rgb_t value)
 }
 
 /* s = 1: joins the eye vertex to a fresh point on a light. */
-static void join_light(bidirectional_t *b, const vertex_t *z, sampler_t *sampler, bundle_t *bundle)
+static void join_light(const bidirectional_t *b, const vertex_t *z, sampler_t *sampler, bundle_t *bundle)
 {
     light_point_t light;
     float choice = sampler_1d(sampler);
@@ -266,13 +250,13 @@ static void join_light(bidirectional_t *b, const vertex_t *z, sampler_t *sampler
     float weight = 1 / (1 + square(r_light / light.pdf_area) + mis_share(z, r_eye, fz.pdf_rev));
     float factor = fabsf(v_dot(w, z->bsdf.ns)) * cos_light / (distance2 * light.pdf_area) * weight;
     rgb_t value = v_mul(v_scale(v_mul(z->throughput, fz.f), factor), radiance);
-    if (!worth_tracing(b, &value)) return;
+    if (v_is_zero(value)) return;
     float side = v_dot(light.n, w) > 0 ? -light.offset : light.offset;
     bundle_add(bundle, scene_offset(&z->surface, w), v_mad(light.p, side, light.n), value);
 }
 
 /* s >= 2, t >= 2: joins an eye vertex to a light vertex. */
-static void join_vertices(bidirectional_t *b, const vertex_t *z, const vertex_t *y, bundle_t *bundle)
+static void join_vertices(const vertex_t *z, const vertex_t *y, bundle_t *bundle)
 {
     vec3_t d = v_sub(y->surface.p, z->surface.p);
     float distance2 = v_length2(d);
@@ -288,7 +272,7 @@ static void join_vertices(bidirectional_t *b, const vertex_t *z, const vertex_t 
     float factor = fabsf(v_dot(w, z->bsdf.ns) * v_dot(w, y->bsdf.ns)) *
                    shading_adjoint(&y->bsdf, y->wo, v_neg(w)) / distance2 * weight;
     rgb_t value = v_mul(v_scale(v_mul(z->throughput, fz.f), factor), v_mul(y->throughput, fy.f));
-    if (!worth_tracing(b, &value)) return;
+    if (v_is_zero(value)) return;
     bundle_add(bundle, scene_offset(&z->surface, w), scene_offset(&y->surface, v_neg(w)), value);
 }
 
@@ -314,11 +298,11 @@ static rgb_t bdpt_sample(sample_t *sample)
     bundle.segments.count = 0;
     int segments = stage_max_segments(b.stage);
     sampler_t lamp = sample_stream(sample, DIMENSION_LIGHT), eye = sample_stream(sample, DIMENSION_EYE);
-    b.dice = lamp.sample_key ^ 0xD1CEu;
 
     trace_light_subpath(&b, &lamp, depths);
     for (int i = 0; i < b.light_count && depths[i] < segments; i++) {
-        join_camera(&b, &b.light[i], &bundle);
+        uint32_t dimension = DIMENSION_LIGHT + (uint32_t)depths[i] * DIMENSION_STRIDE + 2;
+        join_camera(&b, &b.light[i], dimension, &bundle);
         if (bundle.segments.count == SCENE_PACKET) splat_bundle(&b, &bundle);
     }
     splat_bundle(&b, &bundle);
@@ -334,7 +318,7 @@ static rgb_t bdpt_sample(sample_t *sample)
         if (!z.bsdf.specular && !lights_empty(b.stage->lights)) {
             join_light(&b, &z, &eye, &bundle);
             for (int k = 0; k < b.light_count && i + depths[k] < segments; k++) {
-                join_vertices(&b, &z, &b.light[k], &bundle);
+                join_vertices(&z, &b.light[k], &bundle);
                 if (bundle.segments.count == SCENE_PACKET) gather_bundle(&b, &bundle);
             }
             gather_bundle(&b, &bundle);

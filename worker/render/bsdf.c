@@ -31,11 +31,6 @@ void bsdf_init(bsdf_t *bsdf, const surface_t *surface)
     }
 }
 
-static inline vec3_t to_local(const bsdf_t *bsdf, vec3_t v)
-{
-    return vec3(v_dot(v, bsdf->s), v_dot(v, bsdf->t), v_dot(v, bsdf->ns));
-}
-
 static inline bool same_side(const bsdf_t *bsdf, vec3_t a, vec3_t b)
 {
     return v_dot(a, bsdf->ng) * v_dot(b, bsdf->ng) > 0;
@@ -44,18 +39,16 @@ static inline bool same_side(const bsdf_t *bsdf, vec3_t a, vec3_t b)
 bool bsdf_eval(const bsdf_t *bsdf, vec3_t wo, vec3_t wi, transport_t mode, bsdf_value_t *value)
 {
     if (bsdf->specular) return false;
-    return kinds[bsdf->material->kind]->eval(bsdf->material, to_local(bsdf, wo), to_local(bsdf, wi),
-                                             same_side(bsdf, wo, wi), mode, value);
+    return kinds[bsdf->material->kind]->eval(bsdf, wo, wi, same_side(bsdf, wo, wi), mode, value);
 }
 
 bool bsdf_sample(const bsdf_t *bsdf, vec3_t wo, vec2_t u, float choice, transport_t mode, bsdf_sample_t *sample)
 {
-    vec3_t local = to_local(bsdf, wo);
+    vec3_t local = bsdf_to_local(bsdf, wo);
     if (local.z == 0 || !kinds[bsdf->material->kind]->sample(bsdf->material, local, u, choice, mode, sample))
         return false;
-    vec3_t w = sample->wi;
-    bool reflect = w.z * local.z > 0;
-    sample->wi = v_add(v_add(v_scale(bsdf->s, w.x), v_scale(bsdf->t, w.y)), v_scale(bsdf->ns, w.z));
+    bool reflect = sample->wi.z * local.z > 0;
+    sample->wi = bsdf_to_world(bsdf, sample->wi);
     /* A direction on the wrong side of the true surface carries nothing. */
     return reflect == same_side(bsdf, wo, sample->wi);
 }

@@ -48,11 +48,20 @@ bool bsdf_eval(const bsdf_t *bsdf, vec3_t wo, vec3_t wi, transport_t mode, bsdf_
  * numbers for the direction, `choice` one for the lobe. False when there is nothing to follow. */
 bool bsdf_sample(const bsdf_t *bsdf, vec3_t wo, vec2_t u, float choice, transport_t mode, bsdf_sample_t *sample);
 
-/* One kind of material: the functions above in local coordinates (x, y, z) = (s, t, ns), with `reflect` telling
- * on which side of the geometric surface wi is. eval may be NULL for purely specular kinds. */
+/* A world direction in shading coordinates (s, t, ns), and back. */
+static inline vec3_t bsdf_to_local(const bsdf_t *bsdf, vec3_t v)
+{
+    return vec3(v_dot(v, bsdf->s), v_dot(v, bsdf->t), v_dot(v, bsdf->ns));
+}
+static inline vec3_t bsdf_to_world(const bsdf_t *bsdf, vec3_t v)
+{
+    return v_add(v_add(v_scale(bsdf->s, v.x), v_scale(bsdf->t, v.y)), v_scale(bsdf->ns, v.z));
+}
+
+/* One kind of material. eval is as bsdf_eval; `reflect` tells that wo and wi are on the same side of the geometric
+ * surface; NULL for kinds that are purely specular. sample is as bsdf_sample in shading coordinates, wo.z not 0. */
 typedef struct {
-    bool (*eval)(const blob_material_t *material, vec3_t wo, vec3_t wi, bool reflect, transport_t mode,
-                 bsdf_value_t *value);
+    bool (*eval)(const bsdf_t *bsdf, vec3_t wo, vec3_t wi, bool reflect, transport_t mode, bsdf_value_t *value);
     bool (*sample)(const blob_material_t *material, vec3_t wo, vec2_t u, float choice, transport_t mode,
                    bsdf_sample_t *sample);
 } bsdf_kind_t;

@@ -28,15 +28,12 @@ static vec3_t sample_visible(float ax, float ay, vec3_t w, vec2_t u)
     float z = (1 - u.y) * (1 + stretched.z) - stretched.z, r = sqrtf(float_clamp(1 - z * z, 0, 1));
     float phi = TWO_PI_F * u.x;
     vec3_t half = v_add(vec3(r * cosf(phi), r * sinf(phi), z), stretched);
-    return v_normalize(vec3(ax * half.x, ay * half.y, fmaxf(0, half.z)));
+    return v_normalize(vec3(ax * half.x, ay * half.y, float_max(0, half.z)));
 }
 
-static bool eval(const blob_material_t *material, vec3_t wo, vec3_t wi, bool reflect, transport_t mode,
-                 bsdf_value_t *value)
+/* For wo and wi in shading coordinates, both above the surface. */
+static bool eval_above(const blob_material_t *material, vec3_t wo, vec3_t wi, bsdf_value_t *value)
 {
-    (void)mode;
-    if (!reflect || wo.z * wi.z <= 0) return false;
-    if (wo.z < 0) wo = v_neg(wo), wi = v_neg(wi);
     vec3_t m = v_normalize(v_add(wo, wi));
     float ax = material->alpha_u, ay = material->alpha_v, d = distribution(ax, ay, m), cos = v_dot(wo, m);
     if (!(cos > 0)) return false;
@@ -47,6 +44,15 @@ static bool eval(const blob_material_t *material, vec3_t wo, vec3_t wi, bool ref
     value->pdf = d / (4 * (1 + lo) * wo.z);
     value->pdf_rev = d / (4 * (1 + li) * wi.z);
     return true;
+}
+
+static bool eval(const bsdf_t *bsdf, vec3_t wo, vec3_t wi, bool reflect, transport_t mode, bsdf_value_t *value)
+{
+    (void)mode;
+    vec3_t o = bsdf_to_local(bsdf, wo), i = bsdf_to_local(bsdf, wi);
+    if (!reflect || o.z * i.z <= 0) return false;
+    return o.z > 0 ? eval_above(bsdf->material, o, i, value)
+                   : eval_above(bsdf->material, v_neg(o), v_neg(i), value);
 }
 
 static bool sample_smooth(const blob_material_t *material, vec3_t wo, bsdf_sample_t *s)
@@ -62,14 +68,14 @@ static bool sample_smooth(const blob_material_t *material, vec3_t wo, bsdf_sampl
 static bool sample(const blob_material_t *material, vec3_t wo, vec2_t u, float choice, transport_t mode,
                    bsdf_sample_t *s)
 {
-    (void)choice;
+    (void)choice, (void)mode;
     float ax = material->alpha_u, ay = material->alpha_v;
     if (ax == 0 || ay == 0) return sample_smooth(material, wo, s);
     vec3_t up = wo.z > 0 ? wo : v_neg(wo);
     vec3_t m = sample_visible(ax, ay, up, u);
     vec3_t wi = v_sub(v_scale(m, 2 * v_dot(up, m)), up);
     bsdf_value_t value;
-    if (!(wi.z > 0) || !eval(material, up, wi, true, mode, &value) || !(value.pdf > 0)) return false;
+    if (!(wi.z > 0) || !eval_above(material, up, wi, &value) || !(value.pdf > 0)) return false;
     *s = (bsdf_sample_t){.wi = wo.z > 0 ? wi : v_neg(wi),
                          .weight = v_scale(value.f, wi.z / value.pdf),
                          .pdf = value.pdf,

@@ -3,15 +3,15 @@
 
 #include "worker/render/warp.h"
 
-static bool eval(const blob_material_t *material, vec3_t wo, vec3_t wi, bool reflect, transport_t mode,
-                 bsdf_value_t *value)
+static bool eval(const bsdf_t *bsdf, vec3_t wo, vec3_t wi, bool reflect, transport_t mode, bsdf_value_t *value)
 {
     (void)mode;
     if (!reflect) return false;
-    value->f = v_scale(material->reflectance, INV_PI_F);
-    bool same_hemisphere = wo.z * wi.z > 0;
-    value->pdf = same_hemisphere ? fabsf(wi.z) * INV_PI_F : 0;
-    value->pdf_rev = same_hemisphere ? fabsf(wo.z) * INV_PI_F : 0;
+    float cos_o = v_dot(wo, bsdf->ns), cos_i = v_dot(wi, bsdf->ns);
+    bool same_hemisphere = cos_o * cos_i > 0;
+    value->f = v_scale(bsdf->material->reflectance, INV_PI_F);
+    value->pdf = same_hemisphere ? fabsf(cos_i) * INV_PI_F : 0;
+    value->pdf_rev = same_hemisphere ? fabsf(cos_o) * INV_PI_F : 0;
     return true;
 }
 

@@ -13,7 +13,7 @@ void camera_init(camera_t *camera, const blob_scene_t *scene, int width, int hei
     xform_invert(t, &camera->camera_from_world);
     /* The field of view spans the shorter side, which reaches from -1 to 1 in the screen window. */
     float aspect = camera->width / camera->height;
-    float x = fmaxf(aspect, 1), y = fmaxf(1 / aspect, 1);
+    float x = float_max(aspect, 1), y = float_max(1 / aspect, 1);
     const float automatic[4] = {-x, x, -y, y}, *w = scene->screen_window;
     bool given = w[0] != 0 || w[1] != 0 || w[2] != 0 || w[3] != 0;
     float scale = (float)tan((double)scene->fov * M_PI / 360);

@@ -43,6 +43,7 @@ void filter_init(filter_t *filter, const blob_filter_t *kind)
 
 float filter_sample(const filter_axis_t *axis, float u)
 {
+    if (axis->is_pixel) return u - 0.5f;
     int low = 0, high = FILTER_TABLE; /* cumulative[low] <= u < cumulative[high] */
     while (high - low > 1) {
         int middle = (low + high) / 2;

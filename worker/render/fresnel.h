@@ -26,7 +26,7 @@ static inline float fresnel_conductor_channel(float cos_i, float eta, float k)
 {
     float c2 = cos_i * cos_i, s2 = 1 - c2, eta2 = eta * eta, k2 = k * k;
     float t0 = eta2 - k2 - s2, a2b2 = sqrtf(t0 * t0 + 4 * eta2 * k2);
-    float t1 = a2b2 + c2, a = sqrtf(fmaxf(0, 0.5f * (a2b2 + t0))), t2 = 2 * cos_i * a;
+    float t1 = a2b2 + c2, a = sqrtf(float_max(0, 0.5f * (a2b2 + t0))), t2 = 2 * cos_i * a;
     float perpendicular = (t1 - t2) / (t1 + t2);
     float t3 = c2 * a2b2 + s2 * s2, t4 = t2 * s2;
     return 0.5f * perpendicular * (1 + (t3 - t4) / (t3 + t4));

@@ -9,11 +9,16 @@ vec3_t sample_eye_ray(const sample_t *sample, vec2_t u, float *pdf)
     return camera_ray(&stage->camera, raster, pdf);
 }
 
-void sample_splat(sample_t *sample, vec2_t raster, rgb_t value, vec2_t u)
+void sample_splat(sample_t *sample, vec2_t raster, rgb_t value, uint32_t dimension)
 {
     const stage_t *stage = sample->stage;
     unit_result_t *result = sample->result;
     float weight_x, weight_y;
+    vec2_t u = {0, 0};
+    if (!stage->filter.x.is_pixel || !stage->filter.y.is_pixel) {
+        sampler_t sampler = sample_stream(sample, dimension);
+        u = sampler_2d(&sampler);
+    }
     int x = filter_choose_pixel(&stage->filter.x, raster.x, u.x, &weight_x);
     int y = filter_choose_pixel(&stage->filter.y, raster.y, u.y, &weight_y);
     int width = stage->settings.width, height = stage->settings.height;

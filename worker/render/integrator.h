@@ -21,7 +21,6 @@ typedef struct {
     camera_t camera;
     filter_t filter;
     job_settings_t settings;
-    float roulette; /* contributions below this luminance are left to chance; 0: none are (see roulette.h) */
 } stage_t;
 
 /* One sample in the making. */
@@ -53,8 +52,8 @@ static inline sampler_t sample_stream(const sample_t *sample, uint32_t dimension
 
 /* The eye ray of the sample, its place on the film drawn from the pixel filter with `u`. */
 vec3_t sample_eye_ray(const sample_t *sample, vec2_t u, float *pdf);
-/* Adds a splat at a film position; `u` chooses the pixel under the filter. */
-void sample_splat(sample_t *sample, vec2_t raster, rgb_t value, vec2_t u);
+/* Adds a splat at a film position; the numbers of `dimension` choose the pixel under the filter. */
+void sample_splat(sample_t *sample, vec2_t raster, rgb_t value, uint32_t dimension);
 
 /* Segments that a full path may have: pbrt's maxdepth counts scattering events. */
 static inline int stage_max_segments(const stage_t *stage)

@@ -43,7 +43,7 @@ static inline rgb_t light_radiance(const light_point_t *point, vec3_t w)
 static inline float light_direction_pdf(const light_point_t *point, vec3_t w)
 {
     float cos = v_dot(point->n, w);
-    return point->two_sided ? fabsf(cos) * (0.5f * INV_PI_F) : fmaxf(0, cos) * INV_PI_F;
+    return point->two_sided ? fabsf(cos) * (0.5f * INV_PI_F) : float_max(0, cos) * INV_PI_F;
 }
 /* Draws a direction of emission from `u`, by cosine; for two-sided lights each side half of the time. */
 vec3_t light_sample_direction(const light_point_t *point, vec2_t u);

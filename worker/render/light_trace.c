@@ -3,21 +3,21 @@
 #include "worker/render/integrator.h"
 
 /* Splats `value` (throughput times scattering towards the camera) from a point that the camera can see. */
-static void splat_if_visible(sample_t *sample, vec3_t from, const camera_view_t *view, rgb_t value, vec2_t u)
+static void splat_if_visible(sample_t *sample, vec3_t from, const camera_view_t *view, rgb_t value, uint32_t dimension)
 {
     const stage_t *stage = sample->stage;
     if (v_is_zero(value)) return;
     sample->result->counts.rays++;
     if (scene_occluded(stage->scene, from, stage->camera.position)) return;
-    sample_splat(sample, view->raster, value, u);
+    sample_splat(sample, view->raster, value, dimension);
 }
 
 static float filter_margin(const stage_t *stage)
 {
-    return fmaxf(stage->filter.x.radius, stage->filter.y.radius);
+    return float_max(stage->filter.x.radius, stage->filter.y.radius);
 }
 
-static void splat_light(sample_t *sample, const light_point_t *light, vec2_t u)
+static void splat_light(sample_t *sample, const light_point_t *light, uint32_t dimension)
 {
     camera_view_t view;
     if (!camera_project(&sample->stage->camera, light->p, filter_margin(sample->stage), &view)) return;
@@ -25,11 +25,11 @@ static void splat_light(sample_t *sample, const light_point_t *light, vec2_t u)
     rgb_t value = v_scale(light_radiance(light, view.w),
                           view.we_cos * cos / (view.distance * view.distance * light->pdf_area));
     float side = v_dot(light->n, view.w) < 0 ? -light->offset : light->offset;
-    splat_if_visible(sample, v_mad(light->p, side, light->n), &view, value, u);
+    splat_if_visible(sample, v_mad(light->p, side, light->n), &view, value, dimension);
 }
 
 static void splat_vertex(sample_t *sample, const surface_t *surface, const bsdf_t *bsdf, vec3_t wo,
-                         rgb_t throughput, vec2_t u)
+                         rgb_t throughput, uint32_t dimension)
 {
     camera_view_t view;
     bsdf_value_t scattered;
@@ -39,7 +39,7 @@ static void splat_vertex(sample_t *sample, const surface_t *surface, const bsdf_
     float factor = fabsf(v_dot(view.w, bsdf->ns)) * shading_adjoint(bsdf, wo, view.w) * view.we_cos /
                    (view.distance * view.distance);
     rgb_t value = v_scale(v_mul(throughput, scattered.f), factor);
-    splat_if_visible(sample, scene_offset(surface, view.w), &view, value, u);
+    splat_if_visible(sample, scene_offset(surface, view.w), &view, value, dimension);
 }
 
 static rgb_t light_sample(sample_t *sample)
@@ -52,7 +52,7 @@ static rgb_t light_sample(sample_t *sample)
     float choice = sampler_1d(&sampler);
     lights_sample(stage->lights, choice, sampler_2d(&sampler), &light);
     vec3_t direction = light_sample_direction(&light, sampler_2d(&sampler));
-    splat_light(sample, &light, sampler_2d(&sampler));
+    splat_light(sample, &light, sampler.dimension);
 
     float cos = fabsf(v_dot(light.n, direction)), pdf = light.pdf_area * light_direction_pdf(&light, direction);
     if (!(pdf > 0)) return black;
@@ -69,12 +69,12 @@ static rgb_t light_sample(sample_t *sample)
         if (!scene_intersect(stage->scene, origin, direction, &surface)) break;
         bsdf_init(&bsdf, &surface);
         vec3_t wo = v_neg(direction);
-        vec2_t pixel = sampler_2d(&sampler), u = sampler_2d(&sampler), choices = sampler_2d(&sampler);
-        if (!bsdf.specular) splat_vertex(sample, &surface, &bsdf, wo, throughput, pixel);
+        vec2_t u = sampler_2d(&sampler), choices = sampler_2d(&sampler);
+        if (!bsdf.specular) splat_vertex(sample, &surface, &bsdf, wo, throughput, sampler.dimension);
         bsdf_sample_t next;
         if (!bsdf_sample(&bsdf, wo, u, choices.x, TRANSPORT_IMPORTANCE, &next)) break;
         throughput = v_scale(v_mul(throughput, next.weight), shading_adjoint(&bsdf, wo, next.wi));
-        float survive = fminf(1, v_max(throughput) / brightest);
+        float survive = float_min(1, v_max(throughput) / brightest);
         if (!(choices.y < survive)) break;
         throughput = v_scale(throughput, 1 / survive);
         direction = next.wi;

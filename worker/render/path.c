@@ -80,7 +80,7 @@ static rgb_t path_sample(sample_t *sample)
         if (!bsdf_sample(&bsdf, wo, u, choice.x, TRANSPORT_RADIANCE, &next)) break;
         throughput = v_mul(throughput, next.weight);
         if (segment > 2) {
-            float survive = fminf(0.95f, v_max(throughput));
+            float survive = float_min(0.95f, v_max(throughput));
             if (!(choice.y < survive)) break;
             throughput = v_scale(throughput, 1 / survive);
         }

@@ -187,7 +187,7 @@ result_t scene_new(const scene_blob_t *blob, scene_t **result)
     /* The world comes last: its instances need their scenes committed. */
     for (uint64_t k = objects; k-- > 0;) {
         scene->objects[k] = rtcNewScene(scene->device);
-        rtcSetSceneBuildQuality(scene->objects[k], RTC_BUILD_QUALITY_HIGH);
+        rtcSetSceneBuildQuality(scene->objects[k], RTC_BUILD_QUALITY_MEDIUM);
         add_shapes(scene, (uint32_t)k);
         if (k == 0) {
             scene->world = scene->objects[0];
@@ -332,7 +332,6 @@ uint32_t scene_occluded_packet(const scene_t *scene, const segments_t *segments)
     if (segments->count == 1) return scene_occluded(scene, segments->from[0], segments->to[0]);
     struct RTCIntersectContext context;
     rtcInitIntersectContext(&context);
-    context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
     struct RTCRay8 rays;
     _Alignas(32) int valid[SCENE_PACKET];
     for (int i = 0; i < SCENE_PACKET; i++) {

@@ -52,8 +52,8 @@ static inline vec3_t scene_offset(const surface_t *surface, vec3_t direction)
  * the rounding of a hit point and of Embree's distances stays below it). */
 static inline float scene_offset_at(vec3_t p)
 {
-    float largest = fmaxf(fabsf(p.x), fmaxf(fabsf(p.y), fabsf(p.z)));
-    return fmaxf(largest, 0x1p-10f) * 0x1p-18f;
+    float largest = float_max(fabsf(p.x), float_max(fabsf(p.y), fabsf(p.z)));
+    return float_max(largest, 0x1p-10f) * 0x1p-18f;
 }
 
 #endif

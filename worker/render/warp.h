@@ -19,13 +19,13 @@ static inline vec2_t warp_disc(vec2_t u)
 static inline vec3_t warp_cosine_hemisphere(vec2_t u)
 {
     vec2_t d = warp_disc(u);
-    return vec3(d.x, d.y, sqrtf(fmaxf(0, 1 - d.x * d.x - d.y * d.y)));
+    return vec3(d.x, d.y, sqrtf(float_max(0, 1 - d.x * d.x - d.y * d.y)));
 }
 
 /* Uniform on the unit sphere: density 1 / (4 pi) per steradian. */
 static inline vec3_t warp_sphere(vec2_t u)
 {
-    float z = 1 - 2 * u.x, r = sqrtf(fmaxf(0, 1 - z * z)), phi = TWO_PI_F * u.y;
+    float z = 1 - 2 * u.x, r = sqrtf(float_max(0, 1 - z * z)), phi = TWO_PI_F * u.y;
     return vec3(r * cosf(phi), r * sinf(phi), z);
 }
 

@@ -1,0 +1,152 @@
+/* submit: the command that hands a scene to a master, and with --wait sees it through. */
+#include "client/commands.h"
+#include "client/master_option.h"
+#include "client/options.h"
+#include "client/output.h"
+#include "client/scene.h"
+#include "client/watch.h"
+
+#include <inttypes.h>
+#include <signal.h>
+#include <stdatomic.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+static const char usage[] = "usage: lightmill submit SCENE [options]\n"
+                            "\n"
+                            "Sends a scene (a .pbrt file, a folder with a scene.pbrt, or a scene blob) to a "
+                            "master and prints the job's\n"
+                            "number.\n"
+                            "\n"
+                            "  --name NAME        what the job is called (default: after the scene)\n"
+                            "  --wait             show the progress, and fetch the image at the end\n"
+                            "  --quiet            no progress\n";
+
+typedef struct {
+    const char *scene_path, *name;
+    overrides_t overrides;
+    output_t output;
+    master_option_t master;
+    bool wait, quiet, help;
+} command_t;
+
+/* Set by the first Ctrl-C while waiting; a handler can reach nothing else. */
+static atomic_bool interrupted;
+
+static void on_interrupt(int number)
+{
+    (void)number;
+    atomic_store(&interrupted, true);
+}
+
+static result_t parse_option(command_t *command, const char *option, const char *value)
+{
+    bool taken;
+    TRY(overrides_option(&command->overrides, option, value, &taken));
+    if (!taken) TRY(output_option(&command->output, option, value, &taken));
+    if (!taken) TRY(master_option(&command->master, option, value, &taken));
+    if (taken) return result_ok();
+    if (strcmp(option, "name") == 0)
+        command->name = value;
+    else if (strcmp(option, "wait") == 0)
+        command->wait = true;
+    else if (strcmp(option, "quiet") == 0)
+        command->quiet = true;
+    else
+        command->help = true;
+    return result_ok();
+}
+
+static result_t parse_arguments(int argc, char **argv, command_t *command)
+{
+    static const struct option options[] = {SETTINGS_OPTIONS,
+                                            OUTPUT_OPTIONS,
+                                            MASTER_OPTIONS,
+                                            {"name", required_argument, NULL, 0},
+                                            {"wait", no_argument, NULL, 0},
+                                            {"quiet", no_argument, NULL, 0},
+                                            {"help", no_argument, NULL, 0},
+                                            {NULL, 0, NULL, 0}};
+    *command = (command_t){.overrides = overrides_none(), .master = master_option_default()};
+    int index = 0, found;
+    while ((found = getopt_long(argc, argv, "o:", options, &index)) != -1) {
+        if (found == '?') return result_fail(RESULT_USAGE, "see lightmill submit --help");
+        TRY(parse_option(command, found == 'o' ? "output" : options[index].name, optarg));
+        if (command->help) return result_ok();
+    }
+    if (argc - optind != 1)
+        return result_fail(RESULT_USAGE, "submit takes one scene; see lightmill submit --help");
+    if (command->output.path && !command->wait)
+        return result_fail(RESULT_USAGE,
+                           "-o needs --wait; without it fetch the image later: lightmill fetch");
+    command->scene_path = argv[optind];
+    return result_ok();
+}
+
+static void show_upload(void *context, uint64_t done, uint64_t size)
+{
+    progress_upload(context, done, size);
+}
+
+/* Waits for the end of the job. An interrupt ends only the waiting. */
+static result_t wait_for_image(const command_t *command, watch_t *watch)
+{
+    signal(SIGINT, on_interrupt);
+    while (!watch->final) {
+        result_t result = watch_poll(watch);
+        if (atomic_load(&interrupted))
+            return result_fail(RESULT_CANCELLED,
+                               "the job goes on; fetch its image with: lightmill fetch %" PRIu64, watch->job);
+        if (result.code == RESULT_UNREACHABLE)
+            log_warning("%s; waiting on", result.message);
+        else
+            TRY(result);
+    }
+    progress_end(watch->progress);
+    TRY(watch_deliver(watch, &command->output, command->quiet));
+    if (watch->state == JOB_CANCELLED) return result_fail(RESULT_CANCELLED, "the job was cancelled");
+    return result_ok();
+}
+
+static result_t submit(const command_t *command, remote_t *remote, const scene_t *scene)
+{
+    job_settings_t settings;
+    TRY(overrides_apply(&command->overrides, &scene->blob, &settings));
+    progress_t progress = progress_start(command->quiet);
+    result_t result = remote_put_blob(remote, &scene->blob, show_upload, &progress);
+    progress_end(&progress);
+    TRY(result);
+    watch_t watch = {.remote = remote, .progress = &progress};
+    const char *name = command->name ? command->name : scene->name;
+    TRY(remote_submit(remote, name, &settings, &scene->blob.hash, &watch.job));
+    printf("%" PRIu64 "\n", watch.job);
+    fflush(stdout);
+    if (!command->wait) return result_ok();
+    result = wait_for_image(command, &watch);
+    progress_end(&progress);
+    return result;
+}
+
+result_t cmd_submit(int argc, char **argv)
+{
+    command_t command;
+    TRY(parse_arguments(argc, argv, &command));
+    if (command.help) {
+        printf("%s%s\n%s\n%s", usage, master_usage, output_usage, settings_usage);
+        return result_ok();
+    }
+    log_init("lightmill", command.quiet ? LOG_ERROR : LOG_WARNING);
+    scene_t scene;
+    TRY(scene_load(command.scene_path, &scene));
+    char *path = mem_printf("%s.exr", scene.name);
+    if (command.output.path == NULL) command.output.path = path;
+    remote_t *remote = NULL;
+    result_t result = command.wait ? output_check(&command.output) : result_ok();
+    if (result.code == RESULT_OK) result = master_connect(&command.master, &remote);
+    if (result.code == RESULT_OK) result = submit(&command, remote, &scene);
+    remote_close(&remote);
+    free(path);
+    scene_free(&scene);
+    return result;
+}

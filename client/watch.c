@@ -1,0 +1,64 @@
+/* watch: see watch.h. */
+#include "client/watch.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+static const long POLL_NANOSECONDS = 100000000; /* between questions; also how soon a signal is noticed */
+
+static void take_status(watch_t *watch, const Lm__JobStatus *status)
+{
+    watch->state = status->state;
+    watch->final = job_state_final(status->state);
+    watch->samples_done = status->samples_done;
+    watch->elapsed = status->elapsed;
+    watch->workers_seen = status->workers_seen;
+    snprintf(watch->message, sizeof watch->message, "%s", status->message);
+    if (status->settings == NULL) return;
+    watch->width = (int32_t)status->settings->width;
+    watch->height = (int32_t)status->settings->height;
+}
+
+result_t watch_poll(watch_t *watch)
+{
+    nanosleep(&(struct timespec){.tv_nsec = POLL_NANOSECONDS}, NULL);
+    wire_message_t message;
+    TRY(remote_status(watch->remote, watch->job, &message));
+    const Lm__JobStatus *status = message.envelope->job_status_reply->jobs[0];
+    take_status(watch, status);
+    progress_job(watch->progress, status);
+    wire_free(&message);
+    return result_ok();
+}
+
+/* "wrote a.exr: 128 x 128, 64.0 spp, 1.05 M samples in 8.2 s (128 k samples/s), noise 3.1%" */
+static void say_written(const watch_t *watch, const output_t *output, double noise)
+{
+    char samples[32], duration[32], rate[32];
+    format_count((double)watch->samples_done, samples);
+    format_duration(watch->elapsed, duration);
+    format_count(watch->elapsed > 0 ? (double)watch->samples_done / watch->elapsed : 0, rate);
+    double pixels = (double)watch->width * (double)watch->height;
+    printf("wrote %s%s%s: %d x %d, %.4g spp, %s samples in %s (%s samples/s)", output->path,
+           output->png ? " and " : "", output->png ? output->png : "", watch->width, watch->height,
+           pixels > 0 ? (double)watch->samples_done / pixels : 0, samples, duration, rate);
+    if (noise >= 0) printf(", noise %.2g%%", 100 * noise);
+    printf("\n");
+}
+
+result_t watch_deliver(const watch_t *watch, const output_t *output, bool quiet)
+{
+    if (watch->state == JOB_FAILED) return result_fail(RESULT_LIMIT, "the job failed: %s", watch->message);
+    if (watch->samples_done == 0)
+        return result_fail(RESULT_CANCELLED, "the job ended before any sample was made; no image is written");
+    uint8_t *bytes;
+    size_t size;
+    double noise;
+    TRY(remote_fetch_image(watch->remote, watch->job, output->half, &bytes, &size));
+    result_t result = output_write(output, bytes, size, &noise);
+    free(bytes);
+    if (result.code == RESULT_OK && !quiet) say_written(watch, output, noise);
+    return result;
+}

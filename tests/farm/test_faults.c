@@ -1,0 +1,233 @@
+/* What can happen to a farm: workers that are killed, stopped, late or sent away, a master that comes back,
+ * jobs in a row and jobs cancelled. Real processes; wherever the job completes, its pixels have the same bits
+ * as those of an undisturbed render on one machine. */
+#include "tests/rig.h"
+
+#include <setjmp.h>
+#include <signal.h>
+#include <stdarg.h>
+#include <stdlib.h>
+#include <string.h>
+/* After setjmp and stdarg. */
+#include <cmocka.h>
+
+static const double BATCH_INTERVAL = 0.2; /* seconds */
+
+static int set_up(void **state)
+{
+    rig_reference();
+    *state = rig_new();
+    return 0;
+}
+
+static int tear_down(void **state)
+{
+    rig_t *rig = *state;
+    rig_destroy(&rig);
+    return 0;
+}
+
+static void assert_reference(rig_t *rig, uint64_t job)
+{
+    rig_status_t status = rig_wait_job(rig, job);
+    assert_int_equal(status.state, JOB_DONE);
+    assert_true(status.samples_done == status.samples_total);
+    hash_t hash = rig_image_hash(rig, job), reference = rig_reference();
+    assert_true(hash_equal(&hash, &reference));
+}
+
+/* Starts a job on a farm of `workers` and waits until a fifth of it is counted. */
+static uint64_t begin_job(rig_t *rig, int workers, pid_t *pids)
+{
+    rig_start_master(rig, BATCH_INTERVAL);
+    for (int i = 0; i < workers; i++) pids[i] = rig_start_worker(rig);
+    rig_wait_workers(rig, (uint32_t)workers);
+    job_settings_t settings = rig_settings();
+    uint64_t job = rig_submit(rig, &settings);
+    rig_wait_samples(rig, job, (uint64_t)settings.width * (uint64_t)settings.height * settings.spp / 5);
+    return job;
+}
+
+static void a_killed_worker_is_replaced(void **state)
+{
+    rig_t *rig = *state;
+    pid_t workers[2];
+    uint64_t job = begin_job(rig, 2, workers);
+    kill(workers[0], SIGKILL);
+    assert_reference(rig, job);
+}
+
+static void a_stopped_worker_is_replaced_and_comes_back(void **state)
+{
+    rig_t *rig = *state;
+    pid_t workers[2];
+    uint64_t job = begin_job(rig, 2, workers);
+    kill(workers[0], SIGSTOP);
+    assert_reference(rig, job);
+    rig_wait_workers(rig, 1);
+    kill(workers[0], SIGCONT);
+    rig_wait_workers(rig, 2);
+    job_settings_t settings = rig_settings();
+    uint64_t second = rig_submit(rig, &settings);
+    assert_reference(rig, second);
+    assert_int_equal(rig_status(rig, second).workers_seen, 2);
+}
+
+/* Stopped for longer than its lease, but back before the job ends: its units were given to the other. */
+static void a_straggler_counts_nothing_twice(void **state)
+{
+    rig_t *rig = *state;
+    pid_t workers[2];
+    uint64_t job = begin_job(rig, 2, workers);
+    kill(workers[0], SIGSTOP);
+    rig_wait_workers(rig, 1);
+    kill(workers[0], SIGCONT);
+    assert_reference(rig, job);
+}
+
+static void the_last_worker_dies_and_a_new_one_finishes(void **state)
+{
+    rig_t *rig = *state;
+    pid_t worker;
+    uint64_t job = begin_job(rig, 1, &worker);
+    kill(worker, SIGKILL);
+    rig_wait_workers(rig, 0);
+    assert_int_equal(rig_status(rig, job).state, JOB_RUNNING);
+    rig_start_worker(rig);
+    assert_reference(rig, job);
+}
+
+static void a_late_worker_joins(void **state)
+{
+    rig_t *rig = *state;
+    pid_t worker;
+    uint64_t job = begin_job(rig, 1, &worker);
+    rig_start_worker(rig);
+    assert_reference(rig, job);
+    assert_int_equal(rig_status(rig, job).workers_seen, 2);
+}
+
+/* No batch is due for a long time: what is counted came with the farewell. */
+static void a_worker_sent_away_leaves_its_work(void **state)
+{
+    rig_t *rig = *state;
+    rig_start_master(rig, 1000);
+    pid_t worker = rig_start_worker(rig);
+    job_settings_t settings = rig_settings();
+    uint64_t job = rig_submit(rig, &settings);
+    rig_sleep(1.5);
+    assert_true(rig_status(rig, job).samples_done == 0);
+    kill(worker, SIGTERM);
+    assert_int_equal(rig_wait_exit(rig, worker, 30), 0);
+    assert_true(rig_status(rig, job).samples_done > 0);
+    rig_wait_workers(rig, 0);
+    rig_start_worker(rig);
+    assert_reference(rig, job);
+}
+
+static void a_worker_waits_for_its_master(void **state)
+{
+    rig_t *rig = *state;
+    rig_start_worker(rig);
+    rig_sleep(1.5);
+    rig_start_master(rig, BATCH_INTERVAL);
+    job_settings_t settings = rig_settings();
+    assert_reference(rig, rig_submit(rig, &settings));
+}
+
+static void a_worker_outlives_its_master(void **state)
+{
+    rig_t *rig = *state;
+    pid_t worker;
+    begin_job(rig, 1, &worker);
+    rig_kill_master(rig);
+    rig_sleep(0.5);
+    rig_start_master(rig, BATCH_INTERVAL);
+    rig_wait_workers(rig, 1);
+    job_settings_t settings = rig_settings();
+    assert_reference(rig, rig_submit(rig, &settings));
+    kill(worker, SIGTERM);
+    assert_int_equal(rig_wait_exit(rig, worker, 30), 0);
+}
+
+/* A stopped master is silent for longer than any time-out, then goes on. */
+static void a_stopped_master_goes_on(void **state)
+{
+    rig_t *rig = *state;
+    pid_t workers[2];
+    uint64_t job = begin_job(rig, 2, workers);
+    kill(rig->master, SIGSTOP);
+    rig_sleep(2.5);
+    kill(rig->master, SIGCONT);
+    assert_reference(rig, job);
+}
+
+static void two_jobs_in_a_row(void **state)
+{
+    rig_t *rig = *state;
+    rig_start_master(rig, BATCH_INTERVAL);
+    rig_start_worker(rig);
+    rig_start_worker(rig);
+    job_settings_t settings = rig_settings(), other = settings;
+    other.seed++;
+    other.width = 48;
+    other.spp = 50;
+    uint64_t first = rig_submit(rig, &other), second = rig_submit(rig, &settings);
+    assert_reference(rig, second);
+    assert_int_equal(rig_wait_job(rig, first).state, JOB_DONE);
+    hash_t hash = rig_image_hash(rig, first), reference = rig_reference();
+    assert_false(hash_equal(&hash, &reference));
+}
+
+static void a_cancelled_job_keeps_its_image(void **state)
+{
+    rig_t *rig = *state;
+    rig_start_master(rig, BATCH_INTERVAL);
+    rig_start_worker(rig);
+    job_settings_t settings = rig_settings(), endless = settings;
+    endless.spp = JOB_MAX_SPP;
+    uint64_t job = rig_submit(rig, &endless);
+    rig_wait_samples(rig, job, 1);
+    uint64_t next = rig_submit(rig, &settings);
+    assert_int_equal(remote_cancel(rig->remote, job).code, RESULT_OK);
+    assert_int_equal(rig_wait_job(rig, job).state, JOB_CANCELLED);
+    rig_image_hash(rig, job);
+    assert_reference(rig, next);
+}
+
+static void time_ends_a_job(void **state)
+{
+    rig_t *rig = *state;
+    rig_start_master(rig, BATCH_INTERVAL);
+    rig_start_worker(rig);
+    job_settings_t settings = rig_settings();
+    settings.spp = JOB_MAX_SPP;
+    settings.time_limit = 1.5;
+    uint64_t job = rig_submit(rig, &settings);
+    double start = clock_now();
+    rig_status_t status = rig_wait_job(rig, job);
+    assert_int_equal(status.state, JOB_DONE);
+    assert_true(status.samples_done > 0);
+    assert_true(clock_now() - start < 20);
+    rig_image_hash(rig, job);
+}
+
+int main(void)
+{
+#define FAULT(test) cmocka_unit_test_setup_teardown(test, set_up, tear_down)
+    const struct CMUnitTest tests[] = {
+        FAULT(a_killed_worker_is_replaced),
+        FAULT(a_stopped_worker_is_replaced_and_comes_back),
+        FAULT(a_straggler_counts_nothing_twice),
+        FAULT(the_last_worker_dies_and_a_new_one_finishes),
+        FAULT(a_late_worker_joins),
+        FAULT(a_worker_sent_away_leaves_its_work),
+        FAULT(a_worker_waits_for_its_master),
+        FAULT(a_worker_outlives_its_master),
+        FAULT(a_stopped_master_goes_on),
+        FAULT(two_jobs_in_a_row),
+        FAULT(a_cancelled_job_keeps_its_image),
+        FAULT(time_ends_a_job),
+    };
+    return cmocka_run_group_tests_name("faults", tests, NULL, NULL);
+}

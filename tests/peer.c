@@ -1,0 +1,430 @@
+/* peer: see peer.h. */
+#include "tests/peer.h"
+
+#include "common/scene_blob.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include <cmocka.h>
+
+static const double PATIENCE = 10; /* seconds for an answer */
+
+static void *connect_to(void *context, int port)
+{
+    void *socket;
+    char endpoint[64];
+    snprintf(endpoint, sizeof endpoint, "tcp://127.0.0.1:%d", port);
+    assert_int_equal(wire_socket(context, ZMQ_DEALER, &socket).code, RESULT_OK);
+    assert_int_equal(zmq_connect(socket, endpoint), 0);
+    return socket;
+}
+
+peer_t *peer_new(int control_port)
+{
+    peer_t *peer = mem_zalloc(1, sizeof *peer);
+    peer->context = zmq_ctx_new();
+    peer->control = connect_to(peer->context, control_port);
+    Lm__JobStatusRequest request = LM__JOB_STATUS_REQUEST__INIT;
+    Lm__Envelope envelope = LM__ENVELOPE__INIT;
+    envelope.body_case = LM__ENVELOPE__BODY_JOB_STATUS_REQUEST;
+    envelope.job_status_request = &request;
+    wire_message_t answer = peer_ask_control(peer, &envelope);
+    assert_int_equal(answer.envelope->body_case, LM__ENVELOPE__BODY_JOB_STATUS_REPLY);
+    peer->bulk = connect_to(peer->context, (int)answer.envelope->job_status_reply->bulk_port);
+    wire_free(&answer);
+    return peer;
+}
+
+void peer_destroy(peer_t **peer)
+{
+    zmq_close((*peer)->control);
+    zmq_close((*peer)->bulk);
+    zmq_ctx_term((*peer)->context);
+    free(*peer);
+    *peer = NULL;
+}
+
+void *peer_raw_socket(peer_t *peer, bool bulk)
+{
+    char endpoint[100];
+    size_t size = sizeof endpoint;
+    int linger = 200;
+    assert_int_equal(zmq_getsockopt(bulk ? peer->bulk : peer->control, ZMQ_LAST_ENDPOINT, endpoint, &size),
+                     0);
+    void *socket = zmq_socket(peer->context, ZMQ_DEALER);
+    zmq_setsockopt(socket, ZMQ_LINGER, &linger, sizeof linger);
+    assert_int_equal(zmq_connect(socket, endpoint), 0);
+    return socket;
+}
+
+/* ---- asking -------------------------------------------------------------------------------------------- */
+
+static void take_push(peer_t *peer, const Lm__Envelope *envelope)
+{
+    if (envelope->body_case == LM__ENVELOPE__BODY_JOB_READY) peer->job_ready++;
+    if (envelope->body_case != LM__ENVELOPE__BODY_JOB_OVER) return;
+    peer->job_over++;
+    peer->flush += envelope->job_over->flush;
+    peer->over_job = envelope->job_over->job;
+}
+
+/* Waits for the next message of any kind; false when none comes in time. */
+static bool next_message(void *socket, double until, wire_message_t *message)
+{
+    for (;;) {
+        bool received;
+        result_t result = wire_receive(socket, false, message, &received);
+        if (result.code != RESULT_OK) fail_msg("the master sent nonsense: %s", result.message);
+        if (received) return true;
+        double left = until - clock_now();
+        if (left <= 0) return false;
+        zmq_pollitem_t item = {.socket = socket, .events = ZMQ_POLLIN};
+        zmq_poll(&item, 1, (long)(1000 * left) + 1);
+    }
+}
+
+static wire_message_t await(peer_t *peer, void *socket, uint64_t request)
+{
+    wire_message_t message;
+    double until = clock_now() + PATIENCE;
+    while (next_message(socket, until, &message)) {
+        if (message.envelope->request == request) return message;
+        take_push(peer, message.envelope);
+        wire_free(&message);
+    }
+    fail_msg("no answer from the master");
+    return message;
+}
+
+static wire_message_t ask(peer_t *peer, void *socket, Lm__Envelope *envelope, zmq_msg_t *payload,
+                          int payloads)
+{
+    envelope->request = ++peer->requests;
+    result_t result = wire_send(socket, NULL, 0, envelope, payload, payloads);
+    if (result.code != RESULT_OK) fail_msg("cannot send: %s", result.message);
+    return await(peer, socket, envelope->request);
+}
+
+wire_message_t peer_ask_control(peer_t *peer, Lm__Envelope *envelope)
+{
+    return ask(peer, peer->control, envelope, NULL, 0);
+}
+
+wire_message_t peer_ask_bulk(peer_t *peer, Lm__Envelope *envelope, zmq_msg_t *payload, int payloads)
+{
+    return ask(peer, peer->bulk, envelope, payload, payloads);
+}
+
+void peer_listen(peer_t *peer, double seconds)
+{
+    wire_message_t message;
+    if (!next_message(peer->control, clock_now() + seconds, &message)) return;
+    take_push(peer, message.envelope);
+    wire_free(&message);
+}
+
+/* The failure in a Refusal; anything but the expected answer ends the test. Frees a refusal. */
+static result_t verdict(wire_message_t *answer, Lm__Envelope__BodyCase expected)
+{
+    if (answer->envelope->body_case == expected) return result_ok();
+    assert_int_equal(answer->envelope->body_case, LM__ENVELOPE__BODY_REFUSAL);
+    const Lm__Refusal *refusal = answer->envelope->refusal;
+    assert_int_not_equal(refusal->code, RESULT_OK);
+    result_t result = result_fail((result_code_t)refusal->code, "%s", refusal->reason);
+    assert_true(strlen(refusal->reason) > 0);
+    wire_free(answer);
+    return result;
+}
+
+/* ---- a worker ------------------------------------------------------------------------------------------ */
+
+void peer_hello(peer_t *peer, uint32_t version, uint32_t threads, result_t *refused)
+{
+    Lm__Hello hello = LM__HELLO__INIT;
+    Lm__Envelope envelope = LM__ENVELOPE__INIT;
+    hello.protocol_version = version;
+    hello.software = "peer";
+    hello.name = "peer";
+    hello.threads = threads;
+    envelope.body_case = LM__ENVELOPE__BODY_HELLO;
+    envelope.hello = &hello;
+    wire_message_t answer = peer_ask_control(peer, &envelope);
+    result_t result = verdict(&answer, LM__ENVELOPE__BODY_WELCOME);
+    if (refused != NULL) *refused = result;
+    if (result.code != RESULT_OK) {
+        assert_non_null(refused);
+        return;
+    }
+    peer->worker = answer.envelope->welcome->worker;
+    assert_true(peer->worker != 0);
+    assert_true(answer.envelope->welcome->heartbeat_ms > 0);
+    wire_free(&answer);
+}
+
+bool peer_heartbeat(peer_t *peer, uint64_t job, uint32_t units_held)
+{
+    Lm__Heartbeat beat = LM__HEARTBEAT__INIT;
+    Lm__Envelope envelope = LM__ENVELOPE__INIT;
+    beat.worker = peer->worker;
+    beat.job = job;
+    beat.units_held = units_held;
+    envelope.body_case = LM__ENVELOPE__BODY_HEARTBEAT;
+    envelope.heartbeat = &beat;
+    wire_message_t answer = peer_ask_control(peer, &envelope);
+    assert_int_equal(answer.envelope->body_case, LM__ENVELOPE__BODY_HEARTBEAT_REPLY);
+    bool known = answer.envelope->heartbeat_reply->known;
+    wire_free(&answer);
+    return known;
+}
+
+void peer_goodbye(peer_t *peer)
+{
+    Lm__Goodbye goodbye = LM__GOODBYE__INIT;
+    Lm__Envelope envelope = LM__ENVELOPE__INIT;
+    goodbye.worker = peer->worker;
+    goodbye.reason = "the script says so";
+    envelope.body_case = LM__ENVELOPE__BODY_GOODBYE;
+    envelope.goodbye = &goodbye;
+    wire_message_t answer = peer_ask_control(peer, &envelope);
+    assert_int_equal(answer.envelope->body_case, LM__ENVELOPE__BODY_DONE);
+    wire_free(&answer);
+}
+
+void peer_work(peer_t *peer, uint64_t samples, uint64_t unit_samples, peer_work_t *work)
+{
+    Lm__WorkRequest request = LM__WORK_REQUEST__INIT;
+    Lm__Envelope envelope = LM__ENVELOPE__INIT;
+    request.worker = peer->worker;
+    request.samples = samples;
+    request.unit_samples = unit_samples;
+    envelope.body_case = LM__ENVELOPE__BODY_WORK_REQUEST;
+    envelope.work_request = &request;
+    wire_message_t answer = peer_ask_control(peer, &envelope);
+    work->job = 0;
+    work->unit_count = 0;
+    work->refused = result_ok();
+    if (answer.envelope->body_case == LM__ENVELOPE__BODY_NO_WORK) {
+        assert_true(answer.envelope->no_work->retry_ms > 0);
+        wire_free(&answer);
+        return;
+    }
+    work->refused = verdict(&answer, LM__ENVELOPE__BODY_ASSIGNMENT);
+    if (work->refused.code != RESULT_OK) return;
+    const Lm__Assignment *assignment = answer.envelope->assignment;
+    work->job = assignment->job;
+    work->unit_count = assignment->n_units;
+    assert_int_equal(wire_settings_get(assignment->settings, &work->settings).code, RESULT_OK);
+    assert_int_equal(
+        wire_units_get(assignment->units, assignment->n_units, &work->settings, work->units).code, RESULT_OK);
+    wire_free(&answer);
+}
+
+batch_t peer_render(const job_settings_t *settings, const unit_t *units, size_t count)
+{
+    batch_t batch;
+    unit_result_t result = {0};
+    splat_t splats[2];
+    batch_init(&batch, settings);
+    for (size_t i = 0; i < count; i++) {
+        unit_result_reset(&result, settings, &units[i]);
+        size_t values = batch_tile_values(settings, units[i].tile);
+        for (size_t v = 0; v < values; v++)
+            result.eye[v] = (int64_t)(units[i].tile * 1000 + v) * units[i].count << 20;
+        for (uint32_t s = 0; s < 2; s++)
+            splats[s] = (splat_t){(units[i].tile * 7 + s) % (uint32_t)(settings->width * settings->height) |
+                                      (s == 0 ? 0 : SPLAT_HALF_BIT),
+                                  {0.5f * (float)units[i].count, 0.25f, 0.125f}};
+        result.splats = splats;
+        result.splat_count = 2;
+        for (int half = 0; half < 2; half++)
+            result.counts.light_paths[half] =
+                (uint64_t)unit_half_count(&units[i], half) * job_tile_pixels(settings, units[i].tile);
+        result.counts.rays = 10;
+        batch_add(&batch, &result);
+    }
+    result.splats = NULL;
+    unit_result_free(&result);
+    return batch;
+}
+
+result_t peer_send_batch(peer_t *peer, uint64_t job, const batch_t *batch)
+{
+    Lm__BatchResult body = LM__BATCH_RESULT__INIT;
+    Lm__Counts counts = LM__COUNTS__INIT;
+    Lm__Envelope envelope = LM__ENVELOPE__INIT;
+    zmq_msg_t payload[2];
+    wire_counts_put(&batch->counts, &counts);
+    body.worker = peer->worker;
+    body.job = job;
+    body.sequence = peer->requests;
+    body.n_units = batch->unit_count;
+    body.units = wire_units_new(batch->units, batch->unit_count);
+    body.counts = &counts;
+    envelope.body_case = LM__ENVELOPE__BODY_BATCH_RESULT;
+    envelope.batch_result = &body;
+    assert_int_equal(payload_encode(batch, true, payload).code, RESULT_OK);
+    wire_message_t answer = peer_ask_bulk(peer, &envelope, payload, 2);
+    free(body.units);
+    assert_int_equal(answer.envelope->body_case, LM__ENVELOPE__BODY_BATCH_REPLY);
+    const Lm__BatchReply *reply = answer.envelope->batch_reply;
+    assert_int_equal(reply->sequence, body.sequence);
+    result_t result = reply->accepted ? result_ok() : result_fail(RESULT_MISMATCH, "%s", reply->reason);
+    wire_free(&answer);
+    return result;
+}
+
+/* ---- a client ------------------------------------------------------------------------------------------ */
+
+uint8_t *peer_blob(uint32_t variant, uint64_t *size, hash_t *hash)
+{
+    blob_builder_t *builder = blob_builder_new();
+    blob_scene_t scene = {.world_from_camera = xform_identity(),
+                          .fov = 50,
+                          .filter = {.kind = FILTER_BOX, .radius_x = 0.5f, .radius_y = 0.5f},
+                          .width = 64,
+                          .height = 64,
+                          .max_depth = 5,
+                          .spp = 1 + variant,
+                          .integrator = INTEGRATOR_BDPT,
+                          .sampler = SAMPLER_SOBOL};
+    blob_object_t world = {0};
+    uint8_t *bytes;
+    blob_builder_add(builder, BLOB_SECTION_SCENE, &scene, 1);
+    blob_builder_add(builder, BLOB_SECTION_OBJECTS, &world, 1);
+    result_t result = blob_builder_finish(builder, &bytes, size);
+    if (result.code != RESULT_OK) fail_msg("the test's blob is not valid: %s", result.message);
+    blob_builder_destroy(&builder);
+    *hash = hash_bytes(bytes, *size);
+    return bytes;
+}
+
+result_t peer_put_chunk(peer_t *peer, const hash_t *hash, uint64_t offset, uint64_t size, const void *bytes,
+                        size_t length, uint64_t *next)
+{
+    Lm__BlobPut put = LM__BLOB_PUT__INIT;
+    Lm__Envelope envelope = LM__ENVELOPE__INIT;
+    zmq_msg_t payload;
+    zmq_msg_init_size(&payload, length);
+    if (length > 0) memcpy(zmq_msg_data(&payload), bytes, length);
+    put.blob = wire_hash_put(hash);
+    put.offset = offset;
+    put.size = size;
+    envelope.body_case = LM__ENVELOPE__BODY_BLOB_PUT;
+    envelope.blob_put = &put;
+    wire_message_t answer = peer_ask_bulk(peer, &envelope, &payload, 1);
+    TRY(verdict(&answer, LM__ENVELOPE__BODY_BLOB_PUT_REPLY));
+    *next = answer.envelope->blob_put_reply->next;
+    wire_free(&answer);
+    return result_ok();
+}
+
+result_t peer_put_blob(peer_t *peer, const uint8_t *bytes, uint64_t size, const hash_t *hash, size_t chunk)
+{
+    uint64_t next;
+    TRY(peer_put_chunk(peer, hash, 0, size, NULL, 0, &next));
+    while (next < size) {
+        size_t length = size - next < chunk ? (size_t)(size - next) : chunk;
+        TRY(peer_put_chunk(peer, hash, next, size, bytes + next, length, &next));
+    }
+    return result_ok();
+}
+
+result_t peer_submit(peer_t *peer, const char *name, const job_settings_t *settings, const hash_t *hash,
+                     uint64_t *job)
+{
+    Lm__JobSubmit submit = LM__JOB_SUBMIT__INIT;
+    Lm__Settings message = LM__SETTINGS__INIT;
+    Lm__Envelope envelope = LM__ENVELOPE__INIT;
+    wire_settings_put(settings, &message);
+    submit.name = (char *)name;
+    submit.settings = &message;
+    submit.blob = wire_hash_put(hash);
+    envelope.body_case = LM__ENVELOPE__BODY_JOB_SUBMIT;
+    envelope.job_submit = &submit;
+    wire_message_t answer = peer_ask_control(peer, &envelope);
+    TRY(verdict(&answer, LM__ENVELOPE__BODY_JOB_ACCEPTED));
+    *job = answer.envelope->job_accepted->job;
+    wire_free(&answer);
+    return result_ok();
+}
+
+result_t peer_cancel(peer_t *peer, uint64_t job)
+{
+    Lm__JobCancel cancel = LM__JOB_CANCEL__INIT;
+    Lm__Envelope envelope = LM__ENVELOPE__INIT;
+    cancel.job = job;
+    envelope.body_case = LM__ENVELOPE__BODY_JOB_CANCEL;
+    envelope.job_cancel = &cancel;
+    wire_message_t answer = peer_ask_control(peer, &envelope);
+    TRY(verdict(&answer, LM__ENVELOPE__BODY_DONE));
+    wire_free(&answer);
+    return result_ok();
+}
+
+const Lm__JobStatus *peer_status(peer_t *peer, uint64_t job, wire_message_t *message)
+{
+    Lm__JobStatusRequest request = LM__JOB_STATUS_REQUEST__INIT;
+    Lm__Envelope envelope = LM__ENVELOPE__INIT;
+    request.job = job;
+    envelope.body_case = LM__ENVELOPE__BODY_JOB_STATUS_REQUEST;
+    envelope.job_status_request = &request;
+    *message = peer_ask_control(peer, &envelope);
+    if (verdict(message, LM__ENVELOPE__BODY_JOB_STATUS_REPLY).code != RESULT_OK) return NULL;
+    assert_int_equal(message->envelope->job_status_reply->n_jobs, 1);
+    return message->envelope->job_status_reply->jobs[0];
+}
+
+job_state_t peer_wait(peer_t *peer, uint64_t job, double seconds)
+{
+    double until = clock_now() + seconds;
+    for (;;) {
+        wire_message_t message;
+        const Lm__JobStatus *status = peer_status(peer, job, &message);
+        assert_non_null(status);
+        job_state_t state = (job_state_t)status->state;
+        wire_free(&message);
+        if (job_state_final((uint32_t)state) || clock_now() > until) return state;
+        usleep(20000);
+    }
+}
+
+/* One ImageGet; appends what comes to the file. */
+static result_t fetch_chunk(peer_t *peer, Lm__ImageGet *get, FILE *file, uint64_t *size)
+{
+    Lm__Envelope envelope = LM__ENVELOPE__INIT;
+    envelope.body_case = LM__ENVELOPE__BODY_IMAGE_GET;
+    envelope.image_get = get;
+    wire_message_t answer = peer_ask_bulk(peer, &envelope, NULL, 0);
+    TRY(verdict(&answer, LM__ENVELOPE__BODY_IMAGE_CHUNK));
+    const Lm__ImageChunk *chunk = answer.envelope->image_chunk;
+    assert_int_equal(answer.payload_count, 1);
+    assert_true(chunk->offset == get->offset);
+    size_t length = zmq_msg_size(&answer.payload[0]);
+    assert_true(length > 0 && length <= get->length);
+    assert_int_equal(fwrite(zmq_msg_data(&answer.payload[0]), 1, length, file), length);
+    get->snapshot = chunk->snapshot;
+    get->offset += length;
+    *size = chunk->size;
+    wire_free(&answer);
+    return result_ok();
+}
+
+result_t peer_fetch(peer_t *peer, uint64_t job, bool half, uint32_t chunk, const char *path)
+{
+    Lm__ImageGet get = LM__IMAGE_GET__INIT;
+    uint64_t size = 1;
+    FILE *file = fopen(path, "wb");
+    assert_non_null(file);
+    get.job = job;
+    get.half = half;
+    get.length = chunk;
+    result_t result = result_ok();
+    while (result.code == RESULT_OK && get.offset < size) result = fetch_chunk(peer, &get, file, &size);
+    fclose(file);
+    return result;
+}

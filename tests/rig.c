@@ -1,0 +1,357 @@
+/* rig: see rig.h. */
+#include "tests/rig.h"
+
+#include "client/scene.h"
+#include "common/image.h"
+#include "tests/scratch.h"
+
+#include <arpa/inet.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <netinet/in.h>
+#include <setjmp.h>
+#include <signal.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/prctl.h>
+#include <sys/socket.h>
+#include <sys/wait.h>
+#include <time.h>
+#include <unistd.h>
+/* After setjmp and stdarg. */
+#include <cmocka.h>
+
+static const char SCENE[] = "scenes/seed-hidden";
+static const double PATIENCE = 240; /* seconds for anything, on a machine that does other things too */
+
+/* Ends the test with the message of a failed result. */
+static void must(result_t result)
+{
+    if (result.code != RESULT_OK) fail_msg("%s", result.message);
+}
+
+void rig_sleep(double seconds)
+{
+    struct timespec time = {.tv_sec = (time_t)seconds,
+                            .tv_nsec = (long)(1e9 * (seconds - (double)(time_t)seconds))};
+    while (nanosleep(&time, &time) != 0 && errno == EINTR) {
+    }
+}
+
+/* ---- processes ---------------------------------------------------------------------------------------- */
+
+/* The path of one of our programs: this test is BUILD/tests/farm/NAME. The caller frees it. */
+static char *program_path(const char *program)
+{
+    char self[4000];
+    ssize_t length = readlink("/proc/self/exe", self, sizeof self - 1);
+    assert_true(length > 0);
+    self[length] = '\0';
+    for (int i = 0; i < 3; i++) {
+        char *slash = strrchr(self, '/');
+        assert_non_null(slash);
+        *slash = '\0';
+    }
+    return mem_printf("%s/%s", self, program);
+}
+
+static char *output_path(const rig_t *rig, int index)
+{
+    return mem_printf("%s/output-%d", rig->folder, index);
+}
+
+static pid_t start(rig_t *rig, const char *program, const char *const *arguments)
+{
+    char *path = program_path(program);
+    const char *argv[64] = {path};
+    for (size_t i = 0; arguments[i]; i++) {
+        assert_true(i + 2 < ARRAY_LENGTH(argv));
+        argv[i + 1] = arguments[i];
+    }
+    assert_true(rig->started_count < RIG_MAX_PROCESSES);
+    char *output = output_path(rig, rig->started_count);
+    int file = open(output, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
+    assert_true(file >= 0);
+    pid_t process = fork();
+    if (process == 0) {
+        prctl(PR_SET_PDEATHSIG, SIGKILL);
+        dup2(file, STDOUT_FILENO);
+        dup2(file, STDERR_FILENO);
+        execv(path, (char *const *)argv);
+        _exit(127);
+    }
+    assert_true(process > 0);
+    close(file);
+    free(output);
+    free(path);
+    rig->started[rig->started_count++] = process;
+    return process;
+}
+
+static int index_of(const rig_t *rig, pid_t process)
+{
+    for (int i = 0; i < rig->started_count; i++)
+        if (rig->started[i] == process) return i;
+    fail_msg("process %d is not of this rig", (int)process);
+    return -1;
+}
+
+int rig_wait_exit(rig_t *rig, pid_t process, double seconds)
+{
+    double deadline = clock_now() + seconds;
+    int status, index = index_of(rig, process);
+    while (waitpid(process, &status, WNOHANG) != process) {
+        if (clock_now() > deadline) fail_msg("process %d did not end within %g s", (int)process, seconds);
+        rig_sleep(0.01);
+    }
+    rig->ended[index] = true;
+    return WIFSIGNALED(status) ? 1000 + WTERMSIG(status) : WEXITSTATUS(status);
+}
+
+char *rig_output(rig_t *rig, pid_t process)
+{
+    char *path = output_path(rig, index_of(rig, process));
+    uint8_t *data;
+    size_t size;
+    must(file_read(path, 1 << 24, &data, &size));
+    char *text = mem_alloc(size + 1);
+    memcpy(text, data, size);
+    text[size] = '\0';
+    free(data);
+    free(path);
+    return text;
+}
+
+pid_t rig_start_command(rig_t *rig, const char *const *arguments)
+{
+    return start(rig, "lightmill", arguments);
+}
+
+int rig_run(rig_t *rig, const char *const *arguments)
+{
+    return rig_wait_exit(rig, rig_start_command(rig, arguments), PATIENCE);
+}
+
+/* ---- the farm ----------------------------------------------------------------------------------------- */
+
+static bool port_free(int port)
+{
+    int socket_file = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    struct sockaddr_in address = {.sin_family = AF_INET, .sin_port = htons((uint16_t)port)};
+    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    bool available = bind(socket_file, (struct sockaddr *)&address, sizeof address) == 0;
+    close(socket_file);
+    return available;
+}
+
+/* A port of which the next one is free too, below the range that the system gives away by itself. */
+static int free_ports(void)
+{
+    unsigned seed = (unsigned)getpid() * 2654435761u + (unsigned)(1e6 * clock_now());
+    for (int i = 0; i < 1000; i++) {
+        int port = 20000 + (int)(rand_r(&seed) % 12000);
+        if (port_free(port) && port_free(port + 1)) return port;
+    }
+    fail_msg("no free ports");
+    return 0;
+}
+
+rig_t *rig_new(void)
+{
+    rig_t *rig = mem_zalloc(1, sizeof *rig);
+    rig->folder = scratch_new();
+    rig->port = free_ports();
+    return rig;
+}
+
+void rig_destroy(rig_t **rig_pointer)
+{
+    rig_t *rig = *rig_pointer;
+    if (rig == NULL) return;
+    remote_close(&rig->remote);
+    for (int i = 0; i < rig->started_count; i++)
+        if (!rig->ended[i]) kill(rig->started[i], SIGKILL);
+    for (int i = 0; i < rig->started_count; i++)
+        if (!rig->ended[i]) waitpid(rig->started[i], NULL, 0);
+    scratch_destroy(&rig->folder);
+    free(rig);
+    *rig_pointer = NULL;
+}
+
+static void connect_remote(rig_t *rig)
+{
+    char *endpoint = mem_printf("tcp://127.0.0.1:%d", rig->port);
+    remote_close(&rig->remote);
+    must(remote_open(NULL, endpoint, NULL, 20, &rig->remote));
+    free(endpoint);
+    wire_message_t message;
+    must(remote_status(rig->remote, 0, &message));
+    wire_free(&message);
+}
+
+void rig_start_master(rig_t *rig, double batch_interval)
+{
+    char *listen = mem_printf("127.0.0.1:%d", rig->port), *interval = mem_printf("%g", batch_interval);
+    char *data = mem_printf("%s/data-%d", rig->folder, rig->started_count);
+    rig->master = start(rig, "lightmill-master",
+                        (const char *[]){"--listen", listen, "--data", data, "--heartbeat", "0.2", "--lease",
+                                         "1", "--batch-interval", interval, "--verbose", NULL});
+    free(listen);
+    free(interval);
+    free(data);
+    connect_remote(rig);
+}
+
+void rig_kill_master(rig_t *rig)
+{
+    kill(rig->master, SIGKILL);
+    assert_int_equal(rig_wait_exit(rig, rig->master, 10), 1000 + SIGKILL);
+    rig->master = 0;
+}
+
+pid_t rig_start_worker(rig_t *rig)
+{
+    char *address = mem_printf("127.0.0.1:%d", rig->port);
+    char *cache = mem_printf("%s/cache-%d", rig->folder, rig->started_count);
+    char *name = mem_printf("%d", rig->started_count);
+    pid_t worker = start(
+        rig, "lightmill-worker",
+        (const char *[]){address, "--threads", "1", "--cache", cache, "--name", name, "--verbose", NULL});
+    free(address);
+    free(cache);
+    free(name);
+    return worker;
+}
+
+/* ---- jobs --------------------------------------------------------------------------------------------- */
+
+job_settings_t rig_settings(void)
+{
+    scene_t scene;
+    must(scene_load(SCENE, &scene));
+    job_settings_t settings = blob_default_settings(&scene.blob);
+    settings.width = settings.height = 64;
+    settings.spp = 384;
+    settings.seed = 7;
+    settings.film_scale = blob_film_scale(&scene.blob);
+    scene_free(&scene);
+    return settings;
+}
+
+uint64_t rig_submit(rig_t *rig, const job_settings_t *settings)
+{
+    scene_t scene;
+    uint64_t job;
+    must(scene_load(SCENE, &scene));
+    must(remote_put_blob(rig->remote, &scene.blob, NULL, NULL));
+    must(remote_submit(rig->remote, "test", settings, &scene.blob.hash, &job));
+    scene_free(&scene);
+    return job;
+}
+
+rig_status_t rig_status(rig_t *rig, uint64_t job)
+{
+    wire_message_t message;
+    must(remote_status(rig->remote, job, &message));
+    const Lm__JobStatus *status = message.envelope->job_status_reply->jobs[0];
+    rig_status_t copy = {.state = status->state,
+                         .workers = status->workers,
+                         .workers_seen = status->workers_seen,
+                         .samples_done = status->samples_done,
+                         .samples_total = status->samples_total,
+                         .batches_refused = status->batches_refused,
+                         .units_reissued = status->units_reissued};
+    wire_free(&message);
+    return copy;
+}
+
+/* Prints the logs of all processes: what one needs to see when a farm hangs. */
+static void dump_logs(rig_t *rig)
+{
+    for (int i = 0; i < rig->started_count; i++) {
+        char *text = rig_output(rig, rig->started[i]);
+        size_t length = strlen(text);
+        fprintf(stderr, "---- process %d\n%s", i, length > 6000 ? text + length - 6000 : text);
+        free(text);
+    }
+}
+
+static void check_patience(rig_t *rig, double start_time, const char *what)
+{
+    if (clock_now() - start_time < PATIENCE) return;
+    dump_logs(rig);
+    fail_msg("waited %g s for %s", PATIENCE, what);
+}
+
+void rig_wait_samples(rig_t *rig, uint64_t job, uint64_t samples)
+{
+    for (double start_time = clock_now();; rig_sleep(0.02)) {
+        rig_status_t status = rig_status(rig, job);
+        if (status.samples_done >= samples || job_state_final(status.state)) return;
+        check_patience(rig, start_time, "samples");
+    }
+}
+
+rig_status_t rig_wait_job(rig_t *rig, uint64_t job)
+{
+    for (double start_time = clock_now();; rig_sleep(0.02)) {
+        rig_status_t status = rig_status(rig, job);
+        if (job_state_final(status.state)) return status;
+        check_patience(rig, start_time, "the end of the job");
+    }
+}
+
+void rig_wait_workers(rig_t *rig, uint32_t workers)
+{
+    for (double start_time = clock_now();; rig_sleep(0.02)) {
+        wire_message_t message;
+        must(remote_status(rig->remote, 0, &message));
+        uint32_t connected = message.envelope->job_status_reply->workers;
+        wire_free(&message);
+        if (connected == workers) return;
+        check_patience(rig, start_time, "workers");
+    }
+}
+
+hash_t rig_file_hash(const char *path)
+{
+    image_t image;
+    must(image_read_exr(path, &image));
+    hash_t hash = image_hash(&image);
+    image_free(&image);
+    return hash;
+}
+
+hash_t rig_image_hash(rig_t *rig, uint64_t job)
+{
+    uint8_t *bytes;
+    size_t size;
+    must(remote_fetch_image(rig->remote, job, false, &bytes, &size));
+    char *path = scratch_path(rig->folder, "fetched.exr");
+    scratch_write(path, bytes, size);
+    hash_t hash = rig_file_hash(path);
+    free(path);
+    free(bytes);
+    return hash;
+}
+
+hash_t rig_reference(void)
+{
+    /* The one thing here that outlives a test: made by the first that asks. */
+    static hash_t reference;
+    static bool made;
+    if (made) return reference;
+    rig_t *rig = rig_new();
+    char *path = scratch_path(rig->folder, "reference.exr");
+    assert_int_equal(
+        rig_run(rig, (const char *[]){"render", SCENE, "--resolution", "64x64", "--spp", "384", "--seed", "7",
+                                      "--max-depth", "8", "--quiet", "-o", path, NULL}),
+        0);
+    reference = rig_file_hash(path);
+    made = true;
+    free(path);
+    rig_destroy(&rig);
+    return reference;
+}

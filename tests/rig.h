@@ -1,0 +1,69 @@
+/* rig: a farm of real processes on this machine, for the tests that hurt it. Calls end the test on failure,
+ * and whatever was started dies with the test. */
+#ifndef LIGHTMILL_TESTS_RIG_H
+#define LIGHTMILL_TESTS_RIG_H
+
+#include "client/remote.h"
+
+#include <sys/types.h>
+
+enum { RIG_MAX_PROCESSES = 32 };
+
+typedef struct {
+    char *folder; /* scratch: logs, caches, data, images */
+    int port;     /* of the master's control socket; the bulk socket has the next one */
+    pid_t master; /* 0: none */
+    remote_t *remote;
+    pid_t started[RIG_MAX_PROCESSES];
+    bool ended[RIG_MAX_PROCESSES]; /* has been waited for */
+    int started_count;
+} rig_t;
+
+/* What the tests render: seed-hidden, small, a few seconds of two cores. */
+job_settings_t rig_settings(void);
+/* The pixel hash of that job, rendered by `lightmill render` without any farm; computed once a program. */
+hash_t rig_reference(void);
+
+/* An empty rig with a free port. */
+rig_t *rig_new(void);
+/* Kills everything and removes the folder. */
+void rig_destroy(rig_t **rig);
+
+/* Starts a master on the rig's port with quick time-outs (lease 1 s) and waits until it answers. */
+void rig_start_master(rig_t *rig, double batch_interval);
+/* Kills the master with -9. */
+void rig_kill_master(rig_t *rig);
+/* Starts a worker with one thread and its own cache. */
+pid_t rig_start_worker(rig_t *rig);
+
+/* Starts the `lightmill` command with these arguments (NULL-terminated); its output goes to a file in the
+ * folder: rig_output. */
+pid_t rig_start_command(rig_t *rig, const char *const *arguments);
+/* Waits for a process: its exit code, or 1000 + the signal that ended it. Fails the test after `seconds`. */
+int rig_wait_exit(rig_t *rig, pid_t process, double seconds);
+/* Both together. */
+int rig_run(rig_t *rig, const char *const *arguments);
+/* What a process wrote to stdout and stderr; fresh memory. */
+char *rig_output(rig_t *rig, pid_t process);
+
+/* Uploads the scene and submits a job. */
+uint64_t rig_submit(rig_t *rig, const job_settings_t *settings);
+typedef struct {
+    uint32_t state, workers, workers_seen;
+    uint64_t samples_done, samples_total, batches_refused, units_reissued;
+} rig_status_t;
+rig_status_t rig_status(rig_t *rig, uint64_t job);
+/* Waits until so many of the job's samples are counted, or it has ended. */
+void rig_wait_samples(rig_t *rig, uint64_t job, uint64_t samples);
+/* Waits for the end of the job and returns its last status. */
+rig_status_t rig_wait_job(rig_t *rig, uint64_t job);
+/* Waits until so many workers are connected. */
+void rig_wait_workers(rig_t *rig, uint32_t workers);
+/* The pixel hash of the job's image so far. */
+hash_t rig_image_hash(rig_t *rig, uint64_t job);
+/* The pixel hash of a file. */
+hash_t rig_file_hash(const char *path);
+
+void rig_sleep(double seconds);
+
+#endif

@@ -1,0 +1,393 @@
+/* What the pbrt importer refuses, with the place and the words; and that no input makes it crash. */
+#include "tests/unit/test_import.h"
+
+#define TRIANGLE "Shape \"trianglemesh\" \"point3 P\" [0 0 0  1 0 0  0 1 0]\n"
+
+typedef struct {
+    const char *text, *message;
+} case_t;
+
+/* Every text must fail with RESULT_INPUT and a message that holds "s.pbrt:" and the expected one. */
+static void expect_errors(const case_t *cases, size_t count)
+{
+    bench_t bench = {0};
+    for (size_t i = 0; i < count; ++i) {
+        bench_run(&bench, cases[i].text);
+        if (bench.result.code != RESULT_INPUT) fail_msg("accepted: %s", cases[i].text);
+        char *expected = mem_printf("s.pbrt:%s", cases[i].message);
+        expect_text(bench.result.message, expected);
+        free(expected);
+    }
+    bench_close(&bench);
+}
+
+#define EXPECT_ERRORS(cases) expect_errors(cases, ARRAY_LENGTH(cases))
+
+static void test_syntax(void **state)
+{
+    (void)state;
+    static const case_t cases[] = {
+        {"", "1:1: the file ends before WorldBegin"},
+        {"# nothing\n", "2:1: the file ends before WorldBegin"},
+        {"Wurst\n", "1:1: unknown directive \"Wurst\""},
+        {"\n\n  42", "3:3: unknown directive \"42\""},
+        {"\"Shape\"", "1:1: expected a directive, found \"Shape\""},
+        {"[", "1:1: expected a directive, found '['"},
+        {"Translate 1 2\nScale 1 1 1", "2:1: Translate takes 3 numbers: expected number 3, found 'Scale'"},
+        {"Translate 1 2", "1:14: Translate takes 3 numbers: expected number 3, found the end of the file"},
+        {"Translate 1 2 3x", "1:15: Translate takes 3 numbers: expected number 3, found '3x'"},
+        {"Transform [1 2 3", "1:17: Transform takes 16 numbers"},
+        {"Transform [1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1 7]",
+         "1:44: Transform in line 1 takes 16 numbers: expected ']'"},
+        {"Camera perspective", "1:8: expected a type in quotes, found 'perspective'"},
+        {"Camera \"perspective", "1:8: this string has no closing quote"},
+        {"Camera \"perspective\" \"float\" 3", "1:22: expected a parameter \"type name\", found \"float\""},
+        {"Camera \"perspective\" \"float fov x\" 3", "1:22: expected a parameter \"type name\""},
+        {"Camera \"perspective\" \"flute fov\" 3", "1:22: unknown parameter type 'flute'"},
+        {"Camera \"perspective\" \"float fov\"", "1:33: parameter \"fov\": expected a number, found the end"},
+        {"Camera \"perspective\" \"float fov\" [3", "1:34: this '[' has no ']'"},
+        {"Camera \"perspective\" \"float fov\" [3 [",
+         "1:37: parameter \"fov\": expected a number, found '['"},
+        {"Camera \"perspective\" \"float fov\" \"40\"",
+         "1:34: parameter \"fov\": expected a number, found \"40\""},
+        {"Camera \"perspective\" \"float fov\" [40 50]", "1:22: parameter \"fov\" takes one value, found 2"},
+        {"Camera \"perspective\" \"float fov\" []", "1:22: parameter \"fov\" takes one value, found 0"},
+        {"Camera \"perspective\" \"integer fov\" 40",
+         "1:22: parameter \"fov\" must be of type float, not integer"},
+        {"Camera \"perspective\" \"float fov\" 40 \"float fov\" 41",
+         "1:37: parameter \"fov\" is given twice"},
+        {"Camera \"perspective\" \"float fov\" nan",
+         "1:34: parameter \"fov\": expected a number, found 'nan'"},
+        {"Film \"rgb\" \"bool savefp16\" maybe",
+         "1:28: parameter \"savefp16\": expected true or false, found 'maybe'"},
+        {"Film \"rgb\" \"string filename\" 7",
+         "1:30: parameter \"filename\": expected a quoted string, found '7'"},
+        {"Film \"rgb\" \"integer xresolution\" 64.5",
+         "1:12: parameter \"xresolution\" is 64.5, but must be an integer"},
+        {"Film \"rgb\" \"integer xresolution\" 0",
+         "1:12: parameter \"xresolution\" is 0, but must be an integer from 1"},
+        {"Film \"rgb\" \"integer xresolution\" 1e30",
+         "1:12: parameter \"xresolution\" is 1e+30, but must be"},
+        {"Film \"rgb\" \"integer xresolution\" 30000 \"integer yresolution\" 30000",
+         "1:1: 30000 x 30000 pixels are more than the limit"},
+        {"Film \"rgb\" \"string filename\" \"a\\qb\"", "1:30: unknown escape \\q"},
+    };
+    EXPECT_ERRORS(cases);
+}
+
+static void test_structure(void **state)
+{
+    (void)state;
+    static const case_t cases[] = {
+        {"Shape \"sphere\"", "1:1: Shape must come after WorldBegin"},
+        {"WorldBegin\nCamera \"perspective\"", "2:1: Camera must come before WorldBegin"},
+        {"WorldBegin\nWorldBegin", "2:1: WorldBegin must come before WorldBegin"},
+        {"WorldBegin\nAttributeEnd", "2:1: AttributeEnd without AttributeBegin"},
+        {"WorldBegin\nAttributeBegin\nTransformEnd", "3:1: TransformEnd, but the innermost open block is the "
+                                                     "AttributeBegin of line 2"},
+        {"WorldBegin\n AttributeBegin\n", "2:2: this block is never closed"},
+        {"WorldBegin\nAttributeBegin\nWorldEnd", "3:1: WorldEnd, but the block of line 2 is still open"},
+        {"WorldBegin\nObjectBegin \"a\"\nObjectBegin \"b\"", "3:1: an object inside an object"},
+        {"WorldBegin\nObjectBegin \"a\" ObjectEnd\nObjectBegin \"a\"",
+         "3:1: the object \"a\" has been defined before"},
+        {"WorldBegin\nObjectInstance \"a\"", "2:1: no object \"a\" has been defined before"},
+        {"WorldBegin\nObjectBegin \"a\"\n ObjectInstance \"a\"", "3:2: an instance inside an object"},
+        {"WorldBegin\nNamedMaterial \"a\"", "2:1: no MakeNamedMaterial \"a\" came before"},
+        {"WorldBegin\nMakeNamedMaterial \"a\"", "2:1: MakeNamedMaterial needs a parameter \"string type\""},
+        {"WorldBegin\nMakeNamedMaterial \"a\" \"string type\" \"diffuse\"\nMakeNamedMaterial \"a\" \"string "
+         "type\" "
+         "\"diffuse\"",
+         "3:1: the material \"a\" has been made before, in line 2"},
+        {"CoordSysTransform \"x\"", "1:1: no CoordinateSystem \"x\""},
+        {"Scale 1 0 1", "1:1: Scale by 0"},
+        {"Rotate 3 0 0 0", "1:1: the axis of this Rotate has no direction"},
+        {"LookAt 0 0 0 0 0 0 0 1 0", "1:1: this LookAt has no direction"},
+        {"Transform [1 0 0 0 0 1 0 0 0 0 0 0 0 0 0 1]", "1:1: the current transform becomes singular"},
+        {"Transform [1 0 0 1 0 1 0 0 0 0 1 0 0 0 0 1]", "1:1: Transform: not an affine transform"},
+        {"ActiveTransform StartTime", "1:1: ActiveTransform 'StartTime': motion is not supported yet"},
+        {"ActiveTransform Some", "1:17: expected All, StartTime or EndTime, found 'Some'"},
+        {"Include \"none.pbrt\"", "1:1: "},
+        {"Include \"s.pbrt\"", "1:1: "},
+        {"Import \"x.pbrt\"", "1:1: Import is not supported yet"},
+        {"MediumInterface \"fog\" \"\"", "1:1: media are not supported yet"},
+        {"ColorSpace \"rec2020\"", "1:1: colour space \"rec2020\" is not supported yet"},
+        {"Attribute \"wurst\"", "1:1: Attribute \"wurst\": shape, light"},
+    };
+    EXPECT_ERRORS(cases);
+}
+
+static void test_dialects(void **state)
+{
+    (void)state;
+    static const case_t cases[] = {
+        {"Film \"image\"\nWorldBegin\nMaterial \"diffuse\"",
+         "3:1: material \"diffuse\" is pbrt-v4's, but this scene is pbrt-v3 because of \"image\" in line 1"},
+        {"Sampler \"zsobol\"\nWorldBegin\nMaterial \"matte\"",
+         "3:1: material \"matte\" is pbrt-v3's, but this scene is pbrt-v4 because of \"zsobol\" in line 1"},
+        {"WorldBegin\nMakeNamedMaterial \"a\" \"float x\" 1 \"string type\" [\"matte\"]\nAttribute \"shape\"",
+         "3:1: directive \"Attribute\" is pbrt-v4's"},
+        {"WorldBegin\nShape \"sphere\" \"bool x\" true\nWorldEnd",
+         "2:16: Shape \"sphere\" has no parameter \"bool x\""},
+        {"Film \"image\"\nWorldBegin\n", "3:1: the file ends before WorldEnd; is it truncated?"},
+        {"WorldBegin\nShape \"cone\"\n", "2:1: shape \"cone\" is pbrt-v3's, but this scene was taken for "
+                                         "pbrt-v4 since nothing in it says otherwise"},
+    };
+    EXPECT_ERRORS(cases);
+}
+
+static void test_unsupported(void **state)
+{
+    (void)state;
+    static const case_t cases[] = {
+        {"Camera \"orthographic\"", "1:1: camera \"orthographic\" is not supported yet"},
+        {"Camera \"wurst\"", "1:1: unknown camera \"wurst\""},
+        {"Camera \"perspective\" \"float lensradius\" 0.1",
+         "1:22: a lens (depth of field) is not supported yet"},
+        {"Camera \"perspective\" \"float fov\" 180", "1:22: parameter \"fov\" is 180, but must be from"},
+        {"Camera \"perspective\" \"float screenwindow\" [0 1 2]",
+         "1:22: parameter \"screenwindow\" takes groups of 4"},
+        {"Camera \"perspective\" \"float screenwindow\" [1 0 0 1]", "1:22: screenwindow takes x min"},
+        {"Film \"image\" \"float cropwindow\" [0 .5 0 1]", "1:14: rendering a part of the image"},
+        {"Film \"image\" \"float scale\" 2", "1:14: parameter \"scale\" is 2; only 1 is supported yet"},
+        {"Film \"rgb\" \"float iso\" 200", "1:12: parameter \"iso\" is 200; only 100"},
+        {"Film \"rgb\" \"string sensor\" \"canon_eos\"", "1:12: sensor \"canon_eos\" is not supported"},
+        {"Film \"gbuffer\"", "1:1: film \"gbuffer\" is not supported yet"},
+        {"PixelFilter \"mitchell\"", "1:1: pixel filter \"mitchell\" is not supported yet"},
+        {"PixelFilter \"box\" \"float xradius\" 0", "1:19: parameter \"xradius\" is 0, but must be from"},
+        {"Integrator \"ao\"", "1:1: integrator \"ao\" is not supported yet"},
+        {"Integrator \"path\" \"integer maxdepth\" -1", "1:19: parameter \"maxdepth\" is -1"},
+        {"WorldBegin\nLightSource \"point\"", "2:1: light \"point\" is not supported yet"},
+        {"WorldBegin\nAreaLightSource \"wurst\"", "2:1: unknown area light \"wurst\""},
+        {"WorldBegin\nAreaLightSource \"diffuse\" \"float power\" 9",
+         "2:27: parameter \"power\": lights by their power"},
+        {"WorldBegin\nAreaLightSource \"diffuse\" \"blackbody L\" 6500",
+         "2:27: parameter \"L\": blackbody is not"},
+        {"WorldBegin\nAreaLightSource \"diffuse\" \"rgb L\" [1 -1 1]",
+         "2:27: parameter \"L\" must be a colour without"},
+        {"WorldBegin\nAreaLightSource \"diffuse\" \"rgb L\" [1 1]",
+         "2:27: parameter \"L\" takes three numbers, found 2"},
+        {"WorldBegin\nAreaLightSource \"diffuse\" \"spectrum L\" [400 1 700 1]",
+         "2:27: parameter \"L\": sampled spectra are not supported yet"},
+        {"WorldBegin\nTexture \"t\" \"float\" \"imagemap\"",
+         "2:1: texture \"imagemap\" is not supported yet"},
+        {"WorldBegin\nTexture \"t\" \"int\" \"constant\"",
+         "2:1: a Texture is of type \"float\" or \"spectrum\""},
+        {"WorldBegin\n Shape \"disk\"", "2:2: shape \"disk\" is not supported yet"},
+        {"WorldBegin\nShape \"sphere\" \"float radius\" 0", "2:16: the radius is 0"},
+        {"WorldBegin\nShape \"sphere\" \"float zmin\" 0", "2:16: parts of a sphere are not supported yet"},
+        {"WorldBegin\nShape \"sphere\" \"float phimax\" 90", "2:16: parts of a sphere are not supported yet"},
+        {"WorldBegin\nShape \"sphere\" \"float alpha\" .5", "2:16: alpha masks are not supported yet"},
+        {"WorldBegin\nShape \"sphere\" \"float wurst\" .5",
+         "2:16: Shape \"sphere\" has no parameter \"float wurst\""},
+    };
+    EXPECT_ERRORS(cases);
+}
+
+#define USE "\nShape \"sphere\"\n"
+
+static void test_materials(void **state)
+{
+    (void)state;
+    static const case_t cases[] = {
+        {"WorldBegin\nMaterial \"wurst\"" USE, "2:1: unknown material \"wurst\""},
+        {"WorldBegin\nMaterial \"coateddiffuse\"" USE,
+         "2:1: material \"coateddiffuse\" is not supported yet"},
+        {"WorldBegin\nMaterial \"matte\" \"float sigma\" 20" USE, "2:18: a matte surface with sigma 20"},
+        {"WorldBegin\nMaterial \"matte\" \"float Kd\" 1" USE,
+         "2:18: parameter \"Kd\" must be a colour (rgb)"},
+        {"WorldBegin\nMaterial \"matte\" \"texture Kd\" \"t\"" USE,
+         "2:18: no Texture \"t\" has been defined before"},
+        {"WorldBegin\nTexture \"t\" \"float\" \"constant\"\nMaterial \"matte\" \"texture Kd\" \"t\"" USE,
+         "3:18: Texture \"t\" is a float texture; a spectrum texture is needed"},
+        {"WorldBegin\nMaterial \"matte\" \"texture bumpmap\" \"t\"" USE,
+         "2:18: parameter \"bumpmap\": bump maps"},
+        {"WorldBegin\nMaterial \"glass\" \"float uroughness\" .1" USE,
+         "2:18: rough glass is not supported yet"},
+        {"WorldBegin\nMaterial \"glass\" \"float eta\" 0" USE, "2:18: the index of refraction is 0"},
+        {"WorldBegin\nMaterial \"metal\" \"float roughness\" -1" USE, "2:18: parameter \"roughness\" is -1"},
+        {"WorldBegin\nMaterial \"metal\" \"float roughness\" 99 \"bool remaproughness\" \"false\"" USE,
+         "2:18: this roughness makes an alpha of 99"},
+        {"WorldBegin\nMaterial \"metal\" \"spectrum eta\" \"Au.eta.spd\"" USE,
+         "2:18: spectrum \"Au.eta.spd\" is not supported yet; give an rgb colour"},
+        {"WorldBegin\nMaterial \"dielectric\" \"float roughness\" .1" USE,
+         "2:23: rough glass is not supported yet"},
+        {"WorldBegin\nMaterial \"conductor\" \"rgb reflectance\" [1 1 1] \"rgb k\" [1 1 1]" USE,
+         "2:22: a conductor has either \"reflectance\""},
+        {"WorldBegin\nMaterial \"diffuse\" \"rgb Kd\" [1 1 1]" USE,
+         "2:20: this material has no parameter \"rgb Kd\""},
+        {"WorldBegin\nMaterial \"diffuse\" \"texture displacement\" \"t\"" USE,
+         "2:20: parameter \"displacement\""},
+    };
+    EXPECT_ERRORS(cases);
+}
+
+#define MESH "WorldBegin\nShape \"trianglemesh\" "
+
+static void test_meshes(void **state)
+{
+    (void)state;
+    static const case_t cases[] = {
+        {MESH "\"integer indices\" [0 1 2]", "2:1: a triangle mesh needs vertices"},
+        {MESH "\"point3 P\" [0 0 0 1]", "2:22: parameter \"P\" takes groups of 3 numbers, but has 4"},
+        {MESH "\"float P\" [0 0 0]", "2:22: parameter \"P\" cannot be of type float"},
+        {MESH "\"point3 P\" [0 0 0 1 0 0]", "2:1: a mesh of more than three vertices needs"},
+        {MESH "\"point3 P\" [0 0 0 1 0 0 0 1 0] \"integer indices\" [0 1 3]",
+         "2:53: index number 2 is 3, but must be an integer from 0 to 2"},
+        {MESH "\"point3 P\" [0 0 0 1 0 0 0 1 0] \"integer indices\" [0 -1 2]", "2:53: index number 1 is -1"},
+        {MESH "\"point3 P\" [0 0 0 1 0 0 0 1 0] \"integer indices\" [0 1]",
+         "2:53: parameter \"indices\" takes groups"},
+        {MESH "\"point3 P\" [0 0 0 1 0 0 0 1 0] \"normal N\" [0 0 1]", "2:53: 1 normals for 3 vertices"},
+        {MESH "\"point3 P\" [0 0 0 1 0 0 0 1 0] \"point2 uv\" [0 0]",
+         "2:53: 1 uv coordinates for 3 vertices"},
+        {MESH "\"point3 P\" [0 0 0 1e38 0 0 0 1 0]", "2:1: vertex 1 lies at (1e+38 0 0)"},
+        {MESH "\"point3 P\" [0 0 0 1e300 0 0 0 1 0]", "2:1: vertex 1 lies at (inf 0 0)"},
+    };
+    EXPECT_ERRORS(cases);
+}
+
+static void test_includes(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    bench_run(&bench, "\n Include \"none.pbrt\"");
+    expect_text(bench.result.message, "s.pbrt:2:2: ");
+    expect_text(bench.result.message, "none.pbrt cannot be included: No such file");
+    const char *back = "\nInclude \"./s.pbrt\"";
+    bench_write(&bench, "t.pbrt", back, strlen(back));
+    bench_run(&bench, "Include \"t.pbrt\"");
+    expect_text(bench.result.message, "t.pbrt:2:1: ");
+    expect_text(bench.result.message, "s.pbrt includes itself");
+    const char *bad = "\n\n   Wurst";
+    bench_write(&bench, "t.pbrt", bad, strlen(bad));
+    bench_run(&bench, "Include \"t.pbrt\"");
+    expect_text(bench.result.message, "t.pbrt:3:4: unknown directive \"Wurst\"");
+    bench_close(&bench);
+}
+
+static void test_unused_parameters_of_v3_are_warnings(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    bench_run(&bench,
+              "Film \"image\" \"float wurst\" 1 \"float diagonal\" 35\nWorldBegin\nMaterial \"matte\"\n"
+              "  \"rgb Kdd\" [1 1 1]\nAreaLightSource \"diffuse\" \"integer samples\" 4\n" TRIANGLE
+              "WorldEnd\nCamera \"perspective\"\n");
+    bench_expect_ok(&bench);
+    expect_text(bench.warnings, "s.pbrt:1:14: unused parameter \"float wurst\" of Film \"image\"");
+    expect_text(bench.warnings, "s.pbrt:1:30: parameter \"diagonal\" is ignored: only the realistic camera");
+    expect_text(bench.warnings, "s.pbrt:4:3: unused parameter \"rgb Kdd\" of this material");
+    expect_text(bench.warnings, "s.pbrt:5:27: parameter \"samples\" is ignored");
+    expect_text(bench.warnings, "s.pbrt:8:1: what follows WorldEnd is ignored");
+    assert_int_equal(bench.warning_count, 5);
+    bench_close(&bench);
+}
+
+static void test_warnings_are_limited(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    char *text = mem_zalloc(1, 20000), *s = text + sprintf(text, "WorldBegin\n");
+    for (int i = 0; i < 150; ++i) s += sprintf(s, "Shape \"sphere\" \"float wurst\" 1\n");
+    sprintf(s, "WorldEnd\n");
+    bench_run(&bench, text);
+    free(text);
+    bench_expect_ok(&bench);
+    assert_int_equal(bench.warning_count, 101);
+    expect_text(bench.warnings, "s.pbrt:101:16: unused");
+    bench_close(&bench);
+}
+
+static void test_nesting_is_limited(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    char *text = mem_zalloc(1, 100000), *s = text + sprintf(text, "WorldBegin\n");
+    for (int i = 0; i < 1001; ++i) s += sprintf(s, "AttributeBegin\n");
+    bench_run(&bench, text);
+    expect_text(bench.result.message, "s.pbrt:1002:1: blocks are nested deeper than 1000");
+
+    s = text + sprintf(text, "Camera \"perspective\"");
+    for (int i = 0; i < 300; ++i) s += sprintf(s, " \"float p%d\" 1", i);
+    bench_run(&bench, text);
+    expect_text(bench.result.message, "more than 256 parameters");
+    free(text);
+    bench_close(&bench);
+}
+
+static void test_formats(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    bench_write(&bench, "s.obj", "", 0);
+    bench_import_file(&bench, "s.obj");
+    expect_text(bench.result.message, "s.obj: not a scene format that Lightmill reads");
+    bench_import_file(&bench, "none.pbrt");
+    expect_text(bench.result.message, "none.pbrt: cannot be opened");
+    bench_import(&bench, bench.folder);
+    expect_text(bench.result.message, "scene.pbrt: cannot be opened");
+    bench_close(&bench);
+}
+
+static const char small_v3[] =
+    "Scale -1 1 1 LookAt 0 -5 1  0 0 1  0 0 1\nCamera \"perspective\" \"float fov\" [40]\n"
+    "Film \"image\" \"integer xresolution\" 8\nSampler \"random\"\nWorldBegin\n"
+    "Texture \"t\" \"float\" \"constant\" \"float value\" .5\nAttributeBegin Rotate 3 0 1 0\n"
+    "AreaLightSource \"diffuse\" \"rgb L\" [1 2 3] \"bool twosided\" \"true\"\n"
+    "MakeNamedMaterial \"m\" \"string type\" \"metal\" \"texture roughness\" \"t\" NamedMaterial "
+    "\"m\"\n" TRIANGLE
+    "AttributeEnd ObjectBegin \"o\" Shape \"sphere\" ObjectEnd ObjectInstance \"o\"\nWorldEnd";
+
+static void test_every_truncation_is_an_error(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    bench_run(&bench, small_v3);
+    bench_expect_silence(&bench);
+    for (size_t size = 0; size < strlen(small_v3); ++size) {
+        bench_write(&bench, "s.pbrt", small_v3, size);
+        bench_import_file(&bench, "s.pbrt");
+        if (bench.result.code != RESULT_INPUT) fail_msg("accepted when cut to %zu bytes", size);
+        expect_text(bench.result.message, "s.pbrt:");
+    }
+    bench_close(&bench);
+}
+
+static void test_random_damage_never_crashes(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    static const char alphabet[] = "\"[]# \n0129.-eTrue\\\001\377ab";
+    uint32_t seed = 3;
+    for (int round = 0; round < 4000; ++round) {
+        char text[sizeof small_v3];
+        size_t size = strlen(small_v3);
+        memcpy(text, small_v3, size);
+        for (int k = 0; k < 1 + round % 5; ++k) {
+            seed = seed * 1664525u + 1013904223u;
+            text[(seed >> 8) % size] = alphabet[(seed >> 20) % (sizeof alphabet - 1)];
+        }
+        bench_write(&bench, "s.pbrt", text, size);
+        bench_import_file(&bench, "s.pbrt"); /* the blob, if any, has passed blob_open */
+    }
+    bench_close(&bench);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_syntax),
+        cmocka_unit_test(test_structure),
+        cmocka_unit_test(test_dialects),
+        cmocka_unit_test(test_unsupported),
+        cmocka_unit_test(test_materials),
+        cmocka_unit_test(test_meshes),
+        cmocka_unit_test(test_includes),
+        cmocka_unit_test(test_unused_parameters_of_v3_are_warnings),
+        cmocka_unit_test(test_warnings_are_limited),
+        cmocka_unit_test(test_nesting_is_limited),
+        cmocka_unit_test(test_formats),
+        cmocka_unit_test(test_every_truncation_is_an_error),
+        cmocka_unit_test(test_random_damage_never_crashes),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,234 @@
+/* Tests of proto/payload.c: what is encoded comes back bit by bit; no bytes make the decoder do anything but
+ * fail. Run under the address sanitizer (make asan) these are the memory tests of the codec. */
+#include "proto/wire.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+static uint64_t draw(uint64_t *random)
+{
+    *random = *random * 6364136223846793005u + 1442695040888963407u;
+    return *random >> 20;
+}
+
+static job_settings_t settings_of(int width, int height)
+{
+    job_settings_t settings = job_settings_default();
+    settings.width = width;
+    settings.height = height;
+    settings.tile_size = 32;
+    return settings;
+}
+
+/* A batch of every second tile, with values of all kinds, and splats at about `occupancy` of 256 pixels, or
+ * no splat frame when it is negative. */
+static batch_t batch_of(const job_settings_t *settings, int occupancy, uint64_t seed)
+{
+    batch_t batch;
+    batch_init(&batch, settings);
+    uint32_t tiles = job_tile_count(settings);
+    batch.units = mem_alloc(tiles * sizeof *batch.units);
+    batch.unit_capacity = tiles;
+    for (uint32_t t = 0; t < tiles; t += 2) {
+        batch.units[batch.unit_count++] = (unit_t){t, 0, 1};
+        batch.eye_count += batch_tile_values(settings, t);
+    }
+    batch.eye = mem_alloc(batch.eye_count * sizeof *batch.eye);
+    batch.eye_capacity = batch.eye_count;
+    for (size_t i = 0; i < batch.eye_count; i++) batch.eye[i] = (int64_t)draw(&seed) >> (draw(&seed) % 44);
+    batch.eye[0] = INT64_MIN;
+    batch.eye[1] = INT64_MAX;
+    batch.eye[2] = -1;
+    if (occupancy < 0) return batch;
+    size_t values = batch_splat_values(settings);
+    batch.splat = mem_zalloc(values, sizeof *batch.splat);
+    for (size_t i = 0; i < values; i += 3)
+        if ((int)(draw(&seed) % 256) < occupancy)
+            for (size_t c = 0; c < 3; c++) batch.splat[i + c] = (int64_t)(draw(&seed) % (1 << 30)) - 1000;
+    return batch;
+}
+
+/* An empty batch with the units of another. */
+static batch_t receiver_of(const batch_t *sent)
+{
+    batch_t batch;
+    batch_init(&batch, &sent->settings);
+    batch.units = mem_alloc(sent->unit_count * sizeof *batch.units);
+    memcpy(batch.units, sent->units, sent->unit_count * sizeof *batch.units);
+    batch.unit_count = batch.unit_capacity = sent->unit_count;
+    return batch;
+}
+
+static void assert_same(const batch_t *a, const batch_t *b)
+{
+    assert_int_equal(a->eye_count, b->eye_count);
+    assert_memory_equal(a->eye, b->eye, a->eye_count * sizeof *a->eye);
+    assert_int_equal(a->splat == NULL, b->splat == NULL);
+    if (a->splat != NULL)
+        assert_memory_equal(a->splat, b->splat, batch_splat_values(&a->settings) * sizeof *a->splat);
+}
+
+static void close_both(zmq_msg_t payload[2])
+{
+    zmq_msg_close(&payload[0]);
+    zmq_msg_close(&payload[1]);
+}
+
+static void round_trips(void **state)
+{
+    (void)state;
+    const int sizes[][2] = {{1, 1}, {3, 2}, {64, 64}, {100, 37}, {257, 300}, {400, 400}};
+    const int occupancies[] = {-1, 0, 2, 60, 256};
+    for (size_t s = 0; s < ARRAY_LENGTH(sizes); s++)
+        for (size_t o = 0; o < ARRAY_LENGTH(occupancies); o++)
+            for (int compress = 0; compress < 2; compress++) {
+                job_settings_t settings = settings_of(sizes[s][0], sizes[s][1]);
+                batch_t sent = batch_of(&settings, occupancies[o], s + 1), got = receiver_of(&sent);
+                zmq_msg_t payload[2];
+                assert_int_equal(payload_encode(&sent, compress, payload).code, RESULT_OK);
+                assert_int_equal(payload_decode(&payload[0], &payload[1], &got).code, RESULT_OK);
+                assert_same(&sent, &got);
+                /* once more into the memory that is there */
+                assert_int_equal(payload_decode(&payload[0], &payload[1], &got).code, RESULT_OK);
+                assert_same(&sent, &got);
+                close_both(payload);
+                batch_free(&sent);
+                batch_free(&got);
+            }
+}
+
+static void sparse_frames_are_small(void **state)
+{
+    (void)state;
+    job_settings_t settings = settings_of(640, 360);
+    batch_t batch = batch_of(&settings, 2, 1); /* 0.8% of the pixels */
+    zmq_msg_t payload[2];
+    assert_int_equal(payload_encode(&batch, true, payload).code, RESULT_OK);
+    assert_true(zmq_msg_size(&payload[1]) < batch_splat_values(&settings) * sizeof(int64_t) / 100);
+    close_both(payload);
+    batch_free(&batch);
+}
+
+static void no_splats_after_some(void **state)
+{
+    (void)state;
+    job_settings_t settings = settings_of(64, 64);
+    batch_t with = batch_of(&settings, 100, 1), without = batch_of(&settings, -1, 1),
+            got = receiver_of(&with);
+    zmq_msg_t payload[2];
+    assert_int_equal(payload_encode(&with, true, payload).code, RESULT_OK);
+    assert_int_equal(payload_decode(&payload[0], &payload[1], &got).code, RESULT_OK);
+    close_both(payload);
+    assert_int_equal(payload_encode(&without, true, payload).code, RESULT_OK);
+    assert_int_equal(payload_decode(&payload[0], &payload[1], &got).code, RESULT_OK);
+    assert_same(&without, &got);
+    close_both(payload);
+    batch_free(&with);
+    batch_free(&without);
+    batch_free(&got);
+}
+
+static void message_of(zmq_msg_t *message, const uint8_t *bytes, size_t size)
+{
+    assert_int_equal(zmq_msg_init_size(message, size), 0);
+    if (size > 0) memcpy(zmq_msg_data(message), bytes, size);
+}
+
+/* Decodes bytes as the splat frame next to a good eye frame; any result will do but a crash. */
+static result_t decode_splat(const zmq_msg_t *eye, const uint8_t *bytes, size_t size, batch_t *batch)
+{
+    zmq_msg_t splat;
+    message_of(&splat, bytes, size);
+    result_t result = payload_decode(eye, &splat, batch);
+    zmq_msg_close(&splat);
+    return result;
+}
+
+static void refuses_truncated_and_longer_frames(void **state)
+{
+    (void)state;
+    job_settings_t settings = settings_of(90, 50);
+    batch_t sent = batch_of(&settings, 40, 3), got = receiver_of(&sent);
+    zmq_msg_t payload[2];
+    for (int compress = 0; compress < 2; compress++) {
+        assert_int_equal(payload_encode(&sent, compress, payload).code, RESULT_OK);
+        size_t size = zmq_msg_size(&payload[1]), step = compress ? 97 : 9973;
+        uint8_t *bytes = mem_zalloc(size + 8, 1);
+        memcpy(bytes, zmq_msg_data(&payload[1]), size);
+        for (size_t cut = 1; cut < size; cut += step)
+            assert_int_equal(decode_splat(&payload[0], bytes, cut, &got).code, RESULT_PROTOCOL);
+        assert_int_equal(decode_splat(&payload[0], bytes, size + 8, &got).code, RESULT_PROTOCOL);
+        assert_int_equal(decode_splat(&payload[0], bytes, size, &got).code, RESULT_OK);
+        free(bytes);
+        close_both(payload);
+    }
+    batch_free(&sent);
+    batch_free(&got);
+}
+
+static void refuses_frames_of_another_size(void **state)
+{
+    (void)state;
+    job_settings_t small = settings_of(64, 64), large = settings_of(4096, 4096);
+    batch_t sent = batch_of(&small, 40, 3), got;
+    zmq_msg_t payload[2];
+    assert_int_equal(payload_encode(&sent, true, payload).code, RESULT_OK);
+    batch_init(&got, &large); /* the same units in a larger image: its splats would be 800 MB */
+    got.units = sent.units;
+    got.unit_count = sent.unit_count;
+    assert_int_equal(payload_decode(&payload[0], &payload[1], &got).code, RESULT_PROTOCOL);
+    assert_null(got.splat);
+    got.unit_count--;
+    assert_int_equal(payload_decode(&payload[0], &payload[1], &got).code, RESULT_PROTOCOL);
+    got.units = NULL;
+    batch_free(&got);
+    batch_free(&sent);
+    close_both(payload);
+}
+
+static void survives_mutations(void **state)
+{
+    (void)state;
+    job_settings_t settings = settings_of(90, 50);
+    batch_t sent = batch_of(&settings, 40, 3), got = receiver_of(&sent);
+    zmq_msg_t payload[2];
+    assert_int_equal(payload_encode(&sent, true, payload).code, RESULT_OK);
+    size_t size = zmq_msg_size(&payload[1]);
+    uint8_t *bytes = mem_alloc(size);
+    uint64_t random = 1;
+    int failures = 0;
+    for (int i = 0; i < 3000; i++) {
+        memcpy(bytes, zmq_msg_data(&payload[1]), size);
+        uint64_t changes = 1 + draw(&random) % 4;
+        /* mostly where the sizes are */
+        for (uint64_t c = 0; c < changes; c++)
+            bytes[draw(&random) % (draw(&random) % 2 ? 40 : size)] = (uint8_t)draw(&random);
+        failures += decode_splat(&payload[0], bytes, size, &got).code != RESULT_OK;
+    }
+    assert_true(failures > 700); /* a changed value byte may well decode */
+    for (int i = 0; i < 300; i++) {
+        for (size_t b = 0; b < size; b++) bytes[b] = (uint8_t)draw(&random);
+        assert_int_equal(decode_splat(&payload[0], bytes, size, &got).code, RESULT_PROTOCOL);
+    }
+    free(bytes);
+    close_both(payload);
+    batch_free(&sent);
+    batch_free(&got);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(round_trips),
+        cmocka_unit_test(sparse_frames_are_small),
+        cmocka_unit_test(no_splats_after_some),
+        cmocka_unit_test(refuses_truncated_and_longer_frames),
+        cmocka_unit_test(refuses_frames_of_another_size),
+        cmocka_unit_test(survives_mutations),
+    };
+    return cmocka_run_group_tests_name("payload", tests, NULL, NULL);
+}

@@ -1,0 +1,422 @@
+/* Tests of proto/wire.c over real sockets: messages come as they were sent, limits hold, and whatever bytes a
+ * peer sends, the receiver gets an error value and goes on. */
+#include "proto/wire.h"
+
+#include <errno.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+/* A ROUTER as the master has it, a DEALER as a peer has it, and a DEALER without our limits for sending bad
+ * bytes. */
+typedef struct {
+    void *context, *router, *dealer, *raw;
+} sockets_t;
+
+static int open_sockets(void **state)
+{
+    sockets_t *s = mem_zalloc(1, sizeof *s);
+    char endpoint[100];
+    size_t size = sizeof endpoint;
+    s->context = zmq_ctx_new();
+    if (wire_socket(s->context, ZMQ_ROUTER, &s->router).code != RESULT_OK) return -1;
+    if (wire_socket(s->context, ZMQ_DEALER, &s->dealer).code != RESULT_OK) return -1;
+    s->raw = zmq_socket(s->context, ZMQ_DEALER);
+    int linger = 0;
+    zmq_setsockopt(s->raw, ZMQ_LINGER, &linger, sizeof linger);
+    if (zmq_bind(s->router, "tcp://127.0.0.1:*") != 0) return -1;
+    if (zmq_getsockopt(s->router, ZMQ_LAST_ENDPOINT, endpoint, &size) != 0) return -1;
+    if (zmq_connect(s->dealer, endpoint) != 0 || zmq_connect(s->raw, endpoint) != 0) return -1;
+    *state = s;
+    return 0;
+}
+
+static int close_sockets(void **state)
+{
+    sockets_t *s = *state;
+    zmq_close(s->raw);
+    zmq_close(s->dealer);
+    zmq_close(s->router);
+    zmq_ctx_term(s->context);
+    free(s);
+    return 0;
+}
+
+/* Waits up to two seconds for a message. */
+static result_t receive(void *socket, bool router, wire_message_t *message, bool *received)
+{
+    zmq_pollitem_t item = {.socket = socket, .events = ZMQ_POLLIN};
+    zmq_poll(&item, 1, 2000);
+    return wire_receive(socket, router, message, received);
+}
+
+static void send_raw(void *socket, const void *bytes, size_t size, bool more)
+{
+    assert_int_equal(zmq_send(socket, bytes, size, more ? ZMQ_SNDMORE : 0), (int)size);
+}
+
+/* The raw socket sends frames; the router must find them wrong, and know who sent them. */
+static void expect_malformed(sockets_t *s)
+{
+    wire_message_t message;
+    bool received;
+    assert_int_equal(receive(s->router, true, &message, &received).code, RESULT_PROTOCOL);
+    assert_false(received);
+    assert_true(message.identity_size > 0);
+}
+
+static Lm__Envelope heartbeat_envelope(Lm__Heartbeat *beat)
+{
+    Lm__Envelope envelope = LM__ENVELOPE__INIT;
+    lm__heartbeat__init(beat);
+    beat->worker = 0xFEDCBA9876543210u;
+    beat->units_held = 7;
+    envelope.request = 99;
+    envelope.body_case = LM__ENVELOPE__BODY_HEARTBEAT;
+    envelope.heartbeat = beat;
+    return envelope;
+}
+
+static void messages_go_both_ways(void **state)
+{
+    sockets_t *s = *state;
+    Lm__Heartbeat beat;
+    Lm__Envelope envelope = heartbeat_envelope(&beat);
+    wire_message_t message;
+    bool received;
+    assert_int_equal(wire_receive(s->router, true, &message, &received).code, RESULT_OK);
+    assert_false(received);
+    assert_int_equal(wire_send(s->dealer, NULL, 0, &envelope, NULL, 0).code, RESULT_OK);
+    assert_int_equal(receive(s->router, true, &message, &received).code, RESULT_OK);
+    assert_true(received);
+    assert_int_equal(message.envelope->request, 99);
+    assert_int_equal(message.envelope->body_case, LM__ENVELOPE__BODY_HEARTBEAT);
+    assert_true(message.envelope->heartbeat->worker == beat.worker);
+    assert_int_equal(message.envelope->heartbeat->units_held, 7);
+    assert_int_equal(message.payload_count, 0);
+
+    zmq_msg_t payload[2];
+    zmq_msg_init_size(&payload[0], 100000);
+    memset(zmq_msg_data(&payload[0]), 'x', 100000);
+    zmq_msg_init(&payload[1]);
+    assert_int_equal(
+        wire_send(s->router, message.identity, message.identity_size, &envelope, payload, 2).code, RESULT_OK);
+    wire_free(&message);
+    assert_int_equal(receive(s->dealer, false, &message, &received).code, RESULT_OK);
+    assert_true(received);
+    assert_int_equal(message.identity_size, 0);
+    assert_int_equal(message.payload_count, 2);
+    assert_int_equal(zmq_msg_size(&message.payload[0]), 100000);
+    assert_int_equal(zmq_msg_size(&message.payload[1]), 0);
+    assert_true(message.bytes > 100000 && message.bytes < 100100);
+    wire_free(&message);
+}
+
+static void a_peer_that_is_gone_is_an_error(void **state)
+{
+    sockets_t *s = *state;
+    Lm__Heartbeat beat;
+    Lm__Envelope envelope = heartbeat_envelope(&beat);
+    zmq_msg_t payload;
+    zmq_msg_init_size(&payload, 1000);
+    result_t result = wire_send(s->router, (const uint8_t *)"nobody", 6, &envelope, &payload, 1);
+    assert_int_equal(result.code, RESULT_UNREACHABLE);
+}
+
+static void a_full_queue_is_an_error(void **state)
+{
+    sockets_t *s = *state;
+    Lm__Heartbeat beat;
+    Lm__Envelope envelope = heartbeat_envelope(&beat);
+    result_t result = result_ok();
+    for (int i = 0; i < 1000 && result.code == RESULT_OK; i++) {
+        zmq_msg_t payload;
+        zmq_msg_init_size(&payload, 1 << 20);
+        result = wire_send(s->dealer, NULL, 0, &envelope, &payload, 1);
+    }
+    assert_int_equal(result.code, RESULT_LIMIT);
+    /* What did go out arrives whole. */
+    wire_message_t message;
+    bool received;
+    for (int i = 0; i < 50; i++) {
+        assert_int_equal(receive(s->router, true, &message, &received).code, RESULT_OK);
+        assert_true(received);
+        assert_int_equal(message.payload_count, 1);
+        assert_int_equal(zmq_msg_size(&message.payload[0]), 1 << 20);
+        wire_free(&message);
+    }
+}
+
+/* Packs an envelope as it goes over the wire. */
+static uint8_t *packed(const Lm__Envelope *envelope, size_t *size)
+{
+    *size = 5 + lm__envelope__get_packed_size(envelope);
+    uint8_t *bytes = mem_alloc(*size);
+    memcpy(bytes, "LMIL\1", 5);
+    lm__envelope__pack(envelope, bytes + 5);
+    return bytes;
+}
+
+static void bad_headers_are_errors(void **state)
+{
+    sockets_t *s = *state;
+    const struct {
+        const char *bytes;
+        size_t size;
+    } bad[] = {{"", 0},
+               {"LMIL", 4},
+               {"LMIL\1", 5},
+               {"LMIX\1\10\1", 7},
+               {"LMIL\2\10\1", 7},
+               {"LMIL\1\377\377\377", 8},
+               {"GET / HTTP/1.1\r\n\r\n", 18}};
+    for (size_t i = 0; i < ARRAY_LENGTH(bad); i++) {
+        send_raw(s->raw, bad[i].bytes, bad[i].size, false);
+        expect_malformed(s);
+        send_raw(s->raw, bad[i].bytes, bad[i].size, true);
+        send_raw(s->raw, "payload", 7, false);
+        expect_malformed(s);
+    }
+    char *huge = mem_zalloc(1, WIRE_MAX_HEADER + 1);
+    memcpy(huge, "LMIL\1", 5);
+    send_raw(s->raw, huge, WIRE_MAX_HEADER + 1, false);
+    expect_malformed(s);
+    free(huge);
+}
+
+static void another_version_is_named(void **state)
+{
+    sockets_t *s = *state;
+    wire_message_t message;
+    bool received;
+    send_raw(s->raw, "LMIL\7\10\1", 7, false);
+    result_t result = receive(s->router, true, &message, &received);
+    assert_int_equal(result.code, RESULT_PROTOCOL);
+    assert_non_null(strstr(result.message, "protocol 7"));
+}
+
+static void too_many_payloads_are_errors(void **state)
+{
+    sockets_t *s = *state;
+    Lm__Heartbeat beat;
+    Lm__Envelope envelope = heartbeat_envelope(&beat);
+    size_t size;
+    uint8_t *bytes = packed(&envelope, &size);
+    for (int extra = 3; extra < 20; extra++) {
+        send_raw(s->raw, bytes, size, true);
+        for (int i = 1; i < extra; i++) send_raw(s->raw, "p", 1, true);
+        send_raw(s->raw, "p", 1, false);
+        expect_malformed(s);
+    }
+    send_raw(s->raw, bytes, size, false); /* the socket is still good */
+    wire_message_t message;
+    bool received;
+    assert_int_equal(receive(s->router, true, &message, &received).code, RESULT_OK);
+    assert_true(received);
+    wire_free(&message);
+    free(bytes);
+}
+
+static void long_strings_are_errors_and_control_characters_go(void **state)
+{
+    sockets_t *s = *state;
+    Lm__Hello hello = LM__HELLO__INIT;
+    Lm__Envelope envelope = LM__ENVELOPE__INIT;
+    char *name = mem_zalloc(1, WIRE_MAX_STRING + 2);
+    memset(name, 'a', WIRE_MAX_STRING);
+    name[0] = '\033';
+    name[1] = '\n';
+    hello.name = name;
+    envelope.body_case = LM__ENVELOPE__BODY_HELLO;
+    envelope.hello = &hello;
+    wire_message_t message;
+    bool received;
+    assert_int_equal(wire_send(s->dealer, NULL, 0, &envelope, NULL, 0).code, RESULT_OK);
+    assert_int_equal(receive(s->router, true, &message, &received).code, RESULT_OK);
+    assert_int_equal(strlen(message.envelope->hello->name), WIRE_MAX_STRING);
+    assert_int_equal(strncmp(message.envelope->hello->name, "??aaa", 5), 0);
+    wire_free(&message);
+    name[WIRE_MAX_STRING] = 'a';
+    assert_int_equal(wire_send(s->dealer, NULL, 0, &envelope, NULL, 0).code, RESULT_OK);
+    expect_malformed(s);
+    char *capabilities[] = {"ok", name};
+    hello.name = "";
+    hello.capabilities = capabilities;
+    hello.n_capabilities = 2;
+    assert_int_equal(wire_send(s->dealer, NULL, 0, &envelope, NULL, 0).code, RESULT_OK);
+    expect_malformed(s);
+    free(name);
+}
+
+static void too_many_units_are_errors(void **state)
+{
+    sockets_t *s = *state;
+    size_t count = WIRE_MAX_UNITS + 1;
+    unit_t *units = mem_zalloc(count, sizeof *units);
+    Lm__BatchResult batch = LM__BATCH_RESULT__INIT;
+    Lm__Envelope envelope = LM__ENVELOPE__INIT;
+    envelope.body_case = LM__ENVELOPE__BODY_BATCH_RESULT;
+    envelope.batch_result = &batch;
+    batch.units = wire_units_new(units, count);
+    wire_message_t message;
+    bool received;
+    batch.n_units = count - 1;
+    assert_int_equal(wire_send(s->dealer, NULL, 0, &envelope, NULL, 0).code, RESULT_OK);
+    assert_int_equal(receive(s->router, true, &message, &received).code, RESULT_OK);
+    assert_int_equal(message.envelope->batch_result->n_units, count - 1);
+    wire_free(&message);
+    batch.n_units = count;
+    assert_int_equal(wire_send(s->dealer, NULL, 0, &envelope, NULL, 0).code, RESULT_OK);
+    expect_malformed(s);
+    free(batch.units);
+    /* A megabyte of empty units would take forty: the decoder stops at its budget. */
+    size_t size = WIRE_MAX_HEADER - 16;
+    uint8_t *bytes = mem_alloc(size);
+    memcpy(bytes, "LMIL\1", 5);
+    bytes[5] = 0x9A; /* field 19, batch_result */
+    bytes[6] = 0x01;
+    size_t inner = size - 10;
+    for (int i = 0; i < 3; i++) bytes[7 + i] = (uint8_t)((inner >> (7 * i) & 0x7F) | (i < 2 ? 0x80 : 0));
+    for (size_t i = 10; i + 1 < size; i += 2) {
+        bytes[i] = 0x22; /* field 4, units */
+        bytes[i + 1] = 0;
+    }
+    send_raw(s->raw, bytes, size, false);
+    expect_malformed(s);
+    free(bytes);
+    free(units);
+}
+
+static void random_and_truncated_headers_do_no_harm(void **state)
+{
+    sockets_t *s = *state;
+    Lm__Unit unit = LM__UNIT__INIT, *units[] = {&unit, &unit};
+    Lm__Settings settings = LM__SETTINGS__INIT;
+    Lm__Assignment assignment = LM__ASSIGNMENT__INIT;
+    Lm__Envelope envelope = LM__ENVELOPE__INIT;
+    job_settings_t defaults = job_settings_default();
+    hash_t hash = hash_bytes("x", 1);
+    wire_settings_put(&defaults, &settings);
+    unit.tile = 300;
+    unit.count = 77;
+    assignment.units = units;
+    assignment.n_units = 2;
+    assignment.settings = &settings;
+    assignment.blob = wire_hash_put(&hash);
+    envelope.body_case = LM__ENVELOPE__BODY_ASSIGNMENT;
+    envelope.assignment = &assignment;
+    size_t size;
+    uint8_t *bytes = packed(&envelope, &size), *copy = mem_alloc(size);
+    uint64_t random = 7;
+    for (int i = 0; i < 3000; i++) {
+        memcpy(copy, bytes, size);
+        size_t length = i < (int)size ? (size_t)i : size;
+        for (int c = 0; length == size && c < 3; c++) {
+            random = random * 6364136223846793005u + 1442695040888963407u;
+            copy[5 + (random >> 33) % (size - 5)] = (uint8_t)(random >> 20);
+        }
+        send_raw(s->raw, copy, length, false);
+        wire_message_t message;
+        bool received;
+        result_t result = receive(s->router, true, &message, &received);
+        assert_true(result.code == RESULT_PROTOCOL || (result.code == RESULT_OK && received));
+        wire_free(&message);
+    }
+    free(copy);
+    free(bytes);
+}
+
+static void a_frame_over_the_limit_drops_the_connection(void **state)
+{
+    sockets_t *s = *state;
+    void *router, *dealer;
+    char endpoint[100];
+    size_t size = sizeof endpoint;
+    assert_int_equal(wire_socket(s->context, ZMQ_ROUTER, &router).code, RESULT_OK);
+    assert_int_equal(wire_socket_limit(router, WIRE_MAX_CONTROL_FRAME).code, RESULT_OK);
+    assert_int_equal(zmq_bind(router, "tcp://127.0.0.1:*"), 0);
+    assert_int_equal(zmq_getsockopt(router, ZMQ_LAST_ENDPOINT, endpoint, &size), 0);
+    assert_int_equal(wire_socket(s->context, ZMQ_DEALER, &dealer).code, RESULT_OK);
+    assert_int_equal(zmq_connect(dealer, endpoint), 0);
+    char *huge = mem_zalloc(1, WIRE_MAX_CONTROL_FRAME + 1);
+    send_raw(dealer, huge, WIRE_MAX_CONTROL_FRAME + 1, false);
+    free(huge);
+    Lm__Heartbeat beat;
+    Lm__Envelope envelope = heartbeat_envelope(&beat);
+    wire_message_t message;
+    bool received = false;
+    for (int i = 0; i < 50 && !received; i++) { /* it reconnects by itself */
+        assert_int_equal(wire_send(dealer, NULL, 0, &envelope, NULL, 0).code, RESULT_OK);
+        zmq_pollitem_t item = {.socket = router, .events = ZMQ_POLLIN};
+        zmq_poll(&item, 1, 100);
+        assert_int_equal(wire_receive(router, true, &message, &received).code, RESULT_OK);
+        if (received) wire_free(&message);
+    }
+    assert_true(received);
+    zmq_close(dealer);
+    zmq_close(router);
+}
+
+static void settings_units_and_counts_are_checked(void **state)
+{
+    (void)state;
+    job_settings_t settings = job_settings_default(), got;
+    Lm__Settings message = LM__SETTINGS__INIT;
+    settings.seed = UINT64_MAX;
+    settings.time_limit = 12.5;
+    wire_settings_put(&settings, &message);
+    assert_int_equal(wire_settings_get(&message, &got).code, RESULT_OK);
+    assert_memory_equal(&settings, &got, sizeof got);
+    message.width = UINT32_MAX;
+    assert_int_equal(wire_settings_get(&message, &got).code, RESULT_PROTOCOL);
+    message.width = 0;
+    assert_int_not_equal(wire_settings_get(&message, &got).code, RESULT_OK);
+    message.width = message.height = JOB_MAX_RESOLUTION;
+    assert_int_not_equal(wire_settings_get(&message, &got).code, RESULT_OK);
+    assert_int_not_equal(wire_settings_get(NULL, &got).code, RESULT_OK);
+
+    const unit_t good[] = {{0, 0, 64}, {5, 63, 1}},
+                 bad[] = {{0, 0, 0}, {1 << 30, 0, 1}, {0, 1, 64}, {0, UINT32_MAX, 2}};
+    unit_t out[2];
+    Lm__Unit **units = wire_units_new(good, 2);
+    assert_int_equal(wire_units_get(units, 2, &settings, out).code, RESULT_OK);
+    assert_memory_equal(good, out, sizeof good);
+    free(units);
+    for (size_t i = 0; i < ARRAY_LENGTH(bad); i++) {
+        units = wire_units_new(&bad[i], 1);
+        assert_int_equal(wire_units_get(units, 1, &settings, out).code, RESULT_PROTOCOL);
+        free(units);
+    }
+    assert_null(wire_units_new(NULL, 0));
+
+    film_counts_t counts = {{1, 2}, 3, 4, 5, 6}, back;
+    Lm__Counts counts_message = LM__COUNTS__INIT;
+    wire_counts_put(&counts, &counts_message);
+    wire_counts_get(&counts_message, &back);
+    assert_memory_equal(&counts, &back, sizeof back);
+    wire_counts_get(NULL, &back);
+    assert_int_equal(back.rays, 0);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+#define WITH_SOCKETS(test) cmocka_unit_test_setup_teardown(test, open_sockets, close_sockets)
+        WITH_SOCKETS(messages_go_both_ways),
+        WITH_SOCKETS(a_peer_that_is_gone_is_an_error),
+        WITH_SOCKETS(a_full_queue_is_an_error),
+        WITH_SOCKETS(bad_headers_are_errors),
+        WITH_SOCKETS(another_version_is_named),
+        WITH_SOCKETS(too_many_payloads_are_errors),
+        WITH_SOCKETS(long_strings_are_errors_and_control_characters_go),
+        WITH_SOCKETS(too_many_units_are_errors),
+        WITH_SOCKETS(random_and_truncated_headers_do_no_harm),
+        WITH_SOCKETS(a_frame_over_the_limit_drops_the_connection),
+        cmocka_unit_test(settings_units_and_counts_are_checked),
+    };
+    return cmocka_run_group_tests_name("wire", tests, NULL, NULL);
+}
