@@ -7,6 +7,7 @@
 #include "client/output.h"
 
 #include "client/options.h"
+#include "common/atomic_file.h"
 #include "common/image.h"
 
 #include <errno.h>
@@ -14,6 +15,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 const char output_usage[] = "  -o, --output FILE  where the image goes: .exr, or .png for a PNG alone\n"
@@ -43,21 +45,17 @@ static bool has_extension(const char *path, const char *extension)
     return length > tail && strcasecmp(path + length - tail, extension) == 0;
 }
 
-/* A file can be written when its directory can: the writer puts a temporary there and renames it. */
+/* Opens the temporary that the writer will use and removes it again: nothing else knows as well whether the
+ * disk, the mount and the permissions allow it. */
 static result_t check_writable(const char *path)
 {
-    const char *slash = strrchr(path, '/');
-    char *dir = slash == NULL ? mem_strdup(".") : slash == path ? mem_strdup("/") : mem_strdup(path);
-    if (slash && slash != path) dir[slash - path] = '\0';
-    result_t result = result_ok();
-    if (slash && slash[1] == '\0')
-        result = result_fail(RESULT_USAGE, "%.300s is a directory, not a file to write to", path);
-    else if (access(dir, W_OK | X_OK) != 0)
-        result = result_fail(RESULT_IO, "cannot write %.200s: %s: %s", path, dir, strerror(errno));
-    else if (access(path, F_OK) == 0 && access(path, W_OK) != 0)
-        result = result_fail(RESULT_IO, "cannot write %.200s: %s", path, strerror(errno));
-    free(dir);
-    return result;
+    struct stat status;
+    if (stat(path, &status) == 0 && S_ISDIR(status.st_mode))
+        return result_fail(RESULT_USAGE, "%.300s is a directory, not a file to write to", path);
+    atomic_file_t file;
+    TRY(atomic_file_open(&file, path));
+    atomic_file_abort(&file);
+    return result_ok();
 }
 
 result_t output_check(const output_t *output)

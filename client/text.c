@@ -55,8 +55,8 @@ void text_print_json(const char *text)
             fputs("\\ufffd", stdout);
         else if (*text == '"' || *text == '\\')
             printf("\\%c", *text);
-        else if (length == 1 && is_control(text))
-            printf("\\u%04x", (unsigned)(uint8_t)*text);
+        else if (is_control(text)) /* of one byte, or U+0080 and up, whose last byte is the code point's */
+            printf("\\u%04x", (unsigned)(uint8_t)text[length - 1]);
         else
             fwrite(text, 1, length, stdout);
         text += length > 0 ? length : 1;

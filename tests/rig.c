@@ -345,10 +345,9 @@ hash_t rig_reference(void)
     if (made) return reference;
     rig_t *rig = rig_new();
     char *path = scratch_path(rig->folder, "reference.exr");
-    assert_int_equal(
-        rig_run(rig, (const char *[]){"render", SCENE, "--resolution", "64x64", "--spp", "384", "--seed", "7",
-                                      "--max-depth", "8", "--quiet", "-o", path, NULL}),
-        0);
+    assert_int_equal(rig_run(rig, (const char *[]){"render", SCENE, "--resolution", "64x64", "--spp", "384",
+                                                   "--seed", "7", "--quiet", "-o", path, NULL}),
+                     0);
     reference = rig_file_hash(path);
     made = true;
     free(path);

@@ -102,7 +102,7 @@ static result_t fail(const ply_t *ply, const char *format, ...)
     vsnprintf(text, sizeof text, format, arguments);
     va_end(arguments);
     if (ply->in_body && ply->encoding != ENCODING_ASCII)
-        return result_fail(RESULT_INPUT, "%s: byte %zu: %s", ply->path, (size_t)(ply->at - ply->data), text);
+        return error_at((position_t){ply->path, 0, 0}, "byte %zu: %s", (size_t)(ply->at - ply->data), text);
     return error_at((position_t){ply->path, ply->line, 0}, "%s", text);
 }
 
@@ -368,32 +368,38 @@ static result_t find_slots(const ply_t *ply, const element_t *element, bool pres
     return result_ok();
 }
 
+static result_t read_vertex(ply_t *ply, const element_t *element, uint32_t index)
+{
+    mesh_t *mesh = ply->mesh;
+    double slots[SLOT_COUNT + 1] = {0};
+    for (int k = 0; k < element->property_count; ++k) {
+        const property_t *property = &ply->properties[element->first_property + k];
+        if (property->count != SCALAR_NONE)
+            TRY(skip_list(ply, property, "vertex", index));
+        else if (!read_scalar(ply, property->value, &slots[property->slot]))
+            return scalar_missing(ply, "vertex", index);
+    }
+    mesh->positions[index] = vec3((float)slots[SLOT_X], (float)slots[SLOT_Y], (float)slots[SLOT_Z]);
+    if (mesh->normals)
+        mesh->normals[index] = vec3((float)slots[SLOT_NX], (float)slots[SLOT_NY], (float)slots[SLOT_NZ]);
+    if (mesh->uvs) mesh->uvs[index] = (vec2_t){(float)slots[SLOT_U], (float)slots[SLOT_V]};
+    if (!v_is_finite(mesh->positions[index])) return fail(ply, "vertex %" PRIu32 " is not finite", index);
+    return result_ok();
+}
+
 static result_t read_vertices(ply_t *ply, const element_t *element)
 {
     bool present[SLOT_COUNT + 1];
     TRY(find_slots(ply, element, present));
     TRY(check_count(ply, element, "vertex"));
     mesh_t *mesh = ply->mesh;
+    size_t room = element->count + 1; /* never an allocation of nothing */
     mesh->vertex_count = (uint32_t)element->count;
-    mesh->positions = mem_alloc((element->count + 1) * sizeof *mesh->positions);
+    mesh->positions = mem_alloc(room * sizeof *mesh->positions);
     if (present[SLOT_NX] && present[SLOT_NY] && present[SLOT_NZ])
-        mesh->normals = mem_alloc((element->count + 1) * sizeof *mesh->normals);
-    if (present[SLOT_U] && present[SLOT_V]) mesh->uvs = mem_alloc((element->count + 1) * sizeof *mesh->uvs);
-    for (uint32_t i = 0; i < mesh->vertex_count; ++i) {
-        double slots[SLOT_COUNT + 1];
-        for (int k = 0; k < element->property_count; ++k) {
-            const property_t *property = &ply->properties[element->first_property + k];
-            if (property->count != SCALAR_NONE)
-                TRY(skip_list(ply, property, "vertex", i));
-            else if (!read_scalar(ply, property->value, &slots[property->slot]))
-                return scalar_missing(ply, "vertex", i);
-        }
-        mesh->positions[i] = vec3((float)slots[SLOT_X], (float)slots[SLOT_Y], (float)slots[SLOT_Z]);
-        if (mesh->normals)
-            mesh->normals[i] = vec3((float)slots[SLOT_NX], (float)slots[SLOT_NY], (float)slots[SLOT_NZ]);
-        if (mesh->uvs) mesh->uvs[i] = (vec2_t){(float)slots[SLOT_U], (float)slots[SLOT_V]};
-        if (!v_is_finite(mesh->positions[i])) return fail(ply, "vertex %" PRIu32 " is not finite", i);
-    }
+        mesh->normals = mem_alloc(room * sizeof *mesh->normals);
+    if (present[SLOT_U] && present[SLOT_V]) mesh->uvs = mem_alloc(room * sizeof *mesh->uvs);
+    for (uint32_t i = 0; i < mesh->vertex_count; ++i) TRY(read_vertex(ply, element, i));
     return result_ok();
 }
 

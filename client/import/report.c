@@ -4,14 +4,23 @@
 #include <inttypes.h>
 #include <stdarg.h>
 #include <stdio.h>
+#include <string.h>
 
-enum { LONGEST_MESSAGE = 1000 };
+enum { LONGEST_MESSAGE = 1000, LONGEST_PATH = 160 };
+
+/* The end of a path that is too long to leave room for the message. */
+static const char *tail_of(const char *path)
+{
+    size_t length = strlen(path);
+    return length > LONGEST_PATH ? path + length - LONGEST_PATH : path;
+}
 
 static int format_position(char *text, size_t size, position_t at)
 {
-    if (at.line == 0) return snprintf(text, size, "%s: ", at.path);
-    if (at.column == 0) return snprintf(text, size, "%s:%" PRIu32 ": ", at.path, at.line);
-    return snprintf(text, size, "%s:%" PRIu32 ":%" PRIu32 ": ", at.path, at.line, at.column);
+    const char *path = tail_of(at.path), *mark = path == at.path ? "" : "...";
+    if (at.line == 0) return snprintf(text, size, "%s%s: ", mark, path);
+    if (at.column == 0) return snprintf(text, size, "%s%s:%" PRIu32 ": ", mark, path, at.line);
+    return snprintf(text, size, "%s%s:%" PRIu32 ":%" PRIu32 ": ", mark, path, at.line, at.column);
 }
 
 static void format_message(char text[LONGEST_MESSAGE], position_t at, const char *format, va_list arguments)
@@ -19,6 +28,8 @@ static void format_message(char text[LONGEST_MESSAGE], position_t at, const char
     int used = format_position(text, LONGEST_MESSAGE, at);
     if (used >= 0 && used < LONGEST_MESSAGE)
         vsnprintf(text + used, (size_t)(LONGEST_MESSAGE - used), format, arguments);
+    for (char *c = text; *c; ++c) /* a name in a scene may hold what a terminal would obey */
+        if ((unsigned char)*c < ' ' || *c == 0x7f) *c = '?';
 }
 
 static void say(const report_t *report, const char *message)

@@ -593,19 +593,20 @@ static uint8_t *read_png(const char *path, int width, int height)
 
 static void png_is_srgb(void **state)
 {
-    /* Linear values and their sRGB bytes, from the table of the transfer function. */
-    const float linear[3][3] = {{0.0f, 1.0f, 0.21404114f}, {-1.0f, 7.0f, 0.5f}, {NAN, INFINITY, 0.002f}};
-    const uint8_t encoded[3][3] = {{0, 255, 128}, {0, 255, 188}, {0, 255, 7}};
+    /* Linear values and their sRGB bytes, worked out from the standard's formula. */
+    const float linear[4][3] = {
+        {0.0f, 1.0f, 0.21404114f}, {-1.0f, 7.0f, 0.5f}, {NAN, INFINITY, 0.002f}, {0.01f, 0.003f, 0.0f}};
+    const uint8_t encoded[4][3] = {{0, 255, 128}, {0, 255, 188}, {0, 255, 7}, {25, 10, 0}};
     char *path = scratch_path(*state, "a.png");
     image_t image;
-    image_init(&image, 3, 1);
+    image_init(&image, 4, 1);
     image_add_rgb_views(&image, NULL, PIXEL_FLOAT, &linear[0][0]);
     assert_ok(image_write_png(path, &image, 0.0f));
-    uint8_t *pixels = read_png(path, 3, 1);
+    uint8_t *pixels = read_png(path, 4, 1);
     assert_memory_equal(pixels, encoded, sizeof encoded);
     free(pixels);
     assert_ok(image_write_png(path, &image, 1.0f)); /* one stop brighter: twice the light */
-    pixels = read_png(path, 3, 1);
+    pixels = read_png(path, 4, 1);
     assert_int_equal(pixels[2], 175); /* 0.428 */
     assert_int_equal(pixels[5], 255); /* 1.0 */
     free(pixels);

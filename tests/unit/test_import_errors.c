@@ -81,7 +81,7 @@ static void test_structure(void **state)
     static const case_t cases[] = {
         {"Shape \"sphere\"", "1:1: Shape must come after WorldBegin"},
         {"WorldBegin\nCamera \"perspective\"", "2:1: Camera must come before WorldBegin"},
-        {"WorldBegin\nWorldBegin", "2:1: WorldBegin must come before WorldBegin"},
+        {"WorldBegin\nWorldBegin", "2:1: a second WorldBegin"},
         {"WorldBegin\nAttributeEnd", "2:1: AttributeEnd without AttributeBegin"},
         {"WorldBegin\nAttributeBegin\nTransformEnd", "3:1: TransformEnd, but the innermost open block is the "
                                                      "AttributeBegin of line 2"},
@@ -98,6 +98,7 @@ static void test_structure(void **state)
          "type\" "
          "\"diffuse\"",
          "3:1: the material \"a\" has been made before, in line 2"},
+        {"Film \"rgb\"\nFilm \"rgb\"", "2:1: a second Film; the first is in line 1"},
         {"CoordSysTransform \"x\"", "1:1: no CoordinateSystem \"x\""},
         {"Scale 1 0 1", "1:1: Scale by 0"},
         {"Rotate 3 0 0 0", "1:1: the axis of this Rotate has no direction"},
@@ -196,9 +197,9 @@ static void test_materials(void **state)
         {"WorldBegin\nMaterial \"matte\" \"float Kd\" 1" USE,
          "2:18: parameter \"Kd\" must be a colour (rgb)"},
         {"WorldBegin\nMaterial \"matte\" \"texture Kd\" \"t\"" USE,
-         "2:18: no Texture \"t\" has been defined before"},
+         "2:18: no spectrum Texture \"t\" has been defined before"},
         {"WorldBegin\nTexture \"t\" \"float\" \"constant\"\nMaterial \"matte\" \"texture Kd\" \"t\"" USE,
-         "3:18: Texture \"t\" is a float texture; a spectrum texture is needed"},
+         "3:18: no spectrum Texture \"t\" has been defined before"},
         {"WorldBegin\nMaterial \"matte\" \"texture bumpmap\" \"t\"" USE,
          "2:18: parameter \"bumpmap\": bump maps"},
         {"WorldBegin\nMaterial \"glass\" \"float uroughness\" .1" USE,

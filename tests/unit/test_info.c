@@ -134,8 +134,7 @@ static void terminals_are_safe(void **state)
     assert_non_null(strstr(text, "\\x1b[2J\\xc2\\x9b5m\\xff\"\\\\x0a\xc3\xa9\\xed\\xa0\\x80"));
     free(text);
     assert_says(*state, "--json", path,
-                "\"\\u001b[2J\xc2\x9b"
-                "5m\\ufffd\\\"\\\\\\u000a\xc3\xa9\\ufffd\\ufffd\\ufffd\"");
+                "\"\\u001b[2J\\u009b5m\\ufffd\\\"\\\\\\u000a\xc3\xa9\\ufffd\\ufffd\\ufffd\"");
     free(path);
 }
 

@@ -30,7 +30,7 @@ result_t pbrt_accelerator(pbrt_t *p, position_t at);
 result_t pbrt_color_space(pbrt_t *p, position_t at);
 result_t pbrt_option(pbrt_t *p, position_t at);
 /* What depends on several options, at WorldBegin. */
-result_t pbrt_options_finish(pbrt_t *p);
+void pbrt_options_finish(pbrt_t *p);
 
 /* materials.c */
 result_t pbrt_material(pbrt_t *p, position_t at);
@@ -40,7 +40,7 @@ result_t pbrt_named_material(pbrt_t *p, position_t at);
 void pbrt_default_material(pbrt_t *p);
 /* The index in the blob of the current material as a shape with these parameters wears it: in v3 they
  * override the material's own. */
-result_t pbrt_wear_material(pbrt_t *p, params_t *shape_params, position_t at, uint32_t *index);
+result_t pbrt_wear_material(pbrt_t *p, params_t *shape_params, uint32_t *index);
 /* Checks the materials that no shape wears: warnings only. */
 void pbrt_check_unused_materials(pbrt_t *p);
 

@@ -328,9 +328,8 @@ static result_t make_once(pbrt_t *p, material_t *material)
     return result_ok();
 }
 
-result_t pbrt_wear_material(pbrt_t *p, params_t *shape_params, position_t at, uint32_t *index)
+result_t pbrt_wear_material(pbrt_t *p, params_t *shape_params, uint32_t *index)
 {
-    (void)at;
     material_t *material = &p->materials[p->now.material];
     TRY(make_once(p, material));
     *index = material->index;

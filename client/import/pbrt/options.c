@@ -7,6 +7,16 @@
 
 #include <string.h>
 
+/* Notes where an option stands; a second one is an error, since pbrt would drop the first in silence. */
+static result_t once(position_t *first, position_t at, const char *directive)
+{
+    if (first->line)
+        return error_at(at, "a second %s; the first is in line %u of %s", directive, first->line,
+                        first->path);
+    *first = at;
+    return result_ok();
+}
+
 /* ---- camera -------------------------------------------------------------------------------------------- */
 
 static const param_rule_t camera_rules[] = {
@@ -84,13 +94,13 @@ static result_t make_option(pbrt_t *p, const option_entry_t *table, size_t count
 result_t pbrt_camera(pbrt_t *p, position_t at)
 {
     affine_t world_from_camera;
+    TRY(once(&p->camera_at, at, "Camera"));
     if (!affine_invert(&p->now.ctm, &world_from_camera))
         return error_at(at, "the current transform is singular or not finite");
     p->scene.world_from_camera = affine_to_xform(&world_from_camera);
     xform_t inverse;
     if (!xform_invert(&p->scene.world_from_camera, &inverse))
         return error_at(at, "the camera's transform is singular or not finite");
-    p->camera_at = at;
     pbrt_name_coordinates(p, "camera", &world_from_camera);
     return make_option(p, cameras, ARRAY_LENGTH(cameras), "Camera", "camera", at);
 }
@@ -166,7 +176,7 @@ static const option_entry_t films[] = {
 
 result_t pbrt_film(pbrt_t *p, position_t at)
 {
-    p->film_at = at;
+    TRY(once(&p->film_at, at, "Film"));
     return make_option(p, films, ARRAY_LENGTH(films), "Film", "film", at);
 }
 
@@ -218,6 +228,7 @@ static result_t read_samples(pbrt_t *p, params_t *params, const char *type, int 
 result_t pbrt_sampler(pbrt_t *p, position_t at)
 {
     size_t index;
+    TRY(once(&p->sampler_at, at, "Sampler"));
     TRY(pbrt_read_string(p, 0, "the sampler's type"));
     TRY(pbrt_read_params(p));
     TRY(entry_find(samplers, ARRAY_LENGTH(samplers), sizeof *samplers, "sampler", p->arguments[0],
@@ -318,6 +329,7 @@ static result_t read_depth(pbrt_t *p, position_t at)
 result_t pbrt_integrator(pbrt_t *p, position_t at)
 {
     size_t index;
+    TRY(once(&p->integrator_at, at, "Integrator"));
     TRY(pbrt_read_string(p, 0, "the integrator's type"));
     TRY(pbrt_read_params(p));
     TRY(entry_find(integrators, ARRAY_LENGTH(integrators), sizeof *integrators, "integrator", p->arguments[0],
@@ -383,6 +395,7 @@ static const option_entry_t filters[] = {
 
 result_t pbrt_pixel_filter(pbrt_t *p, position_t at)
 {
+    TRY(once(&p->filter_at, at, "PixelFilter"));
     return make_option(p, filters, ARRAY_LENGTH(filters), "PixelFilter", "pixel filter", at);
 }
 
@@ -432,7 +445,7 @@ static void set_window_by_aspect(blob_scene_t *scene, double aspect)
     memcpy(scene->screen_window, window, sizeof window);
 }
 
-result_t pbrt_options_finish(pbrt_t *p)
+void pbrt_options_finish(pbrt_t *p)
 {
     static const float automatic[4] = {0};
     blob_scene_t *scene = &p->scene;
@@ -440,5 +453,4 @@ result_t pbrt_options_finish(pbrt_t *p)
     bool given = memcmp(scene->screen_window, automatic, sizeof automatic) != 0;
     if (!given && p->frame_aspect > 0 && fabs(p->frame_aspect - aspect) > 1e-5 * aspect)
         set_window_by_aspect(scene, p->frame_aspect);
-    return result_ok();
 }

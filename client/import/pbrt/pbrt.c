@@ -83,7 +83,7 @@ static result_t world_begin(pbrt_t *p, position_t at)
 {
     (void)at;
     affine_t identity = affine_identity();
-    TRY(pbrt_options_finish(p));
+    pbrt_options_finish(p);
     p->now.ctm = identity;
     pbrt_name_coordinates(p, "world", &identity);
     p->phase = PHASE_WORLD;
@@ -229,8 +229,9 @@ static const directive_t directives[] = {
 static result_t wrong_phase(const pbrt_t *p, const directive_t *directive, position_t at)
 {
     const char *name = directive->entry.name;
-    return p->phase == PHASE_OPTIONS ? error_at(at, "%s must come after WorldBegin", name)
-                                     : error_at(at, "%s must come before WorldBegin", name);
+    if (p->phase == PHASE_OPTIONS) return error_at(at, "%s must come after WorldBegin", name);
+    if (directive->run == world_begin) return error_at(at, "a second WorldBegin; a file holds one scene");
+    return error_at(at, "%s must come before WorldBegin", name);
 }
 
 static result_t run_directive(pbrt_t *p, const token_t *token)

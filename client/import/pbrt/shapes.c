@@ -232,7 +232,7 @@ result_t pbrt_shape(pbrt_t *p, position_t at)
     blob_shape_t shape = {.geometry = BLOB_NONE};
     TRY(shapes[index].make(p, p->params, at, &shape));
     TRY(require_opaque(p, p->params, at));
-    TRY(pbrt_wear_material(p, p->params, at, &shape.material));
+    TRY(pbrt_wear_material(p, p->params, &shape.material));
     TRY(pbrt_finish_params(p, "Shape", p->arguments[0]));
     if (shape.geometry != BLOB_NONE) pbrt_add_shape(p, shape, at);
     return result_ok();

@@ -42,7 +42,7 @@ void pbrt_end(pbrt_t *p)
     params_destroy(&p->params);
     names_free(&p->coordinates);
     names_free(&p->material_names);
-    names_free(&p->texture_names);
+    for (int i = 0; i < 2; ++i) names_free(&p->texture_names[i]);
     names_free(&p->object_names);
     free(p->files);
     free(p->folder);
@@ -78,11 +78,12 @@ result_t pbrt_push(pbrt_t *p, scope_kind_t kind, position_t at)
 {
     if (p->scope_count == MAX_SCOPES) return error_at(at, "blocks are nested deeper than %d", MAX_SCOPES);
     p->scopes = grow(p->scopes, &p->scope_capacity, p->scope_count + 1, sizeof *p->scopes);
-    p->scopes[p->scope_count++] = (scope_t){.kind = kind,
-                                            .at = at,
-                                            .saved = p->now,
-                                            .textures = p->texture_names.count,
-                                            .materials = p->material_names.count};
+    p->scopes[p->scope_count++] =
+        (scope_t){.kind = kind,
+                  .at = at,
+                  .saved = p->now,
+                  .textures = {p->texture_names[0].count, p->texture_names[1].count},
+                  .materials = p->material_names.count};
     return result_ok();
 }
 
@@ -101,7 +102,7 @@ result_t pbrt_pop(pbrt_t *p, scope_kind_t kind, const char *directive, position_
     }
     p->now = scope->saved;
     if (p->dialect.dialect == DIALECT_V3) {
-        names_cut(&p->texture_names, scope->textures);
+        for (int i = 0; i < 2; ++i) names_cut(&p->texture_names[i], scope->textures[i]);
         names_cut(&p->material_names, scope->materials);
     }
     return result_ok();

@@ -41,7 +41,7 @@ typedef struct {
     scope_kind_t kind;
     position_t at; /* of the Begin */
     graphics_t saved;
-    size_t textures, materials; /* names known outside; v3 forgets those made inside */
+    size_t textures[2], materials; /* names known outside; v3 forgets those made inside */
 } scope_t;
 
 /* A Material or MakeNamedMaterial directive. Owned: params, name. */
@@ -54,8 +54,8 @@ typedef struct {
     uint32_t index; /* in the blob, once made */
 } material_t;
 
+/* The value of a constant texture. */
 typedef struct {
-    bool is_float;
     rgb_t colour; /* of a float texture: the value three times */
 } texture_t;
 
@@ -101,7 +101,8 @@ typedef struct pbrt {
     affine_t *systems;
     size_t system_count, system_capacity;
 
-    names_t material_names, texture_names, object_names;
+    names_t material_names, object_names;
+    names_t texture_names[2]; /* of spectrum and of float textures, which are two name spaces */
     material_t *materials;
     size_t material_count, material_capacity;
     texture_t *textures;
@@ -111,8 +112,8 @@ typedef struct pbrt {
     size_t object; /* the one that shapes go to */
 
     blob_scene_t scene;
-    double frame_aspect; /* of the camera; 0: the film's */
-    position_t film_at, camera_at;
+    double frame_aspect;                                                 /* of the camera; 0: the film's */
+    position_t film_at, camera_at, sampler_at, integrator_at, filter_at; /* line 0: not there yet */
 } pbrt_t;
 
 void pbrt_begin(pbrt_t *p, blob_builder_t *builder, report_t *report);

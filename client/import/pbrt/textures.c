@@ -44,27 +44,17 @@ static result_t named_spectrum(const char *name, position_t at, rgb_t *value)
 
 /* ---- values -------------------------------------------------------------------------------------------- */
 
-static result_t find_texture(const pbrt_t *p, const char *name, bool is_float, position_t at,
-                             const texture_t **texture)
-{
-    uint32_t index;
-    if (!names_find(&p->texture_names, name, &index))
-        return error_at(at, "no Texture \"%.60s\" has been defined before", name);
-    *texture = &p->textures[index];
-    if ((*texture)->is_float != is_float)
-        return error_at(at, "Texture \"%.60s\" is a %s texture; a %s texture is needed", name,
-                        is_float ? "spectrum" : "float", is_float ? "float" : "spectrum");
-    return result_ok();
-}
-
 /* What a parameter of type texture names. */
 static result_t texture_value(const pbrt_t *p, const params_t *owner, const param_t *item, const char *name,
                               bool is_float, rgb_t *value)
 {
+    uint32_t index;
     if (item->count != 1) return error_at(item->at, "parameter \"%s\" takes the name of one texture", name);
-    const texture_t *texture = NULL;
-    TRY(find_texture(p, params_text(owner, item, 0), is_float, item->at, &texture));
-    *value = texture->colour;
+    const char *texture = params_text(owner, item, 0);
+    if (!names_find(&p->texture_names[is_float], texture, &index))
+        return error_at(item->at, "no %s Texture \"%.60s\" has been defined before",
+                        is_float ? "float" : "spectrum", texture);
+    *value = p->textures[index].colour;
     return result_ok();
 }
 
@@ -152,12 +142,12 @@ result_t pbrt_colour(pbrt_t *p, params_t *params, const char *name, colour_use_t
 typedef struct {
     entry_t entry;
     /* Reads the texture's parameters; NULL: not supported yet. */
-    result_t (*make)(pbrt_t *p, params_t *params, texture_t *texture);
+    result_t (*make)(pbrt_t *p, params_t *params, bool is_float, texture_t *texture);
 } texture_entry_t;
 
-static result_t make_constant(pbrt_t *p, params_t *params, texture_t *texture)
+static result_t make_constant(pbrt_t *p, params_t *params, bool is_float, texture_t *texture)
 {
-    if (!texture->is_float) {
+    if (!is_float) {
         texture->colour = vec3(1, 1, 1);
         return pbrt_colour(p, params, "value", COLOUR_UNBOUNDED, &texture->colour);
     }
@@ -192,23 +182,32 @@ static result_t read_value_type(const pbrt_t *p, position_t at, bool *is_float)
     return error_at(at, "a Texture is of type \"float\" or \"spectrum\", not \"%.40s\"", type);
 }
 
+static void store(pbrt_t *p, bool is_float, texture_t texture, position_t at)
+{
+    uint32_t old;
+    names_t *names = &p->texture_names[is_float];
+    if (names_find(names, p->arguments[0], &old))
+        report_warning(p->report, at, "the texture \"%.60s\" is replaced", p->arguments[0]);
+    p->textures = grow(p->textures, &p->texture_capacity, p->texture_count + 1, sizeof *p->textures);
+    names_add(names, p->arguments[0], (uint32_t)p->texture_count);
+    p->textures[p->texture_count++] = texture;
+}
+
 result_t pbrt_texture(pbrt_t *p, position_t at)
 {
-    texture_t texture = {0};
+    texture_t texture;
+    bool is_float;
+    size_t index;
     TRY(pbrt_read_string(p, 0, "the texture's name"));
     TRY(pbrt_read_string(p, 1, "the type \"float\" or \"spectrum\""));
     TRY(pbrt_read_string(p, 2, "the texture's class"));
     TRY(pbrt_read_params_for(p, TARGET_TEXTURE));
-    TRY(read_value_type(p, at, &texture.is_float));
-    size_t index;
+    TRY(read_value_type(p, at, &is_float));
     TRY(entry_find(textures, ARRAY_LENGTH(textures), sizeof *textures, "texture", p->arguments[2],
                    &p->dialect, at, &index));
     if (!textures[index].make) return error_at(at, "texture \"%s\" is not supported yet", p->arguments[2]);
-    TRY(textures[index].make(p, p->params, &texture));
+    TRY(textures[index].make(p, p->params, is_float, &texture));
     TRY(pbrt_finish_params(p, "Texture", p->arguments[2]));
-
-    p->textures = grow(p->textures, &p->texture_capacity, p->texture_count + 1, sizeof *p->textures);
-    names_add(&p->texture_names, p->arguments[0], (uint32_t)p->texture_count);
-    p->textures[p->texture_count++] = texture;
+    store(p, is_float, texture, at);
     return result_ok();
 }

@@ -1,0 +1,82 @@
+/* The same job gives the same pixels, bit for bit, however it is computed: with one thread or two, in one
+ * process, on a farm of one, two or three worker processes, and on a farm that loses two of three workers
+ * half-way. */
+#include "tests/rig.h"
+#include "tests/scratch.h"
+
+#include <setjmp.h>
+#include <signal.h>
+#include <stdarg.h>
+#include <stdlib.h>
+#include <string.h>
+/* After setjmp and stdarg. */
+#include <cmocka.h>
+
+/* Renders seed-hidden at 64 spp with one more option; returns the hash of its pixels. */
+static hash_t render(const char *option, const char *value)
+{
+    rig_t *rig = rig_new();
+    char *path = scratch_path(rig->folder, "image.exr");
+    assert_int_equal(rig_run(rig, (const char *[]){"render", "scenes/seed-hidden", "--spp", "64", "--quiet",
+                                                   "-o", path, option, value, NULL}),
+                     0);
+    hash_t hash = rig_file_hash(path);
+    free(path);
+    rig_destroy(&rig);
+    return hash;
+}
+
+static void threads_and_workers_make_no_difference(void **state)
+{
+    (void)state;
+    static const char *const ways[][2] = {{"--threads", "2"},
+                                          {"--workers", "1"},
+                                          {"--workers", "2"},
+                                          {"--workers", "3"},
+                                          {"--tile-size", "50"}};
+    hash_t first = render("--threads", "1");
+    for (size_t i = 0; i < ARRAY_LENGTH(ways); i++) {
+        hash_t hash = render(ways[i][0], ways[i][1]);
+        if (!hash_equal(&first, &hash)) fail_msg("%s %s gives another image", ways[i][0], ways[i][1]);
+    }
+}
+
+static void another_seed_gives_another_image(void **state)
+{
+    (void)state;
+    hash_t a = render("--seed", "1"), b = render("--seed", "2");
+    assert_false(hash_equal(&a, &b));
+}
+
+static void losing_workers_makes_no_difference(void **state)
+{
+    (void)state;
+    hash_t reference = render("--threads", "2");
+    rig_t *rig = rig_new();
+    rig_start_master(rig, 0.2);
+    pid_t workers[3];
+    for (int i = 0; i < 3; i++) workers[i] = rig_start_worker(rig);
+    rig_wait_workers(rig, 3);
+    job_settings_t settings = rig_settings();
+    settings.width = settings.height = 128;
+    settings.spp = 64;
+    settings.seed = 0;
+    uint64_t job = rig_submit(rig, &settings);
+    rig_wait_samples(rig, job, 128 * 128 * 32);
+    kill(workers[0], SIGKILL);
+    kill(workers[1], SIGSTOP);
+    assert_int_equal(rig_wait_job(rig, job).state, JOB_DONE);
+    hash_t hash = rig_image_hash(rig, job);
+    assert_true(hash_equal(&hash, &reference));
+    rig_destroy(&rig);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(threads_and_workers_make_no_difference),
+        cmocka_unit_test(another_seed_gives_another_image),
+        cmocka_unit_test(losing_workers_makes_no_difference),
+    };
+    return cmocka_run_group_tests_name("same bits", tests, NULL, NULL);
+}

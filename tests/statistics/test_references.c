@@ -1,0 +1,163 @@
+/* The renderer against images that another renderer made (tests/references/README.md): every integrator where it can
+ * see, by the agreement test of client/agreement.h. Sample counts make the test sharp: a bias of a few tenths of a
+ * percent of the image mean fails. */
+#include "client/agreement.h"
+#include "client/import/import.h"
+#include "common/image.h"
+#include "tests/render_here.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+#include <cmocka.h>
+
+/* Mean and, from the values' squares, the variance: the reference's files. */
+static void read_rgb(const char *path, double *values, int side)
+{
+    image_t image;
+    result_t read = image_read_exr(path, &image);
+    if (read.code != RESULT_OK) fail_msg("%s", read.message);
+    assert_int_equal(image.width, side);
+    assert_int_equal(image.height, side);
+    const image_channel_t *rgb[3];
+    assert_true(image_find_rgb(&image, "", rgb));
+    for (size_t p = 0; p < (size_t)side * (size_t)side; p++)
+        for (size_t c = 0; c < 3; c++) values[3 * p + c] = (double)rgb[c]->data[p * rgb[c]->stride];
+    image_free(&image);
+}
+
+enum { SIDE = 128, VALUES = SIDE * SIDE * 3 };
+
+static estimate_image_t empty_estimate(void)
+{
+    return (estimate_image_t){SIDE, SIDE, mem_zalloc(VALUES, sizeof(double)), mem_zalloc(VALUES, sizeof(double))};
+}
+
+static estimate_image_t read_reference(const char *scene)
+{
+    estimate_image_t reference = empty_estimate();
+    char path[256];
+    snprintf(path, sizeof path, "tests/references/%s/ref.exr", scene);
+    read_rgb(path, reference.mean, SIDE);
+    snprintf(path, sizeof path, "tests/references/%s/stderr.exr", scene);
+    read_rgb(path, reference.variance, SIDE);
+    for (size_t i = 0; i < VALUES; i++) reference.variance[i] *= reference.variance[i];
+    return reference;
+}
+
+/* Renders the scene file; the noise is what the film's two halves tell. */
+static estimate_image_t render(const char *scene_file, integrator_t integrator, uint32_t spp)
+{
+    uint8_t *bytes;
+    uint64_t size;
+    scene_blob_t blob;
+    result_t made = import_scene_blob(scene_file, NULL, &bytes, &size);
+    if (made.code != RESULT_OK) fail_msg("%s", made.message);
+    assert_int_equal(blob_open(bytes, size, &blob).code, RESULT_OK);
+    job_settings_t settings = blob_default_settings(&blob);
+    settings.integrator = integrator;
+    settings.spp = spp;
+    settings.seed = 4;
+    film_t *film = render_here(&blob, &settings);
+    film_image_t image;
+    film_resolve(film, &image);
+    estimate_image_t estimate = empty_estimate();
+    for (size_t i = 0; i < VALUES; i++) {
+        estimate.mean[i] = (double)image.sum[i];
+        estimate.variance[i] = (double)image.noise[i] * (double)image.noise[i];
+    }
+    assert_int_equal(film->counts.dropped, 0);
+    film_image_free(&image);
+    film_destroy(&film);
+    free(bytes);
+    return estimate;
+}
+
+static void check(const char *scene, const char *file, integrator_t integrator, uint32_t spp)
+{
+    char path[256];
+    snprintf(path, sizeof path, "scenes/%s/%s", scene, file);
+    estimate_image_t reference = read_reference(scene), image = render(path, integrator, spp);
+    agreement_t agreement;
+    agreement_limits_t limits = agreement_default_limits();
+    agreement_measure(&image, &reference, &agreement);
+    bool holds = agreement_holds(&agreement, &limits);
+    print_message("%s %s: relMSE %.6f, mean ratio %.4f %.4f %.4f, z rms %.3f max %.2f\n", path,
+                  integrator_name(integrator), agreement.relmse, agreement.mean_ratio[0], agreement.mean_ratio[1],
+                  agreement.mean_ratio[2], agreement.rms_z, agreement.max_z);
+    agreement_free(&agreement);
+    estimate_image_free(&reference);
+    estimate_image_free(&image);
+    assert_true(holds);
+}
+
+static void seed_diffuse_agrees(void **state)
+{
+    (void)state;
+    check("seed-diffuse", "scene.pbrt", INTEGRATOR_BDPT, 128);
+    check("seed-diffuse", "scene.pbrt", INTEGRATOR_PATH, 256);
+    check("seed-diffuse", "scene.pbrt", INTEGRATOR_LIGHT, 512);
+}
+
+static void seed_specular_agrees(void **state)
+{
+    (void)state;
+    check("seed-specular", "scene.pbrt", INTEGRATOR_BDPT, 128);
+    check("seed-specular", "scene.pbrt", INTEGRATOR_PATH, 512);
+}
+
+static void seed_hidden_agrees(void **state)
+{
+    (void)state;
+    check("seed-hidden", "scene.pbrt", INTEGRATOR_BDPT, 128);
+    check("seed-hidden", "scene.pbrt", INTEGRATOR_PATH, 512);
+}
+
+static void cornell_agrees(void **state)
+{
+    (void)state;
+    check("cornell", "scene.pbrt", INTEGRATOR_BDPT, 128);
+    check("cornell", "scene.pbrt", INTEGRATOR_PATH, 256);
+    check("cornell", "scene.pbrt", INTEGRATOR_LIGHT, 512);
+    check("cornell", "scene-v4.pbrt", INTEGRATOR_BDPT, 128);
+}
+
+/* A path tracer meets this caustic too rarely for a test of seconds. */
+static void caustic_agrees(void **state)
+{
+    (void)state;
+    check("caustic", "scene.pbrt", INTEGRATOR_BDPT, 512);
+    check("caustic", "scene-v4.pbrt", INTEGRATOR_BDPT, 512);
+}
+
+/* The test must tell a wrong image: a camera pushed off by one pixel, a light dimmer by 1 %. */
+static void disagreement_shows(void **state)
+{
+    (void)state;
+    estimate_image_t reference = read_reference("cornell");
+    estimate_image_t image = render("scenes/cornell/scene.pbrt", INTEGRATOR_PATH, 256);
+    agreement_limits_t limits = agreement_default_limits();
+    agreement_t agreement;
+    for (size_t i = 0; i < VALUES; i++) image.mean[i] *= 0.99;
+    agreement_measure(&image, &reference, &agreement);
+    assert_false(agreement_holds(&agreement, &limits));
+    agreement_free(&agreement);
+    for (size_t i = VALUES - 1; i >= 3; i--) image.mean[i] = image.mean[i - 3] / 0.99;
+    agreement_measure(&image, &reference, &agreement);
+    assert_false(agreement_holds(&agreement, &limits));
+    agreement_free(&agreement);
+    estimate_image_free(&reference);
+    estimate_image_free(&image);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(seed_diffuse_agrees), cmocka_unit_test(seed_specular_agrees),
+        cmocka_unit_test(seed_hidden_agrees),  cmocka_unit_test(cornell_agrees),
+        cmocka_unit_test(caustic_agrees),      cmocka_unit_test(disagreement_shows),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

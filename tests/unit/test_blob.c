@@ -1,0 +1,490 @@
+/* Tests of common/scene_blob.c: what is built is read back, and whatever else is in the bytes (truncation,
+ * damage, wrong contents under a right checksum) gives an error and no access outside them: run with the
+ * sanitizers. */
+#include "common/film.h"
+#include "common/scene_blob.h"
+#include "tests/scratch.h"
+
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+static void assert_fails(result_t result, const char *part)
+{
+    if (result.code != RESULT_INPUT || strstr(result.message, part) == NULL)
+        fail_msg("expected code %d with '%s', got code %d: %s", RESULT_INPUT, part, result.code,
+                 result.message);
+}
+
+/* ---- a small scene with one of everything ---- */
+
+static void add_mesh(blob_builder_t *builder, bool smooth)
+{
+    const vec3_t positions[4] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}},
+                 normals[4] = {{0, 0, 1}, {0, 0, 1}, {1, 0, 0}, {0, 1, 0}};
+    const vec2_t uvs[4] = {{0, 0}, {1, 0}, {0, 1}, {1, 1}};
+    const blob_triangle_t triangles[2] = {{{0, 1, 2}}, {{1, 2, 3}}};
+    blob_mesh_t mesh = {.first_position = blob_builder_add(builder, BLOB_SECTION_POSITIONS, positions, 4),
+                        .vertex_count = 4,
+                        .first_normal = BLOB_NONE,
+                        .first_uv = BLOB_NONE,
+                        .first_triangle = blob_builder_add(builder, BLOB_SECTION_TRIANGLES, triangles, 2),
+                        .triangle_count = 2};
+    if (smooth) mesh.first_normal = blob_builder_add(builder, BLOB_SECTION_NORMALS, normals, 4);
+    if (smooth) mesh.first_uv = blob_builder_add(builder, BLOB_SECTION_UVS, uvs, 4);
+    blob_builder_add(builder, BLOB_SECTION_MESHES, &mesh, 1);
+}
+
+/* World: a lamp (mesh 0) and a sphere; object 1: a smooth mesh, placed once. */
+static void add_shapes(blob_builder_t *builder)
+{
+    const blob_sphere_t sphere = {xform_identity(), 2.0f};
+    const blob_light_t light = {.radiance = {5000, 4000, 3000}, .shape = 0};
+    const blob_object_t objects[2] = {{0, 2}, {2, 1}};
+    const blob_instance_t instance = {1, xform_identity()};
+    uint32_t name = blob_builder_string(builder, "scene.pbrt:7");
+    const blob_shape_t shapes[3] = {{SHAPE_MESH, 0, 0, 0, 0, name},
+                                    {SHAPE_SPHERE, 0, 1, BLOB_NONE, SHAPE_FLIP, name},
+                                    {SHAPE_MESH, 1, 2, BLOB_NONE, 0, 0}};
+    add_mesh(builder, false);
+    add_mesh(builder, true);
+    blob_builder_add(builder, BLOB_SECTION_SPHERES, &sphere, 1);
+    blob_builder_add(builder, BLOB_SECTION_SHAPES, shapes, 3);
+    blob_builder_add(builder, BLOB_SECTION_OBJECTS, objects, 2);
+    blob_builder_add(builder, BLOB_SECTION_INSTANCES, &instance, 1);
+    blob_builder_add(builder, BLOB_SECTION_LIGHTS, &light, 1);
+}
+
+static void add_materials(blob_builder_t *builder)
+{
+    const blob_material_t materials[4] = {{.kind = MATERIAL_DIFFUSE, .reflectance = {0.5f, 0.4f, 0.3f}},
+                                          {.kind = MATERIAL_MIRROR, .reflectance = {0.9f, 0.9f, 0.9f}},
+                                          {.kind = MATERIAL_DIELECTRIC,
+                                           .reflectance = {1, 1, 1},
+                                           .transmittance = {1, 1, 1},
+                                           .eta = {1.5f, 1.5f, 1.5f}},
+                                          {.kind = MATERIAL_CONDUCTOR,
+                                           .eta = {0.2f, 0.9f, 1.1f},
+                                           .k = {3.9f, 2.4f, 2.2f},
+                                           .alpha_u = 0.1f,
+                                           .alpha_v = 0.2f}};
+    blob_builder_add(builder, BLOB_SECTION_MATERIALS, materials, 4);
+}
+
+static blob_builder_t *make_builder(void)
+{
+    blob_builder_t *builder = blob_builder_new();
+    const blob_scene_t scene = {.world_from_camera = xform_identity(),
+                                .fov = 40,
+                                .filter = {FILTER_BOX, 0.5f, 0.5f, 0},
+                                .width = 64,
+                                .height = 48,
+                                .max_depth = 5,
+                                .spp = 16,
+                                .integrator = INTEGRATOR_PATH,
+                                .sampler = SAMPLER_SOBOL};
+    blob_builder_add(builder, BLOB_SECTION_SCENE, &scene, 1);
+    add_shapes(builder);
+    add_materials(builder);
+    return builder;
+}
+
+static uint8_t *make_blob(uint64_t *size)
+{
+    uint8_t *bytes;
+    blob_builder_t *builder = make_builder();
+    result_t result = blob_builder_finish(builder, &bytes, size);
+    if (result.code != RESULT_OK) fail_msg("%s", result.message);
+    blob_builder_destroy(&builder);
+    assert_null(builder);
+    return bytes;
+}
+
+/* ---- the layout, as scene_blob.c has it ---- */
+
+enum { CHECKSUM_OFFSET = 24, SECTIONS_OFFSET = 56, HEADER_SIZE = SECTIONS_OFFSET + 16 * BLOB_SECTION_COUNT };
+
+static uint64_t read_u64(const uint8_t *at)
+{
+    uint64_t value;
+    memcpy(&value, at, sizeof value);
+    return value;
+}
+
+static uint8_t *section_entry(uint8_t *bytes, blob_section_t section)
+{
+    return bytes + SECTIONS_OFFSET + (size_t)16 * section;
+}
+
+static void renew_checksum(uint8_t *bytes, uint64_t size)
+{
+    hash_t checksum = hash_bytes(bytes + HEADER_SIZE, size - HEADER_SIZE);
+    memcpy(bytes + CHECKSUM_OFFSET, &checksum, sizeof checksum);
+}
+
+/* Opens a copy that ends exactly where its memory does, so that the sanitizer sees the first byte too far. */
+static result_t open_copy(const uint8_t *bytes, uint64_t size, void (*use)(const scene_blob_t *blob))
+{
+    uint8_t *copy = mem_alloc(size > 0 ? size : 1);
+    memcpy(copy, bytes, size);
+    scene_blob_t blob;
+    result_t result = blob_open(copy, size, &blob);
+    if (result.code == RESULT_OK && use != NULL) use(&blob);
+    if (result.code != RESULT_OK) assert_null(blob.bytes);
+    blob_close(&blob);
+    free(copy);
+    return result;
+}
+
+/* ---- what is right ---- */
+
+static void everything_comes_back(void **state)
+{
+    (void)state;
+    uint64_t size;
+    uint8_t *bytes = make_blob(&size);
+    scene_blob_t blob;
+    assert_true(blob_recognise(bytes, size));
+    assert_int_equal(blob_open(bytes, size, &blob).code, RESULT_OK);
+    hash_t hash = hash_bytes(bytes, size);
+    assert_true(hash_equal(&hash, &blob.hash));
+    assert_int_equal(blob.counts[BLOB_SECTION_POSITIONS], 8);
+    assert_int_equal(blob.counts[BLOB_SECTION_TRIANGLES], 4);
+    assert_int_equal(blob.counts[BLOB_SECTION_SHAPES], 3);
+    assert_int_equal(blob.meshes[1].first_position, 4);
+    assert_int_equal(blob.meshes[0].first_normal, BLOB_NONE);
+    assert_int_equal(blob.triangles[3].v[2], 3);
+    assert_true(blob.positions[5].x == 1.0f && blob.normals[2].x == 1.0f && blob.uvs[1].x == 1.0f);
+    assert_true(blob.spheres[0].radius == 2.0f && blob.materials[3].alpha_v == 0.2f);
+    assert_string_equal(blob.strings + blob.shapes[1].name, "scene.pbrt:7");
+    assert_string_equal(blob.strings, "");
+    assert_int_equal(blob.lights[0].shape, 0);
+    assert_true(blob.lights[0].radiance.y == 4000.0f);
+    for (int i = 0; i < BLOB_SECTION_COUNT; i++)
+        assert_int_equal(read_u64(section_entry(bytes, (blob_section_t)i)) % 64, 0);
+    job_settings_t settings = blob_default_settings(&blob);
+    assert_int_equal(settings.width, 64);
+    assert_int_equal(settings.max_depth, 5);
+    assert_int_equal(settings.integrator, INTEGRATOR_PATH);
+    /* 2^12 <= 5000 < 2^13, which is 2^3 over the 2^10 that the default is made for. */
+    assert_int_equal(settings.film_scale, FILM_DEFAULT_SCALE - 3);
+    blob_close(&blob);
+    blob_close(&blob);
+    free(bytes);
+}
+
+static void the_same_scene_has_the_same_name(void **state)
+{
+    (void)state;
+    uint64_t size, other_size;
+    uint8_t *bytes = make_blob(&size), *other = make_blob(&other_size);
+    assert_int_equal(size, other_size);
+    assert_memory_equal(bytes, other, size);
+    free(bytes);
+    free(other);
+}
+
+static void builders_grow_and_fill_in_late(void **state)
+{
+    (void)state;
+    blob_builder_t *builder = blob_builder_new();
+    for (uint32_t i = 0; i < 1000; i++)
+        assert_int_equal(blob_builder_add(builder, BLOB_SECTION_POSITIONS, &(vec3_t){(float)i, 0, 0}, 1), i);
+    assert_int_equal(blob_builder_add(builder, BLOB_SECTION_POSITIONS, NULL, 3), 1000);
+    assert_int_equal(blob_builder_count(builder, BLOB_SECTION_POSITIONS), 1003);
+    vec3_t *positions = blob_builder_records(builder, BLOB_SECTION_POSITIONS);
+    assert_true(positions[999].x == 999.0f && positions[1002].x == 0.0f);
+    assert_int_equal(blob_builder_string(builder, ""), 0);
+    assert_int_equal(blob_builder_string(builder, "a"), 1);
+    assert_int_equal(blob_builder_string(builder, "b"), 3);
+    uint8_t *bytes;
+    uint64_t size;
+    assert_fails(blob_builder_finish(builder, &bytes, &size), "one scene record"); /* it has none */
+    assert_null(bytes);
+    blob_builder_destroy(&builder);
+    blob_builder_destroy(&builder);
+}
+
+static void files_are_mapped(void **state)
+{
+    (void)state;
+    char *folder = scratch_new(), *path = scratch_path(folder, "x.blob");
+    uint64_t size;
+    uint8_t *bytes = make_blob(&size);
+    scene_blob_t blob;
+    scratch_write(path, bytes, size);
+    assert_int_equal(blob_open_file(path, &blob).code, RESULT_OK);
+    assert_true(blob.mapped && blob.size == size);
+    assert_memory_equal(blob.bytes, bytes, size);
+    blob_close(&blob);
+    assert_null(blob.bytes);
+    scratch_write(path, bytes, size - 64);
+    assert_fails(blob_open_file(path, &blob), "x.blob: scene blob: says it has");
+    scratch_write(path, bytes, 0);
+    assert_fails(blob_open_file(path, &blob), "x.blob: ");
+    assert_fails(blob_open_file(folder, &blob), folder);
+    assert_fails(blob_open_file("/nowhere/x", &blob), "/nowhere/x: cannot be opened");
+    free(bytes);
+    free(path);
+    scratch_destroy(&folder);
+}
+
+/* ---- what is wrong ---- */
+
+static void every_truncation_is_an_error(void **state)
+{
+    (void)state;
+    uint64_t size;
+    uint8_t *bytes = make_blob(&size);
+    for (uint64_t length = 0; length < size; length++)
+        assert_fails(open_copy(bytes, length, NULL), "scene blob");
+    /* The same with a header that admits to its length and a right checksum. */
+    for (uint64_t length = HEADER_SIZE; length < size; length++) {
+        uint8_t *cut = mem_alloc(length);
+        memcpy(cut, bytes, length);
+        memcpy(cut + 16, &length, sizeof length);
+        renew_checksum(cut, length);
+        result_t result = open_copy(cut, length, NULL);
+        /* Only the padding behind the last section may be shorter than it was. */
+        if (length <= size - 64) assert_fails(result, "lies outside the blob");
+        free(cut);
+    }
+    free(bytes);
+}
+
+static void every_flipped_byte_is_an_error(void **state)
+{
+    (void)state;
+    uint64_t size;
+    uint8_t *bytes = make_blob(&size);
+    for (uint64_t at = 0; at < size; at++) {
+        /* The table of sections is not under the checksum, but a blob's name covers it. */
+        if (at >= SECTIONS_OFFSET && at < HEADER_SIZE) continue;
+        bytes[at] ^= 0x10;
+        assert_fails(open_copy(bytes, size, NULL), "scene blob");
+        bytes[at] ^= 0x10;
+    }
+    assert_int_equal(open_copy(bytes, size, NULL).code, RESULT_OK);
+    free(bytes);
+}
+
+static uint32_t bits_of(float value)
+{
+    uint32_t bits;
+    memcpy(&bits, &value, sizeof bits);
+    return bits;
+}
+
+/* One wrong 32-bit field under a right checksum, and what the error must say. */
+typedef struct {
+    blob_section_t section;
+    size_t offset; /* bytes into the section */
+    uint32_t value;
+    const char *expected;
+} corruption_t;
+
+#define FIELD(type, index, field) ((index) * sizeof(type) + offsetof(type, field))
+
+static void check_corruptions(const corruption_t *corruptions, size_t count)
+{
+    uint64_t size;
+    uint8_t *bytes = make_blob(&size);
+    for (size_t i = 0; i < count; i++) {
+        const corruption_t *c = &corruptions[i];
+        uint8_t *field = bytes + read_u64(section_entry(bytes, c->section)) + c->offset;
+        uint32_t kept;
+        memcpy(&kept, field, sizeof kept);
+        memcpy(field, &c->value, sizeof kept);
+        renew_checksum(bytes, size);
+        assert_fails(open_copy(bytes, size, NULL), c->expected);
+        memcpy(field, &kept, sizeof kept);
+    }
+    renew_checksum(bytes, size);
+    assert_int_equal(open_copy(bytes, size, NULL).code, RESULT_OK);
+    free(bytes);
+}
+
+static void bad_indices_are_errors(void **state)
+{
+    (void)state;
+    const corruption_t corruptions[] = {
+        {BLOB_SECTION_TRIANGLES, FIELD(blob_triangle_t, 0, v[1]), 4, "uses vertex 4 of 4"},
+        {BLOB_SECTION_TRIANGLES, FIELD(blob_triangle_t, 3, v[2]), UINT32_MAX, "uses vertex"},
+        {BLOB_SECTION_MESHES, FIELD(blob_mesh_t, 1, first_position), 5, "its vertices"},
+        {BLOB_SECTION_MESHES, FIELD(blob_mesh_t, 1, first_position), UINT32_MAX, "its vertices"},
+        {BLOB_SECTION_MESHES, FIELD(blob_mesh_t, 0, vertex_count), UINT32_MAX, "its vertices"},
+        {BLOB_SECTION_MESHES, FIELD(blob_mesh_t, 0, vertex_count), 3, "uses vertex 3 of 3"},
+        {BLOB_SECTION_MESHES, FIELD(blob_mesh_t, 1, first_normal), 1, "its normals"},
+        {BLOB_SECTION_MESHES, FIELD(blob_mesh_t, 0, first_normal), UINT32_MAX - 1, "its normals"},
+        {BLOB_SECTION_MESHES, FIELD(blob_mesh_t, 1, first_uv), 1, "its uvs"},
+        {BLOB_SECTION_MESHES, FIELD(blob_mesh_t, 1, first_triangle), 3, "its triangles"},
+        {BLOB_SECTION_MESHES, FIELD(blob_mesh_t, 0, triangle_count), 5, "its triangles"},
+        {BLOB_SECTION_MESHES, FIELD(blob_mesh_t, 0, triangle_count), 0, "its triangles"},
+        {BLOB_SECTION_SHAPES, FIELD(blob_shape_t, 0, kind), 3, "shape 0: unknown kind 3"},
+        {BLOB_SECTION_SHAPES, FIELD(blob_shape_t, 0, geometry), 2, "shape 0: no geometry 2"},
+        {BLOB_SECTION_SHAPES, FIELD(blob_shape_t, 1, geometry), 1, "shape 1: no geometry 1"},
+        {BLOB_SECTION_SHAPES, FIELD(blob_shape_t, 2, material), 4, "shape 2: no material 4"},
+        {BLOB_SECTION_SHAPES, FIELD(blob_shape_t, 0, light), 1, "shape 0: light 1"},
+        {BLOB_SECTION_SHAPES, FIELD(blob_shape_t, 1, light), 0, "shape 1: light 0 does not belong"},
+        {BLOB_SECTION_SHAPES, FIELD(blob_shape_t, 0, light), BLOB_NONE, "light 0 does not belong"},
+        {BLOB_SECTION_SHAPES, FIELD(blob_shape_t, 1, name), 1000, "its name"},
+        {BLOB_SECTION_OBJECTS, FIELD(blob_object_t, 0, shape_count), 4, "object 0: its shapes"},
+        {BLOB_SECTION_OBJECTS, FIELD(blob_object_t, 1, first_shape), UINT32_MAX, "object 1: its shapes"},
+        {BLOB_SECTION_OBJECTS, FIELD(blob_object_t, 1, shape_count), 0, "objects hold"},
+        {BLOB_SECTION_INSTANCES, FIELD(blob_instance_t, 0, object), 0, "instance 0: no object 0"},
+        {BLOB_SECTION_INSTANCES, FIELD(blob_instance_t, 0, object), 2, "instance 0: no object 2"},
+        {BLOB_SECTION_MATERIALS, FIELD(blob_material_t, 0, kind), 0, "material 0: unknown kind 0"},
+        {BLOB_SECTION_MATERIALS, FIELD(blob_material_t, 0, kind), 5, "material 0: unknown kind 5"},
+        {BLOB_SECTION_MATERIALS, FIELD(blob_material_t, 3, name), 1000, "its name"},
+        {BLOB_SECTION_LIGHTS, FIELD(blob_light_t, 0, shape), 1, "light 0 does not belong"},
+        {BLOB_SECTION_LIGHTS, FIELD(blob_light_t, 0, shape), 3, "light 0 does not belong"},
+        {BLOB_SECTION_STRINGS, 0, 0x41414141, "not terminated"}};
+    check_corruptions(corruptions, ARRAY_LENGTH(corruptions));
+}
+
+static void bad_numbers_are_errors(void **state)
+{
+    (void)state;
+    const uint32_t nan = bits_of(NAN), infinite = bits_of(INFINITY), minus = bits_of(-1.0f);
+    const corruption_t corruptions[] = {
+        {BLOB_SECTION_POSITIONS, FIELD(vec3_t, 7, z), nan, "position 7"},
+        {BLOB_SECTION_NORMALS, FIELD(vec3_t, 0, x), infinite, "normal 0"},
+        {BLOB_SECTION_UVS, FIELD(vec2_t, 2, y), nan, "uv 2"},
+        {BLOB_SECTION_SPHERES, FIELD(blob_sphere_t, 0, radius), 0, "radius"},
+        {BLOB_SECTION_SPHERES, FIELD(blob_sphere_t, 0, radius), nan, "radius"},
+        {BLOB_SECTION_SPHERES, FIELD(blob_sphere_t, 0, object_from_sphere.m[1][1]), 0, "singular"},
+        {BLOB_SECTION_SPHERES, FIELD(blob_sphere_t, 0, object_from_sphere.m[0][3]), infinite, "singular"},
+        {BLOB_SECTION_INSTANCES, FIELD(blob_instance_t, 0, world_from_object.m[2][2]), 0, "singular"},
+        {BLOB_SECTION_MATERIALS, FIELD(blob_material_t, 0, reflectance.y), minus, "colours"},
+        {BLOB_SECTION_MATERIALS, FIELD(blob_material_t, 2, eta.x), 0, "eta must be positive"},
+        {BLOB_SECTION_MATERIALS, FIELD(blob_material_t, 3, k.z), nan, "colours"},
+        {BLOB_SECTION_MATERIALS, FIELD(blob_material_t, 3, alpha_u), nan, "roughness"},
+        {BLOB_SECTION_LIGHTS, FIELD(blob_light_t, 0, radiance.x), infinite, "radiance"},
+        {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, world_from_camera.m[0][0]), nan, "camera"},
+        {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, fov), bits_of(180.0f), "fov"},
+        {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, fov), nan, "fov"},
+        {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, screen_window[1]), minus, "screen window"},
+        {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, filter.kind), 9, "pixel filter 9"},
+        {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, filter.radius_y), nan, "radius"},
+        {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, width), 0, "width"},
+        {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, height), INT32_MAX, "height"},
+        {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, spp), UINT32_MAX, "samples"},
+        {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, integrator), 77, "integrator"}};
+    check_corruptions(corruptions, ARRAY_LENGTH(corruptions));
+}
+
+static void bad_headers_are_errors(void **state)
+{
+    (void)state;
+    uint64_t size;
+    uint8_t *bytes = make_blob(&size);
+    const struct {
+        size_t offset;
+        uint64_t value;
+        const char *expected;
+    } cases[] = {{0, 0, "magic"},
+                 {8, BLOB_VERSION + 1 + ((uint64_t)BLOB_SECTION_COUNT << 32), "version 2"},
+                 {8, BLOB_VERSION + ((uint64_t)(BLOB_SECTION_COUNT + 1) << 32), "sections"},
+                 {16, UINT64_MAX, "says it has"}};
+    for (size_t i = 0; i < ARRAY_LENGTH(cases); i++) {
+        uint64_t kept = read_u64(bytes + cases[i].offset);
+        memcpy(bytes + cases[i].offset, &cases[i].value, 8);
+        assert_fails(open_copy(bytes, size, NULL), cases[i].expected);
+        memcpy(bytes + cases[i].offset, &kept, 8);
+    }
+    const uint64_t wrong[] = {
+        0, 1, 63, 64, size, size - 16, (uint64_t)1 << 31, (uint64_t)1 << 62, UINT64_MAX - 63, UINT64_MAX};
+    for (int section = 0; section < BLOB_SECTION_COUNT; section++)
+        for (size_t word = 0; word < 2; word++)
+            for (size_t i = 0; i < ARRAY_LENGTH(wrong); i++) {
+                uint8_t *at = section_entry(bytes, (blob_section_t)section) + 8 * word;
+                uint64_t kept = read_u64(at);
+                if (kept == wrong[i]) continue;
+                memcpy(at, &wrong[i], 8);
+                /* A smaller count may leave a scene that is right: any result, and no access outside. */
+                result_t result = open_copy(bytes, size, NULL);
+                if (word == 0 || wrong[i] >= size) assert_fails(result, "lies outside the blob");
+                memcpy(at, &kept, 8);
+            }
+    free(bytes);
+}
+
+/* ---- random contents ---- */
+
+static double touch_mesh(const scene_blob_t *blob, const blob_mesh_t *mesh)
+{
+    double sum = 0;
+    for (uint32_t t = 0; t < mesh->triangle_count; t++)
+        for (int k = 0; k < 3; k++) {
+            uint32_t v = blob->triangles[mesh->first_triangle + t].v[k];
+            sum += (double)blob->positions[mesh->first_position + v].x;
+            if (mesh->first_normal != BLOB_NONE) sum += (double)blob->normals[mesh->first_normal + v].x;
+            if (mesh->first_uv != BLOB_NONE) sum += (double)blob->uvs[mesh->first_uv + v].x;
+        }
+    return sum;
+}
+
+static double touch_shape(const scene_blob_t *blob, const blob_shape_t *shape)
+{
+    double sum =
+        (double)strlen(blob->strings + shape->name) + (double)blob->materials[shape->material].alpha_u;
+    sum += (double)strlen(blob->strings + blob->materials[shape->material].name);
+    if (shape->light != BLOB_NONE) sum += (double)blob->lights[shape->light].radiance.x;
+    return sum + (shape->kind == SHAPE_MESH ? touch_mesh(blob, &blob->meshes[shape->geometry])
+                                            : (double)blob->spheres[shape->geometry].radius);
+}
+
+/* Follows every reference that a renderer would. */
+static void touch_everything(const scene_blob_t *blob)
+{
+    volatile double sum = 0;
+    for (uint64_t o = 0; o < blob->counts[BLOB_SECTION_OBJECTS]; o++)
+        for (uint32_t s = 0; s < blob->objects[o].shape_count; s++)
+            sum += touch_shape(blob, &blob->shapes[blob->objects[o].first_shape + s]);
+    for (uint64_t i = 0; i < blob->counts[BLOB_SECTION_INSTANCES]; i++)
+        sum += blob->objects[blob->instances[i].object].shape_count;
+    for (uint64_t i = 0; i < blob->counts[BLOB_SECTION_LIGHTS]; i++)
+        sum += blob->shapes[blob->lights[i].shape].kind;
+    job_settings_t settings = blob_default_settings(blob);
+    assert_int_equal(job_settings_check(&settings).code, RESULT_OK);
+}
+
+static void random_contents_are_survived(void **state)
+{
+    (void)state;
+    uint64_t size;
+    uint8_t *bytes = make_blob(&size), *bad = mem_alloc(size);
+    unsigned seed = 1;
+    size_t accepted = 0;
+    enum { ROUNDS = 40000 };
+    for (int round = 0; round < ROUNDS; round++) {
+        memcpy(bad, bytes, size);
+        for (int flips = 1 + rand_r(&seed) % 4; flips > 0; flips--) {
+            size_t at = SECTIONS_OFFSET + (size_t)rand_r(&seed) % (size - SECTIONS_OFFSET);
+            const uint8_t values[] = {0, 1, 0xFF, 0x7F, (uint8_t)rand_r(&seed)};
+            bad[at] = values[rand_r(&seed) % 5];
+        }
+        renew_checksum(bad, size);
+        accepted += open_copy(bad, size, touch_everything).code == RESULT_OK;
+    }
+    /* Both outcomes must have been seen, or nothing was tested. */
+    assert_true(accepted > ROUNDS / 100 && accepted < ROUNDS * 9 / 10);
+    free(bytes);
+    free(bad);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(everything_comes_back),          cmocka_unit_test(the_same_scene_has_the_same_name),
+        cmocka_unit_test(builders_grow_and_fill_in_late), cmocka_unit_test(files_are_mapped),
+        cmocka_unit_test(every_truncation_is_an_error),   cmocka_unit_test(every_flipped_byte_is_an_error),
+        cmocka_unit_test(bad_indices_are_errors),         cmocka_unit_test(bad_numbers_are_errors),
+        cmocka_unit_test(bad_headers_are_errors),         cmocka_unit_test(random_contents_are_survived)};
+    return cmocka_run_group_tests_name("blob", tests, NULL, NULL);
+}

@@ -1,0 +1,406 @@
+/* Tests of common/film.c: sums are the same bits in whatever order and portions they are made, nothing wraps,
+ * and resolving divides each sum by what it must be divided by. */
+#include "common/film.h"
+
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+enum { WIDTH = 37, HEIGHT = 21, PIXELS = WIDTH * HEIGHT, SPP = 12 };
+
+static job_settings_t small_job(void)
+{
+    job_settings_t settings = job_settings_default();
+    settings.width = WIDTH;
+    settings.height = HEIGHT;
+    settings.tile_size = 16;
+    settings.spp = SPP;
+    return settings;
+}
+
+/* A number that depends on its arguments alone (splitmix64's mix). */
+static uint64_t mix(uint64_t a, uint64_t b)
+{
+    uint64_t z = a * 0x9E3779B97F4A7C15u + b + 0x632BE59BD9B4E019u;
+    z = (z ^ (z >> 30)) * 0xBF58476D1CE4E5B9u;
+    z = (z ^ (z >> 27)) * 0x94D049BB133111EBu;
+    return z ^ (z >> 31);
+}
+
+/* A contribution over many orders of magnitude, now and then negative. */
+static float contribution(uint64_t pixel, uint64_t sample, uint64_t channel)
+{
+    uint64_t bits = mix(mix(pixel, sample), channel);
+    float value = ldexpf((float)(bits & 0xFFFF) / 65536.0f, (int)(bits >> 16 & 15) - 8);
+    return (bits >> 40 & 7) == 0 ? -value : value;
+}
+
+static void add_splat(unit_result_t *result, uint32_t pixel, int half, float r, float g, float b)
+{
+    if (result->splat_count == result->splat_capacity) {
+        result->splat_capacity = 2 * result->splat_capacity + 64;
+        result->splats = mem_realloc(result->splats, result->splat_capacity * sizeof *result->splats);
+    }
+    result->splats[result->splat_count++] = (splat_t){pixel | (half != 0 ? SPLAT_HALF_BIT : 0), {r, g, b}};
+}
+
+/* What a renderer would do: each sample adds to its pixel and splats somewhere else. */
+static void render_unit(const job_settings_t *settings, const unit_t *unit, unit_result_t *result)
+{
+    unit_result_reset(result, settings, unit);
+    rect_t rect = job_tile_rect(settings, unit->tile);
+    size_t width = (size_t)(rect.x1 - rect.x0), pixels = job_tile_pixels(settings, unit->tile);
+    for (uint32_t sample = unit->first; sample < unit->first + unit->count; sample++)
+        for (size_t i = 0; i < pixels; i++) {
+            uint64_t pixel = ((uint64_t)rect.y0 + i / width) * WIDTH + (uint64_t)rect.x0 + i % width;
+            int half = sample % 2;
+            float rgb[3];
+            for (size_t c = 0; c < 3; c++) rgb[c] = contribution(pixel, sample, c);
+            result->counts.overflows +=
+                film_add(result->eye + 3 * ((size_t)half * pixels + i), rgb, settings->film_scale);
+            uint32_t target = (uint32_t)(mix(pixel, sample + 1000) % PIXELS);
+            add_splat(result, target, half, rgb[1], rgb[2], rgb[0]);
+            result->counts.light_paths[half]++;
+            result->counts.rays += 5;
+        }
+}
+
+typedef struct {
+    unit_t *units;
+    size_t count;
+} unit_list_t;
+
+/* Every tile cut into runs of `run` samples. */
+static unit_list_t cut_job(const job_settings_t *settings, uint32_t run)
+{
+    unit_list_t list = {mem_alloc((size_t)job_tile_count(settings) * SPP * sizeof(unit_t)), 0};
+    for (uint32_t tile = 0; tile < job_tile_count(settings); tile++)
+        for (uint32_t first = 0; first < SPP; first += run)
+            list.units[list.count++] = (unit_t){tile, first, first + run <= SPP ? run : SPP - first};
+    return list;
+}
+
+static void shuffle(unit_list_t *list, uint64_t seed)
+{
+    for (size_t i = list->count; i > 1; i--) {
+        size_t j = mix(seed, i) % i;
+        unit_t kept = list->units[i - 1];
+        list->units[i - 1] = list->units[j];
+        list->units[j] = kept;
+    }
+}
+
+/* Renders a job in units of `run` samples, in an order of its own, `per_batch` units a batch. */
+static film_t *render_job(uint32_t run, size_t per_batch, uint64_t seed)
+{
+    job_settings_t settings = small_job();
+    unit_list_t list = cut_job(&settings, run);
+    unit_result_t result = {0};
+    batch_t batch;
+    film_t *film;
+    shuffle(&list, seed);
+    batch_init(&batch, &settings);
+    assert_int_equal(film_new(&settings, &film).code, RESULT_OK);
+    for (size_t i = 0; i < list.count; i++) {
+        assert_true(job_unit_valid(&settings, &list.units[i]));
+        render_unit(&settings, &list.units[i], &result);
+        batch_add(&batch, &result);
+        if (batch.unit_count < per_batch && i + 1 < list.count) continue;
+        film_merge(film, &batch);
+        batch_clear(&batch);
+    }
+    batch_free(&batch);
+    unit_result_free(&result);
+    free(list.units);
+    return film;
+}
+
+static void assert_same_film(const film_t *a, const film_t *b)
+{
+    assert_memory_equal(a->eye, b->eye, 6 * PIXELS * sizeof *a->eye);
+    assert_memory_equal(a->splat, b->splat, 6 * PIXELS * sizeof *a->splat);
+    assert_memory_equal(a->samples, b->samples, 2 * PIXELS * sizeof *a->samples);
+    assert_memory_equal(&a->counts, &b->counts, sizeof a->counts);
+}
+
+static void any_cut_and_order_make_the_same_bits(void **state)
+{
+    (void)state;
+    const struct {
+        uint32_t run;
+        size_t per_batch;
+    } cases[] = {{SPP, 1000}, {1, 1}, {1, 1000}, {5, 3}, {7, 2}, {2, 7}};
+    film_t *expected = render_job(SPP, 1, 0);
+    assert_int_equal(expected->counts.overflows, 0);
+    assert_int_equal(expected->counts.light_paths[0] + expected->counts.light_paths[1], PIXELS * SPP);
+    for (size_t i = 0; i < ARRAY_LENGTH(cases); i++) {
+        film_t *film = render_job(cases[i].run, cases[i].per_batch, i + 1);
+        assert_same_film(expected, film);
+        film_destroy(&film);
+        assert_null(film);
+    }
+    film_destroy(&expected);
+}
+
+static void sums_are_those_of_the_samples(void **state)
+{
+    (void)state;
+    film_t *film = render_job(5, 4, 9);
+    for (uint64_t p = 0; p < PIXELS; p++)
+        for (size_t half = 0; half < 2; half++) {
+            assert_int_equal(film->samples[half * PIXELS + p], SPP / 2);
+            for (size_t c = 0; c < 3; c++) {
+                int64_t sum = 0;
+                for (uint64_t sample = half; sample < SPP; sample += 2)
+                    sum += llrint(ldexp((double)contribution(p, sample, c), FILM_DEFAULT_SCALE));
+                assert_true(film->eye[3 * (half * PIXELS + p) + c] == sum);
+            }
+        }
+    film_destroy(&film);
+}
+
+static void quantising_rounds_to_nearest_even(void **state)
+{
+    (void)state;
+    const int64_t one = INT64_C(1) << 32;
+    assert_true(film_quantise(1.0f, 32) == one);
+    assert_true(film_quantise(-2.5f, 32) == -one * 5 / 2);
+    assert_true(film_quantise(0.0f, 32) == 0);
+    assert_true(film_quantise(0.5f, 0) == 0);
+    assert_true(film_quantise(1.5f, 0) == 2);
+    assert_true(film_quantise(2.5f, 0) == 2);
+    assert_true(film_quantise(-0.5f, 0) == 0);
+    assert_true(film_quantise(-1.5f, 0) == -2);
+    assert_true(film_quantise(0x1p-33f, 32) == 0);
+    assert_true(film_quantise(0x1.8p-33f, 32) == 1);
+    assert_true(film_quantise(1.0f, FILM_MAX_SCALE) == INT64_C(1) << FILM_MAX_SCALE);
+    assert_true(film_quantise(3e38f, 32) == INT64_C(1) << 62);
+    assert_true(film_quantise(-3e38f, 0) == -(INT64_C(1) << 62));
+    assert_true(film_quantise(0x1p30f, 32) == INT64_C(1) << 62);
+    assert_true(film_quantise(0x1.fffffep29f, 32) < INT64_C(1) << 62);
+}
+
+static void overflows_are_counted_and_left_out(void **state)
+{
+    (void)state;
+    const float huge[3] = {3e38f, 1.0f, -3e38f}, half_way[3] = {0x1p29f, -0x1p29f, 0.0f};
+    int64_t sum[3] = {7, 7, 7};
+    assert_int_equal(film_add(sum, huge, 32), 2);
+    assert_true(sum[0] == 7 && sum[1] == 7 + (INT64_C(1) << 32) && sum[2] == 7);
+    sum[0] = sum[1] = 0;
+    assert_int_equal(film_add(sum, half_way, 32), 0);
+    assert_int_equal(film_add(sum, half_way, 32), 2);
+    assert_true(sum[0] == INT64_C(1) << 61 && sum[1] == -(INT64_C(1) << 61));
+}
+
+/* A batch of one unit of one sample, in tile 0. */
+static void make_batch(const job_settings_t *settings, unit_result_t *result, batch_t *batch)
+{
+    unit_result_reset(result, settings, &(unit_t){0, 0, 1});
+    batch_init(batch, settings);
+}
+
+static void merging_cannot_wrap(void **state)
+{
+    (void)state;
+    job_settings_t settings = small_job();
+    unit_result_t result = {0};
+    batch_t batch;
+    film_t *film;
+    assert_int_equal(film_new(&settings, &film).code, RESULT_OK);
+    make_batch(&settings, &result, &batch);
+    result.eye[0] = INT64_C(1) << 61;
+    result.eye[1] = INT64_MIN; /* no renderer makes these, but a peer may send them */
+    result.eye[2] = INT64_MAX;
+    add_splat(&result, 5, 1, 0x1p29f, 3e38f, 1.0f);
+    batch_add(&batch, &result);
+    assert_int_equal(batch.counts.overflows, 1);
+    film_merge(film, &batch);
+    assert_int_equal(film->counts.overflows, 3);
+    assert_true(film->eye[0] == INT64_C(1) << 61 && film->eye[1] == 0 && film->eye[2] == 0);
+    film_merge(film, &batch);
+    assert_int_equal(film->counts.overflows, 8); /* 1 from the batch, 3 eye values and a splat value here */
+    assert_true(film->eye[0] == INT64_C(1) << 61);
+    assert_true(film->splat[3 * (PIXELS + 5)] == INT64_C(1) << 61);
+    assert_true(film->splat[3 * (PIXELS + 5) + 2] == INT64_C(2) << 32);
+    batch_free(&batch);
+    unit_result_free(&result);
+    film_destroy(&film);
+}
+
+static void a_batch_is_reusable(void **state)
+{
+    (void)state;
+    job_settings_t settings = small_job();
+    unit_result_t result = {0};
+    batch_t batch;
+    make_batch(&settings, &result, &batch);
+    batch_add(&batch, &result);
+    assert_null(batch.splat); /* no frame without splats */
+    add_splat(&result, PIXELS - 1, 0, 1, 2, 3);
+    batch_add(&batch, &result);
+    assert_int_equal(batch.unit_count, 2);
+    assert_int_equal(batch.eye_count, 2 * batch_tile_values(&settings, 0));
+    assert_true(batch.splat[3 * (PIXELS - 1) + 2] == INT64_C(3) << 32);
+    batch_clear(&batch);
+    assert_int_equal(batch.unit_count, 0);
+    assert_int_equal(batch.eye_count, 0);
+    for (size_t v = 0; v < batch_splat_values(&settings); v++) assert_true(batch.splat[v] == 0);
+    /* A unit that is reset forgets the one before. */
+    result.eye[3] = 9;
+    unit_result_reset(&result, &settings, &(unit_t){5, 3, 2});
+    assert_int_equal(result.splat_count, 0);
+    for (size_t v = 0; v < batch_tile_values(&settings, 5); v++) assert_true(result.eye[v] == 0);
+    batch_free(&batch);
+    unit_result_free(&result);
+}
+
+/* ---- resolving ---- */
+
+static int64_t fixed(double value)
+{
+    return llrint(ldexp(value, FILM_DEFAULT_SCALE));
+}
+
+static void each_sum_has_its_own_divisor(void **state)
+{
+    (void)state;
+    job_settings_t settings = small_job();
+    film_t *film;
+    film_image_t image;
+    assert_int_equal(film_new(&settings, &film).code, RESULT_OK);
+    /* Pixel 3: 4 even and 2 odd samples; pixel 9: one even sample; pixel 0: none. */
+    film->samples[3] = 4;
+    film->samples[PIXELS + 3] = 2;
+    film->samples[9] = 1;
+    film->counts.light_paths[0] = 1000;
+    film->counts.light_paths[1] = 500;
+    film->eye[3 * 3 + 1] = fixed(8.0);
+    film->eye[3 * (PIXELS + 3) + 1] = fixed(1.0);
+    film->splat[3 * 3 + 1] = fixed(3.0);
+    film->splat[3 * (PIXELS + 3) + 1] = fixed(1.5);
+    film->eye[3 * 9] = fixed(0.25);
+    film->splat[0] = fixed(5.0);
+    film_resolve(film, &image);
+
+    double eye = 9.0 / 6, light = 4.5 * PIXELS / 1500;
+    assert_true(fabs((double)image.eye[3 * 3 + 1] - eye) < 1e-6);
+    assert_true(fabs((double)image.light[3 * 3 + 1] - light) < 1e-6);
+    assert_true(fabs((double)image.sum[3 * 3 + 1] - eye - light) < 1e-6);
+    /* The halves are 8 / 4 + 3 PIXELS / 1000 and 1 / 2 + 1.5 PIXELS / 500: the splats are the same. */
+    assert_true(fabs((double)image.noise[3 * 3 + 1] - sqrt(4.0 * 2.0) / 6 * 1.5) < 1e-6);
+    assert_true(image.samples[3] == 6.0f && image.samples[9] == 1.0f && image.samples[0] == 0.0f);
+    assert_true(image.sum[3 * 3] == 0.0f && image.noise[3 * 3] == 0.0f);
+    /* With one half only, all of the value may be noise. */
+    assert_true(image.sum[3 * 9] == 0.25f && image.noise[3 * 9] == 0.25f);
+    assert_true(image.sum[0] == 0.0f && image.light[0] == 0.0f); /* no samples: black */
+    film_image_free(&image);
+    film_destroy(&film);
+}
+
+static double normal(uint64_t seed, uint64_t index)
+{
+    double u = ((double)(mix(seed, 2 * index) >> 11) + 0.5) * 0x1p-53;
+    double v = ((double)(mix(seed, 2 * index + 1) >> 11) + 0.5) * 0x1p-53;
+    return sqrt(-2 * log(u)) * cos(6.283185307179586 * v);
+}
+
+/* The mean square of the noise layer is the variance of the image, eye and splats together, also where the
+ * halves have different numbers of samples. */
+static void noise_is_the_standard_error(void **state)
+{
+    (void)state;
+    enum { EVEN = 6, ODD = 4 };
+    job_settings_t settings = small_job();
+    double noise2 = 0, error2 = 0;
+    for (uint64_t round = 0; round < 8; round++) {
+        film_t *film;
+        film_image_t image;
+        assert_int_equal(film_new(&settings, &film).code, RESULT_OK);
+        film->counts.light_paths[0] = EVEN * PIXELS;
+        film->counts.light_paths[1] = ODD * PIXELS;
+        for (size_t half = 0; half < 2; half++)
+            for (uint64_t p = 0; p < PIXELS; p++) {
+                uint32_t count = half == 0 ? EVEN : ODD;
+                film->samples[half * PIXELS + p] = count;
+                for (size_t v = 3 * (half * PIXELS + p); v < 3 * (half * PIXELS + p) + 3; v++) {
+                    film->eye[v] = fixed(2.0 * count + 0.5 * sqrt(count) * normal(round, 2 * v));
+                    film->splat[v] = fixed(1.0 * count + 0.3 * sqrt(count) * normal(round, 2 * v + 1));
+                }
+            }
+        film_resolve(film, &image);
+        for (size_t v = 0; v < 3 * PIXELS; v++) {
+            noise2 += (double)image.noise[v] * (double)image.noise[v];
+            error2 += ((double)image.sum[v] - 3.0) * ((double)image.sum[v] - 3.0);
+        }
+        film_image_free(&image);
+        film_destroy(&film);
+    }
+    double expected = (0.5 * 0.5 + 0.3 * 0.3) / (EVEN + ODD), values = 8.0 * 3 * PIXELS;
+    /* The relative standard error of either mean is sqrt(2 / 18648) = 0.010. */
+    assert_true(fabs(error2 / values / expected - 1) < 0.05);
+    assert_true(fabs(noise2 / values / expected - 1) < 0.05);
+}
+
+/* Tiles with different sample counts, some splats still missing: every pixel with samples has the right mean.
+ */
+static void partial_images_are_unbiased(void **state)
+{
+    (void)state;
+    job_settings_t settings = small_job();
+    film_t *film;
+    film_image_t image;
+    unit_result_t result = {0};
+    batch_t batch;
+    assert_int_equal(film_new(&settings, &film).code, RESULT_OK);
+    batch_init(&batch, &settings);
+    /* A constant picture: each sample sees 1 and splats 0.5 on every pixel of its light path's share. */
+    for (uint32_t tile = 0; tile < job_tile_count(&settings) - 1; tile++) {
+        unit_t unit = {tile, 0, 2 + 2 * (tile % 3)};
+        unit_result_reset(&result, &settings, &unit);
+        uint32_t pixels = job_tile_pixels(&settings, tile);
+        for (int half = 0; half < 2; half++) {
+            for (size_t v = 0; v < (size_t)3 * pixels; v++)
+                result.eye[(size_t)half * 3 * pixels + v] = fixed(1.0) * unit_half_count(&unit, half);
+            result.counts.light_paths[half] = (uint64_t)pixels * unit_half_count(&unit, half);
+        }
+        for (uint32_t p = 0; p < PIXELS; p++)
+            for (int half = 0; half < 2; half++) {
+                float share = 0.5f * (float)result.counts.light_paths[half] / PIXELS;
+                add_splat(&result, p, half, share, share, share);
+            }
+        batch_add(&batch, &result);
+    }
+    film_merge(film, &batch);
+    film_resolve(film, &image);
+    rect_t empty = job_tile_rect(&settings, job_tile_count(&settings) - 1);
+    for (int p = 0; p < PIXELS; p++) {
+        bool black = p % WIDTH >= empty.x0 && p / WIDTH >= empty.y0;
+        for (int v = 3 * p; v < 3 * p + 3; v++) {
+            assert_true(fabsf(image.sum[v] - (black ? 0.0f : 1.5f)) < 1e-6f);
+            assert_true(image.noise[v] < 1e-6f);
+        }
+    }
+    film_image_free(&image);
+    batch_free(&batch);
+    unit_result_free(&result);
+    film_destroy(&film);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {cmocka_unit_test(any_cut_and_order_make_the_same_bits),
+                                       cmocka_unit_test(sums_are_those_of_the_samples),
+                                       cmocka_unit_test(quantising_rounds_to_nearest_even),
+                                       cmocka_unit_test(overflows_are_counted_and_left_out),
+                                       cmocka_unit_test(merging_cannot_wrap),
+                                       cmocka_unit_test(a_batch_is_reusable),
+                                       cmocka_unit_test(each_sum_has_its_own_divisor),
+                                       cmocka_unit_test(noise_is_the_standard_error),
+                                       cmocka_unit_test(partial_images_are_unbiased)};
+    return cmocka_run_group_tests_name("film", tests, NULL, NULL);
+}

@@ -1,0 +1,189 @@
+/* Tests of common/job.c: tiles cover the image exactly once, units are checked against the job, settings
+ * against their limits. */
+#include "common/film.h"
+
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+static job_settings_t settings_of(int width, int height, int tile)
+{
+    job_settings_t settings = job_settings_default();
+    settings.width = width;
+    settings.height = height;
+    settings.tile_size = tile;
+    return settings;
+}
+
+static void check_cover(const job_settings_t *settings)
+{
+    size_t pixels = (size_t)settings->width * (size_t)settings->height, sum = 0;
+    uint8_t *hits = mem_zalloc(pixels, 1);
+    for (uint32_t tile = 0; tile < job_tile_count(settings); tile++) {
+        rect_t rect = job_tile_rect(settings, tile);
+        assert_true(rect.x0 >= 0 && rect.x0 < rect.x1 && rect.x1 <= settings->width);
+        assert_true(rect.y0 >= 0 && rect.y0 < rect.y1 && rect.y1 <= settings->height);
+        assert_true(rect.x1 - rect.x0 <= settings->tile_size && rect.y1 - rect.y0 <= settings->tile_size);
+        for (int y = rect.y0; y < rect.y1; y++)
+            for (int x = rect.x0; x < rect.x1; x++) hits[(size_t)y * (size_t)settings->width + (size_t)x]++;
+        sum += job_tile_pixels(settings, tile);
+    }
+    assert_int_equal(sum, pixels);
+    for (size_t p = 0; p < pixels; p++) assert_int_equal(hits[p], 1);
+    free(hits);
+}
+
+static void tiles_cover_the_image_once(void **state)
+{
+    (void)state;
+    const int sizes[][3] = {{64, 64, 32}, {65, 63, 32}, {1, 1, 8},     {8, 8, 8},       {7, 200, 8},
+                            {200, 7, 16}, {33, 34, 16}, {640, 1, 256}, {256, 257, 256}, {100, 100, 9}};
+    for (size_t i = 0; i < ARRAY_LENGTH(sizes); i++) {
+        job_settings_t settings = settings_of(sizes[i][0], sizes[i][1], sizes[i][2]);
+        assert_int_equal(job_settings_check(&settings).code, RESULT_OK);
+        check_cover(&settings);
+    }
+}
+
+static void tiles_run_row_by_row(void **state)
+{
+    (void)state;
+    job_settings_t settings = settings_of(70, 40, 32);
+    assert_int_equal(job_tile_count(&settings), 6);
+    rect_t rect = job_tile_rect(&settings, 5);
+    assert_int_equal(rect.x0, 64);
+    assert_int_equal(rect.y0, 32);
+    assert_int_equal(rect.x1, 70);
+    assert_int_equal(rect.y1, 40);
+    assert_int_equal(job_tile_pixels(&settings, 5), 48);
+    /* The largest image: nothing wraps. */
+    settings = settings_of(JOB_MAX_RESOLUTION, JOB_MAX_PIXELS / JOB_MAX_RESOLUTION, JOB_MIN_TILE);
+    assert_int_equal(job_settings_check(&settings).code, RESULT_OK);
+    assert_int_equal(job_tile_count(&settings), JOB_MAX_PIXELS / 64);
+    assert_int_equal(job_tile_rect(&settings, job_tile_count(&settings) - 1).x1, JOB_MAX_RESOLUTION);
+}
+
+static void units_are_checked(void **state)
+{
+    (void)state;
+    job_settings_t settings = settings_of(70, 40, 32);
+    settings.spp = 100;
+    const struct {
+        unit_t unit;
+        bool valid;
+    } cases[] = {{{0, 0, 1}, true},
+                 {{5, 0, 100}, true},
+                 {{5, 99, 1}, true},
+                 {{6, 0, 1}, false},
+                 {{UINT32_MAX, 0, 1}, false},
+                 {{0, 0, 0}, false},
+                 {{0, 0, 101}, false},
+                 {{0, 99, 2}, false},
+                 {{0, 100, 1}, false},
+                 {{0, UINT32_MAX, 1}, false},
+                 {{0, UINT32_MAX, 2}, false},
+                 {{0, 1, UINT32_MAX}, false},
+                 {{0, UINT32_MAX - 50, 52}, false}};
+    for (size_t i = 0; i < ARRAY_LENGTH(cases); i++)
+        assert_int_equal(job_unit_valid(&settings, &cases[i].unit), cases[i].valid);
+}
+
+static void halves_count_even_and_odd_samples(void **state)
+{
+    (void)state;
+    for (uint32_t first = 0; first < 5; first++)
+        for (uint32_t count = 1; count < 9; count++) {
+            uint32_t expected[2] = {0, 0};
+            for (uint32_t i = first; i < first + count; i++) expected[i % 2]++;
+            unit_t unit = {0, first, count};
+            assert_int_equal(unit_half_count(&unit, 0), expected[0]);
+            assert_int_equal(unit_half_count(&unit, 1), expected[1]);
+        }
+    unit_t whole = {0, 1, JOB_MAX_SPP};
+    assert_int_equal(unit_half_count(&whole, 0), JOB_MAX_SPP / 2);
+}
+
+static void assert_refused(job_settings_t settings, const char *field)
+{
+    result_t result = job_settings_check(&settings);
+    if (result.code == RESULT_OK || strstr(result.message, field) == NULL)
+        fail_msg("expected an error about %s, got: %s", field, result.message);
+}
+
+static void settings_are_checked(void **state)
+{
+    (void)state;
+    const job_settings_t good = job_settings_default();
+    job_settings_t bad = good;
+    assert_int_equal(job_settings_check(&good).code, RESULT_OK);
+    const int widths[] = {0, -1, JOB_MAX_RESOLUTION + 1, INT32_MAX, INT32_MIN};
+    for (size_t i = 0; i < ARRAY_LENGTH(widths); i++) {
+        bad.width = widths[i];
+        assert_refused(bad, "width");
+        bad.width = good.width;
+        bad.height = widths[i];
+        assert_refused(bad, "height");
+        bad.height = good.height;
+    }
+    bad.width = bad.height = JOB_MAX_RESOLUTION;
+    assert_refused(bad, "pixels");
+    bad = good;
+    bad.tile_size = JOB_MIN_TILE - 1;
+    assert_refused(bad, "tile size");
+    bad.tile_size = JOB_MAX_TILE + 1;
+    assert_refused(bad, "tile size");
+    bad = good;
+    bad.integrator = (integrator_t)0;
+    assert_refused(bad, "integrator");
+    bad = good;
+    bad.sampler = (sampler_kind_t)3;
+    assert_refused(bad, "sampler");
+    bad = good;
+    bad.max_depth = JOB_MAX_DEPTH + 1;
+    assert_refused(bad, "depth");
+    bad = good;
+    bad.spp = 0;
+    assert_refused(bad, "samples");
+    bad.spp = UINT32_MAX;
+    assert_refused(bad, "samples");
+    bad = good;
+    bad.film_scale = FILM_MAX_SCALE + 1;
+    assert_refused(bad, "film scale");
+    bad = good;
+    bad.time_limit = NAN;
+    assert_refused(bad, "time limit");
+    bad.time_limit = -1;
+    assert_refused(bad, "time limit");
+}
+
+static void names_round_trip(void **state)
+{
+    (void)state;
+    for (int i = INTEGRATOR_BDPT; i <= INTEGRATOR_LIGHT; i++) {
+        integrator_t back;
+        assert_true(integrator_from_name(integrator_name((integrator_t)i), &back));
+        assert_int_equal(back, i);
+    }
+    for (int i = SAMPLER_SOBOL; i <= SAMPLER_INDEPENDENT; i++) {
+        sampler_kind_t back;
+        assert_true(sampler_from_name(sampler_name((sampler_kind_t)i), &back));
+        assert_int_equal(back, i);
+    }
+    integrator_t integrator;
+    sampler_kind_t sampler;
+    assert_false(integrator_from_name("BDPT", &integrator));
+    assert_false(sampler_from_name("", &sampler));
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(tiles_cover_the_image_once), cmocka_unit_test(tiles_run_row_by_row),
+        cmocka_unit_test(units_are_checked),          cmocka_unit_test(halves_count_even_and_odd_samples),
+        cmocka_unit_test(settings_are_checked),       cmocka_unit_test(names_round_trip)};
+    return cmocka_run_group_tests_name("job", tests, NULL, NULL);
+}
