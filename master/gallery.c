@@ -94,14 +94,40 @@ static result_t write_film(gallery_t *gallery, job_t *job, const char *path, boo
     return result;
 }
 
+static void copy_attribute(image_t *image, const image_attribute_t *attribute)
+{
+    switch (attribute->kind) {
+    case ATTRIBUTE_STRING:
+        image_set_string(image, attribute->name, attribute->text);
+        break;
+    case ATTRIBUTE_INT:
+        image_set_int(image, attribute->name, attribute->integer);
+        break;
+    case ATTRIBUTE_FLOAT:
+        image_set_float(image, attribute->name, attribute->real);
+        break;
+    case ATTRIBUTE_OTHER:
+        break; /* the writer's own */
+    }
+}
+
 /* Makes a file of halves from a finished image. */
 static result_t write_halves(const char *from, const char *path)
 {
-    image_t image = {0};
+    image_t image = {0}, halves;
     TRY(image_read_exr(from, &image));
-    for (size_t i = 0; i < image.channel_count; i++)
-        if (strcmp(image.channels[i].name, "samples") != 0) image.channels[i].type = PIXEL_HALF;
-    result_t result = image_write_exr(path, &image);
+    image_init(&halves, image.width, image.height);
+    for (size_t i = 0; i < image.channel_count; i++) {
+        const image_channel_t *channel = &image.channels[i];
+        bool count = strcmp(channel->name, "samples") == 0;
+        image_add_view(&halves, channel->name, count ? PIXEL_FLOAT : PIXEL_HALF, channel->data,
+                       channel->stride);
+    }
+    for (size_t i = 0; i < image.attribute_count; i++)
+        if (strncmp(image.attributes[i].name, "lightmill.", 10) == 0)
+            copy_attribute(&halves, &image.attributes[i]);
+    result_t result = image_write_exr(path, &halves);
+    image_free(&halves);
     image_free(&image);
     return result;
 }

@@ -22,7 +22,7 @@ static void read_rgb(const char *path, double *values, int side)
     assert_int_equal(image.width, side);
     assert_int_equal(image.height, side);
     const image_channel_t *rgb[3];
-    assert_true(image_find_rgb(&image, "", rgb));
+    assert_true(image_find_rgb(&image, NULL, rgb));
     for (size_t p = 0; p < (size_t)side * (size_t)side; p++)
         for (size_t c = 0; c < 3; c++) values[3 * p + c] = (double)rgb[c]->data[p * rgb[c]->stride];
     image_free(&image);

@@ -76,11 +76,11 @@ static void add_materials(blob_builder_t *builder)
     blob_builder_add(builder, BLOB_SECTION_MATERIALS, materials, 4);
 }
 
-static blob_builder_t *make_builder(void)
+static void add_scene(blob_builder_t *builder)
 {
-    blob_builder_t *builder = blob_builder_new();
     const blob_scene_t scene = {.world_from_camera = xform_identity(),
                                 .fov = 40,
+                                .screen_window = {-1, 1, -1, 1},
                                 .filter = {FILTER_BOX, 0.5f, 0.5f, 0},
                                 .width = 64,
                                 .height = 48,
@@ -89,6 +89,12 @@ static blob_builder_t *make_builder(void)
                                 .integrator = INTEGRATOR_PATH,
                                 .sampler = SAMPLER_SOBOL};
     blob_builder_add(builder, BLOB_SECTION_SCENE, &scene, 1);
+}
+
+static blob_builder_t *make_builder(void)
+{
+    blob_builder_t *builder = blob_builder_new();
+    add_scene(builder);
     add_shapes(builder);
     add_materials(builder);
     return builder;
@@ -206,6 +212,8 @@ static void builders_grow_and_fill_in_late(void **state)
     uint64_t size;
     assert_fails(blob_builder_finish(builder, &bytes, &size), "one scene record"); /* it has none */
     assert_null(bytes);
+    add_scene(builder);
+    assert_fails(blob_builder_finish(builder, &bytes, &size), "no world object");
     blob_builder_destroy(&builder);
     blob_builder_destroy(&builder);
 }
@@ -368,7 +376,10 @@ static void bad_numbers_are_errors(void **state)
         {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, world_from_camera.m[0][0]), nan, "camera"},
         {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, fov), bits_of(180.0f), "fov"},
         {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, fov), nan, "fov"},
-        {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, screen_window[1]), minus, "screen window"},
+        {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, screen_window[1]), minus, "screen window is empty"},
+        {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, screen_window[3]), infinite,
+         "screen window is not finite"},
+        {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, filter.kind), FILTER_GAUSSIAN, "sigma"},
         {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, filter.kind), 9, "pixel filter 9"},
         {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, filter.radius_y), nan, "radius"},
         {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, width), 0, "width"},

@@ -566,6 +566,21 @@ static void test_names_have_scopes_in_v3(void **state)
     bench_close(&bench);
 }
 
+static void test_textures_have_two_name_spaces(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    bench_run_v3(&bench, "Texture \"t\" \"spectrum\" \"constant\" \"rgb value\" [.1 .2 .3]\n"
+                         "Texture \"t\" \"float\" \"constant\" \"float value\" .25\n"
+                         "Material \"metal\" \"texture k\" \"t\" \"texture roughness\" \"t\" \"bool "
+                         "remaproughness\" \"false\"\n" SPHERE "Texture \"t\" \"float\" \"constant\"\n");
+    bench_expect_ok(&bench);
+    expect_vec3(material_of(&bench, 0)->k, 0.1, 0.2, 0.3);
+    expect_near((double)material_of(&bench, 0)->alpha_v, 0.25, 0);
+    expect_text(bench.warnings, "s.pbrt:6:1: the texture \"t\" is replaced");
+    bench_close(&bench);
+}
+
 /* What no shape wears may be unsupported, but not in silence. */
 static void test_unused_materials(void **state)
 {
@@ -602,6 +617,7 @@ int main(void)
         cmocka_unit_test(test_v3_shapes_override_their_material),
         cmocka_unit_test(test_v4_materials),
         cmocka_unit_test(test_names_have_scopes_in_v3),
+        cmocka_unit_test(test_textures_have_two_name_spaces),
         cmocka_unit_test(test_unused_materials),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
