@@ -21,15 +21,20 @@ int64_t film_quantise(float value, int scale)
     return units >= limit ? INT64_C(1) << 62 : units <= -limit ? -(INT64_C(1) << 62) : llrint(units);
 }
 
-/* Adds in place; an addition that would reach the saturation of film_quantise, let alone wrap, is left out.
- * Returns how many were. */
+/* True for what film_quantise saturates to, and beyond. */
+static bool too_large(int64_t value)
+{
+    return value >= INT64_C(1) << 62 || value <= -(INT64_C(1) << 62);
+}
+
+/* Adds in place; a saturated value, or a sum that would get as large, is left out. Returns how many were. */
 static uint64_t add_sums(int64_t *sum, const int64_t *more, size_t count)
 {
     uint64_t overflows = 0;
     for (size_t i = 0; i < count; i++) {
         int64_t total;
         bool wraps = __builtin_add_overflow(sum[i], more[i], &total);
-        wraps |= total >= INT64_C(1) << 62 || total <= -(INT64_C(1) << 62);
+        wraps |= too_large(total) || too_large(more[i]);
         sum[i] = wraps ? sum[i] : total;
         overflows += wraps;
     }

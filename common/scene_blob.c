@@ -148,8 +148,10 @@ static bool range_inside(uint32_t first, uint32_t count, uint64_t total)
     return (uint64_t)first + count <= total;
 }
 
+/* Meshes own their triangles: ranges follow one another, so that the checks are linear in the blob's size. */
 static result_t check_meshes(const scene_blob_t *blob)
 {
+    uint64_t next_triangle = 0;
     for (uint64_t i = 0; i < blob->counts[BLOB_SECTION_MESHES]; i++) {
         const blob_mesh_t *mesh = &blob->meshes[i];
         unsigned long long id = i;
@@ -161,9 +163,10 @@ static result_t check_meshes(const scene_blob_t *blob)
         CHECK(mesh->first_uv == BLOB_NONE ||
                   range_inside(mesh->first_uv, mesh->vertex_count, blob->counts[BLOB_SECTION_UVS]),
               "mesh %llu: its uvs lie outside the uvs", id);
-        CHECK(mesh->triangle_count > 0 &&
+        CHECK(mesh->triangle_count > 0 && mesh->first_triangle >= next_triangle &&
                   range_inside(mesh->first_triangle, mesh->triangle_count, blob->counts[BLOB_SECTION_TRIANGLES]),
-              "mesh %llu: its triangles lie outside the triangles", id);
+              "mesh %llu: its triangles lie outside the triangles, or are another mesh's", id);
+        next_triangle = (uint64_t)mesh->first_triangle + mesh->triangle_count;
         const blob_triangle_t *triangle = blob->triangles + mesh->first_triangle;
         for (uint32_t t = 0; t < mesh->triangle_count; t++)
             for (int k = 0; k < 3; k++)

@@ -67,7 +67,7 @@ typedef struct {
     uint32_t first_position, vertex_count;
     uint32_t first_normal; /* BLOB_NONE: flat; else vertex_count normals from here */
     uint32_t first_uv;     /* BLOB_NONE: none; else vertex_count uvs from here */
-    uint32_t first_triangle, triangle_count;
+    uint32_t first_triangle, triangle_count; /* > 0; behind those of the mesh before */
 } blob_mesh_t;
 
 /* A full sphere about the origin of its own space. */
@@ -80,7 +80,8 @@ typedef enum { SHAPE_MESH = 1, SHAPE_SPHERE = 2 } shape_kind_t;
 
 /* Geometric normals: of a triangle, (p1 - p0) x (p2 - p0), or, where the mesh has vertex normals, whichever of
  * the two signs agrees with them; of a sphere, outward. SHAPE_FLIP reverses those that do not come from vertex
- * normals (pbrt's ReverseOrientation exclusive-or a mirroring transform). */
+ * normals (of a mesh: pbrt's ReverseOrientation exclusive-or a mirroring transform; of a sphere: ReverseOrientation
+ * alone). */
 enum { SHAPE_FLIP = 1 };
 
 typedef struct {

@@ -166,6 +166,22 @@ rig_t *rig_new(void)
     return rig;
 }
 
+/* Prints what a sanitizer found in any of the processes; false when there is something. */
+static bool sanitizers_silent(rig_t *rig)
+{
+    bool silent = true;
+    for (int i = 0; i < rig->started_count; i++) {
+        char *text = rig_output(rig, rig->started[i]);
+        const char *report = strstr(text, "Sanitizer");
+        if (report == NULL) report = strstr(text, "runtime error");
+        if (report)
+            fprintf(stderr, "---- process %d\n%.6000s\n", i, report - text > 100 ? report - 100 : text);
+        silent = silent && report == NULL;
+        free(text);
+    }
+    return silent;
+}
+
 void rig_destroy(rig_t **rig_pointer)
 {
     rig_t *rig = *rig_pointer;
@@ -175,9 +191,11 @@ void rig_destroy(rig_t **rig_pointer)
         if (!rig->ended[i]) kill(rig->started[i], SIGKILL);
     for (int i = 0; i < rig->started_count; i++)
         if (!rig->ended[i]) waitpid(rig->started[i], NULL, 0);
+    bool silent = sanitizers_silent(rig);
     scratch_destroy(&rig->folder);
     free(rig);
     *rig_pointer = NULL;
+    if (!silent) fail_msg("a sanitizer found something");
 }
 
 static void connect_remote(rig_t *rig)

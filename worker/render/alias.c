@@ -10,7 +10,11 @@
 void alias_init(alias_t *alias, const double *weights, uint32_t count)
 {
     *alias = (alias_t){0};
-    for (uint32_t i = 0; i < count; i++) alias->total += weights[i];
+    uint32_t heaviest = 0;
+    for (uint32_t i = 0; i < count; i++) {
+        alias->total += weights[i];
+        if (weights[i] > weights[heaviest]) heaviest = i;
+    }
     if (!(alias->total > 0)) return;
     alias->count = count;
     alias->bins = mem_alloc(count * sizeof *alias->bins);
@@ -34,10 +38,10 @@ void alias_init(alias_t *alias, const double *weights, uint32_t count)
         }
     }
     while (larges > 0) larges--, alias->bins[large[larges]] = (alias_bin_t){1, large[larges]};
-    /* Left over by rounding alone: their share is 1 but for that. A weight of zero must stay impossible. */
+    /* Left over by rounding alone: their share is 1 but for that, or 0, and what has no weight must never be chosen. */
     while (smalls > 0) {
         uint32_t s = small[--smalls];
-        alias->bins[s] = (alias_bin_t){1, s};
+        alias->bins[s] = (alias_bin_t){share[s] > 0 ? 1 : 0, heaviest};
     }
     free(share);
     free(small);
