@@ -89,6 +89,10 @@ deps:
 deps-dev:
 	@docker/install-packages.sh build run dev
 
+bench: deps
+	$(SUBMAKE) $(JOBS) all $(BUILD)/tests/bench/bench_render
+	$(BUILD)/tests/bench/bench_render
+
 install: $(PROGRAMS)
 	install -d $(DESTDIR)$(PREFIX)/bin
 	install -m 755 $(PROGRAMS) $(DESTDIR)$(PREFIX)/bin
@@ -118,10 +122,11 @@ help:
 	@echo "make demo       render scenes/seed-hidden on a farm of three processes on this machine"
 	@echo "make check      install what is missing, build, run all tests"
 	@echo "make asan       the tests under the address and undefined-behaviour sanitizers (tsan: threads)"
+	@echo "make bench      error and speed of the renderer against the figures of pbrt-v3"
 	@echo "make install    into PREFIX ($(PREFIX)); DESTDIR is honoured; uninstall takes it back"
 	@echo "make deps       the Debian packages of docker/packages.txt; deps-dev: also those for format and lint"
 	@echo "make format     clang-format; make lint: clang-tidy and cppcheck"
 	@echo "make clean      remove $(BUILD)/"
 
-.PHONY: all check tests run-tests asan tsan demo deps deps-dev install uninstall format lint clean help
+.PHONY: all check bench tests run-tests asan tsan demo deps deps-dev install uninstall format lint clean help
 .SECONDARY:

@@ -86,3 +86,11 @@ void atomic_file_abort(atomic_file_t *file)
     free(file->path);
     *file = (atomic_file_t){.descriptor = -1};
 }
+
+result_t file_write_atomic(const char *path, const void *data, size_t size)
+{
+    atomic_file_t file;
+    TRY(atomic_file_open(&file, path));
+    atomic_file_write_at(&file, data, size, 0);
+    return atomic_file_commit(&file);
+}

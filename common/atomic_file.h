@@ -24,5 +24,7 @@ bool atomic_file_write_at(atomic_file_t *file, const void *data, size_t size, ui
 result_t atomic_file_commit(atomic_file_t *file);
 /* Closes and removes the temporary; harmless after a commit or a failed open. */
 void atomic_file_abort(atomic_file_t *file);
+/* All of the above for bytes that are at hand. */
+result_t file_write_atomic(const char *path, const void *data, size_t size);
 
 #endif

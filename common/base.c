@@ -178,35 +178,3 @@ result_t file_read(const char *path, size_t limit, uint8_t **data, size_t *size)
     close(file);
     return result;
 }
-
-static bool write_all(int file, const uint8_t *bytes, size_t size)
-{
-    while (size > 0) {
-        ssize_t n = write(file, bytes, size);
-        if (n < 0 && errno == EINTR) continue;
-        if (n <= 0) return false;
-        bytes += n;
-        size -= (size_t)n;
-    }
-    return true;
-}
-
-result_t file_write_atomic(const char *path, const void *data, size_t size)
-{
-    char *temporary = mem_printf("%s.XXXXXX", path);
-    int file = mkostemp(temporary, O_CLOEXEC);
-    bool good = file >= 0;
-    good = good && fchmod(file, 0644) == 0 && write_all(file, data, size) && fsync(file) == 0;
-    int error = errno;
-    if (file >= 0 && close(file) != 0 && good) {
-        good = false;
-        error = errno;
-    }
-    if (good && rename(temporary, path) != 0) {
-        good = false;
-        error = errno;
-    }
-    if (!good && file >= 0) unlink(temporary);
-    free(temporary);
-    return good ? result_ok() : result_fail(RESULT_IO, "%s: cannot be written: %s", path, strerror(error));
-}

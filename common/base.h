@@ -86,8 +86,6 @@ bool hash_from_hex(const char *text, hash_t *hash);
 
 /* Reads a whole file into fresh memory (the caller frees *data). A file over `limit` bytes is an error. */
 result_t file_read(const char *path, size_t limit, uint8_t **data, size_t *size);
-/* Writes a file whole or not at all: a temporary beside it is written, flushed to disk and renamed. */
-result_t file_write_atomic(const char *path, const void *data, size_t size);
 
 #define ARRAY_LENGTH(a) (sizeof(a) / sizeof((a)[0]))
 

@@ -274,17 +274,30 @@ static void sphere_surface(const sphere_t *sphere, const blob_shape_t *shape, ve
     surface->tangent = xform_vector(&sphere->object_from_sphere, vec3(-local.y, local.x, 0));
 }
 
-bool scene_intersect(const scene_t *scene, vec3_t origin, vec3_t direction, surface_t *surface)
+/* Embree's nearest hit along a ray; false when there is none. */
+static bool nearest_hit(const scene_t *scene, vec3_t origin, vec3_t direction, struct RTCRayHit *query)
 {
     struct RTCIntersectContext context;
     rtcInitIntersectContext(&context);
-    struct RTCRayHit query = {.ray = {.org_x = origin.x, .org_y = origin.y, .org_z = origin.z, .tnear = 0,
-                                      .dir_x = direction.x, .dir_y = direction.y, .dir_z = direction.z,
-                                      .tfar = INFINITY, .mask = 0xFFFFFFFFu},
-                              .hit = {.geomID = RTC_INVALID_GEOMETRY_ID, .instID = {RTC_INVALID_GEOMETRY_ID}}};
-    rtcIntersect1(scene->world, &context, &query);
-    if (query.hit.geomID == RTC_INVALID_GEOMETRY_ID) return false;
+    *query = (struct RTCRayHit){
+        .ray = {.org_x = origin.x, .org_y = origin.y, .org_z = origin.z, .tnear = 0,
+                .dir_x = direction.x, .dir_y = direction.y, .dir_z = direction.z, .tfar = INFINITY,
+                .mask = 0xFFFFFFFFu},
+        .hit = {.geomID = RTC_INVALID_GEOMETRY_ID, .instID = {RTC_INVALID_GEOMETRY_ID}}};
+    rtcIntersect1(scene->world, &context, query);
+    return query->hit.geomID != RTC_INVALID_GEOMETRY_ID;
+}
 
+bool scene_probe(const scene_t *scene, vec3_t origin, vec3_t direction)
+{
+    struct RTCRayHit query;
+    return nearest_hit(scene, origin, direction, &query);
+}
+
+bool scene_intersect(const scene_t *scene, vec3_t origin, vec3_t direction, surface_t *surface)
+{
+    struct RTCRayHit query;
+    if (!nearest_hit(scene, origin, direction, &query)) return false;
     const scene_blob_t *blob = scene->blob;
     bool instanced = query.hit.instID[0] != RTC_INVALID_GEOMETRY_ID;
     uint32_t instance = instanced ? query.hit.instID[0] - scene->first_instance : 0;

@@ -28,6 +28,9 @@ const scene_blob_t *scene_blob(const scene_t *scene);
 /* Finds the first surface along a ray from `origin` in the unit direction. False when there is none. */
 bool scene_intersect(const scene_t *scene, vec3_t origin, vec3_t direction, surface_t *surface);
 
+/* True when the ray hits anything; finds the nearest hit and forgets it: for measuring Embree alone. */
+bool scene_probe(const scene_t *scene, vec3_t origin, vec3_t direction);
+
 enum { SCENE_PACKET = 8 };
 /* Segments between points; the ends are already off their surfaces (scene_offset). */
 typedef struct {
