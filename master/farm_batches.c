@@ -1,0 +1,253 @@
+/* farm_batches: what workers deliver, and the images made of it (see farm.h). */
+#include "master/farm_state.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { RATE_WINDOW = 60 };              /* seconds over which the speed for `remaining` is measured */
+#define COUNT_LIMIT ((uint64_t)1 << 60) /* of any one count in a batch */
+
+/* ---- batches ------------------------------------------------------------------------------------------- */
+
+const job_settings_t *farm_job_settings(const job_t *job)
+{
+    return &job->settings;
+}
+
+uint64_t farm_job_id(const job_t *job)
+{
+    return job->id;
+}
+
+void farm_unpin(farm_t *farm, job_t *job)
+{
+    farm_lock(farm);
+    job->pins--;
+    farm_unlock(farm);
+}
+
+static result_t batch_open(worker_t *worker, job_t *job, uint64_t id, uint64_t bytes)
+{
+    if (worker == NULL) return result_fail(RESULT_UNREACHABLE, "this master does not know the worker");
+    worker->bytes += bytes;
+    if (job == NULL) return result_fail(RESULT_INPUT, "there is no job %llu", (unsigned long long)id);
+    job->bytes += bytes;
+    if (!job->taking) {
+        job->batches_refused++;
+        worker->batches_refused++;
+        return result_fail(RESULT_CANCELLED, "job %llu is %s", (unsigned long long)id,
+                           job->state == JOB_QUEUED ? "not started" : "over");
+    }
+    return result_ok();
+}
+
+result_t farm_batch_open(farm_t *farm, double now, uint64_t worker_id, uint64_t id, uint64_t bytes,
+                         job_t **pinned)
+{
+    farm_lock(farm);
+    worker_t *worker = farm_find_worker(farm, worker_id);
+    job_t *job = farm_find_job(farm, id);
+    result_t result = batch_open(worker, job, id, bytes);
+    if (result.code == RESULT_OK) {
+        job->pins++;
+        *pinned = job;
+        worker->last_seen = fmax(worker->last_seen, now);
+    }
+    farm_unlock(farm);
+    return result;
+}
+
+/* No sender may claim more than its units can hold. */
+static result_t check_counts(const batch_t *batch)
+{
+    uint64_t samples[2] = {0, 0};
+    for (size_t i = 0; i < batch->unit_count; i++)
+        for (int half = 0; half < 2; half++)
+            samples[half] += (uint64_t)unit_half_count(&batch->units[i], half) *
+                             job_tile_pixels(&batch->settings, batch->units[i].tile);
+    for (int half = 0; half < 2; half++)
+        if (batch->counts.light_paths[half] > samples[half])
+            return result_fail(RESULT_PROTOCOL, "%llu light paths for %llu samples",
+                               (unsigned long long)batch->counts.light_paths[half],
+                               (unsigned long long)samples[half]);
+    const uint64_t others[] = {batch->counts.dropped, batch->counts.overflows, batch->counts.rays,
+                               batch->counts.cpu_us};
+    for (size_t i = 0; i < ARRAY_LENGTH(others); i++)
+        if (others[i] > COUNT_LIMIT)
+            return result_fail(RESULT_PROTOCOL, "a count of %llu is out of all bounds",
+                               (unsigned long long)others[i]);
+    return result_ok();
+}
+
+static void job_see(job_t *job, uint64_t worker)
+{
+    for (size_t i = 0; i < job->seen_count; i++)
+        if (job->seen[i] == worker) return;
+    job->seen = mem_realloc(job->seen, (job->seen_count + 1) * sizeof *job->seen);
+    job->seen[job->seen_count++] = worker;
+}
+
+/* Moves the points that the speed is measured from. */
+static void note_progress(job_t *job, double now)
+{
+    if (now - job->rate_time[1] < RATE_WINDOW) return;
+    job->rate_time[0] = job->rate_time[1];
+    job->rate_samples[0] = job->rate_samples[1];
+    job->rate_time[1] = now;
+    job->rate_samples[1] = job->samples_done;
+}
+
+/* Under the lock and the film's lock: refuses the batch, or counts its units. */
+static result_t count_batch(double now, job_t *job, worker_t *worker, const batch_t *batch)
+{
+    result_t result = check_counts(batch);
+    if (result.code == RESULT_OK && !job->taking) result = result_fail(RESULT_CANCELLED, "the job is over");
+    if (result.code == RESULT_OK) result = schedule_accept(job->schedule, batch->units, batch->unit_count);
+    if (result.code != RESULT_OK) return result;
+    job->batches++;
+    if (worker != NULL) {
+        worker->batches++;
+        worker->delivered = now;
+    }
+    job_see(job, worker != NULL ? worker->id : 0);
+    job->samples_done = schedule_done(job->schedule);
+    note_progress(job, now);
+    return result;
+}
+
+/* Under the lock: what the merged film means for the job. */
+static void after_merge(farm_t *farm, double now, job_t *job, uint64_t worker)
+{
+    if (job->counts.dropped == 0 && job->film->counts.dropped > 0)
+        log_warning("job %llu: contributions that are NaN or infinite are dropped",
+                    (unsigned long long)job->id);
+    job->counts = job->film->counts;
+    if (job->counts.overflows > 0) {
+        snprintf(
+            job->message, sizeof job->message,
+            "%llu sums were too large for the film at scale %d: submit the job with a smaller film scale",
+            (unsigned long long)job->counts.overflows, job->settings.film_scale);
+        log_error("job %llu failed: %s", (unsigned long long)job->id, job->message);
+        farm_job_close(farm, now, job, JOB_FAILED);
+    } else if (schedule_complete(job->schedule)) {
+        farm_job_close(farm, now, job, JOB_DONE);
+    } else if (job->flush_until > 0) {
+        farm_job_flushed(farm, now, job, worker);
+    }
+}
+
+void farm_batch_refuse(farm_t *farm, job_t *job, uint64_t id, const unit_t *units, size_t count)
+{
+    farm_lock(farm);
+    worker_t *worker = farm_find_worker(farm, id);
+    job->batches_refused++;
+    if (worker != NULL) worker->batches_refused++;
+    if (job->schedule != NULL)
+        farm_count_reissued(job, worker, schedule_release_units(job->schedule, id, units, count));
+    farm_notify_idle(farm);
+    farm_unlock(farm);
+}
+
+result_t farm_batch_merge(farm_t *farm, double now, job_t *job, uint64_t id, const batch_t *batch)
+{
+    pthread_mutex_lock(&job->film_lock);
+    farm_lock(farm);
+    result_t result = count_batch(now, job, farm_find_worker(farm, id), batch);
+    farm_unlock(farm);
+    if (result.code == RESULT_OK) {
+        film_merge(job->film, batch);
+        farm_lock(farm);
+        /* The job may have been closed meanwhile: a grace period ended. The merge still counts. */
+        if (job->taking)
+            after_merge(farm, now, job, id);
+        else
+            job->counts = job->film->counts;
+        farm_unlock(farm);
+    }
+    pthread_mutex_unlock(&job->film_lock);
+    if (result.code != RESULT_OK) farm_batch_refuse(farm, job, id, batch->units, batch->unit_count);
+    return result;
+}
+
+/* ---- images -------------------------------------------------------------------------------------------- */
+
+job_t *farm_pin(farm_t *farm, uint64_t id)
+{
+    farm_lock(farm);
+    job_t *job = farm_find_job(farm, id);
+    if (job != NULL) job->pins++;
+    farm_unlock(farm);
+    return job;
+}
+
+job_t *farm_next_finished(farm_t *farm)
+{
+    job_t *found = NULL;
+    farm_lock(farm);
+    for (size_t i = 0; i < farm->job_count && found == NULL; i++)
+        if (farm->jobs[i]->image_due) found = farm->jobs[i];
+    if (found != NULL) {
+        found->image_due = false;
+        found->pins++;
+    }
+    farm_unlock(farm);
+    return found;
+}
+
+result_t farm_resolve(farm_t *farm, double now, job_t *job, film_image_t *image, job_report_t *report)
+{
+    pthread_mutex_lock(&job->film_lock);
+    farm_lock(farm);
+    *report = farm_report_job(job, now);
+    bool empty = job->film == NULL || job->batches == 0;
+    farm_unlock(farm);
+    if (!empty) film_resolve(job->film, image);
+    pthread_mutex_unlock(&job->film_lock);
+    if (!empty) return result_ok();
+    return result_fail(RESULT_INPUT, "job %llu has no samples yet", (unsigned long long)report->job);
+}
+
+uint64_t farm_image_version(farm_t *farm, job_t *job, bool *over)
+{
+    farm_lock(farm);
+    uint64_t version = job->batches;
+    *over = job_state_final(job->state);
+    farm_unlock(farm);
+    return version;
+}
+
+static void log_end(const job_t *job, const char *path)
+{
+    log_info("job %llu is %s after %.1f s: %llu batches (%llu refused), %llu units re-issued, %zu workers, "
+             "%.1f MB "
+             "(%llu bytes) received, %.1f CPU s%s%s",
+             (unsigned long long)job->id, job_state_name((uint32_t)job->state), job->ended - job->started,
+             (unsigned long long)job->batches, (unsigned long long)job->batches_refused,
+             (unsigned long long)job->units_reissued, job->seen_count, 1e-6 * (double)job->bytes,
+             (unsigned long long)job->bytes, 1e-6 * (double)job->counts.cpu_us,
+             path != NULL ? "; image in " : "", path != NULL ? path : "");
+    if (job->counts.dropped > 0)
+        log_warning("job %llu: %llu contributions were NaN or infinite, and left out",
+                    (unsigned long long)job->id, (unsigned long long)job->counts.dropped);
+}
+
+void farm_finished(farm_t *farm, double now, job_t *job, result_t written, const char *path)
+{
+    (void)now;
+    pthread_mutex_lock(&job->film_lock);
+    farm_lock(farm);
+    if (written.code != RESULT_OK && job->outcome != JOB_FAILED) {
+        job->outcome = JOB_FAILED;
+        snprintf(job->message, sizeof job->message, "the image could not be written: %.400s",
+                 written.message);
+        log_error("job %llu: %s", (unsigned long long)job->id, job->message);
+    }
+    job->state = job->outcome;
+    log_end(job, job->state == JOB_FAILED ? NULL : path);
+    farm_job_free_film(farm, job);
+    farm_notify_idle(farm); /* a job may have waited for memory */
+    farm_unlock(farm);
+    pthread_mutex_unlock(&job->film_lock);
+}

@@ -1,0 +1,220 @@
+/* Tests of master/farm*.c without sockets, in a time of their own: what would take minutes on a real farm. */
+#include "master/farm.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+static const identity_t nobody = {{0}, 1};
+
+static int set_up(void **state)
+{
+    farm_options_t options = {.lease = 5,
+                              .batch_interval = 10,
+                              .film_limit = 1 << 20,
+                              .first_job = 1,
+                              .control_wake = -1,
+                              .image_wake = -1};
+    log_init("test", LOG_ERROR);
+    *state = farm_new(&options);
+    return 0;
+}
+
+static int tear_down(void **state)
+{
+    farm_destroy((farm_t **)state);
+    return 0;
+}
+
+static job_settings_t small_job(void)
+{
+    job_settings_t settings = job_settings_default();
+    settings.width = settings.height = 32;
+    settings.tile_size = 16;
+    settings.spp = 4;
+    return settings;
+}
+
+static uint64_t submit(farm_t *farm)
+{
+    job_settings_t settings = small_job();
+    hash_t blob = {{0}};
+    uint64_t job;
+    assert_int_equal(farm_submit(farm, 0, "test", &settings, &blob, 1, &job).code, RESULT_OK);
+    return job;
+}
+
+static uint64_t hello(farm_t *farm, double now)
+{
+    uint64_t worker;
+    assert_int_equal(farm_hello(farm, now, &nobody, "w", 1, &worker).code, RESULT_OK);
+    return worker;
+}
+
+/* Takes one unit of a whole tile; false when there is none. */
+static bool take(farm_t *farm, double now, uint64_t worker, unit_t *unit)
+{
+    unit_t units[WIRE_MAX_UNITS];
+    farm_work_t work = {.units = units};
+    assert_int_equal(farm_take(farm, now, &nobody, worker, 0, 1, 1 << 20, &work).code, RESULT_OK);
+    if (work.job == 0) return false;
+    assert_int_equal(work.unit_count, 1);
+    *unit = units[0];
+    return true;
+}
+
+static result_t deliver(farm_t *farm, double now, uint64_t worker, uint64_t job_id, unit_t *unit)
+{
+    job_settings_t settings = small_job();
+    batch_t batch;
+    job_t *job;
+    TRY(farm_batch_open(farm, now, worker, job_id, 1000, &job));
+    batch_init(&batch, &settings);
+    batch.units = unit;
+    batch.unit_count = 1;
+    batch.eye_count = batch_tile_values(&settings, unit->tile);
+    batch.eye = mem_zalloc(batch.eye_count, sizeof *batch.eye);
+    result_t result = farm_batch_merge(farm, now, job, worker, &batch);
+    batch.units = NULL;
+    batch_free(&batch);
+    farm_unpin(farm, job);
+    return result;
+}
+
+static job_report_t report(farm_t *farm, double now, uint64_t job)
+{
+    size_t count;
+    uint32_t workers;
+    job_report_t *reports = farm_report(farm, now, job, &count, &workers), one;
+    assert_int_equal(count, 1);
+    one = reports[0];
+    free(reports);
+    return one;
+}
+
+static void a_worker_that_lives_but_delivers_nothing_holds_nobody_up(void **state)
+{
+    farm_t *farm = *state;
+    uint64_t job = submit(farm), hanging = hello(farm, 0), good = hello(farm, 0);
+    unit_t unit, lost;
+    int taken = 0;
+    while (take(farm, 0, hanging, &lost)) taken++; /* it took it all */
+    assert_true(taken >= 4);
+    for (double now = 1; now < 115; now++) {
+        farm_tick(farm, now);
+        assert_true(farm_heartbeat(farm, now, &nobody, hanging, job, 4));
+        assert_false(take(farm, now, good, &unit));
+    }
+    assert_true(take(farm, 121, good, &unit));
+    assert_int_equal(report(farm, 121, job).units_reissued, taken);
+    assert_true(farm_heartbeat(farm, 121, &nobody, hanging, job, 4)); /* it is not thrown out */
+    assert_int_equal(deliver(farm, 122, good, job, &unit).code, RESULT_OK);
+    assert_int_equal(deliver(farm, 123, hanging, job, &unit).code, RESULT_MISMATCH);
+    assert_int_equal(deliver(farm, 124, hanging, job, &lost).code, RESULT_OK);
+}
+
+static void a_worker_that_delivers_slowly_keeps_its_units(void **state)
+{
+    farm_t *farm = *state;
+    uint64_t job = submit(farm), slow = hello(farm, 0), other = hello(farm, 0);
+    unit_t units[16], unit;
+    size_t count = 0;
+    while (take(farm, 0, slow, &units[count])) count++;
+    for (size_t i = 0; i + 1 < count; i++) {
+        double now = 100 + 100 * (double)i;
+        assert_true(farm_heartbeat(farm, now, &nobody, slow, job, 4));
+        assert_false(take(farm, now, other, &unit));
+        assert_int_equal(deliver(farm, now, slow, job, &units[i]).code, RESULT_OK);
+    }
+    job_report_t status = report(farm, 100 * (double)count, job);
+    assert_int_equal(status.units_reissued, 0);
+    assert_true(status.remaining > 0);
+}
+
+static void a_pause_of_the_master_costs_no_worker_its_lease(void **state)
+{
+    farm_t *farm = *state;
+    uint64_t worker = hello(farm, 0);
+    farm_tick(farm, 0.1);
+    farm_tick(farm, 1000); /* the machine slept */
+    assert_true(farm_heartbeat(farm, 1000.1, &nobody, worker, 0, 0));
+    for (double now = 1000.2; now < 1006; now += 0.1) farm_tick(farm, now);
+    assert_false(farm_heartbeat(farm, 1006, &nobody, worker, 0, 0));
+}
+
+static void jobs_wait_for_memory(void **state)
+{
+    farm_t *farm = *state; /* its memory holds six films of 160 kB */
+    uint64_t worker = hello(farm, 0), jobs[8];
+    unit_t unit;
+    for (int j = 0; j < 8; j++) jobs[j] = submit(farm);
+    while (take(farm, 0, worker, &unit)) {
+    }
+    for (int j = 0; j < 8; j++)
+        assert_int_equal(report(farm, 1, jobs[j]).state, j < 6 ? JOB_RUNNING : JOB_QUEUED);
+    assert_int_equal(farm_cancel(farm, 1, jobs[0]).code, RESULT_OK);
+    farm_tick(farm, 1.1);
+    farm_tick(farm, 12); /* nobody answers the flush */
+    job_t *job = farm_next_finished(farm);
+    assert_non_null(job);
+    assert_int_equal(farm_job_id(job), jobs[0]);
+    farm_finished(farm, 12, job, result_ok(), NULL);
+    farm_unpin(farm, job);
+    assert_int_equal(report(farm, 12, jobs[0]).state, JOB_CANCELLED);
+    worker = hello(farm, 12);
+    assert_true(take(farm, 12, worker, &unit));
+}
+
+static void a_film_that_never_fits_is_refused(void **state)
+{
+    farm_t *farm = *state;
+    job_settings_t settings = job_settings_default();
+    hash_t blob = {{0}};
+    uint64_t job;
+    assert_int_equal(farm_submit(farm, 0, "x", &settings, &blob, 1, &job).code, RESULT_LIMIT);
+}
+
+static void the_queue_has_an_end_and_forgets_the_finished(void **state)
+{
+    farm_t *farm = *state;
+    job_settings_t settings = small_job();
+    hash_t blob = {{0}};
+    uint64_t first = submit(farm), job;
+    for (int i = 1; i < FARM_MAX_JOBS; i++) submit(farm);
+    assert_int_equal(farm_submit(farm, 0, "x", &settings, &blob, 1, &job).code, RESULT_LIMIT);
+    assert_int_equal(farm_cancel(farm, 0, first).code, RESULT_OK);
+    assert_int_equal(farm_submit(farm, 0, "x", &settings, &blob, 1, &job).code, RESULT_OK);
+    assert_int_equal(farm_cancel(farm, 0, first).code, RESULT_INPUT);
+}
+
+static void too_many_workers_are_refused_and_lost_ones_forgotten(void **state)
+{
+    farm_t *farm = *state;
+    uint64_t worker, first = hello(farm, 0);
+    for (int i = 1; i < FARM_MAX_WORKERS; i++) hello(farm, 0);
+    assert_int_equal(farm_hello(farm, 0, &nobody, "x", 1, &worker).code, RESULT_LIMIT);
+    farm_goodbye(farm, first, "");
+    assert_int_equal(farm_hello(farm, 0, &nobody, "x", 1, &worker).code, RESULT_OK);
+    for (int i = 0; i < 2 * FARM_MAX_WORKERS; i++) { /* come and go: memory stays bounded */
+        farm_goodbye(farm, worker, "");
+        assert_int_equal(farm_hello(farm, i, &nobody, "x", 1, &worker).code, RESULT_OK);
+    }
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+#define WITH_FARM(test) cmocka_unit_test_setup_teardown(test, set_up, tear_down)
+        WITH_FARM(a_worker_that_lives_but_delivers_nothing_holds_nobody_up),
+        WITH_FARM(a_worker_that_delivers_slowly_keeps_its_units),
+        WITH_FARM(a_pause_of_the_master_costs_no_worker_its_lease),
+        WITH_FARM(jobs_wait_for_memory),
+        WITH_FARM(a_film_that_never_fits_is_refused),
+        WITH_FARM(the_queue_has_an_end_and_forgets_the_finished),
+        WITH_FARM(too_many_workers_are_refused_and_lost_ones_forgotten),
+    };
+    return cmocka_run_group_tests_name("farm", tests, NULL, NULL);
+}
