@@ -10,7 +10,7 @@ Q       := $(if $(V),,@)
 # The one numeric baseline: every machine that has it makes the same bits. Nothing that changes values is allowed.
 BASELINE := -march=x86-64-v3 -ffp-contract=off -fno-math-errno -fno-trapping-math
 WARNINGS := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Wvla
-PACKAGES := libzmq libczmq libprotobuf-c libsodium libzstd blosc libpng OpenEXR
+PACKAGES := libzmq libprotobuf-c libsodium libzstd libpng OpenEXR
 ifneq ($(filter-out help clean deps deps-dev check demo asan tsan,$(or $(MAKECMDGOALS),all)),)
 PKG_CFLAGS := $(shell pkg-config --cflags $(PACKAGES) 2>/dev/null)
 PKG_LIBS   := $(shell pkg-config --libs $(filter-out OpenEXR,$(PACKAGES)) 2>/dev/null) -lOpenEXRCore-3_1
@@ -56,7 +56,7 @@ $(BUILD)/%.o: %.c
 
 $(BUILD)/tests/%: $(BUILD)/tests/%.o $(call objects,$(LIB_SRC) $(wildcard tests/*.c)) $(SCHEMA_O)
 	@echo "  link $@"
-	$(Q)$(CC) $(ALL_CFLAGS) -o $@ $^ $(ALL_LIBS) -lcmocka
+	$(Q)$(CC) $(ALL_CFLAGS) -o $@ $^ $(ALL_LIBS) $(EXTRA_LIBS) -lcmocka
 
 -include $(shell find $(BUILD) -name '*.d' 2>/dev/null)
 
@@ -98,6 +98,11 @@ bench: deps
 	$(SUBMAKE) $(JOBS) all $(BUILD)/tests/bench/bench_render
 	$(BUILD)/tests/bench/bench_render
 
+# What proto/PROTOCOL.md says of the alternatives to our payload coding; needs libblosc-dev (make deps-dev).
+bench-codec: EXTRA_LIBS = -lblosc
+bench-codec: $(BUILD)/tests/bench/bench_codec
+	$<
+
 install: $(PROGRAMS)
 	install -d $(DESTDIR)$(PREFIX)/bin
 	install -m 755 $(PROGRAMS) $(DESTDIR)$(PREFIX)/bin
@@ -128,10 +133,11 @@ help:
 	@echo "make check      install what is missing, build, run all tests"
 	@echo "make asan       the tests under the address and undefined-behaviour sanitizers (tsan: threads)"
 	@echo "make bench      error and speed of the renderer against the figures of pbrt-v3"
+	@echo "make bench-codec  the codings of payloads that were weighed against one another"
 	@echo "make install    into PREFIX ($(PREFIX)); DESTDIR is honoured; uninstall takes it back"
 	@echo "make deps       the Debian packages of docker/packages.txt; deps-dev: also those for format and lint"
 	@echo "make format     clang-format; make lint: clang-tidy and cppcheck"
 	@echo "make clean      remove $(BUILD)/"
 
-.PHONY: all check bench tests run-tests asan tsan demo deps deps-dev install uninstall format lint clean help
+.PHONY: all check bench bench-codec tests run-tests asan tsan demo deps deps-dev install uninstall format lint clean help
 .SECONDARY:
