@@ -98,7 +98,7 @@ bench: deps
 	$(SUBMAKE) $(JOBS) all $(BUILD)/tests/bench/bench_render
 	$(BUILD)/tests/bench/bench_render
 
-# What proto/PROTOCOL.md says of the alternatives to our payload coding; needs libblosc-dev (make deps-dev).
+# What docs/codec.md says of the alternatives to our payload coding; needs libblosc-dev (make deps-dev).
 bench-codec: EXTRA_LIBS = -lblosc
 bench-codec: $(BUILD)/tests/bench/bench_codec
 	$<

@@ -165,7 +165,8 @@ static void merge_tile(film_t *film, const unit_t *unit, const int64_t *tile)
     for (int half = 0; half < 2; half++) {
         uint32_t samples = unit_half_count(unit, half);
         for (int y = rect.y0; y < rect.y1; y++) {
-            size_t pixel = ((size_t)half * (size_t)film->settings.height + (size_t)y) * width + (size_t)rect.x0;
+            size_t pixel =
+                ((size_t)half * (size_t)film->settings.height + (size_t)y) * width + (size_t)rect.x0;
             film->counts.overflows += add_sums(film->eye + 3 * pixel, tile, 3 * row);
             for (size_t x = 0; x < row; x++) film->samples[pixel + x] += samples;
             tile += 3 * row;
@@ -190,12 +191,14 @@ typedef struct {
     double eye, light, noise;
 } estimate_t;
 
-/* `eye` and `splat` are the sums of both halves, `samples` and `light_factor` (pixels / light paths) likewise. */
+/* `eye` and `splat` are the sums of both halves, `samples` and `light_factor` (pixels / light paths)
+ * likewise. */
 static estimate_t resolve_value(const double eye[2], const double splat[2], const uint32_t samples[2],
                                 const double light_factor[3])
 {
     double count = (double)samples[0] + samples[1], half[2] = {0, 0};
-    estimate_t estimate = {.eye = (eye[0] + eye[1]) / count, .light = (splat[0] + splat[1]) * light_factor[2]};
+    estimate_t estimate = {.eye = (eye[0] + eye[1]) / count,
+                           .light = (splat[0] + splat[1]) * light_factor[2]};
     for (int h = 0; h < 2; h++)
         half[h] = (samples[h] > 0 ? eye[h] / samples[h] : 0) + splat[h] * light_factor[h];
     /* Var(sum) of two independent means whose weights are their shares of the samples. With one half empty

@@ -4,9 +4,9 @@
  * grid once, when the sample is made, and integers add associatively: samples may be split into units, units
  * into batches, and batches merged in any order, always with the same bits. With the default scale of 32 a
  * contribution is rounded by at most 2^-33: below the rounding of a float result for pixels over 2^-9, and
- * after the mean of N samples below it by a further sqrt(N). A sum may reach 2^31 radiance units; a film for a
- * brighter scene takes a smaller scale. Overflow is detected (counts.overflows) and the job is ended by it; a
- * sum never wraps.
+ * after the mean of N samples below it by a further sqrt(N). A sum may reach 2^31 radiance units; a film for
+ * a brighter scene takes a smaller scale. Overflow is detected (counts.overflows) and the job is ended by it;
+ * a sum never wraps.
  *
  * Two estimators, two normalisations: eye sums divide by their own pixel's samples, splat sums by the light
  * paths traced for the whole film. Both come in two halves (even and odd sample indices) that are independent
@@ -37,19 +37,19 @@ typedef struct {
 } splat_t;
 #define SPLAT_HALF_BIT 0x80000000u
 
-/* Radiance to fixed point, rounded to nearest even. A value that does not fit is saturated at +-2^62 and shows
- * as an overflow when it is added. The caller has dropped NaN and infinity. */
+/* Radiance to fixed point, rounded to nearest even. A value that does not fit is saturated at +-2^62 and
+ * shows as an overflow when it is added. The caller has dropped NaN and infinity. */
 int64_t film_quantise(float value, int scale);
-/* Rounds one contribution to the film's grid and adds it to the sums of a pixel. Returns how many of the three
- * additions would have overflowed; these are left out. */
+/* Rounds one contribution to the film's grid and adds it to the sums of a pixel. Returns how many of the
+ * three additions would have overflowed; these are left out. */
 uint64_t film_add(int64_t sum[3], const float rgb[3], int scale);
 
 /* The result of one unit, in memory that is reused from unit to unit. */
 typedef struct {
     unit_t unit;
-    int64_t *eye;         /* [2 halves][tile height][tile width][3], fixed point */
-    size_t eye_capacity;  /* int64_t's allocated */
-    splat_t *splats;      /* in the order they were made */
+    int64_t *eye;        /* [2 halves][tile height][tile width][3], fixed point */
+    size_t eye_capacity; /* int64_t's allocated */
+    splat_t *splats;     /* in the order they were made */
     size_t splat_count, splat_capacity;
     film_counts_t counts;
 } unit_result_t;
@@ -85,9 +85,9 @@ size_t batch_splat_values(const job_settings_t *settings);
 /* The sums of a whole job. Not thread-safe: the owner locks. */
 typedef struct {
     job_settings_t settings;
-    int64_t *eye;         /* [2 halves][height][width][3] */
-    int64_t *splat;       /* [2 halves][height][width][3] */
-    uint32_t *samples;    /* [2 halves][height][width] eye samples */
+    int64_t *eye;      /* [2 halves][height][width][3] */
+    int64_t *splat;    /* [2 halves][height][width][3] */
+    uint32_t *samples; /* [2 halves][height][width] eye samples */
     film_counts_t counts;
 } film_t;
 
@@ -105,7 +105,8 @@ typedef struct {
     float *sum;     /* eye + light: the picture */
     float *eye;     /* strategies with t >= 2 eye vertices */
     float *light;   /* t = 1 splats */
-    float *noise;   /* estimated standard error of `sum`: |half 0 - half 1| scaled; one degree of freedom a pixel */
+    float *noise;   /* estimated standard error of `sum`: |half 0 - half 1| scaled; one degree of freedom a
+                       pixel */
     float *samples; /* [height][width] eye samples */
 } film_image_t;
 

@@ -79,9 +79,8 @@ uint32_t unit_half_count(const unit_t *unit, int half)
     return half == 0 ? even : unit->count - even;
 }
 
-static const char *const integrator_names[] = {[INTEGRATOR_BDPT] = "bdpt",
-                                               [INTEGRATOR_PATH] = "path",
-                                               [INTEGRATOR_LIGHT] = "light"};
+static const char *const integrator_names[] = {
+    [INTEGRATOR_BDPT] = "bdpt", [INTEGRATOR_PATH] = "path", [INTEGRATOR_LIGHT] = "light"};
 static const char *const sampler_names[] = {[SAMPLER_SOBOL] = "sobol", [SAMPLER_INDEPENDENT] = "independent"};
 
 const char *integrator_name(integrator_t integrator)

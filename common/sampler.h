@@ -1,14 +1,14 @@
 /* sampler: random numbers as a pure function of (job seed, pixel, sample index, dimension).
  *
- * There is no stream whose state could depend on the order of work. A sampler_t is a cursor: it holds the key of
- * one sample and the next dimension, and is made anew wherever it is needed.
+ * There is no stream whose state could depend on the order of work. A sampler_t is a cursor: it holds the key
+ * of one sample and the next dimension, and is made anew wherever it is needed.
  *
  * `independent` numbers are a 64-bit mix of key and dimension. `sobol` takes, for each call, the first two
- * dimensions of the Sobol' sequence (a (0,2)-sequence in base 2), with the index shuffled and both coordinates
- * scrambled by hash-based nested uniform (Owen) scrambling under keys of that dimension alone (Burley 2020,
- * "Practical Hash-based Owen Scrambling", JCGT 9(4), sections 3 and 4.1; scrambling hash after Laine and Karras
- * 2011). Calls are thus well stratified each, and independent of one another. Past SAMPLER_SOBOL_DIMENSIONS,
- * where stratification no longer helps, numbers are independent.
+ * dimensions of the Sobol' sequence (a (0,2)-sequence in base 2), with the index shuffled and both
+ * coordinates scrambled by hash-based nested uniform (Owen) scrambling under keys of that dimension alone
+ * (Burley 2020, "Practical Hash-based Owen Scrambling", JCGT 9(4), sections 3 and 4.1; scrambling hash after
+ * Laine and Karras 2011). Calls are thus well stratified each, and independent of one another. Past
+ * SAMPLER_SOBOL_DIMENSIONS, where stratification no longer helps, numbers are independent.
  *
  * Even and odd sample indices are two sequences with keys of their own, so that the two halves of a film are
  * independent estimates (film.h).
@@ -39,7 +39,8 @@ static inline uint64_t sampler_mix(uint64_t x)
 
 static inline sampler_t sampler_new(sampler_kind_t kind, uint64_t seed, uint32_t pixel, uint32_t sample)
 {
-    uint64_t sequence = sampler_mix(sampler_mix(seed + 0x9E3779B97F4A7C15u) + 2 * (uint64_t)pixel + (sample & 1));
+    uint64_t sequence =
+        sampler_mix(sampler_mix(seed + 0x9E3779B97F4A7C15u) + 2 * (uint64_t)pixel + (sample & 1));
     return (sampler_t){.sample_key = sampler_mix(sequence + sample),
                        .sequence_key = (uint32_t)(sequence >> 32),
                        .index = sample >> 1,
@@ -70,8 +71,8 @@ static inline uint32_t sampler_scramble_reversed(uint32_t x, uint32_t seed)
     return x ^ x * 0x53A22864u;
 }
 
-/* The second Sobol' coordinate of an index, bit-reversed: the Pascal matrix modulo 2 applied to the index bits
- * (its Kronecker structure makes it five shifted additions). */
+/* The second Sobol' coordinate of an index, bit-reversed: the Pascal matrix modulo 2 applied to the index
+ * bits (its Kronecker structure makes it five shifted additions). */
 static inline uint32_t sampler_sobol1_reversed(uint32_t index)
 {
     index ^= index >> 1 & 0x55555555u;

@@ -1,8 +1,9 @@
 /* scene_blob: layout, checks and building of scene blobs (see scene_blob.h).
  *
- * On disk: header_t, then the sections in the order of blob_section_t, each 64-byte aligned and followed by at
- * least 16 bytes of zeroes. header_t.checksum is the BLAKE2b-256 of everything behind the header, so damage is
- * told from malice only by its message: both are refused. The checks run in one pass over every array.
+ * On disk: header_t, then the sections in the order of blob_section_t, each 64-byte aligned and followed by
+ * at least 16 bytes of zeroes. header_t.checksum is the BLAKE2b-256 of everything behind the header, so
+ * damage is told from malice only by its message: both are refused. The checks run in one pass over every
+ * array.
  */
 #include "common/scene_blob.h"
 
@@ -74,8 +75,9 @@ static result_t check_header(const uint8_t *bytes, uint64_t size)
           BLOB_VERSION);
     CHECK(header->section_count == BLOB_SECTION_COUNT, "has %u sections, expected %d", header->section_count,
           BLOB_SECTION_COUNT);
-    CHECK(header->size == size && size <= BLOB_MAX_BYTES, "says it has %llu bytes, but %llu are here; truncated?",
-          (unsigned long long)header->size, (unsigned long long)size);
+    CHECK(header->size == size && size <= BLOB_MAX_BYTES,
+          "says it has %llu bytes, but %llu are here; truncated?", (unsigned long long)header->size,
+          (unsigned long long)size);
     hash_t checksum = hash_bytes(bytes + sizeof *header, size - sizeof *header);
     CHECK(hash_equal(&checksum, &header->checksum), "is damaged: its checksum does not match");
     return result_ok();
@@ -124,7 +126,8 @@ static result_t check_scene(const scene_blob_t *blob)
     for (int i = 0; i < 4; i++) CHECK(isfinite(w[i]), "the camera's screen window is not finite");
     CHECK(automatic || (w[0] < w[1] && w[2] < w[3]), "the camera's screen window is empty");
     const blob_filter_t *filter = &scene->filter;
-    CHECK(filter->kind >= FILTER_BOX && filter->kind <= FILTER_GAUSSIAN, "unknown pixel filter %u", filter->kind);
+    CHECK(filter->kind >= FILTER_BOX && filter->kind <= FILTER_GAUSSIAN, "unknown pixel filter %u",
+          filter->kind);
     CHECK(filter->radius_x > 0 && filter->radius_x <= 32 && filter->radius_y > 0 && filter->radius_y <= 32,
           "the pixel filter's radius must be over 0 and at most 32 pixels");
     CHECK(filter->kind != FILTER_GAUSSIAN || (filter->gaussian_sigma > 0 && isfinite(filter->gaussian_sigma)),
@@ -164,15 +167,15 @@ static result_t check_meshes(const scene_blob_t *blob)
                   range_inside(mesh->first_uv, mesh->vertex_count, blob->counts[BLOB_SECTION_UVS]),
               "mesh %llu: its uvs lie outside the uvs", id);
         CHECK(mesh->triangle_count > 0 && mesh->first_triangle >= next_triangle &&
-                  range_inside(mesh->first_triangle, mesh->triangle_count, blob->counts[BLOB_SECTION_TRIANGLES]),
+                  range_inside(mesh->first_triangle, mesh->triangle_count,
+                               blob->counts[BLOB_SECTION_TRIANGLES]),
               "mesh %llu: its triangles lie outside the triangles, or are another mesh's", id);
         next_triangle = (uint64_t)mesh->first_triangle + mesh->triangle_count;
         const blob_triangle_t *triangle = blob->triangles + mesh->first_triangle;
         for (uint32_t t = 0; t < mesh->triangle_count; t++)
             for (int k = 0; k < 3; k++)
-                CHECK(triangle[t].v[k] < mesh->vertex_count,
-                      "mesh %llu: triangle %u uses vertex %u of %u", id, t, triangle[t].v[k],
-                      mesh->vertex_count);
+                CHECK(triangle[t].v[k] < mesh->vertex_count, "mesh %llu: triangle %u uses vertex %u of %u",
+                      id, t, triangle[t].v[k], mesh->vertex_count);
     }
     return result_ok();
 }
@@ -205,8 +208,8 @@ static result_t check_shapes(const scene_blob_t *blob)
         CHECK(shape->light == BLOB_NONE || (shape->light < blob->counts[BLOB_SECTION_LIGHTS] &&
                                             blob->lights[shape->light].shape == id),
               "shape %llu: light %u does not belong to it", id, shape->light);
-        CHECK(shape->name < blob->counts[BLOB_SECTION_STRINGS], "shape %llu: its name lies outside the strings",
-              id);
+        CHECK(shape->name < blob->counts[BLOB_SECTION_STRINGS],
+              "shape %llu: its name lies outside the strings", id);
     }
     return result_ok();
 }
@@ -247,8 +250,8 @@ static result_t check_materials(const scene_blob_t *blob)
         CHECK(rgb_is_valid(material->reflectance) && rgb_is_valid(material->transmittance) &&
                   rgb_is_valid(material->eta) && rgb_is_valid(material->k),
               "material %llu: its colours must be finite and not negative", id);
-        CHECK(material->kind != MATERIAL_DIELECTRIC || material->eta.x > 0, "material %llu: eta must be positive",
-              id);
+        CHECK(material->kind != MATERIAL_DIELECTRIC || material->eta.x > 0,
+              "material %llu: eta must be positive", id);
         CHECK(material->alpha_u >= 0 && material->alpha_u <= 10 && material->alpha_v >= 0 &&
                   material->alpha_v <= 10,
               "material %llu: its roughness must be from 0 to 10", id);
@@ -374,7 +377,8 @@ void blob_builder_destroy(blob_builder_t **builder)
     *builder = NULL;
 }
 
-uint32_t blob_builder_add(blob_builder_t *builder, blob_section_t section, const void *records, uint32_t count)
+uint32_t blob_builder_add(blob_builder_t *builder, blob_section_t section, const void *records,
+                          uint32_t count)
 {
     uint64_t size = section_types[section].size, first = builder->sections[section].count;
     if (first + count >= BLOB_NONE) {

@@ -1,10 +1,10 @@
 /* scene_blob: a whole scene as one flat, relocatable, versioned, checksummed run of bytes.
  *
- * The client writes a blob once (blob_builder_*); masters store it and workers map it read-only under the name
- * of its hash. A blob is a header, a table of sections and the sections: plain arrays of the records below,
- * little-endian, 64-byte aligned. Records refer to one another by array index, never by address; BLOB_NONE
- * says "no such thing". Vertex and index arrays have the layout that Embree shares without a copy; 16 bytes of
- * padding follow every section, since Embree may read that far past the last vertex.
+ * The client writes a blob once (blob_builder_*); masters store it and workers map it read-only under the
+ * name of its hash. A blob is a header, a table of sections and the sections: plain arrays of the records
+ * below, little-endian, 64-byte aligned. Records refer to one another by array index, never by address;
+ * BLOB_NONE says "no such thing". Vertex and index arrays have the layout that Embree shares without a copy;
+ * 16 bytes of padding follow every section, since Embree may read that far past the last vertex.
  *
  * blob_open trusts nothing: sizes, the checksum, every index and every float that could take the renderer out
  * of bounds are checked before the view is handed out. A record with a new meaning takes a new BLOB_VERSION.
@@ -39,8 +39,8 @@ typedef enum {
 typedef enum { FILTER_BOX = 1, FILTER_TRIANGLE = 2, FILTER_GAUSSIAN = 3 } filter_kind_t;
 
 typedef struct {
-    uint32_t kind;        /* filter_kind_t */
-    float radius_x;       /* pixels; 0.5 for a box that is the pixel itself */
+    uint32_t kind;  /* filter_kind_t */
+    float radius_x; /* pixels; 0.5 for a box that is the pixel itself */
     float radius_y;
     float gaussian_sigma; /* pixels; only for FILTER_GAUSSIAN */
 } blob_filter_t;
@@ -52,11 +52,11 @@ typedef struct {
     float screen_window[4];    /* x min, x max, y min, y max in units of the window with half-height 1; all 0:
                                   made from the resolution, the shorter side spanning [-1, 1] */
     blob_filter_t filter;
-    int32_t width, height;     /* pixels asked for */
+    int32_t width, height; /* pixels asked for */
     int32_t max_depth;
     uint32_t spp;
-    uint32_t integrator;       /* integrator_t */
-    uint32_t sampler;          /* sampler_kind_t */
+    uint32_t integrator; /* integrator_t */
+    uint32_t sampler;    /* sampler_kind_t */
 } blob_scene_t;
 
 typedef struct {
@@ -65,8 +65,8 @@ typedef struct {
 
 typedef struct {
     uint32_t first_position, vertex_count;
-    uint32_t first_normal; /* BLOB_NONE: flat; else vertex_count normals from here */
-    uint32_t first_uv;     /* BLOB_NONE: none; else vertex_count uvs from here */
+    uint32_t first_normal;                   /* BLOB_NONE: flat; else vertex_count normals from here */
+    uint32_t first_uv;                       /* BLOB_NONE: none; else vertex_count uvs from here */
     uint32_t first_triangle, triangle_count; /* > 0; behind those of the mesh before */
 } blob_mesh_t;
 
@@ -78,10 +78,10 @@ typedef struct {
 
 typedef enum { SHAPE_MESH = 1, SHAPE_SPHERE = 2 } shape_kind_t;
 
-/* Geometric normals: of a triangle, (p1 - p0) x (p2 - p0), or, where the mesh has vertex normals, whichever of
- * the two signs agrees with them; of a sphere, outward. SHAPE_FLIP reverses those that do not come from vertex
- * normals (of a mesh: pbrt's ReverseOrientation exclusive-or a mirroring transform; of a sphere: ReverseOrientation
- * alone). */
+/* Geometric normals: of a triangle, (p1 - p0) x (p2 - p0), or, where the mesh has vertex normals, whichever
+ * of the two signs agrees with them; of a sphere, outward. SHAPE_FLIP reverses those that do not come from
+ * vertex normals (of a mesh: pbrt's ReverseOrientation exclusive-or a mirroring transform; of a sphere:
+ * ReverseOrientation alone). */
 enum { SHAPE_FLIP = 1 };
 
 typedef struct {
@@ -90,7 +90,7 @@ typedef struct {
     uint32_t material; /* index of a material */
     uint32_t light;    /* index of the area light that this shape emits, or BLOB_NONE */
     uint32_t flags;
-    uint32_t name;     /* offset in the strings: where the shape comes from, "file:line" */
+    uint32_t name; /* offset in the strings: where the shape comes from, "file:line" */
 } blob_shape_t;
 
 typedef struct {
@@ -132,8 +132,8 @@ typedef struct {
 typedef struct {
     const uint8_t *bytes;
     uint64_t size;
-    hash_t hash;  /* of all bytes: the blob's name */
-    bool mapped;  /* bytes are mapped by blob_open_file and unmapped by blob_close */
+    hash_t hash; /* of all bytes: the blob's name */
+    bool mapped; /* bytes are mapped by blob_open_file and unmapped by blob_close */
     const blob_scene_t *scene;
     const vec3_t *positions;
     const vec3_t *normals;
@@ -150,8 +150,8 @@ typedef struct {
     uint64_t counts[BLOB_SECTION_COUNT]; /* records in each section */
 } scene_blob_t;
 
-/* Checks `size` bytes at `bytes` (8-byte aligned, kept by the caller while the view is used) and makes the view.
- * RESULT_INPUT with the reason when anything is wrong. */
+/* Checks `size` bytes at `bytes` (8-byte aligned, kept by the caller while the view is used) and makes the
+ * view. RESULT_INPUT with the reason when anything is wrong. */
 result_t blob_open(const void *bytes, uint64_t size, scene_blob_t *blob);
 /* Maps a file read-only and checks it. */
 result_t blob_open_file(const char *path, scene_blob_t *blob);
@@ -168,8 +168,10 @@ blob_builder_t *blob_builder_new(void);
 void blob_builder_destroy(blob_builder_t **builder);
 /* Appends `count` records to a section and returns the index of the first; `records` may be NULL for zeroes.
  * Records are sizeof(the section's type) each. Sections hold less than 2^32 - 1 records. */
-uint32_t blob_builder_add(blob_builder_t *builder, blob_section_t section, const void *records, uint32_t count);
-/* The records gathered so far, valid until the next add; writable, so that references can be filled in late. */
+uint32_t blob_builder_add(blob_builder_t *builder, blob_section_t section, const void *records,
+                          uint32_t count);
+/* The records gathered so far, valid until the next add; writable, so that references can be filled in late.
+ */
 void *blob_builder_records(blob_builder_t *builder, blob_section_t section);
 uint32_t blob_builder_count(const blob_builder_t *builder, blob_section_t section);
 /* Adds a name to the strings and returns its offset. */

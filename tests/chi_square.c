@@ -3,8 +3,8 @@
 
 #include <math.h>
 
-/* Upper regularised incomplete gamma function Q(a, x), by series or continued fraction (Abramowitz and Stegun 6.5.29
- * and 6.5.31). */
+/* Upper regularised incomplete gamma function Q(a, x), by series or continued fraction (Abramowitz and
+ * Stegun 6.5.29 and 6.5.31). */
 static double gamma_upper(double a, double x)
 {
     if (x <= 0) return 1;

@@ -56,7 +56,8 @@ uint32_t test_scene_material(test_scene_t *scene, blob_material_t material)
     return blob_builder_add(scene->builder, BLOB_SECTION_MATERIALS, &material, 1);
 }
 
-static void add_shape(test_scene_t *scene, shape_kind_t kind, uint32_t geometry, uint32_t material, rgb_t radiance)
+static void add_shape(test_scene_t *scene, shape_kind_t kind, uint32_t geometry, uint32_t material,
+                      rgb_t radiance)
 {
     uint32_t index = blob_builder_count(scene->builder, BLOB_SECTION_SHAPES), light = BLOB_NONE;
     if (!v_is_zero(radiance))
@@ -69,15 +70,16 @@ static void add_shape(test_scene_t *scene, shape_kind_t kind, uint32_t geometry,
 static void add_mesh(test_scene_t *scene, const vec3_t *positions, uint32_t vertices,
                      const blob_triangle_t *triangles, uint32_t count, uint32_t material, rgb_t radiance)
 {
-    blob_mesh_t mesh = {.vertex_count = vertices, .first_normal = BLOB_NONE, .first_uv = BLOB_NONE,
-                        .triangle_count = count};
+    blob_mesh_t mesh = {
+        .vertex_count = vertices, .first_normal = BLOB_NONE, .first_uv = BLOB_NONE, .triangle_count = count};
     mesh.first_position = blob_builder_add(scene->builder, BLOB_SECTION_POSITIONS, positions, vertices);
     mesh.first_triangle = blob_builder_add(scene->builder, BLOB_SECTION_TRIANGLES, triangles, count);
     add_shape(scene, SHAPE_MESH, blob_builder_add(scene->builder, BLOB_SECTION_MESHES, &mesh, 1), material,
               radiance);
 }
 
-void test_scene_rectangle(test_scene_t *scene, vec3_t p, vec3_t e1, vec3_t e2, uint32_t material, rgb_t radiance)
+void test_scene_rectangle(test_scene_t *scene, vec3_t p, vec3_t e1, vec3_t e2, uint32_t material,
+                          rgb_t radiance)
 {
     const vec3_t positions[] = {p, v_add(p, e1), v_add(p, v_add(e1, e2)), v_add(p, e2)};
     const blob_triangle_t triangles[] = {{{0, 1, 2}}, {{0, 2, 3}}};
@@ -98,8 +100,8 @@ void test_scene_room(test_scene_t *scene, vec3_t low, vec3_t high, uint32_t mate
 void test_scene_sphere(test_scene_t *scene, vec3_t centre, float radius, uint32_t material, rgb_t radiance)
 {
     blob_sphere_t sphere = {{{{1, 0, 0, centre.x}, {0, 1, 0, centre.y}, {0, 0, 1, centre.z}}}, radius};
-    add_shape(scene, SHAPE_SPHERE, blob_builder_add(scene->builder, BLOB_SECTION_SPHERES, &sphere, 1), material,
-              radiance);
+    add_shape(scene, SHAPE_SPHERE, blob_builder_add(scene->builder, BLOB_SECTION_SPHERES, &sphere, 1),
+              material, radiance);
 }
 
 void test_scene_finish(test_scene_t *scene)

@@ -1,10 +1,12 @@
-/* render_here: renders a job in this process and thread, without any farm: what the tests of the renderer need. */
+/* render_here: renders a job in this process and thread, without any farm: what the tests of the renderer
+ * need. */
 #ifndef LIGHTMILL_TESTS_RENDER_HERE_H
 #define LIGHTMILL_TESTS_RENDER_HERE_H
 
 #include "worker/render/renderer.h"
 
-/* Renders all samples of a job. Fails the running test when anything goes wrong; the caller frees the film. */
+/* Renders all samples of a job. Fails the running test when anything goes wrong; the caller frees the film.
+ */
 film_t *render_here(const scene_blob_t *blob, const job_settings_t *settings);
 
 /* A small scene under construction: a world of meshes and spheres. */
@@ -21,7 +23,8 @@ uint32_t test_scene_material(test_scene_t *scene, blob_material_t material);
 /* Adds an axis-aligned box seen from inside (normals inward); `radiance` black for one that does not emit. */
 void test_scene_room(test_scene_t *scene, vec3_t low, vec3_t high, uint32_t material, rgb_t radiance);
 /* Adds a rectangle with corner p and sides e1, e2; it emits along e1 x e2. */
-void test_scene_rectangle(test_scene_t *scene, vec3_t p, vec3_t e1, vec3_t e2, uint32_t material, rgb_t radiance);
+void test_scene_rectangle(test_scene_t *scene, vec3_t p, vec3_t e1, vec3_t e2, uint32_t material,
+                          rgb_t radiance);
 void test_scene_sphere(test_scene_t *scene, vec3_t centre, float radius, uint32_t material, rgb_t radiance);
 /* Makes the blob; `scene->blob` is valid until test_scene_end. */
 void test_scene_finish(test_scene_t *scene);

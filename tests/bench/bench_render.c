@@ -1,10 +1,10 @@
 /* bench_render: error and speed of the renderer, against the figures of pbrt-v3 for the same scenes.
  *
- * Error is relMSE against the reference image (client/agreement.h), cost is CPU time, and their product does not
- * depend on the number of samples: a renderer with half the product needs half the time for the same image. CPU times
- * of two machines are compared through what Embree does on each: rays per CPU second with its single-ray kernel in a
- * closed box around a bumpy ball of 80,000 triangles. The figures of pbrt were taken where that was 7.5 million a
- * second.
+ * Error is relMSE against the reference image (client/agreement.h), cost is CPU time, and their product does
+ * not depend on the number of samples: a renderer with half the product needs half the time for the same
+ * image. CPU times of two machines are compared through what Embree does on each: rays per CPU second with
+ * its single-ray kernel in a closed box around a bumpy ball of 80,000 triangles. The figures of pbrt were
+ * taken where that was 7.5 million a second.
  *
  * usage: bench_render [SEEDS]     from the top of the tree; one thread, about a minute a seed
  */
@@ -47,9 +47,15 @@ enum { BALL = 200 };
 static uint8_t *calibration_scene(uint64_t *size)
 {
     blob_builder_t *b = blob_builder_new();
-    blob_scene_t scene = {.world_from_camera = xform_identity(), .fov = 40, .width = 64, .height = 64,
+    blob_scene_t scene = {.world_from_camera = xform_identity(),
+                          .fov = 40,
+                          .width = 64,
+                          .height = 64,
                           .filter = {.kind = FILTER_BOX, .radius_x = 0.5f, .radius_y = 0.5f},
-                          .max_depth = 1, .spp = 1, .integrator = INTEGRATOR_PATH, .sampler = SAMPLER_SOBOL};
+                          .max_depth = 1,
+                          .spp = 1,
+                          .integrator = INTEGRATOR_PATH,
+                          .sampler = SAMPLER_SOBOL};
     blob_builder_add(b, BLOB_SECTION_SCENE, &scene, 1);
     blob_builder_add(b, BLOB_SECTION_MATERIALS, &(blob_material_t){.kind = MATERIAL_DIFFUSE}, 1);
     for (uint32_t i = 0; i <= BALL; i++)
@@ -66,10 +72,16 @@ static uint8_t *calibration_scene(uint64_t *size)
             blob_triangle_t pair[2] = {{{v, v + 1, w}}, {{v + 1, w + 1, w}}};
             blob_builder_add(b, BLOB_SECTION_TRIANGLES, pair, 2);
         }
-    blob_mesh_t ball = {.vertex_count = (BALL + 1) * (BALL + 1), .first_normal = BLOB_NONE, .first_uv = BLOB_NONE,
+    blob_mesh_t ball = {.vertex_count = (BALL + 1) * (BALL + 1),
+                        .first_normal = BLOB_NONE,
+                        .first_uv = BLOB_NONE,
                         .triangle_count = 2 * BALL * BALL};
-    blob_mesh_t box = {.first_position = ball.vertex_count, .vertex_count = 8, .first_normal = BLOB_NONE,
-                       .first_uv = BLOB_NONE, .first_triangle = ball.triangle_count, .triangle_count = 12};
+    blob_mesh_t box = {.first_position = ball.vertex_count,
+                       .vertex_count = 8,
+                       .first_normal = BLOB_NONE,
+                       .first_uv = BLOB_NONE,
+                       .first_triangle = ball.triangle_count,
+                       .triangle_count = 12};
     for (int i = 0; i < 8; i++) {
         vec3_t p = vec3(i & 1 ? 1 : -1, i & 2 ? 1 : -1, i & 4 ? 1 : -1);
         blob_builder_add(b, BLOB_SECTION_POSITIONS, &p, 1);
@@ -113,7 +125,8 @@ static double embree_mrays(void)
         uint32_t state = 1;
         double start = clock_cpu();
         for (uint32_t i = 0; i < RAYS; i++) {
-            float z = 2 * cheap_number(&state) - 1, r = sqrtf(1 - z * z), phi = TWO_PI_F * cheap_number(&state);
+            float z = 2 * cheap_number(&state) - 1, r = sqrtf(1 - z * z),
+                  phi = TWO_PI_F * cheap_number(&state);
             vec3_t origin;
             origin.x = 1.9f * cheap_number(&state) - 0.95f;
             origin.y = 1.9f * cheap_number(&state) - 0.95f;
@@ -180,7 +193,8 @@ static figure_t render(const char *name, integrator_t integrator, uint32_t spp, 
     film_merge(film, &batch);
     film_image_t image;
     film_resolve(film, &image);
-    figure_t figure = {.cpu = clock_cpu() - start, .rays = (double)film->counts.rays,
+    figure_t figure = {.cpu = clock_cpu() - start,
+                       .rays = (double)film->counts.rays,
                        .samples = (double)spp * settings.width * settings.height};
     size_t values = 3 * (size_t)image.width * (size_t)image.height;
     estimate_image_t estimate = {image.width, image.height, mem_zalloc(values, sizeof(double)), NULL};
@@ -216,10 +230,11 @@ static double compare(const char *scene, integrator_t integrator, uint32_t spp, 
     estimate_image_free(&reference);
     double seconds = sum.cpu / (double)seeds * mrays / pbrt_mrays;
     double ratio = sum.relmse * seconds / (relmse * cpu);
-    printf("%-14s %-5s %4u spp: relMSE %.6f (pbrt %.6f), %.2f s normalised (pbrt %.2f), error x time %.2f of pbrt's; "
+    printf("%-14s %-5s %4u spp: relMSE %.6f (pbrt %.6f), %.2f s normalised (pbrt %.2f), error x time %.2f of "
+           "pbrt's; "
            "%.0f samples and %.2f Mrays a CPU s\n",
-           scene, integrator_name(integrator), spp, sum.relmse, relmse, seconds, cpu, ratio, sum.samples / sum.cpu,
-           sum.rays / sum.cpu * 1e-6);
+           scene, integrator_name(integrator), spp, sum.relmse, relmse, seconds, cpu, ratio,
+           sum.samples / sum.cpu, sum.rays / sum.cpu * 1e-6);
     fflush(stdout);
     return ratio;
 }
@@ -230,12 +245,13 @@ int main(int argc, char **argv)
     double before = embree_mrays();
     double product = 1;
     for (size_t i = 0; i < ARRAY_LENGTH(pbrt); i++) {
-        product *= compare(pbrt[i].scene, INTEGRATOR_BDPT, 64, seeds, before, pbrt[i].bdpt_relmse,
-                           pbrt[i].bdpt_cpu);
+        product *=
+            compare(pbrt[i].scene, INTEGRATOR_BDPT, 64, seeds, before, pbrt[i].bdpt_relmse, pbrt[i].bdpt_cpu);
         compare(pbrt[i].scene, INTEGRATOR_PATH, pbrt[i].path_spp, seeds, before, pbrt[i].path_relmse,
                 pbrt[i].path_cpu);
     }
-    printf("bdpt: geometric mean %.2f of pbrt's error x time; Embree alone: %.2f Mrays a CPU s before, %.2f after "
+    printf("bdpt: geometric mean %.2f of pbrt's error x time; Embree alone: %.2f Mrays a CPU s before, %.2f "
+           "after "
            "(pbrt's machine %.2f)\n",
            pow(product, 1.0 / (double)ARRAY_LENGTH(pbrt)), before, embree_mrays(), pbrt_mrays);
     return 0;

@@ -1,6 +1,6 @@
-/* Every sampling routine against the density that it claims: BSDFs, lights, camera, filter, warps. The random numbers
- * are fixed, so a result is pass or fail for good; the level is chosen so that a right routine fails by chance in
- * one build of a thousand. */
+/* Every sampling routine against the density that it claims: BSDFs, lights, camera, filter, warps. The random
+ * numbers are fixed, so a result is pass or fail for good; the level is chosen so that a right routine fails
+ * by chance in one build of a thousand. */
 #include "common/sampler.h"
 #include "tests/chi_square.h"
 #include "worker/render/alias.h"
@@ -27,10 +27,12 @@ static size_t direction_cell(vec3_t w)
 {
     double phi = atan2((double)w.y, (double)w.x);
     int row = (int)(((double)w.z + 1) / 2 * ROWS), column = (int)((phi + M_PI) / (2 * M_PI) * COLUMNS);
-    return (size_t)int_min(int_max(row, 0), ROWS - 1) * COLUMNS + (size_t)int_min(int_max(column, 0), COLUMNS - 1);
+    return (size_t)int_min(int_max(row, 0), ROWS - 1) * COLUMNS +
+           (size_t)int_min(int_max(column, 0), COLUMNS - 1);
 }
 
-/* Expected draws in each cell for a density per steradian, by the midpoint rule on FINE x FINE points a cell. */
+/* Expected draws in each cell for a density per steradian, by the midpoint rule on FINE x FINE points a cell.
+ */
 static void integrate_directions(float (*density)(const void *, vec3_t), const void *what, double *expected)
 {
     memset(expected, 0, CELLS * sizeof *expected);
@@ -152,17 +154,25 @@ typedef struct {
 static fixture_t lights_fixture(void)
 {
     blob_builder_t *b = blob_builder_new();
-    blob_scene_t scene = {.world_from_camera = xform_identity(), .fov = 40, .width = 64, .height = 48,
+    blob_scene_t scene = {.world_from_camera = xform_identity(),
+                          .fov = 40,
+                          .width = 64,
+                          .height = 48,
                           .filter = {.kind = FILTER_BOX, .radius_x = 0.5f, .radius_y = 0.5f},
-                          .max_depth = 5, .spp = 1, .integrator = INTEGRATOR_BDPT, .sampler = SAMPLER_SOBOL};
+                          .max_depth = 5,
+                          .spp = 1,
+                          .integrator = INTEGRATOR_BDPT,
+                          .sampler = SAMPLER_SOBOL};
     const vec3_t positions[] = {{0, 0, 5}, {3, 0, 5}, {0, 1, 5}, {3, 4, 6}};
     const blob_triangle_t triangles[] = {{{0, 1, 2}}, {{1, 3, 2}}};
     blob_builder_add(b, BLOB_SECTION_SCENE, &scene, 1);
     blob_builder_add(b, BLOB_SECTION_POSITIONS, positions, 4);
     blob_builder_add(b, BLOB_SECTION_TRIANGLES, triangles, 2);
-    blob_builder_add(b, BLOB_SECTION_MESHES,
-                     &(blob_mesh_t){.vertex_count = 4, .first_normal = BLOB_NONE, .first_uv = BLOB_NONE,
-                                    .triangle_count = 2}, 1);
+    blob_builder_add(
+        b, BLOB_SECTION_MESHES,
+        &(blob_mesh_t){
+            .vertex_count = 4, .first_normal = BLOB_NONE, .first_uv = BLOB_NONE, .triangle_count = 2},
+        1);
     xform_t stretch = {{{1, 0.3f, 0, -4}, {0, 2, 0, 1}, {0, 0.2f, 0.5f, 7}}};
     blob_builder_add(b, BLOB_SECTION_SPHERES, &(blob_sphere_t){stretch, 0.8f}, 1);
     blob_builder_add(b, BLOB_SECTION_MATERIALS, &(blob_material_t){.kind = MATERIAL_DIFFUSE}, 1);
@@ -226,8 +236,9 @@ static void lights_draw_by_power_and_area(void **state)
         expected[2 + c] += DRAWS * (double)point.pdf_area * stretch * radius * radius * cell / 64;
     }
     double p = chi_square_p(observed, expected, CELLS + 2, DRAWS);
-    if (!(p > level)) fail_msg("p = %g, triangles %g of %g and %g of %g", p, observed[0], expected[0], observed[1],
-                               expected[1]);
+    if (!(p > level))
+        fail_msg("p = %g, triangles %g of %g and %g of %g", p, observed[0], expected[0], observed[1],
+                 expected[1]);
     free(observed);
     free(expected);
     lights_destroy(&lights);
@@ -285,7 +296,8 @@ static void alias_follows_weights(void **state)
 
 static camera_t test_camera(void)
 {
-    blob_scene_t scene = {.world_from_camera = {{{-1, 0, 0, 2}, {0, 0.8f, -0.6f, 1}, {0, 0.6f, 0.8f, -3}}}, .fov = 75};
+    blob_scene_t scene = {.world_from_camera = {{{-1, 0, 0, 2}, {0, 0.8f, -0.6f, 1}, {0, 0.6f, 0.8f, -3}}},
+                          .fov = 75};
     camera_t camera;
     camera_init(&camera, &scene, 64, 40);
     return camera;
@@ -349,8 +361,9 @@ static void check_filter(blob_filter_t kind)
     for (int i = 0; i < BINS; i++) {
         expected[i] = 0;
         for (int k = 0; k < 16; k++)
-            expected[i] += (double)filter_density(&filter->x, (float)((i + (k + 0.5) / 16) * width) - kind.radius_x) *
-                           width / 16 * DRAWS;
+            expected[i] +=
+                (double)filter_density(&filter->x, (float)((i + (k + 0.5) / 16) * width) - kind.radius_x) *
+                width / 16 * DRAWS;
     }
     double p = chi_square_p(observed, expected, BINS, DRAWS);
     if (!(p > level)) fail_msg("filter %u: p = %g", kind.kind, p);
@@ -377,7 +390,8 @@ static void filters_draw_their_density(void **state)
     check_filter((blob_filter_t){.kind = FILTER_BOX, .radius_x = 0.5f, .radius_y = 0.5f});
     check_filter((blob_filter_t){.kind = FILTER_BOX, .radius_x = 1.7f, .radius_y = 0.5f});
     check_filter((blob_filter_t){.kind = FILTER_TRIANGLE, .radius_x = 2, .radius_y = 2});
-    check_filter((blob_filter_t){.kind = FILTER_GAUSSIAN, .radius_x = 1.5f, .radius_y = 1.5f, .gaussian_sigma = 0.5f});
+    check_filter(
+        (blob_filter_t){.kind = FILTER_GAUSSIAN, .radius_x = 1.5f, .radius_y = 1.5f, .gaussian_sigma = 0.5f});
 }
 
 /* ---- warps and numbers --------------------------------------------------------------------------------- */

@@ -1,5 +1,5 @@
-/* What physics demands of the renderer: reciprocity, energy, furnaces whose radiance is known in closed form, and one
- * result from all integrators. */
+/* What physics demands of the renderer: reciprocity, energy, furnaces whose radiance is known in closed form,
+ * and one result from all integrators. */
 #include "common/sampler.h"
 #include "tests/render_here.h"
 #include "worker/render/bsdf.h"
@@ -20,14 +20,17 @@ static blob_material_t diffuse(float reflectance)
 
 static blob_material_t glass(float eta)
 {
-    return (blob_material_t){
-        .kind = MATERIAL_DIELECTRIC, .reflectance = white, .transmittance = white, .eta = v_scale(white, eta)};
+    return (blob_material_t){.kind = MATERIAL_DIELECTRIC,
+                             .reflectance = white,
+                             .transmittance = white,
+                             .eta = v_scale(white, eta)};
 }
 
 /* A metal that absorbs nothing: with eta = 0 the Fresnel reflectance is one at every angle. */
 static blob_material_t perfect_metal(float alpha)
 {
-    return (blob_material_t){.kind = MATERIAL_CONDUCTOR, .k = v_scale(white, 3), .alpha_u = alpha, .alpha_v = alpha};
+    return (blob_material_t){
+        .kind = MATERIAL_CONDUCTOR, .k = v_scale(white, 3), .alpha_u = alpha, .alpha_v = alpha};
 }
 
 static bsdf_t bsdf_at(const blob_material_t *material)
@@ -69,7 +72,8 @@ static double albedo(const blob_material_t *material, vec3_t wo, transport_t mod
         sampler_t sampler = sampler_new(SAMPLER_INDEPENDENT, 2, 0, i);
         bsdf_sample_t sample;
         vec2_t u = sampler_2d(&sampler);
-        if (bsdf_sample(&bsdf, wo, u, sampler_1d(&sampler), mode, &sample)) sum += (double)sample.weight.x / N;
+        if (bsdf_sample(&bsdf, wo, u, sampler_1d(&sampler), mode, &sample))
+            sum += (double)sample.weight.x / N;
     }
     return sum;
 }
@@ -85,7 +89,8 @@ static void scattering_keeps_energy(void **state)
             assert_true(fabs(albedo(&materials[m], wo, TRANSPORT_IMPORTANCE) - 1) < 1e-3);
         /* One bounce off rough metal loses what would have bounced again, the more the rougher. */
         blob_material_t smooth = perfect_metal(0.02f), rough = perfect_metal(0.8f);
-        double little = albedo(&smooth, wo, TRANSPORT_RADIANCE), more = albedo(&rough, wo, TRANSPORT_RADIANCE);
+        double little = albedo(&smooth, wo, TRANSPORT_RADIANCE),
+               more = albedo(&rough, wo, TRANSPORT_RADIANCE);
         assert_true(little <= 1.001 && little > 0.97);
         assert_true(more <= 1.001 && more > 0.4 && more < little);
     }
@@ -180,13 +185,14 @@ static void glass_vanishes_in_a_furnace(void **state)
     test_scene_end(&scene);
 }
 
-/* A diffuse room with a small lamp, a metal ball and, seen only from afar, a ball lamp: all three integrators agree.
- * (No specular surface, which light tracing could not see.) */
+/* A diffuse room with a small lamp, a metal ball and, seen only from afar, a ball lamp: all three integrators
+ * agree. (No specular surface, which light tracing could not see.) */
 static void integrators_agree(void **state)
 {
     (void)state;
     test_scene_t scene = test_scene_begin(vec3(0, 0, -0.9f), 60, 24);
-    uint32_t wall = test_scene_material(&scene, diffuse(0.7f)), lamp = test_scene_material(&scene, diffuse(0));
+    uint32_t wall = test_scene_material(&scene, diffuse(0.7f)),
+             lamp = test_scene_material(&scene, diffuse(0));
     uint32_t metal = test_scene_material(&scene, perfect_metal(0.3f));
     test_scene_room(&scene, vec3(-1, -1, -1), vec3(1, 1, 1), wall, black);
     test_scene_rectangle(&scene, vec3(-0.2f, 0.98f, 0.1f), vec3(0.4f, 0, 0), vec3(0, 0, 0.4f), lamp,
@@ -237,7 +243,8 @@ static void units_add_up_exactly(void **state)
     assert_memory_equal(whole->eye, parts->eye, bytes);
     assert_memory_equal(whole->splat, parts->splat, bytes);
     assert_memory_equal(whole->samples, parts->samples, bytes / sizeof(int64_t) / 3 * sizeof(uint32_t));
-    assert_memory_equal(whole->counts.light_paths, parts->counts.light_paths, sizeof whole->counts.light_paths);
+    assert_memory_equal(whole->counts.light_paths, parts->counts.light_paths,
+                        sizeof whole->counts.light_paths);
     unit_result_free(&result);
     batch_free(&batch);
     renderer_destroy(&renderer);
@@ -249,8 +256,8 @@ static void units_add_up_exactly(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(scattering_is_reciprocal),  cmocka_unit_test(scattering_keeps_energy),
-        cmocka_unit_test(refraction_scales_radiance), cmocka_unit_test(white_furnace),
+        cmocka_unit_test(scattering_is_reciprocal),    cmocka_unit_test(scattering_keeps_energy),
+        cmocka_unit_test(refraction_scales_radiance),  cmocka_unit_test(white_furnace),
         cmocka_unit_test(glass_vanishes_in_a_furnace), cmocka_unit_test(integrators_agree),
         cmocka_unit_test(units_add_up_exactly),
     };

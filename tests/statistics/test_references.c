@@ -1,6 +1,6 @@
-/* The renderer against images that another renderer made (tests/references/README.md): every integrator where it can
- * see, by the agreement test of client/agreement.h. Sample counts make the test sharp: a bias of a few tenths of a
- * percent of the image mean fails. */
+/* The renderer against images that another renderer made (tests/references/README.md): every integrator where
+ * it can see, by the agreement test of client/agreement.h. Sample counts make the test sharp: a bias of a few
+ * tenths of a percent of the image mean fails. */
 #include "client/agreement.h"
 #include "client/import/import.h"
 #include "common/image.h"
@@ -32,7 +32,8 @@ enum { SIDE = 128, VALUES = SIDE * SIDE * 3 };
 
 static estimate_image_t empty_estimate(void)
 {
-    return (estimate_image_t){SIDE, SIDE, mem_zalloc(VALUES, sizeof(double)), mem_zalloc(VALUES, sizeof(double))};
+    return (estimate_image_t){SIDE, SIDE, mem_zalloc(VALUES, sizeof(double)),
+                              mem_zalloc(VALUES, sizeof(double))};
 }
 
 static estimate_image_t read_reference(const char *scene)
@@ -85,8 +86,8 @@ static void check(const char *scene, const char *file, integrator_t integrator, 
     agreement_measure(&image, &reference, &agreement);
     bool holds = agreement_holds(&agreement, &limits);
     print_message("%s %s: relMSE %.6f, mean ratio %.4f %.4f %.4f, z rms %.3f max %.2f\n", path,
-                  integrator_name(integrator), agreement.relmse, agreement.mean_ratio[0], agreement.mean_ratio[1],
-                  agreement.mean_ratio[2], agreement.rms_z, agreement.max_z);
+                  integrator_name(integrator), agreement.relmse, agreement.mean_ratio[0],
+                  agreement.mean_ratio[1], agreement.mean_ratio[2], agreement.rms_z, agreement.max_z);
     agreement_free(&agreement);
     estimate_image_free(&reference);
     estimate_image_free(&image);

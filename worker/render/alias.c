@@ -38,7 +38,8 @@ void alias_init(alias_t *alias, const double *weights, uint32_t count)
         }
     }
     while (larges > 0) larges--, alias->bins[large[larges]] = (alias_bin_t){1, large[larges]};
-    /* Left over by rounding alone: their share is 1 but for that, or 0, and what has no weight must never be chosen. */
+    /* Left over by rounding alone: their share is 1 but for that, or 0, and what has no weight must never be
+     * chosen. */
     while (smalls > 0) {
         uint32_t s = small[--smalls];
         alias->bins[s] = (alias_bin_t){share[s] > 0 ? 1 : 0, heaviest};

@@ -1,4 +1,5 @@
-/* alias: choosing one of n things in proportion to given weights in constant time (Walker 1974, Vose 1991). */
+/* alias: choosing one of n things in proportion to given weights in constant time (Walker 1974, Vose 1991).
+ */
 #ifndef LIGHTMILL_RENDER_ALIAS_H
 #define LIGHTMILL_RENDER_ALIAS_H
 

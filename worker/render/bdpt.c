@@ -1,33 +1,34 @@
-/* bdpt: bidirectional path tracing with all strategies of t >= 2 eye and s >= 0 light vertices and of t = 1 and
- * s >= 2, combined by the power heuristic (Veach 1997, chapter 10).
+/* bdpt: bidirectional path tracing with all strategies of t >= 2 eye and s >= 0 light vertices and of t = 1
+ * and s >= 2, combined by the power heuristic (Veach 1997, chapter 10).
  *
- * Path weights in constant time, after van Antwerpen (2011, "Recursive MIS Computation for Streaming BDPT on the
- * GPU") and Georgiev (2012, "Implementing Vertex Connection and Merging"), here with squares for the power
- * heuristic. Number a subpath's vertices i = 0 (on the light, or the camera), 1, 2, ... and let
+ * Path weights in constant time, after van Antwerpen (2011, "Recursive MIS Computation for Streaming BDPT on
+ * the GPU") and Georgiev (2012, "Implementing Vertex Connection and Merging"), here with squares for the
+ * power heuristic. Number a subpath's vertices i = 0 (on the light, or the camera), 1, 2, ... and let
  *
  *   p_i       density per area of vertex i as its own subpath makes it,
  *   r_i       density per area of vertex i as the opposite subpath would make it,
  *   c_i       1 when the strategy that joins vertices i - 1 and i exists: neither is specular, and for i = 0
  *             the end can be run into (a light can, a pinhole cannot); else 0.
  *
- * Moving the junction towards this end multiplies a path's density by r_i / p_i a vertex, so that its share of the
- * weight is
+ * Moving the junction towards this end multiplies a path's density by r_i / p_i a vertex, so that its share
+ * of the weight is
  *
  *   share_i = (r_i / p_i)^2 (c_i + (r_{i-1} / p_{i-1})^2 (c_{i-1} + ...))
  *
- * r_i depends on what vertex i is joined to, r_{i-1} on the direction in which the path leaves vertex i, and all
- * the rest is known on arrival. With r_{i-1} = q g, q the density per solid angle at vertex i and g the factor from
- * solid angle at i to area at i - 1,
+ * r_i depends on what vertex i is joined to, r_{i-1} on the direction in which the path leaves vertex i, and
+ * all the rest is known on arrival. With r_{i-1} = q g, q the density per solid angle at vertex i and g the
+ * factor from solid angle at i to area at i - 1,
  *
  *   share_i = r_i^2 (direct_i + q^2 inner_i),    direct_i = c_i / p_i^2,
  *   inner_i = g^2 / p_i^2 (direct_{i-1} + q_{i-1}^2 inner_{i-1}).
  *
- * The weight of a connected path is 1 / (1 + share of the light side + share of the eye side). A Dirac lobe has the
- * same probability both ways, so its density cancels in r / p: discrete probabilities stand in for densities.
+ * The weight of a connected path is 1 / (1 + share of the light side + share of the eye side). A Dirac lobe
+ * has the same probability both ways, so its density cancels in r / p: discrete probabilities stand in for
+ * densities.
  *
- * Light vertices are stored first; each eye vertex then gathers its connections, evaluates each before it pays for
- * the shadow ray, and traces the rays of those that carry anything as one packet. (Leaving faint ones to Russian
- * roulette was tried: it saves as much time as it adds noise.)
+ * Light vertices are stored first; each eye vertex then gathers its connections, evaluates each before it
+ * pays for the shadow ray, and traces the rays of those that carry anything as one packet. (Leaving faint
+ * ones to Russian roulette was tried: it saves as much time as it adds noise.)
  */
 #include "worker/render/integrator.h"
 
@@ -51,17 +52,17 @@ typedef struct {
     vec3_t point;             /* vertex i - 1 */
     float cosine;             /* |direction . geometric normal| there */
     rgb_t throughput;
-    float pdf;                /* of direction, per steradian */
-    float chain;              /* direct_{i-1} + q^2 inner_{i-1} */
-    bool joinable;            /* vertex i - 1 is not specular */
-    float reference;          /* brightness that Russian roulette compares the throughput with */
+    float pdf;       /* of direction, per steradian */
+    float chain;     /* direct_{i-1} + q^2 inner_{i-1} */
+    bool joinable;   /* vertex i - 1 is not specular */
+    float reference; /* brightness that Russian roulette compares the throughput with */
 } walk_t;
 
 /* The candidate connections of one vertex. */
 typedef struct {
     segments_t segments;
     rgb_t values[SCENE_PACKET];
-    vec2_t rasters[SCENE_PACKET]; /* where t = 1 connections fall */
+    vec2_t rasters[SCENE_PACKET];      /* where t = 1 connections fall */
     uint32_t dimensions[SCENE_PACKET]; /* of the numbers that choose the pixel there */
 } bundle_t;
 
@@ -69,8 +70,8 @@ typedef struct {
 typedef struct {
     sample_t *sample;
     const stage_t *stage;
-    rgb_t radiance;    /* of the eye subpath, so far */
-    int light_count;   /* stored light vertices: y_1 ... y_count */
+    rgb_t radiance;  /* of the eye subpath, so far */
+    int light_count; /* stored light vertices: y_1 ... y_count */
     vertex_t light[MAX_VERTICES];
 } bidirectional_t;
 
@@ -142,9 +143,8 @@ static bool walk_from_light(const bidirectional_t *b, sampler_t *sampler, walk_t
     vec3_t direction = light_sample_direction(&light, sampler_2d(sampler));
     float pdf = light_direction_pdf(&light, direction), cosine = fabsf(v_dot(light.n, direction));
     if (!(pdf > 0)) return false;
-    float side = v_dot(light.n, direction) < 0 ? -light.offset : light.offset;
     *walk = (walk_t){.mode = TRANSPORT_IMPORTANCE,
-                     .origin = v_mad(light.p, side, light.n),
+                     .origin = light_offset(&light, direction),
                      .direction = direction,
                      .point = light.p,
                      .cosine = cosine,
@@ -156,7 +156,8 @@ static bool walk_from_light(const bidirectional_t *b, sampler_t *sampler, walk_t
     return true;
 }
 
-/* Stores the light vertices that an eye vertex or the camera can be joined to; specular ones are passed through. */
+/* Stores the light vertices that an eye vertex or the camera can be joined to; specular ones are passed
+ * through. */
 static void trace_light_subpath(bidirectional_t *b, sampler_t *sampler, int *depths)
 {
     walk_t walk;
@@ -175,28 +176,35 @@ static void trace_light_subpath(bidirectional_t *b, sampler_t *sampler, int *dep
 
 /* ---- strategies ---------------------------------------------------------------------------------------- */
 
+/* Adds a candidate, for which there must be room, and returns its place. */
+static int bundle_add(bundle_t *bundle, vec3_t from, vec3_t to, rgb_t value)
+{
+    int n = bundle->segments.count++;
+    bundle->segments.from[n] = from;
+    bundle->segments.to[n] = to;
+    bundle->values[n] = value;
+    return n;
+}
+
 /* t = 1: joins a light vertex to the camera. */
 static void join_camera(const bidirectional_t *b, const vertex_t *y, uint32_t dimension, bundle_t *bundle)
 {
     const stage_t *stage = b->stage;
     camera_view_t view;
     bsdf_value_t fy;
-    float margin = float_max(stage->filter.x.radius, stage->filter.y.radius);
-    if (!camera_project(&stage->camera, y->surface.p, margin, &view) ||
+    if (!camera_project(&stage->camera, y->surface.p, filter_reach(&stage->filter), &view) ||
         !bsdf_eval(&y->bsdf, y->wo, view.w, TRANSPORT_IMPORTANCE, &fy))
         return;
     float distance2 = square(view.distance);
-    float geometry = fabsf(v_dot(view.w, y->bsdf.ns)) * shading_adjoint(&y->bsdf, y->wo, view.w) * view.we_cos;
+    float geometry =
+        fabsf(v_dot(view.w, y->bsdf.ns)) * shading_adjoint(&y->bsdf, y->wo, view.w) * view.we_cos;
     float r = view.pdf * fabsf(v_dot(view.w, y->surface.ng)) / distance2;
     float weight = 1 / (1 + mis_share(y, r, fy.pdf_rev));
     rgb_t value = v_scale(v_mul(y->throughput, fy.f), geometry / distance2 * weight);
     if (v_is_zero(value)) return;
-    int n = bundle->segments.count++;
-    bundle->segments.from[n] = stage->camera.position;
-    bundle->segments.to[n] = scene_offset(&y->surface, view.w);
+    int n = bundle_add(bundle, stage->camera.position, scene_offset(&y->surface, view.w), value);
     bundle->rasters[n] = view.raster;
     bundle->dimensions[n] = dimension;
-    bundle->values[n] = value;
 }
 
 static void splat_bundle(bidirectional_t *b, bundle_t *bundle)
@@ -223,14 +231,6 @@ static void hit_light(bidirectional_t *b, const vertex_t *z, int segments)
     b->radiance = v_add(b->radiance, v_scale(v_mul(z->throughput, radiance), 1 / (1 + share)));
 }
 
-static void bundle_add(bundle_t *bundle, vec3_t from, vec3_t to, rgb_t value)
-{
-    int n = bundle->segments.count++;
-    bundle->segments.from[n] = from;
-    bundle->segments.to[n] = to;
-    bundle->values[n] = value;
-}
-
 /* s = 1: joins the eye vertex to a fresh point on a light. */
 static void join_light(const bidirectional_t *b, const vertex_t *z, sampler_t *sampler, bundle_t *bundle)
 {
@@ -251,8 +251,7 @@ static void join_light(const bidirectional_t *b, const vertex_t *z, sampler_t *s
     float factor = fabsf(v_dot(w, z->bsdf.ns)) * cos_light / (distance2 * light.pdf_area) * weight;
     rgb_t value = v_mul(v_scale(v_mul(z->throughput, fz.f), factor), radiance);
     if (v_is_zero(value)) return;
-    float side = v_dot(light.n, w) > 0 ? -light.offset : light.offset;
-    bundle_add(bundle, scene_offset(&z->surface, w), v_mad(light.p, side, light.n), value);
+    bundle_add(bundle, scene_offset(&z->surface, w), light_offset(&light, v_neg(w)), value);
 }
 
 /* s >= 2, t >= 2: joins an eye vertex to a light vertex. */

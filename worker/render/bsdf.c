@@ -42,7 +42,8 @@ bool bsdf_eval(const bsdf_t *bsdf, vec3_t wo, vec3_t wi, transport_t mode, bsdf_
     return kinds[bsdf->material->kind]->eval(bsdf, wo, wi, same_side(bsdf, wo, wi), mode, value);
 }
 
-bool bsdf_sample(const bsdf_t *bsdf, vec3_t wo, vec2_t u, float choice, transport_t mode, bsdf_sample_t *sample)
+bool bsdf_sample(const bsdf_t *bsdf, vec3_t wo, vec2_t u, float choice, transport_t mode,
+                 bsdf_sample_t *sample)
 {
     vec3_t local = bsdf_to_local(bsdf, wo);
     if (local.z == 0 || !kinds[bsdf->material->kind]->sample(bsdf->material, local, u, choice, mode, sample))

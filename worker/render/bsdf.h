@@ -1,13 +1,13 @@
 /* bsdf: how a surface scatters light. One interface for eye and light subpaths.
  *
- * wo points to where the path comes from, wi to where it goes; both leave the surface, of unit length, in world
- * space. What differs between the subpaths is only the transport mode, which matters
- * where a BSDF is not symmetric (refraction scales radiance by the squared ratio of indices, Veach 1997, section
- * 5.2), and the shading-normal correction, which the integrators apply (Veach 1997, section 5.3).
+ * wo points to where the path comes from, wi to where it goes; both leave the surface, of unit length, in
+ * world space. What differs between the subpaths is only the transport mode, which matters where a BSDF is
+ * not symmetric (refraction scales radiance by the squared ratio of indices, Veach 1997, section 5.2), and
+ * the shading-normal correction, which the integrators apply (Veach 1997, section 5.3).
  *
  * Densities are per solid angle, except those of specular (Dirac) lobes, which are discrete probabilities.
- * Cosines are those to the shading normal; which side of the surface a direction is on is told by the geometric
- * normal, so that light does not leak through.
+ * Cosines are those to the shading normal; which side of the surface a direction is on is told by the
+ * geometric normal, so that light does not leak through.
  *
  * A new material is one file and one entry in the table in bsdf.c.
  */
@@ -46,7 +46,8 @@ void bsdf_init(bsdf_t *bsdf, const surface_t *surface);
 bool bsdf_eval(const bsdf_t *bsdf, vec3_t wo, vec3_t wi, transport_t mode, bsdf_value_t *value);
 /* Draws wi in proportion to the density that bsdf_eval returns, or a specular direction. `u` are two uniform
  * numbers for the direction, `choice` one for the lobe. False when there is nothing to follow. */
-bool bsdf_sample(const bsdf_t *bsdf, vec3_t wo, vec2_t u, float choice, transport_t mode, bsdf_sample_t *sample);
+bool bsdf_sample(const bsdf_t *bsdf, vec3_t wo, vec2_t u, float choice, transport_t mode,
+                 bsdf_sample_t *sample);
 
 /* A world direction in shading coordinates (s, t, ns), and back. */
 static inline vec3_t bsdf_to_local(const bsdf_t *bsdf, vec3_t v)
@@ -58,10 +59,12 @@ static inline vec3_t bsdf_to_world(const bsdf_t *bsdf, vec3_t v)
     return v_add(v_add(v_scale(bsdf->s, v.x), v_scale(bsdf->t, v.y)), v_scale(bsdf->ns, v.z));
 }
 
-/* One kind of material. eval is as bsdf_eval; `reflect` tells that wo and wi are on the same side of the geometric
- * surface; NULL for kinds that are purely specular. sample is as bsdf_sample in shading coordinates, wo.z not 0. */
+/* One kind of material. eval is as bsdf_eval; `reflect` tells that wo and wi are on the same side of the
+ * geometric surface; NULL for kinds that are purely specular. sample is as bsdf_sample in shading
+ * coordinates, wo.z not 0. */
 typedef struct {
-    bool (*eval)(const bsdf_t *bsdf, vec3_t wo, vec3_t wi, bool reflect, transport_t mode, bsdf_value_t *value);
+    bool (*eval)(const bsdf_t *bsdf, vec3_t wo, vec3_t wi, bool reflect, transport_t mode,
+                 bsdf_value_t *value);
     bool (*sample)(const blob_material_t *material, vec3_t wo, vec2_t u, float choice, transport_t mode,
                    bsdf_sample_t *sample);
 } bsdf_kind_t;

@@ -5,8 +5,8 @@
 #include "worker/render/fresnel.h"
 #include "worker/render/warp.h"
 
-/* Density of microfacet normals at m, per steradian and unit area (Walter et al. 2007, equation 33; anisotropic as
- * in Heitz 2014, "Understanding the Masking-Shadowing Function", equation 85). */
+/* Density of microfacet normals at m, per steradian and unit area (Walter et al. 2007, equation 33;
+ * anisotropic as in Heitz 2014, "Understanding the Masking-Shadowing Function", equation 85). */
 static float distribution(float ax, float ay, vec3_t m)
 {
     float x = m.x / ax, y = m.y / ay, d = x * x + y * y + m.z * m.z;
@@ -20,8 +20,8 @@ static float lambda(float ax, float ay, vec3_t w)
     return 0.5f * (sqrtf(1 + (x * x + y * y) / z2) - 1);
 }
 
-
-/* A normal visible from w, w.z > 0 (Dupuy and Benyoub 2023, "Sampling Visible GGX Normals with Spherical Caps"). */
+/* A normal visible from w, w.z > 0 (Dupuy and Benyoub 2023, "Sampling Visible GGX Normals with Spherical
+ * Caps"). */
 static vec3_t sample_visible(float ax, float ay, vec3_t w, vec2_t u)
 {
     vec3_t stretched = v_normalize(vec3(ax * w.x, ay * w.y, w.z));
@@ -38,15 +38,16 @@ static bool eval_above(const blob_material_t *material, vec3_t wo, vec3_t wi, bs
     float ax = material->alpha_u, ay = material->alpha_v, d = distribution(ax, ay, m), cos = v_dot(wo, m);
     if (!(cos > 0)) return false;
     float lo = lambda(ax, ay, wo), li = lambda(ax, ay, wi);
-    value->f = v_scale(fresnel_conductor(cos, material->eta, material->k),
-                       d / (4 * wo.z * wi.z * (1 + lo + li)));
+    value->f =
+        v_scale(fresnel_conductor(cos, material->eta, material->k), d / (4 * wo.z * wi.z * (1 + lo + li)));
     /* The visible density of m over the Jacobian 4 cos of reflection. */
     value->pdf = d / (4 * (1 + lo) * wo.z);
     value->pdf_rev = d / (4 * (1 + li) * wi.z);
     return true;
 }
 
-static bool eval(const bsdf_t *bsdf, vec3_t wo, vec3_t wi, bool reflect, transport_t mode, bsdf_value_t *value)
+static bool eval(const bsdf_t *bsdf, vec3_t wo, vec3_t wi, bool reflect, transport_t mode,
+                 bsdf_value_t *value)
 {
     (void)mode;
     vec3_t o = bsdf_to_local(bsdf, wo), i = bsdf_to_local(bsdf, wi);

@@ -3,7 +3,8 @@
 
 #include "worker/render/warp.h"
 
-static bool eval(const bsdf_t *bsdf, vec3_t wo, vec3_t wi, bool reflect, transport_t mode, bsdf_value_t *value)
+static bool eval(const bsdf_t *bsdf, vec3_t wo, vec3_t wi, bool reflect, transport_t mode,
+                 bsdf_value_t *value)
 {
     (void)mode;
     if (!reflect) return false;

@@ -3,8 +3,8 @@
 
 #include "worker/render/fresnel.h"
 
-static bool sample_mirror(const blob_material_t *material, vec3_t wo, vec2_t u, float choice, transport_t mode,
-                          bsdf_sample_t *s)
+static bool sample_mirror(const blob_material_t *material, vec3_t wo, vec2_t u, float choice,
+                          transport_t mode, bsdf_sample_t *s)
 {
     (void)u, (void)choice, (void)mode;
     *s = (bsdf_sample_t){.wi = vec3(-wo.x, -wo.y, wo.z),
@@ -31,8 +31,8 @@ static bool sample_dielectric(const blob_material_t *material, vec3_t wo, vec2_t
                              .specular = true};
         return true;
     }
-    /* Radiance is compressed into the smaller cone: scaled by (index near / index far)^2 on the way that an eye
-     * subpath goes (Veach 1997, equation 5.12); importance is not. */
+    /* Radiance is compressed into the smaller cone: scaled by (index near / index far)^2 on the way that an
+     * eye subpath goes (Veach 1997, equation 5.12); importance is not. */
     float scale = mode == TRANSPORT_RADIANCE ? 1 / (eta * eta) : 1;
     *s = (bsdf_sample_t){.wi = vec3(-wo.x / eta, -wo.y / eta, wo.z > 0 ? -cos_t : cos_t),
                          .weight = v_scale(material->transmittance, scale),

@@ -43,8 +43,8 @@ bool camera_project(const camera_t *camera, vec3_t p, float margin, camera_view_
     float fx = (q.x / q.z - camera->window[0]) / (camera->window[1] - camera->window[0]);
     float fy = (q.y / q.z - camera->window[3]) / (camera->window[2] - camera->window[3]);
     view->raster = (vec2_t){fx * camera->width, fy * camera->height};
-    if (!(view->raster.x >= -margin && view->raster.x < camera->width + margin &&
-          view->raster.y >= -margin && view->raster.y < camera->height + margin))
+    if (!(view->raster.x >= -margin && view->raster.x < camera->width + margin && view->raster.y >= -margin &&
+          view->raster.y < camera->height + margin))
         return false;
     vec3_t d = v_sub(camera->position, p);
     view->distance = v_length(d);
@@ -53,4 +53,3 @@ bool camera_project(const camera_t *camera, vec3_t p, float margin, camera_view_
     view->we_cos = view->pdf; /* We = 1 / (area cos^4) */
     return true;
 }
-

@@ -1,9 +1,10 @@
 /* filter: the pixel filter, by importance sampling.
  *
- * An eye sample takes its place on the film from the pixel's centre and an offset drawn from the normalised filter,
- * and then counts fully for that pixel alone (Ernst et al. 2006, "Filter Importance Sampling"): tiles never overlap.
- * A splat falls where it falls; it is given to one of the pixels in reach, chosen in proportion to the filter's
- * value there, with the sum of these values as weight, so that both estimate the same filtered image.
+ * An eye sample takes its place on the film from the pixel's centre and an offset drawn from the normalised
+ * filter, and then counts fully for that pixel alone (Ernst et al. 2006, "Filter Importance Sampling"): tiles
+ * never overlap. A splat falls where it falls; it is given to one of the pixels in reach, chosen in
+ * proportion to the filter's value there, with the sum of these values as weight, so that both estimate the
+ * same filtered image.
  */
 #ifndef LIGHTMILL_RENDER_FILTER_H
 #define LIGHTMILL_RENDER_FILTER_H
@@ -24,13 +25,19 @@ typedef struct {
     filter_axis_t x, y;
 } filter_t;
 
+/* How far from a pixel's centre a splat can still count for it, in pixels. */
+static inline float filter_reach(const filter_t *filter)
+{
+    return float_max(filter->x.radius, filter->y.radius);
+}
+
 void filter_init(filter_t *filter, const blob_filter_t *kind);
 /* An offset from the pixel's centre, in pixels, drawn from the axis' density. */
 float filter_sample(const filter_axis_t *axis, float u);
 /* The axis' density at an offset from the centre, per pixel. */
 float filter_density(const filter_axis_t *axis, float offset);
-/* Chooses the pixel along one axis that takes a splat at `position` (pixel i spans [i, i + 1)); *weight receives
- * the factor for the splat. The pixel may lie outside the film. */
+/* Chooses the pixel along one axis that takes a splat at `position` (pixel i spans [i, i + 1)); *weight
+ * receives the factor for the splat. The pixel may lie outside the film. */
 int filter_choose_pixel(const filter_axis_t *axis, float position, float u, float *weight);
 
 #endif

@@ -20,8 +20,8 @@ static inline float fresnel_dielectric(float cos_i, float eta, float *cos_t)
     return 0.5f * (parallel * parallel + perpendicular * perpendicular);
 }
 
-/* Fresnel reflectance of a conductor with relative index eta and absorption k, one channel (same source, section
- * 14.2). */
+/* Fresnel reflectance of a conductor with relative index eta and absorption k, one channel (same source,
+ * section 14.2). */
 static inline float fresnel_conductor_channel(float cos_i, float eta, float k)
 {
     float c2 = cos_i * cos_i, s2 = 1 - c2, eta2 = eta * eta, k2 = k * k;

@@ -1,6 +1,6 @@
-/* integrator: what an integrator gets and gives. It estimates one sample of one pixel: it returns the radiance of
- * its eye subpath and hands its splats over one by one. bdpt, path and light stand on the same scene, BSDFs,
- * lights and camera, and so validate one another.
+/* integrator: what an integrator gets and gives. It estimates one sample of one pixel: it returns the
+ * radiance of its eye subpath and hands its splats over one by one. bdpt, path and light stand on the same
+ * scene, BSDFs, lights and camera, and so validate one another.
  *
  * A new integrator is one file and one entry in the table in renderer.c.
  */
@@ -61,8 +61,8 @@ static inline int stage_max_segments(const stage_t *stage)
     return stage->settings.max_depth + 1;
 }
 
-/* The factor that makes scattering with shading normals the adjoint of itself: on light subpaths throughput is
- * multiplied by |wo ns| |wi ng| / (|wo ng| |wi ns|) (Veach 1997, section 5.3.2). */
+/* The factor that makes scattering with shading normals the adjoint of itself: on light subpaths throughput
+ * is multiplied by |wo ns| |wi ng| / (|wo ng| |wi ns|) (Veach 1997, section 5.3.2). */
 static inline float shading_adjoint(const bsdf_t *bsdf, vec3_t wo, vec3_t wi)
 {
     float num = v_dot(wo, bsdf->ns) * v_dot(wi, bsdf->ng), den = v_dot(wo, bsdf->ng) * v_dot(wi, bsdf->ns);

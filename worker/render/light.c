@@ -15,7 +15,7 @@ struct lights {
     const scene_blob_t *blob;
     emitter_t *emitters; /* [alias.count] */
     alias_t alias;
-    float *pdf_area;     /* [lights]: luminance x sides / total power; for spheres see sphere_pdf */
+    float *pdf_area;             /* [lights]: luminance x sides / total power; for spheres see sphere_pdf */
     xform_t *sphere_from_object; /* [spheres] */
 };
 
@@ -32,7 +32,8 @@ static double triangle_area(const scene_blob_t *blob, const blob_mesh_t *mesh, u
     return 0.5 * (double)v_length(v_cross(v_sub(p[v[1]], p[v[0]]), v_sub(p[v[2]], p[v[0]])));
 }
 
-/* By how much the sphere's transform stretches area where the outward normal is n (sphere space): |det M| |M^-T n|. */
+/* By how much the sphere's transform stretches area where the outward normal is n (sphere space): |det M|
+ * |M^-T n|. */
 static float sphere_stretch(const blob_sphere_t *sphere, const xform_t *inverse, vec3_t n)
 {
     return fabsf(xform_determinant(&sphere->object_from_sphere)) * v_length(xform_normal(inverse, n));
@@ -98,7 +99,8 @@ lights_t *lights_new(const scene_blob_t *blob)
             const blob_shape_t *shape = &blob->shapes[blob->lights[i].shape];
             double pdf = light_weight(&blob->lights[i]) / lights->alias.total;
             if (shape->kind == SHAPE_SPHERE)
-                pdf *= sphere_area(&blob->spheres[shape->geometry], &lights->sphere_from_object[shape->geometry]);
+                pdf *= sphere_area(&blob->spheres[shape->geometry],
+                                   &lights->sphere_from_object[shape->geometry]);
             lights->pdf_area[i] = (float)pdf;
         }
     return lights;
@@ -142,7 +144,8 @@ static void sample_triangle(const scene_blob_t *blob, const blob_shape_t *shape,
     bool flip = shape->flags & SHAPE_FLIP;
     if (mesh->first_normal != BLOB_NONE) {
         const vec3_t *n = blob->normals + mesh->first_normal;
-        vec3_t ns = v_add(v_scale(n[v[0]], 1 - b.x - b.y), v_add(v_scale(n[v[1]], b.x), v_scale(n[v[2]], b.y)));
+        vec3_t ns =
+            v_add(v_scale(n[v[0]], 1 - b.x - b.y), v_add(v_scale(n[v[1]], b.x), v_scale(n[v[2]], b.y)));
         flip = v_dot(ns, point->n) < 0;
     }
     if (flip) point->n = v_neg(point->n);

@@ -1,9 +1,11 @@
-/* light_trace: paths from the lights alone; every vertex is connected to the camera (Dutre, Lafortune and Willems
- * 1993). It sees all but what is seen through mirrors and lenses, and checks the light half of bdpt. */
+/* light_trace: paths from the lights alone; every vertex is connected to the camera (Dutre, Lafortune and
+ * Willems 1993). It sees all but what is seen through mirrors and lenses, and checks the light half of bdpt.
+ */
 #include "worker/render/integrator.h"
 
 /* Splats `value` (throughput times scattering towards the camera) from a point that the camera can see. */
-static void splat_if_visible(sample_t *sample, vec3_t from, const camera_view_t *view, rgb_t value, uint32_t dimension)
+static void splat_if_visible(sample_t *sample, vec3_t from, const camera_view_t *view, rgb_t value,
+                             uint32_t dimension)
 {
     const stage_t *stage = sample->stage;
     if (v_is_zero(value)) return;
@@ -12,20 +14,15 @@ static void splat_if_visible(sample_t *sample, vec3_t from, const camera_view_t 
     sample_splat(sample, view->raster, value, dimension);
 }
 
-static float filter_margin(const stage_t *stage)
-{
-    return float_max(stage->filter.x.radius, stage->filter.y.radius);
-}
-
 static void splat_light(sample_t *sample, const light_point_t *light, uint32_t dimension)
 {
     camera_view_t view;
-    if (!camera_project(&sample->stage->camera, light->p, filter_margin(sample->stage), &view)) return;
+    if (!camera_project(&sample->stage->camera, light->p, filter_reach(&sample->stage->filter), &view))
+        return;
     float cos = fabsf(v_dot(light->n, view.w));
     rgb_t value = v_scale(light_radiance(light, view.w),
                           view.we_cos * cos / (view.distance * view.distance * light->pdf_area));
-    float side = v_dot(light->n, view.w) < 0 ? -light->offset : light->offset;
-    splat_if_visible(sample, v_mad(light->p, side, light->n), &view, value, dimension);
+    splat_if_visible(sample, light_offset(light, view.w), &view, value, dimension);
 }
 
 static void splat_vertex(sample_t *sample, const surface_t *surface, const bsdf_t *bsdf, vec3_t wo,
@@ -33,7 +30,7 @@ static void splat_vertex(sample_t *sample, const surface_t *surface, const bsdf_
 {
     camera_view_t view;
     bsdf_value_t scattered;
-    if (!camera_project(&sample->stage->camera, surface->p, filter_margin(sample->stage), &view) ||
+    if (!camera_project(&sample->stage->camera, surface->p, filter_reach(&sample->stage->filter), &view) ||
         !bsdf_eval(bsdf, wo, view.w, TRANSPORT_IMPORTANCE, &scattered))
         return;
     float factor = fabsf(v_dot(view.w, bsdf->ns)) * shading_adjoint(bsdf, wo, view.w) * view.we_cos /
@@ -54,12 +51,12 @@ static rgb_t light_sample(sample_t *sample)
     vec3_t direction = light_sample_direction(&light, sampler_2d(&sampler));
     splat_light(sample, &light, sampler.dimension);
 
-    float cos = fabsf(v_dot(light.n, direction)), pdf = light.pdf_area * light_direction_pdf(&light, direction);
+    float cos = fabsf(v_dot(light.n, direction)),
+          pdf = light.pdf_area * light_direction_pdf(&light, direction);
     if (!(pdf > 0)) return black;
     rgb_t throughput = v_scale(light.radiance, cos / pdf);
     float brightest = v_max(throughput);
-    float side = v_dot(light.n, direction) < 0 ? -light.offset : light.offset;
-    vec3_t origin = v_mad(light.p, side, light.n);
+    vec3_t origin = light_offset(&light, direction);
     /* The last segment is the one to the camera. */
     for (int segment = 1; segment < stage_max_segments(stage); segment++) {
         surface_t surface;

@@ -1,5 +1,5 @@
-/* path: unidirectional path tracing with next-event estimation, combined with running into lights by the power
- * heuristic (Kajiya 1986; Veach 1997, section 10.3), and Russian roulette. */
+/* path: unidirectional path tracing with next-event estimation, combined with running into lights by the
+ * power heuristic (Kajiya 1986; Veach 1997, section 10.3), and Russian roulette. */
 #include "worker/render/integrator.h"
 
 /* Power heuristic of two strategies, beta = 2 (Veach 1997, equation 9.13). */
@@ -29,14 +29,14 @@ static rgb_t direct_light(sample_t *sample, const surface_t *surface, const bsdf
     float factor = fabsf(v_dot(wi, bsdf->ns)) / pdf * power_heuristic(pdf, value.pdf);
     rgb_t result = v_scale(v_mul(value.f, radiance), factor);
     if (!(cos_light > 0) || v_is_zero(result)) return vec3(0, 0, 0);
-    float side = v_dot(light.n, wi) > 0 ? -light.offset : light.offset;
     sample->result->counts.rays++;
-    return scene_occluded(stage->scene, scene_offset(surface, wi), v_mad(light.p, side, light.n))
+    return scene_occluded(stage->scene, scene_offset(surface, wi), light_offset(&light, v_neg(wi)))
                ? vec3(0, 0, 0)
                : result;
 }
 
-/* Radiance of a light that the path ran into, weighted against next-event estimation from the vertex before. */
+/* Radiance of a light that the path ran into, weighted against next-event estimation from the vertex before.
+ */
 static rgb_t emitted_light(const stage_t *stage, const surface_t *surface, vec3_t wo, float distance2,
                            float bsdf_pdf, bool only_way)
 {
@@ -73,7 +73,8 @@ static rgb_t path_sample(sample_t *sample)
         bsdf_t bsdf;
         bsdf_init(&bsdf, &surface);
         if (!bsdf.specular && !lights_empty(stage->lights))
-            radiance = v_add(radiance, v_mul(throughput, direct_light(sample, &surface, &bsdf, wo, &sampler)));
+            radiance =
+                v_add(radiance, v_mul(throughput, direct_light(sample, &surface, &bsdf, wo, &sampler)));
         sampler.dimension = DIMENSION_EYE + (uint32_t)segment * DIMENSION_STRIDE + 2;
         bsdf_sample_t next;
         vec2_t u = sampler_2d(&sampler), choice = sampler_2d(&sampler);

@@ -74,7 +74,8 @@ static void add_eye_sample(unit_result_t *result, size_t pixel, rgb_t value, int
         result->counts.dropped++;
         return;
     }
-    result->counts.overflows += film_add(result->eye + 3 * pixel, (float[3]){value.x, value.y, value.z}, scale);
+    result->counts.overflows +=
+        film_add(result->eye + 3 * pixel, (float[3]){value.x, value.y, value.z}, scale);
 }
 
 bool renderer_unit(const renderer_t *renderer, const unit_t *unit, unit_result_t *result,

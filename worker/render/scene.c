@@ -1,12 +1,12 @@
 /* scene: Embree set-up and ray queries (see scene.h).
  *
  * Meshes share the blob's vertex and index arrays with Embree. Spheres are user geometry, solved in double
- * precision in their own space, so that light refracted through one meets it exactly. Every object of the blob is
- * an Embree scene; the world's holds its own shapes (geometry id = shape index within the world) and then the
- * instances.
+ * precision in their own space, so that light refracted through one meets it exactly. Every object of the
+ * blob is an Embree scene; the world's holds its own shapes (geometry id = shape index within the world) and
+ * then the instances.
  *
- * The device is pinned to one instruction set and builds on the calling thread alone: which of two triangles at
- * exactly the same distance is hit depends on the tree, so the tree must not depend on the machine.
+ * The device is pinned to one instruction set and builds on the calling thread alone: which of two triangles
+ * at exactly the same distance is hit depends on the tree, so the tree must not depend on the machine.
  */
 #include "worker/render/scene.h"
 
@@ -25,10 +25,10 @@ struct scene {
     const scene_blob_t *blob;
     RTCDevice device;
     RTCScene world;
-    RTCScene *objects;             /* [objects]; objects[0] is the world */
-    sphere_t *spheres;             /* [spheres] */
-    xform_t *object_from_world;    /* [instances] */
-    uint32_t first_instance;       /* geometry id of instance 0 in the world */
+    RTCScene *objects;          /* [objects]; objects[0] is the world */
+    sphere_t *spheres;          /* [spheres] */
+    xform_t *object_from_world; /* [instances] */
+    uint32_t first_instance;    /* geometry id of instance 0 in the world */
 };
 
 /* ---- spheres ------------------------------------------------------------------------------------------- */
@@ -44,8 +44,12 @@ static void sphere_bounds(const struct RTCBoundsFunctionArguments *arguments)
         low[i] = row[3] - extent - fabsf(row[3]) * 1e-6f;
         high[i] = row[3] + extent + fabsf(row[3]) * 1e-6f;
     }
-    *arguments->bounds_o = (struct RTCBounds){.lower_x = low[0], .lower_y = low[1], .lower_z = low[2],
-                                              .upper_x = high[0], .upper_y = high[1], .upper_z = high[2]};
+    *arguments->bounds_o = (struct RTCBounds){.lower_x = low[0],
+                                              .lower_y = low[1],
+                                              .lower_z = low[2],
+                                              .upper_x = high[0],
+                                              .upper_y = high[1],
+                                              .upper_z = high[2]};
 }
 
 /* Distance along the ray to the first crossing within (near, far), or a negative number. */
@@ -55,8 +59,8 @@ static float sphere_distance(const sphere_t *sphere, vec3_t origin, vec3_t direc
     vec3_t d = xform_vector(&sphere->sphere_from_object, direction);
     double a = (double)d.x * d.x + (double)d.y * d.y + (double)d.z * d.z;
     double b = (double)d.x * o.x + (double)d.y * o.y + (double)d.z * o.z;
-    /* The discriminant from the ray's closest point to the centre: no cancellation (Haines et al. 2019, "Precision
-     * Improvements for Ray/Sphere Intersection"). */
+    /* The discriminant from the ray's closest point to the centre: no cancellation (Haines et al. 2019,
+     * "Precision Improvements for Ray/Sphere Intersection"). */
     double t = -b / a, r = sphere->radius;
     double cx = o.x + t * d.x, cy = o.y + t * d.y, cz = o.z + t * d.z;
     double left = r * r - (cx * cx + cy * cy + cz * cz);
@@ -225,7 +229,8 @@ const scene_blob_t *scene_blob(const scene_t *scene)
 
 /* ---- hits ---------------------------------------------------------------------------------------------- */
 
-/* The tangent along which u grows, from the triangle's uvs; zero where there are none or they are degenerate. */
+/* The tangent along which u grows, from the triangle's uvs; zero where there are none or they are degenerate.
+ */
 static vec3_t mesh_tangent(const scene_blob_t *blob, const blob_mesh_t *mesh, const uint32_t v[3], vec3_t e1,
                            vec3_t e2)
 {
@@ -279,11 +284,17 @@ static bool nearest_hit(const scene_t *scene, vec3_t origin, vec3_t direction, s
 {
     struct RTCIntersectContext context;
     rtcInitIntersectContext(&context);
-    *query = (struct RTCRayHit){
-        .ray = {.org_x = origin.x, .org_y = origin.y, .org_z = origin.z, .tnear = 0,
-                .dir_x = direction.x, .dir_y = direction.y, .dir_z = direction.z, .tfar = INFINITY,
-                .mask = 0xFFFFFFFFu},
-        .hit = {.geomID = RTC_INVALID_GEOMETRY_ID, .instID = {RTC_INVALID_GEOMETRY_ID}}};
+    *query =
+        (struct RTCRayHit){.ray = {.org_x = origin.x,
+                                   .org_y = origin.y,
+                                   .org_z = origin.z,
+                                   .tnear = 0,
+                                   .dir_x = direction.x,
+                                   .dir_y = direction.y,
+                                   .dir_z = direction.z,
+                                   .tfar = INFINITY,
+                                   .mask = 0xFFFFFFFFu},
+                           .hit = {.geomID = RTC_INVALID_GEOMETRY_ID, .instID = {RTC_INVALID_GEOMETRY_ID}}};
     rtcIntersect1(scene->world, &context, query);
     return query->hit.geomID != RTC_INVALID_GEOMETRY_ID;
 }
@@ -319,7 +330,8 @@ bool scene_intersect(const scene_t *scene, vec3_t origin, vec3_t direction, surf
         surface->ns = xform_normal(&scene->object_from_world[instance], surface->ns);
         surface->tangent = xform_vector(world, surface->tangent);
     }
-    bool smooth = surface->ns.x != surface->ng.x || surface->ns.y != surface->ng.y || surface->ns.z != surface->ng.z;
+    bool smooth =
+        surface->ns.x != surface->ng.x || surface->ns.y != surface->ng.y || surface->ns.z != surface->ng.z;
     surface->ng = v_normalize(surface->ng);
     surface->ns = smooth ? v_normalize(surface->ns) : surface->ng;
     surface->offset = scene_offset_at(surface->p);
@@ -334,8 +346,15 @@ bool scene_occluded(const scene_t *scene, vec3_t from, vec3_t to)
     struct RTCIntersectContext context;
     rtcInitIntersectContext(&context);
     vec3_t d = v_sub(to, from);
-    struct RTCRay ray = {.org_x = from.x, .org_y = from.y, .org_z = from.z, .tnear = 0,
-                         .dir_x = d.x, .dir_y = d.y, .dir_z = d.z, .tfar = segment_end, .mask = 0xFFFFFFFFu};
+    struct RTCRay ray = {.org_x = from.x,
+                         .org_y = from.y,
+                         .org_z = from.z,
+                         .tnear = 0,
+                         .dir_x = d.x,
+                         .dir_y = d.y,
+                         .dir_z = d.z,
+                         .tfar = segment_end,
+                         .mask = 0xFFFFFFFFu};
     rtcOccluded1(scene->world, &context, &ray);
     return ray.tfar < 0;
 }

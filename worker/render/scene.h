@@ -19,7 +19,8 @@ typedef struct {
 
 typedef struct scene scene_t;
 
-/* Builds the trees on one thread. The blob must outlive the scene. RESULT_LIMIT when Embree runs out of memory. */
+/* Builds the trees on one thread. The blob must outlive the scene. RESULT_LIMIT when Embree runs out of
+ * memory. */
 result_t scene_new(const scene_blob_t *blob, scene_t **scene);
 /* Frees the scene and sets *scene to NULL. */
 void scene_destroy(scene_t **scene);
@@ -51,8 +52,8 @@ static inline vec3_t scene_offset(const surface_t *surface, vec3_t direction)
     return v_mad(surface->p, side, surface->ng);
 }
 
-/* How far off a surface rays must start at p (a few hundred units in the last place of its largest coordinate:
- * the rounding of a hit point and of Embree's distances stays below it). */
+/* How far off a surface rays must start at p (a few hundred units in the last place of its largest
+ * coordinate: the rounding of a hit point and of Embree's distances stays below it). */
 static inline float scene_offset_at(vec3_t p)
 {
     float largest = float_max(fabsf(p.x), float_max(fabsf(p.y), fabsf(p.z)));
