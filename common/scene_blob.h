@@ -15,49 +15,86 @@
 #include "common/job.h"
 #include "common/vec.h"
 
-enum { BLOB_VERSION = 1 };
+enum { BLOB_VERSION = 2 };
 #define BLOB_NONE 0xFFFFFFFFu
 #define BLOB_MAX_BYTES ((uint64_t)1 << 36)
 
 typedef enum {
-    BLOB_SECTION_SCENE,     /* blob_scene_t, exactly one */
-    BLOB_SECTION_POSITIONS, /* vec3_t, object space of the shape's object */
-    BLOB_SECTION_NORMALS,   /* vec3_t, unit length, same space */
-    BLOB_SECTION_UVS,       /* vec2_t */
-    BLOB_SECTION_TRIANGLES, /* blob_triangle_t */
-    BLOB_SECTION_MESHES,    /* blob_mesh_t */
-    BLOB_SECTION_SPHERES,   /* blob_sphere_t */
-    BLOB_SECTION_SHAPES,    /* blob_shape_t, grouped by object */
-    BLOB_SECTION_OBJECTS,   /* blob_object_t; object 0 is the world */
-    BLOB_SECTION_INSTANCES, /* blob_instance_t, all in the world */
-    BLOB_SECTION_MATERIALS, /* blob_material_t */
-    BLOB_SECTION_LIGHTS,    /* blob_light_t */
-    BLOB_SECTION_STRINGS,   /* char, NUL-terminated names; offset 0 is the empty string */
+    BLOB_SECTION_SCENE,        /* blob_scene_t, exactly one */
+    BLOB_SECTION_POSITIONS,    /* vec3_t, object space of the shape's object */
+    BLOB_SECTION_NORMALS,      /* vec3_t, unit length, same space */
+    BLOB_SECTION_UVS,          /* vec2_t */
+    BLOB_SECTION_COLOURS,      /* blob_colour_t */
+    BLOB_SECTION_TRIANGLES,    /* blob_triangle_t */
+    BLOB_SECTION_MESHES,       /* blob_mesh_t */
+    BLOB_SECTION_QUADRICS,     /* blob_quadric_t */
+    BLOB_SECTION_CURVE_POINTS, /* blob_curve_point_t */
+    BLOB_SECTION_CURVES,       /* blob_curves_t */
+    BLOB_SECTION_SHAPES,       /* blob_shape_t, grouped by object */
+    BLOB_SECTION_OBJECTS,      /* blob_object_t; object 0 is the world */
+    BLOB_SECTION_INSTANCES,    /* blob_instance_t, all in the world */
+    BLOB_SECTION_TEXTURES,     /* blob_texture_t; each refers only to those before it */
+    BLOB_SECTION_IMAGES,       /* blob_image_t */
+    BLOB_SECTION_TEXELS,       /* 32-bit words, the pixels of the images */
+    BLOB_SECTION_MATERIALS,    /* blob_material_t; a mix refers only to materials before it */
+    BLOB_SECTION_LIGHTS,       /* blob_light_t */
+    BLOB_SECTION_STRINGS,      /* char, NUL-terminated names; offset 0 is the empty string */
     BLOB_SECTION_COUNT
 } blob_section_t;
 
-typedef enum { FILTER_BOX = 1, FILTER_TRIANGLE = 2, FILTER_GAUSSIAN = 3 } filter_kind_t;
+/* ---- the scene ----------------------------------------------------------------------------------------- */
+
+typedef enum {
+    FILTER_BOX = 1,
+    FILTER_TRIANGLE = 2,
+    FILTER_GAUSSIAN = 3, /* parameters: sigma in pixels */
+    FILTER_MITCHELL = 4, /* parameters: B, C */
+    FILTER_SINC = 5      /* parameters: tau, the radius of the Lanczos window in lobes */
+} filter_kind_t;
 
 typedef struct {
     uint32_t kind;  /* filter_kind_t */
     float radius_x; /* pixels; 0.5 for a box that is the pixel itself */
     float radius_y;
-    float gaussian_sigma; /* pixels; only for FILTER_GAUSSIAN */
+    float parameters[2]; /* as filter_kind_t says */
 } blob_filter_t;
+
+typedef enum {
+    CAMERA_PERSPECTIVE = 1,  /* pinhole or thin lens */
+    CAMERA_ORTHOGRAPHIC = 2, /* screen window in units of camera space */
+    CAMERA_SPHERICAL = 3, /* latitude-longitude: film y is the angle from camera +y, film x the angle about y
+                             from +x towards +z (pbrt-v3's environment camera) */
+    CAMERA_EQUAL_AREA = 4 /* the octahedral equal-area map of pbrt-v4's spherical camera */
+} camera_kind_t;
 
 /* Camera, filter and what the scene file asks for; the job's settings start from these. */
 typedef struct {
-    xform_t world_from_camera; /* camera space: x right, y up, looks down +z, as in pbrt */
-    float fov;                 /* degrees, along the shorter side of the screen window */
-    float screen_window[4];    /* x min, x max, y min, y max in units of the window with half-height 1; all 0:
-                                  made from the resolution, the shorter side spanning [-1, 1] */
+    uint32_t camera;               /* camera_kind_t */
+    xform_t world_from_camera;     /* camera space: x right, y up, looks down +z, as in pbrt */
+    xform_t world_from_camera_end; /* at time 1; equal to world_from_camera when the camera stands still */
+    float fov;              /* degrees, along the shorter side of the screen window; perspective alone */
+    float lens_radius;      /* 0: pinhole */
+    float focal_distance;   /* of the plane in focus, along z; > 0 */
+    float screen_window[4]; /* x min, x max, y min, y max in units of the window with half-height 1; all 0:
+                               made from the resolution, the shorter side spanning [-1, 1] */
+    float film_window[4];   /* the part of the film that is rendered (a crop): x min, x max, y min, y max as
+                               fractions of the screen window from the top left; 0 1 0 1: all of it */
     blob_filter_t filter;
     int32_t width, height; /* pixels asked for */
     int32_t max_depth;
     uint32_t spp;
     uint32_t integrator; /* integrator_t */
     uint32_t sampler;    /* sampler_kind_t */
+    float max_luminance; /* samples brighter than this are scaled down to it; INFINITY: none. A bias that the
+                            scene asks for */
+    uint32_t regularize; /* 1: near-specular lobes are roughened behind the first scattering that is not */
 } blob_scene_t;
+
+/* ---- shapes -------------------------------------------------------------------------------------------- */
+
+typedef struct {
+    float r, g, b, a; /* linear */
+} blob_colour_t;
 
 typedef struct {
     uint32_t v[3]; /* relative to the mesh's first vertex */
@@ -66,31 +103,68 @@ typedef struct {
 typedef struct {
     uint32_t first_position, vertex_count;
     uint32_t first_normal;                   /* BLOB_NONE: flat; else vertex_count normals from here */
-    uint32_t first_uv;                       /* BLOB_NONE: none; else vertex_count uvs from here */
+    uint32_t first_uv;                       /* BLOB_NONE: pbrt's (0,0) (1,0) (1,1) in every triangle */
+    uint32_t first_uv2;                      /* a second set of uvs, or BLOB_NONE: the first */
+    uint32_t first_colour;                   /* BLOB_NONE: white */
     uint32_t first_triangle, triangle_count; /* > 0; behind those of the mesh before */
 } blob_mesh_t;
 
-/* A full sphere about the origin of its own space. */
-typedef struct {
-    xform_t object_from_sphere;
-    float radius;
-} blob_sphere_t;
+typedef enum { QUADRIC_SPHERE = 1, QUADRIC_DISK = 2, QUADRIC_CYLINDER = 3 } quadric_kind_t;
 
-typedef enum { SHAPE_MESH = 1, SHAPE_SPHERE = 2 } shape_kind_t;
+/* A quadric about the z axis of its own space, with pbrt's (u, v).
+ * sphere: radius, the part with z_min <= z <= z_max; disk: at z = z_min, from inner_radius to radius;
+ * cylinder: radius, z_min to z_max. All: phi from 0 to phi_max about z from +x towards +y. */
+typedef struct {
+    uint32_t kind; /* quadric_kind_t */
+    xform_t object_from_quadric;
+    float radius, inner_radius, z_min, z_max;
+    float phi_max; /* radians, at most 2 pi (as the float nearest to it) */
+} blob_quadric_t;
+
+typedef struct {
+    float x, y, z, radius;
+} blob_curve_point_t;
+
+typedef enum { CURVES_ROUND = 1, CURVES_RIBBON = 2 } curves_kind_t;
+
+/* Cubic Bezier segments, four points each; v runs from 0 to 1 along all of them, u across. */
+typedef struct {
+    uint32_t kind;                       /* curves_kind_t */
+    uint32_t first_point, segment_count; /* > 0 segments of 4 points each */
+    uint32_t first_normal; /* of a ribbon: 4 normals a segment in the normals section; else BLOB_NONE */
+} blob_curves_t;
+
+typedef enum { SHAPE_MESH = 1, SHAPE_QUADRIC = 2, SHAPE_CURVES = 3 } shape_kind_t;
 
 /* Geometric normals: of a triangle, (p1 - p0) x (p2 - p0), or, where the mesh has vertex normals, whichever
- * of the two signs agrees with them; of a sphere, outward. SHAPE_FLIP reverses those that do not come from
- * vertex normals (of a mesh: pbrt's ReverseOrientation exclusive-or a mirroring transform; of a sphere:
- * ReverseOrientation alone). */
-enum { SHAPE_FLIP = 1 };
+ * of the two signs agrees with them; of a quadric, away from its axis or centre, of a disk +z. SHAPE_FLIP
+ * reverses those that do not come from vertex normals (of a mesh: pbrt's ReverseOrientation exclusive-or a
+ * mirroring transform; of a quadric: ReverseOrientation alone).
+ * SHAPE_CUTOUT: alpha 0 lets rays through, anything else stops them; without it alpha is the probability of
+ * stopping a ray. */
+enum { SHAPE_FLIP = 1, SHAPE_CUTOUT = 2 };
+
+/* ---- values and textures ------------------------------------------------------------------------------- */
+
+/* A reference that may be absent: 0 for none, else 1 + an index. */
+typedef uint32_t blob_ref_t;
+
+/* A number or a colour that may vary over a surface: `factor`, times the texture's value there if there is
+ * one. Numbers are the x of a colour. All zeroes are the constant 0. */
+typedef struct {
+    rgb_t factor;
+    blob_ref_t texture;
+} blob_value_t;
 
 typedef struct {
     uint32_t kind;     /* shape_kind_t */
-    uint32_t geometry; /* index of a mesh or a sphere */
+    uint32_t geometry; /* index of a mesh, quadric or set of curves */
     uint32_t material; /* index of a material */
     uint32_t light;    /* index of the area light that this shape emits, or BLOB_NONE */
     uint32_t flags;
-    uint32_t name; /* offset in the strings: where the shape comes from, "file:line" */
+    uint32_t name;             /* offset in the strings: where the shape comes from, "file:line" */
+    blob_value_t alpha;        /* opacity; factor 1 without texture: opaque. Not of curves */
+    blob_value_t shadow_alpha; /* the same, for shadow rays alone and on top of alpha */
 } blob_shape_t;
 
 typedef struct {
@@ -100,32 +174,200 @@ typedef struct {
 typedef struct {
     uint32_t object; /* not 0; shapes in it do not emit */
     xform_t world_from_object;
+    xform_t world_from_object_end; /* at time 1; equal to world_from_object when it stands still. In between,
+                                      translation, rotation and stretch are interpolated each */
 } blob_instance_t;
 
+typedef enum { TEXELS_R8 = 1, TEXELS_RGBA8 = 2, TEXELS_R32F = 3, TEXELS_RGB32F = 4 } texels_t;
+
+/* An image: rows from the top, without gaps; the whole starts at a word of the texels. */
+typedef struct {
+    uint32_t format; /* texels_t; alpha is never encoded */
+    uint32_t width, height;
+    uint32_t first_word;
+    float gamma; /* of 8-bit formats: 0: sRGB transfer function; else linear = encoded ^ gamma, 1: linear */
+} blob_image_t;
+
+typedef enum { WRAP_REPEAT = 1, WRAP_CLAMP = 2, WRAP_BLACK = 3, WRAP_MIRROR = 4 } wrap_t;
+
 typedef enum {
-    MATERIAL_DIFFUSE = 1,    /* reflectance */
-    MATERIAL_MIRROR = 2,     /* reflectance */
-    MATERIAL_DIELECTRIC = 3, /* reflectance, transmittance (factors on the Fresnel terms), eta.x; smooth */
-    MATERIAL_CONDUCTOR = 4   /* eta, k, alpha (Trowbridge-Reitz); alpha 0 in both axes is smooth */
+    CHANNEL_RGB = 1,
+    CHANNEL_R,
+    CHANNEL_G,
+    CHANNEL_B,
+    CHANNEL_A, /* 1 where the image has none */
+    CHANNEL_LUMINANCE /* 0.212671 R + 0.715160 G + 0.072169 B */,
+    CHANNEL_MEAN /* (R + G + B) / 3 */
+} channel_t;
+
+typedef enum {
+    MAPPING_UV = 1,          /* (s, t) = matrix (u, v, 1) */
+    MAPPING_UV2 = 2,         /* the same with the mesh's second uvs */
+    MAPPING_PLANAR = 3,      /* (s, t) = x and y of texture_from_world p */
+    MAPPING_SPHERICAL = 4,   /* q = texture_from_world p: (theta / pi, phi / 2 pi) */
+    MAPPING_CYLINDRICAL = 5, /* ((pi + atan2(q.y, q.x)) / 2 pi, q.z) of q / |q| */
+    MAPPING_POINT = 6        /* three coordinates, texture_from_world p: of the textures of space */
+} mapping_t;
+
+/* What a texture computes. In brackets its inputs, then its parameters, in order; "2D" are those that look at
+ * (s, t), "3D" those that take MAPPING_POINT. Noise is Perlin's ("Improving Noise", 2002). */
+typedef enum {
+    TEXTURE_IMAGE = 1,     /* [scale]: scale times the image; 2D */
+    TEXTURE_SCALE,         /* [a, b]: a b */
+    TEXTURE_MIX,           /* [a, b, amount]: (1 - amount) a + amount b */
+    TEXTURE_DIRECTION_MIX, /* [a, b], x y z of a direction d: as mix, with amount |n . d| of b */
+    TEXTURE_BILERP,        /* [v00, v01, v10, v11]: v10 at s = 1, t = 0; 2D */
+    TEXTURE_UV,            /* (s - floor s, t - floor t, 0); 2D */
+    TEXTURE_CHECKERBOARD,  /* [a, b]: a where the sum of the coordinates' floors is even; 2D or 3D */
+    TEXTURE_DOTS,          /* [inside, outside]: pbrt's random dots; 2D */
+    TEXTURE_FBM,           /* octaves, roughness: fractional Brownian motion; 3D */
+    TEXTURE_WRINKLED,      /* octaves, roughness: turbulence; 3D */
+    TEXTURE_WINDY,         /* pbrt's waves; 3D */
+    TEXTURE_MARBLE,        /* octaves, roughness, scale, variation; 3D */
+    TEXTURE_CHANNEL,       /* [a]: `channel` of it as a grey */
+    TEXTURE_THRESHOLD,     /* [a], cutoff: 1 where a.x >= cutoff, else 0 */
+    TEXTURE_COLOUR,        /* the mesh's colours, interpolated; channel RGB or A */
+    TEXTURE_KIND_END
+} texture_kind_t;
+
+enum { TEXTURE_INPUTS = 4, TEXTURE_PARAMETERS = 4 };
+enum {
+    TEXTURE_NEAREST = 1, /* no interpolation between texels */
+    TEXTURE_INVERT = 2   /* of an image: 1 - value, before the scale */
+};
+
+typedef struct {
+    uint32_t kind;    /* texture_kind_t */
+    uint32_t mapping; /* mapping_t; 0 where the kind needs none */
+    float matrix[2][3];
+    xform_t texture_from_world;
+    blob_ref_t image;
+    uint32_t channel;        /* channel_t */
+    uint32_t wrap_s, wrap_t; /* wrap_t */
+    uint32_t flags;
+    blob_value_t inputs[TEXTURE_INPUTS];
+    float parameters[TEXTURE_PARAMETERS];
+} blob_texture_t;
+
+/* ---- materials ----------------------------------------------------------------------------------------- */
+
+/* The places of a material's values. Colours are factors on what physics gives. */
+typedef enum {
+    VALUE_REFLECTANCE,   /* of the diffuse part, the base, or the metal (a factor); pbrt-v3's Kd */
+    VALUE_TRANSMITTANCE, /* Kt */
+    VALUE_SPECULAR,      /* of the glossy part; Ks */
+    VALUE_MIRROR,        /* of the mirror part; Kr */
+    VALUE_REFLECT,       /* pbrt-v3's translucent */
+    VALUE_TRANSMIT,
+    VALUE_OPACITY,
+    VALUE_AMOUNT, /* of the second part of a mix */
+    VALUE_SIGMA,  /* degrees; of Oren-Nayar */
+    VALUE_ROUGHNESS_U,
+    VALUE_ROUGHNESS_V,
+    VALUE_ETA,              /* index of refraction, relative to the outside */
+    VALUE_K,                /* absorption index of a metal */
+    VALUE_BASE_ROUGHNESS_U, /* of what lies below a coat */
+    VALUE_BASE_ROUGHNESS_V,
+    VALUE_BASE_ETA,
+    VALUE_THICKNESS, /* of a coat */
+    VALUE_ALBEDO,    /* of the medium in it */
+    VALUE_G,
+    VALUE_METALLIC,
+    VALUE_SPECULAR_TINT,
+    VALUE_ANISOTROPIC,
+    VALUE_SHEEN,
+    VALUE_SHEEN_TINT,
+    VALUE_CLEARCOAT,
+    VALUE_CLEARCOAT_GLOSS,     /* Disney's; glTF has the roughness */
+    VALUE_CLEARCOAT_ROUGHNESS, /* glTF's */
+    VALUE_SPECULAR_COLOUR,
+    VALUE_TRANSMISSION, /* share of the light that passes: Disney's spectrans, glTF's transmission */
+    VALUE_FLATNESS,
+    VALUE_DIFFUSE_TRANSMISSION,
+    VALUE_ATTENUATION, /* glTF's volume: per unit length, light fades as exp(-a d) */
+    MATERIAL_VALUES
+} material_value_t;
+
+/* In brackets the values that a kind reads, VALUE_ left out. ROUGHNESS stands for both axes; it becomes the
+ * alphas of the Trowbridge-Reitz distribution as the REMAP flags say. An alpha below 1e-3 in both axes makes
+ * a specular lobe of a dielectric, conductor, or coat. */
+typedef enum {
+    MATERIAL_DIFFUSE = 1,          /* [REFLECTANCE, SIGMA]: Lambert, or Oren-Nayar where sigma is not 0 */
+    MATERIAL_MIRROR,               /* [REFLECTANCE] */
+    MATERIAL_DIELECTRIC,           /* [REFLECTANCE, TRANSMITTANCE, ETA, ROUGHNESS]; THIN: a pane */
+    MATERIAL_CONDUCTOR,            /* [REFLECTANCE, ETA, K, ROUGHNESS] */
+    MATERIAL_PLASTIC,              /* pbrt-v3's [REFLECTANCE, SPECULAR, ROUGHNESS] */
+    MATERIAL_UBER,                 /* pbrt-v3's [REFLECTANCE, SPECULAR, MIRROR, TRANSMITTANCE, OPACITY, ETA,
+                                      ROUGHNESS] */
+    MATERIAL_SUBSTRATE,            /* pbrt-v3's [REFLECTANCE, SPECULAR, ROUGHNESS] */
+    MATERIAL_TRANSLUCENT,          /* pbrt-v3's [REFLECTANCE, SPECULAR, REFLECT, TRANSMIT, ROUGHNESS] */
+    MATERIAL_MIX,                  /* [AMOUNT] of parts[1], the rest of parts[0] */
+    MATERIAL_DISNEY,               /* pbrt-v3's [REFLECTANCE, METALLIC, ETA, ROUGHNESS_U, SPECULAR_TINT,
+                                      ANISOTROPIC, SHEEN, SHEEN_TINT, CLEARCOAT, CLEARCOAT_GLOSS, TRANSMISSION,
+                                      FLATNESS, DIFFUSE_TRANSMISSION]; THIN */
+    MATERIAL_COATED_DIFFUSE,       /* pbrt-v4's [REFLECTANCE, ETA, ROUGHNESS, THICKNESS, ALBEDO, G] */
+    MATERIAL_COATED_CONDUCTOR,     /* pbrt-v4's [ETA, ROUGHNESS, THICKNESS, ALBEDO, G, BASE_ETA, K,
+                                      BASE_ROUGHNESS] */
+    MATERIAL_DIFFUSE_TRANSMISSION, /* [REFLECTANCE, TRANSMITTANCE] */
+    MATERIAL_GLTF,                 /* [REFLECTANCE, METALLIC, ROUGHNESS_U, ETA, SPECULAR, SPECULAR_COLOUR,
+                                      CLEARCOAT, CLEARCOAT_ROUGHNESS, TRANSMISSION, ATTENUATION]; THIN without
+                                      a volume */
+    MATERIAL_KIND_END
 } material_kind_t;
+
+enum {
+    MATERIAL_REMAP_V3 = 1,     /* pbrt-v3's fit */
+    MATERIAL_REMAP_SQRT = 2,   /* pbrt-v4's: alpha = sqrt(roughness) */
+    MATERIAL_REMAP_SQUARE = 4, /* glTF's: alpha = roughness^2 */
+    MATERIAL_THIN = 8
+};
 
 typedef struct {
     uint32_t kind; /* material_kind_t */
     uint32_t name; /* offset in the strings */
-    rgb_t reflectance;
-    rgb_t transmittance;
-    rgb_t eta; /* index of refraction, relative to the outside */
-    rgb_t k;   /* absorption of a conductor */
-    float alpha_u, alpha_v;
+    uint32_t flags;
+    uint32_t parts[2];     /* of a mix: materials before this one */
+    blob_ref_t normal_map; /* texture whose value 2 v - 1 is the normal along (dp/du, dp/dv, n) */
+    float normal_scale;    /* of its x and y */
+    blob_ref_t bump;       /* texture of a displacement along the normal, which turns the normal alone */
+    blob_value_t values[MATERIAL_VALUES];
 } blob_material_t;
 
-enum { LIGHT_TWO_SIDED = 1 };
+/* ---- lights -------------------------------------------------------------------------------------------- */
 
-/* A diffuse area light; each belongs to exactly one shape of the world. */
+typedef enum {
+    LIGHT_AREA = 1,    /* radiance of a shape; its texture is looked up at the shape's (u, v) */
+    LIGHT_POINT,       /* intensity, at the light's origin */
+    LIGHT_SPOT,        /* intensity about the light's +z; parameters: cosines of the outer and inner angles */
+    LIGHT_GONIOMETRIC, /* intensity times the image */
+    LIGHT_PROJECTION,  /* intensity times the image, which fills the window x min, x max, y min, y max
+                          (parameters) on the plane z = 1, y up; black elsewhere */
+    LIGHT_DISTANT,     /* irradiance on a surface that faces it; it stands at the light's +z */
+    LIGHT_INFINITE     /* radiance, times the image where there is one */
+} light_kind_t;
+
+/* How an image is laid over the directions of its light; d is a unit direction in light space. */
+typedef enum {
+    LIGHT_LATLONG = 1, /* rows from d = +z to -z, columns from +x towards +y: pbrt-v3's infinite light */
+    LIGHT_LATLONG_Y,   /* rows from +y to -y, columns from +x towards +z: pbrt-v3's goniometric light */
+    LIGHT_OCTAHEDRAL   /* equal areas (Clarberg 2008), as pbrt-v4's */
+} light_mapping_t;
+
+enum {
+    LIGHT_TWO_SIDED = 1,
+    LIGHT_SMOOTHSTEP = 2, /* a spot's rim is a smooth step of the cosine (pbrt-v4) ... */
+    LIGHT_SQUARE = 4      /* ... the square of its fraction (glTF); else its fourth power (pbrt-v3) */
+};
+
 typedef struct {
-    rgb_t radiance;
-    uint32_t shape;
+    uint32_t kind; /* light_kind_t */
     uint32_t flags;
+    blob_value_t radiance; /* or what the kind says; only an area light's may have a texture */
+    uint32_t shape;        /* of an area light: the one shape of the world that it is; else 0 */
+    blob_ref_t image;
+    uint32_t mapping; /* light_mapping_t of the image */
+    xform_t world_from_light;
+    float parameters[4];
 } blob_light_t;
 
 /* A checked view of a blob in memory. */
@@ -138,12 +380,18 @@ typedef struct {
     const vec3_t *positions;
     const vec3_t *normals;
     const vec2_t *uvs;
+    const blob_colour_t *colours;
     const blob_triangle_t *triangles;
     const blob_mesh_t *meshes;
-    const blob_sphere_t *spheres;
+    const blob_quadric_t *quadrics;
+    const blob_curve_point_t *curve_points;
+    const blob_curves_t *curves;
     const blob_shape_t *shapes;
     const blob_object_t *objects;
     const blob_instance_t *instances;
+    const blob_texture_t *textures;
+    const blob_image_t *images;
+    const uint32_t *texels;
     const blob_material_t *materials;
     const blob_light_t *lights;
     const char *strings;

@@ -1,37 +1,38 @@
-/* camera: the pinhole camera: rays for eye subpaths, importance for light subpaths.
+/* camera: rays for eye subpaths, importance for light subpaths.
  *
- * Importance We is normalised over the whole film: its integral over directions (times the cosine at the
- * film) is one, so a splat is an estimate for the whole image and film.h's factor pixels / light paths gives
- * the pixel's (Veach 1997, section 8.3.2; the pinhole's density as in Pharr, Jakob and Humphreys, PBR 3rd
- * edition, 16.1.1).
+ * Importance is normalised over the whole film, and eye rays are drawn in proportion to it (times the cosine
+ * at the lens); so one number, the density of eye rays, is both the density in the weights and the value of
+ * a splat, and film.h's factor pixels / light paths makes it the pixel's (Veach 1997, section 8.3.2). A lens
+ * is sampled uniformly by area; a point of it is drawn anew for each connection.
  */
 #ifndef LIGHTMILL_RENDER_CAMERA_H
 #define LIGHTMILL_RENDER_CAMERA_H
 
 #include "common/scene_blob.h"
 
-typedef struct {
-    vec3_t position;
-    vec3_t right, up, forward; /* camera axes in the world, as the transform gives them */
-    xform_t camera_from_world;
-    float window[4];     /* film rectangle on the plane z = 1: x min, x max, y min, y max */
-    float width, height; /* pixels */
-    float area;          /* of the rectangle */
-} camera_t;
+typedef struct camera camera_t;
 
-/* What a light subpath needs to know of a point seen by the camera. */
 typedef struct {
-    vec2_t raster; /* where it is on the film, in pixels, x right, y down */
-    vec3_t w;      /* unit direction from the point to the camera */
-    float distance;
-    float pdf;    /* of the camera sending a ray that way, per steradian, over the whole film */
-    float we_cos; /* importance times cosine at the camera; equals pdf for a pinhole */
+    vec3_t origin, direction;
+    float pdf;     /* per steradian over the whole film; of parallel rays per area across them */
+    bool parallel; /* orthographic */
+} camera_ray_t;
+
+/* A point as the camera sees it. */
+typedef struct {
+    vec2_t raster;   /* where it is on the film, in pixels, x right, y down */
+    vec3_t position; /* the point of the lens it is joined to */
+    vec3_t w;        /* unit direction from the point to there */
+    float density;   /* of eye rays at the point, per area across them, over the whole film */
 } camera_view_t;
 
-void camera_init(camera_t *camera, const blob_scene_t *scene, int width, int height);
-/* The unit direction of the ray through a film position in pixels; *pdf as in camera_view_t. */
-vec3_t camera_ray(const camera_t *camera, vec2_t raster, float *pdf);
-/* Projects a point. False when it is behind the camera or more than `margin` pixels off the film. */
-bool camera_project(const camera_t *camera, vec3_t p, float margin, camera_view_t *view);
+/* Of a film of width x height pixels. Owned by the caller, who frees it with free(). */
+camera_t *camera_new(const blob_scene_t *scene, int width, int height);
+bool camera_moves(const camera_t *camera);
+/* The ray through a film position in pixels; `lens` are two uniform numbers, `time` is from 0 to 1. */
+void camera_ray(const camera_t *camera, vec2_t raster, vec2_t lens, float time, camera_ray_t *ray);
+/* Joins a point to the lens. False when it is behind the camera or more than `margin` pixels off the film. */
+bool camera_project(const camera_t *camera, vec3_t p, vec2_t lens, float time, float margin,
+                    camera_view_t *view);
 
 #endif

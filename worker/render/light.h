@@ -1,9 +1,17 @@
 /* light: the emitters of a scene, chosen in proportion to their power.
  *
- * The unit of choice is a primitive: one triangle of an emissive mesh, or a sphere; an alias table makes the
- * choice O(1) (Vose 1991). Since a triangle is chosen in proportion to area x luminance and then sampled
- * uniformly by area, the density per area at a point depends on its light alone: next-event estimation, light
- * subpaths and the weights of paths that run into a light all use that one number.
+ * Three questions are asked of the lights, one for each way in which a path can end on one:
+ *   s >= 2, lights_emit: draw the start of a light subpath;
+ *   s = 1,  lights_illuminate: draw a place on a light and join it to a given point;
+ *   s = 0,  lights_hit, lights_escape: what about this place that an eye subpath ran into?
+ * A place is a point of a surface (measured by area), a direction of the sky (by solid angle), or the one
+ * place of a light that has no extent (counted, not measured: `delta`).
+ *
+ * What is chosen is an emitter: one triangle of an emissive mesh, or a whole light of another kind; an alias
+ * table makes the choice O(1). Since a triangle is chosen in proportion to area x luminance and then sampled
+ * uniformly by area, the density per area at a point depends on its light alone.
+ *
+ * A new kind of light is one file light_*.c and one entry in the table in light.c.
  */
 #ifndef LIGHTMILL_RENDER_LIGHT_H
 #define LIGHTMILL_RENDER_LIGHT_H
@@ -12,47 +20,90 @@
 
 typedef struct lights lights_t;
 
-/* A point on a light. */
-typedef struct {
-    vec3_t p;
-    vec3_t n;     /* unit normal on the emitting side */
-    float offset; /* as surface_t.offset */
-    rgb_t radiance;
-    float pdf_area; /* of having chosen this point, per area */
-    bool two_sided;
-} light_point_t;
-
-/* Tables for the lights of a blob, which must outlive them. A scene without (bright) lights gives empty
+/* Tables for the lights of a scene, which must outlive them. A scene without (bright) lights gives empty
  * tables. */
-lights_t *lights_new(const scene_blob_t *blob);
+lights_t *lights_new(const scene_t *scene);
 /* Frees the tables and sets *lights to NULL. */
 void lights_destroy(lights_t **lights);
 /* True when there is nothing to sample. */
 bool lights_empty(const lights_t *lights);
 
-/* Draws a point by power and area: `choice` picks the primitive, `u` the point on it. */
-void lights_sample(const lights_t *lights, float choice, vec2_t u, light_point_t *point);
-/* The same data for a point that a path ran into; surface->light is a light. */
-void lights_at(const lights_t *lights, const surface_t *surface, light_point_t *point);
+/* The start of a light subpath. */
+typedef struct {
+    vec3_t origin, direction; /* the ray, off the light already */
+    vec3_t point;             /* the place; at infinity meaningless */
+    rgb_t throughput;         /* emitted radiance times cosine, over all densities */
+    float pdf_place;          /* of the place, the choice of the emitter included */
+    float pdf_ray; /* of the direction, per steradian; at infinity of the ray, per area across it */
+    float cosine;  /* at the place between normal and direction; 1 where there is no normal */
+    bool at_infinity;
+    bool delta; /* eye subpaths cannot run into the place */
+} light_ray_t;
 
-/* Radiance that leaves the point in the unit direction w. */
-static inline rgb_t light_radiance(const light_point_t *point, vec3_t w)
-{
-    return point->two_sided || v_dot(point->n, w) > 0 ? point->radiance : vec3(0, 0, 0);
-}
-/* Density, per steradian, with which light_sample_direction draws w. */
-static inline float light_direction_pdf(const light_point_t *point, vec3_t w)
-{
-    float cos = v_dot(point->n, w);
-    return point->two_sided ? fabsf(cos) * (0.5f * INV_PI_F) : float_max(0, cos) * INV_PI_F;
-}
-/* The point moved off its light, to the side to which `direction` points. */
-static inline vec3_t light_offset(const light_point_t *point, vec3_t direction)
-{
-    float side = v_dot(point->n, direction) < 0 ? -point->offset : point->offset;
-    return v_mad(point->p, side, point->n);
-}
-/* Draws a direction of emission from `u`, by cosine; for two-sided lights each side half of the time. */
-vec3_t light_sample_direction(const light_point_t *point, vec2_t u);
+/* A place on a light as a given point sees it. */
+typedef struct {
+    vec3_t w;        /* unit direction from the point to the place */
+    vec3_t target;   /* where the segment to it ends, off the light already */
+    rgb_t radiance;  /* towards the point; of a point light the intensity */
+    float pdf_place; /* as in light_ray_t */
+    float geometry;  /* from solid angle at the point to the measure of places: cos / d^2 on a surface, 1 / d^2
+                        of a point, 1 at infinity */
+    float arrival;   /* density, per area across it, of the rays that lights_emit sends this way to the point,
+                        given the place */
+    bool at_infinity, delta;
+} light_view_t;
+
+/* A place that an eye subpath ran into. */
+typedef struct {
+    rgb_t radiance;  /* towards where the subpath came from */
+    float pdf_place; /* with which the other two would have drawn it */
+    float pdf_ray;   /* as in light_ray_t */
+} light_hit_t;
+
+/* Draws a light subpath; false when nothing comes of it. */
+bool lights_emit(const lights_t *lights, float choice, vec2_t place, vec2_t ray, light_ray_t *out);
+/* Draws a place that may light the point; false when it does not. */
+bool lights_illuminate(const lights_t *lights, vec3_t point, float choice, vec2_t place, light_view_t *out);
+/* The light surface->light seen from the unit direction wo; false when it is dark. */
+bool lights_hit(const lights_t *lights, const surface_t *surface, vec3_t wo, light_hit_t *out);
+/* How many lights fill the sky. */
+uint32_t lights_sky_count(const lights_t *lights);
+/* The k-th of them in the unit direction w; false when it is dark there. */
+bool lights_escape(const lights_t *lights, uint32_t k, vec3_t w, light_hit_t *out);
+
+/* ---- for kinds of light -------------------------------------------------------------------------------- */
+
+/* A light in place. `state` is what its kind prepared. */
+typedef struct {
+    const scene_t *scene;
+    const blob_light_t *record;
+    void *state;
+    vec3_t centre; /* of a sphere about the scene */
+    float radius;
+    float chance;  /* of a whole light being chosen; of an area light chance per unit of its area */
+} light_t;
+
+typedef struct {
+    /* Prepares what the light needs; NULL when it needs nothing. */
+    void *(*prepare)(const light_t *light);
+    void (*release)(void *state);
+    /* Its flux, in any unit that all kinds share (luminance x area x steradians). */
+    double (*power)(const light_t *light);
+    /* As lights_emit and lights_illuminate, with chance taken account of; `primitive` is the triangle. */
+    bool (*emit)(const light_t *light, uint32_t primitive, vec2_t place, vec2_t ray, light_ray_t *out);
+    bool (*illuminate)(const light_t *light, uint32_t primitive, vec3_t point, vec2_t place,
+                       light_view_t *out);
+    /* As lights_escape; NULL for lights that are not of the sky. */
+    bool (*escape)(const light_t *light, vec3_t w, light_hit_t *out);
+} light_ops_t;
+
+extern const light_ops_t light_area, light_point, light_spot, light_goniometric, light_projection,
+    light_distant, light_infinite;
+
+/* An area light that a path ran into: as lights_hit. */
+bool light_area_hit(const light_t *light, const surface_t *surface, vec3_t wo, light_hit_t *out);
+/* Emitters that an area light consists of, and the area of each. */
+uint32_t light_area_primitives(const light_t *light);
+double light_area_of(const light_t *light, uint32_t primitive);
 
 #endif

@@ -3,19 +3,33 @@
 #define LIGHTMILL_RENDER_SCENE_H
 
 #include "common/scene_blob.h"
+#include "worker/render/texture.h"
 
 #include <embree3/rtcore.h>
 
 /* A point on a surface. All vectors are in world space, directions of unit length. */
 typedef struct {
     vec3_t p;
-    vec3_t ng;      /* geometric normal, on the side to which the shape emits */
-    vec3_t ns;      /* shading normal, in the hemisphere of ng */
-    vec3_t tangent; /* the direction in which u grows; orthogonal to ns only after bsdf set-up. Zero: any */
-    float offset;   /* distance by which a ray must start off the surface so as not to hit it again */
+    vec3_t ng;    /* geometric normal, on the side to which the shape emits */
+    vec3_t ns;    /* shading normal, in the hemisphere of ng */
+    float offset; /* distance by which a ray must start off the surface so as not to hit it again */
+    const blob_shape_t *shape;
     const blob_material_t *material;
     uint32_t light; /* index of the light that the shape is, or BLOB_NONE */
+    /* Where on the shape; for scene_details. */
+    uint32_t instance; /* BLOB_NONE: the world itself */
+    uint32_t primitive;
+    vec2_t place; /* Embree's u and v */
+    float time;   /* 0 to 1 */
 } surface_t;
+
+/* What only textures and turned frames ask for. Derivatives are in world space. */
+typedef struct {
+    vec2_t uv, uv2;
+    vec3_t dpdu, dpdv;
+    vec3_t dndu, dndv; /* of the shading normal */
+    blob_colour_t colour;
+} surface_details_t;
 
 typedef struct scene scene_t;
 
@@ -25,9 +39,16 @@ result_t scene_new(const scene_blob_t *blob, scene_t **scene);
 /* Frees the scene and sets *scene to NULL. */
 void scene_destroy(scene_t **scene);
 const scene_blob_t *scene_blob(const scene_t *scene);
+const textures_t *scene_textures(const scene_t *scene);
+/* A sphere about everything; radius 0 for an empty scene. */
+void scene_bounds(const scene_t *scene, vec3_t *centre, float *radius);
+/* True when something moves, so that a path's time matters. */
+bool scene_moves(const scene_t *scene);
 
-/* Finds the first surface along a ray from `origin` in the unit direction. False when there is none. */
-bool scene_intersect(const scene_t *scene, vec3_t origin, vec3_t direction, surface_t *surface);
+/* Finds the first surface along a ray from `origin` in the unit direction, at a time from 0 to 1. False when
+ * there is none. */
+bool scene_intersect(const scene_t *scene, vec3_t origin, vec3_t direction, float time, surface_t *surface);
+void scene_details(const scene_t *scene, const surface_t *surface, surface_details_t *details);
 
 /* True when the ray hits anything; finds the nearest hit and forgets it: for measuring Embree alone. */
 bool scene_probe(const scene_t *scene, vec3_t origin, vec3_t direction);
@@ -36,11 +57,12 @@ enum { SCENE_PACKET = 8 };
 /* Segments between points; the ends are already off their surfaces (scene_offset). */
 typedef struct {
     int count;
+    float time;
     vec3_t from[SCENE_PACKET], to[SCENE_PACKET];
 } segments_t;
 
 /* True when something lies between the points. */
-bool scene_occluded(const scene_t *scene, vec3_t from, vec3_t to);
+bool scene_occluded(const scene_t *scene, vec3_t from, vec3_t to, float time);
 /* Bit i of the answer is set when something lies between from[i] and to[i]. Quickest when all start close
  * together. */
 uint32_t scene_occluded_packet(const scene_t *scene, const segments_t *segments);
