@@ -42,12 +42,18 @@ static const struct {
     [BLOB_SECTION_POSITIONS] = {"positions", sizeof(vec3_t)},
     [BLOB_SECTION_NORMALS] = {"normals", sizeof(vec3_t)},
     [BLOB_SECTION_UVS] = {"uvs", sizeof(vec2_t)},
+    [BLOB_SECTION_COLOURS] = {"colours", sizeof(blob_colour_t)},
     [BLOB_SECTION_TRIANGLES] = {"triangles", sizeof(blob_triangle_t)},
     [BLOB_SECTION_MESHES] = {"meshes", sizeof(blob_mesh_t)},
-    [BLOB_SECTION_SPHERES] = {"spheres", sizeof(blob_sphere_t)},
+    [BLOB_SECTION_QUADRICS] = {"quadrics", sizeof(blob_quadric_t)},
+    [BLOB_SECTION_CURVE_POINTS] = {"curve points", sizeof(blob_curve_point_t)},
+    [BLOB_SECTION_CURVES] = {"curves", sizeof(blob_curves_t)},
     [BLOB_SECTION_SHAPES] = {"shapes", sizeof(blob_shape_t)},
     [BLOB_SECTION_OBJECTS] = {"objects", sizeof(blob_object_t)},
     [BLOB_SECTION_INSTANCES] = {"instances", sizeof(blob_instance_t)},
+    [BLOB_SECTION_TEXTURES] = {"textures", sizeof(blob_texture_t)},
+    [BLOB_SECTION_IMAGES] = {"images", sizeof(blob_image_t)},
+    [BLOB_SECTION_TEXELS] = {"texels", sizeof(uint32_t)},
     [BLOB_SECTION_MATERIALS] = {"materials", sizeof(blob_material_t)},
     [BLOB_SECTION_LIGHTS] = {"lights", sizeof(blob_light_t)},
     [BLOB_SECTION_STRINGS] = {"strings", 1},
@@ -106,9 +112,60 @@ static bool xform_is_finite(const xform_t *t)
     return true;
 }
 
+static bool xform_is_usable(const xform_t *t)
+{
+    xform_t inverse;
+    return xform_is_finite(t) && xform_invert(t, &inverse);
+}
+
+static bool all_finite(const float *values, int count)
+{
+    for (int i = 0; i < count; i++)
+        if (!isfinite(values[i])) return false;
+    return true;
+}
+
 static bool rgb_is_valid(rgb_t c)
 {
     return v_is_finite(c) && c.x >= 0 && c.y >= 0 && c.z >= 0;
+}
+
+static bool is_one_of(uint32_t kind, uint32_t first, uint32_t end)
+{
+    return kind >= first && kind < end;
+}
+
+/* A reference to one of `count` things, or to none. */
+static bool ref_is_valid(blob_ref_t ref, uint64_t count)
+{
+    return ref <= count;
+}
+
+/* Textures before the one with this index; all of them are allowed outside textures. */
+static bool value_is_valid(const blob_value_t *value, uint64_t textures)
+{
+    return v_is_finite(value->factor) && ref_is_valid(value->texture, textures);
+}
+
+static result_t check_camera(const blob_scene_t *scene)
+{
+    CHECK(is_one_of(scene->camera, CAMERA_PERSPECTIVE, CAMERA_EQUAL_AREA + 1), "unknown camera %u",
+          scene->camera);
+    CHECK(xform_is_usable(&scene->world_from_camera) && xform_is_usable(&scene->world_from_camera_end),
+          "the camera's transform is singular or not finite");
+    CHECK(scene->fov > 0 && scene->fov < 180, "the camera's fov is %g degrees, must be between 0 and 180",
+          (double)scene->fov);
+    CHECK(scene->lens_radius >= 0 && isfinite(scene->lens_radius), "the camera's lens radius is negative");
+    CHECK(scene->focal_distance > 0 && isfinite(scene->focal_distance),
+          "the camera's focal distance must be positive");
+    const float *w = scene->screen_window, *film = scene->film_window;
+    bool automatic = w[0] == 0 && w[1] == 0 && w[2] == 0 && w[3] == 0;
+    CHECK(all_finite(w, 4), "the camera's screen window is not finite");
+    CHECK(automatic || (w[0] < w[1] && w[2] < w[3]), "the camera's screen window is empty");
+    CHECK(all_finite(film, 4) && film[0] < film[1] && film[2] < film[3] && fabsf(film[0]) < 1e3f &&
+              fabsf(film[1]) < 1e3f && fabsf(film[2]) < 1e3f && fabsf(film[3]) < 1e3f,
+          "the film's window is empty");
+    return result_ok();
 }
 
 static result_t check_scene(const scene_blob_t *blob)
@@ -116,22 +173,16 @@ static result_t check_scene(const scene_blob_t *blob)
     CHECK(blob->counts[BLOB_SECTION_SCENE] == 1, "must have one scene record, has %llu",
           (unsigned long long)blob->counts[BLOB_SECTION_SCENE]);
     const blob_scene_t *scene = blob->scene;
-    xform_t inverse;
-    CHECK(xform_is_finite(&scene->world_from_camera) && xform_invert(&scene->world_from_camera, &inverse),
-          "the camera's transform is singular or not finite");
-    CHECK(scene->fov > 0 && scene->fov < 180, "the camera's fov is %g degrees, must be between 0 and 180",
-          (double)scene->fov);
-    const float *w = scene->screen_window;
-    bool automatic = w[0] == 0 && w[1] == 0 && w[2] == 0 && w[3] == 0;
-    for (int i = 0; i < 4; i++) CHECK(isfinite(w[i]), "the camera's screen window is not finite");
-    CHECK(automatic || (w[0] < w[1] && w[2] < w[3]), "the camera's screen window is empty");
+    TRY(check_camera(scene));
     const blob_filter_t *filter = &scene->filter;
-    CHECK(filter->kind >= FILTER_BOX && filter->kind <= FILTER_GAUSSIAN, "unknown pixel filter %u",
-          filter->kind);
+    CHECK(is_one_of(filter->kind, FILTER_BOX, FILTER_SINC + 1), "unknown pixel filter %u", filter->kind);
     CHECK(filter->radius_x > 0 && filter->radius_x <= 32 && filter->radius_y > 0 && filter->radius_y <= 32,
           "the pixel filter's radius must be over 0 and at most 32 pixels");
-    CHECK(filter->kind != FILTER_GAUSSIAN || (filter->gaussian_sigma > 0 && isfinite(filter->gaussian_sigma)),
-          "the gaussian filter's sigma must be positive");
+    CHECK(all_finite(filter->parameters, 2), "the pixel filter's parameters are not finite");
+    CHECK((filter->kind != FILTER_GAUSSIAN && filter->kind != FILTER_SINC) || filter->parameters[0] > 0,
+          "the pixel filter's parameter must be positive");
+    CHECK(scene->max_luminance > 0, "the largest luminance of a sample must be positive");
+    CHECK(scene->regularize <= 1, "regularize must be 0 or 1");
     job_settings_t settings = blob_default_settings(blob);
     result_t checked = job_settings_check(&settings);
     CHECK(checked.code == RESULT_OK, "%s", checked.message);
@@ -146,9 +197,30 @@ static result_t check_vectors(const char *what, const vec3_t *v, uint64_t count)
 }
 
 /* True when [first, first + count) lies inside [0, total). */
-static bool range_inside(uint32_t first, uint32_t count, uint64_t total)
+static bool range_inside(uint32_t first, uint64_t count, uint64_t total)
 {
     return (uint64_t)first + count <= total;
+}
+
+/* The same for a range that may be absent. */
+static bool range_inside_or_none(uint32_t first, uint32_t count, uint64_t total)
+{
+    return first == BLOB_NONE || range_inside(first, count, total);
+}
+
+static result_t check_mesh_arrays(const scene_blob_t *blob, const blob_mesh_t *mesh, unsigned long long id)
+{
+    uint32_t count = mesh->vertex_count;
+    CHECK(range_inside(mesh->first_position, count, blob->counts[BLOB_SECTION_POSITIONS]),
+          "mesh %llu: its vertices lie outside the positions", id);
+    CHECK(range_inside_or_none(mesh->first_normal, count, blob->counts[BLOB_SECTION_NORMALS]),
+          "mesh %llu: its normals lie outside the normals", id);
+    CHECK(range_inside_or_none(mesh->first_uv, count, blob->counts[BLOB_SECTION_UVS]) &&
+              range_inside_or_none(mesh->first_uv2, count, blob->counts[BLOB_SECTION_UVS]),
+          "mesh %llu: its uvs lie outside the uvs", id);
+    CHECK(range_inside_or_none(mesh->first_colour, count, blob->counts[BLOB_SECTION_COLOURS]),
+          "mesh %llu: its colours lie outside the colours", id);
+    return result_ok();
 }
 
 /* Meshes own their triangles: ranges follow one another, so that the checks are linear in the blob's size. */
@@ -158,14 +230,7 @@ static result_t check_meshes(const scene_blob_t *blob)
     for (uint64_t i = 0; i < blob->counts[BLOB_SECTION_MESHES]; i++) {
         const blob_mesh_t *mesh = &blob->meshes[i];
         unsigned long long id = i;
-        CHECK(range_inside(mesh->first_position, mesh->vertex_count, blob->counts[BLOB_SECTION_POSITIONS]),
-              "mesh %llu: its vertices lie outside the positions", id);
-        CHECK(mesh->first_normal == BLOB_NONE ||
-                  range_inside(mesh->first_normal, mesh->vertex_count, blob->counts[BLOB_SECTION_NORMALS]),
-              "mesh %llu: its normals lie outside the normals", id);
-        CHECK(mesh->first_uv == BLOB_NONE ||
-                  range_inside(mesh->first_uv, mesh->vertex_count, blob->counts[BLOB_SECTION_UVS]),
-              "mesh %llu: its uvs lie outside the uvs", id);
+        TRY(check_mesh_arrays(blob, mesh, id));
         CHECK(mesh->triangle_count > 0 && mesh->first_triangle >= next_triangle &&
                   range_inside(mesh->first_triangle, mesh->triangle_count,
                                blob->counts[BLOB_SECTION_TRIANGLES]),
@@ -180,36 +245,76 @@ static result_t check_meshes(const scene_blob_t *blob)
     return result_ok();
 }
 
-static result_t check_spheres(const scene_blob_t *blob)
+static result_t check_quadrics(const scene_blob_t *blob)
 {
-    for (uint64_t i = 0; i < blob->counts[BLOB_SECTION_SPHERES]; i++) {
-        const blob_sphere_t *sphere = &blob->spheres[i];
-        xform_t inverse;
-        CHECK(sphere->radius > 0 && isfinite(sphere->radius), "sphere %llu: its radius must be positive",
-              (unsigned long long)i);
-        CHECK(xform_is_finite(&sphere->object_from_sphere) &&
-                  xform_invert(&sphere->object_from_sphere, &inverse),
-              "sphere %llu: its transform is singular or not finite", (unsigned long long)i);
+    for (uint64_t i = 0; i < blob->counts[BLOB_SECTION_QUADRICS]; i++) {
+        const blob_quadric_t *q = &blob->quadrics[i];
+        unsigned long long id = i;
+        CHECK(is_one_of(q->kind, QUADRIC_SPHERE, QUADRIC_CYLINDER + 1), "quadric %llu: unknown kind %u", id,
+              q->kind);
+        CHECK(q->radius > 0 && isfinite(q->radius), "quadric %llu: its radius must be positive", id);
+        CHECK(isfinite(q->z_min) && isfinite(q->z_max) && q->phi_max > 0 && q->phi_max <= TWO_PI_F,
+              "quadric %llu: its extent is not finite or empty", id);
+        CHECK(q->kind == QUADRIC_DISK ? q->inner_radius >= 0 && q->inner_radius < q->radius
+                                      : q->z_min < q->z_max,
+              "quadric %llu: its extent is empty", id);
+        CHECK(q->kind != QUADRIC_SPHERE || (q->z_min >= -q->radius && q->z_max <= q->radius),
+              "quadric %llu: its z range lies outside its radius", id);
+        CHECK(xform_is_usable(&q->object_from_quadric),
+              "quadric %llu: its transform is singular or not finite", id);
+    }
+    return result_ok();
+}
+
+static result_t check_curves(const scene_blob_t *blob)
+{
+    uint64_t points = blob->counts[BLOB_SECTION_CURVE_POINTS], next = 0;
+    for (uint64_t i = 0; i < points; i++) {
+        const blob_curve_point_t *p = &blob->curve_points[i];
+        CHECK(isfinite(p->x) && isfinite(p->y) && isfinite(p->z) && p->radius >= 0 && isfinite(p->radius),
+              "curve point %llu is not finite", (unsigned long long)i);
+    }
+    for (uint64_t i = 0; i < blob->counts[BLOB_SECTION_CURVES]; i++) {
+        const blob_curves_t *curves = &blob->curves[i];
+        unsigned long long id = i;
+        uint64_t count = 4 * (uint64_t)curves->segment_count;
+        CHECK(is_one_of(curves->kind, CURVES_ROUND, CURVES_RIBBON + 1), "curves %llu: unknown kind %u", id,
+              curves->kind);
+        CHECK(count > 0 && curves->first_point >= next && range_inside(curves->first_point, count, points),
+              "curves %llu: its points lie outside the points, or are another's", id);
+        next = curves->first_point + count;
+        CHECK(curves->kind == CURVES_ROUND
+                  ? curves->first_normal == BLOB_NONE
+                  : range_inside(curves->first_normal, count, blob->counts[BLOB_SECTION_NORMALS]),
+              "curves %llu: its normals lie outside the normals", id);
     }
     return result_ok();
 }
 
 static result_t check_shapes(const scene_blob_t *blob)
 {
+    static const blob_section_t sections[] = {[SHAPE_MESH] = BLOB_SECTION_MESHES,
+                                              [SHAPE_QUADRIC] = BLOB_SECTION_QUADRICS,
+                                              [SHAPE_CURVES] = BLOB_SECTION_CURVES};
+    uint64_t textures = blob->counts[BLOB_SECTION_TEXTURES];
     for (uint64_t i = 0; i < blob->counts[BLOB_SECTION_SHAPES]; i++) {
         const blob_shape_t *shape = &blob->shapes[i];
         unsigned long long id = i;
-        CHECK(shape->kind == SHAPE_MESH || shape->kind == SHAPE_SPHERE, "shape %llu: unknown kind %u", id,
+        CHECK(is_one_of(shape->kind, SHAPE_MESH, SHAPE_CURVES + 1), "shape %llu: unknown kind %u", id,
               shape->kind);
-        blob_section_t section = shape->kind == SHAPE_MESH ? BLOB_SECTION_MESHES : BLOB_SECTION_SPHERES;
-        CHECK(shape->geometry < blob->counts[section], "shape %llu: no geometry %u", id, shape->geometry);
+        CHECK(shape->geometry < blob->counts[sections[shape->kind]], "shape %llu: no geometry %u", id,
+              shape->geometry);
         CHECK(shape->material < blob->counts[BLOB_SECTION_MATERIALS], "shape %llu: no material %u", id,
               shape->material);
-        CHECK(shape->light == BLOB_NONE || (shape->light < blob->counts[BLOB_SECTION_LIGHTS] &&
-                                            blob->lights[shape->light].shape == id),
+        CHECK(shape->light == BLOB_NONE ||
+                  (shape->light < blob->counts[BLOB_SECTION_LIGHTS] &&
+                   blob->lights[shape->light].kind == LIGHT_AREA && blob->lights[shape->light].shape == id),
               "shape %llu: light %u does not belong to it", id, shape->light);
+        CHECK(shape->light == BLOB_NONE || shape->kind != SHAPE_CURVES, "shape %llu: curves cannot emit", id);
         CHECK(shape->name < blob->counts[BLOB_SECTION_STRINGS],
               "shape %llu: its name lies outside the strings", id);
+        CHECK(value_is_valid(&shape->alpha, textures) && value_is_valid(&shape->shadow_alpha, textures),
+              "shape %llu: its alpha is not finite or has no such texture", id);
     }
     return result_ok();
 }
@@ -220,43 +325,100 @@ static result_t check_objects(const scene_blob_t *blob)
     CHECK(blob->counts[BLOB_SECTION_OBJECTS] > 0, "has no world object");
     for (uint64_t i = 0; i < blob->counts[BLOB_SECTION_OBJECTS]; i++) {
         const blob_object_t *object = &blob->objects[i];
-        CHECK(range_inside(object->first_shape, object->shape_count, shapes),
-              "object %llu: its shapes lie outside the shapes", (unsigned long long)i);
+        CHECK(object->first_shape == next && range_inside(object->first_shape, object->shape_count, shapes),
+              "object %llu: its shapes lie outside the shapes, or are another object's",
+              (unsigned long long)i);
         next += object->shape_count;
     }
     CHECK(next == shapes, "objects hold %llu shapes of %llu", (unsigned long long)next,
           (unsigned long long)shapes);
     for (uint64_t i = 0; i < blob->counts[BLOB_SECTION_INSTANCES]; i++) {
         const blob_instance_t *instance = &blob->instances[i];
-        xform_t inverse;
         CHECK(instance->object > 0 && instance->object < blob->counts[BLOB_SECTION_OBJECTS],
               "instance %llu: no object %u", (unsigned long long)i, instance->object);
-        CHECK(xform_is_finite(&instance->world_from_object) &&
-                  xform_invert(&instance->world_from_object, &inverse),
+        CHECK(xform_is_usable(&instance->world_from_object) &&
+                  xform_is_usable(&instance->world_from_object_end),
               "instance %llu: its transform is singular or not finite", (unsigned long long)i);
     }
     return result_ok();
 }
 
-static result_t check_materials(const scene_blob_t *blob)
+static result_t check_images(const scene_blob_t *blob)
 {
-    for (uint64_t i = 0; i < blob->counts[BLOB_SECTION_MATERIALS]; i++) {
-        const blob_material_t *material = &blob->materials[i];
+    static const uint32_t bytes[] = {
+        [TEXELS_R8] = 1, [TEXELS_RGBA8] = 4, [TEXELS_R32F] = 4, [TEXELS_RGB32F] = 12};
+    for (uint64_t i = 0; i < blob->counts[BLOB_SECTION_IMAGES]; i++) {
+        const blob_image_t *image = &blob->images[i];
         unsigned long long id = i;
-        CHECK(material->kind >= MATERIAL_DIFFUSE && material->kind <= MATERIAL_CONDUCTOR,
-              "material %llu: unknown kind %u", id, material->kind);
-        CHECK(material->name < blob->counts[BLOB_SECTION_STRINGS],
-              "material %llu: its name lies outside the strings", id);
-        CHECK(rgb_is_valid(material->reflectance) && rgb_is_valid(material->transmittance) &&
-                  rgb_is_valid(material->eta) && rgb_is_valid(material->k),
-              "material %llu: its colours must be finite and not negative", id);
-        CHECK(material->kind != MATERIAL_DIELECTRIC || material->eta.x > 0,
-              "material %llu: eta must be positive", id);
-        CHECK(material->alpha_u >= 0 && material->alpha_u <= 10 && material->alpha_v >= 0 &&
-                  material->alpha_v <= 10,
-              "material %llu: its roughness must be from 0 to 10", id);
+        CHECK(is_one_of(image->format, TEXELS_R8, TEXELS_RGB32F + 1), "image %llu: unknown format %u", id,
+              image->format);
+        CHECK(image->width > 0 && image->width <= BLOB_MAX_IMAGE_SIDE && image->height > 0 &&
+                  image->height <= BLOB_MAX_IMAGE_SIDE,
+              "image %llu: %u x %u pixels", id, image->width, image->height);
+        uint64_t size = (uint64_t)image->width * image->height * bytes[image->format];
+        CHECK(range_inside(image->first_word, (size + 3) / 4, blob->counts[BLOB_SECTION_TEXELS]),
+              "image %llu: its pixels lie outside the texels", id);
+        CHECK(image->gamma >= 0 && image->gamma <= 10, "image %llu: its gamma must be from 0 to 10", id);
+        const float *floats = (const float *)(blob->texels + image->first_word);
+        bool is_float = image->format == TEXELS_R32F || image->format == TEXELS_RGB32F;
+        for (uint64_t k = 0; is_float && k < size / 4; k++)
+            CHECK(isfinite(floats[k]), "image %llu: a pixel is not finite", id);
     }
     return result_ok();
+}
+
+/* Every texture refers to earlier ones alone, so that there is no cycle; the cost of one look-up is bounded
+ * by counting the textures that it evaluates. */
+static result_t check_textures(const scene_blob_t *blob)
+{
+    uint64_t count = blob->counts[BLOB_SECTION_TEXTURES];
+    double *costs = mem_zalloc(count + 1, sizeof *costs);
+    result_t result = result_ok();
+    for (uint64_t i = 0; i < count && result.code == RESULT_OK; i++) {
+        const blob_texture_t *t = &blob->textures[i];
+        bool valid = is_one_of(t->kind, TEXTURE_IMAGE, TEXTURE_KIND_END) && t->mapping <= MAPPING_POINT &&
+                     t->channel <= CHANNEL_MEAN && t->wrap_s <= WRAP_MIRROR && t->wrap_t <= WRAP_MIRROR &&
+                     ref_is_valid(t->image, blob->counts[BLOB_SECTION_IMAGES]) &&
+                     (t->kind != TEXTURE_IMAGE || t->image != 0) && all_finite(&t->matrix[0][0], 6) &&
+                     xform_is_finite(&t->texture_from_world) && all_finite(t->parameters, TEXTURE_PARAMETERS);
+        costs[i] = 1;
+        for (int k = 0; k < TEXTURE_INPUTS && valid; k++) {
+            valid = value_is_valid(&t->inputs[k], i);
+            if (valid && t->inputs[k].texture != 0) costs[i] += costs[t->inputs[k].texture - 1];
+        }
+        if (!valid)
+            result =
+                result_fail(RESULT_INPUT, "scene blob: texture %llu is malformed", (unsigned long long)i);
+        else if (costs[i] > BLOB_MAX_TEXTURE_COST)
+            result = result_fail(RESULT_INPUT, "scene blob: texture %llu combines more than %d textures",
+                                 (unsigned long long)i, BLOB_MAX_TEXTURE_COST);
+    }
+    free(costs);
+    return result;
+}
+
+static result_t check_materials(const scene_blob_t *blob)
+{
+    uint64_t count = blob->counts[BLOB_SECTION_MATERIALS], textures = blob->counts[BLOB_SECTION_TEXTURES];
+    uint8_t *depths = mem_zalloc(count + 1, 1);
+    result_t result = result_ok();
+    for (uint64_t i = 0; i < count && result.code == RESULT_OK; i++) {
+        const blob_material_t *m = &blob->materials[i];
+        bool valid = is_one_of(m->kind, MATERIAL_DIFFUSE, MATERIAL_KIND_END) &&
+                     m->name < blob->counts[BLOB_SECTION_STRINGS] && ref_is_valid(m->normal_map, textures) &&
+                     ref_is_valid(m->bump, textures) && isfinite(m->normal_scale);
+        for (int k = 0; k < MATERIAL_VALUES && valid; k++) valid = value_is_valid(&m->values[k], textures);
+        if (valid && m->kind == MATERIAL_MIX) {
+            valid = m->parts[0] < i && m->parts[1] < i;
+            if (valid) depths[i] = (uint8_t)(1 + int_max(depths[m->parts[0]], depths[m->parts[1]]));
+            valid = valid && depths[i] <= BLOB_MAX_MIX_DEPTH;
+        }
+        if (!valid)
+            result =
+                result_fail(RESULT_INPUT, "scene blob: material %llu is malformed", (unsigned long long)i);
+    }
+    free(depths);
+    return result;
 }
 
 static result_t check_lights(const scene_blob_t *blob)
@@ -264,12 +426,35 @@ static result_t check_lights(const scene_blob_t *blob)
     const blob_object_t *world = &blob->objects[0];
     for (uint64_t i = 0; i < blob->counts[BLOB_SECTION_LIGHTS]; i++) {
         const blob_light_t *light = &blob->lights[i];
-        CHECK(light->shape < blob->counts[BLOB_SECTION_SHAPES] && blob->shapes[light->shape].light == i &&
-                  light->shape >= world->first_shape &&
-                  light->shape - world->first_shape < world->shape_count,
-              "light %llu does not belong to a shape of the world", (unsigned long long)i);
-        CHECK(rgb_is_valid(light->radiance), "light %llu: its radiance must be finite and not negative",
-              (unsigned long long)i);
+        unsigned long long id = i;
+        CHECK(is_one_of(light->kind, LIGHT_AREA, LIGHT_INFINITE + 1), "light %llu: unknown kind %u", id,
+              light->kind);
+        CHECK(rgb_is_valid(light->radiance.factor),
+              "light %llu: its radiance must be finite and not negative", id);
+        CHECK(all_finite(light->parameters, 4), "light %llu: its parameters are not finite", id);
+        CHECK(ref_is_valid(light->image, blob->counts[BLOB_SECTION_IMAGES]), "light %llu: no image %u", id,
+              light->image);
+        if (light->kind == LIGHT_AREA) {
+            CHECK(light->shape < world->shape_count && blob->shapes[light->shape].light == i,
+                  "light %llu does not belong to a shape of the world", id);
+            CHECK(value_is_valid(&light->radiance, blob->counts[BLOB_SECTION_TEXTURES]),
+                  "light %llu: no such texture", id);
+            continue;
+        }
+        CHECK(light->radiance.texture == 0, "light %llu: only area lights have textures", id);
+        CHECK(xform_is_usable(&light->world_from_light),
+              "light %llu: its transform is singular or not finite", id);
+        CHECK(light->image == 0 || is_one_of(light->mapping, LIGHT_LATLONG, LIGHT_OCTAHEDRAL + 1),
+              "light %llu: unknown mapping %u", id, light->mapping);
+        CHECK((light->kind != LIGHT_GONIOMETRIC && light->kind != LIGHT_PROJECTION) || light->image != 0,
+              "light %llu has no image", id);
+        CHECK(light->kind != LIGHT_PROJECTION || (light->parameters[0] < light->parameters[1] &&
+                                                  light->parameters[2] < light->parameters[3]),
+              "light %llu: its window is empty", id);
+        CHECK(light->kind != LIGHT_SPOT ||
+                  (light->parameters[0] >= -1 && light->parameters[0] <= light->parameters[1] &&
+                   light->parameters[1] <= 1 && light->parameters[0] < 1),
+              "light %llu: its cone is empty", id);
     }
     return result_ok();
 }
@@ -285,8 +470,13 @@ static result_t check_contents(const scene_blob_t *blob)
     for (uint64_t i = 0; i < blob->counts[BLOB_SECTION_UVS]; i++)
         CHECK(isfinite(blob->uvs[i].x) && isfinite(blob->uvs[i].y), "uv %llu is not finite",
               (unsigned long long)i);
+    for (uint64_t i = 0; i < blob->counts[BLOB_SECTION_COLOURS]; i++)
+        CHECK(all_finite(&blob->colours[i].r, 4), "colour %llu is not finite", (unsigned long long)i);
     TRY(check_meshes(blob));
-    TRY(check_spheres(blob));
+    TRY(check_quadrics(blob));
+    TRY(check_curves(blob));
+    TRY(check_images(blob));
+    TRY(check_textures(blob));
     TRY(check_shapes(blob));
     TRY(check_objects(blob));
     TRY(check_materials(blob));
@@ -311,12 +501,18 @@ result_t blob_open(const void *bytes, uint64_t size, scene_blob_t *blob)
     view.positions = at[BLOB_SECTION_POSITIONS];
     view.normals = at[BLOB_SECTION_NORMALS];
     view.uvs = at[BLOB_SECTION_UVS];
+    view.colours = at[BLOB_SECTION_COLOURS];
     view.triangles = at[BLOB_SECTION_TRIANGLES];
     view.meshes = at[BLOB_SECTION_MESHES];
-    view.spheres = at[BLOB_SECTION_SPHERES];
+    view.quadrics = at[BLOB_SECTION_QUADRICS];
+    view.curve_points = at[BLOB_SECTION_CURVE_POINTS];
+    view.curves = at[BLOB_SECTION_CURVES];
     view.shapes = at[BLOB_SECTION_SHAPES];
     view.objects = at[BLOB_SECTION_OBJECTS];
     view.instances = at[BLOB_SECTION_INSTANCES];
+    view.textures = at[BLOB_SECTION_TEXTURES];
+    view.images = at[BLOB_SECTION_IMAGES];
+    view.texels = at[BLOB_SECTION_TEXELS];
     view.materials = at[BLOB_SECTION_MATERIALS];
     view.lights = at[BLOB_SECTION_LIGHTS];
     view.strings = at[BLOB_SECTION_STRINGS];
@@ -461,7 +657,7 @@ int blob_film_scale(const scene_blob_t *blob)
 {
     float brightest = 0;
     for (uint64_t i = 0; i < blob->counts[BLOB_SECTION_LIGHTS]; i++)
-        brightest = float_max(brightest, v_max(blob->lights[i].radiance));
+        brightest = float_max(brightest, v_max(blob->lights[i].radiance.factor));
     int excess = brightest > 0 ? ilogbf(brightest) - 9 : 0;
     return int_max(FILM_MIN_SCALE, FILM_DEFAULT_SCALE - int_max(0, excess));
 }

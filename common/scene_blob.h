@@ -18,6 +18,11 @@
 enum { BLOB_VERSION = 2 };
 #define BLOB_NONE 0xFFFFFFFFu
 #define BLOB_MAX_BYTES ((uint64_t)1 << 36)
+enum {
+    BLOB_MAX_IMAGE_SIDE = 65536,
+    BLOB_MAX_TEXTURE_COST = 1000, /* textures that one look-up evaluates */
+    BLOB_MAX_MIX_DEPTH = 8        /* mixes of mixes */
+};
 
 typedef enum {
     BLOB_SECTION_SCENE,        /* blob_scene_t, exactly one */
@@ -407,6 +412,16 @@ result_t blob_open_file(const char *path, scene_blob_t *blob);
 void blob_close(scene_blob_t *blob);
 /* True when the bytes begin like a blob, whatever follows. */
 bool blob_recognise(const void *bytes, uint64_t size);
+
+/* A value that does not vary. */
+static inline blob_value_t blob_constant(float number)
+{
+    return (blob_value_t){{number, number, number}, 0};
+}
+static inline blob_value_t blob_colour_value(rgb_t colour)
+{
+    return (blob_value_t){colour, 0};
+}
 
 /* Gathers a scene section by section. */
 typedef struct blob_builder blob_builder_t;
