@@ -612,13 +612,13 @@ const double cie_observer[3][CIE_COUNT] = {
      0},
 };
 
-/* CIE daylight, relative power from 300 to 830 nm by 10 nm: D50 and D65 (CIE 15), and the D60 of ACES. */
+/* CIE daylight, relative power by 10 nm: D50 (CIE 15) from 380 to 780 nm; D65 (CIE 15) and the D60 of ACES
+ * from 300 to 830 nm. */
 static const double illuminant_d50[] = {
-    0.0192,  2.054,   7.772,   14.7395, 17.9386, 20.9949, 23.9251, 26.9427, 24.461,  29.8404, 49.664,
-    56.648,  60.244,  58.216,  75.732,  88.264,  91.596,  92.284,  96.028,  92.596,  96.252,  97.072,
-    97.556,  102.456, 100.932, 102.424, 100,     96.0734, 95.2835, 89.8707, 91.6744, 91.8047, 90.1249,
-    85.8717, 87.5589, 84.5791, 85.7562, 88.4966, 85.0434, 74.9461, 77.8232, 79.5195, 65.869,  74.4892,
-    79.936,  67.6589, 49.6084, 71.3158, 67.4956, 68.569,  63.3488, 55.3185, 61.1387, 64.2855};
+    24.487, 29.871, 49.308, 56.513, 60.034,  57.817,  74.825,  87.247,  90.612, 91.368, 95.109,
+    91.963, 95.724, 96.613, 97.129, 102.099, 100.755, 102.317, 100,     97.735, 98.918, 93.499,
+    97.688, 99.269, 99.042, 95.722, 98.857,  95.667,  98.19,   103.003, 99.133, 87.381, 91.603,
+    92.889, 76.854, 86.511, 92.58,  78.23,   57.692,  82.923,  78.274};
 
 static const double illuminant_d60[] = {
     0.02928,  2.55,     15.5176,  28.3765,  31.4902,  36.0251,  38.3813,  42.9077,  41.207,
@@ -848,7 +848,7 @@ const spectrum_table_t spectrum_tables[] = {
     {"metal-MgO-k", GRID_NANOMETRES, 587.56, 0, NULL, TABLE(nothing)},
     {"metal-TiO2-eta", GRID_LISTED, 0, 0, tio2_lambda, TABLE(tio2_eta)},
     {"metal-TiO2-k", GRID_LISTED, 0, 0, tio2_lambda, TABLE(tio2_k)},
-    {"stdillum-D50", GRID_NANOMETRES, 300, 10, NULL, TABLE(illuminant_d50)},
+    {"stdillum-D50", GRID_NANOMETRES, 380, 10, NULL, TABLE(illuminant_d50)},
     {"stdillum-D65", GRID_NANOMETRES, 300, 10, NULL, TABLE(illuminant_d65)},
     {"illum-acesD60", GRID_NANOMETRES, 300, 10, NULL, TABLE(illuminant_d60)},
     {"stdillum-F1", GRID_NANOMETRES, 380, 5, NULL, TABLE(illuminant_f[0])},
