@@ -408,6 +408,7 @@ void wire_settings_put(const job_settings_t *settings, Lm__Settings *message)
     message->time_limit = settings->time_limit;
     message->tile_size = (uint32_t)settings->tile_size;
     message->film_scale = (uint32_t)settings->film_scale;
+    message->features = settings->features;
 }
 
 result_t wire_settings_get(const Lm__Settings *message, job_settings_t *settings)
@@ -433,7 +434,8 @@ result_t wire_settings_get(const Lm__Settings *message, job_settings_t *settings
                                  .spp = message->spp,
                                  .time_limit = message->time_limit,
                                  .tile_size = (int32_t)message->tile_size,
-                                 .film_scale = (int32_t)message->film_scale};
+                                 .film_scale = (int32_t)message->film_scale,
+                                 .features = message->features};
     return job_settings_check(settings);
 }
 

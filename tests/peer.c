@@ -257,7 +257,7 @@ result_t peer_send_batch(peer_t *peer, uint64_t job, const batch_t *batch)
     Lm__BatchResult body = LM__BATCH_RESULT__INIT;
     Lm__Counts counts = LM__COUNTS__INIT;
     Lm__Envelope envelope = LM__ENVELOPE__INIT;
-    zmq_msg_t payload[2];
+    zmq_msg_t payload[BATCH_PAYLOADS];
     wire_counts_put(&batch->counts, &counts);
     body.worker = peer->worker;
     body.job = job;
@@ -268,7 +268,7 @@ result_t peer_send_batch(peer_t *peer, uint64_t job, const batch_t *batch)
     envelope.body_case = LM__ENVELOPE__BODY_BATCH_RESULT;
     envelope.batch_result = &body;
     assert_int_equal(payload_encode(batch, true, payload).code, RESULT_OK);
-    wire_message_t answer = peer_ask_bulk(peer, &envelope, payload, 2);
+    wire_message_t answer = peer_ask_bulk(peer, &envelope, payload, BATCH_PAYLOADS);
     free(body.units);
     assert_int_equal(answer.envelope->body_case, LM__ENVELOPE__BODY_BATCH_REPLY);
     const Lm__BatchReply *reply = answer.envelope->batch_reply;

@@ -631,7 +631,15 @@ static void picture_has_layers_and_history(void **state)
     char *path = scratch_path(*state, "p.exr"), *png = picture_png_path(path);
     float planes[4][12], samples[4] = {3, 4, 5, 70000};
     for (size_t i = 0; i < 48; i++) planes[i / 12][i % 12] = (float)i + 0.1f;
-    film_image_t film = {2, 2, planes[0], planes[1], planes[2], planes[3], samples};
+    float position[12], depth[4] = {0}, object[4] = {1, 2, 3, 100001}, coverage[4] = {1, 1, 1, 0.5f};
+    for (size_t i = 0; i < 12; i++) position[i] = (float)i + 1000.1f;
+    film_image_t film = {.width = 2,
+                         .height = 2,
+                         .sum = planes[0],
+                         .eye = planes[1],
+                         .light = planes[2],
+                         .noise = planes[3],
+                         .samples = samples};
     picture_meta_t meta = {
         .scene = hash_bytes("x", 1),
         .scene_name = "cornell",
@@ -659,8 +667,24 @@ static void picture_has_layers_and_history(void **state)
     assert_int_equal(strlen(image_attribute(&image, "lightmill.sceneHash")->text), 64);
     image_free(&image);
 
+    film.albedo = planes[1];
+    film.normal = planes[2];
+    film.position = position;
+    film.depth = depth;
+    film.object = object;
+    film.material = samples;
+    film.coverage = coverage;
     assert_ok(picture_write_exr(path, &film, &meta, true));
     assert_ok(image_read_exr(path, &image));
+    assert_int_equal(image.channel_count, 26);
+    assert_int_equal(image_find(&image, "albedo.G")->type, PIXEL_HALF);
+    assert_int_equal(image_find(&image, "normal.X")->type, PIXEL_HALF);
+    assert_true(image_find(&image, "normal.Z")->data[0] == image_find(&image, "light.B")->data[0]);
+    assert_true(image_find(&image, "position.Y")->data[3] == position[10]);
+    assert_true(image_find(&image, "object.id")->data[3] == 100001.0f);
+    assert_true(image_find(&image, "material.id")->data[3] == 70000.0f);
+    assert_int_equal(image_find(&image, "depth.Z")->type, PIXEL_FLOAT);
+    assert_true(image_find(&image, "coverage")->data[3] == 0.5f);
     assert_int_equal(image_find(&image, "noise.R")->type, PIXEL_HALF);
     assert_true(image_find(&image, "samples")->data[3] == 70000.0f);
     image_free(&image);

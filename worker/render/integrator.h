@@ -28,6 +28,7 @@ typedef struct {
     const stage_t *stage;
     uint32_t pixel_x, pixel_y, sample;
     unit_result_t *result; /* receives splats and counts */
+    first_hit_t first_hit; /* zeroed; the integrator says what the eye ray met */
 } sample_t;
 
 typedef struct {
