@@ -6,6 +6,7 @@
 #include <math.h>
 #include <openexr.h>
 #include <png.h>
+#include <sched.h>
 #include <setjmp.h>
 #include <signal.h>
 #include <stdarg.h>
@@ -103,6 +104,50 @@ static void floats_come_back_bit_by_bit(void **state)
     assert_int_equal(about.st_mode & 0777, 0666 & ~mask);
     image_free(&image);
     image_free(&back);
+    free(path);
+}
+
+static uint8_t *read_all(const char *path, size_t *size)
+{
+    struct stat about;
+    assert_int_equal(stat(path, &about), 0);
+    *size = (size_t)about.st_size;
+    uint8_t *bytes = mem_alloc(*size);
+    FILE *file = fopen(path, "rb");
+    assert_non_null(file);
+    assert_int_equal(fread(bytes, 1, *size, file), *size);
+    fclose(file);
+    return bytes;
+}
+
+/* The writer takes as many threads as the process may use cores: one makes the same bytes as all. */
+static void any_number_of_threads_writes_the_same_file(void **state)
+{
+    char *path = scratch_path(*state, "a.exr");
+    image_t image;
+    image_init(&image, 300, 1000); /* 63 chunks */
+    for (size_t c = 0; c < 3; c++) {
+        float *plane = image_add_channel(&image, layers[c], PIXEL_FLOAT);
+        for (size_t p = 0; p < 300000; p++)
+            plane[p] = pattern(p * (p % 700 < 300), c); /* some compress better */
+    }
+    cpu_set_t all, one;
+    size_t sizes[2];
+    assert_int_equal(sched_getaffinity(0, sizeof all, &all), 0);
+    assert_ok(image_write_exr(path, &image));
+    uint8_t *many = read_all(path, &sizes[0]);
+    CPU_ZERO(&one);
+    for (int cpu = 0; CPU_COUNT(&one) == 0; cpu++)
+        if (CPU_ISSET(cpu, &all)) CPU_SET(cpu, &one);
+    assert_int_equal(sched_setaffinity(0, sizeof one, &one), 0);
+    assert_ok(image_write_exr(path, &image));
+    assert_int_equal(sched_setaffinity(0, sizeof all, &all), 0);
+    uint8_t *single = read_all(path, &sizes[1]);
+    assert_int_equal(sizes[0], sizes[1]);
+    assert_memory_equal(many, single, sizes[0]);
+    free(many);
+    free(single);
+    image_free(&image);
     free(path);
 }
 
@@ -712,6 +757,7 @@ static void png_paths_replace_the_extension(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {TEST(floats_come_back_bit_by_bit),
+                                       TEST(any_number_of_threads_writes_the_same_file),
                                        TEST(attributes_come_back),
                                        TEST(halves_are_rounded_and_clamped),
                                        TEST(views_are_written_like_planes),

@@ -126,7 +126,10 @@ static void check_image(const char *path, const job_settings_t *settings, float 
     assert_int_equal(image.width, settings->width);
     assert_int_equal(image.height, settings->height);
     const image_channel_t *channel = image_find(&image, "samples"), *eye[3];
+    const image_channel_t *depth = image_find(&image, "depth.Z"), *object = image_find(&image, "object.id");
     assert_non_null(channel);
+    assert_non_null(depth);
+    assert_non_null(object);
     assert_true(image_find_rgb(&image, "eye", eye));
     for (int p = 0; p < image.width * image.height; p++) assert_true(channel->data[p] == samples);
     for (uint32_t tile = 0; tile < job_tile_count(settings); tile++) {
@@ -137,6 +140,8 @@ static void check_image(const char *path, const job_settings_t *settings, float 
         double value = ldexp(sum, -settings->film_scale); /* the rule is linear in the samples */
         float got = eye[0]->data[(size_t)(rect.y0 * image.width + rect.x0) * eye[0]->stride];
         assert_true(fabs((double)got - value) <= 1e-6 * value);
+        size_t last = (size_t)((rect.y1 - 1) * image.width + rect.x1 - 1);
+        assert_true(depth->data[last] == (float)tile + 0.5f && object->data[last] == (float)tile + 1.0f);
     }
     image_free(&image);
 }
