@@ -38,14 +38,18 @@ void material_substrate(const shading_t *shading)
     rgb_t diffuse = shading_colour(shading, VALUE_REFLECTANCE),
           glossy = shading_colour(shading, VALUE_SPECULAR);
     if (v_is_zero(diffuse) && v_is_zero(glossy)) return;
+    glossy = vec3(float_min(glossy.x, 1), float_min(glossy.y, 1), float_min(glossy.z, 1));
+    /* Schlick's reflectance has the mean glossy + (1 - glossy) / 21. */
+    rgb_t passed = rest(glossy), mean = v_mad(glossy, 1 / 21.0f, passed);
+    rgb_t albedo = v_add(mean, v_mul(diffuse, passed));
     shading_alphas(shading, VALUE_ROUGHNESS_U, VALUE_ROUGHNESS_V, alpha);
-    lobe_t *lobe =
-        shading_add(shading, &lobe_fresnel_blend, vec3(1, 1, 1), float_max(v_max(diffuse), v_max(glossy)));
+    lobe_t *lobe = shading_add(shading, &lobe_fresnel_blend, albedo, v_max(albedo));
     if (lobe == NULL) return;
     lobe->numbers[LOBE_ALPHA_U] = alpha[0];
     lobe->numbers[LOBE_ALPHA_V] = alpha[1];
     lobe_set_colour(lobe, LOBE_DIFFUSE, diffuse);
     lobe_set_colour(lobe, LOBE_GLOSSY, glossy);
+    lobe_set_colour(lobe, LOBE_FACTOR, vec3(1 / albedo.x, 1 / albedo.y, 1 / albedo.z));
 }
 
 void material_translucent(const shading_t *shading)
