@@ -14,7 +14,7 @@ static int set_up(void **state)
 {
     farm_options_t options = {.lease = 5,
                               .batch_interval = 10,
-                              .film_limit = 1 << 20,
+                              .film_limit = 2 << 20,
                               .first_job = 1,
                               .control_wake = -1,
                               .image_wake = -1};
@@ -147,7 +147,7 @@ static void a_pause_of_the_master_costs_no_worker_its_lease(void **state)
 
 static void jobs_wait_for_memory(void **state)
 {
-    farm_t *farm = *state; /* its memory holds six films of 160 kB */
+    farm_t *farm = *state; /* its memory holds six films of 330 kB */
     uint64_t worker = hello(farm, 0), jobs[8];
     unit_t unit;
     for (int j = 0; j < 8; j++) jobs[j] = submit(farm);

@@ -99,6 +99,7 @@ bool renderer_unit(const renderer_t *renderer, const unit_t *unit, unit_result_t
                                    .result = result};
                 rgb_t value = renderer->integrator->sample(&sample);
                 add_eye_sample(result, pixel + (i & 1) * half_pixels, value, settings->film_scale);
+                unit_result_feature(result, pixel, i, &sample.first_hit);
             }
         }
     if (renderer->integrator->traces_light)
