@@ -35,7 +35,7 @@ static vec3_t direction_at(light_mapping_t mapping, vec2_t st)
 
 static vec2_t place_of(light_mapping_t mapping, vec3_t d)
 {
-    if (mapping == LIGHT_OCTAHEDRAL) return octahedral_from_sphere(d);
+    if (mapping == LIGHT_OCTAHEDRAL) return octahedral_to_square(d);
     float up = mapping == LIGHT_LATLONG ? d.z : d.y, across = mapping == LIGHT_LATLONG ? d.y : d.z;
     float phi = atan2f(across, d.x);
     return (vec2_t){(phi < 0 ? phi + TWO_PI_F : phi) * (0.5f * INV_PI_F),

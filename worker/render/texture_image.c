@@ -78,6 +78,12 @@ void images_init(textures_t *textures)
     }
 }
 
+void textures_size(const textures_t *textures, uint32_t image, uint32_t *width, uint32_t *height)
+{
+    *width = textures->images[image].width;
+    *height = textures->images[image].height;
+}
+
 /* ---- texels -------------------------------------------------------------------------------------------- */
 
 static float word_float(const uint32_t *word)
