@@ -88,7 +88,7 @@ static bool decode(png_source_t *source, png_structp png, png_infop info)
 {
     if (setjmp(png_jmpbuf(png)) != 0) return false;
     png_set_read_fn(png, source, read_bytes);
-    png_set_user_limits(png, TEXTURE_MAX_SIDE, TEXTURE_MAX_SIDE);
+    png_set_user_limits(png, PNG_UINT_31_MAX, PNG_UINT_31_MAX); /* read_size has ours */
     png_set_keep_unknown_chunks(png, PNG_HANDLE_CHUNK_NEVER, NULL, -1);
     png_read_info(png, info);
     if (!good(source, read_size(source, png, info))) return false;
