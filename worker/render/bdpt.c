@@ -120,8 +120,7 @@ static bool walk_arrive(walk_t *walk, sample_t *sample, vertex_t *vertex, bool *
     vertex->wo = v_neg(walk->direction);
     vertex->throughput = walk->throughput;
     if (!v_is_zero(walk->attenuation))
-        vertex->throughput =
-            v_mul(vertex->throughput, rgb_fade(walk->attenuation, sqrtf(distance2)));
+        vertex->throughput = v_mul(vertex->throughput, rgb_fade(walk->attenuation, sqrtf(distance2)));
     vertex->inv_p2 = 1 / square(p);
     vertex->direct = walk->joinable ? vertex->inv_p2 : 0;
     vertex->inner = square(walk->cosine / distance2) * vertex->inv_p2 * walk->chain;
@@ -301,7 +300,8 @@ static void hit_light(bidirectional_t *b, const vertex_t *z, int segments)
 static void hit_sky(bidirectional_t *b, const walk_t *walk, int segments)
 {
     float inv_p2 = 1 / square(walk->pdf);
-    vertex_t z = {.direct = walk->joinable ? inv_p2 : 0, .inner = square(walk->cosine) * inv_p2 * walk->chain};
+    vertex_t z = {.direct = walk->joinable ? inv_p2 : 0,
+                  .inner = square(walk->cosine) * inv_p2 * walk->chain};
     for (uint32_t k = 0; k < lights_sky_count(b->stage->lights); k++) {
         light_hit_t hit;
         if (!lights_escape(b->stage->lights, k, walk->direction, &hit)) continue;
@@ -380,7 +380,8 @@ static rgb_t bdpt_sample(sample_t *sample)
 
     trace_light_subpath(&b, depths);
     for (int i = 0; i < b.light_count && depths[i] < segments; i++) {
-        if (is_wanted(&b, depths[i] + 1, 1)) join_camera(&b, &b.light[i], light_dimension(depths[i]), &bundle);
+        if (is_wanted(&b, depths[i] + 1, 1))
+            join_camera(&b, &b.light[i], light_dimension(depths[i]), &bundle);
         if (bundle.segments.count == SCENE_PACKET) splat_bundle(&b, &bundle);
     }
     splat_bundle(&b, &bundle);

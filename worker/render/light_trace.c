@@ -32,8 +32,7 @@ static void trace_light_path(sample_t *sample)
     sampler_t sampler = sample_stream(sample, DIMENSION_LIGHT + DIMENSION_EMIT);
     float choice = sampler_1d(&sampler);
     vec2_t place = sampler_2d(&sampler);
-    if (lights_empty(stage->lights) ||
-        !lights_emit(stage->lights, choice, place, sampler_2d(&sampler), &ray))
+    if (lights_empty(stage->lights) || !lights_emit(stage->lights, choice, place, sampler_2d(&sampler), &ray))
         return;
     rgb_t throughput = ray.throughput, attenuation = vec3(0, 0, 0);
     float brightest = v_max(throughput);

@@ -35,8 +35,8 @@ static rgb_t direct_light(sample_t *sample, const surface_t *surface, const bsdf
     if (!light.delta) factor *= power_heuristic(pdf, value.pdf);
     rgb_t result = v_scale(v_mul(value.f, light.radiance), factor);
     if (bsdf->absorbs)
-        result = v_mul(result, rgb_fade(bsdf_attenuation(bsdf, light.w),
-                                        v_length(v_sub(light.target, surface->p))));
+        result = v_mul(result,
+                       rgb_fade(bsdf_attenuation(bsdf, light.w), v_length(v_sub(light.target, surface->p))));
     if (v_is_zero(result)) return result;
     sample->result->counts.rays++;
     return scene_occluded(stage->scene, scene_offset(surface, light.w), light.target, sample->time)
@@ -71,7 +71,8 @@ static rgb_t surface_light(const stage_t *stage, const ray_t *ray, const surface
 }
 
 /* Scatters. False when the path ends here. */
-static bool scatter(ray_t *ray, const surface_t *surface, const bsdf_t *bsdf, sampler_t *sampler, bool roulette)
+static bool scatter(ray_t *ray, const surface_t *surface, const bsdf_t *bsdf, sampler_t *sampler,
+                    bool roulette)
 {
     bsdf_sample_t next;
     vec2_t u = sampler_2d(sampler), choice = sampler_2d(sampler);
@@ -112,8 +113,8 @@ static rgb_t path_sample(sample_t *sample)
         if (!scene_intersect(stage->scene, ray.origin, ray.direction, sample->time, &surface))
             return v_add(radiance, sky_light(stage, &ray));
         if (!v_is_zero(ray.attenuation))
-            ray.throughput = v_mul(ray.throughput,
-                                   rgb_fade(ray.attenuation, v_length(v_sub(surface.p, ray.before))));
+            ray.throughput =
+                v_mul(ray.throughput, rgb_fade(ray.attenuation, v_length(v_sub(surface.p, ray.before))));
         radiance = v_add(radiance, surface_light(stage, &ray, &surface));
         if (segment >= segments && segment > 1) return radiance;
         bsdf_init(&bsdf, stage->scene, &surface);
