@@ -64,28 +64,32 @@ static void level_alloc(level_t *level, uint32_t vertices, uint32_t faces)
 /* ---- the control mesh ------------------------------------------------------------------------------------
  */
 
-/* The faces' vertices, numbered anew without those that no face uses. */
-static result_t read_faces(const loop_t *in, position_t at, level_t *level)
+static result_t read_face(const loop_t *in, uint32_t f, position_t at, level_t *level)
 {
-    uint32_t *names = mem_alloc(in->vertex_count * sizeof *names), used = 0;
-    for (size_t i = 0; i < in->vertex_count; ++i) names[i] = BLOB_NONE;
-    result_t result = result_ok();
-    for (size_t i = 0; i < in->index_count && result.code == RESULT_OK; ++i) {
-        uint32_t vertex = 0, *v = level->faces[i / 3].v;
-        result = take_index(in->indices[i], in->vertex_count, i, at, &vertex);
-        if (result.code != RESULT_OK) break;
-        if (names[vertex] == BLOB_NONE) {
-            names[vertex] = used;
-            level->positions[used++] = d_vec3(in->positions + 3 * (size_t)vertex);
-        }
-        v[i % 3] = names[vertex];
-        for (size_t k = 0; k < i % 3; ++k)
-            if (v[k] == v[i % 3])
-                result = error_at(at, "triangle %zu uses vertex %" PRIu32 " twice", i / 3, vertex);
+    uint32_t *v = level->faces[f].v;
+    for (size_t k = 0; k < 3; ++k)
+        TRY(take_index(in->indices[3 * (size_t)f + k], in->vertex_count, 3 * (size_t)f + k, at, &v[k]));
+    for (int k = 0; k < 3; ++k)
+        if (v[k] == v[after(k)])
+            return error_at(at, "triangle %" PRIu32 " uses vertex %" PRIu32 " twice", f, v[k]);
+    return result_ok();
+}
+
+/* Reads the vertices that the faces use, and renames them in the faces. */
+static void read_positions(const loop_t *in, level_t *level)
+{
+    uint32_t *names = mem_zalloc(in->vertex_count, sizeof *names), used = 0;
+    for (uint32_t f = 0; f < level->face_count; ++f)
+        for (int k = 0; k < 3; ++k) names[level->faces[f].v[k]] = 1;
+    for (size_t i = 0; i < in->vertex_count; ++i) {
+        if (!names[i]) continue;
+        level->positions[used] = d_vec3(in->positions + 3 * i);
+        names[i] = used++;
     }
+    for (uint32_t f = 0; f < level->face_count; ++f)
+        for (int k = 0; k < 3; ++k) level->faces[f].v[k] = names[level->faces[f].v[k]];
     free(names);
     level->vertex_count = used;
-    return result;
 }
 
 /* One edge as one face has it. */
@@ -391,7 +395,8 @@ static result_t check_numbers(const loop_t *loop, position_t at)
 
 static result_t read_control_mesh(const loop_t *loop, position_t at, level_t *level, uint32_t *largest)
 {
-    TRY(read_faces(loop, at, level));
+    for (uint32_t f = 0; f < level->face_count; ++f) TRY(read_face(loop, f, at, level));
+    read_positions(loop, level);
     TRY(find_neighbours(at, level));
     return find_boundary(at, level, largest);
 }
