@@ -94,7 +94,7 @@ static uint32_t cell_of(float at, uint32_t count)
  * a coordinate inside it, in the sense of cell_of, whatever the rounding. */
 static float invert(const float *cumulative, uint32_t count, float u, uint32_t *cell)
 {
-    u = float_clamp(u, 0, 0x1.fffffep-1f);
+    u = float_min(float_max(u, 0), 0x1.fffffep-1f);
     uint32_t low = 0, high = count - 1; /* the last is at 1 */
     while (low < high) {
         uint32_t middle = low + (high - low) / 2;

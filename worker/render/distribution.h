@@ -24,7 +24,7 @@ double distribution_total(const distribution_t *distribution);
 
 /* A point of [0, 1)^2 for two uniform numbers in [0, 1), and its density per area of the square: the weight
  * of its cell over the mean weight. Cells of weight 0 are never drawn; inside a cell points are uniform.
- * *pdf is 0 if and only if all weights are. */
+ * *pdf is 0, and the point means nothing, when all weights are 0. */
 vec2_t distribution_sample(const distribution_t *distribution, vec2_t u, float *pdf);
 
 /* The density of distribution_sample at a point of [0, 1]^2; points outside belong to the nearest cell. */
