@@ -2,7 +2,8 @@
  * sampling images such as environment maps by their brightness.
  *
  * A row is drawn from the marginal distribution and a cell of it from the conditional one, each by inverting
- * a cumulative distribution, so that well stratified numbers give well stratified points. 8 bytes a cell.
+ * a cumulative distribution, so that well stratified numbers give well stratified points. At most 10 bytes
+ * a cell.
  */
 #ifndef LIGHTMILL_RENDER_DISTRIBUTION_H
 #define LIGHTMILL_RENDER_DISTRIBUTION_H
