@@ -118,6 +118,26 @@ static void test_empty_cells_are_never_drawn(void **state)
     distribution_destroy(&d);
 }
 
+/* Numbers that are the very first of a cell: the point must not round into the cell before, which is black.
+ */
+static void test_first_number_of_a_cell(void **state)
+{
+    (void)state;
+    enum { WIDEST = 300 };
+    float weights[WIDEST];
+    for (uint32_t width = 2; width <= WIDEST; width++) {
+        for (uint32_t i = 0; i < width; i++) weights[i] = i % 2 == 0 ? 0 : 1;
+        distribution_t *d = distribution_new(weights, width, 1);
+        for (uint32_t k = 0; k < width / 2; k++) {
+            float pdf;
+            vec2_t at = distribution_sample(d, (vec2_t){(float)((double)k / (width / 2)), 0.5f}, &pdf);
+            assert_true((uint32_t)(at.x * (float)width) == 2 * k + 1);
+            assert_true(pdf > 0 && pdf == distribution_pdf(d, at));
+        }
+        distribution_destroy(&d);
+    }
+}
+
 /* One bright cell in a large dark image: every point is in it. */
 static void test_one_cell(void **state)
 {
@@ -253,6 +273,7 @@ int main(void)
         cmocka_unit_test(test_samples_follow_the_density),
         cmocka_unit_test(test_density_is_weight_over_mean),
         cmocka_unit_test(test_empty_cells_are_never_drawn),
+        cmocka_unit_test(test_first_number_of_a_cell),
         cmocka_unit_test(test_one_cell),
         cmocka_unit_test(test_nothing_to_draw),
         cmocka_unit_test(test_density_outside),
