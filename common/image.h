@@ -81,6 +81,8 @@ hash_t image_hash(const image_t *image);
  * data window, any channels and compression that OpenEXRCore decodes. RESULT_INPUT names the file and what is
  * wrong with it; deep data and subsampled channels are refused. On failure there is nothing to free. */
 result_t image_read_exr(const char *path, image_t *image);
+/* The same of a file's bytes in memory, not NULL; `name`, not empty, stands for the path in errors. */
+result_t image_decode_exr(const char *name, const uint8_t *data, size_t size, image_t *image);
 /* Writes a scanline OpenEXR file with ZIP compression, whole or not at all, on as many threads as there are
  * cores; the bytes do not depend on their number. Channels of type PIXEL_HALF are rounded to halves, finite
  * values clamped to the largest of them; all others are written as floats. */

@@ -35,7 +35,9 @@ enum {
 
 /* What our callbacks share with the caller. */
 typedef struct {
-    int descriptor;       /* of the file that is read */
+    int descriptor;       /* of the file that is read, */
+    const uint8_t *data;  /* or its bytes in memory, */
+    size_t size;          /* this many */
     atomic_file_t *file;  /* that is written */
     int error;            /* errno of a failed read */
     pthread_mutex_t lock; /* guards the message when several threads write */
@@ -69,6 +71,24 @@ static const char *stream_message(exr_stream_t *stream, exr_result_t code)
 }
 
 /* ---- reading ---- */
+
+static int64_t memory_read(exr_const_context_t context, void *user, void *buffer, uint64_t size,
+                           uint64_t offset, exr_stream_error_func_ptr_t report)
+{
+    (void)context, (void)report;
+    const exr_stream_t *stream = user;
+    if (offset >= stream->size) return 0;
+    uint64_t got = size < stream->size - offset ? size : stream->size - offset;
+    memcpy(buffer, stream->data + offset, got);
+    return (int64_t)got;
+}
+
+static int64_t memory_size(exr_const_context_t context, void *user)
+{
+    (void)context;
+    const exr_stream_t *stream = user;
+    return (int64_t)stream->size;
+}
 
 static int64_t stream_read(exr_const_context_t context, void *user, void *buffer, uint64_t size,
                            uint64_t offset, exr_stream_error_func_ptr_t report)
@@ -120,7 +140,7 @@ static result_t read_error(exr_reader_t *reader, exr_result_t code)
         if (try_code_ != EXR_ERR_SUCCESS) return read_error(reader, try_code_);                              \
     } while (0)
 
-static result_t reader_open(exr_reader_t *reader)
+static result_t open_file(exr_reader_t *reader)
 {
     reader->stream.descriptor = open(reader->path, O_RDONLY | O_CLOEXEC);
     if (reader->stream.descriptor < 0)
@@ -128,12 +148,18 @@ static result_t reader_open(exr_reader_t *reader)
     struct stat about;
     if (fstat(reader->stream.descriptor, &about) != 0 || !S_ISREG(about.st_mode))
         return result_fail(RESULT_INPUT, "%s: is not a regular file", reader->path);
+    return result_ok();
+}
 
+static result_t reader_open(exr_reader_t *reader)
+{
+    bool in_memory = reader->stream.data != NULL;
+    if (!in_memory) TRY(open_file(reader));
     exr_context_initializer_t options = EXR_DEFAULT_CONTEXT_INITIALIZER;
     options.error_handler_fn = keep_message;
     options.user_data = &reader->stream;
-    options.read_fn = stream_read;
-    options.size_fn = stream_size;
+    options.read_fn = in_memory ? memory_read : stream_read;
+    options.size_fn = in_memory ? memory_size : stream_size;
     options.max_image_width = IMAGE_MAX_SIDE;
     options.max_image_height = IMAGE_MAX_SIDE;
     options.max_tile_width = MAX_TILE_SIDE;
@@ -344,11 +370,10 @@ static result_t reader_run(exr_reader_t *reader)
     return storage == EXR_STORAGE_TILED ? read_tiles(reader) : read_scanlines(reader);
 }
 
-result_t image_read_exr(const char *path, image_t *image)
+static result_t read_image(const char *path, exr_stream_t stream, image_t *image)
 {
     *image = (image_t){0};
-    exr_reader_t reader = {
-        .path = path, .image = image, .stream = {.descriptor = -1, .lock = PTHREAD_MUTEX_INITIALIZER}};
+    exr_reader_t reader = {.path = path, .image = image, .stream = stream};
     result_t result = reader_run(&reader);
     if (reader.context != NULL) {
         exr_decoding_destroy(reader.context, &reader.decoder);
@@ -358,6 +383,18 @@ result_t image_read_exr(const char *path, image_t *image)
     free(reader.planes);
     if (result.code != RESULT_OK) image_free(image);
     return result;
+}
+
+result_t image_read_exr(const char *path, image_t *image)
+{
+    return read_image(path, (exr_stream_t){.descriptor = -1, .lock = PTHREAD_MUTEX_INITIALIZER}, image);
+}
+
+result_t image_decode_exr(const char *name, const uint8_t *data, size_t size, image_t *image)
+{
+    return read_image(
+        name, (exr_stream_t){.descriptor = -1, .lock = PTHREAD_MUTEX_INITIALIZER, .data = data, .size = size},
+        image);
 }
 
 /* ---- writing ---- */

@@ -28,13 +28,15 @@ typedef struct {
     integrator_t integrator;
     sampler_kind_t sampler;
     uint64_t seed;
-    int32_t width, height; /* pixels */
-    int32_t max_depth;     /* as pbrt counts: paths of at most max_depth + 1 segments */
-    uint32_t spp;          /* samples a pixel; JOB_MAX_SPP when only time_limit ends the job */
-    double time_limit;     /* seconds from the first assignment; 0 for none */
-    int32_t tile_size;     /* pixels a side */
-    int32_t film_scale;    /* film sums count in units of 2^-film_scale (film.h) */
-    bool features;         /* layers of what the eye rays meet first are wanted (film.h) */
+    int32_t width, height;          /* pixels */
+    int32_t max_depth;              /* as pbrt counts: paths of at most max_depth + 1 segments */
+    uint32_t spp;                   /* samples a pixel; JOB_MAX_SPP when only time_limit ends the job */
+    double time_limit;              /* seconds from the first assignment; 0 for none */
+    int32_t tile_size;              /* pixels a side */
+    int32_t film_scale;             /* film sums count in units of 2^-film_scale (film.h) */
+    int32_t strategy_s, strategy_t; /* of bdpt: only paths of so many light and eye vertices; t 0: all */
+    bool unweighted;                /* that strategy without its weight in the combination */
+    bool features;                  /* layers of what the eye rays meet first are wanted (film.h) */
 } job_settings_t;
 
 typedef struct {

@@ -84,6 +84,12 @@ static result_t check_header(const uint8_t *bytes, uint64_t size)
     CHECK(header->size == size && size <= BLOB_MAX_BYTES,
           "says it has %llu bytes, but %llu are here; truncated?", (unsigned long long)header->size,
           (unsigned long long)size);
+    return result_ok();
+}
+
+static result_t check_checksum(const uint8_t *bytes, uint64_t size)
+{
+    const header_t *header = (const header_t *)bytes;
     hash_t checksum = hash_bytes(bytes + sizeof *header, size - sizeof *header);
     CHECK(hash_equal(&checksum, &header->checksum), "is damaged: its checksum does not match");
     return result_ok();
@@ -485,10 +491,9 @@ static result_t check_contents(const scene_blob_t *blob)
 
 /* ---- opening ------------------------------------------------------------------------------------------- */
 
-result_t blob_open(const void *bytes, uint64_t size, scene_blob_t *blob)
+/* Checks all but the checksum, and makes the view, without its hash. */
+static result_t make_view(const void *bytes, uint64_t size, scene_blob_t *blob)
 {
-    *blob = (scene_blob_t){0};
-    TRY(check_header(bytes, size));
     TRY(check_sections(bytes, size));
     const header_t *header = bytes;
     scene_blob_t view = {.bytes = bytes, .size = size};
@@ -517,6 +522,17 @@ result_t blob_open(const void *bytes, uint64_t size, scene_blob_t *blob)
     view.lights = at[BLOB_SECTION_LIGHTS];
     view.strings = at[BLOB_SECTION_STRINGS];
     TRY(check_contents(&view));
+    *blob = view;
+    return result_ok();
+}
+
+result_t blob_open(const void *bytes, uint64_t size, scene_blob_t *blob)
+{
+    *blob = (scene_blob_t){0};
+    scene_blob_t view;
+    TRY(check_header(bytes, size));
+    TRY(check_checksum(bytes, size));
+    TRY(make_view(bytes, size, &view));
     view.hash = hash_bytes(bytes, size);
     *blob = view;
     return result_ok();
@@ -615,6 +631,18 @@ static uint64_t align_up(uint64_t offset)
     return (offset + SECTION_ALIGN - 1) / SECTION_ALIGN * SECTION_ALIGN;
 }
 
+/* Copies a section to its place in the blob and frees it, so that no large scene is in memory twice. */
+static void move_section(blob_builder_t *builder, blob_section_t section, uint8_t *blob,
+                         const header_t *header)
+{
+    const section_t *to = &header->sections[section];
+    if (to->count > 0)
+        memcpy(blob + to->offset, builder->sections[section].bytes, to->count * section_types[section].size);
+    free(builder->sections[section].bytes);
+    builder->sections[section].bytes = NULL;
+    builder->sections[section].count = builder->sections[section].capacity = 0;
+}
+
 result_t blob_builder_finish(blob_builder_t *builder, uint8_t **bytes, uint64_t *size)
 {
     *bytes = NULL;
@@ -633,15 +661,12 @@ result_t blob_builder_finish(blob_builder_t *builder, uint8_t **bytes, uint64_t 
         return result_fail(RESULT_LIMIT, "the scene takes %llu bytes, over the limit of %llu",
                            (unsigned long long)end, (unsigned long long)BLOB_MAX_BYTES);
     uint8_t *blob = mem_zalloc(1, end);
-    for (int i = 0; i < BLOB_SECTION_COUNT; i++)
-        if (header.sections[i].count > 0)
-            memcpy(blob + header.sections[i].offset, builder->sections[i].bytes,
-                   header.sections[i].count * section_types[i].size);
+    for (int i = 0; i < BLOB_SECTION_COUNT; i++) move_section(builder, (blob_section_t)i, blob, &header);
     header.checksum = hash_bytes(blob + sizeof header, end - sizeof header);
     memcpy(blob, &header, sizeof header);
 
     scene_blob_t view;
-    result_t result = blob_open(blob, end, &view);
+    result_t result = make_view(blob, end, &view);
     if (result.code != RESULT_OK) {
         free(blob);
         return result;

@@ -441,7 +441,8 @@ void *blob_builder_records(blob_builder_t *builder, blob_section_t section);
 uint32_t blob_builder_count(const blob_builder_t *builder, blob_section_t section);
 /* Adds a name to the strings and returns its offset. */
 uint32_t blob_builder_string(blob_builder_t *builder, const char *text);
-/* Lays the blob out in fresh memory (the caller frees *bytes), and checks it with blob_open. */
+/* Lays the blob out in fresh memory (the caller frees *bytes), and checks it as blob_open does. The builder
+ * is left without records, good only for blob_builder_destroy, unless the scene was too large. */
 result_t blob_builder_finish(blob_builder_t *builder, uint8_t **bytes, uint64_t *size);
 
 /* The scale that a film of this scene needs so that its sums cannot overflow in practice: FILM_DEFAULT_SCALE,

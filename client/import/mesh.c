@@ -113,21 +113,27 @@ static void transform_normals(mesh_t *mesh, const affine_t *inverse, bool revers
     if (missing) mend_normals(mesh, flip, missing, at, report);
 }
 
-static uint32_t append(const mesh_t *mesh, blob_builder_t *builder)
+/* Appends an array and frees it, so that no large mesh is in memory twice. */
+static uint32_t hand_over(blob_builder_t *builder, blob_section_t section, void *records, uint32_t count)
 {
-    blob_mesh_t record = {.vertex_count = mesh->vertex_count,
-                          .triangle_count = mesh->triangle_count,
+    uint32_t first = blob_builder_add(builder, section, records, count);
+    free(records);
+    return first;
+}
+
+static uint32_t append(mesh_t *mesh, blob_builder_t *builder)
+{
+    uint32_t vertices = mesh->vertex_count, triangles = mesh->triangle_count;
+    blob_mesh_t record = {.vertex_count = vertices,
+                          .triangle_count = triangles,
                           .first_normal = BLOB_NONE,
                           .first_uv = BLOB_NONE};
-    record.first_position =
-        blob_builder_add(builder, BLOB_SECTION_POSITIONS, mesh->positions, mesh->vertex_count);
+    record.first_position = hand_over(builder, BLOB_SECTION_POSITIONS, mesh->positions, vertices);
     if (mesh->normals)
-        record.first_normal =
-            blob_builder_add(builder, BLOB_SECTION_NORMALS, mesh->normals, mesh->vertex_count);
-    if (mesh->uvs)
-        record.first_uv = blob_builder_add(builder, BLOB_SECTION_UVS, mesh->uvs, mesh->vertex_count);
-    record.first_triangle =
-        blob_builder_add(builder, BLOB_SECTION_TRIANGLES, mesh->triangles, mesh->triangle_count);
+        record.first_normal = hand_over(builder, BLOB_SECTION_NORMALS, mesh->normals, vertices);
+    if (mesh->uvs) record.first_uv = hand_over(builder, BLOB_SECTION_UVS, mesh->uvs, vertices);
+    record.first_triangle = hand_over(builder, BLOB_SECTION_TRIANGLES, mesh->triangles, triangles);
+    *mesh = (mesh_t){0};
     return blob_builder_add(builder, BLOB_SECTION_MESHES, &record, 1);
 }
 

@@ -22,10 +22,11 @@ typedef struct {
 /* Frees the arrays and empties the mesh. */
 void mesh_free(mesh_t *mesh);
 
-/* Appends the mesh, transformed by `object_from_mesh` (invertible), to the builder; the arrays of `mesh` are
- * transformed in place. `reverse` is the file's wish to turn the surface over: vertex normals are negated by
- * it, and *flip says whether the shape needs SHAPE_FLIP. *index is the new mesh, or BLOB_NONE when no
- * triangle had an area. Errors and warnings name `at`, the shape in the scene file. */
+/* Appends the mesh, transformed by `object_from_mesh` (invertible), to the builder, and empties it; after
+ * an error, or without a triangle, it may be half transformed, and is only good for mesh_free. `reverse` is
+ * the file's wish to turn the surface over: vertex normals are negated by it, and *flip says whether the
+ * shape needs SHAPE_FLIP. *index is the new mesh, or BLOB_NONE when no triangle had an area. Errors and
+ * warnings name `at`, the shape in the scene file. */
 result_t mesh_add(mesh_t *mesh, const affine_t *object_from_mesh, bool reverse, position_t at,
                   report_t *report, blob_builder_t *builder, uint32_t *index, bool *flip);
 

@@ -13,10 +13,12 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "client/import/gunzip.h"
 #include "client/import/number.h"
 
-enum { MAX_ELEMENTS = 64, MAX_PROPERTIES = 256, MAX_WORD = 64, FACE_CORNERS = 4 };
+enum { MAX_ELEMENTS = 64, MAX_PROPERTIES = 256, MAX_WORD = 64 };
 static const size_t largest_file = (size_t)1 << 36;
+static const size_t largest_inflated = (size_t)1 << 32; /* a few megabytes can be made to claim that much */
 static const uint32_t most_vertices = BLOB_NONE - 1;
 
 typedef enum { ENCODING_NONE, ENCODING_ASCII, ENCODING_LITTLE, ENCODING_BIG } encoding_t;
@@ -406,34 +408,50 @@ static result_t read_vertices(ply_t *ply, const element_t *element)
 static void add_triangle(ply_t *ply, uint32_t a, uint32_t b, uint32_t c)
 {
     mesh_t *mesh = ply->mesh;
-    mesh->triangles = grow(mesh->triangles, &ply->triangle_capacity, (size_t)mesh->triangle_count + 1,
-                           sizeof *mesh->triangles);
+    if (mesh->triangle_count == ply->triangle_capacity)
+        mesh->triangles = grow(mesh->triangles, &ply->triangle_capacity, (size_t)mesh->triangle_count + 1,
+                               sizeof *mesh->triangles);
     mesh->triangles[mesh->triangle_count++] = (blob_triangle_t){{a, b, c}};
 }
 
+/* Reads one corner of a face: the number of a vertex. */
+static result_t read_corner(ply_t *ply, const property_t *property, uint64_t face, uint32_t *corner)
+{
+    double value;
+    if (!read_scalar(ply, property->value, &value)) return scalar_missing(ply, "face", face);
+    if (!(value >= 0 && value < ply->mesh->vertex_count) || value != floor(value))
+        return fail(ply,
+                    "face %" PRIu64 " uses vertex %g, but there are %" PRIu32 " vertices, counted from 0",
+                    face, value, ply->mesh->vertex_count);
+    *corner = (uint32_t)value;
+    return result_ok();
+}
+
+/* A face becomes a fan about its first corner. */
 static result_t read_corners(ply_t *ply, const property_t *property, uint64_t face)
 {
-    double length, value;
-    uint32_t corner[FACE_CORNERS];
+    double length;
     if (!read_scalar(ply, property->count, &length)) return scalar_missing(ply, "face", face);
-    if (!(length >= 0 && length <= FACE_CORNERS) || length != floor(length))
-        return fail(ply,
-                    "face %" PRIu64 " has %g vertices; only faces of 3 and 4 are read: triangulate the mesh",
-                    face, length);
-    int count = (int)length;
-    for (int i = 0; i < count; ++i) {
-        if (!read_scalar(ply, property->value, &value)) return scalar_missing(ply, "face", face);
-        if (!(value >= 0 && value < ply->mesh->vertex_count) || value != floor(value))
-            return fail(ply,
-                        "face %" PRIu64 " uses vertex %g, but there are %" PRIu32 " vertices, counted from 0",
-                        face, value, ply->mesh->vertex_count);
-        corner[i] = (uint32_t)value;
+    if (!(length >= 0) || length != floor(length))
+        return fail(ply, "face %" PRIu64 " has %g vertices", face, length);
+    uint32_t first = 0, last = 0, corner = 0;
+    for (double i = 0; i < length; ++i) {
+        TRY(read_corner(ply, property, face, &corner));
+        if (i == 0) first = corner;
+        if (i >= 2 && ply->mesh->triangle_count == BLOB_NONE - 1) return fail(ply, "too many triangles");
+        if (i >= 2) add_triangle(ply, first, last, corner);
+        last = corner;
     }
-    if (ply->mesh->triangle_count > BLOB_NONE - 4) return fail(ply, "too many triangles");
-    if (count >= 3) add_triangle(ply, corner[0], corner[1], corner[2]);
-    if (count == 4) add_triangle(ply, corner[0], corner[2], corner[3]);
-    ply->dropped_faces += count < 3;
+    ply->dropped_faces += length < 3;
     return result_ok();
+}
+
+/* Room for a triangle a face, which is all that most files need; the count has been checked against the file.
+ */
+static void reserve_triangles(ply_t *ply, const element_t *element)
+{
+    size_t room = element->count < BLOB_NONE ? element->count : BLOB_NONE;
+    ply->mesh->triangles = grow(NULL, &ply->triangle_capacity, room + 1, sizeof *ply->mesh->triangles);
 }
 
 static result_t read_faces(ply_t *ply, const element_t *element)
@@ -444,6 +462,7 @@ static result_t read_faces(ply_t *ply, const element_t *element)
     if (lists != 1) return fail(ply, "the faces need one list vertex_indices, they have %d", lists);
     if (!ply->mesh->positions) return fail(ply, "the faces come before the vertices, which is not supported");
     TRY(check_count(ply, element, "face"));
+    reserve_triangles(ply, element);
     for (uint64_t i = 0; i < element->count; ++i) {
         for (int k = 0; k < element->property_count; ++k) {
             const property_t *property = &ply->properties[element->first_property + k];
@@ -487,11 +506,23 @@ static result_t read_body(ply_t *ply)
     return result_ok();
 }
 
+/* The file's bytes, decompressed where they are gzip, whatever the file is called. */
+static result_t read_file(const char *path, uint8_t **data, size_t *size)
+{
+    TRY(file_read(path, largest_file, data, size));
+    if (!gunzip_recognise(*data, *size)) return result_ok();
+    uint8_t *packed = *data;
+    size_t packed_size = *size;
+    result_t result = gunzip(path, packed, packed_size, largest_inflated, data, size);
+    free(packed);
+    return result;
+}
+
 result_t ply_read(const char *path, report_t *report, mesh_t *mesh)
 {
     uint8_t *data;
     size_t size;
-    TRY(file_read(path, largest_file, &data, &size));
+    TRY(read_file(path, &data, &size));
     ply_t *ply = mem_zalloc(1, sizeof *ply);
     ply->path = path;
     ply->report = report;

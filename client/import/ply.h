@@ -1,8 +1,9 @@
-/* ply: triangle meshes in the Stanford PLY format, ASCII and binary of either byte order.
+/* ply: triangle meshes in the Stanford PLY format, ASCII and binary of either byte order, plain or gzipped.
  *
  * Read are the vertices' x y z, nx ny nz and u v (also s t, texture_u texture_v, texture_s texture_t) and the
- * faces' list of 3 or 4 vertex indices; a face of four becomes the triangles 0 1 2 and 0 2 3. Other elements
- * and properties are passed over. Counts are checked against the bytes that are there before memory is taken.
+ * faces' list of vertex indices; a face becomes the fan of triangles 0 1 2, 0 2 3, 0 3 4 and so on. Other
+ * elements and properties, face_indices among them, are passed over. Counts are checked against the bytes
+ * that are there before memory is taken; a gzipped file may have up to 4 GiB inside.
  */
 #ifndef LIGHTMILL_IMPORT_PLY_H
 #define LIGHTMILL_IMPORT_PLY_H

@@ -212,6 +212,8 @@ static void builders_grow_and_fill_in_late(void **state)
     uint64_t size;
     assert_fails(blob_builder_finish(builder, &bytes, &size), "one scene record"); /* it has none */
     assert_null(bytes);
+    blob_builder_destroy(&builder);
+    builder = blob_builder_new();
     add_scene(builder);
     assert_fails(blob_builder_finish(builder, &bytes, &size), "no world object");
     blob_builder_destroy(&builder);

@@ -1,7 +1,10 @@
 /* PLY files: the three encodings, what is skipped, and what is refused. */
 #include "tests/unit/test_import.h"
 
+#include "client/import/gunzip.h"
 #include "client/import/ply.h"
+
+#include <zlib.h>
 
 static const char quad_ascii[] = "ply\n"
                                  "format ascii 1.0\n"
@@ -223,8 +226,12 @@ static void test_refused_files(void **state)
          "m.ply:13: face 0 uses vertex -1"},
         {"ply\nformat ascii 1.0\n" VERTEX3 FACES("1") "end_header\n" POINTS "3 0 0.5 2\n",
          "m.ply:13: face 0 uses vertex 0.5"},
-        {"ply\nformat ascii 1.0\n" VERTEX3 FACES("1") "end_header\n" POINTS "5 0 1 2 0 1\n",
-         "m.ply:13: face 0 has 5 vertices"},
+        {"ply\nformat ascii 1.0\n" VERTEX3 FACES("1") "end_header\n" POINTS "5 0 1 2 0 3\n",
+         "m.ply:13: face 0 uses vertex 3"},
+        {"ply\nformat ascii 1.0\n" VERTEX3 FACES("1") "end_header\n" POINTS "-1 0 1 2\n",
+         "m.ply:13: face 0 has -1 vertices"},
+        {"ply\nformat ascii 1.0\n" VERTEX3 FACES("1") "end_header\n" POINTS "1000000000 0 1 2\n",
+         "face 0; is it truncated?"},
         {"ply\nformat ascii 1.0\n" VERTEX3 FACES("1000000000000") "end_header\n" POINTS "3 0 1 2\n",
          "1000000000000 face records cannot fit"},
         {"ply\nformat binary_little_endian 1.0\nelement vertex 4000000000\nproperty float x\nproperty float "
@@ -257,6 +264,106 @@ static void test_thin_faces_are_left_out(void **state)
     mesh_free(&mesh);
     bench_close(&bench);
 }
+
+static void test_large_faces_become_fans(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    mesh_t mesh;
+    const char *text = "ply\nformat ascii 1.0\nelement vertex 5\nproperty float x\nproperty float y\n"
+                       "property float z\nelement face 2\nproperty list uchar int vertex_indices\n"
+                       "property int face_indices\nend_header\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n-1 0.5 0\n"
+                       "5 1 2 3 4 0 17\n3 0 1 2 18\n";
+    assert_string_equal(read_bytes(&bench, text, strlen(text), &mesh).message, "");
+    static const blob_triangle_t triangles[4] = {{{1, 2, 3}}, {{1, 3, 4}}, {{1, 4, 0}}, {{0, 1, 2}}};
+    assert_int_equal(mesh.triangle_count, 4);
+    assert_memory_equal(mesh.triangles, triangles, sizeof triangles);
+    assert_string_equal(bench.warnings, "");
+    mesh_free(&mesh);
+    bench_close(&bench);
+}
+
+/* ---- gzip ---------------------------------------------------------------------------------------------- */
+
+/* One gzip member; the caller frees it. */
+static uint8_t *pack(const void *data, size_t size, size_t *packed_size)
+{
+    z_stream stream = {0};
+    assert_int_equal(deflateInit2(&stream, 9, Z_DEFLATED, 16 + MAX_WBITS, 8, Z_DEFAULT_STRATEGY), Z_OK);
+    size_t room = deflateBound(&stream, size);
+    uint8_t *packed = mem_alloc(room);
+    stream.next_in = (Bytef *)data;
+    stream.avail_in = (uInt)size;
+    stream.next_out = packed;
+    stream.avail_out = (uInt)room;
+    assert_int_equal(deflate(&stream, Z_FINISH), Z_STREAM_END);
+    *packed_size = room - stream.avail_out;
+    deflateEnd(&stream);
+    return packed;
+}
+
+static void test_gzipped_files(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    mesh_t mesh;
+    out_t out = quad_binary(false);
+    size_t first_size, second_size;
+    uint8_t *first = pack(out.bytes, 100, &first_size);
+    uint8_t *second = pack(out.bytes + 100, out.size - 100, &second_size);
+    uint8_t *both = mem_zalloc(first_size + second_size + 7, 1); /* two members, and padding */
+    memcpy(both, first, first_size);
+    memcpy(both + first_size, second, second_size);
+    assert_string_equal(read_bytes(&bench, both, first_size + second_size + 7, &mesh).message, "");
+    check_quad(&mesh);
+    mesh_free(&mesh);
+    for (size_t size = 2; size < first_size + second_size; ++size) {
+        if (size == first_size) continue; /* a whole gzip file of half a mesh: refused as such below */
+        result_t result = read_bytes(&bench, both, size, &mesh);
+        mesh_free(&mesh);
+        if (result.code != RESULT_INPUT) fail_msg("cut to %zu bytes it was accepted", size);
+        expect_text(result.message, "m.ply");
+    }
+    result_t half = read_bytes(&bench, both, first_size, &mesh);
+    expect_text(half.message, "no end_header line");
+    mesh_free(&mesh);
+    size_t refused = 0; /* the time and padding bits mean nothing; other damage shows in a checksum */
+    for (size_t i = 0; i < first_size + second_size; ++i) {
+        both[i] ^= 0x10;
+        result_t result = read_bytes(&bench, both, first_size + second_size, &mesh);
+        both[i] ^= 0x10;
+        if (result.code == RESULT_OK) check_quad(&mesh);
+        refused += result.code == RESULT_INPUT;
+        mesh_free(&mesh);
+    }
+    assert_true(refused + 24 > first_size + second_size);
+    free(first);
+    free(second);
+    free(both);
+    bench_close(&bench);
+}
+
+static void test_gzip_bombs_are_refused(void **state)
+{
+    (void)state;
+    enum { SIZE = 10000000, LIMIT = 1000000 };
+    uint8_t *zeroes = mem_zalloc(SIZE, 1), *out;
+    size_t packed_size, size;
+    uint8_t *packed = pack(zeroes, SIZE, &packed_size);
+    result_t result = gunzip("b.gz", packed, packed_size, LIMIT, &out, &size);
+    assert_int_equal(result.code, RESULT_INPUT);
+    expect_text(result.message, "b.gz: decompressed it has more than the limit of 1000000 bytes");
+    assert_null(out);
+    assert_int_equal(gunzip("b.gz", packed, packed_size, SIZE - 1, &out, &size).code, RESULT_INPUT);
+    assert_int_equal(gunzip("b.gz", packed, packed_size, SIZE, &out, &size).code, RESULT_OK);
+    assert_int_equal(size, SIZE);
+    assert_memory_equal(out, zeroes, SIZE);
+    free(out);
+    free(packed);
+    free(zeroes);
+}
+
+/* ---- in a scene ---------------------------------------------------------------------------------------- */
 
 static void test_as_a_shape(void **state)
 {
@@ -314,6 +421,9 @@ int main(void)
         cmocka_unit_test(test_random_damage_never_crashes),
         cmocka_unit_test(test_refused_files),
         cmocka_unit_test(test_thin_faces_are_left_out),
+        cmocka_unit_test(test_large_faces_become_fans),
+        cmocka_unit_test(test_gzipped_files),
+        cmocka_unit_test(test_gzip_bombs_are_refused),
         cmocka_unit_test(test_as_a_shape),
         cmocka_unit_test(test_large_mesh_is_fast),
     };

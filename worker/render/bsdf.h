@@ -102,12 +102,16 @@ static inline vec3_t bsdf_to_world(const bsdf_t *bsdf, vec3_t v)
     return v_add(v_add(v_scale(bsdf->s, v.x), v_scale(bsdf->t, v.y)), v_scale(bsdf->ns, v.z));
 }
 
-/* What is left of light that goes from the surface in direction w over a distance. */
-static inline rgb_t bsdf_transmittance(const bsdf_t *bsdf, vec3_t w, float distance)
+/* What light loses per unit length when it leaves the surface in direction w. */
+static inline rgb_t bsdf_attenuation(const bsdf_t *bsdf, vec3_t w)
 {
-    if (!bsdf->absorbs || v_dot(w, bsdf->ng) >= 0) return vec3(1, 1, 1);
-    return vec3(expf(-bsdf->attenuation.x * distance), expf(-bsdf->attenuation.y * distance),
-                expf(-bsdf->attenuation.z * distance));
+    return bsdf->absorbs && v_dot(w, bsdf->ng) < 0 ? bsdf->attenuation : vec3(0, 0, 0);
+}
+/* What is left of light after a distance (Beer's law). */
+static inline rgb_t rgb_fade(rgb_t attenuation, float distance)
+{
+    return vec3(expf(-attenuation.x * distance), expf(-attenuation.y * distance),
+                expf(-attenuation.z * distance));
 }
 
 /* ---- for materials ------------------------------------------------------------------------------------- */

@@ -116,7 +116,7 @@ static bool equal_area_project(const camera_t *camera, vec3_t q, vec3_t *lens, v
 {
     (void)lens;
     vec3_t d = v_normalize(q);
-    *film = octahedral_from_sphere(vec3(d.x, d.z, d.y));
+    *film = octahedral_to_square(vec3(d.x, d.z, d.y));
     *pdf = 1 / (4 * PI_F * camera->area);
     return true;
 }

@@ -3,9 +3,9 @@
  * An eye sample takes its place on the film from the pixel's centre and an offset drawn from the normalised
  * filter, and then counts fully for that pixel alone (Ernst et al. 2006, "Filter Importance Sampling"): tiles
  * never overlap. Where a filter is negative, the absolute value is drawn from and the sample counts with a
- * sign and the factor integral |f| / integral f. A splat falls where it falls; it is given to one of the pixels in reach, chosen in
- * proportion to the filter's value there, with the sum of these values as weight, so that both estimate the
- * same filtered image.
+ * sign and the factor integral |f| / integral f. A splat falls where it falls; it is given to one of the
+ * pixels in reach, chosen in proportion to the filter's value there, with the sum of these values as weight,
+ * so that both estimate the same filtered image.
  */
 #ifndef LIGHTMILL_RENDER_FILTER_H
 #define LIGHTMILL_RENDER_FILTER_H

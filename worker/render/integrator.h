@@ -34,7 +34,6 @@ typedef struct {
     float eye_weight;      /* factor on the eye subpath's radiance; set by sample_eye_ray */
     first_hit_t first_hit; /* filled by integrators that trace eye subpaths */
     unit_result_t *result; /* receives splats and counts */
-    first_hit_t first_hit; /* zeroed; the integrator says what the eye ray met */
 } sample_t;
 
 typedef struct {

@@ -41,8 +41,7 @@ static uint32_t place_lights(lights_t *lights, const scene_t *scene)
     radius = float_max(radius, 1e-3f);
     for (uint32_t i = 0; i < lights->count; i++) {
         light_t *light = &lights->lights[i];
-        *light = (light_t){
-            .scene = scene, .record = &blob->lights[i], .centre = centre, .radius = radius};
+        *light = (light_t){.scene = scene, .record = &blob->lights[i], .centre = centre, .radius = radius};
         const light_ops_t *kind = kinds[light->record->kind];
         if (kind->prepare != NULL) light->state = kind->prepare(light);
         if (kind->escape != NULL) lights->sky[lights->sky_count++] = i;

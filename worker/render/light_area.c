@@ -156,7 +156,8 @@ static vec3_t offset(const spot_t *spot, vec3_t direction)
     return v_mad(spot->p, v_dot(spot->n, direction) < 0 ? -distance : distance, spot->n);
 }
 
-/* ---- the three ways ------------------------------------------------------------------------------------- */
+/* ---- the three ways -------------------------------------------------------------------------------------
+ */
 
 static bool emit(const light_t *light, uint32_t primitive, vec2_t place, vec2_t ray, light_ray_t *out)
 {

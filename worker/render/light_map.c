@@ -5,8 +5,8 @@
 
 #include <stdlib.h>
 
-/* pbrt-v3 looks its maps up bilinearly and lets both sides wrap around; pbrt-v4 takes the nearest texel of its
- * octahedral ones. */
+/* pbrt-v3 looks its maps up bilinearly and lets both sides wrap around; pbrt-v4 takes the nearest texel of
+ * its octahedral ones. */
 static rgb_t value_at(const light_map_t *map, vec2_t st)
 {
     if (map->mapping != LIGHT_OCTAHEDRAL)
@@ -15,8 +15,7 @@ static rgb_t value_at(const light_map_t *map, vec2_t st)
     textures_size(map->textures, map->image, &width, &height);
     uint32_t x = (uint32_t)(float_clamp(st.x, 0, 0x1.fffffep-1f) * (float)width);
     uint32_t y = (uint32_t)(float_clamp(st.y, 0, 0x1.fffffep-1f) * (float)height);
-    return textures_texel(map->textures, map->image, x < width ? x : width - 1,
-                          y < height ? y : height - 1);
+    return textures_texel(map->textures, map->image, x < width ? x : width - 1, y < height ? y : height - 1);
 }
 
 /* Steradians per unit area of the image at height t, over 4 pi. */
@@ -35,7 +34,7 @@ static vec3_t direction_at(light_mapping_t mapping, vec2_t st)
 
 static vec2_t place_of(light_mapping_t mapping, vec3_t d)
 {
-    if (mapping == LIGHT_OCTAHEDRAL) return octahedral_from_sphere(d);
+    if (mapping == LIGHT_OCTAHEDRAL) return octahedral_to_square(d);
     float up = mapping == LIGHT_LATLONG ? d.z : d.y, across = mapping == LIGHT_LATLONG ? d.y : d.z;
     float phi = atan2f(across, d.x);
     return (vec2_t){(phi < 0 ? phi + TWO_PI_F : phi) * (0.5f * INV_PI_F),

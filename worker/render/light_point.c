@@ -86,13 +86,13 @@ static double flux(const light_t *light, double steradians)
 
 /* Every kind has the same pair of functions about its beam. */
 #define DEFINE_WAYS(name)                                                                                    \
-    static bool name##_emit(const light_t *light, uint32_t primitive, vec2_t place, vec2_t ray,             \
+    static bool name##_emit(const light_t *light, uint32_t primitive, vec2_t place, vec2_t ray,              \
                             light_ray_t *out)                                                                \
     {                                                                                                        \
         (void)primitive, (void)place;                                                                        \
         return emit(light, &name##_beam, ray, out);                                                          \
     }                                                                                                        \
-    static bool name##_illuminate(const light_t *light, uint32_t primitive, vec3_t point, vec2_t place,     \
+    static bool name##_illuminate(const light_t *light, uint32_t primitive, vec3_t point, vec2_t place,      \
                                   light_view_t *out)                                                         \
     {                                                                                                        \
         (void)primitive, (void)place;                                                                        \
@@ -195,8 +195,8 @@ static double goniometric_power(const light_t *light)
 
 static const beam_t goniometric_beam = {goniometric_intensity, goniometric_draw, goniometric_pdf};
 DEFINE_WAYS(goniometric)
-const light_ops_t light_goniometric = {prepare,          release,                goniometric_power,
-                                       goniometric_emit, goniometric_illuminate, NULL};
+const light_ops_t light_goniometric = {
+    prepare, release, goniometric_power, goniometric_emit, goniometric_illuminate, NULL};
 
 /* ---- projection ---------------------------------------------------------------------------------------- */
 
@@ -219,9 +219,9 @@ static rgb_t projection_intensity(const light_t *light, vec3_t d)
 {
     vec2_t st;
     if (!in_window(light, d, &st)) return vec3(0, 0, 0);
-    return v_mul(light->record->radiance.factor,
-                 textures_image(scene_textures(light->scene), light->record->image - 1, WRAP_CLAMP,
-                                WRAP_CLAMP, st));
+    return v_mul(
+        light->record->radiance.factor,
+        textures_image(scene_textures(light->scene), light->record->image - 1, WRAP_CLAMP, WRAP_CLAMP, st));
 }
 
 static vec3_t projection_draw(const light_t *light, vec2_t u, float *pdf)
@@ -246,5 +246,5 @@ static double projection_power(const light_t *light)
 
 static const beam_t projection_beam = {projection_intensity, projection_draw, projection_pdf};
 DEFINE_WAYS(projection)
-const light_ops_t light_projection = {prepare,         release,               projection_power,
-                                      projection_emit, projection_illuminate, NULL};
+const light_ops_t light_projection = {
+    prepare, release, projection_power, projection_emit, projection_illuminate, NULL};

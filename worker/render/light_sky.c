@@ -161,5 +161,5 @@ static double infinite_power(const light_t *light)
            (double)rgb_luminance(light->record->radiance.factor);
 }
 
-const light_ops_t light_infinite = {prepare,        release,         infinite_power,
-                                    infinite_emit,  infinite_illuminate, infinite_escape};
+const light_ops_t light_infinite = {
+    prepare, release, infinite_power, infinite_emit, infinite_illuminate, infinite_escape};

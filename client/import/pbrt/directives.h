@@ -39,7 +39,8 @@ result_t pbrt_named_material(pbrt_t *p, position_t at);
 /* Makes material 0, which shapes have when none is set. */
 void pbrt_default_material(pbrt_t *p);
 /* The index in the blob of the current material as a shape with these parameters wears it: in v3 they
- * override the material's own. */
+ * override the material's own. BLOB_NONE: an interface between media, which does nothing to light; the shape
+ * is left out of the scene without a word. */
 result_t pbrt_wear_material(pbrt_t *p, params_t *shape_params, uint32_t *index);
 /* Checks the materials that no shape wears: warnings only. */
 void pbrt_check_unused_materials(pbrt_t *p);
@@ -47,8 +48,9 @@ void pbrt_check_unused_materials(pbrt_t *p);
 /* textures.c */
 result_t pbrt_texture(pbrt_t *p, position_t at);
 
-/* A number that may come from a float texture; at least 0. */
-result_t pbrt_float_value(pbrt_t *p, params_t *params, const char *name, double *value);
+/* A number that may come from a float texture: *value keeps its default when the parameter is not there. A
+ * constant must be at least 0. */
+result_t pbrt_float_value(pbrt_t *p, params_t *params, const char *name, blob_value_t *value);
 
 typedef enum {
     COLOUR_REFLECTANCE, /* v4 takes it for at most 1, v3 keeps it */
@@ -56,8 +58,18 @@ typedef enum {
     COLOUR_LIGHT        /* emitted */
 } colour_use_t;
 
-/* A colour, in linear sRGB, that may come from a spectrum texture; no component is negative. */
+/* A colour, in linear sRGB, that may come from a spectrum texture; no component of a constant is negative. */
+result_t pbrt_colour_value(pbrt_t *p, params_t *params, const char *name, colour_use_t use,
+                           blob_value_t *value);
+/* The same of what cannot vary: a texture is an error, unless it is constant. */
 result_t pbrt_colour(pbrt_t *p, params_t *params, const char *name, colour_use_t use, rgb_t *value);
+
+/* images.c */
+/* How the numbers of a file are encoded: as its format says, or a gamma of blob_image_t (0: sRGB, 1: linear). */
+#define IMAGE_GAMMA_OF_FILE (-1.0f)
+/* Reads an image file into the blob, once for each encoding. `filename` is as in the scene (see pbrt_resolve).
+ * Fails at `at` when it cannot be read. */
+result_t pbrt_image(pbrt_t *p, const char *filename, float gamma, position_t at, blob_ref_t *image);
 
 /* lights.c */
 result_t pbrt_area_light(pbrt_t *p, position_t at);

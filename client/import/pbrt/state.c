@@ -33,6 +33,7 @@ static void free_lists(pbrt_t *p)
     }
     for (size_t i = 0; i < p->kept_count; ++i) params_destroy(&p->kept[i]);
     for (size_t i = 0; i < p->object_count; ++i) free(p->objects[i].shapes);
+    for (size_t i = 0; i < p->image_count; ++i) free(p->images[i].path);
     for (int i = 0; i < ARGUMENTS; ++i) free(p->arguments[i]);
 }
 
@@ -51,6 +52,7 @@ void pbrt_end(pbrt_t *p)
     free(p->systems);
     free(p->materials);
     free(p->textures);
+    free(p->images);
     free(p->objects);
     *p = (pbrt_t){0};
 }

@@ -50,14 +50,22 @@ typedef struct {
     params_t *params;
     position_t at;
     char *name;
-    bool made;
-    uint32_t index; /* in the blob, once made */
+    bool made, making;
+    uint32_t index;    /* in the blob, once made; BLOB_NONE: an interface */
+    uint32_t parts[2]; /* of a mix: 1 + index in materials, 0 when it was not known yet */
 } material_t;
 
-/* The value of a constant texture. */
+/* What a Texture directive gives: a constant, or a texture of the blob. */
 typedef struct {
-    rgb_t colour; /* of a float texture: the value three times */
+    blob_value_t value; /* of a float texture: the number three times */
 } texture_t;
+
+/* An image file in the blob. Owned: path. */
+typedef struct {
+    char *path;
+    float gamma; /* as asked for */
+    blob_ref_t image;
+} image_file_t;
 
 /* Owned: shapes. */
 typedef struct {
@@ -107,6 +115,8 @@ typedef struct pbrt {
     size_t material_count, material_capacity;
     texture_t *textures;
     size_t texture_count, texture_capacity;
+    image_file_t *images;
+    size_t image_count, image_capacity;
     object_t *objects; /* 0 is the world */
     size_t object_count, object_capacity;
     size_t object; /* the one that shapes go to */

@@ -1,0 +1,16 @@
+/* gunzip: gzip files (RFC 1952) in memory, by zlib. */
+#ifndef LIGHTMILL_IMPORT_GUNZIP_H
+#define LIGHTMILL_IMPORT_GUNZIP_H
+
+#include "common/base.h"
+
+/* True when the bytes begin like a gzip file. */
+bool gunzip_recognise(const uint8_t *data, size_t size);
+
+/* Decompresses `size` bytes at `data`, the contents of the file `path`, which may be several gzip members one
+ * behind the other, into fresh memory that the caller frees. RESULT_INPUT when the data are damaged or
+ * truncated, or would take more than `limit` bytes; RESULT_LIMIT when memory runs out. */
+result_t gunzip(const char *path, const uint8_t *data, size_t size, size_t limit, uint8_t **out,
+                size_t *out_size);
+
+#endif
