@@ -1,0 +1,59 @@
+/* spectrum: sampled spectra, and what an RGB renderer makes of them: linear sRGB.
+ *
+ * Everything is weighted by the CIE 1931 2-degree observer, summed from 360 to 830 nm by 1 nm, and taken to
+ * the sRGB primaries; a component that comes out negative (a colour outside of sRGB) is set to 0.
+ * docs/import.md has the equations and says which rule is whose.
+ */
+#ifndef LIGHTMILL_IMPORT_SPECTRUM_H
+#define LIGHTMILL_IMPORT_SPECTRUM_H
+
+#include "client/import/report.h"
+#include "common/vec.h"
+
+/* Samples over wavelength in nm, ascending without equals, at least one; linear between them, constant beyond
+ * the ends. Values lie within +-1e30. Owned: see spectrum_free. */
+typedef struct {
+    double *lambda, *value;
+    size_t count;
+} spectrum_t;
+
+void spectrum_free(spectrum_t *spectrum);
+
+/* A spectrum from `count` numbers: wavelength, value, wavelength, value ... in any order. The caller frees
+ * *out; after an error it is empty. Errors name `at`: an odd count, no pairs, a number that is not finite or
+ * too large, a wavelength below 0 or given twice. */
+result_t spectrum_from_pairs(const double *numbers, size_t count, position_t at, spectrum_t *out);
+
+/* The same from a text file (.spd): numbers between blanks, '#' starts a comment up to the line's end. Errors
+ * name the path and the line. */
+result_t spectrum_read(const char *path, spectrum_t *out);
+
+/* One of pbrt-v4's spectra by its name ("metal-Cu-eta"); false when there is none of that name. The caller
+ * frees *out. A glass is its index at 587.56 nm, constant. */
+bool spectrum_named(const char *name, spectrum_t *out);
+
+/* The value at a wavelength in nm: for what has no colour, such as the index of a dielectric. */
+double spectrum_at(const spectrum_t *spectrum, double lambda);
+/* The yellow line of helium, at which indices of glass are given, in nm. */
+#define SPECTRUM_D_LINE 587.56
+
+typedef enum { WHITE_EQUAL_ENERGY, WHITE_D65 } spectrum_white_t;
+
+/* Linear sRGB of a spectrum that is lit by the white. WHITE_D65: the constant 1 becomes (1, 1, 1).
+ * WHITE_EQUAL_ENERGY: Y of the constant 1 is 1, and no adaptation: it becomes (1.205, 0.948, 0.909). */
+rgb_t spectrum_rgb(const spectrum_t *spectrum, spectrum_white_t white);
+
+/* What a spectrum stands for, and whose rules make a colour of it. */
+typedef enum { SPECTRUM_REFLECTANCE, SPECTRUM_EMISSION, SPECTRUM_INDEX } spectrum_use_t;
+typedef enum { SPECTRUM_PBRT_V3, SPECTRUM_PBRT_V4 } spectrum_rules_t;
+
+/* Linear sRGB by the rules of a program: v3 takes all for equal energy; v4 takes a reflectance under D65, an
+ * emission with D65 as (1, 1, 1) and its luminance made 1 (black when it has none), the index of a metal for
+ * equal energy. */
+rgb_t spectrum_colour(const spectrum_t *spectrum, spectrum_use_t use, spectrum_rules_t rules);
+
+/* Linear sRGB of a black body's emission, at a temperature in kelvin; black when that is not above 0. v3:
+ * Planck's law with its greatest value over all wavelengths made 1. v4: with its luminance made 1. */
+rgb_t spectrum_blackbody(double kelvin, spectrum_rules_t rules);
+
+#endif

@@ -1,0 +1,28 @@
+/* spectrum_data: the tables behind spectrum.h; for spectrum.c only. */
+#ifndef LIGHTMILL_IMPORT_SPECTRUM_DATA_H
+#define LIGHTMILL_IMPORT_SPECTRUM_DATA_H
+
+#include "common/base.h"
+
+enum { CIE_FIRST = 360, CIE_COUNT = 471 }; /* nm; one entry a nanometre */
+
+/* xbar, ybar, zbar of the CIE 1931 2-degree observer. */
+extern const double cie_observer[3][CIE_COUNT];
+
+/* Where a table's values lie: from `first` by `step`, in nm or eV, or at a list of wavelengths in nm. */
+typedef enum { GRID_NANOMETRES, GRID_ELECTRONVOLTS, GRID_LISTED } grid_t;
+
+typedef struct {
+    const char *name;
+    grid_t grid;
+    double first, step;
+    const double *lambda; /* GRID_LISTED only */
+    const double *value;
+    size_t count;
+} spectrum_table_t;
+
+/* All that have a name but stdillum-A, which is a formula. Wavelengths ascend. */
+extern const spectrum_table_t spectrum_tables[];
+extern const size_t spectrum_table_count;
+
+#endif
