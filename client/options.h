@@ -25,6 +25,7 @@ typedef struct {
     uint32_t spp;
     double time_limit;
     int32_t tile_size;
+    bool lenient; /* for scene_load */
 } overrides_t;
 
 /* Entries for a getopt_long table; values are told apart by name, so all have flag NULL and val 0. */
@@ -32,7 +33,7 @@ typedef struct {
     {"spp", required_argument, NULL, 0}, {"time", required_argument, NULL, 0},                               \
         {"integrator", required_argument, NULL, 0}, {"max-depth", required_argument, NULL, 0},               \
         {"seed", required_argument, NULL, 0}, {"resolution", required_argument, NULL, 0},                    \
-        {"sampler", required_argument, NULL, 0},                                                             \
+        {"sampler", required_argument, NULL, 0}, {"lenient", no_argument, NULL, 0},                          \
     {                                                                                                        \
         "tile-size", required_argument, NULL, 0                                                              \
     }

@@ -17,7 +17,7 @@ typedef struct {
 
 /* ---- values -------------------------------------------------------------------------------------------- */
 
-typedef enum { NUMBER, REFLECTANCE, UNBOUNDED } value_type_t;
+typedef enum { NUMBER, REFLECTANCE } value_type_t;
 
 /* A parameter that becomes a value of the record: its default is `otherwise` in all components. */
 typedef struct {
@@ -32,8 +32,7 @@ static result_t read_value(pbrt_t *p, params_t *params, const value_rule_t *rule
     blob_value_t *value = &record->values[rule->slot];
     *value = blob_constant(rule->otherwise);
     if (rule->type == NUMBER) return pbrt_float_value(p, params, rule->name, value);
-    return pbrt_colour_value(p, params, rule->name,
-                             rule->type == REFLECTANCE ? COLOUR_REFLECTANCE : COLOUR_UNBOUNDED, value);
+    return pbrt_colour_value(p, params, rule->name, COLOUR_REFLECTANCE, value);
 }
 
 static result_t read_values(pbrt_t *p, params_t *params, const value_rule_t *rules, size_t count,
@@ -149,8 +148,8 @@ static result_t read_metal(pbrt_t *p, params_t *params, const char *eta, const c
 {
     record->values[eta_slot] = blob_colour_value(copper_eta);
     record->values[VALUE_K] = blob_colour_value(copper_k);
-    TRY(pbrt_colour_value(p, params, eta, COLOUR_UNBOUNDED, &record->values[eta_slot]));
-    return pbrt_colour_value(p, params, k, COLOUR_UNBOUNDED, &record->values[VALUE_K]);
+    TRY(pbrt_colour_value(p, params, eta, COLOUR_INDEX, &record->values[eta_slot]));
+    return pbrt_colour_value(p, params, k, COLOUR_INDEX, &record->values[VALUE_K]);
 }
 
 /* A conductor that is given by its reflectance at normal incidence: eta = 1 and this k (pbrt-v4, 10.5.2). */

@@ -1,44 +1,9 @@
 /* values: the parameters that may come from a texture: floats and colours. */
 #include "client/import/pbrt/directives.h"
 
-#include <string.h>
+#include <stdlib.h>
 
-/* ---- spectra that have a name (v4) --------------------------------------------------------------------- */
-
-/* The measured curves, weighted by the CIE 1931 observer and taken to linear sRGB as pbrt-v3 does it. */
-static const struct {
-    const char *name;
-    rgb_t colour;
-} named_spectra[] = {
-    {"metal-Ag-eta", {0.155265f, 0.116723f, 0.138381f}},
-    {"metal-Ag-k", {4.828343f, 3.122246f, 2.147050f}},
-    {"metal-Al-eta", {1.657460f, 0.880369f, 0.521229f}},
-    {"metal-Al-k", {9.223869f, 6.269523f, 4.837001f}},
-    {"metal-Au-eta", {0.143119f, 0.374957f, 1.442479f}},
-    {"metal-Au-k", {3.983160f, 2.385721f, 1.603215f}},
-    {"metal-Cu-eta", {0.200438f, 0.924033f, 1.102212f}},
-    {"metal-Cu-k", {3.912949f, 2.452848f, 2.142188f}},
-    /* glasses: the index at 587.6 nm, without dispersion; F5, F10 and F11 are SF5, SF10 and SF11 */
-    {"glass-BK7", {1.5168f, 1.5168f, 1.5168f}},
-    {"glass-BAF10", {1.6700f, 1.6700f, 1.6700f}},
-    {"glass-FK51A", {1.4866f, 1.4866f, 1.4866f}},
-    {"glass-LASF9", {1.8503f, 1.8503f, 1.8503f}},
-    {"glass-F5", {1.6727f, 1.6727f, 1.6727f}},
-    {"glass-F10", {1.7283f, 1.7283f, 1.7283f}},
-    {"glass-F11", {1.7847f, 1.7847f, 1.7847f}},
-    /* the white of sRGB */
-    {"stdillum-D65", {1, 1, 1}},
-};
-
-static result_t named_spectrum(const char *name, position_t at, rgb_t *value)
-{
-    for (size_t i = 0; i < ARRAY_LENGTH(named_spectra); ++i) {
-        if (strcmp(name, named_spectra[i].name) != 0) continue;
-        *value = named_spectra[i].colour;
-        return result_ok();
-    }
-    return error_at(at, "spectrum \"%.60s\" is not supported yet; give an rgb colour instead", name);
-}
+#include "client/import/spectrum.h"
 
 /* ---- textures ------------------------------------------------------------------------------------------ */
 
@@ -99,28 +64,81 @@ static result_t three_numbers(const params_t *owner, const param_t *item, const 
     return result_ok();
 }
 
-static result_t spectrum_value(const params_t *owner, const param_t *item, const char *name, rgb_t *value)
+/* What a parameter of type spectrum gives: samples, v4's name of one, or a file. The caller frees it. */
+static result_t read_spectrum(pbrt_t *p, const params_t *owner, const param_t *item, const char *name,
+                              spectrum_t *spectrum)
 {
-    if (item->quoted && item->count == 1) return named_spectrum(params_text(owner, item, 0), item->at, value);
-    return error_at(item->at, "parameter \"%s\": sampled spectra are not supported yet; give an rgb colour",
-                    name);
+    if (!item->quoted) return spectrum_from_pairs(params_numbers(owner, item), item->count, item->at, spectrum);
+    if (item->count != 1)
+        return error_at(item->at, "parameter \"%s\" takes one spectrum, found %zu", name, item->count);
+    const char *text = params_text(owner, item, 0);
+    if (p->dialect.dialect == DIALECT_V4 && spectrum_named(text, spectrum)) return result_ok();
+    char *path = pbrt_resolve(p, text);
+    result_t result = spectrum_read(path, spectrum);
+    free(path);
+    return result.code == RESULT_OK ? result : error_at(item->at, "%s", result.message);
+}
+
+static spectrum_rules_t rules_of(const pbrt_t *p)
+{
+    return p->dialect.dialect == DIALECT_V3 ? SPECTRUM_PBRT_V3 : SPECTRUM_PBRT_V4;
+}
+
+static result_t spectrum_value(pbrt_t *p, const params_t *owner, const param_t *item, const char *name,
+                               colour_use_t use, rgb_t *value)
+{
+    static const spectrum_use_t uses[] = {[COLOUR_REFLECTANCE] = SPECTRUM_REFLECTANCE,
+                                          [COLOUR_UNBOUNDED] = SPECTRUM_REFLECTANCE,
+                                          [COLOUR_INDEX] = SPECTRUM_INDEX,
+                                          [COLOUR_LIGHT] = SPECTRUM_EMISSION};
+    spectrum_t spectrum;
+    TRY(read_spectrum(p, owner, item, name, &spectrum));
+    *value = spectrum_colour(&spectrum, uses[use], rules_of(p));
+    spectrum_free(&spectrum);
+    return result_ok();
+}
+
+/* A temperature in kelvin; in v3 with a scale behind it. */
+static result_t blackbody_value(const pbrt_t *p, const params_t *owner, const param_t *item, const char *name,
+                                rgb_t *value)
+{
+    size_t numbers = p->dialect.dialect == DIALECT_V3 ? 2 : 1;
+    const double *v = params_numbers(owner, item);
+    if (item->count != numbers)
+        return error_at(item->at, "parameter \"%s\": a blackbody takes %s, found %zu numbers", name,
+                        numbers == 2 ? "a temperature and a scale" : "a temperature", item->count);
+    if (!(v[0] > 0 && v[0] <= 1e6))
+        return error_at(item->at, "parameter \"%s\": the temperature is %g K, but must be over 0", name, v[0]);
+    *value = spectrum_blackbody(v[0], rules_of(p));
+    if (numbers == 2) *value = v_scale(*value, (float)v[1]);
+    return result_ok();
+}
+
+/* Three numbers; what a colour space without sRGB's gamut makes negative is 0. */
+static result_t rgb_value(const pbrt_t *p, const params_t *owner, const param_t *item, const char *name,
+                          colour_use_t use, rgb_t *value)
+{
+    TRY(three_numbers(owner, item, name, value));
+    if (item->type == PARAM_XYZ || value->x < 0 || value->y < 0 || value->z < 0) return result_ok();
+    rgb_t c = pbrt_srgb(p, *value, use == COLOUR_LIGHT);
+    *value = vec3(fmaxf(c.x, 0), fmaxf(c.y, 0), fmaxf(c.z, 0));
+    return result_ok();
 }
 
 static result_t read_colour(pbrt_t *p, const params_t *owner, const param_t *item, const char *name,
-                            blob_value_t *value)
+                            colour_use_t use, blob_value_t *value)
 {
     *value = blob_constant(0);
     switch (item->type) {
     case PARAM_RGB:
     case PARAM_XYZ:
-        return three_numbers(owner, item, name, &value->factor);
+        return rgb_value(p, owner, item, name, use, &value->factor);
     case PARAM_SPECTRUM:
-        return spectrum_value(owner, item, name, &value->factor);
+        return spectrum_value(p, owner, item, name, use, &value->factor);
     case PARAM_TEXTURE:
         return texture_value(p, owner, item, name, false, value);
     case PARAM_BLACKBODY:
-        return error_at(item->at, "parameter \"%s\": blackbody is not supported yet; give an rgb colour",
-                        name);
+        return blackbody_value(p, owner, item, name, &value->factor);
     default:
         return error_at(item->at, "parameter \"%s\" must be a colour (rgb), not of type %s", name,
                         param_type_name(item->type));
@@ -147,7 +165,7 @@ result_t pbrt_colour_value(pbrt_t *p, params_t *params, const char *name, colour
     const params_t *owner;
     const param_t *item = params_find(params, name, &owner);
     if (!item) return result_ok();
-    TRY(read_colour(p, owner, item, name, value));
+    TRY(read_colour(p, owner, item, name, use, value));
     return value->texture ? result_ok() : check_constant(p, name, item->at, use, &value->factor);
 }
 
@@ -164,5 +182,12 @@ result_t pbrt_colour(pbrt_t *p, params_t *params, const char *name, colour_use_t
 
 result_t pbrt_index(pbrt_t *p, params_t *params, const char *name, blob_value_t *value)
 {
-    return pbrt_colour_value(p, params, name, COLOUR_UNBOUNDED, value);
+    const params_t *owner;
+    const param_t *item = params_find(params, name, &owner);
+    if (!item) return result_ok();
+    spectrum_t spectrum;
+    TRY(read_spectrum(p, owner, item, name, &spectrum));
+    *value = blob_constant((float)spectrum_at(&spectrum, SPECTRUM_D_LINE));
+    spectrum_free(&spectrum);
+    return result_ok();
 }
