@@ -77,8 +77,8 @@ static void print_json_settings(const Lm__Settings *settings)
         ", \"integrator\": \"%s\", \"sampler\": \"%s\", \"seed\": %" PRIu64 ", \"width\": %u, \"height\": %u",
         integrator_name((integrator_t)settings->integrator), sampler_name((sampler_kind_t)settings->sampler),
         settings->seed, settings->width, settings->height);
-    printf(", \"max_depth\": %u, \"spp\": %u, \"time_limit\": %g", settings->max_depth, settings->spp,
-           settings->time_limit);
+    printf(", \"max_depth\": %u, \"spp\": %u, \"time_limit\": %g, \"layers\": %s", settings->max_depth,
+           settings->spp, settings->time_limit, settings->features ? "true" : "false");
 }
 
 static void print_json_counts(const Lm__Counts *counts)

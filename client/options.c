@@ -16,6 +16,7 @@ const char settings_usage[] =
     "  --resolution WxH   pixels\n"
     "  --sampler NAME     sobol or independent\n"
     "  --tile-size N      pixels a side of the pieces that the image is cut into\n"
+    "  --no-layers        without the layers of what is seen: albedo, normal, position, depth, ...\n"
     "  --lenient          take the nearest substitute for what a scene has and Lightmill has not, and warn\n";
 
 result_t option_integer(const char *option, const char *text, long long least, long long most,
@@ -106,6 +107,8 @@ result_t overrides_option(overrides_t *overrides, const char *option, const char
     } else if (strcmp(option, "tile-size") == 0) {
         TRY(option_integer(option, value, JOB_MIN_TILE, JOB_MAX_TILE, &number));
         overrides->tile_size = (int32_t)number;
+    } else if (strcmp(option, "no-layers") == 0) {
+        overrides->no_layers = true;
     } else if (strcmp(option, "integrator") == 0) {
         return parse_integrator(overrides, value);
     } else if (strcmp(option, "sampler") == 0) {
@@ -139,6 +142,7 @@ result_t overrides_apply(const overrides_t *overrides, const scene_blob_t *blob,
         settings->spp = JOB_MAX_SPP;
     }
     if (overrides->spp > 0) settings->spp = overrides->spp;
+    if (overrides->no_layers) settings->features = false;
     settings->film_scale = blob_film_scale(blob);
     return job_settings_check(settings);
 }

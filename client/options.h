@@ -25,6 +25,7 @@ typedef struct {
     uint32_t spp;
     double time_limit;
     int32_t tile_size;
+    bool no_layers;
     bool lenient; /* for scene_load */
 } overrides_t;
 
@@ -34,6 +35,7 @@ typedef struct {
         {"integrator", required_argument, NULL, 0}, {"max-depth", required_argument, NULL, 0},               \
         {"seed", required_argument, NULL, 0}, {"resolution", required_argument, NULL, 0},                    \
         {"sampler", required_argument, NULL, 0}, {"lenient", no_argument, NULL, 0},                          \
+        {"no-layers", no_argument, NULL, 0},                                                                 \
     {                                                                                                        \
         "tile-size", required_argument, NULL, 0                                                              \
     }

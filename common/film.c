@@ -53,19 +53,40 @@ size_t batch_tile_values(const job_settings_t *settings, uint32_t tile)
     return (size_t)2 * 3 * job_tile_pixels(settings, tile);
 }
 
+/* True when some samples of the unit contribute to features. */
+static bool unit_has_features(const job_settings_t *settings, const unit_t *unit)
+{
+    return job_has_features(settings) && unit->first < FEATURE_SAMPLES;
+}
+
+size_t batch_feature_values(const job_settings_t *settings, const unit_t *unit)
+{
+    if (!unit_has_features(settings, unit)) return 0;
+    return (size_t)FEATURE_VALUES * job_tile_pixels(settings, unit->tile);
+}
+
 size_t batch_splat_values(const job_settings_t *settings)
 {
     return (size_t)2 * 3 * (size_t)settings->width * (size_t)settings->height;
 }
 
+/* Grows an array of sums to at least `count`. What is in it stays. */
+static void reserve_sums(int64_t **sums, size_t *capacity, size_t count)
+{
+    if (*capacity >= count) return;
+    *sums = mem_realloc(*sums, count * sizeof **sums);
+    *capacity = count;
+}
+
 void unit_result_reset(unit_result_t *result, const job_settings_t *settings, const unit_t *unit)
 {
     size_t values = batch_tile_values(settings, unit->tile);
-    if (result->eye_capacity < values) {
-        result->eye = mem_realloc(result->eye, values * sizeof *result->eye);
-        result->eye_capacity = values;
-    }
+    size_t features = batch_feature_values(settings, unit);
+    reserve_sums(&result->eye, &result->eye_capacity, values);
+    reserve_sums(&result->features, &result->feature_capacity, features);
     memset(result->eye, 0, values * sizeof *result->eye);
+    if (features > 0) memset(result->features, 0, features * sizeof *result->features);
+    result->has_features = features > 0;
     result->unit = *unit;
     result->splat_count = 0;
     result->counts = (film_counts_t){0};
@@ -74,8 +95,46 @@ void unit_result_reset(unit_result_t *result, const job_settings_t *settings, co
 void unit_result_free(unit_result_t *result)
 {
     free(result->eye);
+    free(result->features);
     free(result->splats);
     *result = (unit_result_t){0};
+}
+
+/* The measured values of a hit, in the order of the sums from FEATURE_ALBEDO to FEATURE_DEPTH. */
+enum { MEASURED = FEATURE_DEPTH + 1 };
+
+static void measured_values(const first_hit_t *hit, float values[MEASURED])
+{
+    memcpy(values + FEATURE_ALBEDO, hit->albedo, sizeof hit->albedo);
+    memcpy(values + FEATURE_NORMAL, hit->normal, sizeof hit->normal);
+    memcpy(values + FEATURE_POSITION, hit->position, sizeof hit->position);
+    values[FEATURE_DEPTH] = hit->depth;
+}
+
+void unit_result_feature(unit_result_t *result, size_t pixel, uint32_t sample, const first_hit_t *hit)
+{
+    const float limit = 0x1.fffffep24f; /* FEATURE_SAMPLES of it are below 2^62 units */
+    if (!result->has_features || sample >= FEATURE_SAMPLES) return;
+    int64_t *sum = result->features + FEATURE_VALUES * pixel;
+    if (!hit->hit) {
+        sum[FEATURE_COUNT]++;
+        return;
+    }
+    float values[MEASURED];
+    bool finite = true;
+    measured_values(hit, values);
+    for (int v = 0; v < MEASURED; v++) finite = finite && isfinite(values[v]);
+    if (!finite) {
+        result->counts.dropped++;
+        return;
+    }
+    sum[FEATURE_COUNT]++;
+    sum[FEATURE_HITS]++;
+    for (int v = 0; v < MEASURED; v++)
+        sum[v] += film_quantise(fmaxf(-limit, fminf(limit, values[v])), FEATURE_SCALE);
+    if (sample > 0) return;
+    sum[FEATURE_OBJECT] = hit->object;
+    sum[FEATURE_MATERIAL] = hit->material;
 }
 
 void batch_init(batch_t *batch, const job_settings_t *settings)
@@ -87,6 +146,7 @@ void batch_clear(batch_t *batch)
 {
     batch->unit_count = 0;
     batch->eye_count = 0;
+    batch->feature_count = 0;
     if (batch->splat != NULL)
         memset(batch->splat, 0, batch_splat_values(&batch->settings) * sizeof *batch->splat);
     batch->counts = (film_counts_t){0};
@@ -96,6 +156,7 @@ void batch_free(batch_t *batch)
 {
     free(batch->units);
     free(batch->eye);
+    free(batch->features);
     free(batch->splat);
     *batch = (batch_t){0};
 }
@@ -114,20 +175,26 @@ static void batch_add_splats(batch_t *batch, const unit_result_t *result)
     }
 }
 
+/* Appends sums to a growing array. */
+static void append_sums(int64_t **sums, size_t *count, size_t *capacity, const int64_t *more, size_t values)
+{
+    if (values == 0) return;
+    if (*count + values > *capacity) reserve_sums(sums, capacity, 2 * *capacity + values);
+    memcpy(*sums + *count, more, values * sizeof **sums);
+    *count += values;
+}
+
 void batch_add(batch_t *batch, const unit_result_t *result)
 {
     if (batch->unit_count == batch->unit_capacity) {
         batch->unit_capacity = 2 * batch->unit_capacity + 16;
         batch->units = mem_realloc(batch->units, batch->unit_capacity * sizeof *batch->units);
     }
-    size_t values = batch_tile_values(&batch->settings, result->unit.tile);
-    if (batch->eye_count + values > batch->eye_capacity) {
-        batch->eye_capacity = 2 * batch->eye_capacity + values;
-        batch->eye = mem_realloc(batch->eye, batch->eye_capacity * sizeof *batch->eye);
-    }
     batch->units[batch->unit_count++] = result->unit;
-    memcpy(batch->eye + batch->eye_count, result->eye, values * sizeof *batch->eye);
-    batch->eye_count += values;
+    append_sums(&batch->eye, &batch->eye_count, &batch->eye_capacity, result->eye,
+                batch_tile_values(&batch->settings, result->unit.tile));
+    append_sums(&batch->features, &batch->feature_count, &batch->feature_capacity, result->features,
+                batch_feature_values(&batch->settings, &result->unit));
     batch_add_splats(batch, result);
     film_counts_add(&batch->counts, &result->counts);
 }
@@ -140,8 +207,12 @@ result_t film_new(const job_settings_t *settings, film_t **film)
     made->eye = calloc(values, sizeof *made->eye);
     made->splat = calloc(values, sizeof *made->splat);
     made->samples = calloc(values / 3, sizeof *made->samples);
+    bool features = job_has_features(settings);
+    if (features) made->features = calloc(values / 6 * FEATURE_VALUES, sizeof *made->features);
     *film = made;
-    if (made->eye != NULL && made->splat != NULL && made->samples != NULL) return result_ok();
+    if (made->eye != NULL && made->splat != NULL && made->samples != NULL &&
+        (made->features != NULL || !features))
+        return result_ok();
     film_destroy(film);
     return result_fail(RESULT_LIMIT, "no memory for a film of %d x %d pixels", settings->width,
                        settings->height);
@@ -153,6 +224,7 @@ void film_destroy(film_t **film)
     free((*film)->eye);
     free((*film)->splat);
     free((*film)->samples);
+    free((*film)->features);
     free(*film);
     *film = NULL;
 }
@@ -174,12 +246,29 @@ static void merge_tile(film_t *film, const unit_t *unit, const int64_t *tile)
     }
 }
 
+/* Adds the features of one unit. What overflows does not come from a renderer, and the picture is none the
+ * worse for it: it is left out. */
+static void merge_features(film_t *film, const unit_t *unit, const int64_t *features)
+{
+    rect_t rect = job_tile_rect(&film->settings, unit->tile);
+    size_t row = FEATURE_VALUES * (size_t)(rect.x1 - rect.x0);
+    for (int y = rect.y0; y < rect.y1; y++) {
+        size_t pixel = (size_t)y * (size_t)film->settings.width + (size_t)rect.x0;
+        add_sums(film->features + FEATURE_VALUES * pixel, features, row);
+        features += row;
+    }
+}
+
 void film_merge(film_t *film, const batch_t *batch)
 {
-    const int64_t *tile = batch->eye;
+    const int64_t *tile = batch->eye, *features = batch->features;
     for (size_t i = 0; i < batch->unit_count; i++) {
         merge_tile(film, &batch->units[i], tile);
         tile += batch_tile_values(&film->settings, batch->units[i].tile);
+        size_t values =
+            batch->feature_count > 0 ? batch_feature_values(&film->settings, &batch->units[i]) : 0;
+        if (values > 0) merge_features(film, &batch->units[i], features);
+        features += values;
     }
     if (batch->splat != NULL)
         film->counts.overflows += add_sums(film->splat, batch->splat, batch_splat_values(&film->settings));
@@ -209,6 +298,39 @@ static estimate_t resolve_value(const double eye[2], const double splat[2], cons
     return estimate;
 }
 
+static bool any_features(const film_t *film, size_t pixels)
+{
+    for (size_t p = 0; film->features != NULL && p < pixels; p++)
+        if (film->features[FEATURE_VALUES * p + FEATURE_COUNT] > 0) return true;
+    return false;
+}
+
+static void resolve_feature(const int64_t *sum, film_image_t *image, size_t p)
+{
+    /* A peer may have sent any number; only what is above zero divides. */
+    double count = (double)sum[FEATURE_COUNT], hits = (double)sum[FEATURE_HITS];
+    double per_sample = count > 0 ? ldexp(1.0, -FEATURE_SCALE) / count : 0;
+    double per_hit = hits > 0 ? ldexp(1.0, -FEATURE_SCALE) / hits : 0;
+    for (size_t c = 0; c < 3; c++) {
+        image->albedo[3 * p + c] = (float)((double)sum[FEATURE_ALBEDO + c] * per_sample);
+        image->normal[3 * p + c] = (float)((double)sum[FEATURE_NORMAL + c] * per_sample);
+        image->position[3 * p + c] = (float)((double)sum[FEATURE_POSITION + c] * per_hit);
+    }
+    image->depth[p] = (float)((double)sum[FEATURE_DEPTH] * per_hit);
+    image->object[p] = (float)sum[FEATURE_OBJECT];
+    image->material[p] = (float)sum[FEATURE_MATERIAL];
+    image->coverage[p] = count > 0 ? (float)(hits / count) : 0;
+}
+
+static void resolve_features(const film_t *film, film_image_t *image, size_t pixels)
+{
+    float **vectors[] = {&image->albedo, &image->normal, &image->position};
+    float **scalars[] = {&image->depth, &image->object, &image->material, &image->coverage};
+    for (size_t i = 0; i < ARRAY_LENGTH(vectors); i++) *vectors[i] = mem_zalloc(3 * pixels, sizeof(float));
+    for (size_t i = 0; i < ARRAY_LENGTH(scalars); i++) *scalars[i] = mem_zalloc(pixels, sizeof(float));
+    for (size_t p = 0; p < pixels; p++) resolve_feature(film->features + FEATURE_VALUES * p, image, p);
+}
+
 void film_resolve(const film_t *film, film_image_t *image)
 {
     int width = film->settings.width, height = film->settings.height;
@@ -217,6 +339,7 @@ void film_resolve(const film_t *film, film_image_t *image)
     float **planes[] = {&image->sum, &image->eye, &image->light, &image->noise};
     for (size_t i = 0; i < ARRAY_LENGTH(planes); i++) *planes[i] = mem_zalloc(3 * pixels, sizeof(float));
     image->samples = mem_zalloc(pixels, sizeof(float));
+    if (any_features(film, pixels)) resolve_features(film, image, pixels);
 
     double unit = ldexp(1.0, -film->settings.film_scale), light_factor[3] = {0};
     double paths[3] = {(double)film->counts.light_paths[0], (double)film->counts.light_paths[1], 0};
@@ -249,5 +372,8 @@ void film_image_free(film_image_t *image)
     free(image->light);
     free(image->noise);
     free(image->samples);
+    float *features[] = {image->albedo, image->normal,   image->position, image->depth,
+                         image->object, image->material, image->coverage};
+    for (size_t i = 0; i < ARRAY_LENGTH(features); i++) free(features[i]);
     *image = (film_image_t){0};
 }

@@ -11,6 +11,11 @@
  * Two estimators, two normalisations: eye sums divide by their own pixel's samples, splat sums by the light
  * paths traced for the whole film. Both come in two halves (even and odd sample indices) that are independent
  * estimates of the same image; their difference gives the noise, splats included.
+ *
+ * Features are what the eye rays meet first: albedo, normal, position and so on, for denoising and
+ * compositing. They are sums of the same kind, of the first FEATURE_SAMPLES samples of each pixel: enough for
+ * smooth edges, and a bound on what is sent. They have one half only, and a scale of their own, since they do
+ * not depend on how bright a scene is.
  */
 #ifndef LIGHTMILL_FILM_H
 #define LIGHTMILL_FILM_H
@@ -18,6 +23,34 @@
 #include "common/job.h"
 
 enum { FILM_DEFAULT_SCALE = 32, FILM_MIN_SCALE = 0, FILM_MAX_SCALE = 40 };
+
+enum {
+    FEATURE_SAMPLES = 32, /* samples of a pixel, from index 0, that contribute */
+    FEATURE_SCALE = 32    /* measured values count in units of 2^-32 */
+};
+
+/* The sums of a pixel's features, an int64_t each. */
+enum {
+    FEATURE_ALBEDO = 0,   /* 3 */
+    FEATURE_NORMAL = 3,   /* 3 */
+    FEATURE_POSITION = 6, /* 3 */
+    FEATURE_DEPTH = 9,
+    FEATURE_COUNT = 10,  /* samples that are in the sums; whole numbers, here and below */
+    FEATURE_HITS = 11,   /* those of them that met something */
+    FEATURE_OBJECT = 12, /* of sample 0 alone, so that it is an id and not a mean of ids */
+    FEATURE_MATERIAL = 13,
+    FEATURE_VALUES = 14
+};
+
+/* What the eye ray of one sample met first. */
+typedef struct {
+    bool hit;
+    float albedo[3];           /* part of the light that is reflected, 0 to 1 */
+    float normal[3];           /* shading normal, world space */
+    float position[3];         /* world space */
+    float depth;               /* distance from the camera along the ray */
+    uint32_t object, material; /* ids from 1 */
+} first_hit_t;
 
 /* What happened while samples were made; adds up like the sums. */
 typedef struct {
@@ -49,14 +82,21 @@ typedef struct {
     unit_t unit;
     int64_t *eye;        /* [2 halves][tile height][tile width][3], fixed point */
     size_t eye_capacity; /* int64_t's allocated */
-    splat_t *splats;     /* in the order they were made */
+    int64_t *features;   /* [tile height][tile width][FEATURE_VALUES] when has_features */
+    size_t feature_capacity;
+    bool has_features;
+    splat_t *splats; /* in the order they were made */
     size_t splat_count, splat_capacity;
     film_counts_t counts;
 } unit_result_t;
 
-/* Makes an empty result for a unit: zeroed eye sums, no splats. */
+/* Makes an empty result for a unit: zeroed eye sums and, where the unit has them, features; no splats. */
 void unit_result_reset(unit_result_t *result, const job_settings_t *settings, const unit_t *unit);
 void unit_result_free(unit_result_t *result);
+/* Adds what one sample met to a pixel (y * tile width + x in the tile). Values beyond +-2^25 are clamped, so
+ * that no sum can overflow; a sample with a NaN or an infinity is dropped whole and counted as such. Does
+ * nothing beyond FEATURE_SAMPLES and in units without features. */
+void unit_result_feature(unit_result_t *result, size_t pixel, uint32_t sample, const first_hit_t *hit);
 
 /* Units closed together: their eye tiles and one splat frame that covers exactly those units.
  * Thread-safe only where said. */
@@ -66,6 +106,8 @@ typedef struct {
     size_t unit_count, unit_capacity;
     int64_t *eye; /* tiles one after the other in the order of `units`, each as in unit_result_t */
     size_t eye_count, eye_capacity;
+    int64_t *features; /* of the units that have them, one after the other, each as in unit_result_t */
+    size_t feature_count, feature_capacity;
     int64_t *splat; /* [2 halves][height][width][3]; NULL as long as no unit had a splat */
     film_counts_t counts;
 } batch_t;
@@ -79,6 +121,9 @@ void batch_free(batch_t *batch);
 void batch_add(batch_t *batch, const unit_result_t *result);
 /* int64_t's that the eye tile of a unit takes: 2 * pixels * 3. */
 size_t batch_tile_values(const job_settings_t *settings, uint32_t tile);
+/* int64_t's that the features of a unit take: 0 when the job has none, or the unit's samples begin at
+ * FEATURE_SAMPLES or later. */
+size_t batch_feature_values(const job_settings_t *settings, const unit_t *unit);
 /* int64_t's of a splat frame: 2 * width * height * 3. */
 size_t batch_splat_values(const job_settings_t *settings);
 
@@ -88,6 +133,7 @@ typedef struct {
     int64_t *eye;      /* [2 halves][height][width][3] */
     int64_t *splat;    /* [2 halves][height][width][3] */
     uint32_t *samples; /* [2 halves][height][width] eye samples */
+    int64_t *features; /* [height][width][FEATURE_VALUES]; NULL when the job has none */
     film_counts_t counts;
 } film_t;
 
@@ -96,7 +142,8 @@ result_t film_new(const job_settings_t *settings, film_t **film);
 /* Frees the film and sets *film to NULL. */
 void film_destroy(film_t **film);
 /* Adds a batch whose units are valid for this job. The caller sees to it that no unit is counted twice.
- * Overflowing additions are left out and counted. */
+ * Overflowing additions are left out and counted; of features, whose true sums cannot overflow, only left
+ * out. */
 void film_merge(film_t *film, const batch_t *batch);
 
 /* Float images of the sums so far, each [height][width][3] unless said otherwise. */
@@ -108,9 +155,19 @@ typedef struct {
     float *noise;   /* estimated standard error of `sum`: |half 0 - half 1| scaled; one degree of freedom a
                        pixel */
     float *samples; /* [height][width] eye samples */
+
+    /* Features; all NULL when there are none. The last five are [height][width]. */
+    float *albedo;   /* mean over the samples; what met nothing counts as 0 */
+    float *normal;   /* likewise; not normalised, shorter where surfaces meet or end */
+    float *position; /* mean over the samples that met something; 0 where none did */
+    float *depth;    /* likewise */
+    float *object;   /* id of what sample 0 met; 0: nothing */
+    float *material; /* likewise */
+    float *coverage; /* share of the samples that met something */
 } film_image_t;
 
-/* Resolves the sums: eye / own samples + splat * pixels / light paths. Pixels without samples are black. */
+/* Resolves the sums: eye / own samples + splat * pixels / light paths, and the features. Pixels without
+ * samples are black. */
 void film_resolve(const film_t *film, film_image_t *image);
 void film_image_free(film_image_t *image);
 

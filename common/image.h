@@ -83,8 +83,9 @@ hash_t image_hash(const image_t *image);
 result_t image_read_exr(const char *path, image_t *image);
 /* The same of a file's bytes in memory, not NULL; `name`, not empty, stands for the path in errors. */
 result_t image_decode_exr(const char *name, const uint8_t *data, size_t size, image_t *image);
-/* Writes a scanline OpenEXR file with ZIP compression, whole or not at all. Channels of type PIXEL_HALF are
- * rounded to halves, finite values clamped to the largest of them; all others are written as floats. */
+/* Writes a scanline OpenEXR file with ZIP compression, whole or not at all, on as many threads as there are
+ * cores; the bytes do not depend on their number. Channels of type PIXEL_HALF are rounded to halves, finite
+ * values clamped to the largest of them; all others are written as floats. */
 result_t image_write_exr(const char *path, const image_t *image);
 /* Writes R, G, B as an 8-bit sRGB PNG, scaled by 2^exposure and clipped, whole or not at all. */
 result_t image_write_png(const char *path, const image_t *image, float exposure);

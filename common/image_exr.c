@@ -5,6 +5,10 @@
  * lines of a ZIP file, a tile, ...) are decoded one after the other straight into the channels' planes; a
  * truncated file fails at its first missing chunk, before the zero pages of the planes behind it are ever
  * touched.
+ *
+ * Writing is mostly compression, so several threads share it. Each takes the next chunk, encodes it with a
+ * pipeline of its own, and waits for its turn to write: chunks are in the file in order, and its bytes do not
+ * depend on how many threads there were.
  */
 #include "common/atomic_file.h"
 #include "common/image.h"
@@ -13,6 +17,8 @@
 #include <fcntl.h>
 #include <math.h>
 #include <openexr.h>
+#include <pthread.h>
+#include <sched.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -23,17 +29,19 @@ enum {
     ZIP_LEVEL = 2,           /* film noise hardly gets smaller above; the time doubles */
     MAX_ATTRIBUTE_NAME = 31, /* without the long-name flag in the file */
     MAX_TILE_SIDE = 1 << 14,
+    MAX_WRITERS = 16, /* threads that compress */
 };
 #define HALF_MAX 65504.0f
 
 /* What our callbacks share with the caller. */
 typedef struct {
-    int descriptor;      /* of the file that is read, */
-    const uint8_t *data; /* or its bytes in memory, */
-    size_t size;         /* this many */
-    atomic_file_t *file; /* that is written */
-    int error;           /* errno of a failed read */
-    char message[256];   /* the library's last words */
+    int descriptor;       /* of the file that is read, */
+    const uint8_t *data;  /* or its bytes in memory, */
+    size_t size;          /* this many */
+    atomic_file_t *file;  /* that is written */
+    int error;            /* errno of a failed read */
+    pthread_mutex_t lock; /* guards the message when several threads write */
+    char message[256];    /* the library's last words */
 } exr_stream_t;
 
 static void keep_message(exr_const_context_t context, exr_result_t code, const char *message)
@@ -42,18 +50,24 @@ static void keep_message(exr_const_context_t context, exr_result_t code, const c
     (void)code;
     if (context == NULL || exr_get_user_data(context, &user) != EXR_ERR_SUCCESS || user == NULL) return;
     exr_stream_t *stream = user;
+    pthread_mutex_lock(&stream->lock);
     /* The first message of a failure names the cause, later ones only its consequences. */
-    if (stream->message[0] != '\0') return;
-    snprintf(stream->message, sizeof stream->message, "%s", message);
-    /* It may quote the file's bytes, which are not for a terminal. */
-    for (char *c = stream->message; *c != '\0'; c++)
-        if (*c < ' ' || *c > '~') *c = '?';
+    if (stream->message[0] == '\0') {
+        snprintf(stream->message, sizeof stream->message, "%s", message);
+        /* It may quote the file's bytes, which are not for a terminal. */
+        for (char *c = stream->message; *c != '\0'; c++)
+            if (*c < ' ' || *c > '~') *c = '?';
+    }
+    pthread_mutex_unlock(&stream->lock);
 }
 
-static const char *stream_message(const exr_stream_t *stream, exr_result_t code)
+static const char *stream_message(exr_stream_t *stream, exr_result_t code)
 {
     if (stream->error != 0) return strerror(stream->error);
-    return stream->message[0] != '\0' ? stream->message : exr_get_default_error_message(code);
+    pthread_mutex_lock(&stream->lock);
+    bool known = stream->message[0] != '\0'; /* from then on it stays as it is */
+    pthread_mutex_unlock(&stream->lock);
+    return known ? stream->message : exr_get_default_error_message(code);
 }
 
 /* ---- reading ---- */
@@ -113,7 +127,7 @@ typedef struct {
     bool decoder_ready;
 } exr_reader_t;
 
-static result_t read_error(const exr_reader_t *reader, exr_result_t code)
+static result_t read_error(exr_reader_t *reader, exr_result_t code)
 {
     return result_fail(reader->stream.error != 0 ? RESULT_IO : RESULT_INPUT,
                        "%s: cannot be read as OpenEXR: %s", reader->path,
@@ -190,7 +204,7 @@ static result_t check_channels(const exr_reader_t *reader, const exr_attr_chlist
 }
 
 /* OpenEXRCore 3.1 silently mixes up the lines of channels that B44 stores as they are: all but halves. */
-static result_t check_compression(const exr_reader_t *reader, const exr_attr_chlist_t *list)
+static result_t check_compression(exr_reader_t *reader, const exr_attr_chlist_t *list)
 {
     exr_compression_t compression;
     TRY_READ(exr_get_compression(reader->context, 0, &compression));
@@ -373,12 +387,14 @@ static result_t read_image(const char *path, exr_stream_t stream, image_t *image
 
 result_t image_read_exr(const char *path, image_t *image)
 {
-    return read_image(path, (exr_stream_t){.descriptor = -1}, image);
+    return read_image(path, (exr_stream_t){.descriptor = -1, .lock = PTHREAD_MUTEX_INITIALIZER}, image);
 }
 
 result_t image_decode_exr(const char *name, const uint8_t *data, size_t size, image_t *image)
 {
-    return read_image(name, (exr_stream_t){.descriptor = -1, .data = data, .size = size}, image);
+    return read_image(
+        name, (exr_stream_t){.descriptor = -1, .lock = PTHREAD_MUTEX_INITIALIZER, .data = data, .size = size},
+        image);
 }
 
 /* ---- writing ---- */
@@ -397,11 +413,13 @@ typedef struct {
     exr_stream_t stream;
     exr_context_t context;
     const image_t *image;
-    exr_encode_pipeline_t encoder;
-    bool encoder_ready;
-    exr_result_t (*compress)(exr_encode_pipeline_t *encoder); /* the library's own */
-    float *stage; /* [channels][lines of a chunk][width], gathered from the channels */
-    int32_t lines;
+    int32_t lines; /* of a chunk */
+    int chunks;
+    pthread_mutex_t lock; /* guards what follows, and the library's context */
+    pthread_cond_t turn;
+    int next;    /* chunk to encode */
+    int written; /* chunks that are in the file */
+    bool failed; /* no chunk will follow */
 } exr_writer_t;
 
 #define TRY_WRITE(call)                                                                                      \
@@ -466,40 +484,93 @@ static void gather_lines(const image_t *image, const image_channel_t *channel, i
         if (isfinite(out[i])) out[i] = fmaxf(-HALF_MAX, fminf(HALF_MAX, out[i]));
 }
 
+/* A thread that encodes chunks. */
+typedef struct {
+    exr_writer_t *writer;
+    pthread_t thread;
+    exr_encode_pipeline_t encoder;
+    bool ready;                                               /* the encoder has its routines */
+    exr_result_t (*compress)(exr_encode_pipeline_t *encoder); /* the library's own, and below */
+    exr_result_t (*write)(exr_encode_pipeline_t *encoder);
+    float *stage; /* [channels][lines of a chunk][width], gathered from the channels */
+    int chunk;    /* in the making */
+    result_t result;
+} exr_chunk_writer_t;
+
 /* A chunk as large as its pixels is stored as they are, and read so. OpenEXRCore 3.1 forgets to where
  * compression makes it exactly as large; such a chunk would come back as noise. */
 static exr_result_t compress_chunk(exr_encode_pipeline_t *encoder)
 {
-    const exr_writer_t *writer = encoder->encoding_user_data;
-    exr_result_t code = writer->compress(encoder);
+    const exr_chunk_writer_t *self = encoder->encoding_user_data;
+    exr_result_t code = self->compress(encoder);
     if (code == EXR_ERR_SUCCESS && encoder->compressed_bytes == encoder->packed_bytes)
         memcpy(encoder->compressed_buffer, encoder->packed_buffer, encoder->packed_bytes);
     return code;
 }
 
-static result_t start_encoder(exr_writer_t *writer)
+/* Writes the encoded chunk once all before it are written. */
+static exr_result_t write_in_turn(exr_encode_pipeline_t *encoder)
 {
-    TRY_WRITE(exr_encoding_choose_default_routines(writer->context, 0, &writer->encoder));
-    writer->compress = writer->encoder.compress_fn;
-    writer->encoder.compress_fn = compress_chunk;
-    writer->encoder.encoding_user_data = writer;
-    writer->encoder_ready = true;
+    const exr_chunk_writer_t *self = encoder->encoding_user_data;
+    exr_writer_t *writer = self->writer;
+    exr_result_t code = EXR_ERR_WRITE_IO;
+    pthread_mutex_lock(&writer->lock);
+    while (writer->written != self->chunk && !writer->failed) pthread_cond_wait(&writer->turn, &writer->lock);
+    if (!writer->failed) {
+        code = self->write(encoder);
+        if (code == EXR_ERR_SUCCESS) writer->written++;
+        pthread_cond_broadcast(&writer->turn);
+    }
+    pthread_mutex_unlock(&writer->lock);
+    return code;
+}
+
+static exr_result_t no_wait(exr_encode_pipeline_t *encoder)
+{
+    (void)encoder;
+    return EXR_ERR_SUCCESS; /* write_in_turn waits */
+}
+
+static result_t start_encoder(exr_chunk_writer_t *self)
+{
+    exr_writer_t *writer = self->writer;
+    TRY_WRITE(exr_encoding_choose_default_routines(writer->context, 0, &self->encoder));
+    self->compress = self->encoder.compress_fn;
+    self->write = self->encoder.write_fn;
+    self->encoder.compress_fn = compress_chunk;
+    self->encoder.yield_until_ready_fn = no_wait;
+    self->encoder.write_fn = write_in_turn;
+    self->encoder.encoding_user_data = self;
+    self->ready = true;
     return result_ok();
 }
 
-static result_t write_chunk(exr_writer_t *writer, int y)
+/* Under the lock: makes the encoder fit the chunk that begins at line y. */
+static result_t aim_encoder(exr_chunk_writer_t *self, int y, exr_chunk_info_t *chunk)
 {
-    exr_encode_pipeline_t *encoder = &writer->encoder;
-    exr_chunk_info_t chunk;
-    TRY_WRITE(exr_write_scanline_chunk_info(writer->context, 0, y, &chunk));
-    if (writer->encoder_ready)
-        TRY_WRITE(exr_encoding_update(writer->context, 0, &chunk, encoder));
+    exr_writer_t *writer = self->writer;
+    TRY_WRITE(exr_write_scanline_chunk_info(writer->context, 0, y, chunk));
+    if (self->ready)
+        TRY_WRITE(exr_encoding_update(writer->context, 0, chunk, &self->encoder));
     else
-        TRY_WRITE(exr_encoding_initialize(writer->context, 0, &chunk, encoder));
+        TRY_WRITE(exr_encoding_initialize(writer->context, 0, chunk, &self->encoder));
+    return result_ok();
+}
+
+static result_t write_chunk(exr_chunk_writer_t *self)
+{
+    exr_writer_t *writer = self->writer;
+    exr_encode_pipeline_t *encoder = &self->encoder;
+    exr_chunk_info_t chunk;
+    int y = self->chunk * writer->lines;
+    pthread_mutex_lock(&writer->lock);
+    result_t aimed = aim_encoder(self, y, &chunk);
+    pthread_mutex_unlock(&writer->lock);
+    TRY(aimed);
     size_t width = (size_t)writer->image->width;
     for (int i = 0; i < encoder->channel_count; i++) {
         exr_coding_channel_info_t *channel = &encoder->channels[i];
-        float *stage = writer->stage + (size_t)i * (size_t)writer->lines * width;
+        float *stage = self->stage + (size_t)i * (size_t)writer->lines * width;
         /* The library sorts the channels of a file by name. */
         gather_lines(writer->image, image_find(writer->image, channel->channel_name), y, chunk.height, stage);
         channel->encode_from_ptr = (const uint8_t *)stage;
@@ -508,9 +579,67 @@ static result_t write_chunk(exr_writer_t *writer, int y)
         channel->user_pixel_stride = sizeof(float);
         channel->user_line_stride = writer->image->width * (int32_t)sizeof(float);
     }
-    if (!writer->encoder_ready) TRY(start_encoder(writer));
+    if (!self->ready) TRY(start_encoder(self));
     TRY_WRITE(exr_encoding_run(writer->context, 0, encoder));
     return result_ok();
+}
+
+/* Takes the next chunk; false when there is none, or one has failed. */
+static bool next_chunk(exr_chunk_writer_t *self)
+{
+    exr_writer_t *writer = self->writer;
+    pthread_mutex_lock(&writer->lock);
+    bool taken = !writer->failed && writer->next < writer->chunks;
+    if (taken) self->chunk = writer->next++;
+    pthread_mutex_unlock(&writer->lock);
+    return taken;
+}
+
+static void *write_chunks(void *argument)
+{
+    exr_chunk_writer_t *self = argument;
+    exr_writer_t *writer = self->writer;
+    while (self->result.code == RESULT_OK && next_chunk(self)) self->result = write_chunk(self);
+    if (self->result.code == RESULT_OK) return NULL;
+    pthread_mutex_lock(&writer->lock);
+    writer->failed = true;
+    pthread_cond_broadcast(&writer->turn);
+    pthread_mutex_unlock(&writer->lock);
+    return NULL;
+}
+
+static int core_count(void)
+{
+    cpu_set_t set;
+    return sched_getaffinity(0, sizeof set, &set) == 0 ? int_max(1, CPU_COUNT(&set)) : 1;
+}
+
+/* Writes all chunks on as many threads as there are cores, this one among them. */
+static result_t write_all_chunks(exr_writer_t *writer)
+{
+    const image_t *image = writer->image;
+    exr_chunk_writer_t *threads = mem_zalloc(MAX_WRITERS, sizeof *threads);
+    int wanted = int_min(MAX_WRITERS, int_min(core_count(), writer->chunks)), started = 0;
+    size_t stage = image->channel_count * (size_t)writer->lines * (size_t)image->width * sizeof(float);
+    for (int i = 0; i < wanted; i++) {
+        threads[i].writer = writer;
+        threads[i].stage = mem_alloc(stage);
+    }
+    while (started < wanted - 1 &&
+           pthread_create(&threads[started].thread, NULL, write_chunks, &threads[started]) == 0) {
+        pthread_setname_np(threads[started].thread, "exr");
+        started++;
+    }
+    write_chunks(&threads[started]);
+    result_t result = result_ok();
+    for (int i = 0; i < started; i++) pthread_join(threads[i].thread, NULL);
+    for (int i = 0; i < wanted; i++) {
+        if (result.code == RESULT_OK) result = threads[i].result;
+        exr_encoding_destroy(writer->context, &threads[i].encoder);
+        free(threads[i].stage);
+    }
+    free(threads);
+    return result;
 }
 
 static result_t writer_run(exr_writer_t *writer)
@@ -522,11 +651,8 @@ static result_t writer_run(exr_writer_t *writer)
     options.write_fn = stream_write;
     TRY_WRITE(exr_start_write(&writer->context, writer->path, EXR_WRITE_FILE_DIRECTLY, &options));
     TRY(write_header(writer));
-    writer->stage =
-        mem_alloc(image->channel_count * (size_t)writer->lines * (size_t)image->width * sizeof(float));
-    for (int y = 0; y < image->height; y += writer->lines) TRY(write_chunk(writer, y));
-    exr_encoding_destroy(writer->context, &writer->encoder);
-    writer->encoder_ready = false;
+    writer->chunks = (image->height + writer->lines - 1) / writer->lines;
+    TRY(write_all_chunks(writer));
     TRY_WRITE(exr_finish(&writer->context)); /* writes the chunk table */
     return result_ok();
 }
@@ -535,13 +661,13 @@ result_t image_write_exr(const char *path, const image_t *image)
 {
     atomic_file_t file;
     TRY(atomic_file_open(&file, path));
-    exr_writer_t writer = {.path = path, .image = image, .stream = {.descriptor = -1, .file = &file}};
+    exr_writer_t writer = {.path = path,
+                           .image = image,
+                           .stream = {.descriptor = -1, .file = &file, .lock = PTHREAD_MUTEX_INITIALIZER},
+                           .lock = PTHREAD_MUTEX_INITIALIZER,
+                           .turn = PTHREAD_COND_INITIALIZER};
     result_t result = writer_run(&writer);
-    if (writer.context != NULL) {
-        exr_encoding_destroy(writer.context, &writer.encoder);
-        exr_finish(&writer.context);
-    }
-    free(writer.stage);
+    if (writer.context != NULL) exr_finish(&writer.context);
     /* A write that failed is known to the file with its cause, the library only knows that it did. */
     if (result.code == RESULT_OK || file.error != 0) return atomic_file_commit(&file);
     atomic_file_abort(&file);

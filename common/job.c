@@ -15,7 +15,8 @@ job_settings_t job_settings_default(void)
                             .max_depth = 8,
                             .spp = 64,
                             .tile_size = 32,
-                            .film_scale = FILM_DEFAULT_SCALE};
+                            .film_scale = FILM_DEFAULT_SCALE,
+                            .features = true};
 }
 
 static result_t check_range(const char *name, int64_t value, int64_t low, int64_t high)
@@ -71,6 +72,11 @@ bool job_unit_valid(const job_settings_t *settings, const unit_t *unit)
 {
     return unit->tile < job_tile_count(settings) && unit->count > 0 && unit->count <= settings->spp &&
            unit->first <= settings->spp - unit->count;
+}
+
+bool job_has_features(const job_settings_t *settings)
+{
+    return settings->features && settings->integrator != INTEGRATOR_LIGHT;
 }
 
 uint32_t unit_half_count(const unit_t *unit, int half)

@@ -28,12 +28,15 @@ typedef struct {
     integrator_t integrator;
     sampler_kind_t sampler;
     uint64_t seed;
-    int32_t width, height; /* pixels */
-    int32_t max_depth;     /* as pbrt counts: paths of at most max_depth + 1 segments */
-    uint32_t spp;          /* samples a pixel; JOB_MAX_SPP when only time_limit ends the job */
-    double time_limit;     /* seconds from the first assignment; 0 for none */
-    int32_t tile_size;     /* pixels a side */
-    int32_t film_scale;    /* film sums count in units of 2^-film_scale (film.h) */
+    int32_t width, height;          /* pixels */
+    int32_t max_depth;              /* as pbrt counts: paths of at most max_depth + 1 segments */
+    uint32_t spp;                   /* samples a pixel; JOB_MAX_SPP when only time_limit ends the job */
+    double time_limit;              /* seconds from the first assignment; 0 for none */
+    int32_t tile_size;              /* pixels a side */
+    int32_t film_scale;             /* film sums count in units of 2^-film_scale (film.h) */
+    int32_t strategy_s, strategy_t; /* of bdpt: only paths of so many light and eye vertices; t 0: all */
+    bool unweighted;                /* that strategy without its weight in the combination */
+    bool features;                  /* layers of what the eye rays meet first are wanted (film.h) */
 } job_settings_t;
 
 typedef struct {
@@ -47,7 +50,8 @@ typedef struct {
     int32_t x0, y0, x1, y1;
 } rect_t;
 
-/* Defaults: bdpt, sobol, seed 0, 1280 x 720, depth 8, 64 spp, tiles of 32, FILM_DEFAULT_SCALE. */
+/* Defaults: bdpt, sobol, seed 0, 1280 x 720, depth 8, 64 spp, tiles of 32, FILM_DEFAULT_SCALE,
+ * with features. */
 job_settings_t job_settings_default(void);
 /* Checks every field against the limits above; the message names the field, its value and the range. */
 result_t job_settings_check(const job_settings_t *settings);
@@ -58,6 +62,8 @@ rect_t job_tile_rect(const job_settings_t *settings, uint32_t tile);
 uint32_t job_tile_pixels(const job_settings_t *settings, uint32_t tile);
 /* True when the unit lies inside the job: a tile that exists, 0 < count, first + count <= spp. */
 bool job_unit_valid(const job_settings_t *settings, const unit_t *unit);
+/* True when the job makes features: they are wanted, and its integrator traces eye rays. */
+bool job_has_features(const job_settings_t *settings);
 /* Samples of half 0 (even indices) or 1 (odd indices) in a unit. */
 uint32_t unit_half_count(const unit_t *unit, int half);
 

@@ -4,14 +4,44 @@
 #include <stdlib.h>
 #include <string.h>
 
-static void add_layers(image_t *image, const film_image_t *film, pixel_type_t type)
+bool picture_half_fits(const char *channel)
 {
-    image_add_rgb_views(image, NULL, type, film->sum);
-    image_add_rgb_views(image, "eye", type, film->eye);
-    image_add_rgb_views(image, "light", type, film->light);
-    image_add_rgb_views(image, "noise", type, film->noise);
-    /* A half counts exactly to 2048 only. */
-    image_add_view(image, "samples", PIXEL_FLOAT, film->samples, 1);
+    static const char *const floats[] = {"samples", "position.X", "position.Y", "position.Z",
+                                         "depth.Z", "object.id",  "material.id"};
+    for (size_t i = 0; i < ARRAY_LENGTH(floats); i++)
+        if (strcmp(channel, floats[i]) == 0) return false;
+    return true;
+}
+
+/* Channels of interleaved values, one for each name. */
+static void add_views(image_t *image, const char *const names[], size_t count, bool half, const float *data)
+{
+    for (size_t i = 0; i < count; i++) {
+        pixel_type_t type = half && picture_half_fits(names[i]) ? PIXEL_HALF : PIXEL_FLOAT;
+        image_add_view(image, names[i], type, data + i, count);
+    }
+}
+
+static void add_layers(image_t *image, const film_image_t *film, bool half)
+{
+    const struct {
+        const char *names[3];
+        size_t count;
+        const float *data;
+    } layers[] = {{{"R", "G", "B"}, 3, film->sum},
+                  {{"eye.R", "eye.G", "eye.B"}, 3, film->eye},
+                  {{"light.R", "light.G", "light.B"}, 3, film->light},
+                  {{"noise.R", "noise.G", "noise.B"}, 3, film->noise},
+                  {{"samples"}, 1, film->samples},
+                  {{"albedo.R", "albedo.G", "albedo.B"}, 3, film->albedo},
+                  {{"normal.X", "normal.Y", "normal.Z"}, 3, film->normal},
+                  {{"position.X", "position.Y", "position.Z"}, 3, film->position},
+                  {{"depth.Z"}, 1, film->depth},
+                  {{"object.id"}, 1, film->object},
+                  {{"material.id"}, 1, film->material},
+                  {{"coverage"}, 1, film->coverage}};
+    for (size_t i = 0; i < ARRAY_LENGTH(layers); i++)
+        if (layers[i].data != NULL) add_views(image, layers[i].names, layers[i].count, half, layers[i].data);
 }
 
 static void add_settings(image_t *image, const job_settings_t *settings)
@@ -24,6 +54,7 @@ static void add_settings(image_t *image, const job_settings_t *settings)
     image_set_float(image, "lightmill.timeLimit", (float)settings->time_limit);
     image_set_int(image, "lightmill.tileSize", settings->tile_size);
     image_set_int(image, "lightmill.filmScale", settings->film_scale);
+    image_set_int(image, "lightmill.layers", settings->features);
 }
 
 static uint64_t total_samples(const film_image_t *film)
@@ -61,7 +92,7 @@ result_t picture_write_exr(const char *path, const film_image_t *film, const pic
 {
     image_t image;
     image_init(&image, film->width, film->height);
-    add_layers(&image, film, half ? PIXEL_HALF : PIXEL_FLOAT);
+    add_layers(&image, film, half);
     add_history(&image, film, meta);
     result_t result = image_write_exr(path, &image);
     image_free(&image);

@@ -1,8 +1,10 @@
 /* picture: a resolved film as files: the OpenEXR with its layers and its history, and a PNG to look at.
  *
  * Layers of the EXR: R G B (the picture), eye.* and light.* (strategies with t >= 2 eye vertices, and t = 1),
- * noise.* (estimated standard error of R G B), samples (eye samples of each pixel). Its attributes, all named
- * lightmill.*, hold what it takes to make the same bits again.
+ * noise.* (estimated standard error of R G B), samples (eye samples of each pixel). Where the job has
+ * features (film.h): albedo.R G B, normal.X Y Z and position.X Y Z in world space, depth.Z, object.id and
+ * material.id, coverage. The attributes, all named lightmill.*, hold what it takes to make the same bits
+ * again.
  */
 #ifndef LIGHTMILL_PICTURE_H
 #define LIGHTMILL_PICTURE_H
@@ -20,8 +22,11 @@ typedef struct {
     double wall_seconds;     /* from the first assignment to now */
 } picture_meta_t;
 
-/* Writes the EXR, whole or not at all, as 32-bit floats or, with `half`, as halves (samples stay floats). */
+/* Writes the EXR, whole or not at all, as 32-bit floats or, with `half`, as halves where
+ * picture_half_fits. */
 result_t picture_write_exr(const char *path, const film_image_t *film, const picture_meta_t *meta, bool half);
+/* False for a channel whose values need more than the 11 bits of a half: counts, ids, places. */
+bool picture_half_fits(const char *channel);
 /* Writes the picture as an 8-bit sRGB PNG, scaled by 2^exposure, whole or not at all. */
 result_t picture_write_png(const char *path, const film_image_t *film, float exposure);
 /* The name of the PNG that goes with an image file: its extension replaced by .png, or .png appended when it

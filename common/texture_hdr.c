@@ -144,7 +144,7 @@ result_t texture_read_hdr(const char *name, const uint8_t *data, size_t size, te
     TRY(read_header(&hdr));
     TRY(read_size(&hdr));
     if ((size_t)(hdr.end - hdr.at) / image->height < least_scanline(image))
-        return hdr_error(&hdr, "it is cut short");
+        return hdr_error(&hdr, "it is too short for its size");
     TRY(texture_allocate(name, 3, TEXELS_FLOAT, image));
     hdr.scanline = mem_alloc(4 * (size_t)image->width);
     result_t result = result_ok();

@@ -176,7 +176,7 @@ result_t texture_read_tga(const char *name, const uint8_t *data, size_t size, te
 {
     tga_t tga = {.name = name, .image = image};
     TRY(read_header(&tga, data, size));
-    if (!plausible(&tga)) return tga_error(&tga, "it is cut short");
+    if (!plausible(&tga)) return tga_error(&tga, "it is too short for its size");
     TRY(texture_allocate(name, count_channels(&tga), TEXELS_U8, image));
     image->encoded = true;
     TRY(tga.packed ? read_packets(&tga) : read_pixels(&tga, texture_pixels(image), false));

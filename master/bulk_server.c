@@ -85,13 +85,14 @@ static result_t decode_batch(bulk_server_t *server, const wire_message_t *messag
 {
     const Lm__BatchResult *result = message->envelope->batch_result;
     batch_t *batch = &server->batch;
-    if (message->payload_count != 2)
-        return result_fail(RESULT_PROTOCOL, "a batch has two payloads, not %d", message->payload_count);
+    if (message->payload_count != BATCH_PAYLOADS)
+        return result_fail(RESULT_PROTOCOL, "a batch has %d payloads, not %d", BATCH_PAYLOADS,
+                           message->payload_count);
     if (result->n_units == 0) return result_fail(RESULT_PROTOCOL, "a batch without units");
     TRY(wire_units_get(result->units, result->n_units, farm_job_settings(job), batch->units));
     batch->unit_count = result->n_units;
     wire_counts_get(result->counts, &batch->counts);
-    return payload_decode(&message->payload[0], &message->payload[1], batch);
+    return payload_decode(message->payload, batch);
 }
 
 static result_t take_batch(bulk_server_t *server, const wire_message_t *message)

@@ -10,7 +10,8 @@
 static uint64_t film_bytes(const job_settings_t *settings)
 {
     uint64_t pixels = (uint64_t)settings->width * (uint64_t)settings->height;
-    return pixels * (2 * 2 * 3 * sizeof(int64_t) + 2 * sizeof(uint32_t) + 13 * sizeof(float));
+    uint64_t features = job_has_features(settings) ? FEATURE_VALUES * (sizeof(int64_t) + sizeof(float)) : 0;
+    return pixels * (2 * 2 * 3 * sizeof(int64_t) + 2 * sizeof(uint32_t) + 13 * sizeof(float) + features);
 }
 
 void farm_job_free_film(farm_t *farm, job_t *job)

@@ -119,9 +119,8 @@ static result_t write_halves(const char *from, const char *path)
     image_init(&halves, image.width, image.height);
     for (size_t i = 0; i < image.channel_count; i++) {
         const image_channel_t *channel = &image.channels[i];
-        bool count = strcmp(channel->name, "samples") == 0;
-        image_add_view(&halves, channel->name, count ? PIXEL_FLOAT : PIXEL_HALF, channel->data,
-                       channel->stride);
+        image_add_view(&halves, channel->name, picture_half_fits(channel->name) ? PIXEL_HALF : PIXEL_FLOAT,
+                       channel->data, channel->stride);
     }
     for (size_t i = 0; i < image.attribute_count; i++)
         if (strncmp(image.attributes[i].name, "lightmill.", 10) == 0)

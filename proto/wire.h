@@ -1,6 +1,6 @@
 /* wire: messages on ZeroMQ sockets, and the hard limits on everything that a peer sends.
  *
- * A message is a header frame (the bytes "LMIL", a version byte, then a protobuf Envelope) and up to two
+ * A message is a header frame (the bytes "LMIL", a version byte, then a protobuf Envelope) and up to three
  * payload frames. A socket of the master is a ROUTER, a peer's is a DEALER; on a ROUTER the identity frame
  * comes first. Whatever arrives is checked against the limits before anything is allocated for it; a message
  * that breaks them is an error value, never an abort, and the socket can go on being used.
@@ -14,12 +14,13 @@
 #include <zmq.h>
 
 enum {
-    WIRE_VERSION = 1,
+    WIRE_VERSION = 2,
     WIRE_DEFAULT_PORT = 7420,         /* control; bulk is the next one */
     WIRE_MAX_HEADER = 1 << 20,        /* bytes of a header frame, preamble included */
     WIRE_MAX_CONTROL_FRAME = 1 << 20, /* control messages have no payloads */
     WIRE_MAX_DECODED = 16 << 20,      /* bytes that decoding one header may allocate */
-    WIRE_MAX_PAYLOADS = 2,
+    WIRE_MAX_PAYLOADS = 3,
+    BATCH_PAYLOADS = 3,       /* eye tiles, splat frame, features */
     WIRE_MAX_UNITS = 1 << 14, /* units in an assignment or a batch */
     WIRE_MAX_STRING = 1024,
     WIRE_MAX_CHUNK = 4 << 20, /* bytes of a blob or an image in one message */
@@ -93,13 +94,12 @@ ProtobufCBinaryData wire_hash_put(const hash_t *hash);
 /* The payload codec (payload.c; PROTOCOL.md gives the byte layout). The decoder knows from the units how many
  * bytes must come out, so a hostile payload can neither make it allocate nor write more than that. */
 
-/* Compresses the sums of a batch: two payload messages for wire_send (eye tiles, splat frame; the second is
- * empty when the batch has no splats). `compress` false stores them as they are, for inproc. On failure none
- * is open. */
-result_t payload_encode(const batch_t *batch, bool compress, zmq_msg_t payload[2]);
+/* Compresses the sums of a batch: the payload messages for wire_send (eye tiles, splat frame, features; the
+ * others may be empty). `compress` false stores them as they are, for inproc. On failure none is open. */
+result_t payload_encode(const batch_t *batch, bool compress, zmq_msg_t payload[BATCH_PAYLOADS]);
 /* The reverse. `batch` has been initialised with the job's settings and holds the message's units, checked;
- * its eye and splat arrays are filled, splat is left NULL or zeroed when the frame is empty. RESULT_PROTOCOL
- * when the bytes do not decode to exactly the right size. */
-result_t payload_decode(const zmq_msg_t *eye, const zmq_msg_t *splat, batch_t *batch);
+ * its arrays are filled, splat is left NULL when the frame is empty. RESULT_PROTOCOL when the bytes do not
+ * decode to exactly the right size. */
+result_t payload_decode(const zmq_msg_t payload[BATCH_PAYLOADS], batch_t *batch);
 
 #endif

@@ -235,6 +235,10 @@ batch_t peer_render(const job_settings_t *settings, const unit_t *units, size_t 
         size_t values = batch_tile_values(settings, units[i].tile);
         for (size_t v = 0; v < values; v++)
             result.eye[v] = (int64_t)(units[i].tile * 1000 + v) * units[i].count << 20;
+        first_hit_t hit = {.hit = true, .depth = (float)units[i].tile + 0.5f, .object = units[i].tile + 1};
+        for (uint32_t p = 0; p < job_tile_pixels(settings, units[i].tile); p++)
+            for (uint32_t s = units[i].first; s < units[i].first + units[i].count && s < FEATURE_SAMPLES; s++)
+                unit_result_feature(&result, p, s, &hit);
         for (uint32_t s = 0; s < 2; s++)
             splats[s] = (splat_t){(units[i].tile * 7 + s) % (uint32_t)(settings->width * settings->height) |
                                       (s == 0 ? 0 : SPLAT_HALF_BIT),
@@ -257,7 +261,7 @@ result_t peer_send_batch(peer_t *peer, uint64_t job, const batch_t *batch)
     Lm__BatchResult body = LM__BATCH_RESULT__INIT;
     Lm__Counts counts = LM__COUNTS__INIT;
     Lm__Envelope envelope = LM__ENVELOPE__INIT;
-    zmq_msg_t payload[2];
+    zmq_msg_t payload[BATCH_PAYLOADS];
     wire_counts_put(&batch->counts, &counts);
     body.worker = peer->worker;
     body.job = job;
@@ -268,7 +272,7 @@ result_t peer_send_batch(peer_t *peer, uint64_t job, const batch_t *batch)
     envelope.body_case = LM__ENVELOPE__BODY_BATCH_RESULT;
     envelope.batch_result = &body;
     assert_int_equal(payload_encode(batch, true, payload).code, RESULT_OK);
-    wire_message_t answer = peer_ask_bulk(peer, &envelope, payload, 2);
+    wire_message_t answer = peer_ask_bulk(peer, &envelope, payload, BATCH_PAYLOADS);
     free(body.units);
     assert_int_equal(answer.envelope->body_case, LM__ENVELOPE__BODY_BATCH_REPLY);
     const Lm__BatchReply *reply = answer.envelope->batch_reply;

@@ -293,7 +293,7 @@ static void load(bulk_t *bulk, const assignment_t *assignment)
 
 /* ---- batches ------------------------------------------------------------------------------------------ */
 
-static result_t put_batch(bulk_t *bulk, const closed_batch_t *closed, zmq_msg_t encoded[2])
+static result_t put_batch(bulk_t *bulk, const closed_batch_t *closed, zmq_msg_t encoded[BATCH_PAYLOADS])
 {
     const batch_t *batch = closed->batch;
     Lm__Unit **units = wire_units_new(batch->units, batch->unit_count);
@@ -310,12 +310,12 @@ static result_t put_batch(bulk_t *bulk, const closed_batch_t *closed, zmq_msg_t 
     envelope.request = ++bulk->request;
     envelope.body_case = LM__ENVELOPE__BODY_BATCH_RESULT;
     envelope.batch_result = &message;
-    zmq_msg_t copies[2];
-    for (int i = 0; i < 2; i++) {
+    zmq_msg_t copies[BATCH_PAYLOADS];
+    for (int i = 0; i < BATCH_PAYLOADS; i++) {
         zmq_msg_init(&copies[i]);
         zmq_msg_copy(&copies[i], &encoded[i]);
     }
-    result_t result = wire_send(bulk->socket, NULL, 0, &envelope, copies, 2);
+    result_t result = wire_send(bulk->socket, NULL, 0, &envelope, copies, BATCH_PAYLOADS);
     free(units);
     return result;
 }
@@ -356,10 +356,10 @@ static result_t await_answer(bulk_t *bulk, const closed_batch_t *closed, double 
 }
 
 /* Sends an encoded batch, again and again, until it is answered or the worker leaves. */
-static void deliver(bulk_t *bulk, const closed_batch_t *closed, zmq_msg_t encoded[2])
+static void deliver(bulk_t *bulk, const closed_batch_t *closed, zmq_msg_t encoded[BATCH_PAYLOADS])
 {
-    double bytes = (double)zmq_msg_size(&encoded[0]) + (double)zmq_msg_size(&encoded[1]);
-    double start = clock_now();
+    double bytes = 0, start = clock_now();
+    for (int i = 0; i < BATCH_PAYLOADS; i++) bytes += (double)zmq_msg_size(&encoded[i]);
     while (!atomic_load(&bulk->quit)) {
         refresh_link(bulk);
         result_t result = result_fail(RESULT_UNREACHABLE, "there is no link to the master");
@@ -380,11 +380,11 @@ static void deliver(bulk_t *bulk, const closed_batch_t *closed, zmq_msg_t encode
 
 static void send_batch(bulk_t *bulk, const closed_batch_t *closed)
 {
-    zmq_msg_t encoded[2];
+    zmq_msg_t encoded[BATCH_PAYLOADS];
     result_t result = payload_encode(closed->batch, !bulk->options.local, encoded);
     if (result.code == RESULT_OK) {
         deliver(bulk, closed, encoded);
-        for (int i = 0; i < 2; i++) zmq_msg_close(&encoded[i]);
+        for (int i = 0; i < BATCH_PAYLOADS; i++) zmq_msg_close(&encoded[i]);
     } else {
         log_error("batch %llu is lost: %s", (unsigned long long)closed->sequence, result.message);
     }

@@ -157,7 +157,7 @@ static measure_t measure_candidate(const candidate_t *c, const int64_t *values, 
 static measure_t measure_payload(const job_settings_t *settings, int64_t *values, bool compress)
 {
     batch_t sent, got;
-    zmq_msg_t payload[2];
+    zmq_msg_t payload[BATCH_PAYLOADS];
     measure_t m = {0};
     batch_init(&sent, settings);
     batch_init(&got, settings);
@@ -171,7 +171,7 @@ static measure_t measure_payload(const job_settings_t *settings, int64_t *values
     if (result.code != RESULT_OK) return m;
     m.bytes = zmq_msg_size(&payload[1]);
     start = clock_cpu();
-    result = payload_decode(&payload[0], &payload[1], &got);
+    result = payload_decode(payload, &got);
     m.decode = clock_cpu() - start;
     m.same = result.code == RESULT_OK && memcmp(values, got.splat, batch_splat_values(settings) * 8) == 0;
     zmq_msg_close(&payload[0]);

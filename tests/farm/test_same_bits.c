@@ -1,6 +1,7 @@
 /* The same job gives the same pixels, bit for bit, however it is computed: with one thread or two, in one
  * process, on a farm of one, two or three worker processes, and on a farm that loses two of three workers
  * half-way. */
+#include "common/image.h"
 #include "tests/rig.h"
 #include "tests/scratch.h"
 
@@ -12,7 +13,22 @@
 /* After setjmp and stdarg. */
 #include <cmocka.h>
 
-/* Renders seed-hidden at 64 spp with one more option; returns the hash of its pixels. */
+/* All layers are in the file, or without features only the first. */
+static void check_layers(const char *path, bool features)
+{
+    static const char *const names[] = {"R",       "eye.G",     "light.B",     "noise.R",
+                                        "samples", "albedo.R",  "normal.Y",    "position.Z",
+                                        "depth.Z", "object.id", "material.id", "coverage"};
+    enum { ALWAYS = 5 };
+    image_t image;
+    assert_int_equal(image_read_exr(path, &image).code, RESULT_OK);
+    assert_int_equal(image.channel_count, features ? 26 : 13);
+    for (size_t i = 0; i < ARRAY_LENGTH(names); i++)
+        assert_int_equal(image_find(&image, names[i]) != NULL, features || i < ALWAYS);
+    image_free(&image);
+}
+
+/* Renders seed-hidden at 64 spp with one more option; returns the hash of its pixels, all layers. */
 static hash_t render(const char *option, const char *value)
 {
     rig_t *rig = rig_new();
@@ -20,6 +36,7 @@ static hash_t render(const char *option, const char *value)
     assert_int_equal(rig_run(rig, (const char *[]){"render", "scenes/seed-hidden", "--spp", "64", "--quiet",
                                                    "-o", path, option, value, NULL}),
                      0);
+    check_layers(path, strcmp(option, "--no-layers") != 0 && strcmp(option, "--integrator") != 0);
     hash_t hash = rig_file_hash(path);
     free(path);
     rig_destroy(&rig);
@@ -39,6 +56,14 @@ static void threads_and_workers_make_no_difference(void **state)
         hash_t hash = render(ways[i][0], ways[i][1]);
         if (!hash_equal(&first, &hash)) fail_msg("%s %s gives another image", ways[i][0], ways[i][1]);
     }
+}
+
+/* Without layers, and from the light alone, which follows no eye ray. */
+static void layers_can_be_left_out(void **state)
+{
+    (void)state;
+    render("--no-layers", NULL);
+    render("--integrator", "light");
 }
 
 static void another_seed_gives_another_image(void **state)
@@ -75,6 +100,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(threads_and_workers_make_no_difference),
+        cmocka_unit_test(layers_can_be_left_out),
         cmocka_unit_test(another_seed_gives_another_image),
         cmocka_unit_test(losing_workers_makes_no_difference),
     };

@@ -48,6 +48,21 @@ static void add_splat(unit_result_t *result, uint32_t pixel, int half, float r, 
     result->splats[result->splat_count++] = (splat_t){pixel | (half != 0 ? SPLAT_HALF_BIT : 0), {r, g, b}};
 }
 
+/* What the sample meets first: one in five meets nothing. */
+static first_hit_t first_hit(uint64_t pixel, uint64_t sample)
+{
+    first_hit_t hit = {.hit = mix(pixel, sample + 7) % 5 != 0,
+                       .depth = contribution(pixel, sample, 30),
+                       .object = (uint32_t)pixel + 1,
+                       .material = (uint32_t)sample + 1};
+    for (size_t c = 0; c < 3; c++) {
+        hit.albedo[c] = contribution(pixel, sample, 10 + c);
+        hit.normal[c] = contribution(pixel, sample, 20 + c);
+        hit.position[c] = contribution(pixel, sample, 40 + c);
+    }
+    return hit;
+}
+
 /* What a renderer would do: each sample adds to its pixel and splats somewhere else. */
 static void render_unit(const job_settings_t *settings, const unit_t *unit, unit_result_t *result)
 {
@@ -62,6 +77,8 @@ static void render_unit(const job_settings_t *settings, const unit_t *unit, unit
             for (size_t c = 0; c < 3; c++) rgb[c] = contribution(pixel, sample, c);
             result->counts.overflows +=
                 film_add(result->eye + 3 * ((size_t)half * pixels + i), rgb, settings->film_scale);
+            first_hit_t hit = first_hit(pixel, sample);
+            unit_result_feature(result, i, sample, &hit);
             uint32_t target = (uint32_t)(mix(pixel, sample + 1000) % PIXELS);
             add_splat(result, target, half, rgb[1], rgb[2], rgb[0]);
             result->counts.light_paths[half]++;
@@ -124,6 +141,7 @@ static void assert_same_film(const film_t *a, const film_t *b)
     assert_memory_equal(a->eye, b->eye, 6 * PIXELS * sizeof *a->eye);
     assert_memory_equal(a->splat, b->splat, 6 * PIXELS * sizeof *a->splat);
     assert_memory_equal(a->samples, b->samples, 2 * PIXELS * sizeof *a->samples);
+    assert_memory_equal(a->features, b->features, FEATURE_VALUES * PIXELS * sizeof *a->features);
     assert_memory_equal(&a->counts, &b->counts, sizeof a->counts);
 }
 
@@ -195,6 +213,116 @@ static void overflows_are_counted_and_left_out(void **state)
     assert_int_equal(film_add(sum, half_way, 32), 0);
     assert_int_equal(film_add(sum, half_way, 32), 2);
     assert_true(sum[0] == INT64_C(1) << 61 && sum[1] == -(INT64_C(1) << 61));
+}
+
+static void feature_sums_are_those_of_the_samples(void **state)
+{
+    (void)state;
+    film_t *film = render_job(5, 4, 9);
+    for (uint64_t p = 0; p < PIXELS; p++) {
+        const int64_t *sum = film->features + FEATURE_VALUES * p;
+        int64_t hits = 0, albedo = 0, normal = 0, position = 0, depth = 0;
+        for (uint64_t sample = 0; sample < SPP; sample++) {
+            first_hit_t hit = first_hit(p, sample);
+            if (!hit.hit) continue;
+            hits++;
+            albedo += film_quantise(hit.albedo[2], FEATURE_SCALE);
+            normal += film_quantise(hit.normal[1], FEATURE_SCALE);
+            position += film_quantise(hit.position[0], FEATURE_SCALE);
+            depth += film_quantise(hit.depth, FEATURE_SCALE);
+        }
+        bool first = first_hit(p, 0).hit;
+        assert_int_equal(sum[FEATURE_COUNT], SPP);
+        assert_int_equal(sum[FEATURE_HITS], hits);
+        assert_int_equal(sum[FEATURE_OBJECT], first ? p + 1 : 0);
+        assert_int_equal(sum[FEATURE_MATERIAL], first ? 1 : 0);
+        assert_true(sum[FEATURE_ALBEDO + 2] == albedo && sum[FEATURE_NORMAL + 1] == normal);
+        assert_true(sum[FEATURE_POSITION] == position && sum[FEATURE_DEPTH] == depth);
+    }
+    film_destroy(&film);
+}
+
+/* Only the first samples of a pixel contribute, and units beyond them carry nothing. */
+static void features_end_after_the_first_samples(void **state)
+{
+    (void)state;
+    job_settings_t settings = small_job();
+    settings.spp = 100;
+    unit_result_t result = {0};
+    batch_t batch;
+    film_t *film;
+    batch_init(&batch, &settings);
+    assert_int_equal(film_new(&settings, &film).code, RESULT_OK);
+    const unit_t units[] = {{0, 60, 40}, {1, 31, 29}, {0, 0, 30}, {0, 30, 30}, {2, 32, 1}};
+    for (size_t i = 0; i < ARRAY_LENGTH(units); i++) {
+        render_unit(&settings, &units[i], &result);
+        assert_int_equal(result.has_features, units[i].first < FEATURE_SAMPLES);
+        assert_int_equal(batch_feature_values(&settings, &units[i]),
+                         result.has_features ? FEATURE_VALUES * 256 : 0);
+        batch_add(&batch, &result);
+    }
+    assert_int_equal(batch.feature_count, 3 * FEATURE_VALUES * 256);
+    film_merge(film, &batch);
+    rect_t second = job_tile_rect(&settings, 1), third = job_tile_rect(&settings, 2);
+    assert_int_equal(film->features[FEATURE_COUNT], FEATURE_SAMPLES);
+    assert_int_equal(film->features[FEATURE_VALUES * second.x0 + FEATURE_COUNT], 1);
+    assert_int_equal(film->features[FEATURE_VALUES * second.x0 + FEATURE_OBJECT], 0); /* no sample 0 yet */
+    assert_int_equal(film->features[FEATURE_VALUES * third.x0 + FEATURE_COUNT], 0);
+    batch_free(&batch);
+    film_destroy(&film);
+
+    settings.features = false;
+    unit_result_reset(&result, &settings, &units[2]);
+    assert_false(result.has_features);
+    unit_result_feature(&result, 0, 0, &(first_hit_t){.hit = true}); /* does nothing */
+    settings.features = true;
+    settings.integrator = INTEGRATOR_LIGHT;
+    assert_int_equal(film_new(&settings, &film).code, RESULT_OK);
+    assert_null(film->features);
+    assert_int_equal(batch_feature_values(&settings, &units[2]), 0);
+    film_destroy(&film);
+    unit_result_free(&result);
+}
+
+static void features_are_clamped_and_never_overflow(void **state)
+{
+    (void)state;
+    job_settings_t settings = small_job();
+    settings.spp = FEATURE_SAMPLES;
+    unit_result_t result = {0};
+    batch_t batch;
+    film_t *film;
+    film_image_t image;
+    batch_init(&batch, &settings);
+    assert_int_equal(film_new(&settings, &film).code, RESULT_OK);
+    unit_result_reset(&result, &settings, &(unit_t){0, 0, FEATURE_SAMPLES});
+    const first_hit_t far = {true, {1e30f, 0, 0}, {0, -1e30f, 0}, {3e38f, -3e38f, 1}, 3e38f, 5, UINT32_MAX};
+    first_hit_t broken[] = {far, far, far};
+    broken[0].depth = INFINITY;
+    broken[1].normal[2] = NAN;
+    broken[2].position[1] = -INFINITY;
+    for (uint32_t i = 0; i < FEATURE_SAMPLES; i++) unit_result_feature(&result, 3, i, &far);
+    for (uint32_t i = 0; i < 3; i++) unit_result_feature(&result, 4, i, &broken[i]);
+    assert_int_equal(result.counts.dropped, 3);
+    assert_int_equal(result.features[4 * FEATURE_VALUES + FEATURE_COUNT], 0);
+    batch_add(&batch, &result);
+    film_merge(film, &batch);
+    assert_int_equal(film->counts.overflows, 0);
+    film_resolve(film, &image);
+    assert_true(image.depth[3] == 0x1.fffffep24f && image.position[9] == 0x1.fffffep24f);
+    assert_true(image.position[10] == -0x1.fffffep24f && image.position[11] == 1.0f);
+    assert_true(image.object[3] == 5.0f && image.material[3] == 0x1p32f && image.coverage[3] == 1.0f);
+    assert_true(image.coverage[4] == 0.0f && image.depth[4] == 0.0f);
+    film_image_free(&image);
+    /* Sums that no renderer makes: nothing wraps, and the job goes on. */
+    for (size_t v = 0; v < batch.feature_count; v++) batch.features[v] = v % 2 ? INT64_MAX : INT64_MIN;
+    film_merge(film, &batch);
+    film_merge(film, &batch);
+    assert_int_equal(film->counts.overflows, 0);
+    assert_int_equal(film->features[3 * FEATURE_VALUES + FEATURE_COUNT], FEATURE_SAMPLES);
+    batch_free(&batch);
+    unit_result_free(&result);
+    film_destroy(&film);
 }
 
 /* A batch of one unit of one sample, in tile 0. */
@@ -302,6 +430,38 @@ static void each_sum_has_its_own_divisor(void **state)
     film_destroy(&film);
 }
 
+static void features_resolve_to_means(void **state)
+{
+    (void)state;
+    job_settings_t settings = small_job();
+    film_t *film;
+    film_image_t image;
+    assert_int_equal(film_new(&settings, &film).code, RESULT_OK);
+    film_resolve(film, &image);
+    assert_null(image.albedo); /* not a sample: no planes */
+    film_image_free(&image);
+    /* Pixel 3: three of four samples hit; pixel 9: a peer's nonsense. */
+    int64_t *sum = film->features + 3 * FEATURE_VALUES, *odd = film->features + 9 * FEATURE_VALUES;
+    sum[FEATURE_COUNT] = 4;
+    sum[FEATURE_HITS] = 3;
+    sum[FEATURE_OBJECT] = 17;
+    sum[FEATURE_MATERIAL] = 2;
+    sum[FEATURE_ALBEDO + 1] = fixed(3.0);
+    sum[FEATURE_NORMAL] = fixed(-1.0);
+    sum[FEATURE_POSITION + 2] = fixed(12.0);
+    sum[FEATURE_DEPTH] = fixed(6.0);
+    odd[FEATURE_COUNT] = -1;
+    odd[FEATURE_DEPTH] = fixed(1.0);
+    film_resolve(film, &image);
+    assert_true(image.albedo[10] == 0.75f && image.normal[9] == -0.25f);
+    assert_true(image.position[11] == 4.0f && image.depth[3] == 2.0f);
+    assert_true(image.object[3] == 17.0f && image.material[3] == 2.0f && image.coverage[3] == 0.75f);
+    assert_true(image.depth[9] == 0.0f && image.coverage[9] == 0.0f);
+    assert_true(image.coverage[0] == 0.0f && image.position[0] == 0.0f);
+    film_image_free(&image);
+    film_destroy(&film);
+}
+
 static double normal(uint64_t seed, uint64_t index)
 {
     double u = ((double)(mix(seed, 2 * index) >> 11) + 0.5) * 0x1p-53;
@@ -395,6 +555,10 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {cmocka_unit_test(any_cut_and_order_make_the_same_bits),
                                        cmocka_unit_test(sums_are_those_of_the_samples),
+                                       cmocka_unit_test(feature_sums_are_those_of_the_samples),
+                                       cmocka_unit_test(features_end_after_the_first_samples),
+                                       cmocka_unit_test(features_are_clamped_and_never_overflow),
+                                       cmocka_unit_test(features_resolve_to_means),
                                        cmocka_unit_test(quantising_rounds_to_nearest_even),
                                        cmocka_unit_test(overflows_are_counted_and_left_out),
                                        cmocka_unit_test(merging_cannot_wrap),

@@ -6,6 +6,7 @@
 #include <math.h>
 #include <openexr.h>
 #include <png.h>
+#include <sched.h>
 #include <setjmp.h>
 #include <signal.h>
 #include <stdarg.h>
@@ -103,6 +104,50 @@ static void floats_come_back_bit_by_bit(void **state)
     assert_int_equal(about.st_mode & 0777, 0666 & ~mask);
     image_free(&image);
     image_free(&back);
+    free(path);
+}
+
+static uint8_t *read_all(const char *path, size_t *size)
+{
+    struct stat about;
+    assert_int_equal(stat(path, &about), 0);
+    *size = (size_t)about.st_size;
+    uint8_t *bytes = mem_alloc(*size);
+    FILE *file = fopen(path, "rb");
+    assert_non_null(file);
+    assert_int_equal(fread(bytes, 1, *size, file), *size);
+    fclose(file);
+    return bytes;
+}
+
+/* The writer takes as many threads as the process may use cores: one makes the same bytes as all. */
+static void any_number_of_threads_writes_the_same_file(void **state)
+{
+    char *path = scratch_path(*state, "a.exr");
+    image_t image;
+    image_init(&image, 300, 1000); /* 63 chunks */
+    for (size_t c = 0; c < 3; c++) {
+        float *plane = image_add_channel(&image, layers[c], PIXEL_FLOAT);
+        for (size_t p = 0; p < 300000; p++)
+            plane[p] = pattern(p * (p % 700 < 300), c); /* some compress better */
+    }
+    cpu_set_t all, one;
+    size_t sizes[2];
+    assert_int_equal(sched_getaffinity(0, sizeof all, &all), 0);
+    assert_ok(image_write_exr(path, &image));
+    uint8_t *many = read_all(path, &sizes[0]);
+    CPU_ZERO(&one);
+    for (int cpu = 0; CPU_COUNT(&one) == 0; cpu++)
+        if (CPU_ISSET(cpu, &all)) CPU_SET(cpu, &one);
+    assert_int_equal(sched_setaffinity(0, sizeof one, &one), 0);
+    assert_ok(image_write_exr(path, &image));
+    assert_int_equal(sched_setaffinity(0, sizeof all, &all), 0);
+    uint8_t *single = read_all(path, &sizes[1]);
+    assert_int_equal(sizes[0], sizes[1]);
+    assert_memory_equal(many, single, sizes[0]);
+    free(many);
+    free(single);
+    image_free(&image);
     free(path);
 }
 
@@ -631,7 +676,15 @@ static void picture_has_layers_and_history(void **state)
     char *path = scratch_path(*state, "p.exr"), *png = picture_png_path(path);
     float planes[4][12], samples[4] = {3, 4, 5, 70000};
     for (size_t i = 0; i < 48; i++) planes[i / 12][i % 12] = (float)i + 0.1f;
-    film_image_t film = {2, 2, planes[0], planes[1], planes[2], planes[3], samples};
+    float position[12], depth[4] = {0}, object[4] = {1, 2, 3, 100001}, coverage[4] = {1, 1, 1, 0.5f};
+    for (size_t i = 0; i < 12; i++) position[i] = (float)i + 1000.1f;
+    film_image_t film = {.width = 2,
+                         .height = 2,
+                         .sum = planes[0],
+                         .eye = planes[1],
+                         .light = planes[2],
+                         .noise = planes[3],
+                         .samples = samples};
     picture_meta_t meta = {
         .scene = hash_bytes("x", 1),
         .scene_name = "cornell",
@@ -659,8 +712,24 @@ static void picture_has_layers_and_history(void **state)
     assert_int_equal(strlen(image_attribute(&image, "lightmill.sceneHash")->text), 64);
     image_free(&image);
 
+    film.albedo = planes[1];
+    film.normal = planes[2];
+    film.position = position;
+    film.depth = depth;
+    film.object = object;
+    film.material = samples;
+    film.coverage = coverage;
     assert_ok(picture_write_exr(path, &film, &meta, true));
     assert_ok(image_read_exr(path, &image));
+    assert_int_equal(image.channel_count, 26);
+    assert_int_equal(image_find(&image, "albedo.G")->type, PIXEL_HALF);
+    assert_int_equal(image_find(&image, "normal.X")->type, PIXEL_HALF);
+    assert_true(image_find(&image, "normal.Z")->data[0] == image_find(&image, "light.B")->data[0]);
+    assert_true(image_find(&image, "position.Y")->data[3] == position[10]);
+    assert_true(image_find(&image, "object.id")->data[3] == 100001.0f);
+    assert_true(image_find(&image, "material.id")->data[3] == 70000.0f);
+    assert_int_equal(image_find(&image, "depth.Z")->type, PIXEL_FLOAT);
+    assert_true(image_find(&image, "coverage")->data[3] == 0.5f);
     assert_int_equal(image_find(&image, "noise.R")->type, PIXEL_HALF);
     assert_true(image_find(&image, "samples")->data[3] == 70000.0f);
     image_free(&image);
@@ -688,6 +757,7 @@ static void png_paths_replace_the_extension(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {TEST(floats_come_back_bit_by_bit),
+                                       TEST(any_number_of_threads_writes_the_same_file),
                                        TEST(attributes_come_back),
                                        TEST(halves_are_rounded_and_clamped),
                                        TEST(views_are_written_like_planes),

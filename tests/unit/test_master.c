@@ -126,7 +126,10 @@ static void check_image(const char *path, const job_settings_t *settings, float 
     assert_int_equal(image.width, settings->width);
     assert_int_equal(image.height, settings->height);
     const image_channel_t *channel = image_find(&image, "samples"), *eye[3];
+    const image_channel_t *depth = image_find(&image, "depth.Z"), *object = image_find(&image, "object.id");
     assert_non_null(channel);
+    assert_non_null(depth);
+    assert_non_null(object);
     assert_true(image_find_rgb(&image, "eye", eye));
     for (int p = 0; p < image.width * image.height; p++) assert_true(channel->data[p] == samples);
     for (uint32_t tile = 0; tile < job_tile_count(settings); tile++) {
@@ -137,6 +140,8 @@ static void check_image(const char *path, const job_settings_t *settings, float 
         double value = ldexp(sum, -settings->film_scale); /* the rule is linear in the samples */
         float got = eye[0]->data[(size_t)(rect.y0 * image.width + rect.x0) * eye[0]->stride];
         assert_true(fabs((double)got - value) <= 1e-6 * value);
+        size_t last = (size_t)((rect.y1 - 1) * image.width + rect.x1 - 1);
+        assert_true(depth->data[last] == (float)tile + 0.5f && object->data[last] == (float)tile + 1.0f);
     }
     image_free(&image);
 }
@@ -580,7 +585,7 @@ static void hostile_bytes_do_no_harm(void **state)
             bytes[size] = (uint8_t)(random >> 33);
         }
         size = (random >> 40) % sizeof bytes;
-        if (i % 3 > 0) memcpy(bytes, "LMIL\1", 5);
+        if (i % 3 > 0) memcpy(bytes, "LMIL\2", 5);
         if (i % 3 > 1)
             bytes[5] = (uint8_t)(8 * (2 + random % 25) + 2), bytes[6] = (uint8_t)(random >> 50) % 64;
         int more = i % 7 == 0 ? ZMQ_SNDMORE : 0;
@@ -620,20 +625,21 @@ static void damaged_payloads_are_refused(void **state)
     envelope.body_case = LM__ENVELOPE__BODY_BATCH_RESULT;
     envelope.batch_result = &body;
     for (int i = 0; i < 100; i++) {
-        zmq_msg_t good[2], cut[2];
+        zmq_msg_t good[BATCH_PAYLOADS], cut[BATCH_PAYLOADS];
         assert_int_equal(payload_encode(&batch, i % 2, good).code, RESULT_OK);
-        for (int p = 0; p < 2; p++) {
+        for (int p = 0; p < BATCH_PAYLOADS; p++) {
             random = random * 6364136223846793005u + 1442695040888963407u;
             size_t size = (random >> 33) % zmq_msg_size(&good[p]);
             zmq_msg_init_size(&cut[p], size);
             memcpy(zmq_msg_data(&cut[p]), zmq_msg_data(&good[p]), size);
             zmq_msg_close(&good[p]);
         }
-        wire_message_t answer = peer_ask_bulk(t->peer, &envelope, cut, 1 + i % 4 / 3);
+        int sent = i % 4 == 3 ? BATCH_PAYLOADS : 1 + i % BATCH_PAYLOADS;
+        wire_message_t answer = peer_ask_bulk(t->peer, &envelope, cut, sent);
         assert_int_equal(answer.envelope->body_case, LM__ENVELOPE__BODY_BATCH_REPLY);
         assert_false(answer.envelope->batch_reply->accepted);
         wire_free(&answer);
-        if (i % 4 / 3 == 0) zmq_msg_close(&cut[1]);
+        for (int p = sent; p < BATCH_PAYLOADS; p++) zmq_msg_close(&cut[p]);
     }
     free(body.units);
     assert_int_equal(peer_send_batch(t->peer, job, &batch).code, RESULT_OK);

@@ -21,11 +21,27 @@ static job_settings_t settings_of(int width, int height)
     settings.width = width;
     settings.height = height;
     settings.tile_size = 32;
+    settings.spp = 1000;
     return settings;
 }
 
-/* A batch of every second tile, with values of all kinds, and splats at about `occupancy` of 256 pixels, or
- * no splat frame when it is negative. */
+/* Features as they are (flat surfaces with edges, noise in the low bits), with some that no renderer makes.
+ */
+static void fill_features(batch_t *batch, uint64_t *seed)
+{
+    batch->features = mem_alloc(batch->feature_count * sizeof *batch->features);
+    batch->feature_capacity = batch->feature_count;
+    for (size_t i = 0; i < batch->feature_count; i++) {
+        size_t pixel = i / FEATURE_VALUES, value = i % FEATURE_VALUES;
+        bool flat = value < FEATURE_POSITION || value >= FEATURE_COUNT;
+        batch->features[i] = (int64_t)(pixel / 50 % 4 * (value + 1)) << (flat ? 3 : 32);
+        if (!flat) batch->features[i] += (int64_t)(draw(seed) % (1 << 20));
+        if (draw(seed) % 1000 == 0) batch->features[i] = draw(seed) % 2 ? INT64_MIN : INT64_MAX;
+    }
+}
+
+/* A batch of every second tile, with values of all kinds (every fourth without features), and splats at about
+ * `occupancy` of 256 pixels, or no splat frame when it is negative. */
 static batch_t batch_of(const job_settings_t *settings, int occupancy, uint64_t seed)
 {
     batch_t batch;
@@ -34,8 +50,10 @@ static batch_t batch_of(const job_settings_t *settings, int occupancy, uint64_t 
     batch.units = mem_alloc(tiles * sizeof *batch.units);
     batch.unit_capacity = tiles;
     for (uint32_t t = 0; t < tiles; t += 2) {
-        batch.units[batch.unit_count++] = (unit_t){t, 0, 1};
+        unit_t unit = {t, t % 8 == 6 ? FEATURE_SAMPLES : t % FEATURE_SAMPLES, 1};
+        batch.units[batch.unit_count++] = unit;
         batch.eye_count += batch_tile_values(settings, t);
+        batch.feature_count += batch_feature_values(settings, &unit);
     }
     batch.eye = mem_alloc(batch.eye_count * sizeof *batch.eye);
     batch.eye_capacity = batch.eye_count;
@@ -43,6 +61,7 @@ static batch_t batch_of(const job_settings_t *settings, int occupancy, uint64_t 
     batch.eye[0] = INT64_MIN;
     batch.eye[1] = INT64_MAX;
     batch.eye[2] = -1;
+    if (job_has_features(settings)) fill_features(&batch, &seed);
     if (occupancy < 0) return batch;
     size_t values = batch_splat_values(settings);
     batch.splat = mem_zalloc(values, sizeof *batch.splat);
@@ -67,15 +86,17 @@ static void assert_same(const batch_t *a, const batch_t *b)
 {
     assert_int_equal(a->eye_count, b->eye_count);
     assert_memory_equal(a->eye, b->eye, a->eye_count * sizeof *a->eye);
+    assert_int_equal(a->feature_count, b->feature_count);
+    if (a->feature_count > 0)
+        assert_memory_equal(a->features, b->features, a->feature_count * sizeof *a->features);
     assert_int_equal(a->splat == NULL, b->splat == NULL);
     if (a->splat != NULL)
         assert_memory_equal(a->splat, b->splat, batch_splat_values(&a->settings) * sizeof *a->splat);
 }
 
-static void close_both(zmq_msg_t payload[2])
+static void close_all(zmq_msg_t payload[BATCH_PAYLOADS])
 {
-    zmq_msg_close(&payload[0]);
-    zmq_msg_close(&payload[1]);
+    for (int i = 0; i < BATCH_PAYLOADS; i++) zmq_msg_close(&payload[i]);
 }
 
 static void round_trips(void **state)
@@ -87,15 +108,16 @@ static void round_trips(void **state)
         for (size_t o = 0; o < ARRAY_LENGTH(occupancies); o++)
             for (int compress = 0; compress < 2; compress++) {
                 job_settings_t settings = settings_of(sizes[s][0], sizes[s][1]);
+                settings.features = o != 1;
                 batch_t sent = batch_of(&settings, occupancies[o], s + 1), got = receiver_of(&sent);
-                zmq_msg_t payload[2];
+                zmq_msg_t payload[BATCH_PAYLOADS];
                 assert_int_equal(payload_encode(&sent, compress, payload).code, RESULT_OK);
-                assert_int_equal(payload_decode(&payload[0], &payload[1], &got).code, RESULT_OK);
+                assert_int_equal(payload_decode(payload, &got).code, RESULT_OK);
                 assert_same(&sent, &got);
                 /* once more into the memory that is there */
-                assert_int_equal(payload_decode(&payload[0], &payload[1], &got).code, RESULT_OK);
+                assert_int_equal(payload_decode(payload, &got).code, RESULT_OK);
                 assert_same(&sent, &got);
-                close_both(payload);
+                close_all(payload);
                 batch_free(&sent);
                 batch_free(&got);
             }
@@ -106,10 +128,10 @@ static void sparse_frames_are_small(void **state)
     (void)state;
     job_settings_t settings = settings_of(640, 360);
     batch_t batch = batch_of(&settings, 2, 1); /* 0.8% of the pixels */
-    zmq_msg_t payload[2];
+    zmq_msg_t payload[BATCH_PAYLOADS];
     assert_int_equal(payload_encode(&batch, true, payload).code, RESULT_OK);
     assert_true(zmq_msg_size(&payload[1]) < batch_splat_values(&settings) * sizeof(int64_t) / 100);
-    close_both(payload);
+    close_all(payload);
     batch_free(&batch);
 }
 
@@ -119,14 +141,14 @@ static void no_splats_after_some(void **state)
     job_settings_t settings = settings_of(64, 64);
     batch_t with = batch_of(&settings, 100, 1), without = batch_of(&settings, -1, 1),
             got = receiver_of(&with);
-    zmq_msg_t payload[2];
+    zmq_msg_t payload[BATCH_PAYLOADS];
     assert_int_equal(payload_encode(&with, true, payload).code, RESULT_OK);
-    assert_int_equal(payload_decode(&payload[0], &payload[1], &got).code, RESULT_OK);
-    close_both(payload);
+    assert_int_equal(payload_decode(payload, &got).code, RESULT_OK);
+    close_all(payload);
     assert_int_equal(payload_encode(&without, true, payload).code, RESULT_OK);
-    assert_int_equal(payload_decode(&payload[0], &payload[1], &got).code, RESULT_OK);
+    assert_int_equal(payload_decode(payload, &got).code, RESULT_OK);
     assert_same(&without, &got);
-    close_both(payload);
+    close_all(payload);
     batch_free(&with);
     batch_free(&without);
     batch_free(&got);
@@ -138,13 +160,15 @@ static void message_of(zmq_msg_t *message, const uint8_t *bytes, size_t size)
     if (size > 0) memcpy(zmq_msg_data(message), bytes, size);
 }
 
-/* Decodes bytes as the splat frame next to a good eye frame; any result will do but a crash. */
-static result_t decode_splat(const zmq_msg_t *eye, const uint8_t *bytes, size_t size, batch_t *batch)
+/* Decodes bytes as one payload, `which`, next to good ones; any result will do but a crash. */
+static result_t decode_as(const zmq_msg_t good[BATCH_PAYLOADS], int which, const uint8_t *bytes, size_t size,
+                          batch_t *batch)
 {
-    zmq_msg_t splat;
-    message_of(&splat, bytes, size);
-    result_t result = payload_decode(eye, &splat, batch);
-    zmq_msg_close(&splat);
+    zmq_msg_t payload[BATCH_PAYLOADS];
+    memcpy(payload, good, sizeof payload); /* decoding only looks */
+    message_of(&payload[which], bytes, size);
+    result_t result = payload_decode(payload, batch);
+    zmq_msg_close(&payload[which]);
     return result;
 }
 
@@ -153,21 +177,63 @@ static void refuses_truncated_and_longer_frames(void **state)
     (void)state;
     job_settings_t settings = settings_of(90, 50);
     batch_t sent = batch_of(&settings, 40, 3), got = receiver_of(&sent);
-    zmq_msg_t payload[2];
-    for (int compress = 0; compress < 2; compress++) {
+    zmq_msg_t payload[BATCH_PAYLOADS];
+    for (int i = 0; i < 2 * BATCH_PAYLOADS; i++) {
+        int which = i % BATCH_PAYLOADS, compress = i / BATCH_PAYLOADS;
         assert_int_equal(payload_encode(&sent, compress, payload).code, RESULT_OK);
-        size_t size = zmq_msg_size(&payload[1]), step = compress ? 97 : 9973;
+        size_t size = zmq_msg_size(&payload[which]), step = compress ? 97 : 9973;
         uint8_t *bytes = mem_zalloc(size + 8, 1);
-        memcpy(bytes, zmq_msg_data(&payload[1]), size);
+        memcpy(bytes, zmq_msg_data(&payload[which]), size);
         for (size_t cut = 1; cut < size; cut += step)
-            assert_int_equal(decode_splat(&payload[0], bytes, cut, &got).code, RESULT_PROTOCOL);
-        assert_int_equal(decode_splat(&payload[0], bytes, size + 8, &got).code, RESULT_PROTOCOL);
-        assert_int_equal(decode_splat(&payload[0], bytes, size, &got).code, RESULT_OK);
+            assert_int_equal(decode_as(payload, which, bytes, cut, &got).code, RESULT_PROTOCOL);
+        assert_int_equal(decode_as(payload, which, bytes, size + 8, &got).code, RESULT_PROTOCOL);
+        assert_int_equal(decode_as(payload, which, bytes, size, &got).code, RESULT_OK);
+        if (which != 1) assert_int_equal(decode_as(payload, which, bytes, 0, &got).code, RESULT_PROTOCOL);
         free(bytes);
-        close_both(payload);
+        close_all(payload);
     }
     batch_free(&sent);
     batch_free(&got);
+}
+
+/* Features are there exactly when the units have them. */
+static void refuses_features_of_units_without(void **state)
+{
+    (void)state;
+    job_settings_t settings = settings_of(64, 64);
+    batch_t sent = batch_of(&settings, -1, 3), got = receiver_of(&sent);
+    zmq_msg_t payload[BATCH_PAYLOADS];
+    const uint8_t empty_frames[][8] = {{0}, {1}};
+    assert_int_equal(payload_encode(&sent, true, payload).code, RESULT_OK);
+    for (size_t i = 0; i < got.unit_count; i++) got.units[i].first = FEATURE_SAMPLES;
+    assert_int_equal(payload_decode(payload, &got).code, RESULT_PROTOCOL);
+    for (size_t i = 0; i < ARRAY_LENGTH(empty_frames); i++)
+        assert_int_equal(decode_as(payload, 2, empty_frames[i], 8, &got).code, RESULT_PROTOCOL);
+    assert_int_equal(got.feature_count, 0);
+    assert_null(got.features);
+    assert_int_equal(decode_as(payload, 2, NULL, 0, &got).code, RESULT_OK);
+    /* Another number of units with features. */
+    got.units[0].first = 0;
+    assert_int_equal(payload_decode(payload, &got).code, RESULT_PROTOCOL);
+    assert_int_equal(got.feature_count, 0);
+    close_all(payload);
+    batch_free(&sent);
+    batch_free(&got);
+}
+
+/* What is the same from pixel to pixel, or grows evenly, costs next to nothing. */
+static void flat_features_are_small(void **state)
+{
+    (void)state;
+    job_settings_t settings = settings_of(640, 360);
+    batch_t batch = batch_of(&settings, -1, 1);
+    zmq_msg_t payload[BATCH_PAYLOADS];
+    for (size_t i = 0; i < batch.feature_count; i++)
+        batch.features[i] = (int64_t)(i % FEATURE_VALUES << 34) + (int64_t)(i / FEATURE_VALUES) * 123456789;
+    assert_int_equal(payload_encode(&batch, true, payload).code, RESULT_OK);
+    assert_true(zmq_msg_size(&payload[2]) < 4000); /* of 9.7 MB */
+    close_all(payload);
+    batch_free(&batch);
 }
 
 static void refuses_frames_of_another_size(void **state)
@@ -175,49 +241,55 @@ static void refuses_frames_of_another_size(void **state)
     (void)state;
     job_settings_t small = settings_of(64, 64), large = settings_of(4096, 4096);
     batch_t sent = batch_of(&small, 40, 3), got;
-    zmq_msg_t payload[2];
+    zmq_msg_t payload[BATCH_PAYLOADS];
     assert_int_equal(payload_encode(&sent, true, payload).code, RESULT_OK);
     batch_init(&got, &large); /* the same units in a larger image: its splats would be 800 MB */
     got.units = sent.units;
     got.unit_count = sent.unit_count;
-    assert_int_equal(payload_decode(&payload[0], &payload[1], &got).code, RESULT_PROTOCOL);
+    assert_int_equal(payload_decode(payload, &got).code, RESULT_PROTOCOL);
     assert_null(got.splat);
     got.unit_count--;
-    assert_int_equal(payload_decode(&payload[0], &payload[1], &got).code, RESULT_PROTOCOL);
+    assert_int_equal(payload_decode(payload, &got).code, RESULT_PROTOCOL);
     got.units = NULL;
     batch_free(&got);
     batch_free(&sent);
-    close_both(payload);
+    close_all(payload);
+}
+
+static void survives_mutations_of(int which)
+{
+    job_settings_t settings = settings_of(90, 50);
+    batch_t sent = batch_of(&settings, 40, 3), got = receiver_of(&sent);
+    zmq_msg_t payload[BATCH_PAYLOADS];
+    assert_int_equal(payload_encode(&sent, true, payload).code, RESULT_OK);
+    size_t size = zmq_msg_size(&payload[which]);
+    uint8_t *bytes = mem_alloc(size);
+    uint64_t random = 1;
+    int failures = 0;
+    for (int i = 0; i < 3000; i++) {
+        memcpy(bytes, zmq_msg_data(&payload[which]), size);
+        uint64_t changes = 1 + draw(&random) % 4;
+        /* mostly where the sizes are */
+        for (uint64_t c = 0; c < changes; c++)
+            bytes[draw(&random) % (draw(&random) % 2 ? 40 : size)] = (uint8_t)draw(&random);
+        failures += decode_as(payload, which, bytes, size, &got).code != RESULT_OK;
+    }
+    assert_true(failures > 700); /* a changed value byte may well decode */
+    for (int i = 0; i < 300; i++) {
+        for (size_t b = 0; b < size; b++) bytes[b] = (uint8_t)draw(&random);
+        assert_int_equal(decode_as(payload, which, bytes, size, &got).code, RESULT_PROTOCOL);
+    }
+    free(bytes);
+    close_all(payload);
+    batch_free(&sent);
+    batch_free(&got);
 }
 
 static void survives_mutations(void **state)
 {
     (void)state;
-    job_settings_t settings = settings_of(90, 50);
-    batch_t sent = batch_of(&settings, 40, 3), got = receiver_of(&sent);
-    zmq_msg_t payload[2];
-    assert_int_equal(payload_encode(&sent, true, payload).code, RESULT_OK);
-    size_t size = zmq_msg_size(&payload[1]);
-    uint8_t *bytes = mem_alloc(size);
-    uint64_t random = 1;
-    int failures = 0;
-    for (int i = 0; i < 3000; i++) {
-        memcpy(bytes, zmq_msg_data(&payload[1]), size);
-        uint64_t changes = 1 + draw(&random) % 4;
-        /* mostly where the sizes are */
-        for (uint64_t c = 0; c < changes; c++)
-            bytes[draw(&random) % (draw(&random) % 2 ? 40 : size)] = (uint8_t)draw(&random);
-        failures += decode_splat(&payload[0], bytes, size, &got).code != RESULT_OK;
-    }
-    assert_true(failures > 700); /* a changed value byte may well decode */
-    for (int i = 0; i < 300; i++) {
-        for (size_t b = 0; b < size; b++) bytes[b] = (uint8_t)draw(&random);
-        assert_int_equal(decode_splat(&payload[0], bytes, size, &got).code, RESULT_PROTOCOL);
-    }
-    free(bytes);
-    close_both(payload);
-    batch_free(&sent);
-    batch_free(&got);
+    survives_mutations_of(1);
+    survives_mutations_of(2);
 }
 
 int main(void)
@@ -228,6 +300,8 @@ int main(void)
         cmocka_unit_test(no_splats_after_some),
         cmocka_unit_test(refuses_truncated_and_longer_frames),
         cmocka_unit_test(refuses_frames_of_another_size),
+        cmocka_unit_test(refuses_features_of_units_without),
+        cmocka_unit_test(flat_features_are_small),
         cmocka_unit_test(survives_mutations),
     };
     return cmocka_run_group_tests_name("payload", tests, NULL, NULL);

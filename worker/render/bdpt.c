@@ -17,7 +17,8 @@
  *
  * r_i depends on what vertex i is joined to, r_{i-1} on the direction in which the path leaves vertex i, and
  * all the rest is known on arrival. With r_{i-1} = q g, q the density per solid angle at vertex i and g the
- * factor from solid angle at i to area at i - 1,
+ * factor from solid angle at i to area at i - 1 (a ray that comes from infinity, or from an orthographic
+ * camera, has a density per area across it instead, and no distance in g),
  *
  *   share_i = r_i^2 (direct_i + q^2 inner_i),    direct_i = c_i / p_i^2,
  *   inner_i = g^2 / p_i^2 (direct_{i-1} + q_{i-1}^2 inner_{i-1}).
@@ -29,6 +30,8 @@
  * Light vertices are stored first; each eye vertex then gathers its connections, evaluates each before it
  * pays for the shadow ray, and traces the rays of those that carry anything as one packet. (Leaving faint
  * ones to Russian roulette was tried: it saves as much time as it adds noise.)
+ *
+ * A job may ask for one strategy alone, with its weight or without (job_settings_t): Veach's pyramid.
  */
 #include "worker/render/integrator.h"
 
@@ -50,12 +53,15 @@ typedef struct {
     transport_t mode;
     vec3_t origin, direction; /* of the ray */
     vec3_t point;             /* vertex i - 1 */
-    float cosine;             /* |direction . geometric normal| there */
+    float cosine;             /* |direction . geometric normal| there; 1 where there is none */
     rgb_t throughput;
-    float pdf;       /* of direction, per steradian */
-    float chain;     /* direct_{i-1} + q^2 inner_{i-1} */
-    bool joinable;   /* vertex i - 1 is not specular */
-    float reference; /* brightness that Russian roulette compares the throughput with */
+    float pdf;         /* of the ray: per steradian, of parallel rays per area across */
+    float chain;       /* direct_{i-1} + q^2 inner_{i-1} */
+    bool joinable;     /* vertex i - 1 is not specular */
+    bool parallel;     /* vertex i - 1 is at infinity, or the camera orthographic */
+    bool scattered;    /* by something that is not specular */
+    rgb_t attenuation; /* per unit length along the ray */
+    float reference;   /* brightness that Russian roulette compares the throughput with */
 } walk_t;
 
 /* The candidate connections of one vertex. */
@@ -63,7 +69,7 @@ typedef struct {
     segments_t segments;
     rgb_t values[SCENE_PACKET];
     vec2_t rasters[SCENE_PACKET];      /* where t = 1 connections fall */
-    uint32_t dimensions[SCENE_PACKET]; /* of the numbers that choose the pixel there */
+    uint32_t dimensions[SCENE_PACKET]; /* of the vertices they come from */
 } bundle_t;
 
 /* One bidirectional sample. */
@@ -86,23 +92,45 @@ static inline float mis_share(const vertex_t *v, float r, float q)
     return square(r) * (v->direct + square(q) * v->inner);
 }
 
+/* True when the job wants the strategy of s light and t eye vertices. */
+static inline bool is_wanted(const bidirectional_t *b, int s, int t)
+{
+    const job_settings_t *settings = &b->stage->settings;
+    return settings->strategy_t == 0 || (settings->strategy_t == t && settings->strategy_s == s);
+}
+
+static inline float weight_of(const bidirectional_t *b, float shares)
+{
+    return b->stage->settings.unweighted ? 1 : 1 / (1 + shares);
+}
+
 /* ---- subpaths ------------------------------------------------------------------------------------------ */
 
-/* Moves on to vertex i. False when the ray leaves the scene or its density degenerates. */
-static bool walk_arrive(walk_t *walk, const scene_t *scene, film_counts_t *counts, vertex_t *vertex)
+/* Moves on to vertex i. False when the ray leaves the scene (*escaped) or its density degenerates. */
+static bool walk_arrive(walk_t *walk, sample_t *sample, vertex_t *vertex, bool *escaped)
 {
-    counts->rays++;
-    if (!scene_intersect(scene, walk->origin, walk->direction, &vertex->surface)) return false;
-    float distance2 = v_length2(v_sub(vertex->surface.p, walk->point));
+    const scene_t *scene = sample->stage->scene;
+    sample->result->counts.rays++;
+    *escaped = !scene_intersect(scene, walk->origin, walk->direction, sample->time, &vertex->surface);
+    if (*escaped) return false;
+    float distance2 = walk->parallel ? 1 : v_length2(v_sub(vertex->surface.p, walk->point));
     float cosine = fabsf(v_dot(vertex->surface.ng, walk->direction));
     float p = walk->pdf * cosine / distance2;
     if (!(p > 0x1p-60f) || !(p < 0x1p60f)) return false;
     vertex->wo = v_neg(walk->direction);
     vertex->throughput = walk->throughput;
+    if (!v_is_zero(walk->attenuation))
+        vertex->throughput = v_mul(vertex->throughput, rgb_fade(walk->attenuation, sqrtf(distance2)));
     vertex->inv_p2 = 1 / square(p);
     vertex->direct = walk->joinable ? vertex->inv_p2 : 0;
     vertex->inner = square(walk->cosine / distance2) * vertex->inv_p2 * walk->chain;
     return true;
+}
+
+static void make_bsdf(const walk_t *walk, const stage_t *stage, vertex_t *vertex)
+{
+    bsdf_init(&vertex->bsdf, stage->scene, &vertex->surface);
+    if (stage->regularizes && walk->scattered) bsdf_regularize(&vertex->bsdf);
 }
 
 /* Scatters at the vertex. False when the subpath ends here. */
@@ -120,57 +148,75 @@ static bool walk_scatter(walk_t *walk, const vertex_t *vertex, sampler_t *sample
     walk->pdf = next.pdf;
     walk->chain = (next.specular ? 0 : vertex->direct) + square(next.pdf_rev) * vertex->inner;
     walk->joinable = !next.specular;
+    walk->parallel = false;
+    walk->scattered = walk->scattered || !next.specular;
     walk->direction = next.wi;
     walk->point = vertex->surface.p;
     walk->origin = scene_offset(&vertex->surface, next.wi);
     walk->cosine = fabsf(v_dot(vertex->surface.ng, next.wi));
+    walk->attenuation = bsdf_attenuation(&vertex->bsdf, next.wi);
     return true;
 }
 
-static walk_t walk_from_camera(const bidirectional_t *b, sampler_t *sampler)
+static walk_t walk_from_camera(const bidirectional_t *b)
 {
-    walk_t walk = {.mode = TRANSPORT_RADIANCE, .throughput = vec3(1, 1, 1), .joinable = true, .reference = 1};
-    walk.origin = walk.point = b->stage->camera.position;
-    walk.direction = sample_eye_ray(b->sample, sampler_2d(sampler), &walk.pdf);
-    return walk; /* chain 0: nothing runs into a pinhole */
+    camera_ray_t ray;
+    sample_eye_ray(b->sample, &ray);
+    return (walk_t){.mode = TRANSPORT_RADIANCE,
+                    .origin = ray.origin,
+                    .direction = ray.direction,
+                    .point = ray.origin,
+                    .cosine = 1,
+                    .throughput = vec3(1, 1, 1),
+                    .pdf = ray.pdf,
+                    .joinable = true,
+                    .parallel = ray.parallel,
+                    .reference = 1}; /* chain 0: nothing runs into a camera */
 }
 
-static bool walk_from_light(const bidirectional_t *b, sampler_t *sampler, walk_t *walk)
+static bool walk_from_light(const bidirectional_t *b, walk_t *walk)
 {
-    light_point_t light;
-    float choice = sampler_1d(sampler);
-    lights_sample(b->stage->lights, choice, sampler_2d(sampler), &light);
-    vec3_t direction = light_sample_direction(&light, sampler_2d(sampler));
-    float pdf = light_direction_pdf(&light, direction), cosine = fabsf(v_dot(light.n, direction));
-    if (!(pdf > 0)) return false;
+    light_ray_t ray;
+    sampler_t sampler = sample_stream(b->sample, DIMENSION_LIGHT + DIMENSION_EMIT);
+    float choice = sampler_1d(&sampler);
+    vec2_t place = sampler_2d(&sampler);
+    if (!lights_emit(b->stage->lights, choice, place, sampler_2d(&sampler), &ray)) return false;
     *walk = (walk_t){.mode = TRANSPORT_IMPORTANCE,
-                     .origin = light_offset(&light, direction),
-                     .direction = direction,
-                     .point = light.p,
-                     .cosine = cosine,
-                     .throughput = v_scale(light.radiance, cosine / (pdf * light.pdf_area)),
-                     .pdf = pdf,
-                     .chain = 1 / square(light.pdf_area),
-                     .joinable = true};
-    walk->reference = v_max(walk->throughput);
+                     .origin = ray.origin,
+                     .direction = ray.direction,
+                     .point = ray.point,
+                     .cosine = ray.cosine,
+                     .throughput = ray.throughput,
+                     .pdf = ray.pdf_ray,
+                     .chain = ray.delta ? 0 : 1 / square(ray.pdf_place),
+                     .joinable = true,
+                     .parallel = ray.at_infinity,
+                     .reference = v_max(ray.throughput)};
     return true;
+}
+
+/* Where the numbers of vertex i of the light subpath begin. */
+static uint32_t light_dimension(int i)
+{
+    return DIMENSION_LIGHT + (uint32_t)i * DIMENSION_STRIDE;
 }
 
 /* Stores the light vertices that an eye vertex or the camera can be joined to; specular ones are passed
  * through. */
-static void trace_light_subpath(bidirectional_t *b, sampler_t *sampler, int *depths)
+static void trace_light_subpath(bidirectional_t *b, int *depths)
 {
     walk_t walk;
     b->light_count = 0;
-    if (lights_empty(b->stage->lights) || !walk_from_light(b, sampler, &walk)) return;
+    if (lights_empty(b->stage->lights) || !walk_from_light(b, &walk)) return;
     for (int i = 1; i < stage_max_segments(b->stage); i++) {
+        bool escaped;
         vertex_t *vertex = &b->light[b->light_count];
-        sampler->dimension = DIMENSION_LIGHT + (uint32_t)i * DIMENSION_STRIDE;
-        if (!walk_arrive(&walk, b->stage->scene, &b->sample->result->counts, vertex)) return;
-        bsdf_init(&vertex->bsdf, &vertex->surface);
+        if (!walk_arrive(&walk, b->sample, vertex, &escaped)) return;
+        make_bsdf(&walk, b->stage, vertex);
         depths[b->light_count] = i;
         if (!vertex->bsdf.specular) b->light_count++;
-        if (!walk_scatter(&walk, vertex, sampler)) return;
+        sampler_t sampler = sample_stream(b->sample, light_dimension(i) + DIMENSION_LIGHT_SCATTER);
+        if (!walk_scatter(&walk, vertex, &sampler)) return;
     }
 }
 
@@ -189,101 +235,136 @@ static int bundle_add(bundle_t *bundle, vec3_t from, vec3_t to, rgb_t value)
 /* t = 1: joins a light vertex to the camera. */
 static void join_camera(const bidirectional_t *b, const vertex_t *y, uint32_t dimension, bundle_t *bundle)
 {
-    const stage_t *stage = b->stage;
     camera_view_t view;
     bsdf_value_t fy;
-    if (!camera_project(&stage->camera, y->surface.p, filter_reach(&stage->filter), &view) ||
+    if (!sample_join_camera(b->sample, y->surface.p, dimension, &view) ||
         !bsdf_eval(&y->bsdf, y->wo, view.w, TRANSPORT_IMPORTANCE, &fy))
         return;
-    float distance2 = square(view.distance);
-    float geometry =
-        fabsf(v_dot(view.w, y->bsdf.ns)) * shading_adjoint(&y->bsdf, y->wo, view.w) * view.we_cos;
-    float r = view.pdf * fabsf(v_dot(view.w, y->surface.ng)) / distance2;
-    float weight = 1 / (1 + mis_share(y, r, fy.pdf_rev));
-    rgb_t value = v_scale(v_mul(y->throughput, fy.f), geometry / distance2 * weight);
+    float r = view.density * fabsf(v_dot(view.w, y->surface.ng));
+    float weight = weight_of(b, mis_share(y, r, fy.pdf_rev));
+    float factor = fabsf(v_dot(view.w, y->bsdf.ns)) * shading_adjoint(&y->bsdf, y->wo, view.w) * view.density;
+    rgb_t value = v_scale(v_mul(y->throughput, fy.f), factor * weight);
+    if (y->bsdf.absorbs)
+        value = v_mul(value, rgb_fade(bsdf_attenuation(&y->bsdf, view.w),
+                                      v_length(v_sub(view.position, y->surface.p))));
     if (v_is_zero(value)) return;
-    int n = bundle_add(bundle, stage->camera.position, scene_offset(&y->surface, view.w), value);
+    int n = bundle_add(bundle, view.position, scene_offset(&y->surface, view.w), value);
     bundle->rasters[n] = view.raster;
     bundle->dimensions[n] = dimension;
+}
+
+static uint32_t trace_bundle(bidirectional_t *b, bundle_t *bundle)
+{
+    bundle->segments.time = b->sample->time;
+    b->sample->result->counts.rays += (uint64_t)bundle->segments.count;
+    return scene_occluded_packet(b->stage->scene, &bundle->segments);
 }
 
 static void splat_bundle(bidirectional_t *b, bundle_t *bundle)
 {
     int count = bundle->segments.count;
     if (count == 0) return;
-    b->sample->result->counts.rays += (uint64_t)count;
-    uint32_t occluded = scene_occluded_packet(b->stage->scene, &bundle->segments);
+    uint32_t occluded = trace_bundle(b, bundle);
     for (int i = 0; i < count; i++)
         if (!(occluded >> i & 1))
             sample_splat(b->sample, bundle->rasters[i], bundle->values[i], bundle->dimensions[i]);
     bundle->segments.count = 0;
 }
 
-/* s = 0: the eye subpath ran into a light. */
-static void hit_light(bidirectional_t *b, const vertex_t *z, int segments)
+static void gather_bundle(bidirectional_t *b, bundle_t *bundle)
 {
-    light_point_t light;
-    lights_at(b->stage->lights, &z->surface, &light);
-    rgb_t radiance = light_radiance(&light, z->wo);
-    if (v_is_zero(radiance)) return;
-    /* A light seen directly has no other strategy here: t = 1 starts at s = 2. */
-    float share = segments == 1 ? 0 : mis_share(z, light.pdf_area, light_direction_pdf(&light, z->wo));
-    b->radiance = v_add(b->radiance, v_scale(v_mul(z->throughput, radiance), 1 / (1 + share)));
+    int count = bundle->segments.count;
+    if (count == 0) return;
+    uint32_t occluded = trace_bundle(b, bundle);
+    for (int i = 0; i < count; i++)
+        if (!(occluded >> i & 1)) b->radiance = v_add(b->radiance, bundle->values[i]);
+    bundle->segments.count = 0;
 }
 
-/* s = 1: joins the eye vertex to a fresh point on a light. */
+/* s = 0: the eye subpath, of so many segments, ran into a light. What is seen directly has no other strategy
+ * here: t = 1 starts at s = 2. */
+static void add_light_hit(bidirectional_t *b, rgb_t throughput, rgb_t radiance, float share, int segments)
+{
+    float weight = weight_of(b, segments == 1 ? 0 : share);
+    b->radiance = v_add(b->radiance, v_scale(v_mul(throughput, radiance), weight));
+}
+
+static void hit_light(bidirectional_t *b, const vertex_t *z, int segments)
+{
+    light_hit_t hit;
+    if (!lights_hit(b->stage->lights, &z->surface, z->wo, &hit)) return;
+    add_light_hit(b, z->throughput, hit.radiance, mis_share(z, hit.pdf_place, hit.pdf_ray), segments);
+}
+
+/* The same where the eye subpath left the scene: its last vertex is a direction of the sky. */
+static void hit_sky(bidirectional_t *b, const walk_t *walk, int segments)
+{
+    float inv_p2 = 1 / square(walk->pdf);
+    vertex_t z = {.direct = walk->joinable ? inv_p2 : 0,
+                  .inner = square(walk->cosine) * inv_p2 * walk->chain};
+    for (uint32_t k = 0; k < lights_sky_count(b->stage->lights); k++) {
+        light_hit_t hit;
+        if (!lights_escape(b->stage->lights, k, walk->direction, &hit)) continue;
+        add_light_hit(b, walk->throughput, hit.radiance, mis_share(&z, hit.pdf_place, hit.pdf_ray), segments);
+    }
+}
+
+/* s = 1: joins the eye vertex to a fresh place on a light. */
 static void join_light(const bidirectional_t *b, const vertex_t *z, sampler_t *sampler, bundle_t *bundle)
 {
-    light_point_t light;
-    float choice = sampler_1d(sampler);
-    lights_sample(b->stage->lights, choice, sampler_2d(sampler), &light);
-    vec3_t d = v_sub(light.p, z->surface.p);
-    float distance2 = v_length2(d);
-    if (!(distance2 > 0)) return;
-    vec3_t w = v_scale(d, 1 / sqrtf(distance2));
-    rgb_t radiance = light_radiance(&light, v_neg(w));
+    light_view_t light;
     bsdf_value_t fz;
-    if (v_is_zero(radiance) || !bsdf_eval(&z->bsdf, z->wo, w, TRANSPORT_RADIANCE, &fz)) return;
-    float cos_light = fabsf(v_dot(light.n, w));
-    float r_light = fz.pdf * cos_light / distance2;
-    float r_eye = light_direction_pdf(&light, v_neg(w)) * fabsf(v_dot(w, z->surface.ng)) / distance2;
-    float weight = 1 / (1 + square(r_light / light.pdf_area) + mis_share(z, r_eye, fz.pdf_rev));
-    float factor = fabsf(v_dot(w, z->bsdf.ns)) * cos_light / (distance2 * light.pdf_area) * weight;
-    rgb_t value = v_mul(v_scale(v_mul(z->throughput, fz.f), factor), radiance);
+    float choice = sampler_1d(sampler);
+    if (!lights_illuminate(b->stage->lights, z->surface.p, choice, sampler_2d(sampler), &light) ||
+        !bsdf_eval(&z->bsdf, z->wo, light.w, TRANSPORT_RADIANCE, &fz))
+        return;
+    float light_share = light.delta ? 0 : square(fz.pdf * light.geometry / light.pdf_place);
+    float r_eye = light.arrival * fabsf(v_dot(light.w, z->surface.ng));
+    float weight = weight_of(b, light_share + mis_share(z, r_eye, fz.pdf_rev));
+    float factor = fabsf(v_dot(light.w, z->bsdf.ns)) * light.geometry / light.pdf_place * weight;
+    rgb_t value = v_mul(v_scale(v_mul(z->throughput, fz.f), factor), light.radiance);
+    if (z->bsdf.absorbs)
+        value = v_mul(value, rgb_fade(bsdf_attenuation(&z->bsdf, light.w),
+                                      v_length(v_sub(light.target, z->surface.p))));
     if (v_is_zero(value)) return;
-    bundle_add(bundle, scene_offset(&z->surface, w), light_offset(&light, v_neg(w)), value);
+    bundle_add(bundle, scene_offset(&z->surface, light.w), light.target, value);
 }
 
 /* s >= 2, t >= 2: joins an eye vertex to a light vertex. */
-static void join_vertices(const vertex_t *z, const vertex_t *y, bundle_t *bundle)
+static void join_vertices(const bidirectional_t *b, const vertex_t *z, const vertex_t *y, bundle_t *bundle)
 {
     vec3_t d = v_sub(y->surface.p, z->surface.p);
     float distance2 = v_length2(d);
     if (!(distance2 > 0)) return;
-    vec3_t w = v_scale(d, 1 / sqrtf(distance2));
+    float distance = sqrtf(distance2);
+    vec3_t w = v_scale(d, 1 / distance);
     bsdf_value_t fz, fy;
     if (!bsdf_eval(&z->bsdf, z->wo, w, TRANSPORT_RADIANCE, &fz) ||
         !bsdf_eval(&y->bsdf, y->wo, v_neg(w), TRANSPORT_IMPORTANCE, &fy))
         return;
     float r_light = fz.pdf * fabsf(v_dot(w, y->surface.ng)) / distance2;
     float r_eye = fy.pdf * fabsf(v_dot(w, z->surface.ng)) / distance2;
-    float weight = 1 / (1 + mis_share(y, r_light, fy.pdf_rev) + mis_share(z, r_eye, fz.pdf_rev));
+    float weight = weight_of(b, mis_share(y, r_light, fy.pdf_rev) + mis_share(z, r_eye, fz.pdf_rev));
     float factor = fabsf(v_dot(w, z->bsdf.ns) * v_dot(w, y->bsdf.ns)) *
                    shading_adjoint(&y->bsdf, y->wo, v_neg(w)) / distance2 * weight;
     rgb_t value = v_mul(v_scale(v_mul(z->throughput, fz.f), factor), v_mul(y->throughput, fy.f));
+    if (z->bsdf.absorbs) value = v_mul(value, rgb_fade(bsdf_attenuation(&z->bsdf, w), distance));
     if (v_is_zero(value)) return;
     bundle_add(bundle, scene_offset(&z->surface, w), scene_offset(&y->surface, v_neg(w)), value);
 }
 
-static void gather_bundle(bidirectional_t *b, bundle_t *bundle)
+/* Everything that joins eye vertex i to the lights. */
+static void join_eye_vertex(bidirectional_t *b, const vertex_t *z, int i, const int *depths, bundle_t *bundle)
 {
-    int count = bundle->segments.count;
-    if (count == 0) return;
-    b->sample->result->counts.rays += (uint64_t)count;
-    uint32_t occluded = scene_occluded_packet(b->stage->scene, &bundle->segments);
-    for (int i = 0; i < count; i++)
-        if (!(occluded >> i & 1)) b->radiance = v_add(b->radiance, bundle->values[i]);
-    bundle->segments.count = 0;
+    int segments = stage_max_segments(b->stage);
+    sampler_t sampler =
+        sample_stream(b->sample, DIMENSION_EYE + (uint32_t)i * DIMENSION_STRIDE + DIMENSION_ILLUMINATE);
+    if (is_wanted(b, 1, i + 1)) join_light(b, z, &sampler, bundle);
+    for (int k = 0; k < b->light_count && i + depths[k] < segments; k++) {
+        if (is_wanted(b, depths[k] + 1, i + 1)) join_vertices(b, z, &b->light[k], bundle);
+        if (bundle->segments.count == SCENE_PACKET) gather_bundle(b, bundle);
+    }
+    gather_bundle(b, bundle);
 }
 
 static rgb_t bdpt_sample(sample_t *sample)
@@ -296,34 +377,33 @@ static rgb_t bdpt_sample(sample_t *sample)
     b.radiance = vec3(0, 0, 0);
     bundle.segments.count = 0;
     int segments = stage_max_segments(b.stage);
-    sampler_t lamp = sample_stream(sample, DIMENSION_LIGHT), eye = sample_stream(sample, DIMENSION_EYE);
 
-    trace_light_subpath(&b, &lamp, depths);
+    trace_light_subpath(&b, depths);
     for (int i = 0; i < b.light_count && depths[i] < segments; i++) {
-        uint32_t dimension = DIMENSION_LIGHT + (uint32_t)depths[i] * DIMENSION_STRIDE + 2;
-        join_camera(&b, &b.light[i], dimension, &bundle);
+        if (is_wanted(&b, depths[i] + 1, 1))
+            join_camera(&b, &b.light[i], light_dimension(depths[i]), &bundle);
         if (bundle.segments.count == SCENE_PACKET) splat_bundle(&b, &bundle);
     }
     splat_bundle(&b, &bundle);
 
-    walk_t walk = walk_from_camera(&b, &eye);
+    walk_t walk = walk_from_camera(&b);
+    vec3_t eye = walk.origin;
     for (int i = 1; i <= segments; i++) {
         vertex_t z;
-        eye.dimension = DIMENSION_EYE + (uint32_t)i * DIMENSION_STRIDE;
-        if (!walk_arrive(&walk, b.stage->scene, &sample->result->counts, &z)) break;
-        if (z.surface.light != BLOB_NONE) hit_light(&b, &z, i);
-        if (i == segments) break;
-        bsdf_init(&z.bsdf, &z.surface);
-        if (!z.bsdf.specular && !lights_empty(b.stage->lights)) {
-            join_light(&b, &z, &eye, &bundle);
-            for (int k = 0; k < b.light_count && i + depths[k] < segments; k++) {
-                join_vertices(&z, &b.light[k], &bundle);
-                if (bundle.segments.count == SCENE_PACKET) gather_bundle(&b, &bundle);
-            }
-            gather_bundle(&b, &bundle);
+        bool escaped;
+        if (!walk_arrive(&walk, sample, &z, &escaped)) {
+            if (escaped && is_wanted(&b, 0, i + 1)) hit_sky(&b, &walk, i);
+            break;
         }
-        eye.dimension = DIMENSION_EYE + (uint32_t)i * DIMENSION_STRIDE + 2;
-        if (!walk_scatter(&walk, &z, &eye)) break;
+        if (z.surface.light != BLOB_NONE && is_wanted(&b, 0, i + 1)) hit_light(&b, &z, i);
+        if (i == segments && i > 1) break;
+        make_bsdf(&walk, b.stage, &z);
+        if (i == 1) sample_first_hit(sample, &z.surface, &z.bsdf, eye);
+        if (i == segments) break;
+        if (!z.bsdf.specular && !lights_empty(b.stage->lights)) join_eye_vertex(&b, &z, i, depths, &bundle);
+        sampler_t sampler =
+            sample_stream(sample, DIMENSION_EYE + (uint32_t)i * DIMENSION_STRIDE + DIMENSION_SCATTER);
+        if (!walk_scatter(&walk, &z, &sampler)) break;
     }
     return b.radiance;
 }

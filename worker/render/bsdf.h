@@ -102,12 +102,16 @@ static inline vec3_t bsdf_to_world(const bsdf_t *bsdf, vec3_t v)
     return v_add(v_add(v_scale(bsdf->s, v.x), v_scale(bsdf->t, v.y)), v_scale(bsdf->ns, v.z));
 }
 
-/* What is left of light that goes from the surface in direction w over a distance. */
-static inline rgb_t bsdf_transmittance(const bsdf_t *bsdf, vec3_t w, float distance)
+/* What light loses per unit length when it leaves the surface in direction w. */
+static inline rgb_t bsdf_attenuation(const bsdf_t *bsdf, vec3_t w)
 {
-    if (!bsdf->absorbs || v_dot(w, bsdf->ng) >= 0) return vec3(1, 1, 1);
-    return vec3(expf(-bsdf->attenuation.x * distance), expf(-bsdf->attenuation.y * distance),
-                expf(-bsdf->attenuation.z * distance));
+    return bsdf->absorbs && v_dot(w, bsdf->ng) < 0 ? bsdf->attenuation : vec3(0, 0, 0);
+}
+/* What is left of light after a distance (Beer's law). */
+static inline rgb_t rgb_fade(rgb_t attenuation, float distance)
+{
+    return vec3(expf(-attenuation.x * distance), expf(-attenuation.y * distance),
+                expf(-attenuation.z * distance));
 }
 
 /* ---- for materials ------------------------------------------------------------------------------------- */
@@ -124,7 +128,7 @@ typedef struct {
 /* Adds the material's lobes. */
 typedef void material_shade_t(const shading_t *shading);
 
-/* Values of the material at the point; colours are not negative. */
+/* Values of the material at the point: finite; colours are not negative. */
 rgb_t shading_colour(const shading_t *shading, material_value_t value);
 float shading_number(const shading_t *shading, material_value_t value);
 /* The alphas of the Trowbridge-Reitz distribution from the values `u` and `v`, remapped as the material's
@@ -137,9 +141,13 @@ lobe_t *shading_add(const shading_t *shading, const lobe_kind_t *kind, rgb_t sca
 void shading_delegate(const shading_t *shading, uint32_t material, rgb_t scale);
 
 /* Every material and lobe; each file says what it does. */
-extern material_shade_t material_diffuse, material_mirror, material_dielectric, material_conductor;
-extern const lobe_kind_t lobe_lambert, lobe_mirror, lobe_smooth_dielectric, lobe_smooth_conductor,
-    lobe_rough_conductor;
+extern material_shade_t material_diffuse, material_mirror, material_dielectric, material_conductor,
+    material_plastic, material_uber, material_substrate, material_translucent, material_mix, material_disney,
+    material_diffuse_transmission;
+extern const lobe_kind_t lobe_lambert, lobe_lambert_transmission, lobe_oren_nayar, lobe_mirror,
+    lobe_smooth_dielectric, lobe_smooth_conductor, lobe_pane, lobe_straight, lobe_rough_conductor,
+    lobe_rough_dielectric, lobe_rough_reflection, lobe_rough_transmission, lobe_fresnel_blend,
+    lobe_disney_diffuse, lobe_disney_sheen, lobe_disney_specular, lobe_disney_clearcoat;
 
 /* Three consecutive numbers of a lobe as a colour. */
 static inline rgb_t lobe_colour(const lobe_t *lobe, int first)

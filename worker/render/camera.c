@@ -1,55 +1,235 @@
-/* camera: see camera.h. */
+/* camera: see camera.h.
+ *
+ * A kind of camera maps film positions to rays in camera space and points back to film positions. The thin
+ * lens is at z = 0 and focuses the plane z = focal_distance; its density is that of a pinhole, since the
+ * point of the lens is drawn uniformly (Pharr, Jakob and Humphreys, PBR 3rd edition, 16.1.1).
+ */
 #include "worker/render/camera.h"
 
-void camera_init(camera_t *camera, const blob_scene_t *scene, int width, int height)
-{
-    const xform_t *t = &scene->world_from_camera;
-    *camera = (camera_t){.position = vec3(t->m[0][3], t->m[1][3], t->m[2][3]),
-                         .right = vec3(t->m[0][0], t->m[1][0], t->m[2][0]),
-                         .up = vec3(t->m[0][1], t->m[1][1], t->m[2][1]),
-                         .forward = vec3(t->m[0][2], t->m[1][2], t->m[2][2]),
-                         .width = (float)width,
-                         .height = (float)height};
-    xform_invert(t, &camera->camera_from_world);
-    /* The field of view spans the shorter side, which reaches from -1 to 1 in the screen window. */
-    float aspect = camera->width / camera->height;
-    float x = float_max(aspect, 1), y = float_max(1 / aspect, 1);
-    const float automatic[4] = {-x, x, -y, y}, *w = scene->screen_window;
-    bool given = w[0] != 0 || w[1] != 0 || w[2] != 0 || w[3] != 0;
-    float scale = (float)tan((double)scene->fov * M_PI / 360);
-    for (int i = 0; i < 4; i++) camera->window[i] = scale * (given ? w[i] : automatic[i]);
-    camera->area = (camera->window[1] - camera->window[0]) * (camera->window[3] - camera->window[2]);
-}
+#include "common/base.h"
+#include "worker/render/motion.h"
+#include "worker/render/octahedral.h"
+#include "worker/render/warp.h"
 
-/* Density per steradian of a direction with camera-space z = cos, uniform over the film: 1 / (area cos^3). */
-static float direction_pdf(const camera_t *camera, float cos)
+#include <stdlib.h>
+
+/* A film position and what belongs to it, in camera space. */
+typedef struct {
+    vec3_t origin, direction; /* not of unit length yet */
+    float pdf;
+} film_ray_t;
+
+typedef struct {
+    bool parallel;
+    void (*ray)(const camera_t *camera, vec2_t film, vec3_t lens, film_ray_t *ray);
+    /* *film and the density at q per area across the ray from the lens (camera space), distance2 away in the
+     * world; false where the camera cannot see. */
+    bool (*project)(const camera_t *camera, vec3_t q, vec3_t *lens, vec2_t *film, float *pdf);
+} camera_ops_t;
+
+struct camera {
+    const camera_ops_t *ops;
+    motion_t motion;
+    xform_t world_from_camera, camera_from_world; /* while it stands still */
+    float lens_radius, focal_distance;
+    float window[4];     /* what the film shows: x min, x max, y min, y max; y upwards */
+    float width, height; /* pixels */
+    float area;          /* of the window, in the units of the kind */
+};
+
+/* ---- perspective --------------------------------------------------------------------------------------- */
+
+/* Window: on the plane z = 1. Density per steradian, uniform over the window: 1 / (area cos^3). */
+static float perspective_pdf(const camera_t *camera, vec3_t direction)
 {
+    float cos = direction.z / v_length(direction);
     return 1 / (camera->area * cos * cos * cos);
 }
 
-vec3_t camera_ray(const camera_t *camera, vec2_t raster, float *pdf)
+static void perspective_ray(const camera_t *camera, vec2_t film, vec3_t lens, film_ray_t *ray)
 {
-    float fx = raster.x / camera->width, fy = raster.y / camera->height;
-    float x = camera->window[0] + (camera->window[1] - camera->window[0]) * fx;
-    float y = camera->window[3] + (camera->window[2] - camera->window[3]) * fy;
-    *pdf = direction_pdf(camera, 1 / sqrtf(1 + x * x + y * y));
-    return v_normalize(v_mad(v_mad(camera->forward, x, camera->right), y, camera->up));
+    vec3_t through = vec3(film.x, film.y, 1);
+    ray->origin = lens;
+    ray->direction =
+        camera->lens_radius > 0 ? v_sub(v_scale(through, camera->focal_distance), lens) : through;
+    ray->pdf = perspective_pdf(camera, ray->direction);
 }
 
-bool camera_project(const camera_t *camera, vec3_t p, float margin, camera_view_t *view)
+static bool perspective_project(const camera_t *camera, vec3_t q, vec3_t *lens, vec2_t *film, float *pdf)
 {
-    vec3_t q = xform_point(&camera->camera_from_world, p);
-    if (!(q.z > 0)) return false;
-    float fx = (q.x / q.z - camera->window[0]) / (camera->window[1] - camera->window[0]);
-    float fy = (q.y / q.z - camera->window[3]) / (camera->window[2] - camera->window[3]);
-    view->raster = (vec2_t){fx * camera->width, fy * camera->height};
+    vec3_t d = v_sub(q, *lens);
+    if (!(d.z > 0)) return false;
+    vec3_t focus = camera->lens_radius > 0
+                       ? v_scale(v_mad(*lens, camera->focal_distance / d.z, d), 1 / camera->focal_distance)
+                       : v_scale(d, 1 / d.z);
+    *film = (vec2_t){focus.x, focus.y};
+    *pdf = perspective_pdf(camera, d);
+    return true;
+}
+
+/* ---- orthographic -------------------------------------------------------------------------------------- */
+
+static void orthographic_ray(const camera_t *camera, vec2_t film, vec3_t lens, film_ray_t *ray)
+{
+    (void)lens;
+    *ray = (film_ray_t){vec3(film.x, film.y, 0), vec3(0, 0, 1), 1 / camera->area};
+}
+
+static bool orthographic_project(const camera_t *camera, vec3_t q, vec3_t *lens, vec2_t *film, float *pdf)
+{
+    *lens = vec3(q.x, q.y, 0);
+    *film = (vec2_t){q.x, q.y};
+    *pdf = 1 / camera->area;
+    return q.z > 0;
+}
+
+/* ---- spherical ----------------------------------------------------------------------------------------- */
+
+/* Window: fractions of the whole sphere's film, y from the top. */
+static void spherical_ray(const camera_t *camera, vec2_t film, vec3_t lens, film_ray_t *ray)
+{
+    float theta = PI_F * film.y, phi = TWO_PI_F * film.x, sin = sinf(theta);
+    ray->origin = lens;
+    ray->direction = vec3(sin * cosf(phi), cosf(theta), sin * sinf(phi));
+    ray->pdf = 1 / (2 * PI_F * PI_F * float_max(sin, 1e-7f) * camera->area);
+}
+
+static bool spherical_project(const camera_t *camera, vec3_t q, vec3_t *lens, vec2_t *film, float *pdf)
+{
+    (void)lens;
+    float across = sqrtf(q.x * q.x + q.z * q.z), length = v_length(q);
+    if (!(across > 0)) return false;
+    float phi = atan2f(q.z, q.x);
+    *film = (vec2_t){(phi < 0 ? phi + TWO_PI_F : phi) / TWO_PI_F, atan2f(across, q.y) * INV_PI_F};
+    *pdf = 1 / (2 * PI_F * PI_F * float_max(across / length, 1e-7f) * camera->area);
+    return true;
+}
+
+/* The octahedral map's axes are x, z, y of the camera, as pbrt-v4 has it. */
+static void equal_area_ray(const camera_t *camera, vec2_t film, vec3_t lens, film_ray_t *ray)
+{
+    vec3_t d = octahedral_to_sphere((vec2_t){float_clamp(film.x, 0, 1), float_clamp(film.y, 0, 1)});
+    *ray = (film_ray_t){lens, vec3(d.x, d.z, d.y), 1 / (4 * PI_F * camera->area)};
+}
+
+static bool equal_area_project(const camera_t *camera, vec3_t q, vec3_t *lens, vec2_t *film, float *pdf)
+{
+    (void)lens;
+    vec3_t d = v_normalize(q);
+    *film = octahedral_to_square(vec3(d.x, d.z, d.y));
+    *pdf = 1 / (4 * PI_F * camera->area);
+    return true;
+}
+
+/* ---- all of them --------------------------------------------------------------------------------------- */
+
+static const camera_ops_t kinds[] = {
+    [CAMERA_PERSPECTIVE] = {false, perspective_ray, perspective_project},
+    [CAMERA_ORTHOGRAPHIC] = {true, orthographic_ray, orthographic_project},
+    [CAMERA_SPHERICAL] = {false, spherical_ray, spherical_project},
+    [CAMERA_EQUAL_AREA] = {false, equal_area_ray, equal_area_project},
+};
+
+/* The screen window in the camera's units; for spherical cameras the unit square, y downwards. */
+static void whole_window(const camera_t *camera, const blob_scene_t *scene, float window[4])
+{
+    bool spherical = scene->camera == CAMERA_SPHERICAL || scene->camera == CAMERA_EQUAL_AREA;
+    /* The field of view spans the shorter side, which reaches from -1 to 1 in the screen window. */
+    float aspect = camera->width / camera->height;
+    float x = float_max(aspect, 1), y = float_max(1 / aspect, 1);
+    const float square[4] = {0, 1, 1, 0}, automatic[4] = {-x, x, -y, y}, *w = scene->screen_window;
+    bool given = w[0] != 0 || w[1] != 0 || w[2] != 0 || w[3] != 0;
+    float scale = scene->camera == CAMERA_PERSPECTIVE ? (float)tan((double)scene->fov * M_PI / 360) : 1.0f;
+    for (int i = 0; i < 4; i++) window[i] = spherical ? square[i] : scale * (given ? w[i] : automatic[i]);
+}
+
+camera_t *camera_new(const blob_scene_t *scene, int width, int height)
+{
+    camera_t *camera = mem_zalloc(1, sizeof *camera);
+    camera->ops = &kinds[scene->camera];
+    camera->motion = motion_between(&scene->world_from_camera, &scene->world_from_camera_end);
+    camera->world_from_camera = scene->world_from_camera;
+    xform_invert(&scene->world_from_camera, &camera->camera_from_world);
+    camera->lens_radius = scene->camera == CAMERA_PERSPECTIVE ? scene->lens_radius : 0;
+    camera->focal_distance = scene->focal_distance;
+    camera->width = (float)width;
+    camera->height = (float)height;
+    float w[4];
+    const float *part = scene->film_window;
+    whole_window(camera, scene, w);
+    camera->window[0] = w[0] + (w[1] - w[0]) * part[0];
+    camera->window[1] = w[0] + (w[1] - w[0]) * part[1];
+    camera->window[2] = w[3] + (w[2] - w[3]) * part[3];
+    camera->window[3] = w[3] + (w[2] - w[3]) * part[2];
+    camera->area = fabsf((camera->window[1] - camera->window[0]) * (camera->window[3] - camera->window[2]));
+    return camera;
+}
+
+bool camera_moves(const camera_t *camera)
+{
+    return camera->motion.moves;
+}
+
+/* The transforms at a time. */
+static void place_at(const camera_t *camera, float time, xform_t *world_from_camera,
+                     xform_t *camera_from_world)
+{
+    *world_from_camera = camera->world_from_camera;
+    *camera_from_world = camera->camera_from_world;
+    if (!camera->motion.moves) return;
+    *world_from_camera = motion_at(&camera->motion, time);
+    if (!xform_invert(world_from_camera, camera_from_world)) *camera_from_world = camera->camera_from_world;
+}
+
+static vec3_t lens_point(const camera_t *camera, vec2_t lens)
+{
+    if (camera->lens_radius == 0) return vec3(0, 0, 0);
+    vec2_t d = warp_disc(lens);
+    return vec3(camera->lens_radius * d.x, camera->lens_radius * d.y, 0);
+}
+
+/* Area in the world of the unit square of the film plane of an orthographic camera. */
+static float parallel_area(const xform_t *t)
+{
+    vec3_t x = vec3(t->m[0][0], t->m[1][0], t->m[2][0]), y = vec3(t->m[0][1], t->m[1][1], t->m[2][1]);
+    return v_length(v_cross(x, y));
+}
+
+void camera_ray(const camera_t *camera, vec2_t raster, vec2_t lens, float time, camera_ray_t *ray)
+{
+    const float *w = camera->window;
+    vec2_t film = {w[0] + (w[1] - w[0]) * (raster.x / camera->width),
+                   w[3] + (w[2] - w[3]) * (raster.y / camera->height)};
+    xform_t world, inverse;
+    film_ray_t local;
+    place_at(camera, time, &world, &inverse);
+    camera->ops->ray(camera, film, lens_point(camera, lens), &local);
+    ray->origin = xform_point(&world, local.origin);
+    ray->direction = v_normalize(xform_vector(&world, local.direction));
+    ray->pdf = local.pdf;
+    ray->parallel = camera->ops->parallel;
+    if (ray->parallel) ray->pdf /= parallel_area(&world);
+}
+
+bool camera_project(const camera_t *camera, vec3_t p, vec2_t lens, float time, float margin,
+                    camera_view_t *view)
+{
+    const float *w = camera->window;
+    xform_t world, inverse;
+    place_at(camera, time, &world, &inverse);
+    vec2_t film;
+    vec3_t q = xform_point(&inverse, p), from = lens_point(camera, lens);
+    if (!camera->ops->project(camera, q, &from, &film, &view->density)) return false;
+    view->raster = (vec2_t){(film.x - w[0]) / (w[1] - w[0]) * camera->width,
+                            (film.y - w[3]) / (w[2] - w[3]) * camera->height};
     if (!(view->raster.x >= -margin && view->raster.x < camera->width + margin && view->raster.y >= -margin &&
           view->raster.y < camera->height + margin))
         return false;
-    vec3_t d = v_sub(camera->position, p);
-    view->distance = v_length(d);
-    view->w = v_scale(d, 1 / view->distance);
-    view->pdf = direction_pdf(camera, q.z / v_length(q));
-    view->we_cos = view->pdf; /* We = 1 / (area cos^4) */
+    view->position = xform_point(&world, from);
+    vec3_t d = v_sub(view->position, p);
+    float distance2 = v_length2(d);
+    if (!(distance2 > 0)) return false;
+    view->w = v_scale(d, 1 / sqrtf(distance2));
+    view->density /= camera->ops->parallel ? parallel_area(&world) : distance2;
     return true;
 }

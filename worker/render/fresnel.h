@@ -20,6 +20,24 @@ static inline float fresnel_dielectric(float cos_i, float eta, float *cos_t)
     return 0.5f * (parallel * parallel + perpendicular * perpendicular);
 }
 
+/* About the mean of it over the hemisphere on the near side, weighed by the cosine: of Schlick's
+ * approximation from the thinner side; what enters the denser medium fills only a cone of it, whence the
+ * other side. */
+static inline float fresnel_dielectric_mean(float eta)
+{
+    float thin = eta >= 1 ? eta : 1 / eta, f0 = (thin - 1) / (thin + 1);
+    f0 *= f0;
+    float mean = f0 + (1 - f0) / 21;
+    return eta >= 1 ? mean : 1 - (1 - mean) * eta * eta;
+}
+
+/* The weight of grazing incidence in Schlick's approximation (1994): (1 - cos)^5. */
+static inline float fresnel_schlick_weight(float cos_i)
+{
+    float m = float_clamp(1 - cos_i, 0, 1), m2 = m * m;
+    return m2 * m2 * m;
+}
+
 /* Fresnel reflectance of a conductor with relative index eta and absorption k, one channel (same source,
  * section 14.2). */
 static inline float fresnel_conductor_channel(float cos_i, float eta, float k)

@@ -18,8 +18,11 @@
 typedef struct {
     const scene_t *scene;
     const lights_t *lights;
-    camera_t camera;
+    const camera_t *camera;
     filter_t filter;
+    bool moves;          /* the camera or something in the scene: samples have a time */
+    bool regularizes;    /* blob_scene_t */
+    float max_luminance; /* blob_scene_t */
     job_settings_t settings;
 } stage_t;
 
@@ -27,6 +30,9 @@ typedef struct {
 typedef struct {
     const stage_t *stage;
     uint32_t pixel_x, pixel_y, sample;
+    float time;            /* of the whole path, 0 to 1 */
+    float eye_weight;      /* factor on the eye subpath's radiance; set by sample_eye_ray */
+    first_hit_t first_hit; /* filled by integrators that trace eye subpaths */
     unit_result_t *result; /* receives splats and counts */
 } sample_t;
 
@@ -38,8 +44,16 @@ typedef struct {
 
 extern const integrator_ops_t integrator_bdpt, integrator_path, integrator_light;
 
-/* Where the streams of random numbers of the two subpaths begin: dimensions never collide. */
+/* Where the streams of random numbers of the two subpaths begin, and how many numbers (pairs) belong to each
+ * vertex: dimensions never collide. */
 enum { DIMENSION_EYE = 0, DIMENSION_LIGHT = 96, DIMENSION_STRIDE = 6 };
+/* Of vertex 0 of the eye subpath. */
+enum { DIMENSION_FILTER = 0, DIMENSION_LENS = 1, DIMENSION_TIME = 2 };
+/* Of vertex i >= 1 of the eye subpath: a light's choice and place, and the scattering. */
+enum { DIMENSION_ILLUMINATE = 0, DIMENSION_SCATTER = 2 };
+/* Of the light subpath: of vertex 0 choice, place and ray; of vertex i >= 1 the scattering; of either the
+ * pixel and the point of the lens that it is joined to. */
+enum { DIMENSION_EMIT = 0, DIMENSION_LIGHT_SCATTER = 0, DIMENSION_JOIN_PIXEL = 4, DIMENSION_JOIN_LENS = 5 };
 
 static inline sampler_t sample_stream(const sample_t *sample, uint32_t dimension)
 {
@@ -50,10 +64,24 @@ static inline sampler_t sample_stream(const sample_t *sample, uint32_t dimension
     return sampler;
 }
 
-/* The eye ray of the sample, its place on the film drawn from the pixel filter with `u`. */
-vec3_t sample_eye_ray(const sample_t *sample, vec2_t u, float *pdf);
-/* Adds a splat at a film position; the numbers of `dimension` choose the pixel under the filter. */
+/* A pair of numbers of the sample. */
+static inline vec2_t sample_2d(const sample_t *sample, uint32_t dimension)
+{
+    sampler_t sampler = sample_stream(sample, dimension);
+    return sampler_2d(&sampler);
+}
+
+/* The eye ray of the sample, its place on the film drawn from the pixel filter. Also settles the sample's
+ * weight. */
+void sample_eye_ray(sample_t *sample, camera_ray_t *ray);
+/* The time of the sample: 0 where nothing moves. */
+float sample_time(const sample_t *sample);
+/* Joins a point to the camera; `dimension` is that of the point's vertex. */
+bool sample_join_camera(const sample_t *sample, vec3_t p, uint32_t dimension, camera_view_t *view);
+/* Adds a splat at a film position; `dimension` is that of the point's vertex. */
 void sample_splat(sample_t *sample, vec2_t raster, rgb_t value, uint32_t dimension);
+/* Notes what the eye ray met first. */
+void sample_first_hit(sample_t *sample, const surface_t *surface, const bsdf_t *bsdf, vec3_t origin);
 
 /* Segments that a full path may have: pbrt's maxdepth counts scattering events. */
 static inline int stage_max_segments(const stage_t *stage)

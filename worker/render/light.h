@@ -46,10 +46,10 @@ typedef struct {
     vec3_t target;   /* where the segment to it ends, off the light already */
     rgb_t radiance;  /* towards the point; of a point light the intensity */
     float pdf_place; /* as in light_ray_t */
-    float geometry;  /* from solid angle at the point to the measure of places: cos / d^2 on a surface, 1 / d^2
-                        of a point, 1 at infinity */
-    float arrival;   /* density, per area across it, of the rays that lights_emit sends this way to the point,
-                        given the place */
+    float geometry; /* from solid angle at the point to the measure of places: cos / d^2 on a surface, 1 / d^2
+                       of a point, 1 at infinity */
+    float arrival;  /* density, per area across it, of the rays that lights_emit sends this way to the point,
+                       given the place */
     bool at_infinity, delta;
 } light_view_t;
 
@@ -80,7 +80,7 @@ typedef struct {
     void *state;
     vec3_t centre; /* of a sphere about the scene */
     float radius;
-    float chance;  /* of a whole light being chosen; of an area light chance per unit of its area */
+    float chance; /* of a whole light being chosen; of an area light chance per unit of its area */
 } light_t;
 
 typedef struct {

@@ -9,89 +9,126 @@ static float power_heuristic(float pdf, float other)
     return 1 / (1 + ratio * ratio);
 }
 
-/* Radiance that a sampled light point sends over the path's end. */
+/* A path on its way. */
+typedef struct {
+    vec3_t origin, direction;
+    vec3_t before; /* the vertex that the ray leaves */
+    float pdf;     /* of the direction, per steradian */
+    bool specular; /* no next-event estimation could have found what the ray meets */
+    bool scattered;
+    rgb_t throughput, attenuation;
+} ray_t;
+
+/* Radiance that a sampled place on a light sends over the path's end. */
 static rgb_t direct_light(sample_t *sample, const surface_t *surface, const bsdf_t *bsdf, vec3_t wo,
                           sampler_t *sampler)
 {
     const stage_t *stage = sample->stage;
-    light_point_t light;
-    float choice = sampler_1d(sampler);
-    lights_sample(stage->lights, choice, sampler_2d(sampler), &light);
-    vec3_t d = v_sub(light.p, surface->p);
-    float distance2 = v_length2(d);
-    if (!(distance2 > 0)) return vec3(0, 0, 0);
-    vec3_t wi = v_scale(d, 1 / sqrtf(distance2));
-    rgb_t radiance = light_radiance(&light, v_neg(wi));
+    light_view_t light;
     bsdf_value_t value;
-    if (v_is_zero(radiance) || !bsdf_eval(bsdf, wo, wi, TRANSPORT_RADIANCE, &value)) return vec3(0, 0, 0);
-    /* From area to solid angle. */
-    float cos_light = fabsf(v_dot(light.n, wi)), pdf = light.pdf_area * distance2 / cos_light;
-    float factor = fabsf(v_dot(wi, bsdf->ns)) / pdf * power_heuristic(pdf, value.pdf);
-    rgb_t result = v_scale(v_mul(value.f, radiance), factor);
-    if (!(cos_light > 0) || v_is_zero(result)) return vec3(0, 0, 0);
+    float choice = sampler_1d(sampler);
+    if (!lights_illuminate(stage->lights, surface->p, choice, sampler_2d(sampler), &light) ||
+        !bsdf_eval(bsdf, wo, light.w, TRANSPORT_RADIANCE, &value))
+        return vec3(0, 0, 0);
+    float pdf = light.pdf_place / light.geometry; /* per steradian */
+    float factor = fabsf(v_dot(light.w, bsdf->ns)) / pdf;
+    if (!light.delta) factor *= power_heuristic(pdf, value.pdf);
+    rgb_t result = v_scale(v_mul(value.f, light.radiance), factor);
+    if (bsdf->absorbs)
+        result = v_mul(result,
+                       rgb_fade(bsdf_attenuation(bsdf, light.w), v_length(v_sub(light.target, surface->p))));
+    if (v_is_zero(result)) return result;
     sample->result->counts.rays++;
-    return scene_occluded(stage->scene, scene_offset(surface, wi), light_offset(&light, v_neg(wi)))
+    return scene_occluded(stage->scene, scene_offset(surface, light.w), light.target, sample->time)
                ? vec3(0, 0, 0)
                : result;
 }
 
-/* Radiance of a light that the path ran into, weighted against next-event estimation from the vertex before.
- */
-static rgb_t emitted_light(const stage_t *stage, const surface_t *surface, vec3_t wo, float distance2,
-                           float bsdf_pdf, bool only_way)
+/* Radiance of a light that the ray ran into, weighted against next-event estimation from the vertex before;
+ * `measure` makes its place's density one per steradian there. */
+static rgb_t emitted(const ray_t *ray, const light_hit_t *hit, float measure)
 {
-    light_point_t light;
-    lights_at(stage->lights, surface, &light);
-    rgb_t radiance = light_radiance(&light, wo);
-    if (only_way || v_is_zero(radiance)) return radiance;
-    float pdf = light.pdf_area * distance2 / fabsf(v_dot(light.n, wo));
-    return v_scale(radiance, power_heuristic(bsdf_pdf, pdf));
+    if (ray->specular) return hit->radiance;
+    return v_scale(hit->radiance, power_heuristic(ray->pdf, hit->pdf_place * measure));
+}
+
+static rgb_t sky_light(const stage_t *stage, const ray_t *ray)
+{
+    rgb_t sum = vec3(0, 0, 0);
+    light_hit_t hit;
+    for (uint32_t k = 0; k < lights_sky_count(stage->lights); k++)
+        if (lights_escape(stage->lights, k, ray->direction, &hit)) sum = v_add(sum, emitted(ray, &hit, 1));
+    return v_mul(ray->throughput, sum);
+}
+
+static rgb_t surface_light(const stage_t *stage, const ray_t *ray, const surface_t *surface)
+{
+    light_hit_t hit;
+    vec3_t wo = v_neg(ray->direction);
+    if (surface->light == BLOB_NONE || !lights_hit(stage->lights, surface, wo, &hit)) return vec3(0, 0, 0);
+    float measure = v_length2(v_sub(surface->p, ray->before)) / fabsf(v_dot(surface->ng, wo));
+    return v_mul(ray->throughput, emitted(ray, &hit, measure));
+}
+
+/* Scatters. False when the path ends here. */
+static bool scatter(ray_t *ray, const surface_t *surface, const bsdf_t *bsdf, sampler_t *sampler,
+                    bool roulette)
+{
+    bsdf_sample_t next;
+    vec2_t u = sampler_2d(sampler), choice = sampler_2d(sampler);
+    if (!bsdf_sample(bsdf, v_neg(ray->direction), u, choice.x, TRANSPORT_RADIANCE, &next)) return false;
+    ray->throughput = v_mul(ray->throughput, next.weight);
+    if (roulette) {
+        float survive = float_min(0.95f, v_max(ray->throughput));
+        if (!(choice.y < survive)) return false;
+        ray->throughput = v_scale(ray->throughput, 1 / survive);
+    }
+    ray->pdf = next.pdf;
+    ray->specular = next.specular;
+    ray->scattered = ray->scattered || !next.specular;
+    ray->direction = next.wi;
+    ray->before = surface->p;
+    ray->origin = scene_offset(surface, next.wi);
+    ray->attenuation = bsdf_attenuation(bsdf, next.wi);
+    return true;
 }
 
 static rgb_t path_sample(sample_t *sample)
 {
     const stage_t *stage = sample->stage;
-    sampler_t sampler = sample_stream(sample, DIMENSION_EYE);
-    rgb_t radiance = vec3(0, 0, 0), throughput = vec3(1, 1, 1);
-    float pdf;
-    vec3_t origin = stage->camera.position, direction = sample_eye_ray(sample, sampler_2d(&sampler), &pdf);
-    vec3_t before = origin;
-    bool specular = true; /* no next-event estimation could have found what the ray meets */
+    camera_ray_t eye;
+    sample_eye_ray(sample, &eye);
+    rgb_t radiance = vec3(0, 0, 0);
+    ray_t ray = {.origin = eye.origin,
+                 .direction = eye.direction,
+                 .before = eye.origin,
+                 .specular = true,
+                 .throughput = vec3(1, 1, 1)};
     int segments = stage_max_segments(stage);
     for (int segment = 1;; segment++) {
         surface_t surface;
-        sampler.dimension = DIMENSION_EYE + (uint32_t)segment * DIMENSION_STRIDE;
-        sample->result->counts.rays++;
-        if (!scene_intersect(stage->scene, origin, direction, &surface)) break;
-        vec3_t wo = v_neg(direction);
-        if (surface.light != BLOB_NONE) {
-            float distance2 = v_length2(v_sub(surface.p, before));
-            rgb_t emitted = emitted_light(stage, &surface, wo, distance2, pdf, specular);
-            radiance = v_add(radiance, v_mul(throughput, emitted));
-        }
-        if (segment >= segments) break;
         bsdf_t bsdf;
-        bsdf_init(&bsdf, &surface);
-        if (!bsdf.specular && !lights_empty(stage->lights))
-            radiance =
-                v_add(radiance, v_mul(throughput, direct_light(sample, &surface, &bsdf, wo, &sampler)));
-        sampler.dimension = DIMENSION_EYE + (uint32_t)segment * DIMENSION_STRIDE + 2;
-        bsdf_sample_t next;
-        vec2_t u = sampler_2d(&sampler), choice = sampler_2d(&sampler);
-        if (!bsdf_sample(&bsdf, wo, u, choice.x, TRANSPORT_RADIANCE, &next)) break;
-        throughput = v_mul(throughput, next.weight);
-        if (segment > 2) {
-            float survive = float_min(0.95f, v_max(throughput));
-            if (!(choice.y < survive)) break;
-            throughput = v_scale(throughput, 1 / survive);
+        uint32_t dimension = DIMENSION_EYE + (uint32_t)segment * DIMENSION_STRIDE;
+        sample->result->counts.rays++;
+        if (!scene_intersect(stage->scene, ray.origin, ray.direction, sample->time, &surface))
+            return v_add(radiance, sky_light(stage, &ray));
+        if (!v_is_zero(ray.attenuation))
+            ray.throughput =
+                v_mul(ray.throughput, rgb_fade(ray.attenuation, v_length(v_sub(surface.p, ray.before))));
+        radiance = v_add(radiance, surface_light(stage, &ray, &surface));
+        if (segment >= segments && segment > 1) return radiance;
+        bsdf_init(&bsdf, stage->scene, &surface);
+        if (stage->regularizes && ray.scattered) bsdf_regularize(&bsdf);
+        if (segment == 1) sample_first_hit(sample, &surface, &bsdf, eye.origin);
+        if (segment >= segments) return radiance;
+        if (!bsdf.specular && !lights_empty(stage->lights)) {
+            sampler_t sampler = sample_stream(sample, dimension + DIMENSION_ILLUMINATE);
+            rgb_t direct = direct_light(sample, &surface, &bsdf, v_neg(ray.direction), &sampler);
+            radiance = v_add(radiance, v_mul(ray.throughput, direct));
         }
-        pdf = next.pdf;
-        specular = next.specular;
-        direction = next.wi;
-        before = surface.p;
-        origin = scene_offset(&surface, direction);
+        sampler_t sampler = sample_stream(sample, dimension + DIMENSION_SCATTER);
+        if (!scatter(&ray, &surface, &bsdf, &sampler, segment > 2)) return radiance;
     }
-    return radiance;
 }
 
 const integrator_ops_t integrator_path = {.sample = path_sample, .traces_light = false};

@@ -11,6 +11,7 @@ struct renderer {
     stage_t stage;
     scene_t *scene;
     lights_t *lights;
+    camera_t *camera;
     const integrator_ops_t *integrator;
 };
 
@@ -37,13 +38,17 @@ result_t renderer_new(const scene_blob_t *blob, const job_settings_t *settings, 
         free(renderer);
         return made;
     }
-    renderer->lights = lights_new(blob);
+    renderer->lights = lights_new(renderer->scene);
+    renderer->camera = camera_new(blob->scene, settings->width, settings->height);
     renderer->integrator = integrators[settings->integrator];
     stage_t *stage = &renderer->stage;
     stage->scene = renderer->scene;
     stage->lights = renderer->lights;
     stage->settings = *settings;
-    camera_init(&stage->camera, blob->scene, settings->width, settings->height);
+    stage->camera = renderer->camera;
+    stage->moves = scene_moves(renderer->scene) || camera_moves(renderer->camera);
+    stage->regularizes = blob->scene->regularize != 0;
+    stage->max_luminance = blob->scene->max_luminance;
     filter_init(&stage->filter, &blob->scene->filter);
     *result = renderer;
     return result_ok();
@@ -54,6 +59,7 @@ void renderer_destroy(renderer_t **renderer)
     renderer_t *self = *renderer;
     if (self == NULL) return;
     lights_destroy(&self->lights);
+    free(self->camera);
     scene_destroy(&self->scene);
     free(self);
     *renderer = NULL;
@@ -67,15 +73,19 @@ static uint64_t thread_cpu_us(void)
     return (uint64_t)now.tv_sec * 1000000 + (uint64_t)now.tv_nsec / 1000;
 }
 
-/* Adds one sample to its pixel of the unit's tile. */
-static void add_eye_sample(unit_result_t *result, size_t pixel, rgb_t value, int scale)
+/* Adds what the eye subpath of a sample brought to its pixel of the unit's tile. */
+static void add_eye_sample(const stage_t *stage, const sample_t *sample, size_t pixel, rgb_t value)
 {
+    unit_result_t *result = sample->result;
+    float luminance = rgb_luminance(value);
+    if (luminance > stage->max_luminance) value = v_scale(value, stage->max_luminance / luminance);
+    value = v_scale(value, sample->eye_weight);
     if (!v_is_finite(value)) {
         result->counts.dropped++;
         return;
     }
     result->counts.overflows +=
-        film_add(result->eye + 3 * pixel, (float[3]){value.x, value.y, value.z}, scale);
+        film_add(result->eye + 3 * pixel, (float[3]){value.x, value.y, value.z}, stage->settings.film_scale);
 }
 
 bool renderer_unit(const renderer_t *renderer, const unit_t *unit, unit_result_t *result,
@@ -97,8 +107,10 @@ bool renderer_unit(const renderer_t *renderer, const unit_t *unit, unit_result_t
                                    .pixel_y = (uint32_t)y,
                                    .sample = i,
                                    .result = result};
+                sample.time = sample_time(&sample);
                 rgb_t value = renderer->integrator->sample(&sample);
-                add_eye_sample(result, pixel + (i & 1) * half_pixels, value, settings->film_scale);
+                add_eye_sample(&renderer->stage, &sample, pixel + (i & 1) * half_pixels, value);
+                unit_result_feature(result, pixel, i, &sample.first_hit);
             }
         }
     if (renderer->integrator->traces_light)

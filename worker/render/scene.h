@@ -3,6 +3,7 @@
 #define LIGHTMILL_RENDER_SCENE_H
 
 #include "common/scene_blob.h"
+#include "worker/render/quadric.h"
 #include "worker/render/texture.h"
 
 #include <embree3/rtcore.h>
@@ -40,6 +41,10 @@ result_t scene_new(const scene_blob_t *blob, scene_t **scene);
 void scene_destroy(scene_t **scene);
 const scene_blob_t *scene_blob(const scene_t *scene);
 const textures_t *scene_textures(const scene_t *scene);
+/* True when the material looks at scene_details: textures, bumps, anisotropy. */
+bool scene_material_varies(const scene_t *scene, const blob_material_t *material);
+/* The quadric that a shape of that kind is, ready to use. */
+const quadric_t *scene_quadric(const scene_t *scene, const blob_shape_t *shape);
 /* A sphere about everything; radius 0 for an empty scene. */
 void scene_bounds(const scene_t *scene, vec3_t *centre, float *radius);
 /* True when something moves, so that a path's time matters. */
@@ -49,6 +54,10 @@ bool scene_moves(const scene_t *scene);
  * there is none. */
 bool scene_intersect(const scene_t *scene, vec3_t origin, vec3_t direction, float time, surface_t *surface);
 void scene_details(const scene_t *scene, const surface_t *surface, surface_details_t *details);
+/* True when a BSDF of this material (of the scene's blob) needs the details of its surface: a value of it, or
+ * of the parts of a mix, has a texture, it has a normal or bump map, its roughness differs between u and v,
+ * or it is Disney's. Decided once, when the scene is built. */
+bool scene_material_varies(const scene_t *scene, const blob_material_t *material);
 
 /* True when the ray hits anything; finds the nearest hit and forgets it: for measuring Embree alone. */
 bool scene_probe(const scene_t *scene, vec3_t origin, vec3_t direction);
