@@ -87,8 +87,9 @@ typedef struct {
     uint32_t spp;
 } case_t;
 
-/* Sample counts at which the standard error of the image mean is below 0.3 %, the reference's included. A path
- * tracer meets the caustic too rarely for a test of seconds, and sees no light through glass but by luck. */
+/* Sample counts at which the standard error of the image mean is below 0.3 %, the reference's included. A
+ * path tracer meets the caustic too rarely for a test of seconds, and sees no light through glass but by
+ * luck. */
 static const case_t cases[] = {
     {"seed-diffuse", "scene.pbrt", INTEGRATOR_BDPT, 128},
     {"seed-diffuse", "scene.pbrt", INTEGRATOR_PATH, 256},
