@@ -16,7 +16,8 @@ static const char help[] =
     "\n"
     "Describes FILE, which may be\n"
     "  an OpenEXR image: size, channels with their range, attributes\n"
-    "  a scene (.pbrt, or a folder with a scene.pbrt) or a scene blob: counts, camera, materials, lights\n"
+    "  a scene (.pbrt, or a folder with a scene.pbrt) or a scene blob: counts, camera, materials, textures,\n"
+    "  images, lights\n"
     "\n"
     "Options:\n"
     "  --hash  print only a hash: of an image's pixels alone, whatever its attributes and compression; of a\n"
@@ -189,22 +190,110 @@ static const struct {
 } counted[] = {{BLOB_SECTION_OBJECTS, "objects"},     {BLOB_SECTION_INSTANCES, "instances"},
                {BLOB_SECTION_SHAPES, "shapes"},       {BLOB_SECTION_MESHES, "meshes"},
                {BLOB_SECTION_TRIANGLES, "triangles"}, {BLOB_SECTION_POSITIONS, "vertices"},
-               {BLOB_SECTION_SPHERES, "spheres"},     {BLOB_SECTION_MATERIALS, "materials"},
-               {BLOB_SECTION_LIGHTS, "lights"}};
+               {BLOB_SECTION_QUADRICS, "quadrics"},   {BLOB_SECTION_CURVES, "curves"},
+               {BLOB_SECTION_MATERIALS, "materials"}, {BLOB_SECTION_TEXTURES, "textures"},
+               {BLOB_SECTION_IMAGES, "images"},       {BLOB_SECTION_LIGHTS, "lights"}};
 
-static const char *material_kind_name(uint32_t kind)
+/* The name of an enumerator, from a table that is indexed by it. */
+static const char *name_in(const char *const *names, size_t count, uint32_t kind)
 {
-    static const char *const names[] = {[MATERIAL_DIFFUSE] = "diffuse",
-                                        [MATERIAL_MIRROR] = "mirror",
-                                        [MATERIAL_DIELECTRIC] = "dielectric",
-                                        [MATERIAL_CONDUCTOR] = "conductor"};
-    return kind < ARRAY_LENGTH(names) && names[kind] != NULL ? names[kind] : "unknown";
+    return kind < count && names[kind] != NULL ? names[kind] : "unknown";
 }
 
-static const char *filter_name(uint32_t kind)
-{
-    return kind == FILTER_BOX ? "box" : kind == FILTER_TRIANGLE ? "triangle" : "gaussian";
-}
+#define NAME_IN(names, kind) name_in(names, ARRAY_LENGTH(names), kind)
+
+static const char *const material_kinds[] = {[MATERIAL_DIFFUSE] = "diffuse",
+                                             [MATERIAL_MIRROR] = "mirror",
+                                             [MATERIAL_DIELECTRIC] = "dielectric",
+                                             [MATERIAL_CONDUCTOR] = "conductor",
+                                             [MATERIAL_PLASTIC] = "plastic",
+                                             [MATERIAL_UBER] = "uber",
+                                             [MATERIAL_SUBSTRATE] = "substrate",
+                                             [MATERIAL_TRANSLUCENT] = "translucent",
+                                             [MATERIAL_MIX] = "mix",
+                                             [MATERIAL_DISNEY] = "disney",
+                                             [MATERIAL_COATED_DIFFUSE] = "coated diffuse",
+                                             [MATERIAL_COATED_CONDUCTOR] = "coated conductor",
+                                             [MATERIAL_DIFFUSE_TRANSMISSION] = "diffuse transmission",
+                                             [MATERIAL_GLTF] = "gltf"};
+
+static const char *const texture_kinds[] = {[TEXTURE_IMAGE] = "image",
+                                            [TEXTURE_SCALE] = "scale",
+                                            [TEXTURE_MIX] = "mix",
+                                            [TEXTURE_DIRECTION_MIX] = "direction mix",
+                                            [TEXTURE_BILERP] = "bilerp",
+                                            [TEXTURE_UV] = "uv",
+                                            [TEXTURE_CHECKERBOARD] = "checkerboard",
+                                            [TEXTURE_DOTS] = "dots",
+                                            [TEXTURE_FBM] = "fbm",
+                                            [TEXTURE_WRINKLED] = "wrinkled",
+                                            [TEXTURE_WINDY] = "windy",
+                                            [TEXTURE_MARBLE] = "marble",
+                                            [TEXTURE_CHANNEL] = "channel",
+                                            [TEXTURE_THRESHOLD] = "threshold",
+                                            [TEXTURE_COLOUR] = "mesh colour"};
+
+static const char *const mappings[] = {"",           "uv",           "second uv", "planar",
+                                       "spherical", "cylindrical", "point"};
+
+static const char *const light_kinds[] = {
+    [LIGHT_AREA] = "area",           [LIGHT_POINT] = "point",     [LIGHT_SPOT] = "spot",
+    [LIGHT_GONIOMETRIC] = "goniometric", [LIGHT_PROJECTION] = "projection",
+    [LIGHT_DISTANT] = "distant",     [LIGHT_INFINITE] = "infinite"};
+
+static const char *const texel_formats[] = {
+    [TEXELS_R8] = "grey, 8 bits", [TEXELS_RGBA8] = "RGBA, 8 bits", [TEXELS_R32F] = "grey, float",
+    [TEXELS_RGB32F] = "RGB, float"};
+
+static const char *const filters[] = {[FILTER_BOX] = "box",
+                                      [FILTER_TRIANGLE] = "triangle",
+                                      [FILTER_GAUSSIAN] = "gaussian",
+                                      [FILTER_MITCHELL] = "mitchell",
+                                      [FILTER_SINC] = "sinc"};
+
+static const char *const cameras[] = {[CAMERA_PERSPECTIVE] = "perspective",
+                                      [CAMERA_ORTHOGRAPHIC] = "orthographic",
+                                      [CAMERA_SPHERICAL] = "spherical",
+                                      [CAMERA_EQUAL_AREA] = "equal-area sphere"};
+
+/* A material's values in the order of their slots; those with one number are not colours. */
+static const struct {
+    const char *name;
+    bool number;
+} material_values[MATERIAL_VALUES] = {
+    [VALUE_REFLECTANCE] = {"reflectance", false},
+    [VALUE_TRANSMITTANCE] = {"transmittance", false},
+    [VALUE_SPECULAR] = {"specular", false},
+    [VALUE_MIRROR] = {"mirror", false},
+    [VALUE_REFLECT] = {"reflect", false},
+    [VALUE_TRANSMIT] = {"transmit", false},
+    [VALUE_OPACITY] = {"opacity", false},
+    [VALUE_AMOUNT] = {"amount", false},
+    [VALUE_SIGMA] = {"sigma", true},
+    [VALUE_ROUGHNESS_U] = {"roughness u", true},
+    [VALUE_ROUGHNESS_V] = {"v", true},
+    [VALUE_ETA] = {"eta", false},
+    [VALUE_K] = {"k", false},
+    [VALUE_BASE_ROUGHNESS_U] = {"base roughness u", true},
+    [VALUE_BASE_ROUGHNESS_V] = {"v", true},
+    [VALUE_BASE_ETA] = {"base eta", false},
+    [VALUE_THICKNESS] = {"thickness", true},
+    [VALUE_ALBEDO] = {"albedo", false},
+    [VALUE_G] = {"g", true},
+    [VALUE_METALLIC] = {"metallic", true},
+    [VALUE_SPECULAR_TINT] = {"specular tint", true},
+    [VALUE_ANISOTROPIC] = {"anisotropic", true},
+    [VALUE_SHEEN] = {"sheen", true},
+    [VALUE_SHEEN_TINT] = {"sheen tint", true},
+    [VALUE_CLEARCOAT] = {"clearcoat", true},
+    [VALUE_CLEARCOAT_GLOSS] = {"clearcoat gloss", true},
+    [VALUE_CLEARCOAT_ROUGHNESS] = {"clearcoat roughness", true},
+    [VALUE_SPECULAR_COLOUR] = {"specular colour", false},
+    [VALUE_TRANSMISSION] = {"transmission", true},
+    [VALUE_FLATNESS] = {"flatness", true},
+    [VALUE_DIFFUSE_TRANSMISSION] = {"diffuse transmission", true},
+    [VALUE_ATTENUATION] = {"attenuation", false},
+};
 
 static void print_rgb(const char *name, rgb_t value)
 {
@@ -212,47 +301,105 @@ static void print_rgb(const char *name, rgb_t value)
     printf("  %s %g %g %g", name, (double)value.x + 0.0, (double)value.y + 0.0, (double)value.z + 0.0);
 }
 
-static void print_material(const scene_blob_t *blob, size_t index)
+static void print_value(const char *name, const blob_value_t *value, bool number)
 {
-    const blob_material_t *m = &blob->materials[index];
-    printf("material %zu: %-10s", index, material_kind_name(m->kind));
-    if (m->kind != MATERIAL_CONDUCTOR) print_rgb("reflectance", m->reflectance);
-    if (m->kind == MATERIAL_DIELECTRIC) print_rgb("transmittance", m->transmittance);
-    if (m->kind == MATERIAL_DIELECTRIC) printf("  eta %g", (double)m->eta.x);
-    if (m->kind == MATERIAL_CONDUCTOR) {
-        print_rgb("eta", m->eta);
-        print_rgb("k", m->k);
-        printf("  alpha %g %g", (double)m->alpha_u, (double)m->alpha_v);
-    }
-    if (m->name != 0) {
+    if (number)
+        printf("  %s %g", name, (double)value->factor.x + 0.0);
+    else
+        print_rgb(name, value->factor);
+    if (value->texture != 0) printf(" x texture %u", value->texture - 1);
+}
+
+static void print_name(const scene_blob_t *blob, uint32_t name)
+{
+    if (name != 0) {
         fputs("  ", stdout);
-        text_print(blob->strings + m->name);
+        text_print(blob->strings + name);
     }
     putchar('\n');
 }
 
+/* The values that are not 0, since a kind reads few of them; a dielectric's eta is one number. */
+static void print_material(const scene_blob_t *blob, size_t index)
+{
+    const blob_material_t *m = &blob->materials[index];
+    printf("material %zu: %-10s", index, NAME_IN(material_kinds, m->kind));
+    if (m->kind == MATERIAL_MIX) printf("  of %u and %u", m->parts[0], m->parts[1]);
+    if ((m->flags & MATERIAL_THIN) != 0) fputs("  thin", stdout);
+    for (int i = 0; i < MATERIAL_VALUES; i++) {
+        const blob_value_t *value = &m->values[i];
+        bool number = material_values[i].number || (i == VALUE_ETA && m->kind != MATERIAL_CONDUCTOR);
+        if (value->texture != 0 || !v_is_zero(value->factor))
+            print_value(material_values[i].name, value, number);
+    }
+    if (m->bump != 0) printf("  bumps of texture %u", m->bump - 1);
+    if (m->normal_map != 0) printf("  normals of texture %u", m->normal_map - 1);
+    print_name(blob, m->name);
+}
+
+static void print_texture(const scene_blob_t *blob, size_t index)
+{
+    const blob_texture_t *t = &blob->textures[index];
+    printf("texture %zu: %s", index, NAME_IN(texture_kinds, t->kind));
+    if (t->mapping != 0) printf("  over %s", NAME_IN(mappings, t->mapping));
+    if (t->image != 0) printf("  image %u", t->image - 1);
+    int last = TEXTURE_INPUTS;
+    while (last > 0 && t->inputs[last - 1].texture == 0 && v_is_zero(t->inputs[last - 1].factor)) last--;
+    for (int i = 0; i < last; i++) print_value("input", &t->inputs[i], false);
+    putchar('\n');
+}
+
+static void print_image_record(const scene_blob_t *blob, size_t index)
+{
+    const blob_image_t *image = &blob->images[index];
+    printf("image %zu: %u x %u pixels, %s", index, image->width, image->height,
+           NAME_IN(texel_formats, image->format));
+    if (image->gamma == 0)
+        printf(", sRGB\n");
+    else if (image->gamma == 1)
+        printf(", linear\n");
+    else
+        printf(", gamma %g\n", (double)image->gamma);
+}
+
 static void print_light(const scene_blob_t *blob, size_t index)
 {
+    static const char *const units[] = {
+        [LIGHT_AREA] = "radiance",        [LIGHT_POINT] = "intensity",      [LIGHT_SPOT] = "intensity",
+        [LIGHT_GONIOMETRIC] = "intensity", [LIGHT_PROJECTION] = "intensity", [LIGHT_DISTANT] = "irradiance",
+        [LIGHT_INFINITE] = "radiance"};
     const blob_light_t *light = &blob->lights[index];
-    printf("light %zu: diffuse area", index);
-    print_rgb("radiance", light->radiance);
-    printf("%s  ", (light->flags & LIGHT_TWO_SIDED) != 0 ? "  two-sided" : "");
-    text_print(blob->strings + blob->shapes[light->shape].name);
-    putchar('\n');
+    printf("light %zu: %s", index, NAME_IN(light_kinds, light->kind));
+    print_value(NAME_IN(units, light->kind), &light->radiance, false);
+    if (light->image != 0) printf("  image %u", light->image - 1);
+    if ((light->flags & LIGHT_TWO_SIDED) != 0) fputs("  two-sided", stdout);
+    print_name(blob, light->kind == LIGHT_AREA ? blob->shapes[light->shape].name : 0);
 }
 
 static void print_camera(const blob_scene_t *scene)
 {
     const float(*m)[4] = scene->world_from_camera.m;
-    printf("camera: perspective, fov %g degrees", (double)scene->fov);
+    printf("camera: %s", NAME_IN(cameras, scene->camera));
+    if (scene->camera == CAMERA_PERSPECTIVE) printf(", fov %g degrees", (double)scene->fov);
+    if (scene->lens_radius > 0)
+        printf(", lens of radius %g in focus at %g", (double)scene->lens_radius,
+               (double)scene->focal_distance);
     print_rgb("at", vec3(m[0][3], m[1][3], m[2][3]));
     print_rgb("looks along", v_normalize(vec3(m[0][2], m[1][2], m[2][2])));
-    printf("\nfilter: %s, radius %g x %g pixels\n", filter_name(scene->filter.kind),
+    printf("\nfilter: %s, radius %g x %g pixels\n", NAME_IN(filters, scene->filter.kind),
            (double)scene->filter.radius_x, (double)scene->filter.radius_y);
 }
 
 /* Names over this many of a kind are left out of the text. */
 enum { LISTED = 50 };
+
+static const struct {
+    blob_section_t section;
+    void (*print)(const scene_blob_t *blob, size_t index);
+} listed[] = {{BLOB_SECTION_MATERIALS, print_material},
+              {BLOB_SECTION_TEXTURES, print_texture},
+              {BLOB_SECTION_IMAGES, print_image_record},
+              {BLOB_SECTION_LIGHTS, print_light}};
 
 static void print_scene(const char *path, const scene_blob_t *blob)
 {
@@ -266,8 +413,8 @@ static void print_scene(const char *path, const scene_blob_t *blob)
            settings.height, settings.spp, integrator_name(settings.integrator),
            sampler_name(settings.sampler), settings.max_depth);
     print_camera(blob->scene);
-    for (size_t i = 0; i < blob->counts[BLOB_SECTION_MATERIALS] && i < LISTED; i++) print_material(blob, i);
-    for (size_t i = 0; i < blob->counts[BLOB_SECTION_LIGHTS] && i < LISTED; i++) print_light(blob, i);
+    for (size_t i = 0; i < ARRAY_LENGTH(listed); i++)
+        for (size_t k = 0; k < blob->counts[listed[i].section] && k < LISTED; k++) listed[i].print(blob, k);
 }
 
 static void print_scene_json(const scene_blob_t *blob)
@@ -282,14 +429,14 @@ static void print_scene_json(const scene_blob_t *blob)
     printf(", \"integrator\": \"%s\", \"sampler\": \"%s\", \"fov\": %.9g, \"material_kinds\": [",
            integrator_name(settings.integrator), sampler_name(settings.sampler), (double)blob->scene->fov);
     for (size_t i = 0; i < blob->counts[BLOB_SECTION_MATERIALS]; i++)
-        printf("%s\"%s\"", i > 0 ? ", " : "", material_kind_name(blob->materials[i].kind));
+        printf("%s\"%s\"", i > 0 ? ", " : "", NAME_IN(material_kinds, blob->materials[i].kind));
     puts("]}");
 }
 
 static result_t info_scene(const options_t *options)
 {
     scene_t scene;
-    TRY(scene_load(options->path, &scene));
+    TRY(scene_load(options->path, false, &scene));
     if (options->hash)
         print_hash("", &scene.blob.hash, "\n");
     else if (options->json)

@@ -16,7 +16,8 @@ const char settings_usage[] =
     "  --resolution WxH   pixels\n"
     "  --sampler NAME     sobol or independent\n"
     "  --tile-size N      pixels a side of the pieces that the image is cut into\n"
-    "  --no-layers        without the layers of what is seen: albedo, normal, position, depth, ...\n";
+    "  --no-layers        without the layers of what is seen: albedo, normal, position, depth, ...\n"
+    "  --lenient          take the nearest substitute for what a scene has and Lightmill has not, and warn\n";
 
 result_t option_integer(const char *option, const char *text, long long least, long long most,
                         long long *value)
@@ -116,6 +117,8 @@ result_t overrides_option(overrides_t *overrides, const char *option, const char
         return parse_seed(overrides, value);
     } else if (strcmp(option, "resolution") == 0) {
         return parse_resolution(overrides, value);
+    } else if (strcmp(option, "lenient") == 0) {
+        overrides->lenient = true;
     } else {
         *taken = false;
     }

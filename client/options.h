@@ -26,6 +26,7 @@ typedef struct {
     double time_limit;
     int32_t tile_size;
     bool no_layers;
+    bool lenient; /* for scene_load */
 } overrides_t;
 
 /* Entries for a getopt_long table; values are told apart by name, so all have flag NULL and val 0. */
@@ -33,7 +34,8 @@ typedef struct {
     {"spp", required_argument, NULL, 0}, {"time", required_argument, NULL, 0},                               \
         {"integrator", required_argument, NULL, 0}, {"max-depth", required_argument, NULL, 0},               \
         {"seed", required_argument, NULL, 0}, {"resolution", required_argument, NULL, 0},                    \
-        {"sampler", required_argument, NULL, 0}, {"no-layers", no_argument, NULL, 0},                        \
+        {"sampler", required_argument, NULL, 0}, {"lenient", no_argument, NULL, 0},                          \
+        {"no-layers", no_argument, NULL, 0},                                                                 \
     {                                                                                                        \
         "tile-size", required_argument, NULL, 0                                                              \
     }

@@ -170,7 +170,7 @@ result_t cmd_render(int argc, char **argv)
     }
     log_init("lightmill", command.verbose ? LOG_DEBUG : command.quiet ? LOG_ERROR : LOG_WARNING);
     scene_t scene;
-    TRY(scene_load(command.scene_path, &scene));
+    TRY(scene_load(command.scene_path, command.overrides.lenient, &scene));
     char *path = mem_printf("%s.exr", scene.name);
     if (command.output.path == NULL) command.output.path = path;
     result_t result = output_check(&command.output);

@@ -43,7 +43,7 @@ static bool is_blob_file(const char *path)
     return size > 0 && blob_recognise(head, (uint64_t)size);
 }
 
-result_t scene_load(const char *path, scene_t *scene)
+result_t scene_load(const char *path, bool lenient, scene_t *scene)
 {
     *scene = (scene_t){0};
     if (access(path, R_OK) != 0)
@@ -53,7 +53,8 @@ result_t scene_load(const char *path, scene_t *scene)
         result = blob_open_file(path, &scene->blob);
     } else {
         uint64_t size;
-        result = import_scene_blob(path, NULL, &scene->bytes, &size);
+        import_report_t report = {.lenient = lenient};
+        result = import_scene_blob(path, &report, &scene->bytes, &size);
         if (result.code == RESULT_OK) result = blob_open(scene->bytes, size, &scene->blob);
     }
     if (result.code == RESULT_OK)

@@ -11,8 +11,8 @@ typedef struct {
 } scene_t;
 
 /* Loads a scene file (.pbrt), a directory that holds a scene.pbrt, or a scene blob. Warnings go to the log.
- */
-result_t scene_load(const char *path, scene_t *scene);
+ * `lenient`: see import_report_t. */
+result_t scene_load(const char *path, bool lenient, scene_t *scene);
 /* Harmless on a zeroed scene. */
 void scene_free(scene_t *scene);
 

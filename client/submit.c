@@ -138,7 +138,7 @@ result_t cmd_submit(int argc, char **argv)
     }
     log_init("lightmill", command.quiet ? LOG_ERROR : LOG_WARNING);
     scene_t scene;
-    TRY(scene_load(command.scene_path, &scene));
+    TRY(scene_load(command.scene_path, command.overrides.lenient, &scene));
     char *path = mem_printf("%s.exr", scene.name);
     if (command.output.path == NULL) command.output.path = path;
     remote_t *remote = NULL;

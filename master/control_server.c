@@ -161,7 +161,7 @@ static void on_heartbeat(control_server_t *server, const wire_message_t *message
 static void on_goodbye(control_server_t *server, const wire_message_t *message)
 {
     const Lm__Goodbye *goodbye = message->envelope->goodbye;
-    farm_goodbye(server->options.farm, goodbye->worker, goodbye->reason);
+    farm_goodbye(server->options.farm, clock_now(), goodbye->worker, goodbye->job, goodbye->reason);
     done(server, message);
 }
 

@@ -18,7 +18,8 @@
 enum {
     FARM_MAX_JOBS = 1000,    /* known at a time; the oldest finished ones are forgotten */
     FARM_MAX_WORKERS = 4096, /* connected, and as many again that were lost and may still send a batch */
-    FARM_MAX_NAME = 200
+    FARM_MAX_NAME = 200,
+    FARM_MAX_DECLINES = 3 /* of a job that no worker has rendered any of */
 };
 
 typedef struct farm farm_t;
@@ -51,8 +52,10 @@ result_t farm_hello(farm_t *farm, double now, const identity_t *identity, const 
 /* False when the worker is not known (any more). */
 bool farm_heartbeat(farm_t *farm, double now, const identity_t *identity, uint64_t worker, uint64_t job,
                     uint32_t units_held);
-/* The worker leaves: its units go back. */
-void farm_goodbye(farm_t *farm, uint64_t worker, const char *reason);
+/* The worker leaves: its units go back. `job` is one that it cannot render, for the reason it gives, or 0. A
+ * job that nobody has delivered anything of fails when it was declined FARM_MAX_DECLINES times and nobody is
+ * at it. */
+void farm_goodbye(farm_t *farm, double now, uint64_t worker, uint64_t job, const char *reason);
 /* Work for a worker; the caller gives room for WIRE_MAX_UNITS units. */
 typedef struct {
     uint64_t job; /* 0: there is none */

@@ -41,6 +41,7 @@ struct job {
     uint64_t *seen; /* workers that contributed */
     size_t seen_count;
     uint64_t bytes, batches, batches_refused, units_reissued;
+    uint32_t declines;   /* workers that said they cannot render it */
     double rate_time[2]; /* two earlier points of the progress, for the speed */
     uint64_t rate_samples[2];
     char message[500];

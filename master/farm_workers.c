@@ -109,13 +109,30 @@ bool farm_heartbeat(farm_t *farm, double now, const identity_t *identity, uint64
     return worker != NULL;
 }
 
-void farm_goodbye(farm_t *farm, uint64_t id, const char *reason)
+/* A worker cannot render a job. Another may, but if nobody ever could, the fault is the job's. */
+static void decline(farm_t *farm, double now, job_t *job, const char *worker, const char *reason)
+{
+    job->declines++;
+    if (job->state != JOB_RUNNING || job->batches > 0 || job->declines < FARM_MAX_DECLINES) return;
+    if (schedule_holders(job->schedule) > 0) return;
+    snprintf(job->message, sizeof job->message, "no worker can render it; %.100s says: %.350s", worker,
+             reason);
+    log_error("job %llu failed: %s", (unsigned long long)job->id, job->message);
+    farm_job_close(farm, now, job, JOB_FAILED);
+}
+
+void farm_goodbye(farm_t *farm, double now, uint64_t id, uint64_t job_id, const char *reason)
 {
     farm_lock(farm);
     worker_t *worker = farm_find_worker(farm, id);
-    char why[FARM_MAX_NAME];
-    snprintf(why, sizeof why, "leaves%s%s", reason[0] != '\0' ? ": " : "", reason);
-    if (worker != NULL && worker->connected) farm_worker_disconnect(farm, worker->last_seen, worker, why);
+    if (worker != NULL && worker->connected) {
+        char why[FARM_MAX_NAME];
+        snprintf(why, sizeof why, "leaves%s%s", reason[0] != '\0' ? ": " : "", reason);
+        job_t *job = farm_find_job(farm, job_id);
+        bool held = job != NULL && job->schedule != NULL && schedule_held(job->schedule, id) > 0;
+        farm_worker_disconnect(farm, now, worker, why);
+        if (held) decline(farm, now, job, worker->name, reason);
+    }
     farm_unlock(farm);
 }
 

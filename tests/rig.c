@@ -248,7 +248,7 @@ pid_t rig_start_worker(rig_t *rig)
 job_settings_t rig_settings(void)
 {
     scene_t scene;
-    must(scene_load(SCENE, &scene));
+    must(scene_load(SCENE, false, &scene));
     job_settings_t settings = blob_default_settings(&scene.blob);
     settings.width = settings.height = 64;
     settings.spp = 384;
@@ -262,7 +262,7 @@ uint64_t rig_submit(rig_t *rig, const job_settings_t *settings)
 {
     scene_t scene;
     uint64_t job;
-    must(scene_load(SCENE, &scene));
+    must(scene_load(SCENE, false, &scene));
     must(remote_put_blob(rig->remote, &scene.blob, NULL, NULL));
     must(remote_submit(rig->remote, "test", settings, &scene.blob.hash, &job));
     scene_free(&scene);

@@ -221,11 +221,12 @@ static void request_work(control_t *control, const workshop_state_t *state)
     control->next_request = clock_now() + REQUEST_TIMEOUT;
 }
 
-static void send_goodbye(control_t *control, const char *reason)
+static void send_goodbye(control_t *control, uint64_t declined, const char *reason)
 {
     Lm__Goodbye goodbye = LM__GOODBYE__INIT;
     goodbye.worker = control->worker;
     goodbye.reason = (char *)reason;
+    goodbye.job = declined;
     Lm__Envelope envelope = LM__ENVELOPE__INIT;
     envelope.body_case = LM__ENVELOPE__BODY_GOODBYE;
     envelope.goodbye = &goodbye;
@@ -234,7 +235,7 @@ static void send_goodbye(control_t *control, const char *reason)
 
 /* This machine cannot render the job: another may, so the units go back and the worker stays away for a
  * while. */
-static void give_up_job(control_t *control, result_t why)
+static void give_up_job(control_t *control, uint64_t job, result_t why)
 {
     workshop_clear_failure(control->setup.shop);
     if (control->setup.options->local) {
@@ -242,7 +243,7 @@ static void give_up_job(control_t *control, result_t why)
         return;
     }
     log_warning("staying away for %.0f s, since the job cannot be rendered here: %s", REST, why.message);
-    send_goodbye(control, why.message);
+    send_goodbye(control, job, why.message);
     rest(control);
 }
 
@@ -271,7 +272,7 @@ static void on_assignment(control_t *control, const Lm__Assignment *message)
     assignment_t assignment;
     result_t result = read_assignment(message, &assignment);
     if (result.code != RESULT_OK) {
-        give_up_job(control, result);
+        give_up_job(control, message->job, result);
         return;
     }
     log_debug("assigned %zu units of job %llu", assignment.unit_count, (unsigned long long)assignment.job);
@@ -372,7 +373,7 @@ static void drive_up(control_t *control)
     }
     workshop_state_t state = workshop_state(control->setup.shop);
     if (state.failure.code != RESULT_OK) {
-        give_up_job(control, state.failure);
+        give_up_job(control, state.failed, state.failure);
         return;
     }
     if (now >= control->next_heartbeat) send_heartbeat(control, &state);
@@ -438,7 +439,7 @@ static void say_goodbye(control_t *control)
 {
     if (control->phase != PHASE_UP) return;
     control->farewell = false;
-    send_goodbye(control, "asked to leave");
+    send_goodbye(control, 0, "asked to leave");
     double deadline = clock_now() + FAREWELL_TIMEOUT;
     while (!control->farewell && clock_now() < deadline && control->phase == PHASE_UP) {
         wait_events(control);

@@ -64,6 +64,7 @@ struct workshop {
     bool flush;             /* but its open batch is still wanted */
     bool no_more, draining, hurry, quit;
     result_t failure;
+    uint64_t failed; /* job */
 
     slot_t slots[2];
     int open;       /* the slot being filled (under `fill`) */
@@ -389,6 +390,7 @@ workshop_state_t workshop_state(workshop_t *shop)
     state.samples_per_second = shop->measured ? shop->speed * shop->thread_count : 0;
     state.idle = held == 0 || (dropped && shop->rendering == 0 && !shop->under_way);
     state.failure = shop->failure;
+    state.failed = shop->failed;
     pthread_mutex_unlock(&shop->lock);
     return state;
 }
@@ -469,6 +471,7 @@ void workshop_refuse(workshop_t *shop, result_t why)
     pthread_mutex_lock(&shop->lock);
     end_job(shop, false);
     shop->failure = why;
+    shop->failed = shop->current.job;
     pthread_mutex_unlock(&shop->lock);
     wake(shop->control_wake);
 }

@@ -56,6 +56,7 @@ typedef struct {
     double samples_per_second;
     bool idle;        /* nothing is queued, rendering, open or under way */
     result_t failure; /* of the last load, until workshop_clear_failure */
+    uint64_t failed;  /* the job that it was of */
 } workshop_state_t;
 
 /* Starts `threads` render threads. `control_wake` and `bulk_wake` are eventfds, kept by the caller, that are

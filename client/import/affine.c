@@ -134,6 +134,115 @@ bool affine_invert(const affine_t *t, affine_t *inverse)
     return finite;
 }
 
+double affine_scale(const affine_t *t, bool *uniform)
+{
+    double scale = cbrt(fabs(affine_determinant(t))), square = scale * scale;
+    *uniform = true;
+    for (int i = 0; i < 3; ++i)
+        for (int j = 0; j < 3; ++j) {
+            double dot = t->m[0][i] * t->m[0][j] + t->m[1][i] * t->m[1][j] + t->m[2][i] * t->m[2][j];
+            if (!(fabs(dot - (i == j ? square : 0)) <= 1e-3 * square)) *uniform = false;
+        }
+    return scale;
+}
+
+/* A linear map as a rotation after a symmetric stretch; one that mirrors has a negative stretch. */
+typedef struct {
+    double quaternion[4]; /* x y z w */
+    double stretch[3][3];
+} polar_t;
+
+static void quaternion_of(const affine_t *r, double q[4])
+{
+    double trace = r->m[0][0] + r->m[1][1] + r->m[2][2];
+    if (trace > 0) {
+        double s = sqrt(trace + 1);
+        q[3] = s / 2;
+        for (int i = 0; i < 3; ++i)
+            q[i] = (r->m[(i + 2) % 3][(i + 1) % 3] - r->m[(i + 1) % 3][(i + 2) % 3]) / (2 * s);
+        return;
+    }
+    int i = r->m[1][1] > r->m[0][0] ? 1 : 0;
+    if (r->m[2][2] > r->m[i][i]) i = 2;
+    int j = (i + 1) % 3, k = (i + 2) % 3;
+    double s = sqrt(fmax(1 + r->m[i][i] - r->m[j][j] - r->m[k][k], 1e-30));
+    q[i] = s / 2;
+    q[j] = (r->m[j][i] + r->m[i][j]) / (2 * s);
+    q[k] = (r->m[k][i] + r->m[i][k]) / (2 * s);
+    q[3] = (r->m[k][j] - r->m[j][k]) / (2 * s);
+}
+
+static void rotation_of(const double q[4], affine_t *r)
+{
+    double x = q[0], y = q[1], z = q[2], w = q[3];
+    *r = (affine_t){{{1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y), 0},
+                     {2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x), 0},
+                     {2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y), 0}}};
+}
+
+/* Newton's iteration of r and its inverse transpose converges to the nearest orthogonal matrix. */
+static void decompose(const affine_t *t, polar_t *polar)
+{
+    affine_t r = *t, inverse;
+    for (int i = 0; i < 3; ++i) r.m[i][3] = 0;
+    double sign = affine_determinant(t) < 0 ? -1 : 1, change = 1;
+    for (int step = 0; step < 100 && change > 1e-14; ++step) {
+        if (!affine_invert(&r, &inverse)) break;
+        change = 0;
+        for (int i = 0; i < 3; ++i)
+            for (int j = 0; j < 3; ++j) {
+                double next = (r.m[i][j] + inverse.m[j][i]) / 2;
+                change = fmax(change, fabs(next - r.m[i][j]));
+                r.m[i][j] = next;
+            }
+    }
+    for (int i = 0; i < 3; ++i)
+        for (int j = 0; j < 3; ++j) r.m[i][j] *= sign;
+    for (int i = 0; i < 3; ++i)
+        for (int j = 0; j < 3; ++j)
+            polar->stretch[i][j] =
+                r.m[0][i] * t->m[0][j] + r.m[1][i] * t->m[1][j] + r.m[2][i] * t->m[2][j];
+    quaternion_of(&r, polar->quaternion);
+}
+
+/* Along the shorter arc. */
+static void slerp(const double a[4], const double b[4], double t, double out[4])
+{
+    double dot = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3], sign = dot < 0 ? -1 : 1;
+    double angle = acos(fmin(fabs(dot), 1)), from = 1 - t, to = t, length = 0;
+    if (angle > 1e-6) {
+        from = sin((1 - t) * angle) / sin(angle);
+        to = sin(t * angle) / sin(angle);
+    }
+    for (int i = 0; i < 4; ++i) {
+        out[i] = from * a[i] + sign * to * b[i];
+        length += out[i] * out[i];
+    }
+    for (int i = 0; i < 4; ++i) out[i] /= sqrt(length);
+}
+
+void affine_interpolate(const affine_t *a, const affine_t *b, double t, affine_t *out)
+{
+    if (t <= 0 || t >= 1) {
+        *out = t <= 0 ? *a : *b;
+        return;
+    }
+    polar_t from, to;
+    double q[4];
+    affine_t r, stretch;
+    decompose(a, &from);
+    decompose(b, &to);
+    slerp(from.quaternion, to.quaternion, t, q);
+    rotation_of(q, &r);
+    for (int i = 0; i < 3; ++i) {
+        for (int j = 0; j < 3; ++j)
+            stretch.m[i][j] = (1 - t) * from.stretch[i][j] + t * to.stretch[i][j];
+        stretch.m[i][3] = 0;
+    }
+    *out = affine_multiply(&r, &stretch);
+    for (int i = 0; i < 3; ++i) out->m[i][3] = (1 - t) * a->m[i][3] + t * b->m[i][3];
+}
+
 xform_t affine_to_xform(const affine_t *t)
 {
     xform_t x;

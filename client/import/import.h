@@ -13,6 +13,7 @@
 typedef struct {
     void (*warn)(void *context, const char *message);
     void *context;
+    bool lenient; /* what is not supported gets its nearest substitute and a warning instead of an error */
 } import_report_t;
 
 /* Reads the scene at `path` into an empty builder. A directory stands for the scene.pbrt in it. `report` may

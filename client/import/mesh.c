@@ -127,7 +127,9 @@ static uint32_t append(mesh_t *mesh, blob_builder_t *builder)
     blob_mesh_t record = {.vertex_count = vertices,
                           .triangle_count = triangles,
                           .first_normal = BLOB_NONE,
-                          .first_uv = BLOB_NONE};
+                          .first_uv = BLOB_NONE,
+                          .first_uv2 = BLOB_NONE,
+                          .first_colour = BLOB_NONE};
     record.first_position = hand_over(builder, BLOB_SECTION_POSITIONS, mesh->positions, vertices);
     if (mesh->normals)
         record.first_normal = hand_over(builder, BLOB_SECTION_NORMALS, mesh->normals, vertices);

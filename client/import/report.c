@@ -75,6 +75,18 @@ result_t error_at(position_t at, const char *format, ...)
     return result_fail(RESULT_INPUT, "%s", message);
 }
 
+result_t report_refuse(report_t *report, position_t at, const char *format, ...)
+{
+    char message[LONGEST_MESSAGE];
+    va_list arguments;
+    va_start(arguments, format);
+    format_message(message, at, format, arguments);
+    va_end(arguments);
+    if (!report->sink.lenient) return result_fail(RESULT_INPUT, "%s", message);
+    if (++report->warnings <= REPORT_MAX_WARNINGS) say(report, message);
+    return result_ok();
+}
+
 void *grow(void *array, size_t *capacity, size_t need, size_t size)
 {
     if (need <= *capacity) return array;

@@ -34,6 +34,11 @@ void report_warning(report_t *report, position_t at, const char *format, ...)
 /* A RESULT_INPUT result "path:line:column: text". */
 result_t error_at(position_t at, const char *format, ...) __attribute__((format(printf, 2, 3)));
 
+/* About something that Lightmill does not do, but has a substitute for: an error like error_at, or, when the
+ * import is lenient, a warning and RESULT_OK. */
+result_t report_refuse(report_t *report, position_t at, const char *format, ...)
+    __attribute__((format(printf, 3, 4)));
+
 /* Makes room for `need` records of `size` bytes in an array that holds *capacity of them, doubling it;
  * returns the array, which may have moved. */
 void *grow(void *array, size_t *capacity, size_t need, size_t size);

@@ -168,6 +168,49 @@ static void jobs_wait_for_memory(void **state)
     assert_true(take(farm, 12, worker, &unit));
 }
 
+/* A worker comes, takes what there is of a job and says that it cannot render it. */
+static void come_and_decline(farm_t *farm, double now, uint64_t job)
+{
+    uint64_t worker = hello(farm, now);
+    unit_t unit;
+    assert_true(take(farm, now, worker, &unit));
+    farm_goodbye(farm, now, worker, job, "no memory");
+}
+
+static void a_job_that_nobody_can_render_fails(void **state)
+{
+    farm_t *farm = *state;
+    uint64_t job = submit(farm), other = submit(farm), worker = hello(farm, 0);
+    unit_t unit;
+    farm_goodbye(farm, 0, worker, job, "had none of it"); /* does not count */
+    for (int i = 1; i < FARM_MAX_DECLINES; i++) come_and_decline(farm, i, job);
+    assert_int_equal(report(farm, 5, job).state, JOB_RUNNING);
+    worker = hello(farm, 5);
+    assert_true(take(farm, 5, worker, &unit)); /* somebody still tries */
+    come_and_decline(farm, 6, job);
+    assert_int_equal(report(farm, 6, job).state, JOB_RUNNING);
+    farm_goodbye(farm, 7, worker, job, "the scene is too large");
+    assert_int_equal(report(farm, 7, job).state, JOB_FAILED);
+    assert_non_null(strstr(report(farm, 7, job).message, "the scene is too large"));
+    assert_int_equal(report(farm, 7, other).state, JOB_QUEUED);
+}
+
+/* Who cannot render what others can does no harm. */
+static void a_job_that_somebody_can_render_goes_on(void **state)
+{
+    farm_t *farm = *state;
+    uint64_t job = submit(farm), worker = hello(farm, 0);
+    unit_t unit;
+    assert_true(take(farm, 0, worker, &unit));
+    assert_int_equal(deliver(farm, 1, worker, job, &unit).code, RESULT_OK);
+    farm_goodbye(farm, 1, worker, 0, "");
+    for (int i = 0; i < 3 * FARM_MAX_DECLINES; i++) come_and_decline(farm, 2 + i, job);
+    assert_int_equal(report(farm, 20, job).state, JOB_RUNNING);
+    worker = hello(farm, 20);
+    assert_true(take(farm, 20, worker, &unit));
+    assert_int_equal(deliver(farm, 21, worker, job, &unit).code, RESULT_OK);
+}
+
 static void a_film_that_never_fits_is_refused(void **state)
 {
     farm_t *farm = *state;
@@ -196,10 +239,10 @@ static void too_many_workers_are_refused_and_lost_ones_forgotten(void **state)
     uint64_t worker, first = hello(farm, 0);
     for (int i = 1; i < FARM_MAX_WORKERS; i++) hello(farm, 0);
     assert_int_equal(farm_hello(farm, 0, &nobody, "x", 1, &worker).code, RESULT_LIMIT);
-    farm_goodbye(farm, first, "");
+    farm_goodbye(farm, 0, first, 0, "");
     assert_int_equal(farm_hello(farm, 0, &nobody, "x", 1, &worker).code, RESULT_OK);
     for (int i = 0; i < 2 * FARM_MAX_WORKERS; i++) { /* come and go: memory stays bounded */
-        farm_goodbye(farm, worker, "");
+        farm_goodbye(farm, 0, worker, 0, "");
         assert_int_equal(farm_hello(farm, i, &nobody, "x", 1, &worker).code, RESULT_OK);
     }
 }
@@ -212,6 +255,8 @@ int main(void)
         WITH_FARM(a_worker_that_delivers_slowly_keeps_its_units),
         WITH_FARM(a_pause_of_the_master_costs_no_worker_its_lease),
         WITH_FARM(jobs_wait_for_memory),
+        WITH_FARM(a_job_that_nobody_can_render_fails),
+        WITH_FARM(a_job_that_somebody_can_render_goes_on),
         WITH_FARM(a_film_that_never_fits_is_refused),
         WITH_FARM(the_queue_has_an_end_and_forgets_the_finished),
         WITH_FARM(too_many_workers_are_refused_and_lost_ones_forgotten),

@@ -2,7 +2,8 @@
  * sampling images such as environment maps by their brightness.
  *
  * A row is drawn from the marginal distribution and a cell of it from the conditional one, each by inverting
- * a cumulative distribution, so that well stratified numbers give well stratified points. 8 bytes a cell.
+ * a cumulative distribution, so that well stratified numbers give well stratified points. At most 10 bytes
+ * a cell.
  */
 #ifndef LIGHTMILL_RENDER_DISTRIBUTION_H
 #define LIGHTMILL_RENDER_DISTRIBUTION_H
@@ -24,7 +25,7 @@ double distribution_total(const distribution_t *distribution);
 
 /* A point of [0, 1)^2 for two uniform numbers in [0, 1), and its density per area of the square: the weight
  * of its cell over the mean weight. Cells of weight 0 are never drawn; inside a cell points are uniform.
- * *pdf is 0 if and only if all weights are. */
+ * *pdf is 0, and the point means nothing, when all weights are 0. */
 vec2_t distribution_sample(const distribution_t *distribution, vec2_t u, float *pdf);
 
 /* The density of distribution_sample at a point of [0, 1]^2; points outside belong to the nearest cell. */

@@ -48,7 +48,6 @@ static const struct {
     {"Material", "disney", DIALECT_V3},
     {"Material", "fourier", DIALECT_V3},
     {"Material", "kdsubsurface", DIALECT_V3},
-    {"Material", "none", DIALECT_V3},
     {"Material", "diffuse", DIALECT_V4},
     {"Material", "conductor", DIALECT_V4},
     {"Material", "dielectric", DIALECT_V4},

@@ -27,10 +27,9 @@ result_t pbrt_sampler(pbrt_t *p, position_t at);
 result_t pbrt_integrator(pbrt_t *p, position_t at);
 result_t pbrt_pixel_filter(pbrt_t *p, position_t at);
 result_t pbrt_accelerator(pbrt_t *p, position_t at);
-result_t pbrt_color_space(pbrt_t *p, position_t at);
 result_t pbrt_option(pbrt_t *p, position_t at);
 /* What depends on several options, at WorldBegin. */
-void pbrt_options_finish(pbrt_t *p);
+result_t pbrt_options_finish(pbrt_t *p);
 
 /* materials.c */
 result_t pbrt_material(pbrt_t *p, position_t at);
@@ -47,14 +46,20 @@ void pbrt_check_unused_materials(pbrt_t *p);
 
 /* textures.c */
 result_t pbrt_texture(pbrt_t *p, position_t at);
+/* The texture of a normal map over the surface's (u, v). */
+result_t pbrt_normal_map(pbrt_t *p, const char *filename, position_t at, blob_ref_t *texture);
 
+/* values.c */
 /* A number that may come from a float texture: *value keeps its default when the parameter is not there. A
  * constant must be at least 0. */
 result_t pbrt_float_value(pbrt_t *p, params_t *params, const char *name, blob_value_t *value);
+/* The same for what may be negative: a displacement. */
+result_t pbrt_signed_value(pbrt_t *p, params_t *params, const char *name, blob_value_t *value);
 
 typedef enum {
     COLOUR_REFLECTANCE, /* v4 takes it for at most 1, v3 keeps it */
-    COLOUR_UNBOUNDED,   /* a physical quantity: an index of refraction */
+    COLOUR_UNBOUNDED,   /* a part of a texture: a reflectance that is not limited */
+    COLOUR_INDEX,       /* of a metal: eta and k */
     COLOUR_LIGHT        /* emitted */
 } colour_use_t;
 
@@ -64,19 +69,67 @@ result_t pbrt_colour_value(pbrt_t *p, params_t *params, const char *name, colour
 /* The same of what cannot vary: a texture is an error, unless it is constant. */
 result_t pbrt_colour(pbrt_t *p, params_t *params, const char *name, colour_use_t use, rgb_t *value);
 
+/* A dielectric's index of refraction from a parameter of type spectrum: its value at the d line, 587.56 nm. */
+result_t pbrt_index(pbrt_t *p, params_t *params, const char *name, blob_value_t *value);
+
 /* images.c */
 /* How the numbers of a file are encoded: as its format says, or a gamma of blob_image_t (0: sRGB, 1: linear). */
 #define IMAGE_GAMMA_OF_FILE (-1.0f)
 /* Reads an image file into the blob, once for each encoding. `filename` is as in the scene (see pbrt_resolve).
  * Fails at `at` when it cannot be read. */
 result_t pbrt_image(pbrt_t *p, const char *filename, float gamma, position_t at, blob_ref_t *image);
+/* What the texture of an image must know about it. */
+const image_file_t *pbrt_image_file(const pbrt_t *p, blob_ref_t image);
+
+/* colour_spaces.c */
+result_t pbrt_color_space(pbrt_t *p, position_t at);
+/* Linear sRGB of an rgb value in the current colour space. `emitted`: a light, whose white stays what it is;
+ * otherwise white stays white. Components may come out negative. */
+rgb_t pbrt_srgb(const pbrt_t *p, rgb_t rgb, bool emitted);
 
 /* lights.c */
 result_t pbrt_area_light(pbrt_t *p, position_t at);
 result_t pbrt_light(pbrt_t *p, position_t at);
 
+/* light_images.c */
+/* The mean over an image of the blob of its luminance times weight(context, s, t), where (s, t) is a pixel's
+ * centre in [0, 1]^2 with the first row at t = 0; `weight` NULL: 1. */
+double pbrt_image_mean(const pbrt_t *p, blob_ref_t image, double (*weight)(const void *, double, double),
+                       const void *context);
+/* A copy of an image with the mean of its colours as grey. */
+blob_ref_t pbrt_grey_image(pbrt_t *p, blob_ref_t image);
+/* An image of one white pixel. */
+blob_ref_t pbrt_white_image(pbrt_t *p);
+
 /* shapes.c */
 result_t pbrt_shape(pbrt_t *p, position_t at);
+/* What a Shape directive makes: the functions of shape_*.c append geometry in the space that `placed` leads to
+ * and fill shape.kind, geometry and flags; geometry is BLOB_NONE when nothing is left of it. */
+typedef struct {
+    params_t *params;
+    position_t at;
+    affine_t placed; /* object from shape */
+    size_t emitters; /* shapes that pbrt-v4 makes of it, each a light: triangles, patches, or 1 */
+    double area;     /* after `placed`; 0 of curves */
+    blob_shape_t shape;
+} shape_work_t;
+
+/* shape_mesh.c */
+result_t pbrt_make_trianglemesh(pbrt_t *p, shape_work_t *work);
+result_t pbrt_make_plymesh(pbrt_t *p, shape_work_t *work);
+result_t pbrt_make_loopsubdiv(pbrt_t *p, shape_work_t *work);
+result_t pbrt_make_heightfield(pbrt_t *p, shape_work_t *work);
+result_t pbrt_make_bilinearmesh(pbrt_t *p, shape_work_t *work);
+result_t pbrt_make_nurbs(pbrt_t *p, shape_work_t *work);
+result_t pbrt_make_cone(pbrt_t *p, shape_work_t *work);
+result_t pbrt_make_paraboloid(pbrt_t *p, shape_work_t *work);
+result_t pbrt_make_hyperboloid(pbrt_t *p, shape_work_t *work);
+/* shape_quadric.c */
+result_t pbrt_make_sphere(pbrt_t *p, shape_work_t *work);
+result_t pbrt_make_disk(pbrt_t *p, shape_work_t *work);
+result_t pbrt_make_cylinder(pbrt_t *p, shape_work_t *work);
+/* shape_curve.c */
+result_t pbrt_make_curve(pbrt_t *p, shape_work_t *work);
 
 /* arguments.c */
 /* Reads a quoted string into p->arguments[slot], where it lives until the slot is read again. `what` says

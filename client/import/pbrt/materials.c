@@ -1,7 +1,9 @@
 /* materials: Material, MakeNamedMaterial, NamedMaterial, and the table of materials.
  *
  * A directive only stores its parameters. The blob's record is made when the first shape wears the material;
- * a v3 shape whose own parameters override the material's gets a record of its own. */
+ * a v3 shape whose own parameters override the material's gets a record of its own. An interface between media
+ * has no record: its shapes are left out.
+ */
 #include "client/import/pbrt/directives.h"
 
 #include <stdlib.h>
@@ -9,18 +11,66 @@
 
 typedef struct {
     entry_t entry;
-    /* Fills the record (zero but for the name) from the parameters; NULL: not supported yet. */
-    result_t (*make)(pbrt_t *p, params_t *params, position_t at, blob_material_t *material);
+    /* Fills the record (zero but for the name) from the parameters; a kind that stays 0 is an interface. */
+    result_t (*make)(pbrt_t *p, params_t *params, const material_t *material, blob_material_t *record);
 } material_entry_t;
 
-/* What every material may have and Lightmill does not do yet. */
-static const param_rule_t common_rules[] = {
-    {"bumpmap", PARAM_REFUSE, "bump maps are not supported yet"},
-    {"displacement", PARAM_REFUSE, "displacement is not supported yet"},
-    {"normalmap", PARAM_REFUSE, "normal maps are not supported yet"},
-};
+/* ---- values -------------------------------------------------------------------------------------------- */
+
+typedef enum { NUMBER, REFLECTANCE } value_type_t;
+
+/* A parameter that becomes a value of the record: its default is `otherwise` in all components. */
+typedef struct {
+    const char *name;
+    material_value_t slot;
+    value_type_t type;
+    float otherwise;
+} value_rule_t;
+
+static result_t read_value(pbrt_t *p, params_t *params, const value_rule_t *rule, blob_material_t *record)
+{
+    blob_value_t *value = &record->values[rule->slot];
+    *value = blob_constant(rule->otherwise);
+    if (rule->type == NUMBER) return pbrt_float_value(p, params, rule->name, value);
+    return pbrt_colour_value(p, params, rule->name, COLOUR_REFLECTANCE, value);
+}
+
+static result_t read_values(pbrt_t *p, params_t *params, const value_rule_t *rules, size_t count,
+                            blob_material_t *record)
+{
+    for (size_t i = 0; i < count; ++i) TRY(read_value(p, params, &rules[i], record));
+    return result_ok();
+}
+
+#define READ_VALUES(rules) TRY(read_values(p, params, rules, ARRAY_LENGTH(rules), record))
+
+/* An index of refraction that is one number. */
+static result_t read_index(pbrt_t *p, params_t *params, const char *name, material_value_t slot,
+                           float otherwise, position_t at, blob_material_t *record)
+{
+    blob_value_t *eta = &record->values[slot];
+    *eta = blob_constant(otherwise);
+    const params_t *owner;
+    const param_t *item = params_find(params, name, &owner);
+    if (item && item->type == PARAM_SPECTRUM)
+        TRY(pbrt_index(p, params, name, eta));
+    else
+        TRY(pbrt_float_value(p, params, name, eta));
+    if (eta->texture != 0 || eta->factor.x > 0) return result_ok();
+    return error_at(params_where(params, name, at),
+                    "the index of refraction is %g, but must be positive", (double)eta->factor.x);
+}
+
+/* pbrt-v3's "eta", or its older name. */
+static result_t read_index_v3(pbrt_t *p, params_t *params, position_t at, blob_material_t *record)
+{
+    const char *name = params_has(params, "eta") ? "eta" : "index";
+    return read_index(p, params, name, VALUE_ETA, 1.5f, at, record);
+}
 
 /* ---- roughness ----------------------------------------------------------------------------------------- */
+
+static const double largest_alpha = 10;
 
 /* pbrt-v3's fit of a Trowbridge-Reitz alpha to its older Blinn exponent (TrowbridgeReitzDistribution::
  * RoughnessToAlpha). */
@@ -30,118 +80,76 @@ static double alpha_v3(double roughness)
     return 1.62142 + x * (0.819955 + x * (0.1734 + x * (0.0171201 + x * 0.000640711)));
 }
 
-/* Reads roughness, uroughness, vroughness and remaproughness; alphas come as pbrt's distributions hold them.
- */
-static result_t read_alphas(pbrt_t *p, params_t *params, double roughness, position_t at, double alpha[2])
+/* names: of both axes (NULL: there is none), of u, of v. */
+static result_t read_axes(pbrt_t *p, params_t *params, const char *const names[3], float otherwise,
+                          material_value_t slot, blob_material_t *record)
 {
-    bool v3 = p->dialect.dialect == DIALECT_V3, remap = true;
-    TRY(pbrt_float_value(p, params, "roughness", &roughness));
-    alpha[0] = alpha[1] = roughness;
-    TRY(pbrt_float_value(p, params, "uroughness", &alpha[0]));
-    TRY(pbrt_float_value(p, params, "vroughness", &alpha[1]));
+    blob_value_t *axes = &record->values[slot];
+    axes[0] = blob_constant(otherwise);
+    if (names[0]) TRY(pbrt_float_value(p, params, names[0], &axes[0]));
+    axes[1] = axes[0];
+    if (names[1]) TRY(pbrt_float_value(p, params, names[1], &axes[0]));
+    if (names[2]) TRY(pbrt_float_value(p, params, names[2], &axes[1]));
+    return result_ok();
+}
+
+static bool is_zero(const blob_value_t *value)
+{
+    return value->texture == 0 && value->factor.x == 0;
+}
+
+static result_t check_alpha(pbrt_t *p, params_t *params, position_t at, bool remap,
+                            const blob_value_t *value)
+{
+    double alpha = (double)value->factor.x;
+    if (remap) alpha = p->dialect.dialect == DIALECT_V3 ? alpha_v3(alpha) : sqrt(alpha);
+    if (value->texture != 0 || alpha <= largest_alpha) return result_ok();
+    return error_at(params_where(params, "uroughness", params_where(params, "roughness", at)),
+                    "this roughness makes an alpha of %g; the most is %g", alpha, largest_alpha);
+}
+
+/* How the roughnesses in `count` slots from `slot` become alphas. `smooth`: all 0 makes a smooth surface; else
+ * v3's distributions have an alpha of at least 1e-3. */
+static result_t finish_roughness(pbrt_t *p, params_t *params, position_t at, material_value_t slot, int count,
+                                 bool smooth, blob_material_t *record)
+{
+    bool v3 = p->dialect.dialect == DIALECT_V3, remap = true, zero = true;
+    blob_value_t *values = &record->values[slot];
     TRY(params_bool(params, "remaproughness", &remap));
-    for (int i = 0; i < 2; ++i) {
-        if (remap) alpha[i] = v3 ? alpha_v3(alpha[i]) : sqrt(alpha[i]);
-        if (alpha[i] > 10)
-            return error_at(
-                params_where(params, i ? "vroughness" : "uroughness", params_where(params, "roughness", at)),
-                "this roughness makes an alpha of %g; the most is 10", alpha[i]);
-        if (v3) alpha[i] = fmax(alpha[i], 1e-3); /* v3 knows no smooth metal */
+    for (int i = 0; i < count; ++i) zero = zero && is_zero(&values[i]);
+    if (zero && smooth) return result_ok();
+    for (int i = 0; i < count; ++i) {
+        TRY(check_alpha(p, params, at, remap, &values[i]));
+        if (v3 && !remap && values[i].texture == 0 && values[i].factor.x < 1e-3f)
+            values[i] = blob_constant(1e-3f);
     }
-    if (!v3) { /* v4 takes a tiny alpha for a smooth surface */
-        bool smooth = fmax(alpha[0], alpha[1]) < 1e-3;
-        for (int i = 0; i < 2; ++i) alpha[i] = smooth ? 0 : fmax(alpha[i], 1e-4);
-    }
+    if (remap) record->flags |= v3 ? MATERIAL_REMAP_V3 : MATERIAL_REMAP_SQRT;
     return result_ok();
 }
 
-/* For materials that are only supported smooth. */
-static result_t require_smooth(pbrt_t *p, params_t *params, position_t at)
+static const char *const both_axes[3] = {"roughness", NULL, NULL};
+static const char *const each_axis[3] = {NULL, "uroughness", "vroughness"};
+static const char *const all_axes[3] = {"roughness", "uroughness", "vroughness"};
+
+static result_t read_roughness(pbrt_t *p, params_t *params, const char *const names[3], float otherwise,
+                               bool smooth, position_t at, blob_material_t *record)
 {
-    static const char *const names[] = {"roughness", "uroughness", "vroughness"};
-    for (size_t i = 0; i < ARRAY_LENGTH(names); ++i) {
-        double value = 0;
-        if (i == 0 && p->dialect.dialect == DIALECT_V3) continue; /* v3's glass has only the other two */
-        TRY(pbrt_float_value(p, params, names[i], &value));
-        if (value != 0)
-            return error_at(params_where(params, names[i], at),
-                            "rough glass is not supported yet; \"%s\" must be 0", names[i]);
-    }
-    bool remap; /* means nothing for a smooth surface */
-    return params_bool(params, "remaproughness", &remap);
+    TRY(read_axes(p, params, names, otherwise, VALUE_ROUGHNESS_U, record));
+    return finish_roughness(p, params, at, VALUE_ROUGHNESS_U, 2, smooth, record);
 }
 
-/* ---- pbrt-v3 ------------------------------------------------------------------------------------------- */
-
-static result_t make_matte(pbrt_t *p, params_t *params, position_t at, blob_material_t *material)
-{
-    double sigma = 0;
-    material->kind = MATERIAL_DIFFUSE;
-    material->reflectance = vec3(0.5f, 0.5f, 0.5f);
-    TRY(pbrt_colour(p, params, "Kd", COLOUR_REFLECTANCE, &material->reflectance));
-    TRY(pbrt_float_value(p, params, "sigma", &sigma));
-    if (sigma != 0)
-        return error_at(params_where(params, "sigma", at),
-                        "a matte surface with sigma %g (Oren-Nayar) is not supported yet; sigma must be 0",
-                        sigma);
-    return result_ok();
-}
-
-static result_t make_mirror(pbrt_t *p, params_t *params, position_t at, blob_material_t *material)
-{
-    (void)at;
-    material->kind = MATERIAL_MIRROR;
-    material->reflectance = vec3(0.9f, 0.9f, 0.9f);
-    return pbrt_colour(p, params, "Kr", COLOUR_REFLECTANCE, &material->reflectance);
-}
-
-static result_t check_index(params_t *params, const char *name, double eta, position_t at)
-{
-    if (eta > 0) return result_ok();
-    return error_at(params_where(params, name, at), "the index of refraction is %g, but must be positive",
-                    eta);
-}
-
-static result_t make_glass(pbrt_t *p, params_t *params, position_t at, blob_material_t *material)
-{
-    double eta = 1.5;
-    const char *name = params_has(params, "eta") ? "eta" : "index";
-    material->kind = MATERIAL_DIELECTRIC;
-    material->reflectance = material->transmittance = vec3(1, 1, 1);
-    TRY(pbrt_colour(p, params, "Kr", COLOUR_REFLECTANCE, &material->reflectance));
-    TRY(pbrt_colour(p, params, "Kt", COLOUR_REFLECTANCE, &material->transmittance));
-    TRY(pbrt_float_value(p, params, name, &eta));
-    TRY(check_index(params, name, eta, at));
-    TRY(require_smooth(p, params, at));
-    material->eta = vec3((float)eta, (float)eta, (float)eta);
-    return result_ok();
-}
+/* ---- metals -------------------------------------------------------------------------------------------- */
 
 static const rgb_t copper_eta = {0.200438f, 0.924033f, 1.102212f};
 static const rgb_t copper_k = {3.912949f, 2.452848f, 2.142188f};
 
-static result_t make_metal(pbrt_t *p, params_t *params, position_t at, blob_material_t *material)
+static result_t read_metal(pbrt_t *p, params_t *params, const char *eta, const char *k,
+                           material_value_t eta_slot, blob_material_t *record)
 {
-    double alpha[2];
-    material->kind = MATERIAL_CONDUCTOR;
-    material->eta = copper_eta;
-    material->k = copper_k;
-    TRY(pbrt_colour(p, params, "eta", COLOUR_UNBOUNDED, &material->eta));
-    TRY(pbrt_colour(p, params, "k", COLOUR_UNBOUNDED, &material->k));
-    TRY(read_alphas(p, params, 0.01, at, alpha));
-    material->alpha_u = (float)alpha[0];
-    material->alpha_v = (float)alpha[1];
-    return result_ok();
-}
-
-/* ---- pbrt-v4 ------------------------------------------------------------------------------------------- */
-
-static result_t make_diffuse(pbrt_t *p, params_t *params, position_t at, blob_material_t *material)
-{
-    (void)at;
-    material->kind = MATERIAL_DIFFUSE;
-    material->reflectance = vec3(0.5f, 0.5f, 0.5f);
-    return pbrt_colour(p, params, "reflectance", COLOUR_REFLECTANCE, &material->reflectance);
+    record->values[eta_slot] = blob_colour_value(copper_eta);
+    record->values[VALUE_K] = blob_colour_value(copper_k);
+    TRY(pbrt_colour_value(p, params, eta, COLOUR_INDEX, &record->values[eta_slot]));
+    return pbrt_colour_value(p, params, k, COLOUR_INDEX, &record->values[VALUE_K]);
 }
 
 /* A conductor that is given by its reflectance at normal incidence: eta = 1 and this k (pbrt-v4, 10.5.2). */
@@ -151,50 +159,359 @@ static float absorption_of(float reflectance)
     return 2 * sqrtf(r) / sqrtf(1 - r);
 }
 
-static result_t read_conductor_optics(pbrt_t *p, params_t *params, blob_material_t *material)
+/* A reflectance that varies tints a metal that reflects nearly all: its tint stays at grazing angles, where
+ * pbrt's metal turns white. */
+static result_t read_metal_v4(pbrt_t *p, params_t *params, const char *eta, const char *k,
+                              material_value_t eta_slot, bool can_tint, blob_material_t *record)
 {
-    material->eta = copper_eta;
-    material->k = copper_k;
-    if (!params_has(params, "reflectance")) {
-        TRY(pbrt_colour(p, params, "eta", COLOUR_UNBOUNDED, &material->eta));
-        return pbrt_colour(p, params, "k", COLOUR_UNBOUNDED, &material->k);
+    if (!params_has(params, "reflectance")) return read_metal(p, params, eta, k, eta_slot, record);
+    position_t at = params_where(params, "reflectance", (position_t){.path = ""});
+    if (params_has(params, eta) || params_has(params, k))
+        return error_at(at, "a conductor has either \"reflectance\" or \"%s\" and \"%s\", not both", eta, k);
+    blob_value_t r = blob_constant(0.5f);
+    TRY(pbrt_colour_value(p, params, "reflectance", COLOUR_REFLECTANCE, &r));
+    if (r.texture != 0 && can_tint) {
+        report_warning(p->report, at,
+                       "a reflectance that varies tints the metal at all angles, also at grazing ones");
+        record->values[VALUE_REFLECTANCE] = r;
+        r = blob_constant(1);
+    } else if (r.texture != 0) {
+        TRY(report_refuse(p->report, at,
+                          "a reflectance that varies is not supported under a coat; the nearest is 0.5"));
+        r = blob_constant(0.5f);
     }
-    position_t at = params_where(params, "reflectance", (position_t){0});
-    if (params_has(params, "eta") || params_has(params, "k"))
-        return error_at(at, "a conductor has either \"reflectance\" or \"eta\" and \"k\", not both");
-    rgb_t r;
-    TRY(pbrt_colour(p, params, "reflectance", COLOUR_REFLECTANCE, &r));
-    material->eta = vec3(1, 1, 1);
-    material->k = vec3(absorption_of(r.x), absorption_of(r.y), absorption_of(r.z));
+    record->values[eta_slot] = blob_constant(1);
+    record->values[VALUE_K] = blob_colour_value(
+        vec3(absorption_of(r.factor.x), absorption_of(r.factor.y), absorption_of(r.factor.z)));
     return result_ok();
 }
 
-static result_t make_conductor(pbrt_t *p, params_t *params, position_t at, blob_material_t *material)
+/* ---- pbrt-v3 ------------------------------------------------------------------------------------------- */
+
+static result_t make_matte(pbrt_t *p, params_t *params, const material_t *material, blob_material_t *record)
 {
-    double alpha[2];
-    material->kind = MATERIAL_CONDUCTOR;
-    TRY(read_conductor_optics(p, params, material));
-    TRY(read_alphas(p, params, 0, at, alpha));
-    material->alpha_u = (float)alpha[0];
-    material->alpha_v = (float)alpha[1];
+    (void)material;
+    static const value_rule_t rules[] = {{"Kd", VALUE_REFLECTANCE, REFLECTANCE, 0.5f},
+                                         {"sigma", VALUE_SIGMA, NUMBER, 0}};
+    record->kind = MATERIAL_DIFFUSE;
+    READ_VALUES(rules);
+    blob_value_t *sigma = &record->values[VALUE_SIGMA]; /* pbrt clamps it, too */
+    if (sigma->texture == 0 && sigma->factor.x > 90) *sigma = blob_constant(90);
     return result_ok();
 }
 
-static result_t make_dielectric(pbrt_t *p, params_t *params, position_t at, blob_material_t *material)
+static result_t make_mirror(pbrt_t *p, params_t *params, const material_t *material, blob_material_t *record)
 {
-    material->kind = MATERIAL_DIELECTRIC;
-    material->reflectance = material->transmittance = vec3(1, 1, 1);
+    (void)material;
+    static const value_rule_t rules[] = {{"Kr", VALUE_REFLECTANCE, REFLECTANCE, 0.9f}};
+    record->kind = MATERIAL_MIRROR;
+    READ_VALUES(rules);
+    return result_ok();
+}
+
+static result_t make_glass(pbrt_t *p, params_t *params, const material_t *material, blob_material_t *record)
+{
+    static const value_rule_t rules[] = {{"Kr", VALUE_REFLECTANCE, REFLECTANCE, 1},
+                                         {"Kt", VALUE_TRANSMITTANCE, REFLECTANCE, 1}};
+    record->kind = MATERIAL_DIELECTRIC;
+    READ_VALUES(rules);
+    TRY(read_index_v3(p, params, material->at, record));
+    return read_roughness(p, params, each_axis, 0, true, material->at, record);
+}
+
+static result_t make_metal(pbrt_t *p, params_t *params, const material_t *material, blob_material_t *record)
+{
+    record->kind = MATERIAL_CONDUCTOR;
+    record->values[VALUE_REFLECTANCE] = blob_constant(1);
+    TRY(read_metal(p, params, "eta", "k", VALUE_ETA, record));
+    return read_roughness(p, params, all_axes, 0.01f, false, material->at, record);
+}
+
+static result_t make_plastic(pbrt_t *p, params_t *params, const material_t *material, blob_material_t *record)
+{
+    static const value_rule_t rules[] = {{"Kd", VALUE_REFLECTANCE, REFLECTANCE, 0.25f},
+                                         {"Ks", VALUE_SPECULAR, REFLECTANCE, 0.25f}};
+    record->kind = MATERIAL_PLASTIC;
+    READ_VALUES(rules);
+    return read_roughness(p, params, both_axes, 0.1f, false, material->at, record);
+}
+
+static result_t make_substrate(pbrt_t *p, params_t *params, const material_t *material,
+                               blob_material_t *record)
+{
+    static const value_rule_t rules[] = {{"Kd", VALUE_REFLECTANCE, REFLECTANCE, 0.5f},
+                                         {"Ks", VALUE_SPECULAR, REFLECTANCE, 0.5f}};
+    record->kind = MATERIAL_SUBSTRATE;
+    READ_VALUES(rules);
+    return read_roughness(p, params, each_axis, 0.1f, false, material->at, record);
+}
+
+static result_t make_translucent(pbrt_t *p, params_t *params, const material_t *material,
+                                 blob_material_t *record)
+{
+    static const value_rule_t rules[] = {{"Kd", VALUE_REFLECTANCE, REFLECTANCE, 0.25f},
+                                         {"Ks", VALUE_SPECULAR, REFLECTANCE, 0.25f},
+                                         {"reflect", VALUE_REFLECT, REFLECTANCE, 0.5f},
+                                         {"transmit", VALUE_TRANSMIT, REFLECTANCE, 0.5f}};
+    record->kind = MATERIAL_TRANSLUCENT;
+    READ_VALUES(rules);
+    return read_roughness(p, params, both_axes, 0.1f, false, material->at, record);
+}
+
+static result_t make_uber(pbrt_t *p, params_t *params, const material_t *material, blob_material_t *record)
+{
+    static const value_rule_t rules[] = {
+        {"Kd", VALUE_REFLECTANCE, REFLECTANCE, 0.25f}, {"Ks", VALUE_SPECULAR, REFLECTANCE, 0.25f},
+        {"Kr", VALUE_MIRROR, REFLECTANCE, 0},          {"Kt", VALUE_TRANSMITTANCE, REFLECTANCE, 0},
+        {"opacity", VALUE_OPACITY, REFLECTANCE, 1},
+    };
+    record->kind = MATERIAL_UBER;
+    READ_VALUES(rules);
+    TRY(read_index_v3(p, params, material->at, record));
+    return read_roughness(p, params, all_axes, 0.1f, false, material->at, record);
+}
+
+static result_t make_disney(pbrt_t *p, params_t *params, const material_t *material, blob_material_t *record)
+{
+    static const value_rule_t rules[] = {
+        {"color", VALUE_REFLECTANCE, REFLECTANCE, 0.5f}, {"metallic", VALUE_METALLIC, NUMBER, 0},
+        {"roughness", VALUE_ROUGHNESS_U, NUMBER, 0.5f},  {"speculartint", VALUE_SPECULAR_TINT, NUMBER, 0},
+        {"anisotropic", VALUE_ANISOTROPIC, NUMBER, 0},   {"sheen", VALUE_SHEEN, NUMBER, 0},
+        {"sheentint", VALUE_SHEEN_TINT, NUMBER, 0.5f},   {"clearcoat", VALUE_CLEARCOAT, NUMBER, 0},
+        {"clearcoatgloss", VALUE_CLEARCOAT_GLOSS, NUMBER, 1}, {"spectrans", VALUE_TRANSMISSION, NUMBER, 0},
+        {"flatness", VALUE_FLATNESS, NUMBER, 0}, {"difftrans", VALUE_DIFFUSE_TRANSMISSION, NUMBER, 1},
+    };
+    bool thin = false;
+    blob_value_t distance = blob_constant(0);
+    record->kind = MATERIAL_DISNEY;
+    READ_VALUES(rules);
+    TRY(read_index(p, params, "eta", VALUE_ETA, 1.5f, material->at, record));
+    TRY(params_bool(params, "thin", &thin));
+    if (thin) record->flags |= MATERIAL_THIN;
+    TRY(pbrt_colour_value(p, params, "scatterdistance", COLOUR_UNBOUNDED, &distance));
+    if (thin || (distance.texture == 0 && v_is_zero(distance.factor))) return result_ok();
+    return report_refuse(p->report, params_where(params, "scatterdistance", material->at),
+                         "scattering below the surface is not supported; the nearest is scatterdistance 0");
+}
+
+/* ---- pbrt-v4 ------------------------------------------------------------------------------------------- */
+
+static result_t make_diffuse(pbrt_t *p, params_t *params, const material_t *material, blob_material_t *record)
+{
+    (void)material;
+    static const value_rule_t rules[] = {{"reflectance", VALUE_REFLECTANCE, REFLECTANCE, 0.5f}};
+    record->kind = MATERIAL_DIFFUSE;
+    READ_VALUES(rules);
+    return result_ok();
+}
+
+static result_t make_conductor(pbrt_t *p, params_t *params, const material_t *material,
+                               blob_material_t *record)
+{
+    record->kind = MATERIAL_CONDUCTOR;
+    record->values[VALUE_REFLECTANCE] = blob_constant(1);
+    TRY(read_metal_v4(p, params, "eta", "k", VALUE_ETA, true, record));
+    return read_roughness(p, params, all_axes, 0, true, material->at, record);
+}
+
+static result_t make_dielectric(pbrt_t *p, params_t *params, const material_t *material,
+                                blob_material_t *record)
+{
+    record->kind = MATERIAL_DIELECTRIC;
+    record->values[VALUE_REFLECTANCE] = record->values[VALUE_TRANSMITTANCE] = blob_constant(1);
+    TRY(read_index(p, params, "eta", VALUE_ETA, 1.5f, material->at, record));
+    return read_roughness(p, params, all_axes, 0, true, material->at, record);
+}
+
+static result_t make_thin_dielectric(pbrt_t *p, params_t *params, const material_t *material,
+                                     blob_material_t *record)
+{
+    record->kind = MATERIAL_DIELECTRIC;
+    record->flags = MATERIAL_THIN;
+    record->values[VALUE_REFLECTANCE] = record->values[VALUE_TRANSMITTANCE] = blob_constant(1);
+    return read_index(p, params, "eta", VALUE_ETA, 1.5f, material->at, record);
+}
+
+static const param_rule_t coat_rules[] = {
+    {"maxdepth", PARAM_ACCEPT, NULL}, /* how pbrt samples its coat, not what it looks like */
+    {"nsamples", PARAM_ACCEPT, NULL},
+};
+
+static result_t read_coat(pbrt_t *p, params_t *params, blob_material_t *record)
+{
+    static const value_rule_t rules[] = {{"thickness", VALUE_THICKNESS, NUMBER, 0.01f},
+                                         {"albedo", VALUE_ALBEDO, REFLECTANCE, 0}};
+    READ_VALUES(rules);
+    record->values[VALUE_G] = blob_constant(0);
+    TRY(pbrt_signed_value(p, params, "g", &record->values[VALUE_G]));
+    return params_apply(params, coat_rules, ARRAY_LENGTH(coat_rules), p->report);
+}
+
+static result_t make_coated_diffuse(pbrt_t *p, params_t *params, const material_t *material,
+                                    blob_material_t *record)
+{
+    static const value_rule_t rules[] = {{"reflectance", VALUE_REFLECTANCE, REFLECTANCE, 0.5f}};
+    record->kind = MATERIAL_COATED_DIFFUSE;
+    READ_VALUES(rules);
+    TRY(read_coat(p, params, record));
+    TRY(read_index(p, params, "eta", VALUE_ETA, 1.5f, material->at, record));
+    return read_roughness(p, params, all_axes, 0, true, material->at, record);
+}
+
+static result_t make_coated_conductor(pbrt_t *p, params_t *params, const material_t *material,
+                                      blob_material_t *record)
+{
+    static const char *const coat[3] = {"interface.roughness", "interface.uroughness",
+                                        "interface.vroughness"};
+    static const char *const base[3] = {"conductor.roughness", "conductor.uroughness",
+                                        "conductor.vroughness"};
+    record->kind = MATERIAL_COATED_CONDUCTOR;
+    TRY(read_coat(p, params, record));
+    TRY(read_index(p, params, "interface.eta", VALUE_ETA, 1.5f, material->at, record));
+    TRY(read_metal_v4(p, params, "conductor.eta", "conductor.k", VALUE_BASE_ETA, false, record));
+    TRY(read_axes(p, params, coat, 0, VALUE_ROUGHNESS_U, record));
+    TRY(read_axes(p, params, base, 0, VALUE_BASE_ROUGHNESS_U, record));
+    TRY(finish_roughness(p, params, material->at, VALUE_ROUGHNESS_U, 2, true, record));
+    return finish_roughness(p, params, material->at, VALUE_BASE_ROUGHNESS_U, 2, true, record);
+}
+
+static result_t make_diffuse_transmission(pbrt_t *p, params_t *params, const material_t *material,
+                                          blob_material_t *record)
+{
+    (void)material;
+    static const value_rule_t rules[] = {{"reflectance", VALUE_REFLECTANCE, REFLECTANCE, 0.25f},
+                                         {"transmittance", VALUE_TRANSMITTANCE, REFLECTANCE, 0.25f}};
+    double scale = 1;
+    record->kind = MATERIAL_DIFFUSE_TRANSMISSION;
+    READ_VALUES(rules);
+    TRY(params_float_in(params, "scale", 0, 1e6, &scale));
+    for (size_t i = 0; i < ARRAY_LENGTH(rules); ++i) {
+        blob_value_t *value = &record->values[rules[i].slot];
+        value->factor = v_scale(value->factor, (float)scale);
+    }
+    return result_ok();
+}
+
+/* ---- both ---------------------------------------------------------------------------------------------- */
+
+static result_t make_interface(pbrt_t *p, params_t *params, const material_t *material,
+                               blob_material_t *record)
+{
+    (void)p, (void)params, (void)material;
+    record->kind = 0;
+    return result_ok();
+}
+
+static result_t make_once(pbrt_t *p, material_t *material);
+
+/* The name of a part of a mix, in the blob's order: AMOUNT is the share of the second, which is v3's first. */
+static result_t part_name(pbrt_t *p, params_t *params, position_t at, int part, const char **name)
+{
+    *name = NULL;
+    if (p->dialect.dialect == DIALECT_V3) {
+        const char *parameter = part == 0 ? "namedmaterial2" : "namedmaterial1";
+        TRY(params_string(params, parameter, name));
+        if (!*name) return error_at(at, "a mix needs \"string %s\"", parameter);
+        return result_ok();
+    }
     const params_t *owner;
-    const param_t *item = params_find(params, "eta", &owner);
-    if (item && item->type == PARAM_SPECTRUM) {
-        TRY(pbrt_colour(p, params, "eta", COLOUR_UNBOUNDED, &material->eta));
-    } else {
-        double eta = 1.5;
-        TRY(pbrt_float_value(p, params, "eta", &eta));
-        material->eta = vec3((float)eta, (float)eta, (float)eta);
+    const param_t *item = params_find(params, "materials", &owner);
+    if (!item || item->type != PARAM_STRING || item->count != 2)
+        return error_at(params_where(params, "materials", at), "a mix needs two \"string materials\"");
+    *name = params_text(owner, item, (size_t)part);
+    return result_ok();
+}
+
+/* The parts that are known by name when the mix is; v4 lets it name materials that come later. */
+static result_t find_parts(pbrt_t *p, material_t *material)
+{
+    for (int i = 0; i < 2; ++i) {
+        const char *name;
+        uint32_t index;
+        TRY(part_name(p, material->params, material->at, i, &name));
+        if (material->parts[i] == 0 && names_find(&p->material_names, name, &index))
+            material->parts[i] = index + 1;
     }
-    TRY(check_index(params, "eta", (double)material->eta.x, at));
-    return require_smooth(p, params, at);
+    return result_ok();
+}
+
+static int mix_depth(const blob_material_t *records, uint32_t index)
+{
+    if (records[index].kind != MATERIAL_MIX) return 0;
+    return 1 + int_max(mix_depth(records, records[index].parts[0]), mix_depth(records, records[index].parts[1]));
+}
+
+static result_t make_part(pbrt_t *p, params_t *params, const material_t *material, int i,
+                          blob_material_t *record)
+{
+    const char *name;
+    uint32_t index = material->parts[i] - 1;
+    TRY(part_name(p, params, material->at, i, &name));
+    if (material->parts[i] == 0 && !names_find(&p->material_names, name, &index))
+        return error_at(material->at, "no MakeNamedMaterial \"%.60s\" for this mix", name);
+    material_t *part = &p->materials[index];
+    if (part->making) return error_at(material->at, "this mix contains itself");
+    TRY(make_once(p, part));
+    if (part->index == BLOB_NONE)
+        return error_at(material->at, "a mix with the interface \"%.60s\" is not supported", name);
+    record->parts[i] = part->index;
+    if (mix_depth(blob_builder_records(p->builder, BLOB_SECTION_MATERIALS), part->index) >= BLOB_MAX_MIX_DEPTH)
+        return error_at(material->at, "mixes are nested deeper than %d", BLOB_MAX_MIX_DEPTH);
+    return result_ok();
+}
+
+static result_t make_mix(pbrt_t *p, params_t *params, const material_t *material, blob_material_t *record)
+{
+    value_rule_t amount = {"amount", VALUE_AMOUNT, p->dialect.dialect == DIALECT_V3 ? REFLECTANCE : NUMBER,
+                           0.5f};
+    record->kind = MATERIAL_MIX;
+    TRY(read_value(p, params, &amount, record));
+    TRY(make_part(p, params, material, 0, record));
+    return make_part(p, params, material, 1, record);
+}
+
+/* ---- substitutes --------------------------------------------------------------------------------------- */
+
+static const param_rule_t substitute_rules[] = {
+    {"name", PARAM_ACCEPT, NULL},       {"sigma_a", PARAM_ACCEPT, NULL},   {"sigma_s", PARAM_ACCEPT, NULL},
+    {"mfp", PARAM_ACCEPT, NULL},        {"g", PARAM_ACCEPT, NULL},         {"scale", PARAM_ACCEPT, NULL},
+    {"Kr", PARAM_ACCEPT, NULL},         {"Kt", PARAM_ACCEPT, NULL},        {"filename", PARAM_ACCEPT, NULL},
+    {"bsdffile", PARAM_ACCEPT, NULL},   {"eumelanin", PARAM_ACCEPT, NULL}, {"pheomelanin", PARAM_ACCEPT, NULL},
+    {"eta", PARAM_ACCEPT, NULL},        {"beta_m", PARAM_ACCEPT, NULL},    {"beta_n", PARAM_ACCEPT, NULL},
+    {"alpha", PARAM_ACCEPT, NULL},      {"roughness", PARAM_ACCEPT, NULL}, {"uroughness", PARAM_ACCEPT, NULL},
+    {"vroughness", PARAM_ACCEPT, NULL}, {"remaproughness", PARAM_ACCEPT, NULL},
+};
+
+static result_t refuse(pbrt_t *p, const material_t *material, const char *nearest);
+
+/* The first colour that looks like one of the surface. */
+static result_t read_substitute_colour(pbrt_t *p, params_t *params, blob_material_t *record)
+{
+    static const char *const names[] = {"reflectance", "Kd", "color"};
+    record->values[VALUE_REFLECTANCE] = blob_constant(0.5f);
+    for (size_t i = ARRAY_LENGTH(names); i-- > 0;)
+        TRY(pbrt_colour_value(p, params, names[i], COLOUR_REFLECTANCE, &record->values[VALUE_REFLECTANCE]));
+    return params_apply(params, substitute_rules, ARRAY_LENGTH(substitute_rules), p->report);
+}
+
+static result_t make_like_diffuse(pbrt_t *p, params_t *params, const material_t *material,
+                                  blob_material_t *record)
+{
+    TRY(refuse(p, material, "a diffuse surface"));
+    record->kind = MATERIAL_DIFFUSE;
+    return read_substitute_colour(p, params, record);
+}
+
+/* What scatters below a smooth or rough surface. */
+static result_t make_like_coated(pbrt_t *p, params_t *params, const material_t *material,
+                                 blob_material_t *record)
+{
+    TRY(refuse(p, material, "a coated diffuse surface"));
+    record->kind = MATERIAL_COATED_DIFFUSE;
+    record->values[VALUE_THICKNESS] = blob_constant(0.01f);
+    TRY(read_index(p, params, "eta", VALUE_ETA, 1.33f, material->at, record));
+    TRY(read_roughness(p, params, all_axes, 0, true, material->at, record));
+    return read_substitute_colour(p, params, record);
 }
 
 static const material_entry_t materials[] = {
@@ -202,35 +519,43 @@ static const material_entry_t materials[] = {
     {{"mirror", DIALECT_V3}, make_mirror},
     {{"glass", DIALECT_V3}, make_glass},
     {{"metal", DIALECT_V3}, make_metal},
-    {{"plastic", DIALECT_V3}, NULL},
-    {{"substrate", DIALECT_V3}, NULL},
-    {{"translucent", DIALECT_V3}, NULL},
-    {{"uber", DIALECT_V3}, NULL},
-    {{"disney", DIALECT_V3}, NULL},
-    {{"fourier", DIALECT_V3}, NULL},
-    {{"kdsubsurface", DIALECT_V3}, NULL},
-    {{"none", DIALECT_V3}, NULL},
-    {{"", DIALECT_BOTH}, NULL},
+    {{"plastic", DIALECT_V3}, make_plastic},
+    {{"substrate", DIALECT_V3}, make_substrate},
+    {{"translucent", DIALECT_V3}, make_translucent},
+    {{"uber", DIALECT_V3}, make_uber},
+    {{"disney", DIALECT_V3}, make_disney},
+    {{"fourier", DIALECT_V3}, make_like_diffuse},
+    {{"kdsubsurface", DIALECT_V3}, make_like_coated},
+    {{"none", DIALECT_BOTH}, make_interface},
+    {{"", DIALECT_BOTH}, make_interface},
     {{"diffuse", DIALECT_V4}, make_diffuse},
     {{"conductor", DIALECT_V4}, make_conductor},
     {{"dielectric", DIALECT_V4}, make_dielectric},
-    {{"thindielectric", DIALECT_V4}, NULL},
-    {{"coateddiffuse", DIALECT_V4}, NULL},
-    {{"coatedconductor", DIALECT_V4}, NULL},
-    {{"diffusetransmission", DIALECT_V4}, NULL},
-    {{"measured", DIALECT_V4}, NULL},
-    {{"interface", DIALECT_V4}, NULL},
-    {{"mix", DIALECT_BOTH}, NULL},
-    {{"hair", DIALECT_BOTH}, NULL},
-    {{"subsurface", DIALECT_BOTH}, NULL},
+    {{"thindielectric", DIALECT_V4}, make_thin_dielectric},
+    {{"coateddiffuse", DIALECT_V4}, make_coated_diffuse},
+    {{"coatedconductor", DIALECT_V4}, make_coated_conductor},
+    {{"diffusetransmission", DIALECT_V4}, make_diffuse_transmission},
+    {{"measured", DIALECT_V4}, make_like_diffuse},
+    {{"interface", DIALECT_V4}, make_interface},
+    {{"mix", DIALECT_BOTH}, make_mix},
+    {{"hair", DIALECT_BOTH}, make_like_diffuse},
+    {{"subsurface", DIALECT_BOTH}, make_like_coated},
 };
+
+static result_t refuse(pbrt_t *p, const material_t *material, const char *nearest)
+{
+    return report_refuse(p->report, material->at, "material \"%s\" is not supported; the nearest is %s",
+                         materials[material->entry].entry.name, nearest);
+}
 
 /* ---- the directives ------------------------------------------------------------------------------------ */
 
 static uint32_t store(pbrt_t *p, size_t entry, params_t *params, position_t at, char *name)
 {
     p->materials = grow(p->materials, &p->material_capacity, p->material_count + 1, sizeof *p->materials);
-    p->materials[p->material_count] = (material_t){.entry = entry, .params = params, .at = at, .name = name};
+    material_t *material = &p->materials[p->material_count];
+    *material = (material_t){.entry = entry, .params = params, .at = at, .name = name};
+    if (materials[entry].make == make_mix) (void)find_parts(p, material); /* made, it says what is wrong */
     return (uint32_t)p->material_count++;
 }
 
@@ -301,18 +626,39 @@ result_t pbrt_named_material(pbrt_t *p, position_t at)
 
 /* ---- making them --------------------------------------------------------------------------------------- */
 
-static result_t make(pbrt_t *p, const material_t *material, params_t *params, blob_material_t *record)
+/* What every material may have: bumps (v3's bumpmap, v4's displacement) and v4's normal map. */
+static result_t read_relief(pbrt_t *p, params_t *params, blob_material_t *record)
 {
-    const material_entry_t *entry = &materials[material->entry];
+    bool v3 = p->dialect.dialect == DIALECT_V3;
+    const char *name = v3 ? "bumpmap" : "displacement", *filename = NULL;
+    blob_value_t bump = blob_constant(0);
+    TRY(pbrt_signed_value(p, params, name, &bump));
+    record->normal_scale = 1;
+    if (bump.texture != 0 && !(bump.factor.x == 1 && bump.factor.y == 1 && bump.factor.z == 1)) {
+        blob_texture_t scaled = {.kind = TEXTURE_SCALE, .inputs = {bump, blob_constant(1)}};
+        bump.texture = 1 + blob_builder_add(p->builder, BLOB_SECTION_TEXTURES, &scaled, 1);
+    }
+    record->bump = bump.texture; /* a constant turns no normal */
+    if (v3) return result_ok();
+    TRY(params_string(params, "normalmap", &filename));
+    if (!filename) return result_ok();
+    position_t at = params_where(params, "normalmap", (position_t){.path = ""});
+    return pbrt_normal_map(p, filename, at, &record->normal_map);
+}
+
+static result_t make(pbrt_t *p, material_t *material, params_t *params, blob_material_t *record)
+{
     *record = (blob_material_t){0};
-    if (!entry->make)
-        return error_at(material->at, "material \"%s\" is not supported yet", entry->entry.name);
-    TRY(entry->make(p, params, material->at, record));
-    return params_apply(params, common_rules, ARRAY_LENGTH(common_rules), p->report);
+    material->making = true;
+    result_t result = materials[material->entry].make(p, params, material, record);
+    material->making = false;
+    TRY(result);
+    return read_relief(p, params, record);
 }
 
 static uint32_t append(pbrt_t *p, const material_t *material, blob_material_t record)
 {
+    if (record.kind == 0) return BLOB_NONE;
     record.name = blob_builder_string(p->builder, material->name);
     return blob_builder_add(p->builder, BLOB_SECTION_MATERIALS, &record, 1);
 }
@@ -328,13 +674,23 @@ static result_t make_once(pbrt_t *p, material_t *material)
     return result_ok();
 }
 
+/* A light needs a surface that emits: an interface that does becomes a black one, which also stops light. */
+static uint32_t black_material(pbrt_t *p, const material_t *material)
+{
+    blob_material_t record = {.kind = MATERIAL_DIFFUSE, .normal_scale = 1};
+    report_warning(p->report, material->at, "an interface that emits light is a black surface here");
+    return append(p, material, record);
+}
+
 result_t pbrt_wear_material(pbrt_t *p, params_t *shape_params, uint32_t *index)
 {
     material_t *material = &p->materials[p->now.material];
     TRY(make_once(p, material));
+    if (material->index == BLOB_NONE && p->now.emits && p->object == 0)
+        material->index = black_material(p, material);
     *index = material->index;
     size_t unread = params_unread(shape_params);
-    if (p->dialect.dialect != DIALECT_V3 || unread == 0) return result_ok();
+    if (p->dialect.dialect != DIALECT_V3 || unread == 0 || *index == BLOB_NONE) return result_ok();
 
     blob_material_t record;
     params_set_fallback(shape_params, material->params);

@@ -19,12 +19,6 @@ static result_t once(position_t *first, position_t at, const char *directive)
 
 /* ---- camera -------------------------------------------------------------------------------------------- */
 
-static const param_rule_t camera_rules[] = {
-    {"focaldistance", PARAM_ACCEPT, NULL}, /* of a pinhole */
-    {"shutteropen", PARAM_IGNORE, "nothing moves"},
-    {"shutterclose", PARAM_IGNORE, "nothing moves"},
-};
-
 static result_t read_fov(pbrt_t *p, params_t *params)
 {
     const double most = 179.9;
@@ -53,29 +47,107 @@ static result_t read_window(pbrt_t *p, params_t *params)
     return result_ok();
 }
 
+/* A shutter that closes before it opens is turned round, as in pbrt. */
+static result_t read_shutter(pbrt_t *p, params_t *params)
+{
+    double open = 0, close = 1;
+    TRY(params_float(params, "shutteropen", &open));
+    TRY(params_float(params, "shutterclose", &close));
+    p->shutter[0] = fmin(open, close);
+    p->shutter[1] = fmax(open, close);
+    return result_ok();
+}
+
+static result_t read_lens(pbrt_t *p, params_t *params)
+{
+    double radius = 0, distance = 1e6;
+    TRY(params_float_in(params, "lensradius", 0, 1e18, &radius));
+    TRY(params_float_in(params, "focaldistance", -1e30, 1e30, &distance));
+    if (radius > 0 && !((float)distance > 0))
+        return error_at(params_where(params, "focaldistance", p->camera_at),
+                        "focaldistance is %g, but must be positive", distance);
+    p->scene.lens_radius = (float)radius;
+    p->scene.focal_distance = (float)distance > 0 ? (float)distance : 1e6f;
+    return result_ok();
+}
+
 static result_t make_perspective(pbrt_t *p, params_t *params)
 {
-    double lens_radius = 0;
     TRY(read_fov(p, params));
     TRY(read_window(p, params));
-    TRY(params_float(params, "lensradius", &lens_radius));
-    if (lens_radius != 0)
-        return error_at(params_where(params, "lensradius", p->camera_at),
-                        "a lens (depth of field) is not supported yet; lensradius must be 0");
-    return params_apply(params, camera_rules, ARRAY_LENGTH(camera_rules), p->report);
+    TRY(read_lens(p, params));
+    return read_shutter(p, params);
+}
+
+static result_t make_orthographic(pbrt_t *p, params_t *params)
+{
+    p->scene.camera = CAMERA_ORTHOGRAPHIC;
+    TRY(read_window(p, params));
+    TRY(read_lens(p, params));
+    TRY(read_shutter(p, params));
+    if (p->scene.lens_radius == 0) return result_ok();
+    p->scene.lens_radius = 0;
+    return report_refuse(p->report, params_where(params, "lensradius", p->camera_at),
+                         "a lens on an orthographic camera is not supported; everything is in focus");
+}
+
+/* The lens and the window mean nothing to a camera that looks everywhere; pbrt reads them, too. */
+static const param_rule_t sphere_rules[] = {
+    {"lensradius", PARAM_ACCEPT, NULL},
+    {"focaldistance", PARAM_ACCEPT, NULL},
+    {"frameaspectratio", PARAM_ACCEPT, NULL},
+    {"screenwindow", PARAM_ACCEPT, NULL},
+};
+
+static result_t make_environment(pbrt_t *p, params_t *params)
+{
+    p->scene.camera = CAMERA_SPHERICAL;
+    TRY(read_shutter(p, params));
+    return params_apply(params, sphere_rules, ARRAY_LENGTH(sphere_rules), p->report);
+}
+
+static result_t make_spherical(pbrt_t *p, params_t *params)
+{
+    const char *mapping = "equalarea";
+    TRY(params_string(params, "mapping", &mapping));
+    TRY(make_environment(p, params));
+    if (strcmp(mapping, "equirectangular") == 0) return result_ok();
+    if (strcmp(mapping, "equalarea") != 0)
+        return error_at(params_where(params, "mapping", p->camera_at),
+                        "a spherical camera's mapping is \"equalarea\" or \"equirectangular\", not \"%.40s\"",
+                        mapping);
+    p->scene.camera = CAMERA_EQUAL_AREA;
+    return result_ok();
+}
+
+static const param_rule_t realistic_rules[] = {
+    {"lensfile", PARAM_IGNORE, "lenses of several elements are not supported"},
+    {"aperturediameter", PARAM_IGNORE, "lenses of several elements are not supported"},
+    {"aperture", PARAM_IGNORE, "lenses of several elements are not supported"},
+    {"focusdistance", PARAM_IGNORE, "lenses of several elements are not supported"},
+    {"simpleweighting", PARAM_IGNORE, "lenses of several elements are not supported"},
+};
+
+static result_t make_realistic(pbrt_t *p, params_t *params)
+{
+    TRY(report_refuse(p->report, p->camera_at,
+                      "the realistic camera is not supported; a perspective one is used, with an angle of %g degrees",
+                      (double)p->scene.fov));
+    TRY(read_shutter(p, params));
+    return params_apply(params, realistic_rules, ARRAY_LENGTH(realistic_rules), p->report);
 }
 
 typedef struct {
     entry_t entry;
-    result_t (*make)(pbrt_t *p, params_t *params); /* NULL: not supported yet */
+    result_t (*make)(pbrt_t *p, params_t *params);
 } option_entry_t;
 
 static const option_entry_t cameras[] = {
     {{"perspective", DIALECT_BOTH}, make_perspective},
-    {{"orthographic", DIALECT_BOTH}, NULL},
-    {{"environment", DIALECT_V3}, NULL},
-    {{"spherical", DIALECT_V4}, NULL},
-    {{"realistic", DIALECT_BOTH}, NULL},
+    {{"orthographic", DIALECT_BOTH}, make_orthographic},
+    {{"environment", DIALECT_V3}, make_environment},
+    {{"spherical", DIALECT_V4}, make_spherical},
+    {{"realistic", DIALECT_BOTH}, make_realistic},
 };
 
 /* Reads the type and the parameters of an option and lets the table's function make it. */
@@ -86,22 +158,17 @@ static result_t make_option(pbrt_t *p, const option_entry_t *table, size_t count
     TRY(pbrt_read_string(p, 0, "a type"));
     TRY(pbrt_read_params(p));
     TRY(entry_find(table, count, sizeof *table, kind, p->arguments[0], &p->dialect, at, &index));
-    if (!table[index].make) return error_at(at, "%s \"%s\" is not supported yet", kind, p->arguments[0]);
     TRY(table[index].make(p, p->params));
     return pbrt_finish_params(p, directive, p->arguments[0]);
 }
 
+/* A scale of the camera's space scales what is in it, as in pbrt. */
 result_t pbrt_camera(pbrt_t *p, position_t at)
 {
-    affine_t world_from_camera;
     TRY(once(&p->camera_at, at, "Camera"));
-    if (!affine_invert(&p->now.ctm, &world_from_camera))
+    if (!affine_invert(&p->now.ctm, &p->camera[0]) || !affine_invert(&p->now.ctm_end, &p->camera[1]))
         return error_at(at, "the current transform is singular or not finite");
-    p->scene.world_from_camera = affine_to_xform(&world_from_camera);
-    xform_t inverse;
-    if (!xform_invert(&p->scene.world_from_camera, &inverse))
-        return error_at(at, "the camera's transform is singular or not finite");
-    pbrt_name_coordinates(p, "camera", &world_from_camera);
+    pbrt_name_coordinates(p, "camera", &p->camera[0], &p->camera[1]);
     return make_option(p, cameras, ARRAY_LENGTH(cameras), "Camera", "camera", at);
 }
 
@@ -110,68 +177,155 @@ result_t pbrt_camera(pbrt_t *p, position_t at)
 static const param_rule_t film_rules[] = {
     {"filename", PARAM_ACCEPT, NULL}, /* lightmill -o names the output */
     {"savefp16", PARAM_ACCEPT, NULL},
-    {"diagonal", PARAM_IGNORE, "only the realistic camera uses it"},
-    {"maxsampleluminance", PARAM_IGNORE, "Lightmill never clamps samples, which would darken the picture"},
-    {"maxcomponentvalue", PARAM_IGNORE, "Lightmill never clamps samples, which would darken the picture"},
-    {"pixelbounds", PARAM_REFUSE, "rendering a part of the image is not supported yet"},
+    {"diagonal", PARAM_ACCEPT, NULL}, /* only the realistic camera uses it */
 };
 
-/* Fails unless the float has the one value that Lightmill knows. */
-static result_t require_float(params_t *params, const char *name, double only, position_t at)
+static result_t read_resolution(pbrt_t *p, params_t *params)
 {
-    double value = only;
-    TRY(params_float(params, name, &value));
-    if (value == only) return result_ok();
-    return error_at(params_where(params, name, at), "parameter \"%s\" is %g; only %g is supported yet", name,
-                    value, only);
-}
-
-static result_t require_whole_window(params_t *params, position_t at)
-{
-    const double *crop;
-    size_t count;
-    TRY(params_array(params, "cropwindow", PARAM_BIT(PARAM_FLOAT), 4, &crop, &count));
-    if (count && (crop[0] > 0 || crop[1] < 1 || crop[2] > 0 || crop[3] < 1))
-        return error_at(params_where(params, "cropwindow", at),
-                        "rendering a part of the image is not supported yet");
+    blob_scene_t *scene = &p->scene;
+    TRY(params_int_in(params, "xresolution", 1, JOB_MAX_RESOLUTION, &scene->width));
+    TRY(params_int_in(params, "yresolution", 1, JOB_MAX_RESOLUTION, &scene->height));
+    if ((int64_t)scene->width * scene->height > JOB_MAX_PIXELS)
+        return error_at(p->film_at, "%d x %d pixels are more than the limit of %d", scene->width, scene->height,
+                        JOB_MAX_PIXELS);
+    p->crop[0] = p->crop[2] = 0;
+    p->crop[1] = scene->width;
+    p->crop[3] = scene->height;
     return result_ok();
 }
 
-static result_t make_film(pbrt_t *p, params_t *params)
+static void intersect_crop(pbrt_t *p, const int64_t bounds[4])
 {
-    TRY(params_int_in(params, "xresolution", 1, JOB_MAX_RESOLUTION, &p->scene.width));
-    TRY(params_int_in(params, "yresolution", 1, JOB_MAX_RESOLUTION, &p->scene.height));
-    if ((int64_t)p->scene.width * p->scene.height > JOB_MAX_PIXELS)
-        return error_at(p->film_at, "%d x %d pixels are more than the limit of %d", p->scene.width,
-                        p->scene.height, JOB_MAX_PIXELS);
-    TRY(require_whole_window(params, p->film_at));
-    return params_apply(params, film_rules, ARRAY_LENGTH(film_rules), p->report);
+    for (int axis = 0; axis < 4; axis += 2) {
+        p->crop[axis] = (int32_t)(bounds[axis] > p->crop[axis] ? bounds[axis] : p->crop[axis]);
+        p->crop[axis + 1] =
+            (int32_t)(bounds[axis + 1] < p->crop[axis + 1] ? bounds[axis + 1] : p->crop[axis + 1]);
+    }
+}
+
+static result_t check_crop(const pbrt_t *p, params_t *params, const char *name)
+{
+    if (p->crop[0] < p->crop[1] && p->crop[2] < p->crop[3]) return result_ok();
+    return error_at(params_where(params, name, p->film_at), "parameter \"%s\": no pixel is left", name);
+}
+
+/* x min, x max, y min, y max as fractions of the film; pixels are counted in float and rounded up, as in pbrt. */
+static result_t read_crop_window(pbrt_t *p, params_t *params)
+{
+    const double *crop;
+    size_t count;
+    TRY(params_array(params, "cropwindow", PARAM_BIT(PARAM_FLOAT), 1, &crop, &count));
+    if (count == 0) return result_ok();
+    if (count != 4)
+        return error_at(params_where(params, "cropwindow", p->film_at),
+                        "cropwindow takes x min, x max, y min, y max, found %zu numbers", count);
+    int64_t bounds[4];
+    for (int axis = 0; axis < 4; axis += 2) {
+        float low = fminf((float)crop[axis], (float)crop[axis + 1]), high = fmaxf((float)crop[axis], (float)crop[axis + 1]);
+        float size = (float)(axis == 0 ? p->scene.width : p->scene.height);
+        bounds[axis] = (int64_t)ceilf(size * float_clamp(low, 0, 1));
+        bounds[axis + 1] = (int64_t)ceilf(size * float_clamp(high, 0, 1));
+    }
+    intersect_crop(p, bounds);
+    return check_crop(p, params, "cropwindow");
+}
+
+/* v4's film and v3's integrators: x min, x end, y min, y end in pixels. */
+static result_t read_pixel_bounds(pbrt_t *p, params_t *params)
+{
+    const double *numbers;
+    size_t count;
+    TRY(params_array(params, "pixelbounds", PARAM_BIT(PARAM_INTEGER), 1, &numbers, &count));
+    if (count == 0) return result_ok();
+    int64_t bounds[4];
+    for (size_t i = 0; i < 4; ++i) {
+        if (count != 4 || !(fabs(numbers[i]) <= INT32_MAX))
+            return error_at(params_where(params, "pixelbounds", p->film_at),
+                            "pixelbounds takes x min, x end, y min, y end in pixels");
+        bounds[i] = (int64_t)numbers[i];
+    }
+    intersect_crop(p, bounds);
+    return check_crop(p, params, "pixelbounds");
 }
 
 static result_t make_image_film(pbrt_t *p, params_t *params)
 {
-    TRY(require_float(params, "scale", 1, p->film_at));
-    return make_film(p, params);
+    double most = INFINITY;
+    TRY(read_resolution(p, params));
+    TRY(read_crop_window(p, params));
+    TRY(params_float_in(params, "scale", 1e-30, 1e30, &p->gain));
+    if (params_has(params, "maxsampleluminance"))
+        TRY(params_float_in(params, "maxsampleluminance", 1e-30, INFINITY, &most));
+    most *= p->gain; /* which pbrt applies last */
+    p->scene.max_luminance = most <= 1e38 ? (float)most : INFINITY;
+    return params_apply(params, film_rules, ARRAY_LENGTH(film_rules), p->report);
+}
+
+/* Sensors other than the observer's eye see other colours; so does one that is balanced to another white. */
+static result_t read_sensor(pbrt_t *p, params_t *params)
+{
+    const char *sensor = "cie1931";
+    double iso = 100, exposure = 1, white = 0;
+    TRY(params_float_in(params, "iso", 1e-30, 1e30, &iso));
+    TRY(params_float_in(params, "exposuretime", 1e-30, 1e30, &exposure));
+    TRY(params_float(params, "whitebalance", &white));
+    TRY(params_string(params, "sensor", &sensor));
+    p->gain = exposure * iso / 100;
+    if (strcmp(sensor, "cie1931") != 0)
+        return report_refuse(p->report, params_where(params, "sensor", p->film_at),
+                             "sensor \"%.40s\" is not supported; \"cie1931\", the default, is used", sensor);
+    if (white != 0)
+        return report_refuse(p->report, params_where(params, "whitebalance", p->film_at),
+                             "whitebalance is not supported; the picture keeps its colours");
+    return result_ok();
 }
 
 static result_t make_rgb_film(pbrt_t *p, params_t *params)
 {
-    const char *sensor = "cie1931";
-    TRY(require_float(params, "iso", 100, p->film_at));
-    TRY(require_float(params, "exposuretime", 1, p->film_at));
-    TRY(require_float(params, "whitebalance", 0, p->film_at));
-    TRY(params_string(params, "sensor", &sensor));
-    if (strcmp(sensor, "cie1931") != 0)
-        return error_at(params_where(params, "sensor", p->film_at),
-                        "sensor \"%.40s\" is not supported; only \"cie1931\", the default, is", sensor);
-    return make_film(p, params);
+    TRY(read_resolution(p, params));
+    TRY(read_crop_window(p, params));
+    TRY(read_pixel_bounds(p, params));
+    TRY(read_sensor(p, params));
+    if (params_has(params, "maxcomponentvalue")) {
+        double most = INFINITY;
+        TRY(params_float_in(params, "maxcomponentvalue", 1e-30, INFINITY, &most));
+        p->scene.max_luminance = most <= 1e38 ? (float)most : INFINITY;
+        if (isfinite(p->scene.max_luminance))
+            report_warning(p->report, params_where(params, "maxcomponentvalue", p->film_at),
+                           "parameter \"maxcomponentvalue\" limits the luminance of a sample, not its components");
+    }
+    return params_apply(params, film_rules, ARRAY_LENGTH(film_rules), p->report);
+}
+
+static const param_rule_t gbuffer_rules[] = {
+    {"coordinatesystem", PARAM_IGNORE, "only the picture is written"},
+};
+
+static result_t make_gbuffer_film(pbrt_t *p, params_t *params)
+{
+    report_warning(p->report, p->film_at, "film \"gbuffer\": only its picture is made, as by \"rgb\"");
+    TRY(params_apply(params, gbuffer_rules, ARRAY_LENGTH(gbuffer_rules), p->report));
+    return make_rgb_film(p, params);
+}
+
+static const param_rule_t spectral_rules[] = {
+    {"nbuckets", PARAM_IGNORE, "there are no wavelengths"},
+    {"lambdamin", PARAM_IGNORE, "there are no wavelengths"},
+    {"lambdamax", PARAM_IGNORE, "there are no wavelengths"},
+};
+
+static result_t make_spectral_film(pbrt_t *p, params_t *params)
+{
+    TRY(report_refuse(p->report, p->film_at, "film \"spectral\" is not supported; the picture is made, as by \"rgb\""));
+    TRY(params_apply(params, spectral_rules, ARRAY_LENGTH(spectral_rules), p->report));
+    return make_rgb_film(p, params);
 }
 
 static const option_entry_t films[] = {
     {{"image", DIALECT_V3}, make_image_film},
     {{"rgb", DIALECT_V4}, make_rgb_film},
-    {{"gbuffer", DIALECT_V4}, NULL},
-    {{"spectral", DIALECT_V4}, NULL},
+    {{"gbuffer", DIALECT_V4}, make_gbuffer_film},
+    {{"spectral", DIALECT_V4}, make_spectral_film},
 };
 
 result_t pbrt_film(pbrt_t *p, position_t at)
@@ -273,8 +427,6 @@ static const param_rule_t integrator_rules[] = {
     {"lightsampler", PARAM_IGNORE, "lights are chosen by their power"},
     {"rrthreshold", PARAM_IGNORE, "only the noise depends on it"},
     {"strategy", PARAM_IGNORE, "lights are chosen by their power"},
-    {"pixelbounds", PARAM_REFUSE, "rendering a part of the image is not supported yet"},
-    {"regularize", PARAM_IGNORE, "surfaces are never roughened"},
     {"samplebsdf", PARAM_IGNORE, "only the noise depends on it"},
     {"samplelights", PARAM_IGNORE, "only the noise depends on it"},
     {"visualizestrategies", PARAM_IGNORE, "the strategies are not written out"},
@@ -293,6 +445,10 @@ static const param_rule_t substitute_rules[] = {
     {"photonsperiteration", PARAM_IGNORE, "only sppm uses it"},
     {"imagewritefrequency", PARAM_IGNORE, "only sppm uses it"},
     {"radius", PARAM_IGNORE, "only sppm uses it"},
+    {"seed", PARAM_IGNORE, "lightmill --seed chooses it"},
+    {"cossample", PARAM_IGNORE, "only ambient occlusion uses it"},
+    {"nsamples", PARAM_IGNORE, "only ambient occlusion uses it"},
+    {"maxdistance", PARAM_IGNORE, "only ambient occlusion uses it"},
 };
 
 static result_t apply_integrator_rules(pbrt_t *p, const integrator_entry_t *integrator)
@@ -308,7 +464,7 @@ static result_t apply_integrator_rules(pbrt_t *p, const integrator_entry_t *inte
                            "parameter \"%s\" is ignored: lights are chosen by their power", name);
     }
     TRY(params_apply(p->params, integrator_rules, ARRAY_LENGTH(integrator_rules), p->report));
-    if (integrator->warning)
+    if (integrator->warning || !integrator->kind)
         return params_apply(p->params, substitute_rules, ARRAY_LENGTH(substitute_rules), p->report);
     return result_ok();
 }
@@ -326,6 +482,27 @@ static result_t read_depth(pbrt_t *p, position_t at)
     return result_ok();
 }
 
+/* v3's pixels of the film that are rendered: the others stay black there. */
+static result_t read_integrator_bounds(pbrt_t *p, position_t at)
+{
+    const double *numbers;
+    size_t count;
+    if (p->dialect.dialect != DIALECT_V3) return result_ok();
+    TRY(params_array(p->params, "pixelbounds", PARAM_BIT(PARAM_INTEGER), 1, &numbers, &count));
+    if (count == 0) return result_ok();
+    return report_refuse(p->report, params_where(p->params, "pixelbounds", at),
+                         "an integrator's pixelbounds are not supported, use the film's \"cropwindow\"; the "
+                         "whole image is rendered");
+}
+
+static result_t read_regularize(pbrt_t *p)
+{
+    bool regularize = false;
+    if (p->dialect.dialect == DIALECT_V4) TRY(params_bool(p->params, "regularize", &regularize));
+    p->scene.regularize = regularize;
+    return result_ok();
+}
+
 result_t pbrt_integrator(pbrt_t *p, position_t at)
 {
     size_t index;
@@ -336,12 +513,15 @@ result_t pbrt_integrator(pbrt_t *p, position_t at)
                    &p->dialect, at, &index));
     const integrator_entry_t *integrator = &integrators[index];
     if (!integrator->kind)
-        return error_at(at, "integrator \"%s\" is not supported yet", integrator->entry.name);
-    p->scene.integrator = integrator->kind;
+        TRY(report_refuse(p->report, at, "integrator \"%s\" is not supported; path is used",
+                          integrator->entry.name));
+    p->scene.integrator = integrator->kind ? integrator->kind : INTEGRATOR_PATH;
     if (integrator->warning)
         report_warning(p->report, at, "integrator \"%s\": %s is used instead; %s", integrator->entry.name,
                        integrator_name(integrator->kind), integrator->warning);
     TRY(read_depth(p, at));
+    TRY(read_integrator_bounds(p, at));
+    TRY(read_regularize(p));
     TRY(apply_integrator_rules(p, integrator));
     return pbrt_finish_params(p, "Integrator", p->arguments[0]);
 }
@@ -381,7 +561,28 @@ static result_t make_gaussian(pbrt_t *p, params_t *params)
     } else {
         TRY(params_float_in(params, "sigma", 1e-6, 1e6, &sigma));
     }
-    p->scene.filter.gaussian_sigma = (float)sigma;
+    p->scene.filter.parameters[0] = (float)sigma;
+    return result_ok();
+}
+
+/* Mitchell and Netravali 1988, "Reconstruction Filters in Computer Graphics". */
+static result_t make_mitchell(pbrt_t *p, params_t *params)
+{
+    double b = 1.0 / 3, c = 1.0 / 3;
+    TRY(read_radii(p, params, FILTER_MITCHELL, 2));
+    TRY(params_float_in(params, "B", -100, 100, &b));
+    TRY(params_float_in(params, "C", -100, 100, &c));
+    p->scene.filter.parameters[0] = (float)b;
+    p->scene.filter.parameters[1] = (float)c;
+    return result_ok();
+}
+
+static result_t make_sinc(pbrt_t *p, params_t *params)
+{
+    double tau = 3;
+    TRY(read_radii(p, params, FILTER_SINC, 4));
+    TRY(params_float_in(params, "tau", 1e-3, 1e3, &tau));
+    p->scene.filter.parameters[0] = (float)tau;
     return result_ok();
 }
 
@@ -389,8 +590,8 @@ static const option_entry_t filters[] = {
     {{"box", DIALECT_BOTH}, make_box},
     {{"triangle", DIALECT_BOTH}, make_triangle},
     {{"gaussian", DIALECT_BOTH}, make_gaussian},
-    {{"mitchell", DIALECT_BOTH}, NULL},
-    {{"sinc", DIALECT_BOTH}, NULL},
+    {{"mitchell", DIALECT_BOTH}, make_mitchell},
+    {{"sinc", DIALECT_BOTH}, make_sinc},
 };
 
 result_t pbrt_pixel_filter(pbrt_t *p, position_t at)
@@ -409,19 +610,12 @@ result_t pbrt_accelerator(pbrt_t *p, position_t at)
     return result_ok();
 }
 
-result_t pbrt_color_space(pbrt_t *p, position_t at)
-{
-    TRY(pbrt_read_string(p, 0, "the colour space"));
-    if (strcmp(p->arguments[0], "srgb") == 0) return result_ok();
-    return error_at(at, "colour space \"%.40s\" is not supported yet; only \"srgb\" is", p->arguments[0]);
-}
-
 static const param_rule_t option_rules[] = {
     {"forcediffuse", PARAM_REFUSE, "not supported"},
     {"disablepixeljitter", PARAM_IGNORE, "samples are always jittered"},
     {"disablewavelengthjitter", PARAM_IGNORE, "there are no wavelengths"},
-    {"disabletexturefiltering", PARAM_IGNORE, "textures are not supported yet"},
-    {"displacementedgescale", PARAM_IGNORE, "displacement is not supported yet"},
+    {"disabletexturefiltering", PARAM_IGNORE, "textures are filtered by the pixel's samples alone"},
+    {"displacementedgescale", PARAM_IGNORE, "displacement is not supported"},
     {"msereferenceimage", PARAM_IGNORE, "see lightmill compare"},
     {"msereferenceout", PARAM_IGNORE, "see lightmill compare"},
     {"rendercoordsys", PARAM_IGNORE, "rendering is in world space"},
@@ -437,7 +631,7 @@ result_t pbrt_option(pbrt_t *p, position_t at)
     return params_finish(p->params, "Option", true, p->report);
 }
 
-/* The screen window of an aspect ratio that is not the film's: the shorter side spans [-1, 1]. */
+/* The screen window of an aspect ratio: the shorter side spans [-1, 1]. */
 static void set_window_by_aspect(blob_scene_t *scene, double aspect)
 {
     float x = aspect > 1 ? (float)aspect : 1, y = aspect > 1 ? 1 : (float)(1 / aspect);
@@ -445,12 +639,46 @@ static void set_window_by_aspect(blob_scene_t *scene, double aspect)
     memcpy(scene->screen_window, window, sizeof window);
 }
 
-void pbrt_options_finish(pbrt_t *p)
+/* A part of the film becomes an image of its own, through a window of the whole. */
+static void apply_crop(pbrt_t *p)
+{
+    blob_scene_t *scene = &p->scene;
+    int32_t sizes[2] = {scene->width, scene->height};
+    for (int i = 0; i < 4; ++i) scene->film_window[i] = (float)((double)p->crop[i] / sizes[i / 2]);
+    scene->width = p->crop[1] - p->crop[0];
+    scene->height = p->crop[3] - p->crop[2];
+}
+
+static bool is_cropped(const pbrt_t *p)
+{
+    return p->crop[0] > 0 || p->crop[2] > 0 || p->crop[1] < p->scene.width || p->crop[3] < p->scene.height;
+}
+
+/* The camera where it is when the shutter opens and closes. */
+static result_t place_camera(pbrt_t *p)
+{
+    affine_t open, close;
+    xform_t inverse;
+    p->now.ctm = p->camera[0];
+    p->now.ctm_end = p->camera[1];
+    pbrt_motion(p, p->camera_at, &open, &close);
+    p->scene.world_from_camera = affine_to_xform(&open);
+    p->scene.world_from_camera_end = affine_to_xform(&close);
+    if (!xform_invert(&p->scene.world_from_camera, &inverse) ||
+        !xform_invert(&p->scene.world_from_camera_end, &inverse))
+        return error_at(p->camera_at, "the camera's transform is singular or not finite");
+    return result_ok();
+}
+
+result_t pbrt_options_finish(pbrt_t *p)
 {
     static const float automatic[4] = {0};
     blob_scene_t *scene = &p->scene;
-    double aspect = (double)scene->width / scene->height;
+    double film = (double)scene->width / scene->height, aspect = p->frame_aspect > 0 ? p->frame_aspect : film;
+    bool projects = scene->camera == CAMERA_PERSPECTIVE || scene->camera == CAMERA_ORTHOGRAPHIC;
     bool given = memcmp(scene->screen_window, automatic, sizeof automatic) != 0;
-    if (!given && p->frame_aspect > 0 && fabs(p->frame_aspect - aspect) > 1e-5 * aspect)
-        set_window_by_aspect(scene, p->frame_aspect);
+    if (projects && !given && (fabs(aspect - film) > 1e-5 * film || is_cropped(p)))
+        set_window_by_aspect(scene, aspect);
+    if (is_cropped(p)) apply_crop(p);
+    return place_camera(p);
 }

@@ -359,7 +359,7 @@ result_t params_apply(params_t *params, const param_rule_t *rules, size_t count,
         if (!item || item->used) continue;
         item->used = true;
         if (rules[i].fate == PARAM_REFUSE)
-            return error_at(item->at, "parameter \"%s\": %s", rules[i].name, rules[i].why);
+            TRY(report_refuse(report, item->at, "parameter \"%s\": %s", rules[i].name, rules[i].why));
         if (rules[i].fate == PARAM_IGNORE)
             report_warning(report, item->at, "parameter \"%s\" is ignored: %s", rules[i].name, rules[i].why);
     }

@@ -82,7 +82,7 @@ position_t params_where(const params_t *params, const char *name, position_t oth
 typedef enum {
     PARAM_ACCEPT, /* without a word: it means nothing to any renderer's picture (an output's name) */
     PARAM_IGNORE, /* warn: it hardly changes the picture */
-    PARAM_REFUSE  /* fail: without it the picture is another */
+    PARAM_REFUSE  /* fail (a lenient import warns): without it the picture is another */
 } param_fate_t;
 
 typedef struct {

@@ -79,13 +79,24 @@ static result_t include(pbrt_t *p, position_t at)
     return result;
 }
 
+/* Import (v4): what the file sets ends with it. */
+static result_t import(pbrt_t *p, position_t at)
+{
+    TRY(pbrt_push(p, SCOPE_ATTRIBUTE, at));
+    size_t depth = p->scope_count;
+    TRY(include(p, at));
+    if (p->scope_count != depth) return error_at(at, "the imported file leaves a block open");
+    return pbrt_pop(p, SCOPE_ATTRIBUTE, "Import", at);
+}
+
 static result_t world_begin(pbrt_t *p, position_t at)
 {
     (void)at;
     affine_t identity = affine_identity();
-    pbrt_options_finish(p);
-    p->now.ctm = identity;
-    pbrt_name_coordinates(p, "world", &identity);
+    TRY(pbrt_options_finish(p));
+    p->now.ctm = p->now.ctm_end = identity;
+    p->now.active = ACTIVE_START | ACTIVE_END;
+    pbrt_name_coordinates(p, "world", &identity, &identity);
     p->phase = PHASE_WORLD;
     return result_ok();
 }
@@ -126,21 +137,18 @@ static result_t object_end(pbrt_t *p, position_t at)
 
 static result_t object_instance(pbrt_t *p, position_t at)
 {
-    blob_instance_t instance;
-    xform_t inverse;
+    uint32_t object;
+    affine_t open, close;
     TRY(pbrt_read_string(p, 0, "the object's name"));
     if (p->object) return error_at(at, "an instance inside an object is not supported, as in pbrt");
-    if (!names_find(&p->object_names, p->arguments[0], &instance.object))
+    if (!names_find(&p->object_names, p->arguments[0], &object))
         return error_at(at, "no object \"%.60s\" has been defined before", p->arguments[0]);
-    if (p->objects[instance.object].count == 0) {
+    if (p->objects[object].count == 0) {
         report_warning(p->report, at, "the object \"%.60s\" is empty", p->arguments[0]);
         return result_ok();
     }
-    instance.world_from_object = affine_to_xform(&p->now.ctm);
-    if (!xform_invert(&instance.world_from_object, &inverse))
-        return error_at(at, "the current transform is singular or not finite");
-    blob_builder_add(p->builder, BLOB_SECTION_INSTANCES, &instance, 1);
-    return result_ok();
+    pbrt_motion(p, at, &open, &close);
+    return pbrt_add_instance(p, object, &open, &close, at);
 }
 
 /* ---- media: none yet ----------------------------------------------------------------------------------- */
@@ -187,7 +195,7 @@ static const directive_t directives[] = {
     {{"Attribute", DIALECT_V4}, ANY_PHASE, attribute},
     {{"ReverseOrientation", DIALECT_BOTH}, PHASE_WORLD, reverse_orientation},
     {{"Include", DIALECT_BOTH}, ANY_PHASE, include},
-    {{"Import", DIALECT_V4}, ANY_PHASE, NULL},
+    {{"Import", DIALECT_V4}, PHASE_WORLD, import},
 
     {{"Identity", DIALECT_BOTH}, ANY_PHASE, pbrt_identity},
     {{"Translate", DIALECT_BOTH}, ANY_PHASE, pbrt_translate},

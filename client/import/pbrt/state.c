@@ -14,7 +14,10 @@ void pbrt_begin(pbrt_t *p, blob_builder_t *builder, report_t *report)
 {
     *p = (pbrt_t){.report = report, .builder = builder, .phase = PHASE_OPTIONS};
     p->params = params_new();
-    p->now.ctm = affine_identity();
+    p->now.ctm = p->now.ctm_end = affine_identity();
+    p->now.active = ACTIVE_START | ACTIVE_END;
+    p->camera[0] = p->camera[1] = affine_identity();
+    p->transform_times[1] = p->shutter[1] = p->gain = 1;
     p->objects = grow(NULL, &p->object_capacity, 1, sizeof *p->objects);
     p->objects[p->object_count++] = (object_t){0}; /* the world */
 }
@@ -61,16 +64,22 @@ void pbrt_set_defaults(pbrt_t *p, dialect_choice_t dialect)
 {
     bool v3 = dialect.dialect == DIALECT_V3;
     p->dialect = dialect;
-    p->scene = (blob_scene_t){.world_from_camera = xform_identity(),
+    p->scene = (blob_scene_t){.camera = CAMERA_PERSPECTIVE,
+                              .world_from_camera = xform_identity(),
+                              .world_from_camera_end = xform_identity(),
                               .fov = 90,
+                              .focal_distance = 1e6f,
+                              .film_window = {0, 1, 0, 1},
                               .width = v3 ? 640 : 1280,
                               .height = v3 ? 480 : 720,
                               .max_depth = 5,
                               .spp = 16,
                               .integrator = INTEGRATOR_PATH,
-                              .sampler = SAMPLER_SOBOL};
-    p->scene.filter =
-        v3 ? (blob_filter_t){FILTER_BOX, 0.5f, 0.5f, 0} : (blob_filter_t){FILTER_GAUSSIAN, 1.5f, 1.5f, 0.5f};
+                              .sampler = SAMPLER_SOBOL,
+                              .max_luminance = INFINITY};
+    p->scene.filter = v3 ? (blob_filter_t){FILTER_BOX, 0.5f, 0.5f, {0}}
+                         : (blob_filter_t){FILTER_GAUSSIAN, 1.5f, 1.5f, {0.5f}};
+    p->crop[1] = p->crop[3] = INT32_MAX;
     pbrt_default_material(p);
 }
 
@@ -100,6 +109,8 @@ result_t pbrt_pop(pbrt_t *p, scope_kind_t kind, const char *directive, position_
     --p->scope_count;
     if (kind == SCOPE_TRANSFORM) {
         p->now.ctm = scope->saved.ctm;
+        p->now.ctm_end = scope->saved.ctm_end;
+        p->now.active = scope->saved.active;
         return result_ok();
     }
     p->now = scope->saved;
@@ -110,16 +121,38 @@ result_t pbrt_pop(pbrt_t *p, scope_kind_t kind, const char *directive, position_
     return result_ok();
 }
 
-void pbrt_name_coordinates(pbrt_t *p, const char *name, const affine_t *t)
+void pbrt_name_coordinates(pbrt_t *p, const char *name, const affine_t *start, const affine_t *end)
 {
     uint32_t index;
-    if (names_find(&p->coordinates, name, &index)) {
-        p->systems[index] = *t;
-        return;
+    if (!names_find(&p->coordinates, name, &index)) {
+        p->systems = grow(p->systems, &p->system_capacity, p->system_count + 1, sizeof *p->systems);
+        index = (uint32_t)p->system_count++;
+        names_add(&p->coordinates, name, index);
     }
-    p->systems = grow(p->systems, &p->system_capacity, p->system_count + 1, sizeof *p->systems);
-    names_add(&p->coordinates, name, (uint32_t)p->system_count);
-    p->systems[p->system_count++] = *t;
+    p->systems[index][0] = *start;
+    p->systems[index][1] = *end;
+}
+
+/* ---- motion -------------------------------------------------------------------------------------------- */
+
+/* Motion runs between the transform's times and rests outside them; the blob knows the shutter's time alone. */
+bool pbrt_motion(pbrt_t *p, position_t at, affine_t *open, affine_t *close)
+{
+    affine_t start = p->now.ctm, end = p->now.ctm_end;
+    *open = *close = start;
+    if (memcmp(&start, &end, sizeof start) == 0) return false;
+    double first = p->transform_times[0], length = p->transform_times[1] - first, part[2];
+    for (int i = 0; i < 2; ++i)
+        part[i] = length > 0 ? (p->shutter[i] - first) / length : p->shutter[i] > first ? 1 : 0;
+    bool bends = (part[0] < 0 && part[1] > 0) || (part[0] < 1 && part[1] > 1);
+    if (bends && !p->early_motion) {
+        report_warning(p->report, at,
+                       "motion begins or ends while the shutter is open: it is spread over all of that time");
+        p->early_motion = true;
+    }
+    affine_interpolate(&start, &end, part[0], open);
+    affine_interpolate(&start, &end, part[1], close);
+    return memcmp(open, close, sizeof *open) != 0;
 }
 
 /* ---- places and paths ---------------------------------------------------------------------------------- */
@@ -146,25 +179,51 @@ char *pbrt_resolve(const pbrt_t *p, const char *filename)
 
 /* ---- the scene ----------------------------------------------------------------------------------------- */
 
-/* A light of the world; object 0 comes first in the blob, so its shapes' indices are known already. */
-static uint32_t add_light(pbrt_t *p)
+static void append_shape(object_t *object, blob_shape_t shape)
 {
-    blob_light_t light = p->now.light;
-    light.shape = (uint32_t)p->objects[0].count;
-    return blob_builder_add(p->builder, BLOB_SECTION_LIGHTS, &light, 1);
-}
-
-void pbrt_add_shape(pbrt_t *p, blob_shape_t shape, position_t at)
-{
-    object_t *object = &p->objects[p->object];
-    shape.name = pbrt_name_of_place(p, at);
-    shape.light = BLOB_NONE;
-    if (p->now.emits && p->object == 0 && !v_is_zero(p->now.light.radiance)) shape.light = add_light(p);
-    if (p->now.emits && p->object != 0)
-        report_warning(p->report, at,
-                       "a shape of an object does not emit, as in pbrt; its area light is ignored");
     object->shapes = grow(object->shapes, &object->capacity, object->count + 1, sizeof *object->shapes);
     object->shapes[object->count++] = shape;
+}
+
+/* Object 0 comes first in the blob, so the index of a shape of the world is known already. */
+void pbrt_add_shape(pbrt_t *p, blob_shape_t shape, const blob_light_t *light, position_t at)
+{
+    shape.name = pbrt_name_of_place(p, at);
+    shape.light = BLOB_NONE;
+    if (light) {
+        blob_light_t record = *light;
+        record.shape = (uint32_t)p->objects[0].count;
+        shape.light = blob_builder_add(p->builder, BLOB_SECTION_LIGHTS, &record, 1);
+    }
+    append_shape(&p->objects[p->object], shape);
+}
+
+void pbrt_add_moving_shape(pbrt_t *p, blob_shape_t shape, const affine_t *open, const affine_t *close,
+                           position_t at)
+{
+    blob_instance_t instance = {.object = (uint32_t)p->object_count,
+                                .world_from_object = affine_to_xform(open),
+                                .world_from_object_end = affine_to_xform(close)};
+    shape.name = pbrt_name_of_place(p, at);
+    shape.light = BLOB_NONE;
+    p->objects = grow(p->objects, &p->object_capacity, p->object_count + 1, sizeof *p->objects);
+    p->objects[p->object_count] = (object_t){.at = at};
+    append_shape(&p->objects[p->object_count++], shape);
+    blob_builder_add(p->builder, BLOB_SECTION_INSTANCES, &instance, 1);
+}
+
+result_t pbrt_add_instance(pbrt_t *p, uint32_t object, const affine_t *open, const affine_t *close,
+                           position_t at)
+{
+    xform_t inverse;
+    blob_instance_t instance = {.object = object,
+                                .world_from_object = affine_to_xform(open),
+                                .world_from_object_end = affine_to_xform(close)};
+    if (!xform_invert(&instance.world_from_object, &inverse) ||
+        !xform_invert(&instance.world_from_object_end, &inverse))
+        return error_at(at, "the current transform is singular or not finite");
+    blob_builder_add(p->builder, BLOB_SECTION_INSTANCES, &instance, 1);
+    return result_ok();
 }
 
 static void lay_out_objects(pbrt_t *p)
@@ -185,6 +244,20 @@ static result_t check_defaults(pbrt_t *p)
     return result_ok();
 }
 
+/* The film's gain is put into the lights. */
+static result_t apply_gain(pbrt_t *p, position_t at)
+{
+    uint32_t count = blob_builder_count(p->builder, BLOB_SECTION_LIGHTS);
+    blob_light_t *lights = blob_builder_records(p->builder, BLOB_SECTION_LIGHTS);
+    for (uint32_t i = 0; i < count; ++i) {
+        rgb_t *factor = &lights[i].radiance.factor;
+        if (p->gain != 1) *factor = v_scale(*factor, (float)p->gain);
+        if (!v_is_finite(*factor))
+            return error_at(p->film_at.line ? p->film_at : at, "the scene's lights are too bright: infinite");
+    }
+    return result_ok();
+}
+
 result_t pbrt_finish(pbrt_t *p, position_t at)
 {
     if (p->phase == PHASE_OPTIONS)
@@ -197,6 +270,7 @@ result_t pbrt_finish(pbrt_t *p, position_t at)
         return error_at(at, "the file ends before WorldEnd; is it truncated?");
     pbrt_check_unused_materials(p);
     TRY(check_defaults(p));
+    TRY(apply_gain(p, at));
     lay_out_objects(p);
     blob_builder_add(p->builder, BLOB_SECTION_SCENE, &p->scene, 1);
     if (blob_builder_count(p->builder, BLOB_SECTION_LIGHTS) == 0)

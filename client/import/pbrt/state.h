@@ -25,13 +25,26 @@ typedef enum {
     TARGET_COUNT
 } target_t;
 
+/* Which of the two transforms the transform directives change: ActiveTransform. */
+enum { ACTIVE_START = 1, ACTIVE_END = 2 };
+
+/* An AreaLightSource. */
+typedef struct {
+    blob_light_t light; /* its radiance and flags; with a power: the colour, whatever its scale */
+    double power;       /* that a shape emits (v4), of a light of mean luminance 1; 0: the radiance is given */
+    double mean;        /* luminance of its image; 1 without */
+    position_t at;
+} area_light_t;
+
 /* What AttributeBegin saves and AttributeEnd restores. */
 typedef struct {
-    affine_t ctm;
-    bool reverse;                     /* ReverseOrientation */
-    uint32_t material;                /* index in materials */
-    bool emits;                       /* an AreaLightSource is in force */
-    blob_light_t light;               /* its radiance and flags */
+    affine_t ctm, ctm_end; /* at the two times of TransformTimes */
+    unsigned active;       /* ACTIVE_START, ACTIVE_END or both */
+    bool reverse;          /* ReverseOrientation */
+    uint32_t material;     /* index in materials */
+    bool emits;            /* an AreaLightSource is in force */
+    area_light_t light;
+    size_t colour_space;              /* of rgb values (v4): see pbrt_srgb */
     params_t *defaults[TARGET_COUNT]; /* owned by the state's kept lists; NULL: none */
 } graphics_t;
 
@@ -63,7 +76,8 @@ typedef struct {
 /* An image file in the blob. Owned: path. */
 typedef struct {
     char *path;
-    float gamma; /* as asked for */
+    float asked, gamma; /* as asked for, and as it turned out to be */
+    bool grey, alpha;   /* one channel; an alpha that is not 1 everywhere */
     blob_ref_t image;
 } image_file_t;
 
@@ -106,7 +120,7 @@ typedef struct pbrt {
     scope_t *scopes;
     size_t scope_count, scope_capacity;
     names_t coordinates; /* values: indices in systems */
-    affine_t *systems;
+    affine_t (*systems)[2]; /* at the two times */
     size_t system_count, system_capacity;
 
     names_t material_names, object_names;
@@ -122,7 +136,15 @@ typedef struct pbrt {
     size_t object; /* the one that shapes go to */
 
     blob_scene_t scene;
-    double frame_aspect;                                                 /* of the camera; 0: the film's */
+    double frame_aspect;       /* of the camera; 0: the film's */
+    affine_t camera[2];        /* world from camera, at the two times */
+    double transform_times[2]; /* of ctm and ctm_end */
+    double shutter[2];         /* times 0 and 1 of the blob */
+    bool flat_curves;          /* it has been said that flat curves become round */
+    bool early_motion;         /* it has been said that motion ends inside the shutter's time */
+    int32_t crop[4];           /* x first, x end, y first, y end in pixels of the film */
+    double gain;               /* of the film, on all light */
+    uint64_t bytes_known, bytes_done; /* of the files, for progress */
     position_t film_at, camera_at, sampler_at, integrator_at, filter_at; /* line 0: not there yet */
 } pbrt_t;
 
@@ -139,7 +161,10 @@ result_t pbrt_push(pbrt_t *p, scope_kind_t kind, position_t at);
 result_t pbrt_pop(pbrt_t *p, scope_kind_t kind, const char *directive, position_t at);
 
 /* Gives a transform a name for CoordSysTransform. */
-void pbrt_name_coordinates(pbrt_t *p, const char *name, const affine_t *t);
+void pbrt_name_coordinates(pbrt_t *p, const char *name, const affine_t *start, const affine_t *end);
+
+/* The current transform when the shutter opens and when it closes; true when they differ. */
+bool pbrt_motion(pbrt_t *p, position_t at, affine_t *open, affine_t *close);
 
 /* "label:line" in the blob's strings. */
 uint32_t pbrt_name_of_place(pbrt_t *p, position_t at);
@@ -147,9 +172,15 @@ uint32_t pbrt_name_of_place(pbrt_t *p, position_t at);
  * from that of the file which names it. The caller frees it. */
 char *pbrt_resolve(const pbrt_t *p, const char *filename);
 
-/* Adds a shape to the current object with the area light that is in force. `shape` has everything but light
- * and name. */
-void pbrt_add_shape(pbrt_t *p, blob_shape_t shape, position_t at);
+/* Adds a shape to the current object, with the light that it emits or NULL. `shape` has everything but light and
+ * name. */
+void pbrt_add_shape(pbrt_t *p, blob_shape_t shape, const blob_light_t *light, position_t at);
+/* Adds a shape of the world that moves, as an object of its own; its geometry is in its own space. */
+void pbrt_add_moving_shape(pbrt_t *p, blob_shape_t shape, const affine_t *open, const affine_t *close,
+                           position_t at);
+/* Adds an instance. Fails when a transform is singular in float. */
+result_t pbrt_add_instance(pbrt_t *p, uint32_t object, const affine_t *open, const affine_t *close,
+                           position_t at);
 
 /* Lays out scene, objects and shapes in the builder, and says what looks forgotten. `at` is the end of the
  * file. */

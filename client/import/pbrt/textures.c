@@ -1,176 +1,463 @@
-/* textures: the Texture directive, and the values that may come from a texture: floats and colours.
+/* textures: the Texture directive and the table of textures.
  *
- * Constant textures are all there is so far, so a value is a number or a colour when a material is made. */
+ * A texture becomes a record of the blob at its directive; a constant stays a number, and a scale by one is
+ * multiplied into the value.
+ */
 #include "client/import/pbrt/directives.h"
 
+#include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 
-/* ---- spectra that have a name (v4) --------------------------------------------------------------------- */
+typedef struct {
+    entry_t entry;
+    /* Reads the texture's parameters; NULL: not supported. */
+    result_t (*make)(pbrt_t *p, params_t *params, position_t at, bool is_float, blob_value_t *value);
+} texture_entry_t;
 
-/* The measured curves, weighted by the CIE 1931 observer and taken to linear sRGB as pbrt-v3 does it. */
-static const struct {
-    const char *name;
-    rgb_t colour;
-} named_spectra[] = {
-    {"metal-Ag-eta", {0.155265f, 0.116723f, 0.138381f}},
-    {"metal-Ag-k", {4.828343f, 3.122246f, 2.147050f}},
-    {"metal-Al-eta", {1.657460f, 0.880369f, 0.521229f}},
-    {"metal-Al-k", {9.223869f, 6.269523f, 4.837001f}},
-    {"metal-Au-eta", {0.143119f, 0.374957f, 1.442479f}},
-    {"metal-Au-k", {3.983160f, 2.385721f, 1.603215f}},
-    {"metal-Cu-eta", {0.200438f, 0.924033f, 1.102212f}},
-    {"metal-Cu-k", {3.912949f, 2.452848f, 2.142188f}},
-    /* glasses: the index at 587.6 nm, without dispersion; F5, F10 and F11 are SF5, SF10 and SF11 */
-    {"glass-BK7", {1.5168f, 1.5168f, 1.5168f}},
-    {"glass-BAF10", {1.6700f, 1.6700f, 1.6700f}},
-    {"glass-FK51A", {1.4866f, 1.4866f, 1.4866f}},
-    {"glass-LASF9", {1.8503f, 1.8503f, 1.8503f}},
-    {"glass-F5", {1.6727f, 1.6727f, 1.6727f}},
-    {"glass-F10", {1.7283f, 1.7283f, 1.7283f}},
-    {"glass-F11", {1.7847f, 1.7847f, 1.7847f}},
-    /* the white of sRGB */
-    {"stdillum-D65", {1, 1, 1}},
+/* ---- records ------------------------------------------------------------------------------------------- */
+
+static blob_value_t add(pbrt_t *p, const blob_texture_t *texture)
+{
+    blob_value_t value = blob_constant(1);
+    value.texture = 1 + blob_builder_add(p->builder, BLOB_SECTION_TEXTURES, texture, 1);
+    return value;
+}
+
+static result_t read_input(pbrt_t *p, params_t *params, const char *name, bool is_float, float otherwise,
+                           blob_value_t *input)
+{
+    *input = blob_constant(otherwise);
+    return is_float ? pbrt_signed_value(p, params, name, input)
+                    : pbrt_colour_value(p, params, name, COLOUR_UNBOUNDED, input);
+}
+
+/* ---- mappings ------------------------------------------------------------------------------------------ */
+
+static result_t read_vector(params_t *params, const char *name, double vector[3])
+{
+    const double *numbers;
+    size_t count;
+    TRY(params_array(params, name, PARAM_BIT(PARAM_VECTOR3), 3, &numbers, &count));
+    if (count > 3)
+        return error_at(params_where(params, name, (position_t){.path = ""}),
+                        "parameter \"%s\" takes three numbers, found %zu", name, count);
+    for (size_t i = 0; i < count; ++i) vector[i] = numbers[i];
+    return result_ok();
+}
+
+static affine_t from_world(const pbrt_t *p)
+{
+    affine_t inverse;
+    return affine_invert(&p->now.ctm, &inverse) ? inverse : affine_identity();
+}
+
+static result_t map_uv(params_t *params, blob_texture_t *texture)
+{
+    double scale[2] = {1, 1}, delta[2] = {0, 0};
+    TRY(params_float_in(params, "uscale", -1e6, 1e6, &scale[0]));
+    TRY(params_float_in(params, "vscale", -1e6, 1e6, &scale[1]));
+    TRY(params_float_in(params, "udelta", -1e6, 1e6, &delta[0]));
+    TRY(params_float_in(params, "vdelta", -1e6, 1e6, &delta[1]));
+    texture->mapping = MAPPING_UV;
+    texture->matrix[0][0] = (float)scale[0];
+    texture->matrix[1][1] = (float)scale[1];
+    for (int i = 0; i < 2; ++i) texture->matrix[i][2] = (float)delta[i];
+    return result_ok();
+}
+
+/* (s, t) = (v1 . p + udelta, v2 . p + vdelta): p in the world (v3), or in the texture's space (v4). */
+static result_t map_planar(pbrt_t *p, params_t *params, blob_texture_t *texture)
+{
+    affine_t plane = {{{1, 0, 0, 0}, {0, 1, 0, 0}, {0, 0, 0, 0}}};
+    TRY(read_vector(params, "v1", plane.m[0]));
+    TRY(read_vector(params, "v2", plane.m[1]));
+    TRY(params_float_in(params, "udelta", -1e6, 1e6, &plane.m[0][3]));
+    TRY(params_float_in(params, "vdelta", -1e6, 1e6, &plane.m[1][3]));
+    affine_t space = p->dialect.dialect == DIALECT_V4 ? from_world(p) : affine_identity();
+    plane = affine_multiply(&plane, &space);
+    texture->mapping = MAPPING_PLANAR;
+    texture->texture_from_world = affine_to_xform(&plane);
+    return result_ok();
+}
+
+static result_t map_2d(pbrt_t *p, params_t *params, position_t at, blob_texture_t *texture)
+{
+    const char *type = "uv";
+    TRY(params_string(params, "mapping", &type));
+    if (strcmp(type, "uv") == 0) return map_uv(params, texture);
+    if (strcmp(type, "planar") == 0) return map_planar(p, params, texture);
+    affine_t space = from_world(p);
+    texture->texture_from_world = affine_to_xform(&space);
+    texture->mapping = MAPPING_SPHERICAL;
+    if (strcmp(type, "spherical") == 0) return result_ok();
+    texture->mapping = MAPPING_CYLINDRICAL;
+    if (strcmp(type, "cylindrical") == 0) return result_ok();
+    return error_at(params_where(params, "mapping", at), "unknown mapping \"%.40s\"", type);
+}
+
+/* pbrt-v3 applies the current transform itself to the point in the world, pbrt-v4 its inverse. */
+static void map_3d(const pbrt_t *p, blob_texture_t *texture)
+{
+    affine_t space = p->dialect.dialect == DIALECT_V4 ? from_world(p) : p->now.ctm;
+    texture->mapping = MAPPING_POINT;
+    texture->texture_from_world = affine_to_xform(&space);
+}
+
+static void negate_row(xform_t *t, int row)
+{
+    for (int i = 0; i < 4; ++i) t->m[row][i] = -t->m[row][i];
+}
+
+/* Makes t of an image 1 - t: pbrt's v = 0 is the bottom row, the blob's t = 0 the top one. On a sphere the
+ * mirrored y makes it so; on a cylinder the mirrored z does as far as the image repeats. */
+static void flip_t(blob_texture_t *texture)
+{
+    switch (texture->mapping) {
+    case MAPPING_UV:
+        for (int i = 0; i < 3; ++i) texture->matrix[1][i] = -texture->matrix[1][i];
+        texture->matrix[1][2] += 1;
+        return;
+    case MAPPING_PLANAR:
+        negate_row(&texture->texture_from_world, 1);
+        texture->texture_from_world.m[1][3] += 1;
+        return;
+    case MAPPING_SPHERICAL:
+        negate_row(&texture->texture_from_world, 1);
+        return;
+    default:
+        negate_row(&texture->texture_from_world, 2);
+    }
+}
+
+/* ---- textures of textures ------------------------------------------------------------------------------ */
+
+static result_t make_constant(pbrt_t *p, params_t *params, position_t at, bool is_float, blob_value_t *value)
+{
+    (void)at;
+    return read_input(p, params, "value", is_float, 1, value);
+}
+
+static result_t make_scale(pbrt_t *p, params_t *params, position_t at, bool is_float, blob_value_t *value)
+{
+    (void)at;
+    bool v3 = p->dialect.dialect == DIALECT_V3;
+    blob_texture_t texture = {.kind = TEXTURE_SCALE};
+    blob_value_t *a = &texture.inputs[0], *b = &texture.inputs[1];
+    TRY(read_input(p, params, v3 ? "tex1" : "tex", is_float, 1, a));
+    TRY(read_input(p, params, v3 ? "tex2" : "scale", v3 ? is_float : true, 1, b));
+    *value = (blob_value_t){v_mul(a->factor, b->factor), a->texture ? a->texture : b->texture};
+    if (!v_is_finite(value->factor)) return error_at(at, "this scale is not finite");
+    if (a->texture && b->texture) *value = add(p, &texture);
+    return result_ok();
+}
+
+static result_t make_mix(pbrt_t *p, params_t *params, position_t at, bool is_float, blob_value_t *value)
+{
+    (void)at;
+    blob_texture_t texture = {.kind = TEXTURE_MIX};
+    TRY(read_input(p, params, "tex1", is_float, 0, &texture.inputs[0]));
+    TRY(read_input(p, params, "tex2", is_float, 1, &texture.inputs[1]));
+    TRY(read_input(p, params, "amount", true, 0.5f, &texture.inputs[2]));
+    *value = add(p, &texture);
+    return result_ok();
+}
+
+/* pbrt-v4's tex1 has the share |n . d|. */
+static result_t make_direction_mix(pbrt_t *p, params_t *params, position_t at, bool is_float,
+                                   blob_value_t *value)
+{
+    double d[3] = {0, 1, 0};
+    blob_texture_t texture = {.kind = TEXTURE_DIRECTION_MIX};
+    TRY(read_input(p, params, "tex1", is_float, 0, &texture.inputs[1]));
+    TRY(read_input(p, params, "tex2", is_float, 1, &texture.inputs[0]));
+    TRY(read_vector(params, "dir", d));
+    xform_t space = affine_to_xform(&p->now.ctm);
+    vec3_t direction = v_normalize(xform_vector(&space, vec3((float)d[0], (float)d[1], (float)d[2])));
+    if (!v_is_finite(direction)) return error_at(params_where(params, "dir", at), "\"dir\" has no direction");
+    texture.parameters[0] = direction.x;
+    texture.parameters[1] = direction.y;
+    texture.parameters[2] = direction.z;
+    *value = add(p, &texture);
+    return result_ok();
+}
+
+/* ---- patterns over (s, t) ------------------------------------------------------------------------------ */
+
+static result_t make_bilerp(pbrt_t *p, params_t *params, position_t at, bool is_float, blob_value_t *value)
+{
+    static const char *const names[] = {"v00", "v01", "v10", "v11"};
+    blob_texture_t texture = {.kind = TEXTURE_BILERP};
+    TRY(map_2d(p, params, at, &texture));
+    for (int i = 0; i < 4; ++i)
+        TRY(read_input(p, params, names[i], is_float, (float)(i & 1), &texture.inputs[i]));
+    *value = add(p, &texture);
+    return result_ok();
+}
+
+static result_t make_uv(pbrt_t *p, params_t *params, position_t at, bool is_float, blob_value_t *value)
+{
+    if (is_float) return error_at(at, "texture \"uv\" is a colour, not of type \"float\"");
+    blob_texture_t texture = {.kind = TEXTURE_UV};
+    TRY(map_2d(p, params, at, &texture));
+    *value = add(p, &texture);
+    return result_ok();
+}
+
+static const param_rule_t checkerboard_rules[] = {
+    {"aamode", PARAM_ACCEPT, NULL}, /* many samples a pixel filter the pattern */
 };
 
-static result_t named_spectrum(const char *name, position_t at, rgb_t *value)
+static result_t make_checkerboard(pbrt_t *p, params_t *params, position_t at, bool is_float,
+                                  blob_value_t *value)
 {
-    for (size_t i = 0; i < ARRAY_LENGTH(named_spectra); ++i) {
-        if (strcmp(name, named_spectra[i].name) != 0) continue;
-        *value = named_spectra[i].colour;
+    int32_t dimension = 2;
+    blob_texture_t texture = {.kind = TEXTURE_CHECKERBOARD};
+    TRY(params_int_in(params, "dimension", 2, 3, &dimension));
+    if (dimension == 2)
+        TRY(map_2d(p, params, at, &texture));
+    else
+        map_3d(p, &texture);
+    TRY(read_input(p, params, "tex1", is_float, 1, &texture.inputs[0]));
+    TRY(read_input(p, params, "tex2", is_float, 0, &texture.inputs[1]));
+    TRY(params_apply(params, checkerboard_rules, ARRAY_LENGTH(checkerboard_rules), p->report));
+    *value = add(p, &texture);
+    return result_ok();
+}
+
+static result_t make_dots(pbrt_t *p, params_t *params, position_t at, bool is_float, blob_value_t *value)
+{
+    blob_texture_t texture = {.kind = TEXTURE_DOTS};
+    TRY(map_2d(p, params, at, &texture));
+    TRY(read_input(p, params, "inside", is_float, 1, &texture.inputs[0]));
+    TRY(read_input(p, params, "outside", is_float, 0, &texture.inputs[1]));
+    *value = add(p, &texture);
+    return result_ok();
+}
+
+/* ---- patterns of space --------------------------------------------------------------------------------- */
+
+static result_t read_octaves(params_t *params, blob_texture_t *texture)
+{
+    int32_t octaves = 8;
+    double roughness = 0.5;
+    TRY(params_int_in(params, "octaves", 0, 64, &octaves));
+    TRY(params_float_in(params, "roughness", 0, 100, &roughness));
+    texture->parameters[0] = (float)octaves;
+    texture->parameters[1] = (float)roughness;
+    return result_ok();
+}
+
+static result_t make_noise(pbrt_t *p, params_t *params, texture_kind_t kind, blob_value_t *value)
+{
+    blob_texture_t texture = {.kind = kind};
+    map_3d(p, &texture);
+    if (kind != TEXTURE_WINDY) TRY(read_octaves(params, &texture));
+    *value = add(p, &texture);
+    return result_ok();
+}
+
+static result_t make_fbm(pbrt_t *p, params_t *params, position_t at, bool is_float, blob_value_t *value)
+{
+    (void)at, (void)is_float;
+    return make_noise(p, params, TEXTURE_FBM, value);
+}
+
+static result_t make_wrinkled(pbrt_t *p, params_t *params, position_t at, bool is_float, blob_value_t *value)
+{
+    (void)at, (void)is_float;
+    return make_noise(p, params, TEXTURE_WRINKLED, value);
+}
+
+static result_t make_windy(pbrt_t *p, params_t *params, position_t at, bool is_float, blob_value_t *value)
+{
+    (void)at, (void)is_float;
+    return make_noise(p, params, TEXTURE_WINDY, value);
+}
+
+static result_t make_marble(pbrt_t *p, params_t *params, position_t at, bool is_float, blob_value_t *value)
+{
+    if (is_float) return error_at(at, "texture \"marble\" is a colour, not of type \"float\"");
+    double scale = 1, variation = 0.2;
+    blob_texture_t texture = {.kind = TEXTURE_MARBLE};
+    map_3d(p, &texture);
+    TRY(read_octaves(params, &texture));
+    TRY(params_float_in(params, "scale", -1e6, 1e6, &scale));
+    TRY(params_float_in(params, "variation", -1e6, 1e6, &variation));
+    texture.parameters[2] = (float)scale;
+    texture.parameters[3] = (float)variation;
+    *value = add(p, &texture);
+    return result_ok();
+}
+
+/* ---- images -------------------------------------------------------------------------------------------- */
+
+static result_t read_wrap(pbrt_t *p, params_t *params, position_t at, blob_texture_t *texture)
+{
+    static const struct {
+        const char *name;
+        wrap_t wrap;
+    } wraps[] = {{"repeat", WRAP_REPEAT}, {"clamp", WRAP_CLAMP}, {"black", WRAP_BLACK}};
+    const char *name = "repeat";
+    TRY(params_string(params, "wrap", &name));
+    at = params_where(params, "wrap", at);
+    texture->wrap_s = texture->wrap_t = 0;
+    for (size_t i = 0; i < ARRAY_LENGTH(wraps); ++i)
+        if (strcmp(name, wraps[i].name) == 0) texture->wrap_s = texture->wrap_t = wraps[i].wrap;
+    if (texture->wrap_s == 0) {
+        if (strcmp(name, "octahedralsphere") != 0 || p->dialect.dialect == DIALECT_V3)
+            return error_at(at, "unknown wrap \"%.40s\"; repeat, clamp and black are known", name);
+        TRY(report_refuse(p->report, at, "wrap \"octahedralsphere\" is not supported; the nearest is clamp"));
+        texture->wrap_s = texture->wrap_t = WRAP_CLAMP;
+    }
+    if (texture->mapping == MAPPING_CYLINDRICAL && texture->wrap_s != WRAP_REPEAT) {
+        TRY(report_refuse(p->report, at, "an image on a cylinder can only repeat; remove \"wrap\""));
+        texture->wrap_s = texture->wrap_t = WRAP_REPEAT;
+    }
+    return result_ok();
+}
+
+/* Filtering takes place in the pixel filter, over many samples: a mip map would only blur. */
+static const param_rule_t filter_rules[] = {
+    {"trilinear", PARAM_ACCEPT, NULL},
+    {"maxanisotropy", PARAM_ACCEPT, NULL},
+};
+
+static result_t read_filter(params_t *params, position_t at, blob_texture_t *texture)
+{
+    static const char *const smooth[] = {"bilinear", "trilinear", "ewa", "EWA"};
+    const char *filter = "bilinear";
+    TRY(params_string(params, "filter", &filter));
+    if (strcmp(filter, "point") == 0) {
+        texture->flags |= TEXTURE_NEAREST;
         return result_ok();
     }
-    return error_at(at, "spectrum \"%.60s\" is not supported yet; give an rgb colour instead", name);
+    for (size_t i = 0; i < ARRAY_LENGTH(smooth); ++i)
+        if (strcmp(filter, smooth[i]) == 0) return result_ok();
+    return error_at(params_where(params, "filter", at), "unknown filter \"%.40s\"", filter);
 }
 
-/* ---- values -------------------------------------------------------------------------------------------- */
-
-/* What a parameter of type texture names. */
-static result_t texture_value(const pbrt_t *p, const params_t *owner, const param_t *item, const char *name,
-                              bool is_float, rgb_t *value)
+static result_t read_encoding_v3(params_t *params, float *gamma)
 {
-    uint32_t index;
-    if (item->count != 1) return error_at(item->at, "parameter \"%s\" takes the name of one texture", name);
-    const char *texture = params_text(owner, item, 0);
-    if (!names_find(&p->texture_names[is_float], texture, &index))
-        return error_at(item->at, "no %s Texture \"%.60s\" has been defined before",
-                        is_float ? "float" : "spectrum", texture);
-    *value = p->textures[index].colour;
+    bool encoded = false;
+    *gamma = IMAGE_GAMMA_OF_FILE;
+    if (!params_has(params, "gamma")) return result_ok();
+    TRY(params_bool(params, "gamma", &encoded));
+    *gamma = encoded ? 0 : 1;
     return result_ok();
 }
 
-result_t pbrt_float_value(pbrt_t *p, params_t *params, const char *name, double *value)
+static bool has_extension(const char *filename, const char *extension)
 {
-    const params_t *owner;
-    const param_t *item = params_find(params, name, &owner);
-    if (item && item->type == PARAM_TEXTURE) {
-        rgb_t constant;
-        TRY(texture_value(p, owner, item, name, true, &constant));
-        *value = (double)constant.x;
+    size_t length = strlen(filename), size = strlen(extension);
+    return length > size && strcasecmp(filename + length - size, extension) == 0;
+}
+
+/* pbrt-v4 asks the encoding of PNG files alone: other files of 8 bits are sRGB, of floats linear. */
+static result_t read_encoding_v4(params_t *params, const char *filename, position_t at, float *gamma)
+{
+    const char *encoding = "sRGB";
+    TRY(params_string(params, "encoding", &encoding));
+    at = params_where(params, "encoding", at);
+    *gamma = IMAGE_GAMMA_OF_FILE;
+    char *end;
+    if (strcmp(encoding, "sRGB") == 0) {
+        *gamma = 0;
+    } else if (strcmp(encoding, "linear") == 0) {
+        *gamma = 1;
     } else {
-        TRY(params_float(params, name, value));
+        float exponent = strncmp(encoding, "gamma ", 6) == 0 ? strtof(encoding + 6, &end) : 0;
+        if (!(exponent > 0 && exponent <= 10) || *end != '\0')
+            return error_at(at, "unknown encoding \"%.40s\"; sRGB, linear and gamma X are known", encoding);
+        *gamma = exponent;
     }
-    if (item && !(*value >= 0 && *value <= 1e30))
-        return error_at(item->at, "parameter \"%s\" is %g, but must not be negative", name, *value);
+    if (!has_extension(filename, ".png")) *gamma = IMAGE_GAMMA_OF_FILE;
     return result_ok();
 }
 
-/* The sRGB primaries with white D65 (IEC 61966-2-1), as pbrt-v3 uses them. */
-static rgb_t rgb_from_xyz(const double xyz[3])
+/* A number from an image of colours: v3 takes the luminance, v4 the mean of all channels, alpha included
+ * where it is not 1 everywhere. */
+static blob_value_t add_number_of_image(pbrt_t *p, blob_texture_t *texture, const image_file_t *file)
 {
-    return vec3((float)(3.240479 * xyz[0] - 1.537150 * xyz[1] - 0.498535 * xyz[2]),
-                (float)(-0.969256 * xyz[0] + 1.875991 * xyz[1] + 0.041556 * xyz[2]),
-                (float)(0.055648 * xyz[0] - 0.204043 * xyz[1] + 1.057311 * xyz[2]));
+    bool v3 = p->dialect.dialect == DIALECT_V3;
+    texture->channel = file->grey ? CHANNEL_R : v3 ? CHANNEL_LUMINANCE : CHANNEL_MEAN;
+    blob_value_t colour = add(p, texture);
+    if (v3 || !file->alpha) return colour;
+    texture->channel = CHANNEL_A;
+    blob_texture_t mean = {.kind = TEXTURE_MIX};
+    mean.inputs[0] = colour;
+    mean.inputs[1] = add(p, texture);
+    mean.inputs[2] = blob_constant(0.25f);
+    return add(p, &mean);
 }
 
-static result_t three_numbers(const params_t *owner, const param_t *item, const char *name, rgb_t *value)
+static result_t read_scale(pbrt_t *p, params_t *params, blob_texture_t *texture)
 {
-    if (item->count != 3)
-        return error_at(item->at, "parameter \"%s\" takes three numbers, found %zu", name, item->count);
-    const double *v = params_numbers(owner, item);
-    *value = item->type == PARAM_XYZ ? rgb_from_xyz(v) : vec3((float)v[0], (float)v[1], (float)v[2]);
+    double scale = 1;
+    bool invert = false;
+    TRY(params_float_in(params, "scale", -1e30, 1e30, &scale));
+    texture->inputs[0] = blob_constant((float)scale);
+    if (p->dialect.dialect == DIALECT_V3) return result_ok();
+    TRY(params_bool(params, "invert", &invert));
+    if (!invert) return result_ok();
+    texture->flags |= TEXTURE_INVERT;
+    if (scale == 1) return result_ok();
+    return report_refuse(p->report, params_where(params, "invert", (position_t){.path = ""}),
+                         "\"invert\" with a scale is not supported: the scale comes first in pbrt, last here");
+}
+
+static result_t make_image(pbrt_t *p, params_t *params, position_t at, bool is_float, blob_value_t *value)
+{
+    bool v3 = p->dialect.dialect == DIALECT_V3;
+    float gamma = IMAGE_GAMMA_OF_FILE;
+    const char *filename = NULL;
+    blob_texture_t texture = {.kind = TEXTURE_IMAGE, .channel = CHANNEL_RGB};
+    TRY(params_string(params, "filename", &filename));
+    if (!filename) return error_at(at, "an imagemap needs its file: \"string filename\"");
+    TRY(map_2d(p, params, at, &texture));
+    flip_t(&texture);
+    TRY(read_wrap(p, params, at, &texture));
+    TRY(read_scale(p, params, &texture));
+    if (!v3) TRY(read_filter(params, at, &texture));
+    TRY(v3 ? read_encoding_v3(params, &gamma) : read_encoding_v4(params, filename, at, &gamma));
+    TRY(params_apply(params, filter_rules, ARRAY_LENGTH(filter_rules), p->report));
+    TRY(pbrt_image(p, filename, gamma, at, &texture.image));
+    const image_file_t *file = pbrt_image_file(p, texture.image);
+    *value = is_float ? add_number_of_image(p, &texture, file) : add(p, &texture);
     return result_ok();
 }
 
-static result_t spectrum_value(const params_t *owner, const param_t *item, const char *name, rgb_t *value)
+result_t pbrt_normal_map(pbrt_t *p, const char *filename, position_t at, blob_ref_t *texture)
 {
-    if (item->quoted && item->count == 1) return named_spectrum(params_text(owner, item, 0), item->at, value);
-    return error_at(item->at, "parameter \"%s\": sampled spectra are not supported yet; give an rgb colour",
-                    name);
-}
-
-static result_t read_colour(pbrt_t *p, const params_t *owner, const param_t *item, const char *name,
-                            rgb_t *value)
-{
-    switch (item->type) {
-    case PARAM_RGB:
-    case PARAM_XYZ:
-        return three_numbers(owner, item, name, value);
-    case PARAM_SPECTRUM:
-        return spectrum_value(owner, item, name, value);
-    case PARAM_TEXTURE:
-        return texture_value(p, owner, item, name, false, value);
-    case PARAM_BLACKBODY:
-        return error_at(item->at, "parameter \"%s\": blackbody is not supported yet; give an rgb colour",
-                        name);
-    default:
-        return error_at(item->at, "parameter \"%s\" must be a colour (rgb), not of type %s", name,
-                        param_type_name(item->type));
-    }
-}
-
-result_t pbrt_colour(pbrt_t *p, params_t *params, const char *name, colour_use_t use, rgb_t *value)
-{
-    const params_t *owner;
-    const param_t *item = params_find(params, name, &owner);
-    if (!item) return result_ok();
-    TRY(read_colour(p, owner, item, name, value));
-    if (!v_is_finite(*value) || value->x < 0 || value->y < 0 || value->z < 0)
-        return error_at(item->at, "parameter \"%s\" must be a colour without negative components", name);
-    if (use != COLOUR_REFLECTANCE || v_max(*value) <= 1) return result_ok();
-    if (p->dialect.dialect == DIALECT_V4) {
-        *value = vec3(fminf(value->x, 1), fminf(value->y, 1), fminf(value->z, 1));
-        report_warning(p->report, item->at, "parameter \"%s\" is above 1 and taken for 1, as in pbrt-v4",
-                       name);
-    } else {
-        report_warning(p->report, item->at, "parameter \"%s\" is above 1: the surface makes light", name);
-    }
+    blob_texture_t map = {.kind = TEXTURE_IMAGE,
+                          .mapping = MAPPING_UV,
+                          .matrix = {{1, 0, 0}, {0, 1, 0}},
+                          .channel = CHANNEL_RGB,
+                          .wrap_s = WRAP_REPEAT,
+                          .wrap_t = WRAP_REPEAT,
+                          .inputs = {blob_constant(1)}};
+    flip_t(&map);
+    TRY(pbrt_image(p, filename, 1, at, &map.image));
+    *texture = add(p, &map).texture;
     return result_ok();
 }
 
 /* ---- the directive ------------------------------------------------------------------------------------- */
 
-typedef struct {
-    entry_t entry;
-    /* Reads the texture's parameters; NULL: not supported yet. */
-    result_t (*make)(pbrt_t *p, params_t *params, bool is_float, texture_t *texture);
-} texture_entry_t;
-
-static result_t make_constant(pbrt_t *p, params_t *params, bool is_float, texture_t *texture)
-{
-    if (!is_float) {
-        texture->colour = vec3(1, 1, 1);
-        return pbrt_colour(p, params, "value", COLOUR_UNBOUNDED, &texture->colour);
-    }
-    double value = 1;
-    TRY(pbrt_float_value(p, params, "value", &value));
-    texture->colour = vec3((float)value, (float)value, (float)value);
-    return result_ok();
-}
-
 static const texture_entry_t textures[] = {
     {{"constant", DIALECT_BOTH}, make_constant},
-    {{"imagemap", DIALECT_BOTH}, NULL},
-    {{"checkerboard", DIALECT_BOTH}, NULL},
-    {{"scale", DIALECT_BOTH}, NULL},
-    {{"mix", DIALECT_BOTH}, NULL},
-    {{"bilerp", DIALECT_BOTH}, NULL},
-    {{"dots", DIALECT_BOTH}, NULL},
-    {{"fbm", DIALECT_BOTH}, NULL},
-    {{"wrinkled", DIALECT_BOTH}, NULL},
-    {{"marble", DIALECT_BOTH}, NULL},
-    {{"windy", DIALECT_BOTH}, NULL},
-    {{"uv", DIALECT_V3}, NULL},
-    {{"directionmix", DIALECT_V4}, NULL},
+    {{"imagemap", DIALECT_BOTH}, make_image},
+    {{"checkerboard", DIALECT_BOTH}, make_checkerboard},
+    {{"scale", DIALECT_BOTH}, make_scale},
+    {{"mix", DIALECT_BOTH}, make_mix},
+    {{"bilerp", DIALECT_BOTH}, make_bilerp},
+    {{"dots", DIALECT_BOTH}, make_dots},
+    {{"fbm", DIALECT_BOTH}, make_fbm},
+    {{"wrinkled", DIALECT_BOTH}, make_wrinkled},
+    {{"marble", DIALECT_BOTH}, make_marble},
+    {{"windy", DIALECT_BOTH}, make_windy},
+    {{"uv", DIALECT_V3}, make_uv},
+    {{"directionmix", DIALECT_V4}, make_direction_mix},
     {{"ptex", DIALECT_BOTH}, NULL},
 };
 
@@ -182,7 +469,7 @@ static result_t read_value_type(const pbrt_t *p, position_t at, bool *is_float)
     return error_at(at, "a Texture is of type \"float\" or \"spectrum\", not \"%.40s\"", type);
 }
 
-static void store(pbrt_t *p, bool is_float, texture_t texture, position_t at)
+static void store(pbrt_t *p, bool is_float, blob_value_t value, position_t at)
 {
     uint32_t old;
     names_t *names = &p->texture_names[is_float];
@@ -190,12 +477,28 @@ static void store(pbrt_t *p, bool is_float, texture_t texture, position_t at)
         report_warning(p->report, at, "the texture \"%.60s\" is replaced", p->arguments[0]);
     p->textures = grow(p->textures, &p->texture_capacity, p->texture_count + 1, sizeof *p->textures);
     names_add(names, p->arguments[0], (uint32_t)p->texture_count);
-    p->textures[p->texture_count++] = texture;
+    p->textures[p->texture_count++] = (texture_t){.value = value};
+}
+
+static const param_rule_t substitute_rules[] = {
+    {"filename", PARAM_ACCEPT, NULL},
+    {"encoding", PARAM_ACCEPT, NULL},
+    {"gamma", PARAM_ACCEPT, NULL},
+    {"scale", PARAM_ACCEPT, NULL},
+};
+
+/* A lenient import takes grey for what is not supported. */
+static result_t make_substitute(pbrt_t *p, position_t at, blob_value_t *value)
+{
+    *value = blob_constant(0.5f);
+    TRY(report_refuse(p->report, at, "texture \"%s\" is not supported; the nearest is a constant 0.5",
+                      p->arguments[2]));
+    return params_apply(p->params, substitute_rules, ARRAY_LENGTH(substitute_rules), p->report);
 }
 
 result_t pbrt_texture(pbrt_t *p, position_t at)
 {
-    texture_t texture;
+    blob_value_t value = blob_constant(1);
     bool is_float;
     size_t index;
     TRY(pbrt_read_string(p, 0, "the texture's name"));
@@ -205,9 +508,9 @@ result_t pbrt_texture(pbrt_t *p, position_t at)
     TRY(read_value_type(p, at, &is_float));
     TRY(entry_find(textures, ARRAY_LENGTH(textures), sizeof *textures, "texture", p->arguments[2],
                    &p->dialect, at, &index));
-    if (!textures[index].make) return error_at(at, "texture \"%s\" is not supported yet", p->arguments[2]);
-    TRY(textures[index].make(p, p->params, is_float, &texture));
+    TRY(textures[index].make ? textures[index].make(p, p->params, at, is_float, &value)
+                             : make_substitute(p, at, &value));
     TRY(pbrt_finish_params(p, "Texture", p->arguments[2]));
-    store(p, is_float, texture, at);
+    store(p, is_float, value, at);
     return result_ok();
 }

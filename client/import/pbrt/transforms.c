@@ -2,18 +2,30 @@
  * transform nearest to the shape applies first. The CTM is invertible at all times. */
 #include "client/import/pbrt/directives.h"
 
-static result_t set(pbrt_t *p, affine_t ctm, position_t at)
+static result_t check(const affine_t *ctm, position_t at)
 {
     affine_t inverse;
-    if (!affine_invert(&ctm, &inverse))
+    if (!affine_invert(ctm, &inverse))
         return error_at(at, "the current transform becomes singular or too large here");
-    p->now.ctm = ctm;
+    return result_ok();
+}
+
+static result_t set(pbrt_t *p, affine_t ctm, position_t at)
+{
+    TRY(check(&ctm, at));
+    if (p->now.active & ACTIVE_START) p->now.ctm = ctm;
+    if (p->now.active & ACTIVE_END) p->now.ctm_end = ctm;
     return result_ok();
 }
 
 static result_t concatenate(pbrt_t *p, const affine_t *t, position_t at)
 {
-    return set(p, affine_multiply(&p->now.ctm, t), at);
+    affine_t start = affine_multiply(&p->now.ctm, t), end = affine_multiply(&p->now.ctm_end, t);
+    TRY(check(&start, at));
+    TRY(check(&end, at));
+    if (p->now.active & ACTIVE_START) p->now.ctm = start;
+    if (p->now.active & ACTIVE_END) p->now.ctm_end = end;
+    return result_ok();
 }
 
 result_t pbrt_identity(pbrt_t *p, position_t at)
@@ -87,7 +99,7 @@ result_t pbrt_coordinate_system(pbrt_t *p, position_t at)
 {
     (void)at;
     TRY(pbrt_read_string(p, 0, "the name of a coordinate system"));
-    pbrt_name_coordinates(p, p->arguments[0], &p->now.ctm);
+    pbrt_name_coordinates(p, p->arguments[0], &p->now.ctm, &p->now.ctm_end);
     return result_ok();
 }
 
@@ -97,7 +109,8 @@ result_t pbrt_coord_sys_transform(pbrt_t *p, position_t at)
     TRY(pbrt_read_string(p, 0, "the name of a coordinate system"));
     if (!names_find(&p->coordinates, p->arguments[0], &index))
         return error_at(at, "no CoordinateSystem \"%.60s\" has been named before", p->arguments[0]);
-    p->now.ctm = p->systems[index];
+    if (p->now.active & ACTIVE_START) p->now.ctm = p->systems[index][0];
+    if (p->now.active & ACTIVE_END) p->now.ctm_end = p->systems[index][1];
     return result_ok();
 }
 
@@ -106,16 +119,24 @@ result_t pbrt_active_transform(pbrt_t *p, position_t at)
     token_t token;
     char quote[TOKEN_QUOTE_SIZE];
     TRY(lexer_next(p->lexer, &token));
-    if (token_is(&token, "All")) return result_ok();
-    if (token_is(&token, "StartTime") || token_is(&token, "EndTime"))
-        return error_at(at, "ActiveTransform %s: motion is not supported yet", token_quote(&token, quote));
-    return error_at(token.at, "expected All, StartTime or EndTime, found %s", token_quote(&token, quote));
+    if (token_is(&token, "All"))
+        p->now.active = ACTIVE_START | ACTIVE_END;
+    else if (token_is(&token, "StartTime"))
+        p->now.active = ACTIVE_START;
+    else if (token_is(&token, "EndTime"))
+        p->now.active = ACTIVE_END;
+    else
+        return error_at(token.at, "expected All, StartTime or EndTime, found %s", token_quote(&token, quote));
+    (void)at;
+    return result_ok();
 }
 
 result_t pbrt_transform_times(pbrt_t *p, position_t at)
 {
     double v[2];
     TRY(pbrt_read_numbers(p, 2, v, "TransformTimes", at));
-    report_warning(p->report, at, "TransformTimes is ignored: nothing moves");
+    if (!(v[0] <= v[1])) return error_at(at, "TransformTimes: the start must not come after the end");
+    p->transform_times[0] = v[0];
+    p->transform_times[1] = v[1];
     return result_ok();
 }

@@ -1,0 +1,328 @@
+/* shape_mesh: shapes that become triangle meshes: those that are given as such, and those that the tessellators
+ * turn into one. */
+#include <inttypes.h>
+#include <stdlib.h>
+#include <sys/stat.h>
+
+#include "client/import/pbrt/directives.h"
+#include "client/import/ply.h"
+#include "client/import/tessellate/tessellate.h"
+
+/* ---- into the blob -------------------------------------------------------------------------------------- */
+
+/* Of the mesh that was appended last. */
+static double mesh_area(pbrt_t *p, uint32_t index)
+{
+    const blob_mesh_t *mesh = (blob_mesh_t *)blob_builder_records(p->builder, BLOB_SECTION_MESHES) + index;
+    const vec3_t *v = (vec3_t *)blob_builder_records(p->builder, BLOB_SECTION_POSITIONS) + mesh->first_position;
+    const blob_triangle_t *t =
+        (blob_triangle_t *)blob_builder_records(p->builder, BLOB_SECTION_TRIANGLES) + mesh->first_triangle;
+    double area = 0;
+    for (uint32_t i = 0; i < mesh->triangle_count; ++i) {
+        vec3_t a = v[t[i].v[0]], b = v[t[i].v[1]], c = v[t[i].v[2]];
+        area += (double)v_length(v_cross(v_sub(b, a), v_sub(c, a))) / 2;
+    }
+    return area;
+}
+
+/* Appends the mesh, if `made` is a success, and frees it. */
+static result_t finish_mesh(pbrt_t *p, shape_work_t *work, mesh_t *mesh, result_t made)
+{
+    bool flip = false;
+    size_t triangles = mesh->triangle_count;
+    if (made.code == RESULT_OK)
+        made = mesh_add(mesh, &work->placed, p->now.reverse, work->at, p->report, p->builder,
+                        &work->shape.geometry, &flip);
+    mesh_free(mesh);
+    if (made.code != RESULT_OK) return made;
+    work->shape.kind = SHAPE_MESH;
+    work->shape.flags = flip ? SHAPE_FLIP : 0;
+    if (work->shape.geometry == BLOB_NONE) return result_ok();
+    if (work->emitters == 0) work->emitters = triangles;
+    if (p->now.emits) work->area = mesh_area(p, work->shape.geometry);
+    return result_ok();
+}
+
+/* ---- triangle meshes ------------------------------------------------------------------------------------ */
+
+static vec3_t *copy_vec3(const double *numbers, size_t count)
+{
+    vec3_t *copy = mem_alloc((count + 1) * sizeof *copy);
+    for (size_t i = 0; i < count; ++i)
+        copy[i] = vec3((float)numbers[3 * i], (float)numbers[3 * i + 1], (float)numbers[3 * i + 2]);
+    return copy;
+}
+
+static result_t read_positions(params_t *params, position_t at, mesh_t *mesh)
+{
+    const double *numbers;
+    size_t count;
+    TRY(params_array(params, "P", PARAM_BIT(PARAM_POINT3), 3, &numbers, &count));
+    if (count == 0)
+        return error_at(params_where(params, "P", at), "a triangle mesh needs vertices: \"point3 P\"");
+    if (count / 3 >= BLOB_NONE) return error_at(at, "too many vertices");
+    mesh->vertex_count = (uint32_t)(count / 3);
+    mesh->positions = copy_vec3(numbers, mesh->vertex_count);
+    return result_ok();
+}
+
+static result_t read_normals(params_t *params, position_t at, mesh_t *mesh)
+{
+    const double *numbers;
+    size_t count;
+    TRY(params_array(params, "N", PARAM_BIT(PARAM_NORMAL3) | PARAM_BIT(PARAM_VECTOR3), 3, &numbers, &count));
+    if (count == 0) return result_ok();
+    if (count / 3 != mesh->vertex_count)
+        return error_at(params_where(params, "N", at), "%zu normals for %" PRIu32 " vertices", count / 3,
+                        mesh->vertex_count);
+    mesh->normals = copy_vec3(numbers, mesh->vertex_count);
+    return result_ok();
+}
+
+static result_t read_uvs(pbrt_t *p, params_t *params, position_t at, mesh_t *mesh)
+{
+    const char *name = params_has(params, "uv") ? "uv" : "st";
+    const double *numbers;
+    size_t count;
+    unsigned types = PARAM_BIT(PARAM_FLOAT) | PARAM_BIT(PARAM_POINT2) | PARAM_BIT(PARAM_VECTOR2);
+    TRY(params_array(params, name, types, 2, &numbers, &count));
+    if (count == 0) return result_ok();
+    at = params_where(params, name, at);
+    if (count / 2 < mesh->vertex_count)
+        return error_at(at, "%zu uv coordinates for %" PRIu32 " vertices", count / 2, mesh->vertex_count);
+    if (count / 2 > mesh->vertex_count)
+        report_warning(p->report, at, "%zu uv coordinates for %" PRIu32 " vertices; the rest is left out",
+                       count / 2, mesh->vertex_count);
+    mesh->uvs = mem_alloc(mesh->vertex_count * sizeof *mesh->uvs);
+    for (size_t i = 0; i < mesh->vertex_count; ++i)
+        mesh->uvs[i] = (vec2_t){(float)numbers[2 * i], (float)numbers[2 * i + 1]};
+    return result_ok();
+}
+
+static result_t read_triangles(params_t *params, position_t at, mesh_t *mesh)
+{
+    static const double one_triangle[3] = {0, 1, 2};
+    const double *numbers;
+    size_t count;
+    TRY(params_array(params, "indices", PARAM_BIT(PARAM_INTEGER), 3, &numbers, &count));
+    at = params_where(params, "indices", at);
+    if (count == 0) {
+        if (params_has(params, "indices") || mesh->vertex_count != 3)
+            return error_at(at, "a mesh of more than three vertices needs \"integer indices\"");
+        numbers = one_triangle;
+        count = 3;
+    }
+    if (count / 3 >= BLOB_NONE) return error_at(at, "too many triangles");
+    mesh->triangle_count = (uint32_t)(count / 3);
+    mesh->triangles = mem_alloc(mesh->triangle_count * sizeof *mesh->triangles);
+    for (size_t i = 0; i < count; ++i) {
+        if (!(numbers[i] >= 0 && numbers[i] < mesh->vertex_count) || numbers[i] != floor(numbers[i]))
+            return error_at(at, "index number %zu is %g, but must be an integer from 0 to %" PRIu32, i,
+                            numbers[i], mesh->vertex_count - 1);
+        mesh->triangles[i / 3].v[i % 3] = (uint32_t)numbers[i];
+    }
+    return result_ok();
+}
+
+static const param_rule_t trianglemesh_rules[] = {
+    {"S", PARAM_IGNORE, "tangents only turn anisotropic reflection"},
+    {"faceIndices", PARAM_IGNORE, "only ptex textures use them"},
+    {"discarddegenerateUVs", PARAM_IGNORE, "such triangles are handled anyway"},
+};
+
+static result_t fill_trianglemesh(pbrt_t *p, params_t *params, position_t at, mesh_t *mesh)
+{
+    TRY(read_positions(params, at, mesh));
+    TRY(read_normals(params, at, mesh));
+    TRY(read_uvs(p, params, at, mesh));
+    TRY(read_triangles(params, at, mesh));
+    return params_apply(params, trianglemesh_rules, ARRAY_LENGTH(trianglemesh_rules), p->report);
+}
+
+result_t pbrt_make_trianglemesh(pbrt_t *p, shape_work_t *work)
+{
+    mesh_t mesh = {0};
+    return finish_mesh(p, work, &mesh, fill_trianglemesh(p, work->params, work->at, &mesh));
+}
+
+static const param_rule_t plymesh_rules[] = {
+    {"displacement", PARAM_REFUSE, "displacement is not supported"},
+    {"edgelength", PARAM_IGNORE, "it only matters for displacement"},
+};
+
+result_t pbrt_make_plymesh(pbrt_t *p, shape_work_t *work)
+{
+    const char *filename = NULL;
+    TRY(params_string(work->params, "filename", &filename));
+    if (!filename) return error_at(work->at, "a plymesh needs its file: \"string filename\"");
+    TRY(params_apply(work->params, plymesh_rules, ARRAY_LENGTH(plymesh_rules), p->report));
+    mesh_t mesh = {0};
+    struct stat status;
+    char *path = pbrt_resolve(p, filename);
+    uint64_t size = stat(path, &status) == 0 && status.st_size > 0 ? (uint64_t)status.st_size : 0;
+    p->bytes_known += size;
+    result_t result = ply_read(path, p->report, &mesh);
+    p->bytes_done += size;
+    if (result.code != RESULT_OK)
+        result = result_fail(result.code, "%s (asked for in %s:%" PRIu32 ":%" PRIu32 ")", result.message,
+                             work->at.path, work->at.line, work->at.column);
+    free(path);
+    return finish_mesh(p, work, &mesh, result);
+}
+
+/* ---- subdivision surfaces and grids --------------------------------------------------------------------- */
+
+static result_t read_points(shape_work_t *work, const char *name, const double **numbers, size_t *count)
+{
+    unsigned types = PARAM_BIT(PARAM_POINT3) | PARAM_BIT(PARAM_VECTOR3) | PARAM_BIT(PARAM_NORMAL3);
+    return params_array(work->params, name, types, 3, numbers, count);
+}
+
+static result_t read_integers(shape_work_t *work, const char *name, const double **numbers, size_t *count)
+{
+    return params_array(work->params, name, PARAM_BIT(PARAM_INTEGER), 1, numbers, count);
+}
+
+/* One integer, which the tessellator checks. */
+static result_t read_count(shape_work_t *work, const char *name, double *value)
+{
+    const double *numbers;
+    size_t count;
+    TRY(read_integers(work, name, &numbers, &count));
+    if (count > 1)
+        return error_at(params_where(work->params, name, work->at),
+                        "parameter \"%s\" takes one value, found %zu", name, count);
+    if (count == 1) *value = numbers[0];
+    return result_ok();
+}
+
+static const param_rule_t loop_rules[] = {
+    {"scheme", PARAM_ACCEPT, NULL}, /* only Loop's there is */
+};
+
+result_t pbrt_make_loopsubdiv(pbrt_t *p, shape_work_t *work)
+{
+    loop_t loop = {.levels = 3};
+    TRY(read_points(work, "P", &loop.positions, &loop.vertex_count));
+    loop.vertex_count /= 3;
+    TRY(read_integers(work, "indices", &loop.indices, &loop.index_count));
+    TRY(read_count(work, "nlevels", &loop.levels));
+    TRY(read_count(work, "levels", &loop.levels));
+    TRY(params_apply(work->params, loop_rules, ARRAY_LENGTH(loop_rules), p->report));
+    mesh_t mesh = {0};
+    return finish_mesh(p, work, &mesh, tessellate_loop(&loop, work->at, &mesh));
+}
+
+result_t pbrt_make_heightfield(pbrt_t *p, shape_work_t *work)
+{
+    heightfield_t field = {0};
+    TRY(read_count(work, "nu", &field.nu));
+    TRY(read_count(work, "nv", &field.nv));
+    TRY(params_array(work->params, "Pz", PARAM_BIT(PARAM_FLOAT), 1, &field.heights, &field.height_count));
+    mesh_t mesh = {0};
+    return finish_mesh(p, work, &mesh, tessellate_heightfield(&field, work->at, &mesh));
+}
+
+static const param_rule_t bilinear_rules[] = {
+    {"emissionfilename", PARAM_REFUSE, "an image of where to sample is not supported"},
+    {"faceIndices", PARAM_IGNORE, "only ptex textures use them"},
+};
+
+result_t pbrt_make_bilinearmesh(pbrt_t *p, shape_work_t *work)
+{
+    bilinear_t bilinear = {0};
+    unsigned uv = PARAM_BIT(PARAM_FLOAT) | PARAM_BIT(PARAM_POINT2) | PARAM_BIT(PARAM_VECTOR2);
+    TRY(read_points(work, "P", &bilinear.positions, &bilinear.vertex_count));
+    TRY(read_points(work, "N", &bilinear.normals, &bilinear.normal_count));
+    TRY(params_array(work->params, "uv", uv, 2, &bilinear.uvs, &bilinear.uv_count));
+    TRY(read_integers(work, "indices", &bilinear.indices, &bilinear.index_count));
+    bilinear.vertex_count /= 3;
+    bilinear.normal_count /= 3;
+    bilinear.uv_count /= 2;
+    TRY(params_apply(work->params, bilinear_rules, ARRAY_LENGTH(bilinear_rules), p->report));
+    work->emitters = bilinear.indices ? bilinear.index_count / 4 : 1;
+    mesh_t mesh = {0};
+    return finish_mesh(p, work, &mesh, tessellate_bilinear(&bilinear, work->at, &mesh));
+}
+
+/* ---- NURBS ---------------------------------------------------------------------------------------------- */
+
+typedef struct {
+    const char *count, *order, *knots, *range[2];
+} axis_names_t;
+
+static result_t read_axis(shape_work_t *work, const axis_names_t *names, nurbs_axis_t *axis)
+{
+    TRY(read_count(work, names->count, &axis->count));
+    TRY(read_count(work, names->order, &axis->order));
+    TRY(params_array(work->params, names->knots, PARAM_BIT(PARAM_FLOAT), 1, &axis->knots,
+                     &axis->knot_count));
+    axis->has_range = params_has(work->params, names->range[0]) || params_has(work->params, names->range[1]);
+    if (!axis->has_range) return result_ok();
+    size_t order = axis->order >= 1 && axis->order < 1e9 ? (size_t)axis->order : 1;
+    size_t count = axis->count >= 0 && axis->count < 1e9 ? (size_t)axis->count : 0;
+    if (order - 1 < axis->knot_count) axis->range[0] = axis->knots[order - 1];
+    if (count < axis->knot_count) axis->range[1] = axis->knots[count];
+    TRY(params_float(work->params, names->range[0], &axis->range[0]));
+    return params_float(work->params, names->range[1], &axis->range[1]);
+}
+
+result_t pbrt_make_nurbs(pbrt_t *p, shape_work_t *work)
+{
+    static const axis_names_t u = {"nu", "uorder", "uknots", {"u0", "u1"}},
+                              v = {"nv", "vorder", "vknots", {"v0", "v1"}};
+    nurbs_t nurbs = {0};
+    TRY(read_axis(work, &u, &nurbs.u));
+    TRY(read_axis(work, &v, &nurbs.v));
+    TRY(read_points(work, "P", &nurbs.points, &nurbs.number_count));
+    if (nurbs.number_count == 0) {
+        TRY(params_array(work->params, "Pw", PARAM_BIT(PARAM_FLOAT), 4, &nurbs.points, &nurbs.number_count));
+        nurbs.rational = true;
+    }
+    mesh_t mesh = {0};
+    return finish_mesh(p, work, &mesh, tessellate_nurbs(&nurbs, work->at, &mesh));
+}
+
+/* ---- surfaces of revolution ----------------------------------------------------------------------------- */
+
+result_t pbrt_make_cone(pbrt_t *p, shape_work_t *work)
+{
+    cone_t cone = {1, 1, 360};
+    TRY(params_float(work->params, "radius", &cone.radius));
+    TRY(params_float(work->params, "height", &cone.height));
+    TRY(params_float(work->params, "phimax", &cone.phi_max));
+    mesh_t mesh = {0};
+    return finish_mesh(p, work, &mesh, tessellate_cone(&cone, work->at, &mesh));
+}
+
+result_t pbrt_make_paraboloid(pbrt_t *p, shape_work_t *work)
+{
+    paraboloid_t paraboloid = {1, 0, 1, 360};
+    TRY(params_float(work->params, "radius", &paraboloid.radius));
+    TRY(params_float(work->params, "zmin", &paraboloid.z_min));
+    TRY(params_float(work->params, "zmax", &paraboloid.z_max));
+    TRY(params_float(work->params, "phimax", &paraboloid.phi_max));
+    mesh_t mesh = {0};
+    return finish_mesh(p, work, &mesh, tessellate_paraboloid(&paraboloid, work->at, &mesh));
+}
+
+static result_t read_end(shape_work_t *work, const char *name, double point[3])
+{
+    const double *numbers;
+    size_t count;
+    TRY(read_points(work, name, &numbers, &count));
+    if (count && count != 3)
+        return error_at(params_where(work->params, name, work->at), "parameter \"%s\" takes one point", name);
+    for (size_t i = 0; i < count; ++i) point[i] = numbers[i];
+    return result_ok();
+}
+
+result_t pbrt_make_hyperboloid(pbrt_t *p, shape_work_t *work)
+{
+    hyperboloid_t hyperboloid = {{0, 0, 0}, {1, 1, 1}, 360};
+    TRY(read_end(work, "p1", hyperboloid.p1));
+    TRY(read_end(work, "p2", hyperboloid.p2));
+    TRY(params_float(work->params, "phimax", &hyperboloid.phi_max));
+    mesh_t mesh = {0};
+    return finish_mesh(p, work, &mesh, tessellate_hyperboloid(&hyperboloid, work->at, &mesh));
+}

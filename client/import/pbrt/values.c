@@ -1,0 +1,193 @@
+/* values: the parameters that may come from a texture: floats and colours. */
+#include "client/import/pbrt/directives.h"
+
+#include <stdlib.h>
+
+#include "client/import/spectrum.h"
+
+/* ---- textures ------------------------------------------------------------------------------------------ */
+
+/* What a parameter of type texture names. */
+static result_t texture_value(const pbrt_t *p, const params_t *owner, const param_t *item, const char *name,
+                              bool is_float, blob_value_t *value)
+{
+    uint32_t index;
+    if (item->count != 1) return error_at(item->at, "parameter \"%s\" takes the name of one texture", name);
+    const char *texture = params_text(owner, item, 0);
+    if (!names_find(&p->texture_names[is_float], texture, &index))
+        return error_at(item->at, "no %s Texture \"%.60s\" has been defined before",
+                        is_float ? "float" : "spectrum", texture);
+    *value = p->textures[index].value;
+    return result_ok();
+}
+
+/* ---- numbers ------------------------------------------------------------------------------------------- */
+
+static const double largest = 1e30;
+
+result_t pbrt_signed_value(pbrt_t *p, params_t *params, const char *name, blob_value_t *value)
+{
+    const params_t *owner;
+    const param_t *item = params_find(params, name, &owner);
+    if (!item) return result_ok();
+    if (item->type == PARAM_TEXTURE) return texture_value(p, owner, item, name, true, value);
+    double number = 0;
+    TRY(params_float_in(params, name, -largest, largest, &number));
+    *value = blob_constant((float)number);
+    return result_ok();
+}
+
+result_t pbrt_float_value(pbrt_t *p, params_t *params, const char *name, blob_value_t *value)
+{
+    TRY(pbrt_signed_value(p, params, name, value));
+    if (value->texture != 0 || value->factor.x >= 0) return result_ok();
+    return error_at(params_where(params, name, (position_t){.path = ""}),
+                    "parameter \"%s\" is %g, but must not be negative", name, (double)value->factor.x);
+}
+
+/* ---- colours ------------------------------------------------------------------------------------------- */
+
+/* The sRGB primaries with white D65 (IEC 61966-2-1), as pbrt-v3 uses them. */
+static rgb_t rgb_from_xyz(const double xyz[3])
+{
+    return vec3((float)(3.240479 * xyz[0] - 1.537150 * xyz[1] - 0.498535 * xyz[2]),
+                (float)(-0.969256 * xyz[0] + 1.875991 * xyz[1] + 0.041556 * xyz[2]),
+                (float)(0.055648 * xyz[0] - 0.204043 * xyz[1] + 1.057311 * xyz[2]));
+}
+
+static result_t three_numbers(const params_t *owner, const param_t *item, const char *name, rgb_t *value)
+{
+    if (item->count != 3)
+        return error_at(item->at, "parameter \"%s\" takes three numbers, found %zu", name, item->count);
+    const double *v = params_numbers(owner, item);
+    *value = item->type == PARAM_XYZ ? rgb_from_xyz(v) : vec3((float)v[0], (float)v[1], (float)v[2]);
+    return result_ok();
+}
+
+/* What a parameter of type spectrum gives: samples, v4's name of one, or a file. The caller frees it. */
+static result_t read_spectrum(pbrt_t *p, const params_t *owner, const param_t *item, const char *name,
+                              spectrum_t *spectrum)
+{
+    if (!item->quoted) return spectrum_from_pairs(params_numbers(owner, item), item->count, item->at, spectrum);
+    if (item->count != 1)
+        return error_at(item->at, "parameter \"%s\" takes one spectrum, found %zu", name, item->count);
+    const char *text = params_text(owner, item, 0);
+    if (p->dialect.dialect == DIALECT_V4 && spectrum_named(text, spectrum)) return result_ok();
+    char *path = pbrt_resolve(p, text);
+    result_t result = spectrum_read(path, spectrum);
+    free(path);
+    return result.code == RESULT_OK ? result : error_at(item->at, "%s", result.message);
+}
+
+static spectrum_rules_t rules_of(const pbrt_t *p)
+{
+    return p->dialect.dialect == DIALECT_V3 ? SPECTRUM_PBRT_V3 : SPECTRUM_PBRT_V4;
+}
+
+static result_t spectrum_value(pbrt_t *p, const params_t *owner, const param_t *item, const char *name,
+                               colour_use_t use, rgb_t *value)
+{
+    static const spectrum_use_t uses[] = {[COLOUR_REFLECTANCE] = SPECTRUM_REFLECTANCE,
+                                          [COLOUR_UNBOUNDED] = SPECTRUM_REFLECTANCE,
+                                          [COLOUR_INDEX] = SPECTRUM_INDEX,
+                                          [COLOUR_LIGHT] = SPECTRUM_EMISSION};
+    spectrum_t spectrum;
+    TRY(read_spectrum(p, owner, item, name, &spectrum));
+    *value = spectrum_colour(&spectrum, uses[use], rules_of(p));
+    spectrum_free(&spectrum);
+    return result_ok();
+}
+
+/* A temperature in kelvin; in v3 with a scale behind it. */
+static result_t blackbody_value(const pbrt_t *p, const params_t *owner, const param_t *item, const char *name,
+                                rgb_t *value)
+{
+    size_t numbers = p->dialect.dialect == DIALECT_V3 ? 2 : 1;
+    const double *v = params_numbers(owner, item);
+    if (item->count != numbers)
+        return error_at(item->at, "parameter \"%s\": a blackbody takes %s, found %zu numbers", name,
+                        numbers == 2 ? "a temperature and a scale" : "a temperature", item->count);
+    if (!(v[0] > 0 && v[0] <= 1e6))
+        return error_at(item->at, "parameter \"%s\": the temperature is %g K, but must be over 0", name, v[0]);
+    *value = spectrum_blackbody(v[0], rules_of(p));
+    if (numbers == 2) *value = v_scale(*value, (float)v[1]);
+    return result_ok();
+}
+
+/* Three numbers; what a colour space without sRGB's gamut makes negative is 0. */
+static result_t rgb_value(const pbrt_t *p, const params_t *owner, const param_t *item, const char *name,
+                          colour_use_t use, rgb_t *value)
+{
+    TRY(three_numbers(owner, item, name, value));
+    if (item->type == PARAM_XYZ || value->x < 0 || value->y < 0 || value->z < 0) return result_ok();
+    rgb_t c = pbrt_srgb(p, *value, use == COLOUR_LIGHT);
+    *value = vec3(fmaxf(c.x, 0), fmaxf(c.y, 0), fmaxf(c.z, 0));
+    return result_ok();
+}
+
+static result_t read_colour(pbrt_t *p, const params_t *owner, const param_t *item, const char *name,
+                            colour_use_t use, blob_value_t *value)
+{
+    *value = blob_constant(0);
+    switch (item->type) {
+    case PARAM_RGB:
+    case PARAM_XYZ:
+        return rgb_value(p, owner, item, name, use, &value->factor);
+    case PARAM_SPECTRUM:
+        return spectrum_value(p, owner, item, name, use, &value->factor);
+    case PARAM_TEXTURE:
+        return texture_value(p, owner, item, name, false, value);
+    case PARAM_BLACKBODY:
+        return blackbody_value(p, owner, item, name, &value->factor);
+    default:
+        return error_at(item->at, "parameter \"%s\" must be a colour (rgb), not of type %s", name,
+                        param_type_name(item->type));
+    }
+}
+
+static result_t check_constant(pbrt_t *p, const char *name, position_t at, colour_use_t use, rgb_t *value)
+{
+    if (!v_is_finite(*value) || value->x < 0 || value->y < 0 || value->z < 0)
+        return error_at(at, "parameter \"%s\" must be a colour without negative components", name);
+    if (use != COLOUR_REFLECTANCE || v_max(*value) <= 1) return result_ok();
+    if (p->dialect.dialect == DIALECT_V4) {
+        *value = vec3(fminf(value->x, 1), fminf(value->y, 1), fminf(value->z, 1));
+        report_warning(p->report, at, "parameter \"%s\" is above 1 and taken for 1, as in pbrt-v4", name);
+    } else {
+        report_warning(p->report, at, "parameter \"%s\" is above 1: the surface makes light", name);
+    }
+    return result_ok();
+}
+
+result_t pbrt_colour_value(pbrt_t *p, params_t *params, const char *name, colour_use_t use,
+                           blob_value_t *value)
+{
+    const params_t *owner;
+    const param_t *item = params_find(params, name, &owner);
+    if (!item) return result_ok();
+    TRY(read_colour(p, owner, item, name, use, value));
+    return value->texture ? result_ok() : check_constant(p, name, item->at, use, &value->factor);
+}
+
+result_t pbrt_colour(pbrt_t *p, params_t *params, const char *name, colour_use_t use, rgb_t *value)
+{
+    blob_value_t read = blob_colour_value(*value);
+    TRY(pbrt_colour_value(p, params, name, use, &read));
+    if (read.texture != 0)
+        return error_at(params_where(params, name, (position_t){.path = ""}),
+                        "parameter \"%s\" cannot vary; give a colour instead of a texture", name);
+    *value = read.factor;
+    return result_ok();
+}
+
+result_t pbrt_index(pbrt_t *p, params_t *params, const char *name, blob_value_t *value)
+{
+    const params_t *owner;
+    const param_t *item = params_find(params, name, &owner);
+    if (!item) return result_ok();
+    spectrum_t spectrum;
+    TRY(read_spectrum(p, owner, item, name, &spectrum));
+    *value = blob_constant((float)spectrum_at(&spectrum, SPECTRUM_D_LINE));
+    spectrum_free(&spectrum);
+    return result_ok();
+}

@@ -1,0 +1,286 @@
+/* Tests of worker/render/distribution.c and octahedral.h: points are drawn from the density that is claimed,
+ * nothing is drawn where there is none, and the octahedral map goes both ways and keeps areas. */
+#include "worker/render/distribution.h"
+
+#include "common/base.h"
+#include "common/sampler.h"
+#include "tests/chi_square.h"
+#include "worker/render/octahedral.h"
+
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdlib.h>
+
+#include <cmocka.h>
+
+/* A number in [0, 1) that depends on its argument alone. */
+static float uniform(uint64_t i)
+{
+    return sampler_float((uint32_t)(sampler_mix(i * 0x9E3779B97F4A7C15u + 12345) >> 32));
+}
+
+static vec2_t uniform_pair(uint64_t i)
+{
+    return (vec2_t){uniform(2 * i), uniform(2 * i + 1)};
+}
+
+/* ---- distribution ---- */
+
+enum { WIDTH = 13, HEIGHT = 7, CELLS = WIDTH * HEIGHT, DRAWS = 400000, PARTS = 2 };
+
+/* Bright and dark cells, empty ones, empty rows first, last and in between. */
+static void uneven_weights(float weights[CELLS])
+{
+    for (size_t i = 0; i < CELLS; i++) {
+        float u = uniform(1000 + i);
+        size_t row = i / WIDTH;
+        weights[i] = row == 0 || row == 3 || row == HEIGHT - 1 || u < 0.3f ? 0 : u * u * u;
+    }
+    weights[2 * WIDTH + 5] = 20;
+}
+
+static uint32_t cell(vec2_t at)
+{
+    uint32_t x = (uint32_t)(at.x * WIDTH), y = (uint32_t)(at.y * HEIGHT);
+    assert_true(at.x >= 0 && at.x < 1 && at.y >= 0 && at.y < 1);
+    return (y < HEIGHT ? y : HEIGHT - 1) * WIDTH + (x < WIDTH ? x : WIDTH - 1);
+}
+
+/* Over a grid with PARTS x PARTS bins in each cell: cells right, and uniform inside them. */
+static void test_samples_follow_the_density(void **state)
+{
+    (void)state;
+    enum { BINS = CELLS * PARTS * PARTS };
+    float weights[CELLS];
+    uneven_weights(weights);
+    distribution_t *d = distribution_new(weights, WIDTH, HEIGHT);
+    double *observed = mem_zalloc(BINS, sizeof *observed), *expected = mem_zalloc(BINS, sizeof *expected);
+    for (uint64_t i = 0; i < DRAWS; i++) {
+        float pdf;
+        vec2_t at = distribution_sample(d, uniform_pair(i), &pdf);
+        assert_true(pdf > 0 && pdf == distribution_pdf(d, at));
+        size_t x = (size_t)(at.x * WIDTH * PARTS), y = (size_t)(at.y * HEIGHT * PARTS);
+        observed[y * WIDTH * PARTS + x]++;
+    }
+    for (size_t i = 0; i < BINS; i++) {
+        vec2_t middle = {((float)(i % (WIDTH * PARTS)) + 0.5f) / (WIDTH * PARTS),
+                         ((float)(i / (WIDTH * PARTS)) + 0.5f) / (HEIGHT * PARTS)};
+        expected[i] = (double)distribution_pdf(d, middle) * DRAWS / BINS;
+    }
+    double p = chi_square_p(observed, expected, BINS, DRAWS);
+    if (!(p > 1e-3)) fail_msg("p = %g", p);
+    free(observed);
+    free(expected);
+    distribution_destroy(&d);
+    assert_null(d);
+}
+
+static void test_density_is_weight_over_mean(void **state)
+{
+    (void)state;
+    float weights[CELLS];
+    uneven_weights(weights);
+    distribution_t *d = distribution_new(weights, WIDTH, HEIGHT);
+    double sum = 0, integral = 0;
+    for (size_t i = 0; i < CELLS; i++) sum += (double)weights[i];
+    assert_true(fabs(distribution_total(d) - sum) < 1e-12 * sum);
+    for (uint32_t i = 0; i < CELLS; i++) {
+        vec2_t at = {((float)(i % WIDTH) + 0.5f) / WIDTH, ((float)(i / WIDTH) + 0.5f) / HEIGHT};
+        double pdf = (double)distribution_pdf(d, at), expected = (double)weights[i] * CELLS / sum;
+        assert_true(fabs(pdf - expected) <= 1e-6 * expected);
+        integral += pdf / CELLS;
+    }
+    assert_true(fabs(integral - 1) < 1e-6);
+    distribution_destroy(&d);
+}
+
+/* The numbers at which rounding could lead into an empty cell. */
+static void test_empty_cells_are_never_drawn(void **state)
+{
+    (void)state;
+    float weights[CELLS];
+    uneven_weights(weights);
+    distribution_t *d = distribution_new(weights, WIDTH, HEIGHT);
+    float edges[2 + 2 * (CELLS + 1)];
+    size_t count = 0;
+    for (int i = 0; i <= CELLS; i++) {
+        edges[count++] = (float)i / CELLS;
+        edges[count++] = nextafterf((float)i / CELLS, 0);
+    }
+    edges[count++] = 0x1.fffffep-1f;
+    edges[count++] = NAN;
+    for (size_t i = 0; i < count * count; i++) {
+        float pdf;
+        vec2_t at = distribution_sample(d, (vec2_t){edges[i % count], edges[i / count]}, &pdf);
+        assert_true(weights[cell(at)] > 0 && pdf > 0 && pdf == distribution_pdf(d, at));
+    }
+    distribution_destroy(&d);
+}
+
+/* Numbers that are the very first of a cell: the point must not round into the cell before, which is black.
+ */
+static void test_first_number_of_a_cell(void **state)
+{
+    (void)state;
+    enum { WIDEST = 300 };
+    float weights[WIDEST];
+    for (uint32_t width = 2; width <= WIDEST; width++) {
+        for (uint32_t i = 0; i < width; i++) weights[i] = i % 2 == 0 ? 0 : 1;
+        distribution_t *d = distribution_new(weights, width, 1);
+        for (uint32_t k = 0; k < width / 2; k++) {
+            float pdf;
+            vec2_t at = distribution_sample(d, (vec2_t){(float)((double)k / (width / 2)), 0.5f}, &pdf);
+            assert_true((uint32_t)(at.x * (float)width) == 2 * k + 1);
+            assert_true(pdf > 0 && pdf == distribution_pdf(d, at));
+        }
+        distribution_destroy(&d);
+    }
+}
+
+/* One bright cell in a large dark image: every point is in it. */
+static void test_one_cell(void **state)
+{
+    (void)state;
+    enum { SIDE = 1021 };
+    float *weights = mem_zalloc(SIDE * SIDE, sizeof *weights);
+    for (uint64_t k = 0; k < 40; k++) {
+        uint32_t x = (uint32_t)(uniform(2 * k) * SIDE), y = (uint32_t)(uniform(2 * k + 1) * SIDE);
+        weights[y * SIDE + x] = 1e-30f;
+        distribution_t *d = distribution_new(weights, SIDE, SIDE);
+        for (uint64_t i = 0; i < 200; i++) {
+            float pdf;
+            vec2_t u = i == 0   ? (vec2_t){0, 0}
+                       : i == 1 ? (vec2_t){0x1.fffffep-1f, 0x1.fffffep-1f}
+                                : uniform_pair(i);
+            vec2_t at = distribution_sample(d, u, &pdf);
+            assert_true((uint32_t)(at.x * SIDE) == x && (uint32_t)(at.y * SIDE) == y);
+            assert_true(fabsf(pdf / (SIDE * SIDE) - 1) < 1e-6f);
+        }
+        distribution_destroy(&d);
+        weights[y * SIDE + x] = 0;
+    }
+    free(weights);
+}
+
+static void test_nothing_to_draw(void **state)
+{
+    (void)state;
+    const float weights[4] = {0, -1, NAN, INFINITY};
+    distribution_t *d = distribution_new(weights, 2, 2);
+    float pdf = 1;
+    distribution_sample(d, (vec2_t){0.5f, 0.5f}, &pdf);
+    assert_true(pdf == 0 && distribution_total(d) == 0);
+    assert_true(distribution_pdf(d, (vec2_t){0.5f, 0.5f}) == 0);
+    distribution_destroy(&d);
+}
+
+/* The nearest cell answers for what lies outside. */
+static void test_density_outside(void **state)
+{
+    (void)state;
+    const float weights[4] = {1, 2, 3, 4};
+    distribution_t *d = distribution_new(weights, 2, 2);
+    assert_true(distribution_pdf(d, (vec2_t){1, 1}) == 1.6f);
+    assert_true(distribution_pdf(d, (vec2_t){-1, 1e30f}) == 1.2f);
+    assert_true(distribution_pdf(d, (vec2_t){NAN, NAN}) == 0.4f);
+    distribution_destroy(&d);
+}
+
+/* ---- octahedral map ---- */
+
+static void test_octahedral_round_trip(void **state)
+{
+    (void)state;
+    for (uint64_t i = 0; i < 100000; i++) {
+        vec2_t p = uniform_pair(i);
+        vec3_t d = octahedral_to_sphere(p);
+        vec2_t q = octahedral_to_square(d);
+        assert_true(fabsf(v_length(d) - 1) < 1e-6f);
+        if (!(fabsf(p.x - q.x) < 2e-6f && fabsf(p.y - q.y) < 2e-6f))
+            fail_msg("(%.8g, %.8g) came back as (%.8g, %.8g)", (double)p.x, (double)p.y, (double)q.x,
+                     (double)q.y);
+    }
+}
+
+/* The corners, the middle and the middles of the sides, and both signs of zero. */
+static void test_octahedral_layout(void **state)
+{
+    (void)state;
+    static const struct {
+        vec2_t p;
+        vec3_t d;
+    } cases[] = {{{0.5f, 0.5f}, {0, 0, 1}}, {{1, 0.5f}, {1, 0, 0}},
+                 {{0, 0.5f}, {-1, 0, 0}},   {{0.5f, 1}, {0, 1, 0}},
+                 {{0.5f, 0}, {0, -1, 0}},   {{0, 0}, {0, 0, -1}},
+                 {{1, 0}, {0, 0, -1}},      {{0, 1}, {0, 0, -1}},
+                 {{1, 1}, {0, 0, -1}},      {{0.75f, 0.75f}, {0.70710678f, 0.70710678f, 0}}};
+    for (size_t i = 0; i < ARRAY_LENGTH(cases); i++) {
+        vec3_t d = octahedral_to_sphere(cases[i].p), e = cases[i].d;
+        assert_true(v_length(v_sub(d, e)) < 1e-6f);
+        vec2_t q = octahedral_to_square(e);
+        assert_true(q.x >= 0 && q.x <= 1 && q.y >= 0 && q.y <= 1);
+        assert_true(v_length(v_sub(octahedral_to_sphere(q), e)) < 1e-6f);
+    }
+    vec2_t q = octahedral_to_square(vec3(-0.0f, -0.0f, -1));
+    assert_true(q.x == 0 && q.y == 0);
+}
+
+/* The area element by central differences: 4 pi everywhere. */
+static void test_octahedral_keeps_areas(void **state)
+{
+    (void)state;
+    const float h = 1e-3f;
+    int checked = 0;
+    for (uint64_t i = 0; i < 20000; i++) {
+        vec2_t p = uniform_pair(i);
+        float u = fabsf(2 * p.x - 1), v = fabsf(2 * p.y - 1), margin = 0.02f;
+        bool smooth =
+            u > margin && v > margin && fabsf(1 - u - v) > margin && u < 1 - margin && v < 1 - margin;
+        if (!smooth) continue;
+        vec3_t du =
+            v_sub(octahedral_to_sphere((vec2_t){p.x + h, p.y}), octahedral_to_sphere((vec2_t){p.x - h, p.y}));
+        vec3_t dv =
+            v_sub(octahedral_to_sphere((vec2_t){p.x, p.y + h}), octahedral_to_sphere((vec2_t){p.x, p.y - h}));
+        float area = v_length(v_cross(du, dv)) / (4 * h * h);
+        if (!(fabsf(area / (4 * PI_F) - 1) < 5e-3f))
+            fail_msg("area element %g at (%g, %g)", (double)area, (double)p.x, (double)p.y);
+        checked++;
+    }
+    assert_true(checked > 10000);
+}
+
+/* Uniform points of the square are uniform directions: bins in z and azimuth. */
+static void test_octahedral_is_uniform(void **state)
+{
+    (void)state;
+    enum { BANDS = 16, SECTORS = 24, BINS = BANDS * SECTORS, POINTS = 200000 };
+    double observed[BINS] = {0}, expected[BINS];
+    for (uint64_t i = 0; i < POINTS; i++) {
+        vec3_t d = octahedral_to_sphere(uniform_pair(i + 7777777));
+        int band = (int)((d.z + 1) / 2 * BANDS),
+            sector = (int)((atan2f(d.y, d.x) / TWO_PI_F + 0.5f) * SECTORS);
+        observed[int_min(band, BANDS - 1) * SECTORS + int_min(sector, SECTORS - 1)]++;
+    }
+    for (int i = 0; i < BINS; i++) expected[i] = (double)POINTS / BINS;
+    double p = chi_square_p(observed, expected, BINS, POINTS);
+    if (!(p > 1e-3)) fail_msg("p = %g", p);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_samples_follow_the_density),
+        cmocka_unit_test(test_density_is_weight_over_mean),
+        cmocka_unit_test(test_empty_cells_are_never_drawn),
+        cmocka_unit_test(test_first_number_of_a_cell),
+        cmocka_unit_test(test_one_cell),
+        cmocka_unit_test(test_nothing_to_draw),
+        cmocka_unit_test(test_density_outside),
+        cmocka_unit_test(test_octahedral_round_trip),
+        cmocka_unit_test(test_octahedral_layout),
+        cmocka_unit_test(test_octahedral_keeps_areas),
+        cmocka_unit_test(test_octahedral_is_uniform),
+    };
+    return cmocka_run_group_tests_name("distribution", tests, NULL, NULL);
+}
