@@ -108,8 +108,7 @@ static result_t check_alpha(pbrt_t *p, params_t *params, position_t at, bool rem
                     "this roughness makes an alpha of %g; the most is %g", alpha, largest_alpha);
 }
 
-/* How the roughnesses in `count` slots from `slot` become alphas. `smooth`: all 0 makes a smooth surface; else
- * v3's distributions have an alpha of at least 1e-3. */
+/* How the roughnesses in `count` slots from `slot` become alphas. `smooth`: all 0 makes a smooth surface. */
 static result_t finish_roughness(pbrt_t *p, params_t *params, position_t at, material_value_t slot, int count,
                                  bool smooth, blob_material_t *record)
 {
@@ -120,8 +119,8 @@ static result_t finish_roughness(pbrt_t *p, params_t *params, position_t at, mat
     if (zero && smooth) return result_ok();
     for (int i = 0; i < count; ++i) {
         TRY(check_alpha(p, params, at, remap, &values[i]));
-        if (v3 && !remap && values[i].texture == 0 && values[i].factor.x < 1e-3f)
-            values[i] = blob_constant(1e-3f);
+        if (v3 && !remap && (values[i].texture != 0 || values[i].factor.x < 1e-3f))
+            record->flags |= MATERIAL_ALPHA_V3;
     }
     if (remap) record->flags |= v3 ? MATERIAL_REMAP_V3 : MATERIAL_REMAP_SQRT;
     return result_ok();
