@@ -139,14 +139,10 @@ result_t pbrt_shape(pbrt_t *p, position_t at)
                    &index));
     shape_work_t work = {.params = p->params, .at = at, .shape = {.geometry = BLOB_NONE}};
     bool moves = place(p, &work, &open, &close);
-    TRY(pbrt_wear_material(p, p->params, &work.shape.material));
-    if (work.shape.material == BLOB_NONE) { /* an interface between media, which does nothing */
-        if (p->now.emits)
-            report_warning(p->report, at, "an interface between media does not emit; its area light is ignored");
-        return result_ok();
-    }
     TRY(shapes[index].make(p, &work));
     TRY(read_alpha(p, &shapes[index], &work));
+    TRY(pbrt_wear_material(p, p->params, &work.shape.material)); /* last: v3 takes what the shape left unread */
     TRY(pbrt_finish_params(p, "Shape", p->arguments[0]));
-    return work.shape.geometry == BLOB_NONE ? result_ok() : add_shape(p, &work, moves, &open, &close);
+    if (work.shape.geometry == BLOB_NONE || work.shape.material == BLOB_NONE) return result_ok();
+    return add_shape(p, &work, moves, &open, &close);
 }

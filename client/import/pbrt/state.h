@@ -48,7 +48,7 @@ typedef struct {
     params_t *defaults[TARGET_COUNT]; /* owned by the state's kept lists; NULL: none */
 } graphics_t;
 
-typedef enum { SCOPE_ATTRIBUTE, SCOPE_TRANSFORM, SCOPE_OBJECT } scope_kind_t;
+typedef enum { SCOPE_ATTRIBUTE, SCOPE_TRANSFORM, SCOPE_OBJECT, SCOPE_IMPORT } scope_kind_t;
 
 typedef struct {
     scope_kind_t kind;
@@ -144,7 +144,7 @@ typedef struct pbrt {
     bool early_motion;         /* it has been said that motion ends inside the shutter's time */
     int32_t crop[4];           /* x first, x end, y first, y end in pixels of the film */
     double gain;               /* of the film, on all light */
-    uint64_t bytes_known, bytes_done; /* of the files, for progress */
+    uint64_t bytes_known, bytes_done, bytes_told; /* of the files, for progress */
     position_t film_at, camera_at, sampler_at, integrator_at, filter_at; /* line 0: not there yet */
 } pbrt_t;
 
