@@ -72,7 +72,8 @@ result_t scene_load(const char *path, bool lenient, scene_t *scene)
     *scene = (scene_t){0};
     if (access(path, R_OK) != 0)
         return result_fail(RESULT_INPUT, "cannot read %.300s: %s", path, strerror(errno));
-    result_t result = is_blob_file(path) ? blob_open_file(path, &scene->blob) : import_file(path, lenient, scene);
+    result_t result =
+        is_blob_file(path) ? blob_open_file(path, &scene->blob) : import_file(path, lenient, scene);
     if (result.code == RESULT_OK)
         scene->name = scene_name(path);
     else

@@ -10,8 +10,8 @@
 #include "common/scene_blob.h"
 
 /* Where warnings go: `warn` gets one line for people, "file:line:column: text", valid during the call.
- * `progress` (may be NULL) is told the share of the bytes known so far that has been read, 0 to 1: a file names
- * others, so it may fall. It is called every 64 KiB or so. */
+ * `progress` (may be NULL) is told the share of the bytes known so far that has been read, 0 to 1: a file
+ * names others, so it may fall. It is called every 64 KiB or so. */
 typedef struct {
     void (*warn)(void *context, const char *message);
     void *context;

@@ -1,7 +1,7 @@
 /* What the pbrt importer makes of shapes: their geometry, alpha, light, and motion. */
 #include "tests/unit/test_import.h"
 
-#define RADIANS(degrees) ((degrees) * 3.14159265358979323846 / 180)
+#define RADIANS(degrees) ((degrees)*3.14159265358979323846 / 180)
 
 static const blob_shape_t *shape(const bench_t *bench, uint64_t index)
 {
@@ -42,13 +42,15 @@ static void test_quadrics(void **state)
 {
     (void)state;
     bench_t bench = {0};
-    bench_run_v3(&bench, "Translate 1 2 3\nShape \"sphere\" \"float radius\" 2 \"float zmin\" 1 \"float zmax\" -9 "
-                         "\"float phimax\" 90\n"
-                         "ReverseOrientation Shape \"disk\" \"float height\" 4 \"float radius\" 3 "
-                         "\"float innerradius\" 1\n"
-                         "Scale -1 1 1 Shape \"cylinder\" \"float zmin\" 2 \"float zmax\" -1 \"float phimax\" 400");
+    bench_run_v3(&bench,
+                 "Translate 1 2 3\nShape \"sphere\" \"float radius\" 2 \"float zmin\" 1 \"float zmax\" -9 "
+                 "\"float phimax\" 90\n"
+                 "ReverseOrientation Shape \"disk\" \"float height\" 4 \"float radius\" 3 "
+                 "\"float innerradius\" 1\n"
+                 "Scale -1 1 1 Shape \"cylinder\" \"float zmin\" 2 \"float zmax\" -1 \"float phimax\" 400");
     bench_expect_ok(&bench);
-    const blob_quadric_t *sphere = quadric(&bench, 0), *disk = quadric(&bench, 1), *cylinder = quadric(&bench, 2);
+    const blob_quadric_t *sphere = quadric(&bench, 0), *disk = quadric(&bench, 1),
+                         *cylinder = quadric(&bench, 2);
     assert_int_equal(sphere->kind, QUADRIC_SPHERE);
     expect_near((double)sphere->z_min, -2, 0);
     expect_near((double)sphere->z_max, 1, 0);
@@ -166,8 +168,7 @@ static double cubic_at(const double c[4], double t)
 static double spline_at(const double c[4], int degree, double t)
 {
     double t2 = t * t, t3 = t2 * t;
-    if (degree == 2)
-        return ((1 - 2 * t + t2) * c[0] + (1 + 2 * t - 2 * t2) * c[1] + t2 * c[2]) / 2;
+    if (degree == 2) return ((1 - 2 * t + t2) * c[0] + (1 + 2 * t - 2 * t2) * c[1] + t2 * c[2]) / 2;
     return ((1 - 3 * t + 3 * t2 - t3) * c[0] + (4 - 6 * t2 + 3 * t3) * c[1] +
             (1 + 3 * t + 3 * t2 - 3 * t3) * c[2] + t3 * c[3]) /
            6;
@@ -179,9 +180,10 @@ static void test_splines_are_the_same_curve(void **state)
     static const double y[5] = {0, 3, -1, 4, 2};
     for (int degree = 2; degree <= 3; ++degree) {
         bench_t bench = {0};
-        char *world = mem_printf("LightSource \"point\" Shape \"curve\" \"string type\" \"cylinder\" \"string basis\" "
-                                 "\"bspline\" \"integer degree\" %d \"point P\" [0 0 0  1 3 0  2 -1 0  3 4 0  4 2 0]",
-                                 degree);
+        char *world =
+            mem_printf("LightSource \"point\" Shape \"curve\" \"string type\" \"cylinder\" \"string basis\" "
+                       "\"bspline\" \"integer degree\" %d \"point P\" [0 0 0  1 3 0  2 -1 0  3 4 0  4 2 0]",
+                       degree);
         bench_run_v3(&bench, world);
         bench_expect_silence(&bench);
         const blob_curve_point_t *p = points_of(&bench, 0);
@@ -201,8 +203,9 @@ static void test_quadratic_bezier_is_raised(void **state)
 {
     (void)state;
     bench_t bench = {0};
-    bench_run_v3(&bench, "LightSource \"point\" Shape \"curve\" \"string type\" \"cylinder\" \"integer degree\" 2 "
-                         "\"point P\" [0 0 0  3 3 0  6 0 0]");
+    bench_run_v3(&bench,
+                 "LightSource \"point\" Shape \"curve\" \"string type\" \"cylinder\" \"integer degree\" 2 "
+                 "\"point P\" [0 0 0  3 3 0  6 0 0]");
     bench_expect_silence(&bench);
     expect_point(&points_of(&bench, 0)[1], 2, 2, 0, 0.5);
     expect_point(&points_of(&bench, 0)[2], 4, 2, 0, 0.5);
@@ -245,8 +248,9 @@ static void test_impossible_curves(void **state)
     bench_expect_ok(&bench);
     assert_int_equal(bench.warning_count, 1);
     expect_text(bench.warnings, "flat curves");
-    expect_error(&bench, "AreaLightSource \"diffuse\" Shape \"curve\" \"string type\" \"cylinder\" \"point P\" "
-                         "[0 0 0 1 0 0 2 0 0 3 0 0]",
+    expect_error(&bench,
+                 "AreaLightSource \"diffuse\" Shape \"curve\" \"string type\" \"cylinder\" \"point P\" "
+                 "[0 0 0 1 0 0 2 0 0 3 0 0]",
                  "curves that emit");
     bench_close(&bench);
 }
@@ -361,7 +365,8 @@ static void test_image_on_a_light(void **state)
     memcpy(file + sizeof pfm - 1, values, sizeof values);
     bench_t bench = {0};
     bench_write(&bench, "i.pfm", file, sizeof file);
-    run_v4(&bench, "AreaLightSource \"diffuse\" \"string filename\" \"i.pfm\" \"float power\" 1 Shape \"disk\"");
+    run_v4(&bench,
+           "AreaLightSource \"diffuse\" \"string filename\" \"i.pfm\" \"float power\" 1 Shape \"disk\"");
     bench_expect_silence(&bench);
     const blob_light_t *l = light(&bench, 0);
     assert_int_equal(l->radiance.texture, 1);
@@ -397,7 +402,8 @@ static void test_moving_shapes_and_instances(void **state)
     }
     /* the disk's own geometry is in its own space */
     const blob_object_t *disk = &bench.blob.objects[bench.blob.instances[0].object];
-    expect_vec3(xform_point(&quadric(&bench, disk->first_shape)->object_from_quadric, vec3(0, 0, 0)), 0, 0, 0);
+    expect_vec3(xform_point(&quadric(&bench, disk->first_shape)->object_from_quadric, vec3(0, 0, 0)), 0, 0,
+                0);
     bench_close(&bench);
 }
 
@@ -405,9 +411,10 @@ static void test_motion_is_cut_to_the_shutter(void **state)
 {
     (void)state;
     bench_t bench = {0};
-    bench_run(&bench, "TransformTimes 0 4\nCamera \"perspective\" \"float shutteropen\" 1 \"float shutterclose\" 2\n"
-                      "WorldBegin LightSource \"point\"\nActiveTransform EndTime Translate 8 0 0 Rotate 120 0 0 1 "
-                      "Scale 3 1 1\nShape \"sphere\"\nWorldEnd\n");
+    bench_run(&bench,
+              "TransformTimes 0 4\nCamera \"perspective\" \"float shutteropen\" 1 \"float shutterclose\" 2\n"
+              "WorldBegin LightSource \"point\"\nActiveTransform EndTime Translate 8 0 0 Rotate 120 0 0 1 "
+              "Scale 3 1 1\nShape \"sphere\"\nWorldEnd\n");
     bench_expect_silence(&bench);
     const blob_instance_t *instance = &bench.blob.instances[0];
     expect_vec3(xform_point(&instance->world_from_object, vec3(0, 0, 0)), 2, 0, 0);
@@ -443,8 +450,9 @@ static void test_mirrored_motion(void **state)
 {
     (void)state;
     bench_t bench = {0};
-    bench_run(&bench, "TransformTimes 0 2\nWorldBegin LightSource \"point\" Scale -1 1 1\nActiveTransform EndTime "
-                      "Rotate 90 0 0 1\nShape \"sphere\"\nWorldEnd\n");
+    bench_run(&bench,
+              "TransformTimes 0 2\nWorldBegin LightSource \"point\" Scale -1 1 1\nActiveTransform EndTime "
+              "Rotate 90 0 0 1\nShape \"sphere\"\nWorldEnd\n");
     bench_expect_silence(&bench);
     const blob_instance_t *instance = &bench.blob.instances[0];
     expect_near((double)xform_determinant(&instance->world_from_object_end), -1, 1e-5);

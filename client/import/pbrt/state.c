@@ -135,7 +135,8 @@ void pbrt_name_coordinates(pbrt_t *p, const char *name, const affine_t *start, c
 
 /* ---- motion -------------------------------------------------------------------------------------------- */
 
-/* Motion runs between the transform's times and rests outside them; the blob knows the shutter's time alone. */
+/* Motion runs between the transform's times and rests outside them; the blob knows the shutter's time alone.
+ */
 bool pbrt_motion(pbrt_t *p, position_t at, affine_t *open, affine_t *close)
 {
     affine_t start = p->now.ctm, end = p->now.ctm_end;
