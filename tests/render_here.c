@@ -38,8 +38,14 @@ film_t *render_here(const scene_blob_t *blob, const job_settings_t *settings)
 test_scene_t test_scene_begin(vec3_t eye, float fov, int resolution)
 {
     test_scene_t scene = {.builder = blob_builder_new()};
-    blob_scene_t record = {.world_from_camera = {{{1, 0, 0, eye.x}, {0, 1, 0, eye.y}, {0, 0, 1, eye.z}}},
+    xform_t world_from_camera = {{{1, 0, 0, eye.x}, {0, 1, 0, eye.y}, {0, 0, 1, eye.z}}};
+    blob_scene_t record = {.camera = CAMERA_PERSPECTIVE,
+                           .world_from_camera = world_from_camera,
+                           .world_from_camera_end = world_from_camera,
                            .fov = fov,
+                           .focal_distance = 1,
+                           .film_window = {0, 1, 0, 1},
+                           .max_luminance = INFINITY,
                            .filter = {.kind = FILTER_BOX, .radius_x = 0.5f, .radius_y = 0.5f},
                            .width = resolution,
                            .height = resolution,
@@ -62,16 +68,29 @@ static void add_shape(test_scene_t *scene, shape_kind_t kind, uint32_t geometry,
     uint32_t index = blob_builder_count(scene->builder, BLOB_SECTION_SHAPES), light = BLOB_NONE;
     if (!v_is_zero(radiance))
         light = blob_builder_add(scene->builder, BLOB_SECTION_LIGHTS,
-                                 &(blob_light_t){.radiance = radiance, .shape = index}, 1);
-    blob_shape_t shape = {.kind = kind, .geometry = geometry, .material = material, .light = light};
+                                 &(blob_light_t){.kind = LIGHT_AREA,
+                                                 .radiance = blob_colour_value(radiance),
+                                                 .shape = index,
+                                                 .world_from_light = xform_identity()},
+                                 1);
+    blob_shape_t shape = {.kind = kind,
+                          .geometry = geometry,
+                          .material = material,
+                          .light = light,
+                          .alpha = blob_constant(1),
+                          .shadow_alpha = blob_constant(1)};
     blob_builder_add(scene->builder, BLOB_SECTION_SHAPES, &shape, 1);
 }
 
 static void add_mesh(test_scene_t *scene, const vec3_t *positions, uint32_t vertices,
                      const blob_triangle_t *triangles, uint32_t count, uint32_t material, rgb_t radiance)
 {
-    blob_mesh_t mesh = {
-        .vertex_count = vertices, .first_normal = BLOB_NONE, .first_uv = BLOB_NONE, .triangle_count = count};
+    blob_mesh_t mesh = {.vertex_count = vertices,
+                        .first_normal = BLOB_NONE,
+                        .first_uv = BLOB_NONE,
+                        .first_uv2 = BLOB_NONE,
+                        .first_colour = BLOB_NONE,
+                        .triangle_count = count};
     mesh.first_position = blob_builder_add(scene->builder, BLOB_SECTION_POSITIONS, positions, vertices);
     mesh.first_triangle = blob_builder_add(scene->builder, BLOB_SECTION_TRIANGLES, triangles, count);
     add_shape(scene, SHAPE_MESH, blob_builder_add(scene->builder, BLOB_SECTION_MESHES, &mesh, 1), material,
@@ -99,8 +118,14 @@ void test_scene_room(test_scene_t *scene, vec3_t low, vec3_t high, uint32_t mate
 
 void test_scene_sphere(test_scene_t *scene, vec3_t centre, float radius, uint32_t material, rgb_t radiance)
 {
-    blob_sphere_t sphere = {{{{1, 0, 0, centre.x}, {0, 1, 0, centre.y}, {0, 0, 1, centre.z}}}, radius};
-    add_shape(scene, SHAPE_SPHERE, blob_builder_add(scene->builder, BLOB_SECTION_SPHERES, &sphere, 1),
+    blob_quadric_t sphere = {
+        .kind = QUADRIC_SPHERE,
+        .object_from_quadric = {{{1, 0, 0, centre.x}, {0, 1, 0, centre.y}, {0, 0, 1, centre.z}}},
+        .radius = radius,
+        .z_min = -radius,
+        .z_max = radius,
+        .phi_max = TWO_PI_F};
+    add_shape(scene, SHAPE_QUADRIC, blob_builder_add(scene->builder, BLOB_SECTION_QUADRICS, &sphere, 1),
               material, radiance);
 }
 

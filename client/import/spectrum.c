@@ -323,9 +323,11 @@ rgb_t spectrum_rgb(const spectrum_t *spectrum, spectrum_white_t white)
 
 rgb_t spectrum_colour(const spectrum_t *spectrum, spectrum_use_t use, spectrum_rules_t rules)
 {
-    if (rules == SPECTRUM_PBRT_V3 || use == SPECTRUM_INDEX) return spectrum_rgb(spectrum, WHITE_EQUAL_ENERGY);
-    if (use == SPECTRUM_REFLECTANCE) return spectrum_rgb(spectrum, WHITE_D65);
-    return of_unit_luminance(xyz_of(spectrum, NULL));
+    /* pbrt-v3 sums 471 samples as if they spanned 470 nm. */
+    const float v3_sum = 470.0f / 471.0f;
+    if (rules == SPECTRUM_PBRT_V3) return v_scale(spectrum_rgb(spectrum, WHITE_EQUAL_ENERGY), v3_sum);
+    if (use == SPECTRUM_EMISSION) return of_unit_luminance(xyz_of(spectrum, NULL));
+    return spectrum_rgb(spectrum, WHITE_D65);
 }
 
 rgb_t spectrum_blackbody(double kelvin, spectrum_rules_t rules)

@@ -47,9 +47,9 @@ rgb_t spectrum_rgb(const spectrum_t *spectrum, spectrum_white_t white);
 typedef enum { SPECTRUM_REFLECTANCE, SPECTRUM_EMISSION, SPECTRUM_INDEX } spectrum_use_t;
 typedef enum { SPECTRUM_PBRT_V3, SPECTRUM_PBRT_V4 } spectrum_rules_t;
 
-/* Linear sRGB by the rules of a program: v3 takes all for equal energy; v4 takes a reflectance under D65, an
- * emission with D65 as (1, 1, 1) and its luminance made 1 (black when it has none), the index of a metal for
- * equal energy. */
+/* Linear sRGB by the rules of a program: v3 takes all for equal energy, times 470/471; v4 takes reflectances
+ * and the indices of metals under D65, an emission with D65 as (1, 1, 1) and its luminance made 1 (black when
+ * it has none). */
 rgb_t spectrum_colour(const spectrum_t *spectrum, spectrum_use_t use, spectrum_rules_t rules);
 
 /* Linear sRGB of a black body's emission, at a temperature in kelvin; black when that is not above 0. v3:

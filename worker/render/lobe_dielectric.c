@@ -39,7 +39,7 @@ static bool eval_transmission(const lobe_t *lobe, float eta, vec3_t wo, vec3_t w
                               bsdf_value_t *value)
 {
     float ax = lobe->numbers[LOBE_ALPHA_U], ay = lobe->numbers[LOBE_ALPHA_V];
-    if (!(wo.z > 0 && wi.z < 0)) return false;
+    if (!(wo.z > MICROFACET_LEAST_COSINE && wi.z < -MICROFACET_LEAST_COSINE)) return false;
     vec3_t m = v_mad(wo, eta, wi);
     float length2 = v_length2(m);
     if (!(length2 > 0) || m.z == 0) return false;
@@ -47,7 +47,9 @@ static bool eval_transmission(const lobe_t *lobe, float eta, vec3_t wo, vec3_t w
     float co = float_min(v_dot(wo, m), 1), ci = -v_dot(wi, m), cos_t, chance;
     if (!(co > 0 && ci > 0)) return false;
     rgb_t t = lobe_colour(lobe, LOBE_T);
-    float f = fresnel_dielectric(co, eta, &cos_t);
+    /* The same from both sides, but near total reflection only known well from the thinner one. */
+    float f = eta >= 1 ? fresnel_dielectric(co, eta, &cos_t)
+                       : fresnel_dielectric(float_min(ci, 1), 1 / eta, &cos_t);
     if (!lobe_reflect_chance(f, lobe_colour(lobe, LOBE_R), t, &chance) || chance == 1) return false;
     float d = microfacet_distribution(ax, ay, m), lo = microfacet_lambda(ax, ay, wo),
           li = microfacet_lambda(ax, ay, wi), cos_m = co - eta * ci;

@@ -54,10 +54,6 @@ bool scene_moves(const scene_t *scene);
  * there is none. */
 bool scene_intersect(const scene_t *scene, vec3_t origin, vec3_t direction, float time, surface_t *surface);
 void scene_details(const scene_t *scene, const surface_t *surface, surface_details_t *details);
-/* True when a BSDF of this material (of the scene's blob) needs the details of its surface: a value of it, or
- * of the parts of a mix, has a texture, it has a normal or bump map, its roughness differs between u and v,
- * or it is Disney's. Decided once, when the scene is built. */
-bool scene_material_varies(const scene_t *scene, const blob_material_t *material);
 
 /* True when the ray hits anything; finds the nearest hit and forgets it: for measuring Embree alone. */
 bool scene_probe(const scene_t *scene, vec3_t origin, vec3_t direction);
