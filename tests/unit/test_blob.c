@@ -50,11 +50,13 @@ static void add_curves(blob_builder_t *builder)
     const vec3_t normals[4] = {{0, 0, 1}, {0, 0, 1}, {0, 0, 1}, {0, 0, 1}};
     uint32_t normal = blob_builder_add(builder, BLOB_SECTION_NORMALS, normals, 4);
     uint32_t first = blob_builder_add(builder, BLOB_SECTION_CURVE_POINTS, points, 8);
-    const blob_curves_t curves[2] = {{CURVES_ROUND, first, 1, BLOB_NONE}, {CURVES_RIBBON, first + 4, 1, normal}};
+    const blob_curves_t curves[2] = {{CURVES_ROUND, first, 1, BLOB_NONE},
+                                     {CURVES_RIBBON, first + 4, 1, normal}};
     blob_builder_add(builder, BLOB_SECTION_CURVES, curves, 2);
 }
 
-/* World: a lamp (mesh 0), a sphere with alpha from texture 0, curves; object 1: a smooth mesh, placed once. */
+/* World: a lamp (mesh 0), a sphere with alpha from texture 0, curves; object 1: a smooth mesh, placed once.
+ */
 static void add_shapes(blob_builder_t *builder)
 {
     const blob_quadric_t sphere = {.kind = QUADRIC_SPHERE,
@@ -461,7 +463,8 @@ static void bad_indices_are_errors(void **state)
         {BLOB_SECTION_TEXTURES, FIELD(blob_texture_t, 2, inputs[3].texture), 3, "texture 2 is malformed"},
         {BLOB_SECTION_TEXTURES, FIELD(blob_texture_t, 1, inputs[0].texture), 3, "texture 1 is malformed"},
         {BLOB_SECTION_MATERIALS, FIELD(blob_material_t, 0, kind), 0, "material 0 is malformed"},
-        {BLOB_SECTION_MATERIALS, FIELD(blob_material_t, 0, kind), MATERIAL_KIND_END, "material 0 is malformed"},
+        {BLOB_SECTION_MATERIALS, FIELD(blob_material_t, 0, kind), MATERIAL_KIND_END,
+         "material 0 is malformed"},
         {BLOB_SECTION_MATERIALS, FIELD(blob_material_t, 3, name), 1000, "material 3 is malformed"},
         {BLOB_SECTION_MATERIALS, FIELD(blob_material_t, 1, bump), 4, "material 1 is malformed"},
         {BLOB_SECTION_MATERIALS, FIELD(blob_material_t, 2, normal_map), 4, "material 2 is malformed"},
@@ -713,7 +716,8 @@ static void touch_everything(const scene_blob_t *blob)
             sum += touch_shape(blob, &blob->shapes[blob->objects[o].first_shape + s]);
     for (uint64_t i = 0; i < blob->counts[BLOB_SECTION_INSTANCES]; i++)
         sum += blob->objects[blob->instances[i].object].shape_count;
-    for (uint64_t i = 0; i < blob->counts[BLOB_SECTION_LIGHTS]; i++) sum += touch_light(blob, &blob->lights[i]);
+    for (uint64_t i = 0; i < blob->counts[BLOB_SECTION_LIGHTS]; i++)
+        sum += touch_light(blob, &blob->lights[i]);
     for (uint64_t i = 0; i < blob->counts[BLOB_SECTION_TEXTURES]; i++)
         sum += touch_texture(blob, &blob->textures[i]);
     job_settings_t settings = blob_default_settings(blob);

@@ -203,8 +203,7 @@ static void test_materials(void **state)
         {"WorldBegin\nMaterial \"metal\" \"float roughness\" -1" USE, "2:18: parameter \"roughness\" is -1"},
         {"WorldBegin\nMaterial \"metal\" \"float roughness\" 99 \"bool remaproughness\" \"false\"" USE,
          "2:18: this roughness makes an alpha of 99"},
-        {"WorldBegin\nMaterial \"metal\" \"spectrum eta\" \"Au.eta.spd\"" USE,
-         "2:18: "},
+        {"WorldBegin\nMaterial \"metal\" \"spectrum eta\" \"Au.eta.spd\"" USE, "2:18: "},
         {"WorldBegin\nMaterial \"dielectric\" \"spectrum eta\" \"glass-none\"" USE, "2:23: "},
         {"WorldBegin\nMaterial \"coatedconductor\" \"float conductor.roughness\" 1000" USE,
          "2:1: this roughness makes an alpha of 31.6"},
@@ -234,10 +233,12 @@ static void test_mixes_are_not_too_deep(void **state)
 {
     (void)state;
     bench_t bench = {0};
-    char text[4096], *at = text + sprintf(text, "WorldBegin\nMakeNamedMaterial \"m0\" \"string type\" \"diffuse\"\n");
+    char text[4096],
+        *at = text + sprintf(text, "WorldBegin\nMakeNamedMaterial \"m0\" \"string type\" \"diffuse\"\n");
     for (int i = 1; i <= BLOB_MAX_MIX_DEPTH + 1; ++i)
-        at += sprintf(at, "MakeNamedMaterial \"m%d\" \"string type\" \"mix\" \"string materials\" [\"m%d\" \"m%d\"]\n",
-                      i, i - 1, i - 1);
+        at += sprintf(
+            at, "MakeNamedMaterial \"m%d\" \"string type\" \"mix\" \"string materials\" [\"m%d\" \"m%d\"]\n",
+            i, i - 1, i - 1);
     char *end = at;
     sprintf(end, "NamedMaterial \"m%d\"" USE, BLOB_MAX_MIX_DEPTH);
     bench_run(&bench, text);
@@ -274,10 +275,12 @@ static void test_textures(void **state)
         {TEXTURE("imagemap"), "2:1: an imagemap needs its file"},
         {TEXTURE("imagemap") "\"string filename\" \"none.png\"", "2:1: "},
         {TEXTURE("imagemap") "\"string filename\" \"s.pbrt\"", "2:1: "},
-        {TEXTURE("imagemap") "\"string filename\" \"s.png\" \"string wrap\" \"x\"", "2:61: unknown wrap \"x\""},
+        {TEXTURE("imagemap") "\"string filename\" \"s.png\" \"string wrap\" \"x\"",
+         "2:61: unknown wrap \"x\""},
         {TEXTURE("imagemap") "\"string filename\" \"s.png\" \"string wrap\" \"octahedralsphere\"",
          "2:61: wrap \"octahedralsphere\" is not supported"},
-        {TEXTURE("imagemap") "\"string filename\" \"s.png\" \"string filter\" \"x\"", "2:61: unknown filter \"x\""},
+        {TEXTURE("imagemap") "\"string filename\" \"s.png\" \"string filter\" \"x\"",
+         "2:61: unknown filter \"x\""},
         {TEXTURE("imagemap") "\"string filename\" \"s.png\" \"string encoding\" \"gamma 0\"",
          "2:61: unknown encoding \"gamma 0\""},
         {TEXTURE("imagemap") "\"string filename\" \"s.png\" \"string encoding\" \"gamma 2x\"",

@@ -73,6 +73,9 @@ result_t pbrt_colour(pbrt_t *p, params_t *params, const char *name, colour_use_t
  */
 result_t pbrt_index(pbrt_t *p, params_t *params, const char *name, blob_value_t *value);
 
+/* The index of a metal that is known by name; black when it is not. */
+blob_value_t pbrt_named_index(const pbrt_t *p, const char *name);
+
 /* images.c */
 /* How the numbers of a file are encoded: as its format says, or a gamma of blob_image_t (0: sRGB, 1: linear).
  */
