@@ -41,10 +41,8 @@ void scattering_begin(scattering_t *scattering, blob_material_t material)
                               .first_uv2 = BLOB_NONE,
                               .first_colour = BLOB_NONE,
                               .triangle_count = 1};
-    const blob_shape_t shape = {.kind = SHAPE_MESH,
-                                .light = BLOB_NONE,
-                                .alpha = blob_constant(1),
-                                .shadow_alpha = blob_constant(1)};
+    const blob_shape_t shape = {
+        .kind = SHAPE_MESH, .light = BLOB_NONE, .alpha = blob_constant(1), .shadow_alpha = blob_constant(1)};
     blob_builder_add(b, BLOB_SECTION_SCENE, &scene, 1);
     blob_builder_add(b, BLOB_SECTION_POSITIONS, positions, 3);
     blob_builder_add(b, BLOB_SECTION_TRIANGLES, &triangle, 1);
@@ -59,8 +57,7 @@ void scattering_begin(scattering_t *scattering, blob_material_t material)
     assert_int_equal(blob_open(scattering->bytes, size, &scattering->blob).code, RESULT_OK);
     assert_int_equal(scene_new(&scattering->blob, &scattering->scene).code, RESULT_OK);
     surface_t surface;
-    assert_true(
-        scene_intersect(scattering->scene, vec3(0.5f, -0.25f, 1), vec3(0, 0, -1), 0, &surface));
+    assert_true(scene_intersect(scattering->scene, vec3(0.5f, -0.25f, 1), vec3(0, 0, -1), 0, &surface));
     bsdf_init(&scattering->bsdf, scattering->scene, &surface);
     assert_float_equal(scattering->bsdf.ns.z, 1, 1e-6f);
     assert_float_equal(scattering->bsdf.s.x, 1, 1e-6f);
@@ -88,7 +85,8 @@ static double expected_in_cell(const bsdf_t *bsdf, vec3_t wo, int row, int colum
     double sum = 0, area = 4 * M_PI / ((double)CELLS * FINE * FINE);
     for (int i = row * FINE; i < (row + 1) * FINE; i++)
         for (int j = column * FINE; j < (column + 1) * FINE; j++) {
-            double z = -1 + 2 * (i + 0.5) / (ROWS * FINE), phi = 2 * M_PI * (j + 0.5) / (COLUMNS * FINE) - M_PI;
+            double z = -1 + 2 * (i + 0.5) / (ROWS * FINE),
+                   phi = 2 * M_PI * (j + 0.5) / (COLUMNS * FINE) - M_PI;
             vec3_t wi = scattering_direction((float)z, (float)phi);
             bsdf_value_t value;
             if (bsdf_eval(bsdf, wo, wi, TRANSPORT_RADIANCE, &value)) sum += (double)value.pdf * area * DRAWS;

@@ -19,7 +19,8 @@ void scattering_end(scattering_t *scattering);
 /* Fails the test unless bsdf_sample draws from the density of bsdf_eval. What is drawn of specular lobes is
  * not looked at. */
 void scattering_check_draws(const bsdf_t *bsdf, vec3_t wo);
-/* Fails the test unless samples say of their densities what evaluation says of their directions, both ways. */
+/* Fails the test unless samples say of their densities what evaluation says of their directions, both ways.
+ */
 void scattering_check_densities(const bsdf_t *bsdf);
 
 typedef struct {

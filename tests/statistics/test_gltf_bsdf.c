@@ -79,9 +79,9 @@ static void values_are_the_standards(void **state)
 {
     (void)state;
     const gltf_t models[] = {
-        {0, 0.25, 1.5, 1, {1, 1, 1}, 0, 0},          {1, 0.25, 1.5, 1, {1, 1, 1}, 0, 0},
-        {0.3, 0.64, 1.5, 1, {1, 1, 1}, 0, 0},        {0, 0.16, 1.8, 0.6, {1, 0.5, 1.2}, 0, 0},
-        {0.5, 0.36, 1.33, 1, {30, 1, 60}, 0, 0},     {0, 0.25, 0, 0.5, {1, 1, 1}, 0, 0},
+        {0, 0.25, 1.5, 1, {1, 1, 1}, 0, 0},        {1, 0.25, 1.5, 1, {1, 1, 1}, 0, 0},
+        {0.3, 0.64, 1.5, 1, {1, 1, 1}, 0, 0},      {0, 0.16, 1.8, 0.6, {1, 0.5, 1.2}, 0, 0},
+        {0.5, 0.36, 1.33, 1, {30, 1, 60}, 0, 0},   {0, 0.25, 0, 0.5, {1, 1, 1}, 0, 0},
         {0.2, 0.49, 1.5, 1, {1, 1, 1}, 0.7, 0.09},
     };
     for (size_t k = 0; k < sizeof models / sizeof *models; k++) {
@@ -149,7 +149,8 @@ static void no_specular_colour_is_lambert(void **state)
 static void sampling_matches_densities(void **state)
 {
     (void)state;
-    blob_material_t coated = with(with(plain(0.3f, 0.7f), VALUE_CLEARCOAT, 0.8f), VALUE_CLEARCOAT_ROUGHNESS, 0.5f);
+    blob_material_t coated =
+        with(with(plain(0.3f, 0.7f), VALUE_CLEARCOAT, 0.8f), VALUE_CLEARCOAT_ROUGHNESS, 0.5f);
     const blob_material_t materials[] = {
         plain(0, 0.5f),
         plain(0, 0),
@@ -176,7 +177,8 @@ static void sampling_matches_densities(void **state)
 static void scattering_is_reciprocal(void **state)
 {
     (void)state;
-    blob_material_t coated = with(with(plain(0.3f, 0.7f), VALUE_CLEARCOAT, 0.8f), VALUE_CLEARCOAT_ROUGHNESS, 0.5f);
+    blob_material_t coated =
+        with(with(plain(0.3f, 0.7f), VALUE_CLEARCOAT, 0.8f), VALUE_CLEARCOAT_ROUGHNESS, 0.5f);
     const blob_material_t materials[] = {
         coated,
         with(coated, VALUE_TRANSMISSION, 0.7f),
@@ -295,9 +297,9 @@ static void extreme_values_are_harmless(void **state)
 {
     (void)state;
     const float extremes[] = {0, -1, 1, 1e-30f, 1e30f, 1e-3f};
-    const material_value_t values[] = {VALUE_REFLECTANCE, VALUE_METALLIC,  VALUE_ROUGHNESS_U,
-                                       VALUE_ETA,         VALUE_SPECULAR,  VALUE_SPECULAR_COLOUR,
-                                       VALUE_CLEARCOAT,   VALUE_CLEARCOAT_ROUGHNESS, VALUE_TRANSMISSION};
+    const material_value_t values[] = {
+        VALUE_REFLECTANCE,     VALUE_METALLIC,  VALUE_ROUGHNESS_U,         VALUE_ETA,         VALUE_SPECULAR,
+        VALUE_SPECULAR_COLOUR, VALUE_CLEARCOAT, VALUE_CLEARCOAT_ROUGHNESS, VALUE_TRANSMISSION};
     for (uint32_t i = 0; i < 600; i++) {
         sampler_t sampler = sampler_new(SAMPLER_INDEPENDENT, 8, 0, i);
         blob_material_t m = plain(i % 3 * 0.5f, 0.4f);

@@ -1,5 +1,6 @@
-/* The layered materials against photons that are traced through the layers one by one, in other arithmetic, by
- * other sampling and without any of the renderer's lobes; against closed forms; and what physics demands. */
+/* The layered materials against photons that are traced through the layers one by one, in other arithmetic,
+ * by other sampling and without any of the renderer's lobes; against closed forms; and what physics demands.
+ */
 #include "common/sampler.h"
 #include "tests/scattering.h"
 #include "worker/render/lobe_layered.h"
@@ -25,7 +26,7 @@ typedef struct {
     double ior, alpha; /* of the coat; alpha 0: smooth */
     double thickness, albedo, g;
     bool metal;
-    double reflectance;          /* of Lambert */
+    double reflectance;         /* of Lambert */
     double eta, k, metal_alpha; /* of metal, against vacuum */
 } layer_stack_t;
 
@@ -113,8 +114,8 @@ static void turn(double g, dir_t *w, dice_t *dice)
     *w = combine(c, *w, 1, combine(s * cos(phi), a, s * sin(phi), b));
 }
 
-/* Sends one photon in along *w, down; returns its weight when it leaves, along *w, up; *mirrored tells that it
- * never entered. */
+/* Sends one photon in along *w, down; returns its weight when it leaves, along *w, up; *mirrored tells that
+ * it never entered. */
 static double photon(const layer_stack_t *stack, dir_t *w, bool *mirrored, dice_t *dice)
 {
     double weight = meet(stack->alpha, stack->ior, false, w, dice), z = stack->thickness;
@@ -156,7 +157,8 @@ static blob_material_t material_of(const layer_stack_t *s)
     m.values[VALUE_G] = blob_constant((float)s->g);
     m.values[VALUE_BASE_ETA] = blob_constant((float)s->eta);
     m.values[VALUE_K] = blob_constant((float)s->k);
-    m.values[VALUE_BASE_ROUGHNESS_U] = m.values[VALUE_BASE_ROUGHNESS_V] = blob_constant((float)s->metal_alpha);
+    m.values[VALUE_BASE_ROUGHNESS_U] = m.values[VALUE_BASE_ROUGHNESS_V] =
+        blob_constant((float)s->metal_alpha);
     return m;
 }
 
@@ -277,8 +279,8 @@ static void smooth_coat_over_lambert_is_a_series(void **state)
             bsdf_value_t value;
             assert_true(bsdf_eval(&s.bsdf, scattering_direction(cosines[i], 1),
                                   scattering_direction(cosines[j], 4), TRANSPORT_RADIANCE, &value));
-            double truth = fresnel_transmittance((double)cosines[i]) * fresnel_transmittance((double)cosines[j]) *
-                           0.8 / (M_PI * 2.25 * (1 - 0.8 * back));
+            double truth = fresnel_transmittance((double)cosines[i]) *
+                           fresnel_transmittance((double)cosines[j]) * 0.8 / (M_PI * 2.25 * (1 - 0.8 * back));
             assert_true(fabs((double)value.f.x / truth - 1) < 2e-3);
         }
     scattering_end(&s);
@@ -340,8 +342,8 @@ static void layers_keep_energy(void **state)
         stack.reflectance = 1, stack.thickness = 0, stack.albedo = 0, stack.eta = 0;
         scattering_begin(&s, material_of(&stack));
         for (int j = 1; j <= 10; j++) {
-            scattering_mean_t albedo =
-                scattering_albedo(&s.bsdf, scattering_direction(0.1f * (float)j, 1), TRANSPORT_IMPORTANCE, 20000);
+            scattering_mean_t albedo = scattering_albedo(&s.bsdf, scattering_direction(0.1f * (float)j, 1),
+                                                         TRANSPORT_IMPORTANCE, 20000);
             assert_true(albedo.mean < 1 + 4 * albedo.error + 1e-3);
             assert_true(albedo.mean > 0.4);
         }
@@ -403,7 +405,8 @@ static void anisotropy_shows(void **state)
     vec3_t wo = vec3(0, 0, 1);
     bsdf_value_t along, across;
     assert_true(bsdf_eval(&s.bsdf, wo, scattering_direction(0.8f, 0), TRANSPORT_RADIANCE, &along));
-    assert_true(bsdf_eval(&s.bsdf, wo, scattering_direction(0.8f, (float)M_PI / 2), TRANSPORT_RADIANCE, &across));
+    assert_true(
+        bsdf_eval(&s.bsdf, wo, scattering_direction(0.8f, (float)M_PI / 2), TRANSPORT_RADIANCE, &across));
     assert_true(along.f.x > 2 * across.f.x);
     scattering_check_draws(&s.bsdf, scattering_direction(0.6f, 1));
     scattering_end(&s);
@@ -417,8 +420,9 @@ static void extreme_values_are_harmless(void **state)
     for (uint32_t i = 0; i < 400; i++) {
         sampler_t sampler = sampler_new(SAMPLER_INDEPENDENT, 8, 0, i);
         layer_stack_t stack = stacks[i % (sizeof stacks / sizeof *stacks)];
-        double *const numbers[] = {&stack.ior, &stack.alpha,       &stack.thickness, &stack.albedo,     &stack.g,
-                                   &stack.eta, &stack.reflectance, &stack.k,         &stack.metal_alpha};
+        double *const numbers[] = {&stack.ior,         &stack.alpha, &stack.thickness,
+                                   &stack.albedo,      &stack.g,     &stack.eta,
+                                   &stack.reflectance, &stack.k,     &stack.metal_alpha};
         for (int j = 0; j < 3; j++) {
             vec2_t u = sampler_2d(&sampler);
             *numbers[(int)(u.x * 9)] = (double)extremes[(int)(u.y * 6)];

@@ -1,13 +1,13 @@
-/* lobe_layered: a base under a coat, after Guo, Hasan and Zhao 2018, "Position-Free Monte Carlo Simulation for
- * Arbitrary Layered BSDFs".
+/* lobe_layered: a base under a coat, after Guo, Hasan and Zhao 2018, "Position-Free Monte Carlo Simulation
+ * for Arbitrary Layered BSDFs".
  *
- * What the coat itself reflects is known in closed form. What comes from below it is estimated by random walks
- * between the layers: light enters through the coat from one direction, goes on until it is absorbed, and at
- * each scattering by the base or the medium is joined to the other direction through the coat, which is
- * sampled from outside; where the coat is rough, walks that come to it leave there as well, and both ways of
- * leaving are weighted by the power heuristic. The random numbers are a hash of the two directions: the value
- * is a function of its arguments, noisy but right on average over directions. Walks start at the direction
- * that is closer to the normal, so the value is exactly reciprocal.
+ * What the coat itself reflects is known in closed form. What comes from below it is estimated by random
+ * walks between the layers: light enters through the coat from one direction, goes on until it is absorbed,
+ * and at each scattering by the base or the medium is joined to the other direction through the coat, which
+ * is sampled from outside; where the coat is rough, walks that come to it leave there as well, and both ways
+ * of leaving are weighted by the power heuristic. The random numbers are a hash of the two directions: the
+ * value is a function of its arguments, noisy but right on average over directions. Walks start at the
+ * direction that is closer to the normal, so the value is exactly reciprocal.
  *
  * The densities are those of a mixture that is sampled instead of the walks and known in closed form: visible
  * normals of the coat; for metal, visible normals of the base as if seen through a smooth coat (the base then
@@ -139,7 +139,7 @@ typedef struct {
     vec3_t w; /* where it goes */
     float z;  /* height above the base */
     rgb_t weight;
-    float pdf; /* of w at the vertex before */
+    float pdf; /* of w at the last scattering by the base or the medium; 0 before */
 } walk_t;
 
 /* How walks are joined to the direction in which they are to leave. */
@@ -148,6 +148,11 @@ typedef struct {
     vec3_t up;    /* direction below the coat from which light is refracted into `out`, drawn from there */
     rgb_t weight; /* the coat's f |up.z| / pdf for radiance; 0 when nothing was drawn */
     float pdf;
+    /* One step further back: light that leaves the base along `before_up` is reflected by the coat, and by
+     * the base into `up`. Drawn from there, by base_both_ways. */
+    vec3_t before_up;
+    rgb_t before_weight; /* to `out` */
+    float before_pdf;
 } exit_t;
 
 static bool draw(const lobe_t *lobe, vec3_t wo, transport_t mode, stream_t *stream, bsdf_sample_t *sample)
@@ -191,6 +196,38 @@ static rgb_t scatter_in_medium(const layers_t *layers, const exit_t *exit, walk_
     return left;
 }
 
+/* Where a coat is smooth, the way from the base to the coat and back is one direction, which can be drawn
+ * from either end: a metal that is nearly smooth would, drawn from one alone, rarely be met and then be
+ * dazzling. */
+static bool base_both_ways(const layers_t *layers)
+{
+    return layers->smooth && !layers->scatters && layers->base.kind != &lobe_lambert;
+}
+
+static void draw_before(const layers_t *layers, stream_t *stream, exit_t *exit)
+{
+    bsdf_sample_t base, coat;
+    exit->before_pdf = 0;
+    if (!draw(&layers->base, exit->up, TRANSPORT_RADIANCE, stream, &base) ||
+        !draw(&layers->back, v_neg(base.wi), TRANSPORT_RADIANCE, stream, &coat))
+        return;
+    float way = fade(layers->thickness, base.wi);
+    exit->before_up = v_neg(coat.wi);
+    exit->before_pdf = base.pdf;
+    exit->before_weight = v_mul(v_mul(v_scale(base.weight, way * way), coat.weight),
+                                v_scale(exit->weight, fade(layers->thickness, exit->up)));
+}
+
+static rgb_t join_before(const layers_t *layers, const exit_t *exit, const walk_t *walk)
+{
+    bsdf_value_t value;
+    if (!(exit->before_pdf > 0) || !layers->base.kind->eval(&layers->base, v_neg(walk->w), exit->before_up,
+                                                            true, TRANSPORT_IMPORTANCE, &value))
+        return vec3(0, 0, 0);
+    return v_scale(v_mul(v_mul(walk->weight, exit->before_weight), value.f),
+                   power(exit->before_pdf, value.pdf));
+}
+
 static rgb_t meet_base(const layers_t *layers, const exit_t *exit, walk_t *walk, stream_t *stream)
 {
     rgb_t left = {0, 0, 0};
@@ -201,10 +238,11 @@ static rgb_t meet_base(const layers_t *layers, const exit_t *exit, walk_t *walk,
     if (exit->pdf > 0 &&
         layers->base.kind->eval(&layers->base, from, exit->up, true, TRANSPORT_IMPORTANCE, &value)) {
         float factor = exit_share(layers, exit, value.pdf) * fade(layers->thickness, exit->up);
+        if (walk->pdf > 0 && base_both_ways(layers)) factor *= power(walk->pdf, value.pdf_rev);
         left = v_scale(v_mul(v_mul(walk->weight, exit->weight), value.f), factor);
     }
-    if (!draw(&layers->base, from, TRANSPORT_IMPORTANCE, stream, &next))
-        next.weight = vec3(0, 0, 0);
+    left = v_add(left, join_before(layers, exit, walk));
+    if (!draw(&layers->base, from, TRANSPORT_IMPORTANCE, stream, &next)) next.weight = vec3(0, 0, 0);
     walk->weight = v_mul(walk->weight, next.weight);
     walk->w = next.wi;
     walk->pdf = next.pdf;
@@ -221,21 +259,22 @@ static rgb_t meet_coat(const layers_t *layers, const exit_t *exit, walk_t *walk,
     if (!layers->smooth &&
         layers->through.kind->eval(&layers->through, from, exit->out, false, TRANSPORT_IMPORTANCE, &value))
         left = v_scale(v_mul(walk->weight, value.f), power(walk->pdf, value.pdf_rev));
-    if (!draw(&layers->back, from, TRANSPORT_IMPORTANCE, stream, &next))
-        next.weight = vec3(0, 0, 0);
+    if (!draw(&layers->back, from, TRANSPORT_IMPORTANCE, stream, &next)) next.weight = vec3(0, 0, 0);
     walk->weight = v_mul(walk->weight, next.weight);
     walk->w = next.wi;
     return left;
 }
 
-/* False when the walk ends. */
+/* False when the walk ends. Walks below this weight end by Russian roulette. */
+#define FAINT 0.25f
+
 static bool roulette(walk_t *walk, stream_t *stream)
 {
     float most = v_max(walk->weight);
     if (!(most > 0)) return false;
-    if (most >= 0.5f) return true;
-    if (next_1d(stream) >= most) return false;
-    walk->weight = v_scale(walk->weight, 1 / most);
+    if (most >= FAINT) return true;
+    if (next_1d(stream) * FAINT >= most) return false;
+    walk->weight = v_scale(walk->weight, FAINT / most);
     return true;
 }
 
@@ -249,6 +288,7 @@ static rgb_t walk_through(const layers_t *layers, vec3_t wo, vec3_t wi, stream_t
         exit.up = v_neg(out.wi);
         exit.weight = out.weight;
         exit.pdf = out.pdf;
+        if (base_both_ways(layers)) draw_before(layers, stream, &exit);
     } else if (layers->smooth) {
         return sum;
     }
@@ -319,7 +359,8 @@ static void base_densities(const lobe_t *lobe, vec3_t wo, vec3_t wi, float *pdf,
     microfacet_t facet;
     *pdf = *pdf_rev = 0;
     base_alphas(lobe, alpha);
-    if (!below(ior, wo, &a) || !below(ior, wi, &b) || !microfacet_reflection(alpha[0], alpha[1], a, b, &facet))
+    if (!below(ior, wo, &a) || !below(ior, wi, &b) ||
+        !microfacet_reflection(alpha[0], alpha[1], a, b, &facet))
         return;
     /* The Jacobian of refraction: cos outside / (index^2 cos inside). */
     *pdf = facet.pdf * wi.z / (ior * ior * b.z);
@@ -436,8 +477,8 @@ float layered_returns(float ior, float thickness)
         sum += weights[i] * critical * 2 * total * expf(-2 * thickness / float_max(total, 1e-6f));
         /* Squared nodes: the reflectance rises like a square root at the critical angle. */
         float x = nodes[i] * nodes[i], c = critical + (1 - critical) * x;
-        sum += weights[i] * 2 * nodes[i] * (1 - critical) * 2 * c *
-               fresnel_dielectric(c, 1 / ior, &cos_t) * expf(-2 * thickness / float_max(c, 1e-6f));
+        sum += weights[i] * 2 * nodes[i] * (1 - critical) * 2 * c * fresnel_dielectric(c, 1 / ior, &cos_t) *
+               expf(-2 * thickness / float_max(c, 1e-6f));
     }
     return sum;
 }

@@ -3,9 +3,9 @@
  * diffuse base and a thin transmission with what it leaves, 1 - F at the microfacet normal. They are the same
  * from both sides. Alphas that count as smooth make Dirac lobes (mirror, straight).
  *
- * A clear coat of weight c leaves 1 - c F of what is below it. The standard takes F at the angle of the viewer;
- * here it is that of the more grazing of both directions, so that the sum is reciprocal and still not more than
- * what comes in. */
+ * A clear coat of weight c leaves 1 - c F of what is below it. The standard takes F at the angle of the
+ * viewer; here it is that of the more grazing of both directions, so that the sum is reciprocal and still not
+ * more than what comes in. */
 #include "worker/render/lobe_schlick.h"
 
 #include "worker/render/microfacet.h"
@@ -14,7 +14,8 @@
 static rgb_t reflectance(const lobe_t *lobe, float cos)
 {
     float grazing = fresnel_schlick_weight(cos);
-    return v_mad(v_scale(lobe_colour(lobe, SCHLICK_F0), 1 - grazing), grazing, lobe_colour(lobe, SCHLICK_F90));
+    return v_mad(v_scale(lobe_colour(lobe, SCHLICK_F0), 1 - grazing), grazing,
+                 lobe_colour(lobe, SCHLICK_F90));
 }
 
 /* The standard takes the largest channel, so that the base keeps its hue. */
@@ -50,7 +51,8 @@ static bool finish(upright_t *eval, const lobe_t *lobe, vec3_t wo, vec3_t wi, bo
 
 /* ---- microfacets --------------------------------------------------------------------------------------- */
 
-static bool facets(const lobe_t *lobe, vec3_t wo, vec3_t wi, microfacet_t *facet, float *f, bsdf_value_t *value)
+static bool facets(const lobe_t *lobe, vec3_t wo, vec3_t wi, microfacet_t *facet, float *f,
+                   bsdf_value_t *value)
 {
     if (!microfacet_reflection(lobe->numbers[LOBE_ALPHA_U], lobe->numbers[LOBE_ALPHA_V], wo, wi, facet))
         return false;

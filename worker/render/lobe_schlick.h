@@ -6,9 +6,9 @@
 
 /* Alphas are at LOBE_ALPHA_U and LOBE_ALPHA_V. */
 enum {
-    SCHLICK_COAT = 3, /* weight of a clear coat above */
-    SCHLICK_F0 = 4,   /* reflectance at normal incidence, a colour */
-    SCHLICK_F90 = 7,  /* at grazing incidence */
+    SCHLICK_COAT = 3,   /* weight of a clear coat above */
+    SCHLICK_F0 = 4,     /* reflectance at normal incidence, a colour */
+    SCHLICK_F90 = 7,    /* at grazing incidence */
     SCHLICK_FACTOR = 10 /* on the value, of the lobes that are what reflection leaves */
 };
 
