@@ -128,7 +128,7 @@ typedef struct {
 /* Adds the material's lobes. */
 typedef void material_shade_t(const shading_t *shading);
 
-/* Values of the material at the point: finite; colours are not negative. */
+/* Values of the material at the point, bounded by 1e6; colours are not negative. */
 rgb_t shading_colour(const shading_t *shading, material_value_t value);
 float shading_number(const shading_t *shading, material_value_t value);
 /* The alphas of the Trowbridge-Reitz distribution from the values `u` and `v`, remapped as the material's
