@@ -248,7 +248,12 @@ static result_t watch_all(run_t *run, progress_t *progress)
 {
     while (run->fetched_count < run->part_count) {
         TRY(run->order->check(run->order->check_context));
-        TRY(poll_jobs(run));
+        result_t polled = poll_jobs(run);
+        if (polled.code == RESULT_UNREACHABLE && run->order->patient) {
+            log_warning("%s; waiting on", polled.message);
+            continue;
+        }
+        TRY(polled);
         show_progress(run, progress);
         for (size_t i = 0; i < run->part_count; i++) {
             part_t *part = &run->parts[i];

@@ -41,6 +41,7 @@ typedef struct {
     job_settings_t settings; /* of strategies_settings */
     const output_t *output;  /* `path` an EXR, `png` the contact sheet beside it; or `path` a PNG alone */
     bool quiet;
+    bool patient; /* waits on when the master does not answer */
     /* Asked a few times a second: fails when the render is to end, with the reason. */
     result_t (*check)(void *context);
     void *check_context;

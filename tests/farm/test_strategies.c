@@ -18,6 +18,7 @@
 
 enum { SIDE = 24, SEGMENTS = 4, PIXELS = SIDE * SIDE };
 #define SCENE "scenes/cornell"
+#define SMALL "--resolution", "24x24", "--max-depth", "2", "--spp", "4", "--quiet"
 #define SETTINGS "--resolution", "24x24", "--max-depth", "3", "--spp", "512", "--quiet"
 
 static void read_image(const char *path, image_t *image)
@@ -198,6 +199,36 @@ static void an_interrupted_run_writes_nothing(void **state)
     rig_destroy(&rig);
 }
 
+/* On a farm of its own, where there are other jobs too; --strategies is nothing to leave alone. */
+static void a_farm_renders_them_as_well(void **state)
+{
+    (void)state;
+    rig_t *rig = rig_new();
+    char *address = mem_printf("127.0.0.1:%d", rig->port);
+    char *here = scratch_path(rig->folder, "here.exr"), *there = scratch_path(rig->folder, "there.exr");
+    char *sheet = scratch_path(rig->folder, "there.png");
+    const char *const local[] = {"render", SCENE, "--strategies", "-o", here, SMALL, NULL};
+    const char *const remote[] = {"submit", SCENE, "--strategies", "--wait", "--master",
+                                  address,  "-o",  there,          SMALL,    NULL};
+    rig_start_master(rig, 0.2);
+    rig_start_worker(rig);
+    expect(rig, "--wait", (const char *[]){"submit", SCENE, "--strategies", "--master", address, NULL});
+    job_settings_t other = rig_settings();
+    other.spp = 4;
+    uint64_t job = rig_submit(rig, &other);
+    assert_int_equal(rig_run(rig, remote), 0);
+    assert_int_equal(rig_run(rig, local), 0);
+    rig_wait_job(rig, job);
+    hash_t first = rig_file_hash(here), second = rig_file_hash(there);
+    assert_true(hash_equal(&first, &second));
+    assert_int_equal(access(sheet, R_OK), 0);
+    free(address);
+    free(here);
+    free(there);
+    free(sheet);
+    rig_destroy(&rig);
+}
+
 /* A PNG alone, of paths of one segment: the smallest pyramid. */
 static void a_sheet_alone_can_be_had(void **state)
 {
@@ -219,6 +250,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(strategies_add_up_and_agree), cmocka_unit_test(what_cannot_be_shown_is_refused),
-        cmocka_unit_test(an_interrupted_run_writes_nothing), cmocka_unit_test(a_sheet_alone_can_be_had)};
+        cmocka_unit_test(an_interrupted_run_writes_nothing), cmocka_unit_test(a_farm_renders_them_as_well),
+        cmocka_unit_test(a_sheet_alone_can_be_had)};
     return cmocka_run_group_tests_name("strategies", tests, NULL, NULL);
 }

@@ -28,11 +28,17 @@ static void strategies_are_listed_once(void **state)
     }
 }
 
-/* An image of so many segments; the value of a strategy's pixels is `value_of` it, in stripes of 0 and 2
- * times that. */
+/* An image of so many segments. The top left quarter of a strategy's pixels is in stripes of 0 and 2 times
+ * `value_of` it, the rest is black. */
 static float value_of(strategy_t strategy, bool weighted)
 {
     return 1 + (float)(strategy.s * 20 + strategy.t) + (weighted ? 0.5f : 0);
+}
+
+static bool is_bright(size_t pixel, size_t width, size_t height)
+{
+    size_t x = pixel % width, y = pixel / width;
+    return x < width / 2 && y < height / 2 && x % 2 == 1;
 }
 
 static image_t make_image(int width, int height, int segments)
@@ -47,7 +53,7 @@ static image_t make_image(int width, int height, int segments)
         float *plane = image_add_channel(&image, name, PIXEL_FLOAT);
         assert_non_null(plane);
         for (size_t p = 0; p < (size_t)width * (size_t)height; p++)
-            plane[p] = p % (size_t)width % 2 ? 2 * value_of(list[i / 6], i % 2) : 0;
+            plane[p] = is_bright(p, (size_t)width, (size_t)height) ? 2 * value_of(list[i / 6], i % 2) : 0;
         free(layer);
         free(name);
     }
@@ -77,7 +83,7 @@ static void check_sheet(int width, int height, int segments, int factor, bool st
     int down = (stacked ? 2 : 1) * segments * (height / factor);
     assert_true(sheet.width >= across && sheet.height >= down);
     for (size_t i = 0; i < 2 * count; i++) {
-        size_t cell = (size_t)(width / factor) * (size_t)(height / factor);
+        size_t cell = (size_t)(width / factor / 2) * (size_t)(height / factor / 2);
         assert_int_equal(count_value(&sheet, 0.5f * value_of(list[i / 2], i % 2)), cell);
     }
     /* Two titles and the labels: at least 10 dots a letter. */
