@@ -55,6 +55,7 @@ void pbrt_end(pbrt_t *p)
     free(p->systems);
     free(p->materials);
     free(p->textures);
+    free(p->texture_costs);
     free(p->images);
     free(p->objects);
     *p = (pbrt_t){0};
@@ -271,6 +272,7 @@ result_t pbrt_finish(pbrt_t *p, position_t at)
         return error_at(at, "the file ends before WorldEnd; is it truncated?");
     pbrt_check_unused_materials(p);
     TRY(check_defaults(p));
+    TRY(pbrt_check_textures(p, at));
     TRY(apply_gain(p, at));
     lay_out_objects(p);
     blob_builder_add(p->builder, BLOB_SECTION_SCENE, &p->scene, 1);

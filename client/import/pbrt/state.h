@@ -129,6 +129,8 @@ typedef struct pbrt {
     size_t material_count, material_capacity;
     texture_t *textures;
     size_t texture_count, texture_capacity;
+    double *texture_costs; /* of the blob's textures: how many one look-up evaluates */
+    size_t texture_cost_count, texture_cost_capacity;
     image_file_t *images;
     size_t image_count, image_capacity;
     object_t *objects; /* 0 is the world */
