@@ -124,6 +124,23 @@ void progress_upload(progress_t *progress, uint64_t done, uint64_t size)
         fprintf(stderr, "%s\n", text);
 }
 
+void progress_import(progress_t *progress, double fraction)
+{
+    static const double first = 1.0, interval = 0.1; /* seconds */
+    double now = clock_now();
+    if (progress->quiet || !progress->terminal) return;
+    if (now - progress->last < (progress->drawn ? interval : first)) return;
+    progress->last = now;
+    fprintf(stderr, "\rimporting the scene: %.0f %%\033[K", floor(100 * fraction));
+    progress->drawn = true;
+}
+
+void progress_erase(progress_t *progress)
+{
+    if (progress->drawn) fputs("\r\033[K", stderr);
+    progress->drawn = false;
+}
+
 void progress_end(progress_t *progress)
 {
     if (progress->drawn) fputc('\n', stderr);

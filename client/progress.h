@@ -25,6 +25,10 @@ typedef struct {
 void progress_series(progress_t *progress, const progress_series_t *series);
 /* Shows an upload. */
 void progress_upload(progress_t *progress, uint64_t done, uint64_t size);
+/* Shows how far a scene has been read, on a terminal and after the first second. May be called often. */
+void progress_import(progress_t *progress, double fraction);
+/* Takes the line from the terminal. */
+void progress_erase(progress_t *progress);
 /* Ends the line on a terminal. */
 void progress_end(progress_t *progress);
 

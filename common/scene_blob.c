@@ -450,7 +450,8 @@ static result_t check_lights(const scene_blob_t *blob)
         CHECK(light->radiance.texture == 0, "light %llu: only area lights have textures", id);
         CHECK(xform_is_usable(&light->world_from_light),
               "light %llu: its transform is singular or not finite", id);
-        CHECK(light->image == 0 || is_one_of(light->mapping, LIGHT_LATLONG, LIGHT_OCTAHEDRAL + 1),
+        CHECK(light->image == 0 || light->kind == LIGHT_PROJECTION ||
+                  is_one_of(light->mapping, LIGHT_LATLONG, LIGHT_OCTAHEDRAL + 1),
               "light %llu: unknown mapping %u", id, light->mapping);
         CHECK((light->kind != LIGHT_GONIOMETRIC && light->kind != LIGHT_PROJECTION) || light->image != 0,
               "light %llu has no image", id);

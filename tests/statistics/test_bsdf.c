@@ -498,6 +498,10 @@ static void values_follow_their_formulas(void **state)
     assert_float_equal(value_at(&velvet, up, slant), k * a, 1e-5f);
     assert_float_equal(value_at(&velvet, slant, slant), k * (a + b * sqrtf(0.5f)), 1e-5f);
     assert_float_equal(value_at(&velvet, slant, direction(-1, 0, 1)), k * a, 1e-5f);
+    vec3_t shallow = direction(2, 0, 1), high = direction(1, 0, 2);
+    const float term = 0.4f / high.z; /* the product of the sines over the larger cosine */
+    assert_float_equal(value_at(&velvet, shallow, high), k * (a + b * term), 1e-5f);
+    assert_float_equal(value_at(&velvet, high, shallow), k * (a + b * term), 1e-5f);
     /* A facet straight ahead: D = 1 / (pi alpha^2), no shadowing, 4 per cent. */
     bsdf_t glass = bsdf_of(*state, FROSTED);
     assert_float_equal(value_at(&glass, up, up), 0.04f / (4 * PI_F * 0.16f), 1e-5f);

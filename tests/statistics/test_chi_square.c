@@ -1,10 +1,10 @@
-/* Every sampling routine against the density that it claims: BSDFs, lights, camera, filter, warps. The random
+/* Every sampling routine against the density that it claims: lights, camera, filter, warps (BSDFs have
+ * test_bsdf.c). The random
  * numbers are fixed, so a result is pass or fail for good; the level is chosen so that a right routine fails
  * by chance in one build of a thousand. */
 #include "common/sampler.h"
 #include "tests/chi_square.h"
 #include "worker/render/alias.h"
-#include "worker/render/bsdf.h"
 #include "worker/render/camera.h"
 #include "worker/render/filter.h"
 #include "worker/render/light.h"
@@ -47,140 +47,82 @@ static void integrate_directions(float (*density)(const void *, vec3_t), const v
         }
 }
 
-typedef struct {
-    bsdf_t bsdf;
-    vec3_t wo;
-} scattering_t;
-
-static float bsdf_density(const void *what, vec3_t wi)
-{
-    const scattering_t *s = what;
-    bsdf_value_t value;
-    return bsdf_eval(&s->bsdf, s->wo, wi, TRANSPORT_RADIANCE, &value) ? value.pdf : 0;
-}
-
-static scattering_t scattering(const blob_material_t *material, vec3_t normal, vec3_t wo)
-{
-    surface_t surface = {.ng = normal, .ns = normal, .tangent = vec3(0.3f, 0.9f, 0.1f), .material = material};
-    scattering_t s = {.wo = v_normalize(wo)};
-    bsdf_init(&s.bsdf, &surface);
-    return s;
-}
-
-static void check_bsdf(const blob_material_t *material, vec3_t normal, vec3_t wo)
-{
-    scattering_t s = scattering(material, normal, wo);
-    double *observed = calloc(CELLS, sizeof *observed), *expected = calloc(CELLS, sizeof *expected);
-    for (uint32_t i = 0; i < DRAWS; i++) {
-        sampler_t sampler = sampler_new(SAMPLER_INDEPENDENT, 1, 0, i);
-        bsdf_sample_t sample;
-        vec2_t u = sampler_2d(&sampler);
-        if (!bsdf_sample(&s.bsdf, s.wo, u, sampler_1d(&sampler), TRANSPORT_RADIANCE, &sample)) continue;
-        observed[direction_cell(sample.wi)]++;
-    }
-    integrate_directions(bsdf_density, &s, expected);
-    double p = chi_square_p(observed, expected, CELLS, DRAWS);
-    free(observed);
-    free(expected);
-    if (!(p > level)) fail_msg("p = %g for wo = %g %g %g", p, (double)s.wo.x, (double)s.wo.y, (double)s.wo.z);
-}
-
-static const blob_material_t diffuse = {.kind = MATERIAL_DIFFUSE, .reflectance = {0.5f, 0.6f, 0.7f}};
-
-static blob_material_t metal(float alpha_u, float alpha_v)
-{
-    return (blob_material_t){.kind = MATERIAL_CONDUCTOR,
-                             .eta = {0.2f, 0.924f, 1.102f},
-                             .k = {3.912f, 2.452f, 2.142f},
-                             .alpha_u = alpha_u,
-                             .alpha_v = alpha_v};
-}
-
-static const vec3_t outgoing[] = {{0.1f, 0.2f, 0.9f}, {0.9f, -0.3f, 0.2f}, {-0.7f, 0.1f, -0.5f}, {0, 0, 1}};
-
-static void diffuse_draws_its_density(void **state)
-{
-    (void)state;
-    for (size_t i = 0; i < ARRAY_LENGTH(outgoing); i++) {
-        check_bsdf(&diffuse, vec3(0, 0, 1), outgoing[i]);
-        check_bsdf(&diffuse, v_normalize(vec3(1, -2, 0.5f)), outgoing[i]);
-    }
-}
-
-static void conductor_draws_its_density(void **state)
-{
-    (void)state;
-    const float alphas[][2] = {{0.5f, 0.5f}, {0.2f, 0.2f}, {0.4f, 0.15f}, {1, 1}};
-    for (size_t a = 0; a < ARRAY_LENGTH(alphas); a++)
-        for (size_t i = 0; i < ARRAY_LENGTH(outgoing); i++) {
-            blob_material_t material = metal(alphas[a][0], alphas[a][1]);
-            check_bsdf(&material, vec3(0, 0, 1), outgoing[i]);
-            check_bsdf(&material, v_normalize(vec3(0.2f, 0.3f, -1)), outgoing[i]);
-        }
-}
-
-/* What a sample says of itself must be what evaluation says of its direction, both ways. */
-static void samples_agree_with_evaluation(void **state)
-{
-    (void)state;
-    const blob_material_t materials[] = {diffuse, metal(0.3f, 0.3f), metal(0.1f, 0.4f)};
-    for (size_t m = 0; m < ARRAY_LENGTH(materials); m++)
-        for (uint32_t i = 0; i < 2000; i++) {
-            sampler_t sampler = sampler_new(SAMPLER_INDEPENDENT, 2, (uint32_t)m, i);
-            scattering_t s = scattering(&materials[m], vec3(0, 0, 1), warp_sphere(sampler_2d(&sampler)));
-            bsdf_sample_t sample;
-            bsdf_value_t there, back;
-            vec2_t u = sampler_2d(&sampler);
-            if (!bsdf_sample(&s.bsdf, s.wo, u, sampler_1d(&sampler), TRANSPORT_RADIANCE, &sample)) continue;
-            assert_false(sample.specular);
-            assert_true(bsdf_eval(&s.bsdf, s.wo, sample.wi, TRANSPORT_RADIANCE, &there));
-            assert_true(bsdf_eval(&s.bsdf, sample.wi, s.wo, TRANSPORT_IMPORTANCE, &back));
-            float cos = fabsf(sample.wi.z);
-            assert_float_equal(sample.pdf / there.pdf, 1, 2e-3f);
-            assert_float_equal(sample.pdf_rev / there.pdf_rev, 1, 2e-3f);
-            assert_float_equal(there.pdf_rev / back.pdf, 1, 2e-3f);
-            assert_float_equal(sample.weight.x * sample.pdf / (there.f.x * cos), 1, 2e-3f);
-        }
-}
-
 /* ---- lights -------------------------------------------------------------------------------------------- */
 
 typedef struct {
     uint8_t *bytes;
     scene_blob_t blob;
+    scene_t *scene;
+    lights_t *lights;
 } fixture_t;
 
-/* A mesh of two unlike triangles, and an ellipsoid. Both emit. */
-static fixture_t lights_fixture(void)
+static const xform_t stretch = {{{1, 0.3f, 0, -4}, {0, 2, 0, 1}, {0, 0.2f, 0.5f, 7}}};
+static const float sphere_radius = 0.8f;
+
+static void add_light(blob_builder_t *b, uint32_t shape_kind, rgb_t radiance, uint32_t flags)
 {
-    blob_builder_t *b = blob_builder_new();
-    blob_scene_t scene = {.world_from_camera = xform_identity(),
-                          .fov = 40,
+    uint32_t index = blob_builder_count(b, BLOB_SECTION_SHAPES);
+    blob_builder_add(
+        b, BLOB_SECTION_SHAPES,
+        &(blob_shape_t){
+            .kind = shape_kind, .light = index, .alpha = blob_constant(1), .shadow_alpha = blob_constant(1)},
+        1);
+    blob_builder_add(b, BLOB_SECTION_LIGHTS,
+                     &(blob_light_t){.kind = LIGHT_AREA,
+                                     .radiance = blob_colour_value(radiance),
+                                     .shape = index,
+                                     .flags = flags,
+                                     .world_from_light = xform_identity()},
+                     1);
+}
+
+static blob_scene_t scene_record(xform_t world_from_camera, float fov)
+{
+    return (blob_scene_t){.camera = CAMERA_PERSPECTIVE,
+                          .world_from_camera = world_from_camera,
+                          .world_from_camera_end = world_from_camera,
+                          .fov = fov,
+                          .focal_distance = 1,
+                          .film_window = {0, 1, 0, 1},
                           .width = 64,
                           .height = 48,
                           .filter = {.kind = FILTER_BOX, .radius_x = 0.5f, .radius_y = 0.5f},
                           .max_depth = 5,
                           .spp = 1,
                           .integrator = INTEGRATOR_BDPT,
-                          .sampler = SAMPLER_SOBOL};
+                          .sampler = SAMPLER_SOBOL,
+                          .max_luminance = INFINITY};
+}
+
+/* A mesh of two unlike triangles, and an ellipsoid that emits to both sides. */
+static fixture_t lights_fixture(void)
+{
+    blob_builder_t *b = blob_builder_new();
+    blob_scene_t scene = scene_record(xform_identity(), 40);
     const vec3_t positions[] = {{0, 0, 5}, {3, 0, 5}, {0, 1, 5}, {3, 4, 6}};
     const blob_triangle_t triangles[] = {{{0, 1, 2}}, {{1, 3, 2}}};
     blob_builder_add(b, BLOB_SECTION_SCENE, &scene, 1);
     blob_builder_add(b, BLOB_SECTION_POSITIONS, positions, 4);
     blob_builder_add(b, BLOB_SECTION_TRIANGLES, triangles, 2);
-    blob_builder_add(
-        b, BLOB_SECTION_MESHES,
-        &(blob_mesh_t){
-            .vertex_count = 4, .first_normal = BLOB_NONE, .first_uv = BLOB_NONE, .triangle_count = 2},
-        1);
-    xform_t stretch = {{{1, 0.3f, 0, -4}, {0, 2, 0, 1}, {0, 0.2f, 0.5f, 7}}};
-    blob_builder_add(b, BLOB_SECTION_SPHERES, &(blob_sphere_t){stretch, 0.8f}, 1);
+    blob_builder_add(b, BLOB_SECTION_MESHES,
+                     &(blob_mesh_t){.vertex_count = 4,
+                                    .first_normal = BLOB_NONE,
+                                    .first_uv = BLOB_NONE,
+                                    .first_uv2 = BLOB_NONE,
+                                    .first_colour = BLOB_NONE,
+                                    .triangle_count = 2},
+                     1);
+    blob_builder_add(b, BLOB_SECTION_QUADRICS,
+                     &(blob_quadric_t){.kind = QUADRIC_SPHERE,
+                                       .object_from_quadric = stretch,
+                                       .radius = sphere_radius,
+                                       .z_min = -sphere_radius,
+                                       .z_max = sphere_radius,
+                                       .phi_max = TWO_PI_F},
+                     1);
     blob_builder_add(b, BLOB_SECTION_MATERIALS, &(blob_material_t){.kind = MATERIAL_DIFFUSE}, 1);
-    blob_builder_add(b, BLOB_SECTION_SHAPES, &(blob_shape_t){.kind = SHAPE_MESH, .light = 0}, 1);
-    blob_builder_add(b, BLOB_SECTION_SHAPES, &(blob_shape_t){.kind = SHAPE_SPHERE, .light = 1}, 1);
-    blob_builder_add(b, BLOB_SECTION_LIGHTS, &(blob_light_t){.radiance = {1, 2, 3}, .shape = 0}, 1);
-    blob_builder_add(b, BLOB_SECTION_LIGHTS,
-                     &(blob_light_t){.radiance = {0, 4, 1}, .shape = 1, .flags = LIGHT_TWO_SIDED}, 1);
+    add_light(b, SHAPE_MESH, vec3(1, 2, 3), 0);
+    add_light(b, SHAPE_QUADRIC, vec3(0, 4, 1), LIGHT_TWO_SIDED);
     blob_builder_add(b, BLOB_SECTION_OBJECTS, &(blob_object_t){0, 2}, 1);
     fixture_t fixture = {0};
     uint64_t size;
@@ -191,29 +133,59 @@ static fixture_t lights_fixture(void)
     return fixture;
 }
 
+static void fixture_begin(fixture_t *fixture)
+{
+    *fixture = lights_fixture();
+    assert_int_equal(scene_new(&fixture->blob, &fixture->scene).code, RESULT_OK);
+    fixture->lights = lights_new(fixture->scene);
+}
+
+static void fixture_end(fixture_t *fixture)
+{
+    lights_destroy(&fixture->lights);
+    scene_destroy(&fixture->scene);
+    free(fixture->bytes);
+}
+
+static bool is_on_ellipsoid(vec3_t p)
+{
+    return p.x < -1;
+}
+
+/* A place on one of the lights; of the mesh any will do. */
+static surface_t place_on(const fixture_t *fixture, vec3_t p, vec3_t n)
+{
+    uint32_t index = is_on_ellipsoid(p);
+    return (surface_t){.p = p,
+                       .ng = n,
+                       .ns = n,
+                       .shape = &fixture->blob.shapes[index],
+                       .light = index,
+                       .instance = BLOB_NONE};
+}
+
 /* Cells: the two triangles, then the ellipsoid's surface by the direction in its own space. */
 static void lights_draw_by_power_and_area(void **state)
 {
     (void)state;
-    fixture_t fixture = lights_fixture();
-    lights_t *lights = lights_new(&fixture.blob);
+    fixture_t fixture;
+    fixture_begin(&fixture);
     double *observed = calloc(CELLS + 2, sizeof *observed), *expected = calloc(CELLS + 2, sizeof *expected);
-    const blob_sphere_t *sphere = &fixture.blob.spheres[0];
     xform_t inverse;
-    assert_true(xform_invert(&sphere->object_from_sphere, &inverse));
+    assert_true(xform_invert(&stretch, &inverse));
     float mesh_pdf = 0;
     for (uint32_t i = 0; i < DRAWS; i++) {
         sampler_t sampler = sampler_new(SAMPLER_INDEPENDENT, 3, 0, i);
         float choice = sampler_1d(&sampler);
-        light_point_t point;
-        lights_sample(lights, choice, sampler_2d(&sampler), &point);
-        vec3_t local = xform_point(&inverse, point.p);
-        if (point.two_sided) {
-            observed[2 + direction_cell(v_normalize(local))]++;
+        vec2_t place = sampler_2d(&sampler);
+        light_ray_t ray;
+        if (!lights_emit(fixture.lights, choice, place, sampler_2d(&sampler), &ray)) continue;
+        if (is_on_ellipsoid(ray.point)) {
+            observed[2 + direction_cell(v_normalize(xform_point(&inverse, ray.point)))]++;
             continue;
         }
-        mesh_pdf = point.pdf_area;
-        observed[point.p.z > 5.00001f || point.p.x / 3 + point.p.y > 1.00001f]++;
+        mesh_pdf = ray.pdf_place;
+        observed[ray.point.z > 5.00001f || ray.point.x / 3 + ray.point.y > 1.00001f]++;
     }
     expected[0] = DRAWS * (double)mesh_pdf * 1.5;
     vec3_t e1 = vec3(0, 4, 1), e2 = vec3(-3, 1, 0);
@@ -226,14 +198,14 @@ static void lights_draw_by_power_and_area(void **state)
         double phi = -M_PI + 2 * M_PI * (c % COLUMNS + (k % 8 + 0.5) / 8) / COLUMNS, r = sqrt(1 - z * z);
         vec3_t n = vec3((float)(r * cos(phi)), (float)(r * sin(phi)), (float)z), s, t;
         v_frame(n, &s, &t);
-        vec3_t ds = xform_vector(&sphere->object_from_sphere, v_scale(s, (float)step));
-        vec3_t dt = xform_vector(&sphere->object_from_sphere, v_scale(t, (float)step));
-        double stretch = (double)v_length(v_cross(ds, dt)) / (step * step), radius = (double)sphere->radius;
-        surface_t surface = {.p = xform_point(&sphere->object_from_sphere, v_scale(n, sphere->radius)),
-                             .light = 1};
-        light_point_t point;
-        lights_at(lights, &surface, &point);
-        expected[2 + c] += DRAWS * (double)point.pdf_area * stretch * radius * radius * cell / 64;
+        vec3_t ds = xform_vector(&stretch, v_scale(s, (float)step));
+        vec3_t dt = xform_vector(&stretch, v_scale(t, (float)step));
+        double area = (double)v_length(v_cross(ds, dt)) / (step * step), radius = (double)sphere_radius;
+        surface_t surface =
+            place_on(&fixture, xform_point(&stretch, v_scale(n, sphere_radius)), vec3(0, 0, 1));
+        light_hit_t hit;
+        assert_true(lights_hit(fixture.lights, &surface, vec3(0, 0, 1), &hit));
+        expected[2 + c] += DRAWS * (double)hit.pdf_place * area * radius * radius * cell / 64;
     }
     double p = chi_square_p(observed, expected, CELLS + 2, DRAWS);
     if (!(p > level))
@@ -241,30 +213,86 @@ static void lights_draw_by_power_and_area(void **state)
                  expected[1]);
     free(observed);
     free(expected);
-    lights_destroy(&lights);
-    free(fixture.bytes);
+    fixture_end(&fixture);
 }
+
+typedef struct {
+    const lights_t *lights;
+    surface_t surface;
+} emitting_t;
 
 static float emission_density(const void *what, vec3_t w)
 {
-    return light_direction_pdf(what, w);
+    const emitting_t *emitting = what;
+    light_hit_t hit;
+    return lights_hit(emitting->lights, &emitting->surface, w, &hit) ? hit.pdf_ray : 0;
 }
 
+/* One place of each light over and over. */
 static void lights_emit_by_cosine(void **state)
 {
     (void)state;
-    for (int sides = 1; sides <= 2; sides++) {
-        light_point_t point = {.n = v_normalize(vec3(0.3f, -1, 0.4f)), .two_sided = sides == 2};
+    fixture_t fixture;
+    fixture_begin(&fixture);
+    for (int light = 0; light < 2; light++) {
         double *observed = calloc(CELLS, sizeof *observed), *expected = calloc(CELLS, sizeof *expected);
+        emitting_t emitting = {.lights = fixture.lights};
+        light_ray_t ray;
+        float choice = 0; /* finds the light */
+        while (!lights_emit(fixture.lights, choice, (vec2_t){0.3f, 0.4f}, (vec2_t){0.3f, 0.4f}, &ray) ||
+               is_on_ellipsoid(ray.point) != (light == 1))
+            choice += 0.01f;
         for (uint32_t i = 0; i < DRAWS; i++) {
             sampler_t sampler = sampler_new(SAMPLER_INDEPENDENT, 4, 0, i);
-            observed[direction_cell(light_sample_direction(&point, sampler_2d(&sampler)))]++;
+            vec2_t u = sampler_2d(&sampler);
+            if (!lights_emit(fixture.lights, choice, (vec2_t){0.3f, 0.4f}, u, &ray)) continue;
+            observed[direction_cell(ray.direction)]++;
         }
-        integrate_directions(emission_density, &point, expected);
-        assert_true(chi_square_p(observed, expected, CELLS, DRAWS) > level);
+        /* Rays start off the surface, along its normal. */
+        emitting.surface = place_on(&fixture, ray.point, v_normalize(v_sub(ray.origin, ray.point)));
+        integrate_directions(emission_density, &emitting, expected);
+        double p = chi_square_p(observed, expected, CELLS, DRAWS);
+        if (!(p > level)) fail_msg("light %d: p = %g", light, p);
         free(observed);
         free(expected);
     }
+    fixture_end(&fixture);
+}
+
+/* The three ways to reach a place say the same of it. */
+static void ways_to_a_light_agree(void **state)
+{
+    (void)state;
+    fixture_t fixture;
+    fixture_begin(&fixture);
+    const vec3_t point = {-1, 0.5f, 9};
+    int seen[2] = {0, 0};
+    for (uint32_t i = 0; i < 2000; i++) {
+        sampler_t sampler = sampler_new(SAMPLER_INDEPENDENT, 12, 0, i);
+        float choice = sampler_1d(&sampler);
+        vec2_t place = sampler_2d(&sampler);
+        light_view_t view;
+        light_ray_t ray;
+        light_hit_t hit;
+        if (!lights_illuminate(fixture.lights, point, choice, place, &view)) continue;
+        assert_true(lights_emit(fixture.lights, choice, place, sampler_2d(&sampler), &ray));
+        vec3_t n = v_normalize(v_sub(ray.origin, ray.point)), d = v_sub(ray.point, point);
+        if (!is_on_ellipsoid(ray.point) && v_dot(n, ray.direction) < 0) n = v_neg(n);
+        surface_t surface = place_on(&fixture, ray.point, n);
+        assert_true(lights_hit(fixture.lights, &surface, v_neg(view.w), &hit));
+        float distance2 = v_length2(d);
+        assert_float_equal(v_dot(view.w, d) / sqrtf(distance2), 1, 1e-5f);
+        assert_float_equal(view.pdf_place / ray.pdf_place, 1, 1e-4f);
+        assert_float_equal(hit.pdf_place / ray.pdf_place, 1, 1e-3f);
+        assert_float_equal(view.geometry * distance2, fabsf(v_dot(n, view.w)), 2e-2f);
+        assert_float_equal(view.arrival * distance2, hit.pdf_ray, 2e-2f);
+        assert_float_equal(view.radiance.y, hit.radiance.y, 0);
+        assert_float_equal(ray.throughput.y * ray.pdf_place * ray.pdf_ray / ray.cosine, hit.radiance.y,
+                           1e-3f);
+        seen[is_on_ellipsoid(ray.point)]++;
+    }
+    assert_true(seen[0] > 100 && seen[1] > 100);
+    fixture_end(&fixture);
 }
 
 static void alias_follows_weights(void **state)
@@ -294,41 +322,36 @@ static void alias_follows_weights(void **state)
 
 /* ---- camera and filter --------------------------------------------------------------------------------- */
 
-static camera_t test_camera(void)
-{
-    blob_scene_t scene = {.world_from_camera = {{{-1, 0, 0, 2}, {0, 0.8f, -0.6f, 1}, {0, 0.6f, 0.8f, -3}}},
-                          .fov = 75};
-    camera_t camera;
-    camera_init(&camera, &scene, 64, 40);
-    return camera;
-}
+static const vec3_t eye = {2, 1, -3};
 
 static float camera_density(const void *what, vec3_t w)
 {
-    const camera_t *camera = what;
     camera_view_t view;
-    return camera_project(camera, v_mad(camera->position, 3, w), 0, &view) ? view.pdf : 0;
+    return camera_project(what, v_mad(eye, 3, w), (vec2_t){0, 0}, 0, 0, &view) ? 9 * view.density : 0;
 }
 
 static void camera_draws_its_density(void **state)
 {
     (void)state;
-    camera_t camera = test_camera();
+    blob_scene_t record =
+        scene_record((xform_t){{{-1, 0, 0, 2}, {0, 0.8f, -0.6f, 1}, {0, 0.6f, 0.8f, -3}}}, 75);
+    camera_t *camera = camera_new(&record, 64, 40);
     double *observed = calloc(CELLS, sizeof *observed), *expected = calloc(CELLS, sizeof *expected);
     for (uint32_t i = 0; i < DRAWS; i++) {
         sampler_t sampler = sampler_new(SAMPLER_INDEPENDENT, 6, 0, i);
-        vec2_t u = sampler_2d(&sampler);
-        float pdf;
-        vec3_t w = camera_ray(&camera, (vec2_t){u.x * 64, u.y * 40}, &pdf);
-        observed[direction_cell(w)]++;
+        vec2_t u = sampler_2d(&sampler), lens = {0.5f, 0.5f};
+        camera_ray_t ray;
+        camera_ray(camera, (vec2_t){u.x * 64, u.y * 40}, lens, 0, &ray);
+        observed[direction_cell(ray.direction)]++;
         camera_view_t view;
-        assert_true(camera_project(&camera, v_mad(camera.position, 7, w), 1e-2f, &view));
+        assert_true(camera_project(camera, v_mad(eye, 7, ray.direction), lens, 0, 1e-2f, &view));
         assert_float_equal(view.raster.x, u.x * 64, 1e-3f);
         assert_float_equal(view.raster.y, u.y * 40, 1e-3f);
-        assert_float_equal(view.pdf / pdf, 1, 1e-4f);
-        assert_float_equal(view.distance, 7, 1e-4f);
+        assert_float_equal(49 * view.density / ray.pdf, 1, 1e-4f);
+        assert_float_equal(v_dot(view.w, ray.direction), -1, 1e-5f);
+        assert_false(ray.parallel);
     }
-    integrate_directions(camera_density, &camera, expected);
+    integrate_directions(camera_density, camera, expected);
     double total = 0;
     for (size_t i = 0; i < CELLS; i++) total += expected[i];
     assert_float_equal((float)(total / DRAWS), 1, 5e-3f); /* importance is normalised over the film */
@@ -344,31 +367,47 @@ static void camera_draws_its_density(void **state)
     assert_true(chi_square_p(observed, expected, whole, DRAWS) > level);
     free(observed);
     free(expected);
+    free(camera);
 }
 
+/* Draws count by their weight, which may be negative: their mean over each bin is the filter's integral. */
 static void check_filter(blob_filter_t kind)
 {
     filter_t *filter = malloc(sizeof *filter);
     filter_init(filter, &kind);
     enum { BINS = 64 };
-    double observed[BINS] = {0}, expected[BINS], width = 2.0 * (double)kind.radius_x / BINS;
+    double observed[BINS] = {0}, expected[BINS], truth[BINS] = {0}, given_to[BINS] = {0}, total = 0;
+    double width = 2.0 * (double)kind.radius_x / BINS;
     for (uint32_t i = 0; i < DRAWS; i++) {
         sampler_t sampler = sampler_new(SAMPLER_INDEPENDENT, 7, 0, i);
-        float x = filter_sample(&filter->x, sampler_1d(&sampler));
+        float weight, x = filter_sample(&filter->x, sampler_1d(&sampler), &weight);
         assert_true(fabsf(x) <= kind.radius_x);
-        observed[int_min((int)(((double)x + (double)kind.radius_x) / width), BINS - 1)]++;
+        int bin = int_min((int)(((double)x + (double)kind.radius_x) / width), BINS - 1);
+        observed[bin]++;
+        given_to[bin] += (double)weight / DRAWS;
     }
+    double absolute = 0;
     for (int i = 0; i < BINS; i++) {
         expected[i] = 0;
-        for (int k = 0; k < 16; k++)
-            expected[i] +=
-                (double)filter_density(&filter->x, (float)((i + (k + 0.5) / 16) * width) - kind.radius_x) *
-                width / 16 * DRAWS;
+        for (int k = 0; k < 256; k++) {
+            double value =
+                (double)filter_value(&filter->x, (float)((i + (k + 0.5) / 256) * width) - kind.radius_x) *
+                width / 256;
+            truth[i] += value;
+            expected[i] += fabs(value);
+        }
+        absolute += expected[i];
+        total += truth[i];
     }
+    for (int i = 0; i < BINS; i++) expected[i] *= DRAWS / absolute;
     double p = chi_square_p(observed, expected, BINS, DRAWS);
     if (!(p > level)) fail_msg("filter %u: p = %g", kind.kind, p);
+    if (!(fabs(total - 1) < 2e-3)) fail_msg("filter %u: integral %g", kind.kind, total);
+    for (int i = 0; i < BINS; i++)
+        if (!(fabs(given_to[i] - truth[i]) < 2e-3))
+            fail_msg("filter %u: bin %d has %g, not %g", kind.kind, i, given_to[i], truth[i]);
 
-    /* A splat gives each pixel in reach, on average, the filter's density there. */
+    /* A splat gives each pixel in reach, on average, the filter's value there. */
     double given[64] = {0};
     const float position = 20.3f;
     enum { SPLATS = 200000 };
@@ -380,7 +419,7 @@ static void check_filter(blob_filter_t kind)
         given[pixel] += (double)weight / SPLATS;
     }
     for (int i = 0; i < 64; i++)
-        assert_true(fabs(given[i] - (double)filter_density(&filter->x, position - ((float)i + 0.5f))) < 0.01);
+        assert_true(fabs(given[i] - (double)filter_value(&filter->x, position - ((float)i + 0.5f))) < 0.01);
     free(filter);
 }
 
@@ -391,7 +430,10 @@ static void filters_draw_their_density(void **state)
     check_filter((blob_filter_t){.kind = FILTER_BOX, .radius_x = 1.7f, .radius_y = 0.5f});
     check_filter((blob_filter_t){.kind = FILTER_TRIANGLE, .radius_x = 2, .radius_y = 2});
     check_filter(
-        (blob_filter_t){.kind = FILTER_GAUSSIAN, .radius_x = 1.5f, .radius_y = 1.5f, .gaussian_sigma = 0.5f});
+        (blob_filter_t){.kind = FILTER_GAUSSIAN, .radius_x = 1.5f, .radius_y = 1.5f, .parameters = {0.5f}});
+    check_filter((blob_filter_t){
+        .kind = FILTER_MITCHELL, .radius_x = 2, .radius_y = 2, .parameters = {1 / 3.0f, 1 / 3.0f}});
+    check_filter((blob_filter_t){.kind = FILTER_SINC, .radius_x = 4, .radius_y = 4, .parameters = {3}});
 }
 
 /* ---- warps and numbers --------------------------------------------------------------------------------- */
@@ -464,18 +506,11 @@ static void the_test_can_fail(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(the_test_can_fail),
-        cmocka_unit_test(diffuse_draws_its_density),
-        cmocka_unit_test(conductor_draws_its_density),
-        cmocka_unit_test(samples_agree_with_evaluation),
-        cmocka_unit_test(lights_draw_by_power_and_area),
-        cmocka_unit_test(lights_emit_by_cosine),
-        cmocka_unit_test(alias_follows_weights),
-        cmocka_unit_test(camera_draws_its_density),
-        cmocka_unit_test(filters_draw_their_density),
-        cmocka_unit_test(triangle_warp_is_uniform),
-        cmocka_unit_test(sobol_points_are_nets),
-        cmocka_unit_test(numbers_are_uniform_and_independent),
+        cmocka_unit_test(the_test_can_fail),          cmocka_unit_test(lights_draw_by_power_and_area),
+        cmocka_unit_test(lights_emit_by_cosine),      cmocka_unit_test(ways_to_a_light_agree),
+        cmocka_unit_test(alias_follows_weights),      cmocka_unit_test(camera_draws_its_density),
+        cmocka_unit_test(filters_draw_their_density), cmocka_unit_test(triangle_warp_is_uniform),
+        cmocka_unit_test(sobol_points_are_nets),      cmocka_unit_test(numbers_are_uniform_and_independent),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

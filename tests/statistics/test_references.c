@@ -3,7 +3,7 @@
  * tenths of a percent of the image mean fails. */
 #include "client/agreement.h"
 #include "client/import/import.h"
-#include "common/image.h"
+#include "tests/reference.h"
 #include "tests/render_here.h"
 
 #include <setjmp.h>
@@ -14,43 +14,8 @@
 
 #include <cmocka.h>
 
-/* Mean and, from the values' squares, the variance: the reference's files. */
-static void read_rgb(const char *path, double *values, int side)
-{
-    image_t image;
-    result_t read = image_read_exr(path, &image);
-    if (read.code != RESULT_OK) fail_msg("%s", read.message);
-    assert_int_equal(image.width, side);
-    assert_int_equal(image.height, side);
-    const image_channel_t *rgb[3];
-    assert_true(image_find_rgb(&image, NULL, rgb));
-    for (size_t p = 0; p < (size_t)side * (size_t)side; p++)
-        for (size_t c = 0; c < 3; c++) values[3 * p + c] = (double)rgb[c]->data[p * rgb[c]->stride];
-    image_free(&image);
-}
-
 /* From the command line: the one scene that is to be rendered; NULL for all. */
 static const char *only_scene;
-
-enum { SIDE = 128, VALUES = SIDE * SIDE * 3 };
-
-static estimate_image_t empty_estimate(void)
-{
-    return (estimate_image_t){SIDE, SIDE, mem_zalloc(VALUES, sizeof(double)),
-                              mem_zalloc(VALUES, sizeof(double))};
-}
-
-static estimate_image_t read_reference(const char *scene)
-{
-    estimate_image_t reference = empty_estimate();
-    char path[256];
-    snprintf(path, sizeof path, "tests/references/%s/ref.exr", scene);
-    read_rgb(path, reference.mean, SIDE);
-    snprintf(path, sizeof path, "tests/references/%s/stderr.exr", scene);
-    read_rgb(path, reference.variance, SIDE);
-    for (size_t i = 0; i < VALUES; i++) reference.variance[i] *= reference.variance[i];
-    return reference;
-}
 
 /* Renders the scene file; the noise is what the film's two halves tell. */
 static estimate_image_t render(const char *scene_file, integrator_t integrator, uint32_t spp)
@@ -66,15 +31,8 @@ static estimate_image_t render(const char *scene_file, integrator_t integrator, 
     settings.spp = spp;
     settings.seed = 4;
     film_t *film = render_here(&blob, &settings);
-    film_image_t image;
-    film_resolve(film, &image);
-    estimate_image_t estimate = empty_estimate();
-    for (size_t i = 0; i < VALUES; i++) {
-        estimate.mean[i] = (double)image.sum[i];
-        estimate.variance[i] = (double)image.noise[i] * (double)image.noise[i];
-    }
+    estimate_image_t estimate = reference_estimate(film);
     assert_int_equal(film->counts.dropped, 0);
-    film_image_free(&image);
     film_destroy(&film);
     free(bytes);
     return estimate;
@@ -87,8 +45,9 @@ typedef struct {
     uint32_t spp;
 } case_t;
 
-/* Sample counts at which the standard error of the image mean is below 0.3 %, the reference's included. A path
- * tracer meets the caustic too rarely for a test of seconds, and sees no light through glass but by luck. */
+/* Sample counts at which the standard error of the image mean is below 0.3 %, the reference's included. A
+ * path tracer meets the caustic too rarely for a test of seconds, and sees no light through glass but by
+ * luck. */
 static const case_t cases[] = {
     {"seed-diffuse", "scene.pbrt", INTEGRATOR_BDPT, 128},
     {"seed-diffuse", "scene.pbrt", INTEGRATOR_PATH, 256},
@@ -126,7 +85,7 @@ static bool check(const case_t *c)
 {
     char path[256];
     snprintf(path, sizeof path, "scenes/%s/%s", c->scene, c->file);
-    estimate_image_t reference = read_reference(c->scene), image = render(path, c->integrator, c->spp);
+    estimate_image_t reference = reference_read(c->scene), image = render(path, c->integrator, c->spp);
     agreement_t agreement;
     agreement_limits_t limits = agreement_default_limits();
     agreement_measure(&image, &reference, &agreement);
@@ -154,15 +113,16 @@ static void scenes_agree(void **state)
 static void disagreement_shows(void **state)
 {
     (void)state;
-    estimate_image_t reference = read_reference("cornell");
+    estimate_image_t reference = reference_read("cornell");
     estimate_image_t image = render("scenes/cornell/scene.pbrt", INTEGRATOR_PATH, 256);
     agreement_limits_t limits = agreement_default_limits();
     agreement_t agreement;
-    for (size_t i = 0; i < VALUES; i++) image.mean[i] *= 0.99;
+    size_t values = 3 * (size_t)image.width * (size_t)image.height;
+    for (size_t i = 0; i < values; i++) image.mean[i] *= 0.99;
     agreement_measure(&image, &reference, &agreement);
     assert_false(agreement_holds(&agreement, &limits));
     agreement_free(&agreement);
-    for (size_t i = VALUES - 1; i >= 3; i--) image.mean[i] = image.mean[i - 3] / 0.99;
+    for (size_t i = values - 1; i >= 3; i--) image.mean[i] = image.mean[i - 3] / 0.99;
     agreement_measure(&image, &reference, &agreement);
     assert_false(agreement_holds(&agreement, &limits));
     agreement_free(&agreement);

@@ -4,8 +4,6 @@
 #include "worker/render/bsdf_frame.h"
 #include "worker/render/lobe.h"
 
-#include <float.h>
-
 static material_shade_t *const materials[MATERIAL_KIND_END] = {
     [MATERIAL_DIFFUSE] = material_diffuse,
     [MATERIAL_MIRROR] = material_mirror,
@@ -18,7 +16,17 @@ static material_shade_t *const materials[MATERIAL_KIND_END] = {
     [MATERIAL_MIX] = material_mix,
     [MATERIAL_DISNEY] = material_disney,
     [MATERIAL_DIFFUSE_TRANSMISSION] = material_diffuse_transmission,
+    [MATERIAL_COATED_DIFFUSE] = material_coated_diffuse,
+    [MATERIAL_COATED_CONDUCTOR] = material_coated_conductor,
+    [MATERIAL_GLTF] = material_gltf,
 };
+
+/* What is not in the table scatters nothing. */
+static void shade(const shading_t *shading)
+{
+    material_shade_t *material = materials[shading->material->kind];
+    if (material != NULL) material(shading);
+}
 
 /* ---- making one ---------------------------------------------------------------------------------------- */
 
@@ -61,7 +69,7 @@ void bsdf_init(bsdf_t *bsdf, const scene_t *scene, const surface_t *surface)
         v_frame(bsdf->ns, &bsdf->s, &bsdf->t);
     }
     shading_t shading = {scene, surface->material, &at, vec3(1, 1, 1), bsdf};
-    materials[surface->material->kind](&shading);
+    shade(&shading);
     normalize_chances(bsdf);
     bsdf->specular = only_specular(bsdf);
 }
@@ -175,10 +183,12 @@ bool bsdf_sample(const bsdf_t *bsdf, vec3_t wo, vec2_t u, float choice, transpor
 
 /* ---- for materials ------------------------------------------------------------------------------------- */
 
-/* Products of textures may overflow. */
+/* Bounds beyond anything sensible, far enough from overflow for the arithmetic of all lobes. */
+#define LARGEST_VALUE 1e6f
+
 static float sane(float x, float low)
 {
-    return x > low ? float_min(x, FLT_MAX) : low;
+    return x > low ? float_min(x, LARGEST_VALUE) : low;
 }
 
 /* Not textures_value: most values have no texture, and then need no scene. */
@@ -196,7 +206,7 @@ rgb_t shading_colour(const shading_t *shading, material_value_t value)
 
 float shading_number(const shading_t *shading, material_value_t value)
 {
-    return sane(value_at(shading, value).x, -FLT_MAX);
+    return sane(value_at(shading, value).x, -LARGEST_VALUE);
 }
 
 /* pbrt-v3's fit of an alpha to its older Blinn exponent (TrowbridgeReitzDistribution::RoughnessToAlpha). */
@@ -246,5 +256,5 @@ void shading_delegate(const shading_t *shading, uint32_t material, rgb_t scale)
     shading_t part = *shading;
     part.material = &scene_blob(shading->scene)->materials[material];
     part.scale = v_mul(shading->scale, scale);
-    materials[part.material->kind](&part);
+    shade(&part);
 }

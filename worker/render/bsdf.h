@@ -128,7 +128,7 @@ typedef struct {
 /* Adds the material's lobes. */
 typedef void material_shade_t(const shading_t *shading);
 
-/* Values of the material at the point: finite; colours are not negative. */
+/* Values of the material at the point, bounded by 1e6; colours are not negative. */
 rgb_t shading_colour(const shading_t *shading, material_value_t value);
 float shading_number(const shading_t *shading, material_value_t value);
 /* The alphas of the Trowbridge-Reitz distribution from the values `u` and `v`, remapped as the material's
@@ -143,11 +143,13 @@ void shading_delegate(const shading_t *shading, uint32_t material, rgb_t scale);
 /* Every material and lobe; each file says what it does. */
 extern material_shade_t material_diffuse, material_mirror, material_dielectric, material_conductor,
     material_plastic, material_uber, material_substrate, material_translucent, material_mix, material_disney,
-    material_diffuse_transmission;
+    material_diffuse_transmission, material_coated_diffuse, material_coated_conductor, material_gltf;
 extern const lobe_kind_t lobe_lambert, lobe_lambert_transmission, lobe_oren_nayar, lobe_mirror,
     lobe_smooth_dielectric, lobe_smooth_conductor, lobe_pane, lobe_straight, lobe_rough_conductor,
     lobe_rough_dielectric, lobe_rough_reflection, lobe_rough_transmission, lobe_fresnel_blend,
-    lobe_disney_diffuse, lobe_disney_sheen, lobe_disney_specular, lobe_disney_clearcoat;
+    lobe_disney_diffuse, lobe_disney_sheen, lobe_disney_specular, lobe_disney_clearcoat, lobe_layered,
+    lobe_coated_lambert, lobe_smooth_coat, lobe_smooth_layers, lobe_schlick_reflection, lobe_schlick_mirror,
+    lobe_schlick_diffuse, lobe_schlick_through, lobe_schlick_straight;
 
 /* Three consecutive numbers of a lobe as a colour. */
 static inline rgb_t lobe_colour(const lobe_t *lobe, int first)

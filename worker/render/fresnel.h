@@ -52,7 +52,7 @@ static inline float fresnel_conductor_channel(float cos_i, float eta, float k)
 
 static inline rgb_t fresnel_conductor(float cos_i, rgb_t eta, rgb_t k)
 {
-    cos_i = float_clamp(cos_i, 0, 1);
+    cos_i = float_clamp(cos_i, 1e-6f, 1); /* at 0 the formula may be 0 / 0 */
     return vec3(fresnel_conductor_channel(cos_i, eta.x, k.x), fresnel_conductor_channel(cos_i, eta.y, k.y),
                 fresnel_conductor_channel(cos_i, eta.z, k.z));
 }

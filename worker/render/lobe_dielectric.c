@@ -39,7 +39,7 @@ static bool eval_transmission(const lobe_t *lobe, float eta, vec3_t wo, vec3_t w
                               bsdf_value_t *value)
 {
     float ax = lobe->numbers[LOBE_ALPHA_U], ay = lobe->numbers[LOBE_ALPHA_V];
-    if (!(wo.z > 0 && wi.z < 0)) return false;
+    if (!(wo.z > MICROFACET_LEAST_COSINE && wi.z < -MICROFACET_LEAST_COSINE)) return false;
     vec3_t m = v_mad(wo, eta, wi);
     float length2 = v_length2(m);
     if (!(length2 > 0) || m.z == 0) return false;

@@ -49,10 +49,13 @@ typedef struct {
     float pdf, pdf_rev; /* of reflecting about a visible normal, per steradian */
 } microfacet_t;
 
+/* Closer to the surface shadowing takes all, and its formulas overflow. */
+#define MICROFACET_LEAST_COSINE 1e-6f
+
 /* False unless both directions are above the surface. */
 static inline bool microfacet_reflection(float ax, float ay, vec3_t wo, vec3_t wi, microfacet_t *facet)
 {
-    if (!(wo.z > 0 && wi.z > 0)) return false;
+    if (!(wo.z > MICROFACET_LEAST_COSINE && wi.z > MICROFACET_LEAST_COSINE)) return false;
     vec3_t m = v_normalize(v_add(wo, wi));
     float d = microfacet_distribution(ax, ay, m);
     facet->cos = float_min(v_dot(wo, m), 1);

@@ -1,0 +1,14 @@
+/* reference: the images that another renderer made (tests/references/README.md). Calls end the test or the
+ * bench on failure. */
+#ifndef LIGHTMILL_TESTS_REFERENCE_H
+#define LIGHTMILL_TESTS_REFERENCE_H
+
+#include "client/agreement.h"
+#include "common/film.h"
+
+/* The reference of a scene: its mean, and as variance the square of its standard error. */
+estimate_image_t reference_read(const char *scene);
+/* A film as an estimate; the variance is what its two halves tell. */
+estimate_image_t reference_estimate(const film_t *film);
+
+#endif
