@@ -603,10 +603,11 @@ uint32_t blob_builder_add(blob_builder_t *builder, blob_section_t section, const
         builder->sections[section].bytes = mem_realloc(builder->sections[section].bytes, capacity * size);
         builder->sections[section].capacity = capacity;
     }
+    if (count == 0) return (uint32_t)first;
     uint8_t *to = builder->sections[section].bytes + first * size;
-    if (records != NULL && count > 0)
+    if (records != NULL)
         memcpy(to, records, count * size);
-    else if (count > 0)
+    else
         memset(to, 0, count * size);
     builder->sections[section].count = first + count;
     return (uint32_t)first;

@@ -55,6 +55,7 @@ void pbrt_end(pbrt_t *p)
     free(p->systems);
     free(p->materials);
     free(p->textures);
+    free(p->texture_costs);
     free(p->images);
     free(p->objects);
     *p = (pbrt_t){0};
@@ -100,7 +101,7 @@ result_t pbrt_push(pbrt_t *p, scope_kind_t kind, position_t at)
 
 result_t pbrt_pop(pbrt_t *p, scope_kind_t kind, const char *directive, position_t at)
 {
-    static const char *const begins[] = {"AttributeBegin", "TransformBegin", "ObjectBegin"};
+    static const char *const begins[] = {"AttributeBegin", "TransformBegin", "ObjectBegin", "Import"};
     if (p->scope_count == 0) return error_at(at, "%s without %s", directive, begins[kind]);
     const scope_t *scope = &p->scopes[p->scope_count - 1];
     if (scope->kind != kind)
@@ -135,7 +136,8 @@ void pbrt_name_coordinates(pbrt_t *p, const char *name, const affine_t *start, c
 
 /* ---- motion -------------------------------------------------------------------------------------------- */
 
-/* Motion runs between the transform's times and rests outside them; the blob knows the shutter's time alone. */
+/* Motion runs between the transform's times and rests outside them; the blob knows the shutter's time alone.
+ */
 bool pbrt_motion(pbrt_t *p, position_t at, affine_t *open, affine_t *close)
 {
     affine_t start = p->now.ctm, end = p->now.ctm_end;
@@ -270,6 +272,7 @@ result_t pbrt_finish(pbrt_t *p, position_t at)
         return error_at(at, "the file ends before WorldEnd; is it truncated?");
     pbrt_check_unused_materials(p);
     TRY(check_defaults(p));
+    TRY(pbrt_check_textures(p, at));
     TRY(apply_gain(p, at));
     lay_out_objects(p);
     blob_builder_add(p->builder, BLOB_SECTION_SCENE, &p->scene, 1);
