@@ -132,6 +132,10 @@ static const case_t cases[] = {
      PERSPECTIVE FILM3 "PixelFilter \"gaussian\" \"float xwidth\" [2.5] \"float ywidth\" [1.5]\n" DEPTH5
                        "WorldBegin\n" PLACE3 LAMP("12 11 9") END3,
      ALL},
+    {"narrow",
+     PERSPECTIVE FILM3 "PixelFilter \"triangle\" \"float xwidth\" [0.3] \"float ywidth\" [0.7]\n" DEPTH5
+                       "WorldBegin\n" PLACE3 LAMP("12 11 9") END3,
+     ALL},
     /* lights */
     {"disk-light",
      HEAD3 PLACE3 "AttributeBegin\nTranslate -0.4 2.5 0\nRotate 70 1 0 0\nScale 0.8 0.4 1\n"

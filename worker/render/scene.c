@@ -677,8 +677,10 @@ void scene_details(const scene_t *scene, const surface_t *surface, surface_detai
     if (instanced) {
         details->dpdu = xform_vector(&world, details->dpdu);
         details->dpdv = xform_vector(&world, details->dpdv);
-        details->dndu = xform_normal(&inverse, details->dndu);
-        details->dndv = xform_normal(&inverse, details->dndv);
+        /* Of the unit normal in the world: the transpose of the inverse changes its length by 1 / scale. */
+        float scale = v_length(xform_normal(&world, surface->ns));
+        details->dndu = v_scale(xform_normal(&inverse, details->dndu), scale);
+        details->dndv = v_scale(xform_normal(&inverse, details->dndv), scale);
     }
 }
 
