@@ -2,12 +2,9 @@
  * a dielectric. The medium's extinction is one per unit of thickness; without an albedo it absorbs. */
 #include "worker/render/lobe_layered.h"
 
-/* The alpha of a smooth metal where the coat is rough or the medium scatters, so that it is no specular lobe:
- * small next to how much the coat spreads light. */
-static float least_alpha(float coat_alpha)
-{
-    return float_clamp(0.05f * coat_alpha, 2e-3f, 0.02f);
-}
+/* The alpha of a smooth metal where the coat is rough or the medium scatters, so that it is no specular lobe.
+ * Far below the coat's, since the tails of both add up. */
+#define LEAST_ALPHA 2e-3f
 
 typedef struct {
     float ior, alpha[2], thickness, g;
@@ -104,7 +101,7 @@ void material_coated_conductor(const shading_t *shading)
                               fresnel_conductor(1, eta, k));
     if (lobe != NULL) {
         for (int i = 0; i < 2; i++)
-            lobe->numbers[LAYERED_BASE_ALPHA_U + i] = rough ? base_alpha[i] : least_alpha(coat.alpha[i]);
+            lobe->numbers[LAYERED_BASE_ALPHA_U + i] = rough ? base_alpha[i] : LEAST_ALPHA;
         lobe_set_colour(lobe, LOBE_ETA, eta);
         lobe_set_colour(lobe, LOBE_K, k);
         lobe->numbers[LAYERED_KIND] += LAYERED_METAL;
