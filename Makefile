@@ -10,7 +10,7 @@ Q       := $(if $(V),,@)
 # The one numeric baseline: every machine that has it makes the same bits. Nothing that changes values is allowed.
 BASELINE := -march=x86-64-v3 -ffp-contract=off -fno-math-errno -fno-trapping-math
 WARNINGS := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Wvla
-PACKAGES := libzmq libprotobuf-c libsodium libzstd libpng zlib libturbojpeg OpenEXR
+PACKAGES := libzmq libprotobuf-c libsodium libzstd libpng zlib libturbojpeg OpenEXR jansson
 ifneq ($(filter-out help clean deps deps-dev check demo asan tsan fuzz,$(or $(MAKECMDGOALS),all)),)
 PKG_CFLAGS := $(shell pkg-config --cflags $(PACKAGES) 2>/dev/null)
 PKG_LIBS   := $(shell pkg-config --libs $(filter-out OpenEXR,$(PACKAGES)) 2>/dev/null) -lOpenEXRCore-3_1

@@ -6,6 +6,7 @@
 #include <strings.h>
 #include <sys/stat.h>
 
+#include "client/import/gltf/gltf.h"
 #include "client/import/pbrt/pbrt.h"
 #include "client/import/report.h"
 
@@ -16,6 +17,8 @@ typedef struct {
 
 static const format_t formats[] = {
     {".pbrt", pbrt_import},
+    {".gltf", gltf_import},
+    {".glb", gltf_import},
 };
 
 static const format_t *format_of(const char *path)
@@ -31,7 +34,7 @@ static result_t import_file(const char *path, blob_builder_t *builder, const imp
 {
     const format_t *format = format_of(path);
     if (!format)
-        return result_fail(RESULT_INPUT, "%s: not a scene format that Lightmill reads; it reads .pbrt", path);
+        return result_fail(RESULT_INPUT, "%s: not a scene format that Lightmill reads; it reads .pbrt, .gltf and .glb", path);
     report_t report = report_begin(sink);
     result_t result = format->import(path, builder, &report);
     report_end(&report);

@@ -13,6 +13,8 @@ void mesh_free(mesh_t *mesh)
     free(mesh->positions);
     free(mesh->normals);
     free(mesh->uvs);
+    free(mesh->uvs2);
+    free(mesh->colours);
     free(mesh->triangles);
     *mesh = (mesh_t){0};
 }
@@ -36,11 +38,21 @@ static result_t transform_positions(mesh_t *mesh, const affine_t *object_from_me
     return result_ok();
 }
 
-static result_t check_uvs(const mesh_t *mesh, position_t at)
+static result_t check_uvs(const vec2_t *uvs, uint32_t count, position_t at)
 {
-    for (uint32_t i = 0; mesh->uvs && i < mesh->vertex_count; ++i)
-        if (!isfinite(mesh->uvs[i].x) || !isfinite(mesh->uvs[i].y))
+    for (uint32_t i = 0; uvs && i < count; ++i)
+        if (!isfinite(uvs[i].x) || !isfinite(uvs[i].y))
             return error_at(at, "the uv coordinates of vertex %" PRIu32 " are not finite", i);
+    return result_ok();
+}
+
+static result_t check_colours(const mesh_t *mesh, position_t at)
+{
+    for (uint32_t i = 0; mesh->colours && i < mesh->vertex_count; ++i) {
+        const blob_colour_t *c = &mesh->colours[i];
+        if (!isfinite(c->r) || !isfinite(c->g) || !isfinite(c->b) || !isfinite(c->a))
+            return error_at(at, "the colour of vertex %" PRIu32 " is not finite", i);
+    }
     return result_ok();
 }
 
@@ -134,6 +146,9 @@ static uint32_t append(mesh_t *mesh, blob_builder_t *builder)
     if (mesh->normals)
         record.first_normal = hand_over(builder, BLOB_SECTION_NORMALS, mesh->normals, vertices);
     if (mesh->uvs) record.first_uv = hand_over(builder, BLOB_SECTION_UVS, mesh->uvs, vertices);
+    if (mesh->uvs2) record.first_uv2 = hand_over(builder, BLOB_SECTION_UVS, mesh->uvs2, vertices);
+    if (mesh->colours)
+        record.first_colour = hand_over(builder, BLOB_SECTION_COLOURS, mesh->colours, vertices);
     record.first_triangle = hand_over(builder, BLOB_SECTION_TRIANGLES, mesh->triangles, triangles);
     *mesh = (mesh_t){0};
     return blob_builder_add(builder, BLOB_SECTION_MESHES, &record, 1);
@@ -148,7 +163,9 @@ result_t mesh_add(mesh_t *mesh, const affine_t *object_from_mesh, bool reverse, 
     *flip = reverse != (affine_determinant(object_from_mesh) < 0);
     *index = BLOB_NONE;
     TRY(check_indices(mesh, at));
-    TRY(check_uvs(mesh, at));
+    TRY(check_uvs(mesh->uvs, mesh->vertex_count, at));
+    TRY(check_uvs(mesh->uvs2, mesh->vertex_count, at));
+    TRY(check_colours(mesh, at));
     TRY(transform_positions(mesh, object_from_mesh, at));
     drop_degenerate(mesh, at, report);
     if (mesh->triangle_count == 0) return result_ok();

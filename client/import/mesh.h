@@ -10,11 +10,13 @@
 #include "client/import/affine.h"
 #include "client/import/report.h"
 
-/* Owns its arrays (mesh_free). `normals` and `uvs` are NULL or hold vertex_count each. */
+/* Owns its arrays (mesh_free). `normals`, `uvs`, `uvs2` and `colours` are NULL or hold vertex_count each. */
 typedef struct {
     vec3_t *positions;
     vec3_t *normals;
     vec2_t *uvs;
+    vec2_t *uvs2;
+    blob_colour_t *colours;
     blob_triangle_t *triangles;
     uint32_t vertex_count, triangle_count;
 } mesh_t;

@@ -13,6 +13,7 @@
 int fuzz_blob(const uint8_t *data, size_t size);
 int fuzz_pbrt(const uint8_t *data, size_t size);
 int fuzz_ply(const uint8_t *data, size_t size);
+int fuzz_render(const uint8_t *data, size_t size);
 int fuzz_spectrum(const uint8_t *data, size_t size);
 int fuzz_texture_image(const uint8_t *data, size_t size);
 
@@ -23,10 +24,13 @@ const char *fuzz_path(const char *name);
 void fuzz_write(const char *name, const void *data, size_t size);
 
 /* Imports the file of that name as a scene: leniently, and strictly when there was a warning. Whatever is
- * accepted must be a blob that passes its checks and can be rendered. */
+ * accepted must be a blob that passes its checks. */
 void fuzz_import(const char *name);
 
-/* Looks at all that a renderer would. */
+/* A copy of what may be a blob, with the size and the checksum that its header should have. The caller frees it. */
+uint8_t *fuzz_mend_blob(const uint8_t *data, size_t size);
+
+/* Looks up every texture and image of a blob. */
 void fuzz_walk(const scene_blob_t *blob);
 
 /* Ends the process with a message unless the condition holds. */

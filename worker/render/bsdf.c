@@ -16,6 +16,9 @@ static material_shade_t *const materials[MATERIAL_KIND_END] = {
     [MATERIAL_MIX] = material_mix,
     [MATERIAL_DISNEY] = material_disney,
     [MATERIAL_DIFFUSE_TRANSMISSION] = material_diffuse_transmission,
+    [MATERIAL_COATED_DIFFUSE] = material_coated_diffuse,
+    [MATERIAL_COATED_CONDUCTOR] = material_coated_conductor,
+    [MATERIAL_GLTF] = material_gltf,
 };
 
 /* What is not in the table scatters nothing. */

@@ -30,6 +30,7 @@ typedef struct {
 typedef struct {
     const stage_t *stage;
     uint32_t pixel_x, pixel_y, sample;
+    sampler_t numbers;     /* at dimension 0 */
     float time;            /* of the whole path, 0 to 1 */
     float eye_weight;      /* factor on the eye subpath's radiance; set by sample_eye_ray */
     first_hit_t first_hit; /* filled by integrators that trace eye subpaths */
@@ -57,9 +58,7 @@ enum { DIMENSION_EMIT = 0, DIMENSION_LIGHT_SCATTER = 0, DIMENSION_JOIN_PIXEL = 4
 
 static inline sampler_t sample_stream(const sample_t *sample, uint32_t dimension)
 {
-    const job_settings_t *settings = &sample->stage->settings;
-    uint32_t pixel = sample->pixel_y * (uint32_t)settings->width + sample->pixel_x;
-    sampler_t sampler = sampler_new(settings->sampler, settings->seed, pixel, sample->sample);
+    sampler_t sampler = sample->numbers;
     sampler.dimension = dimension;
     return sampler;
 }

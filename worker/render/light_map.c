@@ -41,6 +41,15 @@ static vec2_t place_of(light_mapping_t mapping, vec3_t d)
                     atan2f(sqrtf(d.x * d.x + across * across), up) * INV_PI_F};
 }
 
+/* Cells a texel's side is cut into, so that steps follow what is interpolated; fewer for large images. */
+static uint32_t refinement(const light_map_t *map, uint32_t width, uint32_t height)
+{
+    if (map->mapping == LIGHT_OCTAHEDRAL) return 1; /* nothing is interpolated */
+    uint32_t cells = 4;
+    while (cells > 1 && (uint64_t)width * height * cells * cells > 1 << 22) cells--;
+    return cells;
+}
+
 void light_map_init(light_map_t *map, const light_t *light)
 {
     *map = (light_map_t){.textures = scene_textures(light->scene),
@@ -48,20 +57,23 @@ void light_map_init(light_map_t *map, const light_t *light)
                          .mapping = (light_mapping_t)light->record->mapping};
     uint32_t width, height;
     textures_size(map->textures, map->image, &width, &height);
+    uint32_t cells = refinement(map, width, height);
+    width *= cells;
+    height *= cells;
     float *weights = mem_alloc((size_t)width * height * sizeof *weights);
     double sum = 0;
     for (uint32_t y = 0; y < height; y++)
         for (uint32_t x = 0; x < width; x++) {
             /* Four points of the cell: interpolation brings the light of its neighbours in. */
-            float luminance = 0, t = 0;
+            float weight = 0;
             for (int k = 0; k < 4; k++) {
                 vec2_t st = {((float)x + (k & 1 ? 0.75f : 0.25f)) / (float)width,
                              ((float)y + (k & 2 ? 0.75f : 0.25f)) / (float)height};
-                luminance += 0.25f * float_max(0, rgb_luminance(value_at(map, st)));
-                t += 0.25f * stretch_at(map->mapping, st.y);
+                float luminance = float_max(0, rgb_luminance(value_at(map, st)));
+                weight += 0.25f * luminance * stretch_at(map->mapping, st.y);
             }
-            weights[(size_t)y * width + x] = luminance * t;
-            sum += (double)luminance * (double)t;
+            weights[(size_t)y * width + x] = weight;
+            sum += (double)weight;
         }
     map->mean = sum / ((double)width * height);
     map->distribution = distribution_new(weights, width, height);

@@ -106,6 +106,8 @@ bool renderer_unit(const renderer_t *renderer, const unit_t *unit, unit_result_t
                                    .pixel_x = (uint32_t)x,
                                    .pixel_y = (uint32_t)y,
                                    .sample = i,
+                                   .numbers = sampler_new(settings->sampler, settings->seed,
+                                                          (uint32_t)(y * settings->width + x), i),
                                    .result = result};
                 sample.time = sample_time(&sample);
                 rgb_t value = renderer->integrator->sample(&sample);

@@ -25,7 +25,8 @@ void textures_destroy(textures_t **textures);
 
 /* The texture with this index at a point. */
 rgb_t textures_eval(const textures_t *textures, uint32_t index, const texture_point_t *at);
-/* One image at (s, t), t downwards: texel (i, j) has its centre at ((i + 0.5) / width, (j + 0.5) / height). */
+/* One image at (s, t), t downwards: texel (i, j) has its centre at ((i + 0.5) / width, (j + 0.5) / height).
+ */
 rgb_t textures_image(const textures_t *textures, uint32_t image, wrap_t wrap_s, wrap_t wrap_t, vec2_t st);
 void textures_size(const textures_t *textures, uint32_t image, uint32_t *width, uint32_t *height);
 /* One texel, decoded; x and y inside the image. */

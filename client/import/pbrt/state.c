@@ -101,7 +101,7 @@ result_t pbrt_push(pbrt_t *p, scope_kind_t kind, position_t at)
 
 result_t pbrt_pop(pbrt_t *p, scope_kind_t kind, const char *directive, position_t at)
 {
-    static const char *const begins[] = {"AttributeBegin", "TransformBegin", "ObjectBegin"};
+    static const char *const begins[] = {"AttributeBegin", "TransformBegin", "ObjectBegin", "Import"};
     if (p->scope_count == 0) return error_at(at, "%s without %s", directive, begins[kind]);
     const scope_t *scope = &p->scopes[p->scope_count - 1];
     if (scope->kind != kind)
@@ -136,7 +136,8 @@ void pbrt_name_coordinates(pbrt_t *p, const char *name, const affine_t *start, c
 
 /* ---- motion -------------------------------------------------------------------------------------------- */
 
-/* Motion runs between the transform's times and rests outside them; the blob knows the shutter's time alone. */
+/* Motion runs between the transform's times and rests outside them; the blob knows the shutter's time alone.
+ */
 bool pbrt_motion(pbrt_t *p, position_t at, affine_t *open, affine_t *close)
 {
     affine_t start = p->now.ctm, end = p->now.ctm_end;

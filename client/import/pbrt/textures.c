@@ -431,8 +431,9 @@ static result_t read_scale(pbrt_t *p, params_t *params, blob_texture_t *texture)
     if (!invert) return result_ok();
     texture->flags |= TEXTURE_INVERT;
     if (scale == 1) return result_ok();
-    return report_refuse(p->report, params_where(params, "invert", (position_t){.path = ""}),
-                         "\"invert\" with a scale is not supported: the scale comes first in pbrt, last here");
+    return report_refuse(
+        p->report, params_where(params, "invert", (position_t){.path = ""}),
+        "\"invert\" with a scale is not supported: the scale comes first in pbrt, last here");
 }
 
 static result_t make_image(pbrt_t *p, params_t *params, position_t at, bool is_float, blob_value_t *value)

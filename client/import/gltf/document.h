@@ -1,0 +1,219 @@
+/* document: everything that is known while a glTF file becomes a blob, and what the parts of the importer
+ * ask of one another.
+ *
+ * The order of work: file.c opens the file; node.c walks the scene and gathers where meshes, cameras and
+ * lights stand; then each mesh is put into the world, or, when it stands in several places, into an object
+ * with instances; materials and textures are made when a mesh first wears them. Work is bounded by what the
+ * file holds: see document_charge.
+ */
+#ifndef LIGHTMILL_IMPORT_GLTF_DOCUMENT_H
+#define LIGHTMILL_IMPORT_GLTF_DOCUMENT_H
+
+#include "client/import/gltf/item.h"
+#include "client/import/mesh.h"
+
+/* The arrays at the root of the file that others refer to by index. */
+typedef enum {
+    TOP_ACCESSORS,
+    TOP_BUFFER_VIEWS,
+    TOP_BUFFERS,
+    TOP_CAMERAS,
+    TOP_IMAGES,
+    TOP_MATERIALS,
+    TOP_MESHES,
+    TOP_NODES,
+    TOP_SAMPLERS,
+    TOP_SCENES,
+    TOP_TEXTURES,
+    TOP_COUNT
+} top_t;
+
+typedef struct {
+    const uint8_t *data;
+    size_t size;
+} bytes_t;
+
+/* A file beside the glTF file, or the bytes of a data URI. Owned: path, data. */
+typedef struct {
+    char *path; /* NULL: a data URI */
+    uint8_t *data;
+    size_t size;
+} source_t;
+
+/* What a glTF material becomes, for meshes with and without colours at their vertices. */
+typedef struct {
+    bool made;
+    uint32_t index;           /* in the blob */
+    blob_value_t alpha;       /* of the shapes that wear it; factor 0: invisible */
+    bool cutout;              /* alpha is 0 or 1 */
+    bool emits, double_sided; /* emission leaves both sides */
+    blob_value_t emission;    /* radiance */
+} material_t;
+
+/* An image in the blob: its pixels are there once, as up to two records. */
+typedef struct {
+    blob_image_t record; /* format 0: not read yet */
+    blob_ref_t refs[2];  /* linear, sRGB; 0: not there yet */
+} image_t;
+
+/* One place where a mesh, a camera or a light stands. */
+typedef struct {
+    uint32_t node, thing; /* thing: index of the mesh, the camera or the light */
+    affine_t world_from_node;
+} placement_t;
+
+typedef struct {
+    placement_t *items;
+    size_t count, capacity;
+} placements_t;
+
+typedef struct {
+    blob_shape_t *items;
+    size_t count, capacity;
+} shapes_t;
+
+/* For each vertex of an accessor, its new number in the mesh that is being read. */
+typedef struct {
+    uint32_t stamp, number;
+} mark_t;
+
+typedef struct document {
+    const char *path;
+    char *folder; /* of the file, with a '/' at its end, or empty */
+    report_t *report;
+    blob_builder_t *builder;
+
+    uint8_t *data; /* the file */
+    size_t size;
+    bytes_t binary; /* the BIN chunk of a .glb; data NULL: none */
+    json_t *json;
+    item_t root, tops[TOP_COUNT];
+    bool blender; /* written by Blender's exporter */
+
+    bytes_t *buffers; /* as many as there are; data NULL: not read yet */
+    source_t *sources;
+    size_t source_count, source_capacity;
+    uint64_t work, pixels; /* see document_charge, document_charge_pixels */
+    uint64_t source_bytes; /* of the file and all that was read beside it */
+
+    image_t *images;
+    material_t *materials[2]; /* without and with colours at the vertices; the last is glTF's default */
+
+    placements_t meshes, cameras, lights;
+    shapes_t world;   /* object 0 of the blob */
+    shapes_t objects; /* shapes of the other objects, one object after the other */
+    blob_object_t *object_records;
+    size_t object_count, object_capacity;
+
+    mark_t *marks;
+    size_t mark_capacity;
+    uint32_t stamp;
+} document_t;
+
+/* ---- file.c -------------------------------------------------------------------------------------------- */
+
+/* Reads the file, parses its JSON, and checks what it requires. document_close frees everything, also after
+ * an error. */
+result_t document_open(document_t *document, const char *path, blob_builder_t *builder, report_t *report);
+void document_close(document_t *document);
+
+/* An element of an array at the root. */
+result_t document_item(const document_t *document, top_t which, uint32_t index, item_t *out);
+size_t document_count(const document_t *document, top_t which);
+
+/* The bytes of a buffer view, in memory that the document owns. */
+result_t document_view(document_t *document, uint32_t view, bytes_t *bytes);
+/* The bytes that a property "uri" stands for: a data URI, or a file, relative to the glTF file. `path`, of
+ * size PATH_ROOM, becomes a name for messages. */
+enum { PATH_ROOM = 200 };
+result_t document_uri(document_t *document, const item_t *owner, const char *uri, bytes_t *bytes,
+                      char path[PATH_ROOM]);
+
+/* Counts vertices and indices that are about to be decoded. Small files can ask for much: accessors without
+ * bytes, and many meshes that share the same bytes. RESULT_INPUT beyond 2^22 + 64 a byte of the files. */
+result_t document_charge(document_t *document, const item_t *item, uint64_t amount);
+/* The same for pixels of images: 2^27 + 512 a byte. */
+result_t document_charge_pixels(document_t *document, const item_t *item, uint64_t amount);
+
+/* ---- accessor.c ---------------------------------------------------------------------------------------- */
+
+typedef enum {
+    COMPONENT_INT8 = 5120,
+    COMPONENT_UINT8 = 5121,
+    COMPONENT_INT16 = 5122,
+    COMPONENT_UINT16 = 5123,
+    COMPONENT_UINT32 = 5125,
+    COMPONENT_FLOAT = 5126
+} component_t;
+
+/* An array of small vectors, checked, in the file's memory. */
+typedef struct {
+    size_t count;      /* at least 1 */
+    size_t components; /* 1 to 4 */
+    component_t type;
+    bool normalized;
+    const uint8_t *data; /* NULL: zeroes */
+    size_t stride;
+    size_t sparse_count; /* elements that are replaced; their indices ascend */
+    component_t sparse_type;
+    const uint8_t *sparse_indices, *sparse_values;
+} accessor_t;
+
+result_t accessor_open(document_t *document, uint32_t index, accessor_t *accessor);
+/* The components of an element, index in range: four doubles, those that are missing unchanged. Normalized
+ * integers become fractions. */
+void accessor_get(const accessor_t *accessor, size_t index, double values[4]);
+/* The same for an index of a vertex. */
+uint32_t accessor_whole(const accessor_t *accessor, size_t index);
+bool accessor_is_unsigned(const accessor_t *accessor);
+
+/* ---- primitive.c --------------------------------------------------------------------------------------- */
+
+/* Reads a primitive; without triangles when it has none that can be seen (with a warning). The caller frees
+ * the mesh. The texture coordinates' v is turned over (1 - v), so that the tangents are those that glTF's
+ * normal maps refer to. */
+result_t primitive_read(document_t *document, const item_t *primitive, mesh_t *mesh);
+
+/* ---- texture.c ----------------------------------------------------------------------------------------- */
+
+typedef enum { ENCODING_LINEAR, ENCODING_SRGB } encoding_t;
+
+/* factor times the texture that the property `key` of the material (or of its extension) refers to. */
+result_t texture_value(document_t *document, const item_t *owner, const char *key, encoding_t encoding,
+                       channel_t channel, rgb_t factor, blob_value_t *value);
+/* a times b, where either may vary. */
+blob_value_t texture_product(document_t *document, blob_value_t a, blob_value_t b);
+/* The colours at the vertices: RGB or A. */
+blob_value_t texture_vertex_colour(document_t *document, channel_t channel);
+/* 1 where the value is at least the cutoff, else 0. */
+blob_value_t texture_threshold(document_t *document, blob_value_t value, float cutoff);
+
+/* ---- material.c ---------------------------------------------------------------------------------------- */
+
+/* The material of that index, or glTF's default (ITEM_NONE), made when it is asked for first. The pointer is
+ * good until document_close. */
+result_t material_get(document_t *document, uint32_t index, bool coloured, const material_t **material);
+
+/* ---- node.c, placement.c, light.c, camera.c --------------------------------------------------------------
+ */
+
+/* Walks the scene and gathers document->meshes, cameras and lights. */
+result_t node_walk(document_t *document);
+/* A name for messages and for the blob. */
+void node_name(const document_t *document, uint32_t node, char *text, size_t size);
+
+/* Puts all meshes into the blob: shapes, objects, instances and area lights. */
+result_t placement_meshes(document_t *document);
+
+/* The lights that a node names, and puts all of them into the blob. */
+result_t light_find(const document_t *document, const item_t *node, uint32_t *light);
+result_t light_add(document_t *document);
+
+/* The scene record, with the first camera, or with one that sees everything. Meshes are there already. */
+result_t camera_add(document_t *document);
+
+/* The rotation of a transform whose z axis is the node's, of unit length, without scale and shear; false when
+ * that axis has no direction. */
+bool node_frame(const affine_t *transform, affine_t *frame);
+
+#endif

@@ -1,0 +1,25 @@
+/* gltf: the order of things (see document.h). */
+#include "client/import/gltf/gltf.h"
+
+#include "client/import/gltf/document.h"
+
+static result_t import(document_t *document)
+{
+    item_t animations;
+    TRY(item_member(&document->root, "animations", JSON_ARRAY, &animations));
+    if (item_count(&animations) > 0)
+        item_warn(&animations, "are ignored: everything stands as the nodes say");
+    TRY(node_walk(document));
+    TRY(placement_meshes(document));
+    TRY(light_add(document));
+    return camera_add(document);
+}
+
+result_t gltf_import(const char *path, blob_builder_t *builder, report_t *report)
+{
+    document_t document;
+    result_t result = document_open(&document, path, builder, report);
+    if (result.code == RESULT_OK) result = import(&document);
+    document_close(&document);
+    return result;
+}

@@ -1,0 +1,13 @@
+/* gltf: glTF 2.0 scenes (.gltf and .glb), as Blender and many others export them.
+ *
+ * docs/import.md lists what is read; docs/blender.md says how to export for Lightmill.
+ */
+#ifndef LIGHTMILL_IMPORT_GLTF_H
+#define LIGHTMILL_IMPORT_GLTF_H
+
+#include "client/import/report.h"
+
+/* Reads the scene at `path` into an empty builder: see import_scene. */
+result_t gltf_import(const char *path, blob_builder_t *builder, report_t *report);
+
+#endif

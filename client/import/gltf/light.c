@@ -1,0 +1,117 @@
+/* light: KHR_lights_punctual.
+ *
+ * The extension speaks of candela and lux, the core of nits for what surfaces emit; one nit is our radiance
+ * 1, so one candela is our intensity 1 and one lux our irradiance 1. Blender's exporter writes radiance as it
+ * is, but multiplies its lamps' watts by 683 lumens a watt (its lighting mode "Standard", the default), which
+ * is undone for its files, so that lamps and emitting surfaces are as bright beside one another as in Cycles.
+ */
+#include "client/import/gltf/document.h"
+
+#include <string.h>
+
+static const double lumens_per_watt = 683;
+
+static result_t all_lights(const document_t *document, item_t *extension, item_t *lights)
+{
+    TRY(item_extension(&document->root, "KHR_lights_punctual", extension));
+    return item_member(extension, "lights", JSON_ARRAY, lights);
+}
+
+result_t light_find(const document_t *document, const item_t *node, uint32_t *light)
+{
+    item_t extension, root, lights;
+    TRY(item_extension(node, "KHR_lights_punctual", &extension));
+    if (!extension.json) return result_ok();
+    TRY(all_lights(document, &root, &lights));
+    TRY(item_index(&extension, "light", item_count(&lights), light));
+    return *light == ITEM_NONE ? item_fail(&extension, "names no light") : result_ok();
+}
+
+static result_t radiance_of(const document_t *document, const item_t *item, blob_light_t *light)
+{
+    double colour[3] = {1, 1, 1}, intensity = 1, range = INFINITY;
+    TRY(item_numbers(item, "color", 3, 0, 1e6, colour, NULL));
+    TRY(item_number(item, "intensity", 0, 1e20, &intensity));
+    TRY(item_number(item, "range", 0, 1e30, &range));
+    if (isfinite(range)) item_warn(item, "its range is ignored: light only fades with the distance squared");
+    double scale = document->blender ? intensity / lumens_per_watt : intensity;
+    light->radiance = blob_colour_value(
+        vec3((float)(colour[0] * scale), (float)(colour[1] * scale), (float)(colour[2] * scale)));
+    return result_ok();
+}
+
+static result_t cone_of(const item_t *item, blob_light_t *light)
+{
+    item_t spot;
+    const double right_angle = 1.57079632679489662;
+    double inner = 0, outer = right_angle / 2;
+    TRY(item_member(item, "spot", JSON_OBJECT, &spot));
+    TRY(item_number(&spot, "outerConeAngle", 1e-3, right_angle, &outer));
+    TRY(item_number(&spot, "innerConeAngle", 0, outer, &inner));
+    light->flags = LIGHT_SQUARE;
+    light->parameters[0] = (float)cos(outer);
+    light->parameters[1] = (float)fmax(cos(inner), cos(outer));
+    return result_ok();
+}
+
+/* Lights shine along the node's -z; the blob's spot lights shine along +z, its distant ones stand at +z. */
+static result_t orient(const document_t *document, const placement_t *place, blob_light_t *light)
+{
+    affine_t frame = affine_identity(), turn = {{{-1, 0, 0, 0}, {0, 1, 0, 0}, {0, 0, -1, 0}}};
+    if (light->kind == LIGHT_POINT) {
+        for (int i = 0; i < 3; ++i) frame.m[i][3] = place->world_from_node.m[i][3];
+    } else if (!node_frame(&place->world_from_node, &frame)) {
+        item_t node;
+        TRY(document_item(document, TOP_NODES, place->node, &node));
+        return item_fail(&node, "its light has no direction: the node is scaled to nothing");
+    }
+    if (light->kind == LIGHT_SPOT) frame = affine_multiply(&frame, &turn);
+    light->world_from_light = affine_to_xform(&frame);
+    return result_ok();
+}
+
+static result_t kind_of(const item_t *item, uint32_t *kind)
+{
+    static const struct {
+        const char *name;
+        light_kind_t kind;
+    } kinds[] = {{"point", LIGHT_POINT}, {"spot", LIGHT_SPOT}, {"directional", LIGHT_DISTANT}};
+    const char *name = "";
+    TRY(item_string(item, "type", &name));
+    for (size_t i = 0; i < ARRAY_LENGTH(kinds); ++i) {
+        if (strcmp(name, kinds[i].name) != 0) continue;
+        *kind = kinds[i].kind;
+        return result_ok();
+    }
+    return item_fail(item, "its type must be point, spot or directional, found \"%.20s\"", name);
+}
+
+static result_t add_one(document_t *document, const placement_t *place)
+{
+    item_t root, lights, item;
+    blob_light_t light = {0};
+    TRY(all_lights(document, &root, &lights));
+    TRY(item_element(&lights, place->thing, JSON_OBJECT, &item));
+    TRY(kind_of(&item, &light.kind));
+    TRY(radiance_of(document, &item, &light));
+    if (light.kind == LIGHT_SPOT) TRY(cone_of(&item, &light));
+    if (v_max(light.radiance.factor) <= 0) return result_ok();
+    TRY(orient(document, place, &light));
+    blob_builder_add(document->builder, BLOB_SECTION_LIGHTS, &light, 1);
+    return result_ok();
+}
+
+result_t light_add(document_t *document)
+{
+    if (document->blender && document->lights.count > 0)
+        item_warn(&document->root,
+                  "written by Blender: its lamps are taken for exported with the lighting mode "
+                  "\"Standard\", Blender's default; with \"Unitless\" they come out 683 times too dark");
+    for (size_t i = 0; i < document->lights.count; ++i) TRY(add_one(document, &document->lights.items[i]));
+    if (blob_builder_count(document->builder, BLOB_SECTION_LIGHTS) > 0) return result_ok();
+    item_warn(&document->root, "the scene has no light: a white sky of radiance 1 lights it");
+    blob_light_t sky = {
+        .kind = LIGHT_INFINITE, .radiance = blob_constant(1), .world_from_light = xform_identity()};
+    blob_builder_add(document->builder, BLOB_SECTION_LIGHTS, &sky, 1);
+    return result_ok();
+}

@@ -1,0 +1,237 @@
+/* material: glTF's metallic-roughness material with its extensions (the glTF 2.0 specification, section 3.9
+ * and appendix B; KHR_materials_*). */
+#include "client/import/gltf/document.h"
+
+#include <string.h>
+
+static const rgb_t white = {1, 1, 1};
+
+/* A material while it is made. */
+typedef struct {
+    document_t *document;
+    const item_t *item; /* json NULL: glTF's default */
+    bool coloured;      /* for meshes with colours at their vertices */
+    blob_material_t record;
+    material_t *out;
+} maker_t;
+
+static rgb_t to_rgb(const double c[3])
+{
+    return vec3((float)c[0], (float)c[1], (float)c[2]);
+}
+
+static rgb_t to_grey(double number)
+{
+    return vec3((float)number, (float)number, (float)number);
+}
+
+/* A number with a texture in one channel of an image. */
+static result_t number_value(maker_t *m, const item_t *owner, const char *factor_key, double factor,
+                             const char *texture_key, channel_t channel, material_value_t value)
+{
+    TRY(item_number(owner, factor_key, 0, 1, &factor));
+    return texture_value(m->document, owner, texture_key, ENCODING_LINEAR, channel, to_grey(factor),
+                         &m->record.values[value]);
+}
+
+/* ---- the base ------------------------------------------------------------------------------------------ */
+
+static result_t base_colour(maker_t *m, const item_t *pbr)
+{
+    double factor[4] = {1, 1, 1, 1};
+    blob_value_t *colour = &m->record.values[VALUE_REFLECTANCE];
+    TRY(item_numbers(pbr, "baseColorFactor", 4, 0, 1, factor, NULL));
+    TRY(texture_value(m->document, pbr, "baseColorTexture", ENCODING_SRGB, CHANNEL_RGB, to_rgb(factor),
+                      colour));
+    if (m->coloured)
+        *colour = texture_product(m->document, *colour, texture_vertex_colour(m->document, CHANNEL_RGB));
+    return result_ok();
+}
+
+static result_t metallic_roughness(maker_t *m)
+{
+    item_t pbr;
+    TRY(item_member(m->item, "pbrMetallicRoughness", JSON_OBJECT, &pbr));
+    TRY(base_colour(m, &pbr));
+    TRY(number_value(m, &pbr, "metallicFactor", 1, "metallicRoughnessTexture", CHANNEL_B, VALUE_METALLIC));
+    return number_value(m, &pbr, "roughnessFactor", 1, "metallicRoughnessTexture", CHANNEL_G,
+                        VALUE_ROUGHNESS_U);
+}
+
+static result_t normal_map(maker_t *m)
+{
+    item_t info;
+    double scale = 1;
+    blob_value_t map;
+    TRY(item_member(m->item, "normalTexture", JSON_OBJECT, &info));
+    TRY(item_number(&info, "scale", -1e3, 1e3, &scale));
+    TRY(texture_value(m->document, m->item, "normalTexture", ENCODING_LINEAR, CHANNEL_RGB, white, &map));
+    m->record.normal_map = map.texture;
+    m->record.normal_scale = (float)scale;
+    return result_ok();
+}
+
+/* The alpha of the base colour, of its texture and of the vertices. */
+static result_t base_alpha(maker_t *m)
+{
+    item_t pbr;
+    double factor[4] = {1, 1, 1, 1};
+    blob_value_t *alpha = &m->out->alpha;
+    TRY(item_member(m->item, "pbrMetallicRoughness", JSON_OBJECT, &pbr));
+    TRY(item_numbers(&pbr, "baseColorFactor", 4, 0, 1, factor, NULL));
+    TRY(texture_value(m->document, &pbr, "baseColorTexture", ENCODING_SRGB, CHANNEL_A, to_grey(factor[3]),
+                      alpha));
+    if (m->coloured)
+        *alpha = texture_product(m->document, *alpha, texture_vertex_colour(m->document, CHANNEL_A));
+    return result_ok();
+}
+
+static result_t alpha(maker_t *m)
+{
+    const char *mode = "OPAQUE";
+    double cutoff = 0.5;
+    TRY(item_string(m->item, "alphaMode", &mode));
+    TRY(item_number(m->item, "alphaCutoff", 0, 1e6, &cutoff));
+    m->out->alpha = blob_constant(1);
+    if (strcmp(mode, "OPAQUE") == 0) return result_ok();
+    m->out->cutout = strcmp(mode, "MASK") == 0;
+    if (!m->out->cutout && strcmp(mode, "BLEND") != 0)
+        return item_fail(m->item, "alphaMode \"%.20s\" must be OPAQUE, MASK or BLEND", mode);
+    TRY(base_alpha(m));
+    if (m->out->cutout) m->out->alpha = texture_threshold(m->document, m->out->alpha, (float)cutoff);
+    return result_ok();
+}
+
+static result_t emission(maker_t *m)
+{
+    item_t extension;
+    double factor[3] = {0, 0, 0}, strength = 1;
+    TRY(item_numbers(m->item, "emissiveFactor", 3, 0, 1, factor, NULL));
+    TRY(item_extension(m->item, "KHR_materials_emissive_strength", &extension));
+    TRY(item_number(&extension, "emissiveStrength", 0, 1e12, &strength));
+    rgb_t radiance = v_scale(to_rgb(factor), (float)strength);
+    m->out->emits = v_max(radiance) > 0;
+    if (!m->out->emits) return result_ok();
+    return texture_value(m->document, m->item, "emissiveTexture", ENCODING_SRGB, CHANNEL_RGB, radiance,
+                         &m->out->emission);
+}
+
+/* ---- extensions ---------------------------------------------------------------------------------------- */
+
+static result_t ior(maker_t *m)
+{
+    item_t extension;
+    double eta = 1.5;
+    TRY(item_extension(m->item, "KHR_materials_ior", &extension));
+    TRY(item_number(&extension, "ior", 0, 100, &eta));
+    /* 0 stands for a Fresnel reflectance of 1 everywhere; an index so high comes close */
+    if (eta == 0) eta = 1e4;
+    if (eta < 1) {
+        item_warn(&extension, "an index of refraction of %g is below 1 and taken for 1", eta);
+        eta = 1;
+    }
+    m->record.values[VALUE_ETA] = blob_constant((float)eta);
+    return result_ok();
+}
+
+static result_t specular(maker_t *m)
+{
+    item_t extension;
+    double colour[3] = {1, 1, 1};
+    TRY(item_extension(m->item, "KHR_materials_specular", &extension));
+    TRY(number_value(m, &extension, "specularFactor", 1, "specularTexture", CHANNEL_A, VALUE_SPECULAR));
+    TRY(item_numbers(&extension, "specularColorFactor", 3, 0, 1e6, colour, NULL));
+    return texture_value(m->document, &extension, "specularColorTexture", ENCODING_SRGB, CHANNEL_RGB,
+                         to_rgb(colour), &m->record.values[VALUE_SPECULAR_COLOUR]);
+}
+
+static result_t clearcoat(maker_t *m)
+{
+    item_t extension, normal;
+    TRY(item_extension(m->item, "KHR_materials_clearcoat", &extension));
+    TRY(number_value(m, &extension, "clearcoatFactor", 0, "clearcoatTexture", CHANNEL_R, VALUE_CLEARCOAT));
+    TRY(number_value(m, &extension, "clearcoatRoughnessFactor", 0, "clearcoatRoughnessTexture", CHANNEL_G,
+                     VALUE_CLEARCOAT_ROUGHNESS));
+    TRY(item_member(&extension, "clearcoatNormalTexture", JSON_OBJECT, &normal));
+    if (normal.json && m->record.values[VALUE_CLEARCOAT].factor.x > 0)
+        item_warn(&normal, "a normal map of a coat is ignored; the coat takes the base's");
+    return result_ok();
+}
+
+static result_t transmission(maker_t *m)
+{
+    item_t extension;
+    TRY(item_extension(m->item, "KHR_materials_transmission", &extension));
+    return number_value(m, &extension, "transmissionFactor", 0, "transmissionTexture", CHANNEL_R,
+                        VALUE_TRANSMISSION);
+}
+
+/* Light that went the distance d through the body is left with attenuationColor. */
+static result_t volume(maker_t *m)
+{
+    item_t extension;
+    double thickness = 0, distance = INFINITY, colour[3] = {1, 1, 1};
+    TRY(item_extension(m->item, "KHR_materials_volume", &extension));
+    TRY(item_number(&extension, "thicknessFactor", 0, 1e18, &thickness));
+    TRY(item_number(&extension, "attenuationDistance", 1e-9, 1e18, &distance));
+    TRY(item_numbers(&extension, "attenuationColor", 3, 0, 1, colour, NULL));
+    if (!(thickness > 0)) {
+        m->record.flags |= MATERIAL_THIN;
+        return result_ok();
+    }
+    for (int i = 0; i < 3; ++i) colour[i] = -log(fmax(colour[i], 1e-6)) / distance;
+    m->record.values[VALUE_ATTENUATION] = blob_colour_value(to_rgb(colour));
+    return result_ok();
+}
+
+/* A surface without shading has no place in a path tracer: its colour is taken for a diffuse one. */
+static result_t unlit(maker_t *m)
+{
+    item_t extension;
+    TRY(item_extension(m->item, "KHR_materials_unlit", &extension));
+    if (!extension.json) return result_ok();
+    item_warn(&extension, "an unlit surface is rendered as a diffuse one of its base colour");
+    m->record.values[VALUE_METALLIC] = m->record.values[VALUE_SPECULAR] = blob_constant(0);
+    return result_ok();
+}
+
+/* ---- the whole ----------------------------------------------------------------------------------------- */
+
+static result_t fill(maker_t *m)
+{
+    TRY(metallic_roughness(m));
+    TRY(normal_map(m));
+    TRY(alpha(m));
+    TRY(emission(m));
+    TRY(ior(m));
+    TRY(specular(m));
+    TRY(clearcoat(m));
+    TRY(transmission(m));
+    TRY(volume(m));
+    TRY(unlit(m));
+    return item_bool(m->item, "doubleSided", &m->out->double_sided);
+}
+
+result_t material_get(document_t *document, uint32_t index, bool coloured, const material_t **material)
+{
+    size_t count = document_count(document, TOP_MATERIALS);
+    material_t *out = &document->materials[coloured][index == ITEM_NONE ? count : index];
+    *material = out;
+    if (out->made) return result_ok();
+    item_t item = document->root;
+    item.json = NULL;
+    const char *name = "default";
+    if (index != ITEM_NONE) {
+        name = "";
+        TRY(document_item(document, TOP_MATERIALS, index, &item));
+        TRY(item_string(&item, "name", &name));
+    }
+    maker_t m = {.document = document, .item = &item, .coloured = coloured, .out = out};
+    m.record.kind = MATERIAL_GLTF;
+    m.record.flags = MATERIAL_REMAP_SQUARE;
+    TRY(fill(&m));
+    m.record.name = blob_builder_string(document->builder, name);
+    out->index = blob_builder_add(document->builder, BLOB_SECTION_MATERIALS, &m.record, 1);
+    out->made = true;
+    return result_ok();
+}

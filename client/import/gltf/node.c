@@ -1,0 +1,243 @@
+/* node: walks the hierarchy of nodes, in double precision (the glTF 2.0 specification, section 3.5). */
+#include "client/import/gltf/document.h"
+
+#include <inttypes.h>
+#include <stdlib.h>
+
+enum { MAX_DEPTH = 500 };
+static const double largest = 1e18;
+
+typedef enum { NODE_NEW, NODE_OPEN, NODE_DONE } visit_t;
+
+typedef struct {
+    document_t *document;
+    uint8_t *visits; /* visit_t of each node */
+} walk_t;
+
+void node_name(const document_t *document, uint32_t node, char *text, size_t size)
+{
+    item_t item;
+    if (document_item(document, TOP_NODES, node, &item).code != RESULT_OK) item = document->root;
+    item_name(&item, text, size);
+}
+
+/* ---- transforms ---------------------------------------------------------------------------------------- */
+
+/* Scaling, then the rotation by a quaternion x y z w, then the translation. */
+static affine_t from_trs(const double t[3], const double r[4], const double s[3])
+{
+    double x = r[0], y = r[1], z = r[2], w = r[3];
+    double norm = x * x + y * y + z * z + w * w, k = norm > 0 ? 2 / norm : 0;
+    double rotation[3][3] = {{1 - k * (y * y + z * z), k * (x * y - z * w), k * (x * z + y * w)},
+                             {k * (x * y + z * w), 1 - k * (x * x + z * z), k * (y * z - x * w)},
+                             {k * (x * z - y * w), k * (y * z + x * w), 1 - k * (x * x + y * y)}};
+    affine_t out;
+    for (int i = 0; i < 3; ++i) {
+        for (int j = 0; j < 3; ++j) out.m[i][j] = rotation[i][j] * s[j];
+        out.m[i][3] = t[i];
+    }
+    return out;
+}
+
+static result_t local_transform(const item_t *node, affine_t *out)
+{
+    double matrix[16], t[3] = {0, 0, 0}, r[4] = {0, 0, 0, 1}, s[3] = {1, 1, 1};
+    bool present;
+    TRY(item_numbers(node, "matrix", 16, -largest, largest, matrix, &present));
+    if (present) {
+        if (!affine_from_columns(matrix, out))
+            return item_fail(node, "its matrix is projective; the last row must be 0 0 0 1");
+        return result_ok();
+    }
+    TRY(item_numbers(node, "translation", 3, -largest, largest, t, NULL));
+    TRY(item_numbers(node, "rotation", 4, -1e6, 1e6, r, NULL));
+    TRY(item_numbers(node, "scale", 3, -largest, largest, s, NULL));
+    *out = from_trs(t, r, s);
+    return result_ok();
+}
+
+bool node_frame(const affine_t *transform, affine_t *frame)
+{
+    vec3_t axes[3];
+    double z[3], length = 0;
+    for (int i = 0; i < 3; ++i) length += transform->m[i][2] * transform->m[i][2];
+    length = sqrt(length);
+    if (!(length > 0) || !isfinite(length)) return false;
+    for (int i = 0; i < 3; ++i) z[i] = transform->m[i][2] / length;
+    double along = 0, y[3], y_length = 0;
+    for (int i = 0; i < 3; ++i) along += transform->m[i][1] * z[i];
+    for (int i = 0; i < 3; ++i) {
+        y[i] = transform->m[i][1] - along * z[i];
+        y_length += y[i] * y[i];
+    }
+    y_length = sqrt(y_length);
+    if (!(y_length > 1e-9 * fabs(along)) || !isfinite(y_length)) { /* any will do */
+        v_frame(vec3((float)z[0], (float)z[1], (float)z[2]), &axes[0], &axes[1]);
+        y[0] = (double)axes[1].x, y[1] = (double)axes[1].y, y[2] = (double)axes[1].z;
+        y_length = 1;
+    }
+    for (int i = 0; i < 3; ++i) y[i] /= y_length;
+    for (int i = 0; i < 3; ++i) {
+        int j = (i + 1) % 3, k = (i + 2) % 3;
+        frame->m[i][0] = y[j] * z[k] - y[k] * z[j];
+        frame->m[i][1] = y[i];
+        frame->m[i][2] = z[i];
+        frame->m[i][3] = transform->m[i][3];
+        if (!isfinite(frame->m[i][3])) return false;
+    }
+    return true;
+}
+
+/* ---- what a node holds --------------------------------------------------------------------------------- */
+
+static void place(placements_t *list, uint32_t node, uint32_t thing, const affine_t *transform)
+{
+    list->items = grow(list->items, &list->capacity, list->count + 1, sizeof *list->items);
+    list->items[list->count++] = (placement_t){node, thing, *transform};
+}
+
+/* EXT_mesh_gpu_instancing: one of its attributes; `least` components. */
+static result_t open_instancing(document_t *document, const item_t *attributes, const char *name,
+                                size_t components, accessor_t *accessor, size_t *count)
+{
+    uint32_t index = ITEM_NONE;
+    TRY(item_index(attributes, name, document_count(document, TOP_ACCESSORS), &index));
+    if (index == ITEM_NONE) return result_ok();
+    TRY(accessor_open(document, index, accessor));
+    if (accessor->components != components)
+        return item_fail(attributes, "%s must have %zu components", name, components);
+    if (*count != 0 && accessor->count != *count)
+        return item_fail(attributes, "%s has %zu elements, but others %zu", name, accessor->count, *count);
+    *count = accessor->count;
+    return result_ok();
+}
+
+static result_t place_instances(document_t *document, const item_t *extension, uint32_t node, uint32_t mesh,
+                                const affine_t *transform)
+{
+    item_t attributes;
+    accessor_t translation = {0}, rotation = {0}, scale = {0};
+    size_t count = 0;
+    TRY(item_member(extension, "attributes", JSON_OBJECT, &attributes));
+    TRY(open_instancing(document, &attributes, "TRANSLATION", 3, &translation, &count));
+    TRY(open_instancing(document, &attributes, "ROTATION", 4, &rotation, &count));
+    TRY(open_instancing(document, &attributes, "SCALE", 3, &scale, &count));
+    if (count == 0) return item_fail(extension, "has no TRANSLATION, ROTATION or SCALE");
+    TRY(document_charge(document, extension, 8 * (uint64_t)count));
+    for (size_t i = 0; i < count; ++i) {
+        double t[4] = {0}, r[4] = {0, 0, 0, 1}, s[4] = {1, 1, 1};
+        if (translation.count) accessor_get(&translation, i, t);
+        if (rotation.count) accessor_get(&rotation, i, r);
+        if (scale.count) accessor_get(&scale, i, s);
+        affine_t local = from_trs(t, r, s), world = affine_multiply(transform, &local);
+        place(&document->meshes, node, mesh, &world);
+    }
+    return result_ok();
+}
+
+static result_t place_mesh(document_t *document, const item_t *item, uint32_t node, const affine_t *transform)
+{
+    uint32_t mesh = ITEM_NONE, skin = ITEM_NONE;
+    item_t instancing;
+    TRY(item_index(item, "mesh", document_count(document, TOP_MESHES), &mesh));
+    if (mesh == ITEM_NONE) return result_ok();
+    TRY(item_index(item, "skin", ITEM_NONE, &skin));
+    if (skin != ITEM_NONE) item_warn(item, "its skin is ignored: the mesh is rendered in its rest pose");
+    TRY(item_extension(item, "EXT_mesh_gpu_instancing", &instancing));
+    if (instancing.json) return place_instances(document, &instancing, node, mesh, transform);
+    place(&document->meshes, node, mesh, transform);
+    return result_ok();
+}
+
+static result_t place_others(document_t *document, const item_t *item, uint32_t node,
+                             const affine_t *transform)
+{
+    uint32_t camera = ITEM_NONE, light = ITEM_NONE;
+    TRY(item_index(item, "camera", document_count(document, TOP_CAMERAS), &camera));
+    if (camera != ITEM_NONE) place(&document->cameras, node, camera, transform);
+    TRY(light_find(document, item, &light));
+    if (light != ITEM_NONE) place(&document->lights, node, light, transform);
+    return result_ok();
+}
+
+/* ---- the walk ------------------------------------------------------------------------------------------ */
+
+static result_t visit(walk_t *w, uint32_t node, const affine_t *parent, int depth);
+
+/* Visits all nodes of a list of indices, a property of `owner`. */
+static result_t visit_all(walk_t *w, const item_t *owner, const char *key, const affine_t *parent, int depth)
+{
+    item_t list;
+    size_t nodes = document_count(w->document, TOP_NODES);
+    TRY(item_member(owner, key, JSON_ARRAY, &list));
+    for (size_t i = 0; i < item_count(&list); ++i) {
+        const json_t *index = json_array_get(list.json, i);
+        json_int_t value = json_is_integer(index) ? json_integer_value(index) : -1;
+        if (value < 0 || (uint64_t)value >= nodes)
+            return item_fail(&list, "element %zu must be the index of one of the %zu nodes", i, nodes);
+        TRY(visit(w, (uint32_t)value, parent, depth));
+    }
+    return result_ok();
+}
+
+static result_t visit(walk_t *w, uint32_t node, const affine_t *parent, int depth)
+{
+    item_t item;
+    affine_t local;
+    TRY(document_item(w->document, TOP_NODES, node, &item));
+    if (w->visits[node] == NODE_OPEN) return item_fail(&item, "is a child of itself: the nodes form a cycle");
+    if (w->visits[node] == NODE_DONE)
+        return item_fail(&item, "stands in the scene twice; a node may have one parent only");
+    if (depth > MAX_DEPTH) return item_fail(&item, "lies more than %d nodes deep", MAX_DEPTH);
+    w->visits[node] = NODE_OPEN;
+    TRY(local_transform(&item, &local));
+    affine_t transform = affine_multiply(parent, &local);
+    TRY(place_mesh(w->document, &item, node, &transform));
+    TRY(place_others(w->document, &item, node, &transform));
+    TRY(visit_all(w, &item, "children", &transform, depth + 1));
+    w->visits[node] = NODE_DONE;
+    return result_ok();
+}
+
+/* A file without scenes: all nodes that are no one's child. */
+static result_t visit_roots(walk_t *w)
+{
+    uint32_t count = (uint32_t)document_count(w->document, TOP_NODES);
+    affine_t identity = affine_identity();
+    bool *child = mem_zalloc(count + (size_t)1, sizeof *child);
+    for (uint32_t i = 0; i < count; ++i) {
+        const json_t *children =
+            json_object_get(json_array_get(w->document->tops[TOP_NODES].json, i), "children");
+        for (size_t k = 0; k < json_array_size(children); ++k) {
+            json_int_t index = json_integer_value(json_array_get(children, k));
+            if (index >= 0 && index < count) child[index] = true;
+        }
+    }
+    result_t result = result_ok();
+    for (uint32_t i = 0; i < count && result.code == RESULT_OK; ++i)
+        if (!child[i]) result = visit(w, i, &identity, 0);
+    free(child);
+    return result;
+}
+
+static result_t visit_scene(walk_t *w)
+{
+    const document_t *document = w->document;
+    uint32_t index = 0;
+    item_t scene;
+    affine_t identity = affine_identity();
+    size_t count = document_count(document, TOP_SCENES);
+    if (count == 0) return visit_roots(w);
+    TRY(item_index(&document->root, "scene", count, &index));
+    TRY(document_item(document, TOP_SCENES, index, &scene));
+    if (count > 1) item_warn(&scene, "is rendered; the other %zu scenes are left out", count - 1);
+    return visit_all(w, &scene, "nodes", &identity, 0);
+}
+
+result_t node_walk(document_t *document)
+{
+    walk_t w = {document, mem_zalloc(document_count(document, TOP_NODES) + 1, 1)};
+    result_t result = visit_scene(&w);
+    free(w.visits);
+    return result;
+}
