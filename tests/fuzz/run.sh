@@ -21,7 +21,7 @@ export LSAN_OPTIONS=suppressions=$PWD/tests/lsan.supp:print_suppressions=0
 limit() {
     case $1 in
     blob | render) echo 32768 ;;
-    glb) echo 16384 ;;
+    gltf) echo 16384 ;;
     texture_image) echo 16384 ;;
     *) echo 8192 ;;
     esac

@@ -85,7 +85,7 @@ static void count_warning(void *context, const char *message)
 static bool import(const char *path, bool lenient, int *warnings)
 {
     *warnings = 0;
-    import_report_t report = {count_warning, warnings, lenient};
+    import_report_t report = {.warn = count_warning, .context = warnings, .lenient = lenient};
     blob_builder_t *builder = blob_builder_new();
     uint8_t *bytes = NULL;
     uint64_t size;
