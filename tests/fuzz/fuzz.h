@@ -1,8 +1,8 @@
 /* fuzz: the targets of `make fuzz`, and what they share.
  *
- * A target is a function fuzz_NAME in fuzz_NAME.c that takes whatever bytes there are and ends the process when
- * something is wrong that no sanitizer sees. `make fuzz` links each with libFuzzer; tests/unit/test_corpus.c
- * runs all of them on the seeds. They run from the repository's root.
+ * A target is a function fuzz_NAME in fuzz_NAME.c that takes whatever bytes there are and ends the process
+ * when something is wrong that no sanitizer sees. `make fuzz` links each with libFuzzer;
+ * tests/unit/test_corpus.c runs all of them on the seeds. They run from the repository's root.
  */
 #ifndef LIGHTMILL_FUZZ_H
 #define LIGHTMILL_FUZZ_H
@@ -28,7 +28,8 @@ void fuzz_write(const char *name, const void *data, size_t size);
  * accepted must be a blob that passes its checks. */
 void fuzz_import(const char *name);
 
-/* A copy of what may be a blob, with the size and the checksum that its header should have. The caller frees it. */
+/* A copy of what may be a blob, with the size and the checksum that its header should have. The caller frees
+ * it. */
 uint8_t *fuzz_mend_blob(const uint8_t *data, size_t size);
 
 /* Looks up every texture and image of a blob. */

@@ -1,5 +1,5 @@
-/* fuzz_gltf: any bytes as a glTF file: the JSON of a .gltf beside the files of tests/fuzz/assets, or, when they begin
- * like one, a .glb. */
+/* fuzz_gltf: any bytes as a glTF file: the JSON of a .gltf beside the files of tests/fuzz/assets, or, when
+ * they begin like one, a .glb. */
 #include "tests/fuzz/fuzz.h"
 
 #include <string.h>

@@ -1,5 +1,5 @@
-/* fuzz_render: any bytes as a scene blob, mended like those of fuzz_blob, and then rendered: a few samples of a
- * few pixels. Whatever blob_open lets through must neither crash nor hang the renderer. */
+/* fuzz_render: any bytes as a scene blob, mended like those of fuzz_blob, and then rendered: a few samples of
+ * a few pixels. Whatever blob_open lets through must neither crash nor hang the renderer. */
 #include "tests/fuzz/fuzz.h"
 
 #include <stdlib.h>

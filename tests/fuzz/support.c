@@ -113,7 +113,8 @@ void fuzz_import(const char *name)
     free(path);
 }
 
-/* ---- blobs ---------------------------------------------------------------------------------------------- */
+/* ---- blobs ----------------------------------------------------------------------------------------------
+ */
 
 /* Where a blob's header has them: see scene_blob.c. */
 enum { SIZE_AT = 16, CHECKSUM_AT = 24, SECTIONS_AT = CHECKSUM_AT + HASH_BYTES };

@@ -298,8 +298,8 @@ static void set_key(RTCGeometry geometry, unsigned step, const motion_key_t *key
  * assertions, as Debian's is; also at one that only becomes so in the space of an instance. */
 static const float largest_of_embree = 1.8e18f;
 
-/* A bound on the sum of any row of object_from_world, at any time: the stretch is triangular, so its inverse is
- * bounded by its least diagonal element and its largest other one. */
+/* A bound on the sum of any row of object_from_world, at any time: the stretch is triangular, so its inverse
+ * is bounded by its least diagonal element and its largest other one. */
 static double most_magnification(const instance_t *instance)
 {
     static const int diagonal[] = {0, 3, 5}, others[] = {1, 2, 4};
@@ -312,8 +312,9 @@ static double most_magnification(const instance_t *instance)
     const motion_key_t *keys = instance->motion.keys;
     for (int i = 0; i < 3; i++) {
         double a = (double)keys[0].stretch[diagonal[i]], b = (double)keys[1].stretch[diagonal[i]];
-        least = fmin(least, a > 0 == b > 0 ? fmin(fabs(a), fabs(b)) : 0); /* else singular in between */
-        skew = fmax(skew, fmax(fabs((double)keys[0].stretch[others[i]]), fabs((double)keys[1].stretch[others[i]])));
+        least = fmin(least, (a > 0) == (b > 0) ? fmin(fabs(a), fabs(b)) : 0); /* else singular in between */
+        skew = fmax(skew,
+                    fmax(fabs((double)keys[0].stretch[others[i]]), fabs((double)keys[1].stretch[others[i]])));
     }
     return fmax(2 * sum, 6 / least * (1 + skew / least) * (1 + skew / least));
 }
@@ -322,7 +323,8 @@ static double most_magnification(const instance_t *instance)
 static float reach_of(const instance_t *instance)
 {
     const xform_t *still = &instance->motion.still;
-    double farthest = fmax(fabs((double)still->m[0][3]), fmax(fabs((double)still->m[1][3]), fabs((double)still->m[2][3])));
+    double farthest =
+        fmax(fabs((double)still->m[0][3]), fmax(fabs((double)still->m[1][3]), fabs((double)still->m[2][3])));
     for (int i = 0; i < 2 && instance->motion.moves; i++) {
         vec3_t t = instance->motion.keys[i].translation;
         farthest = fmax(farthest, fmax(fabs((double)t.x), fmax(fabs((double)t.y), fabs((double)t.z))));
