@@ -46,7 +46,7 @@ typedef struct {
     uint32_t index;           /* in the blob */
     blob_value_t alpha;       /* of the shapes that wear it; factor 0: invisible */
     bool cutout;              /* alpha is 0 or 1 */
-    bool emits, double_sided; /* emission leaves both sides */
+    bool emits;               /* from the front side alone, whatever doubleSided says */
     blob_value_t emission;    /* radiance */
 } material_t;
 

@@ -208,8 +208,7 @@ static result_t fill(maker_t *m)
     TRY(clearcoat(m));
     TRY(transmission(m));
     TRY(volume(m));
-    TRY(unlit(m));
-    return item_bool(m->item, "doubleSided", &m->out->double_sided);
+    return unlit(m);
 }
 
 result_t material_get(document_t *document, uint32_t index, bool coloured, const material_t **material)
