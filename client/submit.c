@@ -13,15 +13,16 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const char usage[] = "usage: lightmill submit SCENE [options]\n"
-                            "\n"
-                            "Sends a scene (a .pbrt file, a folder with a scene.pbrt, or a scene blob) to a "
-                            "master and prints the job's\n"
-                            "number.\n"
-                            "\n"
-                            "  --name NAME        what the job is called (default: after the scene)\n"
-                            "  --wait             show the progress, and fetch the image at the end\n"
-                            "  --quiet            no progress\n";
+static const char usage[] =
+    "usage: lightmill submit SCENE [options]\n"
+    "\n"
+    "Sends a scene (a .pbrt, .gltf or .glb file, a folder with a scene.pbrt, or a scene blob) to a "
+    "master and prints the job's\n"
+    "number.\n"
+    "\n"
+    "  --name NAME        what the job is called (default: after the scene)\n"
+    "  --wait             show the progress, and fetch the image at the end\n"
+    "  --quiet            no progress\n";
 
 typedef struct {
     const char *scene_path, *name;
