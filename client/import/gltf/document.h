@@ -43,11 +43,11 @@ typedef struct {
 /* What a glTF material becomes, for meshes with and without colours at their vertices. */
 typedef struct {
     bool made;
-    uint32_t index;           /* in the blob */
-    blob_value_t alpha;       /* of the shapes that wear it; factor 0: invisible */
-    bool cutout;              /* alpha is 0 or 1 */
-    bool emits;               /* from the front side alone, whatever doubleSided says */
-    blob_value_t emission;    /* radiance */
+    uint32_t index;        /* in the blob */
+    blob_value_t alpha;    /* of the shapes that wear it; factor 0: invisible */
+    bool cutout;           /* alpha is 0 or 1 */
+    bool emits, two_sided; /* two_sided: emission leaves the back as well */
+    blob_value_t emission; /* radiance */
 } material_t;
 
 /* An image in the blob: its pixels are there once, as up to two records. */

@@ -25,6 +25,7 @@ static void append(shapes_t *shapes, const blob_shape_t *shape)
 static void add_light(document_t *document, const material_t *material, blob_shape_t *shape)
 {
     blob_light_t light = {.kind = LIGHT_AREA,
+                          .flags = material->two_sided ? LIGHT_TWO_SIDED : 0,
                           .radiance = material->emission,
                           .shape = (uint32_t)document->world.count,
                           .world_from_light = xform_identity()};
