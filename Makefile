@@ -11,7 +11,7 @@ Q       := $(if $(V),,@)
 BASELINE := -march=x86-64-v3 -ffp-contract=off -fno-math-errno -fno-trapping-math
 WARNINGS := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Wvla
 PACKAGES := libzmq libprotobuf-c libsodium libzstd libpng zlib libturbojpeg OpenEXR jansson
-ifneq ($(filter-out help clean deps deps-dev check demo asan tsan,$(or $(MAKECMDGOALS),all)),)
+ifneq ($(filter-out help clean deps deps-dev check demo asan tsan fuzz,$(or $(MAKECMDGOALS),all)),)
 PKG_CFLAGS := $(shell pkg-config --cflags $(PACKAGES) 2>/dev/null)
 PKG_LIBS   := $(shell pkg-config --libs $(filter-out OpenEXR,$(PACKAGES)) 2>/dev/null) -lOpenEXRCore-3_1
 endif
@@ -47,7 +47,7 @@ $(BUILD)/proto/%.pb-c.c $(BUILD)/proto/%.pb-c.h: proto/%.proto
 	protoc-c --proto_path=proto --c_out=$(@D) $<
 $(SCHEMA_O): $(SCHEMA_C)
 	$(CC) $(ALL_CFLAGS) -c -o $@ $<
-$(call objects,$(PROTO_SRC) $(WORKER_SRC) $(MASTER_SRC) $(CLIENT_SRC)): | $(SCHEMA_C)
+$(call objects,$(PROTO_SRC) $(WORKER_SRC) $(MASTER_SRC) $(CLIENT_SRC) $(TEST_SRC) $(wildcard tests/*.c)): | $(SCHEMA_C)
 
 $(BUILD)/%.o: %.c
 	@mkdir -p $(@D)
@@ -57,6 +57,8 @@ $(BUILD)/%.o: %.c
 $(BUILD)/tests/%: $(BUILD)/tests/%.o $(call objects,$(LIB_SRC) $(wildcard tests/*.c)) $(SCHEMA_O)
 	@echo "  link $@"
 	$(Q)$(CC) $(ALL_CFLAGS) -o $@ $^ $(ALL_LIBS) $(EXTRA_LIBS) -lcmocka
+
+$(BUILD)/tests/unit/test_corpus: $(call objects,$(wildcard tests/fuzz/*.c))
 
 -include $(shell find $(BUILD) -name '*.d' 2>/dev/null)
 
@@ -82,6 +84,23 @@ asan tsan: deps
 	$(SUBMAKE) $(JOBS) BUILD=$(BUILD)/$@ CFLAGS="$(CHECKED_FLAGS)" SANITIZE="$(SANITIZERS)" all tests
 	$(SUBMAKE) BUILD=$(BUILD)/$@ CFLAGS="$(CHECKED_FLAGS)" SANITIZE="$(SANITIZERS)" run-tests
 
+# Fuzzing: FUZZ_SECONDS for each of FUZZ_TARGETS, which are the tests/fuzz/fuzz_*.c by default.
+FUZZ_SECONDS ?= 60
+FUZZ_TARGETS ?= $(patsubst tests/fuzz/fuzz_%.c,%,$(wildcard tests/fuzz/fuzz_*.c))
+FUZZ_CHECKS   = address,undefined,float-cast-overflow
+
+fuzz: CHECKED_FLAGS = -O1 -g -fno-omit-frame-pointer
+fuzz: SANITIZERS = -fsanitize=fuzzer-no-link,$(FUZZ_CHECKS) -fno-sanitize-recover=all
+fuzz: deps-dev
+	$(SUBMAKE) $(JOBS) CC=clang BUILD=$(BUILD)/fuzz CFLAGS="$(CHECKED_FLAGS)" SANITIZE="$(SANITIZERS)" \
+	    $(FUZZ_TARGETS:%=$(BUILD)/fuzz/fuzz_%)
+	tests/fuzz/run.sh $(BUILD)/fuzz $(FUZZ_SECONDS) $(FUZZ_TARGETS)
+
+# libFuzzer calls LLVMFuzzerTestOneInput; every target has a name of its own, so that a test can hold them all.
+$(BUILD)/fuzz_%: $(BUILD)/tests/fuzz/fuzz_%.o $(BUILD)/tests/fuzz/support.o $(call objects,$(LIB_SRC)) $(SCHEMA_O)
+	@echo "  link $@"
+	$(Q)$(CC) $(ALL_CFLAGS) -fsanitize=fuzzer -Wl,--defsym=LLVMFuzzerTestOneInput=fuzz_$* -o $@ $^ $(ALL_LIBS)
+
 # ---- the rest -------------------------------------------------------------------------------------------
 
 demo: deps
@@ -95,7 +114,8 @@ deps-dev:
 	@docker/install-packages.sh build run dev
 
 bench: deps
-	$(SUBMAKE) $(JOBS) all $(BUILD)/tests/bench/bench_render
+	$(SUBMAKE) $(JOBS) all $(BUILD)/tests/bench/bench_render $(BUILD)/tests/bench/bench_mesh
+	$(BUILD)/tests/bench/bench_mesh
 	$(BUILD)/tests/bench/bench_render
 
 # What docs/codec.md says of the alternatives to our payload coding; needs libblosc-dev (make deps-dev).
@@ -132,6 +152,7 @@ help:
 	@echo "make demo       render scenes/seed-hidden on a farm of three processes on this machine"
 	@echo "make check      install what is missing, build, run all tests"
 	@echo "make asan       the tests under the address and undefined-behaviour sanitizers (tsan: threads)"
+	@echo "make fuzz       libFuzzer on all that reads files: FUZZ_SECONDS ($(FUZZ_SECONDS)) each; FUZZ_TARGETS=\"pbrt ply\""
 	@echo "make bench      error and speed of the renderer against the figures of pbrt-v3"
 	@echo "make bench-codec  the codings of payloads that were weighed against one another"
 	@echo "make install    into PREFIX ($(PREFIX)); DESTDIR is honoured; uninstall takes it back"
@@ -139,5 +160,5 @@ help:
 	@echo "make format     clang-format; make lint: clang-tidy and cppcheck"
 	@echo "make clean      remove $(BUILD)/"
 
-.PHONY: all check bench bench-codec tests run-tests asan tsan demo deps deps-dev install uninstall format lint clean help
+.PHONY: all check bench bench-codec tests run-tests asan tsan fuzz demo deps deps-dev install uninstall format lint clean help
 .SECONDARY:

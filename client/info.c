@@ -233,17 +233,20 @@ static const char *const texture_kinds[] = {[TEXTURE_IMAGE] = "image",
                                             [TEXTURE_THRESHOLD] = "threshold",
                                             [TEXTURE_COLOUR] = "mesh colour"};
 
-static const char *const mappings[] = {"",           "uv",           "second uv", "planar",
-                                       "spherical", "cylindrical", "point"};
+static const char *const mappings[] = {"", "uv", "second uv", "planar", "spherical", "cylindrical", "point"};
 
-static const char *const light_kinds[] = {
-    [LIGHT_AREA] = "area",           [LIGHT_POINT] = "point",     [LIGHT_SPOT] = "spot",
-    [LIGHT_GONIOMETRIC] = "goniometric", [LIGHT_PROJECTION] = "projection",
-    [LIGHT_DISTANT] = "distant",     [LIGHT_INFINITE] = "infinite"};
+static const char *const light_kinds[] = {[LIGHT_AREA] = "area",
+                                          [LIGHT_POINT] = "point",
+                                          [LIGHT_SPOT] = "spot",
+                                          [LIGHT_GONIOMETRIC] = "goniometric",
+                                          [LIGHT_PROJECTION] = "projection",
+                                          [LIGHT_DISTANT] = "distant",
+                                          [LIGHT_INFINITE] = "infinite"};
 
-static const char *const texel_formats[] = {
-    [TEXELS_R8] = "grey, 8 bits", [TEXELS_RGBA8] = "RGBA, 8 bits", [TEXELS_R32F] = "grey, float",
-    [TEXELS_RGB32F] = "RGB, float"};
+static const char *const texel_formats[] = {[TEXELS_R8] = "grey, 8 bits",
+                                            [TEXELS_RGBA8] = "RGBA, 8 bits",
+                                            [TEXELS_R32F] = "grey, float",
+                                            [TEXELS_RGB32F] = "RGB, float"};
 
 static const char *const filters[] = {[FILTER_BOX] = "box",
                                       [FILTER_TRIANGLE] = "triangle",
@@ -365,7 +368,7 @@ static void print_image_record(const scene_blob_t *blob, size_t index)
 static void print_light(const scene_blob_t *blob, size_t index)
 {
     static const char *const units[] = {
-        [LIGHT_AREA] = "radiance",        [LIGHT_POINT] = "intensity",      [LIGHT_SPOT] = "intensity",
+        [LIGHT_AREA] = "radiance",         [LIGHT_POINT] = "intensity",      [LIGHT_SPOT] = "intensity",
         [LIGHT_GONIOMETRIC] = "intensity", [LIGHT_PROJECTION] = "intensity", [LIGHT_DISTANT] = "irradiance",
         [LIGHT_INFINITE] = "radiance"};
     const blob_light_t *light = &blob->lights[index];

@@ -79,6 +79,9 @@ static void print_json_settings(const Lm__Settings *settings)
         settings->seed, settings->width, settings->height);
     printf(", \"max_depth\": %u, \"spp\": %u, \"time_limit\": %g, \"layers\": %s", settings->max_depth,
            settings->spp, settings->time_limit, settings->features ? "true" : "false");
+    if (settings->strategy_t > 0)
+        printf(", \"strategy_s\": %u, \"strategy_t\": %u, \"unweighted\": %s", settings->strategy_s,
+               settings->strategy_t, settings->unweighted ? "true" : "false");
 }
 
 static void print_json_counts(const Lm__Counts *counts)

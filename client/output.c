@@ -45,6 +45,11 @@ static bool has_extension(const char *path, const char *extension)
     return length > tail && strcasecmp(path + length - tail, extension) == 0;
 }
 
+bool output_is_png(const char *path)
+{
+    return has_extension(path, ".png");
+}
+
 /* Opens the temporary that the writer will use and removes it again: nothing else knows as well whether the
  * disk, the mount and the permissions allow it. */
 static result_t check_writable(const char *path)
@@ -60,9 +65,9 @@ static result_t check_writable(const char *path)
 
 result_t output_check(const output_t *output)
 {
-    if (output->path && !has_extension(output->path, ".exr") && !has_extension(output->path, ".png"))
+    if (output->path && !has_extension(output->path, ".exr") && !output_is_png(output->path))
         return result_fail(RESULT_USAGE, "the output '%.200s' must end in .exr or .png", output->path);
-    if (output->png && !has_extension(output->png, ".png"))
+    if (output->png && !output_is_png(output->png))
         return result_fail(RESULT_USAGE, "the PNG '%.200s' must end in .png", output->png);
     if (output->path) TRY(check_writable(output->path));
     if (output->png) TRY(check_writable(output->png));
@@ -122,7 +127,7 @@ static result_t read_bytes(const uint8_t *exr, size_t size, image_t *image)
 
 result_t output_write(const output_t *output, const uint8_t *exr, size_t size, double *noise)
 {
-    bool png_alone = has_extension(output->path, ".png");
+    bool png_alone = output_is_png(output->path);
     if (!png_alone) TRY(file_write_atomic(output->path, exr, size));
     image_t image;
     TRY(png_alone ? read_bytes(exr, size, &image) : image_read_exr(output->path, &image));

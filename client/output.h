@@ -24,6 +24,8 @@ extern const char output_usage[];
 
 /* Takes an option of OUTPUT_OPTIONS; *taken is false when it is another one. `value` is kept. */
 result_t output_option(output_t *output, const char *option, const char *value, bool *taken);
+/* True for the name of a PNG. */
+bool output_is_png(const char *path);
 /* Checks, before any work is done, that the files can be written. */
 result_t output_check(const output_t *output);
 /* Writes the files from the bytes of an EXR, each whole or not at all. `path` must be set. *noise becomes the

@@ -97,6 +97,21 @@ void progress_job(progress_t *progress, const Lm__JobStatus *status)
         fprintf(stderr, "%s\n", text);
 }
 
+void progress_series(progress_t *progress, const progress_series_t *series)
+{
+    if (progress->quiet) return;
+    char text[160], rate[32], eta[32];
+    double done = series->samples_total > 0 ? fmin(series->samples_done / series->samples_total, 1) : 0;
+    format_count(series->elapsed > 0 ? series->samples_done / series->elapsed : 0, rate);
+    format_duration(done > 0 ? series->elapsed * (1 - done) / done : -1, eta);
+    snprintf(text, sizeof text, "%3.0f%%  %s samples/s  %zu of %zu images  ETA %s", floor(100 * done),
+             done > 0 ? rate : "-", series->images_done, series->images_total, eta);
+    if (progress->terminal)
+        draw_bar(progress, done, text);
+    else if (plain_line_due(progress))
+        fprintf(stderr, "%s\n", text);
+}
+
 void progress_upload(progress_t *progress, uint64_t done, uint64_t size)
 {
     if (progress->quiet || size == 0) return;
@@ -107,6 +122,23 @@ void progress_upload(progress_t *progress, uint64_t done, uint64_t size)
         draw_bar(progress, (double)done / (double)size, text);
     else if (plain_line_due(progress))
         fprintf(stderr, "%s\n", text);
+}
+
+void progress_import(progress_t *progress, double fraction)
+{
+    static const double first = 1.0, interval = 0.1; /* seconds */
+    double now = clock_now();
+    if (progress->quiet || !progress->terminal) return;
+    if (now - progress->last < (progress->drawn ? interval : first)) return;
+    progress->last = now;
+    fprintf(stderr, "\rimporting the scene: %.0f %%\033[K", floor(100 * fraction));
+    progress->drawn = true;
+}
+
+void progress_erase(progress_t *progress)
+{
+    if (progress->drawn) fputs("\r\033[K", stderr);
+    progress->drawn = false;
 }
 
 void progress_end(progress_t *progress)

@@ -15,8 +15,20 @@ typedef struct {
 progress_t progress_start(bool quiet);
 /* Shows a status; call a few times a second. */
 void progress_job(progress_t *progress, const Lm__JobStatus *status);
+/* Several jobs that make one thing. */
+typedef struct {
+    double samples_done, samples_total; /* pixel samples of all jobs */
+    double elapsed;                     /* seconds */
+    size_t images_done, images_total;
+} progress_series_t;
+/* Shows how far they are; call a few times a second. */
+void progress_series(progress_t *progress, const progress_series_t *series);
 /* Shows an upload. */
 void progress_upload(progress_t *progress, uint64_t done, uint64_t size);
+/* Shows how far a scene has been read, on a terminal and after the first second. May be called often. */
+void progress_import(progress_t *progress, double fraction);
+/* Takes the line from the terminal. */
+void progress_erase(progress_t *progress);
 /* Ends the line on a terminal. */
 void progress_end(progress_t *progress);
 

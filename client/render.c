@@ -11,7 +11,9 @@
 #include "client/options.h"
 #include "client/output.h"
 #include "client/scene.h"
+#include "client/strategies.h"
 #include "client/watch.h"
+#include "common/picture.h"
 
 #include <signal.h>
 #include <stdatomic.h>
@@ -29,6 +31,10 @@ static const char usage[] =
     "\n"
     "  --threads N        render threads (default: one a core); with --workers, of each worker\n"
     "  --workers N        N worker processes and a master on loopback TCP, as on a farm\n"
+    "  --strategies       an image of each strategy of bdpt, weighted and unweighted, instead of the "
+    "picture:\n"
+    "                     layers weighted.sS_tT and unweighted.sS_tT of SCENE-strategies.exr, and a contact\n"
+    "                     sheet beside it; paths of at most 12 segments (--max-depth 11). Ctrl-C: no files\n"
     "  --quiet            no progress, errors only\n"
     "  --verbose          log what master and workers do\n";
 
@@ -37,7 +43,7 @@ typedef struct {
     overrides_t overrides;
     output_t output;
     local_farm_options_t farm;
-    bool quiet, verbose, help;
+    bool strategies, quiet, verbose, help;
 } command_t;
 
 /* Counts the interrupts; a handler can reach nothing else. */
@@ -72,6 +78,8 @@ static result_t parse_option(command_t *command, const char *option, const char 
     } else if (strcmp(option, "workers") == 0) {
         TRY(option_integer(option, value, 1, LOCAL_FARM_MAX_WORKERS, &number));
         command->farm.workers = (int)number;
+    } else if (strcmp(option, "strategies") == 0) {
+        command->strategies = true;
     } else if (strcmp(option, "quiet") == 0) {
         command->quiet = true;
     } else if (strcmp(option, "verbose") == 0) {
@@ -88,6 +96,7 @@ static result_t parse_arguments(int argc, char **argv, command_t *command)
                                             OUTPUT_OPTIONS,
                                             {"threads", required_argument, NULL, 0},
                                             {"workers", required_argument, NULL, 0},
+                                            {"strategies", no_argument, NULL, 0},
                                             {"quiet", no_argument, NULL, 0},
                                             {"verbose", no_argument, NULL, 0},
                                             {"help", no_argument, NULL, 0},
@@ -144,10 +153,33 @@ static result_t run_job(const command_t *command, local_farm_t *farm, remote_t *
     return result.code == RESULT_OK ? ended_by : result;
 }
 
+static result_t check_strategies(void *context)
+{
+    if (atomic_load(&interrupts) > 0)
+        return result_fail(RESULT_CANCELLED,
+                           "interrupted before all strategies were done; nothing is written");
+    return local_farm_check(context);
+}
+
+static result_t run_strategies(const command_t *command, local_farm_t *farm, remote_t *remote,
+                               const scene_t *scene, const job_settings_t *settings)
+{
+    strategies_t strategies = {.remote = remote,
+                               .scene = scene,
+                               .settings = *settings,
+                               .output = &command->output,
+                               .quiet = command->quiet,
+                               .check = check_strategies,
+                               .check_context = farm};
+    return strategies_render(&strategies);
+}
+
 static result_t render(const command_t *command, const scene_t *scene)
 {
     job_settings_t settings;
-    TRY(overrides_apply(&command->overrides, &scene->blob, &settings));
+    result_t (*prepare)(const overrides_t *, const scene_blob_t *, job_settings_t *) =
+        command->strategies ? strategies_settings : overrides_apply;
+    TRY(prepare(&command->overrides, &scene->blob, &settings));
     local_farm_options_t options = command->farm;
     options.batch_interval = batch_interval(&settings);
     catch_interrupts();
@@ -155,7 +187,8 @@ static result_t render(const command_t *command, const scene_t *scene)
     TRY(local_farm_start(&options, &farm));
     remote_t *remote;
     result_t result = local_farm_connect(farm, &remote);
-    if (result.code == RESULT_OK) result = run_job(command, farm, remote, scene, &settings);
+    if (result.code == RESULT_OK)
+        result = (command->strategies ? run_strategies : run_job)(command, farm, remote, scene, &settings);
     remote_close(&remote);
     local_farm_stop(&farm);
     return result;
@@ -172,11 +205,15 @@ result_t cmd_render(int argc, char **argv)
     log_init("lightmill", command.verbose ? LOG_DEBUG : command.quiet ? LOG_ERROR : LOG_WARNING);
     scene_t scene;
     TRY(scene_load(command.scene_path, command.overrides.lenient, &scene));
-    char *path = mem_printf("%s.exr", scene.name);
+    char *path = mem_printf(command.strategies ? "%s-strategies.exr" : "%s.exr", scene.name);
     if (command.output.path == NULL) command.output.path = path;
+    char *sheet = picture_png_path(command.output.path);
+    if (command.strategies && command.output.png == NULL && !output_is_png(command.output.path))
+        command.output.png = sheet;
     result_t result = output_check(&command.output);
     if (result.code == RESULT_OK) result = render(&command, &scene);
     free(path);
+    free(sheet);
     scene_free(&scene);
     return result;
 }

@@ -2,6 +2,7 @@
 #include "client/scene.h"
 
 #include "client/import/import.h"
+#include "client/progress.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -43,20 +44,36 @@ static bool is_blob_file(const char *path)
     return size > 0 && blob_recognise(head, (uint64_t)size);
 }
 
+/* A warning must not end up behind the bar. */
+static void warn(void *context, const char *message)
+{
+    progress_end(context);
+    log_warning("%s", message);
+}
+
+static void show_progress(void *context, double fraction)
+{
+    progress_import(context, fraction);
+}
+
+static result_t import_file(const char *path, bool lenient, scene_t *scene)
+{
+    uint64_t size;
+    progress_t progress = progress_start(false);
+    import_report_t report = {
+        .warn = warn, .progress = show_progress, .context = &progress, .lenient = lenient};
+    result_t result = import_scene_blob(path, &report, &scene->bytes, &size);
+    progress_erase(&progress);
+    return result.code == RESULT_OK ? blob_open(scene->bytes, size, &scene->blob) : result;
+}
+
 result_t scene_load(const char *path, bool lenient, scene_t *scene)
 {
     *scene = (scene_t){0};
     if (access(path, R_OK) != 0)
         return result_fail(RESULT_INPUT, "cannot read %.300s: %s", path, strerror(errno));
-    result_t result;
-    if (is_blob_file(path)) {
-        result = blob_open_file(path, &scene->blob);
-    } else {
-        uint64_t size;
-        import_report_t report = {.lenient = lenient};
-        result = import_scene_blob(path, &report, &scene->bytes, &size);
-        if (result.code == RESULT_OK) result = blob_open(scene->bytes, size, &scene->blob);
-    }
+    result_t result =
+        is_blob_file(path) ? blob_open_file(path, &scene->blob) : import_file(path, lenient, scene);
     if (result.code == RESULT_OK)
         scene->name = scene_name(path);
     else

@@ -4,7 +4,9 @@
 #include "client/options.h"
 #include "client/output.h"
 #include "client/scene.h"
+#include "client/strategies.h"
 #include "client/watch.h"
+#include "common/picture.h"
 
 #include <inttypes.h>
 #include <signal.h>
@@ -22,6 +24,8 @@ static const char usage[] =
     "\n"
     "  --name NAME        what the job is called (default: after the scene)\n"
     "  --wait             show the progress, and fetch the image at the end\n"
+    "  --strategies       with --wait: as in lightmill render; two jobs a strategy, which "
+    "Ctrl-C cancels\n"
     "  --quiet            no progress\n";
 
 typedef struct {
@@ -29,7 +33,7 @@ typedef struct {
     overrides_t overrides;
     output_t output;
     master_option_t master;
-    bool wait, quiet, help;
+    bool wait, strategies, quiet, help;
 } command_t;
 
 /* Set by the first Ctrl-C while waiting; a handler can reach nothing else. */
@@ -52,6 +56,8 @@ static result_t parse_option(command_t *command, const char *option, const char 
         command->name = value;
     else if (strcmp(option, "wait") == 0)
         command->wait = true;
+    else if (strcmp(option, "strategies") == 0)
+        command->strategies = true;
     else if (strcmp(option, "quiet") == 0)
         command->quiet = true;
     else
@@ -66,6 +72,7 @@ static result_t parse_arguments(int argc, char **argv, command_t *command)
                                             MASTER_OPTIONS,
                                             {"name", required_argument, NULL, 0},
                                             {"wait", no_argument, NULL, 0},
+                                            {"strategies", no_argument, NULL, 0},
                                             {"quiet", no_argument, NULL, 0},
                                             {"help", no_argument, NULL, 0},
                                             {NULL, 0, NULL, 0}};
@@ -78,6 +85,8 @@ static result_t parse_arguments(int argc, char **argv, command_t *command)
     }
     if (argc - optind != 1)
         return result_fail(RESULT_USAGE, "submit takes one scene; see lightmill submit --help");
+    if (command->strategies && !command->wait)
+        return result_fail(RESULT_USAGE, "--strategies needs --wait: the images are put together here");
     if (command->output.path && !command->wait)
         return result_fail(RESULT_USAGE,
                            "-o needs --wait; without it fetch the image later: lightmill fetch");
@@ -110,6 +119,26 @@ static result_t wait_for_image(const command_t *command, watch_t *watch)
     return result_ok();
 }
 
+static result_t check_interrupt(void *context)
+{
+    (void)context;
+    if (!atomic_load(&interrupted)) return result_ok();
+    return result_fail(RESULT_CANCELLED, "interrupted before all strategies were done; nothing is written");
+}
+
+static result_t submit_strategies(const command_t *command, remote_t *remote, const scene_t *scene)
+{
+    strategies_t strategies = {.remote = remote,
+                               .scene = scene,
+                               .output = &command->output,
+                               .quiet = command->quiet,
+                               .patient = true,
+                               .check = check_interrupt};
+    TRY(strategies_settings(&command->overrides, &scene->blob, &strategies.settings));
+    signal(SIGINT, on_interrupt);
+    return strategies_render(&strategies);
+}
+
 static result_t submit(const command_t *command, remote_t *remote, const scene_t *scene)
 {
     job_settings_t settings;
@@ -140,14 +169,19 @@ result_t cmd_submit(int argc, char **argv)
     log_init("lightmill", command.quiet ? LOG_ERROR : LOG_WARNING);
     scene_t scene;
     TRY(scene_load(command.scene_path, command.overrides.lenient, &scene));
-    char *path = mem_printf("%s.exr", scene.name);
+    char *path = mem_printf(command.strategies ? "%s-strategies.exr" : "%s.exr", scene.name);
     if (command.output.path == NULL) command.output.path = path;
+    char *sheet = picture_png_path(command.output.path);
+    if (command.strategies && command.output.png == NULL && !output_is_png(command.output.path))
+        command.output.png = sheet;
     remote_t *remote = NULL;
     result_t result = command.wait ? output_check(&command.output) : result_ok();
     if (result.code == RESULT_OK) result = master_connect(&command.master, &remote);
-    if (result.code == RESULT_OK) result = submit(&command, remote, &scene);
+    if (result.code == RESULT_OK)
+        result = (command.strategies ? submit_strategies : submit)(&command, remote, &scene);
     remote_close(&remote);
     free(path);
+    free(sheet);
     scene_free(&scene);
     return result;
 }

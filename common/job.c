@@ -26,6 +26,33 @@ static result_t check_range(const char *name, int64_t value, int64_t low, int64_
                        (long long)low, (long long)high);
 }
 
+bool job_strategy_exists(int s, int t)
+{
+    return s >= 0 && t >= 1 && (t >= 2 || s >= 2);
+}
+
+static result_t check_strategy(const job_settings_t *settings)
+{
+    int s = settings->strategy_s, t = settings->strategy_t;
+    TRY(check_range("light vertices of the strategy (s)", s, 0, JOB_MAX_DEPTH + 1));
+    TRY(check_range("eye vertices of the strategy (t)", t, 0, JOB_MAX_DEPTH + 2));
+    if (s == 0 && t == 0) {
+        if (!settings->unweighted) return result_ok();
+        return result_fail(RESULT_USAGE,
+                           "unweighted without a strategy: strategies are only comparable one by one");
+    }
+    if (settings->integrator != INTEGRATOR_BDPT)
+        return result_fail(RESULT_USAGE, "the strategy s = %d, t = %d belongs to bdpt, not to %s", s, t,
+                           integrator_name(settings->integrator));
+    if (!job_strategy_exists(s, t))
+        return result_fail(RESULT_USAGE, "bdpt has no strategy s = %d, t = %d", s, t);
+    if (s + t - 1 > settings->max_depth + 1)
+        return result_fail(RESULT_USAGE,
+                           "the strategy s = %d, t = %d makes paths of %d segments, max depth %d allows %d",
+                           s, t, s + t - 1, settings->max_depth, settings->max_depth + 1);
+    return result_ok();
+}
+
 result_t job_settings_check(const job_settings_t *settings)
 {
     TRY(check_range("integrator", settings->integrator, INTEGRATOR_BDPT, INTEGRATOR_LIGHT));
@@ -40,7 +67,7 @@ result_t job_settings_check(const job_settings_t *settings)
     if (!(settings->time_limit >= 0) || !isfinite(settings->time_limit))
         return result_fail(RESULT_USAGE, "time limit is %g, must be 0 (none) or positive seconds",
                            settings->time_limit);
-    return result_ok();
+    return check_strategy(settings);
 }
 
 static uint32_t tiles_across(const job_settings_t *settings)

@@ -34,7 +34,7 @@ typedef struct {
     double time_limit;              /* seconds from the first assignment; 0 for none */
     int32_t tile_size;              /* pixels a side */
     int32_t film_scale;             /* film sums count in units of 2^-film_scale (film.h) */
-    int32_t strategy_s, strategy_t; /* of bdpt: only paths of so many light and eye vertices; t 0: all */
+    int32_t strategy_s, strategy_t; /* of bdpt: only paths of so many light and eye vertices; both 0: all */
     bool unweighted;                /* that strategy without its weight in the combination */
     bool features;                  /* layers of what the eye rays meet first are wanted (film.h) */
 } job_settings_t;
@@ -58,6 +58,9 @@ result_t job_settings_check(const job_settings_t *settings);
 
 uint32_t job_tile_count(const job_settings_t *settings);
 rect_t job_tile_rect(const job_settings_t *settings, uint32_t tile);
+/* True when bdpt has the strategy that joins s light and t eye vertices: t >= 1 and s >= 0, but not s = 0 with
+ * t = 1, which is no path, nor s = 1 with t = 1, which would see lights directly, as s = 0 with t = 2 does. */
+bool job_strategy_exists(int s, int t);
 /* Pixels of a tile. */
 uint32_t job_tile_pixels(const job_settings_t *settings, uint32_t tile);
 /* True when the unit lies inside the job: a tile that exists, 0 < count, first + count <= spp. */

@@ -55,6 +55,10 @@ static void add_settings(image_t *image, const job_settings_t *settings)
     image_set_int(image, "lightmill.tileSize", settings->tile_size);
     image_set_int(image, "lightmill.filmScale", settings->film_scale);
     image_set_int(image, "lightmill.layers", settings->features);
+    if (settings->strategy_t == 0) return;
+    image_set_int(image, "lightmill.strategyS", settings->strategy_s);
+    image_set_int(image, "lightmill.strategyT", settings->strategy_t);
+    image_set_int(image, "lightmill.unweighted", settings->unweighted);
 }
 
 static uint64_t total_samples(const film_image_t *film)
@@ -65,9 +69,9 @@ static uint64_t total_samples(const film_image_t *film)
     return (uint64_t)total;
 }
 
-static void add_counts(image_t *image, const film_image_t *film, const film_counts_t *counts)
+static void add_counts(image_t *image, uint64_t samples, const film_counts_t *counts)
 {
-    image_set_u64(image, "lightmill.samples", total_samples(film));
+    image_set_u64(image, "lightmill.samples", samples);
     image_set_u64(image, "lightmill.lightPaths", counts->light_paths[0] + counts->light_paths[1]);
     image_set_u64(image, "lightmill.rays", counts->rays);
     image_set_u64(image, "lightmill.dropped", counts->dropped);
@@ -75,7 +79,7 @@ static void add_counts(image_t *image, const film_image_t *film, const film_coun
     image_set_float(image, "lightmill.cpuSeconds", (float)(1e-6 * (double)counts->cpu_us));
 }
 
-static void add_history(image_t *image, const film_image_t *film, const picture_meta_t *meta)
+void picture_describe(image_t *image, const picture_meta_t *meta, uint64_t samples)
 {
     char hash[2 * HASH_BYTES + 1];
     hash_to_hex(&meta->scene, hash);
@@ -83,7 +87,7 @@ static void add_history(image_t *image, const film_image_t *film, const picture_
     image_set_string(image, "lightmill.sceneHash", hash);
     if (meta->scene_name != NULL) image_set_string(image, "lightmill.scene", meta->scene_name);
     add_settings(image, &meta->settings);
-    add_counts(image, film, &meta->counts);
+    add_counts(image, samples, &meta->counts);
     image_set_int(image, "lightmill.workers", (int32_t)meta->workers);
     image_set_float(image, "lightmill.wallSeconds", (float)meta->wall_seconds);
 }
@@ -93,7 +97,7 @@ result_t picture_write_exr(const char *path, const film_image_t *film, const pic
     image_t image;
     image_init(&image, film->width, film->height);
     add_layers(&image, film, half);
-    add_history(&image, film, meta);
+    picture_describe(&image, meta, total_samples(film));
     result_t result = image_write_exr(path, &image);
     image_free(&image);
     return result;

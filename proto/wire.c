@@ -434,6 +434,9 @@ void wire_settings_put(const job_settings_t *settings, Lm__Settings *message)
     message->tile_size = (uint32_t)settings->tile_size;
     message->film_scale = (uint32_t)settings->film_scale;
     message->features = settings->features;
+    message->strategy_s = (uint32_t)settings->strategy_s;
+    message->strategy_t = (uint32_t)settings->strategy_t;
+    message->unweighted = settings->unweighted;
 }
 
 result_t wire_settings_get(const Lm__Settings *message, job_settings_t *settings)
@@ -445,7 +448,8 @@ result_t wire_settings_get(const Lm__Settings *message, job_settings_t *settings
     } fields[] = {{"integrator", message->integrator}, {"sampler", message->sampler},
                   {"width", message->width},           {"height", message->height},
                   {"max_depth", message->max_depth},   {"tile_size", message->tile_size},
-                  {"film_scale", message->film_scale}};
+                  {"film_scale", message->film_scale}, {"strategy_s", message->strategy_s},
+                  {"strategy_t", message->strategy_t}};
     for (size_t i = 0; i < ARRAY_LENGTH(fields); i++)
         if (fields[i].value > INT32_MAX)
             return result_fail(RESULT_PROTOCOL, "%s is %u, out of all bounds", fields[i].name,
@@ -460,7 +464,10 @@ result_t wire_settings_get(const Lm__Settings *message, job_settings_t *settings
                                  .time_limit = message->time_limit,
                                  .tile_size = (int32_t)message->tile_size,
                                  .film_scale = (int32_t)message->film_scale,
-                                 .features = message->features};
+                                 .features = message->features,
+                                 .strategy_s = (int32_t)message->strategy_s,
+                                 .strategy_t = (int32_t)message->strategy_t,
+                                 .unweighted = message->unweighted};
     return job_settings_check(settings);
 }
 

@@ -14,7 +14,7 @@
 #include <zmq.h>
 
 enum {
-    WIRE_VERSION = 2,
+    WIRE_VERSION = 3,
     WIRE_DEFAULT_PORT = 7420,         /* control; bulk is the next one */
     WIRE_MAX_HEADER = 1 << 20,        /* bytes of a header frame, preamble included */
     WIRE_MAX_CONTROL_FRAME = 1 << 20, /* control messages have no payloads */

@@ -200,8 +200,7 @@ static void decompose(const affine_t *t, polar_t *polar)
         for (int j = 0; j < 3; ++j) r.m[i][j] *= sign;
     for (int i = 0; i < 3; ++i)
         for (int j = 0; j < 3; ++j)
-            polar->stretch[i][j] =
-                r.m[0][i] * t->m[0][j] + r.m[1][i] * t->m[1][j] + r.m[2][i] * t->m[2][j];
+            polar->stretch[i][j] = r.m[0][i] * t->m[0][j] + r.m[1][i] * t->m[1][j] + r.m[2][i] * t->m[2][j];
     quaternion_of(&r, polar->quaternion);
 }
 
@@ -235,8 +234,7 @@ void affine_interpolate(const affine_t *a, const affine_t *b, double t, affine_t
     slerp(from.quaternion, to.quaternion, t, q);
     rotation_of(q, &r);
     for (int i = 0; i < 3; ++i) {
-        for (int j = 0; j < 3; ++j)
-            stretch.m[i][j] = (1 - t) * from.stretch[i][j] + t * to.stretch[i][j];
+        for (int j = 0; j < 3; ++j) stretch.m[i][j] = (1 - t) * from.stretch[i][j] + t * to.stretch[i][j];
         stretch.m[i][3] = 0;
     }
     *out = affine_multiply(&r, &stretch);

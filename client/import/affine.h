@@ -28,11 +28,11 @@ bool affine_from_columns(const double columns[16], affine_t *out);
 /* False when it is singular or not finite. */
 bool affine_invert(const affine_t *t, affine_t *inverse);
 double affine_determinant(const affine_t *t);
-/* Between a (t = 0, and before) and b (t = 1, and after): translation, rotation and stretch each, after a polar
- * decomposition (Shoemake and Duff 1992, "Matrix Animation and Polar Decomposition"). */
+/* Between a (t = 0, and before) and b (t = 1, and after): translation, rotation and stretch each, after a
+ * polar decomposition (Shoemake and Duff 1992, "Matrix Animation and Polar Decomposition"). */
 void affine_interpolate(const affine_t *a, const affine_t *b, double t, affine_t *out);
-/* The factor by which it scales lengths, as the cube root of its factor on volumes; *uniform: in all directions
- * and without shear, to a part in 1000. */
+/* The factor by which it scales lengths, as the cube root of its factor on volumes; *uniform: in all
+ * directions and without shear, to a part in 1000. */
 double affine_scale(const affine_t *t, bool *uniform);
 xform_t affine_to_xform(const affine_t *t);
 

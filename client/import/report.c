@@ -87,6 +87,11 @@ result_t report_refuse(report_t *report, position_t at, const char *format, ...)
     return result_ok();
 }
 
+void report_progress(const report_t *report, double fraction)
+{
+    if (report->sink.progress) report->sink.progress(report->sink.context, fraction);
+}
+
 void *grow(void *array, size_t *capacity, size_t need, size_t size)
 {
     if (need <= *capacity) return array;

@@ -39,6 +39,9 @@ result_t error_at(position_t at, const char *format, ...) __attribute__((format(
 result_t report_refuse(report_t *report, position_t at, const char *format, ...)
     __attribute__((format(printf, 3, 4)));
 
+/* Tells how far the import is: see import_report_t. */
+void report_progress(const report_t *report, double fraction);
+
 /* Makes room for `need` records of `size` bytes in an array that holds *capacity of them, doubling it;
  * returns the array, which may have moved. */
 void *grow(void *array, size_t *capacity, size_t need, size_t size);

@@ -1,6 +1,7 @@
 /* spectrum: see spectrum.h. */
 #include "client/import/spectrum.h"
 
+#include <float.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -303,7 +304,7 @@ static rgb_t of_unit_luminance(triple_t xyz)
     spectrum_t d65;
     triple_t white = d65_xyz(&d65);
     spectrum_free(&d65);
-    if (!(xyz.v[1] > 0)) return vec3(0, 0, 0);
+    if (!(xyz.v[1] >= DBL_MIN)) return vec3(0, 0, 0); /* its inverse may be infinite */
     return clipped(relative_to(rgb_from_xyz(xyz), rgb_from_xyz(white), white.v[1] / xyz.v[1]));
 }
 

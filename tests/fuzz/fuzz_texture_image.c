@@ -7,7 +7,7 @@
 #include <math.h>
 #include <stdlib.h>
 
-int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
+#include "tests/fuzz/fuzz.h"
 
 /* Ends the run unless every texel is there and finite. */
 static void check_texels(const texture_image_t *image)
@@ -23,7 +23,7 @@ static void check_texels(const texture_image_t *image)
     (void)sink;
 }
 
-int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
+int fuzz_texture_image(const uint8_t *data, size_t size)
 {
     texture_image_t image;
     result_t result = texture_image_decode("fuzz.tga", data, size, &image);

@@ -33,61 +33,131 @@ static void add_mesh(blob_builder_t *builder, bool smooth)
                         .vertex_count = 4,
                         .first_normal = BLOB_NONE,
                         .first_uv = BLOB_NONE,
+                        .first_uv2 = BLOB_NONE,
+                        .first_colour = BLOB_NONE,
                         .first_triangle = blob_builder_add(builder, BLOB_SECTION_TRIANGLES, triangles, 2),
                         .triangle_count = 2};
     if (smooth) mesh.first_normal = blob_builder_add(builder, BLOB_SECTION_NORMALS, normals, 4);
     if (smooth) mesh.first_uv = blob_builder_add(builder, BLOB_SECTION_UVS, uvs, 4);
+    if (smooth) mesh.first_uv2 = mesh.first_uv;
+    if (smooth) mesh.first_colour = blob_builder_add(builder, BLOB_SECTION_COLOURS, NULL, 4);
     blob_builder_add(builder, BLOB_SECTION_MESHES, &mesh, 1);
 }
 
-/* World: a lamp (mesh 0) and a sphere; object 1: a smooth mesh, placed once. */
+static void add_curves(blob_builder_t *builder)
+{
+    const blob_curve_point_t points[8] = {{0, 0, 0, 0.1f}, {1, 0, 0, 0.1f}, {2, 0, 0, 0.1f}, {3, 0, 0, 0}};
+    const vec3_t normals[4] = {{0, 0, 1}, {0, 0, 1}, {0, 0, 1}, {0, 0, 1}};
+    uint32_t normal = blob_builder_add(builder, BLOB_SECTION_NORMALS, normals, 4);
+    uint32_t first = blob_builder_add(builder, BLOB_SECTION_CURVE_POINTS, points, 8);
+    const blob_curves_t curves[2] = {{CURVES_ROUND, first, 1, BLOB_NONE},
+                                     {CURVES_RIBBON, first + 4, 1, normal}};
+    blob_builder_add(builder, BLOB_SECTION_CURVES, curves, 2);
+}
+
+/* World: a lamp (mesh 0), a sphere with alpha from texture 0, curves; object 1: a smooth mesh, placed once.
+ */
 static void add_shapes(blob_builder_t *builder)
 {
-    const blob_sphere_t sphere = {xform_identity(), 2.0f};
-    const blob_light_t light = {.radiance = {5000, 4000, 3000}, .shape = 0};
-    const blob_object_t objects[2] = {{0, 2}, {2, 1}};
-    const blob_instance_t instance = {1, xform_identity()};
+    const blob_quadric_t sphere = {.kind = QUADRIC_SPHERE,
+                                   .object_from_quadric = xform_identity(),
+                                   .radius = 2,
+                                   .z_min = -2,
+                                   .z_max = 2,
+                                   .phi_max = TWO_PI_F};
+    const blob_object_t objects[2] = {{0, 3}, {3, 1}};
+    const blob_instance_t instance = {1, xform_identity(), xform_identity()};
+    const blob_value_t opaque = blob_constant(1), masked = {{1, 1, 1}, 1};
     uint32_t name = blob_builder_string(builder, "scene.pbrt:7");
-    const blob_shape_t shapes[3] = {{SHAPE_MESH, 0, 0, 0, 0, name},
-                                    {SHAPE_SPHERE, 0, 1, BLOB_NONE, SHAPE_FLIP, name},
-                                    {SHAPE_MESH, 1, 2, BLOB_NONE, 0, 0}};
+    const blob_shape_t shapes[4] = {
+        {SHAPE_MESH, 0, 0, 0, 0, name, opaque, opaque},
+        {SHAPE_QUADRIC, 0, 1, BLOB_NONE, SHAPE_FLIP | SHAPE_CUTOUT, name, masked, opaque},
+        {SHAPE_CURVES, 1, 3, BLOB_NONE, 0, name, opaque, opaque},
+        {SHAPE_MESH, 1, 2, BLOB_NONE, 0, 0, opaque, opaque}};
     add_mesh(builder, false);
     add_mesh(builder, true);
-    blob_builder_add(builder, BLOB_SECTION_SPHERES, &sphere, 1);
-    blob_builder_add(builder, BLOB_SECTION_SHAPES, shapes, 3);
+    add_curves(builder);
+    blob_builder_add(builder, BLOB_SECTION_QUADRICS, &sphere, 1);
+    blob_builder_add(builder, BLOB_SECTION_SHAPES, shapes, 4);
     blob_builder_add(builder, BLOB_SECTION_OBJECTS, objects, 2);
     blob_builder_add(builder, BLOB_SECTION_INSTANCES, &instance, 1);
-    blob_builder_add(builder, BLOB_SECTION_LIGHTS, &light, 1);
+}
+
+/* A lamp, a spot, and the images of a window and of the sky. */
+static void add_lights(blob_builder_t *builder)
+{
+    const blob_light_t lights[4] = {
+        {.kind = LIGHT_AREA, .radiance = {{5000, 4000, 3000}, 3}, .shape = 0},
+        {.kind = LIGHT_SPOT, .radiance = {{1, 2, 3}, 0}, .parameters = {0.5f, 0.9f}},
+        {.kind = LIGHT_PROJECTION,
+         .radiance = {{1, 1, 1}, 0},
+         .image = 2,
+         .mapping = LIGHT_LATLONG,
+         .parameters = {-1, 1, -0.5f, 0.5f}},
+        {.kind = LIGHT_INFINITE, .radiance = {{1, 1, 1}, 0}, .image = 1, .mapping = LIGHT_OCTAHEDRAL}};
+    uint32_t first = blob_builder_add(builder, BLOB_SECTION_LIGHTS, lights, 4);
+    blob_light_t *records = blob_builder_records(builder, BLOB_SECTION_LIGHTS);
+    for (uint32_t i = 0; i < 4; i++) records[first + i].world_from_light = xform_identity();
+}
+
+/* Image 0: 3 x 1 floats in colour; image 1: 5 x 1 bytes. Texture 0: image 1; 1: noise; 2: their product. */
+static void add_textures(blob_builder_t *builder)
+{
+    const float floats[9] = {0, 1, 2, 3, 4, 5, 6, 7, 8};
+    const uint32_t bytes[2] = {0x03020100, 0x04};
+    uint32_t colours = blob_builder_add(builder, BLOB_SECTION_TEXELS, floats, 9);
+    uint32_t greys = blob_builder_add(builder, BLOB_SECTION_TEXELS, bytes, 2);
+    const blob_image_t images[2] = {{TEXELS_RGB32F, 3, 1, colours, 1}, {TEXELS_R8, 5, 1, greys, 0}};
+    const blob_texture_t textures[3] = {{.kind = TEXTURE_IMAGE,
+                                         .mapping = MAPPING_UV,
+                                         .matrix = {{1, 0, 0}, {0, -1, 1}},
+                                         .image = 2,
+                                         .channel = CHANNEL_R,
+                                         .wrap_s = WRAP_REPEAT,
+                                         .wrap_t = WRAP_CLAMP,
+                                         .inputs = {{{1, 1, 1}, 0}}},
+                                        {.kind = TEXTURE_FBM,
+                                         .mapping = MAPPING_POINT,
+                                         .texture_from_world = xform_identity(),
+                                         .parameters = {8, 0.5f}},
+                                        {.kind = TEXTURE_SCALE, .inputs = {{{1, 1, 1}, 1}, {{2, 2, 2}, 2}}}};
+    blob_builder_add(builder, BLOB_SECTION_IMAGES, images, 2);
+    blob_builder_add(builder, BLOB_SECTION_TEXTURES, textures, 3);
 }
 
 static void add_materials(blob_builder_t *builder)
 {
-    const blob_material_t materials[4] = {{.kind = MATERIAL_DIFFUSE, .reflectance = {0.5f, 0.4f, 0.3f}},
-                                          {.kind = MATERIAL_MIRROR, .reflectance = {0.9f, 0.9f, 0.9f}},
-                                          {.kind = MATERIAL_DIELECTRIC,
-                                           .reflectance = {1, 1, 1},
-                                           .transmittance = {1, 1, 1},
-                                           .eta = {1.5f, 1.5f, 1.5f}},
-                                          {.kind = MATERIAL_CONDUCTOR,
-                                           .eta = {0.2f, 0.9f, 1.1f},
-                                           .k = {3.9f, 2.4f, 2.2f},
-                                           .alpha_u = 0.1f,
-                                           .alpha_v = 0.2f}};
-    blob_builder_add(builder, BLOB_SECTION_MATERIALS, materials, 4);
+    blob_material_t materials[5] = {{.kind = MATERIAL_DIFFUSE},
+                                    {.kind = MATERIAL_MIRROR, .bump = 2},
+                                    {.kind = MATERIAL_DIELECTRIC, .normal_map = 1, .normal_scale = 1},
+                                    {.kind = MATERIAL_CONDUCTOR, .flags = MATERIAL_REMAP_SQRT},
+                                    {.kind = MATERIAL_MIX, .parts = {3, 1}}};
+    materials[0].values[VALUE_REFLECTANCE] = (blob_value_t){{0.5f, 0.4f, 0.3f}, 3};
+    materials[1].values[VALUE_REFLECTANCE] = blob_constant(0.9f);
+    materials[2].values[VALUE_ETA] = blob_constant(1.5f);
+    materials[3].values[VALUE_K] = blob_colour_value(vec3(3.9f, 2.4f, 2.2f));
+    materials[3].values[VALUE_ROUGHNESS_V] = blob_constant(0.2f);
+    materials[4].values[VALUE_AMOUNT] = blob_constant(0.25f);
+    blob_builder_add(builder, BLOB_SECTION_MATERIALS, materials, 5);
 }
 
 static void add_scene(blob_builder_t *builder)
 {
-    const blob_scene_t scene = {.world_from_camera = xform_identity(),
+    const blob_scene_t scene = {.camera = CAMERA_PERSPECTIVE,
+                                .world_from_camera = xform_identity(),
+                                .world_from_camera_end = xform_identity(),
                                 .fov = 40,
+                                .focal_distance = 1e6f,
                                 .screen_window = {-1, 1, -1, 1},
-                                .filter = {FILTER_BOX, 0.5f, 0.5f, 0},
+                                .film_window = {0, 1, 0, 1},
+                                .filter = {FILTER_BOX, 0.5f, 0.5f, {0}},
                                 .width = 64,
                                 .height = 48,
                                 .max_depth = 5,
                                 .spp = 16,
                                 .integrator = INTEGRATOR_PATH,
-                                .sampler = SAMPLER_SOBOL};
+                                .sampler = SAMPLER_SOBOL,
+                                .max_luminance = INFINITY};
     blob_builder_add(builder, BLOB_SECTION_SCENE, &scene, 1);
 }
 
@@ -96,6 +166,8 @@ static blob_builder_t *make_builder(void)
     blob_builder_t *builder = blob_builder_new();
     add_scene(builder);
     add_shapes(builder);
+    add_lights(builder);
+    add_textures(builder);
     add_materials(builder);
     return builder;
 }
@@ -161,16 +233,21 @@ static void everything_comes_back(void **state)
     assert_true(hash_equal(&hash, &blob.hash));
     assert_int_equal(blob.counts[BLOB_SECTION_POSITIONS], 8);
     assert_int_equal(blob.counts[BLOB_SECTION_TRIANGLES], 4);
-    assert_int_equal(blob.counts[BLOB_SECTION_SHAPES], 3);
+    assert_int_equal(blob.counts[BLOB_SECTION_SHAPES], 4);
     assert_int_equal(blob.meshes[1].first_position, 4);
     assert_int_equal(blob.meshes[0].first_normal, BLOB_NONE);
     assert_int_equal(blob.triangles[3].v[2], 3);
     assert_true(blob.positions[5].x == 1.0f && blob.normals[2].x == 1.0f && blob.uvs[1].x == 1.0f);
-    assert_true(blob.spheres[0].radius == 2.0f && blob.materials[3].alpha_v == 0.2f);
+    assert_true(blob.quadrics[0].radius == 2.0f && blob.curve_points[1].x == 1.0f);
+    assert_true(blob.materials[3].values[VALUE_ROUGHNESS_V].factor.x == 0.2f);
+    assert_int_equal(blob.materials[0].values[VALUE_REFLECTANCE].texture, 3);
+    assert_int_equal(blob.textures[2].inputs[1].texture, 2);
+    assert_int_equal(blob.images[1].first_word, 9);
+    assert_int_equal(((const uint8_t *)(blob.texels + 9))[4], 4);
     assert_string_equal(blob.strings + blob.shapes[1].name, "scene.pbrt:7");
     assert_string_equal(blob.strings, "");
     assert_int_equal(blob.lights[0].shape, 0);
-    assert_true(blob.lights[0].radiance.y == 4000.0f);
+    assert_true(blob.lights[0].radiance.factor.y == 4000.0f);
     for (int i = 0; i < BLOB_SECTION_COUNT; i++)
         assert_int_equal(read_u64(section_entry(bytes, (blob_section_t)i)) % 64, 0);
     job_settings_t settings = blob_default_settings(&blob);
@@ -319,6 +396,8 @@ static void check_corruptions(const corruption_t *corruptions, size_t count)
     free(bytes);
 }
 
+#define VALUE(field, slot) FIELD(blob_material_t, field, values[slot])
+
 static void bad_indices_are_errors(void **state)
 {
     (void)state;
@@ -329,30 +408,78 @@ static void bad_indices_are_errors(void **state)
         {BLOB_SECTION_MESHES, FIELD(blob_mesh_t, 1, first_position), UINT32_MAX, "its vertices"},
         {BLOB_SECTION_MESHES, FIELD(blob_mesh_t, 0, vertex_count), UINT32_MAX, "its vertices"},
         {BLOB_SECTION_MESHES, FIELD(blob_mesh_t, 0, vertex_count), 3, "uses vertex 3 of 3"},
-        {BLOB_SECTION_MESHES, FIELD(blob_mesh_t, 1, first_normal), 1, "its normals"},
+        {BLOB_SECTION_MESHES, FIELD(blob_mesh_t, 1, first_normal), 5, "its normals"},
         {BLOB_SECTION_MESHES, FIELD(blob_mesh_t, 0, first_normal), UINT32_MAX - 1, "its normals"},
         {BLOB_SECTION_MESHES, FIELD(blob_mesh_t, 1, first_uv), 1, "its uvs"},
+        {BLOB_SECTION_MESHES, FIELD(blob_mesh_t, 1, first_uv2), 1, "its uvs"},
+        {BLOB_SECTION_MESHES, FIELD(blob_mesh_t, 1, first_colour), 1, "its colours"},
         {BLOB_SECTION_MESHES, FIELD(blob_mesh_t, 1, first_triangle), 3, "its triangles"},
         {BLOB_SECTION_MESHES, FIELD(blob_mesh_t, 0, triangle_count), 5, "its triangles"},
         {BLOB_SECTION_MESHES, FIELD(blob_mesh_t, 0, triangle_count), 0, "its triangles"},
-        {BLOB_SECTION_SHAPES, FIELD(blob_shape_t, 0, kind), 3, "shape 0: unknown kind 3"},
+        {BLOB_SECTION_QUADRICS, FIELD(blob_quadric_t, 0, kind), 4, "quadric 0: unknown kind 4"},
+        {BLOB_SECTION_CURVES, FIELD(blob_curves_t, 0, kind), 0, "curves 0: unknown kind 0"},
+        {BLOB_SECTION_CURVES, FIELD(blob_curves_t, 0, segment_count), 0, "curves 0: its points"},
+        {BLOB_SECTION_CURVES, FIELD(blob_curves_t, 0, segment_count), 2, "curves 1: its points"},
+        {BLOB_SECTION_CURVES, FIELD(blob_curves_t, 1, first_point), 5, "curves 1: its points"},
+        {BLOB_SECTION_CURVES, FIELD(blob_curves_t, 1, segment_count), UINT32_MAX, "curves 1: its points"},
+        {BLOB_SECTION_CURVES, FIELD(blob_curves_t, 0, first_normal), 0, "curves 0: its normals"},
+        {BLOB_SECTION_CURVES, FIELD(blob_curves_t, 1, first_normal), 5, "curves 1: its normals"},
+        {BLOB_SECTION_CURVES, FIELD(blob_curves_t, 1, first_normal), BLOB_NONE, "curves 1: its normals"},
+        {BLOB_SECTION_SHAPES, FIELD(blob_shape_t, 0, kind), 4, "shape 0: unknown kind 4"},
         {BLOB_SECTION_SHAPES, FIELD(blob_shape_t, 0, geometry), 2, "shape 0: no geometry 2"},
         {BLOB_SECTION_SHAPES, FIELD(blob_shape_t, 1, geometry), 1, "shape 1: no geometry 1"},
-        {BLOB_SECTION_SHAPES, FIELD(blob_shape_t, 2, material), 4, "shape 2: no material 4"},
-        {BLOB_SECTION_SHAPES, FIELD(blob_shape_t, 0, light), 1, "shape 0: light 1"},
+        {BLOB_SECTION_SHAPES, FIELD(blob_shape_t, 2, geometry), 2, "shape 2: no geometry 2"},
+        {BLOB_SECTION_SHAPES, FIELD(blob_shape_t, 3, material), 5, "shape 3: no material 5"},
+        {BLOB_SECTION_SHAPES, FIELD(blob_shape_t, 0, light), 4, "shape 0: light 4"},
+        {BLOB_SECTION_SHAPES, FIELD(blob_shape_t, 0, light), 1, "shape 0: light 1 does not belong"},
         {BLOB_SECTION_SHAPES, FIELD(blob_shape_t, 1, light), 0, "shape 1: light 0 does not belong"},
         {BLOB_SECTION_SHAPES, FIELD(blob_shape_t, 0, light), BLOB_NONE, "light 0 does not belong"},
+        {BLOB_SECTION_SHAPES, FIELD(blob_shape_t, 0, kind), SHAPE_CURVES, "curves cannot emit"},
         {BLOB_SECTION_SHAPES, FIELD(blob_shape_t, 1, name), 1000, "its name"},
-        {BLOB_SECTION_OBJECTS, FIELD(blob_object_t, 0, shape_count), 4, "object 0: its shapes"},
+        {BLOB_SECTION_SHAPES, FIELD(blob_shape_t, 1, alpha.texture), 4, "shape 1: its alpha"},
+        {BLOB_SECTION_SHAPES, FIELD(blob_shape_t, 1, shadow_alpha.texture), UINT32_MAX, "its alpha"},
+        {BLOB_SECTION_OBJECTS, FIELD(blob_object_t, 0, shape_count), 5, "object 0: its shapes"},
         {BLOB_SECTION_OBJECTS, FIELD(blob_object_t, 1, first_shape), UINT32_MAX, "object 1: its shapes"},
         {BLOB_SECTION_OBJECTS, FIELD(blob_object_t, 1, shape_count), 0, "objects hold"},
         {BLOB_SECTION_INSTANCES, FIELD(blob_instance_t, 0, object), 0, "instance 0: no object 0"},
         {BLOB_SECTION_INSTANCES, FIELD(blob_instance_t, 0, object), 2, "instance 0: no object 2"},
-        {BLOB_SECTION_MATERIALS, FIELD(blob_material_t, 0, kind), 0, "material 0: unknown kind 0"},
-        {BLOB_SECTION_MATERIALS, FIELD(blob_material_t, 0, kind), 5, "material 0: unknown kind 5"},
-        {BLOB_SECTION_MATERIALS, FIELD(blob_material_t, 3, name), 1000, "its name"},
+        {BLOB_SECTION_IMAGES, FIELD(blob_image_t, 0, format), 0, "image 0: unknown format 0"},
+        {BLOB_SECTION_IMAGES, FIELD(blob_image_t, 0, format), 5, "image 0: unknown format 5"},
+        {BLOB_SECTION_IMAGES, FIELD(blob_image_t, 0, width), 0, "image 0: 0 x 1 pixels"},
+        {BLOB_SECTION_IMAGES, FIELD(blob_image_t, 1, height), 65537, "image 1: 5 x 65537 pixels"},
+        {BLOB_SECTION_IMAGES, FIELD(blob_image_t, 0, height), 2, "image 0: its pixels"},
+        {BLOB_SECTION_IMAGES, FIELD(blob_image_t, 1, width), 9, "image 1: its pixels"},
+        {BLOB_SECTION_IMAGES, FIELD(blob_image_t, 1, first_word), 10, "image 1: its pixels"},
+        {BLOB_SECTION_IMAGES, FIELD(blob_image_t, 1, first_word), UINT32_MAX, "image 1: its pixels"},
+        {BLOB_SECTION_TEXTURES, FIELD(blob_texture_t, 0, kind), 0, "texture 0 is malformed"},
+        {BLOB_SECTION_TEXTURES, FIELD(blob_texture_t, 0, kind), TEXTURE_KIND_END, "texture 0 is malformed"},
+        {BLOB_SECTION_TEXTURES, FIELD(blob_texture_t, 0, mapping), 7, "texture 0 is malformed"},
+        {BLOB_SECTION_TEXTURES, FIELD(blob_texture_t, 0, image), 3, "texture 0 is malformed"},
+        {BLOB_SECTION_TEXTURES, FIELD(blob_texture_t, 0, image), 0, "texture 0 is malformed"},
+        {BLOB_SECTION_TEXTURES, FIELD(blob_texture_t, 0, channel), 8, "texture 0 is malformed"},
+        {BLOB_SECTION_TEXTURES, FIELD(blob_texture_t, 0, wrap_s), 5, "texture 0 is malformed"},
+        {BLOB_SECTION_TEXTURES, FIELD(blob_texture_t, 0, wrap_t), 5, "texture 0 is malformed"},
+        {BLOB_SECTION_TEXTURES, FIELD(blob_texture_t, 0, inputs[0].texture), 1, "texture 0 is malformed"},
+        {BLOB_SECTION_TEXTURES, FIELD(blob_texture_t, 2, inputs[3].texture), 3, "texture 2 is malformed"},
+        {BLOB_SECTION_TEXTURES, FIELD(blob_texture_t, 1, inputs[0].texture), 3, "texture 1 is malformed"},
+        {BLOB_SECTION_MATERIALS, FIELD(blob_material_t, 0, kind), 0, "material 0 is malformed"},
+        {BLOB_SECTION_MATERIALS, FIELD(blob_material_t, 0, kind), MATERIAL_KIND_END,
+         "material 0 is malformed"},
+        {BLOB_SECTION_MATERIALS, FIELD(blob_material_t, 3, name), 1000, "material 3 is malformed"},
+        {BLOB_SECTION_MATERIALS, FIELD(blob_material_t, 1, bump), 4, "material 1 is malformed"},
+        {BLOB_SECTION_MATERIALS, FIELD(blob_material_t, 2, normal_map), 4, "material 2 is malformed"},
+        {BLOB_SECTION_MATERIALS, FIELD(blob_material_t, 4, parts[0]), 4, "material 4 is malformed"},
+        {BLOB_SECTION_MATERIALS, FIELD(blob_material_t, 4, parts[1]), UINT32_MAX, "material 4 is malformed"},
+        {BLOB_SECTION_MATERIALS, VALUE(0, VALUE_ATTENUATION) + 12, 4, "material 0 is malformed"},
+        {BLOB_SECTION_LIGHTS, FIELD(blob_light_t, 1, kind), 0, "light 1: unknown kind 0"},
+        {BLOB_SECTION_LIGHTS, FIELD(blob_light_t, 3, kind), 8, "light 3: unknown kind 8"},
         {BLOB_SECTION_LIGHTS, FIELD(blob_light_t, 0, shape), 1, "light 0 does not belong"},
         {BLOB_SECTION_LIGHTS, FIELD(blob_light_t, 0, shape), 3, "light 0 does not belong"},
+        {BLOB_SECTION_LIGHTS, FIELD(blob_light_t, 0, radiance.texture), 4, "light 0: no such texture"},
+        {BLOB_SECTION_LIGHTS, FIELD(blob_light_t, 1, radiance.texture), 1, "light 1: only area lights"},
+        {BLOB_SECTION_LIGHTS, FIELD(blob_light_t, 3, image), 3, "light 3: no image 3"},
+        {BLOB_SECTION_LIGHTS, FIELD(blob_light_t, 3, mapping), 4, "light 3: unknown mapping 4"},
+        {BLOB_SECTION_LIGHTS, FIELD(blob_light_t, 2, image), 0, "light 2 has no image"},
         {BLOB_SECTION_STRINGS, 0, 0x41414141, "not terminated"}};
     check_corruptions(corruptions, ARRAY_LENGTH(corruptions));
 }
@@ -365,30 +492,107 @@ static void bad_numbers_are_errors(void **state)
         {BLOB_SECTION_POSITIONS, FIELD(vec3_t, 7, z), nan, "position 7"},
         {BLOB_SECTION_NORMALS, FIELD(vec3_t, 0, x), infinite, "normal 0"},
         {BLOB_SECTION_UVS, FIELD(vec2_t, 2, y), nan, "uv 2"},
-        {BLOB_SECTION_SPHERES, FIELD(blob_sphere_t, 0, radius), 0, "radius"},
-        {BLOB_SECTION_SPHERES, FIELD(blob_sphere_t, 0, radius), nan, "radius"},
-        {BLOB_SECTION_SPHERES, FIELD(blob_sphere_t, 0, object_from_sphere.m[1][1]), 0, "singular"},
-        {BLOB_SECTION_SPHERES, FIELD(blob_sphere_t, 0, object_from_sphere.m[0][3]), infinite, "singular"},
+        {BLOB_SECTION_COLOURS, FIELD(blob_colour_t, 3, a), nan, "colour 3"},
+        {BLOB_SECTION_CURVE_POINTS, FIELD(blob_curve_point_t, 2, y), nan, "curve point 2"},
+        {BLOB_SECTION_CURVE_POINTS, FIELD(blob_curve_point_t, 5, radius), minus, "curve point 5"},
+        {BLOB_SECTION_QUADRICS, FIELD(blob_quadric_t, 0, radius), 0, "radius"},
+        {BLOB_SECTION_QUADRICS, FIELD(blob_quadric_t, 0, radius), nan, "radius"},
+        {BLOB_SECTION_QUADRICS, FIELD(blob_quadric_t, 0, z_max), bits_of(-2.0f), "its extent is empty"},
+        {BLOB_SECTION_QUADRICS, FIELD(blob_quadric_t, 0, z_max), nan, "its extent"},
+        {BLOB_SECTION_QUADRICS, FIELD(blob_quadric_t, 0, z_max), bits_of(2.5f), "outside its radius"},
+        {BLOB_SECTION_QUADRICS, FIELD(blob_quadric_t, 0, phi_max), bits_of(6.3f), "its extent"},
+        {BLOB_SECTION_QUADRICS, FIELD(blob_quadric_t, 0, object_from_quadric.m[1][1]), 0, "singular"},
+        {BLOB_SECTION_QUADRICS, FIELD(blob_quadric_t, 0, object_from_quadric.m[0][3]), infinite, "singular"},
+        {BLOB_SECTION_SHAPES, FIELD(blob_shape_t, 1, alpha.factor.y), nan, "its alpha"},
+        {BLOB_SECTION_SHAPES, FIELD(blob_shape_t, 1, shadow_alpha.factor.x), infinite, "its alpha"},
         {BLOB_SECTION_INSTANCES, FIELD(blob_instance_t, 0, world_from_object.m[2][2]), 0, "singular"},
-        {BLOB_SECTION_MATERIALS, FIELD(blob_material_t, 0, reflectance.y), minus, "colours"},
-        {BLOB_SECTION_MATERIALS, FIELD(blob_material_t, 2, eta.x), 0, "eta must be positive"},
-        {BLOB_SECTION_MATERIALS, FIELD(blob_material_t, 3, k.z), nan, "colours"},
-        {BLOB_SECTION_MATERIALS, FIELD(blob_material_t, 3, alpha_u), nan, "roughness"},
-        {BLOB_SECTION_LIGHTS, FIELD(blob_light_t, 0, radiance.x), infinite, "radiance"},
+        {BLOB_SECTION_INSTANCES, FIELD(blob_instance_t, 0, world_from_object_end.m[2][2]), 0, "singular"},
+        {BLOB_SECTION_IMAGES, FIELD(blob_image_t, 1, gamma), minus, "its gamma"},
+        {BLOB_SECTION_IMAGES, FIELD(blob_image_t, 1, gamma), nan, "its gamma"},
+        {BLOB_SECTION_TEXELS, 8 * sizeof(uint32_t), nan, "image 0: a pixel is not finite"},
+        {BLOB_SECTION_TEXTURES, FIELD(blob_texture_t, 0, matrix[1][2]), nan, "texture 0 is malformed"},
+        {BLOB_SECTION_TEXTURES, FIELD(blob_texture_t, 1, texture_from_world.m[2][3]), infinite,
+         "texture 1 is malformed"},
+        {BLOB_SECTION_TEXTURES, FIELD(blob_texture_t, 1, parameters[3]), nan, "texture 1 is malformed"},
+        {BLOB_SECTION_TEXTURES, FIELD(blob_texture_t, 2, inputs[1].factor.z), nan, "texture 2 is malformed"},
+        {BLOB_SECTION_MATERIALS, VALUE(0, VALUE_REFLECTANCE), nan, "material 0 is malformed"},
+        {BLOB_SECTION_MATERIALS, VALUE(3, VALUE_K) + 8, infinite, "material 3 is malformed"},
+        {BLOB_SECTION_MATERIALS, FIELD(blob_material_t, 2, normal_scale), nan, "material 2 is malformed"},
+        {BLOB_SECTION_LIGHTS, FIELD(blob_light_t, 0, radiance.factor.x), infinite, "radiance"},
+        {BLOB_SECTION_LIGHTS, FIELD(blob_light_t, 3, radiance.factor.z), minus, "radiance"},
+        {BLOB_SECTION_LIGHTS, FIELD(blob_light_t, 3, parameters[2]), nan, "light 3: its parameters"},
+        {BLOB_SECTION_LIGHTS, FIELD(blob_light_t, 1, world_from_light.m[0][0]), 0, "light 1: its transform"},
+        {BLOB_SECTION_LIGHTS, FIELD(blob_light_t, 2, parameters[1]), minus, "light 2: its window is empty"},
+        {BLOB_SECTION_LIGHTS, FIELD(blob_light_t, 1, parameters[0]), bits_of(0.95f), "light 1: its cone"},
+        {BLOB_SECTION_LIGHTS, FIELD(blob_light_t, 1, parameters[1]), bits_of(1.5f), "light 1: its cone"},
+        {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, camera), 0, "unknown camera 0"},
+        {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, camera), 5, "unknown camera 5"},
         {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, world_from_camera.m[0][0]), nan, "camera"},
+        {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, world_from_camera_end.m[0][0]), 0, "camera"},
         {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, fov), bits_of(180.0f), "fov"},
         {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, fov), nan, "fov"},
+        {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, lens_radius), minus, "lens radius"},
+        {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, focal_distance), 0, "focal distance"},
         {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, screen_window[1]), minus, "screen window is empty"},
         {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, screen_window[3]), infinite,
          "screen window is not finite"},
-        {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, filter.kind), FILTER_GAUSSIAN, "sigma"},
+        {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, film_window[1]), 0, "film's window is empty"},
+        {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, filter.kind), FILTER_GAUSSIAN, "parameter must be"},
         {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, filter.kind), 9, "pixel filter 9"},
         {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, filter.radius_y), nan, "radius"},
+        {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, filter.parameters[1]), nan, "parameters are not"},
         {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, width), 0, "width"},
         {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, height), INT32_MAX, "height"},
         {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, spp), UINT32_MAX, "samples"},
+        {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, max_luminance), nan, "largest luminance"},
+        {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, regularize), 2, "regularize"},
         {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, integrator), 77, "integrator"}};
     check_corruptions(corruptions, ARRAY_LENGTH(corruptions));
+}
+
+/* A chain of mixes: each of the one before and of itself again. */
+static result_t open_mixes(int depth)
+{
+    blob_builder_t *builder = make_builder();
+    for (int i = 0; i < depth; i++) {
+        uint32_t last = blob_builder_count(builder, BLOB_SECTION_MATERIALS) - 1;
+        blob_material_t mix = {.kind = MATERIAL_MIX, .parts = {last, last}};
+        blob_builder_add(builder, BLOB_SECTION_MATERIALS, &mix, 1);
+    }
+    uint8_t *bytes;
+    uint64_t size;
+    result_t result = blob_builder_finish(builder, &bytes, &size);
+    blob_builder_destroy(&builder);
+    free(bytes);
+    return result;
+}
+
+/* Each product takes the one before twice: the cost of a look-up doubles. */
+static result_t open_products(int depth)
+{
+    blob_builder_t *builder = make_builder();
+    for (int i = 0; i < depth; i++) {
+        blob_ref_t last = blob_builder_count(builder, BLOB_SECTION_TEXTURES);
+        blob_texture_t product = {.kind = TEXTURE_SCALE, .inputs = {{{1, 1, 1}, last}, {{1, 1, 1}, last}}};
+        blob_builder_add(builder, BLOB_SECTION_TEXTURES, &product, 1);
+    }
+    uint8_t *bytes;
+    uint64_t size;
+    result_t result = blob_builder_finish(builder, &bytes, &size);
+    blob_builder_destroy(&builder);
+    free(bytes);
+    return result;
+}
+
+static void depths_and_costs_are_limited(void **state)
+{
+    (void)state;
+    /* the scene has a mix already, of depth 1, and a product of cost 3 */
+    assert_int_equal(open_mixes(BLOB_MAX_MIX_DEPTH - 1).code, RESULT_OK);
+    assert_fails(open_mixes(BLOB_MAX_MIX_DEPTH), "is malformed");
+    assert_int_equal(open_products(7).code, RESULT_OK); /* 4 2^7 - 1 */
+    assert_fails(open_products(8), "combines more than 1000 textures");
+    assert_fails(open_products(60), "combines more than 1000 textures");
 }
 
 static void bad_headers_are_errors(void **state)
@@ -401,7 +605,7 @@ static void bad_headers_are_errors(void **state)
         uint64_t value;
         const char *expected;
     } cases[] = {{0, 0, "magic"},
-                 {8, BLOB_VERSION + 1 + ((uint64_t)BLOB_SECTION_COUNT << 32), "version 2"},
+                 {8, BLOB_VERSION + 1 + ((uint64_t)BLOB_SECTION_COUNT << 32), "version 3"},
                  {8, BLOB_VERSION + ((uint64_t)(BLOB_SECTION_COUNT + 1) << 32), "sections"},
                  {16, UINT64_MAX, "says it has"}};
     for (size_t i = 0; i < ARRAY_LENGTH(cases); i++) {
@@ -442,14 +646,65 @@ static double touch_mesh(const scene_blob_t *blob, const blob_mesh_t *mesh)
     return sum;
 }
 
+static double touch_value(const scene_blob_t *blob, const blob_value_t *value)
+{
+    double sum = (double)value->factor.x;
+    if (value->texture != 0) sum += (double)blob->textures[value->texture - 1].parameters[0];
+    return sum;
+}
+
+static double touch_material(const scene_blob_t *blob, const blob_material_t *material)
+{
+    double sum = (double)strlen(blob->strings + material->name);
+    for (int i = 0; i < MATERIAL_VALUES; i++) sum += touch_value(blob, &material->values[i]);
+    if (material->bump != 0) sum += blob->textures[material->bump - 1].kind;
+    if (material->normal_map != 0) sum += blob->textures[material->normal_map - 1].kind;
+    if (material->kind == MATERIAL_MIX)
+        for (int i = 0; i < 2; i++) sum += touch_material(blob, &blob->materials[material->parts[i]]);
+    return sum;
+}
+
+static double touch_curves(const scene_blob_t *blob, const blob_curves_t *curves)
+{
+    double sum = 0;
+    for (uint32_t i = 0; i < 4 * curves->segment_count; i++) {
+        sum += (double)blob->curve_points[curves->first_point + i].x;
+        if (curves->kind == CURVES_RIBBON) sum += (double)blob->normals[curves->first_normal + i].x;
+    }
+    return sum;
+}
+
 static double touch_shape(const scene_blob_t *blob, const blob_shape_t *shape)
 {
-    double sum =
-        (double)strlen(blob->strings + shape->name) + (double)blob->materials[shape->material].alpha_u;
-    sum += (double)strlen(blob->strings + blob->materials[shape->material].name);
-    if (shape->light != BLOB_NONE) sum += (double)blob->lights[shape->light].radiance.x;
-    return sum + (shape->kind == SHAPE_MESH ? touch_mesh(blob, &blob->meshes[shape->geometry])
-                                            : (double)blob->spheres[shape->geometry].radius);
+    double sum = (double)strlen(blob->strings + shape->name);
+    sum += touch_material(blob, &blob->materials[shape->material]);
+    sum += touch_value(blob, &shape->alpha) + touch_value(blob, &shape->shadow_alpha);
+    if (shape->light != BLOB_NONE) sum += touch_value(blob, &blob->lights[shape->light].radiance);
+    if (shape->kind == SHAPE_MESH) return sum + touch_mesh(blob, &blob->meshes[shape->geometry]);
+    if (shape->kind == SHAPE_CURVES) return sum + touch_curves(blob, &blob->curves[shape->geometry]);
+    return sum + (double)blob->quadrics[shape->geometry].radius;
+}
+
+static double touch_image(const scene_blob_t *blob, const blob_image_t *image)
+{
+    static const uint32_t bytes[] = {
+        [TEXELS_R8] = 1, [TEXELS_RGBA8] = 4, [TEXELS_R32F] = 4, [TEXELS_RGB32F] = 12};
+    const uint8_t *pixels = (const uint8_t *)(blob->texels + image->first_word);
+    uint64_t size = (uint64_t)image->width * image->height * bytes[image->format];
+    return (double)pixels[0] + (double)pixels[size - 1];
+}
+
+static double touch_texture(const scene_blob_t *blob, const blob_texture_t *texture)
+{
+    double sum = texture->image != 0 ? touch_image(blob, &blob->images[texture->image - 1]) : 0;
+    for (int i = 0; i < TEXTURE_INPUTS; i++) sum += touch_value(blob, &texture->inputs[i]);
+    return sum;
+}
+
+static double touch_light(const scene_blob_t *blob, const blob_light_t *light)
+{
+    double sum = light->image != 0 ? touch_image(blob, &blob->images[light->image - 1]) : 0;
+    return light->kind == LIGHT_AREA ? sum + blob->shapes[light->shape].kind : sum;
 }
 
 /* Follows every reference that a renderer would. */
@@ -462,7 +717,9 @@ static void touch_everything(const scene_blob_t *blob)
     for (uint64_t i = 0; i < blob->counts[BLOB_SECTION_INSTANCES]; i++)
         sum += blob->objects[blob->instances[i].object].shape_count;
     for (uint64_t i = 0; i < blob->counts[BLOB_SECTION_LIGHTS]; i++)
-        sum += blob->shapes[blob->lights[i].shape].kind;
+        sum += touch_light(blob, &blob->lights[i]);
+    for (uint64_t i = 0; i < blob->counts[BLOB_SECTION_TEXTURES]; i++)
+        sum += touch_texture(blob, &blob->textures[i]);
     job_settings_t settings = blob_default_settings(blob);
     assert_int_equal(job_settings_check(&settings).code, RESULT_OK);
 }
@@ -498,6 +755,7 @@ int main(void)
         cmocka_unit_test(builders_grow_and_fill_in_late), cmocka_unit_test(files_are_mapped),
         cmocka_unit_test(every_truncation_is_an_error),   cmocka_unit_test(every_flipped_byte_is_an_error),
         cmocka_unit_test(bad_indices_are_errors),         cmocka_unit_test(bad_numbers_are_errors),
-        cmocka_unit_test(bad_headers_are_errors),         cmocka_unit_test(random_contents_are_survived)};
+        cmocka_unit_test(depths_and_costs_are_limited),   cmocka_unit_test(bad_headers_are_errors),
+        cmocka_unit_test(random_contents_are_survived)};
     return cmocka_run_group_tests_name("blob", tests, NULL, NULL);
 }

@@ -97,7 +97,7 @@ static out_t quad_binary(bool big)
 
 static result_t read_bytes(bench_t *bench, const void *data, size_t size, mesh_t *mesh)
 {
-    import_report_t sink = {bench_warn, bench};
+    import_report_t sink = {.warn = bench_warn, .context = bench};
     report_t report = report_begin(&sink);
     bench->warnings[0] = '\0';
     bench_write(bench, "m.ply", data, size);

@@ -145,12 +145,39 @@ static void scenes_are_described(void **state)
     assert_says(*state, NULL, "scenes/cornell", "triangles  32\n");
     assert_says(*state, NULL, "scenes/cornell/scene.pbrt", "fov 39.3077 degrees");
     assert_says(*state, NULL, "scenes/cornell", "128 x 128 pixels");
-    assert_says(*state, NULL, "scenes/cornell", "light 0: diffuse area  radiance 18.4 15.6 8");
+    assert_says(*state, NULL, "scenes/cornell", "light 0: area  radiance 18.4 15.6 8");
     assert_says(*state, NULL, "scenes/caustic",
                 "dielectric  reflectance 1 1 1  transmittance 1 1 1  eta 1.5");
-    assert_says(*state, NULL, "scenes/caustic", "conductor   eta 0.143 0.375 1.442");
-    assert_says(*state, "--json", "scenes/caustic", "\"spheres\": 1");
+    assert_says(*state, NULL, "scenes/caustic", "conductor   reflectance 1 1 1");
+    assert_says(*state, NULL, "scenes/caustic", "eta 0.143 0.375 1.442");
+    assert_says(*state, "--json", "scenes/caustic", "\"quadrics\": 1");
     assert_says(*state, "--json", "scenes/seed-specular", "\"mirror\"");
+}
+
+static void textures_images_and_lights_are_described(void **state)
+{
+    static const uint8_t grey[] = {0, 0, 3, 0, 0, 0, 0, 0, 0, 0, 0, 0, 2, 0, 1, 0, 8, 0, 10, 20};
+    static const char scene[] =
+        "WorldBegin\nTexture \"a\" \"float\" \"imagemap\" \"string filename\" \"a.tga\" \"float scale\" 2\n"
+        "Texture \"b\" \"spectrum\" \"checkerboard\" \"rgb tex2\" [.5 .25 0]\n"
+        "MakeNamedMaterial \"m\" \"string type\" \"plastic\" \"texture Kd\" \"b\" \"texture bumpmap\" \"a\"\n"
+        "MakeNamedMaterial \"n\" \"string type\" \"mirror\"\n"
+        "Material \"mix\" \"string namedmaterial1\" \"m\" \"string namedmaterial2\" \"n\"\nShape \"sphere\"\n"
+        "LightSource \"point\" \"rgb I\" [1 2 3]\nWorldEnd\n";
+    char *image = scratch_path(*state, "a.tga"), *path = scratch_path(*state, "s.pbrt");
+    scratch_write(image, grey, sizeof grey);
+    scratch_write(path, scene, sizeof scene - 1);
+    assert_says(*state, NULL, path, "textures   2\nimages     1\nlights     1\n");
+    assert_says(*state, NULL, path, "texture 0: image  over uv  image 0  input 2 2 2\n");
+    assert_says(*state, NULL, path, "texture 1: checkerboard  over uv  input 1 1 1  input 0.5 0.25 0\n");
+    assert_says(*state, NULL, path, "image 0: 2 x 1 pixels, grey, 8 bits, sRGB\n");
+    assert_says(*state, NULL, path, "plastic     reflectance 1 1 1 x texture 1  specular 0.25 0.25 0.25");
+    assert_says(*state, NULL, path, "bumps of texture 0");
+    assert_says(*state, NULL, path, "material 2: mix         of 0 and 1  amount 0.5 0.5 0.5");
+    assert_says(*state, NULL, path, "light 0: point  intensity 1 2 3\n");
+    assert_says(*state, "--json", path, "\"material_kinds\": [\"mirror\", \"plastic\", \"mix\"]");
+    free(image);
+    free(path);
 }
 
 static void blobs_are_described_like_their_scene(void **state)
@@ -209,6 +236,7 @@ int main(void)
                                        TEST(the_hash_is_of_the_pixels),
                                        TEST(terminals_are_safe),
                                        TEST(scenes_are_described),
+                                       TEST(textures_images_and_lights_are_described),
                                        TEST(blobs_are_described_like_their_scene),
                                        TEST(errors_name_the_file)};
     return cmocka_run_group_tests_name("info", tests, NULL, NULL);

@@ -160,6 +160,42 @@ static void settings_are_checked(void **state)
     assert_refused(bad, "time limit");
 }
 
+static job_settings_t strategy_of(int s, int t, int max_depth)
+{
+    job_settings_t settings = job_settings_default();
+    settings.strategy_s = s;
+    settings.strategy_t = t;
+    settings.max_depth = max_depth;
+    settings.unweighted = true;
+    return settings;
+}
+
+static void strategies_are_checked(void **state)
+{
+    (void)state;
+    const int good[][3] = {{0, 2, 0}, {0, 3, 1}, {1, 2, 1},     {2, 1, 1},
+                           {5, 1, 4}, {3, 3, 4}, {101, 1, 100}, {0, 102, 100}};
+    for (size_t i = 0; i < ARRAY_LENGTH(good); i++) {
+        job_settings_t settings = strategy_of(good[i][0], good[i][1], good[i][2]);
+        assert_int_equal(job_settings_check(&settings).code, RESULT_OK);
+        settings.unweighted = false;
+        assert_int_equal(job_settings_check(&settings).code, RESULT_OK);
+        settings.integrator = INTEGRATOR_PATH;
+        assert_refused(settings, "belongs to bdpt, not to path");
+    }
+    const int missing[][2] = {{0, 1}, {1, 1}, {1, 0}, {7, 0}};
+    for (size_t i = 0; i < ARRAY_LENGTH(missing); i++)
+        assert_refused(strategy_of(missing[i][0], missing[i][1], 8), "no strategy");
+    assert_refused(strategy_of(1, 2, 0), "max depth 0");
+    assert_refused(strategy_of(3, 3, 3), "5 segments");
+    assert_refused(strategy_of(0, 3, 0), "max depth");
+    assert_refused(strategy_of(-1, 4, 8), "(s)");
+    assert_refused(strategy_of(4, -1, 8), "(t)");
+    assert_refused(strategy_of(INT32_MAX, INT32_MAX, 8), "(s)");
+    assert_refused(strategy_of(0, INT32_MAX, 8), "(t)");
+    assert_refused(strategy_of(0, 0, 8), "unweighted");
+}
+
 static void names_round_trip(void **state)
 {
     (void)state;
@@ -181,9 +217,12 @@ static void names_round_trip(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(tiles_cover_the_image_once), cmocka_unit_test(tiles_run_row_by_row),
-        cmocka_unit_test(units_are_checked),          cmocka_unit_test(halves_count_even_and_odd_samples),
-        cmocka_unit_test(settings_are_checked),       cmocka_unit_test(names_round_trip)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(tiles_cover_the_image_once),
+                                       cmocka_unit_test(tiles_run_row_by_row),
+                                       cmocka_unit_test(units_are_checked),
+                                       cmocka_unit_test(halves_count_even_and_odd_samples),
+                                       cmocka_unit_test(settings_are_checked),
+                                       cmocka_unit_test(strategies_are_checked),
+                                       cmocka_unit_test(names_round_trip)};
     return cmocka_run_group_tests_name("job", tests, NULL, NULL);
 }

@@ -280,6 +280,14 @@ static void test_blackbody_of_any_temperature_is_finite(void **state)
     assert_true(v_is_zero(spectrum_blackbody(0, SPECTRUM_PBRT_V4)));
 }
 
+static void test_light_without_luminance_is_black(void **state)
+{
+    (void)state;
+    spectrum_t s = constant(1e-320);
+    assert_true(v_is_zero(spectrum_colour(&s, SPECTRUM_EMISSION, SPECTRUM_PBRT_V4)));
+    spectrum_free(&s);
+}
+
 /* ---- files --------------------------------------------------------------------------------------------- */
 
 static result_t read_text(bench_t *bench, const char *text, size_t size, spectrum_t *s)
@@ -355,6 +363,7 @@ int main(void)
         cmocka_unit_test(test_rules_for_emission),
         cmocka_unit_test(test_blackbody),
         cmocka_unit_test(test_blackbody_of_any_temperature_is_finite),
+        cmocka_unit_test(test_light_without_luminance_is_black),
         cmocka_unit_test(test_spectrum_file),
         cmocka_unit_test(test_refused_files),
     };

@@ -156,7 +156,7 @@ static uint8_t *packed(const Lm__Envelope *envelope, size_t *size)
 {
     *size = 5 + lm__envelope__get_packed_size(envelope);
     uint8_t *bytes = mem_alloc(*size);
-    memcpy(bytes, "LMIL\2", 5);
+    memcpy(bytes, "LMIL\3", 5);
     lm__envelope__pack(envelope, bytes + 5);
     return bytes;
 }
@@ -169,7 +169,7 @@ static void bad_headers_are_errors(void **state)
         size_t size;
     } bad[] = {{"", 0},
                {"LMIL", 4},
-               {"LMIL\2", 5},
+               {"LMIL\3", 5},
                {"LMIX\1\10\1", 7},
                {"LMIL\3\10\1", 7},
                {"LMIL\2\377\377\377", 8},
@@ -182,7 +182,7 @@ static void bad_headers_are_errors(void **state)
         expect_malformed(s);
     }
     char *huge = mem_zalloc(1, WIRE_MAX_HEADER + 1);
-    memcpy(huge, "LMIL\2", 5);
+    memcpy(huge, "LMIL\3", 5);
     send_raw(s->raw, huge, WIRE_MAX_HEADER + 1, false);
     expect_malformed(s);
     free(huge);
@@ -276,7 +276,7 @@ static void too_many_units_are_errors(void **state)
     /* A megabyte of empty units would take forty: the decoder stops at its budget. */
     size_t size = WIRE_MAX_HEADER - 16;
     uint8_t *bytes = mem_alloc(size);
-    memcpy(bytes, "LMIL\2", 5);
+    memcpy(bytes, "LMIL\3", 5);
     bytes[5] = 0x9A; /* field 19, batch_result */
     bytes[6] = 0x01;
     size_t inner = size - 10;
@@ -370,10 +370,16 @@ static void settings_units_and_counts_are_checked(void **state)
     settings.time_limit = 12.5;
     for (int on = 0; on < 2; on++) {
         settings.features = on;
+        settings.strategy_s = 3 * on;
+        settings.strategy_t = 2 * on;
+        settings.unweighted = on;
         Lm__Settings there = LM__SETTINGS__INIT, back = LM__SETTINGS__INIT;
         wire_settings_put(&settings, &there);
         assert_int_equal(wire_settings_get(&there, &got).code, RESULT_OK);
         assert_int_equal(got.features, on);
+        assert_int_equal(got.strategy_s, 3 * on);
+        assert_int_equal(got.strategy_t, 2 * on);
+        assert_int_equal(got.unweighted, on);
         wire_settings_put(&got, &back);
         uint8_t bytes[2][256]; /* the structures have padding, the messages have none */
         assert_true(lm__settings__get_packed_size(&there) <= sizeof bytes[0]);
@@ -381,6 +387,11 @@ static void settings_units_and_counts_are_checked(void **state)
         assert_int_equal(lm__settings__pack(&back, bytes[1]), size);
         assert_memory_equal(bytes[0], bytes[1], size);
     }
+    wire_settings_put(&settings, &message);
+    message.strategy_s = UINT32_MAX;
+    assert_int_equal(wire_settings_get(&message, &got).code, RESULT_PROTOCOL);
+    message.strategy_s = message.strategy_t = 1;
+    assert_int_not_equal(wire_settings_get(&message, &got).code, RESULT_OK);
     wire_settings_put(&settings, &message);
     message.width = UINT32_MAX;
     assert_int_equal(wire_settings_get(&message, &got).code, RESULT_PROTOCOL);

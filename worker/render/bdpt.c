@@ -36,6 +36,8 @@
 #include "worker/render/integrator.h"
 
 enum { MAX_VERTICES = JOB_MAX_DEPTH + 2 };
+/* The scattering from which on Russian roulette ends subpaths: sooner adds more noise than it saves time. */
+enum { ROULETTE_FROM = 3 };
 
 /* Vertex i >= 1 of a subpath. */
 typedef struct {
@@ -61,6 +63,7 @@ typedef struct {
     bool parallel;     /* vertex i - 1 is at infinity, or the camera orthographic */
     bool scattered;    /* by something that is not specular */
     rgb_t attenuation; /* per unit length along the ray */
+    int scatterings;   /* so far */
     float reference;   /* brightness that Russian roulette compares the throughput with */
 } walk_t;
 
@@ -142,7 +145,8 @@ static bool walk_scatter(walk_t *walk, const vertex_t *vertex, sampler_t *sample
     rgb_t throughput = v_mul(vertex->throughput, next.weight);
     if (walk->mode == TRANSPORT_IMPORTANCE)
         throughput = v_scale(throughput, shading_adjoint(&vertex->bsdf, vertex->wo, next.wi));
-    float survive = float_min(1, v_max(throughput) / walk->reference);
+    walk->scatterings++;
+    float survive = walk->scatterings < ROULETTE_FROM ? 1 : float_min(1, v_max(throughput) / walk->reference);
     if (!(choices.y < survive)) return false;
     walk->throughput = v_scale(throughput, 1 / survive);
     walk->pdf = next.pdf;

@@ -143,11 +143,13 @@ void shading_delegate(const shading_t *shading, uint32_t material, rgb_t scale);
 /* Every material and lobe; each file says what it does. */
 extern material_shade_t material_diffuse, material_mirror, material_dielectric, material_conductor,
     material_plastic, material_uber, material_substrate, material_translucent, material_mix, material_disney,
-    material_diffuse_transmission;
+    material_diffuse_transmission, material_coated_diffuse, material_coated_conductor, material_gltf;
 extern const lobe_kind_t lobe_lambert, lobe_lambert_transmission, lobe_oren_nayar, lobe_mirror,
     lobe_smooth_dielectric, lobe_smooth_conductor, lobe_pane, lobe_straight, lobe_rough_conductor,
     lobe_rough_dielectric, lobe_rough_reflection, lobe_rough_transmission, lobe_fresnel_blend,
-    lobe_disney_diffuse, lobe_disney_sheen, lobe_disney_specular, lobe_disney_clearcoat;
+    lobe_disney_diffuse, lobe_disney_sheen, lobe_disney_specular, lobe_disney_clearcoat, lobe_layered,
+    lobe_coated_lambert, lobe_smooth_coat, lobe_smooth_layers, lobe_schlick_reflection, lobe_schlick_mirror,
+    lobe_schlick_diffuse, lobe_schlick_through, lobe_schlick_straight;
 
 /* Three consecutive numbers of a lobe as a colour. */
 static inline rgb_t lobe_colour(const lobe_t *lobe, int first)

@@ -19,8 +19,16 @@ typedef struct {
     float pdf;
 } film_ray_t;
 
+/* Film coordinates that show the same as (x, y): (sx x + tx, sy y + ty). */
+typedef struct {
+    float sx, tx, sy, ty;
+} film_wrap_t;
+
 typedef struct {
     bool parallel;
+    /* Of a film whose edges meet one another, where it shows the same again beyond them. */
+    const film_wrap_t *wraps;
+    int wrap_count;
     void (*ray)(const camera_t *camera, vec2_t film, vec3_t lens, film_ray_t *ray);
     /* *film and the density at q per area across the ray from the lens (camera space), distance2 away in the
      * world; false where the camera cannot see. */
@@ -85,13 +93,20 @@ static bool orthographic_project(const camera_t *camera, vec3_t q, vec3_t *lens,
 
 /* ---- spherical ----------------------------------------------------------------------------------------- */
 
-/* Window: fractions of the whole sphere's film, y from the top. */
+/* Window: fractions of the whole sphere's film, y from the top. A wide pixel filter looks over the edges: to
+ * the left of the film is its right side, above its top the half turned about. */
+static const film_wrap_t spherical_wraps[] = {
+    {1, -1, 1, 0},    {1, 1, 1, 0},      {1, -1.5f, -1, 0}, {1, -0.5f, -1, 0}, {1, 0.5f, -1, 0},
+    {1, 1.5f, -1, 0}, {1, -1.5f, -1, 2}, {1, -0.5f, -1, 2}, {1, 0.5f, -1, 2},  {1, 1.5f, -1, 2},
+};
+
+/* Beyond the top (theta < 0) the sine is negative and the direction right. */
 static void spherical_ray(const camera_t *camera, vec2_t film, vec3_t lens, film_ray_t *ray)
 {
     float theta = PI_F * film.y, phi = TWO_PI_F * film.x, sin = sinf(theta);
     ray->origin = lens;
     ray->direction = vec3(sin * cosf(phi), cosf(theta), sin * sinf(phi));
-    ray->pdf = 1 / (2 * PI_F * PI_F * float_max(sin, 1e-7f) * camera->area);
+    ray->pdf = 1 / (2 * PI_F * PI_F * float_max(fabsf(sin), 1e-7f) * camera->area);
 }
 
 static bool spherical_project(const camera_t *camera, vec3_t q, vec3_t *lens, vec2_t *film, float *pdf)
@@ -105,9 +120,26 @@ static bool spherical_project(const camera_t *camera, vec3_t q, vec3_t *lens, ve
     return true;
 }
 
+/* Each edge of the octahedral map meets itself, turned about its middle. */
+static const film_wrap_t equal_area_wraps[] = {
+    {-1, 0, -1, 1}, {-1, 2, -1, 1}, {-1, 1, -1, 0}, {-1, 1, -1, 2},
+    {1, -1, 1, -1}, {1, 1, 1, -1},  {1, -1, 1, 1},  {1, 1, 1, 1},
+};
+
+/* The place within the unit square that x, y beyond its left or right edge show. */
+static void fold(float *x, float *y)
+{
+    *x -= 2 * floorf(0.5f * *x);
+    if (*x <= 1) return;
+    *x = 2 - *x;
+    *y = 1 - *y;
+}
+
 /* The octahedral map's axes are x, z, y of the camera, as pbrt-v4 has it. */
 static void equal_area_ray(const camera_t *camera, vec2_t film, vec3_t lens, film_ray_t *ray)
 {
+    fold(&film.x, &film.y);
+    fold(&film.y, &film.x);
     vec3_t d = octahedral_to_sphere((vec2_t){float_clamp(film.x, 0, 1), float_clamp(film.y, 0, 1)});
     *ray = (film_ray_t){lens, vec3(d.x, d.z, d.y), 1 / (4 * PI_F * camera->area)};
 }
@@ -124,10 +156,12 @@ static bool equal_area_project(const camera_t *camera, vec3_t q, vec3_t *lens, v
 /* ---- all of them --------------------------------------------------------------------------------------- */
 
 static const camera_ops_t kinds[] = {
-    [CAMERA_PERSPECTIVE] = {false, perspective_ray, perspective_project},
-    [CAMERA_ORTHOGRAPHIC] = {true, orthographic_ray, orthographic_project},
-    [CAMERA_SPHERICAL] = {false, spherical_ray, spherical_project},
-    [CAMERA_EQUAL_AREA] = {false, equal_area_ray, equal_area_project},
+    [CAMERA_PERSPECTIVE] = {false, NULL, 0, perspective_ray, perspective_project},
+    [CAMERA_ORTHOGRAPHIC] = {true, NULL, 0, orthographic_ray, orthographic_project},
+    [CAMERA_SPHERICAL] = {false, spherical_wraps, ARRAY_LENGTH(spherical_wraps), spherical_ray,
+                          spherical_project},
+    [CAMERA_EQUAL_AREA] = {false, equal_area_wraps, ARRAY_LENGTH(equal_area_wraps), equal_area_ray,
+                           equal_area_project},
 };
 
 /* The screen window in the camera's units; for spherical cameras the unit square, y downwards. */
@@ -188,48 +222,78 @@ static vec3_t lens_point(const camera_t *camera, vec2_t lens)
     return vec3(camera->lens_radius * d.x, camera->lens_radius * d.y, 0);
 }
 
-/* Area in the world of the unit square of the film plane of an orthographic camera. */
-static float parallel_area(const xform_t *t)
+/* The factor from a density in camera space at a direction of any length to that in the world, where the
+ * transform stretches. Of parallel rays the density is per area across them. */
+static float density_factor(const camera_t *camera, const xform_t *t, vec3_t direction)
 {
-    vec3_t x = vec3(t->m[0][0], t->m[1][0], t->m[2][0]), y = vec3(t->m[0][1], t->m[1][1], t->m[2][1]);
-    return v_length(v_cross(x, y));
+    if (!camera->ops->parallel) return warp_density_factor(t, v_normalize(direction));
+    return v_length(vec3(t->m[0][2], t->m[1][2], t->m[2][2])) / fabsf(xform_determinant(t));
+}
+
+static vec2_t film_of_raster(const camera_t *camera, vec2_t raster)
+{
+    const float *w = camera->window;
+    return (vec2_t){w[0] + (w[1] - w[0]) * (raster.x / camera->width),
+                    w[3] + (w[2] - w[3]) * (raster.y / camera->height)};
+}
+
+static vec2_t raster_of_film(const camera_t *camera, vec2_t film)
+{
+    const float *w = camera->window;
+    return (vec2_t){(film.x - w[0]) / (w[1] - w[0]) * camera->width,
+                    (film.y - w[3]) / (w[2] - w[3]) * camera->height};
+}
+
+/* On the film or less than `margin` pixels off it. */
+static bool is_near_film(const camera_t *camera, vec2_t raster, float margin)
+{
+    return raster.x >= -margin && raster.x < camera->width + margin && raster.y >= -margin &&
+           raster.y < camera->height + margin;
+}
+
+int camera_images(const camera_t *camera, vec2_t raster, float margin, vec2_t images[CAMERA_IMAGES])
+{
+    int count = 0;
+    if (is_near_film(camera, raster, margin)) images[count++] = raster;
+    if (camera->ops->wrap_count == 0) return count;
+    vec2_t film = film_of_raster(camera, raster);
+    for (int i = 0; i < camera->ops->wrap_count; i++) {
+        const film_wrap_t *wrap = &camera->ops->wraps[i];
+        vec2_t image =
+            raster_of_film(camera, (vec2_t){wrap->sx * film.x + wrap->tx, wrap->sy * film.y + wrap->ty});
+        if (is_near_film(camera, image, margin)) images[count++] = image;
+    }
+    return count;
 }
 
 void camera_ray(const camera_t *camera, vec2_t raster, vec2_t lens, float time, camera_ray_t *ray)
 {
-    const float *w = camera->window;
-    vec2_t film = {w[0] + (w[1] - w[0]) * (raster.x / camera->width),
-                   w[3] + (w[2] - w[3]) * (raster.y / camera->height)};
     xform_t world, inverse;
     film_ray_t local;
     place_at(camera, time, &world, &inverse);
-    camera->ops->ray(camera, film, lens_point(camera, lens), &local);
+    camera->ops->ray(camera, film_of_raster(camera, raster), lens_point(camera, lens), &local);
     ray->origin = xform_point(&world, local.origin);
     ray->direction = v_normalize(xform_vector(&world, local.direction));
-    ray->pdf = local.pdf;
+    ray->pdf = local.pdf * density_factor(camera, &world, local.direction);
     ray->parallel = camera->ops->parallel;
-    if (ray->parallel) ray->pdf /= parallel_area(&world);
 }
 
 bool camera_project(const camera_t *camera, vec3_t p, vec2_t lens, float time, float margin,
                     camera_view_t *view)
 {
-    const float *w = camera->window;
     xform_t world, inverse;
     place_at(camera, time, &world, &inverse);
-    vec2_t film;
+    vec2_t film, images[CAMERA_IMAGES];
     vec3_t q = xform_point(&inverse, p), from = lens_point(camera, lens);
     if (!camera->ops->project(camera, q, &from, &film, &view->density)) return false;
-    view->raster = (vec2_t){(film.x - w[0]) / (w[1] - w[0]) * camera->width,
-                            (film.y - w[3]) / (w[2] - w[3]) * camera->height};
-    if (!(view->raster.x >= -margin && view->raster.x < camera->width + margin && view->raster.y >= -margin &&
-          view->raster.y < camera->height + margin))
-        return false;
+    view->raster = raster_of_film(camera, film);
+    if (camera_images(camera, view->raster, margin, images) == 0) return false;
     view->position = xform_point(&world, from);
     vec3_t d = v_sub(view->position, p);
     float distance2 = v_length2(d);
     if (!(distance2 > 0)) return false;
     view->w = v_scale(d, 1 / sqrtf(distance2));
-    view->density /= camera->ops->parallel ? parallel_area(&world) : distance2;
+    view->density *= density_factor(camera, &world, v_sub(q, from));
+    if (!camera->ops->parallel) view->density /= distance2;
     return true;
 }

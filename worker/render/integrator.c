@@ -32,14 +32,12 @@ static rgb_t clamp_luminance(const stage_t *stage, rgb_t value)
     return luminance > stage->max_luminance ? v_scale(value, stage->max_luminance / luminance) : value;
 }
 
-void sample_splat(sample_t *sample, vec2_t raster, rgb_t value, uint32_t dimension)
+/* A splat at one film position. */
+static void splat_at(sample_t *sample, vec2_t raster, rgb_t value, vec2_t u)
 {
     const stage_t *stage = sample->stage;
     unit_result_t *result = sample->result;
     float weight_x, weight_y;
-    vec2_t u = {0, 0};
-    if (!stage->filter.x.is_pixel || !stage->filter.y.is_pixel)
-        u = sample_2d(sample, dimension + DIMENSION_JOIN_PIXEL);
     int x = filter_choose_pixel(&stage->filter.x, raster.x, u.x, &weight_x);
     int y = filter_choose_pixel(&stage->filter.y, raster.y, u.y, &weight_y);
     int width = stage->settings.width, height = stage->settings.height;
@@ -56,6 +54,18 @@ void sample_splat(sample_t *sample, vec2_t raster, rgb_t value, uint32_t dimensi
     uint32_t pixel = (uint32_t)y * (uint32_t)width + (uint32_t)x;
     result->splats[result->splat_count++] =
         (splat_t){pixel | (sample->sample & 1 ? SPLAT_HALF_BIT : 0), {value.x, value.y, value.z}};
+}
+
+void sample_splat(sample_t *sample, vec2_t raster, rgb_t value, uint32_t dimension)
+{
+    const filter_t *filter = &sample->stage->filter;
+    if (filter->x.is_pixel && filter->y.is_pixel) {
+        splat_at(sample, raster, value, (vec2_t){0, 0});
+        return;
+    }
+    vec2_t images[CAMERA_IMAGES], u = sample_2d(sample, dimension + DIMENSION_JOIN_PIXEL);
+    int count = camera_images(sample->stage->camera, raster, filter_reach(filter), images);
+    for (int i = 0; i < count; i++) splat_at(sample, images[i], value, u);
 }
 
 void sample_first_hit(sample_t *sample, const surface_t *surface, const bsdf_t *bsdf, vec3_t origin)

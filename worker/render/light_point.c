@@ -6,10 +6,10 @@
 
 #include <stdlib.h>
 
-/* How much goes where; directions in light space, of unit length. */
+/* How much goes where; directions in light space, of unit length, densities per steradian there. */
 typedef struct {
     rgb_t (*intensity)(const light_t *light, vec3_t d);
-    /* Draws a direction for a ray; *pdf per steradian, 0 when there is none. */
+    /* Draws a direction for a ray; *pdf is 0 when there is none. */
     vec3_t (*draw)(const light_t *light, vec2_t u, float *pdf);
     float (*pdf)(const light_t *light, vec3_t d);
 } beam_t;
@@ -54,6 +54,7 @@ static void release(void *state)
 static bool emit(const light_t *light, const beam_t *beam, vec2_t u, light_ray_t *out)
 {
     vec3_t d = beam->draw(light, u, &out->pdf_ray);
+    out->pdf_ray *= warp_density_factor(&light->record->world_from_light, d);
     if (!(out->pdf_ray > 0)) return false;
     out->origin = out->point = state_of(light)->position;
     out->direction = to_world(light, d);
@@ -74,7 +75,7 @@ static bool illuminate(const light_t *light, const beam_t *beam, vec3_t point, l
     out->radiance = beam->intensity(light, d);
     out->pdf_place = light->chance;
     out->geometry = 1 / distance2;
-    out->arrival = beam->pdf(light, d) / distance2;
+    out->arrival = beam->pdf(light, d) * warp_density_factor(&light->record->world_from_light, d) / distance2;
     out->delta = true;
     return !v_is_zero(out->radiance);
 }

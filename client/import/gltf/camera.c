@@ -16,16 +16,10 @@ static const double degrees = 180 / 3.14159265358979323846;
 
 static blob_scene_t defaults(void)
 {
-    blob_scene_t scene = {.camera = CAMERA_PERSPECTIVE,
-                          .fov = 40,
-                          .focal_distance = 1,
-                          .film_window = {0, 1, 0, 1},
-                          .filter = {.kind = FILTER_BOX, .radius_x = 0.5f, .radius_y = 0.5f},
-                          .max_depth = 8,
-                          .spp = 64,
-                          .integrator = INTEGRATOR_BDPT,
-                          .sampler = SAMPLER_SOBOL,
-                          .max_luminance = INFINITY};
+    blob_scene_t scene = blob_default_scene();
+    scene.fov = 40;
+    scene.max_depth = 8;
+    scene.spp = 64;
     return scene;
 }
 

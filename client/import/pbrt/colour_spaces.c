@@ -2,8 +2,8 @@
  *
  * A space is given by the chromaticities of its primaries and its white; sRGB is reached through XYZ. What is
  * emitted keeps its white's colour, which only ACES's, D60, differs from that of sRGB in; a reflectance of
- * (1, 1, 1) is white in every space, which takes a linear adaptation of the white (Bradford's). The film is always
- * written in linear sRGB. */
+ * (1, 1, 1) is white in every space, which takes a linear adaptation of the white (Bradford's). The film is
+ * always written in linear sRGB. */
 #include <string.h>
 
 #include "client/import/pbrt/directives.h"
@@ -67,7 +67,8 @@ static affine_t xyz_from(const colour_space_t *space)
 /* Takes the XYZ of one white to another's in the space of Bradford's cone responses (Lam 1985). */
 static affine_t adaptation(const double from[2], const double to[2])
 {
-    static const affine_t cones = {{{0.8951, 0.2664, -0.1614, 0}, {-0.7502, 1.7135, 0.0367, 0}, {0.0389, -0.0685, 1.0296, 0}}};
+    static const affine_t cones = {
+        {{0.8951, 0.2664, -0.1614, 0}, {-0.7502, 1.7135, 0.0367, 0}, {0.0389, -0.0685, 1.0296, 0}}};
     double a[3], b[3];
     affine_t inverse, scaling;
     xyz_of(from, a);

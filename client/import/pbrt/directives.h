@@ -46,6 +46,9 @@ void pbrt_check_unused_materials(pbrt_t *p);
 
 /* textures.c */
 result_t pbrt_texture(pbrt_t *p, position_t at);
+/* Refuses what a blob must not have in the textures that came since the last call: numbers that are not finite, and
+ * more than BLOB_MAX_TEXTURE_COST textures in one. */
+result_t pbrt_check_textures(pbrt_t *p, position_t at);
 /* The texture of a normal map over the surface's (u, v). */
 result_t pbrt_normal_map(pbrt_t *p, const char *filename, position_t at, blob_ref_t *texture);
 
@@ -69,14 +72,19 @@ result_t pbrt_colour_value(pbrt_t *p, params_t *params, const char *name, colour
 /* The same of what cannot vary: a texture is an error, unless it is constant. */
 result_t pbrt_colour(pbrt_t *p, params_t *params, const char *name, colour_use_t use, rgb_t *value);
 
-/* A dielectric's index of refraction from a parameter of type spectrum: its value at the d line, 587.56 nm. */
+/* A dielectric's index of refraction from a parameter of type spectrum: its value at the d line, 587.56 nm.
+ */
 result_t pbrt_index(pbrt_t *p, params_t *params, const char *name, blob_value_t *value);
 
+/* The index of a metal that is known by name; black when it is not. */
+blob_value_t pbrt_named_index(const pbrt_t *p, const char *name);
+
 /* images.c */
-/* How the numbers of a file are encoded: as its format says, or a gamma of blob_image_t (0: sRGB, 1: linear). */
+/* How the numbers of a file are encoded: as its format says, or a gamma of blob_image_t (0: sRGB, 1: linear).
+ */
 #define IMAGE_GAMMA_OF_FILE (-1.0f)
-/* Reads an image file into the blob, once for each encoding. `filename` is as in the scene (see pbrt_resolve).
- * Fails at `at` when it cannot be read. */
+/* Reads an image file into the blob, once for each encoding. `filename` is as in the scene (see
+ * pbrt_resolve). Fails at `at` when it cannot be read. */
 result_t pbrt_image(pbrt_t *p, const char *filename, float gamma, position_t at, blob_ref_t *image);
 /* What the texture of an image must know about it. */
 const image_file_t *pbrt_image_file(const pbrt_t *p, blob_ref_t image);
@@ -103,8 +111,8 @@ blob_ref_t pbrt_white_image(pbrt_t *p);
 
 /* shapes.c */
 result_t pbrt_shape(pbrt_t *p, position_t at);
-/* What a Shape directive makes: the functions of shape_*.c append geometry in the space that `placed` leads to
- * and fill shape.kind, geometry and flags; geometry is BLOB_NONE when nothing is left of it. */
+/* What a Shape directive makes: the functions of shape_*.c append geometry in the space that `placed` leads
+ * to and fill shape.kind, geometry and flags; geometry is BLOB_NONE when nothing is left of it. */
 typedef struct {
     params_t *params;
     position_t at;

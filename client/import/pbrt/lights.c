@@ -1,15 +1,16 @@
 /* lights: AreaLightSource, LightSource, and the tables of either.
  *
- * v3 gives a colour times a "scale" that is a colour, too; v4 a colour, a number "scale", and for most lights the
- * "power" or "illuminance" that the whole is to have, in which the colour counts as if its luminance were 1. Both
- * place their lights with the current transform. */
+ * v3 gives a colour times a "scale" that is a colour, too; v4 a colour, a number "scale", and for most lights
+ * the "power" or "illuminance" that the whole is to have, in which the colour counts as if its luminance
+ * were 1. Both place their lights with the current transform. */
 #include <string.h>
 
 #include "client/import/pbrt/directives.h"
 
 static const double pi = 3.14159265358979323846;
 
-/* ---- values --------------------------------------------------------------------------------------------- */
+/* ---- values ---------------------------------------------------------------------------------------------
+ */
 
 /* "scale": of v3 a colour, of v4 a number. */
 static result_t read_scale(pbrt_t *p, params_t *params, rgb_t *colour)
@@ -59,14 +60,16 @@ static result_t read_point(params_t *params, const char *name, position_t at, do
     return result_ok();
 }
 
-/* ---- transforms ----------------------------------------------------------------------------------------- */
+/* ---- transforms -----------------------------------------------------------------------------------------
+ */
 
 /* The current transform, once a light that moves has been warned about. */
 static affine_t light_transform(pbrt_t *p, position_t at)
 {
     affine_t open, close;
     if (pbrt_motion(p, at, &open, &close))
-        report_warning(p->report, at, "lights do not move: this one stands where it is when the shutter opens");
+        report_warning(p->report, at,
+                       "lights do not move: this one stands where it is when the shutter opens");
     return open;
 }
 
@@ -104,7 +107,8 @@ static bool frame_along(const double v[3], const double place[3], affine_t *fram
 
 static void transform_point(const affine_t *t, const double p[3], double out[3])
 {
-    for (int i = 0; i < 3; ++i) out[i] = t->m[i][0] * p[0] + t->m[i][1] * p[1] + t->m[i][2] * p[2] + t->m[i][3];
+    for (int i = 0; i < 3; ++i)
+        out[i] = t->m[i][0] * p[0] + t->m[i][1] * p[1] + t->m[i][2] * p[2] + t->m[i][3];
 }
 
 static result_t add_light(pbrt_t *p, blob_light_t *light, const affine_t *world_from_light, position_t at)
@@ -119,9 +123,11 @@ static result_t add_light(pbrt_t *p, blob_light_t *light, const affine_t *world_
     return result_ok();
 }
 
-/* ---- images --------------------------------------------------------------------------------------------- */
+/* ---- images ---------------------------------------------------------------------------------------------
+ */
 
-/* v3 takes the numbers of a file as they are; v4 decodes those of 8-bit files. *image is 0 when none is named. */
+/* v3 takes the numbers of a file as they are; v4 decodes those of 8-bit files. *image is 0 when none is
+ * named. */
 static result_t read_image(pbrt_t *p, params_t *params, position_t at, blob_ref_t *image)
 {
     bool v3 = p->dialect.dialect == DIALECT_V3;
@@ -147,13 +153,15 @@ static result_t choose_mapping(pbrt_t *p, blob_light_t *light, light_mapping_t v
         light->mapping = LIGHT_OCTAHEDRAL;
         return result_ok();
     }
-    return report_refuse(p->report, at,
-                         "the light's image has %u x %u pixels, but pbrt-v4 wants a square one, of the octahedral "
-                         "equal-area map; it is taken for a latitude-longitude map",
-                         image.width, image.height);
+    return report_refuse(
+        p->report, at,
+        "the light's image has %u x %u pixels, but pbrt-v4 wants a square one, of the octahedral "
+        "equal-area map; it is taken for a latitude-longitude map",
+        image.width, image.height);
 }
 
-/* ---- area lights ---------------------------------------------------------------------------------------- */
+/* ---- area lights ----------------------------------------------------------------------------------------
+ */
 
 typedef struct {
     entry_t entry;
@@ -225,7 +233,8 @@ result_t pbrt_area_light(pbrt_t *p, position_t at)
     return pbrt_finish_params(p, "AreaLightSource", p->arguments[0]);
 }
 
-/* ---- lights at a point ---------------------------------------------------------------------------------- */
+/* ---- lights at a point ----------------------------------------------------------------------------------
+ */
 
 static result_t make_point(pbrt_t *p, params_t *params, position_t at)
 {
@@ -303,7 +312,9 @@ static result_t make_projection(pbrt_t *p, params_t *params, position_t at)
 {
     static const double upside_down[3] = {1, -1, 1};
     bool v3 = p->dialect.dialect == DIALECT_V3;
-    blob_light_t light = {.kind = LIGHT_PROJECTION, .radiance = blob_constant(1)};
+    blob_light_t light = {.kind = LIGHT_PROJECTION,
+                          .radiance = blob_constant(1),
+                          .mapping = LIGHT_LATLONG}; /* mapping: unused */
     double fov = v3 ? 45 : 90;
     TRY(v3 ? read_emission(p, params, "I", &light.radiance.factor)
            : read_scale(p, params, &light.radiance.factor));
@@ -326,7 +337,8 @@ static result_t make_projection(pbrt_t *p, params_t *params, position_t at)
     return add_light(p, &light, &t, at);
 }
 
-/* ---- lights at infinity --------------------------------------------------------------------------------- */
+/* ---- lights at infinity ---------------------------------------------------------------------------------
+ */
 
 static result_t make_distant(pbrt_t *p, params_t *params, position_t at)
 {
@@ -346,8 +358,8 @@ static result_t make_distant(pbrt_t *p, params_t *params, position_t at)
     return add_light(p, &light, &frame, at);
 }
 
-/* The cosine above the horizon z = 0 at a point of the octahedral map. pbrt-v4 makes 2 pi of the whole sphere where it
- * is 4 pi, and so an image with an "illuminance" twice as bright; pictures are to agree. */
+/* The cosine above the horizon z = 0 at a point of the octahedral map. pbrt-v4 makes 2 pi of the whole sphere
+ * where it is 4 pi, and so an image with an "illuminance" twice as bright; pictures are to agree. */
 static double upper_cosine(const void *context, double s, double t)
 {
     (void)context;
@@ -368,7 +380,8 @@ static result_t make_infinite(pbrt_t *p, params_t *params, position_t at)
     TRY(read_image(p, params, at, &light.image));
     if (light.image) {
         if (!v3 && params_has(params, "L"))
-            return error_at(params_where(params, "L", at), "a light has either \"L\" or \"filename\", not both");
+            return error_at(params_where(params, "L", at),
+                            "a light has either \"L\" or \"filename\", not both");
         TRY(choose_mapping(p, &light, LIGHT_LATLONG, at));
         if (params_has(params, "illuminance"))
             illuminance = 2 * pi * pbrt_image_mean(p, light.image, upper_cosine, NULL);
@@ -386,7 +399,8 @@ static result_t make_infinite(pbrt_t *p, params_t *params, position_t at)
     return add_light(p, &light, &t, at);
 }
 
-/* ---- the directive -------------------------------------------------------------------------------------- */
+/* ---- the directive --------------------------------------------------------------------------------------
+ */
 
 typedef struct {
     entry_t entry;
@@ -394,12 +408,9 @@ typedef struct {
 } light_entry_t;
 
 static const light_entry_t lights[] = {
-    {{"point", DIALECT_BOTH}, make_point},
-    {{"spot", DIALECT_BOTH}, make_spot},
-    {{"distant", DIALECT_BOTH}, make_distant},
-    {{"infinite", DIALECT_BOTH}, make_infinite},
-    {{"exinfinite", DIALECT_V3}, make_infinite},
-    {{"goniometric", DIALECT_BOTH}, make_goniometric},
+    {{"point", DIALECT_BOTH}, make_point},           {{"spot", DIALECT_BOTH}, make_spot},
+    {{"distant", DIALECT_BOTH}, make_distant},       {{"infinite", DIALECT_BOTH}, make_infinite},
+    {{"exinfinite", DIALECT_V3}, make_infinite},     {{"goniometric", DIALECT_BOTH}, make_goniometric},
     {{"projection", DIALECT_BOTH}, make_projection},
 };
 

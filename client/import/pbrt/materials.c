@@ -1,8 +1,8 @@
 /* materials: Material, MakeNamedMaterial, NamedMaterial, and the table of materials.
  *
  * A directive only stores its parameters. The blob's record is made when the first shape wears the material;
- * a v3 shape whose own parameters override the material's gets a record of its own. An interface between media
- * has no record: its shapes are left out.
+ * a v3 shape whose own parameters override the material's gets a record of its own. An interface between
+ * media has no record: its shapes are left out.
  */
 #include "client/import/pbrt/directives.h"
 
@@ -57,8 +57,8 @@ static result_t read_index(pbrt_t *p, params_t *params, const char *name, materi
     else
         TRY(pbrt_float_value(p, params, name, eta));
     if (eta->texture != 0 || eta->factor.x > 0) return result_ok();
-    return error_at(params_where(params, name, at),
-                    "the index of refraction is %g, but must be positive", (double)eta->factor.x);
+    return error_at(params_where(params, name, at), "the index of refraction is %g, but must be positive",
+                    (double)eta->factor.x);
 }
 
 /* pbrt-v3's "eta", or its older name. */
@@ -98,8 +98,7 @@ static bool is_zero(const blob_value_t *value)
     return value->texture == 0 && value->factor.x == 0;
 }
 
-static result_t check_alpha(pbrt_t *p, params_t *params, position_t at, bool remap,
-                            const blob_value_t *value)
+static result_t check_alpha(pbrt_t *p, params_t *params, position_t at, bool remap, const blob_value_t *value)
 {
     double alpha = (double)value->factor.x;
     if (remap) alpha = p->dialect.dialect == DIALECT_V3 ? alpha_v3(alpha) : sqrt(alpha);
@@ -108,8 +107,7 @@ static result_t check_alpha(pbrt_t *p, params_t *params, position_t at, bool rem
                     "this roughness makes an alpha of %g; the most is %g", alpha, largest_alpha);
 }
 
-/* How the roughnesses in `count` slots from `slot` become alphas. `smooth`: all 0 makes a smooth surface; else
- * v3's distributions have an alpha of at least 1e-3. */
+/* How the roughnesses in `count` slots from `slot` become alphas. `smooth`: all 0 makes a smooth surface. */
 static result_t finish_roughness(pbrt_t *p, params_t *params, position_t at, material_value_t slot, int count,
                                  bool smooth, blob_material_t *record)
 {
@@ -120,8 +118,8 @@ static result_t finish_roughness(pbrt_t *p, params_t *params, position_t at, mat
     if (zero && smooth) return result_ok();
     for (int i = 0; i < count; ++i) {
         TRY(check_alpha(p, params, at, remap, &values[i]));
-        if (v3 && !remap && values[i].texture == 0 && values[i].factor.x < 1e-3f)
-            values[i] = blob_constant(1e-3f);
+        if (v3 && !remap && (values[i].texture != 0 || values[i].factor.x < 1e-3f))
+            record->flags |= MATERIAL_ALPHA_V3;
     }
     if (remap) record->flags |= v3 ? MATERIAL_REMAP_V3 : MATERIAL_REMAP_SQRT;
     return result_ok();
@@ -140,14 +138,11 @@ static result_t read_roughness(pbrt_t *p, params_t *params, const char *const na
 
 /* ---- metals -------------------------------------------------------------------------------------------- */
 
-static const rgb_t copper_eta = {0.200438f, 0.924033f, 1.102212f};
-static const rgb_t copper_k = {3.912949f, 2.452848f, 2.142188f};
-
 static result_t read_metal(pbrt_t *p, params_t *params, const char *eta, const char *k,
                            material_value_t eta_slot, blob_material_t *record)
 {
-    record->values[eta_slot] = blob_colour_value(copper_eta);
-    record->values[VALUE_K] = blob_colour_value(copper_k);
+    record->values[eta_slot] = pbrt_named_index(p, "metal-Cu-eta");
+    record->values[VALUE_K] = pbrt_named_index(p, "metal-Cu-k");
     TRY(pbrt_colour_value(p, params, eta, COLOUR_INDEX, &record->values[eta_slot]));
     return pbrt_colour_value(p, params, k, COLOUR_INDEX, &record->values[VALUE_K]);
 }
@@ -274,12 +269,18 @@ static result_t make_uber(pbrt_t *p, params_t *params, const material_t *materia
 static result_t make_disney(pbrt_t *p, params_t *params, const material_t *material, blob_material_t *record)
 {
     static const value_rule_t rules[] = {
-        {"color", VALUE_REFLECTANCE, REFLECTANCE, 0.5f}, {"metallic", VALUE_METALLIC, NUMBER, 0},
-        {"roughness", VALUE_ROUGHNESS_U, NUMBER, 0.5f},  {"speculartint", VALUE_SPECULAR_TINT, NUMBER, 0},
-        {"anisotropic", VALUE_ANISOTROPIC, NUMBER, 0},   {"sheen", VALUE_SHEEN, NUMBER, 0},
-        {"sheentint", VALUE_SHEEN_TINT, NUMBER, 0.5f},   {"clearcoat", VALUE_CLEARCOAT, NUMBER, 0},
-        {"clearcoatgloss", VALUE_CLEARCOAT_GLOSS, NUMBER, 1}, {"spectrans", VALUE_TRANSMISSION, NUMBER, 0},
-        {"flatness", VALUE_FLATNESS, NUMBER, 0}, {"difftrans", VALUE_DIFFUSE_TRANSMISSION, NUMBER, 1},
+        {"color", VALUE_REFLECTANCE, REFLECTANCE, 0.5f},
+        {"metallic", VALUE_METALLIC, NUMBER, 0},
+        {"roughness", VALUE_ROUGHNESS_U, NUMBER, 0.5f},
+        {"speculartint", VALUE_SPECULAR_TINT, NUMBER, 0},
+        {"anisotropic", VALUE_ANISOTROPIC, NUMBER, 0},
+        {"sheen", VALUE_SHEEN, NUMBER, 0},
+        {"sheentint", VALUE_SHEEN_TINT, NUMBER, 0.5f},
+        {"clearcoat", VALUE_CLEARCOAT, NUMBER, 0},
+        {"clearcoatgloss", VALUE_CLEARCOAT_GLOSS, NUMBER, 1},
+        {"spectrans", VALUE_TRANSMISSION, NUMBER, 0},
+        {"flatness", VALUE_FLATNESS, NUMBER, 0},
+        {"difftrans", VALUE_DIFFUSE_TRANSMISSION, NUMBER, 1},
     };
     bool thin = false;
     blob_value_t distance = blob_constant(0);
@@ -404,7 +405,8 @@ static result_t make_interface(pbrt_t *p, params_t *params, const material_t *ma
 
 static result_t make_once(pbrt_t *p, material_t *material);
 
-/* The name of a part of a mix, in the blob's order: AMOUNT is the share of the second, which is v3's first. */
+/* The name of a part of a mix, in the blob's order: AMOUNT is the share of the second, which is v3's first.
+ */
 static result_t part_name(pbrt_t *p, params_t *params, position_t at, int part, const char **name)
 {
     *name = NULL;
@@ -438,7 +440,8 @@ static result_t find_parts(pbrt_t *p, material_t *material)
 static int mix_depth(const blob_material_t *records, uint32_t index)
 {
     if (records[index].kind != MATERIAL_MIX) return 0;
-    return 1 + int_max(mix_depth(records, records[index].parts[0]), mix_depth(records, records[index].parts[1]));
+    return 1 +
+           int_max(mix_depth(records, records[index].parts[0]), mix_depth(records, records[index].parts[1]));
 }
 
 static result_t make_part(pbrt_t *p, params_t *params, const material_t *material, int i,
@@ -455,7 +458,8 @@ static result_t make_part(pbrt_t *p, params_t *params, const material_t *materia
     if (part->index == BLOB_NONE)
         return error_at(material->at, "a mix with the interface \"%.60s\" is not supported", name);
     record->parts[i] = part->index;
-    if (mix_depth(blob_builder_records(p->builder, BLOB_SECTION_MATERIALS), part->index) >= BLOB_MAX_MIX_DEPTH)
+    if (mix_depth(blob_builder_records(p->builder, BLOB_SECTION_MATERIALS), part->index) >=
+        BLOB_MAX_MIX_DEPTH)
         return error_at(material->at, "mixes are nested deeper than %d", BLOB_MAX_MIX_DEPTH);
     return result_ok();
 }
@@ -473,12 +477,15 @@ static result_t make_mix(pbrt_t *p, params_t *params, const material_t *material
 /* ---- substitutes --------------------------------------------------------------------------------------- */
 
 static const param_rule_t substitute_rules[] = {
-    {"name", PARAM_ACCEPT, NULL},       {"sigma_a", PARAM_ACCEPT, NULL},   {"sigma_s", PARAM_ACCEPT, NULL},
-    {"mfp", PARAM_ACCEPT, NULL},        {"g", PARAM_ACCEPT, NULL},         {"scale", PARAM_ACCEPT, NULL},
-    {"Kr", PARAM_ACCEPT, NULL},         {"Kt", PARAM_ACCEPT, NULL},        {"filename", PARAM_ACCEPT, NULL},
-    {"bsdffile", PARAM_ACCEPT, NULL},   {"eumelanin", PARAM_ACCEPT, NULL}, {"pheomelanin", PARAM_ACCEPT, NULL},
-    {"eta", PARAM_ACCEPT, NULL},        {"beta_m", PARAM_ACCEPT, NULL},    {"beta_n", PARAM_ACCEPT, NULL},
-    {"alpha", PARAM_ACCEPT, NULL},      {"roughness", PARAM_ACCEPT, NULL}, {"uroughness", PARAM_ACCEPT, NULL},
+    {"name", PARAM_ACCEPT, NULL},       {"sigma_a", PARAM_ACCEPT, NULL},
+    {"sigma_s", PARAM_ACCEPT, NULL},    {"mfp", PARAM_ACCEPT, NULL},
+    {"g", PARAM_ACCEPT, NULL},          {"scale", PARAM_ACCEPT, NULL},
+    {"Kr", PARAM_ACCEPT, NULL},         {"Kt", PARAM_ACCEPT, NULL},
+    {"filename", PARAM_ACCEPT, NULL},   {"bsdffile", PARAM_ACCEPT, NULL},
+    {"eumelanin", PARAM_ACCEPT, NULL},  {"pheomelanin", PARAM_ACCEPT, NULL},
+    {"eta", PARAM_ACCEPT, NULL},        {"beta_m", PARAM_ACCEPT, NULL},
+    {"beta_n", PARAM_ACCEPT, NULL},     {"alpha", PARAM_ACCEPT, NULL},
+    {"roughness", PARAM_ACCEPT, NULL},  {"uroughness", PARAM_ACCEPT, NULL},
     {"vroughness", PARAM_ACCEPT, NULL}, {"remaproughness", PARAM_ACCEPT, NULL},
 };
 

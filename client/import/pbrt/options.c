@@ -130,9 +130,10 @@ static const param_rule_t realistic_rules[] = {
 
 static result_t make_realistic(pbrt_t *p, params_t *params)
 {
-    TRY(report_refuse(p->report, p->camera_at,
-                      "the realistic camera is not supported; a perspective one is used, with an angle of %g degrees",
-                      (double)p->scene.fov));
+    TRY(report_refuse(
+        p->report, p->camera_at,
+        "the realistic camera is not supported; a perspective one is used, with an angle of %g degrees",
+        (double)p->scene.fov));
     TRY(read_shutter(p, params));
     return params_apply(params, realistic_rules, ARRAY_LENGTH(realistic_rules), p->report);
 }
@@ -143,10 +144,8 @@ typedef struct {
 } option_entry_t;
 
 static const option_entry_t cameras[] = {
-    {{"perspective", DIALECT_BOTH}, make_perspective},
-    {{"orthographic", DIALECT_BOTH}, make_orthographic},
-    {{"environment", DIALECT_V3}, make_environment},
-    {{"spherical", DIALECT_V4}, make_spherical},
+    {{"perspective", DIALECT_BOTH}, make_perspective}, {{"orthographic", DIALECT_BOTH}, make_orthographic},
+    {{"environment", DIALECT_V3}, make_environment},   {{"spherical", DIALECT_V4}, make_spherical},
     {{"realistic", DIALECT_BOTH}, make_realistic},
 };
 
@@ -186,8 +185,8 @@ static result_t read_resolution(pbrt_t *p, params_t *params)
     TRY(params_int_in(params, "xresolution", 1, JOB_MAX_RESOLUTION, &scene->width));
     TRY(params_int_in(params, "yresolution", 1, JOB_MAX_RESOLUTION, &scene->height));
     if ((int64_t)scene->width * scene->height > JOB_MAX_PIXELS)
-        return error_at(p->film_at, "%d x %d pixels are more than the limit of %d", scene->width, scene->height,
-                        JOB_MAX_PIXELS);
+        return error_at(p->film_at, "%d x %d pixels are more than the limit of %d", scene->width,
+                        scene->height, JOB_MAX_PIXELS);
     p->crop[0] = p->crop[2] = 0;
     p->crop[1] = scene->width;
     p->crop[3] = scene->height;
@@ -209,7 +208,8 @@ static result_t check_crop(const pbrt_t *p, params_t *params, const char *name)
     return error_at(params_where(params, name, p->film_at), "parameter \"%s\": no pixel is left", name);
 }
 
-/* x min, x max, y min, y max as fractions of the film; pixels are counted in float and rounded up, as in pbrt. */
+/* x min, x max, y min, y max as fractions of the film; pixels are counted in float and rounded up, as in
+ * pbrt. */
 static result_t read_crop_window(pbrt_t *p, params_t *params)
 {
     const double *crop;
@@ -221,7 +221,8 @@ static result_t read_crop_window(pbrt_t *p, params_t *params)
                         "cropwindow takes x min, x max, y min, y max, found %zu numbers", count);
     int64_t bounds[4];
     for (int axis = 0; axis < 4; axis += 2) {
-        float low = fminf((float)crop[axis], (float)crop[axis + 1]), high = fmaxf((float)crop[axis], (float)crop[axis + 1]);
+        float low = fminf((float)crop[axis], (float)crop[axis + 1]),
+              high = fmaxf((float)crop[axis], (float)crop[axis + 1]);
         float size = (float)(axis == 0 ? p->scene.width : p->scene.height);
         bounds[axis] = (int64_t)ceilf(size * float_clamp(low, 0, 1));
         bounds[axis + 1] = (int64_t)ceilf(size * float_clamp(high, 0, 1));
@@ -291,8 +292,9 @@ static result_t make_rgb_film(pbrt_t *p, params_t *params)
         TRY(params_float_in(params, "maxcomponentvalue", 1e-30, INFINITY, &most));
         p->scene.max_luminance = most <= 1e38 ? (float)most : INFINITY;
         if (isfinite(p->scene.max_luminance))
-            report_warning(p->report, params_where(params, "maxcomponentvalue", p->film_at),
-                           "parameter \"maxcomponentvalue\" limits the luminance of a sample, not its components");
+            report_warning(
+                p->report, params_where(params, "maxcomponentvalue", p->film_at),
+                "parameter \"maxcomponentvalue\" limits the luminance of a sample, not its components");
     }
     return params_apply(params, film_rules, ARRAY_LENGTH(film_rules), p->report);
 }
@@ -316,7 +318,8 @@ static const param_rule_t spectral_rules[] = {
 
 static result_t make_spectral_film(pbrt_t *p, params_t *params)
 {
-    TRY(report_refuse(p->report, p->film_at, "film \"spectral\" is not supported; the picture is made, as by \"rgb\""));
+    TRY(report_refuse(p->report, p->film_at,
+                      "film \"spectral\" is not supported; the picture is made, as by \"rgb\""));
     TRY(params_apply(params, spectral_rules, ARRAY_LENGTH(spectral_rules), p->report));
     return make_rgb_film(p, params);
 }
@@ -587,10 +590,8 @@ static result_t make_sinc(pbrt_t *p, params_t *params)
 }
 
 static const option_entry_t filters[] = {
-    {{"box", DIALECT_BOTH}, make_box},
-    {{"triangle", DIALECT_BOTH}, make_triangle},
-    {{"gaussian", DIALECT_BOTH}, make_gaussian},
-    {{"mitchell", DIALECT_BOTH}, make_mitchell},
+    {{"box", DIALECT_BOTH}, make_box},           {{"triangle", DIALECT_BOTH}, make_triangle},
+    {{"gaussian", DIALECT_BOTH}, make_gaussian}, {{"mitchell", DIALECT_BOTH}, make_mitchell},
     {{"sinc", DIALECT_BOTH}, make_sinc},
 };
 

@@ -259,7 +259,7 @@ position_t params_where(const params_t *params, const char *name, position_t oth
 
 const double *params_numbers(const params_t *owner, const param_t *param)
 {
-    return owner->numbers + param->first;
+    return param->count ? owner->numbers + param->first : NULL;
 }
 
 const char *params_text(const params_t *owner, const param_t *param, size_t index)

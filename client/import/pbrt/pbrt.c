@@ -82,11 +82,11 @@ static result_t include(pbrt_t *p, position_t at)
 /* Import (v4): what the file sets ends with it. */
 static result_t import(pbrt_t *p, position_t at)
 {
-    TRY(pbrt_push(p, SCOPE_ATTRIBUTE, at));
-    size_t depth = p->scope_count;
+    TRY(pbrt_push(p, SCOPE_IMPORT, at));
     TRY(include(p, at));
-    if (p->scope_count != depth) return error_at(at, "the imported file leaves a block open");
-    return pbrt_pop(p, SCOPE_ATTRIBUTE, "Import", at);
+    const scope_t *scope = &p->scopes[p->scope_count - 1];
+    if (scope->kind != SCOPE_IMPORT) return error_at(scope->at, "the imported file leaves this block open");
+    return pbrt_pop(p, SCOPE_IMPORT, "Import", at);
 }
 
 static result_t world_begin(pbrt_t *p, position_t at)
@@ -259,9 +259,22 @@ static result_t run_directive(pbrt_t *p, const token_t *token)
 
 /* ---- the loop ------------------------------------------------------------------------------------------ */
 
+/* Counts the bytes up to `cursor`, from `*counted` on; tells of them now and then. */
+static void count_bytes(pbrt_t *p, const char *cursor, const char **counted)
+{
+    enum { STEP = 1 << 16 };
+    p->bytes_done += (uint64_t)(cursor - *counted);
+    *counted = cursor;
+    if (p->bytes_done < p->bytes_told + STEP) return;
+    p->bytes_told = p->bytes_done;
+    report_progress(p->report, fmin((double)p->bytes_done / (double)p->bytes_known, 1));
+}
+
 static result_t parse_source(pbrt_t *p)
 {
+    const char *counted = p->lexer->data;
     for (;;) {
+        count_bytes(p, p->lexer->cursor, &counted);
         token_t token;
         TRY(lexer_next(p->lexer, &token));
         if (token.kind == TOKEN_END) return result_ok();
@@ -293,6 +306,7 @@ static result_t parse_file(pbrt_t *p, const char *path, const char *label)
     size_t size;
     TRY(open_source(p, path, label, &source, &size));
     lexer_t lexer = lexer_begin(source->path, (const char *)source->data, size);
+    p->bytes_known += size;
     if (!outer_source) pbrt_set_defaults(p, dialect_detect(source->path, (const char *)source->data, size));
     p->sources[p->open_sources++] = p->source = source;
     p->lexer = &lexer;

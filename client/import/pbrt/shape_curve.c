@@ -17,7 +17,8 @@ typedef struct {
     size_t point_count, segments;
 } curve_t;
 
-/* ---- reading -------------------------------------------------------------------------------------------- */
+/* ---- reading --------------------------------------------------------------------------------------------
+ */
 
 static result_t read_kind(pbrt_t *p, shape_work_t *work, curve_t *curve)
 {
@@ -47,8 +48,9 @@ static result_t count_segments(shape_work_t *work, curve_t *curve)
         return error_at(at, "%zu control points, but a curve of degree %zu needs %zu", count, degree,
                         degree + 1);
     if (!curve->spline && (count - 1) % degree)
-        return error_at(at, "%zu control points, but Bezier curves of degree %zu need %zu, and %zu more for "
-                            "each further segment",
+        return error_at(at,
+                        "%zu control points, but Bezier curves of degree %zu need %zu, and %zu more for "
+                        "each further segment",
                         count, degree, degree + 1, degree);
     curve->segments = curve->spline ? count - degree : (count - 1) / degree;
     if (curve->segments >= BLOB_NONE / 4) return error_at(at, "too many control points");
@@ -94,7 +96,8 @@ static result_t read_curve(pbrt_t *p, shape_work_t *work, curve_t *curve)
     return read_normals(p, work, curve);
 }
 
-/* ---- segments ------------------------------------------------------------------------------------------- */
+/* ---- segments -------------------------------------------------------------------------------------------
+ */
 
 static void blend(const double a[3], const double b[3], double t, double out[3])
 {
@@ -112,7 +115,8 @@ static void raise_degree(const double quadratic[3][3], double cubic[4][3])
 
 static void bezier_segment(const curve_t *curve, size_t segment, double cubic[4][3])
 {
-    const double(*c)[3] = (const double(*)[3])(curve->points + 3 * segment * (size_t)(curve->spline ? 1 : curve->degree));
+    const double(*c)[3] =
+        (const double(*)[3])(curve->points + 3 * segment * (size_t)(curve->spline ? 1 : curve->degree));
     double quadratic[3][3], before[3], after[3];
     if (curve->degree == 2) {
         memcpy(quadratic, c, sizeof quadratic);
@@ -142,13 +146,13 @@ static result_t fill_points(const curve_t *curve, const shape_work_t *work, doub
         for (size_t k = 0; k < 4; ++k) {
             double t = ((double)s + (double)k / 3) / (double)curve->segments;
             double width = (1 - t) * curve->widths[0] + t * curve->widths[1];
-            vec3_t v = affine_point(&work->placed,
-                                    vec3((float)cubic[k][0], (float)cubic[k][1], (float)cubic[k][2]));
+            vec3_t v =
+                affine_point(&work->placed, vec3((float)cubic[k][0], (float)cubic[k][1], (float)cubic[k][2]));
             float radius = (float)(scale * width / 2);
             if (!v_is_finite(v) || !(fmaxf(fmaxf(fabsf(v.x), fabsf(v.y)), fabsf(v.z)) < 1e18f) ||
                 !isfinite(radius))
-                return error_at(work->at, "segment %zu of the curve: coordinates must be finite and below 1e18",
-                                s);
+                return error_at(work->at,
+                                "segment %zu of the curve: coordinates must be finite and below 1e18", s);
             points[4 * s + k] = (blob_curve_point_t){v.x, v.y, v.z, radius};
         }
     }
@@ -192,9 +196,8 @@ static result_t add_curves(pbrt_t *p, shape_work_t *work, const curve_t *curve)
     blob_curve_point_t *points = mem_zalloc(count, sizeof *points);
     result_t result = fill_points(curve, work, scale, points);
     if (result.code == RESULT_OK) {
-        blob_curves_t curves = {.kind = curve->kind,
-                                .segment_count = (uint32_t)curve->segments,
-                                .first_normal = BLOB_NONE};
+        blob_curves_t curves = {
+            .kind = curve->kind, .segment_count = (uint32_t)curve->segments, .first_normal = BLOB_NONE};
         curves.first_point = blob_builder_add(p->builder, BLOB_SECTION_CURVE_POINTS, points, count);
         if (curve->kind == CURVES_RIBBON) {
             vec3_t *normals = mem_zalloc(count, sizeof *normals);

@@ -1,5 +1,5 @@
-/* shape_mesh: shapes that become triangle meshes: those that are given as such, and those that the tessellators
- * turn into one. */
+/* shape_mesh: shapes that become triangle meshes: those that are given as such, and those that the
+ * tessellators turn into one. */
 #include <inttypes.h>
 #include <stdlib.h>
 #include <sys/stat.h>
@@ -8,13 +8,15 @@
 #include "client/import/ply.h"
 #include "client/import/tessellate/tessellate.h"
 
-/* ---- into the blob -------------------------------------------------------------------------------------- */
+/* ---- into the blob --------------------------------------------------------------------------------------
+ */
 
 /* Of the mesh that was appended last. */
 static double mesh_area(pbrt_t *p, uint32_t index)
 {
     const blob_mesh_t *mesh = (blob_mesh_t *)blob_builder_records(p->builder, BLOB_SECTION_MESHES) + index;
-    const vec3_t *v = (vec3_t *)blob_builder_records(p->builder, BLOB_SECTION_POSITIONS) + mesh->first_position;
+    const vec3_t *v =
+        (vec3_t *)blob_builder_records(p->builder, BLOB_SECTION_POSITIONS) + mesh->first_position;
     const blob_triangle_t *t =
         (blob_triangle_t *)blob_builder_records(p->builder, BLOB_SECTION_TRIANGLES) + mesh->first_triangle;
     double area = 0;
@@ -43,7 +45,8 @@ static result_t finish_mesh(pbrt_t *p, shape_work_t *work, mesh_t *mesh, result_
     return result_ok();
 }
 
-/* ---- triangle meshes ------------------------------------------------------------------------------------ */
+/* ---- triangle meshes ------------------------------------------------------------------------------------
+ */
 
 static vec3_t *copy_vec3(const double *numbers, size_t count)
 {
@@ -170,7 +173,8 @@ result_t pbrt_make_plymesh(pbrt_t *p, shape_work_t *work)
     return finish_mesh(p, work, &mesh, result);
 }
 
-/* ---- subdivision surfaces and grids --------------------------------------------------------------------- */
+/* ---- subdivision surfaces and grids ---------------------------------------------------------------------
+ */
 
 static result_t read_points(shape_work_t *work, const char *name, const double **numbers, size_t *count)
 {
@@ -245,7 +249,8 @@ result_t pbrt_make_bilinearmesh(pbrt_t *p, shape_work_t *work)
     return finish_mesh(p, work, &mesh, tessellate_bilinear(&bilinear, work->at, &mesh));
 }
 
-/* ---- NURBS ---------------------------------------------------------------------------------------------- */
+/* ---- NURBS ----------------------------------------------------------------------------------------------
+ */
 
 typedef struct {
     const char *count, *order, *knots, *range[2];
@@ -255,8 +260,7 @@ static result_t read_axis(shape_work_t *work, const axis_names_t *names, nurbs_a
 {
     TRY(read_count(work, names->count, &axis->count));
     TRY(read_count(work, names->order, &axis->order));
-    TRY(params_array(work->params, names->knots, PARAM_BIT(PARAM_FLOAT), 1, &axis->knots,
-                     &axis->knot_count));
+    TRY(params_array(work->params, names->knots, PARAM_BIT(PARAM_FLOAT), 1, &axis->knots, &axis->knot_count));
     axis->has_range = params_has(work->params, names->range[0]) || params_has(work->params, names->range[1]);
     if (!axis->has_range) return result_ok();
     size_t order = axis->order >= 1 && axis->order < 1e9 ? (size_t)axis->order : 1;
@@ -283,7 +287,8 @@ result_t pbrt_make_nurbs(pbrt_t *p, shape_work_t *work)
     return finish_mesh(p, work, &mesh, tessellate_nurbs(&nurbs, work->at, &mesh));
 }
 
-/* ---- surfaces of revolution ----------------------------------------------------------------------------- */
+/* ---- surfaces of revolution -----------------------------------------------------------------------------
+ */
 
 result_t pbrt_make_cone(pbrt_t *p, shape_work_t *work)
 {

@@ -1,13 +1,14 @@
 /* shape_quadric: spheres, disks and cylinders, or parts of them, which the renderer intersects as they are.
  *
- * A quadric's normals point away from its axis or centre, a disk's along +z, also under a mirroring transform;
- * ReverseOrientation alone turns them. (pbrt turns them under a mirroring transform where a ray hits, but not
- * where it samples a light; the latter is what a reader of the scene expects.) */
+ * A quadric's normals point away from its axis or centre, a disk's along +z, also under a mirroring
+ * transform; ReverseOrientation alone turns them. (pbrt turns them under a mirroring transform where a ray
+ * hits, but not where it samples a light; the latter is what a reader of the scene expects.) */
 #include "client/import/pbrt/directives.h"
 
 static const double pi = 3.14159265358979323846;
 
-/* ---- area ----------------------------------------------------------------------------------------------- */
+/* ---- area -----------------------------------------------------------------------------------------------
+ */
 
 /* dp/du x dp/dv at (u, v) of [0, 1]^2, where u goes with phi and v with z or the radius, each linearly. */
 static void tangents(const blob_quadric_t *q, double u, double v, double du[3], double dv[3])
@@ -53,13 +54,15 @@ static double quadric_area(const blob_quadric_t *q, const affine_t *placed)
             tangents(q, (i + 0.5) / STEPS, (j + 0.5) / STEPS, a, b);
             apply_linear(placed, a);
             apply_linear(placed, b);
-            double x = a[1] * b[2] - a[2] * b[1], y = a[2] * b[0] - a[0] * b[2], z = a[0] * b[1] - a[1] * b[0];
+            double x = a[1] * b[2] - a[2] * b[1], y = a[2] * b[0] - a[0] * b[2],
+                   z = a[0] * b[1] - a[1] * b[0];
             area += sqrt(x * x + y * y + z * z);
         }
     return area / ((double)STEPS * STEPS);
 }
 
-/* ---- the shapes ----------------------------------------------------------------------------------------- */
+/* ---- the shapes -----------------------------------------------------------------------------------------
+ */
 
 static result_t read_radius(shape_work_t *work, double *radius)
 {

@@ -24,7 +24,8 @@ static const shape_entry_t shapes[] = {
     {{"bilinearmesh", DIALECT_V4}, pbrt_make_bilinearmesh, false},
 };
 
-/* ---- alpha ---------------------------------------------------------------------------------------------- */
+/* ---- alpha ----------------------------------------------------------------------------------------------
+ */
 
 static bool is_opaque(const blob_value_t *alpha)
 {
@@ -49,7 +50,8 @@ static result_t read_alpha(pbrt_t *p, const shape_entry_t *entry, shape_work_t *
     return result_ok();
 }
 
-/* ---- light ---------------------------------------------------------------------------------------------- */
+/* ---- light ----------------------------------------------------------------------------------------------
+ */
 
 /* The radiance of a light that is given by its power: pbrt-v4 makes a light of every triangle or patch, and
  * each has all of the power. */
@@ -65,7 +67,8 @@ static result_t apply_power(pbrt_t *p, const shape_work_t *work, blob_light_t *l
                        work->emitters);
     light->radiance.factor = v_scale(light->radiance.factor, (float)factor);
     if (!v_is_finite(light->radiance.factor))
-        return error_at(work->at, "this shape is too small for the power of its light: its radiance is infinite");
+        return error_at(work->at,
+                        "this shape is too small for the power of its light: its radiance is infinite");
     return result_ok();
 }
 
@@ -98,7 +101,8 @@ static result_t make_light(pbrt_t *p, shape_work_t *work, bool moves, blob_light
     return p->now.light.power > 0 ? apply_power(p, work, light) : result_ok();
 }
 
-/* ---- the directive -------------------------------------------------------------------------------------- */
+/* ---- the directive --------------------------------------------------------------------------------------
+ */
 
 /* Where the geometry goes: a shape that moves keeps its own space and becomes an instance. */
 static bool place(pbrt_t *p, shape_work_t *work, affine_t *open, affine_t *close)
@@ -139,14 +143,11 @@ result_t pbrt_shape(pbrt_t *p, position_t at)
                    &index));
     shape_work_t work = {.params = p->params, .at = at, .shape = {.geometry = BLOB_NONE}};
     bool moves = place(p, &work, &open, &close);
-    TRY(pbrt_wear_material(p, p->params, &work.shape.material));
-    if (work.shape.material == BLOB_NONE) { /* an interface between media, which does nothing */
-        if (p->now.emits)
-            report_warning(p->report, at, "an interface between media does not emit; its area light is ignored");
-        return result_ok();
-    }
     TRY(shapes[index].make(p, &work));
     TRY(read_alpha(p, &shapes[index], &work));
+    TRY(pbrt_wear_material(p, p->params,
+                           &work.shape.material)); /* last: v3 takes what the shape left unread */
     TRY(pbrt_finish_params(p, "Shape", p->arguments[0]));
-    return work.shape.geometry == BLOB_NONE ? result_ok() : add_shape(p, &work, moves, &open, &close);
+    if (work.shape.geometry == BLOB_NONE || work.shape.material == BLOB_NONE) return result_ok();
+    return add_shape(p, &work, moves, &open, &close);
 }

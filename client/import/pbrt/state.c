@@ -55,6 +55,7 @@ void pbrt_end(pbrt_t *p)
     free(p->systems);
     free(p->materials);
     free(p->textures);
+    free(p->texture_costs);
     free(p->images);
     free(p->objects);
     *p = (pbrt_t){0};
@@ -64,19 +65,11 @@ void pbrt_set_defaults(pbrt_t *p, dialect_choice_t dialect)
 {
     bool v3 = dialect.dialect == DIALECT_V3;
     p->dialect = dialect;
-    p->scene = (blob_scene_t){.camera = CAMERA_PERSPECTIVE,
-                              .world_from_camera = xform_identity(),
-                              .world_from_camera_end = xform_identity(),
-                              .fov = 90,
-                              .focal_distance = 1e6f,
-                              .film_window = {0, 1, 0, 1},
-                              .width = v3 ? 640 : 1280,
-                              .height = v3 ? 480 : 720,
-                              .max_depth = 5,
-                              .spp = 16,
-                              .integrator = INTEGRATOR_PATH,
-                              .sampler = SAMPLER_SOBOL,
-                              .max_luminance = INFINITY};
+    p->scene = blob_default_scene();
+    p->scene.integrator = INTEGRATOR_PATH;
+    p->scene.focal_distance = 1e6f;
+    p->scene.width = v3 ? 640 : 1280;
+    p->scene.height = v3 ? 480 : 720;
     p->scene.filter = v3 ? (blob_filter_t){FILTER_BOX, 0.5f, 0.5f, {0}}
                          : (blob_filter_t){FILTER_GAUSSIAN, 1.5f, 1.5f, {0.5f}};
     p->crop[1] = p->crop[3] = INT32_MAX;
@@ -100,7 +93,7 @@ result_t pbrt_push(pbrt_t *p, scope_kind_t kind, position_t at)
 
 result_t pbrt_pop(pbrt_t *p, scope_kind_t kind, const char *directive, position_t at)
 {
-    static const char *const begins[] = {"AttributeBegin", "TransformBegin", "ObjectBegin"};
+    static const char *const begins[] = {"AttributeBegin", "TransformBegin", "ObjectBegin", "Import"};
     if (p->scope_count == 0) return error_at(at, "%s without %s", directive, begins[kind]);
     const scope_t *scope = &p->scopes[p->scope_count - 1];
     if (scope->kind != kind)
@@ -135,7 +128,8 @@ void pbrt_name_coordinates(pbrt_t *p, const char *name, const affine_t *start, c
 
 /* ---- motion -------------------------------------------------------------------------------------------- */
 
-/* Motion runs between the transform's times and rests outside them; the blob knows the shutter's time alone. */
+/* Motion runs between the transform's times and rests outside them; the blob knows the shutter's time alone.
+ */
 bool pbrt_motion(pbrt_t *p, position_t at, affine_t *open, affine_t *close)
 {
     affine_t start = p->now.ctm, end = p->now.ctm_end;
@@ -270,6 +264,7 @@ result_t pbrt_finish(pbrt_t *p, position_t at)
         return error_at(at, "the file ends before WorldEnd; is it truncated?");
     pbrt_check_unused_materials(p);
     TRY(check_defaults(p));
+    TRY(pbrt_check_textures(p, at));
     TRY(apply_gain(p, at));
     lay_out_objects(p);
     blob_builder_add(p->builder, BLOB_SECTION_SCENE, &p->scene, 1);

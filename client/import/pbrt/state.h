@@ -31,8 +31,8 @@ enum { ACTIVE_START = 1, ACTIVE_END = 2 };
 /* An AreaLightSource. */
 typedef struct {
     blob_light_t light; /* its radiance and flags; with a power: the colour, whatever its scale */
-    double power;       /* that a shape emits (v4), of a light of mean luminance 1; 0: the radiance is given */
-    double mean;        /* luminance of its image; 1 without */
+    double power; /* that a shape emits (v4), of a light of mean luminance 1; 0: the radiance is given */
+    double mean;  /* luminance of its image; 1 without */
     position_t at;
 } area_light_t;
 
@@ -48,7 +48,7 @@ typedef struct {
     params_t *defaults[TARGET_COUNT]; /* owned by the state's kept lists; NULL: none */
 } graphics_t;
 
-typedef enum { SCOPE_ATTRIBUTE, SCOPE_TRANSFORM, SCOPE_OBJECT } scope_kind_t;
+typedef enum { SCOPE_ATTRIBUTE, SCOPE_TRANSFORM, SCOPE_OBJECT, SCOPE_IMPORT } scope_kind_t;
 
 typedef struct {
     scope_kind_t kind;
@@ -119,7 +119,7 @@ typedef struct pbrt {
     graphics_t now;
     scope_t *scopes;
     size_t scope_count, scope_capacity;
-    names_t coordinates; /* values: indices in systems */
+    names_t coordinates;    /* values: indices in systems */
     affine_t (*systems)[2]; /* at the two times */
     size_t system_count, system_capacity;
 
@@ -129,6 +129,8 @@ typedef struct pbrt {
     size_t material_count, material_capacity;
     texture_t *textures;
     size_t texture_count, texture_capacity;
+    double *texture_costs; /* of the blob's textures: how many one look-up evaluates */
+    size_t texture_cost_count, texture_cost_capacity;
     image_file_t *images;
     size_t image_count, image_capacity;
     object_t *objects; /* 0 is the world */
@@ -144,7 +146,7 @@ typedef struct pbrt {
     bool early_motion;         /* it has been said that motion ends inside the shutter's time */
     int32_t crop[4];           /* x first, x end, y first, y end in pixels of the film */
     double gain;               /* of the film, on all light */
-    uint64_t bytes_known, bytes_done; /* of the files, for progress */
+    uint64_t bytes_known, bytes_done, bytes_told;                        /* of the files, for progress */
     position_t film_at, camera_at, sampler_at, integrator_at, filter_at; /* line 0: not there yet */
 } pbrt_t;
 
@@ -172,8 +174,8 @@ uint32_t pbrt_name_of_place(pbrt_t *p, position_t at);
  * from that of the file which names it. The caller frees it. */
 char *pbrt_resolve(const pbrt_t *p, const char *filename);
 
-/* Adds a shape to the current object, with the light that it emits or NULL. `shape` has everything but light and
- * name. */
+/* Adds a shape to the current object, with the light that it emits or NULL. `shape` has everything but light
+ * and name. */
 void pbrt_add_shape(pbrt_t *p, blob_shape_t shape, const blob_light_t *light, position_t at);
 /* Adds a shape of the world that moves, as an object of its own; its geometry is in its own space. */
 void pbrt_add_moving_shape(pbrt_t *p, blob_shape_t shape, const affine_t *open, const affine_t *close,

@@ -32,6 +32,35 @@ static result_t read_input(pbrt_t *p, params_t *params, const char *name, bool i
                     : pbrt_colour_value(p, params, name, COLOUR_UNBOUNDED, input);
 }
 
+static bool texture_is_finite(const blob_texture_t *texture)
+{
+    bool finite = true;
+    for (int i = 0; i < 6; ++i) finite = finite && isfinite((&texture->matrix[0][0])[i]);
+    for (int i = 0; i < 12; ++i) finite = finite && isfinite((&texture->texture_from_world.m[0][0])[i]);
+    for (int i = 0; i < TEXTURE_PARAMETERS; ++i) finite = finite && isfinite(texture->parameters[i]);
+    for (int i = 0; i < TEXTURE_INPUTS; ++i) finite = finite && v_is_finite(texture->inputs[i].factor);
+    return finite;
+}
+
+result_t pbrt_check_textures(pbrt_t *p, position_t at)
+{
+    const blob_texture_t *records = blob_builder_records(p->builder, BLOB_SECTION_TEXTURES);
+    size_t count = blob_builder_count(p->builder, BLOB_SECTION_TEXTURES);
+    if (count > p->texture_cost_count)
+        p->texture_costs = grow(p->texture_costs, &p->texture_cost_capacity, count, sizeof *p->texture_costs);
+    for (; p->texture_cost_count < count; ++p->texture_cost_count) {
+        const blob_texture_t *texture = &records[p->texture_cost_count];
+        double *cost = &p->texture_costs[p->texture_cost_count];
+        *cost = 1;
+        for (int i = 0; i < TEXTURE_INPUTS; ++i)
+            if (texture->inputs[i].texture) *cost += p->texture_costs[texture->inputs[i].texture - 1];
+        if (*cost > BLOB_MAX_TEXTURE_COST)
+            return error_at(at, "a texture combines more than %d others", BLOB_MAX_TEXTURE_COST - 1);
+        if (!texture_is_finite(texture)) return error_at(at, "a number of a texture is infinite");
+    }
+    return result_ok();
+}
+
 /* ---- mappings ------------------------------------------------------------------------------------------ */
 
 static result_t read_vector(params_t *params, const char *name, double vector[3])
@@ -402,8 +431,9 @@ static result_t read_scale(pbrt_t *p, params_t *params, blob_texture_t *texture)
     if (!invert) return result_ok();
     texture->flags |= TEXTURE_INVERT;
     if (scale == 1) return result_ok();
-    return report_refuse(p->report, params_where(params, "invert", (position_t){.path = ""}),
-                         "\"invert\" with a scale is not supported: the scale comes first in pbrt, last here");
+    return report_refuse(
+        p->report, params_where(params, "invert", (position_t){.path = ""}),
+        "\"invert\" with a scale is not supported: the scale comes first in pbrt, last here");
 }
 
 static result_t make_image(pbrt_t *p, params_t *params, position_t at, bool is_float, blob_value_t *value)
@@ -511,6 +541,7 @@ result_t pbrt_texture(pbrt_t *p, position_t at)
     TRY(textures[index].make ? textures[index].make(p, p->params, at, is_float, &value)
                              : make_substitute(p, at, &value));
     TRY(pbrt_finish_params(p, "Texture", p->arguments[2]));
+    TRY(pbrt_check_textures(p, at));
     store(p, is_float, value, at);
     return result_ok();
 }

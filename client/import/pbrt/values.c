@@ -68,7 +68,8 @@ static result_t three_numbers(const params_t *owner, const param_t *item, const 
 static result_t read_spectrum(pbrt_t *p, const params_t *owner, const param_t *item, const char *name,
                               spectrum_t *spectrum)
 {
-    if (!item->quoted) return spectrum_from_pairs(params_numbers(owner, item), item->count, item->at, spectrum);
+    if (!item->quoted)
+        return spectrum_from_pairs(params_numbers(owner, item), item->count, item->at, spectrum);
     if (item->count != 1)
         return error_at(item->at, "parameter \"%s\" takes one spectrum, found %zu", name, item->count);
     const char *text = params_text(owner, item, 0);
@@ -108,7 +109,8 @@ static result_t blackbody_value(const pbrt_t *p, const params_t *owner, const pa
         return error_at(item->at, "parameter \"%s\": a blackbody takes %s, found %zu numbers", name,
                         numbers == 2 ? "a temperature and a scale" : "a temperature", item->count);
     if (!(v[0] > 0 && v[0] <= 1e6))
-        return error_at(item->at, "parameter \"%s\": the temperature is %g K, but must be over 0", name, v[0]);
+        return error_at(item->at, "parameter \"%s\": the temperature is %g K, but must be over 0", name,
+                        v[0]);
     *value = spectrum_blackbody(v[0], rules_of(p));
     if (numbers == 2) *value = v_scale(*value, (float)v[1]);
     return result_ok();
@@ -190,4 +192,13 @@ result_t pbrt_index(pbrt_t *p, params_t *params, const char *name, blob_value_t 
     *value = blob_constant((float)spectrum_at(&spectrum, SPECTRUM_D_LINE));
     spectrum_free(&spectrum);
     return result_ok();
+}
+
+blob_value_t pbrt_named_index(const pbrt_t *p, const char *name)
+{
+    spectrum_t spectrum;
+    if (!spectrum_named(name, &spectrum)) return blob_constant(0);
+    blob_value_t value = blob_colour_value(spectrum_colour(&spectrum, SPECTRUM_INDEX, rules_of(p)));
+    spectrum_free(&spectrum);
+    return value;
 }

@@ -1,0 +1,61 @@
+#!/bin/bash
+# Runs fuzz targets one by one, each for so many seconds, and prints a line for each. New inputs that reach new code are
+# kept in DIR/corpus/TARGET from run to run; tests/fuzz/seeds/TARGET is only read. An input that shows a finding is
+# kept in DIR/findings. Ends with 1 when there was a finding.
+#
+# usage: tests/fuzz/run.sh DIR SECONDS TARGET...      from the repository's root; DIR has the programs fuzz_TARGET
+#        FUZZ_MERGE=1 tests/fuzz/run.sh DIR 0 TARGET...   instead adds to the seeds what of the corpus covers more
+set -u
+dir=$1
+seconds=$2
+shift 2
+seeds=tests/fuzz/seeds
+scratch=$(mktemp -d "$([ -w /dev/shm ] && echo /dev/shm || echo /tmp)/lightmill-fuzz-run-XXXXXX") || exit 1
+trap 'rm -rf "$scratch"' EXIT
+trap 'exit 130' INT TERM
+export TMPDIR=$scratch
+export UBSAN_OPTIONS=print_stacktrace=1:$([ -z "${UBSAN_OPTIONS:-}" ] || echo "$UBSAN_OPTIONS")
+export LSAN_OPTIONS=suppressions=$PWD/tests/lsan.supp:print_suppressions=0
+
+# The largest input of a target, in bytes.
+limit() {
+    case $1 in
+    blob | render) echo 32768 ;;
+    gltf) echo 16384 ;;
+    texture_image) echo 16384 ;;
+    *) echo 8192 ;;
+    esac
+}
+
+failed=0
+for target in "$@"; do
+    corpus=$dir/corpus/$target
+    log=$dir/fuzz_$target.log
+    more=()
+    [ "$target" != render ] || more=("$seeds/blob") # renders what the other only opens
+    mkdir -p "$corpus" "$dir/findings" "$seeds/$target"
+    options=(-rss_limit_mb=2048 -malloc_limit_mb=1024 -timeout=10 -max_len="$(limit "$target")"
+        -print_final_stats=1 -artifact_prefix="$dir/findings/$target-" -verbosity=1)
+    for name in "$target" "${target%%_*}"; do
+        [ ! -f "tests/fuzz/$name.dict" ] || { options+=(-dict="tests/fuzz/$name.dict") && break; }
+    done
+    if [ -n "${FUZZ_MERGE:-}" ]; then
+        "$dir/fuzz_$target" "${options[@]}" -merge=1 "$seeds/$target" "$corpus" ${more[@]+"${more[@]}"} >"$log" 2>&1 || failed=1
+        printf '%-16s %d seeds, %s\n' "$target" "$(find "$seeds/$target" -type f | wc -l)" \
+            "$(du -sh --apparent-size "$seeds/$target" | cut -f1)"
+        continue
+    fi
+    "$dir/fuzz_$target" "${options[@]}" -max_total_time="$seconds" "$corpus" "$seeds/$target" \
+        ${more[@]+"${more[@]}"} >"$log" 2>&1 </dev/null
+    code=$?
+    runs=$(sed -n 's/^stat::number_of_executed_units: *//p' "$log")
+    coverage=$(grep -o 'cov: [0-9]*' "$log" | tail -n 1)
+    found="no finding"
+    [ "$code" = 0 ] || {
+        failed=1
+        found="a FINDING: $(sed -n 's/.*Test unit written to //p' "$log" | tail -n 1) ($log)"
+    }
+    printf '%-16s %9s executions, %6s edges, %s\n' "$target" "${runs:-0}" "${coverage#cov: }" "$found"
+    [ "$code" = 0 ] || grep -E -A 12 'runtime error|ERROR: |^finding:|out of memory' "$log" | head -n 30
+done
+exit $failed
