@@ -132,6 +132,10 @@ static const case_t cases[] = {
      PERSPECTIVE FILM3 "PixelFilter \"gaussian\" \"float xwidth\" [2.5] \"float ywidth\" [1.5]\n" DEPTH5
                        "WorldBegin\n" PLACE3 LAMP("12 11 9") END3,
      ALL},
+    {"narrow",
+     PERSPECTIVE FILM3 "PixelFilter \"triangle\" \"float xwidth\" [0.3] \"float ywidth\" [0.7]\n" DEPTH5
+                       "WorldBegin\n" PLACE3 LAMP("12 11 9") END3,
+     ALL},
     /* lights */
     {"disk-light",
      HEAD3 PLACE3 "AttributeBegin\nTranslate -0.4 2.5 0\nRotate 70 1 0 0\nScale 0.8 0.4 1\n"
@@ -609,6 +613,41 @@ static void shadow_alpha_lets_light_through(void **state)
     }
 }
 
+/* Of sheets one behind the other each stops its share of what is left. */
+static void sheets_stop_independently(void **state)
+{
+    (void)state;
+#define THROUGH(sheets)                                                                                      \
+    "LookAt 0 0 -5 0 0 0 0 1 0\nCamera \"perspective\" \"float fov\" [20]\n" FILM4 BOX4                      \
+    "Sampler \"independent\"\nIntegrator \"path\"\nWorldBegin\nLightSource \"infinite\" \"rgb L\" [1 1 1]\n" \
+    "Material \"diffuse\" \"rgb reflectance\" [0 0 0]\n" sheets
+#define VEIL(z)                                                                                              \
+    "Shape \"trianglemesh\" \"integer indices\" [0 1 2] \"point3 P\" [-9 -9 " z " 9 -9 " z " 0 18 " z        \
+    "] \"float alpha\" [0.5]\n"
+#define GLOBE "Shape \"sphere\" \"float radius\" [3] \"float alpha\" [0.5]\n"
+    static const struct {
+        const char *text;
+        double passes;
+    } stacks[] = {
+        {THROUGH(VEIL("0")), 0.5},
+        {THROUGH(VEIL("0") VEIL("1")), 0.25},
+        {THROUGH(VEIL("0") VEIL("1") VEIL("1.5")), 0.125},
+        {THROUGH(GLOBE), 0.25},
+        {THROUGH(GLOBE VEIL("0") "Translate 0 0 0.5\n" GLOBE), 1.0 / 32},
+        {THROUGH("ObjectBegin \"a\"\n" VEIL("0") "ObjectEnd\nObjectInstance \"a\"\nTranslate 0 0 1\n"
+                                                 "ObjectInstance \"a\"\n"),
+         0.25},
+    };
+    for (size_t i = 0; i < ARRAY_LENGTH(stacks); i++) {
+        estimate_image_t image = render(stacks[i].text, INTEGRATOR_PATH, 64);
+        double error, mean = mean_of(&image, &error), passes = stacks[i].passes;
+        double expected_error = sqrt(passes * (1 - passes) / (SIDE * SIDE * 64));
+        if (!(fabs(mean - passes) < 4.5 * expected_error))
+            fail_msg("stack %zu: %.4f +- %.4f passes, expected %.4f", i, mean, expected_error, passes);
+        estimate_image_free(&image);
+    }
+}
+
 /* A ball of rough glass that absorbs most of the blue. */
 static void glass_absorbs(void **state)
 {
@@ -794,11 +833,12 @@ int main(int argc, char **argv)
 {
     only_scene = argc > 1 ? argv[1] : NULL;
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(integrators_agree),     cmocka_unit_test(crops_are_parts),
-        cmocka_unit_test(filters_keep_the_mean), cmocka_unit_test(white_things_vanish),
-        cmocka_unit_test(poor_scenes_render),    cmocka_unit_test(shadow_alpha_lets_light_through),
-        cmocka_unit_test(glass_absorbs),         cmocka_unit_test(deep_paths_agree),
-        cmocka_unit_test(biases_render),         cmocka_unit_test(first_hits_tell_the_scene),
+        cmocka_unit_test(integrators_agree),         cmocka_unit_test(crops_are_parts),
+        cmocka_unit_test(filters_keep_the_mean),     cmocka_unit_test(white_things_vanish),
+        cmocka_unit_test(poor_scenes_render),        cmocka_unit_test(shadow_alpha_lets_light_through),
+        cmocka_unit_test(sheets_stop_independently), cmocka_unit_test(glass_absorbs),
+        cmocka_unit_test(deep_paths_agree),          cmocka_unit_test(biases_render),
+        cmocka_unit_test(first_hits_tell_the_scene),
     };
     return cmocka_run_group_tests(tests, begin, end);
 }

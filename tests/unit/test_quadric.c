@@ -1,8 +1,11 @@
 /* Quadrics against what they are: points, coordinates, derivatives, crossings, areas and samples. */
 #include "worker/render/quadric.h"
 
+#include "client/import/import.h"
 #include "common/sampler.h"
 #include "tests/chi_square.h"
+#include "tests/scratch.h"
+#include "worker/render/scene.h"
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -232,12 +235,47 @@ static void samples_are_even(void **state)
     for_all(check_samples);
 }
 
+/* Round things stay round in scaled instances: the normal of a sphere of radius r is its point / r. */
+static void instances_scale_curvature(void **state)
+{
+    (void)state;
+    static const char text[] = "Camera \"perspective\"\nFilm \"image\"\nWorldBegin\nObjectBegin \"a\"\nShape "
+                               "\"sphere\" \"float radius\" [2]\nObjectEnd\nScale -3 3 3\nObjectInstance "
+                               "\"a\"\nWorldEnd\n";
+    char *folder = scratch_new(), *path = scratch_path(folder, "scene.pbrt");
+    scratch_write(path, text, sizeof text - 1);
+    uint8_t *bytes;
+    uint64_t size;
+    scene_blob_t blob;
+    scene_t *scene;
+    result_t made = import_scene_blob(path, NULL, &bytes, &size);
+    if (made.code != RESULT_OK) fail_msg("%s", made.message);
+    assert_int_equal(blob_open(bytes, size, &blob).code, RESULT_OK);
+    assert_int_equal(scene_new(&blob, &scene).code, RESULT_OK);
+    for (uint32_t i = 0; i < 100; i++) {
+        vec2_t u = random_2d(i, 0), v = random_2d(i, 1);
+        vec3_t origin = vec3(20 * u.x - 10, 20 * u.y - 10, 8 * v.x + 8);
+        surface_t surface;
+        surface_details_t details;
+        assert_true(scene_intersect(scene, origin, v_neg(v_normalize(origin)), 0, &surface));
+        scene_details(scene, &surface, &details);
+        assert_near(surface.ng, v_scale(surface.p, 1 / 6.0f), 1e-4f);
+        assert_near(details.dndu, v_scale(details.dpdu, 1 / 6.0f), 1e-4f);
+        assert_near(details.dndv, v_scale(details.dpdv, 1 / 6.0f), 1e-4f);
+    }
+    scene_destroy(&scene);
+    free(bytes);
+    free(path);
+    scratch_destroy(&folder);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(points_have_their_derivatives),
         cmocka_unit_test(lines_cross_where_they_should),
         cmocka_unit_test(samples_are_even),
+        cmocka_unit_test(instances_scale_curvature),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
