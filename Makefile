@@ -114,7 +114,8 @@ deps-dev:
 	@docker/install-packages.sh build run dev
 
 bench: deps
-	$(SUBMAKE) $(JOBS) all $(BUILD)/tests/bench/bench_render
+	$(SUBMAKE) $(JOBS) all $(BUILD)/tests/bench/bench_render $(BUILD)/tests/bench/bench_mesh
+	$(BUILD)/tests/bench/bench_mesh
 	$(BUILD)/tests/bench/bench_render
 
 # What docs/codec.md says of the alternatives to our payload coding; needs libblosc-dev (make deps-dev).

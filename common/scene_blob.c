@@ -565,6 +565,26 @@ void blob_close(scene_blob_t *blob)
     *blob = (scene_blob_t){0};
 }
 
+/* ---- defaults ------------------------------------------------------------------------------------------ */
+
+blob_scene_t blob_default_scene(void)
+{
+    return (blob_scene_t){.camera = CAMERA_PERSPECTIVE,
+                          .world_from_camera = xform_identity(),
+                          .world_from_camera_end = xform_identity(),
+                          .fov = 90,
+                          .focal_distance = 1,
+                          .film_window = {0, 1, 0, 1},
+                          .filter = {.kind = FILTER_BOX, .radius_x = 0.5f, .radius_y = 0.5f},
+                          .width = 640,
+                          .height = 480,
+                          .max_depth = 5,
+                          .spp = 16,
+                          .integrator = INTEGRATOR_BDPT,
+                          .sampler = SAMPLER_SOBOL,
+                          .max_luminance = INFINITY};
+}
+
 /* ---- building ------------------------------------------------------------------------------------------ */
 
 struct blob_builder {

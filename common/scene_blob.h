@@ -425,6 +425,10 @@ static inline blob_value_t blob_colour_value(rgb_t colour)
     return (blob_value_t){colour, 0};
 }
 
+/* A scene record to start from: a pinhole camera of 90 degrees at the origin, nothing moving, a film of 640 x
+ * 480 pixels as its own filter, bdpt, sobol, depth 5, 16 spp. */
+blob_scene_t blob_default_scene(void);
+
 /* Gathers a scene section by section. */
 typedef struct blob_builder blob_builder_t;
 

@@ -287,15 +287,9 @@ result_t peer_send_batch(peer_t *peer, uint64_t job, const batch_t *batch)
 uint8_t *peer_blob(uint32_t variant, uint64_t *size, hash_t *hash)
 {
     blob_builder_t *builder = blob_builder_new();
-    blob_scene_t scene = {.world_from_camera = xform_identity(),
-                          .fov = 50,
-                          .filter = {.kind = FILTER_BOX, .radius_x = 0.5f, .radius_y = 0.5f},
-                          .width = 64,
-                          .height = 64,
-                          .max_depth = 5,
-                          .spp = 1 + variant,
-                          .integrator = INTEGRATOR_BDPT,
-                          .sampler = SAMPLER_SOBOL};
+    blob_scene_t scene = blob_default_scene();
+    scene.width = scene.height = 64;
+    scene.spp = 1 + variant;
     blob_object_t world = {0};
     uint8_t *bytes;
     blob_builder_add(builder, BLOB_SECTION_SCENE, &scene, 1);

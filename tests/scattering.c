@@ -18,20 +18,7 @@ void scattering_begin(scattering_t *scattering, blob_material_t material)
 {
     *scattering = (scattering_t){.bytes = NULL};
     blob_builder_t *b = blob_builder_new();
-    blob_scene_t scene = {.camera = CAMERA_PERSPECTIVE,
-                          .world_from_camera = xform_identity(),
-                          .world_from_camera_end = xform_identity(),
-                          .fov = 40,
-                          .focal_distance = 1,
-                          .film_window = {0, 1, 0, 1},
-                          .filter = {.kind = FILTER_BOX, .radius_x = 0.5f, .radius_y = 0.5f},
-                          .width = 8,
-                          .height = 8,
-                          .max_depth = 5,
-                          .spp = 1,
-                          .integrator = INTEGRATOR_PATH,
-                          .sampler = SAMPLER_INDEPENDENT,
-                          .max_luminance = INFINITY};
+    blob_scene_t scene = blob_default_scene();
     /* With pbrt's default (u, v), dp/du is along x. */
     const vec3_t positions[] = {{-1, -1, 0}, {1, -1, 0}, {1, 1, 0}};
     const blob_triangle_t triangle = {{0, 1, 2}};

@@ -53,20 +53,7 @@ enum { BALL = 200 };
 static uint8_t *calibration_scene(uint64_t *size)
 {
     blob_builder_t *b = blob_builder_new();
-    blob_scene_t scene = {.camera = CAMERA_PERSPECTIVE,
-                          .world_from_camera = xform_identity(),
-                          .world_from_camera_end = xform_identity(),
-                          .fov = 40,
-                          .focal_distance = 1,
-                          .film_window = {0, 1, 0, 1},
-                          .max_luminance = INFINITY,
-                          .width = 64,
-                          .height = 64,
-                          .filter = {.kind = FILTER_BOX, .radius_x = 0.5f, .radius_y = 0.5f},
-                          .max_depth = 1,
-                          .spp = 1,
-                          .integrator = INTEGRATOR_PATH,
-                          .sampler = SAMPLER_SOBOL};
+    blob_scene_t scene = blob_default_scene();
     blob_builder_add(b, BLOB_SECTION_SCENE, &scene, 1);
     blob_builder_add(b, BLOB_SECTION_MATERIALS, &(blob_material_t){.kind = MATERIAL_DIFFUSE}, 1);
     for (uint32_t i = 0; i <= BALL; i++)

@@ -1,8 +1,8 @@
 /* fuzz: the targets of `make fuzz`, and what they share.
  *
- * A target is a function fuzz_NAME in fuzz_NAME.c that takes whatever bytes there are and ends the process when
- * something is wrong that no sanitizer sees. `make fuzz` links each with libFuzzer; tests/unit/test_corpus.c
- * runs all of them on the seeds. They run from the repository's root.
+ * A target is a function fuzz_NAME in fuzz_NAME.c that takes whatever bytes there are and ends the process
+ * when something is wrong that no sanitizer sees. `make fuzz` links each with libFuzzer;
+ * tests/unit/test_corpus.c runs all of them on the seeds. They run from the repository's root.
  */
 #ifndef LIGHTMILL_FUZZ_H
 #define LIGHTMILL_FUZZ_H
@@ -11,8 +11,10 @@
 
 /* The targets. They return 0, as libFuzzer wants it. */
 int fuzz_blob(const uint8_t *data, size_t size);
+int fuzz_gltf(const uint8_t *data, size_t size);
 int fuzz_pbrt(const uint8_t *data, size_t size);
 int fuzz_ply(const uint8_t *data, size_t size);
+int fuzz_render(const uint8_t *data, size_t size);
 int fuzz_spectrum(const uint8_t *data, size_t size);
 int fuzz_texture_image(const uint8_t *data, size_t size);
 
@@ -23,10 +25,14 @@ const char *fuzz_path(const char *name);
 void fuzz_write(const char *name, const void *data, size_t size);
 
 /* Imports the file of that name as a scene: leniently, and strictly when there was a warning. Whatever is
- * accepted must be a blob that passes its checks and can be rendered. */
+ * accepted must be a blob that passes its checks. */
 void fuzz_import(const char *name);
 
-/* Looks at all that a renderer would. */
+/* A copy of what may be a blob, with the size and the checksum that its header should have. The caller frees
+ * it. */
+uint8_t *fuzz_mend_blob(const uint8_t *data, size_t size);
+
+/* Looks up every texture and image of a blob. */
 void fuzz_walk(const scene_blob_t *blob);
 
 /* Ends the process with a message unless the condition holds. */

@@ -20,8 +20,8 @@ export LSAN_OPTIONS=suppressions=$PWD/tests/lsan.supp:print_suppressions=0
 # The largest input of a target, in bytes.
 limit() {
     case $1 in
-    blob) echo 32768 ;;
-    glb) echo 16384 ;;
+    blob | render) echo 32768 ;;
+    gltf) echo 16384 ;;
     texture_image) echo 16384 ;;
     *) echo 8192 ;;
     esac
@@ -31,6 +31,8 @@ failed=0
 for target in "$@"; do
     corpus=$dir/corpus/$target
     log=$dir/fuzz_$target.log
+    more=()
+    [ "$target" != render ] || more=("$seeds/blob") # renders what the other only opens
     mkdir -p "$corpus" "$dir/findings" "$seeds/$target"
     options=(-rss_limit_mb=2048 -malloc_limit_mb=1024 -timeout=10 -max_len="$(limit "$target")"
         -print_final_stats=1 -artifact_prefix="$dir/findings/$target-" -verbosity=1)
@@ -38,12 +40,13 @@ for target in "$@"; do
         [ ! -f "tests/fuzz/$name.dict" ] || { options+=(-dict="tests/fuzz/$name.dict") && break; }
     done
     if [ -n "${FUZZ_MERGE:-}" ]; then
-        "$dir/fuzz_$target" "${options[@]}" -merge=1 "$seeds/$target" "$corpus" >"$log" 2>&1 || failed=1
+        "$dir/fuzz_$target" "${options[@]}" -merge=1 "$seeds/$target" "$corpus" ${more[@]+"${more[@]}"} >"$log" 2>&1 || failed=1
         printf '%-16s %d seeds, %s\n' "$target" "$(find "$seeds/$target" -type f | wc -l)" \
             "$(du -sh --apparent-size "$seeds/$target" | cut -f1)"
         continue
     fi
-    "$dir/fuzz_$target" "${options[@]}" -max_total_time="$seconds" "$corpus" "$seeds/$target" >"$log" 2>&1 </dev/null
+    "$dir/fuzz_$target" "${options[@]}" -max_total_time="$seconds" "$corpus" "$seeds/$target" \
+        ${more[@]+"${more[@]}"} >"$log" 2>&1 </dev/null
     code=$?
     runs=$(sed -n 's/^stat::number_of_executed_units: *//p' "$log")
     coverage=$(grep -o 'cov: [0-9]*' "$log" | tail -n 1)

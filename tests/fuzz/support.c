@@ -85,7 +85,7 @@ static void count_warning(void *context, const char *message)
 static bool import(const char *path, bool lenient, int *warnings)
 {
     *warnings = 0;
-    import_report_t report = {count_warning, warnings, lenient};
+    import_report_t report = {.warn = count_warning, .context = warnings, .lenient = lenient};
     blob_builder_t *builder = blob_builder_new();
     uint8_t *bytes = NULL;
     uint64_t size;
@@ -111,6 +111,26 @@ void fuzz_import(const char *name)
     char *path = mem_strdup(fuzz_path(name));
     if (import(path, true, &warnings) && warnings) import(path, false, &warnings);
     free(path);
+}
+
+/* ---- blobs ----------------------------------------------------------------------------------------------
+ */
+
+/* Where a blob's header has them: see scene_blob.c. */
+enum { SIZE_AT = 16, CHECKSUM_AT = 24, SECTIONS_AT = CHECKSUM_AT + HASH_BYTES };
+enum { HEADER_SIZE = SECTIONS_AT + 16 * BLOB_SECTION_COUNT };
+
+uint8_t *fuzz_mend_blob(const uint8_t *data, size_t size)
+{
+    uint8_t *bytes = mem_alloc(size);
+    if (size > 0) memcpy(bytes, data, size);
+    if (size >= HEADER_SIZE) {
+        uint64_t whole = size;
+        hash_t checksum = hash_bytes(bytes + HEADER_SIZE, size - HEADER_SIZE);
+        memcpy(bytes + SIZE_AT, &whole, sizeof whole);
+        memcpy(bytes + CHECKSUM_AT, &checksum, sizeof checksum);
+    }
+    return bytes;
 }
 
 /* ---- looking at a blob --------------------------------------------------------------------------------- */

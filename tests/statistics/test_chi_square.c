@@ -78,20 +78,12 @@ static void add_light(blob_builder_t *b, uint32_t shape_kind, rgb_t radiance, ui
 
 static blob_scene_t scene_record(xform_t world_from_camera, float fov)
 {
-    return (blob_scene_t){.camera = CAMERA_PERSPECTIVE,
-                          .world_from_camera = world_from_camera,
-                          .world_from_camera_end = world_from_camera,
-                          .fov = fov,
-                          .focal_distance = 1,
-                          .film_window = {0, 1, 0, 1},
-                          .width = 64,
-                          .height = 48,
-                          .filter = {.kind = FILTER_BOX, .radius_x = 0.5f, .radius_y = 0.5f},
-                          .max_depth = 5,
-                          .spp = 1,
-                          .integrator = INTEGRATOR_BDPT,
-                          .sampler = SAMPLER_SOBOL,
-                          .max_luminance = INFINITY};
+    blob_scene_t scene = blob_default_scene();
+    scene.world_from_camera = scene.world_from_camera_end = world_from_camera;
+    scene.fov = fov;
+    scene.width = 64;
+    scene.height = 48;
+    return scene;
 }
 
 /* A mesh of two unlike triangles, and an ellipsoid that emits to both sides. */

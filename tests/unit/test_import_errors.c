@@ -342,6 +342,24 @@ static void test_includes(void **state)
     bench_close(&bench);
 }
 
+/* Few files may include one another very often. */
+static void test_includes_are_bounded(void **state)
+{
+    (void)state;
+    enum { TIMES = 50 };
+    bench_t bench = {0};
+    for (char name = 'a'; name <= 'c'; ++name) {
+        char text[TIMES * 20 + 1] = "";
+        for (int i = 0; i < TIMES; ++i)
+            snprintf(text + strlen(text), sizeof text - strlen(text), "Include \"%c.pbrt\"\n", name + 1);
+        bench_write(&bench, (char[]){name, '.', 'p', 'b', 'r', 't', 0}, text, strlen(text));
+    }
+    bench_write(&bench, "d.pbrt", "", 0);
+    bench_run(&bench, "Include \"a.pbrt\"");
+    expect_text(bench.result.message, "more than 65535 files are included");
+    bench_close(&bench);
+}
+
 static void test_unused_parameters_of_v3_are_warnings(void **state)
 {
     (void)state;
@@ -461,6 +479,7 @@ int main(void)
         cmocka_unit_test(test_textures),
         cmocka_unit_test(test_meshes),
         cmocka_unit_test(test_includes),
+        cmocka_unit_test(test_includes_are_bounded),
         cmocka_unit_test(test_unused_parameters_of_v3_are_warnings),
         cmocka_unit_test(test_warnings_are_limited),
         cmocka_unit_test(test_nesting_is_limited),

@@ -260,6 +260,8 @@ static void test_loop_refused(void **state)
     REFUSED(tessellate_loop(&(loop_t){points, 6, far, 2, 1}, here, &refused), "three a triangle");
     REFUSED(tessellate_loop(&(loop_t){points, 6, far, 3, 11}, here, &refused), "11 levels");
     REFUSED(tessellate_loop(&(loop_t){points, 6, far, 3, -1}, here, &refused), "-1 levels");
+    static double triangle[3 * 16];
+    REFUSED(tessellate_loop(&(loop_t){points, 6, triangle, 48, 10}, here, &refused), "take fewer levels");
     double *many = mem_zalloc(3 * 256, sizeof *many);
     REFUSED(tessellate_loop(&(loop_t){points, 6, many, 3 * 256, 10}, here, &refused), "over the limit");
     free(many);

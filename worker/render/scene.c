@@ -43,6 +43,7 @@ struct scene {
     uint32_t *curve_indices; /* 0, 4, 8, ... for the longest set of curves */
     uint32_t first_instance; /* geometry id of instance 0 in the world */
     bool moves;
+    float reach; /* coordinates of rays must stay below it: see reach_of */
 };
 
 /* ---- alpha --------------------------------------------------------------------------------------------- */
@@ -295,6 +296,51 @@ static void set_key(RTCGeometry geometry, unsigned step, const motion_key_t *key
     rtcSetGeometryTransformQuaternion(geometry, step, &split);
 }
 
+/* Embree ends the process at a ray with a coordinate of 1.844e18 or more, or NaN, where it was built with its
+ * assertions, as Debian's is; also at one that only becomes so in the space of an instance. */
+static const float largest_of_embree = 1.8e18f;
+
+/* A bound on the sum of any row of object_from_world, at any time: the stretch is triangular, so its inverse
+ * is bounded by its least diagonal element and its largest other one. */
+static double most_magnification(const instance_t *instance)
+{
+    static const int diagonal[] = {0, 3, 5}, others[] = {1, 2, 4};
+    double least = INFINITY, skew = 0, sum = 0;
+    for (int i = 0; i < 3; i++)
+        sum = fmax(sum, (double)v_length(vec3(instance->object_from_world.m[i][0],
+                                              instance->object_from_world.m[i][1],
+                                              instance->object_from_world.m[i][2])));
+    if (!instance->motion.moves) return 2 * sum;
+    const motion_key_t *keys = instance->motion.keys;
+    for (int i = 0; i < 3; i++) {
+        double a = (double)keys[0].stretch[diagonal[i]], b = (double)keys[1].stretch[diagonal[i]];
+        least = fmin(least, (a > 0) == (b > 0) ? fmin(fabs(a), fabs(b)) : 0); /* else singular in between */
+        skew = fmax(skew,
+                    fmax(fabs((double)keys[0].stretch[others[i]]), fabs((double)keys[1].stretch[others[i]])));
+    }
+    return fmax(2 * sum, 6 / least * (1 + skew / least) * (1 + skew / least));
+}
+
+/* How far from the origin rays may go so that an instance does not take them where Embree does not go. */
+static float reach_of(const instance_t *instance)
+{
+    const xform_t *still = &instance->motion.still;
+    double farthest =
+        fmax(fabs((double)still->m[0][3]), fmax(fabs((double)still->m[1][3]), fabs((double)still->m[2][3])));
+    for (int i = 0; i < 2 && instance->motion.moves; i++) {
+        vec3_t t = instance->motion.keys[i].translation;
+        farthest = fmax(farthest, fmax(fabs((double)t.x), fmax(fabs((double)t.y), fabs((double)t.z))));
+    }
+    double reach = (double)largest_of_embree / (4 * fmax(most_magnification(instance), 1)) - farthest;
+    return reach > 0 ? (float)reach : 0; /* also of a NaN */
+}
+
+/* True when Embree can be asked about rays with such an origin or direction. */
+static bool is_traceable(const scene_t *scene, vec3_t v)
+{
+    return fabsf(v.x) < scene->reach && fabsf(v.y) < scene->reach && fabsf(v.z) < scene->reach;
+}
+
 static void add_instances(scene_t *scene)
 {
     const scene_blob_t *blob = scene->blob;
@@ -314,6 +360,7 @@ static void add_instances(scene_t *scene)
             rtcSetGeometryTransform(geometry, 0, RTC_FORMAT_FLOAT3X4_ROW_MAJOR, record->world_from_object.m);
         }
         attach(scene->world, geometry, scene->first_instance + i);
+        scene->reach = float_min(scene->reach, reach_of(instance));
     }
 }
 
@@ -377,6 +424,7 @@ result_t scene_new(const scene_blob_t *blob, scene_t **result)
     scene_t *scene = mem_zalloc(1, sizeof *scene);
     scene->blob = blob;
     scene->device = device;
+    scene->reach = largest_of_embree;
     prepare_tables(scene);
     build_objects(scene);
     enum RTCError error = rtcGetDeviceError(scene->device);
@@ -550,6 +598,7 @@ static bool nearest_hit(const scene_t *scene, vec3_t origin, vec3_t direction, f
                                    .tfar = INFINITY,
                                    .mask = 0xFFFFFFFFu},
                            .hit = {.geomID = RTC_INVALID_GEOMETRY_ID, .instID = {RTC_INVALID_GEOMETRY_ID}}};
+    if (!is_traceable(scene, origin) || !is_traceable(scene, direction)) return false;
     rtcIntersect1(scene->world, &context, query);
     return query->hit.geomID != RTC_INVALID_GEOMETRY_ID;
 }
@@ -695,6 +744,7 @@ bool scene_occluded(const scene_t *scene, vec3_t from, vec3_t to, float time)
     struct RTCIntersectContext context;
     rtcInitIntersectContext(&context);
     vec3_t d = v_sub(to, from);
+    if (!is_traceable(scene, from) || !is_traceable(scene, d)) return true;
     struct RTCRay ray = {.org_x = from.x,
                          .org_y = from.y,
                          .org_z = from.z,
@@ -716,18 +766,21 @@ uint32_t scene_occluded_packet(const scene_t *scene, const segments_t *segments)
     struct RTCIntersectContext context;
     rtcInitIntersectContext(&context);
     struct RTCRay8 rays;
+    uint32_t lost = 0; /* nobody can say what lies between: as good as occluded */
     _Alignas(32) int valid[SCENE_PACKET];
     for (int i = 0; i < SCENE_PACKET; i++) {
         int k = i < segments->count ? i : 0;
         vec3_t o = segments->from[k], d = v_sub(segments->to[k], o);
-        valid[i] = i < segments->count ? -1 : 0;
+        bool traceable = is_traceable(scene, o) && is_traceable(scene, d);
+        valid[i] = i < segments->count && traceable ? -1 : 0;
+        lost |= (uint32_t)!traceable << i;
         rays.org_x[i] = o.x, rays.org_y[i] = o.y, rays.org_z[i] = o.z;
         rays.dir_x[i] = d.x, rays.dir_y[i] = d.y, rays.dir_z[i] = d.z;
         rays.tnear[i] = 0, rays.tfar[i] = segment_end, rays.time[i] = segments->time;
         rays.mask[i] = 0xFFFFFFFFu, rays.id[i] = 0, rays.flags[i] = 0;
     }
     rtcOccluded8(valid, scene->world, &context, &rays);
-    uint32_t occluded = 0;
+    uint32_t occluded = lost & ((1u << segments->count) - 1);
     for (int i = 0; i < segments->count; i++) occluded |= (uint32_t)(rays.tfar[i] < 0) << i;
     return occluded;
 }

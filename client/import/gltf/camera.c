@@ -16,16 +16,10 @@ static const double degrees = 180 / 3.14159265358979323846;
 
 static blob_scene_t defaults(void)
 {
-    blob_scene_t scene = {.camera = CAMERA_PERSPECTIVE,
-                          .fov = 40,
-                          .focal_distance = 1,
-                          .film_window = {0, 1, 0, 1},
-                          .filter = {.kind = FILTER_BOX, .radius_x = 0.5f, .radius_y = 0.5f},
-                          .max_depth = 8,
-                          .spp = 64,
-                          .integrator = INTEGRATOR_BDPT,
-                          .sampler = SAMPLER_SOBOL,
-                          .max_luminance = INFINITY};
+    blob_scene_t scene = blob_default_scene();
+    scene.fov = 40;
+    scene.max_depth = 8;
+    scene.spp = 64;
     return scene;
 }
 
@@ -89,7 +83,7 @@ static result_t use(const document_t *document, const placement_t *place, blob_s
     else
         return item_fail(&camera, "its type must be perspective or orthographic, found \"%.20s\"", type);
     if (!node_frame(&place->world_from_node, &frame))
-        return item_fail(&node, "its camera has no direction: the node is scaled to nothing");
+        return item_fail(&node, "its camera has no direction, or lies beyond 1e18");
     set_transform(scene, &frame);
     return result_ok();
 }

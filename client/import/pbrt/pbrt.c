@@ -65,6 +65,7 @@ static result_t include(pbrt_t *p, position_t at)
     TRY(pbrt_read_string(p, 0, "the file's name"));
     if (p->open_sources == MAX_INCLUDES)
         return error_at(at, "files include one another deeper than %d", MAX_INCLUDES);
+    if (p->file_count == MAX_FILES) return error_at(at, "more than %d files are included", MAX_FILES - 1);
     char *label = mem_strdup(p->arguments[0]), *path = pbrt_resolve(p, label);
     struct stat included, open;
     result_t result = result_ok();

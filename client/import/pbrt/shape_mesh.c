@@ -27,11 +27,25 @@ static double mesh_area(pbrt_t *p, uint32_t index)
     return area;
 }
 
+/* A few numbers can ask for many triangles; a whole scene of them must not. */
+static result_t charge_triangles(pbrt_t *p, uint64_t triangles, position_t at)
+{
+    const uint64_t free_triangles = (uint64_t)1 << 26, triangles_per_byte = 256;
+    p->triangles += triangles;
+    if (p->triangles > free_triangles + triangles_per_byte * p->bytes_known)
+        return error_at(at,
+                        "%" PRIu64 " triangles so far are too many for files of %" PRIu64
+                        " bytes; take fewer curved shapes or fewer levels of subdivision",
+                        p->triangles, p->bytes_known);
+    return result_ok();
+}
+
 /* Appends the mesh, if `made` is a success, and frees it. */
 static result_t finish_mesh(pbrt_t *p, shape_work_t *work, mesh_t *mesh, result_t made)
 {
     bool flip = false;
     size_t triangles = mesh->triangle_count;
+    if (made.code == RESULT_OK) made = charge_triangles(p, triangles, work->at);
     if (made.code == RESULT_OK)
         made = mesh_add(mesh, &work->placed, p->now.reverse, work->at, p->report, p->builder,
                         &work->shape.geometry, &flip);

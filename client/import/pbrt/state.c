@@ -65,19 +65,11 @@ void pbrt_set_defaults(pbrt_t *p, dialect_choice_t dialect)
 {
     bool v3 = dialect.dialect == DIALECT_V3;
     p->dialect = dialect;
-    p->scene = (blob_scene_t){.camera = CAMERA_PERSPECTIVE,
-                              .world_from_camera = xform_identity(),
-                              .world_from_camera_end = xform_identity(),
-                              .fov = 90,
-                              .focal_distance = 1e6f,
-                              .film_window = {0, 1, 0, 1},
-                              .width = v3 ? 640 : 1280,
-                              .height = v3 ? 480 : 720,
-                              .max_depth = 5,
-                              .spp = 16,
-                              .integrator = INTEGRATOR_PATH,
-                              .sampler = SAMPLER_SOBOL,
-                              .max_luminance = INFINITY};
+    p->scene = blob_default_scene();
+    p->scene.integrator = INTEGRATOR_PATH;
+    p->scene.focal_distance = 1e6f;
+    p->scene.width = v3 ? 640 : 1280;
+    p->scene.height = v3 ? 480 : 720;
     p->scene.filter = v3 ? (blob_filter_t){FILTER_BOX, 0.5f, 0.5f, {0}}
                          : (blob_filter_t){FILTER_GAUSSIAN, 1.5f, 1.5f, {0.5f}};
     p->crop[1] = p->crop[3] = INT32_MAX;

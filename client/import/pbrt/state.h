@@ -13,7 +13,7 @@
 #include "client/import/pbrt/names.h"
 #include "client/import/pbrt/params.h"
 
-enum { MAX_SCOPES = 1000, MAX_INCLUDES = 32, ARGUMENTS = 3 };
+enum { MAX_SCOPES = 1000, MAX_INCLUDES = 32, MAX_FILES = 1 << 16, ARGUMENTS = 3 };
 
 /* The directives that `Attribute` (v4) sets default parameters for. */
 typedef enum {
@@ -147,6 +147,7 @@ typedef struct pbrt {
     int32_t crop[4];           /* x first, x end, y first, y end in pixels of the film */
     double gain;               /* of the film, on all light */
     uint64_t bytes_known, bytes_done, bytes_told;                        /* of the files, for progress */
+    uint64_t triangles;                                                  /* of all meshes so far */
     position_t film_at, camera_at, sampler_at, integrator_at, filter_at; /* line 0: not there yet */
 } pbrt_t;
 

@@ -385,10 +385,11 @@ static result_t check_numbers(const loop_t *loop, position_t at)
                         loop->index_count);
     if (loop->vertex_count == 0) return error_at(at, "a subdivision surface needs vertices \"P\"");
     double triangles = ldexp((double)(loop->index_count / 3), 2 * (int)loop->levels);
-    if (!(triangles < TESSELLATE_MAX_TRIANGLES))
+    uint32_t limit = loop->levels > LOOP_FREE_LEVELS ? LOOP_MAX_TRIANGLES : TESSELLATE_MAX_TRIANGLES;
+    if (!(triangles < limit))
         return error_at(
             at, "%zu triangles at %g levels make %g triangles, over the limit of %u; take fewer levels",
-            loop->index_count / 3, loop->levels, triangles, TESSELLATE_MAX_TRIANGLES - 1);
+            loop->index_count / 3, loop->levels, triangles, limit - 1);
     if (loop->vertex_count >= BLOB_NONE) return error_at(at, "too many vertices");
     return result_ok();
 }

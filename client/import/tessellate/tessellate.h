@@ -15,7 +15,7 @@
 
 #include "client/import/mesh.h"
 
-#define TESSELLATE_MAX_TRIANGLES ((uint32_t)1 << 28)
+#define TESSELLATE_MAX_TRIANGLES ((uint32_t)1 << 26)
 
 /* ---- surfaces of revolution about z (pbrt-v3); phi_max in degrees, over 0, clamped to 360 -----------------
  */
@@ -48,7 +48,9 @@ result_t tessellate_hyperboloid(const hyperboloid_t *hyperboloid, position_t at,
 /* ---- subdivision surfaces --------------------------------------------------------------------------------
  */
 
-enum { LOOP_MAX_LEVELS = 10 };
+enum { LOOP_MAX_LEVELS = 10, LOOP_FREE_LEVELS = 3 };
+/* Beyond LOOP_FREE_LEVELS; so that a few numbers cannot ask for gigabytes. */
+#define LOOP_MAX_TRIANGLES ((uint32_t)1 << 24)
 
 /* The limit surface of Loop subdivision, sampled at the vertices of the mesh after `levels` refinements:
  * 4^levels triangles for each of the control mesh, without uv. The control mesh must be a manifold whose
