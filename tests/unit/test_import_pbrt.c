@@ -212,8 +212,8 @@ static void test_defaults(void **state)
     bench_expect_ok(&bench);
     expect_text(bench.warnings, "s.pbrt:3:9: the scene has no light");
     const blob_scene_t *v3 = bench.blob.scene;
-    assert_int_equal(v3->width, 640);
-    assert_int_equal(v3->height, 480);
+    assert_int_equal(v3->width, 1280);
+    assert_int_equal(v3->height, 720);
     assert_int_equal(v3->filter.kind, FILTER_BOX);
     expect_near((double)v3->filter.radius_x, 0.5, 0);
     assert_int_equal(v3->spp, 16);
