@@ -61,6 +61,10 @@ static void test_point(void **state)
     bench_expect_silence(&bench);
     assert_int_equal(light(&bench, 0)->kind, LIGHT_POINT);
     expect_vec3(light(&bench, 0)->radiance.factor, 2, 4, 6);
+    expect_vec3(origin(light(&bench, 0)), 1, 0, 0); /* pbrt-v3: the origin, and "from" in the world */
+    run(&bench, false, "Translate 0 5 0 Rotate 90 0 0 1 LightSource \"point\" \"point from\" [1 2 3]");
+    expect_vec3(origin(light(&bench, 0)), 1, 7, 3);
+    run(&bench, true, "Scale 2 2 2 LightSource \"point\" \"point3 from\" [1 0 0]");
     expect_vec3(origin(light(&bench, 0)), 2, 0, 0);
     run(&bench, true, "LightSource \"point\" \"rgb I\" [1 1 .5] \"float scale\" 2 \"float power\" 100");
     bench_expect_silence(&bench);
@@ -91,6 +95,8 @@ static void test_spot(void **state)
         "LightSource \"spot\" \"float coneangle\" 60 \"float conedeltaangle\" 60 \"float power\" 7");
     bench_expect_silence(&bench); /* the mean of the smooth step over its range is a half */
     expect_near((double)light(&bench, 0)->radiance.factor.x, 7 / (2 * pi * 0.25), 1e-5);
+    run(&bench, false, "LightSource \"spot\" \"float coneangle\" 20 \"float conedeltaangle\" 30");
+    expect_near((double)light(&bench, 0)->parameters[1], cos(pi / 18), 1e-6);
     run(&bench, false, "LightSource \"spot\" \"point from\" [0 0 1]");
     expect_text(bench.result.message, "no direction");
     run(&bench, false, "Scale 1 2 1 LightSource \"spot\"");

@@ -212,8 +212,8 @@ static void test_defaults(void **state)
     bench_expect_ok(&bench);
     expect_text(bench.warnings, "s.pbrt:3:9: the scene has no light");
     const blob_scene_t *v3 = bench.blob.scene;
-    assert_int_equal(v3->width, 640);
-    assert_int_equal(v3->height, 480);
+    assert_int_equal(v3->width, 1280);
+    assert_int_equal(v3->height, 720);
     assert_int_equal(v3->filter.kind, FILTER_BOX);
     expect_near((double)v3->filter.radius_x, 0.5, 0);
     assert_int_equal(v3->spp, 16);
@@ -1120,6 +1120,19 @@ static void test_bumps_and_normal_maps(void **state)
     expect_near((double)scaled->inputs[0].factor.x, -0.5, 0);
     assert_int_equal(scaled->inputs[0].texture, 1);
     assert_int_equal(material_of(&bench, 2)->bump, 0);
+
+    /* A mix of pbrt-v3 has the bumps of its first part, whatever its own or the second's. */
+    bench_run_v3(&bench,
+                 "Texture \"b\" \"float\" \"windy\"\nTexture \"c\" \"float\" \"dots\"\n"
+                 "MakeNamedMaterial \"one\" \"string type\" \"matte\" \"texture bumpmap\" \"b\"\n"
+                 "MakeNamedMaterial \"two\" \"string type\" \"mirror\" \"texture bumpmap\" \"c\"\n"
+                 "Material \"mix\" \"string namedmaterial1\" \"one\" \"string namedmaterial2\" \"two\" "
+                 "\"texture bumpmap\" \"c\"\n" SPHERE);
+    bench_expect_ok(&bench);
+    const blob_material_t *mix = material_of(&bench, 0);
+    assert_int_equal(mix->kind, MATERIAL_MIX);
+    assert_int_equal(texture(&bench, mix->bump)->kind, TEXTURE_WINDY);
+    expect_text(bench.warnings, "bumpmap");
 
     write_tga(&bench, "n.tga", 3, (const uint8_t[]){3, 2, 1, 6, 5, 4});
     bench_run(&bench, "WorldBegin\nMaterial \"diffuse\" \"string normalmap\" \"n.tga\"\n" SPHERE);

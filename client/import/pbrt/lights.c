@@ -244,7 +244,10 @@ static result_t make_point(pbrt_t *p, params_t *params, position_t at)
     TRY(read_point(params, "from", at, from));
     TRY(scale_to(p, params, "power", 4 * pi, &light.radiance.factor));
     affine_t ctm = light_transform(p, at);
-    transform_point(&ctm, from, place);
+    if (p->dialect.dialect == DIALECT_V3) /* pbrt-v3 moves the light by "from" in the world */
+        for (int i = 0; i < 3; ++i) place[i] = ctm.m[i][3] + from[i];
+    else
+        transform_point(&ctm, from, place);
     affine_t frame = affine_translation(place);
     return add_light(p, &light, &frame, at);
 }
@@ -259,7 +262,8 @@ static result_t make_spot(pbrt_t *p, params_t *params, position_t at)
     TRY(read_point(params, "to", at, to));
     TRY(params_float_in(params, "coneangle", 1e-3, 180, &angle));
     TRY(params_float_in(params, "conedeltaangle", 0, 1e30, &rim));
-    double outer = cos(angle * (pi / 180)), inner = cos(fmax(angle - rim, 0) * (pi / 180));
+    /* A rim wider than the cone comes out on the other side of the axis, as in both pbrts. */
+    double outer = cos(angle * (pi / 180)), inner = cos(fabs(angle - rim) * (pi / 180));
     TRY(scale_to(p, params, "power", 2 * pi * ((1 - inner) + (inner - outer) / 2), &light.radiance.factor));
     if (p->dialect.dialect == DIALECT_V4) light.flags = LIGHT_SMOOTHSTEP;
     light.parameters[0] = fmaxf((float)outer, -1);

@@ -471,7 +471,12 @@ static result_t make_mix(pbrt_t *p, params_t *params, const material_t *material
     record->kind = MATERIAL_MIX;
     TRY(read_value(p, params, &amount, record));
     TRY(make_part(p, params, material, 0, record));
-    return make_part(p, params, material, 1, record);
+    TRY(make_part(p, params, material, 1, record));
+    if (p->dialect.dialect != DIALECT_V3) return result_ok();
+    /* In pbrt-v3 the lobes of both move into the frame that namedmaterial1 has made. */
+    const blob_material_t *records = blob_builder_records(p->builder, BLOB_SECTION_MATERIALS);
+    record->bump = records[record->parts[1]].bump;
+    return result_ok();
 }
 
 /* ---- substitutes --------------------------------------------------------------------------------------- */
@@ -639,8 +644,9 @@ static result_t read_relief(pbrt_t *p, params_t *params, blob_material_t *record
     bool v3 = p->dialect.dialect == DIALECT_V3;
     const char *name = v3 ? "bumpmap" : "displacement", *filename = NULL;
     blob_value_t bump = blob_constant(0);
-    TRY(pbrt_signed_value(p, params, name, &bump));
     record->normal_scale = 1;
+    if (v3 && record->kind == MATERIAL_MIX) return result_ok(); /* has that of a part */
+    TRY(pbrt_signed_value(p, params, name, &bump));
     if (bump.texture != 0 && !(bump.factor.x == 1 && bump.factor.y == 1 && bump.factor.z == 1)) {
         blob_texture_t scaled = {.kind = TEXTURE_SCALE, .inputs = {bump, blob_constant(1)}};
         bump.texture = 1 + blob_builder_add(p->builder, BLOB_SECTION_TEXTURES, &scaled, 1);

@@ -68,8 +68,8 @@ void pbrt_set_defaults(pbrt_t *p, dialect_choice_t dialect)
     p->scene = blob_default_scene();
     p->scene.integrator = INTEGRATOR_PATH;
     p->scene.focal_distance = 1e6f;
-    p->scene.width = v3 ? 640 : 1280;
-    p->scene.height = v3 ? 480 : 720;
+    p->scene.width = 1280;
+    p->scene.height = 720;
     p->scene.filter = v3 ? (blob_filter_t){FILTER_BOX, 0.5f, 0.5f, {0}}
                          : (blob_filter_t){FILTER_GAUSSIAN, 1.5f, 1.5f, {0.5f}};
     p->crop[1] = p->crop[3] = INT32_MAX;
