@@ -404,20 +404,14 @@ static result_t read_encoding_v4(params_t *params, const char *filename, positio
     return result_ok();
 }
 
-/* A number from an image of colours: v3 takes the luminance, v4 the mean of all channels, alpha included
- * where it is not 1 everywhere. */
+/* A number from an image of colours: v3 takes the luminance, v4 the mean, but alpha where that is not 1
+ * everywhere. */
 static blob_value_t add_number_of_image(pbrt_t *p, blob_texture_t *texture, const image_file_t *file)
 {
     bool v3 = p->dialect.dialect == DIALECT_V3;
-    texture->channel = file->grey ? CHANNEL_R : v3 ? CHANNEL_LUMINANCE : CHANNEL_MEAN;
-    blob_value_t colour = add(p, texture);
-    if (v3 || !file->alpha) return colour;
-    texture->channel = CHANNEL_A;
-    blob_texture_t mean = {.kind = TEXTURE_MIX};
-    mean.inputs[0] = colour;
-    mean.inputs[1] = add(p, texture);
-    mean.inputs[2] = blob_constant(0.25f);
-    return add(p, &mean);
+    texture->channel = file->grey || file->alpha ? CHANNEL_R : v3 ? CHANNEL_LUMINANCE : CHANNEL_MEAN;
+    if (file->alpha) texture->image = file->alpha;
+    return add(p, texture);
 }
 
 static result_t read_scale(pbrt_t *p, params_t *params, blob_texture_t *texture)
