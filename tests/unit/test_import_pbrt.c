@@ -1076,7 +1076,7 @@ static void test_options_of_v4_images(void **state)
                     "imagemap") "\"string filename\" \"a.tga\" \"bool invert\" true "
                                 "\"string filter\" \"point\" \"string wrap\" \"black\"");
     const blob_texture_t *t = first_texture(&bench);
-    assert_int_equal(t->flags, TEXTURE_NEAREST | TEXTURE_INVERT);
+    assert_int_equal(t->flags, TEXTURE_NEAREST | TEXTURE_INVERT | TEXTURE_UNIT);
     assert_int_equal(t->wrap_s, WRAP_BLACK);
     /* the number: alpha, as in pbrt, which decodes it like a colour */
     t = &bench.blob.textures[0];

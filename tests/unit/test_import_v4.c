@@ -154,6 +154,57 @@ static void test_ambient_occlusion_is_of_both(void **state)
     bench_close(&bench);
 }
 
+/* ---- textures ------------------------------------------------------------------------------------------ */
+
+#define PFM_2X1 "PF\n2 1\n-1\n\0\0\200?\0\0\200?\0\0\200?\0\0\0\0\0\0\0\0\0\0\0\0"
+#define IMAGE "\"imagemap\" \"string filename\" \"a.pfm\" "
+
+static const blob_material_t *material(const bench_t *bench)
+{
+    return &bench->blob.materials[bench->blob.shapes[0].material];
+}
+
+static void test_height_on_a_cylinder(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    bench_write(&bench, "a.pfm", PFM_2X1, sizeof PFM_2X1 - 1);
+    run(&bench, POINT_LIGHT "Scale 1 1 4\nTexture \"a\" \"spectrum\" " IMAGE
+                            "\"string mapping\" \"cylindrical\" \"string wrap\" \"clamp\"\nIdentity\n"
+                            "Material \"diffuse\" \"texture reflectance\" \"a\"\n" SPHERE);
+    bench_expect_silence(&bench);
+    const blob_texture_t *texture = &bench.blob.textures[0];
+    assert_int_equal(texture->mapping, MAPPING_CYLINDER);
+    assert_int_equal(texture->wrap_t, WRAP_CLAMP);
+    /* the bottom row, t = 1, where z = 0, the top one at z = 4 */
+    expect_vec3(xform_point(&texture->texture_from_world, vec3(2, 3, 0)), 2, 3, 1);
+    expect_vec3(xform_point(&texture->texture_from_world, vec3(2, 3, 4)), 2, 3, 0);
+    bench_run_v3(&bench, "Texture \"a\" \"spectrum\" " IMAGE
+                         "\"string mapping\" \"cylindrical\" \"string wrap\" \"clamp\"");
+    expect_text(bench.result.message, "an image on a cylinder can only repeat");
+    bench_close(&bench);
+}
+
+static void test_what_is_reflected_is_at_most_one(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    bench_write(&bench, "a.pfm", PFM_2X1, sizeof PFM_2X1 - 1);
+    run(&bench, POINT_LIGHT "Texture \"a\" \"spectrum\" " IMAGE "\"float scale\" 3\n"
+                            "Texture \"b\" \"float\" " IMAGE "\"float scale\" 3 \"bool invert\" true\n"
+                            "Material \"diffuse\" \"texture reflectance\" \"a\"\n" SPHERE
+                            "Material \"coateddiffuse\" \"texture roughness\" \"b\"\n" SPHERE
+                            "Material \"diffusetransmission\" \"float scale\" 9\n" SPHERE);
+    bench_expect_silence(&bench);
+    assert_int_equal(bench.blob.textures[0].flags, TEXTURE_UNIT);
+    assert_int_equal(bench.blob.textures[1].flags, TEXTURE_INVERT);
+    expect_vec3(bench.blob.textures[1].inputs[0].factor, 3, 3, 3);
+    assert_int_equal(material(&bench)->flags, MATERIAL_UNIT);
+    assert_int_equal(material(&bench)[1].flags, MATERIAL_REMAP_SQRT);
+    assert_int_equal(material(&bench)[2].flags, MATERIAL_UNIT);
+    bench_close(&bench);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -166,6 +217,8 @@ int main(void)
         cmocka_unit_test(test_sensors),
         cmocka_unit_test(test_crop_window_before_pixel_bounds),
         cmocka_unit_test(test_ambient_occlusion_is_of_both),
+        cmocka_unit_test(test_height_on_a_cylinder),
+        cmocka_unit_test(test_what_is_reflected_is_at_most_one),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
