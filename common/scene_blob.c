@@ -382,7 +382,7 @@ static result_t check_textures(const scene_blob_t *blob)
     result_t result = result_ok();
     for (uint64_t i = 0; i < count && result.code == RESULT_OK; i++) {
         const blob_texture_t *t = &blob->textures[i];
-        bool valid = is_one_of(t->kind, TEXTURE_IMAGE, TEXTURE_KIND_END) && t->mapping <= MAPPING_POINT &&
+        bool valid = is_one_of(t->kind, TEXTURE_IMAGE, TEXTURE_KIND_END) && t->mapping <= MAPPING_CYLINDER &&
                      t->channel <= CHANNEL_MEAN && t->wrap_s <= WRAP_MIRROR && t->wrap_t <= WRAP_MIRROR &&
                      ref_is_valid(t->image, blob->counts[BLOB_SECTION_IMAGES]) &&
                      (t->kind != TEXTURE_IMAGE || t->image != 0) && all_finite(&t->matrix[0][0], 6) &&

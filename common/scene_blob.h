@@ -211,7 +211,8 @@ typedef enum {
     MAPPING_PLANAR = 3,      /* (s, t) = x and y of texture_from_world p */
     MAPPING_SPHERICAL = 4,   /* q = texture_from_world p: (theta / pi, phi / 2 pi) */
     MAPPING_CYLINDRICAL = 5, /* ((pi + atan2(q.y, q.x)) / 2 pi, q.z) of q / |q| */
-    MAPPING_POINT = 6        /* three coordinates, texture_from_world p: of the textures of space */
+    MAPPING_POINT = 6,       /* three coordinates, texture_from_world p: of the textures of space */
+    MAPPING_CYLINDER = 7     /* as CYLINDRICAL, of q itself */
 } mapping_t;
 
 /* What a texture computes. In brackets its inputs, then its parameters, in order; "2D" are those that look at
@@ -238,7 +239,8 @@ typedef enum {
 enum { TEXTURE_INPUTS = 4, TEXTURE_PARAMETERS = 4 };
 enum {
     TEXTURE_NEAREST = 1, /* no interpolation between texels */
-    TEXTURE_INVERT = 2   /* of an image: 1 - value, before the scale */
+    TEXTURE_INVERT = 2,  /* of an image: 1 - value, at least 0, after the scale */
+    TEXTURE_UNIT = 4     /* of an image: at most 1, after all that */
 };
 
 typedef struct {
@@ -325,6 +327,7 @@ enum {
     MATERIAL_REMAP_SQRT = 2,   /* pbrt-v4's: alpha = sqrt(roughness) */
     MATERIAL_REMAP_SQUARE = 4, /* glTF's: alpha = roughness^2 */
     MATERIAL_THIN = 8,
+    MATERIAL_UNIT = 32, /* pbrt-v4's: REFLECTANCE, TRANSMITTANCE, ALBEDO and AMOUNT are at most 1 */
     MATERIAL_ALPHA_V3 = 16 /* alphas as pbrt-v3 bounds them: smooth is only a dielectric whose roughness is 0
                               in both axes; else they are at least 1e-3. REMAP_V3 implies it */
 };

@@ -405,6 +405,8 @@ static void clear_things_lose_nothing(void **state)
                                      ROUGHNESS(0.02f, 0.02f)}),
         bsdf_alone((blob_material_t){.kind = MATERIAL_UBER, ROUGHNESS(0.1f, 0.1f)}), /* opacity 0 */
         bsdf_alone((blob_material_t){.kind = MATERIAL_DIELECTRIC, GLASS(1), ROUGHNESS(0.3f, 0.3f)}),
+        bsdf_alone((blob_material_t){
+            .kind = MATERIAL_DIFFUSE, .flags = MATERIAL_UNIT, NUMBER(VALUE_REFLECTANCE, 4)}),
     };
     for (size_t i = 0; i < ARRAY_LENGTH(things); i++)
         for (int k = 3; k <= 10; k++) {

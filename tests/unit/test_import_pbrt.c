@@ -1076,14 +1076,16 @@ static void test_options_of_v4_images(void **state)
                     "imagemap") "\"string filename\" \"a.tga\" \"bool invert\" true "
                                 "\"string filter\" \"point\" \"string wrap\" \"black\"");
     const blob_texture_t *t = first_texture(&bench);
-    assert_int_equal(t->flags, TEXTURE_NEAREST | TEXTURE_INVERT);
+    assert_int_equal(t->flags, TEXTURE_NEAREST | TEXTURE_INVERT | TEXTURE_UNIT);
     assert_int_equal(t->wrap_s, WRAP_BLACK);
-    /* the number: a quarter of it is alpha, as in pbrt */
-    t = &bench.blob.textures[2];
-    assert_int_equal(t->kind, TEXTURE_MIX);
-    expect_near((double)t->inputs[2].factor.x, 0.25, 0);
-    assert_int_equal(texture(&bench, t->inputs[0].texture)->channel, CHANNEL_MEAN);
-    assert_int_equal(texture(&bench, t->inputs[1].texture)->channel, CHANNEL_A);
+    /* the number: alpha, as in pbrt, which decodes it like a colour */
+    t = &bench.blob.textures[0];
+    assert_int_equal(t->kind, TEXTURE_IMAGE);
+    assert_int_equal(t->channel, CHANNEL_R);
+    const blob_image_t *alpha = &bench.blob.images[t->image - 1];
+    assert_int_equal(alpha->format, TEXELS_R8);
+    expect_near((double)alpha->gamma, 0, 0);
+    assert_memory_equal(bench.blob.texels + alpha->first_word, ((uint8_t[]){128, 255}), 2);
     bench_close(&bench);
 }
 

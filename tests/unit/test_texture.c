@@ -268,6 +268,8 @@ static void test_image_channels(void **state)
     inverted.flags = TEXTURE_INVERT;
     inverted.inputs[0] = blob_colour_value(vec3(2, 3, 4));
     uint32_t inverted_index = add(rig, inverted);
+    inverted.flags = TEXTURE_UNIT;
+    uint32_t limited_index = add(rig, inverted);
     texture_point_t at = point_uv(0.5f, 0.5f);
     float r = 0.05126946f, g = 0.21586050f, b = 1;
     assert_rgb(eval(rig, 0, at), r, g, b, 1e-7f);
@@ -278,7 +280,8 @@ static void test_image_channels(void **state)
     assert_grey(eval(rig, 5, at), 0.212671f * r + 0.715160f * g + 0.072169f * b, 1e-6f);
     assert_grey(eval(rig, 6, at), (r + g + b) / 3, 1e-6f);
     assert_grey(eval(rig, opaque_index, at), 1, 0);
-    assert_rgb(eval(rig, inverted_index, at), 2 * (1 - r), 3 * (1 - g), 0, 1e-6f);
+    assert_rgb(eval(rig, inverted_index, at), 1 - 2 * r, 1 - 3 * g, 0, 1e-6f);
+    assert_rgb(eval(rig, limited_index, at), 2 * r, 3 * g, 1, 1e-6f);
     rig_free(rig);
 }
 
@@ -319,7 +322,7 @@ static void test_mappings(void **state)
     const float matrix[2][3] = {{0.5f, 0.25f, 0.125f}, {0, -1, 1}};
     memcpy(texture.matrix, matrix, sizeof matrix);
     texture.texture_from_world = (xform_t){{{0, 1, 0, 0}, {0, 0, 1, 0}, {1, 0, 0, 0}}}; /* (y, z, x) */
-    for (mapping_t mapping = MAPPING_UV; mapping <= MAPPING_POINT; mapping++) {
+    for (mapping_t mapping = MAPPING_UV; mapping <= MAPPING_CYLINDER; mapping++) {
         texture.mapping = mapping;
         add(rig, texture);
     }
@@ -332,6 +335,7 @@ static void test_mappings(void **state)
     assert_rgb(eval(rig, 3, at), theta / PI_F, phi / TWO_PI_F, 0, 1e-6f);
     assert_rgb(eval(rig, 4, at), 0.5f + phi / TWO_PI_F, 6.0f / 7, 0, 1e-6f);
     assert_rgb(eval(rig, 5, at), 0.3f, 0.2f, 0, 0);
+    assert_rgb(eval(rig, 6, at), 0.5f + phi / TWO_PI_F, 0.6f, 0, 1e-6f);
     rig_free(rig);
 }
 
@@ -554,7 +558,7 @@ static void test_absurd_points(void **state)
     uint32_t count = 0;
     for (texture_kind_t kind = TEXTURE_IMAGE; kind < TEXTURE_KIND_END; kind++)
         for (uint32_t variant = 0; variant < 9; variant++)
-            for (mapping_t mapping = 0; mapping <= MAPPING_POINT; mapping++)
+            for (mapping_t mapping = 0; mapping <= MAPPING_CYLINDER; mapping++)
                 count = 1 + add(rig, absurd_texture(kind, mapping, variant));
     for (uint32_t index = 0; index < count; index++)
         for (size_t i = 0; i < ARRAY_LENGTH(absurd); i++)

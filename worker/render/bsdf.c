@@ -201,9 +201,17 @@ static rgb_t value_at(const shading_t *shading, material_value_t value)
     return v->texture == 0 ? v->factor : textures_value(scene_textures(shading->scene), v, shading->at);
 }
 
+static bool is_share(material_value_t value)
+{
+    return value == VALUE_REFLECTANCE || value == VALUE_TRANSMITTANCE || value == VALUE_ALBEDO ||
+           value == VALUE_AMOUNT;
+}
+
 rgb_t shading_colour(const shading_t *shading, material_value_t value)
 {
     rgb_t c = value_at(shading, value);
+    if ((shading->material->flags & MATERIAL_UNIT) != 0 && is_share(value))
+        c = vec3(float_min(c.x, 1), float_min(c.y, 1), float_min(c.z, 1));
     return vec3(sane(c.x, 0), sane(c.y, 0), sane(c.z, 0));
 }
 

@@ -42,7 +42,6 @@ static vec3_t map_spherical(vec3_t q)
 
 static vec3_t map_cylindrical(vec3_t q)
 {
-    q = v_normalize(q);
     return vec3((PI_F + atan2f(q.y, q.x)) / TWO_PI_F, q.z, 0);
 }
 
@@ -58,6 +57,8 @@ static vec3_t map(const blob_texture_t *texture, const texture_point_t *at)
     case MAPPING_SPHERICAL:
         return map_spherical(xform_point(&texture->texture_from_world, at->p));
     case MAPPING_CYLINDRICAL:
+        return map_cylindrical(v_normalize(xform_point(&texture->texture_from_world, at->p)));
+    case MAPPING_CYLINDER:
         return map_cylindrical(xform_point(&texture->texture_from_world, at->p));
     case MAPPING_POINT:
         return xform_point(&texture->texture_from_world, at->p);
@@ -96,9 +97,12 @@ static rgb_t eval_image(const textures_t *textures, const blob_texture_t *t, con
     image_lookup_t how = {t->wrap_s, t->wrap_t, (t->flags & TEXTURE_NEAREST) != 0, t->channel};
     vec3_t st = coordinates(t, at);
     rgb_t value = image_lookup(&textures->images[t->image - 1], &how, (vec2_t){st.x, st.y});
+    value = v_mul(input(textures, t, 0, at), value);
     if ((t->flags & TEXTURE_INVERT) != 0)
         value = vec3(float_max(1 - value.x, 0), float_max(1 - value.y, 0), float_max(1 - value.z, 0));
-    return v_mul(input(textures, t, 0, at), value);
+    if ((t->flags & TEXTURE_UNIT) != 0)
+        value = vec3(float_min(value.x, 1), float_min(value.y, 1), float_min(value.z, 1));
+    return value;
 }
 
 static rgb_t eval_scale(const textures_t *textures, const blob_texture_t *t, const texture_point_t *at)

@@ -31,8 +31,6 @@ static const struct {
     {"Sampler", "pmj02bn", DIALECT_V4},
     {"Integrator", "directlighting", DIALECT_V3},
     {"Integrator", "whitted", DIALECT_V3},
-    {"Integrator", "ambientocclusion", DIALECT_V3},
-    {"Integrator", "ao", DIALECT_V4},
     {"Integrator", "simplepath", DIALECT_V4},
     {"Integrator", "simplevolpath", DIALECT_V4},
     {"Integrator", "lightpath", DIALECT_V4},

@@ -28,7 +28,8 @@ static uint32_t add_words(pbrt_t *p, const void *bytes, size_t size)
     return first; /* too many texels: finishing the blob says so */
 }
 
-static void add_bytes(pbrt_t *p, const texture_image_t *source, image_file_t *file, blob_image_t *image)
+static void add_bytes(pbrt_t *p, const texture_image_t *source, const image_file_t *file,
+                      blob_image_t *image)
 {
     size_t pixels = (size_t)source->width * source->height, channels = source->channels;
     size_t to = file->grey ? 1 : 4;
@@ -38,7 +39,6 @@ static void add_bytes(pbrt_t *p, const texture_image_t *source, image_file_t *fi
         memcpy(bytes + i * to, from, file->grey ? 1 : 3);
         if (file->grey) continue;
         bytes[4 * i + 3] = channels == 4 ? from[3] : 255;
-        file->alpha = file->alpha || bytes[4 * i + 3] != 255;
     }
     image->format = file->grey ? TEXELS_R8 : TEXELS_RGBA8;
     image->gamma = file->gamma;
@@ -60,6 +60,37 @@ static void add_floats(pbrt_t *p, const texture_image_t *source, const image_fil
     image->gamma = 1;
     image->first_word = add_words(p, floats, pixels * to * sizeof *floats);
     free(floats);
+}
+
+/* The alpha of an image whose alpha is not 1 everywhere, as a grey image; 0 of others. pbrt-v4 decodes it like
+ * the colours. */
+static blob_ref_t add_alpha(pbrt_t *p, const texture_image_t *source, float gamma)
+{
+    size_t pixels = (size_t)source->width * source->height;
+    if (source->channels != 4) return 0;
+    bool opaque = true, bytes = source->type == TEXELS_U8;
+    for (size_t i = 3; i < 4 * pixels; i += 4)
+        opaque = opaque && (bytes ? source->bytes[i] == 255 : source->floats[i] == 1);
+    if (opaque) return 0;
+    texture_image_t alpha = {
+        .width = source->width, .height = source->height, .channels = 1, .type = source->type};
+    if (bytes)
+        alpha.bytes = mem_alloc(pixels);
+    else
+        alpha.floats = mem_alloc(pixels * sizeof *alpha.floats);
+    for (size_t i = 0; i < pixels; ++i)
+        if (bytes)
+            alpha.bytes[i] = source->bytes[4 * i + 3];
+        else
+            alpha.floats[i] = source->floats[4 * i + 3];
+    image_file_t file = {.gamma = gamma, .grey = true};
+    blob_image_t image = {.width = source->width, .height = source->height};
+    if (bytes)
+        add_bytes(p, &alpha, &file, &image);
+    else
+        add_floats(p, &alpha, &file, &image);
+    texture_image_free(&alpha);
+    return 1 + blob_builder_add(p->builder, BLOB_SECTION_IMAGES, &image, 1);
 }
 
 static const image_file_t *find(const pbrt_t *p, const char *path, float asked, float gamma)
@@ -103,6 +134,7 @@ static result_t load(pbrt_t *p, char *path, float asked, position_t at, blob_ref
         else
             add_floats(p, &source, &file, &image);
         file.image = 1 + blob_builder_add(p->builder, BLOB_SECTION_IMAGES, &image, 1);
+        if (p->dialect.dialect == DIALECT_V4) file.alpha = add_alpha(p, &source, gamma);
     }
     texture_image_free(&source);
     store(p, file);

@@ -328,7 +328,7 @@ static result_t make_thin_dielectric(pbrt_t *p, params_t *params, const material
                                      blob_material_t *record)
 {
     record->kind = MATERIAL_DIELECTRIC;
-    record->flags = MATERIAL_THIN;
+    record->flags |= MATERIAL_THIN;
     record->values[VALUE_REFLECTANCE] = record->values[VALUE_TRANSMITTANCE] = blob_constant(1);
     return read_index(p, params, "eta", VALUE_ETA, 1.5f, material->at, record);
 }
@@ -659,6 +659,18 @@ static result_t read_relief(pbrt_t *p, params_t *params, blob_material_t *record
     return pbrt_normal_map(p, filename, at, &record->normal_map);
 }
 
+/* pbrt-v4 takes what surfaces reflect for at most 1, also where it comes from textures. */
+static void limit_shares(const pbrt_t *p, blob_material_t *record)
+{
+    static const material_value_t shares[] = {VALUE_REFLECTANCE, VALUE_TRANSMITTANCE, VALUE_ALBEDO,
+                                              VALUE_AMOUNT};
+    if (p->dialect.dialect == DIALECT_V3) return;
+    for (size_t i = 0; i < ARRAY_LENGTH(shares); ++i) {
+        const blob_value_t *value = &record->values[shares[i]];
+        if (value->texture != 0 || v_max(value->factor) > 1) record->flags |= MATERIAL_UNIT;
+    }
+}
+
 static result_t make(pbrt_t *p, material_t *material, params_t *params, blob_material_t *record)
 {
     *record = (blob_material_t){0};
@@ -666,6 +678,7 @@ static result_t make(pbrt_t *p, material_t *material, params_t *params, blob_mat
     result_t result = materials[material->entry].make(p, params, material, record);
     material->making = false;
     TRY(result);
+    limit_shares(p, record);
     return read_relief(p, params, record);
 }
 

@@ -5,6 +5,7 @@
  * that we do not have makes another picture and is an error. */
 #include "client/import/pbrt/directives.h"
 
+#include <ctype.h>
 #include <string.h>
 
 /* Notes where an option stands; a second one is an error, since pbrt would drop the first in silence. */
@@ -47,12 +48,15 @@ static result_t read_window(pbrt_t *p, params_t *params)
     return result_ok();
 }
 
-/* A shutter that closes before it opens is turned round, as in pbrt. */
+/* A shutter that closes before it opens is turned round in v3, as in pbrt; in v4 it lets no light in. */
 static result_t read_shutter(pbrt_t *p, params_t *params)
 {
     double open = 0, close = 1;
-    TRY(params_float(params, "shutteropen", &open));
-    TRY(params_float(params, "shutterclose", &close));
+    TRY(params_float_in(params, "shutteropen", -1e30, 1e30, &open));
+    TRY(params_float_in(params, "shutterclose", -1e30, 1e30, &close));
+    if (p->dialect.dialect == DIALECT_V4 && !(close > open))
+        return error_at(params_where(params, "shutterclose", p->camera_at),
+                        "the shutter closes at %g, but opens at %g: no light comes in", close, open);
     p->shutter[0] = fmin(open, close);
     p->shutter[1] = fmax(open, close);
     return result_ok();
@@ -272,20 +276,30 @@ static result_t read_sensor(pbrt_t *p, params_t *params)
     TRY(params_float(params, "whitebalance", &white));
     TRY(params_string(params, "sensor", &sensor));
     p->gain = exposure * iso / 100;
-    if (strcmp(sensor, "cie1931") != 0)
-        return report_refuse(p->report, params_where(params, "sensor", p->film_at),
-                             "sensor \"%.40s\" is not supported; \"cie1931\", the default, is used", sensor);
+    if (strcmp(sensor, "cie1931") != 0) { /* calibrated to colours like the eye's, and balanced to 6500 K */
+        report_warning(p->report, params_where(params, "sensor", p->film_at),
+                       "sensor \"%.40s\": \"cie1931\" is used, whose colours differ a little", sensor);
+        if (white == 6500) white = 0;
+    }
     if (white != 0)
         return report_refuse(p->report, params_where(params, "whitebalance", p->film_at),
                              "whitebalance is not supported; the picture keeps its colours");
     return result_ok();
 }
 
+static const param_rule_t bounds_rules[] = {
+    {"pixelbounds", PARAM_IGNORE, "the cropwindow goes before it"},
+};
+
 static result_t make_rgb_film(pbrt_t *p, params_t *params)
 {
+    bool both = params_has(params, "cropwindow") && params_has(params, "pixelbounds");
     TRY(read_resolution(p, params));
     TRY(read_crop_window(p, params));
-    TRY(read_pixel_bounds(p, params));
+    if (both) /* as in pbrt */
+        TRY(params_apply(params, bounds_rules, ARRAY_LENGTH(bounds_rules), p->report));
+    else
+        TRY(read_pixel_bounds(p, params));
     TRY(read_sensor(p, params));
     if (params_has(params, "maxcomponentvalue")) {
         double most = INFINITY;
@@ -421,8 +435,7 @@ static const integrator_entry_t integrators[] = {
     {{"sppm", DIALECT_BOTH}, INTEGRATOR_BDPT, "only the noise differs"},
     {{"directlighting", DIALECT_V3}, INTEGRATOR_PATH, "indirect light comes in addition"},
     {{"whitted", DIALECT_V3}, INTEGRATOR_PATH, "indirect light comes in addition"},
-    {{"ambientocclusion", DIALECT_V3}, 0, NULL},
-    {{"ao", DIALECT_V4}, 0, NULL},
+    {{"ambientocclusion", DIALECT_BOTH}, 0, NULL},
 };
 
 static const param_rule_t integrator_rules[] = {
@@ -619,14 +632,48 @@ static const param_rule_t option_rules[] = {
     {"displacementedgescale", PARAM_IGNORE, "displacement is not supported"},
     {"msereferenceimage", PARAM_IGNORE, "see lightmill compare"},
     {"msereferenceout", PARAM_IGNORE, "see lightmill compare"},
+    {"pixelstats", PARAM_IGNORE, "the statistics of pixels are not written out"},
     {"rendercoordsys", PARAM_IGNORE, "rendering is in world space"},
     {"seed", PARAM_IGNORE, "lightmill --seed chooses it"},
     {"wavefront", PARAM_IGNORE, "it chooses how pbrt works, not what it renders"},
 };
 
+/* pbrt takes the names of options with and without '-' and '_', in any case. */
+static void normalize_option(char *name)
+{
+    char *to = name;
+    for (const char *s = name; *s; ++s)
+        if (*s != '-' && *s != '_') *to++ = (char)tolower((unsigned char)*s);
+    *to = '\0';
+}
+
+/* Option "name" value: the value is one token, without brackets. */
+static result_t read_option(pbrt_t *p, position_t at)
+{
+    token_t value;
+    TRY(pbrt_read_string(p, 0, "the option's name"));
+    TRY(lexer_next(p->lexer, &value));
+    if (value.kind != TOKEN_WORD && value.kind != TOKEN_STRING)
+        return error_at(value.at, "Option \"%.40s\" needs a value", p->arguments[0]);
+    normalize_option(p->arguments[0]);
+    for (size_t i = 0; i < ARRAY_LENGTH(option_rules); ++i) {
+        const param_rule_t *rule = &option_rules[i];
+        if (strcmp(p->arguments[0], rule->name) != 0) continue;
+        if (token_is(&value, "false")) return result_ok(); /* as without it */
+        if (rule->fate == PARAM_REFUSE)
+            return report_refuse(p->report, at, "Option \"%s\": %s", rule->name, rule->why);
+        report_warning(p->report, at, "Option \"%s\" is ignored: %s", rule->name, rule->why);
+        return result_ok();
+    }
+    return error_at(at, "unknown Option \"%.40s\"", p->arguments[0]);
+}
+
+/* The name alone, as pbrt has it, or "type name" like a parameter. */
 result_t pbrt_option(pbrt_t *p, position_t at)
 {
-    (void)at;
+    token_t name;
+    TRY(lexer_peek(p->lexer, &name));
+    if (!memchr(name.text, ' ', name.length)) return read_option(p, at);
     TRY(pbrt_read_params(p));
     TRY(params_apply(p->params, option_rules, ARRAY_LENGTH(option_rules), p->report));
     return params_finish(p->params, "Option", true, p->report);
@@ -681,5 +728,6 @@ result_t pbrt_options_finish(pbrt_t *p)
     if (projects && !given && (fabs(aspect - film) > 1e-5 * film || is_cropped(p)))
         set_window_by_aspect(scene, aspect);
     if (is_cropped(p)) apply_crop(p);
+    if (p->dialect.dialect == DIALECT_V4) p->gain *= p->shutter[1] - p->shutter[0]; /* the exposure */
     return place_camera(p);
 }

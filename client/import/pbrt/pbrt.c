@@ -8,9 +8,10 @@
 #include <string.h>
 #include <sys/stat.h>
 
+#include "client/import/gunzip.h"
 #include "client/import/pbrt/directives.h"
 
-static const size_t largest_file = (size_t)1 << 34;
+static const size_t largest_file = (size_t)1 << 34, largest_text = (size_t)1 << 32; /* decompressed */
 
 static result_t parse_file(pbrt_t *p, const char *path, const char *label);
 
@@ -26,14 +27,20 @@ static result_t attribute_end(pbrt_t *p, position_t at)
     return pbrt_pop(p, SCOPE_ATTRIBUTE, "AttributeEnd", at);
 }
 
+/* v4 has them for older scenes only, and saves all of the state, like AttributeBegin. */
+static scope_kind_t transform_scope(const pbrt_t *p)
+{
+    return p->dialect.dialect == DIALECT_V3 ? SCOPE_TRANSFORM : SCOPE_ATTRIBUTE;
+}
+
 static result_t transform_begin(pbrt_t *p, position_t at)
 {
-    return pbrt_push(p, SCOPE_TRANSFORM, at);
+    return pbrt_push(p, transform_scope(p), at);
 }
 
 static result_t transform_end(pbrt_t *p, position_t at)
 {
-    return pbrt_pop(p, SCOPE_TRANSFORM, "TransformEnd", at);
+    return pbrt_pop(p, transform_scope(p), "TransformEnd", at);
 }
 
 static result_t reverse_orientation(pbrt_t *p, position_t at)
@@ -159,7 +166,7 @@ static result_t make_named_medium(pbrt_t *p, position_t at)
     TRY(pbrt_read_string(p, 0, "the medium's name"));
     TRY(pbrt_read_params(p));
     report_warning(p->report, at,
-                   "medium \"%.60s\" is ignored: media are not supported yet, using it is an error",
+                   "medium \"%.60s\" is ignored: media are not supported, using it is an error",
                    p->arguments[0]);
     return result_ok();
 }
@@ -174,7 +181,8 @@ static result_t medium_interface(pbrt_t *p, position_t at)
         TRY(pbrt_read_string(p, 0, "the name of the medium outside"));
         empty = empty && p->arguments[0][0] == '\0';
     }
-    return empty ? result_ok() : error_at(at, "media are not supported yet");
+    if (empty) return result_ok();
+    return report_refuse(p->report, at, "media are not supported; the nearest is empty space");
 }
 
 /* ---- the table ----------------------------------------------------------------------------------------- */
@@ -291,6 +299,12 @@ static result_t open_source(pbrt_t *p, const char *path, const char *label, sour
 {
     uint8_t *data;
     TRY(file_read(path, largest_file, &data, size));
+    if (gunzip_recognise(data, *size)) {
+        uint8_t *packed = data;
+        result_t result = gunzip(path, packed, *size, largest_text, &data, size);
+        free(packed);
+        TRY(result);
+    }
     *source = mem_alloc(sizeof **source);
     **source = (source_t){mem_strdup(path), mem_strdup(label), data};
     p->files = grow(p->files, &p->file_capacity, p->file_count + 1, sizeof(source_t *));

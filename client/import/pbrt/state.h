@@ -77,8 +77,9 @@ typedef struct {
 typedef struct {
     char *path;
     float asked, gamma; /* as asked for, and as it turned out to be */
-    bool grey, alpha;   /* one channel; an alpha that is not 1 everywhere */
+    bool grey;          /* one channel */
     blob_ref_t image;
+    blob_ref_t alpha; /* v4: its alpha as a grey image, where that is not 1 everywhere; else 0 */
 } image_file_t;
 
 /* Owned: shapes. */

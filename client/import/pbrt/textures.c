@@ -120,7 +120,7 @@ static result_t map_2d(pbrt_t *p, params_t *params, position_t at, blob_texture_
     texture->texture_from_world = affine_to_xform(&space);
     texture->mapping = MAPPING_SPHERICAL;
     if (strcmp(type, "spherical") == 0) return result_ok();
-    texture->mapping = MAPPING_CYLINDRICAL;
+    texture->mapping = p->dialect.dialect == DIALECT_V3 ? MAPPING_CYLINDRICAL : MAPPING_CYLINDER;
     if (strcmp(type, "cylindrical") == 0) return result_ok();
     return error_at(params_where(params, "mapping", at), "unknown mapping \"%.40s\"", type);
 }
@@ -139,7 +139,7 @@ static void negate_row(xform_t *t, int row)
 }
 
 /* Makes t of an image 1 - t: pbrt's v = 0 is the bottom row, the blob's t = 0 the top one. On a sphere the
- * mirrored y makes it so; on a cylinder the mirrored z does as far as the image repeats. */
+ * mirrored y makes it so; on v3's cylinder the mirrored z does as far as the image repeats. */
 static void flip_t(blob_texture_t *texture)
 {
     switch (texture->mapping) {
@@ -153,6 +153,10 @@ static void flip_t(blob_texture_t *texture)
         return;
     case MAPPING_SPHERICAL:
         negate_row(&texture->texture_from_world, 1);
+        return;
+    case MAPPING_CYLINDER:
+        negate_row(&texture->texture_from_world, 2);
+        texture->texture_from_world.m[2][3] += 1;
         return;
     default:
         negate_row(&texture->texture_from_world, 2);
@@ -404,20 +408,14 @@ static result_t read_encoding_v4(params_t *params, const char *filename, positio
     return result_ok();
 }
 
-/* A number from an image of colours: v3 takes the luminance, v4 the mean of all channels, alpha included
- * where it is not 1 everywhere. */
+/* A number from an image of colours: v3 takes the luminance, v4 the mean, but alpha where that is not 1
+ * everywhere. */
 static blob_value_t add_number_of_image(pbrt_t *p, blob_texture_t *texture, const image_file_t *file)
 {
     bool v3 = p->dialect.dialect == DIALECT_V3;
-    texture->channel = file->grey ? CHANNEL_R : v3 ? CHANNEL_LUMINANCE : CHANNEL_MEAN;
-    blob_value_t colour = add(p, texture);
-    if (v3 || !file->alpha) return colour;
-    texture->channel = CHANNEL_A;
-    blob_texture_t mean = {.kind = TEXTURE_MIX};
-    mean.inputs[0] = colour;
-    mean.inputs[1] = add(p, texture);
-    mean.inputs[2] = blob_constant(0.25f);
-    return add(p, &mean);
+    texture->channel = file->grey || file->alpha ? CHANNEL_R : v3 ? CHANNEL_LUMINANCE : CHANNEL_MEAN;
+    if (file->alpha) texture->image = file->alpha;
+    return add(p, texture);
 }
 
 static result_t read_scale(pbrt_t *p, params_t *params, blob_texture_t *texture)
@@ -428,12 +426,8 @@ static result_t read_scale(pbrt_t *p, params_t *params, blob_texture_t *texture)
     texture->inputs[0] = blob_constant((float)scale);
     if (p->dialect.dialect == DIALECT_V3) return result_ok();
     TRY(params_bool(params, "invert", &invert));
-    if (!invert) return result_ok();
-    texture->flags |= TEXTURE_INVERT;
-    if (scale == 1) return result_ok();
-    return report_refuse(
-        p->report, params_where(params, "invert", (position_t){.path = ""}),
-        "\"invert\" with a scale is not supported: the scale comes first in pbrt, last here");
+    if (invert) texture->flags |= TEXTURE_INVERT;
+    return result_ok();
 }
 
 static result_t make_image(pbrt_t *p, params_t *params, position_t at, bool is_float, blob_value_t *value)
@@ -453,6 +447,7 @@ static result_t make_image(pbrt_t *p, params_t *params, position_t at, bool is_f
     TRY(params_apply(params, filter_rules, ARRAY_LENGTH(filter_rules), p->report));
     TRY(pbrt_image(p, filename, gamma, at, &texture.image));
     const image_file_t *file = pbrt_image_file(p, texture.image);
+    if (!v3 && !is_float) texture.flags |= TEXTURE_UNIT; /* a reflectance, as nearly all are */
     *value = is_float ? add_number_of_image(p, &texture, file) : add(p, &texture);
     return result_ok();
 }

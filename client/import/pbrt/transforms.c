@@ -109,8 +109,8 @@ result_t pbrt_coord_sys_transform(pbrt_t *p, position_t at)
     TRY(pbrt_read_string(p, 0, "the name of a coordinate system"));
     if (!names_find(&p->coordinates, p->arguments[0], &index))
         return error_at(at, "no CoordinateSystem \"%.60s\" has been named before", p->arguments[0]);
-    if (p->now.active & ACTIVE_START) p->now.ctm = p->systems[index][0];
-    if (p->now.active & ACTIVE_END) p->now.ctm_end = p->systems[index][1];
+    p->now.ctm = p->systems[index][0]; /* both, whatever ActiveTransform says, as in either pbrt */
+    p->now.ctm_end = p->systems[index][1];
     return result_ok();
 }
 

@@ -1,0 +1,224 @@
+/* test_import_v4: what pbrt-v4 does otherwise than v3, and what scenes of its public collection rely on. */
+#include <zlib.h>
+
+#include "tests/unit/test_import.h"
+
+#define SPHERE "Shape \"sphere\"\n"
+#define POINT_LIGHT "LightSource \"point\"\n"
+
+static void run(bench_t *bench, const char *world)
+{
+    char *text = mem_printf("Film \"rgb\"\nWorldBegin\n%s", world);
+    bench_run(bench, text);
+    free(text);
+}
+
+static const blob_light_t *light(const bench_t *bench, uint32_t index)
+{
+    assert_true(index < bench->blob.counts[BLOB_SECTION_LIGHTS]);
+    return &bench->blob.lights[index];
+}
+
+/* ---- directives ---------------------------------------------------------------------------------------- */
+
+static void test_options(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    bench_run(&bench, "Option \"disable-pixel_Jitter\" true\nOption \"seed\" 7\nOption \"forcediffuse\" false\n"
+                      "Option \"msereferenceimage\" \"a.exr\"\nWorldBegin\n" POINT_LIGHT SPHERE);
+    bench_expect_ok(&bench);
+    expect_text(bench.warnings, "s.pbrt:1:1: Option \"disablepixeljitter\" is ignored");
+    expect_text(bench.warnings, "s.pbrt:2:1: Option \"seed\" is ignored");
+    assert_int_equal(bench.warning_count, 3);
+    bench_run(&bench, "Option \"forcediffuse\" true\nWorldBegin\n");
+    expect_text(bench.result.message, "1:1: Option \"forcediffuse\": not supported");
+    bench_run(&bench, "Option \"colour\" true\nWorldBegin\n");
+    expect_text(bench.result.message, "1:1: unknown Option \"colour\"");
+    bench_run(&bench, "Option \"seed\"");
+    expect_text(bench.result.message, "Option \"seed\" needs a value");
+    bench_close(&bench);
+}
+
+static void test_transform_begin_saves_everything(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run(&bench, POINT_LIGHT "TransformBegin\nMaterial \"conductor\"\nTranslate 1 0 0\nTransformEnd\n" SPHERE);
+    bench_expect_ok(&bench);
+    assert_int_equal(bench.blob.materials[bench.blob.shapes[0].material].kind, MATERIAL_DIFFUSE);
+    expect_vec3(xform_point(&bench.blob.quadrics[0].object_from_quadric, vec3(0, 0, 0)), 0, 0, 0);
+    run(&bench, "TransformBegin\nTranslate 1 0 0\n" SPHERE);
+    expect_text(bench.result.message, "s.pbrt:3:1: this block is never closed");
+    bench_close(&bench);
+}
+
+static void test_named_coordinates_set_both_times(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run(&bench, POINT_LIGHT "ActiveTransform StartTime\nTranslate 5 0 0\nCoordSysTransform \"world\"\n" SPHERE
+                            "ActiveTransform EndTime\nTranslate 5 0 0\nCoordSysTransform \"world\"\n" SPHERE);
+    bench_expect_silence(&bench);
+    assert_int_equal(bench.blob.counts[BLOB_SECTION_INSTANCES], 0); /* nothing moves */
+    bench_close(&bench);
+}
+
+static void test_compressed_includes(void **state)
+{
+    (void)state;
+    static const char text[] = SPHERE SPHERE;
+    bench_t bench = {0};
+    bench_write(&bench, "more.pbrt.gz", "", 0);
+    char *path = bench_path(&bench, "more.pbrt.gz");
+    gzFile file = gzopen(path, "wb");
+    assert_non_null(file);
+    assert_int_equal(gzwrite(file, text, sizeof text - 1), sizeof text - 1);
+    assert_int_equal(gzclose(file), Z_OK);
+    free(path);
+    run(&bench, POINT_LIGHT "Include \"more.pbrt.gz\"\n" SPHERE);
+    bench_expect_silence(&bench);
+    assert_int_equal(bench.blob.counts[BLOB_SECTION_SHAPES], 3);
+    bench_write(&bench, "more.pbrt.gz", "\x1f\x8b\x08 damaged", 11);
+    run(&bench, "Include \"more.pbrt.gz\"\n");
+    expect_text(bench.result.message, "more.pbrt.gz");
+    bench_close(&bench);
+}
+
+static void test_media_are_left_out_on_request(void **state)
+{
+    (void)state;
+    bench_t bench = {.lenient = true};
+    run(&bench, POINT_LIGHT "MediumInterface \"fog\" \"\"\n" SPHERE);
+    bench_expect_ok(&bench);
+    expect_text(bench.warnings, "s.pbrt:4:1: media are not supported; the nearest is empty space");
+    bench_close(&bench);
+}
+
+/* ---- options of the whole picture ---------------------------------------------------------------------- */
+
+static void test_exposure(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    bench_run(&bench, "Camera \"perspective\" \"float shutteropen\" 1 \"float shutterclose\" 1.25\n"
+                      "Film \"rgb\" \"float iso\" 200\nWorldBegin\n" POINT_LIGHT SPHERE);
+    bench_expect_silence(&bench);
+    expect_vec3(light(&bench, 0)->radiance.factor, 0.5, 0.5, 0.5);
+    bench_run(&bench, "Camera \"perspective\" \"float shutterclose\" 0\nFilm \"rgb\"\nWorldBegin\n");
+    expect_text(bench.result.message, "s.pbrt:1:22: the shutter closes at 0, but opens at 0");
+    /* v3's shutter says nothing of the exposure */
+    bench_run(&bench, "Camera \"perspective\" \"float shutterclose\" 0\nFilm \"image\"\nWorldBegin\n" POINT_LIGHT
+                      SPHERE "WorldEnd\n");
+    bench_expect_silence(&bench);
+    expect_vec3(light(&bench, 0)->radiance.factor, 1, 1, 1);
+    bench_close(&bench);
+}
+
+static void test_sensors(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    bench_run(&bench, "Film \"rgb\" \"string sensor\" \"canon_eos_100d\" \"float iso\" 50\nWorldBegin\n" POINT_LIGHT
+                      SPHERE);
+    bench_expect_ok(&bench);
+    expect_text(bench.warnings, "s.pbrt:1:12: sensor \"canon_eos_100d\": \"cie1931\" is used");
+    expect_vec3(light(&bench, 0)->radiance.factor, 0.5, 0.5, 0.5);
+    bench_run(&bench, "Film \"rgb\" \"float whitebalance\" 5000\nWorldBegin\n");
+    expect_text(bench.result.message, "whitebalance is not supported");
+    bench_close(&bench);
+}
+
+static void test_crop_window_before_pixel_bounds(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    bench_run(&bench,
+              "Film \"rgb\" \"integer xresolution\" 100 \"integer yresolution\" 50 \"float cropwindow\" [0 0.5 0 1] "
+              "\"integer pixelbounds\" [60 70 0 10]\nWorldBegin\n" POINT_LIGHT SPHERE);
+    bench_expect_ok(&bench);
+    expect_text(bench.warnings, "the cropwindow goes before it");
+    assert_int_equal(bench.blob.scene->width, 50);
+    assert_int_equal(bench.blob.scene->height, 50);
+    bench_close(&bench);
+}
+
+static void test_ambient_occlusion_is_of_both(void **state)
+{
+    (void)state;
+    bench_t bench = {.lenient = true};
+    bench_run(&bench, "Integrator \"ambientocclusion\" \"float maxdistance\" 3\nFilm \"rgb\"\nWorldBegin\n" POINT_LIGHT
+                      SPHERE);
+    bench_expect_ok(&bench);
+    expect_text(bench.warnings, "integrator \"ambientocclusion\" is not supported; path is used");
+    bench_close(&bench);
+}
+
+/* ---- textures ------------------------------------------------------------------------------------------ */
+
+#define PFM_2X1 "PF\n2 1\n-1\n\0\0\200?\0\0\200?\0\0\200?\0\0\0\0\0\0\0\0\0\0\0\0"
+#define IMAGE "\"imagemap\" \"string filename\" \"a.pfm\" "
+
+static const blob_material_t *material(const bench_t *bench)
+{
+    return &bench->blob.materials[bench->blob.shapes[0].material];
+}
+
+static void test_height_on_a_cylinder(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    bench_write(&bench, "a.pfm", PFM_2X1, sizeof PFM_2X1 - 1);
+    run(&bench, POINT_LIGHT "Scale 1 1 4\nTexture \"a\" \"spectrum\" " IMAGE
+                            "\"string mapping\" \"cylindrical\" \"string wrap\" \"clamp\"\nIdentity\n"
+                            "Material \"diffuse\" \"texture reflectance\" \"a\"\n" SPHERE);
+    bench_expect_silence(&bench);
+    const blob_texture_t *texture = &bench.blob.textures[0];
+    assert_int_equal(texture->mapping, MAPPING_CYLINDER);
+    assert_int_equal(texture->wrap_t, WRAP_CLAMP);
+    /* the bottom row, t = 1, where z = 0, the top one at z = 4 */
+    expect_vec3(xform_point(&texture->texture_from_world, vec3(2, 3, 0)), 2, 3, 1);
+    expect_vec3(xform_point(&texture->texture_from_world, vec3(2, 3, 4)), 2, 3, 0);
+    bench_run_v3(&bench, "Texture \"a\" \"spectrum\" " IMAGE
+                         "\"string mapping\" \"cylindrical\" \"string wrap\" \"clamp\"");
+    expect_text(bench.result.message, "an image on a cylinder can only repeat");
+    bench_close(&bench);
+}
+
+static void test_what_is_reflected_is_at_most_one(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    bench_write(&bench, "a.pfm", PFM_2X1, sizeof PFM_2X1 - 1);
+    run(&bench, POINT_LIGHT "Texture \"a\" \"spectrum\" " IMAGE "\"float scale\" 3\n"
+                            "Texture \"b\" \"float\" " IMAGE "\"float scale\" 3 \"bool invert\" true\n"
+                            "Material \"diffuse\" \"texture reflectance\" \"a\"\n" SPHERE
+                            "Material \"coateddiffuse\" \"texture roughness\" \"b\"\n" SPHERE
+                            "Material \"diffusetransmission\" \"float scale\" 9\n" SPHERE);
+    bench_expect_silence(&bench);
+    assert_int_equal(bench.blob.textures[0].flags, TEXTURE_UNIT);
+    assert_int_equal(bench.blob.textures[1].flags, TEXTURE_INVERT);
+    expect_vec3(bench.blob.textures[1].inputs[0].factor, 3, 3, 3);
+    assert_int_equal(material(&bench)->flags, MATERIAL_UNIT);
+    assert_int_equal(material(&bench)[1].flags, MATERIAL_REMAP_SQRT);
+    assert_int_equal(material(&bench)[2].flags, MATERIAL_UNIT);
+    bench_close(&bench);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_options),
+        cmocka_unit_test(test_transform_begin_saves_everything),
+        cmocka_unit_test(test_named_coordinates_set_both_times),
+        cmocka_unit_test(test_compressed_includes),
+        cmocka_unit_test(test_media_are_left_out_on_request),
+        cmocka_unit_test(test_exposure),
+        cmocka_unit_test(test_sensors),
+        cmocka_unit_test(test_crop_window_before_pixel_bounds),
+        cmocka_unit_test(test_ambient_occlusion_is_of_both),
+        cmocka_unit_test(test_height_on_a_cylinder),
+        cmocka_unit_test(test_what_is_reflected_is_at_most_one),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
