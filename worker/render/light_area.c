@@ -59,7 +59,7 @@ double light_area_of(const light_t *light, uint32_t primitive)
 {
     const scene_blob_t *blob = scene_blob(light->scene);
     const blob_shape_t *shape = shape_of(light);
-    if (shape->kind == SHAPE_QUADRIC) return quadric_area(scene_quadric(light->scene, shape));
+    if (shape->kind == SHAPE_QUADRIC) return scene_quadric(light->scene, shape)->area;
     const blob_mesh_t *mesh = &blob->meshes[shape->geometry];
     const vec3_t *p = blob->positions + mesh->first_position;
     const uint32_t *v = blob->triangles[mesh->first_triangle + primitive].v;
@@ -95,7 +95,7 @@ static void sample_triangle(const light_t *light, uint32_t primitive, vec2_t u, 
 /* Density at a point of a quadric: chance is per area, as if the density were uniform. */
 static float quadric_density(const light_t *light, const quadric_t *quadric, const quadric_point_t *point)
 {
-    return light->chance * (float)quadric_area(quadric) * quadric_pdf(quadric, point);
+    return light->chance * (float)quadric->area * quadric_pdf(quadric, point);
 }
 
 static void sample_spot(const light_t *light, uint32_t primitive, vec2_t u, spot_t *spot)

@@ -1,12 +1,6 @@
 /* quadric: see quadric.h. */
 #include "worker/render/quadric.h"
 
-void quadric_init(quadric_t *quadric, const blob_quadric_t *record)
-{
-    quadric->record = record;
-    xform_invert(&record->object_from_quadric, &quadric->quadric_from_object);
-}
-
 void quadric_bounds(const quadric_t *quadric, float low[3], float high[3])
 {
     const blob_quadric_t *q = quadric->record;
@@ -97,62 +91,70 @@ static vec3_t pull(const blob_quadric_t *q, vec3_t p)
     return vec3(p.x * scale, p.y * scale, p.z);
 }
 
-/* Everything about a point on the quadric, in its own space. */
-static quadric_point_t local_point(const blob_quadric_t *q, vec3_t p)
+/* The normal at a point of the quadric, in its own space. */
+static vec3_t local_normal(const blob_quadric_t *q, vec3_t p)
+{
+    float inverse = 1 / q->radius;
+    if (q->kind == QUADRIC_DISK) return vec3(0, 0, 1);
+    return vec3(p.x * inverse, p.y * inverse, q->kind == QUADRIC_SPHERE ? p.z * inverse : 0);
+}
+
+/* Coordinates and derivatives at a point on the quadric, in its own space. */
+static quadric_details_t local_details(const blob_quadric_t *q, vec3_t p)
 {
     float phi = atan2f(p.y, p.x), r = sqrtf(p.x * p.x + p.y * p.y);
     if (phi < 0) phi += TWO_PI_F;
-    quadric_point_t out = {.p = p, .dpdu = vec3(-q->phi_max * p.y, q->phi_max * p.x, 0)};
+    quadric_details_t out = {.dpdu = vec3(-q->phi_max * p.y, q->phi_max * p.x, 0)};
     if (r == 0) out.dpdu = vec3(0, q->phi_max * q->radius * 1e-3f, 0); /* a pole: any tangent */
     out.uv.x = phi / q->phi_max;
     vec2_t out_dir = r > 0 ? (vec2_t){p.x / r, p.y / r} : (vec2_t){1, 0};
     if (q->kind == QUADRIC_DISK) {
         float width = q->radius - q->inner_radius;
-        out.n = vec3(0, 0, 1);
         out.uv.y = 1 - (r - q->inner_radius) / width;
         out.dpdv = vec3(-out_dir.x * width, -out_dir.y * width, 0);
         return out;
     }
     float inverse = 1 / q->radius;
+    out.dndu = v_scale(out.dpdu, inverse);
     if (q->kind == QUADRIC_CYLINDER) {
         float height = q->z_max - q->z_min;
-        out.n = vec3(p.x * inverse, p.y * inverse, 0);
         out.uv.y = (p.z - q->z_min) / height;
         out.dpdv = vec3(0, 0, height);
-        out.dndu = v_scale(out.dpdu, inverse);
         return out;
     }
-    out.n = v_scale(p, inverse);
     float theta_min = acosf(float_clamp(q->z_min * inverse, -1, 1));
     float theta_max = acosf(float_clamp(q->z_max * inverse, -1, 1));
     float theta = acosf(float_clamp(p.z * inverse, -1, 1)), span = theta_max - theta_min;
     out.uv.y = (theta - theta_min) / span;
     out.dpdv = v_scale(vec3(p.z * out_dir.x, p.z * out_dir.y, -r), span);
-    out.dndu = v_scale(out.dpdu, inverse);
     out.dndv = v_scale(out.dpdv, inverse);
     return out;
 }
 
-/* The same in the object's space. */
-static quadric_point_t object_point(const quadric_t *quadric, const quadric_point_t *local)
+/* A point of the quadric's own space in the object's. */
+static quadric_point_t object_point(const quadric_t *quadric, vec3_t local)
 {
-    const xform_t *object = &quadric->record->object_from_quadric, *inverse = &quadric->quadric_from_object;
-    vec3_t n = xform_normal(inverse, local->n);
-    float scale = 1 / v_length(n);
-    return (quadric_point_t){.p = xform_point(object, local->p),
-                             .n = v_scale(n, scale),
-                             .uv = local->uv,
-                             .dpdu = xform_vector(object, local->dpdu),
-                             .dpdv = xform_vector(object, local->dpdv),
-                             .dndu = v_scale(xform_normal(inverse, local->dndu), scale),
-                             .dndv = v_scale(xform_normal(inverse, local->dndv), scale)};
+    vec3_t n = xform_normal(&quadric->quadric_from_object, local_normal(quadric->record, local));
+    return (quadric_point_t){.p = xform_point(&quadric->record->object_from_quadric, local),
+                             .n = v_scale(n, 1 / v_length(n))};
 }
 
 void quadric_at(const quadric_t *quadric, vec3_t p, quadric_point_t *point)
 {
-    vec3_t local = pull(quadric->record, xform_point(&quadric->quadric_from_object, p));
-    quadric_point_t all = local_point(quadric->record, local);
-    *point = object_point(quadric, &all);
+    *point = object_point(quadric, pull(quadric->record, xform_point(&quadric->quadric_from_object, p)));
+}
+
+void quadric_details(const quadric_t *quadric, vec3_t p, quadric_details_t *details)
+{
+    const xform_t *object = &quadric->record->object_from_quadric, *inverse = &quadric->quadric_from_object;
+    vec3_t local = pull(quadric->record, xform_point(inverse, p));
+    quadric_details_t own = local_details(quadric->record, local);
+    float scale = 1 / v_length(xform_normal(inverse, local_normal(quadric->record, local)));
+    *details = (quadric_details_t){.uv = own.uv,
+                                   .dpdu = xform_vector(object, own.dpdu),
+                                   .dpdv = xform_vector(object, own.dpdv),
+                                   .dndu = v_scale(xform_normal(inverse, own.dndu), scale),
+                                   .dndv = v_scale(xform_normal(inverse, own.dndv), scale)};
 }
 
 /* ---- sampling ------------------------------------------------------------------------------------------ */
@@ -171,7 +173,8 @@ static float stretch(const quadric_t *quadric, vec3_t n)
            v_length(xform_normal(&quadric->quadric_from_object, n));
 }
 
-double quadric_area(const quadric_t *quadric)
+/* Exact for a rigid transform, of the right size for any other. */
+static double object_area(const quadric_t *quadric)
 {
     double mean = 0;
     if (quadric->record->kind == QUADRIC_DISK)
@@ -192,12 +195,18 @@ void quadric_sample(const quadric_t *quadric, vec2_t u, quadric_point_t *point)
         z = q->z_max - u.x * (q->z_max - q->z_min);
         if (q->kind == QUADRIC_SPHERE) r = sqrtf(float_max(0, q->radius * q->radius - z * z));
     }
-    quadric_point_t local = local_point(q, vec3(r * cosf(phi), r * sinf(phi), z));
-    *point = object_point(quadric, &local);
+    *point = object_point(quadric, vec3(r * cosf(phi), r * sinf(phi), z));
 }
 
 float quadric_pdf(const quadric_t *quadric, const quadric_point_t *point)
 {
     vec3_t local = xform_normal(&quadric->record->object_from_quadric, point->n);
     return 1 / ((float)local_area(quadric->record) * stretch(quadric, v_normalize(local)));
+}
+
+void quadric_init(quadric_t *quadric, const blob_quadric_t *record)
+{
+    quadric->record = record;
+    xform_invert(&record->object_from_quadric, &quadric->quadric_from_object);
+    quadric->area = object_area(quadric);
 }

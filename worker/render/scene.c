@@ -708,16 +708,16 @@ void scene_details(const scene_t *scene, const surface_t *surface, surface_detai
     if (surface->shape->kind == SHAPE_MESH) {
         mesh_details(blob, surface, details);
     } else if (surface->shape->kind == SHAPE_QUADRIC) {
-        quadric_point_t point;
+        quadric_details_t on;
         vec3_t p = instanced ? xform_point(&inverse, surface->p) : surface->p;
-        quadric_at(&scene->quadrics[surface->shape->geometry], p, &point);
+        quadric_details(&scene->quadrics[surface->shape->geometry], p, &on);
         bool flip = surface->shape->flags & SHAPE_FLIP;
-        *details = (surface_details_t){.uv = point.uv,
-                                       .uv2 = point.uv,
-                                       .dpdu = point.dpdu,
-                                       .dpdv = point.dpdv,
-                                       .dndu = flip ? v_neg(point.dndu) : point.dndu,
-                                       .dndv = flip ? v_neg(point.dndv) : point.dndv,
+        *details = (surface_details_t){.uv = on.uv,
+                                       .uv2 = on.uv,
+                                       .dpdu = on.dpdu,
+                                       .dpdv = on.dpdv,
+                                       .dndu = flip ? v_neg(on.dndu) : on.dndu,
+                                       .dndv = flip ? v_neg(on.dndv) : on.dndv,
                                        .colour = {1, 1, 1, 1}};
     } else {
         vec3_t ng = instanced ? xform_normal(&world, surface->ng) : surface->ng;
