@@ -13,6 +13,7 @@ static const char usage[] =
     "  status [JOB]     what a master is doing\n"
     "  fetch JOB        the image of a job so far\n"
     "  cancel JOB       end a job; the image so far stays\n"
+    "  import SCENE     a scene with all its files as one scene blob\n"
     "  info FILE        describe a scene, a scene blob or an EXR\n"
     "  compare A B      compare two images\n"
     "  help, --help, --version\n"
@@ -32,8 +33,8 @@ typedef struct {
 } command_t;
 
 static const command_t commands[] = {
-    {"render", cmd_render}, {"submit", cmd_submit}, {"status", cmd_status},   {"fetch", cmd_fetch},
-    {"cancel", cmd_cancel}, {"info", cmd_info},     {"compare", cmd_compare},
+    {"render", cmd_render}, {"submit", cmd_submit}, {"status", cmd_status}, {"fetch", cmd_fetch},
+    {"cancel", cmd_cancel}, {"import", cmd_import}, {"info", cmd_info},     {"compare", cmd_compare},
 };
 
 static result_t run(int argc, char **argv)

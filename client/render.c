@@ -25,7 +25,8 @@
 static const char usage[] =
     "usage: lightmill render SCENE [options]\n"
     "\n"
-    "Renders a scene (a .pbrt file, a folder with a scene.pbrt, or a scene blob) on this machine.\n"
+    "Renders a scene (a .pbrt, .gltf or .glb file, a folder with a scene.pbrt, or a scene blob) on this "
+    "machine.\n"
     "Ctrl-C ends the render and writes the image so far; twice: leaves at once.\n"
     "\n"
     "  --threads N        render threads (default: one a core); with --workers, of each worker\n"

@@ -18,7 +18,7 @@
 static const char usage[] =
     "usage: lightmill submit SCENE [options]\n"
     "\n"
-    "Sends a scene (a .pbrt file, a folder with a scene.pbrt, or a scene blob) to a "
+    "Sends a scene (a .pbrt, .gltf or .glb file, a folder with a scene.pbrt, or a scene blob) to a "
     "master and prints the job's\n"
     "number.\n"
     "\n"

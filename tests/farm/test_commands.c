@@ -42,6 +42,24 @@ static void expect(rig_t *rig, int code, const char *said, const char *const *ar
     free(output);
 }
 
+/* A blob that was written renders to the same pixels as its scene. */
+static void an_imported_scene_is_the_scene(void **state)
+{
+    rig_t *rig = *state;
+    char *blob = scratch_path(rig->folder, "scene.blob"), *a = scratch_path(rig->folder, "a.exr");
+    char *b = scratch_path(rig->folder, "b.exr");
+    expect(rig, 0, "wrote", ARGUMENTS("import", "scenes/textures", "-o", blob));
+    expect(rig, 0, NULL, ARGUMENTS("render", blob, "--spp", "2", "--quiet", "-o", a));
+    expect(rig, 0, NULL, ARGUMENTS("render", "scenes/textures", "--spp", "2", "--quiet", "-o", b));
+    hash_t hash_a = rig_file_hash(a), hash_b = rig_file_hash(b);
+    assert_true(hash_equal(&hash_a, &hash_b));
+    expect(rig, RESULT_IO, "cannot", ARGUMENTS("import", "scenes/textures", "-o", "/nowhere/scene.blob"));
+    expect(rig, RESULT_USAGE, "one scene", ARGUMENTS("import"));
+    free(blob);
+    free(a);
+    free(b);
+}
+
 static void wrong_usage_is_told(void **state)
 {
     rig_t *rig = *state;
@@ -190,9 +208,13 @@ int main(void)
 {
 #define COMMAND(test) cmocka_unit_test_setup_teardown(test, set_up, tear_down)
     const struct CMUnitTest tests[] = {
-        COMMAND(wrong_usage_is_told),           COMMAND(wrong_files_are_told),
-        COMMAND(an_unreachable_master_is_told), COMMAND(an_interrupted_render_writes_what_it_has),
-        COMMAND(time_limits_a_render),          COMMAND(submit_status_fetch_cancel),
+        COMMAND(an_imported_scene_is_the_scene),
+        COMMAND(wrong_usage_is_told),
+        COMMAND(wrong_files_are_told),
+        COMMAND(an_unreachable_master_is_told),
+        COMMAND(an_interrupted_render_writes_what_it_has),
+        COMMAND(time_limits_a_render),
+        COMMAND(submit_status_fetch_cancel),
         COMMAND(a_render_without_workers_ends),
     };
     return cmocka_run_group_tests_name("commands", tests, NULL, NULL);

@@ -28,19 +28,24 @@ static void check_layers(const char *path, bool features)
     image_free(&image);
 }
 
-/* Renders seed-hidden at 64 spp with one more option; returns the hash of its pixels, all layers. */
-static hash_t render(const char *option, const char *value)
+/* Renders a scene with one more option; returns the hash of its pixels, all layers. */
+static hash_t render_scene(const char *scene, const char *spp, const char *option, const char *value)
 {
     rig_t *rig = rig_new();
     char *path = scratch_path(rig->folder, "image.exr");
-    assert_int_equal(rig_run(rig, (const char *[]){"render", "scenes/seed-hidden", "--spp", "64", "--quiet",
-                                                   "-o", path, option, value, NULL}),
+    assert_int_equal(rig_run(rig, (const char *[]){"render", scene, "--spp", spp, "--quiet", "-o", path,
+                                                   option, value, NULL}),
                      0);
-    check_layers(path, strcmp(option, "--no-layers") != 0 && strcmp(option, "--integrator") != 0);
+    check_layers(path, strcmp(option, "--no-layers") != 0);
     hash_t hash = rig_file_hash(path);
     free(path);
     rig_destroy(&rig);
     return hash;
+}
+
+static hash_t render(const char *option, const char *value)
+{
+    return render_scene("scenes/seed-hidden", "64", option, value);
 }
 
 static void threads_and_workers_make_no_difference(void **state)
@@ -58,12 +63,23 @@ static void threads_and_workers_make_no_difference(void **state)
     }
 }
 
-/* Without layers, and from the light alone, which follows no eye ray. */
+/* Materials that draw random numbers of their own, textures, alpha, lights of every kind, moving things. */
+static void every_kind_of_scene_keeps_its_bits(void **state)
+{
+    (void)state;
+    static const char *const scenes[] = {"scenes/materials", "scenes/textures", "scenes/lights-env",
+                                         "tests/farm/everything.pbrt"};
+    for (size_t i = 0; i < ARRAY_LENGTH(scenes); i++) {
+        hash_t one = render_scene(scenes[i], "16", "--threads", "1");
+        hash_t two = render_scene(scenes[i], "16", "--workers", "2");
+        if (!hash_equal(&one, &two)) fail_msg("two workers make another image of %s", scenes[i]);
+    }
+}
+
 static void layers_can_be_left_out(void **state)
 {
     (void)state;
     render("--no-layers", NULL);
-    render("--integrator", "light");
 }
 
 static void another_seed_gives_another_image(void **state)
@@ -100,6 +116,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(threads_and_workers_make_no_difference),
+        cmocka_unit_test(every_kind_of_scene_keeps_its_bits),
         cmocka_unit_test(layers_can_be_left_out),
         cmocka_unit_test(another_seed_gives_another_image),
         cmocka_unit_test(losing_workers_makes_no_difference),

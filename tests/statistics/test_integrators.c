@@ -132,6 +132,10 @@ static const case_t cases[] = {
      PERSPECTIVE FILM3 "PixelFilter \"gaussian\" \"float xwidth\" [2.5] \"float ywidth\" [1.5]\n" DEPTH5
                        "WorldBegin\n" PLACE3 LAMP("12 11 9") END3,
      ALL},
+    {"narrow",
+     PERSPECTIVE FILM3 "PixelFilter \"triangle\" \"float xwidth\" [0.3] \"float ywidth\" [0.7]\n" DEPTH5
+                       "WorldBegin\n" PLACE3 LAMP("12 11 9") END3,
+     ALL},
     /* lights */
     {"disk-light",
      HEAD3 PLACE3 "AttributeBegin\nTranslate -0.4 2.5 0\nRotate 70 1 0 0\nScale 0.8 0.4 1\n"
@@ -411,6 +415,366 @@ static void integrators_agree(void **state)
     assert_int_equal(differing, 0);
 }
 
+/* ---- films --------------------------------------------------------------------------------------------- */
+
+static estimate_image_t part_of(const estimate_image_t *whole, int x0, int y0, int width, int height)
+{
+    size_t values = 3 * (size_t)width * (size_t)height;
+    estimate_image_t part = {width, height, mem_alloc(values * sizeof(double)),
+                             mem_alloc(values * sizeof(double))};
+    for (int y = 0; y < height; y++) {
+        size_t from = 3 * ((size_t)(y + y0) * (size_t)whole->width + (size_t)x0),
+               to = 3 * (size_t)y * (size_t)width;
+        memcpy(part.mean + to, whole->mean + from, 3 * (size_t)width * sizeof(double));
+        memcpy(part.variance + to, whole->variance + from, 3 * (size_t)width * sizeof(double));
+    }
+    return part;
+}
+
+#define CROPPED(camera, filter, crop)                                                                        \
+    camera "Film \"image\" \"integer xresolution\" [64] \"integer yresolution\" [48] \"float cropwindow\" "  \
+           "[" crop "]\n" filter DEPTH5 "WorldBegin\n" PLACE3 LAMP("12 11 9") END3
+
+static void check_crop(const char *name, const char *whole_text, const char *part_text)
+{
+    estimate_image_t whole = render(whole_text, INTEGRATOR_PATH, 192);
+    assert_int_equal(whole.width, 64);
+    assert_int_equal(whole.height, 48);
+    estimate_image_t expected = part_of(&whole, 32, 16, 32, 24);
+    bool holds = true;
+    static const integrator_t integrators[] = {INTEGRATOR_PATH, INTEGRATOR_BDPT, INTEGRATOR_LIGHT};
+    static const uint32_t spp[] = {192, 96, 1024};
+    for (size_t i = 0; i < ARRAY_LENGTH(integrators); i++) {
+        estimate_image_t part = render(part_text, integrators[i], spp[i]);
+        assert_int_equal(part.width, 32);
+        assert_int_equal(part.height, 24);
+        holds = agree(name, integrator_name(integrators[i]), &part, &expected) && holds;
+        estimate_image_free(&part);
+    }
+    estimate_image_free(&whole);
+    estimate_image_free(&expected);
+    assert_true(holds);
+}
+
+/* A part of the film is the same part of the whole picture, what falls over its edges included. */
+static void crops_are_parts(void **state)
+{
+    (void)state;
+#define PART "0.5 1 0.3333 0.8333"
+#define WIDE "PixelFilter \"gaussian\" \"float xwidth\" [2.5] \"float ywidth\" [2.5]\n"
+#define AROUND "LookAt 0 1.2 -1  0.3 1 0  0.1 1 0\nCamera \"environment\"\n"
+    check_crop("crop", CROPPED(PERSPECTIVE, BOX, "0 1 0 1"), CROPPED(PERSPECTIVE, BOX, PART));
+    check_crop("crop-wide", CROPPED(PERSPECTIVE, WIDE, "0 1 0 1"), CROPPED(PERSPECTIVE, WIDE, PART));
+    check_crop("crop-around", CROPPED(AROUND, WIDE, "0 1 0 1"), CROPPED(AROUND, WIDE, PART));
+}
+
+/* Filters move light about on the film but do not change its sum, where nothing crosses the film's edges. */
+static void filters_keep_the_mean(void **state)
+{
+    (void)state;
+#define DISTANT_BALL(filter)                                                                                 \
+    "LookAt 0 0 -9 0 0 0 0 1 0\nCamera \"perspective\" \"float fov\" [40]\n" FILM3 filter DEPTH5             \
+    "WorldBegin\nLightSource \"distant\" \"rgb L\" [3 3 3] \"point from\" [-1 2 -2]\nShape \"sphere\" "      \
+    "\"float "                                                                                               \
+    "radius\" [1.7]\n" END3
+    static const char *const texts[] = {
+        DISTANT_BALL(BOX), DISTANT_BALL("PixelFilter \"mitchell\"\n"), DISTANT_BALL("PixelFilter \"sinc\"\n"),
+        DISTANT_BALL("PixelFilter \"gaussian\"\n"),
+        DISTANT_BALL("PixelFilter \"triangle\" \"float xwidth\" [3] \"float ywidth\" [1]\n")};
+    double truth = 0, truth_error = 0;
+    for (size_t i = 0; i < ARRAY_LENGTH(texts); i++)
+        for (int k = 0; k < 2; k++) {
+            estimate_image_t image = render(texts[i], k == 0 ? INTEGRATOR_PATH : INTEGRATOR_BDPT, 256);
+            double error, mean = mean_of(&image, &error);
+            if (i == 0 && k == 0) truth = mean, truth_error = error;
+            print_message("filter %zu: %.5f +- %.5f, box %.5f\n", i, mean, error, truth);
+            assert_true(error < 0.01 * mean);
+            assert_true(fabs(mean - truth) < 4.5 * hypot(error, truth_error));
+            estimate_image_free(&image);
+        }
+}
+
+/* ---- truths -------------------------------------------------------------------------------------------- */
+
+static void assert_constant(const estimate_image_t *image, double truth, double tolerance)
+{
+    for (size_t i = 0; i < 3 * (size_t)image->width * (size_t)image->height; i++)
+        if (!(fabs(image->mean[i] - truth) <= tolerance))
+            fail_msg("value %zu is %.6f, expected %.6f", i, image->mean[i], truth);
+}
+
+/* A white convex thing that loses no light vanishes in front of a sky of 1, one scattering being enough: each
+ * sample of path is exactly 1 but for the choice between its strategies. */
+static void white_things_vanish(void **state)
+{
+    (void)state;
+    static const char *const things[] = {
+        "Material \"matte\" \"rgb Kd\" [1 1 1]\nShape \"sphere\" \"float radius\" [0.8]\n",
+        "Material \"matte\" \"rgb Kd\" [1 1 1]\nScale 0.5 0.9 0.6\nRotate 30 1 1 0\nShape \"sphere\"\n",
+        "Material \"matte\" \"rgb Kd\" [1 1 1]\nScale 0.5 0.5 0.5\nRotate 30 1 1 0\n" CUBE,
+        "Material \"matte\" \"rgb Kd\" [1 1 1]\nRotate 50 1 1 0\nShape \"disk\"\n",
+        "Material \"mirror\" \"rgb Kr\" [1 1 1]\nShape \"sphere\" \"float radius\" [0.8]\n",
+        "Material \"matte\" \"rgb Kd\" [1 1 1]\nObjectBegin \"a\"\nRotate 50 1 1 0\nShape "
+        "\"disk\"\nObjectEnd\n"
+        "ActiveTransform EndTime\nTranslate 0.4 0.4 0\nRotate 80 0 0 1\nScale 1 0.5 1\nActiveTransform "
+        "All\nObjectInstance \"a\"\n",
+    };
+    static const char *const skies[] = {
+        "LightSource \"infinite\" \"rgb L\" [1 1 1]\n",
+        "AttributeBegin\nRotate 30 1 1 0\nScale 1 2 1\nLightSource \"infinite\" \"string mapname\" "
+        "[\"white.pfm\"]\nAttributeEnd\n",
+    };
+    static const char *const cameras[] = {
+        "LookAt 0 0 -4 0 0 0 0 1 0\nCamera \"perspective\" \"float fov\" [40]\n",
+        "LookAt 0 0 -4 0 0 0 0 1 0\nCamera \"orthographic\" \"float screenwindow\" [-1.5 1.5 -1.5 1.5]\n",
+    };
+    for (size_t i = 0; i < ARRAY_LENGTH(things); i++) {
+        char *text = mem_printf("%s" FILM3 BOX "Sampler \"sobol\"\nIntegrator \"bdpt\" \"integer maxdepth\" "
+                                "[%d]\nWorldBegin\n%s%s" END3,
+                                cameras[i & 1], i == 3 ? 1 : 3, skies[i % 2], things[i]);
+        for (int k = 0; k < 2; k++) {
+            estimate_image_t image = render(text, k == 0 ? INTEGRATOR_PATH : INTEGRATOR_BDPT, 64);
+            double error, mean = mean_of(&image, &error);
+            print_message("thing %zu: %.5f +- %.5f\n", i, mean, error);
+            assert_true(error < 0.002);
+            assert_true(fabs(mean - 1) < 4.5 * error + 1e-5);
+            estimate_image_free(&image);
+        }
+        free(text);
+    }
+}
+
+/* Scenes with next to nothing in them. */
+static void poor_scenes_render(void **state)
+{
+    (void)state;
+    static const integrator_t integrators[] = {INTEGRATOR_PATH, INTEGRATOR_BDPT, INTEGRATOR_LIGHT};
+    static const struct {
+        const char *world;
+        double value; /* < 0: anything finite */
+    } worlds[] = {
+        {"LightSource \"infinite\" \"rgb L\" [1 1 1]\n", 1},
+        {"LightSource \"infinite\" \"string mapname\" [\"white.pfm\"]\n", 1},
+        {"", 0},
+        {"LightSource \"point\"\nLightSource \"distant\"\n", 0},
+        {"Shape \"sphere\"\n", 0},
+        {"LightSource \"point\" \"point from\" [0 0 -5]\nTranslate 0 0 -5\nShape \"sphere\" \"float radius\" "
+         "[1e-20]\n",
+         -1},
+        {"AreaLightSource \"diffuse\" \"rgb L\" [1 1 1]\nShape \"sphere\" \"float radius\" [1e-12]\n", -1},
+        {"LightSource \"infinite\" \"rgb L\" [1 1 1]\n" QUAD("0 0 0 1e-8 0 0 1e-8 1e-8 0 0 1e-8 0"), 1},
+        {"LightSource \"distant\"\nLightSource \"infinite\"\n" QUAD(
+             "-1e15 -1 -1e15  1e15 -1 -1e15  1e15 -1 1e15  -1e15 -1 1e15"),
+         -1},
+        {"LightSource \"spot\" \"float coneangle\" [0.001]\nLightSource \"spot\" \"float coneangle\" "
+         "[180]\n" PLACE3,
+         -1},
+        {"LightSource \"goniometric\" \"string mapname\" [\"black.pfm\"]\nLightSource \"infinite\" \"string "
+         "mapname\" [\"black.pfm\"]\nLightSource \"projection\" \"string mapname\" [\"black.pfm\"]\n" PLACE3,
+         0},
+    };
+    for (size_t i = 0; i < ARRAY_LENGTH(worlds); i++)
+        for (size_t k = 0; k < ARRAY_LENGTH(integrators); k++) {
+            char *text = mem_printf("%s%s%s", HEAD3, worlds[i].world, END3);
+            estimate_image_t image = render(text, integrators[k], 4);
+            if (worlds[i].value >= 0) assert_constant(&image, worlds[i].value, 1e-5);
+            free(text);
+            estimate_image_free(&image);
+        }
+}
+
+/* A sheet that stops shadow rays only in part: what it does is defined where a path is joined to a light. */
+static void shadow_alpha_lets_light_through(void **state)
+{
+    (void)state;
+#define UNDER_SHEET(sheet)                                                                                   \
+    "LookAt 0 3 0 0 0 0 0 0 1\nCamera \"perspective\" \"float fov\" [40]\n" FILM3 BOX                        \
+    "Sampler \"sobol\"\nIntegrator \"path\" \"integer maxdepth\" [1]\nWorldBegin\nLightSource \"distant\" "  \
+    "\"point from\" [0 1 0] \"point to\" [0 0 0]\n" QUAD(FLOOR) sheet END3
+#define SHEET(alpha) QUAD_UV("-2 4 -2 2 4 -2 2 4 2 -2 4 2", alpha)
+    static const struct {
+        const char *text;
+        double light;
+    } cases_of[] = {
+        {UNDER_SHEET(""), 1},
+        {UNDER_SHEET(SHEET("")), 0},
+        {UNDER_SHEET(SHEET("\"float shadowalpha\" [0]")), 1},
+        {UNDER_SHEET(SHEET("\"float alpha\" [0]")), 1},
+        {UNDER_SHEET("Texture \"t\" \"float\" \"checkerboard\" \"float uscale\" [400] \"float vscale\" [400] "
+                     "\"float tex1\" [1] \"float tex2\" [0]\n" SHEET("\"texture shadowalpha\" \"t\"")),
+         0.5},
+    };
+    for (size_t i = 0; i < ARRAY_LENGTH(cases_of); i++) {
+        estimate_image_t image = render(cases_of[i].text, INTEGRATOR_PATH, 64);
+        double error, mean = mean_of(&image, &error);
+        if (!(fabs(mean * M_PI / 0.5 - cases_of[i].light) < 0.01))
+            fail_msg("sheet %zu: %.4f, expected %.4f", i, mean * M_PI / 0.5, cases_of[i].light);
+        estimate_image_free(&image);
+    }
+}
+
+/* Of sheets one behind the other each stops its share of what is left. */
+static void sheets_stop_independently(void **state)
+{
+    (void)state;
+#define THROUGH(sheets)                                                                                      \
+    "LookAt 0 0 -5 0 0 0 0 1 0\nCamera \"perspective\" \"float fov\" [20]\n" FILM4 BOX4                      \
+    "Sampler \"independent\"\nIntegrator \"path\"\nWorldBegin\nLightSource \"infinite\" \"rgb L\" [1 1 1]\n" \
+    "Material \"diffuse\" \"rgb reflectance\" [0 0 0]\n" sheets
+#define VEIL(z)                                                                                              \
+    "Shape \"trianglemesh\" \"integer indices\" [0 1 2] \"point3 P\" [-9 -9 " z " 9 -9 " z " 0 18 " z        \
+    "] \"float alpha\" [0.5]\n"
+#define GLOBE "Shape \"sphere\" \"float radius\" [3] \"float alpha\" [0.5]\n"
+    static const struct {
+        const char *text;
+        double passes;
+    } stacks[] = {
+        {THROUGH(VEIL("0")), 0.5},
+        {THROUGH(VEIL("0") VEIL("1")), 0.25},
+        {THROUGH(VEIL("0") VEIL("1") VEIL("1.5")), 0.125},
+        {THROUGH(GLOBE), 0.25},
+        {THROUGH(GLOBE VEIL("0") "Translate 0 0 0.5\n" GLOBE), 1.0 / 32},
+        {THROUGH("ObjectBegin \"a\"\n" VEIL("0") "ObjectEnd\nObjectInstance \"a\"\nTranslate 0 0 1\n"
+                                                 "ObjectInstance \"a\"\n"),
+         0.25},
+    };
+    for (size_t i = 0; i < ARRAY_LENGTH(stacks); i++) {
+        estimate_image_t image = render(stacks[i].text, INTEGRATOR_PATH, 64);
+        double error, mean = mean_of(&image, &error), passes = stacks[i].passes;
+        double expected_error = sqrt(passes * (1 - passes) / (SIDE * SIDE * 64));
+        if (!(fabs(mean - passes) < 4.5 * expected_error))
+            fail_msg("stack %zu: %.4f +- %.4f passes, expected %.4f", i, mean, expected_error, passes);
+        estimate_image_free(&image);
+    }
+}
+
+/* A ball of rough glass that absorbs most of the blue. */
+static void glass_absorbs(void **state)
+{
+    (void)state;
+    test_scene_t scene = test_scene_begin(vec3(0, 0, -2), 50, SIDE);
+    blob_material_t glass = {.kind = MATERIAL_GLTF}, matte = {.kind = MATERIAL_DIFFUSE};
+    glass.values[VALUE_REFLECTANCE] = glass.values[VALUE_TRANSMISSION] = blob_constant(1);
+    glass.values[VALUE_ROUGHNESS_U] = blob_constant(0.3f);
+    glass.values[VALUE_ETA] = blob_constant(1.4f);
+    glass.values[VALUE_SPECULAR] = glass.values[VALUE_SPECULAR_COLOUR] = blob_constant(1);
+    glass.values[VALUE_ATTENUATION] = blob_colour_value(vec3(0.5f, 1, 2));
+    matte.values[VALUE_REFLECTANCE] = blob_constant(0.6f);
+    uint32_t ball = test_scene_material(&scene, glass), wall = test_scene_material(&scene, matte);
+    test_scene_room(&scene, vec3(-1.5f, -1.5f, -2.5f), vec3(1.5f, 1.5f, 1.5f), wall, vec3(0, 0, 0));
+    test_scene_rectangle(&scene, vec3(-0.5f, 1.4f, -0.5f), vec3(1, 0, 0), vec3(0, 0, 1), wall, vec3(6, 6, 6));
+    test_scene_sphere(&scene, vec3(0, 0, 0), 0.8f, ball, vec3(0, 0, 0));
+    test_scene_finish(&scene);
+    estimate_image_t path = render_blob(&scene.blob, INTEGRATOR_PATH, 512),
+                     bdpt = render_blob(&scene.blob, INTEGRATOR_BDPT, 128),
+                     light = render_blob(&scene.blob, INTEGRATOR_LIGHT, 512);
+    size_t middle = 3 * (SIDE * SIDE / 2 + SIDE / 2);
+    assert_true(path.mean[middle] > 2 * path.mean[middle + 2]);
+    bool holds = agree("absorbing glass", "bdpt", &bdpt, &path);
+    holds = agree("absorbing glass", "light", &light, &path) && holds;
+    estimate_image_free(&path);
+    estimate_image_free(&bdpt);
+    estimate_image_free(&light);
+    test_scene_end(&scene);
+    assert_true(holds);
+}
+
+/* Deep paths: eye and light subpaths never use the same numbers. */
+static void deep_paths_agree(void **state)
+{
+    (void)state;
+    test_scene_t scene = test_scene_begin(vec3(0.3f, 0.2f, 0.1f), 70, 16);
+    blob_material_t matte = {.kind = MATERIAL_DIFFUSE};
+    matte.values[VALUE_REFLECTANCE] = blob_constant(0.96f);
+    uint32_t wall = test_scene_material(&scene, matte);
+    test_scene_room(&scene, vec3(-1, -1.5f, -2), vec3(2, 1, 3), wall, vec3(1, 1, 1));
+    test_scene_finish(&scene);
+    static const integrator_t integrators[] = {INTEGRATOR_PATH, INTEGRATOR_BDPT};
+    for (size_t i = 0; i < ARRAY_LENGTH(integrators); i++) {
+        job_settings_t settings = blob_default_settings(&scene.blob);
+        settings.integrator = integrators[i];
+        settings.spp = integrators[i] == INTEGRATOR_BDPT ? 32 : 256;
+        settings.max_depth = JOB_MAX_DEPTH;
+        film_t *film = render_here(&scene.blob, &settings);
+        estimate_image_t image = reference_estimate(film);
+        double error, mean = mean_of(&image, &error), truth = (1 - pow(0.96, JOB_MAX_DEPTH + 1)) / 0.04;
+        print_message("deep %s: %.4f +- %.4f, expected %.4f\n", integrator_name(integrators[i]), mean, error,
+                      truth);
+        assert_true(error < 0.01 * mean);
+        assert_true(fabs(mean - truth) < 4.5 * error);
+        film_destroy(&film);
+        estimate_image_free(&image);
+    }
+    test_scene_end(&scene);
+}
+
+/* What a scene asks for at the price of a bias: no more than a sensible picture is promised. */
+static void biases_render(void **state)
+{
+    (void)state;
+    static const char *const texts[] = {
+        PERSPECTIVE FILM4 BOX4
+        "Sampler \"sobol\"\nIntegrator \"path\" \"bool regularize\" true\nWorldBegin\n" PLACE4
+        "Material \"dielectric\"\nTranslate 0.3 0.6 -0.6\nShape \"sphere\" \"float radius\" [0.5]\n" LAMP(
+            "12 11 9"),
+        PERSPECTIVE FILM4 BOX4
+        "Sampler \"sobol\"\nIntegrator \"path\" \"bool regularize\" false\nWorldBegin\n" PLACE4
+        "Material \"dielectric\"\nTranslate 0.3 0.6 -0.6\nShape \"sphere\" \"float radius\" [0.5]\n" LAMP(
+            "12 11 9"),
+    };
+    double means[2][3];
+    static const integrator_t integrators[] = {INTEGRATOR_PATH, INTEGRATOR_BDPT, INTEGRATOR_LIGHT};
+    for (int i = 0; i < 2; i++)
+        for (int k = 0; k < 3; k++) {
+            double error;
+            estimate_image_t image = render(texts[i], integrators[k], 32);
+            means[i][k] = mean_of(&image, &error);
+            estimate_image_free(&image);
+        }
+    for (int k = 0; k < 3; k++) assert_true(fabs(means[0][k] - means[1][k]) < 0.2 * means[1][k]);
+}
+
+/* ---- what the eye meets first -------------------------------------------------------------------------- */
+
+/* A ball in front of the sky: its share of the film, its distance, its normals, also by a lens. */
+static void first_hits_tell_the_scene(void **state)
+{
+    (void)state;
+    static const char *const cameras[] = {
+        "Camera \"orthographic\" \"float screenwindow\" [-2 2 -2 2]\n",
+        "Camera \"perspective\" \"float fov\" [40] \"float lensradius\" [0.2] \"float focaldistance\" [5]\n",
+    };
+    for (int i = 0; i < 2; i++) {
+        char *text =
+            mem_printf("LookAt 0 0 -6 0 0 0 0 1 0\n%s" FILM3 BOX DEPTH5
+                       "WorldBegin\nLightSource \"infinite\"\nMaterial \"matte\" \"rgb Kd\" [0.2 0.4 0.6]\n"
+                       "Shape \"sphere\" \"float radius\" [1]\n" END3,
+                       cameras[i]);
+        uint8_t *bytes;
+        scene_blob_t blob;
+        load(text, &bytes, &blob);
+        job_settings_t settings = blob_default_settings(&blob);
+        settings.spp = 32;
+        settings.features = true;
+        film_t *film = render_here(&blob, &settings);
+        film_image_t image;
+        film_resolve(film, &image);
+        double coverage = 0, pixels = SIDE * SIDE;
+        for (size_t p = 0; p < SIDE * SIDE; p++) coverage += (double)image.coverage[p] / pixels;
+        if (i == 0) assert_true(fabs(coverage - M_PI / 16) < 0.004);
+        size_t middle = SIDE * SIDE / 2 + SIDE / 2;
+        assert_true(fabsf(image.depth[middle] - 5) < 0.03f);
+        assert_true(fabsf(image.normal[3 * middle + 2] + 1) < 0.03f);
+        assert_true(fabsf(image.position[3 * middle + 2] + 1) < 0.03f);
+        assert_true(fabsf(image.albedo[3 * middle + 1] - 0.4f) < 1e-5f);
+        assert_true(image.object[middle] == 1 && image.object[0] == 0 && image.coverage[0] == 0);
+        film_image_free(&image);
+        film_destroy(&film);
+        free(bytes);
+        free(text);
+    }
+}
+
 /* ---- images of lights ---------------------------------------------------------------------------------- */
 
 /* A smooth pattern with a bright spot and a dark part, rows from the bottom. */
@@ -435,12 +799,26 @@ static void write_image(const char *name, int width, int height)
     free(bytes);
 }
 
+/* 2 x 2 texels of one value. */
+static void write_plain(const char *name, float value)
+{
+    static const char header[] = "PF\n2 2\n-1.0\n";
+    uint8_t bytes[sizeof header - 1 + 48];
+    memcpy(bytes, header, sizeof header - 1);
+    for (size_t i = 0; i < 12; i++) memcpy(bytes + sizeof header - 1 + 4 * i, &value, 4);
+    char *path = scratch_path(folder, name);
+    scratch_write(path, bytes, sizeof bytes);
+    free(path);
+}
+
 static int begin(void **state)
 {
     (void)state;
     folder = scratch_new();
     write_image("wide.pfm", 16, 8);
     write_image("square.pfm", 8, 8);
+    write_plain("white.pfm", 1);
+    write_plain("black.pfm", 0);
     return 0;
 }
 
@@ -455,7 +833,12 @@ int main(int argc, char **argv)
 {
     only_scene = argc > 1 ? argv[1] : NULL;
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(integrators_agree),
+        cmocka_unit_test(integrators_agree),         cmocka_unit_test(crops_are_parts),
+        cmocka_unit_test(filters_keep_the_mean),     cmocka_unit_test(white_things_vanish),
+        cmocka_unit_test(poor_scenes_render),        cmocka_unit_test(shadow_alpha_lets_light_through),
+        cmocka_unit_test(sheets_stop_independently), cmocka_unit_test(glass_absorbs),
+        cmocka_unit_test(deep_paths_agree),          cmocka_unit_test(biases_render),
+        cmocka_unit_test(first_hits_tell_the_scene),
     };
     return cmocka_run_group_tests(tests, begin, end);
 }

@@ -168,7 +168,7 @@ static const layer_stack_t stacks[] = {
     {"smooth, scattering, Lambert", 1.5, 0, 0.5, 0.8, 0.4, false, 0.5, 0, 0, 0},
     {"rough, Lambert", 1.5, 0.3, 0.01, 0, 0, false, 0.7, 0, 0, 0},
     {"rough, scattering, Lambert", 1.6, 0.4, 0.7, 0.9, -0.3, false, 0.4, 0, 0, 0},
-    {"smooth, metal", 1.5, 0, 0.01, 0, 0, true, 0, 0.2, 3.9, 0.2},
+    {"smooth, metal", 1.5, 0, 0.3, 0, 0, true, 0, 0.2, 3.9, 0.2},
     {"rough, metal", 1.5, 0.25, 0.01, 0, 0, true, 0, 0.2, 3.9, 0.3},
     {"rough, scattering, metal", 1.5, 0.4, 0.6, 0.9, 0.2, true, 0, 1.5, 7, 0.2},
     {"rough, smooth metal", 1.5, 0.3, 0.01, 0, 0, true, 0, 0.2, 3.9, 0},

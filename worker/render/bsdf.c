@@ -127,6 +127,9 @@ bool bsdf_eval(const bsdf_t *bsdf, vec3_t wo, vec3_t wi, transport_t mode, bsdf_
     if (bsdf->specular) return false;
     bool reflect = same_side(bsdf, wo, wi);
     vec3_t local_o = bsdf_to_local(bsdf, wo), local_i = bsdf_to_local(bsdf, wi);
+    /* What no lobe can draw, since the two normals disagree about the sides, is black: else only those
+     * strategies would find its light that join subpaths. */
+    if ((local_o.z * local_i.z > 0) != reflect) return false;
     if (bsdf->count != 1) return eval_lobes(bsdf, local_o, local_i, reflect, mode, value);
     const lobe_t *lobe = &bsdf->lobes[0];
     if (!(lobe->kind->flags & (reflect ? LOBE_REFLECTS : LOBE_TRANSMITS)) ||

@@ -36,7 +36,7 @@ typedef struct {
 } bsdf_sample_t;
 
 typedef struct lobe_kind lobe_kind_t;
-enum { BSDF_LOBES = 10, LOBE_NUMBERS = 20 };
+enum { BSDF_LOBES = 10, LOBE_NUMBERS = 21 };
 
 /* One lobe at a point. What its numbers mean is its kind's affair. */
 typedef struct {

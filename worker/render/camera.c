@@ -222,11 +222,12 @@ static vec3_t lens_point(const camera_t *camera, vec2_t lens)
     return vec3(camera->lens_radius * d.x, camera->lens_radius * d.y, 0);
 }
 
-/* Area in the world of the unit square of the film plane of an orthographic camera. */
-static float parallel_area(const xform_t *t)
+/* The factor from a density in camera space at a direction of any length to that in the world, where the
+ * transform stretches. Of parallel rays the density is per area across them. */
+static float density_factor(const camera_t *camera, const xform_t *t, vec3_t direction)
 {
-    vec3_t x = vec3(t->m[0][0], t->m[1][0], t->m[2][0]), y = vec3(t->m[0][1], t->m[1][1], t->m[2][1]);
-    return v_length(v_cross(x, y));
+    if (!camera->ops->parallel) return warp_density_factor(t, v_normalize(direction));
+    return v_length(vec3(t->m[0][2], t->m[1][2], t->m[2][2])) / fabsf(xform_determinant(t));
 }
 
 static vec2_t film_of_raster(const camera_t *camera, vec2_t raster)
@@ -273,9 +274,8 @@ void camera_ray(const camera_t *camera, vec2_t raster, vec2_t lens, float time, 
     camera->ops->ray(camera, film_of_raster(camera, raster), lens_point(camera, lens), &local);
     ray->origin = xform_point(&world, local.origin);
     ray->direction = v_normalize(xform_vector(&world, local.direction));
-    ray->pdf = local.pdf;
+    ray->pdf = local.pdf * density_factor(camera, &world, local.direction);
     ray->parallel = camera->ops->parallel;
-    if (ray->parallel) ray->pdf /= parallel_area(&world);
 }
 
 bool camera_project(const camera_t *camera, vec3_t p, vec2_t lens, float time, float margin,
@@ -293,6 +293,7 @@ bool camera_project(const camera_t *camera, vec3_t p, vec2_t lens, float time, f
     float distance2 = v_length2(d);
     if (!(distance2 > 0)) return false;
     view->w = v_scale(d, 1 / sqrtf(distance2));
-    view->density /= camera->ops->parallel ? parallel_area(&world) : distance2;
+    view->density *= density_factor(camera, &world, v_sub(q, from));
+    if (!camera->ops->parallel) view->density /= distance2;
     return true;
 }

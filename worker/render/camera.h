@@ -32,7 +32,8 @@ bool camera_moves(const camera_t *camera);
 /* The ray through a film position in pixels; `lens` are two uniform numbers, `time` is from 0 to 1. */
 void camera_ray(const camera_t *camera, vec2_t raster, vec2_t lens, float time, camera_ray_t *ray);
 /* The film positions that show the same as `raster`, less than `margin` pixels off the film: itself, and for
- * cameras that look everywhere those beyond an edge at which the film joins on to itself. Returns how many. */
+ * cameras that look everywhere those beyond an edge at which the film joins on to itself. Returns how many.
+ */
 enum { CAMERA_IMAGES = 11 };
 int camera_images(const camera_t *camera, vec2_t raster, float margin, vec2_t images[CAMERA_IMAGES]);
 /* Joins a point to the lens. False when it is behind the camera or has no camera_images. */

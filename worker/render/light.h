@@ -100,15 +100,6 @@ typedef struct {
 extern const light_ops_t light_area, light_point, light_spot, light_goniometric, light_projection,
     light_distant, light_infinite;
 
-/* By how much a transform that stretches makes directions denser: a density per steradian at the unit
- * direction d of light space, times this, is that of the direction in the world. 1 for rigid and evenly scaled
- * transforms (but for rounding). */
-static inline float light_density_factor(const xform_t *world_from_light, vec3_t d)
-{
-    float length = v_length(xform_vector(world_from_light, d));
-    return length * length * length / fabsf(xform_determinant(world_from_light));
-}
-
 /* An area light that a path ran into: as lights_hit. */
 bool light_area_hit(const light_t *light, const surface_t *surface, vec3_t wo, light_hit_t *out);
 /* Emitters that an area light consists of, and the area of each. */

@@ -54,7 +54,7 @@ static void release(void *state)
 static bool emit(const light_t *light, const beam_t *beam, vec2_t u, light_ray_t *out)
 {
     vec3_t d = beam->draw(light, u, &out->pdf_ray);
-    out->pdf_ray *= light_density_factor(&light->record->world_from_light, d);
+    out->pdf_ray *= warp_density_factor(&light->record->world_from_light, d);
     if (!(out->pdf_ray > 0)) return false;
     out->origin = out->point = state_of(light)->position;
     out->direction = to_world(light, d);
@@ -75,8 +75,7 @@ static bool illuminate(const light_t *light, const beam_t *beam, vec3_t point, l
     out->radiance = beam->intensity(light, d);
     out->pdf_place = light->chance;
     out->geometry = 1 / distance2;
-    out->arrival =
-        beam->pdf(light, d) * light_density_factor(&light->record->world_from_light, d) / distance2;
+    out->arrival = beam->pdf(light, d) * warp_density_factor(&light->record->world_from_light, d) / distance2;
     out->delta = true;
     return !v_is_zero(out->radiance);
 }

@@ -109,7 +109,7 @@ static float infinite_pdf(const light_t *light, vec3_t w)
     if (light->record->image == 0) return light->chance * (0.25f * INV_PI_F);
     vec3_t d = v_normalize(xform_vector(&state_of(light)->light_from_world, w));
     return light->chance * light_map_pdf(&state_of(light)->map, d) *
-           light_density_factor(&light->record->world_from_light, d);
+           warp_density_factor(&light->record->world_from_light, d);
 }
 
 static vec3_t infinite_draw(const light_t *light, vec2_t u, float *pdf)
@@ -119,7 +119,7 @@ static vec3_t infinite_draw(const light_t *light, vec2_t u, float *pdf)
         return warp_sphere(u);
     }
     vec3_t d = light_map_sample(&state_of(light)->map, u, pdf);
-    *pdf *= light->chance * light_density_factor(&light->record->world_from_light, d);
+    *pdf *= light->chance * warp_density_factor(&light->record->world_from_light, d);
     return v_normalize(xform_vector(&light->record->world_from_light, d));
 }
 

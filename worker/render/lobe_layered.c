@@ -5,9 +5,9 @@
  * walks between the layers: light enters through the coat from one direction, goes on until it is absorbed,
  * and at each scattering by the base or the medium is joined to the other direction through the coat, which
  * is sampled from outside; where the coat is rough, walks that come to it leave there as well, and both ways
- * of leaving are weighted by the power heuristic. The random numbers are a hash of the two directions: the
- * value is a function of its arguments, noisy but right on average over directions. Walks start at the
- * direction that is closer to the normal, so the value is exactly reciprocal.
+ * of leaving are weighted by the power heuristic. The random numbers are a hash of the two directions and
+ * the point: the value is a function of its arguments, noisy but right on average over them. Walks start at
+ * the direction that is closer to the normal, so the value is exactly reciprocal.
  *
  * The densities are those of a mixture that is sampled instead of the walks and known in closed form: visible
  * normals of the coat; for metal, visible normals of the base as if seen through a smooth coat (the base then
@@ -53,9 +53,10 @@ static uint64_t pair_bits(float a, float b)
     return (uint64_t)high << 32 | low;
 }
 
-static stream_t stream_of(vec3_t a, vec3_t b)
+static stream_t stream_of(float seed, vec3_t a, vec3_t b)
 {
-    uint64_t key = sampler_mix(pair_bits(a.x, a.y) + 0x9E3779B97F4A7C15u);
+    uint64_t key = sampler_mix(pair_bits(seed, 1) + 0x9E3779B97F4A7C15u);
+    key = sampler_mix(key ^ pair_bits(a.x, a.y));
     key = sampler_mix(key ^ pair_bits(a.z, b.x));
     return (stream_t){sampler_mix(key ^ pair_bits(b.y, b.z))};
 }
@@ -400,7 +401,7 @@ static rgb_t eval_inside(const lobe_t *lobe, vec3_t wo, vec3_t wi)
 {
     bool swap = wo.z != wi.z ? wo.z < wi.z : wo.x != wi.x ? wo.x < wi.x : wo.y < wi.y;
     vec3_t from = swap ? wi : wo, to = swap ? wo : wi;
-    stream_t stream = stream_of(from, to);
+    stream_t stream = stream_of(lobe->numbers[LAYERED_SEED], from, to);
     layers_t layers;
     make_layers(lobe, &layers);
     rgb_t sum = {0, 0, 0};

@@ -16,7 +16,8 @@ enum {
     LAYERED_ALBEDO = 12, /* of the medium; black: it only absorbs */
     LAYERED_G = 15,
     LAYERED_FACTOR = 16, /* on the value: 1 / the scale, which is about the albedo */
-    LAYERED_KIND = 19    /* flags below */
+    LAYERED_KIND = 19,   /* flags below */
+    LAYERED_SEED = 20    /* of the walks: differs from point to point */
 };
 enum { LAYERED_METAL = 1, LAYERED_SMOOTH = 2 /* the coat, whose mirror reflection is a lobe of its own */ };
 

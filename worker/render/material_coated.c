@@ -2,12 +2,13 @@
  * a dielectric. The medium's extinction is one per unit of thickness; without an albedo it absorbs. */
 #include "worker/render/lobe_layered.h"
 
-/* The alpha of a smooth metal where the coat is rough or the medium scatters, so that it is no specular lobe:
- * small next to how much the coat spreads light. */
-static float least_alpha(float coat_alpha)
-{
-    return float_clamp(0.05f * coat_alpha, 2e-3f, 0.02f);
-}
+#include "common/sampler.h"
+
+#include <string.h>
+
+/* The alpha of a smooth metal where the coat is rough or the medium scatters, so that it is no specular lobe.
+ * Far below the coat's, since the tails of both add up. */
+#define LEAST_ALPHA 2e-3f
 
 typedef struct {
     float ior, alpha[2], thickness, g;
@@ -46,6 +47,16 @@ static float inverse(float x)
     return x > 0 ? 1 / x : 0;
 }
 
+/* A number in [0, 1) that says nothing but where the point is. */
+static float seed_of(vec3_t p)
+{
+    uint32_t words[3];
+    uint64_t key = 0;
+    memcpy(words, &p, sizeof words);
+    for (int i = 0; i < 3; i++) key = sampler_mix(key + words[i] + 0x9E3779B97F4A7C15u);
+    return sampler_float((uint32_t)key);
+}
+
 /* Adds a lobe whose scale is about its albedo, given the reflectance of the base, and sets what all lobes of
  * layers have in common. */
 static lobe_t *add_layers(const shading_t *shading, const lobe_kind_t *kind, const coat_t *coat, rgb_t base)
@@ -62,6 +73,7 @@ static lobe_t *add_layers(const shading_t *shading, const lobe_kind_t *kind, con
     lobe->numbers[LAYERED_THICKNESS] = coat->thickness;
     lobe->numbers[LAYERED_G] = coat->g;
     lobe->numbers[LAYERED_KIND] = coat->smooth ? LAYERED_SMOOTH : 0;
+    lobe->numbers[LAYERED_SEED] = seed_of(shading->at->p);
     lobe_set_colour(lobe, LAYERED_ALBEDO, coat->albedo);
     lobe_set_colour(lobe, LAYERED_FACTOR, vec3(inverse(albedo.x), inverse(albedo.y), inverse(albedo.z)));
     return lobe;
@@ -104,7 +116,7 @@ void material_coated_conductor(const shading_t *shading)
                               fresnel_conductor(1, eta, k));
     if (lobe != NULL) {
         for (int i = 0; i < 2; i++)
-            lobe->numbers[LAYERED_BASE_ALPHA_U + i] = rough ? base_alpha[i] : least_alpha(coat.alpha[i]);
+            lobe->numbers[LAYERED_BASE_ALPHA_U + i] = rough ? base_alpha[i] : LEAST_ALPHA;
         lobe_set_colour(lobe, LOBE_ETA, eta);
         lobe_set_colour(lobe, LOBE_K, k);
         lobe->numbers[LAYERED_KIND] += LAYERED_METAL;

@@ -62,16 +62,17 @@ typedef struct {
     float distance;
 } hit_t;
 
-/* A uniform number that is a function of the ray and the primitive alone. */
-static float hit_number(const hit_t *hit)
+/* A uniform number that is a function of the ray and of what it hits alone. */
+static float hit_number(const hit_t *hit, uint32_t shape)
 {
-    uint32_t words[8];
+    uint32_t words[9];
     memcpy(words, &hit->origin, sizeof hit->origin);
     memcpy(words + 3, &hit->direction, sizeof hit->direction);
     words[6] = hit->primitive;
     words[7] = hit->instance_id;
+    words[8] = shape;
     uint64_t key = 0;
-    for (int i = 0; i < 8; i++) key = sampler_mix(key + words[i] + 0x9E3779B97F4A7C15u);
+    for (int i = 0; i < 9; i++) key = sampler_mix(key + words[i] + 0x9E3779B97F4A7C15u);
     return sampler_float((uint32_t)key);
 }
 
@@ -93,7 +94,8 @@ static bool stops(const geometry_t *geometry, const hit_t *hit, bool shadow)
         float more = textures_value(geometry->scene->textures, &shape->shadow_alpha, &at).x;
         alpha *= shape->flags & SHAPE_CUTOUT && more != 0 ? 1 : more;
     }
-    return alpha >= 1 || (alpha > 0 && hit_number(hit) < alpha);
+    uint32_t index = (uint32_t)(shape - geometry->scene->blob->shapes);
+    return alpha >= 1 || (alpha > 0 && hit_number(hit, index) < alpha);
 }
 
 /* Rows of Embree's packet layout, N lanes each (RTCRayN and RTCHitN; their accessors are C++ only). */
@@ -724,8 +726,10 @@ void scene_details(const scene_t *scene, const surface_t *surface, surface_detai
     if (instanced) {
         details->dpdu = xform_vector(&world, details->dpdu);
         details->dpdv = xform_vector(&world, details->dpdv);
-        details->dndu = xform_normal(&inverse, details->dndu);
-        details->dndv = xform_normal(&inverse, details->dndv);
+        /* Of the unit normal in the world: the transpose of the inverse changes its length by 1 / scale. */
+        float scale = v_length(xform_normal(&world, surface->ns));
+        details->dndu = v_scale(xform_normal(&inverse, details->dndu), scale);
+        details->dndv = v_scale(xform_normal(&inverse, details->dndv), scale);
     }
 }
 

@@ -43,4 +43,13 @@ static inline vec2_t warp_triangle(vec2_t u)
     return u;
 }
 
+/* By how much a transform that stretches makes directions denser: a density per steradian at the unit
+ * direction d, times this, is that of the direction that d becomes. 1 for rigid and evenly scaled transforms
+ * (but for rounding). */
+static inline float warp_density_factor(const xform_t *t, vec3_t d)
+{
+    float length = v_length(xform_vector(t, d));
+    return length * length * length / fabsf(xform_determinant(t));
+}
+
 #endif

@@ -83,7 +83,7 @@ static result_t use(const document_t *document, const placement_t *place, blob_s
     else
         return item_fail(&camera, "its type must be perspective or orthographic, found \"%.20s\"", type);
     if (!node_frame(&place->world_from_node, &frame))
-        return item_fail(&node, "its camera has no direction: the node is scaled to nothing");
+        return item_fail(&node, "its camera has no direction, or lies beyond 1e18");
     set_transform(scene, &frame);
     return result_ok();
 }

@@ -43,11 +43,11 @@ typedef struct {
 /* What a glTF material becomes, for meshes with and without colours at their vertices. */
 typedef struct {
     bool made;
-    uint32_t index;           /* in the blob */
-    blob_value_t alpha;       /* of the shapes that wear it; factor 0: invisible */
-    bool cutout;              /* alpha is 0 or 1 */
-    bool emits;               /* from the front side alone, whatever doubleSided says */
-    blob_value_t emission;    /* radiance */
+    uint32_t index;        /* in the blob */
+    blob_value_t alpha;    /* of the shapes that wear it; factor 0: invisible */
+    bool cutout;           /* alpha is 0 or 1 */
+    bool emits, two_sided; /* two_sided: emission leaves the back as well */
+    blob_value_t emission; /* radiance */
 } material_t;
 
 /* An image in the blob: its pixels are there once, as up to two records. */
@@ -212,8 +212,8 @@ result_t light_add(document_t *document);
 /* The scene record, with the first camera, or with one that sees everything. Meshes are there already. */
 result_t camera_add(document_t *document);
 
-/* The rotation of a transform whose z axis is the node's, of unit length, without scale and shear; false when
- * that axis has no direction. */
+/* The transform without scale and shear, its z axis along the node's; false when that axis has no direction
+ * or the node lies beyond 1e18. */
 bool node_frame(const affine_t *transform, affine_t *frame);
 
 #endif

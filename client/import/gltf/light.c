@@ -58,12 +58,19 @@ static result_t cone_of(const item_t *item, blob_light_t *light)
 static result_t orient(const document_t *document, const placement_t *place, blob_light_t *light)
 {
     affine_t frame = affine_identity(), turn = {{{-1, 0, 0, 0}, {0, 1, 0, 0}, {0, 0, -1, 0}}};
+    bool usable = true;
     if (light->kind == LIGHT_POINT) {
-        for (int i = 0; i < 3; ++i) frame.m[i][3] = place->world_from_node.m[i][3];
-    } else if (!node_frame(&place->world_from_node, &frame)) {
+        for (int i = 0; i < 3; ++i) {
+            frame.m[i][3] = place->world_from_node.m[i][3];
+            usable = usable && fabs(frame.m[i][3]) <= 1e18;
+        }
+    } else {
+        usable = node_frame(&place->world_from_node, &frame);
+    }
+    if (!usable) {
         item_t node;
         TRY(document_item(document, TOP_NODES, place->node, &node));
-        return item_fail(&node, "its light has no direction: the node is scaled to nothing");
+        return item_fail(&node, "its light has no direction, or lies beyond 1e18");
     }
     if (light->kind == LIGHT_SPOT) frame = affine_multiply(&frame, &turn);
     light->world_from_light = affine_to_xform(&frame);

@@ -116,6 +116,21 @@ static result_t emission(maker_t *m)
                          &m->out->emission);
 }
 
+/* A material of Blender is doubleSided unless it culls back faces, so the mark says nothing about lamps:
+ * light leaves the front alone unless the material also has the custom property lightmill_two_sided. */
+static result_t emitting_sides(maker_t *m)
+{
+    bool double_sided = false;
+    TRY(item_bool(m->item, "doubleSided", &double_sided));
+    if (!m->out->emits || !double_sided) return result_ok();
+    const json_t *wish = json_object_get(json_object_get(m->item->json, "extras"), "lightmill_two_sided");
+    m->out->two_sided = json_is_true(wish) || json_number_value(wish) > 0;
+    if (!m->out->two_sided)
+        item_warn(m->item, "is double-sided, but its light leaves the front alone; for both sides give the "
+                           "material the custom property lightmill_two_sided");
+    return result_ok();
+}
+
 /* ---- extensions ---------------------------------------------------------------------------------------- */
 
 static result_t ior(maker_t *m)
@@ -208,7 +223,8 @@ static result_t fill(maker_t *m)
     TRY(clearcoat(m));
     TRY(transmission(m));
     TRY(volume(m));
-    return unlit(m);
+    TRY(unlit(m));
+    return emitting_sides(m);
 }
 
 result_t material_get(document_t *document, uint32_t index, bool coloured, const material_t **material)

@@ -83,7 +83,7 @@ bool node_frame(const affine_t *transform, affine_t *frame)
         frame->m[i][1] = y[i];
         frame->m[i][2] = z[i];
         frame->m[i][3] = transform->m[i][3];
-        if (!isfinite(frame->m[i][3])) return false;
+        if (!(fabs(frame->m[i][3]) <= largest)) return false;
     }
     return true;
 }

@@ -25,6 +25,7 @@ static void append(shapes_t *shapes, const blob_shape_t *shape)
 static void add_light(document_t *document, const material_t *material, blob_shape_t *shape)
 {
     blob_light_t light = {.kind = LIGHT_AREA,
+                          .flags = material->two_sided ? LIGHT_TWO_SIDED : 0,
                           .radiance = material->emission,
                           .shape = (uint32_t)document->world.count,
                           .world_from_light = xform_identity()};
@@ -173,11 +174,14 @@ static void lay_out(document_t *document)
     blob_builder_add(document->builder, BLOB_SECTION_OBJECTS, &world, 1);
     for (size_t i = 0; i < document->object_count; ++i)
         document->object_records[i].first_shape += world.shape_count;
-    blob_builder_add(document->builder, BLOB_SECTION_OBJECTS, document->object_records,
-                     (uint32_t)document->object_count);
-    blob_builder_add(document->builder, BLOB_SECTION_SHAPES, document->world.items, world.shape_count);
-    blob_builder_add(document->builder, BLOB_SECTION_SHAPES, document->objects.items,
-                     (uint32_t)document->objects.count);
+    if (document->object_count > 0)
+        blob_builder_add(document->builder, BLOB_SECTION_OBJECTS, document->object_records,
+                         (uint32_t)document->object_count);
+    const shapes_t *runs[] = {&document->world, &document->objects};
+    for (size_t i = 0; i < ARRAY_LENGTH(runs); ++i)
+        if (runs[i]->count > 0)
+            blob_builder_add(document->builder, BLOB_SECTION_SHAPES, runs[i]->items,
+                             (uint32_t)runs[i]->count);
 }
 
 result_t placement_meshes(document_t *document)

@@ -1,0 +1,419 @@
+/* The ways to a light (light.h) against one another, for every kind of light: light that falls on a small
+ * disc, found by drawing places, by tracing light subpaths, and by looking in all directions; and the
+ * densities that each way claims, found by what the others do. */
+#include "client/import/import.h"
+#include "common/sampler.h"
+#include "tests/scratch.h"
+#include "worker/render/light.h"
+#include "worker/render/warp.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+static char *folder;
+
+/* ---- lights -------------------------------------------------------------------------------------------- */
+
+/* Specks that give the scene a size. */
+#define SPECK(p) "AttributeBegin\nTranslate " p "\nShape \"sphere\" \"float radius\" [0.01]\nAttributeEnd\n"
+#define HEAD(film)                                                                                           \
+    "Camera \"perspective\"\nFilm \"" film "\" \"integer xresolution\" [16] \"integer yresolution\" [16]\n"  \
+    "WorldBegin\n" SPECK("2 2 2") SPECK("-2 -2 -2")
+#define V3(world) HEAD("image") world "WorldEnd\n"
+#define V4(world) HEAD("rgb") world
+#define AREA3(more) "AreaLightSource \"diffuse\" \"rgb L\" [3 2 1] " more "\n"
+#define QUAD                                                                                                 \
+    "\"integer indices\" [0 1 2 0 2 3] \"point3 P\" [-0.5 1.4 -0.5 0.5 1.6 -0.5 0.5 1.5 0.7 -0.5 1.4 0.5]"
+#define PLACE "Translate 0.2 1.1 0.1\nRotate 70 1 0.3 0.2\n"
+#define STRETCH "Scale 0.5 0.3 0.8\n"
+
+/* A light, and which ways lead to it. */
+enum {
+    FOUND_BY_LOOKING = 1,
+    LETS_THROUGH = 2 /* looks pass it by chance, so that they do not measure its densities */
+};
+typedef struct {
+    const char *name, *text;
+    int flags;
+} light_case_t;
+
+static const light_case_t lights_of[] = {
+    {"mesh", V3(AREA3("") "Shape \"trianglemesh\" " QUAD "\n"), FOUND_BY_LOOKING},
+    {"mesh, two sides, turned",
+     V3("ReverseOrientation\n" AREA3("\"bool twosided\" [\"true\"]") "Shape \"trianglemesh\" " QUAD "\n"),
+     FOUND_BY_LOOKING},
+    {"mesh with normals, turned away", /* what they tell is the side that shines: up; ReverseOrientation: down
+                                        */
+     V3("ReverseOrientation\n" AREA3("") "Shape \"trianglemesh\" " QUAD
+                                         " \"normal N\" [0 1 0 0.2 1 0 0 1 0.2 0 1 0]\n"),
+     FOUND_BY_LOOKING},
+    {"mesh, mirrored", V3("Scale 1 1 -1\n" AREA3("") "Shape \"trianglemesh\" " QUAD "\n"), FOUND_BY_LOOKING},
+    {"sphere", V3(PLACE AREA3("") "Shape \"sphere\" \"float radius\" [0.4]\n"), FOUND_BY_LOOKING},
+    {"sphere, stretched", V3(PLACE STRETCH AREA3("") "Shape \"sphere\"\n"), FOUND_BY_LOOKING},
+    {"sphere, mirrored", V3(PLACE "Scale -0.5 0.3 0.8\n" AREA3("") "Shape \"sphere\"\n"), FOUND_BY_LOOKING},
+    {"sphere, part, inside out",
+     V3(PLACE STRETCH "ReverseOrientation\n" AREA3(
+         "") "Shape \"sphere\" \"float zmin\" [-0.4] \"float zmax\" [0.7] \"float phimax\" [230]\n"),
+     FOUND_BY_LOOKING},
+    {"sphere, part, two sides",
+     V3(PLACE STRETCH AREA3(
+         "\"bool twosided\" [\"true\"]") "Shape \"sphere\" \"float zmax\" [0.3] \"float phimax\" [250]\n"),
+     FOUND_BY_LOOKING},
+    {"disk", V3(PLACE AREA3("") "Shape \"disk\" \"float radius\" [0.6]\n"), FOUND_BY_LOOKING},
+    {"ring, part, stretched, two sides",
+     V3(PLACE STRETCH AREA3("\"bool twosided\" [\"true\"]") "Shape \"disk\" \"float height\" [0.3] \"float "
+                                                            "innerradius\" [0.3] \"float phimax\" [200]\n"),
+     FOUND_BY_LOOKING},
+    {"cylinder", V3(PLACE AREA3("") "Shape \"cylinder\" \"float radius\" [0.3]\n"), FOUND_BY_LOOKING},
+    {"cylinder, part, stretched, two sides",
+     V3(PLACE STRETCH AREA3(
+         "\"bool twosided\" [\"true\"]") "Shape \"cylinder\" \"float zmin\" [-0.5] \"float "
+                                         "phimax\" [220]\n"),
+     FOUND_BY_LOOKING},
+    {"mesh with an image",
+     V4("AreaLightSource \"diffuse\" \"string filename\" \"square.pfm\"\nShape \"trianglemesh\" " QUAD
+        " \"point2 uv\" [0 0 1 0 1 1 0 1]\n"),
+     FOUND_BY_LOOKING},
+    {"sphere with an image",
+     V4(PLACE STRETCH "AreaLightSource \"diffuse\" \"string filename\" \"square.pfm\"\nShape \"sphere\" "
+                      "\"float zmax\" [0.5]\n"),
+     FOUND_BY_LOOKING},
+    {"mesh, half there",
+     V4("AreaLightSource \"diffuse\" \"rgb L\" [3 2 1]\nShape \"trianglemesh\" \"float alpha\" [0.6] " QUAD
+        "\n"),
+     FOUND_BY_LOOKING | LETS_THROUGH},
+    {"constant sky", V3("LightSource \"infinite\" \"rgb L\" [3 2 1]\n"), FOUND_BY_LOOKING},
+    {"lat-long sky",
+     V3("Rotate 50 1 0.3 0.2\nLightSource \"infinite\" \"rgb L\" [3 2 1] \"string mapname\" "
+        "[\"wide.pfm\"]\n"),
+     FOUND_BY_LOOKING},
+    {"lat-long sky, stretched and mirrored",
+     V3("Rotate 50 1 0.3 0.2\nScale 1 -2 0.7\nLightSource \"infinite\" \"string mapname\" [\"wide.pfm\"]\n"),
+     FOUND_BY_LOOKING},
+    {"octahedral sky",
+     V4("Rotate 50 1 0.3 0.2\nLightSource \"infinite\" \"string filename\" \"square.pfm\"\n"),
+     FOUND_BY_LOOKING},
+    {"many",
+     V3("LightSource \"infinite\" \"rgb L\" [0.3 0.2 0.1]\nLightSource \"infinite\" \"string mapname\" "
+        "[\"wide.pfm\"]\n" AREA3(
+            "") "Shape \"trianglemesh\" " QUAD
+                "\n" PLACE AREA3("") "Shape \"sphere\" \"float radius\" [0.2]\nTranslate 0.7 0 0\n" AREA3(
+                    "") "Shape \"disk\" \"float radius\" [0.3]\n"),
+     FOUND_BY_LOOKING},
+    {"point", V3("LightSource \"point\" \"point from\" [0.3 1.2 0.2]\n"), 0},
+    {"spot of v3",
+     V3("LightSource \"spot\" \"point from\" [0.3 1.2 0.2] \"point to\" [0.1 0 0.2] \"float coneangle\" [25] "
+        "\"float conedeltaangle\" [20]\n"),
+     0},
+    {"spot of v4",
+     V4("LightSource \"spot\" \"point3 from\" [0.3 1.2 0.2] \"point3 to\" [0.1 0 0.2] \"float coneangle\" "
+        "[120] "
+        "\"float conedeltaangle\" [110]\n"),
+     0},
+    {"goniometric of v3",
+     V3(PLACE "LightSource \"goniometric\" \"rgb I\" [3 2 1] \"string mapname\" [\"wide.pfm\"]\n"), 0},
+    {"goniometric of v4",
+     V4(PLACE "LightSource \"goniometric\" \"rgb I\" [3 2 1] \"string filename\" \"square.pfm\"\n"), 0},
+    {"goniometric, stretched",
+     V3(PLACE STRETCH "LightSource \"goniometric\" \"rgb I\" [3 2 1] \"string mapname\" [\"wide.pfm\"]\n"),
+     0},
+    {"projection of v3",
+     V3("Translate 0.1 1.2 0\nRotate 80 1 0 0.1\nLightSource \"projection\" \"float fov\" [40] \"string "
+        "mapname\" "
+        "[\"wide.pfm\"]\n"),
+     0},
+    {"projection of v4, stretched",
+     V4("Translate 0.1 1.2 0\nRotate 80 1 0 0.1\nScale -1 1.5 0.8\nLightSource \"projection\" \"float fov\" "
+        "[60] "
+        "\"string filename\" \"square.pfm\"\n"),
+     0},
+    {"distant", V3("LightSource \"distant\" \"point from\" [0.3 1.2 0.2]\n"), 0},
+    {"many of no extent",
+     V3("LightSource \"distant\" \"rgb L\" [0.3 0.2 0.1] \"point from\" [0.3 1.2 0.2]\nLightSource \"point\" "
+        "\"rgb "
+        "I\" [1 2 3] \"point from\" [0.3 1.2 0.2]\nLightSource \"spot\" \"point from\" [0.3 1.2 0.2] \"point "
+        "to\" "
+        "[0.1 0 0.2] \"float coneangle\" [25]\n"),
+     0},
+};
+
+/* A smooth pattern with a bright spot and a dark part, rows from the bottom. */
+static void write_image(const char *name, int width, int height)
+{
+    char header[64];
+    size_t length = (size_t)snprintf(header, sizeof header, "PF\n%d %d\n-1.0\n", width, height);
+    size_t size = length + 12 * (size_t)width * (size_t)height;
+    uint8_t *bytes = mem_alloc(size);
+    memcpy(bytes, header, length);
+    for (int y = 0; y < height; y++)
+        for (int x = 0; x < width; x++) {
+            float s = ((float)x + 0.5f) / (float)width, t = ((float)y + 0.5f) / (float)height;
+            float base = s < 0.25f ? 0 : 0.5f + 0.4f * sinf(9 * s) * cosf(7 * t);
+            float spot = x == width / 2 && y == height / 2 ? 3 : 0;
+            float rgb[3] = {base + spot, base * t + spot, 0.5f * (base + 1 - s)};
+            memcpy(bytes + length + 12 * ((size_t)y * (size_t)width + (size_t)x), rgb, 12);
+        }
+    char *path = scratch_path(folder, name);
+    scratch_write(path, bytes, size);
+    free(path);
+    free(bytes);
+}
+
+/* ---- estimates ----------------------------------------------------------------------------------------- */
+
+/* Means of what is added, `draws` of each. */
+enum { CELL_ROWS = 6, CELL_COLUMNS = 8, CELLS = CELL_ROWS * CELL_COLUMNS };
+enum { IRRADIANCE_RED, IRRADIANCE_BLUE, CROSSINGS, FIRST_PLACE, FIRST_RAY = FIRST_PLACE + CELLS };
+enum { QUANTITIES = FIRST_RAY + CELLS };
+typedef struct {
+    double sum[QUANTITIES], squares[QUANTITIES], draws;
+} tally_t;
+
+static void add(tally_t *tally, int quantity, double value)
+{
+    tally->sum[quantity] += value;
+    tally->squares[quantity] += value * value;
+}
+
+static double mean_of(const tally_t *tally, int quantity, double *variance)
+{
+    double mean = tally->sum[quantity] / tally->draws;
+    *variance = fmax(0, tally->squares[quantity] / tally->draws - mean * mean) / tally->draws;
+    return mean;
+}
+
+/* Equal solid angles: rows in z, columns in phi. */
+static int cell_of(vec3_t w)
+{
+    int row = int_min((int)((double)(w.z + 1) * 0.5 * CELL_ROWS), CELL_ROWS - 1);
+    double phi = atan2((double)w.y, (double)w.x) / (2 * M_PI) + 0.5;
+    return row * CELL_COLUMNS + int_min((int)(phi * CELL_COLUMNS), CELL_COLUMNS - 1);
+}
+
+/* The disc that catches light, and whose middle looks about. */
+static const vec3_t centre = {0.2f, 0.1f, -0.1f};
+static const float radius = 0.4f;
+static vec3_t normal(void)
+{
+    return v_normalize(vec3(0.2f, 1, 0.3f));
+}
+static float disc_area(void)
+{
+    return PI_F * radius * radius;
+}
+static vec3_t point_of_disc(vec2_t u)
+{
+    vec3_t s, t;
+    vec2_t d = warp_disc(u);
+    v_frame(normal(), &s, &t);
+    return v_mad(v_mad(centre, radius * d.x, s), radius * d.y, t);
+}
+
+typedef struct {
+    scene_t *scene;
+    lights_t *lights;
+} lit_t;
+
+/* Draws places: s = 1. */
+static void by_places(const lit_t *lit, uint32_t i, tally_t *tally)
+{
+    sampler_t sampler = sampler_new(SAMPLER_INDEPENDENT, 1, 0, i);
+    float choice = sampler_1d(&sampler);
+    vec2_t place = sampler_2d(&sampler);
+    vec3_t point = point_of_disc(sampler_2d(&sampler));
+    light_view_t view;
+    tally->draws++;
+    if (lights_illuminate(lit->lights, point, choice, place, &view) &&
+        !scene_occluded(lit->scene, point, view.target, 0)) {
+        assert_true(view.pdf_place > 0 && view.geometry > 0 && view.arrival >= 0);
+        assert_float_equal(v_length(view.w), 1, 1e-5f);
+        float cos = v_dot(view.w, normal());
+        double factor = (double)(float_max(cos, 0) * view.geometry / view.pdf_place);
+        add(tally, IRRADIANCE_RED, factor * (double)view.radiance.x);
+        add(tally, IRRADIANCE_BLUE, factor * (double)view.radiance.z);
+        add(tally, CROSSINGS, (double)(view.arrival * fabsf(cos) * disc_area()));
+    }
+    if (!lights_illuminate(lit->lights, centre, choice, place, &view) ||
+        scene_occluded(lit->scene, centre, view.target, 0))
+        return;
+    add(tally, FIRST_PLACE + cell_of(view.w), (double)view.geometry);
+    add(tally, FIRST_RAY + cell_of(view.w), (double)view.arrival);
+}
+
+/* Traces light subpaths: s >= 2. Their rays cross the disc, if nothing stops them before. */
+static void by_rays(const lit_t *lit, uint32_t i, tally_t *tally)
+{
+    sampler_t sampler = sampler_new(SAMPLER_INDEPENDENT, 2, 0, i);
+    float choice = sampler_1d(&sampler);
+    vec2_t place = sampler_2d(&sampler);
+    light_ray_t ray;
+    tally->draws++;
+    if (!lights_emit(lit->lights, choice, place, sampler_2d(&sampler), &ray)) return;
+    assert_true(ray.pdf_place > 0 && ray.pdf_ray > 0);
+    assert_float_equal(v_length(ray.direction), 1, 1e-5f);
+    float cos = v_dot(ray.direction, normal());
+    float distance = v_dot(v_sub(centre, ray.origin), normal()) / cos;
+    if (!(distance > 0)) return;
+    vec3_t crossing = v_mad(ray.origin, distance, ray.direction);
+    if (!(v_length(v_sub(crossing, centre)) <= radius) || scene_occluded(lit->scene, ray.origin, crossing, 0))
+        return;
+    add(tally, CROSSINGS, 1);
+    if (cos > 0) return;
+    add(tally, IRRADIANCE_RED, (double)(ray.throughput.x / disc_area()));
+    add(tally, IRRADIANCE_BLUE, (double)(ray.throughput.z / disc_area()));
+}
+
+/* Runs into lights: s = 0. What they say of the densities is per steradian at the disc. */
+static void add_found(tally_t *tally, const light_hit_t *hit, float cos, vec3_t w, bool in_middle,
+                      double per_ray)
+{
+    double sphere = 4 * M_PI;
+    if (in_middle) {
+        add(tally, FIRST_PLACE + cell_of(w), sphere * (double)hit->pdf_place);
+        add(tally, FIRST_RAY + cell_of(w), sphere * (double)(hit->pdf_place * hit->pdf_ray) / per_ray);
+        return;
+    }
+    add(tally, IRRADIANCE_RED, sphere * (double)(float_max(cos, 0) * hit->radiance.x));
+    add(tally, IRRADIANCE_BLUE, sphere * (double)(float_max(cos, 0) * hit->radiance.z));
+}
+
+static void look(const lit_t *lit, vec3_t point, vec3_t w, bool in_middle, tally_t *tally)
+{
+    surface_t surface;
+    light_hit_t hit;
+    float cos = v_dot(w, normal());
+    if (!scene_intersect(lit->scene, point, w, 0, &surface)) {
+        for (uint32_t k = 0; k < lights_sky_count(lit->lights); k++)
+            if (lights_escape(lit->lights, k, w, &hit)) add_found(tally, &hit, cos, w, in_middle, 1);
+    } else if (surface.light != BLOB_NONE && lights_hit(lit->lights, &surface, v_neg(w), &hit)) {
+        add_found(tally, &hit, cos, w, in_middle, fabs((double)v_dot(surface.ng, w)));
+    }
+}
+
+static void by_looking(const lit_t *lit, uint32_t i, tally_t *tally)
+{
+    sampler_t sampler = sampler_new(SAMPLER_INDEPENDENT, 3, 0, i);
+    vec3_t point = point_of_disc(sampler_2d(&sampler)), w = warp_sphere(sampler_2d(&sampler));
+    tally->draws++;
+    look(lit, point, w, false, tally);
+    look(lit, centre, w, true, tally);
+}
+
+/* ---- tests --------------------------------------------------------------------------------------------- */
+
+/* How many standard errors lie between two means. */
+static double z_of(const tally_t *a, const tally_t *b, int quantity)
+{
+    double variance_a, variance_b;
+    double difference = mean_of(a, quantity, &variance_a) - mean_of(b, quantity, &variance_b);
+    double slack = 2e-4 * mean_of(a, quantity, &(double){0}); /* rounding */
+    return difference / sqrt(variance_a + variance_b + slack * slack + 1e-20);
+}
+
+static bool compare(const char *name, const char *ways, const tally_t *a, const tally_t *b, int first,
+                    int last)
+{
+    double largest = 0, squares = 0;
+    int used = 0, worst = first;
+    for (int q = first; q <= last; q++) {
+        double z = z_of(a, b, q);
+        /* Cells that few draws fell into have no error to speak of. */
+        double expected = fmax(a->sum[q] * a->sum[q] / fmax(a->squares[q], 1e-300), 0);
+        if (last > first && (expected < 200 || b->sum[q] * b->sum[q] / fmax(b->squares[q], 1e-300) < 200))
+            continue;
+        used++;
+        squares += z * z;
+        if (fabs(z) > largest) largest = fabs(z), worst = q;
+    }
+    bool holds = largest < 5 && (used < 8 || sqrt(squares / used) < 1.6);
+    if (!holds) {
+        double unused;
+        print_message("%s: %s differ in quantity %d: %g, %g, z = %.1f, rms of %d %.2f\n", name, ways, worst,
+                      mean_of(a, worst, &unused), mean_of(b, worst, &unused), largest, used,
+                      sqrt(squares / int_max(used, 1)));
+    }
+    return holds;
+}
+
+static bool check(const light_case_t *c)
+{
+    enum { PLACES = 100000, RAYS = 300000, LOOKS = 200000 };
+    char *path = scratch_path(folder, "scene.pbrt");
+    scratch_write(path, c->text, strlen(c->text));
+    uint8_t *bytes;
+    uint64_t size;
+    scene_blob_t blob;
+    lit_t lit;
+    result_t made = import_scene_blob(path, NULL, &bytes, &size);
+    if (made.code != RESULT_OK) fail_msg("%s: %s", c->name, made.message);
+    assert_int_equal(blob_open(bytes, size, &blob).code, RESULT_OK);
+    assert_int_equal(scene_new(&blob, &lit.scene).code, RESULT_OK);
+    lit.lights = lights_new(lit.scene);
+    tally_t *tallies = mem_zalloc(3, sizeof *tallies);
+    for (uint32_t i = 0; i < PLACES; i++) by_places(&lit, i, &tallies[0]);
+    for (uint32_t i = 0; i < RAYS; i++) by_rays(&lit, i, &tallies[1]);
+    bool holds = tallies[0].sum[IRRADIANCE_RED] > 0;
+    if (!holds) print_message("%s: no light\n", c->name);
+    holds = compare(c->name, "places and rays", &tallies[0], &tallies[1], IRRADIANCE_RED, IRRADIANCE_RED) &&
+            holds;
+    holds = compare(c->name, "places and rays", &tallies[0], &tallies[1], IRRADIANCE_BLUE, IRRADIANCE_BLUE) &&
+            holds;
+    holds = compare(c->name, "places and rays", &tallies[0], &tallies[1], CROSSINGS, CROSSINGS) && holds;
+    if (c->flags & FOUND_BY_LOOKING) {
+        for (uint32_t i = 0; i < LOOKS; i++) by_looking(&lit, i, &tallies[2]);
+        const tally_t *a = &tallies[0], *b = &tallies[2];
+        holds = compare(c->name, "places and looks", a, b, IRRADIANCE_RED, IRRADIANCE_RED) && holds;
+        holds = compare(c->name, "places and looks", a, b, IRRADIANCE_BLUE, IRRADIANCE_BLUE) && holds;
+    }
+    if (c->flags == FOUND_BY_LOOKING) {
+        const tally_t *a = &tallies[0], *b = &tallies[2];
+        holds = compare(c->name, "densities of places", a, b, FIRST_PLACE, FIRST_RAY - 1) && holds;
+        holds = compare(c->name, "densities of rays", a, b, FIRST_RAY, QUANTITIES - 1) && holds;
+    }
+    double unused;
+    print_message("%-40s irradiance %.4f %.4f\n", c->name, mean_of(&tallies[0], IRRADIANCE_RED, &unused),
+                  mean_of(&tallies[1], IRRADIANCE_RED, &unused));
+    free(tallies);
+    lights_destroy(&lit.lights);
+    scene_destroy(&lit.scene);
+    free(bytes);
+    free(path);
+    return holds;
+}
+
+static void ways_agree(void **state)
+{
+    (void)state;
+    int differing = 0;
+    for (size_t i = 0; i < ARRAY_LENGTH(lights_of); i++) differing += !check(&lights_of[i]);
+    assert_int_equal(differing, 0);
+}
+
+static int begin(void **state)
+{
+    (void)state;
+    folder = scratch_new();
+    write_image("wide.pfm", 16, 8);
+    write_image("square.pfm", 8, 8);
+    return 0;
+}
+
+static int end(void **state)
+{
+    (void)state;
+    scratch_destroy(&folder);
+    return 0;
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(ways_agree),
+    };
+    return cmocka_run_group_tests(tests, begin, end);
+}

@@ -1,0 +1,770 @@
+/* What the glTF importer makes of a scene: geometry, hierarchy, materials, textures, lights, cameras, and
+ * what it says to files that are wrong. */
+#include "tests/unit/test_import.h"
+
+#include "common/base.h"
+#include "worker/render/texture.h"
+
+/* 2 x 2 texels: red, green; blue, grey 188 with alpha 51 */
+#define PNG_URI                                                                                              \
+    "data:image/png;base64,iVBORw0KGgoAAAANSUhEUgAAAAIAAAACCAYAAABytg0kAAAAFklEQVR4nGP4z8DwHwyB9P89e/"       \
+    "YYAwBGoQ"                                                                                               \
+    "hi2ARC4gAAAABJRU5ErkJggg=="
+
+/* A unit square facing +z, in all the ways in which glTF can store it. */
+typedef struct {
+    float positions[4][3], normals[4][3], uvs[4][2];
+    uint16_t indices[6], pad;
+    uint8_t pad2[2], colours[4][4];
+    int16_t quantized[4][4];
+    uint8_t sparse_index, pad3[3];
+    float sparse_value[3], translations[3][3];
+} square_t;
+
+static const square_t square = {
+    .positions = {{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0}},
+    .normals = {{0, 0, 1}, {0, 0, 1}, {0, 0, 1}, {0, 0, 1}},
+    .uvs = {{0, 1}, {1, 1}, {1, 0}, {0, 0}},
+    .indices = {0, 1, 2, 0, 2, 3},
+    .colours = {{255, 0, 0, 255}, {0, 255, 0, 128}, {0, 0, 255, 255}, {255, 255, 255, 0}},
+    .quantized = {{0, 0, 0, 9}, {32767, 0, 0, 9}, {32767, 32767, 0, 9}, {0, 32767, -32768, 9}},
+    .sparse_index = 2,
+    .sparse_value = {2, 3, 0},
+    .translations = {{0, 0, 0}, {5, 0, 0}, {0, 5, 0}},
+};
+
+/* accessors: 0 positions, 1 normals, 2 uvs, 3 indices, 4 colours, 5 quantized and 6 sparse positions,
+ * 7 translations, 8 zeroes */
+static const char arrays[] =
+    "\"asset\":{\"version\":\"2.0\"},\"buffers\":[{\"uri\":\"b%%20b.bin\",\"byteLength\":%zu}],"
+    "\"bufferViews\":["
+    "{\"buffer\":0,\"byteLength\":48},{\"buffer\":0,\"byteOffset\":48,\"byteLength\":48},"
+    "{\"buffer\":0,\"byteOffset\":96,\"byteLength\":32},{\"buffer\":0,\"byteOffset\":128,\"byteLength\":12},"
+    "{\"buffer\":0,\"byteOffset\":%zu,\"byteLength\":16},"
+    "{\"buffer\":0,\"byteOffset\":%zu,\"byteLength\":32,\"byteStride\":8},"
+    "{\"buffer\":0,\"byteOffset\":%zu,\"byteLength\":1},{\"buffer\":0,\"byteOffset\":%zu,\"byteLength\":12},"
+    "{\"buffer\":0,\"byteOffset\":%zu,\"byteLength\":36}],"
+    "\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":4,\"type\":\"VEC3\"},"
+    "{\"bufferView\":1,\"componentType\":5126,\"count\":4,\"type\":\"VEC3\"},"
+    "{\"bufferView\":2,\"componentType\":5126,\"count\":4,\"type\":\"VEC2\"},"
+    "{\"bufferView\":3,\"componentType\":5123,\"count\":6,\"type\":\"SCALAR\"},"
+    "{\"bufferView\":4,\"componentType\":5121,\"normalized\":true,\"count\":4,\"type\":\"VEC4\"},"
+    "{\"bufferView\":5,\"componentType\":5122,\"normalized\":true,\"count\":4,\"type\":\"VEC3\"},"
+    "{\"bufferView\":0,\"componentType\":5126,\"count\":4,\"type\":\"VEC3\",\"sparse\":{\"count\":1,"
+    "\"indices\":{\"bufferView\":6,\"componentType\":5121},\"values\":{\"bufferView\":7}}},"
+    "{\"bufferView\":8,\"componentType\":5126,\"count\":3,\"type\":\"VEC3\"},"
+    "{\"componentType\":5126,\"count\":4,\"type\":\"VEC3\"}]";
+
+#define CAMERA                                                                                               \
+    "\"cameras\":[{\"type\":\"perspective\",\"perspective\":{\"yfov\":0.5,\"aspectRatio\":2}},"              \
+    "{\"type\":\"orthographic\",\"orthographic\":{\"xmag\":3,\"ymag\":4,\"znear\":0,\"zfar\":9}}],"
+#define MESH(attributes)                                                                                     \
+    "\"meshes\":[{\"name\":\"sq\",\"primitives\":[{\"attributes\":{" attributes "},\"indices\":3,"
+#define LAMP "\"materials\":[{\"emissiveFactor\":[1,0.5,0]}],"
+
+/* Imports a scene of the arrays above and `rest`: further properties of the root. */
+static void run(bench_t *bench, const char *rest)
+{
+    char *head = mem_printf(arrays, sizeof square, offsetof(square_t, colours), offsetof(square_t, quantized),
+                            offsetof(square_t, sparse_index), offsetof(square_t, sparse_value),
+                            offsetof(square_t, translations));
+    char *text = mem_printf("{%s,%s}", head, rest);
+    bench_write(bench, "b b.bin", &square, sizeof square);
+    bench_write(bench, "s.gltf", text, strlen(text));
+    bench_import_file(bench, "s.gltf");
+    free(head);
+    free(text);
+}
+
+/* One square of the given material, without lights and cameras. */
+static void run_material(bench_t *bench, const char *attributes, const char *material)
+{
+    char *rest =
+        mem_printf("\"materials\":[{\"name\":\"m\",%s}],\"meshes\":[{\"primitives\":[{\"attributes\":{%s},"
+                   "\"indices\":3,\"material\":0}]}],\"nodes\":[{\"mesh\":0}],"
+                   "\"textures\":[{\"source\":0},{\"source\":0,\"sampler\":0}],"
+                   "\"samplers\":[{\"magFilter\":9728,\"wrapS\":33071,\"wrapT\":33648}],"
+                   "\"images\":[{\"uri\":\"" PNG_URI "\"}]",
+                   material, attributes);
+    run(bench, rest);
+    free(rest);
+}
+
+#define POSITION "\"POSITION\":0"
+#define FULL POSITION ",\"NORMAL\":1,\"TEXCOORD_0\":2"
+
+static uint64_t count_of(const bench_t *bench, blob_section_t section)
+{
+    return bench->blob.counts[section];
+}
+
+static const blob_mesh_t *mesh_of(const bench_t *bench, uint64_t shape)
+{
+    assert_true(shape < count_of(bench, BLOB_SECTION_SHAPES));
+    return &bench->blob.meshes[bench->blob.shapes[shape].geometry];
+}
+
+static const vec3_t *positions_of(const bench_t *bench, uint64_t shape)
+{
+    return bench->blob.positions + mesh_of(bench, shape)->first_position;
+}
+
+static blob_value_t value_of(const bench_t *bench, material_value_t value)
+{
+    return bench->blob.materials[bench->blob.shapes[0].material].values[value];
+}
+
+/* ---- the seed scenes ----------------------------------------------------------------------------------- */
+
+/* Blender's z-up space as glTF's y-up. */
+static vec3_t turned(vec3_t p)
+{
+    return vec3(p.x, p.z, -p.y);
+}
+
+static void expect_same_vec3(vec3_t a, vec3_t b)
+{
+    expect_vec3(a, (double)b.x, (double)b.y, (double)b.z);
+}
+
+static void measure(const scene_blob_t *blob, bool turn, vec3_t *low, vec3_t *high, double *area)
+{
+    *low = vec3(1e9f, 1e9f, 1e9f), *high = vec3(-1e9f, -1e9f, -1e9f), *area = 0;
+    for (uint64_t m = 0; m < blob->counts[BLOB_SECTION_MESHES]; ++m) {
+        const blob_mesh_t *mesh = &blob->meshes[m];
+        for (uint32_t i = 0; i < mesh->triangle_count; ++i) {
+            vec3_t p[3];
+            for (int k = 0; k < 3; ++k) {
+                p[k] = blob->positions[mesh->first_position + blob->triangles[mesh->first_triangle + i].v[k]];
+                if (turn) p[k] = turned(p[k]);
+                *low = vec3(fminf(low->x, p[k].x), fminf(low->y, p[k].y), fminf(low->z, p[k].z));
+                *high = vec3(fmaxf(high->x, p[k].x), fmaxf(high->y, p[k].y), fmaxf(high->z, p[k].z));
+            }
+            *area += 0.5 * (double)v_length(v_cross(v_sub(p[1], p[0]), v_sub(p[2], p[0])));
+        }
+    }
+}
+
+static void expect_same_camera(const blob_scene_t *gltf, const blob_scene_t *pbrt)
+{
+    assert_int_equal(gltf->camera, CAMERA_PERSPECTIVE);
+    assert_int_equal(gltf->width, 1280);
+    assert_int_equal(gltf->height, 1280);
+    assert_int_equal(gltf->spp, 64);
+    assert_int_equal(gltf->max_depth, 8);
+    assert_int_equal(gltf->integrator, INTEGRATOR_BDPT);
+    assert_int_equal(gltf->sampler, SAMPLER_SOBOL);
+    expect_near((double)gltf->fov, (double)pbrt->fov, 1e-4);
+    const vec3_t points[] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
+    for (size_t i = 0; i < ARRAY_LENGTH(points); ++i)
+        expect_same_vec3(xform_point(&gltf->world_from_camera, points[i]),
+                         turned(xform_point(&pbrt->world_from_camera, points[i])));
+}
+
+/* The area light of a world of meshes by the height of its first vertex: where it is and what it emits. */
+static void expect_same_lights(const scene_blob_t *gltf, const scene_blob_t *pbrt)
+{
+    uint64_t count = pbrt->counts[BLOB_SECTION_LIGHTS];
+    assert_int_equal(gltf->counts[BLOB_SECTION_LIGHTS], count);
+    for (uint64_t i = 0; i < count; ++i) {
+        const blob_light_t *a = &gltf->lights[i], *b = &pbrt->lights[i];
+        const blob_mesh_t *x = &gltf->meshes[gltf->shapes[a->shape].geometry],
+                          *y = &pbrt->meshes[pbrt->shapes[b->shape].geometry];
+        expect_same_vec3(a->radiance.factor, b->radiance.factor);
+        expect_near((double)gltf->positions[x->first_position].y,
+                    (double)pbrt->positions[y->first_position].z, 1e-5);
+        assert_int_equal(a->flags, 0); /* although doubleSided: Blender exports nearly all so */
+    }
+}
+
+static void test_seed_scenes(void **state)
+{
+    (void)state;
+    static const char *const names[] = {"seed-diffuse", "seed-specular", "seed-hidden"};
+    for (size_t i = 0; i < ARRAY_LENGTH(names); ++i) {
+        bench_t gltf = {0}, pbrt = {0};
+        char *path = mem_printf("tests/references/%s/%s.glb", names[i], names[i]),
+             *twin = mem_printf("scenes/%s", names[i]);
+        bench_import(&gltf, path);
+        bench_import(&pbrt, twin);
+        bench_expect_ok(&gltf);
+        bench_expect_ok(&pbrt);
+        assert_int_equal(gltf.warning_count, 1);
+        expect_text(gltf.warnings, "(lamp): is double-sided, but its light leaves the front alone");
+        vec3_t low[2], high[2];
+        double area[2];
+        measure(&gltf.blob, false, &low[0], &high[0], &area[0]);
+        measure(&pbrt.blob, true, &low[1], &high[1], &area[1]);
+        expect_same_vec3(low[0], low[1]);
+        expect_same_vec3(high[0], high[1]);
+        expect_near(area[0], area[1], 1e-3 * area[1]);
+        assert_int_equal(gltf.blob.counts[BLOB_SECTION_TRIANGLES], pbrt.blob.counts[BLOB_SECTION_TRIANGLES]);
+        expect_same_camera(gltf.blob.scene, pbrt.blob.scene);
+        expect_same_lights(&gltf.blob, &pbrt.blob);
+        free(path);
+        free(twin);
+        bench_close(&gltf);
+        bench_close(&pbrt);
+    }
+}
+
+/* ---- geometry ------------------------------------------------------------------------------------------ */
+
+static void test_square(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run(&bench, CAMERA LAMP MESH(
+                    FULL ",\"TEXCOORD_1\":2,\"COLOR_0\":4") "\"material\":0}]}],"
+                                                            "\"nodes\":[{\"mesh\":0},{\"camera\":0}],"
+                                                            "\"scene\":0,\"scenes\":[{\"nodes\":[0,1]}]");
+    bench_expect_silence(&bench);
+    const blob_mesh_t *mesh = mesh_of(&bench, 0);
+    assert_int_equal(mesh->triangle_count, 2);
+    assert_int_equal(mesh->vertex_count, 4);
+    expect_vec3(positions_of(&bench, 0)[2], 1, 1, 0);
+    expect_vec3(bench.blob.normals[mesh->first_normal + 3], 0, 0, 1);
+    expect_near((double)bench.blob.uvs[mesh->first_uv].x, 0, 0);
+    expect_near((double)bench.blob.uvs[mesh->first_uv].y, 0, 0); /* 1 - v */
+    assert_true(mesh->first_uv2 != BLOB_NONE && mesh->first_uv2 != mesh->first_uv);
+    const blob_colour_t *c = &bench.blob.colours[mesh->first_colour + 1];
+    expect_near((double)c->g, 1, 0);
+    expect_near((double)c->a, 128 / 255.0, 1e-6);
+    expect_vec3(bench.blob.lights[0].radiance.factor, 1, 0.5, 0);
+    assert_int_equal(bench.blob.lights[0].flags, 0); /* not doubleSided */
+    assert_int_equal(bench.blob.shapes[0].light, 0);
+    bench_close(&bench);
+}
+
+static void test_quantized_and_sparse(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run(&bench, LAMP MESH("\"POSITION\":5") "\"material\":0},{\"attributes\":{\"POSITION\":6},\"indices\":3,"
+                                            "\"material\":0}]}],\"nodes\":[{\"mesh\":0}]");
+    bench_expect_ok(&bench);
+    expect_vec3(positions_of(&bench, 0)[1], 1, 0, 0);
+    expect_vec3(positions_of(&bench, 0)[3], 0, 1, -1);
+    expect_vec3(positions_of(&bench, 1)[2], 2, 3, 0);
+    expect_vec3(positions_of(&bench, 1)[1], 1, 0, 0);
+    assert_int_equal(mesh_of(&bench, 1)->first_normal, BLOB_NONE);
+    bench_close(&bench);
+}
+
+static void test_strips_and_fans(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run(&bench, LAMP "\"meshes\":[{\"primitives\":[{\"attributes\":{" POSITION "},\"mode\":6},"
+                     "{\"attributes\":{" POSITION "},\"mode\":5},"
+                     "{\"attributes\":{" POSITION "},\"mode\":1}]}],\"nodes\":[{\"mesh\":0}]");
+    bench_expect_ok(&bench);
+    expect_text(bench.warnings, "meshes[0].primitives[2]: points and lines");
+    assert_int_equal(count_of(&bench, BLOB_SECTION_SHAPES), 2);
+    const vec3_t *p = bench.blob.positions;
+    const blob_mesh_t *fan = mesh_of(&bench, 0), *strip = mesh_of(&bench, 1);
+    assert_int_equal(fan->triangle_count, 2);
+    assert_int_equal(strip->triangle_count, 2);
+    const blob_triangle_t *t = bench.blob.triangles + fan->first_triangle;
+    for (int i = 0; i < 2; ++i) { /* both triangles of the fan face +z */
+        const vec3_t *v = p + fan->first_position;
+        vec3_t n = v_cross(v_sub(v[t[i].v[1]], v[t[i].v[0]]), v_sub(v[t[i].v[2]], v[t[i].v[0]]));
+        expect_vec3(n, 0, 0, 1);
+    }
+    t = bench.blob.triangles + strip->first_triangle;
+    p += strip->first_position; /* the second one: vertices 1 3 2 */
+    expect_vec3(p[t[1].v[0]], 1, 0, 0);
+    expect_vec3(p[t[1].v[1]], 0, 1, 0);
+    expect_vec3(p[t[1].v[2]], 1, 1, 0);
+    bench_close(&bench);
+}
+
+static void test_hierarchy(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    /* a quarter turn about y (z to x), then mirrored in x and moved up */
+    run(&bench, LAMP MESH(POSITION) "\"material\":0}]}],\"nodes\":[{\"children\":[1],"
+                                    "\"matrix\":[-1,0,0,0, 0,1,0,0, 0,0,1,0, 0,10,0,1]},"
+                                    "{\"mesh\":0,\"rotation\":[0,0.70710678,0,0.70710678],\"scale\":[2,3,1],"
+                                    "\"translation\":[0,0,5]}],\"scenes\":[{\"nodes\":[0]}]");
+    bench_expect_ok(&bench);
+    expect_vec3(positions_of(&bench, 0)[0], 0, 10, 5);
+    expect_vec3(positions_of(&bench, 0)[1], 0, 10, 3); /* x (scaled by 2) points along -z */
+    expect_vec3(positions_of(&bench, 0)[3], 0, 13, 5);
+    assert_int_equal(bench.blob.shapes[0].flags, SHAPE_FLIP);
+    bench_close(&bench);
+}
+
+static void test_instances(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run(&bench, LAMP "\"meshes\":[{\"primitives\":[{\"attributes\":{" POSITION "}},"
+                     "{\"attributes\":{" POSITION "},\"indices\":3,\"material\":0}]}],"
+                     "\"nodes\":[{\"mesh\":0},{\"mesh\":0,\"translation\":[7,0,0]},"
+                     "{\"mesh\":0,\"scale\":[1,1,0]}]");
+    bench_expect_ok(&bench);
+    assert_int_equal(count_of(&bench, BLOB_SECTION_OBJECTS), 2);
+    assert_int_equal(count_of(&bench, BLOB_SECTION_INSTANCES), 2);
+    assert_int_equal(bench.blob.objects[0].shape_count, 4); /* three lamps, and what is flattened */
+    assert_int_equal(bench.blob.objects[1].shape_count, 1);
+    assert_int_equal(count_of(&bench, BLOB_SECTION_LIGHTS), 3);
+    expect_near((double)bench.blob.instances[1].world_from_object.m[0][3], 7, 0);
+    bench_close(&bench);
+}
+
+static void test_gpu_instancing(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run(&bench,
+        MESH(POSITION) "\"mode\":4}]}],\"nodes\":[{\"mesh\":0,\"translation\":[1,1,1],\"extensions\":{"
+                       "\"EXT_mesh_gpu_instancing\":{\"attributes\":{\"TRANSLATION\":7}}}}]");
+    bench_expect_ok(&bench);
+    assert_int_equal(count_of(&bench, BLOB_SECTION_INSTANCES), 3);
+    expect_near((double)bench.blob.instances[1].world_from_object.m[0][3], 6, 1e-6);
+    bench_close(&bench);
+}
+
+/* ---- materials and textures ---------------------------------------------------------------------------- */
+
+static void test_default_material(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run(&bench, MESH(POSITION) "\"mode\":4}]}],\"nodes\":[{\"mesh\":0}]");
+    bench_expect_ok(&bench);
+    const blob_material_t *m = &bench.blob.materials[bench.blob.shapes[0].material];
+    assert_int_equal(m->kind, MATERIAL_GLTF);
+    assert_int_equal(m->flags, MATERIAL_REMAP_SQUARE | MATERIAL_THIN);
+    expect_vec3(value_of(&bench, VALUE_REFLECTANCE).factor, 1, 1, 1);
+    expect_vec3(value_of(&bench, VALUE_METALLIC).factor, 1, 1, 1);
+    expect_vec3(value_of(&bench, VALUE_ROUGHNESS_U).factor, 1, 1, 1);
+    expect_vec3(value_of(&bench, VALUE_ETA).factor, 1.5, 1.5, 1.5);
+    expect_vec3(value_of(&bench, VALUE_SPECULAR).factor, 1, 1, 1);
+    expect_vec3(value_of(&bench, VALUE_SPECULAR_COLOUR).factor, 1, 1, 1);
+    expect_near((double)bench.blob.shapes[0].alpha.factor.x, 1, 0);
+    bench_close(&bench);
+}
+
+static void test_extensions(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run_material(
+        &bench, FULL,
+        "\"pbrMetallicRoughness\":{\"metallicFactor\":0.25,\"roughnessFactor\":0.5},"
+        "\"emissiveFactor\":[1,1,0.5],\"doubleSided\":true,"
+        "\"extras\":{\"lightmill_two_sided\":1},\"extensions\":{"
+        "\"KHR_materials_emissive_strength\":{\"emissiveStrength\":8},\"KHR_materials_ior\":{\"ior\":1.3},"
+        "\"KHR_materials_transmission\":{\"transmissionFactor\":0.75},"
+        "\"KHR_materials_volume\":{\"thicknessFactor\":1,\"attenuationDistance\":2,"
+        "\"attenuationColor\":[1,0.5,0]},"
+        "\"KHR_materials_specular\":{\"specularFactor\":0.5,\"specularColorFactor\":[1,2,3]},"
+        "\"KHR_materials_clearcoat\":{\"clearcoatFactor\":0.4,\"clearcoatRoughnessFactor\":0.1}}");
+    bench_expect_ok(&bench);
+    expect_near((double)value_of(&bench, VALUE_METALLIC).factor.x, 0.25, 1e-6);
+    expect_near((double)value_of(&bench, VALUE_ROUGHNESS_U).factor.x, 0.5, 1e-6);
+    expect_near((double)value_of(&bench, VALUE_ETA).factor.x, 1.3, 1e-6);
+    expect_near((double)value_of(&bench, VALUE_TRANSMISSION).factor.x, 0.75, 1e-6);
+    expect_vec3(value_of(&bench, VALUE_ATTENUATION).factor, 0, log(2) / 2, log(1e6) / 2);
+    expect_near((double)value_of(&bench, VALUE_SPECULAR).factor.x, 0.5, 1e-6);
+    expect_vec3(value_of(&bench, VALUE_SPECULAR_COLOUR).factor, 1, 2, 3);
+    expect_near((double)value_of(&bench, VALUE_CLEARCOAT).factor.x, 0.4, 1e-6);
+    expect_near((double)value_of(&bench, VALUE_CLEARCOAT_ROUGHNESS).factor.x, 0.1, 1e-6);
+    assert_int_equal(bench.blob.materials[0].flags, MATERIAL_REMAP_SQUARE);
+    expect_vec3(bench.blob.lights[0].radiance.factor, 8, 8, 4);
+    assert_int_equal(bench.blob.lights[0].flags, LIGHT_TWO_SIDED);
+    bench_close(&bench);
+}
+
+/* What a value is at the vertex of the mesh whose glTF coordinates are (u, v). */
+static rgb_t look(const bench_t *bench, const blob_value_t *value, double u, double v)
+{
+    textures_t *textures = textures_new(&bench->blob);
+    texture_point_t at = {.uv = {(float)u, (float)(1 - v)}, .n = {0, 0, 1}, .colour = {1, 0.5f, 1, 0.5f}};
+    at.uv2 = (vec2_t){0.25f, 0.25f};
+    rgb_t result = textures_value(textures, value, &at);
+    textures_destroy(&textures);
+    return result;
+}
+
+static void test_textures(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run_material(
+        &bench, FULL ",\"COLOR_0\":4",
+        "\"alphaMode\":\"BLEND\",\"normalTexture\":{\"index\":0,\"scale\":0.5},\"pbrMetallicRoughness\":{"
+        "\"baseColorFactor\":[0.5,0.5,0.5,0.8],\"baseColorTexture\":{\"index\":1},"
+        "\"metallicRoughnessTexture\":{\"index\":0}}");
+    bench_expect_ok(&bench);
+    blob_value_t colour = value_of(&bench, VALUE_REFLECTANCE), metallic = value_of(&bench, VALUE_METALLIC),
+                 roughness = value_of(&bench, VALUE_ROUGHNESS_U), alpha = bench.blob.shapes[0].alpha;
+    expect_vec3(look(&bench, &colour, 0.25, 0.25), 0.5, 0, 0); /* times the vertex's colour */
+    expect_vec3(look(&bench, &colour, 0.75, 0.25), 0, 0.25, 0);
+    expect_vec3(look(&bench, &colour, 0.25, 0.75), 0, 0, 0.5);
+    expect_near((double)look(&bench, &colour, 0.75, 0.75).x, 0.5 * 0.502886, 1e-4); /* sRGB 188 */
+    expect_vec3(look(&bench, &colour, -7, 0.25), 0.5, 0, 0);                        /* clamped */
+    expect_vec3(look(&bench, &colour, 0.25, 1.25), 0, 0, 0.5);                      /* mirrored */
+    expect_near((double)look(&bench, &metallic, 0.75, 0.75).x, 188 / 255.0, 1e-6);
+    expect_near((double)look(&bench, &metallic, 0.25, 0.75).x, 1, 1e-6);  /* blue */
+    expect_near((double)look(&bench, &roughness, 0.75, 0.25).x, 1, 1e-6); /* green */
+    expect_near((double)look(&bench, &roughness, 0.25, 0.75).x, 0, 1e-6);
+    expect_near((double)look(&bench, &alpha, 0.75, 0.75).x, 0.8 * 0.2 * 0.5, 1e-6);
+    const blob_material_t *m = &bench.blob.materials[bench.blob.shapes[0].material];
+    expect_near((double)m->normal_scale, 0.5, 0);
+    assert_int_not_equal(m->normal_map, 0);
+    assert_int_equal(count_of(&bench, BLOB_SECTION_IMAGES), 2);
+    assert_int_equal(count_of(&bench, BLOB_SECTION_TEXELS), 4); /* shared */
+    bench_close(&bench);
+}
+
+static void test_mask_and_transform(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    /* half a texture to the right; then, a quarter turn about the corner: u' = v + 1/2, v' = -u */
+    run_material(&bench, FULL,
+                 "\"alphaMode\":\"MASK\",\"alphaCutoff\":0.3,\"pbrMetallicRoughness\":{\"baseColorTexture\":{"
+                 "\"index\":0,\"extensions\":{\"KHR_texture_transform\":{\"offset\":[0.5,0]}}}},"
+                 "\"emissiveFactor\":[1,1,1],\"emissiveTexture\":{\"index\":0,\"extensions\":{"
+                 "\"KHR_texture_transform\":{\"offset\":[0.5,0],\"rotation\":1.57079632679,\"scale\":[1,2],"
+                 "\"texCoord\":0}}}");
+    bench_expect_ok(&bench);
+    blob_value_t colour = value_of(&bench, VALUE_REFLECTANCE), alpha = bench.blob.shapes[0].alpha,
+                 emission = bench.blob.lights[0].radiance;
+    assert_int_equal(bench.blob.shapes[0].flags, SHAPE_CUTOUT);
+    expect_vec3(look(&bench, &colour, 0.25, 0.25), 0, 1, 0);
+    expect_near((double)look(&bench, &alpha, 0.25, 0.25).x, 1, 0);
+    expect_near((double)look(&bench, &alpha, 0.25, 0.75).x, 0, 0); /* 0.2 is below the cutoff */
+    expect_vec3(look(&bench, &emission, 0.75, 0.375), 1, 0, 0);    /* (1.25, -0.75) */
+    expect_vec3(look(&bench, &emission, 0.75, 0.125), 0, 1, 0);    /* (0.75, -0.75) */
+    expect_vec3(look(&bench, &emission, 0.25, 0.375), 0, 0, 1);    /* (1.25, -0.25) */
+    bench_close(&bench);
+}
+
+static void test_second_uvs(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run_material(&bench, FULL,
+                 "\"pbrMetallicRoughness\":{\"baseColorTexture\":{\"index\":0,\"texCoord\":1}}");
+    bench_expect_ok(&bench);
+    blob_value_t colour = value_of(&bench, VALUE_REFLECTANCE);
+    expect_vec3(look(&bench, &colour, 0.75, 0.25), 0, 0, 1); /* uv2 is (1/4, 1 - 3/4) */
+    bench_close(&bench);
+}
+
+static void test_invisible(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run_material(&bench, POSITION,
+                 "\"alphaMode\":\"MASK\",\"pbrMetallicRoughness\":{\"baseColorFactor\":[1,1,1,0.4]}");
+    expect_text(bench.result.message, "no triangle");
+    run_material(&bench, POSITION,
+                 "\"alphaMode\":\"MASK\",\"pbrMetallicRoughness\":{\"baseColorFactor\":[1,1,1,0.6]}");
+    bench_expect_ok(&bench);
+    expect_near((double)bench.blob.shapes[0].alpha.factor.x, 1, 0);
+    bench_close(&bench);
+}
+
+/* ---- lights and cameras -------------------------------------------------------------------------------- */
+
+#define LIGHTS                                                                                               \
+    "\"extensions\":{\"KHR_lights_punctual\":{\"lights\":[{\"type\":\"point\",\"intensity\":683,"            \
+    "\"color\":[1,0.5,0]},{\"type\":\"spot\",\"intensity\":2,\"spot\":{\"innerConeAngle\":0.2,"              \
+    "\"outerConeAngle\":0.4}},{\"type\":\"directional\",\"intensity\":3}]}},"
+#define LIGHT_NODE(n, more) "{\"extensions\":{\"KHR_lights_punctual\":{\"light\":" n "}}" more "}"
+
+static void test_lights(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run(&bench, LIGHTS MESH(POSITION) "\"mode\":4}]}],\"nodes\":[{\"mesh\":0}," LIGHT_NODE(
+                    "0", ",\"translation\":[1,"
+                         "2,3],\"scale\":[0,0,"
+                         "0]") "," LIGHT_NODE("1", ",\"rotation\":[0.70710678,0,0,0.70710678],\"scale\":[9,9,"
+                                                   "9]") "," LIGHT_NODE("2", "") "]");
+    bench_expect_ok(&bench);
+    assert_int_equal(count_of(&bench, BLOB_SECTION_LIGHTS), 3);
+    const blob_light_t *l = bench.blob.lights;
+    assert_int_equal(l[0].kind, LIGHT_POINT);
+    expect_vec3(l[0].radiance.factor, 683, 341.5, 0);
+    expect_vec3(xform_point(&l[0].world_from_light, vec3(0, 0, 0)), 1, 2, 3);
+    assert_int_equal(l[1].kind, LIGHT_SPOT);
+    assert_int_equal(l[1].flags, LIGHT_SQUARE);
+    expect_near((double)l[1].parameters[0], cos(0.4), 1e-6);
+    expect_near((double)l[1].parameters[1], cos(0.2), 1e-6);
+    /* a quarter turn about x takes the node's -z to +y */
+    expect_vec3(xform_vector(&l[1].world_from_light, vec3(0, 0, 1)), 0, 1, 0);
+    assert_int_equal(l[2].kind, LIGHT_DISTANT);
+    expect_vec3(l[2].radiance.factor, 3, 3, 3);
+    expect_vec3(xform_vector(&l[2].world_from_light, vec3(0, 0, 1)), 0, 0, 1); /* where the light stands */
+    bench_close(&bench);
+}
+
+/* Blender's lamps come in candela at 683 lumens a watt, its emission does not. */
+static void test_lights_of_blender(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run(&bench,
+        LIGHTS LAMP MESH(POSITION) "\"material\":0}]}],\"nodes\":[{\"mesh\":0}," LIGHT_NODE(
+            "0", "") "],"
+                     "\"asset\":{\"version\":\"2.0\",\"generator\":\"Khronos glTF Blender I/O v4.2.57\"}");
+    bench_expect_ok(&bench);
+    expect_text(bench.warnings, "Unitless");
+    expect_vec3(bench.blob.lights[0].radiance.factor, 1, 0.5, 0);
+    expect_vec3(bench.blob.lights[1].radiance.factor, 1, 0.5, 0);
+    bench_close(&bench);
+}
+
+static void test_cameras(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run(&bench, CAMERA LAMP MESH(
+                    POSITION) "\"material\":0}]}],\"nodes\":[{\"mesh\":0},{\"name\":\"one\",\"camera\":1,"
+                              "\"scale\":[2,2,-2],\"translation\":[0,0,4]},{\"name\":\"two\",\"camera\":0}]");
+    bench_expect_ok(&bench);
+    expect_text(bench.warnings, "2 cameras (nodes[1] (one), nodes[2] (two)); the first is taken");
+    const blob_scene_t *scene = bench.blob.scene;
+    assert_int_equal(scene->camera, CAMERA_ORTHOGRAPHIC);
+    expect_near((double)scene->screen_window[0], -3, 0);
+    expect_near((double)scene->screen_window[3], 4, 0);
+    assert_int_equal(scene->width, 1280);
+    assert_int_equal(scene->height, 1707);
+    run(&bench, CAMERA LAMP MESH(POSITION) "\"material\":0}]}],\"nodes\":[{\"mesh\":0},{\"camera\":0}]");
+    bench_expect_ok(&bench);
+    scene = bench.blob.scene;
+    expect_near((double)scene->fov, 0.5 * 180 / 3.14159265, 1e-4);
+    assert_int_equal(scene->height, 640);
+    expect_vec3(xform_vector(&scene->world_from_camera, vec3(0, 0, 1)), 0, 0, -1);
+    expect_vec3(xform_vector(&scene->world_from_camera, vec3(1, 0, 0)), 1, 0, 0);
+    bench_close(&bench);
+}
+
+static void test_defaults(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run(&bench, MESH(POSITION) "\"mode\":4}]}],\"nodes\":[{\"mesh\":0}]");
+    bench_expect_ok(&bench);
+    expect_text(bench.warnings, "no light");
+    expect_text(bench.warnings, "no camera");
+    assert_int_equal(bench.blob.lights[0].kind, LIGHT_INFINITE);
+    const blob_scene_t *scene = bench.blob.scene;
+    assert_int_equal(scene->height, 720);
+    /* the middle of the square is in the middle of the image, and its corners are in it */
+    xform_t camera_from_world;
+    assert_true(xform_invert(&scene->world_from_camera, &camera_from_world));
+    vec3_t middle = xform_point(&camera_from_world, vec3(0.5f, 0.5f, 0));
+    expect_near((double)middle.x, 0, 1e-5);
+    expect_near((double)middle.y, 0, 1e-5);
+    assert_true(middle.z > 0);
+    for (int i = 0; i < 4; ++i) {
+        vec3_t p = xform_point(&camera_from_world, positions_of(&bench, 0)[i]);
+        assert_true(fabsf(p.y / p.z) < tanf(scene->fov / 2 * PI_F / 180));
+        assert_true(p.z > 0);
+    }
+    bench_close(&bench);
+}
+
+/* ---- files that are wrong ------------------------------------------------------------------------------ */
+
+static void test_errors(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *rest, *message;
+    } cases[] = {
+        {"\"nodes\":[{\"children\":[1]},{\"children\":[0]}],\"scenes\":[{\"nodes\":[0]}]",
+         "nodes[0]: is a child of itself"},
+        {"\"nodes\":[{\"children\":[2]},{\"children\":[2]},{}],\"scenes\":[{\"nodes\":[0,1]}]",
+         "nodes[2]: stands in the scene twice"},
+        {"\"nodes\":[{\"children\":[7]}]", "nodes[0].children: element 0 must be the index"},
+        {"\"nodes\":[{\"mesh\":1}]", "nodes[0].mesh: is 1, but there are 0"},
+        {"\"nodes\":[{\"name\":\"x\",\"matrix\":[1,2]}]", "nodes[0] (x).matrix: must be 16 numbers, found 2"},
+        {MESH("\"POSITION\":2") "\"mode\":4}]}],\"nodes\":[{\"mesh\":0}]", "must be a VEC3"},
+        {MESH("\"POSITION\":0,\"NORMAL\":7") "\"mode\":4}]}],\"nodes\":[{\"mesh\":0}]",
+         "NORMAL has 3 elements for 4"},
+        {"\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":7},\"indices\":3}]}],\"nodes\":[{"
+         "\"mesh\":0}]",
+         "vertex 3, but there are 3"},
+        {"\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"indices\":0}]}],\"nodes\":[{"
+         "\"mesh\":0}]",
+         "must be unsigned integers"},
+        {"\"extensionsRequired\":[\"KHR_draco_mesh_compression\"]", "export without Draco"},
+        {"\"scene\":0.5,\"scenes\":[{}]", "scene: must be a whole number"},
+        {"\"nodes\":{}", "nodes: must be an array"},
+        {"\"nodes\":[{}]", "no triangle"},
+        {"\"cameras\":[{\"type\":\"perspective\"}]," LAMP MESH(
+             POSITION) "\"mode\":4}]}],\"nodes\":[{\"mesh\":0,\"camera\":0}]",
+         "needs perspective.yfov"},
+        {"\"asset\":{\"version\":\"1.0\"}", "is glTF 1.0"},
+        {"\"buffers\":[{\"byteLength\":300,\"uri\":\"http://x/y\"}]," MESH(
+             POSITION) "\"mode\":4}]}],\"nodes\":[{\"mesh\":0}]",
+         "only data: and relative paths"},
+        {"\"buffers\":[{\"byteLength\":300,\"uri\":\"b%2\"}]," MESH(
+             POSITION) "\"mode\":4}]}],\"nodes\":[{\"mesh\":0}]",
+         "is empty or malformed"},
+        {"\"buffers\":[{\"byteLength\":300,\"uri\":\"b%20b.bin\"}]," MESH(
+             POSITION) "\"mode\":4}]}],\"nodes\":[{\"mesh\":0}]",
+         "byteLength says 300"},
+        {"\"bufferViews\":[{\"buffer\":0,\"byteOffset\":230,\"byteLength\":48}]," MESH(
+             POSITION) "\"mode\":4}]}],\"nodes\":[{\"mesh\":0}]",
+         "reaches beyond its buffer"},
+        {"\"bufferViews\":[{\"buffer\":0,\"byteLength\":47}]," MESH(
+             POSITION) "\"mode\":4}]}],\"nodes\":[{\"mesh\":0}]",
+         "do not fit"},
+        {"\"bufferViews\":[{\"buffer\":0,\"byteLength\":48,\"byteStride\":4}]," MESH(
+             POSITION) "\"mode\":4}]}],\"nodes\":[{\"mesh\":0}]",
+         "byteStride 4 is less"},
+        {"\"accessors\":[{\"componentType\":5124,\"count\":3,\"type\":\"VEC3\"}]," MESH(
+             POSITION) "\"mode\":4}]}],\"nodes\":[{\"mesh\":0}]",
+         "componentType 5124"},
+        {"\"accessors\":[{\"componentType\":5126,\"count\":4294967290,\"type\":\"VEC3\"}]," MESH(
+             POSITION) "\"mode\":4}]}],\"nodes\":[{\"mesh\":0}]",
+         "too many for its"},
+        {"\"accessors\":[{\"componentType\":5126,\"count\":4,\"type\":\"MAT4\"}]," MESH(
+             POSITION) "\"mode\":4}]}],\"nodes\":[{\"mesh\":0}]",
+         "SCALAR, VEC2, VEC3 or VEC4"},
+        {"\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":2,\"type\":\"VEC3\",\"sparse\":{"
+         "\"count\":1,"
+         "\"indices\":{\"bufferView\":6,\"componentType\":5121},\"values\":{\"bufferView\":7}}}]," MESH(
+             POSITION) "\"mode\":4}]}],"
+                       "\"nodes\":[{\"mesh\":0}]",
+         "replaces element 2 of 2"},
+        {"\"materials\":[{\"alphaMode\":\"X\"}]," MESH(
+             POSITION) "\"material\":0}]}],\"nodes\":[{\"mesh\":0}]",
+         "materials[0]: alphaMode \"X\""},
+        {"\"materials\":[{\"normalTexture\":{\"index\":0}}],\"textures\":[{\"source\":0}],\"images\":[{"
+         "\"uri\":\"no.png\"}]," MESH(POSITION) "\"material\":0}]}],\"nodes\":[{\"mesh\":0}]",
+         "images[0]: "},
+    };
+    bench_t bench = {0};
+    for (size_t i = 0; i < ARRAY_LENGTH(cases); ++i) {
+        run(&bench, cases[i].rest);
+        assert_int_equal(bench.result.code, RESULT_INPUT);
+        expect_text(bench.result.message, "s.gltf: ");
+        expect_text(bench.result.message, cases[i].message);
+    }
+    bench_write(&bench, "s.gltf", "{\n\"asset\": }", 12);
+    bench_import_file(&bench, "s.gltf");
+    expect_text(bench.result.message, "s.gltf:2:");
+    bench_close(&bench);
+}
+
+/* A chain of nodes that is too deep must end before the stack does. */
+static void test_depth(void **state)
+{
+    (void)state;
+    enum { NODES = 100000 };
+    bench_t bench = {0};
+    char *rest = mem_alloc(NODES * 32 + 100),
+         *end = rest + sprintf(rest, "\"scenes\":[{\"nodes\":[0]}],\"nodes\":[{}");
+    end = rest + sprintf(rest, "\"scenes\":[{\"nodes\":[0]}],\"nodes\":[");
+    for (int i = 0; i < NODES; ++i) end += sprintf(end, "{\"children\":[%d]},", i + 1);
+    sprintf(end, "{}]");
+    run(&bench, rest);
+    expect_text(bench.result.message, "nodes deep");
+    free(rest);
+    bench_close(&bench);
+}
+
+/* A .glb of the square with an image and a lamp, as bytes. */
+static uint8_t *make_glb(size_t *size)
+{
+    char *head = mem_printf(arrays, sizeof square, offsetof(square_t, colours), offsetof(square_t, quantized),
+                            offsetof(square_t, sparse_index), offsetof(square_t, sparse_value),
+                            offsetof(square_t, translations));
+    memcpy(strstr(head, "\"uri\":\"b%20b.bin\","), "                  ", 18);
+    char *json = mem_printf(
+        "{%s," CAMERA LIGHTS "\"materials\":[{\"emissiveFactor\":[1,1,1],\"alphaMode\":\"MASK\","
+        "\"pbrMetallicRoughness\":{\"baseColorTexture\":{"
+        "\"index\":0}}}],\"textures\":[{\"source\":0,\"sampler\":0}],\"samplers\":[{\"wrapS\":33071}],"
+        "\"images\":[{\"uri\":\"" PNG_URI "\"}],\"meshes\":[{\"primitives\":[{\"attributes\":{" FULL
+        ",\"COLOR_0\":4},\"indices\":3,\"material\":0},"
+        "{\"attributes\":{\"POSITION\":6},\"mode\":5},{\"attributes\":{\"POSITION\":5},\"mode\":6}]}],"
+        "\"nodes\":[{\"mesh\":0,\"children\":[1]},{\"mesh\":0,\"camera\":0,\"rotation\":[0,1,0,0]}"
+        "," LIGHT_NODE("1", "") "]}",
+        head);
+    uint32_t length = (uint32_t)strlen(json), padded = (length + 3) / 4 * 4;
+    uint32_t header[5] = {0x46546C67, 2, (uint32_t)(28 + padded + sizeof square), padded, 0x4E4F534A};
+    uint32_t chunk[2] = {sizeof square, 0x004E4942};
+    uint8_t *bytes = mem_alloc(header[2]);
+    memset(bytes, ' ', header[2]);
+    memcpy(bytes, header, 20);
+    memcpy(bytes + 20, json, length);
+    memcpy(bytes + 20 + padded, chunk, 8);
+    memcpy(bytes + 28 + padded, &square, sizeof square);
+    *size = header[2];
+    free(head);
+    free(json);
+    return bytes;
+}
+
+/* Damaged files are read or refused, but nothing else happens (the sanitizers watch). */
+static void test_damage(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    size_t size;
+    uint8_t *bytes = make_glb(&size), *copy = mem_alloc(size);
+    bench_write(&bench, "s.glb", bytes, size);
+    bench_import_file(&bench, "s.glb");
+    bench_expect_ok(&bench);
+    assert_int_equal(count_of(&bench, BLOB_SECTION_INSTANCES), 2);
+    uint32_t random = 1;
+    int good = 0, refused = 0;
+    for (int round = 0; round < 1500; ++round) {
+        memcpy(copy, bytes, size);
+        for (int k = 0; k < 1 + round % 3; ++k) {
+            random = random * 1664525u + 1013904223u;
+            size_t at = (random >> 8) % size;
+            random = random * 1664525u + 1013904223u;
+            copy[at] = copy[at] >= '0' && copy[at] <= '9' ? (uint8_t)('0' + (random >> 24) % 10)
+                                                          : (uint8_t)(random >> 24);
+        }
+        bench_write(&bench, "s.glb", copy, round % 10 == 9 ? size * (size_t)(round % 97) / 97 : size);
+        bench_import_file(&bench, "s.glb");
+        if (bench.result.code == RESULT_OK)
+            ++good;
+        else
+            ++refused;
+    }
+    assert_true(good > 100 && refused > 100);
+    free(bytes);
+    free(copy);
+    bench_close(&bench);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_seed_scenes),
+        cmocka_unit_test(test_square),
+        cmocka_unit_test(test_quantized_and_sparse),
+        cmocka_unit_test(test_strips_and_fans),
+        cmocka_unit_test(test_hierarchy),
+        cmocka_unit_test(test_instances),
+        cmocka_unit_test(test_gpu_instancing),
+        cmocka_unit_test(test_default_material),
+        cmocka_unit_test(test_extensions),
+        cmocka_unit_test(test_textures),
+        cmocka_unit_test(test_mask_and_transform),
+        cmocka_unit_test(test_second_uvs),
+        cmocka_unit_test(test_invisible),
+        cmocka_unit_test(test_lights),
+        cmocka_unit_test(test_lights_of_blender),
+        cmocka_unit_test(test_cameras),
+        cmocka_unit_test(test_defaults),
+        cmocka_unit_test(test_errors),
+        cmocka_unit_test(test_depth),
+        cmocka_unit_test(test_damage),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
