@@ -4,7 +4,7 @@
 # kept in DIR/findings. Ends with 1 when there was a finding.
 #
 # usage: tests/fuzz/run.sh DIR SECONDS TARGET...      from the repository's root; DIR has the programs fuzz_TARGET
-#        FUZZ_MERGE=1 tests/fuzz/run.sh DIR 0 TARGET...   instead adds to the seeds what of the corpus covers more
+#        FUZZ_MERGE=150 tests/fuzz/run.sh DIR 0 TARGET...   instead chooses that many of the corpus as seeds
 set -u
 dir=$1
 seconds=$2
@@ -14,7 +14,7 @@ scratch=$(mktemp -d "$([ -w /dev/shm ] && echo /dev/shm || echo /tmp)/lightmill-
 trap 'rm -rf "$scratch"' EXIT
 trap 'exit 130' INT TERM
 export TMPDIR=$scratch
-export UBSAN_OPTIONS=print_stacktrace=1:$([ -z "${UBSAN_OPTIONS:-}" ] || echo "$UBSAN_OPTIONS")
+export UBSAN_OPTIONS=print_stacktrace=1
 export LSAN_OPTIONS=suppressions=$PWD/tests/lsan.supp:print_suppressions=0
 
 # The largest input of a target, in bytes.
@@ -25,6 +25,26 @@ limit() {
     texture_image) echo 16384 ;;
     *) echo 8192 ;;
     esac
+}
+
+# merge TARGET CORPUS LOG: the seeds that no one named (their names are hashes) become the smallest FUZZ_MERGE inputs of a
+# set of seeds and corpus that covers all that these do.
+merge() {
+    local chosen=$scratch/$1 file
+    mkdir -p "$chosen"
+    "$dir/fuzz_$1" "${options[@]}" -set_cover_merge=1 "$chosen" "$seeds/$1" "$2" >"$3" 2>&1 || return 1
+    for file in "$seeds/$1"/*; do
+        if [[ ${file##*/} =~ ^[0-9a-f]{40}$ ]]; then
+            rm "$file"
+        else
+            rm -f "$chosen/$(sha1sum <"$file" | cut -c1-40)"
+        fi
+    done
+    find "$chosen" -type f -printf '%s %p\n' | sort -n | head -n "$FUZZ_MERGE" | while read -r _ file; do
+        cp "$file" "$seeds/$1/"
+    done
+    printf '%-16s %d seeds, %s\n' "$1" "$(find "$seeds/$1" -type f | wc -l)" \
+        "$(du -sh --apparent-size "$seeds/$1" | cut -f1)"
 }
 
 failed=0
@@ -40,9 +60,7 @@ for target in "$@"; do
         [ ! -f "tests/fuzz/$name.dict" ] || { options+=(-dict="tests/fuzz/$name.dict") && break; }
     done
     if [ -n "${FUZZ_MERGE:-}" ]; then
-        "$dir/fuzz_$target" "${options[@]}" -merge=1 "$seeds/$target" "$corpus" ${more[@]+"${more[@]}"} >"$log" 2>&1 || failed=1
-        printf '%-16s %d seeds, %s\n' "$target" "$(find "$seeds/$target" -type f | wc -l)" \
-            "$(du -sh --apparent-size "$seeds/$target" | cut -f1)"
+        merge "$target" "$corpus" "$log" || failed=1
         continue
     fi
     "$dir/fuzz_$target" "${options[@]}" -max_total_time="$seconds" "$corpus" "$seeds/$target" \
