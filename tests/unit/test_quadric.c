@@ -85,31 +85,47 @@ static vec3_t turning(vec3_t change, vec3_t n)
     return v_mad(change, -v_dot(change, n), n);
 }
 
+/* A point with all its details. */
+typedef struct {
+    quadric_point_t point;
+    quadric_details_t details;
+} whole_point_t;
+
+static whole_point_t whole_at(const quadric_t *quadric, vec3_t p)
+{
+    whole_point_t at;
+    quadric_at(quadric, p, &at.point);
+    quadric_details(quadric, p, &at.details);
+    return at;
+}
+
 static void check_derivatives(const quadric_t *quadric)
 {
     const float step = 1e-3f;
     for (uint32_t i = 0; i < 200; i++) {
         vec2_t uv = random_2d(i, 0);
         uv.x = 0.02f + 0.96f * uv.x, uv.y = 0.02f + 0.96f * uv.y;
-        quadric_point_t at, u0, u1, v0, v1;
+        quadric_point_t u0, u1, v0, v1;
         vec3_t p = point_at(quadric, uv.x, uv.y);
-        quadric_at(quadric, p, &at);
+        whole_point_t whole = whole_at(quadric, p);
+        quadric_point_t at = whole.point;
+        quadric_details_t d = whole.details;
         assert_near(at.p, p, 1e-5f);
-        assert_float_equal(at.uv.x, uv.x, 2e-5f);
-        assert_float_equal(at.uv.y, uv.y, 2e-5f);
+        assert_float_equal(d.uv.x, uv.x, 2e-5f);
+        assert_float_equal(d.uv.y, uv.y, 2e-5f);
         assert_float_equal(v_length(at.n), 1, 1e-5f);
         quadric_at(quadric, point_at(quadric, (double)(uv.x - step), uv.y), &u0);
         quadric_at(quadric, point_at(quadric, (double)(uv.x + step), uv.y), &u1);
         quadric_at(quadric, point_at(quadric, uv.x, (double)(uv.y - step)), &v0);
         quadric_at(quadric, point_at(quadric, uv.x, (double)(uv.y + step)), &v1);
-        float inverse = 0.5f / step, longest = 1 + v_length(at.dpdu) + v_length(at.dpdv);
-        assert_near(v_scale(v_sub(u1.p, u0.p), inverse), at.dpdu, 4e-3f * longest);
-        assert_near(v_scale(v_sub(v1.p, v0.p), inverse), at.dpdv, 4e-3f * longest);
-        float turn = 1 + v_length(at.dndu) + v_length(at.dndv);
-        assert_near(v_scale(v_sub(u1.n, u0.n), inverse), turning(at.dndu, at.n), 4e-3f * turn);
-        assert_near(v_scale(v_sub(v1.n, v0.n), inverse), turning(at.dndv, at.n), 4e-3f * turn);
-        assert_true(fabsf(v_dot(at.n, at.dpdu)) < 1e-4f * longest &&
-                    fabsf(v_dot(at.n, at.dpdv)) < 1e-4f * longest);
+        float inverse = 0.5f / step, longest = 1 + v_length(d.dpdu) + v_length(d.dpdv);
+        assert_near(v_scale(v_sub(u1.p, u0.p), inverse), d.dpdu, 4e-3f * longest);
+        assert_near(v_scale(v_sub(v1.p, v0.p), inverse), d.dpdv, 4e-3f * longest);
+        float turn = 1 + v_length(d.dndu) + v_length(d.dndv);
+        assert_near(v_scale(v_sub(u1.n, u0.n), inverse), turning(d.dndu, at.n), 4e-3f * turn);
+        assert_near(v_scale(v_sub(v1.n, v0.n), inverse), turning(d.dndv, at.n), 4e-3f * turn);
+        assert_true(fabsf(v_dot(at.n, d.dpdu)) < 1e-4f * longest &&
+                    fabsf(v_dot(at.n, d.dpdv)) < 1e-4f * longest);
         /* Away from the axis or centre; of a disk along +z. */
         const xform_t *t = &quadric->record->object_from_quadric;
         vec3_t axis = vec3(t->m[0][2], t->m[1][2], t->m[2][2]),
@@ -164,10 +180,11 @@ static void check_crossings(const quadric_t *quadric)
         quadric_bounds(quadric, low, high);
         for (int k = 0; k < count; k++) {
             vec3_t p = v_mad(o, distances[k], d);
-            quadric_point_t at;
-            quadric_at(quadric, p, &at);
+            whole_point_t whole = whole_at(quadric, p);
+            quadric_point_t at = whole.point;
+            vec2_t uv = whole.details.uv;
             assert_near(at.p, p, 1e-4f * (1 + fabsf(distances[k]) * v_length(d)));
-            assert_true(at.uv.x >= 0 && at.uv.x <= 1.00001f && at.uv.y >= -1e-4f && at.uv.y <= 1.0001f);
+            assert_true(uv.x >= 0 && uv.x <= 1.00001f && uv.y >= -1e-4f && uv.y <= 1.0001f);
             assert_true(at.p.x >= low[0] && at.p.x <= high[0] && at.p.y >= low[1] && at.p.y <= high[1] &&
                         at.p.z >= low[2] && at.p.z <= high[2]);
         }
@@ -186,8 +203,8 @@ static double true_area(const quadric_t *quadric)
     enum { SIDE = 300 };
     double sum = 0;
     for (int i = 0; i < SIDE * SIDE; i++) {
-        quadric_point_t at;
-        quadric_at(quadric, point_at(quadric, (i % SIDE + 0.5) / SIDE, (i / SIDE + 0.5) / SIDE), &at);
+        quadric_details_t at;
+        quadric_details(quadric, point_at(quadric, (i % SIDE + 0.5) / SIDE, (i / SIDE + 0.5) / SIDE), &at);
         sum += (double)v_length(v_cross(at.dpdu, at.dpdv)) / (SIDE * SIDE);
     }
     return sum;
@@ -210,7 +227,8 @@ static void check_samples(const quadric_t *quadric)
                outer = q->radius;
         double along = q->kind == QUADRIC_DISK ? (r2 - inner * inner) / (outer * outer - inner * inner)
                                                : (double)(local.z - q->z_min) / (double)(q->z_max - q->z_min);
-        int column = int_min((int)(at.uv.x * SIDE), SIDE - 1), row = (int)(along * SIDE);
+        int column = int_min((int)(whole_at(quadric, at.p).details.uv.x * SIDE), SIDE - 1),
+            row = (int)(along * SIDE);
         observed[int_max(0, int_min(row, SIDE - 1)) * SIDE + column]++;
         double area = 1 / (double)quadric_pdf(quadric, &at);
         inverse_pdf += area / DRAWS;
@@ -224,7 +242,7 @@ static void check_samples(const quadric_t *quadric)
         fail_msg("kind %u: area %g by the density, %g in truth", q->kind, inverse_pdf, truth);
     /* Exact for even scales, of the right size for any. */
     bool even = q->object_from_quadric.m[0][1] == 0;
-    double area = quadric_area(quadric);
+    double area = quadric->area;
     if (!(fabs(area - truth) < (even ? 1e-3 : 0.7) * truth))
         fail_msg("kind %u: area %g, %g in truth", q->kind, area, truth);
 }
