@@ -345,6 +345,9 @@ static result_t check_objects(const scene_blob_t *blob)
         CHECK(xform_is_usable(&instance->world_from_object) &&
                   xform_is_usable(&instance->world_from_object_end),
               "instance %llu: its transform is singular or not finite", (unsigned long long)i);
+        CHECK((xform_determinant(&instance->world_from_object) < 0) ==
+                  (xform_determinant(&instance->world_from_object_end) < 0),
+              "instance %llu: it turns inside out on its way", (unsigned long long)i);
     }
     return result_ok();
 }

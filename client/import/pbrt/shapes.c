@@ -126,10 +126,8 @@ static result_t add_shape(pbrt_t *p, shape_work_t *work, bool moves, const affin
     xform_t inverse, ends[2] = {affine_to_xform(open), affine_to_xform(close)};
     if (!xform_invert(&ends[0], &inverse) || !xform_invert(&ends[1], &inverse))
         return error_at(work->at, "the current transform is singular or not finite");
-    if (instance)
-        pbrt_add_moving_shape(p, work->shape, open, close, work->at);
-    else
-        pbrt_add_shape(p, work->shape, emits ? &light : NULL, work->at);
+    if (instance) return pbrt_add_moving_shape(p, work->shape, open, close, work->at);
+    pbrt_add_shape(p, work->shape, emits ? &light : NULL, work->at);
     return result_ok();
 }
 

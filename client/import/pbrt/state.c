@@ -192,20 +192,6 @@ void pbrt_add_shape(pbrt_t *p, blob_shape_t shape, const blob_light_t *light, po
     append_shape(&p->objects[p->object], shape);
 }
 
-void pbrt_add_moving_shape(pbrt_t *p, blob_shape_t shape, const affine_t *open, const affine_t *close,
-                           position_t at)
-{
-    blob_instance_t instance = {.object = (uint32_t)p->object_count,
-                                .world_from_object = affine_to_xform(open),
-                                .world_from_object_end = affine_to_xform(close)};
-    shape.name = pbrt_name_of_place(p, at);
-    shape.light = BLOB_NONE;
-    p->objects = grow(p->objects, &p->object_capacity, p->object_count + 1, sizeof *p->objects);
-    p->objects[p->object_count] = (object_t){.at = at};
-    append_shape(&p->objects[p->object_count++], shape);
-    blob_builder_add(p->builder, BLOB_SECTION_INSTANCES, &instance, 1);
-}
-
 result_t pbrt_add_instance(pbrt_t *p, uint32_t object, const affine_t *open, const affine_t *close,
                            position_t at)
 {
@@ -216,7 +202,22 @@ result_t pbrt_add_instance(pbrt_t *p, uint32_t object, const affine_t *open, con
     if (!xform_invert(&instance.world_from_object, &inverse) ||
         !xform_invert(&instance.world_from_object_end, &inverse))
         return error_at(at, "the current transform is singular or not finite");
+    if ((affine_determinant(open) < 0) != (affine_determinant(close) < 0))
+        return error_at(at,
+                        "what moves from a transform to its mirror image would turn inside out on the way");
     blob_builder_add(p->builder, BLOB_SECTION_INSTANCES, &instance, 1);
+    return result_ok();
+}
+
+result_t pbrt_add_moving_shape(pbrt_t *p, blob_shape_t shape, const affine_t *open, const affine_t *close,
+                               position_t at)
+{
+    TRY(pbrt_add_instance(p, (uint32_t)p->object_count, open, close, at));
+    shape.name = pbrt_name_of_place(p, at);
+    shape.light = BLOB_NONE;
+    p->objects = grow(p->objects, &p->object_capacity, p->object_count + 1, sizeof *p->objects);
+    p->objects[p->object_count] = (object_t){.at = at};
+    append_shape(&p->objects[p->object_count++], shape);
     return result_ok();
 }
 
