@@ -523,6 +523,18 @@ static void values_follow_their_formulas(void **state)
     vec3_t left = direction(-1, 0, 1), steep = direction(-0.5f, 0, 1), other = direction(0.5f, 0, 1);
     assert_float_equal(value_at(&plastic, slant, left) / value_at(&mirror, slant, left), 1, 1e-5f);
     assert_true(value_at(&plastic, steep, other) < 0.2f * value_at(&mirror, steep, other));
+    /* Disney's metal has its colour once, and in pbrt-v3 none at all from behind; a dielectric has 4 per cent
+     * whatever its colour, also beside a coat. */
+    const float facing = 1 / (4 * PI_F * 0.25f * 0.25f); /* D / 4 at roughness 0.5 */
+    blob_material_t principled = {DISNEY, NUMBER(VALUE_METALLIC, 1), NUMBER(VALUE_ROUGHNESS_U, 0.5f)};
+    principled.values[VALUE_REFLECTANCE] = blob_constant(0.3f);
+    bsdf_t metal = bsdf_alone(principled);
+    assert_float_equal(value_at(&metal, up, up), 0.3f * facing, 1e-4f);
+    assert_float_equal(value_at(&metal, v_neg(up), v_neg(up)), facing, 1e-4f);
+    principled.values[VALUE_METALLIC] = blob_constant(0);
+    bsdf_t body = bsdf_alone(principled);
+    assert_float_equal(value_at(&body, up, up), 0.3f * INV_PI_F + 0.04f * facing, 1e-4f);
+    assert_float_equal(value_at(&body, v_neg(up), v_neg(up)), 0.3f * INV_PI_F + 0.04f * facing, 1e-4f);
     /* A mix is the mean of its parts. */
     size_t mixed = 0;
     while (cases[mixed].material.kind != MATERIAL_MIX) mixed++;
