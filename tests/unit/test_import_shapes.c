@@ -302,6 +302,11 @@ static void test_alpha(void **state)
     assert_int_equal(shape(&bench, 1)->flags, SHAPE_CUTOUT);
     expect_near((double)shape(&bench, 1)->shadow_alpha.factor.x, 0.5, 0);
     assert_int_equal(shape(&bench, 2)->flags, 0);
+    bench_run(&bench, "Integrator \"bdpt\"\nWorldBegin\nLightSource \"point\"\n" TRIANGLE
+                      "\"float shadowalpha\" .5\nWorldEnd\n");
+    bench_expect_ok(&bench);
+    expect_text(bench.warnings, "\"shadowalpha\" is ignored");
+    expect_near((double)shape(&bench, 0)->shadow_alpha.factor.x, 1, 0);
     run_v4(&bench, "LightSource \"point\" Shape \"sphere\" \"float alpha\" .25");
     bench_expect_silence(&bench);
     assert_int_equal(shape(&bench, 0)->flags, 0);
