@@ -144,10 +144,12 @@ typedef enum { SHAPE_MESH = 1, SHAPE_QUADRIC = 2, SHAPE_CURVES = 3 } shape_kind_
 /* Geometric normals: of a triangle, (p1 - p0) x (p2 - p0), or, where the mesh has vertex normals, whichever
  * of the two signs agrees with them; of a quadric, away from its axis or centre, of a disk +z. SHAPE_FLIP
  * reverses those that do not come from vertex normals (of a mesh: pbrt's ReverseOrientation exclusive-or a
- * mirroring transform; of a quadric: ReverseOrientation alone).
+ * mirroring transform; of a quadric the same, but of one that emits ReverseOrientation alone).
  * SHAPE_CUTOUT: alpha 0 lets rays through, anything else stops them; without it alpha is the probability of
- * stopping a ray. */
-enum { SHAPE_FLIP = 1, SHAPE_CUTOUT = 2 };
+ * stopping a ray.
+ * SHAPE_BUMPS_V3: where a mesh has vertex normals, bump maps stand on unit vectors along -dp/du and -dp/dv.
+ */
+enum { SHAPE_FLIP = 1, SHAPE_CUTOUT = 2, SHAPE_BUMPS_V3 = 4 };
 
 /* ---- values and textures ------------------------------------------------------------------------------- */
 

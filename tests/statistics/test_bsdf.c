@@ -525,6 +525,18 @@ static void values_follow_their_formulas(void **state)
     vec3_t left = direction(-1, 0, 1), steep = direction(-0.5f, 0, 1), other = direction(0.5f, 0, 1);
     assert_float_equal(value_at(&plastic, slant, left) / value_at(&mirror, slant, left), 1, 1e-5f);
     assert_true(value_at(&plastic, steep, other) < 0.2f * value_at(&mirror, steep, other));
+    /* Disney's metal has its colour once, and in pbrt-v3 none at all from behind; a dielectric has 4 per cent
+     * whatever its colour, also beside a coat. */
+    const float facing = 1 / (4 * PI_F * 0.25f * 0.25f); /* D / 4 at roughness 0.5 */
+    blob_material_t principled = {DISNEY, NUMBER(VALUE_METALLIC, 1), NUMBER(VALUE_ROUGHNESS_U, 0.5f)};
+    principled.values[VALUE_REFLECTANCE] = blob_constant(0.3f);
+    bsdf_t metal = bsdf_alone(principled);
+    assert_float_equal(value_at(&metal, up, up), 0.3f * facing, 1e-4f);
+    assert_float_equal(value_at(&metal, v_neg(up), v_neg(up)), facing, 1e-4f);
+    principled.values[VALUE_METALLIC] = blob_constant(0);
+    bsdf_t body = bsdf_alone(principled);
+    assert_float_equal(value_at(&body, up, up), 0.3f * INV_PI_F + 0.04f * facing, 1e-4f);
+    assert_float_equal(value_at(&body, v_neg(up), v_neg(up)), 0.3f * INV_PI_F + 0.04f * facing, 1e-4f);
     /* A mix is the mean of its parts. */
     size_t mixed = 0;
     while (cases[mixed].material.kind != MATERIAL_MIX) mixed++;
@@ -655,6 +667,47 @@ static void maps_turn_the_normal(void **state)
     sheets_destroy(sheets);
 }
 
+/* The normal at (0.7, 0.3) of a rectangle of 2 by 4 with vertex normals and a bump map. */
+static vec3_t bumped_normal(const blob_texture_t *map, uint32_t flags)
+{
+    const vec3_t normals[4] = {{0, 0, 1}, {0, 0, 1}, {0, 0, 1}, {0, 0, 1}};
+    test_scene_t builder = test_scene_begin(vec3(0, 0, -5), 40, 8);
+    blob_builder_add(builder.builder, BLOB_SECTION_TEXTURES, map, 1);
+    blob_material_t bumped = cases[MATTE].material;
+    bumped.bump = 1;
+    uint32_t material = test_scene_material(&builder, bumped);
+    test_scene_rectangle(&builder, vec3(0, 0, 0), vec3(2, 0, 0), vec3(0, 4, 0), material, vec3(0, 0, 0));
+    blob_mesh_t *mesh = blob_builder_records(builder.builder, BLOB_SECTION_MESHES);
+    mesh->first_normal = blob_builder_add(builder.builder, BLOB_SECTION_NORMALS, normals, 4);
+    ((blob_shape_t *)blob_builder_records(builder.builder, BLOB_SECTION_SHAPES))->flags = flags;
+    test_scene_finish(&builder);
+    scene_t *scene;
+    surface_t surface;
+    bsdf_t bsdf;
+    assert_int_equal(scene_new(&builder.blob, &scene).code, RESULT_OK);
+    assert_true(scene_intersect(scene, vec3(0.7f, 0.3f, 1), vec3(0, 0, -1), 0, &surface));
+    bsdf_init(&bsdf, scene, &surface);
+    assert_frame(&bsdf);
+    scene_destroy(&scene);
+    test_scene_end(&builder);
+    return bsdf.ns;
+}
+
+/* With vertex normals pbrt-v3's tangents have unit length and point backwards: what goes by (u, v) is seen
+ * from below and has its own height, what goes by the point is right. */
+static void bumps_of_pbrt_v3_stand_on_unit_tangents(void **state)
+{
+    (void)state;
+    const blob_texture_t by_uv = {.kind = TEXTURE_UV, .mapping = MAPPING_UV, .matrix = {{0.5f, 0, 0}}};
+    const blob_texture_t by_point = {.kind = TEXTURE_UV,
+                                     .mapping = MAPPING_PLANAR,
+                                     .texture_from_world = {{{0.25f, 0, 0, 0}, {0, 0, 0, 0}, {0, 0, 0, 0}}}};
+    assert_vector(bumped_normal(&by_uv, 0), direction(-0.25f, 0, 1));
+    assert_vector(bumped_normal(&by_uv, SHAPE_BUMPS_V3), direction(0.5f, 0, 1));
+    assert_vector(bumped_normal(&by_point, 0), direction(-0.25f, 0, 1));
+    assert_vector(bumped_normal(&by_point, SHAPE_BUMPS_V3), direction(-0.25f, 0, 1));
+}
+
 static void degenerate_derivatives_leave_a_frame(void **state)
 {
     const sheets_t *sheets = *state;
@@ -695,6 +748,7 @@ int main(void)
         cmocka_unit_test(roughness_becomes_alpha),
         cmocka_unit_test(regularizing_roughens_what_is_smooth),
         cmocka_unit_test(maps_turn_the_normal),
+        cmocka_unit_test(bumps_of_pbrt_v3_stand_on_unit_tangents),
         cmocka_unit_test(degenerate_derivatives_leave_a_frame),
         cmocka_unit_test(roughness_lies_along_dpdu),
     };

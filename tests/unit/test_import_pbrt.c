@@ -1106,6 +1106,24 @@ static void test_images_on_other_mappings_are_upright(void **state)
     bench_close(&bench);
 }
 
+/* A v3 material has the textures that were there when it was made, and so has one that is named. */
+static void test_textures_that_are_replaced(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    bench_run_v3(&bench,
+                 "Texture \"t\" \"spectrum\" \"uv\"\n"
+                 "MakeNamedMaterial \"one\" \"string type\" \"matte\" \"texture Kd\" \"t\"\n"
+                 "Material \"mirror\" \"texture Kr\" \"t\"\n"
+                 "Texture \"t\" \"spectrum\" \"dots\"\n" SPHERE "Shape \"sphere\" \"texture Kr\" \"t\"\n"
+                 "NamedMaterial \"one\"\n" SPHERE);
+    bench_expect_ok(&bench);
+    assert_int_equal(texture(&bench, value_of(&bench, 0, VALUE_REFLECTANCE).texture)->kind, TEXTURE_UV);
+    assert_int_equal(texture(&bench, value_of(&bench, 1, VALUE_REFLECTANCE).texture)->kind, TEXTURE_DOTS);
+    assert_int_equal(texture(&bench, value_of(&bench, 2, VALUE_REFLECTANCE).texture)->kind, TEXTURE_UV);
+    bench_close(&bench);
+}
+
 static void test_bumps_and_normal_maps(void **state)
 {
     (void)state;
@@ -1222,6 +1240,7 @@ int main(void)
         cmocka_unit_test(test_files_are_stored_once),
         cmocka_unit_test(test_options_of_v4_images),
         cmocka_unit_test(test_images_on_other_mappings_are_upright),
+        cmocka_unit_test(test_textures_that_are_replaced),
         cmocka_unit_test(test_bumps_and_normal_maps),
         cmocka_unit_test(test_a_metal_of_textured_reflectance),
         cmocka_unit_test(test_spectra),

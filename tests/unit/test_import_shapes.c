@@ -66,9 +66,38 @@ static void test_quadrics(void **state)
     expect_near((double)cylinder->z_min, -1, 0);
     expect_near((double)cylinder->z_max, 2, 0);
     expect_near((double)cylinder->phi_max, RADIANS(360), 1e-6);
-    assert_int_equal(shape(&bench, 2)->flags, SHAPE_FLIP); /* the mirroring alone does not flip */
+    assert_int_equal(shape(&bench, 2)->flags, 0); /* reversed, and once more by the mirroring */
     expect_near((double)shape(&bench, 2)->alpha.factor.x, 1, 0);
     expect_near((double)shape(&bench, 2)->shadow_alpha.factor.x, 1, 0);
+    bench_run_v3(&bench, "Scale 1 -2 1 Shape \"sphere\" Shape \"cone\"\n"
+                         "ReverseOrientation AreaLightSource \"diffuse\" Shape \"sphere\"");
+    bench_expect_ok(&bench);
+    assert_int_equal(shape(&bench, 0)->flags, SHAPE_FLIP);
+    const blob_mesh_t *cone = &bench.blob.meshes[shape(&bench, 1)->geometry];
+    vec3_t p = bench.blob.positions[cone->first_position], n = bench.blob.normals[cone->first_normal];
+    assert_true(p.x * n.x + p.y * n.y < 0);
+    assert_int_equal(shape(&bench, 2)->flags, SHAPE_FLIP); /* a light is not turned by a mirroring */
+    bench_close(&bench);
+}
+
+/* pbrt-v3 alone, and what has vertex normals there. */
+static void test_bumps_of_meshes(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    const char *smooth =
+        "Shape \"trianglemesh\" \"point3 P\" [0 0 0 1 0 0 0 1 0] \"normal N\" [0 0 1 0 0 1 0 0 1]\n"
+        "Shape \"trianglemesh\" \"point3 P\" [0 0 0 1 0 0 0 1 0]\nShape \"cylinder\"";
+    bench_run_v3(&bench, smooth);
+    bench_expect_ok(&bench);
+    assert_int_equal(shape(&bench, 0)->flags, SHAPE_BUMPS_V3);
+    assert_int_equal(shape(&bench, 1)->flags, 0);
+    assert_int_equal(shape(&bench, 2)->flags, 0);
+    char *v4 = mem_printf("WorldBegin\n%s", smooth);
+    bench_run(&bench, v4);
+    free(v4);
+    bench_expect_ok(&bench);
+    assert_int_equal(shape(&bench, 0)->flags, 0);
     bench_close(&bench);
 }
 
@@ -273,6 +302,11 @@ static void test_alpha(void **state)
     assert_int_equal(shape(&bench, 1)->flags, SHAPE_CUTOUT);
     expect_near((double)shape(&bench, 1)->shadow_alpha.factor.x, 0.5, 0);
     assert_int_equal(shape(&bench, 2)->flags, 0);
+    bench_run(&bench, "Integrator \"bdpt\"\nWorldBegin\nLightSource \"point\"\n" TRIANGLE
+                      "\"float shadowalpha\" .5\nWorldEnd\n");
+    bench_expect_ok(&bench);
+    expect_text(bench.warnings, "\"shadowalpha\" is ignored");
+    expect_near((double)shape(&bench, 0)->shadow_alpha.factor.x, 1, 0);
     run_v4(&bench, "LightSource \"point\" Shape \"sphere\" \"float alpha\" .25");
     bench_expect_silence(&bench);
     assert_int_equal(shape(&bench, 0)->flags, 0);
@@ -487,6 +521,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_quadrics),
+        cmocka_unit_test(test_bumps_of_meshes),
         cmocka_unit_test(test_impossible_quadrics),
         cmocka_unit_test(test_tessellated_shapes),
         cmocka_unit_test(test_bilinear_mesh),

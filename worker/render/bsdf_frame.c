@@ -31,8 +31,8 @@ static void bump(bsdf_t *bsdf, const textures_t *textures, uint32_t map, const s
 {
     const float step = 0.0005f;
     texture_point_t along_u = *at, along_v = *at;
-    along_u.p = v_mad(at->p, step, details->dpdu);
-    along_v.p = v_mad(at->p, step, details->dpdv);
+    along_u.p = v_mad(at->p, step, details->bump_u);
+    along_v.p = v_mad(at->p, step, details->bump_v);
     along_u.uv.x += step;
     along_u.uv2.x += step;
     along_v.uv.y += step;
@@ -40,8 +40,8 @@ static void bump(bsdf_t *bsdf, const textures_t *textures, uint32_t map, const s
     float d = textures_eval(textures, map, at).x;
     float slope_u = (textures_eval(textures, map, &along_u).x - d) / step;
     float slope_v = (textures_eval(textures, map, &along_v).x - d) / step;
-    *dpdu = v_mad(v_mad(details->dpdu, slope_u, bsdf->ns), d, details->dndu);
-    vec3_t dpdv = v_mad(v_mad(details->dpdv, slope_v, bsdf->ns), d, details->dndv);
+    *dpdu = v_mad(v_mad(details->bump_u, slope_u, bsdf->ns), d, details->dndu);
+    vec3_t dpdv = v_mad(v_mad(details->bump_v, slope_v, bsdf->ns), d, details->dndv);
     set_normal(bsdf, v_cross(*dpdu, dpdv));
 }
 

@@ -33,6 +33,7 @@ enum {
     /* Disney's specular reflection: as a dielectric, and */
     LOBE_DISNEY_METALLIC = 7,
     LOBE_DISNEY_R0 = 8,
+    LOBE_DISNEY_FACTOR = 11, /* as LOBE_FACTOR */
     /* Disney's clear coat. */
     LOBE_DISNEY_ALPHA = 0
 };

@@ -110,22 +110,24 @@ const lobe_kind_t lobe_disney_sheen = {LOBE_REFLECTS, eval_sheen, sample_sheen, 
 /* ---- specular reflection and clear coat: mirrored about microfacets -------------------------------------
  */
 
-/* For both directions above the surface, whose inside has the index `eta`. */
-typedef bool facets_t(const lobe_t *lobe, float eta, vec3_t wo, vec3_t wi, bsdf_value_t *value);
+/* For both directions turned above the surface, and whether they were below. */
+typedef bool facets_t(const lobe_t *lobe, bool below, vec3_t wo, vec3_t wi, bsdf_value_t *value);
 
-/* Dielectric reflectance and Schlick's approximation from the metal's colour, mixed. */
-static bool specular(const lobe_t *lobe, float eta, vec3_t wo, vec3_t wi, bsdf_value_t *value)
+/* Dielectric reflectance and Schlick's approximation from the metal's colour, mixed. pbrt-v3's cosines are
+ * negative below the surface, where a metal is white to it. */
+static bool specular(const lobe_t *lobe, bool below, vec3_t wo, vec3_t wi, bsdf_value_t *value)
 {
     microfacet_t facet;
     if (!microfacet_reflection(lobe->numbers[LOBE_ALPHA_U], lobe->numbers[LOBE_ALPHA_V], wo, wi, &facet))
         return false;
     rgb_t r0 = lobe_colour(lobe, LOBE_DISNEY_R0);
-    float metallic = lobe->numbers[LOBE_DISNEY_METALLIC], cos_t;
-    float dielectric = (1 - metallic) * fresnel_dielectric(facet.cos, eta, &cos_t),
-          grazing = fresnel_schlick_weight(facet.cos);
+    float metallic = lobe->numbers[LOBE_DISNEY_METALLIC], ior = lobe->numbers[LOBE_IOR], cos_t;
+    float dielectric = (1 - metallic) * fresnel_dielectric(facet.cos, below ? 1 / ior : ior, &cos_t),
+          grazing = below ? 1 : fresnel_schlick_weight(facet.cos);
     rgb_t metal = v_mad(r0, grazing, v_sub(vec3(1, 1, 1), r0));
     rgb_t fresnel = v_mad(vec3(dielectric, dielectric, dielectric), metallic, metal);
-    value->f = v_scale(fresnel, facet.density * microfacet_separable(facet.lambda_o, facet.lambda_i));
+    value->f = v_scale(v_mul(lobe_colour(lobe, LOBE_DISNEY_FACTOR), fresnel),
+                       facet.density * microfacet_separable(facet.lambda_o, facet.lambda_i));
     value->pdf = facet.pdf;
     value->pdf_rev = facet.pdf_rev;
     return true;
@@ -146,9 +148,9 @@ static float coat_distribution(float alpha, float cos)
     return (alpha2 - 1) / (PI_F * logf(alpha2) * (1 + (alpha2 - 1) * cos * cos));
 }
 
-static bool coat(const lobe_t *lobe, float eta, vec3_t wo, vec3_t wi, bsdf_value_t *value)
+static bool coat(const lobe_t *lobe, bool below, vec3_t wo, vec3_t wi, bsdf_value_t *value)
 {
-    (void)eta; /* always 1.5: 4 per cent */
+    (void)below; /* 4 per cent on either side */
     if (!(wo.z > 0 && wi.z > 0)) return false;
     vec3_t m = v_normalize(v_add(wo, wi));
     float cos = v_dot(wo, m), d = coat_distribution(lobe->numbers[LOBE_DISNEY_ALPHA], float_min(m.z, 1));
@@ -162,9 +164,9 @@ static bool coat(const lobe_t *lobe, float eta, vec3_t wo, vec3_t wi, bsdf_value
 
 static bool eval_facets(facets_t *facets, const lobe_t *lobe, vec3_t wo, vec3_t wi, bsdf_value_t *value)
 {
-    float eta = wo.z > 0 ? lobe->numbers[LOBE_IOR] : 1 / lobe->numbers[LOBE_IOR];
+    bool below = !(wo.z > 0);
     microfacet_upright(&wo, &wi);
-    return facets(lobe, eta, wo, wi, value);
+    return facets(lobe, below, wo, wi, value);
 }
 
 /* Completes a sample whose direction `wi` was drawn for wo turned upright. */

@@ -50,10 +50,13 @@ static void set_alphas(const shading_t *shading, float roughness, float alpha[2]
 static void add_specular(const shading_t *shading, rgb_t colour, float metallic, float ior,
                          const float alpha[2])
 {
-    float mean = fresnel_dielectric_mean(ior), share = (1 - metallic) * mean + metallic * v_max(colour);
-    float normal = (ior - 1) / (ior + 1);
-    lobe_t *lobe = shading_add(shading, &lobe_disney_specular, colour, share * v_max(colour));
+    float mean = fresnel_dielectric_mean(ior), normal = (ior - 1) / (ior + 1);
+    /* About the albedo, and never black, since what a black metal reflects at grazing angles is white. */
+    rgb_t albedo = mix(metallic, vec3(mean, mean, mean), colour);
+    albedo = vec3(float_max(albedo.x, 0.01f), float_max(albedo.y, 0.01f), float_max(albedo.z, 0.01f));
+    lobe_t *lobe = shading_add(shading, &lobe_disney_specular, albedo, v_max(albedo));
     if (lobe == NULL) return;
+    lobe_set_colour(lobe, LOBE_DISNEY_FACTOR, vec3(1 / albedo.x, 1 / albedo.y, 1 / albedo.z));
     rgb_t tinted = mix(unit(shading, VALUE_SPECULAR_TINT), vec3(1, 1, 1), tint_of(colour));
     lobe->numbers[LOBE_ALPHA_U] = alpha[0];
     lobe->numbers[LOBE_ALPHA_V] = alpha[1];

@@ -683,6 +683,23 @@ static void mesh_details(const scene_blob_t *blob, const surface_t *surface, sur
                   &details->dndv);
 }
 
+/* pbrt-v3's frame of a triangle with vertex normals: unit tangents, which both point backwards. A bump map
+ * whose texture goes by u and v is turned round by it, and its height is not related to the triangle's size.
+ */
+static void smooth_bumps(const scene_blob_t *blob, const surface_t *surface, surface_details_t *details)
+{
+    const blob_mesh_t *mesh = &blob->meshes[surface->shape->geometry];
+    const uint32_t *v = blob->triangles[mesh->first_triangle + surface->primitive].v;
+    if (mesh->first_normal == BLOB_NONE) return;
+    const vec3_t *n = blob->normals + mesh->first_normal;
+    float b1 = surface->place.x, b2 = surface->place.y, b0 = 1 - b1 - b2;
+    vec3_t ns = v_normalize(v_mad(v_mad(v_scale(n[v[0]], b0), b1, n[v[1]]), b2, n[v[2]]));
+    vec3_t s = v_normalize(v_mad(details->dpdu, -v_dot(details->dpdu, ns), ns));
+    if (!v_is_finite(ns) || !v_is_finite(s)) return;
+    details->bump_u = v_neg(s);
+    details->bump_v = v_cross(s, ns);
+}
+
 static void curve_details(const scene_blob_t *blob, const surface_t *surface, vec3_t ng,
                           surface_details_t *details)
 {
@@ -711,21 +728,26 @@ void scene_details(const scene_t *scene, const surface_t *surface, surface_detai
         quadric_details_t on;
         vec3_t p = instanced ? xform_point(&inverse, surface->p) : surface->p;
         quadric_details(&scene->quadrics[surface->shape->geometry], p, &on);
-        bool flip = surface->shape->flags & SHAPE_FLIP;
+        /* As in pbrt, the derivatives of the normal do not turn with it where the shape is reversed. */
         *details = (surface_details_t){.uv = on.uv,
                                        .uv2 = on.uv,
                                        .dpdu = on.dpdu,
                                        .dpdv = on.dpdv,
-                                       .dndu = flip ? v_neg(on.dndu) : on.dndu,
-                                       .dndv = flip ? v_neg(on.dndv) : on.dndv,
+                                       .dndu = on.dndu,
+                                       .dndv = on.dndv,
                                        .colour = {1, 1, 1, 1}};
     } else {
         vec3_t ng = instanced ? xform_normal(&world, surface->ng) : surface->ng;
         curve_details(blob, surface, ng, details);
     }
+    details->bump_u = details->dpdu;
+    details->bump_v = details->dpdv;
+    if (surface->shape->flags & SHAPE_BUMPS_V3) smooth_bumps(blob, surface, details);
     if (instanced) {
         details->dpdu = xform_vector(&world, details->dpdu);
         details->dpdv = xform_vector(&world, details->dpdv);
+        details->bump_u = xform_vector(&world, details->bump_u);
+        details->bump_v = xform_vector(&world, details->bump_v);
         /* Of the unit normal in the world: the transpose of the inverse changes its length by 1 / scale. */
         float scale = v_length(xform_normal(&world, surface->ns));
         details->dndu = v_scale(xform_normal(&inverse, details->dndu), scale);

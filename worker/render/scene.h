@@ -28,7 +28,8 @@ typedef struct {
 typedef struct {
     vec2_t uv, uv2;
     vec3_t dpdu, dpdv;
-    vec3_t dndu, dndv; /* of the shading normal */
+    vec3_t dndu, dndv;     /* of the shading normal */
+    vec3_t bump_u, bump_v; /* what a bump map takes for dp/du and dp/dv */
     blob_colour_t colour;
 } surface_details_t;
 

@@ -566,7 +566,11 @@ static uint32_t store(pbrt_t *p, size_t entry, params_t *params, position_t at, 
 {
     p->materials = grow(p->materials, &p->material_capacity, p->material_count + 1, sizeof *p->materials);
     material_t *material = &p->materials[p->material_count];
-    *material = (material_t){.entry = entry, .params = params, .at = at, .name = name};
+    *material = (material_t){.entry = entry,
+                             .params = params,
+                             .at = at,
+                             .name = name,
+                             .textures = {p->texture_names[0].count, p->texture_names[1].count}};
     if (materials[entry].make == make_mix) (void)find_parts(p, material); /* made, it says what is wrong */
     return (uint32_t)p->material_count++;
 }
@@ -673,13 +677,16 @@ static void limit_shares(const pbrt_t *p, blob_material_t *record)
 
 static result_t make(pbrt_t *p, material_t *material, params_t *params, blob_material_t *record)
 {
+    const material_t *outer = p->wearing; /* a mix, of which this is a part */
     *record = (blob_material_t){0};
     material->making = true;
+    p->wearing = material;
     result_t result = materials[material->entry].make(p, params, material, record);
+    if (result.code == RESULT_OK) result = read_relief(p, params, record);
     material->making = false;
-    TRY(result);
-    limit_shares(p, record);
-    return read_relief(p, params, record);
+    p->wearing = outer;
+    if (result.code == RESULT_OK) limit_shares(p, record);
+    return result;
 }
 
 static uint32_t append(pbrt_t *p, const material_t *material, blob_material_t record)

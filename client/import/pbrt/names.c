@@ -27,8 +27,13 @@ void names_add(names_t *names, const char *name, uint32_t value)
 
 bool names_find(const names_t *names, const char *name, uint32_t *value)
 {
+    return names_find_before(names, names->count, name, value);
+}
+
+bool names_find_before(const names_t *names, size_t count, const char *name, uint32_t *value)
+{
     uint32_t hash = hash_of(name);
-    for (size_t i = names->count; i-- > 0;) {
+    for (size_t i = count < names->count ? count : names->count; i-- > 0;) {
         const struct name *item = &names->items[i];
         if (item->hash != hash || strcmp(item->text, name) != 0) continue;
         *value = item->value;

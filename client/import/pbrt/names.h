@@ -15,6 +15,8 @@ typedef struct {
 /* Adds a copy of the name; an older one of the same name is hidden. */
 void names_add(names_t *names, const char *name, uint32_t value);
 bool names_find(const names_t *names, const char *name, uint32_t *value);
+/* The same among the first `count` names alone. */
+bool names_find_before(const names_t *names, size_t count, const char *name, uint32_t *value);
 /* Forgets all but the first `count` names. */
 void names_cut(names_t *names, size_t count);
 /* Frees everything. */

@@ -40,15 +40,15 @@ static result_t charge_triangles(pbrt_t *p, uint64_t triangles, position_t at)
     return result_ok();
 }
 
-/* Appends the mesh, if `made` is a success, and frees it. */
-static result_t finish_mesh(pbrt_t *p, shape_work_t *work, mesh_t *mesh, result_t made)
+/* Appends the mesh, if `made` is a success, and frees it; its normals are reversed on demand. */
+static result_t finish_reversed(pbrt_t *p, shape_work_t *work, mesh_t *mesh, bool reverse, result_t made)
 {
     bool flip = false;
     size_t triangles = mesh->triangle_count;
     if (made.code == RESULT_OK) made = charge_triangles(p, triangles, work->at);
     if (made.code == RESULT_OK)
-        made = mesh_add(mesh, &work->placed, p->now.reverse, work->at, p->report, p->builder,
-                        &work->shape.geometry, &flip);
+        made = mesh_add(mesh, &work->placed, reverse, work->at, p->report, p->builder, &work->shape.geometry,
+                        &flip);
     mesh_free(mesh);
     if (made.code != RESULT_OK) return made;
     work->shape.kind = SHAPE_MESH;
@@ -56,6 +56,27 @@ static result_t finish_mesh(pbrt_t *p, shape_work_t *work, mesh_t *mesh, result_
     if (work->shape.geometry == BLOB_NONE) return result_ok();
     if (work->emitters == 0) work->emitters = triangles;
     if (p->now.emits) work->area = mesh_area(p, work->shape.geometry);
+    return result_ok();
+}
+
+static result_t finish_mesh(pbrt_t *p, shape_work_t *work, mesh_t *mesh, result_t made)
+{
+    return finish_reversed(p, work, mesh, p->now.reverse, made);
+}
+
+/* The same of a quadric, which a mirroring transform turns inside out (see shape_quadric.c). */
+static result_t finish_quadric(pbrt_t *p, shape_work_t *work, mesh_t *mesh, result_t made)
+{
+    bool emits = p->now.emits && p->object == 0, mirrored = affine_determinant(&work->placed) < 0;
+    return finish_reversed(p, work, mesh, p->now.reverse != (mirrored && !emits), made);
+}
+
+/* The same of a mesh that is one in pbrt, too: v3 has its own idea of bumps on vertex normals. */
+static result_t finish_triangles(pbrt_t *p, shape_work_t *work, mesh_t *mesh, result_t made)
+{
+    bool smooth = mesh->normals != NULL;
+    TRY(finish_mesh(p, work, mesh, made));
+    if (smooth && p->dialect.dialect == DIALECT_V3) work->shape.flags |= SHAPE_BUMPS_V3;
     return result_ok();
 }
 
@@ -159,7 +180,7 @@ static result_t fill_trianglemesh(pbrt_t *p, params_t *params, position_t at, me
 result_t pbrt_make_trianglemesh(pbrt_t *p, shape_work_t *work)
 {
     mesh_t mesh = {0};
-    return finish_mesh(p, work, &mesh, fill_trianglemesh(p, work->params, work->at, &mesh));
+    return finish_triangles(p, work, &mesh, fill_trianglemesh(p, work->params, work->at, &mesh));
 }
 
 static const param_rule_t plymesh_rules[] = {
@@ -184,7 +205,7 @@ result_t pbrt_make_plymesh(pbrt_t *p, shape_work_t *work)
         result = result_fail(result.code, "%s (asked for in %s:%" PRIu32 ":%" PRIu32 ")", result.message,
                              work->at.path, work->at.line, work->at.column);
     free(path);
-    return finish_mesh(p, work, &mesh, result);
+    return finish_triangles(p, work, &mesh, result);
 }
 
 /* ---- subdivision surfaces and grids ---------------------------------------------------------------------
@@ -228,7 +249,7 @@ result_t pbrt_make_loopsubdiv(pbrt_t *p, shape_work_t *work)
     TRY(read_count(work, "levels", &loop.levels));
     TRY(params_apply(work->params, loop_rules, ARRAY_LENGTH(loop_rules), p->report));
     mesh_t mesh = {0};
-    return finish_mesh(p, work, &mesh, tessellate_loop(&loop, work->at, &mesh));
+    return finish_triangles(p, work, &mesh, tessellate_loop(&loop, work->at, &mesh));
 }
 
 result_t pbrt_make_heightfield(pbrt_t *p, shape_work_t *work)
@@ -298,7 +319,7 @@ result_t pbrt_make_nurbs(pbrt_t *p, shape_work_t *work)
         nurbs.rational = true;
     }
     mesh_t mesh = {0};
-    return finish_mesh(p, work, &mesh, tessellate_nurbs(&nurbs, work->at, &mesh));
+    return finish_triangles(p, work, &mesh, tessellate_nurbs(&nurbs, work->at, &mesh));
 }
 
 /* ---- surfaces of revolution -----------------------------------------------------------------------------
@@ -311,7 +332,7 @@ result_t pbrt_make_cone(pbrt_t *p, shape_work_t *work)
     TRY(params_float(work->params, "height", &cone.height));
     TRY(params_float(work->params, "phimax", &cone.phi_max));
     mesh_t mesh = {0};
-    return finish_mesh(p, work, &mesh, tessellate_cone(&cone, work->at, &mesh));
+    return finish_quadric(p, work, &mesh, tessellate_cone(&cone, work->at, &mesh));
 }
 
 result_t pbrt_make_paraboloid(pbrt_t *p, shape_work_t *work)
@@ -322,7 +343,7 @@ result_t pbrt_make_paraboloid(pbrt_t *p, shape_work_t *work)
     TRY(params_float(work->params, "zmax", &paraboloid.z_max));
     TRY(params_float(work->params, "phimax", &paraboloid.phi_max));
     mesh_t mesh = {0};
-    return finish_mesh(p, work, &mesh, tessellate_paraboloid(&paraboloid, work->at, &mesh));
+    return finish_quadric(p, work, &mesh, tessellate_paraboloid(&paraboloid, work->at, &mesh));
 }
 
 static result_t read_end(shape_work_t *work, const char *name, double point[3])
@@ -343,5 +364,5 @@ result_t pbrt_make_hyperboloid(pbrt_t *p, shape_work_t *work)
     TRY(read_end(work, "p2", hyperboloid.p2));
     TRY(params_float(work->params, "phimax", &hyperboloid.phi_max));
     mesh_t mesh = {0};
-    return finish_mesh(p, work, &mesh, tessellate_hyperboloid(&hyperboloid, work->at, &mesh));
+    return finish_quadric(p, work, &mesh, tessellate_hyperboloid(&hyperboloid, work->at, &mesh));
 }

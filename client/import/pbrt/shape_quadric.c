@@ -1,8 +1,8 @@
 /* shape_quadric: spheres, disks and cylinders, or parts of them, which the renderer intersects as they are.
  *
- * A quadric's normals point away from its axis or centre, a disk's along +z, also under a mirroring
- * transform; ReverseOrientation alone turns them. (pbrt turns them under a mirroring transform where a ray
- * hits, but not where it samples a light; the latter is what a reader of the scene expects.) */
+ * A quadric's normals point away from its axis or centre, a disk's along +z. ReverseOrientation turns them,
+ * and so does a mirroring transform, which makes glass inside out: pbrt does that where a ray hits. Where it
+ * samples a light it does not; nor do shapes that emit here. */
 #include "client/import/pbrt/directives.h"
 
 static const double pi = 3.14159265358979323846;
@@ -104,7 +104,8 @@ static result_t add_quadric(pbrt_t *p, shape_work_t *work, blob_quadric_t *quadr
         return error_at(work->at, "the shape's height is not finite");
     work->shape.kind = SHAPE_QUADRIC;
     work->shape.geometry = blob_builder_add(p->builder, BLOB_SECTION_QUADRICS, quadric, 1);
-    work->shape.flags = p->now.reverse ? SHAPE_FLIP : 0;
+    bool emits = p->now.emits && p->object == 0, mirrored = affine_determinant(&work->placed) < 0;
+    work->shape.flags = p->now.reverse != (mirrored && !emits) ? SHAPE_FLIP : 0;
     work->emitters = 1;
     if (p->now.emits) work->area = quadric_area(quadric, &work->placed);
     return result_ok();

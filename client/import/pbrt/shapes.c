@@ -32,6 +32,18 @@ static bool is_opaque(const blob_value_t *alpha)
     return alpha->texture == 0 && alpha->factor.x >= 1;
 }
 
+/* pbrt-v3's bidirectional integrators join their subpaths by rays that do not ask for it. */
+static result_t read_shadow_alpha(pbrt_t *p, shape_work_t *work)
+{
+    blob_value_t *value = &work->shape.shadow_alpha;
+    TRY(pbrt_float_value(p, work->params, "shadowalpha", value));
+    if (is_opaque(value) || p->scene.integrator != INTEGRATOR_BDPT) return result_ok();
+    *value = blob_constant(1);
+    report_warning(p->report, params_where(work->params, "shadowalpha", work->at),
+                   "parameter \"shadowalpha\" is ignored, as by pbrt-v3's integrator \"bdpt\"");
+    return result_ok();
+}
+
 /* v3 cuts out what is exactly 0, of meshes alone; v4 lets a ray through by chance. */
 static result_t read_alpha(pbrt_t *p, const shape_entry_t *entry, shape_work_t *work)
 {
@@ -40,7 +52,7 @@ static result_t read_alpha(pbrt_t *p, const shape_entry_t *entry, shape_work_t *
     shape->alpha = shape->shadow_alpha = blob_constant(1);
     if (v3 && !entry->v3_alpha) return result_ok();
     TRY(pbrt_float_value(p, work->params, "alpha", &shape->alpha));
-    if (v3) TRY(pbrt_float_value(p, work->params, "shadowalpha", &shape->shadow_alpha));
+    if (v3) TRY(read_shadow_alpha(p, work));
     if (v3 && !(is_opaque(&shape->alpha) && is_opaque(&shape->shadow_alpha))) shape->flags |= SHAPE_CUTOUT;
     if (shape->kind == SHAPE_CURVES && !is_opaque(&shape->alpha)) {
         shape->alpha = blob_constant(1);

@@ -64,8 +64,9 @@ typedef struct {
     position_t at;
     char *name;
     bool made, making;
-    uint32_t index;    /* in the blob, once made; BLOB_NONE: an interface */
-    uint32_t parts[2]; /* of a mix: 1 + index in materials, 0 when it was not known yet */
+    uint32_t index;     /* in the blob, once made; BLOB_NONE: an interface */
+    uint32_t parts[2];  /* of a mix: 1 + index in materials, 0 when it was not known yet */
+    size_t textures[2]; /* texture names known then: later ones of the same name do not count */
 } material_t;
 
 /* What a Texture directive gives: a constant, or a texture of the blob. */
@@ -125,7 +126,8 @@ typedef struct pbrt {
     size_t system_count, system_capacity;
 
     names_t material_names, object_names;
-    names_t texture_names[2]; /* of spectrum and of float textures, which are two name spaces */
+    names_t texture_names[2];  /* of spectrum and of float textures, which are two name spaces */
+    const material_t *wearing; /* the material that is being made, or NULL */
     material_t *materials;
     size_t material_count, material_capacity;
     texture_t *textures;
