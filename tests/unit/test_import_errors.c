@@ -92,7 +92,7 @@ static void test_structure(void **state)
          "3:1: the object \"a\" has been defined before"},
         {"WorldBegin\nObjectInstance \"a\"", "2:1: no object \"a\" has been defined before"},
         {"WorldBegin\nObjectBegin \"a\"\n ObjectInstance \"a\"", "3:2: an instance inside an object"},
-        {"WorldBegin\nNamedMaterial \"a\"", "2:1: no MakeNamedMaterial \"a\" came before"},
+        {"WorldBegin\nNamedMaterial \"a\" Shape \"sphere\"", "2:1: there is no MakeNamedMaterial \"a\""},
         {"WorldBegin\nMakeNamedMaterial \"a\"", "2:1: MakeNamedMaterial needs a parameter \"string type\""},
         {"WorldBegin\nMakeNamedMaterial \"a\" \"string type\" \"diffuse\"\nMakeNamedMaterial \"a\" \"string "
          "type\" "

@@ -205,6 +205,55 @@ static void test_what_is_reflected_is_at_most_one(void **state)
     bench_close(&bench);
 }
 
+/* ---- names that come later ----------------------------------------------------------------------------- */
+
+static void test_names_that_come_later(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    bench_write(&bench, "a.pfm", PFM_2X1, sizeof PFM_2X1 - 1);
+    run(&bench, POINT_LIGHT
+        "NamedMaterial \"mix\"\n" SPHERE "Material \"diffuse\" \"texture reflectance\" \"picture\"\n" SPHERE
+        "MakeNamedMaterial \"mix\" \"string type\" \"mix\" \"string materials\" [\"one\" \"two\"]\n"
+        "MakeNamedMaterial \"two\" \"string type\" \"conductor\"\n"
+        "MakeNamedMaterial \"one\" \"string type\" \"diffuse\" \"texture reflectance\" \"picture\"\n"
+        "Texture \"picture\" \"spectrum\" " IMAGE "\nNamedMaterial \"one\"\n" SPHERE);
+    bench_expect_silence(&bench);
+    const blob_material_t *materials = bench.blob.materials, *mix = material(&bench);
+    assert_int_equal(mix->kind, MATERIAL_MIX);
+    assert_int_equal(materials[mix->parts[0]].kind, MATERIAL_DIFFUSE);
+    assert_int_equal(materials[mix->parts[0]].values[VALUE_REFLECTANCE].texture, 1);
+    assert_int_equal(materials[mix->parts[1]].kind, MATERIAL_CONDUCTOR);
+    assert_int_equal(materials[bench.blob.shapes[1].material].values[VALUE_REFLECTANCE].texture, 1);
+    assert_int_equal(bench.blob.shapes[2].material, mix->parts[0]);
+
+    run(&bench, POINT_LIGHT "NamedMaterial \"absent\"\n" SPHERE);
+    expect_text(bench.result.message, "s.pbrt:4:1: there is no MakeNamedMaterial \"absent\"");
+    run(&bench, POINT_LIGHT "Material \"diffuse\" \"texture reflectance\" \"absent\"\n" SPHERE);
+    expect_text(bench.result.message, "s.pbrt:4:20: no spectrum Texture \"absent\"");
+    run(&bench, POINT_LIGHT "NamedMaterial \"glue\"\n" SPHERE
+                            "MakeNamedMaterial \"glue\" \"string type\" \"interface\"\n");
+    expect_text(bench.result.message, "s.pbrt:6:1: an interface must be made before a shape wears it");
+    run(&bench, POINT_LIGHT "NamedMaterial \"m\"\n" SPHERE
+                            "MakeNamedMaterial \"m\" \"string type\" \"mix\" \"string materials\" [\"m\" \"m\"]\n");
+    expect_text(bench.result.message, "this mix contains itself");
+    run(&bench, POINT_LIGHT "NamedMaterial \"unused\"\nMaterial \"diffuse\"\n" SPHERE);
+    bench_expect_silence(&bench);
+    bench_close(&bench);
+}
+
+static void test_materials_keep_their_colour_space(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run(&bench, POINT_LIGHT "ColorSpace \"rec2020\"\nMakeNamedMaterial \"m\" \"string type\" \"diffuse\" "
+                            "\"rgb reflectance\" [0.2 0.4 0.2]\nColorSpace \"srgb\"\n"
+                            "NamedMaterial \"m\"\n" SPHERE);
+    bench_expect_silence(&bench);
+    assert_true(material(&bench)->values[VALUE_REFLECTANCE].factor.y > 0.42f);
+    bench_close(&bench);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -219,6 +268,8 @@ int main(void)
         cmocka_unit_test(test_ambient_occlusion_is_of_both),
         cmocka_unit_test(test_height_on_a_cylinder),
         cmocka_unit_test(test_what_is_reflected_is_at_most_one),
+        cmocka_unit_test(test_names_that_come_later),
+        cmocka_unit_test(test_materials_keep_their_colour_space),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -41,6 +41,8 @@ void pbrt_default_material(pbrt_t *p);
  * override the material's own. BLOB_NONE: an interface between media, which does nothing to light; the shape
  * is left out of the scene without a word. */
 result_t pbrt_wear_material(pbrt_t *p, params_t *shape_params, uint32_t *index);
+/* v4: makes the materials that shapes wear whose names, or the names of their textures, came later. */
+result_t pbrt_finish_materials(pbrt_t *p);
 /* Checks the materials that no shape wears: warnings only. */
 void pbrt_check_unused_materials(pbrt_t *p);
 

@@ -569,9 +569,11 @@ static uint32_t store(pbrt_t *p, size_t entry, params_t *params, position_t at, 
     *material = (material_t){.entry = entry,
                              .params = params,
                              .at = at,
+                             .colour_space = p->now.colour_space,
                              .name = name,
                              .textures = {p->texture_names[0].count, p->texture_names[1].count}};
-    if (materials[entry].make == make_mix) (void)find_parts(p, material); /* made, it says what is wrong */
+    if (params && materials[entry].make == make_mix)
+        (void)find_parts(p, material); /* made, it says what is wrong */
     return (uint32_t)p->material_count++;
 }
 
@@ -608,6 +610,15 @@ result_t pbrt_material(pbrt_t *p, position_t at)
     return result_ok();
 }
 
+/* A material that was named before it is made. */
+static void fill(pbrt_t *p, uint32_t index, size_t entry, position_t at)
+{
+    char *name = p->materials[index].name;
+    size_t last = store(p, entry, take_params(p), at, name); /* which may move the materials */
+    p->materials[index] = p->materials[last];
+    --p->material_count;
+}
+
 result_t pbrt_make_named_material(pbrt_t *p, position_t at)
 {
     size_t entry;
@@ -619,6 +630,10 @@ result_t pbrt_make_named_material(pbrt_t *p, position_t at)
     if (!type) return error_at(at, "MakeNamedMaterial needs a parameter \"string type\"");
     TRY(find_entry(p, type, params_where(p->params, "type", at), &entry));
     if (names_find(&p->material_names, p->arguments[0], &old)) {
+        if (!p->materials[old].params) {
+            fill(p, old, entry, at);
+            return result_ok();
+        }
         if (p->dialect.dialect == DIALECT_V4)
             return error_at(at, "the material \"%.60s\" has been made before, in line %u", p->arguments[0],
                             p->materials[old].at.line);
@@ -634,8 +649,12 @@ result_t pbrt_named_material(pbrt_t *p, position_t at)
 {
     uint32_t index;
     TRY(pbrt_read_string(p, 0, "the material's name"));
-    if (!names_find(&p->material_names, p->arguments[0], &index))
-        return error_at(at, "no MakeNamedMaterial \"%.60s\" came before", p->arguments[0]);
+    if (!names_find(&p->material_names, p->arguments[0], &index)) {
+        if (p->dialect.dialect == DIALECT_V3)
+            return error_at(at, "no MakeNamedMaterial \"%.60s\" came before", p->arguments[0]);
+        index = store(p, 0, NULL, at, mem_strdup(p->arguments[0])); /* v4 lets it come later */
+        names_add(&p->material_names, p->arguments[0], index);
+    }
     p->now.material = index;
     return result_ok();
 }
@@ -679,12 +698,15 @@ static result_t make(pbrt_t *p, material_t *material, params_t *params, blob_mat
 {
     const material_t *outer = p->wearing; /* a mix, of which this is a part */
     *record = (blob_material_t){0};
+    size_t colour_space = p->now.colour_space;
+    p->now.colour_space = material->colour_space;
     material->making = true;
     p->wearing = material;
     result_t result = materials[material->entry].make(p, params, material, record);
     if (result.code == RESULT_OK) result = read_relief(p, params, record);
     material->making = false;
     p->wearing = outer;
+    p->now.colour_space = colour_space;
     if (result.code == RESULT_OK) limit_shares(p, record);
     return result;
 }
@@ -699,6 +721,8 @@ static uint32_t append(pbrt_t *p, const material_t *material, blob_material_t re
 static result_t make_once(pbrt_t *p, material_t *material)
 {
     if (material->made) return result_ok();
+    if (!material->params)
+        return error_at(material->at, "there is no MakeNamedMaterial \"%.60s\"", material->name);
     blob_material_t record;
     TRY(make(p, material, material->params, &record));
     TRY(params_finish(material->params, "this material", p->dialect.dialect == DIALECT_V4, p->report));
@@ -715,9 +739,48 @@ static uint32_t black_material(pbrt_t *p, const material_t *material)
     return append(p, material, record);
 }
 
+/* ---- v4: materials that are worn before all that they name is known ------------------------------------- */
+
+static bool texture_is_known(const void *context, const char *texture)
+{
+    const pbrt_t *p = context;
+    uint32_t index;
+    return names_find(&p->texture_names[0], texture, &index) || names_find(&p->texture_names[1], texture, &index);
+}
+
+static bool is_ready(pbrt_t *p, material_t *material, int depth)
+{
+    if (material->made || depth > BLOB_MAX_MIX_DEPTH) return true; /* too deep: making it says so */
+    if (!material->params || !params_textures_known(material->params, texture_is_known, p)) return false;
+    if (materials[material->entry].make != make_mix || find_parts(p, material).code != RESULT_OK) return true;
+    for (int i = 0; i < 2; ++i)
+        if (material->parts[i] == 0 || !is_ready(p, &p->materials[material->parts[i] - 1], depth + 1))
+            return false;
+    return true;
+}
+
+enum { LATE = 1u << 31 }; /* with an index in materials: a shape's material that is made at the end */
+
+result_t pbrt_finish_materials(pbrt_t *p)
+{
+    for (size_t i = 0; i < p->object_count; ++i)
+        for (size_t k = 0; k < p->objects[i].count; ++k) {
+            blob_shape_t *shape = &p->objects[i].shapes[k];
+            if (!(shape->material & LATE)) continue;
+            material_t *material = &p->materials[shape->material & ~LATE];
+            TRY(make_once(p, material));
+            if (material->index == BLOB_NONE)
+                return error_at(material->at, "an interface must be made before a shape wears it");
+            shape->material = material->index;
+        }
+    return result_ok();
+}
+
 result_t pbrt_wear_material(pbrt_t *p, params_t *shape_params, uint32_t *index)
 {
     material_t *material = &p->materials[p->now.material];
+    *index = LATE | p->now.material;
+    if (p->dialect.dialect == DIALECT_V4 && !is_ready(p, material, 0)) return result_ok();
     TRY(make_once(p, material));
     if (material->index == BLOB_NONE && p->now.emits && p->object == 0)
         material->index = black_material(p, material);
@@ -738,7 +801,7 @@ void pbrt_check_unused_materials(pbrt_t *p)
 {
     for (size_t i = 1; i < p->material_count; ++i) { /* 0 is the default */
         material_t *material = &p->materials[i];
-        if (material->made) continue;
+        if (material->made || !material->params) continue;
         blob_material_t record;
         result_t result = make(p, material, material->params, &record);
         if (result.code == RESULT_OK)

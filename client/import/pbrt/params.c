@@ -267,6 +267,17 @@ const char *params_text(const params_t *owner, const param_t *param, size_t inde
     return owner->text + owner->strings[param->first + index];
 }
 
+bool params_textures_known(const params_t *params, bool (*known)(const void *context, const char *texture),
+                           const void *context)
+{
+    for (const params_t *list = params; list; list = list->fallback)
+        for (size_t i = 0; i < list->count; ++i)
+            if (list->items[i].type == PARAM_TEXTURE && list->items[i].count == 1 &&
+                !known(context, params_text(list, &list->items[i], 0)))
+                return false;
+    return true;
+}
+
 /* The parameter with one value of the given type; *item is NULL when it is not there. */
 static result_t find_single(params_t *params, const char *name, param_type_t type, const param_t **item,
                             const params_t **owner)

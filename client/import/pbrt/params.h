@@ -75,6 +75,9 @@ result_t params_string(params_t *params, const char *name, const char **value);
  * and 0 when it is not there. */
 result_t params_array(params_t *params, const char *name, unsigned types, size_t group, const double **values,
                       size_t *count);
+/* Whether `known` says so of the name of every texture in the list. */
+bool params_textures_known(const params_t *params, bool (*known)(const void *context, const char *texture),
+                           const void *context);
 /* Where the parameter stands, or `otherwise`. Does not mark it as used. */
 position_t params_where(const params_t *params, const char *name, position_t otherwise);
 

@@ -263,6 +263,7 @@ result_t pbrt_finish(pbrt_t *p, position_t at)
     }
     if (p->phase == PHASE_WORLD && p->dialect.dialect == DIALECT_V3)
         return error_at(at, "the file ends before WorldEnd; is it truncated?");
+    TRY(pbrt_finish_materials(p));
     pbrt_check_unused_materials(p);
     TRY(check_defaults(p));
     TRY(pbrt_check_textures(p, at));
