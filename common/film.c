@@ -1,6 +1,8 @@
 /* film: exact fixed-point sums (see film.h). */
 #include "common/film.h"
 
+#include "common/vec.h"
+
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -131,7 +133,7 @@ void unit_result_feature(unit_result_t *result, size_t pixel, uint32_t sample, c
     sum[FEATURE_COUNT]++;
     sum[FEATURE_HITS]++;
     for (int v = 0; v < MEASURED; v++)
-        sum[v] += film_quantise(fmaxf(-limit, fminf(limit, values[v])), FEATURE_SCALE);
+        sum[v] += film_quantise(float_clamp(values[v], -limit, limit), FEATURE_SCALE);
     if (sample > 0) return;
     sum[FEATURE_OBJECT] = hit->object;
     sum[FEATURE_MATERIAL] = hit->material;

@@ -35,10 +35,16 @@ typedef struct {
     bool (*project)(const camera_t *camera, vec3_t q, vec3_t *lens, vec2_t *film, float *pdf);
 } camera_ops_t;
 
+/* Where the camera is at a time. */
+typedef struct {
+    xform_t world_from_camera, camera_from_world;
+    float stretch; /* |determinant| of world_from_camera */
+} placement_t;
+
 struct camera {
     const camera_ops_t *ops;
     motion_t motion;
-    xform_t world_from_camera, camera_from_world; /* while it stands still */
+    placement_t still; /* at time 0 */
     float lens_radius, focal_distance;
     float window[4];     /* what the film shows: x min, x max, y min, y max; y upwards */
     float width, height; /* pixels */
@@ -182,8 +188,9 @@ camera_t *camera_new(const blob_scene_t *scene, int width, int height)
     camera_t *camera = mem_zalloc(1, sizeof *camera);
     camera->ops = &kinds[scene->camera];
     camera->motion = motion_between(&scene->world_from_camera, &scene->world_from_camera_end);
-    camera->world_from_camera = scene->world_from_camera;
-    xform_invert(&scene->world_from_camera, &camera->camera_from_world);
+    camera->still.world_from_camera = scene->world_from_camera;
+    xform_invert(&scene->world_from_camera, &camera->still.camera_from_world);
+    camera->still.stretch = fabsf(xform_determinant(&scene->world_from_camera));
     camera->lens_radius = scene->camera == CAMERA_PERSPECTIVE ? scene->lens_radius : 0;
     camera->focal_distance = scene->focal_distance;
     camera->width = (float)width;
@@ -204,15 +211,20 @@ bool camera_moves(const camera_t *camera)
     return camera->motion.moves;
 }
 
-/* The transforms at a time. */
-static void place_at(const camera_t *camera, float time, xform_t *world_from_camera,
-                     xform_t *camera_from_world)
+bool camera_has_lens(const camera_t *camera)
 {
-    *world_from_camera = camera->world_from_camera;
-    *camera_from_world = camera->camera_from_world;
-    if (!camera->motion.moves) return;
-    *world_from_camera = motion_at(&camera->motion, time);
-    if (!xform_invert(world_from_camera, camera_from_world)) *camera_from_world = camera->camera_from_world;
+    return camera->lens_radius != 0;
+}
+
+/* A camera that stands still has its placement at hand; that of another is made in *moved. */
+static const placement_t *place_at(const camera_t *camera, float time, placement_t *moved)
+{
+    if (!camera->motion.moves) return &camera->still;
+    moved->world_from_camera = motion_at(&camera->motion, time);
+    moved->stretch = fabsf(xform_determinant(&moved->world_from_camera));
+    if (!xform_invert(&moved->world_from_camera, &moved->camera_from_world))
+        moved->camera_from_world = camera->still.camera_from_world;
+    return moved;
 }
 
 static vec3_t lens_point(const camera_t *camera, vec2_t lens)
@@ -224,10 +236,12 @@ static vec3_t lens_point(const camera_t *camera, vec2_t lens)
 
 /* The factor from a density in camera space at a direction of any length to that in the world, where the
  * transform stretches. Of parallel rays the density is per area across them. */
-static float density_factor(const camera_t *camera, const xform_t *t, vec3_t direction)
+static float density_factor(const camera_t *camera, const placement_t *at, vec3_t direction)
 {
-    if (!camera->ops->parallel) return warp_density_factor(t, v_normalize(direction));
-    return v_length(vec3(t->m[0][2], t->m[1][2], t->m[2][2])) / fabsf(xform_determinant(t));
+    const xform_t *t = &at->world_from_camera;
+    if (camera->ops->parallel) return v_length(vec3(t->m[0][2], t->m[1][2], t->m[2][2])) / at->stretch;
+    float length = v_length(xform_vector(t, v_normalize(direction)));
+    return length * length * length / at->stretch;
 }
 
 static vec2_t film_of_raster(const camera_t *camera, vec2_t raster)
@@ -268,32 +282,32 @@ int camera_images(const camera_t *camera, vec2_t raster, float margin, vec2_t im
 
 void camera_ray(const camera_t *camera, vec2_t raster, vec2_t lens, float time, camera_ray_t *ray)
 {
-    xform_t world, inverse;
     film_ray_t local;
-    place_at(camera, time, &world, &inverse);
+    placement_t moved;
+    const placement_t *at = place_at(camera, time, &moved);
     camera->ops->ray(camera, film_of_raster(camera, raster), lens_point(camera, lens), &local);
-    ray->origin = xform_point(&world, local.origin);
-    ray->direction = v_normalize(xform_vector(&world, local.direction));
-    ray->pdf = local.pdf * density_factor(camera, &world, local.direction);
+    ray->origin = xform_point(&at->world_from_camera, local.origin);
+    ray->direction = v_normalize(xform_vector(&at->world_from_camera, local.direction));
+    ray->pdf = local.pdf * density_factor(camera, at, local.direction);
     ray->parallel = camera->ops->parallel;
 }
 
 bool camera_project(const camera_t *camera, vec3_t p, vec2_t lens, float time, float margin,
                     camera_view_t *view)
 {
-    xform_t world, inverse;
-    place_at(camera, time, &world, &inverse);
+    placement_t moved;
+    const placement_t *at = place_at(camera, time, &moved);
     vec2_t film, images[CAMERA_IMAGES];
-    vec3_t q = xform_point(&inverse, p), from = lens_point(camera, lens);
+    vec3_t q = xform_point(&at->camera_from_world, p), from = lens_point(camera, lens);
     if (!camera->ops->project(camera, q, &from, &film, &view->density)) return false;
     view->raster = raster_of_film(camera, film);
     if (camera_images(camera, view->raster, margin, images) == 0) return false;
-    view->position = xform_point(&world, from);
+    view->position = xform_point(&at->world_from_camera, from);
     vec3_t d = v_sub(view->position, p);
     float distance2 = v_length2(d);
     if (!(distance2 > 0)) return false;
     view->w = v_scale(d, 1 / sqrtf(distance2));
-    view->density *= density_factor(camera, &world, v_sub(q, from));
+    view->density *= density_factor(camera, at, v_sub(q, from));
     if (!camera->ops->parallel) view->density /= distance2;
     return true;
 }

@@ -29,6 +29,8 @@ typedef struct {
 /* Of a film of width x height pixels. Owned by the caller, who frees it with free(). */
 camera_t *camera_new(const blob_scene_t *scene, int width, int height);
 bool camera_moves(const camera_t *camera);
+/* False when the `lens` numbers below do not matter. */
+bool camera_has_lens(const camera_t *camera);
 /* The ray through a film position in pixels; `lens` are two uniform numbers, `time` is from 0 to 1. */
 void camera_ray(const camera_t *camera, vec2_t raster, vec2_t lens, float time, camera_ray_t *ray);
 /* The film positions that show the same as `raster`, less than `margin` pixels off the film: itself, and for

@@ -1,11 +1,17 @@
 /* integrator: what all integrators share (see integrator.h). */
 #include "worker/render/integrator.h"
 
+/* Numbers for the point of the lens; a pinhole needs none. */
+static vec2_t sample_lens(const sample_t *sample, uint32_t dimension)
+{
+    return camera_has_lens(sample->stage->camera) ? sample_2d(sample, dimension) : (vec2_t){0, 0};
+}
+
 void sample_eye_ray(sample_t *sample, camera_ray_t *ray)
 {
     const stage_t *stage = sample->stage;
     vec2_t u = sample_2d(sample, DIMENSION_EYE + DIMENSION_FILTER);
-    vec2_t lens = sample_2d(sample, DIMENSION_EYE + DIMENSION_LENS);
+    vec2_t lens = sample_lens(sample, DIMENSION_EYE + DIMENSION_LENS);
     float weight_x, weight_y;
     vec2_t raster = {(float)sample->pixel_x + 0.5f + filter_sample(&stage->filter.x, u.x, &weight_x),
                      (float)sample->pixel_y + 0.5f + filter_sample(&stage->filter.y, u.y, &weight_y)};
@@ -21,8 +27,8 @@ float sample_time(const sample_t *sample)
 bool sample_join_camera(const sample_t *sample, vec3_t p, uint32_t dimension, camera_view_t *view)
 {
     const stage_t *stage = sample->stage;
-    return camera_project(stage->camera, p, sample_2d(sample, dimension + DIMENSION_JOIN_LENS), sample->time,
-                          filter_reach(&stage->filter), view);
+    vec2_t lens = sample_lens(sample, dimension + DIMENSION_JOIN_LENS);
+    return camera_project(stage->camera, p, lens, sample->time, filter_reach(&stage->filter), view);
 }
 
 /* Scales a value down to the luminance that the scene allows. */
@@ -70,6 +76,7 @@ void sample_splat(sample_t *sample, vec2_t raster, rgb_t value, uint32_t dimensi
 
 void sample_first_hit(sample_t *sample, const surface_t *surface, const bsdf_t *bsdf, vec3_t origin)
 {
+    if (sample->sample >= FEATURE_SAMPLES) return;
     const scene_blob_t *blob = scene_blob(sample->stage->scene);
     rgb_t albedo = bsdf_albedo(bsdf);
     sample->first_hit = (first_hit_t){.hit = true,

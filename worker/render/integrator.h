@@ -80,7 +80,7 @@ float sample_time(const sample_t *sample);
 bool sample_join_camera(const sample_t *sample, vec3_t p, uint32_t dimension, camera_view_t *view);
 /* Adds a splat at a film position; `dimension` is that of the point's vertex. */
 void sample_splat(sample_t *sample, vec2_t raster, rgb_t value, uint32_t dimension);
-/* Notes what the eye ray met first. */
+/* Notes what the eye ray met first, for the samples whose features count. */
 void sample_first_hit(sample_t *sample, const surface_t *surface, const bsdf_t *bsdf, vec3_t origin);
 
 /* Segments that a full path may have: pbrt's maxdepth counts scattering events. */

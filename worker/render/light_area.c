@@ -2,10 +2,28 @@
  *
  * Triangles are chosen in proportion to their area and sampled uniformly; quadrics are sampled uniformly in
  * their own space. Where the shape lets rays through (alpha), as much of the emission is missing.
+ *
+ * What sampling needs of each triangle is kept in one place: it would else take four dependent look-ups in
+ * the blob and a square root.
  */
 #include "worker/render/light.h"
 
 #include "worker/render/warp.h"
+
+#include <stdlib.h>
+
+typedef struct {
+    vec3_t corner, e1, e2;
+    vec3_t n; /* of unit length, along e1 x e2; where the shape is flipped, the other way */
+} triangle_t;
+
+typedef struct {
+    const blob_shape_t *shape;
+    const quadric_t *quadric; /* NULL: a mesh */
+    bool plain;               /* emits the same everywhere, and nothing shines through */
+    bool curved;              /* has vertex normals, which tell the side */
+    triangle_t triangles[];
+} area_state_t;
 
 /* A point of the light. */
 typedef struct {
@@ -15,14 +33,37 @@ typedef struct {
     vec2_t place; /* on the triangle */
 } spot_t;
 
-static const blob_shape_t *shape_of(const light_t *light)
+static const area_state_t *state_of(const light_t *light)
 {
-    return &scene_blob(light->scene)->shapes[light->record->shape];
+    return light->state;
 }
 
 static bool is_two_sided(const light_t *light)
 {
     return light->record->flags & LIGHT_TWO_SIDED;
+}
+
+static void *prepare(const light_t *light)
+{
+    const scene_blob_t *blob = scene_blob(light->scene);
+    const blob_shape_t *shape = &blob->shapes[light->record->shape];
+    const blob_mesh_t *mesh = shape->kind == SHAPE_MESH ? &blob->meshes[shape->geometry] : NULL;
+    uint32_t count = mesh != NULL ? mesh->triangle_count : 0;
+    area_state_t *state = mem_zalloc(1, sizeof *state + count * sizeof *state->triangles);
+    state->shape = shape;
+    state->plain =
+        light->record->radiance.texture == 0 && shape->alpha.texture == 0 && shape->alpha.factor.x >= 1;
+    state->curved = mesh != NULL && mesh->first_normal != BLOB_NONE;
+    if (shape->kind == SHAPE_QUADRIC) state->quadric = scene_quadric(light->scene, shape);
+    for (uint32_t i = 0; i < count; i++) {
+        const vec3_t *p = blob->positions + mesh->first_position;
+        const uint32_t *v = blob->triangles[mesh->first_triangle + i].v;
+        triangle_t *t = &state->triangles[i];
+        *t = (triangle_t){.corner = p[v[0]], .e1 = v_sub(p[v[1]], p[v[0]]), .e2 = v_sub(p[v[2]], p[v[0]])};
+        t->n = v_normalize(v_cross(t->e1, t->e2));
+        if (!state->curved && shape->flags & SHAPE_FLIP) t->n = v_neg(t->n);
+    }
+    return state;
 }
 
 /* ---- power --------------------------------------------------------------------------------------------- */
@@ -51,45 +92,43 @@ static double power(const light_t *light)
 
 uint32_t light_area_primitives(const light_t *light)
 {
-    const blob_shape_t *shape = shape_of(light);
+    const blob_shape_t *shape = state_of(light)->shape;
     return shape->kind == SHAPE_MESH ? scene_blob(light->scene)->meshes[shape->geometry].triangle_count : 1;
 }
 
 double light_area_of(const light_t *light, uint32_t primitive)
 {
-    const scene_blob_t *blob = scene_blob(light->scene);
-    const blob_shape_t *shape = shape_of(light);
-    if (shape->kind == SHAPE_QUADRIC) return scene_quadric(light->scene, shape)->area;
-    const blob_mesh_t *mesh = &blob->meshes[shape->geometry];
-    const vec3_t *p = blob->positions + mesh->first_position;
-    const uint32_t *v = blob->triangles[mesh->first_triangle + primitive].v;
-    return 0.5 * (double)v_length(v_cross(v_sub(p[v[1]], p[v[0]]), v_sub(p[v[2]], p[v[0]])));
+    const area_state_t *state = state_of(light);
+    if (state->quadric != NULL) return state->quadric->area;
+    const triangle_t *t = &state->triangles[primitive];
+    return 0.5 * (double)v_length(v_cross(t->e1, t->e2));
 }
 
 /* ---- places -------------------------------------------------------------------------------------------- */
 
-static void sample_triangle(const light_t *light, uint32_t primitive, vec2_t u, spot_t *spot)
+/* True when the vertex normals say that the light shines to the other side of e1 x e2. */
+static bool is_turned(const light_t *light, uint32_t primitive, vec2_t b, vec3_t n)
 {
     const scene_blob_t *blob = scene_blob(light->scene);
-    const blob_shape_t *shape = shape_of(light);
-    const blob_mesh_t *mesh = &blob->meshes[shape->geometry];
-    const vec3_t *p = blob->positions + mesh->first_position;
+    const blob_mesh_t *mesh = &blob->meshes[state_of(light)->shape->geometry];
     const uint32_t *v = blob->triangles[mesh->first_triangle + primitive].v;
+    const vec3_t *normals = blob->normals + mesh->first_normal;
+    vec3_t ns = v_add(v_scale(normals[v[0]], 1 - b.x - b.y),
+                      v_add(v_scale(normals[v[1]], b.x), v_scale(normals[v[2]], b.y)));
+    return v_dot(ns, n) < 0;
+}
+
+static void sample_triangle(const light_t *light, uint32_t primitive, vec2_t u, spot_t *spot)
+{
+    const area_state_t *state = state_of(light);
+    const triangle_t *t = &state->triangles[primitive];
     vec2_t b = warp_triangle(u);
-    vec3_t e1 = v_sub(p[v[1]], p[v[0]]), e2 = v_sub(p[v[2]], p[v[0]]);
-    spot->p = v_add(p[v[0]], v_add(v_scale(e1, b.x), v_scale(e2, b.y)));
-    spot->n = v_normalize(v_cross(e1, e2));
-    bool flip = shape->flags & SHAPE_FLIP;
-    if (mesh->first_normal != BLOB_NONE) {
-        const vec3_t *n = blob->normals + mesh->first_normal;
-        vec3_t ns =
-            v_add(v_scale(n[v[0]], 1 - b.x - b.y), v_add(v_scale(n[v[1]], b.x), v_scale(n[v[2]], b.y)));
-        flip = v_dot(ns, spot->n) < 0;
-    }
-    if (flip) spot->n = v_neg(spot->n);
-    spot->pdf = light->chance;
-    spot->primitive = primitive;
-    spot->place = b;
+    *spot = (spot_t){.p = v_add(t->corner, v_add(v_scale(t->e1, b.x), v_scale(t->e2, b.y))),
+                     .n = t->n,
+                     .pdf = light->chance,
+                     .primitive = primitive,
+                     .place = b};
+    if (state->curved && is_turned(light, primitive, b, t->n)) spot->n = v_neg(t->n);
 }
 
 /* Density at a point of a quadric: chance is per area, as if the density were uniform. */
@@ -100,17 +139,16 @@ static float quadric_density(const light_t *light, const quadric_t *quadric, con
 
 static void sample_spot(const light_t *light, uint32_t primitive, vec2_t u, spot_t *spot)
 {
-    const blob_shape_t *shape = shape_of(light);
-    if (shape->kind == SHAPE_MESH) {
+    const area_state_t *state = state_of(light);
+    if (state->quadric == NULL) {
         sample_triangle(light, primitive, u, spot);
         return;
     }
     quadric_point_t point;
-    const quadric_t *quadric = scene_quadric(light->scene, shape);
-    quadric_sample(quadric, u, &point);
+    quadric_sample(state->quadric, u, &point);
     *spot = (spot_t){.p = point.p,
-                     .n = shape->flags & SHAPE_FLIP ? v_neg(point.n) : point.n,
-                     .pdf = quadric_density(light, quadric, &point)};
+                     .n = state->shape->flags & SHAPE_FLIP ? v_neg(point.n) : point.n,
+                     .pdf = quadric_density(light, state->quadric, &point)};
 }
 
 /* What leaves a place, to either side on which it emits. `seen`: a ray has hit it, so alpha is done with. */
@@ -134,10 +172,11 @@ static rgb_t radiance_at(const light_t *light, const surface_t *surface, bool se
 
 static rgb_t radiance_of_spot(const light_t *light, const spot_t *spot)
 {
+    if (state_of(light)->plain) return light->record->radiance.factor;
     const surface_t surface = {.p = spot->p,
                                .ng = spot->n,
                                .ns = spot->n,
-                               .shape = shape_of(light),
+                               .shape = state_of(light)->shape,
                                .instance = BLOB_NONE,
                                .primitive = spot->primitive,
                                .place = spot->place};
@@ -208,13 +247,13 @@ bool light_area_hit(const light_t *light, const surface_t *surface, vec3_t wo, l
     out->radiance = radiance_at(light, surface, true);
     out->pdf_place = light->chance;
     out->pdf_ray = ray_pdf(light, cosine);
-    if (surface->shape->kind == SHAPE_QUADRIC) {
+    const quadric_t *quadric = state_of(light)->quadric;
+    if (quadric != NULL) {
         quadric_point_t point;
-        const quadric_t *quadric = scene_quadric(light->scene, surface->shape);
         quadric_at(quadric, surface->p, &point);
         out->pdf_place = quadric_density(light, quadric, &point);
     }
     return !v_is_zero(out->radiance);
 }
 
-const light_ops_t light_area = {.power = power, .emit = emit, .illuminate = illuminate};
+const light_ops_t light_area = {prepare, free, power, emit, illuminate, NULL};

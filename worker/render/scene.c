@@ -25,9 +25,14 @@ typedef struct {
     const quadric_t *quadric; /* or NULL */
 } geometry_t;
 
+/* The transforms of an instance at a time. */
+typedef struct {
+    xform_t world_from_object, object_from_world;
+} placement_t;
+
 typedef struct {
     motion_t motion;
-    xform_t object_from_world; /* while it stands still */
+    placement_t still; /* at time 0 */
 } instance_t;
 
 struct scene {
@@ -305,11 +310,10 @@ static const float largest_of_embree = 1.8e18f;
 static double most_magnification(const instance_t *instance)
 {
     static const int diagonal[] = {0, 3, 5}, others[] = {1, 2, 4};
+    const xform_t *inverse = &instance->still.object_from_world;
     double least = INFINITY, skew = 0, sum = 0;
     for (int i = 0; i < 3; i++)
-        sum = fmax(sum, (double)v_length(vec3(instance->object_from_world.m[i][0],
-                                              instance->object_from_world.m[i][1],
-                                              instance->object_from_world.m[i][2])));
+        sum = fmax(sum, (double)v_length(vec3(inverse->m[i][0], inverse->m[i][1], inverse->m[i][2])));
     if (!instance->motion.moves) return 2 * sum;
     const motion_key_t *keys = instance->motion.keys;
     for (int i = 0; i < 3; i++) {
@@ -349,7 +353,8 @@ static void add_instances(scene_t *scene)
         const blob_instance_t *record = &blob->instances[i];
         instance_t *instance = &scene->instances[i];
         instance->motion = motion_between(&record->world_from_object, &record->world_from_object_end);
-        xform_invert(&record->world_from_object, &instance->object_from_world);
+        instance->still.world_from_object = record->world_from_object;
+        xform_invert(&record->world_from_object, &instance->still.object_from_world);
         RTCGeometry geometry = rtcNewGeometry(scene->device, RTC_GEOMETRY_TYPE_INSTANCE);
         rtcSetGeometryInstancedScene(geometry, scene->objects[record->object]);
         if (instance->motion.moves) {
@@ -493,45 +498,51 @@ void scene_bounds(const scene_t *scene, vec3_t *centre, float *radius)
 
 /* ---- hits ---------------------------------------------------------------------------------------------- */
 
-/* Fills p, ng and ns in the object's space; normals need not have unit length yet. */
-static void mesh_surface(const scene_blob_t *blob, const blob_shape_t *shape, surface_t *surface)
+/* A place on a surface and its normals, of any length. */
+typedef struct {
+    vec3_t p, ng, ns;
+} place_t;
+
+/* In the object's space, as the two after it. */
+static inline place_t mesh_place(const scene_blob_t *blob, const blob_shape_t *shape, const hit_t *hit)
 {
     const blob_mesh_t *mesh = &blob->meshes[shape->geometry];
-    const uint32_t *v = blob->triangles[mesh->first_triangle + surface->primitive].v;
+    const uint32_t *v = blob->triangles[mesh->first_triangle + hit->primitive].v;
     const vec3_t *p = blob->positions + mesh->first_position;
     vec3_t e1 = v_sub(p[v[1]], p[v[0]]), e2 = v_sub(p[v[2]], p[v[0]]);
-    float b1 = surface->place.x, b2 = surface->place.y, b0 = 1 - b1 - b2;
-    surface->p = v_add(v_add(v_scale(p[v[0]], b0), v_scale(p[v[1]], b1)), v_scale(p[v[2]], b2));
-    surface->ng = v_cross(e1, e2);
+    float b1 = hit->place.x, b2 = hit->place.y, b0 = 1 - b1 - b2;
+    place_t at;
+    at.p = v_add(v_add(v_scale(p[v[0]], b0), v_scale(p[v[1]], b1)), v_scale(p[v[2]], b2));
+    at.ng = v_cross(e1, e2);
     if (mesh->first_normal != BLOB_NONE) {
         const vec3_t *n = blob->normals + mesh->first_normal;
-        surface->ns = v_add(v_add(v_scale(n[v[0]], b0), v_scale(n[v[1]], b1)), v_scale(n[v[2]], b2));
-        if (v_is_zero(surface->ns)) surface->ns = surface->ng;
-        if (v_dot(surface->ns, surface->ng) < 0) surface->ng = v_neg(surface->ng);
+        at.ns = v_add(v_add(v_scale(n[v[0]], b0), v_scale(n[v[1]], b1)), v_scale(n[v[2]], b2));
+        if (v_is_zero(at.ns)) at.ns = at.ng;
+        if (v_dot(at.ns, at.ng) < 0) at.ng = v_neg(at.ng);
     } else {
-        if (shape->flags & SHAPE_FLIP) surface->ng = v_neg(surface->ng);
-        surface->ns = surface->ng;
+        if (shape->flags & SHAPE_FLIP) at.ng = v_neg(at.ng);
+        at.ns = at.ng;
     }
+    return at;
 }
 
-static void quadric_surface(const scene_t *scene, const blob_shape_t *shape, vec3_t hit, surface_t *surface)
+static inline place_t quadric_place(const scene_t *scene, const blob_shape_t *shape, vec3_t hit)
 {
     quadric_point_t point;
     quadric_at(&scene->quadrics[shape->geometry], hit, &point);
-    surface->p = point.p;
-    surface->ng = surface->ns = shape->flags & SHAPE_FLIP ? v_neg(point.n) : point.n;
+    vec3_t n = shape->flags & SHAPE_FLIP ? v_neg(point.n) : point.n;
+    return (place_t){point.p, n, n};
 }
 
-/* The transforms of an instance at a time. */
-static void instance_at(const scene_t *scene, uint32_t index, float time, xform_t *world_from_object,
-                        xform_t *object_from_world)
+/* The transforms of an instance at a time: those of one that stands still where they are, else in *moved. */
+static const placement_t *instance_at(const scene_t *scene, uint32_t index, float time, placement_t *moved)
 {
     const instance_t *instance = &scene->instances[index];
-    *world_from_object = instance->motion.still;
-    *object_from_world = instance->object_from_world;
-    if (!instance->motion.moves) return;
-    *world_from_object = motion_at(&instance->motion, time);
-    if (!xform_invert(world_from_object, object_from_world)) *object_from_world = instance->object_from_world;
+    if (!instance->motion.moves) return &instance->still;
+    moved->world_from_object = motion_at(&instance->motion, time);
+    if (!xform_invert(&moved->world_from_object, &moved->object_from_world))
+        moved->object_from_world = instance->still.object_from_world;
+    return moved;
 }
 
 /* Everything about a hit. The ray of `hit` is in the object's space for alpha's sake, in the world for all
@@ -549,29 +560,30 @@ static bool fill_surface(const scene_t *scene, const blob_shape_t *shape, const 
     surface->primitive = hit->primitive;
     surface->place = hit->place;
     surface->time = hit->time;
-    xform_t world, inverse;
-    if (instanced) instance_at(scene, surface->instance, hit->time, &world, &inverse);
+    placement_t moved;
+    const placement_t *placement =
+        instanced ? instance_at(scene, surface->instance, hit->time, &moved) : NULL;
+    place_t at;
     if (shape->kind == SHAPE_MESH) {
-        mesh_surface(blob, shape, surface);
+        at = mesh_place(blob, shape, hit);
     } else {
         vec3_t p = v_mad(hit->origin, hit->distance, hit->direction);
-        if (instanced && !local) p = xform_point(&inverse, p);
-        if (shape->kind == SHAPE_QUADRIC)
-            quadric_surface(scene, shape, p, surface);
-        else
-            surface->p = p, surface->ng = surface->ns = ng;
+        if (instanced && !local) p = xform_point(&placement->object_from_world, p);
+        at = shape->kind == SHAPE_QUADRIC ? quadric_place(scene, shape, p) : (place_t){p, ng, ng};
     }
     if (instanced) {
-        surface->p = xform_point(&world, surface->p);
-        surface->ng = xform_normal(&inverse, surface->ng);
-        surface->ns = xform_normal(&inverse, surface->ns);
+        at.p = xform_point(&placement->world_from_object, at.p);
+        at.ng = xform_normal(&placement->object_from_world, at.ng);
+        at.ns = xform_normal(&placement->object_from_world, at.ns);
     }
-    bool smooth =
-        surface->ns.x != surface->ng.x || surface->ns.y != surface->ng.y || surface->ns.z != surface->ng.z;
-    surface->ng = v_normalize(surface->ng);
-    surface->ns = smooth ? v_normalize(surface->ns) : surface->ng;
-    surface->offset = scene_offset_at(surface->p);
-    return v_is_finite(surface->ng) && v_is_finite(surface->ns);
+    bool smooth = at.ns.x != at.ng.x || at.ns.y != at.ng.y || at.ns.z != at.ng.z;
+    at.ng = v_normalize(at.ng);
+    at.ns = smooth ? v_normalize(at.ns) : at.ng;
+    surface->p = at.p;
+    surface->ng = at.ng;
+    surface->ns = at.ns;
+    surface->offset = scene_offset_at(at.p);
+    return v_is_finite(at.ng) && v_is_finite(at.ns);
 }
 
 static bool hit_surface(const scene_t *scene, const blob_shape_t *shape, const hit_t *hit, vec3_t ng,
@@ -719,14 +731,15 @@ void scene_details(const scene_t *scene, const surface_t *surface, surface_detai
 {
     const scene_blob_t *blob = scene->blob;
     bool instanced = surface->instance != BLOB_NONE;
-    xform_t world, inverse;
-    if (instanced) instance_at(scene, surface->instance, surface->time, &world, &inverse);
+    placement_t moved;
+    const placement_t *placement =
+        instanced ? instance_at(scene, surface->instance, surface->time, &moved) : NULL;
     *details = (surface_details_t){.colour = {1, 1, 1, 1}};
     if (surface->shape->kind == SHAPE_MESH) {
         mesh_details(blob, surface, details);
     } else if (surface->shape->kind == SHAPE_QUADRIC) {
         quadric_details_t on;
-        vec3_t p = instanced ? xform_point(&inverse, surface->p) : surface->p;
+        vec3_t p = instanced ? xform_point(&placement->object_from_world, surface->p) : surface->p;
         quadric_details(&scene->quadrics[surface->shape->geometry], p, &on);
         /* As in pbrt, the derivatives of the normal do not turn with it where the shape is reversed. */
         *details = (surface_details_t){.uv = on.uv,
@@ -737,21 +750,22 @@ void scene_details(const scene_t *scene, const surface_t *surface, surface_detai
                                        .dndv = on.dndv,
                                        .colour = {1, 1, 1, 1}};
     } else {
-        vec3_t ng = instanced ? xform_normal(&world, surface->ng) : surface->ng;
+        vec3_t ng = instanced ? xform_normal(&placement->world_from_object, surface->ng) : surface->ng;
         curve_details(blob, surface, ng, details);
     }
     details->bump_u = details->dpdu;
     details->bump_v = details->dpdv;
     if (surface->shape->flags & SHAPE_BUMPS_V3) smooth_bumps(blob, surface, details);
     if (instanced) {
-        details->dpdu = xform_vector(&world, details->dpdu);
-        details->dpdv = xform_vector(&world, details->dpdv);
-        details->bump_u = xform_vector(&world, details->bump_u);
-        details->bump_v = xform_vector(&world, details->bump_v);
+        const xform_t *world = &placement->world_from_object, *inverse = &placement->object_from_world;
+        details->dpdu = xform_vector(world, details->dpdu);
+        details->dpdv = xform_vector(world, details->dpdv);
+        details->bump_u = xform_vector(world, details->bump_u);
+        details->bump_v = xform_vector(world, details->bump_v);
         /* Of the unit normal in the world: the transpose of the inverse changes its length by 1 / scale. */
-        float scale = v_length(xform_normal(&world, surface->ns));
-        details->dndu = v_scale(xform_normal(&inverse, details->dndu), scale);
-        details->dndv = v_scale(xform_normal(&inverse, details->dndv), scale);
+        float scale = v_length(xform_normal(world, surface->ns));
+        details->dndu = v_scale(xform_normal(inverse, details->dndu), scale);
+        details->dndv = v_scale(xform_normal(inverse, details->dndv), scale);
     }
 }
 
