@@ -59,7 +59,7 @@ typedef struct {
 
 /* A Material or MakeNamedMaterial directive. Owned: params, name. */
 typedef struct {
-    size_t entry; /* in the table of materials */
+    size_t entry;     /* in the table of materials */
     params_t *params; /* NULL: only named so far (v4), at `at` */
     position_t at;
     size_t colour_space; /* of its rgb values */
