@@ -148,6 +148,7 @@ typedef struct pbrt {
     bool early_motion;         /* it has been said that motion ends inside the shutter's time */
     int32_t crop[4];           /* x first, x end, y first, y end in pixels of the film */
     double gain;               /* of the film, on all light */
+    rgb_t balance;             /* the same by channel: v4's whitebalance */
     uint64_t bytes_known, bytes_done, bytes_told;                        /* of the files, for progress */
     position_t film_at, camera_at, sampler_at, integrator_at, filter_at; /* line 0: not there yet */
 } pbrt_t;
