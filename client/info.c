@@ -233,7 +233,8 @@ static const char *const texture_kinds[] = {[TEXTURE_IMAGE] = "image",
                                             [TEXTURE_THRESHOLD] = "threshold",
                                             [TEXTURE_COLOUR] = "mesh colour"};
 
-static const char *const mappings[] = {"", "uv", "second uv", "planar", "spherical", "cylindrical", "point"};
+static const char *const mappings[] = {"",          "uv",          "second uv", "planar",
+                                       "spherical", "cylindrical", "point",     "cylindrical"};
 
 static const char *const light_kinds[] = {[LIGHT_AREA] = "area",
                                           [LIGHT_POINT] = "point",

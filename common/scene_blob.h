@@ -329,7 +329,7 @@ enum {
     MATERIAL_REMAP_SQRT = 2,   /* pbrt-v4's: alpha = sqrt(roughness) */
     MATERIAL_REMAP_SQUARE = 4, /* glTF's: alpha = roughness^2 */
     MATERIAL_THIN = 8,
-    MATERIAL_UNIT = 32, /* pbrt-v4's: REFLECTANCE, TRANSMITTANCE, ALBEDO and AMOUNT are at most 1 */
+    MATERIAL_UNIT = 32,    /* pbrt-v4's: REFLECTANCE, TRANSMITTANCE, ALBEDO and AMOUNT are at most 1 */
     MATERIAL_ALPHA_V3 = 16 /* alphas as pbrt-v3 bounds them: smooth is only a dielectric whose roughness is 0
                               in both axes; else they are at least 1e-3. REMAP_V3 implies it */
 };

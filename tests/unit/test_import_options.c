@@ -163,7 +163,6 @@ static void test_films(void **state)
     bench_expect_ok(&bench);
     expect_text(bench.warnings, "only its picture");
     assert_int_equal(bench.blob.scene->width, 7);
-    expect_error(&bench, true, "Film \"rgb\" \"float whitebalance\" 5000", "whitebalance");
     expect_error(&bench, true, "Film \"spectral\" \"integer nbuckets\" 3", "spectral");
     bench.lenient = true;
     run(&bench, true, "Film \"spectral\" \"integer nbuckets\" 3");

@@ -688,6 +688,11 @@ static void test_interfaces(void **state)
     bench_run(&bench,
               "WorldBegin\nMaterial \"interface\"\n" SPHERE TRIANGLE "AreaLightSource \"diffuse\"\n" SPHERE);
     bench_expect_ok(&bench);
+    assert_int_equal(bench.blob.counts[BLOB_SECTION_SHAPES], 0);
+    assert_int_equal(bench.blob.counts[BLOB_SECTION_LIGHTS], 0);
+    expect_text(bench.warnings, "s.pbrt:2:1: an interface does not emit, as in pbrt");
+    bench_run_v3(&bench, "Material \"none\"\n" SPHERE TRIANGLE "AreaLightSource \"diffuse\"\n" SPHERE);
+    bench_expect_ok(&bench);
     assert_int_equal(bench.blob.counts[BLOB_SECTION_SHAPES], 1);
     assert_int_equal(shape(&bench, 0)->light, 0);
     expect_vec3(colour_of(&bench, 0, VALUE_REFLECTANCE), 0, 0, 0);

@@ -25,8 +25,9 @@ static void test_options(void **state)
 {
     (void)state;
     bench_t bench = {0};
-    bench_run(&bench, "Option \"disable-pixel_Jitter\" true\nOption \"seed\" 7\nOption \"forcediffuse\" false\n"
-                      "Option \"msereferenceimage\" \"a.exr\"\nWorldBegin\n" POINT_LIGHT SPHERE);
+    bench_run(&bench,
+              "Option \"disable-pixel_Jitter\" true\nOption \"seed\" 7\nOption \"forcediffuse\" false\n"
+              "Option \"msereferenceimage\" \"a.exr\"\nWorldBegin\n" POINT_LIGHT SPHERE);
     bench_expect_ok(&bench);
     expect_text(bench.warnings, "s.pbrt:1:1: Option \"disablepixeljitter\" is ignored");
     expect_text(bench.warnings, "s.pbrt:2:1: Option \"seed\" is ignored");
@@ -108,8 +109,10 @@ static void test_exposure(void **state)
     bench_run(&bench, "Camera \"perspective\" \"float shutterclose\" 0\nFilm \"rgb\"\nWorldBegin\n");
     expect_text(bench.result.message, "s.pbrt:1:22: the shutter closes at 0, but opens at 0");
     /* v3's shutter says nothing of the exposure */
-    bench_run(&bench, "Camera \"perspective\" \"float shutterclose\" 0\nFilm \"image\"\nWorldBegin\n" POINT_LIGHT
-                      SPHERE "WorldEnd\n");
+    bench_run(
+        &bench,
+        "Camera \"perspective\" \"float shutterclose\" 0\nFilm \"image\"\nWorldBegin\n" POINT_LIGHT SPHERE
+        "WorldEnd\n");
     bench_expect_silence(&bench);
     expect_vec3(light(&bench, 0)->radiance.factor, 1, 1, 1);
     bench_close(&bench);
@@ -119,13 +122,42 @@ static void test_sensors(void **state)
 {
     (void)state;
     bench_t bench = {0};
-    bench_run(&bench, "Film \"rgb\" \"string sensor\" \"canon_eos_100d\" \"float iso\" 50\nWorldBegin\n" POINT_LIGHT
-                      SPHERE);
+    bench_run(&bench,
+              "Film \"rgb\" \"string sensor\" \"canon_eos_100d\" \"float iso\" 50\nWorldBegin\n" POINT_LIGHT
+                  SPHERE);
     bench_expect_ok(&bench);
     expect_text(bench.warnings, "s.pbrt:1:12: sensor \"canon_eos_100d\": \"cie1931\" is used");
     expect_vec3(light(&bench, 0)->radiance.factor, 0.5, 0.5, 0.5);
-    bench_run(&bench, "Film \"rgb\" \"float whitebalance\" 5000\nWorldBegin\n");
-    expect_text(bench.result.message, "whitebalance is not supported");
+    bench_close(&bench);
+}
+
+/* By hand from the formulae: x and y of daylight, Bradford's matrix, and back. */
+static void test_white_balance(void **state)
+{
+    (void)state;
+    static const struct {
+        int kelvin;
+        double rgb[3];
+    } cases[] = {
+        {4500, {0.7400, 1.0361, 1.5938}}, {6500, {1.0004, 0.9998, 1.0012}}, {9000, {1.1456, 0.9876, 0.7545}}};
+    bench_t bench = {0};
+    for (size_t i = 0; i < ARRAY_LENGTH(cases); ++i) {
+        char *text = mem_printf("Film \"rgb\" \"float whitebalance\" %d\nWorldBegin\n" POINT_LIGHT SPHERE,
+                                cases[i].kelvin);
+        bench_run(&bench, text);
+        free(text);
+        bench_expect_ok(&bench);
+        expect_text(bench.warnings, "1:12: the white balance is put into the lights");
+        rgb_t factor = light(&bench, 0)->radiance.factor;
+        expect_near((double)factor.x, cases[i].rgb[0], 1e-3);
+        expect_near((double)factor.y, cases[i].rgb[1], 1e-3);
+        expect_near((double)factor.z, cases[i].rgb[2], 1e-3);
+    }
+    bench_run(&bench, "Film \"rgb\" \"float whitebalance\" 0\nWorldBegin\n" POINT_LIGHT SPHERE);
+    bench_expect_silence(&bench);
+    expect_vec3(light(&bench, 0)->radiance.factor, 1, 1, 1);
+    bench_run(&bench, "Film \"rgb\" \"float whitebalance\" 9\nWorldBegin\n");
+    expect_text(bench.result.message, "must be from 1667 to 25000");
     bench_close(&bench);
 }
 
@@ -133,9 +165,9 @@ static void test_crop_window_before_pixel_bounds(void **state)
 {
     (void)state;
     bench_t bench = {0};
-    bench_run(&bench,
-              "Film \"rgb\" \"integer xresolution\" 100 \"integer yresolution\" 50 \"float cropwindow\" [0 0.5 0 1] "
-              "\"integer pixelbounds\" [60 70 0 10]\nWorldBegin\n" POINT_LIGHT SPHERE);
+    bench_run(&bench, "Film \"rgb\" \"integer xresolution\" 100 \"integer yresolution\" 50 \"float "
+                      "cropwindow\" [0 0.5 0 1] "
+                      "\"integer pixelbounds\" [60 70 0 10]\nWorldBegin\n" POINT_LIGHT SPHERE);
     bench_expect_ok(&bench);
     expect_text(bench.warnings, "the cropwindow goes before it");
     assert_int_equal(bench.blob.scene->width, 50);
@@ -147,8 +179,10 @@ static void test_ambient_occlusion_is_of_both(void **state)
 {
     (void)state;
     bench_t bench = {.lenient = true};
-    bench_run(&bench, "Integrator \"ambientocclusion\" \"float maxdistance\" 3\nFilm \"rgb\"\nWorldBegin\n" POINT_LIGHT
-                      SPHERE);
+    bench_run(
+        &bench,
+        "Integrator \"ambientocclusion\" \"float maxdistance\" 3\nFilm \"rgb\"\nWorldBegin\n" POINT_LIGHT
+            SPHERE);
     bench_expect_ok(&bench);
     expect_text(bench.warnings, "integrator \"ambientocclusion\" is not supported; path is used");
     bench_close(&bench);
@@ -234,8 +268,9 @@ static void test_names_that_come_later(void **state)
     run(&bench, POINT_LIGHT "NamedMaterial \"glue\"\n" SPHERE
                             "MakeNamedMaterial \"glue\" \"string type\" \"interface\"\n");
     expect_text(bench.result.message, "s.pbrt:6:1: an interface must be made before a shape wears it");
-    run(&bench, POINT_LIGHT "NamedMaterial \"m\"\n" SPHERE
-                            "MakeNamedMaterial \"m\" \"string type\" \"mix\" \"string materials\" [\"m\" \"m\"]\n");
+    run(&bench,
+        POINT_LIGHT "NamedMaterial \"m\"\n" SPHERE
+                    "MakeNamedMaterial \"m\" \"string type\" \"mix\" \"string materials\" [\"m\" \"m\"]\n");
     expect_text(bench.result.message, "this mix contains itself");
     run(&bench, POINT_LIGHT "NamedMaterial \"unused\"\nMaterial \"diffuse\"\n" SPHERE);
     bench_expect_silence(&bench);
@@ -264,6 +299,7 @@ int main(void)
         cmocka_unit_test(test_media_are_left_out_on_request),
         cmocka_unit_test(test_exposure),
         cmocka_unit_test(test_sensors),
+        cmocka_unit_test(test_white_balance),
         cmocka_unit_test(test_crop_window_before_pixel_bounds),
         cmocka_unit_test(test_ambient_occlusion_is_of_both),
         cmocka_unit_test(test_height_on_a_cylinder),

@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "client/import/pbrt/directives.h"
+#include "client/import/spectrum.h"
 
 typedef struct {
     const char *name;
@@ -80,6 +81,37 @@ static affine_t adaptation(const double from[2], const double to[2])
     scaling = affine_scaling(factors);
     scaling = affine_multiply(&scaling, &cones);
     return affine_multiply(&inverse, &scaling);
+}
+
+/* The chromaticity of CIE daylight (CIE 15) of a colour temperature, below 4000 K that of a black body. The
+ * temperature is of the radiation constant of 1931, which has changed since. */
+static void daylight(double kelvin, double xy[2])
+{
+    double t = 1e3 / (kelvin * 1.4388 / 1.4380);
+    if (t > 0.25) {
+        rgb_t c = spectrum_blackbody(1e3 / t, SPECTRUM_PBRT_V4);
+        double v[3] = {(double)c.x, (double)c.y, (double)c.z};
+        affine_t xyz = xyz_from(&spaces[0]);
+        apply(&xyz, v);
+        xy[0] = v[0] / (v[0] + v[1] + v[2]);
+        xy[1] = v[1] / (v[0] + v[1] + v[2]);
+        return;
+    }
+    xy[0] = t * 7 > 1 ? 0.244063 + t * (0.09911 + t * (2.9678 - t * 4.6070))
+                      : 0.237040 + t * (0.24748 + t * (1.9018 - t * 2.0064));
+    xy[1] = -0.275 + xy[0] * (2.870 - 3 * xy[0]);
+}
+
+rgb_t pbrt_white_balance(double kelvin)
+{
+    double from[2], v[3];
+    daylight(kelvin, from);
+    xyz_of(spaces[0].white, v);
+    affine_t balance = adaptation(from, spaces[0].white), srgb = xyz_from(&spaces[0]), from_xyz;
+    affine_invert(&srgb, &from_xyz);
+    apply(&balance, v);
+    apply(&from_xyz, v);
+    return vec3((float)fmax(v[0], 0), (float)fmax(v[1], 0), (float)fmax(v[2], 0));
 }
 
 rgb_t pbrt_srgb(const pbrt_t *p, rgb_t rgb, bool emitted)

@@ -28,8 +28,7 @@ static uint32_t add_words(pbrt_t *p, const void *bytes, size_t size)
     return first; /* too many texels: finishing the blob says so */
 }
 
-static void add_bytes(pbrt_t *p, const texture_image_t *source, const image_file_t *file,
-                      blob_image_t *image)
+static void add_bytes(pbrt_t *p, const texture_image_t *source, const image_file_t *file, blob_image_t *image)
 {
     size_t pixels = (size_t)source->width * source->height, channels = source->channels;
     size_t to = file->grey ? 1 : 4;
@@ -62,8 +61,8 @@ static void add_floats(pbrt_t *p, const texture_image_t *source, const image_fil
     free(floats);
 }
 
-/* The alpha of an image whose alpha is not 1 everywhere, as a grey image; 0 of others. pbrt-v4 decodes it like
- * the colours. */
+/* The alpha of an image whose alpha is not 1 everywhere, as a grey image; 0 of others. pbrt-v4 decodes it
+ * like the colours. */
 static blob_ref_t add_alpha(pbrt_t *p, const texture_image_t *source, float gamma)
 {
     size_t pixels = (size_t)source->width * source->height;

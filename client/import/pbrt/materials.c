@@ -731,7 +731,8 @@ static result_t make_once(pbrt_t *p, material_t *material)
     return result_ok();
 }
 
-/* A light needs a surface that emits: an interface that does becomes a black one, which also stops light. */
+/* A light needs a surface that emits: a v3 interface that does becomes a black one, which also stops light.
+ */
 static uint32_t black_material(pbrt_t *p, const material_t *material)
 {
     blob_material_t record = {.kind = MATERIAL_DIFFUSE, .normal_scale = 1};
@@ -739,13 +740,15 @@ static uint32_t black_material(pbrt_t *p, const material_t *material)
     return append(p, material, record);
 }
 
-/* ---- v4: materials that are worn before all that they name is known ------------------------------------- */
+/* ---- v4: materials that are worn before all that they name is known -------------------------------------
+ */
 
 static bool texture_is_known(const void *context, const char *texture)
 {
     const pbrt_t *p = context;
     uint32_t index;
-    return names_find(&p->texture_names[0], texture, &index) || names_find(&p->texture_names[1], texture, &index);
+    return names_find(&p->texture_names[0], texture, &index) ||
+           names_find(&p->texture_names[1], texture, &index);
 }
 
 static bool is_ready(pbrt_t *p, material_t *material, int depth)
@@ -782,8 +785,13 @@ result_t pbrt_wear_material(pbrt_t *p, params_t *shape_params, uint32_t *index)
     *index = LATE | p->now.material;
     if (p->dialect.dialect == DIALECT_V4 && !is_ready(p, material, 0)) return result_ok();
     TRY(make_once(p, material));
-    if (material->index == BLOB_NONE && p->now.emits && p->object == 0)
-        material->index = black_material(p, material);
+    if (material->index == BLOB_NONE && p->now.emits && p->object == 0) {
+        if (p->dialect.dialect == DIALECT_V3)
+            material->index = black_material(p, material);
+        else
+            report_warning(p->report, material->at,
+                           "an interface does not emit, as in pbrt: its area light is ignored");
+    }
     *index = material->index;
     size_t unread = params_unread(shape_params);
     if (p->dialect.dialect != DIALECT_V3 || unread == 0 || *index == BLOB_NONE) return result_ok();

@@ -266,25 +266,32 @@ static result_t make_image_film(pbrt_t *p, params_t *params)
     return params_apply(params, film_rules, ARRAY_LENGTH(film_rules), p->report);
 }
 
-/* Sensors other than the observer's eye see other colours; so does one that is balanced to another white. */
+/* pbrt's balance is a matrix; its effect on white light, which reaches the film as it leaves the lights. */
+static result_t read_white_balance(pbrt_t *p, params_t *params)
+{
+    double white = 0;
+    if (!params_has(params, "whitebalance")) return result_ok();
+    TRY(params_float(params, "whitebalance", &white));
+    if (white == 0) return result_ok(); /* none */
+    TRY(params_float_in(params, "whitebalance", 1667, 25000, &white));
+    p->balance = pbrt_white_balance(white);
+    report_warning(p->report, params_where(params, "whitebalance", p->film_at),
+                   "the white balance is put into the lights: strong colours turn out a little different");
+    return result_ok();
+}
+
 static result_t read_sensor(pbrt_t *p, params_t *params)
 {
     const char *sensor = "cie1931";
-    double iso = 100, exposure = 1, white = 0;
+    double iso = 100, exposure = 1;
     TRY(params_float_in(params, "iso", 1e-30, 1e30, &iso));
     TRY(params_float_in(params, "exposuretime", 1e-30, 1e30, &exposure));
-    TRY(params_float(params, "whitebalance", &white));
     TRY(params_string(params, "sensor", &sensor));
     p->gain = exposure * iso / 100;
-    if (strcmp(sensor, "cie1931") != 0) { /* calibrated to colours like the eye's, and balanced to 6500 K */
+    if (strcmp(sensor, "cie1931") != 0) /* calibrated to colours like the eye's */
         report_warning(p->report, params_where(params, "sensor", p->film_at),
                        "sensor \"%.40s\": \"cie1931\" is used, whose colours differ a little", sensor);
-        if (white == 6500) white = 0;
-    }
-    if (white != 0)
-        return report_refuse(p->report, params_where(params, "whitebalance", p->film_at),
-                             "whitebalance is not supported; the picture keeps its colours");
-    return result_ok();
+    return read_white_balance(p, params);
 }
 
 static const param_rule_t bounds_rules[] = {

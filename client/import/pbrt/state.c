@@ -18,6 +18,7 @@ void pbrt_begin(pbrt_t *p, blob_builder_t *builder, report_t *report)
     p->now.active = ACTIVE_START | ACTIVE_END;
     p->camera[0] = p->camera[1] = affine_identity();
     p->transform_times[1] = p->shutter[1] = p->gain = 1;
+    p->balance = vec3(1, 1, 1);
     p->objects = grow(NULL, &p->object_capacity, 1, sizeof *p->objects);
     p->objects[p->object_count++] = (object_t){0}; /* the world */
 }
@@ -247,6 +248,7 @@ static result_t apply_gain(pbrt_t *p, position_t at)
     for (uint32_t i = 0; i < count; ++i) {
         rgb_t *factor = &lights[i].radiance.factor;
         if (p->gain != 1) *factor = v_scale(*factor, (float)p->gain);
+        *factor = v_mul(*factor, p->balance);
         if (!v_is_finite(*factor))
             return error_at(p->film_at.line ? p->film_at : at, "the scene's lights are too bright: infinite");
     }

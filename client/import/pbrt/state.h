@@ -59,7 +59,7 @@ typedef struct {
 
 /* A Material or MakeNamedMaterial directive. Owned: params, name. */
 typedef struct {
-    size_t entry; /* in the table of materials */
+    size_t entry;     /* in the table of materials */
     params_t *params; /* NULL: only named so far (v4), at `at` */
     position_t at;
     size_t colour_space; /* of its rgb values */
@@ -150,6 +150,7 @@ typedef struct pbrt {
     bool early_motion;         /* it has been said that motion ends inside the shutter's time */
     int32_t crop[4];           /* x first, x end, y first, y end in pixels of the film */
     double gain;               /* of the film, on all light */
+    rgb_t balance;             /* the same by channel: v4's whitebalance */
     uint64_t bytes_known, bytes_done, bytes_told;                        /* of the files, for progress */
     uint64_t triangles;                                                  /* of all meshes so far */
     position_t film_at, camera_at, sampler_at, integrator_at, filter_at; /* line 0: not there yet */
