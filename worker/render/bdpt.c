@@ -230,8 +230,7 @@ static void trace_light_subpath(bidirectional_t *b, int *depths)
 static int bundle_add(bundle_t *bundle, vec3_t from, vec3_t to, rgb_t value)
 {
     int n = bundle->segments.count++;
-    bundle->segments.from[n] = from;
-    bundle->segments.to[n] = to;
+    segments_set(&bundle->segments, n, from, to);
     bundle->values[n] = value;
     return n;
 }
@@ -379,7 +378,7 @@ static rgb_t bdpt_sample(sample_t *sample)
     b.sample = sample;
     b.stage = sample->stage;
     b.radiance = vec3(0, 0, 0);
-    bundle.segments.count = 0;
+    bundle.segments = (segments_t){0};
     int segments = stage_max_segments(b.stage);
 
     trace_light_subpath(&b, depths);
