@@ -89,10 +89,16 @@ static inline float square(float x)
     return x * x;
 }
 
-/* share_i of the head comment for the vertex at the junction; r and q as there. */
+/* share_i of the head comment, all as there. */
+static inline float share_of(float direct, float inner, float r, float q)
+{
+    return square(r) * (direct + square(q) * inner);
+}
+
+/* That of the vertex at the junction. */
 static inline float mis_share(const vertex_t *v, float r, float q)
 {
-    return square(r) * (v->direct + square(q) * v->inner);
+    return share_of(v->direct, v->inner, r, q);
 }
 
 /* True when the job wants the strategy of s light and t eye vertices. */
@@ -230,8 +236,7 @@ static void trace_light_subpath(bidirectional_t *b, int *depths)
 static int bundle_add(bundle_t *bundle, vec3_t from, vec3_t to, rgb_t value)
 {
     int n = bundle->segments.count++;
-    bundle->segments.from[n] = from;
-    bundle->segments.to[n] = to;
+    segments_set(&bundle->segments, n, from, to);
     bundle->values[n] = value;
     return n;
 }
@@ -304,12 +309,12 @@ static void hit_light(bidirectional_t *b, const vertex_t *z, int segments)
 static void hit_sky(bidirectional_t *b, const walk_t *walk, int segments)
 {
     float inv_p2 = 1 / square(walk->pdf);
-    vertex_t z = {.direct = walk->joinable ? inv_p2 : 0,
-                  .inner = square(walk->cosine) * inv_p2 * walk->chain};
+    float direct = walk->joinable ? inv_p2 : 0, inner = square(walk->cosine) * inv_p2 * walk->chain;
     for (uint32_t k = 0; k < lights_sky_count(b->stage->lights); k++) {
         light_hit_t hit;
         if (!lights_escape(b->stage->lights, k, walk->direction, &hit)) continue;
-        add_light_hit(b, walk->throughput, hit.radiance, mis_share(&z, hit.pdf_place, hit.pdf_ray), segments);
+        float share = share_of(direct, inner, hit.pdf_place, hit.pdf_ray);
+        add_light_hit(b, walk->throughput, hit.radiance, share, segments);
     }
 }
 
@@ -379,7 +384,7 @@ static rgb_t bdpt_sample(sample_t *sample)
     b.sample = sample;
     b.stage = sample->stage;
     b.radiance = vec3(0, 0, 0);
-    bundle.segments.count = 0;
+    bundle.segments = (segments_t){0};
     int segments = stage_max_segments(b.stage);
 
     trace_light_subpath(&b, depths);

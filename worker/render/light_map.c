@@ -98,9 +98,20 @@ vec3_t light_map_sample(const light_map_t *map, vec2_t u, float *pdf)
     return direction_at(map->mapping, st);
 }
 
-float light_map_pdf(const light_map_t *map, vec3_t d)
+static float pdf_at(const light_map_t *map, vec2_t st)
 {
-    vec2_t st = place_of(map->mapping, d);
     float stretch = 4 * PI_F * stretch_at(map->mapping, st.y);
     return stretch > 0 ? distribution_pdf(map->distribution, st) / stretch : 0;
+}
+
+float light_map_pdf(const light_map_t *map, vec3_t d)
+{
+    return pdf_at(map, place_of(map->mapping, d));
+}
+
+rgb_t light_map_look(const light_map_t *map, vec3_t d, float *pdf)
+{
+    vec2_t st = place_of(map->mapping, d);
+    *pdf = pdf_at(map, st);
+    return value_at(map, st);
 }

@@ -22,6 +22,9 @@ void light_map_free(light_map_t *map);
 rgb_t light_map_value(const light_map_t *map, vec3_t d);
 /* Draws a direction; *pdf per steradian, 0 when the image is black. */
 vec3_t light_map_sample(const light_map_t *map, vec2_t u, float *pdf);
+/* The density of light_map_sample at d. */
 float light_map_pdf(const light_map_t *map, vec3_t d);
+/* Value and density at once. */
+rgb_t light_map_look(const light_map_t *map, vec3_t d, float *pdf);
 
 #endif

@@ -94,22 +94,22 @@ const light_ops_t light_distant = {prepare, release, distant_power, distant_emit
 
 /* ---- infinite ------------------------------------------------------------------------------------------ */
 
-static rgb_t infinite_radiance(const light_t *light, vec3_t w)
+/* The light's colour times what its image has in a direction. */
+static rgb_t tinted(const light_t *light, rgb_t image)
 {
-    rgb_t radiance = light->record->radiance.factor;
-    if (light->record->image == 0) return radiance;
-    vec3_t d = v_normalize(xform_vector(&state_of(light)->light_from_world, w));
-    rgb_t image = light_map_value(&state_of(light)->map, d);
-    return v_mul(radiance, vec3(float_max(image.x, 0), float_max(image.y, 0), float_max(image.z, 0)));
+    return v_mul(light->record->radiance.factor,
+                 vec3(float_max(image.x, 0), float_max(image.y, 0), float_max(image.z, 0)));
 }
 
-/* Per steradian, the choice of the light included. */
-static float infinite_pdf(const light_t *light, vec3_t w)
+static vec3_t to_light_space(const light_t *light, vec3_t w)
 {
-    if (light->record->image == 0) return light->chance * (0.25f * INV_PI_F);
-    vec3_t d = v_normalize(xform_vector(&state_of(light)->light_from_world, w));
-    return light->chance * light_map_pdf(&state_of(light)->map, d) *
-           warp_density_factor(&light->record->world_from_light, d);
+    return v_normalize(xform_vector(&state_of(light)->light_from_world, w));
+}
+
+static rgb_t infinite_radiance(const light_t *light, vec3_t w)
+{
+    if (light->record->image == 0) return light->record->radiance.factor;
+    return tinted(light, light_map_value(&state_of(light)->map, to_light_space(light, w)));
 }
 
 static vec3_t infinite_draw(const light_t *light, vec2_t u, float *pdf)
@@ -147,9 +147,16 @@ static bool infinite_illuminate(const light_t *light, uint32_t primitive, vec3_t
 
 static bool infinite_escape(const light_t *light, vec3_t w, light_hit_t *out)
 {
-    out->radiance = infinite_radiance(light, w);
-    out->pdf_place = infinite_pdf(light, w);
     out->pdf_ray = disc_pdf(light);
+    if (light->record->image == 0) {
+        out->radiance = light->record->radiance.factor;
+        out->pdf_place = light->chance * (0.25f * INV_PI_F);
+    } else {
+        float pdf;
+        vec3_t d = to_light_space(light, w);
+        out->radiance = tinted(light, light_map_look(&state_of(light)->map, d, &pdf));
+        out->pdf_place = light->chance * pdf * warp_density_factor(&light->record->world_from_light, d);
+    }
     return !v_is_zero(out->radiance);
 }
 

@@ -795,28 +795,43 @@ bool scene_occluded(const scene_t *scene, vec3_t from, vec3_t to, float time)
     return ray.tfar < 0;
 }
 
+/* Occlusion of a segment by itself: Embree's packets cost more. */
+static uint32_t only_occluded(const scene_t *scene, const segments_t *s)
+{
+    vec3_t from = vec3(s->from[0][0], s->from[1][0], s->from[2][0]);
+    return scene_occluded(scene, from, vec3(s->to[0][0], s->to[1][0], s->to[2][0]), s->time);
+}
+
+/* One coordinate of a packet's rays; counts in *lost those beyond the reach. */
+static inline void fill_axis(const float *from, const float *to, float reach, float *restrict origin,
+                             float *restrict direction, int *restrict lost)
+{
+    for (int i = 0; i < SCENE_PACKET; i++) {
+        float o = from[i], d = to[i] - o;
+        origin[i] = o;
+        direction[i] = d;
+        lost[i] += (fabsf(o) < reach ? 0 : 1) + (fabsf(d) < reach ? 0 : 1);
+    }
+}
+
 uint32_t scene_occluded_packet(const scene_t *scene, const segments_t *segments)
 {
-    if (segments->count == 1)
-        return scene_occluded(scene, segments->from[0], segments->to[0], segments->time);
+    if (segments->count == 1) return only_occluded(scene, segments);
     struct RTCIntersectContext context;
     rtcInitIntersectContext(&context);
     struct RTCRay8 rays;
-    uint32_t lost = 0; /* nobody can say what lies between: as good as occluded */
-    _Alignas(32) int valid[SCENE_PACKET];
+    _Alignas(32) int valid[SCENE_PACKET], lost[SCENE_PACKET] = {0};
+    fill_axis(segments->from[0], segments->to[0], scene->reach, rays.org_x, rays.dir_x, lost);
+    fill_axis(segments->from[1], segments->to[1], scene->reach, rays.org_y, rays.dir_y, lost);
+    fill_axis(segments->from[2], segments->to[2], scene->reach, rays.org_z, rays.dir_z, lost);
     for (int i = 0; i < SCENE_PACKET; i++) {
-        int k = i < segments->count ? i : 0;
-        vec3_t o = segments->from[k], d = v_sub(segments->to[k], o);
-        bool traceable = is_traceable(scene, o) && is_traceable(scene, d);
-        valid[i] = i < segments->count && traceable ? -1 : 0;
-        lost |= (uint32_t)!traceable << i;
-        rays.org_x[i] = o.x, rays.org_y[i] = o.y, rays.org_z[i] = o.z;
-        rays.dir_x[i] = d.x, rays.dir_y[i] = d.y, rays.dir_z[i] = d.z;
+        valid[i] = i < segments->count && lost[i] == 0 ? -1 : 0;
         rays.tnear[i] = 0, rays.tfar[i] = segment_end, rays.time[i] = segments->time;
         rays.mask[i] = 0xFFFFFFFFu, rays.id[i] = 0, rays.flags[i] = 0;
     }
     rtcOccluded8(valid, scene->world, &context, &rays);
-    uint32_t occluded = lost & ((1u << segments->count) - 1);
-    for (int i = 0; i < segments->count; i++) occluded |= (uint32_t)(rays.tfar[i] < 0) << i;
+    /* Where nobody can say what lies between, it is as good as occluded. */
+    uint32_t occluded = 0;
+    for (int i = 0; i < segments->count; i++) occluded |= (uint32_t)(lost[i] != 0 || rays.tfar[i] < 0) << i;
     return occluded;
 }

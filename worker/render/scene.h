@@ -60,12 +60,20 @@ void scene_details(const scene_t *scene, const surface_t *surface, surface_detai
 bool scene_probe(const scene_t *scene, vec3_t origin, vec3_t direction);
 
 enum { SCENE_PACKET = 8 };
-/* Segments between points; the ends are already off their surfaces (scene_offset). */
+/* Segments between points; the ends are already off their surfaces (scene_offset). Coordinates lie side by
+ * side as Embree takes them; those behind `count` may be anything that is set. */
 typedef struct {
     int count;
     float time;
-    vec3_t from[SCENE_PACKET], to[SCENE_PACKET];
+    float from[3][SCENE_PACKET], to[3][SCENE_PACKET];
 } segments_t;
+
+/* Sets one segment. */
+static inline void segments_set(segments_t *segments, int i, vec3_t from, vec3_t to)
+{
+    segments->from[0][i] = from.x, segments->from[1][i] = from.y, segments->from[2][i] = from.z;
+    segments->to[0][i] = to.x, segments->to[1][i] = to.y, segments->to[2][i] = to.z;
+}
 
 /* True when something lies between the points. */
 bool scene_occluded(const scene_t *scene, vec3_t from, vec3_t to, float time);
