@@ -124,6 +124,24 @@ void scattering_check_densities(const bsdf_t *bsdf)
     assert_true(compared > 300);
 }
 
+void scattering_check_finite(const bsdf_t *bsdf, uint32_t index, float grazing)
+{
+    sampler_t sampler = sampler_new(SAMPLER_INDEPENDENT, 31, index, 0);
+    for (int j = 0; j < 20; j++) {
+        vec3_t wo = j < 2 ? scattering_direction(grazing, (float)j) : warp_sphere(sampler_2d(&sampler));
+        bsdf_sample_t sample;
+        bsdf_value_t value;
+        vec2_t u = sampler_2d(&sampler);
+        if (bsdf_sample(bsdf, wo, u, sampler_1d(&sampler), TRANSPORT_RADIANCE, &sample)) {
+            assert_true(v_is_finite(sample.weight) && sample.weight.x >= 0);
+            assert_true(sample.pdf > 0 && isfinite(sample.pdf));
+        }
+        if (!bsdf_eval(bsdf, wo, warp_sphere(u), TRANSPORT_RADIANCE, &value)) continue;
+        assert_true(v_is_finite(value.f) && value.f.x >= 0);
+        assert_true(isfinite(value.pdf) && isfinite(value.pdf_rev));
+    }
+}
+
 scattering_mean_t scattering_albedo(const bsdf_t *bsdf, vec3_t wo, transport_t mode, uint32_t samples)
 {
     double sum = 0, squares = 0, n = samples;

@@ -23,6 +23,10 @@ void scattering_check_draws(const bsdf_t *bsdf, vec3_t wo);
  */
 void scattering_check_densities(const bsdf_t *bsdf);
 
+/* Fails the test unless values and densities are finite and not negative, also along the surface; `index`
+ * picks the directions. */
+void scattering_check_finite(const bsdf_t *bsdf, uint32_t index, float grazing);
+
 typedef struct {
     double mean, error; /* standard error */
 } scattering_mean_t;

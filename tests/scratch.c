@@ -6,6 +6,7 @@
 #include <dirent.h>
 #include <fcntl.h>
 #include <ftw.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -52,6 +53,27 @@ void scratch_write(const char *path, const void *data, size_t size)
     require(file != NULL, path);
     require(fwrite(data, 1, size, file) == size, path);
     require(fclose(file) == 0, path);
+}
+
+void scratch_write_light_image(const char *folder, const char *name, int width, int height, float spot)
+{
+    char header[64];
+    size_t length = (size_t)snprintf(header, sizeof header, "PF\n%d %d\n-1.0\n", width, height);
+    size_t size = length + 12 * (size_t)width * (size_t)height;
+    uint8_t *bytes = mem_alloc(size);
+    memcpy(bytes, header, length);
+    for (int y = 0; y < height; y++)
+        for (int x = 0; x < width; x++) {
+            float s = ((float)x + 0.5f) / (float)width, t = ((float)y + 0.5f) / (float)height;
+            float base = s < 0.25f ? 0 : 0.5f + 0.4f * sinf(9 * s) * cosf(7 * t);
+            float more = x == width / 2 && y == height / 2 ? spot : 0;
+            float rgb[3] = {base + more, base * t + more, 0.5f * (base + 1 - s)};
+            memcpy(bytes + length + 12 * ((size_t)y * (size_t)width + (size_t)x), rgb, 12);
+        }
+    char *path = scratch_path(folder, name);
+    scratch_write(path, bytes, size);
+    free(path);
+    free(bytes);
 }
 
 uint8_t *scratch_read(const char *path, size_t *size)

@@ -12,6 +12,9 @@ void scratch_destroy(char **folder);
 /* "folder/name" in fresh memory. */
 char *scratch_path(const char *folder, const char *name);
 void scratch_write(const char *path, const void *data, size_t size);
+/* A PFM image "folder/name": a smooth pattern with a dark part and one bright pixel, `spot` above the rest.
+ */
+void scratch_write_light_image(const char *folder, const char *name, int width, int height, float spot);
 /* The whole file in fresh memory. */
 uint8_t *scratch_read(const char *path, size_t *size);
 /* How many files are in the folder. */

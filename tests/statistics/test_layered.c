@@ -429,19 +429,7 @@ static void extreme_values_are_harmless(void **state)
         }
         scattering_t s;
         scattering_begin(&s, material_of(&stack));
-        for (int j = 0; j < 20; j++) {
-            vec3_t wo = j < 2 ? scattering_direction(1e-7f, (float)j) : warp_sphere(sampler_2d(&sampler));
-            bsdf_sample_t sample;
-            bsdf_value_t value;
-            vec2_t u = sampler_2d(&sampler);
-            if (bsdf_sample(&s.bsdf, wo, u, sampler_1d(&sampler), TRANSPORT_RADIANCE, &sample)) {
-                assert_true(v_is_finite(sample.weight) && sample.weight.x >= 0);
-                assert_true(sample.pdf > 0 && isfinite(sample.pdf));
-            }
-            if (!bsdf_eval(&s.bsdf, wo, warp_sphere(u), TRANSPORT_RADIANCE, &value)) continue;
-            assert_true(v_is_finite(value.f) && value.f.x >= 0);
-            assert_true(isfinite(value.pdf) && isfinite(value.pdf_rev));
-        }
+        scattering_check_finite(&s.bsdf, i, 1e-7f);
         scattering_end(&s);
     }
 }

@@ -142,28 +142,6 @@ static const light_case_t lights_of[] = {
      0},
 };
 
-/* A smooth pattern with a bright spot and a dark part, rows from the bottom. */
-static void write_image(const char *name, int width, int height)
-{
-    char header[64];
-    size_t length = (size_t)snprintf(header, sizeof header, "PF\n%d %d\n-1.0\n", width, height);
-    size_t size = length + 12 * (size_t)width * (size_t)height;
-    uint8_t *bytes = mem_alloc(size);
-    memcpy(bytes, header, length);
-    for (int y = 0; y < height; y++)
-        for (int x = 0; x < width; x++) {
-            float s = ((float)x + 0.5f) / (float)width, t = ((float)y + 0.5f) / (float)height;
-            float base = s < 0.25f ? 0 : 0.5f + 0.4f * sinf(9 * s) * cosf(7 * t);
-            float spot = x == width / 2 && y == height / 2 ? 3 : 0;
-            float rgb[3] = {base + spot, base * t + spot, 0.5f * (base + 1 - s)};
-            memcpy(bytes + length + 12 * ((size_t)y * (size_t)width + (size_t)x), rgb, 12);
-        }
-    char *path = scratch_path(folder, name);
-    scratch_write(path, bytes, size);
-    free(path);
-    free(bytes);
-}
-
 /* ---- estimates ----------------------------------------------------------------------------------------- */
 
 /* Means of what is added, `draws` of each. */
@@ -398,8 +376,8 @@ static int begin(void **state)
 {
     (void)state;
     folder = scratch_new();
-    write_image("wide.pfm", 16, 8);
-    write_image("square.pfm", 8, 8);
+    scratch_write_light_image(folder, "wide.pfm", 16, 8, 3);
+    scratch_write_light_image(folder, "square.pfm", 8, 8, 3);
     return 0;
 }
 

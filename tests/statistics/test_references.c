@@ -105,7 +105,8 @@ static bool check(const case_t *c)
     return holds;
 }
 
-/* Under a sanitizer, which is many times slower, less will do: the statistics are another build's business. */
+/* Under a sanitizer, which is many times slower, less will do: the statistics are another build's business.
+ */
 #ifdef __SANITIZE_ADDRESS__
 enum { SPARSER = 16 };
 #else
