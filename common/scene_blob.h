@@ -147,9 +147,11 @@ typedef enum { SHAPE_MESH = 1, SHAPE_QUADRIC = 2, SHAPE_CURVES = 3 } shape_kind_
  * mirroring transform; of a quadric the same, but of one that emits ReverseOrientation alone).
  * SHAPE_CUTOUT: alpha 0 lets rays through, anything else stops them; without it alpha is the probability of
  * stopping a ray.
- * SHAPE_BUMPS_V3: where a mesh has vertex normals, bump maps stand on unit vectors along -dp/du and -dp/dv.
+ * SHAPE_NORMALS_V3: light that a light sends to what the camera sees is also reflected where the shading and
+ * the geometric normal disagree about its side or the camera's, as in pbrt-v3. SHAPE_BUMPS_V3: where a mesh
+ * has vertex normals, bump maps stand on unit vectors along -dp/du and -dp/dv.
  */
-enum { SHAPE_FLIP = 1, SHAPE_CUTOUT = 2, SHAPE_BUMPS_V3 = 4 };
+enum { SHAPE_FLIP = 1, SHAPE_CUTOUT = 2, SHAPE_BUMPS_V3 = 4, SHAPE_NORMALS_V3 = 8 };
 
 /* ---- values and textures ------------------------------------------------------------------------------- */
 

@@ -708,6 +708,22 @@ static void bumps_of_pbrt_v3_stand_on_unit_tangents(void **state)
     assert_vector(bumped_normal(&by_point, SHAPE_BUMPS_V3), direction(-0.25f, 0, 1));
 }
 
+/* A normal turned by 45 degrees: light from beyond its horizon is black to all but pbrt-v3's direct light. */
+static void split_directions_have_a_value_of_their_own(void **state)
+{
+    bsdf_t bsdf = bsdf_of(*state, MATTE);
+    bsdf_value_t value;
+    bsdf.ns = direction(1, 0, 1);
+    bsdf.s = direction(1, 0, -1);
+    bsdf.t = v_cross(bsdf.ns, bsdf.s);
+    vec3_t up = vec3(0, 0, 1), beyond = direction(-2, 0, 1), below = direction(2, 0, -1);
+    assert_false(bsdf_eval(&bsdf, up, beyond, TRANSPORT_RADIANCE, &value));
+    assert_true(bsdf_eval_split(&bsdf, up, beyond, TRANSPORT_RADIANCE, &value));
+    assert_float_equal(value.f.y, value_at(&bsdf, up, up), 1e-6f);
+    assert_false(bsdf_eval_split(&bsdf, up, up, TRANSPORT_RADIANCE, &value));
+    assert_false(bsdf_eval_split(&bsdf, up, below, TRANSPORT_RADIANCE, &value)); /* would be transmitted */
+}
+
 static void degenerate_derivatives_leave_a_frame(void **state)
 {
     const sheets_t *sheets = *state;
@@ -749,6 +765,7 @@ int main(void)
         cmocka_unit_test(regularizing_roughens_what_is_smooth),
         cmocka_unit_test(maps_turn_the_normal),
         cmocka_unit_test(bumps_of_pbrt_v3_stand_on_unit_tangents),
+        cmocka_unit_test(split_directions_have_a_value_of_their_own),
         cmocka_unit_test(degenerate_derivatives_leave_a_frame),
         cmocka_unit_test(roughness_lies_along_dpdu),
     };

@@ -90,7 +90,7 @@ static void test_bumps_of_meshes(void **state)
         "Shape \"trianglemesh\" \"point3 P\" [0 0 0 1 0 0 0 1 0]\nShape \"cylinder\"";
     bench_run_v3(&bench, smooth);
     bench_expect_ok(&bench);
-    assert_int_equal(shape(&bench, 0)->flags, SHAPE_BUMPS_V3);
+    assert_int_equal(shape(&bench, 0)->flags, SHAPE_BUMPS_V3 | SHAPE_NORMALS_V3);
     assert_int_equal(shape(&bench, 1)->flags, 0);
     assert_int_equal(shape(&bench, 2)->flags, 0);
     char *v4 = mem_printf("WorldBegin\n%s", smooth);

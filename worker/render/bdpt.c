@@ -319,17 +319,23 @@ static void hit_sky(bidirectional_t *b, const walk_t *walk, int segments)
 }
 
 /* s = 1: joins the eye vertex to a fresh place on a light. */
-static void join_light(const bidirectional_t *b, const vertex_t *z, sampler_t *sampler, bundle_t *bundle)
+static void join_light(const bidirectional_t *b, const vertex_t *z, int i, sampler_t *sampler,
+                       bundle_t *bundle)
 {
     light_view_t light;
     bsdf_value_t fz;
-    float choice = sampler_1d(sampler);
-    if (!lights_illuminate(b->stage->lights, z->surface.p, choice, sampler_2d(sampler), &light) ||
-        !bsdf_eval(&z->bsdf, z->wo, light.w, TRANSPORT_RADIANCE, &fz))
-        return;
-    float light_share = light.delta ? 0 : square(fz.pdf * light.geometry / light.pdf_place);
+    float choice = sampler_1d(sampler), weight;
+    if (!lights_illuminate(b->stage->lights, z->surface.p, choice, sampler_2d(sampler), &light)) return;
     float r_eye = light.arrival * fabsf(v_dot(light.w, z->surface.ng));
-    float weight = weight_of(b, light_share + mis_share(z, r_eye, fz.pdf_rev));
+    if (bsdf_eval(&z->bsdf, z->wo, light.w, TRANSPORT_RADIANCE, &fz)) {
+        float light_share = light.delta ? 0 : square(fz.pdf * light.geometry / light.pdf_place);
+        weight = weight_of(b, light_share + mis_share(z, r_eye, fz.pdf_rev));
+    } else if (i == 1 && splits_direct_light(&z->surface) &&
+               bsdf_eval_split(&z->bsdf, z->wo, light.w, TRANSPORT_RADIANCE, &fz)) {
+        weight = split_light_share(light.delta, light.pdf_place, r_eye * sqrtf(z->inv_p2));
+    } else {
+        return;
+    }
     float factor = fabsf(v_dot(light.w, z->bsdf.ns)) * light.geometry / light.pdf_place * weight;
     rgb_t value = v_mul(v_scale(v_mul(z->throughput, fz.f), factor), light.radiance);
     if (z->bsdf.absorbs)
@@ -368,7 +374,7 @@ static void join_eye_vertex(bidirectional_t *b, const vertex_t *z, int i, const 
     int segments = stage_max_segments(b->stage);
     sampler_t sampler =
         sample_stream(b->sample, DIMENSION_EYE + (uint32_t)i * DIMENSION_STRIDE + DIMENSION_ILLUMINATE);
-    if (is_wanted(b, 1, i + 1)) join_light(b, z, &sampler, bundle);
+    if (is_wanted(b, 1, i + 1)) join_light(b, z, i, &sampler, bundle);
     for (int k = 0; k < b->light_count && i + depths[k] < segments; k++) {
         if (is_wanted(b, depths[k] + 1, i + 1)) join_vertices(b, z, &b->light[k], bundle);
         if (bundle->segments.count == SCENE_PACKET) gather_bundle(b, bundle);

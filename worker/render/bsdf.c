@@ -139,6 +139,16 @@ bool bsdf_eval(const bsdf_t *bsdf, vec3_t wo, vec3_t wi, transport_t mode, bsdf_
     return true;
 }
 
+bool bsdf_eval_split(const bsdf_t *bsdf, vec3_t wo, vec3_t wi, transport_t mode, bsdf_value_t *value)
+{
+    if (bsdf->specular) return false;
+    bool reflect = same_side(bsdf, wo, wi);
+    vec3_t local_o = bsdf_to_local(bsdf, wo), local_i = bsdf_to_local(bsdf, wi);
+    if ((local_o.z * local_i.z > 0) == reflect) return false;
+    local_i.z = -local_i.z;
+    return eval_lobes(bsdf, local_o, local_i, reflect, mode, value);
+}
+
 /* The lobe that *choice falls on; *choice is stretched to [0, 1) again. */
 static const lobe_t *choose_lobe(const bsdf_t *bsdf, float *choice)
 {

@@ -82,6 +82,9 @@ typedef struct {
 void bsdf_init(bsdf_t *bsdf, const scene_t *scene, const surface_t *surface);
 /* Evaluates the lobes that are not specular. False when the value is zero; *value is then undefined. */
 bool bsdf_eval(const bsdf_t *bsdf, vec3_t wo, vec3_t wi, transport_t mode, bsdf_value_t *value);
+/* The same for directions about whose sides the two normals disagree, of which bsdf_eval is black and no lobe
+ * draws one: as if wi were mirrored at the shading plane. False for all others. */
+bool bsdf_eval_split(const bsdf_t *bsdf, vec3_t wo, vec3_t wi, transport_t mode, bsdf_value_t *value);
 /* Draws wi in proportion to the density that bsdf_eval returns, or a specular direction. `u` are two uniform
  * numbers for the direction, `choice` one for the lobe. False when there is nothing to follow. */
 bool bsdf_sample(const bsdf_t *bsdf, vec3_t wo, vec2_t u, float choice, transport_t mode,

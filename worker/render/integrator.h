@@ -57,6 +57,21 @@ enum { DIMENSION_ILLUMINATE = 0, DIMENSION_SCATTER = 2 };
  * pixel and the point of the lens that it is joined to. */
 enum { DIMENSION_EMIT = 0, DIMENSION_LIGHT_SCATTER = 0, DIMENSION_JOIN_PIXEL = 4, DIMENSION_JOIN_LENS = 5 };
 
+/* True where pbrt-v3 shows light of a light that the two normals of what the camera sees disagree about. */
+static inline bool splits_direct_light(const surface_t *surface)
+{
+    return (surface->shape->flags & SHAPE_NORMALS_V3) != 0;
+}
+
+/* The share of such light that pbrt-v3's bdpt shows: all of a light that cannot be run into. Else it counts
+ * the scattering that cannot happen as a strategy with the density 1 of the place on the light (of
+ * `pdf_place` when drawn as such), and nothing makes up for its part; `ratio`: of the densities of what the
+ * camera sees, as made by the light over as made by the camera. */
+static inline float split_light_share(bool delta, float pdf_place, float ratio)
+{
+    return delta ? 1 : (1 + ratio) / (1 + ratio + 1 / pdf_place);
+}
+
 static inline sampler_t sample_stream(const sample_t *sample, uint32_t dimension)
 {
     sampler_t sampler = sample->numbers;

@@ -4,16 +4,24 @@
  */
 #include "worker/render/integrator.h"
 
-/* Joins a vertex to the camera. */
+/* Joins a vertex to the camera. `first`: the ray that came straight from the light, or NULL. */
 static void splat_vertex(sample_t *sample, const surface_t *surface, const bsdf_t *bsdf, vec3_t wo,
-                         rgb_t throughput, uint32_t dimension)
+                         rgb_t throughput, const light_ray_t *first, uint32_t dimension)
 {
     camera_view_t view;
     bsdf_value_t scattered;
-    if (!sample_join_camera(sample, surface->p, dimension, &view) ||
-        !bsdf_eval(bsdf, wo, view.w, TRANSPORT_IMPORTANCE, &scattered))
-        return;
-    float factor = fabsf(v_dot(view.w, bsdf->ns)) * shading_adjoint(bsdf, wo, view.w) * view.density;
+    float share = 1;
+    if (!sample_join_camera(sample, surface->p, dimension, &view)) return;
+    if (!bsdf_eval(bsdf, wo, view.w, TRANSPORT_IMPORTANCE, &scattered)) {
+        if (!first || !splits_direct_light(surface) ||
+            !bsdf_eval_split(bsdf, wo, view.w, TRANSPORT_IMPORTANCE, &scattered))
+            return;
+        float distance2 = first->at_infinity ? 1 : v_length2(v_sub(surface->p, first->point));
+        float arrives = first->pdf_ray * fabsf(v_dot(wo, surface->ng)) / distance2;
+        float seen = view.density * fabsf(v_dot(view.w, surface->ng));
+        share = split_light_share(first->delta, first->pdf_place, arrives / seen);
+    }
+    float factor = share * fabsf(v_dot(view.w, bsdf->ns)) * shading_adjoint(bsdf, wo, view.w) * view.density;
     rgb_t value = v_scale(v_mul(throughput, scattered.f), factor);
     if (bsdf->absorbs)
         value = v_mul(value,
@@ -53,7 +61,8 @@ static void trace_light_path(sample_t *sample)
         vec3_t wo = v_neg(direction);
         sampler = sample_stream(sample, dimension + DIMENSION_LIGHT_SCATTER);
         vec2_t u = sampler_2d(&sampler), choices = sampler_2d(&sampler);
-        if (!bsdf.specular) splat_vertex(sample, &surface, &bsdf, wo, throughput, dimension);
+        if (!bsdf.specular)
+            splat_vertex(sample, &surface, &bsdf, wo, throughput, segment == 1 ? &ray : NULL, dimension);
         if (!bsdf_sample(&bsdf, wo, u, choices.x, TRANSPORT_IMPORTANCE, &next)) return;
         throughput = v_scale(v_mul(throughput, next.weight), shading_adjoint(&bsdf, wo, next.wi));
         float survive = float_min(1, v_max(throughput) / brightest);

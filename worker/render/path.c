@@ -19,20 +19,28 @@ typedef struct {
     rgb_t throughput, attenuation;
 } ray_t;
 
-/* Radiance that a sampled place on a light sends over the path's end. */
+/* Radiance that a sampled place on a light sends over the path's end. `seen`: the density per area of a first
+ * hit, 0 of others. */
 static rgb_t direct_light(sample_t *sample, const surface_t *surface, const bsdf_t *bsdf, vec3_t wo,
-                          sampler_t *sampler)
+                          float seen, sampler_t *sampler)
 {
     const stage_t *stage = sample->stage;
     light_view_t light;
     bsdf_value_t value;
     float choice = sampler_1d(sampler);
-    if (!lights_illuminate(stage->lights, surface->p, choice, sampler_2d(sampler), &light) ||
-        !bsdf_eval(bsdf, wo, light.w, TRANSPORT_RADIANCE, &value))
+    if (!lights_illuminate(stage->lights, surface->p, choice, sampler_2d(sampler), &light))
         return vec3(0, 0, 0);
     float pdf = light.pdf_place / light.geometry; /* per steradian */
     float factor = fabsf(v_dot(light.w, bsdf->ns)) / pdf;
-    if (!light.delta) factor *= power_heuristic(pdf, value.pdf);
+    if (bsdf_eval(bsdf, wo, light.w, TRANSPORT_RADIANCE, &value)) {
+        if (!light.delta) factor *= power_heuristic(pdf, value.pdf);
+    } else if (seen > 0 && splits_direct_light(surface) &&
+               bsdf_eval_split(bsdf, wo, light.w, TRANSPORT_RADIANCE, &value)) {
+        float arrives = light.arrival * fabsf(v_dot(light.w, surface->ng));
+        factor *= split_light_share(light.delta, light.pdf_place, arrives / seen);
+    } else {
+        return vec3(0, 0, 0);
+    }
     rgb_t result = v_scale(v_mul(value.f, light.radiance), factor);
     if (bsdf->absorbs)
         result = v_mul(result,
@@ -93,6 +101,13 @@ static bool scatter(ray_t *ray, const surface_t *surface, const bsdf_t *bsdf, sa
     return true;
 }
 
+/* Density per area with which the camera finds its first hit. */
+static float density_seen(const camera_ray_t *eye, const surface_t *surface)
+{
+    float distance2 = eye->parallel ? 1 : v_length2(v_sub(surface->p, eye->origin));
+    return eye->pdf * fabsf(v_dot(surface->ng, eye->direction)) / distance2;
+}
+
 static rgb_t path_sample(sample_t *sample)
 {
     const stage_t *stage = sample->stage;
@@ -123,7 +138,8 @@ static rgb_t path_sample(sample_t *sample)
         if (segment >= segments) return radiance;
         if (!bsdf.specular && !lights_empty(stage->lights)) {
             sampler_t sampler = sample_stream(sample, dimension + DIMENSION_ILLUMINATE);
-            rgb_t direct = direct_light(sample, &surface, &bsdf, v_neg(ray.direction), &sampler);
+            rgb_t direct = direct_light(sample, &surface, &bsdf, v_neg(ray.direction),
+                                        segment == 1 ? density_seen(&eye, &surface) : 0, &sampler);
             radiance = v_add(radiance, v_mul(ray.throughput, direct));
         }
         sampler_t sampler = sample_stream(sample, dimension + DIMENSION_SCATTER);

@@ -143,6 +143,15 @@ static result_t add_shape(pbrt_t *p, shape_work_t *work, bool moves, const affin
     return result_ok();
 }
 
+/* Shading normals that are not the geometric ones: see SHAPE_NORMALS_V3. */
+static bool has_shading_normals(const pbrt_t *p, const blob_shape_t *shape)
+{
+    const blob_mesh_t *meshes = blob_builder_records(p->builder, BLOB_SECTION_MESHES);
+    const blob_material_t *materials = blob_builder_records(p->builder, BLOB_SECTION_MATERIALS);
+    return materials[shape->material].bump != 0 ||
+           (shape->kind == SHAPE_MESH && meshes[shape->geometry].first_normal != BLOB_NONE);
+}
+
 result_t pbrt_shape(pbrt_t *p, position_t at)
 {
     size_t index;
@@ -159,5 +168,7 @@ result_t pbrt_shape(pbrt_t *p, position_t at)
                            &work.shape.material)); /* last: v3 takes what the shape left unread */
     TRY(pbrt_finish_params(p, "Shape", p->arguments[0]));
     if (work.shape.geometry == BLOB_NONE || work.shape.material == BLOB_NONE) return result_ok();
+    if (p->dialect.dialect == DIALECT_V3 && has_shading_normals(p, &work.shape))
+        work.shape.flags |= SHAPE_NORMALS_V3;
     return add_shape(p, &work, moves, &open, &close);
 }
