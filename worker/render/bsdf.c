@@ -4,22 +4,9 @@
 #include "worker/render/bsdf_frame.h"
 #include "worker/render/lobe.h"
 
-static material_shade_t *const materials[MATERIAL_KIND_END] = {
-    [MATERIAL_DIFFUSE] = material_diffuse,
-    [MATERIAL_MIRROR] = material_mirror,
-    [MATERIAL_DIELECTRIC] = material_dielectric,
-    [MATERIAL_CONDUCTOR] = material_conductor,
-    [MATERIAL_PLASTIC] = material_plastic,
-    [MATERIAL_UBER] = material_uber,
-    [MATERIAL_SUBSTRATE] = material_substrate,
-    [MATERIAL_TRANSLUCENT] = material_translucent,
-    [MATERIAL_MIX] = material_mix,
-    [MATERIAL_DISNEY] = material_disney,
-    [MATERIAL_DIFFUSE_TRANSMISSION] = material_diffuse_transmission,
-    [MATERIAL_COATED_DIFFUSE] = material_coated_diffuse,
-    [MATERIAL_COATED_CONDUCTOR] = material_coated_conductor,
-    [MATERIAL_GLTF] = material_gltf,
-};
+#define TABLE_ENTRY(kind, shade) [kind] = shade,
+static material_shade_t *const materials[MATERIAL_KIND_END] = {BSDF_MATERIALS(TABLE_ENTRY)};
+#undef TABLE_ENTRY
 
 /* What is not in the table scatters nothing. */
 static void shade(const shading_t *shading)

@@ -11,7 +11,7 @@
  *
  * A BSDF is a sum of lobes. A material, once per hit, reads its values and adds the lobes that it is made of;
  * a lobe knows how to evaluate and sample itself. A new material is one file material_*.c and one entry in
- * the table in bsdf.c; a new lobe is one file lobe_*.c.
+ * BSDF_MATERIALS below; a new lobe is one file lobe_*.c.
  */
 #ifndef LIGHTMILL_RENDER_BSDF_H
 #define LIGHTMILL_RENDER_BSDF_H
@@ -143,10 +143,27 @@ lobe_t *shading_add(const shading_t *shading, const lobe_kind_t *kind, rgb_t sca
 /* Lets another material shade in this one's place. */
 void shading_delegate(const shading_t *shading, uint32_t material, rgb_t scale);
 
-/* Every material and lobe; each file says what it does. */
-extern material_shade_t material_diffuse, material_mirror, material_dielectric, material_conductor,
-    material_plastic, material_uber, material_substrate, material_translucent, material_mix, material_disney,
-    material_diffuse_transmission, material_coated_diffuse, material_coated_conductor, material_gltf;
+/* Every material, by its kind in the blob: the one place that a new one is entered. */
+#define BSDF_MATERIALS(ENTRY)                                                                                \
+    ENTRY(MATERIAL_DIFFUSE, material_diffuse)                                                                \
+    ENTRY(MATERIAL_MIRROR, material_mirror)                                                                  \
+    ENTRY(MATERIAL_DIELECTRIC, material_dielectric)                                                          \
+    ENTRY(MATERIAL_CONDUCTOR, material_conductor)                                                            \
+    ENTRY(MATERIAL_PLASTIC, material_plastic)                                                                \
+    ENTRY(MATERIAL_UBER, material_uber)                                                                      \
+    ENTRY(MATERIAL_SUBSTRATE, material_substrate)                                                            \
+    ENTRY(MATERIAL_TRANSLUCENT, material_translucent)                                                        \
+    ENTRY(MATERIAL_MIX, material_mix)                                                                        \
+    ENTRY(MATERIAL_DISNEY, material_disney)                                                                  \
+    ENTRY(MATERIAL_DIFFUSE_TRANSMISSION, material_diffuse_transmission)                                      \
+    ENTRY(MATERIAL_COATED_DIFFUSE, material_coated_diffuse)                                                  \
+    ENTRY(MATERIAL_COATED_CONDUCTOR, material_coated_conductor)                                              \
+    ENTRY(MATERIAL_GLTF, material_gltf)
+#define BSDF_DECLARE(kind, shade) extern material_shade_t shade;
+BSDF_MATERIALS(BSDF_DECLARE)
+#undef BSDF_DECLARE
+
+/* The lobes; each file says what it does. */
 extern const lobe_kind_t lobe_lambert, lobe_lambert_transmission, lobe_oren_nayar, lobe_mirror,
     lobe_smooth_dielectric, lobe_smooth_conductor, lobe_pane, lobe_straight, lobe_rough_conductor,
     lobe_rough_dielectric, lobe_rough_reflection, lobe_rough_transmission, lobe_fresnel_blend,

@@ -5,15 +5,9 @@
 
 #include <stdlib.h>
 
-static const light_ops_t *const kinds[] = {
-    [LIGHT_AREA] = &light_area,
-    [LIGHT_POINT] = &light_point,
-    [LIGHT_SPOT] = &light_spot,
-    [LIGHT_GONIOMETRIC] = &light_goniometric,
-    [LIGHT_PROJECTION] = &light_projection,
-    [LIGHT_DISTANT] = &light_distant,
-    [LIGHT_INFINITE] = &light_infinite,
-};
+#define TABLE_ENTRY(kind, ops) [kind] = &(ops),
+static const light_ops_t *const kinds[] = {LIGHT_KINDS(TABLE_ENTRY)};
+#undef TABLE_ENTRY
 
 typedef struct {
     uint32_t light;

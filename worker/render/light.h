@@ -11,7 +11,7 @@
  * table makes the choice O(1). Since a triangle is chosen in proportion to area x luminance and then sampled
  * uniformly by area, the density per area at a point depends on its light alone.
  *
- * A new kind of light is one file light_*.c and one entry in the table in light.c.
+ * A new kind of light is one file light_*.c and one entry in LIGHT_KINDS below.
  */
 #ifndef LIGHTMILL_RENDER_LIGHT_H
 #define LIGHTMILL_RENDER_LIGHT_H
@@ -97,8 +97,18 @@ typedef struct {
     bool (*escape)(const light_t *light, vec3_t w, light_hit_t *out);
 } light_ops_t;
 
-extern const light_ops_t light_area, light_point, light_spot, light_goniometric, light_projection,
-    light_distant, light_infinite;
+/* Every kind of light, by its name in the blob: the one place that a new one is entered. */
+#define LIGHT_KINDS(ENTRY)                                                                                   \
+    ENTRY(LIGHT_AREA, light_area)                                                                            \
+    ENTRY(LIGHT_POINT, light_point)                                                                          \
+    ENTRY(LIGHT_SPOT, light_spot)                                                                            \
+    ENTRY(LIGHT_GONIOMETRIC, light_goniometric)                                                              \
+    ENTRY(LIGHT_PROJECTION, light_projection)                                                                \
+    ENTRY(LIGHT_DISTANT, light_distant)                                                                      \
+    ENTRY(LIGHT_INFINITE, light_infinite)
+#define LIGHT_DECLARE(kind, ops) extern const light_ops_t ops;
+LIGHT_KINDS(LIGHT_DECLARE)
+#undef LIGHT_DECLARE
 
 /* An area light that a path ran into: as lights_hit. */
 bool light_area_hit(const light_t *light, const surface_t *surface, vec3_t wo, light_hit_t *out);
