@@ -11,6 +11,8 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
 #include <cmocka.h>
 
@@ -113,17 +115,36 @@ enum { SPARSER = 16 };
 enum { SPARSER = 1 };
 #endif
 
-static void scenes_agree(void **state)
+/* Renders every `step`-th case from `first` on; returns how many differ. */
+static int check_cases(size_t first, size_t step)
 {
-    (void)state;
     int differing = 0;
-    for (size_t i = 0; i < ARRAY_LENGTH(cases); i++) {
+    for (size_t i = first; i < ARRAY_LENGTH(cases); i += step) {
         case_t c = cases[i];
         if (SPARSER > 1 && c.integrator != INTEGRATOR_BDPT) continue;
         c.spp /= SPARSER;
         if (only_scene == NULL || strcmp(only_scene, c.scene) == 0) differing += !check(&c);
     }
-    assert_int_equal(differing, 0);
+    return differing;
+}
+
+/* A process for each core: renders here take one thread. */
+static void scenes_agree(void **state)
+{
+    (void)state;
+    size_t processes = (size_t)sysconf(_SC_NPROCESSORS_ONLN);
+    for (size_t k = 0; k < processes; k++) {
+        fflush(NULL);
+        pid_t child = fork();
+        assert_true(child >= 0);
+        if (child == 0) _exit(check_cases(k, processes) == 0 && fflush(NULL) == 0 ? 0 : 1);
+    }
+    int failures = 0, status;
+    for (size_t k = 0; k < processes; k++) {
+        assert_true(wait(&status) > 0);
+        failures += !(WIFEXITED(status) && WEXITSTATUS(status) == 0);
+    }
+    assert_int_equal(failures, 0);
 }
 
 /* The test must tell a wrong image: a camera pushed off by one pixel, a light dimmer by 1 %. */
