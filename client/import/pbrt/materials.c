@@ -4,394 +4,15 @@
  * a v3 shape whose own parameters override the material's gets a record of its own. An interface between
  * media has no record: its shapes are left out.
  */
-#include "client/import/pbrt/directives.h"
+#include "client/import/pbrt/material_kinds.h"
 
 #include <stdlib.h>
 #include <string.h>
 
 typedef struct {
     entry_t entry;
-    /* Fills the record (zero but for the name) from the parameters; a kind that stays 0 is an interface. */
-    result_t (*make)(pbrt_t *p, params_t *params, const material_t *material, blob_material_t *record);
+    material_make_t *make;
 } material_entry_t;
-
-/* ---- values -------------------------------------------------------------------------------------------- */
-
-typedef enum { NUMBER, REFLECTANCE } value_type_t;
-
-/* A parameter that becomes a value of the record: its default is `otherwise` in all components. */
-typedef struct {
-    const char *name;
-    material_value_t slot;
-    value_type_t type;
-    float otherwise;
-} value_rule_t;
-
-static result_t read_value(pbrt_t *p, params_t *params, const value_rule_t *rule, blob_material_t *record)
-{
-    blob_value_t *value = &record->values[rule->slot];
-    *value = blob_constant(rule->otherwise);
-    if (rule->type == NUMBER) return pbrt_float_value(p, params, rule->name, value);
-    return pbrt_colour_value(p, params, rule->name, COLOUR_REFLECTANCE, value);
-}
-
-static result_t read_values(pbrt_t *p, params_t *params, const value_rule_t *rules, size_t count,
-                            blob_material_t *record)
-{
-    for (size_t i = 0; i < count; ++i) TRY(read_value(p, params, &rules[i], record));
-    return result_ok();
-}
-
-#define READ_VALUES(rules) TRY(read_values(p, params, rules, ARRAY_LENGTH(rules), record))
-
-/* An index of refraction that is one number. */
-static result_t read_index(pbrt_t *p, params_t *params, const char *name, material_value_t slot,
-                           float otherwise, position_t at, blob_material_t *record)
-{
-    blob_value_t *eta = &record->values[slot];
-    *eta = blob_constant(otherwise);
-    const params_t *owner;
-    const param_t *item = params_find(params, name, &owner);
-    if (item && item->type == PARAM_SPECTRUM)
-        TRY(pbrt_index(p, params, name, eta));
-    else
-        TRY(pbrt_float_value(p, params, name, eta));
-    if (eta->texture != 0 || eta->factor.x > 0) return result_ok();
-    return error_at(params_where(params, name, at), "the index of refraction is %g, but must be positive",
-                    (double)eta->factor.x);
-}
-
-/* pbrt-v3's "eta", or its older name. */
-static result_t read_index_v3(pbrt_t *p, params_t *params, position_t at, blob_material_t *record)
-{
-    const char *name = params_has(params, "eta") ? "eta" : "index";
-    return read_index(p, params, name, VALUE_ETA, 1.5f, at, record);
-}
-
-/* ---- roughness ----------------------------------------------------------------------------------------- */
-
-static const double largest_alpha = 10;
-
-/* pbrt-v3's fit of a Trowbridge-Reitz alpha to its older Blinn exponent (TrowbridgeReitzDistribution::
- * RoughnessToAlpha). */
-static double alpha_v3(double roughness)
-{
-    double x = log(fmax(roughness, 1e-3));
-    return 1.62142 + x * (0.819955 + x * (0.1734 + x * (0.0171201 + x * 0.000640711)));
-}
-
-/* names: of both axes (NULL: there is none), of u, of v. */
-static result_t read_axes(pbrt_t *p, params_t *params, const char *const names[3], float otherwise,
-                          material_value_t slot, blob_material_t *record)
-{
-    blob_value_t *axes = &record->values[slot];
-    axes[0] = blob_constant(otherwise);
-    if (names[0]) TRY(pbrt_float_value(p, params, names[0], &axes[0]));
-    axes[1] = axes[0];
-    if (names[1]) TRY(pbrt_float_value(p, params, names[1], &axes[0]));
-    if (names[2]) TRY(pbrt_float_value(p, params, names[2], &axes[1]));
-    return result_ok();
-}
-
-static bool is_zero(const blob_value_t *value)
-{
-    return value->texture == 0 && value->factor.x == 0;
-}
-
-static result_t check_alpha(pbrt_t *p, params_t *params, position_t at, bool remap, const blob_value_t *value)
-{
-    double alpha = (double)value->factor.x;
-    if (remap) alpha = p->dialect.dialect == DIALECT_V3 ? alpha_v3(alpha) : sqrt(alpha);
-    if (value->texture != 0 || alpha <= largest_alpha) return result_ok();
-    return error_at(params_where(params, "uroughness", params_where(params, "roughness", at)),
-                    "this roughness makes an alpha of %g; the most is %g", alpha, largest_alpha);
-}
-
-/* How the roughnesses in `count` slots from `slot` become alphas. `smooth`: all 0 makes a smooth surface. */
-static result_t finish_roughness(pbrt_t *p, params_t *params, position_t at, material_value_t slot, int count,
-                                 bool smooth, blob_material_t *record)
-{
-    bool v3 = p->dialect.dialect == DIALECT_V3, remap = true, zero = true;
-    blob_value_t *values = &record->values[slot];
-    TRY(params_bool(params, "remaproughness", &remap));
-    for (int i = 0; i < count; ++i) zero = zero && is_zero(&values[i]);
-    if (zero && smooth) return result_ok();
-    for (int i = 0; i < count; ++i) {
-        TRY(check_alpha(p, params, at, remap, &values[i]));
-        if (v3 && !remap && (values[i].texture != 0 || values[i].factor.x < 1e-3f))
-            record->flags |= MATERIAL_ALPHA_V3;
-    }
-    if (remap) record->flags |= v3 ? MATERIAL_REMAP_V3 : MATERIAL_REMAP_SQRT;
-    return result_ok();
-}
-
-static const char *const both_axes[3] = {"roughness", NULL, NULL};
-static const char *const each_axis[3] = {NULL, "uroughness", "vroughness"};
-static const char *const all_axes[3] = {"roughness", "uroughness", "vroughness"};
-
-static result_t read_roughness(pbrt_t *p, params_t *params, const char *const names[3], float otherwise,
-                               bool smooth, position_t at, blob_material_t *record)
-{
-    TRY(read_axes(p, params, names, otherwise, VALUE_ROUGHNESS_U, record));
-    return finish_roughness(p, params, at, VALUE_ROUGHNESS_U, 2, smooth, record);
-}
-
-/* ---- metals -------------------------------------------------------------------------------------------- */
-
-static result_t read_metal(pbrt_t *p, params_t *params, const char *eta, const char *k,
-                           material_value_t eta_slot, blob_material_t *record)
-{
-    record->values[eta_slot] = pbrt_named_index(p, "metal-Cu-eta");
-    record->values[VALUE_K] = pbrt_named_index(p, "metal-Cu-k");
-    TRY(pbrt_colour_value(p, params, eta, COLOUR_INDEX, &record->values[eta_slot]));
-    return pbrt_colour_value(p, params, k, COLOUR_INDEX, &record->values[VALUE_K]);
-}
-
-/* A conductor that is given by its reflectance at normal incidence: eta = 1 and this k (pbrt-v4, 10.5.2). */
-static float absorption_of(float reflectance)
-{
-    float r = fminf(reflectance, 0.9999f);
-    return 2 * sqrtf(r) / sqrtf(1 - r);
-}
-
-/* A reflectance that varies tints a metal that reflects nearly all: its tint stays at grazing angles, where
- * pbrt's metal turns white. */
-static result_t read_metal_v4(pbrt_t *p, params_t *params, const char *eta, const char *k,
-                              material_value_t eta_slot, bool can_tint, blob_material_t *record)
-{
-    if (!params_has(params, "reflectance")) return read_metal(p, params, eta, k, eta_slot, record);
-    position_t at = params_where(params, "reflectance", (position_t){.path = ""});
-    if (params_has(params, eta) || params_has(params, k))
-        return error_at(at, "a conductor has either \"reflectance\" or \"%s\" and \"%s\", not both", eta, k);
-    blob_value_t r = blob_constant(0.5f);
-    TRY(pbrt_colour_value(p, params, "reflectance", COLOUR_REFLECTANCE, &r));
-    if (r.texture != 0 && can_tint) {
-        report_warning(p->report, at,
-                       "a reflectance that varies tints the metal at all angles, also at grazing ones");
-        record->values[VALUE_REFLECTANCE] = r;
-        r = blob_constant(1);
-    } else if (r.texture != 0) {
-        TRY(report_refuse(p->report, at,
-                          "a reflectance that varies is not supported under a coat; the nearest is 0.5"));
-        r = blob_constant(0.5f);
-    }
-    record->values[eta_slot] = blob_constant(1);
-    record->values[VALUE_K] = blob_colour_value(
-        vec3(absorption_of(r.factor.x), absorption_of(r.factor.y), absorption_of(r.factor.z)));
-    return result_ok();
-}
-
-/* ---- pbrt-v3 ------------------------------------------------------------------------------------------- */
-
-static result_t make_matte(pbrt_t *p, params_t *params, const material_t *material, blob_material_t *record)
-{
-    (void)material;
-    static const value_rule_t rules[] = {{"Kd", VALUE_REFLECTANCE, REFLECTANCE, 0.5f},
-                                         {"sigma", VALUE_SIGMA, NUMBER, 0}};
-    record->kind = MATERIAL_DIFFUSE;
-    READ_VALUES(rules);
-    blob_value_t *sigma = &record->values[VALUE_SIGMA]; /* pbrt clamps it, too */
-    if (sigma->texture == 0 && sigma->factor.x > 90) *sigma = blob_constant(90);
-    return result_ok();
-}
-
-static result_t make_mirror(pbrt_t *p, params_t *params, const material_t *material, blob_material_t *record)
-{
-    (void)material;
-    static const value_rule_t rules[] = {{"Kr", VALUE_REFLECTANCE, REFLECTANCE, 0.9f}};
-    record->kind = MATERIAL_MIRROR;
-    READ_VALUES(rules);
-    return result_ok();
-}
-
-static result_t make_glass(pbrt_t *p, params_t *params, const material_t *material, blob_material_t *record)
-{
-    static const value_rule_t rules[] = {{"Kr", VALUE_REFLECTANCE, REFLECTANCE, 1},
-                                         {"Kt", VALUE_TRANSMITTANCE, REFLECTANCE, 1}};
-    record->kind = MATERIAL_DIELECTRIC;
-    READ_VALUES(rules);
-    TRY(read_index_v3(p, params, material->at, record));
-    return read_roughness(p, params, each_axis, 0, true, material->at, record);
-}
-
-static result_t make_metal(pbrt_t *p, params_t *params, const material_t *material, blob_material_t *record)
-{
-    record->kind = MATERIAL_CONDUCTOR;
-    record->values[VALUE_REFLECTANCE] = blob_constant(1);
-    TRY(read_metal(p, params, "eta", "k", VALUE_ETA, record));
-    return read_roughness(p, params, all_axes, 0.01f, false, material->at, record);
-}
-
-static result_t make_plastic(pbrt_t *p, params_t *params, const material_t *material, blob_material_t *record)
-{
-    static const value_rule_t rules[] = {{"Kd", VALUE_REFLECTANCE, REFLECTANCE, 0.25f},
-                                         {"Ks", VALUE_SPECULAR, REFLECTANCE, 0.25f}};
-    record->kind = MATERIAL_PLASTIC;
-    READ_VALUES(rules);
-    return read_roughness(p, params, both_axes, 0.1f, false, material->at, record);
-}
-
-static result_t make_substrate(pbrt_t *p, params_t *params, const material_t *material,
-                               blob_material_t *record)
-{
-    static const value_rule_t rules[] = {{"Kd", VALUE_REFLECTANCE, REFLECTANCE, 0.5f},
-                                         {"Ks", VALUE_SPECULAR, REFLECTANCE, 0.5f}};
-    record->kind = MATERIAL_SUBSTRATE;
-    READ_VALUES(rules);
-    return read_roughness(p, params, each_axis, 0.1f, false, material->at, record);
-}
-
-static result_t make_translucent(pbrt_t *p, params_t *params, const material_t *material,
-                                 blob_material_t *record)
-{
-    static const value_rule_t rules[] = {{"Kd", VALUE_REFLECTANCE, REFLECTANCE, 0.25f},
-                                         {"Ks", VALUE_SPECULAR, REFLECTANCE, 0.25f},
-                                         {"reflect", VALUE_REFLECT, REFLECTANCE, 0.5f},
-                                         {"transmit", VALUE_TRANSMIT, REFLECTANCE, 0.5f}};
-    record->kind = MATERIAL_TRANSLUCENT;
-    READ_VALUES(rules);
-    return read_roughness(p, params, both_axes, 0.1f, false, material->at, record);
-}
-
-static result_t make_uber(pbrt_t *p, params_t *params, const material_t *material, blob_material_t *record)
-{
-    static const value_rule_t rules[] = {
-        {"Kd", VALUE_REFLECTANCE, REFLECTANCE, 0.25f}, {"Ks", VALUE_SPECULAR, REFLECTANCE, 0.25f},
-        {"Kr", VALUE_MIRROR, REFLECTANCE, 0},          {"Kt", VALUE_TRANSMITTANCE, REFLECTANCE, 0},
-        {"opacity", VALUE_OPACITY, REFLECTANCE, 1},
-    };
-    record->kind = MATERIAL_UBER;
-    READ_VALUES(rules);
-    TRY(read_index_v3(p, params, material->at, record));
-    return read_roughness(p, params, all_axes, 0.1f, false, material->at, record);
-}
-
-static result_t make_disney(pbrt_t *p, params_t *params, const material_t *material, blob_material_t *record)
-{
-    static const value_rule_t rules[] = {
-        {"color", VALUE_REFLECTANCE, REFLECTANCE, 0.5f},
-        {"metallic", VALUE_METALLIC, NUMBER, 0},
-        {"roughness", VALUE_ROUGHNESS_U, NUMBER, 0.5f},
-        {"speculartint", VALUE_SPECULAR_TINT, NUMBER, 0},
-        {"anisotropic", VALUE_ANISOTROPIC, NUMBER, 0},
-        {"sheen", VALUE_SHEEN, NUMBER, 0},
-        {"sheentint", VALUE_SHEEN_TINT, NUMBER, 0.5f},
-        {"clearcoat", VALUE_CLEARCOAT, NUMBER, 0},
-        {"clearcoatgloss", VALUE_CLEARCOAT_GLOSS, NUMBER, 1},
-        {"spectrans", VALUE_TRANSMISSION, NUMBER, 0},
-        {"flatness", VALUE_FLATNESS, NUMBER, 0},
-        {"difftrans", VALUE_DIFFUSE_TRANSMISSION, NUMBER, 1},
-    };
-    bool thin = false;
-    blob_value_t distance = blob_constant(0);
-    record->kind = MATERIAL_DISNEY;
-    READ_VALUES(rules);
-    TRY(read_index(p, params, "eta", VALUE_ETA, 1.5f, material->at, record));
-    TRY(params_bool(params, "thin", &thin));
-    if (thin) record->flags |= MATERIAL_THIN;
-    TRY(pbrt_colour_value(p, params, "scatterdistance", COLOUR_UNBOUNDED, &distance));
-    if (thin || (distance.texture == 0 && v_is_zero(distance.factor))) return result_ok();
-    return report_refuse(p->report, params_where(params, "scatterdistance", material->at),
-                         "scattering below the surface is not supported; the nearest is scatterdistance 0");
-}
-
-/* ---- pbrt-v4 ------------------------------------------------------------------------------------------- */
-
-static result_t make_diffuse(pbrt_t *p, params_t *params, const material_t *material, blob_material_t *record)
-{
-    (void)material;
-    static const value_rule_t rules[] = {{"reflectance", VALUE_REFLECTANCE, REFLECTANCE, 0.5f}};
-    record->kind = MATERIAL_DIFFUSE;
-    READ_VALUES(rules);
-    return result_ok();
-}
-
-static result_t make_conductor(pbrt_t *p, params_t *params, const material_t *material,
-                               blob_material_t *record)
-{
-    record->kind = MATERIAL_CONDUCTOR;
-    record->values[VALUE_REFLECTANCE] = blob_constant(1);
-    TRY(read_metal_v4(p, params, "eta", "k", VALUE_ETA, true, record));
-    return read_roughness(p, params, all_axes, 0, true, material->at, record);
-}
-
-static result_t make_dielectric(pbrt_t *p, params_t *params, const material_t *material,
-                                blob_material_t *record)
-{
-    record->kind = MATERIAL_DIELECTRIC;
-    record->values[VALUE_REFLECTANCE] = record->values[VALUE_TRANSMITTANCE] = blob_constant(1);
-    TRY(read_index(p, params, "eta", VALUE_ETA, 1.5f, material->at, record));
-    return read_roughness(p, params, all_axes, 0, true, material->at, record);
-}
-
-static result_t make_thin_dielectric(pbrt_t *p, params_t *params, const material_t *material,
-                                     blob_material_t *record)
-{
-    record->kind = MATERIAL_DIELECTRIC;
-    record->flags |= MATERIAL_THIN;
-    record->values[VALUE_REFLECTANCE] = record->values[VALUE_TRANSMITTANCE] = blob_constant(1);
-    return read_index(p, params, "eta", VALUE_ETA, 1.5f, material->at, record);
-}
-
-static const param_rule_t coat_rules[] = {
-    {"maxdepth", PARAM_ACCEPT, NULL}, /* how pbrt samples its coat, not what it looks like */
-    {"nsamples", PARAM_ACCEPT, NULL},
-};
-
-static result_t read_coat(pbrt_t *p, params_t *params, blob_material_t *record)
-{
-    static const value_rule_t rules[] = {{"thickness", VALUE_THICKNESS, NUMBER, 0.01f},
-                                         {"albedo", VALUE_ALBEDO, REFLECTANCE, 0}};
-    READ_VALUES(rules);
-    record->values[VALUE_G] = blob_constant(0);
-    TRY(pbrt_signed_value(p, params, "g", &record->values[VALUE_G]));
-    return params_apply(params, coat_rules, ARRAY_LENGTH(coat_rules), p->report);
-}
-
-static result_t make_coated_diffuse(pbrt_t *p, params_t *params, const material_t *material,
-                                    blob_material_t *record)
-{
-    static const value_rule_t rules[] = {{"reflectance", VALUE_REFLECTANCE, REFLECTANCE, 0.5f}};
-    record->kind = MATERIAL_COATED_DIFFUSE;
-    READ_VALUES(rules);
-    TRY(read_coat(p, params, record));
-    TRY(read_index(p, params, "eta", VALUE_ETA, 1.5f, material->at, record));
-    return read_roughness(p, params, all_axes, 0, true, material->at, record);
-}
-
-static result_t make_coated_conductor(pbrt_t *p, params_t *params, const material_t *material,
-                                      blob_material_t *record)
-{
-    static const char *const coat[3] = {"interface.roughness", "interface.uroughness",
-                                        "interface.vroughness"};
-    static const char *const base[3] = {"conductor.roughness", "conductor.uroughness",
-                                        "conductor.vroughness"};
-    record->kind = MATERIAL_COATED_CONDUCTOR;
-    TRY(read_coat(p, params, record));
-    TRY(read_index(p, params, "interface.eta", VALUE_ETA, 1.5f, material->at, record));
-    TRY(read_metal_v4(p, params, "conductor.eta", "conductor.k", VALUE_BASE_ETA, false, record));
-    TRY(read_axes(p, params, coat, 0, VALUE_ROUGHNESS_U, record));
-    TRY(read_axes(p, params, base, 0, VALUE_BASE_ROUGHNESS_U, record));
-    TRY(finish_roughness(p, params, material->at, VALUE_ROUGHNESS_U, 2, true, record));
-    return finish_roughness(p, params, material->at, VALUE_BASE_ROUGHNESS_U, 2, true, record);
-}
-
-static result_t make_diffuse_transmission(pbrt_t *p, params_t *params, const material_t *material,
-                                          blob_material_t *record)
-{
-    (void)material;
-    static const value_rule_t rules[] = {{"reflectance", VALUE_REFLECTANCE, REFLECTANCE, 0.25f},
-                                         {"transmittance", VALUE_TRANSMITTANCE, REFLECTANCE, 0.25f}};
-    double scale = 1;
-    record->kind = MATERIAL_DIFFUSE_TRANSMISSION;
-    READ_VALUES(rules);
-    TRY(params_float_in(params, "scale", 0, 1e6, &scale));
-    for (size_t i = 0; i < ARRAY_LENGTH(rules); ++i) {
-        blob_value_t *value = &record->values[rules[i].slot];
-        value->factor = v_scale(value->factor, (float)scale);
-    }
-    return result_ok();
-}
 
 /* ---- both ---------------------------------------------------------------------------------------------- */
 
@@ -469,7 +90,7 @@ static result_t make_mix(pbrt_t *p, params_t *params, const material_t *material
     value_rule_t amount = {"amount", VALUE_AMOUNT, p->dialect.dialect == DIALECT_V3 ? REFLECTANCE : NUMBER,
                            0.5f};
     record->kind = MATERIAL_MIX;
-    TRY(read_value(p, params, &amount, record));
+    TRY(material_read_values(p, params, &amount, 1, record));
     TRY(make_part(p, params, material, 0, record));
     TRY(make_part(p, params, material, 1, record));
     if (p->dialect.dialect != DIALECT_V3) return result_ok();
@@ -521,32 +142,32 @@ static result_t make_like_coated(pbrt_t *p, params_t *params, const material_t *
     TRY(refuse(p, material, "a coated diffuse surface"));
     record->kind = MATERIAL_COATED_DIFFUSE;
     record->values[VALUE_THICKNESS] = blob_constant(0.01f);
-    TRY(read_index(p, params, "eta", VALUE_ETA, 1.33f, material->at, record));
-    TRY(read_roughness(p, params, all_axes, 0, true, material->at, record));
+    TRY(material_read_index(p, params, "eta", VALUE_ETA, 1.33f, material->at, record));
+    TRY(material_read_roughness(p, params, material_all_axes, 0, true, material->at, record));
     return read_substitute_colour(p, params, record);
 }
 
 static const material_entry_t materials[] = {
-    {{"matte", DIALECT_V3}, make_matte},
-    {{"mirror", DIALECT_V3}, make_mirror},
-    {{"glass", DIALECT_V3}, make_glass},
-    {{"metal", DIALECT_V3}, make_metal},
-    {{"plastic", DIALECT_V3}, make_plastic},
-    {{"substrate", DIALECT_V3}, make_substrate},
-    {{"translucent", DIALECT_V3}, make_translucent},
-    {{"uber", DIALECT_V3}, make_uber},
-    {{"disney", DIALECT_V3}, make_disney},
+    {{"matte", DIALECT_V3}, material_make_matte},
+    {{"mirror", DIALECT_V3}, material_make_mirror},
+    {{"glass", DIALECT_V3}, material_make_glass},
+    {{"metal", DIALECT_V3}, material_make_metal},
+    {{"plastic", DIALECT_V3}, material_make_plastic},
+    {{"substrate", DIALECT_V3}, material_make_substrate},
+    {{"translucent", DIALECT_V3}, material_make_translucent},
+    {{"uber", DIALECT_V3}, material_make_uber},
+    {{"disney", DIALECT_V3}, material_make_disney},
     {{"fourier", DIALECT_V3}, make_like_diffuse},
     {{"kdsubsurface", DIALECT_V3}, make_like_coated},
     {{"none", DIALECT_BOTH}, make_interface},
     {{"", DIALECT_BOTH}, make_interface},
-    {{"diffuse", DIALECT_V4}, make_diffuse},
-    {{"conductor", DIALECT_V4}, make_conductor},
-    {{"dielectric", DIALECT_V4}, make_dielectric},
-    {{"thindielectric", DIALECT_V4}, make_thin_dielectric},
-    {{"coateddiffuse", DIALECT_V4}, make_coated_diffuse},
-    {{"coatedconductor", DIALECT_V4}, make_coated_conductor},
-    {{"diffusetransmission", DIALECT_V4}, make_diffuse_transmission},
+    {{"diffuse", DIALECT_V4}, material_make_diffuse},
+    {{"conductor", DIALECT_V4}, material_make_conductor},
+    {{"dielectric", DIALECT_V4}, material_make_dielectric},
+    {{"thindielectric", DIALECT_V4}, material_make_thin_dielectric},
+    {{"coateddiffuse", DIALECT_V4}, material_make_coated_diffuse},
+    {{"coatedconductor", DIALECT_V4}, material_make_coated_conductor},
+    {{"diffusetransmission", DIALECT_V4}, material_make_diffuse_transmission},
     {{"measured", DIALECT_V4}, make_like_diffuse},
     {{"interface", DIALECT_V4}, make_interface},
     {{"mix", DIALECT_BOTH}, make_mix},

@@ -1,0 +1,149 @@
+/* material_read: see material_kinds.h. */
+#include "client/import/pbrt/material_kinds.h"
+
+/* ---- values -------------------------------------------------------------------------------------------- */
+
+static result_t read_value(pbrt_t *p, params_t *params, const value_rule_t *rule, blob_material_t *record)
+{
+    blob_value_t *value = &record->values[rule->slot];
+    *value = blob_constant(rule->otherwise);
+    if (rule->type == NUMBER) return pbrt_float_value(p, params, rule->name, value);
+    return pbrt_colour_value(p, params, rule->name, COLOUR_REFLECTANCE, value);
+}
+
+result_t material_read_values(pbrt_t *p, params_t *params, const value_rule_t *rules, size_t count,
+                              blob_material_t *record)
+{
+    for (size_t i = 0; i < count; ++i) TRY(read_value(p, params, &rules[i], record));
+    return result_ok();
+}
+
+/* An index of refraction that is one number. */
+result_t material_read_index(pbrt_t *p, params_t *params, const char *name, material_value_t slot,
+                             float otherwise, position_t at, blob_material_t *record)
+{
+    blob_value_t *eta = &record->values[slot];
+    *eta = blob_constant(otherwise);
+    const params_t *owner;
+    const param_t *item = params_find(params, name, &owner);
+    if (item && item->type == PARAM_SPECTRUM)
+        TRY(pbrt_index(p, params, name, eta));
+    else
+        TRY(pbrt_float_value(p, params, name, eta));
+    if (eta->texture != 0 || eta->factor.x > 0) return result_ok();
+    return error_at(params_where(params, name, at), "the index of refraction is %g, but must be positive",
+                    (double)eta->factor.x);
+}
+
+/* ---- roughness ----------------------------------------------------------------------------------------- */
+
+static const double largest_alpha = 10;
+
+/* pbrt-v3's fit of a Trowbridge-Reitz alpha to its older Blinn exponent (TrowbridgeReitzDistribution::
+ * RoughnessToAlpha). */
+static double alpha_v3(double roughness)
+{
+    double x = log(fmax(roughness, 1e-3));
+    return 1.62142 + x * (0.819955 + x * (0.1734 + x * (0.0171201 + x * 0.000640711)));
+}
+
+/* names: of both axes (NULL: there is none), of u, of v. */
+result_t material_read_axes(pbrt_t *p, params_t *params, const char *const names[3], float otherwise,
+                            material_value_t slot, blob_material_t *record)
+{
+    blob_value_t *axes = &record->values[slot];
+    axes[0] = blob_constant(otherwise);
+    if (names[0]) TRY(pbrt_float_value(p, params, names[0], &axes[0]));
+    axes[1] = axes[0];
+    if (names[1]) TRY(pbrt_float_value(p, params, names[1], &axes[0]));
+    if (names[2]) TRY(pbrt_float_value(p, params, names[2], &axes[1]));
+    return result_ok();
+}
+
+static bool is_zero(const blob_value_t *value)
+{
+    return value->texture == 0 && value->factor.x == 0;
+}
+
+static result_t check_alpha(pbrt_t *p, params_t *params, position_t at, bool remap, const blob_value_t *value)
+{
+    double alpha = (double)value->factor.x;
+    if (remap) alpha = p->dialect.dialect == DIALECT_V3 ? alpha_v3(alpha) : sqrt(alpha);
+    if (value->texture != 0 || alpha <= largest_alpha) return result_ok();
+    return error_at(params_where(params, "uroughness", params_where(params, "roughness", at)),
+                    "this roughness makes an alpha of %g; the most is %g", alpha, largest_alpha);
+}
+
+/* How the roughnesses in `count` slots from `slot` become alphas. `smooth`: all 0 makes a smooth surface. */
+result_t material_finish_roughness(pbrt_t *p, params_t *params, position_t at, material_value_t slot,
+                                   int count, bool smooth, blob_material_t *record)
+{
+    bool v3 = p->dialect.dialect == DIALECT_V3, remap = true, zero = true;
+    blob_value_t *values = &record->values[slot];
+    TRY(params_bool(params, "remaproughness", &remap));
+    for (int i = 0; i < count; ++i) zero = zero && is_zero(&values[i]);
+    if (zero && smooth) return result_ok();
+    for (int i = 0; i < count; ++i) {
+        TRY(check_alpha(p, params, at, remap, &values[i]));
+        if (v3 && !remap && (values[i].texture != 0 || values[i].factor.x < 1e-3f))
+            record->flags |= MATERIAL_ALPHA_V3;
+    }
+    if (remap) record->flags |= v3 ? MATERIAL_REMAP_V3 : MATERIAL_REMAP_SQRT;
+    return result_ok();
+}
+
+const char *const material_both_axes[3] = {"roughness", NULL, NULL};
+const char *const material_each_axis[3] = {NULL, "uroughness", "vroughness"};
+const char *const material_all_axes[3] = {"roughness", "uroughness", "vroughness"};
+
+result_t material_read_roughness(pbrt_t *p, params_t *params, const char *const names[3], float otherwise,
+                                 bool smooth, position_t at, blob_material_t *record)
+{
+    TRY(material_read_axes(p, params, names, otherwise, VALUE_ROUGHNESS_U, record));
+    return material_finish_roughness(p, params, at, VALUE_ROUGHNESS_U, 2, smooth, record);
+}
+
+/* ---- metals -------------------------------------------------------------------------------------------- */
+
+result_t material_read_metal(pbrt_t *p, params_t *params, const char *eta, const char *k,
+                             material_value_t eta_slot, blob_material_t *record)
+{
+    record->values[eta_slot] = pbrt_named_index(p, "metal-Cu-eta");
+    record->values[VALUE_K] = pbrt_named_index(p, "metal-Cu-k");
+    TRY(pbrt_colour_value(p, params, eta, COLOUR_INDEX, &record->values[eta_slot]));
+    return pbrt_colour_value(p, params, k, COLOUR_INDEX, &record->values[VALUE_K]);
+}
+
+/* A conductor that is given by its reflectance at normal incidence: eta = 1 and this k (pbrt-v4, 10.5.2). */
+static float absorption_of(float reflectance)
+{
+    float r = fminf(reflectance, 0.9999f);
+    return 2 * sqrtf(r) / sqrtf(1 - r);
+}
+
+/* A reflectance that varies tints a metal that reflects nearly all: its tint stays at grazing angles, where
+ * pbrt's metal turns white. */
+result_t material_read_metal_v4(pbrt_t *p, params_t *params, const char *eta, const char *k,
+                                material_value_t eta_slot, bool can_tint, blob_material_t *record)
+{
+    if (!params_has(params, "reflectance")) return material_read_metal(p, params, eta, k, eta_slot, record);
+    position_t at = params_where(params, "reflectance", (position_t){.path = ""});
+    if (params_has(params, eta) || params_has(params, k))
+        return error_at(at, "a conductor has either \"reflectance\" or \"%s\" and \"%s\", not both", eta, k);
+    blob_value_t r = blob_constant(0.5f);
+    TRY(pbrt_colour_value(p, params, "reflectance", COLOUR_REFLECTANCE, &r));
+    if (r.texture != 0 && can_tint) {
+        report_warning(p->report, at,
+                       "a reflectance that varies tints the metal at all angles, also at grazing ones");
+        record->values[VALUE_REFLECTANCE] = r;
+        r = blob_constant(1);
+    } else if (r.texture != 0) {
+        TRY(report_refuse(p->report, at,
+                          "a reflectance that varies is not supported under a coat; the nearest is 0.5"));
+        r = blob_constant(0.5f);
+    }
+    record->values[eta_slot] = blob_constant(1);
+    record->values[VALUE_K] = blob_colour_value(
+        vec3(absorption_of(r.factor.x), absorption_of(r.factor.y), absorption_of(r.factor.z)));
+    return result_ok();
+}
