@@ -183,7 +183,7 @@ static void test_seed_scenes(void **state)
     static const char *const names[] = {"seed-diffuse", "seed-specular", "seed-hidden"};
     for (size_t i = 0; i < ARRAY_LENGTH(names); ++i) {
         bench_t gltf = {0}, pbrt = {0};
-        char *path = mem_printf("tests/references/%s/%s.glb", names[i], names[i]),
+        char *path = mem_printf("scenes/%s/%s.glb", names[i], names[i]),
              *twin = mem_printf("scenes/%s", names[i]);
         bench_import(&gltf, path);
         bench_import(&pbrt, twin);
