@@ -83,7 +83,7 @@ static const case_t cases[] = {
     {"textures", "scene.pbrt", INTEGRATOR_PATH, 512},
     {"instances", "scene.pbrt", INTEGRATOR_BDPT, 256},
     {"instances", "scene.pbrt", INTEGRATOR_PATH, 1024},
-    {"lens", "scene.pbrt", INTEGRATOR_BDPT, 256},
+    {"lens", "scene.pbrt", INTEGRATOR_BDPT, 512},
     {"lens", "scene.pbrt", INTEGRATOR_PATH, 1024},
 };
 
