@@ -87,8 +87,8 @@ static const case_t cases[] = {
     {"lens", "scene.pbrt", INTEGRATOR_PATH, 1024},
 };
 
-/* Under a sanitizer, which is many times slower, less will do: the statistics are another build's business.
- */
+/* Under a sanitizer, which is many times slower, a few samples must do, whose noise is known badly: what is
+ * far off still shows, the rest is another build's business. */
 #ifdef __SANITIZE_ADDRESS__
 enum { SPARSER = 16 };
 #else
@@ -120,6 +120,7 @@ static bool check(const case_t *c)
     agreement_limits_t limits = agreement_default_limits();
     agreement_measure(&image, &reference, &agreement);
     double error = mean_error(&image, &reference);
+    if (SPARSER > 1) limits = (agreement_limits_t){.max_rms = 2, .max_z = 15, .max_mean_z = 6};
     bool holds = agreement_holds(&agreement, &limits) && (error < 0.003 || SPARSER > 1);
     print_message(
         "%s %s: relMSE %.6f, mean ratio %.4f %.4f %.4f, z rms %.3f max %.2f, error of the mean %.2f %%%s\n",
