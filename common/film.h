@@ -46,7 +46,7 @@ enum {
 typedef struct {
     bool hit;
     float albedo[3];           /* part of the light that is reflected, 0 to 1 */
-    float normal[3];           /* shading normal, world space */
+    float normal[3];           /* shading normal on the side that is seen, world space */
     float position[3];         /* world space */
     float depth;               /* distance from the camera along the ray */
     uint32_t object, material; /* ids from 1 */
