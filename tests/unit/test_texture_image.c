@@ -368,6 +368,15 @@ static void jpeg_is_read(void **state)
     texture_image_t image = decode("a.jpg", &file);
     assert_shape(&image, SIDE, SIDE, 3, TEXELS_U8, true);
     texture_image_free(&image);
+
+    /* Bytes that mean nothing before the end, as some cameras leave them. */
+    file_t padded = {.size = 0};
+    put(&padded, file.bytes, file.size - 2);
+    put(&padded, "\0\0\0\0", 4);
+    put(&padded, "\xff\xd9", 2);
+    image = decode("a.jpg", &padded);
+    assert_shape(&image, SIDE, SIDE, 3, TEXELS_U8, true);
+    texture_image_free(&image);
 }
 
 static void bad_jpeg_is_an_error(void **state)
