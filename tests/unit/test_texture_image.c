@@ -372,7 +372,7 @@ static void jpeg_is_read(void **state)
     /* Bytes that mean nothing before the end, as some cameras leave them. */
     file_t padded = {.size = 0};
     put(&padded, file.bytes, file.size - 2);
-    put(&padded, "\0\0\0\0", 4);
+    put(&padded, (uint8_t[64]){0}, 64);
     put(&padded, "\xff\xd9", 2);
     image = decode("a.jpg", &padded);
     assert_shape(&image, SIDE, SIDE, 3, TEXELS_U8, true);
