@@ -135,14 +135,6 @@ void hash_to_hex(const hash_t *hash, char text[2 * HASH_BYTES + 1])
     sodium_bin2hex(text, 2 * HASH_BYTES + 1, hash->bytes, HASH_BYTES);
 }
 
-bool hash_from_hex(const char *text, hash_t *hash)
-{
-    size_t length = 0;
-    return strlen(text) == 2 * HASH_BYTES &&
-           sodium_hex2bin(hash->bytes, HASH_BYTES, text, 2 * HASH_BYTES, NULL, &length, NULL) == 0 &&
-           length == HASH_BYTES;
-}
-
 result_t file_read(const char *path, size_t limit, uint8_t **data, size_t *size)
 {
     *data = NULL;

@@ -81,8 +81,6 @@ hash_t hash_bytes(const void *data, size_t size);
 bool hash_equal(const hash_t *a, const hash_t *b);
 /* Writes 64 lower-case hex digits and a NUL to `text`. */
 void hash_to_hex(const hash_t *hash, char text[2 * HASH_BYTES + 1]);
-/* False when `text` is not exactly 64 hex digits. */
-bool hash_from_hex(const char *text, hash_t *hash);
 
 /* Reads a whole file into fresh memory (the caller frees *data). A file over `limit` bytes is an error. */
 result_t file_read(const char *path, size_t limit, uint8_t **data, size_t *size);

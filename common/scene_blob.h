@@ -204,9 +204,9 @@ typedef enum {
     CHANNEL_R,
     CHANNEL_G,
     CHANNEL_B,
-    CHANNEL_A, /* 1 where the image has none */
-    CHANNEL_LUMINANCE /* 0.212671 R + 0.715160 G + 0.072169 B */,
-    CHANNEL_MEAN /* (R + G + B) / 3 */
+    CHANNEL_A,         /* 1 where the image has none */
+    CHANNEL_LUMINANCE, /* 0.212671 R + 0.715160 G + 0.072169 B */
+    CHANNEL_MEAN       /* (R + G + B) / 3 */
 } channel_t;
 
 typedef enum {

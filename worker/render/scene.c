@@ -81,8 +81,8 @@ static float hit_number(const hit_t *hit, uint32_t shape)
     return sampler_float((uint32_t)key);
 }
 
-static bool hit_surface(const scene_t *scene, const blob_shape_t *shape, const hit_t *hit, vec3_t ng,
-                        surface_t *surface);
+static bool fill_surface(const scene_t *scene, const blob_shape_t *shape, const hit_t *hit, bool local,
+                         vec3_t ng, surface_t *surface);
 
 /* True when the shape stops the ray at the hit. */
 static bool stops(const geometry_t *geometry, const hit_t *hit, bool shadow)
@@ -90,7 +90,7 @@ static bool stops(const geometry_t *geometry, const hit_t *hit, bool shadow)
     const blob_shape_t *shape = geometry->shape;
     surface_t surface;
     surface_details_t details;
-    if (!hit_surface(geometry->scene, shape, hit, vec3(0, 0, 1), &surface)) return true;
+    if (!fill_surface(geometry->scene, shape, hit, true, vec3(0, 0, 1), &surface)) return true;
     scene_details(geometry->scene, &surface, &details);
     texture_point_t at = {details.uv, details.uv2, surface.p, surface.ns, details.colour};
     float alpha = textures_value(geometry->scene->textures, &shape->alpha, &at).x;
@@ -105,7 +105,7 @@ static bool stops(const geometry_t *geometry, const hit_t *hit, bool shadow)
 
 /* Rows of Embree's packet layout, N lanes each (RTCRayN and RTCHitN; their accessors are C++ only). */
 enum { RAY_ORIGIN = 0, RAY_NEAR = 3, RAY_DIRECTION = 4, RAY_TIME = 7, RAY_FAR = 8, RAY_ROWS = 12 };
-enum { HIT_NORMAL = 0, HIT_U = 3, HIT_V = 4, HIT_PRIMITIVE = 5, HIT_GEOMETRY = 6, HIT_INSTANCE = 7 };
+enum { HIT_U = 3, HIT_V = 4, HIT_PRIMITIVE = 5, HIT_GEOMETRY = 6, HIT_INSTANCE = 7 };
 
 /* The ray of a lane, in the space of the scene that is traced. */
 static hit_t lane_hit(const float *rays, unsigned n, unsigned i)
@@ -584,12 +584,6 @@ static bool fill_surface(const scene_t *scene, const blob_shape_t *shape, const 
     surface->ns = at.ns;
     surface->offset = scene_offset_at(at.p);
     return v_is_finite(at.ng) && v_is_finite(at.ns);
-}
-
-static bool hit_surface(const scene_t *scene, const blob_shape_t *shape, const hit_t *hit, vec3_t ng,
-                        surface_t *surface)
-{
-    return fill_surface(scene, shape, hit, true, ng, surface);
 }
 
 /* Embree's nearest hit along a ray; false when there is none. */
