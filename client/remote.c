@@ -173,11 +173,12 @@ result_t remote_status(remote_t *remote, uint64_t job, wire_message_t *message)
 
 result_t remote_cancel(remote_t *remote, uint64_t job)
 {
-    Lm__JobCancel cancel = LM__JOB_CANCEL__INIT;
+    Lm__JobOrder cancel = LM__JOB_ORDER__INIT;
+    cancel.kind = ORDER_CANCEL;
     cancel.job = job;
     Lm__Envelope envelope = LM__ENVELOPE__INIT;
-    envelope.body_case = LM__ENVELOPE__BODY_JOB_CANCEL;
-    envelope.job_cancel = &cancel;
+    envelope.body_case = LM__ENVELOPE__BODY_JOB_ORDER;
+    envelope.job_order = &cancel;
     wire_message_t answer;
     TRY(ask(remote, remote->control, &envelope, NULL, remote->timeout, LM__ENVELOPE__BODY_DONE, &answer));
     wire_free(&answer);

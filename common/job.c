@@ -67,7 +67,18 @@ result_t job_settings_check(const job_settings_t *settings)
     if (!(settings->time_limit >= 0) || !isfinite(settings->time_limit))
         return result_fail(RESULT_USAGE, "time limit is %g, must be 0 (none) or positive seconds",
                            settings->time_limit);
+    if (!(settings->error >= 0) || !(settings->error < 1))
+        return result_fail(RESULT_USAGE, "error is %g, must be 0 (none) or below 1", settings->error);
+    if (settings->adaptive && settings->spp < JOB_MAX_SPP)
+        TRY(check_range("samples a pixel of an adaptive job", settings->spp, 1, JOB_MAX_ADAPTIVE_SPP));
     return check_strategy(settings);
+}
+
+result_t job_terms_check(const job_terms_t *terms)
+{
+    TRY(check_range("priority", terms->priority, -JOB_MAX_PRIORITY, JOB_MAX_PRIORITY));
+    if (terms->verify >= 0 && terms->verify <= 1) return result_ok();
+    return result_fail(RESULT_USAGE, "the share of verified units is %g, must be from 0 to 1", terms->verify);
 }
 
 static uint32_t tiles_across(const job_settings_t *settings)
@@ -95,10 +106,17 @@ uint32_t job_tile_pixels(const job_settings_t *settings, uint32_t tile)
     return (uint32_t)((rect.x1 - rect.x0) * (rect.y1 - rect.y0));
 }
 
+uint32_t job_sample_limit(const job_settings_t *settings)
+{
+    if (!settings->adaptive || settings->spp > JOB_MAX_ADAPTIVE_SPP) return settings->spp;
+    return settings->spp * JOB_MAX_BOOST;
+}
+
 bool job_unit_valid(const job_settings_t *settings, const unit_t *unit)
 {
-    return unit->tile < job_tile_count(settings) && unit->count > 0 && unit->count <= settings->spp &&
-           unit->first <= settings->spp - unit->count;
+    uint32_t limit = job_sample_limit(settings);
+    return unit->tile < job_tile_count(settings) && unit->count > 0 && unit->count <= limit &&
+           unit->first <= limit - unit->count;
 }
 
 bool job_has_features(const job_settings_t *settings)

@@ -21,7 +21,11 @@ enum {
     JOB_MAX_SPP = 1 << 30,      /* samples a pixel; the film counts them in 32 bits */
     JOB_MAX_DEPTH = 100,
     JOB_MIN_TILE = 8,
-    JOB_MAX_TILE = 256
+    JOB_MAX_TILE = 256,
+    JOB_MAX_BOOST = 16, /* an adaptive job gives a tile at most so many times the samples of the mean */
+    JOB_MAX_ADAPTIVE_SPP = JOB_MAX_SPP / JOB_MAX_BOOST,
+    JOB_MAX_NAME = 200,     /* bytes */
+    JOB_MAX_PRIORITY = 1000 /* and as low as minus this */
 };
 
 typedef struct {
@@ -37,7 +41,17 @@ typedef struct {
     int32_t strategy_s, strategy_t; /* of bdpt: only paths of so many light and eye vertices; both 0: all */
     bool unweighted;                /* that strategy without its weight in the combination */
     bool features;                  /* layers of what the eye rays meet first are wanted (film.h) */
+    double error;  /* the job ends when its estimated relative error is at most this; 0: not (film.h) */
+    bool adaptive; /* noisy tiles get more samples; spp is the mean (master/plan.h) */
 } job_settings_t;
+
+/* What is wanted of a job beside its picture. Nothing of it changes a sample. */
+typedef struct {
+    char name[JOB_MAX_NAME + 1];
+    int32_t priority; /* higher goes first; 0 by default */
+    double verify;    /* share of the units that are rendered twice and compared, 0 to 1 */
+    bool mixed;       /* machines whose bits differ may share it */
+} job_terms_t;
 
 typedef struct {
     uint32_t tile;  /* index in the tile grid */
@@ -55,15 +69,20 @@ typedef struct {
 job_settings_t job_settings_default(void);
 /* Checks every field against the limits above; the message names the field, its value and the range. */
 result_t job_settings_check(const job_settings_t *settings);
+result_t job_terms_check(const job_terms_t *terms);
 
 uint32_t job_tile_count(const job_settings_t *settings);
 rect_t job_tile_rect(const job_settings_t *settings, uint32_t tile);
-/* True when bdpt has the strategy that joins s light and t eye vertices: t >= 1 and s >= 0, but not s = 0 with
- * t = 1, which is no path, nor s = 1 with t = 1, which would see lights directly, as s = 0 with t = 2 does. */
+/* True when bdpt has the strategy that joins s light and t eye vertices: t >= 1 and s >= 0, but not s = 0
+ * with t = 1, which is no path, nor s = 1 with t = 1, which would see lights directly, as s = 0 with t = 2
+ * does. */
 bool job_strategy_exists(int s, int t);
 /* Pixels of a tile. */
 uint32_t job_tile_pixels(const job_settings_t *settings, uint32_t tile);
-/* True when the unit lies inside the job: a tile that exists, 0 < count, first + count <= spp. */
+/* The number of samples that a pixel can have at most: spp, or JOB_MAX_BOOST times it in an adaptive job. */
+uint32_t job_sample_limit(const job_settings_t *settings);
+/* True when the unit lies inside the job: a tile that exists, 0 < count, first + count <= job_sample_limit.
+ */
 bool job_unit_valid(const job_settings_t *settings, const unit_t *unit);
 /* True when the job makes features: they are wanted, and its integrator traces eye rays. */
 bool job_has_features(const job_settings_t *settings);

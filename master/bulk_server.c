@@ -23,7 +23,6 @@ struct bulk_server {
     atomic_bool stop;
     complaint_t complaint;
     batch_t batch; /* the one being decoded; memory is kept */
-    uint64_t batch_job;
     uint64_t messages, bytes, malformed;
 };
 
@@ -66,14 +65,10 @@ static void refuse(bulk_server_t *server, const wire_message_t *message, result_
 /* ---- batches ------------------------------------------------------------------------------------------- */
 
 /* Makes the batch memory fit the job and the message's number of units. */
-static void prepare_batch(bulk_server_t *server, job_t *job, size_t units)
+static void prepare_batch(bulk_server_t *server, const job_t *job, size_t units)
 {
     batch_t *batch = &server->batch;
-    if (server->batch_job != farm_job_id(job)) {
-        batch_free(batch);
-        batch_init(batch, farm_job_settings(job));
-        server->batch_job = farm_job_id(job);
-    }
+    batch->settings = farm_job_settings(server->options.farm, job);
     batch->unit_count = 0;
     if (batch->unit_capacity < units) {
         batch->units = mem_realloc(batch->units, units * sizeof *batch->units);
@@ -89,10 +84,10 @@ static result_t decode_batch(bulk_server_t *server, const wire_message_t *messag
         return result_fail(RESULT_PROTOCOL, "a batch has %d payloads, not %d", BATCH_PAYLOADS,
                            message->payload_count);
     if (result->n_units == 0) return result_fail(RESULT_PROTOCOL, "a batch without units");
-    TRY(wire_units_get(result->units, result->n_units, farm_job_settings(job), batch->units));
+    TRY(wire_units_get(result->units, result->n_units, &batch->settings, batch->units));
     batch->unit_count = result->n_units;
     wire_counts_get(result->counts, &batch->counts);
-    return payload_decode(message->payload, batch);
+    return result_ok();
 }
 
 static result_t take_batch(bulk_server_t *server, const wire_message_t *message)
@@ -104,7 +99,8 @@ static result_t take_batch(bulk_server_t *server, const wire_message_t *message)
     prepare_batch(server, job, body->n_units);
     result_t result = decode_batch(server, message, job);
     if (result.code == RESULT_OK)
-        result = farm_batch_merge(farm, clock_now(), job, body->worker, &server->batch);
+        result = farm_batch_merge(farm, clock_now(), job, body->worker, body->check, &server->batch,
+                                  message->payload);
     else
         farm_batch_refuse(farm, job, body->worker, server->batch.units, server->batch.unit_count);
     farm_unpin(farm, job);

@@ -85,8 +85,10 @@ static void on_hello(control_server_t *server, const wire_message_t *message)
     }
     Lm__Welcome welcome = LM__WELCOME__INIT;
     identity_t identity = sender(message);
-    result_t result =
-        farm_hello(options->farm, clock_now(), &identity, hello->name, hello->threads, &welcome.worker);
+    farm_hello_t said = {
+        .name = hello->name, .key = message->key, .threads = hello->threads, .relay = hello->relay};
+    wire_hash_get(&hello->fingerprint, &said.fingerprint);
+    result_t result = farm_hello(options->farm, clock_now(), &identity, &said, &welcome.worker);
     if (result.code != RESULT_OK) {
         refuse(server, message, result);
         return;
@@ -170,15 +172,17 @@ static void on_goodbye(control_server_t *server, const wire_message_t *message)
 static result_t submit(control_server_t *server, const Lm__JobSubmit *request, uint64_t *job)
 {
     job_settings_t settings;
+    job_terms_t terms;
     hash_t blob;
     uint64_t size;
     TRY(wire_settings_get(request->settings, &settings));
+    TRY(wire_terms_get(request->terms, request->name, &terms));
     if (!wire_hash_get(&request->blob, &blob))
         return result_fail(RESULT_PROTOCOL, "the scene's hash has %zu bytes, not %d", request->blob.len,
                            HASH_BYTES);
     if (!blob_store_find(server->options.store, &blob, &size))
         return result_fail(RESULT_INPUT, "this master does not have the scene: send it first");
-    return farm_submit(server->options.farm, clock_now(), request->name, &settings, &blob, size, job);
+    return farm_submit(server->options.farm, clock_now(), &terms, &settings, &blob, size, job);
 }
 
 static void on_submit(control_server_t *server, const wire_message_t *message)
@@ -210,7 +214,7 @@ static void fill_status(job_report_t *report, status_message_t *out)
     wire_settings_put(&report->settings, &out->settings);
     wire_counts_put(&report->counts, &out->counts);
     out->status.job = report->job;
-    out->status.name = report->name;
+    out->status.name = report->terms.name;
     out->status.state = (uint32_t)report->state;
     out->status.settings = &out->settings;
     out->status.blob = wire_hash_put(&report->blob);
@@ -256,9 +260,11 @@ static void on_status(control_server_t *server, const wire_message_t *message)
     free(reports);
 }
 
-static void on_cancel(control_server_t *server, const wire_message_t *message)
+static void on_order(control_server_t *server, const wire_message_t *message)
 {
-    result_t result = farm_cancel(server->options.farm, clock_now(), message->envelope->job_cancel->job);
+    job_order_t order;
+    result_t result = wire_order_get(message->envelope->job_order, &order);
+    if (result.code == RESULT_OK) result = farm_order(server->options.farm, clock_now(), &order);
     if (result.code == RESULT_OK)
         done(server, message);
     else
@@ -288,8 +294,8 @@ static void dispatch(control_server_t *server, const wire_message_t *message)
     case LM__ENVELOPE__BODY_JOB_STATUS_REQUEST:
         on_status(server, message);
         break;
-    case LM__ENVELOPE__BODY_JOB_CANCEL:
-        on_cancel(server, message);
+    case LM__ENVELOPE__BODY_JOB_ORDER:
+        on_order(server, message);
         break;
     default:
         refuse(server, message,

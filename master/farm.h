@@ -12,13 +12,13 @@
 #ifndef LIGHTMILL_FARM_H
 #define LIGHTMILL_FARM_H
 
-#include "common/film.h"
-#include "proto/wire.h"
+#include "master/canvas.h"
+#include "master/schedule.h"
 
 enum {
     FARM_MAX_JOBS = 1000,    /* known at a time; the oldest finished ones are forgotten */
     FARM_MAX_WORKERS = 4096, /* connected, and as many again that were lost and may still send a batch */
-    FARM_MAX_NAME = 200,
+    FARM_MAX_NAME = JOB_MAX_NAME,
     FARM_MAX_DECLINES = 3 /* of a job that no worker has rendered any of */
 };
 
@@ -30,8 +30,15 @@ typedef struct {
     double batch_interval; /* seconds */
     uint64_t film_limit;   /* bytes that the films of all jobs may take */
     uint64_t first_job;    /* number of the first job */
-    int control_wake;      /* eventfd, written when there are notices to send; -1: none */
-    int image_wake;        /* eventfd, written when a job waits for its image; -1: none */
+    size_t job_limit;      /* jobs known at a time, at most FARM_MAX_JOBS */
+    const char
+        *spool_dir; /* where batches wait to be vouched for (farm_checks.c); NULL: jobs cannot be verified */
+    /* eventfds; -1: none */
+    int control_wake;    /* written when there are notices to send */
+    int image_wake;      /* when a job waits for its image */
+    int clerk_wake;      /* when a job's record has changed */
+    int checkpoint_wake; /* when a film is to be loaded, or a last checkpoint to be made */
+    int grant_wake; /* when a batch that was refused for the moment may now be taken: a film was loaded */
 } farm_options_t;
 
 farm_t *farm_new(const farm_options_t *options);
@@ -46,8 +53,18 @@ typedef struct {
     size_t size;
 } identity_t;
 
-/* Admits a worker and names it. RESULT_LIMIT when there are too many. */
-result_t farm_hello(farm_t *farm, double now, const identity_t *identity, const char *name, uint32_t threads,
+/* What a worker says of itself, and what is known of it. */
+typedef struct {
+    const char *name;
+    const char *key; /* public key in Z85, empty without keys */
+    uint32_t threads;
+    hash_t fingerprint; /* of its bits; all zero: it has not said */
+    bool relay;
+} farm_hello_t;
+
+/* Admits a worker and names it. RESULT_LIMIT when there are too many; RESULT_CANCELLED, with the reason, when
+ * it is put aside. */
+result_t farm_hello(farm_t *farm, double now, const identity_t *identity, const farm_hello_t *hello,
                     uint64_t *worker);
 /* False when the worker is not known (any more). */
 bool farm_heartbeat(farm_t *farm, double now, const identity_t *identity, uint64_t worker, uint64_t job,
@@ -64,6 +81,7 @@ typedef struct {
     uint64_t blob_size;
     unit_t *units;
     size_t unit_count;
+    uint64_t check; /* not 0: the units make a batch of their own */
 } farm_work_t;
 
 /* RESULT_UNREACHABLE when the worker is not known: it should say hello again. */
@@ -85,20 +103,27 @@ void farm_tick(farm_t *farm, double now);
 
 /* ---- jobs ---------------------------------------------------------------------------------------------- */
 
-/* Puts a job in the queue; settings are checked, the blob is in the store. */
-result_t farm_submit(farm_t *farm, double now, const char *name, const job_settings_t *settings,
+/* Puts a job in the queue; settings and terms are checked, the blob is in the store. */
+result_t farm_submit(farm_t *farm, double now, const job_terms_t *terms, const job_settings_t *settings,
                      const hash_t *blob, uint64_t blob_size, uint64_t *job);
-/* Ends a job early; its image is written from what is there. RESULT_INPUT when it does not exist or is over.
- */
-result_t farm_cancel(farm_t *farm, double now, uint64_t job);
+/* Does what a client orders (wire.h). RESULT_INPUT when there is no such job, or its state does not allow it.
+ * After ORDER_DELETE the job is unknown here; its files are the caller's to delete. */
+result_t farm_order(farm_t *farm, double now, const job_order_t *order);
 
 /* A job as clients see it. */
 typedef struct {
     uint64_t job;
-    char name[FARM_MAX_NAME + 1];
+    job_terms_t terms;
     job_state_t state;
     job_settings_t settings;
     hash_t blob;
+    bool retained;
+    hash_t fingerprint;         /* of the machines that work on it; all zero: none yet, or any */
+    schedule_account_t account; /* pixel samples */
+    double error;               /* estimated relative error at the last fixed point; 0: not known */
+    uint64_t checks_passed, checks_failed;
+    double checkpoint_age;                /* seconds; < 0: no checkpoint */
+    double submitted, finished;           /* seconds since 1970; 0: not yet */
     uint64_t samples_done, samples_total; /* pixel samples; total 0: only time ends the job */
     double elapsed, remaining;            /* seconds; remaining < 0: not known */
     uint32_t workers, workers_seen;       /* that hold units now; that have contributed */
@@ -111,17 +136,89 @@ typedef struct {
  * NULL and *count 0 when there are none. *workers is the number of connected workers. */
 job_report_t *farm_report(farm_t *farm, double now, uint64_t job, size_t *count, uint32_t *workers);
 
+/* A worker as clients see it. */
+typedef struct {
+    char name[FARM_MAX_NAME + 1];
+    char key[WIRE_KEY_TEXT + 1];
+    uint32_t threads;
+    hash_t fingerprint;
+    bool relay, connected;
+    char aside[FARM_MAX_NAME + 1]; /* why it is given no work; empty: it is */
+    uint64_t job;
+    uint32_t units_held;
+    double speed; /* pixel samples a second */
+    uint64_t batches, batches_refused, units_reissued, bytes;
+    double last_seen; /* seconds ago */
+} worker_report_t;
+
+/* The reports of all workers, connected first, in fresh memory that the caller frees; NULL and 0 when none.
+ */
+worker_report_t *farm_worker_report(farm_t *farm, double now, size_t *count);
+
+/* ---- what survives the process (farm_keep.c) ------------------------------------------------------------
+ */
+
+/* A job as the journal keeps it. */
+typedef struct {
+    uint64_t job;
+    job_terms_t terms;
+    job_settings_t settings;
+    hash_t blob;
+    uint64_t blob_size;
+    job_state_t state;   /* JOB_FINISHING when its image is still due */
+    job_state_t outcome; /* of one that is finishing */
+    bool retained;
+    bool removed; /* deleted or forgotten: its record and its files are to go */
+    hash_t fingerprint;
+    double elapsed;             /* seconds of work on it so far */
+    double submitted, finished; /* seconds since 1970; 0: not yet */
+    uint64_t bytes, batches, batches_refused, units_reissued, checks_passed, checks_failed;
+    uint32_t workers_seen;
+    char message[500];
+} job_record_t;
+
+/* The next record that has changed since it was given out; false when there is none. */
+bool farm_next_record(farm_t *farm, double now, job_record_t *record);
+/* The record was not saved: it is given out again. */
+void farm_record_unsaved(farm_t *farm, uint64_t job);
+/* Makes a job known again at the start of the process. One that is not over waits for its film:
+ * farm_next_load gives it out. */
+void farm_restore(farm_t *farm, double now, const job_record_t *record);
+/* Pins the job whose film is wanted first (a restart, an extended job); NULL when there is none. */
+job_t *farm_next_load(farm_t *farm);
+/* The film of a pinned job and the state of its schedule, both taken over; film NULL: there is no checkpoint,
+ * it begins anew. RESULT_INPUT when the state does not fit the job, which then begins anew. */
+result_t farm_loaded(farm_t *farm, double now, job_t *job, film_t *film, schedule_state_t *state);
+/* The film cannot be had for the moment or ever: the job fails with this message. */
+void farm_load_failed(farm_t *farm, double now, job_t *job, const char *why);
+
+/* Pins a job that has sums that no checkpoint holds: one that waits for its last checkpoint to be over, else
+ * the one whose last is oldest. NULL when there is none; *age is how long ago its last one was, seconds, and
+ * *last whether it is waited for. */
+job_t *farm_next_checkpoint(farm_t *farm, double now, double *age, bool *last);
+/* A snapshot of a pinned job's film and exactly the samples that it holds. False when it has no film (any
+ * more). */
+bool farm_snapshot(farm_t *farm, job_t *job, schedule_state_t *state, canvas_snapshot_t **snapshot);
+/* A checkpoint was written, or could not be. */
+void farm_checkpointed(farm_t *farm, double now, job_t *job, result_t written);
+
 /* ---- batches ------------------------------------------------------------------------------------------- */
 
+/* May this worker send a batch of this job? RESULT_LIMIT: not yet, its film is being loaded (grant_wake tells
+ * when); any other failure says why it is not wanted. */
+result_t farm_batch_wanted(farm_t *farm, uint64_t worker, uint64_t job);
 /* Pins the job that a batch is for, to be unpinned; the reason for a failure is for the sender. `bytes` is
  * the size of the message. */
 result_t farm_batch_open(farm_t *farm, double now, uint64_t worker, uint64_t job, uint64_t bytes,
                          job_t **pinned);
-const job_settings_t *farm_job_settings(const job_t *job);
+job_settings_t farm_job_settings(farm_t *farm, const job_t *job);
 uint64_t farm_job_id(const job_t *job);
 /* Counts and merges a batch whole, or refuses it whole: then what the sender holds of its units goes back.
- * Takes as long as a pass over the film. */
-result_t farm_batch_merge(farm_t *farm, double now, job_t *job, uint64_t worker, const batch_t *batch);
+ * `batch` has settings, checked units and counts; its sums are in the payloads. `check` is the number that
+ * the batch bears, 0: none. Takes as long as a pass over the film; batches of one job may be merged by
+ * several threads at once. */
+result_t farm_batch_merge(farm_t *farm, double now, job_t *job, uint64_t worker, uint64_t check,
+                          const batch_t *batch, const zmq_msg_t payload[BATCH_PAYLOADS]);
 /* The batch was no good: what the sender holds of its units goes back. */
 void farm_batch_refuse(farm_t *farm, job_t *job, uint64_t worker, const unit_t *units, size_t count);
 void farm_unpin(farm_t *farm, job_t *job);
@@ -141,8 +238,8 @@ uint64_t farm_image_version(farm_t *farm, job_t *job, bool *over);
 /* The image of a job that farm_next_finished gave out was written, or could not be: the job gets its last
  * state and its film is freed. */
 void farm_finished(farm_t *farm, double now, job_t *job, result_t written, const char *path);
-/* Ends every job that is not over, as cancelled by the shutdown, so that farm_next_finished gives them out.
- */
+/* The process ends: nothing more is handed out or taken. Jobs that are not over stay so; farm_next_checkpoint
+ * gives out those that have sums to save. */
 void farm_shut_down(farm_t *farm, double now);
 
 #endif

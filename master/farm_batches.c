@@ -11,9 +11,12 @@ enum { RATE_WINDOW = 60 };              /* seconds over which the speed for `rem
 
 /* ---- batches ------------------------------------------------------------------------------------------- */
 
-const job_settings_t *farm_job_settings(const job_t *job)
+job_settings_t farm_job_settings(farm_t *farm, const job_t *job)
 {
-    return &job->settings;
+    farm_lock(farm);
+    job_settings_t settings = job->settings;
+    farm_unlock(farm);
+    return settings;
 }
 
 uint64_t farm_job_id(const job_t *job)
@@ -25,6 +28,23 @@ void farm_unpin(farm_t *farm, job_t *job)
 {
     farm_lock(farm);
     job->pins--;
+    farm_unlock(farm);
+}
+
+canvas_t *farm_canvas_hold(farm_t *farm, job_t *job)
+{
+    farm_lock(farm);
+    canvas_t *canvas = job->canvas_condemned ? NULL : job->canvas;
+    job->canvas_users += canvas != NULL;
+    farm_unlock(farm);
+    return canvas;
+}
+
+void farm_canvas_let_go(farm_t *farm, job_t *job)
+{
+    farm_lock(farm);
+    job->canvas_users--;
+    if (job->canvas_condemned) farm_job_free_film(farm, job);
     farm_unlock(farm);
 }
 
@@ -99,7 +119,7 @@ static void note_progress(job_t *job, double now)
     job->rate_samples[1] = job->samples_done;
 }
 
-/* Under the lock and the film's lock: refuses the batch, or counts its units. */
+/* Under the lock, in the canvas: refuses the batch, or counts its units. */
 static result_t count_batch(double now, job_t *job, worker_t *worker, const batch_t *batch)
 {
     result_t result = check_counts(batch);
@@ -120,10 +140,12 @@ static result_t count_batch(double now, job_t *job, worker_t *worker, const batc
 /* Under the lock: what the merged film means for the job. */
 static void after_merge(farm_t *farm, double now, job_t *job, uint64_t worker)
 {
-    if (job->counts.dropped == 0 && job->film->counts.dropped > 0)
+    film_counts_t counts = canvas_counts(job->canvas);
+    if (job->counts.dropped == 0 && counts.dropped > 0)
         log_warning("job %llu: contributions that are NaN or infinite are dropped",
                     (unsigned long long)job->id);
-    job->counts = job->film->counts;
+    job->counts = counts;
+    if (!job->taking) return; /* closed meanwhile: a grace period ended. The merge still counts. */
     if (job->counts.overflows > 0) {
         snprintf(
             job->message, sizeof job->message,
@@ -150,24 +172,26 @@ void farm_batch_refuse(farm_t *farm, job_t *job, uint64_t id, const unit_t *unit
     farm_unlock(farm);
 }
 
-result_t farm_batch_merge(farm_t *farm, double now, job_t *job, uint64_t id, const batch_t *batch)
+result_t farm_batch_merge(farm_t *farm, double now, job_t *job, uint64_t id, uint64_t check,
+                          const batch_t *batch, const zmq_msg_t payload[BATCH_PAYLOADS])
 {
-    pthread_mutex_lock(&job->film_lock);
+    (void)check;
+    canvas_t *canvas = farm_canvas_hold(farm, job);
+    if (canvas == NULL) return result_fail(RESULT_CANCELLED, "the job is over");
+    canvas_enter(canvas);
     farm_lock(farm);
     result_t result = count_batch(now, job, farm_find_worker(farm, id), batch);
     farm_unlock(farm);
+    if (result.code == RESULT_OK) result = canvas_merge_payload(canvas, payload, batch, NULL, 1);
+    canvas_leave(canvas);
     if (result.code == RESULT_OK) {
-        film_merge(job->film, batch);
         farm_lock(farm);
-        /* The job may have been closed meanwhile: a grace period ended. The merge still counts. */
-        if (job->taking)
-            after_merge(farm, now, job, id);
-        else
-            job->counts = job->film->counts;
+        after_merge(farm, now, job, id);
         farm_unlock(farm);
+    } else {
+        farm_batch_refuse(farm, job, id, batch->units, batch->unit_count);
     }
-    pthread_mutex_unlock(&job->film_lock);
-    if (result.code != RESULT_OK) farm_batch_refuse(farm, job, id, batch->units, batch->unit_count);
+    farm_canvas_let_go(farm, job);
     return result;
 }
 
@@ -198,14 +222,17 @@ job_t *farm_next_finished(farm_t *farm)
 
 result_t farm_resolve(farm_t *farm, double now, job_t *job, film_image_t *image, job_report_t *report)
 {
-    pthread_mutex_lock(&job->film_lock);
     farm_lock(farm);
     *report = farm_report_job(job, now);
-    bool empty = job->film == NULL || job->batches == 0;
+    bool empty = job->batches == 0;
     farm_unlock(farm);
-    if (!empty) film_resolve(job->film, image);
-    pthread_mutex_unlock(&job->film_lock);
-    if (!empty) return result_ok();
+    canvas_t *canvas = empty ? NULL : farm_canvas_hold(farm, job);
+    if (canvas != NULL) {
+        film_resolve(canvas_lock(canvas), image);
+        canvas_unlock(canvas);
+        farm_canvas_let_go(farm, job);
+        return result_ok();
+    }
     return result_fail(RESULT_INPUT, "job %llu has no samples yet", (unsigned long long)report->job);
 }
 
@@ -236,7 +263,6 @@ static void log_end(const job_t *job, const char *path)
 void farm_finished(farm_t *farm, double now, job_t *job, result_t written, const char *path)
 {
     (void)now;
-    pthread_mutex_lock(&job->film_lock);
     farm_lock(farm);
     if (written.code != RESULT_OK && job->outcome != JOB_FAILED) {
         job->outcome = JOB_FAILED;
@@ -249,5 +275,4 @@ void farm_finished(farm_t *farm, double now, job_t *job, result_t written, const
     farm_job_free_film(farm, job);
     farm_notify_idle(farm); /* a job may have waited for memory */
     farm_unlock(farm);
-    pthread_mutex_unlock(&job->film_lock);
 }

@@ -16,15 +16,17 @@ static uint64_t film_bytes(const job_settings_t *settings)
 
 void farm_job_free_film(farm_t *farm, job_t *job)
 {
-    if (job->film != NULL) farm->film_bytes -= film_bytes(&job->settings);
-    film_destroy(&job->film);
+    if (job->canvas == NULL) return;
+    job->canvas_condemned = job->canvas_users > 0;
+    if (job->canvas_condemned) return;
+    farm->film_bytes -= film_bytes(&job->settings);
+    canvas_destroy(&job->canvas);
 }
 
 void farm_job_free(farm_t *farm, job_t *job)
 {
     farm_job_free_film(farm, job);
     schedule_destroy(&job->schedule);
-    pthread_mutex_destroy(&job->film_lock);
     free(job->seen);
     free(job);
 }
@@ -77,7 +79,8 @@ bool farm_job_start(farm_t *farm, double now, job_t *job)
 {
     uint64_t bytes = film_bytes(&job->settings);
     if (farm->film_bytes + bytes > farm->options.film_limit) return false;
-    result_t result = film_new(&job->settings, &job->film);
+    film_t *film;
+    result_t result = film_new(&job->settings, &film);
     if (result.code != RESULT_OK) {
         snprintf(job->message, sizeof job->message, "%s", result.message);
         log_error("job %llu: %s", (unsigned long long)job->id, result.message);
@@ -85,12 +88,13 @@ bool farm_job_start(farm_t *farm, double now, job_t *job)
         return false;
     }
     farm->film_bytes += bytes;
+    job->canvas = canvas_new(film);
     job->schedule = schedule_new(&job->settings);
     job->state = JOB_RUNNING;
     job->taking = true;
     job->started = job->rate_time[0] = job->rate_time[1] = now;
-    log_info("job %llu starts: %s, %d x %d, %s", (unsigned long long)job->id, job->name, job->settings.width,
-             job->settings.height, integrator_name(job->settings.integrator));
+    log_info("job %llu starts: %s, %d x %d, %s", (unsigned long long)job->id, job->terms.name,
+             job->settings.width, job->settings.height, integrator_name(job->settings.integrator));
     return true;
 }
 
@@ -109,7 +113,7 @@ static bool forget_oldest(farm_t *farm)
     return false;
 }
 
-result_t farm_submit(farm_t *farm, double now, const char *name, const job_settings_t *settings,
+result_t farm_submit(farm_t *farm, double now, const job_terms_t *terms, const job_settings_t *settings,
                      const hash_t *blob, uint64_t blob_size, uint64_t *id)
 {
     (void)now;
@@ -129,12 +133,11 @@ result_t farm_submit(farm_t *farm, double now, const char *name, const job_setti
     job->blob = *blob;
     job->blob_size = blob_size;
     job->state = JOB_QUEUED;
-    snprintf(job->name, sizeof job->name, "%s", name);
-    pthread_mutex_init(&job->film_lock, NULL);
+    job->terms = *terms;
     farm->jobs = mem_realloc(farm->jobs, (farm->job_count + 1) * sizeof(job_t *));
     farm->jobs[farm->job_count++] = job;
     *id = job->id;
-    log_info("job %llu is submitted: %s", (unsigned long long)job->id, job->name);
+    log_info("job %llu is submitted: %s", (unsigned long long)job->id, job->terms.name);
     farm_notify_idle(farm);
     farm_unlock(farm);
     return result_ok();
@@ -154,10 +157,10 @@ static result_t cancel(farm_t *farm, double now, job_t *job, uint64_t id)
     return result_ok(); /* one that is finishing is left to finish */
 }
 
-result_t farm_cancel(farm_t *farm, double now, uint64_t id)
+result_t farm_order(farm_t *farm, double now, const job_order_t *order)
 {
     farm_lock(farm);
-    result_t result = cancel(farm, now, farm_find_job(farm, id), id);
+    result_t result = cancel(farm, now, farm_find_job(farm, order->job), order->job);
     farm_unlock(farm);
     return result;
 }
@@ -195,7 +198,7 @@ job_report_t farm_report_job(const job_t *job, double now)
                            .batches_refused = job->batches_refused,
                            .units_reissued = job->units_reissued,
                            .counts = job->counts};
-    memcpy(report.name, job->name, sizeof report.name);
+    report.terms = job->terms;
     memcpy(report.message, job->message, sizeof report.message);
     return report;
 }

@@ -4,46 +4,73 @@
 #define LIGHTMILL_FARM_STATE_H
 
 #include "master/farm.h"
-#include "master/schedule.h"
 
 #include <pthread.h>
 
 typedef struct {
     uint64_t id;
     char name[FARM_MAX_NAME + 1];
+    char key[WIRE_KEY_TEXT + 1]; /* empty without keys */
+    hash_t fingerprint;
+    bool relay;
     identity_t identity;
     uint32_t threads;
     bool connected;
     bool idle;        /* was told that there is no work */
     double last_seen; /* seconds */
     double delivered; /* seconds, when it last sent a batch, or was given units and had none */
+    double speed;     /* pixel samples a second that it delivers; 0: not measured */
+    double deadline;  /* seconds, when what it holds should have come; 0: it holds nothing */
     uint64_t job;     /* that it has loaded or was assigned last */
     uint64_t batches, batches_refused, units_reissued, bytes;
 } worker_t;
 
+/* farm_checks.c: the units of a job that are rendered twice. */
+typedef struct job_checks job_checks_t;
+/* farm_suspects.c: the units of a job that were in the hands of workers who died. */
+typedef struct job_suspects job_suspects_t;
+
 struct job {
     uint64_t id;
-    char name[FARM_MAX_NAME + 1];
+    job_terms_t terms;
     job_settings_t settings;
     hash_t blob;
     uint64_t blob_size;
     job_state_t state;
-    job_state_t outcome;   /* the state after finishing */
-    bool taking;           /* batches are taken */
-    bool image_due;        /* the image writer has to see to it */
-    double started, ended; /* seconds; 0: not yet */
-    double flush_until;    /* seconds, while a flush goes on */
+    job_state_t outcome; /* the state after finishing */
+    bool retained;
+    bool taking;            /* batches are taken */
+    bool image_due;         /* the image writer has to see to it */
+    bool image_written;     /* the last image is in its file, or could not be written */
+    bool film_due;          /* its film has to be loaded before it can go on */
+    bool unsaved;           /* the film has sums that no checkpoint holds */
+    bool record_due;        /* the record has changed since the journal got it */
+    double last_checkpoint; /* seconds; 0: none */
+    double
+        elapsed_before; /* seconds of work on it before this process, or before it was paused or extended */
+    double submitted, finished; /* seconds since 1970; 0: not yet */
+    double started, ended;      /* seconds; 0: not yet */
+    double flush_until;         /* seconds, while a flush goes on */
+    double service;        /* thread-seconds that it was given, in the sense of fair shares (farm_shares) */
     schedule_t *schedule;  /* NULL before the first assignment and when the job is over */
-    pthread_mutex_t film_lock;
-    film_t *film;
-    film_counts_t counts; /* of the film, readable under the farm's lock */
+    canvas_t *canvas;      /* the film; NULL before the first assignment and when the job is over */
+    int canvas_users;      /* that look at the canvas without the farm's lock */
+    bool canvas_condemned; /* to be freed by the last of them */
+    int merging;           /* batches that are counted and being added to the film */
+    film_counts_t counts;  /* of the film, readable under the farm's lock */
+    hash_t fingerprint;    /* of the machines that may work on it; all zero: none yet */
+    double error;          /* estimated relative error at the last fixed point; 0: not known */
     uint64_t samples_done;
     uint64_t *seen; /* workers that contributed */
     size_t seen_count;
-    uint64_t bytes, batches, batches_refused, units_reissued;
-    uint32_t declines;   /* workers that said they cannot render it */
-    double rate_time[2]; /* two earlier points of the progress, for the speed */
+    uint32_t seen_before; /* workers that contributed before this process */
+    uint64_t bytes, batches, batches_refused, units_reissued, checks_passed, checks_failed;
+    schedule_account_t account; /* the last one, when there is no schedule */
+    uint32_t declines;          /* workers that said they cannot render it */
+    double rate_time[2];        /* two earlier points of the progress, for the speed */
     uint64_t rate_samples[2];
+    job_checks_t *checks;     /* NULL: none */
+    job_suspects_t *suspects; /* NULL: none */
     char message[500];
     int pins;
 };
@@ -61,6 +88,9 @@ struct farm {
     size_t job_count;
     uint64_t next_job;
     uint64_t film_bytes; /* of all films */
+    uint64_t *removed;   /* jobs whose records and files are to go */
+    size_t removed_count;
+    bool shut; /* nothing more is handed out or taken */
     worker_t *workers;
     size_t worker_count;
     pending_t *notices;
@@ -82,6 +112,8 @@ worker_t *farm_find_worker(const farm_t *farm, uint64_t id);
 void farm_notify_idle(farm_t *farm);
 /* Tells the workers that have a job that it is over. */
 void farm_notify_over(farm_t *farm, const job_t *job, bool flush);
+/* The job's record has changed: the journal is to get it. */
+void farm_record_changed(farm_t *farm, job_t *job);
 
 /* ---- farm_workers.c ---- */
 
@@ -89,6 +121,32 @@ void farm_notify_over(farm_t *farm, const job_t *job, bool flush);
 void farm_worker_disconnect(farm_t *farm, double now, worker_t *worker, const char *why);
 /* Adds units that were taken back to the counters. */
 void farm_count_reissued(job_t *job, worker_t *worker, size_t units);
+/* A batch of this worker was counted: its speed and its deadline are known anew. */
+void farm_worker_delivered(farm_t *farm, double now, worker_t *worker, const job_t *job, const unit_t *units,
+                           size_t count);
+
+/* ---- farm_batches.c ---- */
+
+/* The canvas of a pinned job, kept from being freed until it is let go; NULL when it has none. Both are
+ * called without the farm's lock. */
+canvas_t *farm_canvas_hold(farm_t *farm, job_t *job);
+void farm_canvas_let_go(farm_t *farm, job_t *job);
+
+/* ---- farm_checks.c ---- */
+
+/* Decides over a batch that bears a number: *merge is true when it is the first rendering of its units and
+ * goes into the film. The digest is of its decoded sums. RESULT_MISMATCH when nobody asked for it. */
+result_t farm_check_batch(farm_t *farm, double now, job_t *job, uint64_t worker, uint64_t check,
+                          const unit_t *units, size_t count, const hash_t *digest, bool *merge);
+/* Keeps the payloads of a batch that was merged, until its sender is vouched for. Called without the farm's
+ * lock, inside the canvas. */
+void farm_check_keep(farm_t *farm, job_t *job, uint64_t worker, const batch_t *batch,
+                     const zmq_msg_t payload[BATCH_PAYLOADS]);
+/* True while renderings to compare are out or to be had; the job is not complete before. */
+bool farm_checks_pending(const farm_t *farm, const job_t *job);
+void farm_checks_free(job_checks_t **checks);
+/* ---- farm_suspects.c ---- */
+void farm_suspects_free(job_suspects_t **suspects);
 
 /* ---- farm_jobs.c ---- */
 
@@ -104,6 +162,9 @@ void farm_job_close(farm_t *farm, double now, job_t *job, job_state_t outcome);
 void farm_job_cut_short(farm_t *farm, double now, job_t *job, job_state_t outcome);
 /* A worker has nothing (more) to send for a job that is being flushed. */
 void farm_job_flushed(farm_t *farm, double now, job_t *job, uint64_t worker);
+/* Something was counted, skipped or checked, and nothing is being merged: the next round is planned, or the
+ * job is closed. Called with the farm's lock, which it lets go meanwhile, inside no canvas. */
+void farm_job_progress(farm_t *farm, double now, job_t *job);
 job_report_t farm_report_job(const job_t *job, double now);
 
 #endif

@@ -72,7 +72,7 @@ static worker_t *worker_add(farm_t *farm)
     return &farm->workers[farm->worker_count++];
 }
 
-result_t farm_hello(farm_t *farm, double now, const identity_t *identity, const char *name, uint32_t threads,
+result_t farm_hello(farm_t *farm, double now, const identity_t *identity, const farm_hello_t *hello,
                     uint64_t *id)
 {
     farm_lock(farm);
@@ -82,12 +82,15 @@ result_t farm_hello(farm_t *farm, double now, const identity_t *identity, const 
         return result_fail(RESULT_LIMIT, "this master has %d workers already", FARM_MAX_WORKERS);
     }
     *worker = (worker_t){.identity = *identity,
-                         .threads = threads < 1             ? 1
-                                    : threads > MAX_THREADS ? MAX_THREADS
-                                                            : threads,
+                         .threads = hello->threads < 1             ? 1
+                                    : hello->threads > MAX_THREADS ? MAX_THREADS
+                                                                   : hello->threads,
+                         .fingerprint = hello->fingerprint,
+                         .relay = hello->relay,
                          .connected = true,
                          .last_seen = now};
-    snprintf(worker->name, sizeof worker->name, "%s", name[0] != '\0' ? name : "(no name)");
+    snprintf(worker->name, sizeof worker->name, "%s", hello->name[0] != '\0' ? hello->name : "(no name)");
+    snprintf(worker->key, sizeof worker->key, "%s", hello->key);
     while (worker->id == 0) randombytes_buf(&worker->id, sizeof worker->id);
     *id = worker->id;
     log_info("worker %s joins with %u threads", worker->name, worker->threads);

@@ -84,7 +84,7 @@ static result_t write_film(gallery_t *gallery, job_t *job, const char *path, boo
     job_report_t report;
     TRY(farm_resolve(gallery->options.farm, clock_now(), job, &film, &report));
     picture_meta_t meta = {.scene = report.blob,
-                           .scene_name = report.name,
+                           .scene_name = report.terms.name,
                            .settings = report.settings,
                            .counts = report.counts,
                            .workers = report.workers_seen,

@@ -47,7 +47,7 @@ size_t schedule_release(schedule_t *schedule, uint64_t worker);
 
 /* True while there are free samples. */
 bool schedule_available(const schedule_t *schedule);
-/* True when every sample is counted. */
+/* True when every sample that the job can ask for is counted or skipped. */
 bool schedule_complete(const schedule_t *schedule);
 /* Units that a worker holds. */
 size_t schedule_held(const schedule_t *schedule, uint64_t worker);
@@ -58,5 +58,58 @@ uint64_t schedule_done(const schedule_t *schedule);
 uint64_t schedule_total(const schedule_t *schedule);
 /* The number of sample ranges in memory: it stays near the number of tiles plus that of units out. */
 size_t schedule_spans(const schedule_t *schedule);
+
+/* ---- rounds (plan.h) ---- */
+
+/* Allows tile t to be sampled up to ends[t], the new samples with weight weights[t]. The first round is
+ * opened by schedule_new when the settings ask for neither an error nor adaptivity. ends[t] is at least the
+ * tile's present end. */
+void schedule_open_round(schedule_t *schedule, const uint32_t *ends, const uint32_t *weights);
+uint32_t schedule_round_count(const schedule_t *schedule);
+/* True when all samples of the open rounds are counted or skipped; true before the first round. */
+bool schedule_round_counted(const schedule_t *schedule);
+/* The latest round's ends and weights, one for each tile; NULL before the first. */
+const uint32_t *schedule_round_ends(const schedule_t *schedule);
+const uint32_t *schedule_round_weights(const schedule_t *schedule);
+/* How often a sample of the unit counts; units lie within one round. */
+uint32_t schedule_weight(const schedule_t *schedule, const unit_t *unit);
+
+/* ---- particular units ---- */
+
+/* Issues exactly this unit; false, and nothing has changed, unless all of it is free and lies in one open
+ * round. The worker may be 0: the farm itself keeps it from others. */
+bool schedule_issue(schedule_t *schedule, uint64_t worker, const unit_t *unit);
+/* The units that a worker holds, in fresh memory (the caller frees it); *count is 0 and the result NULL when
+ * none. */
+unit_t *schedule_units_of(const schedule_t *schedule, uint64_t worker, size_t *count);
+/* Counted samples become free again: their sums were taken out of the film. */
+void schedule_uncount(schedule_t *schedule, const unit_t *units, size_t count);
+/* Free samples will never be counted; the job completes without them. */
+void schedule_skip(schedule_t *schedule, const unit_t *unit);
+
+/* ---- accounts and checkpoints ---- */
+
+/* Pixel samples since the job began: issued = counted + returned + out, whatever happened. What is accepted
+ * from a worker that did not hold it any more counts as issued once more. */
+typedef struct {
+    uint64_t issued, counted, returned, out, skipped;
+} schedule_account_t;
+schedule_account_t schedule_account(const schedule_t *schedule);
+
+/* All that outlives the process. */
+typedef struct {
+    uint32_t round_count, tile_count;
+    uint32_t *ends, *weights;  /* [round][tile] */
+    unit_t *counted, *skipped; /* sample ranges, sorted by tile and sample */
+    size_t counted_count, skipped_count;
+    uint64_t issued, returned; /* pixel samples */
+} schedule_state_t;
+/* Copies the state into fresh memory. */
+void schedule_save(const schedule_t *schedule, schedule_state_t *state);
+void schedule_state_free(schedule_state_t *state);
+/* A schedule from a state that was read from a file: RESULT_INPUT, naming what is wrong, unless it fits the
+ * settings. What was out when it was saved is returned. */
+result_t schedule_restore(const job_settings_t *settings, const schedule_state_t *state,
+                          schedule_t **schedule);
 
 #endif

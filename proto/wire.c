@@ -17,6 +17,7 @@
 #include "proto/wire.h"
 
 #include <errno.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -64,8 +65,9 @@ const char *job_state_name(uint32_t state)
 {
     static const char *const names[] = {
         [JOB_QUEUED] = "queued", [JOB_RUNNING] = "running",     [JOB_FINISHING] = "finishing",
-        [JOB_DONE] = "done",     [JOB_CANCELLED] = "cancelled", [JOB_FAILED] = "failed"};
-    return state >= JOB_QUEUED && state <= JOB_FAILED ? names[state] : "unknown";
+        [JOB_DONE] = "done",     [JOB_CANCELLED] = "cancelled", [JOB_FAILED] = "failed",
+        [JOB_PAUSED] = "paused"};
+    return state >= JOB_QUEUED && state <= JOB_PAUSED ? names[state] : "unknown";
 }
 
 bool job_state_final(uint32_t state)
@@ -385,6 +387,8 @@ result_t wire_receive(void *socket, bool router, wire_message_t *message, bool *
     message->identity_size = 0;
     message->payload_count = 0;
     message->bytes = 0;
+    message->rights = RIGHTS_ALL;
+    message->key[0] = '\0';
     *received = false;
     if (router) {
         TRY(receive_identity(socket, message, received));
@@ -437,6 +441,8 @@ void wire_settings_put(const job_settings_t *settings, Lm__Settings *message)
     message->strategy_s = (uint32_t)settings->strategy_s;
     message->strategy_t = (uint32_t)settings->strategy_t;
     message->unweighted = settings->unweighted;
+    message->error = settings->error;
+    message->adaptive = settings->adaptive;
 }
 
 result_t wire_settings_get(const Lm__Settings *message, job_settings_t *settings)
@@ -467,8 +473,59 @@ result_t wire_settings_get(const Lm__Settings *message, job_settings_t *settings
                                  .features = message->features,
                                  .strategy_s = (int32_t)message->strategy_s,
                                  .strategy_t = (int32_t)message->strategy_t,
-                                 .unweighted = message->unweighted};
+                                 .unweighted = message->unweighted,
+                                 .error = message->error,
+                                 .adaptive = message->adaptive};
     return job_settings_check(settings);
+}
+
+void wire_terms_put(const job_terms_t *terms, Lm__Terms *message)
+{
+    message->priority = terms->priority;
+    message->verify = terms->verify;
+    message->mixed = terms->mixed;
+}
+
+result_t wire_terms_get(const Lm__Terms *message, const char *name, job_terms_t *terms)
+{
+    *terms = (job_terms_t){0};
+    snprintf(terms->name, sizeof terms->name, "%s", name);
+    if (message == NULL) return result_ok();
+    terms->priority = message->priority;
+    terms->verify = message->verify;
+    terms->mixed = message->mixed;
+    return job_terms_check(terms);
+}
+
+void wire_order_put(const job_order_t *order, Lm__JobOrder *message)
+{
+    message->job = order->job;
+    message->kind = (uint32_t)order->kind;
+    message->priority = order->priority;
+    message->spp = order->spp;
+    message->error = order->error;
+    message->time_limit = order->time_limit;
+}
+
+result_t wire_order_get(const Lm__JobOrder *message, job_order_t *order)
+{
+    if (message->kind < ORDER_CANCEL || message->kind > ORDER_EXTEND)
+        return result_fail(RESULT_PROTOCOL, "an order of unknown kind %u", message->kind);
+    *order = (job_order_t){.job = message->job,
+                           .kind = (order_kind_t)message->kind,
+                           .priority = message->priority,
+                           .spp = message->spp,
+                           .error = message->error,
+                           .time_limit = message->time_limit};
+    if (order->spp > JOB_MAX_SPP)
+        return result_fail(RESULT_USAGE, "samples a pixel is %u, must be at most %d", order->spp,
+                           JOB_MAX_SPP);
+    if (!(order->error >= 0 && order->error < 1))
+        return result_fail(RESULT_USAGE, "error is %g, must be 0 (as it was) or below 1", order->error);
+    if (!(order->time_limit >= 0 && order->time_limit <= 1e9))
+        return result_fail(RESULT_USAGE, "time limit is %g s, must be from 0 (as it was) to 1e9",
+                           order->time_limit);
+    return result_ok();
 }
 
 void wire_counts_put(const film_counts_t *counts, Lm__Counts *message)

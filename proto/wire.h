@@ -14,7 +14,7 @@
 #include <zmq.h>
 
 enum {
-    WIRE_VERSION = 3,
+    WIRE_VERSION = 4,
     WIRE_DEFAULT_PORT = 7420,         /* control; bulk is the next one */
     WIRE_MAX_HEADER = 1 << 20,        /* bytes of a header frame, preamble included */
     WIRE_MAX_CONTROL_FRAME = 1 << 20, /* control messages have no payloads */
@@ -36,13 +36,43 @@ typedef enum {
     JOB_FINISHING,  /* no more units are handed out; last batches come in, the image is being written */
     JOB_DONE,
     JOB_CANCELLED,
-    JOB_FAILED /* JobStatus.message says why */
+    JOB_FAILED, /* JobStatus.message says why */
+    JOB_PAUSED  /* no units are handed out until it is resumed */
 } job_state_t;
+
+/* What a client orders done with a job, as JobOrder.kind says it. */
+typedef enum {
+    ORDER_CANCEL = 1, /* ends it early; its image is written from what is there */
+    ORDER_PAUSE,
+    ORDER_RESUME,
+    ORDER_RETAIN,   /* a finished job is kept until it is deleted, */
+    ORDER_RELEASE,  /* or may go when room is needed: the default */
+    ORDER_DELETE,   /* a finished job goes, with its film and its image */
+    ORDER_PRIORITY, /* order.priority */
+    ORDER_EXTEND    /* more samples, for a finished job or one that runs: order.spp, .error, .time_limit */
+} order_kind_t;
+
+typedef struct {
+    uint64_t job;
+    order_kind_t kind;
+    int32_t priority;
+    uint32_t spp;      /* 0: as it was */
+    double error;      /* likewise */
+    double time_limit; /* seconds from now; 0: as it was */
+} job_order_t;
 
 /* "queued", "running", ...; "unknown" for anything else. */
 const char *job_state_name(uint32_t state);
 /* True for JOB_DONE, JOB_CANCELLED and JOB_FAILED. */
 bool job_state_final(uint32_t state);
+
+/* What a peer may do. */
+enum {
+    RIGHT_WORK = 1,   /* say hello, take units, deliver batches, fetch blobs */
+    RIGHT_CLIENT = 2, /* submit, order, see jobs, put blobs, fetch images */
+    RIGHTS_ALL = RIGHT_WORK | RIGHT_CLIENT
+};
+enum { WIRE_KEY_TEXT = 40 }; /* characters of a public key in Z85 */
 
 typedef struct {
     Lm__Envelope *envelope; /* decoded, its body is set; freed by wire_free */
@@ -50,7 +80,9 @@ typedef struct {
     size_t identity_size;                 /* 0 when it came from a DEALER */
     zmq_msg_t payload[WIRE_MAX_PAYLOADS]; /* open for i < payload_count */
     int payload_count;
-    size_t bytes; /* all frames as they came, without the identity */
+    size_t bytes;                /* all frames as they came, without the identity */
+    unsigned rights;             /* of the sender; RIGHTS_ALL on a connection without keys */
+    char key[WIRE_KEY_TEXT + 1]; /* the sender's public key in Z85, empty on a connection without keys */
 } wire_message_t;
 
 /* Makes a socket with our limits set (largest frame WIRE_MAX_PAYLOAD, high-water marks, linger, reconnect
@@ -78,6 +110,11 @@ void wire_free(wire_message_t *message);
  */
 void wire_settings_put(const job_settings_t *settings, Lm__Settings *message);
 result_t wire_settings_get(const Lm__Settings *message, job_settings_t *settings);
+/* `name` is not part of the message; a missing message gives the defaults. */
+void wire_terms_put(const job_terms_t *terms, Lm__Terms *message);
+result_t wire_terms_get(const Lm__Terms *message, const char *name, job_terms_t *terms);
+void wire_order_put(const job_order_t *order, Lm__JobOrder *message);
+result_t wire_order_get(const Lm__JobOrder *message, job_order_t *order);
 void wire_counts_put(const film_counts_t *counts, Lm__Counts *message);
 void wire_counts_get(const Lm__Counts *message, film_counts_t *counts);
 /* The array of messages for `count` units, in one piece of memory that the caller frees with free(); NULL for

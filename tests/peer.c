@@ -353,11 +353,12 @@ result_t peer_submit(peer_t *peer, const char *name, const job_settings_t *setti
 
 result_t peer_cancel(peer_t *peer, uint64_t job)
 {
-    Lm__JobCancel cancel = LM__JOB_CANCEL__INIT;
+    Lm__JobOrder cancel = LM__JOB_ORDER__INIT;
+    cancel.kind = ORDER_CANCEL;
     Lm__Envelope envelope = LM__ENVELOPE__INIT;
     cancel.job = job;
-    envelope.body_case = LM__ENVELOPE__BODY_JOB_CANCEL;
-    envelope.job_cancel = &cancel;
+    envelope.body_case = LM__ENVELOPE__BODY_JOB_ORDER;
+    envelope.job_order = &cancel;
     wire_message_t answer = peer_ask_control(peer, &envelope);
     TRY(verdict(&answer, LM__ENVELOPE__BODY_DONE));
     wire_free(&answer);

@@ -43,14 +43,17 @@ static uint64_t submit(farm_t *farm)
     job_settings_t settings = small_job();
     hash_t blob = {{0}};
     uint64_t job;
-    assert_int_equal(farm_submit(farm, 0, "test", &settings, &blob, 1, &job).code, RESULT_OK);
+    assert_int_equal(farm_submit(farm, 0, &(job_terms_t){.name = "test"}, &settings, &blob, 1, &job).code,
+                     RESULT_OK);
     return job;
 }
 
 static uint64_t hello(farm_t *farm, double now)
 {
     uint64_t worker;
-    assert_int_equal(farm_hello(farm, now, &nobody, "w", 1, &worker).code, RESULT_OK);
+    assert_int_equal(
+        farm_hello(farm, now, &nobody, &(farm_hello_t){.name = "w", .key = "", .threads = 1}, &worker).code,
+        RESULT_OK);
     return worker;
 }
 
@@ -77,7 +80,10 @@ static result_t deliver(farm_t *farm, double now, uint64_t worker, uint64_t job_
     batch.unit_count = 1;
     batch.eye_count = batch_tile_values(&settings, unit->tile);
     batch.eye = mem_zalloc(batch.eye_count, sizeof *batch.eye);
-    result_t result = farm_batch_merge(farm, now, job, worker, &batch);
+    zmq_msg_t payload[BATCH_PAYLOADS];
+    assert_int_equal(payload_encode(&batch, false, payload).code, RESULT_OK);
+    result_t result = farm_batch_merge(farm, now, job, worker, 0, &batch, payload);
+    for (int i = 0; i < BATCH_PAYLOADS; i++) zmq_msg_close(&payload[i]);
     batch.units = NULL;
     batch_free(&batch);
     farm_unpin(farm, job);
@@ -155,7 +161,8 @@ static void jobs_wait_for_memory(void **state)
     }
     for (int j = 0; j < 8; j++)
         assert_int_equal(report(farm, 1, jobs[j]).state, j < 6 ? JOB_RUNNING : JOB_QUEUED);
-    assert_int_equal(farm_cancel(farm, 1, jobs[0]).code, RESULT_OK);
+    assert_int_equal(farm_order(farm, 1, &(job_order_t){.job = jobs[0], .kind = ORDER_CANCEL}).code,
+                     RESULT_OK);
     farm_tick(farm, 1.1);
     farm_tick(farm, 12); /* nobody answers the flush */
     job_t *job = farm_next_finished(farm);
@@ -217,7 +224,8 @@ static void a_film_that_never_fits_is_refused(void **state)
     job_settings_t settings = job_settings_default();
     hash_t blob = {{0}};
     uint64_t job;
-    assert_int_equal(farm_submit(farm, 0, "x", &settings, &blob, 1, &job).code, RESULT_LIMIT);
+    assert_int_equal(farm_submit(farm, 0, &(job_terms_t){.name = "x"}, &settings, &blob, 1, &job).code,
+                     RESULT_LIMIT);
 }
 
 static void the_queue_has_an_end_and_forgets_the_finished(void **state)
@@ -227,10 +235,13 @@ static void the_queue_has_an_end_and_forgets_the_finished(void **state)
     hash_t blob = {{0}};
     uint64_t first = submit(farm), job;
     for (int i = 1; i < FARM_MAX_JOBS; i++) submit(farm);
-    assert_int_equal(farm_submit(farm, 0, "x", &settings, &blob, 1, &job).code, RESULT_LIMIT);
-    assert_int_equal(farm_cancel(farm, 0, first).code, RESULT_OK);
-    assert_int_equal(farm_submit(farm, 0, "x", &settings, &blob, 1, &job).code, RESULT_OK);
-    assert_int_equal(farm_cancel(farm, 0, first).code, RESULT_INPUT);
+    assert_int_equal(farm_submit(farm, 0, &(job_terms_t){.name = "x"}, &settings, &blob, 1, &job).code,
+                     RESULT_LIMIT);
+    assert_int_equal(farm_order(farm, 0, &(job_order_t){.job = first, .kind = ORDER_CANCEL}).code, RESULT_OK);
+    assert_int_equal(farm_submit(farm, 0, &(job_terms_t){.name = "x"}, &settings, &blob, 1, &job).code,
+                     RESULT_OK);
+    assert_int_equal(farm_order(farm, 0, &(job_order_t){.job = first, .kind = ORDER_CANCEL}).code,
+                     RESULT_INPUT);
 }
 
 static void too_many_workers_are_refused_and_lost_ones_forgotten(void **state)
@@ -238,12 +249,18 @@ static void too_many_workers_are_refused_and_lost_ones_forgotten(void **state)
     farm_t *farm = *state;
     uint64_t worker, first = hello(farm, 0);
     for (int i = 1; i < FARM_MAX_WORKERS; i++) hello(farm, 0);
-    assert_int_equal(farm_hello(farm, 0, &nobody, "x", 1, &worker).code, RESULT_LIMIT);
+    assert_int_equal(
+        farm_hello(farm, 0, &nobody, &(farm_hello_t){.name = "x", .key = "", .threads = 1}, &worker).code,
+        RESULT_LIMIT);
     farm_goodbye(farm, 0, first, 0, "");
-    assert_int_equal(farm_hello(farm, 0, &nobody, "x", 1, &worker).code, RESULT_OK);
+    assert_int_equal(
+        farm_hello(farm, 0, &nobody, &(farm_hello_t){.name = "x", .key = "", .threads = 1}, &worker).code,
+        RESULT_OK);
     for (int i = 0; i < 2 * FARM_MAX_WORKERS; i++) { /* come and go: memory stays bounded */
         farm_goodbye(farm, 0, worker, 0, "");
-        assert_int_equal(farm_hello(farm, i, &nobody, "x", 1, &worker).code, RESULT_OK);
+        assert_int_equal(
+            farm_hello(farm, i, &nobody, &(farm_hello_t){.name = "x", .key = "", .threads = 1}, &worker).code,
+            RESULT_OK);
     }
 }
 
