@@ -34,6 +34,7 @@ static job_settings_t small_job(void)
     job_settings_t settings = job_settings_default();
     settings.width = settings.height = 32;
     settings.tile_size = 16;
+    settings.features = false;
     settings.spp = 4;
     return settings;
 }

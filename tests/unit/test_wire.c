@@ -156,7 +156,7 @@ static uint8_t *packed(const Lm__Envelope *envelope, size_t *size)
 {
     *size = 5 + lm__envelope__get_packed_size(envelope);
     uint8_t *bytes = mem_alloc(*size);
-    memcpy(bytes, "LMIL\3", 5);
+    memcpy(bytes, "LMIL\4", 5);
     lm__envelope__pack(envelope, bytes + 5);
     return bytes;
 }
@@ -169,9 +169,9 @@ static void bad_headers_are_errors(void **state)
         size_t size;
     } bad[] = {{"", 0},
                {"LMIL", 4},
-               {"LMIL\3", 5},
+               {"LMIL\4", 5},
                {"LMIX\1\10\1", 7},
-               {"LMIL\3\10\1", 7},
+               {"LMIL\4\10\1", 7},
                {"LMIL\2\377\377\377", 8},
                {"GET / HTTP/1.1\r\n\r\n", 18}};
     for (size_t i = 0; i < ARRAY_LENGTH(bad); i++) {
@@ -182,7 +182,7 @@ static void bad_headers_are_errors(void **state)
         expect_malformed(s);
     }
     char *huge = mem_zalloc(1, WIRE_MAX_HEADER + 1);
-    memcpy(huge, "LMIL\3", 5);
+    memcpy(huge, "LMIL\4", 5);
     send_raw(s->raw, huge, WIRE_MAX_HEADER + 1, false);
     expect_malformed(s);
     free(huge);
@@ -276,7 +276,7 @@ static void too_many_units_are_errors(void **state)
     /* A megabyte of empty units would take forty: the decoder stops at its budget. */
     size_t size = WIRE_MAX_HEADER - 16;
     uint8_t *bytes = mem_alloc(size);
-    memcpy(bytes, "LMIL\3", 5);
+    memcpy(bytes, "LMIL\4", 5);
     bytes[5] = 0x9A; /* field 19, batch_result */
     bytes[6] = 0x01;
     size_t inner = size - 10;
