@@ -181,6 +181,10 @@ typedef struct {
 bool farm_next_record(farm_t *farm, double now, job_record_t *record);
 /* The record was not saved: it is given out again. */
 void farm_record_unsaved(farm_t *farm, uint64_t job);
+/* The record of a pinned job as it is now, for its checkpoint. */
+job_record_t farm_record(farm_t *farm, double now, const job_t *job);
+/* Tells the users of a pinned job something (its message), unless it has failed. */
+void farm_note(farm_t *farm, job_t *job, const char *note);
 /* Makes a job known again at the start of the process. One that is not over waits for its film:
  * farm_next_load gives it out. */
 void farm_restore(farm_t *farm, double now, const job_record_t *record);
