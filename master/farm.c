@@ -12,9 +12,9 @@
  *
  * The film is made at the first assignment, not at submission, so that a long queue costs nothing, and freed
  * when image and checkpoint are written. While a job that was cut short or paused is flushed, its workers are
- * asked for what they have (JobOver with flush), and batches are still taken until each has answered or a grace
- * period is over. A job whose image or last checkpoint cannot be written (a full disk) keeps its film and is
- * tried again; to cancel it gives that up.
+ * asked for what they have (JobOver with flush), and batches are still taken until each has answered or a
+ * grace period is over. A job whose image or last checkpoint cannot be written (a full disk) keeps its film
+ * and is tried again; to cancel it gives that up.
  *
  * A job comes back with its film (after a restart, or when it is extended) by way of the queue: farm_keep.c.
  *
@@ -23,8 +23,8 @@
  *
  * This file has the farm itself, its notices and its clock; farm_workers.c the workers and what they are
  * given, farm_shares.c whose turn it is, farm_jobs.c the life of a job, farm_orders.c what clients want done,
- * farm_report.c what they are told, farm_keep.c what outlives the process, farm_batches.c what is delivered and
- * the images made of it. They share farm_state.h.
+ * farm_report.c what they are told, farm_keep.c what outlives the process, farm_batches.c what is delivered
+ * and the images made of it. They share farm_state.h.
  *
  * Jobs live in an array of pointers in the order of submission; a job that a server or the image writer works
  * on is pinned and cannot be forgotten meanwhile. */
@@ -70,6 +70,7 @@ void farm_destroy(farm_t **farm)
     if (*farm == NULL) return;
     for (size_t i = 0; i < (*farm)->job_count; i++) farm_job_free(*farm, (*farm)->jobs[i]);
     free((*farm)->removed);
+    free((*farm)->ranked);
     pthread_mutex_destroy(&(*farm)->lock);
     free((*farm)->jobs);
     free((*farm)->workers);
@@ -166,6 +167,7 @@ void farm_tick(farm_t *farm, double now)
     /* If this process was stopped, or the machine asleep, the silence was ours. */
     double gap = farm->last_tick > 0 ? now - farm->last_tick : 0;
     farm->last_tick = now;
+    farm_shares_tick(farm, fmin(gap, CLOCK_GAP));
     for (size_t i = 0; i < farm->worker_count; i++) {
         worker_t *worker = &farm->workers[i];
         if (!worker->connected) continue;

@@ -260,8 +260,8 @@ void farm_finished(farm_t *farm, double now, job_t *job, result_t written, const
         if (path != NULL) log_info("job %llu: the image is in %s", (unsigned long long)job->id, path);
     } else {
         job->image_retry = now + IMAGE_RETRY;
-        snprintf(job->message, sizeof job->message,
-                 "the image cannot be written, and is tried again: %.400s", written.message);
+        snprintf(job->message, sizeof job->message, "the image cannot be written, and is tried again: %.400s",
+                 written.message);
         log_error("job %llu: %s", (unsigned long long)job->id, job->message);
     }
     farm_job_settle(farm, now, job);

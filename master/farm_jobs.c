@@ -77,7 +77,6 @@ bool farm_job_has_work(const job_t *job)
 
 void farm_job_install(farm_t *farm, double now, job_t *job, film_t *film, schedule_t *schedule)
 {
-    (void)farm;
     job->counts = film->counts;
     job->canvas = canvas_new(film);
     job->schedule = schedule;
@@ -85,6 +84,7 @@ void farm_job_install(farm_t *farm, double now, job_t *job, film_t *film, schedu
     job->taking = true;
     job->unsaved = job->saving = job->image_written = false;
     job->declines = 0;
+    farm_job_joins(farm, job);
     job->rate_time[0] = job->rate_time[1] = now;
     job->rate_samples[0] = job->rate_samples[1] = job->samples_done;
 }
@@ -176,9 +176,8 @@ static void question_free(question_t *question)
  * order came. */
 static bool question_stands(const question_t *question, const job_t *job)
 {
-    return job->merging == 0 && job->batches == question->batches &&
-           schedule_round_counted(job->schedule) && job->settings.spp == question->settings.spp &&
-           job->settings.error == question->settings.error;
+    return job->merging == 0 && job->batches == question->batches && schedule_round_counted(job->schedule) &&
+           job->settings.spp == question->settings.spp && job->settings.error == question->settings.error;
 }
 
 /* The job's rounds are decided by its film, which takes a while to look at: the lock is let go meanwhile. */

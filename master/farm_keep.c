@@ -1,15 +1,15 @@
 /* farm_keep: what of the farm outlives the process (see farm.h): the records of jobs, which the clerk writes
  * down, and their films, which the keeper writes and loads.
  *
- * DESIGN. A record is given out whenever it has changed, as often as it takes: the journal holds the last one.
- * It says what the job is and how far it was, but not which samples are counted. That is in the checkpoint, with
- * the sums: the two are never apart, so no sample is lost or counted twice, however old a checkpoint is. A job
- * whose record and checkpoint do not tell the same (the process ended between the two) is what its checkpoint
- * says, and as far as its record says beyond that, only its counters differ.
+ * DESIGN. A record is given out whenever it has changed, as often as it takes: the journal holds the last
+ * one. It says what the job is and how far it was, but not which samples are counted. That is in the
+ * checkpoint, with the sums: the two are never apart, so no sample is lost or counted twice, however old a
+ * checkpoint is. A job whose record and checkpoint do not tell the same (the process ended between the two)
+ * is what its checkpoint says, and as far as its record says beyond that, only its counters differ.
  *
- * So a job that comes back (farm_restore) is put in the queue, and waits for its film if it ever had one. What
- * it does next is decided when the film is there: go on, or be closed if it was only its image that was due.
- * The same path is taken by a job that was over and is extended. */
+ * So a job that comes back (farm_restore) is put in the queue, and waits for its film if it ever had one.
+ * What it does next is decided when the film is there: go on, or be closed if it was only its image that was
+ * due. The same path is taken by a job that was over and is extended. */
 #include "master/farm_state.h"
 
 #include <math.h>
@@ -47,8 +47,7 @@ static job_record_t make_record(const job_t *job, double now)
                            .checks_failed = job->checks_failed,
                            .workers_seen = (uint32_t)job->seen_count + job->seen_before,
                            .samples_done = job->samples_done,
-                           .account =
-                               job->schedule != NULL ? schedule_account(job->schedule) : job->account,
+                           .account = job->schedule != NULL ? schedule_account(job->schedule) : job->account,
                            .counts = job->counts,
                            .error = job->error};
     record.account.returned += record.account.out; /* that is what becomes of it */
@@ -304,11 +303,12 @@ void farm_checkpointed(farm_t *farm, double now, job_t *job, result_t written)
 {
     farm_lock(farm);
     bool saving = job->saving;
-    job->saving = false;
+    job->saving = job->save_failed = false;
     if (written.code == RESULT_OK) {
         job->last_checkpoint = now;
         farm_record_changed(farm, job);
     } else {
+        job->save_failed = true;
         job->unsaved = job->state != JOB_FAILED;
     }
     farm_unlock(farm);

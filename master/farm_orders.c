@@ -84,7 +84,7 @@ static result_t cancel(farm_t *farm, double now, job_t *job)
 {
     if (job_state_final(job->state)) return refuse(job, " already");
     if (job->state == JOB_FINISHING) {
-        if (job->image_retry > 0) give_up(farm, now, job);
+        if (job->image_retry > 0 || job->save_failed) give_up(farm, now, job);
         return result_ok(); /* else it is left to finish */
     }
     if (job->film_due) {
@@ -102,7 +102,8 @@ static result_t cancel(farm_t *farm, double now, job_t *job)
 
 static result_t pause_job(farm_t *farm, double now, job_t *job)
 {
-    if (job->state != JOB_QUEUED && job->state != JOB_RUNNING) return refuse(job, ", there is nothing to pause");
+    if (job->state != JOB_QUEUED && job->state != JOB_RUNNING)
+        return refuse(job, ", there is nothing to pause");
     bool running = job->state == JOB_RUNNING;
     job->elapsed_before = farm_job_elapsed(job, now);
     job->started = 0;
@@ -180,6 +181,9 @@ static result_t extend(farm_t *farm, double now, job_t *job, const job_order_t *
 {
     if (job->state == JOB_FINISHING || (job_state_final(job->state) && job->canvas != NULL))
         return refuse(job, ": try again when it is over and put away");
+    bool touched = job->batches > 0 || farm_job_elapsed(job, now) > 0;
+    if (job_state_final(job->state) && touched && farm->options.checkpoint_wake < 0)
+        return refuse(job, ", and its film was not kept");
     job_settings_t goals = new_goals(job, now, order);
     TRY(check_goals(job, &goals, order));
     job->settings = goals;
@@ -188,7 +192,7 @@ static result_t extend(farm_t *farm, double now, job_t *job, const job_order_t *
         job->elapsed_before = farm_job_elapsed(job, now);
         job->started = job->ended = job->finished = 0;
         job->state = JOB_QUEUED;
-        job->film_due = farm->options.checkpoint_wake >= 0;
+        job->film_due = touched;
         job->message[0] = '\0';
         farm_job_joins(farm, job);
     }
@@ -221,10 +225,14 @@ static result_t carry_out(farm_t *farm, double now, job_t *job, const job_order_
     return result_fail(RESULT_INPUT, "there is no order of kind %d", (int)order->kind);
 }
 
-static const char *const done_names[] = {
-    [ORDER_CANCEL] = "is cancelled",  [ORDER_PAUSE] = "is paused",   [ORDER_RESUME] = "is resumed",
-    [ORDER_RETAIN] = "is retained",   [ORDER_RELEASE] = "may go",    [ORDER_DELETE] = "is deleted",
-    [ORDER_PRIORITY] = "is moved to another priority", [ORDER_EXTEND] = "is extended"};
+static const char *const done_names[] = {[ORDER_CANCEL] = "is cancelled",
+                                         [ORDER_PAUSE] = "is paused",
+                                         [ORDER_RESUME] = "is resumed",
+                                         [ORDER_RETAIN] = "is retained",
+                                         [ORDER_RELEASE] = "may go",
+                                         [ORDER_DELETE] = "is deleted",
+                                         [ORDER_PRIORITY] = "is moved to another priority",
+                                         [ORDER_EXTEND] = "is extended"};
 
 result_t farm_order(farm_t *farm, double now, const job_order_t *order)
 {

@@ -21,7 +21,8 @@ static double remaining_time(const job_t *job, double now)
     if (job->state == JOB_FINISHING || job_state_final(job->state)) return 0;
     if (job->state != JOB_RUNNING) return -1;
     double remaining = -1;
-    if (job->settings.time_limit > 0) remaining = fmax(0, job->settings.time_limit - farm_job_elapsed(job, now));
+    if (job->settings.time_limit > 0)
+        remaining = fmax(0, job->settings.time_limit - farm_job_elapsed(job, now));
     double seconds = now - job->rate_time[0];
     double samples = (double)job->samples_done - (double)job->rate_samples[0], total = likely_total(job);
     if (total <= 0 || samples <= 0 || seconds <= 0) return remaining;
@@ -32,32 +33,32 @@ static double remaining_time(const job_t *job, double now)
 job_report_t farm_report_job(const job_t *job, double now)
 {
     uint64_t pixels = (uint64_t)job->settings.width * (uint64_t)job->settings.height;
-    job_report_t report = {
-        .job = job->id,
-        .terms = job->terms,
-        .state = job->state,
-        .settings = job->settings,
-        .blob = job->blob,
-        .retained = job->retained,
-        .fingerprint = job->fingerprint,
-        .account = job->schedule != NULL ? schedule_account(job->schedule) : job->account,
-        .error = job->error,
-        .checks_passed = job->checks_passed,
-        .checks_failed = job->checks_failed,
-        .checkpoint_age = job->last_checkpoint > 0 ? fmax(now - job->last_checkpoint, 0) : -1,
-        .submitted = job->submitted,
-        .finished = job->finished,
-        .samples_done = job->samples_done,
-        .samples_total = job->settings.spp < JOB_MAX_SPP ? pixels * job->settings.spp : 0,
-        .elapsed = farm_job_elapsed(job, now),
-        .remaining = remaining_time(job, now),
-        .workers = job->schedule != NULL ? (uint32_t)schedule_holders(job->schedule) : 0,
-        .workers_seen = (uint32_t)job->seen_count + job->seen_before,
-        .bytes_received = job->bytes,
-        .batches = job->batches,
-        .batches_refused = job->batches_refused,
-        .units_reissued = job->units_reissued,
-        .counts = job->counts};
+    job_report_t report = {.job = job->id,
+                           .terms = job->terms,
+                           .state = job->state,
+                           .settings = job->settings,
+                           .blob = job->blob,
+                           .retained = job->retained,
+                           .fingerprint = job->fingerprint,
+                           .account = job->schedule != NULL ? schedule_account(job->schedule) : job->account,
+                           .error = job->error,
+                           .checks_passed = job->checks_passed,
+                           .checks_failed = job->checks_failed,
+                           .checkpoint_age =
+                               job->last_checkpoint > 0 ? fmax(now - job->last_checkpoint, 0) : -1,
+                           .submitted = job->submitted,
+                           .finished = job->finished,
+                           .samples_done = job->samples_done,
+                           .samples_total = job->settings.spp < JOB_MAX_SPP ? pixels * job->settings.spp : 0,
+                           .elapsed = farm_job_elapsed(job, now),
+                           .remaining = remaining_time(job, now),
+                           .workers = job->schedule != NULL ? (uint32_t)schedule_holders(job->schedule) : 0,
+                           .workers_seen = (uint32_t)job->seen_count + job->seen_before,
+                           .bytes_received = job->bytes,
+                           .batches = job->batches,
+                           .batches_refused = job->batches_refused,
+                           .units_reissued = job->units_reissued,
+                           .counts = job->counts};
     memcpy(report.message, job->message, sizeof report.message);
     return report;
 }

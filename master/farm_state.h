@@ -48,6 +48,7 @@ struct job {
     bool loading;           /* it is being loaded; film_bytes has it already */
     bool unsaved;           /* the film has sums that no checkpoint holds */
     bool saving;            /* a snapshot of the film is open */
+    bool save_failed;       /* the last attempt to write a checkpoint did */
     bool planning;          /* the next round is being planned */
     bool gone;              /* deleted: freed when the last pin goes */
     bool record_due;        /* the record has changed since the journal got it */
@@ -57,15 +58,18 @@ struct job {
     double submitted, finished; /* seconds since 1970; 0: not yet */
     double started, ended;      /* seconds; 0: not yet */
     double flush_until;         /* seconds, while a flush goes on */
-    double service;        /* thread-seconds that it was given, in the sense of fair shares (farm_shares) */
-    schedule_t *schedule;  /* NULL before the first assignment and when the job is over */
-    canvas_t *canvas;      /* the film; NULL before the first assignment and when the job is over */
-    int canvas_users;      /* that look at the canvas without the farm's lock */
-    bool canvas_condemned; /* to be freed by the last of them */
-    int merging;           /* batches that are counted and being added to the film */
-    film_counts_t counts;  /* of the film, readable under the farm's lock */
-    hash_t fingerprint;    /* of the machines that may work on it; all zero: none yet */
-    double error;          /* estimated relative error at the last fixed point; 0: not known */
+    double service;         /* thread-seconds that it was given, in the sense of fair shares (farm_shares) */
+    uint32_t threads;       /* that work on it now */
+    double claim;           /* on the worker that is being served, see farm_shares */
+    bool held_back;         /* likewise: it is not its turn to begin */
+    schedule_t *schedule;   /* NULL before the first assignment and when the job is over */
+    canvas_t *canvas;       /* the film; NULL before the first assignment and when the job is over */
+    int canvas_users;       /* that look at the canvas without the farm's lock */
+    bool canvas_condemned;  /* to be freed by the last of them */
+    int merging;            /* batches that are counted and being added to the film */
+    film_counts_t counts;   /* of the film, readable under the farm's lock */
+    hash_t fingerprint;     /* of the machines that may work on it; all zero: none yet */
+    double error;           /* estimated relative error at the last fixed point; 0: not known */
     uint64_t error_samples; /* pixel samples counted then */
     uint64_t samples_done;
     uint64_t *seen; /* workers that contributed */
@@ -100,6 +104,7 @@ struct farm {
     bool shut; /* nothing more is handed out or taken */
     worker_t *workers;
     size_t worker_count;
+    job_t **ranked; /* see farm_rank_jobs */
     pending_t *notices;
     size_t notice_count, notice_capacity;
     double last_tick;
@@ -131,6 +136,18 @@ void farm_count_reissued(job_t *job, worker_t *worker, size_t units);
 /* A batch of this worker was counted: its speed and its deadline are known anew. */
 void farm_worker_delivered(farm_t *farm, double now, worker_t *worker, const job_t *job, const unit_t *units,
                            size_t count);
+
+/* ---- farm_shares.c ---- */
+
+/* The job takes part in the sharing out (again), or at another priority: it is owed nothing for before. */
+void farm_job_joins(farm_t *farm, job_t *job);
+/* Jobs that a worker may be given units of, the one whose turn it is first, in memory of the farm that is
+ * good until the next call; `fits` (NULL: all do) says which ones the worker may have at all. */
+job_t *const *farm_rank_jobs(farm_t *farm, const worker_t *worker,
+                             bool (*fits)(const farm_t *farm, const worker_t *worker, const job_t *job),
+                             size_t *count);
+/* The workers have worked on for so many seconds. */
+void farm_shares_tick(farm_t *farm, double seconds);
 
 /* ---- farm_batches.c ---- */
 
