@@ -13,6 +13,9 @@ typedef struct {
     double heartbeat;             /* seconds between a worker's heartbeats, default 1 */
     double lease;                 /* seconds of silence after which a worker loses its units, default 5 */
     double batch_interval;        /* seconds between batches, default 10 */
+    uint64_t batch_memory;        /* bytes for batches under way and waiting to be merged; 0: an eighth of the
+                                     machine's memory, at least 1 GiB */
+    int merge_threads;            /* 0: one for each core */
     bool insecure;                /* allow addresses other than loopback without keys */
 } master_options_t;
 
