@@ -93,7 +93,8 @@ static batch_t make_batch(const job_settings_t *settings, const unit_t *units, s
     return batch;
 }
 
-result_t toy_deliver(farm_t *farm, double now, uint64_t worker, uint64_t id, const unit_t *units, size_t count)
+result_t toy_deliver(farm_t *farm, double now, uint64_t worker, uint64_t id, const unit_t *units,
+                     size_t count)
 {
     job_t *job;
     TRY(farm_batch_open(farm, now, worker, id, 1000, &job));
