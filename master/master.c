@@ -199,7 +199,10 @@ static result_t start_threads(master_t *master, const master_options_t *options)
                            .film_limit = film_limit(),
                            .first_job = gallery_last_job(options->data_dir) + 1,
                            .control_wake = master->control_wake,
-                           .image_wake = master->image_wake};
+                           .image_wake = master->image_wake,
+                           .clerk_wake = -1,
+                           .checkpoint_wake = -1,
+                           .grant_wake = -1};
     master->farm = farm_new(&farm);
     gallery_options_t gallery = {.farm = master->farm,
                                  .data_dir = options->data_dir,
