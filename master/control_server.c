@@ -2,6 +2,7 @@
 #include "master/control_server.h"
 
 #include "master/complaint.h"
+#include "master/control_reports.h"
 
 #include <errno.h>
 #include <pthread.h>
@@ -26,6 +27,12 @@ struct control_server {
     unit_t *units; /* room for one assignment */
     uint64_t messages, bytes, malformed;
 };
+
+/* Who asks for a report. */
+typedef struct {
+    control_server_t *server;
+    const wire_message_t *message;
+} question_t;
 
 static void reply(control_server_t *server, const wire_message_t *message, Lm__Envelope *answer)
 {
@@ -118,6 +125,7 @@ static void send_assignment(control_server_t *server, const wire_message_t *mess
     assignment.settings = &settings;
     assignment.blob = wire_hash_put(&work->blob);
     assignment.blob_size = work->blob_size;
+    assignment.check = work->check;
     assignment.n_units = work->unit_count;
     assignment.units = wire_units_new(work->units, work->unit_count);
     answer.body_case = LM__ENVELOPE__BODY_ASSIGNMENT;
@@ -155,6 +163,8 @@ static void on_heartbeat(control_server_t *server, const wire_message_t *message
     identity_t identity = sender(message);
     body.known = farm_heartbeat(server->options.farm, clock_now(), &identity, beat->worker, beat->job,
                                 beat->units_held);
+    if (body.known && beat->threads > 0)
+        farm_worker_threads(server->options.farm, beat->worker, beat->threads);
     answer.body_case = LM__ENVELOPE__BODY_HEARTBEAT_REPLY;
     answer.heartbeat_reply = &body;
     reply(server, message, &answer);
@@ -199,65 +209,25 @@ static void on_submit(control_server_t *server, const wire_message_t *message)
     reply(server, message, &answer);
 }
 
-/* One job's report as messages that point into it. */
-typedef struct {
-    Lm__JobStatus status;
-    Lm__Settings settings;
-    Lm__Counts counts;
-} status_message_t;
-
-static void fill_status(job_report_t *report, status_message_t *out)
+static void send_report(void *context, Lm__Envelope *answer)
 {
-    lm__job_status__init(&out->status);
-    lm__settings__init(&out->settings);
-    lm__counts__init(&out->counts);
-    wire_settings_put(&report->settings, &out->settings);
-    wire_counts_put(&report->counts, &out->counts);
-    out->status.job = report->job;
-    out->status.name = report->terms.name;
-    out->status.state = (uint32_t)report->state;
-    out->status.settings = &out->settings;
-    out->status.blob = wire_hash_put(&report->blob);
-    out->status.samples_done = report->samples_done;
-    out->status.samples_total = report->samples_total;
-    out->status.elapsed = report->elapsed;
-    out->status.remaining = report->remaining;
-    out->status.workers = report->workers;
-    out->status.workers_seen = report->workers_seen;
-    out->status.bytes_received = report->bytes_received;
-    out->status.batches = report->batches;
-    out->status.batches_refused = report->batches_refused;
-    out->status.units_reissued = report->units_reissued;
-    out->status.counts = &out->counts;
-    out->status.message = report->message;
+    const question_t *question = context;
+    reply(question->server, question->message, answer);
 }
 
 static void on_status(control_server_t *server, const wire_message_t *message)
 {
-    uint64_t job = message->envelope->job_status_request->job;
-    size_t count;
-    Lm__JobStatusReply body = LM__JOB_STATUS_REPLY__INIT;
-    job_report_t *reports = farm_report(server->options.farm, clock_now(), job, &count, &body.workers);
-    if (job != 0 && count == 0) {
-        refuse(server, message, result_fail(RESULT_INPUT, "there is no job %llu", (unsigned long long)job));
-        return;
-    }
-    status_message_t *statuses = mem_alloc((count + 1) * sizeof *statuses);
-    Lm__JobStatus **pointers = mem_alloc((count + 1) * sizeof(Lm__JobStatus *));
-    for (size_t i = 0; i < count; i++) {
-        fill_status(&reports[i], &statuses[i]);
-        pointers[i] = &statuses[i].status;
-    }
-    body.n_jobs = count;
-    body.jobs = pointers;
-    body.bulk_port = server->options.bulk_port;
-    Lm__Envelope answer = LM__ENVELOPE__INIT;
-    answer.body_case = LM__ENVELOPE__BODY_JOB_STATUS_REPLY;
-    answer.job_status_reply = &body;
-    reply(server, message, &answer);
-    free(pointers);
-    free(statuses);
-    free(reports);
+    question_t question = {server, message};
+    result_t result = report_jobs(server->options.farm, clock_now(), message->envelope->job_status_request,
+                                  server->options.bulk_port, send_report, &question);
+    if (result.code != RESULT_OK) refuse(server, message, result);
+}
+
+static void on_worker_list(control_server_t *server, const wire_message_t *message)
+{
+    question_t question = {server, message};
+    report_workers(server->options.farm, clock_now(), message->envelope->worker_list_request, send_report,
+                   &question);
 }
 
 static void on_order(control_server_t *server, const wire_message_t *message)
@@ -293,6 +263,9 @@ static void dispatch(control_server_t *server, const wire_message_t *message)
         break;
     case LM__ENVELOPE__BODY_JOB_STATUS_REQUEST:
         on_status(server, message);
+        break;
+    case LM__ENVELOPE__BODY_WORKER_LIST_REQUEST:
+        on_worker_list(server, message);
         break;
     case LM__ENVELOPE__BODY_JOB_ORDER:
         on_order(server, message);

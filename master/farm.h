@@ -70,6 +70,8 @@ result_t farm_hello(farm_t *farm, double now, const identity_t *identity, const 
 /* False when the worker is not known (any more). */
 bool farm_heartbeat(farm_t *farm, double now, const identity_t *identity, uint64_t worker, uint64_t job,
                     uint32_t units_held);
+/* The threads of a relay are those of its workers, and change. */
+void farm_worker_threads(farm_t *farm, uint64_t worker, uint32_t threads);
 /* The worker leaves: its units go back. `job` is one that it cannot render, for the reason it gives, or 0. A
  * job that nobody has delivered anything of fails when it was declined FARM_MAX_DECLINES times and nobody is
  * at it. */

@@ -123,6 +123,16 @@ static result_t resume(farm_t *farm, double now, job_t *job)
     return result_ok();
 }
 
+static result_t set_priority(farm_t *farm, job_t *job, int32_t priority)
+{
+    job_terms_t terms = job->terms;
+    terms.priority = priority;
+    TRY(job_terms_check(&terms));
+    job->terms = terms;
+    farm_job_joins(farm, job);
+    return result_ok();
+}
+
 static result_t delete_job(farm_t *farm, job_t *job)
 {
     if (!job_state_final(job->state)) return refuse(job, ": cancel it first");
@@ -216,9 +226,7 @@ static result_t carry_out(farm_t *farm, double now, job_t *job, const job_order_
     case ORDER_DELETE:
         return delete_job(farm, job);
     case ORDER_PRIORITY:
-        job->terms.priority = order->priority;
-        farm_job_joins(farm, job);
-        return result_ok();
+        return set_priority(farm, job, order->priority);
     case ORDER_EXTEND:
         return extend(farm, now, job, order);
     }

@@ -66,7 +66,8 @@ job_report_t farm_report_job(const job_t *job, double now)
 job_report_t *farm_report(farm_t *farm, double now, uint64_t id, size_t *count, uint32_t *workers)
 {
     farm_lock(farm);
-    job_report_t *reports = farm->job_count > 0 ? mem_alloc(farm->job_count * sizeof *reports) : NULL;
+    size_t room = id == 0 ? farm->job_count : 1;
+    job_report_t *reports = mem_alloc((room + 1) * sizeof *reports);
     *count = 0;
     for (size_t i = 0; i < farm->job_count; i++)
         if (id == 0 || farm->jobs[i]->id == id) reports[(*count)++] = farm_report_job(farm->jobs[i], now);
