@@ -252,8 +252,9 @@ static void add_exact(int64_t *restrict sum, const int64_t *restrict values, siz
 static bool add_strict(int64_t *restrict sum, const int64_t *restrict values, size_t count, bool large)
 {
     uint64_t bad = 0;
-    for (size_t i = 0; large && i < count; i++)
-        if (out_of_range(values[i])) return false;
+    bool outside = false;
+    for (size_t i = 0; large && i < count; i++) outside |= out_of_range(values[i]);
+    if (outside) return false;
     for (size_t i = 0; i < count; i++) {
         sum[i] = plus(sum[i], values[i]);
         bad |= range_bit(sum[i]);
@@ -297,12 +298,15 @@ static bool step(adder_t *adder, int64_t *sum, const int64_t *values, size_t cou
     case ADD_EXACT:
         add_exact(sum, values, count, adder->negative);
         break;
+    case ADD_NOTHING:
+        break;
     }
     return stepped(adder, true);
 }
 
 bool adder_add(adder_t *adder, array_t array, size_t first, const int64_t *values, size_t count, bool large)
 {
+    if (adder->mode == ADD_NOTHING) return true;
     while (count > 0) {
         size_t room;
         int64_t *sum = reach(adder, array, first * sizeof *values, &room);
@@ -361,6 +365,8 @@ static bool step_marked(adder_t *adder, int64_t *sum, uint64_t mask, const int64
     case ADD_EXACT:
         add_marked_exact(sum, mask, values, adder->negative);
         break;
+    case ADD_NOTHING:
+        break;
     }
     return stepped(adder, true);
 }
@@ -368,7 +374,7 @@ static bool step_marked(adder_t *adder, int64_t *sum, uint64_t mask, const int64
 bool adder_add_marked(adder_t *adder, array_t array, size_t first, uint64_t mask, const int64_t *values,
                       bool large)
 {
-    if (mask == 0) return true;
+    if (mask == 0 || adder->mode == ADD_NOTHING) return true;
     size_t room, span = 3 * (size_t)(64 - __builtin_clzll(mask));
     if (mask == UINT64_MAX) return adder_add(adder, array, first, values, span, large);
     int64_t *sum = reach(adder, array, first * sizeof *values, &room);
@@ -379,8 +385,18 @@ bool adder_add_marked(adder_t *adder, array_t array, size_t first, uint64_t mask
     return true;
 }
 
+bool adder_add_strided(adder_t *adder, array_t array, size_t first, size_t stride, size_t lanes,
+                       const int64_t *values, size_t count)
+{
+    if (stride == lanes) return adder_add(adder, array, first, values, count * lanes, true);
+    for (size_t i = 0; i < count; i++)
+        if (!adder_add(adder, array, first + i * stride, values + i * lanes, lanes, true)) return false;
+    return true;
+}
+
 bool adder_count(adder_t *adder, size_t first, uint32_t samples, size_t count)
 {
+    if (adder->mode == ADD_NOTHING) return true;
     while (count > 0) {
         size_t room;
         uint32_t *sum = reach(adder, ARRAY_SAMPLES, first * sizeof *sum, &room);

@@ -29,7 +29,8 @@ struct canvas {
 typedef enum {
     ADD_STRICT,   /* stops before the first sum that would leave the range of the film */
     ADD_TOLERANT, /* leaves such sums out, and counts them */
-    ADD_EXACT     /* undoes or repeats what went well before: no sum is looked at */
+    ADD_EXACT,    /* undoes or repeats what went well before: no sum is looked at */
+    ADD_NOTHING   /* for who only wants to see whether the values can be read */
 } add_mode_t;
 
 /* Adds to a film, one page locked at a time. What it does is a series of steps, each of which is done whole
@@ -52,6 +53,10 @@ bool adder_add(adder_t *adder, array_t array, size_t first, const int64_t *value
 /* Adds to those of up to 64 pixels of three values that are marked; `values` has theirs alone. */
 bool adder_add_marked(adder_t *adder, array_t array, size_t first, uint64_t mask, const int64_t *values,
                       bool large);
+/* Adds to `lanes` values of each of `count` pixels that are `stride` values apart, the first of them at
+ * `first`. */
+bool adder_add_strided(adder_t *adder, array_t array, size_t first, size_t stride, size_t lanes,
+                       const int64_t *values, size_t count);
 /* Adds the same number to `count` entries of the sample counts. */
 bool adder_count(adder_t *adder, size_t first, uint32_t samples, size_t count);
 

@@ -71,6 +71,42 @@ static film_t *film_of(const batch_t *batches, size_t count)
     return film;
 }
 
+static void assert_snapshot_is(canvas_snapshot_t *snapshot, const film_t *film, size_t first, size_t step)
+{
+    uint8_t *bytes = mem_alloc(CANVAS_PAGE_BYTES);
+    for (size_t i = first; i < canvas_page_count(&film->settings); i += step) {
+        size_t size, got = canvas_snapshot_read(snapshot, i, bytes);
+        const void *page = canvas_page(film, i, &size);
+        assert_int_equal(got, size);
+        assert_memory_equal(bytes, page, size);
+    }
+    free(bytes);
+}
+
+static canvas_snapshot_t *snapshot_of(canvas_t *canvas)
+{
+    canvas_lock(canvas);
+    canvas_snapshot_t *snapshot = canvas_snapshot(canvas);
+    canvas_unlock(canvas);
+    return snapshot;
+}
+
+static void assert_canvas_is(canvas_t *canvas, const film_t *film)
+{
+    assert_same_film(canvas_lock(canvas), film);
+    canvas_unlock(canvas);
+}
+
+static void assert_empty(canvas_t *canvas)
+{
+    film_t *film;
+    const film_t *now = canvas_lock(canvas);
+    assert_int_equal(film_new(&now->settings, &film).code, RESULT_OK);
+    assert_same_film(now, film);
+    film_destroy(&film);
+    canvas_unlock(canvas);
+}
+
 static void close_all(zmq_msg_t payload[BATCH_PAYLOADS])
 {
     for (int i = 0; i < BATCH_PAYLOADS; i++) zmq_msg_close(&payload[i]);
@@ -124,8 +160,7 @@ static void merging_makes_the_film(void **state)
         }
         film_counts_t counts = canvas_counts(canvas);
         assert_memory_equal(&counts, &film->counts, sizeof counts);
-        assert_same_film(canvas_lock(canvas), film);
-        canvas_unlock(canvas);
+        assert_canvas_is(canvas, film);
         canvas_destroy(&canvas);
         assert_null(canvas);
     }
@@ -133,19 +168,176 @@ static void merging_makes_the_film(void **state)
     for (size_t i = 0; i < 6; i++) batch_free(&batches[i]);
 }
 
-/* ---- snapshots ----------------------------------------------------------------------------------------- */
-
-static void assert_snapshot_is(canvas_snapshot_t *snapshot, const film_t *film, size_t first, size_t step)
+static void eye_sums_and_samples_are_weighted(void **state)
 {
-    uint8_t *bytes = mem_alloc(CANVAS_PAGE_BYTES);
-    for (size_t i = first; i < canvas_page_count(&film->settings); i += step) {
-        size_t size, got = canvas_snapshot_read(snapshot, i, bytes);
-        const void *page = canvas_page(film, i, &size);
-        assert_int_equal(got, size);
-        assert_memory_equal(bytes, page, size);
+    (void)state;
+    job_settings_t settings = job_of_pages();
+    batch_t batch = batch_of(&settings, 0, 8, 1), weighted = batch_of(&settings, 0, 8, 1);
+    uint32_t *weights = mem_alloc(batch.unit_count * sizeof *weights);
+    int64_t *value = weighted.eye;
+    for (size_t i = 0; i < batch.unit_count; i++) {
+        weights[i] = 1 + (uint32_t)i % JOB_MAX_BOOST;
+        for (size_t v = batch_tile_values(&settings, batch.units[i].tile); v > 0; v--) *value++ *= weights[i];
     }
-    free(bytes);
+    film_t *film = film_of(&weighted, 1);
+    for (size_t i = 0; i < batch.unit_count; i++) { /* film_merge knows no weights */
+        rect_t rect = job_tile_rect(&settings, batch.units[i].tile);
+        for (int half = 0; half < 2; half++)
+            for (int y = rect.y0; y < rect.y1; y++)
+                for (int x = rect.x0; x < rect.x1; x++)
+                    film->samples[(half * settings.height + y) * settings.width + x] *= weights[i];
+    }
+    for (int compress = 0; compress < 3; compress++) {
+        canvas_t *canvas = canvas_of(&settings);
+        zmq_msg_t payload[BATCH_PAYLOADS];
+        assert_int_equal(payload_encode(&batch, compress > 0, payload).code, RESULT_OK);
+        canvas_enter(canvas);
+        if (compress == 2)
+            canvas_merge(canvas, &batch, weights, 1);
+        else
+            assert_int_equal(canvas_merge_payload(canvas, payload, &batch, weights, 1).code, RESULT_OK);
+        canvas_leave(canvas);
+        assert_canvas_is(canvas, film);
+        canvas_enter(canvas);
+        assert_int_equal(canvas_merge_payload(canvas, payload, &batch, weights, -1).code, RESULT_OK);
+        canvas_leave(canvas);
+        assert_empty(canvas);
+        close_all(payload);
+        canvas_destroy(&canvas);
+    }
+    film_destroy(&film);
+    free(weights);
+    batch_free(&batch);
+    batch_free(&weighted);
 }
+
+/* ---- what is no good leaves no trace ------------------------------------------------------------------- */
+
+/* A copy of a payload frame that a test may damage. */
+static void copy_frame(zmq_msg_t *copy, const zmq_msg_t *frame, size_t size)
+{
+    assert_int_equal(zmq_msg_init_size(copy, size), 0);
+    memcpy(zmq_msg_data(copy), zmq_msg_data((zmq_msg_t *)frame), size);
+}
+
+static result_t merge_payload(canvas_t *canvas, const zmq_msg_t payload[BATCH_PAYLOADS], const batch_t *batch,
+                              int sign)
+{
+    canvas_enter(canvas);
+    result_t result = canvas_merge_payload(canvas, payload, batch, NULL, sign);
+    canvas_leave(canvas);
+    return result;
+}
+
+static void damaged_batches_leave_no_trace(void **state)
+{
+    (void)state;
+    job_settings_t settings = job_of_pages();
+    batch_t before = batch_of(&settings, 1, 0, 2), batch = batch_of(&settings, 0, 0, 3);
+    film_t *film = film_of(&before, 1);
+    canvas_t *canvas = canvas_of(&settings);
+    canvas_enter(canvas);
+    canvas_merge(canvas, &before, NULL, 1);
+    canvas_leave(canvas);
+    uint64_t random = 1;
+    int refused = 0, rounds = 60;
+    for (int i = 0; i < rounds; i++) {
+        zmq_msg_t good[BATCH_PAYLOADS], bad[BATCH_PAYLOADS];
+        int which = i % BATCH_PAYLOADS;
+        assert_int_equal(payload_encode(&batch, i % 4 > 0, good).code, RESULT_OK);
+        memcpy(bad, good, sizeof bad);
+        size_t size = zmq_msg_size(&good[which]);
+        copy_frame(&bad[which], &good[which], i % 7 == 0 ? size - 1 : size);
+        uint8_t *bytes = zmq_msg_data(&bad[which]);
+        for (int changes = 0; changes < 20; changes++) { /* behind the sizes, so that reading begins */
+            size_t at = size / 2 + draw(&random) % (size / 2 - 1);
+            if (i % 4 > 0 || at % 8 < 4) bytes[at] ^= (uint8_t)draw(&random); /* no overflows here */
+        }
+        result_t result = merge_payload(canvas, bad, &batch, 1);
+        refused += result.code != RESULT_OK;
+        if (result.code == RESULT_OK) /* it may well be read as something else, which counts then */
+            assert_int_equal(merge_payload(canvas, bad, &batch, -1).code, RESULT_OK);
+        else
+            assert_int_equal(result.code, RESULT_PROTOCOL);
+        canvas_snapshot_t *snapshot = snapshot_of(canvas);
+        assert_snapshot_is(snapshot, film, 0, 1);
+        film_counts_t counts = canvas_snapshot_counts(snapshot);
+        assert_memory_equal(&counts, &film->counts, sizeof counts);
+        canvas_snapshot_free(&snapshot);
+        zmq_msg_close(&bad[which]);
+        close_all(good);
+    }
+    assert_true(refused > rounds / 4);
+    canvas_destroy(&canvas);
+    film_destroy(&film);
+    batch_free(&before);
+    batch_free(&batch);
+}
+
+static void overflows_count_only_when_all_is_well(void **state)
+{
+    (void)state;
+    job_settings_t settings = job_of_pages();
+    batch_t batch = batch_of(&settings, 0, 0, 3);
+    zmq_msg_t payload[BATCH_PAYLOADS], cut;
+    canvas_t *canvas = canvas_of(&settings);
+    batch.eye[5] = INT64_C(3) << 60;
+    batch.splat[1000] = INT64_MAX;
+    batch.splat[2001] = INT64_MIN;
+    batch.splat[3002] = -(INT64_C(1) << 62);
+    batch.splat[100000] = INT64_C(1) << 61;
+    assert_int_equal(payload_encode(&batch, true, payload).code, RESULT_OK);
+    copy_frame(&cut, &payload[2], zmq_msg_size(&payload[2]) - 1);
+    zmq_msg_t damaged[BATCH_PAYLOADS];
+    memcpy(damaged, payload, sizeof damaged);
+    damaged[2] = cut;
+    assert_int_equal(merge_payload(canvas, damaged, &batch, 1).code, RESULT_PROTOCOL);
+    assert_empty(canvas);
+    assert_int_equal(merge_payload(canvas, payload, &batch, 1).code, RESULT_OK);
+    assert_int_equal(canvas_counts(canvas).overflows, 3);
+    film_t *film = film_of(&batch, 1);
+    assert_canvas_is(canvas, film);
+    /* Now sums overflow that did not the first time. */
+    assert_int_equal(merge_payload(canvas, damaged, &batch, 1).code, RESULT_PROTOCOL);
+    assert_canvas_is(canvas, film);
+    assert_int_equal(merge_payload(canvas, payload, &batch, 1).code, RESULT_OK);
+    film_merge(film, &batch);
+    assert_canvas_is(canvas, film);
+    assert_int_equal(film->counts.overflows, 3 + 5);
+    zmq_msg_close(&cut);
+    close_all(payload);
+    film_destroy(&film);
+    canvas_destroy(&canvas);
+    batch_free(&batch);
+}
+
+static void impossible_features_are_refused(void **state)
+{
+    (void)state;
+    job_settings_t settings = job_of_pages();
+    batch_t batch = batch_of(&settings, 0, 30, 3); /* two samples of each pixel have features */
+    zmq_msg_t payload[BATCH_PAYLOADS];
+    canvas_t *canvas = canvas_of(&settings);
+    const int64_t values[] = {INT64_MAX,
+                              INT64_MIN,
+                              INT64_C(1) << 58,
+                              -(INT64_C(1) << 58),
+                              (INT64_C(1) << 58) - 1,
+                              1 - (INT64_C(1) << 58)};
+    for (size_t i = 0; i < 2 * ARRAY_LENGTH(values); i++) {
+        batch.features[batch.feature_count - 20] = values[i / 2];
+        assert_int_equal(payload_encode(&batch, i % 2, payload).code, RESULT_OK);
+        result_code_t code = merge_payload(canvas, payload, &batch, 1).code;
+        assert_int_equal(code, i / 2 < 4 ? RESULT_PROTOCOL : RESULT_OK);
+        if (code == RESULT_OK) assert_int_equal(merge_payload(canvas, payload, &batch, -1).code, RESULT_OK);
+        assert_empty(canvas);
+        close_all(payload);
+    }
+    canvas_destroy(&canvas);
+    batch_free(&batch);
+}
+
+/* ---- snapshots ----------------------------------------------------------------------------------------- */
 
 static void merge_one(canvas_t *canvas, const batch_t *batch, int sign)
 {
@@ -155,14 +347,6 @@ static void merge_one(canvas_t *canvas, const batch_t *batch, int sign)
     assert_int_equal(canvas_merge_payload(canvas, payload, batch, NULL, sign).code, RESULT_OK);
     canvas_leave(canvas);
     close_all(payload);
-}
-
-static canvas_snapshot_t *snapshot_of(canvas_t *canvas)
-{
-    canvas_lock(canvas);
-    canvas_snapshot_t *snapshot = canvas_snapshot(canvas);
-    canvas_unlock(canvas);
-    return snapshot;
 }
 
 static void a_snapshot_stays_as_it_was(void **state)
@@ -182,8 +366,7 @@ static void a_snapshot_stays_as_it_was(void **state)
     assert_memory_equal(&counts, &one->counts, sizeof counts);
     canvas_snapshot_free(&snapshot);
     assert_null(snapshot);
-    assert_same_film(canvas_lock(canvas), two);
-    canvas_unlock(canvas);
+    assert_canvas_is(canvas, two);
     snapshot = snapshot_of(canvas);
     merge_one(canvas, &batches[2], 1);
     canvas_snapshot_free(&snapshot); /* unread */
@@ -249,8 +432,7 @@ static void many_merge_while_others_read(void **state)
     }
     free(bytes);
     for (int i = 0; i < MERGERS; i++) pthread_join(threads[i], NULL);
-    assert_same_film(canvas_lock(canvas), film);
-    canvas_unlock(canvas);
+    assert_canvas_is(canvas, film);
     canvas_destroy(&canvas);
     film_destroy(&film);
     for (int i = 0; i < MERGERS; i++) batch_free(&batches[i]);
@@ -261,6 +443,10 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(pages_cover_the_film),
         cmocka_unit_test(merging_makes_the_film),
+        cmocka_unit_test(eye_sums_and_samples_are_weighted),
+        cmocka_unit_test(damaged_batches_leave_no_trace),
+        cmocka_unit_test(overflows_count_only_when_all_is_well),
+        cmocka_unit_test(impossible_features_are_refused),
         cmocka_unit_test(a_snapshot_stays_as_it_was),
         cmocka_unit_test(many_merge_while_others_read),
     };
