@@ -241,8 +241,9 @@ result_t proxy_start(const char *const *hosts, size_t count, const char *target,
     proxy->dice = dice_new(seed, 77);
     for (size_t i = 0; i < MAX_CONNECTIONS; i++) proxy->connections[i].socket[0] = -1;
     TRY(open_links(proxy, hosts, target, port));
-    proxy->process = fork();
-    if (proxy->process < 0) return result_fail(RESULT_LIMIT, "cannot start the proxy: %s", strerror(errno));
+    int ready[2]; /* the process closes what it inherited, and with it this pipe */
+    if (pipe2(ready, O_CLOEXEC) != 0 || (proxy->process = fork()) < 0)
+        return result_fail(RESULT_LIMIT, "cannot start the proxy: %s", strerror(errno));
     if (proxy->process == 0) {
         prctl(PR_SET_PDEATHSIG, SIGKILL);
         prctl(PR_SET_NAME, "proxy");
@@ -250,6 +251,11 @@ result_t proxy_start(const char *const *hosts, size_t count, const char *target,
         for (;;) serve(proxy);
     }
     for (size_t i = 0; i < proxy->listener_count; i++) close(proxy->listeners[i].socket);
+    close(ready[1]);
+    char end;
+    while (read(ready[0], &end, 1) < 0 && errno == EINTR) {
+    }
+    close(ready[0]);
     *proxy_pointer = proxy;
     return result_ok();
 }
