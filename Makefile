@@ -59,6 +59,7 @@ $(BUILD)/tests/%: $(BUILD)/tests/%.o $(call objects,$(LIB_SRC) $(wildcard tests/
 	$(Q)$(CC) $(ALL_CFLAGS) -o $@ $^ $(ALL_LIBS) $(EXTRA_LIBS) -lcmocka
 
 $(BUILD)/tests/unit/test_corpus: $(call objects,$(wildcard tests/fuzz/*.c))
+$(BUILD)/tests/unit/test_proxy: $(call objects,tests/chaos/proxy.c tests/chaos/stream.c tests/chaos/zmtp.c)
 
 -include $(shell find $(BUILD) -name '*.d' 2>/dev/null)
 

@@ -587,7 +587,9 @@ static void hostile_bytes_do_no_harm(void **state)
         size = (random >> 40) % sizeof bytes;
         if (i % 3 > 0) memcpy(bytes, "LMIL\4", 5);
         if (i % 3 > 1)
-            bytes[5] = (uint8_t)(8 * (2 + random % 25) + 2), bytes[6] = (uint8_t)(random >> 50) % 64;
+            bytes[PEER_ENVELOPE_AT] = (uint8_t)(8 * (2 + random % 25) + 2),
+            bytes[PEER_ENVELOPE_AT + 1] = (uint8_t)(random >> 50) % 64;
+        if (i % 6 > 0) peer_seal(bytes, size, NULL, NULL, 0);
         int more = i % 7 == 0 ? ZMQ_SNDMORE : 0;
         for (int s = 0; s < 2; s++) {
             assert_int_equal(zmq_send(raw[s], bytes, size, more), (int)size);
