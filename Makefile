@@ -11,12 +11,12 @@ Q       := $(if $(V),,@)
 BASELINE := -march=x86-64-v3 -ffp-contract=off -fno-math-errno -fno-trapping-math
 WARNINGS := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Wvla
 PACKAGES := libzmq libprotobuf-c libsodium libzstd libpng zlib libturbojpeg OpenEXR jansson
-ifneq ($(filter-out help clean deps deps-dev check demo asan tsan fuzz,$(or $(MAKECMDGOALS),all)),)
+ifneq ($(filter-out help clean deps deps-dev check demo asan tsan fuzz container-check,$(or $(MAKECMDGOALS),all)),)
 PKG_CFLAGS := $(shell pkg-config --cflags $(PACKAGES) 2>/dev/null)
 PKG_LIBS   := $(shell pkg-config --libs $(filter-out OpenEXR,$(PACKAGES)) 2>/dev/null) -lOpenEXRCore-3_1
 endif
 ALL_CFLAGS = -std=gnu17 -D_GNU_SOURCE $(BASELINE) $(WARNINGS) $(CFLAGS) $(SANITIZE) -I. -I$(BUILD) $(patsubst -I%,-isystem%,$(PKG_CFLAGS)) -pthread
-ALL_LIBS   = $(LDFLAGS) $(PKG_LIBS) -lembree3 -lm -pthread
+ALL_LIBS   = $(LDFLAGS) -Wl,--as-needed $(PKG_LIBS) -lembree3 -lm -pthread
 
 COMMON_SRC := $(wildcard common/*.c)
 PROTO_SRC  := $(wildcard proto/*.c)
@@ -111,7 +111,7 @@ deps:
 	@docker/install-packages.sh build
 
 deps-dev:
-	@docker/install-packages.sh build run dev
+	@docker/install-packages.sh build run render import dev
 
 bench: deps
 	$(SUBMAKE) $(JOBS) all $(BUILD)/tests/bench/bench_render $(BUILD)/tests/bench/bench_mesh
@@ -122,6 +122,12 @@ bench: deps
 bench-codec: EXTRA_LIBS = -lblosc
 bench-codec: $(BUILD)/tests/bench/bench_codec
 	$<
+
+# Builds the images with buildah and renders a job through them; as root, some minutes.
+container-check: deps
+	@docker/install-packages.sh containers
+	$(SUBMAKE) $(JOBS) all
+	docker/check.sh $(BUILD)
 
 install: $(PROGRAMS)
 	install -d $(DESTDIR)$(PREFIX)/bin
