@@ -161,10 +161,11 @@ help:
 	@echo "make fuzz       libFuzzer on all that reads files: FUZZ_SECONDS ($(FUZZ_SECONDS)) each; FUZZ_TARGETS=\"pbrt ply\""
 	@echo "make bench      error and speed of the renderer against the figures of pbrt-v3"
 	@echo "make bench-codec  the codings of payloads that were weighed against one another"
+	@echo "make container-check  build the images of docker/Dockerfile, render a job through them (root)"
 	@echo "make install    into PREFIX ($(PREFIX)); DESTDIR is honoured; uninstall takes it back"
 	@echo "make deps       the Debian packages of docker/packages.txt; deps-dev: also those for format and lint"
 	@echo "make format     clang-format; make lint: clang-tidy and cppcheck"
 	@echo "make clean      remove $(BUILD)/"
 
-.PHONY: all check bench bench-codec tests run-tests asan tsan fuzz demo deps deps-dev install uninstall format lint clean help
+.PHONY: all check bench bench-codec tests run-tests asan tsan fuzz demo deps deps-dev container-check install uninstall format lint clean help
 .SECONDARY:
