@@ -23,8 +23,9 @@ typedef struct {
     farm_t *farm; /* kept by the caller, like the next three; all outlive the clerk */
     blob_store_t *store;
     journal_t *journal;
-    keeper_t *keeper;
+    keeper_t *keeper;     /* NULL: no film outlives the process */
     const char *data_dir; /* copied */
+    uint64_t first_job;   /* the number that the farm gives the next job */
     int clerk_wake;       /* the farm's eventfd */
     int answer_wake;      /* eventfd, written when clerk_next_answer has something */
 } clerk_options_t;

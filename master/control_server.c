@@ -179,34 +179,28 @@ static void on_goodbye(control_server_t *server, const wire_message_t *message)
 
 /* ---- clients ------------------------------------------------------------------------------------------- */
 
-static result_t submit(control_server_t *server, const Lm__JobSubmit *request, uint64_t *job)
+static clerk_request_t clerk_request(const wire_message_t *message, clerk_kind_t kind)
 {
-    job_settings_t settings;
-    job_terms_t terms;
-    hash_t blob;
-    uint64_t size;
-    TRY(wire_settings_get(request->settings, &settings));
-    TRY(wire_terms_get(request->terms, request->name, &terms));
-    if (!wire_hash_get(&request->blob, &blob))
-        return result_fail(RESULT_PROTOCOL, "the scene's hash has %zu bytes, not %d", request->blob.len,
+    return (clerk_request_t){
+        .identity = sender(message), .request = message->envelope->request, .kind = kind};
+}
+
+static result_t submit(control_server_t *server, const wire_message_t *message)
+{
+    const Lm__JobSubmit *submission = message->envelope->job_submit;
+    clerk_request_t request = clerk_request(message, CLERK_SUBMIT);
+    TRY(wire_settings_get(submission->settings, &request.settings));
+    TRY(wire_terms_get(submission->terms, submission->name, &request.terms));
+    if (!wire_hash_get(&submission->blob, &request.blob))
+        return result_fail(RESULT_PROTOCOL, "the scene's hash has %zu bytes, not %d", submission->blob.len,
                            HASH_BYTES);
-    if (!blob_store_find(server->options.store, &blob, &size))
-        return result_fail(RESULT_INPUT, "this master does not have the scene: send it first");
-    return farm_submit(server->options.farm, clock_now(), &terms, &settings, &blob, size, job);
+    return clerk_ask(server->options.clerk, &request);
 }
 
 static void on_submit(control_server_t *server, const wire_message_t *message)
 {
-    Lm__JobAccepted accepted = LM__JOB_ACCEPTED__INIT;
-    result_t result = submit(server, message->envelope->job_submit, &accepted.job);
-    if (result.code != RESULT_OK) {
-        refuse(server, message, result);
-        return;
-    }
-    Lm__Envelope answer = LM__ENVELOPE__INIT;
-    answer.body_case = LM__ENVELOPE__BODY_JOB_ACCEPTED;
-    answer.job_accepted = &accepted;
-    reply(server, message, &answer);
+    result_t result = submit(server, message);
+    if (result.code != RESULT_OK) refuse(server, message, result);
 }
 
 static void send_report(void *context, Lm__Envelope *answer)
@@ -232,13 +226,32 @@ static void on_worker_list(control_server_t *server, const wire_message_t *messa
 
 static void on_order(control_server_t *server, const wire_message_t *message)
 {
-    job_order_t order;
-    result_t result = wire_order_get(message->envelope->job_order, &order);
-    if (result.code == RESULT_OK) result = farm_order(server->options.farm, clock_now(), &order);
-    if (result.code == RESULT_OK)
-        done(server, message);
-    else
-        refuse(server, message, result);
+    clerk_request_t request = clerk_request(message, CLERK_ORDER);
+    result_t result = wire_order_get(message->envelope->job_order, &request.order);
+    if (result.code == RESULT_OK) result = clerk_ask(server->options.clerk, &request);
+    if (result.code != RESULT_OK) refuse(server, message, result);
+}
+
+/* What the clerk has seen to. */
+static void send_answers(control_server_t *server)
+{
+    for (clerk_answer_t done_now; clerk_next_answer(server->options.clerk, &done_now);) {
+        Lm__Envelope request = LM__ENVELOPE__INIT, answer = LM__ENVELOPE__INIT;
+        Lm__JobAccepted accepted = LM__JOB_ACCEPTED__INIT;
+        wire_message_t asker = {.envelope = &request, .identity_size = done_now.identity.size};
+        memcpy(asker.identity, done_now.identity.bytes, done_now.identity.size);
+        request.request = done_now.request;
+        if (done_now.result.code != RESULT_OK) {
+            refuse(server, &asker, done_now.result);
+        } else if (done_now.kind == CLERK_ORDER) {
+            done(server, &asker);
+        } else {
+            accepted.job = done_now.job;
+            answer.body_case = LM__ENVELOPE__BODY_JOB_ACCEPTED;
+            answer.job_accepted = &accepted;
+            reply(server, &asker, &answer);
+        }
+    }
 }
 
 /* ---- the thread ---------------------------------------------------------------------------------------- */
@@ -347,6 +360,7 @@ static void *control_server_run(void *argument)
             farm_tick(server->options.farm, last_tick);
         }
         send_notices(server);
+        send_answers(server);
     }
     log_info("control socket: %llu messages, %.1f MB, %llu malformed", (unsigned long long)server->messages,
              1e-6 * (double)server->bytes, (unsigned long long)server->malformed);

@@ -87,6 +87,24 @@ void farm_record_unsaved(farm_t *farm, uint64_t id)
     farm_unlock(farm);
 }
 
+job_record_t farm_record(farm_t *farm, double now, const job_t *job)
+{
+    farm_lock(farm);
+    job_record_t record = make_record(job, now);
+    farm_unlock(farm);
+    return record;
+}
+
+void farm_note(farm_t *farm, job_t *job, const char *note)
+{
+    farm_lock(farm);
+    if (job->state != JOB_FAILED) {
+        snprintf(job->message, sizeof job->message, "%s", note);
+        farm_record_changed(farm, job);
+    }
+    farm_unlock(farm);
+}
+
 /* ---- coming back --------------------------------------------------------------------------------------- */
 
 static job_t *job_from_record(const job_record_t *record)

@@ -39,9 +39,6 @@ static const char SCHEMA[] =
     "CREATE TABLE jobs (job INTEGER PRIMARY KEY, name TEXT NOT NULL, state TEXT NOT NULL, submitted REAL NOT "
     "NULL,"
     " finished REAL NOT NULL, record BLOB NOT NULL, hash BLOB NOT NULL);"
-    "CREATE TABLE films (job INTEGER NOT NULL, generation INTEGER NOT NULL, samples INTEGER NOT NULL,"
-    " bytes INTEGER NOT NULL, written TEXT NOT NULL DEFAULT (datetime('now')), PRIMARY KEY (job, "
-    "generation));"
     "CREATE TABLE history (id INTEGER PRIMARY KEY, at TEXT NOT NULL DEFAULT (datetime('now')), job INTEGER "
     "NOT NULL,"
     " event TEXT NOT NULL, text TEXT NOT NULL);"
@@ -173,11 +170,10 @@ static result_t put_record(journal_t *journal, const job_record_t *record)
 
 static result_t remove_record(journal_t *journal, const job_record_t *record)
 {
-    char sql[160];
-    snprintf(sql, sizeof sql, "DELETE FROM jobs WHERE job = %1$lld; DELETE FROM films WHERE job = %1$lld",
-             (long long)record->job);
+    char sql[80];
+    snprintf(sql, sizeof sql, "DELETE FROM jobs WHERE job = %lld", (long long)record->job);
     TRY(run(journal, sql));
-    return add_event(journal, record->job, "removed", record->terms.name);
+    return add_event(journal, record->job, "removed", "");
 }
 
 typedef struct {
@@ -227,49 +223,6 @@ result_t journal_note(journal_t *journal, uint64_t job, const char *event, const
     result_t result = transact(journal, save_event, &data);
     pthread_mutex_unlock(&journal->lock);
     return result;
-}
-
-/* ---- films --------------------------------------------------------------------------------------------- */
-
-typedef struct {
-    uint64_t job, generation, samples, bytes, oldest;
-} film_row_t;
-
-static result_t save_film(journal_t *journal, const void *data)
-{
-    const film_row_t *film = data;
-    char sql[300];
-    snprintf(sql, sizeof sql,
-             "INSERT OR REPLACE INTO films (job, generation, samples, bytes) VALUES (%1$lld, %2$lld, %3$lld, "
-             "%4$lld);"
-             "DELETE FROM films WHERE job = %1$lld AND generation < %5$lld",
-             (long long)film->job, (long long)film->generation, (long long)film->samples,
-             (long long)film->bytes, (long long)film->oldest);
-    return run(journal, sql);
-}
-
-result_t journal_film(journal_t *journal, uint64_t job, uint64_t generation, uint64_t samples, uint64_t bytes,
-                      uint64_t oldest)
-{
-    const film_row_t data = {job, generation, samples, bytes, oldest};
-    pthread_mutex_lock(&journal->lock);
-    result_t result = transact(journal, save_film, &data);
-    pthread_mutex_unlock(&journal->lock);
-    return result;
-}
-
-bool journal_film_samples(journal_t *journal, uint64_t job, uint64_t generation, uint64_t *samples)
-{
-    char sql[120];
-    snprintf(sql, sizeof sql, "SELECT samples FROM films WHERE job = %lld AND generation = %lld",
-             (long long)job, (long long)generation);
-    pthread_mutex_lock(&journal->lock);
-    int64_t value = -1;
-    result_t result = number(journal, sql, &value);
-    pthread_mutex_unlock(&journal->lock);
-    if (result.code != RESULT_OK) log_warning("%s", result.message);
-    if (value >= 0) *samples = (uint64_t)value;
-    return value >= 0;
 }
 
 /* ---- opening ------------------------------------------------------------------------------------------- */
@@ -367,6 +320,8 @@ static result_t read_tables(journal_t *journal, bool *whole)
     TRY(number(journal, "SELECT value FROM meta WHERE key = 'next_job'", &next));
     TRY(number(journal, "SELECT value FROM meta WHERE key = 'running'", &running));
     found->next_job = next > 0 ? (uint64_t)next : 0;
+    for (size_t i = 0; i < found->record_count; i++)
+        if (found->next_job <= found->records[i].job) *whole = false;
     found->crashed = running != 0;
     *whole = *whole && next > 0;
     return result_ok();
@@ -420,6 +375,9 @@ static result_t rebuild(journal_t *journal)
 {
     journal_found_t *found = &journal->found;
     uint64_t next = found->next_job + JOURNAL_SKIPPED_NUMBERS;
+    bool whole;
+    if (found->record_count == 0)
+        (void)read_records(journal, &whole); /* the check may have ended before them */
     close_database(journal);
     TRY(set_aside(journal));
     TRY(open_database(journal, false));

@@ -4,7 +4,6 @@
  * set aside; what can be read of it is taken over.
  *
  *     jobs      the record of each job (record.h), and its name and state for people
- *     films     the checkpoints of each job, so that one can say what was in one that is damaged
  *     history   what happened to jobs and to the master, the last JOURNAL_MAX_HISTORY events
  *     meta      the next job's number, and whether a master is at work
  *
@@ -46,11 +45,5 @@ void journal_forget_found(journal_t *journal);
 result_t journal_save(journal_t *journal, const job_record_t *records, size_t count);
 /* Adds to the history of a job, 0: of the master. */
 result_t journal_note(journal_t *journal, uint64_t job, const char *event, const char *text);
-
-/* A checkpoint was written; those of earlier generations than `oldest` are no more. */
-result_t journal_film(journal_t *journal, uint64_t job, uint64_t generation, uint64_t samples, uint64_t bytes,
-                      uint64_t oldest);
-/* How many pixel samples that checkpoint held; false when it is not known. */
-bool journal_film_samples(journal_t *journal, uint64_t job, uint64_t generation, uint64_t *samples);
 
 #endif
