@@ -6,7 +6,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { RATE_WINDOW = 60 };              /* seconds over which the speed for `remaining` is measured */
+enum {
+    RATE_WINDOW = 60, /* seconds over which the speed for `remaining` is measured */
+    IMAGE_RETRY = 10  /* seconds between attempts to write an image */
+};
 #define COUNT_LIMIT ((uint64_t)1 << 60) /* of any one count in a batch */
 
 /* ---- batches ------------------------------------------------------------------------------------------- */
@@ -27,7 +30,7 @@ uint64_t farm_job_id(const job_t *job)
 void farm_unpin(farm_t *farm, job_t *job)
 {
     farm_lock(farm);
-    job->pins--;
+    farm_job_unpin(farm, job);
     farm_unlock(farm);
 }
 
@@ -145,16 +148,12 @@ static void after_merge(farm_t *farm, double now, job_t *job, uint64_t worker)
         log_warning("job %llu: contributions that are NaN or infinite are dropped",
                     (unsigned long long)job->id);
     job->counts = counts;
+    job->unsaved = true;
     if (!job->taking) return; /* closed meanwhile: a grace period ended. The merge still counts. */
     if (job->counts.overflows > 0) {
-        snprintf(
-            job->message, sizeof job->message,
-            "%llu sums were too large for the film at scale %d: submit the job with a smaller film scale",
-            (unsigned long long)job->counts.overflows, job->settings.film_scale);
-        log_error("job %llu failed: %s", (unsigned long long)job->id, job->message);
-        farm_job_close(farm, now, job, JOB_FAILED);
+        farm_job_fail_overflow(farm, now, job);
     } else if (schedule_complete(job->schedule)) {
-        farm_job_close(farm, now, job, JOB_DONE);
+        farm_job_progress(farm, now, job);
     } else if (job->flush_until > 0) {
         farm_job_flushed(farm, now, job, worker);
     }
@@ -224,7 +223,11 @@ result_t farm_resolve(farm_t *farm, double now, job_t *job, film_image_t *image,
 {
     farm_lock(farm);
     *report = farm_report_job(job, now);
-    bool empty = job->batches == 0;
+    bool empty = job->batches == 0, due = job->film_due;
+    if (due && !job->film_wanted) {
+        job->film_wanted = true; /* somebody wants to see it */
+        farm_wake(farm->options.checkpoint_wake);
+    }
     farm_unlock(farm);
     canvas_t *canvas = empty ? NULL : farm_canvas_hold(farm, job);
     if (canvas != NULL) {
@@ -233,6 +236,9 @@ result_t farm_resolve(farm_t *farm, double now, job_t *job, film_image_t *image,
         farm_canvas_let_go(farm, job);
         return result_ok();
     }
+    if (due)
+        return result_fail(RESULT_INPUT, "the film of job %llu is not loaded yet: try again in a moment",
+                           (unsigned long long)report->job);
     return result_fail(RESULT_INPUT, "job %llu has no samples yet", (unsigned long long)report->job);
 }
 
@@ -245,34 +251,19 @@ uint64_t farm_image_version(farm_t *farm, job_t *job, bool *over)
     return version;
 }
 
-static void log_end(const job_t *job, const char *path)
-{
-    log_info("job %llu is %s after %.1f s: %llu batches (%llu refused), %llu units re-issued, %zu workers, "
-             "%.1f MB "
-             "(%llu bytes) received, %.1f CPU s%s%s",
-             (unsigned long long)job->id, job_state_name((uint32_t)job->state), job->ended - job->started,
-             (unsigned long long)job->batches, (unsigned long long)job->batches_refused,
-             (unsigned long long)job->units_reissued, job->seen_count, 1e-6 * (double)job->bytes,
-             (unsigned long long)job->bytes, 1e-6 * (double)job->counts.cpu_us,
-             path != NULL ? "; image in " : "", path != NULL ? path : "");
-    if (job->counts.dropped > 0)
-        log_warning("job %llu: %llu contributions were NaN or infinite, and left out",
-                    (unsigned long long)job->id, (unsigned long long)job->counts.dropped);
-}
-
 void farm_finished(farm_t *farm, double now, job_t *job, result_t written, const char *path)
 {
-    (void)now;
     farm_lock(farm);
-    if (written.code != RESULT_OK && job->outcome != JOB_FAILED) {
-        job->outcome = JOB_FAILED;
-        snprintf(job->message, sizeof job->message, "the image could not be written: %.400s",
+    if (written.code == RESULT_OK) {
+        job->image_written = true;
+        if (job->image_retry > 0) job->message[0] = '\0'; /* it is not true any more */
+        if (path != NULL) log_info("job %llu: the image is in %s", (unsigned long long)job->id, path);
+    } else {
+        job->image_retry = now + IMAGE_RETRY;
+        snprintf(job->message, sizeof job->message, "the image cannot be written, and is tried again: %.400s",
                  written.message);
         log_error("job %llu: %s", (unsigned long long)job->id, job->message);
     }
-    job->state = job->outcome;
-    log_end(job, job->state == JOB_FAILED ? NULL : path);
-    farm_job_free_film(farm, job);
-    farm_notify_idle(farm); /* a job may have waited for memory */
+    farm_job_settle(farm, now, job);
     farm_unlock(farm);
 }

@@ -14,10 +14,13 @@ static int set_up(void **state)
 {
     farm_options_t options = {.lease = 5,
                               .batch_interval = 10,
-                              .film_limit = 2 << 20,
+                              .film_limit = 1 << 20,
                               .first_job = 1,
                               .control_wake = -1,
-                              .image_wake = -1};
+                              .image_wake = -1,
+                              .clerk_wake = -1,
+                              .checkpoint_wake = -1,
+                              .grant_wake = -1};
     log_init("test", LOG_ERROR);
     *state = farm_new(&options);
     return 0;
@@ -154,7 +157,7 @@ static void a_pause_of_the_master_costs_no_worker_its_lease(void **state)
 
 static void jobs_wait_for_memory(void **state)
 {
-    farm_t *farm = *state; /* its memory holds six films of 330 kB */
+    farm_t *farm = *state; /* its memory holds six films of 160 kB */
     uint64_t worker = hello(farm, 0), jobs[8];
     unit_t unit;
     for (int j = 0; j < 8; j++) jobs[j] = submit(farm);
@@ -190,6 +193,8 @@ static void a_job_that_nobody_can_render_fails(void **state)
     farm_t *farm = *state;
     uint64_t job = submit(farm), other = submit(farm), worker = hello(farm, 0);
     unit_t unit;
+    job_order_t later = {.job = other, .kind = ORDER_PRIORITY, .priority = -1};
+    assert_int_equal(farm_order(farm, 0, &later).code, RESULT_OK);
     farm_goodbye(farm, 0, worker, job, "had none of it"); /* does not count */
     for (int i = 1; i < FARM_MAX_DECLINES; i++) come_and_decline(farm, i, job);
     assert_int_equal(report(farm, 5, job).state, JOB_RUNNING);
