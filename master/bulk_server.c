@@ -76,7 +76,7 @@ static void prepare_batch(bulk_server_t *server, const job_t *job, size_t units)
     }
 }
 
-static result_t decode_batch(bulk_server_t *server, const wire_message_t *message, job_t *job)
+static result_t decode_batch(bulk_server_t *server, const wire_message_t *message)
 {
     const Lm__BatchResult *result = message->envelope->batch_result;
     batch_t *batch = &server->batch;
@@ -95,9 +95,10 @@ static result_t take_batch(bulk_server_t *server, const wire_message_t *message)
     const Lm__BatchResult *body = message->envelope->batch_result;
     farm_t *farm = server->options.farm;
     job_t *job;
+    TRY(farm_content_check(farm, body->job, &body->content));
     TRY(farm_batch_open(farm, clock_now(), body->worker, body->job, message->bytes, &job));
     prepare_batch(server, job, body->n_units);
-    result_t result = decode_batch(server, message, job);
+    result_t result = decode_batch(server, message);
     if (result.code == RESULT_OK)
         result = farm_batch_merge(farm, clock_now(), job, body->worker, body->check, &server->batch,
                                   message->payload);
@@ -125,6 +126,23 @@ static void on_batch(bulk_server_t *server, const wire_message_t *message)
     envelope.body_case = LM__ENVELOPE__BODY_BATCH_REPLY;
     envelope.batch_reply = &answer;
     reply(server, message, &envelope, NULL);
+}
+
+static void on_offer(bulk_server_t *server, const wire_message_t *message)
+{
+    const Lm__BatchOffer *offer = message->envelope->batch_offer;
+    result_t result = farm_batch_wanted(server->options.farm, offer->worker, offer->job);
+    if (result.code == RESULT_OK)
+        result = farm_content_check(server->options.farm, offer->job, &offer->content);
+    if (result.code != RESULT_OK) {
+        refuse(server, message, result);
+        return;
+    }
+    Lm__BatchGrant grant = LM__BATCH_GRANT__INIT;
+    Lm__Envelope answer = LM__ENVELOPE__INIT;
+    answer.body_case = LM__ENVELOPE__BODY_BATCH_GRANT;
+    answer.batch_grant = &grant;
+    reply(server, message, &answer, NULL);
 }
 
 /* ---- blobs --------------------------------------------------------------------------------------------- */
@@ -287,6 +305,9 @@ static void dispatch(bulk_server_t *server, const wire_message_t *message)
     switch (message->envelope->body_case) {
     case LM__ENVELOPE__BODY_BATCH_RESULT:
         on_batch(server, message);
+        break;
+    case LM__ENVELOPE__BODY_BATCH_OFFER:
+        on_offer(server, message);
         break;
     case LM__ENVELOPE__BODY_BLOB_PUT:
         on_blob_put(server, message);

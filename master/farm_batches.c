@@ -66,6 +66,22 @@ static result_t batch_open(worker_t *worker, job_t *job, uint64_t id, uint64_t b
     return result_ok();
 }
 
+result_t farm_batch_wanted(farm_t *farm, uint64_t worker_id, uint64_t id)
+{
+    farm_lock(farm);
+    job_t *job = farm_find_job(farm, id);
+    result_t result = result_ok();
+    if (farm_find_worker(farm, worker_id) == NULL)
+        result = result_fail(RESULT_UNREACHABLE, "this master does not know the worker: say hello again");
+    else if (job == NULL)
+        result = result_fail(RESULT_INPUT, "there is no job %llu", (unsigned long long)id);
+    else if (!job->taking)
+        result = result_fail(RESULT_CANCELLED, "job %llu is %s", (unsigned long long)id,
+                             job->state == JOB_QUEUED ? "not started" : "over");
+    farm_unlock(farm);
+    return result;
+}
+
 result_t farm_batch_open(farm_t *farm, double now, uint64_t worker_id, uint64_t id, uint64_t bytes,
                          job_t **pinned)
 {
