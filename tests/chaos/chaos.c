@@ -53,7 +53,7 @@ typedef struct {
 typedef struct {
     options_t options;
     report_t report;
-    char *data;
+    char *data, *master; /* the master's directory and address */
     bool separate, disk;
     network_t *network;
     proxy_t *proxy;
@@ -139,23 +139,22 @@ static void call_the_troupe(chaos_t *chaos)
     *troupe = (troupe_t){.report = &chaos->report,
                          .folder = chaos->options.folder,
                          .data = chaos->data,
-                         .listen = chaos->network ? "0.0.0.0" : "127.0.0.1",
+                         .listen = chaos->network ? NETWORK_HOST : "127.0.0.1",
                          .port = choose_port(chaos),
                          .lease = LEASE,
                          .shift_clocks = available(chaos, "clock jumps", wall_clock_available())};
     result_t result =
-        proxy_start(LINK_HOSTS, LINKS + 1, "127.0.0.1", troupe->port, chaos->options.seed, &chaos->proxy);
+        proxy_start(LINK_HOSTS, LINKS + 1, troupe->listen, troupe->port, chaos->options.seed, &chaos->proxy);
     if (result.code != RESULT_OK) {
         fprintf(stderr, "chaos: %s\n", result.message);
         exit(RESULT_IO);
     }
     troupe_init(troupe);
-    troupe_add_worker(troupe, "127.0.0.1", -1, -1, -1, false);
+    troupe_add_worker(troupe, troupe->listen, -1, -1, -1, false);
     for (int i = 0; i < LINKS; i++) troupe_add_worker(troupe, LINK_HOSTS[i], -1, i, -1, false);
     for (int i = 0; i < SITES && chaos->network; i++)
-        troupe_add_worker(troupe, network_host(chaos->network, (size_t)i),
-                          network_site(chaos->network, (size_t)i), -1, i, false);
-    troupe_add_worker(troupe, "127.0.0.1", -1, -1, -1, true);
+        troupe_add_worker(troupe, NETWORK_HOST, network_site(chaos->network, (size_t)i), -1, i, false);
+    troupe_add_worker(troupe, troupe->listen, -1, -1, -1, true);
     troupe_add_worker(troupe, LINK_HOSTS[0], -1, 0, -1, true);
 }
 
@@ -163,9 +162,10 @@ static void begin(chaos_t *chaos)
 {
     set_the_stage(chaos);
     call_the_troupe(chaos);
+    chaos->master = mem_printf("%s:%d", chaos->troupe.listen, chaos->troupe.port);
     chaos->ledger = ledger_new(&(ledger_setup_t){.report = &chaos->report,
                                                  .folder = chaos->options.folder,
-                                                 .port = chaos->troupe.port,
+                                                 .master = chaos->master,
                                                  .seed = chaos->options.seed,
                                                  .at_a_time = 3});
     chaos->faults = faults_new(&(faults_setup_t){.report = &chaos->report,
@@ -268,6 +268,7 @@ static void end(chaos_t *chaos)
     proxy_stop(&chaos->proxy);
     network_destroy(&chaos->network);
     free(chaos->data);
+    free(chaos->master);
     report_close(&chaos->report);
 }
 

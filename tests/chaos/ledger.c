@@ -67,7 +67,6 @@ typedef struct {
 struct ledger {
     ledger_setup_t setup;
     dice_t dice;
-    char *master; /* its address */
     ledger_job_t jobs[MAX_JOBS];
     size_t job_count;
     reference_t references[MAX_REFERENCES];
@@ -84,7 +83,6 @@ ledger_t *ledger_new(const ledger_setup_t *setup)
     ledger_t *ledger = mem_zalloc(1, sizeof *ledger);
     ledger->setup = *setup;
     ledger->dice = dice_new(setup->seed, 2);
-    ledger->master = mem_printf("127.0.0.1:%d", setup->port);
     return ledger;
 }
 
@@ -102,7 +100,6 @@ void ledger_free(ledger_t **ledger_pointer)
         free(ledger->references[i].image);
     }
     errand_end(&ledger->status);
-    free(ledger->master);
     free(ledger);
     *ledger_pointer = NULL;
 }
@@ -152,7 +149,7 @@ static void add_all(words_t *words, const char *const *list)
 static void add_master(const ledger_t *ledger, words_t *words)
 {
     add(words, "--master");
-    add(words, ledger->master);
+    add(words, ledger->setup.master);
     add(words, "--timeout");
     add(words, TIMEOUT);
 }

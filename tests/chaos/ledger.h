@@ -24,7 +24,7 @@ typedef struct ledger ledger_t;
 typedef struct {
     report_t *report;
     const char *folder; /* for images, references and logs */
-    int port;           /* of the master, on loopback */
+    const char *master; /* its address */
     uint64_t seed;
     size_t at_a_time; /* jobs that are open */
 } ledger_setup_t;

@@ -21,7 +21,6 @@ typedef struct {
     pid_t holder; /* keeps the namespace alive */
     int file;
     char device[16]; /* our end of the cable */
-    char host[16];   /* its address */
     network_way_t cut;
     bool thin;
 } site_t;
@@ -98,9 +97,9 @@ static result_t hold_namespace(site_t *site)
 
 static result_t lay_cable(site_t *site, size_t index)
 {
-    char near[24], far[24], holder[16];
+    char host[16], near[24], far[24], holder[16];
     snprintf(site->device, sizeof site->device, "cable%zu", index);
-    snprintf(site->host, sizeof site->host, "10.77.%zu.1", index);
+    snprintf(host, sizeof host, "10.77.%zu.1", index);
     snprintf(near, sizeof near, "10.77.%zu.1/24", index);
     snprintf(far, sizeof far, "10.77.%zu.2/24", index);
     snprintf(holder, sizeof holder, "%d", (int)site->holder);
@@ -109,7 +108,8 @@ static result_t lay_cable(site_t *site, size_t index)
     TRY(process_command(-1, COMMAND("ip", "addr", "add", near, "dev", site->device)));
     TRY(process_command(-1, COMMAND("ip", "link", "set", site->device, "up")));
     TRY(process_command(site->file, COMMAND("ip", "addr", "add", far, "dev", "eth0")));
-    return process_command(site->file, COMMAND("ip", "link", "set", "eth0", "up"));
+    TRY(process_command(site->file, COMMAND("ip", "link", "set", "eth0", "up")));
+    return process_command(site->file, COMMAND("ip", "route", "add", "default", "via", host));
 }
 
 /* Does what a fault will do, once, so that one knows at the start. */
@@ -123,7 +123,7 @@ static result_t try_out(network_t *network)
 result_t network_new(size_t sites, network_t **network_pointer)
 {
     network_t *network = mem_zalloc(1, sizeof *network);
-    result_t result = result_ok();
+    result_t result = process_command(-1, COMMAND("ip", "addr", "add", NETWORK_HOST "/32", "dev", "lo"));
     for (size_t i = 0; i < sites; i++) network->sites[i].file = -1;
     for (; network->count < sites && result.code == RESULT_OK; network->count++) {
         site_t *site = &network->sites[network->count];
@@ -153,11 +153,6 @@ void network_destroy(network_t **network_pointer)
 int network_site(const network_t *network, size_t site)
 {
     return network->sites[site].file;
-}
-
-const char *network_host(const network_t *network, size_t site)
-{
-    return network->sites[site].host;
 }
 
 /* ---- faults ------------------------------------------------------------------------------------------- */
