@@ -14,7 +14,6 @@
 #include "tests/chaos/faults.h"
 #include "tests/chaos/ledger.h"
 #include "tests/chaos/process.h"
-#include "tests/chaos/wall_clock.h"
 
 #include <errno.h>
 #include <getopt.h>
@@ -142,7 +141,7 @@ static void call_the_troupe(chaos_t *chaos)
                          .listen = chaos->network ? NETWORK_HOST : "127.0.0.1",
                          .port = choose_port(chaos),
                          .lease = LEASE,
-                         .shift_clocks = available(chaos, "clock jumps", wall_clock_available())};
+                         .worlds = available(chaos, "clock jumps and slow disks", world_available())};
     result_t result =
         proxy_start(LINK_HOSTS, LINKS + 1, troupe->listen, troupe->port, chaos->options.seed, &chaos->proxy);
     if (result.code != RESULT_OK) {

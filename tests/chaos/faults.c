@@ -3,7 +3,6 @@
 
 #include "tests/chaos/disk.h"
 #include "tests/chaos/errand.h"
-#include "tests/chaos/wall_clock.h"
 #include "tests/chaos/watch_films.h"
 
 #include <math.h>
@@ -14,6 +13,7 @@
 #include <unistd.h>
 
 enum { MAX_ACTIVE = 64, CHANCES = 3 };
+static const double CHECKPOINT_WRITE = 0.01; /* seconds for each write of a checkpoint that is to be hit */
 
 typedef struct fault fault_t;
 
@@ -39,6 +39,7 @@ struct fault {
     /* What it works on. */
     troupe_worker_t *worker;
     size_t index; /* of a link or a site */
+    film_event_t event;
     unsigned done;
     errand_t client;
 };
@@ -165,18 +166,54 @@ static void kill_master_again(faults_t *faults, fault_t *fault)
     fault->spoilt = !end_master(faults, between(fault->chance[0], 0, 1));
 }
 
-/* Waits for a checkpoint to begin or (kind.end is the same) to be there: on_film does it. */
-static bool wait_for_film(faults_t *faults, fault_t *fault)
+static void slow_master_disk(faults_t *faults, double seconds)
+{
+    world_t *world = faults->setup.troupe->master.world;
+    if (world) world_slow_disk(world, seconds);
+}
+
+/* From now on the next such event is the master's end: on_film sees to it. */
+static bool wait_for_film(faults_t *faults, fault_t *fault, film_event_t event)
 {
     if (faults->waiting) return false;
     faults->waiting = fault;
+    fault->event = event;
     fault->spoilt = true;
     return true;
 }
 
+/* The disk is slow meanwhile, so that a checkpoint takes long enough to be hit. */
+static bool wait_for_beginning(faults_t *faults, fault_t *fault)
+{
+    if (!wait_for_film(faults, fault, FILM_BEGINS)) return false;
+    slow_master_disk(faults, CHECKPOINT_WRITE);
+    return true;
+}
+
+static bool wait_for_end(faults_t *faults, fault_t *fault)
+{
+    return wait_for_film(faults, fault, FILM_IS_THERE);
+}
+
 static void wait_no_more(faults_t *faults, fault_t *fault)
 {
-    if (faults->waiting == fault) faults->waiting = NULL;
+    if (faults->waiting != fault) return;
+    faults->waiting = NULL;
+    slow_master_disk(faults, 0);
+}
+
+static bool slow_disk(faults_t *faults, fault_t *fault)
+{
+    double seconds = between_scales(fault->chance[0], 1e-3, 0.1);
+    victim(fault, "%.0f ms a write", 1e3 * seconds);
+    slow_master_disk(faults, seconds);
+    return true;
+}
+
+static void hurry_disk(faults_t *faults, fault_t *fault)
+{
+    (void)fault;
+    slow_master_disk(faults, 0);
 }
 
 static bool dismiss_master(faults_t *faults, fault_t *fault)
@@ -214,14 +251,14 @@ static bool jump_clock(faults_t *faults, fault_t *fault)
     double seconds = between_scales(fault->chance[1], 1, YEAR);
     if (fault->chance[2] < 0.5) seconds = -seconds;
     victim(fault, "%s by %+.0f s", member->name, seconds);
-    if (member->clock == NULL) return false;
-    wall_clock_shift(member->clock, seconds);
+    if (member->world == NULL) return false;
+    world_shift_clock(member->world, seconds);
     return true;
 }
 
-static bool can_jump(const faults_t *faults)
+static bool has_worlds(const faults_t *faults)
 {
-    return faults->setup.troupe->shift_clocks;
+    return faults->setup.troupe->worlds;
 }
 
 static bool fill_disk(faults_t *faults, fault_t *fault)
@@ -434,8 +471,8 @@ static void end_mischief(faults_t *faults, fault_t *fault)
 static const kind_t KINDS[] = {
     {"kill worker", 5, 0, 0, kill_worker, NULL, NULL, 0},
     {"kill master", 5, 0, 0, kill_master, NULL, NULL, 0},
-    {"kill master in a checkpoint", 4, 5, 5, wait_for_film, wait_no_more, NULL, 0},
-    {"kill master after a checkpoint", 2, 5, 5, wait_for_film, wait_no_more, NULL, 0},
+    {"kill master in a checkpoint", 4, 5, 5, wait_for_beginning, wait_no_more, NULL, 0},
+    {"kill master after a checkpoint", 2, 5, 5, wait_for_end, wait_no_more, NULL, 0},
     {"kill master twice", 2, 0.02, 0.6, kill_master_twice, kill_master_again, NULL, 0},
     {"end master", 1, 0, 0, dismiss_master, NULL, NULL, 0},
     {"stop master, short", 2, 0.1, 1.2, stop_master, continue_master, NULL, 0},
@@ -445,8 +482,9 @@ static const kind_t KINDS[] = {
     {"stop worker for ever", 1, 0, 0, freeze_worker, NULL, NULL, 0},
     {"end worker", 2, 0, 0, dismiss_worker, NULL, NULL, 0},
     {"late worker", 1, 2, 15, start_late_worker, dismiss_late_worker, NULL, 0},
-    {"jump clock", 3, 0, 0, jump_clock, NULL, can_jump, 0},
+    {"jump clock", 3, 0, 0, jump_clock, NULL, has_worlds, 0},
     {"fill disk", 2, 1, 5, fill_disk, free_disk, can_fill, 0},
+    {"slow disk", 1, 1, 5, slow_disk, hurry_disk, has_worlds, 0},
     {"kill client in upload", 2, 0.05, 1.5, start_client, kill_client, NULL, 0},
     {"partition, short", 2, 0.2, 1.2, cut_site, heal_site, has_sites, 0},
     {"partition, long", 2, 2, 6, cut_site, heal_site, has_sites, 0},
@@ -556,9 +594,9 @@ static void on_film(faults_t *faults, film_event_t event)
 {
     fault_t *fault = faults->waiting;
     if (fault == NULL) return;
-    bool during = strstr(fault->kind->name, " in ") != NULL;
-    if (event != (during ? FILM_BEGINS : FILM_IS_THERE)) return;
-    usleep((useconds_t)(1e4 * fault->chance[1] * fault->chance[1]));
+    if (event != fault->event) return;
+    /* At least two writes and a flush: it is still at it, wherever. */
+    usleep((useconds_t)(3e6 * CHECKPOINT_WRITE * fault->chance[1]));
     if (!end_master(faults, between(fault->chance[0], 0, 1))) return;
     bool torn = film_watch_torn(&faults->films);
     faults->torn += torn;

@@ -1,8 +1,6 @@
 /* process: see process.h. */
 #include "tests/chaos/process.h"
 
-#include "tests/chaos/wall_clock.h"
-
 #include <errno.h>
 #include <fcntl.h>
 #include <sched.h>
@@ -40,7 +38,7 @@ static void become(const process_setup_t *setup, int log, char *const *argv)
     prctl(PR_SET_PDEATHSIG, SIGKILL);
     if (setup->network >= 0 && setns(setup->network, CLONE_NEWNET) != 0) _exit(126);
     if (setup->background) setpriority(PRIO_PROCESS, 0, 10);
-    if (setup->clock) wall_clock_preload(setup->clock);
+    if (setup->world) world_preload(setup->world);
     dup2(log, STDOUT_FILENO);
     dup2(log, STDERR_FILENO);
     execvp(argv[0], argv);

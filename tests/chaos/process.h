@@ -2,7 +2,7 @@
 #ifndef LIGHTMILL_CHAOS_PROCESS_H
 #define LIGHTMILL_CHAOS_PROCESS_H
 
-#include "common/base.h"
+#include "tests/chaos/world.h"
 
 #include <sys/types.h>
 
@@ -13,7 +13,7 @@ typedef struct {
     const char *const *arguments; /* after the program's name, NULL-terminated */
     const char *log;              /* what it writes is appended to this file */
     int network;                  /* network namespace to run in; -1: the driver's */
-    const char *clock;            /* file that shifts its clock (wall_clock.h); NULL: none */
+    const world_t *world;         /* what it sees; NULL: all as it is */
     bool background;              /* nice: others come first */
 } process_setup_t;
 

@@ -2,7 +2,6 @@
 #include "tests/chaos/troupe.h"
 
 #include "tests/chaos/process.h"
-#include "tests/chaos/wall_clock.h"
 
 #include <math.h>
 #include <signal.h>
@@ -17,9 +16,10 @@ static void member_init(troupe_t *troupe, member_t *member, const char *name)
 {
     *member = (member_t){.name = mem_strdup(name), .back_at = INFINITY};
     member->log = mem_printf("%s/%s.log", troupe->folder, name);
-    if (!troupe->shift_clocks) return;
-    member->clock = mem_printf("%s/%s.clock", troupe->folder, name);
-    if (wall_clock_new(member->clock).code != RESULT_OK) member->clock = NULL;
+    if (!troupe->worlds) return;
+    char *path = mem_printf("%s/%s.world", troupe->folder, name);
+    member->world = world_new(path);
+    free(path);
 }
 
 static void member_free(member_t *member)
@@ -27,7 +27,7 @@ static void member_free(member_t *member)
     if (member->process) process_kill(member->process);
     free(member->name);
     free(member->log);
-    free(member->clock);
+    world_free(&member->world);
 }
 
 static void launch(troupe_t *troupe, member_t *member, const char *program, int network,
@@ -37,7 +37,7 @@ static void launch(troupe_t *troupe, member_t *member, const char *program, int 
                                    .arguments = arguments,
                                    .log = member->log,
                                    .network = network,
-                                   .clock = member->clock};
+                                   .world = member->world};
     member->process = process_start(&setup);
     member->started = troupe->now;
     member->back_at = INFINITY;
@@ -205,7 +205,8 @@ static void heal(troupe_t *troupe, member_t *member)
 {
     troupe_continue(member);
     member->busy = false;
-    if (member->clock) wall_clock_shift(member->clock, 0);
+    if (member->world) world_shift_clock(member->world, 0);
+    if (member->world) world_slow_disk(member->world, 0);
     if (member->process == 0 && member->starts > 0 && !member->retired) member->back_at = troupe->now;
 }
 

@@ -5,6 +5,7 @@
 
 #include "tests/chaos/dice.h"
 #include "tests/chaos/report.h"
+#include "tests/chaos/world.h"
 
 #include <stdbool.h>
 #include <sys/types.h>
@@ -14,7 +15,7 @@ enum { TROUPE_MAX_WORKERS = 10, TROUPE_MAX_FROZEN = 4, TROUPE_PORT = 7420 };
 /* Any process of the troupe. */
 typedef struct {
     char *name, *log;
-    char *clock;    /* file that shifts its clock; NULL: none */
+    world_t *world; /* NULL: it sees all as it is */
     pid_t process;  /* 0: none */
     double back_at; /* when it is started again, clock_now(); INFINITY: it is not */
     bool stopped;   /* SIGSTOP */
@@ -39,7 +40,7 @@ typedef struct {
     const char *folder; /* logs, caches */
     const char *data;   /* the master's */
     const char *listen; /* the master's address, without port */
-    bool shift_clocks;
+    bool worlds;        /* clocks can jump, and disks be slow */
     int port;
     double lease;
     /* Made by troupe_new. */
