@@ -16,6 +16,7 @@ static const double COMMAND_LIMIT = 90;     /* seconds for a command; it has tim
 static const double REFERENCE_LIMIT = 600;  /* seconds for a render */
 static const double STATUS_INTERVAL = 0.25; /* seconds between questions */
 static const double RETRY = 0.4;            /* seconds after a failed command */
+static const double PAUSE = 1;              /* seconds, of a job that is paused */
 static const char *const TIMEOUT = "2";     /* of the commands, seconds */
 
 /* What the image of a job has to be. */
@@ -36,6 +37,8 @@ typedef enum {
     FETCHING,  /* it is done; the image is being fetched */
     COMPARING, /* the image is here, the reference may not be */
     EXTENDING, /* proved; the order for more samples is under way */
+    PAUSING,   /* ordered once, whatever comes of it */
+    RESUMING,  /* ordered until it is not paused */
     PROVED,
     WRONG
 } stage_t;
@@ -54,7 +57,7 @@ typedef struct {
     unsigned seed;
     stage_t stage;
     bool accepted; /* the master has said that it has the job */
-    bool extended;
+    bool extended, paused;
     errand_t errand;
     double submitted, changed, next_try;
     reference_t *reference;
@@ -192,13 +195,31 @@ static void fetch(ledger_t *ledger, ledger_job_t *job)
     start_command(ledger, job, &words, ".fetch.log");
 }
 
-static void extend(ledger_t *ledger, ledger_job_t *job)
+static void order(ledger_t *ledger, ledger_job_t *job, const char *command, const char *option,
+                  const char *value)
 {
     char number[24];
     snprintf(number, sizeof number, "%llu", (unsigned long long)job->number);
-    words_t words = {.words = {"extend", number, "--spp", job->kind->extended_spp}, .count = 4};
+    words_t words = {.words = {command, number}, .count = 2};
+    if (option) add(&words, option);
+    if (option) add(&words, value);
     add_master(ledger, &words);
-    start_command(ledger, job, &words, ".extend.log");
+    start_command(ledger, job, &words, ".order.log");
+}
+
+static void extend(ledger_t *ledger, ledger_job_t *job)
+{
+    order(ledger, job, "extend", "--spp", job->kind->extended_spp);
+}
+
+static void pause_job(ledger_t *ledger, ledger_job_t *job)
+{
+    order(ledger, job, "pause", NULL, NULL);
+}
+
+static void resume_job(ledger_t *ledger, ledger_job_t *job)
+{
+    order(ledger, job, "resume", NULL, NULL);
 }
 
 /* ---- references --------------------------------------------------------------------------------------- */
@@ -305,6 +326,20 @@ static const char *check_account(const ledger_t *ledger, const ledger_job_t *job
     return NULL;
 }
 
+/* The master was asked after the job entered its stage: what it says of the state is no older. */
+static void advance(ledger_job_t *job, double now)
+{
+    const account_t *a = &job->account;
+    bool done = strcmp(a->state, "done") == 0, paused = strcmp(a->state, "paused") == 0;
+    bool to_pause = job->kind->paused && !job->paused && 4 * a->counted > a->total;
+    if (job->stage == RENDERING && done)
+        enter(job, FETCHING, now);
+    else if (job->stage == RENDERING && to_pause)
+        enter(job, PAUSING, now);
+    else if (job->stage == RESUMING && job->errand.process == 0 && !paused)
+        enter(job, RENDERING, now);
+}
+
 static void take_account(ledger_t *ledger, ledger_job_t *job, const json_t *object, double now)
 {
     account_t before = job->account;
@@ -320,9 +355,7 @@ static void take_account(ledger_t *ledger, ledger_job_t *job, const json_t *obje
         return;
     }
     if (job->stage == UNSURE) enter(job, RENDERING, now);
-    bool fresh = ledger->status.started > job->changed; /* asked after the job was extended */
-    if (job->stage == RENDERING && fresh && strcmp(job->account.state, "done") == 0)
-        enter(job, FETCHING, now);
+    if (ledger->status.started > job->changed) advance(job, now);
 }
 
 static const json_t *find_job(const json_t *jobs, const char *name)
@@ -465,6 +498,15 @@ static void tick_job(ledger_t *ledger, ledger_job_t *job, double now)
         job->reference = reference_for(ledger, job);
         enter(job, RENDERING, now);
         break;
+    case PAUSING:
+        if (!succeed(ledger, job, now, pause_job, &failed) && !failed) break;
+        job->paused = true;
+        enter(job, RESUMING, now);
+        job->next_try = now + PAUSE;
+        break;
+    case RESUMING:
+        if (succeed(ledger, job, now, resume_job, &failed)) job->next_try = now + PAUSE;
+        break;
     default:
         break;
     }
@@ -510,9 +552,11 @@ ledger_sum_t ledger_sum(const ledger_t *ledger)
 
 void ledger_describe(const ledger_t *ledger)
 {
-    static const char *const stages[] = {
-        "is being submitted", "may have been submitted", "is being rendered", "is being fetched",
-        "is being compared",  "is being extended",       "is right",          "is wrong"};
+    static const char *const stages[] = {"is being submitted", "may have been submitted",
+                                         "is being rendered",  "is being fetched",
+                                         "is being compared",  "is being extended",
+                                         "is being paused",    "is being resumed",
+                                         "is right",           "is wrong"};
     for (size_t i = 0; i < ledger->job_count; i++) {
         const ledger_job_t *job = &ledger->jobs[i];
         if (job->stage == PROVED) continue;
