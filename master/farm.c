@@ -182,7 +182,7 @@ void farm_tick(farm_t *farm, double now)
         if (time_is_up(job, now)) farm_job_cut_short(farm, now, job, JOB_DONE);
         if (job->flush_until > 0 && now >= job->flush_until) farm_job_flush_end(farm, now, job);
         if (job->image_retry > 0 && now >= job->image_retry && !job->image_written) {
-            job->image_retry = 0;
+            job->image_retry = INFINITY; /* until it is known how that went */
             job->image_due = true;
             farm_wake(farm->options.image_wake);
         }

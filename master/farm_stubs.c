@@ -37,3 +37,30 @@ STUB worker_report_t *farm_worker_report(farm_t *farm, double now, size_t *count
     *count = 0;
     return NULL;
 }
+
+STUB result_t farm_check_batch(farm_t *farm, double now, job_t *job, uint64_t worker, uint64_t check,
+                               const unit_t *units, size_t count, const hash_t *digest, bool *merge)
+{
+    (void)farm, (void)now, (void)job, (void)worker, (void)check, (void)units, (void)count, (void)digest;
+    *merge = true;
+    return result_ok();
+}
+
+STUB void farm_check_keep(farm_t *farm, job_t *job, uint64_t worker, const batch_t *batch,
+                          const zmq_msg_t payload[BATCH_PAYLOADS])
+{
+    (void)farm, (void)job, (void)worker, (void)batch, (void)payload;
+}
+
+STUB void farm_worker_delivered(farm_t *farm, double now, worker_t *worker, const job_t *job,
+                                const unit_t *units, size_t count)
+{
+    (void)farm, (void)now, (void)worker, (void)job, (void)units, (void)count;
+}
+
+void batch_digest(const batch_t *batch, hash_t *hash);
+STUB void batch_digest(const batch_t *batch, hash_t *hash)
+{
+    (void)batch;
+    *hash = (hash_t){{0}};
+}

@@ -197,6 +197,17 @@ static uint64_t film_limit(void)
     return pages > 0 && size > 0 ? (uint64_t)pages / 4 * 3 * (uint64_t)size : (uint64_t)1 << 32;
 }
 
+enum { MEMORY_SHARE = 8 };
+static const uint64_t LEAST_BATCH_MEMORY = (uint64_t)1 << 30;
+
+static uint64_t batch_memory(const master_options_t *options)
+{
+    if (options->batch_memory > 0) return options->batch_memory;
+    long pages = sysconf(_SC_PHYS_PAGES), size = sysconf(_SC_PAGESIZE);
+    uint64_t share = pages > 0 && size > 0 ? (uint64_t)pages / MEMORY_SHARE * (uint64_t)size : 0;
+    return share > LEAST_BATCH_MEMORY ? share : LEAST_BATCH_MEMORY;
+}
+
 static result_t open_blobs(master_t *master, const master_options_t *options)
 {
     char *path = mem_printf("%s/blobs", options->data_dir);
@@ -254,7 +265,7 @@ static result_t make_farm(master_t *master, const master_options_t *options, uin
                            .image_wake = master->image_wake,
                            .clerk_wake = master->clerk_wake,
                            .checkpoint_wake = options->fleeting ? -1 : master->checkpoint_wake,
-                           .grant_wake = -1};
+                           .grant_wake = master->bulk_wake};
     master->farm = farm_new(&farm);
     return restart_farm(master->farm, master->journal, master->films, master->store);
 }
@@ -290,7 +301,9 @@ static result_t start_serving(master_t *master, const master_options_t *options)
                                   .store = master->store,
                                   .gallery = master->gallery,
                                   .socket = master->bulk_socket,
-                                  .wake = master->bulk_wake};
+                                  .wake = master->bulk_wake,
+                                  .batch_memory = batch_memory(options),
+                                  .merge_threads = options->merge_threads};
     TRY(bulk_server_start(&bulk, &master->bulk));
     master->bulk_socket = NULL;
     control_server_options_t control = {.farm = master->farm,

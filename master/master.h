@@ -18,6 +18,9 @@ typedef struct {
     double checkpoint;     /* seconds between checkpoints of a job, at least; default 10 */
     uint64_t keep_bytes;   /* what the films of jobs that are over may take on the disk, default 20 GB */
     uint64_t blob_limit;   /* what scenes may take on the disk, default 100 GB */
+    uint64_t batch_memory; /* bytes for batches under way and waiting to be merged (docs/scale.md); 0: an
+                              eighth of the machine's memory, at least 1 GiB */
+    int merge_threads;     /* 0: one for each core */
     bool insecure;         /* allow addresses other than loopback without keys */
 } master_options_t;
 
