@@ -62,7 +62,7 @@ typedef struct {
     double submitted, changed, next_try;
     reference_t *reference;
     account_t account;
-    unsigned generation; /* of the master that gave the account */
+    unsigned fell; /* the generation of masters under which it fell last */
     char *image;
     hash_t hash;
 } ledger_job_t;
@@ -76,7 +76,7 @@ struct ledger {
     size_t reference_count;
     errand_t status;
     double next_status;
-    unsigned generation, status_generation;
+    unsigned generation; /* of masters */
     size_t deck[JOB_KINDS], deck_left;
     ledger_sum_t sum;
 };
@@ -318,8 +318,7 @@ static const char *check_account(const ledger_t *ledger, const ledger_job_t *job
     if (a->total > 0 && a->counted > a->total) return "more is counted than wanted";
     if (a->skipped > 0) return "samples were skipped";
     if (strcmp(a->state, "failed") == 0 || strcmp(a->state, "cancelled") == 0) return "it has ended badly";
-    bool same_master = job->generation == ledger->status_generation && ledger->generation == job->generation;
-    if (same_master && a->counted < before->counted) return "counted samples were lost";
+    if (a->counted < before->counted && job->fell == ledger->generation) return "counted samples were lost";
     if (strcmp(a->state, "done") != 0) return NULL;
     if (a->out > 0) return "it is done and samples are out";
     if (a->total > 0 && a->counted != a->total) return "it is done and not all is counted";
@@ -349,7 +348,7 @@ static void take_account(ledger_t *ledger, ledger_job_t *job, const json_t *obje
         return;
     }
     const char *wrong = check_account(ledger, job, &before);
-    job->generation = ledger->status_generation;
+    if (job->account.counted < before.counted) job->fell = ledger->generation;
     if (wrong) {
         violate(ledger, job, wrong);
         return;
@@ -402,7 +401,7 @@ static void tick_status(ledger_t *ledger, double now)
         words_t words = {.words = {"status", "--json"}, .count = 2};
         add_master(ledger, &words);
         ledger->next_status = now + STATUS_INTERVAL;
-        ledger->status_generation = ledger->generation;
+
         errand_start(&ledger->status, output, words.words, false);
         free(output);
         break;
