@@ -60,6 +60,13 @@ $(BUILD)/tests/%: $(BUILD)/tests/%.o $(call objects,$(LIB_SRC) $(wildcard tests/
 
 $(BUILD)/tests/unit/test_corpus: $(call objects,$(wildcard tests/fuzz/*.c))
 $(BUILD)/tests/unit/test_proxy: $(call objects,tests/chaos/proxy.c tests/chaos/stream.c tests/chaos/zmtp.c)
+$(BUILD)/tests/chaos/chaos: $(call objects,$(filter-out %/world_preload.c,$(wildcard tests/chaos/*.c)))
+
+# Loaded into programs of a chaos run, never linked.
+$(BUILD)/tests/chaos/world.so: tests/chaos/world_preload.c
+	@mkdir -p $(@D)
+	@echo "  link $@"
+	$(Q)$(CC) -std=gnu17 -D_GNU_SOURCE $(WARNINGS) -I. -O2 -shared -fPIC -o $@ $<
 
 -include $(shell find $(BUILD) -name '*.d' 2>/dev/null)
 
