@@ -283,8 +283,6 @@ static result_t merge_batch(farm_t *farm, double now, merge_t *merge)
     return result;
 }
 
-void batch_digest(const batch_t *batch, hash_t *hash);
-
 /* A batch that bears a number is a rendering of units that two workers are asked for: it is compared with the
  * other, and only one of them goes into the film. */
 static result_t check_batch(farm_t *farm, double now, const merge_t *merge, uint64_t check, bool *wanted)
@@ -346,6 +344,19 @@ job_t *farm_next_finished(farm_t *farm)
     return found;
 }
 
+/* The film of an adaptive job knows the weights of its samples, the schedule their number. Called with the
+ * canvas locked, so that both are of the same moment. */
+static void show_samples(farm_t *farm, const job_t *job, film_image_t *image)
+{
+    uint32_t *samples = mem_alloc(job_tile_count(&job->settings) * sizeof *samples);
+    farm_lock(farm);
+    bool known = job->schedule != NULL;
+    if (known) schedule_tile_samples(job->schedule, samples);
+    farm_unlock(farm);
+    if (known) schedule_show_samples(&job->settings, samples, image->samples);
+    free(samples);
+}
+
 result_t farm_resolve(farm_t *farm, double now, job_t *job, film_image_t *image, job_report_t *report)
 {
     farm_lock(farm);
@@ -359,6 +370,7 @@ result_t farm_resolve(farm_t *farm, double now, job_t *job, film_image_t *image,
     canvas_t *canvas = empty ? NULL : farm_canvas_hold(farm, job);
     if (canvas != NULL) {
         film_resolve(canvas_lock(canvas), image);
+        if (report->settings.adaptive) show_samples(farm, job, image);
         canvas_unlock(canvas);
         farm_canvas_let_go(farm, job);
         return result_ok();
