@@ -84,7 +84,8 @@ static void on_offer(bulk_server_t *server, const wire_message_t *message)
                            .job = body->job,
                            .bytes = body->bytes};
     memcpy(offer.identity.bytes, message->identity, message->identity_size);
-    result_t result = grants_offer(server->grants, clock_now(), &offer);
+    result_t result = farm_content_check(server->options.farm, body->job, &body->content);
+    if (result.code == RESULT_OK) result = grants_offer(server->grants, clock_now(), &offer);
     if (result.code != RESULT_OK) refuse(server, message, result);
 }
 

@@ -224,6 +224,9 @@ void farm_checkpointed(farm_t *farm, double now, job_t *job, result_t written);
 /* May this worker send a batch of this job? RESULT_LIMIT: not yet, its film is being loaded (grant_wake tells
  * when); any other failure says why it is not wanted. */
 result_t farm_batch_wanted(farm_t *farm, double now, uint64_t worker, uint64_t job);
+/* RESULT_INPUT when the bytes are not the job_content_hash of the job: they are of another one, which had
+ * its number before this master lost its data. Nothing is said of an unknown job or of empty bytes. */
+result_t farm_content_check(farm_t *farm, uint64_t job, const ProtobufCBinaryData *content);
 /* Pins the job that a batch is for, to be unpinned; the reason for a failure is for the sender. `bytes` is
  * the size of the message. */
 result_t farm_batch_open(farm_t *farm, double now, uint64_t worker, uint64_t job, uint64_t bytes,

@@ -81,6 +81,7 @@ static result_t merge(farm_t *farm, const wire_message_t *message)
     const Lm__BatchResult *body = message->envelope->batch_result;
     job_t *job;
     batch_t batch;
+    TRY(farm_content_check(farm, body->job, &body->content));
     TRY(farm_batch_open(farm, clock_now(), body->worker, body->job, message->bytes, &job));
     job_settings_t settings = farm_job_settings(farm, job);
     batch_init(&batch, &settings);
