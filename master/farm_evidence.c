@@ -281,7 +281,7 @@ static void note_out(farm_t *farm, job_t *job, const evidence_t *out, film_count
     if (evidence != NULL) {
         evidence->state = EVIDENCE_OUT;
         evidence->out_clock = out->out_clock;
-        evidence->taken = job->checks->snapshots;
+        evidence->saved = job->checks->saved + job->saving;
     }
     farm_notify_idle(farm);
 }
@@ -334,7 +334,7 @@ static void take_out(farm_t *farm, job_t *job, evidence_t evidence)
 static bool is_needless(const job_checks_t *checks, const evidence_t *evidence)
 {
     return evidence->state == EVIDENCE_NEEDLESS ||
-           (evidence->state == EVIDENCE_OUT && checks->safe >= evidence->taken + SAFE_AFTER);
+           (evidence->state == EVIDENCE_OUT && checks->saved >= evidence->saved + SAFE_AFTER);
 }
 
 /* The next thing to do for a job: a batch to take out, or one to delete, which is taken off the list; false
@@ -429,14 +429,9 @@ result_t farm_sync_checks(farm_t *farm)
 
 /* ---- checkpoints, and coming back ---------------------------------------------------------------------- */
 
-void farm_checks_snapshot(job_t *job)
-{
-    if (job->checks != NULL) job->checks->snapshots++;
-}
-
 void farm_checks_checkpointed(job_t *job)
 {
-    if (job->checks != NULL) job->checks->safe = job->checks->snapshots;
+    if (job->checks != NULL) job->checks->saved++;
 }
 
 static uint64_t clock_of_state(const job_settings_t *settings, const schedule_state_t *state)
@@ -477,8 +472,8 @@ static bool state_of(const spool_name_t *name, uint64_t clock, evidence_t *evide
 }
 
 /* Reads a batch that the film has, and puts it on the list. */
-static result_t load_one(farm_t *farm, job_t *job, const spool_name_t *name, evidence_t *evidence,
-                         const schedule_state_t *state)
+static result_t load_one(farm_t *farm, job_t *job, const job_settings_t *settings, const spool_name_t *name,
+                         evidence_t *evidence, const schedule_state_t *state)
 {
     const char *dir = farm->options.spool_dir;
     spool_head_t head;
@@ -487,13 +482,11 @@ static result_t load_one(farm_t *farm, job_t *job, const spool_name_t *name, evi
     if (name->kind == SPOOL_OUT && evidence->state == EVIDENCE_WRONG) {
         spool_name_t wrong = name_of(evidence);
         TRY(spool_rename(dir, job->id, name, &wrong));
-        TRY(spool_read_head(dir, job->id, &wrong, &job->settings, &head));
+        TRY(spool_read_head(dir, job->id, &wrong, settings, &head));
     } else if (evidence->checked) {
-        TRY(spool_read(dir, job->id, name, &job->settings, &head, payload));
-        batch_t batch = {.settings = job->settings,
-                         .units = head.units,
-                         .unit_count = head.unit_count,
-                         .counts = head.counts};
+        TRY(spool_read(dir, job->id, name, settings, &head, payload));
+        batch_t batch = {
+            .settings = *settings, .units = head.units, .unit_count = head.unit_count, .counts = head.counts};
         result_t result = digest_payloads(&batch, payload, &digest);
         for (int i = 0; i < BATCH_PAYLOADS; i++) zmq_msg_close(&payload[i]);
         if (result.code != RESULT_OK) {
@@ -501,7 +494,7 @@ static result_t load_one(farm_t *farm, job_t *job, const spool_name_t *name, evi
             return result;
         }
     } else {
-        TRY(spool_read_head(dir, job->id, name, &job->settings, &head));
+        TRY(spool_read_head(dir, job->id, name, settings, &head));
     }
     worker_t sender = {.id = 0};
     memcpy(sender.name, head.name, sizeof sender.name);
@@ -521,20 +514,32 @@ static result_t load_one(farm_t *farm, job_t *job, const spool_name_t *name, evi
     return counted ? result_ok() : result_fail(RESULT_INPUT, "the film does not have its samples");
 }
 
+/* True when the job will go on with this state. */
+static bool fits(const job_settings_t *settings, const schedule_state_t *state)
+{
+    schedule_t *schedule = NULL;
+    job_settings_t copy = *settings;
+    if (state == NULL || schedule_restore(&copy, state, &schedule).code != RESULT_OK) return false;
+    schedule_destroy(&schedule);
+    return true;
+}
+
 void farm_checks_loaded(farm_t *farm, job_t *job, const schedule_state_t *state)
 {
     const char *dir = farm->options.spool_dir;
     if (dir == NULL) return;
     size_t count, kept = 0, wrong = 0;
-    uint64_t clock = state != NULL ? clock_of_state(&job->settings, state) : 0;
     spool_name_t *names = spool_list(dir, job->id, &count);
+    job_settings_t settings = farm_job_settings(farm, job);
+    bool usable = count > 0 && job->terms.verify > 0 && fits(&settings, state);
+    uint64_t clock = usable ? clock_of_state(&settings, state) : 0;
     for (size_t i = 0; i < count; i++) {
         evidence_t evidence;
-        if (state == NULL || job->terms.verify <= 0 || !state_of(&names[i], clock, &evidence)) {
+        if (!usable || !state_of(&names[i], clock, &evidence)) {
             spool_delete(dir, job->id, &names[i]);
             continue;
         }
-        result_t result = load_one(farm, job, &names[i], &evidence, state);
+        result_t result = load_one(farm, job, &settings, &names[i], &evidence, state);
         kept += result.code == RESULT_OK;
         wrong += evidence.state == EVIDENCE_WRONG;
         if (result.code != RESULT_OK)

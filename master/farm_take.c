@@ -63,8 +63,10 @@ static bool in_largest_group(const farm_t *farm, const worker_t *worker)
     return true;
 }
 
-static bool may_work(const farm_t *farm, const job_t *job, const worker_t *worker)
+/* Whether a worker may have units of a job at all. */
+static bool may_work(const farm_t *farm, const worker_t *worker, const job_t *job)
 {
+    if (worker->ward != 0 && worker->ward != job->id) return false; /* it waits for units of another one */
     if (!farm_bits_fit(job, &worker->fingerprint)) return false;
     bool begins = !job->terms.mixed && hash_equal(&job->fingerprint, &no_fingerprint);
     return !begins || in_largest_group(farm, worker);
@@ -104,7 +106,7 @@ void farm_worker_expect(const farm_t *farm, double now, worker_t *worker)
     worker->deadline = worker->delivered + seconds;
 }
 
-void farm_worker_delivered(farm_t *farm, double now, worker_t *worker, const job_t *job, const unit_t *units,
+void farm_worker_delivered(farm_t *farm, double now, worker_t *worker, job_t *job, const unit_t *units,
                            size_t count)
 {
     double samples = farm_unit_samples(job, units, count), seconds = now - worker->delivered;
@@ -118,7 +120,7 @@ void farm_worker_delivered(farm_t *farm, double now, worker_t *worker, const job
     worker->held = farm_worker_units(farm, worker) > 0 ? fmax(worker->held - samples, 0) : 0;
     farm_worker_expect(farm, now, worker);
     farm_standing_delivered(farm, now, worker);
-    farm_suspects_delivered(farm_find_job(farm, job->id), units, count);
+    farm_suspects_delivered(job, units, count);
     if (worker->ward == 0 || worker->held > 0) return;
     worker->idle = true; /* it had to wait until it held nothing */
     farm_notify_idle(farm);
@@ -205,8 +207,6 @@ static uint32_t farm_threads(const farm_t *farm, const job_t *job)
 static bool take_from_job(farm_t *farm, double now, job_t *job, worker_t *worker, schedule_wish_t *wish,
                           farm_work_t *work)
 {
-    if (worker->ward != 0 && worker->ward != job->id) return true; /* it waits for units of another job */
-    if (!may_work(farm, job, worker) || !farm_job_has_work(job)) return true;
     if (job->state == JOB_QUEUED && !farm_job_start(farm, now, job)) return true;
     work->job = job->id;
     work->settings = job->settings;
@@ -238,10 +238,12 @@ static bool take_from_jobs(farm_t *farm, double now, worker_t *worker, schedule_
                            farm_work_t *work)
 {
     bool waits = false;
+    size_t count;
+    job_t *const *jobs = farm_rank_jobs(farm, worker, may_work, &count);
     work->unit_count = 0;
     work->check = 0;
-    for (size_t i = 0; i < farm->job_count && work->unit_count == 0 && !waits && wish->samples > 0; i++)
-        waits = !take_from_job(farm, now, farm->jobs[i], worker, wish, work);
+    for (size_t i = 0; i < count && work->unit_count == 0 && !waits && wish->samples > 0; i++)
+        waits = !take_from_job(farm, now, jobs[i], worker, wish, work);
     return waits;
 }
 
@@ -258,7 +260,7 @@ result_t farm_take(farm_t *farm, double now, const identity_t *identity, uint64_
         .worker = id, .samples = samples, .unit_samples = unit_samples, .threads = worker->threads};
     if (farm_worker_units(farm, worker) == 0) worker->ward = 0;
     bool waits = take_from_jobs(farm, now, worker, &wish, work);
-    if (work->unit_count == 0 && !waits && recall_slow(farm, now, worker))
+    if (work->unit_count == 0 && !waits && samples > 0 && recall_slow(farm, now, worker))
         waits = take_from_jobs(farm, now, worker, &wish, work);
     if (work->unit_count == 0) work->job = 0;
     worker->idle = work->unit_count == 0 && !waits;

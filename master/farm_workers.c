@@ -10,9 +10,9 @@
 #include <string.h>
 
 enum {
-    MAX_THREADS = 4096, /* of one worker, for sharing out */
-    RATE_SECONDS = 600, /* over which deaths are remembered as a rate */
-    REMARK_SECONDS = 1  /* between two looks at what is to be said of jobs */
+    MAX_THREADS = 1 << 20, /* of one worker or relay, for sharing out */
+    RATE_SECONDS = 600,    /* over which deaths are remembered as a rate */
+    REMARK_SECONDS = 1     /* between two looks at what is to be said of jobs */
 };
 
 void farm_count_reissued(job_t *job, worker_t *worker, size_t units)
@@ -189,13 +189,12 @@ result_t farm_hello(farm_t *farm, double now, const identity_t *identity, const 
 }
 
 bool farm_heartbeat(farm_t *farm, double now, const identity_t *identity, uint64_t id, uint64_t job,
-                    uint32_t units_held, uint32_t threads)
+                    uint32_t units_held)
 {
     farm_lock(farm);
     worker_t *worker = farm_worker_hear(farm, now, identity, id);
     if (worker != NULL) {
         worker->job = job;
-        if (threads > 0) worker->threads = sane_threads(threads);
         for (size_t i = 0; units_held == 0 && i < farm->job_count; i++)
             if (farm->jobs[i]->flush_until > 0) farm_job_flushed(farm, now, farm->jobs[i], id);
     }
@@ -237,18 +236,31 @@ void farm_goodbye(farm_t *farm, double now, uint64_t id, uint64_t job_id, const 
     farm_unlock(farm);
 }
 
-void farm_reclaim(farm_t *farm, double now, uint64_t id, uint64_t job_id, const unit_t *units, size_t count)
+/* Under the lock. */
+static void reclaim(farm_t *farm, double now, worker_t *worker, job_t *job, Lm__Unit *const *messages,
+                    size_t count)
 {
-    farm_lock(farm);
-    worker_t *worker = farm_find_worker(farm, id);
-    job_t *job = farm_find_job(farm, job_id);
-    if (worker != NULL && worker->connected && job != NULL && job->schedule != NULL && job->taking) {
+    unit_t *units = mem_alloc((count + 1) * sizeof *units);
+    if (wire_units_get(messages, count, &job->settings, units).code == RESULT_OK) {
         if (farm_worker_units(farm, worker) == 0) worker->delivered = now;
         for (size_t i = 0; i < count; i++)
-            if (schedule_issue(job->schedule, id, &units[i]))
+            if (schedule_issue(job->schedule, worker->id, &units[i]))
                 worker->held += farm_unit_samples(job, &units[i], 1);
         farm_worker_expect(farm, now, worker);
     }
+    free(units);
+}
+
+void farm_reclaim(farm_t *farm, double now, uint64_t id, uint64_t job_id, const ProtobufCBinaryData *content,
+                  Lm__Unit *const *units, size_t count)
+{
+    if (count == 0 || farm_content_check(farm, job_id, content).code != RESULT_OK) return;
+    farm_lock(farm);
+    worker_t *worker = farm_find_worker(farm, id);
+    job_t *job = farm_find_job(farm, job_id);
+    if (worker != NULL && worker->connected && job != NULL && job->schedule != NULL && job->taking &&
+        farm_bits_fit(job, &worker->fingerprint))
+        reclaim(farm, now, worker, job, units, count);
     farm_unlock(farm);
 }
 

@@ -89,7 +89,7 @@ typedef struct {
     size_t source;      /* index */
     evidence_state_t state;
     bool checked;   /* its units are being compared: its name on the disk says so */
-    uint64_t taken; /* snapshots of the film taken before it was taken out */
+    uint64_t saved; /* checkpoints that were safe, or begun, when it was taken out */
 } evidence_t;
 
 enum { CHECK_RENDERINGS = 5, MAX_CHECKS = 1024 };
@@ -113,6 +113,19 @@ typedef struct {
     uint32_t tries;  /* that were in vain */
 } check_t;
 
+struct job_checks {
+    source_t *sources;
+    size_t source_count;
+    evidence_t *evidence; /* in no order */
+    size_t evidence_count;
+    check_t *checks;
+    size_t check_count;
+    uint64_t last_serial;
+    uint64_t saved;  /* checkpoints that are safe on the disk */
+    uint64_t unmade; /* comparisons that nobody could make */
+    bool given_up;   /* the job cannot be verified: its message says why */
+};
+
 /* The state of a job's comparisons, made if need be. */
 job_checks_t *farm_checks_of(job_t *job);
 /* The index of a source, made if need be. */
@@ -131,8 +144,8 @@ bool farm_checks_open(const job_checks_t *checks, size_t source);
 void farm_checks_forget(job_checks_t *checks, size_t source);
 /* Work that is to be compared, for a worker; false when there is none. */
 bool farm_checks_take(farm_t *farm, double now, job_t *job, worker_t *worker, farm_work_t *work);
-/* Of units that were just issued to a worker who cannot be checked afterwards, one is chosen to be checked:
- * those from there on are released again. Returns how many of `count` are left. */
+/* Units were just issued to a worker. If it is one that cannot be checked afterwards, one of them may be
+ * chosen to be checked: the others are released again. Returns how many are left. */
 size_t farm_checks_mark(farm_t *farm, double now, job_t *job, worker_t *worker, farm_work_t *work);
 /* A worker has lost what it was to compare. */
 void farm_checks_lost(farm_t *farm, const worker_t *worker);

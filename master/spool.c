@@ -212,7 +212,7 @@ result_t spool_decode(const uint8_t *bytes, size_t present, uint64_t size, uint6
                       uint64_t length[BATCH_PAYLOADS], hash_t *payload_hash)
 {
     head_t fixed;
-    size_t head_size;
+    size_t head_size = 0;
     *head = (spool_head_t){.units = NULL};
     TRY(check_head(bytes, present, size, &fixed, &head_size));
     if (fixed.job != job) return bad("it is another job's");

@@ -51,11 +51,11 @@ enum {
     HIGH_WATER_MARK = 64, /* messages queued a connection; peers have few requests open at a time */
     LINGER_MS = 1000,
     RECONNECT_MS = 100,
-    RECONNECT_MAX_MS = 5000,
+    RECONNECT_MAX_MS = 500, /* a master that was restarted is to be found within a second */
     CONNECT_TIMEOUT_MS = 5000,
-    UNACKNOWLEDGED_MAX_MS = 30000,
-    KEEP_ALIVE_IDLE = 30,
-    KEEP_ALIVE_INTERVAL = 10,
+    UNACKNOWLEDGED_MAX_MS = 15000, /* then a connection counts as broken; one that is slow does not */
+    KEEP_ALIVE_IDLE = 10,
+    KEEP_ALIVE_INTERVAL = 3,
     KEEP_ALIVE_COUNT = 3
 };
 

@@ -14,7 +14,7 @@
 #include <string.h>
 #include <unistd.h>
 
-enum { DEFAULT_PORT = 7420, MAX_THREADS = 4096 };
+enum { DEFAULT_PORT = 7420, MAX_THREADS = 4096, MAX_GRACE = 86400 };
 
 /* Written by the signal handler; the one variable of this kind that a handler needs. */
 static atomic_int stop_requested;
@@ -27,6 +27,9 @@ static const char usage[] =
     "it again when it comes back. SIGTERM or Ctrl-C: finish and send what is in hand, then leave; twice: at "
     "once.\n"
     "\n"
+    "  --grace SECONDS    how long leaving may take: units that are not finished in time are given up "
+    "(default: "
+    "25)\n"
     "  --threads N        render threads (default: one a core)\n"
     "  --name NAME        what to be called (default: host name and process number)\n"
     "  --cache DIR        where scenes are kept, shared by the workers of a machine\n"
@@ -36,7 +39,9 @@ static const char usage[] =
     "  --verbose          every batch and assignment\n"
     "  --help, --version\n"
     "\n"
-    "Exit codes: 0 left as asked, 1 wrong command line, 3 the operating system refused, 5 out of memory.\n";
+    "Exit codes: 0 left as asked and all was delivered, 1 wrong command line, 3 the operating system "
+    "refused,\n"
+    "5 out of memory, 6 the last batch could not be delivered within the grace period.\n";
 
 static void on_signal(int number)
 {
@@ -80,6 +85,8 @@ static result_t parse_option(command_t *command, const char *option, const char 
     } else if (strcmp(option, "cache-limit") == 0) {
         TRY(parse_number(option, value, 0, 1e9, &number));
         command->options.cache_limit = (uint64_t)(number * 1e9);
+    } else if (strcmp(option, "grace") == 0) {
+        TRY(parse_number(option, value, 0, MAX_GRACE, &command->options.grace));
     } else if (strcmp(option, "cache") == 0) {
         command->options.cache_dir = value;
     } else if (strcmp(option, "name") == 0) {
@@ -97,15 +104,12 @@ static result_t parse_option(command_t *command, const char *option, const char 
 
 static result_t parse_arguments(int argc, char **argv, command_t *command)
 {
-    static const struct option options[] = {{"threads", required_argument, NULL, 0},
-                                            {"name", required_argument, NULL, 0},
-                                            {"cache", required_argument, NULL, 0},
-                                            {"cache-limit", required_argument, NULL, 0},
-                                            {"quiet", no_argument, NULL, 0},
-                                            {"verbose", no_argument, NULL, 0},
-                                            {"help", no_argument, NULL, 0},
-                                            {"version", no_argument, NULL, 0},
-                                            {NULL, 0, NULL, 0}};
+    static const struct option options[] = {
+        {"threads", required_argument, NULL, 0},     {"name", required_argument, NULL, 0},
+        {"grace", required_argument, NULL, 0},       {"cache", required_argument, NULL, 0},
+        {"cache-limit", required_argument, NULL, 0}, {"quiet", no_argument, NULL, 0},
+        {"verbose", no_argument, NULL, 0},           {"help", no_argument, NULL, 0},
+        {"version", no_argument, NULL, 0},           {NULL, 0, NULL, 0}};
     *command = (command_t){.options = worker_options_default(), .level = LOG_INFO};
     int index, found;
     while ((found = getopt_long(argc, argv, "", options, &index)) != -1) {
