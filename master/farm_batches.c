@@ -347,6 +347,19 @@ job_t *farm_next_finished(farm_t *farm)
     return found;
 }
 
+/* The film of an adaptive job knows the weights of its samples, the schedule their number. Called with the
+ * canvas locked, so that both are of the same moment. */
+static void show_samples(farm_t *farm, const job_t *job, film_image_t *image)
+{
+    uint32_t *samples = mem_alloc(job_tile_count(&job->settings) * sizeof *samples);
+    farm_lock(farm);
+    bool known = job->schedule != NULL;
+    if (known) schedule_tile_samples(job->schedule, samples);
+    farm_unlock(farm);
+    if (known) schedule_show_samples(&job->settings, samples, image->samples);
+    free(samples);
+}
+
 result_t farm_resolve(farm_t *farm, double now, job_t *job, film_image_t *image, job_report_t *report)
 {
     farm_lock(farm);
@@ -360,6 +373,7 @@ result_t farm_resolve(farm_t *farm, double now, job_t *job, film_image_t *image,
     canvas_t *canvas = empty ? NULL : farm_canvas_hold(farm, job);
     if (canvas != NULL) {
         film_resolve(canvas_lock(canvas), image);
+        if (report->settings.adaptive) show_samples(farm, job, image);
         canvas_unlock(canvas);
         farm_canvas_let_go(farm, job);
         return result_ok();
