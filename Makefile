@@ -10,7 +10,7 @@ Q       := $(if $(V),,@)
 # The one numeric baseline: every machine that has it makes the same bits. Nothing that changes values is allowed.
 BASELINE := -march=x86-64-v3 -ffp-contract=off -fno-math-errno -fno-trapping-math
 WARNINGS := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Wvla
-PACKAGES := libzmq libprotobuf-c libsodium libzstd libpng zlib libturbojpeg OpenEXR jansson
+PACKAGES := libzmq libprotobuf-c libsodium libzstd libpng zlib libturbojpeg OpenEXR jansson sqlite3
 ifneq ($(filter-out help clean deps deps-dev check demo asan tsan fuzz,$(or $(MAKECMDGOALS),all)),)
 PKG_CFLAGS := $(shell pkg-config --cflags $(PACKAGES) 2>/dev/null)
 PKG_LIBS   := $(shell pkg-config --libs $(filter-out OpenEXR,$(PACKAGES)) 2>/dev/null) -lOpenEXRCore-3_1
@@ -25,8 +25,8 @@ WORKER_SRC := $(filter-out worker/main.c,$(wildcard worker/*.c))
 MASTER_SRC := $(filter-out master/main.c,$(wildcard master/*.c))
 CLIENT_SRC := $(filter-out client/main.c,$(wildcard client/*.c client/import/*.c client/import/*/*.c))
 LIB_SRC    := $(COMMON_SRC) $(PROTO_SRC) $(RENDER_SRC) $(WORKER_SRC) $(MASTER_SRC) $(CLIENT_SRC)
-SCHEMA_C   := $(BUILD)/proto/lightmill.pb-c.c
-SCHEMA_O   := $(BUILD)/proto/lightmill.pb-c.o
+SCHEMA_C   := $(patsubst %.proto,$(BUILD)/%.pb-c.c,$(wildcard proto/*.proto))
+SCHEMA_O   := $(SCHEMA_C:.c=.o)
 objects     = $(patsubst %.c,$(BUILD)/%.o,$(1))
 
 PROGRAMS := $(BUILD)/lightmill $(BUILD)/lightmill-master $(BUILD)/lightmill-worker
@@ -45,7 +45,7 @@ $(PROGRAMS):
 $(BUILD)/proto/%.pb-c.c $(BUILD)/proto/%.pb-c.h: proto/%.proto
 	@mkdir -p $(@D)
 	protoc-c --proto_path=proto --c_out=$(@D) $<
-$(SCHEMA_O): $(SCHEMA_C)
+$(SCHEMA_O): %.o: %.c | $(SCHEMA_C)
 	$(CC) $(ALL_CFLAGS) -c -o $@ $<
 $(call objects,$(PROTO_SRC) $(WORKER_SRC) $(MASTER_SRC) $(CLIENT_SRC) $(TEST_SRC) $(wildcard tests/*.c)): | $(SCHEMA_C)
 

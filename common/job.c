@@ -107,6 +107,11 @@ uint32_t job_tile_pixels(const job_settings_t *settings, uint32_t tile)
     return (uint32_t)((rect.x1 - rect.x0) * (rect.y1 - rect.y0));
 }
 
+bool job_is_planned(const job_settings_t *settings)
+{
+    return settings->error > 0 || settings->adaptive;
+}
+
 uint32_t job_sample_limit(const job_settings_t *settings)
 {
     if (!settings->adaptive || settings->spp > JOB_MAX_ADAPTIVE_SPP) return settings->spp;

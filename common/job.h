@@ -79,6 +79,8 @@ rect_t job_tile_rect(const job_settings_t *settings, uint32_t tile);
 bool job_strategy_exists(int s, int t);
 /* Pixels of a tile. */
 uint32_t job_tile_pixels(const job_settings_t *settings, uint32_t tile);
+/* True when the job goes by rounds that are decided from its film (master/plan.h). */
+bool job_is_planned(const job_settings_t *settings);
 /* The number of samples that a pixel can have at most: spp, or JOB_MAX_BOOST times it in an adaptive job. */
 uint32_t job_sample_limit(const job_settings_t *settings);
 /* True when the unit lies inside the job: a tile that exists, 0 < count, first + count <= job_sample_limit.
