@@ -198,6 +198,7 @@ void rig_destroy(rig_t **rig_pointer)
         if (!rig->ended[i]) waitpid(rig->started[i], NULL, 0);
     bool silent = sanitizers_silent(rig);
     scratch_destroy(&rig->folder);
+    free(rig->data);
     free(rig);
     *rig_pointer = NULL;
     if (!silent) fail_msg("a sanitizer found something");
@@ -216,14 +217,19 @@ static void connect_remote(rig_t *rig)
 
 void rig_start_master(rig_t *rig, double batch_interval)
 {
+    free(rig->data);
+    rig->data = mem_printf("%s/data-%d", rig->folder, rig->started_count);
+    rig_restart_master(rig, batch_interval);
+}
+
+void rig_restart_master(rig_t *rig, double batch_interval)
+{
     char *listen = mem_printf("127.0.0.1:%d", rig->port), *interval = mem_printf("%g", batch_interval);
-    char *data = mem_printf("%s/data-%d", rig->folder, rig->started_count);
     rig->master = start(rig, "lightmill-master",
-                        (const char *[]){"--listen", listen, "--data", data, "--heartbeat", "0.2", "--lease",
-                                         "1", "--batch-interval", interval, "--verbose", NULL});
+                        (const char *[]){"--listen", listen, "--data", rig->data, "--heartbeat", "0.2",
+                                         "--lease", "1", "--batch-interval", interval, "--verbose", NULL});
     free(listen);
     free(interval);
-    free(data);
     connect_remote(rig);
 }
 

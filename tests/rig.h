@@ -11,6 +11,7 @@ enum { RIG_MAX_PROCESSES = 32 };
 
 typedef struct {
     char *folder; /* scratch: logs, caches, data, images */
+    char *data;   /* the data directory of the last master */
     int port;     /* of the master's control socket; the bulk socket has the next one */
     pid_t master; /* 0: none */
     remote_t *remote;
@@ -31,6 +32,8 @@ void rig_destroy(rig_t **rig);
 
 /* Starts a master on the rig's port with quick time-outs (lease 1 s) and waits until it answers. */
 void rig_start_master(rig_t *rig, double batch_interval);
+/* Starts a master on the data of the last, which has ended, and waits until it answers. */
+void rig_restart_master(rig_t *rig, double batch_interval);
 /* Kills the master with -9. */
 void rig_kill_master(rig_t *rig);
 /* Starts a worker with one thread and its own cache. */
