@@ -12,6 +12,7 @@ result_t cmd_fetch(int argc, char **argv);
 result_t cmd_cancel(int argc, char **argv);
 result_t cmd_import(int argc, char **argv);
 result_t cmd_info(int argc, char **argv);
+result_t cmd_keygen(int argc, char **argv);
 result_t cmd_compare(int argc, char **argv);
 
 #endif

@@ -13,6 +13,7 @@ static const char usage[] =
     "  status [JOB]     what a master is doing\n"
     "  fetch JOB        the image of a job so far\n"
     "  cancel JOB       end a job; the image so far stays\n"
+    "  keygen [NAME]    a key, to be let in by a master on another machine\n"
     "  import SCENE     a scene with all its files as one scene blob\n"
     "  info FILE        describe a scene, a scene blob or an EXR\n"
     "  compare A B      compare two images\n"
@@ -25,7 +26,8 @@ static const char usage[] =
     "  1 the command line is wrong            6 the master does not answer\n"
     "  2 a file is missing or malformed       7 cancelled by a user or a signal\n"
     "  3 the operating system refused         8 the images differ (compare)\n"
-    "  4 the master broke the protocol\n";
+    "  4 the master broke the protocol          9 the master does not accept the key, or it lacks the "
+    "right\n";
 
 typedef struct {
     const char *name;
@@ -33,8 +35,9 @@ typedef struct {
 } command_t;
 
 static const command_t commands[] = {
-    {"render", cmd_render}, {"submit", cmd_submit}, {"status", cmd_status}, {"fetch", cmd_fetch},
-    {"cancel", cmd_cancel}, {"import", cmd_import}, {"info", cmd_info},     {"compare", cmd_compare},
+    {"render", cmd_render}, {"submit", cmd_submit},   {"status", cmd_status},
+    {"fetch", cmd_fetch},   {"cancel", cmd_cancel},   {"import", cmd_import},
+    {"info", cmd_info},     {"compare", cmd_compare}, {"keygen", cmd_keygen},
 };
 
 static result_t run(int argc, char **argv)

@@ -4,16 +4,15 @@
 
 #include "client/remote.h"
 
-#include <getopt.h>
-
 typedef struct {
     const char *address; /* HOST[:PORT] */
     double timeout;      /* seconds */
+    link_options_t link; /* keys */
 } master_option_t;
 
 /* Entries for a getopt_long table. */
 #define MASTER_OPTIONS                                                                                       \
-    {"master", required_argument, NULL, 0},                                                                  \
+    LINK_OPTIONS, {"master", required_argument, NULL, 0},                                                    \
     {                                                                                                        \
         "timeout", required_argument, NULL, 0                                                                \
     }

@@ -6,6 +6,7 @@
 #include "master/blob_store.h"
 #include "master/farm.h"
 #include "master/gallery.h"
+#include "master/gate.h"
 
 typedef struct bulk_server bulk_server_t;
 
@@ -13,6 +14,7 @@ typedef struct {
     farm_t *farm; /* kept by the caller, like the store and the gallery */
     blob_store_t *store;
     gallery_t *gallery;
+    gate_t *gate; /* likewise; NULL: everybody may do everything */
     void *socket; /* a bound ROUTER; closed by the server's thread */
     int wake;     /* eventfd, written by the gallery when an image is ready */
 } bulk_server_options_t;

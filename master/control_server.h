@@ -6,12 +6,14 @@
 
 #include "master/blob_store.h"
 #include "master/farm.h"
+#include "master/gate.h"
 
 typedef struct control_server control_server_t;
 
 typedef struct {
     farm_t *farm; /* kept by the caller, like the store */
     const blob_store_t *store;
+    gate_t *gate;                            /* likewise; NULL: everybody may do everything */
     void *socket;                            /* a bound ROUTER; closed by the server's thread */
     int wake;                                /* eventfd, written by the farm when there are notices */
     uint32_t bulk_port;                      /* told to peers; 0: inproc */

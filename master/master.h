@@ -3,7 +3,7 @@
 #ifndef LIGHTMILL_MASTER_H
 #define LIGHTMILL_MASTER_H
 
-#include "common/base.h"
+#include "master/gate.h"
 
 typedef struct {
     void *context;                /* ZeroMQ context to share (inproc), or NULL to make one */
@@ -13,7 +13,7 @@ typedef struct {
     double heartbeat;             /* seconds between a worker's heartbeats, default 1 */
     double lease;                 /* seconds of silence after which a worker loses its units, default 5 */
     double batch_interval;        /* seconds between batches, default 10 */
-    bool insecure;                /* allow addresses other than loopback without keys */
+    gate_options_t gate;          /* keys */
 } master_options_t;
 
 typedef struct master master_t;
@@ -23,6 +23,8 @@ master_options_t master_options_default(void);
 result_t master_start(const master_options_t *options, master_t **master);
 /* The TCP port of the control socket, 0 on inproc. */
 int master_control_port(const master_t *master);
+/* Reads the list of keys again. From any thread. */
+void master_reload(master_t *master);
 /* Stops taking work in, writes the image so far of every unfinished job, joins the threads, frees everything
  * and sets *master to NULL. */
 result_t master_stop(master_t **master);

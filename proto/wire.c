@@ -75,6 +75,61 @@ bool job_state_final(uint32_t state)
     return state == JOB_DONE || state == JOB_CANCELLED || state == JOB_FAILED;
 }
 
+/* ---- rights ---------------------------------------------------------------------------------------------
+ */
+
+unsigned wire_rights_needed(Lm__Envelope__BodyCase kind)
+{
+    switch (kind) {
+    case LM__ENVELOPE__BODY_HELLO:
+    case LM__ENVELOPE__BODY_WORK_REQUEST:
+    case LM__ENVELOPE__BODY_HEARTBEAT:
+    case LM__ENVELOPE__BODY_GOODBYE:
+    case LM__ENVELOPE__BODY_BATCH_OFFER:
+    case LM__ENVELOPE__BODY_BATCH_RESULT:
+    case LM__ENVELOPE__BODY_BLOB_GET:
+        return RIGHT_WORK;
+    case LM__ENVELOPE__BODY_JOB_SUBMIT:
+    case LM__ENVELOPE__BODY_JOB_STATUS_REQUEST:
+    case LM__ENVELOPE__BODY_JOB_ORDER:
+    case LM__ENVELOPE__BODY_WORKER_LIST_REQUEST:
+    case LM__ENVELOPE__BODY_BLOB_PUT:
+    case LM__ENVELOPE__BODY_IMAGE_GET:
+        return RIGHT_CLIENT;
+    default:
+        return 0;
+    }
+}
+
+const char *wire_rights_name(unsigned rights)
+{
+    switch (rights & RIGHTS_ALL) {
+    case RIGHT_WORK:
+        return "may work";
+    case RIGHT_CLIENT:
+        return "may submit and control jobs";
+    case RIGHTS_ALL:
+        return "may do everything";
+    default:
+        return "may do nothing";
+    }
+}
+
+void wire_user_id(unsigned rights, const char *key, char id[WIRE_USER_ID + 1])
+{
+    snprintf(id, WIRE_USER_ID + 1, "%u %.*s", rights & RIGHTS_ALL, WIRE_KEY_TEXT, key);
+}
+
+/* The reverse; a user id of any other form gives no right at all. */
+static void read_user_id(const char *id, wire_message_t *message)
+{
+    message->rights = 0;
+    if (id == NULL || strlen(id) != WIRE_USER_ID || id[0] < '0' || id[0] > '0' + RIGHTS_ALL || id[1] != ' ')
+        return;
+    message->rights = (unsigned)(id[0] - '0');
+    memcpy(message->key, id + 2, sizeof message->key);
+}
+
 /* ---- sockets ------------------------------------------------------------------------------------------- */
 
 result_t wire_socket_limit(void *socket, size_t largest_frame)
@@ -272,7 +327,7 @@ static result_t message_check(ProtobufCMessage *message)
     return result_ok();
 }
 
-static result_t header_decode(const uint8_t *bytes, size_t size, Lm__Envelope **envelope)
+result_t wire_header_decode(const uint8_t *bytes, size_t size, Lm__Envelope **envelope)
 {
     if (size < sizeof PREAMBLE || memcmp(bytes, PREAMBLE, sizeof PREAMBLE - 1) != 0)
         return result_fail(RESULT_PROTOCOL, "a message of %zu bytes does not begin like one of ours", size);
@@ -381,6 +436,18 @@ static void close_payloads(wire_message_t *message)
     message->payload_count = 0;
 }
 
+/* Who sent it. Without keys a peer can give itself any user id, so only one of a connection with keys is
+ * believed. */
+static void receive_sender(void *socket, const zmq_msg_t *header, wire_message_t *message)
+{
+    int mechanism = ZMQ_NULL;
+    size_t size = sizeof mechanism;
+    const char *address = zmq_msg_gets(header, "Peer-Address");
+    if (address != NULL) snprintf(message->address, sizeof message->address, "%s", address);
+    if (zmq_getsockopt(socket, ZMQ_MECHANISM, &mechanism, &size) != 0 || mechanism == ZMQ_CURVE)
+        read_user_id(zmq_msg_gets(header, "User-Id"), message);
+}
+
 result_t wire_receive(void *socket, bool router, wire_message_t *message, bool *received)
 {
     message->envelope = NULL;
@@ -389,6 +456,7 @@ result_t wire_receive(void *socket, bool router, wire_message_t *message, bool *
     message->bytes = 0;
     message->rights = RIGHTS_ALL;
     message->key[0] = '\0';
+    message->address[0] = '\0';
     *received = false;
     if (router) {
         TRY(receive_identity(socket, message, received));
@@ -402,9 +470,10 @@ result_t wire_receive(void *socket, bool router, wire_message_t *message, bool *
         return result_fail(RESULT_IO, "cannot receive: %s", zmq_strerror(error));
     }
     note_receiving();
+    if (router) receive_sender(socket, &header, message);
     message->bytes = zmq_msg_size(&header);
     result_t payloads = receive_payloads(socket, zmq_msg_more(&header) != 0, message);
-    result_t result = header_decode(zmq_msg_data(&header), zmq_msg_size(&header), &message->envelope);
+    result_t result = wire_header_decode(zmq_msg_data(&header), zmq_msg_size(&header), &message->envelope);
     zmq_msg_close(&header);
     if (result.code == RESULT_OK && payloads.code != RESULT_OK) {
         lm__envelope__free_unpacked(message->envelope, NULL);

@@ -46,6 +46,7 @@ struct bulk {
 
     /* The thread's own. */
     void *socket; /* NULL when the link is down */
+    link_watch_t watch;
     uint64_t generation;
     uint64_t worker;
     double batch_interval;
@@ -78,17 +79,28 @@ void bulk_link_down(bulk_t *bulk)
     set_link(bulk, NULL, 0, 1);
 }
 
+static void close_socket(bulk_t *bulk)
+{
+    link_watch_close(&bulk->watch, bulk->socket);
+    if (bulk->socket) zmq_close(bulk->socket);
+    bulk->socket = NULL;
+}
+
+static result_t open_socket(bulk_t *bulk, const char *endpoint)
+{
+    TRY(wire_socket(bulk->options.context, ZMQ_DEALER, &bulk->socket));
+    TRY(link_keys_apply(&bulk->options.keys, bulk->socket));
+    TRY(link_watch_open(&bulk->watch, bulk->options.context, bulk->socket, &bulk->options.keys));
+    if (zmq_connect(bulk->socket, endpoint) == 0) return result_ok();
+    return result_fail(RESULT_IO, "cannot connect to %s: %s", endpoint, zmq_strerror(zmq_errno()));
+}
+
 static void connect_socket(bulk_t *bulk, const char *endpoint)
 {
-    result_t result = wire_socket(bulk->options.context, ZMQ_DEALER, &bulk->socket);
-    if (result.code != RESULT_OK) {
-        log_error("%s", result.message);
-        bulk->socket = NULL;
-    } else if (zmq_connect(bulk->socket, endpoint) != 0) {
-        log_error("cannot connect to %s: %s", endpoint, zmq_strerror(zmq_errno()));
-        zmq_close(bulk->socket);
-        bulk->socket = NULL;
-    }
+    result_t result = open_socket(bulk, endpoint);
+    if (result.code == RESULT_OK) return;
+    log_error("%s", result.message);
+    close_socket(bulk);
 }
 
 static bool link_changed(bulk_t *bulk)
@@ -104,8 +116,7 @@ static void refresh_link(bulk_t *bulk)
 {
     pthread_mutex_lock(&bulk->lock);
     if (bulk->generation != bulk->link.generation) {
-        if (bulk->socket) zmq_close(bulk->socket);
-        bulk->socket = NULL;
+        close_socket(bulk);
         bulk->generation = bulk->link.generation;
         bulk->worker = bulk->link.worker;
         bulk->batch_interval = bulk->link.batch_interval;
@@ -127,13 +138,23 @@ static void wait_events(bulk_t *bulk, double seconds)
     }
 }
 
+/* A socket that was denied does not dial again: true when there is to be a new one. The key may be on the
+ * master's list again by then. */
+static bool denied(bulk_t *bulk)
+{
+    if (link_watch_poll(&bulk->watch).code != RESULT_DENIED) return false;
+    bulk->generation--;
+    return true;
+}
+
 /* Waits for the next well-formed message. RESULT_UNREACHABLE at the deadline or when the link changed,
  * RESULT_CANCELLED when the thread is to stop. */
 static result_t receive(bulk_t *bulk, double deadline, wire_message_t *message)
 {
     for (;;) {
         if (atomic_load(&bulk->quit)) return result_fail(RESULT_CANCELLED, "the worker leaves");
-        if (link_changed(bulk)) return result_fail(RESULT_UNREACHABLE, "the link to the master was renewed");
+        if (denied(bulk) || link_changed(bulk))
+            return result_fail(RESULT_UNREACHABLE, "the link to the master was renewed");
         bool received = false;
         result_t result = wire_receive(bulk->socket, false, message, &received);
         if (result.code != RESULT_OK)
@@ -167,6 +188,8 @@ static result_t request_chunk(bulk_t *bulk, const blob_download_t *download, uin
 static result_t take_chunk(blob_download_t *download, wire_message_t *message)
 {
     const Lm__Envelope *envelope = message->envelope;
+    if (envelope->body_case == LM__ENVELOPE__BODY_REFUSAL && envelope->refusal->code == RESULT_DENIED)
+        return result_fail(RESULT_UNREACHABLE, "%.300s", envelope->refusal->reason);
     if (envelope->body_case == LM__ENVELOPE__BODY_REFUSAL)
         return result_fail(RESULT_INPUT, "the master refuses the scene: %.300s", envelope->refusal->reason);
     if (envelope->body_case != LM__ENVELOPE__BODY_BLOB_CHUNK || message->payload_count != 1)
@@ -348,9 +371,15 @@ static result_t await_answer(bulk_t *bulk, const closed_batch_t *closed, double 
     for (;;) {
         wire_message_t message;
         TRY(receive(bulk, deadline, &message));
-        bool mine = is_answer(bulk, closed, message.envelope);
-        if (mine) report_answer(closed, message.envelope);
+        const Lm__Envelope *envelope = message.envelope;
+        bool mine = is_answer(bulk, closed, envelope);
+        /* Who is not admitted for the moment may be welcome later, with this batch. */
+        bool later = mine && envelope->body_case == LM__ENVELOPE__BODY_REFUSAL &&
+                     envelope->refusal->code == RESULT_DENIED;
+        if (mine && !later) report_answer(closed, envelope);
         wire_free(&message);
+        if (later)
+            return result_fail(RESULT_UNREACHABLE, "the master does not accept the key of this worker");
         if (mine) return result_ok();
     }
 }
@@ -428,7 +457,7 @@ static void *bulk_thread(void *argument)
             break;
         }
     }
-    if (bulk->socket) zmq_close(bulk->socket);
+    close_socket(bulk);
     return NULL;
 }
 

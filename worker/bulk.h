@@ -4,6 +4,7 @@
 #ifndef LIGHTMILL_BULK_H
 #define LIGHTMILL_BULK_H
 
+#include "proto/link.h"
 #include "worker/workshop.h"
 
 typedef struct bulk bulk_t;
@@ -15,6 +16,7 @@ typedef struct {
     const char *cache_dir;
     uint64_t cache_limit; /* bytes */
     bool local;           /* payloads are not compressed */
+    link_keys_t keys;     /* what they point to is kept by the caller */
 } bulk_options_t;
 
 /* Opens the cache and starts the thread. */

@@ -39,6 +39,8 @@ typedef enum { PHASE_DIALLING, PHASE_UP, PHASE_RESTING } phase_t;
 typedef struct {
     control_setup_t setup;
     void *socket; /* NULL while resting */
+    link_keys_t keys;
+    link_watch_t watch;
     phase_t phase;
     double deadline; /* DIALLING, RESTING: when to dial again */
     double backoff;
@@ -74,6 +76,7 @@ static void log_unsent(const char *what, result_t result)
 
 static void hang_up(control_t *control)
 {
+    link_watch_close(&control->watch, control->socket);
     if (control->socket) zmq_close(control->socket);
     control->socket = NULL;
 }
@@ -95,6 +98,8 @@ static result_t open_socket(control_t *control)
 {
     TRY(wire_socket(control->setup.context, ZMQ_DEALER, &control->socket));
     TRY(wire_socket_limit(control->socket, WIRE_MAX_CONTROL_FRAME));
+    TRY(link_keys_apply(&control->keys, control->socket));
+    TRY(link_watch_open(&control->watch, control->setup.context, control->socket, &control->keys));
     const char *endpoint = control->setup.options->control_endpoint;
     if (zmq_connect(control->socket, endpoint) == 0) return result_ok();
     return result_fail(RESULT_IO, "cannot connect to %s: %s", endpoint, zmq_strerror(zmq_errno()));
@@ -138,9 +143,11 @@ static void redial(control_t *control, const char *why)
 static void complain(control_t *control)
 {
     double now = clock_now();
+    result_t verdict = link_watch_poll(&control->watch);
     if (control->last_complaint > 0 && now - control->last_complaint < REPORT_INTERVAL) return;
     control->last_complaint = now;
-    log_warning("no master answers at %s; trying on", control->setup.options->control_endpoint);
+    log_warning("no master answers at %s%s%s; trying on", control->setup.options->control_endpoint,
+                verdict.code == RESULT_OK ? "" : ": ", verdict.message);
 }
 
 /* The endpoint of the bulk socket that a welcome names; the caller frees it. */
@@ -294,6 +301,8 @@ static void on_refusal(control_t *control, const Lm__Envelope *envelope)
         log_error("the master does not admit this worker: %.300s; asking again in %.0f s", refusal->reason,
                   REST);
         rest(control);
+    } else if (refusal->code == RESULT_DENIED && control->leave_by == 0) {
+        redial(control, refusal->reason); /* with a new key, if there is one by now */
     } else if (envelope->request == control->work_request && control->leave_by == 0) {
         redial(control, refusal->reason);
     } else {
@@ -449,7 +458,7 @@ static void say_goodbye(control_t *control)
 
 result_t control_run(const control_setup_t *setup, const atomic_int *stop)
 {
-    control_t control = {.setup = *setup, .backoff = FIRST_BACKOFF};
+    control_t control = {.setup = *setup, .keys = setup->options->keys, .backoff = FIRST_BACKOFF};
     dial(&control);
     while (control.fatal.code == RESULT_OK) {
         int asked = atomic_load(stop);

@@ -36,7 +36,12 @@ static const char usage[] =
     "  --verbose          every batch and assignment\n"
     "  --help, --version\n"
     "\n"
-    "Exit codes: 0 left as asked, 1 wrong command line, 3 the operating system refused, 5 out of memory.\n";
+    "Keys, to join a master on another machine (docs/security.md):\n"
+    "\n";
+static const char usage_end[] =
+    "\n"
+    "Exit codes: 0 left as asked, 1 wrong command line, 3 the operating system refused, 5 out of memory,\n"
+    "9 no key.\n";
 
 static void on_signal(int number)
 {
@@ -66,6 +71,7 @@ static result_t parse_number(const char *option, const char *text, double least,
 
 typedef struct {
     worker_options_t options;
+    link_options_t link;
     char *endpoint; /* owned */
     log_level_t level;
     bool done; /* help or version was printed */
@@ -74,6 +80,7 @@ typedef struct {
 static result_t parse_option(command_t *command, const char *option, const char *value)
 {
     double number;
+    if (link_option(&command->link, option, value)) return result_ok();
     if (strcmp(option, "threads") == 0) {
         TRY(parse_number(option, value, 1, MAX_THREADS, &number));
         command->options.threads = (int)number;
@@ -89,7 +96,10 @@ static result_t parse_option(command_t *command, const char *option, const char 
     } else if (strcmp(option, "verbose") == 0) {
         command->level = LOG_DEBUG;
     } else {
-        printf("%s", strcmp(option, "help") == 0 ? usage : "lightmill-worker " LIGHTMILL_VERSION "\n");
+        if (strcmp(option, "help") == 0)
+            printf("%s%s%s", usage, link_usage, usage_end);
+        else
+            puts("lightmill-worker " LIGHTMILL_VERSION);
         command->done = true;
     }
     return result_ok();
@@ -97,7 +107,8 @@ static result_t parse_option(command_t *command, const char *option, const char 
 
 static result_t parse_arguments(int argc, char **argv, command_t *command)
 {
-    static const struct option options[] = {{"threads", required_argument, NULL, 0},
+    static const struct option options[] = {LINK_OPTIONS,
+                                            {"threads", required_argument, NULL, 0},
                                             {"name", required_argument, NULL, 0},
                                             {"cache", required_argument, NULL, 0},
                                             {"cache-limit", required_argument, NULL, 0},
@@ -106,7 +117,7 @@ static result_t parse_arguments(int argc, char **argv, command_t *command)
                                             {"help", no_argument, NULL, 0},
                                             {"version", no_argument, NULL, 0},
                                             {NULL, 0, NULL, 0}};
-    *command = (command_t){.options = worker_options_default(), .level = LOG_INFO};
+    *command = (command_t){.options = worker_options_default(), .link.role = "worker", .level = LOG_INFO};
     int index, found;
     while ((found = getopt_long(argc, argv, "", options, &index)) != -1) {
         if (found == '?') return result_fail(RESULT_USAGE, "see lightmill-worker --help");
@@ -119,7 +130,7 @@ static result_t parse_arguments(int argc, char **argv, command_t *command)
     TRY(address_parse(optind < argc ? argv[optind] : "127.0.0.1", DEFAULT_PORT, &address));
     command->endpoint = address_endpoint(&address, address.port);
     command->options.control_endpoint = command->endpoint;
-    return result_ok();
+    return link_keys_find(&command->link, address.host, &command->options.keys);
 }
 
 int main(int argc, char **argv)
@@ -135,6 +146,7 @@ int main(int argc, char **argv)
         result = worker_run(&command.options, &stop_requested);
     }
     if (result.code != RESULT_OK) fprintf(stderr, "lightmill-worker: %s\n", result.message);
+    link_keys_free(&command.options.keys);
     free(command.endpoint);
     return result_exit_code(result);
 }

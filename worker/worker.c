@@ -58,6 +58,7 @@ static result_t run_threads(const worker_options_t *options, void *context, int 
                            .wake = wakes[1],
                            .cache_dir = cache_dir,
                            .cache_limit = options->cache_limit,
+                           .keys = options->keys,
                            .local = options->local};
     result_t result = bulk_start(&bulk, &setup.bulk);
     if (result.code == RESULT_OK) result = control_run(&setup, stop);

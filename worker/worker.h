@@ -3,7 +3,7 @@
 #ifndef LIGHTMILL_WORKER_H
 #define LIGHTMILL_WORKER_H
 
-#include "common/base.h"
+#include "proto/link.h"
 
 #include <stdatomic.h>
 
@@ -16,6 +16,7 @@ typedef struct {
     int threads;                  /* render threads, 0: one a core */
     const char *name;             /* NULL: host name and process id */
     bool local;                   /* inproc: payloads are not compressed */
+    link_keys_t keys;             /* kept by the caller */
 } worker_options_t;
 
 worker_options_t worker_options_default(void);
