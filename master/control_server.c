@@ -18,8 +18,8 @@ enum {
     MESSAGES_A_TURN = 256, /* before notices and the clock get their turn */
     RETRY_MS = 2000,       /* after which an idle worker asks again, if no JobReady comes */
     FLOOD_TICK_MS = 1000,  /* between looks at the leases while messages never end */
-    PEER_RATE = 500,       /* messages a second from one connection, */
-    PEER_BURST = 1000,     /* and at once */
+    PEER_RATE = 2000,      /* messages a second from one connection, */
+    PEER_BURST = 4000,     /* and at once */
     PEERS = 16384,         /* connections that are counted apart */
     KEY_RATE =
         20000, /* messages a second from all who have the same key: thousands of workers may share one */

@@ -4,7 +4,7 @@
  * table of sets of WAYS buckets; a keyed hash chooses the set and stands for the name. A bucket that has
  * filled up again says nothing that a new one would not say, so it is free for another peer, and nothing is
  * lost. A peer that finds its set taken by others who are all busy shares one more bucket with everybody of
- * whom this is true: a flood of names slows down new names only. */
+ * whom this is true: a flood of names is felt only while it keeps more buckets busy than there are. */
 #include "master/rate_limit.h"
 
 #include <sodium.h>
