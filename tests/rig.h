@@ -13,6 +13,7 @@ typedef struct {
     char *folder; /* scratch: logs, caches, data, images */
     int port;     /* of the master's control socket; the bulk socket has the next one */
     pid_t master; /* 0: none */
+    char *keys;   /* folder of the keys master, worker and client and of the list "allow"; NULL: no keys */
     remote_t *remote;
     pid_t started[RIG_MAX_PROCESSES];
     bool ended[RIG_MAX_PROCESSES]; /* has been waited for */
@@ -29,6 +30,9 @@ rig_t *rig_new(void);
 /* Kills everything and removes the folder. */
 void rig_destroy(rig_t **rig);
 
+/* Makes keys for the farm, which is to use them from now on; before anything is started. */
+void rig_use_keys(rig_t *rig);
+
 /* Starts a master on the rig's port with quick time-outs (lease 1 s) and waits until it answers. */
 void rig_start_master(rig_t *rig, double batch_interval);
 /* Kills the master with -9. */
@@ -36,6 +40,8 @@ void rig_kill_master(rig_t *rig);
 /* Starts a worker with one thread and its own cache. */
 pid_t rig_start_worker(rig_t *rig);
 
+/* Starts one of our programs with these arguments (NULL-terminated). */
+pid_t rig_start_program(rig_t *rig, const char *program, const char *const *arguments);
 /* Starts the `lightmill` command with these arguments (NULL-terminated); its output goes to a file in the
  * folder: rig_output. */
 pid_t rig_start_command(rig_t *rig, const char *const *arguments);
