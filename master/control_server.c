@@ -289,7 +289,7 @@ static const char *sender_name(const wire_message_t *message)
     return message->key[0] != '\0' ? message->key : message->address;
 }
 
-/* False when the sender sends too much: the message is not to be looked at. It is told once. */
+/* False when the sender sends too much: the message, not decoded yet, is not looked at. It is told once. */
 static bool within_limit(control_server_t *server, const wire_message_t *message)
 {
     double now = clock_now();
@@ -367,21 +367,19 @@ static bool receive_some(control_server_t *server)
     for (int i = 0; i < MESSAGES_A_TURN; i++) {
         wire_message_t message;
         bool received;
-        result_t result = wire_receive(server->options.socket, true, &message, &received);
+        result_t result = wire_receive_frames(server->options.socket, true, &message, &received);
         if (result.code == RESULT_OK && !received) return false;
+        if (result.code != RESULT_OK && result.code != RESULT_PROTOCOL)
+            return false; /* a broken socket: the loop goes on at the pace of its ticks */
         server->messages++;
         server->bytes += message.bytes;
-        bool malformed = !received && result.code == RESULT_PROTOCOL;
-        if ((received || malformed) && !within_limit(server, &message)) {
-            wire_free(&message);
-            continue;
+        if (within_limit(server, &message)) {
+            if (received) result = wire_decode(&message);
+            if (result.code == RESULT_OK)
+                dispatch(server, &message);
+            else
+                on_malformed(server, &message, result);
         }
-        if (received)
-            dispatch(server, &message);
-        else if (malformed)
-            on_malformed(server, &message, result);
-        else
-            return false; /* a broken socket: the loop goes on at the pace of its ticks */
         wire_free(&message);
     }
     return true;

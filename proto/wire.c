@@ -430,12 +430,6 @@ static result_t receive_payloads(void *socket, bool more, wire_message_t *messag
     return result_ok();
 }
 
-static void close_payloads(wire_message_t *message)
-{
-    for (int i = 0; i < message->payload_count; i++) zmq_msg_close(&message->payload[i]);
-    message->payload_count = 0;
-}
-
 /* Who sent it. Without keys a peer can give itself any user id, so only one of a connection with keys is
  * believed. */
 static void receive_sender(void *socket, const zmq_msg_t *header, wire_message_t *message)
@@ -448,10 +442,11 @@ static void receive_sender(void *socket, const zmq_msg_t *header, wire_message_t
         read_user_id(zmq_msg_gets(header, "User-Id"), message);
 }
 
-result_t wire_receive(void *socket, bool router, wire_message_t *message, bool *received)
+result_t wire_receive_frames(void *socket, bool router, wire_message_t *message, bool *received)
 {
     message->envelope = NULL;
     message->identity_size = 0;
+    message->header_open = false;
     message->payload_count = 0;
     message->bytes = 0;
     message->rights = RIGHTS_ALL;
@@ -463,24 +458,36 @@ result_t wire_receive(void *socket, bool router, wire_message_t *message, bool *
         if (!*received) return result_ok();
     }
     *received = false;
-    zmq_msg_t header;
     int error;
-    if (!next_frame(socket, &header, &error)) {
+    if (!next_frame(socket, &message->header, &error)) {
         if (error == EAGAIN && !router) return result_ok();
         return result_fail(RESULT_IO, "cannot receive: %s", zmq_strerror(error));
     }
     note_receiving();
-    if (router) receive_sender(socket, &header, message);
-    message->bytes = zmq_msg_size(&header);
-    result_t payloads = receive_payloads(socket, zmq_msg_more(&header) != 0, message);
-    result_t result = wire_header_decode(zmq_msg_data(&header), zmq_msg_size(&header), &message->envelope);
-    zmq_msg_close(&header);
-    if (result.code == RESULT_OK && payloads.code != RESULT_OK) {
-        lm__envelope__free_unpacked(message->envelope, NULL);
-        message->envelope = NULL;
-        result = payloads;
-    }
-    if (result.code != RESULT_OK) close_payloads(message);
+    message->header_open = true;
+    message->bytes = zmq_msg_size(&message->header);
+    if (router) receive_sender(socket, &message->header, message);
+    result_t result = receive_payloads(socket, zmq_msg_more(&message->header) != 0, message);
+    if (result.code != RESULT_OK) wire_free(message);
+    *received = result.code == RESULT_OK;
+    return result;
+}
+
+result_t wire_decode(wire_message_t *message)
+{
+    result_t result = wire_header_decode(zmq_msg_data(&message->header), zmq_msg_size(&message->header),
+                                         &message->envelope);
+    zmq_msg_close(&message->header);
+    message->header_open = false;
+    if (result.code != RESULT_OK) wire_free(message);
+    return result;
+}
+
+result_t wire_receive(void *socket, bool router, wire_message_t *message, bool *received)
+{
+    TRY(wire_receive_frames(socket, router, message, received));
+    if (!*received) return result_ok();
+    result_t result = wire_decode(message);
     *received = result.code == RESULT_OK;
     return result;
 }
@@ -489,7 +496,10 @@ void wire_free(wire_message_t *message)
 {
     if (message->envelope != NULL) lm__envelope__free_unpacked(message->envelope, NULL);
     message->envelope = NULL;
-    close_payloads(message);
+    if (message->header_open) zmq_msg_close(&message->header);
+    message->header_open = false;
+    for (int i = 0; i < message->payload_count; i++) zmq_msg_close(&message->payload[i]);
+    message->payload_count = 0;
 }
 
 /* ---- settings, units, counts, hashes ------------------------------------------------------------------- */

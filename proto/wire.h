@@ -19,7 +19,7 @@ enum {
     WIRE_DEFAULT_PORT = 7420,         /* control; bulk is the next one */
     WIRE_MAX_HEADER = 1 << 20,        /* bytes of a header frame, preamble included */
     WIRE_MAX_CONTROL_FRAME = 1 << 20, /* control messages have no payloads */
-    WIRE_MAX_CONTROL_ASKED = 1 << 16, /* those to a master; its answers may be lists */
+    WIRE_MAX_CONTROL_ASKED = 1 << 14, /* those to a master; its answers may be lists */
     WIRE_MAX_DECODED = 16 << 20,      /* bytes that decoding one header may allocate */
     WIRE_MAX_PAYLOADS = 3,
     BATCH_PAYLOADS = 3,       /* eye tiles, splat frame, features */
@@ -90,6 +90,8 @@ typedef struct {
     Lm__Envelope *envelope; /* decoded, its body is set; freed by wire_free */
     uint8_t identity[WIRE_MAX_IDENTITY];
     size_t identity_size;                 /* 0 when it came from a DEALER */
+    zmq_msg_t header;                     /* until it is decoded, */
+    bool header_open;                     /* as this says */
     zmq_msg_t payload[WIRE_MAX_PAYLOADS]; /* open for i < payload_count */
     int payload_count;
     size_t bytes;                /* all frames as they came, without the identity */
@@ -116,6 +118,11 @@ result_t wire_send(void *socket, const uint8_t *identity, size_t identity_size, 
  * message was malformed or over a limit: it has been read to its end and thrown away, and message->identity
  * says who sent it. On success the caller frees the message with wire_free. */
 result_t wire_receive(void *socket, bool router, wire_message_t *message, bool *received);
+/* The same in two steps, for those who look at the sender before they spend time on the message: its frames,
+ * with the envelope NULL, and the decoding of its header. After a failure of either nothing is left to free.
+ */
+result_t wire_receive_frames(void *socket, bool router, wire_message_t *message, bool *received);
+result_t wire_decode(wire_message_t *message);
 void wire_free(wire_message_t *message);
 
 /* Decodes a header frame, as wire_receive does: RESULT_PROTOCOL when it is malformed or over a limit. The
