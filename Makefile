@@ -10,13 +10,13 @@ Q       := $(if $(V),,@)
 # The one numeric baseline: every machine that has it makes the same bits. Nothing that changes values is allowed.
 BASELINE := -march=x86-64-v3 -ffp-contract=off -fno-math-errno -fno-trapping-math
 WARNINGS := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Wvla
-PACKAGES := libzmq libprotobuf-c libsodium libzstd libpng zlib libturbojpeg OpenEXR jansson
-ifneq ($(filter-out help clean deps deps-dev check demo asan tsan fuzz,$(or $(MAKECMDGOALS),all)),)
+PACKAGES := libzmq libprotobuf-c libsodium libzstd libpng zlib libturbojpeg OpenEXR jansson sqlite3
+ifneq ($(filter-out help clean deps deps-dev check demo asan tsan fuzz container-check,$(or $(MAKECMDGOALS),all)),)
 PKG_CFLAGS := $(shell pkg-config --cflags $(PACKAGES) 2>/dev/null)
 PKG_LIBS   := $(shell pkg-config --libs $(filter-out OpenEXR,$(PACKAGES)) 2>/dev/null) -lOpenEXRCore-3_1
 endif
 ALL_CFLAGS = -std=gnu17 -D_GNU_SOURCE $(BASELINE) $(WARNINGS) $(CFLAGS) $(SANITIZE) -I. -I$(BUILD) $(patsubst -I%,-isystem%,$(PKG_CFLAGS)) -pthread
-ALL_LIBS   = $(LDFLAGS) $(PKG_LIBS) -lembree3 -lm -pthread
+ALL_LIBS   = $(LDFLAGS) -Wl,--as-needed $(PKG_LIBS) -lembree3 -lm -pthread
 
 COMMON_SRC := $(wildcard common/*.c)
 PROTO_SRC  := $(wildcard proto/*.c)
@@ -25,8 +25,8 @@ WORKER_SRC := $(filter-out worker/main.c,$(wildcard worker/*.c))
 MASTER_SRC := $(filter-out master/main.c,$(wildcard master/*.c))
 CLIENT_SRC := $(filter-out client/main.c,$(wildcard client/*.c client/import/*.c client/import/*/*.c))
 LIB_SRC    := $(COMMON_SRC) $(PROTO_SRC) $(RENDER_SRC) $(WORKER_SRC) $(MASTER_SRC) $(CLIENT_SRC)
-SCHEMA_C   := $(BUILD)/proto/lightmill.pb-c.c
-SCHEMA_O   := $(BUILD)/proto/lightmill.pb-c.o
+SCHEMA_C   := $(patsubst %.proto,$(BUILD)/%.pb-c.c,$(wildcard proto/*.proto))
+SCHEMA_O   := $(SCHEMA_C:.c=.o)
 objects     = $(patsubst %.c,$(BUILD)/%.o,$(1))
 
 PROGRAMS := $(BUILD)/lightmill $(BUILD)/lightmill-master $(BUILD)/lightmill-worker
@@ -45,7 +45,7 @@ $(PROGRAMS):
 $(BUILD)/proto/%.pb-c.c $(BUILD)/proto/%.pb-c.h: proto/%.proto
 	@mkdir -p $(@D)
 	protoc-c --proto_path=proto --c_out=$(@D) $<
-$(SCHEMA_O): $(SCHEMA_C)
+$(SCHEMA_O): %.o: %.c | $(SCHEMA_C)
 	$(CC) $(ALL_CFLAGS) -c -o $@ $<
 $(call objects,$(PROTO_SRC) $(WORKER_SRC) $(MASTER_SRC) $(CLIENT_SRC) $(TEST_SRC) $(wildcard tests/*.c)): | $(SCHEMA_C)
 
@@ -59,6 +59,14 @@ $(BUILD)/tests/%: $(BUILD)/tests/%.o $(call objects,$(LIB_SRC) $(wildcard tests/
 	$(Q)$(CC) $(ALL_CFLAGS) -o $@ $^ $(ALL_LIBS) $(EXTRA_LIBS) -lcmocka
 
 $(BUILD)/tests/unit/test_corpus: $(call objects,$(wildcard tests/fuzz/*.c))
+$(BUILD)/tests/unit/test_proxy: $(call objects,tests/chaos/proxy.c tests/chaos/stream.c tests/chaos/zmtp.c)
+$(BUILD)/tests/chaos/chaos: $(call objects,$(filter-out %/world_preload.c,$(wildcard tests/chaos/*.c)))
+
+# Loaded into programs of a chaos run, never linked.
+$(BUILD)/tests/chaos/world.so: tests/chaos/world_preload.c
+	@mkdir -p $(@D)
+	@echo "  link $@"
+	$(Q)$(CC) -std=gnu17 -D_GNU_SOURCE $(WARNINGS) -I. -O2 -shared -fPIC -o $@ $<
 
 -include $(shell find $(BUILD) -name '*.d' 2>/dev/null)
 
@@ -111,7 +119,7 @@ deps:
 	@docker/install-packages.sh build
 
 deps-dev:
-	@docker/install-packages.sh build run dev
+	@docker/install-packages.sh build run render import dev
 
 bench: deps
 	$(SUBMAKE) $(JOBS) all $(BUILD)/tests/bench/bench_render $(BUILD)/tests/bench/bench_mesh
@@ -122,6 +130,12 @@ bench: deps
 bench-codec: EXTRA_LIBS = -lblosc
 bench-codec: $(BUILD)/tests/bench/bench_codec
 	$<
+
+# Builds the images with buildah and renders a job through them; as root, some minutes.
+container-check: deps
+	@docker/install-packages.sh containers
+	$(SUBMAKE) $(JOBS) all
+	docker/check.sh $(BUILD)
 
 install: $(PROGRAMS)
 	install -d $(DESTDIR)$(PREFIX)/bin
@@ -155,10 +169,11 @@ help:
 	@echo "make fuzz       libFuzzer on all that reads files: FUZZ_SECONDS ($(FUZZ_SECONDS)) each; FUZZ_TARGETS=\"pbrt ply\""
 	@echo "make bench      error and speed of the renderer against the figures of pbrt-v3"
 	@echo "make bench-codec  the codings of payloads that were weighed against one another"
+	@echo "make container-check  build the images of docker/Dockerfile, render a job through them (root)"
 	@echo "make install    into PREFIX ($(PREFIX)); DESTDIR is honoured; uninstall takes it back"
 	@echo "make deps       the Debian packages of docker/packages.txt; deps-dev: also those for format and lint"
 	@echo "make format     clang-format; make lint: clang-tidy and cppcheck"
 	@echo "make clean      remove $(BUILD)/"
 
-.PHONY: all check bench bench-codec tests run-tests asan tsan fuzz demo deps deps-dev install uninstall format lint clean help
+.PHONY: all check bench bench-codec tests run-tests asan tsan fuzz demo deps deps-dev container-check install uninstall format lint clean help
 .SECONDARY:

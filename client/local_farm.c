@@ -88,6 +88,7 @@ static result_t start_master(local_farm_t *farm)
     options.control_endpoint = inproc ? CONTROL_ENDPOINT : "tcp://127.0.0.1:*";
     options.bulk_endpoint = inproc ? BULK_ENDPOINT : "tcp://127.0.0.1:*";
     options.data_dir = data_dir;
+    options.fleeting = true;
     options.batch_interval = farm->options.batch_interval;
     result_t result = master_start(&options, &farm->master);
     free(data_dir);

@@ -7,12 +7,12 @@
 typedef struct {
     const char *address; /* HOST[:PORT] */
     double timeout;      /* seconds */
-    link_options_t link; /* keys */
+    dial_options_t dial; /* keys */
 } master_option_t;
 
 /* Entries for a getopt_long table. */
 #define MASTER_OPTIONS                                                                                       \
-    LINK_OPTIONS, {"master", required_argument, NULL, 0},                                                    \
+    DIAL_OPTIONS, {"master", required_argument, NULL, 0},                                                    \
     {                                                                                                        \
         "timeout", required_argument, NULL, 0                                                                \
     }

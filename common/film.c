@@ -72,6 +72,12 @@ size_t batch_splat_values(const job_settings_t *settings)
     return (size_t)2 * 3 * (size_t)settings->width * (size_t)settings->height;
 }
 
+size_t batch_bytes(const batch_t *batch)
+{
+    size_t splats = batch->splat != NULL ? batch_splat_values(&batch->settings) : 0;
+    return sizeof(int64_t) * (batch->eye_count + batch->feature_count + splats);
+}
+
 /* Grows an array of sums to at least `count`. What is in it stays. */
 static void reserve_sums(int64_t **sums, size_t *capacity, size_t count)
 {

@@ -79,6 +79,8 @@ rect_t job_tile_rect(const job_settings_t *settings, uint32_t tile);
 bool job_strategy_exists(int s, int t);
 /* Pixels of a tile. */
 uint32_t job_tile_pixels(const job_settings_t *settings, uint32_t tile);
+/* True when the job goes by rounds that are decided from its film (master/plan.h). */
+bool job_is_planned(const job_settings_t *settings);
 /* The number of samples that a pixel can have at most: spp, or JOB_MAX_BOOST times it in an adaptive job. */
 uint32_t job_sample_limit(const job_settings_t *settings);
 /* True when the unit lies inside the job: a tile that exists, 0 < count, first + count <= job_sample_limit.
@@ -86,6 +88,10 @@ uint32_t job_sample_limit(const job_settings_t *settings);
 bool job_unit_valid(const job_settings_t *settings, const unit_t *unit);
 /* True when the job makes features: they are wanted, and its integrator traces eye rays. */
 bool job_has_features(const job_settings_t *settings);
+/* The hash of all that a sample depends on: the scene and the settings that change its value (others only say
+ * how many samples there are). Sums may be added when this is the same, whatever number a job bears: a master
+ * that lost its data gives the old numbers to new jobs. */
+hash_t job_content_hash(const job_settings_t *settings, const hash_t *blob);
 /* Samples of half 0 (even indices) or 1 (odd indices) in a unit. */
 uint32_t unit_half_count(const unit_t *unit, int half);
 

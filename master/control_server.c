@@ -2,6 +2,7 @@
 #include "master/control_server.h"
 
 #include "master/complaint.h"
+#include "master/control_reports.h"
 #include "master/rate_limit.h"
 
 #include <errno.h>
@@ -37,6 +38,12 @@ struct control_server {
     unit_t *units;                        /* room for one assignment */
     uint64_t messages, bytes, malformed, over_limit;
 };
+
+/* Who asks for a report. */
+typedef struct {
+    control_server_t *server;
+    const wire_message_t *message;
+} question_t;
 
 static void reply(control_server_t *server, const wire_message_t *message, Lm__Envelope *answer)
 {
@@ -129,6 +136,7 @@ static void send_assignment(control_server_t *server, const wire_message_t *mess
     assignment.settings = &settings;
     assignment.blob = wire_hash_put(&work->blob);
     assignment.blob_size = work->blob_size;
+    assignment.check = work->check;
     assignment.n_units = work->unit_count;
     assignment.units = wire_units_new(work->units, work->unit_count);
     answer.body_case = LM__ENVELOPE__BODY_ASSIGNMENT;
@@ -166,6 +174,8 @@ static void on_heartbeat(control_server_t *server, const wire_message_t *message
     identity_t identity = sender(message);
     body.known = farm_heartbeat(server->options.farm, clock_now(), &identity, beat->worker, beat->job,
                                 beat->units_held);
+    if (body.known && beat->threads > 0)
+        farm_worker_threads(server->options.farm, beat->worker, beat->threads);
     answer.body_case = LM__ENVELOPE__BODY_HEARTBEAT_REPLY;
     answer.heartbeat_reply = &body;
     reply(server, message, &answer);
@@ -180,106 +190,79 @@ static void on_goodbye(control_server_t *server, const wire_message_t *message)
 
 /* ---- clients ------------------------------------------------------------------------------------------- */
 
-static result_t submit(control_server_t *server, const Lm__JobSubmit *request, uint64_t *job)
+static clerk_request_t clerk_request(const wire_message_t *message, clerk_kind_t kind)
 {
-    job_settings_t settings;
-    job_terms_t terms;
-    hash_t blob;
-    uint64_t size;
-    TRY(wire_settings_get(request->settings, &settings));
-    TRY(wire_terms_get(request->terms, request->name, &terms));
-    if (!wire_hash_get(&request->blob, &blob))
-        return result_fail(RESULT_PROTOCOL, "the scene's hash has %zu bytes, not %d", request->blob.len,
+    return (clerk_request_t){
+        .identity = sender(message), .request = message->envelope->request, .kind = kind};
+}
+
+static result_t submit(control_server_t *server, const wire_message_t *message)
+{
+    const Lm__JobSubmit *submission = message->envelope->job_submit;
+    clerk_request_t request = clerk_request(message, CLERK_SUBMIT);
+    TRY(wire_settings_get(submission->settings, &request.settings));
+    TRY(wire_terms_get(submission->terms, submission->name, &request.terms));
+    if (!wire_hash_get(&submission->blob, &request.blob))
+        return result_fail(RESULT_PROTOCOL, "the scene's hash has %zu bytes, not %d", submission->blob.len,
                            HASH_BYTES);
-    if (!blob_store_find(server->options.store, &blob, &size))
-        return result_fail(RESULT_INPUT, "this master does not have the scene: send it first");
-    return farm_submit(server->options.farm, clock_now(), &terms, &settings, &blob, size, job);
+    return clerk_ask(server->options.clerk, &request);
 }
 
 static void on_submit(control_server_t *server, const wire_message_t *message)
 {
-    Lm__JobAccepted accepted = LM__JOB_ACCEPTED__INIT;
-    result_t result = submit(server, message->envelope->job_submit, &accepted.job);
-    if (result.code != RESULT_OK) {
-        refuse(server, message, result);
-        return;
-    }
-    Lm__Envelope answer = LM__ENVELOPE__INIT;
-    answer.body_case = LM__ENVELOPE__BODY_JOB_ACCEPTED;
-    answer.job_accepted = &accepted;
-    reply(server, message, &answer);
+    result_t result = submit(server, message);
+    if (result.code != RESULT_OK) refuse(server, message, result);
 }
 
-/* One job's report as messages that point into it. */
-typedef struct {
-    Lm__JobStatus status;
-    Lm__Settings settings;
-    Lm__Counts counts;
-} status_message_t;
-
-static void fill_status(job_report_t *report, status_message_t *out)
+static void send_report(void *context, Lm__Envelope *answer)
 {
-    lm__job_status__init(&out->status);
-    lm__settings__init(&out->settings);
-    lm__counts__init(&out->counts);
-    wire_settings_put(&report->settings, &out->settings);
-    wire_counts_put(&report->counts, &out->counts);
-    out->status.job = report->job;
-    out->status.name = report->terms.name;
-    out->status.state = (uint32_t)report->state;
-    out->status.settings = &out->settings;
-    out->status.blob = wire_hash_put(&report->blob);
-    out->status.samples_done = report->samples_done;
-    out->status.samples_total = report->samples_total;
-    out->status.elapsed = report->elapsed;
-    out->status.remaining = report->remaining;
-    out->status.workers = report->workers;
-    out->status.workers_seen = report->workers_seen;
-    out->status.bytes_received = report->bytes_received;
-    out->status.batches = report->batches;
-    out->status.batches_refused = report->batches_refused;
-    out->status.units_reissued = report->units_reissued;
-    out->status.counts = &out->counts;
-    out->status.message = report->message;
+    const question_t *question = context;
+    reply(question->server, question->message, answer);
 }
 
 static void on_status(control_server_t *server, const wire_message_t *message)
 {
-    uint64_t job = message->envelope->job_status_request->job;
-    size_t count;
-    Lm__JobStatusReply body = LM__JOB_STATUS_REPLY__INIT;
-    job_report_t *reports = farm_report(server->options.farm, clock_now(), job, &count, &body.workers);
-    if (job != 0 && count == 0) {
-        refuse(server, message, result_fail(RESULT_INPUT, "there is no job %llu", (unsigned long long)job));
-        return;
-    }
-    status_message_t *statuses = mem_alloc((count + 1) * sizeof *statuses);
-    Lm__JobStatus **pointers = mem_alloc((count + 1) * sizeof(Lm__JobStatus *));
-    for (size_t i = 0; i < count; i++) {
-        fill_status(&reports[i], &statuses[i]);
-        pointers[i] = &statuses[i].status;
-    }
-    body.n_jobs = count;
-    body.jobs = pointers;
-    body.bulk_port = server->options.bulk_port;
-    Lm__Envelope answer = LM__ENVELOPE__INIT;
-    answer.body_case = LM__ENVELOPE__BODY_JOB_STATUS_REPLY;
-    answer.job_status_reply = &body;
-    reply(server, message, &answer);
-    free(pointers);
-    free(statuses);
-    free(reports);
+    question_t question = {server, message};
+    result_t result = report_jobs(server->options.farm, clock_now(), message->envelope->job_status_request,
+                                  server->options.bulk_port, send_report, &question);
+    if (result.code != RESULT_OK) refuse(server, message, result);
+}
+
+static void on_worker_list(control_server_t *server, const wire_message_t *message)
+{
+    question_t question = {server, message};
+    report_workers(server->options.farm, clock_now(), message->envelope->worker_list_request, send_report,
+                   &question);
 }
 
 static void on_order(control_server_t *server, const wire_message_t *message)
 {
-    job_order_t order;
-    result_t result = wire_order_get(message->envelope->job_order, &order);
-    if (result.code == RESULT_OK) result = farm_order(server->options.farm, clock_now(), &order);
-    if (result.code == RESULT_OK)
-        done(server, message);
-    else
-        refuse(server, message, result);
+    clerk_request_t request = clerk_request(message, CLERK_ORDER);
+    result_t result = wire_order_get(message->envelope->job_order, &request.order);
+    if (result.code == RESULT_OK) result = clerk_ask(server->options.clerk, &request);
+    if (result.code != RESULT_OK) refuse(server, message, result);
+}
+
+/* What the clerk has seen to. */
+static void send_answers(control_server_t *server)
+{
+    for (clerk_answer_t done_now; clerk_next_answer(server->options.clerk, &done_now);) {
+        Lm__Envelope request = LM__ENVELOPE__INIT, answer = LM__ENVELOPE__INIT;
+        Lm__JobAccepted accepted = LM__JOB_ACCEPTED__INIT;
+        wire_message_t asker = {.envelope = &request, .identity_size = done_now.identity.size};
+        memcpy(asker.identity, done_now.identity.bytes, done_now.identity.size);
+        request.request = done_now.request;
+        if (done_now.result.code != RESULT_OK) {
+            refuse(server, &asker, done_now.result);
+        } else if (done_now.kind == CLERK_ORDER) {
+            done(server, &asker);
+        } else {
+            accepted.job = done_now.job;
+            answer.body_case = LM__ENVELOPE__BODY_JOB_ACCEPTED;
+            answer.job_accepted = &accepted;
+            reply(server, &asker, &answer);
+        }
+    }
 }
 
 /* ---- who may ask what ---------------------------------------------------------------------------------- */
@@ -342,6 +325,9 @@ static void dispatch(control_server_t *server, wire_message_t *message)
         break;
     case LM__ENVELOPE__BODY_JOB_STATUS_REQUEST:
         on_status(server, message);
+        break;
+    case LM__ENVELOPE__BODY_WORKER_LIST_REQUEST:
+        on_worker_list(server, message);
         break;
     case LM__ENVELOPE__BODY_JOB_ORDER:
         on_order(server, message);
@@ -427,6 +413,7 @@ static void *control_server_run(void *argument)
             farm_tick(server->options.farm, last_tick);
         }
         send_notices(server);
+        send_answers(server);
     }
     log_info("control socket: %llu messages, %.1f MB, %llu malformed, %llu over the limit",
              (unsigned long long)server->messages, 1e-6 * (double)server->bytes,

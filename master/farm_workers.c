@@ -162,11 +162,13 @@ static size_t take_from_job(farm_t *farm, double now, job_t *job, const schedule
     return work->unit_count;
 }
 
-static void take_from_jobs(farm_t *farm, double now, const schedule_wish_t *wish, farm_work_t *work)
+static void take_from_jobs(farm_t *farm, double now, const worker_t *worker, const schedule_wish_t *wish,
+                           farm_work_t *work)
 {
+    size_t count;
+    job_t *const *jobs = farm_rank_jobs(farm, worker, NULL, &count);
     work->unit_count = 0;
-    for (size_t i = 0; i < farm->job_count && work->unit_count == 0; i++)
-        take_from_job(farm, now, farm->jobs[i], wish, work);
+    for (size_t i = 0; i < count && work->unit_count == 0; i++) take_from_job(farm, now, jobs[i], wish, work);
 }
 
 static bool holds_units(const farm_t *farm, uint64_t worker)
@@ -210,8 +212,9 @@ result_t farm_take(farm_t *farm, double now, const identity_t *identity, uint64_
                             .threads = worker->threads,
                             .farm_threads = farm_threads(farm)};
     if (!holds_units(farm, id)) worker->delivered = now;
-    take_from_jobs(farm, now, &wish, work);
-    if (work->unit_count == 0 && recall_stalled(farm, now, worker)) take_from_jobs(farm, now, &wish, work);
+    take_from_jobs(farm, now, worker, &wish, work);
+    if (work->unit_count == 0 && recall_stalled(farm, now, worker))
+        take_from_jobs(farm, now, worker, &wish, work);
     if (work->unit_count == 0) work->job = 0;
     worker->idle = work->unit_count == 0;
     worker->job = work->unit_count > 0 ? work->job : loaded_job;

@@ -142,6 +142,12 @@ static void finish_job(gallery_t *gallery, job_t *job)
         path = gallery_image_path(gallery->data_dir, farm_job_id(job));
         result = write_film(gallery, job, path, false);
     }
+    if (result.code == RESULT_INPUT) { /* nothing of it is left, so there is nothing to show */
+        log_warning("%s", result.message);
+        result = result_ok();
+        free(path);
+        path = NULL;
+    }
     farm_finished(farm, clock_now(), job, result, path);
     farm_unpin(farm, job);
     free(path);

@@ -18,10 +18,20 @@ static const char HELP[] =
     "\n"
     "  --listen HOST[:PORT]   where to listen (127.0.0.1:7420); the port after it is used too;\n"
     "                         port 0 chooses free ones\n"
-    "  --data DIR             where scenes and images are kept (lightmill-data)\n"
+    "  --data DIR             where jobs, films, scenes and images are kept; a master that is started with "
+    "it\n"
+    "                         again goes on where the last one ended (lightmill-data)\n"
     "  --heartbeat SECONDS    how often workers say that they live (1)\n"
     "  --lease SECONDS        the silence after which a worker's share is given to others (5)\n"
     "  --batch-interval SECONDS  how often workers send what they have (10)\n"
+    "  --checkpoint SECONDS   the least time between two checkpoints of a job (10); it becomes longer where "
+    "they\n"
+    "                         would take more than 2% of the time. What a crash can cost is the work since "
+    "the last\n"
+    "  --keep GB              what the films of jobs that are over may take, so that these can be extended "
+    "(20);\n"
+    "                         those of retained jobs stay in any case\n"
+    "  --blob-limit GB        what scenes may take (100); the ones that no job needs go first\n"
     "  --quiet                log warnings and errors only\n"
     "  --verbose              log every batch\n"
     "  --help, --version\n"
@@ -30,7 +40,8 @@ static const char HELP[] =
     "\n";
 static const char HELP_END[] =
     "\n"
-    "SIGTERM or SIGINT ends it: the images of unfinished jobs are written first. A second one ends it at "
+    "SIGTERM or SIGINT ends it: last checkpoints are written first, no job is cancelled. A second one ends "
+    "it at "
     "once.\n"
     "Exit codes: 0 success, 1 usage, 2 bad file, 3 input or output failed, 5 limit exceeded.\n";
 
@@ -64,6 +75,17 @@ static result_t parse_seconds(const char *name, const char *text, double *value)
     return result_fail(RESULT_USAGE, "--%s takes a number of seconds, not \"%s\"", name, text);
 }
 
+static result_t parse_gigabytes(const char *name, const char *text, uint64_t *bytes)
+{
+    char *end;
+    double value = strtod(text, &end);
+    if (end == text || *end != '\0' || !(value >= 0 && value <= 1e6))
+        return result_fail(RESULT_USAGE, "--%s takes a number of gigabytes from 0 to 1e6, not \"%s\"", name,
+                           text);
+    *bytes = (uint64_t)(1e9 * value);
+    return result_ok();
+}
+
 /* "HOST:0" asks for free ports, which an address cannot say. */
 static result_t parse_listen(const char *text, command_t *command)
 {
@@ -89,6 +111,9 @@ static result_t set_option(command_t *command, const char *name, const char *val
     if (strcmp(name, "lease") == 0) return parse_seconds(name, value, &command->master.lease);
     if (strcmp(name, "batch-interval") == 0)
         return parse_seconds(name, value, &command->master.batch_interval);
+    if (strcmp(name, "checkpoint") == 0) return parse_seconds(name, value, &command->master.checkpoint);
+    if (strcmp(name, "keep") == 0) return parse_gigabytes(name, value, &command->master.keep_bytes);
+    if (strcmp(name, "blob-limit") == 0) return parse_gigabytes(name, value, &command->master.blob_limit);
     if (strcmp(name, "data") == 0) command->master.data_dir = value;
     if (strcmp(name, "quiet") == 0) command->log = LOG_WARNING;
     if (strcmp(name, "verbose") == 0) command->log = LOG_DEBUG;
@@ -103,6 +128,9 @@ static result_t parse_command(int argc, char **argv, command_t *command, bool *d
                                             {"heartbeat", required_argument, NULL, 0},
                                             {"lease", required_argument, NULL, 0},
                                             {"batch-interval", required_argument, NULL, 0},
+                                            {"checkpoint", required_argument, NULL, 0},
+                                            {"keep", required_argument, NULL, 0},
+                                            {"blob-limit", required_argument, NULL, 0},
                                             GATE_OPTIONS,
                                             {"quiet", no_argument, NULL, 0},
                                             {"verbose", no_argument, NULL, 0},

@@ -1,13 +1,20 @@
 /* master: see master.h. Puts the pieces together and takes them apart in the right order.
  *
- * DESIGN. Three threads beside the caller's: the control server (heartbeats, assignments, clients), the bulk
- * server (batches, blobs, images) and the gallery (image files). They share the farm, which is passive. Each
- * sleeps on its socket and an eventfd; the eventfds belong to the master. */
+ * DESIGN. Threads beside the caller's: the control server (heartbeats, assignments, clients), the bulk server
+ * (batches, blobs, images), the gallery (image files), the clerk (what clients order, written down) and the
+ * keeper (films on the disk). They share the farm, which is passive. Each sleeps on its socket or an eventfd;
+ * the eventfds belong to the master.
+ *
+ * The journal, the films and the scenes are looked at before anybody can ask for anything (restart.h), so
+ * whoever connects finds the jobs as they are. When the process ends, the servers go first, so that nothing
+ * changes any more; then the keeper writes what no checkpoint holds, and last the clerk how it stands with
+ * the jobs. */
 #include "master/master.h"
 
 #include "common/address.h"
 #include "master/bulk_server.h"
 #include "master/control_server.h"
+#include "master/restart.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -28,12 +35,16 @@ struct master {
     void *context;
     bool own_context;
     int lock_file;
-    int control_wake, bulk_wake, image_wake; /* eventfds */
-    void *control_socket, *bulk_socket;      /* until a server's thread owns them */
+    int control_wake, bulk_wake, image_wake, clerk_wake, checkpoint_wake; /* eventfds */
+    void *control_socket, *bulk_socket; /* until a server's thread owns them */
     int control_port, bulk_port;
-    farm_t *farm;
+    journal_t *journal;
+    film_store_t *films;
     blob_store_t *store;
+    farm_t *farm;
     gallery_t *gallery;
+    keeper_t *keeper;
+    clerk_t *clerk;
     gate_t *gate;
     control_server_t *control;
     bulk_server_t *bulk;
@@ -46,7 +57,10 @@ master_options_t master_options_default(void)
                               .data_dir = "lightmill-data",
                               .heartbeat = 1,
                               .lease = 5,
-                              .batch_interval = 10};
+                              .batch_interval = 10,
+                              .checkpoint = 10,
+                              .keep_bytes = (uint64_t)20000000000,
+                              .blob_limit = (uint64_t)100000000000};
 }
 
 /* ---- checking the options ------------------------------------------------------------------------------ */
@@ -87,6 +101,7 @@ static result_t check_options(const master_options_t *options)
     TRY(check_seconds("heartbeat", options->heartbeat, 0.05));
     TRY(check_seconds("lease", options->lease, 0.1));
     TRY(check_seconds("batch interval", options->batch_interval, 0.1));
+    TRY(check_seconds("checkpoint interval", options->checkpoint, 0.1));
     if (options->lease < 2 * options->heartbeat)
         return result_fail(RESULT_USAGE, "the lease (%g s) must be at least two heartbeats (%g s)",
                            options->lease, options->heartbeat);
@@ -202,25 +217,101 @@ static uint64_t film_limit(void)
     return pages > 0 && size > 0 ? (uint64_t)pages / 4 * 3 * (uint64_t)size : (uint64_t)1 << 32;
 }
 
-static result_t start_store(master_t *master, const master_options_t *options)
+enum { MEMORY_SHARE = 8 };
+static const uint64_t LEAST_BATCH_MEMORY = (uint64_t)1 << 30;
+
+static uint64_t batch_memory(const master_options_t *options)
 {
-    TRY(make_directories(options->data_dir));
-    TRY(lock_directory(options->data_dir, &master->lock_file));
-    char *blobs = mem_printf("%s/blobs", options->data_dir);
-    result_t result = blob_store_open(blobs, &master->store);
-    free(blobs);
+    if (options->batch_memory > 0) return options->batch_memory;
+    long pages = sysconf(_SC_PHYS_PAGES), size = sysconf(_SC_PAGESIZE);
+    uint64_t share = pages > 0 && size > 0 ? (uint64_t)pages / MEMORY_SHARE * (uint64_t)size : 0;
+    return share > LEAST_BATCH_MEMORY ? share : LEAST_BATCH_MEMORY;
+}
+
+static result_t open_blobs(master_t *master, const master_options_t *options)
+{
+    char *path = mem_printf("%s/blobs", options->data_dir);
+    blob_store_options_t store = {
+        .directory = path, .limit = options->blob_limit, .fleeting = options->fleeting};
+    result_t result = blob_store_open(&store, &master->store);
+    free(path);
     return result;
 }
 
-static result_t start_threads(master_t *master, const master_options_t *options)
+static result_t open_films(master_t *master, const master_options_t *options)
+{
+    char *path = mem_printf("%s/films", options->data_dir);
+    result_t result = film_store_open(path, &master->films);
+    free(path);
+    return result;
+}
+
+static result_t open_journal(master_t *master, const master_options_t *options)
+{
+    char *path = mem_printf("%s/lightmill.db", options->data_dir);
+    result_t result = journal_open(path, options->fleeting, &master->journal);
+    free(path);
+    return result;
+}
+
+/* Opens all that is in the data directory. */
+static result_t open_data(master_t *master, const master_options_t *options)
+{
+    TRY(make_directories(options->data_dir));
+    TRY(lock_directory(options->data_dir, &master->lock_file));
+    TRY(open_journal(master, options));
+    TRY(open_films(master, options));
+    return open_blobs(master, options);
+}
+
+static result_t make_eventfds(master_t *master)
+{
+    TRY(make_eventfd(&master->control_wake));
+    TRY(make_eventfd(&master->bulk_wake));
+    TRY(make_eventfd(&master->image_wake));
+    TRY(make_eventfd(&master->clerk_wake));
+    return make_eventfd(&master->checkpoint_wake);
+}
+
+/* The farm with the jobs that were there before. */
+static result_t make_farm(master_t *master, const master_options_t *options, uint64_t first_job)
 {
     farm_options_t farm = {.lease = options->lease,
                            .batch_interval = options->batch_interval,
                            .film_limit = film_limit(),
-                           .first_job = gallery_last_job(options->data_dir) + 1,
+                           .first_job = first_job,
+                           .job_limit = FARM_MAX_JOBS,
                            .control_wake = master->control_wake,
-                           .image_wake = master->image_wake};
+                           .image_wake = master->image_wake,
+                           .clerk_wake = master->clerk_wake,
+                           .checkpoint_wake = options->fleeting ? -1 : master->checkpoint_wake,
+                           .grant_wake = master->bulk_wake};
     master->farm = farm_new(&farm);
+    return restart_farm(master->farm, master->journal, master->films, master->store);
+}
+
+static result_t start_keeping(master_t *master, const master_options_t *options, uint64_t first_job)
+{
+    keeper_options_t keeper = {.farm = master->farm,
+                               .films = master->films,
+                               .journal = master->journal,
+                               .interval = options->checkpoint,
+                               .keep_bytes = options->keep_bytes,
+                               .checkpoint_wake = master->checkpoint_wake};
+    if (!options->fleeting) TRY(keeper_start(&keeper, &master->keeper));
+    clerk_options_t clerk = {.farm = master->farm,
+                             .store = master->store,
+                             .journal = master->journal,
+                             .keeper = master->keeper,
+                             .data_dir = options->data_dir,
+                             .first_job = first_job,
+                             .clerk_wake = master->clerk_wake,
+                             .answer_wake = master->control_wake};
+    return clerk_start(&clerk, &master->clerk);
+}
+
+static result_t start_serving(master_t *master, const master_options_t *options)
+{
     gallery_options_t gallery = {.farm = master->farm,
                                  .data_dir = options->data_dir,
                                  .image_wake = master->image_wake,
@@ -231,12 +322,14 @@ static result_t start_threads(master_t *master, const master_options_t *options)
                                   .store = master->store,
                                   .gallery = master->gallery,
                                   .socket = master->bulk_socket,
-                                  .wake = master->bulk_wake};
+                                  .wake = master->bulk_wake,
+                                  .batch_memory = batch_memory(options),
+                                  .merge_threads = options->merge_threads};
     TRY(bulk_server_start(&bulk, &master->bulk));
     master->bulk_socket = NULL;
     control_server_options_t control = {.farm = master->farm,
+                                        .clerk = master->clerk,
                                         .gate = master->gate,
-                                        .store = master->store,
                                         .socket = master->control_socket,
                                         .wake = master->control_wake,
                                         .bulk_port = (uint32_t)master->bulk_port,
@@ -251,12 +344,13 @@ static result_t start_threads(master_t *master, const master_options_t *options)
 static result_t start(master_t *master, const master_options_t *options)
 {
     TRY(check_options(options));
-    TRY(start_store(master, options));
-    TRY(make_eventfd(&master->control_wake));
-    TRY(make_eventfd(&master->bulk_wake));
-    TRY(make_eventfd(&master->image_wake));
+    TRY(open_data(master, options));
+    TRY(make_eventfds(master));
     TRY(open_sockets(master, options));
-    return start_threads(master, options);
+    uint64_t first_job = restart_first_job(master->journal, master->films, options->data_dir);
+    TRY(make_farm(master, options, first_job));
+    TRY(start_keeping(master, options, first_job));
+    return start_serving(master, options);
 }
 
 static void close_descriptor(int descriptor)
@@ -271,8 +365,12 @@ static void dismantle(master_t *master)
     bulk_server_stop(&master->bulk);
     if (master->farm != NULL) farm_shut_down(master->farm, clock_now());
     gallery_stop(&master->gallery);
+    keeper_stop(&master->keeper);
+    clerk_stop(&master->clerk);
     farm_destroy(&master->farm);
     blob_store_close(&master->store);
+    film_store_close(&master->films);
+    journal_close(&master->journal);
     if (master->control_socket != NULL) zmq_close(master->control_socket);
     if (master->bulk_socket != NULL) zmq_close(master->bulk_socket);
     gate_stop(&master->gate);
@@ -280,6 +378,8 @@ static void dismantle(master_t *master)
     close_descriptor(master->control_wake);
     close_descriptor(master->bulk_wake);
     close_descriptor(master->image_wake);
+    close_descriptor(master->clerk_wake);
+    close_descriptor(master->checkpoint_wake);
     close_descriptor(master->lock_file);
     free(master);
 }
@@ -288,6 +388,7 @@ result_t master_start(const master_options_t *options, master_t **out)
 {
     master_t *master = mem_zalloc(1, sizeof *master);
     master->lock_file = master->control_wake = master->bulk_wake = master->image_wake = -1;
+    master->clerk_wake = master->checkpoint_wake = -1;
     result_t result = start(master, options);
     if (result.code != RESULT_OK) dismantle(master);
     *out = result.code == RESULT_OK ? master : NULL;

@@ -4,11 +4,12 @@
  * A pure data structure: it knows no sockets, no clock and no lock (the farm locks). Workers are known by the
  * number that the farm gave them. The invariants:
  *
- *   - every sample of every tile is exactly one of free, issued (to one worker) or counted;
- *   - a sample that is counted stays counted: what schedule_accept took is in the film, once.
+ *   - every sample of every tile that a round allows is exactly one of free, issued (to one worker), counted
+ *     or skipped;
+ *   - a sample that is counted is in the film, once, until schedule_uncount is told that it was taken out.
  *
  * Units are handed out so that the image converges evenly: always from a tile whose lowest free sample is
- * lowest.
+ * lowest (by weight, where a round gives tiles different numbers of samples).
  */
 #ifndef LIGHTMILL_SCHEDULE_H
 #define LIGHTMILL_SCHEDULE_H
@@ -17,7 +18,8 @@
 
 typedef struct schedule schedule_t;
 
-/* All samples free; `settings` have passed job_settings_check. */
+/* `settings` have passed job_settings_check. A job that is not planned (job_is_planned) has one round, of all
+ * tiles up to spp with weight 1, and all its samples are free; one that is planned has none yet. */
 schedule_t *schedule_new(const job_settings_t *settings);
 /* Frees the schedule and sets *schedule to NULL. */
 void schedule_destroy(schedule_t **schedule);
@@ -32,12 +34,13 @@ typedef struct {
 } schedule_wish_t;
 
 /* Issues units to a worker, at most `capacity`; returns how many. A unit has unit_samples pixel samples, at
- * least one a pixel, less while the image is young and near the job's end (see the note in schedule.c). */
+ * least one a pixel, less while the image is young and near a round's end (see the note in schedule.c), and
+ * lies within one round. */
 size_t schedule_take(schedule_t *schedule, const schedule_wish_t *wish, unit_t *units, size_t capacity);
 
-/* Counts the units, all or none. RESULT_MISMATCH names a unit that was counted before or is in the list
- * twice; then nothing has changed. The units are valid for the job; who holds them does not matter, and
- * holders of what is counted now lose it. */
+/* Counts the units, all or none. RESULT_MISMATCH names a unit that was counted or skipped before, is in the
+ * list twice, or does not lie within one open round; then nothing has changed. The units are valid for the
+ * job; who holds them does not matter, and holders of what is counted now lose it. */
 result_t schedule_accept(schedule_t *schedule, const unit_t *units, size_t count);
 
 /* Frees what the worker holds of these units; returns the number of pieces. */
@@ -47,13 +50,14 @@ size_t schedule_release(schedule_t *schedule, uint64_t worker);
 
 /* True while there are free samples. */
 bool schedule_available(const schedule_t *schedule);
-/* True when every sample that the job can ask for is counted or skipped. */
+/* True when every sample that the job can ask for is counted or skipped. Never of a planned job: when
+ * schedule_round_counted is true, plan_next says whether it is over. */
 bool schedule_complete(const schedule_t *schedule);
 /* Units that a worker holds. */
 size_t schedule_held(const schedule_t *schedule, uint64_t worker);
-/* Workers that hold units. */
+/* Workers that hold units; the farm itself is none. */
 size_t schedule_holders(const schedule_t *schedule);
-/* Pixel samples counted, and wanted in all. */
+/* Pixel samples counted, and wanted in all: of a planned job at most. 0 when spp does not end the job. */
 uint64_t schedule_done(const schedule_t *schedule);
 uint64_t schedule_total(const schedule_t *schedule);
 /* The number of sample ranges in memory: it stays near the number of tiles plus that of units out. */
@@ -61,10 +65,16 @@ size_t schedule_spans(const schedule_t *schedule);
 
 /* ---- rounds (plan.h) ---- */
 
-/* Allows tile t to be sampled up to ends[t], the new samples with weight weights[t]. The first round is
- * opened by schedule_new when the settings ask for neither an error nor adaptivity. ends[t] is at least the
- * tile's present end. */
+enum { SCHEDULE_MAX_ROUNDS = 1000 };
+
+/* Allows tile t to be sampled up to ends[t], the new samples with weight weights[t]; of a planned job.
+ * ends[t] is at least the tile's present end. */
 void schedule_open_round(schedule_t *schedule, const uint32_t *ends, const uint32_t *weights);
+/* A job is to go on beyond its end, or to end elsewhere: spp, error and time_limit are taken from `settings`,
+ * whose other fields are the job's. If it is not planned, its latest round then ends at spp; if it is,
+ * nothing is opened, but a round without end (it was to be ended by time) is cut to what has been handed out.
+ * Where tiles have more samples already, settings->spp is raised to them. */
+void schedule_extend(schedule_t *schedule, job_settings_t *settings);
 uint32_t schedule_round_count(const schedule_t *schedule);
 /* True when all samples of the open rounds are counted or skipped; true before the first round. */
 bool schedule_round_counted(const schedule_t *schedule);
@@ -82,9 +92,9 @@ bool schedule_issue(schedule_t *schedule, uint64_t worker, const unit_t *unit);
 /* The units that a worker holds, in fresh memory (the caller frees it); *count is 0 and the result NULL when
  * none. */
 unit_t *schedule_units_of(const schedule_t *schedule, uint64_t worker, size_t *count);
-/* Counted samples become free again: their sums were taken out of the film. */
+/* What is counted of the units becomes free again: its sums were taken out of the film. */
 void schedule_uncount(schedule_t *schedule, const unit_t *units, size_t count);
-/* Free samples will never be counted; the job completes without them. */
+/* What is free of the unit will never be counted; the job completes without it. */
 void schedule_skip(schedule_t *schedule, const unit_t *unit);
 
 /* ---- accounts and checkpoints ---- */
@@ -95,6 +105,9 @@ typedef struct {
     uint64_t issued, counted, returned, out, skipped;
 } schedule_account_t;
 schedule_account_t schedule_account(const schedule_t *schedule);
+/* Writes the number of counted samples of each pixel, [height][width]: what the "samples" layer of an image
+ * shows of an adaptive job, whose film knows their weight only (film_image_t.samples). */
+void schedule_show_samples(const schedule_t *schedule, float *samples);
 
 /* All that outlives the process. */
 typedef struct {
@@ -108,8 +121,8 @@ typedef struct {
 void schedule_save(const schedule_t *schedule, schedule_state_t *state);
 void schedule_state_free(schedule_state_t *state);
 /* A schedule from a state that was read from a file: RESULT_INPUT, naming what is wrong, unless it fits the
- * settings. What was out when it was saved is returned. */
-result_t schedule_restore(const job_settings_t *settings, const schedule_state_t *state,
-                          schedule_t **schedule);
+ * settings. What was out when it was saved is returned. The settings may have been extended since then (see
+ * schedule_extend, also for what happens to settings->spp). */
+result_t schedule_restore(job_settings_t *settings, const schedule_state_t *state, schedule_t **schedule);
 
 #endif

@@ -8,6 +8,9 @@
  *   - one walk over the decoded message, driven by protobuf-c's own descriptors, holds every string, bytes
  * field and repeated field to its limit. A field that is added to the schema is held too, with no code here.
  *
+ * A message bears a checksum of all its frames. TCP's own is weak and made anew by every box on the way, so a
+ * damaged sum could otherwise decode to a plausible batch and be counted.
+ *
  * Strings end up in logs and on terminals, so control characters in them are replaced as they come in.
  *
  * Sending never blocks: the threads that own sockets serve many peers, and one that does not read must not
@@ -16,12 +19,15 @@
  * handed over so that ZeroMQ discards the message whole. */
 #include "proto/wire.h"
 
+#include "proto/checksum.h"
+
 #include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 static const uint8_t PREAMBLE[] = {'L', 'M', 'I', 'L', WIRE_VERSION};
+enum { ENVELOPE_AT = sizeof PREAMBLE + sizeof(uint32_t) }; /* behind the checksum */
 
 /* libzmq is not built with the thread sanitizer, which therefore does not see that a message is handed over,
  * at inproc with its memory: what was done before a message was sent comes before what is done after one was
@@ -51,11 +57,11 @@ enum {
     HIGH_WATER_MARK = 64, /* messages queued a connection; peers have few requests open at a time */
     LINGER_MS = 1000,
     RECONNECT_MS = 100,
-    RECONNECT_MAX_MS = 5000,
+    RECONNECT_MAX_MS = 500, /* a master that was restarted is to be found within a second */
     CONNECT_TIMEOUT_MS = 5000,
-    UNACKNOWLEDGED_MAX_MS = 30000,
-    KEEP_ALIVE_IDLE = 30,
-    KEEP_ALIVE_INTERVAL = 10,
+    UNACKNOWLEDGED_MAX_MS = 15000, /* then a connection counts as broken; one that is slow does not */
+    KEEP_ALIVE_IDLE = 10,
+    KEEP_ALIVE_INTERVAL = 3,
     KEEP_ALIVE_COUNT = 3
 };
 
@@ -178,9 +184,23 @@ result_t wire_socket(void *context, int type, void **socket)
 
 /* ---- sending ------------------------------------------------------------------------------------------- */
 
-static result_t header_encode(const Lm__Envelope *envelope, zmq_msg_t *header)
+/* Of the packed envelope and of the sizes and bytes of the payloads. */
+static uint32_t message_checksum(const uint8_t *envelope, size_t size, const zmq_msg_t *payload,
+                                 int payload_count)
 {
-    size_t size = sizeof PREAMBLE + lm__envelope__get_packed_size(envelope);
+    uint32_t sum = checksum_add(0, envelope, size);
+    for (int i = 0; i < payload_count; i++) {
+        uint64_t length = zmq_msg_size(&payload[i]);
+        sum = checksum_add(sum, &length, sizeof length);
+        sum = checksum_add(sum, zmq_msg_data((zmq_msg_t *)&payload[i]), length);
+    }
+    return sum;
+}
+
+static result_t header_encode(const Lm__Envelope *envelope, const zmq_msg_t *payload, int payload_count,
+                              zmq_msg_t *header)
+{
+    size_t size = ENVELOPE_AT + lm__envelope__get_packed_size(envelope);
     if (size > WIRE_MAX_HEADER)
         return result_fail(RESULT_LIMIT, "a message header of %zu bytes is over the limit of %d", size,
                            WIRE_MAX_HEADER);
@@ -188,7 +208,9 @@ static result_t header_encode(const Lm__Envelope *envelope, zmq_msg_t *header)
         return result_fail(RESULT_LIMIT, "no memory for a message header of %zu bytes", size);
     uint8_t *bytes = zmq_msg_data(header);
     memcpy(bytes, PREAMBLE, sizeof PREAMBLE);
-    lm__envelope__pack(envelope, bytes + sizeof PREAMBLE);
+    lm__envelope__pack(envelope, bytes + ENVELOPE_AT);
+    uint32_t sum = message_checksum(bytes + ENVELOPE_AT, size - ENVELOPE_AT, payload, payload_count);
+    memcpy(bytes + sizeof PREAMBLE, &sum, sizeof sum);
     return result_ok();
 }
 
@@ -228,7 +250,7 @@ result_t wire_send(void *socket, const uint8_t *identity, size_t identity_size, 
     zmq_msg_t address, header;
     zmq_msg_t *frames[2 + WIRE_MAX_PAYLOADS];
     int count = 0;
-    result_t result = header_encode(envelope, &header);
+    result_t result = header_encode(envelope, payload, payload_count, &header);
     if (result.code == RESULT_OK && identity != NULL) {
         if (zmq_msg_init_size(&address, identity_size) == 0) {
             memcpy(zmq_msg_data(&address), identity, identity_size);
@@ -327,7 +349,8 @@ static result_t message_check(ProtobufCMessage *message)
     return result_ok();
 }
 
-result_t wire_header_decode(const uint8_t *bytes, size_t size, Lm__Envelope **envelope)
+/* What stands in front of the envelope. */
+static result_t header_check(const uint8_t *bytes, size_t size, const zmq_msg_t *payload, int payload_count)
 {
     if (size < sizeof PREAMBLE || memcmp(bytes, PREAMBLE, sizeof PREAMBLE - 1) != 0)
         return result_fail(RESULT_PROTOCOL, "a message of %zu bytes does not begin like one of ours", size);
@@ -339,9 +362,21 @@ result_t wire_header_decode(const uint8_t *bytes, size_t size, Lm__Envelope **en
     if (size > WIRE_MAX_HEADER)
         return result_fail(RESULT_PROTOCOL, "a header of %zu bytes is over the limit of %d", size,
                            WIRE_MAX_HEADER);
+    if (size <= ENVELOPE_AT)
+        return result_fail(RESULT_PROTOCOL, "a header of %zu bytes holds no message", size);
+    uint32_t sum;
+    memcpy(&sum, bytes + sizeof PREAMBLE, sizeof sum);
+    if (sum == message_checksum(bytes + ENVELOPE_AT, size - ENVELOPE_AT, payload, payload_count))
+        return result_ok();
+    return result_fail(RESULT_PROTOCOL, "a message was damaged on its way: its checksum is wrong");
+}
+
+/* The envelope alone. */
+static result_t header_decode(const uint8_t *bytes, size_t size, Lm__Envelope **envelope)
+{
     size_t budget = WIRE_MAX_DECODED;
     ProtobufCAllocator allocator = {budget_alloc, budget_free, &budget};
-    Lm__Envelope *made = lm__envelope__unpack(&allocator, size - sizeof PREAMBLE, bytes + sizeof PREAMBLE);
+    Lm__Envelope *made = lm__envelope__unpack(&allocator, size, bytes);
     if (made == NULL) return result_fail(RESULT_PROTOCOL, "a header of %zu bytes does not decode", size);
     result_t result = message_check(&made->base);
     if (result.code == RESULT_OK && made->body_case == LM__ENVELOPE__BODY__NOT_SET)
@@ -475,8 +510,11 @@ result_t wire_receive_frames(void *socket, bool router, wire_message_t *message,
 
 result_t wire_decode(wire_message_t *message)
 {
-    result_t result = wire_header_decode(zmq_msg_data(&message->header), zmq_msg_size(&message->header),
-                                         &message->envelope);
+    const uint8_t *bytes = zmq_msg_data(&message->header);
+    size_t size = zmq_msg_size(&message->header);
+    result_t result = header_check(bytes, size, message->payload, message->payload_count);
+    if (result.code == RESULT_OK)
+        result = header_decode(bytes + ENVELOPE_AT, size - ENVELOPE_AT, &message->envelope);
     zmq_msg_close(&message->header);
     message->header_open = false;
     if (result.code != RESULT_OK) wire_free(message);

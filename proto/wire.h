@@ -163,4 +163,34 @@ result_t payload_encode(const batch_t *batch, bool compress, zmq_msg_t payload[B
  * decode to exactly the right size. */
 result_t payload_decode(const zmq_msg_t payload[BATCH_PAYLOADS], batch_t *batch);
 
+/* Reading a frame piece by piece, for who adds the values up and need not have them all in memory. */
+
+enum { PAYLOAD_PIECE = 1024 }; /* pixels of a piece, at most */
+
+typedef struct payload_reader payload_reader_t;
+
+/* Some values of some pixels: splats and eye tiles have 3 a pixel, features FEATURE_VALUES. */
+typedef struct {
+    size_t first, pixels;  /* numbered through the frame */
+    size_t offset, lanes;  /* which of the values of each pixel */
+    const uint64_t *mask;  /* a bit a pixel, from the lowest on; those not marked are zero. What is marked
+                              beyond the last pixel means nothing */
+    const int64_t *values; /* `lanes` for each pixel that is marked */
+    bool large;            /* some may be beyond +-2^55 */
+} payload_piece_t;
+
+/* NULL when memory lacks. */
+payload_reader_t *payload_reader_new(void);
+/* Sets *reader to NULL. */
+void payload_reader_free(payload_reader_t **reader);
+/* Begins frame `which` of a batch, of which `values` must come out. RESULT_PROTOCOL when it cannot be so.
+ * `frame` stays the caller's, open until the last piece is read. */
+result_t payload_open(payload_reader_t *reader, const zmq_msg_t *frame, int which, size_t values);
+/* The next piece, valid until the one after is read. False when there is none: payload_end tells why. */
+bool payload_read(payload_reader_t *reader, payload_piece_t *piece);
+/* RESULT_PROTOCOL when the frame was damaged. */
+result_t payload_end(const payload_reader_t *reader);
+/* RESULT_PROTOCOL unless the frame of features is empty, as it must be for units that have none. */
+result_t payload_no_features(const zmq_msg_t *frame);
+
 #endif

@@ -62,7 +62,7 @@ static char *output_path(const rig_t *rig, int index)
     return mem_printf("%s/output-%d", rig->folder, index);
 }
 
-pid_t rig_start_program(rig_t *rig, const char *program, const char *const *arguments)
+static pid_t start(rig_t *rig, const char *program, const char *const *arguments)
 {
     char *path = program_path(program);
     const char *argv[64] = {path};
@@ -124,9 +124,14 @@ char *rig_output(rig_t *rig, pid_t process)
     return text;
 }
 
+pid_t rig_start_program(rig_t *rig, const char *program, const char *const *arguments)
+{
+    return start(rig, program, arguments);
+}
+
 pid_t rig_start_command(rig_t *rig, const char *const *arguments)
 {
-    return rig_start_program(rig, "lightmill", arguments);
+    return start(rig, "lightmill", arguments);
 }
 
 int rig_run(rig_t *rig, const char *const *arguments)
@@ -194,6 +199,7 @@ void rig_destroy(rig_t **rig_pointer)
     bool silent = sanitizers_silent(rig);
     scratch_destroy(&rig->folder);
     free(rig->keys);
+    free(rig->data);
     free(rig);
     *rig_pointer = NULL;
     if (!silent) fail_msg("a sanitizer found something");
@@ -223,10 +229,10 @@ static void connect_remote(rig_t *rig)
 {
     char *endpoint = mem_printf("tcp://127.0.0.1:%d", rig->port);
     char *secret = key_path(rig, "client.secret"), *master = key_path(rig, "master.key");
-    link_options_t options = {.role = "client", .key = secret, .master_key = master, .insecure = !rig->keys};
-    link_keys_t keys;
+    dial_options_t options = {.role = "client", .key = secret, .master_key = master, .insecure = !rig->keys};
+    dial_keys_t keys;
     remote_close(&rig->remote);
-    must(link_keys_find(&options, "127.0.0.1", &keys));
+    must(dial_keys_find(&options, "127.0.0.1", &keys));
     must(remote_open_with(NULL, endpoint, NULL, 20, &keys, &rig->remote));
     free(endpoint);
     free(secret);
@@ -238,17 +244,21 @@ static void connect_remote(rig_t *rig)
 
 void rig_start_master(rig_t *rig, double batch_interval)
 {
+    free(rig->data);
+    rig->data = mem_printf("%s/data-%d", rig->folder, rig->started_count);
+    rig_restart_master(rig, batch_interval);
+}
+
+void rig_restart_master(rig_t *rig, double batch_interval)
+{
     char *listen = mem_printf("127.0.0.1:%d", rig->port), *interval = mem_printf("%g", batch_interval);
-    char *data = mem_printf("%s/data-%d", rig->folder, rig->started_count);
     char *key = key_path(rig, "master.secret"), *allow = key_path(rig, "allow");
-    rig->master =
-        rig_start_program(rig, "lightmill-master",
-                          (const char *[]){"--listen", listen, "--data", data, "--heartbeat", "0.2",
-                                           "--lease", "1", "--batch-interval", interval, "--verbose",
-                                           key ? "--key" : NULL, key, "--allow", allow, NULL});
+    rig->master = start(rig, "lightmill-master",
+                        (const char *[]){"--listen", listen, "--data", rig->data, "--heartbeat", "0.2",
+                                         "--lease", "1", "--batch-interval", interval, "--verbose",
+                                         key ? "--key" : NULL, key, "--allow", allow, NULL});
     free(listen);
     free(interval);
-    free(data);
     free(key);
     free(allow);
     connect_remote(rig);
@@ -267,10 +277,10 @@ pid_t rig_start_worker(rig_t *rig)
     char *cache = mem_printf("%s/cache-%d", rig->folder, rig->started_count);
     char *name = mem_printf("%d", rig->started_count);
     char *key = key_path(rig, "worker.secret"), *master = key_path(rig, "master.key");
-    pid_t worker = rig_start_program(rig, "lightmill-worker",
-                                     (const char *[]){address, "--threads", "1", "--cache", cache, "--name",
-                                                      name, "--verbose", key ? "--key" : NULL, key,
-                                                      "--master-key", master, NULL});
+    pid_t worker =
+        start(rig, "lightmill-worker",
+              (const char *[]){address, "--threads", "1", "--cache", cache, "--name", name, "--verbose",
+                               key ? "--key" : NULL, key, "--master-key", master, NULL});
     free(address);
     free(cache);
     free(name);

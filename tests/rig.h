@@ -11,6 +11,7 @@ enum { RIG_MAX_PROCESSES = 32 };
 
 typedef struct {
     char *folder; /* scratch: logs, caches, data, images */
+    char *data;   /* the data directory of the last master */
     int port;     /* of the master's control socket; the bulk socket has the next one */
     pid_t master; /* 0: none */
     char *keys;   /* folder of the keys master, worker and client and of the list "allow"; NULL: no keys */
@@ -35,12 +36,14 @@ void rig_use_keys(rig_t *rig);
 
 /* Starts a master on the rig's port with quick time-outs (lease 1 s) and waits until it answers. */
 void rig_start_master(rig_t *rig, double batch_interval);
+/* Starts a master on the data of the last, which has ended, and waits until it answers. */
+void rig_restart_master(rig_t *rig, double batch_interval);
 /* Kills the master with -9. */
 void rig_kill_master(rig_t *rig);
 /* Starts a worker with one thread and its own cache. */
 pid_t rig_start_worker(rig_t *rig);
 
-/* Starts one of our programs with these arguments (NULL-terminated). */
+/* Starts one of our programs with these arguments (NULL-terminated), as rig_start_command does. */
 pid_t rig_start_program(rig_t *rig, const char *program, const char *const *arguments);
 /* Starts the `lightmill` command with these arguments (NULL-terminated); its output goes to a file in the
  * folder: rig_output. */

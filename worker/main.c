@@ -14,7 +14,7 @@
 #include <string.h>
 #include <unistd.h>
 
-enum { DEFAULT_PORT = 7420, MAX_THREADS = 4096 };
+enum { DEFAULT_PORT = 7420, MAX_THREADS = 4096, MAX_GRACE = 86400 };
 
 /* Written by the signal handler; the one variable of this kind that a handler needs. */
 static atomic_int stop_requested;
@@ -27,6 +27,9 @@ static const char usage[] =
     "it again when it comes back. SIGTERM or Ctrl-C: finish and send what is in hand, then leave; twice: at "
     "once.\n"
     "\n"
+    "  --grace SECONDS    how long leaving may take: units that are not finished in time are given up "
+    "(default: "
+    "25)\n"
     "  --threads N        render threads (default: one a core)\n"
     "  --name NAME        what to be called (default: host name and process number)\n"
     "  --cache DIR        where scenes are kept, shared by the workers of a machine\n"
@@ -40,8 +43,9 @@ static const char usage[] =
     "\n";
 static const char usage_end[] =
     "\n"
-    "Exit codes: 0 left as asked, 1 wrong command line, 3 the operating system refused, 5 out of memory,\n"
-    "9 no key.\n";
+    "Exit codes: 0 left as asked and all was delivered, 1 wrong command line, 3 the operating system "
+    "refused,\n"
+    "5 out of memory, 6 the last batch could not be delivered within the grace period, 9 no key.\n";
 
 static void on_signal(int number)
 {
@@ -71,7 +75,7 @@ static result_t parse_number(const char *option, const char *text, double least,
 
 typedef struct {
     worker_options_t options;
-    link_options_t link;
+    dial_options_t dial;
     char *endpoint; /* owned */
     log_level_t level;
     bool done; /* help or version was printed */
@@ -80,13 +84,15 @@ typedef struct {
 static result_t parse_option(command_t *command, const char *option, const char *value)
 {
     double number;
-    if (link_option(&command->link, option, value)) return result_ok();
+    if (dial_option(&command->dial, option, value)) return result_ok();
     if (strcmp(option, "threads") == 0) {
         TRY(parse_number(option, value, 1, MAX_THREADS, &number));
         command->options.threads = (int)number;
     } else if (strcmp(option, "cache-limit") == 0) {
         TRY(parse_number(option, value, 0, 1e9, &number));
         command->options.cache_limit = (uint64_t)(number * 1e9);
+    } else if (strcmp(option, "grace") == 0) {
+        TRY(parse_number(option, value, 0, MAX_GRACE, &command->options.grace));
     } else if (strcmp(option, "cache") == 0) {
         command->options.cache_dir = value;
     } else if (strcmp(option, "name") == 0) {
@@ -97,7 +103,7 @@ static result_t parse_option(command_t *command, const char *option, const char 
         command->level = LOG_DEBUG;
     } else {
         if (strcmp(option, "help") == 0)
-            printf("%s%s%s", usage, link_usage, usage_end);
+            printf("%s%s%s", usage, dial_usage, usage_end);
         else
             puts("lightmill-worker " LIGHTMILL_VERSION);
         command->done = true;
@@ -107,9 +113,10 @@ static result_t parse_option(command_t *command, const char *option, const char 
 
 static result_t parse_arguments(int argc, char **argv, command_t *command)
 {
-    static const struct option options[] = {LINK_OPTIONS,
+    static const struct option options[] = {DIAL_OPTIONS,
                                             {"threads", required_argument, NULL, 0},
                                             {"name", required_argument, NULL, 0},
+                                            {"grace", required_argument, NULL, 0},
                                             {"cache", required_argument, NULL, 0},
                                             {"cache-limit", required_argument, NULL, 0},
                                             {"quiet", no_argument, NULL, 0},
@@ -117,7 +124,7 @@ static result_t parse_arguments(int argc, char **argv, command_t *command)
                                             {"help", no_argument, NULL, 0},
                                             {"version", no_argument, NULL, 0},
                                             {NULL, 0, NULL, 0}};
-    *command = (command_t){.options = worker_options_default(), .link.role = "worker", .level = LOG_INFO};
+    *command = (command_t){.options = worker_options_default(), .dial.role = "worker", .level = LOG_INFO};
     int index, found;
     while ((found = getopt_long(argc, argv, "", options, &index)) != -1) {
         if (found == '?') return result_fail(RESULT_USAGE, "see lightmill-worker --help");
@@ -130,7 +137,7 @@ static result_t parse_arguments(int argc, char **argv, command_t *command)
     TRY(address_parse(optind < argc ? argv[optind] : "127.0.0.1", DEFAULT_PORT, &address));
     command->endpoint = address_endpoint(&address, address.port);
     command->options.control_endpoint = command->endpoint;
-    return link_keys_find(&command->link, address.host, &command->options.keys);
+    return dial_keys_find(&command->dial, address.host, &command->options.keys);
 }
 
 int main(int argc, char **argv)
@@ -146,7 +153,7 @@ int main(int argc, char **argv)
         result = worker_run(&command.options, &stop_requested);
     }
     if (result.code != RESULT_OK) fprintf(stderr, "lightmill-worker: %s\n", result.message);
-    link_keys_free(&command.options.keys);
+    dial_keys_free(&command.options.keys);
     free(command.endpoint);
     return result_exit_code(result);
 }

@@ -1,6 +1,7 @@
 /* Floods on loopback: peers send nonsense, valid messages and connection attempts to both sockets as fast as
  * they can, from several threads, while a well-behaved worker measures how long its heartbeats take. It must
  * never come near to losing its lease. The figures are printed. */
+#include "proto/checksum.h"
 #include "tests/rig.h"
 #include "tests/scratch.h"
 
@@ -20,7 +21,7 @@
 /* After setjmp and stdarg. */
 #include <cmocka.h>
 
-enum { HEADER_BYTES = 5, FLOODERS = 4, SOCKETS = 4, MAX_BEATS = 2000 };
+enum { HEADER_BYTES = 9, FLOODERS = 4, SOCKETS = 4, MAX_BEATS = 2000 };
 static const double LEASE = 5;    /* seconds: the default */
 static const double PHASE = 2.5;  /* seconds of each flood */
 static const double PAUSE = 0.01; /* seconds between heartbeats */
@@ -40,7 +41,7 @@ typedef enum {
 typedef struct {
     flood_kind_t kind;
     int port;
-    link_keys_t keys;
+    dial_keys_t keys;
     atomic_bool *stop;
     pthread_t thread;
     unsigned seed;
@@ -52,13 +53,21 @@ static void fill_random(unsigned *seed, uint8_t *bytes, size_t size)
     for (size_t i = 0; i < size; i++) bytes[i] = (uint8_t)(rand_r(seed) >> 7);
 }
 
-static void put_envelope(Lm__Envelope *envelope, zmq_msg_t *frame)
+/* A header frame for the envelope and, if there is one, its payload. */
+static void put_envelope(Lm__Envelope *envelope, const zmq_msg_t *payload, zmq_msg_t *frame)
 {
     zmq_msg_init_size(frame, HEADER_BYTES + lm__envelope__get_packed_size(envelope));
     uint8_t *bytes = zmq_msg_data(frame);
     memcpy(bytes, "LMIL", 4);
     bytes[4] = WIRE_VERSION;
     lm__envelope__pack(envelope, bytes + HEADER_BYTES);
+    uint32_t sum = checksum_add(0, bytes + HEADER_BYTES, zmq_msg_size(frame) - HEADER_BYTES);
+    if (payload != NULL) {
+        uint64_t size = zmq_msg_size(payload);
+        sum = checksum_add(sum, &size, sizeof size);
+        sum = checksum_add(sum, zmq_msg_data((zmq_msg_t *)payload), size);
+    }
+    memcpy(bytes + 5, &sum, sizeof sum);
 }
 
 /* One message of the flood as frames; returns how many. */
@@ -75,14 +84,14 @@ static int make_message(flooder_t *flooder, zmq_msg_t frames[2])
         beat.worker = rand_r(&flooder->seed);
         envelope.body_case = LM__ENVELOPE__BODY_HEARTBEAT;
         envelope.heartbeat = &beat;
-        put_envelope(&envelope, &frames[0]);
+        put_envelope(&envelope, NULL, &frames[0]);
         return 1;
     case FLOOD_LARGE:
         batch.n_units = ARRAY_LENGTH(units);
         batch.units = wire_units_new(units, ARRAY_LENGTH(units));
         envelope.body_case = LM__ENVELOPE__BODY_BATCH_RESULT;
         envelope.batch_result = &batch;
-        put_envelope(&envelope, &frames[0]);
+        put_envelope(&envelope, NULL, &frames[0]);
         free(batch.units);
         return 1;
     case FLOOD_UPLOADS:
@@ -91,9 +100,9 @@ static int make_message(flooder_t *flooder, zmq_msg_t frames[2])
         put.size = 1 << 30;
         envelope.body_case = LM__ENVELOPE__BODY_BLOB_PUT;
         envelope.blob_put = &put;
-        put_envelope(&envelope, &frames[0]);
         zmq_msg_init_size(&frames[1], WIRE_MAX_CHUNK);
         memset(zmq_msg_data(&frames[1]), 1, WIRE_MAX_CHUNK);
+        put_envelope(&envelope, &frames[1], &frames[0]);
         return 2;
     default:
         zmq_msg_init_size(&frames[0], 1 + rand_r(&flooder->seed) % 300);
@@ -114,7 +123,7 @@ static void *dial(flooder_t *flooder, void *context)
     snprintf(endpoint, sizeof endpoint, "tcp://127.0.0.1:%d", flooder->port);
     zmq_setsockopt(socket, ZMQ_LINGER, &linger, sizeof linger);
     zmq_setsockopt(socket, ZMQ_SNDTIMEO, &timeout, sizeof timeout);
-    link_keys_apply(&flooder->keys, socket);
+    dial_keys_apply(&flooder->keys, socket);
     zmq_connect(socket, endpoint);
     return socket;
 }
@@ -211,13 +220,13 @@ typedef struct {
     double most; /* p99, of all phases */
 } good_t;
 
-static link_keys_t keys_of(rig_t *rig, const char *name)
+static dial_keys_t keys_of(rig_t *rig, const char *name)
 {
-    link_keys_t keys = {0};
+    dial_keys_t keys = {0};
     if (rig->keys == NULL) return keys;
     char *secret = mem_printf("%s/%s.secret", rig->keys, name), *open = scratch_path(rig->keys, "master.key");
-    link_options_t options = {.role = name, .key = secret, .master_key = open};
-    assert_int_equal(link_keys_find(&options, "127.0.0.1", &keys).code, RESULT_OK);
+    dial_options_t options = {.role = name, .key = secret, .master_key = open};
+    assert_int_equal(dial_keys_find(&options, "127.0.0.1", &keys).code, RESULT_OK);
     free(secret);
     free(open);
     return keys;
@@ -244,13 +253,13 @@ static void say_hello(good_t *good, rig_t *rig)
 {
     *good = (good_t){.rig = rig, .context = zmq_ctx_new()};
     char *endpoint = mem_printf("tcp://127.0.0.1:%d", rig->port);
-    link_keys_t keys = keys_of(rig, "worker");
+    dial_keys_t keys = keys_of(rig, "worker");
     Lm__Hello hello = LM__HELLO__INIT;
     Lm__Envelope envelope = LM__ENVELOPE__INIT;
     assert_int_equal(wire_socket(good->context, ZMQ_DEALER, &good->socket).code, RESULT_OK);
-    assert_int_equal(link_keys_apply(&keys, good->socket).code, RESULT_OK);
+    assert_int_equal(dial_keys_apply(&keys, good->socket).code, RESULT_OK);
     assert_int_equal(zmq_connect(good->socket, endpoint), 0);
-    link_keys_free(&keys);
+    dial_keys_free(&keys);
     free(endpoint);
     hello.protocol_version = WIRE_VERSION;
     hello.name = "good";
@@ -320,7 +329,7 @@ static uint64_t count_sent(void *context)
 }
 
 /* `keys` are given to the flooders, who free nothing. */
-static void endure(good_t *good, const char *what, flood_kind_t kind, bool bulk, const link_keys_t *keys)
+static void endure(good_t *good, const char *what, flood_kind_t kind, bool bulk, const dial_keys_t *keys)
 {
     flood_t flooding = {0};
     for (int i = 0; i < FLOODERS; i++) {
@@ -394,8 +403,8 @@ static void with_keys(void **state)
     assert_int_equal(key_files_make(rig->keys, "stranger", &stranger).code, RESULT_OK);
     start_master(rig);
     say_hello(&good, rig);
-    link_keys_t unknown = keys_of(rig, "stranger"), client = keys_of(rig, "client");
-    link_keys_t misled = client;
+    dial_keys_t unknown = keys_of(rig, "stranger"), client = keys_of(rig, "client");
+    dial_keys_t misled = client;
     memcpy(misled.master, stranger.open, sizeof misled.master);
     measure(&good, "no flood, with keys", NULL, NULL);
     endure(&good, "connections with an unknown key", FLOOD_CONNECTIONS, false, &unknown);
@@ -404,8 +413,8 @@ static void with_keys(void **state)
     endure(&good, "bytes over TCP to the control socket", FLOOD_TCP, false, NULL);
     endure(&good, "heartbeats with a client's key", FLOOD_HEARTBEATS, false, &client);
     endure(&good, "uploads of 4 MiB to the bulk socket", FLOOD_UPLOADS, true, &client);
-    link_keys_free(&unknown);
-    link_keys_free(&client);
+    dial_keys_free(&unknown);
+    dial_keys_free(&client);
     finish(&good, "refused a connection from 127.0.0.1: the key");
 }
 

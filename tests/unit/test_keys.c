@@ -2,7 +2,7 @@
  * messages, and user ids that peers give themselves. */
 #include "master/allow_list.h"
 #include "master/rate_limit.h"
-#include "proto/link.h"
+#include "proto/dial.h"
 #include "proto/wire.h"
 #include "tests/scratch.h"
 
@@ -241,10 +241,10 @@ static void clear_environment(const char *folder)
     setenv("XDG_CONFIG_HOME", folder, 1);
 }
 
-static void expect_denied(const link_options_t *options, const char *host, const char *cure)
+static void expect_denied(const dial_options_t *options, const char *host, const char *cure)
 {
-    link_keys_t keys;
-    result_t result = link_keys_find(options, host, &keys);
+    dial_keys_t keys;
+    result_t result = dial_keys_find(options, host, &keys);
     assert_int_equal(result.code, RESULT_DENIED);
     assert_non_null(strstr(result.message, cure));
     assert_false(keys.used);
@@ -254,10 +254,10 @@ static void peers_find_their_keys(void **state)
 {
     char *folder = *state, *config = scratch_path(folder, "lightmill");
     key_pair_t mine, master;
-    link_keys_t keys;
-    link_options_t options = {.role = "client"};
+    dial_keys_t keys;
+    dial_options_t options = {.role = "client"};
     clear_environment(folder);
-    assert_int_equal(link_keys_find(&options, "127.0.0.1", &keys).code, RESULT_OK);
+    assert_int_equal(dial_keys_find(&options, "127.0.0.1", &keys).code, RESULT_OK);
     assert_false(keys.used);
     expect_denied(&options, "10.0.0.1", "lightmill keygen client");
     assert_int_equal(key_files_make(config, "client", &mine).code, RESULT_OK);
@@ -265,39 +265,39 @@ static void peers_find_their_keys(void **state)
     assert_int_equal(key_files_make(config, "master", &master).code, RESULT_OK);
 
     /* From the folder, but not to loopback. */
-    assert_int_equal(link_keys_find(&options, "farm", &keys).code, RESULT_OK);
+    assert_int_equal(dial_keys_find(&options, "farm", &keys).code, RESULT_OK);
     assert_true(keys.used);
     assert_string_equal(keys.own.secret, mine.secret);
     assert_string_equal(keys.master, master.open);
-    link_keys_free(&keys);
-    assert_int_equal(link_keys_find(&options, "localhost", &keys).code, RESULT_OK);
+    dial_keys_free(&keys);
+    assert_int_equal(dial_keys_find(&options, "localhost", &keys).code, RESULT_OK);
     assert_false(keys.used);
 
     /* What is given is used everywhere; the rest is completed. */
     options.master_key = mine.open;
-    assert_int_equal(link_keys_find(&options, "127.0.0.1", &keys).code, RESULT_OK);
+    assert_int_equal(dial_keys_find(&options, "127.0.0.1", &keys).code, RESULT_OK);
     assert_true(keys.used);
     assert_string_equal(keys.master, mine.open);
     assert_string_equal(keys.own.open, mine.open);
-    link_keys_free(&keys);
+    dial_keys_free(&keys);
     options.master_key = NULL;
     setenv("LIGHTMILL_KEY", master.secret, 1);
-    assert_int_equal(link_keys_find(&options, "127.0.0.1", &keys).code, RESULT_OK);
+    assert_int_equal(dial_keys_find(&options, "127.0.0.1", &keys).code, RESULT_OK);
     assert_string_equal(keys.own.open, master.open);
-    link_keys_free(&keys);
+    dial_keys_free(&keys);
     setenv("LIGHTMILL_KEY", "/run/secrets/key", 1);
-    assert_int_equal(link_keys_find(&options, "127.0.0.1", &keys).code, RESULT_USAGE);
+    assert_int_equal(dial_keys_find(&options, "127.0.0.1", &keys).code, RESULT_USAGE);
     unsetenv("LIGHTMILL_KEY");
     setenv("LIGHTMILL_KEY_FILE", "/nowhere/key", 1);
-    result_t result = link_keys_find(&options, "127.0.0.1", &keys);
+    result_t result = dial_keys_find(&options, "127.0.0.1", &keys);
     assert_int_equal(result.code, RESULT_INPUT);
     assert_non_null(strstr(result.message, "/nowhere/key"));
 
     options.insecure = true;
-    assert_int_equal(link_keys_find(&options, "farm", &keys).code, RESULT_OK);
+    assert_int_equal(dial_keys_find(&options, "farm", &keys).code, RESULT_OK);
     assert_false(keys.used);
     options.key = "x.secret";
-    assert_int_equal(link_keys_find(&options, "farm", &keys).code, RESULT_USAGE);
+    assert_int_equal(dial_keys_find(&options, "farm", &keys).code, RESULT_USAGE);
     clear_environment(folder);
     free(config);
 }
@@ -306,28 +306,28 @@ static void keys_are_read_again(void **state)
 {
     char *folder = *state, *path = scratch_path(folder, "me.secret"), *open = scratch_path(folder, "me.key");
     key_pair_t first, second, master;
-    link_keys_t keys;
+    dial_keys_t keys;
     char used[KEY_TEXT + 1];
     size_t size = sizeof used;
     clear_environment(folder);
     key_files_make(folder, "me", &first);
     key_pair_new(&master);
-    link_options_t options = {.role = "worker", .key = path, .master_key = master.open};
-    assert_int_equal(link_keys_find(&options, "farm", &keys).code, RESULT_OK);
+    dial_options_t options = {.role = "worker", .key = path, .master_key = master.open};
+    assert_int_equal(dial_keys_find(&options, "farm", &keys).code, RESULT_OK);
     unlink(path);
     unlink(open);
     key_files_make(folder, "me", &second);
     void *context = zmq_ctx_new(), *socket = zmq_socket(context, ZMQ_DEALER);
-    assert_int_equal(link_keys_apply(&keys, socket).code, RESULT_OK);
+    assert_int_equal(dial_keys_apply(&keys, socket).code, RESULT_OK);
     assert_int_equal(zmq_getsockopt(socket, ZMQ_CURVE_PUBLICKEY, used, &size), 0);
     assert_string_equal(used, second.open);
     unlink(path); /* gone: the last one is used */
-    assert_int_equal(link_keys_apply(&keys, socket).code, RESULT_OK);
+    assert_int_equal(dial_keys_apply(&keys, socket).code, RESULT_OK);
     assert_int_equal(zmq_getsockopt(socket, ZMQ_CURVE_PUBLICKEY, used, &size), 0);
     assert_string_equal(used, second.open);
     zmq_close(socket);
     zmq_ctx_term(context);
-    link_keys_free(&keys);
+    dial_keys_free(&keys);
     free(path);
     free(open);
 }

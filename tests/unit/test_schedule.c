@@ -1,4 +1,5 @@
-/* Tests of master/schedule.c, among them a random farm that is compared, sample by sample, with a table. */
+/* Tests of master/schedule.c, among them a random farm that is compared, sample by sample, with a table.
+ * Rounds, particular units and states that come from files have more tests in test_rounds.c. */
 #include "master/schedule.h"
 
 #include <setjmp.h>
@@ -185,12 +186,25 @@ static void a_straggler_splits_what_was_issued_again(void **state)
 
 /* ---- a random farm against a table --------------------------------------------------------------------- */
 
-enum { TILES = 15, SPP = 40, WORKERS = 5, HOLD = 4000, FREE = 0, COUNTED = 255 };
+enum {
+    TILES = 15,
+    SPP = 40, /* the most that a tile gets, over all rounds */
+    WORKERS = 5,
+    HOLD = 4000,
+    ROUNDS = 4,
+    FREE = 0,
+    SHUT = 253, /* no round allows it yet */
+    SKIPPED = 254,
+    COUNTED = 255
+};
 
 typedef struct {
-    uint8_t table[TILES][SPP]; /* FREE, COUNTED or the worker */
+    uint8_t table[TILES][SPP]; /* FREE, SHUT, SKIPPED, COUNTED or the worker */
+    uint32_t weight[TILES][SPP], round[TILES][SPP], end[TILES];
+    uint32_t rounds;
     unit_t units[WORKERS + 1][HOLD];
     size_t held[WORKERS + 1];
+    uint64_t issued, returned; /* pixel samples */
     uint64_t random;
 } model_t;
 
@@ -208,9 +222,12 @@ static void model_take(model_t *model, schedule_t *schedule, const job_settings_
     for (size_t i = 0; i < n; i++) {
         assert_true(job_unit_valid(settings, &units[i]));
         for (uint32_t s = 0; s < units[i].count; s++) {
-            uint8_t *cell = &model->table[units[i].tile][units[i].first + s];
-            assert_int_equal(*cell, FREE);
-            *cell = (uint8_t)worker;
+            uint32_t tile = units[i].tile, sample = units[i].first + s;
+            assert_int_equal(model->table[tile][sample], FREE);
+            assert_int_equal(model->round[tile][sample], model->round[tile][units[i].first]);
+            assert_int_equal(model->weight[tile][sample], schedule_weight(schedule, &units[i]));
+            model->table[tile][sample] = (uint8_t)worker;
+            model->issued += job_tile_pixels(settings, tile);
         }
         assert_true(model->held[worker] < HOLD);
         model->units[worker][model->held[worker]++] = units[i];
@@ -218,7 +235,7 @@ static void model_take(model_t *model, schedule_t *schedule, const job_settings_
 }
 
 /* Sends some of what the worker believes it holds. */
-static void model_send(model_t *model, schedule_t *schedule, uint32_t worker)
+static void model_send(model_t *model, schedule_t *schedule, const job_settings_t *settings, uint32_t worker)
 {
     size_t n = model->held[worker] == 0 ? 0 : 1 + draw(model, (uint32_t)model->held[worker]);
     const unit_t *units = model->units[worker] + model->held[worker] - n;
@@ -226,7 +243,7 @@ static void model_send(model_t *model, schedule_t *schedule, uint32_t worker)
     uint8_t batch[TILES][SPP] = {{0}};
     for (size_t i = 0; i < n; i++)
         for (uint32_t s = 0; s < units[i].count; s++) {
-            counted |= model->table[units[i].tile][units[i].first + s] == COUNTED;
+            counted |= model->table[units[i].tile][units[i].first + s] >= SKIPPED;
             counted |= batch[units[i].tile][units[i].first + s]++ > 0;
         }
     bool accepted = schedule_accept(schedule, units, n).code == RESULT_OK;
@@ -234,65 +251,189 @@ static void model_send(model_t *model, schedule_t *schedule, uint32_t worker)
     for (size_t i = 0; i < n; i++)
         for (uint32_t s = 0; s < units[i].count; s++) {
             uint8_t *cell = &model->table[units[i].tile][units[i].first + s];
-            if (accepted)
+            uint64_t pixels = job_tile_pixels(settings, units[i].tile);
+            if (accepted) {
+                if (*cell == FREE) model->issued += pixels;
                 *cell = COUNTED;
-            else if (*cell == worker)
+            } else if (*cell == worker) {
                 *cell = FREE;
+                model->returned += pixels;
+            }
         }
     if (!accepted) schedule_release_units(schedule, worker, units, n);
     if (draw(model, 10) > 0) model->held[worker] -= n; /* else it will send them again */
 }
 
 /* The master gives the worker up; the worker may not know and go on. */
-static void model_lose(model_t *model, schedule_t *schedule, uint32_t worker)
+static void model_lose(model_t *model, schedule_t *schedule, const job_settings_t *settings, uint32_t worker)
 {
     schedule_release(schedule, worker);
-    for (int t = 0; t < TILES; t++)
+    for (uint32_t t = 0; t < TILES; t++)
         for (int s = 0; s < SPP; s++)
-            if (model->table[t][s] == worker) model->table[t][s] = FREE;
+            if (model->table[t][s] == worker) {
+                model->table[t][s] = FREE;
+                model->returned += job_tile_pixels(settings, t);
+            }
     if (draw(model, 2) == 0) model->held[worker] = 0;
+}
+
+/* Takes out what was counted, keeps a unit from the others, leaves one out. */
+static void model_meddle(model_t *model, schedule_t *schedule, const job_settings_t *settings)
+{
+    unit_t unit = {draw(model, TILES), draw(model, SPP), 0};
+    unit.count = 1 + draw(model, SPP - unit.first < 6 ? SPP - unit.first : 6);
+    uint32_t what = draw(model, 4), worker = 1 + draw(model, WORKERS);
+    uint64_t pixels = job_tile_pixels(settings, unit.tile);
+    uint8_t *cells = &model->table[unit.tile][unit.first];
+    bool all_free = true;
+    for (uint32_t s = 0; s < unit.count; s++)
+        all_free &= cells[s] == FREE &&
+                    model->round[unit.tile][unit.first + s] == model->round[unit.tile][unit.first];
+    if (what == 0)
+        schedule_uncount(schedule, &unit, 1);
+    else if (what == 1 && draw(model, 5) == 0)
+        schedule_skip(schedule, &unit);
+    else if (what > 1)
+        assert_int_equal(schedule_issue(schedule, worker, &unit), all_free);
+    else
+        return;
+    for (uint32_t s = 0; s < unit.count; s++) {
+        if (what == 0 && cells[s] == COUNTED) {
+            cells[s] = FREE;
+            model->returned += pixels;
+        } else if (what == 1 && cells[s] == FREE) {
+            cells[s] = SKIPPED;
+        } else if (what > 1 && all_free) {
+            cells[s] = (uint8_t)worker;
+            model->issued += pixels;
+        }
+    }
+    if (what > 1 && all_free) model->units[worker][model->held[worker]++] = unit;
+}
+
+/* A round of random numbers of samples, the last one up to SPP. */
+static void model_open(model_t *model, schedule_t *schedule)
+{
+    uint32_t ends[TILES], weights[TILES];
+    for (uint32_t t = 0; t < TILES; t++) {
+        uint32_t left = SPP - model->end[t];
+        ends[t] = model->rounds + 1 == ROUNDS ? SPP : model->end[t] + draw(model, left / 2 + 1);
+        weights[t] = 1u << draw(model, 5);
+        for (uint32_t s = model->end[t]; s < ends[t]; s++) {
+            model->table[t][s] = FREE;
+            model->weight[t][s] = weights[t];
+            model->round[t][s] = model->rounds;
+        }
+        model->end[t] = ends[t];
+    }
+    schedule_open_round(schedule, ends, weights);
+    assert_int_equal(schedule_round_count(schedule), ++model->rounds);
+    assert_memory_equal(schedule_round_ends(schedule), ends, sizeof ends);
+    assert_memory_equal(schedule_round_weights(schedule), weights, sizeof weights);
+}
+
+/* The master dies and comes again; the workers still have their units. */
+static void model_restart(model_t *model, schedule_t **schedule, job_settings_t *settings)
+{
+    schedule_state_t state;
+    schedule_save(*schedule, &state);
+    schedule_destroy(schedule);
+    result_t result = schedule_restore(settings, &state, schedule);
+    if (result.code != RESULT_OK) fail_msg("%s", result.message);
+    schedule_state_free(&state);
+    for (uint32_t t = 0; t < TILES; t++)
+        for (int s = 0; s < SPP; s++)
+            if (model->table[t][s] != FREE && model->table[t][s] <= WORKERS) {
+                model->table[t][s] = FREE;
+                model->returned += job_tile_pixels(settings, t);
+            }
 }
 
 static void model_compare(const model_t *model, const schedule_t *schedule, const job_settings_t *settings)
 {
-    uint64_t counted = 0;
+    schedule_account_t expected = {.issued = model->issued, .returned = model->returned};
     bool available = false, holds[WORKERS + 1] = {false};
     for (uint32_t t = 0; t < TILES; t++)
         for (uint32_t s = 0; s < SPP; s++) {
             uint8_t cell = model->table[t][s];
-            if (cell == COUNTED) counted += job_tile_pixels(settings, t);
+            uint64_t pixels = job_tile_pixels(settings, t);
+            if (cell == COUNTED) expected.counted += pixels;
+            if (cell == SKIPPED) expected.skipped += pixels;
             available |= cell == FREE;
-            if (cell != COUNTED && cell != FREE) holds[cell] = true;
+            if (cell == FREE || cell >= SHUT) continue;
+            holds[cell] = true;
+            expected.out += pixels;
         }
-    assert_int_equal(schedule_done(schedule), counted);
+    schedule_account_t account = schedule_account(schedule);
+    assert_memory_equal(&account, &expected, sizeof account);
+    assert_int_equal(account.issued, account.counted + account.returned + account.out);
+    assert_int_equal(schedule_done(schedule), expected.counted);
     assert_int_equal(schedule_available(schedule), available);
-    for (uint32_t w = 1; w <= WORKERS; w++) assert_int_equal(schedule_held(schedule, w) > 0, holds[w]);
+    assert_int_equal(schedule_round_counted(schedule), !available && account.out == 0);
+    for (uint32_t w = 1; w <= WORKERS; w++) {
+        size_t count;
+        unit_t *units = schedule_units_of(schedule, w, &count);
+        assert_int_equal(schedule_held(schedule, w), count);
+        assert_int_equal(count > 0, holds[w]);
+        for (size_t i = 0; i < count; i++)
+            for (uint32_t s = 0; s < units[i].count; s++)
+                assert_int_equal(model->table[units[i].tile][units[i].first + s], w);
+        free(units);
+    }
+}
+
+static void run_model(uint64_t seed, bool planned)
+{
+    job_settings_t settings = small_job(SPP);
+    settings.adaptive = planned;
+    schedule_t *schedule = schedule_new(&settings);
+    model_t *model = calloc(1, sizeof *model);
+    model->random = seed;
+    for (uint32_t t = 0; t < TILES; t++)
+        for (uint32_t s = 0; s < SPP; s++) {
+            model->weight[t][s] = 1;
+            if (planned) model->table[t][s] = SHUT;
+        }
+    int steps = 0;
+    bool done = false;
+    for (; !done && steps < 100000; steps++) {
+        uint32_t worker = 1 + draw(model, WORKERS), what = draw(model, 200);
+        if (what < 100)
+            model_take(model, schedule, &settings, worker);
+        else if (what < 179)
+            model_send(model, schedule, &settings, worker);
+        else if (what < 194)
+            model_lose(model, schedule, &settings, worker);
+        else if (what < 199)
+            model_meddle(model, schedule, &settings);
+        else
+            model_restart(model, &schedule, &settings);
+        model_compare(model, schedule, &settings);
+        done = schedule_round_counted(schedule);
+        if (done && planned && model->rounds < ROUNDS) {
+            model_open(model, schedule);
+            model_compare(model, schedule, &settings);
+            done = false;
+        }
+    }
+    assert_true(done);
+    assert_int_equal(schedule_complete(schedule), !planned);
+    assert_int_equal(model->rounds, planned ? ROUNDS : 0);
+    assert_int_equal(settings.spp, SPP);
+    free(model);
+    schedule_destroy(&schedule);
 }
 
 static void a_random_farm_agrees_with_a_table(void **state)
 {
     (void)state;
-    for (uint64_t seed = 1; seed <= 20; seed++) {
-        job_settings_t settings = small_job(SPP);
-        schedule_t *schedule = schedule_new(&settings);
-        model_t *model = calloc(1, sizeof *model);
-        model->random = seed;
-        int steps = 0;
-        for (; !schedule_complete(schedule) && steps < 100000; steps++) {
-            uint32_t worker = 1 + draw(model, WORKERS), what = draw(model, 10);
-            if (what < 5)
-                model_take(model, schedule, &settings, worker);
-            else if (what < 9)
-                model_send(model, schedule, worker);
-            else
-                model_lose(model, schedule, worker);
-            model_compare(model, schedule, &settings);
-        }
-        assert_true(schedule_complete(schedule));
-        assert_int_equal(schedule_spans(schedule), TILES);
-        free(model);
-        schedule_destroy(&schedule);
-    }
+    for (uint64_t seed = 1; seed <= 20; seed++) run_model(seed, false);
+}
+
+static void a_random_farm_with_rounds_agrees_with_a_table(void **state)
+{
+    (void)state;
+    for (uint64_t seed = 21; seed <= 40; seed++) run_model(seed, true);
 }
 
 static void a_long_job_stays_small(void **state)
@@ -322,6 +463,7 @@ int main(void)
         cmocka_unit_test(gives_back_what_a_lost_worker_held),
         cmocka_unit_test(a_straggler_splits_what_was_issued_again),
         cmocka_unit_test(a_random_farm_agrees_with_a_table),
+        cmocka_unit_test(a_random_farm_with_rounds_agrees_with_a_table),
         cmocka_unit_test(a_long_job_stays_small),
     };
     return cmocka_run_group_tests_name("schedule", tests, NULL, NULL);

@@ -1,4 +1,4 @@
-/* link: see link.h.
+/* dial: see dial.h.
  *
  * DESIGN. A CURVE connection that a master refuses just never becomes one, and a program that waits for an
  * answer would hang without a word. libzmq tells what happened to those who watch the socket. Three things
@@ -7,7 +7,7 @@
  * is not the one that we were given, or the mechanisms differ and the other side hung up first). The first
  * two are final, and libzmq does not dial again; the third may also be a master that is just ending, and is
  * tried again. */
-#include "proto/link.h"
+#include "proto/dial.h"
 
 #include <errno.h>
 #include <stdio.h>
@@ -20,7 +20,7 @@
 
 enum { BROKEN_ENOUGH = 2 /* handshakes that break off before they are held against the keys */ };
 
-const char link_usage[] =
+const char dial_usage[] =
     "  --key FILE         the own key, a .secret file that lightmill keygen made (default: $LIGHTMILL_KEY, "
     "the\n"
     "                     key itself, or $LIGHTMILL_KEY_FILE, or ~/.config/lightmill/ROLE.secret, where "
@@ -31,7 +31,7 @@ const char link_usage[] =
     "                     $LIGHTMILL_MASTER_KEY_FILE, or ~/.config/lightmill/master.key)\n"
     "  --insecure         no keys, even to another machine; to loopback none are used unless given\n";
 
-bool link_option(link_options_t *options, const char *option, const char *value)
+bool dial_option(dial_options_t *options, const char *option, const char *value)
 {
     if (strcmp(option, "key") == 0)
         options->key = value;
@@ -65,7 +65,7 @@ static char *default_file(const char *name, const char *extension)
 }
 
 /* A key, or the path of a file. */
-static void take_master(link_keys_t *keys, const char *text)
+static void take_master(dial_keys_t *keys, const char *text)
 {
     if (key_valid(text))
         memcpy(keys->master, text, KEY_TEXT + 1);
@@ -74,7 +74,7 @@ static void take_master(link_keys_t *keys, const char *text)
 }
 
 /* What was said explicitly, on the command line or in the environment. */
-static result_t take_given(const link_options_t *options, link_keys_t *keys)
+static result_t take_given(const dial_options_t *options, dial_keys_t *keys)
 {
     const char *secret = environment("LIGHTMILL_KEY"), *file = environment("LIGHTMILL_KEY_FILE");
     const char *master = environment("LIGHTMILL_MASTER_KEY");
@@ -98,17 +98,17 @@ static result_t take_given(const link_options_t *options, link_keys_t *keys)
     return result_ok();
 }
 
-static bool has_own(const link_keys_t *keys)
+static bool has_own(const dial_keys_t *keys)
 {
     return keys->own_path != NULL || keys->own.secret[0] != '\0';
 }
 
-static bool has_master(const link_keys_t *keys)
+static bool has_master(const dial_keys_t *keys)
 {
     return keys->master_path != NULL || keys->master[0] != '\0';
 }
 
-static result_t missing_own(const link_options_t *options, const char *host)
+static result_t missing_own(const dial_options_t *options, const char *host)
 {
     return result_fail(
         RESULT_DENIED,
@@ -127,14 +127,14 @@ static result_t missing_master(const char *host)
 }
 
 /* Reads what is in files. */
-static result_t read_files(link_keys_t *keys)
+static result_t read_files(dial_keys_t *keys)
 {
     if (keys->own_path != NULL) TRY(key_file_read_secret(keys->own_path, &keys->own));
     if (keys->master_path != NULL) return key_file_read_open(keys->master_path, keys->master);
     return result_ok();
 }
 
-static result_t find(const link_options_t *options, const char *host, link_keys_t *keys)
+static result_t find(const dial_options_t *options, const char *host, dial_keys_t *keys)
 {
     if (options->insecure) {
         if (options->key == NULL && options->master_key == NULL) return result_ok();
@@ -152,20 +152,20 @@ static result_t find(const link_options_t *options, const char *host, link_keys_
     return read_files(keys);
 }
 
-result_t link_keys_find(const link_options_t *options, const char *host, link_keys_t *keys)
+result_t dial_keys_find(const dial_options_t *options, const char *host, dial_keys_t *keys)
 {
-    *keys = (link_keys_t){0};
+    *keys = (dial_keys_t){0};
     result_t result = find(options, host, keys);
-    if (result.code != RESULT_OK) link_keys_free(keys);
+    if (result.code != RESULT_OK) dial_keys_free(keys);
     return result;
 }
 
-void link_keys_free(link_keys_t *keys)
+void dial_keys_free(dial_keys_t *keys)
 {
     key_pair_forget(&keys->own);
     free(keys->own_path);
     free(keys->master_path);
-    *keys = (link_keys_t){0};
+    *keys = (dial_keys_t){0};
 }
 
 static result_t set_key(void *socket, int option, const char *key)
@@ -174,10 +174,10 @@ static result_t set_key(void *socket, int option, const char *key)
     return result_fail(RESULT_IO, "cannot give a key to a socket: %s", zmq_strerror(errno));
 }
 
-result_t link_keys_apply(link_keys_t *keys, void *socket)
+result_t dial_keys_apply(dial_keys_t *keys, void *socket)
 {
     if (keys == NULL || !keys->used) return result_ok();
-    link_keys_t fresh = *keys;
+    dial_keys_t fresh = *keys;
     result_t result = read_files(&fresh);
     if (result.code == RESULT_OK)
         *keys = fresh;
@@ -193,22 +193,22 @@ result_t link_keys_apply(link_keys_t *keys, void *socket)
 static const int EVENTS = ZMQ_EVENT_HANDSHAKE_SUCCEEDED | ZMQ_EVENT_HANDSHAKE_FAILED_NO_DETAIL |
                           ZMQ_EVENT_HANDSHAKE_FAILED_PROTOCOL | ZMQ_EVENT_HANDSHAKE_FAILED_AUTH;
 
-result_t link_watch_open(link_watch_t *watch, void *context, void *socket, const link_keys_t *keys)
+result_t dial_watch_open(dial_watch_t *watch, void *context, void *socket, const dial_keys_t *keys)
 {
     char endpoint[64];
-    *watch = (link_watch_t){0};
+    *watch = (dial_watch_t){0};
     if (keys != NULL && keys->used) memcpy(watch->key, keys->own.open, sizeof watch->key);
-    snprintf(endpoint, sizeof endpoint, "inproc://link-watch-%p", socket);
+    snprintf(endpoint, sizeof endpoint, "inproc://dial-watch-%p", socket);
     if (zmq_socket_monitor(socket, endpoint, EVENTS) == 0) {
         watch->monitor = zmq_socket(context, ZMQ_PAIR);
         if (watch->monitor != NULL && zmq_connect(watch->monitor, endpoint) == 0) return result_ok();
     }
     result_t result = result_fail(RESULT_IO, "cannot watch a socket: %s", zmq_strerror(errno));
-    link_watch_close(watch, socket);
+    dial_watch_close(watch, socket);
     return result;
 }
 
-void link_watch_close(link_watch_t *watch, void *socket)
+void dial_watch_close(dial_watch_t *watch, void *socket)
 {
     if (watch->monitor == NULL) return;
     zmq_socket_monitor(socket, NULL, 0);
@@ -216,13 +216,13 @@ void link_watch_close(link_watch_t *watch, void *socket)
     watch->monitor = NULL;
 }
 
-static void deny(link_watch_t *watch, result_t verdict)
+static void deny(dial_watch_t *watch, result_t verdict)
 {
     watch->denied = true;
     watch->verdict = verdict;
 }
 
-static void on_event(link_watch_t *watch, uint16_t event)
+static void on_event(dial_watch_t *watch, uint16_t event)
 {
     bool keys = watch->key[0] != '\0';
     switch (event) {
@@ -251,7 +251,7 @@ static void on_event(link_watch_t *watch, uint16_t event)
     }
 }
 
-result_t link_watch_poll(link_watch_t *watch)
+result_t dial_watch_poll(dial_watch_t *watch)
 {
     while (watch->monitor != NULL) {
         struct {

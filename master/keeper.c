@@ -1,0 +1,496 @@
+/* keeper: see keeper.h.
+ *
+ * DESIGN. A checkpoint is a snapshot (canvas.h) written at leisure: merging and scheduling go on. What it
+ * costs is measured, as time and as a share of the cores, and after it there is a pause of REST times as
+ * much, in which only last checkpoints of jobs that end are written: so checkpoints take less than 2% of the
+ * time, however large the films and slow the disk. What a crash can cost is the longer of --checkpoint and of
+ * that pause.
+ *
+ * When the disk is full, nothing is lost: the films stay in memory and merging goes on. Films of jobs that
+ * are over and not retained make room, oldest first. Where that is not enough, checkpoints pause, with a
+ * warning that is repeated; before each new attempt the room is looked at, since a film that is written in
+ * vain costs as much as any other.
+ *
+ * A checkpoint that cannot be read is told from one that is damaged. What is damaged is set aside and the one
+ * before is used. What cannot be read for the moment (an I/O error, a later version) is left alone; when
+ * nothing else is there, the job fails rather than begins anew, and can be extended when the disk is well
+ * again. */
+#include "master/keeper.h"
+
+#include "master/checkpoint.h"
+
+#include <poll.h>
+#include <pthread.h>
+#include <stdatomic.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/prctl.h>
+#include <time.h>
+#include <unistd.h>
+
+enum {
+    REST = 49,       /* times the cost of a checkpoint: 1 / 50 of the time is spent on it */
+    RETRY = 5,       /* seconds between attempts when checkpoints fail */
+    WARN_EVERY = 60, /* seconds between warnings that they do */
+    KEEP = 2,        /* checkpoints of a job that is not over */
+    POLL_MS = 1000
+};
+
+struct keeper {
+    keeper_options_t options;
+    pthread_t thread;
+    atomic_bool stop;
+    pthread_mutex_t custody; /* held while it is decided whether a film is needed, and while it is deleted */
+    int cores;
+    /* the thread's own */
+    double not_before; /* seconds, when checkpoints have cost so little that the next may be made */
+    double retry_at;   /* seconds; after a failure */
+    double warned_at;  /* seconds, when the last failure was complained of; 0: none since the last success */
+};
+
+static double wall_time(void)
+{
+    struct timespec now;
+    clock_gettime(CLOCK_REALTIME, &now);
+    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
+}
+
+static double percent(uint64_t part, uint64_t whole)
+{
+    return whole > 0 ? 100 * (double)part / (double)whole : 0;
+}
+
+/* Pixel samples that the job is to have; 0 when that is not known. */
+static uint64_t samples_wanted(const job_settings_t *settings)
+{
+    if (settings->spp >= JOB_MAX_SPP) return 0;
+    return (uint64_t)settings->width * (uint64_t)settings->height * settings->spp;
+}
+
+/* "4711 samples a pixel of it", as far as it is known: "123 pixel samples (45.6%)". */
+static void describe_samples(const job_record_t *record, uint64_t samples, char text[80])
+{
+    uint64_t wanted = samples_wanted(&record->settings);
+    if (wanted > 0)
+        snprintf(text, 80, "%llu pixel samples (%.1f%%)", (unsigned long long)samples,
+                 percent(samples, wanted));
+    else
+        snprintf(text, 80, "%llu pixel samples", (unsigned long long)samples);
+}
+
+static void note(keeper_t *keeper, uint64_t job, const char *event, const char *text)
+{
+    result_t result = journal_note(keeper->options.journal, job, event, text);
+    if (result.code != RESULT_OK) log_debug("%s", result.message);
+}
+
+/* ---- loading ------------------------------------------------------------------------------------------- */
+
+/* What has been found of a job's film. */
+typedef struct {
+    film_t *film; /* NULL: nothing yet */
+    schedule_state_t state;
+    checkpoint_info_t info; /* of the film */
+    uint64_t most;          /* pixel samples that the best checkpoint held or seems to have held */
+    bool unreadable;        /* one may be good, but could not be read */
+    result_t failure;       /* the first */
+} search_t;
+
+/* Is this the film of this job, and does the schedule take it? */
+static result_t check_fit(const job_record_t *record, const search_t *search, const char *path)
+{
+    schedule_t *schedule = NULL;
+    job_settings_t settings = record->settings;
+    if (search->info.record.job != record->job || !hash_equal(&search->info.record.blob, &record->blob))
+        return result_fail(RESULT_INPUT, "%.300s is of another job", path);
+    result_t result = schedule_restore(&settings, &search->state, &schedule);
+    schedule_destroy(&schedule);
+    return result;
+}
+
+static result_t load_file(const keeper_t *keeper, const job_record_t *record, const char *path,
+                          search_t *search)
+{
+    checkpoint_t *checkpoint;
+    TRY(checkpoint_open(path, &checkpoint));
+    search->info = *checkpoint_info(checkpoint);
+    if (search->info.samples > search->most) search->most = search->info.samples;
+    result_t result =
+        checkpoint_load(checkpoint, &record->settings, keeper->cores, &search->film, &search->state);
+    checkpoint_close(&checkpoint);
+    TRY(result);
+    result = check_fit(record, search, path);
+    if (result.code == RESULT_OK) return result;
+    film_destroy(&search->film);
+    schedule_state_free(&search->state);
+    return result;
+}
+
+/* Tries one checkpoint after the other, the latest first. */
+static void find_film(keeper_t *keeper, const job_record_t *record, search_t *search)
+{
+    size_t count;
+    film_file_t *files = film_store_list(keeper->options.films, record->job, &count);
+    for (size_t i = 0; i < count && search->film == NULL && search->failure.code != RESULT_LIMIT; i++) {
+        char *path = film_store_path(keeper->options.films, record->job, files[i].generation);
+        result_t result = load_file(keeper, record, path, search);
+        if (result.code == RESULT_INPUT) {
+            log_error("A CHECKPOINT IS DAMAGED: %s", result.message);
+            film_store_set_aside(keeper->options.films, record->job, files[i].generation);
+        } else if (result.code != RESULT_OK) {
+            log_error("a checkpoint cannot be used: %s", result.message);
+            search->unreadable = true;
+        }
+        if (search->failure.code == RESULT_OK || result.code == RESULT_LIMIT) search->failure = result;
+        free(path);
+    }
+    free(files);
+}
+
+/* Tells what a checkpoint that could not be used has cost. */
+static void tell_loss(keeper_t *keeper, job_t *job, const job_record_t *record, const search_t *search)
+{
+    char text[500];
+    uint64_t most = search->most > 0 ? search->most : record->samples_done;
+    uint64_t have = search->film != NULL ? search->info.samples : 0, lost = most > have ? most - have : 0;
+    snprintf(text, sizeof text,
+             "a checkpoint could not be used (%.250s): %s; %s%llu pixel samples are rendered again",
+             search->failure.message,
+             search->film != NULL ? "the one before is" : "there is no other, the job begins anew",
+             search->most > 0 ? "" : "about ", (unsigned long long)lost);
+    log_error("job %llu: %s", (unsigned long long)record->job, text);
+    note(keeper, record->job, "checkpoint damaged", text);
+    farm_note(keeper->options.farm, job, text);
+}
+
+static void load_film(keeper_t *keeper, job_t *job)
+{
+    farm_t *farm = keeper->options.farm;
+    double start = clock_now();
+    job_record_t record = farm_record(farm, start, job);
+    search_t search = {.failure = result_ok()};
+    find_film(keeper, &record, &search);
+    bool hopeless = search.film == NULL && search.unreadable;
+    if (hopeless) {
+        farm_load_failed(farm, clock_now(), job, search.failure.message);
+    } else {
+        if (search.failure.code != RESULT_OK) tell_loss(keeper, job, &record, &search);
+        char text[80];
+        describe_samples(&record, search.film != NULL ? search.info.samples : 0, text);
+        if (search.film != NULL)
+            log_info("job %llu: checkpoint %llu, %.0f s old, holds %s; it was read in %.2f s",
+                     (unsigned long long)record.job, (unsigned long long)search.info.generation,
+                     wall_time() - search.info.written, text, clock_now() - start);
+        else if (search.failure.code == RESULT_OK)
+            log_info("job %llu has no checkpoint: it begins anew", (unsigned long long)record.job);
+        result_t result = farm_loaded(farm, clock_now(), job, search.film, &search.state);
+        if (result.code != RESULT_OK)
+            log_error("job %llu: %s", (unsigned long long)record.job, result.message);
+    }
+    farm_unpin(farm, job);
+}
+
+static void load_films(keeper_t *keeper)
+{
+    for (job_t *job; !atomic_load(&keeper->stop) && (job = farm_next_load(keeper->options.farm)) != NULL;)
+        load_film(keeper, job);
+}
+
+/* ---- room ---------------------------------------------------------------------------------------------- */
+
+/* A job that is over, may go, and has films. */
+typedef struct {
+    uint64_t job, bytes;
+    double finished;
+} spare_t;
+
+static int by_end(const void *a, const void *b)
+{
+    double x = ((const spare_t *)a)->finished, y = ((const spare_t *)b)->finished;
+    return x < y ? -1 : x > y;
+}
+
+static bool is_spare(const job_report_t *report)
+{
+    return job_state_final((uint32_t)report->state) && !report->retained;
+}
+
+/* Those jobs, the first to end first, in fresh memory; *bytes is what their films take. */
+static spare_t *find_spares(const keeper_t *keeper, size_t *count, uint64_t *bytes)
+{
+    size_t jobs;
+    uint32_t workers;
+    job_report_t *reports = farm_report(keeper->options.farm, clock_now(), 0, &jobs, &workers);
+    spare_t *spares = mem_alloc((jobs + 1) * sizeof *spares);
+    *count = 0;
+    *bytes = 0;
+    for (size_t i = 0; i < jobs; i++) {
+        spare_t spare = {reports[i].job, film_store_bytes(keeper->options.films, reports[i].job),
+                         reports[i].finished};
+        if (!is_spare(&reports[i]) || spare.bytes == 0) continue;
+        spares[(*count)++] = spare;
+        *bytes += spare.bytes;
+    }
+    free(reports);
+    qsort(spares, *count, sizeof *spares, by_end);
+    return spares;
+}
+
+/* Deletes the films of a job, unless it is needed after all. */
+static uint64_t drop_film(keeper_t *keeper, uint64_t job)
+{
+    size_t count;
+    uint32_t workers;
+    uint64_t bytes = 0;
+    pthread_mutex_lock(&keeper->custody);
+    job_report_t *report = farm_report(keeper->options.farm, clock_now(), job, &count, &workers);
+    if (report != NULL && is_spare(report)) bytes = film_store_delete(keeper->options.films, job);
+    pthread_mutex_unlock(&keeper->custody);
+    free(report);
+    if (bytes == 0) return 0;
+    log_info(
+        "the film of job %llu (%.1f MB) goes to make room: the job is over and not retained; its image stays",
+        (unsigned long long)job, 1e-6 * (double)bytes);
+    note(keeper, job, "film dropped", "to make room");
+    return bytes;
+}
+
+/* Keeps what films of jobs that are over take under the limit. */
+static void enforce_limit(keeper_t *keeper)
+{
+    size_t count;
+    uint64_t bytes;
+    spare_t *spares = find_spares(keeper, &count, &bytes);
+    for (size_t i = 0; i < count && bytes > keeper->options.keep_bytes; i++)
+        if (drop_film(keeper, spares[i].job) > 0) bytes -= spares[i].bytes;
+    free(spares);
+}
+
+/* Films of jobs that are over make room on a disk that is full; false when there is not enough. */
+static bool make_room(keeper_t *keeper, uint64_t needed)
+{
+    size_t count;
+    uint64_t bytes;
+    if (film_store_room(keeper->options.films) >= needed) return true;
+    spare_t *spares = find_spares(keeper, &count, &bytes);
+    for (size_t i = 0; i < count && film_store_room(keeper->options.films) < needed; i++)
+        drop_film(keeper, spares[i].job);
+    free(spares);
+    return film_store_room(keeper->options.films) >= needed;
+}
+
+/* What the job's next checkpoint will take on the disk, as far as its last one tells. */
+static uint64_t expected_bytes(const keeper_t *keeper, uint64_t job)
+{
+    size_t count;
+    film_file_t *files = film_store_list(keeper->options.films, job, &count);
+    uint64_t bytes = count > 0 ? files[0].bytes + files[0].bytes / 10 : 0;
+    free(files);
+    return bytes + (1 << 20);
+}
+
+/* ---- checkpoints --------------------------------------------------------------------------------------- */
+
+static void warn_failure(keeper_t *keeper, const job_record_t *record, result_t failure)
+{
+    double now = clock_now();
+    if (keeper->warned_at == 0) note(keeper, record->job, "checkpoints paused", failure.message);
+    if (keeper->warned_at > 0 && now - keeper->warned_at < WARN_EVERY) return;
+    keeper->warned_at = now;
+    log_error("CHECKPOINTS PAUSE: %s; rendering goes on, but what comes after the last checkpoint of job "
+              "%llu lives in "
+              "memory only: make room, they go on by themselves",
+              failure.message, (unsigned long long)record->job);
+}
+
+/* The job may have been deleted meanwhile: then nobody would ever delete this file. */
+static void keep_file(keeper_t *keeper, const film_file_t *file, bool over)
+{
+    pthread_mutex_lock(&keeper->custody);
+    film_store_add(keeper->options.films, file, over ? 1 : KEEP);
+    job_t *job = farm_pin(keeper->options.farm, file->job);
+    if (job == NULL)
+        film_store_delete(keeper->options.films, file->job);
+    else
+        farm_unpin(keeper->options.farm, job);
+    pthread_mutex_unlock(&keeper->custody);
+}
+
+/* Writes the checkpoint of a snapshot. */
+static result_t write_snapshot(keeper_t *keeper, checkpoint_info_t *info, const schedule_state_t *state,
+                               canvas_snapshot_t *snapshot)
+{
+    film_store_t *films = keeper->options.films;
+    checkpoint_cost_t cost;
+    info->generation = film_store_next(films, info->record.job);
+    info->written = wall_time();
+    char *path = film_store_path(films, info->record.job, info->generation);
+    result_t result = checkpoint_write(path, info, state, snapshot, int_max(1, keeper->cores / 2), &cost);
+    free(path);
+    double share = cost.cpu / keeper->cores;
+    keeper->not_before = clock_now() + REST * (share > cost.wall ? share : cost.wall);
+    if (result.code != RESULT_OK) return result;
+    log_debug("job %llu: checkpoint %llu of %llu pixel samples, %.1f MB in %.2f s, %.2f CPU s",
+              (unsigned long long)info->record.job, (unsigned long long)info->generation,
+              (unsigned long long)info->samples, 1e-6 * (double)cost.bytes, cost.wall, cost.cpu);
+    keep_file(keeper, &(film_file_t){info->record.job, info->generation, cost.bytes},
+              info->record.state == JOB_FINISHING);
+    return result;
+}
+
+/* Writes a checkpoint of a pinned job and tells the farm. */
+static result_t save_film(keeper_t *keeper, job_t *job)
+{
+    farm_t *farm = keeper->options.farm;
+    schedule_state_t state;
+    canvas_snapshot_t *snapshot;
+    checkpoint_info_t info = {.record = farm_record(farm, clock_now(), job)};
+    uint64_t needed = expected_bytes(keeper, info.record.job);
+    result_t result = result_ok();
+    if (!make_room(keeper, needed)) {
+        result = result_fail(RESULT_IO,
+                             "the disk is full: a checkpoint of job %llu takes %.1f MB, %.1f MB are free",
+                             (unsigned long long)info.record.job, 1e-6 * (double)needed,
+                             1e-6 * (double)film_store_room(keeper->options.films));
+    } else if (!farm_snapshot(farm, job, &state, &snapshot)) {
+        return result; /* its film is gone meanwhile */
+    } else {
+        info.record = farm_record(farm, clock_now(), job);
+        result = write_snapshot(keeper, &info, &state, snapshot);
+        canvas_snapshot_free(&snapshot);
+        schedule_state_free(&state);
+    }
+    farm_checkpointed(farm, clock_now(), job, result);
+    if (result.code != RESULT_OK) {
+        warn_failure(keeper, &info.record, result);
+        keeper->retry_at = clock_now() + RETRY;
+    } else if (keeper->warned_at > 0) {
+        keeper->warned_at = 0;
+        log_info("checkpoints go on");
+        note(keeper, info.record.job, "checkpoints go on", "");
+    }
+    return result;
+}
+
+/* Makes the checkpoints that are due. */
+static void save_films(keeper_t *keeper)
+{
+    farm_t *farm = keeper->options.farm;
+    while (!atomic_load(&keeper->stop)) {
+        double age, now = clock_now();
+        bool last;
+        if (now < keeper->retry_at) return;
+        job_t *job = farm_next_checkpoint(farm, now, &age, &last);
+        if (job == NULL) return;
+        bool due = last || (age >= keeper->options.interval && now >= keeper->not_before);
+        if (due) save_film(keeper, job);
+        farm_unpin(farm, job);
+        if (!due) return;
+        if (last) enforce_limit(keeper);
+    }
+}
+
+/* The process ends: everything that no checkpoint holds is saved, in one attempt each. */
+static void save_all(keeper_t *keeper)
+{
+    farm_t *farm = keeper->options.farm;
+    double age;
+    bool last;
+    keeper->warned_at = 0;
+    for (job_t *job; (job = farm_next_checkpoint(farm, clock_now(), &age, &last)) != NULL;) {
+        result_t result = save_film(keeper, job);
+        job_record_t record = farm_record(farm, clock_now(), job);
+        char text[80];
+        describe_samples(&record, record.samples_done, text);
+        if (result.code == RESULT_OK)
+            log_info("job %llu is saved: %s", (unsigned long long)record.job, text);
+        else
+            log_error("JOB %llu IS NOT SAVED: the last %.0f s of work on it are lost",
+                      (unsigned long long)record.job, age);
+        farm_unpin(farm, job);
+        if (result.code != RESULT_OK) break; /* it would be given out again */
+    }
+}
+
+/* ---- the thread ---------------------------------------------------------------------------------------- */
+
+static void *keeper_run(void *argument)
+{
+    keeper_t *keeper = argument;
+    int patience = int_min(POLL_MS, int_max(10, (int)(1000 * keeper->options.interval)));
+    prctl(PR_SET_NAME, "lm-keeper");
+    enforce_limit(keeper);
+    while (!atomic_load(&keeper->stop)) {
+        load_films(keeper);
+        save_films(keeper);
+        struct pollfd wait = {.fd = keeper->options.checkpoint_wake, .events = POLLIN};
+        uint64_t count;
+        if (poll(&wait, 1, patience) > 0 && read(wait.fd, &count, sizeof count) < 0)
+            log_debug("the keeper is woken in vain");
+    }
+    save_all(keeper);
+    return NULL;
+}
+
+/* ---- the door ------------------------------------------------------------------------------------------ */
+
+result_t keeper_start(const keeper_options_t *options, keeper_t **out)
+{
+    keeper_t *keeper = mem_zalloc(1, sizeof *keeper);
+    keeper->options = *options;
+    keeper->cores = int_max(1, (int)sysconf(_SC_NPROCESSORS_ONLN));
+    pthread_mutex_init(&keeper->custody, NULL);
+    int error = pthread_create(&keeper->thread, NULL, keeper_run, keeper);
+    *out = keeper;
+    if (error == 0) return result_ok();
+    pthread_mutex_destroy(&keeper->custody);
+    free(keeper);
+    *out = NULL;
+    return result_fail(RESULT_LIMIT, "cannot start a thread: %s", strerror(error));
+}
+
+void keeper_stop(keeper_t **out)
+{
+    keeper_t *keeper = *out;
+    if (keeper == NULL) return;
+    atomic_store(&keeper->stop, true);
+    uint64_t one = 1;
+    if (write(keeper->options.checkpoint_wake, &one, sizeof one) < 0)
+        log_debug("the keeper is awake already");
+    pthread_join(keeper->thread, NULL);
+    pthread_mutex_destroy(&keeper->custody);
+    free(keeper);
+    *out = NULL;
+}
+
+/* A job that is over and has samples can be extended only from its film. */
+static result_t check_film(keeper_t *keeper, double now, uint64_t job)
+{
+    size_t count;
+    uint32_t workers;
+    job_report_t *report = farm_report(keeper->options.farm, now, job, &count, &workers);
+    bool needs = report != NULL && job_state_final((uint32_t)report->state) && report->samples_done > 0;
+    free(report);
+    if (!needs || film_store_bytes(keeper->options.films, job) > 0) return result_ok();
+    return result_fail(
+        RESULT_INPUT,
+        "the film of job %llu is no longer kept: submit it again (retain a job that you want to extend)",
+        (unsigned long long)job);
+}
+
+result_t keeper_order(keeper_t *keeper, double now, const job_order_t *order)
+{
+    pthread_mutex_lock(&keeper->custody);
+    result_t result = order->kind == ORDER_EXTEND ? check_film(keeper, now, order->job) : result_ok();
+    if (result.code == RESULT_OK) result = farm_order(keeper->options.farm, now, order);
+    pthread_mutex_unlock(&keeper->custody);
+    return result;
+}
+
+void keeper_delete(keeper_t *keeper, uint64_t job)
+{
+    pthread_mutex_lock(&keeper->custody);
+    film_store_delete(keeper->options.films, job);
+    pthread_mutex_unlock(&keeper->custody);
+}
