@@ -31,20 +31,22 @@ static const double TICK = 0.01;    /* seconds */
 static const double PATIENCE = 240; /* seconds for the open jobs after all is healed */
 static const double LEASE = 1.5;    /* seconds */
 
-static const char usage[] = "usage: chaos [options]\n"
-                            "\n"
-                            "  --seconds N      how long faults go on, and jobs are submitted (510)\n"
-                            "  --pause SECONDS  between the beginnings of faults, on the average (1.9)\n"
-                            "  --seed N         of the list of faults and jobs (from the clock)\n"
-                            "  --folder DIR     for logs and data; kept when something went wrong\n"
-                            "  --least N        fail when there were fewer faults (0)\n"
-                            "  --least-kills N  fail when the master was killed less often (0)\n"
-                            "  --keep-going     do not end at the first violation\n";
+static const char usage[] =
+    "usage: chaos [options]\n"
+    "\n"
+    "  --seconds N      how long faults go on, and jobs are submitted (510)\n"
+    "  --pause SECONDS  between the beginnings of faults, on the average (1.9)\n"
+    "  --seed N         of the list of faults and jobs (from the clock)\n"
+    "  --folder DIR     for logs and data; kept when something went wrong\n"
+    "  --least N        fail when there were fewer faults (0)\n"
+    "  --least-kills N  fail when the master was killed less often (0)\n"
+    "  --only KINDS     only faults whose names have one of these, with commas between them, in them\n"
+    "  --keep-going     do not end at the first violation\n";
 
 typedef struct {
     double seconds, pause;
     uint64_t seed;
-    const char *folder;
+    const char *folder, *only;
     size_t least, least_kills;
     bool keep_going;
 } options_t;
@@ -64,15 +66,12 @@ typedef struct {
 
 static options_t parse_options(int argc, char **argv)
 {
-    static const struct option list[] = {{"seconds", required_argument, NULL, 's'},
-                                         {"pause", required_argument, NULL, 'p'},
-                                         {"seed", required_argument, NULL, 'r'},
-                                         {"folder", required_argument, NULL, 'f'},
-                                         {"least", required_argument, NULL, 'l'},
-                                         {"least-kills", required_argument, NULL, 'k'},
-                                         {"keep-going", no_argument, NULL, 'g'},
-                                         {"help", no_argument, NULL, 'h'},
-                                         {NULL, 0, NULL, 0}};
+    static const struct option list[] = {
+        {"seconds", required_argument, NULL, 's'}, {"pause", required_argument, NULL, 'p'},
+        {"seed", required_argument, NULL, 'r'},    {"folder", required_argument, NULL, 'f'},
+        {"least", required_argument, NULL, 'l'},   {"least-kills", required_argument, NULL, 'k'},
+        {"only", required_argument, NULL, 'o'},    {"keep-going", no_argument, NULL, 'g'},
+        {"help", no_argument, NULL, 'h'},          {NULL, 0, NULL, 0}};
     options_t options = {.seconds = 510, .pause = 1.9, .seed = (uint64_t)time(NULL) % 1000000};
     for (int found; (found = getopt_long(argc, argv, "", list, NULL)) != -1;) {
         if (found == 's') options.seconds = atof(optarg);
@@ -81,6 +80,7 @@ static options_t parse_options(int argc, char **argv)
         if (found == 'f') options.folder = optarg;
         if (found == 'l') options.least = strtoull(optarg, NULL, 10);
         if (found == 'k') options.least_kills = strtoull(optarg, NULL, 10);
+        if (found == 'o') options.only = optarg;
         if (found == 'g') options.keep_going = true;
         if (found != 'h' && found != '?') continue;
         fputs(usage, found == 'h' ? stdout : stderr);
@@ -177,7 +177,8 @@ static void begin(chaos_t *chaos)
                                                  .disk = chaos->disk,
                                                  .folder = chaos->options.folder,
                                                  .seed = chaos->options.seed,
-                                                 .pause = chaos->options.pause});
+                                                 .pause = chaos->options.pause,
+                                                 .only = chaos->options.only});
 }
 
 /* ---- the run ------------------------------------------------------------------------------------------ */
