@@ -124,6 +124,11 @@ char *rig_output(rig_t *rig, pid_t process)
     return text;
 }
 
+pid_t rig_start_program(rig_t *rig, const char *program, const char *const *arguments)
+{
+    return start(rig, program, arguments);
+}
+
 pid_t rig_start_command(rig_t *rig, const char *const *arguments)
 {
     return start(rig, "lightmill", arguments);

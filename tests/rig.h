@@ -39,6 +39,8 @@ void rig_kill_master(rig_t *rig);
 /* Starts a worker with one thread and its own cache. */
 pid_t rig_start_worker(rig_t *rig);
 
+/* Starts one of our programs with these arguments (NULL-terminated), as rig_start_command does. */
+pid_t rig_start_program(rig_t *rig, const char *program, const char *const *arguments);
 /* Starts the `lightmill` command with these arguments (NULL-terminated); its output goes to a file in the
  * folder: rig_output. */
 pid_t rig_start_command(rig_t *rig, const char *const *arguments);

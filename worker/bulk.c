@@ -31,7 +31,6 @@
 
 enum { CHUNK_BYTES = 1 << 20, CHUNK_WINDOW = 4, DOWNLOAD_ATTEMPTS = 3 };
 static const double CHUNK_TIMEOUT = 15;           /* seconds without a chunk */
-static const double ANSWER_TIMEOUT = 20;          /* seconds for an answer, and */
 static const double BATCH_BYTES_PER_SECOND = 2e5; /* the slowest uplink that is waited for */
 static const double PAUSE = 0.25;                 /* seconds before something is tried again */
 static const double FIRST_RATIO = 0.3;            /* of coded to plain bytes, before any is known */
@@ -358,7 +357,7 @@ static result_t on_message(const bulk_t *bulk, delivery_t *delivery, const Lm__E
  * offered again. */
 static result_t await_master(bulk_t *bulk, delivery_t *delivery, bool verdict)
 {
-    double patience = ANSWER_TIMEOUT;
+    double patience = bulk->options.patience;
     if (same_conversation(bulk, delivery)) patience += delivery->bytes / BATCH_BYTES_PER_SECOND;
     double deadline = clock_now() + patience;
     while (!delivery->decided && (verdict || !delivery->granted)) {

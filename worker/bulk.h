@@ -14,6 +14,7 @@ typedef struct {
     const char *cache_dir;
     uint64_t cache_limit; /* bytes */
     bool local;           /* payloads are not compressed */
+    double patience;      /* seconds for an answer of the master, on a connection that lives */
 } bulk_options_t;
 
 /* Opens the cache and starts the thread. */

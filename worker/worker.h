@@ -19,6 +19,7 @@ typedef struct {
     const char *name;             /* NULL: host name and process id */
     bool local;                   /* inproc: payloads are not compressed */
     double grace;                 /* seconds for leaving in order */
+    double patience;              /* seconds for an answer to a batch, on a connection that lives */
 } worker_options_t;
 
 worker_options_t worker_options_default(void);
