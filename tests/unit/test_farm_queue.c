@@ -1,5 +1,6 @@
 /* Tests of the queue: orders of clients, shares and priorities, jobs that outlive the process. Without
  * sockets, in a time of its own (tests/toy_farm.h). */
+#include "master/control_reports.h"
 #include "tests/toy_farm.h"
 
 #include <setjmp.h>
@@ -338,6 +339,52 @@ static void retained_jobs_are_not_forgotten(void **state)
     farm_unpin(farm, pinned);
     assert_true(toy_report(farm, 0, jobs[0]).retained);
     farm_destroy(&farm);
+}
+
+/* ---- what clients are told ----------------------------------------------------------------------------- */
+
+typedef struct {
+    uint64_t next;
+    size_t count, messages;
+} pages_t;
+
+static void take_page(void *context, Lm__Envelope *answer)
+{
+    pages_t *pages = context;
+    assert_true(lm__envelope__get_packed_size(answer) < WIRE_MAX_HEADER);
+    const Lm__JobStatusReply *reply = answer->job_status_reply;
+    for (size_t i = 0; i < reply->n_jobs; i++) assert_int_equal(reply->jobs[i]->job, ++pages->count);
+    pages->next = reply->next;
+    pages->messages++;
+}
+
+static void a_long_queue_is_told_in_several_messages(void **state)
+{
+    farm_t *farm = *state;
+    job_settings_t settings = settings_of(4);
+    job_terms_t terms = {.verify = 0.5};
+    hash_t blob = {{1}};
+    uint64_t job;
+    memset(terms.name, 'x', JOB_MAX_NAME);
+    for (int i = 0; i < FARM_MAX_JOBS; i++) {
+        job_record_t record = {
+            .job = (uint64_t)i + 1, .state = JOB_FAILED, .settings = settings, .terms = terms};
+        memset(record.message, 'y', sizeof record.message - 1);
+        record.account = (schedule_account_t){UINT64_MAX, UINT64_MAX, UINT64_MAX, 0, 0};
+        farm_restore(farm, 0, &record);
+    }
+    pages_t pages = {.next = 1};
+    while (pages.next != 0) {
+        Lm__JobStatusRequest request = LM__JOB_STATUS_REQUEST__INIT;
+        request.from = pages.next;
+        assert_int_equal(report_jobs(farm, 0, &request, 1, take_page, &pages).code, RESULT_OK);
+    }
+    assert_int_equal(pages.count, FARM_MAX_JOBS);
+    assert_true(pages.messages > 1 && pages.messages < 10);
+    Lm__JobStatusRequest request = LM__JOB_STATUS_REQUEST__INIT;
+    request.job = FARM_MAX_JOBS + 1;
+    assert_int_equal(report_jobs(farm, 0, &request, 1, take_page, &pages).code, RESULT_INPUT);
+    assert_int_equal(farm_submit(farm, 0, &terms, &settings, &blob, 1, &job).code, RESULT_OK);
 }
 
 /* ---- the end of a job ---------------------------------------------------------------------------------- */
@@ -719,6 +766,7 @@ int main(void)
         WITH_FARM(orders_fit_the_state_or_are_refused),
         WITH_FARM(a_deleted_job_is_unknown_and_its_record_goes),
         WITH_FARM(retained_jobs_are_not_forgotten),
+        WITH_FARM(a_long_queue_is_told_in_several_messages),
         WITH_FARM(a_job_is_over_when_image_and_checkpoint_are_made),
         WITH_FARM(what_cannot_be_written_is_tried_again),
         WITH_FARM(cancelling_gives_up_what_cannot_be_written),

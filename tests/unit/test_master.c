@@ -157,7 +157,7 @@ static void a_job_goes_through(void **state)
     peer_work(t->peer, 1000, 1000, t->work);
     assert_int_equal(t->work->job, 0); /* nothing to do yet */
     uint64_t job = submit(t, &settings);
-    peer_listen(t->peer, 2);
+    if (t->peer->job_ready == 0) peer_listen(t->peer, 2); /* else it came before the job's number */
     assert_int_equal(t->peer->job_ready, 1);
     const Lm__JobStatus *status = peer_status(t->peer, job, &message);
     assert_int_equal(status->state, JOB_QUEUED);
@@ -333,7 +333,7 @@ static void a_goodbye_gives_units_back_at_once(void **state)
     peer_destroy(&leaver);
 }
 
-static void jobs_follow_one_another(void **state)
+static void jobs_go_side_by_side(void **state)
 {
     farm_test_t *t = *state;
     job_settings_t settings = settings_of(2);
@@ -349,7 +349,6 @@ static void jobs_follow_one_another(void **state)
     for (peer_work(t->peer, 4000, 2000, t->work); t->work->job != 0;
          peer_work(t->peer, 4000, 2000, t->work)) {
         second_begun |= t->work->job == second;
-        if (second_begun) assert_true(t->work->job == second);
         assert_int_equal(send_work(t->peer, t->work).code, RESULT_OK);
     }
     /* The second was begun while the first waited for the other worker's units. */
@@ -648,25 +647,37 @@ static void damaged_payloads_are_refused(void **state)
     batch_free(&batch);
 }
 
-static void stopping_writes_unfinished_images(void **state)
+static void a_job_goes_on_after_a_stop(void **state)
 {
     farm_test_t *t = *state;
-    job_settings_t settings = settings_of(64);
+    job_settings_t settings = settings_of(16);
     uint64_t job = submit(t, &settings);
+    wire_message_t message;
     peer_hello(t->peer, WIRE_VERSION, 1, NULL);
     peer_work(t->peer, 3000, 1000, t->work);
     assert_int_equal(send_work(t->peer, t->work).code, RESULT_OK);
+    uint64_t done = peer_status(t->peer, job, &message)->samples_done;
+    wire_free(&message);
+    assert_true(done > 0);
     assert_int_equal(master_stop(&t->master).code, RESULT_OK);
-    char *name = mem_printf("%s/job-%llu.exr", t->folder, (unsigned long long)job);
-    image_t image;
-    assert_int_equal(image_read_exr(name, &image).code, RESULT_OK);
-    image_free(&image);
-    free(name);
-    /* A new master on the same data knows the scene and does not reuse the number. */
+    /* A new master on the same data has it all, and does not reuse the number. */
     master_options_t options = options_of(t->folder);
     assert_int_equal(master_start(&options, &t->master).code, RESULT_OK);
     peer_destroy(&t->peer);
     t->peer = peer_new(master_control_port(t->master));
+    assert_true(peer_status(t->peer, job, &message)->samples_done == done);
+    wire_free(&message);
+    for (double until = clock_now() + 5; clock_now() < until; usleep(20000)) {
+        bool running = peer_status(t->peer, job, &message)->state == JOB_RUNNING;
+        wire_free(&message);
+        if (running) break;
+    }
+    peer_hello(t->peer, WIRE_VERSION, 1, NULL);
+    work_off(t->peer, t->work);
+    assert_int_equal(peer_wait(t->peer, job, 5), JOB_DONE);
+    char *name = mem_printf("%s/job-%llu.exr", t->folder, (unsigned long long)job);
+    check_image(name, &settings, 16);
+    free(name);
     assert_true(submit(t, &settings) > job);
 }
 
@@ -755,7 +766,7 @@ int main(void)
         WITH_MASTER(batches_count_once),
         WITH_MASTER(silent_workers_lose_their_units),
         WITH_MASTER(a_goodbye_gives_units_back_at_once),
-        WITH_MASTER(jobs_follow_one_another),
+        WITH_MASTER(jobs_go_side_by_side),
         WITH_MASTER(a_cancelled_job_keeps_what_workers_have),
         WITH_MASTER(a_cancelled_job_does_not_wait_for_ever),
         WITH_MASTER(time_ends_a_job),
@@ -766,7 +777,7 @@ int main(void)
         WITH_MASTER(images_are_there_at_any_time),
         WITH_MASTER(hostile_bytes_do_no_harm),
         WITH_MASTER(damaged_payloads_are_refused),
-        WITH_MASTER(stopping_writes_unfinished_images),
+        WITH_MASTER(a_job_goes_on_after_a_stop),
         WITH_MASTER(bad_options_are_errors_with_a_cure),
         WITH_MASTER(it_runs_over_inproc),
     };
