@@ -67,6 +67,8 @@ $(BUILD)/tests/chaos/world.so: tests/chaos/world_preload.c
 	@mkdir -p $(@D)
 	@echo "  link $@"
 	$(Q)$(CC) -std=gnu17 -D_GNU_SOURCE $(WARNINGS) -I. -O2 -shared -fPIC -o $@ $<
+SIM_SRC := tests/sim/sim.c tests/sim/crowd.c tests/sim/prepared.c
+$(BUILD)/tests/farm/test_scale $(BUILD)/tests/sim/main: $(call objects,$(SIM_SRC))
 
 -include $(shell find $(BUILD) -name '*.d' 2>/dev/null)
 
@@ -121,10 +123,20 @@ deps:
 deps-dev:
 	@docker/install-packages.sh build run dev
 
+# The simulated farm (tests/sim): SIM="--workers 500 ..."; about four minutes.
+sim: deps
+	$(SUBMAKE) $(JOBS) all $(BUILD)/tests/sim/main
+	$(BUILD)/tests/sim/main $(SIM)
+
 bench: deps
 	$(SUBMAKE) $(JOBS) all $(BUILD)/tests/bench/bench_render $(BUILD)/tests/bench/bench_mesh
 	$(BUILD)/tests/bench/bench_mesh
 	$(BUILD)/tests/bench/bench_render
+
+# The master's merge rate as a share of memcpy's (docs/scale.md).
+bench-merge: deps
+	$(SUBMAKE) $(JOBS) $(BUILD)/tests/bench/bench_merge
+	$(BUILD)/tests/bench/bench_merge
 
 # What docs/codec.md says of the alternatives to our payload coding; needs libblosc-dev (make deps-dev).
 bench-codec: EXTRA_LIBS = -lblosc
@@ -162,11 +174,13 @@ help:
 	@echo "make asan       the tests under the address and undefined-behaviour sanitizers (tsan: threads)"
 	@echo "make fuzz       libFuzzer on all that reads files: FUZZ_SECONDS ($(FUZZ_SECONDS)) each; FUZZ_TARGETS=\"pbrt ply\""
 	@echo "make bench      error and speed of the renderer against the figures of pbrt-v3"
+	@echo "make bench-merge  how fast a master merges, as a share of memcpy"
+	@echo "make sim        a real master and 500 simulated workers for three minutes: what one master takes"
 	@echo "make bench-codec  the codings of payloads that were weighed against one another"
 	@echo "make install    into PREFIX ($(PREFIX)); DESTDIR is honoured; uninstall takes it back"
 	@echo "make deps       the Debian packages of docker/packages.txt; deps-dev: also those for format and lint"
 	@echo "make format     clang-format; make lint: clang-tidy and cppcheck"
 	@echo "make clean      remove $(BUILD)/"
 
-.PHONY: all check bench bench-codec tests run-tests asan tsan fuzz demo deps deps-dev install uninstall format lint clean help
+.PHONY: all check sim bench bench-merge bench-codec tests run-tests asan tsan fuzz demo deps deps-dev install uninstall format lint clean help
 .SECONDARY:

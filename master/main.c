@@ -32,6 +32,10 @@ static const char HELP[] =
     "(20);\n"
     "                         those of retained jobs stay in any case\n"
     "  --blob-limit GB        what scenes may take (100); the ones that no job needs go first\n"
+    "  --batch-memory GB      for batches that are under way or wait to be merged; workers wait to send more "
+    "(an\n"
+    "                         eighth of the machine's memory, at least 1)\n"
+    "  --merge-threads N      that merge batches (one for each core)\n"
     "  --insecure             listen on an address that other machines can reach, without keys\n"
     "  --quiet                log warnings and errors only\n"
     "  --verbose              log every batch\n"
@@ -104,6 +108,9 @@ static result_t set_option(command_t *command, const char *name, const char *val
     if (strcmp(name, "checkpoint") == 0) return parse_seconds(name, value, &command->master.checkpoint);
     if (strcmp(name, "keep") == 0) return parse_gigabytes(name, value, &command->master.keep_bytes);
     if (strcmp(name, "blob-limit") == 0) return parse_gigabytes(name, value, &command->master.blob_limit);
+    if (strcmp(name, "batch-memory") == 0)
+        return parse_gigabytes(name, value, &command->master.batch_memory);
+    if (strcmp(name, "merge-threads") == 0) command->master.merge_threads = atoi(value);
     if (strcmp(name, "data") == 0) command->master.data_dir = value;
     if (strcmp(name, "insecure") == 0) command->master.insecure = true;
     if (strcmp(name, "quiet") == 0) command->log = LOG_WARNING;
@@ -121,6 +128,8 @@ static result_t parse_command(int argc, char **argv, command_t *command, bool *d
                                             {"batch-interval", required_argument, NULL, 0},
                                             {"checkpoint", required_argument, NULL, 0},
                                             {"keep", required_argument, NULL, 0},
+                                            {"batch-memory", required_argument, NULL, 0},
+                                            {"merge-threads", required_argument, NULL, 0},
                                             {"blob-limit", required_argument, NULL, 0},
                                             {"insecure", no_argument, NULL, 0},
                                             {"quiet", no_argument, NULL, 0},
