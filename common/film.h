@@ -125,8 +125,6 @@ void batch_clear(batch_t *batch);
 void batch_free(batch_t *batch);
 /* Adds a finished unit. */
 void batch_add(batch_t *batch, const unit_result_t *result);
-/* Bytes of all its sums. */
-size_t batch_bytes(const batch_t *batch);
 /* int64_t's that the eye tile of a unit takes: 2 * pixels * 3. */
 size_t batch_tile_values(const job_settings_t *settings, uint32_t tile);
 /* int64_t's that the features of a unit take: 0 when the job has none, or the unit's samples begin at

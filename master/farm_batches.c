@@ -82,7 +82,8 @@ result_t farm_batch_wanted(farm_t *farm, double now, uint64_t worker, uint64_t i
     farm_lock(farm);
     job_t *job = farm_find_job(farm, id);
     result_t result = result_ok();
-    if (farm_find_worker(farm, worker) == NULL) {
+    const worker_t *sender = farm_find_worker(farm, worker);
+    if (sender == NULL || sender->outcast) {
         result = unknown_worker();
     } else if (job == NULL) {
         result = unknown_job(id);
@@ -100,7 +101,7 @@ result_t farm_batch_wanted(farm_t *farm, double now, uint64_t worker, uint64_t i
 
 static result_t batch_open(worker_t *worker, job_t *job, uint64_t id, uint64_t bytes)
 {
-    if (worker == NULL) return unknown_worker();
+    if (worker == NULL || worker->outcast) return unknown_worker();
     worker->bytes += bytes;
     if (job == NULL) return unknown_job(id);
     job->bytes += bytes;
@@ -232,7 +233,6 @@ static void note_batch(farm_t *farm, double now, const merge_t *merge)
     job->batches++;
     if (worker != NULL) {
         worker->batches++;
-        worker->delivered = now;
         farm_worker_delivered(farm, now, worker, job, merge->batch->units, merge->batch->unit_count);
     }
     job_see(job, worker != NULL ? worker->id : 0);
@@ -283,8 +283,6 @@ static result_t merge_batch(farm_t *farm, double now, merge_t *merge)
     return result;
 }
 
-void batch_digest(const batch_t *batch, hash_t *hash);
-
 /* A batch that bears a number is a rendering of units that two workers are asked for: it is compared with the
  * other, and only one of them goes into the film. */
 static result_t check_batch(farm_t *farm, double now, const merge_t *merge, uint64_t check, bool *wanted)
@@ -316,6 +314,9 @@ result_t farm_batch_merge(farm_t *farm, double now, job_t *job, uint64_t worker,
     if (result.code == RESULT_OK && wanted) result = merge_batch(farm, now, &merge);
     if (result.code != RESULT_OK) farm_batch_refuse(farm, job, worker, batch->units, batch->unit_count);
     farm_lock(farm);
+    worker_t *sender = farm_find_worker(farm, worker);
+    if (result.code == RESULT_PROTOCOL && sender != NULL)
+        farm_worker_failed(farm, now, sender, "sends batches that are malformed");
     farm_job_progress(farm, now, job);
     farm_unlock(farm);
     return result;

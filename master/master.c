@@ -35,6 +35,7 @@ struct master {
     int control_wake, bulk_wake, image_wake, clerk_wake, checkpoint_wake; /* eventfds */
     void *control_socket, *bulk_socket; /* until a server's thread owns them */
     int control_port, bulk_port;
+    char *spool_dir;
     journal_t *journal;
     film_store_t *films;
     blob_store_t *store;
@@ -256,11 +257,13 @@ static result_t make_eventfds(master_t *master)
 /* The farm with the jobs that were there before. */
 static result_t make_farm(master_t *master, const master_options_t *options, uint64_t first_job)
 {
+    master->spool_dir = mem_printf("%s/spool", options->data_dir);
     farm_options_t farm = {.lease = options->lease,
                            .batch_interval = options->batch_interval,
                            .film_limit = film_limit(),
                            .first_job = first_job,
                            .job_limit = FARM_MAX_JOBS,
+                           .spool_dir = options->fleeting ? NULL : master->spool_dir,
                            .control_wake = master->control_wake,
                            .image_wake = master->image_wake,
                            .clerk_wake = master->clerk_wake,
@@ -358,6 +361,7 @@ static void dismantle(master_t *master)
     close_descriptor(master->clerk_wake);
     close_descriptor(master->checkpoint_wake);
     close_descriptor(master->lock_file);
+    free(master->spool_dir);
     free(master);
 }
 
