@@ -58,10 +58,10 @@ for ((i = 1; i <= jobs; i++)); do
     [ $((i % 10)) != 5 ] || options+=(--spp 100000)
     job=$(lightmill submit "scenes/${scenes[i % 5]}" "${options[@]}")
     case $((i % 10)) in
-    2) wait_for "$job" done && lightmill fetch "$job" -o "$work/image.exr" >/dev/null ;;
-    4) wait_for "$job" done && lightmill extend "$job" --spp 8 --quiet >/dev/null ;;
+    2) wait_for "$job" "done" && lightmill fetch "$job" -o "$work/image.exr" >/dev/null ;;
+    4) wait_for "$job" "done" && lightmill extend "$job" --spp 8 --quiet >/dev/null ;;
     5) wait_for "$job" running && lightmill pause "$job" && lightmill resume "$job" && lightmill cancel "$job" ;;
-    8) wait_for "$job" done && lightmill delete "$job" ;;
+    8) wait_for "$job" "done" && lightmill delete "$job" ;;
     esac
 done
 until ! lightmill status --json | grep -q '"state": "\(queued\|running\|finishing\)"'; do
