@@ -63,7 +63,8 @@ typedef struct {
     double submitted, changed, next_try;
     reference_t *reference;
     account_t account;
-    unsigned fell; /* the generation of masters under which it fell last */
+    uint64_t counted;    /* when samples were out last: what the film really held, */
+    unsigned generation; /* under this master */
     char *image;
     hash_t hash;
 } ledger_job_t;
@@ -312,14 +313,15 @@ static bool read_account(const json_t *object, account_t *account)
 }
 
 /* What must hold at any time. */
-static const char *check_account(const ledger_t *ledger, const ledger_job_t *job, const account_t *before)
+static const char *check_account(const ledger_t *ledger, const ledger_job_t *job)
 {
     const account_t *a = &job->account;
     if (a->issued != a->counted + a->returned + a->out) return "issued is not counted + returned + out";
     if (a->total > 0 && a->counted > a->total) return "more is counted than wanted";
     if (a->skipped > 0) return "samples were skipped";
     if (strcmp(a->state, "failed") == 0 || strcmp(a->state, "cancelled") == 0) return "it has ended badly";
-    if (a->counted < before->counted && job->fell == ledger->generation) return "counted samples were lost";
+    bool fell = a->counted < job->counted && job->generation == ledger->generation;
+    if (a->out > 0 && fell) return "counted samples were lost";
     if (strcmp(a->state, "done") != 0) return NULL;
     if (a->out > 0) return "it is done and samples are out";
     if (a->total > 0 && a->counted != a->total) return "it is done and not all is counted";
@@ -344,15 +346,19 @@ static void advance(ledger_job_t *job, double now)
 
 static void take_account(ledger_t *ledger, ledger_job_t *job, const json_t *object, double now)
 {
-    account_t before = job->account;
+
     if (!number_of(object, "job", &job->number) || !read_account(object, &job->account)) {
         violate(ledger, job, "its status lacks a field");
         return;
     }
-    const char *wrong = check_account(ledger, job, &before);
+    const char *wrong = check_account(ledger, job);
     bool later = ledger->status.started > job->changed;
     if (later && job->resumed && strcmp(job->account.state, "paused") == 0) wrong = "it is paused again";
-    if (job->account.counted < before.counted) job->fell = ledger->generation;
+    /* Before a new master has read the film, it tells what its journal knows, and nothing is out. */
+    if (job->account.out > 0) {
+        job->counted = job->account.counted;
+        job->generation = ledger->generation;
+    }
     if (wrong) {
         violate(ledger, job, wrong);
         return;
@@ -368,6 +374,7 @@ static void miss(ledger_t *ledger, ledger_job_t *job, double now)
     if (job->stage == PROVED || job->stage == WRONG || job->stage == SENDING) return;
     errand_end(&job->errand);
     job->account = (account_t){0};
+    job->counted = 0;
     job->paused = job->extended = false;
     job->reference = reference_for(ledger, job);
     enter(job, SENDING, now);
