@@ -78,7 +78,7 @@ struct ledger {
     size_t reference_count;
     errand_t status;
     double next_status;
-    unsigned generation; /* of masters */
+    unsigned generation, status_generation; /* of masters: now, and when it was asked */
     size_t deck[JOB_KINDS], deck_left;
     ledger_sum_t sum;
 };
@@ -320,8 +320,8 @@ static const char *check_account(const ledger_t *ledger, const ledger_job_t *job
     if (a->total > 0 && a->counted > a->total) return "more is counted than wanted";
     if (a->skipped > 0) return "samples were skipped";
     if (strcmp(a->state, "failed") == 0 || strcmp(a->state, "cancelled") == 0) return "it has ended badly";
-    bool fell = a->counted < job->counted && job->generation == ledger->generation;
-    if (a->out > 0 && fell) return "counted samples were lost";
+    bool same = job->generation == ledger->generation && ledger->status_generation == ledger->generation;
+    if (same && a->out > 0 && a->counted < job->counted) return "counted samples were lost";
     if (strcmp(a->state, "done") != 0) return NULL;
     if (a->out > 0) return "it is done and samples are out";
     if (a->total > 0 && a->counted != a->total) return "it is done and not all is counted";
@@ -355,7 +355,7 @@ static void take_account(ledger_t *ledger, ledger_job_t *job, const json_t *obje
     bool later = ledger->status.started > job->changed;
     if (later && job->resumed && strcmp(job->account.state, "paused") == 0) wrong = "it is paused again";
     /* Before a new master has read the film, it tells what its journal knows, and nothing is out. */
-    if (job->account.out > 0) {
+    if (job->account.out > 0 && ledger->status_generation == ledger->generation) {
         job->counted = job->account.counted;
         job->generation = ledger->generation;
     }
@@ -423,6 +423,7 @@ static void tick_status(ledger_t *ledger, double now)
         add_master(ledger, &words);
         ledger->next_status = now + STATUS_INTERVAL;
 
+        ledger->status_generation = ledger->generation;
         errand_start(&ledger->status, output, words.words, false);
         free(output);
         break;
