@@ -11,12 +11,12 @@ Q       := $(if $(V),,@)
 BASELINE := -march=x86-64-v3 -ffp-contract=off -fno-math-errno -fno-trapping-math
 WARNINGS := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Wvla
 PACKAGES := libzmq libprotobuf-c libsodium libzstd libpng zlib libturbojpeg OpenEXR jansson sqlite3
-ifneq ($(filter-out help clean deps deps-dev deps-test check demo asan tsan fuzz chaos valgrind,$(or $(MAKECMDGOALS),all)),)
+ifneq ($(filter-out help clean deps deps-dev deps-test check demo asan tsan fuzz chaos valgrind container-check,$(or $(MAKECMDGOALS),all)),)
 PKG_CFLAGS := $(shell pkg-config --cflags $(PACKAGES) 2>/dev/null)
 PKG_LIBS   := $(shell pkg-config --libs $(filter-out OpenEXR,$(PACKAGES)) 2>/dev/null) -lOpenEXRCore-3_1
 endif
 ALL_CFLAGS = -std=gnu17 -D_GNU_SOURCE $(BASELINE) $(WARNINGS) $(CFLAGS) $(SANITIZE) -I. -I$(BUILD) $(patsubst -I%,-isystem%,$(PKG_CFLAGS)) -pthread
-ALL_LIBS   = $(LDFLAGS) $(PKG_LIBS) -lembree3 -lm -pthread
+ALL_LIBS   = $(LDFLAGS) -Wl,--as-needed $(PKG_LIBS) -lembree3 -lm -pthread
 
 COMMON_SRC := $(wildcard common/*.c)
 PROTO_SRC  := $(wildcard proto/*.c)
@@ -146,7 +146,7 @@ deps-test:
 	@docker/install-packages.sh build test
 
 deps-dev:
-	@docker/install-packages.sh build run dev test
+	@docker/install-packages.sh build run render import test dev
 
 # The simulated farm (tests/sim): SIM="--workers 500 ..."; about four minutes.
 sim: deps
@@ -167,6 +167,12 @@ bench-merge: deps
 bench-codec: EXTRA_LIBS = -lblosc
 bench-codec: $(BUILD)/tests/bench/bench_codec
 	$<
+
+# Builds the images with buildah and renders a job through them; as root, some minutes.
+container-check: deps
+	@docker/install-packages.sh containers
+	$(SUBMAKE) $(JOBS) all
+	docker/check.sh $(BUILD)
 
 install: $(PROGRAMS)
 	install -d $(DESTDIR)$(PREFIX)/bin
@@ -204,10 +210,11 @@ help:
 	@echo "make bench-merge  how fast a master merges, as a share of memcpy"
 	@echo "make sim        a real master and 500 simulated workers for three minutes: what one master takes"
 	@echo "make bench-codec  the codings of payloads that were weighed against one another"
+	@echo "make container-check  build the images of docker/Dockerfile, render a job through them (root)"
 	@echo "make install    into PREFIX ($(PREFIX)); DESTDIR is honoured; uninstall takes it back"
 	@echo "make deps       the Debian packages of docker/packages.txt; deps-dev: also those for format and lint"
 	@echo "make format     clang-format; make lint: clang-tidy and cppcheck"
 	@echo "make clean      remove $(BUILD)/"
 
-.PHONY: all check chaos chaos-programs valgrind deps-test sim bench bench-merge bench-codec tests run-tests asan tsan fuzz demo deps deps-dev install uninstall format lint clean help
+.PHONY: all check chaos chaos-programs valgrind deps-test sim bench bench-merge bench-codec tests run-tests asan tsan fuzz demo deps deps-dev container-check install uninstall format lint clean help
 .SECONDARY:
