@@ -310,8 +310,20 @@ static void send_images(bulk_server_t *server)
 
 /* ---- the thread ---------------------------------------------------------------------------------------- */
 
-static void dispatch(bulk_server_t *server, const wire_message_t *message)
+/* False, and a refusal, when the sender's key does not give it the right. */
+static bool allowed(bulk_server_t *server, wire_message_t *message)
 {
+    result_t result = gate_check(server->options.gate, message);
+    if (result.code == RESULT_OK) return true;
+    if (complaint_allowed(&server->complaint, clock_now()))
+        log_warning("a message from %s is refused: %s", message->address, result.message);
+    refuse(server, message, result);
+    return false;
+}
+
+static void dispatch(bulk_server_t *server, wire_message_t *message)
+{
+    if (!allowed(server, message)) return;
     switch (message->envelope->body_case) {
     case LM__ENVELOPE__BODY_BATCH_OFFER:
         on_offer(server, message);

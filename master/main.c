@@ -36,23 +36,32 @@ static const char HELP[] =
     "(an\n"
     "                         eighth of the machine's memory, at least 1)\n"
     "  --merge-threads N      that merge batches (one for each core)\n"
-    "  --insecure             listen on an address that other machines can reach, without keys\n"
     "  --quiet                log warnings and errors only\n"
     "  --verbose              log every batch\n"
     "  --help, --version\n"
+    "\n"
+    "Keys, without which nobody gets in from other machines (docs/security.md):\n"
+    "\n";
+static const char HELP_END[] =
     "\n"
     "SIGTERM or SIGINT ends it: last checkpoints are written first, no job is cancelled. A second one ends "
     "it at "
     "once.\n"
     "Exit codes: 0 success, 1 usage, 2 bad file, 3 input or output failed, 5 limit exceeded.\n";
 
-/* How many signals asked us to end. The one variable that is not constant: a signal handler has no argument.
- */
-static volatile sig_atomic_t signals;
+/* How many signals asked us to end, and whether one asked us to read our files again. The variables that are
+ * not constant: a signal handler has no argument. */
+static volatile sig_atomic_t signals, hang_up;
 
 static void on_signal(int number)
 {
     if (++signals > 1) _exit(128 + number);
+}
+
+static void on_hang_up(int number)
+{
+    (void)number;
+    hang_up = 1;
 }
 
 typedef struct {
@@ -100,6 +109,7 @@ static result_t parse_listen(const char *text, command_t *command)
 
 static result_t set_option(command_t *command, const char *name, const char *value)
 {
+    if (gate_option(&command->master.gate, name, value)) return result_ok();
     if (strcmp(name, "listen") == 0) return parse_listen(value, command);
     if (strcmp(name, "heartbeat") == 0) return parse_seconds(name, value, &command->master.heartbeat);
     if (strcmp(name, "lease") == 0) return parse_seconds(name, value, &command->master.lease);
@@ -112,7 +122,6 @@ static result_t set_option(command_t *command, const char *name, const char *val
         return parse_gigabytes(name, value, &command->master.batch_memory);
     if (strcmp(name, "merge-threads") == 0) command->master.merge_threads = atoi(value);
     if (strcmp(name, "data") == 0) command->master.data_dir = value;
-    if (strcmp(name, "insecure") == 0) command->master.insecure = true;
     if (strcmp(name, "quiet") == 0) command->log = LOG_WARNING;
     if (strcmp(name, "verbose") == 0) command->log = LOG_DEBUG;
     return result_ok();
@@ -131,7 +140,7 @@ static result_t parse_command(int argc, char **argv, command_t *command, bool *d
                                             {"batch-memory", required_argument, NULL, 0},
                                             {"merge-threads", required_argument, NULL, 0},
                                             {"blob-limit", required_argument, NULL, 0},
-                                            {"insecure", no_argument, NULL, 0},
+                                            GATE_OPTIONS,
                                             {"quiet", no_argument, NULL, 0},
                                             {"verbose", no_argument, NULL, 0},
                                             {"help", no_argument, NULL, 'h'},
@@ -141,7 +150,7 @@ static result_t parse_command(int argc, char **argv, command_t *command, bool *d
     while ((choice = getopt_long(argc, argv, "h", options, &index)) != -1) {
         if (choice == '?') return result_fail(RESULT_USAGE, "see lightmill-master --help");
         *done = choice == 'h' || choice == 'v';
-        if (choice == 'h') fputs(HELP, stdout);
+        if (choice == 'h') printf("%s%s%s", HELP, gate_usage, HELP_END);
         if (choice == 'v') puts("lightmill-master " LIGHTMILL_VERSION);
         if (*done) return result_ok();
         TRY(set_option(command, options[index].name, optarg));
@@ -159,15 +168,23 @@ static result_t serve(const master_options_t *options)
     sigemptyset(&ending);
     sigaddset(&ending, SIGINT);
     sigaddset(&ending, SIGTERM);
+    sigaddset(&ending, SIGHUP);
     pthread_sigmask(SIG_BLOCK, &ending, &before);
     struct sigaction action = {.sa_handler = on_signal};
     sigaction(SIGINT, &action, NULL);
     sigaction(SIGTERM, &action, NULL);
+    action.sa_handler = on_hang_up;
+    sigaction(SIGHUP, &action, NULL);
     signal(SIGPIPE, SIG_IGN);
 
     master_t *master;
     TRY(master_start(options, &master));
-    while (signals == 0) sigsuspend(&before);
+    while (signals == 0) {
+        sigsuspend(&before);
+        if (!hang_up) continue;
+        hang_up = 0;
+        master_reload(master);
+    }
     log_info("ending; once more to end at once");
     pthread_sigmask(SIG_SETMASK, &before, NULL);
     return master_stop(&master);

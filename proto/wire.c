@@ -81,6 +81,61 @@ bool job_state_final(uint32_t state)
     return state == JOB_DONE || state == JOB_CANCELLED || state == JOB_FAILED;
 }
 
+/* ---- rights ---------------------------------------------------------------------------------------------
+ */
+
+unsigned wire_rights_needed(Lm__Envelope__BodyCase kind)
+{
+    switch (kind) {
+    case LM__ENVELOPE__BODY_HELLO:
+    case LM__ENVELOPE__BODY_WORK_REQUEST:
+    case LM__ENVELOPE__BODY_HEARTBEAT:
+    case LM__ENVELOPE__BODY_GOODBYE:
+    case LM__ENVELOPE__BODY_BATCH_OFFER:
+    case LM__ENVELOPE__BODY_BATCH_RESULT:
+    case LM__ENVELOPE__BODY_BLOB_GET:
+        return RIGHT_WORK;
+    case LM__ENVELOPE__BODY_JOB_SUBMIT:
+    case LM__ENVELOPE__BODY_JOB_STATUS_REQUEST:
+    case LM__ENVELOPE__BODY_JOB_ORDER:
+    case LM__ENVELOPE__BODY_WORKER_LIST_REQUEST:
+    case LM__ENVELOPE__BODY_BLOB_PUT:
+    case LM__ENVELOPE__BODY_IMAGE_GET:
+        return RIGHT_CLIENT;
+    default:
+        return 0;
+    }
+}
+
+const char *wire_rights_name(unsigned rights)
+{
+    switch (rights & RIGHTS_ALL) {
+    case RIGHT_WORK:
+        return "may work";
+    case RIGHT_CLIENT:
+        return "may submit and control jobs";
+    case RIGHTS_ALL:
+        return "may do everything";
+    default:
+        return "may do nothing";
+    }
+}
+
+void wire_user_id(unsigned rights, const char *key, char id[WIRE_USER_ID + 1])
+{
+    snprintf(id, WIRE_USER_ID + 1, "%u %.*s", rights & RIGHTS_ALL, WIRE_KEY_TEXT, key);
+}
+
+/* The reverse; a user id of any other form gives no right at all. */
+static void read_user_id(const char *id, wire_message_t *message)
+{
+    message->rights = 0;
+    if (id == NULL || strlen(id) != WIRE_USER_ID || id[0] < '0' || id[0] > '0' + RIGHTS_ALL || id[1] != ' ')
+        return;
+    message->rights = (unsigned)(id[0] - '0');
+    memcpy(message->key, id + 2, sizeof message->key);
+}
+
 /* ---- sockets ------------------------------------------------------------------------------------------- */
 
 result_t wire_socket_limit(void *socket, size_t largest_frame)
@@ -410,43 +465,67 @@ static result_t receive_payloads(void *socket, bool more, wire_message_t *messag
     return result_ok();
 }
 
-static void close_payloads(wire_message_t *message)
+/* Who sent it. Without keys a peer can give itself any user id, so only one of a connection with keys is
+ * believed. */
+static void receive_sender(void *socket, const zmq_msg_t *header, wire_message_t *message)
 {
-    for (int i = 0; i < message->payload_count; i++) zmq_msg_close(&message->payload[i]);
-    message->payload_count = 0;
+    int mechanism = ZMQ_NULL;
+    size_t size = sizeof mechanism;
+    const char *address = zmq_msg_gets(header, "Peer-Address");
+    if (address != NULL) snprintf(message->address, sizeof message->address, "%s", address);
+    if (zmq_getsockopt(socket, ZMQ_MECHANISM, &mechanism, &size) != 0 || mechanism == ZMQ_CURVE)
+        read_user_id(zmq_msg_gets(header, "User-Id"), message);
 }
 
-result_t wire_receive(void *socket, bool router, wire_message_t *message, bool *received)
+result_t wire_receive_frames(void *socket, bool router, wire_message_t *message, bool *received)
 {
     message->envelope = NULL;
     message->identity_size = 0;
+    message->header_open = false;
     message->payload_count = 0;
     message->bytes = 0;
     message->rights = RIGHTS_ALL;
     message->key[0] = '\0';
+    message->address[0] = '\0';
     *received = false;
     if (router) {
         TRY(receive_identity(socket, message, received));
         if (!*received) return result_ok();
     }
     *received = false;
-    zmq_msg_t header;
     int error;
-    if (!next_frame(socket, &header, &error)) {
+    if (!next_frame(socket, &message->header, &error)) {
         if (error == EAGAIN && !router) return result_ok();
         return result_fail(RESULT_IO, "cannot receive: %s", zmq_strerror(error));
     }
     note_receiving();
-    message->bytes = zmq_msg_size(&header);
-    result_t result = receive_payloads(socket, zmq_msg_more(&header) != 0, message);
-    const uint8_t *bytes = zmq_msg_data(&header);
-    size_t size = zmq_msg_size(&header);
-    if (result.code == RESULT_OK)
-        result = header_check(bytes, size, message->payload, message->payload_count);
+    message->header_open = true;
+    message->bytes = zmq_msg_size(&message->header);
+    if (router) receive_sender(socket, &message->header, message);
+    result_t result = receive_payloads(socket, zmq_msg_more(&message->header) != 0, message);
+    if (result.code != RESULT_OK) wire_free(message);
+    *received = result.code == RESULT_OK;
+    return result;
+}
+
+result_t wire_decode(wire_message_t *message)
+{
+    const uint8_t *bytes = zmq_msg_data(&message->header);
+    size_t size = zmq_msg_size(&message->header);
+    result_t result = header_check(bytes, size, message->payload, message->payload_count);
     if (result.code == RESULT_OK)
         result = header_decode(bytes + ENVELOPE_AT, size - ENVELOPE_AT, &message->envelope);
-    zmq_msg_close(&header);
-    if (result.code != RESULT_OK) close_payloads(message);
+    zmq_msg_close(&message->header);
+    message->header_open = false;
+    if (result.code != RESULT_OK) wire_free(message);
+    return result;
+}
+
+result_t wire_receive(void *socket, bool router, wire_message_t *message, bool *received)
+{
+    TRY(wire_receive_frames(socket, router, message, received));
+    if (!*received) return result_ok();
+    result_t result = wire_decode(message);
     *received = result.code == RESULT_OK;
     return result;
 }
@@ -455,7 +534,10 @@ void wire_free(wire_message_t *message)
 {
     if (message->envelope != NULL) lm__envelope__free_unpacked(message->envelope, NULL);
     message->envelope = NULL;
-    close_payloads(message);
+    if (message->header_open) zmq_msg_close(&message->header);
+    message->header_open = false;
+    for (int i = 0; i < message->payload_count; i++) zmq_msg_close(&message->payload[i]);
+    message->payload_count = 0;
 }
 
 /* ---- settings, units, counts, hashes ------------------------------------------------------------------- */

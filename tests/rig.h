@@ -14,6 +14,7 @@ typedef struct {
     char *data;   /* the data directory of the last master */
     int port;     /* of the master's control socket; the bulk socket has the next one */
     pid_t master; /* 0: none */
+    char *keys;   /* folder of the keys master, worker and client and of the list "allow"; NULL: no keys */
     remote_t *remote;
     pid_t started[RIG_MAX_PROCESSES];
     bool ended[RIG_MAX_PROCESSES]; /* has been waited for */
@@ -29,6 +30,9 @@ hash_t rig_reference(void);
 rig_t *rig_new(void);
 /* Kills everything and removes the folder. */
 void rig_destroy(rig_t **rig);
+
+/* Makes keys for the farm, which is to use them from now on; before anything is started. */
+void rig_use_keys(rig_t *rig);
 
 /* Starts a master on the rig's port with quick time-outs (lease 1 s) and waits until it answers. */
 void rig_start_master(rig_t *rig, double batch_interval);

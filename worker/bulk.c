@@ -148,6 +148,10 @@ static result_t request_chunk(bulk_t *bulk, const blob_download_t *download, uin
 static result_t take_chunk(blob_download_t *download, wire_message_t *message)
 {
     const Lm__Envelope *envelope = message->envelope;
+    if (envelope->body_case == LM__ENVELOPE__BODY_REFUSAL && envelope->refusal->code == RESULT_DENIED)
+        return result_fail(RESULT_UNREACHABLE, "%.300s", envelope->refusal->reason);
+    if (envelope->body_case == LM__ENVELOPE__BODY_REFUSAL && envelope->refusal->code == RESULT_DENIED)
+        return result_fail(RESULT_UNREACHABLE, "%.300s", envelope->refusal->reason);
     if (envelope->body_case == LM__ENVELOPE__BODY_REFUSAL)
         return result_fail(RESULT_INPUT, "the master refuses the scene: %.300s", envelope->refusal->reason);
     if (envelope->body_case != LM__ENVELOPE__BODY_BLOB_CHUNK || message->payload_count != 1)
@@ -328,8 +332,10 @@ static void refused(const bulk_t *bulk, delivery_t *delivery, uint32_t code, con
 
 static result_t on_refusal(const bulk_t *bulk, delivery_t *delivery, const Lm__Refusal *refusal)
 {
-    /* It does not know this worker (the control thread is about to say hello again), or has no room. */
-    if (refusal->code == RESULT_UNREACHABLE || refusal->code == RESULT_LIMIT)
+    /* It does not know this worker (the control thread is about to say hello again), or does not accept its
+     * key (another may come), or has no room. */
+    if (refusal->code == RESULT_UNREACHABLE || refusal->code == RESULT_DENIED ||
+        refusal->code == RESULT_LIMIT)
         return result_fail(RESULT_UNREACHABLE, "%.300s", refusal->reason);
     refused(bulk, delivery, refusal->code, refusal->reason);
     return result_ok();
@@ -485,6 +491,7 @@ result_t bulk_start(const bulk_options_t *options, bulk_t **bulk_pointer)
     bulk->batch_interval = 1;
     bulk->ratio = FIRST_RATIO;
     bulk->link.context = options->context;
+    bulk->link.keys = &bulk->options.keys;
     pthread_mutex_init(&bulk->lock, NULL);
     result_t result = blob_cache_new(options->cache_dir, options->cache_limit, &bulk->cache);
     if (result.code == RESULT_OK && pthread_create(&bulk->thread, NULL, bulk_thread, bulk) != 0)

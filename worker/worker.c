@@ -80,12 +80,14 @@ static result_t run_threads(const worker_options_t *options, void *context, int 
                              .name = name,
                              .software = "lightmill-worker " LIGHTMILL_VERSION,
                              .local = options->local,
-                             .grace = options->grace};
+                             .grace = options->grace,
+                             .keys = options->keys};
     bulk_options_t bulk = {.context = context,
                            .crew = setup.crew,
                            .wake = wakes[1],
                            .cache_dir = cache_dir,
                            .cache_limit = options->cache_limit,
+                           .keys = options->keys,
                            .local = options->local,
                            .patience = options->patience};
     result_t result = bulk_start(&bulk, &setup.bulk);
