@@ -142,6 +142,8 @@ size_t batch_tile_values(const job_settings_t *settings, uint32_t tile);
 size_t batch_feature_values(const job_settings_t *settings, const unit_t *unit);
 /* int64_t's of a splat frame: 2 * width * height * 3. */
 size_t batch_splat_values(const job_settings_t *settings);
+/* Bytes of all its sums. */
+size_t batch_bytes(const batch_t *batch);
 /* BLAKE2b-256 of the units, the numbers of light paths, and all sums: renderings of the same units have the
  * same digest when all their bits agree, whatever the order of the units, and whether sums that are all zero
  * are there or missing. */
