@@ -1,5 +1,6 @@
 /* lightmill-master: the command line around master.h. */
 #include "common/address.h"
+#include "master/farm.h"
 #include "master/master.h"
 #include "proto/wire.h"
 
@@ -32,6 +33,15 @@ static const char HELP[] =
     "(20);\n"
     "                         those of retained jobs stay in any case\n"
     "  --blob-limit GB        what scenes may take (100); the ones that no job needs go first\n"
+    "  --batch-memory GB      for batches that are under way or wait to be merged; workers wait to send more "
+    "(an\n"
+    "                         eighth of the machine's memory, at least 1)\n"
+    "  --merge-threads N      that merge batches (one for each core)\n"
+    "  --film-memory GB       what the films of jobs at work may take in memory (three quarters of it); "
+    "others\n"
+    "                         wait, and a job whose film is larger is refused\n"
+    "  --max-jobs N           jobs known at a time (1000); for a new one the oldest that is over and not\n"
+    "                         retained goes, with its film and image\n"
     "  --quiet                log warnings and errors only\n"
     "  --verbose              log every batch\n"
     "  --help, --version\n"
@@ -86,6 +96,17 @@ static result_t parse_gigabytes(const char *name, const char *text, uint64_t *by
     return result_ok();
 }
 
+static result_t parse_jobs(const char *text, size_t *jobs)
+{
+    char *end;
+    long value = strtol(text, &end, 10);
+    if (end == text || *end != '\0' || value < 1 || value > FARM_MAX_JOBS)
+        return result_fail(RESULT_USAGE, "--max-jobs takes a whole number from 1 to %d, not \"%s\"",
+                           FARM_MAX_JOBS, text);
+    *jobs = (size_t)value;
+    return result_ok();
+}
+
 /* "HOST:0" asks for free ports, which an address cannot say. */
 static result_t parse_listen(const char *text, command_t *command)
 {
@@ -114,6 +135,10 @@ static result_t set_option(command_t *command, const char *name, const char *val
     if (strcmp(name, "checkpoint") == 0) return parse_seconds(name, value, &command->master.checkpoint);
     if (strcmp(name, "keep") == 0) return parse_gigabytes(name, value, &command->master.keep_bytes);
     if (strcmp(name, "blob-limit") == 0) return parse_gigabytes(name, value, &command->master.blob_limit);
+    if (strcmp(name, "batch-memory") == 0) return parse_gigabytes(name, value, &command->master.batch_memory);
+    if (strcmp(name, "film-memory") == 0) return parse_gigabytes(name, value, &command->master.film_memory);
+    if (strcmp(name, "max-jobs") == 0) return parse_jobs(value, &command->master.job_limit);
+    if (strcmp(name, "merge-threads") == 0) command->master.merge_threads = atoi(value);
     if (strcmp(name, "data") == 0) command->master.data_dir = value;
     if (strcmp(name, "quiet") == 0) command->log = LOG_WARNING;
     if (strcmp(name, "verbose") == 0) command->log = LOG_DEBUG;
@@ -130,6 +155,10 @@ static result_t parse_command(int argc, char **argv, command_t *command, bool *d
                                             {"batch-interval", required_argument, NULL, 0},
                                             {"checkpoint", required_argument, NULL, 0},
                                             {"keep", required_argument, NULL, 0},
+                                            {"batch-memory", required_argument, NULL, 0},
+                                            {"film-memory", required_argument, NULL, 0},
+                                            {"max-jobs", required_argument, NULL, 0},
+                                            {"merge-threads", required_argument, NULL, 0},
                                             {"blob-limit", required_argument, NULL, 0},
                                             GATE_OPTIONS,
                                             {"quiet", no_argument, NULL, 0},

@@ -38,7 +38,7 @@ typedef enum {
     COMPARING, /* the image is here, the reference may not be */
     EXTENDING, /* proved; the order for more samples is under way */
     PAUSING,   /* ordered once, whatever comes of it */
-    RESUMING,  /* ordered until it is not paused */
+    RESUMING,  /* ordered until it goes on */
     PROVED,
     WRONG
 } stage_t;
@@ -56,13 +56,15 @@ typedef struct {
     uint64_t number; /* the master's; 0: not known yet */
     unsigned seed;
     stage_t stage;
-    bool accepted; /* the master has said that it has the job */
+    bool promised; /* its submission succeeded: the master may never forget it */
+    bool resumed;  /* so did the order to go on after a pause */
     bool extended, paused;
     errand_t errand;
     double submitted, changed, next_try;
     reference_t *reference;
     account_t account;
-    unsigned fell; /* the generation of masters under which it fell last */
+    uint64_t counted;    /* when samples were out last: what the film really held, */
+    unsigned generation; /* under this master */
     char *image;
     hash_t hash;
 } ledger_job_t;
@@ -76,7 +78,7 @@ struct ledger {
     size_t reference_count;
     errand_t status;
     double next_status;
-    unsigned generation; /* of masters */
+    unsigned generation, status_generation; /* of masters: now, and when it was asked */
     size_t deck[JOB_KINDS], deck_left;
     ledger_sum_t sum;
 };
@@ -311,14 +313,15 @@ static bool read_account(const json_t *object, account_t *account)
 }
 
 /* What must hold at any time. */
-static const char *check_account(const ledger_t *ledger, const ledger_job_t *job, const account_t *before)
+static const char *check_account(const ledger_t *ledger, const ledger_job_t *job)
 {
     const account_t *a = &job->account;
     if (a->issued != a->counted + a->returned + a->out) return "issued is not counted + returned + out";
     if (a->total > 0 && a->counted > a->total) return "more is counted than wanted";
     if (a->skipped > 0) return "samples were skipped";
     if (strcmp(a->state, "failed") == 0 || strcmp(a->state, "cancelled") == 0) return "it has ended badly";
-    if (a->counted < before->counted && job->fell == ledger->generation) return "counted samples were lost";
+    bool same = job->generation == ledger->generation && ledger->status_generation == ledger->generation;
+    if (same && a->out > 0 && a->counted < job->counted) return "counted samples were lost";
     if (strcmp(a->state, "done") != 0) return NULL;
     if (a->out > 0) return "it is done and samples are out";
     if (a->total > 0 && a->counted != a->total) return "it is done and not all is counted";
@@ -335,26 +338,46 @@ static void advance(ledger_job_t *job, double now)
         enter(job, FETCHING, now);
     else if (job->stage == RENDERING && to_pause)
         enter(job, PAUSING, now);
+    else if (job->stage == RENDERING && paused)
+        enter(job, RESUMING, now); /* the order had failed: it was done, and is forgotten */
     else if (job->stage == RESUMING && job->errand.process == 0 && !paused)
-        enter(job, RENDERING, now);
+        enter(job, RENDERING, now); /* the order has failed, and was done */
 }
 
 static void take_account(ledger_t *ledger, ledger_job_t *job, const json_t *object, double now)
 {
-    account_t before = job->account;
-    job->accepted = true;
+
     if (!number_of(object, "job", &job->number) || !read_account(object, &job->account)) {
         violate(ledger, job, "its status lacks a field");
         return;
     }
-    const char *wrong = check_account(ledger, job, &before);
-    if (job->account.counted < before.counted) job->fell = ledger->generation;
+    const char *wrong = check_account(ledger, job);
+    bool later = ledger->status.started > job->changed;
+    if (later && job->resumed && strcmp(job->account.state, "paused") == 0) wrong = "it is paused again";
+    /* Before a new master has read the film, it tells what its journal knows, and nothing is out. */
+    if (job->account.out > 0 && ledger->status_generation == ledger->generation) {
+        job->counted = job->account.counted;
+        job->generation = ledger->generation;
+    }
     if (wrong) {
         violate(ledger, job, wrong);
         return;
     }
     if (job->stage == UNSURE) enter(job, RENDERING, now);
-    if (ledger->status.started > job->changed) advance(job, now);
+    if (later) advance(job, now);
+}
+
+/* The master does not know the job, though it was asked after the last that it was told of it. */
+static void miss(ledger_t *ledger, ledger_job_t *job, double now)
+{
+    if (job->promised && job->stage != WRONG) violate(ledger, job, "the master has forgotten it");
+    if (job->stage == PROVED || job->stage == WRONG || job->stage == SENDING) return;
+    errand_end(&job->errand);
+    job->account = (account_t){0};
+    job->counted = 0;
+    job->paused = job->extended = false;
+    job->reference = reference_for(ledger, job);
+    enter(job, SENDING, now);
 }
 
 static const json_t *find_job(const json_t *jobs, const char *name)
@@ -379,10 +402,8 @@ static void take_status(ledger_t *ledger, double now)
         bool later = ledger->status.started > job->changed;
         if (object && job->stage != WRONG && job->stage != SENDING)
             take_account(ledger, job, object, now);
-        else if (object == NULL && later && job->accepted && job->stage != WRONG)
-            violate(ledger, job, "the master has forgotten it");
-        else if (object == NULL && later && job->stage == UNSURE)
-            enter(job, SENDING, now);
+        else if (object == NULL && later)
+            miss(ledger, job, now);
     }
     ledger->sum.questions += json_is_array(jobs);
     json_decref(root);
@@ -402,6 +423,7 @@ static void tick_status(ledger_t *ledger, double now)
         add_master(ledger, &words);
         ledger->next_status = now + STATUS_INTERVAL;
 
+        ledger->status_generation = ledger->generation;
         errand_start(&ledger->status, output, words.words, false);
         free(output);
         break;
@@ -479,8 +501,8 @@ static void tick_job(ledger_t *ledger, ledger_job_t *job, double now)
     bool failed;
     switch (job->stage) {
     case SENDING:
-        job->accepted = succeed(ledger, job, now, submit, &failed);
-        if (job->accepted || failed) enter(job, job->accepted ? RENDERING : UNSURE, now);
+        job->promised = succeed(ledger, job, now, submit, &failed);
+        if (job->promised || failed) enter(job, job->promised ? RENDERING : UNSURE, now);
         break;
     case FETCHING:
         if (!succeed(ledger, job, now, fetch, &failed)) break;
@@ -504,7 +526,9 @@ static void tick_job(ledger_t *ledger, ledger_job_t *job, double now)
         job->next_try = now + PAUSE;
         break;
     case RESUMING:
-        if (succeed(ledger, job, now, resume_job, &failed)) job->next_try = now + PAUSE;
+        if (!succeed(ledger, job, now, resume_job, &failed)) break;
+        job->resumed = true;
+        enter(job, RENDERING, now);
         break;
     default:
         break;

@@ -5,8 +5,7 @@
  * master says of a job is checked every time it is asked:
  *
  *   - issued = counted + returned + out, always;
- *   - what is counted is never more than what is wanted, and never falls but once for each death of a master,
- *     to what its last checkpoint holds;
+ *   - what is counted is never more than what is wanted, and never falls as long as the master lives;
  *   - a job that was accepted is known ever after;
  *   - at the end nothing is out, all is counted, nothing is skipped, and the pixels are those of the
  * reference.
