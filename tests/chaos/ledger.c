@@ -12,7 +12,12 @@
 #include <string.h>
 #include <unistd.h>
 
-enum { MAX_JOBS = 500, MAX_REFERENCES = 200, SEEDS = 3 };
+#if defined __SANITIZE_ADDRESS__ || defined __SANITIZE_THREAD__
+enum { SLOWNESS = 8 };
+#else
+enum { SLOWNESS = 1 };
+#endif
+enum { MAX_JOBS = 500, MAX_REFERENCES = 200, SEEDS = 3, SPP_CHARS = 16 };
 static const double COMMAND_LIMIT = 90;     /* seconds for a command; it has time-outs of its own */
 static const double REFERENCE_LIMIT = 600;  /* seconds for a render */
 static const double STATUS_INTERVAL = 0.25; /* seconds between questions */
@@ -158,12 +163,22 @@ static void start_command(ledger_t *ledger, ledger_job_t *job, const words_t *wo
     free(output);
 }
 
+/* The samples a pixel of a kind of job, as text. */
+static const char *spp_of(const job_kind_t *kind, bool extended, char text[SPP_CHARS])
+{
+    unsigned spp = (extended ? kind->extended_spp : kind->spp) / SLOWNESS;
+    snprintf(text, SPP_CHARS, "%u", spp > 0 ? spp : 1);
+    return text;
+}
+
 static void submit(ledger_t *ledger, ledger_job_t *job)
 {
     words_t words = {.list = {"submit"}, .count = 1};
-    char seed[20];
+    char seed[20], spp[SPP_CHARS];
     snprintf(seed, sizeof seed, "%u", job->seed);
     words_add_all(&words, job->kind->options);
+    words_add(&words, "--spp");
+    words_add(&words, spp_of(job->kind, false, spp));
     words_add_all(&words, job->kind->terms);
     words_add(&words, "--seed");
     words_add(&words, seed);
@@ -198,7 +213,8 @@ static void order(ledger_t *ledger, ledger_job_t *job, const char *command, cons
 
 static void extend(ledger_t *ledger, ledger_job_t *job)
 {
-    order(ledger, job, "extend", "--spp", job->kind->extended_spp);
+    char spp[SPP_CHARS];
+    order(ledger, job, "extend", "--spp", spp_of(job->kind, true, spp));
 }
 
 static void pause_job(ledger_t *ledger, ledger_job_t *job)
@@ -216,13 +232,11 @@ static void resume_job(ledger_t *ledger, ledger_job_t *job)
 static void render_reference(reference_t *reference)
 {
     words_t words = {.list = {"render"}, .count = 1};
-    char seed[20];
+    char seed[20], spp[SPP_CHARS];
     snprintf(seed, sizeof seed, "%u", reference->seed);
     words_add_all(&words, reference->kind->options);
-    if (reference->extended) {
-        words_add(&words, "--spp");
-        words_add(&words, reference->kind->extended_spp);
-    }
+    words_add(&words, "--spp");
+    words_add(&words, spp_of(reference->kind, reference->extended, spp));
     words_add(&words, "--seed");
     words_add(&words, seed);
     words_add(&words, "--quiet");
