@@ -216,5 +216,5 @@ help:
 	@echo "make format     clang-format; make lint: clang-tidy and cppcheck"
 	@echo "make clean      remove $(BUILD)/"
 
-.PHONY: all check chaos chaos-programs valgrind deps-test sim bench bench-merge bench-codec tests run-tests asan tsan fuzz demo deps deps-dev container-check install uninstall format lint clean help
+.PHONY: all check bench bench-codec tests run-tests asan tsan fuzz demo deps deps-dev container-check install uninstall format lint clean help sim bench-merge chaos chaos-programs valgrind deps-test
 .SECONDARY:

@@ -11,6 +11,7 @@
  * the jobs. */
 #include "master/master.h"
 
+#include "common/memory_limit.h"
 #include "common/address.h"
 #include "master/bulk_server.h"
 #include "master/control_server.h"
@@ -211,11 +212,10 @@ static result_t open_sockets(master_t *master, const master_options_t *options)
     return gate_start(master->gate, host, master->control_port);
 }
 
-/* Three quarters of the machine's memory. */
-static uint64_t film_limit(void)
+/* Three quarters of the memory, unless it is said. */
+static uint64_t film_limit(const master_options_t *options)
 {
-    long pages = sysconf(_SC_PHYS_PAGES), size = sysconf(_SC_PAGESIZE);
-    return pages > 0 && size > 0 ? (uint64_t)pages / 4 * 3 * (uint64_t)size : (uint64_t)1 << 32;
+    return options->film_memory > 0 ? options->film_memory : memory_limit() / 4 * 3;
 }
 
 enum { MEMORY_SHARE = 8 };
@@ -280,9 +280,9 @@ static result_t make_farm(master_t *master, const master_options_t *options, uin
     master->spool_dir = mem_printf("%s/spool", options->data_dir);
     farm_options_t farm = {.lease = options->lease,
                            .batch_interval = options->batch_interval,
-                           .film_limit = film_limit(),
+                           .film_limit = film_limit(options),
                            .first_job = first_job,
-                           .job_limit = FARM_MAX_JOBS,
+                           .job_limit = options->job_limit,
                            .spool_dir = options->fleeting ? NULL : master->spool_dir,
                            .control_wake = master->control_wake,
                            .image_wake = master->image_wake,

@@ -696,6 +696,23 @@ result_t wire_units_get(Lm__Unit *const *messages, size_t count, const job_setti
     return result_ok();
 }
 
+result_t wire_batch_get(const wire_message_t *message, batch_t *batch)
+{
+    const Lm__BatchResult *body = message->envelope->batch_result;
+    if (message->payload_count != BATCH_PAYLOADS)
+        return result_fail(RESULT_PROTOCOL, "a batch has %d payloads, not %d", BATCH_PAYLOADS,
+                           message->payload_count);
+    if (body->n_units == 0) return result_fail(RESULT_PROTOCOL, "a batch without units");
+    if (body->n_units > batch->unit_capacity) {
+        batch->units = mem_realloc(batch->units, body->n_units * sizeof *batch->units);
+        batch->unit_capacity = body->n_units;
+    }
+    TRY(wire_units_get(body->units, body->n_units, &batch->settings, batch->units));
+    batch->unit_count = body->n_units;
+    wire_counts_get(body->counts, &batch->counts);
+    return result_ok();
+}
+
 bool wire_hash_get(const ProtobufCBinaryData *bytes, hash_t *hash)
 {
     if (bytes->len != HASH_BYTES) return false;

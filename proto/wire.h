@@ -147,6 +147,9 @@ Lm__Unit **wire_units_new(const unit_t *units, size_t count);
 /* Fills units[count] and checks each against the job. */
 result_t wire_units_get(Lm__Unit *const *messages, size_t count, const job_settings_t *settings,
                         unit_t *units);
+/* The units and counts of a BatchResult, checked, into a batch that was initialised with its job's settings;
+ * its sums are in the payloads. */
+result_t wire_batch_get(const wire_message_t *message, batch_t *batch);
 /* False when the bytes field is not exactly HASH_BYTES long. */
 bool wire_hash_get(const ProtobufCBinaryData *bytes, hash_t *hash);
 /* Points the bytes field at the hash, which must outlive the message. */

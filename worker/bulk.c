@@ -354,6 +354,7 @@ static result_t on_message(const bulk_t *bulk, delivery_t *delivery, const Lm__E
         delivery->counted = envelope->batch_reply->accepted;
         if (!delivery->counted) refused(bulk, delivery, RESULT_MISMATCH, envelope->batch_reply->reason);
     } else if (envelope->body_case == LM__ENVELOPE__BODY_REFUSAL && (to_offer || to_put)) {
+        if (to_put) delivery->put_in = 0; /* it was not taken in */
         return on_refusal(bulk, delivery, envelope->refusal);
     }
     return result_ok();
