@@ -75,7 +75,8 @@ void farm_job_remove(farm_t *farm, job_t *job)
 bool farm_job_has_work(const job_t *job)
 {
     if (job->state == JOB_QUEUED) return !job->film_wanted;
-    return job->state == JOB_RUNNING && schedule_available(job->schedule);
+    return job->state == JOB_RUNNING &&
+           (schedule_available(job->schedule) || farm_suspects_waiting(job) || farm_checks_waiting(job));
 }
 
 void farm_job_install(farm_t *farm, double now, job_t *job, film_t *film, schedule_t *schedule)

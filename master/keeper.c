@@ -271,7 +271,10 @@ static result_t write_snapshot(keeper_t *keeper, checkpoint_info_t *info, const 
     info->generation = film_store_next(films, info->record.job);
     info->written = wall_time();
     char *path = film_store_path(films, info->record.job, info->generation);
-    result_t result = checkpoint_write(path, info, state, snapshot, int_max(1, keeper->cores / 2), &cost);
+    result_t result = farm_sync_checks(keeper->options.farm);
+    cost = (checkpoint_cost_t){.wall = 0};
+    if (result.code == RESULT_OK)
+        result = checkpoint_write(path, info, state, snapshot, int_max(1, keeper->cores / 2), &cost);
     free(path);
     keeper->not_before = clock_now() + REST * fmax(cost.wall, cost.cpu / keeper->cores);
     if (result.code != RESULT_OK) return result;
@@ -368,6 +371,7 @@ static void *keeper_run(void *argument)
     enforce_limit(keeper);
     while (!atomic_load(&keeper->stop)) {
         load_films(keeper);
+        farm_settle_checks(keeper->options.farm, clock_now());
         save_films(keeper);
         struct pollfd wait = {.fd = keeper->options.checkpoint_wake, .events = POLLIN};
         uint64_t count;

@@ -14,6 +14,7 @@ typedef struct {
     char *data;   /* the data directory of the last master */
     int port;     /* of the master's control socket; the bulk socket has the next one */
     pid_t master; /* 0: none */
+    char *keys;   /* folder of the keys master, worker and client and of the list "allow"; NULL: no keys */
     remote_t *remote;
     pid_t started[RIG_MAX_PROCESSES];
     bool ended[RIG_MAX_PROCESSES]; /* has been waited for */
@@ -30,6 +31,9 @@ rig_t *rig_new(void);
 /* Kills everything and removes the folder. */
 void rig_destroy(rig_t **rig);
 
+/* Makes keys for the farm, which is to use them from now on; before anything is started. */
+void rig_use_keys(rig_t *rig);
+
 /* Starts a master on the rig's port with quick time-outs (lease 1 s) and waits until it answers. */
 void rig_start_master(rig_t *rig, double batch_interval);
 /* Starts a master on the data of the last, which has ended, and waits until it answers. */
@@ -41,6 +45,8 @@ void rig_kill_master(rig_t *rig);
 /* Starts a worker with one thread and its own cache. */
 pid_t rig_start_worker(rig_t *rig);
 
+/* Starts one of our programs with these arguments (NULL-terminated), as rig_start_command does. */
+pid_t rig_start_program(rig_t *rig, const char *program, const char *const *arguments);
 /* Starts the `lightmill` command with these arguments (NULL-terminated); its output goes to a file in the
  * folder: rig_output. */
 pid_t rig_start_command(rig_t *rig, const char *const *arguments);
