@@ -88,7 +88,8 @@ typedef struct {
     uint64_t out_clock; /* when it was taken out */
     size_t source;      /* index */
     evidence_state_t state;
-    bool checked;   /* its units are being compared: its name on the disk says so */
+    bool checked;   /* its units are being compared: its name on the disk says so, */
+    bool branded;   /* and that it is wrong */
     uint64_t saved; /* checkpoints that were safe, or begun, when it was taken out */
 } evidence_t;
 
