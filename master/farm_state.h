@@ -29,6 +29,7 @@ typedef struct {
     uint64_t speed_job;       /* the job that it was measured with */
     double rated_samples, rated_seconds; /* what it was measured from */
     double deadline; /* seconds, when what it holds should have come; 0: it holds nothing */
+    double offered;  /* seconds, when it last said that a batch is ready; 0: that was delivered */
     uint64_t ward;   /* the job that it is alone with suspects of, or will be when it holds nothing; 0 */
     uint64_t job;    /* that it has loaded or was assigned last */
     uint64_t batches, batches_refused, units_reissued, bytes;

@@ -25,6 +25,7 @@
 #include <string.h>
 
 enum {
+    OFFER_SECONDS = 30, /* for which a worker that has offered a batch is left alone: we make it wait */
     STALL_BATCHES = 12, /* batch intervals until the deadline of who was not measured */
     SLACK = 4
 };
@@ -110,6 +111,7 @@ void farm_worker_delivered(farm_t *farm, double now, worker_t *worker, job_t *jo
     worker->speed = worker->rated_seconds > 0 ? worker->rated_samples / worker->rated_seconds : 0;
     worker->speed_job = job->id;
     worker->delivered = now;
+    worker->offered = 0;
     worker->held = farm_worker_units(farm, worker) > 0 ? fmax(worker->held - samples, 0) : 0;
     farm_worker_expect(farm, now, worker);
     farm_standing_delivered(farm, now, worker);
@@ -170,7 +172,8 @@ static bool recall_slow(farm_t *farm, double now, const worker_t *idle)
     size_t units = 0;
     for (size_t i = 0; i < farm->worker_count; i++) {
         worker_t *worker = &farm->workers[i];
-        if (worker == idle || !worker->connected) continue;
+        bool ready = worker->offered > 0 && now - worker->offered < OFFER_SECONDS;
+        if (worker == idle || !worker->connected || ready) continue;
         const job_t *job = job_in_common(farm, idle, worker);
         if (job == NULL) continue;
         bool late = now > worker->deadline;
