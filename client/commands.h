@@ -15,6 +15,7 @@ result_t cmd_priority(int argc, char **argv);
 result_t cmd_extend(int argc, char **argv);
 result_t cmd_import(int argc, char **argv);
 result_t cmd_info(int argc, char **argv);
+result_t cmd_keygen(int argc, char **argv);
 result_t cmd_compare(int argc, char **argv);
 
 #endif

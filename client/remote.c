@@ -21,42 +21,61 @@ struct remote {
     bool own_context;
     char *control_endpoint;
     char *bulk_endpoint; /* NULL until the master has told it */
+    dial_keys_t keys;
     void *control, *bulk;
+    dial_watch_t control_watch, bulk_watch;
     double timeout;
     uint64_t request; /* the last number used */
 };
 
-static result_t connect_socket(void *context, const char *endpoint, size_t limit, void **socket)
+static result_t connect_socket(remote_t *remote, const char *endpoint, size_t limit, void **socket,
+                               dial_watch_t *watch)
 {
-    TRY(wire_socket(context, ZMQ_DEALER, socket));
+    TRY(wire_socket(remote->context, ZMQ_DEALER, socket));
     TRY(wire_socket_limit(*socket, limit));
+    TRY(dial_keys_apply(&remote->keys, *socket));
+    TRY(dial_watch_open(watch, remote->context, *socket, &remote->keys));
     if (zmq_connect(*socket, endpoint) == 0) return result_ok();
     return result_fail(RESULT_USAGE, "cannot connect to %s: %s", endpoint, zmq_strerror(zmq_errno()));
 }
 
 result_t remote_open(void *context, const char *control_endpoint, const char *bulk_endpoint, double timeout,
-                     remote_t **remote_pointer)
+                     remote_t **remote)
+{
+    return remote_open_with(context, control_endpoint, bulk_endpoint, timeout, NULL, remote);
+}
+
+result_t remote_open_with(void *context, const char *control_endpoint, const char *bulk_endpoint,
+                          double timeout, dial_keys_t *keys, remote_t **remote_pointer)
 {
     remote_t *remote = mem_zalloc(1, sizeof *remote);
+    if (keys != NULL) remote->keys = *keys;
     remote->own_context = context == NULL;
     remote->context = context ? context : zmq_ctx_new();
     remote->control_endpoint = mem_strdup(control_endpoint);
     remote->bulk_endpoint = bulk_endpoint ? mem_strdup(bulk_endpoint) : NULL;
     remote->timeout = timeout;
-    result_t result =
-        connect_socket(remote->context, control_endpoint, WIRE_MAX_CONTROL_FRAME, &remote->control);
+    result_t result = connect_socket(remote, control_endpoint, WIRE_MAX_CONTROL_FRAME, &remote->control,
+                                     &remote->control_watch);
     if (result.code != RESULT_OK) remote_close(&remote);
     *remote_pointer = remote;
     return result;
+}
+
+static void close_socket(void *socket, dial_watch_t *watch)
+{
+    dial_watch_close(watch, socket);
+    if (socket) zmq_close(socket);
 }
 
 void remote_close(remote_t **remote_pointer)
 {
     remote_t *remote = *remote_pointer;
     if (remote == NULL) return;
-    if (remote->control) zmq_close(remote->control);
-    if (remote->bulk) zmq_close(remote->bulk);
+    close_socket(remote->control, &remote->control_watch);
+    close_socket(remote->bulk, &remote->bulk_watch);
     if (remote->own_context) zmq_ctx_term(remote->context);
+    dial_keys_free(&remote->keys);
     free(remote->control_endpoint);
     free(remote->bulk_endpoint);
     free(remote);
@@ -75,7 +94,7 @@ static result_t unreachable(const remote_t *remote, const char *endpoint, double
 
 static result_t refused(const Lm__Refusal *refusal)
 {
-    bool known = refusal->code > RESULT_OK && refusal->code <= RESULT_MISMATCH;
+    bool known = refusal->code > RESULT_OK && refusal->code <= RESULT_DENIED;
     return result_fail(known ? (result_code_t)refusal->code : RESULT_PROTOCOL, "the master refuses: %.400s",
                        refusal->reason);
 }
@@ -83,7 +102,9 @@ static result_t refused(const Lm__Refusal *refusal)
 /* Waits for the answer with the number of the last request. */
 static result_t await_answer(remote_t *remote, void *socket, double timeout, wire_message_t *message)
 {
-    const char *endpoint = socket == remote->control ? remote->control_endpoint : remote->bulk_endpoint;
+    bool control = socket == remote->control;
+    const char *endpoint = control ? remote->control_endpoint : remote->bulk_endpoint;
+    dial_watch_t *watch = control ? &remote->control_watch : &remote->bulk_watch;
     double deadline = clock_now() + timeout;
     for (;;) {
         bool received = false;
@@ -93,10 +114,14 @@ static result_t await_answer(remote_t *remote, void *socket, double timeout, wir
             wire_free(message);
             continue;
         }
+        result_t verdict = dial_watch_poll(watch);
         double left = deadline - clock_now();
+        if (verdict.code == RESULT_DENIED || (verdict.code != RESULT_OK && left <= 0))
+            return result_fail(verdict.code, "%s: %s", endpoint, verdict.message);
         if (left <= 0) return unreachable(remote, endpoint, timeout);
-        zmq_pollitem_t item = {.socket = socket, .events = ZMQ_POLLIN};
-        zmq_poll(&item, 1, (long)(1e3 * left) + 1);
+        zmq_pollitem_t items[] = {{.socket = socket, .events = ZMQ_POLLIN},
+                                  {.socket = watch->monitor, .events = ZMQ_POLLIN}};
+        zmq_poll(items, ARRAY_LENGTH(items), (long)(1e3 * left) + 1);
     }
 }
 
@@ -132,7 +157,7 @@ static result_t need_bulk(remote_t *remote)
             return result_fail(RESULT_PROTOCOL, "the master names %u as its bulk port", port);
         remote->bulk_endpoint = address_endpoint(&address, (int)port);
     }
-    return connect_socket(remote->context, remote->bulk_endpoint, WIRE_MAX_CHUNK, &remote->bulk);
+    return connect_socket(remote, remote->bulk_endpoint, WIRE_MAX_CHUNK, &remote->bulk, &remote->bulk_watch);
 }
 
 /* ---- jobs --------------------------------------------------------------------------------------------- */

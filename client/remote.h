@@ -2,12 +2,14 @@
  *
  * Every call asks and waits for the answer, at most `timeout` seconds (longer where the master has long work
  * to do: taking a snapshot, checking a large scene). RESULT_UNREACHABLE names the address and the cure; a
- * Refusal becomes a result with the master's own code and reason. One thread at a time.
+ * Refusal becomes a result with the master's own code and reason; RESULT_DENIED says that the keys do not
+ * fit, as soon as that is seen. One thread at a time.
  */
 #ifndef LIGHTMILL_REMOTE_H
 #define LIGHTMILL_REMOTE_H
 
 #include "common/scene_blob.h"
+#include "proto/dial.h"
 #include "proto/wire.h"
 
 typedef struct remote remote_t;
@@ -19,6 +21,9 @@ typedef struct remote remote_t;
  * port with the first status. `context` NULL: one is made. Strings are copied. Nothing is sent yet. */
 result_t remote_open(void *context, const char *control_endpoint, const char *bulk_endpoint, double timeout,
                      remote_t **remote);
+/* The same with keys, which are taken over and freed; NULL: none. */
+result_t remote_open_with(void *context, const char *control_endpoint, const char *bulk_endpoint,
+                          double timeout, dial_keys_t *keys, remote_t **remote);
 /* Closes the sockets and sets *remote to NULL. */
 void remote_close(remote_t **remote);
 

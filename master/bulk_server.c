@@ -108,6 +108,28 @@ static void send_grants(bulk_server_t *server)
     }
 }
 
+/* Adds a batch to its job's film; for the threads of the pool. */
+static result_t merge_batch(void *context, const wire_message_t *message)
+{
+    farm_t *farm = context;
+    const Lm__BatchResult *body = message->envelope->batch_result;
+    job_t *job;
+    batch_t batch;
+    TRY(farm_content_check(farm, body->job, &body->content));
+    TRY(farm_batch_open(farm, clock_now(), body->worker, body->job, message->bytes, &job));
+    job_settings_t settings = farm_job_settings(farm, job);
+    batch_init(&batch, &settings);
+    result_t result = wire_batch_get(message, &batch);
+    if (result.code == RESULT_OK)
+        result =
+            farm_batch_merge(farm, clock_now(), job, body->worker, body->check, &batch, message->payload);
+    else
+        farm_batch_refuse(farm, job, body->worker, batch.units, batch.unit_count);
+    batch_free(&batch);
+    farm_unpin(farm, job);
+    return result;
+}
+
 /* What a message with a batch takes, its decoded header too. */
 static uint64_t batch_memory(const wire_message_t *message)
 {
@@ -310,8 +332,20 @@ static void send_images(bulk_server_t *server)
 
 /* ---- the thread ---------------------------------------------------------------------------------------- */
 
-static void dispatch(bulk_server_t *server, const wire_message_t *message)
+/* False, and a refusal, when the sender's key does not give it the right. */
+static bool allowed(bulk_server_t *server, wire_message_t *message)
 {
+    result_t result = gate_check(server->options.gate, message);
+    if (result.code == RESULT_OK) return true;
+    if (complaint_allowed(&server->complaint, clock_now()))
+        log_warning("a message from %s is refused: %s", message->address, result.message);
+    refuse(server, message, result);
+    return false;
+}
+
+static void dispatch(bulk_server_t *server, wire_message_t *message)
+{
+    if (!allowed(server, message)) return;
     switch (message->envelope->body_case) {
     case LM__ENVELOPE__BODY_BATCH_OFFER:
         on_offer(server, message);
@@ -404,8 +438,10 @@ result_t bulk_server_start(const bulk_server_options_t *options, bulk_server_t *
     bulk_server_t *server = mem_zalloc(1, sizeof *server);
     server->options = *options;
     server->grants = grants_new(options->batch_memory);
-    merge_pool_options_t pool = {
-        .farm = options->farm, .threads = options->merge_threads, .wake = options->wake};
+    merge_pool_options_t pool = {.merge = merge_batch,
+                                 .context = options->farm,
+                                 .threads = options->merge_threads,
+                                 .wake = options->wake};
     result_t result = merge_pool_start(&pool, &server->pool);
     if (result.code == RESULT_OK) {
         int error = pthread_create(&server->thread, NULL, bulk_server_run, server);

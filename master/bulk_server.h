@@ -6,6 +6,7 @@
 #include "master/blob_store.h"
 #include "master/farm.h"
 #include "master/gallery.h"
+#include "master/gate.h"
 
 typedef struct bulk_server bulk_server_t;
 
@@ -13,6 +14,7 @@ typedef struct {
     farm_t *farm; /* kept by the caller, like the store and the gallery */
     blob_store_t *store;
     gallery_t *gallery;
+    gate_t *gate; /* likewise; NULL: everybody may do everything */
     void *socket; /* a bound ROUTER; closed by the server's thread */
     int wake;     /* eventfd, written when an image is ready, a batch is merged, or one may be granted */
     uint64_t batch_memory; /* bytes for batches that are under way or wait to be merged (grants.h) */

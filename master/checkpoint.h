@@ -34,7 +34,7 @@ result_t checkpoint_write(const char *path, checkpoint_info_t *info, const sched
 typedef struct checkpoint checkpoint_t; /* an open file, whose head is right */
 
 /* Opens a checkpoint and checks its head. RESULT_INPUT, naming the file and what is wrong with it, when it is
- * damaged or of another version; RESULT_IO when it cannot be read. */
+ * damaged; RESULT_MISMATCH when it is of another version; RESULT_IO when it cannot be read. */
 result_t checkpoint_open(const char *path, checkpoint_t **checkpoint);
 const checkpoint_info_t *checkpoint_info(const checkpoint_t *checkpoint);
 /* Reads and checks all of it with `threads` threads. The film is made with `settings`, which show the same

@@ -122,8 +122,9 @@ static result_t read_front(checkpoint_t *c)
     TRY(read_at(c, bytes, sizeof bytes, 0));
     if (!preamble_get(bytes, &preamble, &version)) return damaged(c, "it does not begin like a checkpoint");
     if (version != CHECKPOINT_VERSION)
-        return result_fail(RESULT_INPUT, "%.300s is a checkpoint of version %u, this master reads version %d",
-                           c->path, version, CHECKPOINT_VERSION);
+        return result_fail(RESULT_MISMATCH,
+                           "%.300s is a checkpoint of version %u, this master reads version %d", c->path,
+                           version, CHECKPOINT_VERSION);
     uint64_t size =
         PREAMBLE_HASHED + (uint64_t)preamble.head_bytes + (uint64_t)ENTRY_BYTES * preamble.block_count;
     c->data_start = size + HASH_BYTES;

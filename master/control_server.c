@@ -3,6 +3,7 @@
 
 #include "master/complaint.h"
 #include "master/control_reports.h"
+#include "master/rate_limit.h"
 
 #include <errno.h>
 #include <pthread.h>
@@ -16,7 +17,15 @@
 enum {
     TICK_MS = 100,
     MESSAGES_A_TURN = 256, /* before notices and the clock get their turn */
-    RETRY_MS = 2000        /* after which an idle worker asks again, if no JobReady comes */
+    RETRY_MS = 2000,       /* after which an idle worker asks again, if no JobReady comes */
+    FLOOD_TICK_MS = 1000,  /* between looks at the leases while messages never end */
+    PEER_RATE = 2000,      /* messages a second from one connection, */
+    PEER_BURST = 4000,     /* and at once */
+    PEERS = 16384,         /* connections that are counted apart */
+    KEY_RATE =
+        20000, /* messages a second from all who have the same key: thousands of workers may share one */
+    KEY_BURST = 20000,
+    KEYS = 4096
 };
 
 struct control_server {
@@ -24,8 +33,10 @@ struct control_server {
     pthread_t thread;
     atomic_bool stop;
     complaint_t complaint;
-    unit_t *units; /* room for one assignment */
-    uint64_t messages, bytes, malformed;
+    complaint_t refused;                  /* of those whom the gate or the limit refused */
+    rate_limit_t *peer_limit, *key_limit; /* by connection, by key */
+    unit_t *units;                        /* room for one assignment */
+    uint64_t messages, bytes, malformed, over_limit;
 };
 
 /* Who asks for a report. */
@@ -256,10 +267,48 @@ static void send_answers(control_server_t *server)
     }
 }
 
+/* ---- who may ask what ---------------------------------------------------------------------------------- */
+
+static const char *sender_name(const wire_message_t *message)
+{
+    return message->key[0] != '\0' ? message->key : message->address;
+}
+
+/* False when the sender sends too much: the message, not decoded yet, is not looked at. It is told once. */
+static bool within_limit(control_server_t *server, const wire_message_t *message)
+{
+    double now = clock_now();
+    rate_verdict_t verdict =
+        rate_limit_take(server->peer_limit, now, message->identity, message->identity_size);
+    if (verdict == RATE_PASS && message->key[0] != '\0')
+        verdict = rate_limit_take(server->key_limit, now, message->key, WIRE_KEY_TEXT);
+    if (verdict == RATE_PASS) return true;
+    server->over_limit++;
+    if (verdict == RATE_DROP) return false;
+    if (complaint_allowed(&server->refused, now))
+        log_warning("messages of %s are dropped: more than %d a second", sender_name(message), PEER_RATE);
+    refuse(server, message,
+           result_fail(RESULT_LIMIT, "more than %d messages a second: those over the limit are dropped",
+                       PEER_RATE));
+    return false;
+}
+
+/* False, and a refusal, when the sender's key does not give it the right. */
+static bool allowed(control_server_t *server, wire_message_t *message)
+{
+    result_t result = gate_check(server->options.gate, message);
+    if (result.code == RESULT_OK) return true;
+    if (complaint_allowed(&server->refused, clock_now()))
+        log_warning("a message from %s is refused: %s", message->address, result.message);
+    refuse(server, message, result);
+    return false;
+}
+
 /* ---- the thread ---------------------------------------------------------------------------------------- */
 
-static void dispatch(control_server_t *server, const wire_message_t *message)
+static void dispatch(control_server_t *server, wire_message_t *message)
 {
+    if (!allowed(server, message)) return;
     switch (message->envelope->body_case) {
     case LM__ENVELOPE__BODY_HELLO:
         on_hello(server, message);
@@ -306,16 +355,19 @@ static bool receive_some(control_server_t *server)
     for (int i = 0; i < MESSAGES_A_TURN; i++) {
         wire_message_t message;
         bool received;
-        result_t result = wire_receive(server->options.socket, true, &message, &received);
+        result_t result = wire_receive_frames(server->options.socket, true, &message, &received);
         if (result.code == RESULT_OK && !received) return false;
+        if (result.code != RESULT_OK && result.code != RESULT_PROTOCOL)
+            return false; /* a broken socket: the loop goes on at the pace of its ticks */
         server->messages++;
         server->bytes += message.bytes;
-        if (received)
-            dispatch(server, &message);
-        else if (result.code == RESULT_PROTOCOL)
-            on_malformed(server, &message, result);
-        else
-            return false; /* a broken socket: the loop goes on at the pace of its ticks */
+        if (within_limit(server, &message)) {
+            if (received) result = wire_decode(&message);
+            if (result.code == RESULT_OK)
+                dispatch(server, &message);
+            else
+                on_malformed(server, &message, result);
+        }
         wire_free(&message);
     }
     return true;
@@ -356,18 +408,29 @@ static void *control_server_run(void *argument)
         if (items[1].revents != 0 && read(server->options.wake, &count, sizeof count) < 0 && errno != EAGAIN)
             log_debug("cannot read an eventfd: %s", strerror(errno));
         more = receive_some(server);
-        /* Leases are looked at only when no message waits: a heartbeat may be among them. */
-        if (!more && clock_now() - last_tick >= 1e-3 * TICK_MS) {
+        /* Leases are looked at when no message waits: a heartbeat may be among them. While peers flood the
+         * socket, now and then: every connection has had its turn since. */
+        if (clock_now() - last_tick >= 1e-3 * (more ? FLOOD_TICK_MS : TICK_MS)) {
             last_tick = clock_now();
             farm_tick(server->options.farm, last_tick);
         }
         send_notices(server);
         send_answers(server);
     }
-    log_info("control socket: %llu messages, %.1f MB, %llu malformed", (unsigned long long)server->messages,
-             1e-6 * (double)server->bytes, (unsigned long long)server->malformed);
+    log_info("control socket: %llu messages, %.1f MB, %llu malformed, %llu over the limit",
+             (unsigned long long)server->messages, 1e-6 * (double)server->bytes,
+             (unsigned long long)server->malformed, (unsigned long long)server->over_limit);
     zmq_close(server->options.socket);
     return NULL;
+}
+
+static void server_free(control_server_t **server)
+{
+    rate_limit_destroy(&(*server)->peer_limit);
+    rate_limit_destroy(&(*server)->key_limit);
+    free((*server)->units);
+    free(*server);
+    *server = NULL;
 }
 
 result_t control_server_start(const control_server_options_t *options, control_server_t **out)
@@ -375,13 +438,14 @@ result_t control_server_start(const control_server_options_t *options, control_s
     control_server_t *server = mem_zalloc(1, sizeof *server);
     server->options = *options;
     server->units = mem_alloc(WIRE_MAX_UNITS * sizeof *server->units);
+    server->peer_limit = rate_limit_new(PEER_RATE, PEER_BURST, PEERS);
+    server->key_limit = rate_limit_new(KEY_RATE, KEY_BURST, KEYS);
     int error = pthread_create(&server->thread, NULL, control_server_run, server);
     if (error == 0) {
         *out = server;
         return result_ok();
     }
-    free(server->units);
-    free(server);
+    server_free(&server);
     return result_fail(RESULT_LIMIT, "cannot start a thread: %s", strerror(error));
 }
 
@@ -393,7 +457,5 @@ void control_server_stop(control_server_t **out)
     uint64_t one = 1;
     if (write(server->options.wake, &one, sizeof one) < 0) log_debug("the control thread is awake already");
     pthread_join(server->thread, NULL);
-    free(server->units);
-    free(server);
-    *out = NULL;
+    server_free(out);
 }

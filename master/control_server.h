@@ -6,12 +6,14 @@
 
 #include "master/clerk.h"
 #include "master/farm.h"
+#include "master/gate.h"
 
 typedef struct control_server control_server_t;
 
 typedef struct {
     farm_t *farm; /* kept by the caller, like the clerk */
     clerk_t *clerk;
+    gate_t *gate; /* likewise; NULL: everybody may do everything */
     void *socket; /* a bound ROUTER; closed by the server's thread */
     int wake; /* eventfd, written by the farm when there are notices, by the clerk when it has an answer */
     uint32_t bulk_port;                      /* told to peers; 0: inproc */

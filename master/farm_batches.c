@@ -10,7 +10,6 @@ enum {
     RATE_WINDOW = 60, /* seconds over which the speed for `remaining` is measured */
     IMAGE_RETRY = 10  /* seconds between attempts to write an image */
 };
-#define COUNT_LIMIT ((uint64_t)1 << 60) /* of any one count in a batch */
 
 /* ---- batches ------------------------------------------------------------------------------------------- */
 
@@ -126,28 +125,6 @@ result_t farm_batch_open(farm_t *farm, double now, uint64_t worker_id, uint64_t 
     }
     farm_unlock(farm);
     return result;
-}
-
-/* No sender may claim more than its units can hold. */
-static result_t check_counts(const batch_t *batch)
-{
-    uint64_t samples[2] = {0, 0};
-    for (size_t i = 0; i < batch->unit_count; i++)
-        for (int half = 0; half < 2; half++)
-            samples[half] += (uint64_t)unit_half_count(&batch->units[i], half) *
-                             job_tile_pixels(&batch->settings, batch->units[i].tile);
-    for (int half = 0; half < 2; half++)
-        if (batch->counts.light_paths[half] > samples[half])
-            return result_fail(RESULT_PROTOCOL, "%llu light paths for %llu samples",
-                               (unsigned long long)batch->counts.light_paths[half],
-                               (unsigned long long)samples[half]);
-    const uint64_t others[] = {batch->counts.dropped, batch->counts.overflows, batch->counts.rays,
-                               batch->counts.cpu_us};
-    for (size_t i = 0; i < ARRAY_LENGTH(others); i++)
-        if (others[i] > COUNT_LIMIT)
-            return result_fail(RESULT_PROTOCOL, "a count of %llu is out of all bounds",
-                               (unsigned long long)others[i]);
-    return result_ok();
 }
 
 static void job_see(job_t *job, uint64_t worker)
@@ -310,7 +287,7 @@ result_t farm_batch_merge(farm_t *farm, double now, job_t *job, uint64_t worker,
 {
     merge_t merge = {.job = job, .worker = worker, .batch = batch, .payload = payload};
     bool wanted = true;
-    result_t result = check_counts(batch);
+    result_t result = batch_check_counts(batch);
     if (result.code == RESULT_OK && check != 0) result = check_batch(farm, now, &merge, check, &wanted);
     if (result.code == RESULT_OK && wanted) result = merge_batch(farm, now, &merge);
     if (result.code != RESULT_OK) farm_batch_refuse(farm, job, worker, batch->units, batch->unit_count);

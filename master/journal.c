@@ -320,6 +320,8 @@ static result_t read_tables(journal_t *journal, bool *whole)
     TRY(number(journal, "SELECT value FROM meta WHERE key = 'next_job'", &next));
     TRY(number(journal, "SELECT value FROM meta WHERE key = 'running'", &running));
     found->next_job = next > 0 ? (uint64_t)next : 0;
+    for (size_t i = 0; i < found->record_count; i++)
+        if (found->next_job <= found->records[i].job) *whole = false;
     found->crashed = running != 0;
     *whole = *whole && next > 0;
     return result_ok();

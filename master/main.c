@@ -1,14 +1,17 @@
 /* lightmill-master: the command line around master.h. */
 #include "common/address.h"
+#include "master/farm.h"
 #include "master/master.h"
 #include "proto/wire.h"
 
 #include <getopt.h>
+#include <malloc.h>
 #include <pthread.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/resource.h>
 #include <unistd.h>
 
 static const char HELP[] =
@@ -36,23 +39,37 @@ static const char HELP[] =
     "(an\n"
     "                         eighth of the machine's memory, at least 1)\n"
     "  --merge-threads N      that merge batches (one for each core)\n"
-    "  --insecure             listen on an address that other machines can reach, without keys\n"
+    "  --film-memory GB       what the films of jobs at work may take in memory (three quarters of it); "
+    "others\n"
+    "                         wait, and a job whose film is larger is refused\n"
+    "  --max-jobs N           jobs known at a time (1000); for a new one the oldest that is over and not\n"
+    "                         retained goes, with its film and image\n"
     "  --quiet                log warnings and errors only\n"
     "  --verbose              log every batch\n"
     "  --help, --version\n"
+    "\n"
+    "Keys, without which nobody gets in from other machines (docs/security.md):\n"
+    "\n";
+static const char HELP_END[] =
     "\n"
     "SIGTERM or SIGINT ends it: last checkpoints are written first, no job is cancelled. A second one ends "
     "it at "
     "once.\n"
     "Exit codes: 0 success, 1 usage, 2 bad file, 3 input or output failed, 5 limit exceeded.\n";
 
-/* How many signals asked us to end. The one variable that is not constant: a signal handler has no argument.
- */
-static volatile sig_atomic_t signals;
+/* How many signals asked us to end, and whether one asked us to read our files again. The variables that are
+ * not constant: a signal handler has no argument. */
+static volatile sig_atomic_t signals, hang_up;
 
 static void on_signal(int number)
 {
     if (++signals > 1) _exit(128 + number);
+}
+
+static void on_hang_up(int number)
+{
+    (void)number;
+    hang_up = 1;
 }
 
 typedef struct {
@@ -81,6 +98,17 @@ static result_t parse_gigabytes(const char *name, const char *text, uint64_t *by
     return result_ok();
 }
 
+static result_t parse_jobs(const char *text, size_t *jobs)
+{
+    char *end;
+    long value = strtol(text, &end, 10);
+    if (end == text || *end != '\0' || value < 1 || value > FARM_MAX_JOBS)
+        return result_fail(RESULT_USAGE, "--max-jobs takes a whole number from 1 to %d, not \"%s\"",
+                           FARM_MAX_JOBS, text);
+    *jobs = (size_t)value;
+    return result_ok();
+}
+
 /* "HOST:0" asks for free ports, which an address cannot say. */
 static result_t parse_listen(const char *text, command_t *command)
 {
@@ -100,6 +128,7 @@ static result_t parse_listen(const char *text, command_t *command)
 
 static result_t set_option(command_t *command, const char *name, const char *value)
 {
+    if (gate_option(&command->master.gate, name, value)) return result_ok();
     if (strcmp(name, "listen") == 0) return parse_listen(value, command);
     if (strcmp(name, "heartbeat") == 0) return parse_seconds(name, value, &command->master.heartbeat);
     if (strcmp(name, "lease") == 0) return parse_seconds(name, value, &command->master.lease);
@@ -108,11 +137,11 @@ static result_t set_option(command_t *command, const char *name, const char *val
     if (strcmp(name, "checkpoint") == 0) return parse_seconds(name, value, &command->master.checkpoint);
     if (strcmp(name, "keep") == 0) return parse_gigabytes(name, value, &command->master.keep_bytes);
     if (strcmp(name, "blob-limit") == 0) return parse_gigabytes(name, value, &command->master.blob_limit);
-    if (strcmp(name, "batch-memory") == 0)
-        return parse_gigabytes(name, value, &command->master.batch_memory);
+    if (strcmp(name, "batch-memory") == 0) return parse_gigabytes(name, value, &command->master.batch_memory);
+    if (strcmp(name, "film-memory") == 0) return parse_gigabytes(name, value, &command->master.film_memory);
+    if (strcmp(name, "max-jobs") == 0) return parse_jobs(value, &command->master.job_limit);
     if (strcmp(name, "merge-threads") == 0) command->master.merge_threads = atoi(value);
     if (strcmp(name, "data") == 0) command->master.data_dir = value;
-    if (strcmp(name, "insecure") == 0) command->master.insecure = true;
     if (strcmp(name, "quiet") == 0) command->log = LOG_WARNING;
     if (strcmp(name, "verbose") == 0) command->log = LOG_DEBUG;
     return result_ok();
@@ -129,9 +158,11 @@ static result_t parse_command(int argc, char **argv, command_t *command, bool *d
                                             {"checkpoint", required_argument, NULL, 0},
                                             {"keep", required_argument, NULL, 0},
                                             {"batch-memory", required_argument, NULL, 0},
+                                            {"film-memory", required_argument, NULL, 0},
+                                            {"max-jobs", required_argument, NULL, 0},
                                             {"merge-threads", required_argument, NULL, 0},
                                             {"blob-limit", required_argument, NULL, 0},
-                                            {"insecure", no_argument, NULL, 0},
+                                            GATE_OPTIONS,
                                             {"quiet", no_argument, NULL, 0},
                                             {"verbose", no_argument, NULL, 0},
                                             {"help", no_argument, NULL, 'h'},
@@ -141,7 +172,7 @@ static result_t parse_command(int argc, char **argv, command_t *command, bool *d
     while ((choice = getopt_long(argc, argv, "h", options, &index)) != -1) {
         if (choice == '?') return result_fail(RESULT_USAGE, "see lightmill-master --help");
         *done = choice == 'h' || choice == 'v';
-        if (choice == 'h') fputs(HELP, stdout);
+        if (choice == 'h') printf("%s%s%s", HELP, gate_usage, HELP_END);
         if (choice == 'v') puts("lightmill-master " LIGHTMILL_VERSION);
         if (*done) return result_ok();
         TRY(set_option(command, options[index].name, optarg));
@@ -152,6 +183,20 @@ static result_t parse_command(int argc, char **argv, command_t *command, bool *d
     return result_ok();
 }
 
+/* Room for thousands of connections; and the memory of a batch goes back to the system when it is merged,
+ * instead of staying with the process in pieces: the bound on batches (docs/scale.md) is one on the process.
+ */
+static void prepare_process(void)
+{
+    enum { OWN_MAPPING = 1 << 20 }; /* bytes from which on an allocation is one */
+    struct rlimit limit;
+    if (getrlimit(RLIMIT_NOFILE, &limit) == 0) {
+        limit.rlim_cur = limit.rlim_max;
+        setrlimit(RLIMIT_NOFILE, &limit);
+    }
+    mallopt(M_MMAP_THRESHOLD, OWN_MAPPING);
+}
+
 /* Starts the master with the signals blocked, so that its threads never get them, and waits for one. */
 static result_t serve(const master_options_t *options)
 {
@@ -159,15 +204,23 @@ static result_t serve(const master_options_t *options)
     sigemptyset(&ending);
     sigaddset(&ending, SIGINT);
     sigaddset(&ending, SIGTERM);
+    sigaddset(&ending, SIGHUP);
     pthread_sigmask(SIG_BLOCK, &ending, &before);
     struct sigaction action = {.sa_handler = on_signal};
     sigaction(SIGINT, &action, NULL);
     sigaction(SIGTERM, &action, NULL);
+    action.sa_handler = on_hang_up;
+    sigaction(SIGHUP, &action, NULL);
     signal(SIGPIPE, SIG_IGN);
 
     master_t *master;
     TRY(master_start(options, &master));
-    while (signals == 0) sigsuspend(&before);
+    while (signals == 0) {
+        sigsuspend(&before);
+        if (!hang_up) continue;
+        hang_up = 0;
+        master_reload(master);
+    }
     log_info("ending; once more to end at once");
     pthread_sigmask(SIG_SETMASK, &before, NULL);
     return master_stop(&master);
@@ -191,6 +244,7 @@ static result_t run(int argc, char **argv)
     }
     command.master.control_endpoint = control;
     command.master.bulk_endpoint = bulk;
+    prepare_process();
     result_t result = serve(&command.master);
     free(control);
     free(bulk);

@@ -11,6 +11,8 @@
  * the jobs. */
 #include "master/master.h"
 
+#include "common/memory_limit.h"
+#include "common/address.h"
 #include "master/bulk_server.h"
 #include "master/control_server.h"
 #include "master/restart.h"
@@ -27,6 +29,8 @@
 #include <unistd.h>
 
 enum { MAX_INTERVAL = 3600 }; /* seconds, of heartbeats, leases and batches */
+enum { ENDPOINT_SIZE = 300 };
+enum { MAX_BULK_IO = 4 }; /* threads of libzmq for the bulk socket */
 
 struct master {
     void *context;
@@ -43,6 +47,7 @@ struct master {
     gallery_t *gallery;
     keeper_t *keeper;
     clerk_t *clerk;
+    gate_t *gate;
     control_server_t *control;
     bulk_server_t *bulk;
 };
@@ -62,35 +67,28 @@ master_options_t master_options_default(void)
 
 /* ---- checking the options ------------------------------------------------------------------------------ */
 
-/* True for "tcp://" and a host that only this machine reaches. */
-static bool is_loopback(const char *endpoint)
+/* True for an endpoint that other machines reach. The host, without "tcp://" and port, goes to `host`. */
+static bool is_exposed(const char *endpoint, char host[ENDPOINT_SIZE])
 {
-    static const char *const hosts[] = {"127.", "localhost:", "[::1]:", "lo:"};
+    host[0] = '\0';
     if (strncmp(endpoint, "tcp://", 6) != 0) return false;
-    for (size_t i = 0; i < ARRAY_LENGTH(hosts); i++) {
-        if (strncmp(endpoint + 6, hosts[i], strlen(hosts[i])) != 0) continue;
-        /* "127.example.org" is a name, not an address */
-        return i > 0 || strspn(endpoint + 6, "0123456789.") == strcspn(endpoint + 6, ":");
-    }
-    return false;
+    snprintf(host, ENDPOINT_SIZE, "%s", endpoint + 6);
+    char *colon = strrchr(host, ':');
+    if (colon != NULL) *colon = '\0';
+    return !address_is_loopback(host) && strcmp(host, "lo") != 0;
 }
 
 static result_t check_endpoint(const char *endpoint, bool insecure)
 {
-    if (strncmp(endpoint, "inproc://", 9) == 0 || is_loopback(endpoint)) return result_ok();
-    if (strncmp(endpoint, "tcp://", 6) != 0)
+    char host[ENDPOINT_SIZE];
+    if (strncmp(endpoint, "inproc://", 9) != 0 && strncmp(endpoint, "tcp://", 6) != 0)
         return result_fail(RESULT_USAGE, "cannot listen on %s: it must begin with tcp:// or inproc://",
                            endpoint);
-    if (!insecure)
-        return result_fail(
-            RESULT_USAGE,
-            "%s can be reached from other machines, and this version has no keys yet to keep strangers "
-            "out: listen on 127.0.0.1, or say --insecure if you trust everybody on that network",
-            endpoint + 6);
-    log_warning(
-        "INSECURE: %s is open to everybody on its network: anyone there can submit jobs, send results and "
-        "read images",
-        endpoint + 6);
+    if (insecure && is_exposed(endpoint, host))
+        log_warning("INSECURE: %s is open to everybody on its network: anyone there can submit jobs, send "
+                    "results and "
+                    "read images",
+                    endpoint + 6);
     return result_ok();
 }
 
@@ -109,8 +107,8 @@ static result_t check_options(const master_options_t *options)
     if (options->lease < 2 * options->heartbeat)
         return result_fail(RESULT_USAGE, "the lease (%g s) must be at least two heartbeats (%g s)",
                            options->lease, options->heartbeat);
-    TRY(check_endpoint(options->control_endpoint, options->insecure));
-    return check_endpoint(options->bulk_endpoint, options->insecure);
+    TRY(check_endpoint(options->control_endpoint, options->gate.insecure));
+    return check_endpoint(options->bulk_endpoint, options->gate.insecure);
 }
 
 /* ---- setting up ---------------------------------------------------------------------------------------- */
@@ -155,14 +153,27 @@ static result_t make_eventfd(int *descriptor)
     return result_fail(RESULT_LIMIT, "cannot make an eventfd: %s", strerror(errno));
 }
 
-enum { ENDPOINT_SIZE = 300 };
+/* libzmq's own threads: the first is the control socket's, so that neither bulk data nor its encryption
+ * delays a heartbeat; the others are the bulk socket's. */
+static int bulk_io_threads(void)
+{
+    return int_max(1, int_min(MAX_BULK_IO, (int)sysconf(_SC_NPROCESSORS_ONLN) / 4));
+}
+
+/* Makes the socket; `threads` are the bits of the libzmq threads that serve it. */
+static result_t make_socket(master_t *master, const char *name, uint64_t threads, size_t largest_frame,
+                            void **socket)
+{
+    TRY(wire_socket(master->context, ZMQ_ROUTER, socket));
+    TRY(wire_socket_limit(*socket, largest_frame));
+    if (master->own_context && zmq_setsockopt(*socket, ZMQ_AFFINITY, &threads, sizeof threads) != 0)
+        return result_fail(RESULT_IO, "cannot choose a socket's threads: %s", zmq_strerror(errno));
+    return gate_guard(master->gate, *socket, name);
+}
 
 /* `bound` becomes the endpoint with the port that was chosen. */
-static result_t bind_socket(void *context, const char *endpoint, size_t largest_frame, void **socket,
-                            char bound[ENDPOINT_SIZE], int *port)
+static result_t bind_socket(const char *endpoint, void **socket, char bound[ENDPOINT_SIZE], int *port)
 {
-    TRY(wire_socket(context, ZMQ_ROUTER, socket));
-    TRY(wire_socket_limit(*socket, largest_frame));
     int v6 = strchr(endpoint, '[') != NULL;
     if (zmq_setsockopt(*socket, ZMQ_IPV6, &v6, sizeof v6) != 0 || zmq_bind(*socket, endpoint) != 0)
         return result_fail(RESULT_IO, "cannot listen on %s: %s%s", endpoint, zmq_strerror(errno),
@@ -176,26 +187,35 @@ static result_t bind_socket(void *context, const char *endpoint, size_t largest_
     return result_ok();
 }
 
-static result_t open_sockets(master_t *master, const master_options_t *options)
+static result_t open_context(master_t *master, const master_options_t *options)
 {
     master->context = options->context != NULL ? options->context : zmq_ctx_new();
     master->own_context = options->context == NULL;
     if (master->context == NULL)
         return result_fail(RESULT_IO, "cannot start ZeroMQ: %s", zmq_strerror(errno));
-    char control[ENDPOINT_SIZE], bulk[ENDPOINT_SIZE];
-    TRY(bind_socket(master->context, options->control_endpoint, WIRE_MAX_CONTROL_FRAME,
-                    &master->control_socket, control, &master->control_port));
-    TRY(bind_socket(master->context, options->bulk_endpoint, WIRE_MAX_PAYLOAD, &master->bulk_socket, bulk,
-                    &master->bulk_port));
-    log_info("listening on %s (control) and %s (bulk), data in %s", control, bulk, options->data_dir);
+    if (master->own_context) zmq_ctx_set(master->context, ZMQ_IO_THREADS, 1 + bulk_io_threads());
     return result_ok();
 }
 
-/* Three quarters of the machine's memory. */
-static uint64_t film_limit(void)
+static result_t open_sockets(master_t *master, const master_options_t *options)
 {
-    long pages = sysconf(_SC_PHYS_PAGES), size = sysconf(_SC_PAGESIZE);
-    return pages > 0 && size > 0 ? (uint64_t)pages / 4 * 3 * (uint64_t)size : (uint64_t)1 << 32;
+    char control[ENDPOINT_SIZE], bulk[ENDPOINT_SIZE], host[ENDPOINT_SIZE], bulk_host[ENDPOINT_SIZE];
+    TRY(open_context(master, options));
+    bool exposed = is_exposed(options->control_endpoint, host);
+    if (is_exposed(options->bulk_endpoint, bulk_host)) exposed = true;
+    TRY(gate_new(&options->gate, options->data_dir, master->context, exposed, &master->gate));
+    TRY(make_socket(master, "control", 1, WIRE_MAX_CONTROL_ASKED, &master->control_socket));
+    TRY(make_socket(master, "bulk", ~(uint64_t)1, WIRE_MAX_PAYLOAD, &master->bulk_socket));
+    TRY(bind_socket(options->control_endpoint, &master->control_socket, control, &master->control_port));
+    TRY(bind_socket(options->bulk_endpoint, &master->bulk_socket, bulk, &master->bulk_port));
+    log_info("listening on %s (control) and %s (bulk), data in %s", control, bulk, options->data_dir);
+    return gate_start(master->gate, host, master->control_port);
+}
+
+/* Three quarters of the memory, unless it is said. */
+static uint64_t film_limit(const master_options_t *options)
+{
+    return options->film_memory > 0 ? options->film_memory : memory_limit() / 4 * 3;
 }
 
 enum { MEMORY_SHARE = 8 };
@@ -260,9 +280,9 @@ static result_t make_farm(master_t *master, const master_options_t *options, uin
     master->spool_dir = mem_printf("%s/spool", options->data_dir);
     farm_options_t farm = {.lease = options->lease,
                            .batch_interval = options->batch_interval,
-                           .film_limit = film_limit(),
+                           .film_limit = film_limit(options),
                            .first_job = first_job,
-                           .job_limit = FARM_MAX_JOBS,
+                           .job_limit = options->job_limit,
                            .spool_dir = options->fleeting ? NULL : master->spool_dir,
                            .control_wake = master->control_wake,
                            .image_wake = master->image_wake,
@@ -273,6 +293,11 @@ static result_t make_farm(master_t *master, const master_options_t *options, uin
     return restart_farm(master->farm, master->journal, master->films, master->store);
 }
 
+static bool make_room(void *master, uint64_t bytes)
+{
+    return keeper_make_room(((master_t *)master)->keeper, bytes);
+}
+
 static result_t start_keeping(master_t *master, const master_options_t *options, uint64_t first_job)
 {
     keeper_options_t keeper = {.farm = master->farm,
@@ -281,7 +306,10 @@ static result_t start_keeping(master_t *master, const master_options_t *options,
                                .interval = options->checkpoint,
                                .keep_bytes = options->keep_bytes,
                                .checkpoint_wake = master->checkpoint_wake};
-    if (!options->fleeting) TRY(keeper_start(&keeper, &master->keeper));
+    if (!options->fleeting) {
+        TRY(keeper_start(&keeper, &master->keeper));
+        blob_store_on_full(master->store, make_room, master);
+    }
     clerk_options_t clerk = {.farm = master->farm,
                              .store = master->store,
                              .journal = master->journal,
@@ -296,11 +324,13 @@ static result_t start_keeping(master_t *master, const master_options_t *options,
 static result_t start_serving(master_t *master, const master_options_t *options)
 {
     gallery_options_t gallery = {.farm = master->farm,
+                                 .keeper = master->keeper,
                                  .data_dir = options->data_dir,
                                  .image_wake = master->image_wake,
                                  .answer_wake = master->bulk_wake};
     TRY(gallery_start(&gallery, &master->gallery));
     bulk_server_options_t bulk = {.farm = master->farm,
+                                  .gate = master->gate,
                                   .store = master->store,
                                   .gallery = master->gallery,
                                   .socket = master->bulk_socket,
@@ -311,6 +341,7 @@ static result_t start_serving(master_t *master, const master_options_t *options)
     master->bulk_socket = NULL;
     control_server_options_t control = {.farm = master->farm,
                                         .clerk = master->clerk,
+                                        .gate = master->gate,
                                         .socket = master->control_socket,
                                         .wake = master->control_wake,
                                         .bulk_port = (uint32_t)master->bulk_port,
@@ -354,6 +385,7 @@ static void dismantle(master_t *master)
     journal_close(&master->journal);
     if (master->control_socket != NULL) zmq_close(master->control_socket);
     if (master->bulk_socket != NULL) zmq_close(master->bulk_socket);
+    gate_stop(&master->gate);
     if (master->own_context && master->context != NULL) zmq_ctx_term(master->context);
     close_descriptor(master->control_wake);
     close_descriptor(master->bulk_wake);
@@ -379,6 +411,11 @@ result_t master_start(const master_options_t *options, master_t **out)
 int master_control_port(const master_t *master)
 {
     return master->control_port;
+}
+
+void master_reload(master_t *master)
+{
+    gate_reload(master->gate);
 }
 
 result_t master_stop(master_t **master)

@@ -4,7 +4,7 @@
 #ifndef LIGHTMILL_MASTER_H
 #define LIGHTMILL_MASTER_H
 
-#include "common/base.h"
+#include "master/gate.h"
 
 typedef struct {
     void *context;                /* ZeroMQ context to share (inproc), or NULL to make one */
@@ -20,8 +20,10 @@ typedef struct {
     uint64_t blob_limit;   /* what scenes may take on the disk, default 100 GB */
     uint64_t batch_memory; /* bytes for batches under way and waiting to be merged (docs/scale.md); 0: an
                               eighth of the machine's memory, at least 1 GiB */
-    int merge_threads;     /* 0: one for each core */
-    bool insecure;         /* allow addresses other than loopback without keys */
+    uint64_t film_memory; /* bytes for the films of jobs at work; 0: three quarters of the machine's memory */
+    size_t job_limit;     /* jobs known at a time; 0: as many as there can be (farm.h) */
+    int merge_threads;    /* 0: one for each core */
+    gate_options_t gate;   /* keys */
 } master_options_t;
 
 typedef struct master master_t;
@@ -31,6 +33,8 @@ master_options_t master_options_default(void);
 result_t master_start(const master_options_t *options, master_t **master);
 /* The TCP port of the control socket, 0 on inproc. */
 int master_control_port(const master_t *master);
+/* Reads the list of keys again. From any thread. */
+void master_reload(master_t *master);
 /* Stops taking work in, writes a last checkpoint of every job that is not over, joins the threads, frees
  * everything and sets *master to NULL. The jobs go on when a master is started with this directory again. */
 result_t master_stop(master_t **master);

@@ -62,46 +62,11 @@ static void list_free(list_t *list)
 
 /* ---- one batch ----------------------------------------------------------------------------------------- */
 
-/* Checks what the message says of its batch. */
-static result_t read_batch(const wire_message_t *message, batch_t *batch)
-{
-    const Lm__BatchResult *body = message->envelope->batch_result;
-    if (message->payload_count != BATCH_PAYLOADS)
-        return result_fail(RESULT_PROTOCOL, "a batch has %d payloads, not %d", BATCH_PAYLOADS,
-                           message->payload_count);
-    if (body->n_units == 0) return result_fail(RESULT_PROTOCOL, "a batch without units");
-    TRY(wire_units_get(body->units, body->n_units, &batch->settings, batch->units));
-    batch->unit_count = body->n_units;
-    wire_counts_get(body->counts, &batch->counts);
-    return result_ok();
-}
-
-static result_t merge(farm_t *farm, const wire_message_t *message)
-{
-    const Lm__BatchResult *body = message->envelope->batch_result;
-    job_t *job;
-    batch_t batch;
-    TRY(farm_content_check(farm, body->job, &body->content));
-    TRY(farm_batch_open(farm, clock_now(), body->worker, body->job, message->bytes, &job));
-    job_settings_t settings = farm_job_settings(farm, job);
-    batch_init(&batch, &settings);
-    batch.units = mem_alloc((body->n_units + 1) * sizeof *batch.units);
-    result_t result = read_batch(message, &batch);
-    if (result.code == RESULT_OK)
-        result =
-            farm_batch_merge(farm, clock_now(), job, body->worker, body->check, &batch, message->payload);
-    else
-        farm_batch_refuse(farm, job, body->worker, batch.units, batch.unit_count);
-    batch_free(&batch);
-    farm_unpin(farm, job);
-    return result;
-}
-
 static void merge_task(merge_pool_t *pool, task_t *task)
 {
     wire_message_t *message = task->verdict.message;
     double start = clock_now();
-    task->verdict.result = merge(pool->options.farm, message);
+    task->verdict.result = pool->options.merge(pool->options.context, message);
     if (task->verdict.result.code == RESULT_OK)
         log_debug("a batch of %zu units, %zu bytes, merged in %.3f s",
                   message->envelope->batch_result->n_units, message->bytes, clock_now() - start);

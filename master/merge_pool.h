@@ -1,17 +1,19 @@
-/* merge_pool: threads that decode the batches of workers and add them to films, so that the thread that owns
- * the bulk socket never waits for it. Batches are begun in the order in which they were put in; several of
- * one job are merged at once. */
+/* merge_pool: threads that decode the batches of workers and add them up, so that the thread that owns the
+ * bulk socket never waits for it. Batches are begun in the order in which they were put in; several of one
+ * job are merged at once. */
 #ifndef LIGHTMILL_MERGE_POOL_H
 #define LIGHTMILL_MERGE_POOL_H
 
-#include "master/farm.h"
+#include "proto/wire.h"
 
 typedef struct merge_pool merge_pool_t;
 
 typedef struct {
-    farm_t *farm; /* kept by the caller */
-    int threads;  /* 0: one for each core that the process may use */
-    int wake;     /* eventfd, written when a batch is done */
+    /* What is done with a BatchResult, by several threads at once; its result is the verdict. */
+    result_t (*merge)(void *context, const wire_message_t *message);
+    void *context; /* kept by the caller */
+    int threads;   /* 0: one for each core that the process may use */
+    int wake;      /* eventfd, written when a batch is done */
 } merge_pool_options_t;
 
 /* What became of a batch. */

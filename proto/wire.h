@@ -9,6 +9,7 @@
 #define LIGHTMILL_WIRE_H
 
 #include "common/film.h"
+#include "proto/keys.h"
 #include "proto/lightmill.pb-c.h"
 
 #include <zmq.h>
@@ -18,6 +19,7 @@ enum {
     WIRE_DEFAULT_PORT = 7420,         /* control; bulk is the next one */
     WIRE_MAX_HEADER = 1 << 20,        /* bytes of a header frame, preamble included */
     WIRE_MAX_CONTROL_FRAME = 1 << 20, /* control messages have no payloads */
+    WIRE_MAX_CONTROL_ASKED = 1 << 14, /* those to a master; its answers may be lists */
     WIRE_MAX_DECODED = 16 << 20,      /* bytes that decoding one header may allocate */
     WIRE_MAX_PAYLOADS = 3,
     BATCH_PAYLOADS = 3,       /* eye tiles, splat frame, features */
@@ -72,17 +74,30 @@ enum {
     RIGHT_CLIENT = 2, /* submit, order, see jobs, put blobs, fetch images */
     RIGHTS_ALL = RIGHT_WORK | RIGHT_CLIENT
 };
-enum { WIRE_KEY_TEXT = 40 }; /* characters of a public key in Z85 */
+enum { WIRE_KEY_TEXT = KEY_TEXT }; /* characters of a public key in Z85 */
+enum { WIRE_MAX_ADDRESS = 63 };
+
+/* What a message of this kind asks of its sender; 0 for kinds that no peer sends to a master. */
+unsigned wire_rights_needed(Lm__Envelope__BodyCase kind);
+/* "may work", "may submit and control jobs", ...: completes a sentence that begins with a key. */
+const char *wire_rights_name(unsigned rights);
+/* The user id with which a master admits a connection, and wire_receive finds key and rights on its messages.
+ */
+enum { WIRE_USER_ID = WIRE_KEY_TEXT + 2 };
+void wire_user_id(unsigned rights, const char *key, char id[WIRE_USER_ID + 1]);
 
 typedef struct {
     Lm__Envelope *envelope; /* decoded, its body is set; freed by wire_free */
     uint8_t identity[WIRE_MAX_IDENTITY];
     size_t identity_size;                 /* 0 when it came from a DEALER */
+    zmq_msg_t header;                     /* until it is decoded, */
+    bool header_open;                     /* as this says */
     zmq_msg_t payload[WIRE_MAX_PAYLOADS]; /* open for i < payload_count */
     int payload_count;
     size_t bytes;                /* all frames as they came, without the identity */
     unsigned rights;             /* of the sender; RIGHTS_ALL on a connection without keys */
     char key[WIRE_KEY_TEXT + 1]; /* the sender's public key in Z85, empty on a connection without keys */
+    char address[WIRE_MAX_ADDRESS + 1]; /* the sender's host, for people; empty on inproc and on a DEALER */
 } wire_message_t;
 
 /* Makes a socket with our limits set (largest frame WIRE_MAX_PAYLOAD, high-water marks, linger, reconnect
@@ -103,7 +118,16 @@ result_t wire_send(void *socket, const uint8_t *identity, size_t identity_size, 
  * message was malformed or over a limit: it has been read to its end and thrown away, and message->identity
  * says who sent it. On success the caller frees the message with wire_free. */
 result_t wire_receive(void *socket, bool router, wire_message_t *message, bool *received);
+/* The same in two steps, for those who look at the sender before they spend time on the message: its frames,
+ * with the envelope NULL, and the decoding of its header. After a failure of either nothing is left to free.
+ */
+result_t wire_receive_frames(void *socket, bool router, wire_message_t *message, bool *received);
+result_t wire_decode(wire_message_t *message);
 void wire_free(wire_message_t *message);
+
+/* Decodes a header frame, as wire_receive does: RESULT_PROTOCOL when it is malformed or over a limit. The
+ * caller frees the envelope with lm__envelope__free_unpacked(envelope, NULL). */
+result_t wire_header_decode(const uint8_t *bytes, size_t size, Lm__Envelope **envelope);
 
 /* Settings, units and counts to and from their messages. From a message everything is checked
  * (job_settings_check, job_unit_valid, WIRE_MAX_UNITS); the message of a failure says which field is wrong.
@@ -123,6 +147,9 @@ Lm__Unit **wire_units_new(const unit_t *units, size_t count);
 /* Fills units[count] and checks each against the job. */
 result_t wire_units_get(Lm__Unit *const *messages, size_t count, const job_settings_t *settings,
                         unit_t *units);
+/* The units and counts of a BatchResult, checked, into a batch that was initialised with its job's settings;
+ * its sums are in the payloads. */
+result_t wire_batch_get(const wire_message_t *message, batch_t *batch);
 /* False when the bytes field is not exactly HASH_BYTES long. */
 bool wire_hash_get(const ProtobufCBinaryData *bytes, hash_t *hash);
 /* Points the bytes field at the hash, which must outlive the message. */

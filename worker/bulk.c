@@ -31,7 +31,6 @@
 
 enum { CHUNK_BYTES = 1 << 20, CHUNK_WINDOW = 4, DOWNLOAD_ATTEMPTS = 3 };
 static const double CHUNK_TIMEOUT = 15;           /* seconds without a chunk */
-static const double ANSWER_TIMEOUT = 20;          /* seconds for an answer, and */
 static const double BATCH_BYTES_PER_SECOND = 2e5; /* the slowest uplink that is waited for */
 static const double PAUSE = 0.25;                 /* seconds before something is tried again */
 static const double FIRST_RATIO = 0.3;            /* of coded to plain bytes, before any is known */
@@ -110,6 +109,22 @@ static bool unwanted(const bulk_t *bulk, uint64_t job)
     return bulk->options.crew.calls->unwanted(bulk->options.crew.self, job);
 }
 
+static bool is_denial(const Lm__Envelope *envelope)
+{
+    return envelope->body_case == LM__ENVELOPE__BODY_REFUSAL && envelope->refusal->code == RESULT_DENIED;
+}
+
+/* The key of this connection is not on the master's list any more. The next one is made with the key that
+ * there is by then, and what was asked is asked again. */
+static result_t on_denial(bulk_t *bulk, wire_message_t *message, bool *received)
+{
+    result_t result = result_fail(RESULT_UNREACHABLE, "%.300s", message->envelope->refusal->reason);
+    wire_free(message);
+    *received = false;
+    bulk->link.broken = true;
+    return result;
+}
+
 /* Waits for the next well-formed message; *received is false when it is worth looking around meanwhile.
  * RESULT_UNREACHABLE at the deadline or when the link was renewed, RESULT_CANCELLED when the thread is to
  * stop. */
@@ -120,6 +135,7 @@ static result_t receive(bulk_t *bulk, double deadline, wire_message_t *message, 
     if (bulk->link.socket) {
         result_t result = wire_receive(bulk->link.socket, false, message, received);
         if (result.code != RESULT_OK) log_warning("dropped a message of the master: %s", result.message);
+        if (*received && is_denial(message->envelope)) return on_denial(bulk, message, received);
         if (result.code != RESULT_OK || *received) return result_ok();
     }
     if (refresh_link(bulk)) return result_fail(RESULT_UNREACHABLE, "the link to the master was renewed");
@@ -349,6 +365,7 @@ static result_t on_message(const bulk_t *bulk, delivery_t *delivery, const Lm__E
         delivery->counted = envelope->batch_reply->accepted;
         if (!delivery->counted) refused(bulk, delivery, RESULT_MISMATCH, envelope->batch_reply->reason);
     } else if (envelope->body_case == LM__ENVELOPE__BODY_REFUSAL && (to_offer || to_put)) {
+        if (to_put) delivery->put_in = 0; /* it was not taken in */
         return on_refusal(bulk, delivery, envelope->refusal);
     }
     return result_ok();
@@ -358,7 +375,7 @@ static result_t on_message(const bulk_t *bulk, delivery_t *delivery, const Lm__E
  * offered again. */
 static result_t await_master(bulk_t *bulk, delivery_t *delivery, bool verdict)
 {
-    double patience = ANSWER_TIMEOUT;
+    double patience = bulk->options.patience;
     if (same_conversation(bulk, delivery)) patience += delivery->bytes / BATCH_BYTES_PER_SECOND;
     double deadline = clock_now() + patience;
     while (!delivery->decided && (verdict || !delivery->granted)) {
@@ -486,6 +503,7 @@ result_t bulk_start(const bulk_options_t *options, bulk_t **bulk_pointer)
     bulk->batch_interval = 1;
     bulk->ratio = FIRST_RATIO;
     bulk->link.context = options->context;
+    bulk->link.keys = &bulk->options.keys;
     pthread_mutex_init(&bulk->lock, NULL);
     result_t result = blob_cache_new(options->cache_dir, options->cache_limit, &bulk->cache);
     if (result.code == RESULT_OK && pthread_create(&bulk->thread, NULL, bulk_thread, bulk) != 0)

@@ -3,6 +3,7 @@
 #ifndef LIGHTMILL_BULK_H
 #define LIGHTMILL_BULK_H
 
+#include "proto/dial.h"
 #include "worker/crew.h"
 
 typedef struct bulk bulk_t;
@@ -14,6 +15,8 @@ typedef struct {
     const char *cache_dir;
     uint64_t cache_limit; /* bytes */
     bool local;           /* payloads are not compressed */
+    dial_keys_t keys;     /* what they point to is kept by the caller */
+    double patience;      /* seconds for an answer of the master, on a connection that lives */
 } bulk_options_t;
 
 /* Opens the cache and starts the thread. */

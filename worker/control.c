@@ -45,6 +45,7 @@ typedef enum { PHASE_DIALLING, PHASE_UP, PHASE_RESTING } phase_t;
 typedef struct {
     control_setup_t setup;
     void *socket; /* NULL while resting */
+    dial_watch_t watch;
     phase_t phase;
     double deadline; /* DIALLING, RESTING: when to dial again */
     double backoff;
@@ -94,6 +95,7 @@ static void log_unsent(const char *what, result_t result)
 
 static void hang_up(control_t *control)
 {
+    dial_watch_close(&control->watch, control->socket);
     if (control->socket) zmq_close(control->socket);
     control->socket = NULL;
 }
@@ -120,6 +122,8 @@ static result_t open_socket(control_t *control)
 {
     TRY(wire_socket(control->setup.context, ZMQ_DEALER, &control->socket));
     TRY(wire_socket_limit(control->socket, WIRE_MAX_CONTROL_FRAME));
+    TRY(dial_keys_apply(&control->setup.keys, control->socket));
+    TRY(dial_watch_open(&control->watch, control->setup.context, control->socket, &control->setup.keys));
     const char *endpoint = control->setup.control_endpoint;
     if (zmq_connect(control->socket, endpoint) == 0) return result_ok();
     return result_fail(RESULT_IO, "cannot connect to %s: %s", endpoint, zmq_strerror(zmq_errno()));
@@ -162,9 +166,11 @@ static void redial(control_t *control, const char *why)
 static void complain(control_t *control)
 {
     double now = clock_now();
+    result_t verdict = dial_watch_poll(&control->watch);
     if (control->last_complaint > 0 && now - control->last_complaint < REPORT_INTERVAL) return;
     control->last_complaint = now;
-    log_warning("no master answers at %s; trying on", control->setup.control_endpoint);
+    log_warning("no master answers at %s%s%s; trying on", control->setup.control_endpoint,
+                verdict.code == RESULT_OK ? "" : ": ", verdict.message);
 }
 
 /* The endpoint of the bulk socket that a welcome names; the caller frees it. */
@@ -335,6 +341,8 @@ static void on_refusal(control_t *control, const Lm__Envelope *envelope)
         log_error("the master does not admit this worker: %.300s; asking again in %.0f s", refusal->reason,
                   REST);
         rest(control);
+    } else if (refusal->code == RESULT_DENIED && control->leave_by == 0) {
+        redial(control, refusal->reason); /* with a new key, if there is one by now */
     } else if (envelope->request == control->work_request && control->leave_by == 0) {
         redial(control, refusal->reason);
     } else {

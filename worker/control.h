@@ -20,6 +20,7 @@ typedef struct {
     bool relay;                   /* the crew are workers that came over the network */
     bool local;                   /* the master is in this process: nobody else can render its job */
     double grace;                 /* seconds for leaving */
+    dial_keys_t keys;             /* what they point to is kept by the caller */
 } control_setup_t;
 
 /* Runs on the calling thread until *stop asks it to leave: 1: the crew finishes what it has begun and this is

@@ -58,6 +58,7 @@ typedef struct {
     uint64_t job;          /* that is loaded or being loaded, 0: none */
     hash_t content;        /* of that job */
     uint32_t units_held;   /* queued, being rendered, or in a batch that is not acknowledged */
+    uint32_t rendering;    /* units that are being rendered */
     uint64_t samples;      /* pixel samples to ask for now; 0: there is enough in hand */
     uint64_t unit_samples; /* pixel samples of a good unit */
     double samples_per_second;

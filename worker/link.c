@@ -45,8 +45,10 @@ static void open_sockets(link_t *link)
     link->conversation++;
     link->opened = clock_now();
     result_t result = wire_socket(link->context, ZMQ_DEALER, &link->socket);
+    if (result.code == RESULT_OK) result = dial_keys_apply(link->keys, link->socket);
     if (result.code != RESULT_OK) {
         log_error("%s", result.message);
+        drop_sockets(link);
         link->broken = true;
         return;
     }

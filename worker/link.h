@@ -12,10 +12,11 @@
 #ifndef LIGHTMILL_LINK_H
 #define LIGHTMILL_LINK_H
 
-#include "common/base.h"
+#include "proto/dial.h"
 
 typedef struct {
     void *context;         /* ZeroMQ context, kept by the owner */
+    dial_keys_t *keys;     /* likewise; NULL: none */
     void *socket;          /* DEALER; NULL while the link is down */
     void *monitor;         /* PAIR that tells of broken connections; NULL likewise */
     char *endpoint;        /* NULL: down */

@@ -39,9 +39,13 @@ static const char usage[] =
     "  --verbose          every batch and assignment\n"
     "  --help, --version\n"
     "\n"
+    "Keys, to join a master on another machine (docs/security.md):\n"
+    "\n";
+static const char usage_end[] =
+    "\n"
     "Exit codes: 0 left as asked and all was delivered, 1 wrong command line, 3 the operating system "
     "refused,\n"
-    "5 out of memory, 6 the last batch could not be delivered within the grace period.\n";
+    "5 out of memory, 6 the last batch could not be delivered within the grace period, 9 no key.\n";
 
 static void on_signal(int number)
 {
@@ -71,6 +75,7 @@ static result_t parse_number(const char *option, const char *text, double least,
 
 typedef struct {
     worker_options_t options;
+    dial_options_t dial;
     char *endpoint; /* owned */
     log_level_t level;
     bool done; /* help or version was printed */
@@ -79,6 +84,7 @@ typedef struct {
 static result_t parse_option(command_t *command, const char *option, const char *value)
 {
     double number;
+    if (dial_option(&command->dial, option, value)) return result_ok();
     if (strcmp(option, "threads") == 0) {
         TRY(parse_number(option, value, 1, MAX_THREADS, &number));
         command->options.threads = (int)number;
@@ -96,7 +102,10 @@ static result_t parse_option(command_t *command, const char *option, const char 
     } else if (strcmp(option, "verbose") == 0) {
         command->level = LOG_DEBUG;
     } else {
-        printf("%s", strcmp(option, "help") == 0 ? usage : "lightmill-worker " LIGHTMILL_VERSION "\n");
+        if (strcmp(option, "help") == 0)
+            printf("%s%s%s", usage, dial_usage, usage_end);
+        else
+            puts("lightmill-worker " LIGHTMILL_VERSION);
         command->done = true;
     }
     return result_ok();
@@ -104,13 +113,18 @@ static result_t parse_option(command_t *command, const char *option, const char 
 
 static result_t parse_arguments(int argc, char **argv, command_t *command)
 {
-    static const struct option options[] = {
-        {"threads", required_argument, NULL, 0},     {"name", required_argument, NULL, 0},
-        {"grace", required_argument, NULL, 0},       {"cache", required_argument, NULL, 0},
-        {"cache-limit", required_argument, NULL, 0}, {"quiet", no_argument, NULL, 0},
-        {"verbose", no_argument, NULL, 0},           {"help", no_argument, NULL, 0},
-        {"version", no_argument, NULL, 0},           {NULL, 0, NULL, 0}};
-    *command = (command_t){.options = worker_options_default(), .level = LOG_INFO};
+    static const struct option options[] = {DIAL_OPTIONS,
+                                            {"threads", required_argument, NULL, 0},
+                                            {"name", required_argument, NULL, 0},
+                                            {"grace", required_argument, NULL, 0},
+                                            {"cache", required_argument, NULL, 0},
+                                            {"cache-limit", required_argument, NULL, 0},
+                                            {"quiet", no_argument, NULL, 0},
+                                            {"verbose", no_argument, NULL, 0},
+                                            {"help", no_argument, NULL, 0},
+                                            {"version", no_argument, NULL, 0},
+                                            {NULL, 0, NULL, 0}};
+    *command = (command_t){.options = worker_options_default(), .dial.role = "worker", .level = LOG_INFO};
     int index, found;
     while ((found = getopt_long(argc, argv, "", options, &index)) != -1) {
         if (found == '?') return result_fail(RESULT_USAGE, "see lightmill-worker --help");
@@ -123,7 +137,7 @@ static result_t parse_arguments(int argc, char **argv, command_t *command)
     TRY(address_parse(optind < argc ? argv[optind] : "127.0.0.1", DEFAULT_PORT, &address));
     command->endpoint = address_endpoint(&address, address.port);
     command->options.control_endpoint = command->endpoint;
-    return result_ok();
+    return dial_keys_find(&command->dial, address.host, &command->options.keys);
 }
 
 int main(int argc, char **argv)
@@ -139,6 +153,7 @@ int main(int argc, char **argv)
         result = worker_run(&command.options, &stop_requested);
     }
     if (result.code != RESULT_OK) fprintf(stderr, "lightmill-worker: %s\n", result.message);
+    dial_keys_free(&command.options.keys);
     free(command.endpoint);
     return result_exit_code(result);
 }

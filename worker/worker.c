@@ -25,12 +25,14 @@
 #include <zmq.h>
 
 static const uint64_t DEFAULT_CACHE_LIMIT = (uint64_t)20 << 30;
+static const double DEFAULT_PATIENCE = 20; /* seconds */
 
 worker_options_t worker_options_default(void)
 {
     return (worker_options_t){.control_endpoint = "tcp://127.0.0.1:7420",
                               .cache_limit = DEFAULT_CACHE_LIMIT,
-                              .grace = WORKER_DEFAULT_GRACE};
+                              .grace = WORKER_DEFAULT_GRACE,
+                              .patience = DEFAULT_PATIENCE};
 }
 
 /* Cores that this process may run on. */
@@ -78,13 +80,16 @@ static result_t run_threads(const worker_options_t *options, void *context, int 
                              .name = name,
                              .software = "lightmill-worker " LIGHTMILL_VERSION,
                              .local = options->local,
-                             .grace = options->grace};
+                             .grace = options->grace,
+                             .keys = options->keys};
     bulk_options_t bulk = {.context = context,
                            .crew = setup.crew,
                            .wake = wakes[1],
                            .cache_dir = cache_dir,
                            .cache_limit = options->cache_limit,
-                           .local = options->local};
+                           .keys = options->keys,
+                           .local = options->local,
+                           .patience = options->patience};
     result_t result = bulk_start(&bulk, &setup.bulk);
     if (result.code == RESULT_OK) result = control_run(&setup, stop);
     bulk_stop(&setup.bulk);

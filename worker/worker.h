@@ -3,7 +3,7 @@
 #ifndef LIGHTMILL_WORKER_H
 #define LIGHTMILL_WORKER_H
 
-#include "common/base.h"
+#include "proto/dial.h"
 
 #include <stdatomic.h>
 
@@ -18,7 +18,9 @@ typedef struct {
     int threads;                  /* render threads, 0: one a core */
     const char *name;             /* NULL: host name and process id */
     bool local;                   /* inproc: payloads are not compressed */
+    dial_keys_t keys;             /* kept by the caller */
     double grace;                 /* seconds for leaving in order */
+    double patience;              /* seconds for an answer to a batch, on a connection that lives */
 } worker_options_t;
 
 worker_options_t worker_options_default(void);

@@ -69,6 +69,13 @@ static bool take_piece(workshop_t *shop, piece_t *piece)
     return true;
 }
 
+/* Values that the tiles of the open batch may have. */
+static size_t most_values(const workshop_t *shop)
+{
+    uint64_t share = shop->options.memory / BATCH_MEMORY_SHARE / sizeof(int64_t);
+    return share < BATCH_MAX_VALUES ? (size_t)share : BATCH_MAX_VALUES;
+}
+
 static void add_to_batch(workshop_t *shop, const unit_result_t *result)
 {
     pthread_mutex_lock(&shop->fill);
@@ -76,7 +83,7 @@ static void add_to_batch(workshop_t *shop, const unit_result_t *result)
     batch_t *batch = &slot->batch;
     if (batch->unit_count == 0) slot->since = clock_now();
     batch_add(batch, result);
-    if (batch->eye_count + batch->feature_count >= BATCH_MAX_VALUES) atomic_store(&shop->full, true);
+    if (batch->eye_count + batch->feature_count >= most_values(shop)) atomic_store(&shop->full, true);
     pthread_mutex_unlock(&shop->fill);
 }
 
@@ -427,6 +434,7 @@ static crew_state_t state(void *self)
     s.job = shop->stage == STAGE_EMPTY || dropped ? 0 : shop->current.job;
     s.content = shop->current.content;
     s.units_held = (uint32_t)held;
+    s.rendering = (uint32_t)shop->rendering;
     s.samples = samples_wanted(shop, held);
     s.unit_samples = (uint64_t)good_unit(shop);
     s.samples_per_second = shop->measured ? shop->speed * shop->thread_count : 0;

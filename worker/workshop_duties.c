@@ -110,7 +110,7 @@ duty_t workshop_duty(void *self, double batch_interval)
             refuse_job(shop, memory);
             duty.wait = 0;
         }
-    } else if (shop->stage == STAGE_READY) {
+    } else if (shop->stage == STAGE_READY && !(shop->over && !shop->flush)) {
         find_batch(shop, batch_interval, &duty);
     }
     pthread_mutex_unlock(&shop->lock);
@@ -206,6 +206,7 @@ void workshop_sent(void *self, const closed_batch_t *closed, bool counted)
         check->dropped = true;
     }
     checks_sweep(&shop->checks);
+    pthread_cond_broadcast(&shop->work); /* the next check may begin */
     if (closed->offer.check == 0) shop->under_way = false;
     slot_t *slot = &shop->slots[!shop->open];
     pthread_mutex_unlock(&shop->lock);

@@ -256,7 +256,7 @@ static void on_verdict(member_t *member, const Lm__BatchReply *answer, double no
         report->samples += member->samples;
     } else {
         report->refused++;
-        log_warning("a batch was refused: %s", answer->reason);
+        log_debug("a batch was refused: %s", answer->reason);
     }
     member->under_way = 0;
 }
@@ -264,7 +264,7 @@ static void on_verdict(member_t *member, const Lm__BatchReply *answer, double no
 static void on_refusal(member_t *member, const Lm__Envelope *envelope)
 {
     member->squad->report.failed++;
-    log_warning("refused: %s", envelope->refusal->reason);
+    log_debug("refused: %s", envelope->refusal->reason);
     if (envelope->request == member->offer_request) member->offer_request = 0;
 }
 

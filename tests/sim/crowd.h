@@ -17,7 +17,7 @@ typedef struct {
     double spread; /* seconds over which they join */
 } crowd_options_t;
 
-enum { CROWD_BEATS = 64 }; /* classes of waiting times: a quarter of a power of two each, from 1 us on */
+enum { CROWD_BEATS = 104 }; /* classes of waiting times: a quarter of a power of two each, from 1 us on */
 
 /* What happened since the last time it was asked. */
 typedef struct {
