@@ -150,8 +150,6 @@ static result_t take_chunk(blob_download_t *download, wire_message_t *message)
     const Lm__Envelope *envelope = message->envelope;
     if (envelope->body_case == LM__ENVELOPE__BODY_REFUSAL && envelope->refusal->code == RESULT_DENIED)
         return result_fail(RESULT_UNREACHABLE, "%.300s", envelope->refusal->reason);
-    if (envelope->body_case == LM__ENVELOPE__BODY_REFUSAL && envelope->refusal->code == RESULT_DENIED)
-        return result_fail(RESULT_UNREACHABLE, "%.300s", envelope->refusal->reason);
     if (envelope->body_case == LM__ENVELOPE__BODY_REFUSAL)
         return result_fail(RESULT_INPUT, "the master refuses the scene: %.300s", envelope->refusal->reason);
     if (envelope->body_case != LM__ENVELOPE__BODY_BLOB_CHUNK || message->payload_count != 1)
