@@ -11,7 +11,7 @@ Q       := $(if $(V),,@)
 BASELINE := -march=x86-64-v3 -ffp-contract=off -fno-math-errno -fno-trapping-math
 WARNINGS := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Wvla
 PACKAGES := libzmq libprotobuf-c libsodium libzstd libpng zlib libturbojpeg OpenEXR jansson sqlite3
-ifneq ($(filter-out help clean deps deps-dev check demo asan tsan fuzz container-check,$(or $(MAKECMDGOALS),all)),)
+ifneq ($(filter-out help clean deps deps-dev deps-test check demo asan tsan fuzz chaos valgrind container-check,$(or $(MAKECMDGOALS),all)),)
 PKG_CFLAGS := $(shell pkg-config --cflags $(PACKAGES) 2>/dev/null)
 PKG_LIBS   := $(shell pkg-config --libs $(filter-out OpenEXR,$(PACKAGES)) 2>/dev/null) -lOpenEXRCore-3_1
 endif
@@ -65,6 +65,8 @@ $(BUILD)/tests/%: $(BUILD)/tests/%.o $(call objects,$(LIB_SRC) $(wildcard tests/
 
 $(BUILD)/tests/unit/test_corpus: $(call objects,$(wildcard tests/fuzz/*.c))
 $(BUILD)/tests/unit/test_proxy: $(call objects,tests/chaos/proxy.c tests/chaos/stream.c tests/chaos/zmtp.c)
+CHAOS := $(BUILD)/tests/chaos/chaos $(BUILD)/tests/chaos/world.so $(PROGRAMS)
+$(BUILD)/tests/farm/test_chaos: $(call objects,tests/chaos/process.c tests/chaos/world.c) | $(CHAOS)
 $(BUILD)/tests/chaos/chaos: $(call objects,$(filter-out %/world_preload.c,$(wildcard tests/chaos/*.c)))
 
 # Loaded into programs of a chaos run, never linked.
@@ -72,6 +74,8 @@ $(BUILD)/tests/chaos/world.so: tests/chaos/world_preload.c
 	@mkdir -p $(@D)
 	@echo "  link $@"
 	$(Q)$(CC) -std=gnu17 -D_GNU_SOURCE $(WARNINGS) -I. -O2 -shared -fPIC -o $@ $<
+SIM_SRC := tests/sim/sim.c tests/sim/crowd.c tests/sim/prepared.c
+$(BUILD)/tests/farm/test_scale $(BUILD)/tests/sim/main: $(call objects,$(SIM_SRC))
 
 -include $(shell find $(BUILD) -name '*.d' 2>/dev/null)
 
@@ -90,12 +94,31 @@ tests: $(TESTS)
 run-tests: $(PROGRAMS) $(TESTS)
 	@tests/run.sh $(TESTS)
 
+# The address sanitizer runs everything, the thread sanitizer TSAN_TESTS: what has threads and sockets.
+TSAN_TESTS ?= $(patsubst tests/%.c,%,$(filter tests/farm/test_%,$(TEST_SRC))) \
+    unit/test_canvas unit/test_master unit/test_workshop unit/test_grants unit/test_wire unit/test_proxy
 asan tsan: CHECKED_FLAGS = -O1 -g -fno-omit-frame-pointer
 asan: SANITIZERS = -fsanitize=address,undefined -fno-sanitize-recover=undefined
 tsan: SANITIZERS = -fsanitize=thread
+asan: CHECKED_TESTS =
+tsan: CHECKED_TESTS = TESTS="$(TSAN_TESTS:%=$(BUILD)/tsan/tests/%)"
 asan tsan: deps
-	$(SUBMAKE) $(JOBS) BUILD=$(BUILD)/$@ CFLAGS="$(CHECKED_FLAGS)" SANITIZE="$(SANITIZERS)" all tests
-	$(SUBMAKE) BUILD=$(BUILD)/$@ CFLAGS="$(CHECKED_FLAGS)" SANITIZE="$(SANITIZERS)" run-tests
+	$(SUBMAKE) $(JOBS) BUILD=$(BUILD)/$@ CFLAGS="$(CHECKED_FLAGS)" SANITIZE="$(SANITIZERS)" $(CHECKED_TESTS) all tests
+	$(SUBMAKE) BUILD=$(BUILD)/$@ CFLAGS="$(CHECKED_FLAGS)" SANITIZE="$(SANITIZERS)" $(CHECKED_TESTS) run-tests
+
+# A master under valgrind that serves 50 jobs with real workers must leave nothing unfreed.
+valgrind: deps-test
+	$(SUBMAKE) $(JOBS) all
+	tests/valgrind.sh $(BUILD)
+
+# Real processes, killed, stopped, cut off and fed garbage for CHAOS_SECONDS; SEED repeats a list of faults.
+CHAOS_SECONDS ?= 600
+SEED          ?=
+chaos: deps-test
+	$(SUBMAKE) $(JOBS) chaos-programs
+	$(BUILD)/tests/chaos/chaos --seconds $(CHAOS_SECONDS) $(SEED:%=--seed %) --folder $(BUILD) \
+	    --least $$(($(CHAOS_SECONDS) / 3)) --least-kills $$(($(CHAOS_SECONDS) / 15))
+chaos-programs: $(CHAOS)
 
 # Fuzzing: FUZZ_SECONDS for each of FUZZ_TARGETS, which are the tests/fuzz/fuzz_*.c by default.
 FUZZ_SECONDS ?= 60
@@ -123,13 +146,27 @@ demo: deps
 deps:
 	@docker/install-packages.sh build
 
+# Also what `make chaos` and `make valgrind` run.
+deps-test:
+	@docker/install-packages.sh build test
+
 deps-dev:
-	@docker/install-packages.sh build run render import dev
+	@docker/install-packages.sh build run render import test dev
+
+# The simulated farm (tests/sim): SIM="--workers 500 ..."; about four minutes.
+sim: deps
+	$(SUBMAKE) $(JOBS) all $(BUILD)/tests/sim/main
+	$(BUILD)/tests/sim/main $(SIM)
 
 bench: deps
 	$(SUBMAKE) $(JOBS) all $(BUILD)/tests/bench/bench_render $(BUILD)/tests/bench/bench_mesh
 	$(BUILD)/tests/bench/bench_mesh
 	$(BUILD)/tests/bench/bench_render
+
+# The master's merge rate as a share of memcpy's (docs/scale.md).
+bench-merge: deps
+	$(SUBMAKE) $(JOBS) $(BUILD)/tests/bench/bench_merge
+	$(BUILD)/tests/bench/bench_merge
 
 # What docs/codec.md says of the alternatives to our payload coding; needs libblosc-dev (make deps-dev).
 bench-codec: EXTRA_LIBS = -lblosc
@@ -171,8 +208,12 @@ help:
 	@echo "make demo       render scenes/seed-hidden on a farm of three processes on this machine"
 	@echo "make check      install what is missing, build, run all tests"
 	@echo "make asan       the tests under the address and undefined-behaviour sanitizers (tsan: threads)"
+	@echo "make chaos      a farm to which everything happens, for CHAOS_SECONDS ($(CHAOS_SECONDS)); SEED repeats a run"
+	@echo "make valgrind   a master that served 50 jobs has no leaks"
 	@echo "make fuzz       libFuzzer on all that reads files: FUZZ_SECONDS ($(FUZZ_SECONDS)) each; FUZZ_TARGETS=\"pbrt ply\""
 	@echo "make bench      error and speed of the renderer against the figures of pbrt-v3"
+	@echo "make bench-merge  how fast a master merges, as a share of memcpy"
+	@echo "make sim        a real master and 500 simulated workers for three minutes: what one master takes"
 	@echo "make bench-codec  the codings of payloads that were weighed against one another"
 	@echo "make container-check  build the images of docker/Dockerfile, render a job through them (root)"
 	@echo "make install    into PREFIX ($(PREFIX)); DESTDIR is honoured; uninstall takes it back"
@@ -180,5 +221,5 @@ help:
 	@echo "make format     clang-format; make lint: clang-tidy and cppcheck"
 	@echo "make clean      remove $(BUILD)/"
 
-.PHONY: all check bench bench-codec tests run-tests asan tsan fuzz demo deps deps-dev container-check install uninstall format lint clean help
+.PHONY: all check bench bench-codec tests run-tests asan tsan fuzz demo deps deps-dev container-check install uninstall format lint clean help sim bench-merge chaos chaos-programs valgrind deps-test
 .SECONDARY:

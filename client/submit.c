@@ -136,6 +136,7 @@ static result_t submit_strategies(const command_t *command, remote_t *remote, co
 {
     strategies_t strategies = {.remote = remote,
                                .scene = scene,
+                               .terms = command->terms,
                                .output = &command->output,
                                .quiet = command->quiet,
                                .patient = true,

@@ -28,7 +28,13 @@ static void take_status(watch_t *watch, const Lm__JobStatus *status)
     watch->elapsed = status->elapsed;
     watch->error = status->error;
     watch->workers_seen = status->workers_seen;
-    snprintf(watch->message, sizeof watch->message, "%s", status->message);
+    if (strcmp(watch->message, status->message) != 0) {
+        snprintf(watch->message, sizeof watch->message, "%s", status->message);
+        if (!watch->final && watch->message[0] != '\0') {
+            progress_erase(watch->progress);
+            log_warning("%s", watch->message);
+        }
+    }
     if (status->settings == NULL) return;
     watch->width = (int32_t)status->settings->width;
     watch->height = (int32_t)status->settings->height;

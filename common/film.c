@@ -16,6 +16,15 @@ void film_counts_add(film_counts_t *sum, const film_counts_t *more)
     sum->cpu_us += more->cpu_us;
 }
 
+void film_counts_take_out(film_counts_t *sum, const film_counts_t *less)
+{
+    for (int half = 0; half < 2; half++) sum->light_paths[half] -= less->light_paths[half];
+    sum->dropped -= less->dropped;
+    sum->overflows -= less->overflows;
+    sum->rays -= less->rays;
+    sum->cpu_us -= less->cpu_us;
+}
+
 int64_t film_quantise(float value, int scale)
 {
     const double limit = 0x1p62;
@@ -23,31 +32,37 @@ int64_t film_quantise(float value, int scale)
     return units >= limit ? INT64_C(1) << 62 : units <= -limit ? -(INT64_C(1) << 62) : llrint(units);
 }
 
-/* True for what film_quantise saturates to, and beyond. */
-static bool too_large(int64_t value)
-{
-    return value >= INT64_C(1) << 62 || value <= -(INT64_C(1) << 62);
-}
+/* What film_quantise saturates to, and anything beyond, is no sum. */
+static const int64_t largest_sum = (INT64_C(1) << 62) - 1;
 
-/* Adds in place; a saturated value, or a sum that would get as large, is left out. Returns how many were. */
-static uint64_t add_sums(int64_t *sum, const int64_t *more, size_t count)
+/* Wrapping arithmetic, and no branch, so that the compiler makes vectors of it: this loop is the master's
+ * work. A product that wraps is of a value beyond `largest`; a total of two values, one within largest_sum,
+ * that wraps ends up beyond -largest_sum. */
+static inline uint64_t add_multiples(int64_t *restrict sum, const int64_t *restrict more, size_t count,
+                                     int64_t factor)
 {
+    const int64_t largest = largest_sum / (factor < 0 ? -factor : factor);
     uint64_t overflows = 0;
     for (size_t i = 0; i < count; i++) {
-        int64_t total;
-        bool wraps = __builtin_add_overflow(sum[i], more[i], &total);
-        wraps |= too_large(total) || too_large(more[i]);
-        sum[i] = wraps ? sum[i] : total;
-        overflows += wraps;
+        int64_t total = (int64_t)((uint64_t)sum[i] + (uint64_t)more[i] * (uint64_t)factor);
+        bool bad =
+            (more[i] > largest) | (more[i] < -largest) | (total > largest_sum) | (total < -largest_sum);
+        sum[i] = bad ? sum[i] : total;
+        overflows += bad;
     }
     return overflows;
+}
+
+uint64_t film_add_sums(int64_t *sum, const int64_t *more, size_t count, int factor)
+{
+    return factor == 1 ? add_multiples(sum, more, count, 1) : add_multiples(sum, more, count, factor);
 }
 
 uint64_t film_add(int64_t sum[3], const float rgb[3], int scale)
 {
     int64_t more[3];
     for (int c = 0; c < 3; c++) more[c] = film_quantise(rgb[c], scale);
-    return add_sums(sum, more, 3);
+    return film_add_sums(sum, more, 3, 1);
 }
 
 size_t batch_tile_values(const job_settings_t *settings, uint32_t tile)
@@ -231,7 +246,7 @@ void batch_merge(batch_t *sum, const batch_t *more)
     if (more->splat != NULL) {
         size_t values = batch_splat_values(&sum->settings);
         if (sum->splat == NULL) sum->splat = mem_zalloc(values, sizeof *sum->splat);
-        sum->counts.overflows += add_sums(sum->splat, more->splat, values);
+        sum->counts.overflows += film_add_sums(sum->splat, more->splat, values, 1);
     }
     limit_counts(&sum->counts);
 }
@@ -287,17 +302,17 @@ void film_destroy(film_t **film)
     *film = NULL;
 }
 
-/* Adds the eye tile of one unit (see unit_result_t for the layout of `tile`). */
-static void merge_tile(film_t *film, const unit_t *unit, const int64_t *tile)
+/* Adds the eye tile of one unit (see unit_result_t for the layout of `tile`), `factor` times. */
+static void merge_tile(film_t *film, const unit_t *unit, const int64_t *tile, int factor)
 {
     rect_t rect = job_tile_rect(&film->settings, unit->tile);
     size_t width = (size_t)film->settings.width, row = (size_t)(rect.x1 - rect.x0);
     for (int half = 0; half < 2; half++) {
-        uint32_t samples = unit_half_count(unit, half);
+        uint32_t samples = unit_half_count(unit, half) * (uint32_t)factor;
         for (int y = rect.y0; y < rect.y1; y++) {
             size_t pixel =
                 ((size_t)half * (size_t)film->settings.height + (size_t)y) * width + (size_t)rect.x0;
-            film->counts.overflows += add_sums(film->eye + 3 * pixel, tile, 3 * row);
+            film->counts.overflows += film_add_sums(film->eye + 3 * pixel, tile, 3 * row, factor);
             for (size_t x = 0; x < row; x++) film->samples[pixel + x] += samples;
             tile += 3 * row;
         }
@@ -306,132 +321,38 @@ static void merge_tile(film_t *film, const unit_t *unit, const int64_t *tile)
 
 /* Adds the features of one unit. What overflows does not come from a renderer, and the picture is none the
  * worse for it: it is left out. */
-static void merge_features(film_t *film, const unit_t *unit, const int64_t *features)
+static void merge_features(film_t *film, const unit_t *unit, const int64_t *features, int sign)
 {
     rect_t rect = job_tile_rect(&film->settings, unit->tile);
     size_t row = FEATURE_VALUES * (size_t)(rect.x1 - rect.x0);
     for (int y = rect.y0; y < rect.y1; y++) {
         size_t pixel = (size_t)y * (size_t)film->settings.width + (size_t)rect.x0;
-        add_sums(film->features + FEATURE_VALUES * pixel, features, row);
+        film_add_sums(film->features + FEATURE_VALUES * pixel, features, row, sign);
         features += row;
     }
 }
 
-void film_merge(film_t *film, const batch_t *batch)
+void film_merge_weighted(film_t *film, const batch_t *batch, const uint32_t *weights, int sign)
 {
     const int64_t *tile = batch->eye, *features = batch->features;
     for (size_t i = 0; i < batch->unit_count; i++) {
-        merge_tile(film, &batch->units[i], tile);
+        merge_tile(film, &batch->units[i], tile, sign * (weights == NULL ? 1 : (int)weights[i]));
         tile += batch_tile_values(&film->settings, batch->units[i].tile);
         size_t values =
             batch->feature_count > 0 ? batch_feature_values(&film->settings, &batch->units[i]) : 0;
-        if (values > 0) merge_features(film, &batch->units[i], features);
+        if (values > 0) merge_features(film, &batch->units[i], features, sign);
         features += values;
     }
     if (batch->splat != NULL)
-        film->counts.overflows += add_sums(film->splat, batch->splat, batch_splat_values(&film->settings));
-    film_counts_add(&film->counts, &batch->counts);
+        film->counts.overflows +=
+            film_add_sums(film->splat, batch->splat, batch_splat_values(&film->settings), sign);
+    if (sign > 0)
+        film_counts_add(&film->counts, &batch->counts);
+    else
+        film_counts_take_out(&film->counts, &batch->counts);
 }
 
-/* The estimates of one pixel and channel. */
-typedef struct {
-    double eye, light, noise;
-} estimate_t;
-
-/* `eye` and `splat` are the sums of both halves, `samples` and `light_factor` (pixels / light paths)
- * likewise. */
-static estimate_t resolve_value(const double eye[2], const double splat[2], const uint32_t samples[2],
-                                const double light_factor[3])
+void film_merge(film_t *film, const batch_t *batch)
 {
-    double count = (double)samples[0] + samples[1], half[2] = {0, 0};
-    estimate_t estimate = {.eye = (eye[0] + eye[1]) / count,
-                           .light = (splat[0] + splat[1]) * light_factor[2]};
-    for (int h = 0; h < 2; h++)
-        half[h] = (samples[h] > 0 ? eye[h] / samples[h] : 0) + splat[h] * light_factor[h];
-    /* Var(sum) of two independent means whose weights are their shares of the samples. With one half empty
-     * nothing is known of the noise: all of the value is taken to be noise. */
-    estimate.noise = samples[0] > 0 && samples[1] > 0
-                         ? sqrt((double)samples[0] * samples[1]) / count * fabs(half[0] - half[1])
-                         : fabs(estimate.eye + estimate.light);
-    return estimate;
-}
-
-static bool any_features(const film_t *film, size_t pixels)
-{
-    for (size_t p = 0; film->features != NULL && p < pixels; p++)
-        if (film->features[FEATURE_VALUES * p + FEATURE_COUNT] > 0) return true;
-    return false;
-}
-
-static void resolve_feature(const int64_t *sum, film_image_t *image, size_t p)
-{
-    /* A peer may have sent any number; only what is above zero divides. */
-    double count = (double)sum[FEATURE_COUNT], hits = (double)sum[FEATURE_HITS];
-    double per_sample = count > 0 ? ldexp(1.0, -FEATURE_SCALE) / count : 0;
-    double per_hit = hits > 0 ? ldexp(1.0, -FEATURE_SCALE) / hits : 0;
-    for (size_t c = 0; c < 3; c++) {
-        image->albedo[3 * p + c] = (float)((double)sum[FEATURE_ALBEDO + c] * per_sample);
-        image->normal[3 * p + c] = (float)((double)sum[FEATURE_NORMAL + c] * per_sample);
-        image->position[3 * p + c] = (float)((double)sum[FEATURE_POSITION + c] * per_hit);
-    }
-    image->depth[p] = (float)((double)sum[FEATURE_DEPTH] * per_hit);
-    image->object[p] = (float)sum[FEATURE_OBJECT];
-    image->material[p] = (float)sum[FEATURE_MATERIAL];
-    image->coverage[p] = count > 0 ? (float)(hits / count) : 0;
-}
-
-static void resolve_features(const film_t *film, film_image_t *image, size_t pixels)
-{
-    float **vectors[] = {&image->albedo, &image->normal, &image->position};
-    float **scalars[] = {&image->depth, &image->object, &image->material, &image->coverage};
-    for (size_t i = 0; i < ARRAY_LENGTH(vectors); i++) *vectors[i] = mem_zalloc(3 * pixels, sizeof(float));
-    for (size_t i = 0; i < ARRAY_LENGTH(scalars); i++) *scalars[i] = mem_zalloc(pixels, sizeof(float));
-    for (size_t p = 0; p < pixels; p++) resolve_feature(film->features + FEATURE_VALUES * p, image, p);
-}
-
-void film_resolve(const film_t *film, film_image_t *image)
-{
-    int width = film->settings.width, height = film->settings.height;
-    size_t pixels = (size_t)width * (size_t)height;
-    *image = (film_image_t){.width = width, .height = height};
-    float **planes[] = {&image->sum, &image->eye, &image->light, &image->noise};
-    for (size_t i = 0; i < ARRAY_LENGTH(planes); i++) *planes[i] = mem_zalloc(3 * pixels, sizeof(float));
-    image->samples = mem_zalloc(pixels, sizeof(float));
-    if (any_features(film, pixels)) resolve_features(film, image, pixels);
-
-    double unit = ldexp(1.0, -film->settings.film_scale), light_factor[3] = {0};
-    double paths[3] = {(double)film->counts.light_paths[0], (double)film->counts.light_paths[1], 0};
-    paths[2] = paths[0] + paths[1];
-    for (int i = 0; i < 3; i++) light_factor[i] = paths[i] > 0 ? (double)pixels / paths[i] : 0;
-
-    for (size_t p = 0; p < pixels; p++) {
-        uint32_t samples[2] = {film->samples[p], film->samples[pixels + p]};
-        if (samples[0] == 0 && samples[1] == 0) continue;
-        image->samples[p] = (float)samples[0] + (float)samples[1];
-        for (size_t v = 3 * p; v < 3 * p + 3; v++) {
-            double eye[2], splat[2];
-            for (size_t h = 0; h < 2; h++) {
-                eye[h] = (double)film->eye[h * 3 * pixels + v] * unit;
-                splat[h] = (double)film->splat[h * 3 * pixels + v] * unit;
-            }
-            estimate_t e = resolve_value(eye, splat, samples, light_factor);
-            image->eye[v] = (float)e.eye;
-            image->light[v] = (float)e.light;
-            image->sum[v] = (float)(e.eye + e.light);
-            image->noise[v] = (float)e.noise;
-        }
-    }
-}
-
-void film_image_free(film_image_t *image)
-{
-    free(image->sum);
-    free(image->eye);
-    free(image->light);
-    free(image->noise);
-    free(image->samples);
-    float *features[] = {image->albedo, image->normal,   image->position, image->depth,
-                         image->object, image->material, image->coverage};
-    for (size_t i = 0; i < ARRAY_LENGTH(features); i++) free(features[i]);
-    *image = (film_image_t){0};
+    film_merge_weighted(film, batch, NULL, 1);
 }

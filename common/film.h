@@ -62,6 +62,8 @@ typedef struct {
 } film_counts_t;
 
 void film_counts_add(film_counts_t *sum, const film_counts_t *more);
+/* Takes out what was added. */
+void film_counts_take_out(film_counts_t *sum, const film_counts_t *less);
 
 /* The most that any one count of a batch may be, but light paths, which its samples bound. */
 #define BATCH_MAX_COUNT ((uint64_t)1 << 48)
@@ -79,6 +81,10 @@ int64_t film_quantise(float value, int scale);
 /* Rounds one contribution to the film's grid and adds it to the sums of a pixel. Returns how many of the
  * three additions would have overflowed; these are left out. */
 uint64_t film_add(int64_t sum[3], const float rgb[3], int scale);
+
+/* Adds `count` sums, each `factor` times: a weight of 1 to JOB_MAX_BOOST, negative to take out what was
+ * added. The arrays do not overlap. Returns how many additions would have overflowed; these are left out. */
+uint64_t film_add_sums(int64_t *sum, const int64_t *more, size_t count, int factor);
 
 /* The result of one unit, in memory that is reused from unit to unit. */
 typedef struct {
@@ -136,13 +142,20 @@ size_t batch_tile_values(const job_settings_t *settings, uint32_t tile);
 size_t batch_feature_values(const job_settings_t *settings, const unit_t *unit);
 /* int64_t's of a splat frame: 2 * width * height * 3. */
 size_t batch_splat_values(const job_settings_t *settings);
+/* Bytes of all its sums. */
+size_t batch_bytes(const batch_t *batch);
+/* BLAKE2b-256 of the units, the numbers of light paths, and all sums: renderings of the same units have the
+ * same digest when all their bits agree, whatever the order of the units, and whether sums that are all zero
+ * are there or missing. */
+void batch_digest(const batch_t *batch, hash_t *hash);
 
 /* The sums of a whole job. Not thread-safe: the owner locks. */
 typedef struct {
     job_settings_t settings;
     int64_t *eye;      /* [2 halves][height][width][3] */
     int64_t *splat;    /* [2 halves][height][width][3] */
-    uint32_t *samples; /* [2 halves][height][width] eye samples */
+    uint32_t *samples; /* [2 halves][height][width] eye samples, each as often as it weighs: in an adaptive
+                          job JOB_MEAN_BOOST times the mean number of samples */
     int64_t *features; /* [height][width][FEATURE_VALUES]; NULL when the job has none */
     film_counts_t counts;
 } film_t;
@@ -155,16 +168,23 @@ void film_destroy(film_t **film);
  * Overflowing additions are left out and counted; of features, whose true sums cannot overflow, only left
  * out. */
 void film_merge(film_t *film, const batch_t *batch);
+/* The same where the samples of unit i count weights[i] times, 1 to JOB_MAX_BOOST (NULL: all once). Splats
+ * and features do not: splats are divided by all light paths, wherever they began. With `sign` -1 it is taken
+ * out again. */
+void film_merge_weighted(film_t *film, const batch_t *batch, const uint32_t *weights, int sign);
 
 /* Float images of the sums so far, each [height][width][3] unless said otherwise. */
 typedef struct {
     int width, height;
-    float *sum;     /* eye + light: the picture */
-    float *eye;     /* strategies with t >= 2 eye vertices */
-    float *light;   /* t = 1 splats */
-    float *noise;   /* estimated standard error of `sum`: |half 0 - half 1| scaled; one degree of freedom a
-                       pixel */
-    float *samples; /* [height][width] eye samples */
+    float *sum;   /* eye + light: the picture */
+    float *eye;   /* strategies with t >= 2 eye vertices */
+    float *light; /* t = 1 splats */
+    float *noise; /* estimated standard error of `sum`: |half 0 - half 1| scaled; one degree of freedom a
+                     pixel */
+    float *
+        samples; /* [height][width] eye samples; of an adaptive job their mean over the image where all rounds
+                    are counted (film_t.samples) until schedule_show_samples has written the real numbers */
+    double error; /* film_noise of the whole image */
 
     /* Features; all NULL when there are none. The last five are [height][width]. */
     float *albedo;   /* mean over the samples; what met nothing counts as 0 */
@@ -180,5 +200,20 @@ typedef struct {
  * samples are black. */
 void film_resolve(const film_t *film, film_image_t *image);
 void film_image_free(film_image_t *image);
+
+/* Estimates the relative error of the image, splats included: the square root of the mean, over the pixels
+ * that have samples and their channels, of
+ *
+ *     noise^2 / (value^2 + (FILM_ERROR_FLOOR * mean)^2)
+ *
+ * with the noise that the two halves of the pixel show, its value, and the mean of all values. So it is the
+ * root of a relMSE, as client/agreement.h measures it against a reference, whose floor follows the brightness
+ * of the scene. INFINITY when nothing is known: the image is black. docs/convergence.md says what to make of
+ * it.
+ *
+ * `eye_noise`, unless NULL, gets for each tile the sum of the same terms with the noise of the eye sums
+ * alone: what more samples of that tile can reduce. */
+double film_noise(const film_t *film, double *eye_noise);
+#define FILM_ERROR_FLOOR 0.5
 
 #endif

@@ -22,7 +22,8 @@ enum {
     JOB_MAX_DEPTH = 100,
     JOB_MIN_TILE = 8,
     JOB_MAX_TILE = 256,
-    JOB_MAX_BOOST = 16, /* an adaptive job gives a tile at most so many times the samples of the mean */
+    JOB_MEAN_BOOST = 4, /* an adaptive job gives a tile a power of two of its round's base samples, up to */
+    JOB_MAX_BOOST = 16, /* this, and to all of them in the mean the other (master/plan.h) */
     JOB_MAX_ADAPTIVE_SPP = JOB_MAX_SPP / JOB_MAX_BOOST,
     JOB_MAX_NAME = 200,     /* bytes */
     JOB_MAX_PRIORITY = 1000 /* and as low as minus this */

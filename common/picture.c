@@ -1,6 +1,7 @@
 /* picture: see picture.h. */
 #include "common/picture.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -55,6 +56,8 @@ static void add_settings(image_t *image, const job_settings_t *settings)
     image_set_int(image, "lightmill.tileSize", settings->tile_size);
     image_set_int(image, "lightmill.filmScale", settings->film_scale);
     image_set_int(image, "lightmill.layers", settings->features);
+    if (settings->error > 0) image_set_float(image, "lightmill.errorTarget", (float)settings->error);
+    if (settings->adaptive) image_set_int(image, "lightmill.adaptive", 1);
     if (settings->strategy_t == 0) return;
     image_set_int(image, "lightmill.strategyS", settings->strategy_s);
     image_set_int(image, "lightmill.strategyT", settings->strategy_t);
@@ -98,6 +101,7 @@ result_t picture_write_exr(const char *path, const film_image_t *film, const pic
     image_init(&image, film->width, film->height);
     add_layers(&image, film, half);
     picture_describe(&image, meta, total_samples(film));
+    if (isfinite(film->error)) image_set_float(&image, "lightmill.error", (float)film->error);
     result_t result = image_write_exr(path, &image);
     image_free(&image);
     return result;

@@ -27,6 +27,7 @@ enum {
     RETRY = 5,       /* seconds between attempts when the journal cannot be written */
     WARN_EVERY = 60, /* seconds between warnings that it cannot */
     RECORDS_A_TURN = 64,
+    JOURNAL_ROOM = 4 << 20, /* bytes that are to be free for the journal */
     POLL_MS = 1000
 };
 
@@ -93,6 +94,9 @@ static result_t save(clerk_t *clerk, const job_record_t *records, size_t count)
     for (size_t i = 0; i < count; i++)
         if (records[i].removed) delete_files(clerk, records[i].job);
     result_t result = journal_save(clerk->options.journal, records, count);
+    if (result.code != RESULT_OK && clerk->options.keeper != NULL &&
+        keeper_make_room(clerk->options.keeper, JOURNAL_ROOM))
+        result = journal_save(clerk->options.journal, records, count);
     if (result.code != RESULT_OK) {
         complain(clerk, result.message);
         clerk->retry_at = clock_now() + RETRY;
@@ -152,8 +156,22 @@ static result_t submit(clerk_t *clerk, const clerk_request_t *request, uint64_t 
     return result;
 }
 
+/* A job that is over may have lost its scene to newer ones. */
+static result_t check_scene(clerk_t *clerk, uint64_t id)
+{
+    uint64_t size;
+    job_t *job = farm_pin(clerk->options.farm, id);
+    if (job == NULL) return result_ok(); /* the farm says so */
+    job_record_t record = farm_record(clerk->options.farm, clock_now(), job);
+    farm_unpin(clerk->options.farm, job);
+    if (blob_store_find(clerk->options.store, &record.blob, &size)) return result_ok();
+    return result_fail(RESULT_INPUT, "the scene of job %llu is no longer here, and it cannot go on without",
+                       (unsigned long long)id);
+}
+
 static result_t order(clerk_t *clerk, const clerk_request_t *request)
 {
+    if (request->order.kind == ORDER_EXTEND) TRY(check_scene(clerk, request->order.job));
     keeper_t *keeper = clerk->options.keeper;
     TRY(keeper != NULL ? keeper_order(keeper, clock_now(), &request->order)
                        : farm_order(clerk->options.farm, clock_now(), &request->order));

@@ -150,6 +150,8 @@ static void on_work_request(control_server_t *server, const wire_message_t *mess
     const Lm__WorkRequest *request = message->envelope->work_request;
     farm_work_t work = {.units = server->units};
     identity_t identity = sender(message);
+    farm_reclaim(server->options.farm, clock_now(), request->worker, request->job, &request->content,
+                 request->kept, request->n_kept);
     result_t result = farm_take(server->options.farm, clock_now(), &identity, request->worker, request->job,
                                 request->samples, request->unit_samples, &work);
     if (result.code != RESULT_OK) {

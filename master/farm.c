@@ -74,6 +74,7 @@ void farm_destroy(farm_t **farm)
     pthread_mutex_destroy(&(*farm)->lock);
     free((*farm)->jobs);
     free((*farm)->workers);
+    free((*farm)->standings);
     free((*farm)->notices);
     free(*farm);
     *farm = NULL;
@@ -173,9 +174,7 @@ void farm_tick(farm_t *farm, double now)
         if (!worker->connected) continue;
         if (gap > CLOCK_GAP) worker->last_seen = fmin(now, worker->last_seen + gap);
         if (now - worker->last_seen <= farm->options.lease) continue;
-        char why[FARM_MAX_NAME];
-        snprintf(why, sizeof why, "was silent for %.1f s and is given up", now - worker->last_seen);
-        farm_worker_disconnect(farm, now, worker, why);
+        farm_worker_fall(farm, now, worker);
     }
     for (size_t i = 0; i < farm->job_count; i++) {
         job_t *job = farm->jobs[i];
@@ -187,6 +186,7 @@ void farm_tick(farm_t *farm, double now)
             farm_wake(farm->options.image_wake);
         }
     }
+    farm_workers_tick(farm, now);
     farm_unlock(farm);
 }
 

@@ -19,8 +19,11 @@ enum {
     FARM_MAX_JOBS = 1000,    /* known at a time; the oldest finished ones are forgotten */
     FARM_MAX_WORKERS = 4096, /* connected, and as many again that were lost and may still send a batch */
     FARM_MAX_NAME = JOB_MAX_NAME,
-    FARM_MAX_DECLINES = 3 /* of a job that no worker has rendered any of */
+    FARM_MAX_DECLINES = 3, /* of a job that no worker has rendered any of */
+    FARM_UNIT_DEATHS = 5,  /* workers that a unit has to end, at least, before it is left out */
+    FARM_MAX_FAILURES = 3  /* of a machine without a delivery between them, before it is put aside */
 };
+#define FARM_ASIDE_SECONDS 60.0 /* that a machine is put aside for the first time; farm_standing.c */
 
 typedef struct farm farm_t;
 typedef struct job job_t; /* a job that the caller has pinned: it is not forgotten */
@@ -72,6 +75,10 @@ bool farm_heartbeat(farm_t *farm, double now, const identity_t *identity, uint64
                     uint32_t units_held);
 /* The threads of a relay are those of its workers, and change. */
 void farm_worker_threads(farm_t *farm, uint64_t worker, uint32_t threads);
+/* The worker has these units in hand, from an earlier life of this master or a lease that ended, of a job
+ * that `content` identifies (job_content_hash): those that nobody else has are its own again. */
+void farm_reclaim(farm_t *farm, double now, uint64_t worker, uint64_t job, const ProtobufCBinaryData *content,
+                  Lm__Unit *const *units, size_t count);
 /* The worker leaves: its units go back. `job` is one that it cannot render, for the reason it gives, or 0. A
  * job that nobody has delivered anything of fails when it was declined FARM_MAX_DECLINES times and nobody is
  * at it. */
@@ -242,6 +249,14 @@ result_t farm_batch_merge(farm_t *farm, double now, job_t *job, uint64_t worker,
 /* The batch was no good: what the sender holds of its units goes back. */
 void farm_batch_refuse(farm_t *farm, job_t *job, uint64_t worker, const unit_t *units, size_t count);
 void farm_unpin(farm_t *farm, job_t *job);
+
+/* Does what the comparison of renderings calls for on the disk: takes the sums of those that were wrong out
+ * of their films, and deletes what is no longer needed, the folders of unknown jobs too. To be called when
+ * checkpoint_wake is written, by one thread, the one that loads films. */
+void farm_settle_checks(farm_t *farm, double now);
+/* What is kept of batches is safe on the disk: to be called between a snapshot and the moment at which its
+ * checkpoint counts. */
+result_t farm_sync_checks(farm_t *farm);
 
 /* ---- images -------------------------------------------------------------------------------------------- */
 

@@ -38,12 +38,15 @@ void farm_job_free_film(farm_t *farm, job_t *job)
     if (job->canvas_condemned) return;
     farm->film_bytes -= farm_film_bytes(&job->settings);
     canvas_destroy(&job->canvas);
+    farm_wake(farm->options.checkpoint_wake); /* a film may have waited for memory to be loaded */
 }
 
 void farm_job_free(farm_t *farm, job_t *job)
 {
     farm_job_free_film(farm, job);
     schedule_destroy(&job->schedule);
+    farm_checks_free(&job->checks);
+    farm_suspects_free(&job->suspects);
     free(job->seen);
     free(job);
 }
@@ -72,7 +75,8 @@ void farm_job_remove(farm_t *farm, job_t *job)
 bool farm_job_has_work(const job_t *job)
 {
     if (job->state == JOB_QUEUED) return !job->film_wanted;
-    return job->state == JOB_RUNNING && schedule_available(job->schedule);
+    return job->state == JOB_RUNNING &&
+           (schedule_available(job->schedule) || farm_suspects_waiting(job) || farm_checks_waiting(job));
 }
 
 void farm_job_install(farm_t *farm, double now, job_t *job, film_t *film, schedule_t *schedule)
@@ -224,20 +228,21 @@ void farm_job_progress(farm_t *farm, double now, job_t *job)
 
 /* ---- ending -------------------------------------------------------------------------------------------- */
 
-/* What is out comes back. */
+/* What workers hold comes back. */
 static void release_all(farm_t *farm, job_t *job)
 {
-    if (job->schedule == NULL) return;
     for (size_t i = 0; i < farm->worker_count; i++)
         if (schedule_held(job->schedule, farm->workers[i].id) > 0)
             schedule_release(job->schedule, farm->workers[i].id);
-    schedule_release(job->schedule, 0);
 }
 
 void farm_job_close(farm_t *farm, double now, job_t *job, job_state_t outcome)
 {
     farm_notify_over(farm, job, false);
-    release_all(farm, job);
+    if (job->schedule != NULL) {
+        release_all(farm, job);
+        schedule_release(job->schedule, 0); /* what was kept from them */
+    }
     job->taking = false;
     job->flush_until = 0;
     job->ended = job->started > 0 ? now : 0;

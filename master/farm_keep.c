@@ -245,6 +245,7 @@ result_t farm_loaded(farm_t *farm, double now, job_t *job, film_t *film, schedul
 {
     schedule_t *schedule = NULL;
     result_t result = result_ok();
+    farm_checks_loaded(farm, job, film != NULL ? state : NULL);
     farm_lock(farm);
     stop_waiting(farm, job);
     if (film != NULL && !job->gone) result = schedule_restore(&job->settings, state, &schedule);
@@ -324,6 +325,7 @@ void farm_checkpointed(farm_t *farm, double now, job_t *job, result_t written)
     job->saving = job->save_failed = false;
     if (written.code == RESULT_OK) {
         job->last_checkpoint = now;
+        farm_checks_checkpointed(job);
         farm_record_changed(farm, job);
     } else {
         job->save_failed = true;

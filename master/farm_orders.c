@@ -118,6 +118,8 @@ static result_t resume(farm_t *farm, double now, job_t *job)
     job->flush_until = 0;
     job->state = job->canvas != NULL ? JOB_RUNNING : JOB_QUEUED;
     if (job->canvas != NULL) job->started = now;
+    job->rate_time[0] = job->rate_time[1] = now;
+    job->rate_samples[0] = job->rate_samples[1] = job->samples_done;
     farm_job_joins(farm, job);
     farm_notify_idle(farm);
     return result_ok();
@@ -197,7 +199,10 @@ static result_t extend(farm_t *farm, double now, job_t *job, const job_order_t *
     job_settings_t goals = new_goals(job, now, order);
     TRY(check_goals(job, &goals, order));
     job->settings = goals;
-    if (job->schedule != NULL) schedule_extend(job->schedule, &job->settings);
+    if (job->schedule != NULL) {
+        schedule_extend(job->schedule, &job->settings);
+        farm_job_progress(farm, now, job); /* what was counted may be a whole round now */
+    }
     if (job_state_final(job->state)) {
         job->elapsed_before = farm_job_elapsed(job, now);
         job->started = job->ended = job->finished = 0;
@@ -246,13 +251,17 @@ result_t farm_order(farm_t *farm, double now, const job_order_t *order)
 {
     farm_lock(farm);
     job_t *job = farm_find_job(farm, order->job);
-    result_t result = job == NULL
-                          ? result_fail(RESULT_INPUT, "there is no job %llu", (unsigned long long)order->job)
-                          : carry_out(farm, now, job, order);
+    if (job == NULL) {
+        farm_unlock(farm);
+        return result_fail(RESULT_INPUT, "there is no job %llu", (unsigned long long)order->job);
+    }
+    job->pins++;
+    result_t result = carry_out(farm, now, job, order);
     if (result.code == RESULT_OK) {
         log_info("job %llu %s", (unsigned long long)order->job, done_names[order->kind]);
-        if (order->kind != ORDER_DELETE) farm_record_changed(farm, job);
+        farm_record_changed(farm, job);
     }
+    farm_job_unpin(farm, job);
     farm_unlock(farm);
     return result;
 }

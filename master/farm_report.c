@@ -2,6 +2,7 @@
 #include "master/farm_state.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -28,6 +29,14 @@ static double remaining_time(const job_t *job, double now)
     if (total <= 0 || samples <= 0 || seconds <= 0) return remaining;
     double left = (total - (double)job->samples_done) / (samples / seconds);
     return remaining < 0 ? left : fmin(left, remaining);
+}
+
+/* Adds what is to be known for the moment to what stays true. */
+static void add_remark(char *message, size_t size, const char *remark)
+{
+    size_t used = strlen(message);
+    if (remark[0] != '\0' && used < size)
+        snprintf(message + used, size - used, "%s%s", used > 0 ? "; " : "", remark);
 }
 
 job_report_t farm_report_job(const job_t *job, double now)
@@ -60,6 +69,7 @@ job_report_t farm_report_job(const job_t *job, double now)
                            .units_reissued = job->units_reissued,
                            .counts = job->counts};
     memcpy(report.message, job->message, sizeof report.message);
+    add_remark(report.message, sizeof report.message, job->remark);
     return report;
 }
 

@@ -16,12 +16,20 @@ typedef struct {
     identity_t identity;
     uint32_t threads;
     bool connected;
-    bool idle;        /* was told that there is no work */
-    double last_seen; /* seconds */
-    double delivered; /* seconds, when it last sent a batch, or was given units and had none */
-    double speed;     /* pixel samples a second that it delivers; 0: not measured */
-    double deadline;  /* seconds, when what it holds should have come; 0: it holds nothing */
-    uint64_t job;     /* that it has loaded or was assigned last */
+    bool idle;                /* was told that there is no work */
+    bool outcast;             /* put aside: nothing of it is taken any more */
+    bool charged;             /* that it died is held against its machine */
+    bool fell;                /* it fell silent, which is held for its death until it is heard of again */
+    uint64_t machine;         /* names its machine (farm_standing.c) */
+    uint64_t source;          /* and the process itself */
+    double joined, last_seen; /* seconds */
+    double delivered;         /* seconds, when it last sent a batch, or was given units and had none */
+    double held;              /* pixel samples that it was given and has not delivered, as far as is known */
+    double speed;             /* pixel samples a second that it delivers; 0: not measured */
+    uint64_t speed_job;       /* the job that it was measured with */
+    double deadline;          /* seconds, when what it holds should have come; 0: it holds nothing */
+    uint64_t ward; /* the job that it is alone with suspects of, or will be when it holds nothing; 0 */
+    uint64_t job;  /* that it has loaded or was assigned last */
     uint64_t batches, batches_refused, units_reissued, bytes;
 } worker_t;
 
@@ -82,9 +90,15 @@ struct job {
     uint64_t rate_samples[2];
     job_checks_t *checks;     /* NULL: none */
     job_suspects_t *suspects; /* NULL: none */
+    bool several_bits;        /* machines with different bits have worked on it */
+    bool progress_due;        /* it may be complete: farm_tick sees to it */
+    char remark[300];         /* what is to be known of it now, beside the message */
     char message[500];
     int pins;
 };
+
+/* farm_standing.c: what is held against a machine or a process. */
+typedef struct standing standing_t;
 
 /* A notice by worker number. */
 typedef struct {
@@ -104,7 +118,12 @@ struct farm {
     bool shut; /* nothing more is handed out or taken */
     worker_t *workers;
     size_t worker_count;
-    job_t **ranked; /* see farm_rank_jobs */
+    standing_t *standings;
+    size_t standing_count;
+    double deaths, worker_seconds; /* of late: how often workers die without anybody's fault */
+    bool spooled;                  /* batches were written that are not safe on the disk yet */
+    double rated, remarked;        /* seconds, when these were counted, and the remarks of jobs made */
+    job_t **ranked;                /* see farm_rank_jobs */
     pending_t *notices;
     size_t notice_count, notice_capacity;
     double last_tick;
@@ -131,12 +150,20 @@ void farm_record_changed(farm_t *farm, job_t *job);
 
 /* The worker is gone: what it holds goes back. `why` completes "worker NAME ...". */
 void farm_worker_disconnect(farm_t *farm, double now, worker_t *worker, const char *why);
+/* The worker is given up since it was silent for too long. */
+void farm_worker_fall(farm_t *farm, double now, worker_t *worker);
+/* What farm_tick does for the workers, beside their leases. Lets the lock go meanwhile. */
+void farm_workers_tick(farm_t *farm, double now);
 /* Adds units that were taken back to the counters. */
 void farm_count_reissued(job_t *job, worker_t *worker, size_t units);
 /* A batch of this worker was counted: its speed and its deadline are known anew. */
-void farm_worker_delivered(farm_t *farm, double now, worker_t *worker, const job_t *job, const unit_t *units,
+void farm_worker_delivered(farm_t *farm, double now, worker_t *worker, job_t *job, const unit_t *units,
                            size_t count);
 
+/* ---- farm_standing.c ---- */
+
+/* A worker sent something that cannot be right: a batch that is malformed. `why` completes "it ...". */
+void farm_worker_failed(farm_t *farm, double now, worker_t *worker, const char *why);
 /* ---- farm_shares.c ---- */
 
 /* The job takes part in the sharing out (again), or at another priority: it is owed nothing for before. */
@@ -162,14 +189,29 @@ void farm_canvas_let_go(farm_t *farm, job_t *job);
  * goes into the film. The digest is of its decoded sums. RESULT_MISMATCH when nobody asked for it. */
 result_t farm_check_batch(farm_t *farm, double now, job_t *job, uint64_t worker, uint64_t check,
                           const unit_t *units, size_t count, const hash_t *digest, bool *merge);
+/* True while there are renderings to compare that nobody does yet. */
+bool farm_checks_waiting(const job_t *job);
+/* True while renderings to compare are out or to be had, or sums are to be taken out of the film; the job is
+ * not complete before. */
+bool farm_checks_pending(const farm_t *farm, const job_t *job);
+void farm_checks_free(job_checks_t **checks);
+
+/* ---- farm_evidence.c ---- */
+
 /* Keeps the payloads of a batch that was merged, until its sender is vouched for. Called without the farm's
  * lock, inside the canvas. */
 void farm_check_keep(farm_t *farm, job_t *job, uint64_t worker, const batch_t *batch,
                      const zmq_msg_t payload[BATCH_PAYLOADS]);
-/* True while renderings to compare are out or to be had; the job is not complete before. */
-bool farm_checks_pending(const farm_t *farm, const job_t *job);
-void farm_checks_free(job_checks_t **checks);
+/* The film of a pinned job is about to be put in its place, with this state (NULL: it begins anew): what is
+ * kept of its batches is looked through. Called without the farm's lock, before batches are taken. */
+void farm_checks_loaded(farm_t *farm, job_t *job, const schedule_state_t *state);
+/* A checkpoint is safe on the disk. */
+void farm_checks_checkpointed(job_t *job);
+
 /* ---- farm_suspects.c ---- */
+
+/* True while there are units that are handed out alone. */
+bool farm_suspects_waiting(const job_t *job);
 void farm_suspects_free(job_suspects_t **suspects);
 
 /* ---- farm_jobs.c ---- */

@@ -11,6 +11,7 @@ enum {
     GRANT_LIFE = 20,  /* seconds until a batch that was granted must have come, */
     GRANT_SLACK = 100 /* with so many more at most for its size */
 };
+enum { BACKLOG_SHARE = 4 }; /* nothing is granted while 1/4 of the credit waits to be merged */
 static const double BYTES_PER_SECOND = 2e5;  /* the slowest uplink that is waited for */
 static const uint64_t LEAST_BYTES = 1 << 16; /* of any batch, so that very many are not free */
 
@@ -99,6 +100,13 @@ static bool has_room(const grants_t *grants, uint64_t bytes)
     return grants->promised + grants->here + bytes <= limit;
 }
 
+/* True when so much waits to be merged that more of it would only wait longer. */
+static bool is_behind(const grants_t *grants, uint64_t bytes)
+{
+    uint64_t enough = grants->credit / BACKLOG_SHARE > 2 * bytes ? grants->credit / BACKLOG_SHARE : 2 * bytes;
+    return grants->here + bytes > enough;
+}
+
 static void note_most(grants_t *grants)
 {
     uint64_t used = grants->promised + grants->here;
@@ -114,7 +122,8 @@ bool grants_next(grants_t *grants, double now, result_t (*wanted)(void *context,
         *verdict = wanted(context, offer);
         if (verdict->code == RESULT_LIMIT) continue; /* those behind it need not wait for it */
         if (verdict->code == RESULT_OK) {
-            if (!has_room(grants, offer->bytes)) return false; /* nor may they overtake it */
+            if (!has_room(grants, offer->bytes) || is_behind(grants, offer->bytes))
+                return false; /* nor may they overtake it */
             double seconds = fmin((double)offer->bytes / BYTES_PER_SECOND, GRANT_SLACK);
             list_add(&grants->granted, offer, now + GRANT_LIFE + seconds);
             grants->promised += offer->bytes;

@@ -5,7 +5,8 @@
  * as much as it does need; and nothing any more when it has been merged. Who must wait is served in the order
  * of asking. A batch larger than half the credit raises it to twice its size: one can be merged while the
  * next comes, whatever the size of the film. So the memory is bounded by the credit or by two of the largest
- * batches.
+ * batches. And nothing is granted while a quarter of it waits to be merged: when the master is what is slow,
+ * batches had better grow at the workers than wait here.
  *
  * Knows no sockets and no clock. Not thread-safe: the bulk thread's own.
  */

@@ -1,14 +1,17 @@
 /* lightmill-master: the command line around master.h. */
 #include "common/address.h"
+#include "master/farm.h"
 #include "master/master.h"
 #include "proto/wire.h"
 
 #include <getopt.h>
+#include <malloc.h>
 #include <pthread.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/resource.h>
 #include <unistd.h>
 
 static const char HELP[] =
@@ -32,6 +35,15 @@ static const char HELP[] =
     "(20);\n"
     "                         those of retained jobs stay in any case\n"
     "  --blob-limit GB        what scenes may take (100); the ones that no job needs go first\n"
+    "  --batch-memory GB      for batches that are under way or wait to be merged; workers wait to send more "
+    "(an\n"
+    "                         eighth of the machine's memory, at least 1)\n"
+    "  --merge-threads N      that merge batches (one for each core)\n"
+    "  --film-memory GB       what the films of jobs at work may take in memory (three quarters of it); "
+    "others\n"
+    "                         wait, and a job whose film is larger is refused\n"
+    "  --max-jobs N           jobs known at a time (1000); for a new one the oldest that is over and not\n"
+    "                         retained goes, with its film and image\n"
     "  --quiet                log warnings and errors only\n"
     "  --verbose              log every batch\n"
     "  --help, --version\n"
@@ -86,6 +98,17 @@ static result_t parse_gigabytes(const char *name, const char *text, uint64_t *by
     return result_ok();
 }
 
+static result_t parse_jobs(const char *text, size_t *jobs)
+{
+    char *end;
+    long value = strtol(text, &end, 10);
+    if (end == text || *end != '\0' || value < 1 || value > FARM_MAX_JOBS)
+        return result_fail(RESULT_USAGE, "--max-jobs takes a whole number from 1 to %d, not \"%s\"",
+                           FARM_MAX_JOBS, text);
+    *jobs = (size_t)value;
+    return result_ok();
+}
+
 /* "HOST:0" asks for free ports, which an address cannot say. */
 static result_t parse_listen(const char *text, command_t *command)
 {
@@ -114,6 +137,10 @@ static result_t set_option(command_t *command, const char *name, const char *val
     if (strcmp(name, "checkpoint") == 0) return parse_seconds(name, value, &command->master.checkpoint);
     if (strcmp(name, "keep") == 0) return parse_gigabytes(name, value, &command->master.keep_bytes);
     if (strcmp(name, "blob-limit") == 0) return parse_gigabytes(name, value, &command->master.blob_limit);
+    if (strcmp(name, "batch-memory") == 0) return parse_gigabytes(name, value, &command->master.batch_memory);
+    if (strcmp(name, "film-memory") == 0) return parse_gigabytes(name, value, &command->master.film_memory);
+    if (strcmp(name, "max-jobs") == 0) return parse_jobs(value, &command->master.job_limit);
+    if (strcmp(name, "merge-threads") == 0) command->master.merge_threads = atoi(value);
     if (strcmp(name, "data") == 0) command->master.data_dir = value;
     if (strcmp(name, "quiet") == 0) command->log = LOG_WARNING;
     if (strcmp(name, "verbose") == 0) command->log = LOG_DEBUG;
@@ -130,6 +157,10 @@ static result_t parse_command(int argc, char **argv, command_t *command, bool *d
                                             {"batch-interval", required_argument, NULL, 0},
                                             {"checkpoint", required_argument, NULL, 0},
                                             {"keep", required_argument, NULL, 0},
+                                            {"batch-memory", required_argument, NULL, 0},
+                                            {"film-memory", required_argument, NULL, 0},
+                                            {"max-jobs", required_argument, NULL, 0},
+                                            {"merge-threads", required_argument, NULL, 0},
                                             {"blob-limit", required_argument, NULL, 0},
                                             GATE_OPTIONS,
                                             {"quiet", no_argument, NULL, 0},
@@ -150,6 +181,20 @@ static result_t parse_command(int argc, char **argv, command_t *command, bool *d
         return result_fail(RESULT_USAGE, "\"%s\" is not an option; see lightmill-master --help",
                            argv[optind]);
     return result_ok();
+}
+
+/* Room for thousands of connections; and the memory of a batch goes back to the system when it is merged,
+ * instead of staying with the process in pieces: the bound on batches (docs/scale.md) is one on the process.
+ */
+static void prepare_process(void)
+{
+    enum { OWN_MAPPING = 1 << 20 }; /* bytes from which on an allocation is one */
+    struct rlimit limit;
+    if (getrlimit(RLIMIT_NOFILE, &limit) == 0) {
+        limit.rlim_cur = limit.rlim_max;
+        setrlimit(RLIMIT_NOFILE, &limit);
+    }
+    mallopt(M_MMAP_THRESHOLD, OWN_MAPPING);
 }
 
 /* Starts the master with the signals blocked, so that its threads never get them, and waits for one. */
@@ -199,6 +244,7 @@ static result_t run(int argc, char **argv)
     }
     command.master.control_endpoint = control;
     command.master.bulk_endpoint = bulk;
+    prepare_process();
     result_t result = serve(&command.master);
     free(control);
     free(bulk);

@@ -11,6 +11,7 @@
  * the jobs. */
 #include "master/master.h"
 
+#include "common/memory_limit.h"
 #include "common/address.h"
 #include "master/bulk_server.h"
 #include "master/control_server.h"
@@ -38,6 +39,7 @@ struct master {
     int control_wake, bulk_wake, image_wake, clerk_wake, checkpoint_wake; /* eventfds */
     void *control_socket, *bulk_socket; /* until a server's thread owns them */
     int control_port, bulk_port;
+    char *spool_dir;
     journal_t *journal;
     film_store_t *films;
     blob_store_t *store;
@@ -210,11 +212,10 @@ static result_t open_sockets(master_t *master, const master_options_t *options)
     return gate_start(master->gate, host, master->control_port);
 }
 
-/* Three quarters of the machine's memory. */
-static uint64_t film_limit(void)
+/* Three quarters of the memory, unless it is said. */
+static uint64_t film_limit(const master_options_t *options)
 {
-    long pages = sysconf(_SC_PHYS_PAGES), size = sysconf(_SC_PAGESIZE);
-    return pages > 0 && size > 0 ? (uint64_t)pages / 4 * 3 * (uint64_t)size : (uint64_t)1 << 32;
+    return options->film_memory > 0 ? options->film_memory : memory_limit() / 4 * 3;
 }
 
 enum { MEMORY_SHARE = 8 };
@@ -276,11 +277,13 @@ static result_t make_eventfds(master_t *master)
 /* The farm with the jobs that were there before. */
 static result_t make_farm(master_t *master, const master_options_t *options, uint64_t first_job)
 {
+    master->spool_dir = mem_printf("%s/spool", options->data_dir);
     farm_options_t farm = {.lease = options->lease,
                            .batch_interval = options->batch_interval,
-                           .film_limit = film_limit(),
+                           .film_limit = film_limit(options),
                            .first_job = first_job,
-                           .job_limit = FARM_MAX_JOBS,
+                           .job_limit = options->job_limit,
+                           .spool_dir = options->fleeting ? NULL : master->spool_dir,
                            .control_wake = master->control_wake,
                            .image_wake = master->image_wake,
                            .clerk_wake = master->clerk_wake,
@@ -288,6 +291,11 @@ static result_t make_farm(master_t *master, const master_options_t *options, uin
                            .grant_wake = master->bulk_wake};
     master->farm = farm_new(&farm);
     return restart_farm(master->farm, master->journal, master->films, master->store);
+}
+
+static bool make_room(void *master, uint64_t bytes)
+{
+    return keeper_make_room(((master_t *)master)->keeper, bytes);
 }
 
 static result_t start_keeping(master_t *master, const master_options_t *options, uint64_t first_job)
@@ -298,7 +306,10 @@ static result_t start_keeping(master_t *master, const master_options_t *options,
                                .interval = options->checkpoint,
                                .keep_bytes = options->keep_bytes,
                                .checkpoint_wake = master->checkpoint_wake};
-    if (!options->fleeting) TRY(keeper_start(&keeper, &master->keeper));
+    if (!options->fleeting) {
+        TRY(keeper_start(&keeper, &master->keeper));
+        blob_store_on_full(master->store, make_room, master);
+    }
     clerk_options_t clerk = {.farm = master->farm,
                              .store = master->store,
                              .journal = master->journal,
@@ -313,6 +324,7 @@ static result_t start_keeping(master_t *master, const master_options_t *options,
 static result_t start_serving(master_t *master, const master_options_t *options)
 {
     gallery_options_t gallery = {.farm = master->farm,
+                                 .keeper = master->keeper,
                                  .data_dir = options->data_dir,
                                  .image_wake = master->image_wake,
                                  .answer_wake = master->bulk_wake};
@@ -381,6 +393,7 @@ static void dismantle(master_t *master)
     close_descriptor(master->clerk_wake);
     close_descriptor(master->checkpoint_wake);
     close_descriptor(master->lock_file);
+    free(master->spool_dir);
     free(master);
 }
 

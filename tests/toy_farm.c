@@ -67,12 +67,21 @@ toy_work_t toy_take(farm_t *farm, double now, uint64_t worker, uint64_t samples,
     return taken;
 }
 
-/* Every sample adds a value of its own to every pixel of its tile. */
+/* Something between 0.5 and 1.5, always the same. */
+static int64_t noise(uint64_t sample, uint64_t tile, uint64_t value)
+{
+    uint64_t x = sample * 0x9E3779B97F4A7C15u + tile * 0xD1B54A32D192ED03u + value * 0x8CB92BA72F3D8DD7u;
+    x = (x ^ (x >> 32)) * 0xD6E8FEB86659FD93u;
+    x = (x ^ (x >> 32)) * 0xD6E8FEB86659FD93u;
+    return ((int64_t)1 << 31) + (int64_t)(x >> 32);
+}
+
+/* Every sample adds a value of its own to every pixel of its tile; tile 0 is the darkest. */
 static void fill_tile(int64_t *eye, size_t values, const unit_t *unit)
 {
     for (uint32_t s = unit->first; s < unit->first + unit->count; s++)
         for (size_t i = 0; i < values / 2; i++)
-            eye[(s % 2) * (values / 2) + i] += (int64_t)(s + 1) * 1000003 + unit->tile * 7919 + (int64_t)i;
+            eye[(s % 2) * (values / 2) + i] += noise(s, unit->tile, i) * (1 + (int64_t)unit->tile);
 }
 
 static batch_t make_batch(const job_settings_t *settings, const unit_t *units, size_t count)

@@ -14,6 +14,7 @@
 #include "tests/chaos/faults.h"
 #include "tests/chaos/ledger.h"
 #include "tests/chaos/process.h"
+#include "tests/scratch.h"
 
 #include <errno.h>
 #include <getopt.h>
@@ -28,33 +29,41 @@
 enum { LINKS = 2, SITES = 2, DISK_MEGABYTES = 192 };
 static const char *const LINK_HOSTS[LINKS + 1] = {"127.0.1.1", "127.0.1.2", "127.0.1.3"};
 static const double TICK = 0.01;    /* seconds */
+static const double STORM = 0.9;    /* of a run's time, until all is healed */
 static const double PATIENCE = 240; /* seconds for the open jobs after all is healed */
 static const double LEASE = 1.5;    /* seconds */
 
-static const char usage[] = "usage: chaos [options]\n"
-                            "\n"
-                            "  --seconds N      how long faults go on, and jobs are submitted (510)\n"
-                            "  --pause SECONDS  between the beginnings of faults, on the average (1.9)\n"
-                            "  --seed N         of the list of faults and jobs (from the clock)\n"
-                            "  --folder DIR     for logs and data; kept when something went wrong\n"
-                            "  --least N        fail when there were fewer faults (0)\n"
-                            "  --least-kills N  fail when the master was killed less often (0)\n"
-                            "  --keep-going     do not end at the first violation\n";
+static const char usage[] =
+    "usage: chaos [options]\n"
+    "\n"
+    "  --seconds N      the whole run; faults begin and jobs are submitted for most of it (600)\n"
+    "  --pause SECONDS  between the beginnings of faults, on the average (1.9)\n"
+    "  --seed N         of the list of faults and jobs (from the clock)\n"
+    "  --folder DIR     where the run makes a folder for logs and data, which stays when something\n"
+    "                   went wrong (.)\n"
+    "  --keep           it stays in any case\n"
+    "  --least N        fail when there were fewer faults (0)\n"
+    "  --least-kills N  fail when the master was killed less often (0)\n"
+    "  --keys, --open   with keys, or open to everybody (with keys when the seed is odd)\n"
+    "  --only KINDS      only faults whose names have one of these, with commas between them, in them\n"
+    "  --keep-going     do not end at the first violation\n";
 
 typedef struct {
     double seconds, pause;
     uint64_t seed;
-    const char *folder;
+    const char *parent, *only;
     size_t least, least_kills;
-    bool keep_going;
+    bool keep, keep_going, keys, open;
 } options_t;
 
 typedef struct {
     options_t options;
     report_t report;
+    char *folder;
     char *data, *master; /* the master's directory and address */
     bool separate, disk;
     network_t *network;
+    passes_t passes;
     proxy_t *proxy;
     troupe_t troupe;
     ledger_t *ledger;
@@ -70,26 +79,31 @@ static options_t parse_options(int argc, char **argv)
                                          {"folder", required_argument, NULL, 'f'},
                                          {"least", required_argument, NULL, 'l'},
                                          {"least-kills", required_argument, NULL, 'k'},
+                                         {"only", required_argument, NULL, 'o'},
+                                         {"keep", no_argument, NULL, 'e'},
+                                         {"keys", no_argument, NULL, 'y'},
+                                         {"open", no_argument, NULL, 'n'},
                                          {"keep-going", no_argument, NULL, 'g'},
                                          {"help", no_argument, NULL, 'h'},
                                          {NULL, 0, NULL, 0}};
-    options_t options = {.seconds = 510, .pause = 1.9, .seed = (uint64_t)time(NULL) % 1000000};
+    options_t options = {.seconds = 600, .pause = 1.8, .seed = (uint64_t)time(NULL) % 1000000, .parent = "."};
     for (int found; (found = getopt_long(argc, argv, "", list, NULL)) != -1;) {
         if (found == 's') options.seconds = atof(optarg);
         if (found == 'p') options.pause = atof(optarg);
         if (found == 'r') options.seed = strtoull(optarg, NULL, 10);
-        if (found == 'f') options.folder = optarg;
+        if (found == 'f') options.parent = optarg;
+        if (found == 'y') options.keys = true;
+        if (found == 'n') options.open = true;
+        if (found == 'e') options.keep = true;
         if (found == 'l') options.least = strtoull(optarg, NULL, 10);
         if (found == 'k') options.least_kills = strtoull(optarg, NULL, 10);
+        if (found == 'o') options.only = optarg;
         if (found == 'g') options.keep_going = true;
         if (found != 'h' && found != '?') continue;
         fputs(usage, found == 'h' ? stdout : stderr);
         exit(found == 'h' ? 0 : RESULT_USAGE);
     }
-    if (options.folder == NULL) {
-        fputs("chaos: --folder is missing\n", stderr);
-        exit(RESULT_USAGE);
-    }
+
     return options;
 }
 
@@ -97,7 +111,7 @@ static options_t parse_options(int argc, char **argv)
 
 static void make_folder(const char *path)
 {
-    if (mkdir(path, 0777) == 0 || errno == EEXIST) return;
+    if (mkdir(path, 0777) == 0) return;
     perror(path);
     exit(RESULT_IO);
 }
@@ -110,13 +124,31 @@ static bool available(chaos_t *chaos, const char *what, result_t result)
     return false;
 }
 
+static void make_passes(chaos_t *chaos)
+{
+    const options_t *options = &chaos->options;
+    bool keys = !options->open && (options->keys || options->seed % 2 == 1);
+    chaos->passes = passes_open();
+    if (!keys) return;
+    char *folder = mem_printf("%s/keys", chaos->folder);
+    result_t result = passes_with_keys(folder, &chaos->passes);
+    free(folder);
+    if (result.code == RESULT_OK) return;
+    fprintf(stderr, "chaos: %s\n", result.message);
+    exit(RESULT_IO);
+}
+
 static void set_the_stage(chaos_t *chaos)
 {
-    make_folder(chaos->options.folder);
-    chaos->report = report_open(chaos->options.folder);
-    report_line(&chaos->report, "seed %llu, %.0f s", (unsigned long long)chaos->options.seed,
-                chaos->options.seconds);
-    chaos->data = mem_printf("%s/data", chaos->options.folder);
+    const options_t *options = &chaos->options;
+    chaos->folder =
+        mem_printf("%s/chaos-%llu-%d", options->parent, (unsigned long long)options->seed, (int)getpid());
+    make_folder(chaos->folder);
+    chaos->report = report_open(chaos->folder);
+    make_passes(chaos);
+    report_line(&chaos->report, "seed %llu, %.0f s, %s, in %s", (unsigned long long)options->seed,
+                options->seconds, chaos->passes.master[1] ? "with keys" : "open to everybody", chaos->folder);
+    chaos->data = mem_printf("%s/data", chaos->folder);
     make_folder(chaos->data);
     chaos->separate = available(chaos, "partitions, thin cables and a full disk", network_separate());
     if (!chaos->separate) return;
@@ -136,11 +168,12 @@ static void call_the_troupe(chaos_t *chaos)
 {
     troupe_t *troupe = &chaos->troupe;
     *troupe = (troupe_t){.report = &chaos->report,
-                         .folder = chaos->options.folder,
+                         .folder = chaos->folder,
                          .data = chaos->data,
                          .listen = chaos->network ? NETWORK_HOST : "127.0.0.1",
                          .port = choose_port(chaos),
                          .lease = LEASE,
+                         .passes = &chaos->passes,
                          .worlds = available(chaos, "clock jumps and slow disks", world_available())};
     result_t result =
         proxy_start(LINK_HOSTS, LINKS + 1, troupe->listen, troupe->port, chaos->options.seed, &chaos->proxy);
@@ -163,8 +196,9 @@ static void begin(chaos_t *chaos)
     call_the_troupe(chaos);
     chaos->master = mem_printf("%s:%d", chaos->troupe.listen, chaos->troupe.port);
     chaos->ledger = ledger_new(&(ledger_setup_t){.report = &chaos->report,
-                                                 .folder = chaos->options.folder,
+                                                 .folder = chaos->folder,
                                                  .master = chaos->master,
+                                                 .passes = &chaos->passes,
                                                  .seed = chaos->options.seed,
                                                  .at_a_time = 3});
     chaos->faults = faults_new(&(faults_setup_t){.report = &chaos->report,
@@ -175,9 +209,10 @@ static void begin(chaos_t *chaos)
                                                  .network = chaos->network,
                                                  .sites = SITES,
                                                  .disk = chaos->disk,
-                                                 .folder = chaos->options.folder,
+                                                 .folder = chaos->folder,
                                                  .seed = chaos->options.seed,
-                                                 .pause = chaos->options.pause});
+                                                 .pause = chaos->options.pause,
+                                                 .only = chaos->options.only});
 }
 
 /* ---- the run ------------------------------------------------------------------------------------------ */
@@ -199,7 +234,7 @@ static void tick(chaos_t *chaos, bool more)
 
 static void run(chaos_t *chaos)
 {
-    double end = clock_now() + chaos->options.seconds;
+    double end = clock_now() + STORM * chaos->options.seconds;
     while (clock_now() < end && may_go_on(chaos)) tick(chaos, true);
     faults_heal(chaos->faults);
     troupe_heal(&chaos->troupe);
@@ -250,25 +285,28 @@ static void check_numbers(chaos_t *chaos)
 /* The data lies on a disk that ends with this process. */
 static void keep_evidence(chaos_t *chaos)
 {
-    char *kept = mem_printf("%s/data-kept", chaos->options.folder);
+    char *kept = mem_printf("%s/data-kept", chaos->folder);
     result_t result = chaos->disk ? disk_save(chaos->data, kept) : result_ok();
     if (result.code != RESULT_OK) report_line(&chaos->report, "the data is lost: %s", result.message);
     report_text(&chaos->report,
-                "FAILED. Logs and data are in %s. The same faults again: make chaos SEED=%llu",
-                chaos->options.folder, (unsigned long long)chaos->options.seed);
+                "FAILED. Logs and data are in %s. The same faults again: make chaos SEED=%llu", chaos->folder,
+                (unsigned long long)chaos->options.seed);
     free(kept);
 }
 
-static void end(chaos_t *chaos)
+static void end(chaos_t *chaos, bool kept)
 {
     ledger_free(&chaos->ledger);
     faults_free(&chaos->faults);
     troupe_free(&chaos->troupe);
     proxy_stop(&chaos->proxy);
     network_destroy(&chaos->network);
-    free(chaos->data);
     free(chaos->master);
     report_close(&chaos->report);
+    if (chaos->disk) disk_unmount(chaos->data);
+    if (!kept) scratch_destroy(&chaos->folder);
+    free(chaos->folder);
+    free(chaos->data);
 }
 
 int main(int argc, char **argv)
@@ -285,6 +323,6 @@ int main(int argc, char **argv)
         keep_evidence(&chaos);
     else
         report_text(&chaos.report, "Nothing was lost, nothing counted twice.");
-    end(&chaos);
+    end(&chaos, violations > 0 || chaos.options.keep);
     return violations > 0 ? RESULT_MISMATCH : 0;
 }

@@ -19,6 +19,11 @@ result_t disk_mount(const char *folder, size_t megabytes)
     return result_fail(RESULT_MISMATCH, "no file system of its own: %s", strerror(errno));
 }
 
+void disk_unmount(const char *folder)
+{
+    umount2(folder, MNT_DETACH);
+}
+
 static char *ballast(const char *folder)
 {
     return mem_printf("%s/ballast", folder);

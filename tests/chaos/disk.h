@@ -7,6 +7,7 @@
 /* Mounts it on a folder; needs network_separate, so that it ends with the driver. RESULT_MISMATCH, saying
  * why, when that is not allowed. */
 result_t disk_mount(const char *folder, size_t megabytes);
+void disk_unmount(const char *folder);
 /* Takes all the room that is left, then every bit that is given free, while it is called again. */
 result_t disk_fill(const char *folder);
 void disk_free(const char *folder);

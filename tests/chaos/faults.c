@@ -4,6 +4,7 @@
 #include "tests/chaos/disk.h"
 #include "tests/chaos/errand.h"
 #include "tests/chaos/watch_films.h"
+#include "tests/chaos/words.h"
 
 #include <math.h>
 #include <stdarg.h>
@@ -308,9 +309,10 @@ static bool start_client(faults_t *faults, fault_t *fault)
     atomic_store(&link->bytes_per_second, (unsigned)between_scales(fault->chance[0], 1e5, 2e6));
     char *scene = write_new_scene(faults, fault), *log = mem_printf("%s.log", scene);
     char *master = mem_printf("%s:%d", faults->setup.client_host, faults->setup.troupe->port);
-    errand_start(
-        &fault->client, log,
-        (const char *[]){"submit", scene, "--name", "upload", "--spp", "1", "--master", master, NULL}, false);
+    words_t words = {0};
+    WORDS_ADD(&words, "submit", scene, "--name", "upload", "--spp", "1", "--master", master);
+    words_add_all(&words, faults->setup.troupe->passes->client);
+    errand_start(&fault->client, log, words.list, false);
     free(master);
     free(log);
     free(scene);
@@ -505,13 +507,27 @@ static const kind_t KINDS[] = {
     MISCHIEF("lose message", PROXY_LOSE_MESSAGE),
 };
 
+static bool is_wanted(const faults_t *faults, const kind_t *kind)
+{
+    if (kind->possible && !kind->possible(faults)) return false;
+    if (faults->setup.only == NULL) return true;
+    char *list = mem_strdup(faults->setup.only), *rest = list;
+    bool found = false;
+    for (char *part; (part = strsep(&rest, ",")) != NULL;) found = found || strstr(kind->name, part);
+    free(list);
+    return found;
+}
+
 static void shuffle_deck(faults_t *faults)
 {
     faults->deck_left = 0;
     for (unsigned kind = 0; kind < ARRAY_LENGTH(KINDS); kind++)
-        for (unsigned i = 0; i < KINDS[kind].cards; i++)
-            if (KINDS[kind].possible == NULL || KINDS[kind].possible(faults))
-                faults->deck[faults->deck_left++] = kind;
+        for (unsigned i = 0; i < KINDS[kind].cards && is_wanted(faults, &KINDS[kind]); i++)
+            faults->deck[faults->deck_left++] = kind;
+    if (faults->deck_left == 0) {
+        fputs("chaos: no fault of such a kind is possible here\n", stderr);
+        exit(RESULT_USAGE);
+    }
     for (size_t i = faults->deck_left; i > 1; i--) {
         size_t other = dice_below(&faults->dice, i);
         unsigned card = faults->deck[i - 1];

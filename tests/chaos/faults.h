@@ -21,7 +21,8 @@ typedef struct {
     bool disk;          /* the data directory can be filled up */
     const char *folder; /* for what faults need */
     uint64_t seed;
-    double pause; /* mean seconds between the beginnings of faults */
+    double pause;     /* mean seconds between the beginnings of faults */
+    const char *only; /* a part of the names of the kinds that are wanted, several after commas; NULL: all */
 } faults_setup_t;
 
 faults_t *faults_new(const faults_setup_t *setup);

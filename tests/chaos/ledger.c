@@ -4,6 +4,7 @@
 #include "common/image.h"
 #include "tests/chaos/errand.h"
 #include "tests/chaos/job_kinds.h"
+#include "tests/chaos/words.h"
 
 #include <jansson.h>
 #include <math.h>
@@ -11,7 +12,12 @@
 #include <string.h>
 #include <unistd.h>
 
-enum { MAX_JOBS = 500, MAX_REFERENCES = 200, SEEDS = 3 };
+#if defined __SANITIZE_ADDRESS__ || defined __SANITIZE_THREAD__
+enum { SLOWNESS = 8 };
+#else
+enum { SLOWNESS = 1 };
+#endif
+enum { MAX_JOBS = 500, MAX_REFERENCES = 200, SEEDS = 3, SPP_CHARS = 16 };
 static const double COMMAND_LIMIT = 90;     /* seconds for a command; it has time-outs of its own */
 static const double REFERENCE_LIMIT = 600;  /* seconds for a render */
 static const double STATUS_INTERVAL = 0.25; /* seconds between questions */
@@ -38,7 +44,7 @@ typedef enum {
     COMPARING, /* the image is here, the reference may not be */
     EXTENDING, /* proved; the order for more samples is under way */
     PAUSING,   /* ordered once, whatever comes of it */
-    RESUMING,  /* ordered until it is not paused */
+    RESUMING,  /* ordered until it goes on */
     PROVED,
     WRONG
 } stage_t;
@@ -56,13 +62,15 @@ typedef struct {
     uint64_t number; /* the master's; 0: not known yet */
     unsigned seed;
     stage_t stage;
-    bool accepted; /* the master has said that it has the job */
+    bool promised; /* its submission succeeded: the master may never forget it */
+    bool resumed;  /* so did the order to go on after a pause */
     bool extended, paused;
     errand_t errand;
     double submitted, changed, next_try;
     reference_t *reference;
     account_t account;
-    unsigned fell; /* the generation of masters under which it fell last */
+    uint64_t counted;    /* when samples were out last: what the film really held, */
+    unsigned generation; /* under this master */
     char *image;
     hash_t hash;
 } ledger_job_t;
@@ -76,7 +84,7 @@ struct ledger {
     size_t reference_count;
     errand_t status;
     double next_status;
-    unsigned generation; /* of masters */
+    unsigned generation, status_generation; /* of masters: now, and when it was asked */
     size_t deck[JOB_KINDS], deck_left;
     ledger_sum_t sum;
 };
@@ -134,27 +142,13 @@ static void violate(ledger_t *ledger, ledger_job_t *job, const char *what)
 
 /* ---- commands ----------------------------------------------------------------------------------------- */
 
-typedef struct {
-    const char *words[60];
-    size_t count;
-} words_t;
-
-static void add(words_t *words, const char *word)
-{
-    words->words[words->count++] = word;
-}
-
-static void add_all(words_t *words, const char *const *list)
-{
-    for (; *list; list++) add(words, *list);
-}
-
 static void add_master(const ledger_t *ledger, words_t *words)
 {
-    add(words, "--master");
-    add(words, ledger->setup.master);
-    add(words, "--timeout");
-    add(words, TIMEOUT);
+    words_add(words, "--master");
+    words_add(words, ledger->setup.master);
+    words_add(words, "--timeout");
+    words_add(words, TIMEOUT);
+    words_add_all(words, ledger->setup.passes->client);
 }
 
 static char *file_of(const ledger_t *ledger, const char *name, const char *suffix)
@@ -165,21 +159,31 @@ static char *file_of(const ledger_t *ledger, const char *name, const char *suffi
 static void start_command(ledger_t *ledger, ledger_job_t *job, const words_t *words, const char *suffix)
 {
     char *output = file_of(ledger, job->name, suffix);
-    errand_start(&job->errand, output, words->words, false);
+    errand_start(&job->errand, output, words->list, false);
     free(output);
+}
+
+/* The samples a pixel of a kind of job, as text. */
+static const char *spp_of(const job_kind_t *kind, bool extended, char text[SPP_CHARS])
+{
+    unsigned spp = (extended ? kind->extended_spp : kind->spp) / SLOWNESS;
+    snprintf(text, SPP_CHARS, "%u", spp > 0 ? spp : 1);
+    return text;
 }
 
 static void submit(ledger_t *ledger, ledger_job_t *job)
 {
-    words_t words = {.words = {"submit"}, .count = 1};
-    char seed[20];
+    words_t words = {.list = {"submit"}, .count = 1};
+    char seed[20], spp[SPP_CHARS];
     snprintf(seed, sizeof seed, "%u", job->seed);
-    add_all(&words, job->kind->options);
-    add_all(&words, job->kind->terms);
-    add(&words, "--seed");
-    add(&words, seed);
-    add(&words, "--name");
-    add(&words, job->name);
+    words_add_all(&words, job->kind->options);
+    words_add(&words, "--spp");
+    words_add(&words, spp_of(job->kind, false, spp));
+    words_add_all(&words, job->kind->terms);
+    words_add(&words, "--seed");
+    words_add(&words, seed);
+    words_add(&words, "--name");
+    words_add(&words, job->name);
     add_master(ledger, &words);
     start_command(ledger, job, &words, ".submit.log");
 }
@@ -190,7 +194,7 @@ static void fetch(ledger_t *ledger, ledger_job_t *job)
     snprintf(number, sizeof number, "%llu", (unsigned long long)job->number);
     free(job->image);
     job->image = file_of(ledger, job->name, job->extended ? ".extended.exr" : ".exr");
-    words_t words = {.words = {"fetch", number, "-o", job->image}, .count = 4};
+    words_t words = {.list = {"fetch", number, "-o", job->image}, .count = 4};
     add_master(ledger, &words);
     start_command(ledger, job, &words, ".fetch.log");
 }
@@ -200,16 +204,17 @@ static void order(ledger_t *ledger, ledger_job_t *job, const char *command, cons
 {
     char number[24];
     snprintf(number, sizeof number, "%llu", (unsigned long long)job->number);
-    words_t words = {.words = {command, number}, .count = 2};
-    if (option) add(&words, option);
-    if (option) add(&words, value);
+    words_t words = {.list = {command, number}, .count = 2};
+    if (option) words_add(&words, option);
+    if (option) words_add(&words, value);
     add_master(ledger, &words);
     start_command(ledger, job, &words, ".order.log");
 }
 
 static void extend(ledger_t *ledger, ledger_job_t *job)
 {
-    order(ledger, job, "extend", "--spp", job->kind->extended_spp);
+    char spp[SPP_CHARS];
+    order(ledger, job, "extend", "--spp", spp_of(job->kind, true, spp));
 }
 
 static void pause_job(ledger_t *ledger, ledger_job_t *job)
@@ -226,21 +231,19 @@ static void resume_job(ledger_t *ledger, ledger_job_t *job)
 
 static void render_reference(reference_t *reference)
 {
-    words_t words = {.words = {"render"}, .count = 1};
-    char seed[20];
+    words_t words = {.list = {"render"}, .count = 1};
+    char seed[20], spp[SPP_CHARS];
     snprintf(seed, sizeof seed, "%u", reference->seed);
-    add_all(&words, reference->kind->options);
-    if (reference->extended) {
-        add(&words, "--spp");
-        add(&words, reference->kind->extended_spp);
-    }
-    add(&words, "--seed");
-    add(&words, seed);
-    add(&words, "--quiet");
-    add(&words, "-o");
-    add(&words, reference->image);
+    words_add_all(&words, reference->kind->options);
+    words_add(&words, "--spp");
+    words_add(&words, spp_of(reference->kind, reference->extended, spp));
+    words_add(&words, "--seed");
+    words_add(&words, seed);
+    words_add(&words, "--quiet");
+    words_add(&words, "-o");
+    words_add(&words, reference->image);
     char *output = mem_printf("%s.log", reference->image);
-    errand_start(&reference->render, output, words.words, true);
+    errand_start(&reference->render, output, words.list, true);
     free(output);
 }
 
@@ -311,14 +314,15 @@ static bool read_account(const json_t *object, account_t *account)
 }
 
 /* What must hold at any time. */
-static const char *check_account(const ledger_t *ledger, const ledger_job_t *job, const account_t *before)
+static const char *check_account(const ledger_t *ledger, const ledger_job_t *job)
 {
     const account_t *a = &job->account;
     if (a->issued != a->counted + a->returned + a->out) return "issued is not counted + returned + out";
     if (a->total > 0 && a->counted > a->total) return "more is counted than wanted";
     if (a->skipped > 0) return "samples were skipped";
     if (strcmp(a->state, "failed") == 0 || strcmp(a->state, "cancelled") == 0) return "it has ended badly";
-    if (a->counted < before->counted && job->fell == ledger->generation) return "counted samples were lost";
+    bool same = job->generation == ledger->generation && ledger->status_generation == ledger->generation;
+    if (same && a->out > 0 && a->counted < job->counted) return "counted samples were lost";
     if (strcmp(a->state, "done") != 0) return NULL;
     if (a->out > 0) return "it is done and samples are out";
     if (a->total > 0 && a->counted != a->total) return "it is done and not all is counted";
@@ -335,26 +339,46 @@ static void advance(ledger_job_t *job, double now)
         enter(job, FETCHING, now);
     else if (job->stage == RENDERING && to_pause)
         enter(job, PAUSING, now);
+    else if (job->stage == RENDERING && paused)
+        enter(job, RESUMING, now); /* the order had failed: it was done, and is forgotten */
     else if (job->stage == RESUMING && job->errand.process == 0 && !paused)
-        enter(job, RENDERING, now);
+        enter(job, RENDERING, now); /* the order has failed, and was done */
 }
 
 static void take_account(ledger_t *ledger, ledger_job_t *job, const json_t *object, double now)
 {
-    account_t before = job->account;
-    job->accepted = true;
+
     if (!number_of(object, "job", &job->number) || !read_account(object, &job->account)) {
         violate(ledger, job, "its status lacks a field");
         return;
     }
-    const char *wrong = check_account(ledger, job, &before);
-    if (job->account.counted < before.counted) job->fell = ledger->generation;
+    const char *wrong = check_account(ledger, job);
+    bool later = ledger->status.started > job->changed;
+    if (later && job->resumed && strcmp(job->account.state, "paused") == 0) wrong = "it is paused again";
+    /* Before a new master has read the film, it tells what its journal knows, and nothing is out. */
+    if (job->account.out > 0 && ledger->status_generation == ledger->generation) {
+        job->counted = job->account.counted;
+        job->generation = ledger->generation;
+    }
     if (wrong) {
         violate(ledger, job, wrong);
         return;
     }
     if (job->stage == UNSURE) enter(job, RENDERING, now);
-    if (ledger->status.started > job->changed) advance(job, now);
+    if (later) advance(job, now);
+}
+
+/* The master does not know the job, though it was asked after the last that it was told of it. */
+static void miss(ledger_t *ledger, ledger_job_t *job, double now)
+{
+    if (job->promised && job->stage != WRONG) violate(ledger, job, "the master has forgotten it");
+    if (job->stage == PROVED || job->stage == WRONG || job->stage == SENDING) return;
+    errand_end(&job->errand);
+    job->account = (account_t){0};
+    job->counted = 0;
+    job->paused = job->extended = false;
+    job->reference = reference_for(ledger, job);
+    enter(job, SENDING, now);
 }
 
 static const json_t *find_job(const json_t *jobs, const char *name)
@@ -379,10 +403,8 @@ static void take_status(ledger_t *ledger, double now)
         bool later = ledger->status.started > job->changed;
         if (object && job->stage != WRONG && job->stage != SENDING)
             take_account(ledger, job, object, now);
-        else if (object == NULL && later && job->accepted && job->stage != WRONG)
-            violate(ledger, job, "the master has forgotten it");
-        else if (object == NULL && later && job->stage == UNSURE)
-            enter(job, SENDING, now);
+        else if (object == NULL && later)
+            miss(ledger, job, now);
     }
     ledger->sum.questions += json_is_array(jobs);
     json_decref(root);
@@ -398,11 +420,12 @@ static void tick_status(ledger_t *ledger, double now)
     case ERRAND_NONE:
         if (now < ledger->next_status) break;
         char *output = file_of(ledger, "status", ".json");
-        words_t words = {.words = {"status", "--json"}, .count = 2};
+        words_t words = {.list = {"status", "--json"}, .count = 2};
         add_master(ledger, &words);
         ledger->next_status = now + STATUS_INTERVAL;
 
-        errand_start(&ledger->status, output, words.words, false);
+        ledger->status_generation = ledger->generation;
+        errand_start(&ledger->status, output, words.list, false);
         free(output);
         break;
     default:
@@ -479,8 +502,8 @@ static void tick_job(ledger_t *ledger, ledger_job_t *job, double now)
     bool failed;
     switch (job->stage) {
     case SENDING:
-        job->accepted = succeed(ledger, job, now, submit, &failed);
-        if (job->accepted || failed) enter(job, job->accepted ? RENDERING : UNSURE, now);
+        job->promised = succeed(ledger, job, now, submit, &failed);
+        if (job->promised || failed) enter(job, job->promised ? RENDERING : UNSURE, now);
         break;
     case FETCHING:
         if (!succeed(ledger, job, now, fetch, &failed)) break;
@@ -504,7 +527,9 @@ static void tick_job(ledger_t *ledger, ledger_job_t *job, double now)
         job->next_try = now + PAUSE;
         break;
     case RESUMING:
-        if (succeed(ledger, job, now, resume_job, &failed)) job->next_try = now + PAUSE;
+        if (!succeed(ledger, job, now, resume_job, &failed)) break;
+        job->resumed = true;
+        enter(job, RENDERING, now);
         break;
     default:
         break;

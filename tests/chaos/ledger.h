@@ -5,8 +5,7 @@
  * master says of a job is checked every time it is asked:
  *
  *   - issued = counted + returned + out, always;
- *   - what is counted is never more than what is wanted, and never falls but once for each death of a master,
- *     to what its last checkpoint holds;
+ *   - what is counted is never more than what is wanted, and never falls as long as the master lives;
  *   - a job that was accepted is known ever after;
  *   - at the end nothing is out, all is counted, nothing is skipped, and the pixels are those of the
  * reference.
@@ -15,6 +14,7 @@
 #define LIGHTMILL_CHAOS_LEDGER_H
 
 #include "tests/chaos/dice.h"
+#include "tests/chaos/passes.h"
 #include "tests/chaos/report.h"
 
 #include <stdbool.h>
@@ -26,6 +26,7 @@ typedef struct {
     report_t *report;
     const char *folder; /* for images, references and logs */
     const char *master; /* its address */
+    const passes_t *passes;
     uint64_t seed;
     size_t at_a_time; /* jobs that are open */
 } ledger_setup_t;

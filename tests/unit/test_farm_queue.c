@@ -1,7 +1,9 @@
 /* Tests of the queue: orders of clients, shares and priorities, jobs that outlive the process. Without
  * sockets, in a time of its own (tests/toy_farm.h). */
+#include "master/control_reports.h"
 #include "tests/toy_farm.h"
 
+#include <pthread.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -338,6 +340,52 @@ static void retained_jobs_are_not_forgotten(void **state)
     farm_unpin(farm, pinned);
     assert_true(toy_report(farm, 0, jobs[0]).retained);
     farm_destroy(&farm);
+}
+
+/* ---- what clients are told ----------------------------------------------------------------------------- */
+
+typedef struct {
+    uint64_t next;
+    size_t count, messages;
+} pages_t;
+
+static void take_page(void *context, Lm__Envelope *answer)
+{
+    pages_t *pages = context;
+    assert_true(lm__envelope__get_packed_size(answer) < WIRE_MAX_HEADER);
+    const Lm__JobStatusReply *reply = answer->job_status_reply;
+    for (size_t i = 0; i < reply->n_jobs; i++) assert_int_equal(reply->jobs[i]->job, ++pages->count);
+    pages->next = reply->next;
+    pages->messages++;
+}
+
+static void a_long_queue_is_told_in_several_messages(void **state)
+{
+    farm_t *farm = *state;
+    job_settings_t settings = settings_of(4);
+    job_terms_t terms = {.verify = 0.5};
+    hash_t blob = {{1}};
+    uint64_t job;
+    memset(terms.name, 'x', JOB_MAX_NAME);
+    for (int i = 0; i < FARM_MAX_JOBS; i++) {
+        job_record_t record = {
+            .job = (uint64_t)i + 1, .state = JOB_FAILED, .settings = settings, .terms = terms};
+        memset(record.message, 'y', sizeof record.message - 1);
+        record.account = (schedule_account_t){UINT64_MAX, UINT64_MAX, UINT64_MAX, 0, 0};
+        farm_restore(farm, 0, &record);
+    }
+    pages_t pages = {.next = 1};
+    while (pages.next != 0) {
+        Lm__JobStatusRequest request = LM__JOB_STATUS_REQUEST__INIT;
+        request.from = pages.next;
+        assert_int_equal(report_jobs(farm, 0, &request, 1, take_page, &pages).code, RESULT_OK);
+    }
+    assert_int_equal(pages.count, FARM_MAX_JOBS);
+    assert_true(pages.messages > 1 && pages.messages < 10);
+    Lm__JobStatusRequest request = LM__JOB_STATUS_REQUEST__INIT;
+    request.job = FARM_MAX_JOBS + 1;
+    assert_int_equal(report_jobs(farm, 0, &request, 1, take_page, &pages).code, RESULT_INPUT);
+    assert_int_equal(farm_submit(farm, 0, &terms, &settings, &blob, 1, &job).code, RESULT_OK);
 }
 
 /* ---- the end of a job ---------------------------------------------------------------------------------- */
@@ -706,6 +754,190 @@ static void a_master_that_keeps_no_films_says_so(void **state)
     assert_int_equal(farm_order(farm, 2, &order).code, RESULT_INPUT);
 }
 
+/* ---- rounds -------------------------------------------------------------------------------------------- */
+
+static job_settings_t planned(double error, bool adaptive, uint32_t spp)
+{
+    job_settings_t settings = settings_of(spp);
+    settings.error = error;
+    settings.adaptive = adaptive;
+    return settings;
+}
+
+/* What came out of a planned job. */
+typedef struct {
+    uint64_t samples;
+    double error;
+    hash_t sums;
+} outcome_t;
+
+/* Renders on a farm where units come back in another order, some are lost, and the process ends in between,
+ * `disturbance` times. */
+static outcome_t render_planned(const job_settings_t *settings, int disturbances)
+{
+    farm_t *farm = toy_farm(true);
+    uint64_t job = toy_submit(farm, 0, settings, 0), worker[3];
+    double now = 1;
+    for (int w = 0; w < 3; w++) worker[w] = toy_hello(farm, now, 1);
+    toy_take(farm, now, worker[0], 512, 512); /* it is begun; these are lost */
+    farm_goodbye(farm, now, worker[0], 0, "");
+    worker[0] = toy_hello(farm, now, 1);
+    for (int turn = 0; toy_state(farm, now, job) == JOB_RUNNING; turn++) {
+        toy_work_t work[3];
+        assert_true(turn < 100000);
+        now += 0.01;
+        for (int w = 0; w < 3; w++) work[w] = toy_take(farm, now, worker[w], 512 + 256 * (unsigned)w, 256);
+        for (int w = 2; w >= 0; w--)
+            if (work[w].job != 0 && (disturbances == 0 || (turn + w) % 4 != 0))
+                toy_deliver(farm, now, worker[w], job, work[w].units, work[w].count);
+        if (disturbances == 0) continue;
+        for (int w = 0; w < 3; w++) { /* whoever did not deliver is lost */
+            farm_goodbye(farm, now, worker[w], 0, "");
+            worker[w] = toy_hello(farm, now, 1);
+        }
+        if (turn % 7 != 6 || disturbances-- < 2) continue;
+        toy_film_t film;
+        job_record_t records[MAX_RECORDS];
+        if (!toy_checkpoint(farm, now, ok, &film)) continue;
+        size_t count = end_process(&farm, now, records);
+        farm = begin_process(now, records, count);
+        assert_true(toy_load(farm, now, &film));
+        for (int w = 0; w < 3; w++) worker[w] = toy_hello(farm, now, 1);
+    }
+    assert_int_equal(toy_state(farm, now, job), JOB_FINISHING);
+    job_report_t report = toy_report(farm, now, job);
+    assert_int_equal(report.account.issued, report.account.counted + report.account.returned);
+    assert_int_equal(report.account.counted, report.samples_done);
+    outcome_t outcome = {report.samples_done, report.error, toy_sums(farm, job)};
+    farm_destroy(&farm);
+    return outcome;
+}
+
+static void rounds_are_the_same_on_any_farm(void **state)
+{
+    const job_settings_t jobs[] = {planned(0.02, false, JOB_MAX_SPP), planned(0.02, true, JOB_MAX_SPP),
+                                   planned(0, true, 100), planned(0.001, false, 200)};
+    (void)state;
+    for (size_t i = 0; i < ARRAY_LENGTH(jobs); i++) {
+        outcome_t calm = render_planned(&jobs[i], 0), disturbed = render_planned(&jobs[i], 10);
+        assert_int_equal(calm.samples, disturbed.samples);
+        assert_true(calm.error == disturbed.error && calm.error > 0);
+        assert_true(hash_equal(&calm.sums, &disturbed.sums));
+        if (jobs[i].spp == JOB_MAX_SPP)
+            assert_true(calm.error <= 0.02);
+        else
+            assert_true(calm.samples <= (uint64_t)1024 * jobs[i].spp);
+    }
+}
+
+static void a_planned_job_can_be_extended(void **state)
+{
+    farm_t *farm = *state;
+    job_settings_t settings = planned(0.05, false, JOB_MAX_SPP);
+    toy_film_t film;
+    uint64_t job = toy_submit(farm, 0, &settings, 0), worker = toy_hello(farm, 0, 1);
+    toy_work_off(farm, 1, worker, job);
+    assert_int_equal(toy_write_images(farm, 1, ok), 1);
+    assert_true(toy_checkpoint(farm, 1, ok, &film));
+    assert_int_equal(toy_state(farm, 1, job), JOB_DONE);
+    job_report_t report = toy_report(farm, 1, job);
+    assert_true(report.error > 0.02 && report.error <= 0.05);
+    job_order_t order = {.job = job, .kind = ORDER_EXTEND, .error = 0.06};
+    assert_int_equal(farm_order(farm, 1, &order).code, RESULT_INPUT);
+    order.error = 0.02;
+    assert_int_equal(farm_order(farm, 1, &order).code, RESULT_OK);
+    assert_int_equal(toy_take(farm, 2, worker, 512, 512).job, 0);
+    assert_true(toy_load(farm, 2, &film));
+    uint64_t before = toy_report(farm, 2, job).samples_done;
+    assert_int_equal(before, report.samples_done);
+    toy_work_off(farm, 2, worker, job);
+    assert_int_equal(toy_state(farm, 2, job), JOB_FINISHING);
+    report = toy_report(farm, 2, job);
+    assert_true(report.error <= 0.02 && report.samples_done > before);
+}
+
+/* A job without an error to reach is given one while it runs. */
+static void an_endless_job_can_be_given_an_error(void **state)
+{
+    farm_t *farm = *state;
+    uint64_t job = submit(farm, 0, JOB_MAX_SPP), worker = toy_hello(farm, 0, 1);
+    for (int i = 0; i < 100; i++) {
+        toy_work_t work = toy_take(farm, 1, worker, 1024, 256);
+        assert_int_equal(toy_deliver(farm, 1, worker, job, work.units, work.count).code, RESULT_OK);
+    }
+    job_order_t order = {.job = job, .kind = ORDER_EXTEND, .error = 0.02};
+    assert_int_equal(farm_order(farm, 1, &order).code, RESULT_OK);
+    toy_work_off(farm, 2, worker, job);
+    assert_int_equal(toy_state(farm, 2, job), JOB_FINISHING);
+    assert_true(toy_report(farm, 2, job).error <= 0.02);
+}
+
+/* The time that is left is estimated from the error. */
+static void the_time_to_an_error_is_estimated(void **state)
+{
+    farm_t *farm = *state;
+    job_settings_t settings = planned(0.01, false, JOB_MAX_SPP);
+    uint64_t job = toy_submit(farm, 0, &settings, 0);
+    simulation_t s = simulate(farm, 2, (const uint32_t[]){8, 8});
+    run(&s, 30);
+    job_report_t report = toy_report(farm, s.now, job);
+    assert_int_equal(report.state, JOB_RUNNING);
+    assert_true(report.error > 0.01);
+    double end = s.now + report.remaining;
+    while (toy_state(farm, s.now, job) == JOB_RUNNING) run(&s, 1);
+    if (s.now < 0.5 * end || s.now > 2 * end) fail_msg("ended at %g s instead of %g s", s.now, end);
+}
+
+/* ---- many threads -------------------------------------------------------------------------------------- */
+
+typedef struct {
+    farm_t *farm;
+    uint64_t job, worker;
+} labourer_t;
+
+static void *labour(void *argument)
+{
+    const labourer_t *me = argument;
+    while (toy_state(me->farm, 1, me->job) == JOB_RUNNING) {
+        toy_work_t work = toy_take(me->farm, 1, me->worker, 512, 128);
+        if (work.job != 0) toy_deliver(me->farm, 1, me->worker, work.job, work.units, work.count);
+    }
+    return NULL;
+}
+
+static void *keep(void *argument)
+{
+    const labourer_t *me = argument;
+    while (toy_state(me->farm, 1, me->job) == JOB_RUNNING) {
+        toy_film_t film;
+        if (toy_checkpoint(me->farm, 1, ok, &film)) toy_film_free(&film);
+        hash_t sums = toy_sums(me->farm, me->job);
+        (void)sums;
+    }
+    return NULL;
+}
+
+static void threads_merge_plan_and_save_at_once(void **state)
+{
+    enum { LABOURERS = 4 };
+    job_settings_t settings = planned(0.005, true, JOB_MAX_SPP);
+    outcome_t calm = render_planned(&settings, 0);
+    farm_t *farm = *state;
+    pthread_t threads[LABOURERS + 1];
+    labourer_t labourers[LABOURERS + 1];
+    uint64_t job = toy_submit(farm, 1, &settings, 0);
+    for (int i = 0; i <= LABOURERS; i++) labourers[i] = (labourer_t){farm, job, toy_hello(farm, 1, 1)};
+    toy_work_t work = toy_take(farm, 1, labourers[0].worker, 512, 512);
+    assert_int_equal(toy_deliver(farm, 1, labourers[0].worker, job, work.units, work.count).code, RESULT_OK);
+    for (int i = 0; i <= LABOURERS; i++)
+        assert_int_equal(pthread_create(&threads[i], NULL, i < LABOURERS ? labour : keep, &labourers[i]), 0);
+    for (int i = 0; i <= LABOURERS; i++) pthread_join(threads[i], NULL);
+    assert_int_equal(toy_state(farm, 1, job), JOB_FINISHING);
+    hash_t sums = toy_sums(farm, job);
+    assert_true(hash_equal(&sums, &calm.sums));
+    assert_int_equal(toy_report(farm, 1, job).samples_done, calm.samples);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -719,6 +951,7 @@ int main(void)
         WITH_FARM(orders_fit_the_state_or_are_refused),
         WITH_FARM(a_deleted_job_is_unknown_and_its_record_goes),
         WITH_FARM(retained_jobs_are_not_forgotten),
+        WITH_FARM(a_long_queue_is_told_in_several_messages),
         WITH_FARM(a_job_is_over_when_image_and_checkpoint_are_made),
         WITH_FARM(what_cannot_be_written_is_tried_again),
         WITH_FARM(cancelling_gives_up_what_cannot_be_written),
@@ -731,6 +964,11 @@ int main(void)
         LEAVES_FARM(an_extended_job_is_as_one_that_was_longer),
         WITH_FARM(an_extension_replaces_what_was_reached),
         WITH_FARM(a_master_that_keeps_no_films_says_so),
+        WITH_FARM(rounds_are_the_same_on_any_farm),
+        WITH_FARM(a_planned_job_can_be_extended),
+        WITH_FARM(an_endless_job_can_be_given_an_error),
+        WITH_FARM(the_time_to_an_error_is_estimated),
+        WITH_FARM(threads_merge_plan_and_save_at_once),
     };
     return cmocka_run_group_tests_name("farm_queue", tests, NULL, NULL);
 }

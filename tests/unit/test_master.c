@@ -1,6 +1,7 @@
 /* Tests of the master as its peers see it: a real master on loopback sockets, scripted workers and clients.
  */
 #include "common/image.h"
+#include "master/farm.h"
 #include "master/master.h"
 #include "tests/peer.h"
 #include "tests/scratch.h"
@@ -609,42 +610,56 @@ static void hostile_bytes_do_no_harm(void **state)
     for (int s = 0; s < 2; s++) zmq_close(raw[s]);
 }
 
+/* Sends the first payloads of a batch, cut short somewhere. */
+static void send_damaged(peer_t *peer, uint64_t job, const batch_t *batch, int number, uint64_t *random)
+{
+    Lm__BatchResult body = LM__BATCH_RESULT__INIT;
+    Lm__Envelope envelope = LM__ENVELOPE__INIT;
+    zmq_msg_t good[BATCH_PAYLOADS], cut[BATCH_PAYLOADS];
+    body.worker = peer->worker;
+    body.job = job;
+    body.n_units = batch->unit_count;
+    body.units = wire_units_new(batch->units, batch->unit_count);
+    envelope.body_case = LM__ENVELOPE__BODY_BATCH_RESULT;
+    envelope.batch_result = &body;
+    assert_int_equal(payload_encode(batch, number % 2, good).code, RESULT_OK);
+    for (int p = 0; p < BATCH_PAYLOADS; p++) {
+        *random = *random * 6364136223846793005u + 1442695040888963407u;
+        size_t size = zmq_msg_size(&good[p]);
+        if (size > 0) size = (*random >> 33) % size;
+        zmq_msg_init_size(&cut[p], size);
+        memcpy(zmq_msg_data(&cut[p]), zmq_msg_data(&good[p]), size);
+        zmq_msg_close(&good[p]);
+    }
+    int sent = number % 4 == 3 ? BATCH_PAYLOADS : 1 + number % BATCH_PAYLOADS;
+    wire_message_t answer = peer_ask_bulk(peer, &envelope, cut, sent);
+    assert_int_equal(answer.envelope->body_case, LM__ENVELOPE__BODY_BATCH_REPLY);
+    assert_false(answer.envelope->batch_reply->accepted);
+    wire_free(&answer);
+    for (int p = sent; p < BATCH_PAYLOADS; p++) zmq_msg_close(&cut[p]);
+    free(body.units);
+}
+
+/* What is refused is not counted; who sends nothing else is put aside. */
 static void damaged_payloads_are_refused(void **state)
 {
     farm_test_t *t = *state;
-    job_settings_t settings = settings_of(4);
+    job_settings_t settings = settings_of(128);
     uint64_t job = submit(t, &settings), random = 5;
+    result_t refused;
     peer_hello(t->peer, WIRE_VERSION, 1, NULL);
-    peer_work(t->peer, 3000, 500, t->work);
-    batch_t batch = peer_render(&settings, t->work->units, t->work->unit_count);
-    Lm__BatchResult body = LM__BATCH_RESULT__INIT;
-    Lm__Envelope envelope = LM__ENVELOPE__INIT;
-    body.worker = t->peer->worker;
-    body.job = job;
-    body.n_units = batch.unit_count;
-    body.units = wire_units_new(batch.units, batch.unit_count);
-    envelope.body_case = LM__ENVELOPE__BODY_BATCH_RESULT;
-    envelope.batch_result = &body;
-    for (int i = 0; i < 100; i++) {
-        zmq_msg_t good[BATCH_PAYLOADS], cut[BATCH_PAYLOADS];
-        assert_int_equal(payload_encode(&batch, i % 2, good).code, RESULT_OK);
-        for (int p = 0; p < BATCH_PAYLOADS; p++) {
-            random = random * 6364136223846793005u + 1442695040888963407u;
-            size_t size = (random >> 33) % zmq_msg_size(&good[p]);
-            zmq_msg_init_size(&cut[p], size);
-            memcpy(zmq_msg_data(&cut[p]), zmq_msg_data(&good[p]), size);
-            zmq_msg_close(&good[p]);
-        }
-        int sent = i % 4 == 3 ? BATCH_PAYLOADS : 1 + i % BATCH_PAYLOADS;
-        wire_message_t answer = peer_ask_bulk(t->peer, &envelope, cut, sent);
-        assert_int_equal(answer.envelope->body_case, LM__ENVELOPE__BODY_BATCH_REPLY);
-        assert_false(answer.envelope->batch_reply->accepted);
-        wire_free(&answer);
-        for (int p = sent; p < BATCH_PAYLOADS; p++) zmq_msg_close(&cut[p]);
+    for (int i = 0; i < 50; i++) {
+        peer_work(t->peer, 3000, 500, t->work);
+        assert_true(t->work->job == job);
+        batch_t batch = peer_render(&settings, t->work->units, t->work->unit_count);
+        for (int n = 0; n < FARM_MAX_FAILURES - 1; n++) send_damaged(t->peer, job, &batch, i + n, &random);
+        if (i < 49) assert_int_equal(peer_send_batch(t->peer, job, &batch).code, RESULT_OK);
+        for (int n = 0; n < FARM_MAX_FAILURES && i == 49; n++) send_damaged(t->peer, job, &batch, 3, &random);
+        batch_free(&batch);
     }
-    free(body.units);
-    assert_int_equal(peer_send_batch(t->peer, job, &batch).code, RESULT_OK);
-    batch_free(&batch);
+    peer_hello(t->peer, WIRE_VERSION, 1, &refused);
+    assert_int_equal(refused.code, RESULT_CANCELLED);
+    assert_non_null(strstr(refused.message, "malformed"));
 }
 
 static void a_job_goes_on_after_a_stop(void **state)
