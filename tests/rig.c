@@ -269,9 +269,14 @@ void rig_start_master_on(rig_t *rig, const char *data, double batch_interval, co
 
 void rig_start_master(rig_t *rig, double batch_interval)
 {
-    char *data = mem_printf("%s/data-%d", rig->folder, rig->started_count);
-    rig_start_master_on(rig, data, batch_interval, NULL);
-    free(data);
+    free(rig->data);
+    rig->data = mem_printf("%s/data-%d", rig->folder, rig->started_count);
+    rig_start_master_on(rig, rig->data, batch_interval, NULL);
+}
+
+void rig_restart_master(rig_t *rig, double batch_interval)
+{
+    rig_start_master_on(rig, rig->data, batch_interval, NULL);
 }
 
 void rig_kill_master(rig_t *rig)
