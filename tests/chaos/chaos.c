@@ -44,7 +44,8 @@ static const char usage[] =
     "  --keep           it stays in any case\n"
     "  --least N        fail when there were fewer faults (0)\n"
     "  --least-kills N  fail when the master was killed less often (0)\n"
-    "  --only KINDS     only faults whose names have one of these, with commas between them, in them\n"
+    "  --keys, --open   with keys, or open to everybody (with keys when the seed is odd)\n"
+    "  --only KINDS      only faults whose names have one of these, with commas between them, in them\n"
     "  --keep-going     do not end at the first violation\n";
 
 typedef struct {
@@ -52,7 +53,7 @@ typedef struct {
     uint64_t seed;
     const char *parent, *only;
     size_t least, least_kills;
-    bool keep, keep_going;
+    bool keep, keep_going, keys, open;
 } options_t;
 
 typedef struct {
@@ -62,6 +63,7 @@ typedef struct {
     char *data, *master; /* the master's directory and address */
     bool separate, disk;
     network_t *network;
+    passes_t passes;
     proxy_t *proxy;
     troupe_t troupe;
     ledger_t *ledger;
@@ -79,6 +81,8 @@ static options_t parse_options(int argc, char **argv)
                                          {"least-kills", required_argument, NULL, 'k'},
                                          {"only", required_argument, NULL, 'o'},
                                          {"keep", no_argument, NULL, 'e'},
+                                         {"keys", no_argument, NULL, 'y'},
+                                         {"open", no_argument, NULL, 'n'},
                                          {"keep-going", no_argument, NULL, 'g'},
                                          {"help", no_argument, NULL, 'h'},
                                          {NULL, 0, NULL, 0}};
@@ -88,6 +92,8 @@ static options_t parse_options(int argc, char **argv)
         if (found == 'p') options.pause = atof(optarg);
         if (found == 'r') options.seed = strtoull(optarg, NULL, 10);
         if (found == 'f') options.parent = optarg;
+        if (found == 'y') options.keys = true;
+        if (found == 'n') options.open = true;
         if (found == 'e') options.keep = true;
         if (found == 'l') options.least = strtoull(optarg, NULL, 10);
         if (found == 'k') options.least_kills = strtoull(optarg, NULL, 10);
@@ -118,6 +124,20 @@ static bool available(chaos_t *chaos, const char *what, result_t result)
     return false;
 }
 
+static void make_passes(chaos_t *chaos)
+{
+    const options_t *options = &chaos->options;
+    bool keys = !options->open && (options->keys || options->seed % 2 == 1);
+    chaos->passes = passes_open();
+    if (!keys) return;
+    char *folder = mem_printf("%s/keys", chaos->folder);
+    result_t result = passes_with_keys(folder, &chaos->passes);
+    free(folder);
+    if (result.code == RESULT_OK) return;
+    fprintf(stderr, "chaos: %s\n", result.message);
+    exit(RESULT_IO);
+}
+
 static void set_the_stage(chaos_t *chaos)
 {
     const options_t *options = &chaos->options;
@@ -125,8 +145,9 @@ static void set_the_stage(chaos_t *chaos)
         mem_printf("%s/chaos-%llu-%d", options->parent, (unsigned long long)options->seed, (int)getpid());
     make_folder(chaos->folder);
     chaos->report = report_open(chaos->folder);
-    report_line(&chaos->report, "seed %llu, %.0f s, in %s", (unsigned long long)options->seed,
-                options->seconds, chaos->folder);
+    make_passes(chaos);
+    report_line(&chaos->report, "seed %llu, %.0f s, %s, in %s", (unsigned long long)options->seed,
+                options->seconds, chaos->passes.master[1] ? "with keys" : "open to everybody", chaos->folder);
     chaos->data = mem_printf("%s/data", chaos->folder);
     make_folder(chaos->data);
     chaos->separate = available(chaos, "partitions, thin cables and a full disk", network_separate());
@@ -152,6 +173,7 @@ static void call_the_troupe(chaos_t *chaos)
                          .listen = chaos->network ? NETWORK_HOST : "127.0.0.1",
                          .port = choose_port(chaos),
                          .lease = LEASE,
+                         .passes = &chaos->passes,
                          .worlds = available(chaos, "clock jumps and slow disks", world_available())};
     result_t result =
         proxy_start(LINK_HOSTS, LINKS + 1, troupe->listen, troupe->port, chaos->options.seed, &chaos->proxy);
@@ -176,6 +198,7 @@ static void begin(chaos_t *chaos)
     chaos->ledger = ledger_new(&(ledger_setup_t){.report = &chaos->report,
                                                  .folder = chaos->folder,
                                                  .master = chaos->master,
+                                                 .passes = &chaos->passes,
                                                  .seed = chaos->options.seed,
                                                  .at_a_time = 3});
     chaos->faults = faults_new(&(faults_setup_t){.report = &chaos->report,

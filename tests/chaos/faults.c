@@ -4,6 +4,7 @@
 #include "tests/chaos/disk.h"
 #include "tests/chaos/errand.h"
 #include "tests/chaos/watch_films.h"
+#include "tests/chaos/words.h"
 
 #include <math.h>
 #include <stdarg.h>
@@ -308,9 +309,10 @@ static bool start_client(faults_t *faults, fault_t *fault)
     atomic_store(&link->bytes_per_second, (unsigned)between_scales(fault->chance[0], 1e5, 2e6));
     char *scene = write_new_scene(faults, fault), *log = mem_printf("%s.log", scene);
     char *master = mem_printf("%s:%d", faults->setup.client_host, faults->setup.troupe->port);
-    errand_start(
-        &fault->client, log,
-        (const char *[]){"submit", scene, "--name", "upload", "--spp", "1", "--master", master, NULL}, false);
+    words_t words = {0};
+    WORDS_ADD(&words, "submit", scene, "--name", "upload", "--spp", "1", "--master", master);
+    words_add_all(&words, faults->setup.troupe->passes->client);
+    errand_start(&fault->client, log, words.list, false);
     free(master);
     free(log);
     free(scene);

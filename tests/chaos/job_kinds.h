@@ -7,34 +7,45 @@
 
 typedef struct {
     const char *name;
-    const char *options[12];  /* of submit and render: all that the image depends on but the seed */
-    const char *terms[6];     /* of submit alone */
-    const char *extended_spp; /* NULL: the job is not extended when it is done */
-    bool paused;              /* it is paused and resumed on the way */
+    const char
+        *options[12];      /* of submit and render: what the image depends on, but the seed and the samples */
+    const char *terms[6];  /* of submit alone */
+    unsigned spp;          /* samples a pixel, */
+    unsigned extended_spp; /* and to so many it is extended when it is done; 0: it is not */
+    bool paused;           /* it is paused and resumed on the way */
 } job_kind_t;
 
 static const job_kind_t JOB_KIND_LIST[] = {
-    {.name = "hidden", .options = {"scenes/seed-hidden", "--resolution", "64x64", "--spp", "384"}},
-    {.name = "caustic", .options = {"scenes/caustic", "--resolution", "80x60", "--spp", "300"}},
+    {.name = "hidden", .spp = 384, .options = {"scenes/seed-hidden", "--resolution", "64x64"}},
+    {.name = "caustic", .spp = 300, .options = {"scenes/caustic", "--resolution", "80x60"}},
     /* A film that takes a while to write. */
-    {.name = "large", .options = {"scenes/cornell", "--resolution", "640x480", "--spp", "4"}},
-    {.name = "no layers",
-     .options = {"scenes/textures", "--resolution", "96x64", "--spp", "256", "--no-layers"}},
+    {.name = "large", .spp = 4, .options = {"scenes/cornell", "--resolution", "640x480"}},
+    {.name = "no layers", .spp = 256, .options = {"scenes/textures", "--resolution", "96x64", "--no-layers"}},
     {.name = "path",
-     .options = {"scenes/lights-env", "--resolution", "64x64", "--spp", "512", "--integrator", "path"}},
-    {.name = "materials", .options = {"scenes/materials", "--resolution", "64x64", "--spp", "256"}},
+     .spp = 512,
+     .options = {"scenes/lights-env", "--resolution", "64x64", "--integrator", "path"}},
+    {.name = "materials", .spp = 256, .options = {"scenes/materials", "--resolution", "64x64"}},
     {.name = "light",
-     .options = {"scenes/instances", "--resolution", "64x64", "--spp", "512", "--integrator", "light"}},
+     .spp = 512,
+     .options = {"scenes/instances", "--resolution", "64x64", "--integrator", "light"}},
     {.name = "independent",
-     .options = {"scenes/lens", "--resolution", "50x70", "--spp", "256", "--sampler", "independent"}},
+     .spp = 256,
+     .options = {"scenes/lens", "--resolution", "50x70", "--sampler", "independent"}},
     {.name = "extended",
-     .options = {"scenes/cornell", "--resolution", "64x64", "--spp", "128"},
-     .extended_spp = "300"},
+     .spp = 128,
+     .options = {"scenes/cornell", "--resolution", "64x64"},
+     .extended_spp = 300},
     {.name = "urgent",
-     .options = {"scenes/seed-specular", "--resolution", "64x64", "--spp", "128"},
+     .spp = 128,
+     .options = {"scenes/seed-specular", "--resolution", "64x64"},
      .terms = {"--priority", "3"}},
+    {.name = "verified",
+     .spp = 200,
+     .options = {"scenes/lights-delta", "--resolution", "64x64"},
+     .terms = {"--verify", "10%"}},
     {.name = "paused",
-     .options = {"scenes/seed-diffuse", "--resolution", "64x64", "--spp", "200"},
+     .spp = 200,
+     .options = {"scenes/seed-diffuse", "--resolution", "64x64"},
      .paused = true},
 };
 

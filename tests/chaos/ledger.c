@@ -4,6 +4,7 @@
 #include "common/image.h"
 #include "tests/chaos/errand.h"
 #include "tests/chaos/job_kinds.h"
+#include "tests/chaos/words.h"
 
 #include <jansson.h>
 #include <math.h>
@@ -11,7 +12,12 @@
 #include <string.h>
 #include <unistd.h>
 
-enum { MAX_JOBS = 500, MAX_REFERENCES = 200, SEEDS = 3 };
+#if defined __SANITIZE_ADDRESS__ || defined __SANITIZE_THREAD__
+enum { SLOWNESS = 8 };
+#else
+enum { SLOWNESS = 1 };
+#endif
+enum { MAX_JOBS = 500, MAX_REFERENCES = 200, SEEDS = 3, SPP_CHARS = 16 };
 static const double COMMAND_LIMIT = 90;     /* seconds for a command; it has time-outs of its own */
 static const double REFERENCE_LIMIT = 600;  /* seconds for a render */
 static const double STATUS_INTERVAL = 0.25; /* seconds between questions */
@@ -136,27 +142,13 @@ static void violate(ledger_t *ledger, ledger_job_t *job, const char *what)
 
 /* ---- commands ----------------------------------------------------------------------------------------- */
 
-typedef struct {
-    const char *words[60];
-    size_t count;
-} words_t;
-
-static void add(words_t *words, const char *word)
-{
-    words->words[words->count++] = word;
-}
-
-static void add_all(words_t *words, const char *const *list)
-{
-    for (; *list; list++) add(words, *list);
-}
-
 static void add_master(const ledger_t *ledger, words_t *words)
 {
-    add(words, "--master");
-    add(words, ledger->setup.master);
-    add(words, "--timeout");
-    add(words, TIMEOUT);
+    words_add(words, "--master");
+    words_add(words, ledger->setup.master);
+    words_add(words, "--timeout");
+    words_add(words, TIMEOUT);
+    words_add_all(words, ledger->setup.passes->client);
 }
 
 static char *file_of(const ledger_t *ledger, const char *name, const char *suffix)
@@ -167,21 +159,31 @@ static char *file_of(const ledger_t *ledger, const char *name, const char *suffi
 static void start_command(ledger_t *ledger, ledger_job_t *job, const words_t *words, const char *suffix)
 {
     char *output = file_of(ledger, job->name, suffix);
-    errand_start(&job->errand, output, words->words, false);
+    errand_start(&job->errand, output, words->list, false);
     free(output);
+}
+
+/* The samples a pixel of a kind of job, as text. */
+static const char *spp_of(const job_kind_t *kind, bool extended, char text[SPP_CHARS])
+{
+    unsigned spp = (extended ? kind->extended_spp : kind->spp) / SLOWNESS;
+    snprintf(text, SPP_CHARS, "%u", spp > 0 ? spp : 1);
+    return text;
 }
 
 static void submit(ledger_t *ledger, ledger_job_t *job)
 {
-    words_t words = {.words = {"submit"}, .count = 1};
-    char seed[20];
+    words_t words = {.list = {"submit"}, .count = 1};
+    char seed[20], spp[SPP_CHARS];
     snprintf(seed, sizeof seed, "%u", job->seed);
-    add_all(&words, job->kind->options);
-    add_all(&words, job->kind->terms);
-    add(&words, "--seed");
-    add(&words, seed);
-    add(&words, "--name");
-    add(&words, job->name);
+    words_add_all(&words, job->kind->options);
+    words_add(&words, "--spp");
+    words_add(&words, spp_of(job->kind, false, spp));
+    words_add_all(&words, job->kind->terms);
+    words_add(&words, "--seed");
+    words_add(&words, seed);
+    words_add(&words, "--name");
+    words_add(&words, job->name);
     add_master(ledger, &words);
     start_command(ledger, job, &words, ".submit.log");
 }
@@ -192,7 +194,7 @@ static void fetch(ledger_t *ledger, ledger_job_t *job)
     snprintf(number, sizeof number, "%llu", (unsigned long long)job->number);
     free(job->image);
     job->image = file_of(ledger, job->name, job->extended ? ".extended.exr" : ".exr");
-    words_t words = {.words = {"fetch", number, "-o", job->image}, .count = 4};
+    words_t words = {.list = {"fetch", number, "-o", job->image}, .count = 4};
     add_master(ledger, &words);
     start_command(ledger, job, &words, ".fetch.log");
 }
@@ -202,16 +204,17 @@ static void order(ledger_t *ledger, ledger_job_t *job, const char *command, cons
 {
     char number[24];
     snprintf(number, sizeof number, "%llu", (unsigned long long)job->number);
-    words_t words = {.words = {command, number}, .count = 2};
-    if (option) add(&words, option);
-    if (option) add(&words, value);
+    words_t words = {.list = {command, number}, .count = 2};
+    if (option) words_add(&words, option);
+    if (option) words_add(&words, value);
     add_master(ledger, &words);
     start_command(ledger, job, &words, ".order.log");
 }
 
 static void extend(ledger_t *ledger, ledger_job_t *job)
 {
-    order(ledger, job, "extend", "--spp", job->kind->extended_spp);
+    char spp[SPP_CHARS];
+    order(ledger, job, "extend", "--spp", spp_of(job->kind, true, spp));
 }
 
 static void pause_job(ledger_t *ledger, ledger_job_t *job)
@@ -228,21 +231,19 @@ static void resume_job(ledger_t *ledger, ledger_job_t *job)
 
 static void render_reference(reference_t *reference)
 {
-    words_t words = {.words = {"render"}, .count = 1};
-    char seed[20];
+    words_t words = {.list = {"render"}, .count = 1};
+    char seed[20], spp[SPP_CHARS];
     snprintf(seed, sizeof seed, "%u", reference->seed);
-    add_all(&words, reference->kind->options);
-    if (reference->extended) {
-        add(&words, "--spp");
-        add(&words, reference->kind->extended_spp);
-    }
-    add(&words, "--seed");
-    add(&words, seed);
-    add(&words, "--quiet");
-    add(&words, "-o");
-    add(&words, reference->image);
+    words_add_all(&words, reference->kind->options);
+    words_add(&words, "--spp");
+    words_add(&words, spp_of(reference->kind, reference->extended, spp));
+    words_add(&words, "--seed");
+    words_add(&words, seed);
+    words_add(&words, "--quiet");
+    words_add(&words, "-o");
+    words_add(&words, reference->image);
     char *output = mem_printf("%s.log", reference->image);
-    errand_start(&reference->render, output, words.words, true);
+    errand_start(&reference->render, output, words.list, true);
     free(output);
 }
 
@@ -419,12 +420,12 @@ static void tick_status(ledger_t *ledger, double now)
     case ERRAND_NONE:
         if (now < ledger->next_status) break;
         char *output = file_of(ledger, "status", ".json");
-        words_t words = {.words = {"status", "--json"}, .count = 2};
+        words_t words = {.list = {"status", "--json"}, .count = 2};
         add_master(ledger, &words);
         ledger->next_status = now + STATUS_INTERVAL;
 
         ledger->status_generation = ledger->generation;
-        errand_start(&ledger->status, output, words.words, false);
+        errand_start(&ledger->status, output, words.list, false);
         free(output);
         break;
     default:

@@ -14,6 +14,7 @@
 #define LIGHTMILL_CHAOS_LEDGER_H
 
 #include "tests/chaos/dice.h"
+#include "tests/chaos/passes.h"
 #include "tests/chaos/report.h"
 
 #include <stdbool.h>
@@ -25,6 +26,7 @@ typedef struct {
     report_t *report;
     const char *folder; /* for images, references and logs */
     const char *master; /* its address */
+    const passes_t *passes;
     uint64_t seed;
     size_t at_a_time; /* jobs that are open */
 } ledger_setup_t;

@@ -2,6 +2,7 @@
 #include "tests/chaos/troupe.h"
 
 #include "tests/chaos/process.h"
+#include "tests/chaos/words.h"
 
 #include <math.h>
 #include <signal.h>
@@ -47,22 +48,24 @@ static void launch(troupe_t *troupe, member_t *member, const char *program, int 
 
 static void start_master(troupe_t *troupe)
 {
-    char *listen = mem_printf("%s:%d", troupe->listen, troupe->port),
-         *lease = mem_printf("%g", troupe->lease);
-    bool open = strncmp(troupe->listen, "127.", 4) != 0;
-    launch(troupe, &troupe->master, troupe->master_program, -1,
-           (const char *[]){"--listen", listen, "--data", troupe->data, "--heartbeat", HEARTBEAT, "--lease",
-                            lease, "--batch-interval", BATCH_INTERVAL, "--checkpoint", CHECKPOINT,
-                            "--verbose", open ? "--insecure" : NULL, NULL});
+    char *listen = mem_printf("%s:%d", troupe->listen, troupe->port);
+    char *lease = mem_printf("%g", troupe->lease);
+    words_t words = {0};
+    WORDS_ADD(&words, "--listen", listen, "--data", troupe->data, "--heartbeat", HEARTBEAT, "--lease", lease,
+              "--batch-interval", BATCH_INTERVAL, "--checkpoint", CHECKPOINT, "--verbose");
+    words_add_all(&words, troupe->passes->master);
+    launch(troupe, &troupe->master, troupe->master_program, -1, words.list);
     free(listen);
     free(lease);
 }
 
 void troupe_start_worker(troupe_t *troupe, troupe_worker_t *worker)
 {
-    launch(troupe, &worker->member, troupe->worker_program, worker->network,
-           (const char *[]){worker->address, "--threads", "1", "--cache", worker->cache, "--name",
-                            worker->member.name, "--verbose", NULL});
+    words_t words = {0};
+    WORDS_ADD(&words, worker->address, "--threads", "1", "--cache", worker->cache, "--name",
+              worker->member.name, "--verbose");
+    words_add_all(&words, troupe->passes->worker);
+    launch(troupe, &worker->member, troupe->worker_program, worker->network, words.list);
 }
 
 void troupe_init(troupe_t *troupe)

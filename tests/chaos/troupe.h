@@ -4,6 +4,7 @@
 #define LIGHTMILL_CHAOS_TROUPE_H
 
 #include "tests/chaos/dice.h"
+#include "tests/chaos/passes.h"
 #include "tests/chaos/report.h"
 #include "tests/chaos/world.h"
 
@@ -40,7 +41,8 @@ typedef struct {
     const char *folder; /* logs, caches */
     const char *data;   /* the master's */
     const char *listen; /* the master's address, without port */
-    bool worlds;        /* clocks can jump, and disks be slow */
+    const passes_t *passes;
+    bool worlds; /* clocks can jump, and disks be slow */
     int port;
     double lease;
     /* Made by troupe_new. */
