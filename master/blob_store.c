@@ -43,6 +43,8 @@ struct blob_store {
     char *directory;
     uint64_t limit;
     bool fleeting;
+    bool (*make_room)(void *context, uint64_t bytes); /* NULL: there is nobody to ask */
+    void *room_context;
     pthread_mutex_t lock; /* guards what follows */
     item_t *items;
     size_t item_count;
@@ -249,6 +251,12 @@ size_t blob_store_count(blob_store_t *store, uint64_t *bytes)
     return count;
 }
 
+void blob_store_on_full(blob_store_t *store, bool (*make_room)(void *context, uint64_t bytes), void *context)
+{
+    store->make_room = make_room;
+    store->room_context = context;
+}
+
 /* ---- uploads ------------------------------------------------------------------------------------------- */
 
 /* Under the lock: room for one more upload among those that lie about unfinished. */
@@ -311,20 +319,30 @@ static result_t disk_failure(const char *path, int error, uint64_t have, uint64_
     return result_fail(RESULT_IO, "the master cannot write %s: %s", path, strerror(error));
 }
 
-/* Writes at the end of the file; blobs that no job needs make room when the disk is full. *offset is where it
+/* The disk is full: true when something was done about it. *asked is set when that was the last means. */
+static bool find_room(blob_store_t *store, size_t length, bool *asked)
+{
+    pthread_mutex_lock(&store->lock);
+    bool room = drop_oldest(store);
+    pthread_mutex_unlock(&store->lock);
+    if (room || *asked || store->make_room == NULL) return room;
+    *asked = true;
+    return store->make_room(store->room_context, length);
+}
+
+/* Writes at the end of the file; what nobody needs makes room when the disk is full. *offset is where it
  * ends afterwards. Returns 0 or an errno. */
 static int write_all(blob_store_t *store, int descriptor, uint64_t *offset, const uint8_t *bytes,
                      size_t length)
 {
+    bool asked = false;
     while (length > 0) {
         ssize_t written = pwrite(descriptor, bytes, length, (off_t)*offset);
         if (written < 0 && errno == EINTR) continue;
         if (written <= 0) {
             int error = written < 0 ? errno : ENOSPC;
-            pthread_mutex_lock(&store->lock);
-            bool room = (error == ENOSPC || error == EDQUOT) && drop_oldest(store);
-            pthread_mutex_unlock(&store->lock);
-            if (room) continue;
+            bool full = error == ENOSPC || error == EDQUOT;
+            if (full && find_room(store, length, &asked)) continue;
             return error;
         }
         bytes += written;

@@ -32,6 +32,9 @@ void blob_store_need(blob_store_t *store, const hash_t *hash, uint64_t job, bool
 /* How many blobs there are, and what they take. */
 size_t blob_store_count(blob_store_t *store, uint64_t *bytes);
 
+/* Who is asked to make room when the disk is full and no blob can go; true when there are so many bytes. */
+void blob_store_on_full(blob_store_t *store, bool (*make_room)(void *context, uint64_t bytes), void *context);
+
 /* Takes `length` bytes of a blob of `size` bytes at `offset`. *next is the offset from which to go on: size
  * when the blob is complete and right. Bytes that do not begin where the file ends are not taken.
  * RESULT_INPUT when the blob is complete but wrong; it is deleted then. RESULT_LIMIT when there is no room

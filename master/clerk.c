@@ -27,6 +27,7 @@ enum {
     RETRY = 5,       /* seconds between attempts when the journal cannot be written */
     WARN_EVERY = 60, /* seconds between warnings that it cannot */
     RECORDS_A_TURN = 64,
+    JOURNAL_ROOM = 4 << 20, /* bytes that are to be free for the journal */
     POLL_MS = 1000
 };
 
@@ -93,6 +94,9 @@ static result_t save(clerk_t *clerk, const job_record_t *records, size_t count)
     for (size_t i = 0; i < count; i++)
         if (records[i].removed) delete_files(clerk, records[i].job);
     result_t result = journal_save(clerk->options.journal, records, count);
+    if (result.code != RESULT_OK && clerk->options.keeper != NULL &&
+        keeper_make_room(clerk->options.keeper, JOURNAL_ROOM))
+        result = journal_save(clerk->options.journal, records, count);
     if (result.code != RESULT_OK) {
         complain(clerk, result.message);
         clerk->retry_at = clock_now() + RETRY;

@@ -267,8 +267,7 @@ static void enforce_limit(keeper_t *keeper)
     free(spares);
 }
 
-/* Films of jobs that are over make room on a disk that is full; false when there is not enough. */
-static bool make_room(keeper_t *keeper, uint64_t needed)
+bool keeper_make_room(keeper_t *keeper, uint64_t needed)
 {
     size_t count;
     uint64_t bytes;
@@ -342,8 +341,8 @@ static result_t write_snapshot(keeper_t *keeper, checkpoint_info_t *info, const 
     return result;
 }
 
-/* Writes a checkpoint of a pinned job and tells the farm. */
-static result_t save_film(keeper_t *keeper, job_t *job)
+/* Writes a checkpoint of a pinned job and tells the farm; `last`: it is waited for. */
+static result_t save_film(keeper_t *keeper, job_t *job, bool last)
 {
     farm_t *farm = keeper->options.farm;
     schedule_state_t state;
@@ -351,7 +350,7 @@ static result_t save_film(keeper_t *keeper, job_t *job)
     checkpoint_info_t info = {.record = farm_record(farm, clock_now(), job)};
     uint64_t needed = expected_bytes(keeper, info.record.job);
     result_t result = result_ok();
-    if (!make_room(keeper, needed)) {
+    if (!keeper_make_room(keeper, needed)) {
         result = result_fail(RESULT_IO,
                              "the disk is full: a checkpoint of job %llu takes %.1f MB, %.1f MB are free",
                              (unsigned long long)info.record.job, 1e-6 * (double)needed,
@@ -368,10 +367,17 @@ static result_t save_film(keeper_t *keeper, job_t *job)
     if (result.code != RESULT_OK) {
         warn_failure(keeper, &info.record, result);
         keeper->retry_at = clock_now() + RETRY;
-    } else if (keeper->warned_at > 0) {
-        keeper->warned_at = 0;
+        return result;
+    }
+    if (keeper->warned_at > 0) {
         log_info("checkpoints go on");
         note(keeper, info.record.job, "checkpoints go on", "");
+    }
+    keeper->warned_at = 0;
+    if (last && info.record.state != JOB_FINISHING) { /* the process ends */
+        char text[80];
+        describe_samples(&info.record, info.samples, text);
+        log_info("job %llu is saved: %s", (unsigned long long)info.record.job, text);
     }
     return result;
 }
@@ -387,7 +393,7 @@ static void save_films(keeper_t *keeper)
         job_t *job = farm_next_checkpoint(farm, now, &age, &last);
         if (job == NULL) return;
         bool due = last || (age >= keeper->options.interval && now >= keeper->not_before);
-        if (due) save_film(keeper, job);
+        if (due) save_film(keeper, job, last);
         farm_unpin(farm, job);
         if (!due) return;
         if (last) enforce_limit(keeper);
@@ -399,20 +405,14 @@ static void save_all(keeper_t *keeper)
 {
     farm_t *farm = keeper->options.farm;
     double age;
-    bool last;
+    bool last, good = true;
     keeper->warned_at = 0;
-    for (job_t *job; (job = farm_next_checkpoint(farm, clock_now(), &age, &last)) != NULL;) {
-        result_t result = save_film(keeper, job);
-        job_record_t record = farm_record(farm, clock_now(), job);
-        char text[80];
-        describe_samples(&record, record.samples_done, text);
-        if (result.code == RESULT_OK)
-            log_info("job %llu is saved: %s", (unsigned long long)record.job, text);
-        else
+    for (job_t *job; good && (job = farm_next_checkpoint(farm, clock_now(), &age, &last)) != NULL;) {
+        good = save_film(keeper, job, true).code == RESULT_OK;
+        if (!good)
             log_error("JOB %llu IS NOT SAVED: the last %.0f s of work on it are lost",
-                      (unsigned long long)record.job, age);
+                      (unsigned long long)farm_job_id(job), age);
         farm_unpin(farm, job);
-        if (result.code != RESULT_OK) break; /* it would be given out again */
     }
 }
 

@@ -32,5 +32,8 @@ void keeper_stop(keeper_t **keeper);
 result_t keeper_order(keeper_t *keeper, double now, const job_order_t *order);
 /* Deletes the films of a job that is no longer known; from any thread. */
 void keeper_delete(keeper_t *keeper, uint64_t job);
+/* Deletes films of jobs that are over and not retained, the first to end first, until so many bytes are free
+ * on the disk. False when they are not; from any thread. */
+bool keeper_make_room(keeper_t *keeper, uint64_t bytes);
 
 #endif

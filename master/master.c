@@ -293,6 +293,11 @@ static result_t make_farm(master_t *master, const master_options_t *options, uin
     return restart_farm(master->farm, master->journal, master->films, master->store);
 }
 
+static bool make_room(void *master, uint64_t bytes)
+{
+    return keeper_make_room(((master_t *)master)->keeper, bytes);
+}
+
 static result_t start_keeping(master_t *master, const master_options_t *options, uint64_t first_job)
 {
     keeper_options_t keeper = {.farm = master->farm,
@@ -301,7 +306,10 @@ static result_t start_keeping(master_t *master, const master_options_t *options,
                                .interval = options->checkpoint,
                                .keep_bytes = options->keep_bytes,
                                .checkpoint_wake = master->checkpoint_wake};
-    if (!options->fleeting) TRY(keeper_start(&keeper, &master->keeper));
+    if (!options->fleeting) {
+        TRY(keeper_start(&keeper, &master->keeper));
+        blob_store_on_full(master->store, make_room, master);
+    }
     clerk_options_t clerk = {.farm = master->farm,
                              .store = master->store,
                              .journal = master->journal,
@@ -316,6 +324,7 @@ static result_t start_keeping(master_t *master, const master_options_t *options,
 static result_t start_serving(master_t *master, const master_options_t *options)
 {
     gallery_options_t gallery = {.farm = master->farm,
+                                 .keeper = master->keeper,
                                  .data_dir = options->data_dir,
                                  .image_wake = master->image_wake,
                                  .answer_wake = master->bulk_wake};

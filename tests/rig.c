@@ -242,6 +242,27 @@ static void connect_remote(rig_t *rig)
     wire_free(&message);
 }
 
+void rig_start_master_on(rig_t *rig, const char *data, double batch_interval, const char *const *more)
+{
+    char *listen = mem_printf("127.0.0.1:%d", rig->port), *interval = mem_printf("%g", batch_interval);
+    char *key = key_path(rig, "master.secret"), *allow = key_path(rig, "allow");
+    const char *arguments[40] = {"--listen", listen, "--data",           data,     "--heartbeat", "0.2",
+                                 "--lease",  "1",    "--batch-interval", interval, "--verbose"};
+    const char *const keys[] = {"--key", key, "--allow", allow};
+    size_t count = 11;
+    for (size_t i = 0; i < ARRAY_LENGTH(keys) && key != NULL; i++) arguments[count++] = keys[i];
+    for (; more != NULL && *more != NULL; more++) {
+        assert_true(count + 1 < ARRAY_LENGTH(arguments));
+        arguments[count++] = *more;
+    }
+    rig->master = start(rig, "lightmill-master", arguments);
+    free(listen);
+    free(interval);
+    free(key);
+    free(allow);
+    connect_remote(rig);
+}
+
 void rig_start_master(rig_t *rig, double batch_interval)
 {
     free(rig->data);
@@ -251,17 +272,7 @@ void rig_start_master(rig_t *rig, double batch_interval)
 
 void rig_restart_master(rig_t *rig, double batch_interval)
 {
-    char *listen = mem_printf("127.0.0.1:%d", rig->port), *interval = mem_printf("%g", batch_interval);
-    char *key = key_path(rig, "master.secret"), *allow = key_path(rig, "allow");
-    rig->master = start(rig, "lightmill-master",
-                        (const char *[]){"--listen", listen, "--data", rig->data, "--heartbeat", "0.2",
-                                         "--lease", "1", "--batch-interval", interval, "--verbose",
-                                         key ? "--key" : NULL, key, "--allow", allow, NULL});
-    free(listen);
-    free(interval);
-    free(key);
-    free(allow);
-    connect_remote(rig);
+    rig_start_master_on(rig, rig->data, batch_interval, NULL);
 }
 
 void rig_kill_master(rig_t *rig)
@@ -326,7 +337,12 @@ rig_status_t rig_status(rig_t *rig, uint64_t job)
                          .samples_done = status->samples_done,
                          .samples_total = status->samples_total,
                          .batches_refused = status->batches_refused,
-                         .units_reissued = status->units_reissued};
+                         .units_reissued = status->units_reissued,
+                         .issued = status->samples_issued,
+                         .counted = status->samples_counted,
+                         .returned = status->samples_returned,
+                         .out = status->samples_out};
+    snprintf(copy.message, sizeof copy.message, "%s", status->message);
     wire_free(&message);
     return copy;
 }
@@ -347,6 +363,17 @@ static void check_patience(rig_t *rig, double start_time, const char *what)
     if (clock_now() - start_time < PATIENCE) return;
     dump_logs(rig);
     fail_msg("waited %g s for %s", PATIENCE, what);
+}
+
+void rig_wait_output(rig_t *rig, pid_t process, const char *text)
+{
+    for (double start_time = clock_now();; rig_sleep(0.02)) {
+        char *output = rig_output(rig, process);
+        bool found = strstr(output, text) != NULL;
+        free(output);
+        if (found) return;
+        check_patience(rig, start_time, text);
+    }
 }
 
 void rig_wait_samples(rig_t *rig, uint64_t job, uint64_t samples)

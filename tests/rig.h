@@ -38,6 +38,8 @@ void rig_use_keys(rig_t *rig);
 void rig_start_master(rig_t *rig, double batch_interval);
 /* Starts a master on the data of the last, which has ended, and waits until it answers. */
 void rig_restart_master(rig_t *rig, double batch_interval);
+/* The same on a data directory that the caller names, with further options (NULL-terminated; NULL: none). */
+void rig_start_master_on(rig_t *rig, const char *data, double batch_interval, const char *const *more);
 /* Kills the master with -9. */
 void rig_kill_master(rig_t *rig);
 /* Starts a worker with one thread and its own cache. */
@@ -60,8 +62,12 @@ uint64_t rig_submit(rig_t *rig, const job_settings_t *settings);
 typedef struct {
     uint32_t state, workers, workers_seen;
     uint64_t samples_done, samples_total, batches_refused, units_reissued;
+    uint64_t issued, counted, returned, out; /* pixel samples */
+    char message[200];
 } rig_status_t;
 rig_status_t rig_status(rig_t *rig, uint64_t job);
+/* Waits until a process of the rig has written this. */
+void rig_wait_output(rig_t *rig, pid_t process, const char *text);
 /* Waits until so many of the job's samples are counted, or it has ended. */
 void rig_wait_samples(rig_t *rig, uint64_t job, uint64_t samples);
 /* Waits for the end of the job and returns its last status. */

@@ -11,6 +11,7 @@
 
 /* The targets. They return 0, as libFuzzer wants it. */
 int fuzz_blob(const uint8_t *data, size_t size);
+int fuzz_checkpoint(const uint8_t *data, size_t size);
 int fuzz_gltf(const uint8_t *data, size_t size);
 int fuzz_pbrt(const uint8_t *data, size_t size);
 int fuzz_ply(const uint8_t *data, size_t size);
