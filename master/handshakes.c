@@ -86,7 +86,7 @@ static void on_accepted(handshakes_t *handshakes, int descriptor)
 
 static const char *reason(uint16_t event, uint32_t detail)
 {
-    if (event == ZMQ_EVENT_HANDSHAKE_FAILED_NO_DETAIL) return "it broke off before any key was shown";
+    if (event == ZMQ_EVENT_HANDSHAKE_FAILED_NO_DETAIL) return "it broke off without showing a key";
     switch (detail) {
     case ZMQ_PROTOCOL_ERROR_ZMTP_MECHANISM_MISMATCH:
         return "it uses no keys";

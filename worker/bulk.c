@@ -109,6 +109,22 @@ static bool unwanted(const bulk_t *bulk, uint64_t job)
     return bulk->options.crew.calls->unwanted(bulk->options.crew.self, job);
 }
 
+static bool is_denial(const Lm__Envelope *envelope)
+{
+    return envelope->body_case == LM__ENVELOPE__BODY_REFUSAL && envelope->refusal->code == RESULT_DENIED;
+}
+
+/* The key of this connection is not on the master's list any more. The next one is made with the key that
+ * there is by then, and what was asked is asked again. */
+static result_t on_denial(bulk_t *bulk, wire_message_t *message, bool *received)
+{
+    result_t result = result_fail(RESULT_UNREACHABLE, "%.300s", message->envelope->refusal->reason);
+    wire_free(message);
+    *received = false;
+    bulk->link.broken = true;
+    return result;
+}
+
 /* Waits for the next well-formed message; *received is false when it is worth looking around meanwhile.
  * RESULT_UNREACHABLE at the deadline or when the link was renewed, RESULT_CANCELLED when the thread is to
  * stop. */
@@ -119,6 +135,7 @@ static result_t receive(bulk_t *bulk, double deadline, wire_message_t *message, 
     if (bulk->link.socket) {
         result_t result = wire_receive(bulk->link.socket, false, message, received);
         if (result.code != RESULT_OK) log_warning("dropped a message of the master: %s", result.message);
+        if (*received && is_denial(message->envelope)) return on_denial(bulk, message, received);
         if (result.code != RESULT_OK || *received) return result_ok();
     }
     if (refresh_link(bulk)) return result_fail(RESULT_UNREACHABLE, "the link to the master was renewed");
@@ -148,10 +165,6 @@ static result_t request_chunk(bulk_t *bulk, const blob_download_t *download, uin
 static result_t take_chunk(blob_download_t *download, wire_message_t *message)
 {
     const Lm__Envelope *envelope = message->envelope;
-    if (envelope->body_case == LM__ENVELOPE__BODY_REFUSAL && envelope->refusal->code == RESULT_DENIED)
-        return result_fail(RESULT_UNREACHABLE, "%.300s", envelope->refusal->reason);
-    if (envelope->body_case == LM__ENVELOPE__BODY_REFUSAL && envelope->refusal->code == RESULT_DENIED)
-        return result_fail(RESULT_UNREACHABLE, "%.300s", envelope->refusal->reason);
     if (envelope->body_case == LM__ENVELOPE__BODY_REFUSAL)
         return result_fail(RESULT_INPUT, "the master refuses the scene: %.300s", envelope->refusal->reason);
     if (envelope->body_case != LM__ENVELOPE__BODY_BLOB_CHUNK || message->payload_count != 1)
@@ -332,10 +345,8 @@ static void refused(const bulk_t *bulk, delivery_t *delivery, uint32_t code, con
 
 static result_t on_refusal(const bulk_t *bulk, delivery_t *delivery, const Lm__Refusal *refusal)
 {
-    /* It does not know this worker (the control thread is about to say hello again), or does not accept its
-     * key (another may come), or has no room. */
-    if (refusal->code == RESULT_UNREACHABLE || refusal->code == RESULT_DENIED ||
-        refusal->code == RESULT_LIMIT)
+    /* It does not know this worker (the control thread is about to say hello again), or has no room. */
+    if (refusal->code == RESULT_UNREACHABLE || refusal->code == RESULT_LIMIT)
         return result_fail(RESULT_UNREACHABLE, "%.300s", refusal->reason);
     refused(bulk, delivery, refusal->code, refusal->reason);
     return result_ok();
