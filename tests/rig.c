@@ -308,7 +308,7 @@ job_settings_t rig_settings(void)
     must(scene_load(SCENE, false, &scene));
     job_settings_t settings = blob_default_settings(&scene.blob);
     settings.width = settings.height = 64;
-    settings.spp = 384;
+    settings.spp = (uint32_t)strtoul(RIG_SPP, NULL, 10);
     settings.seed = 7;
     settings.film_scale = blob_film_scale(&scene.blob);
     scene_free(&scene);
@@ -436,7 +436,7 @@ hash_t rig_reference(void)
     if (made) return reference;
     rig_t *rig = rig_new();
     char *path = scratch_path(rig->folder, "reference.exr");
-    assert_int_equal(rig_run(rig, (const char *[]){"render", SCENE, "--resolution", "64x64", "--spp", "384",
+    assert_int_equal(rig_run(rig, (const char *[]){"render", SCENE, "--resolution", "64x64", "--spp", RIG_SPP,
                                                    "--seed", "7", "--quiet", "-o", path, NULL}),
                      0);
     reference = rig_file_hash(path);
