@@ -20,6 +20,7 @@ typedef struct {
     bool relay;                   /* the crew are workers that came over the network */
     bool local;                   /* the master is in this process: nobody else can render its job */
     double grace;                 /* seconds for leaving */
+    pulse_t *pulse;               /* kept by the caller; NULL: none */
     dial_keys_t keys;             /* what they point to is kept by the caller */
 } control_setup_t;
 
