@@ -3,6 +3,7 @@
 #ifndef LIGHTMILL_CONTROL_H
 #define LIGHTMILL_CONTROL_H
 
+#include "common/health.h"
 #include "worker/bulk.h"
 
 #include <stdatomic.h>
