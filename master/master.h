@@ -4,6 +4,7 @@
 #ifndef LIGHTMILL_MASTER_H
 #define LIGHTMILL_MASTER_H
 
+#include "common/health.h"
 #include "master/gate.h"
 
 typedef struct {
