@@ -18,7 +18,9 @@
 #include "master/keeper.h"
 
 #include "master/checkpoint.h"
+#include "master/film_load.h"
 
+#include <math.h>
 #include <poll.h>
 #include <pthread.h>
 #include <stdatomic.h>
@@ -68,7 +70,7 @@ static uint64_t samples_wanted(const job_settings_t *settings)
     return (uint64_t)settings->width * (uint64_t)settings->height * settings->spp;
 }
 
-/* "4711 samples a pixel of it", as far as it is known: "123 pixel samples (45.6%)". */
+/* "123 pixel samples (45.6%)", the share as far as it is known. */
 static void describe_samples(const job_record_t *record, uint64_t samples, char text[80])
 {
     uint64_t wanted = samples_wanted(&record->settings);
@@ -87,81 +89,33 @@ static void note(keeper_t *keeper, uint64_t job, const char *event, const char *
 
 /* ---- loading ------------------------------------------------------------------------------------------- */
 
-/* What has been found of a job's film. */
-typedef struct {
-    film_t *film; /* NULL: nothing yet */
-    schedule_state_t state;
-    checkpoint_info_t info; /* of the film */
-    uint64_t most;          /* pixel samples that the best checkpoint held or seems to have held */
-    bool unreadable;        /* one may be good, but could not be read */
-    result_t failure;       /* the first */
-} search_t;
-
-/* Is this the film of this job, and does the schedule take it? */
-static result_t check_fit(const job_record_t *record, const search_t *search, const char *path)
-{
-    schedule_t *schedule = NULL;
-    job_settings_t settings = record->settings;
-    if (search->info.record.job != record->job || !hash_equal(&search->info.record.blob, &record->blob))
-        return result_fail(RESULT_INPUT, "%.300s is of another job", path);
-    result_t result = schedule_restore(&settings, &search->state, &schedule);
-    schedule_destroy(&schedule);
-    return result;
-}
-
-static result_t load_file(const keeper_t *keeper, const job_record_t *record, const char *path,
-                          search_t *search)
-{
-    checkpoint_t *checkpoint;
-    TRY(checkpoint_open(path, &checkpoint));
-    search->info = *checkpoint_info(checkpoint);
-    if (search->info.samples > search->most) search->most = search->info.samples;
-    result_t result =
-        checkpoint_load(checkpoint, &record->settings, keeper->cores, &search->film, &search->state);
-    checkpoint_close(&checkpoint);
-    TRY(result);
-    result = check_fit(record, search, path);
-    if (result.code == RESULT_OK) return result;
-    film_destroy(&search->film);
-    schedule_state_free(&search->state);
-    return result;
-}
-
-/* Tries one checkpoint after the other, the latest first. */
-static void find_film(keeper_t *keeper, const job_record_t *record, search_t *search)
-{
-    size_t count;
-    film_file_t *files = film_store_list(keeper->options.films, record->job, &count);
-    for (size_t i = 0; i < count && search->film == NULL && search->failure.code != RESULT_LIMIT; i++) {
-        char *path = film_store_path(keeper->options.films, record->job, files[i].generation);
-        result_t result = load_file(keeper, record, path, search);
-        if (result.code == RESULT_INPUT) {
-            log_error("A CHECKPOINT IS DAMAGED: %s", result.message);
-            film_store_set_aside(keeper->options.films, record->job, files[i].generation);
-        } else if (result.code != RESULT_OK) {
-            log_error("a checkpoint cannot be used: %s", result.message);
-            search->unreadable = true;
-        }
-        if (search->failure.code == RESULT_OK || result.code == RESULT_LIMIT) search->failure = result;
-        free(path);
-    }
-    free(files);
-}
-
 /* Tells what a checkpoint that could not be used has cost. */
-static void tell_loss(keeper_t *keeper, job_t *job, const job_record_t *record, const search_t *search)
+static void tell_loss(keeper_t *keeper, job_t *job, const job_record_t *record, const film_load_t *load)
 {
     char text[500];
-    uint64_t most = search->most > 0 ? search->most : record->samples_done;
-    uint64_t have = search->film != NULL ? search->info.samples : 0, lost = most > have ? most - have : 0;
+    uint64_t most = load->most > 0 ? load->most : record->samples_done;
+    uint64_t have = load->film != NULL ? load->info.samples : 0, lost = most > have ? most - have : 0;
     snprintf(text, sizeof text,
              "a checkpoint could not be used (%.250s): %s; %s%llu pixel samples are rendered again",
-             search->failure.message,
-             search->film != NULL ? "the one before is" : "there is no other, the job begins anew",
-             search->most > 0 ? "" : "about ", (unsigned long long)lost);
+             load->failure.message,
+             load->film != NULL ? "the one before is" : "there is no other, the job begins anew",
+             load->most > 0 ? "" : "about ", (unsigned long long)lost);
     log_error("job %llu: %s", (unsigned long long)record->job, text);
     note(keeper, record->job, "checkpoint damaged", text);
     farm_note(keeper->options.farm, job, text);
+}
+
+static void tell_loaded(const job_record_t *record, const film_load_t *load, double seconds)
+{
+    char text[80];
+    if (load->film == NULL) {
+        log_info("job %llu has no checkpoint: it begins anew", (unsigned long long)record->job);
+        return;
+    }
+    describe_samples(record, load->info.samples, text);
+    log_info("job %llu: checkpoint %llu, %.0f s old, holds %s; it was read in %.2f s",
+             (unsigned long long)record->job, (unsigned long long)load->info.generation,
+             fmax(0, wall_time() - load->info.written), text, seconds);
 }
 
 static void load_film(keeper_t *keeper, job_t *job)
@@ -169,32 +123,24 @@ static void load_film(keeper_t *keeper, job_t *job)
     farm_t *farm = keeper->options.farm;
     double start = clock_now();
     job_record_t record = farm_record(farm, start, job);
-    search_t search = {.failure = result_ok()};
-    find_film(keeper, &record, &search);
-    bool hopeless = search.film == NULL && search.unreadable;
-    if (hopeless) {
-        farm_load_failed(farm, clock_now(), job, search.failure.message);
-    } else {
-        if (search.failure.code != RESULT_OK) tell_loss(keeper, job, &record, &search);
-        char text[80];
-        describe_samples(&record, search.film != NULL ? search.info.samples : 0, text);
-        if (search.film != NULL)
-            log_info("job %llu: checkpoint %llu, %.0f s old, holds %s; it was read in %.2f s",
-                     (unsigned long long)record.job, (unsigned long long)search.info.generation,
-                     wall_time() - search.info.written, text, clock_now() - start);
-        else if (search.failure.code == RESULT_OK)
-            log_info("job %llu has no checkpoint: it begins anew", (unsigned long long)record.job);
-        result_t result = farm_loaded(farm, clock_now(), job, search.film, &search.state);
-        if (result.code != RESULT_OK)
-            log_error("job %llu: %s", (unsigned long long)record.job, result.message);
+    film_load_t load = film_load(keeper->options.films, &record, keeper->cores);
+    if (load.film == NULL && load.unreadable) {
+        farm_load_failed(farm, clock_now(), job, load.failure.message);
+        return;
     }
-    farm_unpin(farm, job);
+    if (load.failure.code != RESULT_OK) tell_loss(keeper, job, &record, &load);
+    tell_loaded(&record, &load, clock_now() - start);
+    result_t result = farm_loaded(farm, clock_now(), job, load.film, &load.state);
+    if (result.code != RESULT_OK) log_error("job %llu: %s", (unsigned long long)record.job, result.message);
 }
 
 static void load_films(keeper_t *keeper)
 {
-    for (job_t *job; !atomic_load(&keeper->stop) && (job = farm_next_load(keeper->options.farm)) != NULL;)
+    farm_t *farm = keeper->options.farm;
+    for (job_t *job; !atomic_load(&keeper->stop) && (job = farm_next_load(farm)) != NULL;) {
         load_film(keeper, job);
+        farm_unpin(farm, job);
+    }
 }
 
 /* ---- room ---------------------------------------------------------------------------------------------- */
@@ -330,8 +276,7 @@ static result_t write_snapshot(keeper_t *keeper, checkpoint_info_t *info, const 
     if (result.code == RESULT_OK)
         result = checkpoint_write(path, info, state, snapshot, int_max(1, keeper->cores / 2), &cost);
     free(path);
-    double share = cost.cpu / keeper->cores;
-    keeper->not_before = clock_now() + REST * (share > cost.wall ? share : cost.wall);
+    keeper->not_before = clock_now() + REST * fmax(cost.wall, cost.cpu / keeper->cores);
     if (result.code != RESULT_OK) return result;
     log_debug("job %llu: checkpoint %llu of %llu pixel samples, %.1f MB in %.2f s, %.2f CPU s",
               (unsigned long long)info->record.job, (unsigned long long)info->generation,

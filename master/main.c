@@ -5,7 +5,6 @@
 #include "proto/wire.h"
 
 #include <getopt.h>
-#include <malloc.h>
 #include <pthread.h>
 #include <signal.h>
 #include <stdio.h>
@@ -183,18 +182,13 @@ static result_t parse_command(int argc, char **argv, command_t *command, bool *d
     return result_ok();
 }
 
-/* Room for thousands of connections; and the memory of a batch goes back to the system when it is merged,
- * instead of staying with the process in pieces: the bound on batches (docs/scale.md) is one on the process.
- */
-static void prepare_process(void)
+/* Every worker has two connections. */
+static void raise_file_limit(void)
 {
-    enum { OWN_MAPPING = 1 << 20 }; /* bytes from which on an allocation is one */
     struct rlimit limit;
-    if (getrlimit(RLIMIT_NOFILE, &limit) == 0) {
-        limit.rlim_cur = limit.rlim_max;
-        setrlimit(RLIMIT_NOFILE, &limit);
-    }
-    mallopt(M_MMAP_THRESHOLD, OWN_MAPPING);
+    if (getrlimit(RLIMIT_NOFILE, &limit) != 0) return;
+    limit.rlim_cur = limit.rlim_max;
+    if (setrlimit(RLIMIT_NOFILE, &limit) != 0) log_warning("cannot raise the limit of open files");
 }
 
 /* Starts the master with the signals blocked, so that its threads never get them, and waits for one. */
@@ -244,7 +238,7 @@ static result_t run(int argc, char **argv)
     }
     command.master.control_endpoint = control;
     command.master.bulk_endpoint = bulk;
-    prepare_process();
+    raise_file_limit();
     result_t result = serve(&command.master);
     free(control);
     free(bulk);
