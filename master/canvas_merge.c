@@ -35,14 +35,12 @@ static bool add_eye_row(adder_t *adder, size_t pixel, size_t pixels, const int64
 
 static void add_counts(canvas_t *canvas, const film_counts_t *counts, uint64_t overflows, int sign)
 {
-    film_counts_t *sum = &canvas->film->counts;
-    uint64_t one = sign < 0 ? UINT64_MAX : 1;
     pthread_mutex_lock(&canvas->counting);
-    for (int half = 0; half < 2; half++) sum->light_paths[half] += one * counts->light_paths[half];
-    sum->dropped += one * counts->dropped;
-    sum->overflows += one * counts->overflows + overflows;
-    sum->rays += one * counts->rays;
-    sum->cpu_us += one * counts->cpu_us;
+    if (sign < 0)
+        film_counts_take_out(&canvas->film->counts, counts);
+    else
+        film_counts_add(&canvas->film->counts, counts);
+    canvas->film->counts.overflows += overflows;
     pthread_mutex_unlock(&canvas->counting);
 }
 
