@@ -81,7 +81,7 @@ result_t farm_batch_wanted(farm_t *farm, double now, uint64_t worker, uint64_t i
     farm_lock(farm);
     job_t *job = farm_find_job(farm, id);
     result_t result = result_ok();
-    const worker_t *sender = farm_find_worker(farm, worker);
+    worker_t *sender = farm_find_worker(farm, worker);
     if (sender == NULL || sender->outcast) {
         result = unknown_worker();
     } else if (job == NULL) {
@@ -93,6 +93,7 @@ result_t farm_batch_wanted(farm_t *farm, double now, uint64_t worker, uint64_t i
                 result_fail(RESULT_LIMIT, "the film of job %llu is being loaded", (unsigned long long)id);
         else if (!job->taking)
             result = job_over(job);
+        sender->offered = now;
     }
     farm_unlock(farm);
     return result;

@@ -50,7 +50,7 @@ void farm_suspects_lives(farm_t *farm, uint64_t worker);
 /* What a worker held was released: what is suspect of it is kept from others, or left out. */
 void farm_suspects_returned(farm_t *farm, double now, job_t *job, uint64_t worker);
 /* Units were counted: they are above suspicion. */
-void farm_suspects_delivered(job_t *job, const unit_t *units, size_t count);
+void farm_suspects_delivered(farm_t *farm, job_t *job, const unit_t *units, size_t count);
 
 typedef enum {
     SUSPECTS_NONE, /* there are none for this worker */
@@ -88,7 +88,8 @@ typedef struct {
     uint64_t out_clock; /* when it was taken out */
     size_t source;      /* index */
     evidence_state_t state;
-    bool checked;   /* its units are being compared: its name on the disk says so */
+    bool checked;   /* its units are being compared: its name on the disk says so, */
+    bool branded;   /* and that it is wrong */
     uint64_t saved; /* checkpoints that were safe, or begun, when it was taken out */
 } evidence_t;
 

@@ -230,8 +230,9 @@ static void a_waiting_client_outlives_its_master(void **state)
     char *path = scratch_path(rig->folder, "patient.exr");
     rig_start_master(rig, INTERVAL);
     rig_start_worker(rig);
-    pid_t client = rig_start_command(rig, ARGUMENTS("submit", SCENE, "--resolution", "64x64", "--spp", "384",
-                                                    "--seed", "7", "--wait", "-o", path, "--timeout", "0.5"));
+    pid_t client =
+        rig_start_command(rig, ARGUMENTS("submit", SCENE, "--resolution", "64x64", "--spp", RIG_SPP, "--seed",
+                                         "7", "--wait", "-o", path, "--timeout", "0.5"));
     for (size_t jobs = 0; jobs == 0; rig_sleep(0.05)) {
         wire_message_t message;
         assert_int_equal(remote_status(rig->remote, 0, &message).code, RESULT_OK);
