@@ -401,6 +401,7 @@ static void *control_server_run(void *argument)
     bool more = false;
     prctl(PR_SET_NAME, "lm-control");
     while (!atomic_load(&server->stop)) {
+        pulse_beat(server->options.pulse, NULL);
         zmq_pollitem_t items[] = {{.socket = server->options.socket, .events = ZMQ_POLLIN},
                                   {.fd = server->options.wake, .events = ZMQ_POLLIN}};
         zmq_poll(items, ARRAY_LENGTH(items), more ? 0 : TICK_MS);

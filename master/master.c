@@ -11,8 +11,8 @@
  * the jobs. */
 #include "master/master.h"
 
-#include "common/memory_limit.h"
 #include "common/address.h"
+#include "common/memory_limit.h"
 #include "master/bulk_server.h"
 #include "master/control_server.h"
 #include "master/restart.h"
@@ -347,7 +347,8 @@ static result_t start_serving(master_t *master, const master_options_t *options)
                                         .bulk_port = (uint32_t)master->bulk_port,
                                         .heartbeat = options->heartbeat,
                                         .lease = options->lease,
-                                        .batch_interval = options->batch_interval};
+                                        .batch_interval = options->batch_interval,
+                                        .pulse = options->pulse};
     TRY(control_server_start(&control, &master->control));
     master->control_socket = NULL;
     return result_ok();

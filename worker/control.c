@@ -573,6 +573,7 @@ result_t control_run(const control_setup_t *setup, const atomic_int *stop)
             break;
         }
         drive(&control);
+        pulse_beat(setup->pulse, control.phase == PHASE_UP ? "has a master" : "looks for its master");
         wait_events(&control);
         receive_all(&control);
     }
