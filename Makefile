@@ -118,6 +118,11 @@ bench: deps
 	$(BUILD)/tests/bench/bench_mesh
 	$(BUILD)/tests/bench/bench_render
 
+# What docs/convergence.md says of --error: about ten minutes.
+bench-error: deps
+	$(SUBMAKE) $(JOBS) $(BUILD)/tests/bench/bench_error
+	$(BUILD)/tests/bench/bench_error
+
 # What docs/codec.md says of the alternatives to our payload coding; needs libblosc-dev (make deps-dev).
 bench-codec: EXTRA_LIBS = -lblosc
 bench-codec: $(BUILD)/tests/bench/bench_codec
@@ -154,11 +159,12 @@ help:
 	@echo "make asan       the tests under the address and undefined-behaviour sanitizers (tsan: threads)"
 	@echo "make fuzz       libFuzzer on all that reads files: FUZZ_SECONDS ($(FUZZ_SECONDS)) each; FUZZ_TARGETS=\"pbrt ply\""
 	@echo "make bench      error and speed of the renderer against the figures of pbrt-v3"
+	@echo "make bench-error  jobs that end by --error: is it the error?"
 	@echo "make bench-codec  the codings of payloads that were weighed against one another"
 	@echo "make install    into PREFIX ($(PREFIX)); DESTDIR is honoured; uninstall takes it back"
 	@echo "make deps       the Debian packages of docker/packages.txt; deps-dev: also those for format and lint"
 	@echo "make format     clang-format; make lint: clang-tidy and cppcheck"
 	@echo "make clean      remove $(BUILD)/"
 
-.PHONY: all check bench bench-codec tests run-tests asan tsan fuzz demo deps deps-dev install uninstall format lint clean help
+.PHONY: all check bench bench-error bench-codec tests run-tests asan tsan fuzz demo deps deps-dev install uninstall format lint clean help
 .SECONDARY:
