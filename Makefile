@@ -10,26 +10,27 @@ Q       := $(if $(V),,@)
 # The one numeric baseline: every machine that has it makes the same bits. Nothing that changes values is allowed.
 BASELINE := -march=x86-64-v3 -ffp-contract=off -fno-math-errno -fno-trapping-math
 WARNINGS := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Wvla
-PACKAGES := libzmq libprotobuf-c libsodium libzstd libpng zlib libturbojpeg OpenEXR jansson
-ifneq ($(filter-out help clean deps deps-dev check demo asan tsan fuzz,$(or $(MAKECMDGOALS),all)),)
+PACKAGES := libzmq libprotobuf-c libsodium libzstd libpng zlib libturbojpeg OpenEXR jansson sqlite3
+ifneq ($(filter-out help clean deps deps-dev deps-test check demo asan tsan fuzz chaos valgrind container-check,$(or $(MAKECMDGOALS),all)),)
 PKG_CFLAGS := $(shell pkg-config --cflags $(PACKAGES) 2>/dev/null)
 PKG_LIBS   := $(shell pkg-config --libs $(filter-out OpenEXR,$(PACKAGES)) 2>/dev/null) -lOpenEXRCore-3_1
 endif
 ALL_CFLAGS = -std=gnu17 -D_GNU_SOURCE $(BASELINE) $(WARNINGS) $(CFLAGS) $(SANITIZE) -I. -I$(BUILD) $(patsubst -I%,-isystem%,$(PKG_CFLAGS)) -pthread
-ALL_LIBS   = $(LDFLAGS) $(PKG_LIBS) -lembree3 -lm -pthread
+ALL_LIBS   = $(LDFLAGS) -Wl,--as-needed $(PKG_LIBS) -lembree3 -lm -pthread
 
 COMMON_SRC := $(wildcard common/*.c)
 PROTO_SRC  := $(wildcard proto/*.c)
 RENDER_SRC := $(wildcard worker/render/*.c)
 WORKER_SRC := $(filter-out worker/main.c,$(wildcard worker/*.c))
 MASTER_SRC := $(filter-out master/main.c,$(wildcard master/*.c))
+RELAY_SRC  := $(filter-out relay/main.c,$(wildcard relay/*.c))
 CLIENT_SRC := $(filter-out client/main.c,$(wildcard client/*.c client/import/*.c client/import/*/*.c))
-LIB_SRC    := $(COMMON_SRC) $(PROTO_SRC) $(RENDER_SRC) $(WORKER_SRC) $(MASTER_SRC) $(CLIENT_SRC)
-SCHEMA_C   := $(BUILD)/proto/lightmill.pb-c.c
-SCHEMA_O   := $(BUILD)/proto/lightmill.pb-c.o
+LIB_SRC    := $(COMMON_SRC) $(PROTO_SRC) $(RENDER_SRC) $(WORKER_SRC) $(MASTER_SRC) $(RELAY_SRC) $(CLIENT_SRC)
+SCHEMA_C   := $(patsubst %.proto,$(BUILD)/%.pb-c.c,$(wildcard proto/*.proto))
+SCHEMA_O   := $(SCHEMA_C:.c=.o)
 objects     = $(patsubst %.c,$(BUILD)/%.o,$(1))
 
-PROGRAMS := $(BUILD)/lightmill $(BUILD)/lightmill-master $(BUILD)/lightmill-worker
+PROGRAMS := $(BUILD)/lightmill $(BUILD)/lightmill-master $(BUILD)/lightmill-worker $(BUILD)/lightmill-relay
 TEST_SRC := $(wildcard tests/unit/*.c tests/statistics/*.c tests/farm/*.c)
 TESTS    := $(patsubst tests/%.c,$(BUILD)/tests/%,$(filter tests/%,$(shell grep -l '^int main' $(TEST_SRC) /dev/null 2>/dev/null)))
 
@@ -37,6 +38,10 @@ all: $(PROGRAMS)
 
 $(BUILD)/lightmill-master: $(call objects,master/main.c $(MASTER_SRC) $(PROTO_SRC) $(COMMON_SRC)) $(SCHEMA_O)
 $(BUILD)/lightmill-worker: $(call objects,worker/main.c $(WORKER_SRC) $(RENDER_SRC) $(PROTO_SRC) $(COMMON_SRC)) $(SCHEMA_O)
+# A relay is a worker to its master and a master to its workers: what it shares with them, but no renderer and no farm.
+RELAY_USES := $(patsubst %,worker/%.c,control bulk link blob_cache unit_queue) \
+              $(patsubst %,master/%.c,gate allow_list handshakes complaint rate_limit grants merge_pool)
+$(BUILD)/lightmill-relay: $(call objects,relay/main.c $(RELAY_SRC) $(RELAY_USES) $(PROTO_SRC) $(COMMON_SRC)) $(SCHEMA_O)
 $(BUILD)/lightmill: $(call objects,client/main.c $(LIB_SRC)) $(SCHEMA_O)
 $(PROGRAMS):
 	@echo "  link $@"
@@ -45,9 +50,9 @@ $(PROGRAMS):
 $(BUILD)/proto/%.pb-c.c $(BUILD)/proto/%.pb-c.h: proto/%.proto
 	@mkdir -p $(@D)
 	protoc-c --proto_path=proto --c_out=$(@D) $<
-$(SCHEMA_O): $(SCHEMA_C)
+$(SCHEMA_O): %.o: %.c | $(SCHEMA_C)
 	$(CC) $(ALL_CFLAGS) -c -o $@ $<
-$(call objects,$(PROTO_SRC) $(WORKER_SRC) $(MASTER_SRC) $(CLIENT_SRC) $(TEST_SRC) $(wildcard tests/*.c)): | $(SCHEMA_C)
+$(call objects,$(PROTO_SRC) $(WORKER_SRC) $(MASTER_SRC) $(RELAY_SRC) relay/main.c $(CLIENT_SRC) $(TEST_SRC) $(wildcard tests/*.c tests/fuzz/*.c)): | $(SCHEMA_C)
 
 $(BUILD)/%.o: %.c
 	@mkdir -p $(@D)
@@ -59,6 +64,18 @@ $(BUILD)/tests/%: $(BUILD)/tests/%.o $(call objects,$(LIB_SRC) $(wildcard tests/
 	$(Q)$(CC) $(ALL_CFLAGS) -o $@ $^ $(ALL_LIBS) $(EXTRA_LIBS) -lcmocka
 
 $(BUILD)/tests/unit/test_corpus: $(call objects,$(wildcard tests/fuzz/*.c))
+$(BUILD)/tests/unit/test_proxy: $(call objects,tests/chaos/proxy.c tests/chaos/stream.c tests/chaos/zmtp.c)
+CHAOS := $(BUILD)/tests/chaos/chaos $(BUILD)/tests/chaos/world.so $(PROGRAMS)
+$(BUILD)/tests/farm/test_chaos: $(call objects,tests/chaos/process.c tests/chaos/world.c) | $(CHAOS)
+$(BUILD)/tests/chaos/chaos: $(call objects,$(filter-out %/world_preload.c,$(wildcard tests/chaos/*.c)))
+
+# Loaded into programs of a chaos run, never linked.
+$(BUILD)/tests/chaos/world.so: tests/chaos/world_preload.c
+	@mkdir -p $(@D)
+	@echo "  link $@"
+	$(Q)$(CC) -std=gnu17 -D_GNU_SOURCE $(WARNINGS) -I. -O2 -shared -fPIC -o $@ $<
+SIM_SRC := tests/sim/sim.c tests/sim/crowd.c tests/sim/prepared.c
+$(BUILD)/tests/farm/test_scale $(BUILD)/tests/sim/main: $(call objects,$(SIM_SRC))
 
 -include $(shell find $(BUILD) -name '*.d' 2>/dev/null)
 
@@ -77,12 +94,31 @@ tests: $(TESTS)
 run-tests: $(PROGRAMS) $(TESTS)
 	@tests/run.sh $(TESTS)
 
+# The address sanitizer runs everything, the thread sanitizer TSAN_TESTS: what has threads and sockets.
+TSAN_TESTS ?= $(patsubst tests/%.c,%,$(filter tests/farm/test_%,$(TEST_SRC))) \
+    unit/test_canvas unit/test_master unit/test_workshop unit/test_grants unit/test_wire unit/test_proxy
 asan tsan: CHECKED_FLAGS = -O1 -g -fno-omit-frame-pointer
 asan: SANITIZERS = -fsanitize=address,undefined -fno-sanitize-recover=undefined
 tsan: SANITIZERS = -fsanitize=thread
+asan: CHECKED_TESTS =
+tsan: CHECKED_TESTS = TESTS="$(TSAN_TESTS:%=$(BUILD)/tsan/tests/%)"
 asan tsan: deps
-	$(SUBMAKE) $(JOBS) BUILD=$(BUILD)/$@ CFLAGS="$(CHECKED_FLAGS)" SANITIZE="$(SANITIZERS)" all tests
-	$(SUBMAKE) BUILD=$(BUILD)/$@ CFLAGS="$(CHECKED_FLAGS)" SANITIZE="$(SANITIZERS)" run-tests
+	$(SUBMAKE) $(JOBS) BUILD=$(BUILD)/$@ CFLAGS="$(CHECKED_FLAGS)" SANITIZE="$(SANITIZERS)" $(CHECKED_TESTS) all tests
+	$(SUBMAKE) BUILD=$(BUILD)/$@ CFLAGS="$(CHECKED_FLAGS)" SANITIZE="$(SANITIZERS)" $(CHECKED_TESTS) run-tests
+
+# A master under valgrind that serves 50 jobs with real workers must leave nothing unfreed.
+valgrind: deps-test
+	$(SUBMAKE) $(JOBS) all
+	tests/valgrind.sh $(BUILD)
+
+# Real processes, killed, stopped, cut off and fed garbage for CHAOS_SECONDS; SEED repeats a list of faults.
+CHAOS_SECONDS ?= 600
+SEED          ?=
+chaos: deps-test
+	$(SUBMAKE) $(JOBS) chaos-programs
+	$(BUILD)/tests/chaos/chaos --seconds $(CHAOS_SECONDS) $(SEED:%=--seed %) --folder $(BUILD) \
+	    --least $$(($(CHAOS_SECONDS) / 3)) --least-kills $$(($(CHAOS_SECONDS) / 15))
+chaos-programs: $(CHAOS)
 
 # Fuzzing: FUZZ_SECONDS for each of FUZZ_TARGETS, which are the tests/fuzz/fuzz_*.c by default.
 FUZZ_SECONDS ?= 60
@@ -110,8 +146,17 @@ demo: deps
 deps:
 	@docker/install-packages.sh build
 
+# Also what `make chaos` and `make valgrind` run.
+deps-test:
+	@docker/install-packages.sh build test
+
 deps-dev:
-	@docker/install-packages.sh build run dev
+	@docker/install-packages.sh build run render import test dev
+
+# The simulated farm (tests/sim): SIM="--workers 500 ..."; about four minutes.
+sim: deps
+	$(SUBMAKE) $(JOBS) all $(BUILD)/tests/sim/main
+	$(BUILD)/tests/sim/main $(SIM)
 
 bench: deps
 	$(SUBMAKE) $(JOBS) all $(BUILD)/tests/bench/bench_render $(BUILD)/tests/bench/bench_mesh
@@ -123,10 +168,21 @@ bench-error: deps
 	$(SUBMAKE) $(JOBS) $(BUILD)/tests/bench/bench_error
 	$(BUILD)/tests/bench/bench_error
 
+# The master's merge rate as a share of memcpy's (docs/scale.md).
+bench-merge: deps
+	$(SUBMAKE) $(JOBS) $(BUILD)/tests/bench/bench_merge
+	$(BUILD)/tests/bench/bench_merge
+
 # What docs/codec.md says of the alternatives to our payload coding; needs libblosc-dev (make deps-dev).
 bench-codec: EXTRA_LIBS = -lblosc
 bench-codec: $(BUILD)/tests/bench/bench_codec
 	$<
+
+# Builds the images with buildah and renders a job through them; as root, some minutes.
+container-check: deps
+	@docker/install-packages.sh containers
+	$(SUBMAKE) $(JOBS) all
+	docker/check.sh $(BUILD)
 
 install: $(PROGRAMS)
 	install -d $(DESTDIR)$(PREFIX)/bin
@@ -153,18 +209,23 @@ clean:
 	rm -rf $(BUILD)
 
 help:
-	@echo "make            build lightmill, lightmill-master and lightmill-worker in $(BUILD)/"
+	@echo "make            build lightmill, lightmill-master, lightmill-worker and lightmill-relay in $(BUILD)/"
 	@echo "make demo       render scenes/seed-hidden on a farm of three processes on this machine"
 	@echo "make check      install what is missing, build, run all tests"
 	@echo "make asan       the tests under the address and undefined-behaviour sanitizers (tsan: threads)"
+	@echo "make chaos      a farm to which everything happens, for CHAOS_SECONDS ($(CHAOS_SECONDS)); SEED repeats a run"
+	@echo "make valgrind   a master that served 50 jobs has no leaks"
 	@echo "make fuzz       libFuzzer on all that reads files: FUZZ_SECONDS ($(FUZZ_SECONDS)) each; FUZZ_TARGETS=\"pbrt ply\""
 	@echo "make bench      error and speed of the renderer against the figures of pbrt-v3"
 	@echo "make bench-error  jobs that end by --error: is it the error?"
+	@echo "make bench-merge  how fast a master merges, as a share of memcpy"
+	@echo "make sim        a real master and 500 simulated workers for three minutes: what one master takes"
 	@echo "make bench-codec  the codings of payloads that were weighed against one another"
+	@echo "make container-check  build the images of docker/Dockerfile, render a job through them (root)"
 	@echo "make install    into PREFIX ($(PREFIX)); DESTDIR is honoured; uninstall takes it back"
 	@echo "make deps       the Debian packages of docker/packages.txt; deps-dev: also those for format and lint"
 	@echo "make format     clang-format; make lint: clang-tidy and cppcheck"
 	@echo "make clean      remove $(BUILD)/"
 
-.PHONY: all check bench bench-error bench-codec tests run-tests asan tsan fuzz demo deps deps-dev install uninstall format lint clean help
+.PHONY: all check bench bench-error bench-codec tests run-tests asan tsan fuzz demo deps deps-dev container-check install uninstall format lint clean help sim bench-merge chaos chaos-programs valgrind deps-test
 .SECONDARY:

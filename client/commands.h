@@ -9,9 +9,13 @@ result_t cmd_render(int argc, char **argv);
 result_t cmd_submit(int argc, char **argv);
 result_t cmd_status(int argc, char **argv);
 result_t cmd_fetch(int argc, char **argv);
-result_t cmd_cancel(int argc, char **argv);
+/* cancel, pause, resume, retain, release, delete: one function, argv[0] tells them apart. */
+result_t cmd_order(int argc, char **argv);
+result_t cmd_priority(int argc, char **argv);
+result_t cmd_extend(int argc, char **argv);
 result_t cmd_import(int argc, char **argv);
 result_t cmd_info(int argc, char **argv);
+result_t cmd_keygen(int argc, char **argv);
 result_t cmd_compare(int argc, char **argv);
 
 #endif

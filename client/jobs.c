@@ -1,4 +1,5 @@
-/* jobs: the commands on jobs that a master already has: status, fetch, cancel. */
+/* jobs: the commands on jobs that a master already has: their image (fetch), and what is to be done with them
+ * (cancel, pause, resume, retain, release, delete, priority, extend). */
 #include "client/commands.h"
 #include "client/master_option.h"
 #include "client/options.h"
@@ -12,209 +13,253 @@
 #include <string.h>
 
 typedef struct {
-    uint64_t job; /* 0: none given */
     master_option_t master;
     output_t output;
-    bool json, help;
+    job_order_t order; /* of extend */
+    bool wait, quiet, help;
 } command_t;
 
-static const struct option status_options[] = {
-    MASTER_OPTIONS, {"json", no_argument, NULL, 0}, {"help", no_argument, NULL, 0}, {NULL, 0, NULL, 0}};
-static const struct option fetch_options[] = {
-    MASTER_OPTIONS, OUTPUT_OPTIONS, {"help", no_argument, NULL, 0}, {NULL, 0, NULL, 0}};
-static const struct option cancel_options[] = {
-    MASTER_OPTIONS, {"help", no_argument, NULL, 0}, {NULL, 0, NULL, 0}};
+#define HELP_OPTION                                                                                          \
+    {                                                                                                        \
+        "help", no_argument, NULL, 0                                                                         \
+    }
+#define LAST_OPTION                                                                                          \
+    {                                                                                                        \
+        NULL, 0, NULL, 0                                                                                     \
+    }
+#define WAIT_OPTIONS                                                                                         \
+    OUTPUT_OPTIONS, {"wait", no_argument, NULL, 0},                                                          \
+    {                                                                                                        \
+        "quiet", no_argument, NULL, 0                                                                        \
+    }
+
+static const struct option order_options[] = {MASTER_OPTIONS, HELP_OPTION, LAST_OPTION};
+static const struct option fetch_options[] = {MASTER_OPTIONS, WAIT_OPTIONS, HELP_OPTION, LAST_OPTION};
+static const struct option extend_options[] = {MASTER_OPTIONS,
+                                               WAIT_OPTIONS,
+                                               {"spp", required_argument, NULL, 0},
+                                               {"error", required_argument, NULL, 0},
+                                               {"time", required_argument, NULL, 0},
+                                               HELP_OPTION,
+                                               LAST_OPTION};
+
+static result_t parse_goal(command_t *command, const char *option, const char *value, bool *taken)
+{
+    long long number;
+    *taken = true;
+    if (strcmp(option, "spp") == 0) {
+        TRY(option_integer(option, value, 1, JOB_MAX_SPP, &number));
+        command->order.spp = (uint32_t)number;
+    } else if (strcmp(option, "error") == 0) {
+        TRY(option_share(option, value, &command->order.error));
+        if (command->order.error <= 0 || command->order.error >= 1)
+            return result_fail(RESULT_USAGE, "--error takes a number between 0 and 1, or 1%%, not '%.100s'",
+                               value);
+    } else if (strcmp(option, "time") == 0) {
+        return option_real(option, value, 0.1, 1e9, &command->order.time_limit);
+    } else {
+        *taken = false;
+    }
+    return result_ok();
+}
 
 static result_t parse_option(command_t *command, const char *option, const char *value)
 {
     bool taken;
     TRY(master_option(&command->master, option, value, &taken));
     if (!taken) TRY(output_option(&command->output, option, value, &taken));
-    if (taken) return result_ok();
-    if (strcmp(option, "json") == 0)
-        command->json = true;
-    else
-        command->help = true;
+    if (!taken) TRY(parse_goal(command, option, value, &taken));
+    command->wait |= strcmp(option, "wait") == 0;
+    command->quiet |= strcmp(option, "quiet") == 0;
+    command->help |= strcmp(option, "help") == 0;
     return result_ok();
 }
 
-static result_t parse_arguments(int argc, char **argv, const struct option *options,
-                                const char *short_options, bool needs_job, command_t *command)
+/* The arguments that are no options are left from argv[optind] on. */
+static result_t parse_options(int argc, char **argv, const struct option *options, command_t *command)
 {
     *command = (command_t){.master = master_option_default()};
     int index = 0, found;
-    while ((found = getopt_long(argc, argv, short_options, options, &index)) != -1) {
+    while ((found = getopt_long(argc, argv, "o:", options, &index)) != -1) {
         if (found == '?') return result_fail(RESULT_USAGE, "see lightmill %s --help", argv[0]);
         TRY(parse_option(command, found == 'o' ? "output" : options[index].name, optarg));
         if (command->help) return result_ok();
     }
-    if (argc - optind > 1 || (needs_job && argc - optind == 0))
-        return result_fail(RESULT_USAGE, "%s takes one job's number; see lightmill status", argv[0]);
-    if (optind < argc) TRY(option_job(argv[optind], &command->job));
     log_init("lightmill", LOG_WARNING);
     return result_ok();
 }
 
-/* ---- status ------------------------------------------------------------------------------------------- */
-
-static void print_json_string(const char *text)
+static result_t one_job(int argc, char **argv, uint64_t *job)
 {
-    putchar('"');
-    for (const unsigned char *c = (const unsigned char *)text; *c; c++) {
-        if (*c == '"' || *c == '\\')
-            printf("\\%c", *c);
-        else if (*c < 0x20)
-            printf("\\u%04x", *c);
-        else
-            putchar(*c);
-    }
-    putchar('"');
-}
-
-static void print_json_settings(const Lm__Settings *settings)
-{
-    printf(
-        ", \"integrator\": \"%s\", \"sampler\": \"%s\", \"seed\": %" PRIu64 ", \"width\": %u, \"height\": %u",
-        integrator_name((integrator_t)settings->integrator), sampler_name((sampler_kind_t)settings->sampler),
-        settings->seed, settings->width, settings->height);
-    printf(", \"max_depth\": %u, \"spp\": %u, \"time_limit\": %g, \"layers\": %s", settings->max_depth,
-           settings->spp, settings->time_limit, settings->features ? "true" : "false");
-    if (settings->strategy_t > 0)
-        printf(", \"strategy_s\": %u, \"strategy_t\": %u, \"unweighted\": %s", settings->strategy_s,
-               settings->strategy_t, settings->unweighted ? "true" : "false");
-}
-
-static void print_json_counts(const Lm__Counts *counts)
-{
-    printf(", \"light_paths\": %" PRIu64 ", \"dropped\": %" PRIu64 ", \"overflows\": %" PRIu64
-           ", \"rays\": %" PRIu64 ", \"cpu_seconds\": %.6f",
-           counts->light_paths_even + counts->light_paths_odd, counts->dropped, counts->overflows,
-           counts->rays, 1e-6 * (double)counts->cpu_us);
-}
-
-static void print_json_job(const Lm__JobStatus *job)
-{
-    hash_t hash;
-    char hex[2 * HASH_BYTES + 1] = "";
-    if (wire_hash_get(&job->blob, &hash)) hash_to_hex(&hash, hex);
-    printf("    {\"job\": %" PRIu64 ", \"name\": ", job->job);
-    print_json_string(job->name);
-    printf(", \"state\": \"%s\", \"scene\": \"%s\"", job_state_name(job->state), hex);
-    printf(", \"samples_done\": %" PRIu64 ", \"samples_total\": %" PRIu64
-           ", \"elapsed\": %.3f, \"remaining\": %.3f",
-           job->samples_done, job->samples_total, job->elapsed, job->remaining);
-    printf(", \"workers\": %u, \"workers_seen\": %u, \"bytes_received\": %" PRIu64 ", \"batches\": %" PRIu64
-           ", \"batches_refused\": %" PRIu64 ", \"units_reissued\": %" PRIu64,
-           job->workers, job->workers_seen, job->bytes_received, job->batches, job->batches_refused,
-           job->units_reissued);
-    if (job->settings) print_json_settings(job->settings);
-    if (job->counts) print_json_counts(job->counts);
-    printf(", \"message\": ");
-    print_json_string(job->message);
-    printf("}");
-}
-
-static void print_json(const Lm__JobStatusReply *reply)
-{
-    printf("{\n  \"workers\": %u,\n  \"jobs\": [", reply->workers);
-    for (size_t i = 0; i < reply->n_jobs; i++) {
-        printf(i ? ",\n" : "\n");
-        print_json_job(reply->jobs[i]);
-    }
-    printf("%s]\n}\n", reply->n_jobs ? "\n  " : "");
-}
-
-static void print_row(const Lm__JobStatus *job)
-{
-    char elapsed[32], remaining[32] = "-", samples[32];
-    format_duration(job->elapsed, elapsed);
-    format_count((double)job->samples_done, samples);
-    if (job->state == JOB_RUNNING) format_duration(job->remaining, remaining);
-    printf("%6" PRIu64 "  %-20.20s  %-9s  %3.0f%%  %9s  %10s  %9s  %7u  %8.1f MB\n", job->job, job->name,
-           job_state_name(job->state), 100 * job_fraction(job), samples, elapsed, remaining, job->workers,
-           1e-6 * (double)job->bytes_received);
-    if (job->message[0]) printf("        %s\n", job->message);
-}
-
-static void print_table(const Lm__JobStatusReply *reply)
-{
-    printf("%u worker%s connected, %zu job%s\n", reply->workers, reply->workers == 1 ? "" : "s",
-           reply->n_jobs, reply->n_jobs == 1 ? "" : "s");
-    if (reply->n_jobs == 0) return;
-    printf("%6s  %-20s  %-9s  %4s  %9s  %10s  %9s  %7s  %11s\n", "job", "name", "state", "done", "samples",
-           "time", "left", "workers", "received");
-    for (size_t i = 0; i < reply->n_jobs; i++) print_row(reply->jobs[i]);
-}
-
-result_t cmd_status(int argc, char **argv)
-{
-    command_t command;
-    TRY(parse_arguments(argc, argv, status_options, "", false, &command));
-    if (command.help) {
-        printf("usage: lightmill status [JOB] [options]\n\nWhat a master is doing: its workers and jobs.\n\n"
-               "  --json             for programs\n%s",
-               master_usage);
-        return result_ok();
-    }
-    remote_t *remote;
-    TRY(master_connect(&command.master, &remote));
-    wire_message_t message;
-    result_t result = remote_status(remote, command.job, &message);
-    if (result.code == RESULT_OK) {
-        const Lm__JobStatusReply *reply = message.envelope->job_status_reply;
-        if (command.json)
-            print_json(reply);
-        else
-            print_table(reply);
-        wire_free(&message);
-    }
-    remote_close(&remote);
-    return result;
+    if (argc - optind != 1)
+        return result_fail(RESULT_USAGE, "%s takes one job's number; see lightmill status", argv[0]);
+    return option_job(argv[optind], job);
 }
 
 /* ---- fetch -------------------------------------------------------------------------------------------- */
 
-static result_t fetch(const command_t *command, remote_t *remote)
+/* The image of a job as it is or, with --wait, as it is at the end. */
+static result_t fetch(const command_t *command, remote_t *remote, uint64_t job)
 {
-    progress_t progress = progress_start(true);
-    watch_t watch = {.remote = remote, .job = command->job, .progress = &progress};
-    TRY(watch_poll(&watch));
-    return watch_deliver(&watch, &command->output, false);
+    progress_t progress = progress_start(command->quiet || !command->wait);
+    watch_t watch = {.remote = remote, .job = job, .progress = &progress, .patient = command->wait};
+    if (!command->wait) {
+        TRY(watch_poll(&watch));
+        return watch_deliver(&watch, &command->output, command->quiet);
+    }
+    result_t result = watch_wait(&watch);
+    progress_end(&progress);
+    TRY(result);
+    TRY(watch_deliver(&watch, &command->output, command->quiet));
+    return watch_outcome(&watch);
 }
 
 result_t cmd_fetch(int argc, char **argv)
 {
     command_t command;
-    TRY(parse_arguments(argc, argv, fetch_options, "o:", true, &command));
+    uint64_t job;
+    TRY(parse_options(argc, argv, fetch_options, &command));
     if (command.help) {
-        printf("usage: lightmill fetch JOB -o FILE [options]\n\nThe image of a job so far.\n\n%s%s",
+        printf("usage: lightmill fetch JOB -o FILE [options]\n\nThe image of a job so far.\n\n"
+               "  --wait             wait for the end of the job, and show its progress\n"
+               "  --quiet            no progress\n%s%s",
                output_usage, master_usage);
         return result_ok();
     }
+    TRY(one_job(argc, argv, &job));
     if (command.output.path == NULL) return result_fail(RESULT_USAGE, "fetch needs -o FILE");
     TRY(output_check(&command.output));
     remote_t *remote;
     TRY(master_connect(&command.master, &remote));
-    result_t result = fetch(&command, remote);
+    result_t result = fetch(&command, remote, job);
     remote_close(&remote);
     return result;
 }
 
-/* ---- cancel ------------------------------------------------------------------------------------------- */
+/* ---- orders ------------------------------------------------------------------------------------------- */
 
-result_t cmd_cancel(int argc, char **argv)
+typedef struct {
+    const char *name;
+    order_kind_t kind;
+    const char *help;
+} verb_t;
+
+static const verb_t verbs[] = {
+    {"cancel", ORDER_CANCEL,
+     "Ends jobs. What their workers have finished is still counted, and the image so far is written.\n"
+     "lightmill extend goes on with a job that was cancelled.\n"},
+    {"pause", ORDER_PAUSE,
+     "Hands out no more of the jobs until they are resumed. What their workers have finished is counted;\n"
+     "time that they are paused does not count for --time.\n"},
+    {"resume", ORDER_RESUME, "Goes on with jobs that were paused.\n"},
+    {"retain", ORDER_RETAIN,
+     "Keeps jobs until they are deleted: when the master needs room for new ones, it forgets the oldest of\n"
+     "those that are over and not retained, with their films and images.\n"},
+    {"release", ORDER_RELEASE, "Takes back lightmill retain.\n"},
+    {"delete", ORDER_DELETE,
+     "Removes jobs that are over (cancel them first), with their films and images on the master.\n"},
+};
+
+static const verb_t *find_verb(const char *name)
+{
+    size_t i = 0;
+    while (strcmp(verbs[i].name, name) != 0) i++; /* main.c has found it */
+    return &verbs[i];
+}
+
+result_t cmd_order(int argc, char **argv)
 {
     command_t command;
-    TRY(parse_arguments(argc, argv, cancel_options, "", true, &command));
+    const verb_t *verb = find_verb(argv[0]);
+    TRY(parse_options(argc, argv, order_options, &command));
     if (command.help) {
-        printf("usage: lightmill cancel JOB [options]\n\nEnds a job; the image so far can still be "
-               "fetched.\n\n%s",
-               master_usage);
+        printf("usage: lightmill %s JOB... [options]\n\n%s\n%s", verb->name, verb->help, master_usage);
         return result_ok();
     }
+    job_order_t order = {.kind = verb->kind};
+    if (argc == optind)
+        return result_fail(RESULT_USAGE, "%s takes the numbers of jobs; see lightmill status", argv[0]);
+    for (int i = optind; i < argc; i++) TRY(option_job(argv[i], &order.job));
     remote_t *remote;
     TRY(master_connect(&command.master, &remote));
-    result_t result = remote_cancel(remote, command.job);
+    result_t first = result_ok();
+    for (int i = optind; i < argc && first.code != RESULT_UNREACHABLE; i++) {
+        option_job(argv[i], &order.job);
+        result_t result = remote_order(remote, &order);
+        if (result.code == RESULT_OK) continue;
+        if (first.code == RESULT_OK)
+            first = result;
+        else
+            log_error("%s", result.message);
+    }
+    remote_close(&remote);
+    return first;
+}
+
+/* ---- priority ----------------------------------------------------------------------------------------- */
+
+result_t cmd_priority(int argc, char **argv)
+{
+    command_t command;
+    job_order_t order = {.kind = ORDER_PRIORITY};
+    long long priority;
+    TRY(parse_options(argc, argv, order_options, &command));
+    if (command.help) {
+        printf("usage: lightmill priority JOB N [options]\n\n"
+               "Jobs of a higher priority go first, jobs of the same one share the workers. New jobs have 0; "
+               "N is\n"
+               "from -%d to %d (write -- before a negative one).\n\n%s",
+               JOB_MAX_PRIORITY, JOB_MAX_PRIORITY, master_usage);
+        return result_ok();
+    }
+    if (argc - optind != 2)
+        return result_fail(RESULT_USAGE, "priority takes a job's number and its new priority");
+    TRY(option_job(argv[optind], &order.job));
+    TRY(option_integer("priority", argv[optind + 1], -JOB_MAX_PRIORITY, JOB_MAX_PRIORITY, &priority));
+    order.priority = (int32_t)priority;
+    remote_t *remote;
+    TRY(master_connect(&command.master, &remote));
+    result_t result = remote_order(remote, &order);
+    remote_close(&remote);
+    return result;
+}
+
+/* ---- extend ------------------------------------------------------------------------------------------- */
+
+static const char extend_usage[] =
+    "usage: lightmill extend JOB [--spp N] [--error E] [--time SECONDS] [options]\n"
+    "\n"
+    "Goes on with a job: one that is over with the samples that it has, one that runs with other goals. A "
+    "goal\n"
+    "that was reached and is not set anew no longer ends the job; a job that was cancelled or has failed "
+    "goes on\n"
+    "to its old goals if none is given. The image is the one that a job with these goals from the start "
+    "would\n"
+    "have made, bit by bit, if it goes by --spp.\n"
+    "\n"
+    "  --spp N            samples a pixel in all\n"
+    "  --error E          until the estimated relative error is at most E (0.01 or 1%)\n"
+    "  --time SECONDS     for so long from now\n"
+    "  --wait             wait for the end of the job, and fetch its image (needs -o)\n"
+    "  --quiet            no progress\n";
+
+result_t cmd_extend(int argc, char **argv)
+{
+    command_t command;
+    TRY(parse_options(argc, argv, extend_options, &command));
+    if (command.help) {
+        printf("%s%s%s", extend_usage, output_usage, master_usage);
+        return result_ok();
+    }
+    command.order.kind = ORDER_EXTEND;
+    TRY(one_job(argc, argv, &command.order.job));
+    if (command.wait != (command.output.path != NULL))
+        return result_fail(RESULT_USAGE, "--wait and -o FILE belong together");
+    if (command.wait) TRY(output_check(&command.output));
+    remote_t *remote;
+    TRY(master_connect(&command.master, &remote));
+    result_t result = remote_order(remote, &command.order);
+    if (result.code == RESULT_OK && command.wait) result = fetch(&command, remote, command.order.job);
     remote_close(&remote);
     return result;
 }

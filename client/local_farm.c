@@ -88,6 +88,7 @@ static result_t start_master(local_farm_t *farm)
     options.control_endpoint = inproc ? CONTROL_ENDPOINT : "tcp://127.0.0.1:*";
     options.bulk_endpoint = inproc ? BULK_ENDPOINT : "tcp://127.0.0.1:*";
     options.data_dir = data_dir;
+    options.fleeting = true;
     options.batch_interval = farm->options.batch_interval;
     result_t result = master_start(&options, &farm->master);
     free(data_dir);
@@ -153,9 +154,11 @@ static void become_worker(const char *path, char *const *arguments)
 static result_t spawn_worker(local_farm_t *farm, const char *path, int threads)
 {
     char *count = mem_printf("%d", threads), *name = mem_printf("%d", farm->child_count + 1);
-    char *arguments[] = {(char *)path, farm->endpoint,  "--threads",
-                         count,        "--name",        name,
-                         "--cache",    farm->cache_dir, farm->options.verbose ? "--verbose" : "--quiet",
+    char *arguments[] = {(char *)path, farm->endpoint,
+                         "--threads",  count,
+                         "--name",     name,
+                         "--cache",    farm->cache_dir,
+                         "--insecure", farm->options.verbose ? "--verbose" : "--quiet",
                          NULL};
     pid_t child = fork();
     if (child == 0) become_worker(path, arguments);

@@ -12,7 +12,13 @@ static const char usage[] =
     "  submit SCENE     hand a scene to a master; with --wait also fetch the image\n"
     "  status [JOB]     what a master is doing\n"
     "  fetch JOB        the image of a job so far\n"
+    "  pause JOB        hand out no more of a job until resume JOB\n"
+    "  priority JOB N   jobs of a higher priority go first\n"
     "  cancel JOB       end a job; the image so far stays\n"
+    "  extend JOB       go on with a job that is over, for more samples\n"
+    "  retain JOB       keep a job until it is deleted; release JOB takes that back\n"
+    "  delete JOB       remove a job that is over, with its image\n"
+    "  keygen [NAME]    a key, to be let in by a master on another machine\n"
     "  import SCENE     a scene with all its files as one scene blob\n"
     "  info FILE        describe a scene, a scene blob or an EXR\n"
     "  compare A B      compare two images\n"
@@ -25,7 +31,8 @@ static const char usage[] =
     "  1 the command line is wrong            6 the master does not answer\n"
     "  2 a file is missing or malformed       7 cancelled by a user or a signal\n"
     "  3 the operating system refused         8 the images differ (compare)\n"
-    "  4 the master broke the protocol\n";
+    "  4 the master broke the protocol          9 the master does not accept the key, or it lacks the "
+    "right\n";
 
 typedef struct {
     const char *name;
@@ -33,8 +40,10 @@ typedef struct {
 } command_t;
 
 static const command_t commands[] = {
-    {"render", cmd_render}, {"submit", cmd_submit}, {"status", cmd_status}, {"fetch", cmd_fetch},
-    {"cancel", cmd_cancel}, {"import", cmd_import}, {"info", cmd_info},     {"compare", cmd_compare},
+    {"render", cmd_render}, {"submit", cmd_submit}, {"status", cmd_status},   {"fetch", cmd_fetch},
+    {"cancel", cmd_order},  {"pause", cmd_order},   {"resume", cmd_order},    {"retain", cmd_order},
+    {"release", cmd_order}, {"delete", cmd_order},  {"extend", cmd_extend},   {"priority", cmd_priority},
+    {"import", cmd_import}, {"info", cmd_info},     {"compare", cmd_compare}, {"keygen", cmd_keygen},
 };
 
 static result_t run(int argc, char **argv)

@@ -4,16 +4,15 @@
 
 #include "client/remote.h"
 
-#include <getopt.h>
-
 typedef struct {
     const char *address; /* HOST[:PORT] */
     double timeout;      /* seconds */
+    dial_options_t dial; /* keys */
 } master_option_t;
 
 /* Entries for a getopt_long table. */
 #define MASTER_OPTIONS                                                                                       \
-    {"master", required_argument, NULL, 0},                                                                  \
+    DIAL_OPTIONS, {"master", required_argument, NULL, 0},                                                    \
     {                                                                                                        \
         "timeout", required_argument, NULL, 0                                                                \
     }

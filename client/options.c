@@ -48,6 +48,21 @@ result_t option_real(const char *option, const char *text, double least, double 
     return result_ok();
 }
 
+result_t option_share(const char *option, const char *text, double *value)
+{
+    char *end;
+    errno = 0;
+    *value = strtod(text, &end);
+    if (end != text && *end == '%') {
+        *value /= 100;
+        end++;
+    }
+    if (end == text || *end != '\0' || errno != 0 || !(*value >= 0 && *value <= 1))
+        return result_fail(RESULT_USAGE, "--%s takes a share like 1%% or 0.01, at most 1, not '%.100s'",
+                           option, text);
+    return result_ok();
+}
+
 result_t option_job(const char *text, uint64_t *job)
 {
     char *end;

@@ -57,16 +57,26 @@ double job_fraction(const Lm__JobStatus *status)
     return fmin(fmax(done, 0), 1);
 }
 
+/* "  error 2.1% of 1%" of a job that is to reach one, or nothing. */
+static void describe_error(const Lm__JobStatus *status, char text[48])
+{
+    text[0] = '\0';
+    if (status->settings && status->settings->error > 0 && status->error > 0)
+        snprintf(text, 48, "error %.2g%% (to be %.2g%%)  ", 100 * status->error,
+                 100 * status->settings->error);
+}
+
 /* "  45%  210 k samples/s  2 workers  ETA 0:42" */
 static void describe(const Lm__JobStatus *status, char *text, size_t size)
 {
-    char rate[32], eta[32];
+    char rate[32], eta[32], error[48];
+    describe_error(status, error);
     double speed = status->elapsed > 0 ? (double)status->samples_done / status->elapsed : 0;
     format_count(speed, rate);
     format_duration(status->remaining, eta);
     bool counting = status->samples_done > 0;
-    snprintf(text, size, "%3.0f%%  %s samples/s  %u worker%s  %s%s", floor(100 * job_fraction(status)),
-             counting ? rate : "-", status->workers, status->workers == 1 ? "" : "s",
+    snprintf(text, size, "%3.0f%%  %s samples/s  %u worker%s  %s%s%s", floor(100 * job_fraction(status)),
+             counting ? rate : "-", status->workers, status->workers == 1 ? "" : "s", error,
              status->state == JOB_RUNNING ? "ETA " : "",
              status->state == JOB_RUNNING ? eta : job_state_name(status->state));
 }
@@ -92,7 +102,7 @@ static bool plain_line_due(progress_t *progress)
 void progress_job(progress_t *progress, const Lm__JobStatus *status)
 {
     if (progress->quiet) return;
-    char text[160];
+    char text[240];
     describe(status, text, sizeof text);
     if (progress->terminal)
         draw_bar(progress, job_fraction(status), text);

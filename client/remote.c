@@ -8,6 +8,7 @@
 
 #include "common/address.h"
 
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -20,42 +21,61 @@ struct remote {
     bool own_context;
     char *control_endpoint;
     char *bulk_endpoint; /* NULL until the master has told it */
+    dial_keys_t keys;
     void *control, *bulk;
+    dial_watch_t control_watch, bulk_watch;
     double timeout;
     uint64_t request; /* the last number used */
 };
 
-static result_t connect_socket(void *context, const char *endpoint, size_t limit, void **socket)
+static result_t connect_socket(remote_t *remote, const char *endpoint, size_t limit, void **socket,
+                               dial_watch_t *watch)
 {
-    TRY(wire_socket(context, ZMQ_DEALER, socket));
+    TRY(wire_socket(remote->context, ZMQ_DEALER, socket));
     TRY(wire_socket_limit(*socket, limit));
+    TRY(dial_keys_apply(&remote->keys, *socket));
+    TRY(dial_watch_open(watch, remote->context, *socket, &remote->keys));
     if (zmq_connect(*socket, endpoint) == 0) return result_ok();
     return result_fail(RESULT_USAGE, "cannot connect to %s: %s", endpoint, zmq_strerror(zmq_errno()));
 }
 
 result_t remote_open(void *context, const char *control_endpoint, const char *bulk_endpoint, double timeout,
-                     remote_t **remote_pointer)
+                     remote_t **remote)
+{
+    return remote_open_with(context, control_endpoint, bulk_endpoint, timeout, NULL, remote);
+}
+
+result_t remote_open_with(void *context, const char *control_endpoint, const char *bulk_endpoint,
+                          double timeout, dial_keys_t *keys, remote_t **remote_pointer)
 {
     remote_t *remote = mem_zalloc(1, sizeof *remote);
+    if (keys != NULL) remote->keys = *keys;
     remote->own_context = context == NULL;
     remote->context = context ? context : zmq_ctx_new();
     remote->control_endpoint = mem_strdup(control_endpoint);
     remote->bulk_endpoint = bulk_endpoint ? mem_strdup(bulk_endpoint) : NULL;
     remote->timeout = timeout;
-    result_t result =
-        connect_socket(remote->context, control_endpoint, WIRE_MAX_CONTROL_FRAME, &remote->control);
+    result_t result = connect_socket(remote, control_endpoint, WIRE_MAX_CONTROL_FRAME, &remote->control,
+                                     &remote->control_watch);
     if (result.code != RESULT_OK) remote_close(&remote);
     *remote_pointer = remote;
     return result;
+}
+
+static void close_socket(void *socket, dial_watch_t *watch)
+{
+    dial_watch_close(watch, socket);
+    if (socket) zmq_close(socket);
 }
 
 void remote_close(remote_t **remote_pointer)
 {
     remote_t *remote = *remote_pointer;
     if (remote == NULL) return;
-    if (remote->control) zmq_close(remote->control);
-    if (remote->bulk) zmq_close(remote->bulk);
+    close_socket(remote->control, &remote->control_watch);
+    close_socket(remote->bulk, &remote->bulk_watch);
     if (remote->own_context) zmq_ctx_term(remote->context);
+    dial_keys_free(&remote->keys);
     free(remote->control_endpoint);
     free(remote->bulk_endpoint);
     free(remote);
@@ -74,7 +94,7 @@ static result_t unreachable(const remote_t *remote, const char *endpoint, double
 
 static result_t refused(const Lm__Refusal *refusal)
 {
-    bool known = refusal->code > RESULT_OK && refusal->code <= RESULT_MISMATCH;
+    bool known = refusal->code > RESULT_OK && refusal->code <= RESULT_DENIED;
     return result_fail(known ? (result_code_t)refusal->code : RESULT_PROTOCOL, "the master refuses: %.400s",
                        refusal->reason);
 }
@@ -82,7 +102,9 @@ static result_t refused(const Lm__Refusal *refusal)
 /* Waits for the answer with the number of the last request. */
 static result_t await_answer(remote_t *remote, void *socket, double timeout, wire_message_t *message)
 {
-    const char *endpoint = socket == remote->control ? remote->control_endpoint : remote->bulk_endpoint;
+    bool control = socket == remote->control;
+    const char *endpoint = control ? remote->control_endpoint : remote->bulk_endpoint;
+    dial_watch_t *watch = control ? &remote->control_watch : &remote->bulk_watch;
     double deadline = clock_now() + timeout;
     for (;;) {
         bool received = false;
@@ -92,10 +114,14 @@ static result_t await_answer(remote_t *remote, void *socket, double timeout, wir
             wire_free(message);
             continue;
         }
+        result_t verdict = dial_watch_poll(watch);
         double left = deadline - clock_now();
+        if (verdict.code == RESULT_DENIED || (verdict.code != RESULT_OK && left <= 0))
+            return result_fail(verdict.code, "%s: %s", endpoint, verdict.message);
         if (left <= 0) return unreachable(remote, endpoint, timeout);
-        zmq_pollitem_t item = {.socket = socket, .events = ZMQ_POLLIN};
-        zmq_poll(&item, 1, (long)(1e3 * left) + 1);
+        zmq_pollitem_t items[] = {{.socket = socket, .events = ZMQ_POLLIN},
+                                  {.socket = watch->monitor, .events = ZMQ_POLLIN}};
+        zmq_poll(items, ARRAY_LENGTH(items), (long)(1e3 * left) + 1);
     }
 }
 
@@ -131,19 +157,22 @@ static result_t need_bulk(remote_t *remote)
             return result_fail(RESULT_PROTOCOL, "the master names %u as its bulk port", port);
         remote->bulk_endpoint = address_endpoint(&address, (int)port);
     }
-    return connect_socket(remote->context, remote->bulk_endpoint, WIRE_MAX_CHUNK, &remote->bulk);
+    return connect_socket(remote, remote->bulk_endpoint, WIRE_MAX_CHUNK, &remote->bulk, &remote->bulk_watch);
 }
 
 /* ---- jobs --------------------------------------------------------------------------------------------- */
 
-result_t remote_submit(remote_t *remote, const char *name, const job_settings_t *settings, const hash_t *blob,
-                       uint64_t *job)
+result_t remote_submit_job(remote_t *remote, const job_terms_t *terms, const job_settings_t *settings,
+                           const hash_t *blob, uint64_t *job)
 {
     Lm__Settings wire_settings = LM__SETTINGS__INIT;
+    Lm__Terms wire_terms = LM__TERMS__INIT;
     wire_settings_put(settings, &wire_settings);
+    wire_terms_put(terms, &wire_terms);
     Lm__JobSubmit submit = LM__JOB_SUBMIT__INIT;
-    submit.name = (char *)name;
+    submit.name = (char *)terms->name;
     submit.settings = &wire_settings;
+    submit.terms = &wire_terms;
     submit.blob = wire_hash_put(blob);
     Lm__Envelope envelope = LM__ENVELOPE__INIT;
     envelope.body_case = LM__ENVELOPE__BODY_JOB_SUBMIT;
@@ -156,33 +185,119 @@ result_t remote_submit(remote_t *remote, const char *name, const job_settings_t 
     return result_ok();
 }
 
-result_t remote_status(remote_t *remote, uint64_t job, wire_message_t *message)
+result_t remote_submit(remote_t *remote, const char *name, const job_settings_t *settings, const hash_t *blob,
+                       uint64_t *job)
+{
+    job_terms_t terms = {0};
+    snprintf(terms.name, sizeof terms.name, "%s", name);
+    return remote_submit_job(remote, &terms, settings, blob, job);
+}
+
+static result_t ask_status(remote_t *remote, uint64_t job, uint64_t from, wire_message_t *message)
 {
     Lm__JobStatusRequest request = LM__JOB_STATUS_REQUEST__INIT;
     request.job = job;
+    request.from = from;
     Lm__Envelope envelope = LM__ENVELOPE__INIT;
     envelope.body_case = LM__ENVELOPE__BODY_JOB_STATUS_REQUEST;
     envelope.job_status_request = &request;
-    TRY(ask(remote, remote->control, &envelope, NULL, remote->timeout, LM__ENVELOPE__BODY_JOB_STATUS_REPLY,
-            message));
-    const Lm__JobStatusReply *reply = message->envelope->job_status_reply;
-    if (job == 0 || (reply->n_jobs == 1 && reply->jobs[0]->job == job)) return result_ok();
-    wire_free(message);
-    return result_fail(RESULT_PROTOCOL, "the master's answer is not about job %llu", (unsigned long long)job);
+    return ask(remote, remote->control, &envelope, NULL, remote->timeout, LM__ENVELOPE__BODY_JOB_STATUS_REPLY,
+               message);
 }
 
-result_t remote_cancel(remote_t *remote, uint64_t job)
+/* Moves the jobs of one answer to the end of another. */
+static void move_jobs(Lm__JobStatusReply *from, Lm__JobStatusReply *to)
 {
-    Lm__JobOrder cancel = LM__JOB_ORDER__INIT;
-    cancel.kind = ORDER_CANCEL;
-    cancel.job = job;
+    to->jobs = mem_realloc(to->jobs, (to->n_jobs + from->n_jobs + 1) * sizeof *to->jobs);
+    for (size_t i = 0; i < from->n_jobs; i++) to->jobs[to->n_jobs++] = from->jobs[i];
+    from->n_jobs = 0;
+}
+
+/* A list may come in several messages: asks for the rest and puts it to the first. */
+static result_t ask_further_jobs(remote_t *remote, Lm__JobStatusReply *all)
+{
+    while (all->next != 0 && all->n_jobs < WIRE_MAX_UNITS) {
+        wire_message_t message;
+        uint64_t from = all->next;
+        TRY(ask_status(remote, 0, from, &message));
+        Lm__JobStatusReply *reply = message.envelope->job_status_reply;
+        all->next = reply->next > from ? reply->next : 0;
+        move_jobs(reply, all);
+        wire_free(&message);
+    }
+    return result_ok();
+}
+
+result_t remote_status(remote_t *remote, uint64_t job, wire_message_t *message)
+{
+    TRY(ask_status(remote, job, 0, message));
+    Lm__JobStatusReply *reply = message->envelope->job_status_reply;
+    result_t result = result_ok();
+    if (job == 0)
+        result = ask_further_jobs(remote, reply);
+    else if (reply->n_jobs != 1 || reply->jobs[0]->job != job)
+        result = result_fail(RESULT_PROTOCOL, "the master's answer is not about job %llu",
+                             (unsigned long long)job);
+    if (result.code != RESULT_OK) wire_free(message);
+    return result;
+}
+
+static result_t ask_workers(remote_t *remote, uint32_t from, wire_message_t *message)
+{
+    Lm__WorkerListRequest request = LM__WORKER_LIST_REQUEST__INIT;
+    request.from = from;
+    Lm__Envelope envelope = LM__ENVELOPE__INIT;
+    envelope.body_case = LM__ENVELOPE__BODY_WORKER_LIST_REQUEST;
+    envelope.worker_list_request = &request;
+    return ask(remote, remote->control, &envelope, NULL, remote->timeout, LM__ENVELOPE__BODY_WORKER_LIST,
+               message);
+}
+
+static void move_workers(Lm__WorkerList *from, Lm__WorkerList *to)
+{
+    to->workers = mem_realloc(to->workers, (to->n_workers + from->n_workers + 1) * sizeof *to->workers);
+    for (size_t i = 0; i < from->n_workers; i++) to->workers[to->n_workers++] = from->workers[i];
+    from->n_workers = 0;
+}
+
+static result_t ask_further_workers(remote_t *remote, Lm__WorkerList *all)
+{
+    while (all->next != 0 && all->n_workers < WIRE_MAX_UNITS) {
+        wire_message_t message;
+        uint32_t from = all->next;
+        TRY(ask_workers(remote, from, &message));
+        Lm__WorkerList *reply = message.envelope->worker_list;
+        all->next = reply->next > from ? reply->next : 0;
+        move_workers(reply, all);
+        wire_free(&message);
+    }
+    return result_ok();
+}
+
+result_t remote_workers(remote_t *remote, wire_message_t *message)
+{
+    TRY(ask_workers(remote, 0, message));
+    result_t result = ask_further_workers(remote, message->envelope->worker_list);
+    if (result.code != RESULT_OK) wire_free(message);
+    return result;
+}
+
+result_t remote_order(remote_t *remote, const job_order_t *order)
+{
+    Lm__JobOrder body = LM__JOB_ORDER__INIT;
+    wire_order_put(order, &body);
     Lm__Envelope envelope = LM__ENVELOPE__INIT;
     envelope.body_case = LM__ENVELOPE__BODY_JOB_ORDER;
-    envelope.job_order = &cancel;
+    envelope.job_order = &body;
     wire_message_t answer;
     TRY(ask(remote, remote->control, &envelope, NULL, remote->timeout, LM__ENVELOPE__BODY_DONE, &answer));
     wire_free(&answer);
     return result_ok();
+}
+
+result_t remote_cancel(remote_t *remote, uint64_t job)
+{
+    return remote_order(remote, &(job_order_t){.job = job, .kind = ORDER_CANCEL});
 }
 
 /* ---- blobs -------------------------------------------------------------------------------------------- */

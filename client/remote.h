@@ -2,12 +2,14 @@
  *
  * Every call asks and waits for the answer, at most `timeout` seconds (longer where the master has long work
  * to do: taking a snapshot, checking a large scene). RESULT_UNREACHABLE names the address and the cure; a
- * Refusal becomes a result with the master's own code and reason. One thread at a time.
+ * Refusal becomes a result with the master's own code and reason; RESULT_DENIED says that the keys do not
+ * fit, as soon as that is seen. One thread at a time.
  */
 #ifndef LIGHTMILL_REMOTE_H
 #define LIGHTMILL_REMOTE_H
 
 #include "common/scene_blob.h"
+#include "proto/dial.h"
 #include "proto/wire.h"
 
 typedef struct remote remote_t;
@@ -19,6 +21,9 @@ typedef struct remote remote_t;
  * port with the first status. `context` NULL: one is made. Strings are copied. Nothing is sent yet. */
 result_t remote_open(void *context, const char *control_endpoint, const char *bulk_endpoint, double timeout,
                      remote_t **remote);
+/* The same with keys, which are taken over and freed; NULL: none. */
+result_t remote_open_with(void *context, const char *control_endpoint, const char *bulk_endpoint,
+                          double timeout, dial_keys_t *keys, remote_t **remote);
 /* Closes the sockets and sets *remote to NULL. */
 void remote_close(remote_t **remote);
 
@@ -29,11 +34,18 @@ typedef void (*remote_progress_fn)(void *context, uint64_t done, uint64_t size);
 result_t remote_put_blob(remote_t *remote, const scene_blob_t *blob, remote_progress_fn progress,
                          void *progress_context);
 /* Submits a job whose blob is in the store. */
+result_t remote_submit_job(remote_t *remote, const job_terms_t *terms, const job_settings_t *settings,
+                           const hash_t *blob, uint64_t *job);
+/* The same with nothing but a name (cut to JOB_MAX_NAME) as its terms. */
 result_t remote_submit(remote_t *remote, const char *name, const job_settings_t *settings, const hash_t *blob,
                        uint64_t *job);
 /* The state of a job, or of all jobs when `job` is 0: the answer is message->envelope->job_status_reply, and
  * the caller frees the message with wire_free. With a job the reply holds exactly that one. */
 result_t remote_status(remote_t *remote, uint64_t job, wire_message_t *message);
+/* All workers: the answer is message->envelope->worker_list, freed likewise. */
+result_t remote_workers(remote_t *remote, wire_message_t *message);
+/* Has something done with a job. */
+result_t remote_order(remote_t *remote, const job_order_t *order);
 result_t remote_cancel(remote_t *remote, uint64_t job);
 /* The image of a job so far, as the bytes of an EXR file; the caller frees *bytes. */
 result_t remote_fetch_image(remote_t *remote, uint64_t job, bool half, uint8_t **bytes, size_t *size);

@@ -142,9 +142,9 @@ static result_t submit_part(const run_t *run, part_t *part)
     if (settings.unweighted)
         settings.film_scale = int_max(settings.film_scale - UNWEIGHTED_HEADROOM, FILM_MIN_SCALE);
     char *layer = strategy_layer(part->strategy, part->weighted);
-    char *name = mem_printf("%.800s %s", scene->name, layer);
-    result_t result = remote_submit(run->order->remote, name, &settings, &scene->blob.hash, &part->job);
-    free(name);
+    job_terms_t terms = run->order->terms;
+    snprintf(terms.name, sizeof terms.name, "%.170s %s", scene->name, layer);
+    result_t result = remote_submit_job(run->order->remote, &terms, &settings, &scene->blob.hash, &part->job);
     free(layer);
     return result;
 }

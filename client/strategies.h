@@ -39,6 +39,7 @@ typedef struct {
     remote_t *remote;        /* of the farm that renders */
     const scene_t *scene;    /* its blob is uploaded */
     job_settings_t settings; /* of strategies_settings */
+    job_terms_t terms;       /* of every job, but for its name */
     const output_t *output;  /* `path` an EXR, `png` the contact sheet beside it; or `path` a PNG alone */
     bool quiet;
     bool patient; /* waits on when the master does not answer */

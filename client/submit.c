@@ -23,13 +23,18 @@ static const char usage[] =
     "number.\n"
     "\n"
     "  --name NAME        what the job is called (default: after the scene)\n"
-    "  --wait             show the progress, and fetch the image at the end\n"
+    "  --priority N       jobs of a higher priority go first, those of the same share the workers (0)\n"
+    "  --verify SHARE     render so much of it twice, on two workers, and compare (1% or 0.01)\n"
+    "  --mixed            let machines share it that do not make the same bits\n"
+    "  --wait             show the progress, and fetch the image at the end; goes on when the master is\n"
+    "                     restarted\n"
     "  --strategies       with --wait: as in lightmill render; two jobs a strategy, which "
     "Ctrl-C cancels\n"
     "  --quiet            no progress\n";
 
 typedef struct {
     const char *scene_path, *name;
+    job_terms_t terms; /* without the name */
     overrides_t overrides;
     output_t output;
     master_option_t master;
@@ -45,12 +50,30 @@ static void on_interrupt(int number)
     atomic_store(&interrupted, true);
 }
 
+static result_t parse_terms(job_terms_t *terms, const char *option, const char *value, bool *taken)
+{
+    long long number;
+    *taken = true;
+    if (strcmp(option, "priority") == 0) {
+        TRY(option_integer(option, value, -JOB_MAX_PRIORITY, JOB_MAX_PRIORITY, &number));
+        terms->priority = (int32_t)number;
+    } else if (strcmp(option, "verify") == 0) {
+        return option_share(option, value, &terms->verify);
+    } else if (strcmp(option, "mixed") == 0) {
+        terms->mixed = true;
+    } else {
+        *taken = false;
+    }
+    return result_ok();
+}
+
 static result_t parse_option(command_t *command, const char *option, const char *value)
 {
     bool taken;
     TRY(overrides_option(&command->overrides, option, value, &taken));
     if (!taken) TRY(output_option(&command->output, option, value, &taken));
     if (!taken) TRY(master_option(&command->master, option, value, &taken));
+    if (!taken) TRY(parse_terms(&command->terms, option, value, &taken));
     if (taken) return result_ok();
     if (strcmp(option, "name") == 0)
         command->name = value;
@@ -71,6 +94,9 @@ static result_t parse_arguments(int argc, char **argv, command_t *command)
                                             OUTPUT_OPTIONS,
                                             MASTER_OPTIONS,
                                             {"name", required_argument, NULL, 0},
+                                            {"priority", required_argument, NULL, 0},
+                                            {"verify", required_argument, NULL, 0},
+                                            {"mixed", no_argument, NULL, 0},
                                             {"wait", no_argument, NULL, 0},
                                             {"strategies", no_argument, NULL, 0},
                                             {"quiet", no_argument, NULL, 0},
@@ -99,26 +125,6 @@ static void show_upload(void *context, uint64_t done, uint64_t size)
     progress_upload(context, done, size);
 }
 
-/* Waits for the end of the job. An interrupt ends only the waiting. */
-static result_t wait_for_image(const command_t *command, watch_t *watch)
-{
-    signal(SIGINT, on_interrupt);
-    while (!watch->final) {
-        result_t result = watch_poll(watch);
-        if (atomic_load(&interrupted))
-            return result_fail(RESULT_CANCELLED,
-                               "the job goes on; fetch its image with: lightmill fetch %" PRIu64, watch->job);
-        if (result.code == RESULT_UNREACHABLE)
-            log_warning("%s; waiting on", result.message);
-        else
-            TRY(result);
-    }
-    progress_end(watch->progress);
-    TRY(watch_deliver(watch, &command->output, command->quiet));
-    if (watch->state == JOB_CANCELLED) return result_fail(RESULT_CANCELLED, "the job was cancelled");
-    return result_ok();
-}
-
 static result_t check_interrupt(void *context)
 {
     (void)context;
@@ -130,6 +136,7 @@ static result_t submit_strategies(const command_t *command, remote_t *remote, co
 {
     strategies_t strategies = {.remote = remote,
                                .scene = scene,
+                               .terms = command->terms,
                                .output = &command->output,
                                .quiet = command->quiet,
                                .patient = true,
@@ -147,15 +154,18 @@ static result_t submit(const command_t *command, remote_t *remote, const scene_t
     result_t result = remote_put_blob(remote, &scene->blob, show_upload, &progress);
     progress_end(&progress);
     TRY(result);
-    watch_t watch = {.remote = remote, .progress = &progress};
-    const char *name = command->name ? command->name : scene->name;
-    TRY(remote_submit(remote, name, &settings, &scene->blob.hash, &watch.job));
+    watch_t watch = {.remote = remote, .progress = &progress, .patient = true};
+    job_terms_t terms = command->terms;
+    snprintf(terms.name, sizeof terms.name, "%s", command->name ? command->name : scene->name);
+    TRY(remote_submit_job(remote, &terms, &settings, &scene->blob.hash, &watch.job));
     printf("%" PRIu64 "\n", watch.job);
     fflush(stdout);
     if (!command->wait) return result_ok();
-    result = wait_for_image(command, &watch);
+    result = watch_wait(&watch);
     progress_end(&progress);
-    return result;
+    TRY(result);
+    TRY(watch_deliver(&watch, &command->output, command->quiet));
+    return watch_outcome(&watch);
 }
 
 result_t cmd_submit(int argc, char **argv)

@@ -1,6 +1,8 @@
 /* text: see text.h. */
 #include "client/text.h"
 
+#include "common/base.h"
+
 #include <math.h>
 #include <stdbool.h>
 #include <stdint.h>
@@ -32,18 +34,43 @@ static bool is_control(const char *text)
     return b[0] < 0x20 || b[0] == 0x7F || (b[0] == 0xC2 && b[1] < 0xA0);
 }
 
+/* Prints the next character and moves on; returns how many columns it took. */
+static int print_character(const char **text)
+{
+    size_t length = utf8_length(*text);
+    bool plain = length > 0 && !is_control(*text);
+    if (plain)
+        fwrite(*text, 1, length, stdout);
+    else
+        printf("\\x%02x", (unsigned)(uint8_t) * *text);
+    *text += plain ? length : 1;
+    return plain ? 1 : 4;
+}
+
 void text_print(const char *text)
 {
+    while (*text != '\0') print_character(&text);
+}
+
+void text_print_cell(const char *text, int width)
+{
+    while (*text != '\0' && width > 0) width -= print_character(&text);
+    for (; width > 0; width--) putchar(' ');
+}
+
+char *text_utf8(const char *text)
+{
+    static const char replacement[] = "\xEF\xBF\xBD";
+    char *copy = mem_alloc(3 * strlen(text) + 1), *end = copy;
     while (*text != '\0') {
         size_t length = utf8_length(text);
-        if (length == 0 || is_control(text)) {
-            length = 1;
-            printf("\\x%02x", (unsigned)(uint8_t)*text);
-        } else {
-            fwrite(text, 1, length, stdout);
-        }
-        text += length;
+        size_t size = length > 0 ? length : sizeof replacement - 1;
+        memcpy(end, length > 0 ? text : replacement, size);
+        end += size;
+        text += length > 0 ? length : 1;
     }
+    *end = '\0';
+    return copy;
 }
 
 void text_print_json(const char *text)

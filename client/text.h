@@ -5,8 +5,12 @@
 /* Prints to stdout with control characters and bytes that are not UTF-8 as \xNN, so that a file cannot
  * command the terminal. */
 void text_print(const char *text);
+/* The same for a column of a table: at most `width` characters, filled up with blanks. */
+void text_print_cell(const char *text, int width);
 /* Prints to stdout as a JSON string with its quotes; a byte that is not UTF-8 becomes U+FFFD. */
 void text_print_json(const char *text);
+/* The text with every byte that is not UTF-8 replaced by U+FFFD, in fresh memory. */
+char *text_utf8(const char *text);
 /* Prints to stdout as a JSON number, or null when it is not finite. */
 void text_print_json_number(double value);
 

@@ -1,6 +1,9 @@
 /* watch: see watch.h. */
 #include "client/watch.h"
 
+#include <inttypes.h>
+#include <signal.h>
+#include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -8,29 +11,88 @@
 
 static const long POLL_NANOSECONDS = 100000000; /* between questions; also how soon a signal is noticed */
 
+/* Set by the first Ctrl-C while waiting; a handler can reach nothing else. */
+static atomic_bool interrupted;
+
+static void on_interrupt(int number)
+{
+    (void)number;
+    atomic_store(&interrupted, true);
+}
+
 static void take_status(watch_t *watch, const Lm__JobStatus *status)
 {
     watch->state = status->state;
     watch->final = job_state_final(status->state);
     watch->samples_done = status->samples_done;
     watch->elapsed = status->elapsed;
+    watch->error = status->error;
     watch->workers_seen = status->workers_seen;
-    snprintf(watch->message, sizeof watch->message, "%s", status->message);
+    if (strcmp(watch->message, status->message) != 0) {
+        snprintf(watch->message, sizeof watch->message, "%s", status->message);
+        if (!watch->final && watch->message[0] != '\0') {
+            progress_erase(watch->progress);
+            log_warning("%s", watch->message);
+        }
+    }
     if (status->settings == NULL) return;
     watch->width = (int32_t)status->settings->width;
     watch->height = (int32_t)status->settings->height;
+}
+
+/* Tells, once each time, that the master does not answer, and that it does again. */
+static void note_silence(watch_t *watch, const result_t *result)
+{
+    bool silent = result->code == RESULT_UNREACHABLE;
+    if (silent == watch->silent) return;
+    watch->silent = silent;
+    progress_erase(watch->progress);
+    if (silent)
+        log_warning("%s; asking on", result->message);
+    else
+        log_warning("the master is back");
 }
 
 result_t watch_poll(watch_t *watch)
 {
     nanosleep(&(struct timespec){.tv_nsec = POLL_NANOSECONDS}, NULL);
     wire_message_t message;
-    TRY(remote_status(watch->remote, watch->job, &message));
+    result_t result = remote_status(watch->remote, watch->job, &message);
+    if (watch->patient) note_silence(watch, &result);
+    TRY(result);
     const Lm__JobStatus *status = message.envelope->job_status_reply->jobs[0];
     take_status(watch, status);
     progress_job(watch->progress, status);
     wire_free(&message);
     return result_ok();
+}
+
+result_t watch_wait(watch_t *watch)
+{
+    signal(SIGINT, on_interrupt);
+    while (!watch->final) {
+        result_t result = watch_poll(watch);
+        if (atomic_load(&interrupted))
+            return result_fail(RESULT_CANCELLED,
+                               "the job goes on; fetch its image with: lightmill fetch %" PRIu64, watch->job);
+        if (!watch->patient || result.code != RESULT_UNREACHABLE) TRY(result);
+    }
+    return result_ok();
+}
+
+result_t watch_outcome(const watch_t *watch)
+{
+    if (watch->state == JOB_CANCELLED) return result_fail(RESULT_CANCELLED, "the job was cancelled");
+    return result_ok();
+}
+
+/* Fetches the image; a patient watch begins again when the master goes away meanwhile. */
+static result_t fetch_image(const watch_t *watch, bool half, uint8_t **bytes, size_t *size)
+{
+    result_t result;
+    do result = remote_fetch_image(watch->remote, watch->job, half, bytes, size);
+    while (watch->patient && result.code == RESULT_UNREACHABLE && !atomic_load(&interrupted));
+    return result;
 }
 
 /* "wrote a.exr: 128 x 128, 64.0 spp, 1.05 M samples in 8.2 s (128 k samples/s), noise 3.1%" */
@@ -44,6 +106,7 @@ static void say_written(const watch_t *watch, const output_t *output, double noi
     printf("wrote %s%s%s: %d x %d, %.4g spp, %s samples in %s (%s samples/s)", output->path,
            output->png ? " and " : "", output->png ? output->png : "", watch->width, watch->height,
            pixels > 0 ? (double)watch->samples_done / pixels : 0, samples, duration, rate);
+    if (watch->error > 0) printf(", estimated error %.2g%%", 100 * watch->error);
     if (noise >= 0) printf(", noise %.2g%%", 100 * noise);
     printf("\n");
 }
@@ -56,7 +119,7 @@ result_t watch_deliver(const watch_t *watch, const output_t *output, bool quiet)
     uint8_t *bytes;
     size_t size;
     double noise;
-    TRY(remote_fetch_image(watch->remote, watch->job, output->half, &bytes, &size));
+    TRY(fetch_image(watch, output->half, &bytes, &size));
     result_t result = output_write(output, bytes, size, &noise);
     free(bytes);
     if (result.code == RESULT_OK && !quiet) say_written(watch, output, noise);

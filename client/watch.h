@@ -10,20 +10,28 @@ typedef struct {
     remote_t *remote;     /* kept by the caller */
     progress_t *progress; /* kept by the caller */
     uint64_t job;
-    bool final; /* done, cancelled or failed */
+    bool patient; /* a master that does not answer is waited for: it may be restarted */
+    bool silent;  /* it does not answer at the moment */
+    bool final;   /* done, cancelled or failed */
     /* From the last status: */
     uint32_t state; /* job_state_t */
     int32_t width, height;
     uint64_t samples_done;
     double elapsed; /* seconds */
+    double error;   /* estimated relative error; 0: not known */
     uint32_t workers_seen;
-    char message[256]; /* why it failed */
+    char message[500]; /* why it failed */
 } watch_t;
 
-/* Waits a moment, asks for the state and shows it. RESULT_UNREACHABLE when there is no answer. */
+/* Waits a moment, asks for the state and shows it. RESULT_UNREACHABLE when there is no answer; a patient
+ * watch says so once, and when the master is back. */
 result_t watch_poll(watch_t *watch);
+/* Polls until the job is over. SIGINT ends the waiting, not the job: RESULT_CANCELLED. */
+result_t watch_wait(watch_t *watch);
 /* Fetches the image of a job, writes it and says so on stdout. A failed job is an error, and so is one
  * without any samples. */
 result_t watch_deliver(const watch_t *watch, const output_t *output, bool quiet);
+/* A job that was cancelled is no success. */
+result_t watch_outcome(const watch_t *watch);
 
 #endif

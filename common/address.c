@@ -52,6 +52,13 @@ result_t address_parse(const char *text, int default_port, address_t *address)
     return result_ok();
 }
 
+bool address_is_loopback(const char *host)
+{
+    if (strcmp(host, "localhost") == 0 || strcmp(host, "[::1]") == 0) return true;
+    /* "127.example.org" is a name, not an address */
+    return strncmp(host, "127.", 4) == 0 && host[strspn(host, "0123456789.")] == '\0';
+}
+
 char *address_endpoint(const address_t *address, int port)
 {
     return mem_printf("tcp://%s:%d", address->host, port);

@@ -15,6 +15,8 @@ typedef struct {
 /* Reads "host", "host:port", "[v6]:port" or any of them after "tcp://". RESULT_USAGE when it is none of
  * these. */
 result_t address_parse(const char *text, int default_port, address_t *address);
+/* True for a host that only this machine reaches: localhost, 127.x.y.z, [::1]. */
+bool address_is_loopback(const char *host);
 /* "tcp://host:port" in fresh memory; the caller frees it. */
 char *address_endpoint(const address_t *address, int port);
 

@@ -22,7 +22,8 @@ typedef enum {
     RESULT_LIMIT,       /* a hard limit was exceeded, or memory ran out */
     RESULT_UNREACHABLE, /* no answer from a peer in time */
     RESULT_CANCELLED,   /* a user or a signal ended it */
-    RESULT_MISMATCH     /* a comparison failed */
+    RESULT_MISMATCH,    /* a comparison failed */
+    RESULT_DENIED       /* a key is missing, unknown, or lacks the right */
 } result_code_t;
 
 typedef struct {

@@ -87,6 +87,12 @@ size_t batch_splat_values(const job_settings_t *settings)
     return (size_t)2 * 3 * (size_t)settings->width * (size_t)settings->height;
 }
 
+size_t batch_bytes(const batch_t *batch)
+{
+    size_t splats = batch->splat != NULL ? batch_splat_values(&batch->settings) : 0;
+    return sizeof(int64_t) * (batch->eye_count + batch->feature_count + splats);
+}
+
 /* Grows an array of sums to at least `count`. What is in it stays. */
 static void reserve_sums(int64_t **sums, size_t *capacity, size_t count)
 {
@@ -216,6 +222,56 @@ void batch_add(batch_t *batch, const unit_result_t *result)
     film_counts_add(&batch->counts, &result->counts);
 }
 
+/* What is merely for people may not get so large that the sum is refused for it. */
+static void limit_counts(film_counts_t *counts)
+{
+    uint64_t *const others[] = {&counts->dropped, &counts->overflows, &counts->rays, &counts->cpu_us};
+    for (size_t i = 0; i < ARRAY_LENGTH(others); i++)
+        if (*others[i] > BATCH_MAX_COUNT) *others[i] = BATCH_MAX_COUNT;
+}
+
+void batch_merge(batch_t *sum, const batch_t *more)
+{
+    size_t count = sum->unit_count + more->unit_count;
+    if (count > sum->unit_capacity) {
+        sum->unit_capacity = 2 * count;
+        sum->units = mem_realloc(sum->units, sum->unit_capacity * sizeof *sum->units);
+    }
+    memcpy(sum->units + sum->unit_count, more->units, more->unit_count * sizeof *sum->units);
+    sum->unit_count = count;
+    append_sums(&sum->eye, &sum->eye_count, &sum->eye_capacity, more->eye, more->eye_count);
+    append_sums(&sum->features, &sum->feature_count, &sum->feature_capacity, more->features,
+                more->feature_count);
+    film_counts_add(&sum->counts, &more->counts);
+    if (more->splat != NULL) {
+        size_t values = batch_splat_values(&sum->settings);
+        if (sum->splat == NULL) sum->splat = mem_zalloc(values, sizeof *sum->splat);
+        sum->counts.overflows += film_add_sums(sum->splat, more->splat, values, 1);
+    }
+    limit_counts(&sum->counts);
+}
+
+result_t batch_check_counts(const batch_t *batch)
+{
+    uint64_t samples[2] = {0, 0};
+    for (size_t i = 0; i < batch->unit_count; i++)
+        for (int half = 0; half < 2; half++)
+            samples[half] += (uint64_t)unit_half_count(&batch->units[i], half) *
+                             job_tile_pixels(&batch->settings, batch->units[i].tile);
+    for (int half = 0; half < 2; half++)
+        if (batch->counts.light_paths[half] > samples[half])
+            return result_fail(RESULT_PROTOCOL, "%llu light paths for %llu samples",
+                               (unsigned long long)batch->counts.light_paths[half],
+                               (unsigned long long)samples[half]);
+    const uint64_t others[] = {batch->counts.dropped, batch->counts.overflows, batch->counts.rays,
+                               batch->counts.cpu_us};
+    for (size_t i = 0; i < ARRAY_LENGTH(others); i++)
+        if (others[i] > BATCH_MAX_COUNT)
+            return result_fail(RESULT_PROTOCOL, "a count of %llu is out of all bounds",
+                               (unsigned long long)others[i]);
+    return result_ok();
+}
+
 result_t film_new(const job_settings_t *settings, film_t **film)
 {
     size_t values = batch_splat_values(settings);
@@ -284,7 +340,8 @@ void film_merge_weighted(film_t *film, const batch_t *batch, const uint32_t *wei
         tile += batch_tile_values(&film->settings, batch->units[i].tile);
         size_t values =
             batch->feature_count > 0 ? batch_feature_values(&film->settings, &batch->units[i]) : 0;
-        if (values > 0) merge_features(film, &batch->units[i], features, sign);
+        if (values == 0) continue;
+        merge_features(film, &batch->units[i], features, sign);
         features += values;
     }
     if (batch->splat != NULL)

@@ -65,6 +65,9 @@ void film_counts_add(film_counts_t *sum, const film_counts_t *more);
 /* Takes out what was added. */
 void film_counts_take_out(film_counts_t *sum, const film_counts_t *less);
 
+/* The most that any one count of a batch may be, but light paths, which its samples bound. */
+#define BATCH_MAX_COUNT ((uint64_t)1 << 48)
+
 /* One splat, kept by a unit until it is complete. */
 typedef struct {
     uint32_t pixel; /* y * width + x, with the half (0 or 1) in the top bit */
@@ -125,6 +128,13 @@ void batch_clear(batch_t *batch);
 void batch_free(batch_t *batch);
 /* Adds a finished unit. */
 void batch_add(batch_t *batch, const unit_result_t *result);
+/* Adds a batch of the same job to a sum of batches: tiles and features one after the other, splat frames
+ * added. An addition that would overflow is left out and counted, as in a film. */
+void batch_merge(batch_t *sum, const batch_t *more);
+/* RESULT_PROTOCOL when a batch claims counts that its units, which are valid, cannot have. */
+result_t batch_check_counts(const batch_t *batch);
+/* Bytes of all its sums. */
+size_t batch_bytes(const batch_t *batch);
 /* int64_t's that the eye tile of a unit takes: 2 * pixels * 3. */
 size_t batch_tile_values(const job_settings_t *settings, uint32_t tile);
 /* int64_t's that the features of a unit take: 0 when the job has none, or the unit's samples begin at
@@ -132,6 +142,8 @@ size_t batch_tile_values(const job_settings_t *settings, uint32_t tile);
 size_t batch_feature_values(const job_settings_t *settings, const unit_t *unit);
 /* int64_t's of a splat frame: 2 * width * height * 3. */
 size_t batch_splat_values(const job_settings_t *settings);
+/* Bytes of all its sums. */
+size_t batch_bytes(const batch_t *batch);
 /* BLAKE2b-256 of the units, the numbers of light paths, and all sums: renderings of the same units have the
  * same digest when all their bits agree, whatever the order of the units, and whether sums that are all zero
  * are there or missing. */

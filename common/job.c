@@ -4,6 +4,7 @@
 #include "common/film.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <string.h>
 
 job_settings_t job_settings_default(void)
@@ -127,6 +128,20 @@ bool job_unit_valid(const job_settings_t *settings, const unit_t *unit)
 bool job_has_features(const job_settings_t *settings)
 {
     return settings->features && settings->integrator != INTEGRATOR_LIGHT;
+}
+
+hash_t job_content_hash(const job_settings_t *settings, const hash_t *blob)
+{
+    char hex[2 * HASH_BYTES + 1], text[400];
+    hash_to_hex(blob, hex);
+    int length = snprintf(
+        text, sizeof text,
+        "scene %s integrator %d sampler %d seed %llu size %dx%d depth %d tile %d scale %d "
+        "strategy %d %d unweighted %d features %d",
+        hex, (int)settings->integrator, (int)settings->sampler, (unsigned long long)settings->seed,
+        settings->width, settings->height, settings->max_depth, settings->tile_size, settings->film_scale,
+        settings->strategy_s, settings->strategy_t, settings->unweighted, settings->features);
+    return hash_bytes(text, (size_t)length);
 }
 
 uint32_t unit_half_count(const unit_t *unit, int half)

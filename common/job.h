@@ -89,6 +89,10 @@ uint32_t job_sample_limit(const job_settings_t *settings);
 bool job_unit_valid(const job_settings_t *settings, const unit_t *unit);
 /* True when the job makes features: they are wanted, and its integrator traces eye rays. */
 bool job_has_features(const job_settings_t *settings);
+/* The hash of all that a sample depends on: the scene and the settings that change its value (others only say
+ * how many samples there are). Sums may be added when this is the same, whatever number a job bears: a master
+ * that lost its data gives the old numbers to new jobs. */
+hash_t job_content_hash(const job_settings_t *settings, const hash_t *blob);
 /* Samples of half 0 (even indices) or 1 (odd indices) in a unit. */
 uint32_t unit_half_count(const unit_t *unit, int half);
 

@@ -1,8 +1,11 @@
 /* blob_store: scene blobs on disk under the names of their hashes.
  *
- * DIR/<hash>.blob is whole and checked: its hash is right and blob_open accepts it. DIR/<hash>.part is on its
- * way; its length is where an interrupted upload goes on, also after a restart. The store has no memory of
- * its own beyond its path, so its functions may be called from any thread; uploads come from one thread only.
+ * DIR/<hash>.blob is whole, checked and flushed: its hash is right and blob_open accepts it. DIR/<hash>.part
+ * is on its way; its length is where an interrupted upload goes on, also after a restart. What the store
+ * takes on the disk has a limit: where it would be passed, the blobs that no job needs and that were not used
+ * for longest go.
+ *
+ * Thread-safe; but the uploads come from one thread.
  */
 #ifndef LIGHTMILL_BLOB_STORE_H
 #define LIGHTMILL_BLOB_STORE_H
@@ -11,17 +14,31 @@
 
 typedef struct blob_store blob_store_t;
 
-/* Opens the store, making the directory when it is missing. */
-result_t blob_store_open(const char *directory, blob_store_t **store);
+typedef struct {
+    const char *directory; /* copied; made when it is missing */
+    uint64_t limit;        /* bytes of all blobs and uploads */
+    bool fleeting;         /* the directory goes with the process: nothing is flushed */
+} blob_store_options_t;
+
+/* Opens the store and looks at what is there. */
+result_t blob_store_open(const blob_store_options_t *options, blob_store_t **store);
 /* Frees the store and sets *store to NULL; the files stay. */
 void blob_store_close(blob_store_t **store);
 
 /* True when the blob is there, with its size in bytes. */
 bool blob_store_find(const blob_store_t *store, const hash_t *hash, uint64_t *size);
+/* The job needs the blob, or no longer does. */
+void blob_store_need(blob_store_t *store, const hash_t *hash, uint64_t job, bool needed);
+/* How many blobs there are, and what they take. */
+size_t blob_store_count(blob_store_t *store, uint64_t *bytes);
+
+/* Who is asked to make room when the disk is full and no blob can go; true when there are so many bytes. */
+void blob_store_on_full(blob_store_t *store, bool (*make_room)(void *context, uint64_t bytes), void *context);
 
 /* Takes `length` bytes of a blob of `size` bytes at `offset`. *next is the offset from which to go on: size
  * when the blob is complete and right. Bytes that do not begin where the file ends are not taken.
- * RESULT_INPUT when the blob is complete but wrong; it is deleted then. */
+ * RESULT_INPUT when the blob is complete but wrong; it is deleted then. RESULT_LIMIT when there is no room
+ * under the limit, RESULT_IO when the disk refuses: what is there stays, and the upload can go on later. */
 result_t blob_store_put(blob_store_t *store, const hash_t *hash, uint64_t offset, uint64_t size,
                         const void *bytes, size_t length, uint64_t *next);
 

@@ -1,13 +1,17 @@
 /* bulk_server: see bulk_server.h.
  *
- * DESIGN. One thread decodes and merges: at some GB/s of sums it is far from what a network delivers. One
- * batch is decoded into memory that is kept from batch to batch of the same job. A batch is decoded before
- * any lock is taken; the farm then decides whether it counts. */
+ * DESIGN. One thread owns the socket and does nothing that takes long: batches are merged by the threads of
+ * the pool, images are made by the gallery, and both tell it through the eventfd when they have something to
+ * send. What batches take of memory is bounded by grants (grants.h): a worker offers a batch, and sends it
+ * when it is told to. A batch that comes without that is taken if there is room for it. */
 #include "master/bulk_server.h"
 
 #include "master/complaint.h"
+#include "master/grants.h"
+#include "master/merge_pool.h"
 
 #include <errno.h>
+#include <malloc.h>
 #include <pthread.h>
 #include <stdatomic.h>
 #include <stdlib.h>
@@ -16,13 +20,17 @@
 #include <unistd.h>
 
 enum { POLL_MS = 500, MESSAGES_A_TURN = 64 };
+static const double TRIM_INTERVAL = 10; /* seconds */
 
 struct bulk_server {
     bulk_server_options_t options;
     pthread_t thread;
     atomic_bool stop;
     complaint_t complaint;
-    batch_t batch; /* the one being decoded; memory is kept */
+    merge_pool_t *pool;
+    grants_t *grants;
+    wire_message_t *message; /* the one that is being handled, until something takes it over */
+    double next_trim;        /* clock */
     uint64_t messages, bytes, malformed;
 };
 
@@ -64,67 +72,112 @@ static void refuse(bulk_server_t *server, const wire_message_t *message, result_
 
 /* ---- batches ------------------------------------------------------------------------------------------- */
 
-/* Makes the batch memory fit the job and the message's number of units. */
-static void prepare_batch(bulk_server_t *server, const job_t *job, size_t units)
+static result_t batch_wanted(void *context, const batch_offer_t *offer)
 {
-    batch_t *batch = &server->batch;
-    batch->settings = farm_job_settings(server->options.farm, job);
-    batch->unit_count = 0;
-    if (batch->unit_capacity < units) {
-        batch->units = mem_realloc(batch->units, units * sizeof *batch->units);
-        batch->unit_capacity = units;
+    bulk_server_t *server = context;
+    return farm_batch_wanted(server->options.farm, clock_now(), offer->worker, offer->job);
+}
+
+static void on_offer(bulk_server_t *server, const wire_message_t *message)
+{
+    const Lm__BatchOffer *body = message->envelope->batch_offer;
+    batch_offer_t offer = {.identity.size = message->identity_size,
+                           .request = message->envelope->request,
+                           .worker = body->worker,
+                           .job = body->job,
+                           .bytes = body->bytes};
+    memcpy(offer.identity.bytes, message->identity, message->identity_size);
+    result_t result = farm_content_check(server->options.farm, body->job, &body->content);
+    if (result.code == RESULT_OK) result = grants_offer(server->grants, clock_now(), &offer);
+    if (result.code != RESULT_OK) refuse(server, message, result);
+}
+
+/* Answers the offers that can be answered now. */
+static void send_grants(bulk_server_t *server)
+{
+    batch_offer_t offer;
+    result_t verdict;
+    while (grants_next(server->grants, clock_now(), batch_wanted, server, &offer, &verdict)) {
+        Lm__BatchGrant grant = LM__BATCH_GRANT__INIT;
+        Lm__Refusal refusal;
+        Lm__Envelope envelope = LM__ENVELOPE__INIT;
+        envelope.body_case = LM__ENVELOPE__BODY_BATCH_GRANT;
+        envelope.batch_grant = &grant;
+        if (verdict.code != RESULT_OK) envelope = refusal_envelope(&refusal, &verdict);
+        envelope.request = offer.request;
+        result_t sent =
+            wire_send(server->options.socket, offer.identity.bytes, offer.identity.size, &envelope, NULL, 0);
+        if (sent.code != RESULT_OK) grants_forget(server->grants, &offer.identity);
     }
 }
 
-static result_t decode_batch(bulk_server_t *server, const wire_message_t *message, job_t *job)
+/* Adds a batch to its job's film; for the threads of the pool. */
+static result_t merge_batch(void *context, const wire_message_t *message)
 {
-    const Lm__BatchResult *result = message->envelope->batch_result;
-    batch_t *batch = &server->batch;
-    if (message->payload_count != BATCH_PAYLOADS)
-        return result_fail(RESULT_PROTOCOL, "a batch has %d payloads, not %d", BATCH_PAYLOADS,
-                           message->payload_count);
-    if (result->n_units == 0) return result_fail(RESULT_PROTOCOL, "a batch without units");
-    TRY(wire_units_get(result->units, result->n_units, &batch->settings, batch->units));
-    batch->unit_count = result->n_units;
-    wire_counts_get(result->counts, &batch->counts);
-    return result_ok();
-}
-
-static result_t take_batch(bulk_server_t *server, const wire_message_t *message)
-{
+    farm_t *farm = context;
     const Lm__BatchResult *body = message->envelope->batch_result;
-    farm_t *farm = server->options.farm;
     job_t *job;
+    batch_t batch;
+    TRY(farm_content_check(farm, body->job, &body->content));
     TRY(farm_batch_open(farm, clock_now(), body->worker, body->job, message->bytes, &job));
-    prepare_batch(server, job, body->n_units);
-    result_t result = decode_batch(server, message, job);
+    job_settings_t settings = farm_job_settings(farm, job);
+    batch_init(&batch, &settings);
+    result_t result = wire_batch_get(message, &batch);
     if (result.code == RESULT_OK)
-        result = farm_batch_merge(farm, clock_now(), job, body->worker, body->check, &server->batch,
-                                  message->payload);
+        result =
+            farm_batch_merge(farm, clock_now(), job, body->worker, body->check, &batch, message->payload);
     else
-        farm_batch_refuse(farm, job, body->worker, server->batch.units, server->batch.unit_count);
+        farm_batch_refuse(farm, job, body->worker, batch.units, batch.unit_count);
+    batch_free(&batch);
     farm_unpin(farm, job);
     return result;
 }
 
+/* What a message with a batch takes, its decoded header too. */
+static uint64_t batch_memory(const wire_message_t *message)
+{
+    return message->bytes +
+           message->envelope->batch_result->n_units * (sizeof(Lm__Unit) + sizeof(void *) + sizeof(unit_t));
+}
+
 static void on_batch(bulk_server_t *server, const wire_message_t *message)
 {
-    double start = clock_now();
-    result_t result = take_batch(server, message);
+    identity_t identity = {.size = message->identity_size};
+    memcpy(identity.bytes, message->identity, message->identity_size);
+    uint64_t memory = batch_memory(message);
+    if (!grants_admit(server->grants, &identity, memory)) {
+        refuse(server, message,
+               result_fail(RESULT_LIMIT, "there is no room for a batch of %zu bytes now: offer it first",
+                           message->bytes));
+        return;
+    }
+    merge_pool_put(server->pool, server->message, memory);
+    server->message = NULL;
+}
+
+static void answer_batch(bulk_server_t *server, const wire_message_t *message, result_t *result)
+{
     const Lm__BatchResult *body = message->envelope->batch_result;
-    if (result.code == RESULT_OK)
-        log_debug("a batch of %zu units, %zu bytes, merged in %.3f s", body->n_units, message->bytes,
-                  clock_now() - start);
-    else if (complaint_allowed(&server->complaint, clock_now()))
-        log_warning("a batch of job %llu is refused: %s", (unsigned long long)body->job, result.message);
     Lm__BatchReply answer = LM__BATCH_REPLY__INIT;
     Lm__Envelope envelope = LM__ENVELOPE__INIT;
+    if (result->code != RESULT_OK && complaint_allowed(&server->complaint, clock_now()))
+        log_warning("a batch of job %llu is refused: %s", (unsigned long long)body->job, result->message);
     answer.sequence = body->sequence;
-    answer.accepted = result.code == RESULT_OK;
-    answer.reason = result.message;
+    answer.accepted = result->code == RESULT_OK;
+    answer.reason = result->message;
     envelope.body_case = LM__ENVELOPE__BODY_BATCH_REPLY;
     envelope.batch_reply = &answer;
     reply(server, message, &envelope, NULL);
+}
+
+static void send_verdicts(bulk_server_t *server)
+{
+    for (merge_verdict_t verdict; merge_pool_next(server->pool, &verdict);) {
+        grants_release(server->grants, verdict.memory);
+        answer_batch(server, verdict.message, &verdict.result);
+        wire_free(verdict.message);
+        free(verdict.message);
+    }
 }
 
 /* ---- blobs --------------------------------------------------------------------------------------------- */
@@ -282,9 +335,24 @@ static void send_images(bulk_server_t *server)
 
 /* ---- the thread ---------------------------------------------------------------------------------------- */
 
-static void dispatch(bulk_server_t *server, const wire_message_t *message)
+/* False, and a refusal, when the sender's key does not give it the right. */
+static bool allowed(bulk_server_t *server, wire_message_t *message)
 {
+    result_t result = gate_check(server->options.gate, message);
+    if (result.code == RESULT_OK) return true;
+    if (complaint_allowed(&server->complaint, clock_now()))
+        log_warning("a message from %s is refused: %s", message->address, result.message);
+    refuse(server, message, result);
+    return false;
+}
+
+static void dispatch(bulk_server_t *server, wire_message_t *message)
+{
+    if (!allowed(server, message)) return;
     switch (message->envelope->body_case) {
+    case LM__ENVELOPE__BODY_BATCH_OFFER:
+        on_offer(server, message);
+        break;
     case LM__ENVELOPE__BODY_BATCH_RESULT:
         on_batch(server, message);
         break;
@@ -316,21 +384,30 @@ static void on_malformed(bulk_server_t *server, const wire_message_t *message, r
 static bool receive_some(bulk_server_t *server)
 {
     for (int i = 0; i < MESSAGES_A_TURN && !atomic_load(&server->stop); i++) {
-        wire_message_t message;
         bool received;
-        result_t result = wire_receive(server->options.socket, true, &message, &received);
+        if (server->message == NULL) server->message = mem_alloc(sizeof *server->message);
+        result_t result = wire_receive(server->options.socket, true, server->message, &received);
         if (result.code == RESULT_OK && !received) return false;
         server->messages++;
-        server->bytes += message.bytes;
+        server->bytes += server->message->bytes;
         if (received)
-            dispatch(server, &message);
+            dispatch(server, server->message);
         else if (result.code == RESULT_PROTOCOL)
-            on_malformed(server, &message, result);
+            on_malformed(server, server->message, result);
         else
             return false;
-        wire_free(&message);
+        if (server->message != NULL) wire_free(server->message);
     }
     return true;
+}
+
+/* What batches took goes back to the system now and then: the C library keeps it, in pieces. To do so with
+ * every batch would cost a third of the merge in page faults. */
+static void trim_memory(bulk_server_t *server)
+{
+    if (clock_now() < server->next_trim) return;
+    malloc_trim(0);
+    server->next_trim = clock_now() + TRIM_INTERVAL;
 }
 
 static void *bulk_server_run(void *argument)
@@ -346,8 +423,14 @@ static void *bulk_server_run(void *argument)
         if (items[1].revents != 0 && read(server->options.wake, &count, sizeof count) < 0 && errno != EAGAIN)
             log_debug("cannot read an eventfd: %s", strerror(errno));
         send_images(server);
+        send_verdicts(server);
         more = receive_some(server);
+        grants_tick(server->grants, clock_now());
+        send_grants(server);
+        trim_memory(server);
     }
+    grants_state_t state = grants_state(server->grants);
+    log_info("bulk socket: batches took at most %.1f MB of memory at a time", 1e-6 * (double)state.most);
     log_info("bulk socket: %llu messages, %.1f MB (%llu bytes) received, %llu malformed",
              (unsigned long long)server->messages, 1e-6 * (double)server->bytes,
              (unsigned long long)server->bytes, (unsigned long long)server->malformed);
@@ -355,17 +438,33 @@ static void *bulk_server_run(void *argument)
     return NULL;
 }
 
+static void server_free(bulk_server_t *server)
+{
+    merge_pool_stop(&server->pool);
+    grants_destroy(&server->grants);
+    free(server->message);
+    free(server);
+}
+
 result_t bulk_server_start(const bulk_server_options_t *options, bulk_server_t **out)
 {
     bulk_server_t *server = mem_zalloc(1, sizeof *server);
     server->options = *options;
-    int error = pthread_create(&server->thread, NULL, bulk_server_run, server);
-    if (error == 0) {
-        *out = server;
-        return result_ok();
+    server->grants = grants_new(options->batch_memory);
+    merge_pool_options_t pool = {.merge = merge_batch,
+                                 .context = options->farm,
+                                 .threads = options->merge_threads,
+                                 .wake = options->wake};
+    result_t result = merge_pool_start(&pool, &server->pool);
+    if (result.code == RESULT_OK) {
+        int error = pthread_create(&server->thread, NULL, bulk_server_run, server);
+        if (error != 0) result = result_fail(RESULT_LIMIT, "cannot start a thread: %s", strerror(error));
     }
-    free(server);
-    return result_fail(RESULT_LIMIT, "cannot start a thread: %s", strerror(error));
+    if (result.code == RESULT_OK)
+        *out = server;
+    else
+        server_free(server);
+    return result;
 }
 
 void bulk_server_stop(bulk_server_t **out)
@@ -376,7 +475,6 @@ void bulk_server_stop(bulk_server_t **out)
     uint64_t one = 1;
     if (write(server->options.wake, &one, sizeof one) < 0) log_debug("the bulk thread is awake already");
     pthread_join(server->thread, NULL);
-    batch_free(&server->batch);
-    free(server);
+    server_free(server);
     *out = NULL;
 }

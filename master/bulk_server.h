@@ -1,11 +1,12 @@
-/* bulk_server: the thread that owns the bulk socket: batches of workers are decoded and merged, blobs come
- * and go, images are fetched. */
+/* bulk_server: the thread that owns the bulk socket: batches of workers come in and are handed to the threads
+ * that merge them (merge_pool.h), blobs come and go, images are fetched. */
 #ifndef LIGHTMILL_BULK_SERVER_H
 #define LIGHTMILL_BULK_SERVER_H
 
 #include "master/blob_store.h"
 #include "master/farm.h"
 #include "master/gallery.h"
+#include "master/gate.h"
 
 typedef struct bulk_server bulk_server_t;
 
@@ -13,8 +14,11 @@ typedef struct {
     farm_t *farm; /* kept by the caller, like the store and the gallery */
     blob_store_t *store;
     gallery_t *gallery;
+    gate_t *gate; /* likewise; NULL: everybody may do everything */
     void *socket; /* a bound ROUTER; closed by the server's thread */
-    int wake;     /* eventfd, written by the gallery when an image is ready */
+    int wake;     /* eventfd, written when an image is ready, a batch is merged, or one may be granted */
+    uint64_t batch_memory; /* bytes for batches that are under way or wait to be merged (grants.h) */
+    int merge_threads;     /* 0: one for each core */
 } bulk_server_options_t;
 
 /* Starts the thread; on failure the socket is still the caller's. */

@@ -2,6 +2,8 @@
 #include "master/control_server.h"
 
 #include "master/complaint.h"
+#include "master/control_reports.h"
+#include "master/rate_limit.h"
 
 #include <errno.h>
 #include <pthread.h>
@@ -15,7 +17,15 @@
 enum {
     TICK_MS = 100,
     MESSAGES_A_TURN = 256, /* before notices and the clock get their turn */
-    RETRY_MS = 2000        /* after which an idle worker asks again, if no JobReady comes */
+    RETRY_MS = 2000,       /* after which an idle worker asks again, if no JobReady comes */
+    FLOOD_TICK_MS = 1000,  /* between looks at the leases while messages never end */
+    PEER_RATE = 2000,      /* messages a second from one connection, */
+    PEER_BURST = 4000,     /* and at once */
+    PEERS = 16384,         /* connections that are counted apart */
+    KEY_RATE =
+        20000, /* messages a second from all who have the same key: thousands of workers may share one */
+    KEY_BURST = 20000,
+    KEYS = 4096
 };
 
 struct control_server {
@@ -23,9 +33,17 @@ struct control_server {
     pthread_t thread;
     atomic_bool stop;
     complaint_t complaint;
-    unit_t *units; /* room for one assignment */
-    uint64_t messages, bytes, malformed;
+    complaint_t refused;                  /* of those whom the gate or the limit refused */
+    rate_limit_t *peer_limit, *key_limit; /* by connection, by key */
+    unit_t *units;                        /* room for one assignment */
+    uint64_t messages, bytes, malformed, over_limit;
 };
+
+/* Who asks for a report. */
+typedef struct {
+    control_server_t *server;
+    const wire_message_t *message;
+} question_t;
 
 static void reply(control_server_t *server, const wire_message_t *message, Lm__Envelope *answer)
 {
@@ -118,6 +136,7 @@ static void send_assignment(control_server_t *server, const wire_message_t *mess
     assignment.settings = &settings;
     assignment.blob = wire_hash_put(&work->blob);
     assignment.blob_size = work->blob_size;
+    assignment.check = work->check;
     assignment.n_units = work->unit_count;
     assignment.units = wire_units_new(work->units, work->unit_count);
     answer.body_case = LM__ENVELOPE__BODY_ASSIGNMENT;
@@ -131,6 +150,8 @@ static void on_work_request(control_server_t *server, const wire_message_t *mess
     const Lm__WorkRequest *request = message->envelope->work_request;
     farm_work_t work = {.units = server->units};
     identity_t identity = sender(message);
+    farm_reclaim(server->options.farm, clock_now(), request->worker, request->job, &request->content,
+                 request->kept, request->n_kept);
     result_t result = farm_take(server->options.farm, clock_now(), &identity, request->worker, request->job,
                                 request->samples, request->unit_samples, &work);
     if (result.code != RESULT_OK) {
@@ -155,6 +176,8 @@ static void on_heartbeat(control_server_t *server, const wire_message_t *message
     identity_t identity = sender(message);
     body.known = farm_heartbeat(server->options.farm, clock_now(), &identity, beat->worker, beat->job,
                                 beat->units_held);
+    if (body.known && beat->threads > 0)
+        farm_worker_threads(server->options.farm, beat->worker, beat->threads);
     answer.body_case = LM__ENVELOPE__BODY_HEARTBEAT_REPLY;
     answer.heartbeat_reply = &body;
     reply(server, message, &answer);
@@ -169,112 +192,123 @@ static void on_goodbye(control_server_t *server, const wire_message_t *message)
 
 /* ---- clients ------------------------------------------------------------------------------------------- */
 
-static result_t submit(control_server_t *server, const Lm__JobSubmit *request, uint64_t *job)
+static clerk_request_t clerk_request(const wire_message_t *message, clerk_kind_t kind)
 {
-    job_settings_t settings;
-    job_terms_t terms;
-    hash_t blob;
-    uint64_t size;
-    TRY(wire_settings_get(request->settings, &settings));
-    TRY(wire_terms_get(request->terms, request->name, &terms));
-    if (!wire_hash_get(&request->blob, &blob))
-        return result_fail(RESULT_PROTOCOL, "the scene's hash has %zu bytes, not %d", request->blob.len,
+    return (clerk_request_t){
+        .identity = sender(message), .request = message->envelope->request, .kind = kind};
+}
+
+static result_t submit(control_server_t *server, const wire_message_t *message)
+{
+    const Lm__JobSubmit *submission = message->envelope->job_submit;
+    clerk_request_t request = clerk_request(message, CLERK_SUBMIT);
+    TRY(wire_settings_get(submission->settings, &request.settings));
+    TRY(wire_terms_get(submission->terms, submission->name, &request.terms));
+    if (!wire_hash_get(&submission->blob, &request.blob))
+        return result_fail(RESULT_PROTOCOL, "the scene's hash has %zu bytes, not %d", submission->blob.len,
                            HASH_BYTES);
-    if (!blob_store_find(server->options.store, &blob, &size))
-        return result_fail(RESULT_INPUT, "this master does not have the scene: send it first");
-    return farm_submit(server->options.farm, clock_now(), &terms, &settings, &blob, size, job);
+    return clerk_ask(server->options.clerk, &request);
 }
 
 static void on_submit(control_server_t *server, const wire_message_t *message)
 {
-    Lm__JobAccepted accepted = LM__JOB_ACCEPTED__INIT;
-    result_t result = submit(server, message->envelope->job_submit, &accepted.job);
-    if (result.code != RESULT_OK) {
-        refuse(server, message, result);
-        return;
-    }
-    Lm__Envelope answer = LM__ENVELOPE__INIT;
-    answer.body_case = LM__ENVELOPE__BODY_JOB_ACCEPTED;
-    answer.job_accepted = &accepted;
-    reply(server, message, &answer);
+    result_t result = submit(server, message);
+    if (result.code != RESULT_OK) refuse(server, message, result);
 }
 
-/* One job's report as messages that point into it. */
-typedef struct {
-    Lm__JobStatus status;
-    Lm__Settings settings;
-    Lm__Counts counts;
-} status_message_t;
-
-static void fill_status(job_report_t *report, status_message_t *out)
+static void send_report(void *context, Lm__Envelope *answer)
 {
-    lm__job_status__init(&out->status);
-    lm__settings__init(&out->settings);
-    lm__counts__init(&out->counts);
-    wire_settings_put(&report->settings, &out->settings);
-    wire_counts_put(&report->counts, &out->counts);
-    out->status.job = report->job;
-    out->status.name = report->terms.name;
-    out->status.state = (uint32_t)report->state;
-    out->status.settings = &out->settings;
-    out->status.blob = wire_hash_put(&report->blob);
-    out->status.samples_done = report->samples_done;
-    out->status.samples_total = report->samples_total;
-    out->status.elapsed = report->elapsed;
-    out->status.remaining = report->remaining;
-    out->status.workers = report->workers;
-    out->status.workers_seen = report->workers_seen;
-    out->status.bytes_received = report->bytes_received;
-    out->status.batches = report->batches;
-    out->status.batches_refused = report->batches_refused;
-    out->status.units_reissued = report->units_reissued;
-    out->status.counts = &out->counts;
-    out->status.message = report->message;
+    const question_t *question = context;
+    reply(question->server, question->message, answer);
 }
 
 static void on_status(control_server_t *server, const wire_message_t *message)
 {
-    uint64_t job = message->envelope->job_status_request->job;
-    size_t count;
-    Lm__JobStatusReply body = LM__JOB_STATUS_REPLY__INIT;
-    job_report_t *reports = farm_report(server->options.farm, clock_now(), job, &count, &body.workers);
-    if (job != 0 && count == 0) {
-        refuse(server, message, result_fail(RESULT_INPUT, "there is no job %llu", (unsigned long long)job));
-        return;
-    }
-    status_message_t *statuses = mem_alloc((count + 1) * sizeof *statuses);
-    Lm__JobStatus **pointers = mem_alloc((count + 1) * sizeof(Lm__JobStatus *));
-    for (size_t i = 0; i < count; i++) {
-        fill_status(&reports[i], &statuses[i]);
-        pointers[i] = &statuses[i].status;
-    }
-    body.n_jobs = count;
-    body.jobs = pointers;
-    body.bulk_port = server->options.bulk_port;
-    Lm__Envelope answer = LM__ENVELOPE__INIT;
-    answer.body_case = LM__ENVELOPE__BODY_JOB_STATUS_REPLY;
-    answer.job_status_reply = &body;
-    reply(server, message, &answer);
-    free(pointers);
-    free(statuses);
-    free(reports);
+    question_t question = {server, message};
+    result_t result = report_jobs(server->options.farm, clock_now(), message->envelope->job_status_request,
+                                  server->options.bulk_port, send_report, &question);
+    if (result.code != RESULT_OK) refuse(server, message, result);
+}
+
+static void on_worker_list(control_server_t *server, const wire_message_t *message)
+{
+    question_t question = {server, message};
+    report_workers(server->options.farm, server->options.gate, clock_now(),
+                   message->envelope->worker_list_request, send_report, &question);
 }
 
 static void on_order(control_server_t *server, const wire_message_t *message)
 {
-    job_order_t order;
-    result_t result = wire_order_get(message->envelope->job_order, &order);
-    if (result.code == RESULT_OK) result = farm_order(server->options.farm, clock_now(), &order);
-    if (result.code == RESULT_OK)
-        done(server, message);
-    else
-        refuse(server, message, result);
+    clerk_request_t request = clerk_request(message, CLERK_ORDER);
+    result_t result = wire_order_get(message->envelope->job_order, &request.order);
+    if (result.code == RESULT_OK) result = clerk_ask(server->options.clerk, &request);
+    if (result.code != RESULT_OK) refuse(server, message, result);
+}
+
+/* What the clerk has seen to. */
+static void send_answers(control_server_t *server)
+{
+    for (clerk_answer_t done_now; clerk_next_answer(server->options.clerk, &done_now);) {
+        Lm__Envelope request = LM__ENVELOPE__INIT, answer = LM__ENVELOPE__INIT;
+        Lm__JobAccepted accepted = LM__JOB_ACCEPTED__INIT;
+        wire_message_t asker = {.envelope = &request, .identity_size = done_now.identity.size};
+        memcpy(asker.identity, done_now.identity.bytes, done_now.identity.size);
+        request.request = done_now.request;
+        if (done_now.result.code != RESULT_OK) {
+            refuse(server, &asker, done_now.result);
+        } else if (done_now.kind == CLERK_ORDER) {
+            done(server, &asker);
+        } else {
+            accepted.job = done_now.job;
+            answer.body_case = LM__ENVELOPE__BODY_JOB_ACCEPTED;
+            answer.job_accepted = &accepted;
+            reply(server, &asker, &answer);
+        }
+    }
+}
+
+/* ---- who may ask what ---------------------------------------------------------------------------------- */
+
+static const char *sender_name(const wire_message_t *message)
+{
+    return message->key[0] != '\0' ? message->key : message->address;
+}
+
+/* False when the sender sends too much: the message, not decoded yet, is not looked at. It is told once. */
+static bool within_limit(control_server_t *server, const wire_message_t *message)
+{
+    double now = clock_now();
+    rate_verdict_t verdict =
+        rate_limit_take(server->peer_limit, now, message->identity, message->identity_size);
+    if (verdict == RATE_PASS && message->key[0] != '\0')
+        verdict = rate_limit_take(server->key_limit, now, message->key, WIRE_KEY_TEXT);
+    if (verdict == RATE_PASS) return true;
+    server->over_limit++;
+    if (verdict == RATE_DROP) return false;
+    if (complaint_allowed(&server->refused, now))
+        log_warning("messages of %s are dropped: more than %d a second", sender_name(message), PEER_RATE);
+    refuse(server, message,
+           result_fail(RESULT_LIMIT, "more than %d messages a second: those over the limit are dropped",
+                       PEER_RATE));
+    return false;
+}
+
+/* False, and a refusal, when the sender's key does not give it the right. */
+static bool allowed(control_server_t *server, wire_message_t *message)
+{
+    result_t result = gate_check(server->options.gate, message);
+    if (result.code == RESULT_OK) return true;
+    if (complaint_allowed(&server->refused, clock_now()))
+        log_warning("a message from %s is refused: %s", message->address, result.message);
+    refuse(server, message, result);
+    return false;
 }
 
 /* ---- the thread ---------------------------------------------------------------------------------------- */
 
-static void dispatch(control_server_t *server, const wire_message_t *message)
+static void dispatch(control_server_t *server, wire_message_t *message)
 {
+    if (!allowed(server, message)) return;
     switch (message->envelope->body_case) {
     case LM__ENVELOPE__BODY_HELLO:
         on_hello(server, message);
@@ -293,6 +327,9 @@ static void dispatch(control_server_t *server, const wire_message_t *message)
         break;
     case LM__ENVELOPE__BODY_JOB_STATUS_REQUEST:
         on_status(server, message);
+        break;
+    case LM__ENVELOPE__BODY_WORKER_LIST_REQUEST:
+        on_worker_list(server, message);
         break;
     case LM__ENVELOPE__BODY_JOB_ORDER:
         on_order(server, message);
@@ -318,16 +355,19 @@ static bool receive_some(control_server_t *server)
     for (int i = 0; i < MESSAGES_A_TURN; i++) {
         wire_message_t message;
         bool received;
-        result_t result = wire_receive(server->options.socket, true, &message, &received);
+        result_t result = wire_receive_frames(server->options.socket, true, &message, &received);
         if (result.code == RESULT_OK && !received) return false;
+        if (result.code != RESULT_OK && result.code != RESULT_PROTOCOL)
+            return false; /* a broken socket: the loop goes on at the pace of its ticks */
         server->messages++;
         server->bytes += message.bytes;
-        if (received)
-            dispatch(server, &message);
-        else if (result.code == RESULT_PROTOCOL)
-            on_malformed(server, &message, result);
-        else
-            return false; /* a broken socket: the loop goes on at the pace of its ticks */
+        if (within_limit(server, &message)) {
+            if (received) result = wire_decode(&message);
+            if (result.code == RESULT_OK)
+                dispatch(server, &message);
+            else
+                on_malformed(server, &message, result);
+        }
         wire_free(&message);
     }
     return true;
@@ -361,6 +401,7 @@ static void *control_server_run(void *argument)
     bool more = false;
     prctl(PR_SET_NAME, "lm-control");
     while (!atomic_load(&server->stop)) {
+        pulse_beat(server->options.pulse, NULL);
         zmq_pollitem_t items[] = {{.socket = server->options.socket, .events = ZMQ_POLLIN},
                                   {.fd = server->options.wake, .events = ZMQ_POLLIN}};
         zmq_poll(items, ARRAY_LENGTH(items), more ? 0 : TICK_MS);
@@ -368,17 +409,29 @@ static void *control_server_run(void *argument)
         if (items[1].revents != 0 && read(server->options.wake, &count, sizeof count) < 0 && errno != EAGAIN)
             log_debug("cannot read an eventfd: %s", strerror(errno));
         more = receive_some(server);
-        /* Leases are looked at only when no message waits: a heartbeat may be among them. */
-        if (!more && clock_now() - last_tick >= 1e-3 * TICK_MS) {
+        /* Leases are looked at when no message waits: a heartbeat may be among them. While peers flood the
+         * socket, now and then: every connection has had its turn since. */
+        if (clock_now() - last_tick >= 1e-3 * (more ? FLOOD_TICK_MS : TICK_MS)) {
             last_tick = clock_now();
             farm_tick(server->options.farm, last_tick);
         }
         send_notices(server);
+        send_answers(server);
     }
-    log_info("control socket: %llu messages, %.1f MB, %llu malformed", (unsigned long long)server->messages,
-             1e-6 * (double)server->bytes, (unsigned long long)server->malformed);
+    log_info("control socket: %llu messages, %.1f MB, %llu malformed, %llu over the limit",
+             (unsigned long long)server->messages, 1e-6 * (double)server->bytes,
+             (unsigned long long)server->malformed, (unsigned long long)server->over_limit);
     zmq_close(server->options.socket);
     return NULL;
+}
+
+static void server_free(control_server_t **server)
+{
+    rate_limit_destroy(&(*server)->peer_limit);
+    rate_limit_destroy(&(*server)->key_limit);
+    free((*server)->units);
+    free(*server);
+    *server = NULL;
 }
 
 result_t control_server_start(const control_server_options_t *options, control_server_t **out)
@@ -386,13 +439,14 @@ result_t control_server_start(const control_server_options_t *options, control_s
     control_server_t *server = mem_zalloc(1, sizeof *server);
     server->options = *options;
     server->units = mem_alloc(WIRE_MAX_UNITS * sizeof *server->units);
+    server->peer_limit = rate_limit_new(PEER_RATE, PEER_BURST, PEERS);
+    server->key_limit = rate_limit_new(KEY_RATE, KEY_BURST, KEYS);
     int error = pthread_create(&server->thread, NULL, control_server_run, server);
     if (error == 0) {
         *out = server;
         return result_ok();
     }
-    free(server->units);
-    free(server);
+    server_free(&server);
     return result_fail(RESULT_LIMIT, "cannot start a thread: %s", strerror(error));
 }
 
@@ -404,7 +458,5 @@ void control_server_stop(control_server_t **out)
     uint64_t one = 1;
     if (write(server->options.wake, &one, sizeof one) < 0) log_debug("the control thread is awake already");
     pthread_join(server->thread, NULL);
-    free(server->units);
-    free(server);
-    *out = NULL;
+    server_free(out);
 }

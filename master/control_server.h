@@ -4,18 +4,22 @@
 #ifndef LIGHTMILL_CONTROL_SERVER_H
 #define LIGHTMILL_CONTROL_SERVER_H
 
-#include "master/blob_store.h"
+#include "common/health.h"
+#include "master/clerk.h"
 #include "master/farm.h"
+#include "master/gate.h"
 
 typedef struct control_server control_server_t;
 
 typedef struct {
-    farm_t *farm; /* kept by the caller, like the store */
-    const blob_store_t *store;
-    void *socket;                            /* a bound ROUTER; closed by the server's thread */
-    int wake;                                /* eventfd, written by the farm when there are notices */
+    farm_t *farm; /* kept by the caller, like the clerk */
+    clerk_t *clerk;
+    gate_t *gate; /* likewise; NULL: everybody may do everything */
+    void *socket; /* a bound ROUTER; closed by the server's thread */
+    int wake; /* eventfd, written by the farm when there are notices, by the clerk when it has an answer */
     uint32_t bulk_port;                      /* told to peers; 0: inproc */
     double heartbeat, lease, batch_interval; /* seconds, told to workers */
+    pulse_t *pulse;                          /* kept by the caller; NULL: none */
 } control_server_options_t;
 
 /* Starts the thread; on failure the socket is still the caller's. */

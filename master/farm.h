@@ -19,8 +19,11 @@ enum {
     FARM_MAX_JOBS = 1000,    /* known at a time; the oldest finished ones are forgotten */
     FARM_MAX_WORKERS = 4096, /* connected, and as many again that were lost and may still send a batch */
     FARM_MAX_NAME = JOB_MAX_NAME,
-    FARM_MAX_DECLINES = 3 /* of a job that no worker has rendered any of */
+    FARM_MAX_DECLINES = 3, /* of a job that no worker has rendered any of */
+    FARM_UNIT_DEATHS = 5,  /* workers that a unit has to end, at least, before it is left out */
+    FARM_MAX_FAILURES = 3  /* of a machine without a delivery between them, before it is put aside */
 };
+#define FARM_ASIDE_SECONDS 60.0 /* that a machine is put aside for the first time; farm_standing.c */
 
 typedef struct farm farm_t;
 typedef struct job job_t; /* a job that the caller has pinned: it is not forgotten */
@@ -37,7 +40,8 @@ typedef struct {
     int control_wake;    /* written when there are notices to send */
     int image_wake;      /* when a job waits for its image */
     int clerk_wake;      /* when a job's record has changed */
-    int checkpoint_wake; /* when a film is to be loaded, or a last checkpoint to be made */
+    int checkpoint_wake; /* when a film is to be loaded, or a last checkpoint to be made; -1: no film outlives
+                            the process, and jobs end without */
     int grant_wake; /* when a batch that was refused for the moment may now be taken: a film was loaded */
 } farm_options_t;
 
@@ -69,6 +73,12 @@ result_t farm_hello(farm_t *farm, double now, const identity_t *identity, const 
 /* False when the worker is not known (any more). */
 bool farm_heartbeat(farm_t *farm, double now, const identity_t *identity, uint64_t worker, uint64_t job,
                     uint32_t units_held);
+/* The threads of a relay are those of its workers, and change. */
+void farm_worker_threads(farm_t *farm, uint64_t worker, uint32_t threads);
+/* The worker has these units in hand, from an earlier life of this master or a lease that ended, of a job
+ * that `content` identifies (job_content_hash): those that nobody else has are its own again. */
+void farm_reclaim(farm_t *farm, double now, uint64_t worker, uint64_t job, const ProtobufCBinaryData *content,
+                  Lm__Unit *const *units, size_t count);
 /* The worker leaves: its units go back. `job` is one that it cannot render, for the reason it gives, or 0. A
  * job that nobody has delivered anything of fails when it was declined FARM_MAX_DECLINES times and nobody is
  * at it. */
@@ -103,11 +113,12 @@ void farm_tick(farm_t *farm, double now);
 
 /* ---- jobs ---------------------------------------------------------------------------------------------- */
 
-/* Puts a job in the queue; settings and terms are checked, the blob is in the store. */
+/* Puts a job in the queue; settings and terms are checked, the blob is in the store. RESULT_LIMIT when the
+ * queue is full of jobs that are not over or are retained, or the film does not fit into memory. */
 result_t farm_submit(farm_t *farm, double now, const job_terms_t *terms, const job_settings_t *settings,
                      const hash_t *blob, uint64_t blob_size, uint64_t *job);
-/* Does what a client orders (wire.h). RESULT_INPUT when there is no such job, or its state does not allow it.
- * After ORDER_DELETE the job is unknown here; its files are the caller's to delete. */
+/* Does what a client orders (wire.h, farm_orders.c). RESULT_INPUT when there is no such job, or its state
+ * does not allow it. After ORDER_DELETE the job is unknown here; its files are the caller's to delete. */
 result_t farm_order(farm_t *farm, double now, const job_order_t *order);
 
 /* A job as clients see it. */
@@ -139,7 +150,7 @@ job_report_t *farm_report(farm_t *farm, double now, uint64_t job, size_t *count,
 /* A worker as clients see it. */
 typedef struct {
     char name[FARM_MAX_NAME + 1];
-    char key[WIRE_KEY_TEXT + 1];
+    char key[KEY_MAX_NAME + 1]; /* public key in Z85, or the name that the list of keys has for it */
     uint32_t threads;
     hash_t fingerprint;
     bool relay, connected;
@@ -174,39 +185,55 @@ typedef struct {
     double submitted, finished; /* seconds since 1970; 0: not yet */
     uint64_t bytes, batches, batches_refused, units_reissued, checks_passed, checks_failed;
     uint32_t workers_seen;
+    uint64_t samples_done; /* pixel samples; with the next three for the status of a job without a film */
+    schedule_account_t account; /* as it was when nothing was out */
+    film_counts_t counts;
+    double error; /* estimated relative error at the last fixed point; 0: not known */
     char message[500];
 } job_record_t;
 
-/* The next record that has changed since it was given out; false when there is none. */
+/* The next record that has changed since it was given out; false when there is none. Records change with
+ * every order, every change of state and every checkpoint. */
 bool farm_next_record(farm_t *farm, double now, job_record_t *record);
 /* The record was not saved: it is given out again. */
 void farm_record_unsaved(farm_t *farm, uint64_t job);
-/* Makes a job known again at the start of the process. One that is not over waits for its film:
- * farm_next_load gives it out. */
+/* The record of a pinned job as it is now, for its checkpoint. */
+job_record_t farm_record(farm_t *farm, double now, const job_t *job);
+/* Tells the users of a pinned job something (its message), unless it has failed. */
+void farm_note(farm_t *farm, job_t *job, const char *note);
+/* Makes a job known again at the start of the process. One that is not over and has been worked on waits for
+ * its film: farm_next_load gives it out. Until then its state is JOB_QUEUED, or JOB_PAUSED or JOB_FINISHING
+ * as it was. */
 void farm_restore(farm_t *farm, double now, const job_record_t *record);
-/* Pins the job whose film is wanted first (a restart, an extended job); NULL when there is none. */
+/* Pins the job whose film is wanted first (a restart, an extended job whose turn it is) and sets memory aside
+ * for it; NULL when there is none, or no memory. It is answered with one of the next two, then unpinned. */
 job_t *farm_next_load(farm_t *farm);
-/* The film of a pinned job and the state of its schedule, both taken over; film NULL: there is no checkpoint,
- * it begins anew. RESULT_INPUT when the state does not fit the job, which then begins anew. */
+/* The film of a pinned job and the state of its schedule, both taken over (the state's arrays, not the
+ * struct); film NULL: there is no checkpoint, it begins anew. RESULT_INPUT when the state does not fit the
+ * job, which then begins anew. */
 result_t farm_loaded(farm_t *farm, double now, job_t *job, film_t *film, schedule_state_t *state);
 /* The film cannot be had for the moment or ever: the job fails with this message. */
 void farm_load_failed(farm_t *farm, double now, job_t *job, const char *why);
 
-/* Pins a job that has sums that no checkpoint holds: one that waits for its last checkpoint to be over, else
- * the one whose last is oldest. NULL when there is none; *age is how long ago its last one was, seconds, and
- * *last whether it is waited for. */
+/* Pins a job that has sums that no checkpoint holds: one that waits for its last checkpoint to be over (or
+ * any, when the process ends), else the one whose last is oldest. NULL when there is none; *age is how long
+ * ago its last one was, seconds, and *last whether it is waited for. */
 job_t *farm_next_checkpoint(farm_t *farm, double now, double *age, bool *last);
 /* A snapshot of a pinned job's film and exactly the samples that it holds. False when it has no film (any
- * more). */
+ * more), or a snapshot is open. The snapshot is freed by the caller, then farm_checkpointed is called. */
 bool farm_snapshot(farm_t *farm, job_t *job, schedule_state_t *state, canvas_snapshot_t **snapshot);
-/* A checkpoint was written, or could not be. */
+/* A checkpoint was written; or it could not be: then farm_next_checkpoint gives the job out again, and one
+ * that is finishing waits for a better time with its film. */
 void farm_checkpointed(farm_t *farm, double now, job_t *job, result_t written);
 
 /* ---- batches ------------------------------------------------------------------------------------------- */
 
 /* May this worker send a batch of this job? RESULT_LIMIT: not yet, its film is being loaded (grant_wake tells
  * when); any other failure says why it is not wanted. */
-result_t farm_batch_wanted(farm_t *farm, uint64_t worker, uint64_t job);
+result_t farm_batch_wanted(farm_t *farm, double now, uint64_t worker, uint64_t job);
+/* RESULT_INPUT when the bytes are not the job_content_hash of the job: they are of another one, which had
+ * its number before this master lost its data. Nothing is said of an unknown job or of empty bytes. */
+result_t farm_content_check(farm_t *farm, uint64_t job, const ProtobufCBinaryData *content);
 /* Pins the job that a batch is for, to be unpinned; the reason for a failure is for the sender. `bytes` is
  * the size of the message. */
 result_t farm_batch_open(farm_t *farm, double now, uint64_t worker, uint64_t job, uint64_t bytes,
@@ -223,20 +250,29 @@ result_t farm_batch_merge(farm_t *farm, double now, job_t *job, uint64_t worker,
 void farm_batch_refuse(farm_t *farm, job_t *job, uint64_t worker, const unit_t *units, size_t count);
 void farm_unpin(farm_t *farm, job_t *job);
 
+/* Does what the comparison of renderings calls for on the disk: takes the sums of those that were wrong out
+ * of their films, and deletes what is no longer needed, the folders of unknown jobs too. To be called when
+ * checkpoint_wake is written, by one thread, the one that loads films. */
+void farm_settle_checks(farm_t *farm, double now);
+/* What is kept of batches is safe on the disk: to be called between a snapshot and the moment at which its
+ * checkpoint counts. */
+result_t farm_sync_checks(farm_t *farm);
+
 /* ---- images -------------------------------------------------------------------------------------------- */
 
 /* Pins a job, to be unpinned; NULL when there is none of that number. */
 job_t *farm_pin(farm_t *farm, uint64_t job);
-/* Pins a job that is over and whose image is to be written or, if it failed, whose film is to be freed; NULL
- * when there is none. */
+/* Pins a job that has all its samples and whose image is to be written or, if it failed, whose film is to be
+ * freed; NULL when there is none. */
 job_t *farm_next_finished(farm_t *farm);
 /* Resolves the sums so far; the caller frees the image. RESULT_INPUT when nothing has been rendered yet, or
  * when the job is over and its image is in its file. */
 result_t farm_resolve(farm_t *farm, double now, job_t *job, film_image_t *image, job_report_t *report);
 /* Batches merged so far, the version of the image, and whether the job has its last state. */
 uint64_t farm_image_version(farm_t *farm, job_t *job, bool *over);
-/* The image of a job that farm_next_finished gave out was written, or could not be: the job gets its last
- * state and its film is freed. */
+/* The image of a job that farm_next_finished gave out was written: when its last checkpoint is made too, it
+ * gets its last state and its film is freed. Or the image could not be written: it is given out again after a
+ * while. */
 void farm_finished(farm_t *farm, double now, job_t *job, result_t written, const char *path);
 /* The process ends: nothing more is handed out or taken. Jobs that are not over stay so; farm_next_checkpoint
  * gives out those that have sums to save. */

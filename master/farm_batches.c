@@ -6,8 +6,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { RATE_WINDOW = 60 };              /* seconds over which the speed for `remaining` is measured */
-#define COUNT_LIMIT ((uint64_t)1 << 60) /* of any one count in a batch */
+enum {
+    RATE_WINDOW = 60, /* seconds over which the speed for `remaining` is measured */
+    IMAGE_RETRY = 10  /* seconds between attempts to write an image */
+};
 
 /* ---- batches ------------------------------------------------------------------------------------------- */
 
@@ -27,7 +29,7 @@ uint64_t farm_job_id(const job_t *job)
 void farm_unpin(farm_t *farm, job_t *job)
 {
     farm_lock(farm);
-    job->pins--;
+    farm_job_unpin(farm, job);
     farm_unlock(farm);
 }
 
@@ -48,19 +50,65 @@ void farm_canvas_let_go(farm_t *farm, job_t *job)
     farm_unlock(farm);
 }
 
+static result_t job_over(const job_t *job)
+{
+    return result_fail(RESULT_CANCELLED, "job %llu is %s", (unsigned long long)job->id,
+                       job->state == JOB_QUEUED ? "not started" : "over");
+}
+
+static result_t unknown_worker(void)
+{
+    return result_fail(RESULT_UNREACHABLE, "this master does not know the worker");
+}
+
+static result_t unknown_job(uint64_t id)
+{
+    return result_fail(RESULT_INPUT, "there is no job %llu", (unsigned long long)id);
+}
+
+/* A worker has a batch of a job that is not begun: it was, before this process, and what is rendered of it is
+ * as good as ever. */
+static void prepare_for_batch(farm_t *farm, double now, job_t *job)
+{
+    if (job->state == JOB_QUEUED && !job->film_due) farm_job_start(farm, now, job);
+    if (!job->film_due || job->film_wanted) return;
+    job->film_wanted = true;
+    farm_wake(farm->options.checkpoint_wake);
+}
+
+result_t farm_batch_wanted(farm_t *farm, double now, uint64_t worker, uint64_t id)
+{
+    farm_lock(farm);
+    job_t *job = farm_find_job(farm, id);
+    result_t result = result_ok();
+    worker_t *sender = farm_find_worker(farm, worker);
+    if (sender == NULL || sender->outcast) {
+        result = unknown_worker();
+    } else if (job == NULL) {
+        result = unknown_job(id);
+    } else {
+        prepare_for_batch(farm, now, job);
+        if (job->film_due)
+            result =
+                result_fail(RESULT_LIMIT, "the film of job %llu is being loaded", (unsigned long long)id);
+        else if (!job->taking)
+            result = job_over(job);
+        sender->offered = now;
+    }
+    farm_unlock(farm);
+    return result;
+}
+
 static result_t batch_open(worker_t *worker, job_t *job, uint64_t id, uint64_t bytes)
 {
-    if (worker == NULL) return result_fail(RESULT_UNREACHABLE, "this master does not know the worker");
+    if (worker == NULL || worker->outcast) return unknown_worker();
     worker->bytes += bytes;
-    if (job == NULL) return result_fail(RESULT_INPUT, "there is no job %llu", (unsigned long long)id);
+    if (job == NULL) return unknown_job(id);
     job->bytes += bytes;
-    if (!job->taking) {
-        job->batches_refused++;
-        worker->batches_refused++;
-        return result_fail(RESULT_CANCELLED, "job %llu is %s", (unsigned long long)id,
-                           job->state == JOB_QUEUED ? "not started" : "over");
-    }
-    return result_ok();
+    if (job->taking) return result_ok();
+    job->batches_refused++;
+    worker->batches_refused++;
+    return job_over(job);
 }
 
 result_t farm_batch_open(farm_t *farm, double now, uint64_t worker_id, uint64_t id, uint64_t bytes,
@@ -77,28 +125,6 @@ result_t farm_batch_open(farm_t *farm, double now, uint64_t worker_id, uint64_t 
     }
     farm_unlock(farm);
     return result;
-}
-
-/* No sender may claim more than its units can hold. */
-static result_t check_counts(const batch_t *batch)
-{
-    uint64_t samples[2] = {0, 0};
-    for (size_t i = 0; i < batch->unit_count; i++)
-        for (int half = 0; half < 2; half++)
-            samples[half] += (uint64_t)unit_half_count(&batch->units[i], half) *
-                             job_tile_pixels(&batch->settings, batch->units[i].tile);
-    for (int half = 0; half < 2; half++)
-        if (batch->counts.light_paths[half] > samples[half])
-            return result_fail(RESULT_PROTOCOL, "%llu light paths for %llu samples",
-                               (unsigned long long)batch->counts.light_paths[half],
-                               (unsigned long long)samples[half]);
-    const uint64_t others[] = {batch->counts.dropped, batch->counts.overflows, batch->counts.rays,
-                               batch->counts.cpu_us};
-    for (size_t i = 0; i < ARRAY_LENGTH(others); i++)
-        if (others[i] > COUNT_LIMIT)
-            return result_fail(RESULT_PROTOCOL, "a count of %llu is out of all bounds",
-                               (unsigned long long)others[i]);
-    return result_ok();
 }
 
 static void job_see(job_t *job, uint64_t worker)
@@ -119,45 +145,89 @@ static void note_progress(job_t *job, double now)
     job->rate_samples[1] = job->samples_done;
 }
 
-/* Under the lock, in the canvas: refuses the batch, or counts its units. */
-static result_t count_batch(double now, job_t *job, worker_t *worker, const batch_t *batch)
+/* A batch that is being merged. */
+typedef struct {
+    job_t *job;
+    uint64_t worker;
+    const batch_t *batch;
+    const zmq_msg_t *payload;
+    uint32_t *weights; /* of its units; NULL: all 1 */
+} merge_t;
+
+/* The weights of the units where some are not 1, in fresh memory. */
+static uint32_t *unit_weights(const job_t *job, const batch_t *batch)
 {
-    result_t result = check_counts(batch);
-    if (result.code == RESULT_OK && !job->taking) result = result_fail(RESULT_CANCELLED, "the job is over");
-    if (result.code == RESULT_OK) result = schedule_accept(job->schedule, batch->units, batch->unit_count);
+    if (!job_is_planned(&job->settings)) return NULL;
+    uint32_t *weights = mem_alloc(batch->unit_count * sizeof *weights);
+    for (size_t i = 0; i < batch->unit_count; i++)
+        weights[i] = schedule_weight(job->schedule, &batch->units[i]);
+    return weights;
+}
+
+/* Under the lock, in the canvas: refuses the batch, or counts its units. They are in the film before the
+ * canvas is left, so that nobody sees one without the other. */
+static result_t count_units(merge_t *merge)
+{
+    job_t *job = merge->job;
+    const batch_t *batch = merge->batch;
+    if (!job->taking) return job_over(job);
+    TRY(schedule_accept(job->schedule, batch->units, batch->unit_count));
+    merge->weights = unit_weights(job, batch);
+    job->merging++;
+    return result_ok();
+}
+
+/* In the canvas. */
+static result_t add_batch(farm_t *farm, canvas_t *canvas, merge_t *merge)
+{
+    farm_lock(farm);
+    result_t result = count_units(merge);
+    farm_unlock(farm);
     if (result.code != RESULT_OK) return result;
-    job->batches++;
-    if (worker != NULL) {
-        worker->batches++;
-        worker->delivered = now;
+    result = canvas_merge_payload(canvas, merge->payload, merge->batch, merge->weights, 1);
+    if (result.code == RESULT_OK) {
+        if (merge->job->terms.verify > 0)
+            farm_check_keep(farm, merge->job, merge->worker, merge->batch, merge->payload);
+        return result;
     }
-    job_see(job, worker != NULL ? worker->id : 0);
-    job->samples_done = schedule_done(job->schedule);
-    note_progress(job, now);
+    farm_lock(farm);
+    schedule_uncount(merge->job->schedule, merge->batch->units, merge->batch->unit_count);
+    merge->job->merging--;
+    farm_unlock(farm);
     return result;
 }
 
-/* Under the lock: what the merged film means for the job. */
-static void after_merge(farm_t *farm, double now, job_t *job, uint64_t worker)
+/* Under the lock: a batch is in the film. */
+static void note_batch(farm_t *farm, double now, const merge_t *merge)
 {
+    job_t *job = merge->job;
+    worker_t *worker = farm_find_worker(farm, merge->worker);
     film_counts_t counts = canvas_counts(job->canvas);
     if (job->counts.dropped == 0 && counts.dropped > 0)
         log_warning("job %llu: contributions that are NaN or infinite are dropped",
                     (unsigned long long)job->id);
     job->counts = counts;
-    if (!job->taking) return; /* closed meanwhile: a grace period ended. The merge still counts. */
-    if (job->counts.overflows > 0) {
-        snprintf(
-            job->message, sizeof job->message,
-            "%llu sums were too large for the film at scale %d: submit the job with a smaller film scale",
-            (unsigned long long)job->counts.overflows, job->settings.film_scale);
-        log_error("job %llu failed: %s", (unsigned long long)job->id, job->message);
-        farm_job_close(farm, now, job, JOB_FAILED);
-    } else if (schedule_complete(job->schedule)) {
-        farm_job_close(farm, now, job, JOB_DONE);
-    } else if (job->flush_until > 0) {
-        farm_job_flushed(farm, now, job, worker);
+    job->unsaved = true;
+    job->batches++;
+    if (worker != NULL) {
+        worker->batches++;
+        farm_worker_delivered(farm, now, worker, job, merge->batch->units, merge->batch->unit_count);
     }
+    job_see(job, worker != NULL ? worker->id : 0);
+    job->samples_done = schedule_done(job->schedule);
+    note_progress(job, now);
+}
+
+/* Under the lock: what that means for the job. It may have been closed meanwhile, when a grace period ended:
+ * the batch still counts. */
+static void after_merge(farm_t *farm, double now, const merge_t *merge)
+{
+    job_t *job = merge->job;
+    job->merging--;
+    if (job->taking && job->counts.overflows > 0)
+        farm_job_fail_overflow(farm, now, job);
+    else if (job->taking && job->flush_until > 0)
+        farm_job_flushed(farm, now, job, merge->worker);
 }
 
 void farm_batch_refuse(farm_t *farm, job_t *job, uint64_t id, const unit_t *units, size_t count)
@@ -172,26 +242,61 @@ void farm_batch_refuse(farm_t *farm, job_t *job, uint64_t id, const unit_t *unit
     farm_unlock(farm);
 }
 
-result_t farm_batch_merge(farm_t *farm, double now, job_t *job, uint64_t id, uint64_t check,
-                          const batch_t *batch, const zmq_msg_t payload[BATCH_PAYLOADS])
+/* Merges a batch that goes into the film. */
+static result_t merge_batch(farm_t *farm, double now, merge_t *merge)
 {
-    (void)check;
-    canvas_t *canvas = farm_canvas_hold(farm, job);
+    canvas_t *canvas = farm_canvas_hold(farm, merge->job);
     if (canvas == NULL) return result_fail(RESULT_CANCELLED, "the job is over");
     canvas_enter(canvas);
-    farm_lock(farm);
-    result_t result = count_batch(now, job, farm_find_worker(farm, id), batch);
-    farm_unlock(farm);
-    if (result.code == RESULT_OK) result = canvas_merge_payload(canvas, payload, batch, NULL, 1);
+    result_t result = add_batch(farm, canvas, merge);
     canvas_leave(canvas);
     if (result.code == RESULT_OK) {
         farm_lock(farm);
-        after_merge(farm, now, job, id);
+        note_batch(farm, now, merge);
+        after_merge(farm, now, merge);
         farm_unlock(farm);
-    } else {
-        farm_batch_refuse(farm, job, id, batch->units, batch->unit_count);
     }
-    farm_canvas_let_go(farm, job);
+    free(merge->weights);
+    farm_canvas_let_go(farm, merge->job);
+    return result;
+}
+
+/* A batch that bears a number is a rendering of units that two workers are asked for: it is compared with the
+ * other, and only one of them goes into the film. */
+static result_t check_batch(farm_t *farm, double now, const merge_t *merge, uint64_t check, bool *wanted)
+{
+    batch_t decoded = *merge->batch;
+    hash_t digest;
+    decoded.eye = decoded.splat = decoded.features = NULL;
+    decoded.eye_capacity = decoded.feature_capacity = 0;
+    result_t result = payload_decode(merge->payload, &decoded);
+    if (result.code == RESULT_OK) batch_digest(&decoded, &digest);
+    free(decoded.eye);
+    free(decoded.splat);
+    free(decoded.features);
+    if (result.code != RESULT_OK) return result;
+    farm_lock(farm);
+    result = farm_check_batch(farm, now, merge->job, merge->worker, check, decoded.units, decoded.unit_count,
+                              &digest, wanted);
+    farm_unlock(farm);
+    return result;
+}
+
+result_t farm_batch_merge(farm_t *farm, double now, job_t *job, uint64_t worker, uint64_t check,
+                          const batch_t *batch, const zmq_msg_t payload[BATCH_PAYLOADS])
+{
+    merge_t merge = {.job = job, .worker = worker, .batch = batch, .payload = payload};
+    bool wanted = true;
+    result_t result = batch_check_counts(batch);
+    if (result.code == RESULT_OK && check != 0) result = check_batch(farm, now, &merge, check, &wanted);
+    if (result.code == RESULT_OK && wanted) result = merge_batch(farm, now, &merge);
+    if (result.code != RESULT_OK) farm_batch_refuse(farm, job, worker, batch->units, batch->unit_count);
+    farm_lock(farm);
+    worker_t *sender = farm_find_worker(farm, worker);
+    if (result.code == RESULT_PROTOCOL && sender != NULL)
+        farm_worker_failed(farm, now, sender, "sends batches that are malformed");
+    farm_job_progress(farm, now, job);
+    farm_unlock(farm);
     return result;
 }
 
@@ -220,19 +325,40 @@ job_t *farm_next_finished(farm_t *farm)
     return found;
 }
 
+/* The film of an adaptive job knows the weights of its samples, the schedule their number. Called with the
+ * canvas locked, so that both are of the same moment. */
+static void show_samples(farm_t *farm, const job_t *job, film_image_t *image)
+{
+    uint32_t *samples = mem_alloc(job_tile_count(&job->settings) * sizeof *samples);
+    farm_lock(farm);
+    bool known = job->schedule != NULL;
+    if (known) schedule_tile_samples(job->schedule, samples);
+    farm_unlock(farm);
+    if (known) schedule_show_samples(&job->settings, samples, image->samples);
+    free(samples);
+}
+
 result_t farm_resolve(farm_t *farm, double now, job_t *job, film_image_t *image, job_report_t *report)
 {
     farm_lock(farm);
     *report = farm_report_job(job, now);
-    bool empty = job->batches == 0;
+    bool empty = job->batches == 0, due = job->film_due;
+    if (due && !job->film_wanted) {
+        job->film_wanted = true; /* somebody wants to see it */
+        farm_wake(farm->options.checkpoint_wake);
+    }
     farm_unlock(farm);
     canvas_t *canvas = empty ? NULL : farm_canvas_hold(farm, job);
     if (canvas != NULL) {
         film_resolve(canvas_lock(canvas), image);
+        if (report->settings.adaptive) show_samples(farm, job, image);
         canvas_unlock(canvas);
         farm_canvas_let_go(farm, job);
         return result_ok();
     }
+    if (due)
+        return result_fail(RESULT_INPUT, "the film of job %llu is not loaded yet: try again in a moment",
+                           (unsigned long long)report->job);
     return result_fail(RESULT_INPUT, "job %llu has no samples yet", (unsigned long long)report->job);
 }
 
@@ -245,34 +371,19 @@ uint64_t farm_image_version(farm_t *farm, job_t *job, bool *over)
     return version;
 }
 
-static void log_end(const job_t *job, const char *path)
-{
-    log_info("job %llu is %s after %.1f s: %llu batches (%llu refused), %llu units re-issued, %zu workers, "
-             "%.1f MB "
-             "(%llu bytes) received, %.1f CPU s%s%s",
-             (unsigned long long)job->id, job_state_name((uint32_t)job->state), job->ended - job->started,
-             (unsigned long long)job->batches, (unsigned long long)job->batches_refused,
-             (unsigned long long)job->units_reissued, job->seen_count, 1e-6 * (double)job->bytes,
-             (unsigned long long)job->bytes, 1e-6 * (double)job->counts.cpu_us,
-             path != NULL ? "; image in " : "", path != NULL ? path : "");
-    if (job->counts.dropped > 0)
-        log_warning("job %llu: %llu contributions were NaN or infinite, and left out",
-                    (unsigned long long)job->id, (unsigned long long)job->counts.dropped);
-}
-
 void farm_finished(farm_t *farm, double now, job_t *job, result_t written, const char *path)
 {
-    (void)now;
     farm_lock(farm);
-    if (written.code != RESULT_OK && job->outcome != JOB_FAILED) {
-        job->outcome = JOB_FAILED;
-        snprintf(job->message, sizeof job->message, "the image could not be written: %.400s",
+    if (written.code == RESULT_OK) {
+        job->image_written = true;
+        if (job->image_retry > 0) job->message[0] = '\0'; /* it is not true any more */
+        if (path != NULL) log_info("job %llu: the image is in %s", (unsigned long long)job->id, path);
+    } else {
+        job->image_retry = now + IMAGE_RETRY;
+        snprintf(job->message, sizeof job->message, "the image cannot be written, and is tried again: %.400s",
                  written.message);
         log_error("job %llu: %s", (unsigned long long)job->id, job->message);
     }
-    job->state = job->outcome;
-    log_end(job, job->state == JOB_FAILED ? NULL : path);
-    farm_job_free_film(farm, job);
-    farm_notify_idle(farm); /* a job may have waited for memory */
+    farm_job_settle(farm, now, job);
     farm_unlock(farm);
 }

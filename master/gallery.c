@@ -23,6 +23,8 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+enum { PIXEL_BYTES = 128 }; /* that a pixel of an image takes, at most: 13 channels, and as many of layers */
+
 typedef struct {
     uint64_t id; /* random; 0: vacant */
     uint64_t job, version;
@@ -131,6 +133,17 @@ static result_t write_halves(const char *from, const char *path)
     return result;
 }
 
+/* Writes a job's last image; on a full disk, films of jobs that are over make room for it. */
+static result_t write_last(gallery_t *gallery, job_t *job, const char *path)
+{
+    keeper_t *keeper = gallery->options.keeper;
+    result_t result = write_film(gallery, job, path, false);
+    if (result.code != RESULT_IO || keeper == NULL) return result;
+    job_settings_t settings = farm_job_settings(gallery->options.farm, job);
+    uint64_t bytes = (uint64_t)settings.width * (uint64_t)settings.height * PIXEL_BYTES;
+    return keeper_make_room(keeper, bytes) ? write_film(gallery, job, path, false) : result;
+}
+
 static void finish_job(gallery_t *gallery, job_t *job)
 {
     farm_t *farm = gallery->options.farm;
@@ -140,7 +153,13 @@ static void finish_job(gallery_t *gallery, job_t *job)
     char *path = NULL;
     if (!failed && batches > 0) {
         path = gallery_image_path(gallery->data_dir, farm_job_id(job));
-        result = write_film(gallery, job, path, false);
+        result = write_last(gallery, job, path);
+    }
+    if (result.code == RESULT_INPUT) { /* nothing of it is left, so there is nothing to show */
+        log_warning("%s", result.message);
+        result = result_ok();
+        free(path);
+        path = NULL;
     }
     farm_finished(farm, clock_now(), job, result, path);
     farm_unpin(farm, job);

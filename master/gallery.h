@@ -11,6 +11,7 @@
 #define LIGHTMILL_GALLERY_H
 
 #include "master/farm.h"
+#include "master/keeper.h"
 
 enum {
     GALLERY_MAX_SNAPSHOTS = 16,
@@ -22,6 +23,7 @@ typedef struct gallery gallery_t;
 
 typedef struct {
     farm_t *farm;         /* kept by the caller, outlives the gallery */
+    keeper_t *keeper;     /* makes room on a full disk; NULL: there is none */
     const char *data_dir; /* copied */
     int image_wake;       /* the farm's eventfd */
     int answer_wake;      /* eventfd, written when gallery_next_answer has something */

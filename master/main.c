@@ -1,5 +1,6 @@
 /* lightmill-master: the command line around master.h. */
 #include "common/address.h"
+#include "master/farm.h"
 #include "master/master.h"
 #include "proto/wire.h"
 
@@ -9,6 +10,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/resource.h>
 #include <unistd.h>
 
 static const char HELP[] =
@@ -18,30 +20,57 @@ static const char HELP[] =
     "\n"
     "  --listen HOST[:PORT]   where to listen (127.0.0.1:7420); the port after it is used too;\n"
     "                         port 0 chooses free ones\n"
-    "  --data DIR             where scenes and images are kept (lightmill-data)\n"
+    "  --data DIR             where jobs, films, scenes and images are kept; a master that is started with "
+    "it\n"
+    "                         again goes on where the last one ended (lightmill-data)\n"
     "  --heartbeat SECONDS    how often workers say that they live (1)\n"
     "  --lease SECONDS        the silence after which a worker's share is given to others (5)\n"
     "  --batch-interval SECONDS  how often workers send what they have (10)\n"
-    "  --insecure             listen on an address that other machines can reach, without keys\n"
+    "  --checkpoint SECONDS   the least time between two checkpoints of a job (10); it becomes longer where "
+    "they\n"
+    "                         would take more than 2% of the time. What a crash can cost is the work since "
+    "the last\n"
+    "  --keep GB              what the films of jobs that are over may take, so that these can be extended "
+    "(20);\n"
+    "                         those of retained jobs stay in any case\n"
+    "  --blob-limit GB        what scenes may take (100); the ones that no job needs go first\n"
+    "  --batch-memory GB      for batches that are under way or wait to be merged; workers wait to send more "
+    "(an\n"
+    "                         eighth of the machine's memory, at least 1)\n"
+    "  --merge-threads N      that merge batches (one for each core)\n"
+    "  --film-memory GB       what the films of jobs at work may take in memory (three quarters of it); "
+    "others\n"
+    "                         wait, and a job whose film is larger is refused\n"
+    "  --max-jobs N           jobs known at a time (1000); for a new one the oldest that is over and not\n"
+    "                         retained goes, with its film and image\n"
     "  --quiet                log warnings and errors only\n"
     "  --verbose              log every batch\n"
-    "  --help, --version\n"
+    "  --help, --version\n";
+static const char HELP_END[] =
     "\n"
-    "SIGTERM or SIGINT ends it: the images of unfinished jobs are written first. A second one ends it at "
+    "SIGTERM or SIGINT ends it: last checkpoints are written first, no job is cancelled. A second one ends "
+    "it at "
     "once.\n"
     "Exit codes: 0 success, 1 usage, 2 bad file, 3 input or output failed, 5 limit exceeded.\n";
 
-/* How many signals asked us to end. The one variable that is not constant: a signal handler has no argument.
- */
-static volatile sig_atomic_t signals;
+/* How many signals asked us to end, and whether one asked us to read our files again. The variables that are
+ * not constant: a signal handler has no argument. */
+static volatile sig_atomic_t signals, hang_up;
 
 static void on_signal(int number)
 {
     if (++signals > 1) _exit(128 + number);
 }
 
+static void on_hang_up(int number)
+{
+    (void)number;
+    hang_up = 1;
+}
+
 typedef struct {
     master_options_t master;
+    health_options_t health;
     address_t address;
     bool any_port;
     log_level_t log;
@@ -53,6 +82,28 @@ static result_t parse_seconds(const char *name, const char *text, double *value)
     *value = strtod(text, &end);
     if (end != text && *end == '\0') return result_ok();
     return result_fail(RESULT_USAGE, "--%s takes a number of seconds, not \"%s\"", name, text);
+}
+
+static result_t parse_gigabytes(const char *name, const char *text, uint64_t *bytes)
+{
+    char *end;
+    double value = strtod(text, &end);
+    if (end == text || *end != '\0' || !(value >= 0 && value <= 1e6))
+        return result_fail(RESULT_USAGE, "--%s takes a number of gigabytes from 0 to 1e6, not \"%s\"", name,
+                           text);
+    *bytes = (uint64_t)(1e9 * value);
+    return result_ok();
+}
+
+static result_t parse_jobs(const char *text, size_t *jobs)
+{
+    char *end;
+    long value = strtol(text, &end, 10);
+    if (end == text || *end != '\0' || value < 1 || value > FARM_MAX_JOBS)
+        return result_fail(RESULT_USAGE, "--max-jobs takes a whole number from 1 to %d, not \"%s\"",
+                           FARM_MAX_JOBS, text);
+    *jobs = (size_t)value;
+    return result_ok();
 }
 
 /* "HOST:0" asks for free ports, which an address cannot say. */
@@ -74,13 +125,21 @@ static result_t parse_listen(const char *text, command_t *command)
 
 static result_t set_option(command_t *command, const char *name, const char *value)
 {
+    if (gate_option(&command->master.gate, name, value)) return result_ok();
+    if (health_option(&command->health, name, value)) return result_ok();
     if (strcmp(name, "listen") == 0) return parse_listen(value, command);
     if (strcmp(name, "heartbeat") == 0) return parse_seconds(name, value, &command->master.heartbeat);
     if (strcmp(name, "lease") == 0) return parse_seconds(name, value, &command->master.lease);
     if (strcmp(name, "batch-interval") == 0)
         return parse_seconds(name, value, &command->master.batch_interval);
+    if (strcmp(name, "checkpoint") == 0) return parse_seconds(name, value, &command->master.checkpoint);
+    if (strcmp(name, "keep") == 0) return parse_gigabytes(name, value, &command->master.keep_bytes);
+    if (strcmp(name, "blob-limit") == 0) return parse_gigabytes(name, value, &command->master.blob_limit);
+    if (strcmp(name, "batch-memory") == 0) return parse_gigabytes(name, value, &command->master.batch_memory);
+    if (strcmp(name, "film-memory") == 0) return parse_gigabytes(name, value, &command->master.film_memory);
+    if (strcmp(name, "max-jobs") == 0) return parse_jobs(value, &command->master.job_limit);
+    if (strcmp(name, "merge-threads") == 0) command->master.merge_threads = atoi(value);
     if (strcmp(name, "data") == 0) command->master.data_dir = value;
-    if (strcmp(name, "insecure") == 0) command->master.insecure = true;
     if (strcmp(name, "quiet") == 0) command->log = LOG_WARNING;
     if (strcmp(name, "verbose") == 0) command->log = LOG_DEBUG;
     return result_ok();
@@ -94,7 +153,15 @@ static result_t parse_command(int argc, char **argv, command_t *command, bool *d
                                             {"heartbeat", required_argument, NULL, 0},
                                             {"lease", required_argument, NULL, 0},
                                             {"batch-interval", required_argument, NULL, 0},
-                                            {"insecure", no_argument, NULL, 0},
+                                            {"checkpoint", required_argument, NULL, 0},
+                                            {"keep", required_argument, NULL, 0},
+                                            {"batch-memory", required_argument, NULL, 0},
+                                            {"film-memory", required_argument, NULL, 0},
+                                            {"max-jobs", required_argument, NULL, 0},
+                                            {"merge-threads", required_argument, NULL, 0},
+                                            {"blob-limit", required_argument, NULL, 0},
+                                            GATE_OPTIONS,
+                                            HEALTH_OPTIONS,
                                             {"quiet", no_argument, NULL, 0},
                                             {"verbose", no_argument, NULL, 0},
                                             {"help", no_argument, NULL, 'h'},
@@ -104,7 +171,7 @@ static result_t parse_command(int argc, char **argv, command_t *command, bool *d
     while ((choice = getopt_long(argc, argv, "h", options, &index)) != -1) {
         if (choice == '?') return result_fail(RESULT_USAGE, "see lightmill-master --help");
         *done = choice == 'h' || choice == 'v';
-        if (choice == 'h') fputs(HELP, stdout);
+        if (choice == 'h') printf("%s%s%s%s", HELP, health_usage, gate_usage, HELP_END);
         if (choice == 'v') puts("lightmill-master " LIGHTMILL_VERSION);
         if (*done) return result_ok();
         TRY(set_option(command, options[index].name, optarg));
@@ -115,34 +182,63 @@ static result_t parse_command(int argc, char **argv, command_t *command, bool *d
     return result_ok();
 }
 
+/* Every worker has two connections. */
+static void raise_file_limit(void)
+{
+    struct rlimit limit;
+    if (getrlimit(RLIMIT_NOFILE, &limit) != 0) return;
+    limit.rlim_cur = limit.rlim_max;
+    if (setrlimit(RLIMIT_NOFILE, &limit) != 0) log_warning("cannot raise the limit of open files");
+}
+
 /* Starts the master with the signals blocked, so that its threads never get them, and waits for one. */
-static result_t serve(const master_options_t *options)
+static result_t serve(master_options_t *options, const char *health_path)
 {
     sigset_t ending, before;
     sigemptyset(&ending);
     sigaddset(&ending, SIGINT);
     sigaddset(&ending, SIGTERM);
+    sigaddset(&ending, SIGHUP);
     pthread_sigmask(SIG_BLOCK, &ending, &before);
     struct sigaction action = {.sa_handler = on_signal};
     sigaction(SIGINT, &action, NULL);
     sigaction(SIGTERM, &action, NULL);
+    action.sa_handler = on_hang_up;
+    sigaction(SIGHUP, &action, NULL);
     signal(SIGPIPE, SIG_IGN);
 
+    pulse_t pulse = {0};
+    options->pulse = &pulse;
+    health_t *health;
     master_t *master;
-    TRY(master_start(options, &master));
-    while (signals == 0) sigsuspend(&before);
+    TRY(health_start(health_path, pulse_report, &pulse, &health));
+    result_t result = master_start(options, &master);
+    if (result.code != RESULT_OK) {
+        health_stop(&health);
+        return result;
+    }
+    while (signals == 0) {
+        sigsuspend(&before);
+        if (!hang_up) continue;
+        hang_up = 0;
+        master_reload(master);
+    }
     log_info("ending; once more to end at once");
     pthread_sigmask(SIG_SETMASK, &before, NULL);
-    return master_stop(&master);
+    result = master_stop(&master);
+    health_stop(&health);
+    return result;
 }
 
 static result_t run(int argc, char **argv)
 {
-    command_t command = {.master = master_options_default(), .log = LOG_INFO};
+    command_t command = {
+        .master = master_options_default(), .health = health_options_default(), .log = LOG_INFO};
     bool done = false;
     TRY(address_parse("127.0.0.1", WIRE_DEFAULT_PORT, &command.address));
     TRY(parse_command(argc, argv, &command, &done));
     if (done) return result_ok();
+    if (command.health.ask) return health_print(&command.health);
     log_init("master", command.log);
     char *control, *bulk;
     if (command.any_port) {
@@ -154,7 +250,8 @@ static result_t run(int argc, char **argv)
     }
     command.master.control_endpoint = control;
     command.master.bulk_endpoint = bulk;
-    result_t result = serve(&command.master);
+    raise_file_limit();
+    result_t result = serve(&command.master, command.health.path);
     free(control);
     free(bulk);
     return result;

@@ -483,18 +483,24 @@ schedule_account_t schedule_account(const schedule_t *s)
                                 .skipped = s->skipped};
 }
 
-void schedule_show_samples(const schedule_t *s, float *samples)
+void schedule_tile_samples(const schedule_t *s, uint32_t *samples)
 {
     for (uint32_t t = 0; t < s->tile_count; t++) {
-        rect_t rect = job_tile_rect(&s->settings, t);
-        uint32_t counted = 0;
+        samples[t] = 0;
         for (uint32_t i = 0; i < s->tiles[t].count; i++) {
             span_t span = s->tiles[t].spans[i];
-            if (span.holder == SPAN_COUNTED) counted += span.end - span.first;
+            if (span.holder == SPAN_COUNTED) samples[t] += span.end - span.first;
         }
+    }
+}
+
+void schedule_show_samples(const job_settings_t *settings, const uint32_t *tile_samples, float *samples)
+{
+    for (uint32_t t = 0; t < job_tile_count(settings); t++) {
+        rect_t rect = job_tile_rect(settings, t);
         for (int y = rect.y0; y < rect.y1; y++)
             for (int x = rect.x0; x < rect.x1; x++)
-                samples[(size_t)y * (size_t)s->settings.width + (size_t)x] = (float)counted;
+                samples[(size_t)y * (size_t)settings->width + (size_t)x] = (float)tile_samples[t];
     }
 }
 

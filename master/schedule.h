@@ -105,9 +105,11 @@ typedef struct {
     uint64_t issued, counted, returned, out, skipped;
 } schedule_account_t;
 schedule_account_t schedule_account(const schedule_t *schedule);
-/* Writes the number of counted samples of each pixel, [height][width]: what the "samples" layer of an image
- * shows of an adaptive job, whose film knows their weight only (film_image_t.samples). */
-void schedule_show_samples(const schedule_t *schedule, float *samples);
+/* The number of counted samples of each tile, */
+void schedule_tile_samples(const schedule_t *schedule, uint32_t *samples);
+/* and written to each of its pixels, [height][width]: what the "samples" layer of an image shows of an adaptive
+ * job, whose film knows their weight only (film_image_t.samples). */
+void schedule_show_samples(const job_settings_t *settings, const uint32_t *tile_samples, float *samples);
 
 /* All that outlives the process. */
 typedef struct {

@@ -19,95 +19,33 @@
  * Values are cut into bands that are coded independently, so that later many cores can share the work. The
  * decoder knows from the units how many values must come out; every size in the bytes is checked against that
  * and against the frame's end before it is used. */
-#include "proto/wire.h"
+#include "proto/payload_format.h"
 
-#include <limits.h>
 #include <stdlib.h>
 #include <string.h>
 #include <zstd.h>
 
-enum {
-    CODEC_RAW = 0,
-    CODEC_PLANES = 1,
-    FRAME_HEADER = 8, /* u8 codec, 3 zero bytes, u32 bands */
-    BAND_PIXELS = 1 << 16,
-    GROUP_VALUES = 3, /* of a pixel in a band, at most */
-    BAND_VALUES = GROUP_VALUES * BAND_PIXELS,
-    MASK_BYTES = BAND_PIXELS / 8,
-    PLANES = 8,
-    BLOCK_HEADER = 4,
-    ZSTD_LEVEL = 1
-};
-#define BLOCK_STORED 0x80000000u
+enum { ZSTD_LEVEL = 1 };
 
 static void put_u32(uint8_t *bytes, uint32_t value)
 {
     for (int i = 0; i < 4; i++) bytes[i] = (uint8_t)(value >> (8 * i));
 }
 
-static uint32_t get_u32(const uint8_t *bytes)
-{
-    uint32_t value = 0;
-    for (int i = 0; i < 4; i++) value |= (uint32_t)bytes[i] << (8 * i);
-    return value;
-}
-
-/* How an array of sums is cut: a pixel has `stride` values, in groups that are coded apart, since they are of
- * different kinds. Where neighbours are much alike, each value is coded as its difference from the pixel
- * before.
- */
-typedef struct {
-    size_t stride, group_count;
-    uint8_t groups[6]; /* values of each, at most GROUP_VALUES */
-    bool differences;
-} layout_t;
-
-static const layout_t colour_layout = {3, 1, {3}, false};
-/* Albedo, normal, position, depth, counts, ids. */
-static const layout_t feature_layout = {FEATURE_VALUES, 6, {3, 3, 3, 1, 2, 2}, true};
-
-static size_t band_count(const layout_t *layout, size_t values)
-{
-    size_t pixels = values / layout->stride;
-    return (pixels + BAND_PIXELS - 1) / BAND_PIXELS * layout->group_count;
-}
-
-/* One group of values of up to BAND_PIXELS pixels. */
-typedef struct {
-    size_t first; /* index of its first value */
-    size_t stride, lanes, pixels;
-    bool differences;
-} band_t;
-
-static band_t band_at(const layout_t *layout, size_t values, size_t index)
-{
-    size_t chunk = index / layout->group_count, group = index % layout->group_count;
-    size_t pixels = values / layout->stride - chunk * BAND_PIXELS;
-    band_t band = {.first = chunk * BAND_PIXELS * layout->stride,
-                   .stride = layout->stride,
-                   .lanes = layout->groups[group],
-                   .pixels = pixels < BAND_PIXELS ? pixels : BAND_PIXELS,
-                   .differences = layout->differences};
-    for (size_t g = 0; g < group; g++) band.first += layout->groups[g];
-    return band;
-}
-
-/* Memory of one direction of the codec. */
+/* Memory of the encoder. */
 typedef struct {
     uint64_t packed[BAND_VALUES +
                     GROUP_VALUES]; /* the values that are not left out, zigzag; room for one pixel more */
     uint8_t plane[BAND_VALUES];
     uint8_t mask[MASK_BYTES];
-    ZSTD_CCtx *compressor;   /* only when encoding */
-    ZSTD_DCtx *decompressor; /* only when decoding */
+    ZSTD_CCtx *compressor;
 } scratch_t;
 
-static scratch_t *scratch_new(bool encode)
+static scratch_t *scratch_new(void)
 {
     scratch_t *scratch = mem_alloc(sizeof *scratch);
-    scratch->compressor = encode ? ZSTD_createCCtx() : NULL;
-    scratch->decompressor = encode ? NULL : ZSTD_createDCtx();
-    if (scratch->compressor != NULL || scratch->decompressor != NULL) return scratch;
+    scratch->compressor = ZSTD_createCCtx();
+    if (scratch->compressor != NULL) return scratch;
     free(scratch);
     return NULL;
 }
@@ -115,11 +53,8 @@ static scratch_t *scratch_new(bool encode)
 static void scratch_free(scratch_t *scratch)
 {
     ZSTD_freeCCtx(scratch->compressor);
-    ZSTD_freeDCtx(scratch->decompressor);
     free(scratch);
 }
-
-/* ---- encoding ------------------------------------------------------------------------------------------ */
 
 /* Bytes that grow. */
 typedef struct {
@@ -155,11 +90,6 @@ static void encode_block(scratch_t *scratch, const uint8_t *bytes, size_t size, 
 static uint64_t zigzag(uint64_t value)
 {
     return value << 1 ^ (value >> 63 ? UINT64_MAX : 0);
-}
-
-static uint64_t zigzag_back(uint64_t value)
-{
-    return value >> 1 ^ (value & 1 ? UINT64_MAX : 0);
 }
 
 /* Gathers the values of the pixels that are not all zero and marks these in the mask; returns how many values
@@ -218,7 +148,7 @@ static result_t output_message(output_t *out, zmq_msg_t *message)
 
 static result_t encode_planes(const layout_t *layout, const int64_t *values, size_t count, zmq_msg_t *message)
 {
-    scratch_t *scratch = scratch_new(true);
+    scratch_t *scratch = scratch_new();
     if (scratch == NULL) return result_fail(RESULT_LIMIT, "no memory for the compressor");
     size_t bands = band_count(layout, count);
     output_t out = {.size = FRAME_HEADER + 4 * bands};
@@ -229,7 +159,7 @@ static result_t encode_planes(const layout_t *layout, const int64_t *values, siz
     for (size_t b = 0; b < bands; b++) {
         size_t start = out.size;
         band_t band = band_at(layout, count, b);
-        encode_band(scratch, &band, values + band.first, &out);
+        encode_band(scratch, &band, values + band.stride * band.pixel + band.offset, &out);
         put_u32(out.bytes + FRAME_HEADER + 4 * b, (uint32_t)(out.size - start));
     }
     scratch_free(scratch);
@@ -255,187 +185,11 @@ result_t payload_encode(const batch_t *batch, bool compress, zmq_msg_t payload[B
         compress ? encode_planes : encode_raw;
     size_t splats = batch->splat != NULL ? batch_splat_values(&batch->settings) : 0;
     for (int i = 0; i < BATCH_PAYLOADS; i++) zmq_msg_init(&payload[i]);
-    result_t result = encode(&colour_layout, batch->eye, batch->eye_count, &payload[0]);
+    result_t result = encode(&payload_layouts[0], batch->eye, batch->eye_count, &payload[0]);
     if (result.code == RESULT_OK && splats > 0)
-        result = encode(&colour_layout, batch->splat, splats, &payload[1]);
+        result = encode(&payload_layouts[1], batch->splat, splats, &payload[1]);
     if (result.code == RESULT_OK && batch->feature_count > 0)
-        result = encode(&feature_layout, batch->features, batch->feature_count, &payload[2]);
+        result = encode(&payload_layouts[2], batch->features, batch->feature_count, &payload[2]);
     for (int i = 0; i < BATCH_PAYLOADS && result.code != RESULT_OK; i++) zmq_msg_close(&payload[i]);
     return result;
-}
-
-/* ---- decoding ------------------------------------------------------------------------------------------ */
-
-/* What is left of a frame or a band. */
-typedef struct {
-    const uint8_t *bytes;
-    size_t size;
-} input_t;
-
-static const uint8_t *input_take(input_t *in, size_t size)
-{
-    if (size > in->size) return NULL;
-    const uint8_t *bytes = in->bytes;
-    in->bytes += size;
-    in->size -= size;
-    return bytes;
-}
-
-/* Decodes one block, which must give exactly `size` bytes. */
-static bool decode_block(scratch_t *scratch, input_t *in, uint8_t *bytes, size_t size)
-{
-    const uint8_t *header = input_take(in, BLOCK_HEADER);
-    if (header == NULL) return false;
-    uint32_t word = get_u32(header), coded = word & ~BLOCK_STORED;
-    const uint8_t *data = input_take(in, coded);
-    if (data == NULL) return false;
-    if (!(word & BLOCK_STORED))
-        return ZSTD_decompressDCtx(scratch->decompressor, bytes, size, data, coded) == size;
-    if (coded != size) return false;
-    memcpy(bytes, data, size);
-    return true;
-}
-
-/* The set bits of the mask; SIZE_MAX when one is set beyond the last pixel. */
-static size_t mask_count(const uint8_t *mask, size_t pixels)
-{
-    size_t count = 0;
-    for (size_t i = 0; i < pixels / 8; i++) count += (size_t)__builtin_popcount(mask[i]);
-    if (pixels % 8 == 0) return count;
-    uint8_t last = mask[pixels / 8];
-    return last >> (pixels % 8) ? SIZE_MAX : count + (size_t)__builtin_popcount(last);
-}
-
-/* Puts the packed values where the mask says, zeroes (or no difference) elsewhere. */
-static void unpack_pixels(const scratch_t *scratch, const band_t *band, int64_t *values)
-{
-    const uint64_t *packed = scratch->packed;
-    uint64_t before[GROUP_VALUES] = {0};
-    for (size_t i = 0; i < band->pixels; i++) {
-        int64_t *v = values + band->stride * i;
-        bool marked = scratch->mask[i / 8] >> (i % 8) & 1;
-        for (size_t l = 0; l < band->lanes; l++) {
-            uint64_t value = before[l] + (marked ? zigzag_back(*packed++) : 0);
-            v[l] = (int64_t)value;
-            if (band->differences) before[l] = value;
-        }
-    }
-}
-
-/* `values` are those from the band's first on. */
-static bool decode_band(scratch_t *scratch, const band_t *band, input_t in, int64_t *values)
-{
-    size_t mask_bytes = (band->pixels + 7) / 8;
-    if (in.size == 0) {
-        memset(scratch->mask, 0, mask_bytes);
-        unpack_pixels(scratch, band, values);
-        return true;
-    }
-    if (!decode_block(scratch, &in, scratch->mask, mask_bytes)) return false;
-    size_t marked = mask_count(scratch->mask, band->pixels);
-    const uint8_t *planes = input_take(&in, 1);
-    if (marked == SIZE_MAX || planes == NULL || *planes > PLANES) return false;
-    size_t packed = band->lanes * marked;
-    memset(scratch->packed, 0, packed * sizeof *scratch->packed);
-    for (int p = 0; p < *planes; p++) {
-        if (!decode_block(scratch, &in, scratch->plane, packed)) return false;
-        for (size_t i = 0; i < packed; i++) scratch->packed[i] |= (uint64_t)scratch->plane[i] << (8 * p);
-    }
-    unpack_pixels(scratch, band, values);
-    return in.size == 0;
-}
-
-/* The parts of a compressed frame. */
-typedef struct {
-    const uint8_t *table; /* u32 bytes of each band */
-    input_t bands;
-    size_t count;
-} frame_t;
-
-/* Checks a compressed frame's sizes against the number of values that must come out. */
-static bool frame_open(input_t in, const layout_t *layout, size_t values, frame_t *frame)
-{
-    const uint8_t *header = input_take(&in, FRAME_HEADER);
-    if (header == NULL || header[0] != CODEC_PLANES) return false;
-    frame->count = get_u32(header + 4);
-    if (frame->count != band_count(layout, values)) return false;
-    frame->table = input_take(&in, 4 * frame->count);
-    if (frame->table == NULL) return false;
-    uint64_t sum = 0;
-    for (size_t b = 0; b < frame->count; b++) sum += get_u32(frame->table + 4 * b);
-    frame->bands = in;
-    return sum == in.size;
-}
-
-static bool decode_planes(frame_t *frame, const layout_t *layout, int64_t *values, size_t count)
-{
-    scratch_t *scratch = scratch_new(false);
-    bool good = scratch != NULL;
-    for (size_t b = 0; good && b < frame->count; b++) {
-        size_t size = get_u32(frame->table + 4 * b);
-        input_t in = {input_take(&frame->bands, size), size};
-        band_t band = band_at(layout, count, b);
-        good = decode_band(scratch, &band, in, values + band.first);
-    }
-    if (scratch != NULL) scratch_free(scratch);
-    return good;
-}
-
-/* Fills *values, at least `count` of them: what is there of `capacity` is used, or else memory is taken once
- * the frame's sizes are known to be right. */
-static result_t decode_frame(const zmq_msg_t *message, const char *name, const layout_t *layout, size_t count,
-                             int64_t **values, size_t *capacity)
-{
-    input_t in = {zmq_msg_data((zmq_msg_t *)message), zmq_msg_size(message)};
-    bool raw = in.size == FRAME_HEADER + count * sizeof **values && in.bytes[0] == CODEC_RAW;
-    frame_t frame = {0};
-    if (!raw && !frame_open(in, layout, count, &frame))
-        return result_fail(RESULT_PROTOCOL, "the %s payload of %zu bytes cannot hold %zu values", name,
-                           in.size, count);
-    if (*capacity < count) {
-        free(*values);
-        *values = malloc(count * sizeof **values);
-        *capacity = *values == NULL ? 0 : count;
-        if (*values == NULL) return result_fail(RESULT_LIMIT, "no memory for %zu %s values", count, name);
-    }
-    if (raw)
-        memcpy(*values, in.bytes + FRAME_HEADER, count * sizeof **values);
-    else if (!decode_planes(&frame, layout, *values, count))
-        return result_fail(RESULT_PROTOCOL, "the %s payload of %zu bytes is damaged", name, in.size);
-    return result_ok();
-}
-
-static result_t decode_splats(const zmq_msg_t *message, batch_t *batch)
-{
-    if (zmq_msg_size(message) == 0) {
-        free(batch->splat);
-        batch->splat = NULL;
-        return result_ok();
-    }
-    size_t values = batch_splat_values(&batch->settings), capacity = batch->splat == NULL ? 0 : values;
-    return decode_frame(message, "splat", &colour_layout, values, &batch->splat, &capacity);
-}
-
-static result_t decode_features(const zmq_msg_t *message, size_t values, batch_t *batch)
-{
-    if (values == 0 && zmq_msg_size(message) == 0) return result_ok();
-    if (values == 0) return result_fail(RESULT_PROTOCOL, "a feature payload for units that have no features");
-    TRY(decode_frame(message, "feature", &feature_layout, values, &batch->features,
-                     &batch->feature_capacity));
-    batch->feature_count = values;
-    return result_ok();
-}
-
-result_t payload_decode(const zmq_msg_t payload[BATCH_PAYLOADS], batch_t *batch)
-{
-    size_t eye_values = 0, feature_values = 0;
-    for (size_t i = 0; i < batch->unit_count; i++) {
-        eye_values += batch_tile_values(&batch->settings, batch->units[i].tile);
-        feature_values += batch_feature_values(&batch->settings, &batch->units[i]);
-    }
-    batch->eye_count = batch->feature_count = 0;
-    TRY(decode_frame(&payload[0], "eye", &colour_layout, eye_values, &batch->eye, &batch->eye_capacity));
-    batch->eye_count = eye_values;
-    TRY(decode_splats(&payload[1], batch));
-    return decode_features(&payload[2], feature_values, batch);
 }

@@ -8,6 +8,9 @@
  *   - one walk over the decoded message, driven by protobuf-c's own descriptors, holds every string, bytes
  * field and repeated field to its limit. A field that is added to the schema is held too, with no code here.
  *
+ * A message bears a checksum of all its frames. TCP's own is weak and made anew by every box on the way, so a
+ * damaged sum could otherwise decode to a plausible batch and be counted.
+ *
  * Strings end up in logs and on terminals, so control characters in them are replaced as they come in.
  *
  * Sending never blocks: the threads that own sockets serve many peers, and one that does not read must not
@@ -16,12 +19,15 @@
  * handed over so that ZeroMQ discards the message whole. */
 #include "proto/wire.h"
 
+#include "proto/checksum.h"
+
 #include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 static const uint8_t PREAMBLE[] = {'L', 'M', 'I', 'L', WIRE_VERSION};
+enum { ENVELOPE_AT = sizeof PREAMBLE + sizeof(uint32_t) }; /* behind the checksum */
 
 /* libzmq is not built with the thread sanitizer, which therefore does not see that a message is handed over,
  * at inproc with its memory: what was done before a message was sent comes before what is done after one was
@@ -51,11 +57,11 @@ enum {
     HIGH_WATER_MARK = 64, /* messages queued a connection; peers have few requests open at a time */
     LINGER_MS = 1000,
     RECONNECT_MS = 100,
-    RECONNECT_MAX_MS = 5000,
+    RECONNECT_MAX_MS = 500, /* a master that was restarted is to be found within a second */
     CONNECT_TIMEOUT_MS = 5000,
-    UNACKNOWLEDGED_MAX_MS = 30000,
-    KEEP_ALIVE_IDLE = 30,
-    KEEP_ALIVE_INTERVAL = 10,
+    UNACKNOWLEDGED_MAX_MS = 15000, /* then a connection counts as broken; one that is slow does not */
+    KEEP_ALIVE_IDLE = 10,
+    KEEP_ALIVE_INTERVAL = 3,
     KEEP_ALIVE_COUNT = 3
 };
 
@@ -75,6 +81,61 @@ bool job_state_final(uint32_t state)
     return state == JOB_DONE || state == JOB_CANCELLED || state == JOB_FAILED;
 }
 
+/* ---- rights ---------------------------------------------------------------------------------------------
+ */
+
+unsigned wire_rights_needed(Lm__Envelope__BodyCase kind)
+{
+    switch (kind) {
+    case LM__ENVELOPE__BODY_HELLO:
+    case LM__ENVELOPE__BODY_WORK_REQUEST:
+    case LM__ENVELOPE__BODY_HEARTBEAT:
+    case LM__ENVELOPE__BODY_GOODBYE:
+    case LM__ENVELOPE__BODY_BATCH_OFFER:
+    case LM__ENVELOPE__BODY_BATCH_RESULT:
+    case LM__ENVELOPE__BODY_BLOB_GET:
+        return RIGHT_WORK;
+    case LM__ENVELOPE__BODY_JOB_SUBMIT:
+    case LM__ENVELOPE__BODY_JOB_STATUS_REQUEST:
+    case LM__ENVELOPE__BODY_JOB_ORDER:
+    case LM__ENVELOPE__BODY_WORKER_LIST_REQUEST:
+    case LM__ENVELOPE__BODY_BLOB_PUT:
+    case LM__ENVELOPE__BODY_IMAGE_GET:
+        return RIGHT_CLIENT;
+    default:
+        return 0;
+    }
+}
+
+const char *wire_rights_name(unsigned rights)
+{
+    switch (rights & RIGHTS_ALL) {
+    case RIGHT_WORK:
+        return "may work";
+    case RIGHT_CLIENT:
+        return "may submit and control jobs";
+    case RIGHTS_ALL:
+        return "may do everything";
+    default:
+        return "may do nothing";
+    }
+}
+
+void wire_user_id(unsigned rights, const char *key, char id[WIRE_USER_ID + 1])
+{
+    snprintf(id, WIRE_USER_ID + 1, "%u %.*s", rights & RIGHTS_ALL, WIRE_KEY_TEXT, key);
+}
+
+/* The reverse; a user id of any other form gives no right at all. */
+static void read_user_id(const char *id, wire_message_t *message)
+{
+    message->rights = 0;
+    if (id == NULL || strlen(id) != WIRE_USER_ID || id[0] < '0' || id[0] > '0' + RIGHTS_ALL || id[1] != ' ')
+        return;
+    message->rights = (unsigned)(id[0] - '0');
+    memcpy(message->key, id + 2, sizeof message->key);
+}
+
 /* ---- sockets ------------------------------------------------------------------------------------------- */
 
 result_t wire_socket_limit(void *socket, size_t largest_frame)
@@ -82,6 +143,14 @@ result_t wire_socket_limit(void *socket, size_t largest_frame)
     int64_t limit = (int64_t)largest_frame;
     if (zmq_setsockopt(socket, ZMQ_MAXMSGSIZE, &limit, sizeof limit) == 0) return result_ok();
     return result_fail(RESULT_IO, "cannot limit a socket's messages: %s", zmq_strerror(errno));
+}
+
+result_t wire_socket_queue(void *socket, int received, int sent)
+{
+    if (zmq_setsockopt(socket, ZMQ_RCVHWM, &received, sizeof received) == 0 &&
+        zmq_setsockopt(socket, ZMQ_SNDHWM, &sent, sizeof sent) == 0)
+        return result_ok();
+    return result_fail(RESULT_IO, "cannot limit a socket's queues: %s", zmq_strerror(errno));
 }
 
 static result_t set_options(void *socket, int type)
@@ -123,9 +192,23 @@ result_t wire_socket(void *context, int type, void **socket)
 
 /* ---- sending ------------------------------------------------------------------------------------------- */
 
-static result_t header_encode(const Lm__Envelope *envelope, zmq_msg_t *header)
+/* Of the packed envelope and of the sizes and bytes of the payloads. */
+static uint32_t message_checksum(const uint8_t *envelope, size_t size, const zmq_msg_t *payload,
+                                 int payload_count)
 {
-    size_t size = sizeof PREAMBLE + lm__envelope__get_packed_size(envelope);
+    uint32_t sum = checksum_add(0, envelope, size);
+    for (int i = 0; i < payload_count; i++) {
+        uint64_t length = zmq_msg_size(&payload[i]);
+        sum = checksum_add(sum, &length, sizeof length);
+        sum = checksum_add(sum, zmq_msg_data((zmq_msg_t *)&payload[i]), length);
+    }
+    return sum;
+}
+
+static result_t header_encode(const Lm__Envelope *envelope, const zmq_msg_t *payload, int payload_count,
+                              zmq_msg_t *header)
+{
+    size_t size = ENVELOPE_AT + lm__envelope__get_packed_size(envelope);
     if (size > WIRE_MAX_HEADER)
         return result_fail(RESULT_LIMIT, "a message header of %zu bytes is over the limit of %d", size,
                            WIRE_MAX_HEADER);
@@ -133,7 +216,9 @@ static result_t header_encode(const Lm__Envelope *envelope, zmq_msg_t *header)
         return result_fail(RESULT_LIMIT, "no memory for a message header of %zu bytes", size);
     uint8_t *bytes = zmq_msg_data(header);
     memcpy(bytes, PREAMBLE, sizeof PREAMBLE);
-    lm__envelope__pack(envelope, bytes + sizeof PREAMBLE);
+    lm__envelope__pack(envelope, bytes + ENVELOPE_AT);
+    uint32_t sum = message_checksum(bytes + ENVELOPE_AT, size - ENVELOPE_AT, payload, payload_count);
+    memcpy(bytes + sizeof PREAMBLE, &sum, sizeof sum);
     return result_ok();
 }
 
@@ -173,7 +258,7 @@ result_t wire_send(void *socket, const uint8_t *identity, size_t identity_size, 
     zmq_msg_t address, header;
     zmq_msg_t *frames[2 + WIRE_MAX_PAYLOADS];
     int count = 0;
-    result_t result = header_encode(envelope, &header);
+    result_t result = header_encode(envelope, payload, payload_count, &header);
     if (result.code == RESULT_OK && identity != NULL) {
         if (zmq_msg_init_size(&address, identity_size) == 0) {
             memcpy(zmq_msg_data(&address), identity, identity_size);
@@ -272,7 +357,8 @@ static result_t message_check(ProtobufCMessage *message)
     return result_ok();
 }
 
-static result_t header_decode(const uint8_t *bytes, size_t size, Lm__Envelope **envelope)
+/* What stands in front of the envelope. */
+static result_t header_check(const uint8_t *bytes, size_t size, const zmq_msg_t *payload, int payload_count)
 {
     if (size < sizeof PREAMBLE || memcmp(bytes, PREAMBLE, sizeof PREAMBLE - 1) != 0)
         return result_fail(RESULT_PROTOCOL, "a message of %zu bytes does not begin like one of ours", size);
@@ -284,9 +370,21 @@ static result_t header_decode(const uint8_t *bytes, size_t size, Lm__Envelope **
     if (size > WIRE_MAX_HEADER)
         return result_fail(RESULT_PROTOCOL, "a header of %zu bytes is over the limit of %d", size,
                            WIRE_MAX_HEADER);
+    if (size <= ENVELOPE_AT)
+        return result_fail(RESULT_PROTOCOL, "a header of %zu bytes holds no message", size);
+    uint32_t sum;
+    memcpy(&sum, bytes + sizeof PREAMBLE, sizeof sum);
+    if (sum == message_checksum(bytes + ENVELOPE_AT, size - ENVELOPE_AT, payload, payload_count))
+        return result_ok();
+    return result_fail(RESULT_PROTOCOL, "a message was damaged on its way: its checksum is wrong");
+}
+
+/* The envelope alone. */
+static result_t header_decode(const uint8_t *bytes, size_t size, Lm__Envelope **envelope)
+{
     size_t budget = WIRE_MAX_DECODED;
     ProtobufCAllocator allocator = {budget_alloc, budget_free, &budget};
-    Lm__Envelope *made = lm__envelope__unpack(&allocator, size - sizeof PREAMBLE, bytes + sizeof PREAMBLE);
+    Lm__Envelope *made = lm__envelope__unpack(&allocator, size, bytes);
     if (made == NULL) return result_fail(RESULT_PROTOCOL, "a header of %zu bytes does not decode", size);
     result_t result = message_check(&made->base);
     if (result.code == RESULT_OK && made->body_case == LM__ENVELOPE__BODY__NOT_SET)
@@ -375,43 +473,67 @@ static result_t receive_payloads(void *socket, bool more, wire_message_t *messag
     return result_ok();
 }
 
-static void close_payloads(wire_message_t *message)
+/* Who sent it. Without keys a peer can give itself any user id, so only one of a connection with keys is
+ * believed. */
+static void receive_sender(void *socket, const zmq_msg_t *header, wire_message_t *message)
 {
-    for (int i = 0; i < message->payload_count; i++) zmq_msg_close(&message->payload[i]);
-    message->payload_count = 0;
+    int mechanism = ZMQ_NULL;
+    size_t size = sizeof mechanism;
+    const char *address = zmq_msg_gets(header, "Peer-Address");
+    if (address != NULL) snprintf(message->address, sizeof message->address, "%s", address);
+    if (zmq_getsockopt(socket, ZMQ_MECHANISM, &mechanism, &size) != 0 || mechanism == ZMQ_CURVE)
+        read_user_id(zmq_msg_gets(header, "User-Id"), message);
 }
 
-result_t wire_receive(void *socket, bool router, wire_message_t *message, bool *received)
+result_t wire_receive_frames(void *socket, bool router, wire_message_t *message, bool *received)
 {
     message->envelope = NULL;
     message->identity_size = 0;
+    message->header_open = false;
     message->payload_count = 0;
     message->bytes = 0;
     message->rights = RIGHTS_ALL;
     message->key[0] = '\0';
+    message->address[0] = '\0';
     *received = false;
     if (router) {
         TRY(receive_identity(socket, message, received));
         if (!*received) return result_ok();
     }
     *received = false;
-    zmq_msg_t header;
     int error;
-    if (!next_frame(socket, &header, &error)) {
+    if (!next_frame(socket, &message->header, &error)) {
         if (error == EAGAIN && !router) return result_ok();
         return result_fail(RESULT_IO, "cannot receive: %s", zmq_strerror(error));
     }
     note_receiving();
-    message->bytes = zmq_msg_size(&header);
-    result_t payloads = receive_payloads(socket, zmq_msg_more(&header) != 0, message);
-    result_t result = header_decode(zmq_msg_data(&header), zmq_msg_size(&header), &message->envelope);
-    zmq_msg_close(&header);
-    if (result.code == RESULT_OK && payloads.code != RESULT_OK) {
-        lm__envelope__free_unpacked(message->envelope, NULL);
-        message->envelope = NULL;
-        result = payloads;
-    }
-    if (result.code != RESULT_OK) close_payloads(message);
+    message->header_open = true;
+    message->bytes = zmq_msg_size(&message->header);
+    if (router) receive_sender(socket, &message->header, message);
+    result_t result = receive_payloads(socket, zmq_msg_more(&message->header) != 0, message);
+    if (result.code != RESULT_OK) wire_free(message);
+    *received = result.code == RESULT_OK;
+    return result;
+}
+
+result_t wire_decode(wire_message_t *message)
+{
+    const uint8_t *bytes = zmq_msg_data(&message->header);
+    size_t size = zmq_msg_size(&message->header);
+    result_t result = header_check(bytes, size, message->payload, message->payload_count);
+    if (result.code == RESULT_OK)
+        result = header_decode(bytes + ENVELOPE_AT, size - ENVELOPE_AT, &message->envelope);
+    zmq_msg_close(&message->header);
+    message->header_open = false;
+    if (result.code != RESULT_OK) wire_free(message);
+    return result;
+}
+
+result_t wire_receive(void *socket, bool router, wire_message_t *message, bool *received)
+{
+    TRY(wire_receive_frames(socket, router, message, received));
+    if (!*received) return result_ok();
+    result_t result = wire_decode(message);
     *received = result.code == RESULT_OK;
     return result;
 }
@@ -420,7 +542,10 @@ void wire_free(wire_message_t *message)
 {
     if (message->envelope != NULL) lm__envelope__free_unpacked(message->envelope, NULL);
     message->envelope = NULL;
-    close_payloads(message);
+    if (message->header_open) zmq_msg_close(&message->header);
+    message->header_open = false;
+    for (int i = 0; i < message->payload_count; i++) zmq_msg_close(&message->payload[i]);
+    message->payload_count = 0;
 }
 
 /* ---- settings, units, counts, hashes ------------------------------------------------------------------- */
@@ -576,6 +701,23 @@ result_t wire_units_get(Lm__Unit *const *messages, size_t count, const job_setti
             return result_fail(RESULT_PROTOCOL, "unit (tile %u, samples %u + %u) is not of this job",
                                units[i].tile, units[i].first, units[i].count);
     }
+    return result_ok();
+}
+
+result_t wire_batch_get(const wire_message_t *message, batch_t *batch)
+{
+    const Lm__BatchResult *body = message->envelope->batch_result;
+    if (message->payload_count != BATCH_PAYLOADS)
+        return result_fail(RESULT_PROTOCOL, "a batch has %d payloads, not %d", BATCH_PAYLOADS,
+                           message->payload_count);
+    if (body->n_units == 0) return result_fail(RESULT_PROTOCOL, "a batch without units");
+    if (body->n_units > batch->unit_capacity) {
+        batch->units = mem_realloc(batch->units, body->n_units * sizeof *batch->units);
+        batch->unit_capacity = body->n_units;
+    }
+    TRY(wire_units_get(body->units, body->n_units, &batch->settings, batch->units));
+    batch->unit_count = body->n_units;
+    wire_counts_get(body->counts, &batch->counts);
     return result_ok();
 }
 

@@ -9,6 +9,7 @@
 #define LIGHTMILL_WIRE_H
 
 #include "common/film.h"
+#include "proto/keys.h"
 #include "proto/lightmill.pb-c.h"
 
 #include <zmq.h>
@@ -18,6 +19,7 @@ enum {
     WIRE_DEFAULT_PORT = 7420,         /* control; bulk is the next one */
     WIRE_MAX_HEADER = 1 << 20,        /* bytes of a header frame, preamble included */
     WIRE_MAX_CONTROL_FRAME = 1 << 20, /* control messages have no payloads */
+    WIRE_MAX_CONTROL_ASKED = 1 << 14, /* those to a master; its answers may be lists */
     WIRE_MAX_DECODED = 16 << 20,      /* bytes that decoding one header may allocate */
     WIRE_MAX_PAYLOADS = 3,
     BATCH_PAYLOADS = 3,       /* eye tiles, splat frame, features */
@@ -72,17 +74,30 @@ enum {
     RIGHT_CLIENT = 2, /* submit, order, see jobs, put blobs, fetch images */
     RIGHTS_ALL = RIGHT_WORK | RIGHT_CLIENT
 };
-enum { WIRE_KEY_TEXT = 40 }; /* characters of a public key in Z85 */
+enum { WIRE_KEY_TEXT = KEY_TEXT }; /* characters of a public key in Z85 */
+enum { WIRE_MAX_ADDRESS = 63 };
+
+/* What a message of this kind asks of its sender; 0 for kinds that no peer sends to a master. */
+unsigned wire_rights_needed(Lm__Envelope__BodyCase kind);
+/* "may work", "may submit and control jobs", ...: completes a sentence that begins with a key. */
+const char *wire_rights_name(unsigned rights);
+/* The user id with which a master admits a connection, and wire_receive finds key and rights on its messages.
+ */
+enum { WIRE_USER_ID = WIRE_KEY_TEXT + 2 };
+void wire_user_id(unsigned rights, const char *key, char id[WIRE_USER_ID + 1]);
 
 typedef struct {
     Lm__Envelope *envelope; /* decoded, its body is set; freed by wire_free */
     uint8_t identity[WIRE_MAX_IDENTITY];
     size_t identity_size;                 /* 0 when it came from a DEALER */
+    zmq_msg_t header;                     /* until it is decoded, */
+    bool header_open;                     /* as this says */
     zmq_msg_t payload[WIRE_MAX_PAYLOADS]; /* open for i < payload_count */
     int payload_count;
     size_t bytes;                /* all frames as they came, without the identity */
     unsigned rights;             /* of the sender; RIGHTS_ALL on a connection without keys */
     char key[WIRE_KEY_TEXT + 1]; /* the sender's public key in Z85, empty on a connection without keys */
+    char address[WIRE_MAX_ADDRESS + 1]; /* the sender's host, for people; empty on inproc and on a DEALER */
 } wire_message_t;
 
 /* Makes a socket with our limits set (largest frame WIRE_MAX_PAYLOAD, high-water marks, linger, reconnect
@@ -92,6 +107,9 @@ result_t wire_socket(void *context, int type, void **socket);
 /* Lowers the largest frame that the socket takes in; a connection that sends more is dropped by libzmq before
  * memory is allocated. A control socket takes WIRE_MAX_CONTROL_FRAME. Call before bind or connect. */
 result_t wire_socket_limit(void *socket, size_t largest_frame);
+/* Lowers the number of messages that libzmq takes in, and keeps to be sent, for each connection (64 and 64):
+ * what is read no further waits in the peer. Likewise. */
+result_t wire_socket_queue(void *socket, int received, int sent);
 
 /* Sends an envelope with its payloads. The identity is for a ROUTER (NULL on a DEALER). Payload messages are
  * consumed, also on failure. Never blocks: RESULT_LIMIT when the peer's queue is full, RESULT_UNREACHABLE
@@ -103,7 +121,16 @@ result_t wire_send(void *socket, const uint8_t *identity, size_t identity_size, 
  * message was malformed or over a limit: it has been read to its end and thrown away, and message->identity
  * says who sent it. On success the caller frees the message with wire_free. */
 result_t wire_receive(void *socket, bool router, wire_message_t *message, bool *received);
+/* The same in two steps, for those who look at the sender before they spend time on the message: its frames,
+ * with the envelope NULL, and the decoding of its header. After a failure of either nothing is left to free.
+ */
+result_t wire_receive_frames(void *socket, bool router, wire_message_t *message, bool *received);
+result_t wire_decode(wire_message_t *message);
 void wire_free(wire_message_t *message);
+
+/* Decodes a header frame, as wire_receive does: RESULT_PROTOCOL when it is malformed or over a limit. The
+ * caller frees the envelope with lm__envelope__free_unpacked(envelope, NULL). */
+result_t wire_header_decode(const uint8_t *bytes, size_t size, Lm__Envelope **envelope);
 
 /* Settings, units and counts to and from their messages. From a message everything is checked
  * (job_settings_check, job_unit_valid, WIRE_MAX_UNITS); the message of a failure says which field is wrong.
@@ -123,6 +150,9 @@ Lm__Unit **wire_units_new(const unit_t *units, size_t count);
 /* Fills units[count] and checks each against the job. */
 result_t wire_units_get(Lm__Unit *const *messages, size_t count, const job_settings_t *settings,
                         unit_t *units);
+/* The units and counts of a BatchResult, checked, into a batch that was initialised with its job's settings;
+ * its sums are in the payloads. */
+result_t wire_batch_get(const wire_message_t *message, batch_t *batch);
 /* False when the bytes field is not exactly HASH_BYTES long. */
 bool wire_hash_get(const ProtobufCBinaryData *bytes, hash_t *hash);
 /* Points the bytes field at the hash, which must outlive the message. */
@@ -138,5 +168,35 @@ result_t payload_encode(const batch_t *batch, bool compress, zmq_msg_t payload[B
  * its arrays are filled, splat is left NULL when the frame is empty. RESULT_PROTOCOL when the bytes do not
  * decode to exactly the right size. */
 result_t payload_decode(const zmq_msg_t payload[BATCH_PAYLOADS], batch_t *batch);
+
+/* Reading a frame piece by piece, for who adds the values up and need not have them all in memory. */
+
+enum { PAYLOAD_PIECE = 1024 }; /* pixels of a piece, at most */
+
+typedef struct payload_reader payload_reader_t;
+
+/* Some values of some pixels: splats and eye tiles have 3 a pixel, features FEATURE_VALUES. */
+typedef struct {
+    size_t first, pixels;  /* numbered through the frame */
+    size_t offset, lanes;  /* which of the values of each pixel */
+    const uint64_t *mask;  /* a bit a pixel, from the lowest on; those not marked are zero. What is marked
+                              beyond the last pixel means nothing */
+    const int64_t *values; /* `lanes` for each pixel that is marked */
+    bool large;            /* some may be beyond +-2^55 */
+} payload_piece_t;
+
+/* NULL when memory lacks. */
+payload_reader_t *payload_reader_new(void);
+/* Sets *reader to NULL. */
+void payload_reader_free(payload_reader_t **reader);
+/* Begins frame `which` of a batch, of which `values` must come out. RESULT_PROTOCOL when it cannot be so.
+ * `frame` stays the caller's, open until the last piece is read. */
+result_t payload_open(payload_reader_t *reader, const zmq_msg_t *frame, int which, size_t values);
+/* The next piece, valid until the one after is read. False when there is none: payload_end tells why. */
+bool payload_read(payload_reader_t *reader, payload_piece_t *piece);
+/* RESULT_PROTOCOL when the frame was damaged. */
+result_t payload_end(const payload_reader_t *reader);
+/* RESULT_PROTOCOL unless the frame of features is empty, as it must be for units that have none. */
+result_t payload_no_features(const zmq_msg_t *frame);
 
 #endif

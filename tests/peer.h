@@ -30,6 +30,10 @@ wire_message_t peer_ask_bulk(peer_t *peer, Lm__Envelope *envelope, zmq_msg_t *pa
 /* Takes in pushed messages for some seconds, or until one has come. */
 void peer_listen(peer_t *peer, double seconds);
 
+enum { PEER_ENVELOPE_AT = 9 }; /* in a header frame: "LMIL", the version, the checksum */
+/* Writes the checksum into a header frame that `count` payloads follow; not into one that is too short. */
+void peer_seal(uint8_t *header, size_t size, const void *const *payloads, const size_t *sizes, int count);
+
 /* Says hello; *refused (may be NULL) takes the reason of a refusal, which otherwise ends the test. */
 void peer_hello(peer_t *peer, uint32_t version, uint32_t threads, result_t *refused);
 bool peer_heartbeat(peer_t *peer, uint64_t job, uint32_t units_held);

@@ -124,6 +124,11 @@ char *rig_output(rig_t *rig, pid_t process)
     return text;
 }
 
+pid_t rig_start_program(rig_t *rig, const char *program, const char *const *arguments)
+{
+    return start(rig, program, arguments);
+}
+
 pid_t rig_start_command(rig_t *rig, const char *const *arguments)
 {
     return start(rig, "lightmill", arguments);
@@ -193,33 +198,81 @@ void rig_destroy(rig_t **rig_pointer)
         if (!rig->ended[i]) waitpid(rig->started[i], NULL, 0);
     bool silent = sanitizers_silent(rig);
     scratch_destroy(&rig->folder);
+    free(rig->keys);
+    free(rig->data);
     free(rig);
     *rig_pointer = NULL;
     if (!silent) fail_msg("a sanitizer found something");
 }
 
+void rig_use_keys(rig_t *rig)
+{
+    key_pair_t master, worker, client;
+    rig->keys = scratch_path(rig->folder, "keys");
+    must(key_files_make(rig->keys, "master", &master));
+    must(key_files_make(rig->keys, "worker", &worker));
+    must(key_files_make(rig->keys, "client", &client));
+    char *path = scratch_path(rig->keys, "allow");
+    char *list = mem_printf("worker %s farm\nclient %s test\n", worker.open, client.open);
+    scratch_write(path, list, strlen(list));
+    free(list);
+    free(path);
+}
+
+/* The path of a file among the keys; NULL when there are none. */
+static char *key_path(const rig_t *rig, const char *name)
+{
+    return rig->keys ? scratch_path(rig->keys, name) : NULL;
+}
+
 static void connect_remote(rig_t *rig)
 {
     char *endpoint = mem_printf("tcp://127.0.0.1:%d", rig->port);
+    char *secret = key_path(rig, "client.secret"), *master = key_path(rig, "master.key");
+    dial_options_t options = {.role = "client", .key = secret, .master_key = master, .insecure = !rig->keys};
+    dial_keys_t keys;
     remote_close(&rig->remote);
-    must(remote_open(NULL, endpoint, NULL, 20, &rig->remote));
+    must(dial_keys_find(&options, "127.0.0.1", &keys));
+    must(remote_open_with(NULL, endpoint, NULL, 20, &keys, &rig->remote));
     free(endpoint);
+    free(secret);
+    free(master);
     wire_message_t message;
     must(remote_status(rig->remote, 0, &message));
     wire_free(&message);
 }
 
-void rig_start_master(rig_t *rig, double batch_interval)
+void rig_start_master_on(rig_t *rig, const char *data, double batch_interval, const char *const *more)
 {
     char *listen = mem_printf("127.0.0.1:%d", rig->port), *interval = mem_printf("%g", batch_interval);
-    char *data = mem_printf("%s/data-%d", rig->folder, rig->started_count);
-    rig->master = start(rig, "lightmill-master",
-                        (const char *[]){"--listen", listen, "--data", data, "--heartbeat", "0.2", "--lease",
-                                         "1", "--batch-interval", interval, "--verbose", NULL});
+    char *key = key_path(rig, "master.secret"), *allow = key_path(rig, "allow");
+    const char *arguments[40] = {"--listen", listen, "--data",           data,     "--heartbeat", "0.2",
+                                 "--lease",  "1",    "--batch-interval", interval, "--verbose"};
+    const char *const keys[] = {"--key", key, "--allow", allow};
+    size_t count = 11;
+    for (size_t i = 0; i < ARRAY_LENGTH(keys) && key != NULL; i++) arguments[count++] = keys[i];
+    for (; more != NULL && *more != NULL; more++) {
+        assert_true(count + 1 < ARRAY_LENGTH(arguments));
+        arguments[count++] = *more;
+    }
+    rig->master = start(rig, "lightmill-master", arguments);
     free(listen);
     free(interval);
-    free(data);
+    free(key);
+    free(allow);
     connect_remote(rig);
+}
+
+void rig_start_master(rig_t *rig, double batch_interval)
+{
+    free(rig->data);
+    rig->data = mem_printf("%s/data-%d", rig->folder, rig->started_count);
+    rig_restart_master(rig, batch_interval);
+}
+
+void rig_restart_master(rig_t *rig, double batch_interval)
+{
+    rig_start_master_on(rig, rig->data, batch_interval, NULL);
 }
 
 void rig_kill_master(rig_t *rig)
@@ -234,12 +287,16 @@ pid_t rig_start_worker(rig_t *rig)
     char *address = mem_printf("127.0.0.1:%d", rig->port);
     char *cache = mem_printf("%s/cache-%d", rig->folder, rig->started_count);
     char *name = mem_printf("%d", rig->started_count);
-    pid_t worker = start(
-        rig, "lightmill-worker",
-        (const char *[]){address, "--threads", "1", "--cache", cache, "--name", name, "--verbose", NULL});
+    char *key = key_path(rig, "worker.secret"), *master = key_path(rig, "master.key");
+    pid_t worker =
+        start(rig, "lightmill-worker",
+              (const char *[]){address, "--threads", "1", "--cache", cache, "--name", name, "--verbose",
+                               key ? "--key" : NULL, key, "--master-key", master, NULL});
     free(address);
     free(cache);
     free(name);
+    free(key);
+    free(master);
     return worker;
 }
 
@@ -251,7 +308,7 @@ job_settings_t rig_settings(void)
     must(scene_load(SCENE, false, &scene));
     job_settings_t settings = blob_default_settings(&scene.blob);
     settings.width = settings.height = 64;
-    settings.spp = 384;
+    settings.spp = (uint32_t)strtoul(RIG_SPP, NULL, 10);
     settings.seed = 7;
     settings.film_scale = blob_film_scale(&scene.blob);
     scene_free(&scene);
@@ -280,7 +337,12 @@ rig_status_t rig_status(rig_t *rig, uint64_t job)
                          .samples_done = status->samples_done,
                          .samples_total = status->samples_total,
                          .batches_refused = status->batches_refused,
-                         .units_reissued = status->units_reissued};
+                         .units_reissued = status->units_reissued,
+                         .issued = status->samples_issued,
+                         .counted = status->samples_counted,
+                         .returned = status->samples_returned,
+                         .out = status->samples_out};
+    snprintf(copy.message, sizeof copy.message, "%s", status->message);
     wire_free(&message);
     return copy;
 }
@@ -301,6 +363,17 @@ static void check_patience(rig_t *rig, double start_time, const char *what)
     if (clock_now() - start_time < PATIENCE) return;
     dump_logs(rig);
     fail_msg("waited %g s for %s", PATIENCE, what);
+}
+
+void rig_wait_output(rig_t *rig, pid_t process, const char *text)
+{
+    for (double start_time = clock_now();; rig_sleep(0.02)) {
+        char *output = rig_output(rig, process);
+        bool found = strstr(output, text) != NULL;
+        free(output);
+        if (found) return;
+        check_patience(rig, start_time, text);
+    }
 }
 
 void rig_wait_samples(rig_t *rig, uint64_t job, uint64_t samples)
@@ -363,7 +436,7 @@ hash_t rig_reference(void)
     if (made) return reference;
     rig_t *rig = rig_new();
     char *path = scratch_path(rig->folder, "reference.exr");
-    assert_int_equal(rig_run(rig, (const char *[]){"render", SCENE, "--resolution", "64x64", "--spp", "384",
+    assert_int_equal(rig_run(rig, (const char *[]){"render", SCENE, "--resolution", "64x64", "--spp", RIG_SPP,
                                                    "--seed", "7", "--quiet", "-o", path, NULL}),
                      0);
     reference = rig_file_hash(path);

@@ -11,14 +11,22 @@ enum { RIG_MAX_PROCESSES = 32 };
 
 typedef struct {
     char *folder; /* scratch: logs, caches, data, images */
+    char *data;   /* the data directory of the last master of rig_start_master */
     int port;     /* of the master's control socket; the bulk socket has the next one */
     pid_t master; /* 0: none */
+    char *keys;   /* folder of the keys master, worker and client and of the list "allow"; NULL: no keys */
     remote_t *remote;
     pid_t started[RIG_MAX_PROCESSES];
     bool ended[RIG_MAX_PROCESSES]; /* has been waited for */
     int started_count;
 } rig_t;
 
+/* Samples a pixel of the job below, as text. The renderer is many times slower under the thread sanitizer. */
+#ifdef __SANITIZE_THREAD__
+#define RIG_SPP "64"
+#else
+#define RIG_SPP "384"
+#endif
 /* What the tests render: seed-hidden, small, a few seconds of two cores. */
 job_settings_t rig_settings(void);
 /* The pixel hash of that job, rendered by `lightmill render` without any farm; computed once a program. */
@@ -29,13 +37,22 @@ rig_t *rig_new(void);
 /* Kills everything and removes the folder. */
 void rig_destroy(rig_t **rig);
 
+/* Makes keys for the farm, which is to use them from now on; before anything is started. */
+void rig_use_keys(rig_t *rig);
+
 /* Starts a master on the rig's port with quick time-outs (lease 1 s) and waits until it answers. */
 void rig_start_master(rig_t *rig, double batch_interval);
+/* Starts a master on the data of the last one of rig_start_master, which has ended. */
+void rig_restart_master(rig_t *rig, double batch_interval);
+/* The same on a data directory that the caller names, with further options (NULL-terminated; NULL: none). */
+void rig_start_master_on(rig_t *rig, const char *data, double batch_interval, const char *const *more);
 /* Kills the master with -9. */
 void rig_kill_master(rig_t *rig);
 /* Starts a worker with one thread and its own cache. */
 pid_t rig_start_worker(rig_t *rig);
 
+/* Starts one of our programs with these arguments (NULL-terminated), as rig_start_command does. */
+pid_t rig_start_program(rig_t *rig, const char *program, const char *const *arguments);
 /* Starts the `lightmill` command with these arguments (NULL-terminated); its output goes to a file in the
  * folder: rig_output. */
 pid_t rig_start_command(rig_t *rig, const char *const *arguments);
@@ -51,8 +68,12 @@ uint64_t rig_submit(rig_t *rig, const job_settings_t *settings);
 typedef struct {
     uint32_t state, workers, workers_seen;
     uint64_t samples_done, samples_total, batches_refused, units_reissued;
+    uint64_t issued, counted, returned, out; /* pixel samples */
+    char message[200];
 } rig_status_t;
 rig_status_t rig_status(rig_t *rig, uint64_t job);
+/* Waits until a process of the rig has written this. */
+void rig_wait_output(rig_t *rig, pid_t process, const char *text);
 /* Waits until so many of the job's samples are counted, or it has ended. */
 void rig_wait_samples(rig_t *rig, uint64_t job, uint64_t samples);
 /* Waits for the end of the job and returns its last status. */

@@ -1,150 +1,148 @@
 /* bulk: see bulk.h.
  *
- * DESIGN. One straight loop: ask the workshop for the next duty, do it to its end, ask again. Each duty is a
+ * DESIGN. One straight loop: ask the crew for the next duty, do it to its end, ask again. Each duty is a
  * plain sequence of requests and answers on one socket, and gives up early when the thread is told to stop,
- * when the link changes (a new welcome: a new socket, so that nothing of the old conversation can be mistaken
- * for an answer), or when the job is over.
+ * when the link is renewed (link.h), or when the job is over.
  *
- * A batch stays encoded in memory until the master has answered for it. No answer in good time means that a
- * connection broke underneath; the same bytes are sent again, and the master, who knows what its film holds,
- * refuses them if they had arrived after all. Scenes are fetched with several chunk requests under way, so
- * that the speed does not depend on the round trip.
+ * A batch is offered before it is closed: as long as the master has no room for it, it grows. When it is
+ * granted it is closed, encoded, and kept in memory until the master has answered for it. What can go wrong
+ * in between:
+ *
+ *   - the connection breaks, or the master is another process: the batch is offered anew, and sent again when
+ * that is granted. The master, who knows what its film holds, refuses it if it had arrived after all;
+ *   - the master does not answer on a connection that lives: the batch is not sent twice over a link that may
+ * just be slow. It is offered again; that small message arrives behind the batch, so an answer to it proves
+ * that the batch arrived too. Only if its verdict then still does not come, it is sent again.
+ *
+ * Scenes are fetched with several chunk requests under way, so that the speed does not depend on the round
+ * trip.
  */
 #include "worker/bulk.h"
 
 #include "proto/wire.h"
 #include "worker/blob_cache.h"
+#include "worker/link.h"
 
-#include <poll.h>
 #include <pthread.h>
+#include <stdatomic.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/eventfd.h>
-#include <unistd.h>
 
 enum { CHUNK_BYTES = 1 << 20, CHUNK_WINDOW = 4, DOWNLOAD_ATTEMPTS = 3 };
 static const double CHUNK_TIMEOUT = 15;           /* seconds without a chunk */
-static const double BATCH_TIMEOUT = 20;           /* seconds for an answer, and */
 static const double BATCH_BYTES_PER_SECOND = 2e5; /* the slowest uplink that is waited for */
 static const double PAUSE = 0.25;                 /* seconds before something is tried again */
+static const double FIRST_RATIO = 0.3;            /* of coded to plain bytes, before any is known */
 
 /* Where the control thread says the master is. */
 typedef struct {
     char *endpoint; /* NULL when down */
     uint64_t worker;
-    uint64_t generation; /* counts changes */
+    uint64_t changes; /* counts them */
     double batch_interval;
-} link_t;
+} address_book_t;
 
 struct bulk {
     bulk_options_t options;
     blob_cache_t *cache;
     pthread_t thread;
     atomic_bool quit;
-    pthread_mutex_t lock; /* guards link */
-    link_t link;
+    pthread_mutex_t lock; /* guards book */
+    address_book_t book;
 
     /* The thread's own. */
-    void *socket; /* NULL when the link is down */
-    uint64_t generation;
+    link_t link;
+    uint64_t changes; /* that it knows of */
     uint64_t worker;
     double batch_interval;
+    double ratio;     /* of coded to plain bytes in the last batch */
     uint64_t request; /* the last number used */
-    scene_blob_t blob;
-    renderer_t *renderer;
 };
 
 /* ---- the link ----------------------------------------------------------------------------------------- */
 
-static void set_link(bulk_t *bulk, const char *endpoint, uint64_t worker, double batch_interval)
+static void set_book(bulk_t *bulk, const char *endpoint, uint64_t worker, double batch_interval)
 {
     pthread_mutex_lock(&bulk->lock);
-    free(bulk->link.endpoint);
-    bulk->link.endpoint = endpoint ? mem_strdup(endpoint) : NULL;
-    bulk->link.worker = worker;
-    bulk->link.batch_interval = batch_interval;
-    bulk->link.generation++;
+    free(bulk->book.endpoint);
+    bulk->book.endpoint = endpoint ? mem_strdup(endpoint) : NULL;
+    bulk->book.worker = worker;
+    bulk->book.batch_interval = batch_interval;
+    bulk->book.changes++;
     pthread_mutex_unlock(&bulk->lock);
     eventfd_write(bulk->options.wake, 1);
 }
 
 void bulk_link_up(bulk_t *bulk, const char *endpoint, uint64_t worker, double batch_interval)
 {
-    set_link(bulk, endpoint, worker, batch_interval);
+    set_book(bulk, endpoint, worker, batch_interval);
 }
 
 void bulk_link_down(bulk_t *bulk)
 {
-    set_link(bulk, NULL, 0, 1);
+    set_book(bulk, NULL, 0, 1);
 }
 
-static void connect_socket(bulk_t *bulk, const char *endpoint)
-{
-    result_t result = wire_socket(bulk->options.context, ZMQ_DEALER, &bulk->socket);
-    if (result.code != RESULT_OK) {
-        log_error("%s", result.message);
-        bulk->socket = NULL;
-    } else if (zmq_connect(bulk->socket, endpoint) != 0) {
-        log_error("cannot connect to %s: %s", endpoint, zmq_strerror(zmq_errno()));
-        zmq_close(bulk->socket);
-        bulk->socket = NULL;
-    }
-}
-
-static bool link_changed(bulk_t *bulk)
+/* Follows what the control thread said last, and renews a broken link. True when anything is new. */
+static bool refresh_link(bulk_t *bulk)
 {
     pthread_mutex_lock(&bulk->lock);
-    bool changed = bulk->generation != bulk->link.generation;
-    pthread_mutex_unlock(&bulk->lock);
-    return changed;
-}
-
-/* Follows what the control thread said last. */
-static void refresh_link(bulk_t *bulk)
-{
-    pthread_mutex_lock(&bulk->lock);
-    if (bulk->generation != bulk->link.generation) {
-        if (bulk->socket) zmq_close(bulk->socket);
-        bulk->socket = NULL;
-        bulk->generation = bulk->link.generation;
-        bulk->worker = bulk->link.worker;
-        bulk->batch_interval = bulk->link.batch_interval;
-        if (bulk->link.endpoint) connect_socket(bulk, bulk->link.endpoint);
+    bool renewed = bulk->changes != bulk->book.changes;
+    if (renewed) {
+        bulk->changes = bulk->book.changes;
+        bulk->worker = bulk->book.worker;
+        bulk->batch_interval = bulk->book.batch_interval;
+        link_set(&bulk->link, bulk->book.endpoint);
     }
     pthread_mutex_unlock(&bulk->lock);
+    return link_refresh(&bulk->link) || renewed;
 }
 
-/* Waits for traffic or for a wake-up, at most `seconds`. */
-static void wait_events(bulk_t *bulk, double seconds)
+static void pause_briefly(bulk_t *bulk)
 {
-    zmq_pollitem_t items[2] = {{.fd = bulk->options.wake, .events = ZMQ_POLLIN},
-                               {.socket = bulk->socket, .events = ZMQ_POLLIN}};
-    long ms = seconds > 0 ? (long)(1e3 * seconds) + 1 : 0;
-    zmq_poll(items, bulk->socket ? 2 : 1, ms);
-    if (items[0].revents & ZMQ_POLLIN) {
-        eventfd_t count;
-        eventfd_read(bulk->options.wake, &count);
-    }
+    link_wait(&bulk->link, bulk->options.wake, PAUSE);
 }
 
-/* Waits for the next well-formed message. RESULT_UNREACHABLE at the deadline or when the link changed,
- * RESULT_CANCELLED when the thread is to stop. */
-static result_t receive(bulk_t *bulk, double deadline, wire_message_t *message)
+static bool unwanted(const bulk_t *bulk, uint64_t job)
 {
-    for (;;) {
-        if (atomic_load(&bulk->quit)) return result_fail(RESULT_CANCELLED, "the worker leaves");
-        if (link_changed(bulk)) return result_fail(RESULT_UNREACHABLE, "the link to the master was renewed");
-        bool received = false;
-        result_t result = wire_receive(bulk->socket, false, message, &received);
-        if (result.code != RESULT_OK)
-            log_warning("dropped a message of the master: %s", result.message);
-        else if (received)
-            return result_ok();
-        else if (clock_now() >= deadline)
-            return result_fail(RESULT_UNREACHABLE, "the master does not answer");
-        else
-            wait_events(bulk, deadline - clock_now());
+    return bulk->options.crew.calls->unwanted(bulk->options.crew.self, job);
+}
+
+static bool is_denial(const Lm__Envelope *envelope)
+{
+    return envelope->body_case == LM__ENVELOPE__BODY_REFUSAL && envelope->refusal->code == RESULT_DENIED;
+}
+
+/* The key of this connection is not on the master's list any more. The next one is made with the key that
+ * there is by then, and what was asked is asked again. */
+static result_t on_denial(bulk_t *bulk, wire_message_t *message, bool *received)
+{
+    result_t result = result_fail(RESULT_UNREACHABLE, "%.300s", message->envelope->refusal->reason);
+    wire_free(message);
+    *received = false;
+    bulk->link.broken = true;
+    return result;
+}
+
+/* Waits for the next well-formed message; *received is false when it is worth looking around meanwhile.
+ * RESULT_UNREACHABLE at the deadline or when the link was renewed, RESULT_CANCELLED when the thread is to
+ * stop. */
+static result_t receive(bulk_t *bulk, double deadline, wire_message_t *message, bool *received)
+{
+    *received = false;
+    if (atomic_load(&bulk->quit)) return result_fail(RESULT_CANCELLED, "the worker leaves");
+    if (bulk->link.socket) {
+        result_t result = wire_receive(bulk->link.socket, false, message, received);
+        if (result.code != RESULT_OK) log_warning("dropped a message of the master: %s", result.message);
+        if (*received && is_denial(message->envelope)) return on_denial(bulk, message, received);
+        if (result.code != RESULT_OK || *received) return result_ok();
     }
+    if (refresh_link(bulk)) return result_fail(RESULT_UNREACHABLE, "the link to the master was renewed");
+    double left = deadline - clock_now();
+    if (left <= 0) return result_fail(RESULT_UNREACHABLE, "the master does not answer");
+    link_wait(&bulk->link, bulk->options.wake, left);
+    return result_ok();
 }
 
 /* ---- scenes ------------------------------------------------------------------------------------------- */
@@ -160,7 +158,7 @@ static result_t request_chunk(bulk_t *bulk, const blob_download_t *download, uin
     envelope.request = ++bulk->request;
     envelope.body_case = LM__ENVELOPE__BODY_BLOB_GET;
     envelope.blob_get = &get;
-    return wire_send(bulk->socket, NULL, 0, &envelope, NULL, 0);
+    return wire_send(bulk->link.socket, NULL, 0, &envelope, NULL, 0);
 }
 
 /* Appends the bytes of one answer. */
@@ -180,8 +178,9 @@ static result_t take_chunk(blob_download_t *download, wire_message_t *message)
 }
 
 /* Fetches what is missing of a download. */
-static result_t fetch_rest(bulk_t *bulk, blob_download_t *download)
+static result_t fetch_rest(bulk_t *bulk, uint64_t job, blob_download_t *download)
 {
+    double deadline = clock_now() + CHUNK_TIMEOUT;
     uint64_t first_request = bulk->request + 1, answered = bulk->request, asked = download->have;
     while (download->have < download->size) {
         while (asked < download->size && bulk->request - answered < CHUNK_WINDOW) {
@@ -189,33 +188,35 @@ static result_t fetch_rest(bulk_t *bulk, blob_download_t *download)
             asked += download->size - asked < CHUNK_BYTES ? download->size - asked : CHUNK_BYTES;
         }
         wire_message_t message;
-        TRY(receive(bulk, clock_now() + CHUNK_TIMEOUT, &message));
+        bool received;
+        TRY(receive(bulk, deadline, &message, &received));
         result_t result = result_ok();
-        if (message.envelope->request >= first_request) {
+        if (received && message.envelope->request >= first_request) {
             answered++;
+            deadline = clock_now() + CHUNK_TIMEOUT;
             result = take_chunk(download, &message);
         }
-        wire_free(&message);
+        if (received) wire_free(&message);
         TRY(result);
-        if (workshop_unwanted(bulk->options.shop)) return result_fail(RESULT_CANCELLED, "the job is over");
+        if (unwanted(bulk, job)) return result_fail(RESULT_CANCELLED, "the job is over");
     }
     return result_ok();
 }
 
 /* Downloads the blob unless another worker of this machine is at it; *done is false then. */
-static result_t download_blob(bulk_t *bulk, const assignment_t *assignment, bool *done)
+static result_t download_blob(bulk_t *bulk, const assignment_t *assignment, scene_blob_t *blob, bool *done)
 {
     blob_download_t download;
     bool busy;
     *done = false;
-    if (bulk->socket == NULL) return result_fail(RESULT_UNREACHABLE, "there is no link to the master");
+    if (bulk->link.socket == NULL) return result_fail(RESULT_UNREACHABLE, "there is no link to the master");
     TRY(blob_cache_download(bulk->cache, &assignment->blob, assignment->blob_size, &download, &busy));
     if (busy) return result_ok();
     if (download.have > 0)
         log_info("the scene is here up to byte %llu; fetching the rest", (unsigned long long)download.have);
     double start = clock_now();
-    result_t result = fetch_rest(bulk, &download);
-    if (result.code == RESULT_OK) result = blob_download_finish(bulk->cache, &download, &bulk->blob);
+    result_t result = fetch_rest(bulk, assignment->job, &download);
+    if (result.code == RESULT_OK) result = blob_download_finish(bulk->cache, &download, blob);
     blob_download_close(&download);
     *done = result.code == RESULT_OK;
     if (*done)
@@ -224,180 +225,246 @@ static result_t download_blob(bulk_t *bulk, const assignment_t *assignment, bool
     return result;
 }
 
-/* Brings the blob of an assignment into memory, from the cache or from the master. */
-static result_t obtain_blob(bulk_t *bulk, const assignment_t *assignment)
+/* Brings the blob of an assignment into memory, from the cache or from the master. Other workers of this
+ * machine may be fetching it at the same time. */
+static result_t obtain_blob(bulk_t *bulk, const assignment_t *assignment, scene_blob_t *blob)
 {
     for (int failures = 0;;) {
         bool done;
-        TRY(blob_cache_open(bulk->cache, &assignment->blob, &bulk->blob, &done));
+        TRY(blob_cache_open(bulk->cache, &assignment->blob, blob, &done));
         if (done) return result_ok();
-        result_t result = download_blob(bulk, assignment, &done);
+        result_t result = download_blob(bulk, assignment, blob, &done);
         if (done) return result_ok();
         if (result.code == RESULT_INPUT && ++failures < DOWNLOAD_ATTEMPTS)
             log_warning("%s; fetching the scene again", result.message);
         else if (result.code != RESULT_OK)
             return result;
-        if (atomic_load(&bulk->quit) || workshop_unwanted(bulk->options.shop))
+        if (atomic_load(&bulk->quit) || unwanted(bulk, assignment->job))
             return result_fail(RESULT_CANCELLED, "the job is over");
-        wait_events(bulk, PAUSE);
+        pause_briefly(bulk);
     }
-}
-
-/* Two splat frames must fit into memory with something to spare for the scene. */
-static result_t check_memory(const job_settings_t *settings)
-{
-    double need = 2.0 * (double)sizeof(int64_t) * (double)batch_splat_values(settings);
-    double have = (double)sysconf(_SC_PHYS_PAGES) * (double)sysconf(_SC_PAGESIZE);
-    if (need < 0.75 * have) return result_ok();
-    return result_fail(RESULT_LIMIT, "an image of %d x %d takes %.1f GB of sums; this machine has %.1f GB",
-                       settings->width, settings->height, 1e-9 * need, 1e-9 * have);
-}
-
-static result_t prepare_scene(bulk_t *bulk, const assignment_t *assignment)
-{
-    TRY(check_memory(&assignment->settings));
-    TRY(obtain_blob(bulk, assignment));
-    double start = clock_now();
-    TRY(renderer_new(&bulk->blob, &assignment->settings, &bulk->renderer));
-    log_debug("the scene was made ready to trace in %.2f s", clock_now() - start);
-    return result_ok();
-}
-
-static void drop_scene(bulk_t *bulk)
-{
-    renderer_destroy(&bulk->renderer);
-    blob_close(&bulk->blob);
 }
 
 static void load(bulk_t *bulk, const assignment_t *assignment)
 {
     const job_settings_t *settings = &assignment->settings;
-    result_t result = prepare_scene(bulk, assignment);
+    const crew_t *crew = &bulk->options.crew;
+    scene_blob_t blob;
+    result_t result = obtain_blob(bulk, assignment, &blob);
+    if (result.code == RESULT_OK) result = crew->calls->loaded(crew->self, assignment->job, &blob);
     if (result.code == RESULT_OK) {
         log_info("job %llu: %d x %d, %s, scene of %.1f MB ready", (unsigned long long)assignment->job,
                  settings->width, settings->height, integrator_name(settings->integrator),
                  1e-6 * (double)assignment->blob_size);
-        workshop_loaded(bulk->options.shop, bulk->renderer);
-        return;
-    }
-    drop_scene(bulk);
-    if (result.code == RESULT_CANCELLED) return;
-    if (result.code == RESULT_UNREACHABLE) {
+    } else if (result.code == RESULT_UNREACHABLE) {
         log_debug("%s; trying again", result.message);
-        wait_events(bulk, PAUSE);
-        return;
+        pause_briefly(bulk);
+    } else if (result.code != RESULT_CANCELLED) {
+        log_error("job %llu cannot be rendered here: %s", (unsigned long long)assignment->job,
+                  result.message);
+        crew->calls->refuse(crew->self, assignment->job, result);
     }
-    log_error("job %llu cannot be rendered here: %s", (unsigned long long)assignment->job, result.message);
-    workshop_refuse(bulk->options.shop, result);
 }
 
 /* ---- batches ------------------------------------------------------------------------------------------ */
 
-static result_t put_batch(bulk_t *bulk, const closed_batch_t *closed, zmq_msg_t encoded[BATCH_PAYLOADS])
+/* A batch on its way from offer to verdict. */
+typedef struct {
+    offer_t offer;
+    closed_batch_t closed; /* batch is NULL as long as it is open */
+    zmq_msg_t encoded[BATCH_PAYLOADS];
+    double bytes;          /* of these */
+    uint64_t offered, put; /* the requests that carried it last */
+    uint64_t put_in;       /* the conversation of the latter, 0: none */
+    bool arrived;          /* the master has read what was put there */
+    bool granted;
+    bool decided, counted; /* the verdict */
+    double start;          /* clock at the first offer */
+} delivery_t;
+
+static bool same_conversation(const bulk_t *bulk, const delivery_t *delivery)
 {
-    const batch_t *batch = closed->batch;
+    return delivery->put_in == bulk->link.conversation;
+}
+
+static result_t send_offer(bulk_t *bulk, delivery_t *delivery)
+{
+    const offer_t *offer = &delivery->offer;
+    Lm__BatchOffer message = LM__BATCH_OFFER__INIT;
+    message.worker = bulk->worker;
+    message.job = offer->job;
+    message.bytes = (uint64_t)(bulk->ratio * (double)offer->bytes);
+    message.content = wire_hash_put(&offer->content);
+    Lm__Envelope envelope = LM__ENVELOPE__INIT;
+    envelope.request = delivery->offered = ++bulk->request;
+    envelope.body_case = LM__ENVELOPE__BODY_BATCH_OFFER;
+    envelope.batch_offer = &message;
+    return wire_send(bulk->link.socket, NULL, 0, &envelope, NULL, 0);
+}
+
+static result_t put_batch(bulk_t *bulk, delivery_t *delivery)
+{
+    const batch_t *batch = delivery->closed.batch;
     Lm__Unit **units = wire_units_new(batch->units, batch->unit_count);
     Lm__Counts counts = LM__COUNTS__INIT;
     wire_counts_put(&batch->counts, &counts);
     Lm__BatchResult message = LM__BATCH_RESULT__INIT;
     message.worker = bulk->worker;
-    message.job = closed->job;
-    message.sequence = closed->sequence;
+    message.job = delivery->offer.job;
+    message.sequence = delivery->closed.sequence;
     message.n_units = batch->unit_count;
     message.units = units;
     message.counts = &counts;
+    message.check = delivery->offer.check;
+    message.content = wire_hash_put(&delivery->offer.content);
     Lm__Envelope envelope = LM__ENVELOPE__INIT;
-    envelope.request = ++bulk->request;
+    envelope.request = delivery->put = ++bulk->request;
     envelope.body_case = LM__ENVELOPE__BODY_BATCH_RESULT;
     envelope.batch_result = &message;
     zmq_msg_t copies[BATCH_PAYLOADS];
     for (int i = 0; i < BATCH_PAYLOADS; i++) {
         zmq_msg_init(&copies[i]);
-        zmq_msg_copy(&copies[i], &encoded[i]);
+        zmq_msg_copy(&copies[i], &delivery->encoded[i]);
     }
-    result_t result = wire_send(bulk->socket, NULL, 0, &envelope, copies, BATCH_PAYLOADS);
+    result_t result = wire_send(bulk->link.socket, NULL, 0, &envelope, copies, BATCH_PAYLOADS);
     free(units);
+    if (result.code == RESULT_OK) delivery->put_in = bulk->link.conversation;
     return result;
 }
 
-/* True when the message is the master's answer for this batch. */
-static bool is_answer(const bulk_t *bulk, const closed_batch_t *closed, const Lm__Envelope *envelope)
+static void refused(const bulk_t *bulk, delivery_t *delivery, uint32_t code, const char *reason)
 {
-    if (envelope->body_case == LM__ENVELOPE__BODY_BATCH_REPLY)
-        return envelope->batch_reply->sequence == closed->sequence;
-    return envelope->body_case == LM__ENVELOPE__BODY_REFUSAL && envelope->request == bulk->request;
+    const offer_t *offer = &delivery->offer;
+    const crew_t *crew = &bulk->options.crew;
+    delivery->decided = true;
+    log_warning("the master refuses a batch of job %llu: %.300s", (unsigned long long)offer->job, reason);
+    /* What else is in hand of the job will not be wanted either. */
+    if (code == RESULT_INPUT || code == RESULT_CANCELLED)
+        crew->calls->job_over(crew->self, offer->job, false);
 }
 
-static void report_answer(const closed_batch_t *closed, const Lm__Envelope *envelope)
+static result_t on_refusal(const bulk_t *bulk, delivery_t *delivery, const Lm__Refusal *refusal)
 {
-    bool refusal = envelope->body_case == LM__ENVELOPE__BODY_REFUSAL;
-    bool accepted = !refusal && envelope->batch_reply->accepted;
-    const char *reason = refusal ? envelope->refusal->reason : envelope->batch_reply->reason;
-    if (accepted)
-        log_debug("batch %llu was counted", (unsigned long long)closed->sequence);
-    else
-        log_warning("the master refused batch %llu of job %llu (%zu units): %.300s",
-                    (unsigned long long)closed->sequence, (unsigned long long)closed->job,
-                    closed->batch->unit_count, reason);
+    /* It does not know this worker (the control thread is about to say hello again), or has no room. */
+    if (refusal->code == RESULT_UNREACHABLE || refusal->code == RESULT_LIMIT)
+        return result_fail(RESULT_UNREACHABLE, "%.300s", refusal->reason);
+    refused(bulk, delivery, refusal->code, refusal->reason);
+    return result_ok();
 }
 
-/* Waits for the answer for the batch that was sent last. */
-static result_t await_answer(bulk_t *bulk, const closed_batch_t *closed, double timeout)
+static result_t on_message(const bulk_t *bulk, delivery_t *delivery, const Lm__Envelope *envelope)
 {
-    double deadline = clock_now() + timeout;
-    for (;;) {
+    bool to_offer = envelope->request == delivery->offered;
+    bool to_put = delivery->put_in != 0 && envelope->request == delivery->put;
+    if (envelope->body_case == LM__ENVELOPE__BODY_BATCH_GRANT && to_offer) {
+        delivery->granted = true;
+        delivery->arrived = same_conversation(bulk, delivery);
+    } else if (envelope->body_case == LM__ENVELOPE__BODY_BATCH_REPLY && delivery->closed.batch != NULL &&
+               envelope->batch_reply->sequence == delivery->closed.sequence) {
+        delivery->decided = true;
+        delivery->counted = envelope->batch_reply->accepted;
+        if (!delivery->counted) refused(bulk, delivery, RESULT_MISMATCH, envelope->batch_reply->reason);
+    } else if (envelope->body_case == LM__ENVELOPE__BODY_REFUSAL && (to_offer || to_put)) {
+        if (to_put) delivery->put_in = 0; /* it was not taken in */
+        return on_refusal(bulk, delivery, envelope->refusal);
+    }
+    return result_ok();
+}
+
+/* Waits until the offer is granted or (`verdict`) the batch is decided upon. RESULT_UNREACHABLE: it has to be
+ * offered again. */
+static result_t await_master(bulk_t *bulk, delivery_t *delivery, bool verdict)
+{
+    double patience = bulk->options.patience;
+    if (same_conversation(bulk, delivery)) patience += delivery->bytes / BATCH_BYTES_PER_SECOND;
+    double deadline = clock_now() + patience;
+    while (!delivery->decided && (verdict || !delivery->granted)) {
         wire_message_t message;
-        TRY(receive(bulk, deadline, &message));
-        bool mine = is_answer(bulk, closed, message.envelope);
-        if (mine) report_answer(closed, message.envelope);
-        wire_free(&message);
-        if (mine) return result_ok();
-    }
-}
-
-/* Sends an encoded batch, again and again, until it is answered or the worker leaves. */
-static void deliver(bulk_t *bulk, const closed_batch_t *closed, zmq_msg_t encoded[BATCH_PAYLOADS])
-{
-    double bytes = 0, start = clock_now();
-    for (int i = 0; i < BATCH_PAYLOADS; i++) bytes += (double)zmq_msg_size(&encoded[i]);
-    while (!atomic_load(&bulk->quit)) {
-        refresh_link(bulk);
-        result_t result = result_fail(RESULT_UNREACHABLE, "there is no link to the master");
-        if (bulk->socket) result = put_batch(bulk, closed, encoded);
-        if (result.code == RESULT_OK)
-            result = await_answer(bulk, closed, BATCH_TIMEOUT + bytes / BATCH_BYTES_PER_SECOND);
-        if (result.code == RESULT_OK) {
-            log_debug("batch %llu: %zu units, %.2f MB, answered in %.3f s",
-                      (unsigned long long)closed->sequence, closed->batch->unit_count, 1e-6 * bytes,
-                      clock_now() - start);
-            return;
+        bool received;
+        TRY(receive(bulk, deadline, &message, &received));
+        if (received) {
+            result_t result = on_message(bulk, delivery, message.envelope);
+            wire_free(&message);
+            TRY(result);
+        } else if (delivery->closed.batch == NULL && unwanted(bulk, delivery->offer.job)) {
+            return result_fail(RESULT_CANCELLED, "the job is over");
         }
-        if (result.code != RESULT_CANCELLED)
-            log_debug("batch %llu waits: %s", (unsigned long long)closed->sequence, result.message);
-        wait_events(bulk, PAUSE);
     }
+    return result_ok();
 }
 
-static void send_batch(bulk_t *bulk, const closed_batch_t *closed)
+/* Closes the batch that was granted; from now on it does not grow. */
+static result_t close_batch(bulk_t *bulk, delivery_t *delivery)
 {
-    zmq_msg_t encoded[BATCH_PAYLOADS];
-    result_t result = payload_encode(closed->batch, !bulk->options.local, encoded);
-    if (result.code == RESULT_OK) {
-        deliver(bulk, closed, encoded);
-        for (int i = 0; i < BATCH_PAYLOADS; i++) zmq_msg_close(&encoded[i]);
-    } else {
-        log_error("batch %llu is lost: %s", (unsigned long long)closed->sequence, result.message);
+    const crew_t *crew = &bulk->options.crew;
+    delivery->closed = crew->calls->close(crew->self, &delivery->offer);
+    if (delivery->closed.batch == NULL) return result_fail(RESULT_CANCELLED, "the job is over");
+    result_t result = payload_encode(delivery->closed.batch, !bulk->options.local, delivery->encoded);
+    if (result.code != RESULT_OK) {
+        log_error("batch %llu is lost: %s", (unsigned long long)delivery->closed.sequence, result.message);
+        crew->calls->sent(crew->self, &delivery->closed, false);
+        delivery->closed.batch = NULL;
+        return result_fail(RESULT_CANCELLED, "the batch is lost");
     }
-    workshop_sent(bulk->options.shop);
+    for (int i = 0; i < BATCH_PAYLOADS; i++) delivery->bytes += (double)zmq_msg_size(&delivery->encoded[i]);
+    bulk->ratio = delivery->bytes / (double)batch_bytes(delivery->closed.batch);
+    return result;
+}
+
+/* One attempt: offers, closes when that is granted, sends, waits for the verdict. */
+static result_t attempt(bulk_t *bulk, delivery_t *delivery)
+{
+    if (bulk->link.socket == NULL) return result_fail(RESULT_UNREACHABLE, "there is no link to the master");
+    delivery->granted = false;
+    TRY(send_offer(bulk, delivery));
+    TRY(await_master(bulk, delivery, false));
+    if (delivery->decided) return result_ok();
+    if (delivery->closed.batch == NULL) TRY(close_batch(bulk, delivery));
+    if (same_conversation(bulk, delivery) && delivery->arrived)
+        delivery->put_in = 0; /* it is there: if no verdict comes now, it has to go again */
+    else
+        TRY(put_batch(bulk, delivery));
+    return await_master(bulk, delivery, true);
+}
+
+static void end_delivery(bulk_t *bulk, delivery_t *delivery)
+{
+    const crew_t *crew = &bulk->options.crew;
+    if (delivery->closed.batch == NULL && delivery->decided) /* refused before it was closed */
+        delivery->closed = crew->calls->close(crew->self, &delivery->offer);
+    if (delivery->closed.batch == NULL) return;
+    if (delivery->bytes > 0) {
+        for (int i = 0; i < BATCH_PAYLOADS; i++) zmq_msg_close(&delivery->encoded[i]);
+        if (delivery->counted)
+            log_debug("batch %llu: %zu units, %.2f MB, counted after %.3f s",
+                      (unsigned long long)delivery->closed.sequence, delivery->closed.batch->unit_count,
+                      1e-6 * delivery->bytes, clock_now() - delivery->start);
+    }
+    crew->calls->sent(crew->self, &delivery->closed, delivery->counted);
+}
+
+static void deliver(bulk_t *bulk, const offer_t *offer)
+{
+    delivery_t delivery = {.offer = *offer, .start = clock_now()};
+    while (!delivery.decided && !atomic_load(&bulk->quit)) {
+        result_t result = attempt(bulk, &delivery);
+        if (result.code == RESULT_CANCELLED) break;
+        if (result.code == RESULT_OK) continue;
+        log_debug("a batch waits: %s", result.message);
+        if (delivery.closed.batch == NULL && unwanted(bulk, offer->job)) break;
+        refresh_link(bulk);
+        pause_briefly(bulk);
+    }
+    end_delivery(bulk, &delivery);
 }
 
 /* ---- the thread --------------------------------------------------------------------------------------- */
 
 static void discard_strays(bulk_t *bulk)
 {
-    for (bool received = bulk->socket != NULL; received;) {
+    for (bool received = bulk->link.socket != NULL; received;) {
         wire_message_t message;
-        result_t result = wire_receive(bulk->socket, false, &message, &received);
+        result_t result = wire_receive(bulk->link.socket, false, &message, &received);
         if (result.code == RESULT_OK && received)
             wire_free(&message);
         else
@@ -408,27 +475,24 @@ static void discard_strays(bulk_t *bulk)
 static void *bulk_thread(void *argument)
 {
     bulk_t *bulk = argument;
+    const crew_t *crew = &bulk->options.crew;
     while (!atomic_load(&bulk->quit)) {
         refresh_link(bulk);
-        duty_t duty = workshop_duty(bulk->options.shop, bulk->batch_interval);
+        duty_t duty = crew->calls->duty(crew->self, bulk->batch_interval);
         switch (duty.kind) {
         case DUTY_LOAD:
             load(bulk, &duty.assignment);
             break;
-        case DUTY_SEND:
-            send_batch(bulk, &duty.closed);
-            break;
-        case DUTY_RELEASE:
-            workshop_release(bulk->options.shop);
-            drop_scene(bulk);
+        case DUTY_OFFER:
+            deliver(bulk, &duty.offer);
             break;
         case DUTY_NONE:
-            wait_events(bulk, duty.wait);
+            link_wait(&bulk->link, bulk->options.wake, duty.wait);
             discard_strays(bulk);
             break;
         }
     }
-    if (bulk->socket) zmq_close(bulk->socket);
+    link_close(&bulk->link);
     return NULL;
 }
 
@@ -437,6 +501,9 @@ result_t bulk_start(const bulk_options_t *options, bulk_t **bulk_pointer)
     bulk_t *bulk = mem_zalloc(1, sizeof *bulk);
     bulk->options = *options;
     bulk->batch_interval = 1;
+    bulk->ratio = FIRST_RATIO;
+    bulk->link.context = options->context;
+    bulk->link.keys = &bulk->options.keys;
     pthread_mutex_init(&bulk->lock, NULL);
     result_t result = blob_cache_new(options->cache_dir, options->cache_limit, &bulk->cache);
     if (result.code == RESULT_OK && pthread_create(&bulk->thread, NULL, bulk_thread, bulk) != 0)
@@ -458,11 +525,9 @@ void bulk_stop(bulk_t **bulk_pointer)
     atomic_store(&bulk->quit, true);
     eventfd_write(bulk->options.wake, 1);
     pthread_join(bulk->thread, NULL);
-    workshop_stop(bulk->options.shop);
-    drop_scene(bulk);
     blob_cache_destroy(&bulk->cache);
     pthread_mutex_destroy(&bulk->lock);
-    free(bulk->link.endpoint);
+    free(bulk->book.endpoint);
     free(bulk);
     *bulk_pointer = NULL;
 }

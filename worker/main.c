@@ -14,7 +14,7 @@
 #include <string.h>
 #include <unistd.h>
 
-enum { DEFAULT_PORT = 7420, MAX_THREADS = 4096 };
+enum { DEFAULT_PORT = 7420, MAX_THREADS = 4096, MAX_GRACE = 86400 };
 
 /* Written by the signal handler; the one variable of this kind that a handler needs. */
 static atomic_int stop_requested;
@@ -27,6 +27,9 @@ static const char usage[] =
     "it again when it comes back. SIGTERM or Ctrl-C: finish and send what is in hand, then leave; twice: at "
     "once.\n"
     "\n"
+    "  --grace SECONDS    how long leaving may take: units that are not finished in time are given up "
+    "(default: "
+    "25)\n"
     "  --threads N        render threads (default: one a core)\n"
     "  --name NAME        what to be called (default: host name and process number)\n"
     "  --cache DIR        where scenes are kept, shared by the workers of a machine\n"
@@ -34,9 +37,15 @@ static const char usage[] =
     "  --cache-limit GB   how much they may take; the least recently used go first (default: 20)\n"
     "  --quiet            warnings and errors only\n"
     "  --verbose          every batch and assignment\n"
-    "  --help, --version\n"
+    "  --help, --version\n";
+static const char usage_keys[] = "\n"
+                                 "Keys, to join a master on another machine (docs/security.md):\n"
+                                 "\n";
+static const char usage_end[] =
     "\n"
-    "Exit codes: 0 left as asked, 1 wrong command line, 3 the operating system refused, 5 out of memory.\n";
+    "Exit codes: 0 left as asked and all was delivered, 1 wrong command line, 3 the operating system "
+    "refused,\n"
+    "5 out of memory, 6 the last batch could not be delivered within the grace period, 9 no key.\n";
 
 static void on_signal(int number)
 {
@@ -66,6 +75,8 @@ static result_t parse_number(const char *option, const char *text, double least,
 
 typedef struct {
     worker_options_t options;
+    dial_options_t dial;
+    health_options_t health;
     char *endpoint; /* owned */
     log_level_t level;
     bool done; /* help or version was printed */
@@ -74,12 +85,16 @@ typedef struct {
 static result_t parse_option(command_t *command, const char *option, const char *value)
 {
     double number;
+    if (dial_option(&command->dial, option, value)) return result_ok();
+    if (health_option(&command->health, option, value)) return result_ok();
     if (strcmp(option, "threads") == 0) {
         TRY(parse_number(option, value, 1, MAX_THREADS, &number));
         command->options.threads = (int)number;
     } else if (strcmp(option, "cache-limit") == 0) {
         TRY(parse_number(option, value, 0, 1e9, &number));
         command->options.cache_limit = (uint64_t)(number * 1e9);
+    } else if (strcmp(option, "grace") == 0) {
+        TRY(parse_number(option, value, 0, MAX_GRACE, &command->options.grace));
     } else if (strcmp(option, "cache") == 0) {
         command->options.cache_dir = value;
     } else if (strcmp(option, "name") == 0) {
@@ -89,7 +104,10 @@ static result_t parse_option(command_t *command, const char *option, const char 
     } else if (strcmp(option, "verbose") == 0) {
         command->level = LOG_DEBUG;
     } else {
-        printf("%s", strcmp(option, "help") == 0 ? usage : "lightmill-worker " LIGHTMILL_VERSION "\n");
+        if (strcmp(option, "help") == 0)
+            printf("%s%s%s%s%s", usage, health_usage, usage_keys, dial_usage, usage_end);
+        else
+            puts("lightmill-worker " LIGHTMILL_VERSION);
         command->done = true;
     }
     return result_ok();
@@ -97,44 +115,62 @@ static result_t parse_option(command_t *command, const char *option, const char 
 
 static result_t parse_arguments(int argc, char **argv, command_t *command)
 {
-    static const struct option options[] = {{"threads", required_argument, NULL, 0},
+    static const struct option options[] = {DIAL_OPTIONS,
+                                            {"threads", required_argument, NULL, 0},
                                             {"name", required_argument, NULL, 0},
+                                            {"grace", required_argument, NULL, 0},
                                             {"cache", required_argument, NULL, 0},
                                             {"cache-limit", required_argument, NULL, 0},
+                                            HEALTH_OPTIONS,
                                             {"quiet", no_argument, NULL, 0},
                                             {"verbose", no_argument, NULL, 0},
                                             {"help", no_argument, NULL, 0},
                                             {"version", no_argument, NULL, 0},
                                             {NULL, 0, NULL, 0}};
-    *command = (command_t){.options = worker_options_default(), .level = LOG_INFO};
+    *command = (command_t){.options = worker_options_default(),
+                           .dial.role = "worker",
+                           .health = health_options_default(),
+                           .level = LOG_INFO};
     int index, found;
     while ((found = getopt_long(argc, argv, "", options, &index)) != -1) {
         if (found == '?') return result_fail(RESULT_USAGE, "see lightmill-worker --help");
         TRY(parse_option(command, options[index].name, optarg));
         if (command->done) return result_ok();
     }
+    if (command->health.ask) return result_ok();
     if (argc - optind > 1)
         return result_fail(RESULT_USAGE, "more than one master: '%.100s'", argv[optind + 1]);
     address_t address;
     TRY(address_parse(optind < argc ? argv[optind] : "127.0.0.1", DEFAULT_PORT, &address));
     command->endpoint = address_endpoint(&address, address.port);
     command->options.control_endpoint = command->endpoint;
-    return result_ok();
+    return dial_keys_find(&command->dial, address.host, &command->options.keys);
+}
+
+static result_t run(command_t *command)
+{
+    const char *called = command->options.name;
+    char *name = called ? mem_printf("worker %s", called) : mem_printf("worker %d", (int)getpid());
+    log_init(name, command->level);
+    free(name);
+    catch_signals();
+    pulse_t pulse = {0};
+    health_t *health;
+    command->options.pulse = &pulse;
+    TRY(health_start(command->health.path, pulse_report, &pulse, &health));
+    result_t result = worker_run(&command->options, &stop_requested);
+    health_stop(&health);
+    return result;
 }
 
 int main(int argc, char **argv)
 {
     command_t command;
     result_t result = parse_arguments(argc, argv, &command);
-    if (result.code == RESULT_OK && !command.done) {
-        char *name = command.options.name ? mem_printf("worker %s", command.options.name)
-                                          : mem_printf("worker %d", (int)getpid());
-        log_init(name, command.level);
-        free(name);
-        catch_signals();
-        result = worker_run(&command.options, &stop_requested);
-    }
+    if (result.code == RESULT_OK && !command.done)
+        result = command.health.ask ? health_print(&command.health) : run(&command);
     if (result.code != RESULT_OK) fprintf(stderr, "lightmill-worker: %s\n", result.message);
+    dial_keys_free(&command.options.keys);
     free(command.endpoint);
     return result_exit_code(result);
 }

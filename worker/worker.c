@@ -8,9 +8,12 @@
  */
 #include "worker/worker.h"
 
+#include "common/memory_limit.h"
 #include "worker/blob_cache.h"
 #include "worker/bulk.h"
 #include "worker/control.h"
+#include "worker/render/fingerprint.h"
+#include "worker/workshop.h"
 
 #include <errno.h>
 #include <sched.h>
@@ -22,10 +25,14 @@
 #include <zmq.h>
 
 static const uint64_t DEFAULT_CACHE_LIMIT = (uint64_t)20 << 30;
+static const double DEFAULT_PATIENCE = 20; /* seconds */
 
 worker_options_t worker_options_default(void)
 {
-    return (worker_options_t){.control_endpoint = "tcp://127.0.0.1:7420", .cache_limit = DEFAULT_CACHE_LIMIT};
+    return (worker_options_t){.control_endpoint = "tcp://127.0.0.1:7420",
+                              .cache_limit = DEFAULT_CACHE_LIMIT,
+                              .grace = WORKER_DEFAULT_GRACE,
+                              .patience = DEFAULT_PATIENCE};
 }
 
 /* Cores that this process may run on. */
@@ -44,25 +51,50 @@ static char *default_name(void)
     return mem_printf("%s:%d", host, (int)getpid());
 }
 
+/* Without one the worker is in a group of its own, which is a pity but no error. */
+static hash_t own_fingerprint(void)
+{
+    hash_t hash = {{0}};
+    result_t result = renderer_fingerprint(&hash);
+    if (result.code == RESULT_OK) return hash;
+    log_warning("this machine's bits cannot be told from others': %s", result.message);
+    return (hash_t){{0}};
+}
+
 static result_t run_threads(const worker_options_t *options, void *context, int wakes[2],
                             const atomic_int *stop)
 {
-    control_setup_t setup = {.options = options, .context = context, .wake = wakes[0]};
-    setup.threads = options->threads > 0 ? options->threads : core_count();
+    workshop_options_t shop_options = {.threads = options->threads > 0 ? options->threads : core_count(),
+                                       .fingerprint = own_fingerprint(),
+                                       .memory = memory_limit(),
+                                       .control_wake = wakes[0],
+                                       .bulk_wake = wakes[1]};
+    workshop_t *shop = workshop_new(&shop_options);
     char *name = options->name ? mem_strdup(options->name) : default_name();
     char *cache_dir = options->cache_dir ? mem_strdup(options->cache_dir) : blob_cache_default_dir();
-    setup.name = name;
-    setup.shop = workshop_new(setup.threads, wakes[0], wakes[1]);
+    control_setup_t setup = {.context = context,
+                             .crew = workshop_crew(shop),
+                             .wake = wakes[0],
+                             .control_endpoint = options->control_endpoint,
+                             .bulk_endpoint = options->bulk_endpoint,
+                             .name = name,
+                             .software = "lightmill-worker " LIGHTMILL_VERSION,
+                             .local = options->local,
+                             .grace = options->grace,
+                             .pulse = options->pulse,
+                             .keys = options->keys};
     bulk_options_t bulk = {.context = context,
-                           .shop = setup.shop,
+                           .crew = setup.crew,
                            .wake = wakes[1],
                            .cache_dir = cache_dir,
                            .cache_limit = options->cache_limit,
-                           .local = options->local};
+                           .keys = options->keys,
+                           .local = options->local,
+                           .patience = options->patience};
     result_t result = bulk_start(&bulk, &setup.bulk);
     if (result.code == RESULT_OK) result = control_run(&setup, stop);
     bulk_stop(&setup.bulk);
-    workshop_destroy(&setup.shop);
+    workshop_destroy(&shop);
     free(cache_dir);
     free(name);
     return result;

@@ -12,16 +12,16 @@
  * How much to hold ahead: HOLD_SECONDS of work at the speed that this worker measured itself, asked for again
  * when half of it is gone. That hides a round trip of half a second; more would only sharpen the tail of a
  * job, when some workers still have a queue and others have nothing.
+ *
+ * A master that was restarted, or that gave this worker up, does not know what is in hand here and may assign
+ * it once more. It is finished or will be soon, and must not be in a batch twice: samples that are in hand
+ * are left out of an assignment. If the batch with them is refused, the master gives them out again.
  */
-#include "worker/workshop.h"
+#include "worker/workshop_state.h"
 
-#include "proto/wire.h"
-
-#include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/eventfd.h>
 #include <unistd.h>
 
 static const double HOLD_SECONDS = 1.0; /* of work, queued ahead of the threads */
@@ -30,96 +30,10 @@ static const double FIRST_SPEED = 20e3; /* pixel samples per thread and second, 
 static const double SPEED_WEIGHT = 0.2; /* of the newest unit in the running mean */
 static const double MIN_UNIT_SAMPLES = 256;
 static const double MAX_UNIT_SAMPLES = 1 << 26;
-enum {
-    BATCH_MAX_UNITS = WIRE_MAX_UNITS / 4, /* a batch is closed when it has so many units */
-    BATCH_MAX_EYE_VALUES = 1 << 26,       /* or eye tiles of 512 MB */
-    MAX_UNITS_HELD = WIRE_MAX_UNITS / 2   /* no more is asked for, so no batch can break the wire's limit */
-};
-
-typedef enum { STAGE_EMPTY, STAGE_LOADING, STAGE_READY } stage_t;
-
-typedef struct {
-    batch_t batch;
-    uint64_t job;
-    double since; /* clock at its first unit */
-} slot_t;
-
-struct workshop {
-    pthread_mutex_t lock, fill;
-    pthread_cond_t work; /* units came, or it is time to end */
-    pthread_t *threads;
-    int thread_count;
-    int control_wake, bulk_wake;
-
-    stage_t stage;
-    assignment_t current, next; /* `units` stay in `next` until it becomes current */
-    bool has_next;
-    const renderer_t *renderer;
-    unit_t *queue;
-    size_t queue_first, queue_end, queue_capacity;
-    uint64_t queue_samples; /* pixel samples queued */
-    int rendering;          /* units that threads have in hand */
-    atomic_bool cancel;     /* tells the renderer to give up */
-    bool over;              /* the job in hand is to be let go, */
-    bool flush;             /* but its open batch is still wanted */
-    bool no_more, draining, hurry, quit;
-    result_t failure;
-    uint64_t failed; /* job */
-
-    slot_t slots[2];
-    int open;       /* the slot being filled (under `fill`) */
-    bool under_way; /* the other slot is closed and being sent: only the bulk thread touches it */
-    size_t units_under_way;
-    uint64_t sequence;
-
-    double speed; /* pixel samples per thread and second */
-    bool measured;
-};
-
-static void wake(int event)
+void workshop_wake(int event)
 {
     uint64_t one = 1;
     if (write(event, &one, sizeof one) != sizeof one) log_debug("an eventfd is full");
-}
-
-static size_t queue_length(const workshop_t *shop)
-{
-    return shop->queue_end - shop->queue_first;
-}
-
-static void queue_drop(workshop_t *shop)
-{
-    shop->queue_first = shop->queue_end = 0;
-    shop->queue_samples = 0;
-}
-
-static uint64_t unit_samples(const workshop_t *shop, const unit_t *unit)
-{
-    return (uint64_t)unit->count * job_tile_pixels(&shop->current.settings, unit->tile);
-}
-
-static void queue_push(workshop_t *shop, const unit_t *units, size_t count)
-{
-    if (shop->queue_first > 0) {
-        memmove(shop->queue, shop->queue + shop->queue_first, queue_length(shop) * sizeof *shop->queue);
-        shop->queue_end -= shop->queue_first;
-        shop->queue_first = 0;
-    }
-    if (shop->queue_end + count > shop->queue_capacity) {
-        shop->queue_capacity = 2 * (shop->queue_end + count);
-        shop->queue = mem_realloc(shop->queue, shop->queue_capacity * sizeof *shop->queue);
-    }
-    for (size_t i = 0; i < count; i++) {
-        shop->queue[shop->queue_end++] = units[i];
-        shop->queue_samples += unit_samples(shop, &units[i]);
-    }
-}
-
-static unit_t queue_pop(workshop_t *shop)
-{
-    unit_t unit = shop->queue[shop->queue_first++];
-    shop->queue_samples -= unit_samples(shop, &unit);
-    return unit;
 }
 
 static double hold_samples(const workshop_t *shop)
@@ -129,47 +43,88 @@ static double hold_samples(const workshop_t *shop)
 
 /* ---- render threads ----------------------------------------------------------------------------------- */
 
-static bool can_render(const workshop_t *shop)
+/* What a thread has in hand. */
+typedef struct {
+    unit_t unit;
+    check_t *check; /* NULL: the unit is of the queue */
+    size_t index;   /* in the check */
+} piece_t;
+
+/* Takes the next unit to render; false when there is none now. Lock held. */
+static bool take_piece(workshop_t *shop, piece_t *piece)
 {
-    return shop->stage == STAGE_READY && queue_length(shop) > 0 && !shop->over;
+    if (shop->stage != STAGE_READY || shop->over) return false;
+    check_t *check = checks_next(&shop->checks);
+    if (check != NULL && !shop->draining) {
+        *piece = (piece_t){check->units[check->begun], check, check->begun};
+        check->begun++;
+        check->rendering++;
+    } else if (unit_queue_length(&shop->queue) > 0 && !atomic_load(&shop->full)) {
+        *piece = (piece_t){.unit = unit_queue_pop(&shop->queue, &shop->current.settings)};
+        shop->begun[shop->begun_count++] = piece->unit;
+    } else {
+        return false;
+    }
+    shop->rendering++;
+    return true;
+}
+
+/* Values that the tiles of the open batch may have. */
+static size_t most_values(const workshop_t *shop)
+{
+    uint64_t share = shop->options.memory / BATCH_MEMORY_SHARE / sizeof(int64_t);
+    return share < BATCH_MAX_VALUES ? (size_t)share : BATCH_MAX_VALUES;
 }
 
 static void add_to_batch(workshop_t *shop, const unit_result_t *result)
 {
     pthread_mutex_lock(&shop->fill);
     slot_t *slot = &shop->slots[shop->open];
-    if (slot->batch.unit_count == 0) slot->since = clock_now();
-    batch_add(&slot->batch, result);
+    batch_t *batch = &slot->batch;
+    if (batch->unit_count == 0) slot->since = clock_now();
+    batch_add(batch, result);
+    if (batch->eye_count + batch->feature_count >= most_values(shop)) atomic_store(&shop->full, true);
     pthread_mutex_unlock(&shop->fill);
 }
 
 static void measure(workshop_t *shop, const unit_t *unit, double seconds)
 {
     if (seconds <= 0) return;
-    double speed = (double)unit_samples(shop, unit) / seconds;
+    double speed = (double)unit_samples(&shop->current.settings, unit) / seconds;
     shop->speed = shop->measured ? shop->speed + SPEED_WEIGHT * (speed - shop->speed) : speed;
     shop->measured = true;
 }
 
-/* Renders the next unit of the queue. Called and left with the lock held. */
-static void render_one(workshop_t *shop, unit_result_t *result)
+/* Puts a piece away that was finished or given up. Lock held. */
+static void end_piece(workshop_t *shop, const piece_t *piece, unit_result_t *result)
 {
-    unit_t unit = queue_pop(shop);
+    shop->rendering--;
+    if (piece->check != NULL) {
+        checks_finish(&shop->checks, piece->check, piece->index, result);
+        return;
+    }
+    size_t i = 0;
+    while (shop->begun[i].tile != piece->unit.tile || shop->begun[i].first != piece->unit.first) i++;
+    shop->begun[i] = shop->begun[--shop->begun_count];
+}
+
+/* Called and left with the lock held. */
+static void render_piece(workshop_t *shop, const piece_t *piece, unit_result_t *result)
+{
     const renderer_t *renderer = shop->renderer;
-    shop->rendering++;
-    bool low = (double)shop->queue_samples < 0.5 * hold_samples(shop);
+    bool low = (double)shop->queue.samples < 0.5 * hold_samples(shop);
     pthread_mutex_unlock(&shop->lock);
 
-    if (low) wake(shop->control_wake);
+    if (low) workshop_wake(shop->options.control_wake);
     double start = clock_now();
-    bool complete = renderer_unit(renderer, &unit, result, &shop->cancel);
+    bool complete = renderer_unit(renderer, &piece->unit, result, &shop->cancel);
     double seconds = clock_now() - start;
-    if (complete) add_to_batch(shop, result);
+    if (complete && piece->check == NULL) add_to_batch(shop, result);
 
     pthread_mutex_lock(&shop->lock);
-    if (complete) measure(shop, &unit, seconds);
-    shop->rendering--;
-    wake(shop->bulk_wake);
+    if (complete) measure(shop, &piece->unit, seconds);
+    end_piece(shop, piece, complete ? result : NULL);
+    workshop_wake(shop->options.bulk_wake);
 }
 
 static void *render_thread(void *argument)
@@ -178,8 +133,9 @@ static void *render_thread(void *argument)
     unit_result_t result = {0};
     pthread_mutex_lock(&shop->lock);
     while (!shop->quit) {
-        if (can_render(shop))
-            render_one(shop, &result);
+        piece_t piece;
+        if (take_piece(shop, &piece))
+            render_piece(shop, &piece, &result);
         else
             pthread_cond_wait(&shop->work, &shop->lock);
     }
@@ -193,6 +149,7 @@ static void *render_thread(void *argument)
 static void start_threads(workshop_t *shop, int count)
 {
     shop->threads = mem_zalloc((size_t)count, sizeof *shop->threads);
+    shop->begun = mem_zalloc((size_t)count, sizeof *shop->begun);
     for (int i = 0; i < count; i++) {
         if (pthread_create(&shop->threads[i], NULL, render_thread, shop) != 0) {
             log_warning("only %d of %d render threads could be started", i, count);
@@ -203,17 +160,16 @@ static void start_threads(workshop_t *shop, int count)
     }
 }
 
-workshop_t *workshop_new(int threads, int control_wake, int bulk_wake)
+workshop_t *workshop_new(const workshop_options_t *options)
 {
     workshop_t *shop = mem_zalloc(1, sizeof *shop);
+    shop->options = *options;
     pthread_mutex_init(&shop->lock, NULL);
     pthread_mutex_init(&shop->fill, NULL);
     pthread_cond_init(&shop->work, NULL);
-    shop->control_wake = control_wake;
-    shop->bulk_wake = bulk_wake;
     shop->speed = FIRST_SPEED;
     pthread_mutex_lock(&shop->lock);
-    start_threads(shop, threads);
+    start_threads(shop, options->threads);
     pthread_mutex_unlock(&shop->lock);
     return shop;
 }
@@ -235,21 +191,79 @@ void workshop_destroy(workshop_t **shop_pointer)
     workshop_t *shop = *shop_pointer;
     if (shop == NULL) return;
     workshop_stop(shop);
+    renderer_destroy(&shop->renderer);
+    blob_close(&shop->blob);
     if (shop->has_next) free(shop->next.units);
+    for (size_t i = 0; i < shop->checks.count; i++) shop->checks.list[i]->under_way = false;
+    checks_drop(&shop->checks, true);
     for (int i = 0; i < 2; i++) batch_free(&shop->slots[i].batch);
     pthread_cond_destroy(&shop->work);
     pthread_mutex_destroy(&shop->fill);
     pthread_mutex_destroy(&shop->lock);
-    free(shop->queue);
+    unit_queue_free(&shop->queue);
+    free(shop->begun);
     free(shop->threads);
     free(shop);
     *shop_pointer = NULL;
 }
 
+/* ---- what is in hand; all under the lock -------------------------------------------------------------- */
+
+/* Units in the open batch and in the one under way. */
+static size_t batched_units(workshop_t *shop)
+{
+    pthread_mutex_lock(&shop->fill);
+    size_t count = shop->slots[shop->open].batch.unit_count;
+    if (shop->under_way) count += shop->slots[!shop->open].batch.unit_count;
+    pthread_mutex_unlock(&shop->fill);
+    return count;
+}
+
+/* Copies units that were begun or finished and not acknowledged; returns how many. */
+static size_t list_kept(workshop_t *shop, unit_t *units, size_t capacity)
+{
+    size_t count = 0;
+    for (size_t i = 0; i < shop->begun_count && count < capacity; i++) units[count++] = shop->begun[i];
+    pthread_mutex_lock(&shop->fill);
+    for (int s = 0; s < 2; s++) {
+        const batch_t *batch = &shop->slots[s].batch;
+        if (s != shop->open && !shop->under_way) continue;
+        for (size_t i = 0; i < batch->unit_count && count < capacity; i++) units[count++] = batch->units[i];
+    }
+    pthread_mutex_unlock(&shop->fill);
+    return count;
+}
+
+/* Everything that was asked of the job in hand has been done, sent and answered. */
+bool workshop_all_sent(workshop_t *shop)
+{
+    return unit_queue_length(&shop->queue) == 0 && shop->rendering == 0 && batched_units(shop) == 0 &&
+           checks_units(&shop->checks) == 0;
+}
+
 /* ---- news from the master ----------------------------------------------------------------------------- */
 
-/* Takes an assignment as the job in hand, to be loaded. Lock held; the stage is empty. */
-static void begin_job(workshop_t *shop, const assignment_t *assignment)
+/* Queues the units of an assignment of the job in hand, without what is in hand already. */
+static void queue_units(workshop_t *shop, const assignment_t *assignment)
+{
+    if (assignment->check != 0) {
+        checks_push(&shop->checks, assignment->check, assignment->units, assignment->unit_count);
+        return;
+    }
+    size_t queued = unit_queue_length(&shop->queue);
+    size_t most = queued + shop->begun_count + batched_units(shop);
+    unit_t *held = mem_alloc((most + 1) * sizeof *held);
+    size_t count = list_kept(shop, held, most);
+    if (queued > most - count) queued = most - count;
+    if (queued > 0) memcpy(held + count, shop->queue.units + shop->queue.first, queued * sizeof *held);
+    for (size_t i = 0; i < assignment->unit_count; i++)
+        unit_queue_push(&shop->queue, &assignment->settings, assignment->units[i], held, count + queued);
+    free(held);
+    free(assignment->units);
+}
+
+/* Takes an assignment as the job in hand, to be loaded. The stage is empty. */
+void workshop_begin_job(workshop_t *shop, const assignment_t *assignment)
 {
     shop->current = *assignment;
     shop->current.units = NULL;
@@ -258,15 +272,19 @@ static void begin_job(workshop_t *shop, const assignment_t *assignment)
     shop->measured = false;
     atomic_store(&shop->cancel, false);
     for (int i = 0; i < 2; i++) batch_init(&shop->slots[i].batch, &assignment->settings);
-    queue_push(shop, assignment->units, assignment->unit_count);
-    free(assignment->units);
+    queue_units(shop, assignment);
 }
 
-static void keep_for_later(workshop_t *shop, const assignment_t *assignment)
+/* Goes on with a job that was over (it had been paused): its scene is here. */
+void workshop_resume_job(workshop_t *shop)
 {
-    if (shop->has_next) free(shop->next.units);
-    shop->next = *assignment;
-    shop->has_next = true;
+    for (int i = 0; i < 2; i++) batch_clear(&shop->slots[i].batch);
+    checks_drop(&shop->checks, true);
+    atomic_store(&shop->full, false);
+    atomic_store(&shop->cancel, false);
+    shop->over = shop->flush = shop->has_next = false;
+    queue_units(shop, &shop->next);
+    pthread_cond_broadcast(&shop->work);
 }
 
 static void drop_next(workshop_t *shop)
@@ -275,89 +293,116 @@ static void drop_next(workshop_t *shop)
     shop->has_next = false;
 }
 
-void workshop_assign(workshop_t *shop, const assignment_t *assignment)
+/* Lets the job in hand go. */
+void workshop_end_job(workshop_t *shop, bool flush)
 {
+    shop->over = true;
+    shop->flush = flush;
+    atomic_store(&shop->cancel, true);
+    unit_queue_clear(&shop->queue);
+    checks_drop(&shop->checks, true);
+}
+
+/* True when the assignment is of the job in hand. A number alone says nothing: a master that lost its data
+ * gives the old ones to new jobs. */
+bool workshop_is_current(const workshop_t *shop, const assignment_t *assignment)
+{
+    return shop->stage != STAGE_EMPTY && shop->current.job == assignment->job &&
+           hash_equal(&shop->current.content, &assignment->content);
+}
+
+static void assign(void *self, const assignment_t *assignment)
+{
+    workshop_t *shop = self;
     pthread_mutex_lock(&shop->lock);
     shop->no_more = false;
     if (shop->draining) {
         free(assignment->units);
     } else if (shop->stage == STAGE_EMPTY) {
-        begin_job(shop, assignment);
-    } else if (shop->current.job == assignment->job && !shop->over) {
-        queue_push(shop, assignment->units, assignment->unit_count);
-        free(assignment->units);
+        workshop_begin_job(shop, assignment);
+    } else if (workshop_is_current(shop, assignment) && !shop->over) {
+        queue_units(shop, assignment);
     } else {
-        keep_for_later(shop, assignment);
+        if (shop->current.job == assignment->job && !workshop_is_current(shop, assignment))
+            workshop_end_job(shop, false);
+        drop_next(shop);
+        shop->next = *assignment;
+        shop->has_next = true;
     }
     pthread_cond_broadcast(&shop->work);
     pthread_mutex_unlock(&shop->lock);
-    wake(shop->bulk_wake);
+    workshop_wake(shop->options.bulk_wake);
 }
 
-void workshop_no_more(workshop_t *shop)
+static void no_more(void *self)
 {
+    workshop_t *shop = self;
     pthread_mutex_lock(&shop->lock);
     shop->no_more = true;
     pthread_mutex_unlock(&shop->lock);
-    wake(shop->bulk_wake);
+    workshop_wake(shop->options.bulk_wake);
 }
 
-/* Lets the job in hand go. Lock held. */
-static void end_job(workshop_t *shop, bool flush)
+static void job_over(void *self, uint64_t job, bool flush)
 {
-    shop->over = true;
-    shop->flush = flush;
-    atomic_store(&shop->cancel, true);
-    queue_drop(shop);
-}
-
-void workshop_job_over(workshop_t *shop, uint64_t job, bool flush)
-{
+    workshop_t *shop = self;
     pthread_mutex_lock(&shop->lock);
-    if (shop->stage != STAGE_EMPTY && shop->current.job == job) end_job(shop, flush);
+    if (shop->stage != STAGE_EMPTY && shop->current.job == job) workshop_end_job(shop, flush);
     if (shop->has_next && shop->next.job == job) drop_next(shop);
     pthread_mutex_unlock(&shop->lock);
-    wake(shop->bulk_wake);
+    workshop_wake(shop->options.bulk_wake);
 }
 
-void workshop_forget(workshop_t *shop)
+static void forget(void *self)
 {
+    workshop_t *shop = self;
     pthread_mutex_lock(&shop->lock);
-    queue_drop(shop);
+    unit_queue_clear(&shop->queue);
+    checks_drop(&shop->checks, true);
     drop_next(shop);
     shop->hurry = true;
     pthread_mutex_unlock(&shop->lock);
-    wake(shop->bulk_wake);
+    workshop_wake(shop->options.bulk_wake);
 }
 
-void workshop_drain(workshop_t *shop)
+static size_t kept(void *self, uint64_t job, unit_t *units, size_t capacity)
 {
+    workshop_t *shop = self;
+    pthread_mutex_lock(&shop->lock);
+    bool in_hand = shop->stage != STAGE_EMPTY && shop->current.job == job;
+    size_t count = in_hand ? list_kept(shop, units, capacity) : 0;
+    pthread_mutex_unlock(&shop->lock);
+    return count;
+}
+
+static void drain(void *self)
+{
+    workshop_t *shop = self;
     pthread_mutex_lock(&shop->lock);
     shop->draining = true;
-    queue_drop(shop);
+    unit_queue_clear(&shop->queue);
+    checks_drop(&shop->checks, false);
     drop_next(shop);
-    if (shop->stage == STAGE_LOADING) end_job(shop, false);
+    if (shop->stage == STAGE_LOADING) workshop_end_job(shop, false);
     pthread_mutex_unlock(&shop->lock);
-    wake(shop->bulk_wake);
+    workshop_wake(shop->options.bulk_wake);
 }
 
-void workshop_clear_failure(workshop_t *shop)
+static void give_up(void *self)
 {
+    workshop_t *shop = self;
+    atomic_store(&shop->cancel, true);
+}
+
+static void clear_failure(void *self)
+{
+    workshop_t *shop = self;
     pthread_mutex_lock(&shop->lock);
     shop->failure = result_ok();
     pthread_mutex_unlock(&shop->lock);
 }
 
 /* ---- state -------------------------------------------------------------------------------------------- */
-
-/* Units in the open batch and in the one under way. Lock held. */
-static size_t batched_units(workshop_t *shop)
-{
-    pthread_mutex_lock(&shop->fill);
-    size_t count = shop->slots[shop->open].batch.unit_count;
-    pthread_mutex_unlock(&shop->fill);
-    return count + shop->units_under_way;
-}
 
 static double good_unit(const workshop_t *shop)
 {
@@ -367,142 +412,55 @@ static double good_unit(const workshop_t *shop)
 }
 
 /* Pixel samples to ask for, given the units held. Lock held. */
-static uint64_t samples_wanted(const workshop_t *shop, size_t units_held)
+static uint64_t samples_wanted(workshop_t *shop, size_t units_held)
 {
-    if (shop->draining || shop->has_next || shop->over || shop->failure.code != RESULT_OK) return 0;
+    if (shop->draining || shop->has_next || shop->failure.code != RESULT_OK) return 0;
     if (units_held > MAX_UNITS_HELD) return 0;
-    double hold = hold_samples(shop), held = (double)shop->queue_samples;
+    if (shop->over && !(shop->flush && workshop_all_sent(shop))) return 0;
+    double hold = hold_samples(shop), held = (double)shop->queue.samples;
     if (hold < good_unit(shop)) hold = good_unit(shop);
     return held < 0.5 * hold ? (uint64_t)(hold - held) : 0;
 }
 
-workshop_state_t workshop_state(workshop_t *shop)
+static crew_state_t state(void *self)
 {
-    workshop_state_t state = {0};
+    workshop_t *shop = self;
+    crew_state_t s = {.ready = true, .fingerprint = shop->options.fingerprint};
     pthread_mutex_lock(&shop->lock);
-    size_t batched = batched_units(shop);
-    size_t held = queue_length(shop) + (size_t)shop->rendering + batched;
+    size_t held = unit_queue_length(&shop->queue) + shop->begun_count + batched_units(shop) +
+                  checks_units(&shop->checks);
     bool dropped = shop->over && !shop->flush;
-    state.job = shop->stage == STAGE_EMPTY || dropped ? 0 : shop->current.job;
-    state.units_held = (uint32_t)held;
-    state.samples = samples_wanted(shop, held);
-    state.unit_samples = (uint64_t)good_unit(shop);
-    state.samples_per_second = shop->measured ? shop->speed * shop->thread_count : 0;
-    state.idle = held == 0 || (dropped && shop->rendering == 0 && !shop->under_way);
-    state.failure = shop->failure;
-    state.failed = shop->failed;
+    s.threads = (uint32_t)shop->options.threads;
+    s.job = shop->stage == STAGE_EMPTY || dropped ? 0 : shop->current.job;
+    s.content = shop->current.content;
+    s.units_held = (uint32_t)held;
+    s.rendering = (uint32_t)shop->rendering;
+    s.samples = samples_wanted(shop, held);
+    s.unit_samples = (uint64_t)good_unit(shop);
+    s.samples_per_second = shop->measured ? shop->speed * shop->thread_count : 0;
+    s.idle = held == 0 || (dropped && shop->rendering == 0 && !shop->under_way);
+    s.failure = shop->failure;
+    s.failed = shop->failed;
     pthread_mutex_unlock(&shop->lock);
-    return state;
+    return s;
 }
 
-/* ---- duties of the bulk thread ------------------------------------------------------------------------ */
-
-/* Nothing will be added to the open batch for now. Lock held. */
-static bool nothing_coming(const workshop_t *shop)
+crew_t workshop_crew(workshop_t *shop)
 {
-    bool last = shop->no_more || shop->has_next || shop->draining || shop->over;
-    return last && queue_length(shop) == 0 && shop->rendering == 0;
-}
-
-/* Closes the open batch if it is time; else tells in duty->wait when it will be. Both locks held. */
-static bool close_batch(workshop_t *shop, double batch_interval, duty_t *duty)
-{
-    slot_t *slot = &shop->slots[shop->open];
-    size_t units = slot->batch.unit_count;
-    if (units == 0 || shop->under_way) return false;
-    duty->wait = slot->since + batch_interval - clock_now();
-    bool full = units >= BATCH_MAX_UNITS || slot->batch.eye_count >= BATCH_MAX_EYE_VALUES;
-    if (duty->wait > 0 && !full && !shop->hurry && !nothing_coming(shop)) return false;
-    duty->kind = DUTY_SEND;
-    duty->closed = (closed_batch_t){shop->current.job, ++shop->sequence, &slot->batch};
-    shop->open = !shop->open;
-    shop->under_way = true;
-    shop->units_under_way = units;
-    shop->hurry = false;
-    return true;
-}
-
-/* The job in hand is to be let go now: it is over, or finished and another one waits. Lock held. */
-static bool time_to_release(workshop_t *shop)
-{
-    if (shop->stage == STAGE_EMPTY || shop->rendering > 0) return false;
-    if (shop->over && !shop->flush) return true;
-    return (shop->over || shop->has_next) && queue_length(shop) == 0 && batched_units(shop) == 0;
-}
-
-duty_t workshop_duty(workshop_t *shop, double batch_interval)
-{
-    duty_t duty = {.kind = DUTY_NONE, .wait = 1};
-    pthread_mutex_lock(&shop->lock);
-    if (time_to_release(shop)) {
-        duty.kind = DUTY_RELEASE;
-    } else if (shop->stage == STAGE_LOADING) {
-        duty.kind = DUTY_LOAD;
-        duty.assignment = shop->current;
-    } else if (shop->stage == STAGE_READY) {
-        pthread_mutex_lock(&shop->fill);
-        close_batch(shop, batch_interval, &duty);
-        pthread_mutex_unlock(&shop->fill);
-    }
-    pthread_mutex_unlock(&shop->lock);
-    return duty;
-}
-
-bool workshop_unwanted(workshop_t *shop)
-{
-    pthread_mutex_lock(&shop->lock);
-    bool unwanted = time_to_release(shop);
-    pthread_mutex_unlock(&shop->lock);
-    return unwanted;
-}
-
-void workshop_loaded(workshop_t *shop, const renderer_t *renderer)
-{
-    pthread_mutex_lock(&shop->lock);
-    shop->renderer = renderer;
-    shop->stage = STAGE_READY;
-    pthread_cond_broadcast(&shop->work);
-    pthread_mutex_unlock(&shop->lock);
-    wake(shop->control_wake);
-}
-
-void workshop_refuse(workshop_t *shop, result_t why)
-{
-    pthread_mutex_lock(&shop->lock);
-    end_job(shop, false);
-    shop->failure = why;
-    shop->failed = shop->current.job;
-    pthread_mutex_unlock(&shop->lock);
-    wake(shop->control_wake);
-}
-
-void workshop_sent(workshop_t *shop)
-{
-    /* Nobody else touches the closed slot, so the long clearing of its frame needs no lock. */
-    batch_clear(&shop->slots[!shop->open].batch);
-    pthread_mutex_lock(&shop->lock);
-    shop->under_way = false;
-    shop->units_under_way = 0;
-    pthread_mutex_unlock(&shop->lock);
-    wake(shop->control_wake);
-}
-
-void workshop_release(workshop_t *shop)
-{
-    pthread_mutex_lock(&shop->lock);
-    queue_drop(shop);
-    for (int i = 0; i < 2; i++) {
-        batch_free(&shop->slots[i].batch);
-        shop->slots[i].batch = (batch_t){0};
-    }
-    shop->renderer = NULL;
-    shop->stage = STAGE_EMPTY;
-    shop->over = shop->flush = false;
-    shop->hurry = false;
-    if (shop->has_next) {
-        shop->has_next = false;
-        begin_job(shop, &shop->next);
-    }
-    pthread_mutex_unlock(&shop->lock);
-    wake(shop->control_wake);
+    static const crew_calls_t calls = {.assign = assign,
+                                       .no_more = no_more,
+                                       .job_over = job_over,
+                                       .forget = forget,
+                                       .kept = kept,
+                                       .drain = drain,
+                                       .give_up = give_up,
+                                       .clear_failure = clear_failure,
+                                       .state = state,
+                                       .duty = workshop_duty,
+                                       .unwanted = workshop_unwanted,
+                                       .loaded = workshop_loaded,
+                                       .refuse = workshop_refuse,
+                                       .close = workshop_close,
+                                       .sent = workshop_sent};
+    return (crew_t){&calls, shop};
 }

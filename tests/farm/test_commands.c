@@ -71,6 +71,16 @@ static void wrong_usage_is_told(void **state)
     expect(rig, RESULT_USAGE, "must end in", ARGUMENTS("render", SCENE, "-o", "image.jpg"));
     expect(rig, RESULT_USAGE, "one scene", ARGUMENTS("render"));
     expect(rig, RESULT_USAGE, "address", ARGUMENTS("status", "--master", "host:port"));
+    expect(rig, RESULT_USAGE, "--verify takes a share", ARGUMENTS("submit", SCENE, "--verify", "101%"));
+    expect(rig, RESULT_USAGE, "--priority takes", ARGUMENTS("submit", SCENE, "--priority", "1001"));
+    expect(rig, RESULT_USAGE, "between 0 and 1", ARGUMENTS("extend", "1", "--error", "0"));
+    expect(rig, RESULT_USAGE, "--spp takes", ARGUMENTS("extend", "1", "--spp", "many"));
+    expect(rig, RESULT_USAGE, "its new priority", ARGUMENTS("priority", "1"));
+    expect(rig, RESULT_USAGE, "no job number", ARGUMENTS("pause", "1", "two"));
+    expect(rig, RESULT_USAGE, "numbers of jobs", ARGUMENTS("delete"));
+    expect(rig, RESULT_USAGE, "one job", ARGUMENTS("status", "1", "2"));
+    expect(rig, 0, "JOB...", ARGUMENTS("retain", "--help"));
+    expect(rig, 0, "--error E", ARGUMENTS("extend", "--help"));
     expect(rig, 0, "Exit codes", ARGUMENTS("--help"));
     expect(rig, 0, LIGHTMILL_VERSION, ARGUMENTS("--version"));
     expect(rig, 0, "--workers", ARGUMENTS("render", "--help"));

@@ -1,6 +1,7 @@
 /* Hostile bytes on every socket: raw TCP, frames that are no messages, messages cut anywhere or with bits
  * turned over, a wrong version, batches of work that nobody gave. The render in progress goes on to the same
  * bits, and nothing crashes; the other way round, a worker survives a master that sends it the same. */
+#include "tests/peer.h"
 #include "tests/rig.h"
 
 #include <arpa/inet.h>
@@ -14,8 +15,6 @@
 #include <unistd.h>
 /* After setjmp and stdarg. */
 #include <cmocka.h>
-
-enum { HEADER_BYTES = 5 }; /* "LMIL" and the version */
 
 static void fill_random(unsigned *seed, uint8_t *bytes, size_t size)
 {
@@ -52,11 +51,12 @@ static void *dial(void *context, int port)
 /* One well-formed message of each kind that a master takes in, packed as a header frame; fresh memory. */
 static uint8_t *pack(Lm__Envelope *envelope, size_t *size)
 {
-    *size = HEADER_BYTES + lm__envelope__get_packed_size(envelope);
+    *size = PEER_ENVELOPE_AT + lm__envelope__get_packed_size(envelope);
     uint8_t *frame = mem_alloc(*size);
     memcpy(frame, "LMIL", 4);
     frame[4] = WIRE_VERSION;
-    lm__envelope__pack(envelope, frame + HEADER_BYTES);
+    lm__envelope__pack(envelope, frame + PEER_ENVELOPE_AT);
+    peer_seal(frame, *size, NULL, NULL, 0);
     return frame;
 }
 
@@ -124,21 +124,24 @@ static uint8_t *sample_message(int kind, size_t *size)
     return pack(&envelope, size);
 }
 
-/* Sends a header frame and up to three random payloads, after `identity` on a ROUTER. */
-static void send_frames(void *socket, const zmq_msg_t *identity, const uint8_t *frame, size_t size,
+/* Sends a header frame and up to three random payloads, after `identity` on a ROUTER; `seal` gives it the
+ * right checksum, so that more of it is looked at. */
+static void send_frames(void *socket, const zmq_msg_t *identity, uint8_t *frame, size_t size, bool seal,
                         unsigned *seed)
 {
     uint8_t payload[64];
     fill_random(seed, payload, sizeof payload);
     int payloads = (int)(rand_r(seed) % 4);
+    size_t sizes[3];
+    for (int i = 0; i < payloads; i++) sizes[i] = rand_r(seed) % sizeof payload;
+    if (seal) peer_seal(frame, size, (const void *[]){payload, payload, payload}, sizes, payloads);
     if (identity) {
         zmq_send(socket, zmq_msg_data((zmq_msg_t *)identity), zmq_msg_size(identity),
                  ZMQ_SNDMORE | ZMQ_DONTWAIT);
     }
     zmq_send(socket, frame, size, ZMQ_DONTWAIT | (payloads ? ZMQ_SNDMORE : 0));
     for (int i = 0; i < payloads; i++)
-        zmq_send(socket, payload, rand_r(seed) % sizeof payload,
-                 ZMQ_DONTWAIT | (i + 1 < payloads ? ZMQ_SNDMORE : 0));
+        zmq_send(socket, payload, sizes[i], ZMQ_DONTWAIT | (i + 1 < payloads ? ZMQ_SNDMORE : 0));
 }
 
 /* Good messages, prefixes of them, and copies with bits turned over; then plain noise. */
@@ -151,11 +154,11 @@ static void send_mutants(void *socket, const zmq_msg_t *identity, unsigned *seed
         if (round / 6 % 3 == 1) length = rand_r(seed) % size;
         for (int i = 0; round / 6 % 3 == 2 && i < 4; i++)
             frame[rand_r(seed) % size] ^= (uint8_t)(1u << (rand_r(seed) % 8));
-        send_frames(socket, identity, frame, length, seed);
+        send_frames(socket, identity, frame, length, round % 5 > 0, seed);
         free(frame);
         uint8_t noise[200];
         fill_random(seed, noise, sizeof noise);
-        send_frames(socket, identity, noise, rand_r(seed) % sizeof noise, seed);
+        send_frames(socket, identity, noise, rand_r(seed) % sizeof noise, round % 2, seed);
     }
 }
 
@@ -256,7 +259,7 @@ static void mislead_worker(void *socket, const zmq_msg_t *identity, int port, un
     for (int round = 0; round < 60; round++) {
         frame = pack(&envelope, &size);
         for (int i = 0; i < round % 4; i++) frame[rand_r(seed) % size] ^= (uint8_t)(1u << (rand_r(seed) % 8));
-        send_frames(socket, identity, frame, round % 5 == 4 ? rand_r(seed) % size : size, seed);
+        send_frames(socket, identity, frame, round % 5 == 4 ? rand_r(seed) % size : size, true, seed);
         free(frame);
     }
     zmq_send(socket, zmq_msg_data((zmq_msg_t *)identity), zmq_msg_size(identity), ZMQ_SNDMORE);

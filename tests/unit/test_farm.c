@@ -1,8 +1,9 @@
 /* Tests of master/farm*.c without sockets, in a time of their own: what would take minutes on a real farm. */
-#include "master/farm.h"
+#include "tests/toy_farm.h"
 
 #include <setjmp.h>
 #include <stdarg.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -12,14 +13,7 @@ static const identity_t nobody = {{0}, 1};
 
 static int set_up(void **state)
 {
-    farm_options_t options = {.lease = 5,
-                              .batch_interval = 10,
-                              .film_limit = 2 << 20,
-                              .first_job = 1,
-                              .control_wake = -1,
-                              .image_wake = -1};
-    log_init("test", LOG_ERROR);
-    *state = farm_new(&options);
+    *state = toy_farm(false);
     return 0;
 }
 
@@ -29,77 +23,35 @@ static int tear_down(void **state)
     return 0;
 }
 
-static job_settings_t small_job(void)
-{
-    job_settings_t settings = job_settings_default();
-    settings.width = settings.height = 32;
-    settings.tile_size = 16;
-    settings.features = false;
-    settings.spp = 4;
-    return settings;
-}
-
 static uint64_t submit(farm_t *farm)
 {
-    job_settings_t settings = small_job();
-    hash_t blob = {{0}};
-    uint64_t job;
-    assert_int_equal(farm_submit(farm, 0, &(job_terms_t){.name = "test"}, &settings, &blob, 1, &job).code,
-                     RESULT_OK);
-    return job;
+    job_settings_t settings = toy_settings();
+    return toy_submit(farm, 0, &settings, 0);
 }
 
 static uint64_t hello(farm_t *farm, double now)
 {
-    uint64_t worker;
-    assert_int_equal(
-        farm_hello(farm, now, &nobody, &(farm_hello_t){.name = "w", .key = "", .threads = 1}, &worker).code,
-        RESULT_OK);
-    return worker;
+    return toy_hello(farm, now, 1);
 }
 
 /* Takes one unit of a whole tile; false when there is none. */
 static bool take(farm_t *farm, double now, uint64_t worker, unit_t *unit)
 {
-    unit_t units[WIRE_MAX_UNITS];
-    farm_work_t work = {.units = units};
-    assert_int_equal(farm_take(farm, now, &nobody, worker, 0, 1, 1 << 20, &work).code, RESULT_OK);
+    toy_work_t work = toy_take(farm, now, worker, 1, 1 << 20);
     if (work.job == 0) return false;
-    assert_int_equal(work.unit_count, 1);
-    *unit = units[0];
+    assert_int_equal(work.count, 1);
+    *unit = work.units[0];
     return true;
 }
 
-static result_t deliver(farm_t *farm, double now, uint64_t worker, uint64_t job_id, unit_t *unit)
+static result_t deliver(farm_t *farm, double now, uint64_t worker, uint64_t job, const unit_t *unit)
 {
-    job_settings_t settings = small_job();
-    batch_t batch;
-    job_t *job;
-    TRY(farm_batch_open(farm, now, worker, job_id, 1000, &job));
-    batch_init(&batch, &settings);
-    batch.units = unit;
-    batch.unit_count = 1;
-    batch.eye_count = batch_tile_values(&settings, unit->tile);
-    batch.eye = mem_zalloc(batch.eye_count, sizeof *batch.eye);
-    zmq_msg_t payload[BATCH_PAYLOADS];
-    assert_int_equal(payload_encode(&batch, false, payload).code, RESULT_OK);
-    result_t result = farm_batch_merge(farm, now, job, worker, 0, &batch, payload);
-    for (int i = 0; i < BATCH_PAYLOADS; i++) zmq_msg_close(&payload[i]);
-    batch.units = NULL;
-    batch_free(&batch);
-    farm_unpin(farm, job);
-    return result;
+    return toy_deliver(farm, now, worker, job, unit, 1);
 }
 
 static job_report_t report(farm_t *farm, double now, uint64_t job)
 {
-    size_t count;
-    uint32_t workers;
-    job_report_t *reports = farm_report(farm, now, job, &count, &workers), one;
-    assert_int_equal(count, 1);
-    one = reports[0];
-    free(reports);
-    return one;
+    return toy_report(farm, now, job);
 }
 
 static void a_worker_that_lives_but_delivers_nothing_holds_nobody_up(void **state)
@@ -154,7 +106,7 @@ static void a_pause_of_the_master_costs_no_worker_its_lease(void **state)
 
 static void jobs_wait_for_memory(void **state)
 {
-    farm_t *farm = *state; /* its memory holds six films of 330 kB */
+    farm_t *farm = *state; /* its memory holds six films of 160 kB */
     uint64_t worker = hello(farm, 0), jobs[8];
     unit_t unit;
     for (int j = 0; j < 8; j++) jobs[j] = submit(farm);
@@ -179,7 +131,9 @@ static void jobs_wait_for_memory(void **state)
 /* A worker comes, takes what there is of a job and says that it cannot render it. */
 static void come_and_decline(farm_t *farm, double now, uint64_t job)
 {
-    uint64_t worker = hello(farm, now);
+    char name[20];
+    snprintf(name, sizeof name, "poor-%g", now);
+    uint64_t worker = toy_join(farm, now, name, 1, 0);
     unit_t unit;
     assert_true(take(farm, now, worker, &unit));
     farm_goodbye(farm, now, worker, job, "no memory");
@@ -190,6 +144,8 @@ static void a_job_that_nobody_can_render_fails(void **state)
     farm_t *farm = *state;
     uint64_t job = submit(farm), other = submit(farm), worker = hello(farm, 0);
     unit_t unit;
+    job_order_t later = {.job = other, .kind = ORDER_PRIORITY, .priority = -1};
+    assert_int_equal(farm_order(farm, 0, &later).code, RESULT_OK);
     farm_goodbye(farm, 0, worker, job, "had none of it"); /* does not count */
     for (int i = 1; i < FARM_MAX_DECLINES; i++) come_and_decline(farm, i, job);
     assert_int_equal(report(farm, 5, job).state, JOB_RUNNING);
@@ -232,7 +188,7 @@ static void a_film_that_never_fits_is_refused(void **state)
 static void the_queue_has_an_end_and_forgets_the_finished(void **state)
 {
     farm_t *farm = *state;
-    job_settings_t settings = small_job();
+    job_settings_t settings = toy_settings();
     hash_t blob = {{0}};
     uint64_t first = submit(farm), job;
     for (int i = 1; i < FARM_MAX_JOBS; i++) submit(farm);

@@ -1,6 +1,7 @@
 /* Tests of the master as its peers see it: a real master on loopback sockets, scripted workers and clients.
  */
 #include "common/image.h"
+#include "master/farm.h"
 #include "master/master.h"
 #include "tests/peer.h"
 #include "tests/scratch.h"
@@ -157,7 +158,7 @@ static void a_job_goes_through(void **state)
     peer_work(t->peer, 1000, 1000, t->work);
     assert_int_equal(t->work->job, 0); /* nothing to do yet */
     uint64_t job = submit(t, &settings);
-    peer_listen(t->peer, 2);
+    if (t->peer->job_ready == 0) peer_listen(t->peer, 2); /* else it came before the job's number */
     assert_int_equal(t->peer->job_ready, 1);
     const Lm__JobStatus *status = peer_status(t->peer, job, &message);
     assert_int_equal(status->state, JOB_QUEUED);
@@ -333,7 +334,7 @@ static void a_goodbye_gives_units_back_at_once(void **state)
     peer_destroy(&leaver);
 }
 
-static void jobs_follow_one_another(void **state)
+static void jobs_go_side_by_side(void **state)
 {
     farm_test_t *t = *state;
     job_settings_t settings = settings_of(2);
@@ -349,7 +350,6 @@ static void jobs_follow_one_another(void **state)
     for (peer_work(t->peer, 4000, 2000, t->work); t->work->job != 0;
          peer_work(t->peer, 4000, 2000, t->work)) {
         second_begun |= t->work->job == second;
-        if (second_begun) assert_true(t->work->job == second);
         assert_int_equal(send_work(t->peer, t->work).code, RESULT_OK);
     }
     /* The second was begun while the first waited for the other worker's units. */
@@ -587,7 +587,9 @@ static void hostile_bytes_do_no_harm(void **state)
         size = (random >> 40) % sizeof bytes;
         if (i % 3 > 0) memcpy(bytes, "LMIL\4", 5);
         if (i % 3 > 1)
-            bytes[5] = (uint8_t)(8 * (2 + random % 25) + 2), bytes[6] = (uint8_t)(random >> 50) % 64;
+            bytes[PEER_ENVELOPE_AT] = (uint8_t)(8 * (2 + random % 25) + 2),
+            bytes[PEER_ENVELOPE_AT + 1] = (uint8_t)(random >> 50) % 64;
+        if (i % 6 > 0) peer_seal(bytes, size, NULL, NULL, 0);
         int more = i % 7 == 0 ? ZMQ_SNDMORE : 0;
         for (int s = 0; s < 2; s++) {
             assert_int_equal(zmq_send(raw[s], bytes, size, more), (int)size);
@@ -608,63 +610,89 @@ static void hostile_bytes_do_no_harm(void **state)
     for (int s = 0; s < 2; s++) zmq_close(raw[s]);
 }
 
+/* Sends the first payloads of a batch, cut short somewhere. */
+static void send_damaged(peer_t *peer, uint64_t job, const batch_t *batch, int number, uint64_t *random)
+{
+    Lm__BatchResult body = LM__BATCH_RESULT__INIT;
+    Lm__Envelope envelope = LM__ENVELOPE__INIT;
+    zmq_msg_t good[BATCH_PAYLOADS], cut[BATCH_PAYLOADS];
+    body.worker = peer->worker;
+    body.job = job;
+    body.n_units = batch->unit_count;
+    body.units = wire_units_new(batch->units, batch->unit_count);
+    envelope.body_case = LM__ENVELOPE__BODY_BATCH_RESULT;
+    envelope.batch_result = &body;
+    assert_int_equal(payload_encode(batch, number % 2, good).code, RESULT_OK);
+    for (int p = 0; p < BATCH_PAYLOADS; p++) {
+        *random = *random * 6364136223846793005u + 1442695040888963407u;
+        size_t size = zmq_msg_size(&good[p]);
+        if (size > 0) size = (*random >> 33) % size;
+        zmq_msg_init_size(&cut[p], size);
+        memcpy(zmq_msg_data(&cut[p]), zmq_msg_data(&good[p]), size);
+        zmq_msg_close(&good[p]);
+    }
+    int sent = number % 4 == 3 ? BATCH_PAYLOADS : 1 + number % BATCH_PAYLOADS;
+    wire_message_t answer = peer_ask_bulk(peer, &envelope, cut, sent);
+    assert_int_equal(answer.envelope->body_case, LM__ENVELOPE__BODY_BATCH_REPLY);
+    assert_false(answer.envelope->batch_reply->accepted);
+    wire_free(&answer);
+    for (int p = sent; p < BATCH_PAYLOADS; p++) zmq_msg_close(&cut[p]);
+    free(body.units);
+}
+
+/* What is refused is not counted; who sends nothing else is put aside. */
 static void damaged_payloads_are_refused(void **state)
 {
     farm_test_t *t = *state;
-    job_settings_t settings = settings_of(4);
+    job_settings_t settings = settings_of(128);
     uint64_t job = submit(t, &settings), random = 5;
+    result_t refused;
     peer_hello(t->peer, WIRE_VERSION, 1, NULL);
-    peer_work(t->peer, 3000, 500, t->work);
-    batch_t batch = peer_render(&settings, t->work->units, t->work->unit_count);
-    Lm__BatchResult body = LM__BATCH_RESULT__INIT;
-    Lm__Envelope envelope = LM__ENVELOPE__INIT;
-    body.worker = t->peer->worker;
-    body.job = job;
-    body.n_units = batch.unit_count;
-    body.units = wire_units_new(batch.units, batch.unit_count);
-    envelope.body_case = LM__ENVELOPE__BODY_BATCH_RESULT;
-    envelope.batch_result = &body;
-    for (int i = 0; i < 100; i++) {
-        zmq_msg_t good[BATCH_PAYLOADS], cut[BATCH_PAYLOADS];
-        assert_int_equal(payload_encode(&batch, i % 2, good).code, RESULT_OK);
-        for (int p = 0; p < BATCH_PAYLOADS; p++) {
-            random = random * 6364136223846793005u + 1442695040888963407u;
-            size_t size = (random >> 33) % zmq_msg_size(&good[p]);
-            zmq_msg_init_size(&cut[p], size);
-            memcpy(zmq_msg_data(&cut[p]), zmq_msg_data(&good[p]), size);
-            zmq_msg_close(&good[p]);
-        }
-        int sent = i % 4 == 3 ? BATCH_PAYLOADS : 1 + i % BATCH_PAYLOADS;
-        wire_message_t answer = peer_ask_bulk(t->peer, &envelope, cut, sent);
-        assert_int_equal(answer.envelope->body_case, LM__ENVELOPE__BODY_BATCH_REPLY);
-        assert_false(answer.envelope->batch_reply->accepted);
-        wire_free(&answer);
-        for (int p = sent; p < BATCH_PAYLOADS; p++) zmq_msg_close(&cut[p]);
+    for (int i = 0; i < 50; i++) {
+        peer_work(t->peer, 3000, 500, t->work);
+        assert_true(t->work->job == job);
+        batch_t batch = peer_render(&settings, t->work->units, t->work->unit_count);
+        for (int n = 0; n < FARM_MAX_FAILURES - 1; n++) send_damaged(t->peer, job, &batch, i + n, &random);
+        if (i < 49) assert_int_equal(peer_send_batch(t->peer, job, &batch).code, RESULT_OK);
+        for (int n = 0; n < FARM_MAX_FAILURES && i == 49; n++) send_damaged(t->peer, job, &batch, 3, &random);
+        batch_free(&batch);
     }
-    free(body.units);
-    assert_int_equal(peer_send_batch(t->peer, job, &batch).code, RESULT_OK);
-    batch_free(&batch);
+    peer_hello(t->peer, WIRE_VERSION, 1, &refused);
+    assert_int_equal(refused.code, RESULT_CANCELLED);
+    assert_non_null(strstr(refused.message, "malformed"));
 }
 
-static void stopping_writes_unfinished_images(void **state)
+static void a_job_goes_on_after_a_stop(void **state)
 {
     farm_test_t *t = *state;
-    job_settings_t settings = settings_of(64);
+    job_settings_t settings = settings_of(16);
     uint64_t job = submit(t, &settings);
+    wire_message_t message;
     peer_hello(t->peer, WIRE_VERSION, 1, NULL);
     peer_work(t->peer, 3000, 1000, t->work);
     assert_int_equal(send_work(t->peer, t->work).code, RESULT_OK);
+    uint64_t done = peer_status(t->peer, job, &message)->samples_done;
+    wire_free(&message);
+    assert_true(done > 0);
     assert_int_equal(master_stop(&t->master).code, RESULT_OK);
-    char *name = mem_printf("%s/job-%llu.exr", t->folder, (unsigned long long)job);
-    image_t image;
-    assert_int_equal(image_read_exr(name, &image).code, RESULT_OK);
-    image_free(&image);
-    free(name);
-    /* A new master on the same data knows the scene and does not reuse the number. */
+    /* A new master on the same data has it all, and does not reuse the number. */
     master_options_t options = options_of(t->folder);
     assert_int_equal(master_start(&options, &t->master).code, RESULT_OK);
     peer_destroy(&t->peer);
     t->peer = peer_new(master_control_port(t->master));
+    assert_true(peer_status(t->peer, job, &message)->samples_done == done);
+    wire_free(&message);
+    for (double until = clock_now() + 5; clock_now() < until; usleep(20000)) {
+        bool running = peer_status(t->peer, job, &message)->state == JOB_RUNNING;
+        wire_free(&message);
+        if (running) break;
+    }
+    peer_hello(t->peer, WIRE_VERSION, 1, NULL);
+    work_off(t->peer, t->work);
+    assert_int_equal(peer_wait(t->peer, job, 5), JOB_DONE);
+    char *name = mem_printf("%s/job-%llu.exr", t->folder, (unsigned long long)job);
+    check_image(name, &settings, 16);
+    free(name);
     assert_true(submit(t, &settings) > job);
 }
 
@@ -679,16 +707,13 @@ static void bad_options_are_errors_with_a_cure(void **state)
     assert_non_null(strstr(result.message, "another master"));
     assert_null(master);
     options = options_of(other);
-    const char *const open[] = {"tcp://0.0.0.0:*", "tcp://*:*", "tcp://127.example.org:7420",
-                                "tcp://192.168.1.7:7420", "tcp://[::]:7420"};
-    for (size_t i = 0; i < ARRAY_LENGTH(open); i++) {
-        options.control_endpoint = open[i];
-        result = master_start(&options, &master);
-        assert_int_equal(result.code, RESULT_USAGE);
-        assert_non_null(strstr(result.message, "--insecure"));
-    }
+    options.control_endpoint = "ipc://somewhere";
+    assert_int_equal(master_start(&options, &master).code, RESULT_USAGE);
     options.control_endpoint = "tcp://0.0.0.0:*";
-    options.insecure = true;
+    options.gate.insecure = true;
+    options.gate.key = "none.secret";
+    assert_int_equal(master_start(&options, &master).code, RESULT_USAGE);
+    options.gate.key = NULL;
     assert_int_equal(master_start(&options, &master).code, RESULT_OK);
     assert_int_equal(master_stop(&master).code, RESULT_OK);
     options = options_of(other);
@@ -753,7 +778,7 @@ int main(void)
         WITH_MASTER(batches_count_once),
         WITH_MASTER(silent_workers_lose_their_units),
         WITH_MASTER(a_goodbye_gives_units_back_at_once),
-        WITH_MASTER(jobs_follow_one_another),
+        WITH_MASTER(jobs_go_side_by_side),
         WITH_MASTER(a_cancelled_job_keeps_what_workers_have),
         WITH_MASTER(a_cancelled_job_does_not_wait_for_ever),
         WITH_MASTER(time_ends_a_job),
@@ -764,7 +789,7 @@ int main(void)
         WITH_MASTER(images_are_there_at_any_time),
         WITH_MASTER(hostile_bytes_do_no_harm),
         WITH_MASTER(damaged_payloads_are_refused),
-        WITH_MASTER(stopping_writes_unfinished_images),
+        WITH_MASTER(a_job_goes_on_after_a_stop),
         WITH_MASTER(bad_options_are_errors_with_a_cure),
         WITH_MASTER(it_runs_over_inproc),
     };

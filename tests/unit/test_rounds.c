@@ -201,7 +201,10 @@ static void the_farm_keeps_and_leaves_out_units(void **state)
     assert_true(schedule_complete(schedule));
     assert_int_equal(schedule_accept(schedule, &suspect, 1).code, RESULT_MISMATCH);
     float *samples = mem_zalloc((size_t)70 * 40, sizeof *samples);
-    schedule_show_samples(schedule, samples);
+    uint32_t tile_samples[64];
+    assert_true(job_tile_count(&settings) <= 64);
+    schedule_tile_samples(schedule, tile_samples);
+    schedule_show_samples(&settings, tile_samples, samples);
     assert_true(samples[0] == 4 && samples[63] == 4 && samples[64] == 1 && samples[69] == 1);
     assert_true(samples[70 * 40 - 1] == 4);
     free(samples);

@@ -1,6 +1,8 @@
 /* Tests of proto/wire.c over real sockets: messages come as they were sent, limits hold, and whatever bytes a
  * peer sends, the receiver gets an error value and goes on. */
+#include "proto/checksum.h"
 #include "proto/wire.h"
+#include "tests/peer.h"
 
 #include <errno.h>
 #include <setjmp.h>
@@ -151,14 +153,65 @@ static void a_full_queue_is_an_error(void **state)
     }
 }
 
-/* Packs an envelope as it goes over the wire. */
+/* Packs an envelope as it goes over the wire in front of no payload. */
 static uint8_t *packed(const Lm__Envelope *envelope, size_t *size)
 {
-    *size = 5 + lm__envelope__get_packed_size(envelope);
+    *size = PEER_ENVELOPE_AT + lm__envelope__get_packed_size(envelope);
     uint8_t *bytes = mem_alloc(*size);
     memcpy(bytes, "LMIL\4", 5);
-    lm__envelope__pack(envelope, bytes + 5);
+    lm__envelope__pack(envelope, bytes + PEER_ENVELOPE_AT);
+    peer_seal(bytes, *size, NULL, NULL, 0);
     return bytes;
+}
+
+/* The check value that every list of CRCs gives, in one piece and in two. */
+static void the_checksum_is_crc_32c(void **state)
+{
+    (void)state;
+    const char digits[] = "123456789 and more, over several words of eight bytes";
+    assert_true(checksum_add(0, digits, 9) == 0xe3069283u);
+    for (size_t cut = 0; cut < sizeof digits; cut++)
+        assert_true(checksum_add(checksum_add(0, digits, cut), digits + cut, sizeof digits - cut) ==
+                    checksum_add(0, digits, sizeof digits));
+}
+
+/* Whichever byte of a message is damaged, of the header or a payload, the receiver finds out; so it does when
+ * payloads change places or lengths. */
+static void a_damaged_message_is_an_error(void **state)
+{
+    sockets_t *s = *state;
+    Lm__Heartbeat beat;
+    Lm__Envelope envelope = heartbeat_envelope(&beat);
+    uint8_t frames[3][64] = {{0}, "payload one", "payload 2 .."};
+    size_t sizes[3] = {0, 11, 12};
+    uint8_t *bytes = packed(&envelope, &sizes[0]);
+    assert_true(sizes[0] <= sizeof frames[0]);
+    memcpy(frames[0], bytes, sizes[0]);
+    free(bytes);
+    peer_seal(frames[0], sizes[0], (const void *[]){frames[1], frames[2]}, sizes + 1, 2);
+    wire_message_t message;
+    bool received;
+    for (size_t f = 0; f < 3; f++)
+        for (size_t at = 0; at < sizes[f]; at++) {
+            frames[f][at] ^= (uint8_t)(1 << at % 8);
+            for (int i = 0; i < 3; i++) send_raw(s->raw, frames[i], sizes[i], i < 2);
+            expect_malformed(s);
+            frames[f][at] ^= (uint8_t)(1 << at % 8);
+        }
+    const size_t others[][4] = {{0, 2, 1, 3}, {0, 1, 3, 3}, {0, 2, 3, 3}, {0, 3, 3, 3}};
+    for (size_t i = 0; i < ARRAY_LENGTH(others); i++) {
+        size_t count = 1;
+        while (count < 3 && others[i][count] < 3) count++;
+        for (size_t k = 0; k < count; k++)
+            send_raw(s->raw, frames[others[i][k]], sizes[others[i][k]], k + 1 < count);
+        expect_malformed(s);
+    }
+    for (int i = 0; i < 3; i++) send_raw(s->raw, frames[i], sizes[i] - (i == 1), i < 2);
+    expect_malformed(s);
+    for (int i = 0; i < 3; i++) send_raw(s->raw, frames[i], sizes[i], i < 2);
+    assert_int_equal(receive(s->router, true, &message, &received).code, RESULT_OK);
+    assert_int_equal(message.payload_count, 2);
+    wire_free(&message);
 }
 
 static void bad_headers_are_errors(void **state)
@@ -172,6 +225,8 @@ static void bad_headers_are_errors(void **state)
                {"LMIL\4", 5},
                {"LMIX\1\10\1", 7},
                {"LMIL\4\10\1", 7},
+               {"LMIL\4\0\0\0\0", 9},
+               {"LMIL\4\0\0\0\0\10\1", 11},
                {"LMIL\2\377\377\377", 8},
                {"GET / HTTP/1.1\r\n\r\n", 18}};
     for (size_t i = 0; i < ARRAY_LENGTH(bad); i++) {
@@ -275,16 +330,17 @@ static void too_many_units_are_errors(void **state)
     free(batch.units);
     /* A megabyte of empty units would take forty: the decoder stops at its budget. */
     size_t size = WIRE_MAX_HEADER - 16;
-    uint8_t *bytes = mem_alloc(size);
+    uint8_t *bytes = mem_alloc(size), *field = bytes + PEER_ENVELOPE_AT;
     memcpy(bytes, "LMIL\4", 5);
-    bytes[5] = 0x9A; /* field 19, batch_result */
-    bytes[6] = 0x01;
-    size_t inner = size - 10;
-    for (int i = 0; i < 3; i++) bytes[7 + i] = (uint8_t)((inner >> (7 * i) & 0x7F) | (i < 2 ? 0x80 : 0));
-    for (size_t i = 10; i + 1 < size; i += 2) {
-        bytes[i] = 0x22; /* field 4, units */
-        bytes[i + 1] = 0;
+    field[0] = 0x9A; /* field 19, batch_result */
+    field[1] = 0x01;
+    size_t inner = size - PEER_ENVELOPE_AT - 5;
+    for (int i = 0; i < 3; i++) field[2 + i] = (uint8_t)((inner >> (7 * i) & 0x7F) | (i < 2 ? 0x80 : 0));
+    for (size_t i = 5; i + 1 < inner + 5; i += 2) {
+        field[i] = 0x22; /* field 4, units */
+        field[i + 1] = 0;
     }
+    peer_seal(bytes, size, NULL, NULL, 0);
     send_raw(s->raw, bytes, size, false);
     expect_malformed(s);
     free(bytes);
@@ -319,6 +375,7 @@ static void random_and_truncated_headers_do_no_harm(void **state)
             random = random * 6364136223846793005u + 1442695040888963407u;
             copy[5 + (random >> 33) % (size - 5)] = (uint8_t)(random >> 20);
         }
+        if (i % 16 > 0) peer_seal(copy, length, NULL, NULL, 0);
         send_raw(s->raw, copy, length, false);
         wire_message_t message;
         bool received;
@@ -442,12 +499,14 @@ int main(void)
         WITH_SOCKETS(a_peer_that_is_gone_is_an_error),
         WITH_SOCKETS(a_full_queue_is_an_error),
         WITH_SOCKETS(bad_headers_are_errors),
+        WITH_SOCKETS(a_damaged_message_is_an_error),
         WITH_SOCKETS(another_version_is_named),
         WITH_SOCKETS(too_many_payloads_are_errors),
         WITH_SOCKETS(long_strings_are_errors_and_control_characters_go),
         WITH_SOCKETS(too_many_units_are_errors),
         WITH_SOCKETS(random_and_truncated_headers_do_no_harm),
         WITH_SOCKETS(a_frame_over_the_limit_drops_the_connection),
+        cmocka_unit_test(the_checksum_is_crc_32c),
         cmocka_unit_test(settings_units_and_counts_are_checked),
     };
     return cmocka_run_group_tests_name("wire", tests, NULL, NULL);

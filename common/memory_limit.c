@@ -1,0 +1,67 @@
+/* memory_limit: see memory_limit.h. */
+#include "common/memory_limit.h"
+
+#include "common/base.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <unistd.h>
+
+#define UNKNOWN_MEMORY ((uint64_t)4 << 30)
+
+static uint64_t least(uint64_t a, uint64_t b)
+{
+    return a < b ? a : b;
+}
+
+/* The number in a file; UINT64_MAX when there is none ("max" among others). */
+static uint64_t read_limit(const char *path)
+{
+    char text[64] = "";
+    FILE *file = fopen(path, "re");
+    if (file == NULL) return UINT64_MAX;
+    char *line = fgets(text, sizeof text, file), *end = NULL;
+    fclose(file);
+    unsigned long long value = line != NULL ? strtoull(line, &end, 10) : 0;
+    return end != NULL && end != line && value > 0 ? value : UINT64_MAX;
+}
+
+/* The least limit of a group and those that it is in; `group` is a path from the hierarchy's root. */
+static uint64_t group_limit(char *group)
+{
+    uint64_t limit = UINT64_MAX;
+    for (;;) {
+        char *path = mem_printf("/sys/fs/cgroup%s/memory.max", group);
+        limit = least(limit, read_limit(path));
+        free(path);
+        char *slash = strrchr(group, '/');
+        if (slash == NULL) return limit;
+        *slash = '\0';
+    }
+}
+
+static uint64_t control_group_limit(void)
+{
+    uint64_t limit = read_limit("/sys/fs/cgroup/memory/memory.limit_in_bytes");
+    char line[4096];
+    FILE *file = fopen("/proc/self/cgroup", "re");
+    while (file != NULL && fgets(line, sizeof line, file) != NULL) {
+        if (strncmp(line, "0::/", 4) != 0) continue;
+        line[strcspn(line, "\n")] = '\0';
+        limit = least(limit, group_limit(line + 3));
+    }
+    if (file != NULL) fclose(file);
+    return limit;
+}
+
+uint64_t memory_limit(void)
+{
+    long pages = sysconf(_SC_PHYS_PAGES), size = sysconf(_SC_PAGESIZE);
+    uint64_t limit = pages > 0 && size > 0 ? (uint64_t)pages * (uint64_t)size : UNKNOWN_MEMORY;
+    struct rlimit space;
+    if (getrlimit(RLIMIT_AS, &space) == 0 && space.rlim_cur != RLIM_INFINITY)
+        limit = least(limit, space.rlim_cur);
+    return least(limit, control_group_limit());
+}

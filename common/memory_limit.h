@@ -1,0 +1,11 @@
+/* memory_limit: how much memory this process may use. */
+#ifndef LIGHTMILL_MEMORY_LIMIT_H
+#define LIGHTMILL_MEMORY_LIMIT_H
+
+#include <stdint.h>
+
+/* Bytes: the machine's memory, or less where a container, a batch system (control groups, version 1 or 2) or
+ * a resource limit says so. */
+uint64_t memory_limit(void);
+
+#endif

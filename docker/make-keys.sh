@@ -1,0 +1,20 @@
+#!/bin/sh
+# Makes the keys of a farm in containers, once: docker/keys with those of the master, of its workers and of a client, and
+# the list of whom the master admits. `lightmill` is the program, or a container of the client image.
+#
+# usage: docker/make-keys.sh [DIRECTORY]
+set -eu
+here=$(dirname "$0")
+keys=${1:-$here/keys}
+lightmill=${LIGHTMILL:-$here/../build/lightmill}
+[ ! -e "$keys/allow" ] || { echo "$keys has keys already" >&2; exit 1; }
+mkdir -p "$keys"
+chmod 700 "$keys"
+for name in master worker client; do $lightmill keygen "$name" --out "$keys"; done
+{
+    echo "# who may use this farm: RIGHT KEY NAME"
+    echo "worker $(sed -n 's/^public //p' "$keys/worker.key") workers"
+    echo "client $(sed -n 's/^public //p' "$keys/client.key") client"
+} >"$keys/allow"
+# The containers' user reads the secrets; the directory keeps them from other users of this machine.
+if [ "$(id -u)" = 0 ]; then chown 10001:10001 "$keys"/*.secret; else chmod 644 "$keys"/*.secret; fi

@@ -1,0 +1,347 @@
+/* pool: see pool.h.
+ *
+ * DESIGN. The samples of a job that are here are in its ledger: free, out with a worker, or summed. A batch
+ * of a worker is decoded, accepted into the ledger whole or refused whole, and added to the open sum. At the
+ * interval that the master wishes, the open sum is offered upward, closed when that is granted (until then it
+ * grows), and leaves memory and ledger when the master has answered. So a unit is forwarded once; if the
+ * master gives it out again, because it refused the sum or lost its data, it is a new unit here.
+ *
+ * One lock guards all of it and is held for moments. Sums have a lock of their own (adding), since adding a
+ * frame takes many milliseconds; it is taken before the pool's. Batches of one job are decoded by several
+ * threads at once, and added one after the other.
+ *
+ * Back-pressure: sums have a limit. When it is reached, because the master does not grant, batches of the
+ * workers are not granted either, and these let theirs grow.
+ *
+ * Units pass through as they are. So that a sum has few of them, larger ones are asked for than the workers
+ * would: UNIT_FACTOR.
+ *
+ * This file has the pool itself, its notices and its clock; pool_workers.c the workers and their batches,
+ * pool_crew.c what the master says and gets. */
+#include "relay/pool_state.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+enum { CLOCK_GAP = 2, KEEP_SCENE = 60 }; /* seconds */
+#define SUMS_LIMIT ((uint64_t)1 << 30)   /* bytes, or a quarter of the memory */
+
+void pool_lock(pool_t *pool)
+{
+    pthread_mutex_lock(&pool->lock);
+}
+
+void pool_unlock(pool_t *pool)
+{
+    pthread_mutex_unlock(&pool->lock);
+}
+
+void pool_wake(int event)
+{
+    uint64_t one = 1;
+    if (write(event, &one, sizeof one) != sizeof one) log_debug("an eventfd is full");
+}
+
+pool_t *pool_new(const pool_options_t *options)
+{
+    pool_t *pool = mem_zalloc(1, sizeof *pool);
+    pool->options = *options;
+    pool->uplink_interval = options->batch_interval;
+    pthread_mutex_init(&pool->lock, NULL);
+    return pool;
+}
+
+static void free_sum(sum_t *sum)
+{
+    if (sum == NULL) return;
+    batch_free(&sum->batch);
+    free(sum);
+}
+
+static void free_job(relay_job_t *job)
+{
+    while (job->errand_count > 0) pool_errand_remove(job, 0);
+    free(job->errands);
+    for (sum_t *sum = job->sums; sum != NULL;) {
+        sum_t *next = sum->next;
+        free_sum(sum);
+        sum = next;
+    }
+    free_sum(job->under_way);
+    ledger_free(&job->ledger);
+    blob_close(&job->blob);
+    pthread_mutex_destroy(&job->adding);
+    free(job);
+}
+
+void pool_destroy(pool_t **pool_pointer)
+{
+    pool_t *pool = *pool_pointer;
+    if (pool == NULL) return;
+    for (size_t i = 0; i < pool->job_count; i++) free_job(pool->jobs[i]);
+    pthread_mutex_destroy(&pool->lock);
+    free(pool->members);
+    free(pool->notices);
+    free(pool);
+    *pool_pointer = NULL;
+}
+
+/* ---- finding things ------------------------------------------------------------------------------------ */
+
+relay_job_t *pool_find_job(pool_t *pool, uint64_t id)
+{
+    for (size_t i = 0; i < pool->job_count; i++)
+        if (pool->jobs[i]->id == id && !pool->jobs[i]->gone) return pool->jobs[i];
+    return NULL;
+}
+
+member_t *pool_find_member(pool_t *pool, uint64_t id)
+{
+    for (size_t i = 0; i < pool->member_count; i++)
+        if (pool->members[i].id == id) return &pool->members[i];
+    return NULL;
+}
+
+/* ---- notices ------------------------------------------------------------------------------------------- */
+
+static void notify(pool_t *pool, uint64_t worker, uint64_t job, bool flush)
+{
+    if (pool->notice_count == pool->notice_capacity) {
+        pool->notice_capacity = 2 * pool->notice_capacity + 16;
+        pool->notices = mem_realloc(pool->notices, pool->notice_capacity * sizeof *pool->notices);
+    }
+    pool->notices[pool->notice_count++] = (pool_notice_t){worker, job, flush};
+    pool_wake(pool->options.notice_wake);
+}
+
+static bool has_work(const relay_job_t *job)
+{
+    if (!job->loaded || job->over || job->gone) return false;
+    for (size_t i = 0; i < job->errand_count; i++)
+        if (job->errands[i]->worker == 0 && !job->errands[i]->done) return true;
+    return unit_queue_length(&job->ledger.free) > 0;
+}
+
+void pool_notify_idle(pool_t *pool)
+{
+    bool work = false;
+    for (size_t i = 0; i < pool->job_count && !work; i++) work = has_work(pool->jobs[i]);
+    for (size_t i = 0; work && i < pool->member_count; i++) {
+        if (!pool->members[i].idle) continue;
+        pool->members[i].idle = false;
+        notify(pool, pool->members[i].id, 0, false);
+    }
+}
+
+static bool has_errand(const relay_job_t *job, uint64_t worker)
+{
+    for (size_t i = 0; i < job->errand_count; i++)
+        if (job->errands[i]->worker == worker) return true;
+    return false;
+}
+
+void pool_notify_over(pool_t *pool, const relay_job_t *job, bool flush)
+{
+    for (size_t i = 0; i < pool->member_count; i++) {
+        const member_t *member = &pool->members[i];
+        if (member->job == job->id || ledger_held(&job->ledger, member->id) > 0 ||
+            has_errand(job, member->id))
+            notify(pool, member->id, job->id, flush);
+    }
+}
+
+bool pool_next_notice(pool_t *pool, notice_t *notice)
+{
+    bool found = false;
+    pool_lock(pool);
+    while (!found && pool->notice_count > 0) {
+        pool_notice_t pending = pool->notices[0];
+        memmove(pool->notices, pool->notices + 1, --pool->notice_count * sizeof *pool->notices);
+        const member_t *member = pool_find_member(pool, pending.worker);
+        found = member != NULL;
+        if (found) *notice = (notice_t){member->identity, pending.job, pending.flush};
+    }
+    pool_unlock(pool);
+    return found;
+}
+
+/* ---- jobs ---------------------------------------------------------------------------------------------- */
+
+bool pool_job_empty(const relay_job_t *job)
+{
+    return ledger_units(&job->ledger) == 0 && job->errand_count == 0 && job->sums == NULL &&
+           job->under_way == NULL && job->merging == 0;
+}
+
+bool pool_empty(const pool_t *pool)
+{
+    for (size_t i = 0; i < pool->job_count; i++)
+        if (!pool->jobs[i]->gone && !pool_job_empty(pool->jobs[i])) return false;
+    return true;
+}
+
+size_t pool_job_bytes(const relay_job_t *job)
+{
+    size_t bytes = 0;
+    for (const sum_t *sum = job->sums; sum != NULL; sum = sum->next) bytes += sum->bytes;
+    return bytes;
+}
+
+uint64_t pool_bytes_limit(const pool_t *pool)
+{
+    uint64_t share = pool->options.memory / 4;
+    return share < SUMS_LIMIT ? share : SUMS_LIMIT;
+}
+
+size_t pool_take_back(relay_job_t *job, uint64_t worker)
+{
+    size_t units = ledger_return(&job->ledger, worker);
+    for (size_t i = 0; i < job->errand_count; i++) {
+        errand_t *errand = job->errands[i];
+        if (errand->worker != worker || errand->done) continue;
+        errand->worker = 0;
+        units += errand->count;
+    }
+    if (job->over) ledger_drop_free(&job->ledger);
+    return units;
+}
+
+void pool_errand_remove(relay_job_t *job, size_t index)
+{
+    errand_t *errand = job->errands[index];
+    free(errand->units);
+    batch_free(&errand->batch);
+    free(errand);
+    memmove(job->errands + index, job->errands + index + 1,
+            (--job->errand_count - index) * sizeof(errand_t *));
+}
+
+void pool_drop_job(pool_t *pool, relay_job_t *job)
+{
+    pool_notify_over(pool, job, false);
+    job->over = job->gone = true;
+    job->flush = false;
+    pool_wake(pool->options.bulk_wake);
+}
+
+void pool_sweep(pool_t *pool)
+{
+    size_t kept = 0;
+    for (size_t i = 0; i < pool->job_count; i++) {
+        relay_job_t *job = pool->jobs[i];
+        bool busy = job->users > 0 || job->under_way != NULL;
+        for (size_t e = 0; e < job->errand_count; e++) busy = busy || job->errands[e]->under_way;
+        if (job->gone && !busy)
+            free_job(job);
+        else
+            pool->jobs[kept++] = job;
+    }
+    pool->job_count = kept;
+}
+
+/* ---- time ---------------------------------------------------------------------------------------------- */
+
+/* What workers have not sent of a job in time is not waited for. */
+static void end_flush(pool_t *pool, relay_job_t *job)
+{
+    for (size_t i = 0; i < pool->member_count; i++) ledger_return(&job->ledger, pool->members[i].id);
+    ledger_drop_free(&job->ledger);
+    job->flush_until = 0;
+    pool_wake(pool->options.bulk_wake);
+}
+
+size_t pool_remove_member(pool_t *pool, double now, member_t *member)
+{
+    uint64_t id = member->id;
+    size_t units = 0;
+    *member = pool->members[--pool->member_count];
+    if (pool->member_count == 0) pool->deserted = now;
+    for (size_t i = 0; i < pool->job_count; i++) units += pool_take_back(pool->jobs[i], id);
+    pool_notify_idle(pool);
+    pool_wake(pool->options.control_wake);
+    pool_wake(pool->options.bulk_wake);
+    return units;
+}
+
+/* No worker came for so long that the units are better off with the master. */
+static void give_units_up(pool_t *pool)
+{
+    for (size_t i = 0; i < pool->job_count; i++) {
+        relay_job_t *job = pool->jobs[i];
+        ledger_drop_free(&job->ledger);
+        for (size_t e = job->errand_count; e-- > 0;)
+            if (!job->errands[e]->done) pool_errand_remove(job, e);
+    }
+    pool_wake(pool->options.control_wake);
+}
+
+static void give_up_silent(pool_t *pool, double now)
+{
+    for (size_t i = 0; i < pool->member_count;) {
+        member_t *member = &pool->members[i];
+        double silent = now - member->last_seen;
+        if (silent <= pool->options.lease) {
+            i++;
+            continue;
+        }
+        char name[FARM_MAX_NAME + 1];
+        snprintf(name, sizeof name, "%s", member->name);
+        size_t units = pool_remove_member(pool, now, member);
+        log_info("worker %s was silent for %.1f s and is given up; %zu units go to others", name, silent,
+                 units);
+    }
+}
+
+void pool_tick(pool_t *pool, double now)
+{
+    pool_lock(pool);
+    /* If this process was stopped, or the machine asleep, the silence was ours. */
+    double gap = pool->last_tick > 0 ? now - pool->last_tick : 0;
+    pool->last_tick = now;
+    for (size_t i = 0; gap > CLOCK_GAP && i < pool->member_count; i++) pool->members[i].last_seen += gap;
+    give_up_silent(pool, now);
+    if (pool->member_count == 0 && now - pool->deserted > pool->options.lease) give_units_up(pool);
+    for (size_t i = 0; i < pool->job_count; i++) {
+        relay_job_t *job = pool->jobs[i];
+        if (job->flush && job->flush_until > 0 && now >= job->flush_until) end_flush(pool, job);
+        if (!pool_job_empty(job)) job->last_used = now;
+        bool newest = i + 1 == pool->job_count;
+        if (!newest && !job->gone && now - job->last_used > KEEP_SCENE) pool_drop_job(pool, job);
+    }
+    pool_sweep(pool);
+    pool_unlock(pool);
+}
+
+/* ---- scenes -------------------------------------------------------------------------------------------- */
+
+static relay_job_t *job_with_blob(pool_t *pool, const hash_t *hash)
+{
+    for (size_t i = 0; i < pool->job_count; i++)
+        if (pool->jobs[i]->loaded && hash_equal(&pool->jobs[i]->blob_hash, hash)) return pool->jobs[i];
+    return NULL;
+}
+
+result_t pool_blob_size(pool_t *pool, const hash_t *hash, uint64_t *size)
+{
+    pool_lock(pool);
+    const relay_job_t *job = job_with_blob(pool, hash);
+    if (job != NULL) *size = job->blob.size;
+    pool_unlock(pool);
+    return job != NULL ? result_ok() : result_fail(RESULT_INPUT, "this relay does not have the blob now");
+}
+
+result_t pool_blob_read(pool_t *pool, const hash_t *hash, uint64_t offset, void *bytes, size_t length)
+{
+    pool_lock(pool);
+    relay_job_t *job = job_with_blob(pool, hash);
+    if (job != NULL) job->users++;
+    pool_unlock(pool);
+    if (job == NULL) return result_fail(RESULT_INPUT, "this relay does not have the blob now");
+    memcpy(bytes, (const uint8_t *)job->blob.bytes + offset, length);
+    pool_lock(pool);
+    job->users--;
+    pool_unlock(pool);
+    return result_ok();
+}

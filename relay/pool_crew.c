@@ -1,0 +1,435 @@
+/* pool_crew: what the master above says, and what it gets (see worker/crew.h and the note in pool.c). */
+#include "relay/pool_state.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+enum {
+    HOLD_UNITS = 5,  /* good units for each thread that are to be here, free; ours make them of 0.4 s */
+    UNIT_FACTOR = 3, /* so many times larger ones are asked for than a worker would */
+    MIN_UNIT_SAMPLES = 256
+};
+static const double FLUSH_SHARE = 0.4; /* of the batch interval is waited for the workers' last batches, */
+static const double MIN_FLUSH = 0.5, MAX_FLUSH = 4; /* within these seconds */
+
+/* ---- news from the master ----------------------------------------------------------------------------- */
+
+/* Makes room for one more job; false when all are in use. */
+static bool make_room(pool_t *pool)
+{
+    pool_sweep(pool);
+    for (size_t i = 0; pool->job_count == POOL_MAX_JOBS && i < pool->job_count; i++) {
+        if (!pool_job_empty(pool->jobs[i])) continue;
+        pool_drop_job(pool, pool->jobs[i]);
+        pool_sweep(pool);
+    }
+    return pool->job_count < POOL_MAX_JOBS;
+}
+
+/* The job of an assignment; a number alone does not make it the same (worker/workshop_state.h). NULL when
+ * there is no room: the master gives the units to others in time. */
+static relay_job_t *job_of(pool_t *pool, const assignment_t *assignment)
+{
+    relay_job_t *job = pool_find_job(pool, assignment->job);
+    if (job != NULL && hash_equal(&job->content, &assignment->content)) return job;
+    if (job != NULL) pool_drop_job(pool, job);
+    if (!make_room(pool)) return NULL;
+    job = mem_zalloc(1, sizeof *job);
+    job->id = assignment->job;
+    job->content = assignment->content;
+    job->settings = assignment->settings;
+    job->blob_hash = assignment->blob;
+    job->blob_size = assignment->blob_size;
+    job->last_used = clock_now();
+    pthread_mutex_init(&job->adding, NULL);
+    ledger_init(&job->ledger, &assignment->settings);
+    pool->jobs[pool->job_count++] = job;
+    return job;
+}
+
+static void add_errand(relay_job_t *job, const assignment_t *assignment)
+{
+    errand_t *errand = mem_zalloc(1, sizeof *errand);
+    errand->number = assignment->check;
+    errand->units = mem_alloc((assignment->unit_count + 1) * sizeof *errand->units);
+    errand->count = assignment->unit_count;
+    memcpy(errand->units, assignment->units, errand->count * sizeof *errand->units);
+    job->errands = mem_realloc(job->errands, (job->errand_count + 1) * sizeof(errand_t *));
+    job->errands[job->errand_count++] = errand;
+}
+
+static void assign(void *self, const assignment_t *assignment)
+{
+    pool_t *pool = self;
+    pool_lock(pool);
+    pool->no_more = false;
+    relay_job_t *job = pool->draining || assignment->unit_count == 0 ? NULL : job_of(pool, assignment);
+    if (job != NULL) {
+        job->settings = assignment->settings; /* the number of samples may have been extended */
+        job->over = job->flush = false;
+        if (assignment->check != 0)
+            add_errand(job, assignment);
+        else
+            ledger_put(&job->ledger, assignment->units, assignment->unit_count);
+        pool_notify_idle(pool);
+        pool_wake(pool->options.bulk_wake);
+    }
+    pool_unlock(pool);
+    free(assignment->units);
+}
+
+static void no_more(void *self)
+{
+    pool_t *pool = self;
+    pool_lock(pool);
+    pool->no_more = true;
+    pool_unlock(pool);
+    pool_wake(pool->options.bulk_wake);
+}
+
+/* Drops the checks that the bulk thread does not have. */
+static void drop_errands(relay_job_t *job)
+{
+    for (size_t i = job->errand_count; i-- > 0;)
+        if (!job->errands[i]->under_way) pool_errand_remove(job, i);
+}
+
+/* Calls in what the workers have rendered of a job, for `seconds`. */
+static void begin_flush(pool_t *pool, relay_job_t *job, double seconds)
+{
+    pool_notify_over(pool, job, true);
+    job->over = job->flush = true;
+    job->flush_until = clock_now() + seconds;
+    ledger_drop_free(&job->ledger);
+    drop_errands(job);
+}
+
+static double clamp(double value, double least, double most)
+{
+    return value < least ? least : value > most ? most : value;
+}
+
+static void job_over(void *self, uint64_t id, bool flush)
+{
+    pool_t *pool = self;
+    pool_lock(pool);
+    relay_job_t *job = pool_find_job(pool, id);
+    if (job != NULL && flush)
+        begin_flush(pool, job, clamp(FLUSH_SHARE * pool->uplink_interval, MIN_FLUSH, MAX_FLUSH));
+    else if (job != NULL)
+        pool_drop_job(pool, job);
+    pool_unlock(pool);
+    pool_wake(pool->options.bulk_wake);
+}
+
+static void forget(void *self)
+{
+    pool_t *pool = self;
+    pool_lock(pool);
+    for (size_t i = 0; i < pool->job_count; i++) {
+        relay_job_t *job = pool->jobs[i];
+        ledger_drop_free(&job->ledger);
+        drop_errands(job);
+        job->hurry = true;
+    }
+    pool_unlock(pool);
+    pool_wake(pool->options.bulk_wake);
+}
+
+static size_t kept(void *self, uint64_t id, unit_t *units, size_t capacity)
+{
+    pool_t *pool = self;
+    pool_lock(pool);
+    const relay_job_t *job = pool_find_job(pool, id);
+    size_t count = job != NULL ? ledger_list(&job->ledger, units, capacity) : 0;
+    pool_unlock(pool);
+    return count;
+}
+
+/* The workers cannot deliver to anybody when the relay is gone: what they have finished is called in now. */
+static void drain(void *self)
+{
+    const double as_long_as_it_takes = 1e9;
+    pool_t *pool = self;
+    pool_lock(pool);
+    pool->draining = true;
+    for (size_t i = 0; i < pool->job_count; i++) begin_flush(pool, pool->jobs[i], as_long_as_it_takes);
+    pool_unlock(pool);
+    pool_wake(pool->options.bulk_wake);
+}
+
+static void give_up(void *self)
+{
+    pool_t *pool = self;
+    pool_lock(pool);
+    for (size_t i = 0; i < pool->job_count; i++) pool->jobs[i]->flush_until = clock_now();
+    pool_unlock(pool);
+}
+
+static void clear_failure(void *self)
+{
+    pool_t *pool = self;
+    pool_lock(pool);
+    pool->failure = result_ok();
+    pool_unlock(pool);
+}
+
+/* ---- state -------------------------------------------------------------------------------------------- */
+
+/* Pixel samples to ask for, and of a good unit. */
+static void add_wishes(const pool_t *pool, crew_state_t *state)
+{
+    double units = 0, threads = 0, free_samples = 0;
+    size_t held = 0;
+    for (size_t i = 0; i < pool->member_count; i++) {
+        const member_t *member = &pool->members[i];
+        threads += member->threads;
+        units += (double)member->threads *
+                 clamp((double)member->unit_samples, MIN_UNIT_SAMPLES, (double)JOB_MAX_PIXELS);
+    }
+    for (size_t i = 0; i < pool->job_count; i++) {
+        const relay_job_t *job = pool->jobs[i];
+        if (job->gone) continue;
+        held += ledger_units(&job->ledger);
+        free_samples += (double)job->ledger.free.samples;
+    }
+    if (threads == 0) return;
+    double hold = HOLD_UNITS * units;
+    state->unit_samples = (uint64_t)(UNIT_FACTOR * units / threads);
+    if (pool->draining || pool->failure.code != RESULT_OK || held >= POOL_MAX_UNITS) return;
+    if (free_samples < 0.5 * hold) state->samples = (uint64_t)(hold - free_samples);
+}
+
+static crew_state_t state(void *self)
+{
+    pool_t *pool = self;
+    crew_state_t s = {0};
+    pool_lock(pool);
+    s.ready = pool->member_count > 0 || !pool_empty(pool);
+    s.fingerprint = pool->group;
+    for (size_t i = 0; i < pool->member_count; i++) s.threads += pool->members[i].threads;
+    for (size_t i = 0; i < pool->job_count; i++) {
+        const relay_job_t *job = pool->jobs[i];
+        if (job->gone) continue;
+        s.job = job->id;
+        s.content = job->content;
+        s.units_held += (uint32_t)ledger_units(&job->ledger);
+        s.rendering += (uint32_t)job->ledger.out_count;
+        for (size_t e = 0; e < job->errand_count; e++) s.units_held += (uint32_t)job->errands[e]->count;
+    }
+    s.idle = pool_empty(pool);
+    s.failure = pool->failure;
+    s.failed = pool->failed;
+    add_wishes(pool, &s);
+    pool_unlock(pool);
+    return s;
+}
+
+/* ---- duties of the bulk thread ------------------------------------------------------------------------ */
+
+/* Two splat frames must fit into memory with something to spare. */
+static result_t check_memory(const pool_t *pool, const relay_job_t *job)
+{
+    double need = 2.0 * (double)sizeof(int64_t) * (double)batch_splat_values(&job->settings);
+    double have = (double)pool->options.memory;
+    if (need < 0.5 * have) return result_ok();
+    return result_fail(RESULT_LIMIT, "an image of %d x %d takes %.1f GB of sums; the relay has %.1f GB",
+                       job->settings.width, job->settings.height, 1e-9 * need, 1e-9 * have);
+}
+
+/* Nothing will be added to the sums of a job for now. */
+static bool nothing_coming(const pool_t *pool, const relay_job_t *job)
+{
+    return (pool->no_more || job->over || pool->member_count == 0) &&
+           unit_queue_length(&job->ledger.free) == 0 && job->ledger.out_count == 0 && job->merging == 0;
+}
+
+static void set_offer(const relay_job_t *job, uint64_t check, size_t bytes, duty_t *duty)
+{
+    duty->kind = DUTY_OFFER;
+    duty->offer = (offer_t){.job = job->id, .check = check, .content = job->content, .bytes = bytes};
+}
+
+/* Finds what is to be sent of a job. */
+static void find_offer(const pool_t *pool, const relay_job_t *job, duty_t *duty)
+{
+    if (job->gone || (job->over && !job->flush)) return;
+    for (size_t i = 0; i < job->errand_count; i++)
+        if (job->errands[i]->done)
+            set_offer(job, job->errands[i]->number, batch_bytes(&job->errands[i]->batch), duty);
+    const sum_t *sum = job->sums;
+    if (duty->kind != DUTY_NONE || sum == NULL || sum->units == 0) return;
+    double wait = sum->since + pool->uplink_interval - clock_now();
+    bool full = sum->next != NULL || sum->units >= SUM_READY_UNITS || sum->bytes >= pool_bytes_limit(pool);
+    if (wait <= 0 || full || job->hurry || nothing_coming(pool, job))
+        set_offer(job, 0, sum->bytes, duty);
+    else if (wait < duty->wait)
+        duty->wait = wait;
+}
+
+static duty_t find_duty(void *self, double batch_interval)
+{
+    pool_t *pool = self;
+    duty_t duty = {.kind = DUTY_NONE, .wait = 1};
+    pool_lock(pool);
+    pool->uplink_interval = batch_interval;
+    pool_sweep(pool);
+    for (size_t i = 0; i < pool->job_count && duty.kind == DUTY_NONE; i++) {
+        relay_job_t *job = pool->jobs[i];
+        if (job->loaded || job->over) {
+            find_offer(pool, job, &duty);
+            continue;
+        }
+        result_t memory = check_memory(pool, job);
+        if (memory.code == RESULT_OK) {
+            duty.kind = DUTY_LOAD;
+            duty.assignment = (assignment_t){.job = job->id,
+                                             .settings = job->settings,
+                                             .blob = job->blob_hash,
+                                             .blob_size = job->blob_size,
+                                             .content = job->content};
+        } else {
+            pool->failure = memory;
+            pool->failed = job->id;
+            pool_drop_job(pool, job);
+            pool_wake(pool->options.control_wake);
+        }
+    }
+    pool_unlock(pool);
+    return duty;
+}
+
+static bool unwanted(void *self, uint64_t id)
+{
+    pool_t *pool = self;
+    pool_lock(pool);
+    const relay_job_t *job = pool_find_job(pool, id);
+    bool wanted = job != NULL && !(job->over && (!job->flush || !job->loaded));
+    pool_unlock(pool);
+    return !wanted;
+}
+
+static result_t loaded(void *self, uint64_t id, scene_blob_t *blob)
+{
+    pool_t *pool = self;
+    pool_lock(pool);
+    relay_job_t *job = pool_find_job(pool, id);
+    if (job == NULL || job->loaded) {
+        pool_unlock(pool);
+        blob_close(blob);
+        return result_fail(RESULT_CANCELLED, "the job is over");
+    }
+    job->blob = *blob;
+    job->loaded = true;
+    pool_notify_idle(pool);
+    pool_unlock(pool);
+    return result_ok();
+}
+
+static void refuse(void *self, uint64_t id, result_t why)
+{
+    pool_t *pool = self;
+    pool_lock(pool);
+    relay_job_t *job = pool_find_job(pool, id);
+    if (job != NULL) pool_drop_job(pool, job);
+    pool->failure = why;
+    pool->failed = id;
+    pool_unlock(pool);
+    pool_wake(pool->options.control_wake);
+}
+
+/* Takes the first sum; NULL when there is none. No lock held. */
+static const batch_t *close_sum(pool_t *pool, relay_job_t *job)
+{
+    const batch_t *batch = NULL;
+    pthread_mutex_lock(&job->adding); /* waits until a batch that is being added is in */
+    pool_lock(pool);
+    if (job->sums != NULL && job->sums->units > 0 && (!job->over || job->flush)) {
+        job->under_way = job->sums;
+        job->sums = job->sums->next;
+        job->under_way->next = NULL;
+        if (job->sums == NULL) job->hurry = false;
+        batch = &job->under_way->batch;
+    }
+    pool_unlock(pool);
+    pthread_mutex_unlock(&job->adding);
+    return batch;
+}
+
+static const batch_t *close_errand(relay_job_t *job, uint64_t number)
+{
+    for (size_t i = 0; i < job->errand_count; i++) {
+        if (job->errands[i]->number != number || !job->errands[i]->done) continue;
+        job->errands[i]->under_way = true;
+        return &job->errands[i]->batch;
+    }
+    return NULL;
+}
+
+static closed_batch_t close_batch(void *self, const offer_t *offer)
+{
+    pool_t *pool = self;
+    closed_batch_t closed = {.offer = *offer};
+    pool_lock(pool);
+    relay_job_t *job = pool_find_job(pool, offer->job);
+    if (job != NULL) job->users++;
+    if (job != NULL && offer->check != 0) closed.batch = close_errand(job, offer->check);
+    closed.sequence = ++pool->sequence;
+    pool_unlock(pool);
+    if (job == NULL) return closed;
+    if (offer->check == 0) closed.batch = close_sum(pool, job);
+    pool_lock(pool);
+    job->users--;
+    pool_unlock(pool);
+    return closed;
+}
+
+/* Lets go of what was sent of a job, if it was of this one. Lock held; the sum is the caller's to free. */
+static sum_t *settle(relay_job_t *job, const closed_batch_t *closed)
+{
+    for (size_t i = 0; i < job->errand_count; i++)
+        if (&job->errands[i]->batch == closed->batch) {
+            pool_errand_remove(job, i);
+            return NULL;
+        }
+    if (job->under_way == NULL || &job->under_way->batch != closed->batch) return NULL;
+    sum_t *sum = job->under_way;
+    ledger_settle(&job->ledger, sum->batch.units, sum->batch.unit_count);
+    job->under_way = NULL;
+    return sum;
+}
+
+static void sent(void *self, const closed_batch_t *closed, bool counted)
+{
+    pool_t *pool = self;
+    sum_t *sum = NULL;
+    (void)counted; /* what was refused, the master gives out again */
+    pool_lock(pool);
+    for (size_t i = 0; i < pool->job_count && sum == NULL; i++) sum = settle(pool->jobs[i], closed);
+    pool_sweep(pool);
+    pool_unlock(pool);
+    if (sum != NULL) batch_free(&sum->batch);
+    free(sum);
+    pool_wake(pool->options.control_wake);
+    pool_wake(pool->options.grant_wake);
+}
+
+crew_t pool_crew(pool_t *pool)
+{
+    static const crew_calls_t calls = {.assign = assign,
+                                       .no_more = no_more,
+                                       .job_over = job_over,
+                                       .forget = forget,
+                                       .kept = kept,
+                                       .drain = drain,
+                                       .give_up = give_up,
+                                       .clear_failure = clear_failure,
+                                       .state = state,
+                                       .duty = find_duty,
+                                       .unwanted = unwanted,
+                                       .loaded = loaded,
+                                       .refuse = refuse,
+                                       .close = close_batch,
+                                       .sent = sent};
+    return (crew_t){&calls, pool};
+}

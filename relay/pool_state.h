@@ -1,0 +1,133 @@
+/* pool_state: what the pool is made of, for pool*.c alone. Everything here is guarded by the pool's lock and
+ * called under it, unless it says otherwise. */
+#ifndef LIGHTMILL_POOL_STATE_H
+#define LIGHTMILL_POOL_STATE_H
+
+#include "relay/ledger.h"
+#include "relay/pool.h"
+
+#include <pthread.h>
+
+enum {
+    POOL_MAX_JOBS = 16,
+    SUM_READY_UNITS = WIRE_MAX_UNITS / 4, /* a sum is offered when it has so many units, */
+    SUM_MAX_UNITS = WIRE_MAX_UNITS,       /* and cannot have more than this */
+    POOL_MAX_UNITS = WIRE_MAX_UNITS       /* no more is asked for when so many are here */
+};
+
+/* A worker below. */
+typedef struct {
+    uint64_t id;
+    char name[FARM_MAX_NAME + 1];
+    identity_t identity;
+    uint32_t threads;
+    bool idle;             /* was told that there is no work */
+    double last_seen;      /* seconds */
+    double delivered;      /* when it last sent a batch, or was given units and had none */
+    uint64_t job;          /* that it has loaded or was assigned last */
+    uint64_t unit_samples; /* pixel samples of a unit that is good for it */
+} member_t;
+
+/* A check of the master's, passed on to one worker: its units make a batch of their own. */
+typedef struct {
+    uint64_t number;
+    unit_t *units;
+    size_t count;
+    uint64_t worker; /* that has it; 0: nobody */
+    bool done;       /* the batch is here */
+    bool under_way;  /* the bulk thread has it */
+    batch_t batch;
+} errand_t;
+
+/* A sum of batches. */
+typedef struct sum {
+    batch_t batch; /* under the job's `adding` lock */
+    double since;  /* seconds, when the first batch was added */
+    size_t units;  /* in the batch, */
+    size_t bytes;  /* and its size: as they were when the last one had been added */
+    struct sum *next;
+} sum_t;
+
+typedef struct {
+    uint64_t id;
+    hash_t content, blob_hash;
+    job_settings_t settings;
+    uint64_t blob_size;
+    bool loaded;       /* the blob is here */
+    scene_blob_t blob; /* mapped */
+    ledger_t ledger;
+    errand_t **errands;
+    size_t errand_count;
+    pthread_mutex_t adding;
+    sum_t *sums;      /* those that wait to be sent; the last one is open */
+    sum_t *under_way; /* that the bulk thread has */
+    bool over;        /* nothing more of it is handed out, */
+    bool flush;       /* but what was rendered is wanted */
+    double flush_until;
+    bool hurry;        /* the sums are wanted soon */
+    bool gone;         /* to be freed when nobody uses it */
+    int users;         /* threads that look at it without the pool's lock */
+    int merging;       /* batches that were accepted and are not in a sum yet */
+    uint32_t declines; /* workers that said they cannot render it */
+    bool delivered;    /* somebody could */
+    double last_used;  /* seconds */
+} relay_job_t;
+
+/* A notice by worker number. */
+typedef struct {
+    uint64_t worker, job;
+    bool flush;
+} pool_notice_t;
+
+struct pool {
+    pool_options_t options;
+    pthread_mutex_t lock;
+    relay_job_t *jobs[POOL_MAX_JOBS]; /* in the order in which they came */
+    size_t job_count;
+    member_t *members;
+    size_t member_count;
+    hash_t group;    /* the fingerprint of the members */
+    double deserted; /* seconds, when the last one went */
+    pool_notice_t *notices;
+    size_t notice_count, notice_capacity;
+    double uplink_interval; /* seconds between the batches that the master wants */
+    bool no_more, draining;
+    uint64_t sequence;
+    double last_tick;
+    result_t failure;
+    uint64_t failed; /* job */
+};
+
+void pool_lock(pool_t *pool);
+void pool_unlock(pool_t *pool);
+/* Writes an eventfd. */
+void pool_wake(int event);
+
+/* ---- pool.c ---- */
+
+/* NULL when there is none. */
+relay_job_t *pool_find_job(pool_t *pool, uint64_t id);
+member_t *pool_find_member(pool_t *pool, uint64_t id);
+/* Calls the idle workers when there is something to do. */
+void pool_notify_idle(pool_t *pool);
+/* Tells the workers that have a job that it is over. */
+void pool_notify_over(pool_t *pool, const relay_job_t *job, bool flush);
+/* Nothing of the job is here but its scene. */
+bool pool_job_empty(const relay_job_t *job);
+/* Nothing of any job is. */
+bool pool_empty(const pool_t *pool);
+/* Bytes of the job's sums. */
+size_t pool_job_bytes(const relay_job_t *job);
+/* Bytes that sums, or the tiles of one batch, may take. */
+uint64_t pool_bytes_limit(const pool_t *pool);
+/* What a worker has of a job is free again, or dropped if the job is over; returns the number of units. */
+size_t pool_take_back(relay_job_t *job, uint64_t worker);
+/* A worker is gone: what it has goes to others; returns the number of units. */
+size_t pool_remove_member(pool_t *pool, double now, member_t *member);
+/* Lets a job go: its workers are told. It is freed once nobody uses it. */
+void pool_drop_job(pool_t *pool, relay_job_t *job);
+/* Frees what is gone and not used. */
+void pool_sweep(pool_t *pool);
+void pool_errand_remove(relay_job_t *job, size_t index);
+
+#endif

@@ -1,0 +1,392 @@
+/* pool_workers: who works for the relay, what they are given and what they deliver (see pool.h). */
+#include "relay/pool_state.h"
+
+#include <math.h>
+#include <sodium.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum {
+    MAX_THREADS = 1 << 20, /* of one worker, which may be a relay */
+    STALL_BATCHES = 6,     /* batch intervals without a batch, after which others may have a worker's units */
+    MAX_DECLINES = 3       /* of a job that nobody has rendered any of */
+};
+
+/* ---- coming and going ---------------------------------------------------------------------------------- */
+
+/* A worker, which is hereby heard of. */
+static member_t *hear(pool_t *pool, double now, const identity_t *identity, uint64_t id)
+{
+    member_t *member = pool_find_member(pool, id);
+    if (member == NULL) return NULL;
+    member->last_seen = now;
+    member->identity = *identity;
+    return member;
+}
+
+static uint32_t limit_threads(uint32_t threads)
+{
+    return threads < 1 ? 1 : threads > MAX_THREADS ? MAX_THREADS : threads;
+}
+
+/* The first worker decides whose bits are made here, as long as it or a sum of such bits is here. */
+static result_t check_group(pool_t *pool, const hash_t *fingerprint)
+{
+    if (hash_equal(&pool->group, fingerprint)) return result_ok();
+    if (pool->member_count == 0 && pool_empty(pool)) {
+        pool->group = *fingerprint;
+        return result_ok();
+    }
+    char here[2 * HASH_BYTES + 1], there[2 * HASH_BYTES + 1];
+    hash_to_hex(&pool->group, here);
+    hash_to_hex(fingerprint, there);
+    return result_fail(
+        RESULT_MISMATCH,
+        "the workers of this relay make the bits %.8s, this machine makes %.8s, and a sum must "
+        "not mix them: let it dial the master, or a relay of its own kind",
+        here, there);
+}
+
+result_t pool_hello(pool_t *pool, double now, const identity_t *identity, const farm_hello_t *hello,
+                    uint64_t *worker)
+{
+    pool_lock(pool);
+    result_t result = check_group(pool, &hello->fingerprint);
+    if (result.code == RESULT_OK && pool->member_count == FARM_MAX_WORKERS)
+        result = result_fail(RESULT_LIMIT, "this relay has %d workers already", FARM_MAX_WORKERS);
+    if (result.code == RESULT_OK) {
+        pool->members = mem_realloc(pool->members, (pool->member_count + 1) * sizeof *pool->members);
+        member_t *member = &pool->members[pool->member_count++];
+        *member = (member_t){.identity = *identity,
+                             .threads = limit_threads(hello->threads),
+                             .last_seen = now,
+                             .delivered = now};
+        snprintf(member->name, sizeof member->name, "%s", hello->name[0] != '\0' ? hello->name : "(no name)");
+        while (member->id == 0) randombytes_buf(&member->id, sizeof member->id);
+        *worker = member->id;
+        log_info("worker %s joins with %u threads", member->name, member->threads);
+        pool_wake(pool->options.control_wake);
+    }
+    pool_unlock(pool);
+    return result;
+}
+
+/* A worker has nothing (more) to send of a job that is being flushed. */
+static void flushed(pool_t *pool, relay_job_t *job, uint64_t worker)
+{
+    if (ledger_return(&job->ledger, worker) == 0) return;
+    ledger_drop_free(&job->ledger);
+    pool_wake(pool->options.bulk_wake);
+}
+
+bool pool_heartbeat(pool_t *pool, double now, const identity_t *identity, uint64_t worker, uint64_t job,
+                    uint32_t units_held, uint32_t threads)
+{
+    pool_lock(pool);
+    member_t *member = hear(pool, now, identity, worker);
+    if (member != NULL) {
+        member->job = job;
+        if (threads > 0) member->threads = limit_threads(threads);
+        for (size_t i = 0; units_held == 0 && i < pool->job_count; i++)
+            if (pool->jobs[i]->flush) flushed(pool, pool->jobs[i], worker);
+    }
+    pool_unlock(pool);
+    return member != NULL;
+}
+
+/* A worker cannot render a job. Another may, but if nobody here can, the master has to know. */
+static void decline(pool_t *pool, relay_job_t *job, const char *worker, const char *reason)
+{
+    job->declines++;
+    bool all = job->declines >= MAX_DECLINES || job->declines > pool->member_count;
+    if (job->delivered || job->ledger.out_count > 0 || !all) return;
+    pool->failure = result_fail(
+        RESULT_INPUT, "none of the relay's workers can render it; %.100s says: %.300s", worker, reason);
+    pool->failed = job->id;
+    pool_drop_job(pool, job);
+    pool_wake(pool->options.control_wake);
+}
+
+void pool_goodbye(pool_t *pool, double now, uint64_t worker, uint64_t id, const char *reason)
+{
+    pool_lock(pool);
+    member_t *member = pool_find_member(pool, worker);
+    if (member != NULL) {
+        char name[FARM_MAX_NAME + 1];
+        size_t units = 0;
+        snprintf(name, sizeof name, "%s", member->name);
+        units = pool_remove_member(pool, now, member);
+        log_info("worker %s leaves%s%s; %zu units go to others", name, reason[0] != '\0' ? ": " : "", reason,
+                 units);
+        relay_job_t *job = pool_find_job(pool, id);
+        if (job != NULL) decline(pool, job, name, reason);
+    }
+    pool_unlock(pool);
+}
+
+/* ---- giving -------------------------------------------------------------------------------------------- */
+
+bool pool_job_settings(pool_t *pool, uint64_t id, job_settings_t *settings)
+{
+    pool_lock(pool);
+    const relay_job_t *job = pool_find_job(pool, id);
+    if (job != NULL) *settings = job->settings;
+    pool_unlock(pool);
+    return job != NULL;
+}
+
+void pool_claim(pool_t *pool, uint64_t worker, uint64_t id, const hash_t *content, const unit_t *units,
+                size_t count)
+{
+    pool_lock(pool);
+    relay_job_t *job = pool_find_job(pool, id);
+    if (job != NULL && !job->over && hash_equal(&job->content, content) &&
+        pool_find_member(pool, worker) != NULL)
+        for (size_t i = 0; i < count; i++) ledger_lend_unit(&job->ledger, worker, &units[i]);
+    pool_unlock(pool);
+}
+
+static void describe(const relay_job_t *job, farm_work_t *work)
+{
+    work->job = job->id;
+    work->settings = job->settings;
+    work->blob = job->blob_hash;
+    work->blob_size = job->blob_size;
+}
+
+/* A check that nobody has; false when there is none. */
+static bool take_errand(relay_job_t *job, uint64_t worker, farm_work_t *work)
+{
+    for (size_t i = 0; i < job->errand_count; i++) {
+        errand_t *errand = job->errands[i];
+        if (errand->worker != 0 || errand->done) continue;
+        errand->worker = worker;
+        memcpy(work->units, errand->units, errand->count * sizeof *work->units);
+        work->unit_count = errand->count;
+        work->check = errand->number;
+        return true;
+    }
+    return false;
+}
+
+static void take_from_job(relay_job_t *job, uint64_t worker, uint64_t samples, farm_work_t *work)
+{
+    if (!job->loaded || job->over || job->gone) return;
+    describe(job, work);
+    if (take_errand(job, worker, work)) return;
+    work->unit_count = ledger_lend(&job->ledger, worker, samples, work->units, WIRE_MAX_UNITS);
+}
+
+/* The job that the worker has loaded goes first, so that scenes are not changed more often than need be. */
+static void take_from_jobs(pool_t *pool, uint64_t worker, uint64_t loaded, uint64_t samples,
+                           farm_work_t *work)
+{
+    relay_job_t *job = pool_find_job(pool, loaded);
+    work->unit_count = 0;
+    work->check = 0;
+    if (job != NULL) take_from_job(job, worker, samples, work);
+    for (size_t i = 0; i < pool->job_count && work->unit_count == 0; i++)
+        take_from_job(pool->jobs[i], worker, samples, work);
+}
+
+static size_t units_of(const pool_t *pool, uint64_t worker)
+{
+    size_t units = 0;
+    for (size_t i = 0; i < pool->job_count; i++) units += ledger_held(&pool->jobs[i]->ledger, worker);
+    return units;
+}
+
+/* Somebody is idle: workers that live but have not delivered anything for long lose their units. True when
+ * any did. They may still deliver first. */
+static bool recall_stalled(pool_t *pool, double now, const member_t *idle)
+{
+    size_t recalled = 0;
+    for (size_t i = 0; i < pool->member_count; i++) {
+        const member_t *member = &pool->members[i];
+        double silent = now - member->delivered;
+        if (member == idle || silent <= STALL_BATCHES * pool->options.batch_interval) continue;
+        size_t units = 0;
+        for (size_t j = 0; j < pool->job_count; j++) units += pool_take_back(pool->jobs[j], member->id);
+        if (units > 0)
+            log_warning("worker %s has sent nothing for %.0f s: %zu units go to others", member->name, silent,
+                        units);
+        recalled += units;
+    }
+    return recalled > 0;
+}
+
+result_t pool_take(pool_t *pool, double now, const identity_t *identity, uint64_t worker, uint64_t loaded_job,
+                   uint64_t samples, uint64_t unit_samples, farm_work_t *work)
+{
+    pool_lock(pool);
+    member_t *member = hear(pool, now, identity, worker);
+    if (member == NULL) {
+        pool_unlock(pool);
+        return result_fail(RESULT_UNREACHABLE, "this relay does not know the worker: say hello again");
+    }
+    work->unit_count = 0;
+    member->unit_samples = unit_samples;
+    if (units_of(pool, worker) == 0) member->delivered = now;
+    if (!pool->draining) {
+        take_from_jobs(pool, worker, loaded_job, samples, work);
+        if (work->unit_count == 0 && recall_stalled(pool, now, member))
+            take_from_jobs(pool, worker, loaded_job, samples, work);
+    }
+    if (work->unit_count == 0) work->job = 0;
+    member->idle = work->unit_count == 0;
+    member->job = work->unit_count > 0 ? work->job : loaded_job;
+    pool_wake(pool->options.control_wake); /* more may be wanted from above */
+    pool_unlock(pool);
+    return result_ok();
+}
+
+/* ---- batches ------------------------------------------------------------------------------------------- */
+
+/* Whether a batch of this job is wanted at all. */
+static result_t check_wanted(pool_t *pool, uint64_t id, const ProtobufCBinaryData *content)
+{
+    const relay_job_t *job = pool_find_job(pool, id);
+    hash_t said;
+    if (job == NULL)
+        return result_fail(RESULT_INPUT, "this relay has no job %llu now", (unsigned long long)id);
+    if (content->len > 0 && (!wire_hash_get(content, &said) || !hash_equal(&said, &job->content)))
+        return result_fail(RESULT_INPUT, "job %llu is another one than the batch was rendered for",
+                           (unsigned long long)id);
+    if (job->over && !job->flush)
+        return result_fail(RESULT_CANCELLED, "job %llu is over", (unsigned long long)id);
+    return result_ok();
+}
+
+result_t pool_batch_wanted(pool_t *pool, uint64_t worker, uint64_t id, const ProtobufCBinaryData *content)
+{
+    pool_lock(pool);
+    result_t result = result_fail(RESULT_UNREACHABLE, "this relay does not know the worker: say hello again");
+    if (pool_find_member(pool, worker) != NULL) result = check_wanted(pool, id, content);
+    if (result.code == RESULT_OK && pool_job_bytes(pool_find_job(pool, id)) >= pool_bytes_limit(pool))
+        result = result_fail(RESULT_LIMIT, "the relay waits for its master");
+    pool_unlock(pool);
+    return result;
+}
+
+/* Tiles are unfolded in memory: not without end. */
+static result_t check_size(const pool_t *pool, const batch_t *batch)
+{
+    uint64_t bytes = 0;
+    for (size_t i = 0; i < batch->unit_count; i++)
+        bytes += sizeof(int64_t) * (batch_tile_values(&batch->settings, batch->units[i].tile) +
+                                    batch_feature_values(&batch->settings, &batch->units[i]));
+    if (bytes <= pool_bytes_limit(pool)) return result_ok();
+    return result_fail(RESULT_LIMIT, "a batch of %.0f MB is over the limit of %.0f MB", 1e-6 * (double)bytes,
+                       1e-6 * (double)pool_bytes_limit(pool));
+}
+
+static result_t read_batch(const pool_t *pool, const wire_message_t *message, batch_t *batch)
+{
+    TRY(wire_batch_get(message, batch));
+    TRY(batch_check_counts(batch));
+    TRY(check_size(pool, batch));
+    return payload_decode(message->payload, batch);
+}
+
+/* The sum that a batch is to be added to: the open one, or a new one when that would get too many units.
+ * With the lock `adding`, which keeps the sum from being closed. */
+static sum_t *sum_for(pool_t *pool, relay_job_t *job, size_t units)
+{
+    pool_lock(pool);
+    sum_t **last = &job->sums;
+    while (*last != NULL && (*last)->next != NULL) last = &(*last)->next;
+    if (*last != NULL && (*last)->units + units > SUM_MAX_UNITS) last = &(*last)->next;
+    if (*last == NULL) {
+        *last = mem_zalloc(1, sizeof **last);
+        batch_init(&(*last)->batch, &job->settings);
+    }
+    sum_t *sum = *last;
+    pool_unlock(pool);
+    return sum;
+}
+
+static void add_to_sum(pool_t *pool, double now, relay_job_t *job, const batch_t *batch)
+{
+    pthread_mutex_lock(&job->adding);
+    sum_t *sum = sum_for(pool, job, batch->unit_count);
+    batch_merge(&sum->batch, batch);
+    pool_lock(pool);
+    if (sum->units == 0) sum->since = now;
+    sum->units = sum->batch.unit_count;
+    sum->bytes = batch_bytes(&sum->batch);
+    pool_unlock(pool);
+    pthread_mutex_unlock(&job->adding);
+}
+
+/* A batch that bears a number is kept as it is. It must have exactly the units of the check. Lock held. */
+static result_t keep_errand(relay_job_t *job, uint64_t number, batch_t *batch)
+{
+    for (size_t i = 0; i < job->errand_count; i++) {
+        errand_t *errand = job->errands[i];
+        if (errand->number != number || errand->done) continue;
+        if (errand->count != batch->unit_count ||
+            memcmp(errand->units, batch->units, errand->count * sizeof *errand->units) != 0)
+            return result_fail(RESULT_MISMATCH, "a check has other units than its assignment");
+        errand->batch = *batch;
+        *batch = (batch_t){0};
+        errand->done = true;
+        return result_ok();
+    }
+    return result_fail(RESULT_MISMATCH, "nobody asked for this check");
+}
+
+/* Decides over a decoded batch; *sum is true when it is to be added. Lock held. */
+static result_t accept(relay_job_t *job, uint64_t check, batch_t *batch, bool *sum)
+{
+    *sum = false;
+    if (job->gone || (job->over && !job->flush)) return result_fail(RESULT_CANCELLED, "the job is over");
+    if (check != 0) return keep_errand(job, check, batch);
+    TRY(ledger_accept(&job->ledger, batch->units, batch->unit_count));
+    *sum = true;
+    return result_ok();
+}
+
+static void after_batch(pool_t *pool, double now, relay_job_t *job, uint64_t worker)
+{
+    member_t *member = pool_find_member(pool, worker);
+    if (member != NULL) {
+        member->delivered = now;
+        member->last_seen = fmax(member->last_seen, now);
+    }
+    job->delivered = true;
+    if (job->flush) flushed(pool, job, worker);
+    pool_wake(pool->options.bulk_wake);
+}
+
+result_t pool_batch_add(pool_t *pool, double now, const wire_message_t *message)
+{
+    const Lm__BatchResult *body = message->envelope->batch_result;
+    pool_lock(pool);
+    result_t result = check_wanted(pool, body->job, &body->content);
+    relay_job_t *job = result.code == RESULT_OK ? pool_find_job(pool, body->job) : NULL;
+    batch_t batch = {0};
+    if (job != NULL) batch_init(&batch, &job->settings);
+    if (job != NULL) job->users++;
+    pool_unlock(pool);
+    if (job == NULL) return result;
+
+    bool sum = false;
+    result = read_batch(pool, message, &batch);
+    pool_lock(pool);
+    if (result.code == RESULT_OK) result = accept(job, body->check, &batch, &sum);
+    job->merging += sum;
+    pool_unlock(pool);
+    if (sum) add_to_sum(pool, now, job, &batch);
+    pool_lock(pool);
+    job->merging -= sum;
+    if (result.code == RESULT_OK)
+        after_batch(pool, now, job, body->worker);
+    else
+        ledger_return_units(&job->ledger, body->worker, batch.units, batch.unit_count);
+    job->users--;
+    pool_notify_idle(pool);
+    pool_unlock(pool);
+    batch_free(&batch);
+    return result;
+}

@@ -1,0 +1,328 @@
+/* chaos: a farm of real processes to which everything happens that happens to farms, and the proof that no
+ * sample is lost, none is counted twice, and every image has the bits of an undisturbed render.
+ *
+ * DESIGN. This program starts a master, workers and a proxy, submits jobs one after the other as a user would
+ * (docket), and lets faults begin and end (faults), until its time is up. Then everything is healed, and the
+ * jobs that are open have to complete. The master is reached in four ways: by some workers directly, by some
+ * through the proxy, by some through virtual cables of their own, and by the docket's commands directly, so
+ * that what they say is what the master says.
+ *
+ * Where the system allows, all of it runs in a network and on a small disk of its own, which are gone when
+ * the program ends, however it ends. The list of faults follows from the seed; what they hit depends on the
+ * moment, so the same seed is the same storm, though not the same wreck. */
+#include "tests/chaos/disk.h"
+#include "tests/chaos/docket.h"
+#include "tests/chaos/faults.h"
+#include "tests/chaos/process.h"
+#include "tests/scratch.h"
+
+#include <errno.h>
+#include <getopt.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <time.h>
+#include <unistd.h>
+
+enum { LINKS = 2, SITES = 2, DISK_MEGABYTES = 192 };
+static const char *const LINK_HOSTS[LINKS + 1] = {"127.0.1.1", "127.0.1.2", "127.0.1.3"};
+static const double TICK = 0.01;    /* seconds */
+static const double STORM = 0.9;    /* of a run's time, until all is healed */
+static const double PATIENCE = 240; /* seconds for the open jobs after all is healed */
+static const double LEASE = 1.5;    /* seconds */
+
+static const char usage[] =
+    "usage: chaos [options]\n"
+    "\n"
+    "  --seconds N      the whole run; faults begin and jobs are submitted for most of it (600)\n"
+    "  --pause SECONDS  between the beginnings of faults, on the average (1.9)\n"
+    "  --seed N         of the list of faults and jobs (from the clock)\n"
+    "  --folder DIR     where the run makes a folder for logs and data, which stays when something\n"
+    "                   went wrong (.)\n"
+    "  --keep           it stays in any case\n"
+    "  --least N        fail when there were fewer faults (0)\n"
+    "  --least-kills N  fail when the master was killed less often (0)\n"
+    "  --keys, --open   with keys, or open to everybody (with keys when the seed is odd)\n"
+    "  --only KINDS      only faults whose names have one of these, with commas between them, in them\n"
+    "  --keep-going     do not end at the first violation\n";
+
+typedef struct {
+    double seconds, pause;
+    uint64_t seed;
+    const char *parent, *only;
+    size_t least, least_kills;
+    bool keep, keep_going, keys, open;
+} options_t;
+
+typedef struct {
+    options_t options;
+    report_t report;
+    char *folder;
+    char *data, *master; /* the master's directory and address */
+    bool separate, disk;
+    network_t *network;
+    passes_t passes;
+    proxy_t *proxy;
+    troupe_t troupe;
+    docket_t *docket;
+    faults_t *faults;
+    unsigned master_starts;
+} chaos_t;
+
+static options_t parse_options(int argc, char **argv)
+{
+    static const struct option list[] = {{"seconds", required_argument, NULL, 's'},
+                                         {"pause", required_argument, NULL, 'p'},
+                                         {"seed", required_argument, NULL, 'r'},
+                                         {"folder", required_argument, NULL, 'f'},
+                                         {"least", required_argument, NULL, 'l'},
+                                         {"least-kills", required_argument, NULL, 'k'},
+                                         {"only", required_argument, NULL, 'o'},
+                                         {"keep", no_argument, NULL, 'e'},
+                                         {"keys", no_argument, NULL, 'y'},
+                                         {"open", no_argument, NULL, 'n'},
+                                         {"keep-going", no_argument, NULL, 'g'},
+                                         {"help", no_argument, NULL, 'h'},
+                                         {NULL, 0, NULL, 0}};
+    options_t options = {.seconds = 600, .pause = 1.8, .seed = (uint64_t)time(NULL) % 1000000, .parent = "."};
+    for (int found; (found = getopt_long(argc, argv, "", list, NULL)) != -1;) {
+        if (found == 's') options.seconds = atof(optarg);
+        if (found == 'p') options.pause = atof(optarg);
+        if (found == 'r') options.seed = strtoull(optarg, NULL, 10);
+        if (found == 'f') options.parent = optarg;
+        if (found == 'y') options.keys = true;
+        if (found == 'n') options.open = true;
+        if (found == 'e') options.keep = true;
+        if (found == 'l') options.least = strtoull(optarg, NULL, 10);
+        if (found == 'k') options.least_kills = strtoull(optarg, NULL, 10);
+        if (found == 'o') options.only = optarg;
+        if (found == 'g') options.keep_going = true;
+        if (found != 'h' && found != '?') continue;
+        fputs(usage, found == 'h' ? stdout : stderr);
+        exit(found == 'h' ? 0 : RESULT_USAGE);
+    }
+
+    return options;
+}
+
+/* ---- setting up --------------------------------------------------------------------------------------- */
+
+static void make_folder(const char *path)
+{
+    if (mkdir(path, 0777) == 0) return;
+    perror(path);
+    exit(RESULT_IO);
+}
+
+/* Says what cannot be done here, and goes on without. */
+static bool available(chaos_t *chaos, const char *what, result_t result)
+{
+    if (result.code == RESULT_OK) return true;
+    report_line(&chaos->report, "without %s: %s", what, result.message);
+    return false;
+}
+
+static void make_passes(chaos_t *chaos)
+{
+    const options_t *options = &chaos->options;
+    bool keys = !options->open && (options->keys || options->seed % 2 == 1);
+    chaos->passes = passes_open();
+    if (!keys) return;
+    char *folder = mem_printf("%s/keys", chaos->folder);
+    result_t result = passes_with_keys(folder, &chaos->passes);
+    free(folder);
+    if (result.code == RESULT_OK) return;
+    fprintf(stderr, "chaos: %s\n", result.message);
+    exit(RESULT_IO);
+}
+
+static void set_the_stage(chaos_t *chaos)
+{
+    const options_t *options = &chaos->options;
+    chaos->folder =
+        mem_printf("%s/chaos-%llu-%d", options->parent, (unsigned long long)options->seed, (int)getpid());
+    make_folder(chaos->folder);
+    chaos->report = report_open(chaos->folder);
+    make_passes(chaos);
+    report_line(&chaos->report, "seed %llu, %.0f s, %s, in %s", (unsigned long long)options->seed,
+                options->seconds, chaos->passes.master[1] ? "with keys" : "open to everybody", chaos->folder);
+    chaos->data = mem_printf("%s/data", chaos->folder);
+    make_folder(chaos->data);
+    chaos->separate = available(chaos, "partitions, thin cables and a full disk", network_separate());
+    if (!chaos->separate) return;
+    chaos->disk = available(chaos, "a full disk", disk_mount(chaos->data, DISK_MEGABYTES));
+    available(chaos, "partitions and thin cables", network_new(SITES, &chaos->network));
+}
+
+/* A port that is free with the next one; in a network of our own every one is. */
+static int choose_port(const chaos_t *chaos)
+{
+    return chaos->separate ? TROUPE_PORT : 20000 + getpid() % 12000;
+}
+
+/* Two workers call the master directly, two through the proxy, and where there are cables, two through those;
+ * two more join late. */
+static void call_the_troupe(chaos_t *chaos)
+{
+    troupe_t *troupe = &chaos->troupe;
+    *troupe = (troupe_t){.report = &chaos->report,
+                         .folder = chaos->folder,
+                         .data = chaos->data,
+                         .listen = chaos->network ? NETWORK_HOST : "127.0.0.1",
+                         .port = choose_port(chaos),
+                         .lease = LEASE,
+                         .passes = &chaos->passes,
+                         .worlds = available(chaos, "clock jumps and slow disks", world_available())};
+    result_t result =
+        proxy_start(LINK_HOSTS, LINKS + 1, troupe->listen, troupe->port, chaos->options.seed, &chaos->proxy);
+    if (result.code != RESULT_OK) {
+        fprintf(stderr, "chaos: %s\n", result.message);
+        exit(RESULT_IO);
+    }
+    troupe_init(troupe);
+    troupe_add_worker(troupe, troupe->listen, -1, -1, -1, false);
+    for (int i = 0; i < LINKS; i++) troupe_add_worker(troupe, LINK_HOSTS[i], -1, i, -1, false);
+    for (int i = 0; i < SITES && chaos->network; i++)
+        troupe_add_worker(troupe, NETWORK_HOST, network_site(chaos->network, (size_t)i), -1, i, false);
+    troupe_add_worker(troupe, troupe->listen, -1, -1, -1, true);
+    troupe_add_worker(troupe, LINK_HOSTS[0], -1, 0, -1, true);
+}
+
+static void begin(chaos_t *chaos)
+{
+    set_the_stage(chaos);
+    call_the_troupe(chaos);
+    chaos->master = mem_printf("%s:%d", chaos->troupe.listen, chaos->troupe.port);
+    chaos->docket = docket_new(&(docket_setup_t){.report = &chaos->report,
+                                                 .folder = chaos->folder,
+                                                 .master = chaos->master,
+                                                 .passes = &chaos->passes,
+                                                 .seed = chaos->options.seed,
+                                                 .at_a_time = 3});
+    chaos->faults = faults_new(&(faults_setup_t){.report = &chaos->report,
+                                                 .troupe = &chaos->troupe,
+                                                 .proxy = chaos->proxy,
+                                                 .links = LINKS,
+                                                 .client_host = LINK_HOSTS[LINKS],
+                                                 .network = chaos->network,
+                                                 .sites = SITES,
+                                                 .disk = chaos->disk,
+                                                 .folder = chaos->folder,
+                                                 .seed = chaos->options.seed,
+                                                 .pause = chaos->options.pause,
+                                                 .only = chaos->options.only});
+}
+
+/* ---- the run ------------------------------------------------------------------------------------------ */
+
+static bool may_go_on(const chaos_t *chaos)
+{
+    return chaos->report.violations == 0 || chaos->options.keep_going;
+}
+
+static void tick(chaos_t *chaos, bool more)
+{
+    faults_tick(chaos->faults, more, TICK);
+    double now = clock_now();
+    troupe_tick(&chaos->troupe, now);
+    if (chaos->troupe.master.starts != chaos->master_starts) docket_new_master(chaos->docket);
+    chaos->master_starts = chaos->troupe.master.starts;
+    docket_tick(chaos->docket, now, more);
+}
+
+static void run(chaos_t *chaos)
+{
+    double end = clock_now() + STORM * chaos->options.seconds;
+    while (clock_now() < end && may_go_on(chaos)) tick(chaos, true);
+    faults_heal(chaos->faults);
+    troupe_heal(&chaos->troupe);
+    report_line(&chaos->report, "all is healed; waiting for the open jobs");
+    end = clock_now() + PATIENCE;
+    while (!docket_settled(chaos->docket) && may_go_on(chaos)) {
+        tick(chaos, false);
+        if (clock_now() < end) continue;
+        report_violation(&chaos->report, "jobs have not completed %.0f s after all was healed", PATIENCE);
+        break;
+    }
+}
+
+static void print_sums(chaos_t *chaos)
+{
+    report_t *report = &chaos->report;
+    docket_sum_t sum = docket_sum(chaos->docket);
+    faults_print(chaos->faults);
+    report_text(report,
+                "%6zu  jobs, %zu of them proved: same pixels, the account holds; the slowest took %.0f s",
+                sum.submitted, sum.proved, sum.longest);
+    report_text(report, "%6u  starts of the master (%u without room), %llu answers of status checked",
+                chaos->troupe.master.starts, chaos->troupe.master_failures,
+                (unsigned long long)sum.questions);
+    report_text(
+        report,
+        "%6.2f  million samples issued, %.2f counted: %.1f%% rendered again; %llu batches, %llu refused, "
+        "%llu units re-issued",
+        1e-6 * (double)sum.issued, 1e-6 * (double)sum.counted,
+        sum.counted ? 100 * ((double)sum.issued / (double)sum.counted - 1) : 0,
+        (unsigned long long)sum.batches, (unsigned long long)sum.batches_refused,
+        (unsigned long long)sum.units_reissued);
+}
+
+static void check_numbers(chaos_t *chaos)
+{
+    size_t faults = faults_count(chaos->faults), kills = faults_master_kills(chaos->faults);
+    if (!proxy_alive(chaos->proxy)) report_violation(&chaos->report, "the proxy has died");
+    troupe_check_logs(&chaos->troupe);
+    if (chaos->report.violations > 0) return;
+    if (faults < chaos->options.least)
+        report_violation(&chaos->report, "%zu faults, fewer than %zu", faults, chaos->options.least);
+    if (kills < chaos->options.least_kills)
+        report_violation(&chaos->report, "the master was killed %zu times, less than %zu", kills,
+                         chaos->options.least_kills);
+}
+
+/* The data lies on a disk that ends with this process. */
+static void keep_evidence(chaos_t *chaos)
+{
+    char *kept = mem_printf("%s/data-kept", chaos->folder);
+    result_t result = chaos->disk ? disk_save(chaos->data, kept) : result_ok();
+    if (result.code != RESULT_OK) report_line(&chaos->report, "the data is lost: %s", result.message);
+    report_text(&chaos->report,
+                "FAILED. Logs and data are in %s. The same faults again: make chaos SEED=%llu", chaos->folder,
+                (unsigned long long)chaos->options.seed);
+    free(kept);
+}
+
+static void end(chaos_t *chaos, bool kept)
+{
+    docket_free(&chaos->docket);
+    faults_free(&chaos->faults);
+    troupe_free(&chaos->troupe);
+    proxy_stop(&chaos->proxy);
+    network_destroy(&chaos->network);
+    free(chaos->master);
+    report_close(&chaos->report);
+    if (chaos->disk) disk_unmount(chaos->data);
+    if (!kept) scratch_destroy(&chaos->folder);
+    free(chaos->folder);
+    free(chaos->data);
+}
+
+int main(int argc, char **argv)
+{
+    chaos_t chaos = {.options = parse_options(argc, argv)};
+    signal(SIGPIPE, SIG_IGN);
+    begin(&chaos);
+    run(&chaos);
+    check_numbers(&chaos);
+    if (chaos.report.violations > 0) docket_describe(chaos.docket);
+    print_sums(&chaos);
+    size_t violations = chaos.report.violations;
+    if (violations > 0)
+        keep_evidence(&chaos);
+    else
+        report_text(&chaos.report, "Nothing was lost, nothing counted twice.");
+    end(&chaos, violations > 0 || chaos.options.keep);
+    return violations > 0 ? RESULT_MISMATCH : 0;
+}

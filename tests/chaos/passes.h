@@ -1,0 +1,20 @@
+/* passes: how the processes of a run show who they are: with keys, or with the word that there are none. */
+#ifndef LIGHTMILL_CHAOS_PASSES_H
+#define LIGHTMILL_CHAOS_PASSES_H
+
+#include "common/base.h"
+
+enum { PASS_WORDS = 6 };
+
+/* Options for the command lines, NULL-terminated. */
+typedef struct {
+    const char *master[PASS_WORDS], *worker[PASS_WORDS], *client[PASS_WORDS];
+} passes_t;
+
+/* Everything is open. */
+passes_t passes_open(void);
+/* Makes keys and the list of those that are let in, in a new folder. The words live as long as the process.
+ */
+result_t passes_with_keys(const char *folder, passes_t *passes);
+
+#endif

@@ -1,0 +1,221 @@
+/* prepared: see prepared.h. */
+#include "tests/sim/prepared.h"
+
+#include "client/import/import.h"
+#include "worker/render/renderer.h"
+
+#include <math.h>
+#include <pthread.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+enum {
+    LEVELS = 6,         /* each of twice the seconds of the one before */
+    FIRST_SAMPLE = 32,  /* beyond the samples that have features */
+    UNIT_SAMPLES = 128, /* a unit of some tenths of a second */
+    TILE_STEP = 7919    /* a prime: rendered tiles lie all over the image */
+};
+
+typedef struct {
+    double seconds, density;
+    zmq_msg_t frame;
+} level_t;
+
+/* The eye tiles of batches with so many values in all. */
+typedef struct {
+    size_t values;
+    zmq_msg_t frame;
+} eye_t;
+
+struct prepared {
+    uint8_t *bytes;
+    scene_blob_t blob;
+    job_settings_t settings;
+    double speed;
+    level_t levels[LEVELS];
+    int64_t *eye; /* some eye sums */
+    size_t eye_count;
+    pthread_mutex_t lock; /* guards what follows */
+    eye_t *eyes;
+    size_t eyes_count;
+};
+
+static double thread_cpu(void)
+{
+    struct timespec time;
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &time);
+    return (double)time.tv_sec + 1e-9 * (double)time.tv_nsec;
+}
+
+static double density_of(const batch_t *batch)
+{
+    size_t pixels = batch_splat_values(&batch->settings) / 3, hit = 0;
+    for (size_t p = 0; batch->splat != NULL && p < pixels; p++)
+        hit += (batch->splat[3 * p] | batch->splat[3 * p + 1] | batch->splat[3 * p + 2]) != 0;
+    return (double)hit / (double)pixels;
+}
+
+/* Keeps the splat frame of a batch as it is now. */
+static result_t keep_level(level_t *level, const batch_t *batch, double seconds)
+{
+    zmq_msg_t payload[BATCH_PAYLOADS];
+    TRY(payload_encode(batch, true, payload));
+    level->seconds = seconds;
+    level->density = density_of(batch);
+    zmq_msg_init(&level->frame);
+    zmq_msg_move(&level->frame, &payload[1]);
+    for (int i = 0; i < BATCH_PAYLOADS; i++) zmq_msg_close(&payload[i]);
+    return result_ok();
+}
+
+static result_t render(prepared_t *prepared, double seconds)
+{
+    renderer_t *renderer;
+    TRY(renderer_new(&prepared->blob, &prepared->settings, &renderer));
+    batch_t batch;
+    unit_result_t unit_result = {0};
+    atomic_bool cancel = false;
+    result_t result = result_ok();
+    uint32_t tiles = job_tile_count(&prepared->settings);
+    uint64_t samples = 0;
+    double start = thread_cpu(), spent = 0;
+    batch_init(&batch, &prepared->settings);
+    for (uint32_t i = 0, level = 0; level < LEVELS && result.code == RESULT_OK; i++) {
+        unit_t unit = {(uint32_t)((uint64_t)i * TILE_STEP % tiles), FIRST_SAMPLE + i / tiles * UNIT_SAMPLES,
+                       UNIT_SAMPLES};
+        renderer_unit(renderer, &unit, &unit_result, &cancel);
+        batch_add(&batch, &unit_result);
+        samples += (uint64_t)UNIT_SAMPLES * job_tile_pixels(&prepared->settings, unit.tile);
+        spent = thread_cpu() - start;
+        for (; level < LEVELS && spent >= ldexp(seconds, (int)level - LEVELS + 1); level++) {
+            if (result.code == RESULT_OK) result = keep_level(&prepared->levels[level], &batch, spent);
+        }
+    }
+    prepared->speed = (double)samples / spent;
+    prepared->eye = batch.eye;
+    prepared->eye_count = batch.eye_count;
+    batch.eye = NULL;
+    batch_free(&batch);
+    unit_result_free(&unit_result);
+    renderer_destroy(&renderer);
+    return result;
+}
+
+result_t prepared_new(const char *scene, int width, int height, double seconds, prepared_t **out)
+{
+    prepared_t *prepared = mem_zalloc(1, sizeof *prepared);
+    uint64_t size;
+    pthread_mutex_init(&prepared->lock, NULL);
+    for (int i = 0; i < LEVELS; i++) zmq_msg_init(&prepared->levels[i].frame);
+    result_t result = import_scene_blob(scene, NULL, &prepared->bytes, &size);
+    if (result.code == RESULT_OK) result = blob_open(prepared->bytes, size, &prepared->blob);
+    if (result.code == RESULT_OK) {
+        prepared->settings = blob_default_settings(&prepared->blob);
+        prepared->settings.width = width;
+        prepared->settings.height = height;
+        prepared->settings.features = false;
+        prepared->settings.spp = 1 << 24;
+        result = render(prepared, seconds);
+    }
+    *out = prepared;
+    if (result.code != RESULT_OK) prepared_destroy(out);
+    return result;
+}
+
+void prepared_destroy(prepared_t **pointer)
+{
+    prepared_t *prepared = *pointer;
+    if (prepared == NULL) return;
+    for (int i = 0; i < LEVELS; i++) zmq_msg_close(&prepared->levels[i].frame);
+    for (size_t i = 0; i < prepared->eyes_count; i++) zmq_msg_close(&prepared->eyes[i].frame);
+    pthread_mutex_destroy(&prepared->lock);
+    free(prepared->eyes);
+    free(prepared->eye);
+    free(prepared->bytes);
+    free(prepared);
+    *pointer = NULL;
+}
+
+const scene_blob_t *prepared_blob(const prepared_t *prepared)
+{
+    return &prepared->blob;
+}
+
+const job_settings_t *prepared_settings(const prepared_t *prepared)
+{
+    return &prepared->settings;
+}
+
+double prepared_speed(const prepared_t *prepared)
+{
+    return prepared->speed;
+}
+
+/* The level that is nearest to so many seconds. */
+static const level_t *level_of(const prepared_t *prepared, double seconds)
+{
+    int best = 0;
+    for (int i = 1; i < LEVELS; i++)
+        if (prepared->levels[i].seconds * prepared->levels[i - 1].seconds <= seconds * seconds) best = i;
+    return &prepared->levels[best];
+}
+
+double prepared_density(const prepared_t *prepared, double seconds)
+{
+    return level_of(prepared, seconds)->density;
+}
+
+size_t prepared_bytes(const prepared_t *prepared, double seconds)
+{
+    return zmq_msg_size(&level_of(prepared, seconds)->frame);
+}
+
+static void keep(void *bytes, void *hint)
+{
+    (void)bytes, (void)hint;
+}
+
+/* A message of the same bytes, which are not copied. */
+static void share(const zmq_msg_t *frame, zmq_msg_t *message)
+{
+    zmq_msg_init_data(message, zmq_msg_data((zmq_msg_t *)frame), zmq_msg_size(frame), keep, NULL);
+}
+
+/* Eye tiles of so many values: pieces of what was rendered, encoded when they are first asked for. */
+static const zmq_msg_t *eye_frame(prepared_t *prepared, size_t values)
+{
+    for (size_t i = 0; i < prepared->eyes_count; i++)
+        if (prepared->eyes[i].values == values) return &prepared->eyes[i].frame;
+    batch_t batch = {.settings = prepared->settings, .eye_count = values};
+    batch.eye = mem_alloc(values * sizeof *batch.eye);
+    for (size_t at = 0; at < values; at += prepared->eye_count) {
+        size_t part = values - at < prepared->eye_count ? values - at : prepared->eye_count;
+        memcpy(batch.eye + at, prepared->eye, part * sizeof *batch.eye);
+    }
+    zmq_msg_t payload[BATCH_PAYLOADS];
+    result_t result = payload_encode(&batch, true, payload);
+    free(batch.eye);
+    if (result.code != RESULT_OK) {
+        log_error("%s", result.message);
+        abort();
+    }
+    prepared->eyes = mem_realloc(prepared->eyes, (prepared->eyes_count + 1) * sizeof *prepared->eyes);
+    eye_t *eye = &prepared->eyes[prepared->eyes_count++];
+    eye->values = values;
+    zmq_msg_init(&eye->frame);
+    zmq_msg_move(&eye->frame, &payload[0]);
+    return &eye->frame;
+}
+
+void prepared_payloads(prepared_t *prepared, const unit_t *units, size_t count, double seconds,
+                       zmq_msg_t payload[BATCH_PAYLOADS])
+{
+    size_t values = 0;
+    for (size_t i = 0; i < count; i++) values += batch_tile_values(&prepared->settings, units[i].tile);
+    pthread_mutex_lock(&prepared->lock);
+    share(eye_frame(prepared, values), &payload[0]);
+    pthread_mutex_unlock(&prepared->lock);
+    share(&level_of(prepared, seconds)->frame, &payload[1]);
+    zmq_msg_init(&payload[2]);
+}

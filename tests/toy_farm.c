@@ -1,0 +1,257 @@
+/* toy_farm: see toy_farm.h. */
+#include "tests/toy_farm.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+/* After setjmp and stdarg. */
+#include <cmocka.h>
+
+static const identity_t nobody = {{0}, 1};
+
+static farm_t *make_farm(bool keeps, const char *spool_dir)
+{
+    farm_options_t options = {.lease = 5,
+                              .batch_interval = 10,
+                              .film_limit = 1 << 20,
+                              .first_job = 1,
+                              .spool_dir = spool_dir,
+                              .control_wake = -1,
+                              .image_wake = -1,
+                              .clerk_wake = -1,
+                              .checkpoint_wake = keeps ? 1 << 30 : -1, /* nobody listens */
+                              .grant_wake = -1};
+    log_init("test", LOG_ERROR);
+    return farm_new(&options);
+}
+
+farm_t *toy_farm(bool keeps)
+{
+    return make_farm(keeps, NULL);
+}
+
+farm_t *toy_verifying_farm(const char *spool_dir)
+{
+    return make_farm(true, spool_dir);
+}
+
+job_settings_t toy_settings(void)
+{
+    job_settings_t settings = job_settings_default();
+    settings.width = settings.height = 32;
+    settings.tile_size = 16;
+    settings.features = false;
+    settings.spp = 4;
+    return settings;
+}
+
+uint64_t toy_submit(farm_t *farm, double now, const job_settings_t *settings, int priority)
+{
+    return toy_submit_on(farm, now, settings, &(job_terms_t){.name = "toy", .priority = priority});
+}
+
+uint64_t toy_submit_on(farm_t *farm, double now, const job_settings_t *settings, const job_terms_t *terms)
+{
+    hash_t blob = {{0}};
+    uint64_t job;
+    assert_int_equal(farm_submit(farm, now, terms, settings, &blob, 1, &job).code, RESULT_OK);
+    return job;
+}
+
+uint64_t toy_hello(farm_t *farm, double now, uint32_t threads)
+{
+    return toy_join(farm, now, "w", threads, 0);
+}
+
+uint64_t toy_join(farm_t *farm, double now, const char *name, uint32_t threads, uint8_t fingerprint)
+{
+    farm_hello_t hello = {.name = name, .key = "", .threads = threads, .fingerprint = {{fingerprint}}};
+    uint64_t worker;
+    assert_int_equal(farm_hello(farm, now, &nobody, &hello, &worker).code, RESULT_OK);
+    return worker;
+}
+
+bool toy_beat(farm_t *farm, double now, uint64_t worker)
+{
+    return farm_heartbeat(farm, now, &nobody, worker, 0, 1);
+}
+
+toy_work_t toy_take(farm_t *farm, double now, uint64_t worker, uint64_t samples, uint64_t unit_samples)
+{
+    unit_t units[WIRE_MAX_UNITS];
+    farm_work_t work = {.units = units};
+    toy_work_t taken = {0};
+    assert_int_equal(farm_take(farm, now, &nobody, worker, 0, samples, unit_samples, &work).code, RESULT_OK);
+    taken.job = work.job;
+    if (work.job == 0) return taken;
+    assert_true(work.unit_count <= ARRAY_LENGTH(taken.units));
+    taken.count = work.unit_count;
+    taken.check = work.check;
+    memcpy(taken.units, units, work.unit_count * sizeof *units);
+    return taken;
+}
+
+/* Something between 0.5 and 1.5, always the same. */
+static int64_t noise(uint64_t sample, uint64_t tile, uint64_t value)
+{
+    uint64_t x = sample * 0x9E3779B97F4A7C15u + tile * 0xD1B54A32D192ED03u + value * 0x8CB92BA72F3D8DD7u;
+    x = (x ^ (x >> 32)) * 0xD6E8FEB86659FD93u;
+    x = (x ^ (x >> 32)) * 0xD6E8FEB86659FD93u;
+    return ((int64_t)1 << 31) + (int64_t)(x >> 32);
+}
+
+/* Every sample adds a value of its own to every pixel of its tile; tile 0 is the darkest. */
+static void fill_tile(int64_t *eye, size_t values, const unit_t *unit)
+{
+    for (uint32_t s = unit->first; s < unit->first + unit->count; s++)
+        for (size_t i = 0; i < values / 2; i++)
+            eye[(s % 2) * (values / 2) + i] += noise(s, unit->tile, i) * (1 + (int64_t)unit->tile);
+}
+
+static batch_t make_batch(const job_settings_t *settings, const unit_t *units, size_t count)
+{
+    batch_t batch;
+    batch_init(&batch, settings);
+    batch.units = mem_alloc(count * sizeof *units);
+    memcpy(batch.units, units, count * sizeof *units);
+    batch.unit_count = batch.unit_capacity = count;
+    for (size_t i = 0; i < count; i++) batch.eye_count += batch_tile_values(settings, units[i].tile);
+    batch.eye = mem_zalloc(batch.eye_count, sizeof *batch.eye);
+    int64_t *tile = batch.eye;
+    for (size_t i = 0; i < count; i++) {
+        size_t values = batch_tile_values(settings, units[i].tile);
+        fill_tile(tile, values, &units[i]);
+        tile += values;
+    }
+    return batch;
+}
+
+static result_t deliver(farm_t *farm, double now, uint64_t worker, uint64_t id, uint64_t check,
+                        const unit_t *units, size_t count, int64_t lie)
+{
+    job_t *job;
+    TRY(farm_batch_open(farm, now, worker, id, 1000, &job));
+    job_settings_t settings = farm_job_settings(farm, job);
+    batch_t batch = make_batch(&settings, units, count);
+    for (size_t i = 0; i < batch.eye_count; i++) batch.eye[i] += lie;
+    zmq_msg_t payload[BATCH_PAYLOADS];
+    assert_int_equal(payload_encode(&batch, false, payload).code, RESULT_OK);
+    result_t result = farm_batch_merge(farm, now, job, worker, check, &batch, payload);
+    for (int i = 0; i < BATCH_PAYLOADS; i++) zmq_msg_close(&payload[i]);
+    batch_free(&batch);
+    farm_unpin(farm, job);
+    return result;
+}
+
+result_t toy_deliver(farm_t *farm, double now, uint64_t worker, uint64_t job, const unit_t *units,
+                     size_t count)
+{
+    return deliver(farm, now, worker, job, 0, units, count, 0);
+}
+
+result_t toy_deliver_work(farm_t *farm, double now, uint64_t worker, const toy_work_t *work, int64_t lie)
+{
+    return deliver(farm, now, worker, work->job, work->check, work->units, work->count, lie);
+}
+
+void toy_work_off(farm_t *farm, double now, uint64_t worker, uint64_t job)
+{
+    for (toy_work_t work; (work = toy_take(farm, now, worker, 1024, 512)).job != 0;) {
+        assert_int_equal(work.job, job);
+        assert_int_equal(toy_deliver(farm, now, worker, job, work.units, work.count).code, RESULT_OK);
+    }
+}
+
+job_report_t toy_report(farm_t *farm, double now, uint64_t job)
+{
+    size_t count;
+    uint32_t workers;
+    job_report_t *reports = farm_report(farm, now, job, &count, &workers), one;
+    if (count != 1) fail_msg("there is no job %llu", (unsigned long long)job);
+    one = reports[0];
+    free(reports);
+    return one;
+}
+
+job_state_t toy_state(farm_t *farm, double now, uint64_t job)
+{
+    return toy_report(farm, now, job).state;
+}
+
+result_t toy_order(farm_t *farm, double now, uint64_t job, order_kind_t kind)
+{
+    return farm_order(farm, now, &(job_order_t){.job = job, .kind = kind});
+}
+
+int toy_write_images(farm_t *farm, double now, result_t result)
+{
+    int count = 0;
+    for (job_t *job; (job = farm_next_finished(farm)) != NULL; count++) {
+        farm_finished(farm, now, job, result, NULL);
+        farm_unpin(farm, job);
+    }
+    return count;
+}
+
+bool toy_checkpoint(farm_t *farm, double now, result_t result, toy_film_t *film)
+{
+    double age;
+    bool last;
+    canvas_snapshot_t *snapshot;
+    job_t *job = farm_next_checkpoint(farm, now, &age, &last);
+    if (job == NULL) return false;
+    *film = (toy_film_t){.job = farm_job_id(job)};
+    job_settings_t settings = farm_job_settings(farm, job);
+    assert_int_equal(film_new(&settings, &film->film).code, RESULT_OK);
+    assert_true(farm_snapshot(farm, job, &film->state, &snapshot));
+    for (size_t i = 0; i < canvas_page_count(&settings); i++) {
+        size_t size;
+        void *page = canvas_page(film->film, i, &size);
+        uint8_t *bytes = mem_alloc(CANVAS_PAGE_BYTES);
+        assert_int_equal(canvas_snapshot_read(snapshot, i, bytes), size);
+        memcpy(page, bytes, size);
+        free(bytes);
+    }
+    film->film->counts = canvas_snapshot_counts(snapshot);
+    canvas_snapshot_free(&snapshot);
+    farm_checkpointed(farm, now, job, result);
+    farm_unpin(farm, job);
+    if (result.code != RESULT_OK) toy_film_free(film);
+    return true;
+}
+
+bool toy_load(farm_t *farm, double now, toy_film_t *film)
+{
+    job_t *job = farm_next_load(farm);
+    if (job == NULL) return false;
+    if (film != NULL) assert_int_equal(farm_job_id(job), film->job);
+    result_t result = farm_loaded(farm, now, job, film ? film->film : NULL, film ? &film->state : NULL);
+    if (result.code != RESULT_OK) fail_msg("%s", result.message);
+    if (film != NULL) *film = (toy_film_t){0};
+    farm_unpin(farm, job);
+    return true;
+}
+
+void toy_film_free(toy_film_t *film)
+{
+    if (film->job == 0) return;
+    film_destroy(&film->film);
+    schedule_state_free(&film->state);
+    *film = (toy_film_t){0};
+}
+
+hash_t toy_sums(farm_t *farm, uint64_t id)
+{
+    job_t *job = farm_pin(farm, id);
+    film_image_t image = {0};
+    job_report_t report;
+    assert_non_null(job);
+    assert_int_equal(farm_resolve(farm, 0, job, &image, &report).code, RESULT_OK);
+    size_t bytes = 3 * sizeof(float) * (size_t)image.width * (size_t)image.height;
+    hash_t parts[2] = {hash_bytes(image.sum, bytes), hash_bytes(image.noise, bytes)};
+    film_image_free(&image);
+    farm_unpin(farm, job);
+    return hash_bytes(parts, sizeof parts);
+}

@@ -1,0 +1,62 @@
+/* toy_farm: a master/farm.h without sockets or threads, in a time of its own: a test plays the workers, the
+ * image writer and the keeper, and what would take hours takes a moment. Batches hold sums that are a
+ * function of their units, so that a film can be compared. Calls end the test on failure. */
+#ifndef LIGHTMILL_TESTS_TOY_FARM_H
+#define LIGHTMILL_TESTS_TOY_FARM_H
+
+#include "master/farm.h"
+
+/* A farm with room for six films of toy_settings; films outlive it if `keeps`. */
+farm_t *toy_farm(bool keeps);
+/* The same, with a folder where jobs that are verified keep batches; it outlives the farm. */
+farm_t *toy_verifying_farm(const char *spool_dir);
+/* 32 x 32 pixels in four tiles, 4 spp, no features. */
+job_settings_t toy_settings(void);
+uint64_t toy_submit(farm_t *farm, double now, const job_settings_t *settings, int priority);
+uint64_t toy_submit_on(farm_t *farm, double now, const job_settings_t *settings, const job_terms_t *terms);
+uint64_t toy_hello(farm_t *farm, double now, uint32_t threads);
+/* A worker of some name and fingerprint (0: it does not say). */
+uint64_t toy_join(farm_t *farm, double now, const char *name, uint32_t threads, uint8_t fingerprint);
+/* A heartbeat; false when the worker is not known. */
+bool toy_beat(farm_t *farm, double now, uint64_t worker);
+
+/* Asks for work. */
+typedef struct {
+    uint64_t job; /* 0: none */
+    uint64_t check;
+    size_t count;
+    unit_t units[64];
+} toy_work_t;
+toy_work_t toy_take(farm_t *farm, double now, uint64_t worker, uint64_t samples, uint64_t unit_samples);
+/* Delivers units as one batch. */
+result_t toy_deliver(farm_t *farm, double now, uint64_t worker, uint64_t job, const unit_t *units,
+                     size_t count);
+/* The same, with the number of the assignment, and `lie` added to every sum. */
+result_t toy_deliver_work(farm_t *farm, double now, uint64_t worker, const toy_work_t *work, int64_t lie);
+/* Takes and delivers all that there is of a job, at one moment. */
+void toy_work_off(farm_t *farm, double now, uint64_t worker, uint64_t job);
+
+job_report_t toy_report(farm_t *farm, double now, uint64_t job);
+job_state_t toy_state(farm_t *farm, double now, uint64_t job);
+result_t toy_order(farm_t *farm, double now, uint64_t job, order_kind_t kind);
+
+/* The image writer: writes the images that are due, with this result; returns how many. */
+int toy_write_images(farm_t *farm, double now, result_t result);
+
+/* The keeper: a checkpoint in memory. */
+typedef struct {
+    uint64_t job; /* 0: none */
+    film_t *film;
+    schedule_state_t state;
+} toy_film_t;
+/* Makes the next checkpoint, which is reported with this result; false when none is due. */
+bool toy_checkpoint(farm_t *farm, double now, result_t result, toy_film_t *film);
+/* Loads the film of the job that wants one, which must be this one (NULL: there is no checkpoint); false when
+ * none does. */
+bool toy_load(farm_t *farm, double now, toy_film_t *film);
+void toy_film_free(toy_film_t *film);
+
+/* The hash of the sums of a job that is being worked on. */
+hash_t toy_sums(farm_t *farm, uint64_t job);
+
+#endif

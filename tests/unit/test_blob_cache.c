@@ -1,0 +1,308 @@
+/* Tests of the worker's cache of scenes: what is in it has the right bytes, a download that broke off goes
+ * on, one of several processes fetches, and the limit holds. */
+#include "tests/peer.h"
+#include "tests/scratch.h"
+#include "worker/blob_cache.h"
+
+#include <fcntl.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/file.h>
+#include <sys/stat.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <cmocka.h>
+
+static const uint64_t ROOMY = 1 << 30;
+
+typedef struct {
+    char *folder, *dir;
+    blob_cache_t *cache;
+    uint8_t *bytes; /* of a scene */
+    uint64_t size;
+    hash_t hash;
+} shelf_t;
+
+static int set_up(void **state)
+{
+    shelf_t *t = mem_zalloc(1, sizeof *t);
+    log_init("test", LOG_ERROR);
+    t->folder = scratch_new();
+    t->dir = scratch_path(t->folder, "a/cache");
+    assert_int_equal(blob_cache_new(t->dir, ROOMY, &t->cache).code, RESULT_OK);
+    t->bytes = peer_blob(0, &t->size, &t->hash);
+    *state = t;
+    return 0;
+}
+
+static int tear_down(void **state)
+{
+    shelf_t *t = *state;
+    blob_cache_destroy(&t->cache);
+    assert_null(t->cache);
+    scratch_destroy(&t->folder);
+    free(t->dir);
+    free(t->bytes);
+    free(t);
+    return 0;
+}
+
+static char *entry(shelf_t *t, const hash_t *hash, const char *suffix)
+{
+    char hex[2 * HASH_BYTES + 1];
+    hash_to_hex(hash, hex);
+    return mem_printf("%s/%s%s", t->dir, hex, suffix);
+}
+
+static bool in_cache(shelf_t *t, const hash_t *hash)
+{
+    scene_blob_t blob;
+    bool found;
+    assert_int_equal(blob_cache_open(t->cache, hash, &blob, &found).code, RESULT_OK);
+    if (found) {
+        assert_true(hash_equal(&blob.hash, hash));
+        blob_close(&blob);
+    }
+    return found;
+}
+
+static blob_download_t begin(shelf_t *t, const hash_t *hash, uint64_t size)
+{
+    blob_download_t download;
+    bool busy;
+    assert_int_equal(blob_cache_download(t->cache, hash, size, &download, &busy).code, RESULT_OK);
+    assert_false(busy);
+    return download;
+}
+
+static void fetch(shelf_t *t, const uint8_t *bytes, uint64_t size, const hash_t *hash)
+{
+    scene_blob_t blob;
+    blob_download_t download = begin(t, hash, size);
+    assert_int_equal(blob_download_append(&download, bytes, size).code, RESULT_OK);
+    assert_int_equal(blob_download_finish(t->cache, &download, &blob).code, RESULT_OK);
+    assert_int_equal(blob.size, size);
+    assert_memory_equal(blob.bytes, bytes, size);
+    blob_close(&blob);
+}
+
+static void a_scene_is_fetched_once(void **state)
+{
+    shelf_t *t = *state;
+    assert_false(in_cache(t, &t->hash));
+    fetch(t, t->bytes, t->size, &t->hash);
+    assert_true(in_cache(t, &t->hash));
+    assert_int_equal(scratch_count(t->dir), 1);
+    /* Another worker that wanted it, too, looks again. */
+    blob_download_t download;
+    bool busy;
+    assert_int_equal(blob_cache_download(t->cache, &t->hash, t->size, &download, &busy).code, RESULT_OK);
+    assert_true(busy);
+}
+
+static void a_broken_download_goes_on(void **state)
+{
+    shelf_t *t = *state;
+    blob_download_t download = begin(t, &t->hash, t->size);
+    assert_int_equal(download.have, 0);
+    assert_int_equal(blob_download_append(&download, t->bytes, 10).code, RESULT_OK);
+    blob_download_close(&download);
+    blob_download_close(&download);
+    assert_false(in_cache(t, &t->hash));
+    download = begin(t, &t->hash, t->size);
+    assert_int_equal(download.have, 10);
+    assert_int_equal(blob_download_append(&download, t->bytes + 10, t->size - 10).code, RESULT_OK);
+    assert_int_equal(blob_download_append(&download, t->bytes, 1).code, RESULT_PROTOCOL); /* too much */
+    scene_blob_t blob;
+    assert_int_equal(blob_download_finish(t->cache, &download, &blob).code, RESULT_OK);
+    blob_close(&blob);
+    assert_true(in_cache(t, &t->hash));
+}
+
+static void a_part_that_is_too_long_begins_anew(void **state)
+{
+    shelf_t *t = *state;
+    char *part = entry(t, &t->hash, ".part");
+    uint8_t *junk = mem_zalloc(1, t->size + 1);
+    scratch_write(part, junk, t->size + 1);
+    blob_download_t download = begin(t, &t->hash, t->size);
+    assert_int_equal(download.have, 0);
+    blob_download_close(&download);
+    free(junk);
+    free(part);
+}
+
+static void wrong_bytes_never_get_the_name(void **state)
+{
+    shelf_t *t = *state;
+    scene_blob_t blob;
+    blob_download_t download = begin(t, &t->hash, t->size);
+    uint8_t *wrong = mem_alloc(t->size);
+    memcpy(wrong, t->bytes, t->size);
+    wrong[t->size - 1] ^= 1;
+    assert_int_equal(blob_download_append(&download, wrong, t->size).code, RESULT_OK);
+    assert_int_equal(blob_download_finish(t->cache, &download, &blob).code, RESULT_INPUT);
+    assert_false(in_cache(t, &t->hash));
+    assert_int_equal(scratch_count(t->dir), 0);
+    fetch(t, t->bytes, t->size, &t->hash);
+    free(wrong);
+}
+
+static void a_file_that_rotted_is_fetched_again(void **state)
+{
+    shelf_t *t = *state;
+    fetch(t, t->bytes, t->size, &t->hash);
+    char *path = entry(t, &t->hash, ".blob");
+    uint8_t *wrong = mem_alloc(t->size);
+    memcpy(wrong, t->bytes, t->size);
+    wrong[t->size / 2] ^= 0x10;
+    scratch_write(path, wrong, t->size);
+    assert_false(in_cache(t, &t->hash));
+    fetch(t, t->bytes, t->size, &t->hash);
+    scratch_write(path, wrong, 3); /* truncated */
+    assert_false(in_cache(t, &t->hash));
+    free(wrong);
+    free(path);
+}
+
+/* The lock of a process that was killed is gone, its bytes are not. */
+static void another_process_has_the_download(void **state)
+{
+    shelf_t *t = *state;
+    int ready[2];
+    char byte;
+    assert_int_equal(pipe(ready), 0);
+    pid_t child = fork();
+    if (child == 0) {
+        blob_download_t download = begin(t, &t->hash, t->size);
+        bool good = blob_download_append(&download, t->bytes, 20).code == RESULT_OK;
+        if (!good || write(ready[1], "x", 1) != 1) _exit(1);
+        pause();
+    }
+    assert_int_equal(read(ready[0], &byte, 1), 1);
+    blob_download_t download;
+    bool busy;
+    assert_int_equal(blob_cache_download(t->cache, &t->hash, t->size, &download, &busy).code, RESULT_OK);
+    assert_true(busy);
+    kill(child, SIGKILL);
+    waitpid(child, NULL, 0);
+    download = begin(t, &t->hash, t->size);
+    assert_int_equal(download.have, 20);
+    blob_download_close(&download);
+    close(ready[0]);
+    close(ready[1]);
+}
+
+static void used_at(shelf_t *t, const hash_t *hash, time_t time)
+{
+    char *path = entry(t, hash, ".blob");
+    struct timespec times[2] = {{.tv_sec = time}, {.tv_sec = time}};
+    assert_int_equal(utimensat(AT_FDCWD, path, times, 0), 0);
+    free(path);
+}
+
+static void the_least_recently_used_go_first(void **state)
+{
+    shelf_t *t = *state;
+    hash_t hash[4];
+    uint64_t size[4];
+    uint8_t *bytes[4];
+    for (uint32_t i = 0; i < 4; i++) bytes[i] = peer_blob(i + 1, &size[i], &hash[i]);
+    blob_cache_destroy(&t->cache);
+    assert_int_equal(blob_cache_new(t->dir, 3 * size[0], &t->cache).code, RESULT_OK);
+    for (int i = 0; i < 3; i++) {
+        fetch(t, bytes[i], size[i], &hash[i]);
+        used_at(t, &hash[i], 1000 + i);
+    }
+    assert_true(in_cache(t, &hash[0])); /* and so used now */
+    fetch(t, bytes[3], size[3], &hash[3]);
+    assert_true(in_cache(t, &hash[0]));
+    assert_false(in_cache(t, &hash[1]));
+    assert_true(in_cache(t, &hash[2]));
+    assert_true(in_cache(t, &hash[3]));
+    for (int i = 0; i < 4; i++) free(bytes[i]);
+}
+
+static void a_part_in_use_and_other_files_stay(void **state)
+{
+    shelf_t *t = *state;
+    uint64_t size;
+    hash_t hash;
+    uint8_t *bytes = peer_blob(5, &size, &hash);
+    char *other = scratch_path(t->dir, "notes.txt");
+    scratch_write(other, "mine", 4);
+    blob_cache_destroy(&t->cache);
+    assert_int_equal(blob_cache_new(t->dir, 1, &t->cache).code, RESULT_OK);
+    /* A blob over the whole limit is fetched all the same: the job needs it. */
+    blob_download_t download = begin(t, &hash, size);
+    assert_int_equal(blob_download_append(&download, bytes, 30).code, RESULT_OK);
+    fetch(t, t->bytes, t->size, &t->hash);
+    assert_int_equal(download.have, 30);
+    assert_int_equal(blob_download_append(&download, bytes + 30, size - 30).code, RESULT_OK);
+    scene_blob_t blob;
+    assert_int_equal(blob_download_finish(t->cache, &download, &blob).code, RESULT_OK);
+    blob_close(&blob);
+    assert_int_equal(access(other, F_OK), 0);
+    free(other);
+    free(bytes);
+}
+
+static void a_folder_that_cannot_be_written_is_named(void **state)
+{
+    shelf_t *t = *state;
+    char *file = scratch_path(t->folder, "file");
+    scratch_write(file, "x", 1);
+    char *below = mem_printf("%s/cache", file);
+    blob_cache_t *cache = NULL;
+    result_t result = blob_cache_new(below, ROOMY, &cache);
+    assert_int_equal(result.code, RESULT_IO);
+    assert_non_null(strstr(result.message, below));
+    assert_non_null(strstr(result.message, "--cache"));
+    free(below);
+    free(file);
+}
+
+static void the_default_folder_is_the_users_own(void **state)
+{
+    (void)state;
+    char *old_home = getenv("HOME") ? mem_strdup(getenv("HOME")) : NULL;
+    unsetenv("XDG_CACHE_HOME");
+    setenv("HOME", "/home/somebody", 1);
+    char *dir = blob_cache_default_dir();
+    assert_string_equal(dir, "/home/somebody/.cache/lightmill");
+    free(dir);
+    setenv("XDG_CACHE_HOME", "/var/cache", 1);
+    dir = blob_cache_default_dir();
+    assert_string_equal(dir, "/var/cache/lightmill");
+    free(dir);
+    setenv("XDG_CACHE_HOME", "relative", 1);
+    unsetenv("HOME");
+    dir = blob_cache_default_dir();
+    assert_true(dir[0] == '/' && strstr(dir, "lightmill") != NULL);
+    free(dir);
+    unsetenv("XDG_CACHE_HOME");
+    if (old_home != NULL) setenv("HOME", old_home, 1);
+    free(old_home);
+}
+
+int main(void)
+{
+#define SHELF(test) cmocka_unit_test_setup_teardown(test, set_up, tear_down)
+    const struct CMUnitTest tests[] = {
+        SHELF(a_scene_is_fetched_once),
+        SHELF(a_broken_download_goes_on),
+        SHELF(a_part_that_is_too_long_begins_anew),
+        SHELF(wrong_bytes_never_get_the_name),
+        SHELF(a_file_that_rotted_is_fetched_again),
+        SHELF(another_process_has_the_download),
+        SHELF(the_least_recently_used_go_first),
+        SHELF(a_part_in_use_and_other_files_stay),
+        SHELF(a_folder_that_cannot_be_written_is_named),
+        SHELF(the_default_folder_is_the_users_own),
+    };
+    return cmocka_run_group_tests_name("blob cache", tests, NULL, NULL);
+}

@@ -1,0 +1,117 @@
+/* checks: see checks.h. */
+#include "worker/checks.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+static void check_free(check_t *check)
+{
+    for (size_t i = 0; i < check->count; i++) unit_result_free(&check->results[i]);
+    free(check->results);
+    free(check->units);
+    batch_free(&check->batch);
+    free(check);
+}
+
+void checks_push(checks_t *checks, uint64_t number, unit_t *units, size_t count)
+{
+    if (checks->count == CHECKS_MAX || count == 0) {
+        free(units);
+        return;
+    }
+    check_t *check = mem_zalloc(1, sizeof *check);
+    check->number = number;
+    check->units = units;
+    check->count = count;
+    check->results = mem_zalloc(count, sizeof *check->results);
+    checks->list[checks->count++] = check;
+}
+
+/* The first that is wanted. */
+static check_t *head(const checks_t *checks)
+{
+    for (size_t i = 0; i < checks->count; i++)
+        if (!checks->list[i]->dropped) return checks->list[i];
+    return NULL;
+}
+
+check_t *checks_next(const checks_t *checks)
+{
+    check_t *check = head(checks);
+    return check != NULL && check->begun < check->count ? check : NULL;
+}
+
+void checks_finish(checks_t *checks, check_t *check, size_t unit, unit_result_t *result)
+{
+    check->rendering--;
+    if (result != NULL) {
+        check->results[unit] = *result;
+        *result = (unit_result_t){0};
+        check->done++;
+    } else {
+        check->dropped = true;
+    }
+    checks_sweep(checks);
+}
+
+void checks_close(check_t *check, const job_settings_t *settings)
+{
+    batch_init(&check->batch, settings);
+    for (size_t i = 0; i < check->count; i++) {
+        batch_add(&check->batch, &check->results[i]);
+        unit_result_free(&check->results[i]);
+    }
+    check->under_way = true;
+}
+
+uint64_t checks_bytes(const check_t *check, const job_settings_t *settings)
+{
+    size_t values = 0, splats = 0;
+    for (size_t i = 0; i < check->count; i++) {
+        values += batch_tile_values(settings, check->units[i].tile) +
+                  batch_feature_values(settings, &check->units[i]);
+        if (check->results[i].splat_count > 0) splats = batch_splat_values(settings);
+    }
+    return sizeof(int64_t) * (values + splats);
+}
+
+check_t *checks_complete(const checks_t *checks)
+{
+    check_t *check = head(checks);
+    return check != NULL && check->done == check->count && !check->under_way ? check : NULL;
+}
+
+check_t *checks_find(const checks_t *checks, uint64_t number)
+{
+    for (size_t i = 0; i < checks->count; i++)
+        if (checks->list[i]->number == number && !checks->list[i]->dropped) return checks->list[i];
+    return NULL;
+}
+
+size_t checks_units(const checks_t *checks)
+{
+    size_t units = 0;
+    for (size_t i = 0; i < checks->count; i++)
+        if (!checks->list[i]->dropped) units += checks->list[i]->count;
+    return units;
+}
+
+void checks_drop(checks_t *checks, bool all)
+{
+    for (size_t i = 0; i < checks->count; i++)
+        if (all || checks->list[i]->begun < checks->list[i]->count) checks->list[i]->dropped = true;
+    checks_sweep(checks);
+}
+
+void checks_sweep(checks_t *checks)
+{
+    size_t kept = 0;
+    for (size_t i = 0; i < checks->count; i++) {
+        check_t *check = checks->list[i];
+        if (check->dropped && check->rendering == 0 && !check->under_way)
+            check_free(check);
+        else
+            checks->list[kept++] = check;
+    }
+    checks->count = kept;
+}

@@ -1,0 +1,56 @@
+/* checks: the assignments of a job whose units make a batch of their own, so that a master can compare two
+ * renderings of them.
+ *
+ * The first one is worked on until its batch was sent; then comes the next. Results are put together in the
+ * order of the units, so that whoever renders them makes the same batch. The owner locks.
+ */
+#ifndef LIGHTMILL_CHECKS_H
+#define LIGHTMILL_CHECKS_H
+
+#include "common/film.h"
+
+enum { CHECKS_MAX = 64 };
+
+typedef struct {
+    uint64_t number;
+    unit_t *units;
+    size_t count;
+    unit_result_t *results; /* one for each unit */
+    size_t begun;           /* units that were taken, */
+    size_t rendering;       /* are in a thread's hands now, */
+    size_t done;            /* and are finished */
+    bool under_way;         /* the batch is closed and being sent: nobody else touches it */
+    bool dropped;           /* nobody wants it: it goes when nothing of it is rendering or under way */
+    batch_t batch;          /* made by checks_close */
+} check_t;
+
+/* Zeroed to begin with. */
+typedef struct {
+    check_t *list[CHECKS_MAX];
+    size_t count;
+} checks_t;
+
+/* Adds one; the units are taken over. One too many is let go: the master gives it to somebody else in time.
+ */
+void checks_push(checks_t *checks, uint64_t number, unit_t *units, size_t count);
+/* The one to take the next unit of (units[begun]); NULL when there is none. */
+check_t *checks_next(const checks_t *checks);
+/* A unit of it was finished, or (result NULL) given up: then the whole check is dropped. The result's memory
+ * is taken over. */
+void checks_finish(checks_t *checks, check_t *check, size_t unit, unit_result_t *result);
+/* The one whose batch is complete and to be sent; NULL when there is none. */
+check_t *checks_complete(const checks_t *checks);
+/* The one that bears a number; NULL when there is none. */
+check_t *checks_find(const checks_t *checks, uint64_t number);
+/* Makes the batch of a complete one, which is under way from now on. */
+void checks_close(check_t *check, const job_settings_t *settings);
+/* Bytes that the batch of a complete one will take. */
+uint64_t checks_bytes(const check_t *check, const job_settings_t *settings);
+/* Units in all that are wanted. */
+size_t checks_units(const checks_t *checks);
+/* Drops those of which not every unit was begun, or all. */
+void checks_drop(checks_t *checks, bool all);
+/* Frees what was dropped or sent, once nothing of it is in anybody's hands. */
+void checks_sweep(checks_t *checks);
+
+#endif

@@ -1,0 +1,88 @@
+/* workshop_state: what the workshop is made of, for workshop*.c alone. */
+#ifndef LIGHTMILL_WORKSHOP_STATE_H
+#define LIGHTMILL_WORKSHOP_STATE_H
+
+#include "proto/wire.h"
+#include "worker/checks.h"
+#include "worker/render/renderer.h"
+#include "worker/unit_queue.h"
+#include "worker/workshop.h"
+
+#include <pthread.h>
+
+enum {
+    BATCH_MAX_UNITS = WIRE_MAX_UNITS / 4, /* a batch is offered when it has so many units */
+    BATCH_MAX_VALUES = 1 << 26,           /* or tiles of 512 MB, or */
+    BATCH_MEMORY_SHARE = 8,             /* this part of the memory; then rendering waits until it is closed */
+    MAX_UNITS_HELD = WIRE_MAX_UNITS / 2 /* no more is asked for, so no batch can break the wire's limit */
+};
+
+typedef enum { STAGE_EMPTY, STAGE_LOADING, STAGE_READY } stage_t;
+
+typedef struct {
+    batch_t batch;
+    double since; /* clock at its first unit */
+} slot_t;
+
+struct workshop {
+    workshop_options_t options;
+    pthread_mutex_t lock, fill;
+    pthread_cond_t work; /* units came, or it is time to end */
+    pthread_t *threads;
+    int thread_count;
+
+    stage_t stage;
+    assignment_t current, next; /* `units` stay in `next` until it becomes current */
+    bool has_next;
+    scene_blob_t blob;    /* under the renderer, which keeps a pointer to it; the bulk thread's */
+    renderer_t *renderer; /* NULL until the scene is loaded */
+    unit_queue_t queue;
+    unit_t *begun; /* those of the queue that threads have in hand; room for one a thread */
+    size_t begun_count;
+    checks_t checks;
+    int rendering;      /* units that threads have in hand, of the queue and of checks */
+    atomic_bool cancel; /* tells the renderer to give up */
+    bool over;          /* the job in hand is to be let go, */
+    bool flush;         /* but its open batch is still wanted; the scene is kept in case the job goes on */
+    bool no_more, draining, hurry, quit;
+    result_t failure;
+    uint64_t failed; /* job */
+
+    slot_t slots[2];
+    int open;         /* the slot being filled (under `fill`) */
+    atomic_bool full; /* it takes no more */
+    bool under_way;   /* the other slot is closed and being sent: only the bulk thread changes it */
+    uint64_t sequence;
+
+    double speed; /* pixel samples per thread and second */
+    bool measured;
+};
+
+/* Writes an eventfd. */
+void workshop_wake(int event);
+
+/* ---- under the lock; workshop.c ---- */
+
+/* Everything that was asked of the job in hand has been done, sent and answered. */
+bool workshop_all_sent(workshop_t *shop);
+/* True when the assignment is of the job in hand. A number alone says nothing: a master that lost its data
+ * gives the old ones to new jobs. */
+bool workshop_is_current(const workshop_t *shop, const assignment_t *assignment);
+/* Takes an assignment as the job in hand, to be loaded. The stage is empty. */
+void workshop_begin_job(workshop_t *shop, const assignment_t *assignment);
+/* Goes on with a job that was over (it had been paused), of which `next` is an assignment: its scene is here.
+ */
+void workshop_resume_job(workshop_t *shop);
+/* Lets the job in hand go. */
+void workshop_end_job(workshop_t *shop, bool flush);
+
+/* ---- the bulk thread's calls (crew.h); workshop_duties.c ---- */
+
+duty_t workshop_duty(void *self, double batch_interval);
+bool workshop_unwanted(void *self, uint64_t job);
+result_t workshop_loaded(void *self, uint64_t job, scene_blob_t *blob);
+void workshop_refuse(void *self, uint64_t job, result_t why);
+closed_batch_t workshop_close(void *self, const offer_t *offer);
+void workshop_sent(void *self, const closed_batch_t *closed, bool counted);
+
+#endif
