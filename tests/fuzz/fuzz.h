@@ -17,6 +17,7 @@ int fuzz_pbrt(const uint8_t *data, size_t size);
 int fuzz_ply(const uint8_t *data, size_t size);
 int fuzz_render(const uint8_t *data, size_t size);
 int fuzz_spectrum(const uint8_t *data, size_t size);
+int fuzz_spool(const uint8_t *data, size_t size);
 int fuzz_texture_image(const uint8_t *data, size_t size);
 
 /* The path of a file in a folder of this process's own, which holds copies of tests/fuzz/assets and goes when

@@ -72,6 +72,12 @@ static void test_ply(void **state)
     assert_true(run_seeds("ply", fuzz_ply) > 0);
 }
 
+static void test_spool(void **state)
+{
+    (void)state;
+    assert_true(run_seeds("spool", fuzz_spool) > 0);
+}
+
 static void test_spectrum(void **state)
 {
     (void)state;
@@ -93,10 +99,9 @@ static void test_checkpoint(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_blob),          cmocka_unit_test(test_render),
-        cmocka_unit_test(test_pbrt),          cmocka_unit_test(test_gltf),
-        cmocka_unit_test(test_ply),           cmocka_unit_test(test_spectrum),
-        cmocka_unit_test(test_texture_image), cmocka_unit_test(test_checkpoint),
+        cmocka_unit_test(test_blob),  cmocka_unit_test(test_render),        cmocka_unit_test(test_pbrt),
+        cmocka_unit_test(test_gltf),  cmocka_unit_test(test_ply),           cmocka_unit_test(test_spectrum),
+        cmocka_unit_test(test_spool), cmocka_unit_test(test_texture_image), cmocka_unit_test(test_checkpoint),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
