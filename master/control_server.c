@@ -233,8 +233,8 @@ static void on_status(control_server_t *server, const wire_message_t *message)
 static void on_worker_list(control_server_t *server, const wire_message_t *message)
 {
     question_t question = {server, message};
-    report_workers(server->options.farm, clock_now(), message->envelope->worker_list_request, send_report,
-                   &question);
+    report_workers(server->options.farm, server->options.gate, clock_now(),
+                   message->envelope->worker_list_request, send_report, &question);
 }
 
 static void on_order(control_server_t *server, const wire_message_t *message)
@@ -401,6 +401,7 @@ static void *control_server_run(void *argument)
     bool more = false;
     prctl(PR_SET_NAME, "lm-control");
     while (!atomic_load(&server->stop)) {
+        pulse_beat(server->options.pulse, NULL);
         zmq_pollitem_t items[] = {{.socket = server->options.socket, .events = ZMQ_POLLIN},
                                   {.fd = server->options.wake, .events = ZMQ_POLLIN}};
         zmq_poll(items, ARRAY_LENGTH(items), more ? 0 : TICK_MS);

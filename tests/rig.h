@@ -21,6 +21,12 @@ typedef struct {
     int started_count;
 } rig_t;
 
+/* Samples a pixel of the job below, as text. The renderer is many times slower under the thread sanitizer. */
+#ifdef __SANITIZE_THREAD__
+#define RIG_SPP "64"
+#else
+#define RIG_SPP "384"
+#endif
 /* What the tests render: seed-hidden, small, a few seconds of two cores. */
 job_settings_t rig_settings(void);
 /* The pixel hash of that job, rendered by `lightmill render` without any farm; computed once a program. */

@@ -90,6 +90,24 @@ static void test_texture_image(void **state)
     assert_true(run_seeds("texture_image", fuzz_texture_image) > 0);
 }
 
+static void test_wire(void **state)
+{
+    (void)state;
+    assert_true(run_seeds("wire", fuzz_wire) > 0);
+}
+
+static void test_payload(void **state)
+{
+    (void)state;
+    assert_true(run_seeds("payload", fuzz_payload) > 0);
+}
+
+static void test_allow_list(void **state)
+{
+    (void)state;
+    assert_true(run_seeds("allow_list", fuzz_allow_list) > 0);
+}
+
 static void test_checkpoint(void **state)
 {
     (void)state;
@@ -99,9 +117,12 @@ static void test_checkpoint(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_blob),  cmocka_unit_test(test_render),        cmocka_unit_test(test_pbrt),
-        cmocka_unit_test(test_gltf),  cmocka_unit_test(test_ply),           cmocka_unit_test(test_spectrum),
-        cmocka_unit_test(test_spool), cmocka_unit_test(test_texture_image), cmocka_unit_test(test_checkpoint),
+        cmocka_unit_test(test_blob),          cmocka_unit_test(test_render),
+        cmocka_unit_test(test_pbrt),          cmocka_unit_test(test_gltf),
+        cmocka_unit_test(test_ply),           cmocka_unit_test(test_spectrum),
+        cmocka_unit_test(test_texture_image), cmocka_unit_test(test_checkpoint),
+        cmocka_unit_test(test_wire),          cmocka_unit_test(test_payload),
+        cmocka_unit_test(test_allow_list),    cmocka_unit_test(test_spool),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
