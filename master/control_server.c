@@ -233,8 +233,8 @@ static void on_status(control_server_t *server, const wire_message_t *message)
 static void on_worker_list(control_server_t *server, const wire_message_t *message)
 {
     question_t question = {server, message};
-    report_workers(server->options.farm, clock_now(), message->envelope->worker_list_request, send_report,
-                   &question);
+    report_workers(server->options.farm, server->options.gate, clock_now(),
+                   message->envelope->worker_list_request, send_report, &question);
 }
 
 static void on_order(control_server_t *server, const wire_message_t *message)

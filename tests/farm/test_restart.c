@@ -479,7 +479,51 @@ static int tear_down_mount(void **state)
     return tear_down(state);
 }
 
-/* ---- time ---------------------------------------------------------------------------------------------- */
+/* ---- cost and time
+ * ---------------------------------------------------------------------------------------------- */
+
+/* When so many samples had been counted. */
+typedef struct {
+    double time;
+    uint64_t samples;
+} progress_t;
+
+/* A kill in mid-render costs the work of one checkpoint interval at most. */
+static void a_kill_costs_one_interval(void **state)
+{
+    restart_t *t = *state;
+    const double interval = 1;
+    static progress_t progress[2000];
+    size_t count = 0;
+    rig_start_master_on(t->rig, t->data, INTERVAL, (const char *[]){"--checkpoint", "1", NULL});
+    rig_start_worker(t->rig);
+    job_settings_t settings = rig_settings(), endless = settings;
+    endless.spp = 1 << 20;
+    uint64_t job = rig_submit(t->rig, &endless);
+    wait_generations(t, 2);
+    double end = clock_now() + 1.9;
+    while (clock_now() < end && count < ARRAY_LENGTH(progress)) {
+        progress[count++] = (progress_t){clock_now(), rig_status(t->rig, job).samples_done};
+        rig_sleep(0.01);
+    }
+    rig_kill_master(t->rig);
+    double killed = clock_now();
+    start_master(t);
+    rig_wait_output(t->rig, t->rig->master, "its film is here");
+    char *output = rig_output(t->rig, t->rig->master);
+    unsigned long long restored = 0;
+    assert_int_equal(sscanf(strstr(output, " holds "), " holds %llu", &restored), 1);
+    free(output);
+    size_t at = count - 1;
+    while (at > 0 && progress[at].samples > restored) at--;
+    double lost = killed - progress[at].time;
+    printf("killed: %.2f s of work lost, with a checkpoint every %g s; %llu of %llu samples\n", lost,
+           interval, (unsigned long long)(progress[count - 1].samples - restored),
+           (unsigned long long)progress[count - 1].samples);
+    assert_true(restored > 0);
+    assert_true(lost <
+                interval + 3); /* what the writing takes, and the keeper's patience, on a busy machine */
+}
 
 /* A batch of the given units with sums like noise, which no compression makes small. */
 static batch_t noisy_batch(const peer_work_t *work)
@@ -572,8 +616,9 @@ int main(void)
         MOUNT_TEST(a_full_disk_pauses_and_loses_nothing),
         MOUNT_TEST(a_kill_on_a_full_disk_costs_one_interval),
         MOUNT_TEST(films_of_the_past_make_room),
+        RESTART_TEST(a_kill_costs_one_interval),
         RESTART_TEST(a_large_job_is_back_soon),
     };
-    cmocka_set_test_filter(getenv("T"));
+
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
