@@ -44,6 +44,7 @@ struct keeper {
     keeper_options_t options;
     pthread_t thread;
     atomic_bool stop;
+    bool finished;           /* the thread has been joined */
     pthread_mutex_t custody; /* held while it is decided whether a film is needed, and while it is deleted */
     int cores;
     /* the thread's own */
@@ -427,15 +428,22 @@ result_t keeper_start(const keeper_options_t *options, keeper_t **out)
     return result_fail(RESULT_LIMIT, "cannot start a thread: %s", strerror(error));
 }
 
-void keeper_stop(keeper_t **out)
+void keeper_finish(keeper_t *keeper)
 {
-    keeper_t *keeper = *out;
-    if (keeper == NULL) return;
+    if (keeper == NULL || keeper->finished) return;
     atomic_store(&keeper->stop, true);
     uint64_t one = 1;
     if (write(keeper->options.checkpoint_wake, &one, sizeof one) < 0)
         log_debug("the keeper is awake already");
     pthread_join(keeper->thread, NULL);
+    keeper->finished = true;
+}
+
+void keeper_stop(keeper_t **out)
+{
+    keeper_t *keeper = *out;
+    if (keeper == NULL) return;
+    keeper_finish(keeper);
     pthread_mutex_destroy(&keeper->custody);
     free(keeper);
     *out = NULL;

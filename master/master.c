@@ -382,8 +382,9 @@ static void dismantle(master_t *master)
     bulk_server_stop(&master->bulk);
     if (master->farm != NULL) farm_shut_down(master->farm, clock_now());
     gallery_stop(&master->gallery);
+    keeper_finish(master->keeper);
+    clerk_stop(&master->clerk); /* it may ask the keeper for room */
     keeper_stop(&master->keeper);
-    clerk_stop(&master->clerk);
     farm_destroy(&master->farm);
     blob_store_close(&master->store);
     film_store_close(&master->films);
