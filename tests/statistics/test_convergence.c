@@ -17,30 +17,6 @@ static const rgb_t black = {0, 0, 0};
 
 /* ---- the error ----------------------------------------------------------------------------------------- */
 
-/* The error of an image against a mean, by the formula of film_noise with the mean's values. */
-static double true_error(const film_image_t *image, const double *mean)
-{
-    size_t values = 3 * (size_t)image->width * (size_t)image->height;
-    double brightness = 0, sum = 0;
-    for (size_t i = 0; i < values; i++) brightness += mean[i] / (double)values;
-    double floor = FILM_ERROR_FLOOR * brightness;
-    for (size_t i = 0; i < values; i++)
-        sum += pow((double)image->sum[i] - mean[i], 2) / (mean[i] * mean[i] + floor * floor);
-    return sqrt(sum / (double)values);
-}
-
-/* What the noise of the reference itself adds to it. */
-static double reference_error(const estimate_image_t *reference)
-{
-    size_t values = 3 * (size_t)reference->width * (size_t)reference->height;
-    double brightness = 0, sum = 0;
-    for (size_t i = 0; i < values; i++) brightness += reference->mean[i] / (double)values;
-    double floor = FILM_ERROR_FLOOR * brightness;
-    for (size_t i = 0; i < values; i++)
-        sum += reference->variance[i] / (reference->mean[i] * reference->mean[i] + floor * floor);
-    return sqrt(sum / (double)values);
-}
-
 static void check_error(const char *scene, double target, bool adaptive, uint64_t seed)
 {
     char *path = mem_printf("scenes/%s/scene.pbrt", scene);
@@ -48,7 +24,6 @@ static void check_error(const char *scene, double target, bool adaptive, uint64_
     uint64_t size;
     scene_blob_t blob;
     planned_t planned;
-    film_image_t image;
     assert_int_equal(import_scene_blob(path, NULL, &bytes, &size).code, RESULT_OK);
     assert_int_equal(blob_open(bytes, size, &blob).code, RESULT_OK);
     job_settings_t settings = blob_default_settings(&blob);
@@ -58,18 +33,16 @@ static void check_error(const char *scene, double target, bool adaptive, uint64_
     settings.features = false;
     settings.seed = seed;
     film_t *film = render_planned(&blob, &settings, 1 << 20, 1, &planned);
-    film_resolve(film, &image);
-    estimate_image_t reference = reference_read(scene);
-    double floor = reference_error(&reference), error = true_error(&image, reference.mean);
-    error = sqrt(fmax(0, error * error - floor * floor));
+    estimate_image_t estimate = reference_estimate(film), reference = reference_read(scene);
+    double error = reference_error(&estimate, &reference);
     print_message("%s%s: to %g in %u rounds, %.1f samples a pixel, estimate %.4f, true %.4f\n", scene,
                   adaptive ? ", adaptive" : "", target, planned.rounds, planned.samples, planned.error,
                   error);
     assert_true(planned.error <= target && planned.error > 0.8 * target);
-    assert_true(fabs(planned.error - image.error) < 1e-12);
+    assert_true(planned.error == film_noise(film, NULL));
     assert_true(error > 0.75 * target && error < 1.25 * target);
+    estimate_image_free(&estimate);
     estimate_image_free(&reference);
-    film_image_free(&image);
     film_destroy(&film);
     free(planned.shown);
     free(bytes);
@@ -211,12 +184,9 @@ static void adaptive_images_are_better(void **state)
     job_settings_t settings = one_strategy(&scene.blob, 1, 2);
     settings.spp = 1024;
     film_t *film = render_here(&scene.blob, &settings);
-    film_image_t truth, image;
-    film_resolve(film, &truth);
+    estimate_image_t truth = reference_estimate(film);
+    double error[2] = {0, 0};
     film_destroy(&film);
-    size_t values = (size_t)3 * 64 * 64;
-    double *mean = mem_zalloc(values, sizeof *mean), error[2] = {0, 0};
-    for (size_t i = 0; i < values; i++) mean[i] = (double)truth.sum[i];
     settings = one_strategy(&scene.blob, 0, 3);
     settings.spp = 128;
     for (int seed = 1; seed <= 3; seed++)
@@ -226,23 +196,25 @@ static void adaptive_images_are_better(void **state)
             settings.adaptive = adaptive;
             film = adaptive ? render_planned(&scene.blob, &settings, 1 << 20, 1, &planned)
                             : render_here(&scene.blob, &settings);
-            film_resolve(film, &image);
-            error[adaptive] += pow(true_error(&image, mean), 2) / 3;
+            estimate_image_t estimate = reference_estimate(film);
+            error[adaptive] += pow(reference_error(&estimate, &truth), 2) / 3;
+            estimate_image_free(&estimate);
             if (adaptive) {
+                film_image_t image;
                 double shown = 0;
+                film_resolve(film, &image);
                 for (size_t p = 0; p < 64 * 64; p++) shown += (double)planned.shown[p] / (64 * 64);
                 assert_true(fabs(shown - 128) < 1e-6);
                 assert_true(image.samples[0] == 128); /* what the film knows: the mean */
+                film_image_free(&image);
                 free(planned.shown);
             }
-            film_image_free(&image);
             film_destroy(&film);
         }
     print_message("uneven noise, 128 samples a pixel: error %.4f, adaptive %.4f\n", sqrt(error[0]),
                   sqrt(error[1]));
     assert_true(error[1] < 0.5 * error[0]);
-    film_image_free(&truth);
-    free(mean);
+    estimate_image_free(&truth);
     test_scene_end(&scene);
 }
 
