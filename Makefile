@@ -23,13 +23,14 @@ PROTO_SRC  := $(wildcard proto/*.c)
 RENDER_SRC := $(wildcard worker/render/*.c)
 WORKER_SRC := $(filter-out worker/main.c,$(wildcard worker/*.c))
 MASTER_SRC := $(filter-out master/main.c,$(wildcard master/*.c))
+RELAY_SRC  := $(filter-out relay/main.c,$(wildcard relay/*.c))
 CLIENT_SRC := $(filter-out client/main.c,$(wildcard client/*.c client/import/*.c client/import/*/*.c))
-LIB_SRC    := $(COMMON_SRC) $(PROTO_SRC) $(RENDER_SRC) $(WORKER_SRC) $(MASTER_SRC) $(CLIENT_SRC)
+LIB_SRC    := $(COMMON_SRC) $(PROTO_SRC) $(RENDER_SRC) $(WORKER_SRC) $(MASTER_SRC) $(RELAY_SRC) $(CLIENT_SRC)
 SCHEMA_C   := $(patsubst %.proto,$(BUILD)/%.pb-c.c,$(wildcard proto/*.proto))
 SCHEMA_O   := $(SCHEMA_C:.c=.o)
 objects     = $(patsubst %.c,$(BUILD)/%.o,$(1))
 
-PROGRAMS := $(BUILD)/lightmill $(BUILD)/lightmill-master $(BUILD)/lightmill-worker
+PROGRAMS := $(BUILD)/lightmill $(BUILD)/lightmill-master $(BUILD)/lightmill-worker $(BUILD)/lightmill-relay
 TEST_SRC := $(wildcard tests/unit/*.c tests/statistics/*.c tests/farm/*.c)
 TESTS    := $(patsubst tests/%.c,$(BUILD)/tests/%,$(filter tests/%,$(shell grep -l '^int main' $(TEST_SRC) /dev/null 2>/dev/null)))
 
@@ -37,6 +38,10 @@ all: $(PROGRAMS)
 
 $(BUILD)/lightmill-master: $(call objects,master/main.c $(MASTER_SRC) $(PROTO_SRC) $(COMMON_SRC)) $(SCHEMA_O)
 $(BUILD)/lightmill-worker: $(call objects,worker/main.c $(WORKER_SRC) $(RENDER_SRC) $(PROTO_SRC) $(COMMON_SRC)) $(SCHEMA_O)
+# A relay is a worker to its master and a master to its workers: what it shares with them, but no renderer and no farm.
+RELAY_USES := $(patsubst %,worker/%.c,control bulk link blob_cache unit_queue) \
+              $(patsubst %,master/%.c,gate allow_list handshakes complaint rate_limit grants merge_pool)
+$(BUILD)/lightmill-relay: $(call objects,relay/main.c $(RELAY_SRC) $(RELAY_USES) $(PROTO_SRC) $(COMMON_SRC)) $(SCHEMA_O)
 $(BUILD)/lightmill: $(call objects,client/main.c $(LIB_SRC)) $(SCHEMA_O)
 $(PROGRAMS):
 	@echo "  link $@"
@@ -47,7 +52,7 @@ $(BUILD)/proto/%.pb-c.c $(BUILD)/proto/%.pb-c.h: proto/%.proto
 	protoc-c --proto_path=proto --c_out=$(@D) $<
 $(SCHEMA_O): %.o: %.c | $(SCHEMA_C)
 	$(CC) $(ALL_CFLAGS) -c -o $@ $<
-$(call objects,$(PROTO_SRC) $(WORKER_SRC) $(MASTER_SRC) $(CLIENT_SRC) $(TEST_SRC) $(wildcard tests/*.c)): | $(SCHEMA_C)
+$(call objects,$(PROTO_SRC) $(WORKER_SRC) $(MASTER_SRC) $(RELAY_SRC) relay/main.c $(CLIENT_SRC) $(TEST_SRC) $(wildcard tests/*.c tests/fuzz/*.c)): | $(SCHEMA_C)
 
 $(BUILD)/%.o: %.c
 	@mkdir -p $(@D)
@@ -158,6 +163,11 @@ bench: deps
 	$(BUILD)/tests/bench/bench_mesh
 	$(BUILD)/tests/bench/bench_render
 
+# What docs/convergence.md says of --error: about ten minutes.
+bench-error: deps
+	$(SUBMAKE) $(JOBS) $(BUILD)/tests/bench/bench_error
+	$(BUILD)/tests/bench/bench_error
+
 # The master's merge rate as a share of memcpy's (docs/scale.md).
 bench-merge: deps
 	$(SUBMAKE) $(JOBS) $(BUILD)/tests/bench/bench_merge
@@ -199,7 +209,7 @@ clean:
 	rm -rf $(BUILD)
 
 help:
-	@echo "make            build lightmill, lightmill-master and lightmill-worker in $(BUILD)/"
+	@echo "make            build lightmill, lightmill-master, lightmill-worker and lightmill-relay in $(BUILD)/"
 	@echo "make demo       render scenes/seed-hidden on a farm of three processes on this machine"
 	@echo "make check      install what is missing, build, run all tests"
 	@echo "make asan       the tests under the address and undefined-behaviour sanitizers (tsan: threads)"
@@ -207,6 +217,7 @@ help:
 	@echo "make valgrind   a master that served 50 jobs has no leaks"
 	@echo "make fuzz       libFuzzer on all that reads files: FUZZ_SECONDS ($(FUZZ_SECONDS)) each; FUZZ_TARGETS=\"pbrt ply\""
 	@echo "make bench      error and speed of the renderer against the figures of pbrt-v3"
+	@echo "make bench-error  jobs that end by --error: is it the error?"
 	@echo "make bench-merge  how fast a master merges, as a share of memcpy"
 	@echo "make sim        a real master and 500 simulated workers for three minutes: what one master takes"
 	@echo "make bench-codec  the codings of payloads that were weighed against one another"
@@ -216,5 +227,5 @@ help:
 	@echo "make format     clang-format; make lint: clang-tidy and cppcheck"
 	@echo "make clean      remove $(BUILD)/"
 
-.PHONY: all check bench bench-codec tests run-tests asan tsan fuzz demo deps deps-dev container-check install uninstall format lint clean help sim bench-merge chaos chaos-programs valgrind deps-test
+.PHONY: all check bench bench-error bench-codec tests run-tests asan tsan fuzz demo deps deps-dev container-check install uninstall format lint clean help sim bench-merge chaos chaos-programs valgrind deps-test
 .SECONDARY:

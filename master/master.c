@@ -11,8 +11,8 @@
  * the jobs. */
 #include "master/master.h"
 
-#include "common/memory_limit.h"
 #include "common/address.h"
+#include "common/memory_limit.h"
 #include "master/bulk_server.h"
 #include "master/control_server.h"
 #include "master/restart.h"
@@ -351,7 +351,8 @@ static result_t start_serving(master_t *master, const master_options_t *options)
                                         .bulk_port = (uint32_t)master->bulk_port,
                                         .heartbeat = options->heartbeat,
                                         .lease = options->lease,
-                                        .batch_interval = options->batch_interval};
+                                        .batch_interval = options->batch_interval,
+                                        .pulse = options->pulse};
     TRY(control_server_start(&control, &master->control));
     master->control_socket = NULL;
     return result_ok();
@@ -381,8 +382,9 @@ static void dismantle(master_t *master)
     bulk_server_stop(&master->bulk);
     if (master->farm != NULL) farm_shut_down(master->farm, clock_now());
     gallery_stop(&master->gallery);
+    keeper_finish(master->keeper);
+    clerk_stop(&master->clerk); /* it may ask the keeper for room */
     keeper_stop(&master->keeper);
-    clerk_stop(&master->clerk);
     farm_destroy(&master->farm);
     blob_store_close(&master->store);
     film_store_close(&master->films);

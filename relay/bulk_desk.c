@@ -188,6 +188,7 @@ result_t bulk_desk_start(const bulk_desk_options_t *options, bulk_desk_t **out)
         .merge = add_batch, .context = options->pool, .threads = options->threads, .wake = options->wake};
     desk_options_t desk = {.name = "relay bulk",
                            .socket = options->socket,
+                           .gate = options->gate,
                            .wake = options->wake,
                            .self = bulk,
                            .handle = handle,

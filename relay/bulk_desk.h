@@ -2,6 +2,7 @@
 #ifndef LIGHTMILL_BULK_DESK_H
 #define LIGHTMILL_BULK_DESK_H
 
+#include "master/gate.h"
 #include "relay/desk.h"
 #include "relay/pool.h"
 
@@ -10,6 +11,7 @@ typedef struct bulk_desk bulk_desk_t;
 typedef struct {
     pool_t *pool;    /* kept by the caller */
     void *socket;    /* a bound ROUTER; closed by the desk's thread */
+    gate_t *gate;    /* who may write to it; kept by the caller */
     int wake;        /* eventfd, written when batches were added or there is room again; kept by the caller */
     uint64_t credit; /* bytes that batches may take that are under way or wait to be added */
     int threads;     /* that add batches; 0: one a core */

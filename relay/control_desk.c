@@ -211,6 +211,7 @@ result_t control_desk_start(const control_desk_options_t *options, control_desk_
     control->units = mem_alloc(WIRE_MAX_UNITS * sizeof *control->units);
     desk_options_t desk = {.name = "relay control",
                            .socket = options->socket,
+                           .gate = options->gate,
                            .wake = options->wake,
                            .self = control,
                            .handle = handle,

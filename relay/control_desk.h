@@ -2,6 +2,7 @@
 #ifndef LIGHTMILL_CONTROL_DESK_H
 #define LIGHTMILL_CONTROL_DESK_H
 
+#include "master/gate.h"
 #include "relay/desk.h"
 #include "relay/pool.h"
 
@@ -10,6 +11,7 @@ typedef struct control_desk control_desk_t;
 typedef struct {
     pool_t *pool;                            /* kept by the caller */
     void *socket;                            /* a bound ROUTER; closed by the desk's thread */
+    gate_t *gate;                            /* who may write to it; kept by the caller */
     int wake;                                /* eventfd, written when there are notices; kept by the caller */
     uint32_t bulk_port;                      /* told to workers; 0: inproc */
     double heartbeat, lease, batch_interval; /* seconds, told to workers */

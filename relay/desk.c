@@ -69,6 +69,17 @@ static void on_malformed(desk_t *desk, const wire_message_t *message, result_t r
     if (message->identity_size > 0) desk_refuse(desk, message, reason);
 }
 
+static void handle(desk_t *desk, wire_message_t **message)
+{
+    result_t result = gate_check(desk->options.gate, *message);
+    if (result.code == RESULT_OK) {
+        desk->options.handle(desk->options.self, desk, message);
+    } else {
+        desk_complain(desk, "a message is refused: %s", result.message);
+        desk_refuse(desk, *message, result);
+    }
+}
+
 /* Handles the next message; false when there is none. */
 static bool receive_one(desk_t *desk)
 {
@@ -81,7 +92,7 @@ static bool receive_one(desk_t *desk)
         desk->bytes += message->bytes;
     }
     if (received)
-        desk->options.handle(desk->options.self, desk, &message);
+        handle(desk, &message);
     else if (any)
         on_malformed(desk, message, result);
     if (message != NULL) wire_free(message);

@@ -2,13 +2,14 @@
 #ifndef LIGHTMILL_DESK_H
 #define LIGHTMILL_DESK_H
 
-#include "proto/wire.h"
+#include "master/gate.h"
 
 typedef struct desk desk_t;
 
 typedef struct {
     const char *name; /* of the thread and in the log, at most 15 characters; kept by the caller */
     void *socket;     /* a bound ROUTER; closed by the desk's thread */
+    gate_t *gate;     /* says who may send what; kept by the caller */
     int wake;         /* eventfd that asks for a turn; kept by the caller */
     void *self;       /* of the calls below, which are made on the desk's thread */
     /* A message has come; what is to be kept of it is taken over by setting *message to NULL: it lies in

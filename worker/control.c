@@ -30,6 +30,7 @@
 #include <string.h>
 #include <sys/eventfd.h>
 
+enum { CLAIMS_A_REQUEST = 512 };         /* so that it stays far below the limit of a control message */
 static const double TICK = 0.1;          /* seconds: the longest sleep, so that a signal is seen soon */
 static const double FIRST_BACKOFF = 1.0; /* seconds between Hellos */
 static const double MAX_BACKOFF = 10.0;
@@ -52,7 +53,6 @@ typedef struct {
     uint64_t request; /* the last number used */
     uint64_t dials;
     bool was_up; /* there was a welcome before */
-    bool claim;  /* the next request for work is to name what is in hand */
     hash_t said; /* the fingerprint in the last Hello */
     double last_complaint;
 
@@ -61,7 +61,12 @@ typedef struct {
     double heartbeat, lease, batch_interval; /* seconds */
     double last_heard, next_heartbeat, next_report;
     uint64_t work_request; /* unanswered, 0: none */
-    double next_request;   /* when to ask for work again */
+    /* What was in hand at the welcome and is still to be named in requests for work. */
+    unit_t *claims;
+    size_t claim_count, claims_sent, claims_asked; /* in all; answered; with the request that is not */
+    uint64_t claim_job;
+    hash_t claim_content;
+    double next_request; /* when to ask for work again */
 
     double leave_by;   /* 0: not leaving */
     double give_up_at; /* what is not finished then is given up */
@@ -189,6 +194,19 @@ static double clamp(double value, double least, double most)
     return value < least ? least : value > most ? most : value;
 }
 
+/* After a new hello: notes what is in hand, to be named in the next requests for work. */
+static void note_claims(control_t *control)
+{
+    crew_state_t state = crew_state(control);
+    if (control->claims == NULL) control->claims = mem_alloc(WIRE_MAX_UNITS * sizeof *control->claims);
+    control->claim_job = state.job;
+    control->claim_content = state.content;
+    control->claims_sent = control->claims_asked = 0;
+    control->claim_count = state.job == 0 ? 0
+                                          : crew_calls(control)->kept(control->setup.crew.self, state.job,
+                                                                      control->claims, WIRE_MAX_UNITS);
+}
+
 static void on_welcome(control_t *control, const Lm__Welcome *welcome)
 {
     if (control->phase != PHASE_DIALLING) return;
@@ -215,8 +233,10 @@ static void on_welcome(control_t *control, const Lm__Welcome *welcome)
     control->last_complaint = 0;
     log_info("joined the master at %s (%.100s), %u threads", control->setup.control_endpoint,
              welcome->software, crew_state(control).threads);
-    if (control->was_up) crew_calls(control)->forget(control->setup.crew.self);
-    control->claim = control->was_up;
+    if (control->was_up) {
+        crew_calls(control)->forget(control->setup.crew.self);
+        note_claims(control);
+    }
     control->was_up = true;
     bulk_link_up(control->setup.bulk, endpoint, control->worker, control->batch_interval);
     free(endpoint);
@@ -238,24 +258,31 @@ static void send_heartbeat(control_t *control, const crew_state_t *state)
     control->next_heartbeat = clock_now() + control->heartbeat;
 }
 
-/* Adds what is in hand of the job to a request; work->kept and *units are to be freed. */
-static void add_claim(control_t *control, const crew_state_t *state, Lm__WorkRequest *work, unit_t **units)
+static bool claims_pending(const control_t *control)
 {
-    *units = mem_alloc(WIRE_MAX_UNITS * sizeof **units);
-    work->n_kept = crew_calls(control)->kept(control->setup.crew.self, state->job, *units, WIRE_MAX_UNITS);
-    work->kept = wire_units_new(*units, work->n_kept);
-    work->content = wire_hash_put(&state->content);
+    return control->claims_sent < control->claim_count;
+}
+
+/* Adds what fits of the claims; new units are asked for only with the last of them. */
+static void add_claims(control_t *control, Lm__WorkRequest *work)
+{
+    size_t left = control->claim_count - control->claims_sent;
+    work->n_kept = left < CLAIMS_A_REQUEST ? left : CLAIMS_A_REQUEST;
+    work->kept = wire_units_new(control->claims + control->claims_sent, work->n_kept);
+    work->job = control->claim_job;
+    work->content = wire_hash_put(&control->claim_content);
+    if (left > CLAIMS_A_REQUEST) work->samples = 0;
+    control->claims_asked = work->n_kept;
 }
 
 static void request_work(control_t *control, const crew_state_t *state)
 {
     Lm__WorkRequest work = LM__WORK_REQUEST__INIT;
-    unit_t *kept = NULL;
     work.worker = control->worker;
     work.job = state->job;
     work.samples = state->samples;
     work.unit_samples = state->unit_samples;
-    if (control->claim && state->job != 0) add_claim(control, state, &work, &kept);
+    if (claims_pending(control)) add_claims(control, &work);
     Lm__Envelope envelope = LM__ENVELOPE__INIT;
     envelope.body_case = LM__ENVELOPE__BODY_WORK_REQUEST;
     envelope.work_request = &work;
@@ -263,7 +290,6 @@ static void request_work(control_t *control, const crew_state_t *state)
     control->work_request = control->request;
     control->next_request = clock_now() + REQUEST_TIMEOUT;
     free(work.kept);
-    free(kept);
 }
 
 static void send_goodbye(control_t *control, uint64_t declined, const char *reason)
@@ -330,6 +356,10 @@ static void on_assignment(control_t *control, const Lm__Assignment *message)
 
 static void on_no_work(control_t *control, const Lm__NoWork *message)
 {
+    if (control->claims_sent + control->claims_asked < control->claim_count) {
+        control->next_request = 0; /* nothing was asked for yet */
+        return;
+    }
     control->next_request = clock_now() + clamp(1e-3 * message->retry_ms, 0.01, 60);
     crew_calls(control)->no_more(control->setup.crew.self);
 }
@@ -337,13 +367,17 @@ static void on_no_work(control_t *control, const Lm__NoWork *message)
 static void on_refusal(control_t *control, const Lm__Envelope *envelope)
 {
     const Lm__Refusal *refusal = envelope->refusal;
-    if (control->phase == PHASE_DIALLING) {
+    if (envelope->request == 0 && refusal->code == RESULT_PROTOCOL) {
+        /* Something of ours was damaged on its way: it is asked for again when no answer comes. */
+        log_warning("the master could not read a message: %.300s", refusal->reason);
+    } else if (control->phase == PHASE_DIALLING) {
         log_error("the master does not admit this worker: %.300s; asking again in %.0f s", refusal->reason,
                   REST);
         rest(control);
     } else if (refusal->code == RESULT_DENIED && control->leave_by == 0) {
         redial(control, refusal->reason); /* with a new key, if there is one by now */
-    } else if (envelope->request == control->work_request && control->leave_by == 0) {
+    } else if (envelope->request != 0 && envelope->request == control->work_request &&
+               control->leave_by == 0) {
         redial(control, refusal->reason);
     } else {
         log_warning("the master refused a message: %.300s", refusal->reason);
@@ -386,7 +420,8 @@ static void dispatch(control_t *control, const Lm__Envelope *envelope)
     }
     if (!answers_request) return;
     control->work_request = 0;
-    control->claim = false;
+    control->claims_sent += control->claims_asked;
+    control->claims_asked = 0;
 }
 
 /* Takes in everything that has come. */
@@ -444,8 +479,12 @@ static void drive_up(control_t *control)
         return;
     }
     if (now >= control->next_heartbeat) send_heartbeat(control, &state);
-    if (control->work_request != 0 && now >= control->next_request) control->work_request = 0;
-    if (state.samples > 0 && control->work_request == 0 && now >= control->next_request)
+    if (control->work_request != 0 && now >= control->next_request) {
+        control->work_request = 0;
+        control->claims_asked = 0;
+    }
+    if ((state.samples > 0 || claims_pending(control)) && control->work_request == 0 &&
+        now >= control->next_request)
         request_work(control, &state);
     if (now >= control->next_report) report(control, &state);
 }
@@ -534,9 +573,11 @@ result_t control_run(const control_setup_t *setup, const atomic_int *stop)
             break;
         }
         drive(&control);
+        pulse_beat(setup->pulse, control.phase == PHASE_UP ? "has a master" : "looks for its master");
         wait_events(&control);
         receive_all(&control);
     }
     hang_up(&control);
+    free(control.claims);
     return control.fatal;
 }

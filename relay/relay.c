@@ -1,0 +1,246 @@
+/* relay: see relay.h.
+ *
+ * DESIGN. Upward it is a worker: the same two threads (worker/control.c, worker/bulk.c), with another crew.
+ * Downward it is a master: two sockets with a desk each (control_desk.c, bulk_desk.c), and threads that add
+ * batches. Between them is the pool (pool.c), which is passive. This file only puts them together and takes
+ * them apart in the right order. */
+#include "relay/relay.h"
+
+#include "common/address.h"
+#include "common/memory_limit.h"
+#include "relay/bulk_desk.h"
+#include "relay/control_desk.h"
+#include "relay/pool.h"
+#include "worker/control.h"
+
+#include <errno.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/eventfd.h>
+#include <unistd.h>
+
+enum { ENDPOINT_SIZE = 300, WAKES = 4, MAX_INTERVAL = 3600, MEMORY_SHARE = 8 };
+enum { WAKE_CONTROL, WAKE_BULK, WAKE_NOTICES, WAKE_GRANTS };
+static const uint64_t DEFAULT_CACHE_LIMIT = (uint64_t)20 << 30;
+static const uint64_t LEAST_BATCH_MEMORY = (uint64_t)1 << 30;
+
+typedef struct {
+    const relay_options_t *options;
+    void *context;
+    int wakes[WAKES]; /* eventfds */
+    gate_t *gate;
+    void *control_socket, *bulk_socket; /* until a desk's thread owns them */
+    int control_port, bulk_port;
+    pool_t *pool;
+    control_desk_t *control_desk;
+    bulk_desk_t *bulk_desk;
+    bulk_t *bulk;
+    char *name, *cache_dir;
+} relay_t;
+
+relay_options_t relay_options_default(void)
+{
+    return (relay_options_t){.master_endpoint = "tcp://127.0.0.1:7420",
+                             .control_endpoint = "tcp://127.0.0.1:7430",
+                             .bulk_endpoint = "tcp://127.0.0.1:7431",
+                             .data_dir = "lightmill-relay",
+                             .cache_limit = DEFAULT_CACHE_LIMIT,
+                             .heartbeat = 1,
+                             .lease = 5,
+                             .batch_interval = 10,
+                             .grace = 25,
+                             .patience = 20};
+}
+
+/* ---- checking the options ------------------------------------------------------------------------------ */
+
+static result_t check_seconds(const char *name, double value, double least)
+{
+    if (isfinite(value) && value >= least && value <= MAX_INTERVAL) return result_ok();
+    return result_fail(RESULT_USAGE, "%s is %g s, must be from %g to %d", name, value, least, MAX_INTERVAL);
+}
+
+static result_t check_options(const relay_options_t *options)
+{
+    TRY(check_seconds("heartbeat", options->heartbeat, 0.05));
+    TRY(check_seconds("lease", options->lease, 0.1));
+    TRY(check_seconds("batch interval", options->batch_interval, 0.1));
+    if (options->lease >= 2 * options->heartbeat) return result_ok();
+    return result_fail(RESULT_USAGE, "the lease (%g s) must be at least two heartbeats (%g s)",
+                       options->lease, options->heartbeat);
+}
+
+/* ---- sockets ------------------------------------------------------------------------------------------- */
+
+/* True when other machines reach the endpoint, whose host it tells ("" for the port of any). */
+static bool is_exposed(const char *endpoint, char host[ENDPOINT_SIZE])
+{
+    const char *start = strncmp(endpoint, "tcp://", 6) == 0 ? endpoint + 6 : endpoint;
+    const char *colon = strrchr(start, ':');
+    snprintf(host, ENDPOINT_SIZE, "%.*s", colon != NULL ? (int)(colon - start) : (int)strlen(start), start);
+    return !address_is_loopback(host);
+}
+
+static result_t make_socket(relay_t *relay, const char *name, size_t largest_frame, void **socket)
+{
+    TRY(wire_socket(relay->context, ZMQ_ROUTER, socket));
+    TRY(wire_socket_limit(*socket, largest_frame));
+    return gate_guard(relay->gate, *socket, name);
+}
+
+static result_t bind_socket(const char *endpoint, void *socket, int *port)
+{
+    char bound[ENDPOINT_SIZE];
+    size_t size = sizeof bound;
+    int v6 = strchr(endpoint, '[') != NULL;
+    if (zmq_setsockopt(socket, ZMQ_IPV6, &v6, sizeof v6) != 0 || zmq_bind(socket, endpoint) != 0)
+        return result_fail(RESULT_IO, "cannot listen on %s: %s%s", endpoint, zmq_strerror(errno),
+                           errno == EADDRINUSE ? "; --listen chooses another port" : "");
+    if (zmq_getsockopt(socket, ZMQ_LAST_ENDPOINT, bound, &size) != 0)
+        return result_fail(RESULT_IO, "cannot find the port of %s: %s", endpoint, zmq_strerror(errno));
+    *port = atoi(strrchr(bound, ':') + 1);
+    return result_ok();
+}
+
+static result_t open_sockets(relay_t *relay)
+{
+    const relay_options_t *options = relay->options;
+    char host[ENDPOINT_SIZE];
+    bool exposed = is_exposed(options->control_endpoint, host);
+    TRY(gate_new(&options->gate, options->data_dir, relay->context, exposed, &relay->gate));
+    TRY(make_socket(relay, "control", WIRE_MAX_CONTROL_ASKED, &relay->control_socket));
+    TRY(make_socket(relay, "bulk", WIRE_MAX_PAYLOAD, &relay->bulk_socket));
+    TRY(bind_socket(options->control_endpoint, relay->control_socket, &relay->control_port));
+    TRY(bind_socket(options->bulk_endpoint, relay->bulk_socket, &relay->bulk_port));
+    log_info("listening on %s:%d (control) and :%d (bulk) for workers of %s", host, relay->control_port,
+             relay->bulk_port, options->master_endpoint);
+    return gate_start(relay->gate, host, relay->control_port);
+}
+
+/* ---- putting together ---------------------------------------------------------------------------------- */
+
+static result_t make_wakes(relay_t *relay)
+{
+    for (int i = 0; i < WAKES; i++) {
+        relay->wakes[i] = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
+        if (relay->wakes[i] < 0)
+            return result_fail(RESULT_LIMIT, "cannot make an eventfd: %s", strerror(errno));
+    }
+    return result_ok();
+}
+
+static uint64_t batch_memory(const relay_options_t *options)
+{
+    uint64_t share = memory_limit() / MEMORY_SHARE;
+    if (options->batch_memory > 0) return options->batch_memory;
+    return share > LEAST_BATCH_MEMORY ? share : LEAST_BATCH_MEMORY;
+}
+
+static result_t start_desks(relay_t *relay)
+{
+    const relay_options_t *options = relay->options;
+    bulk_desk_options_t bulk = {.pool = relay->pool,
+                                .socket = relay->bulk_socket,
+                                .gate = relay->gate,
+                                .wake = relay->wakes[WAKE_GRANTS],
+                                .credit = batch_memory(options),
+                                .threads = options->threads};
+    TRY(bulk_desk_start(&bulk, &relay->bulk_desk));
+    relay->bulk_socket = NULL;
+    control_desk_options_t control = {.pool = relay->pool,
+                                      .socket = relay->control_socket,
+                                      .gate = relay->gate,
+                                      .wake = relay->wakes[WAKE_NOTICES],
+                                      .bulk_port = (uint32_t)relay->bulk_port,
+                                      .heartbeat = options->heartbeat,
+                                      .lease = options->lease,
+                                      .batch_interval = options->batch_interval,
+                                      .master = options->master_endpoint};
+    TRY(control_desk_start(&control, &relay->control_desk));
+    relay->control_socket = NULL;
+    return result_ok();
+}
+
+static result_t start(relay_t *relay)
+{
+    const relay_options_t *options = relay->options;
+    TRY(check_options(options));
+    TRY(make_wakes(relay));
+    relay->context = zmq_ctx_new();
+    if (relay->context == NULL)
+        return result_fail(RESULT_LIMIT, "cannot make a ZeroMQ context: %s", strerror(errno));
+    relay->cache_dir = mem_printf("%s/scenes", options->data_dir);
+    pool_options_t pool = {.lease = options->lease,
+                           .batch_interval = options->batch_interval,
+                           .memory = memory_limit(),
+                           .control_wake = relay->wakes[WAKE_CONTROL],
+                           .bulk_wake = relay->wakes[WAKE_BULK],
+                           .notice_wake = relay->wakes[WAKE_NOTICES],
+                           .grant_wake = relay->wakes[WAKE_GRANTS]};
+    relay->pool = pool_new(&pool);
+    bulk_options_t bulk = {.context = relay->context,
+                           .crew = pool_crew(relay->pool),
+                           .wake = relay->wakes[WAKE_BULK],
+                           .cache_dir = relay->cache_dir,
+                           .cache_limit = options->cache_limit,
+                           .keys = options->keys,
+                           .patience = options->patience};
+    TRY(bulk_start(&bulk, &relay->bulk));
+    TRY(open_sockets(relay));
+    return start_desks(relay);
+}
+
+/* Takes apart whatever was put together. */
+static void dismantle(relay_t *relay)
+{
+    control_desk_stop(&relay->control_desk);
+    bulk_desk_stop(&relay->bulk_desk);
+    bulk_stop(&relay->bulk);
+    pool_destroy(&relay->pool);
+    if (relay->control_socket != NULL) zmq_close(relay->control_socket);
+    if (relay->bulk_socket != NULL) zmq_close(relay->bulk_socket);
+    gate_stop(&relay->gate);
+    if (relay->context != NULL) zmq_ctx_term(relay->context);
+    for (int i = 0; i < WAKES; i++)
+        if (relay->wakes[i] >= 0) close(relay->wakes[i]);
+    free(relay->cache_dir);
+    free(relay->name);
+}
+
+/* "relay host:pid"; the caller frees it. */
+static char *default_name(void)
+{
+    char host[200] = "";
+    if (gethostname(host, sizeof host - 1) != 0) strcpy(host, "somewhere");
+    return mem_printf("relay %s:%d", host, (int)getpid());
+}
+
+static result_t serve(relay_t *relay, const atomic_int *stop)
+{
+    const relay_options_t *options = relay->options;
+    relay->name = options->name ? mem_strdup(options->name) : default_name();
+    control_setup_t setup = {.context = relay->context,
+                             .crew = pool_crew(relay->pool),
+                             .bulk = relay->bulk,
+                             .wake = relay->wakes[WAKE_CONTROL],
+                             .control_endpoint = options->master_endpoint,
+                             .name = relay->name,
+                             .software = "lightmill-relay " LIGHTMILL_VERSION,
+                             .relay = true,
+                             .grace = options->grace,
+                             .pulse = options->pulse,
+                             .keys = options->keys};
+    return control_run(&setup, stop);
+}
+
+result_t relay_run(const relay_options_t *options, const atomic_int *stop, atomic_int *listening)
+{
+    relay_t relay = {.options = options, .wakes = {-1, -1, -1, -1}};
+    result_t result = start(&relay);
+    if (result.code == RESULT_OK && listening != NULL) atomic_store(listening, relay.control_port);
+    if (result.code == RESULT_OK) result = serve(&relay, stop);
+    dismantle(&relay);
+    return result;
+}

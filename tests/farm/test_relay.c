@@ -1,0 +1,242 @@
+/* A relay between a master and its workers: real processes, and the same bits as without. */
+#include "tests/rig.h"
+
+#include <setjmp.h>
+#include <signal.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+/* After setjmp and stdarg. */
+#include <cmocka.h>
+
+static const double BATCH_INTERVAL = 0.2; /* seconds */
+
+static int set_up(void **state)
+{
+    rig_reference();
+    *state = rig_new();
+    return 0;
+}
+
+static int tear_down(void **state)
+{
+    rig_t *rig = *state;
+    rig_destroy(&rig);
+    return 0;
+}
+
+/* Waits until a process has written a text, and returns what follows it in the same line; fresh memory. */
+static char *await_text(rig_t *rig, pid_t process, const char *text)
+{
+    for (double start = clock_now();; rig_sleep(0.02)) {
+        char *log = rig_output(rig, process), *found = strstr(log, text);
+        char *rest = found != NULL
+                         ? mem_printf("%.*s", (int)strcspn(found + strlen(text), "\n"), found + strlen(text))
+                         : NULL;
+        free(log);
+        if (rest != NULL) return rest;
+        if (clock_now() - start > 60) fail_msg("process %d never says \"%s\"", (int)process, text);
+    }
+}
+
+static pid_t start_relay_at(rig_t *rig, int master_port, int port, const char *interval)
+{
+    char *master = mem_printf("127.0.0.1:%d", master_port), *listen = mem_printf("127.0.0.1:%d", port);
+    char *data = mem_printf("%s/relay-%d", rig->folder, rig->started_count);
+    pid_t relay =
+        rig_start_program(rig, "lightmill-relay",
+                          (const char *[]){master, "--listen", listen, "--data", data, "--heartbeat", "0.2",
+                                           "--lease", "1", "--batch-interval", interval, "--verbose", NULL});
+    free(master);
+    free(listen);
+    free(data);
+    return relay;
+}
+
+/* Starts a relay at a free port, which it tells. */
+static pid_t start_relay(rig_t *rig, int master_port, int *port)
+{
+    pid_t relay = start_relay_at(rig, master_port, 0, "0.2");
+    char *address = await_text(rig, relay, "listening on 127.0.0.1:");
+    *port = atoi(address);
+    assert_true(*port > 0);
+    free(address);
+    return relay;
+}
+
+static pid_t start_worker(rig_t *rig, int port)
+{
+    char *address = mem_printf("127.0.0.1:%d", port);
+    char *cache = mem_printf("%s/cache-%d", rig->folder, rig->started_count);
+    pid_t worker =
+        rig_start_program(rig, "lightmill-worker",
+                          (const char *[]){address, "--threads", "1", "--cache", cache, "--verbose", NULL});
+    free(address);
+    free(cache);
+    return worker;
+}
+
+static uint64_t submit(rig_t *rig)
+{
+    job_settings_t settings = rig_settings();
+    return rig_submit(rig, &settings);
+}
+
+static uint64_t samples_in_all(void)
+{
+    job_settings_t settings = rig_settings();
+    return (uint64_t)settings.width * (uint64_t)settings.height * settings.spp;
+}
+
+static void assert_reference(rig_t *rig, uint64_t job)
+{
+    rig_status_t status = rig_wait_job(rig, job);
+    assert_int_equal(status.state, JOB_DONE);
+    assert_true(status.samples_done == status.samples_total);
+    hash_t hash = rig_image_hash(rig, job), reference = rig_reference();
+    assert_true(hash_equal(&hash, &reference));
+}
+
+static void nobody_can_tell_from_the_image(void **state)
+{
+    rig_t *rig = *state;
+    int port;
+    rig_start_master(rig, BATCH_INTERVAL);
+    start_relay(rig, rig->port, &port);
+    for (int i = 0; i < 3; i++) start_worker(rig, port);
+    rig_wait_workers(rig, 1); /* for the master it is one */
+    uint64_t job = submit(rig);
+    assert_reference(rig, job);
+    rig_status_t status = rig_status(rig, job);
+    assert_int_equal(status.workers_seen, 1);
+    assert_int_equal(status.batches_refused, 0);
+    uint64_t second = submit(rig);
+    assert_reference(rig, second);
+}
+
+static void workers_beside_and_below_share_a_job(void **state)
+{
+    rig_t *rig = *state;
+    int upper, lower;
+    rig_start_master(rig, BATCH_INTERVAL);
+    start_relay(rig, rig->port, &upper);
+    start_relay(rig, upper, &lower); /* a second level */
+    start_worker(rig, lower);
+    start_worker(rig, lower);
+    start_worker(rig, upper);
+    start_worker(rig, rig->port);
+    rig_wait_workers(rig, 2);
+    uint64_t job = submit(rig);
+    assert_reference(rig, job);
+    assert_int_equal(rig_status(rig, job).workers_seen, 2);
+}
+
+static void a_killed_relay_loses_nothing(void **state)
+{
+    rig_t *rig = *state;
+    int port;
+    rig_start_master(rig, BATCH_INTERVAL);
+    pid_t relay = start_relay(rig, rig->port, &port);
+    start_worker(rig, port);
+    start_worker(rig, port);
+    uint64_t job = submit(rig);
+    rig_wait_samples(rig, job, samples_in_all() / 5);
+    kill(relay, SIGKILL);
+    rig_wait_workers(rig, 0);
+    assert_int_equal(rig_status(rig, job).state, JOB_RUNNING);
+    start_relay_at(rig, rig->port, port, "0.2"); /* the workers find it */
+    assert_reference(rig, job);
+}
+
+static void a_killed_worker_is_replaced_below(void **state)
+{
+    rig_t *rig = *state;
+    int port;
+    rig_start_master(rig, BATCH_INTERVAL);
+    start_relay(rig, rig->port, &port);
+    pid_t worker = start_worker(rig, port);
+    start_worker(rig, port);
+    uint64_t job = submit(rig);
+    rig_wait_samples(rig, job, samples_in_all() / 5);
+    kill(worker, SIGKILL);
+    assert_reference(rig, job);
+}
+
+static void a_stopped_relay_goes_on(void **state)
+{
+    rig_t *rig = *state;
+    int port;
+    rig_start_master(rig, BATCH_INTERVAL);
+    pid_t relay = start_relay(rig, rig->port, &port);
+    start_worker(rig, port);
+    start_worker(rig, port);
+    uint64_t job = submit(rig);
+    rig_wait_samples(rig, job, samples_in_all() / 5);
+    kill(relay, SIGSTOP);
+    rig_wait_workers(rig, 0);
+    rig_sleep(0.5);
+    kill(relay, SIGCONT);
+    assert_reference(rig, job);
+}
+
+static void the_master_comes_back(void **state)
+{
+    rig_t *rig = *state;
+    int port;
+    rig_start_master(rig, BATCH_INTERVAL);
+    start_relay(rig, rig->port, &port);
+    start_worker(rig, port);
+    start_worker(rig, port);
+    uint64_t job = submit(rig);
+    rig_wait_samples(rig, job, samples_in_all() / 5);
+    rig_kill_master(rig);
+    rig_sleep(0.5);
+    rig_restart_master(rig, BATCH_INTERVAL);
+    assert_reference(rig, job);
+}
+
+/* No sum is due for a long time: what is counted came with the farewell. */
+static void a_relay_that_leaves_delivers(void **state)
+{
+    rig_t *rig = *state;
+    int port;
+    rig_start_master(rig, 1000);
+    pid_t relay = start_relay(rig, rig->port, &port);
+    pid_t worker = start_worker(rig, port);
+    uint64_t job = submit(rig);
+    free(await_text(rig, worker, "counted after"));
+    kill(relay, SIGTERM);
+    assert_int_equal(rig_wait_exit(rig, relay, 30), 0);
+    assert_true(rig_status(rig, job).samples_done > 0);
+    rig_wait_workers(rig, 0);
+}
+
+static void a_cancelled_job_keeps_what_the_workers_had(void **state)
+{
+    rig_t *rig = *state;
+    int port;
+    rig_start_master(rig, 1000);
+    start_relay(rig, rig->port, &port);
+    pid_t worker = start_worker(rig, port);
+    job_settings_t settings = rig_settings(), endless = settings;
+    endless.spp = JOB_MAX_SPP;
+    uint64_t job = rig_submit(rig, &endless);
+    free(await_text(rig, worker, "counted after"));
+    assert_int_equal(remote_cancel(rig->remote, job).code, RESULT_OK);
+    assert_int_equal(rig_wait_job(rig, job).state, JOB_CANCELLED);
+    assert_true(rig_status(rig, job).samples_done > 0);
+    rig_image_hash(rig, job);
+}
+
+int main(void)
+{
+#define RELAY(test) cmocka_unit_test_setup_teardown(test, set_up, tear_down)
+    const struct CMUnitTest tests[] = {
+        RELAY(nobody_can_tell_from_the_image), RELAY(workers_beside_and_below_share_a_job),
+        RELAY(a_killed_relay_loses_nothing),   RELAY(a_killed_worker_is_replaced_below),
+        RELAY(a_stopped_relay_goes_on),        RELAY(the_master_comes_back),
+        RELAY(a_relay_that_leaves_delivers),   RELAY(a_cancelled_job_keeps_what_the_workers_had),
+    };
+    return cmocka_run_group_tests_name("relay", tests, NULL, NULL);
+}
