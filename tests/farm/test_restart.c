@@ -650,6 +650,5 @@ int main(void)
         RESTART_TEST(a_large_job_is_back_soon),
     };
 
-    cmocka_set_test_filter(getenv("T"));
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
