@@ -138,6 +138,7 @@ static void wait_for_writing(restart_t *t)
             writing = writing || strstr(entry->d_name, ".part") != NULL;
         if (directory != NULL) closedir(directory);
         if (writing) return;
+        rig_sleep(5e-4);
     }
 }
 
