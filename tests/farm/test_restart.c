@@ -543,7 +543,7 @@ static void checkpoints_cost_little(void **state)
     double start = clock_now();
     wait_generations(t, 2);
     rig_sleep(4);
-    double elapsed = clock_now() - start, busy = 0, seconds;
+    double elapsed = clock_now() - start, busy = 0, seconds = 0;
     int count = 0;
     char *output = rig_output(t->rig, t->rig->master);
     for (const char *line = output; (line = strstr(line, " MB in ")) != NULL; line++)
