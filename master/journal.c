@@ -177,24 +177,25 @@ static result_t remove_record(journal_t *journal, const job_record_t *record)
     return add_event(journal, record->job, "removed", "");
 }
 
-static result_t save_records(journal_t *journal, const job_record_t *records, size_t count)
+/* *next becomes the number that a job after these may have. */
+static result_t save_records(journal_t *journal, const job_record_t *records, size_t count, uint64_t *next)
 {
+    *next = journal->found.next_job;
     for (size_t i = 0; i < count; i++) {
         TRY(records[i].removed ? remove_record(journal, &records[i]) : put_record(journal, &records[i]));
-        if (records[i].job < journal->found.next_job) continue;
-        TRY(set_meta(journal, "next_job", (int64_t)records[i].job + 1));
+        if (records[i].job >= *next) *next = records[i].job + 1;
     }
-    return result_ok();
+    return *next > journal->found.next_job ? set_meta(journal, "next_job", (int64_t)*next) : result_ok();
 }
 
 result_t journal_save(journal_t *journal, const job_record_t *records, size_t count)
 {
+    uint64_t next;
     if (count == 0) return result_ok();
     pthread_mutex_lock(&journal->lock);
     result_t result = begin(journal);
-    if (result.code == RESULT_OK) result = end(journal, save_records(journal, records, count));
-    for (size_t i = 0; result.code == RESULT_OK && i < count; i++)
-        if (records[i].job >= journal->found.next_job) journal->found.next_job = records[i].job + 1;
+    if (result.code == RESULT_OK) result = end(journal, save_records(journal, records, count, &next));
+    if (result.code == RESULT_OK) journal->found.next_job = next;
     pthread_mutex_unlock(&journal->lock);
     return result;
 }
