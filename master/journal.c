@@ -296,7 +296,10 @@ static result_t open_database(journal_t *journal, bool fleeting)
     int flags = SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE | SQLITE_OPEN_NOMUTEX;
     if (sqlite3_open_v2(path, &journal->database, flags, NULL) != SQLITE_OK) return failure(journal);
     sqlite3_busy_timeout(journal->database, BUSY_MS);
+    int stay = 1; /* the files of the log, emptied, so that it can be opened on a full disk, too */
+    sqlite3_file_control(journal->database, "main", SQLITE_FCNTL_PERSIST_WAL, &stay);
     TRY(run(journal, "PRAGMA journal_mode = WAL"));
+    TRY(run(journal, "PRAGMA journal_size_limit = 1048576"));
     return run(journal, "PRAGMA synchronous = FULL; PRAGMA trusted_schema = OFF");
 }
 
@@ -400,7 +403,9 @@ static result_t open_all(journal_t *journal, bool fleeting)
     if (!whole || (result.code == RESULT_IO && is_damage(journal))) result = rebuild(journal);
     TRY(result);
     if (journal->found.next_job == 0) journal->found.next_job = 1;
-    return set_meta(journal, "running", 1);
+    result = set_meta(journal, "running", 1);
+    if (result.code != RESULT_OK) log_error("%s; it is read for now", result.message);
+    return result_ok();
 }
 
 result_t journal_open(const char *path, bool fleeting, journal_t **out)
