@@ -176,7 +176,10 @@ void farm_suspects_delivered(job_t *job, const unit_t *units, size_t count)
     for (size_t i = 0; s != NULL && s->count > 0 && i < count; i++) {
         uint32_t end = unit_end(&units[i]);
         size_t at = suspect_at(s, units[i].tile, units[i].first);
-        while (overlaps(s, at, units[i].tile, end)) delete (s, cut(s, at, units[i].first, end));
+        while (overlaps(s, at, units[i].tile, end)) {
+            at = cut(s, at, units[i].first, end); /* what is left of it lies before */
+            delete (s, at);
+        }
     }
 }
 
