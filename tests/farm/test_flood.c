@@ -45,7 +45,7 @@ typedef struct {
     atomic_bool *stop;
     pthread_t thread;
     unsigned seed;
-    uint64_t sent;
+    _Atomic uint64_t sent;
 } flooder_t;
 
 static void fill_random(unsigned *seed, uint8_t *bytes, size_t size)
@@ -118,11 +118,12 @@ static int make_message(flooder_t *flooder, zmq_msg_t frames[2])
 static void *dial(flooder_t *flooder, void *context)
 {
     void *socket = zmq_socket(context, ZMQ_DEALER);
-    int linger = 0, timeout = 50;
+    int linger = 0, timeout = 50, queued = flooder->kind == FLOOD_UPLOADS ? 2 : 200;
     char endpoint[64];
     snprintf(endpoint, sizeof endpoint, "tcp://127.0.0.1:%d", flooder->port);
     zmq_setsockopt(socket, ZMQ_LINGER, &linger, sizeof linger);
     zmq_setsockopt(socket, ZMQ_SNDTIMEO, &timeout, sizeof timeout);
+    zmq_setsockopt(socket, ZMQ_SNDHWM, &queued, sizeof queued);
     dial_keys_apply(&flooder->keys, socket);
     zmq_connect(socket, endpoint);
     return socket;
@@ -323,8 +324,7 @@ typedef struct {
 static uint64_t count_sent(void *context)
 {
     uint64_t sent = 0;
-    for (int i = 0; i < FLOODERS; i++) /* read while they count: a figure for people */
-        sent += __atomic_load_n(&((flood_t *)context)->flooders[i].sent, __ATOMIC_RELAXED);
+    for (int i = 0; i < FLOODERS; i++) sent += ((flood_t *)context)->flooders[i].sent;
     return sent;
 }
 
