@@ -158,19 +158,6 @@ static result_t submit(clerk_t *clerk, const clerk_request_t *request, uint64_t 
     return result;
 }
 
-/* A job that is over may have lost its scene to newer ones. */
-static result_t check_scene(clerk_t *clerk, uint64_t id)
-{
-    uint64_t size;
-    job_t *job = farm_pin(clerk->options.farm, id);
-    if (job == NULL) return result_ok(); /* the farm says so */
-    job_record_t record = farm_record(clerk->options.farm, clock_now(), job);
-    farm_unpin(clerk->options.farm, job);
-    if (blob_store_find(clerk->options.store, &record.blob, &size)) return result_ok();
-    return result_fail(RESULT_INPUT, "the scene of job %llu is no longer here, and it cannot go on without",
-                       (unsigned long long)id);
-}
-
 /* The job as it is now; false when there is none of that number. */
 static bool find_job(clerk_t *clerk, uint64_t job, job_report_t *report)
 {
@@ -203,7 +190,7 @@ static result_t carry_out(clerk_t *clerk, const job_order_t *order)
     if (result.code == RESULT_OK)
         result = keeper != NULL ? keeper_order(keeper, clock_now(), order)
                                 : farm_order(clerk->options.farm, clock_now(), order);
-    if (result.code != RESULT_OK && again && find_job(clerk, order->job, &job))
+    if (result.code != RESULT_OK && again && find_job(clerk, order->job, &job)) /* it needs what it needed */
         blob_store_need(clerk->options.store, &job.blob, job.job, needs_blob(job.state, job.retained));
     return result;
 }
