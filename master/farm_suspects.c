@@ -193,7 +193,7 @@ void farm_suspects_delivered(farm_t *farm, job_t *job, const unit_t *units, size
         uint32_t end = unit_end(&units[i]);
         size_t at = suspect_at(s, units[i].tile, units[i].first);
         while (overlaps(s, at, units[i].tile, end)) {
-            at = cut(s, at, units[i].first, end);
+            at = cut(s, at, units[i].first, end); /* what is left of it lies before */
             note_innocent(farm, &s->list[at]);
             remove_at(s, at);
         }
@@ -356,8 +356,19 @@ static void leave_out(farm_t *farm, job_t *job, size_t at)
 
 /* ---- deaths -------------------------------------------------------------------------------------------- */
 
-bool farm_suspects_died(farm_t *farm, double now, job_t *job, const worker_t *worker)
+/* True when a worker of another machine died with a part of the unit. */
+static bool killed_elsewhere(const job_suspects_t *s, const unit_t *unit, uint64_t machine)
 {
+    for (size_t at = suspect_at(s, unit->tile, unit->first); overlaps(s, at, unit->tile, unit_end(unit));
+         at++)
+        for (uint32_t i = 0; i < s->list[at].death_count; i++)
+            if (s->list[at].deaths[i].machine != machine) return true;
+    return false;
+}
+
+bool farm_suspects_died(farm_t *farm, double now, job_t *job, const worker_t *worker, bool *in_ward)
+{
+    *in_ward = false;
     if (job->schedule == NULL || job->flush_until > 0) return false;
     size_t count, apart = 0;
     unit_t *units = schedule_units_of(job->schedule, worker->id, &count);
@@ -372,9 +383,14 @@ bool farm_suspects_died(farm_t *farm, double now, job_t *job, const worker_t *wo
     death_t death = {.worker = worker->id, .machine = worker->machine, .apart = apart > 0};
     /* It died some time between its last sign of life and now. */
     if (apart == 1) death.seconds = fmax(worker->last_seen + 0.5 * farm->options.lease - issued, 1e-3);
-    for (size_t i = 0; i < count; i++) note(s, &units[i], death);
+    bool excused = apart > 0;
+    for (size_t i = 0; i < count; i++) {
+        excused = excused || killed_elsewhere(s, &units[i], worker->machine);
+        note(s, &units[i], death);
+    }
     free(units);
-    return apart > 0;
+    *in_ward = apart > 0;
+    return excused;
 }
 
 void farm_suspects_returned(farm_t *farm, double now, job_t *job, uint64_t worker)

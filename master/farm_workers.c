@@ -100,14 +100,17 @@ static bool is_back(const farm_t *farm, const worker_t *worker)
 void farm_worker_fall(farm_t *farm, double now, worker_t *worker)
 {
     char why[FARM_MAX_NAME];
-    bool back = is_back(farm, worker), guilty = !back && farm_worker_units(farm, worker) > 0, apart = false;
+    bool back = is_back(farm, worker), excused = back || farm_worker_units(farm, worker) == 0, apart = false;
     snprintf(why, sizeof why, "was silent for %.1f s and is given up", now - worker->last_seen);
-    for (size_t i = 0; i < farm->job_count && !back; i++)
-        if (farm_suspects_died(farm, now, farm->jobs[i], worker)) apart = true;
+    for (size_t i = 0; i < farm->job_count && !back; i++) {
+        bool here;
+        if (farm_suspects_died(farm, now, farm->jobs[i], worker, &here)) excused = true;
+        apart = apart || here;
+    }
     farm->deaths += !apart;
     farm_worker_disconnect(farm, now, worker, why);
     worker->fell = !back;
-    if (guilty && !apart) farm_standing_fell(farm, now, worker);
+    if (!excused) farm_standing_fell(farm, now, worker);
 }
 
 /* ---- coming and going ---------------------------------------------------------------------------------- */

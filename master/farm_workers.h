@@ -42,9 +42,9 @@ void farm_standing_lied(farm_t *farm, double now, uint64_t source, const char *n
 
 /* ---- farm_suspects.c ---- */
 
-/* A worker is held for dead, and what it holds is about to be released. True when it was alone with units of
- * the job that were suspect already: then its death is not its own fault. */
-bool farm_suspects_died(farm_t *farm, double now, job_t *job, const worker_t *worker);
+/* A worker is held for dead, and what it holds is about to be released. *apart is true when it held nothing
+ * but suspects. Returns true when its death may be the fault of what it held. */
+bool farm_suspects_died(farm_t *farm, double now, job_t *job, const worker_t *worker, bool *apart);
 /* A worker that was held for dead is alive. */
 void farm_suspects_lives(farm_t *farm, uint64_t worker);
 /* What a worker held was released: what is suspect of it is kept from others, or left out. */

@@ -317,11 +317,16 @@ job_settings_t rig_settings(void)
 
 uint64_t rig_submit(rig_t *rig, const job_settings_t *settings)
 {
+    return rig_submit_on(rig, settings, &(job_terms_t){.name = "test"});
+}
+
+uint64_t rig_submit_on(rig_t *rig, const job_settings_t *settings, const job_terms_t *terms)
+{
     scene_t scene;
     uint64_t job;
     must(scene_load(SCENE, false, &scene));
     must(remote_put_blob(rig->remote, &scene.blob, NULL, NULL));
-    must(remote_submit(rig->remote, "test", settings, &scene.blob.hash, &job));
+    must(remote_submit_job(rig->remote, terms, settings, &scene.blob.hash, &job));
     scene_free(&scene);
     return job;
 }

@@ -65,6 +65,7 @@ char *rig_output(rig_t *rig, pid_t process);
 
 /* Uploads the scene and submits a job. */
 uint64_t rig_submit(rig_t *rig, const job_settings_t *settings);
+uint64_t rig_submit_on(rig_t *rig, const job_settings_t *settings, const job_terms_t *terms);
 typedef struct {
     uint32_t state, workers, workers_seen;
     uint64_t samples_done, samples_total, batches_refused, units_reissued;

@@ -426,6 +426,11 @@ static void the_commands_work_with_keys(void **state)
         0);
     hash_t hash = rig_file_hash(image);
     assert_true(hash_equal(&hash, &reference));
+    wire_message_t message;
+    assert_int_equal(remote_workers(rig->remote, &message).code, RESULT_OK);
+    assert_int_equal(message.envelope->worker_list->n_workers, 2);
+    assert_string_equal(message.envelope->worker_list->workers[0]->key, "farm"); /* as the list calls it */
+    wire_free(&message);
     free(address);
     free(image);
     free(secret);

@@ -19,6 +19,7 @@ int fuzz_pbrt(const uint8_t *data, size_t size);
 int fuzz_ply(const uint8_t *data, size_t size);
 int fuzz_render(const uint8_t *data, size_t size);
 int fuzz_spectrum(const uint8_t *data, size_t size);
+int fuzz_spool(const uint8_t *data, size_t size);
 int fuzz_texture_image(const uint8_t *data, size_t size);
 int fuzz_wire(const uint8_t *data, size_t size);
 

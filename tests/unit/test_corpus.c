@@ -72,6 +72,12 @@ static void test_ply(void **state)
     assert_true(run_seeds("ply", fuzz_ply) > 0);
 }
 
+static void test_spool(void **state)
+{
+    (void)state;
+    assert_true(run_seeds("spool", fuzz_spool) > 0);
+}
+
 static void test_spectrum(void **state)
 {
     (void)state;
@@ -116,7 +122,7 @@ int main(void)
         cmocka_unit_test(test_ply),           cmocka_unit_test(test_spectrum),
         cmocka_unit_test(test_texture_image), cmocka_unit_test(test_checkpoint),
         cmocka_unit_test(test_wire),          cmocka_unit_test(test_payload),
-        cmocka_unit_test(test_allow_list),
+        cmocka_unit_test(test_allow_list),    cmocka_unit_test(test_spool),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
