@@ -163,7 +163,7 @@ bench: deps
 	$(BUILD)/tests/bench/bench_mesh
 	$(BUILD)/tests/bench/bench_render
 
-# What docs/convergence.md says of --error: about ten minutes.
+# What docs/convergence.md says of --error: about five minutes on two cores.
 bench-error: deps
 	$(SUBMAKE) $(JOBS) $(BUILD)/tests/bench/bench_error
 	$(BUILD)/tests/bench/bench_error

@@ -22,9 +22,9 @@ enum {
     PEER_RATE = 2000,      /* messages a second from one connection, */
     PEER_BURST = 4000,     /* and at once */
     PEERS = 16384,         /* connections that are counted apart */
-    KEY_RATE =
-        20000, /* messages a second from all who have the same key: thousands of workers may share one */
+    KEY_RATE = 20000,      /* from all who have the same key: thousands of workers may share one */
     KEY_BURST = 20000,
+    TOKEN_BYTES = 256, /* a longer message counts as several */
     KEYS = 4096
 };
 
@@ -278,10 +278,11 @@ static const char *sender_name(const wire_message_t *message)
 static bool within_limit(control_server_t *server, const wire_message_t *message)
 {
     double now = clock_now();
+    double tokens = 1 + (double)(message->bytes / TOKEN_BYTES);
     rate_verdict_t verdict =
-        rate_limit_take(server->peer_limit, now, message->identity, message->identity_size);
+        rate_limit_take(server->peer_limit, now, message->identity, message->identity_size, tokens);
     if (verdict == RATE_PASS && message->key[0] != '\0')
-        verdict = rate_limit_take(server->key_limit, now, message->key, WIRE_KEY_TEXT);
+        verdict = rate_limit_take(server->key_limit, now, message->key, WIRE_KEY_TEXT, tokens);
     if (verdict == RATE_PASS) return true;
     server->over_limit++;
     if (verdict == RATE_DROP) return false;

@@ -327,14 +327,14 @@ job_t *farm_next_finished(farm_t *farm)
 
 /* The film of an adaptive job knows the weights of its samples, the schedule their number. Called with the
  * canvas locked, so that both are of the same moment. */
-static void show_samples(farm_t *farm, const job_t *job, film_image_t *image)
+static void show_samples(farm_t *farm, const job_t *job, const job_settings_t *settings, film_image_t *image)
 {
-    uint32_t *samples = mem_alloc(job_tile_count(&job->settings) * sizeof *samples);
+    uint32_t *samples = mem_alloc(job_tile_count(settings) * sizeof *samples);
     farm_lock(farm);
     bool known = job->schedule != NULL;
     if (known) schedule_tile_samples(job->schedule, samples);
     farm_unlock(farm);
-    if (known) schedule_show_samples(&job->settings, samples, image->samples);
+    if (known) schedule_show_samples(settings, samples, image->samples);
     free(samples);
 }
 
@@ -351,7 +351,7 @@ result_t farm_resolve(farm_t *farm, double now, job_t *job, film_image_t *image,
     canvas_t *canvas = empty ? NULL : farm_canvas_hold(farm, job);
     if (canvas != NULL) {
         film_resolve(canvas_lock(canvas), image);
-        if (report->settings.adaptive) show_samples(farm, job, image);
+        if (report->settings.adaptive) show_samples(farm, job, &report->settings, image);
         canvas_unlock(canvas);
         farm_canvas_let_go(farm, job);
         return result_ok();

@@ -193,7 +193,7 @@ void farm_suspects_delivered(farm_t *farm, job_t *job, const unit_t *units, size
         uint32_t end = unit_end(&units[i]);
         size_t at = suspect_at(s, units[i].tile, units[i].first);
         while (overlaps(s, at, units[i].tile, end)) {
-            at = cut(s, at, units[i].first, end);
+            at = cut(s, at, units[i].first, end); /* what is left of it lies before */
             note_innocent(farm, &s->list[at]);
             remove_at(s, at);
         }

@@ -15,7 +15,9 @@ enum {
     FIRST_SHARE = 4,  /* of the credit, the window at first */
     LEAST_BATCHES = 4 /* that the window has room for, so that several threads have something to merge */
 };
-static const double REVIEW = 1;              /* seconds between changes of the window */
+static const double REVIEW = 1; /* seconds between changes of the window */
+static const double SHORT_WAIT = 0.5,
+                    LONG_WAIT = 2;           /* seconds from the arrival of a batch until it is merged */
 static const double BYTES_PER_SECOND = 2e5;  /* the slowest uplink that is waited for */
 static const uint64_t LEAST_BYTES = 1 << 16; /* of any batch, so that very many are not free */
 
@@ -35,7 +37,8 @@ struct grants {
     uint64_t window;         /* bytes: what may be promised or here now, at most the credit */
     uint64_t promised, here; /* bytes */
     uint64_t most;
-    double last_tick, last_review, here_seconds; /* clock; byte-seconds since the last review */
+    double last_tick, last_review; /* clock */
+    double here_seconds, released; /* since the last review: byte-seconds of `here`, and bytes merged */
     list_t waiting, granted;
 };
 
@@ -169,6 +172,7 @@ bool grants_admit(grants_t *grants, const identity_t *identity, uint64_t bytes)
 void grants_release(grants_t *grants, uint64_t bytes)
 {
     grants->here -= bytes;
+    grants->released += (double)bytes;
 }
 
 void grants_forget(grants_t *grants, const identity_t *identity)
@@ -176,19 +180,20 @@ void grants_forget(grants_t *grants, const identity_t *identity)
     take_promise(grants, list_find(&grants->granted, identity));
 }
 
-/* Looks at how much was here to be merged, on average, since the last time. */
+/* Looks at how long batches were here, on average, since the last time: by Little's law the bytes that were
+ * here over those that went a second. */
 static void review_window(grants_t *grants, double now)
 {
-    double seconds = now - grants->last_review;
-    uint64_t here = (uint64_t)(grants->here_seconds / seconds);
-    if (here > grants->window / 2)
+    bool stuck = grants->here_seconds > 0 && grants->released <= 0;
+    double wait = grants->released > 0 ? grants->here_seconds / grants->released : 0;
+    if (stuck || wait > LONG_WAIT)
         grants->window /= 2;
-    else if (here < grants->window / 8 && grants->waiting.count > 0)
+    else if (wait < SHORT_WAIT && grants->waiting.count > 0)
         grants->window += grants->window / 4;
     grants->window = larger(grants->window, LEAST_BYTES);
     if (grants->window > grants->credit) grants->window = grants->credit;
     grants->last_review = now;
-    grants->here_seconds = 0;
+    grants->here_seconds = grants->released = 0;
 }
 
 void grants_tick(grants_t *grants, double now)

@@ -8,8 +8,8 @@
  * batches.
  *
  * What is granted at a time is less than the credit when the master, and not the network, is slow: batches
- * had better grow at the workers than wait here. It is halved when much of it waits to be merged, and grows
- * again while little does.
+ * had better grow at the workers than wait here. It is halved when they wait for more than two seconds, and
+ * grows again when they do not.
  *
  * Knows no sockets and no clock. Not thread-safe: the bulk thread's own.
  */

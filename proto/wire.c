@@ -147,6 +147,9 @@ result_t wire_socket_limit(void *socket, size_t largest_frame)
 
 result_t wire_socket_queue(void *socket, int received, int sent)
 {
+    /* On a connection with a key libzmq queues the key first, counts it, and never counts it as taken out:
+     * with a limit of 1 nothing would ever come. */
+    received++;
     if (zmq_setsockopt(socket, ZMQ_RCVHWM, &received, sizeof received) == 0 &&
         zmq_setsockopt(socket, ZMQ_SNDHWM, &sent, sizeof sent) == 0)
         return result_ok();

@@ -26,7 +26,7 @@
 #include <time.h>
 #include <unistd.h>
 
-enum { LINKS = 2, SITES = 2, DISK_MEGABYTES = 192 };
+enum { LINKS = 2, SITES = 2, RELAY_WORKERS = 2, DISK_MEGABYTES = 192 };
 static const char *const LINK_HOSTS[LINKS + 1] = {"127.0.1.1", "127.0.1.2", "127.0.1.3"};
 static const double TICK = 0.01;    /* seconds */
 static const double STORM = 0.9;    /* of a run's time, until all is healed */
@@ -162,8 +162,8 @@ static int choose_port(const chaos_t *chaos)
     return chaos->separate ? TROUPE_PORT : 20000 + getpid() % 12000;
 }
 
-/* Two workers call the master directly, two through the proxy, and where there are cables, two through those;
- * two more join late. */
+/* One worker calls the master directly, two through the proxy, and where there are cables, two through those.
+ * Two are behind a relay, which goes through the proxy itself. Two more join late. */
 static void call_the_troupe(chaos_t *chaos)
 {
     troupe_t *troupe = &chaos->troupe;
@@ -182,12 +182,14 @@ static void call_the_troupe(chaos_t *chaos)
         exit(RESULT_IO);
     }
     troupe_init(troupe);
-    troupe_add_worker(troupe, troupe->listen, -1, -1, -1, false);
-    for (int i = 0; i < LINKS; i++) troupe_add_worker(troupe, LINK_HOSTS[i], -1, i, -1, false);
-    for (int i = 0; i < SITES && chaos->network; i++)
-        troupe_add_worker(troupe, NETWORK_HOST, network_site(chaos->network, (size_t)i), -1, i, false);
-    troupe_add_worker(troupe, troupe->listen, -1, -1, -1, true);
-    troupe_add_worker(troupe, LINK_HOSTS[0], -1, 0, -1, true);
+    troupe_add_worker(troupe, troupe->listen, -1, false);
+    for (size_t i = 0; i < LINKS; i++) troupe_add_worker(troupe, LINK_HOSTS[i], -1, false);
+    for (size_t i = 0; i < SITES && chaos->network; i++)
+        troupe_add_worker(troupe, NETWORK_HOST, network_site(chaos->network, i), false);
+    troupe_add_relay(troupe, LINK_HOSTS[LINKS - 1]);
+    for (size_t i = 0; i < RELAY_WORKERS; i++) troupe_add_relay_worker(troupe);
+    troupe_add_worker(troupe, troupe->listen, -1, true);
+    troupe_add_worker(troupe, LINK_HOSTS[0], -1, true);
 }
 
 static void begin(chaos_t *chaos)

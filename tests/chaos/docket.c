@@ -4,6 +4,7 @@
 #include "common/image.h"
 #include "tests/chaos/errand.h"
 #include "tests/chaos/job_kinds.h"
+#include "tests/chaos/process.h"
 #include "tests/chaos/words.h"
 
 #include <jansson.h>
@@ -144,10 +145,7 @@ static void violate(docket_t *docket, docket_job_t *job, const char *what)
 
 static void add_master(const docket_t *docket, words_t *words)
 {
-    words_add(words, "--master");
-    words_add(words, docket->setup.master);
-    words_add(words, "--timeout");
-    words_add(words, TIMEOUT);
+    WORDS_ADD(words, "--master", docket->setup.master, "--timeout", TIMEOUT);
     words_add_all(words, docket->setup.passes->client);
 }
 
@@ -163,7 +161,7 @@ static void start_command(docket_t *docket, docket_job_t *job, const words_t *wo
     free(output);
 }
 
-/* The samples a pixel of a kind of job, as text. */
+/* How many samples a pixel a kind of job has, as text in `text`. */
 static const char *spp_of(const job_kind_t *kind, bool extended, char text[SPP_CHARS])
 {
     unsigned spp = (extended ? kind->extended_spp : kind->spp) / SLOWNESS;
@@ -171,19 +169,24 @@ static const char *spp_of(const job_kind_t *kind, bool extended, char text[SPP_C
     return text;
 }
 
+/* What the image depends on. */
+static void add_settings(words_t *words, const job_kind_t *kind, bool extended, unsigned seed,
+                         char text[2][SPP_CHARS])
+{
+    words_add_all(words, kind->options);
+    if (kind->spp > 0) WORDS_ADD(words, "--spp", spp_of(kind, extended, text[0]));
+    snprintf(text[1], SPP_CHARS, "%u", seed);
+    WORDS_ADD(words, "--seed", text[1]);
+}
+
 static void submit(docket_t *docket, docket_job_t *job)
 {
-    words_t words = {.list = {"submit"}, .count = 1};
-    char seed[20], spp[SPP_CHARS];
-    snprintf(seed, sizeof seed, "%u", job->seed);
-    words_add_all(&words, job->kind->options);
-    words_add(&words, "--spp");
-    words_add(&words, spp_of(job->kind, false, spp));
+    words_t words = {0};
+    char text[2][SPP_CHARS];
+    words_add(&words, "submit");
+    add_settings(&words, job->kind, false, job->seed, text);
     words_add_all(&words, job->kind->terms);
-    words_add(&words, "--seed");
-    words_add(&words, seed);
-    words_add(&words, "--name");
-    words_add(&words, job->name);
+    WORDS_ADD(&words, "--name", job->name);
     add_master(docket, &words);
     start_command(docket, job, &words, ".submit.log");
 }
@@ -231,17 +234,11 @@ static void resume_job(docket_t *docket, docket_job_t *job)
 
 static void render_reference(reference_t *reference)
 {
-    words_t words = {.list = {"render"}, .count = 1};
-    char seed[20], spp[SPP_CHARS];
-    snprintf(seed, sizeof seed, "%u", reference->seed);
-    words_add_all(&words, reference->kind->options);
-    words_add(&words, "--spp");
-    words_add(&words, spp_of(reference->kind, reference->extended, spp));
-    words_add(&words, "--seed");
-    words_add(&words, seed);
-    words_add(&words, "--quiet");
-    words_add(&words, "-o");
-    words_add(&words, reference->image);
+    words_t words = {0};
+    char text[2][SPP_CHARS];
+    words_add(&words, "render");
+    add_settings(&words, reference->kind, reference->extended, reference->seed, text);
+    WORDS_ADD(&words, "--quiet", "-o", reference->image);
     char *output = mem_printf("%s.log", reference->image);
     errand_start(&reference->render, output, words.list, true);
     free(output);
@@ -458,6 +455,17 @@ static void new_job(docket_t *docket, double now)
     report_line(docket->setup.report, "%s: %s, seed %u", job->name, job->kind->name, job->seed);
 }
 
+/* A command crashed, hung, or was not understood. */
+static void violate_command(docket_t *docket, docket_job_t *job)
+{
+    char *how = process_how(job->errand.how), *said = errand_said(&job->errand);
+    char *text = mem_printf("a command ended with %s: %.300s", how, said);
+    violate(docket, job, text);
+    free(text);
+    free(said);
+    free(how);
+}
+
 /* Drives a command to its success; true then. A failure is tried again, after `failed` where it is given. */
 static bool succeed(docket_t *docket, docket_job_t *job, double now,
                     void (*start)(docket_t *, docket_job_t *), bool *failed)
@@ -471,7 +479,8 @@ static bool succeed(docket_t *docket, docket_job_t *job, double now,
         return true;
     case ERRAND_FAILED:
         job->next_try = now + RETRY;
-        *failed = true;
+        *failed = job->errand.how != RESULT_USAGE && job->errand.how < PROCESS_SIGNALLED;
+        if (!*failed) violate_command(docket, job);
         return false;
     default:
         return false;
