@@ -245,6 +245,16 @@ bool farm_checks_take(farm_t *farm, double now, job_t *job, worker_t *worker, fa
     return false;
 }
 
+bool farm_checks_held(const farm_t *farm, const worker_t *worker)
+{
+    for (size_t j = 0; j < farm->job_count; j++) {
+        const job_checks_t *checks = farm->jobs[j]->checks;
+        for (size_t i = 0; checks != NULL && i < checks->check_count; i++)
+            if (checks->checks[i].with == worker->id) return true;
+    }
+    return false;
+}
+
 /* True with a probability. */
 static bool happens(double probability)
 {
@@ -390,6 +400,7 @@ result_t farm_check_batch(farm_t *farm, double now, job_t *job, uint64_t id, uin
                   farm_checks_source(job->checks, worker->source, worker->machine, worker->name, worker->key),
                   digest);
     worker->delivered = now;
+    farm_worker_relieved(farm, worker);
     decide(farm, now, job, at);
     return result_ok();
 }
