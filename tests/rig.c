@@ -152,7 +152,7 @@ static bool port_free(int port)
 }
 
 /* A port of which the next one is free too, below the range that the system gives away by itself. */
-static int free_ports(void)
+int rig_free_ports(void)
 {
     unsigned seed = (unsigned)getpid() * 2654435761u + (unsigned)(1e6 * clock_now());
     for (int i = 0; i < 1000; i++) {
@@ -167,7 +167,7 @@ rig_t *rig_new(void)
 {
     rig_t *rig = mem_zalloc(1, sizeof *rig);
     rig->folder = scratch_new();
-    rig->port = free_ports();
+    rig->port = rig_free_ports();
     return rig;
 }
 
@@ -321,11 +321,16 @@ job_settings_t rig_settings(void)
 
 uint64_t rig_submit(rig_t *rig, const job_settings_t *settings)
 {
+    return rig_submit_on(rig, &(job_terms_t){.name = "test"}, settings);
+}
+
+uint64_t rig_submit_on(rig_t *rig, const job_terms_t *terms, const job_settings_t *settings)
+{
     scene_t scene;
     uint64_t job;
     must(scene_load(SCENE, false, &scene));
     must(remote_put_blob(rig->remote, &scene.blob, NULL, NULL));
-    must(remote_submit(rig->remote, "test", settings, &scene.blob.hash, &job));
+    must(remote_submit_job(rig->remote, terms, settings, &scene.blob.hash, &job));
     scene_free(&scene);
     return job;
 }

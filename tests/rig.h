@@ -26,6 +26,8 @@ job_settings_t rig_settings(void);
 /* The pixel hash of that job, rendered by `lightmill render` without any farm; computed once a program. */
 hash_t rig_reference(void);
 
+/* A port of which the next one is free too. */
+int rig_free_ports(void);
 /* An empty rig with a free port. */
 rig_t *rig_new(void);
 /* Kills everything and removes the folder. */
@@ -59,6 +61,8 @@ char *rig_output(rig_t *rig, pid_t process);
 
 /* Uploads the scene and submits a job. */
 uint64_t rig_submit(rig_t *rig, const job_settings_t *settings);
+/* The same with terms of its own. */
+uint64_t rig_submit_on(rig_t *rig, const job_terms_t *terms, const job_settings_t *settings);
 typedef struct {
     uint32_t state, workers, workers_seen;
     uint64_t samples_done, samples_total, batches_refused, units_reissued;
