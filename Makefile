@@ -52,7 +52,7 @@ $(BUILD)/proto/%.pb-c.c $(BUILD)/proto/%.pb-c.h: proto/%.proto
 	protoc-c --proto_path=proto --c_out=$(@D) $<
 $(SCHEMA_O): %.o: %.c | $(SCHEMA_C)
 	$(CC) $(ALL_CFLAGS) -c -o $@ $<
-$(call objects,$(PROTO_SRC) $(WORKER_SRC) $(MASTER_SRC) $(RELAY_SRC) relay/main.c $(CLIENT_SRC) $(TEST_SRC) $(wildcard tests/*.c)): | $(SCHEMA_C)
+$(call objects,$(PROTO_SRC) $(WORKER_SRC) $(MASTER_SRC) $(RELAY_SRC) relay/main.c $(CLIENT_SRC) $(TEST_SRC) $(wildcard tests/*.c tests/fuzz/*.c)): | $(SCHEMA_C)
 
 $(BUILD)/%.o: %.c
 	@mkdir -p $(@D)
@@ -163,6 +163,11 @@ bench: deps
 	$(BUILD)/tests/bench/bench_mesh
 	$(BUILD)/tests/bench/bench_render
 
+# What docs/convergence.md says of --error: about five minutes on two cores.
+bench-error: deps
+	$(SUBMAKE) $(JOBS) $(BUILD)/tests/bench/bench_error
+	$(BUILD)/tests/bench/bench_error
+
 # The master's merge rate as a share of memcpy's (docs/scale.md).
 bench-merge: deps
 	$(SUBMAKE) $(JOBS) $(BUILD)/tests/bench/bench_merge
@@ -212,6 +217,7 @@ help:
 	@echo "make valgrind   a master that served 50 jobs has no leaks"
 	@echo "make fuzz       libFuzzer on all that reads files: FUZZ_SECONDS ($(FUZZ_SECONDS)) each; FUZZ_TARGETS=\"pbrt ply\""
 	@echo "make bench      error and speed of the renderer against the figures of pbrt-v3"
+	@echo "make bench-error  jobs that end by --error: is it the error?"
 	@echo "make bench-merge  how fast a master merges, as a share of memcpy"
 	@echo "make sim        a real master and 500 simulated workers for three minutes: what one master takes"
 	@echo "make bench-codec  the codings of payloads that were weighed against one another"
@@ -221,5 +227,5 @@ help:
 	@echo "make format     clang-format; make lint: clang-tidy and cppcheck"
 	@echo "make clean      remove $(BUILD)/"
 
-.PHONY: all check bench bench-codec tests run-tests asan tsan fuzz demo deps deps-dev container-check install uninstall format lint clean help sim bench-merge chaos chaos-programs valgrind deps-test
+.PHONY: all check bench bench-error bench-codec tests run-tests asan tsan fuzz demo deps deps-dev container-check install uninstall format lint clean help sim bench-merge chaos chaos-programs valgrind deps-test
 .SECONDARY:

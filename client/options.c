@@ -1,6 +1,8 @@
 /* options: see options.h. */
 #include "client/options.h"
 
+#include "common/film.h"
+
 #include <ctype.h>
 #include <errno.h>
 #include <stdio.h>
@@ -10,6 +12,10 @@
 const char settings_usage[] =
     "  --spp N            samples a pixel\n"
     "  --time SECONDS     stop after so long, with --spp whichever comes first\n"
+    "  --error E          stop when the estimated relative error is at most E (0.01 is a good picture), "
+    "with\n"
+    "                     --spp and --time whichever comes first\n"
+    "  --adaptive         more samples where there is more noise; --spp is their mean\n"
     "  --integrator NAME  bdpt, path or light\n"
     "  --max-depth N      longest path: N + 1 segments, as pbrt counts\n"
     "  --seed N           random numbers; the same seed makes the same image, bit by bit\n"
@@ -116,6 +122,10 @@ result_t overrides_option(overrides_t *overrides, const char *option, const char
         overrides->spp = (uint32_t)number;
     } else if (strcmp(option, "time") == 0) {
         TRY(option_real(option, value, 0.1, 1e9, &overrides->time_limit));
+    } else if (strcmp(option, "error") == 0) {
+        TRY(option_real(option, value, 1e-6, 0.99, &overrides->error));
+    } else if (strcmp(option, "adaptive") == 0) {
+        overrides->adaptive = true;
     } else if (strcmp(option, "max-depth") == 0) {
         TRY(option_integer(option, value, 0, JOB_MAX_DEPTH, &number));
         overrides->max_depth = (int32_t)number;
@@ -152,12 +162,14 @@ result_t overrides_apply(const overrides_t *overrides, const scene_blob_t *blob,
         settings->width = overrides->width;
         settings->height = overrides->height;
     }
-    if (overrides->time_limit > 0) {
-        settings->time_limit = overrides->time_limit;
-        settings->spp = JOB_MAX_SPP;
-    }
+    settings->time_limit = overrides->time_limit;
+    settings->error = overrides->error;
+    settings->adaptive = overrides->adaptive;
+    if (overrides->time_limit > 0 || overrides->error > 0) settings->spp = JOB_MAX_SPP;
     if (overrides->spp > 0) settings->spp = overrides->spp;
     if (overrides->no_layers) settings->features = false;
     settings->film_scale = blob_film_scale(blob);
+    /* Samples that count JOB_MEAN_BOOST times in the mean take two bits of the sums. */
+    if (settings->adaptive) settings->film_scale = int_max(FILM_MIN_SCALE, settings->film_scale - 2);
     return job_settings_check(settings);
 }

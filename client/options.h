@@ -25,7 +25,8 @@ typedef struct {
     int32_t width, height;
     int32_t max_depth; /* -1: from the scene */
     uint32_t spp;
-    double time_limit;
+    double time_limit, error;
+    bool adaptive;
     int32_t tile_size;
     bool no_layers;
     bool lenient; /* for scene_load */
@@ -37,7 +38,8 @@ typedef struct {
         {"integrator", required_argument, NULL, 0}, {"max-depth", required_argument, NULL, 0},               \
         {"seed", required_argument, NULL, 0}, {"resolution", required_argument, NULL, 0},                    \
         {"sampler", required_argument, NULL, 0}, {"lenient", no_argument, NULL, 0},                          \
-        {"no-layers", no_argument, NULL, 0},                                                                 \
+        {"no-layers", no_argument, NULL, 0}, {"error", required_argument, NULL, 0},                          \
+        {"adaptive", no_argument, NULL, 0},                                                                  \
     {                                                                                                        \
         "tile-size", required_argument, NULL, 0                                                              \
     }
@@ -46,7 +48,8 @@ extern const char settings_usage[];
 overrides_t overrides_none(void);
 /* Takes an option of SETTINGS_OPTIONS; *taken is false when it is another one. */
 result_t overrides_option(overrides_t *overrides, const char *option, const char *value, bool *taken);
-/* The scene's own settings with the overrides applied, checked. Time without spp: only time ends the job. */
+/* The scene's own settings with the overrides applied, checked. Time or error without spp: these alone
+ * end the job. */
 result_t overrides_apply(const overrides_t *overrides, const scene_blob_t *blob, job_settings_t *settings);
 
 #endif

@@ -11,7 +11,6 @@
 #include "common/image.h"
 
 #include <errno.h>
-#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
@@ -74,34 +73,11 @@ result_t output_check(const output_t *output)
     return result_ok();
 }
 
-static double mean_square(const image_t *image, const image_channel_t *const rgb[3])
-{
-    size_t pixels = (size_t)image->width * (size_t)image->height;
-    double sum = 0;
-    for (int c = 0; c < 3; c++)
-        for (size_t i = 0; i < pixels; i++) {
-            double value = rgb[c]->data[i * rgb[c]->stride];
-            sum += value * value;
-        }
-    return sum / (3.0 * (double)pixels);
-}
-
-static double mean_value(const image_t *image, const image_channel_t *const rgb[3])
-{
-    size_t pixels = (size_t)image->width * (size_t)image->height;
-    double sum = 0;
-    for (int c = 0; c < 3; c++)
-        for (size_t i = 0; i < pixels; i++) sum += rgb[c]->data[i * rgb[c]->stride];
-    return sum / (3.0 * (double)pixels);
-}
-
-/* Relative noise of an image of ours; negative when it has no noise layer. */
+/* Estimated relative error of an image of ours (film_noise); negative when it is not known. */
 static double relative_noise(const image_t *image)
 {
-    const image_channel_t *noise[3], *picture[3];
-    if (!image_find_rgb(image, "noise", noise) || !image_find_rgb(image, NULL, picture)) return -1;
-    double mean = mean_value(image, picture);
-    return mean > 0 ? sqrt(mean_square(image, noise)) / mean : -1;
+    const image_attribute_t *error = image_attribute(image, "lightmill.error");
+    return error != NULL && error->kind == ATTRIBUTE_FLOAT ? (double)error->real : -1;
 }
 
 /* Puts the bytes into a temporary file and reads them as an image. */

@@ -29,8 +29,7 @@ bool output_is_png(const char *path);
 /* Checks, before any work is done, that the files can be written. */
 result_t output_check(const output_t *output);
 /* Writes the files from the bytes of an EXR, each whole or not at all. `path` must be set. *noise becomes the
- * root of the mean square of the image's noise estimate over the image's mean, or negative when it has none.
- */
+ * image's estimated relative error (common/film.h), negative when it is not known. */
 result_t output_write(const output_t *output, const uint8_t *exr, size_t size, double *noise);
 
 #endif

@@ -51,8 +51,9 @@ double job_fraction(const Lm__JobStatus *status)
     if (status->samples_total > 0) done = (double)status->samples_done / (double)status->samples_total;
     double limit = status->settings ? status->settings->time_limit : 0;
     if (limit > 0) done = fmax(done, status->elapsed / limit);
-    if (status->settings && status->settings->error > 0 && status->error > 0 && status->remaining >= 0)
-        done = fmax(done, status->elapsed / fmax(status->elapsed + status->remaining, 1e-9));
+    /* The error falls with the square root of the samples. */
+    double error = status->settings ? status->settings->error : 0;
+    if (error > 0 && status->error > 0) done = fmax(done, pow(error / status->error, 2));
     return fmin(fmax(done, 0), 1);
 }
 

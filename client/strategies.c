@@ -53,6 +53,9 @@ result_t strategies_settings(const overrides_t *overrides, const scene_blob_t *b
     if (settings->time_limit > 0)
         return result_fail(RESULT_USAGE,
                            "--strategies gives all images the same samples: use --spp, not --time");
+    if (job_is_planned(settings))
+        return result_fail(RESULT_USAGE, "--strategies gives all images the same samples: use --spp, not %s",
+                           settings->adaptive ? "--adaptive" : "--error");
     if (segments_of(settings) > STRATEGIES_MAX_SEGMENTS)
         return result_fail(RESULT_USAGE,
                            "--strategies shows paths of at most %d segments, max depth %d makes %d: use "

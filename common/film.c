@@ -340,7 +340,8 @@ void film_merge_weighted(film_t *film, const batch_t *batch, const uint32_t *wei
         tile += batch_tile_values(&film->settings, batch->units[i].tile);
         size_t values =
             batch->feature_count > 0 ? batch_feature_values(&film->settings, &batch->units[i]) : 0;
-        if (values > 0) merge_features(film, &batch->units[i], features, sign);
+        if (values == 0) continue;
+        merge_features(film, &batch->units[i], features, sign);
         features += values;
     }
     if (batch->splat != NULL)

@@ -26,12 +26,6 @@ struct health {
     atomic_bool stop;
 };
 
-const char *health_default_path(void)
-{
-    const char *path = getenv("LIGHTMILL_HEALTH");
-    return path != NULL && path[0] != '\0' ? path : NULL;
-}
-
 static result_t make_address(const char *path, struct sockaddr_un *address)
 {
     *address = (struct sockaddr_un){.sun_family = AF_UNIX};
@@ -116,6 +110,8 @@ static void release(health_t *health)
 
 result_t health_start(const char *path, health_report_t report, void *context, health_t **out)
 {
+    *out = NULL;
+    if (path == NULL) return result_ok();
     health_t *health = mem_zalloc(1, sizeof *health);
     *health = (health_t){
         .path = mem_strdup(path), .report = report, .context = context, .listener = -1, .wake = -1};
@@ -135,6 +131,33 @@ void health_stop(health_t **out)
     unlink(health->path);
     release(health);
     *out = NULL;
+}
+
+/* ---- the pulse of a loop --------------------------------------------------------------------------------
+ */
+
+void pulse_beat(pulse_t *pulse, const char *doing)
+{
+    if (pulse == NULL) return;
+    atomic_store(&pulse->doing, doing);
+    atomic_store(&pulse->beat, (long long)(1e3 * clock_now()));
+}
+
+bool pulse_report(void *context, char *text, size_t size)
+{
+    pulse_t *pulse = context;
+    long long beat = atomic_load(&pulse->beat);
+    const char *doing = atomic_load(&pulse->doing);
+    double age = clock_now() - 1e-3 * (double)beat;
+    if (beat == 0) {
+        snprintf(text, size, "starting");
+    } else if (age <= PULSE_LATE) {
+        snprintf(text, size, "%s", doing != NULL ? doing : "at work");
+    } else {
+        snprintf(text, size, "no sign of life for %.0f s", age);
+        return false;
+    }
+    return true;
 }
 
 /* ---- asking -------------------------------------------------------------------------------------------- */
@@ -178,4 +201,38 @@ result_t health_ask(const char *path, char *text, size_t size)
     result_t result = ask(peer, path, text, size);
     close(peer);
     return result;
+}
+
+/* ---- on the command line --------------------------------------------------------------------------------
+ */
+
+const char health_usage[] =
+    "  --health PATH          tell on this Unix socket how the program is ($LIGHTMILL_HEALTH)\n"
+    "  --ask-health           ask the program that runs there, print its answer, exit 0 if it is well\n";
+
+health_options_t health_options_default(void)
+{
+    const char *path = getenv("LIGHTMILL_HEALTH");
+    return (health_options_t){.path = path != NULL && path[0] != '\0' ? path : NULL};
+}
+
+bool health_option(health_options_t *options, const char *option, const char *value)
+{
+    if (strcmp(option, "health") == 0)
+        options->path = value;
+    else if (strcmp(option, "ask-health") == 0)
+        options->ask = true;
+    else
+        return false;
+    return true;
+}
+
+result_t health_print(const health_options_t *options)
+{
+    char text[TEXT_SIZE];
+    if (options->path == NULL)
+        return result_fail(RESULT_USAGE, "whom to ask? Give --health PATH or set LIGHTMILL_HEALTH");
+    TRY(health_ask(options->path, text, sizeof text));
+    puts(text);
+    return result_ok();
 }

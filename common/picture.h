@@ -20,6 +20,8 @@ typedef struct {
     film_counts_t counts;    /* what was done, CPU time and all */
     uint32_t workers;        /* that took part */
     double wall_seconds;     /* from the first assignment to now */
+    hash_t bits;             /* fingerprint of the machines that made it; all zero: not known */
+    const char *note;        /* what is to be known of it; NULL or empty: nothing */
 } picture_meta_t;
 
 /* Writes the EXR, whole or not at all, as 32-bit floats or, with `half`, as halves where

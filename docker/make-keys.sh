@@ -13,8 +13,8 @@ chmod 700 "$keys"
 for name in master worker client; do $lightmill keygen "$name" --out "$keys"; done
 {
     echo "# who may use this farm: RIGHT KEY NAME"
-    echo "worker $(grep -v '^#' "$keys/worker.key") workers"
-    echo "client $(grep -v '^#' "$keys/client.key") client"
+    echo "worker $(sed -n 's/^public //p' "$keys/worker.key") workers"
+    echo "client $(sed -n 's/^public //p' "$keys/client.key") client"
 } >"$keys/allow"
 # The containers' user reads the secrets; the directory keeps them from other users of this machine.
 if [ "$(id -u)" = 0 ]; then chown 10001:10001 "$keys"/*.secret; else chmod 644 "$keys"/*.secret; fi

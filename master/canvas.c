@@ -277,18 +277,6 @@ static bool add_strict(int64_t *restrict sum, const int64_t *restrict values, si
     return false;
 }
 
-/* Returns how many were left out. */
-static uint64_t add_tolerant(int64_t *sum, const int64_t *values, size_t count)
-{
-    uint64_t overflows = 0;
-    for (size_t i = 0; i < count; i++) {
-        bool bad = out_of_range(values[i]) || out_of_range(plus(sum[i], values[i]));
-        if (!bad) sum[i] = plus(sum[i], values[i]);
-        overflows += bad;
-    }
-    return overflows;
-}
-
 /* Accounts for a step that was tried. */
 static bool stepped(adder_t *adder, bool good)
 {
@@ -306,7 +294,7 @@ static bool step(adder_t *adder, int64_t *sum, const int64_t *values, size_t cou
     case ADD_STRICT:
         return stepped(adder, add_strict(sum, values, count, large));
     case ADD_TOLERANT:
-        adder->overflows += add_tolerant(sum, values, count);
+        adder->overflows += film_add_sums(sum, values, count, 1);
         break;
     case ADD_EXACT:
         add_exact(sum, values, count, adder->negative);
@@ -362,7 +350,7 @@ static uint64_t add_marked_tolerant(int64_t *sum, uint64_t mask, const int64_t *
 {
     uint64_t overflows = 0;
     for (; mask != 0; mask &= mask - 1, values += 3)
-        overflows += add_tolerant(sum + 3 * __builtin_ctzll(mask), values, 3);
+        overflows += film_add_sums(sum + 3 * __builtin_ctzll(mask), values, 3, 1);
     return overflows;
 }
 

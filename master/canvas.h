@@ -33,13 +33,11 @@ void canvas_destroy(canvas_t **canvas);
 
 void canvas_enter(canvas_t *canvas);
 void canvas_leave(canvas_t *canvas);
-/* Adds a decoded batch; `weights` has the weight of each of its units (schedule_weight), NULL: all 1. With
- * `sign` -1 what was added before is taken out again. To be called between enter and leave. The film's counts
- * are updated too. */
-void canvas_merge(canvas_t *canvas, const batch_t *batch, const uint32_t *weights, int sign);
-/* The same from a batch's payloads, without unfolding them in memory. `batch` has settings, checked units and
- * counts; its arrays are not used. RESULT_PROTOCOL when the payloads do not decode to exactly the right size;
- * then the film is as it was. */
+/* Adds a batch from its payloads; `weights` has the weight of each of its units (schedule_weight), NULL: all
+ * 1. With `sign` -1 what was added before is taken out again. To be called between enter and leave. `batch`
+ * has settings, checked units and counts; its arrays are not used. The film's counts are updated too.
+ * RESULT_PROTOCOL when the payloads do not decode to exactly the right size, or hold features that no sample
+ * can have; then the film is as it was. Sums that overflow are left out and counted. */
 result_t canvas_merge_payload(canvas_t *canvas, const zmq_msg_t payload[BATCH_PAYLOADS], const batch_t *batch,
                               const uint32_t *weights, int sign);
 /* The film's counts, at any time. */

@@ -15,7 +15,7 @@
 
 enum { FEATURE_LIMIT = 57 }; /* one sample adds less than 2^57 to any value of features (film.h) */
 
-/* ---- decoded batches ----------------------------------------------------------------------------------- */
+/* ---- rows and counts ----------------------------------------------------------------------------------- */
 
 static uint32_t weight_of(const uint32_t *weights, size_t unit)
 {
@@ -33,72 +33,18 @@ static bool add_eye_row(adder_t *adder, size_t pixel, size_t pixels, const int64
            adder_count(adder, pixel, weight * samples, pixels);
 }
 
-static bool add_tile(adder_t *adder, const job_settings_t *settings, const unit_t *unit, const int64_t *tile,
-                     uint32_t weight)
-{
-    rect_t rect = job_tile_rect(settings, unit->tile);
-    size_t width = (size_t)settings->width, row = (size_t)(rect.x1 - rect.x0);
-    for (int half = 0; half < 2; half++)
-        for (int y = rect.y0; y < rect.y1; y++) {
-            size_t pixel = ((size_t)half * (size_t)settings->height + (size_t)y) * width + (size_t)rect.x0;
-            if (!add_eye_row(adder, pixel, row, tile, unit_half_count(unit, half), weight)) return false;
-            tile += 3 * row;
-        }
-    return true;
-}
-
-static bool add_features(adder_t *adder, const job_settings_t *settings, const unit_t *unit,
-                         const int64_t *features)
-{
-    rect_t rect = job_tile_rect(settings, unit->tile);
-    size_t row = FEATURE_VALUES * (size_t)(rect.x1 - rect.x0);
-    for (int y = rect.y0; y < rect.y1; y++) {
-        size_t pixel = (size_t)y * (size_t)settings->width + (size_t)rect.x0;
-        if (!adder_add(adder, ARRAY_FEATURES, FEATURE_VALUES * pixel, features, row, true)) return false;
-        features += row;
-    }
-    return true;
-}
-
-static bool add_batch(adder_t *adder, const batch_t *batch, const uint32_t *weights)
-{
-    const job_settings_t *settings = &adder->canvas->film->settings;
-    const int64_t *tile = batch->eye, *features = batch->features;
-    for (size_t i = 0; i < batch->unit_count; i++) {
-        if (!add_tile(adder, settings, &batch->units[i], tile, weight_of(weights, i))) return false;
-        tile += batch_tile_values(settings, batch->units[i].tile);
-        size_t values = batch->feature_count > 0 ? batch_feature_values(settings, &batch->units[i]) : 0;
-        uint64_t overflows = adder->overflows; /* those of features do not fail the job */
-        if (values > 0 && !add_features(adder, settings, &batch->units[i], features)) return false;
-        adder->overflows = overflows;
-        features += values;
-    }
-    return batch->splat == NULL ||
-           adder_add(adder, ARRAY_SPLAT, 0, batch->splat, batch_splat_values(settings), true);
-}
-
 static void add_counts(canvas_t *canvas, const film_counts_t *counts, uint64_t overflows, int sign)
 {
-    film_counts_t *sum = &canvas->film->counts;
-    uint64_t one = sign < 0 ? UINT64_MAX : 1;
     pthread_mutex_lock(&canvas->counting);
-    for (int half = 0; half < 2; half++) sum->light_paths[half] += one * counts->light_paths[half];
-    sum->dropped += one * counts->dropped;
-    sum->overflows += one * counts->overflows + overflows;
-    sum->rays += one * counts->rays;
-    sum->cpu_us += one * counts->cpu_us;
+    if (sign < 0)
+        film_counts_take_out(&canvas->film->counts, counts);
+    else
+        film_counts_add(&canvas->film->counts, counts);
+    canvas->film->counts.overflows += overflows;
     pthread_mutex_unlock(&canvas->counting);
 }
 
-void canvas_merge(canvas_t *canvas, const batch_t *batch, const uint32_t *weights, int sign)
-{
-    adder_t adder = adder_new(canvas, sign < 0 ? ADD_EXACT : ADD_TOLERANT, sign < 0, UINT64_MAX);
-    add_batch(&adder, batch, weights);
-    adder_rest(&adder);
-    add_counts(canvas, &batch->counts, adder.overflows, sign);
-}
-
-/* ---- payloads ------------------------------------------------------------------------------------------ */
+/* ---- walking over the payloads ------------------------------------------------------------------------- */
 
 /* One walk over the payloads of a batch. */
 typedef struct {

@@ -2,6 +2,7 @@
 #include "master/control_reports.h"
 
 #include <stdlib.h>
+#include <string.h>
 
 enum {
     REPLY_BYTES = WIRE_MAX_HEADER / 2, /* of the list in one answer */
@@ -108,8 +109,11 @@ result_t report_jobs(farm_t *farm, double now, const Lm__JobStatusRequest *reque
     return result_ok();
 }
 
-static void fill_worker(worker_report_t *report, Lm__WorkerStatus *status)
+static void fill_worker(gate_t *gate, worker_report_t *report, Lm__WorkerStatus *status)
 {
+    char name[KEY_MAX_NAME + 1];
+    gate_key_name(gate, report->key, name);
+    if (name[0] != '\0') memcpy(report->key, name, sizeof name);
     lm__worker_status__init(status);
     status->name = report->name;
     status->key = report->key;
@@ -128,8 +132,8 @@ static void fill_worker(worker_report_t *report, Lm__WorkerStatus *status)
     status->last_seen = report->last_seen;
 }
 
-void report_workers(farm_t *farm, double now, const Lm__WorkerListRequest *request, report_send_fn send,
-                    void *context)
+void report_workers(farm_t *farm, gate_t *gate, double now, const Lm__WorkerListRequest *request,
+                    report_send_fn send, void *context)
 {
     size_t count, bytes = 0;
     worker_report_t *reports = farm_worker_report(farm, now, &count);
@@ -137,7 +141,7 @@ void report_workers(farm_t *farm, double now, const Lm__WorkerListRequest *reque
     Lm__WorkerList body = LM__WORKER_LIST__INIT;
     body.workers = mem_alloc((count + 1) * sizeof(Lm__WorkerStatus *));
     for (size_t i = request->from; i < count && body.next == 0; i++) {
-        fill_worker(&reports[i], &statuses[i]);
+        fill_worker(gate, &reports[i], &statuses[i]);
         bytes += lm__worker_status__get_packed_size(&statuses[i]) + ENTRY_BYTES;
         if (bytes > REPLY_BYTES)
             body.next = (uint32_t)i;

@@ -4,6 +4,7 @@
 #define LIGHTMILL_CONTROL_REPORTS_H
 
 #include "master/farm.h"
+#include "master/gate.h"
 
 /* Sends an answer, which lives for the call only. */
 typedef void (*report_send_fn)(void *context, Lm__Envelope *answer);
@@ -11,7 +12,8 @@ typedef void (*report_send_fn)(void *context, Lm__Envelope *answer);
 /* RESULT_INPUT, and nothing is sent, when there is no such job. */
 result_t report_jobs(farm_t *farm, double now, const Lm__JobStatusRequest *request, uint32_t bulk_port,
                      report_send_fn send, void *context);
-void report_workers(farm_t *farm, double now, const Lm__WorkerListRequest *request, report_send_fn send,
-                    void *context);
+/* Keys are told by the names that the gate's list has for them. */
+void report_workers(farm_t *farm, gate_t *gate, double now, const Lm__WorkerListRequest *request,
+                    report_send_fn send, void *context);
 
 #endif

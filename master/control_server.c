@@ -22,9 +22,9 @@ enum {
     PEER_RATE = 2000,      /* messages a second from one connection, */
     PEER_BURST = 4000,     /* and at once */
     PEERS = 16384,         /* connections that are counted apart */
-    KEY_RATE =
-        20000, /* messages a second from all who have the same key: thousands of workers may share one */
+    KEY_RATE = 20000,      /* from all who have the same key: thousands of workers may share one */
     KEY_BURST = 20000,
+    TOKEN_BYTES = 256, /* a longer message counts as several */
     KEYS = 4096
 };
 
@@ -233,8 +233,8 @@ static void on_status(control_server_t *server, const wire_message_t *message)
 static void on_worker_list(control_server_t *server, const wire_message_t *message)
 {
     question_t question = {server, message};
-    report_workers(server->options.farm, clock_now(), message->envelope->worker_list_request, send_report,
-                   &question);
+    report_workers(server->options.farm, server->options.gate, clock_now(),
+                   message->envelope->worker_list_request, send_report, &question);
 }
 
 static void on_order(control_server_t *server, const wire_message_t *message)
@@ -278,10 +278,11 @@ static const char *sender_name(const wire_message_t *message)
 static bool within_limit(control_server_t *server, const wire_message_t *message)
 {
     double now = clock_now();
+    double tokens = 1 + (double)(message->bytes / TOKEN_BYTES);
     rate_verdict_t verdict =
-        rate_limit_take(server->peer_limit, now, message->identity, message->identity_size);
+        rate_limit_take(server->peer_limit, now, message->identity, message->identity_size, tokens);
     if (verdict == RATE_PASS && message->key[0] != '\0')
-        verdict = rate_limit_take(server->key_limit, now, message->key, WIRE_KEY_TEXT);
+        verdict = rate_limit_take(server->key_limit, now, message->key, WIRE_KEY_TEXT, tokens);
     if (verdict == RATE_PASS) return true;
     server->over_limit++;
     if (verdict == RATE_DROP) return false;
@@ -401,6 +402,7 @@ static void *control_server_run(void *argument)
     bool more = false;
     prctl(PR_SET_NAME, "lm-control");
     while (!atomic_load(&server->stop)) {
+        pulse_beat(server->options.pulse, NULL);
         zmq_pollitem_t items[] = {{.socket = server->options.socket, .events = ZMQ_POLLIN},
                                   {.fd = server->options.wake, .events = ZMQ_POLLIN}};
         zmq_poll(items, ARRAY_LENGTH(items), more ? 0 : TICK_MS);

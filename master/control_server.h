@@ -4,6 +4,7 @@
 #ifndef LIGHTMILL_CONTROL_SERVER_H
 #define LIGHTMILL_CONTROL_SERVER_H
 
+#include "common/health.h"
 #include "master/clerk.h"
 #include "master/farm.h"
 #include "master/gate.h"
@@ -18,6 +19,7 @@ typedef struct {
     int wake; /* eventfd, written by the farm when there are notices, by the clerk when it has an answer */
     uint32_t bulk_port;                      /* told to peers; 0: inproc */
     double heartbeat, lease, batch_interval; /* seconds, told to workers */
+    pulse_t *pulse;                          /* kept by the caller; NULL: none */
 } control_server_options_t;
 
 /* Starts the thread; on failure the socket is still the caller's. */

@@ -150,7 +150,7 @@ job_report_t *farm_report(farm_t *farm, double now, uint64_t job, size_t *count,
 /* A worker as clients see it. */
 typedef struct {
     char name[FARM_MAX_NAME + 1];
-    char key[WIRE_KEY_TEXT + 1];
+    char key[KEY_MAX_NAME + 1]; /* public key in Z85, or the name that the list of keys has for it */
     uint32_t threads;
     hash_t fingerprint;
     bool relay, connected;

@@ -81,7 +81,7 @@ result_t farm_batch_wanted(farm_t *farm, double now, uint64_t worker, uint64_t i
     farm_lock(farm);
     job_t *job = farm_find_job(farm, id);
     result_t result = result_ok();
-    const worker_t *sender = farm_find_worker(farm, worker);
+    worker_t *sender = farm_find_worker(farm, worker);
     if (sender == NULL || sender->outcast) {
         result = unknown_worker();
     } else if (job == NULL) {
@@ -93,6 +93,7 @@ result_t farm_batch_wanted(farm_t *farm, double now, uint64_t worker, uint64_t i
                 result_fail(RESULT_LIMIT, "the film of job %llu is being loaded", (unsigned long long)id);
         else if (!job->taking)
             result = job_over(job);
+        sender->offered = now;
     }
     farm_unlock(farm);
     return result;
@@ -326,14 +327,14 @@ job_t *farm_next_finished(farm_t *farm)
 
 /* The film of an adaptive job knows the weights of its samples, the schedule their number. Called with the
  * canvas locked, so that both are of the same moment. */
-static void show_samples(farm_t *farm, const job_t *job, film_image_t *image)
+static void show_samples(farm_t *farm, const job_t *job, const job_settings_t *settings, film_image_t *image)
 {
-    uint32_t *samples = mem_alloc(job_tile_count(&job->settings) * sizeof *samples);
+    uint32_t *samples = mem_alloc(job_tile_count(settings) * sizeof *samples);
     farm_lock(farm);
     bool known = job->schedule != NULL;
     if (known) schedule_tile_samples(job->schedule, samples);
     farm_unlock(farm);
-    if (known) schedule_show_samples(&job->settings, samples, image->samples);
+    if (known) schedule_show_samples(settings, samples, image->samples);
     free(samples);
 }
 
@@ -350,7 +351,7 @@ result_t farm_resolve(farm_t *farm, double now, job_t *job, film_image_t *image,
     canvas_t *canvas = empty ? NULL : farm_canvas_hold(farm, job);
     if (canvas != NULL) {
         film_resolve(canvas_lock(canvas), image);
-        if (report->settings.adaptive) show_samples(farm, job, image);
+        if (report->settings.adaptive) show_samples(farm, job, &report->settings, image);
         canvas_unlock(canvas);
         farm_canvas_let_go(farm, job);
         return result_ok();

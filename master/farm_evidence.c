@@ -52,10 +52,10 @@ static spool_name_t name_of(const evidence_t *evidence)
 {
     spool_name_t name = {
         .clock = evidence->clock, .serial = evidence->serial, .out_clock = evidence->out_clock};
-    name.kind = evidence->state == EVIDENCE_OUT     ? SPOOL_OUT
-                : evidence->state == EVIDENCE_WRONG ? SPOOL_WRONG
-                : evidence->checked                 ? SPOOL_CHECK
-                                                    : SPOOL_KEPT;
+    name.kind = evidence->state == EVIDENCE_OUT ? SPOOL_OUT
+                : evidence->branded             ? SPOOL_WRONG
+                : evidence->checked             ? SPOOL_CHECK
+                                                : SPOOL_KEPT;
     return name;
 }
 
@@ -304,11 +304,8 @@ static void take_out(farm_t *farm, job_t *job, evidence_t evidence)
     job_settings_t settings = farm_job_settings(farm, job);
     canvas_t *canvas = farm_canvas_hold(farm, job);
     if (canvas == NULL) return; /* the job was closed just now */
-    /* It may still have the name that it had before it was found to be wrong. */
-    spool_name_t wrong = name_of(&evidence), kept = wrong;
-    kept.kind = evidence.checked ? SPOOL_CHECK : SPOOL_KEPT;
-    (void)spool_rename(dir, job->id, &kept, &wrong);
-    result_t result = spool_read(dir, job->id, &wrong, &settings, &head, payload);
+    spool_name_t name = name_of(&evidence);
+    result_t result = spool_read(dir, job->id, &name, &settings, &head, payload);
     film_counts_t counts = {.rays = 0};
     if (result.code == RESULT_OK) {
         batch_t batch = {
@@ -337,37 +334,63 @@ static bool is_needless(const job_checks_t *checks, const evidence_t *evidence)
            (evidence->state == EVIDENCE_OUT && checks->saved >= evidence->saved + SAFE_AFTER);
 }
 
-/* The next thing to do for a job: a batch to take out, or one to delete, which is taken off the list; false
- * when there is none. */
-static bool next_task(farm_t *farm, job_t *job, evidence_t *task)
+typedef enum { TASK_NONE, TASK_DELETE, TASK_BRAND, TASK_TAKE_OUT } task_t;
+
+/* What is to be done about a batch. */
+static task_t task_for(const job_t *job, const evidence_t *evidence)
 {
-    bool found = false;
+    if (is_needless(job->checks, evidence)) return TASK_DELETE;
+    if (evidence->state != EVIDENCE_WRONG) return TASK_NONE;
+    if (!evidence->branded) return TASK_BRAND;
+    bool possible = job->schedule != NULL && job->canvas != NULL && !job->canvas_condemned;
+    return possible ? TASK_TAKE_OUT : TASK_NONE;
+}
+
+/* The next thing to do for a job, and a copy of what it is about: that batches are wrong is noted before the
+ * first is taken out. One that is to be deleted is taken off the list. */
+static task_t next_task(farm_t *farm, job_t *job, evidence_t *about)
+{
+    task_t task = TASK_NONE;
     farm_lock(farm);
     job_checks_t *checks = job->checks;
-    for (size_t i = 0; checks != NULL && i < checks->evidence_count && !found; i++) {
-        *task = checks->evidence[i];
-        if (is_needless(checks, task)) {
-            checks->evidence[i] = checks->evidence[--checks->evidence_count];
-            found = true;
-        } else if (task->state == EVIDENCE_WRONG) {
-            found = job->schedule != NULL && job->canvas != NULL && !job->canvas_condemned;
-        }
+    for (size_t i = 0; checks != NULL && i < checks->evidence_count; i++) {
+        task_t here = task_for(job, &checks->evidence[i]);
+        if (here == TASK_NONE || (task != TASK_NONE && here >= task)) continue;
+        task = here;
+        *about = checks->evidence[i];
+        if (task != TASK_DELETE) continue;
+        checks->evidence[i] = checks->evidence[--checks->evidence_count];
+        break;
     }
     farm_unlock(farm);
-    return found;
+    return task;
+}
+
+/* Notes on the disk that a batch is wrong. */
+static void brand(farm_t *farm, job_t *job, evidence_t evidence)
+{
+    spool_name_t from = name_of(&evidence);
+    evidence.branded = true;
+    spool_name_t to = name_of(&evidence);
+    result_t result = spool_rename(farm->options.spool_dir, job->id, &from, &to);
+    farm_lock(farm);
+    evidence_t *found = find(job->checks, evidence.serial);
+    if (found != NULL && result.code == RESULT_OK) found->branded = true;
+    if (result.code != RESULT_OK) note_lost(farm, job, &evidence, result.message);
+    farm_unlock(farm);
 }
 
 static void settle_job(farm_t *farm, job_t *job)
 {
-    evidence_t task;
-    while (next_task(farm, job, &task)) {
-        if (task.state == EVIDENCE_WRONG) {
-            take_out(farm, job, task);
-            continue;
-        }
-        if (task.state == EVIDENCE_NEEDLESS) task.state = EVIDENCE_KEPT; /* as its name has it */
-        spool_name_t name = name_of(&task);
-        spool_delete(farm->options.spool_dir, job->id, &name);
+    evidence_t evidence;
+    for (task_t task; (task = next_task(farm, job, &evidence)) != TASK_NONE;) {
+        spool_name_t name = name_of(&evidence);
+        if (task == TASK_DELETE)
+            spool_delete(farm->options.spool_dir, job->id, &name);
+        else if (task == TASK_BRAND)
+            brand(farm, job, evidence);
+        else
+            take_out(farm, job, evidence);
     }
 }
 
@@ -466,7 +489,8 @@ static bool state_of(const spool_name_t *name, uint64_t clock, evidence_t *evide
     *evidence = (evidence_t){.clock = name->clock, .serial = name->serial, .out_clock = name->out_clock};
     if (name->clock > clock) return false;
     evidence->checked = name->kind == SPOOL_CHECK;
-    evidence->state = name->kind == SPOOL_WRONG ? EVIDENCE_WRONG : EVIDENCE_KEPT;
+    evidence->branded = name->kind == SPOOL_WRONG;
+    evidence->state = evidence->branded ? EVIDENCE_WRONG : EVIDENCE_KEPT;
     if (name->kind == SPOOL_OUT) evidence->state = name->out_clock <= clock ? EVIDENCE_OUT : EVIDENCE_WRONG;
     return true;
 }
@@ -480,6 +504,7 @@ static result_t load_one(farm_t *farm, job_t *job, const job_settings_t *setting
     zmq_msg_t payload[BATCH_PAYLOADS];
     hash_t digest;
     if (name->kind == SPOOL_OUT && evidence->state == EVIDENCE_WRONG) {
+        evidence->branded = true;
         spool_name_t wrong = name_of(evidence);
         TRY(spool_rename(dir, job->id, name, &wrong));
         TRY(spool_read_head(dir, job->id, &wrong, settings, &head));

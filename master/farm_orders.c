@@ -130,7 +130,7 @@ static result_t set_priority(farm_t *farm, job_t *job, int32_t priority)
     job_terms_t terms = job->terms;
     terms.priority = priority;
     TRY(job_terms_check(&terms));
-    job->terms = terms;
+    job->terms.priority = priority; /* alone: the others are read without the lock */
     farm_job_joins(farm, job);
     return result_ok();
 }
@@ -198,7 +198,9 @@ static result_t extend(farm_t *farm, double now, job_t *job, const job_order_t *
         return refuse(job, ", and its film was not kept");
     job_settings_t goals = new_goals(job, now, order);
     TRY(check_goals(job, &goals, order));
-    job->settings = goals;
+    job->settings.spp = goals.spp; /* these alone: the others are read without the lock */
+    job->settings.error = goals.error;
+    job->settings.time_limit = goals.time_limit;
     if (job->schedule != NULL) {
         schedule_extend(job->schedule, &job->settings);
         farm_job_progress(farm, now, job); /* what was counted may be a whole round now */

@@ -31,7 +31,7 @@ static double remaining_time(const job_t *job, double now)
     return remaining < 0 ? left : fmin(left, remaining);
 }
 
-/* Adds what is to be known for the moment to what stays true. */
+/* Adds what is true for the moment to what stays so. */
 static void add_remark(char *message, size_t size, const char *remark)
 {
     size_t used = strlen(message);
@@ -69,7 +69,7 @@ job_report_t farm_report_job(const job_t *job, double now)
                            .units_reissued = job->units_reissued,
                            .counts = job->counts};
     memcpy(report.message, job->message, sizeof report.message);
-    add_remark(report.message, sizeof report.message, job->remark);
+    if (job->taking) add_remark(report.message, sizeof report.message, job->remark);
     return report;
 }
 

@@ -15,7 +15,9 @@
  * all workers of a machine are lost at a time, which counts once;
  *   - it does not count when the same process is connected again, and is forgiven when the process is heard
  * of again: it was out of reach, not dead;
- *   - it does not count when the worker was alone with units that are suspects (farm_suspects.c).
+ *   - it does not count when the worker was alone with units that are suspects (farm_suspects.c), or held one
+ *     that a worker of another machine died with;
+ *   - who dies is not put aside while no other machine is connected.
  * When workers are killed at random, so that one lives for L seconds on average, and deliver every t seconds,
  * a machine with a single worker is put aside after about 1 in (L / t)^3 kills, one with more workers hardly
  * ever.
@@ -156,10 +158,18 @@ void farm_worker_failed(farm_t *farm, double now, worker_t *worker, const char *
     if (!worker->outcast) fail(farm, now, worker, why);
 }
 
+static bool is_the_only_machine(const farm_t *farm, uint64_t machine)
+{
+    for (size_t i = 0; i < farm->worker_count; i++)
+        if (farm->workers[i].connected && farm->workers[i].machine != machine) return false;
+    return true;
+}
+
 void farm_standing_fell(farm_t *farm, double now, worker_t *worker)
 {
     const standing_t *standing = find(farm, worker->machine);
     if (standing != NULL && worker->joined <= standing->last_failure) return;
+    if (is_the_only_machine(farm, worker->machine)) return;
     fail(farm, now, worker, "died with units in its hands");
     worker->charged = true;
 }

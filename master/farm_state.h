@@ -27,9 +27,11 @@ typedef struct {
     double held;              /* pixel samples that it was given and has not delivered, as far as is known */
     double speed;             /* pixel samples a second that it delivers; 0: not measured */
     uint64_t speed_job;       /* the job that it was measured with */
-    double deadline;          /* seconds, when what it holds should have come; 0: it holds nothing */
-    uint64_t ward; /* the job that it is alone with suspects of, or will be when it holds nothing; 0 */
-    uint64_t job;  /* that it has loaded or was assigned last */
+    double rated_samples, rated_seconds; /* what it was measured from */
+    double deadline; /* seconds, when what it holds should have come; 0: it holds nothing */
+    double offered;  /* seconds, when it last said that a batch is ready; 0: that was delivered */
+    uint64_t ward;   /* the job that it is alone with suspects of, or will be when it holds nothing; 0 */
+    uint64_t job;    /* that it has loaded or was assigned last */
     uint64_t batches, batches_refused, units_reissued, bytes;
 } worker_t;
 
@@ -120,7 +122,7 @@ struct farm {
     size_t worker_count;
     standing_t *standings;
     size_t standing_count;
-    double deaths, worker_seconds; /* of late: how often workers die without anybody's fault */
+    double deaths, worker_seconds; /* of late: how often workers die of nothing in particular */
     bool spooled;                  /* batches were written that are not safe on the disk yet */
     double rated, remarked;        /* seconds, when these were counted, and the remarks of jobs made */
     job_t **ranked;                /* see farm_rank_jobs */

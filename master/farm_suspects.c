@@ -15,13 +15,16 @@
  * it.
  *
  * Chance: where workers are killed at random, any unit may be in the wrong hands several times. Let r be the
- * rate at which workers die that do not hold the unit, per worker and second (a mean of the last minutes,
- * which begins at one death in an hour: farm->deaths), and T the time that workers were alone with it. By
- * chance, then, n or more deaths have the probability P(N >= n) of a Poisson distribution of mean r T, and
- * the unit is left out only when that is below CHANCE. With a death an hour and five seconds for each of five
- * deaths that is 1e-13. Where each worker lives for 12 s only, five deaths in 25 s have a probability of 6 %,
- * and it takes some fifty in a row without a single delivery. Of ten thousand units that are ever alone with
- * a worker when it dies, chance thus makes one be left out in a thousand jobs at most.
+ * rate at which workers die of nothing in particular, per worker and second, and T the time that workers were
+ * alone with the unit. By chance, then, n or more deaths have the probability P(N >= n) of a Poisson
+ * distribution of mean r T, and the unit is left out only when that is below CHANCE. The rate is a mean of
+ * the last minutes (farm->deaths), which begins at one death in an hour; deaths with this unit do not count,
+ * those with other suspects only when these have been delivered. With a death an hour and five seconds for
+ * each of five deaths P is 1e-13. Where each worker lives for 12 s only, five deaths in 25 s have a
+ * probability of 6 %, and it takes some fifty in a row without a single delivery. Of ten thousand units that
+ * are ever alone with a worker when it dies, chance thus makes one be left out in a thousand jobs at most.
+ *
+ * Where one unit of a tile kills, others do: in such a tile KNOWN_DEATHS suffice, and KNOWN_CHANCE.
  *
  * Suspects are forgotten when the master ends; what was left out stays so (schedule_skip). Units may be cut
  * anew between two deaths, so suspicion lies on ranges of samples: a sorted list without overlap. */
@@ -37,14 +40,17 @@ enum {
     KEPT_DEATHS = 2,        /* from which on a unit is kept from others */
     GROUP = 8,              /* units handed out together, as long as they have no more than KEPT_DEATHS */
     WARD_SHARE = 4,         /* one worker in so many may have suspects */
+    MAX_TOLD = 3,           /* units that the message of the job names */
+    KNOWN_DEATHS = 2,       /* where a unit of the same tile was left out */
     BASE_SECONDS = 360      /* what the rate of deaths begins with: a tenth of a death in so many */
 };
 static const double BASE_DEATHS = 0.1;
-static const double CHANCE = 1e-7;
+static const double CHANCE = 1e-7, KNOWN_CHANCE = 1e-3;
 
 /* A worker that died with the unit. */
 typedef struct {
     uint64_t worker, machine;
+    bool apart;     /* it had nothing but suspects */
     double seconds; /* that it was alone with it; 0: it was not */
 } death_t;
 
@@ -60,9 +66,10 @@ typedef struct {
 struct job_suspects {
     suspect_t *list; /* sorted by tile and sample */
     size_t count, capacity;
-    size_t kept;     /* of them by the farm */
-    size_t out;      /* of them handed out apart */
-    size_t left_out; /* units in all */
+    size_t kept; /* of them by the farm */
+    size_t out;  /* of them handed out apart */
+    unit_t *left_out;
+    size_t left_out_count;
 };
 
 /* ---- the list ------------------------------------------------------------------------------------------ */
@@ -92,7 +99,7 @@ static bool overlaps(const job_suspects_t *s, size_t at, uint32_t tile, uint32_t
     return at < s->count && s->list[at].unit.tile == tile && s->list[at].unit.first < end;
 }
 
-static void insert(job_suspects_t *s, size_t at, suspect_t suspect)
+static void insert_at(job_suspects_t *s, size_t at, suspect_t suspect)
 {
     if (s->count == s->capacity) {
         s->capacity = 2 * s->capacity + 16;
@@ -105,7 +112,7 @@ static void insert(job_suspects_t *s, size_t at, suspect_t suspect)
     s->out += suspect.holder != 0;
 }
 
-static void delete (job_suspects_t *s, size_t at)
+static void remove_at(job_suspects_t *s, size_t at)
 {
     s->kept -= s->list[at].kept;
     s->out -= s->list[at].holder != 0;
@@ -129,11 +136,11 @@ static size_t cut(job_suspects_t *s, size_t at, uint32_t first, uint32_t end)
 {
     unit_t unit = s->list[at].unit;
     if (end < unit_end(&unit)) {
-        insert(s, at + 1, part_of(&s->list[at], end, unit_end(&unit)));
+        insert_at(s, at + 1, part_of(&s->list[at], end, unit_end(&unit)));
         s->list[at].unit.count = end - unit.first;
     }
     if (first > unit.first) {
-        insert(s, at, part_of(&s->list[at], unit.first, first));
+        insert_at(s, at, part_of(&s->list[at], unit.first, first));
         at++;
         s->list[at].unit.count -= first - unit.first;
         s->list[at].unit.first = first;
@@ -163,14 +170,23 @@ static void note(job_suspects_t *s, const unit_t *unit, death_t death)
         } else {
             uint32_t to = known ? s->list[at].unit.first : end;
             if (s->count >= MAX_SUSPECTS) return;
-            insert(s, at, (suspect_t){.unit = {unit->tile, from, to - from}});
+            insert_at(s, at, (suspect_t){.unit = {unit->tile, from, to - from}});
             add_death(&s->list[at], death);
             from = to;
         }
     }
 }
 
-void farm_suspects_delivered(job_t *job, const unit_t *units, size_t count)
+/* Those who died alone with a unit that was delivered now did not die of it. */
+static void note_innocent(farm_t *farm, const suspect_t *suspect)
+{
+    for (uint32_t i = 0; i < suspect->death_count; i++) {
+        farm->deaths += suspect->deaths[i].seconds > 0;
+        farm->worker_seconds += suspect->deaths[i].seconds;
+    }
+}
+
+void farm_suspects_delivered(farm_t *farm, job_t *job, const unit_t *units, size_t count)
 {
     job_suspects_t *s = job->suspects;
     for (size_t i = 0; s != NULL && s->count > 0 && i < count; i++) {
@@ -178,7 +194,8 @@ void farm_suspects_delivered(job_t *job, const unit_t *units, size_t count)
         size_t at = suspect_at(s, units[i].tile, units[i].first);
         while (overlaps(s, at, units[i].tile, end)) {
             at = cut(s, at, units[i].first, end); /* what is left of it lies before */
-            delete (s, at);
+            note_innocent(farm, &s->list[at]);
+            remove_at(s, at);
         }
     }
 }
@@ -189,6 +206,7 @@ void farm_suspects_free(job_suspects_t **suspects)
     if (s == NULL) return;
     for (size_t i = 0; i < s->count; i++) free(s->list[i].deaths);
     free(s->list);
+    free(s->left_out);
     free(s);
     *suspects = NULL;
 }
@@ -241,11 +259,18 @@ static uint32_t lonely_deaths(const suspect_t *suspect, double *seconds)
     return count;
 }
 
-static bool killed_machine(const suspect_t *suspect, uint64_t machine)
+/* How bad it was for a machine: its worst experience with a suspect. */
+typedef enum { RECORD_CLEAN, RECORD_DIED, RECORD_DIED_ALONE } record_t;
+
+static record_t machine_record(const suspect_t *suspect, uint64_t machine)
 {
-    for (uint32_t i = 0; i < suspect->death_count; i++)
-        if (suspect->deaths[i].seconds > 0 && suspect->deaths[i].machine == machine) return true;
-    return false;
+    record_t record = RECORD_CLEAN;
+    for (uint32_t i = 0; i < suspect->death_count; i++) {
+        if (suspect->deaths[i].machine != machine) continue;
+        if (suspect->deaths[i].seconds > 0) return RECORD_DIED_ALONE;
+        record = RECORD_DIED;
+    }
+    return record;
 }
 
 static bool killed_several_machines(const suspect_t *suspect)
@@ -260,13 +285,13 @@ static bool killed_several_machines(const suspect_t *suspect)
     return false;
 }
 
-/* True when there is a machine that may have the suspect and did not die of it. */
-static bool another_machine(const farm_t *farm, const job_t *job, const suspect_t *suspect)
+/* True when there is a machine that may have the suspect and has a better record than that. */
+static bool better_machine(const farm_t *farm, const job_t *job, const suspect_t *suspect, record_t record)
 {
     for (size_t i = 0; i < farm->worker_count; i++) {
         const worker_t *worker = &farm->workers[i];
         if (worker->connected && farm_bits_fit(job, &worker->fingerprint) &&
-            !killed_machine(suspect, worker->machine))
+            machine_record(suspect, worker->machine) < record)
             return true;
     }
     return false;
@@ -284,15 +309,26 @@ static double poisson_tail(double mean, uint32_t n)
     return sum;
 }
 
+/* True when a unit of the tile was left out. */
+static bool tile_kills(const job_suspects_t *s, uint32_t tile)
+{
+    for (size_t i = 0; i < s->left_out_count; i++)
+        if (s->left_out[i].tile == tile) return true;
+    return false;
+}
+
 static bool is_killer(const farm_t *farm, const job_t *job, const suspect_t *suspect)
 {
     double seconds;
     uint32_t deaths = lonely_deaths(suspect, &seconds);
-    if (deaths < FARM_UNIT_DEATHS) return false;
-    if (!killed_several_machines(suspect) && another_machine(farm, job, suspect)) return false;
-    double others = fmax(farm->deaths - suspect->death_count, 0);
-    double rate = (others + BASE_DEATHS) / (farm->worker_seconds + BASE_SECONDS);
-    return poisson_tail(rate * seconds, deaths) < CHANCE;
+    bool known = tile_kills(job->suspects, suspect->unit.tile);
+    if (deaths < (known ? KNOWN_DEATHS : FARM_UNIT_DEATHS)) return false;
+    if (!killed_several_machines(suspect) && better_machine(farm, job, suspect, RECORD_DIED_ALONE))
+        return false;
+    double others = farm->deaths;
+    for (uint32_t i = 0; i < suspect->death_count; i++) others -= !suspect->deaths[i].apart;
+    double rate = (fmax(others, 0) + BASE_DEATHS) / (farm->worker_seconds + BASE_SECONDS);
+    return poisson_tail(rate * seconds, deaths) < (known ? KNOWN_CHANCE : CHANCE);
 }
 
 static void leave_out(farm_t *farm, job_t *job, size_t at)
@@ -306,19 +342,33 @@ static void leave_out(farm_t *farm, job_t *job, size_t at)
     log_error("job %llu: tile %u, samples %u to %u are left out: %u workers died while they had nothing else "
               "to render",
               (unsigned long long)job->id, unit.tile, unit.first, unit_end(&unit) - 1, deaths);
-    if (job->suspects->left_out++ < 3)
+    job_suspects_t *s = job->suspects;
+    s->left_out = mem_realloc(s->left_out, (s->left_out_count + 1) * sizeof unit);
+    s->left_out[s->left_out_count++] = unit;
+    if (s->left_out_count <= MAX_TOLD)
         farm_job_tell(farm, job, "tile %u, samples %u to %u are left out: they ended %u workers", unit.tile,
                       unit.first, unit_end(&unit) - 1, deaths);
     else if (strstr(job->message, "more are left out") == NULL)
         farm_job_tell(farm, job, "more are left out: see the log");
-    delete (job->suspects, at);
+    remove_at(s, at);
     job->progress_due = true;
 }
 
 /* ---- deaths -------------------------------------------------------------------------------------------- */
 
-bool farm_suspects_died(farm_t *farm, double now, job_t *job, const worker_t *worker)
+/* True when a worker of another machine died with a part of the unit. */
+static bool killed_elsewhere(const job_suspects_t *s, const unit_t *unit, uint64_t machine)
 {
+    for (size_t at = suspect_at(s, unit->tile, unit->first); overlaps(s, at, unit->tile, unit_end(unit));
+         at++)
+        for (uint32_t i = 0; i < s->list[at].death_count; i++)
+            if (s->list[at].deaths[i].machine != machine) return true;
+    return false;
+}
+
+bool farm_suspects_died(farm_t *farm, double now, job_t *job, const worker_t *worker, bool *in_ward)
+{
+    *in_ward = false;
     if (job->schedule == NULL || job->flush_until > 0) return false;
     size_t count, apart = 0;
     unit_t *units = schedule_units_of(job->schedule, worker->id, &count);
@@ -330,12 +380,17 @@ bool farm_suspects_died(farm_t *farm, double now, job_t *job, const worker_t *wo
         apart++;
         issued = s->list[i].issued;
     }
-    death_t death = {.worker = worker->id, .machine = worker->machine};
+    death_t death = {.worker = worker->id, .machine = worker->machine, .apart = apart > 0};
     /* It died some time between its last sign of life and now. */
     if (apart == 1) death.seconds = fmax(worker->last_seen + 0.5 * farm->options.lease - issued, 1e-3);
-    for (size_t i = 0; i < count; i++) note(s, &units[i], death);
+    bool excused = apart > 0;
+    for (size_t i = 0; i < count; i++) {
+        excused = excused || killed_elsewhere(s, &units[i], worker->machine);
+        note(s, &units[i], death);
+    }
     free(units);
-    return apart > 0;
+    *in_ward = apart > 0;
+    return excused;
 }
 
 void farm_suspects_returned(farm_t *farm, double now, job_t *job, uint64_t worker)
@@ -368,7 +423,7 @@ void farm_suspects_lives(farm_t *farm, uint64_t worker)
         job_t *job = farm->jobs[j];
         job_suspects_t *s = job->schedule != NULL ? job->suspects : NULL;
         for (size_t i = 0; s != NULL && i < s->count; i++)
-            if (forgive(job, &s->list[i], worker)) delete (s, i--);
+            if (forgive(job, &s->list[i], worker)) remove_at(s, i--);
     }
 }
 
@@ -386,13 +441,10 @@ static size_t wards(const farm_t *farm, size_t *connected)
     return count;
 }
 
-/* True when the worker may be given the suspect: it goes to a machine that did not die of it, if there is
- * one.
- */
+/* True when the worker may be given the suspect: it goes to those machines whose record with it is best. */
 static bool suits(const farm_t *farm, const job_t *job, const suspect_t *suspect, const worker_t *worker)
 {
-    return suspect->kept &&
-           (!killed_machine(suspect, worker->machine) || !another_machine(farm, job, suspect));
+    return suspect->kept && !better_machine(farm, job, suspect, machine_record(suspect, worker->machine));
 }
 
 /* The suspect that most died with; s->count when there is none for this worker. */

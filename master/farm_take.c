@@ -1,8 +1,7 @@
 /* farm_take: what workers are given, and what is given to others instead (see farm.h).
  *
- * DESIGN. How long a worker will take for what it holds is told from what it has delivered of the same job
- * until now: pixel samples a second, a running mean. What it holds is due after that time and a batch
- * interval.
+ * DESIGN. How long a worker will take for what it holds is told from what it has delivered of the same job in
+ * the last minute: pixel samples a second.
  *
  * As long as there are free units, nobody is hurried. But when somebody has nothing to do, others lose units
  * to it in two cases. A worker that has passed its deadline, SLACK times the time that it should have taken,
@@ -26,10 +25,11 @@
 #include <string.h>
 
 enum {
+    OFFER_SECONDS = 30, /* for which a worker that has offered a batch is left alone: we make it wait */
     STALL_BATCHES = 12, /* batch intervals until the deadline of who was not measured */
     SLACK = 4
 };
-static const double SPEED_WEIGHT = 0.3; /* of the newest batch in the running mean */
+static const double SPEED_SECONDS = 60; /* over which the speed is measured, roughly */
 static const double HURRY = 2;          /* by what factor an idle worker has to be sooner, */
 static const double HURRY_SECONDS = 1;  /* and by what time beside */
 
@@ -92,16 +92,10 @@ static void note_bits(farm_t *farm, job_t *job, const worker_t *worker)
 
 /* ---- speed and deadlines ------------------------------------------------------------------------------- */
 
-/* Seconds that a worker takes for all that it holds, from when it delivered last; 0: not known. */
-static double planned(const farm_t *farm, const worker_t *worker)
-{
-    return worker->speed > 0 ? worker->held / worker->speed + farm->options.batch_interval : 0;
-}
-
 void farm_worker_expect(const farm_t *farm, double now, worker_t *worker)
 {
-    double seconds = SLACK * planned(farm, worker);
-    if (seconds == 0) seconds = STALL_BATCHES * farm->options.batch_interval;
+    double interval = farm->options.batch_interval, seconds = STALL_BATCHES * interval;
+    if (worker->speed > 0) seconds = SLACK * (worker->held / worker->speed + interval);
     if (worker->delivered == 0) worker->delivered = now;
     worker->deadline = worker->delivered + seconds;
 }
@@ -110,27 +104,29 @@ void farm_worker_delivered(farm_t *farm, double now, worker_t *worker, job_t *jo
                            size_t count)
 {
     double samples = farm_unit_samples(job, units, count), seconds = now - worker->delivered;
-    if (worker->speed_job != job->id) worker->speed = 0;
+    if (worker->speed_job != job->id) worker->rated_samples = worker->rated_seconds = 0;
+    double decay = exp(-fmax(seconds, 0) / SPEED_SECONDS);
+    worker->rated_samples = worker->rated_samples * decay + samples;
+    worker->rated_seconds = worker->rated_seconds * decay + fmax(seconds, 0);
+    worker->speed = worker->rated_seconds > 0 ? worker->rated_samples / worker->rated_seconds : 0;
     worker->speed_job = job->id;
-    if (seconds > 0) {
-        double speed = samples / seconds;
-        worker->speed = worker->speed > 0 ? worker->speed + SPEED_WEIGHT * (speed - worker->speed) : speed;
-    }
     worker->delivered = now;
+    worker->offered = 0;
     worker->held = farm_worker_units(farm, worker) > 0 ? fmax(worker->held - samples, 0) : 0;
     farm_worker_expect(farm, now, worker);
     farm_standing_delivered(farm, now, worker);
-    farm_suspects_delivered(job, units, count);
+    farm_suspects_delivered(farm, job, units, count);
     if (worker->ward == 0 || worker->held > 0) return;
     worker->idle = true; /* it had to wait until it held nothing */
     farm_notify_idle(farm);
 }
 
-/* Seconds from now until a worker is expected to have delivered what it holds. */
+/* Seconds from now until a worker is expected to have delivered what it holds. (When there is no more work,
+ * it does not wait for its batch interval.) */
 static double expected(const farm_t *farm, double now, const worker_t *worker)
 {
     double elapsed = now - worker->delivered;
-    return worker->speed > 0 ? fabs(elapsed - planned(farm, worker))
+    return worker->speed > 0 ? fabs(elapsed - worker->held / worker->speed)
                              : fmax(elapsed - farm->options.batch_interval, 0);
 }
 
@@ -176,7 +172,8 @@ static bool recall_slow(farm_t *farm, double now, const worker_t *idle)
     size_t units = 0;
     for (size_t i = 0; i < farm->worker_count; i++) {
         worker_t *worker = &farm->workers[i];
-        if (worker == idle || !worker->connected) continue;
+        bool ready = worker->offered > 0 && now - worker->offered < OFFER_SECONDS;
+        if (worker == idle || !worker->connected || ready) continue;
         const job_t *job = job_in_common(farm, idle, worker);
         if (job == NULL) continue;
         bool late = now > worker->deadline;

@@ -100,14 +100,17 @@ static bool is_back(const farm_t *farm, const worker_t *worker)
 void farm_worker_fall(farm_t *farm, double now, worker_t *worker)
 {
     char why[FARM_MAX_NAME];
-    bool back = is_back(farm, worker), guilty = !back && farm_worker_units(farm, worker) > 0;
+    bool back = is_back(farm, worker), excused = back || farm_worker_units(farm, worker) == 0, apart = false;
     snprintf(why, sizeof why, "was silent for %.1f s and is given up", now - worker->last_seen);
-    for (size_t i = 0; i < farm->job_count && !back; i++)
-        if (farm_suspects_died(farm, now, farm->jobs[i], worker)) guilty = false;
-    farm->deaths++;
+    for (size_t i = 0; i < farm->job_count && !back; i++) {
+        bool here;
+        if (farm_suspects_died(farm, now, farm->jobs[i], worker, &here)) excused = true;
+        apart = apart || here;
+    }
+    farm->deaths += !apart;
     farm_worker_disconnect(farm, now, worker, why);
     worker->fell = !back;
-    if (guilty) farm_standing_fell(farm, now, worker);
+    if (!excused) farm_standing_fell(farm, now, worker);
 }
 
 /* ---- coming and going ---------------------------------------------------------------------------------- */
@@ -303,13 +306,14 @@ worker_report_t *farm_worker_report(farm_t *farm, double now, size_t *count)
 
 /* ---- time ---------------------------------------------------------------------------------------------- */
 
-/* Counts how often workers die of late, whatever they hold. */
+/* Counts how often workers die of late that have no suspects in their hands. */
 static void rate_tick(farm_t *farm, double now)
 {
     double seconds = fmin(fmax(now - farm->rated, 0), 1); /* beyond that, we were asleep */
     double decay = exp(-seconds / RATE_SECONDS), connected = 0;
     farm->rated = now;
-    for (size_t i = 0; i < farm->worker_count; i++) connected += farm->workers[i].connected;
+    for (size_t i = 0; i < farm->worker_count; i++)
+        connected += farm->workers[i].connected && farm->workers[i].ward == 0;
     farm->deaths *= decay;
     farm->worker_seconds = farm->worker_seconds * decay + connected * seconds;
 }

@@ -42,15 +42,15 @@ void farm_standing_lied(farm_t *farm, double now, uint64_t source, const char *n
 
 /* ---- farm_suspects.c ---- */
 
-/* A worker is held for dead, and what it holds is about to be released. True when it was alone with units of
- * the job that were suspect already: then its death is not its own fault. */
-bool farm_suspects_died(farm_t *farm, double now, job_t *job, const worker_t *worker);
+/* A worker is held for dead, and what it holds is about to be released. *apart is true when it held nothing
+ * but suspects. Returns true when its death may be the fault of what it held. */
+bool farm_suspects_died(farm_t *farm, double now, job_t *job, const worker_t *worker, bool *apart);
 /* A worker that was held for dead is alive. */
 void farm_suspects_lives(farm_t *farm, uint64_t worker);
 /* What a worker held was released: what is suspect of it is kept from others, or left out. */
 void farm_suspects_returned(farm_t *farm, double now, job_t *job, uint64_t worker);
 /* Units were counted: they are above suspicion. */
-void farm_suspects_delivered(job_t *job, const unit_t *units, size_t count);
+void farm_suspects_delivered(farm_t *farm, job_t *job, const unit_t *units, size_t count);
 
 typedef enum {
     SUSPECTS_NONE, /* there are none for this worker */
@@ -88,7 +88,8 @@ typedef struct {
     uint64_t out_clock; /* when it was taken out */
     size_t source;      /* index */
     evidence_state_t state;
-    bool checked;   /* its units are being compared: its name on the disk says so */
+    bool checked;   /* its units are being compared: its name on the disk says so, */
+    bool branded;   /* and that it is wrong */
     uint64_t saved; /* checkpoints that were safe, or begun, when it was taken out */
 } evidence_t;
 

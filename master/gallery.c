@@ -90,7 +90,9 @@ static result_t write_film(gallery_t *gallery, job_t *job, const char *path, boo
                            .settings = report.settings,
                            .counts = report.counts,
                            .workers = report.workers_seen,
-                           .wall_seconds = report.elapsed};
+                           .wall_seconds = report.elapsed,
+                           .bits = report.fingerprint,
+                           .note = report.message};
     result_t result = picture_write_exr(path, &film, &meta, half);
     film_image_free(&film);
     return result;

@@ -11,7 +11,13 @@ enum {
     GRANT_LIFE = 20,  /* seconds until a batch that was granted must have come, */
     GRANT_SLACK = 100 /* with so many more at most for its size */
 };
-enum { BACKLOG_SHARE = 4 }; /* nothing is granted while 1/4 of the credit waits to be merged */
+enum {
+    FIRST_SHARE = 4,  /* of the credit, the window at first */
+    LEAST_BATCHES = 4 /* that the window has room for, so that several threads have something to merge */
+};
+static const double REVIEW = 1; /* seconds between changes of the window */
+static const double SHORT_WAIT = 0.5,
+                    LONG_WAIT = 2;           /* seconds from the arrival of a batch until it is merged */
 static const double BYTES_PER_SECOND = 2e5;  /* the slowest uplink that is waited for */
 static const uint64_t LEAST_BYTES = 1 << 16; /* of any batch, so that very many are not free */
 
@@ -28,8 +34,11 @@ typedef struct {
 
 struct grants {
     uint64_t credit;
+    uint64_t window;         /* bytes: what may be promised or here now, at most the credit */
     uint64_t promised, here; /* bytes */
     uint64_t most;
+    double last_tick, last_review; /* clock */
+    double here_seconds, released; /* since the last review: byte-seconds of `here`, and bytes merged */
     list_t waiting, granted;
 };
 
@@ -68,6 +77,7 @@ grants_t *grants_new(uint64_t credit)
 {
     grants_t *grants = mem_zalloc(1, sizeof *grants);
     grants->credit = credit;
+    grants->window = credit / FIRST_SHARE;
     return grants;
 }
 
@@ -94,17 +104,21 @@ result_t grants_offer(grants_t *grants, double now, const batch_offer_t *offer)
     return result_ok();
 }
 
-static bool has_room(const grants_t *grants, uint64_t bytes)
+static uint64_t larger(uint64_t a, uint64_t b)
 {
-    uint64_t limit = grants->credit > 2 * bytes ? grants->credit : 2 * bytes;
-    return grants->promised + grants->here + bytes <= limit;
+    return a > b ? a : b;
 }
 
-/* True when so much waits to be merged that more of it would only wait longer. */
+/* True when there is memory for so many bytes more. */
+static bool has_room(const grants_t *grants, uint64_t bytes)
+{
+    return grants->promised + grants->here + bytes <= larger(grants->credit, 2 * bytes);
+}
+
+/* True when they would only wait to be merged. */
 static bool is_behind(const grants_t *grants, uint64_t bytes)
 {
-    uint64_t enough = grants->credit / BACKLOG_SHARE > 2 * bytes ? grants->credit / BACKLOG_SHARE : 2 * bytes;
-    return grants->here + bytes > enough;
+    return grants->promised + grants->here + bytes > larger(grants->window, LEAST_BATCHES * bytes);
 }
 
 static void note_most(grants_t *grants)
@@ -158,6 +172,7 @@ bool grants_admit(grants_t *grants, const identity_t *identity, uint64_t bytes)
 void grants_release(grants_t *grants, uint64_t bytes)
 {
     grants->here -= bytes;
+    grants->released += (double)bytes;
 }
 
 void grants_forget(grants_t *grants, const identity_t *identity)
@@ -165,8 +180,27 @@ void grants_forget(grants_t *grants, const identity_t *identity)
     take_promise(grants, list_find(&grants->granted, identity));
 }
 
+/* Looks at how long batches were here, on average, since the last time: by Little's law the bytes that were
+ * here over those that went a second. */
+static void review_window(grants_t *grants, double now)
+{
+    bool stuck = grants->here_seconds > 0 && grants->released <= 0;
+    double wait = grants->released > 0 ? grants->here_seconds / grants->released : 0;
+    if (stuck || wait > LONG_WAIT)
+        grants->window /= 2;
+    else if (wait < SHORT_WAIT && grants->waiting.count > 0)
+        grants->window += grants->window / 4;
+    grants->window = larger(grants->window, LEAST_BYTES);
+    if (grants->window > grants->credit) grants->window = grants->credit;
+    grants->last_review = now;
+    grants->here_seconds = grants->released = 0;
+}
+
 void grants_tick(grants_t *grants, double now)
 {
+    grants->here_seconds += (double)grants->here * (now - grants->last_tick);
+    grants->last_tick = now;
+    if (now - grants->last_review >= REVIEW) review_window(grants, now);
     for (size_t i = grants->granted.count; i-- > 0;)
         if (now >= grants->granted.entries[i].until) take_promise(grants, i);
     for (size_t i = grants->waiting.count; i-- > 0;)
@@ -178,5 +212,6 @@ grants_state_t grants_state(const grants_t *grants)
     return (grants_state_t){.waiting = grants->waiting.count,
                             .granted = grants->granted.count,
                             .used = grants->promised + grants->here,
-                            .most = grants->most};
+                            .most = grants->most,
+                            .window = grants->window};
 }

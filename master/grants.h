@@ -5,8 +5,11 @@
  * as much as it does need; and nothing any more when it has been merged. Who must wait is served in the order
  * of asking. A batch larger than half the credit raises it to twice its size: one can be merged while the
  * next comes, whatever the size of the film. So the memory is bounded by the credit or by two of the largest
- * batches. And nothing is granted while a quarter of it waits to be merged: when the master is what is slow,
- * batches had better grow at the workers than wait here.
+ * batches.
+ *
+ * What is granted at a time is less than the credit when the master, and not the network, is slow: batches
+ * had better grow at the workers than wait here. It is halved when they wait for more than two seconds, and
+ * grows again when they do not.
  *
  * Knows no sockets and no clock. Not thread-safe: the bulk thread's own.
  */
@@ -28,6 +31,7 @@ typedef struct {
 typedef struct {
     size_t waiting, granted; /* offers; grants whose batch has not come */
     uint64_t used, most;     /* bytes: promised or here; the most there have been */
+    uint64_t window;         /* bytes that may be used now */
 } grants_state_t;
 
 /* `credit` in bytes. */
@@ -47,7 +51,8 @@ bool grants_admit(grants_t *grants, const identity_t *identity, uint64_t bytes);
 void grants_release(grants_t *grants, uint64_t bytes);
 /* What was promised to a peer is taken back, if there is anything: it has gone, or has been answered. */
 void grants_forget(grants_t *grants, const identity_t *identity);
-/* Time passes: grants that were not used, and offers that were not repeated, are dropped. */
+/* Time passes: grants that were not used, and offers that were not repeated, are dropped. To be called often.
+ */
 void grants_tick(grants_t *grants, double now);
 grants_state_t grants_state(const grants_t *grants);
 

@@ -18,7 +18,9 @@
 #include "master/keeper.h"
 
 #include "master/checkpoint.h"
+#include "master/film_load.h"
 
+#include <math.h>
 #include <poll.h>
 #include <pthread.h>
 #include <stdatomic.h>
@@ -30,7 +32,8 @@
 #include <unistd.h>
 
 enum {
-    REST = 49,       /* times the cost of a checkpoint: 1 / 50 of the time is spent on it */
+    REST = 49, /* times the cost of a checkpoint: 1 / 50 of the time is spent on it */
+    MAX_DOUBLINGS = 3,
     RETRY = 5,       /* seconds between attempts when checkpoints fail */
     WARN_EVERY = 60, /* seconds between warnings that they do */
     KEEP = 2,        /* checkpoints of a job that is not over */
@@ -41,12 +44,14 @@ struct keeper {
     keeper_options_t options;
     pthread_t thread;
     atomic_bool stop;
+    bool finished;           /* the thread has been joined */
     pthread_mutex_t custody; /* held while it is decided whether a film is needed, and while it is deleted */
     int cores;
     /* the thread's own */
     double not_before; /* seconds, when checkpoints have cost so little that the next may be made */
+    int failures;      /* since the last success */
     double retry_at;   /* seconds; after a failure */
-    double warned_at;  /* seconds, when the last failure was complained of; 0: none since the last success */
+    double warned_at;  /* seconds, when the last of them was complained of */
 };
 
 static double wall_time(void)
@@ -68,7 +73,7 @@ static uint64_t samples_wanted(const job_settings_t *settings)
     return (uint64_t)settings->width * (uint64_t)settings->height * settings->spp;
 }
 
-/* "4711 samples a pixel of it", as far as it is known: "123 pixel samples (45.6%)". */
+/* "123 pixel samples (45.6%)", the share as far as it is known. */
 static void describe_samples(const job_record_t *record, uint64_t samples, char text[80])
 {
     uint64_t wanted = samples_wanted(&record->settings);
@@ -87,81 +92,33 @@ static void note(keeper_t *keeper, uint64_t job, const char *event, const char *
 
 /* ---- loading ------------------------------------------------------------------------------------------- */
 
-/* What has been found of a job's film. */
-typedef struct {
-    film_t *film; /* NULL: nothing yet */
-    schedule_state_t state;
-    checkpoint_info_t info; /* of the film */
-    uint64_t most;          /* pixel samples that the best checkpoint held or seems to have held */
-    bool unreadable;        /* one may be good, but could not be read */
-    result_t failure;       /* the first */
-} search_t;
-
-/* Is this the film of this job, and does the schedule take it? */
-static result_t check_fit(const job_record_t *record, const search_t *search, const char *path)
-{
-    schedule_t *schedule = NULL;
-    job_settings_t settings = record->settings;
-    if (search->info.record.job != record->job || !hash_equal(&search->info.record.blob, &record->blob))
-        return result_fail(RESULT_INPUT, "%.300s is of another job", path);
-    result_t result = schedule_restore(&settings, &search->state, &schedule);
-    schedule_destroy(&schedule);
-    return result;
-}
-
-static result_t load_file(const keeper_t *keeper, const job_record_t *record, const char *path,
-                          search_t *search)
-{
-    checkpoint_t *checkpoint;
-    TRY(checkpoint_open(path, &checkpoint));
-    search->info = *checkpoint_info(checkpoint);
-    if (search->info.samples > search->most) search->most = search->info.samples;
-    result_t result =
-        checkpoint_load(checkpoint, &record->settings, keeper->cores, &search->film, &search->state);
-    checkpoint_close(&checkpoint);
-    TRY(result);
-    result = check_fit(record, search, path);
-    if (result.code == RESULT_OK) return result;
-    film_destroy(&search->film);
-    schedule_state_free(&search->state);
-    return result;
-}
-
-/* Tries one checkpoint after the other, the latest first. */
-static void find_film(keeper_t *keeper, const job_record_t *record, search_t *search)
-{
-    size_t count;
-    film_file_t *files = film_store_list(keeper->options.films, record->job, &count);
-    for (size_t i = 0; i < count && search->film == NULL && search->failure.code != RESULT_LIMIT; i++) {
-        char *path = film_store_path(keeper->options.films, record->job, files[i].generation);
-        result_t result = load_file(keeper, record, path, search);
-        if (result.code == RESULT_INPUT) {
-            log_error("A CHECKPOINT IS DAMAGED: %s", result.message);
-            film_store_set_aside(keeper->options.films, record->job, files[i].generation);
-        } else if (result.code != RESULT_OK) {
-            log_error("a checkpoint cannot be used: %s", result.message);
-            search->unreadable = true;
-        }
-        if (search->failure.code == RESULT_OK || result.code == RESULT_LIMIT) search->failure = result;
-        free(path);
-    }
-    free(files);
-}
-
 /* Tells what a checkpoint that could not be used has cost. */
-static void tell_loss(keeper_t *keeper, job_t *job, const job_record_t *record, const search_t *search)
+static void tell_loss(keeper_t *keeper, job_t *job, const job_record_t *record, const film_load_t *load)
 {
     char text[500];
-    uint64_t most = search->most > 0 ? search->most : record->samples_done;
-    uint64_t have = search->film != NULL ? search->info.samples : 0, lost = most > have ? most - have : 0;
+    uint64_t most = load->most > 0 ? load->most : record->samples_done;
+    uint64_t have = load->film != NULL ? load->info.samples : 0, lost = most > have ? most - have : 0;
     snprintf(text, sizeof text,
              "a checkpoint could not be used (%.250s): %s; %s%llu pixel samples are rendered again",
-             search->failure.message,
-             search->film != NULL ? "the one before is" : "there is no other, the job begins anew",
-             search->most > 0 ? "" : "about ", (unsigned long long)lost);
+             load->failure.message,
+             load->film != NULL ? "the one before is" : "there is no other, the job begins anew",
+             load->most > 0 ? "" : "about ", (unsigned long long)lost);
     log_error("job %llu: %s", (unsigned long long)record->job, text);
     note(keeper, record->job, "checkpoint damaged", text);
     farm_note(keeper->options.farm, job, text);
+}
+
+static void tell_loaded(const job_record_t *record, const film_load_t *load, double seconds)
+{
+    char text[80];
+    if (load->film == NULL) {
+        log_info("job %llu has no checkpoint: it begins anew", (unsigned long long)record->job);
+        return;
+    }
+    describe_samples(record, load->info.samples, text);
+    log_info("job %llu: checkpoint %llu, %.0f s old, holds %s; it was read in %.2f s",
+             (unsigned long long)record->job, (unsigned long long)load->info.generation,
+             fmax(0, wall_time() - load->info.written), text, seconds);
 }
 
 static void load_film(keeper_t *keeper, job_t *job)
@@ -169,32 +126,24 @@ static void load_film(keeper_t *keeper, job_t *job)
     farm_t *farm = keeper->options.farm;
     double start = clock_now();
     job_record_t record = farm_record(farm, start, job);
-    search_t search = {.failure = result_ok()};
-    find_film(keeper, &record, &search);
-    bool hopeless = search.film == NULL && search.unreadable;
-    if (hopeless) {
-        farm_load_failed(farm, clock_now(), job, search.failure.message);
-    } else {
-        if (search.failure.code != RESULT_OK) tell_loss(keeper, job, &record, &search);
-        char text[80];
-        describe_samples(&record, search.film != NULL ? search.info.samples : 0, text);
-        if (search.film != NULL)
-            log_info("job %llu: checkpoint %llu, %.0f s old, holds %s; it was read in %.2f s",
-                     (unsigned long long)record.job, (unsigned long long)search.info.generation,
-                     wall_time() - search.info.written, text, clock_now() - start);
-        else if (search.failure.code == RESULT_OK)
-            log_info("job %llu has no checkpoint: it begins anew", (unsigned long long)record.job);
-        result_t result = farm_loaded(farm, clock_now(), job, search.film, &search.state);
-        if (result.code != RESULT_OK)
-            log_error("job %llu: %s", (unsigned long long)record.job, result.message);
+    film_load_t load = film_load(keeper->options.films, &record, keeper->cores);
+    if (load.film == NULL && load.unreadable) {
+        farm_load_failed(farm, clock_now(), job, load.failure.message);
+        return;
     }
-    farm_unpin(farm, job);
+    if (load.failure.code != RESULT_OK) tell_loss(keeper, job, &record, &load);
+    tell_loaded(&record, &load, clock_now() - start);
+    result_t result = farm_loaded(farm, clock_now(), job, load.film, &load.state);
+    if (result.code != RESULT_OK) log_error("job %llu: %s", (unsigned long long)record.job, result.message);
 }
 
 static void load_films(keeper_t *keeper)
 {
-    for (job_t *job; !atomic_load(&keeper->stop) && (job = farm_next_load(keeper->options.farm)) != NULL;)
+    farm_t *farm = keeper->options.farm;
+    for (job_t *job; !atomic_load(&keeper->stop) && (job = farm_next_load(farm)) != NULL;) {
         load_film(keeper, job);
+        farm_unpin(farm, job);
+    }
 }
 
 /* ---- room ---------------------------------------------------------------------------------------------- */
@@ -279,28 +228,57 @@ bool keeper_make_room(keeper_t *keeper, uint64_t needed)
     return film_store_room(keeper->options.films) >= needed;
 }
 
-/* What the job's next checkpoint will take on the disk, as far as its last one tells. */
-static uint64_t expected_bytes(const keeper_t *keeper, uint64_t job)
+/* What the job's next checkpoint will take on the disk: about what its last one took, or, when there was
+ * none, a quarter of the film; *sure says which. */
+static uint64_t expected_bytes(const keeper_t *keeper, const job_record_t *record, bool *sure)
 {
     size_t count;
-    film_file_t *files = film_store_list(keeper->options.films, job, &count);
-    uint64_t bytes = count > 0 ? files[0].bytes + files[0].bytes / 10 : 0;
+    film_file_t *files = film_store_list(keeper->options.films, record->job, &count);
+    *sure = count > 0;
+    uint64_t bytes = *sure ? files[0].bytes + files[0].bytes / 10 + (1 << 20)
+                           : (uint64_t)canvas_page_count(&record->settings) * CANVAS_PAGE_BYTES / 4;
     free(files);
-    return bytes + (1 << 20);
+    return bytes;
+}
+
+/* Sees to it that there is room for a checkpoint. Where that is not certain it is tried. */
+static result_t prepare_disk(keeper_t *keeper, const job_record_t *record)
+{
+    bool sure;
+    uint64_t least = expected_bytes(keeper, record, &sure);
+    /* Twice as much after each failure: then the guess was wrong, or others want room as well. */
+    keeper_make_room(keeper, least << int_min(keeper->failures, MAX_DOUBLINGS));
+    uint64_t room = film_store_room(keeper->options.films);
+    if (!sure || room >= least) return result_ok();
+    return result_fail(RESULT_IO,
+                       "the disk is full: a checkpoint of job %llu takes %.1f MB, %.1f MB are free",
+                       (unsigned long long)record->job, 1e-6 * (double)least, 1e-6 * (double)room);
 }
 
 /* ---- checkpoints --------------------------------------------------------------------------------------- */
 
-static void warn_failure(keeper_t *keeper, const job_record_t *record, result_t failure)
+/* A checkpoint could not be written. */
+static void on_failure(keeper_t *keeper, uint64_t job, result_t failure)
 {
     double now = clock_now();
-    if (keeper->warned_at == 0) note(keeper, record->job, "checkpoints paused", failure.message);
+    if (keeper->failures++ == 0) note(keeper, job, "checkpoints paused", failure.message);
+    keeper->retry_at = fmax(now + RETRY, keeper->not_before);
     if (keeper->warned_at > 0 && now - keeper->warned_at < WARN_EVERY) return;
     keeper->warned_at = now;
-    log_error("CHECKPOINTS PAUSE: %s; rendering goes on, but what comes after the last checkpoint of job "
-              "%llu lives in "
-              "memory only: make room, they go on by themselves",
-              failure.message, (unsigned long long)record->job);
+    log_error(
+        "CHECKPOINTS PAUSE: %s; rendering goes on, but what comes after the last checkpoint of job %llu "
+        "lives in memory only: make room, they go on by themselves",
+        failure.message, (unsigned long long)job);
+}
+
+static void on_success(keeper_t *keeper, uint64_t job)
+{
+    if (keeper->failures > 0) {
+        log_info("checkpoints go on");
+        note(keeper, job, "checkpoints go on", "");
+    }
+    keeper->failures = 0;
+    keeper->warned_at = 0;
 }
 
 /* The job may have been deleted meanwhile: then nobody would ever delete this file. */
@@ -330,8 +308,7 @@ static result_t write_snapshot(keeper_t *keeper, checkpoint_info_t *info, const 
     if (result.code == RESULT_OK)
         result = checkpoint_write(path, info, state, snapshot, int_max(1, keeper->cores / 2), &cost);
     free(path);
-    double share = cost.cpu / keeper->cores;
-    keeper->not_before = clock_now() + REST * (share > cost.wall ? share : cost.wall);
+    keeper->not_before = clock_now() + REST * fmax(cost.wall, cost.cpu / keeper->cores);
     if (result.code != RESULT_OK) return result;
     log_debug("job %llu: checkpoint %llu of %llu pixel samples, %.1f MB in %.2f s, %.2f CPU s",
               (unsigned long long)info->record.job, (unsigned long long)info->generation,
@@ -341,39 +318,35 @@ static result_t write_snapshot(keeper_t *keeper, checkpoint_info_t *info, const 
     return result;
 }
 
-/* Writes a checkpoint of a pinned job and tells the farm; `last`: it is waited for. */
-static result_t save_film(keeper_t *keeper, job_t *job, bool last)
+/* Writes a checkpoint of a pinned job; RESULT_CANCELLED when its film is freed already. */
+static result_t write_film(keeper_t *keeper, job_t *job, checkpoint_info_t *info)
 {
     farm_t *farm = keeper->options.farm;
     schedule_state_t state;
     canvas_snapshot_t *snapshot;
+    TRY(prepare_disk(keeper, &info->record));
+    if (!farm_snapshot(farm, job, &state, &snapshot))
+        return result_fail(RESULT_CANCELLED, "the film is gone");
+    info->record = farm_record(farm, clock_now(), job);
+    result_t result = write_snapshot(keeper, info, &state, snapshot);
+    canvas_snapshot_free(&snapshot);
+    schedule_state_free(&state);
+    return result;
+}
+
+/* Writes a checkpoint of a pinned job and tells the farm; `last`: it is waited for. */
+static result_t save_film(keeper_t *keeper, job_t *job, bool last)
+{
+    farm_t *farm = keeper->options.farm;
     checkpoint_info_t info = {.record = farm_record(farm, clock_now(), job)};
-    uint64_t needed = expected_bytes(keeper, info.record.job);
-    result_t result = result_ok();
-    if (!keeper_make_room(keeper, needed)) {
-        result = result_fail(RESULT_IO,
-                             "the disk is full: a checkpoint of job %llu takes %.1f MB, %.1f MB are free",
-                             (unsigned long long)info.record.job, 1e-6 * (double)needed,
-                             1e-6 * (double)film_store_room(keeper->options.films));
-    } else if (!farm_snapshot(farm, job, &state, &snapshot)) {
-        return result; /* its film is gone meanwhile */
-    } else {
-        info.record = farm_record(farm, clock_now(), job);
-        result = write_snapshot(keeper, &info, &state, snapshot);
-        canvas_snapshot_free(&snapshot);
-        schedule_state_free(&state);
-    }
+    result_t result = write_film(keeper, job, &info);
+    if (result.code == RESULT_CANCELLED) return result;
     farm_checkpointed(farm, clock_now(), job, result);
     if (result.code != RESULT_OK) {
-        warn_failure(keeper, &info.record, result);
-        keeper->retry_at = clock_now() + RETRY;
+        on_failure(keeper, info.record.job, result);
         return result;
     }
-    if (keeper->warned_at > 0) {
-        log_info("checkpoints go on");
-        note(keeper, info.record.job, "checkpoints go on", "");
-    }
-    keeper->warned_at = 0;
+    on_success(keeper, info.record.job);
     if (last && info.record.state != JOB_FINISHING) { /* the process ends */
         char text[80];
         describe_samples(&info.record, info.samples, text);
@@ -393,14 +366,14 @@ static void save_films(keeper_t *keeper)
         job_t *job = farm_next_checkpoint(farm, now, &age, &last);
         if (job == NULL) return;
         bool due = last || (age >= keeper->options.interval && now >= keeper->not_before);
-        if (due) save_film(keeper, job, last);
+        if (due) due = save_film(keeper, job, last).code != RESULT_CANCELLED;
         farm_unpin(farm, job);
         if (!due) return;
         if (last) enforce_limit(keeper);
     }
 }
 
-/* The process ends: everything that no checkpoint holds is saved, in one attempt each. */
+/* The process ends: everything that no checkpoint holds is saved. What cannot be is not tried again. */
 static void save_all(keeper_t *keeper)
 {
     farm_t *farm = keeper->options.farm;
@@ -408,7 +381,8 @@ static void save_all(keeper_t *keeper)
     bool last, good = true;
     keeper->warned_at = 0;
     for (job_t *job; good && (job = farm_next_checkpoint(farm, clock_now(), &age, &last)) != NULL;) {
-        good = save_film(keeper, job, true).code == RESULT_OK;
+        result_t result = save_film(keeper, job, true);
+        good = result.code == RESULT_OK || result.code == RESULT_CANCELLED;
         if (!good)
             log_error("JOB %llu IS NOT SAVED: the last %.0f s of work on it are lost",
                       (unsigned long long)farm_job_id(job), age);
@@ -454,15 +428,22 @@ result_t keeper_start(const keeper_options_t *options, keeper_t **out)
     return result_fail(RESULT_LIMIT, "cannot start a thread: %s", strerror(error));
 }
 
-void keeper_stop(keeper_t **out)
+void keeper_finish(keeper_t *keeper)
 {
-    keeper_t *keeper = *out;
-    if (keeper == NULL) return;
+    if (keeper == NULL || keeper->finished) return;
     atomic_store(&keeper->stop, true);
     uint64_t one = 1;
     if (write(keeper->options.checkpoint_wake, &one, sizeof one) < 0)
         log_debug("the keeper is awake already");
     pthread_join(keeper->thread, NULL);
+    keeper->finished = true;
+}
+
+void keeper_stop(keeper_t **out)
+{
+    keeper_t *keeper = *out;
+    if (keeper == NULL) return;
+    keeper_finish(keeper);
     pthread_mutex_destroy(&keeper->custody);
     free(keeper);
     *out = NULL;

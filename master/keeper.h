@@ -23,8 +23,10 @@ typedef struct {
 
 /* Starts the thread. */
 result_t keeper_start(const keeper_options_t *options, keeper_t **keeper);
-/* Writes last checkpoints of the jobs that are not over, when the farm has been shut down; joins the thread,
- * frees everything and sets *keeper to NULL. */
+/* Writes last checkpoints of the jobs that are not over, when the farm has been shut down, and joins the
+ * thread. The calls below may still be made. */
+void keeper_finish(keeper_t *keeper);
+/* Finishes, if that was not done, frees everything and sets *keeper to NULL. */
 void keeper_stop(keeper_t **keeper);
 
 /* farm_order, in such a way that a film that the order needs does not go at the same time; from any thread.

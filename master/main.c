@@ -5,7 +5,6 @@
 #include "proto/wire.h"
 
 #include <getopt.h>
-#include <malloc.h>
 #include <pthread.h>
 #include <signal.h>
 #include <stdio.h>
@@ -46,10 +45,7 @@ static const char HELP[] =
     "                         retained goes, with its film and image\n"
     "  --quiet                log warnings and errors only\n"
     "  --verbose              log every batch\n"
-    "  --help, --version\n"
-    "\n"
-    "Keys, without which nobody gets in from other machines (docs/security.md):\n"
-    "\n";
+    "  --help, --version\n";
 static const char HELP_END[] =
     "\n"
     "SIGTERM or SIGINT ends it: last checkpoints are written first, no job is cancelled. A second one ends "
@@ -74,6 +70,7 @@ static void on_hang_up(int number)
 
 typedef struct {
     master_options_t master;
+    health_options_t health;
     address_t address;
     bool any_port;
     log_level_t log;
@@ -129,6 +126,7 @@ static result_t parse_listen(const char *text, command_t *command)
 static result_t set_option(command_t *command, const char *name, const char *value)
 {
     if (gate_option(&command->master.gate, name, value)) return result_ok();
+    if (health_option(&command->health, name, value)) return result_ok();
     if (strcmp(name, "listen") == 0) return parse_listen(value, command);
     if (strcmp(name, "heartbeat") == 0) return parse_seconds(name, value, &command->master.heartbeat);
     if (strcmp(name, "lease") == 0) return parse_seconds(name, value, &command->master.lease);
@@ -163,6 +161,7 @@ static result_t parse_command(int argc, char **argv, command_t *command, bool *d
                                             {"merge-threads", required_argument, NULL, 0},
                                             {"blob-limit", required_argument, NULL, 0},
                                             GATE_OPTIONS,
+                                            HEALTH_OPTIONS,
                                             {"quiet", no_argument, NULL, 0},
                                             {"verbose", no_argument, NULL, 0},
                                             {"help", no_argument, NULL, 'h'},
@@ -172,7 +171,7 @@ static result_t parse_command(int argc, char **argv, command_t *command, bool *d
     while ((choice = getopt_long(argc, argv, "h", options, &index)) != -1) {
         if (choice == '?') return result_fail(RESULT_USAGE, "see lightmill-master --help");
         *done = choice == 'h' || choice == 'v';
-        if (choice == 'h') printf("%s%s%s", HELP, gate_usage, HELP_END);
+        if (choice == 'h') printf("%s%s%s%s", HELP, health_usage, gate_usage, HELP_END);
         if (choice == 'v') puts("lightmill-master " LIGHTMILL_VERSION);
         if (*done) return result_ok();
         TRY(set_option(command, options[index].name, optarg));
@@ -183,22 +182,17 @@ static result_t parse_command(int argc, char **argv, command_t *command, bool *d
     return result_ok();
 }
 
-/* Room for thousands of connections; and the memory of a batch goes back to the system when it is merged,
- * instead of staying with the process in pieces: the bound on batches (docs/scale.md) is one on the process.
- */
-static void prepare_process(void)
+/* Every worker has two connections. */
+static void raise_file_limit(void)
 {
-    enum { OWN_MAPPING = 1 << 20 }; /* bytes from which on an allocation is one */
     struct rlimit limit;
-    if (getrlimit(RLIMIT_NOFILE, &limit) == 0) {
-        limit.rlim_cur = limit.rlim_max;
-        setrlimit(RLIMIT_NOFILE, &limit);
-    }
-    mallopt(M_MMAP_THRESHOLD, OWN_MAPPING);
+    if (getrlimit(RLIMIT_NOFILE, &limit) != 0) return;
+    limit.rlim_cur = limit.rlim_max;
+    if (setrlimit(RLIMIT_NOFILE, &limit) != 0) log_warning("cannot raise the limit of open files");
 }
 
 /* Starts the master with the signals blocked, so that its threads never get them, and waits for one. */
-static result_t serve(const master_options_t *options)
+static result_t serve(master_options_t *options, const char *health_path)
 {
     sigset_t ending, before;
     sigemptyset(&ending);
@@ -213,8 +207,16 @@ static result_t serve(const master_options_t *options)
     sigaction(SIGHUP, &action, NULL);
     signal(SIGPIPE, SIG_IGN);
 
+    pulse_t pulse = {0};
+    options->pulse = &pulse;
+    health_t *health;
     master_t *master;
-    TRY(master_start(options, &master));
+    TRY(health_start(health_path, pulse_report, &pulse, &health));
+    result_t result = master_start(options, &master);
+    if (result.code != RESULT_OK) {
+        health_stop(&health);
+        return result;
+    }
     while (signals == 0) {
         sigsuspend(&before);
         if (!hang_up) continue;
@@ -223,16 +225,20 @@ static result_t serve(const master_options_t *options)
     }
     log_info("ending; once more to end at once");
     pthread_sigmask(SIG_SETMASK, &before, NULL);
-    return master_stop(&master);
+    result = master_stop(&master);
+    health_stop(&health);
+    return result;
 }
 
 static result_t run(int argc, char **argv)
 {
-    command_t command = {.master = master_options_default(), .log = LOG_INFO};
+    command_t command = {
+        .master = master_options_default(), .health = health_options_default(), .log = LOG_INFO};
     bool done = false;
     TRY(address_parse("127.0.0.1", WIRE_DEFAULT_PORT, &command.address));
     TRY(parse_command(argc, argv, &command, &done));
     if (done) return result_ok();
+    if (command.health.ask) return health_print(&command.health);
     log_init("master", command.log);
     char *control, *bulk;
     if (command.any_port) {
@@ -244,8 +250,8 @@ static result_t run(int argc, char **argv)
     }
     command.master.control_endpoint = control;
     command.master.bulk_endpoint = bulk;
-    prepare_process();
-    result_t result = serve(&command.master);
+    raise_file_limit();
+    result_t result = serve(&command.master, command.health.path);
     free(control);
     free(bulk);
     return result;

@@ -11,8 +11,8 @@
  * the jobs. */
 #include "master/master.h"
 
-#include "common/memory_limit.h"
 #include "common/address.h"
+#include "common/memory_limit.h"
 #include "master/bulk_server.h"
 #include "master/control_server.h"
 #include "master/restart.h"
@@ -31,6 +31,9 @@
 enum { MAX_INTERVAL = 3600 }; /* seconds, of heartbeats, leases and batches */
 enum { ENDPOINT_SIZE = 300 };
 enum { MAX_BULK_IO = 4 }; /* threads of libzmq for the bulk socket */
+/* Messages of a connection to the bulk socket that libzmq holds: they may be large. A peer that fetches
+ * something has a few requests under way, and its batches are answered one by one. */
+enum { BULK_RECEIVED = 1, BULK_SENT = 16 };
 
 struct master {
     void *context;
@@ -206,6 +209,7 @@ static result_t open_sockets(master_t *master, const master_options_t *options)
     TRY(gate_new(&options->gate, options->data_dir, master->context, exposed, &master->gate));
     TRY(make_socket(master, "control", 1, WIRE_MAX_CONTROL_ASKED, &master->control_socket));
     TRY(make_socket(master, "bulk", ~(uint64_t)1, WIRE_MAX_PAYLOAD, &master->bulk_socket));
+    TRY(wire_socket_queue(master->bulk_socket, BULK_RECEIVED, BULK_SENT));
     TRY(bind_socket(options->control_endpoint, &master->control_socket, control, &master->control_port));
     TRY(bind_socket(options->bulk_endpoint, &master->bulk_socket, bulk, &master->bulk_port));
     log_info("listening on %s (control) and %s (bulk), data in %s", control, bulk, options->data_dir);
@@ -347,7 +351,8 @@ static result_t start_serving(master_t *master, const master_options_t *options)
                                         .bulk_port = (uint32_t)master->bulk_port,
                                         .heartbeat = options->heartbeat,
                                         .lease = options->lease,
-                                        .batch_interval = options->batch_interval};
+                                        .batch_interval = options->batch_interval,
+                                        .pulse = options->pulse};
     TRY(control_server_start(&control, &master->control));
     master->control_socket = NULL;
     return result_ok();
@@ -377,8 +382,9 @@ static void dismantle(master_t *master)
     bulk_server_stop(&master->bulk);
     if (master->farm != NULL) farm_shut_down(master->farm, clock_now());
     gallery_stop(&master->gallery);
+    keeper_finish(master->keeper);
+    clerk_stop(&master->clerk); /* it may ask the keeper for room */
     keeper_stop(&master->keeper);
-    clerk_stop(&master->clerk);
     farm_destroy(&master->farm);
     blob_store_close(&master->store);
     film_store_close(&master->films);

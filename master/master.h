@@ -4,6 +4,7 @@
 #ifndef LIGHTMILL_MASTER_H
 #define LIGHTMILL_MASTER_H
 
+#include "common/health.h"
 #include "master/gate.h"
 
 typedef struct {
@@ -23,7 +24,8 @@ typedef struct {
     uint64_t film_memory; /* bytes for the films of jobs at work; 0: three quarters of the machine's memory */
     size_t job_limit;     /* jobs known at a time; 0: as many as there can be (farm.h) */
     int merge_threads;    /* 0: one for each core */
-    gate_options_t gate;   /* keys */
+    gate_options_t gate;  /* keys */
+    pulse_t *pulse;       /* of the control thread; kept by the caller; NULL: none */
 } master_options_t;
 
 typedef struct master master_t;

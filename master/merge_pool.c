@@ -1,8 +1,7 @@
 /* merge_pool: see merge_pool.h.
  *
  * DESIGN. Two lists under one mutex: batches to be merged and batches that are done. What they may hold is
- * bounded from outside (grants.h). The threads are a little less urgent than the others of this process: on a
- * machine whose cores are all busy merging, heartbeats are still answered at once. */
+ * bounded from outside (grants.h). */
 #include "master/merge_pool.h"
 
 #include <pthread.h>
@@ -10,10 +9,9 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/prctl.h>
-#include <sys/resource.h>
 #include <unistd.h>
 
-enum { MAX_THREADS = 64, NICENESS = 5 };
+enum { MAX_THREADS = 64 };
 
 typedef struct task {
     merge_verdict_t verdict;
@@ -91,8 +89,6 @@ static void *merge_pool_run(void *argument)
 {
     merge_pool_t *pool = argument;
     prctl(PR_SET_NAME, "lm-merge");
-    if (setpriority(PRIO_PROCESS, (id_t)gettid(), getpriority(PRIO_PROCESS, 0) + NICENESS) != 0)
-        log_debug("the merging threads are as urgent as the others");
     for (task_t *task; (task = next_task(pool)) != NULL;) {
         merge_task(pool, task);
         pthread_mutex_lock(&pool->lock);

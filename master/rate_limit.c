@@ -78,15 +78,15 @@ static bucket_t *find(rate_limit_t *limit, double now, uint64_t peer)
     return vacant;
 }
 
-rate_verdict_t rate_limit_take(rate_limit_t *limit, double now, const void *peer, size_t size)
+rate_verdict_t rate_limit_take(rate_limit_t *limit, double now, const void *peer, size_t size, double tokens)
 {
     uint64_t hash;
     _Static_assert(sizeof hash == crypto_shorthash_BYTES, "the hash is a 64-bit number");
     crypto_shorthash((uint8_t *)&hash, peer, size, limit->key);
     bucket_t *bucket = find(limit, now, hash);
     refill(limit, now, bucket);
-    if (bucket->tokens >= 1) {
-        bucket->tokens -= 1;
+    if (bucket->tokens >= tokens) {
+        bucket->tokens -= tokens;
         return RATE_PASS;
     }
     if (bucket->told) return RATE_DROP;

@@ -1,7 +1,7 @@
 /* rate_limit: how many messages a second each peer may send, with memory for a fixed number of peers.
  *
- * A peer has a bucket that holds `burst` tokens and gains `rate` a second; a message takes one, and without
- * one it is over the limit. One thread's. */
+ * A peer has a bucket that holds `burst` tokens and gains `rate` a second; a message takes one or more,
+ * and when they lack it is over the limit. One thread's. */
 #ifndef LIGHTMILL_RATE_LIMIT_H
 #define LIGHTMILL_RATE_LIMIT_H
 
@@ -18,7 +18,7 @@ typedef enum {
 /* `peers` is rounded up to a power of two. */
 rate_limit_t *rate_limit_new(double rate, double burst, size_t peers);
 void rate_limit_destroy(rate_limit_t **limit);
-/* Takes a token of the peer that has this name of `size` bytes. */
-rate_verdict_t rate_limit_take(rate_limit_t *limit, double now, const void *peer, size_t size);
+/* Takes `tokens`, at most `burst`, of the peer that has this name of `size` bytes. */
+rate_verdict_t rate_limit_take(rate_limit_t *limit, double now, const void *peer, size_t size, double tokens);
 
 #endif

@@ -133,7 +133,12 @@ static void check_blob(job_record_t *record, blob_store_t *blobs)
     log_error("job %llu is paused: %s", (unsigned long long)record->job, record->message);
 }
 
-/* "2 to go on with, 1 paused, ...". */
+static const char *plural(size_t count)
+{
+    return count == 1 ? "" : "s";
+}
+
+/* "3 jobs (2 to go on with, 1 paused, ...". */
 static void count_states(const jobs_t *jobs, char *text, size_t size)
 {
     size_t going = 0, paused = 0, over = 0;
@@ -143,8 +148,8 @@ static void count_states(const jobs_t *jobs, char *text, size_t size)
         paused += state == JOB_PAUSED;
         going += !job_state_final((uint32_t)state) && state != JOB_PAUSED;
     }
-    snprintf(text, size, "%zu jobs (%zu to go on with, %zu paused, %zu over)", jobs->count, going, paused,
-             over);
+    snprintf(text, size, "%zu job%s (%zu to go on with, %zu paused, %zu over)", jobs->count,
+             plural(jobs->count), going, paused, over);
 }
 
 static void say_what_is_there(const jobs_t *jobs, journal_t *journal, film_store_t *films,
@@ -163,9 +168,9 @@ static void say_what_is_there(const jobs_t *jobs, journal_t *journal, film_store
         log_info("a new data directory");
         return;
     }
-    log_info("found %s, %zu checkpoints (%.1f MB), %zu scenes (%.1f MB)%s", text, film_count,
-             1e-6 * (double)film_bytes, blob_count, 1e-6 * (double)blob_bytes,
-             found->crashed ? "; the last master did not end properly" : "");
+    log_info("found %s, %zu checkpoint%s (%.1f MB), %zu scene%s (%.1f MB)%s", text, film_count,
+             plural(film_count), 1e-6 * (double)film_bytes, blob_count, plural(blob_count),
+             1e-6 * (double)blob_bytes, found->crashed ? "; the last master did not end properly" : "");
     if (found->crashed) (void)journal_note(journal, 0, "restart", "the last master did not end properly");
 }
 

@@ -235,9 +235,13 @@ static void on_event(dial_watch_t *watch, uint16_t event)
                                 watch->key));
         break;
     case ZMQ_EVENT_HANDSHAKE_FAILED_PROTOCOL:
-        deny(watch, keys ? result_fail(RESULT_DENIED, "the master uses no keys (or is none): --insecure "
-                                                      "speaks to it without")
-                         : result_fail(RESULT_DENIED, "the master wants keys: see --key and --master-key"));
+        deny(watch,
+             keys ? result_fail(RESULT_DENIED, "the master uses no keys (or is none): --insecure "
+                                               "speaks to it without")
+                  : result_fail(
+                        RESULT_DENIED,
+                        "the master wants keys: say --key and --master-key, or dial it by its host's name "
+                        "if they are in ~/.config/lightmill"));
         break;
     default:
         if (++watch->broken < BROKEN_ENOUGH) break;

@@ -30,8 +30,10 @@ static result_t no_curve(void)
 
 result_t key_pair_new(key_pair_t *pair)
 {
-    if (zmq_curve_keypair(pair->open, pair->secret) == 0) return result_ok();
-    return no_curve();
+    do {
+        if (zmq_curve_keypair(pair->open, pair->secret) != 0) return no_curve();
+    } while (pair->open[0] == '#'); /* a line that begins so would be a comment */
+    return result_ok();
 }
 
 result_t key_pair_complete(const char *secret, key_pair_t *pair)
@@ -244,9 +246,7 @@ static result_t write_pair(const char *open_path, const char *secret_path, const
         "public %s\n"
         "secret %s\n",
         pair->open, pair->secret);
-    char *open_text = mem_printf("# A public key of Lightmill. It may be given to anyone.\n"
-                                 "public %s\n",
-                                 pair->open);
+    char *open_text = mem_printf("# A public key of Lightmill. It may be given to anyone.\n%s\n", pair->open);
     result_t result = write_new(secret_path, 0600, secret);
     if (result.code == RESULT_OK) {
         result = write_new(open_path, 0644, open_text);

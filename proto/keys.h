@@ -1,14 +1,12 @@
 /* keys: the CURVE keys by which masters, workers and clients know one another, and the files that hold them.
  *
  * A key is 32 bytes, written as the 40 characters of Z85, which has neither quotes nor blanks. A pair lies in
- * two files: NAME.secret, which nobody else may read, and NAME.key, the public half, which may be given to
- * anyone. Both are lines of text:
+ * two files, whose lines may also be comments that begin with '#' (no key of ours does):
  *
- *     # a comment
- *     public KEY
- *     secret KEY        in NAME.secret only
+ *     NAME.key          KEY               the public half, which may be given to anyone
  *
- * A public file may also hold nothing but the key.
+ *     NAME.secret       public KEY        both halves; nobody else may read it
+ *                       secret KEY
  */
 #ifndef LIGHTMILL_KEYS_H
 #define LIGHTMILL_KEYS_H

@@ -311,10 +311,15 @@ result_t payload_end(const payload_reader_t *reader)
 static void store_piece(const payload_piece_t *piece, size_t stride, int64_t *values)
 {
     const int64_t *value = piece->values;
-    for (size_t i = 0; i < piece->pixels; i++) {
-        int64_t *pixel = values + stride * (piece->first + i) + piece->offset;
-        bool marked = piece->mask[i / 64] >> (i % 64) & 1;
-        for (size_t l = 0; l < piece->lanes; l++) pixel[l] = marked ? *value++ : 0;
+    int64_t *first = values + stride * piece->first + piece->offset;
+    if (piece->lanes == stride) memset(first, 0, piece->pixels * stride * sizeof *values);
+    for (size_t i = 0; i < piece->pixels; i += 64) {
+        size_t left = piece->pixels - i;
+        uint64_t mask = piece->mask[i / 64] & (left < 64 ? (UINT64_C(1) << left) - 1 : UINT64_MAX);
+        for (; mask != 0; mask &= mask - 1, value += piece->lanes) {
+            int64_t *pixel = first + stride * (i + (size_t)__builtin_ctzll(mask));
+            for (size_t l = 0; l < piece->lanes; l++) pixel[l] = value[l];
+        }
     }
 }
 

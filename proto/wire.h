@@ -107,6 +107,9 @@ result_t wire_socket(void *context, int type, void **socket);
 /* Lowers the largest frame that the socket takes in; a connection that sends more is dropped by libzmq before
  * memory is allocated. A control socket takes WIRE_MAX_CONTROL_FRAME. Call before bind or connect. */
 result_t wire_socket_limit(void *socket, size_t largest_frame);
+/* Lowers the number of messages that libzmq takes in, and keeps to be sent, for each connection (64 and 64):
+ * what is read no further waits in the peer. Likewise. */
+result_t wire_socket_queue(void *socket, int received, int sent);
 
 /* Sends an envelope with its payloads. The identity is for a ROUTER (NULL on a DEALER). Payload messages are
  * consumed, also on failure. Never blocks: RESULT_LIMIT when the peer's queue is full, RESULT_UNREACHABLE

@@ -34,7 +34,8 @@ static const char usage[] =
     "  --grace SECONDS        how long leaving may take (25)\n"
     "  --quiet                warnings and errors only\n"
     "  --verbose              every batch and assignment\n"
-    "  --help, --version\n"
+    "  --help, --version\n";
+static const char usage_end[] =
     "\n"
     "Keys (docs/security.md): the relay's own key, for the master and for its workers, and who may dial it\n"
     "\n"
@@ -66,6 +67,7 @@ static void catch_signals(void)
 typedef struct {
     relay_options_t relay;
     dial_options_t dial;
+    health_options_t health;
     char *master, *control, *bulk; /* endpoints, owned */
     log_level_t level;
     bool done; /* help or version was printed */
@@ -117,6 +119,7 @@ static result_t parse_option(command_t *command, const char *option, const char 
     double number;
     bool dial = dial_option(&command->dial, option, value);
     if (gate_option(&relay->gate, option, value) || dial) return result_ok();
+    if (health_option(&command->health, option, value)) return result_ok();
     if (strcmp(option, "listen") == 0) return parse_listen(value, command);
     if (strcmp(option, "heartbeat") == 0) return parse_number(option, value, 0, 1e6, &relay->heartbeat);
     if (strcmp(option, "lease") == 0) return parse_number(option, value, 0, 1e6, &relay->lease);
@@ -135,7 +138,10 @@ static result_t parse_option(command_t *command, const char *option, const char 
     } else if (strcmp(option, "verbose") == 0) {
         command->level = LOG_DEBUG;
     } else {
-        printf("%s", strcmp(option, "help") == 0 ? usage : "lightmill-relay " LIGHTMILL_VERSION "\n");
+        if (strcmp(option, "help") == 0)
+            printf("%s%s%s", usage, health_usage, usage_end);
+        else
+            puts("lightmill-relay " LIGHTMILL_VERSION);
         command->done = true;
     }
     return result_ok();
@@ -155,6 +161,7 @@ static result_t parse_arguments(int argc, char **argv, command_t *command)
                                             {"master-key", required_argument, NULL, 0},
                                             {"allow", required_argument, NULL, 0},
                                             {"insecure", no_argument, NULL, 0},
+                                            HEALTH_OPTIONS,
                                             {"quiet", no_argument, NULL, 0},
                                             {"verbose", no_argument, NULL, 0},
                                             {"help", no_argument, NULL, 0},
@@ -166,6 +173,7 @@ static result_t parse_arguments(int argc, char **argv, command_t *command)
         TRY(parse_option(command, options[index].name, optarg));
         if (command->done) return result_ok();
     }
+    if (command->health.ask) return result_ok();
     if (argc - optind > 1)
         return result_fail(RESULT_USAGE, "more than one master: '%.100s'", argv[optind + 1]);
     address_t address;
@@ -184,14 +192,24 @@ static result_t run(command_t *command)
     }
     log_init("relay", command->level);
     catch_signals();
-    return relay_run(relay, &stop_requested, NULL);
+    pulse_t pulse = {0};
+    health_t *health;
+    relay->pulse = &pulse;
+    TRY(health_start(command->health.path, pulse_report, &pulse, &health));
+    result_t result = relay_run(relay, &stop_requested, NULL);
+    health_stop(&health);
+    return result;
 }
 
 int main(int argc, char **argv)
 {
-    command_t command = {.relay = relay_options_default(), .dial.role = "relay", .level = LOG_INFO};
+    command_t command = {.relay = relay_options_default(),
+                         .dial.role = "relay",
+                         .health = health_options_default(),
+                         .level = LOG_INFO};
     result_t result = parse_arguments(argc, argv, &command);
-    if (result.code == RESULT_OK && !command.done) result = run(&command);
+    if (result.code == RESULT_OK && !command.done)
+        result = command.health.ask ? health_print(&command.health) : run(&command);
     if (result.code != RESULT_OK) fprintf(stderr, "lightmill-relay: %s\n", result.message);
     dial_keys_free(&command.relay.keys);
     free(command.master);

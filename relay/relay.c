@@ -230,6 +230,7 @@ static result_t serve(relay_t *relay, const atomic_int *stop)
                              .software = "lightmill-relay " LIGHTMILL_VERSION,
                              .relay = true,
                              .grace = options->grace,
+                             .pulse = options->pulse,
                              .keys = options->keys};
     return control_run(&setup, stop);
 }

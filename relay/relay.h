@@ -4,6 +4,7 @@
 #ifndef LIGHTMILL_RELAY_H
 #define LIGHTMILL_RELAY_H
 
+#include "common/health.h"
 #include "master/gate.h"
 #include "proto/dial.h"
 
@@ -17,6 +18,7 @@ typedef struct {
     const char *name;                             /* NULL: host name and process id */
     double heartbeat, lease, batch_interval;      /* seconds, told to workers */
     double grace;                                 /* seconds for leaving in order */
+    pulse_t *pulse;                               /* of the upper side; kept by the caller; NULL: none */
     double patience;       /* seconds for an answer of the master, on a connection that lives */
     uint64_t batch_memory; /* bytes for batches under way; 0: an eighth of the memory, at least 1 GiB */
     int threads;           /* that add batches; 0: one a core */

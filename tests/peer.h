@@ -12,6 +12,9 @@ typedef struct {
     void *control, *bulk;
     uint64_t requests;
     uint64_t worker; /* after peer_hello */
+    /* What it says of itself; "peer" and nothing unless the test sets them. */
+    const char *name;
+    hash_t fingerprint;
     /* Pushed messages that came while an answer was awaited. */
     int job_ready, job_over, flush;
     uint64_t over_job;
@@ -42,6 +45,7 @@ void peer_goodbye(peer_t *peer);
 /* What a WorkRequest brought. */
 typedef struct {
     uint64_t job; /* 0: no work */
+    uint64_t check;
     job_settings_t settings;
     unit_t units[WIRE_MAX_UNITS];
     size_t unit_count;
@@ -53,6 +57,8 @@ void peer_work(peer_t *peer, uint64_t samples, uint64_t unit_samples, peer_work_
 batch_t peer_render(const job_settings_t *settings, const unit_t *units, size_t count);
 /* Sends a batch and returns the master's verdict: RESULT_OK, or RESULT_MISMATCH with the reason. */
 result_t peer_send_batch(peer_t *peer, uint64_t job, const batch_t *batch);
+/* The same, for an assignment that bears a number. */
+result_t peer_send_check(peer_t *peer, uint64_t job, uint64_t check, const batch_t *batch);
 
 /* A small valid scene blob in fresh memory; `variant` makes different ones. */
 uint8_t *peer_blob(uint32_t variant, uint64_t *size, hash_t *hash);

@@ -3,6 +3,7 @@
 
 #include "common/image.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 
@@ -55,4 +56,18 @@ estimate_image_t reference_estimate(const film_t *film)
     }
     film_image_free(&image);
     return estimate;
+}
+
+double reference_error(const estimate_image_t *image, const estimate_image_t *reference)
+{
+    size_t values = 3 * (size_t)image->width * (size_t)image->height;
+    double mean = 0, sum = 0;
+    for (size_t i = 0; i < values; i++) mean += reference->mean[i] / (double)values;
+    double floor = FILM_ERROR_FLOOR * mean;
+    for (size_t i = 0; i < values; i++) {
+        double difference = image->mean[i] - reference->mean[i];
+        sum += (difference * difference - reference->variance[i]) /
+               (reference->mean[i] * reference->mean[i] + floor * floor);
+    }
+    return sqrt(fmax(0, sum / (double)values));
 }

@@ -10,5 +10,8 @@
 estimate_image_t reference_read(const char *scene);
 /* A film as an estimate; the variance is what its two halves tell. */
 estimate_image_t reference_estimate(const film_t *film);
+/* The relative error of an image as film_noise means it, with the brightness and the mean of the reference;
+ * what the noise of the reference itself adds is taken off. */
+double reference_error(const estimate_image_t *image, const estimate_image_t *reference);
 
 #endif

@@ -1,6 +1,9 @@
 /* render_here: see render_here.h. */
 #include "tests/render_here.h"
 
+#include "master/plan.h"
+#include "master/schedule.h"
+
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stdlib.h>
@@ -31,6 +34,68 @@ film_t *render_here(const scene_blob_t *blob, const job_settings_t *settings)
     film_merge(film, &batch);
     unit_result_free(&result);
     batch_free(&batch);
+    renderer_destroy(&renderer);
+    return film;
+}
+
+static void render_weighted(const renderer_t *renderer, film_t *film, schedule_t *schedule,
+                            const unit_t *unit)
+{
+    unit_result_t result = {0};
+    batch_t batch;
+    atomic_bool cancel = false;
+    uint32_t weight = schedule_weight(schedule, unit);
+    batch_init(&batch, &film->settings);
+    assert_true(renderer_unit(renderer, unit, &result, &cancel));
+    batch_add(&batch, &result);
+    film_merge_weighted(film, &batch, &weight, 1);
+    check(schedule_accept(schedule, unit, 1));
+    unit_result_free(&result);
+    batch_free(&batch);
+}
+
+/* Everything that the open rounds allow. */
+static void render_round(const renderer_t *renderer, film_t *film, schedule_t *schedule,
+                         uint64_t unit_samples, size_t stride)
+{
+    unit_t units[64];
+    schedule_wish_t wish = {1, UINT64_MAX, unit_samples, 1, 1};
+    for (size_t n; (n = schedule_take(schedule, &wish, units, ARRAY_LENGTH(units))) > 0;)
+        for (size_t first = 0; first < stride; first++)
+            for (size_t i = first; i < n; i += stride) render_weighted(renderer, film, schedule, &units[i]);
+}
+
+film_t *render_planned(const scene_blob_t *blob, const job_settings_t *settings, uint64_t unit_samples,
+                       size_t stride, planned_t *planned)
+{
+    renderer_t *renderer;
+    film_t *film;
+    uint32_t tiles = job_tile_count(settings);
+    size_t pixels = (size_t)settings->width * (size_t)settings->height;
+    check(job_settings_check(settings));
+    check(renderer_new(blob, settings, &renderer));
+    check(film_new(settings, &film));
+    schedule_t *schedule = schedule_new(settings);
+    plan_round_t last = {mem_zalloc(tiles, sizeof(uint32_t)), mem_zalloc(tiles, sizeof(uint32_t))},
+                 next = {mem_zalloc(tiles, sizeof(uint32_t)), mem_zalloc(tiles, sizeof(uint32_t))};
+    *planned = (planned_t){.shown = mem_zalloc(pixels, sizeof(float))};
+    for (; plan_next(settings, planned->rounds, planned->rounds > 0 ? &last : NULL, film, &next,
+                     &planned->error) == PLAN_ROUND;
+         planned->rounds++) {
+        schedule_open_round(schedule, next.ends, next.weights);
+        render_round(renderer, film, schedule, unit_samples, stride);
+        assert_true(schedule_round_counted(schedule));
+        plan_round_t done = last;
+        last = next;
+        next = done;
+    }
+    planned->samples = (double)schedule_done(schedule) / (double)pixels;
+    uint32_t *samples = mem_alloc(tiles * sizeof *samples);
+    schedule_tile_samples(schedule, samples);
+    schedule_show_samples(settings, samples, planned->shown);
+    uint32_t *arrays[] = {last.ends, last.weights, next.ends, next.weights, samples};
+    for (size_t i = 0; i < ARRAY_LENGTH(arrays); i++) free(arrays[i]);
+    schedule_destroy(&schedule);
     renderer_destroy(&renderer);
     return film;
 }

@@ -9,6 +9,19 @@
  */
 film_t *render_here(const scene_blob_t *blob, const job_settings_t *settings);
 
+/* How a planned job went. */
+typedef struct {
+    uint32_t rounds;
+    double samples; /* a pixel, in the mean */
+    double error;   /* as plan_next estimated it at the end */
+    float *shown;   /* the numbers of samples of the pixels, schedule_show_samples; the caller frees them */
+} planned_t;
+
+/* Renders a planned job (job_is_planned), round by round, as the farm does: in units of about `unit_samples`
+ * pixel samples, every `stride`-th of those that are to be had first. Neither may change a bit. */
+film_t *render_planned(const scene_blob_t *blob, const job_settings_t *settings, uint64_t unit_samples,
+                       size_t stride, planned_t *planned);
+
 /* A small scene under construction: a world of meshes and spheres. */
 typedef struct {
     blob_builder_t *builder;

@@ -248,16 +248,12 @@ void rig_start_master_on(rig_t *rig, const char *data, double batch_interval, co
     char *key = key_path(rig, "master.secret"), *allow = key_path(rig, "allow");
     const char *arguments[40] = {"--listen", listen, "--data",           data,     "--heartbeat", "0.2",
                                  "--lease",  "1",    "--batch-interval", interval, "--verbose"};
+    const char *const keys[] = {"--key", key, "--allow", allow};
     size_t count = 11;
+    for (size_t i = 0; i < ARRAY_LENGTH(keys) && key != NULL; i++) arguments[count++] = keys[i];
     for (; more != NULL && *more != NULL; more++) {
-        assert_true(count + 5 < ARRAY_LENGTH(arguments));
+        assert_true(count + 1 < ARRAY_LENGTH(arguments));
         arguments[count++] = *more;
-    }
-    if (key != NULL) {
-        arguments[count++] = "--key";
-        arguments[count++] = key;
-        arguments[count++] = "--allow";
-        arguments[count++] = allow;
     }
     rig->master = start(rig, "lightmill-master", arguments);
     free(listen);
@@ -271,7 +267,7 @@ void rig_start_master(rig_t *rig, double batch_interval)
 {
     free(rig->data);
     rig->data = mem_printf("%s/data-%d", rig->folder, rig->started_count);
-    rig_start_master_on(rig, rig->data, batch_interval, NULL);
+    rig_restart_master(rig, batch_interval);
 }
 
 void rig_restart_master(rig_t *rig, double batch_interval)
@@ -312,7 +308,7 @@ job_settings_t rig_settings(void)
     must(scene_load(SCENE, false, &scene));
     job_settings_t settings = blob_default_settings(&scene.blob);
     settings.width = settings.height = 64;
-    settings.spp = 384;
+    settings.spp = (uint32_t)strtoul(RIG_SPP, NULL, 10);
     settings.seed = 7;
     settings.film_scale = blob_film_scale(&scene.blob);
     scene_free(&scene);
@@ -321,10 +317,10 @@ job_settings_t rig_settings(void)
 
 uint64_t rig_submit(rig_t *rig, const job_settings_t *settings)
 {
-    return rig_submit_on(rig, &(job_terms_t){.name = "test"}, settings);
+    return rig_submit_on(rig, settings, &(job_terms_t){.name = "test"});
 }
 
-uint64_t rig_submit_on(rig_t *rig, const job_terms_t *terms, const job_settings_t *settings)
+uint64_t rig_submit_on(rig_t *rig, const job_settings_t *settings, const job_terms_t *terms)
 {
     scene_t scene;
     uint64_t job;
@@ -445,7 +441,7 @@ hash_t rig_reference(void)
     if (made) return reference;
     rig_t *rig = rig_new();
     char *path = scratch_path(rig->folder, "reference.exr");
-    assert_int_equal(rig_run(rig, (const char *[]){"render", SCENE, "--resolution", "64x64", "--spp", "384",
+    assert_int_equal(rig_run(rig, (const char *[]){"render", SCENE, "--resolution", "64x64", "--spp", RIG_SPP,
                                                    "--seed", "7", "--quiet", "-o", path, NULL}),
                      0);
     reference = rig_file_hash(path);

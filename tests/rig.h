@@ -11,7 +11,7 @@ enum { RIG_MAX_PROCESSES = 32 };
 
 typedef struct {
     char *folder; /* scratch: logs, caches, data, images */
-    char *data;   /* the data directory of the last master */
+    char *data;   /* the data directory of the last master of rig_start_master */
     int port;     /* of the master's control socket; the bulk socket has the next one */
     pid_t master; /* 0: none */
     char *keys;   /* folder of the keys master, worker and client and of the list "allow"; NULL: no keys */
@@ -21,6 +21,12 @@ typedef struct {
     int started_count;
 } rig_t;
 
+/* Samples a pixel of the job below, as text. The renderer is many times slower under the thread sanitizer. */
+#ifdef __SANITIZE_THREAD__
+#define RIG_SPP "64"
+#else
+#define RIG_SPP "384"
+#endif
 /* What the tests render: seed-hidden, small, a few seconds of two cores. */
 job_settings_t rig_settings(void);
 /* The pixel hash of that job, rendered by `lightmill render` without any farm; computed once a program. */
@@ -38,7 +44,7 @@ void rig_use_keys(rig_t *rig);
 
 /* Starts a master on the rig's port with quick time-outs (lease 1 s) and waits until it answers. */
 void rig_start_master(rig_t *rig, double batch_interval);
-/* Starts a master on the data of the last, which has ended, and waits until it answers. */
+/* Starts a master on the data of the last one of rig_start_master, which has ended. */
 void rig_restart_master(rig_t *rig, double batch_interval);
 /* The same on a data directory that the caller names, with further options (NULL-terminated; NULL: none). */
 void rig_start_master_on(rig_t *rig, const char *data, double batch_interval, const char *const *more);
@@ -61,8 +67,7 @@ char *rig_output(rig_t *rig, pid_t process);
 
 /* Uploads the scene and submits a job. */
 uint64_t rig_submit(rig_t *rig, const job_settings_t *settings);
-/* The same with terms of its own. */
-uint64_t rig_submit_on(rig_t *rig, const job_terms_t *terms, const job_settings_t *settings);
+uint64_t rig_submit_on(rig_t *rig, const job_settings_t *settings, const job_terms_t *terms);
 typedef struct {
     uint32_t state, workers, workers_seen;
     uint64_t samples_done, samples_total, batches_refused, units_reissued;

@@ -11,12 +11,13 @@
 
 static const identity_t nobody = {{0}, 1};
 
-farm_t *toy_farm(bool keeps)
+static farm_t *make_farm(bool keeps, const char *spool_dir)
 {
     farm_options_t options = {.lease = 5,
                               .batch_interval = 10,
                               .film_limit = 1 << 20,
                               .first_job = 1,
+                              .spool_dir = spool_dir,
                               .control_wake = -1,
                               .image_wake = -1,
                               .clerk_wake = -1,
@@ -24,6 +25,16 @@ farm_t *toy_farm(bool keeps)
                               .grant_wake = -1};
     log_init("test", LOG_ERROR);
     return farm_new(&options);
+}
+
+farm_t *toy_farm(bool keeps)
+{
+    return make_farm(keeps, NULL);
+}
+
+farm_t *toy_verifying_farm(const char *spool_dir)
+{
+    return make_farm(true, spool_dir);
 }
 
 job_settings_t toy_settings(void)
@@ -38,19 +49,33 @@ job_settings_t toy_settings(void)
 
 uint64_t toy_submit(farm_t *farm, double now, const job_settings_t *settings, int priority)
 {
-    job_terms_t terms = {.name = "toy", .priority = priority};
+    return toy_submit_on(farm, now, settings, &(job_terms_t){.name = "toy", .priority = priority});
+}
+
+uint64_t toy_submit_on(farm_t *farm, double now, const job_settings_t *settings, const job_terms_t *terms)
+{
     hash_t blob = {{0}};
     uint64_t job;
-    assert_int_equal(farm_submit(farm, now, &terms, settings, &blob, 1, &job).code, RESULT_OK);
+    assert_int_equal(farm_submit(farm, now, terms, settings, &blob, 1, &job).code, RESULT_OK);
     return job;
 }
 
 uint64_t toy_hello(farm_t *farm, double now, uint32_t threads)
 {
-    farm_hello_t hello = {.name = "w", .key = "", .threads = threads};
+    return toy_join(farm, now, "w", threads, 0);
+}
+
+uint64_t toy_join(farm_t *farm, double now, const char *name, uint32_t threads, uint8_t fingerprint)
+{
+    farm_hello_t hello = {.name = name, .key = "", .threads = threads, .fingerprint = {{fingerprint}}};
     uint64_t worker;
     assert_int_equal(farm_hello(farm, now, &nobody, &hello, &worker).code, RESULT_OK);
     return worker;
+}
+
+bool toy_beat(farm_t *farm, double now, uint64_t worker)
+{
+    return farm_heartbeat(farm, now, &nobody, worker, 0, 1);
 }
 
 toy_work_t toy_take(farm_t *farm, double now, uint64_t worker, uint64_t samples, uint64_t unit_samples)
@@ -63,6 +88,7 @@ toy_work_t toy_take(farm_t *farm, double now, uint64_t worker, uint64_t samples,
     if (work.job == 0) return taken;
     assert_true(work.unit_count <= ARRAY_LENGTH(taken.units));
     taken.count = work.unit_count;
+    taken.check = work.check;
     memcpy(taken.units, units, work.unit_count * sizeof *units);
     return taken;
 }
@@ -102,20 +128,32 @@ static batch_t make_batch(const job_settings_t *settings, const unit_t *units, s
     return batch;
 }
 
-result_t toy_deliver(farm_t *farm, double now, uint64_t worker, uint64_t id, const unit_t *units,
-                     size_t count)
+static result_t deliver(farm_t *farm, double now, uint64_t worker, uint64_t id, uint64_t check,
+                        const unit_t *units, size_t count, int64_t lie)
 {
     job_t *job;
     TRY(farm_batch_open(farm, now, worker, id, 1000, &job));
     job_settings_t settings = farm_job_settings(farm, job);
     batch_t batch = make_batch(&settings, units, count);
+    for (size_t i = 0; i < batch.eye_count; i++) batch.eye[i] += lie;
     zmq_msg_t payload[BATCH_PAYLOADS];
     assert_int_equal(payload_encode(&batch, false, payload).code, RESULT_OK);
-    result_t result = farm_batch_merge(farm, now, job, worker, 0, &batch, payload);
+    result_t result = farm_batch_merge(farm, now, job, worker, check, &batch, payload);
     for (int i = 0; i < BATCH_PAYLOADS; i++) zmq_msg_close(&payload[i]);
     batch_free(&batch);
     farm_unpin(farm, job);
     return result;
+}
+
+result_t toy_deliver(farm_t *farm, double now, uint64_t worker, uint64_t job, const unit_t *units,
+                     size_t count)
+{
+    return deliver(farm, now, worker, job, 0, units, count, 0);
+}
+
+result_t toy_deliver_work(farm_t *farm, double now, uint64_t worker, const toy_work_t *work, int64_t lie)
+{
+    return deliver(farm, now, worker, work->job, work->check, work->units, work->count, lie);
 }
 
 void toy_work_off(farm_t *farm, double now, uint64_t worker, uint64_t job)

@@ -8,14 +8,22 @@
 
 /* A farm with room for six films of toy_settings; films outlive it if `keeps`. */
 farm_t *toy_farm(bool keeps);
+/* The same, with a folder where jobs that are verified keep batches; it outlives the farm. */
+farm_t *toy_verifying_farm(const char *spool_dir);
 /* 32 x 32 pixels in four tiles, 4 spp, no features. */
 job_settings_t toy_settings(void);
 uint64_t toy_submit(farm_t *farm, double now, const job_settings_t *settings, int priority);
+uint64_t toy_submit_on(farm_t *farm, double now, const job_settings_t *settings, const job_terms_t *terms);
 uint64_t toy_hello(farm_t *farm, double now, uint32_t threads);
+/* A worker of some name and fingerprint (0: it does not say). */
+uint64_t toy_join(farm_t *farm, double now, const char *name, uint32_t threads, uint8_t fingerprint);
+/* A heartbeat; false when the worker is not known. */
+bool toy_beat(farm_t *farm, double now, uint64_t worker);
 
 /* Asks for work. */
 typedef struct {
     uint64_t job; /* 0: none */
+    uint64_t check;
     size_t count;
     unit_t units[64];
 } toy_work_t;
@@ -23,6 +31,8 @@ toy_work_t toy_take(farm_t *farm, double now, uint64_t worker, uint64_t samples,
 /* Delivers units as one batch. */
 result_t toy_deliver(farm_t *farm, double now, uint64_t worker, uint64_t job, const unit_t *units,
                      size_t count);
+/* The same, with the number of the assignment, and `lie` added to every sum. */
+result_t toy_deliver_work(farm_t *farm, double now, uint64_t worker, const toy_work_t *work, int64_t lie);
 /* Takes and delivers all that there is of a job, at one moment. */
 void toy_work_off(farm_t *farm, double now, uint64_t worker, uint64_t job);
 

@@ -367,13 +367,17 @@ static void on_no_work(control_t *control, const Lm__NoWork *message)
 static void on_refusal(control_t *control, const Lm__Envelope *envelope)
 {
     const Lm__Refusal *refusal = envelope->refusal;
-    if (control->phase == PHASE_DIALLING) {
+    if (envelope->request == 0 && refusal->code == RESULT_PROTOCOL) {
+        /* Something of ours was damaged on its way: it is asked for again when no answer comes. */
+        log_warning("the master could not read a message: %.300s", refusal->reason);
+    } else if (control->phase == PHASE_DIALLING) {
         log_error("the master does not admit this worker: %.300s; asking again in %.0f s", refusal->reason,
                   REST);
         rest(control);
     } else if (refusal->code == RESULT_DENIED && control->leave_by == 0) {
         redial(control, refusal->reason); /* with a new key, if there is one by now */
-    } else if (envelope->request == control->work_request && control->leave_by == 0) {
+    } else if (envelope->request != 0 && envelope->request == control->work_request &&
+               control->leave_by == 0) {
         redial(control, refusal->reason);
     } else {
         log_warning("the master refused a message: %.300s", refusal->reason);
@@ -569,6 +573,7 @@ result_t control_run(const control_setup_t *setup, const atomic_int *stop)
             break;
         }
         drive(&control);
+        pulse_beat(setup->pulse, control.phase == PHASE_UP ? "has a master" : "looks for its master");
         wait_events(&control);
         receive_all(&control);
     }

@@ -3,6 +3,7 @@
 #ifndef LIGHTMILL_CONTROL_H
 #define LIGHTMILL_CONTROL_H
 
+#include "common/health.h"
 #include "worker/bulk.h"
 
 #include <stdatomic.h>
@@ -20,6 +21,7 @@ typedef struct {
     bool relay;                   /* the crew are workers that came over the network */
     bool local;                   /* the master is in this process: nobody else can render its job */
     double grace;                 /* seconds for leaving */
+    pulse_t *pulse;               /* kept by the caller; NULL: none */
     dial_keys_t keys;             /* what they point to is kept by the caller */
 } control_setup_t;
 

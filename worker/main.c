@@ -37,10 +37,10 @@ static const char usage[] =
     "  --cache-limit GB   how much they may take; the least recently used go first (default: 20)\n"
     "  --quiet            warnings and errors only\n"
     "  --verbose          every batch and assignment\n"
-    "  --help, --version\n"
-    "\n"
-    "Keys, to join a master on another machine (docs/security.md):\n"
-    "\n";
+    "  --help, --version\n";
+static const char usage_keys[] = "\n"
+                                 "Keys, to join a master on another machine (docs/security.md):\n"
+                                 "\n";
 static const char usage_end[] =
     "\n"
     "Exit codes: 0 left as asked and all was delivered, 1 wrong command line, 3 the operating system "
@@ -76,6 +76,7 @@ static result_t parse_number(const char *option, const char *text, double least,
 typedef struct {
     worker_options_t options;
     dial_options_t dial;
+    health_options_t health;
     char *endpoint; /* owned */
     log_level_t level;
     bool done; /* help or version was printed */
@@ -85,6 +86,7 @@ static result_t parse_option(command_t *command, const char *option, const char 
 {
     double number;
     if (dial_option(&command->dial, option, value)) return result_ok();
+    if (health_option(&command->health, option, value)) return result_ok();
     if (strcmp(option, "threads") == 0) {
         TRY(parse_number(option, value, 1, MAX_THREADS, &number));
         command->options.threads = (int)number;
@@ -103,7 +105,7 @@ static result_t parse_option(command_t *command, const char *option, const char 
         command->level = LOG_DEBUG;
     } else {
         if (strcmp(option, "help") == 0)
-            printf("%s%s%s", usage, dial_usage, usage_end);
+            printf("%s%s%s%s%s", usage, health_usage, usage_keys, dial_usage, usage_end);
         else
             puts("lightmill-worker " LIGHTMILL_VERSION);
         command->done = true;
@@ -119,18 +121,23 @@ static result_t parse_arguments(int argc, char **argv, command_t *command)
                                             {"grace", required_argument, NULL, 0},
                                             {"cache", required_argument, NULL, 0},
                                             {"cache-limit", required_argument, NULL, 0},
+                                            HEALTH_OPTIONS,
                                             {"quiet", no_argument, NULL, 0},
                                             {"verbose", no_argument, NULL, 0},
                                             {"help", no_argument, NULL, 0},
                                             {"version", no_argument, NULL, 0},
                                             {NULL, 0, NULL, 0}};
-    *command = (command_t){.options = worker_options_default(), .dial.role = "worker", .level = LOG_INFO};
+    *command = (command_t){.options = worker_options_default(),
+                           .dial.role = "worker",
+                           .health = health_options_default(),
+                           .level = LOG_INFO};
     int index, found;
     while ((found = getopt_long(argc, argv, "", options, &index)) != -1) {
         if (found == '?') return result_fail(RESULT_USAGE, "see lightmill-worker --help");
         TRY(parse_option(command, options[index].name, optarg));
         if (command->done) return result_ok();
     }
+    if (command->health.ask) return result_ok();
     if (argc - optind > 1)
         return result_fail(RESULT_USAGE, "more than one master: '%.100s'", argv[optind + 1]);
     address_t address;
@@ -140,18 +147,28 @@ static result_t parse_arguments(int argc, char **argv, command_t *command)
     return dial_keys_find(&command->dial, address.host, &command->options.keys);
 }
 
+static result_t run(command_t *command)
+{
+    const char *called = command->options.name;
+    char *name = called ? mem_printf("worker %s", called) : mem_printf("worker %d", (int)getpid());
+    log_init(name, command->level);
+    free(name);
+    catch_signals();
+    pulse_t pulse = {0};
+    health_t *health;
+    command->options.pulse = &pulse;
+    TRY(health_start(command->health.path, pulse_report, &pulse, &health));
+    result_t result = worker_run(&command->options, &stop_requested);
+    health_stop(&health);
+    return result;
+}
+
 int main(int argc, char **argv)
 {
     command_t command;
     result_t result = parse_arguments(argc, argv, &command);
-    if (result.code == RESULT_OK && !command.done) {
-        char *name = command.options.name ? mem_printf("worker %s", command.options.name)
-                                          : mem_printf("worker %d", (int)getpid());
-        log_init(name, command.level);
-        free(name);
-        catch_signals();
-        result = worker_run(&command.options, &stop_requested);
-    }
+    if (result.code == RESULT_OK && !command.done)
+        result = command.health.ask ? health_print(&command.health) : run(&command);
     if (result.code != RESULT_OK) fprintf(stderr, "lightmill-worker: %s\n", result.message);
     dial_keys_free(&command.options.keys);
     free(command.endpoint);

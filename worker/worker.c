@@ -81,6 +81,7 @@ static result_t run_threads(const worker_options_t *options, void *context, int 
                              .software = "lightmill-worker " LIGHTMILL_VERSION,
                              .local = options->local,
                              .grace = options->grace,
+                             .pulse = options->pulse,
                              .keys = options->keys};
     bulk_options_t bulk = {.context = context,
                            .crew = setup.crew,

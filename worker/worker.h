@@ -3,6 +3,7 @@
 #ifndef LIGHTMILL_WORKER_H
 #define LIGHTMILL_WORKER_H
 
+#include "common/health.h"
 #include "proto/dial.h"
 
 #include <stdatomic.h>
@@ -20,6 +21,7 @@ typedef struct {
     bool local;                   /* inproc: payloads are not compressed */
     dial_keys_t keys;             /* kept by the caller */
     double grace;                 /* seconds for leaving in order */
+    pulse_t *pulse;               /* of the control thread; kept by the caller; NULL: none */
     double patience;              /* seconds for an answer to a batch, on a connection that lives */
 } worker_options_t;
 

@@ -2,17 +2,17 @@
  * sample is lost, none is counted twice, and every image has the bits of an undisturbed render.
  *
  * DESIGN. This program starts a master, workers and a proxy, submits jobs one after the other as a user would
- * (ledger), and lets faults begin and end (faults), until its time is up. Then everything is healed, and the
+ * (docket), and lets faults begin and end (faults), until its time is up. Then everything is healed, and the
  * jobs that are open have to complete. The master is reached in four ways: by some workers directly, by some
- * through the proxy, by some through virtual cables of their own, and by the ledger's commands directly, so
+ * through the proxy, by some through virtual cables of their own, and by the docket's commands directly, so
  * that what they say is what the master says.
  *
  * Where the system allows, all of it runs in a network and on a small disk of its own, which are gone when
  * the program ends, however it ends. The list of faults follows from the seed; what they hit depends on the
  * moment, so the same seed is the same storm, though not the same wreck. */
 #include "tests/chaos/disk.h"
+#include "tests/chaos/docket.h"
 #include "tests/chaos/faults.h"
-#include "tests/chaos/ledger.h"
 #include "tests/chaos/process.h"
 #include "tests/scratch.h"
 
@@ -26,7 +26,7 @@
 #include <time.h>
 #include <unistd.h>
 
-enum { LINKS = 2, SITES = 2, DISK_MEGABYTES = 192 };
+enum { LINKS = 2, SITES = 2, RELAY_WORKERS = 2, DISK_MEGABYTES = 192 };
 static const char *const LINK_HOSTS[LINKS + 1] = {"127.0.1.1", "127.0.1.2", "127.0.1.3"};
 static const double TICK = 0.01;    /* seconds */
 static const double STORM = 0.9;    /* of a run's time, until all is healed */
@@ -66,7 +66,7 @@ typedef struct {
     passes_t passes;
     proxy_t *proxy;
     troupe_t troupe;
-    ledger_t *ledger;
+    docket_t *docket;
     faults_t *faults;
     unsigned master_starts;
 } chaos_t;
@@ -162,8 +162,8 @@ static int choose_port(const chaos_t *chaos)
     return chaos->separate ? TROUPE_PORT : 20000 + getpid() % 12000;
 }
 
-/* Two workers call the master directly, two through the proxy, and where there are cables, two through those;
- * two more join late. */
+/* One worker calls the master directly, two through the proxy, and where there are cables, two through those.
+ * Two are behind a relay, which goes through the proxy itself. Two more join late. */
 static void call_the_troupe(chaos_t *chaos)
 {
     troupe_t *troupe = &chaos->troupe;
@@ -182,12 +182,14 @@ static void call_the_troupe(chaos_t *chaos)
         exit(RESULT_IO);
     }
     troupe_init(troupe);
-    troupe_add_worker(troupe, troupe->listen, -1, -1, -1, false);
-    for (int i = 0; i < LINKS; i++) troupe_add_worker(troupe, LINK_HOSTS[i], -1, i, -1, false);
-    for (int i = 0; i < SITES && chaos->network; i++)
-        troupe_add_worker(troupe, NETWORK_HOST, network_site(chaos->network, (size_t)i), -1, i, false);
-    troupe_add_worker(troupe, troupe->listen, -1, -1, -1, true);
-    troupe_add_worker(troupe, LINK_HOSTS[0], -1, 0, -1, true);
+    troupe_add_worker(troupe, troupe->listen, -1, false);
+    for (size_t i = 0; i < LINKS; i++) troupe_add_worker(troupe, LINK_HOSTS[i], -1, false);
+    for (size_t i = 0; i < SITES && chaos->network; i++)
+        troupe_add_worker(troupe, NETWORK_HOST, network_site(chaos->network, i), false);
+    troupe_add_relay(troupe, LINK_HOSTS[LINKS - 1]);
+    for (size_t i = 0; i < RELAY_WORKERS; i++) troupe_add_relay_worker(troupe);
+    troupe_add_worker(troupe, troupe->listen, -1, true);
+    troupe_add_worker(troupe, LINK_HOSTS[0], -1, true);
 }
 
 static void begin(chaos_t *chaos)
@@ -195,7 +197,7 @@ static void begin(chaos_t *chaos)
     set_the_stage(chaos);
     call_the_troupe(chaos);
     chaos->master = mem_printf("%s:%d", chaos->troupe.listen, chaos->troupe.port);
-    chaos->ledger = ledger_new(&(ledger_setup_t){.report = &chaos->report,
+    chaos->docket = docket_new(&(docket_setup_t){.report = &chaos->report,
                                                  .folder = chaos->folder,
                                                  .master = chaos->master,
                                                  .passes = &chaos->passes,
@@ -227,9 +229,9 @@ static void tick(chaos_t *chaos, bool more)
     faults_tick(chaos->faults, more, TICK);
     double now = clock_now();
     troupe_tick(&chaos->troupe, now);
-    if (chaos->troupe.master.starts != chaos->master_starts) ledger_new_master(chaos->ledger);
+    if (chaos->troupe.master.starts != chaos->master_starts) docket_new_master(chaos->docket);
     chaos->master_starts = chaos->troupe.master.starts;
-    ledger_tick(chaos->ledger, now, more);
+    docket_tick(chaos->docket, now, more);
 }
 
 static void run(chaos_t *chaos)
@@ -240,7 +242,7 @@ static void run(chaos_t *chaos)
     troupe_heal(&chaos->troupe);
     report_line(&chaos->report, "all is healed; waiting for the open jobs");
     end = clock_now() + PATIENCE;
-    while (!ledger_settled(chaos->ledger) && may_go_on(chaos)) {
+    while (!docket_settled(chaos->docket) && may_go_on(chaos)) {
         tick(chaos, false);
         if (clock_now() < end) continue;
         report_violation(&chaos->report, "jobs have not completed %.0f s after all was healed", PATIENCE);
@@ -251,7 +253,7 @@ static void run(chaos_t *chaos)
 static void print_sums(chaos_t *chaos)
 {
     report_t *report = &chaos->report;
-    ledger_sum_t sum = ledger_sum(chaos->ledger);
+    docket_sum_t sum = docket_sum(chaos->docket);
     faults_print(chaos->faults);
     report_text(report,
                 "%6zu  jobs, %zu of them proved: same pixels, the account holds; the slowest took %.0f s",
@@ -296,7 +298,7 @@ static void keep_evidence(chaos_t *chaos)
 
 static void end(chaos_t *chaos, bool kept)
 {
-    ledger_free(&chaos->ledger);
+    docket_free(&chaos->docket);
     faults_free(&chaos->faults);
     troupe_free(&chaos->troupe);
     proxy_stop(&chaos->proxy);
@@ -316,7 +318,7 @@ int main(int argc, char **argv)
     begin(&chaos);
     run(&chaos);
     check_numbers(&chaos);
-    if (chaos.report.violations > 0) ledger_describe(chaos.ledger);
+    if (chaos.report.violations > 0) docket_describe(chaos.docket);
     print_sums(&chaos);
     size_t violations = chaos.report.violations;
     if (violations > 0)

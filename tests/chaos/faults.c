@@ -39,7 +39,8 @@ struct fault {
     char victim[80];
     /* What it works on. */
     troupe_worker_t *worker;
-    size_t index; /* of a link or a site */
+    member_t *member; /* the worker, the relay or the master */
+    size_t index;     /* of a link or a site */
     film_event_t event;
     unsigned done;
     errand_t client;
@@ -82,40 +83,80 @@ static double between_scales(double chance, double least, double most)
     return least * pow(most / least, chance);
 }
 
-/* ---- workers ------------------------------------------------------------------------------------------ */
+/* ---- workers and the relay
+ * ------------------------------------------------------------------------------------------ */
 
 static bool pick_worker(faults_t *faults, fault_t *fault)
 {
     fault->worker = troupe_pick_worker(faults->setup.troupe, fault->pick);
     if (fault->worker == NULL) return false;
-    victim(fault, "%s", fault->worker->member.name);
+    fault->member = &fault->worker->member;
+    victim(fault, "%s", fault->member->name);
     return true;
+}
+
+static bool pick_relay(faults_t *faults, fault_t *fault)
+{
+    fault->member = &faults->setup.troupe->relay;
+    return fault->member->process != 0 && !fault->member->busy && !fault->member->leaving;
+}
+
+static bool has_relay(const faults_t *faults)
+{
+    return faults->setup.troupe->relay_address != NULL;
+}
+
+static bool kill_member(faults_t *faults, fault_t *fault)
+{
+    return troupe_kill(faults->setup.troupe, fault->member, between(fault->chance[0], 0, 2));
+}
+
+static bool dismiss_member(faults_t *faults, fault_t *fault)
+{
+    return troupe_dismiss(faults->setup.troupe, fault->member, between(fault->chance[0], 0, 2));
+}
+
+static bool stop_member(fault_t *fault)
+{
+    fault->member->busy = true;
+    return troupe_stop(fault->member);
+}
+
+static void continue_member(faults_t *faults, fault_t *fault)
+{
+    (void)faults;
+    fault->member->busy = false;
+    troupe_continue(fault->member);
 }
 
 static bool kill_worker(faults_t *faults, fault_t *fault)
 {
-    return pick_worker(faults, fault) &&
-           troupe_kill(faults->setup.troupe, &fault->worker->member, between(fault->chance[0], 0, 2));
+    return pick_worker(faults, fault) && kill_member(faults, fault);
 }
 
 static bool dismiss_worker(faults_t *faults, fault_t *fault)
 {
-    return pick_worker(faults, fault) &&
-           troupe_dismiss(faults->setup.troupe, &fault->worker->member, between(fault->chance[0], 0, 2));
+    return pick_worker(faults, fault) && dismiss_member(faults, fault);
 }
 
 static bool stop_worker(faults_t *faults, fault_t *fault)
 {
-    if (!pick_worker(faults, fault)) return false;
-    fault->worker->member.busy = true;
-    return troupe_stop(&fault->worker->member);
+    return pick_worker(faults, fault) && stop_member(fault);
 }
 
-static void continue_worker(faults_t *faults, fault_t *fault)
+static bool kill_relay(faults_t *faults, fault_t *fault)
 {
-    (void)faults;
-    fault->worker->member.busy = false;
-    troupe_continue(&fault->worker->member);
+    return pick_relay(faults, fault) && kill_member(faults, fault);
+}
+
+static bool dismiss_relay(faults_t *faults, fault_t *fault)
+{
+    return pick_relay(faults, fault) && dismiss_member(faults, fault);
+}
+
+static bool stop_relay(faults_t *faults, fault_t *fault)
+{
+    return pick_relay(faults, fault) && stop_member(fault);
 }
 
 static bool freeze_worker(faults_t *faults, fault_t *fault)
@@ -225,18 +266,8 @@ static bool dismiss_master(faults_t *faults, fault_t *fault)
 
 static bool stop_master(faults_t *faults, fault_t *fault)
 {
-    (void)fault;
-    member_t *master = &faults->setup.troupe->master;
-    if (master->busy || master->leaving || !troupe_stop(master)) return false;
-    master->busy = true;
-    return true;
-}
-
-static void continue_master(faults_t *faults, fault_t *fault)
-{
-    (void)fault;
-    faults->setup.troupe->master.busy = false;
-    troupe_continue(&faults->setup.troupe->master);
+    fault->member = &faults->setup.troupe->master;
+    return !fault->member->busy && !fault->member->leaving && stop_member(fault);
 }
 
 /* ---- clocks, the disk, clients ------------------------------------------------------------------------ */
@@ -477,12 +508,16 @@ static const kind_t KINDS[] = {
     {"kill master after a checkpoint", 2, 5, 5, wait_for_end, wait_no_more, NULL, 0},
     {"kill master twice", 2, 0.02, 0.6, kill_master_twice, kill_master_again, NULL, 0},
     {"end master", 1, 0, 0, dismiss_master, NULL, NULL, 0},
-    {"stop master, short", 2, 0.1, 1.2, stop_master, continue_master, NULL, 0},
-    {"stop master, long", 1, 2, 4, stop_master, continue_master, NULL, 0},
-    {"stop worker, short", 2, 0.1, 1.2, stop_worker, continue_worker, NULL, 0},
-    {"stop worker, long", 3, 2, 6, stop_worker, continue_worker, NULL, 0},
+    {"stop master, short", 2, 0.1, 1.2, stop_master, continue_member, NULL, 0},
+    {"stop master, long", 1, 2, 4, stop_master, continue_member, NULL, 0},
+    {"stop worker, short", 2, 0.1, 1.2, stop_worker, continue_member, NULL, 0},
+    {"stop worker, long", 3, 2, 6, stop_worker, continue_member, NULL, 0},
     {"stop worker for ever", 1, 0, 0, freeze_worker, NULL, NULL, 0},
     {"end worker", 2, 0, 0, dismiss_worker, NULL, NULL, 0},
+    {"kill relay", 2, 0, 0, kill_relay, NULL, has_relay, 0},
+    {"stop relay, short", 1, 0.1, 1.2, stop_relay, continue_member, has_relay, 0},
+    {"stop relay, long", 1, 2, 6, stop_relay, continue_member, has_relay, 0},
+    {"end relay", 1, 0, 0, dismiss_relay, NULL, has_relay, 0},
     {"late worker", 1, 2, 15, start_late_worker, dismiss_late_worker, NULL, 0},
     {"jump clock", 3, 0, 0, jump_clock, NULL, has_worlds, 0},
     {"fill disk", 2, 1, 5, fill_disk, free_disk, can_fill, 0},

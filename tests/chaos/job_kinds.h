@@ -10,7 +10,7 @@ typedef struct {
     const char
         *options[12];      /* of submit and render: what the image depends on, but the seed and the samples */
     const char *terms[6];  /* of submit alone */
-    unsigned spp;          /* samples a pixel, */
+    unsigned spp;          /* samples a pixel; 0: the options say when it ends, */
     unsigned extended_spp; /* and to so many it is extended when it is done; 0: it is not */
     bool paused;           /* it is paused and resumed on the way */
 } job_kind_t;
@@ -43,6 +43,8 @@ static const job_kind_t JOB_KIND_LIST[] = {
      .spp = 200,
      .options = {"scenes/lights-delta", "--resolution", "64x64"},
      .terms = {"--verify", "10%"}},
+    {.name = "error", .options = {"scenes/cornell", "--resolution", "48x48", "--error", "0.03"}},
+    {.name = "adaptive", .spp = 200, .options = {"scenes/caustic", "--resolution", "64x64", "--adaptive"}},
     {.name = "paused",
      .spp = 200,
      .options = {"scenes/seed-diffuse", "--resolution", "64x64"},

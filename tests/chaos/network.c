@@ -42,12 +42,22 @@ static bool write_text(const char *path, const char *text)
     return written;
 }
 
+static void stuck(const char *what)
+{
+    fprintf(stderr, "chaos: in a network of its own, and stuck there: %s: %s\n", what, strerror(errno));
+    exit(RESULT_IO);
+}
+
 static bool separate_as_user(void)
 {
-    char map[60];
-    snprintf(map, sizeof map, "0 %u 1", geteuid());
+    char users[60], groups[60];
+    snprintf(users, sizeof users, "0 %u 1", geteuid());
+    snprintf(groups, sizeof groups, "0 %u 1", getegid());
     if (unshare(CLONE_NEWUSER | CLONE_NEWNET | CLONE_NEWNS) != 0) return false;
-    return write_text("/proc/self/uid_map", map);
+    if (!write_text("/proc/self/uid_map", users) || !write_text("/proc/self/setgroups", "deny") ||
+        !write_text("/proc/self/gid_map", groups))
+        stuck("its users");
+    return true;
 }
 
 static bool raise_loopback(void)
@@ -63,10 +73,8 @@ result_t network_separate(void)
 {
     bool separate = unshare(CLONE_NEWNET | CLONE_NEWNS) == 0 || separate_as_user();
     if (!separate) return result_fail(RESULT_MISMATCH, "no network of its own: %s", strerror(errno));
-    if (mount("none", "/", NULL, MS_REC | MS_PRIVATE, NULL) != 0 || !raise_loopback()) {
-        fprintf(stderr, "chaos: in a network of its own, and stuck there: %s\n", strerror(errno));
-        exit(RESULT_IO);
-    }
+    if (mount("none", "/", NULL, MS_REC | MS_PRIVATE, NULL) != 0) stuck("its mounts");
+    if (!raise_loopback()) stuck("its loopback");
     return result_ok();
 }
 

@@ -11,48 +11,66 @@
 
 passes_t passes_open(void)
 {
-    return (passes_t){.master = {"--insecure"}, .worker = {"--insecure"}, .client = {"--insecure"}};
+    return (passes_t){.master = {"--insecure"},
+                      .worker = {"--insecure"},
+                      .client = {"--insecure"},
+                      .relay = {"--insecure"},
+                      .relay_worker = {"--insecure"}};
 }
 
-/* The line for the list, "worker KEY NAME", among what keygen says. */
-static void add_to_list(FILE *list, const char *name, char *said)
+/* The line for the list, "RIGHT KEY NAME", among what keygen says. */
+static void add_to_list(FILE *list, const char *right, char *said)
 {
     for (char *line; (line = strsep(&said, "\n")) != NULL;)
-        if (strncmp(line, name, strlen(name)) == 0) fprintf(list, "%s\n", line);
+        if (strncmp(line, right, strlen(right)) == 0) fprintf(list, "%s\n", line);
 }
 
-static result_t make_key(const char *folder, const char *name, FILE *list)
+/* Runs `lightmill keygen`; what it prints is the line for the list. */
+static result_t make_key(const char *folder, const char *name, const char *right, FILE *list)
 {
     errand_t errand = {0};
     errand_state_t state;
     char *output = mem_printf("%s/%s.log", folder, name);
-    errand_start(&errand, output, (const char *[]){"keygen", name, "--out", folder, NULL}, false);
+    errand_start(&errand, output,
+                 (const char *[]){"keygen", name, "--out", folder, right ? "--right" : NULL, right, NULL},
+                 false);
     while ((state = errand_poll(&errand, clock_now(), 60)) == ERRAND_RUNS) usleep(1000);
     char *said = errand_said(&errand);
     result_t result = result_ok();
     if (state != ERRAND_DONE)
         result = result_fail(RESULT_IO, "no key for %s: %.300s", name, said);
     else if (list)
-        add_to_list(list, name, said);
+        add_to_list(list, right, said);
     free(said);
     free(output);
     errand_end(&errand);
     return result;
 }
 
+static result_t make_keys(const char *folder, FILE *list)
+{
+    TRY(make_key(folder, "master", NULL, NULL));
+    TRY(make_key(folder, "worker", "worker", list));
+    TRY(make_key(folder, "relay", "worker", list));
+    return make_key(folder, "client", "client", list);
+}
+
 result_t passes_with_keys(const char *folder, passes_t *passes)
 {
-    char *allow = mem_printf("%s/allow", folder), *master = mem_printf("%s/master.secret", folder);
-    char *public = mem_printf("%s/master.key", folder);
+    char *allow = mem_printf("%s/allow", folder);
     mkdir(folder, 0700);
-    TRY(make_key(folder, "master", NULL));
     FILE *list = fopen(allow, "we");
     if (list == NULL) return result_fail(RESULT_IO, "%s cannot be written", allow);
-    result_t result = make_key(folder, "worker", list);
-    if (result.code == RESULT_OK) result = make_key(folder, "client", list);
+    result_t result = make_keys(folder, list);
     fclose(list);
-    *passes = (passes_t){.master = {"--key", master, "--allow", allow},
-                         .worker = {"--key", mem_printf("%s/worker.secret", folder), "--master-key", public},
-                         .client = {"--key", mem_printf("%s/client.secret", folder), "--master-key", public}};
+    const char *master = mem_printf("%s/master.key", folder),
+               *worker = mem_printf("%s/worker.secret", folder);
+    const char *relay = mem_printf("%s/relay.secret", folder);
+    *passes =
+        (passes_t){.master = {"--key", mem_printf("%s/master.secret", folder), "--allow", allow},
+                   .worker = {"--key", worker, "--master-key", master},
+                   .client = {"--key", mem_printf("%s/client.secret", folder), "--master-key", master},
+                   .relay = {"--key", relay, "--master-key", master, "--allow", allow},
+                   .relay_worker = {"--key", worker, "--master-key", mem_printf("%s/relay.key", folder)}};
     return result;
 }

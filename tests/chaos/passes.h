@@ -9,6 +9,7 @@ enum { PASS_WORDS = 6 };
 /* Options for the command lines, NULL-terminated. */
 typedef struct {
     const char *master[PASS_WORDS], *worker[PASS_WORDS], *client[PASS_WORDS];
+    const char *relay[PASS_WORDS + 2], *relay_worker[PASS_WORDS]; /* and of workers behind it */
 } passes_t;
 
 /* Everything is open. */

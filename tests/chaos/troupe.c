@@ -64,14 +64,29 @@ void troupe_start_worker(troupe_t *troupe, troupe_worker_t *worker)
     words_t words = {0};
     WORDS_ADD(&words, worker->address, "--threads", "1", "--cache", worker->cache, "--name",
               worker->member.name, "--verbose");
-    words_add_all(&words, troupe->passes->worker);
+    words_add_all(&words, worker->passes);
     launch(troupe, &worker->member, troupe->worker_program, worker->network, words.list);
+}
+
+static void start_relay(troupe_t *troupe)
+{
+    char *listen = mem_printf("%s:%d", troupe->listen, troupe->port + TROUPE_RELAY_PORT);
+    char *lease = mem_printf("%g", troupe->lease), *data = mem_printf("%s/relay", troupe->folder);
+    words_t words = {0};
+    WORDS_ADD(&words, troupe->relay_address, "--listen", listen, "--data", data, "--heartbeat", HEARTBEAT,
+              "--lease", lease, "--batch-interval", BATCH_INTERVAL, "--name", "relay", "--verbose");
+    words_add_all(&words, troupe->passes->relay);
+    launch(troupe, &troupe->relay, troupe->relay_program, -1, words.list);
+    free(listen);
+    free(lease);
+    free(data);
 }
 
 void troupe_init(troupe_t *troupe)
 {
     troupe->master_program = process_program("lightmill-master");
     troupe->worker_program = process_program("lightmill-worker");
+    troupe->relay_program = process_program("lightmill-relay");
     troupe->now = clock_now();
     member_init(troupe, &troupe->master, "master");
     start_master(troupe);
@@ -80,6 +95,9 @@ void troupe_init(troupe_t *troupe)
 void troupe_free(troupe_t *troupe)
 {
     member_free(&troupe->master);
+    member_free(&troupe->relay);
+    free(troupe->relay_address);
+    free(troupe->relay_program);
     for (size_t i = 0; i < troupe->frozen_count; i++) process_kill(troupe->frozen[i]);
     for (size_t i = 0; i < troupe->worker_count; i++) {
         member_free(&troupe->workers[i].member);
@@ -90,18 +108,36 @@ void troupe_free(troupe_t *troupe)
     free(troupe->worker_program);
 }
 
-troupe_worker_t *troupe_add_worker(troupe_t *troupe, const char *host, int network, int link, int site,
-                                   bool later)
+static troupe_worker_t *add_worker(troupe_t *troupe, char *address, int network, const char *const *passes)
 {
     troupe_worker_t *worker = &troupe->workers[troupe->worker_count];
     char *name = mem_printf("worker-%zu", troupe->worker_count++);
-    *worker = (troupe_worker_t){.network = network, .link = link, .site = site};
+    *worker = (troupe_worker_t){.network = network, .address = address, .passes = passes};
     member_init(troupe, &worker->member, name);
-    worker->address = mem_printf("%s:%d", host, troupe->port);
     worker->cache = mem_printf("%s/cache-%s", troupe->folder, name);
     free(name);
+    return worker;
+}
+
+troupe_worker_t *troupe_add_worker(troupe_t *troupe, const char *host, int network, bool later)
+{
+    char *address = mem_printf("%s:%d", host, troupe->port);
+    troupe_worker_t *worker = add_worker(troupe, address, network, troupe->passes->worker);
     if (!later) troupe_start_worker(troupe, worker);
     return worker;
+}
+
+void troupe_add_relay(troupe_t *troupe, const char *host)
+{
+    member_init(troupe, &troupe->relay, "relay");
+    troupe->relay_address = mem_printf("%s:%d", host, troupe->port);
+    start_relay(troupe);
+}
+
+void troupe_add_relay_worker(troupe_t *troupe)
+{
+    char *address = mem_printf("%s:%d", troupe->listen, troupe->port + TROUPE_RELAY_PORT);
+    troupe_start_worker(troupe, add_worker(troupe, address, -1, troupe->passes->relay_worker));
 }
 
 /* ---- watching ----------------------------------------------------------------------------------------- */
@@ -139,6 +175,9 @@ void troupe_tick(troupe_t *troupe, double now)
 {
     troupe->now = now;
     watch(troupe, &troupe->master);
+    watch(troupe, &troupe->relay);
+    if (troupe->relay_address && troupe->relay.process == 0 && now >= troupe->relay.back_at)
+        start_relay(troupe);
     if (troupe->master.process == 0 && now >= troupe->master.back_at) start_master(troupe);
     for (size_t i = 0; i < troupe->worker_count; i++) {
         troupe_worker_t *worker = &troupe->workers[i];
@@ -216,6 +255,7 @@ static void heal(troupe_t *troupe, member_t *member)
 void troupe_heal(troupe_t *troupe)
 {
     heal(troupe, &troupe->master);
+    if (troupe->relay_address) heal(troupe, &troupe->relay);
     for (size_t i = 0; i < troupe->worker_count; i++) heal(troupe, &troupe->workers[i].member);
 }
 
@@ -234,5 +274,6 @@ static void check_log(troupe_t *troupe, const member_t *member)
 void troupe_check_logs(troupe_t *troupe)
 {
     check_log(troupe, &troupe->master);
+    if (troupe->relay_address) check_log(troupe, &troupe->relay);
     for (size_t i = 0; i < troupe->worker_count; i++) check_log(troupe, &troupe->workers[i].member);
 }

@@ -1,5 +1,5 @@
-/* troupe: the master and the workers of a run: real processes, started again when a fault has ended them. One
- * that ends by itself is a violation. */
+/* troupe: the master, the relay and the workers of a run: real processes, started again when a fault has
+ * ended them. One that ends by itself is a violation. */
 #ifndef LIGHTMILL_CHAOS_TROUPE_H
 #define LIGHTMILL_CHAOS_TROUPE_H
 
@@ -11,7 +11,7 @@
 #include <stdbool.h>
 #include <sys/types.h>
 
-enum { TROUPE_MAX_WORKERS = 10, TROUPE_MAX_FROZEN = 4, TROUPE_PORT = 7420 };
+enum { TROUPE_MAX_WORKERS = 12, TROUPE_MAX_FROZEN = 4, TROUPE_RELAY_PORT = 10, TROUPE_PORT = 7420 };
 
 /* Any process of the troupe. */
 typedef struct {
@@ -31,9 +31,8 @@ typedef struct {
     member_t member;
     char *address; /* of the master, as this worker sees it */
     char *cache;
-    int network; /* namespace; -1: the driver's */
-    int link;    /* of the proxy; -1: none */
-    int site;    /* of the network; -1: none */
+    int network;               /* namespace; -1: the driver's */
+    const char *const *passes; /* what it shows */
 } troupe_worker_t;
 
 typedef struct {
@@ -46,8 +45,9 @@ typedef struct {
     int port;
     double lease;
     /* Made by troupe_new. */
-    char *master_program, *worker_program;
-    member_t master;
+    char *master_program, *worker_program, *relay_program;
+    member_t master, relay;
+    char *relay_address; /* of the master, as the relay sees it; NULL: there is no relay */
     troupe_worker_t workers[TROUPE_MAX_WORKERS];
     size_t worker_count;
     bool disk_full; /* a master that does not come up is forgiven */
@@ -62,8 +62,11 @@ void troupe_init(troupe_t *troupe);
 /* Kills everyone. */
 void troupe_free(troupe_t *troupe);
 /* Adds a worker, which is started at once or (`later`) by troupe_start_worker. */
-troupe_worker_t *troupe_add_worker(troupe_t *troupe, const char *host, int network, int link, int site,
-                                   bool later);
+troupe_worker_t *troupe_add_worker(troupe_t *troupe, const char *host, int network, bool later);
+/* Starts the relay, which dials the master at `host` and listens TROUPE_RELAY_PORT ports above it. */
+void troupe_add_relay(troupe_t *troupe, const char *host);
+/* Adds a worker behind the relay. */
+void troupe_add_relay_worker(troupe_t *troupe);
 void troupe_start_worker(troupe_t *troupe, troupe_worker_t *worker);
 /* Starts whoever is due; notices who has ended. */
 void troupe_tick(troupe_t *troupe, double now);

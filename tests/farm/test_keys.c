@@ -421,11 +421,16 @@ static void the_commands_work_with_keys(void **state)
     char *secret = scratch_path(rig->keys, "client.secret"), *open = scratch_path(rig->keys, "master.key");
     assert_int_equal(
         rig_run(rig, (const char *[]){"submit", "scenes/seed-hidden", "--wait", "--quiet", "--resolution",
-                                      "64x64", "--spp", "384", "--seed", "7", "-o", image, "--master",
+                                      "64x64", "--spp", RIG_SPP, "--seed", "7", "-o", image, "--master",
                                       address, "--key", secret, "--master-key", open, NULL}),
         0);
     hash_t hash = rig_file_hash(image);
     assert_true(hash_equal(&hash, &reference));
+    wire_message_t message;
+    assert_int_equal(remote_workers(rig->remote, &message).code, RESULT_OK);
+    assert_int_equal(message.envelope->worker_list->n_workers, 2);
+    assert_string_equal(message.envelope->worker_list->workers[0]->key, "farm"); /* as the list calls it */
+    wire_free(&message);
     free(address);
     free(image);
     free(secret);

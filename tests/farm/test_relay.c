@@ -238,7 +238,7 @@ static void relays_vouch_for_one_another(void **state)
     rig_wait_workers(rig, 2);
     job_settings_t settings = rig_settings();
     job_terms_t terms = {.name = "verified", .verify = 0.3};
-    uint64_t job = rig_submit_on(rig, &terms, &settings), passed, failed;
+    uint64_t job = rig_submit_on(rig, &settings, &terms), passed, failed;
     assert_reference(rig, job);
     wire_message_t message;
     assert_int_equal(remote_status(rig->remote, job, &message).code, RESULT_OK);

@@ -10,14 +10,18 @@
 #include "common/scene_blob.h"
 
 /* The targets. They return 0, as libFuzzer wants it. */
+int fuzz_allow_list(const uint8_t *data, size_t size);
 int fuzz_blob(const uint8_t *data, size_t size);
 int fuzz_checkpoint(const uint8_t *data, size_t size);
 int fuzz_gltf(const uint8_t *data, size_t size);
+int fuzz_payload(const uint8_t *data, size_t size);
 int fuzz_pbrt(const uint8_t *data, size_t size);
 int fuzz_ply(const uint8_t *data, size_t size);
 int fuzz_render(const uint8_t *data, size_t size);
 int fuzz_spectrum(const uint8_t *data, size_t size);
+int fuzz_spool(const uint8_t *data, size_t size);
 int fuzz_texture_image(const uint8_t *data, size_t size);
+int fuzz_wire(const uint8_t *data, size_t size);
 
 /* The path of a file in a folder of this process's own, which holds copies of tests/fuzz/assets and goes when
  * the process exits. Valid until the next call. */

@@ -22,7 +22,7 @@ limit() {
     case $1 in
     blob | render) echo 32768 ;;
     gltf) echo 16384 ;;
-    texture_image) echo 16384 ;;
+    texture_image | checkpoint) echo 16384 ;;
     *) echo 8192 ;;
     esac
 }

@@ -105,14 +105,29 @@ static pid_t start(const sim_t *sim, const char *program, char *line)
     return process;
 }
 
-static void end_process(pid_t process)
+/* Ends a process kindly; what it had to say is copied to stderr unless it ends well. */
+static result_t end_process(const sim_t *sim, pid_t process, const char *program)
 {
-    if (process <= 0) return;
+    int status = 0;
+    pid_t ended = 0;
+    if (process <= 0) return result_ok();
     kill(process, SIGTERM);
-    for (double deadline = clock_now() + PATIENCE; clock_now() < deadline; usleep(10000))
-        if (waitpid(process, NULL, WNOHANG) != 0) return;
-    kill(process, SIGKILL);
-    waitpid(process, NULL, 0);
+    for (double deadline = clock_now() + PATIENCE; ended == 0 && clock_now() < deadline; usleep(10000))
+        ended = waitpid(process, &status, WNOHANG);
+    if (ended == process && WIFEXITED(status) && WEXITSTATUS(status) == 0) return result_ok();
+    if (ended == 0) {
+        kill(process, SIGKILL);
+        waitpid(process, &status, 0);
+    }
+    char *path = mem_printf("%s/%s.log", sim->folder, program);
+    uint8_t *text;
+    size_t size;
+    if (file_read(path, 1 << 24, &text, &size).code == RESULT_OK) {
+        fwrite(text, 1, size, stderr);
+        free(text);
+    }
+    free(path);
+    return result_fail(RESULT_IO, "%s ended badly (status %d)", program, status);
 }
 
 /* Every worker has two connections. */
@@ -226,17 +241,23 @@ static int remove_entry(const char *path, const struct stat *status, int type, s
     return remove(path);
 }
 
-static void tear_down(sim_t *sim)
+static result_t tear_down(sim_t *sim)
 {
     crowd_report_t last;
+    result_t result = result_ok();
     if (sim->crowd != NULL) crowd_stop(&sim->crowd, 0, &last);
     if (sim->remote != NULL) remote_close(&sim->remote);
-    for (int i = 0; i < sim->options->relays; i++) end_process(sim->relays[i]);
-    end_process(sim->master);
+    for (int i = 0; i < sim->options->relays; i++) {
+        result_t ended = end_process(sim, sim->relays[i], "lightmill-relay");
+        if (ended.code != RESULT_OK) result = ended;
+    }
+    result_t ended = end_process(sim, sim->master, "lightmill-master");
+    if (ended.code != RESULT_OK) result = ended;
     prepared_destroy(&sim->prepared);
     if (sim->folder != NULL) nftw(sim->folder, remove_entry, 16, FTW_DEPTH | FTW_PHYS);
     free(sim->folder);
     free(sim->bin);
+    return result;
 }
 
 /* ---- measuring ----------------------------------------------------------------------------------------- */
@@ -401,6 +422,6 @@ result_t sim_run(const sim_options_t *options, sim_report_t *report)
         measure(&sim);
         result = settle_accounts(&sim);
     }
-    tear_down(&sim);
-    return result;
+    result_t ended = tear_down(&sim);
+    return result.code == RESULT_OK ? ended : result;
 }

@@ -62,7 +62,7 @@ static void assert_same_film(const film_t *a, const film_t *b)
     assert_memory_equal(&a->counts, &b->counts, sizeof a->counts);
 }
 
-/* The film that canvas_merge of these batches must make. */
+/* The film that merging these batches must make. */
 static film_t *film_of(const batch_t *batches, size_t count)
 {
     film_t *film;
@@ -112,6 +112,16 @@ static void close_all(zmq_msg_t payload[BATCH_PAYLOADS])
     for (int i = 0; i < BATCH_PAYLOADS; i++) zmq_msg_close(&payload[i]);
 }
 
+static void merge_one(canvas_t *canvas, const batch_t *batch, int sign)
+{
+    zmq_msg_t payload[BATCH_PAYLOADS];
+    assert_int_equal(payload_encode(batch, true, payload).code, RESULT_OK);
+    canvas_enter(canvas);
+    assert_int_equal(canvas_merge_payload(canvas, payload, batch, NULL, sign).code, RESULT_OK);
+    canvas_leave(canvas);
+    close_all(payload);
+}
+
 static void pages_cover_the_film(void **state)
 {
     (void)state;
@@ -144,19 +154,15 @@ static void merging_makes_the_film(void **state)
     batch_t batches[6];
     for (uint32_t i = 0; i < 6; i++) batches[i] = batch_of(&settings, i % 3, 3 * (i / 3), i + 1);
     film_t *film = film_of(batches, 6);
-    for (int way = 0; way < 3; way++) {
+    for (int compress = 0; compress < 2; compress++) {
         canvas_t *canvas = canvas_of(&settings);
         for (size_t i = 0; i < 6; i++) {
+            zmq_msg_t payload[BATCH_PAYLOADS];
+            assert_int_equal(payload_encode(&batches[i], compress, payload).code, RESULT_OK);
             canvas_enter(canvas);
-            if (way == 2) {
-                canvas_merge(canvas, &batches[i], NULL, 1);
-            } else {
-                zmq_msg_t payload[BATCH_PAYLOADS];
-                assert_int_equal(payload_encode(&batches[i], way, payload).code, RESULT_OK);
-                assert_int_equal(canvas_merge_payload(canvas, payload, &batches[i], NULL, 1).code, RESULT_OK);
-                close_all(payload);
-            }
+            assert_int_equal(canvas_merge_payload(canvas, payload, &batches[i], NULL, 1).code, RESULT_OK);
             canvas_leave(canvas);
+            close_all(payload);
         }
         film_counts_t counts = canvas_counts(canvas);
         assert_memory_equal(&counts, &film->counts, sizeof counts);
@@ -187,15 +193,12 @@ static void eye_sums_and_samples_are_weighted(void **state)
                 for (int x = rect.x0; x < rect.x1; x++)
                     film->samples[(half * settings.height + y) * settings.width + x] *= weights[i];
     }
-    for (int compress = 0; compress < 3; compress++) {
+    for (int compress = 0; compress < 2; compress++) {
         canvas_t *canvas = canvas_of(&settings);
         zmq_msg_t payload[BATCH_PAYLOADS];
-        assert_int_equal(payload_encode(&batch, compress > 0, payload).code, RESULT_OK);
+        assert_int_equal(payload_encode(&batch, compress, payload).code, RESULT_OK);
         canvas_enter(canvas);
-        if (compress == 2)
-            canvas_merge(canvas, &batch, weights, 1);
-        else
-            assert_int_equal(canvas_merge_payload(canvas, payload, &batch, weights, 1).code, RESULT_OK);
+        assert_int_equal(canvas_merge_payload(canvas, payload, &batch, weights, 1).code, RESULT_OK);
         canvas_leave(canvas);
         assert_canvas_is(canvas, film);
         canvas_enter(canvas);
@@ -236,9 +239,7 @@ static void damaged_batches_leave_no_trace(void **state)
     batch_t before = batch_of(&settings, 1, 0, 2), batch = batch_of(&settings, 0, 0, 3);
     film_t *film = film_of(&before, 1);
     canvas_t *canvas = canvas_of(&settings);
-    canvas_enter(canvas);
-    canvas_merge(canvas, &before, NULL, 1);
-    canvas_leave(canvas);
+    merge_one(canvas, &before, 1);
     uint64_t random = 1;
     int refused = 0, rounds = 60;
     for (int i = 0; i < rounds; i++) {
@@ -338,16 +339,6 @@ static void impossible_features_are_refused(void **state)
 }
 
 /* ---- snapshots ----------------------------------------------------------------------------------------- */
-
-static void merge_one(canvas_t *canvas, const batch_t *batch, int sign)
-{
-    zmq_msg_t payload[BATCH_PAYLOADS];
-    assert_int_equal(payload_encode(batch, true, payload).code, RESULT_OK);
-    canvas_enter(canvas);
-    assert_int_equal(canvas_merge_payload(canvas, payload, batch, NULL, sign).code, RESULT_OK);
-    canvas_leave(canvas);
-    close_all(payload);
-}
 
 static void a_snapshot_stays_as_it_was(void **state)
 {

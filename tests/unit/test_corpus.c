@@ -72,6 +72,12 @@ static void test_ply(void **state)
     assert_true(run_seeds("ply", fuzz_ply) > 0);
 }
 
+static void test_spool(void **state)
+{
+    (void)state;
+    assert_true(run_seeds("spool", fuzz_spool) > 0);
+}
+
 static void test_spectrum(void **state)
 {
     (void)state;
@@ -82,6 +88,24 @@ static void test_texture_image(void **state)
 {
     (void)state;
     assert_true(run_seeds("texture_image", fuzz_texture_image) > 0);
+}
+
+static void test_wire(void **state)
+{
+    (void)state;
+    assert_true(run_seeds("wire", fuzz_wire) > 0);
+}
+
+static void test_payload(void **state)
+{
+    (void)state;
+    assert_true(run_seeds("payload", fuzz_payload) > 0);
+}
+
+static void test_allow_list(void **state)
+{
+    (void)state;
+    assert_true(run_seeds("allow_list", fuzz_allow_list) > 0);
 }
 
 static void test_checkpoint(void **state)
@@ -97,6 +121,8 @@ int main(void)
         cmocka_unit_test(test_pbrt),          cmocka_unit_test(test_gltf),
         cmocka_unit_test(test_ply),           cmocka_unit_test(test_spectrum),
         cmocka_unit_test(test_texture_image), cmocka_unit_test(test_checkpoint),
+        cmocka_unit_test(test_wire),          cmocka_unit_test(test_payload),
+        cmocka_unit_test(test_allow_list),    cmocka_unit_test(test_spool),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

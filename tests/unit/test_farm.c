@@ -3,6 +3,7 @@
 
 #include <setjmp.h>
 #include <stdarg.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -130,7 +131,9 @@ static void jobs_wait_for_memory(void **state)
 /* A worker comes, takes what there is of a job and says that it cannot render it. */
 static void come_and_decline(farm_t *farm, double now, uint64_t job)
 {
-    uint64_t worker = hello(farm, now);
+    char name[20];
+    snprintf(name, sizeof name, "poor-%g", now);
+    uint64_t worker = toy_join(farm, now, name, 1, 0);
     unit_t unit;
     assert_true(take(farm, now, worker, &unit));
     farm_goodbye(farm, now, worker, job, "no memory");

@@ -462,6 +462,147 @@ static void features_resolve_to_means(void **state)
     film_destroy(&film);
 }
 
+/* ---- weights ------------------------------------------------------------------------------------------- */
+
+static void sums_are_added_with_a_factor(void **state)
+{
+    (void)state;
+    const int64_t top = (INT64_C(1) << 62) - 1;
+    const struct {
+        int64_t sum, more;
+        int factor;
+        bool fits;
+    } cases[] = {{5, 7, 1, true},
+                 {5, 7, 16, true},
+                 {5, 7, -3, true},
+                 {top - 16, 1, 16, true},
+                 {top - 15, 1, 16, false},
+                 {-top, top, 1, true},
+                 {-top, 1, -1, false},
+                 {1 - top, 1, -1, true},
+                 {0, top / 16, 16, true},
+                 {0, top / 16 + 1, 16, false},
+                 {0, -top / 16 - 1, 16, false},
+                 {0, -top / 16, -16, true},
+                 {0, INT64_MAX, 2, false},
+                 {0, INT64_MIN, 16, false},
+                 {0, INT64_MIN, -1, false},
+                 {0, INT64_C(1) << 60, 16, false},
+                 {0, INT64_C(1) << 62, 4, false},
+                 {top, top, 1, false},
+                 {INT64_MAX, 1, 1, false},
+                 {INT64_MIN, -1, 1, false}};
+    /* Each at every place of a longer run: vectors and their rests. */
+    for (size_t i = 0; i < ARRAY_LENGTH(cases); i++)
+        for (size_t place = 0; place < 11; place++) {
+            int64_t sum[11], more[11];
+            for (size_t k = 0; k < 11; k++) {
+                sum[k] = k == place ? cases[i].sum : (int64_t)k;
+                more[k] = k == place ? cases[i].more : -(int64_t)k;
+            }
+            assert_int_equal(film_add_sums(sum, more, 11, cases[i].factor), !cases[i].fits);
+            for (size_t k = 0; k < 11; k++) {
+                int64_t expected = (int64_t)k - (int64_t)k * cases[i].factor;
+                if (k == place) expected = cases[i].sum;
+                if (k == place && cases[i].fits) expected += cases[i].more * cases[i].factor;
+                assert_int_equal(sum[k], expected);
+            }
+        }
+}
+
+/* A batch of some units of the job. */
+static void render_batch(const job_settings_t *settings, const unit_t *units, size_t count, batch_t *batch)
+{
+    unit_result_t result = {0};
+    batch_init(batch, settings);
+    for (size_t i = 0; i < count; i++) {
+        render_unit(settings, &units[i], &result);
+        batch_add(batch, &result);
+    }
+    unit_result_free(&result);
+}
+
+/* Samples that weigh w are as good as the same samples w times, in everything that belongs to pixels; splats
+ * and features count once. And all of it can be taken out again. */
+static void weights_are_repetitions(void **state)
+{
+    (void)state;
+    job_settings_t settings = small_job();
+    const unit_t units[] = {{0, 0, 3}, {4, 1, 2}, {0, 3, 4}};
+    const uint32_t weights[] = {5, 1, 16};
+    film_t *weighted, *repeated, *empty;
+    batch_t batch, one;
+    assert_int_equal(film_new(&settings, &weighted).code, RESULT_OK);
+    assert_int_equal(film_new(&settings, &repeated).code, RESULT_OK);
+    assert_int_equal(film_new(&settings, &empty).code, RESULT_OK);
+    render_batch(&settings, units, 3, &batch);
+    film_merge_weighted(weighted, &batch, weights, 1);
+    for (size_t i = 0; i < 3; i++)
+        for (uint32_t k = 0; k < weights[i]; k++) {
+            render_batch(&settings, &units[i], 1, &one);
+            film_merge(repeated, &one);
+            batch_free(&one);
+        }
+    size_t sums = batch_splat_values(&settings);
+    assert_memory_equal(weighted->eye, repeated->eye, sums * sizeof(int64_t));
+    assert_memory_equal(weighted->samples, repeated->samples, sums / 3 * sizeof(uint32_t));
+    assert_memory_equal(weighted->splat, batch.splat, sums * sizeof(int64_t));
+    assert_int_equal(weighted->counts.light_paths[0], batch.counts.light_paths[0]);
+    film_merge_weighted(repeated, &batch, NULL, 1);
+    film_merge_weighted(repeated, &batch, NULL, -1);
+    assert_memory_equal(weighted->eye, repeated->eye, sums * sizeof(int64_t));
+    film_merge_weighted(weighted, &batch, weights, -1);
+    assert_same_film(weighted, empty);
+    film_destroy(&weighted);
+    film_destroy(&repeated);
+    film_destroy(&empty);
+    batch_free(&batch);
+}
+
+static void digests_are_of_the_contents(void **state)
+{
+    (void)state;
+    job_settings_t settings = small_job();
+    const unit_t units[] = {{0, 0, 3}, {4, 1, 2}, {0, 3, 4}, {1, 40, 1}},
+                 other_order[] = {{1, 40, 1}, {0, 3, 4}, {0, 0, 3}, {4, 1, 2}};
+    batch_t a, b;
+    hash_t first, second;
+    render_batch(&settings, units, 4, &a);
+    render_batch(&settings, other_order, 4, &b);
+    b.counts.cpu_us = 77;
+    batch_digest(&a, &first);
+    batch_digest(&b, &second);
+    assert_true(hash_equal(&first, &second));
+    int64_t *places[] = {&b.eye[5],   &b.eye[b.eye_count - 1],          &b.features[FEATURE_VALUES + 2],
+                         &b.splat[3], &b.features[b.feature_count - 1], (int64_t *)&b.counts.light_paths[1]};
+    for (size_t i = 0; i < ARRAY_LENGTH(places); i++) {
+        *places[i] ^= 1;
+        batch_digest(&b, &second);
+        assert_false(hash_equal(&first, &second));
+        *places[i] ^= 1;
+    }
+    b.units[2].first++;
+    batch_digest(&b, &second);
+    assert_false(hash_equal(&first, &second));
+    b.units[2].first--;
+    batch_digest(&b, &second);
+    assert_true(hash_equal(&first, &second));
+    /* What is not there is zero. */
+    int64_t *splat = b.splat;
+    memset(a.splat, 0, batch_splat_values(&settings) * sizeof *a.splat);
+    memset(a.features, 0, a.feature_count * sizeof *a.features);
+    b.splat = NULL;
+    b.feature_count = 0;
+    batch_digest(&a, &first);
+    batch_digest(&b, &second);
+    assert_true(hash_equal(&first, &second));
+    b.splat = splat;
+    batch_free(&a);
+    batch_free(&b);
+}
+
+/* ---- noise --------------------------------------------------------------------------------------------- */
+
 static double normal(uint64_t seed, uint64_t index)
 {
     double u = ((double)(mix(seed, 2 * index) >> 11) + 0.5) * 0x1p-53;
@@ -504,6 +645,89 @@ static void noise_is_the_standard_error(void **state)
     /* The relative standard error of either mean is sqrt(2 / 18648) = 0.010. */
     assert_true(fabs(error2 / values / expected - 1) < 0.05);
     assert_true(fabs(noise2 / values / expected - 1) < 0.05);
+}
+
+/* A film whose pixels have value `level` on the left half of the image and 10 * level on the right, and in
+ * the first tile an eye noise of `tile_noise` times their value, elsewhere `noise`. */
+static film_t *noisy_film(const job_settings_t *settings, double level, double noise, double tile_noise)
+{
+    film_t *film;
+    assert_int_equal(film_new(settings, &film).code, RESULT_OK);
+    film->counts.light_paths[0] = film->counts.light_paths[1] = PIXELS;
+    for (size_t p = 0; p < PIXELS; p++) {
+        size_t x = p % WIDTH, y = p / WIDTH;
+        double value = (x < WIDTH / 2 ? 1 : 10) * level, part = x < 16 && y < 16 ? tile_noise : noise;
+        film->samples[p] = film->samples[PIXELS + p] = 4;
+        for (size_t h = 0; h < 2; h++)
+            for (size_t c = 0; c < 3; c++) {
+                film->eye[3 * (h * PIXELS + p) + c] = fixed(4 * value * (0.75 + (h == 0 ? part : -part)));
+                film->splat[3 * (h * PIXELS + p) + c] = fixed(0.25 * value);
+            }
+    }
+    return film;
+}
+
+/* The error is relative: brighter light changes nothing. It is that of the formula in film.h, and the tiles
+ * have their shares of it. */
+static void the_error_is_relative(void **state)
+{
+    (void)state;
+    job_settings_t settings = small_job();
+    double left = WIDTH / 2, right = WIDTH - WIDTH / 2, mean = (left + 10 * right) / WIDTH;
+    double weight_left = 1 / (1 + 0.25 * mean * mean), weight_right = 100 / (100 + 0.25 * mean * mean);
+    double expected = 0.1 * sqrt((left * weight_left + right * weight_right) / WIDTH);
+    for (double level = 1e-3; level < 1e4; level *= 30) {
+        double tiles[6], sum = 0;
+        film_t *film = noisy_film(&settings, level, 0.1, 0.1);
+        assert_true(fabs(film_noise(film, tiles) / expected - 1) < 1e-5);
+        for (int t = 0; t < 6; t++) sum += tiles[t];
+        assert_true(fabs(sqrt(sum / (3 * PIXELS)) / expected - 1) < 1e-5);
+        film_destroy(&film);
+    }
+    double tiles[6];
+    film_t *film = noisy_film(&settings, 1, 0, 0.1);
+    double error = film_noise(film, tiles);
+    assert_true(fabs(tiles[0] / (3 * 256 * 0.01 * weight_left) - 1) < 1e-5);
+    for (int t = 1; t < 6; t++) assert_true(tiles[t] == 0);
+    assert_true(fabs(error / sqrt(tiles[0] / (3 * PIXELS)) - 1) < 1e-9);
+    /* Noise of splats is noise of the image, but not of the tile. */
+    film->splat[3 * 700] += fixed(1.0);
+    double more = film_noise(film, tiles);
+    assert_true(more > error);
+    assert_true(tiles[5] == 0);
+    film_image_t image;
+    film_resolve(film, &image);
+    assert_true(image.error == more);
+    film_image_free(&image);
+    film_destroy(&film);
+}
+
+static void a_black_film_has_no_error(void **state)
+{
+    (void)state;
+    job_settings_t settings = small_job();
+    film_t *film;
+    assert_int_equal(film_new(&settings, &film).code, RESULT_OK);
+    assert_true(isinf(film_noise(film, NULL))); /* nothing yet */
+    film->samples[0] = 1;
+    assert_true(isinf(film_noise(film, NULL)));
+    film->eye[1] = fixed(1.0); /* one half only: all of it may be noise */
+    assert_true(film_noise(film, NULL) > 0.5);
+    film_destroy(&film);
+}
+
+/* An adaptive film knows weights; what they stand for is the mean number of samples. */
+static void weights_show_as_mean_samples(void **state)
+{
+    (void)state;
+    job_settings_t settings = small_job();
+    settings.adaptive = true;
+    film_t *film = noisy_film(&settings, 1, 0.1, 0.1);
+    film_image_t image;
+    film_resolve(film, &image);
+    assert_true(image.samples[0] == 2);
+    film_image_free(&image);
+    film_destroy(&film);
 }
 
 /* Tiles with different sample counts, some splats still missing: every pixel with samples has the right mean.
@@ -564,7 +788,13 @@ int main(void)
                                        cmocka_unit_test(merging_cannot_wrap),
                                        cmocka_unit_test(a_batch_is_reusable),
                                        cmocka_unit_test(each_sum_has_its_own_divisor),
+                                       cmocka_unit_test(sums_are_added_with_a_factor),
+                                       cmocka_unit_test(weights_are_repetitions),
+                                       cmocka_unit_test(digests_are_of_the_contents),
                                        cmocka_unit_test(noise_is_the_standard_error),
+                                       cmocka_unit_test(the_error_is_relative),
+                                       cmocka_unit_test(a_black_film_has_no_error),
+                                       cmocka_unit_test(weights_show_as_mean_samples),
                                        cmocka_unit_test(partial_images_are_unbiased)};
     return cmocka_run_group_tests_name("film", tests, NULL, NULL);
 }

@@ -75,6 +75,21 @@ static void a_process_that_hangs_is_not_waited_for(void **state)
     free(path);
 }
 
+static void a_pulse_tells_whether_a_loop_turns(void **state)
+{
+    (void)state;
+    pulse_t pulse = {0};
+    char text[100];
+    assert_true(pulse_report(&pulse, text, sizeof text));
+    assert_string_equal(text, "starting");
+    pulse_beat(&pulse, "has a master");
+    assert_true(pulse_report(&pulse, text, sizeof text));
+    assert_string_equal(text, "has a master");
+    atomic_store(&pulse.beat, (long long)(1e3 * (clock_now() - 2 * PULSE_LATE)));
+    assert_false(pulse_report(&pulse, text, sizeof text));
+    assert_non_null(strstr(text, "no sign of life"));
+}
+
 static void paths_that_cannot_be_are_errors(void **state)
 {
     (void)state;
@@ -105,6 +120,7 @@ int main(void)
         cmocka_unit_test_setup_teardown(tells_how_it_is, setup, teardown),
         cmocka_unit_test_setup_teardown(a_dead_process_is_replaced_a_living_one_is_not, setup, teardown),
         cmocka_unit_test_setup_teardown(a_process_that_hangs_is_not_waited_for, setup, teardown),
+        cmocka_unit_test(a_pulse_tells_whether_a_loop_turns),
         cmocka_unit_test(paths_that_cannot_be_are_errors),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

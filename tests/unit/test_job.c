@@ -92,6 +92,28 @@ static void units_are_checked(void **state)
         assert_int_equal(job_unit_valid(&settings, &cases[i].unit), cases[i].valid);
 }
 
+static void tiles_of_adaptive_jobs_may_have_more(void **state)
+{
+    (void)state;
+    job_settings_t settings = settings_of(70, 40, 32);
+    settings.spp = 100;
+    assert_false(job_is_planned(&settings));
+    assert_int_equal(job_sample_limit(&settings), 100);
+    settings.error = 0.1;
+    assert_true(job_is_planned(&settings));
+    assert_int_equal(job_sample_limit(&settings), 100);
+    settings.error = 0;
+    settings.adaptive = true;
+    assert_true(job_is_planned(&settings));
+    assert_int_equal(job_sample_limit(&settings), 1600);
+    assert_true(job_unit_valid(&settings, &(unit_t){0, 1599, 1}));
+    assert_false(job_unit_valid(&settings, &(unit_t){0, 1599, 2}));
+    settings.spp = JOB_MAX_SPP;
+    assert_int_equal(job_sample_limit(&settings), JOB_MAX_SPP);
+    settings.spp = JOB_MAX_ADAPTIVE_SPP;
+    assert_int_equal(job_sample_limit(&settings), JOB_MAX_SPP);
+}
+
 static void halves_count_even_and_odd_samples(void **state)
 {
     (void)state;
@@ -158,6 +180,18 @@ static void settings_are_checked(void **state)
     assert_refused(bad, "time limit");
     bad.time_limit = -1;
     assert_refused(bad, "time limit");
+    bad = good;
+    const double errors[] = {-0.1, 1, NAN, INFINITY};
+    for (size_t i = 0; i < ARRAY_LENGTH(errors); i++) {
+        bad.error = errors[i];
+        assert_refused(bad, "error");
+    }
+    bad = good;
+    bad.adaptive = true;
+    bad.spp = JOB_MAX_ADAPTIVE_SPP + 1;
+    assert_refused(bad, "adaptive");
+    bad.spp = JOB_MAX_SPP; /* time or the error ends it */
+    assert_int_equal(job_settings_check(&bad).code, RESULT_OK);
 }
 
 static job_settings_t strategy_of(int s, int t, int max_depth)
@@ -220,6 +254,7 @@ int main(void)
     const struct CMUnitTest tests[] = {cmocka_unit_test(tiles_cover_the_image_once),
                                        cmocka_unit_test(tiles_run_row_by_row),
                                        cmocka_unit_test(units_are_checked),
+                                       cmocka_unit_test(tiles_of_adaptive_jobs_may_have_more),
                                        cmocka_unit_test(halves_count_even_and_odd_samples),
                                        cmocka_unit_test(settings_are_checked),
                                        cmocka_unit_test(strategies_are_checked),

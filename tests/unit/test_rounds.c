@@ -277,6 +277,42 @@ static void damaged_states_are_refused(void **state)
     schedule_destroy(&schedule);
 }
 
+/* Any state is refused or makes a schedule that works. */
+static void random_damage_is_refused_or_harmless(void **state)
+{
+    (void)state;
+    job_settings_t settings = planned_job();
+    schedule_t *schedule = two_rounds(&settings);
+    schedule_state_t s;
+    uint64_t random = 1;
+    int restored = 0;
+    schedule_skip(schedule, &(unit_t){0, 16, 2});
+    schedule_save(schedule, &s);
+    schedule_destroy(&schedule);
+    for (int i = 0; i < 20000; i++) {
+        uint32_t *fields[] = {s.ends, s.weights, (uint32_t *)s.counted, (uint32_t *)s.skipped,
+                              (uint32_t *)&s.issued};
+        const size_t sizes[] = {2 * TILES, 2 * TILES, 3 * s.counted_count, 3 * s.skipped_count, 2};
+        random = random * 6364136223846793005u + 1442695040888963407u;
+        size_t which = (random >> 40) % 5, at = (random >> 20) % sizes[which];
+        uint32_t kept = fields[which][at], bit = 1u << (random >> 58 & 31);
+        fields[which][at] = (random >> 33 & 1) != 0 ? kept ^ bit : kept + (uint32_t)(random >> 60) - 8;
+        job_settings_t now = settings;
+        if (schedule_restore(&now, &s, &schedule).code == RESULT_OK) {
+            unit_t units[40];
+            size_t n = schedule_take(schedule, &(schedule_wish_t){1, 20000, 700, 1, 1}, units, 40);
+            assert_int_equal(schedule_accept(schedule, units, n).code, RESULT_OK);
+            schedule_account_t account = schedule_account(schedule);
+            assert_int_equal(account.issued, account.counted + account.returned + account.out);
+            schedule_destroy(&schedule);
+            restored++;
+        }
+        fields[which][at] = kept;
+    }
+    assert_true(restored > 1000);
+    schedule_state_free(&s);
+}
+
 static void what_was_out_is_returned(void **state)
 {
     (void)state;
@@ -336,6 +372,7 @@ int main(void)
         cmocka_unit_test(a_job_that_time_ended_goes_on_to_an_error),
         cmocka_unit_test(the_farm_keeps_and_leaves_out_units),
         cmocka_unit_test(damaged_states_are_refused),
+        cmocka_unit_test(random_damage_is_refused_or_harmless),
         cmocka_unit_test(what_was_out_is_returned),
         cmocka_unit_test(an_older_state_is_extended),
     };

@@ -430,6 +430,8 @@ static void settings_units_and_counts_are_checked(void **state)
         settings.strategy_s = 3 * on;
         settings.strategy_t = 2 * on;
         settings.unweighted = on;
+        settings.error = 0.25 * on;
+        settings.adaptive = on;
         Lm__Settings there = LM__SETTINGS__INIT, back = LM__SETTINGS__INIT;
         wire_settings_put(&settings, &there);
         assert_int_equal(wire_settings_get(&there, &got).code, RESULT_OK);
@@ -437,6 +439,7 @@ static void settings_units_and_counts_are_checked(void **state)
         assert_int_equal(got.strategy_s, 3 * on);
         assert_int_equal(got.strategy_t, 2 * on);
         assert_int_equal(got.unweighted, on);
+        assert_true(got.error == 0.25 * on && got.adaptive == (on == 1));
         wire_settings_put(&got, &back);
         uint8_t bytes[2][256]; /* the structures have padding, the messages have none */
         assert_true(lm__settings__get_packed_size(&there) <= sizeof bytes[0]);
@@ -450,6 +453,12 @@ static void settings_units_and_counts_are_checked(void **state)
     message.strategy_s = message.strategy_t = 1;
     assert_int_not_equal(wire_settings_get(&message, &got).code, RESULT_OK);
     wire_settings_put(&settings, &message);
+    message.error = 1;
+    assert_int_not_equal(wire_settings_get(&message, &got).code, RESULT_OK);
+    message.error = 0.25;
+    message.spp = JOB_MAX_ADAPTIVE_SPP + 1;
+    assert_int_not_equal(wire_settings_get(&message, &got).code, RESULT_OK);
+    message.spp = settings.spp;
     message.width = UINT32_MAX;
     assert_int_equal(wire_settings_get(&message, &got).code, RESULT_PROTOCOL);
     message.width = 0;
@@ -458,6 +467,7 @@ static void settings_units_and_counts_are_checked(void **state)
     assert_int_not_equal(wire_settings_get(&message, &got).code, RESULT_OK);
     assert_int_not_equal(wire_settings_get(NULL, &got).code, RESULT_OK);
 
+    settings.adaptive = false;
     const unit_t good[] = {{0, 0, 64}, {5, 63, 1}},
                  bad[] = {{0, 0, 0}, {1 << 30, 0, 1}, {0, 1, 64}, {0, UINT32_MAX, 2}};
     unit_t out[2];

@@ -1,4 +1,4 @@
-/* ledger: the jobs of a run, from `lightmill submit` to the proof that the image is the right one and the
+/* docket: the jobs of a run, from `lightmill submit` to the proof that the image is the right one and the
  * account holds. Everything goes through the command as a user would use it, again and again until it works.
  *
  * For each job there is a reference: the same settings in `lightmill render`, which nobody disturbs. What the
@@ -10,8 +10,8 @@
  *   - at the end nothing is out, all is counted, nothing is skipped, and the pixels are those of the
  * reference.
  */
-#ifndef LIGHTMILL_CHAOS_LEDGER_H
-#define LIGHTMILL_CHAOS_LEDGER_H
+#ifndef LIGHTMILL_CHAOS_DOCKET_H
+#define LIGHTMILL_CHAOS_DOCKET_H
 
 #include "tests/chaos/dice.h"
 #include "tests/chaos/passes.h"
@@ -20,7 +20,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-typedef struct ledger ledger_t;
+typedef struct docket docket_t;
 
 typedef struct {
     report_t *report;
@@ -29,16 +29,16 @@ typedef struct {
     const passes_t *passes;
     uint64_t seed;
     size_t at_a_time; /* jobs that are open */
-} ledger_setup_t;
+} docket_setup_t;
 
-ledger_t *ledger_new(const ledger_setup_t *setup);
-void ledger_free(ledger_t **ledger);
+docket_t *docket_new(const docket_setup_t *setup);
+void docket_free(docket_t **docket);
 /* Does what is due; with `more` new jobs are submitted when old ones complete. */
-void ledger_tick(ledger_t *ledger, double now, bool more);
+void docket_tick(docket_t *docket, double now, bool more);
 /* True when every job that was submitted is proved. */
-bool ledger_settled(const ledger_t *ledger);
+bool docket_settled(const docket_t *docket);
 /* A new master answers: what it has counted may be less. */
-void ledger_new_master(ledger_t *ledger);
+void docket_new_master(docket_t *docket);
 /* How many samples a job may lose when the master dies: not known here, so the most that was seen. */
 typedef struct {
     size_t submitted, proved;
@@ -46,9 +46,9 @@ typedef struct {
     uint64_t batches, batches_refused, units_reissued;
     uint64_t questions; /* answers of status that were checked */
     double longest;     /* seconds from the submission of a job to its proof */
-} ledger_sum_t;
-ledger_sum_t ledger_sum(const ledger_t *ledger);
+} docket_sum_t;
+docket_sum_t docket_sum(const docket_t *docket);
 /* Says what is not proved and why. */
-void ledger_describe(const ledger_t *ledger);
+void docket_describe(const docket_t *docket);
 
 #endif

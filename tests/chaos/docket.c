@@ -1,9 +1,10 @@
-/* ledger: see ledger.h. */
-#include "tests/chaos/ledger.h"
+/* docket: see docket.h. */
+#include "tests/chaos/docket.h"
 
 #include "common/image.h"
 #include "tests/chaos/errand.h"
 #include "tests/chaos/job_kinds.h"
+#include "tests/chaos/process.h"
 #include "tests/chaos/words.h"
 
 #include <jansson.h>
@@ -73,12 +74,12 @@ typedef struct {
     unsigned generation; /* under this master */
     char *image;
     hash_t hash;
-} ledger_job_t;
+} docket_job_t;
 
-struct ledger {
-    ledger_setup_t setup;
+struct docket {
+    docket_setup_t setup;
     dice_t dice;
-    ledger_job_t jobs[MAX_JOBS];
+    docket_job_t jobs[MAX_JOBS];
     size_t job_count;
     reference_t references[MAX_REFERENCES];
     size_t reference_count;
@@ -86,52 +87,52 @@ struct ledger {
     double next_status;
     unsigned generation, status_generation; /* of masters: now, and when it was asked */
     size_t deck[JOB_KINDS], deck_left;
-    ledger_sum_t sum;
+    docket_sum_t sum;
 };
 
-ledger_t *ledger_new(const ledger_setup_t *setup)
+docket_t *docket_new(const docket_setup_t *setup)
 {
-    ledger_t *ledger = mem_zalloc(1, sizeof *ledger);
-    ledger->setup = *setup;
-    ledger->dice = dice_new(setup->seed, 2);
-    return ledger;
+    docket_t *docket = mem_zalloc(1, sizeof *docket);
+    docket->setup = *setup;
+    docket->dice = dice_new(setup->seed, 2);
+    return docket;
 }
 
-void ledger_free(ledger_t **ledger_pointer)
+void docket_free(docket_t **docket_pointer)
 {
-    ledger_t *ledger = *ledger_pointer;
-    if (ledger == NULL) return;
-    for (size_t i = 0; i < ledger->job_count; i++) {
-        errand_end(&ledger->jobs[i].errand);
-        free(ledger->jobs[i].name);
-        free(ledger->jobs[i].image);
+    docket_t *docket = *docket_pointer;
+    if (docket == NULL) return;
+    for (size_t i = 0; i < docket->job_count; i++) {
+        errand_end(&docket->jobs[i].errand);
+        free(docket->jobs[i].name);
+        free(docket->jobs[i].image);
     }
-    for (size_t i = 0; i < ledger->reference_count; i++) {
-        errand_end(&ledger->references[i].render);
-        free(ledger->references[i].image);
+    for (size_t i = 0; i < docket->reference_count; i++) {
+        errand_end(&docket->references[i].render);
+        free(docket->references[i].image);
     }
-    errand_end(&ledger->status);
-    free(ledger);
-    *ledger_pointer = NULL;
+    errand_end(&docket->status);
+    free(docket);
+    *docket_pointer = NULL;
 }
 
-void ledger_new_master(ledger_t *ledger)
+void docket_new_master(docket_t *docket)
 {
-    ledger->generation++;
+    docket->generation++;
 }
 
-static void enter(ledger_job_t *job, stage_t stage, double now)
+static void enter(docket_job_t *job, stage_t stage, double now)
 {
     job->stage = stage;
     job->changed = now;
     job->next_try = now;
 }
 
-static void violate(ledger_t *ledger, ledger_job_t *job, const char *what)
+static void violate(docket_t *docket, docket_job_t *job, const char *what)
 {
     const account_t *a = &job->account;
     report_violation(
-        ledger->setup.report,
+        docket->setup.report,
         "%s (job %llu, %s, seed %u): %s; %s, issued %llu, counted %llu of %llu, returned %llu, out "
         "%llu, skipped %llu",
         job->name, (unsigned long long)job->number, job->kind->name, job->seed, what, a->state,
@@ -142,28 +143,25 @@ static void violate(ledger_t *ledger, ledger_job_t *job, const char *what)
 
 /* ---- commands ----------------------------------------------------------------------------------------- */
 
-static void add_master(const ledger_t *ledger, words_t *words)
+static void add_master(const docket_t *docket, words_t *words)
 {
-    words_add(words, "--master");
-    words_add(words, ledger->setup.master);
-    words_add(words, "--timeout");
-    words_add(words, TIMEOUT);
-    words_add_all(words, ledger->setup.passes->client);
+    WORDS_ADD(words, "--master", docket->setup.master, "--timeout", TIMEOUT);
+    words_add_all(words, docket->setup.passes->client);
 }
 
-static char *file_of(const ledger_t *ledger, const char *name, const char *suffix)
+static char *file_of(const docket_t *docket, const char *name, const char *suffix)
 {
-    return mem_printf("%s/%s%s", ledger->setup.folder, name, suffix);
+    return mem_printf("%s/%s%s", docket->setup.folder, name, suffix);
 }
 
-static void start_command(ledger_t *ledger, ledger_job_t *job, const words_t *words, const char *suffix)
+static void start_command(docket_t *docket, docket_job_t *job, const words_t *words, const char *suffix)
 {
-    char *output = file_of(ledger, job->name, suffix);
+    char *output = file_of(docket, job->name, suffix);
     errand_start(&job->errand, output, words->list, false);
     free(output);
 }
 
-/* The samples a pixel of a kind of job, as text. */
+/* How many samples a pixel a kind of job has, as text in `text`. */
 static const char *spp_of(const job_kind_t *kind, bool extended, char text[SPP_CHARS])
 {
     unsigned spp = (extended ? kind->extended_spp : kind->spp) / SLOWNESS;
@@ -171,35 +169,40 @@ static const char *spp_of(const job_kind_t *kind, bool extended, char text[SPP_C
     return text;
 }
 
-static void submit(ledger_t *ledger, ledger_job_t *job)
+/* What the image depends on. */
+static void add_settings(words_t *words, const job_kind_t *kind, bool extended, unsigned seed,
+                         char text[2][SPP_CHARS])
 {
-    words_t words = {.list = {"submit"}, .count = 1};
-    char seed[20], spp[SPP_CHARS];
-    snprintf(seed, sizeof seed, "%u", job->seed);
-    words_add_all(&words, job->kind->options);
-    words_add(&words, "--spp");
-    words_add(&words, spp_of(job->kind, false, spp));
-    words_add_all(&words, job->kind->terms);
-    words_add(&words, "--seed");
-    words_add(&words, seed);
-    words_add(&words, "--name");
-    words_add(&words, job->name);
-    add_master(ledger, &words);
-    start_command(ledger, job, &words, ".submit.log");
+    words_add_all(words, kind->options);
+    if (kind->spp > 0) WORDS_ADD(words, "--spp", spp_of(kind, extended, text[0]));
+    snprintf(text[1], SPP_CHARS, "%u", seed);
+    WORDS_ADD(words, "--seed", text[1]);
 }
 
-static void fetch(ledger_t *ledger, ledger_job_t *job)
+static void submit(docket_t *docket, docket_job_t *job)
+{
+    words_t words = {0};
+    char text[2][SPP_CHARS];
+    words_add(&words, "submit");
+    add_settings(&words, job->kind, false, job->seed, text);
+    words_add_all(&words, job->kind->terms);
+    WORDS_ADD(&words, "--name", job->name);
+    add_master(docket, &words);
+    start_command(docket, job, &words, ".submit.log");
+}
+
+static void fetch(docket_t *docket, docket_job_t *job)
 {
     char number[24];
     snprintf(number, sizeof number, "%llu", (unsigned long long)job->number);
     free(job->image);
-    job->image = file_of(ledger, job->name, job->extended ? ".extended.exr" : ".exr");
+    job->image = file_of(docket, job->name, job->extended ? ".extended.exr" : ".exr");
     words_t words = {.list = {"fetch", number, "-o", job->image}, .count = 4};
-    add_master(ledger, &words);
-    start_command(ledger, job, &words, ".fetch.log");
+    add_master(docket, &words);
+    start_command(docket, job, &words, ".fetch.log");
 }
 
-static void order(ledger_t *ledger, ledger_job_t *job, const char *command, const char *option,
+static void order(docket_t *docket, docket_job_t *job, const char *command, const char *option,
                   const char *value)
 {
     char number[24];
@@ -207,56 +210,50 @@ static void order(ledger_t *ledger, ledger_job_t *job, const char *command, cons
     words_t words = {.list = {command, number}, .count = 2};
     if (option) words_add(&words, option);
     if (option) words_add(&words, value);
-    add_master(ledger, &words);
-    start_command(ledger, job, &words, ".order.log");
+    add_master(docket, &words);
+    start_command(docket, job, &words, ".order.log");
 }
 
-static void extend(ledger_t *ledger, ledger_job_t *job)
+static void extend(docket_t *docket, docket_job_t *job)
 {
     char spp[SPP_CHARS];
-    order(ledger, job, "extend", "--spp", spp_of(job->kind, true, spp));
+    order(docket, job, "extend", "--spp", spp_of(job->kind, true, spp));
 }
 
-static void pause_job(ledger_t *ledger, ledger_job_t *job)
+static void pause_job(docket_t *docket, docket_job_t *job)
 {
-    order(ledger, job, "pause", NULL, NULL);
+    order(docket, job, "pause", NULL, NULL);
 }
 
-static void resume_job(ledger_t *ledger, ledger_job_t *job)
+static void resume_job(docket_t *docket, docket_job_t *job)
 {
-    order(ledger, job, "resume", NULL, NULL);
+    order(docket, job, "resume", NULL, NULL);
 }
 
 /* ---- references --------------------------------------------------------------------------------------- */
 
 static void render_reference(reference_t *reference)
 {
-    words_t words = {.list = {"render"}, .count = 1};
-    char seed[20], spp[SPP_CHARS];
-    snprintf(seed, sizeof seed, "%u", reference->seed);
-    words_add_all(&words, reference->kind->options);
-    words_add(&words, "--spp");
-    words_add(&words, spp_of(reference->kind, reference->extended, spp));
-    words_add(&words, "--seed");
-    words_add(&words, seed);
-    words_add(&words, "--quiet");
-    words_add(&words, "-o");
-    words_add(&words, reference->image);
+    words_t words = {0};
+    char text[2][SPP_CHARS];
+    words_add(&words, "render");
+    add_settings(&words, reference->kind, reference->extended, reference->seed, text);
+    WORDS_ADD(&words, "--quiet", "-o", reference->image);
     char *output = mem_printf("%s.log", reference->image);
     errand_start(&reference->render, output, words.list, true);
     free(output);
 }
 
-static reference_t *reference_for(ledger_t *ledger, const ledger_job_t *job)
+static reference_t *reference_for(docket_t *docket, const docket_job_t *job)
 {
-    for (size_t i = 0; i < ledger->reference_count; i++) {
-        reference_t *made = &ledger->references[i];
+    for (size_t i = 0; i < docket->reference_count; i++) {
+        reference_t *made = &docket->references[i];
         if (made->kind == job->kind && made->seed == job->seed && made->extended == job->extended)
             return made;
     }
-    reference_t *reference = &ledger->references[ledger->reference_count++];
+    reference_t *reference = &docket->references[docket->reference_count++];
     *reference = (reference_t){.kind = job->kind, .seed = job->seed, .extended = job->extended};
-    reference->image = mem_printf("%s/reference-%s-%u%s.exr", ledger->setup.folder, job->kind->name,
+    reference->image = mem_printf("%s/reference-%s-%u%s.exr", docket->setup.folder, job->kind->name,
                                   job->seed, job->extended ? "-extended" : "");
     render_reference(reference);
     return reference;
@@ -271,15 +268,15 @@ static result_t hash_of(const char *path, hash_t *hash)
     return result_ok();
 }
 
-static void tick_reference(ledger_t *ledger, reference_t *reference, double now)
+static void tick_reference(docket_t *docket, reference_t *reference, double now)
 {
     switch (errand_poll(&reference->render, now, REFERENCE_LIMIT)) {
     case ERRAND_DONE:
         reference->ready = hash_of(reference->image, &reference->hash).code == RESULT_OK;
-        if (!reference->ready) report_violation(ledger->setup.report, "%s cannot be read", reference->image);
+        if (!reference->ready) report_violation(docket->setup.report, "%s cannot be read", reference->image);
         break;
     case ERRAND_FAILED:
-        report_violation(ledger->setup.report, "%s cannot be rendered", reference->image);
+        report_violation(docket->setup.report, "%s cannot be rendered", reference->image);
         break;
     default:
         break;
@@ -314,14 +311,14 @@ static bool read_account(const json_t *object, account_t *account)
 }
 
 /* What must hold at any time. */
-static const char *check_account(const ledger_t *ledger, const ledger_job_t *job)
+static const char *check_account(const docket_t *docket, const docket_job_t *job)
 {
     const account_t *a = &job->account;
     if (a->issued != a->counted + a->returned + a->out) return "issued is not counted + returned + out";
     if (a->total > 0 && a->counted > a->total) return "more is counted than wanted";
     if (a->skipped > 0) return "samples were skipped";
     if (strcmp(a->state, "failed") == 0 || strcmp(a->state, "cancelled") == 0) return "it has ended badly";
-    bool same = job->generation == ledger->generation && ledger->status_generation == ledger->generation;
+    bool same = job->generation == docket->generation && docket->status_generation == docket->generation;
     if (same && a->out > 0 && a->counted < job->counted) return "counted samples were lost";
     if (strcmp(a->state, "done") != 0) return NULL;
     if (a->out > 0) return "it is done and samples are out";
@@ -330,7 +327,7 @@ static const char *check_account(const ledger_t *ledger, const ledger_job_t *job
 }
 
 /* The master was asked after the job entered its stage: what it says of the state is no older. */
-static void advance(ledger_job_t *job, double now)
+static void advance(docket_job_t *job, double now)
 {
     const account_t *a = &job->account;
     bool done = strcmp(a->state, "done") == 0, paused = strcmp(a->state, "paused") == 0;
@@ -345,23 +342,23 @@ static void advance(ledger_job_t *job, double now)
         enter(job, RENDERING, now); /* the order has failed, and was done */
 }
 
-static void take_account(ledger_t *ledger, ledger_job_t *job, const json_t *object, double now)
+static void take_account(docket_t *docket, docket_job_t *job, const json_t *object, double now)
 {
 
     if (!number_of(object, "job", &job->number) || !read_account(object, &job->account)) {
-        violate(ledger, job, "its status lacks a field");
+        violate(docket, job, "its status lacks a field");
         return;
     }
-    const char *wrong = check_account(ledger, job);
-    bool later = ledger->status.started > job->changed;
+    const char *wrong = check_account(docket, job);
+    bool later = docket->status.started > job->changed;
     if (later && job->resumed && strcmp(job->account.state, "paused") == 0) wrong = "it is paused again";
     /* Before a new master has read the film, it tells what its journal knows, and nothing is out. */
-    if (job->account.out > 0 && ledger->status_generation == ledger->generation) {
+    if (job->account.out > 0 && docket->status_generation == docket->generation) {
         job->counted = job->account.counted;
-        job->generation = ledger->generation;
+        job->generation = docket->generation;
     }
     if (wrong) {
-        violate(ledger, job, wrong);
+        violate(docket, job, wrong);
         return;
     }
     if (job->stage == UNSURE) enter(job, RENDERING, now);
@@ -369,15 +366,15 @@ static void take_account(ledger_t *ledger, ledger_job_t *job, const json_t *obje
 }
 
 /* The master does not know the job, though it was asked after the last that it was told of it. */
-static void miss(ledger_t *ledger, ledger_job_t *job, double now)
+static void miss(docket_t *docket, docket_job_t *job, double now)
 {
-    if (job->promised && job->stage != WRONG) violate(ledger, job, "the master has forgotten it");
+    if (job->promised && job->stage != WRONG) violate(docket, job, "the master has forgotten it");
     if (job->stage == PROVED || job->stage == WRONG || job->stage == SENDING) return;
     errand_end(&job->errand);
     job->account = (account_t){0};
     job->counted = 0;
     job->paused = job->extended = false;
-    job->reference = reference_for(ledger, job);
+    job->reference = reference_for(docket, job);
     enter(job, SENDING, now);
 }
 
@@ -391,41 +388,41 @@ static const json_t *find_job(const json_t *jobs, const char *name)
     return NULL;
 }
 
-static void take_status(ledger_t *ledger, double now)
+static void take_status(docket_t *docket, double now)
 {
-    char *text = errand_said(&ledger->status);
+    char *text = errand_said(&docket->status);
     json_t *root = json_loads(text, 0, NULL);
     const json_t *jobs = json_object_get(root, "jobs");
-    if (!json_is_array(jobs)) report_violation(ledger->setup.report, "status --json says \"%.200s\"", text);
-    for (size_t i = 0; i < ledger->job_count && json_is_array(jobs); i++) {
-        ledger_job_t *job = &ledger->jobs[i];
+    if (!json_is_array(jobs)) report_violation(docket->setup.report, "status --json says \"%.200s\"", text);
+    for (size_t i = 0; i < docket->job_count && json_is_array(jobs); i++) {
+        docket_job_t *job = &docket->jobs[i];
         const json_t *object = find_job(jobs, job->name);
-        bool later = ledger->status.started > job->changed;
+        bool later = docket->status.started > job->changed;
         if (object && job->stage != WRONG && job->stage != SENDING)
-            take_account(ledger, job, object, now);
+            take_account(docket, job, object, now);
         else if (object == NULL && later)
-            miss(ledger, job, now);
+            miss(docket, job, now);
     }
-    ledger->sum.questions += json_is_array(jobs);
+    docket->sum.questions += json_is_array(jobs);
     json_decref(root);
     free(text);
 }
 
-static void tick_status(ledger_t *ledger, double now)
+static void tick_status(docket_t *docket, double now)
 {
-    switch (errand_poll(&ledger->status, now, COMMAND_LIMIT)) {
+    switch (errand_poll(&docket->status, now, COMMAND_LIMIT)) {
     case ERRAND_DONE:
-        take_status(ledger, now);
+        take_status(docket, now);
         break;
     case ERRAND_NONE:
-        if (now < ledger->next_status) break;
-        char *output = file_of(ledger, "status", ".json");
+        if (now < docket->next_status) break;
+        char *output = file_of(docket, "status", ".json");
         words_t words = {.list = {"status", "--json"}, .count = 2};
-        add_master(ledger, &words);
-        ledger->next_status = now + STATUS_INTERVAL;
+        add_master(docket, &words);
+        docket->next_status = now + STATUS_INTERVAL;
 
-        ledger->status_generation = ledger->generation;
-        errand_start(&ledger->status, output, words.list, false);
+        docket->status_generation = docket->generation;
+        errand_start(&docket->status, output, words.list, false);
         free(output);
         break;
     default:
@@ -436,98 +433,110 @@ static void tick_status(ledger_t *ledger, double now)
 /* ---- jobs --------------------------------------------------------------------------------------------- */
 
 /* Kinds come from a shuffled deck, so that all of them come. */
-static const job_kind_t *draw_kind(ledger_t *ledger)
+static const job_kind_t *draw_kind(docket_t *docket)
 {
-    if (ledger->deck_left == 0)
-        for (; ledger->deck_left < JOB_KINDS; ledger->deck_left++)
-            ledger->deck[ledger->deck_left] = ledger->deck_left;
-    size_t pick = dice_below(&ledger->dice, ledger->deck_left), kind = ledger->deck[pick];
-    ledger->deck[pick] = ledger->deck[--ledger->deck_left];
+    if (docket->deck_left == 0)
+        for (; docket->deck_left < JOB_KINDS; docket->deck_left++)
+            docket->deck[docket->deck_left] = docket->deck_left;
+    size_t pick = dice_below(&docket->dice, docket->deck_left), kind = docket->deck[pick];
+    docket->deck[pick] = docket->deck[--docket->deck_left];
     return &JOB_KIND_LIST[kind];
 }
 
-static void new_job(ledger_t *ledger, double now)
+static void new_job(docket_t *docket, double now)
 {
-    ledger_job_t *job = &ledger->jobs[ledger->job_count++];
-    *job = (ledger_job_t){.kind = draw_kind(ledger), .seed = 1 + (unsigned)dice_below(&ledger->dice, SEEDS)};
-    job->name = mem_printf("chaos-%zu", ledger->job_count);
+    docket_job_t *job = &docket->jobs[docket->job_count++];
+    *job = (docket_job_t){.kind = draw_kind(docket), .seed = 1 + (unsigned)dice_below(&docket->dice, SEEDS)};
+    job->name = mem_printf("chaos-%zu", docket->job_count);
     job->submitted = now;
-    job->reference = reference_for(ledger, job);
+    job->reference = reference_for(docket, job);
     enter(job, SENDING, now);
-    ledger->sum.submitted++;
-    report_line(ledger->setup.report, "%s: %s, seed %u", job->name, job->kind->name, job->seed);
+    docket->sum.submitted++;
+    report_line(docket->setup.report, "%s: %s, seed %u", job->name, job->kind->name, job->seed);
+}
+
+/* A command crashed, hung, or was not understood. */
+static void violate_command(docket_t *docket, docket_job_t *job)
+{
+    char *how = process_how(job->errand.how), *said = errand_said(&job->errand);
+    char *text = mem_printf("a command ended with %s: %.300s", how, said);
+    violate(docket, job, text);
+    free(text);
+    free(said);
+    free(how);
 }
 
 /* Drives a command to its success; true then. A failure is tried again, after `failed` where it is given. */
-static bool succeed(ledger_t *ledger, ledger_job_t *job, double now,
-                    void (*start)(ledger_t *, ledger_job_t *), bool *failed)
+static bool succeed(docket_t *docket, docket_job_t *job, double now,
+                    void (*start)(docket_t *, docket_job_t *), bool *failed)
 {
     *failed = false;
     switch (errand_poll(&job->errand, now, COMMAND_LIMIT)) {
     case ERRAND_NONE:
-        if (now >= job->next_try) start(ledger, job);
+        if (now >= job->next_try) start(docket, job);
         return false;
     case ERRAND_DONE:
         return true;
     case ERRAND_FAILED:
         job->next_try = now + RETRY;
-        *failed = true;
+        *failed = job->errand.how != RESULT_USAGE && job->errand.how < PROCESS_SIGNALLED;
+        if (!*failed) violate_command(docket, job);
         return false;
     default:
         return false;
     }
 }
 
-static void prove(ledger_t *ledger, ledger_job_t *job, double now)
+static void prove(docket_t *docket, docket_job_t *job, double now)
 {
     if (!job->reference->ready) return;
     if (!hash_equal(&job->hash, &job->reference->hash)) {
-        violate(ledger, job, "its image is not that of the undisturbed render");
+        violate(docket, job, "its image is not that of the undisturbed render");
         return;
     }
     bool more = job->kind->extended_spp && !job->extended;
     const account_t *a = &job->account;
-    report_line(ledger->setup.report, "%s is right%s: %.1f s, %llu counted, %.1f%% rendered again", job->name,
+    report_line(docket->setup.report, "%s is right%s: %.1f s, %llu counted, %.1f%% rendered again", job->name,
                 more ? " so far" : "", now - job->submitted, (unsigned long long)a->counted,
                 100.0 * (double)a->returned / (double)(a->counted ? a->counted : 1));
     unlink(job->image);
     enter(job, more ? EXTENDING : PROVED, now);
     if (more) return;
-    ledger->sum.proved++;
-    ledger->sum.longest = fmax(ledger->sum.longest, now - job->submitted);
+    docket->sum.proved++;
+    docket->sum.longest = fmax(docket->sum.longest, now - job->submitted);
 }
 
-static void tick_job(ledger_t *ledger, ledger_job_t *job, double now)
+static void tick_job(docket_t *docket, docket_job_t *job, double now)
 {
     bool failed;
     switch (job->stage) {
     case SENDING:
-        job->promised = succeed(ledger, job, now, submit, &failed);
+        job->promised = succeed(docket, job, now, submit, &failed);
         if (job->promised || failed) enter(job, job->promised ? RENDERING : UNSURE, now);
         break;
     case FETCHING:
-        if (!succeed(ledger, job, now, fetch, &failed)) break;
+        if (!succeed(docket, job, now, fetch, &failed)) break;
         enter(job, COMPARING, now);
         if (hash_of(job->image, &job->hash).code != RESULT_OK)
-            violate(ledger, job, "its image cannot be read");
+            violate(docket, job, "its image cannot be read");
         break;
     case COMPARING:
-        prove(ledger, job, now);
+        prove(docket, job, now);
         break;
     case EXTENDING:
-        if (!succeed(ledger, job, now, extend, &failed)) break;
+        if (!succeed(docket, job, now, extend, &failed)) break;
         job->extended = true;
-        job->reference = reference_for(ledger, job);
+        job->reference = reference_for(docket, job);
         enter(job, RENDERING, now);
         break;
     case PAUSING:
-        if (!succeed(ledger, job, now, pause_job, &failed) && !failed) break;
+        if (!succeed(docket, job, now, pause_job, &failed) && !failed) break;
         job->paused = true;
         enter(job, RESUMING, now);
         job->next_try = now + PAUSE;
         break;
     case RESUMING:
-        if (!succeed(ledger, job, now, resume_job, &failed)) break;
+        if (!succeed(docket, job, now, resume_job, &failed)) break;
         job->resumed = true;
         enter(job, RENDERING, now);
         break;
@@ -536,35 +545,35 @@ static void tick_job(ledger_t *ledger, ledger_job_t *job, double now)
     }
 }
 
-static bool is_open(const ledger_job_t *job)
+static bool is_open(const docket_job_t *job)
 {
     return job->stage != PROVED && job->stage != WRONG;
 }
 
-void ledger_tick(ledger_t *ledger, double now, bool more)
+void docket_tick(docket_t *docket, double now, bool more)
 {
     size_t open = 0;
-    tick_status(ledger, now);
-    for (size_t i = 0; i < ledger->reference_count; i++) tick_reference(ledger, &ledger->references[i], now);
-    for (size_t i = 0; i < ledger->job_count; i++) {
-        tick_job(ledger, &ledger->jobs[i], now);
-        open += is_open(&ledger->jobs[i]);
+    tick_status(docket, now);
+    for (size_t i = 0; i < docket->reference_count; i++) tick_reference(docket, &docket->references[i], now);
+    for (size_t i = 0; i < docket->job_count; i++) {
+        tick_job(docket, &docket->jobs[i], now);
+        open += is_open(&docket->jobs[i]);
     }
-    if (more && open < ledger->setup.at_a_time && ledger->job_count < MAX_JOBS) new_job(ledger, now);
+    if (more && open < docket->setup.at_a_time && docket->job_count < MAX_JOBS) new_job(docket, now);
 }
 
-bool ledger_settled(const ledger_t *ledger)
+bool docket_settled(const docket_t *docket)
 {
-    for (size_t i = 0; i < ledger->job_count; i++)
-        if (is_open(&ledger->jobs[i])) return false;
+    for (size_t i = 0; i < docket->job_count; i++)
+        if (is_open(&docket->jobs[i])) return false;
     return true;
 }
 
-ledger_sum_t ledger_sum(const ledger_t *ledger)
+docket_sum_t docket_sum(const docket_t *docket)
 {
-    ledger_sum_t sum = ledger->sum;
-    for (size_t i = 0; i < ledger->job_count; i++) {
-        const account_t *account = &ledger->jobs[i].account;
+    docket_sum_t sum = docket->sum;
+    for (size_t i = 0; i < docket->job_count; i++) {
+        const account_t *account = &docket->jobs[i].account;
         sum.issued += account->issued;
         sum.counted += account->counted;
         sum.batches += account->batches;
@@ -574,17 +583,17 @@ ledger_sum_t ledger_sum(const ledger_t *ledger)
     return sum;
 }
 
-void ledger_describe(const ledger_t *ledger)
+void docket_describe(const docket_t *docket)
 {
     static const char *const stages[] = {"is being submitted", "may have been submitted",
                                          "is being rendered",  "is being fetched",
                                          "is being compared",  "is being extended",
                                          "is being paused",    "is being resumed",
                                          "is right",           "is wrong"};
-    for (size_t i = 0; i < ledger->job_count; i++) {
-        const ledger_job_t *job = &ledger->jobs[i];
+    for (size_t i = 0; i < docket->job_count; i++) {
+        const docket_job_t *job = &docket->jobs[i];
         if (job->stage == PROVED) continue;
-        report_line(ledger->setup.report, "%s (job %llu, %s) %s: %s, counted %llu of %llu, out %llu",
+        report_line(docket->setup.report, "%s (job %llu, %s) %s: %s, counted %llu of %llu, out %llu",
                     job->name, (unsigned long long)job->number, job->kind->name, stages[job->stage],
                     job->account.state, (unsigned long long)job->account.counted,
                     (unsigned long long)job->account.total, (unsigned long long)job->account.out);

@@ -1,0 +1,131 @@
+/* fuzz_payload: any bytes as the three payloads of a batch. The decoder that unfolds them in memory and the
+ * one that adds them to a film piece by piece must agree: on whether they are sound, and on the film; what is
+ * not sound leaves the film as it was. What was decoded comes back from the encoder.
+ *
+ * The first bytes choose the job and the units, and where one payload ends and the next begins. */
+#include "tests/fuzz/fuzz.h"
+
+#include "master/canvas.h"
+#include "proto/wire.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+enum { HEADER = 6, MAX_UNITS = 3 };
+
+static job_settings_t settings_of(uint8_t choice)
+{
+    static const struct {
+        int32_t width, height, tile;
+    } sizes[] = {{1, 1, 8}, {9, 3, 8}, {33, 40, 16}, {64, 64, 64}};
+    job_settings_t settings = job_settings_default();
+    settings.width = sizes[choice % 4].width;
+    settings.height = sizes[choice % 4].height;
+    settings.tile_size = sizes[choice % 4].tile;
+    settings.features = (choice & 4) != 0;
+    settings.spp = 100;
+    return settings;
+}
+
+static void choose_units(const job_settings_t *settings, uint8_t choice, batch_t *batch)
+{
+    batch_init(batch, settings);
+    batch->unit_count = batch->unit_capacity = 1 + choice % MAX_UNITS;
+    batch->units = mem_alloc(batch->unit_count * sizeof *batch->units);
+    for (uint32_t i = 0; i < batch->unit_count; i++)
+        batch->units[i] = (unit_t){(i + choice) % job_tile_count(settings), i == 2 ? FEATURE_SAMPLES : i, 1};
+}
+
+static void put_payload(zmq_msg_t *message, const uint8_t *bytes, size_t size)
+{
+    zmq_msg_init_size(message, size);
+    if (size > 0) memcpy(zmq_msg_data(message), bytes, size);
+}
+
+static bool same_film(const film_t *a, const film_t *b)
+{
+    size_t pixels = (size_t)a->settings.width * (size_t)a->settings.height;
+    return memcmp(a->eye, b->eye, pixels * 6 * sizeof *a->eye) == 0 &&
+           memcmp(a->splat, b->splat, pixels * 6 * sizeof *a->splat) == 0 &&
+           memcmp(a->samples, b->samples, pixels * 2 * sizeof *a->samples) == 0 &&
+           (a->features == NULL ||
+            memcmp(a->features, b->features, pixels * FEATURE_VALUES * sizeof *a->features) == 0);
+}
+
+static film_t *film_of(const job_settings_t *settings)
+{
+    film_t *film;
+    fuzz_expect(film_new(settings, &film).code == RESULT_OK, "no film");
+    return film;
+}
+
+static void check_encoder(const batch_t *batch)
+{
+    zmq_msg_t payload[BATCH_PAYLOADS];
+    batch_t again;
+    batch_init(&again, &batch->settings);
+    again.units = mem_alloc(batch->unit_count * sizeof *again.units);
+    memcpy(again.units, batch->units, batch->unit_count * sizeof *again.units);
+    again.unit_count = again.unit_capacity = batch->unit_count;
+    fuzz_expect(payload_encode(batch, true, payload).code == RESULT_OK, "sums that cannot be encoded");
+    fuzz_expect(payload_decode(payload, &again).code == RESULT_OK, "our own payloads are refused");
+    fuzz_expect(memcmp(again.eye, batch->eye, batch->eye_count * sizeof *batch->eye) == 0, "other eye sums");
+    fuzz_expect(
+        again.feature_count == batch->feature_count &&
+            (batch->feature_count == 0 ||
+             memcmp(again.features, batch->features, batch->feature_count * sizeof *batch->features) == 0),
+        "other features");
+    for (int i = 0; i < BATCH_PAYLOADS; i++) zmq_msg_close(&payload[i]);
+    batch_free(&again);
+}
+
+/* The film takes no features that a sample cannot have; the units here have one sample each. */
+static bool features_possible(const batch_t *batch)
+{
+    const int64_t limit = (int64_t)1 << 57;
+    for (size_t i = 0; i < batch->feature_count; i++)
+        if (batch->features[i] >= limit || batch->features[i] <= -limit) return false;
+    return true;
+}
+
+static void compare_decoders(const job_settings_t *settings, zmq_msg_t payload[BATCH_PAYLOADS],
+                             batch_t *batch)
+{
+    film_t *expected = film_of(settings);
+    canvas_t *canvas = canvas_new(film_of(settings));
+    canvas_enter(canvas);
+    result_t merged = canvas_merge_payload(canvas, payload, batch, NULL, 1);
+    canvas_leave(canvas);
+    result_t decoded = payload_decode(payload, batch);
+    bool sound = decoded.code == RESULT_OK && features_possible(batch);
+    fuzz_expect((merged.code == RESULT_OK) == sound, "the decoders do not agree");
+    fuzz_expect(decoded.code == RESULT_OK || decoded.message[0] != '\0', "an error without text");
+    const film_t *result = canvas_lock(canvas);
+    if (decoded.code == RESULT_OK) check_encoder(batch);
+    if (sound) film_merge(expected, batch);
+    fuzz_expect(same_film(expected, result), sound ? "the films differ" : "a damaged payload left something");
+    fuzz_expect(expected->counts.overflows == result->counts.overflows, "other overflows");
+    canvas_unlock(canvas);
+    canvas_destroy(&canvas);
+    film_destroy(&expected);
+}
+
+int fuzz_payload(const uint8_t *data, size_t size)
+{
+    if (size < HEADER) return 0;
+    job_settings_t settings = settings_of(data[0]);
+    batch_t batch;
+    choose_units(&settings, data[1], &batch);
+    size_t left = size - HEADER, first = data[2] + 256u * data[3], second = data[4] + 256u * data[5];
+    if (first > left) first = left;
+    if (second > left - first) second = left - first;
+    const uint8_t *bytes = data + HEADER;
+    zmq_msg_t payload[BATCH_PAYLOADS];
+    put_payload(&payload[0], bytes, first);
+    put_payload(&payload[1], bytes + first, second);
+    put_payload(&payload[2], bytes + first + second, left - first - second);
+    compare_decoders(&settings, payload, &batch);
+    for (int i = 0; i < BATCH_PAYLOADS; i++) zmq_msg_close(&payload[i]);
+    batch_free(&batch);
+    return 0;
+}

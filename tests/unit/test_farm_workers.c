@@ -1,0 +1,555 @@
+/* Tests of farm_workers.c, farm_take.c, farm_standing.c and farm_suspects.c: deadlines and stragglers,
+ * machines with other bits, who is put aside, and units that end whoever renders them. */
+#include "tests/toy_farm.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+static const identity_t nobody = {{0}, 1};
+
+static int set_up(void **state)
+{
+    *state = toy_farm(false);
+    return 0;
+}
+
+static int tear_down(void **state)
+{
+    farm_destroy((farm_t **)state);
+    return 0;
+}
+
+static uint64_t submit(farm_t *farm, uint32_t spp)
+{
+    job_settings_t settings = toy_settings();
+    settings.spp = spp;
+    return toy_submit(farm, 0, &settings, 0);
+}
+
+/* One unit of a tile and 4 samples, as long as there are some. */
+static toy_work_t take_one(farm_t *farm, double now, uint64_t worker)
+{
+    return toy_take(farm, now, worker, 1, 1 << 20);
+}
+
+static result_t deliver(farm_t *farm, double now, uint64_t worker, const toy_work_t *work)
+{
+    return toy_deliver_work(farm, now, worker, work, 0);
+}
+
+/* Lets time pass, with heartbeats of these workers (0: none) and of nobody else. */
+static void pass(farm_t *farm, double *now, double seconds, const uint64_t *workers, size_t count)
+{
+    for (double end = *now + seconds; *now < end; *now += 0.5) {
+        for (size_t i = 0; i < count; i++)
+            if (workers[i] != 0) toy_beat(farm, *now, workers[i]);
+        farm_tick(farm, *now);
+    }
+}
+
+static worker_report_t find_worker(farm_t *farm, double now, const char *name)
+{
+    size_t count;
+    worker_report_t *reports = farm_worker_report(farm, now, &count), found = {.threads = 0};
+    for (size_t i = 0; i < count; i++)
+        if (strcmp(reports[i].name, name) == 0 && found.threads == 0) found = reports[i];
+    free(reports);
+    assert_true(found.threads > 0);
+    return found;
+}
+
+/* ---- deadlines ----------------------------------------------------------------------------------------- */
+
+/* Two workers that have delivered a unit of four samples each: in `quick` and in `slow` seconds. */
+static uint64_t measured_pair(farm_t *farm, double quick_seconds, double slow_seconds, uint64_t *quick,
+                              uint64_t *slow)
+{
+    uint64_t job = submit(farm, 16);
+    *quick = toy_join(farm, 0, "quick", 1, 0);
+    *slow = toy_join(farm, 0, "slow", 1, 0);
+    toy_work_t a = take_one(farm, 0, *quick), b = take_one(farm, 0, *slow);
+    assert_int_equal(deliver(farm, quick_seconds, *quick, &a).code, RESULT_OK);
+    assert_int_equal(deliver(farm, slow_seconds, *slow, &b).code, RESULT_OK);
+    return job;
+}
+
+static void speed_is_measured(void **state)
+{
+    farm_t *farm = *state;
+    uint64_t quick, slow;
+    measured_pair(farm, 2, 20, &quick, &slow);
+    assert_float_equal(find_worker(farm, 20, "quick").speed, 16 * 16 * 4 / 2.0, 1e-6);
+    assert_float_equal(find_worker(farm, 20, "slow").speed, 16 * 16 * 4 / 20.0, 1e-6);
+}
+
+/* At the end of a job who is quick gets what a slow one has only just begun; the first result counts. */
+static void an_idle_worker_takes_over_from_a_straggler(void **state)
+{
+    farm_t *farm = *state;
+    uint64_t quick, slow, job = measured_pair(farm, 2, 40, &quick, &slow);
+    toy_work_t last = take_one(farm, 40, slow), work;
+    uint64_t reissued = toy_report(farm, 40, job).units_reissued;
+    while ((work = take_one(farm, 40, quick)).job != 0 &&
+           toy_report(farm, 40, job).units_reissued == reissued)
+        assert_int_equal(deliver(farm, 40, quick, &work).code, RESULT_OK);
+    assert_int_equal(toy_report(farm, 40, job).units_reissued, reissued + 1); /* it takes 40 s more, not 2 */
+    assert_int_equal(work.units[0].tile, last.units[0].tile);
+    assert_int_equal(work.units[0].first, last.units[0].first);
+    do /* in smaller pieces */
+        assert_int_equal(deliver(farm, 42, quick, &work).code, RESULT_OK);
+    while ((work = take_one(farm, 42, quick)).job != 0);
+    assert_int_equal(toy_state(farm, 42, job), JOB_FINISHING);
+    assert_int_not_equal(deliver(farm, 43, slow, &last).code, RESULT_OK);
+}
+
+static void equals_leave_each_other_alone(void **state)
+{
+    farm_t *farm = *state;
+    uint64_t a, b, job = measured_pair(farm, 20, 20, &a, &b);
+    double now = 20;
+    toy_work_t last, other;
+    for (;;) { /* a has the last unit */
+        last = take_one(farm, now, a);
+        other = take_one(farm, now, b);
+        now += 5 * (double)last.units[0].count;
+        if (other.job == 0) break;
+        assert_int_equal(deliver(farm, now, b, &other).code, RESULT_OK);
+        schedule_account_t account = toy_report(farm, now, job).account;
+        if (account.counted + account.out == 4 * 16 * 16 * 16) break;
+        assert_int_equal(deliver(farm, now, a, &last).code, RESULT_OK);
+    }
+    for (double late = 0; late < 10; late++) { /* it should have been here now */
+        toy_beat(farm, now + late, a);
+        farm_tick(farm, now + late);
+        assert_int_equal(take_one(farm, now + late, b).job, 0);
+    }
+    assert_int_equal(toy_report(farm, now, job).units_reissued, 0);
+    assert_int_equal(deliver(farm, now + 10, a, &last).code, RESULT_OK);
+    assert_int_equal(toy_state(farm, now, job), JOB_FINISHING);
+}
+
+/* Past the deadline that its own speed gives it, a worker loses its units to whoever is idle, however slow.
+ */
+static void deadlines_follow_the_speed(void **state)
+{
+    farm_t *farm = *state;
+    uint64_t quick, slow, job = measured_pair(farm, 1, 100, &quick, &slow);
+    toy_work_t work;
+    double now = 100;
+    while ((work = take_one(farm, 101, quick)).job != 0)
+        if (toy_report(farm, 101, job).account.counted < 4 * 16 * 16 * 16 / 2)
+            assert_int_equal(deliver(farm, 101, quick, &work).code, RESULT_OK);
+    uint64_t alive[] = {quick, slow};
+    while (toy_report(farm, now, job).units_reissued == 0 && now < 300) {
+        pass(farm, &now, 1, alive, 2);
+        take_one(farm, now, slow);
+    }
+    assert_true(now > 140 && now < 160); /* 4 x (some s + 10 s) */
+    assert_true(find_worker(farm, now, "quick").units_reissued > 0);
+}
+
+/* What a worker has in hand after a restart of the master is its own again. */
+static void units_are_reclaimed(void **state)
+{
+    farm_t *farm = *state;
+    job_settings_t settings = toy_settings();
+    uint64_t job = submit(farm, 4), worker = toy_join(farm, 0, "back", 1, 0);
+    uint64_t other = toy_join(farm, 0, "other", 1, 0);
+    toy_work_t first = take_one(farm, 0, other);
+    assert_int_equal(first.units[0].tile, 0);
+    unit_t units[] = {{0, 0, 4}, {1, 0, 4}, {3, 0, 2}}, wrong = {9, 0, 4};
+    hash_t blob = {{0}}, hash = job_content_hash(&settings, &blob);
+    ProtobufCBinaryData content = wire_hash_put(&hash);
+    Lm__Unit **messages = wire_units_new(units, 3), **bad = wire_units_new(&wrong, 1);
+    farm_reclaim(farm, 1, worker, job, &content, messages, 3);
+    farm_reclaim(farm, 1, worker, job, &content, bad, 1);
+    assert_int_equal(find_worker(farm, 1, "back").units_held, 2); /* but for what the other has */
+    hash.bytes[0] ^= 1;
+    Lm__Unit **rest = wire_units_new(&(unit_t){2, 0, 4}, 1);
+    farm_reclaim(farm, 1, worker, job, &content, rest, 1);
+    assert_int_equal(find_worker(farm, 1, "back").units_held, 2); /* that was another job */
+    free(messages);
+    free(bad);
+    free(rest);
+}
+
+/* ---- bits ---------------------------------------------------------------------------------------------- */
+
+static void a_job_belongs_to_the_machines_with_the_same_bits(void **state)
+{
+    farm_t *farm = *state;
+    uint64_t job = submit(farm, 8), few = toy_join(farm, 0, "few", 2, 1);
+    uint64_t many[] = {toy_join(farm, 0, "many-1", 2, 2), toy_join(farm, 0, "many-2", 1, 2)};
+    assert_int_equal(take_one(farm, 0, few).job, 0);
+    toy_work_t work = take_one(farm, 0, many[0]);
+    assert_int_equal(work.job, job);
+    assert_int_equal(take_one(farm, 0, many[1]).job, job);
+    assert_int_equal(take_one(farm, 1, few).job, 0);
+    assert_int_equal(toy_report(farm, 1, job).fingerprint.bytes[0], 2);
+    /* Those who have it leave: it waits for others of their kind, and says so. */
+    farm_goodbye(farm, 2, many[0], 0, "");
+    farm_goodbye(farm, 2, many[1], 0, "");
+    farm_tick(farm, 3);
+    assert_int_equal(take_one(farm, 3, few).job, 0);
+    assert_non_null(strstr(toy_report(farm, 3, job).message, "waits for a machine that makes the same bits"));
+    assert_int_equal(toy_state(farm, 3, job), JOB_RUNNING);
+    many[0] = toy_join(farm, 4, "many-3", 1, 2);
+    assert_int_equal(take_one(farm, 4, many[0]).job, job);
+    toy_beat(farm, 5, few);
+    farm_tick(farm, 5);
+    assert_null(strstr(toy_report(farm, 5, job).message, "waits"));
+    /* The others have jobs of their own. */
+    uint64_t next = submit(farm, 4);
+    toy_join(farm, 5, "many-4", 2, 2);
+    assert_int_equal(take_one(farm, 5, few).job, 0);
+    toy_join(farm, 5, "few-2", 2, 1);
+    assert_int_equal(take_one(farm, 5, few).job, next);
+}
+
+static void a_mixed_job_takes_everybody_and_says_so(void **state)
+{
+    farm_t *farm = *state;
+    job_settings_t settings = toy_settings();
+    uint64_t job = toy_submit_on(farm, 0, &settings, &(job_terms_t){.name = "mixed", .mixed = true});
+    uint64_t a = toy_join(farm, 0, "a", 1, 1), b = toy_join(farm, 0, "b", 4, 2);
+    assert_int_equal(take_one(farm, 0, a).job, job);
+    assert_string_equal(toy_report(farm, 0, job).message, "");
+    assert_int_equal(take_one(farm, 0, b).job, job);
+    assert_non_null(strstr(toy_report(farm, 0, job).message, "depend on which machine"));
+}
+
+/* ---- put aside ----------------------------------------------------------------------------------------- */
+
+static result_t try_hello(farm_t *farm, double now, const char *name, uint64_t *worker)
+{
+    return farm_hello(farm, now, &nobody, &(farm_hello_t){.name = name, .key = "", .threads = 1}, worker);
+}
+
+/* A process of host:n joins, takes a unit, and is not heard of again. */
+static void come_and_die(farm_t *farm, double *now, int process, const uint64_t *others, size_t count)
+{
+    char name[30];
+    snprintf(name, sizeof name, "host:%d", process);
+    uint64_t worker;
+    assert_int_equal(try_hello(farm, *now, name, &worker).code, RESULT_OK);
+    assert_int_not_equal(take_one(farm, *now, worker).job, 0);
+    pass(farm, now, 6, others, count);
+    assert_false(toy_report(farm, *now, 0).workers > count);
+}
+
+static void who_dies_again_and_again_is_put_aside(void **state)
+{
+    farm_t *farm = *state;
+    submit(farm, 1024);
+    double now = 0;
+    uint64_t worker, good = toy_join(farm, 0, "good:1", 1, 0);
+    toy_work_t work = take_one(farm, 0, good);
+    for (int i = 0; i < FARM_MAX_FAILURES; i++) come_and_die(farm, &now, i, &good, 1);
+    result_t refused = try_hello(farm, now, "host:77", &worker);
+    assert_int_equal(refused.code, RESULT_CANCELLED);
+    assert_non_null(strstr(refused.message, "died with units in its hands"));
+    worker_report_t report = find_worker(farm, now, "host:2");
+    assert_false(report.connected);
+    assert_non_null(strstr(report.aside, "died with units"));
+    assert_string_equal(find_worker(farm, now, "good:1").aside, "");
+    assert_int_equal(deliver(farm, now, good, &work).code, RESULT_OK);
+    /* It may come back; the second time it is aside for longer. */
+    pass(farm, &now, FARM_ASIDE_SECONDS, &good, 1);
+    for (int i = 0; i < FARM_MAX_FAILURES; i++) come_and_die(farm, &now, 10 + i, &good, 1);
+    pass(farm, &now, FARM_ASIDE_SECONDS, &good, 1);
+    assert_int_equal(try_hello(farm, now, "host:78", &worker).code, RESULT_CANCELLED);
+    pass(farm, &now, FARM_ASIDE_SECONDS, &good, 1);
+    assert_int_equal(try_hello(farm, now, "host:79", &worker).code, RESULT_OK);
+}
+
+static void a_delivery_clears_a_machine(void **state)
+{
+    farm_t *farm = *state;
+    submit(farm, 1024);
+    double now = 0;
+    uint64_t good = toy_join(farm, now, "good:1", 1, 0), worker;
+    take_one(farm, now, good);
+    for (int i = 0; i < 4 * FARM_MAX_FAILURES; i++) {
+        char name[30];
+        snprintf(name, sizeof name, "host:%d", i);
+        assert_int_equal(try_hello(farm, now, name, &worker).code, RESULT_OK);
+        toy_work_t work = take_one(farm, now, worker);
+        if (i % 2 == 1) assert_int_equal(deliver(farm, now + 1, worker, &work).code, RESULT_OK);
+        if (i % 2 == 1) assert_int_not_equal(take_one(farm, now + 1, worker).job, 0);
+        pass(farm, &now, 8, &good, 1);
+    }
+}
+
+/* A link breaks: all workers of a machine are lost at a time, twice, three times. They come back by the same
+ * or by other names. */
+static void a_broken_link_is_no_failure(void **state)
+{
+    farm_t *farm = *state;
+    submit(farm, 1024);
+    double now = 0;
+    uint64_t workers[8];
+    for (int loss = 0; loss < 6; loss++) {
+        for (int i = 0; i < 8; i++) {
+            char name[30];
+            snprintf(name, sizeof name, "host:%d", i);
+            assert_int_equal(try_hello(farm, now, name, &workers[i]).code, RESULT_OK);
+            assert_int_not_equal(take_one(farm, now, workers[i]).job, 0);
+        }
+        pass(farm, &now, 7, NULL, 0);
+        /* They do not know that they were given up. */
+        for (int i = 0; i < 8; i++) assert_false(toy_beat(farm, now, workers[i]));
+    }
+}
+
+static void who_declines_what_others_render_is_put_aside(void **state)
+{
+    farm_t *farm = *state;
+    uint64_t job = submit(farm, 1024), good = toy_join(farm, 0, "good:1", 1, 0), worker;
+    toy_work_t work = take_one(farm, 0, good);
+    assert_int_equal(deliver(farm, 1, good, &work).code, RESULT_OK);
+    for (int i = 0; i < FARM_MAX_FAILURES; i++) {
+        assert_int_equal(try_hello(farm, 1, "small:1", &worker).code, RESULT_OK);
+        assert_int_not_equal(take_one(farm, 1, worker).job, 0);
+        farm_goodbye(farm, 1, worker, job, "no memory for the scene");
+    }
+    result_t refused = try_hello(farm, 2, "small:2", &worker);
+    assert_int_equal(refused.code, RESULT_CANCELLED);
+    assert_non_null(strstr(refused.message, "no memory for the scene"));
+}
+
+/* ---- units that end workers ---------------------------------------------------------------------------- */
+
+enum { CREW = 4 };
+
+/* A farm on which whoever holds a sample of one tile dies. */
+typedef struct {
+    farm_t *farm;
+    double now;
+    uint64_t job;
+    int machines, generation, deaths;
+    uint32_t killer; /* tile */
+    uint64_t workers[CREW];
+    toy_work_t work[CREW];
+} plague_t;
+
+static void join_again(plague_t *plague, int i)
+{
+    char name[30];
+    snprintf(name, sizeof name, "machine-%c:%d", 'a' + i % plague->machines, ++plague->generation);
+    plague->workers[i] = toy_join(plague->farm, plague->now, name, 1, 0);
+    plague->work[i] = (toy_work_t){0};
+}
+
+static bool is_deadly(const plague_t *plague, const toy_work_t *work)
+{
+    for (size_t i = 0; i < work->count; i++)
+        if (work->units[i].tile == plague->killer) return true;
+    return false;
+}
+
+/* A second: who has work delivers it, or dies of it; who has none asks. */
+static void plague_step(plague_t *plague)
+{
+    bool died[CREW] = {false};
+    for (int i = 0; i < CREW; i++) {
+        toy_work_t *work = &plague->work[i];
+        if (work->job != 0 && !is_deadly(plague, work))
+            assert_int_equal(deliver(plague->farm, plague->now, plague->workers[i], work).code, RESULT_OK);
+        if (is_deadly(plague, work)) {
+            died[i] = true;
+            plague->deaths++;
+            plague->workers[i] = 0;
+        } else {
+            *work = toy_take(plague->farm, plague->now, plague->workers[i], 1 << 11, 1 << 10);
+        }
+    }
+    pass(plague->farm, &plague->now, 1, plague->workers, CREW);
+    bool any = false;
+    for (int i = 0; i < CREW; i++) any = any || died[i];
+    if (any) pass(plague->farm, &plague->now, 6, plague->workers, CREW);
+    for (int i = 0; i < CREW; i++)
+        if (died[i]) join_again(plague, i);
+}
+
+static void run_plague(plague_t *plague, farm_t *farm, int machines)
+{
+    *plague = (plague_t){.farm = farm, .killer = 2, .machines = machines};
+    plague->job = submit(farm, 8);
+    for (int i = 0; i < CREW; i++) join_again(plague, i);
+    for (int step = 0; step < 300 && toy_state(farm, plague->now, plague->job) != JOB_FINISHING; step++)
+        plague_step(plague);
+}
+
+static void check_plague(plague_t *plague)
+{
+    job_report_t report = toy_report(plague->farm, plague->now, plague->job);
+    assert_int_equal(report.state, JOB_FINISHING);
+    assert_non_null(strstr(report.message, "tile 2, samples"));
+    assert_non_null(strstr(report.message, "left out"));
+    assert_int_equal(report.account.skipped, 16 * 16 * 8); /* that tile, and no sample more */
+    assert_int_equal(report.account.counted, 3 * 16 * 16 * 8);
+    assert_int_equal(report.account.issued, report.account.counted + report.account.returned);
+    assert_true(plague->deaths >= 2 + FARM_UNIT_DEATHS);
+}
+
+static void a_unit_that_kills_is_left_out(void **state)
+{
+    plague_t plague;
+    run_plague(&plague, *state, 2);
+    check_plague(&plague);
+}
+
+static void a_unit_that_kills_the_only_machine_is_left_out(void **state)
+{
+    plague_t plague;
+    run_plague(&plague, *state, 1);
+    check_plague(&plague);
+}
+
+/* One machine of two is broken, and dies of everything: no unit is left out for that. */
+static void a_machine_that_dies_of_everything_leaves_nothing_out(void **state)
+{
+    farm_t *farm = *state;
+    uint64_t job = submit(farm, 16), good = toy_join(farm, 0, "good:1", 1, 0), bad = 0;
+    double now = 0;
+    int deaths = 0;
+    for (int step = 0; step < 400 && toy_state(farm, now, job) != JOB_FINISHING; step++) {
+        toy_work_t work = toy_take(farm, now, good, 1 << 9, 1 << 9);
+        char name[30];
+        snprintf(name, sizeof name, "bad:%d", step);
+        if (try_hello(farm, now, name, &bad).code == RESULT_OK &&
+            toy_take(farm, now, bad, 1 << 10, 1 << 9).job != 0)
+            deaths++;
+        pass(farm, &now, 6, &good, 1);
+        if (work.job != 0) assert_int_equal(deliver(farm, now, good, &work).code, RESULT_OK);
+    }
+    job_report_t report = toy_report(farm, now, job);
+    assert_int_equal(report.state, JOB_FINISHING);
+    assert_int_equal(report.account.skipped, 0);
+    assert_true(deaths >= FARM_MAX_FAILURES);
+}
+
+/* A worker that was held for dead, and is not: its units are above suspicion again. */
+static void who_is_heard_of_again_did_not_die(void **state)
+{
+    farm_t *farm = *state;
+    uint64_t job = submit(farm, 4);
+    double now = 0;
+    uint64_t first = toy_join(farm, now, "a:1", 1, 0);
+    take_one(farm, now, first);
+    pass(farm, &now, 6, NULL, 0);
+    uint64_t second = toy_join(farm, now, "b:1", 1, 0);
+    take_one(farm, now, second);
+    pass(farm, &now, 8, NULL, 0);
+    assert_non_null(strstr(toy_report(farm, now, job).message, "1 units that workers died with"));
+    assert_false(toy_beat(farm, now, second));
+    pass(farm, &now, 1.5, NULL, 0);
+    assert_null(strstr(toy_report(farm, now, job).message, "died"));
+    uint64_t third = toy_join(farm, now, "c:1", 1, 0);
+    toy_work_t work = toy_take(farm, now, third, 1 << 12, 1 << 10);
+    assert_true(work.count > 1); /* not one unit alone */
+    assert_int_equal(work.units[0].tile, 0);
+}
+
+/* A suspect is handed out alone, to one who holds nothing else. */
+static void suspects_are_handed_out_apart(void **state)
+{
+    farm_t *farm = *state;
+    submit(farm, 64);
+    double now = 0;
+    uint64_t busy = toy_join(farm, now, "busy:1", 1, 0);
+    toy_work_t work = take_one(farm, now, busy);
+    for (int i = 0; i < 2; i++) {
+        uint64_t dies = toy_join(farm, now, i == 0 ? "a:1" : "b:1", 1, 0);
+        assert_int_equal(take_one(farm, now, dies).units[0].tile, 1);
+        pass(farm, &now, 6, &busy, 1);
+    }
+    uint64_t fresh = toy_join(farm, now, "fresh:1", 1, 0), both[] = {busy, fresh};
+    toy_work_t alone = toy_take(farm, now, fresh, 1 << 14, 1 << 10);
+    assert_int_equal(alone.count, 1);
+    assert_int_equal(alone.units[0].tile, 1);
+    assert_int_equal(toy_take(farm, now, fresh, 1 << 14, 1 << 10).job, 0); /* it holds nothing else */
+    toy_work_t more = take_one(farm, now, busy);                           /* the others go on */
+    assert_int_not_equal(more.job, 0);
+    assert_int_equal(deliver(farm, now, fresh, &alone).code, RESULT_OK);
+    notice_t notice;
+    bool called = false;
+    while (farm_next_notice(farm, &notice)) called = true; /* and it is called when it may have more */
+    assert_true(called);
+    assert_true(toy_take(farm, now, fresh, 1 << 14, 1 << 10).count > 1);
+    pass(farm, &now, 2, both, 2);
+    assert_int_equal(deliver(farm, now, busy, &work).code, RESULT_OK);
+}
+
+/* Workers are killed at random, all the time: everything is delivered in the end, nothing is left out, nobody
+ * is put aside. */
+static void random_kills_leave_nothing_out(void **state)
+{
+    farm_t *farm = *state;
+    job_settings_t settings = toy_settings();
+    settings.spp = 2048;
+    uint64_t job = toy_submit(farm, 0, &settings, 0), workers[CREW] = {0};
+    double now = 0, begun[CREW] = {0};
+    toy_work_t work[CREW];
+    int kills = 0, refused = 0, generation = 0;
+    uint32_t random = 12345;
+    while (toy_state(farm, now, job) != JOB_FINISHING && kills < 3000) {
+        for (int i = 0; i < CREW; i++) {
+            random = random * 747796405u + 2891336453u;
+            if (workers[i] == 0) {
+                char name[30];
+                snprintf(name, sizeof name, "host-%d:%d", i % 2, ++generation);
+                workers[i] = toy_join(farm, now, name, 1, 0);
+                work[i] = (toy_work_t){0};
+            } else if (work[i].job == 0) {
+                work[i] = toy_take(farm, now, workers[i], 1 << 12, 1 << 10);
+                begun[i] = now;
+            } else if ((random >> 8) % 16 == 0) { /* lives for some 8 s, needs 2 s for a batch */
+                workers[i] = 0;
+                kills++;
+            } else if (now - begun[i] >= 2) {
+                refused += deliver(farm, now, workers[i], &work[i]).code != RESULT_OK;
+                work[i] = (toy_work_t){0};
+            }
+        }
+        pass(farm, &now, 0.5, workers, CREW);
+    }
+    pass(farm, &now, 2, NULL, 0);
+    job_report_t report = toy_report(farm, now, job);
+    print_message("%d kills in %.0f s; %d batches came too late\n", kills, now, refused);
+    assert_int_equal(report.state, JOB_FINISHING);
+    assert_true(kills > 100);
+    assert_int_equal(report.account.skipped, 0);
+    assert_int_equal(report.account.issued, report.account.counted + report.account.returned);
+    assert_string_equal(report.message, "");
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+#define WITH_FARM(test) cmocka_unit_test_setup_teardown(test, set_up, tear_down)
+        WITH_FARM(speed_is_measured),
+        WITH_FARM(an_idle_worker_takes_over_from_a_straggler),
+        WITH_FARM(equals_leave_each_other_alone),
+        WITH_FARM(deadlines_follow_the_speed),
+        WITH_FARM(units_are_reclaimed),
+        WITH_FARM(a_job_belongs_to_the_machines_with_the_same_bits),
+        WITH_FARM(a_mixed_job_takes_everybody_and_says_so),
+        WITH_FARM(who_dies_again_and_again_is_put_aside),
+        WITH_FARM(a_delivery_clears_a_machine),
+        WITH_FARM(a_broken_link_is_no_failure),
+        WITH_FARM(who_declines_what_others_render_is_put_aside),
+        WITH_FARM(a_unit_that_kills_is_left_out),
+        WITH_FARM(a_unit_that_kills_the_only_machine_is_left_out),
+        WITH_FARM(a_machine_that_dies_of_everything_leaves_nothing_out),
+        WITH_FARM(who_is_heard_of_again_did_not_die),
+        WITH_FARM(suspects_are_handed_out_apart),
+        WITH_FARM(random_kills_leave_nothing_out),
+    };
+    return cmocka_run_group_tests_name("farm workers", tests, NULL, NULL);
+}
