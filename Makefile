@@ -233,5 +233,5 @@ help:
 	@echo "make format     clang-format; make lint: clang-tidy and cppcheck"
 	@echo "make clean      remove $(BUILD)/"
 
-.PHONY: all check bench bench-error bench-codec tests run-tests asan tsan fuzz demo deps deps-dev container-check install uninstall format lint clean help sim bench-merge chaos chaos-programs valgrind deps-test
+.PHONY: all check bench bench-error bench-codec tests run-tests asan tsan fuzz demo deps deps-dev container-check install uninstall format lint clean help sim bench-merge bench-farm chaos chaos-programs valgrind deps-test
 .SECONDARY:
