@@ -211,6 +211,11 @@ static uint32_t farm_threads(const farm_t *farm, const job_t *job)
     return threads;
 }
 
+static double wished_units(const schedule_wish_t *wish)
+{
+    return (double)wish->samples / fmax((double)wish->unit_samples, 1);
+}
+
 /* Issues units of one job, if it has any for this worker; false when the worker is to wait until it holds
  * nothing. */
 static bool take_from_job(farm_t *farm, double now, job_t *job, worker_t *worker, schedule_wish_t *wish,
@@ -227,8 +232,9 @@ static bool take_from_job(farm_t *farm, double now, job_t *job, worker_t *worker
     if (suspects == SUSPECTS_WAIT) return false;
     if (suspects == SUSPECTS_NONE) {
         wish->farm_threads = farm_threads(farm, job);
-        work->unit_count = schedule_take(job->schedule, wish, work->units, WIRE_MAX_UNITS);
-        if (work->unit_count > 0) work->unit_count = farm_checks_mark(farm, now, job, worker, work);
+        bool marked = farm_checks_marks(farm, job, worker, wished_units(wish));
+        work->unit_count = schedule_take(job->schedule, wish, work->units, marked ? 1 : WIRE_MAX_UNITS);
+        if (marked && work->unit_count > 0) farm_checks_mark(farm, now, job, worker, work);
     }
     if (work->unit_count == 0) return true;
     note_bits(farm, job, worker);

@@ -148,9 +148,11 @@ bool farm_checks_open(const job_checks_t *checks, size_t source);
 void farm_checks_forget(job_checks_t *checks, size_t source);
 /* Work that is to be compared, for a worker; false when there is none. */
 bool farm_checks_take(farm_t *farm, double now, job_t *job, worker_t *worker, farm_work_t *work);
-/* Units were just issued to a worker. If it is one that cannot be checked afterwards, one of them may be
- * chosen to be checked: the others are released again. Returns how many are left. */
-size_t farm_checks_mark(farm_t *farm, double now, job_t *job, worker_t *worker, farm_work_t *work);
+/* True when the next unit of a worker that cannot be checked afterwards, a relay, is to be chosen beforehand;
+ * it would be given about so many. */
+bool farm_checks_marks(const farm_t *farm, const job_t *job, const worker_t *worker, double units);
+/* What was just issued is its first rendering. */
+void farm_checks_mark(farm_t *farm, double now, job_t *job, const worker_t *worker, farm_work_t *work);
 /* True when a worker has units to compare. */
 bool farm_checks_held(const farm_t *farm, const worker_t *worker);
 /* A worker has lost what it was to compare. */
