@@ -491,10 +491,9 @@ static void settings_units_and_counts_are_checked(void **state)
     assert_int_equal(back.rays, 0);
 }
 
-int main(void)
+static void set_key(void *socket, int option, const char *key)
 {
-    const struct CMUnitTest tests[] = {static void set_key(void *socket, int option, const char *key){
-        assert_int_equal(zmq_setsockopt(socket, option, key, strlen(key) + 1), 0);
+    assert_int_equal(zmq_setsockopt(socket, option, key, strlen(key) + 1), 0);
 }
 
 /* A frame of exactly the limit comes through also where encryption makes it longer. */
@@ -536,17 +535,24 @@ static void the_largest_frame_fits_encrypted(void **state)
     zmq_ctx_term(context);
 }
 
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
 #define WITH_SOCKETS(test) cmocka_unit_test_setup_teardown(test, open_sockets, close_sockets)
-WITH_SOCKETS(messages_go_both_ways), WITH_SOCKETS(a_peer_that_is_gone_is_an_error),
-    WITH_SOCKETS(a_full_queue_is_an_error), WITH_SOCKETS(bad_headers_are_errors),
-    WITH_SOCKETS(a_damaged_message_is_an_error), WITH_SOCKETS(another_version_is_named),
-    WITH_SOCKETS(too_many_payloads_are_errors),
-    WITH_SOCKETS(long_strings_are_errors_and_control_characters_go), WITH_SOCKETS(too_many_units_are_errors),
-    WITH_SOCKETS(random_and_truncated_headers_do_no_harm),
-    WITH_SOCKETS(a_frame_over_the_limit_drops_the_connection),
-    cmocka_unit_test(the_largest_frame_fits_encrypted), cmocka_unit_test(the_checksum_is_crc_32c),
-    cmocka_unit_test(settings_units_and_counts_are_checked),
-}
-;
-return cmocka_run_group_tests_name("wire", tests, NULL, NULL);
+        WITH_SOCKETS(messages_go_both_ways),
+        WITH_SOCKETS(a_peer_that_is_gone_is_an_error),
+        WITH_SOCKETS(a_full_queue_is_an_error),
+        WITH_SOCKETS(bad_headers_are_errors),
+        WITH_SOCKETS(a_damaged_message_is_an_error),
+        WITH_SOCKETS(another_version_is_named),
+        WITH_SOCKETS(too_many_payloads_are_errors),
+        WITH_SOCKETS(long_strings_are_errors_and_control_characters_go),
+        WITH_SOCKETS(too_many_units_are_errors),
+        WITH_SOCKETS(random_and_truncated_headers_do_no_harm),
+        WITH_SOCKETS(a_frame_over_the_limit_drops_the_connection),
+        cmocka_unit_test(the_largest_frame_fits_encrypted),
+        cmocka_unit_test(the_checksum_is_crc_32c),
+        cmocka_unit_test(settings_units_and_counts_are_checked),
+    };
+    return cmocka_run_group_tests_name("wire", tests, NULL, NULL);
 }
