@@ -24,6 +24,7 @@ struct remote {
     dial_keys_t keys;
     void *control, *bulk;
     dial_watch_t control_watch, bulk_watch;
+    unsigned lost; /* connections that had broken when the last request was sent */
     double timeout;
     uint64_t request; /* the last number used */
 };
@@ -115,6 +116,9 @@ static result_t await_answer(remote_t *remote, void *socket, double timeout, wir
             continue;
         }
         result_t verdict = dial_watch_poll(watch);
+        if (watch->lost != remote->lost)
+            return result_fail(RESULT_UNREACHABLE, "the connection to %s broke before the answer came",
+                               endpoint);
         double left = deadline - clock_now();
         if (verdict.code == RESULT_DENIED || (verdict.code != RESULT_OK && left <= 0))
             return result_fail(verdict.code, "%s: %s", endpoint, verdict.message);
@@ -129,6 +133,9 @@ static result_t await_answer(remote_t *remote, void *socket, double timeout, wir
 static result_t ask(remote_t *remote, void *socket, Lm__Envelope *envelope, zmq_msg_t *payload,
                     double timeout, Lm__Envelope__BodyCase expected, wire_message_t *answer)
 {
+    dial_watch_t *watch = socket == remote->control ? &remote->control_watch : &remote->bulk_watch;
+    dial_watch_poll(watch);
+    remote->lost = watch->lost;
     envelope->request = ++remote->request;
     TRY(wire_send(socket, NULL, 0, envelope, payload, payload ? 1 : 0));
     TRY(await_answer(remote, socket, timeout, answer));

@@ -95,15 +95,16 @@ static result_t number(journal_t *journal, const char *sql, int64_t *value)
     return result;
 }
 
-/* Runs `work` in a transaction: all of it is done and safe, or nothing. */
-static result_t transact(journal_t *journal, result_t (*work)(journal_t *, const void *), const void *data)
+static result_t begin(journal_t *journal)
 {
-    result_t result = run(journal, "BEGIN IMMEDIATE");
-    if (result.code == RESULT_OK) {
-        result = work(journal, data);
-        if (result.code == RESULT_OK) result = run(journal, "COMMIT");
-        if (result.code != RESULT_OK && !sqlite3_get_autocommit(journal->database)) run(journal, "ROLLBACK");
-    }
+    return run(journal, "BEGIN IMMEDIATE");
+}
+
+/* Ends what was begun: all of it is done and safe, or, when it had failed or fails now, nothing. */
+static result_t end(journal_t *journal, result_t result)
+{
+    if (result.code == RESULT_OK) result = run(journal, "COMMIT");
+    if (result.code != RESULT_OK && !sqlite3_get_autocommit(journal->database)) run(journal, "ROLLBACK");
     return result;
 }
 
@@ -176,51 +177,34 @@ static result_t remove_record(journal_t *journal, const job_record_t *record)
     return add_event(journal, record->job, "removed", "");
 }
 
-typedef struct {
-    const job_record_t *records;
-    size_t count;
-} records_t;
-
-static result_t save_records(journal_t *journal, const void *data)
+/* *next becomes the number that a job after these may have. */
+static result_t save_records(journal_t *journal, const job_record_t *records, size_t count, uint64_t *next)
 {
-    const records_t *records = data;
-    for (size_t i = 0; i < records->count; i++) {
-        const job_record_t *record = &records->records[i];
-        TRY(record->removed ? remove_record(journal, record) : put_record(journal, record));
-        if (record->job < journal->found.next_job) continue;
-        TRY(set_meta(journal, "next_job", (int64_t)record->job + 1));
+    *next = journal->found.next_job;
+    for (size_t i = 0; i < count; i++) {
+        TRY(records[i].removed ? remove_record(journal, &records[i]) : put_record(journal, &records[i]));
+        if (records[i].job >= *next) *next = records[i].job + 1;
     }
-    return result_ok();
+    return *next > journal->found.next_job ? set_meta(journal, "next_job", (int64_t)*next) : result_ok();
 }
 
 result_t journal_save(journal_t *journal, const job_record_t *records, size_t count)
 {
-    const records_t data = {records, count};
+    uint64_t next;
     if (count == 0) return result_ok();
     pthread_mutex_lock(&journal->lock);
-    result_t result = transact(journal, save_records, &data);
-    for (size_t i = 0; result.code == RESULT_OK && i < count; i++)
-        if (records[i].job >= journal->found.next_job) journal->found.next_job = records[i].job + 1;
+    result_t result = begin(journal);
+    if (result.code == RESULT_OK) result = end(journal, save_records(journal, records, count, &next));
+    if (result.code == RESULT_OK) journal->found.next_job = next;
     pthread_mutex_unlock(&journal->lock);
     return result;
 }
 
-typedef struct {
-    uint64_t job;
-    const char *event, *text;
-} event_t;
-
-static result_t save_event(journal_t *journal, const void *data)
-{
-    const event_t *event = data;
-    return add_event(journal, event->job, event->event, event->text);
-}
-
 result_t journal_note(journal_t *journal, uint64_t job, const char *event, const char *text)
 {
-    const event_t data = {job, event, text};
     pthread_mutex_lock(&journal->lock);
-    result_t result = transact(journal, save_event, &data);
+    result_t result = begin(journal);
+    if (result.code == RESULT_OK) result = end(journal, add_event(journal, job, event, text));
     pthread_mutex_unlock(&journal->lock);
     return result;
 }
@@ -303,14 +287,19 @@ static result_t open_database(journal_t *journal, bool fleeting)
     return run(journal, "PRAGMA synchronous = FULL; PRAGMA trusted_schema = OFF");
 }
 
-static result_t make_schema(journal_t *journal, const void *data)
+static result_t make_tables(journal_t *journal)
 {
     char sql[100];
-    (void)data;
     TRY(run(journal, SCHEMA));
     snprintf(sql, sizeof sql, "PRAGMA application_id = %d; PRAGMA user_version = %d", APPLICATION_ID,
              JOURNAL_VERSION);
     return run(journal, sql);
+}
+
+static result_t make_schema(journal_t *journal)
+{
+    TRY(begin(journal));
+    return end(journal, make_tables(journal));
 }
 
 /* Checks the tables and reads what is in them; *whole becomes false when something is damaged. */
@@ -342,7 +331,7 @@ static result_t examine(journal_t *journal, bool *whole)
                            "reads version %d",
                            journal->path, (long long)version, JOURNAL_VERSION);
     journal->found.fresh = version == 0 && tables == 0;
-    return journal->found.fresh ? transact(journal, make_schema, NULL) : read_tables(journal, whole);
+    return journal->found.fresh ? make_schema(journal) : read_tables(journal, whole);
 }
 
 /* Gives the damaged database, with its log, another name. */
@@ -384,7 +373,7 @@ static result_t rebuild(journal_t *journal)
     close_database(journal);
     TRY(set_aside(journal));
     TRY(open_database(journal, false));
-    TRY(transact(journal, make_schema, NULL));
+    TRY(make_schema(journal));
     found->damaged = true;
     found->fresh = false;
     for (size_t i = 0; i < found->record_count; i++)

@@ -191,7 +191,8 @@ result_t dial_keys_apply(dial_keys_t *keys, void *socket)
 /* ---- watching handshakes ------------------------------------------------------------------------------- */
 
 static const int EVENTS = ZMQ_EVENT_HANDSHAKE_SUCCEEDED | ZMQ_EVENT_HANDSHAKE_FAILED_NO_DETAIL |
-                          ZMQ_EVENT_HANDSHAKE_FAILED_PROTOCOL | ZMQ_EVENT_HANDSHAKE_FAILED_AUTH;
+                          ZMQ_EVENT_HANDSHAKE_FAILED_PROTOCOL | ZMQ_EVENT_HANDSHAKE_FAILED_AUTH |
+                          ZMQ_EVENT_DISCONNECTED;
 
 result_t dial_watch_open(dial_watch_t *watch, void *context, void *socket, const dial_keys_t *keys)
 {
@@ -228,7 +229,12 @@ static void on_event(dial_watch_t *watch, uint16_t event)
     switch (event) {
     case ZMQ_EVENT_HANDSHAKE_SUCCEEDED:
         watch->broken = 0;
+        watch->up = true;
         watch->verdict = result_ok();
+        break;
+    case ZMQ_EVENT_DISCONNECTED:
+        watch->lost += watch->up;
+        watch->up = false;
         break;
     case ZMQ_EVENT_HANDSHAKE_FAILED_AUTH:
         deny(watch, result_fail(RESULT_DENIED, "the master does not accept the key %s: it is not on its list",

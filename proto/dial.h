@@ -50,6 +50,8 @@ typedef struct {
     void *monitor;          /* NULL: not watching */
     char key[KEY_TEXT + 1]; /* the own public key; empty: without keys */
     unsigned broken;        /* handshakes that broke off since the last good one */
+    bool up;                /* the last handshake was good, and the connection has not broken since */
+    unsigned lost;          /* connections that broke after a good handshake */
     bool denied;            /* the master said no, and this socket will not dial again */
     result_t verdict;
 } dial_watch_t;

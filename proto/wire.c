@@ -54,7 +54,8 @@ static void note_receiving(void)
 
 /* Socket options. Times are in ms, keep-alive in seconds. */
 enum {
-    HIGH_WATER_MARK = 64, /* messages queued a connection; peers have few requests open at a time */
+    ENCRYPTION_OVERHEAD = 64, /* bytes, at least what CURVE adds to a frame (33) */
+    HIGH_WATER_MARK = 64,     /* messages queued a connection; peers have few requests open at a time */
     LINGER_MS = 1000,
     RECONNECT_MS = 100,
     RECONNECT_MAX_MS = 500, /* a master that was restarted is to be found within a second */
@@ -140,13 +141,16 @@ static void read_user_id(const char *id, wire_message_t *message)
 
 result_t wire_socket_limit(void *socket, size_t largest_frame)
 {
-    int64_t limit = (int64_t)largest_frame;
+    int64_t limit = (int64_t)largest_frame + ENCRYPTION_OVERHEAD;
     if (zmq_setsockopt(socket, ZMQ_MAXMSGSIZE, &limit, sizeof limit) == 0) return result_ok();
     return result_fail(RESULT_IO, "cannot limit a socket's messages: %s", zmq_strerror(errno));
 }
 
 result_t wire_socket_queue(void *socket, int received, int sent)
 {
+    /* On a connection with a key libzmq queues the key first, counts it, and never counts it as taken out:
+     * with a limit of 1 nothing would ever come. */
+    received++;
     if (zmq_setsockopt(socket, ZMQ_RCVHWM, &received, sizeof received) == 0 &&
         zmq_setsockopt(socket, ZMQ_SNDHWM, &sent, sizeof sent) == 0)
         return result_ok();

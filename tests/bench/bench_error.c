@@ -54,12 +54,12 @@ static double root_relmse(const estimate_image_t *image, const estimate_image_t 
     return root;
 }
 
-/* The long render: its error is about a quarter of E, and what it adds is taken off. */
+/* The long render: its error is about a third of E, and what it adds is taken off. */
 static estimate_image_t long_render(const scene_blob_t *blob, job_settings_t settings, double error)
 {
     planned_t planned;
     settings.seed = 1 << 30;
-    settings.error = error / 4;
+    settings.error = error / 3;
     settings.adaptive = false;
     film_t *film = render_planned(blob, &settings, 1 << 20, 1, &planned);
     estimate_image_t reference = reference_estimate(film);

@@ -4,6 +4,7 @@
 #include "common/image.h"
 #include "tests/chaos/errand.h"
 #include "tests/chaos/job_kinds.h"
+#include "tests/chaos/process.h"
 #include "tests/chaos/words.h"
 
 #include <jansson.h>
@@ -454,6 +455,17 @@ static void new_job(docket_t *docket, double now)
     report_line(docket->setup.report, "%s: %s, seed %u", job->name, job->kind->name, job->seed);
 }
 
+/* A command crashed, hung, or was not understood. */
+static void violate_command(docket_t *docket, docket_job_t *job)
+{
+    char *how = process_how(job->errand.how), *said = errand_said(&job->errand);
+    char *text = mem_printf("a command ended with %s: %.300s", how, said);
+    violate(docket, job, text);
+    free(text);
+    free(said);
+    free(how);
+}
+
 /* Drives a command to its success; true then. A failure is tried again, after `failed` where it is given. */
 static bool succeed(docket_t *docket, docket_job_t *job, double now,
                     void (*start)(docket_t *, docket_job_t *), bool *failed)
@@ -467,7 +479,8 @@ static bool succeed(docket_t *docket, docket_job_t *job, double now,
         return true;
     case ERRAND_FAILED:
         job->next_try = now + RETRY;
-        *failed = true;
+        *failed = job->errand.how != RESULT_USAGE && job->errand.how < PROCESS_SIGNALLED;
+        if (!*failed) violate_command(docket, job);
         return false;
     default:
         return false;

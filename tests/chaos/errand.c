@@ -3,6 +3,7 @@
 
 #include "tests/chaos/process.h"
 
+#include <signal.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
@@ -27,9 +28,10 @@ errand_state_t errand_poll(errand_t *errand, double now, double limit)
     if (!process_ended(errand->process, &how)) {
         if (now < errand->started + limit) return ERRAND_RUNS;
         process_kill(errand->process);
-        how = -1;
+        how = PROCESS_SIGNALLED + SIGKILL;
     }
     errand->process = 0;
+    errand->how = how;
     return how == 0 ? ERRAND_DONE : ERRAND_FAILED;
 }
 

@@ -12,12 +12,13 @@ typedef struct {
     pid_t process; /* 0: none */
     char *output;  /* the file that it writes */
     double started;
+    int how; /* it ended, as process_how reads it */
 } errand_t;
 
 /* Starts BUILD/lightmill with these arguments; what it says goes to `output`, which is emptied first. */
 void errand_start(errand_t *errand, const char *output, const char *const *arguments, bool background);
 /* ERRAND_DONE (exit code 0) and ERRAND_FAILED are said once. One that takes longer than `limit` seconds is
- * killed, and has failed. */
+ * killed, and has failed: errand->how is PROCESS_SIGNALLED + SIGKILL. */
 errand_state_t errand_poll(errand_t *errand, double now, double limit);
 /* What it wrote, in fresh memory. */
 char *errand_said(const errand_t *errand);

@@ -18,11 +18,11 @@ passes_t passes_open(void)
                       .relay_worker = {"--insecure"}};
 }
 
-/* The line for the list, "worker KEY NAME", among what keygen says. */
-static void add_to_list(FILE *list, const char *name, char *said)
+/* The line for the list, "RIGHT KEY NAME", among what keygen says. */
+static void add_to_list(FILE *list, const char *right, char *said)
 {
     for (char *line; (line = strsep(&said, "\n")) != NULL;)
-        if (strncmp(line, name, strlen(name)) == 0) fprintf(list, "%s\n", line);
+        if (strncmp(line, right, strlen(right)) == 0) fprintf(list, "%s\n", line);
 }
 
 /* Runs `lightmill keygen`; what it prints is the line for the list. */
@@ -40,7 +40,7 @@ static result_t make_key(const char *folder, const char *name, const char *right
     if (state != ERRAND_DONE)
         result = result_fail(RESULT_IO, "no key for %s: %.300s", name, said);
     else if (list)
-        add_to_list(list, name, said);
+        add_to_list(list, right, said);
     free(said);
     free(output);
     errand_end(&errand);

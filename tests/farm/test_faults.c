@@ -8,6 +8,8 @@
 #include <stdarg.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/wait.h>
+#include <unistd.h>
 /* After setjmp and stdarg. */
 #include <cmocka.h>
 
@@ -212,6 +214,28 @@ static void time_ends_a_job(void **state)
     rig_image_hash(rig, job);
 }
 
+/* It would wait for as long as its time-out says, two minutes for an image, if it did not see the connection
+ * break. */
+static void a_client_sees_the_end_of_its_master(void **state)
+{
+    rig_t *rig = *state;
+    rig_start_master(rig, BATCH_INTERVAL); /* with a client whose time-out is 20 s */
+    kill(rig->master, SIGSTOP);
+    pid_t killer = fork();
+    if (killer == 0) {
+        rig_sleep(1);
+        kill(rig->master, SIGKILL);
+        _exit(0);
+    }
+    wire_message_t message;
+    double start = clock_now();
+    result_t result = remote_status(rig->remote, 0, &message);
+    assert_int_equal(result.code, RESULT_UNREACHABLE);
+    assert_non_null(strstr(result.message, "broke"));
+    assert_true(clock_now() - start < 15);
+    waitpid(killer, NULL, 0);
+}
+
 int main(void)
 {
 #define FAULT(test) cmocka_unit_test_setup_teardown(test, set_up, tear_down)
@@ -225,6 +249,7 @@ int main(void)
         FAULT(a_worker_waits_for_its_master),
         FAULT(a_worker_outlives_its_master),
         FAULT(a_stopped_master_goes_on),
+        FAULT(a_client_sees_the_end_of_its_master),
         FAULT(two_jobs_in_a_row),
         FAULT(a_cancelled_job_keeps_its_image),
         FAULT(time_ends_a_job),

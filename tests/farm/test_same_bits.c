@@ -1,6 +1,6 @@
 /* The same job gives the same pixels, bit for bit, however it is computed: with one thread or two, in one
  * process, on a farm of one, two or three worker processes, and on a farm that loses two of three workers
- * half-way. */
+ * half-way; also when the job goes by rounds that its own noise decides. */
 #include "common/image.h"
 #include "tests/rig.h"
 #include "tests/scratch.h"
@@ -112,6 +112,48 @@ static void losing_workers_makes_no_difference(void **state)
     rig_destroy(&rig);
 }
 
+/* A job that goes by rounds, in which one worker dies, another stops, and the master is killed; the same job
+ * on this machine. */
+static void rounds_make_no_difference(void **state)
+{
+    (void)state;
+    rig_t *rig = rig_new();
+    char *path = scratch_path(rig->folder, "image.exr");
+    assert_int_equal(
+        rig_run(rig, (const char *[]){"render", "scenes/seed-hidden", "--quiet", "-o", path, "--resolution",
+                                      "128x128", "--tile-size", "16", "--adaptive", "--error", "0.08", NULL}),
+        0);
+    check_layers(path, true);
+    hash_t reference = rig_file_hash(path);
+    rig_start_master(rig, 0.2);
+    pid_t workers[3];
+    for (int i = 0; i < 3; i++) workers[i] = rig_start_worker(rig);
+    rig_wait_workers(rig, 3);
+    job_settings_t settings = rig_settings();
+    settings.width = settings.height = 128;
+    settings.tile_size = 16;
+    settings.spp = JOB_MAX_SPP;
+    settings.seed = 0;
+    settings.adaptive = true;
+    settings.error = 0.08;
+    settings.film_scale -= 2; /* as the command does */
+    uint64_t job = rig_submit(rig, &settings);
+    rig_wait_samples(rig, job, 128 * 128 * 8);
+    kill(workers[0], SIGKILL);
+    rig_wait_samples(rig, job, 128 * 128 * 18);
+    kill(workers[1], SIGSTOP);
+    rig_kill_master(rig);
+    rig_restart_master(rig, 0.2);
+    rig_status_t status = rig_wait_job(rig, job);
+    assert_int_equal(status.state, JOB_DONE);
+    assert_int_equal(status.issued, status.counted + status.returned + status.out);
+    assert_true(status.counted > 128 * 128 * 18);
+    hash_t hash = rig_image_hash(rig, job);
+    assert_true(hash_equal(&hash, &reference));
+    free(path);
+    rig_destroy(&rig);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -120,6 +162,7 @@ int main(void)
         cmocka_unit_test(layers_can_be_left_out),
         cmocka_unit_test(another_seed_gives_another_image),
         cmocka_unit_test(losing_workers_makes_no_difference),
+        cmocka_unit_test(rounds_make_no_difference),
     };
     return cmocka_run_group_tests_name("same bits", tests, NULL, NULL);
 }

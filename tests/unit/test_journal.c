@@ -141,6 +141,9 @@ static void a_number_is_never_given_twice(void **state)
     must(journal_save(desk->journal, &gone, 1));
     assert_true(reopen(desk)->next_job == 3);
     assert_int_equal(journal_found(desk->journal)->record_count, 1);
+    job_record_t any_order[] = {record_of(9), record_of(7), {.job = 9, .removed = true}};
+    must(journal_save(desk->journal, any_order, 3));
+    assert_true(reopen(desk)->next_job == 10);
 }
 
 static void it_keeps_a_history(void **state)
