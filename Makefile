@@ -74,8 +74,8 @@ $(BUILD)/tests/chaos/world.so: tests/chaos/world_preload.c
 	@mkdir -p $(@D)
 	@echo "  link $@"
 	$(Q)$(CC) -std=gnu17 -D_GNU_SOURCE $(WARNINGS) -I. -O2 -shared -fPIC -o $@ $<
-SIM_SRC := tests/sim/sim.c tests/sim/crowd.c tests/sim/prepared.c
-$(BUILD)/tests/farm/test_scale $(BUILD)/tests/sim/main: $(call objects,$(SIM_SRC))
+SIM_SRC := $(filter-out tests/sim/main.c,$(wildcard tests/sim/*.c))
+$(BUILD)/tests/farm/test_scale $(BUILD)/tests/sim/main $(BUILD)/tests/bench/bench_farm: $(call objects,$(SIM_SRC))
 
 -include $(shell find $(BUILD) -name '*.d' 2>/dev/null)
 
@@ -173,6 +173,11 @@ bench-merge: deps
 	$(SUBMAKE) $(JOBS) $(BUILD)/tests/bench/bench_merge
 	$(BUILD)/tests/bench/bench_merge
 
+# CPU time of a farm beside its rendering, and two workers against one: about twelve minutes (docs/scale.md).
+bench-farm: deps
+	$(SUBMAKE) $(JOBS) all $(BUILD)/tests/bench/bench_farm
+	$(BUILD)/tests/bench/bench_farm
+
 # What docs/codec.md says of the alternatives to our payload coding; needs libblosc-dev (make deps-dev).
 bench-codec: EXTRA_LIBS = -lblosc
 bench-codec: $(BUILD)/tests/bench/bench_codec
@@ -219,6 +224,7 @@ help:
 	@echo "make bench      error and speed of the renderer against the figures of pbrt-v3"
 	@echo "make bench-error  jobs that end by --error: is it the error?"
 	@echo "make bench-merge  how fast a master merges, as a share of memcpy"
+	@echo "make bench-farm   CPU time of a farm beside its rendering; two workers against one"
 	@echo "make sim        a real master and 500 simulated workers for three minutes: what one master takes"
 	@echo "make bench-codec  the codings of payloads that were weighed against one another"
 	@echo "make container-check  build the images of docker/Dockerfile, render a job through them (root)"
@@ -227,5 +233,5 @@ help:
 	@echo "make format     clang-format; make lint: clang-tidy and cppcheck"
 	@echo "make clean      remove $(BUILD)/"
 
-.PHONY: all check bench bench-error bench-codec tests run-tests asan tsan fuzz demo deps deps-dev container-check install uninstall format lint clean help sim bench-merge chaos chaos-programs valgrind deps-test
+.PHONY: all check bench bench-error bench-codec tests run-tests asan tsan fuzz demo deps deps-dev container-check install uninstall format lint clean help sim bench-merge bench-farm chaos chaos-programs valgrind deps-test
 .SECONDARY:

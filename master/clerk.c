@@ -72,9 +72,10 @@ static void delete_files(clerk_t *clerk, uint64_t job)
     free(image);
 }
 
-static bool needs_blob(const job_record_t *record)
+/* A job that is over does without its scene, unless it is retained. */
+static bool needs_blob(job_state_t state, bool retained)
 {
-    return !record->removed && (!job_state_final((uint32_t)record->state) || record->retained);
+    return retained || !job_state_final((uint32_t)state);
 }
 
 static void complain(clerk_t *clerk, const char *what)
@@ -103,7 +104,8 @@ static result_t save(clerk_t *clerk, const job_record_t *records, size_t count)
         return result;
     }
     for (size_t i = 0; i < count; i++)
-        blob_store_need(clerk->options.store, &records[i].blob, records[i].job, needs_blob(&records[i]));
+        blob_store_need(clerk->options.store, &records[i].blob, records[i].job,
+                        !records[i].removed && needs_blob(records[i].state, records[i].retained));
     if (clerk->warned_at > 0) log_info("the journal goes on");
     clerk->warned_at = 0;
     return result;
@@ -156,25 +158,46 @@ static result_t submit(clerk_t *clerk, const clerk_request_t *request, uint64_t 
     return result;
 }
 
-/* A job that is over may have lost its scene to newer ones. */
-static result_t check_scene(clerk_t *clerk, uint64_t id)
+/* The job as it is now; false when there is none of that number. */
+static bool find_job(clerk_t *clerk, uint64_t job, job_report_t *report)
+{
+    size_t count;
+    uint32_t workers;
+    job_report_t *reports = farm_report(clerk->options.farm, clock_now(), job, &count, &workers);
+    if (reports != NULL) *report = reports[0];
+    free(reports);
+    return reports != NULL;
+}
+
+/* A job that is to be worked on again needs its scene: from now on it does not go to make room. */
+static result_t hold_scene(clerk_t *clerk, const job_report_t *job)
 {
     uint64_t size;
-    job_t *job = farm_pin(clerk->options.farm, id);
-    if (job == NULL) return result_ok(); /* the farm says so */
-    job_record_t record = farm_record(clerk->options.farm, clock_now(), job);
-    farm_unpin(clerk->options.farm, job);
-    if (blob_store_find(clerk->options.store, &record.blob, &size)) return result_ok();
-    return result_fail(RESULT_INPUT, "the scene of job %llu is no longer here, and it cannot go on without",
-                       (unsigned long long)id);
+    blob_store_need(clerk->options.store, &job->blob, job->job, true);
+    if (blob_store_find(clerk->options.store, &job->blob, &size)) return result_ok();
+    return result_fail(RESULT_INPUT,
+                       "the scene of job %llu is no longer here: send it again (submit another job with it)",
+                       (unsigned long long)job->job);
+}
+
+static result_t carry_out(clerk_t *clerk, const job_order_t *order)
+{
+    keeper_t *keeper = clerk->options.keeper;
+    job_report_t job;
+    bool again = order->kind == ORDER_EXTEND || order->kind == ORDER_RESUME;
+    result_t result = result_ok();
+    if (again && find_job(clerk, order->job, &job)) result = hold_scene(clerk, &job);
+    if (result.code == RESULT_OK)
+        result = keeper != NULL ? keeper_order(keeper, clock_now(), order)
+                                : farm_order(clerk->options.farm, clock_now(), order);
+    if (result.code != RESULT_OK && again && find_job(clerk, order->job, &job)) /* it needs what it needed */
+        blob_store_need(clerk->options.store, &job.blob, job.job, needs_blob(job.state, job.retained));
+    return result;
 }
 
 static result_t order(clerk_t *clerk, const clerk_request_t *request)
 {
-    if (request->order.kind == ORDER_EXTEND) TRY(check_scene(clerk, request->order.job));
-    keeper_t *keeper = clerk->options.keeper;
-    TRY(keeper != NULL ? keeper_order(keeper, clock_now(), &request->order)
-                       : farm_order(clerk->options.farm, clock_now(), &request->order));
+    TRY(carry_out(clerk, &request->order));
     result_t saved = save_changes(clerk);
     if (saved.code == RESULT_OK) return saved;
     return result_fail(RESULT_IO,

@@ -245,24 +245,38 @@ bool farm_checks_take(farm_t *farm, double now, job_t *job, worker_t *worker, fa
     return false;
 }
 
+bool farm_checks_held(const farm_t *farm, const worker_t *worker)
+{
+    for (size_t j = 0; j < farm->job_count; j++) {
+        const job_checks_t *checks = farm->jobs[j]->checks;
+        for (size_t i = 0; checks != NULL && i < checks->check_count; i++)
+            if (checks->checks[i].with == worker->id) return true;
+    }
+    return false;
+}
+
 /* True with a probability. */
 static bool happens(double probability)
 {
     return (double)randombytes_random() < probability * 0x1p32;
 }
 
-size_t farm_checks_mark(farm_t *farm, double now, job_t *job, worker_t *worker, farm_work_t *work)
+bool farm_checks_marks(const farm_t *farm, const job_t *job, const worker_t *worker, double units)
 {
-    double share = job->terms.verify * (double)work->unit_count;
-    if (!worker->relay || farm->options.spool_dir == NULL || !happens(share)) return work->unit_count;
-    job_checks_t *checks = farm_checks_of(job);
-    if (checks->given_up || checks->check_count == MAX_CHECKS) return work->unit_count;
-    schedule_release_units(job->schedule, worker->id, work->units + 1, work->unit_count - 1);
-    check_t *check = add_check(job, work->units, 1, &worker->fingerprint);
+    if (!worker->relay || job->terms.verify <= 0 || farm->options.spool_dir == NULL) return false;
+    if (job->checks != NULL && (job->checks->given_up || job->checks->check_count == MAX_CHECKS))
+        return false;
+    double share = job->terms.verify * fmax(units, 1); /* one unit of so many that it would be given */
+    return happens(share / (1 - job->terms.verify + share));
+}
+
+void farm_checks_mark(farm_t *farm, double now, job_t *job, const worker_t *worker, farm_work_t *work)
+{
+    (void)farm_checks_of(job);
+    check_t *check = add_check(job, work->units, work->unit_count, &worker->fingerprint);
     check->with = worker->id;
     check->deadline = deadline(farm, now, check, worker);
     work->check = check->number;
-    return 1;
 }
 
 /* The worker does not render it any more. */
@@ -390,6 +404,7 @@ result_t farm_check_batch(farm_t *farm, double now, job_t *job, uint64_t id, uin
                   farm_checks_source(job->checks, worker->source, worker->machine, worker->name, worker->key),
                   digest);
     worker->delivered = now;
+    farm_worker_relieved(farm, worker);
     decide(farm, now, job, at);
     return result_ok();
 }
@@ -424,12 +439,21 @@ static bool hopeless(const farm_t *farm, const job_checks_t *checks, const check
     return check->tries >= MAX_TRIES || !can_be_had(farm, checks, check);
 }
 
+/* True when a worker has lost what it was to compare. The first rendering of a unit may come as long as the
+ * worker holds it. */
+static bool is_late(const job_t *job, const check_t *check, double now)
+{
+    if (check->with == 0 || now <= check->deadline) return false;
+    return check->rendering_count > 0 || job->schedule == NULL ||
+           schedule_held(job->schedule, check->with) == 0;
+}
+
 static void tick_job(farm_t *farm, double now, job_t *job)
 {
     job_checks_t *checks = job->checks;
     uint64_t unmade = checks->unmade;
     for (size_t i = checks->check_count; i-- > 0;)
-        if (checks->checks[i].with != 0 && now > checks->checks[i].deadline) lose(checks, i);
+        if (is_late(job, &checks->checks[i], now)) lose(checks, i);
     bool counted = job->schedule != NULL && schedule_round_counted(job->schedule);
     for (size_t i = checks->check_count; i-- > 0 && counted;)
         if (hopeless(farm, checks, &checks->checks[i])) {

@@ -16,12 +16,13 @@ typedef struct {
     identity_t identity;
     uint32_t threads;
     bool connected;
-    bool idle;                /* was told that there is no work */
-    bool outcast;             /* put aside: nothing of it is taken any more */
-    bool charged;             /* that it died is held against its machine */
-    bool fell;                /* it fell silent, which is held for its death until it is heard of again */
-    uint64_t machine;         /* names its machine (farm_standing.c) */
-    uint64_t source;          /* and the process itself */
+    bool idle;        /* was told that there is no work */
+    bool begins;      /* no other machines that make the same bits have more threads, so it may begin jobs */
+    bool outcast;     /* put aside: nothing of it is taken any more */
+    bool charged;     /* that it died is held against its machine */
+    bool fell;        /* it fell silent, which is held for its death until it is heard of again */
+    uint64_t machine; /* names its machine (farm_standing.c) */
+    uint64_t source;  /* and the process itself */
     double joined, last_seen; /* seconds */
     double delivered;         /* seconds, when it last sent a batch, or was given units and had none */
     double held;              /* pixel samples that it was given and has not delivered, as far as is known */

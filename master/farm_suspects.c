@@ -35,14 +35,14 @@
 #include <string.h>
 
 enum {
-    MAX_SUSPECTS = 1 << 16, /* more are not remembered */
-    MAX_DEATHS = 128,       /* of a unit, the latest ones */
-    KEPT_DEATHS = 2,        /* from which on a unit is kept from others */
-    GROUP = 8,              /* units handed out together, as long as they have no more than KEPT_DEATHS */
-    WARD_SHARE = 4,         /* one worker in so many may have suspects */
-    MAX_TOLD = 3,           /* units that the message of the job names */
-    KNOWN_DEATHS = 2,       /* where a unit of the same tile was left out */
-    BASE_SECONDS = 360      /* what the rate of deaths begins with: a tenth of a death in so many */
+    MAX_SUSPECTS = 4096, /* more are not remembered */
+    MAX_DEATHS = 128,    /* of a unit, the latest ones */
+    KEPT_DEATHS = 2,     /* from which on a unit is kept from others */
+    GROUP = 8,           /* units handed out together, as long as they have no more than KEPT_DEATHS */
+    WARD_SHARE = 4,      /* one worker in so many may have suspects */
+    MAX_TOLD = 3,        /* units that the message of the job names */
+    KNOWN_DEATHS = 2,    /* where a unit of the same tile was left out */
+    BASE_SECONDS = 360   /* what the rate of deaths begins with: a tenth of a death in so many */
 };
 static const double BASE_DEATHS = 0.1;
 static const double CHANCE = 1e-7, KNOWN_CHANCE = 1e-3;
@@ -193,7 +193,7 @@ void farm_suspects_delivered(farm_t *farm, job_t *job, const unit_t *units, size
         uint32_t end = unit_end(&units[i]);
         size_t at = suspect_at(s, units[i].tile, units[i].first);
         while (overlaps(s, at, units[i].tile, end)) {
-            at = cut(s, at, units[i].first, end);
+            at = cut(s, at, units[i].first, end); /* what is left of it lies before */
             note_innocent(farm, &s->list[at]);
             remove_at(s, at);
         }
@@ -487,7 +487,7 @@ suspects_answer_t farm_suspects_take(farm_t *farm, double now, job_t *job, worke
                                      farm_work_t *work)
 {
     job_suspects_t *s = job->suspects;
-    bool empty = farm_worker_units(farm, worker) == 0;
+    bool empty = farm_worker_units(farm, worker) == 0 && !farm_checks_held(farm, worker);
     if (!empty && worker->ward == job->id) return SUSPECTS_WAIT;
     if (s == NULL || s->count == 0) return SUSPECTS_NONE;
     refresh(job);

@@ -27,7 +27,8 @@
 enum {
     OFFER_SECONDS = 30, /* for which a worker that has offered a batch is left alone: we make it wait */
     STALL_BATCHES = 12, /* batch intervals until the deadline of who was not measured */
-    SLACK = 4
+    SLACK = 4,
+    MAX_GROUPS = 32 /* kinds of bits that are told apart */
 };
 static const double SPEED_SECONDS = 60; /* over which the speed is measured, roughly */
 static const double HURRY = 2;          /* by what factor an idle worker has to be sooner, */
@@ -43,33 +44,39 @@ bool farm_bits_fit(const job_t *job, const hash_t *fingerprint)
            hash_equal(&job->fingerprint, fingerprint);
 }
 
-static uint32_t group_threads(const farm_t *farm, const hash_t *fingerprint)
-{
-    uint32_t threads = 0;
-    for (size_t i = 0; i < farm->worker_count; i++)
-        if (farm->workers[i].connected && hash_equal(&farm->workers[i].fingerprint, fingerprint))
-            threads += farm->workers[i].threads;
-    return threads;
-}
-
-/* True when no group of connected workers has more threads. */
+/* True when no other kind of connected workers has more threads. */
 static bool in_largest_group(const farm_t *farm, const worker_t *worker)
 {
-    uint32_t threads = group_threads(farm, &worker->fingerprint);
-    for (size_t i = 0; i < farm->worker_count; i++)
-        if (farm->workers[i].connected && !hash_equal(&farm->workers[i].fingerprint, &worker->fingerprint) &&
-            group_threads(farm, &farm->workers[i].fingerprint) > threads)
-            return false;
+    struct {
+        hash_t fingerprint;
+        uint32_t threads;
+    } groups[MAX_GROUPS] = {{worker->fingerprint, 0}};
+    size_t count = 1;
+    for (size_t i = 0; i < farm->worker_count; i++) {
+        const worker_t *other = &farm->workers[i];
+        size_t g = 0;
+        if (!other->connected) continue;
+        while (g < count && !hash_equal(&groups[g].fingerprint, &other->fingerprint)) g++;
+        if (g == MAX_GROUPS) continue;
+        if (g == count) {
+            groups[count].threads = 0;
+            groups[count++].fingerprint = other->fingerprint;
+        }
+        groups[g].threads += other->threads;
+    }
+    for (size_t g = 1; g < count; g++)
+        if (groups[g].threads > groups[0].threads) return false;
     return true;
 }
 
 /* Whether a worker may have units of a job at all. */
 static bool may_work(const farm_t *farm, const worker_t *worker, const job_t *job)
 {
+    (void)farm;
     if (worker->ward != 0 && worker->ward != job->id) return false; /* it waits for units of another one */
     if (!farm_bits_fit(job, &worker->fingerprint)) return false;
     bool begins = !job->terms.mixed && hash_equal(&job->fingerprint, &no_fingerprint);
-    return !begins || in_largest_group(farm, worker);
+    return !begins || worker->begins;
 }
 
 /* A worker was given units: the bits are those of its machine. */
@@ -100,6 +107,13 @@ void farm_worker_expect(const farm_t *farm, double now, worker_t *worker)
     worker->deadline = worker->delivered + seconds;
 }
 
+void farm_worker_relieved(farm_t *farm, worker_t *worker)
+{
+    if (worker->ward == 0 || farm_worker_units(farm, worker) > 0) return;
+    worker->idle = true; /* it had to wait until it held nothing */
+    farm_notify_idle(farm);
+}
+
 void farm_worker_delivered(farm_t *farm, double now, worker_t *worker, job_t *job, const unit_t *units,
                            size_t count)
 {
@@ -116,9 +130,7 @@ void farm_worker_delivered(farm_t *farm, double now, worker_t *worker, job_t *jo
     farm_worker_expect(farm, now, worker);
     farm_standing_delivered(farm, now, worker);
     farm_suspects_delivered(farm, job, units, count);
-    if (worker->ward == 0 || worker->held > 0) return;
-    worker->idle = true; /* it had to wait until it held nothing */
-    farm_notify_idle(farm);
+    farm_worker_relieved(farm, worker);
 }
 
 /* Seconds from now until a worker is expected to have delivered what it holds. (When there is no more work,
@@ -173,7 +185,7 @@ static bool recall_slow(farm_t *farm, double now, const worker_t *idle)
     for (size_t i = 0; i < farm->worker_count; i++) {
         worker_t *worker = &farm->workers[i];
         bool ready = worker->offered > 0 && now - worker->offered < OFFER_SECONDS;
-        if (worker == idle || !worker->connected || ready) continue;
+        if (worker == idle || !worker->connected || worker->held <= 0 || ready) continue;
         const job_t *job = job_in_common(farm, idle, worker);
         if (job == NULL) continue;
         bool late = now > worker->deadline;
@@ -199,6 +211,11 @@ static uint32_t farm_threads(const farm_t *farm, const job_t *job)
     return threads;
 }
 
+static double wished_units(const schedule_wish_t *wish)
+{
+    return (double)wish->samples / fmax((double)wish->unit_samples, 1);
+}
+
 /* Issues units of one job, if it has any for this worker; false when the worker is to wait until it holds
  * nothing. */
 static bool take_from_job(farm_t *farm, double now, job_t *job, worker_t *worker, schedule_wish_t *wish,
@@ -215,8 +232,9 @@ static bool take_from_job(farm_t *farm, double now, job_t *job, worker_t *worker
     if (suspects == SUSPECTS_WAIT) return false;
     if (suspects == SUSPECTS_NONE) {
         wish->farm_threads = farm_threads(farm, job);
-        work->unit_count = schedule_take(job->schedule, wish, work->units, WIRE_MAX_UNITS);
-        if (work->unit_count > 0) work->unit_count = farm_checks_mark(farm, now, job, worker, work);
+        bool marked = farm_checks_marks(farm, job, worker, wished_units(wish));
+        work->unit_count = schedule_take(job->schedule, wish, work->units, marked ? 1 : WIRE_MAX_UNITS);
+        if (marked && work->unit_count > 0) farm_checks_mark(farm, now, job, worker, work);
     }
     if (work->unit_count == 0) return true;
     note_bits(farm, job, worker);
@@ -256,6 +274,7 @@ result_t farm_take(farm_t *farm, double now, const identity_t *identity, uint64_
     schedule_wish_t wish = {
         .worker = id, .samples = samples, .unit_samples = unit_samples, .threads = worker->threads};
     if (farm_worker_units(farm, worker) == 0) worker->ward = 0;
+    worker->begins = in_largest_group(farm, worker);
     bool waits = take_from_jobs(farm, now, worker, &wish, work);
     if (work->unit_count == 0 && !waits && samples > 0 && recall_slow(farm, now, worker))
         waits = take_from_jobs(farm, now, worker, &wish, work);

@@ -1,9 +1,10 @@
 /* farm_workers: what the files about workers share: farm_workers.c, farm_take.c, farm_standing.c,
- * farm_suspects.c, farm_checks.c, farm_evidence.c. All is called under the farm's lock. */
+ * farm_suspects.c, farm_checks.c, farm_evidence.c, farm_settle.c. All is called under the farm's lock. */
 #ifndef LIGHTMILL_FARM_WORKERS_H
 #define LIGHTMILL_FARM_WORKERS_H
 
 #include "master/farm_state.h"
+#include "master/spool.h"
 
 /* ---- farm_workers.c ---- */
 
@@ -22,6 +23,8 @@ double farm_unit_samples(const job_t *job, const unit_t *units, size_t count);
 
 /* True when the bits of a machine fit those that the job is made of. */
 bool farm_bits_fit(const job_t *job, const hash_t *fingerprint);
+/* A worker has delivered something: if it holds nothing any more and waits for that, it is called. */
+void farm_worker_relieved(farm_t *farm, worker_t *worker);
 /* A worker was given work, or delivered some: when is the rest to be here? */
 void farm_worker_expect(const farm_t *farm, double now, worker_t *worker);
 
@@ -145,9 +148,13 @@ bool farm_checks_open(const job_checks_t *checks, size_t source);
 void farm_checks_forget(job_checks_t *checks, size_t source);
 /* Work that is to be compared, for a worker; false when there is none. */
 bool farm_checks_take(farm_t *farm, double now, job_t *job, worker_t *worker, farm_work_t *work);
-/* Units were just issued to a worker. If it is one that cannot be checked afterwards, one of them may be
- * chosen to be checked: the others are released again. Returns how many are left. */
-size_t farm_checks_mark(farm_t *farm, double now, job_t *job, worker_t *worker, farm_work_t *work);
+/* True when the next unit of a worker that cannot be checked afterwards, a relay, is to be chosen beforehand;
+ * it would be given about so many. */
+bool farm_checks_marks(const farm_t *farm, const job_t *job, const worker_t *worker, double units);
+/* What was just issued is its first rendering. */
+void farm_checks_mark(farm_t *farm, double now, job_t *job, const worker_t *worker, farm_work_t *work);
+/* True when a worker has units to compare. */
+bool farm_checks_held(const farm_t *farm, const worker_t *worker);
 /* A worker has lost what it was to compare. */
 void farm_checks_lost(farm_t *farm, const worker_t *worker);
 /* Deadlines of comparisons; those that nobody can make. */
@@ -157,6 +164,12 @@ void farm_checks_remark(const farm_t *farm, const job_t *job, char *text, size_t
 
 /* ---- farm_evidence.c ---- */
 
+/* The clock of a schedule with this account. */
+uint64_t farm_evidence_clock(const schedule_account_t *account);
+/* The batch of a serial; NULL when there is none. */
+evidence_t *farm_evidence_find(const job_checks_t *checks, uint64_t serial);
+/* What it is called on the disk. */
+spool_name_t farm_evidence_name(const evidence_t *evidence);
 /* A source is vouched for up to a clock; its evidence goes. */
 void farm_evidence_vouch(farm_t *farm, job_t *job, size_t source, uint64_t clock);
 /* True while there are sums to take out of the job's film. */

@@ -234,6 +234,6 @@ uint64_t film_store_delete(film_store_t *store, uint64_t job)
 uint64_t film_store_room(const film_store_t *store)
 {
     struct statvfs status;
-    if (statvfs(store->directory, &status) != 0) return UINT64_MAX;
+    if (statvfs(store->directory, &status) != 0 || status.f_blocks == 0) return UINT64_MAX;
     return (uint64_t)status.f_bavail * status.f_frsize;
 }

@@ -318,6 +318,19 @@ static void *gallery_run(void *argument)
 
 /* ---- the door ------------------------------------------------------------------------------------------ */
 
+/* Deletes images that an earlier process did not finish. */
+static void drop_leftovers(const char *data_dir)
+{
+    DIR *directory = opendir(data_dir);
+    for (const struct dirent *entry; directory != NULL && (entry = readdir(directory)) != NULL;) {
+        size_t length = strlen(entry->d_name);
+        if (strncmp(entry->d_name, "job-", 4) == 0 && length > 5 &&
+            strcmp(entry->d_name + length - 5, ".part") == 0)
+            unlinkat(dirfd(directory), entry->d_name, 0);
+    }
+    if (directory != NULL) closedir(directory);
+}
+
 /* Makes the snapshot directory, empty. */
 static result_t prepare_directory(const char *data_dir)
 {
@@ -335,6 +348,7 @@ static result_t prepare_directory(const char *data_dir)
 
 result_t gallery_start(const gallery_options_t *options, gallery_t **out)
 {
+    drop_leftovers(options->data_dir);
     TRY(prepare_directory(options->data_dir));
     gallery_t *gallery = mem_zalloc(1, sizeof *gallery);
     gallery->options = *options;

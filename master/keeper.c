@@ -37,7 +37,7 @@ enum {
     RETRY = 5,       /* seconds between attempts when checkpoints fail */
     WARN_EVERY = 60, /* seconds between warnings that they do */
     KEEP = 2,        /* checkpoints of a job that is not over */
-    POLL_MS = 1000
+    PATIENCE = 1     /* seconds between looks at what there is to do */
 };
 
 struct keeper {
@@ -355,22 +355,24 @@ static result_t save_film(keeper_t *keeper, job_t *job, bool last)
     return result;
 }
 
-/* Makes the checkpoints that are due. */
-static void save_films(keeper_t *keeper)
+/* Makes the checkpoints that are due; returns in how many seconds there may be one again. */
+static double save_films(keeper_t *keeper)
 {
     farm_t *farm = keeper->options.farm;
+    double interval = keeper->options.interval, patience = fmin(PATIENCE, interval);
     while (!atomic_load(&keeper->stop)) {
         double age, now = clock_now();
         bool last;
-        if (now < keeper->retry_at) return;
+        if (now < keeper->retry_at) return patience;
         job_t *job = farm_next_checkpoint(farm, now, &age, &last);
-        if (job == NULL) return;
-        bool due = last || (age >= keeper->options.interval && now >= keeper->not_before);
-        if (due) due = save_film(keeper, job, last).code != RESULT_CANCELLED;
+        if (job == NULL) return patience;
+        double wait = last ? 0 : fmax(interval - age, keeper->not_before - now);
+        bool saved = wait <= 0 && save_film(keeper, job, last).code != RESULT_CANCELLED;
         farm_unpin(farm, job);
-        if (!due) return;
+        if (!saved) return wait > 0 ? fmin(patience, wait) : patience;
         if (last) enforce_limit(keeper);
     }
+    return 0;
 }
 
 /* The process ends: everything that no checkpoint holds is saved. What cannot be is not tried again. */
@@ -395,16 +397,15 @@ static void save_all(keeper_t *keeper)
 static void *keeper_run(void *argument)
 {
     keeper_t *keeper = argument;
-    int patience = int_min(POLL_MS, int_max(10, (int)(1000 * keeper->options.interval)));
     prctl(PR_SET_NAME, "lm-keeper");
     enforce_limit(keeper);
     while (!atomic_load(&keeper->stop)) {
         load_films(keeper);
         farm_settle_checks(keeper->options.farm, clock_now());
-        save_films(keeper);
+        int wait_ms = 1 + (int)(1000 * save_films(keeper));
         struct pollfd wait = {.fd = keeper->options.checkpoint_wake, .events = POLLIN};
         uint64_t count;
-        if (poll(&wait, 1, patience) > 0 && read(wait.fd, &count, sizeof count) < 0)
+        if (poll(&wait, 1, wait_ms) > 0 && read(wait.fd, &count, sizeof count) < 0)
             log_debug("the keeper is woken in vain");
     }
     save_all(keeper);

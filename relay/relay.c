@@ -209,12 +209,12 @@ static void dismantle(relay_t *relay)
     free(relay->name);
 }
 
-/* "relay host:pid"; the caller frees it. */
+/* "host:pid"; the caller frees it. */
 static char *default_name(void)
 {
     char host[200] = "";
     if (gethostname(host, sizeof host - 1) != 0) strcpy(host, "somewhere");
-    return mem_printf("relay %s:%d", host, (int)getpid());
+    return mem_printf("%s:%d", host, (int)getpid());
 }
 
 static result_t serve(relay_t *relay, const atomic_int *stop)

@@ -152,7 +152,7 @@ static bool port_free(int port)
 }
 
 /* A port of which the next one is free too, below the range that the system gives away by itself. */
-static int free_ports(void)
+int rig_free_ports(void)
 {
     unsigned seed = (unsigned)getpid() * 2654435761u + (unsigned)(1e6 * clock_now());
     for (int i = 0; i < 1000; i++) {
@@ -167,7 +167,7 @@ rig_t *rig_new(void)
 {
     rig_t *rig = mem_zalloc(1, sizeof *rig);
     rig->folder = scratch_new();
-    rig->port = free_ports();
+    rig->port = rig_free_ports();
     return rig;
 }
 

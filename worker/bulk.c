@@ -293,7 +293,8 @@ static result_t send_offer(bulk_t *bulk, delivery_t *delivery)
     Lm__BatchOffer message = LM__BATCH_OFFER__INIT;
     message.worker = bulk->worker;
     message.job = offer->job;
-    message.bytes = (uint64_t)(bulk->ratio * (double)offer->bytes);
+    bool closed = delivery->closed.batch != NULL;
+    message.bytes = (uint64_t)(closed ? delivery->bytes : bulk->ratio * (double)offer->bytes);
     message.content = wire_hash_put(&offer->content);
     Lm__Envelope envelope = LM__ENVELOPE__INIT;
     envelope.request = delivery->offered = ++bulk->request;
@@ -451,9 +452,9 @@ static void deliver(bulk_t *bulk, const offer_t *offer)
         if (result.code == RESULT_CANCELLED) break;
         if (result.code == RESULT_OK) continue;
         log_debug("a batch waits: %s", result.message);
-        if (delivery.closed.batch == NULL && unwanted(bulk, offer->job)) break;
         refresh_link(bulk);
         pause_briefly(bulk);
+        if (delivery.closed.batch == NULL) break; /* it may have grown, or not be wanted: the crew is asked */
     }
     end_delivery(bulk, &delivery);
 }

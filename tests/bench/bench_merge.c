@@ -6,8 +6,8 @@
  * of a splat frame is 99.5 MB whatever is in it; the merge rate is raw bytes a CPU second of one core, with
  * the eye tiles of the batch merged as well but not counted. memcpy copies as many bytes in the same run.
  *
- * usage: bench_merge [SECONDS...]      from the top of the tree; CPU seconds of rendering, 1 3 10 30 by
- * default
+ * usage: bench_merge [SCENE [SECONDS...]]      from the top of the tree; by default seed-hidden and CPU
+ * seconds of rendering from 0.1 to 30
  */
 #include "client/import/import.h"
 #include "master/canvas.h"
@@ -109,13 +109,13 @@ static void bench(canvas_t *canvas, const renderer_t *renderer, const job_settin
 
 int main(int argc, char **argv)
 {
-    static const double usual[] = {1, 3, 10, 30};
+    static const double usual[] = {0.1, 1, 3, 10, 30};
     uint8_t *bytes;
     uint64_t size;
     scene_blob_t blob;
     renderer_t *renderer;
     film_t *film;
-    check(import_scene_blob("scenes/seed-hidden/scene.pbrt", NULL, &bytes, &size));
+    check(import_scene_blob(argc > 1 ? argv[1] : "scenes/seed-hidden", NULL, &bytes, &size));
     check(blob_open(bytes, size, &blob));
     job_settings_t settings = blob_default_settings(&blob);
     settings.width = 1920;
@@ -129,9 +129,10 @@ int main(int argc, char **argv)
         uint8_t *page = canvas_page(film, i, &bytes_of_page);
         for (size_t at = 0; at < bytes_of_page; at += 4096) page[at] = 0; /* its memory is there */
     }
-    printf("rendered  splats in    units   eye MB  splat MB encode ms  merge ms      GB/s    memcpy  share\n");
-    for (int i = 1; i < argc; i++) bench(canvas, renderer, &settings, strtod(argv[i], NULL));
-    for (size_t i = 0; argc == 1 && i < ARRAY_LENGTH(usual); i++)
+    printf(
+        "rendered  splats in    units   eye MB  splat MB encode ms  merge ms      GB/s    memcpy  share\n");
+    for (int i = 2; i < argc; i++) bench(canvas, renderer, &settings, strtod(argv[i], NULL));
+    for (size_t i = 0; argc <= 2 && i < ARRAY_LENGTH(usual); i++)
         bench(canvas, renderer, &settings, usual[i]);
     canvas_destroy(&canvas);
     renderer_destroy(&renderer);

@@ -343,7 +343,7 @@ static void endure(good_t *good, const char *what, flood_kind_t kind, bool bulk,
     measure(good, what, count_sent, flooding);
     atomic_store(&flooding->stop, true);
     for (int i = 0; i < FLOODERS; i++) pthread_join(flooding->flooders[i].thread, NULL);
-    assert_true(count_sent(flooding) > 100);
+    assert_true(count_sent(flooding) > 10);
     free(flooding);
 }
 

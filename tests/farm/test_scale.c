@@ -79,11 +79,25 @@ static void a_master_that_falls_behind_is_not_flooded(void **state)
     assert_true(report.memory_most < (film + credit + rest) * MB);
 }
 
+/* A tree of two levels counts what one master counts. */
+static void relays_in_between_lose_nothing(void **state)
+{
+    (void)state;
+    sim_options_t options = small_farm();
+    options.workers = 8;
+    options.relays = 2;
+    options.seconds = 4;
+    options.interval = 1;
+    sim_report_t report = run(&options);
+    assert_all_counted(&report);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(many_workers_deliver_to_one_master),
         cmocka_unit_test(a_master_that_falls_behind_is_not_flooded),
+        cmocka_unit_test(relays_in_between_lose_nothing),
     };
     log_init("test", LOG_WARNING);
     return cmocka_run_group_tests_name("scale", tests, NULL, NULL);

@@ -43,6 +43,8 @@ static void print_summary(const sim_report_t *r)
            r->batches, 1e-9 * r->raw, 1e-6 * r->wire, r->master_cpu, r->own_cpu);
     printf("memory of the master: %.0f MB in the first third, %.0f MB in the last, at most %.0f MB\n",
            1e-6 * r->memory_early, 1e-6 * r->memory_late, 1e-6 * r->memory_most);
+    if (r->relay_memory > 0)
+        printf("relays: %.2f cores in all, %.0f MB at most\n", r->relay_cpu, 1e-6 * r->relay_memory);
     printf("workers that wait: %.1f in the first third, %.1f in the last; a batch every %.1f s\n",
            r->sent_early, r->sent_late, r->interval);
     printf("heartbeats: %.2f ms half, %.1f ms 99 %%, %.0f ms at most\n", 1e3 * r->beat_median,

@@ -2,28 +2,22 @@
 #include "tests/sim/sim.h"
 
 #include "client/remote.h"
+#include "tests/sim/processes.h"
 
-#include <arpa/inet.h>
-#include <errno.h>
-#include <fcntl.h>
-#include <ftw.h>
 #include <math.h>
 #include <signal.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/prctl.h>
 #include <sys/resource.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
-enum { MAX_RELAYS = 16, MAX_ARGUMENTS = 40, MAX_ROWS = 10000 };
+enum { MAX_RELAYS = 16, MAX_ROWS = 10000 };
 static const double PATIENCE = 60; /* seconds, for processes to begin and to end */
 
 typedef struct {
     const sim_options_t *options;
     sim_report_t *report;
-    char *folder;
-    char *bin;
+    processes_t processes;
     prepared_t *prepared;
     pid_t master, relays[MAX_RELAYS];
     int master_port, ports[MAX_RELAYS]; /* control ports: of the master; that the workers dial */
@@ -50,86 +44,6 @@ sim_options_t sim_options_default(void)
                            .table = stdout};
 }
 
-/* ---- processes ----------------------------------------------------------------------------------------- */
-
-/* Two ports in a row that nobody listens on. */
-static int free_ports(void)
-{
-    for (int port = 20000 + (int)getpid() % 20000;; port += 2) {
-        int good = 0;
-        for (int i = 0; i < 2; i++) {
-            struct sockaddr_in address = {.sin_family = AF_INET,
-                                          .sin_port = htons((uint16_t)(port + i)),
-                                          .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
-            int socket_fd = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
-            good += bind(socket_fd, (struct sockaddr *)&address, sizeof address) == 0;
-            close(socket_fd);
-        }
-        if (good == 2) return port;
-    }
-}
-
-/* The folder of our programs: this one is BUILD/tests/FOLDER/NAME. */
-static char *program_folder(void)
-{
-    char path[4000];
-    ssize_t length = readlink("/proc/self/exe", path, sizeof path - 1);
-    path[length > 0 ? length : 0] = '\0';
-    for (int i = 0; i < 3; i++)
-        if (strrchr(path, '/') != NULL) *strrchr(path, '/') = '\0';
-    return mem_strdup(path);
-}
-
-/* Starts a program; `line` has its arguments, separated by spaces. What it writes goes to a file. */
-static pid_t start(const sim_t *sim, const char *program, char *line)
-{
-    char *path = mem_printf("%s/%s", sim->bin, program), *log = mem_printf("%s/%s.log", sim->folder, program);
-    char *argv[MAX_ARGUMENTS] = {path}, *save;
-    int count = 1;
-    for (char *word = strtok_r(line, " ", &save); word != NULL && count + 1 < MAX_ARGUMENTS;
-         word = strtok_r(NULL, " ", &save))
-        argv[count++] = word;
-    int file = open(log, O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0666);
-    pid_t process = fork();
-    if (process == 0) {
-        prctl(PR_SET_PDEATHSIG, SIGKILL);
-        dup2(file, STDOUT_FILENO);
-        dup2(file, STDERR_FILENO);
-        execv(path, argv);
-        _exit(127);
-    }
-    close(file);
-    free(path);
-    free(log);
-    free(line);
-    return process;
-}
-
-/* Ends a process kindly; what it had to say is copied to stderr unless it ends well. */
-static result_t end_process(const sim_t *sim, pid_t process, const char *program)
-{
-    int status = 0;
-    pid_t ended = 0;
-    if (process <= 0) return result_ok();
-    kill(process, SIGTERM);
-    for (double deadline = clock_now() + PATIENCE; ended == 0 && clock_now() < deadline; usleep(10000))
-        ended = waitpid(process, &status, WNOHANG);
-    if (ended == process && WIFEXITED(status) && WEXITSTATUS(status) == 0) return result_ok();
-    if (ended == 0) {
-        kill(process, SIGKILL);
-        waitpid(process, &status, 0);
-    }
-    char *path = mem_printf("%s/%s.log", sim->folder, program);
-    uint8_t *text;
-    size_t size;
-    if (file_read(path, 1 << 24, &text, &size).code == RESULT_OK) {
-        fwrite(text, 1, size, stderr);
-        free(text);
-    }
-    free(path);
-    return result_fail(RESULT_IO, "%s ended badly (status %d)", program, status);
-}
-
 /* Every worker has two connections. */
 static void raise_file_limit(void)
 {
@@ -139,54 +53,33 @@ static void raise_file_limit(void)
     setrlimit(RLIMIT_NOFILE, &limit);
 }
 
-/* Bytes of memory in use. */
-static double process_memory(pid_t process)
+static double relays_cpu(const sim_t *sim)
 {
-    char *path = mem_printf("/proc/%d/statm", (int)process);
-    FILE *file = fopen(path, "r");
-    unsigned long size, resident = 0;
-    if (file == NULL || fscanf(file, "%lu %lu", &size, &resident) != 2) resident = 0;
-    if (file != NULL) fclose(file);
-    free(path);
-    return (double)resident * (double)sysconf(_SC_PAGESIZE);
+    double sum = 0;
+    for (int i = 0; i < sim->options->relays; i++) sum += process_cpu(sim->relays[i]);
+    return sum;
 }
 
-/* CPU seconds so far. */
-static double process_cpu(pid_t process)
+static double relays_memory(const sim_t *sim)
 {
-    char *path = mem_printf("/proc/%d/stat", (int)process), text[1000] = "";
-    FILE *file = fopen(path, "r");
-    unsigned long user = 0, system = 0;
-    if (file != NULL && fgets(text, sizeof text, file) != NULL && strrchr(text, ')') != NULL &&
-        sscanf(strrchr(text, ')') + 1, " %*c %*d %*d %*d %*d %*d %*u %*u %*u %*u %*u %lu %lu", &user,
-               &system) != 2)
-        user = system = 0;
-    if (file != NULL) fclose(file);
-    free(path);
-    return (double)(user + system) / (double)sysconf(_SC_CLK_TCK);
+    double most = 0;
+    for (int i = 0; i < sim->options->relays; i++) most = fmax(most, process_memory(sim->relays[i]));
+    return most;
 }
 
 /* ---- setting up ---------------------------------------------------------------------------------------- */
 
-static result_t make_folder(sim_t *sim)
-{
-    const char *base = getenv("TMPDIR");
-    sim->folder = mem_printf("%s/lightmill-sim-XXXXXX", base != NULL && base[0] != '\0' ? base : "/tmp");
-    if (mkdtemp(sim->folder) != NULL) return result_ok();
-    return result_fail(RESULT_IO, "cannot make the folder %s: %s", sim->folder, strerror(errno));
-}
-
 static void start_master(sim_t *sim)
 {
     const sim_options_t *options = sim->options;
-    sim->master_port = free_ports();
+    sim->master_port = process_ports(&sim->processes);
     char *memory = options->batch_megabytes > 0
                        ? mem_printf("--batch-memory %g", 1e-3 * options->batch_megabytes)
                        : mem_strdup("");
-    sim->master = start(sim, "lightmill-master",
-                        mem_printf("--listen 127.0.0.1:%d --data %s/data --batch-interval %g %s %s",
-                                   sim->master_port, sim->folder, options->interval, memory,
-                                   options->master != NULL ? options->master : ""));
+    sim->master = process_start(&sim->processes, "lightmill-master",
+                                mem_printf("--listen 127.0.0.1:%d --data %s/data --batch-interval %g %s %s",
+                                           sim->master_port, sim->processes.folder, options->interval, memory,
+                                           options->master != NULL ? options->master : ""));
     free(memory);
 }
 
@@ -194,11 +87,11 @@ static void start_relays(sim_t *sim)
 {
     sim->ports[0] = sim->master_port;
     for (int i = 0; i < sim->options->relays; i++) {
-        sim->ports[i] = free_ports();
-        sim->relays[i] =
-            start(sim, "lightmill-relay",
-                  mem_printf("--master 127.0.0.1:%d --listen 127.0.0.1:%d", sim->master_port, sim->ports[i]));
-        usleep(300000); /* the next one looks for other ports */
+        sim->ports[i] = process_ports(&sim->processes);
+        sim->relays[i] = process_start(
+            &sim->processes, "lightmill-relay",
+            mem_printf("127.0.0.1:%d --listen 127.0.0.1:%d --data %s/relay-%d --batch-interval %g",
+                       sim->master_port, sim->ports[i], sim->processes.folder, i, sim->options->interval));
     }
 }
 
@@ -216,9 +109,8 @@ static result_t submit(sim_t *sim)
 static result_t set_up(sim_t *sim)
 {
     const sim_options_t *options = sim->options;
-    TRY(make_folder(sim));
+    TRY(processes_new(&sim->processes));
     raise_file_limit();
-    sim->bin = program_folder();
     TRY(prepared_new(options->scene, options->width, options->height,
                      fmax(0.05, options->power * options->interval), &sim->prepared));
     start_master(sim);
@@ -235,12 +127,6 @@ static result_t set_up(sim_t *sim)
     return crowd_start(&crowd, &sim->crowd);
 }
 
-static int remove_entry(const char *path, const struct stat *status, int type, struct FTW *walk)
-{
-    (void)status, (void)type, (void)walk;
-    return remove(path);
-}
-
 static result_t tear_down(sim_t *sim)
 {
     crowd_report_t last;
@@ -248,15 +134,13 @@ static result_t tear_down(sim_t *sim)
     if (sim->crowd != NULL) crowd_stop(&sim->crowd, 0, &last);
     if (sim->remote != NULL) remote_close(&sim->remote);
     for (int i = 0; i < sim->options->relays; i++) {
-        result_t ended = end_process(sim, sim->relays[i], "lightmill-relay");
+        result_t ended = process_end(&sim->processes, sim->relays[i], "lightmill-relay");
         if (ended.code != RESULT_OK) result = ended;
     }
-    result_t ended = end_process(sim, sim->master, "lightmill-master");
+    result_t ended = process_end(&sim->processes, sim->master, "lightmill-master");
     if (ended.code != RESULT_OK) result = ended;
     prepared_destroy(&sim->prepared);
-    if (sim->folder != NULL) nftw(sim->folder, remove_entry, 16, FTW_DEPTH | FTW_PHYS);
-    free(sim->folder);
-    free(sim->bin);
+    processes_free(&sim->processes);
     return result;
 }
 
@@ -363,7 +247,7 @@ static void measure(sim_t *sim)
     row_t *rows = mem_zalloc(MAX_ROWS, sizeof *rows);
     int count = 0;
     double start = clock_now(), last = start, cpu = process_cpu(sim->master), own = clock_cpu();
-    double first_cpu = cpu, first_own = own;
+    double first_cpu = cpu, first_own = own, first_relays = relays_cpu(sim);
     while (clock_now() - start < options->seconds - 1e-3 && count < MAX_ROWS) {
         let_pass(sim, options->row);
         double now = clock_now(), cpu_now = process_cpu(sim->master), own_now = clock_cpu();
@@ -371,6 +255,7 @@ static void measure(sim_t *sim)
         rows[count] = (row_t){process_memory(sim->master), row.sent + row.waiting};
         print_row(sim, now - start, now - last, &row, rows[count].memory, cpu_now - cpu, own_now - own);
         report->memory_most = fmax(report->memory_most, rows[count].memory);
+        report->relay_memory = fmax(report->relay_memory, relays_memory(sim));
         add(&report->all, &row);
         last = now;
         cpu = cpu_now;
@@ -385,6 +270,7 @@ static void measure(sim_t *sim)
     report->wire = (double)report->all.bytes / seconds;
     report->master_cpu = (cpu - first_cpu) / seconds;
     report->own_cpu = (own - first_own) / seconds;
+    report->relay_cpu = (relays_cpu(sim) - first_relays) / seconds;
     report->memory_early = mean(rows, 0, third, true);
     report->memory_late = mean(rows, count - third, count, true);
     report->sent_early = mean(rows, 0, third, false);
@@ -397,16 +283,21 @@ static void measure(sim_t *sim)
     free(rows);
 }
 
-/* Both sides must have counted the same. */
+/* Both sides must have counted the same; what relays hold is on its way for a while. */
 static result_t settle_accounts(sim_t *sim)
 {
+    sim_report_t *report = sim->report;
     crowd_report_t last;
-    wire_message_t message;
     crowd_stop(&sim->crowd, PATIENCE, &last);
-    sim->report->samples += last.samples;
-    TRY(remote_status(sim->remote, sim->job, &message));
-    sim->report->samples_counted = message.envelope->job_status_reply->jobs[0]->samples_done;
-    wire_free(&message);
+    report->samples += last.samples;
+    double deadline = clock_now() + PATIENCE;
+    do {
+        wire_message_t message;
+        TRY(remote_status(sim->remote, sim->job, &message));
+        report->samples_counted = message.envelope->job_status_reply->jobs[0]->samples_done;
+        wire_free(&message);
+        if (report->samples_counted < report->samples) usleep(100000);
+    } while (report->samples_counted < report->samples && clock_now() < deadline);
     return result_ok();
 }
 

@@ -24,9 +24,10 @@ typedef struct {
 
 /* What was measured. */
 typedef struct {
-    crowd_report_t all;         /* while it was measured */
-    double batches, raw, wire;  /* a second: batches, bytes of raw splat frames, bytes on the wire */
-    double master_cpu, own_cpu; /* cores */
+    crowd_report_t all;             /* while it was measured */
+    double relay_cpu, relay_memory; /* of all relays, cores; of the largest, bytes at most */
+    double batches, raw, wire;      /* a second: batches, bytes of raw splat frames, bytes on the wire */
+    double master_cpu, own_cpu;     /* cores */
     double memory_early, memory_late,
         memory_most;                        /* bytes: the master's mean in the first and the last third */
     double sent_early, sent_late;           /* batches without an answer, likewise */

@@ -221,10 +221,28 @@ static void too_many_workers_are_refused_and_lost_ones_forgotten(void **state)
     }
 }
 
+/* A unit whose holder died was handed out again; half of it comes from somebody who had the rest already. */
+static void half_of_a_dead_workers_unit_may_be_delivered(void **state)
+{
+    farm_t *farm = *state;
+    uint64_t job = submit(farm), dead = hello(farm, 0);
+    unit_t unit = {0};
+    assert_true(take(farm, 0, dead, &unit));
+    assert_int_equal(unit.count, 4);
+    farm_tick(farm, 1);
+    farm_tick(farm, 2);
+    for (double now = 3; now < 12; now++) farm_tick(farm, now);
+    uint64_t other = hello(farm, 12);
+    const unit_t half = {unit.tile, unit.first + 2, 2};
+    assert_int_equal(deliver(farm, 12, other, job, &half).code, RESULT_OK);
+    assert_true(report(farm, 12, job).samples_done == 2 * 16 * 16);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
 #define WITH_FARM(test) cmocka_unit_test_setup_teardown(test, set_up, tear_down)
+        WITH_FARM(half_of_a_dead_workers_unit_may_be_delivered),
         WITH_FARM(a_worker_that_lives_but_delivers_nothing_holds_nobody_up),
         WITH_FARM(a_worker_that_delivers_slowly_keeps_its_units),
         WITH_FARM(a_pause_of_the_master_costs_no_worker_its_lease),
