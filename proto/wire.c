@@ -237,6 +237,17 @@ static result_t send_failure(int error)
     }
 }
 
+/* Sends the first frame. libzmq looks about once a millisecond whether a peer has read anything, so a queue
+ * that looks full may have been emptied since; asking for the socket's events makes it look. */
+static bool send_first(void *socket, zmq_msg_t *frame, int flags)
+{
+    int events;
+    size_t size = sizeof events;
+    if (zmq_msg_send(frame, socket, flags) >= 0) return true;
+    if (errno != EAGAIN || zmq_getsockopt(socket, ZMQ_EVENTS, &events, &size) != 0) return false;
+    return zmq_msg_send(frame, socket, flags) >= 0;
+}
+
 /* Sends the frames of one message; those that ZeroMQ did not take are closed. */
 static result_t send_frames(void *socket, zmq_msg_t **frames, int count)
 {
@@ -248,7 +259,8 @@ static result_t send_frames(void *socket, zmq_msg_t **frames, int count)
             for (; i < count; i++) zmq_msg_close(frames[i]);
             break;
         }
-        if (zmq_msg_send(frames[i], socket, flags) >= 0) continue;
+        if (i == 0 ? send_first(socket, frames[i], flags) : zmq_msg_send(frames[i], socket, flags) >= 0)
+            continue;
         if (error == 0) error = errno;
         zmq_msg_close(frames[i]);
     }

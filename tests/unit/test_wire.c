@@ -10,6 +10,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include <cmocka.h>
 
@@ -151,6 +152,45 @@ static void a_full_queue_is_an_error(void **state)
         assert_int_equal(zmq_msg_size(&message.payload[0]), 1 << 20);
         wire_free(&message);
     }
+}
+
+/* libzmq looks but once a millisecond whether a peer has read what it was sent. */
+static void a_queue_that_was_emptied_is_not_full(void **state)
+{
+    enum { MESSAGES = 200 };
+    (void)state;
+    void *context = zmq_ctx_new(), *router, *dealer;
+    char endpoint[100];
+    size_t size = sizeof endpoint;
+    Lm__Heartbeat beat;
+    Lm__Envelope envelope = heartbeat_envelope(&beat);
+    int full = 0, high = 1000;
+    assert_int_equal(wire_socket(context, ZMQ_ROUTER, &router).code, RESULT_OK);
+    assert_int_equal(wire_socket(context, ZMQ_DEALER, &dealer).code, RESULT_OK);
+    assert_int_equal(wire_socket_queue(router, high, 1).code, RESULT_OK);
+    assert_int_equal(wire_socket_queue(dealer, high, high).code, RESULT_OK);
+    assert_int_equal(zmq_bind(router, "tcp://127.0.0.1:*"), 0);
+    assert_int_equal(zmq_getsockopt(router, ZMQ_LAST_ENDPOINT, endpoint, &size), 0);
+    assert_int_equal(zmq_connect(dealer, endpoint), 0);
+    for (int i = 0; i < MESSAGES; i++)
+        assert_int_equal(wire_send(dealer, NULL, 0, &envelope, NULL, 0).code, RESULT_OK);
+    usleep(200000);
+    for (int i = 0; i < MESSAGES; i++) {
+        wire_message_t message;
+        bool received;
+        assert_int_equal(wire_receive(router, true, &message, &received).code, RESULT_OK);
+        assert_true(received);
+        full +=
+            wire_send(router, message.identity, message.identity_size, &envelope, NULL, 0).code != RESULT_OK;
+        wire_free(&message);
+        for (double until = clock_now() + 1e-4; clock_now() < until;) {
+        }
+    }
+    assert_true(full <
+                MESSAGES / 2); /* the peer is given 0.1 ms for each, not always enough on a busy machine */
+    zmq_close(dealer);
+    zmq_close(router);
+    zmq_ctx_term(context);
 }
 
 /* Packs an envelope as it goes over the wire in front of no payload. */
@@ -498,6 +538,7 @@ int main(void)
         WITH_SOCKETS(messages_go_both_ways),
         WITH_SOCKETS(a_peer_that_is_gone_is_an_error),
         WITH_SOCKETS(a_full_queue_is_an_error),
+        cmocka_unit_test(a_queue_that_was_emptied_is_not_full),
         WITH_SOCKETS(bad_headers_are_errors),
         WITH_SOCKETS(a_damaged_message_is_an_error),
         WITH_SOCKETS(another_version_is_named),
