@@ -54,7 +54,8 @@ static void note_receiving(void)
 
 /* Socket options. Times are in ms, keep-alive in seconds. */
 enum {
-    HIGH_WATER_MARK = 64, /* messages queued a connection; peers have few requests open at a time */
+    ENCRYPTION_OVERHEAD = 64, /* bytes, at least what CURVE adds to a frame (33) */
+    HIGH_WATER_MARK = 64,     /* messages queued a connection; peers have few requests open at a time */
     LINGER_MS = 1000,
     RECONNECT_MS = 100,
     RECONNECT_MAX_MS = 500, /* a master that was restarted is to be found within a second */
@@ -140,7 +141,7 @@ static void read_user_id(const char *id, wire_message_t *message)
 
 result_t wire_socket_limit(void *socket, size_t largest_frame)
 {
-    int64_t limit = (int64_t)largest_frame;
+    int64_t limit = (int64_t)largest_frame + ENCRYPTION_OVERHEAD;
     if (zmq_setsockopt(socket, ZMQ_MAXMSGSIZE, &limit, sizeof limit) == 0) return result_ok();
     return result_fail(RESULT_IO, "cannot limit a socket's messages: %s", zmq_strerror(errno));
 }

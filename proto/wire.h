@@ -105,7 +105,8 @@ typedef struct {
  */
 result_t wire_socket(void *context, int type, void **socket);
 /* Lowers the largest frame that the socket takes in; a connection that sends more is dropped by libzmq before
- * memory is allocated. A control socket takes WIRE_MAX_CONTROL_FRAME. Call before bind or connect. */
+ * memory is allocated. What encryption adds to a frame is allowed on top. A control socket takes
+ * WIRE_MAX_CONTROL_FRAME. Call before bind or connect. */
 result_t wire_socket_limit(void *socket, size_t largest_frame);
 /* Lowers the number of messages that libzmq takes in, and keeps to be sent, for each connection (64 and 64):
  * what is read no further waits in the peer. Likewise. */

@@ -531,6 +531,50 @@ static void settings_units_and_counts_are_checked(void **state)
     assert_int_equal(back.rays, 0);
 }
 
+static void set_key(void *socket, int option, const char *key)
+{
+    assert_int_equal(zmq_setsockopt(socket, option, key, strlen(key) + 1), 0);
+}
+
+/* A frame of exactly the limit comes through also where encryption makes it longer. */
+static void the_largest_frame_fits_encrypted(void **state)
+{
+    (void)state;
+    enum { LIMIT = 1 << 16 };
+    void *context = zmq_ctx_new(), *router, *dealer;
+    char server[2][41], client[2][41], endpoint[100];
+    size_t size = sizeof endpoint;
+    int yes = 1;
+    assert_int_equal(zmq_curve_keypair(server[0], server[1]), 0);
+    assert_int_equal(zmq_curve_keypair(client[0], client[1]), 0);
+    assert_int_equal(wire_socket(context, ZMQ_ROUTER, &router).code, RESULT_OK);
+    assert_int_equal(wire_socket(context, ZMQ_DEALER, &dealer).code, RESULT_OK);
+    assert_int_equal(wire_socket_limit(router, LIMIT).code, RESULT_OK);
+    assert_int_equal(zmq_setsockopt(router, ZMQ_CURVE_SERVER, &yes, sizeof yes), 0);
+    set_key(router, ZMQ_CURVE_SECRETKEY, server[1]);
+    set_key(dealer, ZMQ_CURVE_SERVERKEY, server[0]);
+    set_key(dealer, ZMQ_CURVE_PUBLICKEY, client[0]);
+    set_key(dealer, ZMQ_CURVE_SECRETKEY, client[1]);
+    assert_int_equal(zmq_bind(router, "tcp://127.0.0.1:*"), 0);
+    assert_int_equal(zmq_getsockopt(router, ZMQ_LAST_ENDPOINT, endpoint, &size), 0);
+    assert_int_equal(zmq_connect(dealer, endpoint), 0);
+    Lm__Heartbeat beat;
+    Lm__Envelope envelope = heartbeat_envelope(&beat);
+    zmq_msg_t payload;
+    assert_int_equal(zmq_msg_init_size(&payload, LIMIT), 0);
+    memset(zmq_msg_data(&payload), 7, LIMIT);
+    assert_int_equal(wire_send(dealer, NULL, 0, &envelope, &payload, 1).code, RESULT_OK);
+    wire_message_t message;
+    bool received;
+    assert_int_equal(receive(router, true, &message, &received).code, RESULT_OK);
+    assert_true(received);
+    assert_int_equal(zmq_msg_size(&message.payload[0]), LIMIT);
+    wire_free(&message);
+    zmq_close(dealer);
+    zmq_close(router);
+    zmq_ctx_term(context);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -547,6 +591,7 @@ int main(void)
         WITH_SOCKETS(too_many_units_are_errors),
         WITH_SOCKETS(random_and_truncated_headers_do_no_harm),
         WITH_SOCKETS(a_frame_over_the_limit_drops_the_connection),
+        cmocka_unit_test(the_largest_frame_fits_encrypted),
         cmocka_unit_test(the_checksum_is_crc_32c),
         cmocka_unit_test(settings_units_and_counts_are_checked),
     };
