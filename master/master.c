@@ -32,8 +32,9 @@ enum { MAX_INTERVAL = 3600 }; /* seconds, of heartbeats, leases and batches */
 enum { ENDPOINT_SIZE = 300 };
 enum { MAX_BULK_IO = 4 }; /* threads of libzmq for the bulk socket */
 /* Messages of a connection to the bulk socket that libzmq holds: they may be large. A peer that fetches
- * something has a few requests under way, and its batches are answered one by one. */
-enum { BULK_RECEIVED = 1, BULK_SENT = 16 };
+ * something has a few requests under way, and its batches are answered one by one. On a connection with keys
+ * one less is received: libzmq counts the user id as a message that nobody ever reads. */
+enum { BULK_RECEIVED = 2, BULK_SENT = 16 };
 
 struct master {
     void *context;
