@@ -439,8 +439,8 @@ static void a_frame_over_the_limit_drops_the_connection(void **state)
     assert_int_equal(zmq_getsockopt(router, ZMQ_LAST_ENDPOINT, endpoint, &size), 0);
     assert_int_equal(wire_socket(s->context, ZMQ_DEALER, &dealer).code, RESULT_OK);
     assert_int_equal(zmq_connect(dealer, endpoint), 0);
-    char *huge = mem_zalloc(1, WIRE_MAX_CONTROL_FRAME + 1);
-    send_raw(dealer, huge, WIRE_MAX_CONTROL_FRAME + 1, false);
+    char *huge = mem_zalloc(2, WIRE_MAX_CONTROL_FRAME);
+    send_raw(dealer, huge, 2 * WIRE_MAX_CONTROL_FRAME, false);
     free(huge);
     Lm__Heartbeat beat;
     Lm__Envelope envelope = heartbeat_envelope(&beat);
