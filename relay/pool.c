@@ -1,16 +1,15 @@
 /* pool: see pool.h.
  *
  * DESIGN. The samples of a job that are here are in its ledger: free, out with a worker, or summed. A batch
- * of a worker is decoded, accepted into the ledger whole or refused whole, and added to the open sum. At the
- * interval that the master wishes, the open sum is offered upward, closed when that is granted (until then it
+ * of a worker is read, accepted into the ledger whole or refused whole, and added to the open parcel. At the
+ * interval that the master wishes, the parcel is offered upward, closed when that is granted (until then it
  * grows), and leaves memory and ledger when the master has answered. So a unit is forwarded once; if the
  * master gives it out again, because it refused the sum or lost its data, it is a new unit here.
  *
- * One lock guards all of it and is held for moments. Sums have a lock of their own (adding), since adding a
- * frame takes many milliseconds; it is taken before the pool's. Batches of one job are decoded by several
- * threads at once, and added one after the other.
+ * One lock guards all of it and is held for moments. Adding a frame takes many milliseconds, and several
+ * threads may be at it at once; a lock of the job's (adding) keeps its parcel from being closed meanwhile.
  *
- * Back-pressure: sums have a limit. When it is reached, because the master does not grant, batches of the
+ * Back-pressure: parcels have a limit. When it is reached, because the master does not grant, batches of the
  * workers are not granted either, and these let theirs grow.
  *
  * Units pass through as they are. So that a sum has few of them, larger ones are asked for than the workers
@@ -53,26 +52,26 @@ pool_t *pool_new(const pool_options_t *options)
     return pool;
 }
 
-static void free_sum(sum_t *sum)
+void pool_parcel_free(parcel_t *parcel)
 {
-    if (sum == NULL) return;
-    batch_free(&sum->batch);
-    free(sum);
+    if (parcel == NULL) return;
+    sum_free(&parcel->sum);
+    free(parcel);
 }
 
 static void free_job(relay_job_t *job)
 {
     while (job->errand_count > 0) pool_errand_remove(job, 0);
     free(job->errands);
-    for (sum_t *sum = job->sums; sum != NULL;) {
-        sum_t *next = sum->next;
-        free_sum(sum);
-        sum = next;
+    for (parcel_t *parcel = job->parcels; parcel != NULL;) {
+        parcel_t *next = parcel->next;
+        pool_parcel_free(parcel);
+        parcel = next;
     }
-    free_sum(job->under_way);
+    pool_parcel_free(job->under_way);
     ledger_free(&job->ledger);
     blob_close(&job->blob);
-    pthread_mutex_destroy(&job->adding);
+    pthread_rwlock_destroy(&job->adding);
     free(job);
 }
 
@@ -171,7 +170,7 @@ bool pool_next_notice(pool_t *pool, notice_t *notice)
 
 bool pool_job_empty(const relay_job_t *job)
 {
-    return ledger_units(&job->ledger) == 0 && job->errand_count == 0 && job->sums == NULL &&
+    return ledger_units(&job->ledger) == 0 && job->errand_count == 0 && job->parcels == NULL &&
            job->under_way == NULL && job->merging == 0;
 }
 
@@ -185,7 +184,7 @@ bool pool_empty(const pool_t *pool)
 size_t pool_job_bytes(const relay_job_t *job)
 {
     size_t bytes = 0;
-    for (const sum_t *sum = job->sums; sum != NULL; sum = sum->next) bytes += sum->bytes;
+    for (const parcel_t *parcel = job->parcels; parcel != NULL; parcel = parcel->next) bytes += parcel->bytes;
     return bytes;
 }
 

@@ -41,7 +41,11 @@ static relay_job_t *job_of(pool_t *pool, const assignment_t *assignment)
     job->blob_hash = assignment->blob;
     job->blob_size = assignment->blob_size;
     job->last_used = clock_now();
-    pthread_mutex_init(&job->adding, NULL);
+    pthread_rwlockattr_t attributes; /* who closes a parcel must not wait for ever for those who add */
+    pthread_rwlockattr_init(&attributes);
+    pthread_rwlockattr_setkind_np(&attributes, PTHREAD_RWLOCK_PREFER_WRITER_NONRECURSIVE_NP);
+    pthread_rwlock_init(&job->adding, &attributes);
+    pthread_rwlockattr_destroy(&attributes);
     ledger_init(&job->ledger, &assignment->settings);
     pool->jobs[pool->job_count++] = job;
     return job;
@@ -263,12 +267,13 @@ static void find_offer(const pool_t *pool, const relay_job_t *job, duty_t *duty)
     for (size_t i = 0; i < job->errand_count; i++)
         if (job->errands[i]->done)
             set_offer(job, job->errands[i]->number, batch_bytes(&job->errands[i]->batch), duty);
-    const sum_t *sum = job->sums;
-    if (duty->kind != DUTY_NONE || sum == NULL || sum->units == 0) return;
-    double wait = sum->since + pool->uplink_interval - clock_now();
-    bool full = sum->next != NULL || sum->units >= SUM_READY_UNITS || sum->bytes >= pool_bytes_limit(pool);
+    const parcel_t *parcel = job->parcels;
+    if (duty->kind != DUTY_NONE || parcel == NULL) return;
+    double wait = parcel->since + pool->uplink_interval - clock_now();
+    bool full = parcel->next != NULL || parcel->units >= PARCEL_READY_UNITS ||
+                parcel->bytes >= pool_bytes_limit(pool);
     if (wait <= 0 || full || job->hurry || nothing_coming(pool, job))
-        set_offer(job, 0, sum->bytes, duty);
+        set_offer(job, 0, parcel->bytes, duty);
     else if (wait < duty->wait)
         duty->wait = wait;
 }
@@ -344,21 +349,21 @@ static void refuse(void *self, uint64_t id, result_t why)
     pool_wake(pool->options.control_wake);
 }
 
-/* Takes the first sum; NULL when there is none. No lock held. */
-static const batch_t *close_sum(pool_t *pool, relay_job_t *job)
+/* Takes the first parcel; NULL when there is none. No lock held. */
+static const batch_t *close_parcel(pool_t *pool, relay_job_t *job)
 {
     const batch_t *batch = NULL;
-    pthread_mutex_lock(&job->adding); /* waits until a batch that is being added is in */
+    pthread_rwlock_wrlock(&job->adding); /* waits until what is being added is in */
     pool_lock(pool);
-    if (job->sums != NULL && job->sums->units > 0 && (!job->over || job->flush)) {
-        job->under_way = job->sums;
-        job->sums = job->sums->next;
+    if (job->parcels != NULL && (!job->over || job->flush)) {
+        job->under_way = job->parcels;
+        job->parcels = job->parcels->next;
         job->under_way->next = NULL;
-        if (job->sums == NULL) job->hurry = false;
-        batch = &job->under_way->batch;
+        if (job->parcels == NULL) job->hurry = false;
+        batch = sum_batch(job->under_way->sum);
     }
     pool_unlock(pool);
-    pthread_mutex_unlock(&job->adding);
+    pthread_rwlock_unlock(&job->adding);
     return batch;
 }
 
@@ -383,39 +388,38 @@ static closed_batch_t close_batch(void *self, const offer_t *offer)
     closed.sequence = ++pool->sequence;
     pool_unlock(pool);
     if (job == NULL) return closed;
-    if (offer->check == 0) closed.batch = close_sum(pool, job);
+    if (offer->check == 0) closed.batch = close_parcel(pool, job);
     pool_lock(pool);
     job->users--;
     pool_unlock(pool);
     return closed;
 }
 
-/* Lets go of what was sent of a job, if it was of this one. Lock held; the sum is the caller's to free. */
-static sum_t *settle(relay_job_t *job, const closed_batch_t *closed)
+/* Lets go of what was sent of a job, if it was of this one. Lock held; the parcel is the caller's to free. */
+static parcel_t *settle(relay_job_t *job, const closed_batch_t *closed)
 {
     for (size_t i = 0; i < job->errand_count; i++)
         if (&job->errands[i]->batch == closed->batch) {
             pool_errand_remove(job, i);
             return NULL;
         }
-    if (job->under_way == NULL || &job->under_way->batch != closed->batch) return NULL;
-    sum_t *sum = job->under_way;
-    ledger_settle(&job->ledger, sum->batch.units, sum->batch.unit_count);
+    parcel_t *parcel = job->under_way;
+    if (parcel == NULL || sum_batch(parcel->sum) != closed->batch) return NULL;
+    ledger_settle(&job->ledger, closed->batch->units, closed->batch->unit_count);
     job->under_way = NULL;
-    return sum;
+    return parcel;
 }
 
 static void sent(void *self, const closed_batch_t *closed, bool counted)
 {
     pool_t *pool = self;
-    sum_t *sum = NULL;
+    parcel_t *parcel = NULL;
     (void)counted; /* what was refused, the master gives out again */
     pool_lock(pool);
-    for (size_t i = 0; i < pool->job_count && sum == NULL; i++) sum = settle(pool->jobs[i], closed);
+    for (size_t i = 0; i < pool->job_count && parcel == NULL; i++) parcel = settle(pool->jobs[i], closed);
     pool_sweep(pool);
     pool_unlock(pool);
-    if (sum != NULL) batch_free(&sum->batch);
-    free(sum);
+    pool_parcel_free(parcel);
     pool_wake(pool->options.control_wake);
     pool_wake(pool->options.grant_wake);
 }

@@ -5,14 +5,15 @@
 
 #include "relay/ledger.h"
 #include "relay/pool.h"
+#include "relay/sums.h"
 
 #include <pthread.h>
 
 enum {
     POOL_MAX_JOBS = 16,
-    SUM_READY_UNITS = WIRE_MAX_UNITS / 4, /* a sum is offered when it has so many units, */
-    SUM_MAX_UNITS = WIRE_MAX_UNITS,       /* and cannot have more than this */
-    POOL_MAX_UNITS = WIRE_MAX_UNITS       /* no more is asked for when so many are here */
+    PARCEL_READY_UNITS = WIRE_MAX_UNITS / 4, /* a parcel is offered when it has so many units, */
+    PARCEL_MAX_UNITS = WIRE_MAX_UNITS,       /* and cannot have more than this */
+    POOL_MAX_UNITS = WIRE_MAX_UNITS          /* no more is asked for when so many are here */
 };
 
 /* A worker below. */
@@ -39,14 +40,14 @@ typedef struct {
     batch_t batch;
 } errand_t;
 
-/* A sum of batches. */
-typedef struct sum {
-    batch_t batch; /* under the job's `adding` lock */
-    double since;  /* seconds, when the first batch was added */
-    size_t units;  /* in the batch, */
-    size_t bytes;  /* and its size: as they were when the last one had been added */
-    struct sum *next;
-} sum_t;
+/* A sum on its way up. */
+typedef struct parcel {
+    sum_t *sum;
+    double since; /* seconds, when the first batch was added */
+    size_t units; /* that it has or is about to have, */
+    size_t bytes; /* and its size, as it was when the last one had been added */
+    struct parcel *next;
+} parcel_t;
 
 typedef struct {
     uint64_t id;
@@ -58,11 +59,12 @@ typedef struct {
     ledger_t ledger;
     errand_t **errands;
     size_t errand_count;
-    pthread_mutex_t adding;
-    sum_t *sums;      /* those that wait to be sent; the last one is open */
-    sum_t *under_way; /* that the bulk thread has */
-    bool over;        /* nothing more of it is handed out, */
-    bool flush;       /* but what was rendered is wanted */
+    pthread_rwlock_t
+        adding;          /* read by those who add to a parcel, written to close it; before the pool's lock */
+    parcel_t *parcels;   /* those that wait to be sent; the last one is open */
+    parcel_t *under_way; /* that the bulk thread has */
+    bool over;           /* nothing more of it is handed out, */
+    bool flush;          /* but what was rendered is wanted */
     double flush_until;
     bool hurry;        /* the sums are wanted soon */
     bool gone;         /* to be freed when nobody uses it */
@@ -116,7 +118,7 @@ void pool_notify_over(pool_t *pool, const relay_job_t *job, bool flush);
 bool pool_job_empty(const relay_job_t *job);
 /* Nothing of any job is. */
 bool pool_empty(const pool_t *pool);
-/* Bytes of the job's sums. */
+/* Bytes of the parcels that wait. */
 size_t pool_job_bytes(const relay_job_t *job);
 /* Bytes that sums, or the tiles of one batch, may take. */
 uint64_t pool_bytes_limit(const pool_t *pool);
@@ -129,5 +131,7 @@ void pool_drop_job(pool_t *pool, relay_job_t *job);
 /* Frees what is gone and not used. */
 void pool_sweep(pool_t *pool);
 void pool_errand_remove(relay_job_t *job, size_t index);
+
+void pool_parcel_free(parcel_t *parcel);
 
 #endif

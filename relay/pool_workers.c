@@ -275,54 +275,34 @@ result_t pool_batch_wanted(pool_t *pool, uint64_t worker, uint64_t id, const Pro
     return result;
 }
 
-/* Tiles are unfolded in memory: not without end. */
-static result_t check_size(const pool_t *pool, const batch_t *batch)
-{
-    uint64_t bytes = 0;
-    for (size_t i = 0; i < batch->unit_count; i++)
-        bytes += sizeof(int64_t) * (batch_tile_values(&batch->settings, batch->units[i].tile) +
-                                    batch_feature_values(&batch->settings, &batch->units[i]));
-    if (bytes <= pool_bytes_limit(pool)) return result_ok();
-    return result_fail(RESULT_LIMIT, "a batch of %.0f MB is over the limit of %.0f MB", 1e-6 * (double)bytes,
-                       1e-6 * (double)pool_bytes_limit(pool));
-}
-
-static result_t read_batch(const pool_t *pool, const wire_message_t *message, batch_t *batch)
-{
-    TRY(wire_batch_get(message, batch));
-    TRY(batch_check_counts(batch));
-    TRY(check_size(pool, batch));
-    return payload_decode(message->payload, batch);
-}
-
-/* The sum that a batch is to be added to: the open one, or a new one when that would get too many units.
- * With the lock `adding`, which keeps the sum from being closed. */
-static sum_t *sum_for(pool_t *pool, relay_job_t *job, size_t units)
+/* The parcel that a batch is to be added to: the open one, or a new one when that would get too many units.
+ */
+static parcel_t *parcel_for(pool_t *pool, double now, relay_job_t *job, size_t units)
 {
     pool_lock(pool);
-    sum_t **last = &job->sums;
+    parcel_t **last = &job->parcels;
     while (*last != NULL && (*last)->next != NULL) last = &(*last)->next;
-    if (*last != NULL && (*last)->units + units > SUM_MAX_UNITS) last = &(*last)->next;
+    if (*last != NULL && (*last)->units + units > PARCEL_MAX_UNITS) last = &(*last)->next;
     if (*last == NULL) {
         *last = mem_zalloc(1, sizeof **last);
-        batch_init(&(*last)->batch, &job->settings);
+        (*last)->sum = sum_new(&job->settings);
+        (*last)->since = now;
     }
-    sum_t *sum = *last;
+    parcel_t *parcel = *last;
+    parcel->units += units;
     pool_unlock(pool);
-    return sum;
+    return parcel;
 }
 
-static void add_to_sum(pool_t *pool, double now, relay_job_t *job, const batch_t *batch)
+static void add_to_parcel(pool_t *pool, double now, relay_job_t *job, const addend_t *addend)
 {
-    pthread_mutex_lock(&job->adding);
-    sum_t *sum = sum_for(pool, job, batch->unit_count);
-    batch_merge(&sum->batch, batch);
+    pthread_rwlock_rdlock(&job->adding);
+    parcel_t *parcel = parcel_for(pool, now, job, addend->batch.unit_count);
+    size_t bytes = sum_add(parcel->sum, addend);
     pool_lock(pool);
-    if (sum->units == 0) sum->since = now;
-    sum->units = sum->batch.unit_count;
-    sum->bytes = batch_bytes(&sum->batch);
+    if (bytes > parcel->bytes) parcel->bytes = bytes;
     pool_unlock(pool);
-    pthread_mutex_unlock(&job->adding);
+    pthread_rwlock_unlock(&job->adding);
 }
 
 static int unit_order(const void *a, const void *b)
@@ -343,7 +323,8 @@ static bool same_units(const unit_t *a, const unit_t *b, size_t count)
     return same;
 }
 
-/* A batch that bears a number is kept as it is. It must have exactly the units of the check. Lock held. */
+/* A batch that bears a number is kept as it is. It must have exactly the units of the check. Lock held; the
+ * batch is taken over. */
 static result_t keep_errand(relay_job_t *job, uint64_t number, batch_t *batch)
 {
     for (size_t i = 0; i < job->errand_count; i++) {
@@ -359,14 +340,14 @@ static result_t keep_errand(relay_job_t *job, uint64_t number, batch_t *batch)
     return result_fail(RESULT_MISMATCH, "nobody asked for this check");
 }
 
-/* Decides over a decoded batch; *sum is true when it is to be added. Lock held. */
-static result_t accept(relay_job_t *job, uint64_t check, batch_t *batch, bool *sum)
+/* Decides over a batch that was read: with *add it is to be added. Lock held. */
+static result_t accept(relay_job_t *job, uint64_t check, batch_t *batch, bool *add)
 {
-    *sum = false;
+    *add = false;
     if (job->gone || (job->over && !job->flush)) return result_fail(RESULT_CANCELLED, "the job is over");
     if (check != 0) return keep_errand(job, check, batch);
     TRY(ledger_accept(&job->ledger, batch->units, batch->unit_count));
-    *sum = true;
+    *add = true;
     return result_ok();
 }
 
@@ -388,28 +369,33 @@ result_t pool_batch_add(pool_t *pool, double now, const wire_message_t *message)
     pool_lock(pool);
     result_t result = check_wanted(pool, body->job, &body->content);
     relay_job_t *job = result.code == RESULT_OK ? pool_find_job(pool, body->job) : NULL;
-    batch_t batch = {0};
-    if (job != NULL) batch_init(&batch, &job->settings);
-    if (job != NULL) job->users++;
+    job_settings_t settings = {0};
+    if (job != NULL) {
+        settings = job->settings;
+        job->users++;
+    }
     pool_unlock(pool);
     if (job == NULL) return result;
 
-    bool sum = false;
-    result = read_batch(pool, message, &batch);
+    addend_t addend;
+    bool add = false;
+    result = sum_read(message, &settings, pool_bytes_limit(pool), &addend);
+    if (result.code == RESULT_OK && body->check != 0)
+        result = payload_decode(message->payload, &addend.batch);
     pool_lock(pool);
-    if (result.code == RESULT_OK) result = accept(job, body->check, &batch, &sum);
-    job->merging += sum;
+    if (result.code == RESULT_OK) result = accept(job, body->check, &addend.batch, &add);
+    job->merging += add;
     pool_unlock(pool);
-    if (sum) add_to_sum(pool, now, job, &batch);
+    if (add) add_to_parcel(pool, now, job, &addend);
     pool_lock(pool);
-    job->merging -= sum;
+    job->merging -= add;
     if (result.code == RESULT_OK)
         after_batch(pool, now, job, body->worker);
     else
-        ledger_return_units(&job->ledger, body->worker, batch.units, batch.unit_count);
+        ledger_return_units(&job->ledger, body->worker, addend.batch.units, addend.batch.unit_count);
     job->users--;
     pool_notify_idle(pool);
     pool_unlock(pool);
-    batch_free(&batch);
+    batch_free(&addend.batch);
     return result;
 }

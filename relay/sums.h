@@ -1,0 +1,30 @@
+/* sums: many batches of one job added up to one, exactly. Several threads may add at once; who closes the sum
+ * has seen to it that none does. */
+#ifndef LIGHTMILL_SUMS_H
+#define LIGHTMILL_SUMS_H
+
+#include "proto/wire.h"
+
+typedef struct sum sum_t;
+
+/* A batch that is to be added: its tiles and features are decoded, its splat frame is not. */
+typedef struct {
+    batch_t batch;          /* units and counts are checked; without splats */
+    const zmq_msg_t *splat; /* the payload, which is good */
+} addend_t;
+
+sum_t *sum_new(const job_settings_t *settings);
+void sum_free(sum_t **sum);
+
+/* Reads what a BatchResult brings, for a batch that was initialised with the job's settings, and checks all
+ * of it; tiles and features may take `limit` bytes. The addend points into the message. To be freed with
+ * batch_free(&addend->batch), also after a failure. */
+result_t sum_read(const wire_message_t *message, const job_settings_t *settings, uint64_t limit,
+                  addend_t *addend);
+/* Adds it, and returns the bytes that the sum then takes. An addition that would overflow is left out and
+ * counted, so that the job fails for it as it would have without a relay. */
+size_t sum_add(sum_t *sum, const addend_t *addend);
+/* What there is. */
+const batch_t *sum_batch(const sum_t *sum);
+
+#endif
