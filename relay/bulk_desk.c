@@ -12,7 +12,8 @@
 
 struct bulk_desk {
     bulk_desk_options_t options;
-    desk_t *desk;
+    desk_t *thread; /* the owner's */
+    desk_t *desk;   /* the same, for the thread itself */
     grants_t *grants;
     merge_pool_t *adders;
 };
@@ -194,7 +195,7 @@ result_t bulk_desk_start(const bulk_desk_options_t *options, bulk_desk_t **out)
                            .handle = handle,
                            .turn = turn};
     result_t result = merge_pool_start(&adders, &bulk->adders);
-    if (result.code == RESULT_OK) result = desk_start(&desk, &bulk->desk);
+    if (result.code == RESULT_OK) result = desk_start(&desk, &bulk->thread);
     if (result.code != RESULT_OK) bulk_desk_stop(&bulk);
     *out = bulk;
     return result;
@@ -204,7 +205,7 @@ void bulk_desk_stop(bulk_desk_t **out)
 {
     bulk_desk_t *bulk = *out;
     if (bulk == NULL) return;
-    desk_stop(&bulk->desk);
+    desk_stop(&bulk->thread);
     merge_pool_stop(&bulk->adders);
     grants_destroy(&bulk->grants);
     free(bulk);

@@ -8,8 +8,9 @@ enum { TICK_MS = 100, RETRY_MS = 2000 /* after which an idle worker asks again, 
 
 struct control_desk {
     control_desk_options_t options;
-    desk_t *desk;
-    unit_t *units; /* room for one assignment */
+    desk_t *thread; /* the owner's */
+    desk_t *desk;   /* the same, for the thread itself */
+    unit_t *units;  /* room for one assignment */
     double last_tick;
 };
 
@@ -216,7 +217,7 @@ result_t control_desk_start(const control_desk_options_t *options, control_desk_
                            .self = control,
                            .handle = handle,
                            .turn = turn};
-    result_t result = desk_start(&desk, &control->desk);
+    result_t result = desk_start(&desk, &control->thread);
     if (result.code != RESULT_OK) control_desk_stop(&control);
     *out = control;
     return result;
@@ -226,7 +227,7 @@ void control_desk_stop(control_desk_t **out)
 {
     control_desk_t *control = *out;
     if (control == NULL) return;
-    desk_stop(&control->desk);
+    desk_stop(&control->thread);
     free(control->units);
     free(control);
     *out = NULL;

@@ -192,6 +192,12 @@ static void add_wishes(const pool_t *pool, crew_state_t *state)
         if (job->gone) continue;
         held += ledger_units(&job->ledger);
         free_samples += (double)job->ledger.free.samples;
+        for (size_t e = 0; e < job->errand_count; e++) {
+            const errand_t *errand = job->errands[e];
+            held += errand->count;
+            for (size_t u = 0; u < errand->count && errand->worker == 0; u++)
+                free_samples += (double)unit_samples(&job->settings, &errand->units[u]);
+        }
     }
     if (threads == 0) return;
     double hold = HOLD_UNITS * units;

@@ -193,19 +193,25 @@ static void take_from_jobs(pool_t *pool, uint64_t worker, uint64_t loaded, uint6
 static size_t units_of(const pool_t *pool, uint64_t worker)
 {
     size_t units = 0;
-    for (size_t i = 0; i < pool->job_count; i++) units += ledger_held(&pool->jobs[i]->ledger, worker);
+    for (size_t i = 0; i < pool->job_count; i++) {
+        const relay_job_t *job = pool->jobs[i];
+        units += ledger_held(&job->ledger, worker);
+        for (size_t e = 0; e < job->errand_count; e++)
+            if (job->errands[e]->worker == worker && !job->errands[e]->done) units += job->errands[e]->count;
+    }
     return units;
 }
 
 /* Somebody is idle: workers that live but have not delivered anything for long lose their units. True when
- * any did. They may still deliver first. */
-static bool recall_stalled(pool_t *pool, double now, const member_t *idle)
+ * any did. They may still deliver first. The idle one may be among them: then what it was given did not reach
+ * it. */
+static bool recall_stalled(pool_t *pool, double now)
 {
     size_t recalled = 0;
     for (size_t i = 0; i < pool->member_count; i++) {
         const member_t *member = &pool->members[i];
         double silent = now - member->delivered;
-        if (member == idle || silent <= STALL_BATCHES * pool->options.batch_interval) continue;
+        if (silent <= STALL_BATCHES * pool->options.batch_interval) continue;
         size_t units = 0;
         for (size_t j = 0; j < pool->job_count; j++) units += pool_take_back(pool->jobs[j], member->id);
         if (units > 0)
@@ -230,7 +236,7 @@ result_t pool_take(pool_t *pool, double now, const identity_t *identity, uint64_
     if (units_of(pool, worker) == 0) member->delivered = now;
     if (!pool->draining) {
         take_from_jobs(pool, worker, loaded_job, samples, work);
-        if (work->unit_count == 0 && recall_stalled(pool, now, member))
+        if (work->unit_count == 0 && recall_stalled(pool, now))
             take_from_jobs(pool, worker, loaded_job, samples, work);
     }
     if (work->unit_count == 0) work->job = 0;

@@ -229,6 +229,8 @@ static void on_offer(scripted_t *script, const wire_message_t *message)
 {
     const Lm__BatchOffer *offer = message->envelope->batch_offer;
     script->offers++;
+    script->same_offers = offer->bytes == script->offered_bytes ? script->same_offers + 1 : 0;
+    script->offered_bytes = offer->bytes;
     script->offer = question_of(message);
     script->offer.worker = offer->worker;
     script->offer.job = offer->job;

@@ -46,6 +46,8 @@ typedef struct {
     /* What it saw. */
     uint64_t worker; /* the number that it gave out last */
     int hellos, goodbyes, heartbeats, work_requests, offers, batch_count;
+    int same_offers; /* how many offers in a row were of as many bytes as the one before */
+    uint64_t offered_bytes;
     Lm__Hello *hello; /* the last one; owned */
     uint32_t heartbeat_threads;
     unit_t kept[SCRIPTED_MAX]; /* of the last request for work that had any */

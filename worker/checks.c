@@ -1,6 +1,8 @@
 /* checks: see checks.h. */
 #include "worker/checks.h"
 
+#include "worker/unit_queue.h"
+
 #include <stdlib.h>
 #include <string.h>
 
@@ -18,6 +20,10 @@ void checks_push(checks_t *checks, uint64_t number, unit_t *units, size_t count)
     if (checks->count == CHECKS_MAX || count == 0) {
         free(units);
         return;
+    }
+    if (checks->count == checks->capacity) {
+        checks->capacity = 2 * checks->capacity + 16;
+        checks->list = mem_realloc(checks->list, checks->capacity * sizeof(check_t *));
     }
     check_t *check = mem_zalloc(1, sizeof *check);
     check->number = number;
@@ -96,6 +102,17 @@ size_t checks_units(const checks_t *checks)
     return units;
 }
 
+uint64_t checks_samples_left(const checks_t *checks, const job_settings_t *settings)
+{
+    uint64_t samples = 0;
+    for (size_t i = 0; i < checks->count; i++) {
+        const check_t *check = checks->list[i];
+        for (size_t u = check->begun; u < check->count && !check->dropped; u++)
+            samples += unit_samples(settings, &check->units[u]);
+    }
+    return samples;
+}
+
 void checks_drop(checks_t *checks, bool all)
 {
     for (size_t i = 0; i < checks->count; i++)
@@ -114,4 +131,7 @@ void checks_sweep(checks_t *checks)
             checks->list[kept++] = check;
     }
     checks->count = kept;
+    if (kept > 0) return;
+    free(checks->list);
+    *checks = (checks_t){0};
 }

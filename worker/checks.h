@@ -9,7 +9,7 @@
 
 #include "common/film.h"
 
-enum { CHECKS_MAX = 64 };
+enum { CHECKS_MAX = 4096 };
 
 typedef struct {
     uint64_t number;
@@ -24,14 +24,13 @@ typedef struct {
     batch_t batch;          /* made by checks_close */
 } check_t;
 
-/* Zeroed to begin with. */
+/* Zeroed to begin with, freed when all were dropped and swept. */
 typedef struct {
-    check_t *list[CHECKS_MAX];
-    size_t count;
+    check_t **list;
+    size_t count, capacity;
 } checks_t;
 
-/* Adds one; the units are taken over. One too many is let go: the master gives it to somebody else in time.
- */
+/* Adds one; the units are taken over. One too many, of a master that gives without being asked, is let go. */
 void checks_push(checks_t *checks, uint64_t number, unit_t *units, size_t count);
 /* The one to take the next unit of (units[begun]); NULL when there is none. */
 check_t *checks_next(const checks_t *checks);
@@ -48,6 +47,8 @@ void checks_close(check_t *check, const job_settings_t *settings);
 uint64_t checks_bytes(const check_t *check, const job_settings_t *settings);
 /* Units in all that are wanted. */
 size_t checks_units(const checks_t *checks);
+/* Pixel samples of those that were not begun. */
+uint64_t checks_samples_left(const checks_t *checks, const job_settings_t *settings);
 /* Drops those of which not every unit was begun, or all. */
 void checks_drop(checks_t *checks, bool all);
 /* Frees what was dropped or sent, once nothing of it is in anybody's hands. */

@@ -417,7 +417,8 @@ static uint64_t samples_wanted(workshop_t *shop, size_t units_held)
     if (shop->draining || shop->has_next || shop->failure.code != RESULT_OK) return 0;
     if (units_held > MAX_UNITS_HELD) return 0;
     if (shop->over && !(shop->flush && workshop_all_sent(shop))) return 0;
-    double hold = hold_samples(shop), held = (double)shop->queue.samples;
+    double hold = hold_samples(shop);
+    double held = (double)(shop->queue.samples + checks_samples_left(&shop->checks, &shop->current.settings));
     if (hold < good_unit(shop)) hold = good_unit(shop);
     return held < 0.5 * hold ? (uint64_t)(hold - held) : 0;
 }

@@ -230,9 +230,8 @@ static void a_client_sees_the_end_of_its_master(void **state)
     wire_message_t message;
     double start = clock_now();
     result_t result = remote_status(rig->remote, 0, &message);
-    assert_int_equal(result.code, RESULT_UNREACHABLE);
-    assert_non_null(strstr(result.message, "broke"));
-    assert_true(clock_now() - start < 15);
+    if (result.code != RESULT_UNREACHABLE || !strstr(result.message, "broke") || clock_now() - start > 15)
+        fail_msg("after %.1f s: %d, %s", clock_now() - start, (int)result.code, result.message);
     waitpid(killer, NULL, 0);
 }
 

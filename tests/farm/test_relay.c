@@ -26,31 +26,30 @@ static int tear_down(void **state)
     return 0;
 }
 
-/* Waits until a process has written a text, and returns what follows it in the same line; fresh memory. */
-static char *await_text(rig_t *rig, pid_t process, const char *text)
+/* One of the rig's key files, or NULL when it has none; the caller frees it. */
+static char *key_file(const rig_t *rig, const char *name)
 {
-    for (double start = clock_now();; rig_sleep(0.02)) {
-        char *log = rig_output(rig, process), *found = strstr(log, text);
-        char *rest = found != NULL
-                         ? mem_printf("%.*s", (int)strcspn(found + strlen(text), "\n"), found + strlen(text))
-                         : NULL;
-        free(log);
-        if (rest != NULL) return rest;
-        if (clock_now() - start > 60) fail_msg("process %d never says \"%s\"", (int)process, text);
-    }
+    return rig->keys != NULL ? mem_printf("%s/%s", rig->keys, name) : NULL;
 }
 
+/* With the rig's keys the relay is the farm's worker, and lets in who the master lets in. */
 static pid_t start_relay_at(rig_t *rig, int master_port, int port, const char *interval)
 {
     char *master = mem_printf("127.0.0.1:%d", master_port), *listen = mem_printf("127.0.0.1:%d", port);
     char *data = mem_printf("%s/relay-%d", rig->folder, rig->started_count);
-    pid_t relay =
-        rig_start_program(rig, "lightmill-relay",
-                          (const char *[]){master, "--listen", listen, "--data", data, "--heartbeat", "0.2",
-                                           "--lease", "1", "--batch-interval", interval, "--verbose", NULL});
+    char *key = key_file(rig, "worker.secret"), *above = key_file(rig, "master.key");
+    char *allow = key_file(rig, "allow");
+    pid_t relay = rig_start_program(rig, "lightmill-relay",
+                                    (const char *[]){master, "--listen", listen, "--data", data,
+                                                     "--heartbeat", "0.2", "--lease", "1", "--batch-interval",
+                                                     interval, "--verbose", key ? "--key" : NULL, key,
+                                                     "--master-key", above, "--allow", allow, NULL});
     free(master);
     free(listen);
     free(data);
+    free(key);
+    free(above);
+    free(allow);
     return relay;
 }
 
@@ -60,20 +59,30 @@ static pid_t start_relay(rig_t *rig, int master_port, int *port)
     do *port = rig_free_ports();
     while (*port == rig->port);
     pid_t relay = start_relay_at(rig, master_port, *port, "0.2");
-    free(await_text(rig, relay, "listening on"));
+    rig_wait_output(rig, relay, "listening on");
     return relay;
+}
+
+/* A worker that dials a port as the holder of a key, which must be one of the rig's. */
+static pid_t start_worker_as(rig_t *rig, int port, const char *secret, const char *above)
+{
+    char *address = mem_printf("127.0.0.1:%d", port);
+    char *cache = mem_printf("%s/cache-%d", rig->folder, rig->started_count);
+    char *key = key_file(rig, secret), *master = key_file(rig, above);
+    pid_t worker =
+        rig_start_program(rig, "lightmill-worker",
+                          (const char *[]){address, "--threads", "1", "--cache", cache, "--verbose",
+                                           key ? "--key" : NULL, key, "--master-key", master, NULL});
+    free(address);
+    free(cache);
+    free(key);
+    free(master);
+    return worker;
 }
 
 static pid_t start_worker(rig_t *rig, int port)
 {
-    char *address = mem_printf("127.0.0.1:%d", port);
-    char *cache = mem_printf("%s/cache-%d", rig->folder, rig->started_count);
-    pid_t worker =
-        rig_start_program(rig, "lightmill-worker",
-                          (const char *[]){address, "--threads", "1", "--cache", cache, "--verbose", NULL});
-    free(address);
-    free(cache);
-    return worker;
+    return start_worker_as(rig, port, "worker.secret", "worker.key");
 }
 
 static uint64_t submit(rig_t *rig)
@@ -201,7 +210,7 @@ static void a_relay_that_leaves_delivers(void **state)
     pid_t relay = start_relay(rig, rig->port, &port);
     pid_t worker = start_worker(rig, port);
     uint64_t job = submit(rig);
-    free(await_text(rig, worker, "counted after"));
+    rig_wait_output(rig, worker, "counted after");
     kill(relay, SIGTERM);
     assert_int_equal(rig_wait_exit(rig, relay, 30), 0);
     assert_true(rig_status(rig, job).samples_done > 0);
@@ -218,7 +227,7 @@ static void a_cancelled_job_keeps_what_the_workers_had(void **state)
     job_settings_t settings = rig_settings(), endless = settings;
     endless.spp = JOB_MAX_SPP;
     uint64_t job = rig_submit(rig, &endless);
-    free(await_text(rig, worker, "counted after"));
+    rig_wait_output(rig, worker, "counted after");
     assert_int_equal(remote_cancel(rig->remote, job).code, RESULT_OK);
     assert_int_equal(rig_wait_job(rig, job).state, JOB_CANCELLED);
     assert_true(rig_status(rig, job).samples_done > 0);
@@ -266,6 +275,25 @@ static void a_paused_job_goes_on_below(void **state)
     assert_int_equal(remote_order(rig->remote, &(job_order_t){.job = job, .kind = ORDER_RESUME}).code,
                      RESULT_OK);
     assert_reference(rig, job);
+}
+
+static void a_relay_has_keys_in_both_directions(void **state)
+{
+    rig_t *rig = *state;
+    int port;
+    rig_use_keys(rig);
+    rig_start_master(rig, BATCH_INTERVAL);
+    pid_t relay = start_relay(rig, rig->port, &port);
+    pid_t stranger = start_worker_as(rig, port, "master.secret", "worker.key"); /* is not on the list */
+    pid_t client = start_worker_as(rig, port, "client.secret", "worker.key");   /* may not work */
+    rig_wait_output(rig, relay, "is not in");
+    rig_wait_output(rig, relay, "may not");
+    rig_wait_workers(rig, 0);
+    start_worker(rig, port);
+    rig_wait_workers(rig, 1);
+    assert_reference(rig, submit(rig));
+    kill(stranger, SIGKILL);
+    kill(client, SIGKILL);
 }
 
 int main(void)

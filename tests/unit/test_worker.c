@@ -132,6 +132,7 @@ static void a_batch_is_offered_before_it_is_closed(void **state)
     site_t *t = *state;
     scripted_t *s = t->script;
     const unit_t first[] = {{0, 0, 4}, {1, 0, 4}}, more[] = {{2, 0, 4}};
+    t->options.patience = 0.3;
     s->granting = false;
     scripted_assign(s, JOB, 0, first, 2);
     start_worker(t);
@@ -142,7 +143,9 @@ static void a_batch_is_offered_before_it_is_closed(void **state)
     /* While the offer waits the batch grows. */
     scripted_assign(s, JOB, 0, more, 1);
     scripted_run(s, s->unit_count == 0, PATIENCE);
-    scripted_sleep(s, 0.3);
+    uint64_t bytes = s->offered_bytes;
+    scripted_run(s, s->same_offers > 3, PATIENCE);
+    assert_true(s->offered_bytes > bytes);
     assert_int_equal(s->batch_count, 0);
     scripted_grant(s);
     scripted_run(s, s->batch_count == 1, PATIENCE);
