@@ -117,7 +117,7 @@ void allow_list_free(allow_list_t *list)
 
 const allow_entry_t *allow_list_find(const allow_list_t *list, const char *key)
 {
-    allow_entry_t wanted;
+    allow_entry_t wanted = {0};
     if (list->count == 0) return NULL;
     snprintf(wanted.key, sizeof wanted.key, "%s", key);
     return bsearch(&wanted, list->entries, list->count, sizeof *list->entries, compare_keys);

@@ -71,7 +71,7 @@ static caller_t *caller(handshakes_t *handshakes, int descriptor)
 
 static void on_accepted(handshakes_t *handshakes, int descriptor)
 {
-    struct sockaddr_storage address;
+    struct sockaddr_storage address = {0};
     socklen_t size = sizeof address;
     caller_t *entry = caller(handshakes, descriptor);
     *entry = (caller_t){.descriptor = descriptor};
