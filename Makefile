@@ -22,7 +22,7 @@ COMMON_SRC := $(wildcard common/*.c)
 PROTO_SRC  := $(wildcard proto/*.c)
 RENDER_SRC := $(wildcard worker/render/*.c)
 WORKER_SRC := $(filter-out worker/main.c,$(wildcard worker/*.c))
-MASTER_SRC := $(filter-out master/main.c,$(wildcard master/*.c))
+MASTER_SRC := $(filter-out master/main.c,$(wildcard master/*.c master/*/*.c))
 RELAY_SRC  := $(filter-out relay/main.c,$(wildcard relay/*.c))
 CLIENT_SRC := $(filter-out client/main.c,$(wildcard client/*.c client/import/*.c client/import/*/*.c))
 LIB_SRC    := $(COMMON_SRC) $(PROTO_SRC) $(RENDER_SRC) $(WORKER_SRC) $(MASTER_SRC) $(RELAY_SRC) $(CLIENT_SRC)
@@ -40,7 +40,7 @@ $(BUILD)/lightmill-master: $(call objects,master/main.c $(MASTER_SRC) $(PROTO_SR
 $(BUILD)/lightmill-worker: $(call objects,worker/main.c $(WORKER_SRC) $(RENDER_SRC) $(PROTO_SRC) $(COMMON_SRC)) $(SCHEMA_O)
 # A relay is a worker to its master and a master to its workers: what it shares with them, but no renderer and no farm.
 RELAY_USES := $(patsubst %,worker/%.c,control bulk link blob_cache unit_queue) \
-              $(patsubst %,master/%.c,gate allow_list handshakes complaint rate_limit grants merge_pool)
+              $(wildcard master/door/*.c) $(patsubst %,master/merge/%.c,grants merge_pool)
 $(BUILD)/lightmill-relay: $(call objects,relay/main.c $(RELAY_SRC) $(RELAY_USES) $(PROTO_SRC) $(COMMON_SRC)) $(SCHEMA_O)
 $(BUILD)/lightmill: $(call objects,client/main.c $(LIB_SRC)) $(SCHEMA_O)
 $(PROGRAMS):

@@ -6,9 +6,9 @@
  * when it is told to. A batch that comes without that is taken if there is room for it. */
 #include "master/bulk_server.h"
 
-#include "master/complaint.h"
-#include "master/grants.h"
-#include "master/merge_pool.h"
+#include "master/door/complaint.h"
+#include "master/merge/grants.h"
+#include "master/merge/merge_pool.h"
 
 #include <errno.h>
 #include <malloc.h>

@@ -10,8 +10,8 @@
 #ifndef LIGHTMILL_GALLERY_H
 #define LIGHTMILL_GALLERY_H
 
-#include "master/farm.h"
-#include "master/keeper.h"
+#include "master/farm/farm.h"
+#include "master/store/keeper.h"
 
 enum {
     GALLERY_MAX_SNAPSHOTS = 16,

@@ -1,6 +1,6 @@
 /* lightmill-master: the command line around master.h. */
 #include "common/address.h"
-#include "master/farm.h"
+#include "master/farm/farm.h"
 #include "master/master.h"
 #include "proto/wire.h"
 

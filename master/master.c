@@ -15,7 +15,7 @@
 #include "common/memory_limit.h"
 #include "master/bulk_server.h"
 #include "master/control_server.h"
-#include "master/restart.h"
+#include "master/store/restart.h"
 
 #include <errno.h>
 #include <fcntl.h>

@@ -11,7 +11,7 @@
 #ifndef LIGHTMILL_POOL_H
 #define LIGHTMILL_POOL_H
 
-#include "master/farm.h"
+#include "master/farm/farm.h"
 #include "worker/crew.h"
 
 typedef struct pool pool_t;

@@ -5,7 +5,7 @@
 #define LIGHTMILL_RELAY_H
 
 #include "common/health.h"
-#include "master/gate.h"
+#include "master/door/gate.h"
 #include "proto/dial.h"
 
 #include <stdatomic.h>

@@ -1,10 +1,10 @@
-/* toy_farm: a master/farm.h without sockets or threads, in a time of its own: a test plays the workers, the
+/* toy_farm: a master/farm/farm.h without sockets or threads, in a time of its own: a test plays the workers, the
  * image writer and the keeper, and what would take hours takes a moment. Batches hold sums that are a
  * function of their units, so that a film can be compared. Calls end the test on failure. */
 #ifndef LIGHTMILL_TESTS_TOY_FARM_H
 #define LIGHTMILL_TESTS_TOY_FARM_H
 
-#include "master/farm.h"
+#include "master/farm/farm.h"
 
 /* A farm with room for six films of toy_settings; films outlive it if `keeps`. */
 farm_t *toy_farm(bool keeps);

@@ -3,7 +3,7 @@
  *
  * The film is filled with sums like those of a render at 1920 x 1080 (or WIDTHxHEIGHT given as an argument)
  * with a few samples a pixel. Files go to $TMPDIR or /tmp. */
-#include "master/checkpoint.h"
+#include "master/store/checkpoint.h"
 
 #include <math.h>
 #include <pthread.h>

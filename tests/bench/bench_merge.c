@@ -10,7 +10,7 @@
  * seconds of rendering from 0.1 to 30
  */
 #include "client/import/import.h"
-#include "master/canvas.h"
+#include "master/merge/canvas.h"
 #include "worker/render/renderer.h"
 
 #include <stdio.h>

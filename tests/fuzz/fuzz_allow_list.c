@@ -2,7 +2,7 @@
  * which are found again. */
 #include "tests/fuzz/fuzz.h"
 
-#include "master/allow_list.h"
+#include "master/door/allow_list.h"
 #include "proto/keys.h"
 
 #include <string.h>

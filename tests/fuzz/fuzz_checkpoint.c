@@ -1,6 +1,6 @@
 /* fuzz_checkpoint: any bytes as a checkpoint. Its sizes and checksums are mended, so that what lies behind
  * them is reached; what is accepted must be a film and a schedule that can be used. */
-#include "master/checkpoint_format.h"
+#include "master/store/checkpoint_format.h"
 #include "tests/fuzz/fuzz.h"
 
 #include <stdlib.h>

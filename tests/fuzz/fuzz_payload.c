@@ -5,7 +5,7 @@
  * The first bytes choose the job and the units, and where one payload ends and the next begins. */
 #include "tests/fuzz/fuzz.h"
 
-#include "master/canvas.h"
+#include "master/merge/canvas.h"
 #include "proto/wire.h"
 
 #include <stdlib.h>

@@ -2,7 +2,7 @@
  * lies in the job, and its payloads in the file. */
 #include "tests/fuzz/fuzz.h"
 
-#include "master/spool.h"
+#include "master/store/spool.h"
 
 #include <stdio.h>
 #include <stdlib.h>

@@ -1,7 +1,7 @@
 /* Tests of master/bulk_server.c with real sockets: what it does with batches while nothing can be merged,
  * because somebody reads the film. */
 #include "master/bulk_server.h"
-#include "master/farm_state.h"
+#include "master/farm/farm_state.h"
 #include "tests/peer.h"
 #include "tests/scratch.h"
 

@@ -1,7 +1,7 @@
 /* Tests of master/canvas*.c: however many merge at once, the film has the bits of one merge after the other;
  * a batch that cannot be merged leaves no trace; a snapshot is the film of its moment, whatever happens next.
  */
-#include "master/canvas.h"
+#include "master/merge/canvas.h"
 #include "tests/peer.h"
 
 #include <pthread.h>

@@ -1,7 +1,7 @@
 /* Checkpoints: what is written comes back bit for bit; whatever happens to the file is noticed; a disk that
  * refuses leaves the older one as it was. And the store that keeps them. */
-#include "master/checkpoint.h"
-#include "master/film_store.h"
+#include "master/store/checkpoint.h"
+#include "master/store/film_store.h"
 #include "tests/scratch.h"
 
 #include <setjmp.h>

@@ -1,6 +1,6 @@
 /* Tests of farm_checks.c, farm_evidence.c and spool.c: batches that are rendered twice, workers that are
  * found to send wrong sums, and what they sent taken out again, over restarts of the master too. */
-#include "master/spool.h"
+#include "master/store/spool.h"
 #include "tests/scratch.h"
 #include "tests/toy_farm.h"
 

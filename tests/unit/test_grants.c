@@ -1,6 +1,6 @@
-/* Tests of master/grants.c: what is promised and what is here never exceeds the credit, nobody is overtaken,
+/* Tests of master/merge/grants.c: what is promised and what is here never exceeds the credit, nobody is overtaken,
  * and what vanishes gives back what it was promised. */
-#include "master/grants.h"
+#include "master/merge/grants.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

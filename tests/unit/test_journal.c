@@ -1,6 +1,6 @@
 /* The journal: what was saved is there again; a number is never given twice; damage is found, set aside, and
  * costs no more than it must; a disk that refuses is an error and not the end. */
-#include "master/journal.h"
+#include "master/store/journal.h"
 #include "tests/scratch.h"
 
 #include <dirent.h>

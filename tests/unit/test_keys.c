@@ -1,7 +1,7 @@
 /* Tests of keys and of who is let in: key files, lists of keys, where a peer finds its keys, limits of
  * messages, and user ids that peers give themselves. */
-#include "master/allow_list.h"
-#include "master/rate_limit.h"
+#include "master/door/allow_list.h"
+#include "master/door/rate_limit.h"
 #include "proto/dial.h"
 #include "proto/wire.h"
 #include "tests/scratch.h"

@@ -1,6 +1,6 @@
-/* Tests of master/schedule.c, among them a random farm that is compared, sample by sample, with a table.
+/* Tests of master/farm/schedule.c, among them a random farm that is compared, sample by sample, with a table.
  * Rounds, particular units and states that come from files have more tests in test_rounds.c. */
-#include "master/schedule.h"
+#include "master/farm/schedule.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

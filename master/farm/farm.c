@@ -1,0 +1,204 @@
+/* farm: see farm.h.
+ *
+ * DESIGN. The life of a job:
+ *
+ *     queued ---first assignment--> running ---all counted--------------> finishing
+ *        |                          ^     |-----cancel, time is up: flush--> finishing
+ *        |                   resume |     |-----overflow--> failed
+ *     cancelled                     paused (flush)
+ *
+ *     finishing ---image written, last checkpoint made--> done, cancelled or failed
+ *     done, cancelled, failed ---extend--> queued, with its film on the disk
+ *
+ * The film is made at the first assignment, not at submission, so that a long queue costs nothing, and freed
+ * when image and checkpoint are written. While a job that was cut short or paused is flushed, its workers are
+ * asked for what they have (JobOver with flush), and batches are still taken until each has answered or a
+ * grace period is over. A job whose image or last checkpoint cannot be written (a full disk) keeps its film
+ * and is tried again; to cancel it gives that up.
+ *
+ * A job comes back with its film (after a restart, or when it is extended) by way of the queue: farm_keep.c.
+ *
+ * A lost worker's record is kept for a while: a batch from it whose units nobody else has delivered meanwhile
+ * is still welcome. Worker numbers are random, so a batch of an earlier life of this master matches none.
+ *
+ * This file has the farm itself, its notices and its clock; farm_workers.c the workers and what they are
+ * given, farm_shares.c whose turn it is, farm_jobs.c the life of a job, farm_orders.c what clients want done,
+ * farm_report.c what they are told, farm_keep.c what outlives the process, farm_batches.c what is delivered
+ * and the images made of it. They share farm_state.h.
+ *
+ * Jobs live in an array of pointers in the order of submission; a job that a server or the image writer works
+ * on is pinned and cannot be forgotten meanwhile. */
+#include "master/farm/farm_state.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+enum { CLOCK_GAP = 2 }; /* seconds between ticks after which we, not the workers, were asleep */
+
+void farm_wake(int descriptor)
+{
+    uint64_t one = 1;
+    if (descriptor >= 0 && write(descriptor, &one, sizeof one) < 0) return; /* full: it is awake already */
+}
+
+void farm_lock(farm_t *farm)
+{
+    pthread_mutex_lock(&farm->lock);
+}
+
+void farm_unlock(farm_t *farm)
+{
+    pthread_mutex_unlock(&farm->lock);
+}
+
+farm_t *farm_new(const farm_options_t *options)
+{
+    farm_t *farm = mem_zalloc(1, sizeof *farm);
+    farm->options = *options;
+    farm->next_job = options->first_job;
+    if (farm->options.job_limit == 0 || farm->options.job_limit > FARM_MAX_JOBS)
+        farm->options.job_limit = FARM_MAX_JOBS;
+    pthread_mutex_init(&farm->lock, NULL);
+    return farm;
+}
+
+void farm_destroy(farm_t **farm)
+{
+    if (*farm == NULL) return;
+    for (size_t i = 0; i < (*farm)->job_count; i++) farm_job_free(*farm, (*farm)->jobs[i]);
+    free((*farm)->removed);
+    free((*farm)->ranked);
+    pthread_mutex_destroy(&(*farm)->lock);
+    free((*farm)->jobs);
+    free((*farm)->workers);
+    free((*farm)->standings);
+    free((*farm)->notices);
+    free(*farm);
+    *farm = NULL;
+}
+
+/* ---- finding things; all under the lock ---------------------------------------------------------------- */
+
+job_t *farm_find_job(const farm_t *farm, uint64_t id)
+{
+    size_t low = 0, high = farm->job_count; /* the list is in the order of the numbers */
+    while (low < high) {
+        size_t middle = low + (high - low) / 2;
+        if (farm->jobs[middle]->id == id) return farm->jobs[middle];
+        if (farm->jobs[middle]->id < id)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return NULL;
+}
+
+worker_t *farm_find_worker(const farm_t *farm, uint64_t id)
+{
+    for (size_t i = 0; i < farm->worker_count; i++)
+        if (farm->workers[i].id == id) return &farm->workers[i];
+    return NULL;
+}
+
+/* ---- notices ------------------------------------------------------------------------------------------- */
+
+static void notify(farm_t *farm, uint64_t worker, uint64_t job, bool flush)
+{
+    if (farm->notice_count == farm->notice_capacity) {
+        farm->notice_capacity = 2 * farm->notice_capacity + 16;
+        farm->notices = mem_realloc(farm->notices, farm->notice_capacity * sizeof *farm->notices);
+    }
+    farm->notices[farm->notice_count++] = (pending_t){worker, job, flush};
+    farm_wake(farm->options.control_wake);
+}
+
+/* Calls the idle workers when there is something to do. */
+void farm_notify_idle(farm_t *farm)
+{
+    bool work = false;
+    for (size_t i = 0; i < farm->job_count && !work; i++) work = farm_job_has_work(farm->jobs[i]);
+    for (size_t i = 0; work && i < farm->worker_count; i++) {
+        worker_t *worker = &farm->workers[i];
+        if (!worker->connected || !worker->idle) continue;
+        worker->idle = false;
+        notify(farm, worker->id, 0, false);
+    }
+}
+
+/* Tells the workers that have a job that it is over. */
+void farm_notify_over(farm_t *farm, const job_t *job, bool flush)
+{
+    for (size_t i = 0; i < farm->worker_count; i++) {
+        const worker_t *worker = &farm->workers[i];
+        if (!worker->connected) continue;
+        if (worker->job == job->id || (job->schedule != NULL && schedule_held(job->schedule, worker->id) > 0))
+            notify(farm, worker->id, job->id, flush);
+    }
+}
+
+bool farm_next_notice(farm_t *farm, notice_t *notice)
+{
+    bool found = false;
+    farm_lock(farm);
+    while (!found && farm->notice_count > 0) {
+        pending_t pending = farm->notices[0];
+        memmove(farm->notices, farm->notices + 1, --farm->notice_count * sizeof *farm->notices);
+        const worker_t *worker = farm_find_worker(farm, pending.worker);
+        found = worker != NULL && worker->connected;
+        if (found) *notice = (notice_t){worker->identity, pending.job, pending.flush};
+    }
+    farm_unlock(farm);
+    return found;
+}
+
+/* ---- time, and the end --------------------------------------------------------------------------------- */
+
+static bool time_is_up(const job_t *job, double now)
+{
+    return job->state == JOB_RUNNING && job->settings.time_limit > 0 &&
+           farm_job_elapsed(job, now) >= job->settings.time_limit;
+}
+
+void farm_tick(farm_t *farm, double now)
+{
+    farm_lock(farm);
+    /* If this process was stopped, or the machine asleep, the silence was ours. */
+    double gap = farm->last_tick > 0 ? now - farm->last_tick : 0;
+    farm->last_tick = now;
+    farm_shares_tick(farm, fmin(gap, CLOCK_GAP));
+    for (size_t i = 0; i < farm->worker_count; i++) {
+        worker_t *worker = &farm->workers[i];
+        if (!worker->connected) continue;
+        if (gap > CLOCK_GAP) worker->last_seen = fmin(now, worker->last_seen + gap);
+        if (now - worker->last_seen <= farm->options.lease) continue;
+        farm_worker_fall(farm, now, worker);
+    }
+    for (size_t i = 0; i < farm->job_count; i++) {
+        job_t *job = farm->jobs[i];
+        if (time_is_up(job, now)) farm_job_cut_short(farm, now, job, JOB_DONE);
+        if (job->flush_until > 0 && now >= job->flush_until) farm_job_flush_end(farm, now, job);
+        if (job->image_retry > 0 && now >= job->image_retry && !job->image_written) {
+            job->image_retry = INFINITY; /* until it is known how that went */
+            job->image_due = true;
+            farm_wake(farm->options.image_wake);
+        }
+    }
+    farm_workers_tick(farm, now);
+    farm_unlock(farm);
+}
+
+void farm_shut_down(farm_t *farm, double now)
+{
+    (void)now;
+    farm_lock(farm);
+    farm->shut = true;
+    for (size_t i = 0; i < farm->job_count; i++) {
+        job_t *job = farm->jobs[i];
+        if (!job_state_final(job->state)) farm_record_changed(farm, job);
+    }
+    farm_wake(farm->options.checkpoint_wake);
+    farm_unlock(farm);
+}

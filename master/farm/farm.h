@@ -1,0 +1,281 @@
+/* farm: the master's state: the queue of jobs and the workers, and everything that can happen to them. It
+ * knows no sockets: the control and the bulk server translate messages into the calls below, a test makes the
+ * calls itself.
+ *
+ * Thread-safe. One lock guards all of it and is held for microseconds only, so that heartbeats never wait for
+ * a merge. The film of a job has a lock of its own, held while sums are merged or resolved. Where both are
+ * needed, the film's is taken first. Units are marked as counted while the film is locked: who holds the
+ * film's lock sees exactly the sums of the units that are counted.
+ *
+ * Times are seconds of clock_now(), handed in by the caller, so that a test can make time pass.
+ */
+#ifndef LIGHTMILL_FARM_H
+#define LIGHTMILL_FARM_H
+
+#include "master/merge/canvas.h"
+#include "master/farm/schedule.h"
+
+enum {
+    FARM_MAX_JOBS = 1000,    /* known at a time; the oldest finished ones are forgotten */
+    FARM_MAX_WORKERS = 4096, /* connected, and as many again that were lost and may still send a batch */
+    FARM_MAX_NAME = JOB_MAX_NAME,
+    FARM_MAX_DECLINES = 3, /* of a job that no worker has rendered any of */
+    FARM_UNIT_DEATHS = 5,  /* workers that a unit has to end, at least, before it is left out */
+    FARM_MAX_FAILURES = 3  /* of a machine without a delivery between them, before it is put aside */
+};
+#define FARM_ASIDE_SECONDS 60.0 /* that a machine is put aside for the first time; farm_standing.c */
+
+typedef struct farm farm_t;
+typedef struct job job_t; /* a job that the caller has pinned: it is not forgotten */
+
+typedef struct {
+    double lease;          /* seconds */
+    double batch_interval; /* seconds */
+    uint64_t film_limit;   /* bytes that the films of all jobs may take */
+    uint64_t first_job;    /* number of the first job */
+    size_t job_limit;      /* jobs known at a time, at most FARM_MAX_JOBS */
+    const char
+        *spool_dir; /* where batches wait to be vouched for (farm_checks.c); NULL: jobs cannot be verified */
+    /* eventfds; -1: none */
+    int control_wake;    /* written when there are notices to send */
+    int image_wake;      /* when a job waits for its image */
+    int clerk_wake;      /* when a job's record has changed */
+    int checkpoint_wake; /* when a film is to be loaded, or a last checkpoint to be made; -1: no film outlives
+                            the process, and jobs end without */
+    int grant_wake; /* when a batch that was refused for the moment may now be taken: a film was loaded */
+} farm_options_t;
+
+farm_t *farm_new(const farm_options_t *options);
+/* Frees the farm and sets *farm to NULL; no job may be pinned. */
+void farm_destroy(farm_t **farm);
+
+/* ---- workers ------------------------------------------------------------------------------------------- */
+
+/* Where a worker's messages come from. */
+typedef struct {
+    uint8_t bytes[WIRE_MAX_IDENTITY];
+    size_t size;
+} identity_t;
+
+/* What a worker says of itself, and what is known of it. */
+typedef struct {
+    const char *name;
+    const char *key; /* public key in Z85, empty without keys */
+    uint32_t threads;
+    hash_t fingerprint; /* of its bits; all zero: it has not said */
+    bool relay;
+} farm_hello_t;
+
+/* Admits a worker and names it. RESULT_LIMIT when there are too many; RESULT_CANCELLED, with the reason, when
+ * it is put aside. */
+result_t farm_hello(farm_t *farm, double now, const identity_t *identity, const farm_hello_t *hello,
+                    uint64_t *worker);
+/* False when the worker is not known (any more). */
+bool farm_heartbeat(farm_t *farm, double now, const identity_t *identity, uint64_t worker, uint64_t job,
+                    uint32_t units_held);
+/* The threads of a relay are those of its workers, and change. */
+void farm_worker_threads(farm_t *farm, uint64_t worker, uint32_t threads);
+/* The worker has these units in hand, from an earlier life of this master or a lease that ended, of a job
+ * that `content` identifies (job_content_hash): those that nobody else has are its own again. */
+void farm_reclaim(farm_t *farm, double now, uint64_t worker, uint64_t job, const ProtobufCBinaryData *content,
+                  Lm__Unit *const *units, size_t count);
+/* The worker leaves: its units go back. `job` is one that it cannot render, for the reason it gives, or 0. A
+ * job that nobody has delivered anything of fails when it was declined FARM_MAX_DECLINES times and nobody is
+ * at it. */
+void farm_goodbye(farm_t *farm, double now, uint64_t worker, uint64_t job, const char *reason);
+/* Work for a worker; the caller gives room for WIRE_MAX_UNITS units. */
+typedef struct {
+    uint64_t job; /* 0: there is none */
+    job_settings_t settings;
+    hash_t blob;
+    uint64_t blob_size;
+    unit_t *units;
+    size_t unit_count;
+    uint64_t check; /* not 0: the units make a batch of their own */
+} farm_work_t;
+
+/* RESULT_UNREACHABLE when the worker is not known: it should say hello again. */
+result_t farm_take(farm_t *farm, double now, const identity_t *identity, uint64_t worker, uint64_t loaded_job,
+                   uint64_t samples, uint64_t unit_samples, farm_work_t *work);
+
+/* Something to tell a worker unasked: JobReady (job 0) or JobOver. */
+typedef struct {
+    identity_t identity;
+    uint64_t job;
+    bool flush;
+} notice_t;
+
+bool farm_next_notice(farm_t *farm, notice_t *notice);
+
+/* Time passes: leases and time limits end. To be called a few times a second, when all messages that came
+ * have been handled. */
+void farm_tick(farm_t *farm, double now);
+
+/* ---- jobs ---------------------------------------------------------------------------------------------- */
+
+/* Puts a job in the queue; settings and terms are checked, the blob is in the store. RESULT_LIMIT when the
+ * queue is full of jobs that are not over or are retained, or the film does not fit into memory. */
+result_t farm_submit(farm_t *farm, double now, const job_terms_t *terms, const job_settings_t *settings,
+                     const hash_t *blob, uint64_t blob_size, uint64_t *job);
+/* Does what a client orders (wire.h, farm_orders.c). RESULT_INPUT when there is no such job, or its state
+ * does not allow it. After ORDER_DELETE the job is unknown here; its files are the caller's to delete. */
+result_t farm_order(farm_t *farm, double now, const job_order_t *order);
+
+/* A job as clients see it. */
+typedef struct {
+    uint64_t job;
+    job_terms_t terms;
+    job_state_t state;
+    job_settings_t settings;
+    hash_t blob;
+    bool retained;
+    hash_t fingerprint;         /* of the machines that work on it; all zero: none yet, or any */
+    schedule_account_t account; /* pixel samples */
+    double error;               /* estimated relative error at the last fixed point; 0: not known */
+    uint64_t checks_passed, checks_failed;
+    double checkpoint_age;                /* seconds; < 0: no checkpoint */
+    double submitted, finished;           /* seconds since 1970; 0: not yet */
+    uint64_t samples_done, samples_total; /* pixel samples; total 0: only time ends the job */
+    double elapsed, remaining;            /* seconds; remaining < 0: not known */
+    uint32_t workers, workers_seen;       /* that hold units now; that have contributed */
+    uint64_t bytes_received, batches, batches_refused, units_reissued;
+    film_counts_t counts;
+    char message[500];
+} job_report_t;
+
+/* The reports of one job or (job 0) of all in the order of submission, in fresh memory that the caller frees;
+ * NULL and *count 0 when there are none. *workers is the number of connected workers. */
+job_report_t *farm_report(farm_t *farm, double now, uint64_t job, size_t *count, uint32_t *workers);
+
+/* A worker as clients see it. */
+typedef struct {
+    char name[FARM_MAX_NAME + 1];
+    char key[KEY_MAX_NAME + 1]; /* public key in Z85, or the name that the list of keys has for it */
+    uint32_t threads;
+    hash_t fingerprint;
+    bool relay, connected;
+    char aside[FARM_MAX_NAME + 1]; /* why it is given no work; empty: it is */
+    uint64_t job;
+    uint32_t units_held;
+    double speed; /* pixel samples a second */
+    uint64_t batches, batches_refused, units_reissued, bytes;
+    double last_seen; /* seconds ago */
+} worker_report_t;
+
+/* The reports of all workers, connected first, in fresh memory that the caller frees; NULL and 0 when none.
+ */
+worker_report_t *farm_worker_report(farm_t *farm, double now, size_t *count);
+
+/* ---- what survives the process (farm_keep.c) ------------------------------------------------------------
+ */
+
+/* A job as the journal keeps it. */
+typedef struct {
+    uint64_t job;
+    job_terms_t terms;
+    job_settings_t settings;
+    hash_t blob;
+    uint64_t blob_size;
+    job_state_t state;   /* JOB_FINISHING when its image is still due */
+    job_state_t outcome; /* of one that is finishing */
+    bool retained;
+    bool removed; /* deleted or forgotten: its record and its files are to go */
+    hash_t fingerprint;
+    double elapsed;             /* seconds of work on it so far */
+    double submitted, finished; /* seconds since 1970; 0: not yet */
+    uint64_t bytes, batches, batches_refused, units_reissued, checks_passed, checks_failed;
+    uint32_t workers_seen;
+    uint64_t samples_done; /* pixel samples; with the next three for the status of a job without a film */
+    schedule_account_t account; /* as it was when nothing was out */
+    film_counts_t counts;
+    double error; /* estimated relative error at the last fixed point; 0: not known */
+    char message[500];
+} job_record_t;
+
+/* The next record that has changed since it was given out; false when there is none. Records change with
+ * every order, every change of state and every checkpoint. */
+bool farm_next_record(farm_t *farm, double now, job_record_t *record);
+/* The record was not saved: it is given out again. */
+void farm_record_unsaved(farm_t *farm, uint64_t job);
+/* The record of a pinned job as it is now, for its checkpoint. */
+job_record_t farm_record(farm_t *farm, double now, const job_t *job);
+/* Tells the users of a pinned job something (its message), unless it has failed. */
+void farm_note(farm_t *farm, job_t *job, const char *note);
+/* Makes a job known again at the start of the process. One that is not over and has been worked on waits for
+ * its film: farm_next_load gives it out. Until then its state is JOB_QUEUED, or JOB_PAUSED or JOB_FINISHING
+ * as it was. */
+void farm_restore(farm_t *farm, double now, const job_record_t *record);
+/* Pins the job whose film is wanted first (a restart, an extended job whose turn it is) and sets memory aside
+ * for it; NULL when there is none, or no memory. It is answered with one of the next two, then unpinned. */
+job_t *farm_next_load(farm_t *farm);
+/* The film of a pinned job and the state of its schedule, both taken over (the state's arrays, not the
+ * struct); film NULL: there is no checkpoint, it begins anew. RESULT_INPUT when the state does not fit the
+ * job, which then begins anew. */
+result_t farm_loaded(farm_t *farm, double now, job_t *job, film_t *film, schedule_state_t *state);
+/* The film cannot be had for the moment or ever: the job fails with this message. */
+void farm_load_failed(farm_t *farm, double now, job_t *job, const char *why);
+
+/* Pins a job that has sums that no checkpoint holds: one that waits for its last checkpoint to be over (or
+ * any, when the process ends), else the one whose last is oldest. NULL when there is none; *age is how long
+ * ago its last one was, seconds, and *last whether it is waited for. */
+job_t *farm_next_checkpoint(farm_t *farm, double now, double *age, bool *last);
+/* A snapshot of a pinned job's film and exactly the samples that it holds. False when it has no film (any
+ * more), or a snapshot is open. The snapshot is freed by the caller, then farm_checkpointed is called. */
+bool farm_snapshot(farm_t *farm, job_t *job, schedule_state_t *state, canvas_snapshot_t **snapshot);
+/* A checkpoint was written; or it could not be: then farm_next_checkpoint gives the job out again, and one
+ * that is finishing waits for a better time with its film. */
+void farm_checkpointed(farm_t *farm, double now, job_t *job, result_t written);
+
+/* ---- batches ------------------------------------------------------------------------------------------- */
+
+/* May this worker send a batch of this job? RESULT_LIMIT: not yet, its film is being loaded (grant_wake tells
+ * when); any other failure says why it is not wanted. */
+result_t farm_batch_wanted(farm_t *farm, double now, uint64_t worker, uint64_t job);
+/* RESULT_INPUT when the bytes are not the job_content_hash of the job: they are of another one, which had
+ * its number before this master lost its data. Nothing is said of an unknown job or of empty bytes. */
+result_t farm_content_check(farm_t *farm, uint64_t job, const ProtobufCBinaryData *content);
+/* Pins the job that a batch is for, to be unpinned; the reason for a failure is for the sender. `bytes` is
+ * the size of the message. */
+result_t farm_batch_open(farm_t *farm, double now, uint64_t worker, uint64_t job, uint64_t bytes,
+                         job_t **pinned);
+job_settings_t farm_job_settings(farm_t *farm, const job_t *job);
+uint64_t farm_job_id(const job_t *job);
+/* Counts and merges a batch whole, or refuses it whole: then what the sender holds of its units goes back.
+ * `batch` has settings, checked units and counts; its sums are in the payloads. `check` is the number that
+ * the batch bears, 0: none. Takes as long as a pass over the film; batches of one job may be merged by
+ * several threads at once. */
+result_t farm_batch_merge(farm_t *farm, double now, job_t *job, uint64_t worker, uint64_t check,
+                          const batch_t *batch, const zmq_msg_t payload[BATCH_PAYLOADS]);
+/* The batch was no good: what the sender holds of its units goes back. */
+void farm_batch_refuse(farm_t *farm, job_t *job, uint64_t worker, const unit_t *units, size_t count);
+void farm_unpin(farm_t *farm, job_t *job);
+
+/* Does what the comparison of renderings calls for on the disk: takes the sums of those that were wrong out
+ * of their films, and deletes what is no longer needed, the folders of unknown jobs too. To be called when
+ * checkpoint_wake is written, by one thread, the one that loads films. */
+void farm_settle_checks(farm_t *farm, double now);
+/* What is kept of batches is safe on the disk: to be called between a snapshot and the moment at which its
+ * checkpoint counts. */
+result_t farm_sync_checks(farm_t *farm);
+
+/* ---- images -------------------------------------------------------------------------------------------- */
+
+/* Pins a job, to be unpinned; NULL when there is none of that number. */
+job_t *farm_pin(farm_t *farm, uint64_t job);
+/* Pins a job that has all its samples and whose image is to be written or, if it failed, whose film is to be
+ * freed; NULL when there is none. */
+job_t *farm_next_finished(farm_t *farm);
+/* Resolves the sums so far; the caller frees the image. RESULT_INPUT when nothing has been rendered yet, or
+ * when the job is over and its image is in its file. */
+result_t farm_resolve(farm_t *farm, double now, job_t *job, film_image_t *image, job_report_t *report);
+/* Batches merged so far, the version of the image, and whether the job has its last state. */
+uint64_t farm_image_version(farm_t *farm, job_t *job, bool *over);
+/* The image of a job that farm_next_finished gave out was written: when its last checkpoint is made too, it
+ * gets its last state and its film is freed. Or the image could not be written: it is given out again after a
+ * while. */
+void farm_finished(farm_t *farm, double now, job_t *job, result_t written, const char *path);
+/* The process ends: nothing more is handed out or taken. Jobs that are not over stay so; farm_next_checkpoint
+ * gives out those that have sums to save. */
+void farm_shut_down(farm_t *farm, double now);
+
+#endif

@@ -1,0 +1,344 @@
+/* farm_jobs: the life of a job: its start, its rounds and its end (see farm.h and the note in farm.c). */
+#include "master/farm/farm_state.h"
+
+#include "master/farm/plan.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+uint64_t farm_film_bytes(const job_settings_t *settings)
+{
+    uint64_t pixels = (uint64_t)settings->width * (uint64_t)settings->height;
+    uint64_t features = job_has_features(settings) ? FEATURE_VALUES * (sizeof(int64_t) + sizeof(float)) : 0;
+    return pixels * (2 * 2 * 3 * sizeof(int64_t) + 2 * sizeof(uint32_t) + 13 * sizeof(float) + features);
+}
+
+double farm_wall_time(void)
+{
+    struct timespec now;
+    clock_gettime(CLOCK_REALTIME, &now);
+    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
+}
+
+double farm_job_elapsed(const job_t *job, double now)
+{
+    if (job->started <= 0) return job->elapsed_before;
+    return job->elapsed_before + (job->ended > 0 ? job->ended : now) - job->started;
+}
+
+/* ---- memory -------------------------------------------------------------------------------------------- */
+
+void farm_job_free_film(farm_t *farm, job_t *job)
+{
+    if (job->canvas == NULL) return;
+    job->canvas_condemned = job->canvas_users > 0;
+    if (job->canvas_condemned) return;
+    farm->film_bytes -= farm_film_bytes(&job->settings);
+    canvas_destroy(&job->canvas);
+    farm_wake(farm->options.checkpoint_wake); /* a film may have waited for memory to be loaded */
+}
+
+void farm_job_free(farm_t *farm, job_t *job)
+{
+    farm_job_free_film(farm, job);
+    schedule_destroy(&job->schedule);
+    farm_checks_free(&job->checks);
+    farm_suspects_free(&job->suspects);
+    free(job->seen);
+    free(job);
+}
+
+void farm_job_unpin(farm_t *farm, job_t *job)
+{
+    job->pins--;
+    if (job->gone && job->pins == 0) farm_job_free(farm, job);
+}
+
+void farm_job_remove(farm_t *farm, job_t *job)
+{
+    size_t at = 0;
+    while (farm->jobs[at] != job) at++;
+    memmove(farm->jobs + at, farm->jobs + at + 1, (--farm->job_count - at) * sizeof *farm->jobs);
+    farm->removed = mem_realloc(farm->removed, (farm->removed_count + 1) * sizeof *farm->removed);
+    farm->removed[farm->removed_count++] = job->id;
+    farm_wake(farm->options.clerk_wake);
+    job->gone = true;
+    job->taking = false;
+    if (job->pins == 0) farm_job_free(farm, job);
+}
+
+/* ---- beginning ----------------------------------------------------------------------------------------- */
+
+bool farm_job_has_work(const job_t *job)
+{
+    if (job->state == JOB_QUEUED) return !job->film_wanted;
+    return job->state == JOB_RUNNING &&
+           (schedule_available(job->schedule) || farm_suspects_waiting(job) || farm_checks_waiting(job));
+}
+
+void farm_job_install(farm_t *farm, double now, job_t *job, film_t *film, schedule_t *schedule)
+{
+    job->counts = film->counts;
+    job->canvas = canvas_new(film);
+    job->schedule = schedule;
+    job->samples_done = schedule_done(schedule);
+    job->taking = true;
+    job->unsaved = job->saving = job->image_written = false;
+    job->declines = 0;
+    farm_job_joins(farm, job);
+    job->rate_time[0] = job->rate_time[1] = now;
+    job->rate_samples[0] = job->rate_samples[1] = job->samples_done;
+}
+
+/* The tiles of a round, in fresh memory. */
+static plan_round_t round_new(uint32_t tiles)
+{
+    return (plan_round_t){mem_zalloc(tiles, sizeof(uint32_t)), mem_zalloc(tiles, sizeof(uint32_t))};
+}
+
+static void round_free(plan_round_t *round)
+{
+    free(round->ends);
+    free(round->weights);
+}
+
+/* The first round needs no film to be planned from. */
+static void open_first_round(job_t *job)
+{
+    if (!job_is_planned(&job->settings)) return;
+    plan_round_t first = round_new(job_tile_count(&job->settings));
+    double error;
+    if (plan_next(&job->settings, 0, NULL, NULL, &first, &error) == PLAN_ROUND)
+        schedule_open_round(job->schedule, first.ends, first.weights);
+    round_free(&first);
+}
+
+bool farm_job_start(farm_t *farm, double now, job_t *job)
+{
+    if (job->film_due) {
+        job->film_wanted = true;
+        farm_wake(farm->options.checkpoint_wake);
+        return false;
+    }
+    uint64_t bytes = farm_film_bytes(&job->settings);
+    if (farm->film_bytes + bytes > farm->options.film_limit) return false;
+    film_t *film;
+    result_t result = film_new(&job->settings, &film);
+    if (result.code != RESULT_OK) {
+        snprintf(job->message, sizeof job->message, "%s", result.message);
+        log_error("job %llu: %s", (unsigned long long)job->id, result.message);
+        farm_job_close(farm, now, job, JOB_FAILED);
+        return false;
+    }
+    farm->film_bytes += bytes;
+    farm_job_install(farm, now, job, film, schedule_new(&job->settings));
+    open_first_round(job);
+    job->state = JOB_RUNNING;
+    job->started = now;
+    farm_record_changed(farm, job);
+    log_info("job %llu starts: %s, %d x %d, %s", (unsigned long long)job->id, job->terms.name,
+             job->settings.width, job->settings.height, integrator_name(job->settings.integrator));
+    return true;
+}
+
+/* ---- rounds -------------------------------------------------------------------------------------------- */
+
+/* What plan_next is asked with, copied, since it is asked without the lock. */
+typedef struct {
+    job_settings_t settings;
+    uint32_t round_count;
+    plan_round_t last, next;
+    uint64_t samples, batches;
+} question_t;
+
+static question_t question_new(const job_t *job)
+{
+    uint32_t tiles = job_tile_count(&job->settings);
+    question_t question = {.settings = job->settings,
+                           .round_count = schedule_round_count(job->schedule),
+                           .last = round_new(tiles),
+                           .next = round_new(tiles),
+                           .samples = job->samples_done,
+                           .batches = job->batches};
+    if (question.round_count > 0) {
+        memcpy(question.last.ends, schedule_round_ends(job->schedule), tiles * sizeof(uint32_t));
+        memcpy(question.last.weights, schedule_round_weights(job->schedule), tiles * sizeof(uint32_t));
+    }
+    return question;
+}
+
+static void question_free(question_t *question)
+{
+    round_free(&question->last);
+    round_free(&question->next);
+}
+
+/* True when the answer is still to the point: nothing was taken out of the film or added meanwhile, and no
+ * order came. */
+static bool question_stands(const question_t *question, const job_t *job)
+{
+    return job->merging == 0 && job->batches == question->batches && schedule_round_counted(job->schedule) &&
+           job->settings.spp == question->settings.spp && job->settings.error == question->settings.error;
+}
+
+/* The job's rounds are decided by its film, which takes a while to look at: the lock is let go meanwhile. */
+static void plan_round(farm_t *farm, double now, job_t *job)
+{
+    question_t question = question_new(job);
+    double error = 0;
+    canvas_t *canvas = job->canvas;
+    job->planning = true;
+    job->canvas_users++;
+    farm_unlock(farm);
+    plan_verdict_t verdict =
+        plan_next(&question.settings, question.round_count, question.round_count > 0 ? &question.last : NULL,
+                  canvas_lock(canvas), &question.next, &error);
+    canvas_unlock(canvas);
+    farm_canvas_let_go(farm, job);
+    farm_lock(farm);
+    job->planning = false;
+    if (job->taking && question_stands(&question, job)) {
+        job->error = error;
+        job->error_samples = question.samples;
+        if (verdict == PLAN_ROUND)
+            schedule_open_round(job->schedule, question.next.ends, question.next.weights);
+        else
+            farm_job_close(farm, now, job, JOB_DONE);
+        farm_notify_idle(farm);
+    }
+    question_free(&question);
+}
+
+void farm_job_progress(farm_t *farm, double now, job_t *job)
+{
+    job->pins++;
+    while (job->taking && job->merging == 0 && !job->planning && !farm_checks_pending(farm, job) &&
+           schedule_round_counted(job->schedule)) {
+        if (job_is_planned(&job->settings))
+            plan_round(farm, now, job);
+        else
+            farm_job_close(farm, now, job, JOB_DONE);
+    }
+    farm_job_settle(farm, now, job);
+    farm_job_unpin(farm, job);
+}
+
+/* ---- ending -------------------------------------------------------------------------------------------- */
+
+/* What workers hold comes back. */
+static void release_all(farm_t *farm, job_t *job)
+{
+    for (size_t i = 0; i < farm->worker_count; i++)
+        if (schedule_held(job->schedule, farm->workers[i].id) > 0)
+            schedule_release(job->schedule, farm->workers[i].id);
+}
+
+void farm_job_close(farm_t *farm, double now, job_t *job, job_state_t outcome)
+{
+    farm_notify_over(farm, job, false);
+    if (job->schedule != NULL) {
+        release_all(farm, job);
+        schedule_release(job->schedule, 0); /* what was kept from them */
+    }
+    job->taking = false;
+    job->flush_until = 0;
+    job->ended = job->started > 0 ? now : 0;
+    job->outcome = outcome;
+    job->state = JOB_FINISHING;
+    if (outcome == JOB_FAILED) {
+        job->state = JOB_FAILED;
+        job->finished = farm_wall_time();
+        job->unsaved = false;
+    }
+    job->image_due = true;
+    job->image_written = false;
+    job->image_retry = 0;
+    farm_record_changed(farm, job);
+    farm_wake(farm->options.image_wake);
+    farm_wake(farm->options.checkpoint_wake);
+    farm_notify_idle(farm);
+}
+
+void farm_job_flush(farm_t *farm, double now, job_t *job)
+{
+    job->flush_until = now + fmax(farm->options.lease, farm->options.batch_interval);
+    if (schedule_holders(job->schedule) == 0)
+        farm_job_flush_end(farm, now, job);
+    else
+        farm_notify_over(farm, job, true);
+    farm_notify_idle(farm); /* other jobs may start */
+}
+
+void farm_job_cut_short(farm_t *farm, double now, job_t *job, job_state_t outcome)
+{
+    job->state = JOB_FINISHING;
+    job->outcome = outcome;
+    farm_record_changed(farm, job);
+    farm_job_flush(farm, now, job);
+}
+
+void farm_job_flush_end(farm_t *farm, double now, job_t *job)
+{
+    job->flush_until = 0;
+    if (job->state == JOB_PAUSED)
+        release_all(farm, job);
+    else
+        farm_job_close(farm, now, job, job->outcome);
+}
+
+void farm_job_flushed(farm_t *farm, double now, job_t *job, uint64_t worker)
+{
+    schedule_release(job->schedule, worker);
+    if (schedule_holders(job->schedule) == 0) farm_job_flush_end(farm, now, job);
+}
+
+void farm_job_fail_overflow(farm_t *farm, double now, job_t *job)
+{
+    snprintf(job->message, sizeof job->message,
+             "%llu sums were too large for the film at scale %d: submit the job with a smaller film scale",
+             (unsigned long long)job->counts.overflows, job->settings.film_scale);
+    log_error("job %llu failed: %s", (unsigned long long)job->id, job->message);
+    farm_job_close(farm, now, job, JOB_FAILED);
+}
+
+static void log_end(const job_t *job)
+{
+    log_info("job %llu is %s after %.1f s: %llu batches (%llu refused), %llu units re-issued, %zu workers, "
+             "%.1f MB (%llu bytes) received, %.1f CPU s",
+             (unsigned long long)job->id, job_state_name((uint32_t)job->state), farm_job_elapsed(job, 0),
+             (unsigned long long)job->batches, (unsigned long long)job->batches_refused,
+             (unsigned long long)job->units_reissued, job->seen_count + job->seen_before,
+             1e-6 * (double)job->bytes, (unsigned long long)job->bytes, 1e-6 * (double)job->counts.cpu_us);
+    if (job->counts.dropped > 0)
+        log_warning("job %llu: %llu contributions were NaN or infinite, and left out",
+                    (unsigned long long)job->id, (unsigned long long)job->counts.dropped);
+}
+
+/* Frees what only a job that is not over needs. */
+static void put_away(farm_t *farm, job_t *job)
+{
+    if (job->schedule != NULL) job->account = schedule_account(job->schedule);
+    schedule_destroy(&job->schedule);
+    farm_checks_free(&job->checks);
+    farm_suspects_free(&job->suspects);
+    farm_job_free_film(farm, job);
+    farm_notify_idle(farm); /* a job may have waited for memory */
+}
+
+void farm_job_settle(farm_t *farm, double now, job_t *job)
+{
+    (void)now;
+    if (job->taking || job->merging > 0 || job->saving || job->planning || job->image_due) return;
+    if (job->state == JOB_FINISHING && !job->film_due && job->image_written) {
+        if (job->unsaved && farm->options.checkpoint_wake >= 0) return;
+        job->state = job->outcome;
+        job->finished = farm_wall_time();
+        farm_record_changed(farm, job);
+    }
+    if (!job_state_final(job->state) || job->canvas == NULL || job->canvas_condemned) return;
+    log_end(job);
+    put_away(farm, job);
+}

@@ -1,0 +1,339 @@
+/* farm_keep: what of the farm outlives the process (see farm.h): the records of jobs, which the clerk writes
+ * down, and their films, which the keeper writes and loads.
+ *
+ * DESIGN. A record is given out whenever it has changed, as often as it takes: the journal holds the last
+ * one. It says what the job is and how far it was, but not which samples are counted. That is in the
+ * checkpoint, with the sums: the two are never apart, so no sample is lost or counted twice, however old a
+ * checkpoint is. A job whose record and checkpoint do not tell the same (the process ended between the two)
+ * is what its checkpoint says, and as far as its record says beyond that, only its counters differ.
+ *
+ * So a job that comes back (farm_restore) is put in the queue, and waits for its film if it ever had one.
+ * What it does next is decided when the film is there: go on, or be closed if it was only its image that was
+ * due. The same path is taken by a job that was over and is extended. */
+#include "master/farm/farm_state.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* ---- records ------------------------------------------------------------------------------------------- */
+
+void farm_record_changed(farm_t *farm, job_t *job)
+{
+    job->record_due = true;
+    farm_wake(farm->options.clerk_wake);
+}
+
+static job_record_t make_record(const job_t *job, double now)
+{
+    job_record_t record = {.job = job->id,
+                           .terms = job->terms,
+                           .settings = job->settings,
+                           .blob = job->blob,
+                           .blob_size = job->blob_size,
+                           .state = job->state,
+                           .outcome = job->outcome,
+                           .retained = job->retained,
+                           .fingerprint = job->fingerprint,
+                           .elapsed = farm_job_elapsed(job, now),
+                           .submitted = job->submitted,
+                           .finished = job->finished,
+                           .bytes = job->bytes,
+                           .batches = job->batches,
+                           .batches_refused = job->batches_refused,
+                           .units_reissued = job->units_reissued,
+                           .checks_passed = job->checks_passed,
+                           .checks_failed = job->checks_failed,
+                           .workers_seen = (uint32_t)job->seen_count + job->seen_before,
+                           .samples_done = job->samples_done,
+                           .account = job->schedule != NULL ? schedule_account(job->schedule) : job->account,
+                           .counts = job->counts,
+                           .error = job->error};
+    record.account.returned += record.account.out; /* that is what becomes of it */
+    record.account.out = 0;
+    memcpy(record.message, job->message, sizeof record.message);
+    return record;
+}
+
+bool farm_next_record(farm_t *farm, double now, job_record_t *record)
+{
+    bool found = false;
+    farm_lock(farm);
+    if (farm->removed_count > 0) {
+        *record = (job_record_t){.job = farm->removed[--farm->removed_count], .removed = true};
+        found = true;
+    }
+    for (size_t i = 0; i < farm->job_count && !found; i++) {
+        found = farm->jobs[i]->record_due;
+        if (!found) continue;
+        farm->jobs[i]->record_due = false;
+        *record = make_record(farm->jobs[i], now);
+    }
+    farm_unlock(farm);
+    return found;
+}
+
+void farm_record_unsaved(farm_t *farm, uint64_t id)
+{
+    farm_lock(farm);
+    job_t *job = farm_find_job(farm, id);
+    if (job != NULL) {
+        job->record_due = true;
+    } else {
+        farm->removed = mem_realloc(farm->removed, (farm->removed_count + 1) * sizeof *farm->removed);
+        farm->removed[farm->removed_count++] = id;
+    }
+    farm_unlock(farm);
+}
+
+job_record_t farm_record(farm_t *farm, double now, const job_t *job)
+{
+    farm_lock(farm);
+    job_record_t record = make_record(job, now);
+    farm_unlock(farm);
+    return record;
+}
+
+void farm_note(farm_t *farm, job_t *job, const char *note)
+{
+    farm_lock(farm);
+    if (job->state != JOB_FAILED) {
+        snprintf(job->message, sizeof job->message, "%s", note);
+        farm_record_changed(farm, job);
+    }
+    farm_unlock(farm);
+}
+
+/* ---- coming back --------------------------------------------------------------------------------------- */
+
+static job_t *job_from_record(const job_record_t *record)
+{
+    job_t *job = mem_zalloc(1, sizeof *job);
+    job->id = record->job;
+    job->terms = record->terms;
+    job->settings = record->settings;
+    job->blob = record->blob;
+    job->blob_size = record->blob_size;
+    job->state = record->state == JOB_RUNNING ? JOB_QUEUED : record->state;
+    job->outcome = record->outcome;
+    job->retained = record->retained;
+    job->fingerprint = record->fingerprint;
+    job->elapsed_before = record->elapsed;
+    job->submitted = record->submitted;
+    job->finished = record->finished;
+    job->bytes = record->bytes;
+    job->batches = record->batches;
+    job->batches_refused = record->batches_refused;
+    job->units_reissued = record->units_reissued;
+    job->checks_passed = record->checks_passed;
+    job->checks_failed = record->checks_failed;
+    job->seen_before = record->workers_seen;
+    job->samples_done = record->samples_done;
+    job->account = record->account;
+    job->counts = record->counts;
+    job->error = record->error;
+    memcpy(job->message, record->message, sizeof job->message);
+    job->message[sizeof job->message - 1] = '\0';
+    bool touched = record->state != JOB_QUEUED || record->elapsed > 0 || record->batches > 0;
+    job->film_due = job->film_wanted = touched && !job_state_final(job->state);
+    return job;
+}
+
+/* Puts a job in its place: the list is in the order of the numbers. */
+static void insert_job(farm_t *farm, job_t *job)
+{
+    farm->jobs = mem_realloc(farm->jobs, (farm->job_count + 1) * sizeof(job_t *));
+    size_t at = farm->job_count++;
+    for (; at > 0 && farm->jobs[at - 1]->id > job->id; at--) farm->jobs[at] = farm->jobs[at - 1];
+    farm->jobs[at] = job;
+}
+
+void farm_restore(farm_t *farm, double now, const job_record_t *record)
+{
+    farm_lock(farm);
+    if (record->job > 0 && farm_find_job(farm, record->job) == NULL) {
+        job_t *job = job_from_record(record);
+        insert_job(farm, job);
+        if (record->job >= farm->next_job) farm->next_job = record->job + 1;
+        uint64_t bytes = farm_film_bytes(&job->settings);
+        if (!job_state_final(job->state) && bytes > farm->options.film_limit) {
+            snprintf(job->message, sizeof job->message,
+                     "its film takes %.1f GB and this machine has room for %.1f GB; it is kept on the disk: "
+                     "extend the job on a larger one",
+                     1e-9 * (double)bytes, 1e-9 * (double)farm->options.film_limit);
+            job->film_due = job->film_wanted = false;
+            farm_job_close(farm, now, job, JOB_FAILED);
+        }
+        if (job->film_due) farm_wake(farm->options.checkpoint_wake);
+    }
+    farm_unlock(farm);
+}
+
+/* Which of two jobs is to have its film first. */
+static bool loads_before(const job_t *a, const job_t *b)
+{
+    bool waits_a = a->state == JOB_PAUSED, waits_b = b->state == JOB_PAUSED;
+    if (waits_a != waits_b) return waits_b;
+    return a->terms.priority > b->terms.priority; /* else the one that was submitted first */
+}
+
+job_t *farm_next_load(farm_t *farm)
+{
+    job_t *found = NULL;
+    farm_lock(farm);
+    for (size_t i = 0; i < farm->job_count && !farm->shut; i++) {
+        job_t *job = farm->jobs[i];
+        if (!job->film_due || !job->film_wanted || job->loading || job->canvas != NULL) continue;
+        if (farm->film_bytes + farm_film_bytes(&job->settings) > farm->options.film_limit) continue;
+        if (found == NULL || loads_before(job, found)) found = job;
+    }
+    if (found != NULL) {
+        found->loading = true;
+        found->pins++;
+        farm->film_bytes += farm_film_bytes(&found->settings);
+    }
+    farm_unlock(farm);
+    return found;
+}
+
+/* The film is there, or there is none: the job no longer waits for it. */
+static void stop_waiting(farm_t *farm, job_t *job)
+{
+    job->film_due = job->film_wanted = job->loading = false;
+    farm_wake(farm->options.grant_wake);
+}
+
+/* There is no checkpoint: what was counted is lost. */
+static void begin_anew(farm_t *farm, double now, job_t *job)
+{
+    farm->film_bytes -= farm_film_bytes(&job->settings);
+    if (job->gone) return;
+    job->samples_done = 0;
+    job->account = (schedule_account_t){0};
+    job->counts = (film_counts_t){0};
+    job->error = 0;
+    if (job->state == JOB_FINISHING && job->outcome != JOB_DONE)
+        farm_job_close(farm, now, job, job->outcome);
+    else if (job->state == JOB_FINISHING)
+        job->state = JOB_QUEUED;
+    farm_record_changed(farm, job);
+    farm_notify_idle(farm);
+}
+
+/* The film is in its place: the job does what it was about to do. */
+static void go_on(farm_t *farm, double now, job_t *job)
+{
+    job->last_checkpoint = now;
+    log_info("job %llu: its film is here, with %llu samples", (unsigned long long)job->id,
+             (unsigned long long)job->samples_done);
+    if (job->counts.overflows > 0) {
+        farm_job_fail_overflow(farm, now, job);
+    } else if (job->state == JOB_FINISHING && job->outcome != JOB_DONE) {
+        farm_job_close(farm, now, job, job->outcome);
+    } else if (job->state != JOB_PAUSED) {
+        job->state = JOB_RUNNING;
+        job->started = now;
+        job->ended = 0;
+        farm_record_changed(farm, job);
+    }
+    farm_job_progress(farm, now, job);
+    farm_notify_idle(farm);
+}
+
+result_t farm_loaded(farm_t *farm, double now, job_t *job, film_t *film, schedule_state_t *state)
+{
+    schedule_t *schedule = NULL;
+    result_t result = result_ok();
+    farm_checks_loaded(farm, job, film != NULL ? state : NULL);
+    farm_lock(farm);
+    stop_waiting(farm, job);
+    if (film != NULL && !job->gone) result = schedule_restore(&job->settings, state, &schedule);
+    if (film != NULL) schedule_state_free(state);
+    if (schedule == NULL) film_destroy(&film);
+    if (schedule != NULL) {
+        farm_job_install(farm, now, job, film, schedule);
+        go_on(farm, now, job);
+    } else {
+        begin_anew(farm, now, job);
+    }
+    farm_unlock(farm);
+    return result;
+}
+
+void farm_load_failed(farm_t *farm, double now, job_t *job, const char *why)
+{
+    farm_lock(farm);
+    stop_waiting(farm, job);
+    farm->film_bytes -= farm_film_bytes(&job->settings);
+    snprintf(job->message, sizeof job->message, "%s", why);
+    log_error("job %llu: %s", (unsigned long long)job->id, job->message);
+    if (!job->gone) farm_job_close(farm, now, job, JOB_FAILED);
+    farm_unlock(farm);
+}
+
+/* ---- checkpoints --------------------------------------------------------------------------------------- */
+
+static double checkpoint_age(const job_t *job, double now)
+{
+    return now - fmax(job->last_checkpoint, job->started);
+}
+
+job_t *farm_next_checkpoint(farm_t *farm, double now, double *age, bool *last)
+{
+    job_t *found = NULL;
+    *last = false;
+    *age = 0;
+    farm_lock(farm);
+    for (size_t i = 0; i < farm->job_count; i++) {
+        job_t *job = farm->jobs[i];
+        if (job->canvas == NULL || job->canvas_condemned || !job->unsaved || job->saving) continue;
+        bool waits = farm->shut || !job->taking;
+        if (found != NULL && (waits != *last ? *last : checkpoint_age(job, now) <= *age)) continue;
+        found = job;
+        *last = waits;
+        *age = checkpoint_age(job, now);
+    }
+    if (found != NULL) found->pins++;
+    farm_unlock(farm);
+    return found;
+}
+
+bool farm_snapshot(farm_t *farm, job_t *job, schedule_state_t *state, canvas_snapshot_t **snapshot)
+{
+    canvas_t *canvas = farm_canvas_hold(farm, job);
+    if (canvas == NULL) return false;
+    canvas_lock(canvas); /* nobody is merging: what is counted is in the sums */
+    farm_lock(farm);
+    bool take = !job->saving && job->schedule != NULL;
+    if (take) {
+        schedule_save(job->schedule, state);
+        job->saving = true;
+        job->unsaved = false;
+    }
+    farm_unlock(farm);
+    if (take) *snapshot = canvas_snapshot(canvas);
+    canvas_unlock(canvas);
+    if (!take) farm_canvas_let_go(farm, job); /* else farm_checkpointed does */
+    return take;
+}
+
+void farm_checkpointed(farm_t *farm, double now, job_t *job, result_t written)
+{
+    farm_lock(farm);
+    bool saving = job->saving;
+    job->saving = job->save_failed = false;
+    if (written.code == RESULT_OK) {
+        job->last_checkpoint = now;
+        farm_checks_checkpointed(job);
+        farm_record_changed(farm, job);
+    } else {
+        job->save_failed = true;
+        job->unsaved = job->state != JOB_FAILED;
+    }
+    farm_unlock(farm);
+    if (saving) farm_canvas_let_go(farm, job);
+    farm_lock(farm);
+    farm_job_settle(farm, now, job);
+    farm_unlock(farm);
+}

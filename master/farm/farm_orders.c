@@ -1,0 +1,269 @@
+/* farm_orders: jobs that are submitted, and what clients order done with them (see farm.h). */
+#include "master/farm/farm_state.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* ---- submitting ---------------------------------------------------------------------------------------- */
+
+/* Makes room in the list of jobs; false when none can be forgotten. */
+static bool forget_oldest(farm_t *farm)
+{
+    for (size_t i = 0; i < farm->job_count; i++) {
+        job_t *job = farm->jobs[i];
+        if (!job_state_final(job->state) || job->retained || job->image_due || job->pins > 0) continue;
+        log_info("job %llu is forgotten, to make room", (unsigned long long)job->id);
+        farm_job_remove(farm, job);
+        return true;
+    }
+    return false;
+}
+
+result_t farm_submit(farm_t *farm, double now, const job_terms_t *terms, const job_settings_t *settings,
+                     const hash_t *blob, uint64_t blob_size, uint64_t *id)
+{
+    (void)now;
+    uint64_t bytes = farm_film_bytes(settings), limit = farm->options.film_limit;
+    if (bytes > limit)
+        return result_fail(RESULT_LIMIT,
+                           "a film of %d x %d pixels takes %.1f GB, this master has room for %.1f GB",
+                           settings->width, settings->height, 1e-9 * (double)bytes, 1e-9 * (double)limit);
+    farm_lock(farm);
+    if (farm->job_count >= farm->options.job_limit && !forget_oldest(farm)) {
+        farm_unlock(farm);
+        return result_fail(RESULT_LIMIT, "the queue is full: %zu jobs wait, work or are retained",
+                           farm->options.job_limit);
+    }
+    job_t *job = mem_zalloc(1, sizeof *job);
+    job->id = farm->next_job++;
+    job->settings = *settings;
+    job->blob = *blob;
+    job->blob_size = blob_size;
+    job->state = JOB_QUEUED;
+    job->terms = *terms;
+    job->submitted = farm_wall_time();
+    farm->jobs = mem_realloc(farm->jobs, (farm->job_count + 1) * sizeof(job_t *));
+    farm->jobs[farm->job_count++] = job;
+    *id = job->id;
+    farm_record_changed(farm, job);
+    log_info("job %llu is submitted: %s", (unsigned long long)job->id, job->terms.name);
+    farm_notify_idle(farm);
+    farm_unlock(farm);
+    return result_ok();
+}
+
+/* ---- orders; all under the lock ------------------------------------------------------------------------ */
+
+static result_t refuse(const job_t *job, const char *cure)
+{
+    return result_fail(RESULT_INPUT, "job %llu is %s%s", (unsigned long long)job->id,
+                       job_state_name((uint32_t)job->state), cure);
+}
+
+/* A job that never had a film ends without one. */
+static void cancel_unstarted(farm_t *farm, job_t *job)
+{
+    job->state = JOB_CANCELLED;
+    job->finished = farm_wall_time();
+    farm_notify_idle(farm);
+}
+
+/* Ends the attempts to write the image or the last checkpoint. */
+static void give_up(farm_t *farm, double now, job_t *job)
+{
+    if (!job->image_written) job->outcome = JOB_FAILED;
+    job->image_written = true;
+    job->image_due = job->unsaved = false;
+    job->image_retry = 0;
+    farm_job_settle(farm, now, job);
+}
+
+static result_t cancel(farm_t *farm, double now, job_t *job)
+{
+    if (job_state_final(job->state)) return refuse(job, " already");
+    if (job->state == JOB_FINISHING) {
+        if (job->image_retry > 0 || job->save_failed) give_up(farm, now, job);
+        return result_ok(); /* else it is left to finish */
+    }
+    if (job->film_due) {
+        job->state = JOB_FINISHING;
+        job->outcome = JOB_CANCELLED;
+        job->film_wanted = true;
+        farm_wake(farm->options.checkpoint_wake);
+    } else if (job->canvas == NULL) {
+        cancel_unstarted(farm, job);
+    } else {
+        farm_job_cut_short(farm, now, job, JOB_CANCELLED);
+    }
+    return result_ok();
+}
+
+static result_t pause_job(farm_t *farm, double now, job_t *job)
+{
+    if (job->state != JOB_QUEUED && job->state != JOB_RUNNING)
+        return refuse(job, ", there is nothing to pause");
+    bool running = job->state == JOB_RUNNING;
+    job->elapsed_before = farm_job_elapsed(job, now);
+    job->started = 0;
+    job->state = JOB_PAUSED;
+    if (running) farm_job_flush(farm, now, job);
+    return result_ok();
+}
+
+static result_t resume(farm_t *farm, double now, job_t *job)
+{
+    if (job->state != JOB_PAUSED) return refuse(job, ", not paused");
+    job->flush_until = 0;
+    job->state = job->canvas != NULL ? JOB_RUNNING : JOB_QUEUED;
+    if (job->canvas != NULL) job->started = now;
+    job->rate_time[0] = job->rate_time[1] = now;
+    job->rate_samples[0] = job->rate_samples[1] = job->samples_done;
+    farm_job_joins(farm, job);
+    farm_notify_idle(farm);
+    return result_ok();
+}
+
+static result_t set_priority(farm_t *farm, job_t *job, int32_t priority)
+{
+    job_terms_t terms = job->terms;
+    terms.priority = priority;
+    TRY(job_terms_check(&terms));
+    job->terms.priority = priority; /* alone: the others are read without the lock */
+    farm_job_joins(farm, job);
+    return result_ok();
+}
+
+static result_t delete_job(farm_t *farm, job_t *job)
+{
+    if (!job_state_final(job->state)) return refuse(job, ": cancel it first");
+    farm_job_remove(farm, job);
+    return result_ok();
+}
+
+/* ---- more samples ---- */
+
+/* True when all samples are there that spp asks for. */
+static bool spp_reached(const job_t *job)
+{
+    uint64_t pixels = (uint64_t)job->settings.width * (uint64_t)job->settings.height;
+    return job->settings.spp < JOB_MAX_SPP && job->samples_done >= pixels * job->settings.spp;
+}
+
+/* What the job is to reach from now on. What it has reached already and what the order says nothing of no
+ * longer ends it. */
+static job_settings_t new_goals(const job_t *job, double now, const job_order_t *order)
+{
+    job_settings_t goals = job->settings;
+    double elapsed = farm_job_elapsed(job, now);
+    bool over = job_state_final(job->state);
+    if (order->spp > 0)
+        goals.spp = order->spp;
+    else if ((order->error > 0 && goals.error <= 0) || (over && spp_reached(job)))
+        goals.spp = JOB_MAX_SPP;
+    if (order->error > 0)
+        goals.error = order->error;
+    else if (over && goals.error > 0 && job->error > 0 && job->error <= goals.error)
+        goals.error = 0;
+    if (order->time_limit > 0)
+        goals.time_limit = elapsed + order->time_limit;
+    else if (goals.time_limit > 0 && elapsed >= goals.time_limit)
+        goals.time_limit = 0;
+    return goals;
+}
+
+static result_t check_goals(const job_t *job, const job_settings_t *goals, const job_order_t *order)
+{
+    bool nothing = order->spp == 0 && order->error <= 0 && order->time_limit <= 0;
+    if (nothing && job->state == JOB_DONE)
+        return refuse(job, ": say how far it is to go, by samples, error or time");
+    if (nothing && !job_state_final(job->state)) return refuse(job, ": say how much further it is to go");
+    if (order->spp > 0 && order->spp <= job->settings.spp && job->settings.spp < JOB_MAX_SPP &&
+        !(job_state_final(job->state) && !spp_reached(job)))
+        return result_fail(RESULT_INPUT, "job %llu is to have %u samples a pixel already",
+                           (unsigned long long)job->id, job->settings.spp);
+    if (order->error > 0 && job->error > 0 && order->error >= job->error)
+        return result_fail(RESULT_INPUT, "the error of job %llu is %.3g already", (unsigned long long)job->id,
+                           job->error);
+    return job_settings_check(goals);
+}
+
+static result_t extend(farm_t *farm, double now, job_t *job, const job_order_t *order)
+{
+    if (job->state == JOB_FINISHING || (job_state_final(job->state) && job->canvas != NULL))
+        return refuse(job, ": try again when it is over and put away");
+    bool touched = job->batches > 0 || farm_job_elapsed(job, now) > 0;
+    if (job_state_final(job->state) && touched && farm->options.checkpoint_wake < 0)
+        return refuse(job, ", and its film was not kept");
+    job_settings_t goals = new_goals(job, now, order);
+    TRY(check_goals(job, &goals, order));
+    job->settings.spp = goals.spp; /* these alone: the others are read without the lock */
+    job->settings.error = goals.error;
+    job->settings.time_limit = goals.time_limit;
+    if (job->schedule != NULL) {
+        schedule_extend(job->schedule, &job->settings);
+        farm_job_progress(farm, now, job); /* what was counted may be a whole round now */
+    }
+    if (job_state_final(job->state)) {
+        job->elapsed_before = farm_job_elapsed(job, now);
+        job->started = job->ended = job->finished = 0;
+        job->state = JOB_QUEUED;
+        job->film_due = touched;
+        job->message[0] = '\0';
+        farm_job_joins(farm, job);
+    }
+    farm_notify_idle(farm);
+    return result_ok();
+}
+
+static result_t carry_out(farm_t *farm, double now, job_t *job, const job_order_t *order)
+{
+    switch (order->kind) {
+    case ORDER_CANCEL:
+        return cancel(farm, now, job);
+    case ORDER_PAUSE:
+        return pause_job(farm, now, job);
+    case ORDER_RESUME:
+        return resume(farm, now, job);
+    case ORDER_RETAIN:
+    case ORDER_RELEASE:
+        job->retained = order->kind == ORDER_RETAIN;
+        return result_ok();
+    case ORDER_DELETE:
+        return delete_job(farm, job);
+    case ORDER_PRIORITY:
+        return set_priority(farm, job, order->priority);
+    case ORDER_EXTEND:
+        return extend(farm, now, job, order);
+    }
+    return result_fail(RESULT_INPUT, "there is no order of kind %d", (int)order->kind);
+}
+
+static const char *const done_names[] = {[ORDER_CANCEL] = "is cancelled",
+                                         [ORDER_PAUSE] = "is paused",
+                                         [ORDER_RESUME] = "is resumed",
+                                         [ORDER_RETAIN] = "is retained",
+                                         [ORDER_RELEASE] = "may go",
+                                         [ORDER_DELETE] = "is deleted",
+                                         [ORDER_PRIORITY] = "is moved to another priority",
+                                         [ORDER_EXTEND] = "is extended"};
+
+result_t farm_order(farm_t *farm, double now, const job_order_t *order)
+{
+    farm_lock(farm);
+    job_t *job = farm_find_job(farm, order->job);
+    if (job == NULL) {
+        farm_unlock(farm);
+        return result_fail(RESULT_INPUT, "there is no job %llu", (unsigned long long)order->job);
+    }
+    job->pins++;
+    result_t result = carry_out(farm, now, job, order);
+    if (result.code == RESULT_OK) {
+        log_info("job %llu %s", (unsigned long long)order->job, done_names[order->kind]);
+        farm_record_changed(farm, job);
+    }
+    farm_job_unpin(farm, job);
+    farm_unlock(farm);
+    return result;
+}

@@ -1,0 +1,90 @@
+/* farm_report: the jobs as clients see them (see farm.h). */
+#include "master/farm/farm_state.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* Pixel samples that the job is likely to take in all; 0: not known. */
+static double likely_total(const job_t *job)
+{
+    double total = job->settings.spp < JOB_MAX_SPP ? (double)schedule_total(job->schedule) : 0;
+    if (job->settings.error <= 0 || job->error <= 0) return total;
+    double ratio = job->error / job->settings.error; /* the error falls with the root of the samples */
+    double enough = fmax((double)job->error_samples * ratio * ratio, (double)job->samples_done);
+    return total > 0 ? fmin(total, enough) : enough;
+}
+
+/* Seconds until the job is done at the speed of the last minute or two; < 0 when not known. */
+static double remaining_time(const job_t *job, double now)
+{
+    if (job->state == JOB_FINISHING || job_state_final(job->state)) return 0;
+    if (job->state != JOB_RUNNING) return -1;
+    double remaining = -1;
+    if (job->settings.time_limit > 0)
+        remaining = fmax(0, job->settings.time_limit - farm_job_elapsed(job, now));
+    double seconds = now - job->rate_time[0];
+    double samples = (double)job->samples_done - (double)job->rate_samples[0], total = likely_total(job);
+    if (total <= 0 || samples <= 0 || seconds <= 0) return remaining;
+    double left = (total - (double)job->samples_done) / (samples / seconds);
+    return remaining < 0 ? left : fmin(left, remaining);
+}
+
+/* Adds what is true for the moment to what stays so. */
+static void add_remark(char *message, size_t size, const char *remark)
+{
+    size_t used = strlen(message);
+    if (remark[0] != '\0' && used < size)
+        snprintf(message + used, size - used, "%s%s", used > 0 ? "; " : "", remark);
+}
+
+job_report_t farm_report_job(const job_t *job, double now)
+{
+    uint64_t pixels = (uint64_t)job->settings.width * (uint64_t)job->settings.height;
+    job_report_t report = {.job = job->id,
+                           .terms = job->terms,
+                           .state = job->state,
+                           .settings = job->settings,
+                           .blob = job->blob,
+                           .retained = job->retained,
+                           .fingerprint = job->fingerprint,
+                           .account = job->schedule != NULL ? schedule_account(job->schedule) : job->account,
+                           .error = job->error,
+                           .checks_passed = job->checks_passed,
+                           .checks_failed = job->checks_failed,
+                           .checkpoint_age =
+                               job->last_checkpoint > 0 ? fmax(now - job->last_checkpoint, 0) : -1,
+                           .submitted = job->submitted,
+                           .finished = job->finished,
+                           .samples_done = job->samples_done,
+                           .samples_total = job->settings.spp < JOB_MAX_SPP ? pixels * job->settings.spp : 0,
+                           .elapsed = farm_job_elapsed(job, now),
+                           .remaining = remaining_time(job, now),
+                           .workers = job->schedule != NULL ? (uint32_t)schedule_holders(job->schedule) : 0,
+                           .workers_seen = (uint32_t)job->seen_count + job->seen_before,
+                           .bytes_received = job->bytes,
+                           .batches = job->batches,
+                           .batches_refused = job->batches_refused,
+                           .units_reissued = job->units_reissued,
+                           .counts = job->counts};
+    memcpy(report.message, job->message, sizeof report.message);
+    if (job->taking) add_remark(report.message, sizeof report.message, job->remark);
+    return report;
+}
+
+job_report_t *farm_report(farm_t *farm, double now, uint64_t id, size_t *count, uint32_t *workers)
+{
+    farm_lock(farm);
+    size_t room = id == 0 ? farm->job_count : 1;
+    job_report_t *reports = mem_alloc((room + 1) * sizeof *reports);
+    *count = 0;
+    for (size_t i = 0; i < farm->job_count; i++)
+        if (id == 0 || farm->jobs[i]->id == id) reports[(*count)++] = farm_report_job(farm->jobs[i], now);
+    *workers = 0;
+    for (size_t i = 0; i < farm->worker_count; i++) *workers += farm->workers[i].connected;
+    farm_unlock(farm);
+    if (*count > 0) return reports;
+    free(reports);
+    return NULL;
+}

@@ -1,0 +1,195 @@
+/* farm_standing: what is held against machines and processes, and who is put aside for it.
+ *
+ * DESIGN. Three things are held against a machine: it declines a job that others render, it dies while it
+ * holds units, it sends batches that are malformed. FARM_MAX_FAILURES of them without a delivery in between,
+ * and all its workers are put aside: they are disconnected, and refused when they say hello, with the reason.
+ * The first time for FARM_ASIDE_SECONDS, each further time twice as long, until it has behaved for as long as
+ * it was aside last. A machine is known by its workers' key and host: several machines may share a key, and a
+ * worker that dies comes back as another process. A worker that is not named "host:process" is a machine of
+ * its own.
+ *
+ * Who is innocent must not be put aside, since a farm without workers does nothing:
+ *   - a delivery of any of the machine's workers clears it;
+ *   - a death counts only if the worker joined after the last thing that is held against the machine. So
+ * three generations of workers must have joined and died, and not one of them delivered. When a link breaks,
+ * all workers of a machine are lost at a time, which counts once;
+ *   - it does not count when the same process is connected again, and is forgiven when the process is heard
+ * of again: it was out of reach, not dead;
+ *   - it does not count when the worker was alone with units that are suspects (farm_suspects.c), or held one
+ *     that a worker of another machine died with;
+ *   - who dies is not put aside while no other machine is connected.
+ * When workers are killed at random, so that one lives for L seconds on average, and deliver every t seconds,
+ * a machine with a single worker is put aside after about 1 in (L / t)^3 kills, one with more workers hardly
+ * ever.
+ *
+ * Wrong sums are another matter (farm_checks.c): the process that sent them is put aside at once, for ten
+ * times as long. Only the process: a liar gives itself any name that it likes, so a list of keys is what
+ * keeps it out (the log names the key), while a machine that makes mistakes will be found again.
+ *
+ * What is held against whom is forgotten when the master ends. */
+#include "master/farm/farm_workers.h"
+
+#include <ctype.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { MAX_STANDINGS = FARM_MAX_WORKERS, LIE_FACTOR = 10 };
+static const double LONGEST_ASIDE = 7 * 24 * 3600.0; /* seconds */
+
+struct standing {
+    uint64_t who; /* worker_t.machine or .source */
+    uint32_t failures;
+    double last_failure, until, touched; /* seconds */
+    double length;                       /* of the last time aside, seconds; 0: there was none */
+    char reason[FARM_MAX_NAME + 1];
+};
+
+/* ---- names --------------------------------------------------------------------------------------------- */
+
+/* A number for a key and the first `size` bytes of a name. */
+static uint64_t name_number(const char *key, const char *name, size_t size, char kind)
+{
+    char text[WIRE_KEY_TEXT + FARM_MAX_NAME + 4];
+    int length = snprintf(text, sizeof text, "%c%s/%.*s", kind, key, (int)size, name);
+    hash_t hash = hash_bytes(text, (size_t)length);
+    uint64_t number;
+    memcpy(&number, hash.bytes, sizeof number);
+    return number;
+}
+
+void farm_standing_identify(worker_t *worker)
+{
+    size_t size = strlen(worker->name), end = size;
+    while (end > 0 && isdigit((unsigned char)worker->name[end - 1])) end--;
+    bool numbered = end > 1 && end < size && worker->name[end - 1] == ':';
+    worker->machine = name_number(worker->key, worker->name, numbered ? end - 1 : size, 'm');
+    worker->source = name_number(worker->key, worker->name, size, 's');
+}
+
+/* ---- the list ------------------------------------------------------------------------------------------ */
+
+static standing_t *find(const farm_t *farm, uint64_t who)
+{
+    for (size_t i = 0; i < farm->standing_count; i++)
+        if (farm->standings[i].who == who) return &farm->standings[i];
+    return NULL;
+}
+
+/* The entry, a new one if need be; the one that was looked at longest ago makes room. */
+static standing_t *find_or_make(farm_t *farm, double now, uint64_t who)
+{
+    standing_t *standing = find(farm, who);
+    if (standing == NULL && farm->standing_count < MAX_STANDINGS) {
+        farm->standings = mem_realloc(farm->standings, (farm->standing_count + 1) * sizeof *farm->standings);
+        standing = &farm->standings[farm->standing_count++];
+        *standing = (standing_t){.who = who};
+    } else if (standing == NULL) {
+        standing = farm->standings;
+        for (size_t i = 1; i < farm->standing_count; i++)
+            if (farm->standings[i].touched < standing->touched) standing = &farm->standings[i];
+        *standing = (standing_t){.who = who};
+    }
+    standing->touched = now;
+    return standing;
+}
+
+static const standing_t *aside(const farm_t *farm, double now, const worker_t *worker)
+{
+    const standing_t *machine = find(farm, worker->machine), *source = find(farm, worker->source);
+    if (source != NULL && now < source->until) return source;
+    return machine != NULL && now < machine->until ? machine : NULL;
+}
+
+const char *farm_standing_reason(const farm_t *farm, double now, const worker_t *worker)
+{
+    const standing_t *standing = aside(farm, now, worker);
+    return standing != NULL ? standing->reason : NULL;
+}
+
+result_t farm_standing_check(const farm_t *farm, double now, const worker_t *worker)
+{
+    const standing_t *standing = aside(farm, now, worker);
+    if (standing == NULL) return result_ok();
+    return result_fail(RESULT_CANCELLED, "worker %s is put aside for %.0f s more: it %s", worker->name,
+                       ceil(standing->until - now), standing->reason);
+}
+
+/* ---- putting aside ------------------------------------------------------------------------------------- */
+
+/* Nothing more is taken from workers of this machine or process. */
+static void cast_out(farm_t *farm, double now, uint64_t who)
+{
+    for (size_t i = 0; i < farm->worker_count; i++) {
+        worker_t *worker = &farm->workers[i];
+        if ((worker->machine != who && worker->source != who) || worker->outcast) continue;
+        if (worker->connected) farm_worker_disconnect(farm, now, worker, "is put aside");
+        worker->outcast = true;
+    }
+}
+
+static void put_aside(farm_t *farm, double now, standing_t *standing, const char *name, double seconds,
+                      const char *why)
+{
+    standing->length = fmin(fmax(2 * standing->length, seconds), LONGEST_ASIDE);
+    standing->until = now + standing->length;
+    standing->failures = 0;
+    snprintf(standing->reason, sizeof standing->reason, "%s", why);
+    log_error("worker %s is put aside for %.0f s: it %s", name, standing->length, standing->reason);
+    cast_out(farm, now, standing->who);
+}
+
+/* One more thing is held against the worker's machine. */
+static void fail(farm_t *farm, double now, const worker_t *worker, const char *why)
+{
+    standing_t *standing = find_or_make(farm, now, worker->machine);
+    char name[FARM_MAX_NAME + 1];
+    snprintf(name, sizeof name, "%s", worker->name);
+    standing->last_failure = now;
+    log_warning("worker %s %s (%u of %d before it is put aside)", name, why, ++standing->failures,
+                FARM_MAX_FAILURES);
+    if (standing->failures >= FARM_MAX_FAILURES)
+        put_aside(farm, now, standing, name, FARM_ASIDE_SECONDS, why);
+}
+
+void farm_worker_failed(farm_t *farm, double now, worker_t *worker, const char *why)
+{
+    if (!worker->outcast) fail(farm, now, worker, why);
+}
+
+static bool is_the_only_machine(const farm_t *farm, uint64_t machine)
+{
+    for (size_t i = 0; i < farm->worker_count; i++)
+        if (farm->workers[i].connected && farm->workers[i].machine != machine) return false;
+    return true;
+}
+
+void farm_standing_fell(farm_t *farm, double now, worker_t *worker)
+{
+    const standing_t *standing = find(farm, worker->machine);
+    if (standing != NULL && worker->joined <= standing->last_failure) return;
+    if (is_the_only_machine(farm, worker->machine)) return;
+    fail(farm, now, worker, "died with units in its hands");
+    worker->charged = true;
+}
+
+void farm_standing_lives(farm_t *farm, worker_t *worker)
+{
+    standing_t *standing = worker->charged ? find(farm, worker->machine) : NULL;
+    if (standing != NULL && standing->failures > 0) standing->failures--;
+    worker->charged = false;
+}
+
+void farm_standing_delivered(farm_t *farm, double now, const worker_t *worker)
+{
+    standing_t *standing = find(farm, worker->machine);
+    if (standing == NULL) return;
+    standing->failures = 0;
+    if (now > standing->until + standing->length) standing->length = 0;
+}
+
+void farm_standing_lied(farm_t *farm, double now, uint64_t source, const char *name, const char *why)
+{
+    put_aside(farm, now, find_or_make(farm, now, source), name, LIE_FACTOR * FARM_ASIDE_SECONDS, why);
+}

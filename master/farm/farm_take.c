@@ -1,0 +1,286 @@
+/* farm_take: what workers are given, and what is given to others instead (see farm.h).
+ *
+ * DESIGN. How long a worker will take for what it holds is told from what it has delivered of the same job in
+ * the last minute: pixel samples a second.
+ *
+ * As long as there are free units, nobody is hurried. But when somebody has nothing to do, others lose units
+ * to it in two cases. A worker that has passed its deadline, SLACK times the time that it should have taken,
+ * loses what it holds (it hangs, or its machine sleeps with its heartbeat alive); as long as nothing was
+ * measured (it fetches a scene over a slow link, it is the first batch) the deadline is STALL_BATCHES
+ * intervals. And at the end of a job, or of a round that others wait for, a worker loses what it holds when
+ * the idle one is expected to be done with all of it in less than half of the time that the holder is
+ * expected to take from now. (One that is late by so many seconds is expected to take as many again.) The
+ * first result wins; the factor of two keeps units from going to and fro between equals.
+ *
+ * A batch counts whole or not at all, so whoever comes second loses what else is in its batch. That is why
+ * not some of a straggler's units are taken, but all.
+ *
+ * The bits: a job belongs to the machines that have the same fingerprint as those with most threads when it
+ * begins; others are told that there is no work. A mixed job takes everybody, and says so when the bits of
+ * its machines do differ. */
+#include "master/farm/farm_workers.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+enum {
+    OFFER_SECONDS = 30, /* for which a worker that has offered a batch is left alone: we make it wait */
+    STALL_BATCHES = 12, /* batch intervals until the deadline of who was not measured */
+    SLACK = 4,
+    MAX_GROUPS = 32 /* kinds of bits that are told apart */
+};
+static const double SPEED_SECONDS = 60; /* over which the speed is measured, roughly */
+static const double HURRY = 2;          /* by what factor an idle worker has to be sooner, */
+static const double HURRY_SECONDS = 1;  /* and by what time beside */
+
+/* ---- the bits of a job --------------------------------------------------------------------------------- */
+
+static const hash_t no_fingerprint;
+
+bool farm_bits_fit(const job_t *job, const hash_t *fingerprint)
+{
+    return job->terms.mixed || hash_equal(&job->fingerprint, &no_fingerprint) ||
+           hash_equal(&job->fingerprint, fingerprint);
+}
+
+/* True when no other kind of connected workers has more threads. */
+static bool in_largest_group(const farm_t *farm, const worker_t *worker)
+{
+    struct {
+        hash_t fingerprint;
+        uint32_t threads;
+    } groups[MAX_GROUPS] = {{worker->fingerprint, 0}};
+    size_t count = 1;
+    for (size_t i = 0; i < farm->worker_count; i++) {
+        const worker_t *other = &farm->workers[i];
+        size_t g = 0;
+        if (!other->connected) continue;
+        while (g < count && !hash_equal(&groups[g].fingerprint, &other->fingerprint)) g++;
+        if (g == MAX_GROUPS) continue;
+        if (g == count) {
+            groups[count].threads = 0;
+            groups[count++].fingerprint = other->fingerprint;
+        }
+        groups[g].threads += other->threads;
+    }
+    for (size_t g = 1; g < count; g++)
+        if (groups[g].threads > groups[0].threads) return false;
+    return true;
+}
+
+/* Whether a worker may have units of a job at all. */
+static bool may_work(const farm_t *farm, const worker_t *worker, const job_t *job)
+{
+    (void)farm;
+    if (worker->ward != 0 && worker->ward != job->id) return false; /* it waits for units of another one */
+    if (!farm_bits_fit(job, &worker->fingerprint)) return false;
+    bool begins = !job->terms.mixed && hash_equal(&job->fingerprint, &no_fingerprint);
+    return !begins || worker->begins;
+}
+
+/* A worker was given units: the bits are those of its machine. */
+static void note_bits(farm_t *farm, job_t *job, const worker_t *worker)
+{
+    if (hash_equal(&job->fingerprint, &worker->fingerprint)) return;
+    if (hash_equal(&job->fingerprint, &no_fingerprint)) {
+        char bits[2 * HASH_BYTES + 1];
+        hash_to_hex(&worker->fingerprint, bits);
+        log_info("job %llu is made of the bits %.8s", (unsigned long long)job->id, bits);
+        job->fingerprint = worker->fingerprint;
+        farm_record_changed(farm, job);
+    } else if (!job->several_bits) {
+        job->several_bits = true;
+        static const char note[] = "its last bits depend on which machine rendered what, since they differ";
+        if (strstr(job->message, note) == NULL) farm_job_tell(farm, job, "%s", note);
+        log_warning("job %llu: %s", (unsigned long long)job->id, note);
+    }
+}
+
+/* ---- speed and deadlines ------------------------------------------------------------------------------- */
+
+void farm_worker_expect(const farm_t *farm, double now, worker_t *worker)
+{
+    double interval = farm->options.batch_interval, seconds = STALL_BATCHES * interval;
+    if (worker->speed > 0) seconds = SLACK * (worker->held / worker->speed + interval);
+    if (worker->delivered == 0) worker->delivered = now;
+    worker->deadline = worker->delivered + seconds;
+}
+
+void farm_worker_relieved(farm_t *farm, worker_t *worker)
+{
+    if (worker->ward == 0 || farm_worker_units(farm, worker) > 0) return;
+    worker->idle = true; /* it had to wait until it held nothing */
+    farm_notify_idle(farm);
+}
+
+void farm_worker_delivered(farm_t *farm, double now, worker_t *worker, job_t *job, const unit_t *units,
+                           size_t count)
+{
+    double samples = farm_unit_samples(job, units, count), seconds = now - worker->delivered;
+    if (worker->speed_job != job->id) worker->rated_samples = worker->rated_seconds = 0;
+    double decay = exp(-fmax(seconds, 0) / SPEED_SECONDS);
+    worker->rated_samples = worker->rated_samples * decay + samples;
+    worker->rated_seconds = worker->rated_seconds * decay + fmax(seconds, 0);
+    worker->speed = worker->rated_seconds > 0 ? worker->rated_samples / worker->rated_seconds : 0;
+    worker->speed_job = job->id;
+    worker->delivered = now;
+    worker->offered = 0;
+    worker->held = farm_worker_units(farm, worker) > 0 ? fmax(worker->held - samples, 0) : 0;
+    farm_worker_expect(farm, now, worker);
+    farm_standing_delivered(farm, now, worker);
+    farm_suspects_delivered(farm, job, units, count);
+    farm_worker_relieved(farm, worker);
+}
+
+/* Seconds from now until a worker is expected to have delivered what it holds. (When there is no more work,
+ * it does not wait for its batch interval.) */
+static double expected(const farm_t *farm, double now, const worker_t *worker)
+{
+    double elapsed = now - worker->delivered;
+    return worker->speed > 0 ? fabs(elapsed - worker->held / worker->speed)
+                             : fmax(elapsed - farm->options.batch_interval, 0);
+}
+
+/* Pixel samples a second of a worker at a job; if it was not measured, as others a thread; 0: not known. */
+static double speed_at(const farm_t *farm, const worker_t *worker, uint64_t job)
+{
+    if (worker->speed > 0 && worker->speed_job == job) return worker->speed;
+    double speed = 0, threads = 0;
+    for (size_t i = 0; i < farm->worker_count; i++) {
+        const worker_t *other = &farm->workers[i];
+        if (other->speed <= 0 || other->speed_job != job) continue;
+        speed += other->speed;
+        threads += other->threads;
+    }
+    return threads > 0 ? speed / threads * worker->threads : 0;
+}
+
+/* True when the idle worker would be done with what another holds of a job long before that one is. */
+static bool is_sooner(const farm_t *farm, double now, const worker_t *idle, const worker_t *holder,
+                      const job_t *job)
+{
+    double speed = speed_at(farm, idle, job->id);
+    if (speed <= 0) return false;
+    return expected(farm, now, holder) > HURRY * holder->held / speed + HURRY_SECONDS;
+}
+
+/* The job of which a worker holds units that the idle one could render; NULL when there is none. */
+static const job_t *job_in_common(const farm_t *farm, const worker_t *idle, const worker_t *holder)
+{
+    for (size_t i = 0; i < farm->job_count; i++) {
+        const job_t *job = farm->jobs[i];
+        if (job->schedule != NULL && job->state == JOB_RUNNING &&
+            schedule_held(job->schedule, holder->id) > 0 && farm_bits_fit(job, &idle->fingerprint))
+            return job;
+    }
+    return NULL;
+}
+
+/* Somebody is idle: workers that are past their deadline, or that it would overtake, lose their units. True
+ * when any did. They may still deliver first. */
+static bool recall_slow(farm_t *farm, double now, const worker_t *idle)
+{
+    size_t units = 0;
+    for (size_t i = 0; i < farm->worker_count; i++) {
+        worker_t *worker = &farm->workers[i];
+        bool ready = worker->offered > 0 && now - worker->offered < OFFER_SECONDS;
+        if (worker == idle || !worker->connected || worker->held <= 0 || ready) continue;
+        const job_t *job = job_in_common(farm, idle, worker);
+        if (job == NULL) continue;
+        bool late = now > worker->deadline;
+        if (!late && !is_sooner(farm, now, idle, worker, job)) continue;
+        double silent = now - worker->delivered;
+        size_t recalled = farm_worker_take_back(farm, now, worker);
+        log_warning("worker %s has sent nothing for %.0f s%s: %zu units go to others", worker->name, silent,
+                    late ? "" : " and holds others up", recalled);
+        units += recalled;
+    }
+    return units > 0;
+}
+
+/* ---- giving -------------------------------------------------------------------------------------------- */
+
+/* The threads of all connected workers that may work on a job. */
+static uint32_t farm_threads(const farm_t *farm, const job_t *job)
+{
+    uint32_t threads = 0;
+    for (size_t i = 0; i < farm->worker_count; i++)
+        if (farm->workers[i].connected && farm_bits_fit(job, &farm->workers[i].fingerprint))
+            threads += farm->workers[i].threads;
+    return threads;
+}
+
+static double wished_units(const schedule_wish_t *wish)
+{
+    return (double)wish->samples / fmax((double)wish->unit_samples, 1);
+}
+
+/* Issues units of one job, if it has any for this worker; false when the worker is to wait until it holds
+ * nothing. */
+static bool take_from_job(farm_t *farm, double now, job_t *job, worker_t *worker, schedule_wish_t *wish,
+                          farm_work_t *work)
+{
+    if (job->state == JOB_QUEUED && !farm_job_start(farm, now, job)) return true;
+    work->job = job->id;
+    work->settings = job->settings;
+    work->blob = job->blob;
+    work->blob_size = job->blob_size;
+    if (worker->ward == 0 && farm_checks_take(farm, now, job, worker, work)) return true;
+    size_t held = farm_worker_units(farm, worker);
+    suspects_answer_t suspects = farm_suspects_take(farm, now, job, worker, work);
+    if (suspects == SUSPECTS_WAIT) return false;
+    if (suspects == SUSPECTS_NONE) {
+        wish->farm_threads = farm_threads(farm, job);
+        bool marked = farm_checks_marks(farm, job, worker, wished_units(wish));
+        work->unit_count = schedule_take(job->schedule, wish, work->units, marked ? 1 : WIRE_MAX_UNITS);
+        if (marked && work->unit_count > 0) farm_checks_mark(farm, now, job, worker, work);
+    }
+    if (work->unit_count == 0) return true;
+    note_bits(farm, job, worker);
+    if (held == 0) {
+        worker->delivered = now;
+        worker->held = 0;
+    }
+    if (worker->speed_job != job->id) worker->speed = 0;
+    worker->held += farm_unit_samples(job, work->units, work->unit_count);
+    farm_worker_expect(farm, now, worker);
+    return true;
+}
+
+/* True when the worker is to wait until it holds nothing. */
+static bool take_from_jobs(farm_t *farm, double now, worker_t *worker, schedule_wish_t *wish,
+                           farm_work_t *work)
+{
+    bool waits = false;
+    size_t count;
+    job_t *const *jobs = farm_rank_jobs(farm, worker, may_work, &count);
+    work->unit_count = 0;
+    work->check = 0;
+    for (size_t i = 0; i < count && work->unit_count == 0 && !waits && wish->samples > 0; i++)
+        waits = !take_from_job(farm, now, jobs[i], worker, wish, work);
+    return waits;
+}
+
+result_t farm_take(farm_t *farm, double now, const identity_t *identity, uint64_t id, uint64_t loaded_job,
+                   uint64_t samples, uint64_t unit_samples, farm_work_t *work)
+{
+    farm_lock(farm);
+    worker_t *worker = farm_worker_hear(farm, now, identity, id);
+    if (worker == NULL) {
+        farm_unlock(farm);
+        return result_fail(RESULT_UNREACHABLE, "this master does not know the worker: say hello again");
+    }
+    schedule_wish_t wish = {
+        .worker = id, .samples = samples, .unit_samples = unit_samples, .threads = worker->threads};
+    if (farm_worker_units(farm, worker) == 0) worker->ward = 0;
+    worker->begins = in_largest_group(farm, worker);
+    bool waits = take_from_jobs(farm, now, worker, &wish, work);
+    if (work->unit_count == 0 && !waits && samples > 0 && recall_slow(farm, now, worker))
+        waits = take_from_jobs(farm, now, worker, &wish, work);
+    if (work->unit_count == 0) work->job = 0;
+    worker->idle = work->unit_count == 0 && !waits;
+    worker->job = work->unit_count > 0 ? work->job : loaded_job;
+    farm_unlock(farm);
+    return result_ok();
+}

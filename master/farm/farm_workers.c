@@ -1,0 +1,378 @@
+/* farm_workers: who works for the farm (see farm.h). What they are given is in farm_take.c; what becomes of
+ * those who fail, and of the units that they had, in farm_standing.c and farm_suspects.c. */
+#include "master/farm/farm_workers.h"
+
+#include <math.h>
+#include <sodium.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum {
+    MAX_THREADS = 1 << 20, /* of one worker or relay, for sharing out */
+    RATE_SECONDS = 600,    /* over which deaths are remembered as a rate */
+    REMARK_SECONDS = 1     /* between two looks at what is to be said of jobs */
+};
+
+void farm_count_reissued(job_t *job, worker_t *worker, size_t units)
+{
+    job->units_reissued += units;
+    if (worker != NULL) worker->units_reissued += units;
+}
+
+double farm_unit_samples(const job_t *job, const unit_t *units, size_t count)
+{
+    double samples = 0;
+    for (size_t i = 0; i < count; i++)
+        samples += (double)units[i].count * job_tile_pixels(&job->settings, units[i].tile);
+    return samples;
+}
+
+void farm_job_tell(farm_t *farm, job_t *job, const char *format, ...)
+{
+    size_t used = strlen(job->message);
+    va_list arguments;
+    if (used > 0 && used + 2 < sizeof job->message) {
+        memcpy(job->message + used, "; ", 3);
+        used += 2;
+    }
+    va_start(arguments, format);
+    vsnprintf(job->message + used, sizeof job->message - used, format, arguments);
+    va_end(arguments);
+    farm_record_changed(farm, job);
+}
+
+/* ---- what a worker holds ------------------------------------------------------------------------------- */
+
+size_t farm_worker_units(const farm_t *farm, const worker_t *worker)
+{
+    size_t units = 0;
+    for (size_t i = 0; i < farm->job_count; i++)
+        if (farm->jobs[i]->schedule != NULL) units += schedule_held(farm->jobs[i]->schedule, worker->id);
+    return units;
+}
+
+size_t farm_worker_take_back(farm_t *farm, double now, worker_t *worker)
+{
+    size_t total = 0;
+    for (size_t i = 0; i < farm->job_count; i++) {
+        job_t *job = farm->jobs[i];
+        if (job->schedule == NULL || schedule_held(job->schedule, worker->id) == 0) continue;
+        if (job->flush_until > 0) {
+            farm_job_flushed(farm, now, job, worker->id);
+            continue;
+        }
+        size_t units = schedule_release(job->schedule, worker->id);
+        farm_count_reissued(job, worker, units);
+        farm_suspects_returned(farm, now, job, worker->id);
+        total += units;
+    }
+    worker->held = 0;
+    worker->ward = 0;
+    worker->deadline = 0;
+    return total;
+}
+
+void farm_worker_disconnect(farm_t *farm, double now, worker_t *worker, const char *why)
+{
+    size_t units = farm_worker_take_back(farm, now, worker);
+    farm_checks_lost(farm, worker);
+    worker->connected = false;
+    log_info("worker %s %s; %zu units go back; it sent %llu batches (%llu refused), %.1f MB", worker->name,
+             why, units, (unsigned long long)worker->batches, (unsigned long long)worker->batches_refused,
+             1e-6 * (double)worker->bytes);
+    farm_notify_idle(farm);
+}
+
+/* True when the process is connected under another number: it lost its connection, not its life. */
+static bool is_back(const farm_t *farm, const worker_t *worker)
+{
+    for (size_t i = 0; i < farm->worker_count; i++) {
+        const worker_t *other = &farm->workers[i];
+        if (other != worker && other->connected && other->source == worker->source &&
+            other->joined > worker->last_seen)
+            return true;
+    }
+    return false;
+}
+
+void farm_worker_fall(farm_t *farm, double now, worker_t *worker)
+{
+    char why[FARM_MAX_NAME];
+    bool back = is_back(farm, worker), excused = back || farm_worker_units(farm, worker) == 0, apart = false;
+    snprintf(why, sizeof why, "was silent for %.1f s and is given up", now - worker->last_seen);
+    for (size_t i = 0; i < farm->job_count && !back; i++) {
+        bool here;
+        if (farm_suspects_died(farm, now, farm->jobs[i], worker, &here)) excused = true;
+        apart = apart || here;
+    }
+    farm->deaths += !apart;
+    farm_worker_disconnect(farm, now, worker, why);
+    worker->fell = !back;
+    if (!excused) farm_standing_fell(farm, now, worker);
+}
+
+/* ---- coming and going ---------------------------------------------------------------------------------- */
+
+worker_t *farm_worker_hear(farm_t *farm, double now, const identity_t *identity, uint64_t id)
+{
+    worker_t *worker = farm_find_worker(farm, id);
+    if (worker != NULL && worker->fell) {
+        farm_suspects_lives(farm, id);
+        farm_standing_lives(farm, worker);
+        worker->fell = false;
+    }
+    if (worker == NULL || !worker->connected) return NULL;
+    worker->last_seen = now;
+    worker->identity = *identity;
+    return worker;
+}
+
+/* Room for one more worker: the lost one that was heard of longest ago is forgotten. NULL when too many are
+ * connected. */
+static worker_t *worker_add(farm_t *farm)
+{
+    size_t connected = 0, oldest = SIZE_MAX;
+    for (size_t i = 0; i < farm->worker_count; i++) {
+        const worker_t *worker = &farm->workers[i];
+        connected += worker->connected;
+        if (worker->connected) continue;
+        if (oldest == SIZE_MAX || worker->last_seen < farm->workers[oldest].last_seen) oldest = i;
+    }
+    if (connected >= FARM_MAX_WORKERS) return NULL;
+    if (farm->worker_count - connected >= FARM_MAX_WORKERS) return &farm->workers[oldest];
+    farm->workers = mem_realloc(farm->workers, (farm->worker_count + 1) * sizeof *farm->workers);
+    return &farm->workers[farm->worker_count++];
+}
+
+static uint32_t sane_threads(uint32_t threads)
+{
+    return threads < 1 ? 1 : threads > MAX_THREADS ? MAX_THREADS : threads;
+}
+
+static worker_t make_worker(double now, const identity_t *identity, const farm_hello_t *hello)
+{
+    static const hash_t none;
+    worker_t worker = {.identity = *identity,
+                       .threads = sane_threads(hello->threads),
+                       .fingerprint = hello->fingerprint,
+                       .relay = hello->relay,
+                       .connected = true,
+                       .joined = now,
+                       .last_seen = now};
+    /* Those who do not say make a group of their own. */
+    if (hash_equal(&worker.fingerprint, &none)) memset(&worker.fingerprint, 0xFF, sizeof worker.fingerprint);
+    snprintf(worker.name, sizeof worker.name, "%s", hello->name[0] != '\0' ? hello->name : "(no name)");
+    snprintf(worker.key, sizeof worker.key, "%s", hello->key);
+    farm_standing_identify(&worker);
+    return worker;
+}
+
+result_t farm_hello(farm_t *farm, double now, const identity_t *identity, const farm_hello_t *hello,
+                    uint64_t *id)
+{
+    worker_t joins = make_worker(now, identity, hello);
+    farm_lock(farm);
+    result_t result = farm_standing_check(farm, now, &joins);
+    worker_t *worker = result.code == RESULT_OK ? worker_add(farm) : NULL;
+    if (result.code == RESULT_OK && worker == NULL)
+        result = result_fail(RESULT_LIMIT, "this master has %d workers already", FARM_MAX_WORKERS);
+    if (result.code == RESULT_OK) {
+        while (joins.id == 0) randombytes_buf(&joins.id, sizeof joins.id);
+        *worker = joins;
+        *id = worker->id;
+        char bits[2 * HASH_BYTES + 1];
+        hash_to_hex(&worker->fingerprint, bits);
+        log_info("%s %s joins with %u threads, bits %.8s%s%s", worker->relay ? "relay" : "worker",
+                 worker->name, worker->threads, bits, worker->key[0] != '\0' ? ", key " : "", worker->key);
+    }
+    farm_unlock(farm);
+    return result;
+}
+
+bool farm_heartbeat(farm_t *farm, double now, const identity_t *identity, uint64_t id, uint64_t job,
+                    uint32_t units_held)
+{
+    farm_lock(farm);
+    worker_t *worker = farm_worker_hear(farm, now, identity, id);
+    if (worker != NULL) {
+        worker->job = job;
+        for (size_t i = 0; units_held == 0 && i < farm->job_count; i++)
+            if (farm->jobs[i]->flush_until > 0) farm_job_flushed(farm, now, farm->jobs[i], id);
+    }
+    farm_unlock(farm);
+    return worker != NULL;
+}
+
+/* A worker cannot render a job. Another may, but if nobody ever could, the fault is the job's. */
+static void decline(farm_t *farm, double now, job_t *job, worker_t *worker, const char *reason)
+{
+    job->declines++;
+    if (job->batches > 0) {
+        char why[FARM_MAX_NAME];
+        snprintf(why, sizeof why, "cannot render job %llu, which others can: %.120s",
+                 (unsigned long long)job->id, reason);
+        farm_worker_failed(farm, now, worker, why);
+        return;
+    }
+    if (job->state != JOB_RUNNING || job->declines < FARM_MAX_DECLINES) return;
+    if (schedule_holders(job->schedule) > 0) return;
+    snprintf(job->message, sizeof job->message, "no worker can render it; %.100s says: %.350s", worker->name,
+             reason);
+    log_error("job %llu failed: %s", (unsigned long long)job->id, job->message);
+    farm_job_close(farm, now, job, JOB_FAILED);
+}
+
+void farm_goodbye(farm_t *farm, double now, uint64_t id, uint64_t job_id, const char *reason)
+{
+    farm_lock(farm);
+    worker_t *worker = farm_find_worker(farm, id);
+    if (worker != NULL && worker->connected) {
+        char why[FARM_MAX_NAME];
+        snprintf(why, sizeof why, "leaves%s%s", reason[0] != '\0' ? ": " : "", reason);
+        job_t *job = farm_find_job(farm, job_id);
+        bool held = job != NULL && job->schedule != NULL && schedule_held(job->schedule, id) > 0;
+        farm_worker_disconnect(farm, now, worker, why);
+        if (held) decline(farm, now, job, worker, reason);
+    }
+    farm_unlock(farm);
+}
+
+/* Under the lock. */
+static void reclaim(farm_t *farm, double now, worker_t *worker, job_t *job, Lm__Unit *const *messages,
+                    size_t count)
+{
+    unit_t *units = mem_alloc((count + 1) * sizeof *units);
+    if (wire_units_get(messages, count, &job->settings, units).code == RESULT_OK) {
+        if (farm_worker_units(farm, worker) == 0) worker->delivered = now;
+        for (size_t i = 0; i < count; i++)
+            if (schedule_issue(job->schedule, worker->id, &units[i]))
+                worker->held += farm_unit_samples(job, &units[i], 1);
+        farm_worker_expect(farm, now, worker);
+    }
+    free(units);
+}
+
+void farm_reclaim(farm_t *farm, double now, uint64_t id, uint64_t job_id, const ProtobufCBinaryData *content,
+                  Lm__Unit *const *units, size_t count)
+{
+    if (count == 0 || farm_content_check(farm, job_id, content).code != RESULT_OK) return;
+    farm_lock(farm);
+    worker_t *worker = farm_find_worker(farm, id);
+    job_t *job = farm_find_job(farm, job_id);
+    if (worker != NULL && worker->connected && job != NULL && job->schedule != NULL && job->taking &&
+        farm_bits_fit(job, &worker->fingerprint))
+        reclaim(farm, now, worker, job, units, count);
+    farm_unlock(farm);
+}
+
+/* ---- what is known of them ----------------------------------------------------------------------------- */
+
+static worker_report_t report_worker(const farm_t *farm, double now, const worker_t *worker)
+{
+    worker_report_t report = {.threads = worker->threads,
+                              .fingerprint = worker->fingerprint,
+                              .relay = worker->relay,
+                              .connected = worker->connected,
+                              .job = worker->connected ? worker->job : 0,
+                              .units_held = (uint32_t)farm_worker_units(farm, worker),
+                              .speed = worker->speed,
+                              .batches = worker->batches,
+                              .batches_refused = worker->batches_refused,
+                              .units_reissued = worker->units_reissued,
+                              .bytes = worker->bytes,
+                              .last_seen = fmax(now - worker->last_seen, 0)};
+    const char *aside = farm_standing_reason(farm, now, worker);
+    snprintf(report.name, sizeof report.name, "%s", worker->name);
+    snprintf(report.key, sizeof report.key, "%s", worker->key);
+    snprintf(report.aside, sizeof report.aside, "%s", aside != NULL ? aside : "");
+    return report;
+}
+
+worker_report_t *farm_worker_report(farm_t *farm, double now, size_t *count)
+{
+    farm_lock(farm);
+    worker_report_t *reports =
+        farm->worker_count > 0 ? mem_alloc(farm->worker_count * sizeof *reports) : NULL;
+    *count = 0;
+    for (int connected = 1; connected >= 0; connected--)
+        for (size_t i = 0; i < farm->worker_count; i++)
+            if (farm->workers[i].connected == connected)
+                reports[(*count)++] = report_worker(farm, now, &farm->workers[i]);
+    farm_unlock(farm);
+    return reports;
+}
+
+/* ---- time ---------------------------------------------------------------------------------------------- */
+
+/* Counts how often workers die of late that have no suspects in their hands. */
+static void rate_tick(farm_t *farm, double now)
+{
+    double seconds = fmin(fmax(now - farm->rated, 0), 1); /* beyond that, we were asleep */
+    double decay = exp(-seconds / RATE_SECONDS), connected = 0;
+    farm->rated = now;
+    for (size_t i = 0; i < farm->worker_count; i++)
+        connected += farm->workers[i].connected && farm->workers[i].ward == 0;
+    farm->deaths *= decay;
+    farm->worker_seconds = farm->worker_seconds * decay + connected * seconds;
+}
+
+/* Threads of connected workers whose bits fit a job. */
+static uint32_t fitting_threads(const farm_t *farm, const job_t *job)
+{
+    uint32_t threads = 0;
+    for (size_t i = 0; i < farm->worker_count; i++)
+        if (farm->workers[i].connected && farm_bits_fit(job, &farm->workers[i].fingerprint))
+            threads += farm->workers[i].threads;
+    return threads;
+}
+
+/* What is to be known of a job that goes on. */
+static void remark_job(const farm_t *farm, job_t *job)
+{
+    size_t used = 0, apart = farm_suspects_count(job);
+    job->remark[0] = '\0';
+    if (!job->taking || job->state == JOB_PAUSED) return;
+    if (fitting_threads(farm, job) == 0) {
+        char bits[2 * HASH_BYTES + 1];
+        hash_to_hex(&job->fingerprint, bits);
+        uint32_t connected = 0;
+        for (size_t i = 0; i < farm->worker_count; i++) connected += farm->workers[i].connected;
+        used += (size_t)snprintf(job->remark, sizeof job->remark,
+                                 "waits for a machine that makes the same bits (%.8s); %u workers that make "
+                                 "others are connected",
+                                 bits, connected);
+    }
+    if (apart > 0 && used < sizeof job->remark)
+        used += (size_t)snprintf(job->remark + used, sizeof job->remark - used,
+                                 "%s%zu units that workers died with are rendered apart",
+                                 used > 0 ? "; " : "", apart);
+    char checks[200];
+    farm_checks_remark(farm, job, checks, sizeof checks);
+    if (checks[0] != '\0' && used < sizeof job->remark)
+        snprintf(job->remark + used, sizeof job->remark - used, "%s%s", used > 0 ? "; " : "", checks);
+}
+
+/* Jobs that may be complete now, though nothing was delivered. Lets the lock go meanwhile. */
+static void progress(farm_t *farm, double now)
+{
+    for (size_t i = 0; i < farm->job_count; i++) {
+        job_t *job = farm->jobs[i];
+        if (!job->progress_due || job->merging > 0) continue;
+        job->progress_due = false;
+        farm_job_progress(farm, now, job);
+        i = SIZE_MAX; /* jobs may have come and gone */
+    }
+}
+
+void farm_workers_tick(farm_t *farm, double now)
+{
+    rate_tick(farm, now);
+    farm_checks_tick(farm, now);
+    if (now - farm->remarked >= REMARK_SECONDS || now < farm->remarked) {
+        for (size_t i = 0; i < farm->job_count; i++) remark_job(farm, farm->jobs[i]);
+        farm->remarked = now;
+    }
+    progress(farm, now);
+}

@@ -1,0 +1,142 @@
+/* checkpoint_format: see checkpoint_format.h. */
+#include "master/store/checkpoint_format.h"
+
+#include <pthread.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/prctl.h>
+#include <time.h>
+
+static void put_u32(uint8_t *bytes, uint32_t value)
+{
+    for (int i = 0; i < 4; i++) bytes[i] = (uint8_t)(value >> (8 * i));
+}
+
+static void put_u64(uint8_t *bytes, uint64_t value)
+{
+    put_u32(bytes, (uint32_t)value);
+    put_u32(bytes + 4, (uint32_t)(value >> 32));
+}
+
+static uint32_t get_u32(const uint8_t *bytes)
+{
+    uint32_t value = 0;
+    for (int i = 0; i < 4; i++) value |= (uint32_t)bytes[i] << (8 * i);
+    return value;
+}
+
+static uint64_t get_u64(const uint8_t *bytes)
+{
+    return get_u32(bytes) | (uint64_t)get_u32(bytes + 4) << 32;
+}
+
+void preamble_put(const preamble_t *preamble, uint8_t bytes[PREAMBLE_BYTES])
+{
+    memcpy(bytes, CHECKPOINT_MAGIC, sizeof CHECKPOINT_MAGIC);
+    put_u32(bytes + 8, CHECKPOINT_VERSION);
+    put_u32(bytes + 12, preamble->head_bytes);
+    put_u32(bytes + 16, preamble->block_count);
+    put_u32(bytes + 20, 0);
+    put_u64(bytes + 24, preamble->file_bytes);
+    memcpy(bytes + PREAMBLE_HASHED, preamble->hash.bytes, HASH_BYTES);
+}
+
+bool preamble_get(const uint8_t bytes[PREAMBLE_BYTES], preamble_t *preamble, uint32_t *version)
+{
+    *version = get_u32(bytes + 8);
+    preamble->head_bytes = get_u32(bytes + 12);
+    preamble->block_count = get_u32(bytes + 16);
+    preamble->file_bytes = get_u64(bytes + 24);
+    memcpy(preamble->hash.bytes, bytes + PREAMBLE_HASHED, HASH_BYTES);
+    return memcmp(bytes, CHECKPOINT_MAGIC, sizeof CHECKPOINT_MAGIC) == 0;
+}
+
+void entry_put(const entry_t *entry, uint8_t bytes[ENTRY_BYTES])
+{
+    put_u64(bytes, entry->offset);
+    put_u32(bytes + 8, entry->size);
+    put_u32(bytes + 12, 0);
+    memcpy(bytes + 16, entry->hash.bytes, HASH_BYTES);
+}
+
+entry_t entry_get(const uint8_t bytes[ENTRY_BYTES])
+{
+    entry_t entry = {.offset = get_u64(bytes), .size = get_u32(bytes + 8)};
+    memcpy(entry.hash.bytes, bytes + 16, HASH_BYTES);
+    return entry;
+}
+
+void state_arrays(const schedule_state_t *state, span_bytes_t arrays[STATE_ARRAYS])
+{
+    size_t cells = (size_t)state->round_count * state->tile_count;
+    arrays[0] = (span_bytes_t){state->ends, cells * sizeof *state->ends};
+    arrays[1] = (span_bytes_t){state->weights, cells * sizeof *state->weights};
+    arrays[2] = (span_bytes_t){state->counted, state->counted_count * sizeof *state->counted};
+    arrays[3] = (span_bytes_t){state->skipped, state->skipped_count * sizeof *state->skipped};
+}
+
+void bytes_split(const uint8_t *in, size_t size, uint8_t *out)
+{
+    size_t words = size / 8;
+    for (size_t b = 0; b < 8; b++)
+        for (size_t i = 0; i < words; i++) out[b * words + i] = in[8 * i + b];
+    memcpy(out + 8 * words, in + 8 * words, size % 8);
+}
+
+void bytes_join(const uint8_t *in, size_t size, uint8_t *out)
+{
+    size_t words = size / 8;
+    for (size_t i = 0; i < words; i++) {
+        uint64_t word = 0;
+        for (size_t b = 0; b < 8; b++) word |= (uint64_t)in[b * words + i] << (8 * b);
+        memcpy(out + 8 * i, &word, sizeof word);
+    }
+    memcpy(out + 8 * words, in + 8 * words, size % 8);
+}
+
+typedef struct {
+    void (*work)(void *data);
+    void *data;
+    double cpu; /* seconds that it took */
+} hand_t;
+
+static double thread_cpu(void)
+{
+    struct timespec time;
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &time);
+    return (double)time.tv_sec + 1e-9 * (double)time.tv_nsec;
+}
+
+static void *hand_run(void *argument)
+{
+    hand_t *hand = argument;
+    double start = thread_cpu();
+    hand->work(hand->data);
+    hand->cpu = thread_cpu() - start;
+    return NULL;
+}
+
+static void *thread_run(void *argument)
+{
+    prctl(PR_SET_NAME, "lm-film");
+    return hand_run(argument);
+}
+
+double crew_run(int threads, void (*work)(void *data), void *data)
+{
+    pthread_t started[CHECKPOINT_MAX_THREADS];
+    hand_t hands[CHECKPOINT_MAX_THREADS];
+    int count = 0, wanted = int_min(threads, CHECKPOINT_MAX_THREADS);
+    for (; count + 1 < wanted; count++) {
+        hands[count] = (hand_t){work, data, 0};
+        if (pthread_create(&started[count], NULL, thread_run, &hands[count]) != 0) break;
+    }
+    hand_t own = {work, data, 0};
+    hand_run(&own);
+    double cpu = own.cpu;
+    for (int i = 0; i < count; i++) {
+        pthread_join(started[i], NULL);
+        cpu += hands[i].cpu;
+    }
+    return cpu;
+}
