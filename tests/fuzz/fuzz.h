@@ -17,6 +17,7 @@ int fuzz_gltf(const uint8_t *data, size_t size);
 int fuzz_payload(const uint8_t *data, size_t size);
 int fuzz_pbrt(const uint8_t *data, size_t size);
 int fuzz_ply(const uint8_t *data, size_t size);
+int fuzz_record(const uint8_t *data, size_t size);
 int fuzz_render(const uint8_t *data, size_t size);
 int fuzz_spectrum(const uint8_t *data, size_t size);
 int fuzz_spool(const uint8_t *data, size_t size);

@@ -114,6 +114,12 @@ static void test_checkpoint(void **state)
     assert_true(run_seeds("checkpoint", fuzz_checkpoint) > 0);
 }
 
+static void test_record(void **state)
+{
+    (void)state;
+    assert_true(run_seeds("record", fuzz_record) > 0);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -123,6 +129,7 @@ int main(void)
         cmocka_unit_test(test_texture_image), cmocka_unit_test(test_checkpoint),
         cmocka_unit_test(test_wire),          cmocka_unit_test(test_payload),
         cmocka_unit_test(test_allow_list),    cmocka_unit_test(test_spool),
+        cmocka_unit_test(test_record),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
