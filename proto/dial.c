@@ -64,10 +64,10 @@ static char *default_file(const char *name, const char *extension)
     return NULL;
 }
 
-/* A key, or the path of a file. */
+/* A key, or the path of a file, which may look like a key. */
 static void take_master(dial_keys_t *keys, const char *text)
 {
-    if (key_valid(text))
+    if (key_valid(text) && access(text, F_OK) != 0)
         memcpy(keys->master, text, KEY_TEXT + 1);
     else
         keys->master_path = mem_strdup(text);

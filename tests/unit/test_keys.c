@@ -302,6 +302,27 @@ static void peers_find_their_keys(void **state)
     free(config);
 }
 
+/* A path of 40 characters that a key may have, too. */
+static void a_file_that_is_called_like_a_key_is_a_file(void **state)
+{
+    char *folder = *state, path[KEY_TEXT + 1];
+    key_pair_t master;
+    dial_keys_t keys;
+    clear_environment(folder);
+    size_t left = KEY_TEXT - strlen(folder) - strlen("/.key");
+    snprintf(path, sizeof path, "%s/%.*s.key", folder, (int)left, "a-name-that-fills-it-up-to-the-last-one");
+    assert_true(key_valid(path));
+    char *name = mem_printf("%.*s", (int)left, path + strlen(folder) + 1);
+    assert_int_equal(key_files_make(folder, name, &master).code, RESULT_OK);
+    char *own = mem_printf("%s/%s.secret", folder, name);
+    dial_options_t options = {.role = "worker", .key = own, .master_key = path};
+    assert_int_equal(dial_keys_find(&options, "farm", &keys).code, RESULT_OK);
+    assert_string_equal(keys.master, master.open);
+    dial_keys_free(&keys);
+    free(name);
+    free(own);
+}
+
 static void keys_are_read_again(void **state)
 {
     char *folder = *state, *path = scratch_path(folder, "me.secret"), *open = scratch_path(folder, "me.key");
@@ -466,6 +487,8 @@ int main(void)
         cmocka_unit_test(lists_give_rights),
         cmocka_unit_test(lists_say_which_line_is_wrong),
         cmocka_unit_test_setup_teardown(peers_find_their_keys, make_folder, remove_folder),
+        cmocka_unit_test_setup_teardown(a_file_that_is_called_like_a_key_is_a_file, make_folder,
+                                        remove_folder),
         cmocka_unit_test_setup_teardown(keys_are_read_again, make_folder, remove_folder),
         cmocka_unit_test(peers_have_limits),
         cmocka_unit_test(a_flood_of_names_does_not_empty_the_buckets_of_others),
