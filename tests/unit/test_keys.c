@@ -305,21 +305,22 @@ static void peers_find_their_keys(void **state)
 /* A path of 40 characters that a key may have, too. */
 static void a_file_that_is_called_like_a_key_is_a_file(void **state)
 {
-    char *folder = *state, path[KEY_TEXT + 1];
+    char *folder = *state;
     key_pair_t master;
     dial_keys_t keys;
     clear_environment(folder);
-    size_t left = KEY_TEXT - strlen(folder) - strlen("/.key");
-    snprintf(path, sizeof path, "%s/%.*s.key", folder, (int)left, "a-name-that-fills-it-up-to-the-last-one");
+    int left = KEY_TEXT - (int)strlen(folder) - (int)strlen("/.key");
+    assert_true(left > 0);
+    char *name = mem_printf("%.*s", left, "a-name-that-fills-it-up-to-the-last-one");
+    char *path = mem_printf("%s/%s.key", folder, name), *own = mem_printf("%s/%s.secret", folder, name);
     assert_true(key_valid(path));
-    char *name = mem_printf("%.*s", (int)left, path + strlen(folder) + 1);
     assert_int_equal(key_files_make(folder, name, &master).code, RESULT_OK);
-    char *own = mem_printf("%s/%s.secret", folder, name);
     dial_options_t options = {.role = "worker", .key = own, .master_key = path};
     assert_int_equal(dial_keys_find(&options, "farm", &keys).code, RESULT_OK);
     assert_string_equal(keys.master, master.open);
     dial_keys_free(&keys);
     free(name);
+    free(path);
     free(own);
 }
 
