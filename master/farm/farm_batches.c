@@ -311,12 +311,18 @@ job_t *farm_pin(farm_t *farm, uint64_t id)
     return job;
 }
 
+/* True when the film is what it will be: what was counted is in it, what is known to be wrong is out. */
+static bool is_settled(const job_t *job)
+{
+    return job->merging == 0 && (job->state != JOB_FINISHING || !farm_evidence_wrong(job));
+}
+
 job_t *farm_next_finished(farm_t *farm)
 {
     job_t *found = NULL;
     farm_lock(farm);
     for (size_t i = 0; i < farm->job_count && found == NULL; i++)
-        if (farm->jobs[i]->image_due) found = farm->jobs[i];
+        if (farm->jobs[i]->image_due && is_settled(farm->jobs[i])) found = farm->jobs[i];
     if (found != NULL) {
         found->image_due = false;
         found->pins++;

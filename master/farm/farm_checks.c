@@ -426,10 +426,9 @@ void farm_checks_forget(job_checks_t *checks, size_t source)
 
 /* ---- time, and what is to be said ---------------------------------------------------------------------- */
 
-bool farm_checks_pending(const farm_t *farm, const job_t *job)
+bool farm_checks_pending(const job_t *job)
 {
-    (void)farm;
-    return job->checks != NULL && (job->checks->check_count > 0 || farm_evidence_wrong(job->checks));
+    return job->checks != NULL && (job->checks->check_count > 0 || farm_evidence_wrong(job));
 }
 
 /* True when a comparison is not worth waiting for: nobody can make it, or nobody did. */

@@ -22,7 +22,9 @@
  *
  * Which batches are being compared is in their names; comparisons begin anew after a restart. Vouching is not
  * noted on the disk, deletion of the evidence is. When a batch cannot be written, it cannot be taken out
- * later: the log says so, and if its sender turns out to be wrong, so does the job's message. */
+ * later: the log says so, and if its sender turns out to be wrong, so does the job's message. The same holds
+ * for a job that has all its samples and is only being written down when its sender is found out. One that is
+ * cut short waits until what is known to be wrong is out of its film. */
 #include "master/farm/farm_workers.h"
 #include "master/store/spool.h"
 
@@ -170,9 +172,10 @@ void farm_check_keep(farm_t *farm, job_t *job, uint64_t worker, const batch_t *b
 
 /* ---- verdicts ------------------------------------------------------------------------------------------ */
 
-bool farm_evidence_wrong(const job_checks_t *checks)
+bool farm_evidence_wrong(const job_t *job)
 {
-    for (size_t i = 0; i < checks->evidence_count; i++)
+    const job_checks_t *checks = job->checks;
+    for (size_t i = 0; checks != NULL && i < checks->evidence_count; i++)
         if (checks->evidence[i].state == EVIDENCE_WRONG) return true;
     return false;
 }
@@ -194,23 +197,25 @@ static void condemn(farm_t *farm, double now, job_t *job, size_t index)
 {
     job_checks_t *checks = job->checks;
     source_t *source = &checks->sources[index];
-    size_t batches = 0;
+    bool ends = !job->taking && job->canvas != NULL; /* nobody would render it again */
+    uint32_t out = 0, stay = source->unkept;
     for (size_t i = 0; i < checks->evidence_count; i++) {
         evidence_t *evidence = &checks->evidence[i];
         if (evidence->source != index || evidence->state != EVIDENCE_KEPT) continue;
-        evidence->state = EVIDENCE_WRONG;
-        batches++;
+        if (!ends) evidence->state = EVIDENCE_WRONG;
+        stay += ends;
+        out += !ends;
     }
     farm_checks_forget(checks, index);
     source->condemned = now;
     source->unvouched = 0;
-    log_error("job %llu: %zu batches of %s are taken out of the film", (unsigned long long)job->id, batches,
+    log_error("job %llu: %u batches of %s are taken out of the film", (unsigned long long)job->id, out,
               source->name);
-    if (source->unkept == 0) return;
-    log_error("job %llu: %u more batches of %s were never written to the disk, and stay in the film",
-              (unsigned long long)job->id, source->unkept, source->name);
+    if (stay == 0) return;
+    log_error("job %llu: %u batches of %s stay in the film, since %s", (unsigned long long)job->id, stay,
+              source->name, ends ? "the job has ended" : "they could not be written to the disk");
     farm_job_tell(farm, job, "%u batches of %.60s, which sent wrong sums, are in the image: render it again",
-                  source->unkept, source->name);
+                  stay, source->name);
 }
 
 void farm_evidence_condemn(farm_t *farm, double now, uint64_t id)

@@ -176,12 +176,12 @@ static void question_free(question_t *question)
     round_free(&question->next);
 }
 
-/* True when the answer is still to the point: nothing was taken out of the film or added meanwhile, and no
- * order came. */
+/* True when the answer is still to the point: nothing was taken out of the film or added meanwhile, or has to
+ * be, and no order came. */
 static bool question_stands(const question_t *question, const job_t *job)
 {
     return job->merging == 0 && job->batches == question->batches && schedule_round_counted(job->schedule) &&
-           job->settings.spp == question->settings.spp && job->settings.error == question->settings.error;
+           !farm_checks_pending(job) && job->settings.spp == question->settings.spp && job->settings.error == question->settings.error;
 }
 
 /* The job's rounds are decided by its film, which takes a while to look at: the lock is let go meanwhile. */
@@ -215,8 +215,8 @@ static void plan_round(farm_t *farm, double now, job_t *job)
 void farm_job_progress(farm_t *farm, double now, job_t *job)
 {
     job->pins++;
-    while (job->taking && job->merging == 0 && !job->planning && !farm_checks_pending(farm, job) &&
-           schedule_round_counted(job->schedule)) {
+    while (job->taking && job->merging == 0 && !job->planning && schedule_round_counted(job->schedule) &&
+           !farm_checks_pending(job)) {
         if (job_is_planned(&job->settings))
             plan_round(farm, now, job);
         else

@@ -196,7 +196,7 @@ result_t farm_check_batch(farm_t *farm, double now, job_t *job, uint64_t worker,
 bool farm_checks_waiting(const job_t *job);
 /* True while renderings to compare are out or to be had, or sums are to be taken out of the film; the job is
  * not complete before. */
-bool farm_checks_pending(const farm_t *farm, const job_t *job);
+bool farm_checks_pending(const job_t *job);
 void farm_checks_free(job_checks_t **checks);
 
 /* ---- farm_evidence.c ---- */
@@ -210,6 +210,8 @@ void farm_check_keep(farm_t *farm, job_t *job, uint64_t worker, const batch_t *b
 void farm_checks_loaded(farm_t *farm, job_t *job, const schedule_state_t *state);
 /* A checkpoint is safe on the disk. */
 void farm_checks_checkpointed(job_t *job);
+/* True while there are sums to take out of the job's film. */
+bool farm_evidence_wrong(const job_t *job);
 
 /* ---- farm_suspects.c ---- */
 

@@ -172,9 +172,8 @@ evidence_t *farm_evidence_find(const job_checks_t *checks, uint64_t serial);
 spool_name_t farm_evidence_name(const evidence_t *evidence);
 /* A source is vouched for up to a clock; its evidence goes. */
 void farm_evidence_vouch(farm_t *farm, job_t *job, size_t source, uint64_t clock);
-/* True while there are sums to take out of the job's film. */
-bool farm_evidence_wrong(const job_checks_t *checks);
-/* All that a source has in the film of any job is wrong. */
+/* All that a source has in the film of any job is wrong, and is taken out of those that can be rendered again.
+ */
 void farm_evidence_condemn(farm_t *farm, double now, uint64_t source);
 
 #endif

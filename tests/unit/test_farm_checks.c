@@ -489,28 +489,73 @@ static void evidence_outlives_the_master(void **state)
     end(&trial);
 }
 
-/* The master ends when it knows that batches are wrong, before it has taken them out. */
+/* A master that has nothing but lies in its film, knows it, and is killed before it has taken them out. */
+static void begin_with_lies(trial_t *trial)
+{
+    begin(trial, 0.01);
+    add_actor(trial, "liar", LIES);
+    for (int i = 0; i < 5; i++) step(trial);
+    checkpoint(trial);
+    size_t count;
+    spool_name_t *names = spool_list(trial->folder, trial->job, &count);
+    assert_true(count > 3);
+    for (size_t i = 0; i < count; i++) {
+        spool_name_t wrong = names[i];
+        wrong.kind = SPOOL_WRONG;
+        assert_int_equal(spool_rename(trial->folder, trial->job, &names[i], &wrong).code, RESULT_OK);
+    }
+    free(names);
+    restart(trial, false);
+}
+
 static void what_is_wrong_stays_wrong(void **state)
+{
+    (void)state;
+    trial_t trial;
+    begin_with_lies(&trial);
+    trial.actors[0] = (actor_t){.name = "a", .honesty = HONEST};
+    run(&trial);
+    check_result(&trial);
+    end(&trial);
+}
+
+/* A job that is cut short has no image before what is known to be wrong is out of its film. */
+static void no_lie_is_shown_at_the_end(void **state)
+{
+    (void)state;
+    trial_t trial;
+    begin_with_lies(&trial);
+    assert_int_equal(toy_order(trial.farm, trial.now, trial.job, ORDER_CANCEL).code, RESULT_OK);
+    assert_true(is_over(&trial));
+    assert_true(toy_report(trial.farm, trial.now, trial.job).account.counted > 0);
+    assert_int_equal(toy_write_images(trial.farm, trial.now, result_ok()), 0);
+    farm_settle_checks(trial.farm, trial.now);
+    assert_int_equal(toy_report(trial.farm, trial.now, trial.job).account.counted, 0);
+    assert_int_equal(toy_write_images(trial.farm, trial.now, result_ok()), 1);
+    end(&trial);
+}
+
+/* A sender that is found out when a job has all its samples takes none from it: nobody would render them. */
+static void a_complete_job_stays_complete(void **state)
 {
     (void)state;
     trial_t trial;
     begin(&trial, 0.01);
     add_actor(&trial, "liar", LIES);
-    for (int i = 0; i < 5; i++) step(&trial);
-    checkpoint(&trial);
-    size_t count;
-    spool_name_t *names = spool_list(trial.folder, trial.job, &count);
-    assert_true(count > 3);
-    for (size_t i = 0; i < count; i++) {
-        spool_name_t wrong = names[i];
-        wrong.kind = SPOOL_WRONG;
-        assert_int_equal(spool_rename(trial.folder, trial.job, &names[i], &wrong).code, RESULT_OK);
-    }
-    free(names);
-    restart(&trial, false);
-    trial.actors[0] = (actor_t){.name = "a", .honesty = HONEST};
+    run(&trial);
+    uint64_t first = trial.job;
+    job_settings_t wanted = settings();
+    trial.job =
+        toy_submit_on(trial.farm, trial.now, &wanted, &(job_terms_t){.name = "second", .verify = 1});
+    add_actor(&trial, "a", HONEST);
+    add_actor(&trial, "b", HONEST);
     run(&trial);
     check_result(&trial);
+    assert_true(trial.actors[0].refused);
+    job_report_t report = toy_report(trial.farm, trial.now, first);
+    assert_int_equal(report.state, JOB_FINISHING);
+    assert_int_equal(report.account.counted, (uint64_t)32 * 32 * settings().spp);
+    assert_non_null(strstr(report.message, "wrong sums"));
     end(&trial);
 }
 
@@ -693,6 +738,8 @@ int main(void)
         cmocka_unit_test(without_a_disk_nothing_is_verified),
         cmocka_unit_test(evidence_outlives_the_master),
         cmocka_unit_test(what_is_wrong_stays_wrong),
+        cmocka_unit_test(no_lie_is_shown_at_the_end),
+        cmocka_unit_test(a_complete_job_stays_complete),
         cmocka_unit_test(what_was_taken_out_stays_out),
         cmocka_unit_test(random_lives),
         cmocka_unit_test(batches_come_back_from_the_spool),
