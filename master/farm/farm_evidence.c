@@ -120,7 +120,6 @@ static bool prepare(farm_t *farm, job_t *job, uint64_t id, const batch_t *batch,
                                 .unit_count = batch->unit_count};
     memcpy(keep->head.name, worker->name, sizeof keep->head.name);
     memcpy(keep->head.key, worker->key, sizeof keep->head.key);
-    farm->spooled = true;
     return true;
 }
 
@@ -130,6 +129,7 @@ static void keep_it(farm_t *farm, job_t *job, const batch_t *batch, keep_t *keep
     job_checks_t *checks = farm_checks_of(job);
     evidence_t *evidence = &keep->evidence;
     const source_t *source = &checks->sources[evidence->source];
+    farm->spooled = true;
     if (source->condemned >= keep->joined) { /* found out meanwhile */
         evidence->state = EVIDENCE_WRONG;
         farm_wake(farm->options.checkpoint_wake);
@@ -314,7 +314,10 @@ static result_t load_one(farm_t *farm, job_t *job, const job_settings_t *setting
         farm_checks_want(farm, job, evidence, head.units, head.unit_count, &head.fingerprint, &digest);
     farm_unlock(farm);
     spool_head_free(&head);
-    return counted ? result_ok() : result_fail(RESULT_INPUT, "the film does not have its samples");
+    if (counted) return result_ok();
+    spool_name_t now = farm_evidence_name(evidence);
+    spool_delete(dir, job->id, &now); /* it would be taken for evidence when others have rendered them again */
+    return result_fail(RESULT_INPUT, "the film does not have its samples");
 }
 
 /* True when the job will go on with this state. */
@@ -353,6 +356,9 @@ void farm_checks_loaded(farm_t *farm, job_t *job, const schedule_state_t *state)
         farm_unlock(farm);
     }
     free(names);
+    farm_lock(farm);
+    if (count > 0) farm->spooled = true; /* what was deleted must not come back after the next checkpoint */
+    farm_unlock(farm);
     if (count > 0)
         log_info("job %llu: %zu batches in its film wait to be vouched for, %zu are to be taken out",
                  (unsigned long long)job->id, kept, wrong);

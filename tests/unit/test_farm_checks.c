@@ -489,6 +489,29 @@ static void evidence_outlives_the_master(void **state)
     end(&trial);
 }
 
+/* A batch that the film does not have, whatever its name says, must not be taken out of it some day. */
+static void what_the_film_lacks_is_no_evidence(void **state)
+{
+    (void)state;
+    trial_t trial;
+    begin(&trial, 0.01);
+    add_actor(&trial, "a", HONEST);
+    for (int i = 0; i < 5; i++) step(&trial);
+    checkpoint(&trial);
+    size_t count, kept = spooled(&trial);
+    step(&trial);
+    spool_name_t *names = spool_list(trial.folder, trial.job, &count), early = names[count - 1];
+    assert_int_equal(count, kept + 1);
+    early.clock = names[0].clock;
+    assert_int_equal(spool_rename(trial.folder, trial.job, &names[count - 1], &early).code, RESULT_OK);
+    free(names);
+    restart(&trial, false);
+    assert_int_equal(spooled(&trial), kept);
+    run(&trial);
+    check_result(&trial);
+    end(&trial);
+}
+
 /* A master that has nothing but lies in its film, knows it, and is killed before it has taken them out. */
 static void begin_with_lies(trial_t *trial)
 {
@@ -737,6 +760,7 @@ int main(void)
         cmocka_unit_test(a_job_that_cannot_be_verified_says_so),
         cmocka_unit_test(without_a_disk_nothing_is_verified),
         cmocka_unit_test(evidence_outlives_the_master),
+        cmocka_unit_test(what_the_film_lacks_is_no_evidence),
         cmocka_unit_test(what_is_wrong_stays_wrong),
         cmocka_unit_test(no_lie_is_shown_at_the_end),
         cmocka_unit_test(a_complete_job_stays_complete),
