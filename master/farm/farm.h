@@ -70,7 +70,7 @@ typedef struct {
  * it is put aside. */
 result_t farm_hello(farm_t *farm, double now, const identity_t *identity, const farm_hello_t *hello,
                     uint64_t *worker);
-/* False when the worker is not known (any more). */
+/* False when the worker is not known (any more). What it says that it does not hold goes back after a while. */
 bool farm_heartbeat(farm_t *farm, double now, const identity_t *identity, uint64_t worker, uint64_t job,
                     uint32_t units_held);
 /* The threads of a relay are those of its workers, and change. */

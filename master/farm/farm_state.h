@@ -30,6 +30,7 @@ typedef struct {
     uint64_t speed_job;       /* the job that it was measured with */
     double rated_samples, rated_seconds; /* what it was measured from */
     double deadline; /* seconds, when what it holds should have come; 0: it holds nothing */
+    double empty;    /* seconds, since when it says that it holds nothing, though it was given units; 0 */
     double offered;  /* seconds, when it last said that a batch is ready; 0: that was delivered */
     uint64_t ward;   /* the job that it is alone with suspects of, or will be when it holds nothing; 0 */
     uint64_t job;    /* that it has loaded or was assigned last */

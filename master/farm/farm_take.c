@@ -243,6 +243,7 @@ static bool take_from_job(farm_t *farm, double now, job_t *job, worker_t *worker
         worker->held = 0;
     }
     if (worker->speed_job != job->id) worker->speed = 0;
+    worker->empty = 0;
     worker->held += farm_unit_samples(job, work->units, work->unit_count);
     farm_worker_expect(farm, now, worker);
     return true;

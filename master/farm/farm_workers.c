@@ -191,6 +191,22 @@ result_t farm_hello(farm_t *farm, double now, const identity_t *identity, const 
     return result;
 }
 
+/* An assignment may be lost on its way (what is damaged is dropped), though the line does not break. Where
+ * there is no other worker that would be given the units one day, nothing else brings them back. */
+static void look_for_lost_units(farm_t *farm, double now, worker_t *worker, uint32_t units_held)
+{
+    if (units_held > 0 || farm_worker_units(farm, worker) == 0) {
+        worker->empty = 0;
+    } else if (worker->empty == 0) {
+        worker->empty = now;
+    } else if (now - worker->empty > farm->options.lease) {
+        size_t units = farm_worker_take_back(farm, now, worker);
+        log_warning("worker %s holds nothing of %zu units that it was given: they go back", worker->name, units);
+        worker->empty = 0;
+        farm_notify_idle(farm);
+    }
+}
+
 bool farm_heartbeat(farm_t *farm, double now, const identity_t *identity, uint64_t id, uint64_t job,
                     uint32_t units_held)
 {
@@ -200,6 +216,7 @@ bool farm_heartbeat(farm_t *farm, double now, const identity_t *identity, uint64
         worker->job = job;
         for (size_t i = 0; units_held == 0 && i < farm->job_count; i++)
             if (farm->jobs[i]->flush_until > 0) farm_job_flushed(farm, now, farm->jobs[i], id);
+        look_for_lost_units(farm, now, worker, units_held);
     }
     farm_unlock(farm);
     return worker != NULL;
@@ -246,6 +263,7 @@ static void reclaim(farm_t *farm, double now, worker_t *worker, job_t *job, Lm__
     unit_t *units = mem_alloc((count + 1) * sizeof *units);
     if (wire_units_get(messages, count, &job->settings, units).code == RESULT_OK) {
         if (farm_worker_units(farm, worker) == 0) worker->delivered = now;
+        worker->empty = 0;
         for (size_t i = 0; i < count; i++)
             if (schedule_issue(job->schedule, worker->id, &units[i]))
                 worker->held += farm_unit_samples(job, &units[i], 1);
