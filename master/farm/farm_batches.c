@@ -382,13 +382,14 @@ void farm_finished(farm_t *farm, double now, job_t *job, result_t written, const
     farm_lock(farm);
     if (written.code == RESULT_OK) {
         job->image_written = true;
-        if (job->image_retry > 0) job->message[0] = '\0'; /* it is not true any more */
+        if (job->image_retry > 0) job->remark[0] = '\0'; /* it is not true any more */
+        job->image_retry = 0;
         if (path != NULL) log_info("job %llu: the image is in %s", (unsigned long long)job->id, path);
     } else {
         job->image_retry = now + IMAGE_RETRY;
-        snprintf(job->message, sizeof job->message, "the image cannot be written, and is tried again: %.400s",
+        snprintf(job->remark, sizeof job->remark, "the image cannot be written, and is tried again: %.200s",
                  written.message);
-        log_error("job %llu: %s", (unsigned long long)job->id, job->message);
+        log_error("job %llu: %s", (unsigned long long)job->id, job->remark);
     }
     farm_job_settle(farm, now, job);
     farm_unlock(farm);

@@ -86,7 +86,7 @@ void farm_job_install(farm_t *farm, double now, job_t *job, film_t *film, schedu
     job->schedule = schedule;
     job->samples_done = schedule_done(schedule);
     job->taking = true;
-    job->unsaved = job->saving = job->image_written = false;
+    job->unsaved = job->saving = job->image_written = job->given_up = false;
     job->declines = 0;
     farm_job_joins(farm, job);
     job->rate_time[0] = job->rate_time[1] = now;
@@ -244,6 +244,7 @@ void farm_job_close(farm_t *farm, double now, job_t *job, job_state_t outcome)
         schedule_release(job->schedule, 0); /* what was kept from them */
     }
     job->taking = false;
+    job->remark[0] = '\0';
     job->flush_until = 0;
     job->ended = job->started > 0 ? now : 0;
     job->outcome = outcome;

@@ -74,7 +74,8 @@ static void cancel_unstarted(farm_t *farm, job_t *job)
 static void give_up(farm_t *farm, double now, job_t *job)
 {
     if (!job->image_written) job->outcome = JOB_FAILED;
-    job->image_written = true;
+    if (job->remark[0] != '\0') farm_job_tell(farm, job, "%s", job->remark);
+    job->image_written = job->given_up = true;
     job->image_due = job->unsaved = false;
     job->image_retry = 0;
     farm_job_settle(farm, now, job);

@@ -61,6 +61,7 @@ struct job {
     bool unsaved;           /* the film has sums that no checkpoint holds */
     bool saving;            /* a snapshot of the film is open */
     bool save_failed;       /* the last attempt to write a checkpoint did */
+    bool given_up;          /* its end waits for neither image nor checkpoint: somebody cancelled that */
     bool planning;          /* the next round is being planned */
     bool gone;              /* deleted: freed when the last pin goes */
     bool record_due;        /* the record has changed since the journal got it */
@@ -96,7 +97,7 @@ struct job {
     job_suspects_t *suspects; /* NULL: none */
     bool several_bits;        /* machines with different bits have worked on it */
     bool progress_due;        /* it may be complete: farm_tick sees to it */
-    char remark[300];         /* what is to be known of it now, beside the message */
+    char remark[300];         /* what is to be known of it for the moment, beside the message */
     char message[500];
     int pins;
 };
@@ -158,6 +159,8 @@ void farm_worker_disconnect(farm_t *farm, double now, worker_t *worker, const ch
 void farm_worker_fall(farm_t *farm, double now, worker_t *worker);
 /* What farm_tick does for the workers, beside their leases. Lets the lock go meanwhile. */
 void farm_workers_tick(farm_t *farm, double now);
+/* Tells the users of a job something that stays true: adds it to the job's message. */
+void farm_job_tell(farm_t *farm, job_t *job, const char *format, ...) __attribute__((format(printf, 3, 4)));
 /* Adds units that were taken back to the counters. */
 void farm_count_reissued(job_t *job, worker_t *worker, size_t units);
 /* A batch of this worker was counted: its speed and its deadline are known anew. */

@@ -350,8 +350,9 @@ static uint32_t fitting_threads(const farm_t *farm, const job_t *job)
 static void remark_job(const farm_t *farm, job_t *job)
 {
     size_t used = 0, apart = farm_suspects_count(job);
+    if (!job->taking) return;
     job->remark[0] = '\0';
-    if (!job->taking || job->state == JOB_PAUSED) return;
+    if (job->state == JOB_PAUSED) return;
     if (fitting_threads(farm, job) == 0) {
         char bits[2 * HASH_BYTES + 1];
         hash_to_hex(&job->fingerprint, bits);

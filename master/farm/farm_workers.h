@@ -14,8 +14,6 @@ worker_t *farm_worker_hear(farm_t *farm, double now, const identity_t *identity,
 size_t farm_worker_units(const farm_t *farm, const worker_t *worker);
 /* Takes back what a worker holds, of all jobs; returns the number of units. */
 size_t farm_worker_take_back(farm_t *farm, double now, worker_t *worker);
-/* Tells the users of a job something that stays true: adds it to the job's message. */
-void farm_job_tell(farm_t *farm, job_t *job, const char *format, ...) __attribute__((format(printf, 3, 4)));
 /* Pixel samples of units. */
 double farm_unit_samples(const job_t *job, const unit_t *units, size_t count);
 

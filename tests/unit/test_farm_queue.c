@@ -427,6 +427,7 @@ static void what_cannot_be_written_is_tried_again(void **state)
     assert_int_equal(toy_write_images(farm, 20, ok), 1);
     assert_true(toy_checkpoint(farm, 20, full, &film));
     assert_int_equal(toy_state(farm, 20, job), JOB_FINISHING);
+    assert_non_null(strstr(toy_report(farm, 20, job).message, "last checkpoint cannot be written"));
     assert_true(toy_checkpoint(farm, 30, ok, &film));
     assert_int_equal(toy_state(farm, 30, job), JOB_DONE);
     assert_string_equal(toy_report(farm, 30, job).message, "");
@@ -445,6 +446,28 @@ static void cancelling_gives_up_what_cannot_be_written(void **state)
     assert_int_equal(toy_state(farm, 3, job), JOB_FAILED);
     assert_false(toy_checkpoint(farm, 3, ok, &film));
     assert_int_equal(toy_order(farm, 3, job, ORDER_DELETE).code, RESULT_OK);
+}
+
+/* It is given up while an attempt is under way, which fails. */
+static void what_was_given_up_is_not_tried_again(void **state)
+{
+    farm_t *farm = *state;
+    uint64_t job = job_in_state(farm, JOB_FINISHING);
+    result_t full = result_fail(RESULT_IO, "no space left on device");
+    schedule_state_t saved;
+    canvas_snapshot_t *snapshot;
+    double age;
+    bool last;
+    assert_int_equal(toy_write_images(farm, 2, full), 1);
+    job_t *saving = farm_next_checkpoint(farm, 2, &age, &last);
+    assert_true(farm_snapshot(farm, saving, &saved, &snapshot));
+    assert_int_equal(toy_order(farm, 3, job, ORDER_CANCEL).code, RESULT_OK);
+    canvas_snapshot_free(&snapshot);
+    schedule_state_free(&saved);
+    farm_checkpointed(farm, 4, saving, full);
+    farm_unpin(farm, saving);
+    assert_int_equal(toy_state(farm, 4, job), JOB_FAILED);
+    assert_non_null(strstr(toy_report(farm, 4, job).message, "no space left"));
 }
 
 /* ---- after the process --------------------------------------------------------------------------------- */
@@ -545,6 +568,26 @@ static void a_job_without_a_checkpoint_begins_anew(void **state)
     assert_int_equal(toy_report(farm, 1, job).samples_done, 0);
     toy_work_off(farm, 2, worker, job);
     assert_sums(farm, job, 8);
+    *state = farm;
+}
+
+/* The time that was spent on samples that are lost does not end a job. */
+static void what_begins_anew_has_all_its_time(void **state)
+{
+    farm_t *farm = toy_farm(true);
+    job_settings_t settings = settings_of(8);
+    settings.time_limit = 10;
+    uint64_t job = toy_submit(farm, 0, &settings, 0);
+    job_record_t records[MAX_RECORDS];
+    assert_int_equal(toy_take(farm, 1, toy_hello(farm, 1, 1), 2048, 512).job, job);
+    size_t count = end_process(&farm, 10, records);
+    farm = begin_process(0, records, count);
+    assert_true(toy_load(farm, 1, NULL));
+    assert_int_equal(toy_take(farm, 1, toy_hello(farm, 1, 1), 2048, 512).job, job);
+    farm_tick(farm, 5);
+    assert_int_equal(toy_state(farm, 5, job), JOB_RUNNING);
+    farm_tick(farm, 12);
+    assert_int_equal(toy_state(farm, 12, job), JOB_FINISHING);
     *state = farm;
 }
 
@@ -955,8 +998,10 @@ int main(void)
         WITH_FARM(a_job_is_over_when_image_and_checkpoint_are_made),
         WITH_FARM(what_cannot_be_written_is_tried_again),
         WITH_FARM(cancelling_gives_up_what_cannot_be_written),
+        WITH_FARM(what_was_given_up_is_not_tried_again),
         LEAVES_FARM(a_job_goes_on_where_its_checkpoint_was),
         LEAVES_FARM(a_job_without_a_checkpoint_begins_anew),
+        LEAVES_FARM(what_begins_anew_has_all_its_time),
         LEAVES_FARM(a_job_that_was_finishing_gets_its_image),
         LEAVES_FARM(a_paused_job_stays_paused),
         LEAVES_FARM(a_film_that_cannot_be_had_fails_the_job),
