@@ -24,6 +24,7 @@ typedef struct {
     uint64_t machine; /* names its machine (farm_standing.c) */
     uint64_t source;  /* and the process itself */
     double joined, last_seen; /* seconds */
+    double asked;             /* seconds, when it last asked for work, or joined */
     double delivered;         /* seconds, when it last sent a batch, or was given units and had none */
     double held;              /* pixel samples that it was given and has not delivered, as far as is known */
     double speed;             /* pixel samples a second that it delivers; 0: not measured */

@@ -274,6 +274,7 @@ result_t farm_take(farm_t *farm, double now, const identity_t *identity, uint64_
     }
     schedule_wish_t wish = {
         .worker = id, .samples = samples, .unit_samples = unit_samples, .threads = worker->threads};
+    worker->asked = now;
     if (farm_worker_units(farm, worker) == 0) worker->ward = 0;
     worker->begins = in_largest_group(farm, worker);
     bool waits = take_from_jobs(farm, now, worker, &wish, work);

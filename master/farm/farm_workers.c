@@ -160,7 +160,8 @@ static worker_t make_worker(double now, const identity_t *identity, const farm_h
                        .relay = hello->relay,
                        .connected = true,
                        .joined = now,
-                       .last_seen = now};
+                       .last_seen = now,
+                       .asked = now};
     /* Those who do not say make a group of their own. */
     if (hash_equal(&worker.fingerprint, &none)) memset(&worker.fingerprint, 0xFF, sizeof worker.fingerprint);
     snprintf(worker.name, sizeof worker.name, "%s", hello->name[0] != '\0' ? hello->name : "(no name)");

@@ -486,6 +486,28 @@ static void suspects_are_handed_out_apart(void **state)
     assert_int_equal(deliver(farm, now, busy, &work).code, RESULT_OK);
 }
 
+/* A machine that hangs, though its heart beats, does not keep a suspect from others for ever. */
+static void who_hangs_is_not_waited_for(void **state)
+{
+    farm_t *farm = *state;
+    uint64_t job = submit(farm, 4), hangs = toy_join(farm, 0, "hangs:1", 1, 0);
+    double now = 0;
+    toy_work_t work;
+    for (int i = 0; i < 2; i++) {
+        uint64_t dies = toy_join(farm, now, i == 0 ? "a:1" : "a:2", 1, 0);
+        assert_int_equal(take_one(farm, now, dies).units[0].tile, 0);
+        pass(farm, &now, 6, &hangs, 1);
+    }
+    uint64_t other = toy_join(farm, now, "a:3", 1, 0), both[] = {hangs, other};
+    while ((work = take_one(farm, now, other)).job != 0)
+        assert_int_equal(deliver(farm, now, other, &work).code, RESULT_OK);
+    assert_int_equal(toy_state(farm, now, job), JOB_RUNNING); /* the first tile is kept for the other machine */
+    pass(farm, &now, 120, both, 2);
+    while ((work = take_one(farm, now, other)).job != 0)
+        assert_int_equal(deliver(farm, now, other, &work).code, RESULT_OK);
+    assert_int_equal(toy_state(farm, now, job), JOB_FINISHING);
+}
+
 /* One farm whose workers live for so many half seconds on average; returns how many were killed. */
 static int random_kills(uint32_t seed, uint32_t life)
 {
@@ -560,6 +582,7 @@ int main(void)
         WITH_FARM(a_machine_that_dies_of_everything_leaves_nothing_out),
         WITH_FARM(who_is_heard_of_again_did_not_die),
         WITH_FARM(suspects_are_handed_out_apart),
+        WITH_FARM(who_hangs_is_not_waited_for),
         WITH_FARM(random_kills_leave_nothing_out),
     };
     return cmocka_run_group_tests_name("farm workers", tests, NULL, NULL);
