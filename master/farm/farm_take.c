@@ -79,8 +79,7 @@ static bool may_work(const farm_t *farm, const worker_t *worker, const job_t *jo
     return !begins || worker->begins;
 }
 
-/* A worker was given units: the bits are those of its machine. */
-static void note_bits(farm_t *farm, job_t *job, const worker_t *worker)
+void farm_note_bits(farm_t *farm, job_t *job, const worker_t *worker)
 {
     if (hash_equal(&job->fingerprint, &worker->fingerprint)) return;
     if (hash_equal(&job->fingerprint, &no_fingerprint)) {
@@ -236,7 +235,7 @@ static bool take_from_job(farm_t *farm, double now, job_t *job, worker_t *worker
         if (marked && work->unit_count > 0) farm_checks_mark(farm, now, job, worker, work);
     }
     if (work->unit_count == 0) return true;
-    note_bits(farm, job, worker);
+    farm_note_bits(farm, job, worker);
     if (held == 0) {
         worker->delivered = now;
         worker->held = 0;

@@ -1,5 +1,5 @@
 /* farm_workers: what the files about workers share: farm_workers.c, farm_take.c, farm_standing.c,
- * farm_suspects.c, farm_checks.c, farm_evidence.c, farm_settle.c. All is called under the farm's lock. */
+ * farm_suspects.c, farm_checks.c, farm_evidence.c, farm_settle.c, farm_batches.c. All is called under the farm's lock. */
 #ifndef LIGHTMILL_FARM_WORKERS_H
 #define LIGHTMILL_FARM_WORKERS_H
 
@@ -21,6 +21,8 @@ double farm_unit_samples(const job_t *job, const unit_t *units, size_t count);
 
 /* True when the bits of a machine fit those that the job is made of. */
 bool farm_bits_fit(const job_t *job, const hash_t *fingerprint);
+/* A worker was given units, or delivers some: the bits are those of its machine. */
+void farm_note_bits(farm_t *farm, job_t *job, const worker_t *worker);
 /* A worker has delivered something: if it holds nothing any more and waits for that, it is called. */
 void farm_worker_relieved(farm_t *farm, worker_t *worker);
 /* A worker was given work, or delivered some: when is the rest to be here? */
