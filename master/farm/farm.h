@@ -24,6 +24,10 @@ enum {
     FARM_MAX_FAILURES = 3  /* of a machine without a delivery between them, before it is put aside */
 };
 #define FARM_ASIDE_SECONDS 60.0 /* that a machine is put aside for the first time; farm_standing.c */
+/* The message of a job that is paused when it comes back; it goes when the job is resumed. */
+#define FARM_NO_SCENE                                                                                        \
+    "its scene is not in the data directory any more: send it again (submit another job with it), then "    \
+    "resume this one"
 
 typedef struct farm farm_t;
 typedef struct job job_t; /* a job that the caller has pinned: it is not forgotten */

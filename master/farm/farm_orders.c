@@ -116,6 +116,7 @@ static result_t pause_job(farm_t *farm, double now, job_t *job)
 static result_t resume(farm_t *farm, double now, job_t *job)
 {
     if (job->state != JOB_PAUSED) return refuse(job, ", not paused");
+    if (strcmp(job->message, FARM_NO_SCENE) == 0) job->message[0] = '\0';
     job->flush_until = 0;
     job->state = job->canvas != NULL ? JOB_RUNNING : JOB_QUEUED;
     if (job->canvas != NULL) job->started = now;

@@ -635,6 +635,7 @@ static void a_paused_job_stays_paused(void **state)
     toy_film_t film;
     assert_true(toy_checkpoint(farm, 2, ok, &film));
     size_t count = end_process(&farm, 2, records);
+    snprintf(records[0].message, sizeof records[0].message, "%s", FARM_NO_SCENE);
     farm = begin_process(0, records, count);
     assert_int_equal(toy_state(farm, 0, job), JOB_PAUSED);
     assert_true(toy_load(farm, 0, &film));
@@ -642,7 +643,9 @@ static void a_paused_job_stays_paused(void **state)
     assert_int_equal(toy_state(farm, 0, job), JOB_PAUSED);
     uint64_t worker = toy_hello(farm, 0, 1);
     assert_int_equal(toy_take(farm, 0, worker, 1024, 512).job, 0);
+    assert_string_equal(toy_report(farm, 0, job).message, FARM_NO_SCENE);
     assert_int_equal(toy_order(farm, 1, job, ORDER_RESUME).code, RESULT_OK);
+    assert_string_equal(toy_report(farm, 1, job).message, "");
     toy_work_off(farm, 1, worker, job);
     assert_sums(farm, job, 4);
     assert_int_equal(toy_order(farm, 1, other, ORDER_RESUME).code, RESULT_OK);
