@@ -381,7 +381,7 @@ static void dismantle(master_t *master)
 {
     control_server_stop(&master->control);
     bulk_server_stop(&master->bulk);
-    if (master->farm != NULL) farm_shut_down(master->farm, clock_now());
+    if (master->farm != NULL) farm_shut_down(master->farm);
     gallery_stop(&master->gallery);
     keeper_finish(master->keeper);
     clerk_stop(&master->clerk); /* it may ask the keeper for room */

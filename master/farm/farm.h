@@ -257,7 +257,7 @@ void farm_unpin(farm_t *farm, job_t *job);
 /* Does what the comparison of renderings calls for on the disk: takes the sums of those that were wrong out
  * of their films, and deletes what is no longer needed, the folders of unknown jobs too. To be called when
  * checkpoint_wake is written, by one thread, the one that loads films. */
-void farm_settle_checks(farm_t *farm, double now);
+void farm_settle_checks(farm_t *farm);
 /* What is kept of batches is safe on the disk: to be called between a snapshot and the moment at which its
  * checkpoint counts. */
 result_t farm_sync_checks(farm_t *farm);
@@ -280,6 +280,6 @@ uint64_t farm_image_version(farm_t *farm, job_t *job, bool *over);
 void farm_finished(farm_t *farm, double now, job_t *job, result_t written, const char *path);
 /* The process ends: nothing more is handed out or taken. Jobs that are not over stay so; farm_next_checkpoint
  * gives out those that have sums to save. */
-void farm_shut_down(farm_t *farm, double now);
+void farm_shut_down(farm_t *farm);
 
 #endif

@@ -404,6 +404,6 @@ void farm_finished(farm_t *farm, double now, job_t *job, result_t written, const
                  written.message);
         log_error("job %llu: %s", (unsigned long long)job->id, job->remark);
     }
-    farm_job_settle(farm, now, job);
+    farm_job_settle(farm, job);
     farm_unlock(farm);
 }

@@ -222,7 +222,7 @@ void farm_job_progress(farm_t *farm, double now, job_t *job)
         else
             farm_job_close(farm, now, job, JOB_DONE);
     }
-    farm_job_settle(farm, now, job);
+    farm_job_settle(farm, job);
     farm_job_unpin(farm, job);
 }
 
@@ -329,9 +329,8 @@ static void put_away(farm_t *farm, job_t *job)
     farm_notify_idle(farm); /* a job may have waited for memory */
 }
 
-void farm_job_settle(farm_t *farm, double now, job_t *job)
+void farm_job_settle(farm_t *farm, job_t *job)
 {
-    (void)now;
     if (job->taking || job->merging > 0 || job->saving || job->planning || job->image_due) return;
     if (job->state == JOB_FINISHING && !job->film_due && job->image_written) {
         if (job->unsaved && farm->options.checkpoint_wake >= 0) return;

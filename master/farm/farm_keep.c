@@ -339,6 +339,6 @@ void farm_checkpointed(farm_t *farm, double now, job_t *job, result_t written)
     farm_unlock(farm);
     if (saving) farm_canvas_let_go(farm, job);
     farm_lock(farm);
-    farm_job_settle(farm, now, job);
+    farm_job_settle(farm, job);
     farm_unlock(farm);
 }

@@ -71,21 +71,21 @@ static void cancel_unstarted(farm_t *farm, job_t *job)
 }
 
 /* Ends the attempts to write the image or the last checkpoint. */
-static void give_up(farm_t *farm, double now, job_t *job)
+static void give_up(farm_t *farm, job_t *job)
 {
     if (!job->image_written) job->outcome = JOB_FAILED;
     if (job->remark[0] != '\0') farm_job_tell(farm, job, "%s", job->remark);
     job->image_written = job->given_up = true;
     job->image_due = job->unsaved = false;
     job->image_retry = 0;
-    farm_job_settle(farm, now, job);
+    farm_job_settle(farm, job);
 }
 
 static result_t cancel(farm_t *farm, double now, job_t *job)
 {
     if (job_state_final(job->state)) return refuse(job, " already");
     if (job->state == JOB_FINISHING) {
-        if (job->image_retry > 0 || job->save_failed) give_up(farm, now, job);
+        if (job->image_retry > 0 || job->save_failed) give_up(farm, job);
         return result_ok(); /* else it is left to finish */
     }
     if (job->film_due) {

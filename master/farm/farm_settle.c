@@ -258,9 +258,8 @@ static void tidy(farm_t *farm)
     free(jobs);
 }
 
-void farm_settle_checks(farm_t *farm, double now)
+void farm_settle_checks(farm_t *farm)
 {
-    (void)now;
     if (farm->options.spool_dir == NULL) return;
     uint64_t id = 0;
     for (job_t *job; (job = next_job(farm, id)) != NULL;) {

@@ -26,8 +26,7 @@
 enum {
     MAX_ACTIVE = 4,
     MAX_WAITING = 16, /* jobs that a worker may begin are looked at, in case that some do not fit in memory */
-    MAX_THREADS = 1 << 20, /* that a relay may say it has */
-    QUANTUM = 3            /* batch intervals */
+    QUANTUM = 3 /* batch intervals */
 };
 
 void farm_job_joins(farm_t *farm, job_t *job)
@@ -40,14 +39,6 @@ void farm_job_joins(farm_t *farm, job_t *job)
         if (least < 0 || other->service < least) least = other->service;
     }
     if (job->service < least) job->service = least;
-}
-
-void farm_worker_threads(farm_t *farm, uint64_t id, uint32_t threads)
-{
-    farm_lock(farm);
-    worker_t *worker = farm_find_worker(farm, id);
-    if (worker != NULL) worker->threads = threads < MAX_THREADS ? threads : MAX_THREADS;
-    farm_unlock(farm);
 }
 
 /* Counts the threads at each job; a worker that was told that there is no work is at none. */

@@ -261,7 +261,7 @@ void farm_job_flush_end(farm_t *farm, double now, job_t *job);
 void farm_job_cut_short(farm_t *farm, double now, job_t *job, job_state_t outcome);
 /* Gives a finishing job its last state when its image and its last checkpoint are made, and frees the film of
  * one that is over. */
-void farm_job_settle(farm_t *farm, double now, job_t *job);
+void farm_job_settle(farm_t *farm, job_t *job);
 /* Something was counted, skipped or checked, and nothing is being merged: the next round is planned, or the
  * job is closed. Called with the farm's lock, which it lets go meanwhile, inside no canvas. */
 void farm_job_progress(farm_t *farm, double now, job_t *job);

@@ -223,6 +223,14 @@ bool farm_heartbeat(farm_t *farm, double now, const identity_t *identity, uint64
     return worker != NULL;
 }
 
+void farm_worker_threads(farm_t *farm, uint64_t id, uint32_t threads)
+{
+    farm_lock(farm);
+    worker_t *worker = farm_find_worker(farm, id);
+    if (worker != NULL) worker->threads = sane_threads(threads);
+    farm_unlock(farm);
+}
+
 /* A worker cannot render a job. Another may, but if nobody ever could, the fault is the job's. */
 static void decline(farm_t *farm, double now, job_t *job, worker_t *worker, const char *reason)
 {

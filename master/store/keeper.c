@@ -403,7 +403,7 @@ static void *keeper_run(void *argument)
     enforce_limit(keeper);
     while (!atomic_load(&keeper->stop)) {
         load_films(keeper);
-        farm_settle_checks(keeper->options.farm, clock_now());
+        farm_settle_checks(keeper->options.farm);
         int wait_ms = 1 + (int)(1000 * save_films(keeper));
         struct pollfd wait = {.fd = keeper->options.checkpoint_wake, .events = POLLIN};
         uint64_t count;

@@ -123,7 +123,7 @@ static void step(trial_t *trial)
 {
     for (int i = 0; i < trial->actor_count; i++) act(trial, &trial->actors[i]);
     farm_tick(trial->farm, trial->now);
-    farm_settle_checks(trial->farm, trial->now);
+    farm_settle_checks(trial->farm);
     farm_tick(trial->farm, trial->now);
     trial->now += 1;
 }
@@ -193,7 +193,7 @@ static void honest_workers_pass(void **state)
     toy_write_images(trial.farm, trial.now, result_ok());
     assert_true(toy_checkpoint(trial.farm, trial.now, result_ok(), &film));
     assert_int_equal(toy_state(trial.farm, trial.now, trial.job), JOB_DONE);
-    farm_settle_checks(trial.farm, trial.now);
+    farm_settle_checks(trial.farm);
     assert_int_equal(scratch_count(trial.folder), 0);
     toy_film_free(&film);
     end(&trial);
@@ -552,7 +552,7 @@ static void no_lie_is_shown_at_the_end(void **state)
     assert_true(is_over(&trial));
     assert_true(toy_report(trial.farm, trial.now, trial.job).account.counted > 0);
     assert_int_equal(toy_write_images(trial.farm, trial.now, result_ok()), 0);
-    farm_settle_checks(trial.farm, trial.now);
+    farm_settle_checks(trial.farm);
     assert_int_equal(toy_report(trial.farm, trial.now, trial.job).account.counted, 0);
     assert_int_equal(toy_write_images(trial.farm, trial.now, result_ok()), 1);
     end(&trial);
@@ -600,7 +600,7 @@ static void what_was_taken_out_stays_out(void **state)
         for (int i = 0; i < 4; i++) step(&trial);
         restart(&trial, damaged);
         trial.actors[0] = trial.actors[--trial.actor_count]; /* it does not come back */
-        farm_settle_checks(trial.farm, trial.now);
+        farm_settle_checks(trial.farm);
         run(&trial);
         check_result(&trial);
         end(&trial);

@@ -692,7 +692,7 @@ static void shutting_down_saves_all_and_cancels_nothing(void **state)
     assert_non_null(next);
     assert_true(!last && age == 1);
     farm_unpin(farm, next);
-    farm_shut_down(farm, 6);
+    farm_shut_down(farm);
     assert_int_equal(toy_take(farm, 6, worker, 2048, 512).job, 0);
     next = farm_next_checkpoint(farm, 6, &age, &last);
     assert_non_null(next);
