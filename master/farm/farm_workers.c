@@ -303,7 +303,8 @@ static worker_report_t report_worker(const farm_t *farm, double now, const worke
                               .relay = worker->relay,
                               .connected = worker->connected,
                               .job = worker->connected ? worker->job : 0,
-                              .units_held = (uint32_t)farm_worker_units(farm, worker),
+                              .units_held =
+                                  worker->connected ? (uint32_t)farm_worker_units(farm, worker) : 0,
                               .speed = worker->speed,
                               .batches = worker->batches,
                               .batches_refused = worker->batches_refused,
