@@ -117,7 +117,7 @@ static result_t resume(farm_t *farm, double now, job_t *job)
 {
     if (job->state != JOB_PAUSED) return refuse(job, ", not paused");
     if (strcmp(job->message, FARM_NO_SCENE) == 0) job->message[0] = '\0';
-    job->flush_until = 0;
+    if (job->flush_until > 0) farm_job_flush_end(farm, now, job); /* its workers were told to drop the rest */
     job->state = job->canvas != NULL ? JOB_RUNNING : JOB_QUEUED;
     if (job->canvas != NULL) job->started = now;
     job->rate_time[0] = job->rate_time[1] = now;

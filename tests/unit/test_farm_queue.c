@@ -222,6 +222,20 @@ static void a_paused_job_keeps_what_its_workers_have(void **state)
     assert_int_equal(report.account.issued, report.account.counted + report.account.returned);
 }
 
+/* Workers that were told to drop what they have are not held to it, though the job is resumed at once. */
+static void a_short_pause_leaves_nothing_behind(void **state)
+{
+    farm_t *farm = *state;
+    uint64_t job = submit(farm, 0, 4), worker = toy_hello(farm, 0, 1);
+    size_t held = 0;
+    for (toy_work_t work; (work = toy_take(farm, 1, worker, 1024, 512)).job != 0;) held += work.count;
+    assert_true(held > 0);
+    assert_int_equal(toy_order(farm, 2, job, ORDER_PAUSE).code, RESULT_OK);
+    assert_int_equal(toy_order(farm, 2, job, ORDER_RESUME).code, RESULT_OK);
+    toy_work_off(farm, 3, worker, job);
+    assert_int_equal(toy_state(farm, 3, job), JOB_FINISHING);
+}
+
 /* A job in each state that a client may find it in. */
 static uint64_t job_in_state(farm_t *farm, job_state_t state)
 {
@@ -994,6 +1008,7 @@ int main(void)
         WITH_FARM(a_higher_priority_goes_first),
         WITH_FARM(few_jobs_are_begun_at_a_time),
         WITH_FARM(a_paused_job_keeps_what_its_workers_have),
+        WITH_FARM(a_short_pause_leaves_nothing_behind),
         WITH_FARM(orders_fit_the_state_or_are_refused),
         WITH_FARM(a_deleted_job_is_unknown_and_its_record_goes),
         WITH_FARM(retained_jobs_are_not_forgotten),
