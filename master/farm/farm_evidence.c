@@ -206,7 +206,7 @@ static void condemn(farm_t *farm, double now, job_t *job, size_t index)
         stay += ends;
         out += !ends;
     }
-    farm_checks_forget(checks, index);
+    farm_checks_forget(job, index);
     source->condemned = now;
     source->unvouched = 0;
     log_error("job %llu: %u batches of %s are taken out of the film", (unsigned long long)job->id, out,

@@ -145,7 +145,7 @@ check_t *farm_checks_begun(job_checks_t *checks, size_t source, const unit_t *un
 bool farm_checks_open(const job_checks_t *checks, size_t source);
 /* A source was found to send wrong sums: comparisons of its own batches are needless, others need another
  * rendering. */
-void farm_checks_forget(job_checks_t *checks, size_t source);
+void farm_checks_forget(job_t *job, size_t source);
 /* Work that is to be compared, for a worker; false when there is none. */
 bool farm_checks_take(farm_t *farm, double now, job_t *job, worker_t *worker, farm_work_t *work);
 /* True when the next unit of a worker that cannot be checked afterwards, a relay, is to be chosen beforehand;

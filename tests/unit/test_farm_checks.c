@@ -373,6 +373,31 @@ static void a_relay_is_watched_too(void **state)
     }
 }
 
+/* A relay delivers its units, but not in the batches of their own that they were to be: the job does not wait
+ * for those for ever. */
+static void a_relay_that_ignores_numbers_holds_nothing_up(void **state)
+{
+    (void)state;
+    trial_t trial;
+    begin(&trial, 1);
+    add_actor(&trial, "relay", HONEST);
+    trial.actors[0].relay = true;
+    join(&trial, &trial.actors[0]);
+    uint64_t relay = trial.actors[0].worker;
+    for (toy_work_t work; (work = toy_take(trial.farm, trial.now, relay, 1 << 17, 1 << 17)).job != 0;) {
+        assert_true(work.check != 0);
+        work.check = 0;
+        assert_int_equal(toy_deliver_work(trial.farm, trial.now, relay, &work, 0).code, RESULT_OK);
+    }
+    for (int i = 0; i < 150 && !is_over(&trial); i++) {
+        trial.now += 1;
+        assert_true(toy_beat(trial.farm, trial.now, relay));
+        farm_tick(trial.farm, trial.now);
+    }
+    check_result(&trial);
+    end(&trial);
+}
+
 /* If no two workers make the same bits, it is not the workers. */
 static void a_job_that_cannot_be_verified_says_so(void **state)
 {
@@ -757,6 +782,7 @@ int main(void)
         cmocka_unit_test(a_third_worker_decides),
         cmocka_unit_test(a_lost_comparison_is_made_by_another),
         cmocka_unit_test(a_relay_is_watched_too),
+        cmocka_unit_test(a_relay_that_ignores_numbers_holds_nothing_up),
         cmocka_unit_test(a_job_that_cannot_be_verified_says_so),
         cmocka_unit_test(without_a_disk_nothing_is_verified),
         cmocka_unit_test(evidence_outlives_the_master),
