@@ -17,6 +17,10 @@
  * those that were out by then. So when a film is loaded, batches from after its snapshot are deleted, and
  * those that were taken out after it are taken out once more.
  *
+ * A source that is gone is not compared any more, but for what is being compared already: what it has left
+ * can neither be vouched for nor be found wrong. GONE_SECONDS later it goes, or else a farm of machines that
+ * come and go would fill the disk.
+ *
  * A batch that was taken out stays until two later checkpoints are safe, since the older one is used when the
  * newer is damaged. Before a checkpoint counts, the spool is written out (farm_sync_checks).
  *
@@ -33,7 +37,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { MUST_CHECK = 2 }; /* over verify: batches of a source after which one is compared for certain */
+enum {
+    MUST_CHECK = 2,      /* over verify: batches of a source after which one is compared for certain */
+    GONE_SECONDS = 3600, /* after which a source that is not connected will not come back */
+    GONE_EVERY = 60      /* seconds between looks at who is gone */
+};
 
 uint64_t farm_evidence_clock(const schedule_account_t *account)
 {
@@ -191,6 +199,36 @@ void farm_evidence_vouch(farm_t *farm, job_t *job, size_t source, uint64_t clock
         checks->sources[source].unvouched--;
     }
     farm_wake(farm->options.checkpoint_wake);
+}
+
+static bool is_connected(const farm_t *farm, uint64_t source)
+{
+    for (size_t i = 0; i < farm->worker_count; i++)
+        if (farm->workers[i].connected && farm->workers[i].source == source) return true;
+    return false;
+}
+
+static void let_gone_go(farm_t *farm, double now, job_t *job)
+{
+    job_checks_t *checks = job->checks;
+    for (size_t i = 0; i < checks->source_count; i++) {
+        source_t *source = &checks->sources[i];
+        if (source->unvouched == 0) continue;
+        if (source->seen <= 0 || is_connected(farm, source->id) || farm_checks_open(checks, i))
+            source->seen = now;
+        if (now - source->seen < GONE_SECONDS) continue;
+        log_info("job %llu: %u batches of %s are kept no longer: it is gone", (unsigned long long)job->id,
+                 source->unvouched, source->name);
+        farm_evidence_vouch(farm, job, i, UINT64_MAX);
+    }
+}
+
+void farm_evidence_tick(farm_t *farm, double now)
+{
+    if (now - farm->gone_looked < GONE_EVERY) return;
+    farm->gone_looked = now;
+    for (size_t i = 0; i < farm->job_count; i++)
+        if (farm->jobs[i]->checks != NULL) let_gone_go(farm, now, farm->jobs[i]);
 }
 
 static void condemn(farm_t *farm, double now, job_t *job, size_t index)

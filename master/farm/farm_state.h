@@ -129,6 +129,7 @@ struct farm {
     double deaths, worker_seconds; /* of late: how often workers die of nothing in particular */
     bool spooled;                  /* batches were written that are not safe on the disk yet */
     double rated, remarked;        /* seconds, when these were counted, and the remarks of jobs made */
+    double gone_looked;            /* seconds, when it was looked who is gone (farm_evidence.c) */
     job_t **ranked;                /* see farm_rank_jobs */
     pending_t *notices;
     size_t notice_count, notice_capacity;

@@ -399,6 +399,7 @@ void farm_workers_tick(farm_t *farm, double now)
 {
     rate_tick(farm, now);
     farm_checks_tick(farm, now);
+    farm_evidence_tick(farm, now);
     if (now - farm->remarked >= REMARK_SECONDS || now < farm->remarked) {
         for (size_t i = 0; i < farm->job_count; i++) remark_job(farm, farm->jobs[i]);
         farm->remarked = now;

@@ -75,6 +75,7 @@ typedef struct {
     uint32_t unvouched; /* batches since it was vouched for */
     uint32_t unkept;    /* those that could not be written to the disk, in all */
     double condemned;   /* seconds, when it was found to send wrong sums; < 0: it was not */
+    double seen;        /* seconds, when it was last seen to be connected, about; 0: not looked for yet */
 } source_t;
 
 typedef enum {
@@ -172,6 +173,8 @@ evidence_t *farm_evidence_find(const job_checks_t *checks, uint64_t serial);
 spool_name_t farm_evidence_name(const evidence_t *evidence);
 /* A source is vouched for up to a clock; its evidence goes. */
 void farm_evidence_vouch(farm_t *farm, job_t *job, size_t source, uint64_t clock);
+/* Evidence of sources that are gone goes. To be called now and then. */
+void farm_evidence_tick(farm_t *farm, double now);
 /* All that a source has in the film of any job is wrong, and is taken out of those that can be rendered again.
  */
 void farm_evidence_condemn(farm_t *farm, double now, uint64_t source);

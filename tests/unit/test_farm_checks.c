@@ -271,6 +271,37 @@ static void nobody_goes_unwatched_for_long(void **state)
     end(&trial);
 }
 
+/* Workers come and go, and most leave something that nobody will ever vouch for: it does not pile up. */
+static void what_the_gone_leave_goes(void **state)
+{
+    (void)state;
+    trial_t trial;
+    begin(&trial, 1e-6);
+    add_actor(&trial, "gone", HONEST);
+    for (int i = 0; i < 5; i++) step(&trial);
+    assert_true(spooled(&trial) >= 3);
+    farm_goodbye(trial.farm, trial.now, trial.actors[0].worker, 0, "");
+    trial.actor_count = 0;
+    add_actor(&trial, "stays", HONEST);
+    for (int i = 0; i < 5; i++) step(&trial);
+    size_t all = spooled(&trial);
+    for (int i = 0; i < 3000; i += 2, trial.now += 2) {
+        assert_true(toy_beat(trial.farm, trial.now, trial.actors[0].worker));
+        farm_tick(trial.farm, trial.now);
+    }
+    farm_settle_checks(trial.farm);
+    assert_int_equal(spooled(&trial), all);
+    for (int i = 0; i < 1000; i += 2, trial.now += 2) {
+        assert_true(toy_beat(trial.farm, trial.now, trial.actors[0].worker));
+        farm_tick(trial.farm, trial.now);
+    }
+    farm_settle_checks(trial.farm);
+    assert_true(spooled(&trial) > 0 && spooled(&trial) < all);
+    run(&trial);
+    check_result(&trial);
+    end(&trial);
+}
+
 static void a_single_worker_holds_nothing_up(void **state)
 {
     (void)state;
@@ -777,6 +808,7 @@ int main(void)
         cmocka_unit_test(a_liar_cannot_tell_when_it_is_watched),
         cmocka_unit_test(who_lies_about_others_is_found),
         cmocka_unit_test(nobody_goes_unwatched_for_long),
+        cmocka_unit_test(what_the_gone_leave_goes),
         cmocka_unit_test(a_single_worker_holds_nothing_up),
         cmocka_unit_test(a_pass_says_nothing_of_what_comes_later),
         cmocka_unit_test(a_third_worker_decides),
