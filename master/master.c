@@ -30,7 +30,7 @@
 
 enum { MAX_INTERVAL = 3600 }; /* seconds, of heartbeats, leases and batches */
 enum { ENDPOINT_SIZE = 300 };
-enum { MAX_BULK_IO = 4 }; /* threads of libzmq for the bulk socket */
+enum { MAX_BULK_IO = 4 };                                     /* threads of libzmq for the bulk socket */
 static const uint64_t LEAST_BATCH_MEMORY = (uint64_t)1 << 30; /* bytes */
 /* Messages of a connection to the bulk socket that libzmq holds: they may be large. A peer that fetches
  * something has a few requests under way, and its batches are answered one by one. On a connection with keys

@@ -12,8 +12,8 @@
 #ifndef LIGHTMILL_FARM_H
 #define LIGHTMILL_FARM_H
 
-#include "master/merge/canvas.h"
 #include "master/farm/schedule.h"
+#include "master/merge/canvas.h"
 
 enum {
     FARM_MAX_JOBS = 1000,    /* known at a time; the oldest finished ones are forgotten */
@@ -26,7 +26,7 @@ enum {
 #define FARM_ASIDE_SECONDS 60.0 /* that a machine is put aside for the first time; farm_standing.c */
 /* The message of a job that is paused when it comes back; it goes when the job is resumed. */
 #define FARM_NO_SCENE                                                                                        \
-    "its scene is not in the data directory any more: send it again (submit another job with it), then "    \
+    "its scene is not in the data directory any more: send it again (submit another job with it), then "     \
     "resume this one"
 
 typedef struct farm farm_t;
@@ -74,7 +74,8 @@ typedef struct {
  * it is put aside. */
 result_t farm_hello(farm_t *farm, double now, const identity_t *identity, const farm_hello_t *hello,
                     uint64_t *worker);
-/* False when the worker is not known (any more). What it says that it does not hold goes back after a while. */
+/* False when the worker is not known (any more). What it says that it does not hold goes back after a while.
+ */
 bool farm_heartbeat(farm_t *farm, double now, const identity_t *identity, uint64_t worker, uint64_t job,
                     uint32_t units_held);
 /* The threads of a relay are those of its workers, and change. */

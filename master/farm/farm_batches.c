@@ -66,8 +66,8 @@ static result_t unknown_job(uint64_t id)
     return result_fail(RESULT_INPUT, "there is no job %llu", (unsigned long long)id);
 }
 
-/* Nobody is given units of a job of other bits; but a job may have been begun anew by another kind of machines
- * after this process or its data were lost. */
+/* Nobody is given units of a job of other bits; but a job may have been begun anew by another kind of
+ * machines after this process or its data were lost. */
 static result_t other_bits(const job_t *job)
 {
     return result_fail(RESULT_MISMATCH, "job %llu is made by machines that make other bits",

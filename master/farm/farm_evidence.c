@@ -354,7 +354,8 @@ static result_t load_one(farm_t *farm, job_t *job, const job_settings_t *setting
     spool_head_free(&head);
     if (counted) return result_ok();
     spool_name_t now = farm_evidence_name(evidence);
-    spool_delete(dir, job->id, &now); /* it would be taken for evidence when others have rendered them again */
+    spool_delete(dir, job->id,
+                 &now); /* it would be taken for evidence when others have rendered them again */
     return result_fail(RESULT_INPUT, "the film does not have its samples");
 }
 

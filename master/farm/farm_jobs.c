@@ -181,7 +181,8 @@ static void question_free(question_t *question)
 static bool question_stands(const question_t *question, const job_t *job)
 {
     return job->merging == 0 && job->batches == question->batches && schedule_round_counted(job->schedule) &&
-           !farm_checks_pending(job) && job->settings.spp == question->settings.spp && job->settings.error == question->settings.error;
+           !farm_checks_pending(job) && job->settings.spp == question->settings.spp &&
+           job->settings.error == question->settings.error;
 }
 
 /* The job's rounds are decided by its film, which takes a while to look at: the lock is let go meanwhile. */

@@ -46,9 +46,9 @@ static uint32_t *uncount(farm_t *farm, job_t *job, const spool_head_t *head)
     return weights;
 }
 
-/* Takes a batch out of the film. That it is out is noted on the disk before: the film on the disk has it until
- * a later snapshot is safe, and is told so by the clock. RESULT_CANCELLED: the job is over. RESULT_LIMIT: not
- * now. */
+/* Takes a batch out of the film. That it is out is noted on the disk before: the film on the disk has it
+ * until a later snapshot is safe, and is told so by the clock. RESULT_CANCELLED: the job is over.
+ * RESULT_LIMIT: not now. */
 static result_t subtract(farm_t *farm, job_t *job, canvas_t *canvas, evidence_t *evidence,
                          const batch_t *batch, const spool_head_t *head,
                          const zmq_msg_t payload[BATCH_PAYLOADS])

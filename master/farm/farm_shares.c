@@ -26,7 +26,7 @@
 enum {
     MAX_ACTIVE = 4,
     MAX_WAITING = 16, /* jobs that a worker may begin are looked at, in case that some do not fit in memory */
-    QUANTUM = 3 /* batch intervals */
+    QUANTUM = 3       /* batch intervals */
 };
 
 void farm_job_joins(farm_t *farm, job_t *job)

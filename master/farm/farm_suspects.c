@@ -447,7 +447,8 @@ static size_t wards(const farm_t *farm, size_t *connected)
 static bool suits(const farm_t *farm, double now, const job_t *job, const suspect_t *suspect,
                   const worker_t *worker)
 {
-    return suspect->kept && !better_machine(farm, now, job, suspect, machine_record(suspect, worker->machine));
+    return suspect->kept &&
+           !better_machine(farm, now, job, suspect, machine_record(suspect, worker->machine));
 }
 
 /* The suspect that most died with; s->count when there is none for this worker. */
@@ -505,7 +506,8 @@ suspects_answer_t farm_suspects_take(farm_t *farm, double now, job_t *job, worke
     hand_out(now, job, &s->list[best], worker, work);
     bool group = s->list[best].death_count <= KEPT_DEATHS;
     for (size_t i = 0; group && i < s->count && work->unit_count < GROUP; i++)
-        if (i != best && suits(farm, now, job, &s->list[i], worker)) hand_out(now, job, &s->list[i], worker, work);
+        if (i != best && suits(farm, now, job, &s->list[i], worker))
+            hand_out(now, job, &s->list[i], worker, work);
     if (work->unit_count == 0) return SUSPECTS_NONE;
     worker->ward = job->id;
     return SUSPECTS_GIVEN;

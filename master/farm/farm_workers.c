@@ -202,7 +202,8 @@ static void look_for_lost_units(farm_t *farm, double now, worker_t *worker, uint
         worker->empty = now;
     } else if (now - worker->empty > farm->options.lease) {
         size_t units = farm_worker_take_back(farm, now, worker);
-        log_warning("worker %s holds nothing of %zu units that it was given: they go back", worker->name, units);
+        log_warning("worker %s holds nothing of %zu units that it was given: they go back", worker->name,
+                    units);
         worker->empty = 0;
         farm_notify_idle(farm);
     }
@@ -303,8 +304,7 @@ static worker_report_t report_worker(const farm_t *farm, double now, const worke
                               .relay = worker->relay,
                               .connected = worker->connected,
                               .job = worker->connected ? worker->job : 0,
-                              .units_held =
-                                  worker->connected ? (uint32_t)farm_worker_units(farm, worker) : 0,
+                              .units_held = worker->connected ? (uint32_t)farm_worker_units(farm, worker) : 0,
                               .speed = worker->speed,
                               .batches = worker->batches,
                               .batches_refused = worker->batches_refused,

@@ -1,5 +1,6 @@
 /* farm_workers: what the files about workers share: farm_workers.c, farm_take.c, farm_standing.c,
- * farm_suspects.c, farm_checks.c, farm_evidence.c, farm_settle.c, farm_batches.c. All is called under the farm's lock. */
+ * farm_suspects.c, farm_checks.c, farm_evidence.c, farm_settle.c, farm_batches.c. All is called under the
+ * farm's lock. */
 #ifndef LIGHTMILL_FARM_WORKERS_H
 #define LIGHTMILL_FARM_WORKERS_H
 
@@ -175,7 +176,8 @@ spool_name_t farm_evidence_name(const evidence_t *evidence);
 void farm_evidence_vouch(farm_t *farm, job_t *job, size_t source, uint64_t clock);
 /* Evidence of sources that are gone goes. To be called now and then. */
 void farm_evidence_tick(farm_t *farm, double now);
-/* All that a source has in the film of any job is wrong, and is taken out of those that can be rendered again.
+/* All that a source has in the film of any job is wrong, and is taken out of those that can be rendered
+ * again.
  */
 void farm_evidence_condemn(farm_t *farm, double now, uint64_t source);
 

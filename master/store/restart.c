@@ -6,8 +6,8 @@
  * higher of both. */
 #include "master/store/restart.h"
 
-#include "master/store/checkpoint.h"
 #include "master/gallery.h"
+#include "master/store/checkpoint.h"
 
 #include <math.h>
 #include <stdio.h>

@@ -624,8 +624,7 @@ static void a_complete_job_stays_complete(void **state)
     run(&trial);
     uint64_t first = trial.job;
     job_settings_t wanted = settings();
-    trial.job =
-        toy_submit_on(trial.farm, trial.now, &wanted, &(job_terms_t){.name = "second", .verify = 1});
+    trial.job = toy_submit_on(trial.farm, trial.now, &wanted, &(job_terms_t){.name = "second", .verify = 1});
     add_actor(&trial, "a", HONEST);
     add_actor(&trial, "b", HONEST);
     run(&trial);

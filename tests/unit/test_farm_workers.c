@@ -214,11 +214,13 @@ static void a_job_belongs_to_the_machines_with_the_same_bits(void **state)
     assert_int_equal(take_one(farm, 5, few).job, next);
 }
 
-/* A job that nobody was given anything of, since this master knows it, is made of the first bits that come. */
+/* A job that nobody was given anything of, since this master knows it, is made of the first bits that come.
+ */
 static void the_first_batch_decides_on_the_bits(void **state)
 {
     farm_t *farm = *state;
-    uint64_t job = submit(farm, 8), one = toy_join(farm, 0, "one", 1, 1), two = toy_join(farm, 0, "two", 2, 2);
+    uint64_t job = submit(farm, 8), one = toy_join(farm, 0, "one", 1, 1),
+             two = toy_join(farm, 0, "two", 2, 2);
     toy_work_t work = {.job = job, .count = 1, .units = {{0, 0, 4}}}, other = work;
     other.units[0].tile = 1;
     assert_int_equal(farm_batch_wanted(farm, 1, one, job).code, RESULT_OK);
@@ -517,7 +519,8 @@ static void who_hangs_is_not_waited_for(void **state)
     uint64_t other = toy_join(farm, now, "a:3", 1, 0), both[] = {hangs, other};
     while ((work = take_one(farm, now, other)).job != 0)
         assert_int_equal(deliver(farm, now, other, &work).code, RESULT_OK);
-    assert_int_equal(toy_state(farm, now, job), JOB_RUNNING); /* the first tile is kept for the other machine */
+    assert_int_equal(toy_state(farm, now, job),
+                     JOB_RUNNING); /* the first tile is kept for the other machine */
     pass(farm, &now, 120, both, 2);
     while ((work = take_one(farm, now, other)).job != 0)
         assert_int_equal(deliver(farm, now, other, &work).code, RESULT_OK);
