@@ -103,8 +103,7 @@ static void hold_back(job_t *const *list, size_t count)
 }
 
 job_t *const *farm_rank_jobs(farm_t *farm, const worker_t *worker,
-                             bool (*fits)(const farm_t *farm, const worker_t *worker, const job_t *job),
-                             size_t *count)
+                             bool (*fits)(const worker_t *worker, const job_t *job), size_t *count)
 {
     job_t *waiting[MAX_WAITING];
     size_t waiting_count = 0;
@@ -112,7 +111,7 @@ job_t *const *farm_rank_jobs(farm_t *farm, const worker_t *worker,
     *count = 0;
     for (size_t i = 0; i < farm->job_count && !farm->shut; i++) {
         job_t *job = farm->jobs[i];
-        if (!farm_job_has_work(job) || (fits != NULL && !fits(farm, worker, job))) continue;
+        if (!farm_job_has_work(job) || !fits(worker, job)) continue;
         if (job->state == JOB_QUEUED)
             waiting_count = keep_first(waiting, waiting_count, job);
         else

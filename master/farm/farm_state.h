@@ -178,10 +178,9 @@ void farm_worker_failed(farm_t *farm, double now, worker_t *worker, const char *
 /* The job takes part in the sharing out (again), or at another priority: it is owed nothing for before. */
 void farm_job_joins(farm_t *farm, job_t *job);
 /* Jobs that a worker may be given units of, the one whose turn it is first, in memory of the farm that is
- * good until the next call; `fits` (NULL: all do) says which ones the worker may have at all. */
+ * good until the next call; `fits` says which ones the worker may have at all. */
 job_t *const *farm_rank_jobs(farm_t *farm, const worker_t *worker,
-                             bool (*fits)(const farm_t *farm, const worker_t *worker, const job_t *job),
-                             size_t *count);
+                             bool (*fits)(const worker_t *worker, const job_t *job), size_t *count);
 /* The workers have worked on for so many seconds. */
 void farm_shares_tick(farm_t *farm, double seconds);
 

@@ -70,9 +70,8 @@ static bool in_largest_group(const farm_t *farm, const worker_t *worker)
 }
 
 /* Whether a worker may have units of a job at all. */
-static bool may_work(const farm_t *farm, const worker_t *worker, const job_t *job)
+static bool may_work(const worker_t *worker, const job_t *job)
 {
-    (void)farm;
     if (worker->ward != 0 && worker->ward != job->id) return false; /* it waits for units of another one */
     if (!farm_bits_fit(job, &worker->fingerprint)) return false;
     bool begins = !job->terms.mixed && hash_equal(&job->fingerprint, &no_fingerprint);
