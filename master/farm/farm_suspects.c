@@ -42,7 +42,8 @@ enum {
     WARD_SHARE = 4,      /* one worker in so many may have suspects */
     MAX_TOLD = 3,        /* units that the message of the job names */
     KNOWN_DEATHS = 2,    /* where a unit of the same tile was left out */
-    ASK_BATCHES = 12,    /* batch intervals in which a worker asks for work, if it does not hang */
+    ASK_BATCHES = 12,    /* batch intervals in which a worker asks for work, if it does not hang, */
+    LOAD_BATCHES = 120,  /* or load a scene */
     BASE_SECONDS = 360   /* what the rate of deaths begins with: a tenth of a death in so many */
 };
 static const double BASE_DEATHS = 0.1;
@@ -286,11 +287,12 @@ static bool killed_several_machines(const suspect_t *suspect)
     return false;
 }
 
-/* True when there is a machine that may have the suspect and has a better record than that. */
+/* True when there is a machine that may have the suspect and has a better record than that, and that has
+ * asked for work in so many batch intervals. */
 static bool better_machine(const farm_t *farm, double now, const job_t *job, const suspect_t *suspect,
-                           record_t record)
+                           record_t record, int batches)
 {
-    double since = now - ASK_BATCHES * farm->options.batch_interval;
+    double since = now - batches * farm->options.batch_interval;
     for (size_t i = 0; i < farm->worker_count; i++) {
         const worker_t *worker = &farm->workers[i];
         if (worker->connected && worker->asked >= since && farm_bits_fit(job, &worker->fingerprint) &&
@@ -326,7 +328,8 @@ static bool is_killer(const farm_t *farm, double now, const job_t *job, const su
     uint32_t deaths = lonely_deaths(suspect, &seconds);
     bool known = tile_kills(job->suspects, suspect->unit.tile);
     if (deaths < (known ? KNOWN_DEATHS : FARM_UNIT_DEATHS)) return false;
-    if (!killed_several_machines(suspect) && better_machine(farm, now, job, suspect, RECORD_DIED_ALONE))
+    if (!killed_several_machines(suspect) &&
+        better_machine(farm, now, job, suspect, RECORD_DIED_ALONE, LOAD_BATCHES))
         return false;
     double others = farm->deaths;
     for (uint32_t i = 0; i < suspect->death_count; i++) others -= !suspect->deaths[i].apart;
@@ -448,7 +451,7 @@ static bool suits(const farm_t *farm, double now, const job_t *job, const suspec
                   const worker_t *worker)
 {
     return suspect->kept &&
-           !better_machine(farm, now, job, suspect, machine_record(suspect, worker->machine));
+           !better_machine(farm, now, job, suspect, machine_record(suspect, worker->machine), ASK_BATCHES);
 }
 
 /* The suspect that most died with; s->count when there is none for this worker. */
