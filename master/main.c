@@ -36,7 +36,7 @@ static const char HELP[] =
     "  --blob-limit GB        what scenes may take (100); the ones that no job needs go first\n"
     "  --batch-memory GB      for batches that are under way or wait to be merged; workers wait to send more "
     "(an\n"
-    "                         eighth of the machine's memory, at least 1)\n"
+    "                         eighth of the memory, at least 1, or a quarter where that is less)\n"
     "  --merge-threads N      that merge batches (one for each core)\n"
     "  --film-memory GB       what the films of jobs at work may take in memory (three quarters of it); "
     "others\n"

@@ -30,7 +30,8 @@
 
 enum { MAX_INTERVAL = 3600 }; /* seconds, of heartbeats, leases and batches */
 enum { ENDPOINT_SIZE = 300 };
-enum { MAX_BULK_IO = 4 }; /* threads of libzmq for the bulk socket */
+enum { MAX_BULK_IO = 4 };                                     /* threads of libzmq for the bulk socket */
+static const uint64_t LEAST_BATCH_MEMORY = (uint64_t)1 << 30; /* bytes */
 /* Messages of a connection to the bulk socket that libzmq holds: they may be large. A peer that fetches
  * something has a few requests under way, and its batches are answered one by one. On a connection with keys
  * one less is received: libzmq counts the user id as a message that nobody ever reads. */
@@ -122,7 +123,7 @@ static result_t make_directories(const char *path)
 {
     char *copy = mem_strdup(path);
     result_t result = result_ok();
-    for (char *slash = copy + 1; result.code == RESULT_OK; slash++) {
+    for (char *slash = copy + (*copy == '/'); result.code == RESULT_OK; slash++) {
         char end = *slash;
         if (end != '/' && end != '\0') continue;
         *slash = '\0';
@@ -223,15 +224,12 @@ static uint64_t film_limit(const master_options_t *options)
     return options->film_memory > 0 ? options->film_memory : memory_limit() / 4 * 3;
 }
 
-enum { MEMORY_SHARE = 8 };
-static const uint64_t LEAST_BATCH_MEMORY = (uint64_t)1 << 30;
-
+/* An eighth of it, or LEAST_BATCH_MEMORY if that is more and the films leave so much. */
 static uint64_t batch_memory(const master_options_t *options)
 {
+    uint64_t all = memory_limit(), least = all / 4 < LEAST_BATCH_MEMORY ? all / 4 : LEAST_BATCH_MEMORY;
     if (options->batch_memory > 0) return options->batch_memory;
-    long pages = sysconf(_SC_PHYS_PAGES), size = sysconf(_SC_PAGESIZE);
-    uint64_t share = pages > 0 && size > 0 ? (uint64_t)pages / MEMORY_SHARE * (uint64_t)size : 0;
-    return share > LEAST_BATCH_MEMORY ? share : LEAST_BATCH_MEMORY;
+    return all / 8 > least ? all / 8 : least;
 }
 
 static result_t open_blobs(master_t *master, const master_options_t *options)
@@ -381,7 +379,7 @@ static void dismantle(master_t *master)
 {
     control_server_stop(&master->control);
     bulk_server_stop(&master->bulk);
-    if (master->farm != NULL) farm_shut_down(master->farm, clock_now());
+    if (master->farm != NULL) farm_shut_down(master->farm);
     gallery_stop(&master->gallery);
     keeper_finish(master->keeper);
     clerk_stop(&master->clerk); /* it may ask the keeper for room */

@@ -190,9 +190,8 @@ void farm_tick(farm_t *farm, double now)
     farm_unlock(farm);
 }
 
-void farm_shut_down(farm_t *farm, double now)
+void farm_shut_down(farm_t *farm)
 {
-    (void)now;
     farm_lock(farm);
     farm->shut = true;
     for (size_t i = 0; i < farm->job_count; i++) {

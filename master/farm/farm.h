@@ -12,8 +12,8 @@
 #ifndef LIGHTMILL_FARM_H
 #define LIGHTMILL_FARM_H
 
-#include "master/merge/canvas.h"
 #include "master/farm/schedule.h"
+#include "master/merge/canvas.h"
 
 enum {
     FARM_MAX_JOBS = 1000,    /* known at a time; the oldest finished ones are forgotten */
@@ -24,6 +24,10 @@ enum {
     FARM_MAX_FAILURES = 3  /* of a machine without a delivery between them, before it is put aside */
 };
 #define FARM_ASIDE_SECONDS 60.0 /* that a machine is put aside for the first time; farm_standing.c */
+/* The message of a job that is paused when it comes back; it goes when the job is resumed. */
+#define FARM_NO_SCENE                                                                                        \
+    "its scene is not in the data directory any more: send it again (submit another job with it), then "     \
+    "resume this one"
 
 typedef struct farm farm_t;
 typedef struct job job_t; /* a job that the caller has pinned: it is not forgotten */
@@ -70,7 +74,8 @@ typedef struct {
  * it is put aside. */
 result_t farm_hello(farm_t *farm, double now, const identity_t *identity, const farm_hello_t *hello,
                     uint64_t *worker);
-/* False when the worker is not known (any more). */
+/* False when the worker is not known (any more). What it says that it does not hold goes back after a while.
+ */
 bool farm_heartbeat(farm_t *farm, double now, const identity_t *identity, uint64_t worker, uint64_t job,
                     uint32_t units_held);
 /* The threads of a relay are those of its workers, and change. */
@@ -253,7 +258,7 @@ void farm_unpin(farm_t *farm, job_t *job);
 /* Does what the comparison of renderings calls for on the disk: takes the sums of those that were wrong out
  * of their films, and deletes what is no longer needed, the folders of unknown jobs too. To be called when
  * checkpoint_wake is written, by one thread, the one that loads films. */
-void farm_settle_checks(farm_t *farm, double now);
+void farm_settle_checks(farm_t *farm);
 /* What is kept of batches is safe on the disk: to be called between a snapshot and the moment at which its
  * checkpoint counts. */
 result_t farm_sync_checks(farm_t *farm);
@@ -276,6 +281,6 @@ uint64_t farm_image_version(farm_t *farm, job_t *job, bool *over);
 void farm_finished(farm_t *farm, double now, job_t *job, result_t written, const char *path);
 /* The process ends: nothing more is handed out or taken. Jobs that are not over stay so; farm_next_checkpoint
  * gives out those that have sums to save. */
-void farm_shut_down(farm_t *farm, double now);
+void farm_shut_down(farm_t *farm);
 
 #endif

@@ -1,5 +1,5 @@
 /* farm_batches: what workers deliver, and the images made of it (see farm.h). */
-#include "master/farm/farm_state.h"
+#include "master/farm/farm_workers.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -66,6 +66,14 @@ static result_t unknown_job(uint64_t id)
     return result_fail(RESULT_INPUT, "there is no job %llu", (unsigned long long)id);
 }
 
+/* Nobody is given units of a job of other bits; but a job may have been begun anew by another kind of
+ * machines after this process or its data were lost. */
+static result_t other_bits(const job_t *job)
+{
+    return result_fail(RESULT_MISMATCH, "job %llu is made by machines that make other bits",
+                       (unsigned long long)job->id);
+}
+
 /* A worker has a batch of a job that is not begun: it was, before this process, and what is rendered of it is
  * as good as ever. */
 static void prepare_for_batch(farm_t *farm, double now, job_t *job)
@@ -93,6 +101,8 @@ result_t farm_batch_wanted(farm_t *farm, double now, uint64_t worker, uint64_t i
                 result_fail(RESULT_LIMIT, "the film of job %llu is being loaded", (unsigned long long)id);
         else if (!job->taking)
             result = job_over(job);
+        else if (!farm_bits_fit(job, &sender->fingerprint))
+            result = other_bits(job);
         sender->offered = now;
     }
     farm_unlock(farm);
@@ -166,12 +176,15 @@ static uint32_t *unit_weights(const job_t *job, const batch_t *batch)
 
 /* Under the lock, in the canvas: refuses the batch, or counts its units. They are in the film before the
  * canvas is left, so that nobody sees one without the other. */
-static result_t count_units(merge_t *merge)
+static result_t count_units(farm_t *farm, merge_t *merge)
 {
     job_t *job = merge->job;
     const batch_t *batch = merge->batch;
+    const worker_t *worker = farm_find_worker(farm, merge->worker);
     if (!job->taking) return job_over(job);
+    if (worker != NULL && !farm_bits_fit(job, &worker->fingerprint)) return other_bits(job);
     TRY(schedule_accept(job->schedule, batch->units, batch->unit_count));
+    if (worker != NULL) farm_note_bits(farm, job, worker);
     merge->weights = unit_weights(job, batch);
     job->merging++;
     return result_ok();
@@ -181,7 +194,7 @@ static result_t count_units(merge_t *merge)
 static result_t add_batch(farm_t *farm, canvas_t *canvas, merge_t *merge)
 {
     farm_lock(farm);
-    result_t result = count_units(merge);
+    result_t result = count_units(farm, merge);
     farm_unlock(farm);
     if (result.code != RESULT_OK) return result;
     result = canvas_merge_payload(canvas, merge->payload, merge->batch, merge->weights, 1);
@@ -311,12 +324,18 @@ job_t *farm_pin(farm_t *farm, uint64_t id)
     return job;
 }
 
+/* True when the film is what it will be: what was counted is in it, what is known to be wrong is out. */
+static bool is_settled(const job_t *job)
+{
+    return job->merging == 0 && (job->state != JOB_FINISHING || !farm_evidence_wrong(job));
+}
+
 job_t *farm_next_finished(farm_t *farm)
 {
     job_t *found = NULL;
     farm_lock(farm);
     for (size_t i = 0; i < farm->job_count && found == NULL; i++)
-        if (farm->jobs[i]->image_due) found = farm->jobs[i];
+        if (farm->jobs[i]->image_due && is_settled(farm->jobs[i])) found = farm->jobs[i];
     if (found != NULL) {
         found->image_due = false;
         found->pins++;
@@ -376,14 +395,15 @@ void farm_finished(farm_t *farm, double now, job_t *job, result_t written, const
     farm_lock(farm);
     if (written.code == RESULT_OK) {
         job->image_written = true;
-        if (job->image_retry > 0) job->message[0] = '\0'; /* it is not true any more */
+        if (job->image_retry > 0) job->remark[0] = '\0'; /* it is not true any more */
+        job->image_retry = 0;
         if (path != NULL) log_info("job %llu: the image is in %s", (unsigned long long)job->id, path);
     } else {
         job->image_retry = now + IMAGE_RETRY;
-        snprintf(job->message, sizeof job->message, "the image cannot be written, and is tried again: %.400s",
+        snprintf(job->remark, sizeof job->remark, "the image cannot be written, and is tried again: %.200s",
                  written.message);
-        log_error("job %llu: %s", (unsigned long long)job->id, job->message);
+        log_error("job %llu: %s", (unsigned long long)job->id, job->remark);
     }
-    farm_job_settle(farm, now, job);
+    farm_job_settle(farm, job);
     farm_unlock(farm);
 }

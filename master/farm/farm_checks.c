@@ -86,10 +86,12 @@ static check_t remove_check(job_checks_t *checks, size_t at)
     return check;
 }
 
-static void drop_check(job_checks_t *checks, size_t at)
+/* It is not made. The job may have waited for nothing else. */
+static void drop_check(job_t *job, size_t at)
 {
-    check_t check = remove_check(checks, at);
+    check_t check = remove_check(job->checks, at);
     check_free(&check);
+    job->progress_due = true;
 }
 
 static int unit_order(const void *a, const void *b)
@@ -280,12 +282,12 @@ void farm_checks_mark(farm_t *farm, double now, job_t *job, const worker_t *work
 }
 
 /* The worker does not render it any more. */
-static void lose(job_checks_t *checks, size_t at)
+static void lose(job_t *job, size_t at)
 {
-    check_t *check = &checks->checks[at];
+    check_t *check = &job->checks->checks[at];
     check->with = 0;
     check->tries++;
-    if (check->rendering_count == 0) drop_check(checks, at);
+    if (check->rendering_count == 0) drop_check(job, at);
 }
 
 void farm_checks_lost(farm_t *farm, const worker_t *worker)
@@ -293,7 +295,7 @@ void farm_checks_lost(farm_t *farm, const worker_t *worker)
     for (size_t j = 0; j < farm->job_count; j++) {
         job_checks_t *checks = farm->jobs[j]->checks;
         for (size_t i = checks != NULL ? checks->check_count : 0; i-- > 0;)
-            if (checks->checks[i].with == worker->id) lose(checks, i);
+            if (checks->checks[i].with == worker->id) lose(farm->jobs[j], i);
     }
 }
 
@@ -328,7 +330,7 @@ static void give_up(farm_t *farm, job_t *job)
 {
     job_checks_t *checks = job->checks;
     checks->given_up = true;
-    while (checks->check_count > 0) drop_check(checks, 0);
+    while (checks->check_count > 0) drop_check(job, 0);
     log_error("job %llu cannot be verified: %d workers have rendered the same units, and no two agree",
               (unsigned long long)job->id, CHECK_RENDERINGS);
     farm_job_tell(farm, job, "it could not be verified: no two of %d workers make the same bits of it",
@@ -409,12 +411,13 @@ result_t farm_check_batch(farm_t *farm, double now, job_t *job, uint64_t id, uin
     return result_ok();
 }
 
-void farm_checks_forget(job_checks_t *checks, size_t source)
+void farm_checks_forget(job_t *job, size_t source)
 {
+    job_checks_t *checks = job->checks;
     for (size_t i = checks->check_count; i-- > 0;) {
         check_t *check = &checks->checks[i];
         if (check->rendering_count > 0 && check->renderings[0].source == source) {
-            drop_check(checks, i);
+            drop_check(job, i);
             continue;
         }
         for (size_t r = check->rendering_count; r-- > 1;)
@@ -426,10 +429,9 @@ void farm_checks_forget(job_checks_t *checks, size_t source)
 
 /* ---- time, and what is to be said ---------------------------------------------------------------------- */
 
-bool farm_checks_pending(const farm_t *farm, const job_t *job)
+bool farm_checks_pending(const job_t *job)
 {
-    (void)farm;
-    return job->checks != NULL && (job->checks->check_count > 0 || farm_evidence_wrong(job->checks));
+    return job->checks != NULL && (job->checks->check_count > 0 || farm_evidence_wrong(job));
 }
 
 /* True when a comparison is not worth waiting for: nobody can make it, or nobody did. */
@@ -453,11 +455,11 @@ static void tick_job(farm_t *farm, double now, job_t *job)
     job_checks_t *checks = job->checks;
     uint64_t unmade = checks->unmade;
     for (size_t i = checks->check_count; i-- > 0;)
-        if (is_late(job, &checks->checks[i], now)) lose(checks, i);
+        if (is_late(job, &checks->checks[i], now)) lose(job, i);
     bool counted = job->schedule != NULL && schedule_round_counted(job->schedule);
     for (size_t i = checks->check_count; i-- > 0 && counted;)
         if (hopeless(farm, checks, &checks->checks[i])) {
-            drop_check(checks, i);
+            drop_check(job, i);
             checks->unmade++;
         }
     if (checks->unmade == unmade) return;
@@ -467,7 +469,6 @@ static void tick_job(farm_t *farm, double now, job_t *job)
                       "bits");
     log_warning("job %llu: %llu batches could not be compared, since nobody else rendered them",
                 (unsigned long long)job->id, (unsigned long long)checks->unmade);
-    job->progress_due = true;
 }
 
 void farm_checks_tick(farm_t *farm, double now)

@@ -17,12 +17,18 @@
  * those that were out by then. So when a film is loaded, batches from after its snapshot are deleted, and
  * those that were taken out after it are taken out once more.
  *
+ * A source that is gone is not compared any more, but for what is being compared already: what it has left
+ * can neither be vouched for nor be found wrong. GONE_SECONDS later it goes, or else a farm of machines that
+ * come and go would fill the disk.
+ *
  * A batch that was taken out stays until two later checkpoints are safe, since the older one is used when the
  * newer is damaged. Before a checkpoint counts, the spool is written out (farm_sync_checks).
  *
  * Which batches are being compared is in their names; comparisons begin anew after a restart. Vouching is not
  * noted on the disk, deletion of the evidence is. When a batch cannot be written, it cannot be taken out
- * later: the log says so, and if its sender turns out to be wrong, so does the job's message. */
+ * later: the log says so, and if its sender turns out to be wrong, so does the job's message. The same holds
+ * for a job that has all its samples and is only being written down when its sender is found out. One that is
+ * cut short waits until what is known to be wrong is out of its film. */
 #include "master/farm/farm_workers.h"
 #include "master/store/spool.h"
 
@@ -31,7 +37,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { MUST_CHECK = 2 }; /* over verify: batches of a source after which one is compared for certain */
+enum {
+    MUST_CHECK = 2,      /* over verify: batches of a source after which one is compared for certain */
+    GONE_SECONDS = 3600, /* after which a source that is not connected will not come back */
+    GONE_EVERY = 60      /* seconds between looks at who is gone */
+};
 
 uint64_t farm_evidence_clock(const schedule_account_t *account)
 {
@@ -118,7 +128,6 @@ static bool prepare(farm_t *farm, job_t *job, uint64_t id, const batch_t *batch,
                                 .unit_count = batch->unit_count};
     memcpy(keep->head.name, worker->name, sizeof keep->head.name);
     memcpy(keep->head.key, worker->key, sizeof keep->head.key);
-    farm->spooled = true;
     return true;
 }
 
@@ -128,6 +137,7 @@ static void keep_it(farm_t *farm, job_t *job, const batch_t *batch, keep_t *keep
     job_checks_t *checks = farm_checks_of(job);
     evidence_t *evidence = &keep->evidence;
     const source_t *source = &checks->sources[evidence->source];
+    farm->spooled = true;
     if (source->condemned >= keep->joined) { /* found out meanwhile */
         evidence->state = EVIDENCE_WRONG;
         farm_wake(farm->options.checkpoint_wake);
@@ -170,9 +180,10 @@ void farm_check_keep(farm_t *farm, job_t *job, uint64_t worker, const batch_t *b
 
 /* ---- verdicts ------------------------------------------------------------------------------------------ */
 
-bool farm_evidence_wrong(const job_checks_t *checks)
+bool farm_evidence_wrong(const job_t *job)
 {
-    for (size_t i = 0; i < checks->evidence_count; i++)
+    const job_checks_t *checks = job->checks;
+    for (size_t i = 0; checks != NULL && i < checks->evidence_count; i++)
         if (checks->evidence[i].state == EVIDENCE_WRONG) return true;
     return false;
 }
@@ -190,27 +201,59 @@ void farm_evidence_vouch(farm_t *farm, job_t *job, size_t source, uint64_t clock
     farm_wake(farm->options.checkpoint_wake);
 }
 
+static bool is_connected(const farm_t *farm, uint64_t source)
+{
+    for (size_t i = 0; i < farm->worker_count; i++)
+        if (farm->workers[i].connected && farm->workers[i].source == source) return true;
+    return false;
+}
+
+static void let_gone_go(farm_t *farm, double now, job_t *job)
+{
+    job_checks_t *checks = job->checks;
+    for (size_t i = 0; i < checks->source_count; i++) {
+        source_t *source = &checks->sources[i];
+        if (source->unvouched == 0) continue;
+        if (source->seen <= 0 || is_connected(farm, source->id) || farm_checks_open(checks, i))
+            source->seen = now;
+        if (now - source->seen < GONE_SECONDS) continue;
+        log_info("job %llu: %u batches of %s are kept no longer: it is gone", (unsigned long long)job->id,
+                 source->unvouched, source->name);
+        farm_evidence_vouch(farm, job, i, UINT64_MAX);
+    }
+}
+
+void farm_evidence_tick(farm_t *farm, double now)
+{
+    if (now - farm->gone_looked < GONE_EVERY) return;
+    farm->gone_looked = now;
+    for (size_t i = 0; i < farm->job_count; i++)
+        if (farm->jobs[i]->checks != NULL) let_gone_go(farm, now, farm->jobs[i]);
+}
+
 static void condemn(farm_t *farm, double now, job_t *job, size_t index)
 {
     job_checks_t *checks = job->checks;
     source_t *source = &checks->sources[index];
-    size_t batches = 0;
+    bool ends = !job->taking && job->canvas != NULL; /* nobody would render it again */
+    uint32_t out = 0, stay = source->unkept;
     for (size_t i = 0; i < checks->evidence_count; i++) {
         evidence_t *evidence = &checks->evidence[i];
         if (evidence->source != index || evidence->state != EVIDENCE_KEPT) continue;
-        evidence->state = EVIDENCE_WRONG;
-        batches++;
+        if (!ends) evidence->state = EVIDENCE_WRONG;
+        stay += ends;
+        out += !ends;
     }
-    farm_checks_forget(checks, index);
+    farm_checks_forget(job, index);
     source->condemned = now;
     source->unvouched = 0;
-    log_error("job %llu: %zu batches of %s are taken out of the film", (unsigned long long)job->id, batches,
+    log_error("job %llu: %u batches of %s are taken out of the film", (unsigned long long)job->id, out,
               source->name);
-    if (source->unkept == 0) return;
-    log_error("job %llu: %u more batches of %s were never written to the disk, and stay in the film",
-              (unsigned long long)job->id, source->unkept, source->name);
+    if (stay == 0) return;
+    log_error("job %llu: %u batches of %s stay in the film, since %s", (unsigned long long)job->id, stay,
+              source->name, ends ? "the job has ended" : "they could not be written to the disk");
     farm_job_tell(farm, job, "%u batches of %.60s, which sent wrong sums, are in the image: render it again",
-                  source->unkept, source->name);
+                  stay, source->name);
 }
 
 void farm_evidence_condemn(farm_t *farm, double now, uint64_t id)
@@ -309,7 +352,11 @@ static result_t load_one(farm_t *farm, job_t *job, const job_settings_t *setting
         farm_checks_want(farm, job, evidence, head.units, head.unit_count, &head.fingerprint, &digest);
     farm_unlock(farm);
     spool_head_free(&head);
-    return counted ? result_ok() : result_fail(RESULT_INPUT, "the film does not have its samples");
+    if (counted) return result_ok();
+    spool_name_t now = farm_evidence_name(evidence);
+    spool_delete(dir, job->id,
+                 &now); /* it would be taken for evidence when others have rendered them again */
+    return result_fail(RESULT_INPUT, "the film does not have its samples");
 }
 
 /* True when the job will go on with this state. */
@@ -348,6 +395,9 @@ void farm_checks_loaded(farm_t *farm, job_t *job, const schedule_state_t *state)
         farm_unlock(farm);
     }
     free(names);
+    farm_lock(farm);
+    if (count > 0) farm->spooled = true; /* what was deleted must not come back after the next checkpoint */
+    farm_unlock(farm);
     if (count > 0)
         log_info("job %llu: %zu batches in its film wait to be vouched for, %zu are to be taken out",
                  (unsigned long long)job->id, kept, wrong);

@@ -86,7 +86,7 @@ void farm_job_install(farm_t *farm, double now, job_t *job, film_t *film, schedu
     job->schedule = schedule;
     job->samples_done = schedule_done(schedule);
     job->taking = true;
-    job->unsaved = job->saving = job->image_written = false;
+    job->unsaved = job->saving = job->image_written = job->given_up = false;
     job->declines = 0;
     farm_job_joins(farm, job);
     job->rate_time[0] = job->rate_time[1] = now;
@@ -176,12 +176,13 @@ static void question_free(question_t *question)
     round_free(&question->next);
 }
 
-/* True when the answer is still to the point: nothing was taken out of the film or added meanwhile, and no
- * order came. */
+/* True when the answer is still to the point: nothing was taken out of the film or added meanwhile, or has to
+ * be, and no order came. */
 static bool question_stands(const question_t *question, const job_t *job)
 {
     return job->merging == 0 && job->batches == question->batches && schedule_round_counted(job->schedule) &&
-           job->settings.spp == question->settings.spp && job->settings.error == question->settings.error;
+           !farm_checks_pending(job) && job->settings.spp == question->settings.spp &&
+           job->settings.error == question->settings.error;
 }
 
 /* The job's rounds are decided by its film, which takes a while to look at: the lock is let go meanwhile. */
@@ -215,14 +216,14 @@ static void plan_round(farm_t *farm, double now, job_t *job)
 void farm_job_progress(farm_t *farm, double now, job_t *job)
 {
     job->pins++;
-    while (job->taking && job->merging == 0 && !job->planning && !farm_checks_pending(farm, job) &&
-           schedule_round_counted(job->schedule)) {
+    while (job->taking && job->merging == 0 && !job->planning && schedule_round_counted(job->schedule) &&
+           !farm_checks_pending(job)) {
         if (job_is_planned(&job->settings))
             plan_round(farm, now, job);
         else
             farm_job_close(farm, now, job, JOB_DONE);
     }
-    farm_job_settle(farm, now, job);
+    farm_job_settle(farm, job);
     farm_job_unpin(farm, job);
 }
 
@@ -244,6 +245,7 @@ void farm_job_close(farm_t *farm, double now, job_t *job, job_state_t outcome)
         schedule_release(job->schedule, 0); /* what was kept from them */
     }
     job->taking = false;
+    job->remark[0] = '\0';
     job->flush_until = 0;
     job->ended = job->started > 0 ? now : 0;
     job->outcome = outcome;
@@ -328,9 +330,8 @@ static void put_away(farm_t *farm, job_t *job)
     farm_notify_idle(farm); /* a job may have waited for memory */
 }
 
-void farm_job_settle(farm_t *farm, double now, job_t *job)
+void farm_job_settle(farm_t *farm, job_t *job)
 {
-    (void)now;
     if (job->taking || job->merging > 0 || job->saving || job->planning || job->image_due) return;
     if (job->state == JOB_FINISHING && !job->film_due && job->image_written) {
         if (job->unsaved && farm->options.checkpoint_wake >= 0) return;

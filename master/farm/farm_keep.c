@@ -210,6 +210,7 @@ static void begin_anew(farm_t *farm, double now, job_t *job)
     farm->film_bytes -= farm_film_bytes(&job->settings);
     if (job->gone) return;
     job->samples_done = 0;
+    job->elapsed_before = 0; /* the time that it may take is that of what it has */
     job->account = (schedule_account_t){0};
     job->counts = (film_counts_t){0};
     job->error = 0;
@@ -322,6 +323,7 @@ void farm_checkpointed(farm_t *farm, double now, job_t *job, result_t written)
 {
     farm_lock(farm);
     bool saving = job->saving;
+    if (job->save_failed && job->image_retry <= 0) job->remark[0] = '\0';
     job->saving = job->save_failed = false;
     if (written.code == RESULT_OK) {
         job->last_checkpoint = now;
@@ -329,11 +331,14 @@ void farm_checkpointed(farm_t *farm, double now, job_t *job, result_t written)
         farm_record_changed(farm, job);
     } else {
         job->save_failed = true;
-        job->unsaved = job->state != JOB_FAILED;
+        job->unsaved = job->state != JOB_FAILED && !job->given_up;
+        if (!job->taking && job->image_retry <= 0)
+            snprintf(job->remark, sizeof job->remark,
+                     "its last checkpoint cannot be written, and is tried again: %.200s", written.message);
     }
     farm_unlock(farm);
     if (saving) farm_canvas_let_go(farm, job);
     farm_lock(farm);
-    farm_job_settle(farm, now, job);
+    farm_job_settle(farm, job);
     farm_unlock(farm);
 }

@@ -71,20 +71,21 @@ static void cancel_unstarted(farm_t *farm, job_t *job)
 }
 
 /* Ends the attempts to write the image or the last checkpoint. */
-static void give_up(farm_t *farm, double now, job_t *job)
+static void give_up(farm_t *farm, job_t *job)
 {
     if (!job->image_written) job->outcome = JOB_FAILED;
-    job->image_written = true;
+    if (job->remark[0] != '\0') farm_job_tell(farm, job, "%s", job->remark);
+    job->image_written = job->given_up = true;
     job->image_due = job->unsaved = false;
     job->image_retry = 0;
-    farm_job_settle(farm, now, job);
+    farm_job_settle(farm, job);
 }
 
 static result_t cancel(farm_t *farm, double now, job_t *job)
 {
     if (job_state_final(job->state)) return refuse(job, " already");
     if (job->state == JOB_FINISHING) {
-        if (job->image_retry > 0 || job->save_failed) give_up(farm, now, job);
+        if (job->image_retry > 0 || job->save_failed) give_up(farm, job);
         return result_ok(); /* else it is left to finish */
     }
     if (job->film_due) {
@@ -115,7 +116,8 @@ static result_t pause_job(farm_t *farm, double now, job_t *job)
 static result_t resume(farm_t *farm, double now, job_t *job)
 {
     if (job->state != JOB_PAUSED) return refuse(job, ", not paused");
-    job->flush_until = 0;
+    if (strcmp(job->message, FARM_NO_SCENE) == 0) job->message[0] = '\0';
+    if (job->flush_until > 0) farm_job_flush_end(farm, now, job); /* its workers were told to drop the rest */
     job->state = job->canvas != NULL ? JOB_RUNNING : JOB_QUEUED;
     if (job->canvas != NULL) job->started = now;
     job->rate_time[0] = job->rate_time[1] = now;

@@ -10,45 +10,67 @@ enum { SAFE_AFTER = 2 }; /* checkpoints after which a batch that was taken out i
 
 /* ---- taking out ---------------------------------------------------------------------------------------- */
 
-/* The samples are free again, from now on. Returns the weights with which they were added; NULL when the job
- * has no schedule any more. */
-static uint32_t *uncount(farm_t *farm, job_t *job, const spool_head_t *head, evidence_t *evidence)
+/* The batch is about to be taken out: finds the clock at which it is not in the film any more. Inside the
+ * canvas no snapshot is taken, so that any clock will do between this moment and the one at which its samples
+ * are free again. False when the job has no schedule any more. */
+static bool begin(farm_t *farm, job_t *job, evidence_t *evidence)
 {
-    uint32_t *weights = NULL;
     farm_lock(farm);
-    if (job->schedule != NULL) {
-        weights = mem_alloc(head->unit_count * sizeof *weights);
-        for (size_t i = 0; i < head->unit_count; i++)
-            weights[i] = schedule_weight(job->schedule, &head->units[i]);
-        schedule_uncount(job->schedule, head->units, head->unit_count);
+    bool there = job->schedule != NULL;
+    if (there) {
         schedule_account_t account = schedule_account(job->schedule);
-        evidence->out_clock = farm_evidence_clock(&account);
+        evidence->out_clock = farm_evidence_clock(&account) + 1;
         job->merging++;
     }
+    farm_unlock(farm);
+    return there;
+}
+
+static void end(farm_t *farm, job_t *job)
+{
+    farm_lock(farm);
+    job->merging--;
+    job->progress_due = true;
+    farm_unlock(farm);
+}
+
+/* The samples are free again, from now on. Returns the weights with which they were added. */
+static uint32_t *uncount(farm_t *farm, job_t *job, const spool_head_t *head)
+{
+    uint32_t *weights = mem_alloc(head->unit_count * sizeof *weights);
+    farm_lock(farm);
+    for (size_t i = 0; i < head->unit_count; i++)
+        weights[i] = schedule_weight(job->schedule, &head->units[i]);
+    schedule_uncount(job->schedule, head->units, head->unit_count);
     farm_unlock(farm);
     return weights;
 }
 
-/* Takes a batch out of the film, and notes on the disk that it is. RESULT_CANCELLED: the job is over. */
+/* Takes a batch out of the film. That it is out is noted on the disk before: the film on the disk has it
+ * until a later snapshot is safe, and is told so by the clock. RESULT_CANCELLED: the job is over.
+ * RESULT_LIMIT: not now. */
 static result_t subtract(farm_t *farm, job_t *job, canvas_t *canvas, evidence_t *evidence,
                          const batch_t *batch, const spool_head_t *head,
                          const zmq_msg_t payload[BATCH_PAYLOADS])
 {
+    const char *dir = farm->options.spool_dir;
     spool_name_t from = farm_evidence_name(evidence);
-    uint32_t *weights = uncount(farm, job, head, evidence);
-    if (weights == NULL) return result_fail(RESULT_CANCELLED, "the job is over");
-    result_t result = canvas_merge_payload(canvas, payload, batch, weights, -1);
-    free(weights);
+    if (!begin(farm, job, evidence)) return result_fail(RESULT_CANCELLED, "the job is over");
+    evidence->state = EVIDENCE_OUT;
+    spool_name_t to = farm_evidence_name(evidence);
+    result_t result = spool_rename(dir, job->id, &from, &to);
     if (result.code == RESULT_OK) {
-        evidence->state = EVIDENCE_OUT;
-        spool_name_t to = farm_evidence_name(evidence);
-        result_t renamed = spool_rename(farm->options.spool_dir, job->id, &from, &to);
-        if (renamed.code != RESULT_OK) log_error("%s", renamed.message);
+        uint32_t *weights = uncount(farm, job, head);
+        result = canvas_merge_payload(canvas, payload, batch, weights, -1);
+        free(weights);
+        if (result.code != RESULT_OK) {
+            farm_lock(farm);
+            (void)schedule_accept(job->schedule, head->units, head->unit_count);
+            farm_unlock(farm);
+            (void)spool_rename(dir, job->id, &to, &from);
+        }
     }
-    farm_lock(farm);
-    if (result.code != RESULT_OK) (void)schedule_accept(job->schedule, head->units, head->unit_count);
-    job->merging--;
-    farm_unlock(farm);
+    end(farm, job);
     return result;
 }
 
@@ -79,14 +101,15 @@ static void note_lost(farm_t *farm, job_t *job, const evidence_t *lost, const ch
     if (evidence != NULL) evidence->state = EVIDENCE_NEEDLESS;
 }
 
-static void take_out(farm_t *farm, job_t *job, evidence_t evidence)
+/* False when it cannot be done now. */
+static bool take_out(farm_t *farm, job_t *job, evidence_t evidence)
 {
     const char *dir = farm->options.spool_dir;
     spool_head_t head;
     zmq_msg_t payload[BATCH_PAYLOADS];
     job_settings_t settings = farm_job_settings(farm, job);
     canvas_t *canvas = farm_canvas_hold(farm, job);
-    if (canvas == NULL) return; /* the job was closed just now */
+    if (canvas == NULL) return true; /* the job was closed just now */
     spool_name_t name = farm_evidence_name(&evidence);
     result_t result = spool_read(dir, job->id, &name, &settings, &head, payload);
     film_counts_t counts = {.rays = 0};
@@ -103,10 +126,11 @@ static void take_out(farm_t *farm, job_t *job, evidence_t evidence)
     farm_lock(farm);
     if (result.code == RESULT_OK)
         note_out(farm, job, &evidence, counts);
-    else if (result.code != RESULT_CANCELLED)
+    else if (result.code != RESULT_CANCELLED && result.code != RESULT_LIMIT)
         note_lost(farm, job, &evidence, result.message);
     farm_unlock(farm);
     farm_canvas_let_go(farm, job);
+    return result.code != RESULT_LIMIT;
 }
 
 /* ---- settling ------------------------------------------------------------------------------------------ */
@@ -117,12 +141,45 @@ static bool is_needless(const job_checks_t *checks, const evidence_t *evidence)
            (evidence->state == EVIDENCE_OUT && checks->saved >= evidence->saved + SAFE_AFTER);
 }
 
-typedef enum { TASK_NONE, TASK_DELETE, TASK_BRAND, TASK_TAKE_OUT } task_t;
+/* Takes what is needless off the list, and returns it in fresh memory that the caller frees. */
+static evidence_t *take_needless(farm_t *farm, job_t *job, size_t *count)
+{
+    evidence_t *needless = NULL;
+    size_t found = 0, kept = 0;
+    *count = 0;
+    farm_lock(farm);
+    job_checks_t *checks = job->checks;
+    size_t all = checks != NULL ? checks->evidence_count : 0;
+    for (size_t i = 0; i < all; i++) found += is_needless(checks, &checks->evidence[i]);
+    if (found > 0) needless = mem_alloc(found * sizeof *needless);
+    for (size_t i = 0; i < all && found > 0; i++) {
+        evidence_t evidence = checks->evidence[i];
+        if (is_needless(checks, &evidence))
+            needless[(*count)++] = evidence;
+        else
+            checks->evidence[kept++] = evidence;
+    }
+    if (found > 0) checks->evidence_count = kept;
+    farm_unlock(farm);
+    return needless;
+}
+
+static void delete_needless(farm_t *farm, job_t *job)
+{
+    size_t count;
+    evidence_t *needless = take_needless(farm, job, &count);
+    for (size_t i = 0; i < count; i++) {
+        spool_name_t name = farm_evidence_name(&needless[i]);
+        spool_delete(farm->options.spool_dir, job->id, &name);
+    }
+    free(needless);
+}
+
+typedef enum { TASK_NONE, TASK_BRAND, TASK_TAKE_OUT } task_t;
 
 /* What is to be done about a batch. */
 static task_t task_for(const job_t *job, const evidence_t *evidence)
 {
-    if (is_needless(job->checks, evidence)) return TASK_DELETE;
     if (evidence->state != EVIDENCE_WRONG) return TASK_NONE;
     if (!evidence->branded) return TASK_BRAND;
     bool possible = job->schedule != NULL && job->canvas != NULL && !job->canvas_condemned;
@@ -130,27 +187,24 @@ static task_t task_for(const job_t *job, const evidence_t *evidence)
 }
 
 /* The next thing to do for a job, and a copy of what it is about: that batches are wrong is noted before the
- * first is taken out. One that is to be deleted is taken off the list. */
+ * first is taken out. */
 static task_t next_task(farm_t *farm, job_t *job, evidence_t *about)
 {
     task_t task = TASK_NONE;
     farm_lock(farm);
-    job_checks_t *checks = job->checks;
-    for (size_t i = 0; checks != NULL && i < checks->evidence_count; i++) {
+    const job_checks_t *checks = job->checks;
+    for (size_t i = 0; checks != NULL && i < checks->evidence_count && task != TASK_BRAND; i++) {
         task_t here = task_for(job, &checks->evidence[i]);
         if (here == TASK_NONE || (task != TASK_NONE && here >= task)) continue;
         task = here;
         *about = checks->evidence[i];
-        if (task != TASK_DELETE) continue;
-        checks->evidence[i] = checks->evidence[--checks->evidence_count];
-        break;
     }
     farm_unlock(farm);
     return task;
 }
 
-/* Notes on the disk that a batch is wrong. */
-static void brand(farm_t *farm, job_t *job, evidence_t evidence)
+/* Notes on the disk that a batch is wrong; false when it cannot be done now. */
+static bool brand(farm_t *farm, job_t *job, evidence_t evidence)
 {
     spool_name_t from = farm_evidence_name(&evidence);
     evidence.branded = true;
@@ -160,22 +214,19 @@ static void brand(farm_t *farm, job_t *job, evidence_t evidence)
     evidence_t *found = farm_evidence_find(job->checks, evidence.serial);
     if (found != NULL && result.code == RESULT_OK) found->branded = true;
     farm->spooled = true;
-    if (result.code != RESULT_OK) note_lost(farm, job, &evidence, result.message);
+    if (result.code != RESULT_OK && result.code != RESULT_LIMIT)
+        note_lost(farm, job, &evidence, result.message);
     farm_unlock(farm);
+    return result.code != RESULT_LIMIT;
 }
 
 static void settle_job(farm_t *farm, job_t *job)
 {
     evidence_t evidence;
-    for (task_t task; (task = next_task(farm, job, &evidence)) != TASK_NONE;) {
-        spool_name_t name = farm_evidence_name(&evidence);
-        if (task == TASK_DELETE)
-            spool_delete(farm->options.spool_dir, job->id, &name);
-        else if (task == TASK_BRAND)
-            brand(farm, job, evidence);
-        else
-            take_out(farm, job, evidence);
-    }
+    bool goes_on = true;
+    delete_needless(farm, job);
+    for (task_t task; goes_on && (task = next_task(farm, job, &evidence)) != TASK_NONE;)
+        goes_on = task == TASK_BRAND ? brand(farm, job, evidence) : take_out(farm, job, evidence);
 }
 
 /* Pins a job that has evidence, the first after number `after`. */
@@ -207,9 +258,8 @@ static void tidy(farm_t *farm)
     free(jobs);
 }
 
-void farm_settle_checks(farm_t *farm, double now)
+void farm_settle_checks(farm_t *farm)
 {
-    (void)now;
     if (farm->options.spool_dir == NULL) return;
     uint64_t id = 0;
     for (job_t *job; (job = next_job(farm, id)) != NULL;) {

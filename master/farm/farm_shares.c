@@ -26,8 +26,7 @@
 enum {
     MAX_ACTIVE = 4,
     MAX_WAITING = 16, /* jobs that a worker may begin are looked at, in case that some do not fit in memory */
-    MAX_THREADS = 1 << 20, /* that a relay may say it has */
-    QUANTUM = 3            /* batch intervals */
+    QUANTUM = 3       /* batch intervals */
 };
 
 void farm_job_joins(farm_t *farm, job_t *job)
@@ -40,14 +39,6 @@ void farm_job_joins(farm_t *farm, job_t *job)
         if (least < 0 || other->service < least) least = other->service;
     }
     if (job->service < least) job->service = least;
-}
-
-void farm_worker_threads(farm_t *farm, uint64_t id, uint32_t threads)
-{
-    farm_lock(farm);
-    worker_t *worker = farm_find_worker(farm, id);
-    if (worker != NULL) worker->threads = threads < MAX_THREADS ? threads : MAX_THREADS;
-    farm_unlock(farm);
 }
 
 /* Counts the threads at each job; a worker that was told that there is no work is at none. */
@@ -112,8 +103,7 @@ static void hold_back(job_t *const *list, size_t count)
 }
 
 job_t *const *farm_rank_jobs(farm_t *farm, const worker_t *worker,
-                             bool (*fits)(const farm_t *farm, const worker_t *worker, const job_t *job),
-                             size_t *count)
+                             bool (*fits)(const worker_t *worker, const job_t *job), size_t *count)
 {
     job_t *waiting[MAX_WAITING];
     size_t waiting_count = 0;
@@ -121,7 +111,7 @@ job_t *const *farm_rank_jobs(farm_t *farm, const worker_t *worker,
     *count = 0;
     for (size_t i = 0; i < farm->job_count && !farm->shut; i++) {
         job_t *job = farm->jobs[i];
-        if (!farm_job_has_work(job) || (fits != NULL && !fits(farm, worker, job))) continue;
+        if (!farm_job_has_work(job) || !fits(worker, job)) continue;
         if (job->state == JOB_QUEUED)
             waiting_count = keep_first(waiting, waiting_count, job);
         else

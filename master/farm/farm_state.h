@@ -24,12 +24,14 @@ typedef struct {
     uint64_t machine; /* names its machine (farm_standing.c) */
     uint64_t source;  /* and the process itself */
     double joined, last_seen; /* seconds */
+    double asked;             /* seconds, when it last asked for work, or joined */
     double delivered;         /* seconds, when it last sent a batch, or was given units and had none */
     double held;              /* pixel samples that it was given and has not delivered, as far as is known */
     double speed;             /* pixel samples a second that it delivers; 0: not measured */
     uint64_t speed_job;       /* the job that it was measured with */
     double rated_samples, rated_seconds; /* what it was measured from */
     double deadline; /* seconds, when what it holds should have come; 0: it holds nothing */
+    double empty;    /* seconds, since when it says that it holds nothing, though it was given units; 0 */
     double offered;  /* seconds, when it last said that a batch is ready; 0: that was delivered */
     uint64_t ward;   /* the job that it is alone with suspects of, or will be when it holds nothing; 0 */
     uint64_t job;    /* that it has loaded or was assigned last */
@@ -60,6 +62,7 @@ struct job {
     bool unsaved;           /* the film has sums that no checkpoint holds */
     bool saving;            /* a snapshot of the film is open */
     bool save_failed;       /* the last attempt to write a checkpoint did */
+    bool given_up;          /* its end waits for neither image nor checkpoint: somebody cancelled that */
     bool planning;          /* the next round is being planned */
     bool gone;              /* deleted: freed when the last pin goes */
     bool record_due;        /* the record has changed since the journal got it */
@@ -95,7 +98,7 @@ struct job {
     job_suspects_t *suspects; /* NULL: none */
     bool several_bits;        /* machines with different bits have worked on it */
     bool progress_due;        /* it may be complete: farm_tick sees to it */
-    char remark[300];         /* what is to be known of it now, beside the message */
+    char remark[300];         /* what is to be known of it for the moment, beside the message */
     char message[500];
     int pins;
 };
@@ -126,6 +129,7 @@ struct farm {
     double deaths, worker_seconds; /* of late: how often workers die of nothing in particular */
     bool spooled;                  /* batches were written that are not safe on the disk yet */
     double rated, remarked;        /* seconds, when these were counted, and the remarks of jobs made */
+    double gone_looked;            /* seconds, when it was looked who is gone (farm_evidence.c) */
     job_t **ranked;                /* see farm_rank_jobs */
     pending_t *notices;
     size_t notice_count, notice_capacity;
@@ -157,6 +161,8 @@ void farm_worker_disconnect(farm_t *farm, double now, worker_t *worker, const ch
 void farm_worker_fall(farm_t *farm, double now, worker_t *worker);
 /* What farm_tick does for the workers, beside their leases. Lets the lock go meanwhile. */
 void farm_workers_tick(farm_t *farm, double now);
+/* Tells the users of a job something that stays true: adds it to the job's message. */
+void farm_job_tell(farm_t *farm, job_t *job, const char *format, ...) __attribute__((format(printf, 3, 4)));
 /* Adds units that were taken back to the counters. */
 void farm_count_reissued(job_t *job, worker_t *worker, size_t units);
 /* A batch of this worker was counted: its speed and its deadline are known anew. */
@@ -172,10 +178,9 @@ void farm_worker_failed(farm_t *farm, double now, worker_t *worker, const char *
 /* The job takes part in the sharing out (again), or at another priority: it is owed nothing for before. */
 void farm_job_joins(farm_t *farm, job_t *job);
 /* Jobs that a worker may be given units of, the one whose turn it is first, in memory of the farm that is
- * good until the next call; `fits` (NULL: all do) says which ones the worker may have at all. */
+ * good until the next call; `fits` says which ones the worker may have at all. */
 job_t *const *farm_rank_jobs(farm_t *farm, const worker_t *worker,
-                             bool (*fits)(const farm_t *farm, const worker_t *worker, const job_t *job),
-                             size_t *count);
+                             bool (*fits)(const worker_t *worker, const job_t *job), size_t *count);
 /* The workers have worked on for so many seconds. */
 void farm_shares_tick(farm_t *farm, double seconds);
 
@@ -196,7 +201,7 @@ result_t farm_check_batch(farm_t *farm, double now, job_t *job, uint64_t worker,
 bool farm_checks_waiting(const job_t *job);
 /* True while renderings to compare are out or to be had, or sums are to be taken out of the film; the job is
  * not complete before. */
-bool farm_checks_pending(const farm_t *farm, const job_t *job);
+bool farm_checks_pending(const job_t *job);
 void farm_checks_free(job_checks_t **checks);
 
 /* ---- farm_evidence.c ---- */
@@ -210,6 +215,8 @@ void farm_check_keep(farm_t *farm, job_t *job, uint64_t worker, const batch_t *b
 void farm_checks_loaded(farm_t *farm, job_t *job, const schedule_state_t *state);
 /* A checkpoint is safe on the disk. */
 void farm_checks_checkpointed(job_t *job);
+/* True while there are sums to take out of the job's film. */
+bool farm_evidence_wrong(const job_t *job);
 
 /* ---- farm_suspects.c ---- */
 
@@ -254,7 +261,7 @@ void farm_job_flush_end(farm_t *farm, double now, job_t *job);
 void farm_job_cut_short(farm_t *farm, double now, job_t *job, job_state_t outcome);
 /* Gives a finishing job its last state when its image and its last checkpoint are made, and frees the film of
  * one that is over. */
-void farm_job_settle(farm_t *farm, double now, job_t *job);
+void farm_job_settle(farm_t *farm, job_t *job);
 /* Something was counted, skipped or checked, and nothing is being merged: the next round is planned, or the
  * job is closed. Called with the farm's lock, which it lets go meanwhile, inside no canvas. */
 void farm_job_progress(farm_t *farm, double now, job_t *job);

@@ -12,7 +12,7 @@
  * goes on meanwhile;
  *   - a unit is left out when FARM_UNIT_DEATHS workers or more died while they were alone with it, and chance
  *     can be ruled out. They must have been of two machines or more, if there is another one that may have
- * it.
+ *     it, and asks for work now and then (one that hangs would be waited for in vain).
  *
  * Chance: where workers are killed at random, any unit may be in the wrong hands several times. Let r be the
  * rate at which workers die of nothing in particular, per worker and second, and T the time that workers were
@@ -42,6 +42,8 @@ enum {
     WARD_SHARE = 4,      /* one worker in so many may have suspects */
     MAX_TOLD = 3,        /* units that the message of the job names */
     KNOWN_DEATHS = 2,    /* where a unit of the same tile was left out */
+    ASK_BATCHES = 12,    /* batch intervals in which a worker asks for work, if it does not hang, */
+    LOAD_BATCHES = 120,  /* or load a scene */
     BASE_SECONDS = 360   /* what the rate of deaths begins with: a tenth of a death in so many */
 };
 static const double BASE_DEATHS = 0.1;
@@ -285,12 +287,15 @@ static bool killed_several_machines(const suspect_t *suspect)
     return false;
 }
 
-/* True when there is a machine that may have the suspect and has a better record than that. */
-static bool better_machine(const farm_t *farm, const job_t *job, const suspect_t *suspect, record_t record)
+/* True when there is a machine that may have the suspect and has a better record than that, and that has
+ * asked for work in so many batch intervals. */
+static bool better_machine(const farm_t *farm, double now, const job_t *job, const suspect_t *suspect,
+                           record_t record, int batches)
 {
+    double since = now - batches * farm->options.batch_interval;
     for (size_t i = 0; i < farm->worker_count; i++) {
         const worker_t *worker = &farm->workers[i];
-        if (worker->connected && farm_bits_fit(job, &worker->fingerprint) &&
+        if (worker->connected && worker->asked >= since && farm_bits_fit(job, &worker->fingerprint) &&
             machine_record(suspect, worker->machine) < record)
             return true;
     }
@@ -317,13 +322,14 @@ static bool tile_kills(const job_suspects_t *s, uint32_t tile)
     return false;
 }
 
-static bool is_killer(const farm_t *farm, const job_t *job, const suspect_t *suspect)
+static bool is_killer(const farm_t *farm, double now, const job_t *job, const suspect_t *suspect)
 {
     double seconds;
     uint32_t deaths = lonely_deaths(suspect, &seconds);
     bool known = tile_kills(job->suspects, suspect->unit.tile);
     if (deaths < (known ? KNOWN_DEATHS : FARM_UNIT_DEATHS)) return false;
-    if (!killed_several_machines(suspect) && better_machine(farm, job, suspect, RECORD_DIED_ALONE))
+    if (!killed_several_machines(suspect) &&
+        better_machine(farm, now, job, suspect, RECORD_DIED_ALONE, LOAD_BATCHES))
         return false;
     double others = farm->deaths;
     for (uint32_t i = 0; i < suspect->death_count; i++) others -= !suspect->deaths[i].apart;
@@ -395,12 +401,11 @@ bool farm_suspects_died(farm_t *farm, double now, job_t *job, const worker_t *wo
 
 void farm_suspects_returned(farm_t *farm, double now, job_t *job, uint64_t worker)
 {
-    (void)now;
     job_suspects_t *s = job->suspects;
     for (size_t i = 0; s != NULL && i < s->count; i++) {
         if (s->list[i].holder == worker) set_holder(job, &s->list[i], 0);
         keep(job, &s->list[i]);
-        if (s->list[i].kept && is_killer(farm, job, &s->list[i])) leave_out(farm, job, i--);
+        if (s->list[i].kept && is_killer(farm, now, job, &s->list[i])) leave_out(farm, job, i--);
     }
 }
 
@@ -442,18 +447,20 @@ static size_t wards(const farm_t *farm, size_t *connected)
 }
 
 /* True when the worker may be given the suspect: it goes to those machines whose record with it is best. */
-static bool suits(const farm_t *farm, const job_t *job, const suspect_t *suspect, const worker_t *worker)
+static bool suits(const farm_t *farm, double now, const job_t *job, const suspect_t *suspect,
+                  const worker_t *worker)
 {
-    return suspect->kept && !better_machine(farm, job, suspect, machine_record(suspect, worker->machine));
+    return suspect->kept &&
+           !better_machine(farm, now, job, suspect, machine_record(suspect, worker->machine), ASK_BATCHES);
 }
 
 /* The suspect that most died with; s->count when there is none for this worker. */
-static size_t choose(const farm_t *farm, const job_t *job, const worker_t *worker)
+static size_t choose(const farm_t *farm, double now, const job_t *job, const worker_t *worker)
 {
     const job_suspects_t *s = job->suspects;
     size_t best = s->count;
     for (size_t i = 0; i < s->count; i++)
-        if (suits(farm, job, &s->list[i], worker) &&
+        if (suits(farm, now, job, &s->list[i], worker) &&
             (best == s->count || s->list[i].death_count > s->list[best].death_count))
             best = i;
     return best;
@@ -491,7 +498,7 @@ suspects_answer_t farm_suspects_take(farm_t *farm, double now, job_t *job, worke
     if (!empty && worker->ward == job->id) return SUSPECTS_WAIT;
     if (s == NULL || s->count == 0) return SUSPECTS_NONE;
     refresh(job);
-    size_t best = s->kept > 0 ? choose(farm, job, worker) : s->count, connected;
+    size_t best = s->kept > 0 ? choose(farm, now, job, worker) : s->count, connected;
     if (best == s->count) return SUSPECTS_NONE;
     if (!empty) {
         if (wards(farm, &connected) * WARD_SHARE >= connected && connected > 1) return SUSPECTS_NONE;
@@ -502,7 +509,8 @@ suspects_answer_t farm_suspects_take(farm_t *farm, double now, job_t *job, worke
     hand_out(now, job, &s->list[best], worker, work);
     bool group = s->list[best].death_count <= KEPT_DEATHS;
     for (size_t i = 0; group && i < s->count && work->unit_count < GROUP; i++)
-        if (i != best && suits(farm, job, &s->list[i], worker)) hand_out(now, job, &s->list[i], worker, work);
+        if (i != best && suits(farm, now, job, &s->list[i], worker))
+            hand_out(now, job, &s->list[i], worker, work);
     if (work->unit_count == 0) return SUSPECTS_NONE;
     worker->ward = job->id;
     return SUSPECTS_GIVEN;

@@ -70,17 +70,15 @@ static bool in_largest_group(const farm_t *farm, const worker_t *worker)
 }
 
 /* Whether a worker may have units of a job at all. */
-static bool may_work(const farm_t *farm, const worker_t *worker, const job_t *job)
+static bool may_work(const worker_t *worker, const job_t *job)
 {
-    (void)farm;
     if (worker->ward != 0 && worker->ward != job->id) return false; /* it waits for units of another one */
     if (!farm_bits_fit(job, &worker->fingerprint)) return false;
     bool begins = !job->terms.mixed && hash_equal(&job->fingerprint, &no_fingerprint);
     return !begins || worker->begins;
 }
 
-/* A worker was given units: the bits are those of its machine. */
-static void note_bits(farm_t *farm, job_t *job, const worker_t *worker)
+void farm_note_bits(farm_t *farm, job_t *job, const worker_t *worker)
 {
     if (hash_equal(&job->fingerprint, &worker->fingerprint)) return;
     if (hash_equal(&job->fingerprint, &no_fingerprint)) {
@@ -156,25 +154,33 @@ static double speed_at(const farm_t *farm, const worker_t *worker, uint64_t job)
     return threads > 0 ? speed / threads * worker->threads : 0;
 }
 
-/* True when the idle worker would be done with what another holds of a job long before that one is. */
-static bool is_sooner(const farm_t *farm, double now, const worker_t *idle, const worker_t *holder,
-                      const job_t *job)
+/* True when the idle worker, with this speed at their job, would be done with what another holds long before
+ * that one is. */
+static bool is_sooner(const farm_t *farm, double now, double speed, const worker_t *holder)
 {
-    double speed = speed_at(farm, idle, job->id);
     if (speed <= 0) return false;
     return expected(farm, now, holder) > HURRY * holder->held / speed + HURRY_SECONDS;
 }
 
-/* The job of which a worker holds units that the idle one could render; NULL when there is none. */
-static const job_t *job_in_common(const farm_t *farm, const worker_t *idle, const worker_t *holder)
+/* Takes back from the slow ones what they hold of one job, and all else; returns how many units. */
+static size_t recall_from(farm_t *farm, double now, const worker_t *idle, const job_t *job)
 {
-    for (size_t i = 0; i < farm->job_count; i++) {
-        const job_t *job = farm->jobs[i];
-        if (job->schedule != NULL && job->state == JOB_RUNNING &&
-            schedule_held(job->schedule, holder->id) > 0 && farm_bits_fit(job, &idle->fingerprint))
-            return job;
+    double speed = speed_at(farm, idle, job->id);
+    size_t units = 0;
+    for (size_t i = 0; i < farm->worker_count; i++) {
+        worker_t *worker = &farm->workers[i];
+        bool ready = worker->offered > 0 && now - worker->offered < OFFER_SECONDS;
+        if (worker == idle || !worker->connected || worker->held <= 0 || ready) continue;
+        bool late = now > worker->deadline;
+        if (!late && !is_sooner(farm, now, speed, worker)) continue;
+        if (schedule_held(job->schedule, worker->id) == 0) continue;
+        double silent = now - worker->delivered;
+        size_t recalled = farm_worker_take_back(farm, now, worker);
+        log_warning("worker %s has sent nothing for %.0f s%s: %zu units go to others", worker->name, silent,
+                    late ? "" : " and holds others up", recalled);
+        units += recalled;
     }
-    return NULL;
+    return units;
 }
 
 /* Somebody is idle: workers that are past their deadline, or that it would overtake, lose their units. True
@@ -182,19 +188,10 @@ static const job_t *job_in_common(const farm_t *farm, const worker_t *idle, cons
 static bool recall_slow(farm_t *farm, double now, const worker_t *idle)
 {
     size_t units = 0;
-    for (size_t i = 0; i < farm->worker_count; i++) {
-        worker_t *worker = &farm->workers[i];
-        bool ready = worker->offered > 0 && now - worker->offered < OFFER_SECONDS;
-        if (worker == idle || !worker->connected || worker->held <= 0 || ready) continue;
-        const job_t *job = job_in_common(farm, idle, worker);
-        if (job == NULL) continue;
-        bool late = now > worker->deadline;
-        if (!late && !is_sooner(farm, now, idle, worker, job)) continue;
-        double silent = now - worker->delivered;
-        size_t recalled = farm_worker_take_back(farm, now, worker);
-        log_warning("worker %s has sent nothing for %.0f s%s: %zu units go to others", worker->name, silent,
-                    late ? "" : " and holds others up", recalled);
-        units += recalled;
+    for (size_t i = 0; i < farm->job_count; i++) {
+        const job_t *job = farm->jobs[i];
+        if (job->schedule != NULL && job->state == JOB_RUNNING && farm_bits_fit(job, &idle->fingerprint))
+            units += recall_from(farm, now, idle, job);
     }
     return units > 0;
 }
@@ -237,12 +234,13 @@ static bool take_from_job(farm_t *farm, double now, job_t *job, worker_t *worker
         if (marked && work->unit_count > 0) farm_checks_mark(farm, now, job, worker, work);
     }
     if (work->unit_count == 0) return true;
-    note_bits(farm, job, worker);
+    farm_note_bits(farm, job, worker);
     if (held == 0) {
         worker->delivered = now;
         worker->held = 0;
     }
     if (worker->speed_job != job->id) worker->speed = 0;
+    worker->empty = 0;
     worker->held += farm_unit_samples(job, work->units, work->unit_count);
     farm_worker_expect(farm, now, worker);
     return true;
@@ -273,6 +271,7 @@ result_t farm_take(farm_t *farm, double now, const identity_t *identity, uint64_
     }
     schedule_wish_t wish = {
         .worker = id, .samples = samples, .unit_samples = unit_samples, .threads = worker->threads};
+    worker->asked = now;
     if (farm_worker_units(farm, worker) == 0) worker->ward = 0;
     worker->begins = in_largest_group(farm, worker);
     bool waits = take_from_jobs(farm, now, worker, &wish, work);

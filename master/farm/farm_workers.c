@@ -160,7 +160,8 @@ static worker_t make_worker(double now, const identity_t *identity, const farm_h
                        .relay = hello->relay,
                        .connected = true,
                        .joined = now,
-                       .last_seen = now};
+                       .last_seen = now,
+                       .asked = now};
     /* Those who do not say make a group of their own. */
     if (hash_equal(&worker.fingerprint, &none)) memset(&worker.fingerprint, 0xFF, sizeof worker.fingerprint);
     snprintf(worker.name, sizeof worker.name, "%s", hello->name[0] != '\0' ? hello->name : "(no name)");
@@ -191,6 +192,23 @@ result_t farm_hello(farm_t *farm, double now, const identity_t *identity, const 
     return result;
 }
 
+/* An assignment may be lost on its way (what is damaged is dropped), though the line does not break. Where
+ * there is no other worker that would be given the units one day, nothing else brings them back. */
+static void look_for_lost_units(farm_t *farm, double now, worker_t *worker, uint32_t units_held)
+{
+    if (units_held > 0 || farm_worker_units(farm, worker) == 0) {
+        worker->empty = 0;
+    } else if (worker->empty == 0) {
+        worker->empty = now;
+    } else if (now - worker->empty > farm->options.lease) {
+        size_t units = farm_worker_take_back(farm, now, worker);
+        log_warning("worker %s holds nothing of %zu units that it was given: they go back", worker->name,
+                    units);
+        worker->empty = 0;
+        farm_notify_idle(farm);
+    }
+}
+
 bool farm_heartbeat(farm_t *farm, double now, const identity_t *identity, uint64_t id, uint64_t job,
                     uint32_t units_held)
 {
@@ -200,9 +218,18 @@ bool farm_heartbeat(farm_t *farm, double now, const identity_t *identity, uint64
         worker->job = job;
         for (size_t i = 0; units_held == 0 && i < farm->job_count; i++)
             if (farm->jobs[i]->flush_until > 0) farm_job_flushed(farm, now, farm->jobs[i], id);
+        look_for_lost_units(farm, now, worker, units_held);
     }
     farm_unlock(farm);
     return worker != NULL;
+}
+
+void farm_worker_threads(farm_t *farm, uint64_t id, uint32_t threads)
+{
+    farm_lock(farm);
+    worker_t *worker = farm_find_worker(farm, id);
+    if (worker != NULL) worker->threads = sane_threads(threads);
+    farm_unlock(farm);
 }
 
 /* A worker cannot render a job. Another may, but if nobody ever could, the fault is the job's. */
@@ -246,6 +273,7 @@ static void reclaim(farm_t *farm, double now, worker_t *worker, job_t *job, Lm__
     unit_t *units = mem_alloc((count + 1) * sizeof *units);
     if (wire_units_get(messages, count, &job->settings, units).code == RESULT_OK) {
         if (farm_worker_units(farm, worker) == 0) worker->delivered = now;
+        worker->empty = 0;
         for (size_t i = 0; i < count; i++)
             if (schedule_issue(job->schedule, worker->id, &units[i]))
                 worker->held += farm_unit_samples(job, &units[i], 1);
@@ -276,7 +304,7 @@ static worker_report_t report_worker(const farm_t *farm, double now, const worke
                               .relay = worker->relay,
                               .connected = worker->connected,
                               .job = worker->connected ? worker->job : 0,
-                              .units_held = (uint32_t)farm_worker_units(farm, worker),
+                              .units_held = worker->connected ? (uint32_t)farm_worker_units(farm, worker) : 0,
                               .speed = worker->speed,
                               .batches = worker->batches,
                               .batches_refused = worker->batches_refused,
@@ -332,8 +360,9 @@ static uint32_t fitting_threads(const farm_t *farm, const job_t *job)
 static void remark_job(const farm_t *farm, job_t *job)
 {
     size_t used = 0, apart = farm_suspects_count(job);
+    if (!job->taking) return;
     job->remark[0] = '\0';
-    if (!job->taking || job->state == JOB_PAUSED) return;
+    if (job->state == JOB_PAUSED) return;
     if (fitting_threads(farm, job) == 0) {
         char bits[2 * HASH_BYTES + 1];
         hash_to_hex(&job->fingerprint, bits);
@@ -370,6 +399,7 @@ void farm_workers_tick(farm_t *farm, double now)
 {
     rate_tick(farm, now);
     farm_checks_tick(farm, now);
+    farm_evidence_tick(farm, now);
     if (now - farm->remarked >= REMARK_SECONDS || now < farm->remarked) {
         for (size_t i = 0; i < farm->job_count; i++) remark_job(farm, farm->jobs[i]);
         farm->remarked = now;

@@ -1,5 +1,6 @@
 /* farm_workers: what the files about workers share: farm_workers.c, farm_take.c, farm_standing.c,
- * farm_suspects.c, farm_checks.c, farm_evidence.c, farm_settle.c. All is called under the farm's lock. */
+ * farm_suspects.c, farm_checks.c, farm_evidence.c, farm_settle.c, farm_batches.c. All is called under the
+ * farm's lock. */
 #ifndef LIGHTMILL_FARM_WORKERS_H
 #define LIGHTMILL_FARM_WORKERS_H
 
@@ -14,8 +15,6 @@ worker_t *farm_worker_hear(farm_t *farm, double now, const identity_t *identity,
 size_t farm_worker_units(const farm_t *farm, const worker_t *worker);
 /* Takes back what a worker holds, of all jobs; returns the number of units. */
 size_t farm_worker_take_back(farm_t *farm, double now, worker_t *worker);
-/* Tells the users of a job something that stays true: adds it to the job's message. */
-void farm_job_tell(farm_t *farm, job_t *job, const char *format, ...) __attribute__((format(printf, 3, 4)));
 /* Pixel samples of units. */
 double farm_unit_samples(const job_t *job, const unit_t *units, size_t count);
 
@@ -23,6 +22,8 @@ double farm_unit_samples(const job_t *job, const unit_t *units, size_t count);
 
 /* True when the bits of a machine fit those that the job is made of. */
 bool farm_bits_fit(const job_t *job, const hash_t *fingerprint);
+/* A worker was given units, or delivers some: the bits are those of its machine. */
+void farm_note_bits(farm_t *farm, job_t *job, const worker_t *worker);
 /* A worker has delivered something: if it holds nothing any more and waits for that, it is called. */
 void farm_worker_relieved(farm_t *farm, worker_t *worker);
 /* A worker was given work, or delivered some: when is the rest to be here? */
@@ -75,6 +76,7 @@ typedef struct {
     uint32_t unvouched; /* batches since it was vouched for */
     uint32_t unkept;    /* those that could not be written to the disk, in all */
     double condemned;   /* seconds, when it was found to send wrong sums; < 0: it was not */
+    double seen;        /* seconds, when it was last seen to be connected, about; 0: not looked for yet */
 } source_t;
 
 typedef enum {
@@ -145,7 +147,7 @@ check_t *farm_checks_begun(job_checks_t *checks, size_t source, const unit_t *un
 bool farm_checks_open(const job_checks_t *checks, size_t source);
 /* A source was found to send wrong sums: comparisons of its own batches are needless, others need another
  * rendering. */
-void farm_checks_forget(job_checks_t *checks, size_t source);
+void farm_checks_forget(job_t *job, size_t source);
 /* Work that is to be compared, for a worker; false when there is none. */
 bool farm_checks_take(farm_t *farm, double now, job_t *job, worker_t *worker, farm_work_t *work);
 /* True when the next unit of a worker that cannot be checked afterwards, a relay, is to be chosen beforehand;
@@ -172,9 +174,11 @@ evidence_t *farm_evidence_find(const job_checks_t *checks, uint64_t serial);
 spool_name_t farm_evidence_name(const evidence_t *evidence);
 /* A source is vouched for up to a clock; its evidence goes. */
 void farm_evidence_vouch(farm_t *farm, job_t *job, size_t source, uint64_t clock);
-/* True while there are sums to take out of the job's film. */
-bool farm_evidence_wrong(const job_checks_t *checks);
-/* All that a source has in the film of any job is wrong. */
+/* Evidence of sources that are gone goes. To be called now and then. */
+void farm_evidence_tick(farm_t *farm, double now);
+/* All that a source has in the film of any job is wrong, and is taken out of those that can be rendered
+ * again.
+ */
 void farm_evidence_condemn(farm_t *farm, double now, uint64_t source);
 
 #endif

@@ -100,8 +100,8 @@ static void make_blocks(void *data)
         size_t size = fetch_block(writer, index, plain);
         bytes_split(plain, size, split);
         size_t coded_size = ZSTD_compressCCtx(compressor, coded, bound, split, size, ZSTD_LEVEL);
-        if (ZSTD_isError(coded_size)) break;
-        good = append_block(writer, index, coded, coded_size);
+        if (ZSTD_isError(coded_size)) note_no_memory(writer); /* it takes its memory when it begins */
+        good = !ZSTD_isError(coded_size) && append_block(writer, index, coded, coded_size);
         if (!good) atomic_store(&writer->next, writer->block_count); /* the others need not go on */
     }
     if (compressor == NULL) note_no_memory(writer);

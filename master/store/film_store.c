@@ -204,8 +204,8 @@ void film_store_set_aside(film_store_t *store, uint64_t job, uint64_t generation
     free(path);
 }
 
-/* Deletes the checkpoints of a job that were set aside. */
-static void delete_damaged(const film_store_t *store, uint64_t job)
+/* Deletes the checkpoints of a job that were set aside, and makes durable what was deleted. */
+static void finish_deleting(const film_store_t *store, uint64_t job)
 {
     DIR *directory = opendir(store->directory);
     for (const struct dirent *entry; directory != NULL && (entry = readdir(directory)) != NULL;) {
@@ -214,7 +214,9 @@ static void delete_damaged(const film_store_t *store, uint64_t job)
         if (rest != NULL && file.job == job && strcmp(rest, ".damaged") == 0)
             unlinkat(dirfd(directory), entry->d_name, 0);
     }
-    if (directory != NULL) closedir(directory);
+    if (directory == NULL) return;
+    (void)fsync(dirfd(directory)); /* one that cannot be flushed is no reason to fail */
+    closedir(directory);
 }
 
 uint64_t film_store_delete(film_store_t *store, uint64_t job)
@@ -226,7 +228,7 @@ uint64_t film_store_delete(film_store_t *store, uint64_t job)
         bytes += store->files[at].bytes;
         drop(store, at);
     }
-    delete_damaged(store, job);
+    finish_deleting(store, job);
     pthread_mutex_unlock(&store->lock);
     return bytes;
 }

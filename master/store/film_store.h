@@ -38,7 +38,8 @@ char *film_store_path(const film_store_t *store, uint64_t job, uint64_t generati
 void film_store_add(film_store_t *store, const film_file_t *file, size_t keep);
 /* A checkpoint is damaged: it is set aside. */
 void film_store_set_aside(film_store_t *store, uint64_t job, uint64_t generation);
-/* Deletes all files of a job; returns the bytes of its checkpoints. */
+/* Deletes all files of a job, for good when it returns: a film that comes back after a power cut would be
+ * taken for one whose job the journal has lost. Returns the bytes of its checkpoints. */
 uint64_t film_store_delete(film_store_t *store, uint64_t job);
 
 /* Bytes that are free on the disk; UINT64_MAX when that is not known. */

@@ -303,12 +303,14 @@ static result_t write_snapshot(keeper_t *keeper, checkpoint_info_t *info, const 
     info->generation = film_store_next(films, info->record.job);
     info->written = wall_time();
     char *path = film_store_path(films, info->record.job, info->generation);
+    double start = clock_now();
     result_t result = farm_sync_checks(keeper->options.farm);
+    double synced = clock_now() - start; /* seconds */
     cost = (checkpoint_cost_t){.wall = 0};
     if (result.code == RESULT_OK)
         result = checkpoint_write(path, info, state, snapshot, int_max(1, keeper->cores / 2), &cost);
     free(path);
-    keeper->not_before = clock_now() + REST * fmax(cost.wall, cost.cpu / keeper->cores);
+    keeper->not_before = clock_now() + REST * fmax(synced + cost.wall, cost.cpu / keeper->cores);
     if (result.code != RESULT_OK) return result;
     log_debug("job %llu: checkpoint %llu of %llu pixel samples, %.1f MB in %.2f s, %.2f CPU s",
               (unsigned long long)info->record.job, (unsigned long long)info->generation,
@@ -401,7 +403,7 @@ static void *keeper_run(void *argument)
     enforce_limit(keeper);
     while (!atomic_load(&keeper->stop)) {
         load_films(keeper);
-        farm_settle_checks(keeper->options.farm, clock_now());
+        farm_settle_checks(keeper->options.farm);
         int wait_ms = 1 + (int)(1000 * save_films(keeper));
         struct pollfd wait = {.fd = keeper->options.checkpoint_wake, .events = POLLIN};
         uint64_t count;

@@ -6,8 +6,8 @@
  * higher of both. */
 #include "master/store/restart.h"
 
-#include "master/store/checkpoint.h"
 #include "master/gallery.h"
+#include "master/store/checkpoint.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -126,10 +126,7 @@ static void check_blob(job_record_t *record, blob_store_t *blobs)
     if (!over || record->retained) blob_store_need(blobs, &record->blob, record->job, true);
     if (over || record->state == JOB_FINISHING || blob_store_find(blobs, &record->blob, &size)) return;
     record->state = JOB_PAUSED;
-    snprintf(
-        record->message, sizeof record->message,
-        "its scene is not in the data directory any more: send it again (submit another job with it), then "
-        "resume this one");
+    snprintf(record->message, sizeof record->message, "%s", FARM_NO_SCENE);
     log_error("job %llu is paused: %s", (unsigned long long)record->job, record->message);
 }
 

@@ -325,7 +325,9 @@ result_t spool_rename(const char *dir, uint64_t job, const spool_name_t *from, c
 {
     char *old = file_path(dir, job, from), *new = file_path(dir, job, to);
     result_t result = result_ok();
-    if (rename(old, new) != 0) result = result_fail(RESULT_IO, "cannot rename %s: %s", old, strerror(errno));
+    if (rename(old, new) != 0)
+        result = result_fail(errno == ENOSPC || errno == EDQUOT ? RESULT_LIMIT : RESULT_IO,
+                             "cannot rename %s: %s", old, strerror(errno));
     free(old);
     free(new);
     return result;

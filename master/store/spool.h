@@ -45,6 +45,7 @@ result_t spool_read_head(const char *dir, uint64_t job, const spool_name_t *name
 /* The same with the payloads, which the caller closes. */
 result_t spool_read(const char *dir, uint64_t job, const spool_name_t *name, const job_settings_t *settings,
                     spool_head_t *head, zmq_msg_t payload[BATCH_PAYLOADS]);
+/* RESULT_LIMIT: the disk is full, it may be possible later. */
 result_t spool_rename(const char *dir, uint64_t job, const spool_name_t *from, const spool_name_t *to);
 void spool_delete(const char *dir, uint64_t job, const spool_name_t *name);
 

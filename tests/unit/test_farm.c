@@ -93,6 +93,29 @@ static void a_worker_that_delivers_slowly_keeps_its_units(void **state)
     assert_true(status.remaining > 0);
 }
 
+/* The only worker never got what it was assigned. */
+static void units_that_did_not_arrive_go_back(void **state)
+{
+    farm_t *farm = *state;
+    uint64_t job = submit(farm), worker = hello(farm, 0);
+    unit_t unit;
+    size_t taken = 0, again = 0;
+    while (take(farm, 1, worker, &unit)) taken++;
+    for (double now = 2; now < 7; now++) {
+        assert_true(farm_heartbeat(farm, now, &nobody, worker, job, 0));
+        assert_false(take(farm, now, worker, &unit));
+    }
+    assert_true(farm_heartbeat(farm, 7, &nobody, worker, job, 1)); /* some of it did */
+    for (double now = 8; now <= 14; now++) assert_true(farm_heartbeat(farm, now, &nobody, worker, job, 0));
+    while (take(farm, 14, worker, &unit)) {
+        assert_int_equal(deliver(farm, 14, worker, job, &unit).code, RESULT_OK);
+        again++;
+    }
+    assert_int_equal(again, taken);
+    assert_int_equal(report(farm, 14, job).units_reissued, taken);
+    assert_int_equal(report(farm, 14, job).state, JOB_FINISHING);
+}
+
 static void a_pause_of_the_master_costs_no_worker_its_lease(void **state)
 {
     farm_t *farm = *state;
@@ -245,6 +268,7 @@ int main(void)
         WITH_FARM(half_of_a_dead_workers_unit_may_be_delivered),
         WITH_FARM(a_worker_that_lives_but_delivers_nothing_holds_nobody_up),
         WITH_FARM(a_worker_that_delivers_slowly_keeps_its_units),
+        WITH_FARM(units_that_did_not_arrive_go_back),
         WITH_FARM(a_pause_of_the_master_costs_no_worker_its_lease),
         WITH_FARM(jobs_wait_for_memory),
         WITH_FARM(a_job_that_nobody_can_render_fails),

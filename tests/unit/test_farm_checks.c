@@ -123,7 +123,7 @@ static void step(trial_t *trial)
 {
     for (int i = 0; i < trial->actor_count; i++) act(trial, &trial->actors[i]);
     farm_tick(trial->farm, trial->now);
-    farm_settle_checks(trial->farm, trial->now);
+    farm_settle_checks(trial->farm);
     farm_tick(trial->farm, trial->now);
     trial->now += 1;
 }
@@ -193,7 +193,7 @@ static void honest_workers_pass(void **state)
     toy_write_images(trial.farm, trial.now, result_ok());
     assert_true(toy_checkpoint(trial.farm, trial.now, result_ok(), &film));
     assert_int_equal(toy_state(trial.farm, trial.now, trial.job), JOB_DONE);
-    farm_settle_checks(trial.farm, trial.now);
+    farm_settle_checks(trial.farm);
     assert_int_equal(scratch_count(trial.folder), 0);
     toy_film_free(&film);
     end(&trial);
@@ -268,6 +268,37 @@ static void nobody_goes_unwatched_for_long(void **state)
         most = count > most ? count : most;
     }
     assert_true(most <= 2 * (20 + 3));
+    end(&trial);
+}
+
+/* Workers come and go, and most leave something that nobody will ever vouch for: it does not pile up. */
+static void what_the_gone_leave_goes(void **state)
+{
+    (void)state;
+    trial_t trial;
+    begin(&trial, 1e-6);
+    add_actor(&trial, "gone", HONEST);
+    for (int i = 0; i < 5; i++) step(&trial);
+    assert_true(spooled(&trial) >= 3);
+    farm_goodbye(trial.farm, trial.now, trial.actors[0].worker, 0, "");
+    trial.actor_count = 0;
+    add_actor(&trial, "stays", HONEST);
+    for (int i = 0; i < 5; i++) step(&trial);
+    size_t all = spooled(&trial);
+    for (int i = 0; i < 3000; i += 2, trial.now += 2) {
+        assert_true(toy_beat(trial.farm, trial.now, trial.actors[0].worker));
+        farm_tick(trial.farm, trial.now);
+    }
+    farm_settle_checks(trial.farm);
+    assert_int_equal(spooled(&trial), all);
+    for (int i = 0; i < 1000; i += 2, trial.now += 2) {
+        assert_true(toy_beat(trial.farm, trial.now, trial.actors[0].worker));
+        farm_tick(trial.farm, trial.now);
+    }
+    farm_settle_checks(trial.farm);
+    assert_true(spooled(&trial) > 0 && spooled(&trial) < all);
+    run(&trial);
+    check_result(&trial);
     end(&trial);
 }
 
@@ -371,6 +402,31 @@ static void a_relay_is_watched_too(void **state)
         assert_int_equal(report.checks_failed > 0, lies);
         end(&trial);
     }
+}
+
+/* A relay delivers its units, but not in the batches of their own that they were to be: the job does not wait
+ * for those for ever. */
+static void a_relay_that_ignores_numbers_holds_nothing_up(void **state)
+{
+    (void)state;
+    trial_t trial;
+    begin(&trial, 1);
+    add_actor(&trial, "relay", HONEST);
+    trial.actors[0].relay = true;
+    join(&trial, &trial.actors[0]);
+    uint64_t relay = trial.actors[0].worker;
+    for (toy_work_t work; (work = toy_take(trial.farm, trial.now, relay, 1 << 17, 1 << 17)).job != 0;) {
+        assert_true(work.check != 0);
+        work.check = 0;
+        assert_int_equal(toy_deliver_work(trial.farm, trial.now, relay, &work, 0).code, RESULT_OK);
+    }
+    for (int i = 0; i < 150 && !is_over(&trial); i++) {
+        trial.now += 1;
+        assert_true(toy_beat(trial.farm, trial.now, relay));
+        farm_tick(trial.farm, trial.now);
+    }
+    check_result(&trial);
+    end(&trial);
 }
 
 /* If no two workers make the same bits, it is not the workers. */
@@ -489,28 +545,95 @@ static void evidence_outlives_the_master(void **state)
     end(&trial);
 }
 
-/* The master ends when it knows that batches are wrong, before it has taken them out. */
+/* A batch that the film does not have, whatever its name says, must not be taken out of it some day. */
+static void what_the_film_lacks_is_no_evidence(void **state)
+{
+    (void)state;
+    trial_t trial;
+    begin(&trial, 0.01);
+    add_actor(&trial, "a", HONEST);
+    for (int i = 0; i < 5; i++) step(&trial);
+    checkpoint(&trial);
+    size_t count, kept = spooled(&trial);
+    step(&trial);
+    spool_name_t *names = spool_list(trial.folder, trial.job, &count), early = names[count - 1];
+    assert_int_equal(count, kept + 1);
+    early.clock = names[0].clock;
+    assert_int_equal(spool_rename(trial.folder, trial.job, &names[count - 1], &early).code, RESULT_OK);
+    free(names);
+    restart(&trial, false);
+    assert_int_equal(spooled(&trial), kept);
+    run(&trial);
+    check_result(&trial);
+    end(&trial);
+}
+
+/* A master that has nothing but lies in its film, knows it, and is killed before it has taken them out. */
+static void begin_with_lies(trial_t *trial)
+{
+    begin(trial, 0.01);
+    add_actor(trial, "liar", LIES);
+    for (int i = 0; i < 5; i++) step(trial);
+    checkpoint(trial);
+    size_t count;
+    spool_name_t *names = spool_list(trial->folder, trial->job, &count);
+    assert_true(count > 3);
+    for (size_t i = 0; i < count; i++) {
+        spool_name_t wrong = names[i];
+        wrong.kind = SPOOL_WRONG;
+        assert_int_equal(spool_rename(trial->folder, trial->job, &names[i], &wrong).code, RESULT_OK);
+    }
+    free(names);
+    restart(trial, false);
+}
+
 static void what_is_wrong_stays_wrong(void **state)
+{
+    (void)state;
+    trial_t trial;
+    begin_with_lies(&trial);
+    trial.actors[0] = (actor_t){.name = "a", .honesty = HONEST};
+    run(&trial);
+    check_result(&trial);
+    end(&trial);
+}
+
+/* A job that is cut short has no image before what is known to be wrong is out of its film. */
+static void no_lie_is_shown_at_the_end(void **state)
+{
+    (void)state;
+    trial_t trial;
+    begin_with_lies(&trial);
+    assert_int_equal(toy_order(trial.farm, trial.now, trial.job, ORDER_CANCEL).code, RESULT_OK);
+    assert_true(is_over(&trial));
+    assert_true(toy_report(trial.farm, trial.now, trial.job).account.counted > 0);
+    assert_int_equal(toy_write_images(trial.farm, trial.now, result_ok()), 0);
+    farm_settle_checks(trial.farm);
+    assert_int_equal(toy_report(trial.farm, trial.now, trial.job).account.counted, 0);
+    assert_int_equal(toy_write_images(trial.farm, trial.now, result_ok()), 1);
+    end(&trial);
+}
+
+/* A sender that is found out when a job has all its samples takes none from it: nobody would render them. */
+static void a_complete_job_stays_complete(void **state)
 {
     (void)state;
     trial_t trial;
     begin(&trial, 0.01);
     add_actor(&trial, "liar", LIES);
-    for (int i = 0; i < 5; i++) step(&trial);
-    checkpoint(&trial);
-    size_t count;
-    spool_name_t *names = spool_list(trial.folder, trial.job, &count);
-    assert_true(count > 3);
-    for (size_t i = 0; i < count; i++) {
-        spool_name_t wrong = names[i];
-        wrong.kind = SPOOL_WRONG;
-        assert_int_equal(spool_rename(trial.folder, trial.job, &names[i], &wrong).code, RESULT_OK);
-    }
-    free(names);
-    restart(&trial, false);
-    trial.actors[0] = (actor_t){.name = "a", .honesty = HONEST};
+    run(&trial);
+    uint64_t first = trial.job;
+    job_settings_t wanted = settings();
+    trial.job = toy_submit_on(trial.farm, trial.now, &wanted, &(job_terms_t){.name = "second", .verify = 1});
+    add_actor(&trial, "a", HONEST);
+    add_actor(&trial, "b", HONEST);
     run(&trial);
     check_result(&trial);
+    assert_true(trial.actors[0].refused);
+    job_report_t report = toy_report(trial.farm, trial.now, first);
+    assert_int_equal(report.state, JOB_FINISHING);
+    assert_int_equal(report.account.counted, (uint64_t)32 * 32 * settings().spp);
+    assert_non_null(strstr(report.message, "wrong sums"));
     end(&trial);
 }
 
@@ -532,7 +655,7 @@ static void what_was_taken_out_stays_out(void **state)
         for (int i = 0; i < 4; i++) step(&trial);
         restart(&trial, damaged);
         trial.actors[0] = trial.actors[--trial.actor_count]; /* it does not come back */
-        farm_settle_checks(trial.farm, trial.now);
+        farm_settle_checks(trial.farm);
         run(&trial);
         check_result(&trial);
         end(&trial);
@@ -687,15 +810,20 @@ int main(void)
         cmocka_unit_test(a_liar_cannot_tell_when_it_is_watched),
         cmocka_unit_test(who_lies_about_others_is_found),
         cmocka_unit_test(nobody_goes_unwatched_for_long),
+        cmocka_unit_test(what_the_gone_leave_goes),
         cmocka_unit_test(a_single_worker_holds_nothing_up),
         cmocka_unit_test(a_pass_says_nothing_of_what_comes_later),
         cmocka_unit_test(a_third_worker_decides),
         cmocka_unit_test(a_lost_comparison_is_made_by_another),
         cmocka_unit_test(a_relay_is_watched_too),
+        cmocka_unit_test(a_relay_that_ignores_numbers_holds_nothing_up),
         cmocka_unit_test(a_job_that_cannot_be_verified_says_so),
         cmocka_unit_test(without_a_disk_nothing_is_verified),
         cmocka_unit_test(evidence_outlives_the_master),
+        cmocka_unit_test(what_the_film_lacks_is_no_evidence),
         cmocka_unit_test(what_is_wrong_stays_wrong),
+        cmocka_unit_test(no_lie_is_shown_at_the_end),
+        cmocka_unit_test(a_complete_job_stays_complete),
         cmocka_unit_test(what_was_taken_out_stays_out),
         cmocka_unit_test(random_lives),
         cmocka_unit_test(batches_come_back_from_the_spool),

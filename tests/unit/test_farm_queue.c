@@ -222,6 +222,20 @@ static void a_paused_job_keeps_what_its_workers_have(void **state)
     assert_int_equal(report.account.issued, report.account.counted + report.account.returned);
 }
 
+/* Workers that were told to drop what they have are not held to it, though the job is resumed at once. */
+static void a_short_pause_leaves_nothing_behind(void **state)
+{
+    farm_t *farm = *state;
+    uint64_t job = submit(farm, 0, 4), worker = toy_hello(farm, 0, 1);
+    size_t held = 0;
+    for (toy_work_t work; (work = toy_take(farm, 1, worker, 1024, 512)).job != 0;) held += work.count;
+    assert_true(held > 0);
+    assert_int_equal(toy_order(farm, 2, job, ORDER_PAUSE).code, RESULT_OK);
+    assert_int_equal(toy_order(farm, 2, job, ORDER_RESUME).code, RESULT_OK);
+    toy_work_off(farm, 3, worker, job);
+    assert_int_equal(toy_state(farm, 3, job), JOB_FINISHING);
+}
+
 /* A job in each state that a client may find it in. */
 static uint64_t job_in_state(farm_t *farm, job_state_t state)
 {
@@ -427,6 +441,7 @@ static void what_cannot_be_written_is_tried_again(void **state)
     assert_int_equal(toy_write_images(farm, 20, ok), 1);
     assert_true(toy_checkpoint(farm, 20, full, &film));
     assert_int_equal(toy_state(farm, 20, job), JOB_FINISHING);
+    assert_non_null(strstr(toy_report(farm, 20, job).message, "last checkpoint cannot be written"));
     assert_true(toy_checkpoint(farm, 30, ok, &film));
     assert_int_equal(toy_state(farm, 30, job), JOB_DONE);
     assert_string_equal(toy_report(farm, 30, job).message, "");
@@ -445,6 +460,28 @@ static void cancelling_gives_up_what_cannot_be_written(void **state)
     assert_int_equal(toy_state(farm, 3, job), JOB_FAILED);
     assert_false(toy_checkpoint(farm, 3, ok, &film));
     assert_int_equal(toy_order(farm, 3, job, ORDER_DELETE).code, RESULT_OK);
+}
+
+/* It is given up while an attempt is under way, which fails. */
+static void what_was_given_up_is_not_tried_again(void **state)
+{
+    farm_t *farm = *state;
+    uint64_t job = job_in_state(farm, JOB_FINISHING);
+    result_t full = result_fail(RESULT_IO, "no space left on device");
+    schedule_state_t saved;
+    canvas_snapshot_t *snapshot;
+    double age;
+    bool last;
+    assert_int_equal(toy_write_images(farm, 2, full), 1);
+    job_t *saving = farm_next_checkpoint(farm, 2, &age, &last);
+    assert_true(farm_snapshot(farm, saving, &saved, &snapshot));
+    assert_int_equal(toy_order(farm, 3, job, ORDER_CANCEL).code, RESULT_OK);
+    canvas_snapshot_free(&snapshot);
+    schedule_state_free(&saved);
+    farm_checkpointed(farm, 4, saving, full);
+    farm_unpin(farm, saving);
+    assert_int_equal(toy_state(farm, 4, job), JOB_FAILED);
+    assert_non_null(strstr(toy_report(farm, 4, job).message, "no space left"));
 }
 
 /* ---- after the process --------------------------------------------------------------------------------- */
@@ -548,6 +585,26 @@ static void a_job_without_a_checkpoint_begins_anew(void **state)
     *state = farm;
 }
 
+/* The time that was spent on samples that are lost does not end a job. */
+static void what_begins_anew_has_all_its_time(void **state)
+{
+    farm_t *farm = toy_farm(true);
+    job_settings_t settings = settings_of(8);
+    settings.time_limit = 10;
+    uint64_t job = toy_submit(farm, 0, &settings, 0);
+    job_record_t records[MAX_RECORDS];
+    assert_int_equal(toy_take(farm, 1, toy_hello(farm, 1, 1), 2048, 512).job, job);
+    size_t count = end_process(&farm, 10, records);
+    farm = begin_process(0, records, count);
+    assert_true(toy_load(farm, 1, NULL));
+    assert_int_equal(toy_take(farm, 1, toy_hello(farm, 1, 1), 2048, 512).job, job);
+    farm_tick(farm, 5);
+    assert_int_equal(toy_state(farm, 5, job), JOB_RUNNING);
+    farm_tick(farm, 12);
+    assert_int_equal(toy_state(farm, 12, job), JOB_FINISHING);
+    *state = farm;
+}
+
 static void a_job_that_was_finishing_gets_its_image(void **state)
 {
     static const job_state_t ends[] = {JOB_DONE, JOB_CANCELLED};
@@ -592,6 +649,7 @@ static void a_paused_job_stays_paused(void **state)
     toy_film_t film;
     assert_true(toy_checkpoint(farm, 2, ok, &film));
     size_t count = end_process(&farm, 2, records);
+    snprintf(records[0].message, sizeof records[0].message, "%s", FARM_NO_SCENE);
     farm = begin_process(0, records, count);
     assert_int_equal(toy_state(farm, 0, job), JOB_PAUSED);
     assert_true(toy_load(farm, 0, &film));
@@ -599,7 +657,9 @@ static void a_paused_job_stays_paused(void **state)
     assert_int_equal(toy_state(farm, 0, job), JOB_PAUSED);
     uint64_t worker = toy_hello(farm, 0, 1);
     assert_int_equal(toy_take(farm, 0, worker, 1024, 512).job, 0);
+    assert_string_equal(toy_report(farm, 0, job).message, FARM_NO_SCENE);
     assert_int_equal(toy_order(farm, 1, job, ORDER_RESUME).code, RESULT_OK);
+    assert_string_equal(toy_report(farm, 1, job).message, "");
     toy_work_off(farm, 1, worker, job);
     assert_sums(farm, job, 4);
     assert_int_equal(toy_order(farm, 1, other, ORDER_RESUME).code, RESULT_OK);
@@ -646,7 +706,7 @@ static void shutting_down_saves_all_and_cancels_nothing(void **state)
     assert_non_null(next);
     assert_true(!last && age == 1);
     farm_unpin(farm, next);
-    farm_shut_down(farm, 6);
+    farm_shut_down(farm);
     assert_int_equal(toy_take(farm, 6, worker, 2048, 512).job, 0);
     next = farm_next_checkpoint(farm, 6, &age, &last);
     assert_non_null(next);
@@ -948,6 +1008,7 @@ int main(void)
         WITH_FARM(a_higher_priority_goes_first),
         WITH_FARM(few_jobs_are_begun_at_a_time),
         WITH_FARM(a_paused_job_keeps_what_its_workers_have),
+        WITH_FARM(a_short_pause_leaves_nothing_behind),
         WITH_FARM(orders_fit_the_state_or_are_refused),
         WITH_FARM(a_deleted_job_is_unknown_and_its_record_goes),
         WITH_FARM(retained_jobs_are_not_forgotten),
@@ -955,8 +1016,10 @@ int main(void)
         WITH_FARM(a_job_is_over_when_image_and_checkpoint_are_made),
         WITH_FARM(what_cannot_be_written_is_tried_again),
         WITH_FARM(cancelling_gives_up_what_cannot_be_written),
+        WITH_FARM(what_was_given_up_is_not_tried_again),
         LEAVES_FARM(a_job_goes_on_where_its_checkpoint_was),
         LEAVES_FARM(a_job_without_a_checkpoint_begins_anew),
+        LEAVES_FARM(what_begins_anew_has_all_its_time),
         LEAVES_FARM(a_job_that_was_finishing_gets_its_image),
         LEAVES_FARM(a_paused_job_stays_paused),
         LEAVES_FARM(a_film_that_cannot_be_had_fails_the_job),

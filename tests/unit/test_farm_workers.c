@@ -191,6 +191,9 @@ static void a_job_belongs_to_the_machines_with_the_same_bits(void **state)
     assert_int_equal(take_one(farm, 0, many[1]).job, job);
     assert_int_equal(take_one(farm, 1, few).job, 0);
     assert_int_equal(toy_report(farm, 1, job).fingerprint.bytes[0], 2);
+    /* What they have of it, from the life of another master, is of no use. */
+    assert_int_equal(farm_batch_wanted(farm, 1, few, job).code, RESULT_MISMATCH);
+    assert_int_equal(deliver(farm, 1, few, &work).code, RESULT_MISMATCH);
     /* Those who have it leave: it waits for others of their kind, and says so. */
     farm_goodbye(farm, 2, many[0], 0, "");
     farm_goodbye(farm, 2, many[1], 0, "");
@@ -209,6 +212,21 @@ static void a_job_belongs_to_the_machines_with_the_same_bits(void **state)
     assert_int_equal(take_one(farm, 5, few).job, 0);
     toy_join(farm, 5, "few-2", 2, 1);
     assert_int_equal(take_one(farm, 5, few).job, next);
+}
+
+/* A job that nobody was given anything of, since this master knows it, is made of the first bits that come.
+ */
+static void the_first_batch_decides_on_the_bits(void **state)
+{
+    farm_t *farm = *state;
+    uint64_t job = submit(farm, 8), one = toy_join(farm, 0, "one", 1, 1),
+             two = toy_join(farm, 0, "two", 2, 2);
+    toy_work_t work = {.job = job, .count = 1, .units = {{0, 0, 4}}}, other = work;
+    other.units[0].tile = 1;
+    assert_int_equal(farm_batch_wanted(farm, 1, one, job).code, RESULT_OK);
+    assert_int_equal(deliver(farm, 1, one, &work).code, RESULT_OK);
+    assert_int_equal(toy_report(farm, 1, job).fingerprint.bytes[0], 1);
+    assert_int_equal(deliver(farm, 1, two, &other).code, RESULT_MISMATCH);
 }
 
 static void a_mixed_job_takes_everybody_and_says_so(void **state)
@@ -486,6 +504,29 @@ static void suspects_are_handed_out_apart(void **state)
     assert_int_equal(deliver(farm, now, busy, &work).code, RESULT_OK);
 }
 
+/* A machine that hangs, though its heart beats, does not keep a suspect from others for ever. */
+static void who_hangs_is_not_waited_for(void **state)
+{
+    farm_t *farm = *state;
+    uint64_t job = submit(farm, 4), hangs = toy_join(farm, 0, "hangs:1", 1, 0);
+    double now = 0;
+    toy_work_t work;
+    for (int i = 0; i < 2; i++) {
+        uint64_t dies = toy_join(farm, now, i == 0 ? "a:1" : "a:2", 1, 0);
+        assert_int_equal(take_one(farm, now, dies).units[0].tile, 0);
+        pass(farm, &now, 6, &hangs, 1);
+    }
+    uint64_t other = toy_join(farm, now, "a:3", 1, 0), both[] = {hangs, other};
+    while ((work = take_one(farm, now, other)).job != 0)
+        assert_int_equal(deliver(farm, now, other, &work).code, RESULT_OK);
+    assert_int_equal(toy_state(farm, now, job),
+                     JOB_RUNNING); /* the first tile is kept for the other machine */
+    pass(farm, &now, 120, both, 2);
+    while ((work = take_one(farm, now, other)).job != 0)
+        assert_int_equal(deliver(farm, now, other, &work).code, RESULT_OK);
+    assert_int_equal(toy_state(farm, now, job), JOB_FINISHING);
+}
+
 /* One farm whose workers live for so many half seconds on average; returns how many were killed. */
 static int random_kills(uint32_t seed, uint32_t life)
 {
@@ -550,6 +591,7 @@ int main(void)
         WITH_FARM(deadlines_follow_the_speed),
         WITH_FARM(units_are_reclaimed),
         WITH_FARM(a_job_belongs_to_the_machines_with_the_same_bits),
+        WITH_FARM(the_first_batch_decides_on_the_bits),
         WITH_FARM(a_mixed_job_takes_everybody_and_says_so),
         WITH_FARM(who_dies_again_and_again_is_put_aside),
         WITH_FARM(a_delivery_clears_a_machine),
@@ -560,6 +602,7 @@ int main(void)
         WITH_FARM(a_machine_that_dies_of_everything_leaves_nothing_out),
         WITH_FARM(who_is_heard_of_again_did_not_die),
         WITH_FARM(suspects_are_handed_out_apart),
+        WITH_FARM(who_hangs_is_not_waited_for),
         WITH_FARM(random_kills_leave_nothing_out),
     };
     return cmocka_run_group_tests_name("farm workers", tests, NULL, NULL);
