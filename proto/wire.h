@@ -129,10 +129,6 @@ result_t wire_receive_frames(void *socket, bool router, wire_message_t *message,
 result_t wire_decode(wire_message_t *message);
 void wire_free(wire_message_t *message);
 
-/* Decodes a header frame, as wire_receive does: RESULT_PROTOCOL when it is malformed or over a limit. The
- * caller frees the envelope with lm__envelope__free_unpacked(envelope, NULL). */
-result_t wire_header_decode(const uint8_t *bytes, size_t size, Lm__Envelope **envelope);
-
 /* Settings, units and counts to and from their messages. From a message everything is checked
  * (job_settings_check, job_unit_valid, WIRE_MAX_UNITS); the message of a failure says which field is wrong.
  */
