@@ -325,7 +325,7 @@ static result_t header_check(const uint8_t *bytes, size_t size, const zmq_msg_t 
 }
 
 /* The envelope alone. */
-static result_t header_decode(const uint8_t *bytes, size_t size, Lm__Envelope **envelope)
+static result_t header_decode(const uint8_t *bytes, size_t size, Lm__Envelope **envelope, size_t *memory)
 {
     size_t budget = WIRE_MAX_DECODED;
     ProtobufCAllocator allocator = {budget_alloc, budget_free, &budget};
@@ -334,6 +334,7 @@ static result_t header_decode(const uint8_t *bytes, size_t size, Lm__Envelope **
     result_t result = message_check(&made->base);
     if (result.code == RESULT_OK && made->body_case == LM__ENVELOPE__BODY__NOT_SET)
         result = result_fail(RESULT_PROTOCOL, "a message of no known kind");
+    *memory = WIRE_MAX_DECODED - budget;
     if (result.code == RESULT_OK)
         *envelope = made;
     else
@@ -479,10 +480,11 @@ result_t wire_receive_frames(void *socket, bool router, wire_message_t *message,
 result_t wire_decode(wire_message_t *message)
 {
     const uint8_t *bytes = zmq_msg_data(&message->header);
-    size_t size = zmq_msg_size(&message->header);
+    size_t size = zmq_msg_size(&message->header), decoded = 0;
     result_t result = header_check(bytes, size, message->payload, message->payload_count);
     if (result.code == RESULT_OK)
-        result = header_decode(bytes + ENVELOPE_AT, size - ENVELOPE_AT, &message->envelope);
+        result = header_decode(bytes + ENVELOPE_AT, size - ENVELOPE_AT, &message->envelope, &decoded);
+    message->memory = message->bytes + decoded;
     zmq_msg_close(&message->header);
     message->header_open = false;
     if (result.code != RESULT_OK) wire_free(message);

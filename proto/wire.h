@@ -94,7 +94,8 @@ typedef struct {
     bool header_open;                     /* as this says */
     zmq_msg_t payload[WIRE_MAX_PAYLOADS]; /* open for i < payload_count */
     int payload_count;
-    size_t bytes;                /* all frames as they came, without the identity */
+    size_t bytes;                /* all frames as they came, without the identity, */
+    size_t memory;               /* and with what the decoded header takes */
     unsigned rights;             /* of the sender; RIGHTS_ALL on a connection without keys */
     char key[WIRE_KEY_TEXT + 1]; /* the sender's public key in Z85, empty on a connection without keys */
     char address[WIRE_MAX_ADDRESS + 1]; /* the sender's host, for people; empty on inproc and on a DEALER */

@@ -70,13 +70,13 @@ static void on_batch(bulk_desk_t *bulk, wire_message_t **taken)
     wire_message_t *message = *taken;
     identity_t identity = {.size = message->identity_size};
     memcpy(identity.bytes, message->identity, message->identity_size);
-    if (!grants_admit(bulk->grants, &identity, message->bytes)) {
+    if (!grants_admit(bulk->grants, &identity, message->memory)) {
         desk_refuse(bulk->desk, message,
                     result_fail(RESULT_LIMIT, "there is no room for a batch of %zu bytes now: offer it first",
                                 message->bytes));
         return;
     }
-    merge_pool_put(bulk->adders, message, message->bytes);
+    merge_pool_put(bulk->adders, message, message->memory);
     *taken = NULL;
 }
 
