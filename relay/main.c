@@ -1,5 +1,6 @@
 /* lightmill-relay: the command line around relay.h. */
 #include "common/address.h"
+#include "common/memory_limit.h"
 #include "proto/wire.h"
 #include "relay/relay.h"
 
@@ -192,6 +193,7 @@ static result_t run(command_t *command)
     }
     log_init("relay", command->level);
     catch_signals();
+    file_limit_raise();
     pulse_t pulse = {0};
     health_t *health;
     relay->pulse = &pulse;
