@@ -63,6 +63,8 @@ static void catch_signals(void)
     sigaction(SIGTERM, &action, NULL);
     sigaction(SIGINT, &action, NULL);
     signal(SIGPIPE, SIG_IGN);
+    signal(SIGHUP,
+           SIG_IGN); /* a master reads its list of keys anew; a relay sees by itself that it changed */
 }
 
 typedef struct {
