@@ -234,7 +234,7 @@ result_t pool_take(pool_t *pool, double now, const identity_t *identity, uint64_
     work->unit_count = 0;
     member->unit_samples = unit_samples;
     if (units_of(pool, worker) == 0) member->delivered = now;
-    if (!pool->draining) {
+    if (!pool->draining && samples > 0) {
         take_from_jobs(pool, worker, loaded_job, samples, work);
         if (work->unit_count == 0 && recall_stalled(pool, now))
             take_from_jobs(pool, worker, loaded_job, samples, work);
