@@ -36,7 +36,7 @@ typedef struct {
     control_desk_t *control_desk;
     bulk_desk_t *bulk_desk;
     bulk_t *bulk;
-    char *name, *cache_dir;
+    char *cache_dir;
 } relay_t;
 
 relay_options_t relay_options_default(void)
@@ -210,27 +210,17 @@ static void dismantle(relay_t *relay)
     for (int i = 0; i < WAKES; i++)
         if (relay->wakes[i] >= 0) close(relay->wakes[i]);
     free(relay->cache_dir);
-    free(relay->name);
-}
-
-/* "host:pid"; the caller frees it. */
-static char *default_name(void)
-{
-    char host[200] = "";
-    if (gethostname(host, sizeof host - 1) != 0) strcpy(host, "somewhere");
-    return mem_printf("%s:%d", host, (int)getpid());
 }
 
 static result_t serve(relay_t *relay, const atomic_int *stop)
 {
     const relay_options_t *options = relay->options;
-    relay->name = options->name ? mem_strdup(options->name) : default_name();
     control_setup_t setup = {.context = relay->context,
                              .crew = pool_crew(relay->pool),
                              .bulk = relay->bulk,
                              .wake = relay->wakes[WAKE_CONTROL],
                              .control_endpoint = options->master_endpoint,
-                             .name = relay->name,
+                             .name = options->name,
                              .software = "lightmill-relay " LIGHTMILL_VERSION,
                              .relay = true,
                              .grace = options->grace,
