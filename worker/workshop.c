@@ -30,6 +30,7 @@ static const double FIRST_SPEED = 20e3; /* pixel samples per thread and second, 
 static const double SPEED_WEIGHT = 0.2; /* of the newest unit in the running mean */
 static const double MIN_UNIT_SAMPLES = 256;
 static const double MAX_UNIT_SAMPLES = 1 << 26;
+
 void workshop_wake(int event)
 {
     uint64_t one = 1;
