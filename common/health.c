@@ -190,7 +190,8 @@ static result_t ask(int peer, const char *path, char *text, size_t size)
     char line[TEXT_SIZE + 16];
     TRY(make_address(path, &address));
     if (connect(peer, (struct sockaddr *)&address, sizeof address) != 0)
-        return result_fail(RESULT_UNREACHABLE, "nobody answers at %s: %s", path, strerror(errno));
+        return result_fail(RESULT_UNREACHABLE, "nobody answers at %s: %s", path,
+                           errno == EAGAIN ? "others wait for an answer already" : strerror(errno));
     TRY(read_answer(peer, path, line, sizeof line));
     bool well = strncmp(line, "ok ", 3) == 0;
     snprintf(text, size, "%s", well ? line + 3 : line);

@@ -38,7 +38,7 @@ static const char usage[] =
     "  --help, --version\n";
 static const char usage_end[] =
     "\n"
-    "Keys (docs/security.md): the relay's own key, for the master and for its workers, and who may dial it\n"
+    "Keys (docs/relay.md): the relay's own key, for the master and for its workers, and who may dial it\n"
     "\n"
     "  --key FILE             the relay's .secret file\n"
     "  --master-key KEY       the master's public key, or a file that holds it\n"
