@@ -15,10 +15,6 @@
  * A batch counts whole or not at all, so whoever comes second loses what else is in its batch. That is why
  * not some of a straggler's units are taken, but all.
  *
- * The idle one may be past its own deadline: then what it was given did not reach it, or it has lost it, and
- * it gets it once more. What it does have in hand it leaves out of what it is given, so nothing is made
- * twice.
- *
  * The bits: a job belongs to the machines that have the same fingerprint as those with most threads when it
  * begins; others are told that there is no work. A mixed job takes everybody, and says so when the bits of
  * its machines do differ. */
@@ -182,24 +178,22 @@ static const job_t *job_in_common(const farm_t *farm, const worker_t *idle, cons
 }
 
 /* Somebody is idle: workers that are past their deadline, or that it would overtake, lose their units. True
- * when any did. They may still deliver first. One that `waits`, for want of what it holds itself, takes
- * nothing from others. */
-static bool recall_slow(farm_t *farm, double now, const worker_t *idle, bool waits)
+ * when any did. They may still deliver first. */
+static bool recall_slow(farm_t *farm, double now, const worker_t *idle)
 {
     size_t units = 0;
     for (size_t i = 0; i < farm->worker_count; i++) {
         worker_t *worker = &farm->workers[i];
-        bool ready = worker->offered > 0 && now - worker->offered < OFFER_SECONDS, own = worker == idle;
-        if (!worker->connected || ready || (waits && !own)) continue;
+        bool ready = worker->offered > 0 && now - worker->offered < OFFER_SECONDS;
+        if (worker == idle || !worker->connected || worker->held <= 0 || ready) continue;
         const job_t *job = job_in_common(farm, idle, worker);
         if (job == NULL) continue;
         bool late = now > worker->deadline;
-        if (!late && (own || worker->held <= 0 || !is_sooner(farm, now, idle, worker, job))) continue;
+        if (!late && !is_sooner(farm, now, idle, worker, job)) continue;
         double silent = now - worker->delivered;
         size_t recalled = farm_worker_take_back(farm, now, worker);
-        log_warning("worker %s has sent nothing for %.0f s%s: %zu units %s", worker->name, silent,
-                    late ? "" : " and holds others up", recalled,
-                    own ? "are given out anew" : "go to others");
+        log_warning("worker %s has sent nothing for %.0f s%s: %zu units go to others", worker->name, silent,
+                    late ? "" : " and holds others up", recalled);
         units += recalled;
     }
     return units > 0;
@@ -282,7 +276,7 @@ result_t farm_take(farm_t *farm, double now, const identity_t *identity, uint64_
     if (farm_worker_units(farm, worker) == 0) worker->ward = 0;
     worker->begins = in_largest_group(farm, worker);
     bool waits = take_from_jobs(farm, now, worker, &wish, work);
-    if (work->unit_count == 0 && samples > 0 && recall_slow(farm, now, worker, waits))
+    if (work->unit_count == 0 && !waits && samples > 0 && recall_slow(farm, now, worker))
         waits = take_from_jobs(farm, now, worker, &wish, work);
     if (work->unit_count == 0) work->job = 0;
     worker->idle = work->unit_count == 0 && !waits;

@@ -153,26 +153,6 @@ static void deadlines_follow_the_speed(void **state)
     assert_true(find_worker(farm, now, "quick").units_reissued > 0);
 }
 
-/* An assignment may be lost on its way, with nobody else there to take the units over. */
-static void a_lone_worker_gets_again_what_did_not_reach_it(void **state)
-{
-    farm_t *farm = *state;
-    uint64_t job = submit(farm, 4), worker = toy_join(farm, 0, "lone", 1, 0);
-    double now = 0;
-    toy_work_t lost = toy_take(farm, now, worker, 1 << 20, 1 << 10), work;
-    assert_int_equal(lost.job, job);
-    while ((work = take_one(farm, now, worker)).job != 0) /* what is left, if anything */
-        assert_int_equal(deliver(farm, now, worker, &work).code, RESULT_OK);
-    assert_int_equal(toy_state(farm, now, job), JOB_RUNNING);
-    while (toy_state(farm, now, job) == JOB_RUNNING && now < 300) {
-        pass(farm, &now, 1, &worker, 1);
-        while ((work = take_one(farm, now, worker)).job != 0)
-            assert_int_equal(deliver(farm, now, worker, &work).code, RESULT_OK);
-    }
-    assert_true(now < 200); /* twelve batch intervals of 10 s */
-    assert_int_equal(toy_state(farm, now, job), JOB_FINISHING);
-}
-
 /* What a worker has in hand after a restart of the master is its own again. */
 static void units_are_reclaimed(void **state)
 {
@@ -568,7 +548,6 @@ int main(void)
         WITH_FARM(an_idle_worker_takes_over_from_a_straggler),
         WITH_FARM(equals_leave_each_other_alone),
         WITH_FARM(deadlines_follow_the_speed),
-        WITH_FARM(a_lone_worker_gets_again_what_did_not_reach_it),
         WITH_FARM(units_are_reclaimed),
         WITH_FARM(a_job_belongs_to_the_machines_with_the_same_bits),
         WITH_FARM(a_mixed_job_takes_everybody_and_says_so),
