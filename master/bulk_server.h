@@ -3,10 +3,10 @@
 #ifndef LIGHTMILL_BULK_SERVER_H
 #define LIGHTMILL_BULK_SERVER_H
 
-#include "master/door/gate.h"
+#include "master/store/blob_store.h"
 #include "master/farm/farm.h"
 #include "master/gallery.h"
-#include "master/store/blob_store.h"
+#include "master/door/gate.h"
 
 typedef struct bulk_server bulk_server_t;
 
@@ -17,7 +17,7 @@ typedef struct {
     gate_t *gate; /* likewise; NULL: everybody may do everything */
     void *socket; /* a bound ROUTER; closed by the server's thread */
     int wake;     /* eventfd, written when an image is ready, a batch is merged, or one may be granted */
-    uint64_t batch_memory; /* bytes for batches that are under way or wait to be merged; 0: grants.h */
+    uint64_t batch_memory; /* bytes for batches that are under way or wait to be merged (grants.h) */
     int merge_threads;     /* 0: one for each core */
 } bulk_server_options_t;
 

@@ -219,6 +219,17 @@ static uint64_t film_limit(const master_options_t *options)
     return options->film_memory > 0 ? options->film_memory : memory_limit() / 4 * 3;
 }
 
+enum { MEMORY_SHARE = 8 };
+static const uint64_t LEAST_BATCH_MEMORY = (uint64_t)1 << 30;
+
+static uint64_t batch_memory(const master_options_t *options)
+{
+    if (options->batch_memory > 0) return options->batch_memory;
+    long pages = sysconf(_SC_PHYS_PAGES), size = sysconf(_SC_PAGESIZE);
+    uint64_t share = pages > 0 && size > 0 ? (uint64_t)pages / MEMORY_SHARE * (uint64_t)size : 0;
+    return share > LEAST_BATCH_MEMORY ? share : LEAST_BATCH_MEMORY;
+}
+
 static result_t open_blobs(master_t *master, const master_options_t *options)
 {
     char *path = mem_printf("%s/blobs", options->data_dir);
@@ -325,7 +336,7 @@ static result_t start_serving(master_t *master, const master_options_t *options)
                                   .gallery = master->gallery,
                                   .socket = master->bulk_socket,
                                   .wake = master->bulk_wake,
-                                  .batch_memory = options->batch_memory,
+                                  .batch_memory = batch_memory(options),
                                   .merge_threads = options->merge_threads};
     TRY(bulk_server_start(&bulk, &master->bulk));
     master->bulk_socket = NULL;

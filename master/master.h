@@ -20,7 +20,7 @@ typedef struct {
     uint64_t keep_bytes;   /* what the films of jobs that are over may take on the disk, default 20 GB */
     uint64_t blob_limit;   /* what scenes may take on the disk, default 100 GB */
     uint64_t batch_memory; /* bytes for batches under way and waiting to be merged (docs/scale.md); 0: an
-                              eighth of the memory that it may use, at least 1 GiB */
+                              eighth of the machine's memory, at least 1 GiB */
     uint64_t film_memory; /* bytes for the films of jobs at work; 0: three quarters of the machine's memory */
     size_t job_limit;     /* jobs known at a time; 0: as many as there can be (farm.h) */
     int merge_threads;    /* 0: one for each core */

@@ -13,7 +13,7 @@ typedef struct {
     void *socket;    /* a bound ROUTER; closed by the desk's thread */
     gate_t *gate;    /* who may write to it; kept by the caller */
     int wake;        /* eventfd, written when batches were added or there is room again; kept by the caller */
-    uint64_t credit; /* bytes that batches may take that are under way or wait to be added; 0: grants.h */
+    uint64_t credit; /* bytes that batches may take that are under way or wait to be added */
     int threads;     /* that add batches; 0: one a core */
 } bulk_desk_options_t;
 

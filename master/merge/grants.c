@@ -1,8 +1,6 @@
 /* grants: see grants.h. */
 #include "master/merge/grants.h"
 
-#include "common/memory_limit.h"
-
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -22,8 +20,6 @@ static const double SHORT_WAIT = 0.5,
                     LONG_WAIT = 2;           /* seconds from the arrival of a batch until it is merged */
 static const double BYTES_PER_SECOND = 2e5;  /* the slowest uplink that is waited for */
 static const uint64_t LEAST_BYTES = 1 << 16; /* of any batch, so that very many are not free */
-enum { MEMORY_SHARE = 8 };
-static const uint64_t LEAST_CREDIT = (uint64_t)1 << 30;
 
 typedef struct {
     batch_offer_t offer;
@@ -77,15 +73,9 @@ static size_t list_find(const list_t *list, const identity_t *identity)
 
 /* ---- grants -------------------------------------------------------------------------------------------- */
 
-static uint64_t larger(uint64_t a, uint64_t b)
-{
-    return a > b ? a : b;
-}
-
 grants_t *grants_new(uint64_t credit)
 {
     grants_t *grants = mem_zalloc(1, sizeof *grants);
-    if (credit == 0) credit = larger(memory_limit() / MEMORY_SHARE, LEAST_CREDIT);
     grants->credit = credit;
     grants->window = credit / FIRST_SHARE;
     return grants;
@@ -112,6 +102,11 @@ result_t grants_offer(grants_t *grants, double now, const batch_offer_t *offer)
     if (entry->offer.bytes < LEAST_BYTES) entry->offer.bytes = LEAST_BYTES;
     if (entry->offer.bytes > WIRE_MAX_PAYLOAD) entry->offer.bytes = WIRE_MAX_PAYLOAD;
     return result_ok();
+}
+
+static uint64_t larger(uint64_t a, uint64_t b)
+{
+    return a > b ? a : b;
 }
 
 /* True when there is memory for so many bytes more. */

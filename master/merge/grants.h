@@ -34,7 +34,7 @@ typedef struct {
     uint64_t window;         /* bytes that may be used now */
 } grants_state_t;
 
-/* `credit` in bytes; 0: an eighth of the memory that this process may use, at least 1 GiB. */
+/* `credit` in bytes. */
 grants_t *grants_new(uint64_t credit);
 void grants_destroy(grants_t **grants);
 
