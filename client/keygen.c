@@ -21,7 +21,7 @@ static const char usage[] =
     "                     master.key are found without being named)\n"
     "  --right RIGHT      what the line is to allow: worker (may work), client (may submit and control jobs) "
     "or\n"
-    "                     all (worker for names that begin with worker or relay, else client)\n"
+    "                     all (worker for names that begin with worker, else client)\n"
     "  --help\n"
     "\n"
     "Files that are there already are never written over. docs/security.md tells the rest.\n";
@@ -47,8 +47,8 @@ static result_t parse_arguments(int argc, char **argv, command_t *command)
     if (argc - optind > 1)
         return result_fail(RESULT_USAGE, "keygen takes one name; see lightmill keygen --help");
     if (optind < argc) command->name = argv[optind];
-    bool works = strncmp(command->name, "worker", 6) == 0 || strncmp(command->name, "relay", 5) == 0;
-    if (command->right == NULL) command->right = works ? "worker" : "client";
+    if (command->right == NULL)
+        command->right = strncmp(command->name, "worker", 6) == 0 ? "worker" : "client";
     if (strcmp(command->right, "worker") == 0 || strcmp(command->right, "client") == 0 ||
         strcmp(command->right, "all") == 0)
         return result_ok();
