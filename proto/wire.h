@@ -76,7 +76,6 @@ enum {
 };
 enum { WIRE_KEY_TEXT = KEY_TEXT }; /* characters of a public key in Z85 */
 enum { WIRE_MAX_ADDRESS = 63 };
-enum { WIRE_BULK_RECEIVED = 2, WIRE_BULK_SENT = 16 }; /* messages of a connection that libzmq holds */
 
 /* What a message of this kind asks of its sender; 0 for kinds that no peer sends to a master. */
 unsigned wire_rights_needed(Lm__Envelope__BodyCase kind);
@@ -111,9 +110,7 @@ result_t wire_socket(void *context, int type, void **socket);
  * WIRE_MAX_CONTROL_FRAME. Call before bind or connect. */
 result_t wire_socket_limit(void *socket, size_t largest_frame);
 /* Lowers the number of messages that libzmq takes in, and keeps to be sent, for each connection (64 and 64):
- * what is read no further waits in the peer. Likewise. A socket that takes batches has WIRE_BULK_RECEIVED and
- * WIRE_BULK_SENT: its messages may be large, a peer that fetches something has a few requests under way, and
- * batches are answered one by one. */
+ * what is read no further waits in the peer. Likewise. */
 result_t wire_socket_queue(void *socket, int received, int sent);
 
 /* Sends an envelope with its payloads. The identity is for a ROUTER (NULL on a DEALER). Payload messages are

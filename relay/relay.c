@@ -85,6 +85,8 @@ static bool is_exposed(const char *endpoint, char host[ENDPOINT_SIZE])
 
 /* libzmq's own threads, as the bits of a mask: neither batches nor their encryption delay a heartbeat. */
 enum { IO_THREADS = 2, CONTROL_THREAD = 1, BULK_THREAD = 2 };
+/* Messages of a connection to the bulk socket that libzmq holds: few, as in the master (master.c). */
+enum { BULK_RECEIVED = 2, BULK_SENT = 16 };
 
 static result_t make_socket(relay_t *relay, const char *name, uint64_t threads, size_t largest_frame,
                             void **socket)
@@ -122,7 +124,7 @@ static result_t open_sockets(relay_t *relay)
     TRY(gate_new(&options->gate, options->data_dir, relay->context, exposed, &relay->gate));
     TRY(make_socket(relay, "control", CONTROL_THREAD, WIRE_MAX_CONTROL_ASKED, &relay->control_socket));
     TRY(make_socket(relay, "bulk", BULK_THREAD, WIRE_MAX_PAYLOAD, &relay->bulk_socket));
-    TRY(wire_socket_queue(relay->bulk_socket, WIRE_BULK_RECEIVED, WIRE_BULK_SENT));
+    TRY(wire_socket_queue(relay->bulk_socket, BULK_RECEIVED, BULK_SENT));
     TRY(bind_socket(options->control_endpoint, relay->control_socket, &relay->control_port));
     TRY(bind_socket(options->bulk_endpoint, relay->bulk_socket, &relay->bulk_port));
     log_info("listening on %s:%d (control) and :%d (bulk) for workers of %s", host, relay->control_port,
