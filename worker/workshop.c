@@ -431,6 +431,7 @@ static crew_state_t state(void *self)
     pthread_mutex_lock(&shop->lock);
     size_t held = unit_queue_length(&shop->queue) + shop->begun_count + batched_units(shop) +
                   checks_units(&shop->checks);
+    if (shop->has_next) held += shop->next.unit_count;
     bool dropped = shop->over && !shop->flush;
     s.threads = (uint32_t)shop->options.threads;
     s.job = shop->stage == STAGE_EMPTY || dropped ? 0 : shop->current.job;
