@@ -39,7 +39,7 @@ all: $(PROGRAMS)
 $(BUILD)/lightmill-master: $(call objects,master/main.c $(MASTER_SRC) $(PROTO_SRC) $(COMMON_SRC)) $(SCHEMA_O)
 $(BUILD)/lightmill-worker: $(call objects,worker/main.c $(WORKER_SRC) $(RENDER_SRC) $(PROTO_SRC) $(COMMON_SRC)) $(SCHEMA_O)
 # A relay is a worker to its master and a master to its workers: what it shares with them, but no renderer and no farm.
-RELAY_USES := $(patsubst %,worker/%.c,control bulk link blob_cache unit_queue) \
+RELAY_USES := $(patsubst %,worker/%.c,control control_messages bulk link blob_cache unit_queue) \
               $(wildcard master/door/*.c) $(patsubst %,master/merge/%.c,grants merge_pool)
 $(BUILD)/lightmill-relay: $(call objects,relay/main.c $(RELAY_SRC) $(RELAY_USES) $(PROTO_SRC) $(COMMON_SRC)) $(SCHEMA_O)
 $(BUILD)/lightmill: $(call objects,client/main.c $(LIB_SRC)) $(SCHEMA_O)

@@ -70,6 +70,8 @@ size_t batch_tile_values(const job_settings_t *settings, uint32_t tile)
     return (size_t)2 * 3 * job_tile_pixels(settings, tile);
 }
 
+enum { FEATURE_LIMIT_BITS = 57 };
+
 /* True when some samples of the unit contribute to features. */
 static bool unit_has_features(const job_settings_t *settings, const unit_t *unit)
 {
@@ -80,6 +82,15 @@ size_t batch_feature_values(const job_settings_t *settings, const unit_t *unit)
 {
     if (!unit_has_features(settings, unit)) return 0;
     return (size_t)FEATURE_VALUES * job_tile_pixels(settings, unit->tile);
+}
+
+bool unit_features_possible(const unit_t *unit, const int64_t *values, size_t count)
+{
+    uint32_t left = FEATURE_SAMPLES - unit->first, samples = unit->count < left ? unit->count : left;
+    int64_t limit = (int64_t)samples << FEATURE_LIMIT_BITS;
+    bool good = true;
+    for (size_t i = 0; i < count; i++) good &= values[i] < limit && values[i] > -limit;
+    return good;
 }
 
 size_t batch_splat_values(const job_settings_t *settings)

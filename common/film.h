@@ -142,8 +142,9 @@ size_t batch_tile_values(const job_settings_t *settings, uint32_t tile);
 size_t batch_feature_values(const job_settings_t *settings, const unit_t *unit);
 /* int64_t's of a splat frame: 2 * width * height * 3. */
 size_t batch_splat_values(const job_settings_t *settings);
-/* Bytes of all its sums. */
-size_t batch_bytes(const batch_t *batch);
+/* False when no renderer makes such features of a unit that has some: a sample adds less than 2^57 to any
+ * value. So the sums of those that are possible cannot overflow. */
+bool unit_features_possible(const unit_t *unit, const int64_t *values, size_t count);
 /* BLAKE2b-256 of the units, the numbers of light paths, and all sums: renderings of the same units have the
  * same digest when all their bits agree, whatever the order of the units, and whether sums that are all zero
  * are there or missing. */

@@ -15,7 +15,7 @@
 #include <sys/un.h>
 #include <unistd.h>
 
-enum { TEXT_SIZE = 500, BACKLOG = 8, ANSWER_MS = 5000 };
+enum { TEXT_SIZE = 500, BACKLOG = 8, ANSWER_MS = 5000, PAUSE_MS = 200 };
 
 struct health {
     char *path;
@@ -36,9 +36,10 @@ static result_t make_address(const char *path, struct sockaddr_un *address)
     return result_ok();
 }
 
+/* One that never waits: a process that was stopped accepts nobody, and many may have asked it. */
 static result_t open_socket(int *descriptor)
 {
-    *descriptor = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    *descriptor = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
     if (*descriptor >= 0) return result_ok();
     return result_fail(RESULT_IO, "cannot make a socket: %s", strerror(errno));
 }
@@ -63,7 +64,10 @@ static void *health_run(void *argument)
                                  {.fd = health->wake, .events = POLLIN}};
         if (poll(waits, ARRAY_LENGTH(waits), -1) < 0 || !(waits[0].revents & POLLIN)) continue;
         int peer = accept4(health->listener, NULL, NULL, SOCK_CLOEXEC);
-        if (peer < 0) continue;
+        if (peer < 0) { /* no descriptor is left: who asks goes on waiting */
+            poll(&waits[1], 1, PAUSE_MS);
+            continue;
+        }
         answer(health, peer);
         close(peer);
     }
@@ -76,7 +80,7 @@ static result_t listen_at(health_t *health)
     struct sockaddr_un address;
     TRY(make_address(health->path, &address));
     TRY(open_socket(&health->listener));
-    if (connect(health->listener, (struct sockaddr *)&address, sizeof address) == 0)
+    if (connect(health->listener, (struct sockaddr *)&address, sizeof address) == 0 || errno == EAGAIN)
         return result_fail(RESULT_USAGE,
                            "another process answers at %s: give this one a health socket of its own",
                            health->path);
@@ -186,7 +190,8 @@ static result_t ask(int peer, const char *path, char *text, size_t size)
     char line[TEXT_SIZE + 16];
     TRY(make_address(path, &address));
     if (connect(peer, (struct sockaddr *)&address, sizeof address) != 0)
-        return result_fail(RESULT_UNREACHABLE, "nobody answers at %s: %s", path, strerror(errno));
+        return result_fail(RESULT_UNREACHABLE, "nobody answers at %s: %s", path,
+                           errno == EAGAIN ? "others wait for an answer already" : strerror(errno));
     TRY(read_answer(peer, path, line, sizeof line));
     bool well = strncmp(line, "ok ", 3) == 0;
     snprintf(text, size, "%s", well ? line + 3 : line);

@@ -1,9 +1,11 @@
 /* bulk_server: see bulk_server.h.
  *
- * DESIGN. One thread owns the socket and does nothing that takes long: batches are merged by the threads of
+ * DESIGN. One thread owns the socket and does little that takes long: batches are merged by the threads of
  * the pool, images are made by the gallery, and both tell it through the eventfd when they have something to
- * send. What batches take of memory is bounded by grants (grants.h): a worker offers a batch, and sends it
- * when it is told to. A batch that comes without that is taken if there is room for it. */
+ * send. (A scene whose last byte has come is checked here, about a second a GB; batches wait so long, and
+ * nothing is lost by it.) What batches take of memory is bounded by grants (grants.h): a worker offers a
+ * batch, and sends it when it is told to. A batch that comes without that is taken if there is room for it.
+ */
 #include "master/bulk_server.h"
 
 #include "master/door/complaint.h"
@@ -133,25 +135,17 @@ static result_t merge_batch(void *context, const wire_message_t *message)
     return result;
 }
 
-/* What a message with a batch takes, its decoded header too. */
-static uint64_t batch_memory(const wire_message_t *message)
-{
-    return message->bytes +
-           message->envelope->batch_result->n_units * (sizeof(Lm__Unit) + sizeof(void *) + sizeof(unit_t));
-}
-
 static void on_batch(bulk_server_t *server, const wire_message_t *message)
 {
     identity_t identity = {.size = message->identity_size};
     memcpy(identity.bytes, message->identity, message->identity_size);
-    uint64_t memory = batch_memory(message);
-    if (!grants_admit(server->grants, &identity, memory)) {
+    if (!grants_admit(server->grants, &identity, message->memory)) {
         refuse(server, message,
                result_fail(RESULT_LIMIT, "there is no room for a batch of %zu bytes now: offer it first",
                            message->bytes));
         return;
     }
-    merge_pool_put(server->pool, server->message, memory);
+    merge_pool_put(server->pool, server->message, message->memory);
     server->message = NULL;
 }
 

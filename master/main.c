@@ -1,5 +1,6 @@
 /* lightmill-master: the command line around master.h. */
 #include "common/address.h"
+#include "common/memory_limit.h"
 #include "master/farm/farm.h"
 #include "master/master.h"
 #include "proto/wire.h"
@@ -10,7 +11,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/resource.h>
 #include <unistd.h>
 
 static const char HELP[] =
@@ -182,15 +182,6 @@ static result_t parse_command(int argc, char **argv, command_t *command, bool *d
     return result_ok();
 }
 
-/* Every worker has two connections. */
-static void raise_file_limit(void)
-{
-    struct rlimit limit;
-    if (getrlimit(RLIMIT_NOFILE, &limit) != 0) return;
-    limit.rlim_cur = limit.rlim_max;
-    if (setrlimit(RLIMIT_NOFILE, &limit) != 0) log_warning("cannot raise the limit of open files");
-}
-
 /* Starts the master with the signals blocked, so that its threads never get them, and waits for one. */
 static result_t serve(master_options_t *options, const char *health_path)
 {
@@ -250,7 +241,7 @@ static result_t run(int argc, char **argv)
     }
     command.master.control_endpoint = control;
     command.master.bulk_endpoint = bulk;
-    raise_file_limit();
+    file_limit_raise();
     result_t result = serve(&command.master, command.health.path);
     free(control);
     free(bulk);

@@ -60,8 +60,8 @@ typedef struct {
 result_t dial_watch_open(dial_watch_t *watch, void *context, void *socket, const dial_keys_t *keys);
 /* Takes in what happened and gives its verdict: RESULT_OK when nothing speaks against the connection;
  * RESULT_DENIED when the master does not accept us and this socket will not dial again; RESULT_UNREACHABLE,
- * with the likely reason, when handshakes break off but are tried again. To be called now and then while the
- * socket lives. */
+ * with the likely reason, when handshakes break off but are tried again. To be called again and again while
+ * the socket lives: libzmq holds some thousand events, and then its threads wait. */
 result_t dial_watch_poll(dial_watch_t *watch);
 /* Ends; before the socket is closed. Harmless when it never began. */
 void dial_watch_close(dial_watch_t *watch, void *socket);

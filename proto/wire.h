@@ -94,7 +94,8 @@ typedef struct {
     bool header_open;                     /* as this says */
     zmq_msg_t payload[WIRE_MAX_PAYLOADS]; /* open for i < payload_count */
     int payload_count;
-    size_t bytes;                /* all frames as they came, without the identity */
+    size_t bytes;                /* all frames as they came, without the identity, */
+    size_t memory;               /* and with what the decoded header takes */
     unsigned rights;             /* of the sender; RIGHTS_ALL on a connection without keys */
     char key[WIRE_KEY_TEXT + 1]; /* the sender's public key in Z85, empty on a connection without keys */
     char address[WIRE_MAX_ADDRESS + 1]; /* the sender's host, for people; empty on inproc and on a DEALER */
@@ -128,10 +129,6 @@ result_t wire_receive(void *socket, bool router, wire_message_t *message, bool *
 result_t wire_receive_frames(void *socket, bool router, wire_message_t *message, bool *received);
 result_t wire_decode(wire_message_t *message);
 void wire_free(wire_message_t *message);
-
-/* Decodes a header frame, as wire_receive does: RESULT_PROTOCOL when it is malformed or over a limit. The
- * caller frees the envelope with lm__envelope__free_unpacked(envelope, NULL). */
-result_t wire_header_decode(const uint8_t *bytes, size_t size, Lm__Envelope **envelope);
 
 /* Settings, units and counts to and from their messages. From a message everything is checked
  * (job_settings_check, job_unit_valid, WIRE_MAX_UNITS); the message of a failure says which field is wrong.

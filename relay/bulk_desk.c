@@ -29,7 +29,8 @@ static void on_offer(bulk_desk_t *bulk, const wire_message_t *message)
                            .job = body->job,
                            .bytes = body->bytes};
     memcpy(offer.identity.bytes, message->identity, message->identity_size);
-    result_t result = pool_batch_wanted(bulk->options.pool, body->worker, body->job, &body->content);
+    result_t result =
+        pool_batch_wanted(bulk->options.pool, clock_now(), body->worker, body->job, &body->content);
     if (result.code == RESULT_OK || result.code == RESULT_LIMIT)
         result = grants_offer(bulk->grants, clock_now(), &offer);
     if (result.code != RESULT_OK) desk_refuse(bulk->desk, message, result);
@@ -39,7 +40,7 @@ static result_t still_wanted(void *context, const batch_offer_t *offer)
 {
     static const ProtobufCBinaryData any_content = {0, NULL}; /* it was looked at when the offer came */
     bulk_desk_t *bulk = context;
-    return pool_batch_wanted(bulk->options.pool, offer->worker, offer->job, &any_content);
+    return pool_batch_wanted(bulk->options.pool, clock_now(), offer->worker, offer->job, &any_content);
 }
 
 /* Answers the offers that can be answered now. */
@@ -70,13 +71,13 @@ static void on_batch(bulk_desk_t *bulk, wire_message_t **taken)
     wire_message_t *message = *taken;
     identity_t identity = {.size = message->identity_size};
     memcpy(identity.bytes, message->identity, message->identity_size);
-    if (!grants_admit(bulk->grants, &identity, message->bytes)) {
+    if (!grants_admit(bulk->grants, &identity, message->memory)) {
         desk_refuse(bulk->desk, message,
                     result_fail(RESULT_LIMIT, "there is no room for a batch of %zu bytes now: offer it first",
                                 message->bytes));
         return;
     }
-    merge_pool_put(bulk->adders, message, message->bytes);
+    merge_pool_put(bulk->adders, message, message->memory);
     *taken = NULL;
 }
 
@@ -86,22 +87,30 @@ static result_t add_batch(void *context, const wire_message_t *message)
     return pool_batch_add(context, clock_now(), message);
 }
 
+static void answer_batch(bulk_desk_t *bulk, const wire_message_t *message, result_t *result)
+{
+    const Lm__BatchResult *body = message->envelope->batch_result;
+    Lm__BatchReply reply = LM__BATCH_REPLY__INIT;
+    Lm__Envelope envelope = LM__ENVELOPE__INIT;
+    if (result->code != RESULT_OK)
+        desk_complain(bulk->desk, "a batch of job %llu is refused: %s", (unsigned long long)body->job,
+                      result->message);
+    reply.sequence = body->sequence;
+    reply.accepted = result->code == RESULT_OK;
+    reply.reason = result->message;
+    envelope.body_case = LM__ENVELOPE__BODY_BATCH_REPLY;
+    envelope.batch_reply = &reply;
+    desk_reply(bulk->desk, message, &envelope, NULL);
+}
+
 static void send_verdicts(bulk_desk_t *bulk)
 {
     for (merge_verdict_t verdict; merge_pool_next(bulk->adders, &verdict);) {
-        const Lm__BatchResult *body = verdict.message->envelope->batch_result;
-        Lm__BatchReply reply = LM__BATCH_REPLY__INIT;
-        Lm__Envelope envelope = LM__ENVELOPE__INIT;
-        if (verdict.result.code != RESULT_OK)
-            desk_complain(bulk->desk, "a batch of job %llu is refused: %s", (unsigned long long)body->job,
-                          verdict.result.message);
-        reply.sequence = body->sequence;
-        reply.accepted = verdict.result.code == RESULT_OK;
-        reply.reason = verdict.result.message;
-        envelope.body_case = LM__ENVELOPE__BODY_BATCH_REPLY;
-        envelope.batch_reply = &reply;
         grants_release(bulk->grants, verdict.memory);
-        desk_reply(bulk->desk, verdict.message, &envelope, NULL);
+        if (verdict.result.code == RESULT_UNREACHABLE) /* the worker keeps it, and offers it again */
+            desk_refuse(bulk->desk, verdict.message, verdict.result);
+        else
+            answer_batch(bulk, verdict.message, &verdict.result);
         wire_free(verdict.message);
         free(verdict.message);
     }

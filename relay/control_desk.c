@@ -4,7 +4,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { TICK_MS = 100, RETRY_MS = 2000 /* after which an idle worker asks again, if no JobReady comes */ };
+enum {
+    TICK_MS = 100,
+    FLOOD_TICK_MS = 1000, /* between looks at the leases while messages never end */
+    RETRY_MS = 2000       /* after which an idle worker asks again, if no JobReady comes */
+};
 
 struct control_desk {
     control_desk_options_t options;
@@ -197,8 +201,9 @@ static void turn(void *self, desk_t *desk, bool quiet)
 {
     control_desk_t *control = self;
     control->desk = desk;
-    /* Leases are looked at only when no message waits: a heartbeat may be among them. */
-    if (quiet && clock_now() - control->last_tick >= 1e-3 * TICK_MS) {
+    /* Leases are looked at when no message waits: a heartbeat may be among them. While peers flood the
+     * socket, now and then: every connection has had its turn since. */
+    if (clock_now() - control->last_tick >= 1e-3 * (quiet ? TICK_MS : FLOOD_TICK_MS)) {
         control->last_tick = clock_now();
         pool_tick(control->options.pool, control->last_tick);
     }

@@ -75,7 +75,7 @@ static void handle(desk_t *desk, wire_message_t **message)
     if (result.code == RESULT_OK) {
         desk->options.handle(desk->options.self, desk, message);
     } else {
-        desk_complain(desk, "a message is refused: %s", result.message);
+        desk_complain(desk, "a message from %s is refused: %s", (*message)->address, result.message);
         desk_refuse(desk, *message, result);
     }
 }

@@ -29,7 +29,7 @@ void desk_stop(desk_t **desk);
 
 /* Answers a message, with one payload or NULL. */
 void desk_reply(desk_t *desk, const wire_message_t *message, Lm__Envelope *answer, zmq_msg_t *payload);
-/* Refuses it, and says so in the log, if not too often. */
+/* Refuses it. */
 void desk_refuse(desk_t *desk, const wire_message_t *message, result_t reason);
 /* Sends a message to a peer. False when that is gone or does not keep up. */
 bool desk_send(desk_t *desk, const uint8_t *identity, size_t size, Lm__Envelope *envelope);

@@ -1,5 +1,6 @@
 /* lightmill-relay: the command line around relay.h. */
 #include "common/address.h"
+#include "common/memory_limit.h"
 #include "proto/wire.h"
 #include "relay/relay.h"
 
@@ -37,7 +38,7 @@ static const char usage[] =
     "  --help, --version\n";
 static const char usage_end[] =
     "\n"
-    "Keys (docs/security.md): the relay's own key, for the master and for its workers, and who may dial it\n"
+    "Keys (docs/relay.md): the relay's own key, for the master and for its workers, and who may dial it\n"
     "\n"
     "  --key FILE             the relay's .secret file\n"
     "  --master-key KEY       the master's public key, or a file that holds it\n"
@@ -62,6 +63,8 @@ static void catch_signals(void)
     sigaction(SIGTERM, &action, NULL);
     sigaction(SIGINT, &action, NULL);
     signal(SIGPIPE, SIG_IGN);
+    signal(SIGHUP,
+           SIG_IGN); /* a master reads its list of keys anew; a relay sees by itself that it changed */
 }
 
 typedef struct {
@@ -192,6 +195,7 @@ static result_t run(command_t *command)
     }
     log_init("relay", command->level);
     catch_signals();
+    file_limit_raise();
     pulse_t pulse = {0};
     health_t *health;
     relay->pulse = &pulse;

@@ -35,8 +35,8 @@ crew_t pool_crew(pool_t *pool);
 
 /* ---- workers ------------------------------------------------------------------------------------------- */
 
-/* Admits a worker and names it. RESULT_MISMATCH when it makes other bits than those that are here; */
-/* RESULT_LIMIT when there are too many. */
+/* Admits a worker and names it. RESULT_MISMATCH when it makes other bits than those that are here,
+ * RESULT_LIMIT when there are too many. */
 result_t pool_hello(pool_t *pool, double now, const identity_t *identity, const farm_hello_t *hello,
                     uint64_t *worker);
 /* False when the worker is not known (any more). `threads` 0: as it said at first. */
@@ -64,9 +64,11 @@ void pool_tick(pool_t *pool, double now);
 
 /* May this worker send a batch of this job? RESULT_LIMIT: not yet, the sums are as large as they may be; any
  * other failure says why it is not wanted. */
-result_t pool_batch_wanted(pool_t *pool, uint64_t worker, uint64_t job, const ProtobufCBinaryData *content);
+result_t pool_batch_wanted(pool_t *pool, double now, uint64_t worker, uint64_t job,
+                           const ProtobufCBinaryData *content);
 /* Adds up the batch of a BatchResult, whole, or refuses it whole: then what the sender holds of its units
- * goes to others. Several threads may be at it at once. */
+ * goes to others. RESULT_UNREACHABLE: the sender is not known, and nothing is decided over its batch. Several
+ * threads may be at it at once. */
 result_t pool_batch_add(pool_t *pool, double now, const wire_message_t *message);
 
 /* ---- scenes -------------------------------------------------------------------------------------------- */

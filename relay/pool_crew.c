@@ -325,7 +325,8 @@ static result_t loaded(void *self, uint64_t id, scene_blob_t *blob)
     pool_t *pool = self;
     pool_lock(pool);
     relay_job_t *job = pool_find_job(pool, id);
-    if (job == NULL || job->loaded) {
+    /* There may be another job of this number by now (job_of). */
+    if (job == NULL || job->loaded || !hash_equal(&job->blob_hash, &blob->hash)) {
         pool_unlock(pool);
         blob_close(blob);
         return result_fail(RESULT_CANCELLED, "the job is over");

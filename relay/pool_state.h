@@ -24,7 +24,7 @@ typedef struct {
     uint32_t threads;
     bool idle;             /* was told that there is no work */
     double last_seen;      /* seconds */
-    double delivered;      /* when it last sent a batch, or was given units and had none */
+    double delivered;      /* when it last sent or offered a batch, or was given units and had none */
     uint64_t job;          /* that it has loaded or was assigned last */
     uint64_t unit_samples; /* pixel samples of a unit that is good for it */
 } member_t;

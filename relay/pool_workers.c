@@ -222,6 +222,11 @@ static bool recall_stalled(pool_t *pool, double now)
     return recalled > 0;
 }
 
+static result_t unknown_worker(void)
+{
+    return result_fail(RESULT_UNREACHABLE, "this relay does not know the worker: say hello again");
+}
+
 result_t pool_take(pool_t *pool, double now, const identity_t *identity, uint64_t worker, uint64_t loaded_job,
                    uint64_t samples, uint64_t unit_samples, farm_work_t *work)
 {
@@ -229,12 +234,12 @@ result_t pool_take(pool_t *pool, double now, const identity_t *identity, uint64_
     member_t *member = hear(pool, now, identity, worker);
     if (member == NULL) {
         pool_unlock(pool);
-        return result_fail(RESULT_UNREACHABLE, "this relay does not know the worker: say hello again");
+        return unknown_worker();
     }
     work->unit_count = 0;
     member->unit_samples = unit_samples;
     if (units_of(pool, worker) == 0) member->delivered = now;
-    if (!pool->draining) {
+    if (!pool->draining && samples > 0) {
         take_from_jobs(pool, worker, loaded_job, samples, work);
         if (work->unit_count == 0 && recall_stalled(pool, now))
             take_from_jobs(pool, worker, loaded_job, samples, work);
@@ -264,11 +269,16 @@ static result_t check_wanted(pool_t *pool, uint64_t id, const ProtobufCBinaryDat
     return result_ok();
 }
 
-result_t pool_batch_wanted(pool_t *pool, uint64_t worker, uint64_t id, const ProtobufCBinaryData *content)
+result_t pool_batch_wanted(pool_t *pool, double now, uint64_t worker, uint64_t id,
+                           const ProtobufCBinaryData *content)
 {
     pool_lock(pool);
-    result_t result = result_fail(RESULT_UNREACHABLE, "this relay does not know the worker: say hello again");
-    if (pool_find_member(pool, worker) != NULL) result = check_wanted(pool, id, content);
+    result_t result = unknown_worker();
+    member_t *member = pool_find_member(pool, worker);
+    if (member != NULL) {
+        result = check_wanted(pool, id, content);
+        member->delivered = now; /* as good as: it is we who make it wait */
+    }
     if (result.code == RESULT_OK && pool_job_bytes(pool_find_job(pool, id)) >= pool_bytes_limit(pool))
         result = result_fail(RESULT_LIMIT, "the relay waits for its master");
     pool_unlock(pool);
@@ -340,12 +350,14 @@ static result_t keep_errand(relay_job_t *job, uint64_t number, batch_t *batch)
     return result_fail(RESULT_MISMATCH, "nobody asked for this check");
 }
 
-/* Decides over a batch that was read: with *add it is to be added. Lock held. */
-static result_t accept(relay_job_t *job, uint64_t check, batch_t *batch, bool *add)
+/* Decides over a batch that was read: with *add it is to be added. A worker that is not (or no more) of this
+ * relay may make other bits than those that are. Lock held. */
+static result_t accept(pool_t *pool, relay_job_t *job, const Lm__BatchResult *body, batch_t *batch, bool *add)
 {
     *add = false;
+    if (pool_find_member(pool, body->worker) == NULL) return unknown_worker();
     if (job->gone || (job->over && !job->flush)) return result_fail(RESULT_CANCELLED, "the job is over");
-    if (check != 0) return keep_errand(job, check, batch);
+    if (body->check != 0) return keep_errand(job, body->check, batch);
     TRY(ledger_accept(&job->ledger, batch->units, batch->unit_count));
     *add = true;
     return result_ok();
@@ -367,7 +379,8 @@ result_t pool_batch_add(pool_t *pool, double now, const wire_message_t *message)
 {
     const Lm__BatchResult *body = message->envelope->batch_result;
     pool_lock(pool);
-    result_t result = check_wanted(pool, body->job, &body->content);
+    result_t result = unknown_worker();
+    if (pool_find_member(pool, body->worker) != NULL) result = check_wanted(pool, body->job, &body->content);
     relay_job_t *job = result.code == RESULT_OK ? pool_find_job(pool, body->job) : NULL;
     job_settings_t settings = {0};
     if (job != NULL) {
@@ -383,7 +396,7 @@ result_t pool_batch_add(pool_t *pool, double now, const wire_message_t *message)
     if (result.code == RESULT_OK && body->check != 0)
         result = payload_decode(message->payload, &addend.batch);
     pool_lock(pool);
-    if (result.code == RESULT_OK) result = accept(job, body->check, &addend.batch, &add);
+    if (result.code == RESULT_OK) result = accept(pool, job, body, &addend.batch, &add);
     job->merging += add;
     pool_unlock(pool);
     if (add) add_to_parcel(pool, now, job, &addend);

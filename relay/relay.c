@@ -37,7 +37,7 @@ typedef struct {
     control_desk_t *control_desk;
     bulk_desk_t *bulk_desk;
     bulk_t *bulk;
-    char *name, *cache_dir;
+    char *cache_dir;
 } relay_t;
 
 relay_options_t relay_options_default(void)
@@ -83,10 +83,18 @@ static bool is_exposed(const char *endpoint, char host[ENDPOINT_SIZE])
     return !address_is_loopback(host);
 }
 
-static result_t make_socket(relay_t *relay, const char *name, size_t largest_frame, void **socket)
+/* libzmq's own threads, as the bits of a mask: neither batches nor their encryption delay a heartbeat. */
+enum { IO_THREADS = 2, CONTROL_THREAD = 1, BULK_THREAD = 2 };
+/* Messages of a connection to the bulk socket that libzmq holds: few, as in the master (master.c). */
+enum { BULK_RECEIVED = 2, BULK_SENT = 16 };
+
+static result_t make_socket(relay_t *relay, const char *name, uint64_t threads, size_t largest_frame,
+                            void **socket)
 {
     TRY(wire_socket(relay->context, ZMQ_ROUTER, socket));
     TRY(wire_socket_limit(*socket, largest_frame));
+    if (zmq_setsockopt(*socket, ZMQ_AFFINITY, &threads, sizeof threads) != 0)
+        return result_fail(RESULT_IO, "cannot choose a socket's threads: %s", zmq_strerror(errno));
     return gate_guard(relay->gate, *socket, name);
 }
 
@@ -109,9 +117,14 @@ static result_t open_sockets(relay_t *relay)
     const relay_options_t *options = relay->options;
     char host[ENDPOINT_SIZE];
     bool exposed = is_exposed(options->control_endpoint, host);
+    if (exposed && options->gate.insecure)
+        log_warning("INSECURE: the relay on %s is open to everybody on its network: anyone there can take "
+                    "work and send results",
+                    host);
     TRY(gate_new(&options->gate, options->data_dir, relay->context, exposed, &relay->gate));
-    TRY(make_socket(relay, "control", WIRE_MAX_CONTROL_ASKED, &relay->control_socket));
-    TRY(make_socket(relay, "bulk", WIRE_MAX_PAYLOAD, &relay->bulk_socket));
+    TRY(make_socket(relay, "control", CONTROL_THREAD, WIRE_MAX_CONTROL_ASKED, &relay->control_socket));
+    TRY(make_socket(relay, "bulk", BULK_THREAD, WIRE_MAX_PAYLOAD, &relay->bulk_socket));
+    TRY(wire_socket_queue(relay->bulk_socket, BULK_RECEIVED, BULK_SENT));
     TRY(bind_socket(options->control_endpoint, relay->control_socket, &relay->control_port));
     TRY(bind_socket(options->bulk_endpoint, relay->bulk_socket, &relay->bulk_port));
     log_info("listening on %s:%d (control) and :%d (bulk) for workers of %s", host, relay->control_port,
@@ -171,6 +184,7 @@ static result_t start(relay_t *relay)
     relay->context = zmq_ctx_new();
     if (relay->context == NULL)
         return result_fail(RESULT_LIMIT, "cannot make a ZeroMQ context: %s", strerror(errno));
+    zmq_ctx_set(relay->context, ZMQ_IO_THREADS, IO_THREADS);
     relay->cache_dir = mem_printf("%s/scenes", options->data_dir);
     pool_options_t pool = {.lease = options->lease,
                            .batch_interval = options->batch_interval,
@@ -206,27 +220,17 @@ static void dismantle(relay_t *relay)
     for (int i = 0; i < WAKES; i++)
         if (relay->wakes[i] >= 0) close(relay->wakes[i]);
     free(relay->cache_dir);
-    free(relay->name);
-}
-
-/* "host:pid"; the caller frees it. */
-static char *default_name(void)
-{
-    char host[200] = "";
-    if (gethostname(host, sizeof host - 1) != 0) strcpy(host, "somewhere");
-    return mem_printf("%s:%d", host, (int)getpid());
 }
 
 static result_t serve(relay_t *relay, const atomic_int *stop)
 {
     const relay_options_t *options = relay->options;
-    relay->name = options->name ? mem_strdup(options->name) : default_name();
     control_setup_t setup = {.context = relay->context,
                              .crew = pool_crew(relay->pool),
                              .bulk = relay->bulk,
                              .wake = relay->wakes[WAKE_CONTROL],
                              .control_endpoint = options->master_endpoint,
-                             .name = relay->name,
+                             .name = options->name,
                              .software = "lightmill-relay " LIGHTMILL_VERSION,
                              .relay = true,
                              .grace = options->grace,

@@ -14,10 +14,9 @@
 #include <string.h>
 
 enum {
-    STRETCH_BITS = 16,
-    STRETCHES = 64
-}; /* pixels of a stretch, as a power of two: those of a
-     band of the payload; and locks */
+    STRETCH_BITS = 16, /* pixels of a stretch, as a power of two: those of a band of the payload */
+    STRETCHES = 64     /* that have a lock of their own */
+};
 
 struct sum {
     batch_t batch;
@@ -74,7 +73,20 @@ static result_t check_splats(payload_reader_t *reader, const zmq_msg_t *frame, c
     return payload_end(reader);
 }
 
-/* Decodes tiles and features; looks at the splats. */
+/* The master refuses a sum whole for what it would refuse of one worker. */
+static result_t check_features(const batch_t *batch)
+{
+    const int64_t *values = batch->features;
+    for (size_t i = 0; i < batch->unit_count && batch->feature_count > 0; i++) {
+        size_t count = batch_feature_values(&batch->settings, &batch->units[i]);
+        if (count > 0 && !unit_features_possible(&batch->units[i], values, count))
+            return result_fail(RESULT_PROTOCOL, "features that no sample can have");
+        values += count;
+    }
+    return result_ok();
+}
+
+/* Decodes tiles and features, and checks them; looks at the splats. */
 static result_t read_payloads(const wire_message_t *message, addend_t *addend)
 {
     zmq_msg_t others[BATCH_PAYLOADS];
@@ -85,6 +97,7 @@ static result_t read_payloads(const wire_message_t *message, addend_t *addend)
     result_t result = payload_decode(others, &addend->batch);
     for (int i = 0; i < BATCH_PAYLOADS; i++) zmq_msg_close(&others[i]);
     TRY(result);
+    TRY(check_features(&addend->batch));
     payload_reader_t *reader = payload_reader_new();
     if (reader == NULL) return result_fail(RESULT_LIMIT, "no memory for a decoder");
     addend->splat = &message->payload[1];

@@ -104,6 +104,19 @@ static void pause_briefly(bulk_t *bulk)
     link_wait(&bulk->link, bulk->options.wake, PAUSE);
 }
 
+/* Takes in what nobody waits for. */
+static void discard_strays(bulk_t *bulk)
+{
+    for (bool received = bulk->link.socket != NULL; received;) {
+        wire_message_t message;
+        result_t result = wire_receive(bulk->link.socket, false, &message, &received);
+        if (result.code == RESULT_OK && received)
+            wire_free(&message);
+        else
+            received = result.code == RESULT_PROTOCOL;
+    }
+}
+
 static bool unwanted(const bulk_t *bulk, uint64_t job)
 {
     return bulk->options.crew.calls->unwanted(bulk->options.crew.self, job);
@@ -241,6 +254,8 @@ static result_t obtain_blob(bulk_t *bulk, const assignment_t *assignment, scene_
             return result;
         if (atomic_load(&bulk->quit) || unwanted(bulk, assignment->job))
             return result_fail(RESULT_CANCELLED, "the job is over");
+        refresh_link(bulk);
+        discard_strays(bulk); /* what is left to be read would end the pause at once */
         pause_briefly(bulk);
     }
 }
@@ -460,18 +475,6 @@ static void deliver(bulk_t *bulk, const offer_t *offer)
 }
 
 /* ---- the thread --------------------------------------------------------------------------------------- */
-
-static void discard_strays(bulk_t *bulk)
-{
-    for (bool received = bulk->link.socket != NULL; received;) {
-        wire_message_t message;
-        result_t result = wire_receive(bulk->link.socket, false, &message, &received);
-        if (result.code == RESULT_OK && received)
-            wire_free(&message);
-        else
-            received = result.code != RESULT_OK;
-    }
-}
 
 static void *bulk_thread(void *argument)
 {

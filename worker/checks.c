@@ -89,8 +89,10 @@ check_t *checks_complete(const checks_t *checks)
 
 check_t *checks_find(const checks_t *checks, uint64_t number)
 {
-    for (size_t i = 0; i < checks->count; i++)
-        if (checks->list[i]->number == number && !checks->list[i]->dropped) return checks->list[i];
+    for (size_t i = 0; i < checks->count; i++) {
+        check_t *check = checks->list[i];
+        if (check->number == number && check->done == check->count && !check->dropped) return check;
+    }
     return NULL;
 }
 

@@ -39,7 +39,7 @@ check_t *checks_next(const checks_t *checks);
 void checks_finish(checks_t *checks, check_t *check, size_t unit, unit_result_t *result);
 /* The one whose batch is complete and to be sent; NULL when there is none. */
 check_t *checks_complete(const checks_t *checks);
-/* The one that bears a number; NULL when there is none. */
+/* The complete one that bears a number; NULL when there is none. */
 check_t *checks_find(const checks_t *checks, uint64_t number);
 /* Makes the batch of a complete one, which is under way from now on. */
 void checks_close(check_t *check, const job_settings_t *settings);

@@ -16,7 +16,7 @@ typedef struct {
     int wake;                     /* eventfd that the crew writes to */
     const char *control_endpoint; /* "tcp://host:7420" or "inproc://name" */
     const char *bulk_endpoint;    /* NULL: the same host at the port that the master names */
-    const char *name;             /* for people */
+    const char *name;             /* for people; NULL: host name and process id */
     const char *software;         /* likewise */
     bool relay;                   /* the crew are workers that came over the network */
     bool local;                   /* the master is in this process: nobody else can render its job */

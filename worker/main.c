@@ -4,6 +4,7 @@
  * finish what it has begun and to send it; the second ends the process at once.
  */
 #include "common/address.h"
+#include "proto/wire.h"
 #include "worker/worker.h"
 
 #include <errno.h>
@@ -14,7 +15,7 @@
 #include <string.h>
 #include <unistd.h>
 
-enum { DEFAULT_PORT = 7420, MAX_THREADS = 4096, MAX_GRACE = 86400 };
+enum { MAX_THREADS = 4096, MAX_GRACE = 86400 };
 
 /* Written by the signal handler; the one variable of this kind that a handler needs. */
 static atomic_int stop_requested;
@@ -141,7 +142,7 @@ static result_t parse_arguments(int argc, char **argv, command_t *command)
     if (argc - optind > 1)
         return result_fail(RESULT_USAGE, "more than one master: '%.100s'", argv[optind + 1]);
     address_t address;
-    TRY(address_parse(optind < argc ? argv[optind] : "127.0.0.1", DEFAULT_PORT, &address));
+    TRY(address_parse(optind < argc ? argv[optind] : "127.0.0.1", WIRE_DEFAULT_PORT, &address));
     command->endpoint = address_endpoint(&address, address.port);
     command->options.control_endpoint = command->endpoint;
     return dial_keys_find(&command->dial, address.host, &command->options.keys);

@@ -17,7 +17,6 @@
 
 #include <errno.h>
 #include <sched.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/eventfd.h>
@@ -43,14 +42,6 @@ static int core_count(void)
     return int_max(1, (int)sysconf(_SC_NPROCESSORS_ONLN));
 }
 
-/* "host:pid"; the caller frees it. */
-static char *default_name(void)
-{
-    char host[200] = "";
-    if (gethostname(host, sizeof host - 1) != 0) strcpy(host, "worker");
-    return mem_printf("%s:%d", host, (int)getpid());
-}
-
 /* Without one the worker is in a group of its own, which is a pity but no error. */
 static hash_t own_fingerprint(void)
 {
@@ -70,14 +61,13 @@ static result_t run_threads(const worker_options_t *options, void *context, int 
                                        .control_wake = wakes[0],
                                        .bulk_wake = wakes[1]};
     workshop_t *shop = workshop_new(&shop_options);
-    char *name = options->name ? mem_strdup(options->name) : default_name();
     char *cache_dir = options->cache_dir ? mem_strdup(options->cache_dir) : blob_cache_default_dir();
     control_setup_t setup = {.context = context,
                              .crew = workshop_crew(shop),
                              .wake = wakes[0],
                              .control_endpoint = options->control_endpoint,
                              .bulk_endpoint = options->bulk_endpoint,
-                             .name = name,
+                             .name = options->name,
                              .software = "lightmill-worker " LIGHTMILL_VERSION,
                              .local = options->local,
                              .grace = options->grace,
@@ -96,7 +86,6 @@ static result_t run_threads(const worker_options_t *options, void *context, int 
     bulk_stop(&setup.bulk);
     workshop_destroy(&shop);
     free(cache_dir);
-    free(name);
     return result;
 }
 

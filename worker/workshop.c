@@ -30,6 +30,7 @@ static const double FIRST_SPEED = 20e3; /* pixel samples per thread and second, 
 static const double SPEED_WEIGHT = 0.2; /* of the newest unit in the running mean */
 static const double MIN_UNIT_SAMPLES = 256;
 static const double MAX_UNIT_SAMPLES = 1 << 26;
+
 void workshop_wake(int event)
 {
     uint64_t one = 1;
@@ -430,6 +431,7 @@ static crew_state_t state(void *self)
     pthread_mutex_lock(&shop->lock);
     size_t held = unit_queue_length(&shop->queue) + shop->begun_count + batched_units(shop) +
                   checks_units(&shop->checks);
+    if (shop->has_next) held += shop->next.unit_count;
     bool dropped = shop->over && !shop->flush;
     s.threads = (uint32_t)shop->options.threads;
     s.job = shop->stage == STAGE_EMPTY || dropped ? 0 : shop->current.job;

@@ -13,8 +13,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { FEATURE_LIMIT = 57 }; /* one sample adds less than 2^57 to any value of features (film.h) */
-
 /* ---- rows and counts ----------------------------------------------------------------------------------- */
 
 static uint32_t weight_of(const uint32_t *weights, size_t unit)
@@ -146,22 +144,12 @@ static result_t walk_splat_piece(walk_t *walk, const payload_piece_t *piece)
     return result_ok();
 }
 
-/* No renderer makes larger features, and so no sum of them can overflow. */
-static bool features_possible(const unit_t *unit, const int64_t *values, size_t count)
-{
-    uint32_t left = FEATURE_SAMPLES - unit->first, samples = unit->count < left ? unit->count : left;
-    int64_t limit = (int64_t)samples << FEATURE_LIMIT;
-    bool good = true;
-    for (size_t i = 0; i < count; i++) good &= values[i] < limit && values[i] > -limit;
-    return good;
-}
-
 static result_t walk_feature_piece(walk_t *walk, const payload_piece_t *piece)
 {
     for (size_t i = 0; i < piece->pixels;) {
         const int64_t *values = piece->values + piece->lanes * i;
         run_t run = find_run(walk, piece->first + i, piece->pixels - i);
-        if (!features_possible(&walk->batch->units[walk->unit], values, piece->lanes * run.count))
+        if (!unit_features_possible(&walk->batch->units[walk->unit], values, piece->lanes * run.count))
             return result_fail(RESULT_PROTOCOL, "features that no sample can have");
         if (!adder_add_strided(&walk->adder, ARRAY_FEATURES, FEATURE_VALUES * run.pixel + piece->offset,
                                FEATURE_VALUES, piece->lanes, values, run.count))

@@ -70,6 +70,18 @@ static void a_process_that_hangs_is_not_waited_for(void **state)
     assert_int_equal(bind(hanging, (struct sockaddr *)&address, sizeof address), 0);
     assert_int_equal(listen(hanging, 1), 0);
     assert_int_equal(health_ask(path, text, sizeof text).code, RESULT_UNREACHABLE);
+    /* Nor when so many have asked in vain that there is no room for one more. */
+    int asking[4];
+    for (size_t i = 0; i < ARRAY_LENGTH(asking); i++) {
+        asking[i] = socket(AF_UNIX, SOCK_STREAM | SOCK_NONBLOCK, 0);
+        connect(asking[i], (struct sockaddr *)&address, sizeof address);
+    }
+    alarm(30);
+    assert_int_equal(health_ask(path, text, sizeof text).code, RESULT_UNREACHABLE);
+    health_t *health;
+    assert_int_equal(health_start(path, report, NULL, &health).code, RESULT_USAGE);
+    alarm(0);
+    for (size_t i = 0; i < ARRAY_LENGTH(asking); i++) close(asking[i]);
     close(hanging);
     unlink(path);
     free(path);

@@ -402,6 +402,7 @@ static void another_job_waits_for_the_last_batch(void **state)
     await_rendered(b, 1);
     assign_check(b, JOB + 1, 0, &unit, 1);
     assert_int_equal(state_of(b).samples, 0);
+    assert_int_equal(state_of(b).units_held, 2); /* one of each job */
     duty_t duty = await_duty(b, DUTY_OFFER, NEVER);
     assert_int_equal(duty.offer.job, JOB);
     closed_batch_t closed = close_offer(b, &duty);

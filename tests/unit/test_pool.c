@@ -1,0 +1,236 @@
+/* Tests of the relay's pool by its calls: what it takes from workers and what it does not, whom it gives
+ * what, and what it makes of a master that gives old numbers to new jobs. Sockets come in test_relay.c. */
+#include "relay/pool.h"
+#include "tests/peer.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+enum { JOB = 3, INTERVAL = 10 };
+static const uint64_t MUCH = 1 << 30; /* pixel samples: more than there are */
+
+typedef struct {
+    pool_t *pool;
+    crew_t crew;
+    job_settings_t settings;
+    hash_t blob;
+    uint64_t ada, bob; /* workers */
+    unit_t *units;     /* of the last assignment to one */
+} test_t;
+
+static uint64_t hello(test_t *t, const char *name)
+{
+    identity_t identity = {{1}, 1};
+    farm_hello_t said = {.name = name, .key = "", .threads = 1};
+    uint64_t worker = 0;
+    assert_int_equal(pool_hello(t->pool, 0, &identity, &said, &worker).code, RESULT_OK);
+    return worker;
+}
+
+static int set_up(void **state)
+{
+    test_t *t = mem_zalloc(1, sizeof *t);
+    log_init("test", LOG_ERROR);
+    pool_options_t options = {.lease = 1000,
+                              .batch_interval = INTERVAL,
+                              .memory = (uint64_t)1 << 30,
+                              .control_wake = -1,
+                              .bulk_wake = -1,
+                              .notice_wake = -1,
+                              .grant_wake = -1};
+    t->pool = pool_new(&options);
+    t->crew = pool_crew(t->pool);
+    t->settings = job_settings_default();
+    t->settings.width = t->settings.height = 64;
+    t->blob = hash_bytes("blob", 4);
+    t->units = mem_alloc(WIRE_MAX_UNITS * sizeof *t->units);
+    t->ada = hello(t, "ada");
+    t->bob = hello(t, "bob");
+    *state = t;
+    return 0;
+}
+
+static int tear_down(void **state)
+{
+    test_t *t = *state;
+    pool_destroy(&t->pool);
+    free(t->units);
+    free(t);
+    return 0;
+}
+
+/* ---- the master ---------------------------------------------------------------------------------------- */
+
+static void assign(test_t *t, const unit_t *units, size_t count)
+{
+    assignment_t assignment = {.job = JOB,
+                               .settings = t->settings,
+                               .blob = t->blob,
+                               .blob_size = 4,
+                               .content = job_content_hash(&t->settings, &t->blob),
+                               .units = mem_alloc(count * sizeof *units),
+                               .unit_count = count};
+    memcpy(assignment.units, units, count * sizeof *units);
+    t->crew.calls->assign(t->crew.self, &assignment);
+}
+
+static duty_t duty_of(test_t *t)
+{
+    return t->crew.calls->duty(t->crew.self, 0);
+}
+
+static result_t load(test_t *t, const hash_t *hash)
+{
+    scene_blob_t blob = {.bytes = (const void *)"blob", .size = 4, .hash = *hash};
+    return t->crew.calls->loaded(t->crew.self, JOB, &blob);
+}
+
+static void begin(test_t *t, const unit_t *units, size_t count)
+{
+    assign(t, units, count);
+    assert_int_equal(duty_of(t).kind, DUTY_LOAD);
+    assert_int_equal(load(t, &t->blob).code, RESULT_OK);
+}
+
+/* ---- the workers --------------------------------------------------------------------------------------- */
+
+/* Asks for work; returns how many units came. */
+static size_t take(test_t *t, double now, uint64_t worker, uint64_t samples)
+{
+    identity_t identity = {{1}, 1};
+    farm_work_t work = {.units = t->units};
+    assert_int_equal(pool_take(t->pool, now, &identity, worker, 0, samples, 1, &work).code, RESULT_OK);
+    return work.job != 0 ? work.unit_count : 0;
+}
+
+static result_t deliver(test_t *t, uint64_t worker, const batch_t *batch)
+{
+    Lm__BatchResult body = LM__BATCH_RESULT__INIT;
+    Lm__Counts counts = LM__COUNTS__INIT;
+    Lm__Envelope envelope = LM__ENVELOPE__INIT;
+    wire_message_t message = {.envelope = &envelope, .payload_count = BATCH_PAYLOADS};
+    assert_int_equal(payload_encode(batch, true, message.payload).code, RESULT_OK);
+    wire_counts_put(&batch->counts, &counts);
+    body.worker = worker;
+    body.job = JOB;
+    body.units = wire_units_new(batch->units, batch->unit_count);
+    body.n_units = batch->unit_count;
+    body.counts = &counts;
+    envelope.body_case = LM__ENVELOPE__BODY_BATCH_RESULT;
+    envelope.batch_result = &body;
+    result_t result = pool_batch_add(t->pool, 0, &message);
+    for (int i = 0; i < BATCH_PAYLOADS; i++) zmq_msg_close(&message.payload[i]);
+    free(body.units);
+    return result;
+}
+
+static result_t render(test_t *t, uint64_t worker, const unit_t *units, size_t count)
+{
+    batch_t batch = peer_render(&t->settings, units, count);
+    result_t result = deliver(t, worker, &batch);
+    batch_free(&batch);
+    return result;
+}
+
+/* ---- tests --------------------------------------------------------------------------------------------- */
+
+/* The master would refuse the whole sum for them, and put the relay aside. */
+static void what_the_master_would_refuse_is_refused_here(void **state)
+{
+    test_t *t = *state;
+    const unit_t units[] = {{0, 0, 4}, {1, 0, 4}};
+    begin(t, units, 2);
+    assert_int_equal(take(t, 0, t->ada, MUCH), 2);
+    batch_t batch = peer_render(&t->settings, units, 2);
+    assert_true(batch.feature_count > 0);
+    batch.features[batch.feature_count - 5] = (int64_t)1 << 60;
+    result_t result = deliver(t, t->ada, &batch);
+    assert_int_equal(result.code, RESULT_PROTOCOL);
+    assert_non_null(strstr(result.message, "features"));
+    batch_free(&batch);
+    /* Its units go to others. */
+    assert_int_equal(take(t, 0, t->bob, MUCH), 2);
+    assert_int_equal(render(t, t->bob, units, 2).code, RESULT_OK);
+    duty_t duty = duty_of(t);
+    assert_int_equal(duty.kind, DUTY_OFFER);
+    closed_batch_t closed = t->crew.calls->close(t->crew.self, &duty.offer);
+    assert_int_equal(closed.batch->unit_count, 2);
+    t->crew.calls->sent(t->crew.self, &closed, true);
+}
+
+/* A master that lost its data gives the number to another job while the old one's scene is on its way. */
+static void a_scene_goes_to_the_job_that_it_is_of(void **state)
+{
+    test_t *t = *state;
+    const unit_t unit = {0, 0, 4};
+    hash_t old = t->blob;
+    uint64_t size;
+    assign(t, &unit, 1);
+    duty_t duty = duty_of(t);
+    assert_true(hash_equal(&duty.assignment.blob, &old));
+    t->blob = hash_bytes("another", 7);
+    assign(t, &unit, 1);
+    assert_int_equal(load(t, &old).code, RESULT_CANCELLED);
+    assert_int_equal(pool_blob_size(t->pool, &t->blob, &size).code, RESULT_INPUT);
+    duty = duty_of(t);
+    assert_int_equal(duty.kind, DUTY_LOAD);
+    assert_true(hash_equal(&duty.assignment.blob, &t->blob));
+    assert_int_equal(load(t, &t->blob).code, RESULT_OK);
+    assert_int_equal(pool_blob_size(t->pool, &t->blob, &size).code, RESULT_OK);
+}
+
+/* A worker that waits for a grant loses nothing; one that does not even offer does. */
+static void who_is_made_to_wait_keeps_its_units(void **state)
+{
+    static const ProtobufCBinaryData any = {0, NULL};
+    test_t *t = *state;
+    const unit_t unit = {0, 0, 4};
+    double now = 0;
+    begin(t, &unit, 1);
+    assert_int_equal(take(t, now, t->ada, MUCH), 1);
+    for (; now < 20 * INTERVAL; now += INTERVAL) {
+        assert_int_equal(pool_batch_wanted(t->pool, now, t->ada, JOB, &any).code, RESULT_OK);
+        assert_int_equal(take(t, now, t->bob, MUCH), 0);
+    }
+    assert_int_equal(take(t, now + 10 * INTERVAL, t->bob, MUCH), 1);
+}
+
+static void who_asks_for_nothing_gets_nothing(void **state)
+{
+    test_t *t = *state;
+    const unit_t unit = {0, 0, 4};
+    begin(t, &unit, 1);
+    assert_int_equal(take(t, 0, t->ada, 0), 0);
+    assert_int_equal(take(t, 0, t->ada, 1), 1);
+}
+
+/* Whoever is not of this relay may make other bits; nor is its batch a way to take units of others away. */
+static void a_stranger_delivers_nothing(void **state)
+{
+    test_t *t = *state;
+    const unit_t unit = {0, 0, 4};
+    begin(t, &unit, 1);
+    assert_int_equal(take(t, 0, t->ada, MUCH), 1);
+    assert_int_equal(render(t, 0, &unit, 1).code, RESULT_UNREACHABLE);
+    assert_int_equal(render(t, t->ada ^ t->bob, &unit, 1).code, RESULT_UNREACHABLE);
+    assert_int_equal(take(t, 0, t->bob, MUCH), 0);
+    assert_int_equal(render(t, t->ada, &unit, 1).code, RESULT_OK);
+    assert_int_equal(render(t, t->ada, &unit, 1).code, RESULT_MISMATCH); /* nothing counts twice */
+}
+
+int main(void)
+{
+#define POOL(test) cmocka_unit_test_setup_teardown(test, set_up, tear_down)
+    const struct CMUnitTest tests[] = {
+        POOL(what_the_master_would_refuse_is_refused_here),
+        POOL(a_scene_goes_to_the_job_that_it_is_of),
+        POOL(who_is_made_to_wait_keeps_its_units),
+        POOL(who_asks_for_nothing_gets_nothing),
+        POOL(a_stranger_delivers_nothing),
+    };
+    return cmocka_run_group_tests_name("pool", tests, NULL, NULL);
+}
