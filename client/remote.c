@@ -13,8 +13,8 @@
 #include <string.h>
 
 static const double SLOW_ANSWER = 120.0; /* seconds for answers that a master must work for */
-/* Images are checked against this before memory is allocated: five float layers of the largest film. */
-static const uint64_t MAX_IMAGE_BYTES = (uint64_t)JOB_MAX_PIXELS * 64;
+/* Images are checked against this before memory is allocated: 26 channels of the largest film, and more. */
+static const uint64_t MAX_IMAGE_BYTES = (uint64_t)JOB_MAX_PIXELS * 128;
 
 struct remote {
     void *context;
