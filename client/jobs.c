@@ -7,6 +7,7 @@
 #include "client/progress.h"
 #include "client/watch.h"
 
+#include <ctype.h>
 #include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -196,24 +197,40 @@ result_t cmd_order(int argc, char **argv)
 
 /* ---- priority ----------------------------------------------------------------------------------------- */
 
+/* Takes the first word that is a negative number out of the arguments, where it would be an option; NULL when
+ * there is none. */
+static const char *take_negative(int *argc, char **argv)
+{
+    const char *number = NULL;
+    for (int i = 1; i < *argc && number == NULL; i++) {
+        if (argv[i][0] != '-' || !isdigit((unsigned char)argv[i][1])) continue;
+        number = argv[i];
+        memmove(&argv[i], &argv[i + 1], (size_t)(*argc - i) * sizeof *argv); /* with the NULL at the end */
+        --*argc;
+    }
+    return number;
+}
+
 result_t cmd_priority(int argc, char **argv)
 {
     command_t command;
     job_order_t order = {.kind = ORDER_PRIORITY};
     long long priority;
+    const char *number = take_negative(&argc, argv);
     TRY(parse_options(argc, argv, order_options, &command));
     if (command.help) {
         printf("usage: lightmill priority JOB N [options]\n\n"
                "Jobs of a higher priority go first, jobs of the same one share the workers. New jobs have 0; "
                "N is\n"
-               "from -%d to %d (write -- before a negative one).\n\n%s%s",
+               "from -%d to %d.\n\n%s%s",
                JOB_MAX_PRIORITY, JOB_MAX_PRIORITY, master_usage, dial_usage);
         return result_ok();
     }
-    if (argc - optind != 2)
+    if (number == NULL && argc - optind == 2) number = argv[--argc];
+    if (number == NULL || argc - optind != 1)
         return result_fail(RESULT_USAGE, "priority takes a job's number and its new priority");
     TRY(option_job(argv[optind], &order.job));
-    TRY(option_integer("priority", argv[optind + 1], -JOB_MAX_PRIORITY, JOB_MAX_PRIORITY, &priority));
+    TRY(option_integer("priority", number, -JOB_MAX_PRIORITY, JOB_MAX_PRIORITY, &priority));
     order.priority = (int32_t)priority;
     remote_t *remote;
     TRY(master_connect(&command.master, &remote));
