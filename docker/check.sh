@@ -13,8 +13,8 @@ work=$(mktemp -d)
 export STORAGE_DRIVER=vfs BUILDAH_ISOLATION=chroot
 tool() { buildah --root "$work/store" --runroot "$work/run" "$@"; }
 port=$((20000 + RANDOM % 20000))
-# Tells the programs in containers to end: the port tells ours from others.
-end() { pkill -TERM -f "lightmill-$1 .*:$port" || true; }
+# Tells the programs in containers to end, and not buildah, which would kill them. The port tells ours from others.
+end() { pkill -TERM -f "^(/usr/bin/)?lightmill-$1 .*:$port" || true; }
 finish() {
     for _ in 1 2; do # told twice they leave at once
         end worker
