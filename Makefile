@@ -67,7 +67,7 @@ $(BUILD)/tests/unit/test_corpus: $(call objects,$(wildcard tests/fuzz/*.c))
 $(BUILD)/tests/unit/test_proxy: $(call objects,tests/chaos/proxy.c tests/chaos/stream.c tests/chaos/zmtp.c)
 CHAOS := $(BUILD)/tests/chaos/chaos $(BUILD)/tests/chaos/world.so $(PROGRAMS)
 $(BUILD)/tests/farm/test_chaos: $(call objects,tests/chaos/process.c tests/chaos/world.c) | $(CHAOS)
-$(BUILD)/tests/chaos/chaos: $(call objects,$(filter-out %/world_preload.c,$(wildcard tests/chaos/*.c)))
+$(BUILD)/tests/chaos/chaos: $(call objects,$(filter-out %/world_preload.c,$(wildcard tests/chaos/*.c tests/chaos/*/*.c)))
 
 # Loaded into programs of a chaos run, never linked.
 $(BUILD)/tests/chaos/world.so: tests/chaos/world_preload.c
@@ -178,10 +178,10 @@ bench-farm: deps
 	$(SUBMAKE) $(JOBS) all $(BUILD)/tests/bench/bench_farm
 	$(BUILD)/tests/bench/bench_farm
 
-# What docs/codec.md says of the alternatives to our payload coding; needs libblosc-dev (make deps-dev).
-bench-codec: EXTRA_LIBS = -lblosc
-bench-codec: $(BUILD)/tests/bench/bench_codec
-	$<
+# What docs/codec.md says of the alternatives to our payload coding.
+bench-codec: deps-dev
+	$(SUBMAKE) $(JOBS) EXTRA_LIBS=-lblosc $(BUILD)/tests/bench/bench_codec
+	$(BUILD)/tests/bench/bench_codec
 
 # Builds the images with buildah and renders a job through them; as root, some minutes.
 container-check: deps
@@ -220,14 +220,14 @@ help:
 	@echo "make asan       the tests under the address and undefined-behaviour sanitizers (tsan: threads)"
 	@echo "make chaos      a farm to which everything happens, for CHAOS_SECONDS ($(CHAOS_SECONDS)); SEED repeats a run"
 	@echo "make valgrind   a master that served 50 jobs has no leaks"
-	@echo "make fuzz       libFuzzer on all that reads files: FUZZ_SECONDS ($(FUZZ_SECONDS)) each; FUZZ_TARGETS=\"pbrt ply\""
+	@echo "make fuzz       libFuzzer on all that decodes bytes of others: FUZZ_SECONDS ($(FUZZ_SECONDS)) each; FUZZ_TARGETS=\"pbrt ply\""
+	@echo "make sim        a real master and 500 simulated workers for three minutes: what one master takes"
+	@echo "make container-check  build the images of docker/Dockerfile, render a job through them (root)"
 	@echo "make bench      error and speed of the renderer against the figures of pbrt-v3"
 	@echo "make bench-error  jobs that end by --error: is it the error?"
 	@echo "make bench-merge  how fast a master merges, as a share of memcpy"
 	@echo "make bench-farm   CPU time of a farm beside its rendering; two workers against one"
-	@echo "make sim        a real master and 500 simulated workers for three minutes: what one master takes"
 	@echo "make bench-codec  the codings of payloads that were weighed against one another"
-	@echo "make container-check  build the images of docker/Dockerfile, render a job through them (root)"
 	@echo "make install    into PREFIX ($(PREFIX)); DESTDIR is honoured; uninstall takes it back"
 	@echo "make deps       the Debian packages of docker/packages.txt; deps-dev: also those for format and lint"
 	@echo "make format     clang-format; make lint: clang-tidy and cppcheck"

@@ -1,6 +1,6 @@
 /* convert: `lightmill import`: a scene as one blob file, so that a long import is done once. */
 #include "client/commands.h"
-#include "client/options.h"
+#include "client/output.h"
 #include "client/scene.h"
 #include "common/atomic_file.h"
 
@@ -72,6 +72,7 @@ result_t cmd_import(int argc, char **argv)
         fputs(usage, stdout);
         return result_ok();
     }
+    if (arguments.output) TRY(output_writable(arguments.output));
     TRY(scene_load(arguments.scene, arguments.lenient, &scene));
     char *path = arguments.output ? mem_strdup(arguments.output) : mem_printf("%s.blob", scene.name);
     result_t result = file_write_atomic(path, scene.blob.bytes, scene.blob.size);

@@ -7,6 +7,7 @@
 #include "client/progress.h"
 #include "client/watch.h"
 
+#include <ctype.h>
 #include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -51,10 +52,7 @@ static result_t parse_goal(command_t *command, const char *option, const char *v
         TRY(option_integer(option, value, 1, JOB_MAX_SPP, &number));
         command->order.spp = (uint32_t)number;
     } else if (strcmp(option, "error") == 0) {
-        TRY(option_share(option, value, &command->order.error));
-        if (command->order.error <= 0 || command->order.error >= 1)
-            return result_fail(RESULT_USAGE, "--error takes a number between 0 and 1, or 1%%, not '%.100s'",
-                               value);
+        return option_error(value, &command->order.error);
     } else if (strcmp(option, "time") == 0) {
         return option_real(option, value, 0.1, 1e9, &command->order.time_limit);
     } else {
@@ -122,8 +120,8 @@ result_t cmd_fetch(int argc, char **argv)
     if (command.help) {
         printf("usage: lightmill fetch JOB -o FILE [options]\n\nThe image of a job so far.\n\n"
                "  --wait             wait for the end of the job, and show its progress\n"
-               "  --quiet            no progress\n%s%s",
-               output_usage, master_usage);
+               "  --quiet            no progress\n%s%s%s",
+               output_usage, master_usage, dial_usage);
         return result_ok();
     }
     TRY(one_job(argc, argv, &job));
@@ -173,7 +171,8 @@ result_t cmd_order(int argc, char **argv)
     const verb_t *verb = find_verb(argv[0]);
     TRY(parse_options(argc, argv, order_options, &command));
     if (command.help) {
-        printf("usage: lightmill %s JOB... [options]\n\n%s\n%s", verb->name, verb->help, master_usage);
+        printf("usage: lightmill %s JOB... [options]\n\n%s\n%s%s", verb->name, verb->help, master_usage,
+               dial_usage);
         return result_ok();
     }
     job_order_t order = {.kind = verb->kind};
@@ -198,24 +197,40 @@ result_t cmd_order(int argc, char **argv)
 
 /* ---- priority ----------------------------------------------------------------------------------------- */
 
+/* Takes the first word that is a negative number out of the arguments, where it would be an option; NULL when
+ * there is none. */
+static const char *take_negative(int *argc, char **argv)
+{
+    const char *number = NULL;
+    for (int i = 1; i < *argc && number == NULL; i++) {
+        if (argv[i][0] != '-' || !isdigit((unsigned char)argv[i][1])) continue;
+        number = argv[i];
+        memmove(&argv[i], &argv[i + 1], (size_t)(*argc - i) * sizeof *argv); /* with the NULL at the end */
+        --*argc;
+    }
+    return number;
+}
+
 result_t cmd_priority(int argc, char **argv)
 {
     command_t command;
     job_order_t order = {.kind = ORDER_PRIORITY};
     long long priority;
+    const char *number = take_negative(&argc, argv);
     TRY(parse_options(argc, argv, order_options, &command));
     if (command.help) {
         printf("usage: lightmill priority JOB N [options]\n\n"
                "Jobs of a higher priority go first, jobs of the same one share the workers. New jobs have 0; "
                "N is\n"
-               "from -%d to %d (write -- before a negative one).\n\n%s",
-               JOB_MAX_PRIORITY, JOB_MAX_PRIORITY, master_usage);
+               "from -%d to %d.\n\n%s%s",
+               JOB_MAX_PRIORITY, JOB_MAX_PRIORITY, master_usage, dial_usage);
         return result_ok();
     }
-    if (argc - optind != 2)
+    if (number == NULL && argc - optind == 2) number = argv[--argc];
+    if (number == NULL || argc - optind != 1)
         return result_fail(RESULT_USAGE, "priority takes a job's number and its new priority");
     TRY(option_job(argv[optind], &order.job));
-    TRY(option_integer("priority", argv[optind + 1], -JOB_MAX_PRIORITY, JOB_MAX_PRIORITY, &priority));
+    TRY(option_integer("priority", number, -JOB_MAX_PRIORITY, JOB_MAX_PRIORITY, &priority));
     order.priority = (int32_t)priority;
     remote_t *remote;
     TRY(master_connect(&command.master, &remote));
@@ -248,13 +263,13 @@ result_t cmd_extend(int argc, char **argv)
     command_t command;
     TRY(parse_options(argc, argv, extend_options, &command));
     if (command.help) {
-        printf("%s%s%s", extend_usage, output_usage, master_usage);
+        printf("%s%s%s%s", extend_usage, output_usage, master_usage, dial_usage);
         return result_ok();
     }
     command.order.kind = ORDER_EXTEND;
     TRY(one_job(argc, argv, &command.order.job));
-    if (command.wait != (command.output.path != NULL))
-        return result_fail(RESULT_USAGE, "--wait and -o FILE belong together");
+    if (command.wait != (command.output.path != NULL) || (command.output.png && !command.wait))
+        return result_fail(RESULT_USAGE, "--wait and -o FILE belong together; fetch gets an image later");
     if (command.wait) TRY(output_check(&command.output));
     remote_t *remote;
     TRY(master_connect(&command.master, &remote));

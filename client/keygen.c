@@ -16,12 +16,12 @@ static const char usage[] =
     "the\n"
     "master's own key, only the public half.\n"
     "\n"
-    "  NAME               client, worker, or what you like (client)\n"
+    "  NAME               client, worker, relay, or what you like (client)\n"
     "  --out DIR          where the files go (~/.config/lightmill, where client.secret, worker.secret and\n"
     "                     master.key are found without being named)\n"
     "  --right RIGHT      what the line is to allow: worker (may work), client (may submit and control jobs) "
     "or\n"
-    "                     all (worker for names that begin with worker, else client)\n"
+    "                     all (worker for names that begin with worker or relay, else client)\n"
     "  --help\n"
     "\n"
     "Files that are there already are never written over. docs/security.md tells the rest.\n";
@@ -30,6 +30,13 @@ typedef struct {
     const char *name, *directory, *right;
     bool help;
 } command_t;
+
+/* A relay is a worker to its master. */
+static const char *right_of(const char *name)
+{
+    bool works = strncmp(name, "worker", 6) == 0 || strncmp(name, "relay", 5) == 0;
+    return works ? "worker" : "client";
+}
 
 static result_t parse_arguments(int argc, char **argv, command_t *command)
 {
@@ -47,8 +54,7 @@ static result_t parse_arguments(int argc, char **argv, command_t *command)
     if (argc - optind > 1)
         return result_fail(RESULT_USAGE, "keygen takes one name; see lightmill keygen --help");
     if (optind < argc) command->name = argv[optind];
-    if (command->right == NULL)
-        command->right = strncmp(command->name, "worker", 6) == 0 ? "worker" : "client";
+    if (command->right == NULL) command->right = right_of(command->name);
     if (strcmp(command->right, "worker") == 0 || strcmp(command->right, "client") == 0 ||
         strcmp(command->right, "all") == 0)
         return result_ok();

@@ -24,15 +24,15 @@ static const char usage[] =
     "  compare A B      compare two images\n"
     "  help, --help, --version\n"
     "\n"
-    "lightmill COMMAND --help tells more. The other programs are lightmill-master and lightmill-worker.\n"
+    "lightmill COMMAND --help tells more. The other programs are lightmill-master, lightmill-worker and\n"
+    "lightmill-relay.\n"
     "\n"
     "Exit codes:\n"
     "  0 success                              5 a limit was exceeded, or memory ran out\n"
     "  1 the command line is wrong            6 the master does not answer\n"
     "  2 a file is missing or malformed       7 cancelled by a user or a signal\n"
     "  3 the operating system refused         8 the images differ (compare)\n"
-    "  4 the master broke the protocol          9 the master does not accept the key, or it lacks the "
-    "right\n";
+    "  4 the master broke the protocol        9 a key is missing, not accepted, or lacks the right\n";
 
 typedef struct {
     const char *name;

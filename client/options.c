@@ -12,9 +12,9 @@
 const char settings_usage[] =
     "  --spp N            samples a pixel\n"
     "  --time SECONDS     stop after so long, with --spp whichever comes first\n"
-    "  --error E          stop when the estimated relative error is at most E (0.01 is a good picture), "
-    "with\n"
-    "                     --spp and --time whichever comes first\n"
+    "  --error E          stop when the estimated relative error is at most E (0.01 or 1%, a good "
+    "picture),\n"
+    "                     with --spp and --time whichever comes first\n"
     "  --adaptive         more samples where there is more noise; --spp is their mean\n"
     "  --integrator NAME  bdpt, path or light\n"
     "  --max-depth N      longest path: N + 1 segments, as pbrt counts\n"
@@ -61,6 +61,14 @@ result_t option_share(const char *option, const char *text, double *value)
         return result_fail(RESULT_USAGE, "--%s takes a share like 1%% or 0.01, at most 1, not '%.100s'",
                            option, text);
     return result_ok();
+}
+
+result_t option_error(const char *text, double *value)
+{
+    result_t result = option_share("error", text, value);
+    if (result.code == RESULT_OK && *value > 0 && *value < 1) return result;
+    return result_fail(RESULT_USAGE,
+                       "--error takes a number between 0 and 1, such as 0.01 or 1%%, not '%.100s'", text);
 }
 
 result_t option_job(const char *text, uint64_t *job)
@@ -123,7 +131,7 @@ result_t overrides_option(overrides_t *overrides, const char *option, const char
     } else if (strcmp(option, "time") == 0) {
         TRY(option_real(option, value, 0.1, 1e9, &overrides->time_limit));
     } else if (strcmp(option, "error") == 0) {
-        TRY(option_real(option, value, 1e-6, 0.99, &overrides->error));
+        return option_error(value, &overrides->error);
     } else if (strcmp(option, "adaptive") == 0) {
         overrides->adaptive = true;
     } else if (strcmp(option, "max-depth") == 0) {

@@ -13,6 +13,8 @@ result_t option_integer(const char *option, const char *text, long long least, l
 result_t option_real(const char *option, const char *text, double least, double most, double *value);
 /* A share from 0 to 1: "0.01" or "1%". */
 result_t option_share(const char *option, const char *text, double *value);
+/* The relative error that --error asks for: between 0 and 1, "0.01" or "1%". */
+result_t option_error(const char *text, double *value);
 /* A job's number. */
 result_t option_job(const char *text, uint64_t *job);
 

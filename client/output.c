@@ -1,21 +1,14 @@
-/* output: see output.h.
- *
- * DESIGN. A master hands out images as finished EXR files, so the EXR is written as it came; a PNG is made
- * from it. When only a PNG is wanted the EXR takes a detour through a temporary file, since the EXR reader
- * wants one.
- */
+/* output: see output.h. A master hands out images as finished EXR files, so the EXR is written as it came;
+ * a PNG is made from it. */
 #include "client/output.h"
 
 #include "client/options.h"
 #include "common/atomic_file.h"
 #include "common/image.h"
 
-#include <errno.h>
-#include <stdlib.h>
 #include <string.h>
 #include <strings.h>
 #include <sys/stat.h>
-#include <unistd.h>
 
 const char output_usage[] = "  -o, --output FILE  where the image goes: .exr, or .png for a PNG alone\n"
                             "  --png FILE         write a PNG as well\n"
@@ -51,7 +44,7 @@ bool output_is_png(const char *path)
 
 /* Opens the temporary that the writer will use and removes it again: nothing else knows as well whether the
  * disk, the mount and the permissions allow it. */
-static result_t check_writable(const char *path)
+result_t output_writable(const char *path)
 {
     struct stat status;
     if (stat(path, &status) == 0 && S_ISDIR(status.st_mode))
@@ -68,8 +61,8 @@ result_t output_check(const output_t *output)
         return result_fail(RESULT_USAGE, "the output '%.200s' must end in .exr or .png", output->path);
     if (output->png && !output_is_png(output->png))
         return result_fail(RESULT_USAGE, "the PNG '%.200s' must end in .png", output->png);
-    if (output->path) TRY(check_writable(output->path));
-    if (output->png) TRY(check_writable(output->png));
+    if (output->path) TRY(output_writable(output->path));
+    if (output->png) TRY(output_writable(output->png));
     return result_ok();
 }
 
@@ -80,35 +73,16 @@ static double relative_noise(const image_t *image)
     return error != NULL && error->kind == ATTRIBUTE_FLOAT ? (double)error->real : -1;
 }
 
-/* Puts the bytes into a temporary file and reads them as an image. */
-static result_t read_bytes(const uint8_t *exr, size_t size, image_t *image)
-{
-    const char *dir = getenv("TMPDIR");
-    char *path = mem_printf("%s/lightmill-XXXXXX", dir && dir[0] ? dir : "/tmp");
-    int file = mkstemp(path);
-    result_t result = result_ok();
-    if (file < 0) result = result_fail(RESULT_IO, "cannot create %.200s: %s", path, strerror(errno));
-    for (size_t done = 0; result.code == RESULT_OK && done < size;) {
-        ssize_t written = write(file, exr + done, size - done);
-        if (written < 0 && errno != EINTR)
-            result = result_fail(RESULT_IO, "cannot write %.200s: %s", path, strerror(errno));
-        if (written > 0) done += (size_t)written;
-    }
-    if (file >= 0) close(file);
-    if (result.code == RESULT_OK) result = image_read_exr(path, image);
-    if (file >= 0) unlink(path);
-    free(path);
-    return result;
-}
-
 result_t output_write(const output_t *output, const uint8_t *exr, size_t size, double *noise)
 {
     bool png_alone = output_is_png(output->path);
-    if (!png_alone) TRY(file_write_atomic(output->path, exr, size));
     image_t image;
-    TRY(png_alone ? read_bytes(exr, size, &image) : image_read_exr(output->path, &image));
+    *noise = -1;
+    if (!png_alone) TRY(file_write_atomic(output->path, exr, size));
+    result_t result = image_decode_exr("the image", exr, size, &image);
+    /* An EXR that is too large to be decoded here is whole all the same. */
+    if (result.code != RESULT_OK) return png_alone || output->png ? result : result_ok();
     *noise = relative_noise(&image);
-    result_t result = result_ok();
     float exposure = (float)output->exposure;
     if (png_alone) result = image_write_png(output->path, &image, exposure);
     if (output->png && result.code == RESULT_OK) result = image_write_png(output->png, &image, exposure);

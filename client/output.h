@@ -26,7 +26,8 @@ extern const char output_usage[];
 result_t output_option(output_t *output, const char *option, const char *value, bool *taken);
 /* True for the name of a PNG. */
 bool output_is_png(const char *path);
-/* Checks, before any work is done, that the files can be written. */
+/* Checks, before any work is done, that a file can be written; that all of them can. */
+result_t output_writable(const char *path);
 result_t output_check(const output_t *output);
 /* Writes the files from the bytes of an EXR, each whole or not at all. `path` must be set. *noise becomes the
  * image's estimated relative error (common/film.h), negative when it is not known. */

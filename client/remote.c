@@ -13,8 +13,8 @@
 #include <string.h>
 
 static const double SLOW_ANSWER = 120.0; /* seconds for answers that a master must work for */
-/* Images are checked against this before memory is allocated: five float layers of the largest film. */
-static const uint64_t MAX_IMAGE_BYTES = (uint64_t)JOB_MAX_PIXELS * 64;
+/* Images are checked against this before memory is allocated: 26 channels of the largest film, and more. */
+static const uint64_t MAX_IMAGE_BYTES = (uint64_t)JOB_MAX_PIXELS * 128;
 
 struct remote {
     void *context;
@@ -85,18 +85,19 @@ void remote_close(remote_t **remote_pointer)
 
 /* ---- questions and answers ---------------------------------------------------------------------------- */
 
-static result_t unreachable(const remote_t *remote, const char *endpoint, double timeout)
+static result_t unreachable(const char *endpoint, double timeout)
 {
-    return result_fail(RESULT_UNREACHABLE,
-                       "no answer from the master at %s within %.1f s: is lightmill-master running there, is "
-                       "the port (%s) right and open?",
-                       endpoint, timeout, remote->control_endpoint);
+    return result_fail(
+        RESULT_UNREACHABLE,
+        "no answer from the master at %s within %.1f s: is lightmill-master running there, and "
+        "is the port open?",
+        endpoint, timeout);
 }
 
 static result_t refused(const Lm__Refusal *refusal)
 {
     bool known = refusal->code > RESULT_OK && refusal->code <= RESULT_DENIED;
-    return result_fail(known ? (result_code_t)refusal->code : RESULT_PROTOCOL, "the master refuses: %.400s",
+    return result_fail(known ? (result_code_t)refusal->code : RESULT_PROTOCOL, "the master says: %.400s",
                        refusal->reason);
 }
 
@@ -122,7 +123,7 @@ static result_t await_answer(remote_t *remote, void *socket, double timeout, wir
         double left = deadline - clock_now();
         if (verdict.code == RESULT_DENIED || (verdict.code != RESULT_OK && left <= 0))
             return result_fail(verdict.code, "%s: %s", endpoint, verdict.message);
-        if (left <= 0) return unreachable(remote, endpoint, timeout);
+        if (left <= 0) return unreachable(endpoint, timeout);
         zmq_pollitem_t items[] = {{.socket = socket, .events = ZMQ_POLLIN},
                                   {.socket = watch->monitor, .events = ZMQ_POLLIN}};
         zmq_poll(items, ARRAY_LENGTH(items), (long)(1e3 * left) + 1);

@@ -1,12 +1,12 @@
 /* render: the command that renders on this machine.
  *
  * DESIGN. A client of a farm that happens to be its own: it starts one (local_farm.c), and then does what
- * `submit
- * --wait` does: upload, submit, watch, fetch. Ctrl-C cancels the job; the workers send what they have
+ * `submit --wait` does: upload, submit, watch, fetch. Ctrl-C cancels the job; the workers send what they have
  * finished, and the image so far is written as if the job had been meant to end there. The second Ctrl-C ends
  * the process.
  */
 #include "client/commands.h"
+#include "client/interrupt.h"
 #include "client/local_farm.h"
 #include "client/options.h"
 #include "client/output.h"
@@ -16,11 +16,9 @@
 #include "common/picture.h"
 
 #include <signal.h>
-#include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 
 static const char usage[] =
     "usage: lightmill render SCENE [options]\n"
@@ -45,24 +43,6 @@ typedef struct {
     local_farm_options_t farm;
     bool strategies, quiet, verbose, help;
 } command_t;
-
-/* Counts the interrupts; a handler can reach nothing else. */
-static atomic_int interrupts;
-
-static void on_interrupt(int number)
-{
-    (void)number;
-    if (atomic_fetch_add(&interrupts, 1) > 0) _exit(RESULT_CANCELLED);
-}
-
-static void catch_interrupts(void)
-{
-    struct sigaction action = {.sa_handler = on_interrupt, .sa_flags = SA_RESTART};
-    sigemptyset(&action.sa_mask);
-    sigaction(SIGINT, &action, NULL);
-    sigaction(SIGTERM, &action, NULL);
-    signal(SIGPIPE, SIG_IGN);
-}
 
 static result_t parse_option(command_t *command, const char *option, const char *value)
 {
@@ -129,7 +109,7 @@ static result_t watch_job(local_farm_t *farm, watch_t *watch, result_t *ended_by
         TRY(watch_poll(watch));
         if (watch->final) return result_ok();
         if (ended_by->code == RESULT_OK) {
-            if (atomic_load(&interrupts) > 0)
+            if (interrupt_seen())
                 *ended_by = result_fail(RESULT_CANCELLED, "interrupted");
             else
                 *ended_by = local_farm_check(farm);
@@ -155,7 +135,7 @@ static result_t run_job(const command_t *command, local_farm_t *farm, remote_t *
 
 static result_t check_strategies(void *context)
 {
-    if (atomic_load(&interrupts) > 0)
+    if (interrupt_seen())
         return result_fail(RESULT_CANCELLED,
                            "interrupted before all strategies were done; nothing is written");
     return local_farm_check(context);
@@ -182,7 +162,8 @@ static result_t render(const command_t *command, const scene_t *scene)
     TRY(prepare(&command->overrides, &scene->blob, &settings));
     local_farm_options_t options = command->farm;
     options.batch_interval = batch_interval(&settings);
-    catch_interrupts();
+    interrupt_catch();
+    signal(SIGPIPE, SIG_IGN);
     local_farm_t *farm;
     TRY(local_farm_start(&options, &farm));
     remote_t *remote;

@@ -10,8 +10,8 @@ typedef struct {
     char *name; /* owned; what to call the job and the image: "cornell" */
 } scene_t;
 
-/* Loads a scene file (.pbrt, .gltf, .glb), a directory that holds a scene.pbrt, or a scene blob. Warnings go to the log.
- * `lenient`: see import_report_t. */
+/* Loads a scene file (.pbrt, .gltf, .glb), a directory that holds a scene.pbrt, or a scene blob. Warnings go
+ * to the log. `lenient`: see import_report_t. */
 result_t scene_load(const char *path, bool lenient, scene_t *scene);
 /* Harmless on a zeroed scene. */
 void scene_free(scene_t *scene);

@@ -370,7 +370,7 @@ result_t cmd_status(int argc, char **argv)
     command_t command;
     TRY(parse_arguments(argc, argv, &command));
     if (command.help) {
-        printf("%s%s", usage, master_usage);
+        printf("%s%s%s", usage, master_usage, dial_usage);
         return result_ok();
     }
     remote_t *remote;

@@ -224,9 +224,20 @@ static result_t fetch_part(run_t *run, part_t *part)
     TRY(remote_fetch_image(run->order->remote, part->job, false, &bytes, &size));
     result_t result = take_image(run, part, bytes, size);
     free(bytes);
-    part->fetched = true;
-    run->fetched_count++;
+    part->fetched = result.code == RESULT_OK;
+    run->fetched_count += part->fetched;
     return result;
+}
+
+static result_t fetch_done(run_t *run)
+{
+    for (size_t i = 0; i < run->part_count; i++) {
+        part_t *part = &run->parts[i];
+        if (part->state != JOB_DONE || part->fetched) continue;
+        TRY(fetch_part(run, part));
+        TRY(run->order->check(run->order->check_context));
+    }
+    return result_ok();
 }
 
 static uint64_t samples_done(const run_t *run)
@@ -251,18 +262,16 @@ static result_t watch_all(run_t *run, progress_t *progress)
 {
     while (run->fetched_count < run->part_count) {
         TRY(run->order->check(run->order->check_context));
-        result_t polled = poll_jobs(run);
-        if (polled.code == RESULT_UNREACHABLE && run->order->patient) {
-            log_warning("%s; waiting on", polled.message);
-            continue;
+        result_t result = poll_jobs(run);
+        if (result.code == RESULT_OK) {
+            show_progress(run, progress);
+            result = fetch_done(run);
         }
-        TRY(polled);
-        show_progress(run, progress);
-        for (size_t i = 0; i < run->part_count; i++) {
-            part_t *part = &run->parts[i];
-            if (part->state != JOB_DONE || part->fetched) continue;
-            TRY(fetch_part(run, part));
-            TRY(run->order->check(run->order->check_context));
+        if (result.code == RESULT_UNREACHABLE && run->order->patient) {
+            progress_erase(progress);
+            log_warning("%s; waiting on", result.message);
+        } else {
+            TRY(result);
         }
         nanosleep(&(struct timespec){.tv_nsec = POLL_NANOSECONDS}, NULL);
     }

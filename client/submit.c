@@ -1,5 +1,6 @@
 /* submit: the command that hands a scene to a master, and with --wait sees it through. */
 #include "client/commands.h"
+#include "client/interrupt.h"
 #include "client/master_option.h"
 #include "client/options.h"
 #include "client/output.h"
@@ -9,8 +10,6 @@
 #include "common/picture.h"
 
 #include <inttypes.h>
-#include <signal.h>
-#include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -40,15 +39,6 @@ typedef struct {
     master_option_t master;
     bool wait, strategies, quiet, help;
 } command_t;
-
-/* Set by the first Ctrl-C while waiting; a handler can reach nothing else. */
-static atomic_bool interrupted;
-
-static void on_interrupt(int number)
-{
-    (void)number;
-    atomic_store(&interrupted, true);
-}
 
 static result_t parse_terms(job_terms_t *terms, const char *option, const char *value, bool *taken)
 {
@@ -113,9 +103,9 @@ static result_t parse_arguments(int argc, char **argv, command_t *command)
         return result_fail(RESULT_USAGE, "submit takes one scene; see lightmill submit --help");
     if (command->strategies && !command->wait)
         return result_fail(RESULT_USAGE, "--strategies needs --wait: the images are put together here");
-    if (command->output.path && !command->wait)
+    if ((command->output.path || command->output.png) && !command->wait)
         return result_fail(RESULT_USAGE,
-                           "-o needs --wait; without it fetch the image later: lightmill fetch");
+                           "-o and --png need --wait; without it fetch the image later: lightmill fetch");
     command->scene_path = argv[optind];
     return result_ok();
 }
@@ -128,7 +118,7 @@ static void show_upload(void *context, uint64_t done, uint64_t size)
 static result_t check_interrupt(void *context)
 {
     (void)context;
-    if (!atomic_load(&interrupted)) return result_ok();
+    if (!interrupt_seen()) return result_ok();
     return result_fail(RESULT_CANCELLED, "interrupted before all strategies were done; nothing is written");
 }
 
@@ -142,7 +132,7 @@ static result_t submit_strategies(const command_t *command, remote_t *remote, co
                                .patient = true,
                                .check = check_interrupt};
     TRY(strategies_settings(&command->overrides, &scene->blob, &strategies.settings));
-    signal(SIGINT, on_interrupt);
+    interrupt_catch();
     return strategies_render(&strategies);
 }
 
@@ -173,7 +163,7 @@ result_t cmd_submit(int argc, char **argv)
     command_t command;
     TRY(parse_arguments(argc, argv, &command));
     if (command.help) {
-        printf("%s%s\n%s\n%s", usage, master_usage, output_usage, settings_usage);
+        printf("%s%s%s\n%s\n%s", usage, master_usage, dial_usage, output_usage, settings_usage);
         return result_ok();
     }
     log_init("lightmill", command.quiet ? LOG_ERROR : LOG_WARNING);

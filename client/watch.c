@@ -1,9 +1,9 @@
 /* watch: see watch.h. */
 #include "client/watch.h"
 
+#include "client/interrupt.h"
+
 #include <inttypes.h>
-#include <signal.h>
-#include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -11,22 +11,12 @@
 
 static const long POLL_NANOSECONDS = 100000000; /* between questions; also how soon a signal is noticed */
 
-/* Set by the first Ctrl-C while waiting; a handler can reach nothing else. */
-static atomic_bool interrupted;
-
-static void on_interrupt(int number)
-{
-    (void)number;
-    atomic_store(&interrupted, true);
-}
-
 static void take_status(watch_t *watch, const Lm__JobStatus *status)
 {
     watch->state = status->state;
     watch->final = job_state_final(status->state);
     watch->samples_done = status->samples_done;
     watch->elapsed = status->elapsed;
-    watch->error = status->error;
     watch->workers_seen = status->workers_seen;
     if (strcmp(watch->message, status->message) != 0) {
         snprintf(watch->message, sizeof watch->message, "%s", status->message);
@@ -69,10 +59,10 @@ result_t watch_poll(watch_t *watch)
 
 result_t watch_wait(watch_t *watch)
 {
-    signal(SIGINT, on_interrupt);
+    interrupt_catch();
     while (!watch->final) {
         result_t result = watch_poll(watch);
-        if (atomic_load(&interrupted))
+        if (interrupt_seen())
             return result_fail(RESULT_CANCELLED,
                                "the job goes on; fetch its image with: lightmill fetch %" PRIu64, watch->job);
         if (!watch->patient || result.code != RESULT_UNREACHABLE) TRY(result);
@@ -91,7 +81,7 @@ static result_t fetch_image(const watch_t *watch, bool half, uint8_t **bytes, si
 {
     result_t result;
     do result = remote_fetch_image(watch->remote, watch->job, half, bytes, size);
-    while (watch->patient && result.code == RESULT_UNREACHABLE && !atomic_load(&interrupted));
+    while (watch->patient && result.code == RESULT_UNREACHABLE && !interrupt_seen());
     return result;
 }
 
@@ -106,7 +96,6 @@ static void say_written(const watch_t *watch, const output_t *output, double noi
     printf("wrote %s%s%s: %d x %d, %.4g spp, %s samples in %s (%s samples/s)", output->path,
            output->png ? " and " : "", output->png ? output->png : "", watch->width, watch->height,
            pixels > 0 ? (double)watch->samples_done / pixels : 0, samples, duration, rate);
-    if (watch->error > 0) printf(", estimated error %.2g%%", 100 * watch->error);
     if (noise >= 0) printf(", noise %.2g%%", 100 * noise);
     printf("\n");
 }
@@ -114,8 +103,12 @@ static void say_written(const watch_t *watch, const output_t *output, double noi
 result_t watch_deliver(const watch_t *watch, const output_t *output, bool quiet)
 {
     if (watch->state == JOB_FAILED) return result_fail(RESULT_LIMIT, "the job failed: %s", watch->message);
-    if (watch->samples_done == 0)
+    if (watch->samples_done == 0 && watch->final)
         return result_fail(RESULT_CANCELLED, "the job ended before any sample was made; no image is written");
+    if (watch->samples_done == 0)
+        return result_fail(
+            RESULT_INPUT,
+            "job %" PRIu64 " has no samples yet, so there is no image; --wait waits for its end", watch->job);
     uint8_t *bytes;
     size_t size;
     double noise;

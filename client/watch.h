@@ -18,7 +18,6 @@ typedef struct {
     int32_t width, height;
     uint64_t samples_done;
     double elapsed; /* seconds */
-    double error;   /* estimated relative error; 0: not known */
     uint32_t workers_seen;
     char message[500]; /* why it failed */
 } watch_t;
@@ -26,7 +25,7 @@ typedef struct {
 /* Waits a moment, asks for the state and shows it. RESULT_UNREACHABLE when there is no answer; a patient
  * watch says so once, and when the master is back. */
 result_t watch_poll(watch_t *watch);
-/* Polls until the job is over. SIGINT ends the waiting, not the job: RESULT_CANCELLED. */
+/* Polls until the job is over. Ctrl-C ends the waiting, not the job: RESULT_CANCELLED. */
 result_t watch_wait(watch_t *watch);
 /* Fetches the image of a job, writes it and says so on stdout. A failed job is an error, and so is one
  * without any samples. */

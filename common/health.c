@@ -74,17 +74,19 @@ static void *health_run(void *argument)
     return NULL;
 }
 
-/* Binds and listens. A socket file that nobody answers at is what a killed process left. */
+/* Binds and listens. A socket file that nobody answers at is what a killed process left; any other file is
+ * somebody's. */
 static result_t listen_at(health_t *health)
 {
     struct sockaddr_un address;
+    struct stat status;
     TRY(make_address(health->path, &address));
     TRY(open_socket(&health->listener));
     if (connect(health->listener, (struct sockaddr *)&address, sizeof address) == 0 || errno == EAGAIN)
         return result_fail(RESULT_USAGE,
                            "another process answers at %s: give this one a health socket of its own",
                            health->path);
-    bool left_over = errno == ECONNREFUSED;
+    bool left_over = errno == ECONNREFUSED && lstat(health->path, &status) == 0 && S_ISSOCK(status.st_mode);
     if (left_over) unlink(health->path);
     close(health->listener);
     TRY(open_socket(&health->listener));

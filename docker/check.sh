@@ -12,9 +12,15 @@ top=$(realpath "$(dirname "$0")/..")
 work=$(mktemp -d)
 export STORAGE_DRIVER=vfs BUILDAH_ISOLATION=chroot
 tool() { buildah --root "$work/store" --runroot "$work/run" "$@"; }
-started=()
+port=$((20000 + RANDOM % 20000))
+# Tells the programs in containers to end, and not buildah, which would kill them. The port tells ours from others.
+end() { pkill -TERM -f "^(/usr/bin/)?lightmill-$1 .*:$port" || true; }
 finish() {
-    [ ${#started[@]} = 0 ] || kill "${started[@]}" 2>/dev/null || true
+    for _ in 1 2; do # told twice they leave at once
+        end worker
+        end master
+        sleep 0.5
+    done
     wait
     tool rm --all >/dev/null 2>&1 || true
     rm -rf "$work"
@@ -35,7 +41,7 @@ if [ -z "${LIGHTMILL_BASE:-}" ]; then
     tool rm "$container" >/dev/null
     rm -rf "$work/base"
 fi
-for target in master worker client; do
+for target in master worker relay client; do
     echo "image lightmill-$target"
     tool bud -q --layers --format docker --pull-never --build-arg BASE="$LIGHTMILL_BASE" --target "$target" \
         -f "$top/docker/Dockerfile" -t "lightmill-$target" "$top" >"$work/build-$target.log" 2>&1 ||
@@ -45,17 +51,21 @@ tool images --format '{{.Name}}: {{.Size}}' | grep lightmill
 
 # ---- containers --------------------------------------------------------------------------------------------
 
-# run NAME IMAGE [VOLUME...] -- COMMAND...: in a container of that image, as its user.
+# container NAME IMAGE: makes a container of that image if there is none of this name.
 declare -A containers
+container() {
+    [ -n "${containers[$1]:-}" ] || containers[$1]=$(tool from --pull-never "localhost/lightmill-$2")
+}
+# run NAME IMAGE [VOLUME...] -- COMMAND...: in a container of that image, as its user.
 run() {
     local name=$1 image=$2 volumes=()
     shift 2
     while [ "$1" != -- ]; do volumes+=(-v "$1"); shift; done
     shift
-    [ -n "${containers[$name]:-}" ] || containers[$name]=$(tool from --pull-never "localhost/lightmill-$image")
+    container "$name" "$image"
     tool run --user 10001:10001 "${volumes[@]}" "${containers[$name]}" "$@"
 }
-for image in master worker client; do
+for image in master worker relay client; do
     run "probe-$image" "$image" -- sh -c 'test "$(id -u)" = 10001' || fail "$image runs as root"
     run "probe-$image" "$image" -- sh -c '! command -v gcc cc c++ make ld >/dev/null' || fail "$image has a compiler"
 done
@@ -64,8 +74,10 @@ mkdir -p "$work"/{keys,data,cache,out,health-master,health-worker}
 chown -R 10001:10001 "$work"/{keys,data,cache,out} "$work"/health-*
 LIGHTMILL="$build/lightmill" "$top/docker/make-keys.sh" "$work/keys" >/dev/null
 chown -R 10001:10001 "$work/keys"
-port=$((20000 + RANDOM % 20000))
-
+# Here, since what a background process puts into `containers` is lost.
+container master master
+container worker-1 worker
+container worker-2 worker
 touch "$work/stamp"
 run master master "$work/data:/data" "$work/keys:/run/secrets" "$work/health-master:/run/lightmill" -- \
     lightmill-master --listen "0.0.0.0:$port" --data /data --key /run/secrets/master.secret \
@@ -85,9 +97,9 @@ client() {
 settings=(--resolution 96x96 --spp 16)
 client submit /scenes/seed-hidden "${settings[@]}" --wait -o /work/farm.exr >"$work/client.log" 2>&1 ||
     fail "the job was not rendered"
-run master master "$work/health-master:/run/lightmill" -- lightmill-master --ask-health ||
+run ask-master master "$work/health-master:/run/lightmill" -- lightmill-master --ask-health ||
     fail "the master does not say that it is well"
-run worker-1 worker "$work/health-worker:/run/lightmill" -- \
+run ask-worker worker "$work/health-worker:/run/lightmill" -- \
     env LIGHTMILL_HEALTH=/run/lightmill/1 lightmill-worker --ask-health || fail "a worker does not say that it is well"
 
 # ---- what must be true -------------------------------------------------------------------------------------
@@ -106,12 +118,11 @@ for name in master worker-1 worker-2; do
 done
 echo "nothing was written outside the volumes"
 
-pkill -TERM -f "lightmill-worker --cache /cache 127.0.0.1:$port" || true
+end worker
 for i in 1 2; do
     wait "${started[$i]}" || fail "worker $i did not leave as it should"
 done
-pkill -TERM -f "lightmill-master --listen 0.0.0.0:$port" || true
+end master
 wait "${started[0]}" || fail "the master did not leave as it should"
-started=()
 echo "SIGTERM: all left with exit code 0"
 echo "container-check passed"

@@ -10,11 +10,12 @@ lightmill=${LIGHTMILL:-$here/../build/lightmill}
 [ ! -e "$keys/allow" ] || { echo "$keys has keys already" >&2; exit 1; }
 mkdir -p "$keys"
 chmod 700 "$keys"
-for name in master worker client; do $lightmill keygen "$name" --out "$keys"; done
+$lightmill keygen master --out "$keys" >/dev/null
 {
     echo "# who may use this farm: RIGHT KEY NAME"
-    echo "worker $(sed -n 's/^public //p' "$keys/worker.key") workers"
-    echo "client $(sed -n 's/^public //p' "$keys/client.key") client"
-} >"$keys/allow"
+    $lightmill keygen worker --out "$keys"
+    $lightmill keygen client --out "$keys"
+} >"$keys/allow.new"
+mv "$keys/allow.new" "$keys/allow"
 # The containers' user reads the secrets; the directory keeps them from other users of this machine.
 if [ "$(id -u)" = 0 ]; then chown 10001:10001 "$keys"/*.secret; else chmod 644 "$keys"/*.secret; fi

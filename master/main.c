@@ -68,6 +68,8 @@ static void on_hang_up(int number)
     hang_up = 1;
 }
 
+enum { MAX_THREADS = 64 }; /* that merge */
+
 typedef struct {
     master_options_t master;
     health_options_t health;
@@ -95,15 +97,12 @@ static result_t parse_gigabytes(const char *name, const char *text, uint64_t *by
     return result_ok();
 }
 
-static result_t parse_jobs(const char *text, size_t *jobs)
+static result_t parse_count(const char *name, const char *text, long most, long *value)
 {
     char *end;
-    long value = strtol(text, &end, 10);
-    if (end == text || *end != '\0' || value < 1 || value > FARM_MAX_JOBS)
-        return result_fail(RESULT_USAGE, "--max-jobs takes a whole number from 1 to %d, not \"%s\"",
-                           FARM_MAX_JOBS, text);
-    *jobs = (size_t)value;
-    return result_ok();
+    *value = strtol(text, &end, 10);
+    if (end != text && *end == '\0' && *value >= 1 && *value <= most) return result_ok();
+    return result_fail(RESULT_USAGE, "--%s takes a whole number from 1 to %ld, not \"%s\"", name, most, text);
 }
 
 /* "HOST:0" asks for free ports, which an address cannot say. */
@@ -137,8 +136,15 @@ static result_t set_option(command_t *command, const char *name, const char *val
     if (strcmp(name, "blob-limit") == 0) return parse_gigabytes(name, value, &command->master.blob_limit);
     if (strcmp(name, "batch-memory") == 0) return parse_gigabytes(name, value, &command->master.batch_memory);
     if (strcmp(name, "film-memory") == 0) return parse_gigabytes(name, value, &command->master.film_memory);
-    if (strcmp(name, "max-jobs") == 0) return parse_jobs(value, &command->master.job_limit);
-    if (strcmp(name, "merge-threads") == 0) command->master.merge_threads = atoi(value);
+    long count;
+    if (strcmp(name, "max-jobs") == 0) {
+        TRY(parse_count(name, value, FARM_MAX_JOBS, &count));
+        command->master.job_limit = (size_t)count;
+    }
+    if (strcmp(name, "merge-threads") == 0) {
+        TRY(parse_count(name, value, MAX_THREADS, &count));
+        command->master.merge_threads = (int)count;
+    }
     if (strcmp(name, "data") == 0) command->master.data_dir = value;
     if (strcmp(name, "quiet") == 0) command->log = LOG_WARNING;
     if (strcmp(name, "verbose") == 0) command->log = LOG_DEBUG;

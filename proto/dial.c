@@ -148,8 +148,9 @@ static result_t find(const dial_options_t *options, const char *host, dial_keys_
     if (!has_own(keys)) return missing_own(options, host);
     if (!has_master(keys)) return missing_master(host);
     keys->used = true;
+    TRY(read_files(keys));
     if (keys->own_path != NULL) key_file_check_mode(keys->own_path);
-    return read_files(keys);
+    return result_ok();
 }
 
 result_t dial_keys_find(const dial_options_t *options, const char *host, dial_keys_t *keys)

@@ -26,7 +26,7 @@ static const char usage[] =
     "\n"
     "  --listen HOST[:PORT]   where workers dial (127.0.0.1:7430); the port after it is used too;\n"
     "                         port 0 chooses free ones\n"
-    "  --data DIR             where scenes, keys and the list of workers are kept (lightmill-relay)\n"
+    "  --data DIR             where scenes, keys and the list of workers are kept (lightmill-relay-data)\n"
     "  --scene-limit GB       how much scenes may take; the least recently used go first (20)\n"
     "  --name NAME            what to be called (host name and process number)\n"
     "  --heartbeat SECONDS    how often workers say that they live (1)\n"
@@ -46,9 +46,10 @@ static const char usage_end[] =
     "  --insecure             no keys, in either direction\n"
     "\n"
     "SIGTERM or SIGINT: calls in what the workers have finished, delivers it and leaves; twice: at once.\n"
-    "Exit codes: 0 left as asked and all was delivered, 1 wrong command line, 3 the operating system "
-    "refused,\n"
-    "5 out of memory, 6 not all could be delivered within the grace period, 9 no key.\n";
+    "Exit codes: 0 left as asked and all was delivered, 1 wrong command line, 2 a bad key file, 3 the "
+    "operating\n"
+    "system refused, 5 out of memory, 6 not all could be delivered within the grace period, 7 told twice to\n"
+    "leave, 9 no key.\n";
 
 static void on_signal(int number)
 {

@@ -45,7 +45,7 @@ relay_options_t relay_options_default(void)
     return (relay_options_t){.master_endpoint = "tcp://127.0.0.1:7420",
                              .control_endpoint = "tcp://127.0.0.1:7430",
                              .bulk_endpoint = "tcp://127.0.0.1:7431",
-                             .data_dir = "lightmill-relay",
+                             .data_dir = "lightmill-relay-data",
                              .cache_limit = DEFAULT_CACHE_LIMIT,
                              .heartbeat = 1,
                              .lease = 5,

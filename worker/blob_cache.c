@@ -62,7 +62,7 @@ static result_t make_directories(const char *dir)
             free(path);
             if (!failed) return result_ok();
             return result_fail(RESULT_IO,
-                               "cannot create the cache directory %s: %s; choose another with --cache", dir,
+                               "cannot create the cache directory %s: %s; choose another", dir,
                                strerror(error));
         }
     }
@@ -73,7 +73,7 @@ result_t blob_cache_new(const char *dir, uint64_t limit, blob_cache_t **cache)
     TRY(make_directories(dir));
     if (access(dir, W_OK | X_OK) != 0)
         return result_fail(RESULT_IO,
-                           "cannot write to the cache directory %s: %s; choose another with --cache", dir,
+                           "cannot write to the cache directory %s: %s; choose another", dir,
                            strerror(errno));
     *cache = mem_zalloc(1, sizeof **cache);
     (*cache)->dir = mem_strdup(dir);

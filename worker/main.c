@@ -44,9 +44,10 @@ static const char usage_keys[] = "\n"
                                  "\n";
 static const char usage_end[] =
     "\n"
-    "Exit codes: 0 left as asked and all was delivered, 1 wrong command line, 3 the operating system "
-    "refused,\n"
-    "5 out of memory, 6 the last batch could not be delivered within the grace period, 9 no key.\n";
+    "Exit codes: 0 left as asked and all was delivered, 1 wrong command line, 2 a bad key file, 3 the "
+    "operating\n"
+    "system refused, 5 out of memory, 6 the last batch could not be delivered within the grace period,\n"
+    "7 told twice to leave, 9 no key.\n";
 
 static void on_signal(int number)
 {

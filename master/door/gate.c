@@ -106,8 +106,9 @@ static result_t load_key(gate_t *gate, const gate_options_t *options, const char
     gate->open_path = mem_printf("%s/master.key", directory);
     gate->key_is_new = options->key == NULL && access(gate->key_path, F_OK) != 0;
     if (gate->key_is_new) return key_files_make(directory, "master", &gate->pair);
+    TRY(key_file_read_secret(gate->key_path, &gate->pair));
     key_file_check_mode(gate->key_path);
-    return key_file_read_secret(gate->key_path, &gate->pair);
+    return result_ok();
 }
 
 /* The list that a new master begins with. */

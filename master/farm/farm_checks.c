@@ -494,5 +494,7 @@ void farm_checks_remark(const farm_t *farm, const job_t *job, char *text, size_t
                  checks->sources[check->renderings[1].source].name);
         return;
     }
-    if (stuck > 0) snprintf(text, size, "%zu batches cannot be compared with only one worker", stuck);
+    if (stuck > 0)
+        snprintf(text, size, "%zu batch%s cannot be compared with only one worker", stuck,
+                 stuck == 1 ? "" : "es");
 }

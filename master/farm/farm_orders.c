@@ -185,6 +185,10 @@ static result_t check_goals(const job_t *job, const job_settings_t *goals, const
         !(job_state_final(job->state) && !spp_reached(job)))
         return result_fail(RESULT_INPUT, "job %llu is to have %u samples a pixel already",
                            (unsigned long long)job->id, job->settings.spp);
+    double pixels = (double)job->settings.width * job->settings.height;
+    if (order->spp > 0 && (double)job->samples_done >= pixels * order->spp)
+        return result_fail(RESULT_INPUT, "job %llu has %.4g samples a pixel already",
+                           (unsigned long long)job->id, (double)job->samples_done / pixels);
     if (order->error > 0 && job->error > 0 && order->error >= job->error)
         return result_fail(RESULT_INPUT, "the error of job %llu is %.3g already", (unsigned long long)job->id,
                            job->error);

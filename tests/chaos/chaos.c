@@ -11,8 +11,8 @@
  * the program ends, however it ends. The list of faults follows from the seed; what they hit depends on the
  * moment, so the same seed is the same storm, though not the same wreck. */
 #include "tests/chaos/disk.h"
-#include "tests/chaos/docket.h"
-#include "tests/chaos/faults.h"
+#include "tests/chaos/faults/faults.h"
+#include "tests/chaos/jobs/docket.h"
 #include "tests/chaos/process.h"
 #include "tests/scratch.h"
 
@@ -37,7 +37,7 @@ static const char usage[] =
     "usage: chaos [options]\n"
     "\n"
     "  --seconds N      the whole run; faults begin and jobs are submitted for most of it (600)\n"
-    "  --pause SECONDS  between the beginnings of faults, on the average (1.9)\n"
+    "  --pause SECONDS  between the beginnings of faults, on the average (1.8)\n"
     "  --seed N         of the list of faults and jobs (from the clock)\n"
     "  --folder DIR     where the run makes a folder for logs and data, which stays when something\n"
     "                   went wrong (.)\n"
@@ -45,7 +45,7 @@ static const char usage[] =
     "  --least N        fail when there were fewer faults (0)\n"
     "  --least-kills N  fail when the master was killed less often (0)\n"
     "  --keys, --open   with keys, or open to everybody (with keys when the seed is odd)\n"
-    "  --only KINDS      only faults whose names have one of these, with commas between them, in them\n"
+    "  --only KINDS     only faults whose names have one of these, with commas between them, in them\n"
     "  --keep-going     do not end at the first violation\n";
 
 typedef struct {
@@ -103,7 +103,6 @@ static options_t parse_options(int argc, char **argv)
         fputs(usage, found == 'h' ? stdout : stderr);
         exit(found == 'h' ? 0 : RESULT_USAGE);
     }
-
     return options;
 }
 

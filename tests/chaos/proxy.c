@@ -50,14 +50,6 @@ struct proxy {
     dice_t dice;
 };
 
-const char *proxy_mischief_name(proxy_mischief_t mischief)
-{
-    static const char *const names[PROXY_MISCHIEFS] = {
-        "corrupt bytes",   "repeat bytes",   "reorder bytes",    "lose bytes",
-        "corrupt message", "repeat message", "reorder messages", "lose message"};
-    return names[mischief];
-}
-
 /* ---- connections -------------------------------------------------------------------------------------- */
 
 static void close_connection(connection_t *connection, bool reset)

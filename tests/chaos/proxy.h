@@ -56,6 +56,4 @@ bool proxy_alive(proxy_t *proxy);
 /* Ends the process, frees everything and sets *proxy to NULL. */
 void proxy_stop(proxy_t **proxy);
 
-const char *proxy_mischief_name(proxy_mischief_t mischief);
-
 #endif

@@ -44,7 +44,7 @@ typedef struct {
     bool worlds; /* clocks can jump, and disks be slow */
     int port;
     double lease;
-    /* Made by troupe_new. */
+    /* Made by troupe_init. */
     char *master_program, *worker_program, *relay_program;
     member_t master, relay;
     char *relay_address; /* of the master, as the relay sees it; NULL: there is no relay */

@@ -74,12 +74,17 @@ static void wrong_usage_is_told(void **state)
     expect(rig, RESULT_USAGE, "--verify takes a share", ARGUMENTS("submit", SCENE, "--verify", "101%"));
     expect(rig, RESULT_USAGE, "--priority takes", ARGUMENTS("submit", SCENE, "--priority", "1001"));
     expect(rig, RESULT_USAGE, "between 0 and 1", ARGUMENTS("extend", "1", "--error", "0"));
+    expect(rig, RESULT_USAGE, "between 0 and 1", ARGUMENTS("submit", SCENE, "--error", "200%"));
+    expect(rig, RESULT_USAGE, "need --wait", ARGUMENTS("submit", SCENE, "--png", "never.png"));
+    expect(rig, RESULT_USAGE, "belong together",
+           ARGUMENTS("extend", "1", "--spp", "9", "--png", "never.png"));
     expect(rig, RESULT_USAGE, "--spp takes", ARGUMENTS("extend", "1", "--spp", "many"));
     expect(rig, RESULT_USAGE, "its new priority", ARGUMENTS("priority", "1"));
     expect(rig, RESULT_USAGE, "no job number", ARGUMENTS("pause", "1", "two"));
     expect(rig, RESULT_USAGE, "numbers of jobs", ARGUMENTS("delete"));
     expect(rig, RESULT_USAGE, "one job", ARGUMENTS("status", "1", "2"));
     expect(rig, 0, "JOB...", ARGUMENTS("retain", "--help"));
+    expect(rig, 0, "--master-key", ARGUMENTS("status", "--help"));
     expect(rig, 0, "--error E", ARGUMENTS("extend", "--help"));
     expect(rig, 0, "Exit codes", ARGUMENTS("--help"));
     expect(rig, 0, LIGHTMILL_VERSION, ARGUMENTS("--version"));
@@ -188,6 +193,34 @@ static void submit_status_fetch_cancel(void **state)
     free(path);
 }
 
+/* Ctrl-C ends the waiting and not the job; a second one does not wait for a master that is silent. */
+static void an_interrupt_ends_the_waiting(void **state)
+{
+    rig_t *rig = *state;
+    char *address = mem_printf("127.0.0.1:%d", rig->port), *path = scratch_path(rig->folder, "waited.exr");
+    rig_start_master(rig, 0.2);
+    pid_t process = rig_start_command(
+        rig, ARGUMENTS("submit", SCENE, "--spp", "4", "--master", address, "--wait", "-o", path));
+    rig_wait_output(rig, process, "1\n");
+    rig_sleep(0.5);
+    kill(process, SIGINT);
+    assert_int_equal(rig_wait_exit(rig, process, 10), RESULT_CANCELLED);
+    rig_wait_output(rig, process, "the job goes on");
+    expect(rig, RESULT_INPUT, "no samples yet", ARGUMENTS("fetch", "1", "-o", path, "--master", address));
+    process = rig_start_command(
+        rig, ARGUMENTS("fetch", "1", "--wait", "-o", path, "--master", address, "--timeout", "60"));
+    rig_sleep(1);
+    kill(rig->master, SIGSTOP);
+    rig_sleep(0.5);
+    kill(process, SIGINT);
+    rig_sleep(0.5);
+    kill(process, SIGINT);
+    assert_int_equal(rig_wait_exit(rig, process, 5), RESULT_CANCELLED);
+    kill(rig->master, SIGCONT);
+    free(address);
+    free(path);
+}
+
 static void kill_children(pid_t parent)
 {
     char *path = mem_printf("/proc/%d/task/%d/children", (int)parent, (int)parent);
@@ -225,6 +258,7 @@ int main(void)
         COMMAND(an_interrupted_render_writes_what_it_has),
         COMMAND(time_limits_a_render),
         COMMAND(submit_status_fetch_cancel),
+        COMMAND(an_interrupt_ends_the_waiting),
         COMMAND(a_render_without_workers_ends),
     };
     return cmocka_run_group_tests_name("commands", tests, NULL, NULL);

@@ -162,6 +162,10 @@ static void the_life_of_a_job_in_orders(void **state)
 
     expect(rig, 0, NULL, ARGUMENTS("resume", "1"));
     rig_wait_samples(rig, job, (uint64_t)done + 1);
+    expect(rig, 0, NULL, ARGUMENTS("priority", "1", "-7"));
+    expect(rig, 0, "  -7 ", ARGUMENTS("status"));
+    expect(rig, 0, NULL, ARGUMENTS("priority", "1", "--", "-8"));
+    expect(rig, 0, "  -8 ", ARGUMENTS("status"));
     expect(rig, 0, NULL, ARGUMENTS("priority", "1", "7"));
     expect(rig, 0, "   7 ", ARGUMENTS("status"));
     expect(rig, RESULT_USAGE, "from -1000 to 1000", ARGUMENTS("priority", "1", "1001"));
@@ -170,6 +174,7 @@ static void the_life_of_a_job_in_orders(void **state)
     expect(rig, 0, NULL, ARGUMENTS("cancel", "1"));
     assert_int_equal(rig_wait_job(rig, job).state, JOB_CANCELLED);
     expect(rig, RESULT_INPUT, "already", ARGUMENTS("cancel", "1"));
+    expect(rig, RESULT_INPUT, "already", ARGUMENTS("extend", "1", "--spp", "1"));
     expect(rig, 0, "wrote", ARGUMENTS("fetch", "1", "-o", image));
     expect(rig, 0, "issued", ARGUMENTS("status", "1"));
     expect(rig, 0, NULL, ARGUMENTS("release", "1"));

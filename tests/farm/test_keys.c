@@ -470,6 +470,9 @@ static void a_master_makes_its_key_and_says_what_to_do(void **state)
     assert_non_null(list);
     fprintf(list, "%.*s\n", (int)strcspn(line, "\n"), line);
     assert_int_equal(fclose(list), 0);
+    keygen = rig_start_command(rig, (const char *[]){"keygen", "relay", "--out", mine, NULL});
+    assert_int_equal(rig_wait_exit(rig, keygen, 20), 0);
+    assert_true(says(rig, keygen, "worker ")); /* which a relay is to its master */
     wait_until_says(rig, process, "lets in 1 key");
     assert_int_equal(rig_run(rig, (const char *[]){"status", "--master", address, "--key", secret,
                                                    "--master-key", key, NULL}),

@@ -486,7 +486,7 @@ result_t crowd_start(const crowd_options_t *options, crowd_t **out)
     return result_ok();
 }
 
-static void add_report(crowd_report_t *sum, const crowd_report_t *more)
+void crowd_report_add(crowd_report_t *sum, const crowd_report_t *more)
 {
     sum->batches += more->batches;
     sum->refused += more->refused;
@@ -508,7 +508,7 @@ crowd_report_t crowd_report(crowd_t *crowd)
     for (int s = 0; s < crowd->options.threads; s++) {
         squad_t *squad = &crowd->squads[s];
         pthread_mutex_lock(&squad->lock);
-        add_report(&report, &squad->report);
+        crowd_report_add(&report, &squad->report);
         squad->report = (crowd_report_t){0};
         for (int i = 0; i < squad->count; i++) {
             const member_t *member = &squad->members[i];
@@ -531,7 +531,7 @@ void crowd_stop(crowd_t **out, double seconds, crowd_report_t *last)
     do {
         usleep(20000);
         crowd_report_t report = crowd_report(crowd);
-        add_report(last, &report);
+        crowd_report_add(last, &report);
         last->sent = report.sent;
     } while (last->sent > 0 && clock_now() < deadline);
     atomic_store(&crowd->quit, true);

@@ -34,6 +34,8 @@ typedef struct {
 
 result_t crowd_start(const crowd_options_t *options, crowd_t **crowd);
 crowd_report_t crowd_report(crowd_t *crowd);
+/* Adds what happened; what is now stays. */
+void crowd_report_add(crowd_report_t *sum, const crowd_report_t *more);
 /* Ends: no more offers are made; waits until what was sent is answered, at most `seconds`. */
 void crowd_stop(crowd_t **crowd, double seconds, crowd_report_t *last);
 /* Seconds below which a share of the heartbeats were answered. */

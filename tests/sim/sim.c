@@ -189,21 +189,11 @@ static void print_row(const sim_t *sim, double time, double seconds, const crowd
     fflush(table);
 }
 
+/* Adds what happened; of what is now the last row tells. */
 static void add(crowd_report_t *sum, const crowd_report_t *row)
 {
-    crowd_report_t total = *row; /* what is now */
-    total.batches += sum->batches;
-    total.refused += sum->refused;
-    total.units += sum->units;
-    total.bytes += sum->bytes;
-    total.samples += sum->samples;
-    for (int i = 0; i < CROWD_BEATS; i++) total.beats[i] += sum->beats[i];
-    total.beat_most = fmax(total.beat_most, sum->beat_most);
-    total.intervals += sum->intervals;
-    total.interval_sum += sum->interval_sum;
-    total.answer_sum += sum->answer_sum;
-    total.lost += sum->lost;
-    total.failed += sum->failed;
+    crowd_report_t total = *row;
+    crowd_report_add(&total, sum);
     *sum = total;
 }
 

@@ -61,6 +61,17 @@ static void a_dead_process_is_replaced_a_living_one_is_not(void **state)
     free(path);
 }
 
+static void a_file_that_is_no_socket_stays(void **state)
+{
+    char *path = scratch_path(*state, "notes");
+    health_t *health;
+    scratch_write(path, "notes", 5);
+    assert_int_equal(health_start(path, report, NULL, &health).code, RESULT_IO);
+    assert_int_equal(access(path, F_OK), 0);
+    unlink(path);
+    free(path);
+}
+
 static void a_process_that_hangs_is_not_waited_for(void **state)
 {
     char *path = scratch_path(*state, "health"), text[100];
@@ -130,6 +141,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(tells_how_it_is, setup, teardown),
+        cmocka_unit_test_setup_teardown(a_file_that_is_no_socket_stays, setup, teardown),
         cmocka_unit_test_setup_teardown(a_dead_process_is_replaced_a_living_one_is_not, setup, teardown),
         cmocka_unit_test_setup_teardown(a_process_that_hangs_is_not_waited_for, setup, teardown),
         cmocka_unit_test(a_pulse_tells_whether_a_loop_turns),

@@ -1,5 +1,5 @@
 /* watch_films: see watch_films.h. A checkpoint is written as NAME.film.<something>.part and renamed. */
-#include "tests/chaos/watch_films.h"
+#include "tests/chaos/faults/watch_films.h"
 
 #include "common/base.h"
 

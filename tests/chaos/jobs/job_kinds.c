@@ -1,21 +1,16 @@
-/* job_kinds: what the jobs of a run render. Each takes a few seconds of one core when nobody disturbs it. */
-#ifndef LIGHTMILL_CHAOS_JOB_KINDS_H
-#define LIGHTMILL_CHAOS_JOB_KINDS_H
+/* job_kinds: see job_kinds.h. */
+#include "tests/chaos/jobs/job_kinds.h"
 
-#include <stdbool.h>
-#include <stddef.h>
+#include <stdio.h>
 
-typedef struct {
-    const char *name;
-    const char
-        *options[12];      /* of submit and render: what the image depends on, but the seed and the samples */
-    const char *terms[6];  /* of submit alone */
-    unsigned spp;          /* samples a pixel; 0: the options say when it ends, */
-    unsigned extended_spp; /* and to so many it is extended when it is done; 0: it is not */
-    bool paused;           /* it is paused and resumed on the way */
-} job_kind_t;
+/* A sanitizer makes everything slower: the jobs have fewer samples then. */
+#if defined __SANITIZE_ADDRESS__ || defined __SANITIZE_THREAD__
+enum { SLOWNESS = 8 };
+#else
+enum { SLOWNESS = 1 };
+#endif
 
-static const job_kind_t JOB_KIND_LIST[] = {
+const job_kind_t JOB_KIND_LIST[JOB_KINDS] = {
     {.name = "hidden", .spp = 384, .options = {"scenes/seed-hidden", "--resolution", "64x64"}},
     {.name = "caustic", .spp = 300, .options = {"scenes/caustic", "--resolution", "80x60"}},
     /* A film that takes a while to write. */
@@ -51,6 +46,17 @@ static const job_kind_t JOB_KIND_LIST[] = {
      .paused = true},
 };
 
-enum { JOB_KINDS = sizeof JOB_KIND_LIST / sizeof JOB_KIND_LIST[0] };
+const char *job_kind_spp(const job_kind_t *kind, bool extended, job_text_t *text)
+{
+    unsigned spp = (extended ? kind->extended_spp : kind->spp) / SLOWNESS;
+    snprintf(text->spp, sizeof text->spp, "%u", spp > 0 ? spp : 1);
+    return text->spp;
+}
 
-#endif
+void job_kind_words(const job_kind_t *kind, unsigned seed, bool extended, words_t *words, job_text_t *text)
+{
+    snprintf(text->seed, sizeof text->seed, "%u", seed);
+    words_add_all(words, kind->options);
+    WORDS_ADD(words, "--seed", text->seed);
+    if (kind->spp > 0) WORDS_ADD(words, "--spp", job_kind_spp(kind, extended, text));
+}

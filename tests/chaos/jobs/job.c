@@ -1,0 +1,297 @@
+/* job: see job.h. */
+#include "tests/chaos/jobs/job.h"
+
+#include "tests/chaos/process.h"
+
+#include <stdlib.h>
+#include <unistd.h>
+
+static const double COMMAND_LIMIT = 90; /* seconds for a command; it has time-outs of its own */
+static const double RETRY = 0.4;        /* seconds after a failed command */
+static const double PAUSE = 1;          /* seconds, of a job that is paused */
+static const char *const TIMEOUT = "2"; /* of the commands, seconds */
+
+static void enter(job_t *job, job_stage_t stage, double now)
+{
+    job->stage = stage;
+    job->changed = now;
+    job->next_try = now;
+}
+
+static void use_reference(job_t *job)
+{
+    job->reference = references_get(job->setup->references, job->kind, job->seed, job->extended);
+}
+
+void job_begin(job_t *job, const job_setup_t *setup, const job_kind_t *kind, unsigned seed, size_t number,
+               double now)
+{
+    *job = (job_t){.setup = setup, .kind = kind, .seed = seed, .submitted = now};
+    job->name = mem_printf("chaos-%zu", number);
+    use_reference(job);
+    enter(job, JOB_SENDING, now);
+    report_line(setup->report, "%s: %s, seed %u", job->name, kind->name, seed);
+}
+
+void job_free(job_t *job)
+{
+    errand_end(&job->errand);
+    free(job->name);
+    free(job->image);
+}
+
+static void violate(job_t *job, const char *what)
+{
+    const account_t *a = &job->account;
+    report_violation(
+        job->setup->report,
+        "%s (job %llu, %s, seed %u): %s; %s, issued %llu, counted %llu of %llu, returned %llu, out "
+        "%llu, skipped %llu",
+        job->name, (unsigned long long)a->job, job->kind->name, job->seed, what, a->state,
+        (unsigned long long)a->issued, (unsigned long long)a->counted, (unsigned long long)a->total,
+        (unsigned long long)a->returned, (unsigned long long)a->out, (unsigned long long)a->skipped);
+    job->stage = JOB_WRONG;
+}
+
+/* ---- commands ----------------------------------------------------------------------------------------- */
+
+void job_master_words(const job_setup_t *setup, words_t *words)
+{
+    WORDS_ADD(words, "--master", setup->master, "--timeout", TIMEOUT);
+    words_add_all(words, setup->passes->client);
+}
+
+/* What the command says goes to NAME`suffix`. */
+static void start_command(job_t *job, words_t *words, const char *suffix)
+{
+    char *output = mem_printf("%s/%s%s", job->setup->folder, job->name, suffix);
+    job_master_words(job->setup, words);
+    errand_start(&job->errand, output, words->list, false);
+    free(output);
+}
+
+static void submit(job_t *job)
+{
+    words_t words = {0};
+    job_text_t text;
+    words_add(&words, "submit");
+    job_kind_words(job->kind, job->seed, false, &words, &text);
+    words_add_all(&words, job->kind->terms);
+    WORDS_ADD(&words, "--name", job->name);
+    start_command(job, &words, ".submit.log");
+}
+
+/* A command about the job: "COMMAND NUMBER OPTION VALUE"; the last two may be missing. */
+static void start_order(job_t *job, const char *command, const char *option, const char *value)
+{
+    char number[24];
+    snprintf(number, sizeof number, "%llu", (unsigned long long)job->account.job);
+    words_t words = {0};
+    WORDS_ADD(&words, command, number, option, value);
+    start_command(job, &words, ".order.log");
+}
+
+static void fetch(job_t *job)
+{
+    free(job->image);
+    job->image = mem_printf("%s/%s%s.exr", job->setup->folder, job->name, job->extended ? ".extended" : "");
+    start_order(job, "fetch", "-o", job->image);
+}
+
+static void extend(job_t *job)
+{
+    job_text_t text;
+    start_order(job, "extend", "--spp", job_kind_spp(job->kind, true, &text));
+}
+
+static void pause_job(job_t *job)
+{
+    start_order(job, "pause", NULL, NULL);
+}
+
+static void resume_job(job_t *job)
+{
+    start_order(job, "resume", NULL, NULL);
+}
+
+/* ---- what the master says ----------------------------------------------------------------------------- */
+
+/* What the film holds may fall when the master has died, and never else. Before a new one has read the film,
+ * it tells what its journal knows, and nothing is out. */
+static bool has_lost_samples(job_t *job, const job_answer_t *answer)
+{
+    if (answer->master == 0 || job->account.out == 0) return false;
+    bool lost = job->counted_by == answer->master && job->account.counted < job->counted;
+    job->counted = job->account.counted;
+    job->counted_by = answer->master;
+    return lost;
+}
+
+static const char *check(job_t *job, const job_answer_t *answer)
+{
+    const char *wrong = account_check(&job->account);
+    if (has_lost_samples(job, answer)) wrong = "counted samples were lost";
+    bool later = answer->asked > job->changed;
+    if (later && job->resumed && account_is(&job->account, "paused")) wrong = "it is paused again";
+    return wrong;
+}
+
+/* The master was asked after the job entered its stage: what it says of the state is no older. */
+static void advance(job_t *job, double now)
+{
+    const account_t *a = &job->account;
+    bool paused = account_is(a, "paused");
+    bool to_pause = job->kind->paused && !job->paused && 4 * a->counted > a->total;
+    if (job->stage == JOB_RENDERING && account_is(a, "done"))
+        enter(job, JOB_FETCHING, now);
+    else if (job->stage == JOB_RENDERING && to_pause)
+        enter(job, JOB_PAUSING, now);
+    else if (job->stage == JOB_RENDERING && paused)
+        enter(job, JOB_RESUMING, now); /* the order had failed: it was done, and is forgotten */
+    else if (job->stage == JOB_RESUMING && job->errand.process == 0 && !paused)
+        enter(job, JOB_RENDERING, now); /* the order has failed, and was done */
+}
+
+static void take_account(job_t *job, const json_t *object, const job_answer_t *answer, double now)
+{
+    bool complete = account_read(object, &job->account);
+    const char *wrong = complete ? check(job, answer) : "its status lacks a field";
+    if (wrong) {
+        violate(job, wrong);
+        return;
+    }
+    if (job->stage == JOB_UNSURE) enter(job, JOB_RENDERING, now);
+    if (answer->asked > job->changed) advance(job, now);
+}
+
+/* The master does not know the job, though it was asked after the last that it was told of it. */
+static void miss(job_t *job, double now)
+{
+    if (job->promised && job->stage != JOB_WRONG) violate(job, "the master has forgotten it");
+    if (!job_is_open(job) || job->stage == JOB_SENDING) return;
+    errand_end(&job->errand);
+    job->account = (account_t){0};
+    job->counted = 0;
+    job->paused = job->extended = false;
+    use_reference(job);
+    enter(job, JOB_SENDING, now);
+}
+
+void job_take(job_t *job, const json_t *object, const job_answer_t *answer, double now)
+{
+    if (object && job->stage != JOB_WRONG && job->stage != JOB_SENDING)
+        take_account(job, object, answer, now);
+    else if (object == NULL && answer->asked > job->changed)
+        miss(job, now);
+}
+
+/* ---- the course of a job ------------------------------------------------------------------------------ */
+
+/* A command crashed, hung, or was not understood. */
+static void violate_command(job_t *job)
+{
+    char *how = process_how(job->errand.how), *said = errand_said(&job->errand);
+    char *text = mem_printf("a command ended with %s: %.300s", how, said);
+    violate(job, text);
+    free(text);
+    free(said);
+    free(how);
+}
+
+/* Drives a command to its success; true then. A failure is tried again; *failed tells of it. */
+static bool succeed(job_t *job, double now, void (*start)(job_t *), bool *failed)
+{
+    *failed = false;
+    switch (errand_poll(&job->errand, now, COMMAND_LIMIT)) {
+    case ERRAND_NONE:
+        if (now >= job->next_try) start(job);
+        return false;
+    case ERRAND_DONE:
+        return true;
+    case ERRAND_FAILED:
+        job->next_try = now + RETRY;
+        *failed = job->errand.how != RESULT_USAGE && job->errand.how < PROCESS_SIGNALLED;
+        if (!*failed) violate_command(job);
+        return false;
+    default:
+        return false;
+    }
+}
+
+static void prove(job_t *job, double now)
+{
+    if (!job->reference->ready) return;
+    if (!hash_equal(&job->hash, &job->reference->hash)) {
+        violate(job, "its image is not that of the undisturbed render");
+        return;
+    }
+    bool more = job->kind->extended_spp && !job->extended;
+    const account_t *a = &job->account;
+    report_line(job->setup->report, "%s is right%s: %.1f s, %llu counted, %.1f%% rendered again", job->name,
+                more ? " so far" : "", now - job->submitted, (unsigned long long)a->counted,
+                100.0 * (double)a->returned / (double)(a->counted ? a->counted : 1));
+    unlink(job->image);
+    enter(job, more ? JOB_EXTENDING : JOB_PROVED, now);
+}
+
+void job_tick(job_t *job, double now)
+{
+    bool failed;
+    switch (job->stage) {
+    case JOB_SENDING:
+        job->promised = succeed(job, now, submit, &failed);
+        if (job->promised || failed) enter(job, job->promised ? JOB_RENDERING : JOB_UNSURE, now);
+        break;
+    case JOB_FETCHING:
+        if (!succeed(job, now, fetch, &failed)) break;
+        enter(job, JOB_COMPARING, now);
+        if (references_hash(job->image, &job->hash).code != RESULT_OK)
+            violate(job, "its image cannot be read");
+        break;
+    case JOB_COMPARING:
+        prove(job, now);
+        break;
+    case JOB_EXTENDING:
+        if (!succeed(job, now, extend, &failed)) break;
+        job->extended = true;
+        use_reference(job);
+        enter(job, JOB_RENDERING, now);
+        break;
+    case JOB_PAUSING:
+        if (!succeed(job, now, pause_job, &failed) && !failed) break;
+        job->paused = true;
+        enter(job, JOB_RESUMING, now);
+        job->next_try = now + PAUSE;
+        break;
+    case JOB_RESUMING:
+        if (!succeed(job, now, resume_job, &failed)) break;
+        job->resumed = true;
+        enter(job, JOB_RENDERING, now);
+        break;
+    default:
+        break;
+    }
+}
+
+bool job_is_open(const job_t *job)
+{
+    return job->stage != JOB_PROVED && job->stage != JOB_WRONG;
+}
+
+void job_describe(const job_t *job)
+{
+    static const char *const stages[] = {[JOB_SENDING] = "is being submitted",
+                                         [JOB_UNSURE] = "may have been submitted",
+                                         [JOB_RENDERING] = "is being rendered",
+                                         [JOB_FETCHING] = "is being fetched",
+                                         [JOB_COMPARING] = "is being compared",
+                                         [JOB_EXTENDING] = "is being extended",
+                                         [JOB_PAUSING] = "is being paused",
+                                         [JOB_RESUMING] = "is being resumed",
+                                         [JOB_PROVED] = "is right",
+                                         [JOB_WRONG] = "is wrong"};
+    const account_t *a = &job->account;
+    report_line(job->setup->report, "%s (job %llu, %s) %s: %s, counted %llu of %llu, out %llu", job->name,
+                (unsigned long long)a->job, job->kind->name, stages[job->stage], a->state,
+                (unsigned long long)a->counted, (unsigned long long)a->total, (unsigned long long)a->out);
+}
