@@ -70,8 +70,10 @@ for image in master worker relay client; do
     run "probe-$image" "$image" -- sh -c '! command -v gcc cc c++ make ld >/dev/null' || fail "$image has a compiler"
 done
 
-mkdir -p "$work"/{keys,data,cache,out,health-master,health-worker}
-chown -R 10001:10001 "$work"/{keys,data,cache,out} "$work"/health-*
+# Health sockets lie in /health here: where an image declares a volume, as in /run/lightmill, buildah may put one of its
+# own in the place of ours.
+mkdir -p "$work"/{keys,data,cache,out,health}
+chown -R 10001:10001 "$work"/{keys,data,cache,out,health}
 LIGHTMILL="$build/lightmill" "$top/docker/make-keys.sh" "$work/keys" >/dev/null
 chown -R 10001:10001 "$work/keys"
 # Here, since what a background process puts into `containers` is lost.
@@ -79,13 +81,13 @@ container master master
 container worker-1 worker
 container worker-2 worker
 touch "$work/stamp"
-run master master "$work/data:/data" "$work/keys:/run/secrets" "$work/health-master:/run/lightmill" -- \
-    lightmill-master --listen "0.0.0.0:$port" --data /data --key /run/secrets/master.secret \
+run master master "$work/data:/data" "$work/keys:/run/secrets" "$work/health:/health" -- \
+    env LIGHTMILL_HEALTH=/health/master lightmill-master --listen "0.0.0.0:$port" --data /data --key /run/secrets/master.secret \
     --allow /run/secrets/allow 2>"$work/master.log" &
 started+=($!)
 for i in 1 2; do
-    run "worker-$i" worker "$work/cache:/cache" "$work/keys:/run/secrets" "$work/health-worker:/run/lightmill" -- \
-        env LIGHTMILL_HEALTH="/run/lightmill/$i" lightmill-worker --cache /cache "127.0.0.1:$port" --threads 1 \
+    run "worker-$i" worker "$work/cache:/cache" "$work/keys:/run/secrets" "$work/health:/health" -- \
+        env LIGHTMILL_HEALTH="/health/$i" lightmill-worker --cache /cache "127.0.0.1:$port" --threads 1 \
         --name "$i" --key /run/secrets/worker.secret --master-key /run/secrets/master.key 2>"$work/worker-$i.log" &
     started+=($!)
 done
@@ -97,10 +99,10 @@ client() {
 settings=(--resolution 96x96 --spp 16)
 client submit /scenes/seed-hidden "${settings[@]}" --wait -o /work/farm.exr >"$work/client.log" 2>&1 ||
     fail "the job was not rendered"
-run ask-master master "$work/health-master:/run/lightmill" -- lightmill-master --ask-health ||
-    fail "the master does not say that it is well"
-run ask-worker worker "$work/health-worker:/run/lightmill" -- \
-    env LIGHTMILL_HEALTH=/run/lightmill/1 lightmill-worker --ask-health || fail "a worker does not say that it is well"
+run ask-master master "$work/health:/health" -- \
+    env LIGHTMILL_HEALTH=/health/master lightmill-master --ask-health || fail "the master does not say that it is well"
+run ask-worker worker "$work/health:/health" -- \
+    env LIGHTMILL_HEALTH=/health/1 lightmill-worker --ask-health || fail "a worker does not say that it is well"
 
 # ---- what must be true -------------------------------------------------------------------------------------
 
