@@ -61,9 +61,10 @@ static result_t make_directories(const char *dir)
         if (failed || !slash) {
             free(path);
             if (!failed) return result_ok();
-            return result_fail(RESULT_IO,
-                               "cannot create the cache directory %s: %s; choose another", dir,
-                               strerror(error));
+            return result_fail(
+                RESULT_IO,
+                "cannot create the cache directory %s: %s; choose another with --cache (a relay: --data)",
+                dir, strerror(error));
         }
     }
 }
@@ -72,9 +73,10 @@ result_t blob_cache_new(const char *dir, uint64_t limit, blob_cache_t **cache)
 {
     TRY(make_directories(dir));
     if (access(dir, W_OK | X_OK) != 0)
-        return result_fail(RESULT_IO,
-                           "cannot write to the cache directory %s: %s; choose another", dir,
-                           strerror(errno));
+        return result_fail(
+            RESULT_IO,
+            "cannot write to the cache directory %s: %s; choose another with --cache (a relay: --data)", dir,
+            strerror(errno));
     *cache = mem_zalloc(1, sizeof **cache);
     (*cache)->dir = mem_strdup(dir);
     (*cache)->limit = limit;
