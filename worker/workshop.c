@@ -436,7 +436,7 @@ static crew_state_t state(void *self)
     s.threads = (uint32_t)shop->options.threads;
     s.job = shop->stage == STAGE_EMPTY || dropped ? 0 : shop->current.job;
     s.content = shop->current.content;
-    s.units_held = (uint32_t)(held + (shop->has_next ? shop->next.unit_count : 0));
+    s.units_held = (uint32_t)held;
     s.rendering = (uint32_t)shop->rendering;
     s.samples = samples_wanted(shop, held);
     s.unit_samples = (uint64_t)good_unit(shop);
