@@ -42,7 +42,8 @@ typedef struct {
 
 relay_options_t relay_options_default(void)
 {
-    return (relay_options_t){.master_endpoint = "tcp://127.0.0.1:7420",
+    return (relay_options_t){.gate = {.relay = true},
+                             .master_endpoint = "tcp://127.0.0.1:7420",
                              .control_endpoint = "tcp://127.0.0.1:7430",
                              .bulk_endpoint = "tcp://127.0.0.1:7431",
                              .data_dir = "lightmill-relay-data",

@@ -56,6 +56,7 @@ typedef struct {
 struct gate {
     bool keys; /* false: everybody may do everything, and nothing else is used */
     bool key_is_new;
+    bool relay; /* what it guards is a relay */
     key_pair_t pair;
     char *key_path, *open_path, *allow_path;
     pthread_mutex_t lock; /* guards list */
@@ -223,6 +224,7 @@ result_t gate_new(const gate_options_t *options, const char *data_dir, void *con
     pthread_mutex_init(&gate->lock, NULL);
     gate->wake = -1;
     gate->context = context;
+    gate->relay = options->relay;
     bool wanted = options->key != NULL || options->allow != NULL;
     if (options->insecure && wanted)
         return result_fail(RESULT_USAGE, "--insecure means without keys: leave it out, or --key and --allow");
@@ -367,20 +369,24 @@ static void *gate_run(void *argument)
 /* To stdout: it is meant to be read and copied, not to be logged. */
 static void introduce(const gate_t *gate, const char *host, int port)
 {
-    printf("This master has a new key. Workers and clients need its public half,\n\n"
+    const char *who = gate->relay ? "relay" : "master", *key = gate->pair.open;
+    printf("This %s has a new key. %s its public half,\n\n"
            "    %s\n\n"
            "which is also in %s.\n\n"
            "A worker's machine gets a key of its own, and joins with it:\n\n"
            "    lightmill keygen worker\n"
-           "    lightmill-worker %s:%d --master-key '%s'\n\n"
-           "A client's machine likewise:\n\n"
-           "    lightmill keygen client\n"
-           "    lightmill status --master %s:%d --master-key '%s'\n\n"
-           "keygen prints a line for the list of the keys that this master lets in,\n\n"
+           "    lightmill-worker %s:%d --master-key '%s'\n\n",
+           who, gate->relay ? "Workers need" : "Workers and clients need", key, gate->open_path, host, port,
+           key);
+    if (!gate->relay)
+        printf("A client's machine likewise:\n\n"
+               "    lightmill keygen client\n"
+               "    lightmill status --master %s:%d --master-key '%s'\n\n",
+               host, port, key);
+    printf("keygen prints a line for the list of the keys that this %s lets in,\n\n"
            "    %s\n\n"
            "which is read again whenever it changes.\n",
-           gate->pair.open, gate->open_path, host, port, gate->pair.open, host, port, gate->pair.open,
-           gate->allow_path);
+           who, gate->allow_path);
     fflush(stdout);
 }
 
@@ -390,7 +396,7 @@ result_t gate_start(gate_t *gate, const char *host, int port)
     char name[256] = "";
     bool any = strcmp(host, "*") == 0 || strcmp(host, "0.0.0.0") == 0 || strcmp(host, "[::]") == 0;
     if (any && gethostname(name, sizeof name - 1) == 0 && name[0] != '\0') host = name;
-    log_info("this master's public key is %s", gate->pair.open);
+    log_info("this %s's public key is %s", gate->relay ? "relay" : "master", gate->pair.open);
     if (gate->key_is_new) introduce(gate, host, port);
     int error = pthread_create(&gate->thread, NULL, gate_run, gate);
     if (error != 0) return result_fail(RESULT_LIMIT, "cannot start a thread: %s", strerror(error));

@@ -15,6 +15,7 @@ typedef struct {
     const char *key;   /* the master's .secret file; NULL: DATA/keys/master.secret, made when it is needed */
     const char *allow; /* the list; NULL: DATA/keys/allow */
     bool insecure;     /* no keys on any address */
+    bool relay;        /* it is a relay's, which workers alone dial */
 } gate_options_t;
 
 /* Entries for a getopt_long table; values are told apart by name. */
