@@ -15,6 +15,7 @@
 #include "common/memory_limit.h"
 #include "master/bulk_server.h"
 #include "master/control_server.h"
+#include "master/merge/grants.h"
 #include "master/store/restart.h"
 
 #include <errno.h>
@@ -30,8 +31,7 @@
 
 enum { MAX_INTERVAL = 3600 }; /* seconds, of heartbeats, leases and batches */
 enum { ENDPOINT_SIZE = 300 };
-enum { MAX_BULK_IO = 4 };                                     /* threads of libzmq for the bulk socket */
-static const uint64_t LEAST_BATCH_MEMORY = (uint64_t)1 << 30; /* bytes */
+enum { MAX_BULK_IO = 4 }; /* threads of libzmq for the bulk socket */
 /* Messages of a connection to the bulk socket that libzmq holds: they may be large. A peer that fetches
  * something has a few requests under way, and its batches are answered one by one. On a connection with keys
  * one less is received: libzmq counts the user id as a message that nobody ever reads. */
@@ -224,14 +224,6 @@ static uint64_t film_limit(const master_options_t *options)
     return options->film_memory > 0 ? options->film_memory : memory_limit() / 4 * 3;
 }
 
-/* An eighth of it, or LEAST_BATCH_MEMORY if that is more and the films leave so much. */
-static uint64_t batch_memory(const master_options_t *options)
-{
-    uint64_t all = memory_limit(), least = all / 4 < LEAST_BATCH_MEMORY ? all / 4 : LEAST_BATCH_MEMORY;
-    if (options->batch_memory > 0) return options->batch_memory;
-    return all / 8 > least ? all / 8 : least;
-}
-
 static result_t open_blobs(master_t *master, const master_options_t *options)
 {
     char *path = mem_printf("%s/blobs", options->data_dir);
@@ -338,7 +330,8 @@ static result_t start_serving(master_t *master, const master_options_t *options)
                                   .gallery = master->gallery,
                                   .socket = master->bulk_socket,
                                   .wake = master->bulk_wake,
-                                  .batch_memory = batch_memory(options),
+                                  .batch_memory = options->batch_memory > 0 ? options->batch_memory
+                                                                            : grants_usual_credit(),
                                   .merge_threads = options->merge_threads};
     TRY(bulk_server_start(&bulk, &master->bulk));
     master->bulk_socket = NULL;

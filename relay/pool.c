@@ -242,8 +242,7 @@ void pool_sweep(pool_t *pool)
 
 /* ---- time ---------------------------------------------------------------------------------------------- */
 
-/* What workers have not sent of a job in time is not waited for. */
-static void end_flush(pool_t *pool, relay_job_t *job)
+void pool_end_flush(pool_t *pool, relay_job_t *job)
 {
     for (size_t i = 0; i < pool->member_count; i++) ledger_return(&job->ledger, pool->members[i].id);
     ledger_drop_free(&job->ledger);
@@ -304,7 +303,7 @@ void pool_tick(pool_t *pool, double now)
     if (pool->member_count == 0 && now - pool->deserted > pool->options.lease) give_units_up(pool);
     for (size_t i = 0; i < pool->job_count; i++) {
         relay_job_t *job = pool->jobs[i];
-        if (job->flush && job->flush_until > 0 && now >= job->flush_until) end_flush(pool, job);
+        if (job->flush && job->flush_until > 0 && now >= job->flush_until) pool_end_flush(pool, job);
         if (!pool_job_empty(job)) job->last_used = now;
         bool newest = i + 1 == pool->job_count;
         if (!newest && !job->gone && now - job->last_used > KEEP_SCENE) pool_drop_job(pool, job);

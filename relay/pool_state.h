@@ -130,6 +130,8 @@ size_t pool_remove_member(pool_t *pool, double now, member_t *member);
 void pool_drop_job(pool_t *pool, relay_job_t *job);
 /* Frees what is gone and not used. */
 void pool_sweep(pool_t *pool);
+/* What workers have not sent of a job that is called in is not waited for any more. */
+void pool_end_flush(pool_t *pool, relay_job_t *job);
 void pool_errand_remove(relay_job_t *job, size_t index);
 
 void pool_parcel_free(parcel_t *parcel);

@@ -8,6 +8,7 @@
 
 #include "common/address.h"
 #include "common/memory_limit.h"
+#include "master/merge/grants.h"
 #include "relay/bulk_desk.h"
 #include "relay/control_desk.h"
 #include "relay/pool.h"
@@ -21,10 +22,9 @@
 #include <sys/eventfd.h>
 #include <unistd.h>
 
-enum { ENDPOINT_SIZE = 300, WAKES = 4, MAX_INTERVAL = 3600, MEMORY_SHARE = 8 };
+enum { ENDPOINT_SIZE = 300, WAKES = 4, MAX_INTERVAL = 3600 };
 enum { WAKE_CONTROL, WAKE_BULK, WAKE_NOTICES, WAKE_GRANTS };
 static const uint64_t DEFAULT_CACHE_LIMIT = (uint64_t)20 << 30;
-static const uint64_t LEAST_BATCH_MEMORY = (uint64_t)1 << 30;
 
 typedef struct {
     const relay_options_t *options;
@@ -145,13 +145,6 @@ static result_t make_wakes(relay_t *relay)
     return result_ok();
 }
 
-static uint64_t batch_memory(const relay_options_t *options)
-{
-    uint64_t share = memory_limit() / MEMORY_SHARE;
-    if (options->batch_memory > 0) return options->batch_memory;
-    return share > LEAST_BATCH_MEMORY ? share : LEAST_BATCH_MEMORY;
-}
-
 static result_t start_desks(relay_t *relay)
 {
     const relay_options_t *options = relay->options;
@@ -159,7 +152,8 @@ static result_t start_desks(relay_t *relay)
                                 .socket = relay->bulk_socket,
                                 .gate = relay->gate,
                                 .wake = relay->wakes[WAKE_GRANTS],
-                                .credit = batch_memory(options),
+                                .credit =
+                                    options->batch_memory > 0 ? options->batch_memory : grants_usual_credit(),
                                 .threads = options->threads};
     TRY(bulk_desk_start(&bulk, &relay->bulk_desk));
     relay->bulk_socket = NULL;

@@ -484,6 +484,9 @@ void farm_checks_remark(const farm_t *farm, const job_t *job, char *text, size_t
     text[0] = '\0';
     if (job->terms.verify > 0 && farm->options.spool_dir == NULL)
         snprintf(text, size, "it is not verified: this master keeps nothing on a disk");
+    if (checks != NULL && checks->delayed)
+        snprintf(text, size,
+                 "wrong sums are still to be taken out of the film, for which there is no room now");
     for (size_t i = 0; checks != NULL && i < checks->check_count; i++) {
         const check_t *check = &checks->checks[i];
         if (check->with != 0 || can_be_had(farm, checks, check)) continue;

@@ -188,6 +188,11 @@ bool farm_evidence_wrong(const job_t *job)
     return false;
 }
 
+bool farm_evidence_delayed(const job_t *job)
+{
+    return job->checks != NULL && job->checks->delayed && farm_evidence_wrong(job);
+}
+
 void farm_evidence_vouch(farm_t *farm, job_t *job, size_t source, uint64_t clock)
 {
     job_checks_t *checks = job->checks;

@@ -85,7 +85,7 @@ static result_t cancel(farm_t *farm, double now, job_t *job)
 {
     if (job_state_final(job->state)) return refuse(job, " already");
     if (job->state == JOB_FINISHING) {
-        if (job->image_retry > 0 || job->save_failed) give_up(farm, job);
+        if (job->image_retry > 0 || job->save_failed || farm_evidence_delayed(job)) give_up(farm, job);
         return result_ok(); /* else it is left to finish */
     }
     if (job->film_due) {

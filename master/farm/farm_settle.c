@@ -101,6 +101,21 @@ static void note_lost(farm_t *farm, job_t *job, const evidence_t *lost, const ch
     if (evidence != NULL) evidence->state = EVIDENCE_NEEDLESS;
 }
 
+/* False when it cannot be done now, for want of room or memory, and is to be tried again. Under the lock. */
+static bool noted(job_t *job, const result_t *result)
+{
+    job_checks_t *checks = job->checks;
+    bool delayed = result->code == RESULT_LIMIT, before = checks != NULL && checks->delayed;
+    if (checks != NULL) checks->delayed = delayed;
+    if (delayed)
+        snprintf(job->remark, sizeof job->remark, "wrong sums are still to be taken out of the film: %.200s",
+                 result->message);
+    else if (before)
+        job->remark[0] = '\0';
+    if (delayed && !before) log_warning("job %llu: %s; trying on", (unsigned long long)job->id, job->remark);
+    return !delayed;
+}
+
 /* False when it cannot be done now. */
 static bool take_out(farm_t *farm, job_t *job, evidence_t evidence)
 {
@@ -126,11 +141,12 @@ static bool take_out(farm_t *farm, job_t *job, evidence_t evidence)
     farm_lock(farm);
     if (result.code == RESULT_OK)
         note_out(farm, job, &evidence, counts);
-    else if (result.code != RESULT_CANCELLED && result.code != RESULT_LIMIT)
+    else if (result.code != RESULT_LIMIT && result.code != RESULT_CANCELLED)
         note_lost(farm, job, &evidence, result.message);
+    bool done = noted(job, &result);
     farm_unlock(farm);
     farm_canvas_let_go(farm, job);
-    return result.code != RESULT_LIMIT;
+    return done;
 }
 
 /* ---- settling ------------------------------------------------------------------------------------------ */
@@ -216,8 +232,9 @@ static bool brand(farm_t *farm, job_t *job, evidence_t evidence)
     farm->spooled = true;
     if (result.code != RESULT_OK && result.code != RESULT_LIMIT)
         note_lost(farm, job, &evidence, result.message);
+    bool done = noted(job, &result);
     farm_unlock(farm);
-    return result.code != RESULT_LIMIT;
+    return done;
 }
 
 static void settle_job(farm_t *farm, job_t *job)

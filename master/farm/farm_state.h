@@ -217,6 +217,8 @@ void farm_checks_loaded(farm_t *farm, job_t *job, const schedule_state_t *state)
 void farm_checks_checkpointed(job_t *job);
 /* True while there are sums to take out of the job's film. */
 bool farm_evidence_wrong(const job_t *job);
+/* True while that could not be done, and is tried again. */
+bool farm_evidence_delayed(const job_t *job);
 
 /* ---- farm_suspects.c ---- */
 

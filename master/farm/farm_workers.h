@@ -130,6 +130,7 @@ struct job_checks {
     uint64_t saved;  /* checkpoints that are safe on the disk */
     uint64_t unmade; /* comparisons that nobody could make */
     bool given_up;   /* the job cannot be verified: its message says why */
+    bool delayed;    /* wrong sums could not be taken out at the last attempt */
 };
 
 /* The state of a job's comparisons, made if need be. */

@@ -1,6 +1,8 @@
 /* grants: see grants.h. */
 #include "master/merge/grants.h"
 
+#include "common/memory_limit.h"
+
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -72,6 +74,13 @@ static size_t list_find(const list_t *list, const identity_t *identity)
 }
 
 /* ---- grants -------------------------------------------------------------------------------------------- */
+
+uint64_t grants_usual_credit(void)
+{
+    const uint64_t least = (uint64_t)1 << 30, all = memory_limit();
+    uint64_t floor = all / 4 < least ? all / 4 : least;
+    return all / 8 > floor ? all / 8 : floor;
+}
 
 grants_t *grants_new(uint64_t credit)
 {

@@ -34,6 +34,9 @@ typedef struct {
     uint64_t window;         /* bytes that may be used now */
 } grants_state_t;
 
+/* The credit where none is said, in bytes: an eighth of the memory, or 1 GB if that is more and is at most a
+ * quarter of it. */
+uint64_t grants_usual_credit(void);
 /* `credit` in bytes. */
 grants_t *grants_new(uint64_t credit);
 void grants_destroy(grants_t **grants);

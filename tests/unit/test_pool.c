@@ -222,6 +222,20 @@ static void a_stranger_delivers_nothing(void **state)
     assert_int_equal(render(t, t->ada, &unit, 1).code, RESULT_MISMATCH); /* nothing counts twice */
 }
 
+/* Its workers were told to drop what they have not rendered: whoever asks gets it. */
+static void a_job_that_goes_on_at_once_goes_on_whole(void **state)
+{
+    test_t *t = *state;
+    const unit_t unit = {0, 0, 4};
+    begin(t, &unit, 1);
+    assert_int_equal(take(t, 0, t->ada, MUCH), 1);
+    t->crew.calls->job_over(t->crew.self, JOB, true);
+    assign(t, &unit, 1);
+    assert_int_equal(take(t, 0, t->bob, MUCH), 1);
+    assert_int_equal(render(t, t->bob, &unit, 1).code, RESULT_OK);
+    assert_int_equal(render(t, t->ada, &unit, 1).code, RESULT_MISMATCH);
+}
+
 int main(void)
 {
 #define POOL(test) cmocka_unit_test_setup_teardown(test, set_up, tear_down)
@@ -231,6 +245,7 @@ int main(void)
         POOL(who_is_made_to_wait_keeps_its_units),
         POOL(who_asks_for_nothing_gets_nothing),
         POOL(a_stranger_delivers_nothing),
+        POOL(a_job_that_goes_on_at_once_goes_on_whole),
     };
     return cmocka_run_group_tests_name("pool", tests, NULL, NULL);
 }
