@@ -303,6 +303,7 @@ static void end(chaos_t *chaos, bool kept)
     proxy_stop(&chaos->proxy);
     network_destroy(&chaos->network);
     free(chaos->master);
+    passes_free(&chaos->passes);
     report_close(&chaos->report);
     if (chaos->disk) disk_unmount(chaos->data);
     if (!kept) scratch_destroy(&chaos->folder);

@@ -57,20 +57,28 @@ static result_t make_keys(const char *folder, FILE *list)
 
 result_t passes_with_keys(const char *folder, passes_t *passes)
 {
-    char *allow = mem_printf("%s/allow", folder);
+    enum { ALLOW, MASTER_KEY, MASTER, WORKER, CLIENT, RELAY, RELAY_KEY };
+    static const char *const names[PASS_FILES] = {"allow",         "master.key",    "master.secret",
+                                                  "worker.secret", "client.secret", "relay.secret",
+                                                  "relay.key"};
+    char *files[PASS_FILES];
+    for (int i = 0; i < PASS_FILES; i++) files[i] = mem_printf("%s/%s", folder, names[i]);
+    char *allow = files[ALLOW], *master = files[MASTER_KEY];
     mkdir(folder, 0700);
     FILE *list = fopen(allow, "we");
     if (list == NULL) return result_fail(RESULT_IO, "%s cannot be written", allow);
     result_t result = make_keys(folder, list);
     fclose(list);
-    const char *master = mem_printf("%s/master.key", folder),
-               *worker = mem_printf("%s/worker.secret", folder);
-    const char *relay = mem_printf("%s/relay.secret", folder);
-    *passes =
-        (passes_t){.master = {"--key", mem_printf("%s/master.secret", folder), "--allow", allow},
-                   .worker = {"--key", worker, "--master-key", master},
-                   .client = {"--key", mem_printf("%s/client.secret", folder), "--master-key", master},
-                   .relay = {"--key", relay, "--master-key", master, "--allow", allow},
-                   .relay_worker = {"--key", worker, "--master-key", mem_printf("%s/relay.key", folder)}};
+    *passes = (passes_t){.master = {"--key", files[MASTER], "--allow", allow},
+                         .worker = {"--key", files[WORKER], "--master-key", master},
+                         .client = {"--key", files[CLIENT], "--master-key", master},
+                         .relay = {"--key", files[RELAY], "--master-key", master, "--allow", allow},
+                         .relay_worker = {"--key", files[WORKER], "--master-key", files[RELAY_KEY]}};
+    memcpy(passes->files, files, sizeof passes->files);
     return result;
+}
+
+void passes_free(passes_t *passes)
+{
+    for (int i = 0; i < PASS_FILES; i++) free(passes->files[i]);
 }
