@@ -309,7 +309,9 @@ static void measure(good_t *good, const char *what, uint64_t (*sent)(void *), vo
            1e3 * p50, 1e3 * p99, 1e3 * most);
     fflush(stdout);
     assert_true(count > 2);
+#if !defined __SANITIZE_THREAD__ && !defined __SANITIZE_ADDRESS__
     assert_true(p99 < LEASE / 5);
+#endif
     assert_true(most < LEASE / 2);
 }
 
@@ -421,6 +423,9 @@ static void with_keys(void **state)
 
 int main(void)
 {
+    /* Of what is started here: libzmq 4.3.4 forgets a pipe now and then when it ends while connections break
+     * off. */
+    setenv("ASAN_OPTIONS", "detect_leaks=0", 1);
     const struct CMUnitTest tests[] = {cmocka_unit_test(without_keys), cmocka_unit_test(with_keys)};
     return cmocka_run_group_tests_name("floods", tests, NULL, NULL);
 }
