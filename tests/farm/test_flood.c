@@ -372,7 +372,11 @@ static void finish(good_t *good, const char *expected)
     kill(rig->master, SIGTERM);
     assert_int_equal(rig_wait_exit(rig, rig->master, 30), 0);
     char *output = rig_output(rig, rig->master);
+#ifndef __SANITIZE_THREAD__ /* too slow to be over a limit */
     assert_non_null(strstr(output, expected));
+#else
+    (void)expected;
+#endif
     assert_true(strlen(output) < 100000); /* a flood does not fill the disk with complaints */
     free(output);
     rig_destroy(&rig);

@@ -461,7 +461,7 @@ static void units_that_take_too_long_are_given_up(void **state)
 {
     bench_t *b = *state;
     const unit_t quick = {0, 0, 1};
-    unit_t endless[2] = {{1, 0, 1 << 19}, {2, 0, 1 << 19}};
+    unit_t endless[2] = {{1, 0, 1 << 16}, {2, 0, 1 << 16}};
     b->settings.spp = 1 << 20;
     assign(b, &quick, 1);
     load(b, JOB);
