@@ -5,7 +5,46 @@
 
 #include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
+
+static int unit_order(const void *a, const void *b)
+{
+    const unit_t *u = a, *v = b;
+    if (u->tile != v->tile) return u->tile < v->tile ? -1 : 1;
+    return u->first < v->first ? -1 : u->first > v->first;
+}
+
+unit_t *units_sorted(const unit_t *units, size_t count)
+{
+    unit_t *sorted = mem_alloc((count + 1) * sizeof *sorted);
+    memcpy(sorted, units, count * sizeof *sorted);
+    qsort(sorted, count, sizeof *sorted, unit_order);
+    return sorted;
+}
+
+bool units_same(const unit_t *a, size_t a_count, const unit_t *b, size_t b_count)
+{
+    if (a_count != b_count) return false;
+    unit_t *x = units_sorted(a, a_count), *y = units_sorted(b, b_count);
+    bool same = memcmp(x, y, a_count * sizeof *x) == 0;
+    free(x);
+    free(y);
+    return same;
+}
+
+result_t units_check_apart(const unit_t *units, size_t count)
+{
+    unit_t *sorted = units_sorted(units, count);
+    result_t result = result_ok();
+    for (size_t i = 1; i < count && result.code == RESULT_OK; i++)
+        if (sorted[i].tile == sorted[i - 1].tile &&
+            sorted[i].first - sorted[i - 1].first < sorted[i - 1].count)
+            result = result_fail(RESULT_MISMATCH, "tile %u, sample %u is in the batch twice", sorted[i].tile,
+                                 sorted[i].first);
+    free(sorted);
+    return result;
+}
 
 job_settings_t job_settings_default(void)
 {

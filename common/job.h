@@ -65,6 +65,13 @@ typedef struct {
     int32_t x0, y0, x1, y1;
 } rect_t;
 
+/* A copy in the order of tiles and first samples, in fresh memory that the caller frees. */
+unit_t *units_sorted(const unit_t *units, size_t count);
+/* True when two lists differ in their order at most; none has two units that begin at the same sample. */
+bool units_same(const unit_t *a, size_t a_count, const unit_t *b, size_t b_count);
+/* RESULT_MISMATCH, naming a sample, when two of the units share it. */
+result_t units_check_apart(const unit_t *units, size_t count);
+
 /* Defaults: bdpt, sobol, seed 0, 1280 x 720, depth 8, 64 spp, tiles of 32, FILM_DEFAULT_SCALE,
  * with features. */
 job_settings_t job_settings_default(void);

@@ -177,28 +177,6 @@ size_t ledger_return(ledger_t *ledger, uint64_t worker)
 
 /* ---- what is delivered --------------------------------------------------------------------------------- */
 
-static int unit_order(const void *a, const void *b)
-{
-    const unit_t *u = a, *v = b;
-    if (u->tile != v->tile) return u->tile < v->tile ? -1 : 1;
-    return u->first < v->first ? -1 : u->first > v->first;
-}
-
-/* Looks for two units of the list that share samples. */
-static result_t check_apart(const unit_t *units, size_t count)
-{
-    unit_t *sorted = mem_alloc((count + 1) * sizeof *sorted);
-    result_t result = result_ok();
-    memcpy(sorted, units, count * sizeof *sorted);
-    qsort(sorted, count, sizeof *sorted, unit_order);
-    for (size_t i = 1; i < count && result.code == RESULT_OK; i++)
-        if (overlap(&sorted[i - 1], &sorted[i]) > 0)
-            result = result_fail(RESULT_MISMATCH, "tile %u, sample %u is in the batch twice", sorted[i].tile,
-                                 sorted[i].first);
-    free(sorted);
-    return result;
-}
-
 /* Samples a pixel of a unit that are free or out. */
 static uint32_t count_here(const ledger_t *ledger, const unit_t *unit)
 {
@@ -209,7 +187,7 @@ static uint32_t count_here(const ledger_t *ledger, const unit_t *unit)
 
 result_t ledger_accept(ledger_t *ledger, const unit_t *units, size_t count)
 {
-    TRY(check_apart(units, count));
+    TRY(units_check_apart(units, count));
     for (size_t i = 0; i < count; i++)
         if (count_here(ledger, &units[i]) != units[i].count)
             return result_fail(RESULT_MISMATCH,

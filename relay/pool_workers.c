@@ -315,24 +315,6 @@ static void add_to_parcel(pool_t *pool, double now, relay_job_t *job, const adde
     pthread_rwlock_unlock(&job->adding);
 }
 
-static int unit_order(const void *a, const void *b)
-{
-    return memcmp(a, b, sizeof(unit_t));
-}
-
-/* True when two lists of units differ in their order at most. */
-static bool same_units(const unit_t *a, const unit_t *b, size_t count)
-{
-    unit_t *sorted = mem_alloc(2 * count * sizeof *sorted + 1);
-    memcpy(sorted, a, count * sizeof *sorted);
-    memcpy(sorted + count, b, count * sizeof *sorted);
-    qsort(sorted, count, sizeof *sorted, unit_order);
-    qsort(sorted + count, count, sizeof *sorted, unit_order);
-    bool same = memcmp(sorted, sorted + count, count * sizeof *sorted) == 0;
-    free(sorted);
-    return same;
-}
-
 /* A batch that bears a number is kept as it is. It must have exactly the units of the check. Lock held; the
  * batch is taken over. */
 static result_t keep_errand(relay_job_t *job, uint64_t number, batch_t *batch)
@@ -340,7 +322,7 @@ static result_t keep_errand(relay_job_t *job, uint64_t number, batch_t *batch)
     for (size_t i = 0; i < job->errand_count; i++) {
         errand_t *errand = job->errands[i];
         if (errand->number != number || errand->done) continue;
-        if (errand->count != batch->unit_count || !same_units(errand->units, batch->units, errand->count))
+        if (!units_same(errand->units, errand->count, batch->units, batch->unit_count))
             return result_fail(RESULT_MISMATCH, "a check has other units than its assignment");
         errand->batch = *batch;
         *batch = (batch_t){0};

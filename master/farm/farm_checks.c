@@ -94,36 +94,12 @@ static void drop_check(job_t *job, size_t at)
     job->progress_due = true;
 }
 
-static int unit_order(const void *a, const void *b)
-{
-    const unit_t *u = a, *v = b;
-    if (u->tile != v->tile) return u->tile < v->tile ? -1 : 1;
-    return u->first < v->first ? -1 : u->first > v->first;
-}
-
-static unit_t *sorted_copy(const unit_t *units, size_t count)
-{
-    unit_t *copy = mem_alloc((count + 1) * sizeof *copy);
-    memcpy(copy, units, count * sizeof *copy);
-    qsort(copy, count, sizeof *copy, unit_order);
-    return copy;
-}
-
-static bool same_units(const check_t *check, const unit_t *units, size_t count)
-{
-    if (count != check->count) return false;
-    unit_t *sorted = sorted_copy(units, count);
-    bool same = memcmp(sorted, check->units, count * sizeof *sorted) == 0;
-    free(sorted);
-    return same;
-}
-
 static check_t *add_check(const job_t *job, const unit_t *units, size_t count, const hash_t *fingerprint)
 {
     job_checks_t *checks = job->checks;
     checks->checks = mem_realloc(checks->checks, (checks->check_count + 1) * sizeof *checks->checks);
     check_t *check = &checks->checks[checks->check_count++];
-    *check = (check_t){.units = sorted_copy(units, count),
+    *check = (check_t){.units = units_sorted(units, count),
                        .count = count,
                        .samples = farm_unit_samples(job, units, count),
                        .fingerprint = *fingerprint};
@@ -157,7 +133,7 @@ check_t *farm_checks_begun(job_checks_t *checks, size_t source, const unit_t *un
     for (size_t i = 0; i < checks->check_count; i++) {
         check_t *check = &checks->checks[i];
         if (check->evidence == 0 && check->rendering_count > 0 && check->renderings[0].source == source &&
-            same_units(check, units, count))
+            units_same(check->units, check->count, units, count))
             return check;
     }
     return NULL;
@@ -396,7 +372,7 @@ result_t farm_check_batch(farm_t *farm, double now, job_t *job, uint64_t id, uin
     if (at == SIZE_MAX)
         return result_fail(RESULT_MISMATCH, "these units are not (any more) to be compared with others");
     check_t *check = &job->checks->checks[at];
-    if (!same_units(check, units, count))
+    if (!units_same(check->units, check->count, units, count))
         return result_fail(RESULT_MISMATCH, "these are not the units that were to be compared");
     if (rendered_by(job->checks, check, worker))
         return result_fail(RESULT_MISMATCH, "the worker has rendered these units before");

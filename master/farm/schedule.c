@@ -303,29 +303,6 @@ bool schedule_issue(schedule_t *s, uint64_t worker, const unit_t *unit)
 
 /* ---- counting and giving back -------------------------------------------------------------------------- */
 
-static int unit_order(const void *a, const void *b)
-{
-    const unit_t *u = a, *v = b;
-    if (u->tile != v->tile) return u->tile < v->tile ? -1 : 1;
-    return u->first < v->first ? -1 : u->first > v->first;
-}
-
-/* Looks for two units of the list that share samples. */
-static result_t check_overlap(const unit_t *units, size_t count)
-{
-    unit_t *sorted = mem_alloc((count + 1) * sizeof *sorted);
-    result_t result = result_ok();
-    memcpy(sorted, units, count * sizeof *sorted);
-    qsort(sorted, count, sizeof *sorted, unit_order);
-    for (size_t i = 1; i < count && result.code == RESULT_OK; i++)
-        if (sorted[i].tile == sorted[i - 1].tile &&
-            sorted[i].first - sorted[i - 1].first < sorted[i - 1].count)
-            result = result_fail(RESULT_MISMATCH, "tile %u, sample %u is in the batch twice", sorted[i].tile,
-                                 sorted[i].first);
-    free(sorted);
-    return result;
-}
-
 /* Whether a unit may be counted at all. */
 static result_t check_unit(const schedule_t *s, const unit_t *unit)
 {
@@ -341,7 +318,7 @@ static result_t check_unit(const schedule_t *s, const unit_t *unit)
 result_t schedule_accept(schedule_t *s, const unit_t *units, size_t count)
 {
     for (size_t i = 0; i < count; i++) TRY(check_unit(s, &units[i]));
-    TRY(check_overlap(units, count));
+    TRY(units_check_apart(units, count));
     for (size_t i = 0; i < count; i++) schedule_count_range(s, &units[i]);
     return result_ok();
 }
