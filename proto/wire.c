@@ -225,7 +225,6 @@ result_t wire_send(void *socket, const uint8_t *identity, size_t identity_size, 
 
 /* ---- decoding a header --------------------------------------------------------------------------------- */
 
-/* protobuf-c allocates through this while it decodes; what it made is freed with free(). */
 static void *budget_alloc(void *budget, size_t size)
 {
     size_t *left = budget;
@@ -238,6 +237,11 @@ static void budget_free(void *budget, void *memory)
 {
     (void)budget;
     free(memory);
+}
+
+ProtobufCAllocator wire_allocator(size_t *budget)
+{
+    return (ProtobufCAllocator){budget_alloc, budget_free, budget};
 }
 
 static result_t message_check(ProtobufCMessage *message);
@@ -328,7 +332,7 @@ static result_t header_check(const uint8_t *bytes, size_t size, const zmq_msg_t 
 static result_t header_decode(const uint8_t *bytes, size_t size, Lm__Envelope **envelope, size_t *memory)
 {
     size_t budget = WIRE_MAX_DECODED;
-    ProtobufCAllocator allocator = {budget_alloc, budget_free, &budget};
+    ProtobufCAllocator allocator = wire_allocator(&budget);
     Lm__Envelope *made = lm__envelope__unpack(&allocator, size, bytes);
     if (made == NULL) return result_fail(RESULT_PROTOCOL, "a header of %zu bytes does not decode", size);
     result_t result = message_check(&made->base);

@@ -75,6 +75,25 @@ void state_arrays(const schedule_state_t *state, span_bytes_t arrays[STATE_ARRAY
     arrays[3] = (span_bytes_t){state->skipped, state->skipped_count * sizeof *state->skipped};
 }
 
+void state_copy(const schedule_state_t *state, size_t from, size_t size, void *bytes, bool store)
+{
+    span_bytes_t arrays[STATE_ARRAYS];
+    uint8_t *place = bytes;
+    state_arrays(state, arrays);
+    for (int a = 0; a < STATE_ARRAYS && size > 0; a++) {
+        if (from >= arrays[a].size) {
+            from -= arrays[a].size;
+            continue;
+        }
+        size_t part = arrays[a].size - from < size ? arrays[a].size - from : size;
+        uint8_t *there = (uint8_t *)arrays[a].bytes + from;
+        memcpy(store ? there : place, store ? place : there, part);
+        place += part;
+        size -= part;
+        from = 0;
+    }
+}
+
 void bytes_split(const uint8_t *in, size_t size, uint8_t *out)
 {
     size_t words = size / 8;

@@ -67,6 +67,9 @@ typedef struct {
     size_t size;
 } span_bytes_t;
 void state_arrays(const schedule_state_t *state, span_bytes_t arrays[STATE_ARRAYS]);
+/* Copies bytes [from, from + size) of these arrays, which lie one after the other, out of the state, or into
+ * it with `store`. */
+void state_copy(const schedule_state_t *state, size_t from, size_t size, void *bytes, bool store);
 
 /* Sorts the bytes of 64-bit words by their place; what is left over at the end stays. And back. */
 void bytes_split(const uint8_t *in, size_t size, uint8_t *out);

@@ -88,8 +88,8 @@ static result_t use_head(checkpoint_t *c, const Lm__FilmHead *head)
 
 static result_t decode_head(checkpoint_t *c, const uint8_t *bytes, size_t size)
 {
-    size_t left;
-    ProtobufCAllocator allocator = record_allocator(&left);
+    size_t left = RECORD_MAX_DECODED;
+    ProtobufCAllocator allocator = wire_allocator(&left);
     Lm__FilmHead *head = lm__film_head__unpack(&allocator, size, bytes);
     if (head == NULL) return damaged(c, "its head does not decode");
     result_t result = use_head(c, head);
@@ -190,23 +190,6 @@ typedef struct {
     ZSTD_DCtx *decompressor;
 } bench_t;
 
-static void store_state(const schedule_state_t *state, size_t from, const uint8_t *bytes, size_t size)
-{
-    span_bytes_t arrays[STATE_ARRAYS];
-    state_arrays(state, arrays);
-    for (int a = 0; a < STATE_ARRAYS && size > 0; a++) {
-        if (from >= arrays[a].size) {
-            from -= arrays[a].size;
-            continue;
-        }
-        size_t part = arrays[a].size - from < size ? arrays[a].size - from : size;
-        memcpy((uint8_t *)arrays[a].bytes + from, bytes, part);
-        bytes += part;
-        size -= part;
-        from = 0;
-    }
-}
-
 static result_t load_block(const reader_t *reader, size_t index, const bench_t *bench)
 {
     const checkpoint_t *c = reader->checkpoint;
@@ -221,7 +204,7 @@ static result_t load_block(const reader_t *reader, size_t index, const bench_t *
         size)
         return damaged(c, "a page does not unpack");
     bytes_join(bench->split, size, target);
-    if (of_state) store_state(reader->state, index * CANVAS_PAGE_BYTES, target, size);
+    if (of_state) state_copy(reader->state, index * CANVAS_PAGE_BYTES, size, target, true);
     return result_ok();
 }
 

@@ -31,24 +31,6 @@ typedef struct {
 
 /* ---- blocks -------------------------------------------------------------------------------------------- */
 
-/* Copies bytes [from, from + size) of the state's arrays, which lie one after the other. */
-static void copy_state(const schedule_state_t *state, size_t from, size_t size, uint8_t *out)
-{
-    span_bytes_t arrays[STATE_ARRAYS];
-    state_arrays(state, arrays);
-    for (int a = 0; a < STATE_ARRAYS && size > 0; a++) {
-        if (from >= arrays[a].size) {
-            from -= arrays[a].size;
-            continue;
-        }
-        size_t part = arrays[a].size - from < size ? arrays[a].size - from : size;
-        memcpy(out, (const uint8_t *)arrays[a].bytes + from, part);
-        out += part;
-        size -= part;
-        from = 0;
-    }
-}
-
 /* The bytes of a block as they are in memory; returns how many. */
 static size_t fetch_block(writer_t *writer, size_t index, uint8_t *bytes)
 {
@@ -56,7 +38,7 @@ static size_t fetch_block(writer_t *writer, size_t index, uint8_t *bytes)
         return canvas_snapshot_read(writer->snapshot, index - writer->state_blocks, bytes);
     size_t from = index * CANVAS_PAGE_BYTES, left = writer->state_bytes - from;
     size_t size = left < CANVAS_PAGE_BYTES ? left : CANVAS_PAGE_BYTES;
-    copy_state(writer->state, from, size, bytes);
+    state_copy(writer->state, from, size, bytes, false);
     return size;
 }
 

@@ -5,26 +5,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-static void *budget_alloc(void *budget, size_t size)
-{
-    size_t *left = budget;
-    if (size > *left) return NULL;
-    *left -= size;
-    return malloc(size);
-}
-
-static void budget_free(void *budget, void *memory)
-{
-    (void)budget;
-    free(memory);
-}
-
-ProtobufCAllocator record_allocator(size_t *left)
-{
-    *left = RECORD_MAX_DECODED;
-    return (ProtobufCAllocator){budget_alloc, budget_free, left};
-}
-
 void record_put(const job_record_t *record, record_message_t *out)
 {
     lm__job_record__init(&out->message);
@@ -141,8 +121,8 @@ uint8_t *record_pack(const job_record_t *record, size_t *size)
 
 result_t record_unpack(const void *bytes, size_t size, job_record_t *record)
 {
-    size_t left;
-    ProtobufCAllocator allocator = record_allocator(&left);
+    size_t left = RECORD_MAX_DECODED;
+    ProtobufCAllocator allocator = wire_allocator(&left);
     Lm__JobRecord *message = lm__job_record__unpack(&allocator, size, bytes);
     if (message == NULL) return result_fail(RESULT_INPUT, "a record of %zu bytes does not decode", size);
     result_t result = record_get(message, record);

@@ -5,6 +5,9 @@
 #include "master/farm/farm.h"
 #include "proto/record.pb-c.h"
 
+/* What decoding a record, or what else of a job lies on a disk, may allocate, in bytes (wire_allocator). */
+enum { RECORD_MAX_DECODED = 1 << 20 };
+
 /* A record as a message that points into it and into the parts beside it. */
 typedef struct {
     Lm__JobRecord message;
@@ -22,10 +25,5 @@ result_t record_get(const Lm__JobRecord *message, job_record_t *record);
 /* The same as bytes, in fresh memory that the caller frees. */
 uint8_t *record_pack(const job_record_t *record, size_t *size);
 result_t record_unpack(const void *bytes, size_t size, job_record_t *record);
-
-/* protobuf-c allocates through this while it decodes a file's bytes: at most RECORD_MAX_DECODED bytes,
- * checked by the allocator. `left` counts them; what was made is freed with free(). */
-enum { RECORD_MAX_DECODED = 1 << 20 };
-ProtobufCAllocator record_allocator(size_t *left);
 
 #endif
