@@ -1,4 +1,4 @@
-/* Tests of rounds, extensions, particular units and saved states of master/schedule*.c; that the bookkeeping
+/* Tests of rounds, extensions, particular units and saved states of master/farm/schedule*.c; that the bookkeeping
  * is right in a long random run is in test_schedule.c. */
 #include "master/farm/schedule.h"
 
