@@ -106,18 +106,25 @@ static void free_film(job_film_t *film)
     schedule_destroy(&film->schedule);
 }
 
+/* Writes the film with a state that need not be its own. */
+static result_t write_state(job_film_t *film, const char *path, int threads, const schedule_state_t *state)
+{
+    checkpoint_cost_t cost;
+    canvas_lock(film->canvas);
+    canvas_snapshot_t *snapshot = canvas_snapshot(film->canvas);
+    canvas_unlock(film->canvas);
+    result_t result = checkpoint_write(path, &film->info, state, snapshot, threads, &cost);
+    canvas_snapshot_free(&snapshot);
+    if (result.code == RESULT_OK) assert_true(cost.bytes > 0 && cost.wall > 0 && cost.cpu > 0);
+    return result;
+}
+
 static result_t write_film(job_film_t *film, const char *path, int threads)
 {
     schedule_state_t state;
-    checkpoint_cost_t cost;
-    canvas_lock(film->canvas);
     schedule_save(film->schedule, &state);
-    canvas_snapshot_t *snapshot = canvas_snapshot(film->canvas);
-    canvas_unlock(film->canvas);
-    result_t result = checkpoint_write(path, &film->info, &state, snapshot, threads, &cost);
-    canvas_snapshot_free(&snapshot);
+    result_t result = write_state(film, path, threads, &state);
     schedule_state_free(&state);
-    if (result.code == RESULT_OK) assert_true(cost.bytes > 0 && cost.wall > 0 && cost.cpu > 0);
     return result;
 }
 
@@ -190,6 +197,59 @@ static void what_is_written_comes_back(void **state)
         assert_round_trip(&settings, path, 4);
     }
     assert_int_equal(scratch_count(folder), 1); /* no temporaries */
+    free(path);
+    scratch_destroy(&folder);
+}
+
+static uint32_t *noise(size_t words, uint64_t seed)
+{
+    uint32_t *made = mem_alloc(words * sizeof *made);
+    for (size_t i = 0; i < words; i++) made[i] = (uint32_t)draw(&seed);
+    return made;
+}
+
+/* One sample each, every second one of every tile from the first given. */
+static unit_t *scattered_units(size_t count, uint32_t tiles, uint32_t first)
+{
+    unit_t *made = mem_alloc(count * sizeof *made);
+    for (size_t i = 0; i < count; i++)
+        made[i] = (unit_t){(uint32_t)(i % tiles), first + 2 * (uint32_t)(i / tiles), 1};
+    return made;
+}
+
+/* Each of the four arrays lies across the end of a page. */
+static void a_long_schedule_comes_back(void **state)
+{
+    (void)state;
+    char *folder = scratch_new(), *path = scratch_path(folder, "film");
+    job_settings_t settings = settings_of(501, 263);
+    settings.spp = 1 << 12;
+    job_film_t film = make_film(&settings, 5);
+    uint32_t tiles = job_tile_count(&settings), rounds = 5 * CANVAS_PAGE_BYTES / 4 / sizeof(uint32_t) / tiles;
+    size_t units = CANVAS_PAGE_BYTES / sizeof(unit_t);
+    schedule_state_t saved = {.round_count = rounds,
+                              .tile_count = tiles,
+                              .ends = noise((size_t)rounds * tiles, 1),
+                              .weights = noise((size_t)rounds * tiles, 2),
+                              .counted = scattered_units(units, tiles, 0),
+                              .skipped = scattered_units(units, tiles, 1),
+                              .counted_count = units,
+                              .skipped_count = units,
+                              .issued = 5,
+                              .returned = 6};
+    for (int threads = 1; threads <= 3; threads++) {
+        film_t *loaded;
+        schedule_state_t found;
+        must(write_state(&film, path, threads, &saved));
+        must(read_film(path, &settings, &loaded, &found));
+        assert_same_state(&saved, &found);
+        assert_same_film(canvas_lock(film.canvas), loaded);
+        canvas_unlock(film.canvas);
+        schedule_state_free(&found);
+        film_destroy(&loaded);
+    }
+    schedule_state_free(&saved);
+    free_film(&film);
     free(path);
     scratch_destroy(&folder);
 }
@@ -471,6 +531,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(what_is_written_comes_back),
+        cmocka_unit_test(a_long_schedule_comes_back),
         cmocka_unit_test(it_knows_all_of_its_job),
         cmocka_unit_test(it_belongs_to_its_picture),
         cmocka_unit_test(every_changed_byte_is_noticed),
