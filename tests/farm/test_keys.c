@@ -91,7 +91,7 @@ static void hang_up(caller_t *caller)
 }
 
 /* A message that is as empty as its kind allows. */
-static void send_kind(caller_t *caller, Lm__Envelope__BodyCase kind)
+static result_code_t send_kind(caller_t *caller, Lm__Envelope__BodyCase kind)
 {
     static uint8_t hash[HASH_BYTES];
     Lm__Envelope envelope = LM__ENVELOPE__INIT;
@@ -139,7 +139,7 @@ static void send_kind(caller_t *caller, Lm__Envelope__BodyCase kind)
     }
     zmq_msg_t payload;
     zmq_msg_init(&payload);
-    assert_int_equal(wire_send(caller->socket, NULL, 0, &envelope, &payload, 1).code, RESULT_OK);
+    return wire_send(caller->socket, NULL, 0, &envelope, &payload, 1).code;
 }
 
 /* The next answer; false when none comes in `seconds`. *code is that of a refusal, else RESULT_OK. */
@@ -160,7 +160,7 @@ static bool answered(caller_t *caller, double seconds, result_code_t *code)
 static result_code_t ask_kind(caller_t *caller, Lm__Envelope__BodyCase kind)
 {
     result_code_t code;
-    send_kind(caller, kind);
+    assert_int_equal(send_kind(caller, kind), RESULT_OK);
     if (!answered(caller, 20, &code)) fail_msg("no answer for kind %d", (int)kind);
     return code;
 }
@@ -179,15 +179,25 @@ static const Lm__Envelope__BodyCase BULK_WORK[] = {
 static const Lm__Envelope__BodyCase BULK_CLIENT[] = {LM__ENVELOPE__BODY_BLOB_PUT,
                                                      LM__ENVELOPE__BODY_IMAGE_GET};
 
+/* Sends messages of these kinds. When libzmq sees that the two sides do not speak the same it gives the
+ * connection up, and there is nowhere to send the rest. */
+static void send_kinds(caller_t *caller, const Lm__Envelope__BodyCase *kinds, size_t count)
+{
+    for (size_t i = 0; i < count; i++) {
+        result_code_t code = send_kind(caller, kinds[i]);
+        assert_true(code == RESULT_OK || code == RESULT_LIMIT);
+    }
+}
+
 /* Messages of every kind go unanswered. */
 static void expect_silence(rig_t *rig, const char *name, const char *master)
 {
     result_code_t code;
     caller_t control = call_as(rig, name, master, false), bulk = call_as(rig, name, master, true);
-    for (size_t i = 0; i < ARRAY_LENGTH(CONTROL_WORK); i++) send_kind(&control, CONTROL_WORK[i]);
-    for (size_t i = 0; i < ARRAY_LENGTH(CONTROL_CLIENT); i++) send_kind(&control, CONTROL_CLIENT[i]);
-    for (size_t i = 0; i < ARRAY_LENGTH(BULK_WORK); i++) send_kind(&bulk, BULK_WORK[i]);
-    for (size_t i = 0; i < ARRAY_LENGTH(BULK_CLIENT); i++) send_kind(&bulk, BULK_CLIENT[i]);
+    send_kinds(&control, CONTROL_WORK, ARRAY_LENGTH(CONTROL_WORK));
+    send_kinds(&control, CONTROL_CLIENT, ARRAY_LENGTH(CONTROL_CLIENT));
+    send_kinds(&bulk, BULK_WORK, ARRAY_LENGTH(BULK_WORK));
+    send_kinds(&bulk, BULK_CLIENT, ARRAY_LENGTH(BULK_CLIENT));
     assert_false(answered(&control, 1, &code));
     assert_false(answered(&bulk, 0.1, &code));
     hang_up(&control);

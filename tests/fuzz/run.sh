@@ -54,7 +54,7 @@ for target in "$@"; do
     more=()
     [ "$target" != render ] || more=("$seeds/blob") # renders what the other only opens
     mkdir -p "$corpus" "$dir/findings" "$seeds/$target"
-    options=(-rss_limit_mb=2048 -malloc_limit_mb=1024 -timeout=10 -max_len="$(limit "$target")"
+    options=(-rss_limit_mb=2048 -malloc_limit_mb=1024 -timeout=60 -max_len="$(limit "$target")"
         -print_final_stats=1 -artifact_prefix="$dir/findings/$target-" -verbosity=1)
     for name in "$target" "${target%%_*}"; do
         [ ! -f "tests/fuzz/$name.dict" ] || { options+=(-dict="tests/fuzz/$name.dict") && break; }
