@@ -94,9 +94,9 @@ tests: $(TESTS)
 run-tests: $(PROGRAMS) $(TESTS)
 	@tests/run.sh $(TESTS)
 
-# The address sanitizer runs everything, the thread sanitizer TSAN_TESTS: what has threads and sockets and does
-# not render for long, which is some ten times slower under it.
-TSAN_TESTS ?= $(patsubst tests/%.c,%,$(filter-out %_strategies.c,$(filter tests/farm/test_%,$(TEST_SRC)))) \
+# The address sanitizer runs everything, the thread sanitizer TSAN_TESTS: what has threads and sockets. The rest
+# renders for long, which is some ten times slower under it.
+TSAN_TESTS ?= $(patsubst tests/%.c,%,$(filter tests/farm/test_%,$(TEST_SRC))) \
     unit/test_canvas unit/test_master unit/test_workshop unit/test_grants unit/test_wire unit/test_proxy
 asan tsan: export TEST_TIMEOUT ?= 3600
 asan tsan: CHECKED_FLAGS = -O1 -g -fno-omit-frame-pointer
