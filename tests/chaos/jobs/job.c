@@ -114,6 +114,11 @@ static void resume_job(job_t *job)
     start_order(job, "resume", NULL, NULL);
 }
 
+static void delete_job(job_t *job)
+{
+    start_order(job, "delete", NULL, NULL);
+}
+
 /* ---- what the master says ----------------------------------------------------------------------------- */
 
 /* What the film holds may fall when the master has died, and never else. Before a new one has read the film,
@@ -133,6 +138,7 @@ static const char *check(job_t *job, const job_answer_t *answer)
     if (has_lost_samples(job, answer)) wrong = "counted samples were lost";
     bool later = answer->asked > job->changed;
     if (later && job->resumed && account_is(&job->account, "paused")) wrong = "it is paused again";
+    if (later && job->deleted) wrong = "it was deleted and is back";
     return wrong;
 }
 
@@ -168,6 +174,10 @@ static void take_account(job_t *job, const json_t *object, const job_answer_t *a
 static void miss(job_t *job, double now)
 {
     if (job->promised && job->stage != JOB_WRONG) violate(job, "the master has forgotten it");
+    if (job->stage == JOB_DELETING) {
+        if (job->errand.process == 0) enter(job, JOB_PROVED, now); /* the order has failed, and was done */
+        return;
+    }
     if (!job_is_open(job) || job->stage == JOB_SENDING) return;
     errand_end(&job->errand);
     job->account = (account_t){0};
@@ -231,7 +241,8 @@ static void prove(job_t *job, double now)
                 more ? " so far" : "", now - job->submitted, (unsigned long long)a->counted,
                 100.0 * (double)a->returned / (double)(a->counted ? a->counted : 1));
     unlink(job->image);
-    enter(job, more ? JOB_EXTENDING : JOB_PROVED, now);
+    if (job->kind->deleted) job->promised = false;
+    enter(job, more ? JOB_EXTENDING : job->kind->deleted ? JOB_DELETING : JOB_PROVED, now);
 }
 
 void job_tick(job_t *job, double now)
@@ -268,6 +279,11 @@ void job_tick(job_t *job, double now)
         job->resumed = true;
         enter(job, JOB_RENDERING, now);
         break;
+    case JOB_DELETING:
+        if (!succeed(job, now, delete_job, &failed)) break;
+        job->deleted = true;
+        enter(job, JOB_PROVED, now);
+        break;
     default:
         break;
     }
@@ -288,6 +304,7 @@ void job_describe(const job_t *job)
                                          [JOB_EXTENDING] = "is being extended",
                                          [JOB_PAUSING] = "is being paused",
                                          [JOB_RESUMING] = "is being resumed",
+                                         [JOB_DELETING] = "is being deleted",
                                          [JOB_PROVED] = "is right",
                                          [JOB_WRONG] = "is wrong"};
     const account_t *a = &job->account;

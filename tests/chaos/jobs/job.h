@@ -5,7 +5,7 @@
  *
  *   - issued = counted + returned + out, always;
  *   - what is counted is never more than what is wanted, and never falls as long as the master lives;
- *   - a job that was accepted is known ever after, and what an order did is not undone;
+ *   - a job that was accepted is known until it is deleted, and what an order did is not undone;
  *   - at the end nothing is out, all is counted, nothing is skipped, and the pixels are those of the
  *     reference. */
 #ifndef LIGHTMILL_CHAOS_JOB_H
@@ -33,6 +33,7 @@ typedef enum {
     JOB_EXTENDING, /* proved; the order for more samples is under way */
     JOB_PAUSING,   /* ordered once, whatever comes of it */
     JOB_RESUMING,  /* ordered until it goes on */
+    JOB_DELETING,  /* proved; ordered until it is gone */
     JOB_PROVED,
     JOB_WRONG
 } job_stage_t;
@@ -43,8 +44,9 @@ typedef struct {
     char *name;
     unsigned seed;
     job_stage_t stage;
-    bool promised; /* its submission succeeded: the master may never forget it */
+    bool promised; /* its submission succeeded: the master may never forget it, until it is deleted */
     bool resumed;  /* so did the order to go on after a pause */
+    bool deleted;  /* and that to delete it: it may never come back */
     bool extended, paused;
     errand_t errand;
     double submitted, changed, next_try;

@@ -14,7 +14,7 @@ const job_kind_t JOB_KIND_LIST[JOB_KINDS] = {
     {.name = "hidden", .spp = 384, .options = {"scenes/seed-hidden", "--resolution", "64x64"}},
     {.name = "caustic", .spp = 300, .options = {"scenes/caustic", "--resolution", "80x60"}},
     /* A film that takes a while to write. */
-    {.name = "large", .spp = 4, .options = {"scenes/cornell", "--resolution", "640x480"}},
+    {.name = "large", .spp = 4, .options = {"scenes/cornell", "--resolution", "640x480"}, .deleted = true},
     {.name = "no layers", .spp = 256, .options = {"scenes/textures", "--resolution", "96x64", "--no-layers"}},
     {.name = "path",
      .spp = 512,

@@ -15,6 +15,7 @@ typedef struct {
     unsigned spp;          /* samples a pixel; 0: the options say when it ends, */
     unsigned extended_spp; /* and to so many it is extended when it is done; 0: it is not */
     bool paused;           /* it is paused and resumed on the way */
+    bool deleted;          /* when it is proved, which makes room on the disk */
 } job_kind_t;
 
 enum { JOB_KINDS = 14 };
