@@ -3,10 +3,10 @@
 #ifndef LIGHTMILL_BULK_SERVER_H
 #define LIGHTMILL_BULK_SERVER_H
 
-#include "master/store/blob_store.h"
+#include "master/door/gate.h"
 #include "master/farm/farm.h"
 #include "master/gallery.h"
-#include "master/door/gate.h"
+#include "master/store/blob_store.h"
 
 typedef struct bulk_server bulk_server_t;
 

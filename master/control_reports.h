@@ -3,8 +3,8 @@
 #ifndef LIGHTMILL_CONTROL_REPORTS_H
 #define LIGHTMILL_CONTROL_REPORTS_H
 
-#include "master/farm/farm.h"
 #include "master/door/gate.h"
+#include "master/farm/farm.h"
 
 /* Sends an answer, which lives for the call only. */
 typedef void (*report_send_fn)(void *context, Lm__Envelope *answer);

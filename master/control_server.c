@@ -1,8 +1,8 @@
 /* control_server: see control_server.h. Translates messages into calls of the farm, and back. */
 #include "master/control_server.h"
 
-#include "master/door/complaint.h"
 #include "master/control_reports.h"
+#include "master/door/complaint.h"
 #include "master/door/rate_limit.h"
 
 #include <errno.h>

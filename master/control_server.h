@@ -5,9 +5,9 @@
 #define LIGHTMILL_CONTROL_SERVER_H
 
 #include "common/health.h"
-#include "master/store/clerk.h"
-#include "master/farm/farm.h"
 #include "master/door/gate.h"
+#include "master/farm/farm.h"
+#include "master/store/clerk.h"
 
 typedef struct control_server control_server_t;
 

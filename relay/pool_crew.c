@@ -69,7 +69,7 @@ static void assign(void *self, const assignment_t *assignment)
     pool->no_more = false;
     relay_job_t *job = pool->draining || assignment->unit_count == 0 ? NULL : job_of(pool, assignment);
     if (job != NULL) {
-        job->settings = assignment->settings; /* the number of samples may have been extended */
+        job->settings = assignment->settings;      /* the number of samples may have been extended */
         if (job->flush) pool_end_flush(pool, job); /* its workers were told to drop the rest */
         job->over = job->flush = false;
         if (assignment->check != 0)

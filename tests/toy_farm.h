@@ -1,5 +1,5 @@
-/* toy_farm: a master/farm/farm.h without sockets or threads, in a time of its own: a test plays the workers, the
- * image writer and the keeper, and what would take hours takes a moment. Batches hold sums that are a
+/* toy_farm: a master/farm/farm.h without sockets or threads, in a time of its own: a test plays the workers,
+ * the image writer and the keeper, and what would take hours takes a moment. Batches hold sums that are a
  * function of their units, so that a film can be compared. Calls end the test on failure. */
 #ifndef LIGHTMILL_TESTS_TOY_FARM_H
 #define LIGHTMILL_TESTS_TOY_FARM_H

@@ -34,7 +34,9 @@ static result_t import_file(const char *path, blob_builder_t *builder, const imp
 {
     const format_t *format = format_of(path);
     if (!format)
-        return result_fail(RESULT_INPUT, "%s: not a scene format that Lightmill reads; it reads .pbrt, .gltf and .glb", path);
+        return result_fail(RESULT_INPUT,
+                           "%s: not a scene format that Lightmill reads; it reads .pbrt, .gltf and .glb",
+                           path);
     report_t report = report_begin(sink);
     result_t result = format->import(path, builder, &report);
     report_end(&report);

@@ -10,8 +10,8 @@
 #ifndef LIGHTMILL_CLERK_H
 #define LIGHTMILL_CLERK_H
 
-#include "master/store/blob_store.h"
 #include "master/farm/farm.h"
+#include "master/store/blob_store.h"
 #include "master/store/journal.h"
 #include "master/store/keeper.h"
 

@@ -2,8 +2,8 @@
 #ifndef LIGHTMILL_RESTART_H
 #define LIGHTMILL_RESTART_H
 
-#include "master/store/blob_store.h"
 #include "master/farm/farm.h"
+#include "master/store/blob_store.h"
 #include "master/store/film_store.h"
 #include "master/store/journal.h"
 

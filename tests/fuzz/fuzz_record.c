@@ -19,7 +19,8 @@ int fuzz_record(const uint8_t *data, size_t size)
     fuzz_expect(job_settings_check(&record.settings).code == RESULT_OK, "settings that were not checked");
     size_t packed_size, again_size;
     uint8_t *packed = record_pack(&record, &packed_size);
-    fuzz_expect(record_unpack(packed, packed_size, &back).code == RESULT_OK, "a record that does not come back");
+    fuzz_expect(record_unpack(packed, packed_size, &back).code == RESULT_OK,
+                "a record that does not come back");
     uint8_t *again = record_pack(&back, &again_size);
     fuzz_expect(again_size == packed_size && memcmp(again, packed, packed_size) == 0, "another record");
     free(packed);

@@ -1,5 +1,6 @@
-/* Tests of master/merge/canvas*.c: however many merge at once, the film has the bits of one merge after the other;
- * a batch that cannot be merged leaves no trace; a snapshot is the film of its moment, whatever happens next.
+/* Tests of master/merge/canvas*.c: however many merge at once, the film has the bits of one merge after the
+ * other; a batch that cannot be merged leaves no trace; a snapshot is the film of its moment, whatever
+ * happens next.
  */
 #include "master/merge/canvas.h"
 #include "tests/peer.h"

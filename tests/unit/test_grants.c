@@ -1,5 +1,5 @@
-/* Tests of master/merge/grants.c: what is promised and what is here never exceeds the credit, nobody is overtaken,
- * and what vanishes gives back what it was promised. */
+/* Tests of master/merge/grants.c: what is promised and what is here never exceeds the credit, nobody is
+ * overtaken, and what vanishes gives back what it was promised. */
 #include "master/merge/grants.h"
 
 #include <setjmp.h>

@@ -211,7 +211,8 @@ static void test_integrators(void **state)
     bench_t bench = {0};
     assert_int_equal(run(&bench, true, "Integrator \"path\" \"bool regularize\" true")->regularize, 1);
     assert_int_equal(run(&bench, true, "Integrator \"bdpt\"")->regularize, 0);
-    expect_error(&bench, true, "Integrator \"ambientocclusion\" \"float maxdistance\" 1", "\"ambientocclusion\" is not supported");
+    expect_error(&bench, true, "Integrator \"ambientocclusion\" \"float maxdistance\" 1",
+                 "\"ambientocclusion\" is not supported");
     expect_error(&bench, false, "Integrator \"path\" \"integer pixelbounds\" [0 1 0 1]", "cropwindow");
     bench.lenient = true;
     assert_int_equal(run(&bench, true, "Integrator \"ambientocclusion\" \"float maxdistance\" 1")->integrator,

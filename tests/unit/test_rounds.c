@@ -1,5 +1,5 @@
-/* Tests of rounds, extensions, particular units and saved states of master/farm/schedule*.c; that the bookkeeping
- * is right in a long random run is in test_schedule.c. */
+/* Tests of rounds, extensions, particular units and saved states of master/farm/schedule*.c; that the
+ * bookkeeping is right in a long random run is in test_schedule.c. */
 #include "master/farm/schedule.h"
 
 #include <setjmp.h>
