@@ -128,10 +128,11 @@ result_t wire_receive(void *socket, bool router, wire_message_t *message, bool *
  */
 result_t wire_receive_frames(void *socket, bool router, wire_message_t *message, bool *received);
 result_t wire_decode(wire_message_t *message);
+void wire_free(wire_message_t *message);
+
 /* protobuf-c allocates through this while it decodes: at most *budget bytes in all, which it counts down.
  * What it made is freed with free(). `budget` must outlive the decoding. */
 ProtobufCAllocator wire_allocator(size_t *budget);
-void wire_free(wire_message_t *message);
 
 /* Settings, units and counts to and from their messages. From a message everything is checked
  * (job_settings_check, job_unit_valid, WIRE_MAX_UNITS); the message of a failure says which field is wrong.

@@ -66,20 +66,36 @@ entry_t entry_get(const uint8_t bytes[ENTRY_BYTES])
     return entry;
 }
 
-void state_arrays(const schedule_state_t *state, span_bytes_t arrays[STATE_ARRAYS])
+enum { STATE_ARRAYS = 4 };
+
+typedef struct {
+    void *bytes;
+    uint64_t size;
+} array_t;
+
+static void list_arrays(const schedule_state_t *state, array_t arrays[STATE_ARRAYS])
 {
-    size_t cells = (size_t)state->round_count * state->tile_count;
-    arrays[0] = (span_bytes_t){state->ends, cells * sizeof *state->ends};
-    arrays[1] = (span_bytes_t){state->weights, cells * sizeof *state->weights};
-    arrays[2] = (span_bytes_t){state->counted, state->counted_count * sizeof *state->counted};
-    arrays[3] = (span_bytes_t){state->skipped, state->skipped_count * sizeof *state->skipped};
+    uint64_t cells = (uint64_t)state->round_count * state->tile_count;
+    arrays[0] = (array_t){state->ends, cells * sizeof *state->ends};
+    arrays[1] = (array_t){state->weights, cells * sizeof *state->weights};
+    arrays[2] = (array_t){state->counted, state->counted_count * sizeof *state->counted};
+    arrays[3] = (array_t){state->skipped, state->skipped_count * sizeof *state->skipped};
+}
+
+uint64_t state_bytes(const schedule_state_t *state)
+{
+    array_t arrays[STATE_ARRAYS];
+    uint64_t bytes = 0;
+    list_arrays(state, arrays);
+    for (int a = 0; a < STATE_ARRAYS; a++) bytes += arrays[a].size;
+    return bytes;
 }
 
 void state_copy(const schedule_state_t *state, size_t from, size_t size, void *bytes, bool store)
 {
-    span_bytes_t arrays[STATE_ARRAYS];
+    array_t arrays[STATE_ARRAYS];
     uint8_t *place = bytes;
-    state_arrays(state, arrays);
+    list_arrays(state, arrays);
     for (int a = 0; a < STATE_ARRAYS && size > 0; a++) {
         if (from >= arrays[a].size) {
             from -= arrays[a].size;

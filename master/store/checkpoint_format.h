@@ -60,15 +60,9 @@ bool preamble_get(const uint8_t bytes[PREAMBLE_BYTES], preamble_t *preamble, uin
 void entry_put(const entry_t *entry, uint8_t bytes[ENTRY_BYTES]);
 entry_t entry_get(const uint8_t bytes[ENTRY_BYTES]);
 
-/* The arrays of a schedule's state as they lie in the file, one after the other. */
-enum { STATE_ARRAYS = 4 };
-typedef struct {
-    void *bytes;
-    size_t size;
-} span_bytes_t;
-void state_arrays(const schedule_state_t *state, span_bytes_t arrays[STATE_ARRAYS]);
-/* Copies bytes [from, from + size) of these arrays, which lie one after the other, out of the state, or into
- * it with `store`. */
+/* The arrays of a schedule's state lie one after the other: the bytes that they take, and a copy of bytes
+ * [from, from + size) of them, out of the state, or into it with `store`. */
+uint64_t state_bytes(const schedule_state_t *state);
 void state_copy(const schedule_state_t *state, size_t from, size_t size, void *bytes, bool store);
 
 /* Sorts the bytes of 64-bit words by their place; what is left over at the end stays. And back. */

@@ -66,9 +66,6 @@ static result_t use_head(checkpoint_t *c, const Lm__FilmHead *head)
         return damaged(c, "its schedule has another number of tiles than its job");
     if (head->counted > most || head->skipped > most || !(head->written >= 0))
         return damaged(c, "its head has numbers that cannot be");
-    uint64_t bytes = (uint64_t)head->rounds * head->tiles * 2 * sizeof(uint32_t) +
-                     (head->counted + head->skipped) * sizeof(unit_t);
-    if (bytes > CHECKPOINT_MAX_STATE) return damaged(c, "its schedule is larger than any can be");
     c->info.generation = head->generation;
     c->info.written = head->written;
     c->info.samples = head->samples;
@@ -79,7 +76,9 @@ static result_t use_head(checkpoint_t *c, const Lm__FilmHead *head)
                                   .skipped_count = (size_t)head->skipped,
                                   .issued = head->issued,
                                   .returned = head->returned};
-    c->state_bytes = (size_t)bytes;
+    if (state_bytes(&c->state) > CHECKPOINT_MAX_STATE)
+        return damaged(c, "its schedule is larger than any can be");
+    c->state_bytes = (size_t)state_bytes(&c->state);
     c->state_blocks = (c->state_bytes + CANVAS_PAGE_BYTES - 1) / CANVAS_PAGE_BYTES;
     if (c->block_count != c->state_blocks + canvas_page_count(settings))
         return damaged(c, "it has another number of pages than its film");

@@ -176,10 +176,7 @@ result_t checkpoint_write(const char *path, checkpoint_info_t *info, const sched
     *cost = (checkpoint_cost_t){0};
     info->counts = canvas_snapshot_counts(snapshot);
     info->samples = state_samples(settings, state);
-    writer_t writer = {.state = state, .snapshot = snapshot};
-    span_bytes_t arrays[STATE_ARRAYS];
-    state_arrays(state, arrays);
-    for (int a = 0; a < STATE_ARRAYS; a++) writer.state_bytes += arrays[a].size;
+    writer_t writer = {.state = state, .snapshot = snapshot, .state_bytes = (size_t)state_bytes(state)};
     if (writer.state_bytes > CHECKPOINT_MAX_STATE)
         return result_fail(RESULT_LIMIT, "%s: the schedule takes %zu bytes", path, writer.state_bytes);
     TRY(atomic_file_open(&writer.file, path));

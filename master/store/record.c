@@ -3,7 +3,6 @@
 
 #include <math.h>
 #include <stdio.h>
-#include <stdlib.h>
 
 void record_put(const job_record_t *record, record_message_t *out)
 {
