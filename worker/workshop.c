@@ -84,7 +84,10 @@ static void add_to_batch(workshop_t *shop, const unit_result_t *result)
     batch_t *batch = &slot->batch;
     if (batch->unit_count == 0) slot->since = clock_now();
     batch_add(batch, result);
-    if (batch->eye_count + batch->feature_count >= most_values(shop)) atomic_store(&shop->full, true);
+    /* Each of the other threads may have one more unit in hand, which is added in any case. */
+    bool full = batch->unit_count + (size_t)shop->options.threads >= WIRE_MAX_UNITS ||
+                batch->eye_count + batch->feature_count >= most_values(shop);
+    if (full) atomic_store(&shop->full, true);
     pthread_mutex_unlock(&shop->fill);
 }
 

@@ -13,8 +13,9 @@
 enum {
     BATCH_MAX_UNITS = WIRE_MAX_UNITS / 4, /* a batch is offered when it has so many units */
     BATCH_MAX_VALUES = 1 << 26,           /* or tiles of 512 MB, or */
-    BATCH_MEMORY_SHARE = 8,             /* this part of the memory; then rendering waits until it is closed */
-    MAX_UNITS_HELD = WIRE_MAX_UNITS / 2 /* no more is asked for, so no batch can break the wire's limit */
+    BATCH_MEMORY_SHARE = 8, /* this part of the memory; then rendering waits until it is closed, */
+                            /* and when another unit might break the wire's limit */
+    MAX_UNITS_HELD = WIRE_MAX_UNITS / 2 /* no more is asked for */
 };
 
 typedef enum { STAGE_EMPTY, STAGE_LOADING, STAGE_READY } stage_t;

@@ -1,6 +1,7 @@
 /* Tests of the workshop: what becomes of units from their assignment to the batch that has them, whatever the
  * master says meanwhile. The calls are those of the control and the bulk thread; render threads, scene and
  * renderer are real. */
+#include "proto/wire.h"
 #include "tests/render_here.h"
 #include "worker/workshop.h"
 
@@ -502,6 +503,38 @@ static void rendering_pauses_while_the_batch_is_full(void **state)
     assert_true(batches >= UNITS / 2);
 }
 
+/* A master may assign as many units as fit into a message while nearly as many are held. */
+static void a_batch_fits_into_a_message(void **state)
+{
+    bench_t *b = *state;
+    enum { MORE = 512, UNITS = WIRE_MAX_UNITS + MORE, THREADS = 2 };
+    unit_t *units = mem_alloc(2 * UNITS * sizeof *units), *kept = units + UNITS;
+    for (uint32_t i = 0; i < UNITS; i++) units[i] = (unit_t){0, i, 1};
+    b->settings.spp = 1 << 16;
+    b->settings.width = b->settings.height = 2;
+    assign(b, units, WIRE_MAX_UNITS);
+    assign(b, units + WIRE_MAX_UNITS, MORE);
+    load(b, JOB);
+    double start = clock_now();
+    while (b->crew.calls->kept(b->crew.self, JOB, kept, UNITS) < WIRE_MAX_UNITS - THREADS) {
+        sleep_briefly();
+        if (clock_now() - start > PATIENCE) fail_msg("the batch does not fill");
+    }
+    for (int i = 0; i < 50; i++) sleep_briefly(); /* more is added, if it is ever */
+    duty_t duty = await_duty(b, DUTY_OFFER, NEVER);
+    closed_batch_t closed = close_offer(b, &duty);
+    size_t first = closed.batch->unit_count;
+    assert_in_range(first, WIRE_MAX_UNITS - THREADS, WIRE_MAX_UNITS);
+    b->crew.calls->no_more(b->crew.self);
+    sent(b, &closed);
+    duty = await_duty(b, DUTY_OFFER, NEVER);
+    await_idle_threads(b);
+    closed = close_offer(b, &duty);
+    assert_int_equal(first + closed.batch->unit_count, UNITS);
+    sent(b, &closed);
+    free(units);
+}
+
 static void a_film_beyond_the_memory_is_declined(void **state)
 {
     bench_t *b = *state;
@@ -551,6 +584,7 @@ int main(void)
         SHOP(draining_finishes_what_was_begun),
         SHOP(units_that_take_too_long_are_given_up),
         SHOP(rendering_pauses_while_the_batch_is_full),
+        SHOP(a_batch_fits_into_a_message),
         SHOP(a_film_beyond_the_memory_is_declined),
         SHOP(a_scene_that_cannot_be_loaded_is_declined),
     };
