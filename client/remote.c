@@ -3,6 +3,10 @@
  * DESIGN. Strictly one question at a time on either socket, so an answer is known by its request number, and
  * what comes late for an abandoned question is thrown away by the same test. Chunks are large (4 MB), so even
  * one at a time they fill all but the longest links.
+ *
+ * A question that was not answered in time is taken back: its socket is closed with all that it has queued,
+ * and the next question opens another. Otherwise those who ask a master that is away again and again would
+ * fill the queue until nothing more can be asked, and the master would get all of it when it is back.
  */
 #include "client/remote.h"
 
@@ -16,28 +20,56 @@ static const double SLOW_ANSWER = 120.0; /* seconds for answers that a master mu
 /* Images are checked against this before memory is allocated: 26 channels of the largest film, and more. */
 static const uint64_t MAX_IMAGE_BYTES = (uint64_t)JOB_MAX_PIXELS * 128;
 
+/* One of the master's two sockets, as seen from here. */
+typedef struct {
+    char *endpoint; /* NULL: not known yet */
+    size_t limit;   /* bytes of a frame */
+    void *socket;   /* NULL: closed */
+    dial_watch_t watch;
+    unsigned lost; /* connections that had broken when the last request was sent */
+} line_t;
+
 struct remote {
     void *context;
     bool own_context;
-    char *control_endpoint;
-    char *bulk_endpoint; /* NULL until the master has told it */
     dial_keys_t keys;
-    void *control, *bulk;
-    dial_watch_t control_watch, bulk_watch;
-    unsigned lost; /* connections that had broken when the last request was sent */
+    line_t control, bulk;
     double timeout;
     uint64_t request; /* the last number used */
 };
 
-static result_t connect_socket(remote_t *remote, const char *endpoint, size_t limit, void **socket,
-                               dial_watch_t *watch)
+static void close_line(line_t *line)
 {
-    TRY(wire_socket(remote->context, ZMQ_DEALER, socket));
-    TRY(wire_socket_limit(*socket, limit));
-    TRY(dial_keys_apply(&remote->keys, *socket));
-    TRY(dial_watch_open(watch, remote->context, *socket, &remote->keys));
-    if (zmq_connect(*socket, endpoint) == 0) return result_ok();
-    return result_fail(RESULT_USAGE, "cannot connect to %s: %s", endpoint, zmq_strerror(zmq_errno()));
+    dial_watch_close(&line->watch, line->socket);
+    if (line->socket != NULL) zmq_close(line->socket);
+    line->socket = NULL;
+}
+
+/* Closes a line without sending what it has queued. */
+static void drop_line(line_t *line)
+{
+    const int at_once = 0;
+    if (line->socket != NULL) zmq_setsockopt(line->socket, ZMQ_LINGER, &at_once, sizeof at_once);
+    close_line(line);
+}
+
+static result_t connect_line(remote_t *remote, line_t *line)
+{
+    TRY(wire_socket(remote->context, ZMQ_DEALER, &line->socket));
+    TRY(wire_socket_limit(line->socket, line->limit));
+    TRY(dial_keys_apply(&remote->keys, line->socket));
+    TRY(dial_watch_open(&line->watch, remote->context, line->socket, &remote->keys));
+    if (zmq_connect(line->socket, line->endpoint) == 0) return result_ok();
+    return result_fail(RESULT_USAGE, "cannot connect to %s: %s", line->endpoint, zmq_strerror(zmq_errno()));
+}
+
+/* Opens a line unless it is open. */
+static result_t open_line(remote_t *remote, line_t *line)
+{
+    if (line->socket != NULL) return result_ok();
+    result_t result = connect_line(remote, line);
+    if (result.code != RESULT_OK) drop_line(line);
+    return result;
 }
 
 result_t remote_open(void *context, const char *control_endpoint, const char *bulk_endpoint, double timeout,
@@ -53,32 +85,26 @@ result_t remote_open_with(void *context, const char *control_endpoint, const cha
     if (keys != NULL) remote->keys = *keys;
     remote->own_context = context == NULL;
     remote->context = context ? context : zmq_ctx_new();
-    remote->control_endpoint = mem_strdup(control_endpoint);
-    remote->bulk_endpoint = bulk_endpoint ? mem_strdup(bulk_endpoint) : NULL;
+    remote->control = (line_t){.endpoint = mem_strdup(control_endpoint), .limit = WIRE_MAX_CONTROL_FRAME};
+    remote->bulk =
+        (line_t){.endpoint = bulk_endpoint ? mem_strdup(bulk_endpoint) : NULL, .limit = WIRE_MAX_CHUNK};
     remote->timeout = timeout;
-    result_t result = connect_socket(remote, control_endpoint, WIRE_MAX_CONTROL_FRAME, &remote->control,
-                                     &remote->control_watch);
+    result_t result = open_line(remote, &remote->control);
     if (result.code != RESULT_OK) remote_close(&remote);
     *remote_pointer = remote;
     return result;
-}
-
-static void close_socket(void *socket, dial_watch_t *watch)
-{
-    dial_watch_close(watch, socket);
-    if (socket) zmq_close(socket);
 }
 
 void remote_close(remote_t **remote_pointer)
 {
     remote_t *remote = *remote_pointer;
     if (remote == NULL) return;
-    close_socket(remote->control, &remote->control_watch);
-    close_socket(remote->bulk, &remote->bulk_watch);
+    close_line(&remote->control);
+    close_line(&remote->bulk);
     if (remote->own_context) zmq_ctx_term(remote->context);
     dial_keys_free(&remote->keys);
-    free(remote->control_endpoint);
-    free(remote->bulk_endpoint);
+    free(remote->control.endpoint);
+    free(remote->bulk.endpoint);
     free(remote);
     *remote_pointer = NULL;
 }
@@ -102,70 +128,75 @@ static result_t refused(const Lm__Refusal *refusal)
 }
 
 /* Waits for the answer with the number of the last request. */
-static result_t await_answer(remote_t *remote, void *socket, double timeout, wire_message_t *message)
+static result_t await_answer(const remote_t *remote, line_t *line, double timeout, wire_message_t *message)
 {
-    bool control = socket == remote->control;
-    const char *endpoint = control ? remote->control_endpoint : remote->bulk_endpoint;
-    dial_watch_t *watch = control ? &remote->control_watch : &remote->bulk_watch;
     double deadline = clock_now() + timeout;
     for (;;) {
         bool received = false;
-        TRY(wire_receive(socket, false, message, &received));
+        TRY(wire_receive(line->socket, false, message, &received));
         if (received && message->envelope->request == remote->request) return result_ok();
         if (received) {
             wire_free(message);
             continue;
         }
-        result_t verdict = dial_watch_poll(watch);
-        if (watch->lost != remote->lost)
+        result_t verdict = dial_watch_poll(&line->watch);
+        if (line->watch.lost != line->lost)
             return result_fail(RESULT_UNREACHABLE, "the connection to %s broke before the answer came",
-                               endpoint);
+                               line->endpoint);
         double left = deadline - clock_now();
         if (verdict.code == RESULT_DENIED || (verdict.code != RESULT_OK && left <= 0))
-            return result_fail(verdict.code, "%s: %s", endpoint, verdict.message);
-        if (left <= 0) return unreachable(endpoint, timeout);
-        zmq_pollitem_t items[] = {{.socket = socket, .events = ZMQ_POLLIN},
-                                  {.socket = watch->monitor, .events = ZMQ_POLLIN}};
+            return result_fail(verdict.code, "%s: %s", line->endpoint, verdict.message);
+        if (left <= 0) return unreachable(line->endpoint, timeout);
+        zmq_pollitem_t items[] = {{.socket = line->socket, .events = ZMQ_POLLIN},
+                                  {.socket = line->watch.monitor, .events = ZMQ_POLLIN}};
         zmq_poll(items, ARRAY_LENGTH(items), (long)(1e3 * left) + 1);
     }
 }
 
+/* Sends a request and waits for its answer. A payload is consumed. */
+static result_t exchange(remote_t *remote, line_t *line, Lm__Envelope *envelope, zmq_msg_t *payload,
+                         double timeout, wire_message_t *answer)
+{
+    dial_watch_poll(&line->watch);
+    line->lost = line->watch.lost;
+    envelope->request = ++remote->request;
+    TRY(wire_send(line->socket, NULL, 0, envelope, payload, payload ? 1 : 0));
+    result_t result = await_answer(remote, line, timeout, answer);
+    if (result.code == RESULT_UNREACHABLE) drop_line(line);
+    return result;
+}
+
 /* Asks and waits for an answer of the kind `expected`. A payload is consumed. */
-static result_t ask(remote_t *remote, void *socket, Lm__Envelope *envelope, zmq_msg_t *payload,
+static result_t ask(remote_t *remote, line_t *line, Lm__Envelope *envelope, zmq_msg_t *payload,
                     double timeout, Lm__Envelope__BodyCase expected, wire_message_t *answer)
 {
-    dial_watch_t *watch = socket == remote->control ? &remote->control_watch : &remote->bulk_watch;
-    dial_watch_poll(watch);
-    remote->lost = watch->lost;
-    envelope->request = ++remote->request;
-    TRY(wire_send(socket, NULL, 0, envelope, payload, payload ? 1 : 0));
-    TRY(await_answer(remote, socket, timeout, answer));
+    result_t result = open_line(remote, line);
+    if (result.code != RESULT_OK && payload != NULL) zmq_msg_close(payload);
+    TRY(result);
+    TRY(exchange(remote, line, envelope, payload, timeout, answer));
     if (answer->envelope->body_case == expected) return result_ok();
-    result_t result =
-        answer->envelope->body_case == LM__ENVELOPE__BODY_REFUSAL
-            ? refused(answer->envelope->refusal)
-            : result_fail(RESULT_PROTOCOL, "the master answered with a message of kind %d, not %d",
-                          (int)answer->envelope->body_case, (int)expected);
+    result = answer->envelope->body_case == LM__ENVELOPE__BODY_REFUSAL
+                 ? refused(answer->envelope->refusal)
+                 : result_fail(RESULT_PROTOCOL, "the master answered with a message of kind %d, not %d",
+                               (int)answer->envelope->body_case, (int)expected);
     wire_free(answer);
     return result;
 }
 
-/* Connects the bulk socket at first use, after asking where it is. */
+/* Asks, once, where the bulk socket is. */
 static result_t need_bulk(remote_t *remote)
 {
-    if (remote->bulk) return result_ok();
-    if (remote->bulk_endpoint == NULL) {
-        wire_message_t message;
-        address_t address;
-        TRY(remote_status(remote, 0, &message));
-        uint32_t port = message.envelope->job_status_reply->bulk_port;
-        wire_free(&message);
-        TRY(address_parse(remote->control_endpoint, WIRE_DEFAULT_PORT, &address));
-        if (port < 1 || port > 65535)
-            return result_fail(RESULT_PROTOCOL, "the master names %u as its bulk port", port);
-        remote->bulk_endpoint = address_endpoint(&address, (int)port);
-    }
-    return connect_socket(remote, remote->bulk_endpoint, WIRE_MAX_CHUNK, &remote->bulk, &remote->bulk_watch);
+    wire_message_t message;
+    address_t address;
+    if (remote->bulk.endpoint != NULL) return result_ok();
+    TRY(remote_status(remote, 0, &message));
+    uint32_t port = message.envelope->job_status_reply->bulk_port;
+    wire_free(&message);
+    TRY(address_parse(remote->control.endpoint, WIRE_DEFAULT_PORT, &address));
+    if (port < 1 || port > 65535)
+        return result_fail(RESULT_PROTOCOL, "the master names %u as its bulk port", port);
+    remote->bulk.endpoint = address_endpoint(&address, (int)port);
+    return result_ok();
 }
 
 /* ---- jobs --------------------------------------------------------------------------------------------- */
@@ -186,7 +217,7 @@ result_t remote_submit_job(remote_t *remote, const job_terms_t *terms, const job
     envelope.body_case = LM__ENVELOPE__BODY_JOB_SUBMIT;
     envelope.job_submit = &submit;
     wire_message_t answer;
-    TRY(ask(remote, remote->control, &envelope, NULL, remote->timeout, LM__ENVELOPE__BODY_JOB_ACCEPTED,
+    TRY(ask(remote, &remote->control, &envelope, NULL, remote->timeout, LM__ENVELOPE__BODY_JOB_ACCEPTED,
             &answer));
     *job = answer.envelope->job_accepted->job;
     wire_free(&answer);
@@ -209,8 +240,8 @@ static result_t ask_status(remote_t *remote, uint64_t job, uint64_t from, wire_m
     Lm__Envelope envelope = LM__ENVELOPE__INIT;
     envelope.body_case = LM__ENVELOPE__BODY_JOB_STATUS_REQUEST;
     envelope.job_status_request = &request;
-    return ask(remote, remote->control, &envelope, NULL, remote->timeout, LM__ENVELOPE__BODY_JOB_STATUS_REPLY,
-               message);
+    return ask(remote, &remote->control, &envelope, NULL, remote->timeout,
+               LM__ENVELOPE__BODY_JOB_STATUS_REPLY, message);
 }
 
 /* Moves the jobs of one answer to the end of another. */
@@ -257,7 +288,7 @@ static result_t ask_workers(remote_t *remote, uint32_t from, wire_message_t *mes
     Lm__Envelope envelope = LM__ENVELOPE__INIT;
     envelope.body_case = LM__ENVELOPE__BODY_WORKER_LIST_REQUEST;
     envelope.worker_list_request = &request;
-    return ask(remote, remote->control, &envelope, NULL, remote->timeout, LM__ENVELOPE__BODY_WORKER_LIST,
+    return ask(remote, &remote->control, &envelope, NULL, remote->timeout, LM__ENVELOPE__BODY_WORKER_LIST,
                message);
 }
 
@@ -298,7 +329,7 @@ result_t remote_order(remote_t *remote, const job_order_t *order)
     envelope.body_case = LM__ENVELOPE__BODY_JOB_ORDER;
     envelope.job_order = &body;
     wire_message_t answer;
-    TRY(ask(remote, remote->control, &envelope, NULL, remote->timeout, LM__ENVELOPE__BODY_DONE, &answer));
+    TRY(ask(remote, &remote->control, &envelope, NULL, remote->timeout, LM__ENVELOPE__BODY_DONE, &answer));
     wire_free(&answer);
     return result_ok();
 }
@@ -329,7 +360,7 @@ static result_t put_chunk(remote_t *remote, const scene_blob_t *blob, uint64_t o
     double timeout = offset + length == blob->size ? SLOW_ANSWER : remote->timeout;
     if (timeout < remote->timeout) timeout = remote->timeout;
     wire_message_t answer;
-    TRY(ask(remote, remote->bulk, &envelope, &payload, timeout, LM__ENVELOPE__BODY_BLOB_PUT_REPLY, &answer));
+    TRY(ask(remote, &remote->bulk, &envelope, &payload, timeout, LM__ENVELOPE__BODY_BLOB_PUT_REPLY, &answer));
     *next = answer.envelope->blob_put_reply->next;
     wire_free(&answer);
     if (*next <= blob->size) return result_ok();
@@ -401,7 +432,7 @@ static result_t get_image_chunk(remote_t *remote, image_fetch_t *fetch)
     envelope.image_get = &get;
     double timeout = fetch->snapshot == 0 && remote->timeout < SLOW_ANSWER ? SLOW_ANSWER : remote->timeout;
     wire_message_t answer;
-    TRY(ask(remote, remote->bulk, &envelope, NULL, timeout, LM__ENVELOPE__BODY_IMAGE_CHUNK, &answer));
+    TRY(ask(remote, &remote->bulk, &envelope, NULL, timeout, LM__ENVELOPE__BODY_IMAGE_CHUNK, &answer));
     result_t result = take_image_chunk(fetch, &answer);
     wire_free(&answer);
     return result;

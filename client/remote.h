@@ -1,9 +1,10 @@
 /* remote: the client's side of the protocol: questions to a master and their answers.
  *
  * Every call asks and waits for the answer, at most `timeout` seconds (longer where the master has long work
- * to do: taking a snapshot, checking a large scene). RESULT_UNREACHABLE names the address and the cure; a
- * Refusal becomes a result with the master's own code and reason; RESULT_DENIED says that the keys do not
- * fit, as soon as that is seen. One thread at a time.
+ * to do: taking a snapshot, checking a large scene). RESULT_UNREACHABLE names the address and the cure; the
+ * call may be made again and again, since nothing of what was not answered stays queued. A Refusal becomes a
+ * result with the master's own code and reason; RESULT_DENIED says that the keys do not fit, as soon as that
+ * is seen. One thread at a time.
  */
 #ifndef LIGHTMILL_REMOTE_H
 #define LIGHTMILL_REMOTE_H
