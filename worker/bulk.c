@@ -16,6 +16,9 @@
  *
  * Scenes are fetched with several chunk requests under way, so that the speed does not depend on the round
  * trip.
+ *
+ * When no chunk comes for too long, the link is made anew. Its queue would fill with requests otherwise, as
+ * long as the master is away. A link whose queue is full all the same is made anew too.
  */
 #include "worker/bulk.h"
 
@@ -30,7 +33,6 @@
 #include <sys/eventfd.h>
 
 enum { CHUNK_BYTES = 1 << 20, CHUNK_WINDOW = 4, DOWNLOAD_ATTEMPTS = 3 };
-static const double CHUNK_TIMEOUT = 15;           /* seconds without a chunk */
 static const double BATCH_BYTES_PER_SECOND = 2e5; /* the slowest uplink that is waited for */
 static const double PAUSE = 0.25;                 /* seconds before something is tried again */
 static const double FIRST_RATIO = 0.3;            /* of coded to plain bytes, before any is known */
@@ -97,6 +99,15 @@ static bool refresh_link(bulk_t *bulk)
     }
     pthread_mutex_unlock(&bulk->lock);
     return link_refresh(&bulk->link) || renewed;
+}
+
+/* Sends on the link. RESULT_UNREACHABLE when its queue is full: what waits there is not worth waiting for. */
+static result_t say(bulk_t *bulk, const Lm__Envelope *envelope, zmq_msg_t *payload, int payload_count)
+{
+    result_t result = wire_send(bulk->link.socket, NULL, 0, envelope, payload, payload_count);
+    if (result.code != RESULT_LIMIT) return result;
+    bulk->link.broken = true;
+    return result_fail(RESULT_UNREACHABLE, "%.300s", result.message);
 }
 
 static void pause_briefly(bulk_t *bulk)
@@ -171,7 +182,7 @@ static result_t request_chunk(bulk_t *bulk, const blob_download_t *download, uin
     envelope.request = ++bulk->request;
     envelope.body_case = LM__ENVELOPE__BODY_BLOB_GET;
     envelope.blob_get = &get;
-    return wire_send(bulk->link.socket, NULL, 0, &envelope, NULL, 0);
+    return say(bulk, &envelope, NULL, 0);
 }
 
 /* Appends the bytes of one answer. */
@@ -190,10 +201,18 @@ static result_t take_chunk(blob_download_t *download, wire_message_t *message)
     return blob_download_append(download, zmq_msg_data(&message->payload[0]), size);
 }
 
+/* Waits for a message until the deadline; then what was asked on this link is not waited for any more. */
+static result_t receive_chunk(bulk_t *bulk, double deadline, wire_message_t *message, bool *received)
+{
+    result_t result = receive(bulk, deadline, message, received);
+    if (result.code == RESULT_UNREACHABLE && clock_now() >= deadline) bulk->link.broken = true;
+    return result;
+}
+
 /* Fetches what is missing of a download. */
 static result_t fetch_rest(bulk_t *bulk, uint64_t job, blob_download_t *download)
 {
-    double deadline = clock_now() + CHUNK_TIMEOUT;
+    double deadline = clock_now() + bulk->options.patience;
     uint64_t first_request = bulk->request + 1, answered = bulk->request, asked = download->have;
     while (download->have < download->size) {
         while (asked < download->size && bulk->request - answered < CHUNK_WINDOW) {
@@ -202,11 +221,11 @@ static result_t fetch_rest(bulk_t *bulk, uint64_t job, blob_download_t *download
         }
         wire_message_t message;
         bool received;
-        TRY(receive(bulk, deadline, &message, &received));
+        TRY(receive_chunk(bulk, deadline, &message, &received));
         result_t result = result_ok();
         if (received && message.envelope->request >= first_request) {
             answered++;
-            deadline = clock_now() + CHUNK_TIMEOUT;
+            deadline = clock_now() + bulk->options.patience;
             result = take_chunk(download, &message);
         }
         if (received) wire_free(&message);
@@ -315,7 +334,7 @@ static result_t send_offer(bulk_t *bulk, delivery_t *delivery)
     envelope.request = delivery->offered = ++bulk->request;
     envelope.body_case = LM__ENVELOPE__BODY_BATCH_OFFER;
     envelope.batch_offer = &message;
-    return wire_send(bulk->link.socket, NULL, 0, &envelope, NULL, 0);
+    return say(bulk, &envelope, NULL, 0);
 }
 
 static result_t put_batch(bulk_t *bulk, delivery_t *delivery)
@@ -342,7 +361,7 @@ static result_t put_batch(bulk_t *bulk, delivery_t *delivery)
         zmq_msg_init(&copies[i]);
         zmq_msg_copy(&copies[i], &delivery->encoded[i]);
     }
-    result_t result = wire_send(bulk->link.socket, NULL, 0, &envelope, copies, BATCH_PAYLOADS);
+    result_t result = say(bulk, &envelope, copies, BATCH_PAYLOADS);
     free(units);
     if (result.code == RESULT_OK) delivery->put_in = bulk->link.conversation;
     return result;

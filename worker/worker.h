@@ -22,7 +22,7 @@ typedef struct {
     dial_keys_t keys;             /* kept by the caller */
     double grace;                 /* seconds for leaving in order */
     pulse_t *pulse;               /* of the control thread; kept by the caller; NULL: none */
-    double patience;              /* seconds for an answer to a batch, on a connection that lives */
+    double patience;              /* seconds for an answer of the master, on a connection that lives */
 } worker_options_t;
 
 worker_options_t worker_options_default(void);

@@ -1,16 +1,22 @@
 /* Tests of the relay's pool by its calls: what it takes from workers and what it does not, whom it gives
- * what, and what it makes of a master that gives old numbers to new jobs. Sockets come in test_relay.c. */
+ * what, and what it makes of a master that gives old numbers to new jobs. Sockets come in test_relay.c, but
+ * for one towards the master, which answers requests for scenes or does not. */
 #include "relay/pool.h"
 #include "tests/peer.h"
+#include "tests/scratch.h"
+#include "worker/bulk.h"
 
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/eventfd.h>
+#include <unistd.h>
 
 #include <cmocka.h>
 
-enum { JOB = 3, INTERVAL = 10 };
+enum { JOB = 3, INTERVAL = 10, WINDOW = 4, CHUNK = 1 << 20 };
+static const double PATIENCE = 20;    /* seconds for anything */
 static const uint64_t MUCH = 1 << 30; /* pixel samples: more than there are */
 
 typedef struct {
@@ -20,6 +26,7 @@ typedef struct {
     hash_t blob;
     uint64_t ada, bob; /* workers */
     unit_t *units;     /* of the last assignment to one */
+    int bulk_wake;
 } test_t;
 
 static uint64_t hello(test_t *t, const char *name)
@@ -35,11 +42,12 @@ static int set_up(void **state)
 {
     test_t *t = mem_zalloc(1, sizeof *t);
     log_init("test", LOG_ERROR);
+    t->bulk_wake = eventfd(0, EFD_NONBLOCK);
     pool_options_t options = {.lease = 1000,
                               .batch_interval = INTERVAL,
                               .memory = (uint64_t)1 << 30,
                               .control_wake = -1,
-                              .bulk_wake = -1,
+                              .bulk_wake = t->bulk_wake,
                               .notice_wake = -1,
                               .grant_wake = -1};
     t->pool = pool_new(&options);
@@ -58,6 +66,7 @@ static int tear_down(void **state)
 {
     test_t *t = *state;
     pool_destroy(&t->pool);
+    close(t->bulk_wake);
     free(t->units);
     free(t);
     return 0;
@@ -65,17 +74,23 @@ static int tear_down(void **state)
 
 /* ---- the master ---------------------------------------------------------------------------------------- */
 
-static void assign(test_t *t, const unit_t *units, size_t count)
+static void assign_job(test_t *t, uint64_t job, const hash_t *blob, uint64_t blob_size, const unit_t *units,
+                       size_t count)
 {
-    assignment_t assignment = {.job = JOB,
+    assignment_t assignment = {.job = job,
                                .settings = t->settings,
-                               .blob = t->blob,
-                               .blob_size = 4,
-                               .content = job_content_hash(&t->settings, &t->blob),
+                               .blob = *blob,
+                               .blob_size = blob_size,
+                               .content = job_content_hash(&t->settings, blob),
                                .units = mem_alloc(count * sizeof *units),
                                .unit_count = count};
     memcpy(assignment.units, units, count * sizeof *units);
     t->crew.calls->assign(t->crew.self, &assignment);
+}
+
+static void assign(test_t *t, const unit_t *units, size_t count)
+{
+    assign_job(t, JOB, &t->blob, 4, units, count);
 }
 
 static duty_t duty_of(test_t *t)
@@ -236,6 +251,90 @@ static void a_job_that_goes_on_at_once_goes_on_whole(void **state)
     assert_int_equal(render(t, t->ada, &unit, 1).code, RESULT_MISMATCH);
 }
 
+/* ---- a master's bulk socket ---------------------------------------------------------------------------- */
+
+typedef struct {
+    char *folder;
+    void *context, *socket;
+    bulk_t *bulk;
+} uplink_t;
+
+static void open_uplink(test_t *t, uplink_t *up, double patience)
+{
+    char endpoint[64];
+    size_t size = sizeof endpoint;
+    up->folder = scratch_new();
+    up->context = zmq_ctx_new();
+    assert_int_equal(wire_socket(up->context, ZMQ_ROUTER, &up->socket).code, RESULT_OK);
+    assert_int_equal(zmq_bind(up->socket, "tcp://127.0.0.1:*"), 0);
+    assert_int_equal(zmq_getsockopt(up->socket, ZMQ_LAST_ENDPOINT, endpoint, &size), 0);
+    bulk_options_t options = {.context = up->context,
+                              .crew = t->crew,
+                              .wake = t->bulk_wake,
+                              .cache_dir = up->folder,
+                              .cache_limit = 1 << 30,
+                              .patience = patience};
+    assert_int_equal(bulk_start(&options, &up->bulk).code, RESULT_OK);
+    bulk_link_up(up->bulk, endpoint, 1, 0);
+}
+
+static void close_uplink(uplink_t *up)
+{
+    bulk_stop(&up->bulk);
+    zmq_close(up->socket);
+    zmq_ctx_term(up->context);
+    scratch_destroy(&up->folder);
+}
+
+/* What the relay says next, which is of this kind; the caller frees it. */
+static wire_message_t hear(uplink_t *up, Lm__Envelope__BodyCase kind)
+{
+    wire_message_t message;
+    bool received = false;
+    for (double start = clock_now(); !received;) {
+        zmq_pollitem_t item = {.socket = up->socket, .events = ZMQ_POLLIN};
+        zmq_poll(&item, 1, 10);
+        assert_int_equal(wire_receive(up->socket, true, &message, &received).code, RESULT_OK);
+        if (clock_now() - start > PATIENCE) fail_msg("no message of kind %d comes", (int)kind);
+    }
+    assert_int_equal(message.envelope->body_case, kind);
+    return message;
+}
+
+/* Hears the requests for a window of chunks, the first one at `offset`. */
+static void hear_window(uplink_t *up, uint64_t offset, wire_message_t *requests)
+{
+    for (uint64_t i = 0; i < WINDOW; i++) {
+        requests[i] = hear(up, LM__ENVELOPE__BODY_BLOB_GET);
+        assert_int_equal(requests[i].envelope->blob_get->offset, offset + i * CHUNK);
+        assert_int_equal(requests[i].identity_size, requests[0].identity_size);
+        assert_memory_equal(requests[i].identity, requests[0].identity, requests[0].identity_size);
+    }
+}
+
+/* What is not answered is asked on another connection, so it cannot fill the queue of one. */
+static void requests_for_a_scene_do_not_pile_up(void **state)
+{
+    test_t *t = *state;
+    uplink_t up;
+    wire_message_t requests[WINDOW], earlier[WINDOW];
+    const unit_t unit = {0, 0, 4};
+    hash_t next = hash_bytes("next", 4);
+    assign_job(t, JOB, &next, 16 * CHUNK, &unit, 1);
+    open_uplink(t, &up, 0.5);
+    hear_window(&up, 0, earlier);
+    for (int i = 0; i < 3; i++) {
+        hear_window(&up, 0, requests);
+        assert_true(requests[0].identity_size != earlier[0].identity_size ||
+                    memcmp(requests[0].identity, earlier[0].identity, earlier[0].identity_size) != 0);
+        for (int k = 0; k < WINDOW; k++) wire_free(&earlier[k]);
+        memcpy(earlier, requests, sizeof earlier);
+    }
+    for (int k = 0; k < WINDOW; k++) wire_free(&earlier[k]);
+    assert_int_equal(t->crew.calls->state(t->crew.self).failure.code, RESULT_OK);
+    close_uplink(&up);
+}
+
 int main(void)
 {
 #define POOL(test) cmocka_unit_test_setup_teardown(test, set_up, tear_down)
@@ -246,6 +345,7 @@ int main(void)
         POOL(who_asks_for_nothing_gets_nothing),
         POOL(a_stranger_delivers_nothing),
         POOL(a_job_that_goes_on_at_once_goes_on_whole),
+        POOL(requests_for_a_scene_do_not_pile_up),
     };
     return cmocka_run_group_tests_name("pool", tests, NULL, NULL);
 }
