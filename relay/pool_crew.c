@@ -279,6 +279,37 @@ static void find_offer(const pool_t *pool, const relay_job_t *job, duty_t *duty)
         duty->wait = wait;
 }
 
+static void find_any_offer(const pool_t *pool, duty_t *duty)
+{
+    for (size_t i = 0; i < pool->job_count && duty->kind == DUTY_NONE; i++)
+        find_offer(pool, pool->jobs[i], duty);
+}
+
+/* Finds a scene that is to be fetched; declines jobs that are too large. */
+static void find_load(pool_t *pool, duty_t *duty)
+{
+    for (size_t i = 0; i < pool->job_count; i++) {
+        relay_job_t *job = pool->jobs[i];
+        if (job->loaded || job->over) continue;
+        result_t memory = check_memory(pool, job);
+        if (memory.code == RESULT_OK) {
+            duty->kind = DUTY_LOAD;
+            duty->assignment = (assignment_t){.job = job->id,
+                                              .settings = job->settings,
+                                              .blob = job->blob_hash,
+                                              .blob_size = job->blob_size,
+                                              .content = job->content};
+            return;
+        }
+        pool->failure = memory;
+        pool->failed = job->id;
+        pool_drop_job(pool, job);
+        pool_wake(pool->options.control_wake);
+    }
+}
+
+/* Sums and scenes take turns: a scene gives way to a sum (pressing), but sums that are always ready do not
+ * keep it away. */
 static duty_t find_duty(void *self, double batch_interval)
 {
     pool_t *pool = self;
@@ -286,29 +317,21 @@ static duty_t find_duty(void *self, double batch_interval)
     pool_lock(pool);
     pool->uplink_interval = batch_interval;
     pool_sweep(pool);
-    for (size_t i = 0; i < pool->job_count && duty.kind == DUTY_NONE; i++) {
-        relay_job_t *job = pool->jobs[i];
-        if (job->loaded || job->over) {
-            find_offer(pool, job, &duty);
-            continue;
-        }
-        result_t memory = check_memory(pool, job);
-        if (memory.code == RESULT_OK) {
-            duty.kind = DUTY_LOAD;
-            duty.assignment = (assignment_t){.job = job->id,
-                                             .settings = job->settings,
-                                             .blob = job->blob_hash,
-                                             .blob_size = job->blob_size,
-                                             .content = job->content};
-        } else {
-            pool->failure = memory;
-            pool->failed = job->id;
-            pool_drop_job(pool, job);
-            pool_wake(pool->options.control_wake);
-        }
-    }
+    find_any_offer(pool, &duty);
+    if (duty.kind == DUTY_NONE || pool->offered) find_load(pool, &duty);
+    pool->offered = duty.kind == DUTY_OFFER;
     pool_unlock(pool);
     return duty;
+}
+
+static bool pressing(void *self)
+{
+    pool_t *pool = self;
+    duty_t duty = {.kind = DUTY_NONE};
+    pool_lock(pool);
+    find_any_offer(pool, &duty);
+    pool_unlock(pool);
+    return duty.kind == DUTY_OFFER;
 }
 
 static bool unwanted(void *self, uint64_t id)
@@ -439,6 +462,7 @@ crew_t pool_crew(pool_t *pool)
                                        .state = state,
                                        .duty = find_duty,
                                        .unwanted = unwanted,
+                                       .pressing = pressing,
                                        .loaded = loaded,
                                        .refuse = refuse,
                                        .close = close_batch,

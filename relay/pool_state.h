@@ -94,6 +94,7 @@ struct pool {
     size_t notice_count, notice_capacity;
     double uplink_interval; /* seconds between the batches that the master wants */
     bool no_more, draining;
+    bool offered; /* the last duty was to offer a batch */
     uint64_t sequence;
     double last_tick;
     result_t failure;

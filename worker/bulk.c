@@ -15,7 +15,10 @@
  * that the batch arrived too. Only if its verdict then still does not come, it is sent again.
  *
  * Scenes are fetched with several chunk requests under way, so that the speed does not depend on the round
- * trip.
+ * trip. On a thin link that takes minutes. When a batch is ready meanwhile, no more is asked for, and as soon
+ * as what was asked for is here, the batch has its turn: the master's answers about it would come behind
+ * those chunks in any case, and nothing is fetched twice. Then the scene goes on from its part
+ * (blob_cache.h).
  *
  * When no chunk comes for too long, the link is made anew. Its queue would fill with requests otherwise, as
  * long as the master is away. A link whose queue is full all the same is made anew too.
@@ -133,6 +136,13 @@ static bool unwanted(const bulk_t *bulk, uint64_t job)
     return bulk->options.crew.calls->unwanted(bulk->options.crew.self, job);
 }
 
+/* True when a batch waits for a scene to give way. */
+static bool pressing(const bulk_t *bulk)
+{
+    const crew_t *crew = &bulk->options.crew;
+    return crew->calls->pressing != NULL && crew->calls->pressing(crew->self);
+}
+
 static bool is_denial(const Lm__Envelope *envelope)
 {
     return envelope->body_case == LM__ENVELOPE__BODY_REFUSAL && envelope->refusal->code == RESULT_DENIED;
@@ -209,13 +219,16 @@ static result_t receive_chunk(bulk_t *bulk, double deadline, wire_message_t *mes
     return result;
 }
 
-/* Fetches what is missing of a download. */
+/* Fetches what is missing of a download, or a part of it: RESULT_CANCELLED when a batch is to go first. */
 static result_t fetch_rest(bulk_t *bulk, uint64_t job, blob_download_t *download)
 {
     double deadline = clock_now() + bulk->options.patience;
-    uint64_t first_request = bulk->request + 1, answered = bulk->request, asked = download->have;
+    uint64_t first_request = bulk->request + 1, answered = bulk->request;
+    uint64_t begin = download->have, asked = download->have;
     while (download->have < download->size) {
-        while (asked < download->size && bulk->request - answered < CHUNK_WINDOW) {
+        bool give_way = download->have > begin && pressing(bulk);
+        if (give_way && bulk->request == answered) return result_fail(RESULT_CANCELLED, "a batch goes first");
+        while (!give_way && asked < download->size && bulk->request - answered < CHUNK_WINDOW) {
             TRY(request_chunk(bulk, download, asked));
             asked += download->size - asked < CHUNK_BYTES ? download->size - asked : CHUNK_BYTES;
         }
@@ -273,6 +286,8 @@ static result_t obtain_blob(bulk_t *bulk, const assignment_t *assignment, scene_
             return result;
         if (atomic_load(&bulk->quit) || unwanted(bulk, assignment->job))
             return result_fail(RESULT_CANCELLED, "the job is over");
+        if (result.code == RESULT_OK && pressing(bulk))
+            return result_fail(RESULT_CANCELLED, "a batch goes first");
         refresh_link(bulk);
         discard_strays(bulk); /* what is left to be read would end the pause at once */
         pause_briefly(bulk);

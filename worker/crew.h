@@ -98,6 +98,10 @@ typedef struct {
     duty_t (*duty)(void *self, double batch_interval);
     /* True when a job is over, so that loading its scene or offering its batch is to be given up. */
     bool (*unwanted)(void *self, uint64_t job);
+    /* True when a batch is ready, so that a scene that is being fetched gives way to it after a while: `duty`
+     * is asked again, and gives both their turns. NULL: there are no batches as long as a scene is to load.
+     */
+    bool (*pressing)(void *self);
     /* The scene of a job is here; the blob is taken over in any case. Takes as long as making it ready does;
      * a failure is followed by refuse. */
     result_t (*loaded)(void *self, uint64_t job, scene_blob_t *blob);

@@ -251,6 +251,29 @@ static void a_job_that_goes_on_at_once_goes_on_whole(void **state)
     assert_int_equal(render(t, t->ada, &unit, 1).code, RESULT_MISMATCH);
 }
 
+/* Neither keeps the other away, however long it takes. */
+static void sums_and_scenes_take_turns(void **state)
+{
+    test_t *t = *state;
+    const unit_t units[] = {{0, 0, 4}, {1, 0, 4}};
+    hash_t next = hash_bytes("next", 4);
+    begin(t, units, 2);
+    assert_int_equal(take(t, 0, t->ada, MUCH), 2);
+    assign_job(t, JOB + 1, &next, 4, units, 1);
+    assert_false(t->crew.calls->pressing(t->crew.self));
+    assert_int_equal(duty_of(t).kind, DUTY_LOAD);
+    assert_int_equal(render(t, t->ada, units, 2).code, RESULT_OK);
+    assert_true(t->crew.calls->pressing(t->crew.self));
+    for (int i = 0; i < 3; i++) {
+        duty_t duty = duty_of(t); /* the sum stays, as if it were not granted */
+        assert_int_equal(duty.kind, DUTY_OFFER);
+        assert_int_equal(duty.offer.job, JOB);
+        duty = duty_of(t);
+        assert_int_equal(duty.kind, DUTY_LOAD);
+        assert_int_equal(duty.assignment.job, JOB + 1);
+    }
+}
+
 /* ---- a master's bulk socket ---------------------------------------------------------------------------- */
 
 typedef struct {
@@ -312,6 +335,71 @@ static void hear_window(uplink_t *up, uint64_t offset, wire_message_t *requests)
     }
 }
 
+/* Answers a request and frees it. */
+static void answer(uplink_t *up, wire_message_t *request, Lm__Envelope *envelope, zmq_msg_t *payload)
+{
+    envelope->request = request->envelope->request;
+    assert_int_equal(
+        wire_send(up->socket, request->identity, request->identity_size, envelope, payload, payload != NULL)
+            .code,
+        RESULT_OK);
+    wire_free(request);
+}
+
+static void answer_chunk(uplink_t *up, wire_message_t *request)
+{
+    Lm__BlobChunk chunk = LM__BLOB_CHUNK__INIT;
+    Lm__Envelope envelope = LM__ENVELOPE__INIT;
+    zmq_msg_t payload;
+    chunk.offset = request->envelope->blob_get->offset;
+    zmq_msg_init_size(&payload, CHUNK);
+    memset(zmq_msg_data(&payload), 0, CHUNK);
+    envelope.body_case = LM__ENVELOPE__BODY_BLOB_CHUNK;
+    envelope.blob_chunk = &chunk;
+    answer(up, request, &envelope, &payload);
+}
+
+/* Takes in a batch from its offer to its verdict. */
+static void count_batch(uplink_t *up)
+{
+    Lm__BatchGrant grant = LM__BATCH_GRANT__INIT;
+    Lm__BatchReply reply = LM__BATCH_REPLY__INIT;
+    Lm__Envelope envelope = LM__ENVELOPE__INIT;
+    wire_message_t message = hear(up, LM__ENVELOPE__BODY_BATCH_OFFER);
+    envelope.body_case = LM__ENVELOPE__BODY_BATCH_GRANT;
+    envelope.batch_grant = &grant;
+    answer(up, &message, &envelope, NULL);
+    message = hear(up, LM__ENVELOPE__BODY_BATCH_RESULT);
+    reply.sequence = message.envelope->batch_result->sequence;
+    reply.accepted = true;
+    envelope.body_case = LM__ENVELOPE__BODY_BATCH_REPLY;
+    envelope.batch_reply = &reply;
+    answer(up, &message, &envelope, NULL);
+}
+
+/* A scene that takes minutes does not keep the sums of another job back, and no byte of it comes twice. */
+static void a_sum_does_not_wait_for_a_scene(void **state)
+{
+    test_t *t = *state;
+    uplink_t up;
+    wire_message_t requests[WINDOW];
+    const unit_t units[] = {{0, 0, 4}, {1, 0, 4}};
+    hash_t next = hash_bytes("next", 4);
+    begin(t, units, 2);
+    assert_int_equal(take(t, 0, t->ada, MUCH), 2);
+    assign_job(t, JOB + 1, &next, 16 * CHUNK, units, 1);
+    open_uplink(t, &up, PATIENCE);
+    for (int i = 0; i < 2; i++) {
+        hear_window(&up, (uint64_t)i * WINDOW * CHUNK, requests);
+        assert_int_equal(render(t, t->ada, &units[i], 1).code, RESULT_OK);
+        for (int k = 0; k < WINDOW; k++) answer_chunk(&up, &requests[k]);
+        count_batch(&up);
+    }
+    hear_window(&up, (uint64_t)2 * WINDOW * CHUNK, requests);
+    for (int k = 0; k < WINDOW; k++) wire_free(&requests[k]);
+    close_uplink(&up);
+}
+
 /* What is not answered is asked on another connection, so it cannot fill the queue of one. */
 static void requests_for_a_scene_do_not_pile_up(void **state)
 {
@@ -345,6 +433,8 @@ int main(void)
         POOL(who_asks_for_nothing_gets_nothing),
         POOL(a_stranger_delivers_nothing),
         POOL(a_job_that_goes_on_at_once_goes_on_whole),
+        POOL(sums_and_scenes_take_turns),
+        POOL(a_sum_does_not_wait_for_a_scene),
         POOL(requests_for_a_scene_do_not_pile_up),
     };
     return cmocka_run_group_tests_name("pool", tests, NULL, NULL);
