@@ -2,9 +2,11 @@
  *
  * DESIGN. A blob is the file HASH.blob; while it is coming in, it is HASH.part. The part is locked (flock) by
  * the process that writes it, so a crash releases the lock and leaves bytes that the next one goes on from.
- * The rename from part to blob is atomic and happens only after the whole file has been mapped, checked and
- * hashed: a name that ends in .blob can be trusted as far as the disk can, and is hashed once more whenever
- * it is opened.
+ * A process that is stopped keeps its lock: when a part that somebody has does not grow for long, the others
+ * stop waiting and fetch the blob into parts of their own, HASH.TOKEN.part. Whoever is done first gives it
+ * the name, and whoever is done later does it again, with the same bytes. The rename from part to blob is
+ * atomic and happens only after the whole file has been mapped, checked and hashed: a name that ends in .blob
+ * can be trusted as far as the disk can, and is hashed once more whenever it is opened.
  *
  * The time of last use is the file's mtime, touched at each opening; least recently used goes first when room
  * is needed. Removing a file that another worker has mapped is harmless: its pages live until they are
@@ -16,6 +18,7 @@
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
+#include <sodium.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -23,9 +26,21 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+/* A process that fetches a blob gets a chunk, or lets its part go, much sooner; but when all is there, it
+ * reads it once more before the lock is gone. */
+static const double STALL_SECONDS = 30, HASHED_BYTES_PER_SECOND = 5e7;
+
+enum { TOKEN_DIGITS = 8 };
+
 struct blob_cache {
     char *dir;
-    uint64_t limit; /* bytes */
+    uint64_t limit;               /* bytes */
+    char token[TOKEN_DIGITS + 1]; /* in the names of its own parts */
+
+    /* The part that another process had when it was looked at last. */
+    hash_t watched;
+    off_t watched_size; /* bytes */
+    double since;       /* clock, when it was first seen with so many */
 };
 
 typedef struct {
@@ -80,6 +95,7 @@ result_t blob_cache_new(const char *dir, uint64_t limit, blob_cache_t **cache)
     *cache = mem_zalloc(1, sizeof **cache);
     (*cache)->dir = mem_strdup(dir);
     (*cache)->limit = limit;
+    snprintf((*cache)->token, sizeof(*cache)->token, "%08x", randombytes_random());
     return result_ok();
 }
 
@@ -96,6 +112,22 @@ static char *entry_path(const blob_cache_t *cache, const hash_t *hash, const cha
     char hex[2 * HASH_BYTES + 1];
     hash_to_hex(hash, hex);
     return mem_printf("%s/%s%s", cache->dir, hex, suffix);
+}
+
+/* The name of the part that nobody else writes. */
+static char *own_part_path(const blob_cache_t *cache, const hash_t *hash)
+{
+    char suffix[32];
+    snprintf(suffix, sizeof suffix, ".%s.part", cache->token);
+    return entry_path(cache, hash, suffix);
+}
+
+/* Another process was faster. */
+static void discard_own_part(const blob_cache_t *cache, const hash_t *hash)
+{
+    char *path = own_part_path(cache, hash);
+    unlink(path);
+    free(path);
 }
 
 /* Maps and checks a file. *right is false when it is no blob or has another hash. */
@@ -118,6 +150,7 @@ result_t blob_cache_open(blob_cache_t *cache, const hash_t *hash, scene_blob_t *
         open_checked(path, hash, blob, found, &why);
         if (*found) {
             utimensat(AT_FDCWD, path, NULL, 0);
+            discard_own_part(cache, hash);
         } else if (why.code == RESULT_INPUT) {
             log_warning("%s; fetching it again", why.message);
             unlink(path);
@@ -133,8 +166,11 @@ result_t blob_cache_open(blob_cache_t *cache, const hash_t *hash, scene_blob_t *
 static bool is_cache_name(const char *name)
 {
     size_t length = strlen(name);
-    if (length != 2 * HASH_BYTES + 5) return false;
-    return strcmp(name + 2 * HASH_BYTES, ".blob") == 0 || strcmp(name + 2 * HASH_BYTES, ".part") == 0;
+    if (length < 2 * HASH_BYTES + 5) return false;
+    const char *rest = name + 2 * HASH_BYTES;
+    if (length == 2 * HASH_BYTES + 5) return strcmp(rest, ".blob") == 0 || strcmp(rest, ".part") == 0;
+    return length == 2 * HASH_BYTES + 1 + TOKEN_DIGITS + 5 && rest[0] == '.' &&
+           strcmp(rest + 1 + TOKEN_DIGITS, ".part") == 0;
 }
 
 static void listing_add(listing_t *listing, const char *dir, const char *name)
@@ -221,15 +257,47 @@ static result_t lock_part(const char *path, const char *whole_path, int *file, b
     return result_ok();
 }
 
-result_t blob_cache_download(blob_cache_t *cache, const hash_t *hash, uint64_t size,
+/* True when another process has had a part for long and has not written a byte. */
+static bool stands_still(blob_cache_t *cache, double now, const hash_t *hash, uint64_t size, const char *path)
+{
+    struct stat status;
+    off_t have = stat(path, &status) == 0 ? status.st_size : -1;
+    if (!hash_equal(&cache->watched, hash) || cache->watched_size != have) {
+        cache->watched = *hash;
+        cache->watched_size = have;
+        cache->since = now;
+    }
+    return now - cache->since > STALL_SECONDS + (double)size / HASHED_BYTES_PER_SECOND;
+}
+
+/* Opens and locks the part that all share, or the own one where that is begun or not worth waiting for; *path
+ * is its name, the caller's. */
+static result_t lock_either_part(blob_cache_t *cache, double now, const hash_t *hash, uint64_t size,
+                                 char **path, int *file, bool *mine)
+{
+    char *shared = entry_path(cache, hash, ".part"), *own = own_part_path(cache, hash);
+    char *whole_path = entry_path(cache, hash, ".blob");
+    bool alone = access(own, F_OK) == 0;
+    result_t result = lock_part(alone ? own : shared, whole_path, file, mine);
+    if (result.code == RESULT_OK && !*mine && !alone && stands_still(cache, now, hash, size, shared)) {
+        log_warning("another process has %s and does not go on; fetching the scene without it", shared);
+        alone = true;
+        result = lock_part(own, whole_path, file, mine);
+    }
+    if (*mine) cache->watched = (hash_t){0};
+    *path = alone ? own : shared;
+    free(alone ? shared : own);
+    free(whole_path);
+    return result;
+}
+
+result_t blob_cache_download(blob_cache_t *cache, double now, const hash_t *hash, uint64_t size,
                              blob_download_t *download, bool *busy)
 {
     *download = (blob_download_t){.file = -1, .size = size, .hash = *hash};
-    char *path = entry_path(cache, hash, ".part");
-    char *whole_path = entry_path(cache, hash, ".blob");
+    char *path;
     bool mine;
-    result_t result = lock_part(path, whole_path, &download->file, &mine);
-    free(whole_path);
+    result_t result = lock_either_part(cache, now, hash, size, &path, &download->file, &mine);
     *busy = result.code == RESULT_OK && !mine;
     if (result.code != RESULT_OK || !mine) {
         download->file = -1;

@@ -2,7 +2,7 @@
  *
  * Workers of one machine may share a directory: a blob is downloaded by one of them at a time, and appears
  * under its name only when it is whole and its hash is right. A download that broke off is taken up where it
- * ended, also by another process.
+ * ended, also by another process. One that stands still, since its process is stopped, is not waited for.
  */
 #ifndef LIGHTMILL_BLOB_CACHE_H
 #define LIGHTMILL_BLOB_CACHE_H
@@ -33,8 +33,8 @@ void blob_cache_destroy(blob_cache_t **cache);
 result_t blob_cache_open(blob_cache_t *cache, const hash_t *hash, scene_blob_t *blob, bool *found);
 
 /* Makes room and begins a download, or takes up an old one. *busy is true when another process is at it, or
- * has just finished: look again a little later. */
-result_t blob_cache_download(blob_cache_t *cache, const hash_t *hash, uint64_t size,
+ * has just finished: look again a little later. `now` is the clock, in seconds. */
+result_t blob_cache_download(blob_cache_t *cache, double now, const hash_t *hash, uint64_t size,
                              blob_download_t *download, bool *busy);
 result_t blob_download_append(blob_download_t *download, const void *data, size_t size);
 /* Checks the whole file, gives it its name, maps it, and closes the download. RESULT_INPUT when the hash is

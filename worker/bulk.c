@@ -255,7 +255,8 @@ static result_t download_blob(bulk_t *bulk, const assignment_t *assignment, scen
     bool busy;
     *done = false;
     if (bulk->link.socket == NULL) return result_fail(RESULT_UNREACHABLE, "there is no link to the master");
-    TRY(blob_cache_download(bulk->cache, &assignment->blob, assignment->blob_size, &download, &busy));
+    TRY(blob_cache_download(bulk->cache, clock_now(), &assignment->blob, assignment->blob_size, &download,
+                            &busy));
     if (busy) return result_ok();
     if (download.have > 0)
         log_info("the scene is here up to byte %llu; fetching the rest", (unsigned long long)download.have);

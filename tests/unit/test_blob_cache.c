@@ -74,7 +74,7 @@ static blob_download_t begin(shelf_t *t, const hash_t *hash, uint64_t size)
 {
     blob_download_t download;
     bool busy;
-    assert_int_equal(blob_cache_download(t->cache, hash, size, &download, &busy).code, RESULT_OK);
+    assert_int_equal(blob_cache_download(t->cache, 0, hash, size, &download, &busy).code, RESULT_OK);
     assert_false(busy);
     return download;
 }
@@ -100,7 +100,7 @@ static void a_scene_is_fetched_once(void **state)
     /* Another worker that wanted it, too, looks again. */
     blob_download_t download;
     bool busy;
-    assert_int_equal(blob_cache_download(t->cache, &t->hash, t->size, &download, &busy).code, RESULT_OK);
+    assert_int_equal(blob_cache_download(t->cache, 0, &t->hash, t->size, &download, &busy).code, RESULT_OK);
     assert_true(busy);
 }
 
@@ -186,7 +186,7 @@ static void another_process_has_the_download(void **state)
     assert_int_equal(read(ready[0], &byte, 1), 1);
     blob_download_t download;
     bool busy;
-    assert_int_equal(blob_cache_download(t->cache, &t->hash, t->size, &download, &busy).code, RESULT_OK);
+    assert_int_equal(blob_cache_download(t->cache, 0, &t->hash, t->size, &download, &busy).code, RESULT_OK);
     assert_true(busy);
     kill(child, SIGKILL);
     waitpid(child, NULL, 0);
@@ -195,6 +195,101 @@ static void another_process_has_the_download(void **state)
     blob_download_close(&download);
     close(ready[0]);
     close(ready[1]);
+}
+
+/* Looks at a download that another process has; true when this one may begin its own. */
+static bool may_begin(shelf_t *t, double now, blob_download_t *download)
+{
+    bool busy;
+    assert_int_equal(blob_cache_download(t->cache, now, &t->hash, t->size, download, &busy).code, RESULT_OK);
+    return !busy;
+}
+
+static blob_cache_t *other_cache(shelf_t *t)
+{
+    blob_cache_t *other;
+    assert_int_equal(blob_cache_new(t->dir, ROOMY, &other).code, RESULT_OK);
+    return other;
+}
+
+/* Lets another one have the part that all share and stand still, and leaves a part of its own. */
+static blob_download_t begin_alone(shelf_t *t, blob_cache_t *other)
+{
+    blob_download_t stopped, download;
+    bool busy;
+    assert_int_equal(blob_cache_download(other, 0, &t->hash, t->size, &stopped, &busy).code, RESULT_OK);
+    assert_false(busy);
+    assert_false(may_begin(t, 0, &download));
+    assert_true(may_begin(t, 60, &download));
+    assert_int_equal(blob_download_append(&download, t->bytes, 10).code, RESULT_OK);
+    assert_int_equal(scratch_count(t->dir), 2);
+    blob_download_close(&download);
+    return stopped;
+}
+
+/* Its process is stopped, say: it keeps the lock. */
+static void a_download_that_stands_still_is_not_waited_for(void **state)
+{
+    shelf_t *t = *state;
+    blob_cache_t *other = other_cache(t);
+    blob_download_t stopped, download;
+    scene_blob_t blob;
+    bool busy;
+    assert_int_equal(blob_cache_download(other, 0, &t->hash, t->size, &stopped, &busy).code, RESULT_OK);
+    assert_false(busy);
+    assert_false(may_begin(t, 100, &download));
+    assert_false(may_begin(t, 125, &download));
+    assert_int_equal(blob_download_append(&stopped, t->bytes, 20).code, RESULT_OK);
+    assert_false(may_begin(t, 150, &download));
+    assert_false(may_begin(t, 175, &download));
+    assert_true(may_begin(t, 185, &download));
+    assert_int_equal(download.have, 0);
+    assert_int_equal(blob_download_append(&download, t->bytes, 10).code, RESULT_OK);
+    blob_download_close(&download);
+    assert_true(may_begin(t, 186, &download)); /* and goes on with what it has */
+    assert_int_equal(download.have, 10);
+    assert_int_equal(blob_download_append(&download, t->bytes + 10, t->size - 10).code, RESULT_OK);
+    assert_int_equal(blob_download_finish(t->cache, &download, &blob).code, RESULT_OK);
+    blob_close(&blob);
+    /* The other one finishes, too, and nothing is left over. */
+    assert_int_equal(blob_download_append(&stopped, t->bytes + 20, t->size - 20).code, RESULT_OK);
+    assert_int_equal(blob_download_finish(other, &stopped, &blob).code, RESULT_OK);
+    blob_close(&blob);
+    assert_true(in_cache(t, &t->hash));
+    assert_int_equal(scratch_count(t->dir), 1);
+    blob_cache_destroy(&other);
+}
+
+/* The process that stood still goes on, and is faster. */
+static void a_part_of_ones_own_goes_when_the_scene_is_there(void **state)
+{
+    shelf_t *t = *state;
+    blob_cache_t *other = other_cache(t);
+    blob_download_t stopped = begin_alone(t, other);
+    scene_blob_t blob;
+    assert_int_equal(blob_download_append(&stopped, t->bytes, t->size).code, RESULT_OK);
+    assert_int_equal(blob_download_finish(other, &stopped, &blob).code, RESULT_OK);
+    blob_close(&blob);
+    assert_true(in_cache(t, &t->hash));
+    assert_int_equal(scratch_count(t->dir), 1);
+    blob_cache_destroy(&other);
+}
+
+static void parts_that_were_left_behind_make_room(void **state)
+{
+    shelf_t *t = *state;
+    blob_cache_t *other = other_cache(t);
+    blob_download_t stopped = begin_alone(t, other);
+    uint64_t size;
+    hash_t hash;
+    uint8_t *bytes = peer_blob(5, &size, &hash);
+    blob_download_close(&stopped);
+    blob_cache_destroy(&other);
+    blob_cache_destroy(&t->cache);
+    assert_int_equal(blob_cache_new(t->dir, 1, &t->cache).code, RESULT_OK);
+    fetch(t, bytes, size, &hash);
+    assert_int_equal(scratch_count(t->dir), 1);
+    free(bytes);
 }
 
 static void used_at(shelf_t *t, const hash_t *hash, time_t time)
@@ -299,6 +394,9 @@ int main(void)
         SHELF(wrong_bytes_never_get_the_name),
         SHELF(a_file_that_rotted_is_fetched_again),
         SHELF(another_process_has_the_download),
+        SHELF(a_download_that_stands_still_is_not_waited_for),
+        SHELF(a_part_of_ones_own_goes_when_the_scene_is_there),
+        SHELF(parts_that_were_left_behind_make_room),
         SHELF(the_least_recently_used_go_first),
         SHELF(a_part_in_use_and_other_files_stay),
         SHELF(a_folder_that_cannot_be_written_is_named),
