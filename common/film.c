@@ -84,6 +84,17 @@ size_t batch_feature_values(const job_settings_t *settings, const unit_t *unit)
     return (size_t)FEATURE_VALUES * job_tile_pixels(settings, unit->tile);
 }
 
+result_t batch_check_size(const batch_t *batch, uint64_t limit)
+{
+    uint64_t bytes = 0;
+    for (size_t i = 0; i < batch->unit_count; i++)
+        bytes += sizeof(int64_t) * (batch_tile_values(&batch->settings, batch->units[i].tile) +
+                                    batch_feature_values(&batch->settings, &batch->units[i]));
+    if (bytes <= limit) return result_ok();
+    return result_fail(RESULT_LIMIT, "a batch with tiles of %.0f MB is over the limit of %.0f MB",
+                       1e-6 * (double)bytes, 1e-6 * (double)limit);
+}
+
 bool unit_features_possible(const unit_t *unit, const int64_t *values, size_t count)
 {
     uint32_t left = FEATURE_SAMPLES - unit->first, samples = unit->count < left ? unit->count : left;

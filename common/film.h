@@ -133,6 +133,8 @@ void batch_add(batch_t *batch, const unit_result_t *result);
 void batch_merge(batch_t *sum, const batch_t *more);
 /* RESULT_PROTOCOL when a batch claims counts that its units, which are valid, cannot have. */
 result_t batch_check_counts(const batch_t *batch);
+/* RESULT_LIMIT when its tiles and features, unfolded, would be more than so many bytes. */
+result_t batch_check_size(const batch_t *batch, uint64_t limit);
 /* Bytes of all its sums. */
 size_t batch_bytes(const batch_t *batch);
 /* int64_t's that the eye tile of a unit takes: 2 * pixels * 3. */

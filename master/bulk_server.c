@@ -77,7 +77,7 @@ static void refuse(bulk_server_t *server, const wire_message_t *message, result_
 static result_t batch_wanted(void *context, const batch_offer_t *offer)
 {
     bulk_server_t *server = context;
-    return farm_batch_wanted(server->options.farm, clock_now(), offer->worker, offer->job);
+    return farm_batch_wanted(server->options.farm, clock_now(), offer->worker, offer->job, offer->named);
 }
 
 static void on_offer(bulk_server_t *server, const wire_message_t *message)
@@ -87,6 +87,7 @@ static void on_offer(bulk_server_t *server, const wire_message_t *message)
                            .request = message->envelope->request,
                            .worker = body->worker,
                            .job = body->job,
+                           .named = body->content.len > 0,
                            .bytes = body->bytes};
     memcpy(offer.identity.bytes, message->identity, message->identity_size);
     result_t result = farm_content_check(server->options.farm, body->job, &body->content);
@@ -109,7 +110,10 @@ static void send_grants(bulk_server_t *server)
         envelope.request = offer.request;
         result_t sent =
             wire_send(server->options.socket, offer.identity.bytes, offer.identity.size, &envelope, NULL, 0);
-        if (sent.code != RESULT_OK) grants_forget(server->grants, &offer.identity);
+        if (sent.code != RESULT_OK)
+            grants_forget(server->grants, &offer.identity);
+        else if (verdict.code == RESULT_OK)
+            farm_batch_granted(server->options.farm, clock_now(), offer.worker);
     }
 }
 

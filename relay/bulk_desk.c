@@ -63,6 +63,8 @@ static void send_grants(bulk_desk_t *bulk)
         }
         if (!desk_send(bulk->desk, offer.identity.bytes, offer.identity.size, &envelope))
             grants_forget(bulk->grants, &offer.identity);
+        else if (verdict.code == RESULT_OK)
+            pool_batch_granted(bulk->options.pool, clock_now(), offer.worker);
     }
 }
 

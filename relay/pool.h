@@ -66,6 +66,8 @@ void pool_tick(pool_t *pool, double now);
  * other failure says why it is not wanted. */
 result_t pool_batch_wanted(pool_t *pool, double now, uint64_t worker, uint64_t job,
                            const ProtobufCBinaryData *content);
+/* It was told so. */
+void pool_batch_granted(pool_t *pool, double now, uint64_t worker);
 /* Adds up the batch of a BatchResult, whole, or refuses it whole: then what the sender holds of its units
  * goes to others. RESULT_UNREACHABLE: the sender is not known, and nothing is decided over its batch. Several
  * threads may be at it at once. */

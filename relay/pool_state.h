@@ -25,6 +25,7 @@ typedef struct {
     bool idle;             /* was told that there is no work */
     double last_seen;      /* seconds */
     double delivered;      /* when it last sent or offered a batch, or was given units and had none */
+    double granted;        /* when it was first let send the batch that it offers; 0: not yet */
     uint64_t job;          /* that it has loaded or was assigned last */
     uint64_t unit_samples; /* pixel samples of a unit that is good for it */
 } member_t;

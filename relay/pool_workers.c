@@ -277,12 +277,20 @@ result_t pool_batch_wanted(pool_t *pool, double now, uint64_t worker, uint64_t i
     member_t *member = pool_find_member(pool, worker);
     if (member != NULL) {
         result = check_wanted(pool, id, content);
-        member->delivered = now; /* as good as: it is we who make it wait */
+        if (member->granted <= 0) member->delivered = now; /* as good as: it is we who make it wait */
     }
     if (result.code == RESULT_OK && pool_job_bytes(pool_find_job(pool, id)) >= pool_bytes_limit(pool))
         result = result_fail(RESULT_LIMIT, "the relay waits for its master");
     pool_unlock(pool);
     return result;
+}
+
+void pool_batch_granted(pool_t *pool, double now, uint64_t worker)
+{
+    pool_lock(pool);
+    member_t *member = pool_find_member(pool, worker);
+    if (member != NULL && member->granted <= 0) member->granted = now;
+    pool_unlock(pool);
 }
 
 /* The parcel that a batch is to be added to: the open one, or a new one when that would get too many units.
@@ -350,6 +358,7 @@ static void after_batch(pool_t *pool, double now, relay_job_t *job, uint64_t wor
     member_t *member = pool_find_member(pool, worker);
     if (member != NULL) {
         member->delivered = now;
+        member->granted = 0;
         member->last_seen = fmax(member->last_seen, now);
     }
     job->delivered = true;

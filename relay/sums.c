@@ -51,18 +51,6 @@ const batch_t *sum_batch(const sum_t *sum)
 
 /* ---- reading ------------------------------------------------------------------------------------------- */
 
-/* Tiles are unfolded in memory: not without end. */
-static result_t check_size(const batch_t *batch, uint64_t limit)
-{
-    uint64_t bytes = 0;
-    for (size_t i = 0; i < batch->unit_count; i++)
-        bytes += sizeof(int64_t) * (batch_tile_values(&batch->settings, batch->units[i].tile) +
-                                    batch_feature_values(&batch->settings, &batch->units[i]));
-    if (bytes <= limit) return result_ok();
-    return result_fail(RESULT_LIMIT, "a batch with tiles of %.0f MB is over the limit of %.0f MB",
-                       1e-6 * (double)bytes, 1e-6 * (double)limit);
-}
-
 static result_t check_splats(payload_reader_t *reader, const zmq_msg_t *frame, const job_settings_t *settings)
 {
     payload_piece_t piece;
@@ -113,7 +101,7 @@ result_t sum_read(const wire_message_t *message, const job_settings_t *settings,
     batch_init(&addend->batch, settings);
     TRY(wire_batch_get(message, &addend->batch));
     TRY(batch_check_counts(&addend->batch));
-    TRY(check_size(&addend->batch, limit));
+    TRY(batch_check_size(&addend->batch, limit)); /* they are unfolded in memory */
     return read_payloads(message, addend);
 }
 

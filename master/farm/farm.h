@@ -234,8 +234,11 @@ void farm_checkpointed(farm_t *farm, double now, job_t *job, result_t written);
 /* ---- batches ------------------------------------------------------------------------------------------- */
 
 /* May this worker send a batch of this job? RESULT_LIMIT: not yet, its film is being loaded (grant_wake tells
- * when); any other failure says why it is not wanted. */
-result_t farm_batch_wanted(farm_t *farm, double now, uint64_t worker, uint64_t job);
+ * when); any other failure says why it is not wanted. A job that waits in the queue begins for it only when
+ * the worker has named its content. */
+result_t farm_batch_wanted(farm_t *farm, double now, uint64_t worker, uint64_t job, bool named);
+/* It was told so. */
+void farm_batch_granted(farm_t *farm, double now, uint64_t worker);
 /* RESULT_INPUT when the bytes are not the job_content_hash of the job: they are of another one, which had
  * its number before this master lost its data. Nothing is said of an unknown job or of empty bytes. */
 result_t farm_content_check(farm_t *farm, uint64_t job, const ProtobufCBinaryData *content);

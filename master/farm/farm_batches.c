@@ -76,15 +76,15 @@ static result_t other_bits(const job_t *job)
 
 /* A worker has a batch of a job that is not begun: it was, before this process, and what is rendered of it is
  * as good as ever. */
-static void prepare_for_batch(farm_t *farm, double now, job_t *job)
+static void prepare_for_batch(farm_t *farm, double now, job_t *job, bool named)
 {
-    if (job->state == JOB_QUEUED && !job->film_due) farm_job_start(farm, now, job);
+    if (job->state == JOB_QUEUED && !job->film_due && named) farm_job_start(farm, now, job);
     if (!job->film_due || job->film_wanted) return;
     job->film_wanted = true;
     farm_wake(farm->options.checkpoint_wake);
 }
 
-result_t farm_batch_wanted(farm_t *farm, double now, uint64_t worker, uint64_t id)
+result_t farm_batch_wanted(farm_t *farm, double now, uint64_t worker, uint64_t id, bool named)
 {
     farm_lock(farm);
     job_t *job = farm_find_job(farm, id);
@@ -95,7 +95,7 @@ result_t farm_batch_wanted(farm_t *farm, double now, uint64_t worker, uint64_t i
     } else if (job == NULL) {
         result = unknown_job(id);
     } else {
-        prepare_for_batch(farm, now, job);
+        prepare_for_batch(farm, now, job, named);
         if (job->film_due)
             result =
                 result_fail(RESULT_LIMIT, "the film of job %llu is being loaded", (unsigned long long)id);
@@ -107,6 +107,14 @@ result_t farm_batch_wanted(farm_t *farm, double now, uint64_t worker, uint64_t i
     }
     farm_unlock(farm);
     return result;
+}
+
+void farm_batch_granted(farm_t *farm, double now, uint64_t id)
+{
+    farm_lock(farm);
+    worker_t *worker = farm_find_worker(farm, id);
+    if (worker != NULL && worker->granted <= 0) worker->granted = now;
+    farm_unlock(farm);
 }
 
 static result_t batch_open(worker_t *worker, job_t *job, uint64_t id, uint64_t bytes)
@@ -183,6 +191,8 @@ static result_t count_units(farm_t *farm, merge_t *merge)
     const worker_t *worker = farm_find_worker(farm, merge->worker);
     if (!job->taking) return job_over(job);
     if (worker != NULL && !farm_bits_fit(job, &worker->fingerprint)) return other_bits(job);
+    if (job->terms.verify > 0 && worker != NULL && !worker->relay)
+        TRY(batch_check_size(batch, FARM_COMPARED_BYTES));
     TRY(schedule_accept(job->schedule, batch->units, batch->unit_count));
     if (worker != NULL) farm_note_bits(farm, job, worker);
     merge->weights = unit_weights(job, batch);
@@ -282,7 +292,12 @@ static result_t check_batch(farm_t *farm, double now, const merge_t *merge, uint
     hash_t digest;
     decoded.eye = decoded.splat = decoded.features = NULL;
     decoded.eye_capacity = decoded.feature_capacity = 0;
-    result_t result = payload_decode(merge->payload, &decoded);
+    farm_lock(farm); /* before memory is taken for what nobody asked for */
+    result_t result =
+        farm_check_asked(farm, merge->job, merge->worker, check, decoded.units, decoded.unit_count);
+    farm_unlock(farm);
+    TRY(result);
+    result = payload_decode(merge->payload, &decoded);
     if (result.code == RESULT_OK) batch_digest(&decoded, &digest);
     free(decoded.eye);
     free(decoded.splat);

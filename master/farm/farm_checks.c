@@ -17,9 +17,9 @@
  * are handed out, and asked for with a number from the first. That is weaker: whoever is behind the relay can
  * tell.
  *
- * With nobody else to render, no comparison can be made. That holds no job up: when all is counted, those
- * that nobody can make are dropped, and the message says how many. When two workers disagree, though, and
- * there is no third, the job waits for one.
+ * With nobody else to render, no comparison can be made. That holds no job up, and does not fill the disk:
+ * when all is counted, or too much is kept, those that nobody can make are dropped, and the message says so.
+ * When two workers disagree, though, and there is no third, the job waits for one.
  *
  * All this finds machines that make mistakes, and liars with a probability of 1 - (1 - verify)^n after n
  * batches with wrong sums. It cannot find liars who outnumber the honest. */
@@ -169,22 +169,27 @@ static bool may_render(const job_checks_t *checks, const check_t *check, const w
            !rendered_by(checks, check, worker);
 }
 
-static bool can_be_had(const farm_t *farm, const job_checks_t *checks, const check_t *check)
+/* True when somebody may render it who does not hang. */
+static bool can_be_had(const farm_t *farm, double now, const job_checks_t *checks, const check_t *check)
 {
     for (size_t i = 0; i < farm->worker_count; i++)
-        if (may_render(checks, check, &farm->workers[i])) return true;
+        if (may_render(checks, check, &farm->workers[i]) &&
+            farm_worker_asks(farm, now, &farm->workers[i], FARM_LOAD_BATCHES))
+            return true;
     return false;
 }
 
 /* True when nobody is better placed: on a machine that has not rendered it, or fast enough. */
-static bool suits(const farm_t *farm, const job_checks_t *checks, const check_t *check,
+static bool suits(const farm_t *farm, double now, const job_checks_t *checks, const check_t *check,
                   const worker_t *worker)
 {
     bool fresh = !rendered_on(checks, check, worker->machine);
     bool quick = check->samples <= worker->speed * FIT_SECONDS;
     for (size_t i = 0; i < farm->worker_count && !(fresh && quick); i++) {
         const worker_t *other = &farm->workers[i];
-        if (other == worker || !may_render(checks, check, other)) continue;
+        if (other == worker || !may_render(checks, check, other) ||
+            !farm_worker_asks(farm, now, other, FARM_ASK_BATCHES))
+            continue;
         bool other_fresh = !rendered_on(checks, check, other->machine);
         if (other_fresh && !fresh) return false;
         if (other_fresh == fresh && !quick && other->speed > worker->speed) return false;
@@ -211,7 +216,8 @@ bool farm_checks_take(farm_t *farm, double now, job_t *job, worker_t *worker, fa
     job_checks_t *checks = job->checks;
     for (size_t i = 0; checks != NULL && i < checks->check_count; i++) {
         check_t *check = &checks->checks[i];
-        if (check->with != 0 || !may_render(checks, check, worker) || !suits(farm, checks, check, worker))
+        if (check->with != 0 || !may_render(checks, check, worker) ||
+            !suits(farm, now, checks, check, worker))
             continue;
         check->with = worker->id;
         check->deadline = deadline(farm, now, check, worker);
@@ -361,27 +367,38 @@ static size_t find_check(const job_checks_t *checks, uint64_t number)
     return checks != NULL && i < checks->check_count ? i : SIZE_MAX;
 }
 
-result_t farm_check_batch(farm_t *farm, double now, job_t *job, uint64_t id, uint64_t number,
-                          const unit_t *units, size_t count, const hash_t *digest, bool *merge)
+result_t farm_check_asked(const farm_t *farm, const job_t *job, uint64_t id, uint64_t number,
+                          const unit_t *units, size_t count)
 {
-    worker_t *worker = farm_find_worker(farm, id);
+    const worker_t *worker = farm_find_worker(farm, id);
     size_t at = find_check(job->checks, number);
-    *merge = false;
     if (worker == NULL || worker->outcast)
         return result_fail(RESULT_UNREACHABLE, "this master does not know the worker");
     if (at == SIZE_MAX)
         return result_fail(RESULT_MISMATCH, "these units are not (any more) to be compared with others");
-    check_t *check = &job->checks->checks[at];
+    const check_t *check = &job->checks->checks[at];
     if (!units_same(check->units, check->count, units, count))
         return result_fail(RESULT_MISMATCH, "these are not the units that were to be compared");
     if (rendered_by(job->checks, check, worker))
         return result_fail(RESULT_MISMATCH, "the worker has rendered these units before");
+    return result_ok();
+}
+
+result_t farm_check_batch(farm_t *farm, double now, job_t *job, uint64_t id, uint64_t number,
+                          const unit_t *units, size_t count, const hash_t *digest, bool *merge)
+{
+    *merge = false;
+    TRY(farm_check_asked(farm, job, id, number, units, count));
+    worker_t *worker = farm_find_worker(farm, id);
+    size_t at = find_check(job->checks, number);
+    check_t *check = &job->checks->checks[at];
     if (check->with == id) check->with = 0;
     *merge = check->rendering_count == 0;
     add_rendering(check,
                   farm_checks_source(job->checks, worker->source, worker->machine, worker->name, worker->key),
                   digest);
     worker->delivered = now;
+    worker->offered = worker->granted = 0;
     farm_worker_relieved(farm, worker);
     decide(farm, now, job, at);
     return result_ok();
@@ -411,10 +428,10 @@ bool farm_checks_pending(const job_t *job)
 }
 
 /* True when a comparison is not worth waiting for: nobody can make it, or nobody did. */
-static bool hopeless(const farm_t *farm, const job_checks_t *checks, const check_t *check)
+static bool hopeless(const farm_t *farm, double now, const job_checks_t *checks, const check_t *check)
 {
     if (check->with != 0 || check->rendering_count > 1) return false;
-    return check->tries >= MAX_TRIES || !can_be_had(farm, checks, check);
+    return check->tries >= MAX_TRIES || !can_be_had(farm, now, checks, check);
 }
 
 /* True when a worker has lost what it was to compare. The first rendering of a unit may come as long as the
@@ -433,11 +450,17 @@ static void tick_job(farm_t *farm, double now, job_t *job)
     for (size_t i = checks->check_count; i-- > 0;)
         if (is_late(job, &checks->checks[i], now)) lose(job, i);
     bool counted = job->schedule != NULL && schedule_round_counted(job->schedule);
-    for (size_t i = checks->check_count; i-- > 0 && counted;)
-        if (hopeless(farm, checks, &checks->checks[i])) {
-            drop_check(job, i);
-            checks->unmade++;
-        }
+    for (size_t i = checks->check_count; i-- > 0;) {
+        const check_t *check = &checks->checks[i];
+        if (!hopeless(farm, now, checks, check)) continue;
+        size_t source = check->renderings[0].source;
+        uint64_t clock = check->clock;
+        bool piles_up = farm_evidence_piles_up(job, source);
+        if (!counted && !piles_up) continue;
+        drop_check(job, i);
+        checks->unmade++;
+        if (piles_up) farm_evidence_vouch(farm, job, source, clock);
+    }
     if (checks->unmade == unmade) return;
     if (strstr(job->message, "could not be compared") == NULL)
         farm_job_tell(farm, job,
@@ -453,7 +476,7 @@ void farm_checks_tick(farm_t *farm, double now)
         if (farm->jobs[i]->checks != NULL) tick_job(farm, now, farm->jobs[i]);
 }
 
-void farm_checks_remark(const farm_t *farm, const job_t *job, char *text, size_t size)
+void farm_checks_remark(const farm_t *farm, double now, const job_t *job, char *text, size_t size)
 {
     const job_checks_t *checks = job->checks;
     size_t stuck = 0;
@@ -465,7 +488,7 @@ void farm_checks_remark(const farm_t *farm, const job_t *job, char *text, size_t
                  "wrong sums are still to be taken out of the film, for which there is no room now");
     for (size_t i = 0; checks != NULL && i < checks->check_count; i++) {
         const check_t *check = &checks->checks[i];
-        if (check->with != 0 || can_be_had(farm, checks, check)) continue;
+        if (check->with != 0 || can_be_had(farm, now, checks, check)) continue;
         stuck++;
         if (check->rendering_count < 2) continue;
         snprintf(text, size, "%.60s and %.60s disagree, and a further worker is needed to decide",

@@ -38,7 +38,8 @@
 #include <string.h>
 
 enum {
-    MUST_CHECK = 2,      /* over verify: batches of a source after which one is compared for certain */
+    MUST_CHECK = 2,      /* over verify: batches of a source after which one is compared for certain, */
+    MUST_DROP = 4,       /* and after which nobody is waited for who might compare it one day */
     GONE_SECONDS = 3600, /* after which a source that is not connected will not come back */
     GONE_EVERY = 60      /* seconds between looks at who is gone */
 };
@@ -89,6 +90,11 @@ static result_t digest_payloads(const batch_t *batch, const zmq_msg_t payload[BA
     decoded.unit_count = decoded.unit_capacity = 0;
     batch_free(&decoded);
     return result;
+}
+
+bool farm_evidence_piles_up(const job_t *job, size_t source)
+{
+    return job->checks->sources[source].unvouched >= MUST_DROP / job->terms.verify;
 }
 
 /* Whether the batch is compared: by chance, or because it must be. */
@@ -193,12 +199,22 @@ bool farm_evidence_delayed(const job_t *job)
     return job->checks != NULL && job->checks->delayed && farm_evidence_wrong(job);
 }
 
+/* True while a batch is being compared: its own comparison decides about it, though a later one may be over.
+ */
+static bool is_compared(const job_checks_t *checks, const evidence_t *evidence)
+{
+    for (size_t i = 0; evidence->checked && i < checks->check_count; i++)
+        if (checks->checks[i].evidence == evidence->serial) return true;
+    return false;
+}
+
 void farm_evidence_vouch(farm_t *farm, job_t *job, size_t source, uint64_t clock)
 {
     job_checks_t *checks = job->checks;
     for (size_t i = 0; i < checks->evidence_count; i++) {
         evidence_t *evidence = &checks->evidence[i];
-        if (evidence->source != source || evidence->state != EVIDENCE_KEPT || evidence->clock > clock)
+        if (evidence->source != source || evidence->state != EVIDENCE_KEPT || evidence->clock > clock ||
+            is_compared(checks, evidence))
             continue;
         evidence->state = EVIDENCE_NEEDLESS;
         checks->sources[source].unvouched--;

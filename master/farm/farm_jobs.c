@@ -124,7 +124,7 @@ bool farm_job_start(farm_t *farm, double now, job_t *job)
         return false;
     }
     uint64_t bytes = farm_film_bytes(&job->settings);
-    if (farm->film_bytes + bytes > farm->options.film_limit) return false;
+    if (farm->film_bytes + farm_awaited_bytes(farm) + bytes > farm->options.film_limit) return false;
     film_t *film;
     result_t result = film_new(&job->settings, &film);
     if (result.code != RESULT_OK) {

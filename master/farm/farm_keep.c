@@ -178,6 +178,18 @@ static bool loads_before(const job_t *a, const job_t *b)
     return a->terms.priority > b->terms.priority; /* else the one that was submitted first */
 }
 
+uint64_t farm_awaited_bytes(const farm_t *farm)
+{
+    uint64_t bytes = farm->film_bytes;
+    for (size_t i = 0; i < farm->job_count; i++) {
+        const job_t *job = farm->jobs[i];
+        if (!job->film_due || !job->film_wanted || job->loading || job->state == JOB_PAUSED) continue;
+        uint64_t more = farm_film_bytes(&job->settings);
+        if (bytes + more <= farm->options.film_limit) bytes += more;
+    }
+    return bytes - farm->film_bytes;
+}
+
 job_t *farm_next_load(farm_t *farm)
 {
     job_t *found = NULL;

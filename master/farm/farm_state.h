@@ -33,6 +33,7 @@ typedef struct {
     double deadline; /* seconds, when what it holds should have come; 0: it holds nothing */
     double empty;    /* seconds, since when it says that it holds nothing, though it was given units; 0 */
     double offered;  /* seconds, when it last said that a batch is ready; 0: that was delivered */
+    double granted;  /* seconds, when it was first let send it; 0: not yet, or that was delivered */
     uint64_t ward;   /* the job that it is alone with suspects of, or will be when it holds nothing; 0 */
     uint64_t job;    /* that it has loaded or was assigned last */
     uint64_t batches, batches_refused, units_reissued, bytes;
@@ -193,8 +194,11 @@ void farm_canvas_let_go(farm_t *farm, job_t *job);
 
 /* ---- farm_checks.c ---- */
 
+/* RESULT_MISMATCH when nobody asked this worker for a batch with this number and these units. */
+result_t farm_check_asked(const farm_t *farm, const job_t *job, uint64_t worker, uint64_t check,
+                          const unit_t *units, size_t count);
 /* Decides over a batch that bears a number: *merge is true when it is the first rendering of its units and
- * goes into the film. The digest is of its decoded sums. RESULT_MISMATCH when nobody asked for it. */
+ * goes into the film. The digest is of its decoded sums. Fails as farm_check_asked does. */
 result_t farm_check_batch(farm_t *farm, double now, job_t *job, uint64_t worker, uint64_t check,
                           const unit_t *units, size_t count, const hash_t *digest, bool *merge);
 /* True while there are renderings to compare that nobody does yet. */
@@ -230,6 +234,9 @@ void farm_suspects_free(job_suspects_t **suspects);
 
 /* What the film of a job takes, and resolving it. */
 uint64_t farm_film_bytes(const job_settings_t *settings);
+/* And those of jobs that were begun and are to be loaded next. No other job may take that room: workers may
+ * hold batches of these, and take up nothing else before they are rid of them. */
+uint64_t farm_awaited_bytes(const farm_t *farm);
 /* Seconds since 1970. */
 double farm_wall_time(void);
 /* Seconds that were spent on the job. */

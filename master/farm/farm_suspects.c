@@ -42,8 +42,6 @@ enum {
     WARD_SHARE = 4,      /* one worker in so many may have suspects */
     MAX_TOLD = 3,        /* units that the message of the job names */
     KNOWN_DEATHS = 2,    /* where a unit of the same tile was left out */
-    ASK_BATCHES = 12,    /* batch intervals in which a worker asks for work, if it does not hang, */
-    LOAD_BATCHES = 120,  /* or load a scene */
     BASE_SECONDS = 360   /* what the rate of deaths begins with: a tenth of a death in so many */
 };
 static const double BASE_DEATHS = 0.1;
@@ -292,10 +290,9 @@ static bool killed_several_machines(const suspect_t *suspect)
 static bool better_machine(const farm_t *farm, double now, const job_t *job, const suspect_t *suspect,
                            record_t record, int batches)
 {
-    double since = now - batches * farm->options.batch_interval;
     for (size_t i = 0; i < farm->worker_count; i++) {
         const worker_t *worker = &farm->workers[i];
-        if (worker->connected && worker->asked >= since && farm_bits_fit(job, &worker->fingerprint) &&
+        if (farm_worker_asks(farm, now, worker, batches) && farm_bits_fit(job, &worker->fingerprint) &&
             machine_record(suspect, worker->machine) < record)
             return true;
     }
@@ -329,7 +326,7 @@ static bool is_killer(const farm_t *farm, double now, const job_t *job, const su
     bool known = tile_kills(job->suspects, suspect->unit.tile);
     if (deaths < (known ? KNOWN_DEATHS : FARM_UNIT_DEATHS)) return false;
     if (!killed_several_machines(suspect) &&
-        better_machine(farm, now, job, suspect, RECORD_DIED_ALONE, LOAD_BATCHES))
+        better_machine(farm, now, job, suspect, RECORD_DIED_ALONE, FARM_LOAD_BATCHES))
         return false;
     double others = farm->deaths;
     for (uint32_t i = 0; i < suspect->death_count; i++) others -= !suspect->deaths[i].apart;
@@ -450,8 +447,8 @@ static size_t wards(const farm_t *farm, size_t *connected)
 static bool suits(const farm_t *farm, double now, const job_t *job, const suspect_t *suspect,
                   const worker_t *worker)
 {
-    return suspect->kept &&
-           !better_machine(farm, now, job, suspect, machine_record(suspect, worker->machine), ASK_BATCHES);
+    return suspect->kept && !better_machine(farm, now, job, suspect, machine_record(suspect, worker->machine),
+                                            FARM_ASK_BATCHES);
 }
 
 /* The suspect that most died with; s->count when there is none for this worker. */

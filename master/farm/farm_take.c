@@ -25,7 +25,8 @@
 #include <string.h>
 
 enum {
-    OFFER_SECONDS = 30, /* for which a worker that has offered a batch is left alone: we make it wait */
+    OFFER_SECONDS = 30, /* for which a worker that has offered a batch is left alone: we make it wait, */
+    GRANT_SECONDS = 60, /* until so long after it was first let send it, however often it offers it again */
     STALL_BATCHES = 12, /* batch intervals until the deadline of who was not measured */
     SLACK = 4,
     MAX_GROUPS = 32 /* kinds of bits that are told apart */
@@ -44,8 +45,8 @@ bool farm_bits_fit(const job_t *job, const hash_t *fingerprint)
            hash_equal(&job->fingerprint, fingerprint);
 }
 
-/* True when no other kind of connected workers has more threads. */
-static bool in_largest_group(const farm_t *farm, const worker_t *worker)
+/* True when no other kind of connected workers, of those that do not hang, has more threads. */
+static bool in_largest_group(const farm_t *farm, double now, const worker_t *worker)
 {
     struct {
         hash_t fingerprint;
@@ -55,7 +56,7 @@ static bool in_largest_group(const farm_t *farm, const worker_t *worker)
     for (size_t i = 0; i < farm->worker_count; i++) {
         const worker_t *other = &farm->workers[i];
         size_t g = 0;
-        if (!other->connected) continue;
+        if (!farm_worker_asks(farm, now, other, FARM_ASK_BATCHES)) continue;
         while (g < count && !hash_equal(&groups[g].fingerprint, &other->fingerprint)) g++;
         if (g == MAX_GROUPS) continue;
         if (g == count) {
@@ -123,7 +124,7 @@ void farm_worker_delivered(farm_t *farm, double now, worker_t *worker, job_t *jo
     worker->speed = worker->rated_seconds > 0 ? worker->rated_samples / worker->rated_seconds : 0;
     worker->speed_job = job->id;
     worker->delivered = now;
-    worker->offered = 0;
+    worker->offered = worker->granted = 0;
     worker->held = farm_worker_units(farm, worker) > 0 ? fmax(worker->held - samples, 0) : 0;
     farm_worker_expect(farm, now, worker);
     farm_standing_delivered(farm, now, worker);
@@ -158,8 +159,15 @@ static double speed_at(const farm_t *farm, const worker_t *worker, uint64_t job)
  * that one is. */
 static bool is_sooner(const farm_t *farm, double now, double speed, const worker_t *holder)
 {
-    if (speed <= 0) return false;
+    if (speed <= 0 || holder->held <= 0) return false;
     return expected(farm, now, holder) > HURRY * holder->held / speed + HURRY_SECONDS;
+}
+
+/* True when a worker has a batch that it is not let send yet, or not had the time to. */
+static bool made_to_wait(double now, const worker_t *worker)
+{
+    bool offers = worker->offered > 0 && now - worker->offered < OFFER_SECONDS;
+    return offers && (worker->granted <= 0 || now - worker->granted < GRANT_SECONDS);
 }
 
 /* Takes back from the slow ones what they hold of one job, and all else; returns how many units. */
@@ -169,11 +177,10 @@ static size_t recall_from(farm_t *farm, double now, const worker_t *idle, const 
     size_t units = 0;
     for (size_t i = 0; i < farm->worker_count; i++) {
         worker_t *worker = &farm->workers[i];
-        bool ready = worker->offered > 0 && now - worker->offered < OFFER_SECONDS;
-        if (worker == idle || !worker->connected || worker->held <= 0 || ready) continue;
+        if (worker == idle || !worker->connected || made_to_wait(now, worker)) continue;
+        if (schedule_held(job->schedule, worker->id) == 0) continue;
         bool late = now > worker->deadline;
         if (!late && !is_sooner(farm, now, speed, worker)) continue;
-        if (schedule_held(job->schedule, worker->id) == 0) continue;
         double silent = now - worker->delivered;
         size_t recalled = farm_worker_take_back(farm, now, worker);
         log_warning("worker %s has sent nothing for %.0f s%s: %zu units go to others", worker->name, silent,
@@ -273,7 +280,7 @@ result_t farm_take(farm_t *farm, double now, const identity_t *identity, uint64_
         .worker = id, .samples = samples, .unit_samples = unit_samples, .threads = worker->threads};
     worker->asked = now;
     if (farm_worker_units(farm, worker) == 0) worker->ward = 0;
-    worker->begins = in_largest_group(farm, worker);
+    worker->begins = in_largest_group(farm, now, worker);
     bool waits = take_from_jobs(farm, now, worker, &wish, work);
     if (work->unit_count == 0 && !waits && samples > 0 && recall_slow(farm, now, worker))
         waits = take_from_jobs(farm, now, worker, &wish, work);

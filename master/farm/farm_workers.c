@@ -146,6 +146,11 @@ static worker_t *worker_add(farm_t *farm)
     return &farm->workers[farm->worker_count++];
 }
 
+bool farm_worker_asks(const farm_t *farm, double now, const worker_t *worker, int batches)
+{
+    return worker->connected && worker->asked >= now - batches * farm->options.batch_interval;
+}
+
 static uint32_t sane_threads(uint32_t threads)
 {
     return threads < 1 ? 1 : threads > MAX_THREADS ? MAX_THREADS : threads;
@@ -357,7 +362,7 @@ static uint32_t fitting_threads(const farm_t *farm, const job_t *job)
 }
 
 /* What is to be known of a job that goes on. */
-static void remark_job(const farm_t *farm, job_t *job)
+static void remark_job(const farm_t *farm, double now, job_t *job)
 {
     size_t used = 0, apart = farm_suspects_count(job);
     if (!job->taking) return;
@@ -378,7 +383,7 @@ static void remark_job(const farm_t *farm, job_t *job)
                                  "%s%zu units that workers died with are rendered apart",
                                  used > 0 ? "; " : "", apart);
     char checks[200];
-    farm_checks_remark(farm, job, checks, sizeof checks);
+    farm_checks_remark(farm, now, job, checks, sizeof checks);
     if (checks[0] != '\0' && used < sizeof job->remark)
         snprintf(job->remark + used, sizeof job->remark - used, "%s%s", used > 0 ? "; " : "", checks);
 }
@@ -401,7 +406,7 @@ void farm_workers_tick(farm_t *farm, double now)
     farm_checks_tick(farm, now);
     farm_evidence_tick(farm, now);
     if (now - farm->remarked >= REMARK_SECONDS || now < farm->remarked) {
-        for (size_t i = 0; i < farm->job_count; i++) remark_job(farm, farm->jobs[i]);
+        for (size_t i = 0; i < farm->job_count; i++) remark_job(farm, now, farm->jobs[i]);
         farm->remarked = now;
     }
     progress(farm, now);

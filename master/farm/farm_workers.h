@@ -15,6 +15,13 @@ worker_t *farm_worker_hear(farm_t *farm, double now, const identity_t *identity,
 size_t farm_worker_units(const farm_t *farm, const worker_t *worker);
 /* Takes back what a worker holds, of all jobs; returns the number of units. */
 size_t farm_worker_take_back(farm_t *farm, double now, worker_t *worker);
+/* False when a worker that is connected has not asked for work in so many batch intervals. As long as it
+ * loads no scene, it hangs: all others ask every second or so. */
+bool farm_worker_asks(const farm_t *farm, double now, const worker_t *worker, int batches);
+enum {
+    FARM_ASK_BATCHES = 12,   /* batch intervals in which a worker asks for work, if it does not hang, */
+    FARM_LOAD_BATCHES = 120, /* or load a scene */
+};
 /* Pixel samples of units. */
 double farm_unit_samples(const job_t *job, const unit_t *units, size_t count);
 
@@ -99,6 +106,9 @@ typedef struct {
 } evidence_t;
 
 enum { CHECK_RENDERINGS = 5, MAX_CHECKS = 1024 };
+/* What the tiles of a batch that may be compared take at most, unfolded. Workers close a batch at 512 MiB and
+ * what their threads have begun. */
+#define FARM_COMPARED_BYTES (UINT64_C(2) << 30)
 
 /* Units that are rendered by several workers. */
 typedef struct {
@@ -163,7 +173,7 @@ void farm_checks_lost(farm_t *farm, const worker_t *worker);
 /* Deadlines of comparisons; those that nobody can make. */
 void farm_checks_tick(farm_t *farm, double now);
 /* Writes what is to be said of the comparisons of a job now, "" for nothing. */
-void farm_checks_remark(const farm_t *farm, const job_t *job, char *text, size_t size);
+void farm_checks_remark(const farm_t *farm, double now, const job_t *job, char *text, size_t size);
 
 /* ---- farm_evidence.c ---- */
 
@@ -173,8 +183,11 @@ uint64_t farm_evidence_clock(const schedule_account_t *account);
 evidence_t *farm_evidence_find(const job_checks_t *checks, uint64_t serial);
 /* What it is called on the disk. */
 spool_name_t farm_evidence_name(const evidence_t *evidence);
-/* A source is vouched for up to a clock; its evidence goes. */
+/* A source is vouched for up to a clock; its evidence goes, but for what is still being compared. */
 void farm_evidence_vouch(farm_t *farm, job_t *job, size_t source, uint64_t clock);
+/* True when a source has delivered so many batches since it was vouched for that they must not become more.
+ */
+bool farm_evidence_piles_up(const job_t *job, size_t source);
 /* Evidence of sources that are gone goes. To be called now and then. */
 void farm_evidence_tick(farm_t *farm, double now);
 /* All that a source has in the film of any job is wrong, and is taken out of those that can be rendered

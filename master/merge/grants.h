@@ -25,6 +25,7 @@ typedef struct {
     identity_t identity;
     uint64_t request; /* to be repeated in the answer */
     uint64_t worker, job;
+    bool named;     /* it was said, rightly, what the job is: the sender was given units of it */
     uint64_t bytes; /* about what it will take */
 } batch_offer_t;
 

@@ -363,9 +363,10 @@ static result_t append_open(blob_store_t *store, int descriptor, const char *pat
         if (ftruncate(descriptor, 0) != 0) return disk_failure(path, errno, 0, size);
         *next = 0;
     }
-    if (offset != *next || length > size - offset || length == 0) return result_ok();
-    int error = write_all(store, descriptor, next, bytes, length);
+    int error = 0;
+    if (offset == *next && length <= size - offset) error = write_all(store, descriptor, next, bytes, length);
     if (error != 0) return disk_failure(path, error, *next, size);
+    /* Also when all was there before: the process that wrote it may have ended before it was flushed. */
     if (*next < size || store->fleeting || fsync(descriptor) == 0) return result_ok();
     error = errno;
     if (ftruncate(descriptor, 0) != 0) error = errno; /* nobody knows what of it is on the disk */

@@ -3,7 +3,7 @@
  * DESIGN. The journal says which jobs there are, the checkpoints say how far they are. Where the journal has
  * lost a job (it was damaged, or is an older copy), the head of a checkpoint has the job's whole record, and
  * the job is taken from there; it goes on from the state that it had then. The counters of a job are the
- * higher of both. */
+ * higher of both, and the bits that a film is made of are those of its job. */
 #include "master/store/restart.h"
 
 #include "master/gallery.h"
@@ -61,6 +61,8 @@ static uint64_t most(uint64_t a, uint64_t b)
 /* The process ended between a checkpoint and the record of it. */
 static void catch_up(job_record_t *record, const job_record_t *film)
 {
+    static const hash_t none;
+    if (hash_equal(&record->fingerprint, &none)) record->fingerprint = film->fingerprint;
     record->elapsed = fmax(record->elapsed, film->elapsed);
     record->bytes = most(record->bytes, film->bytes);
     record->batches = most(record->batches, film->batches);

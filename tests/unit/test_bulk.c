@@ -35,6 +35,7 @@ typedef struct {
     bulk_server_t *server;
     job_settings_t settings;
     uint64_t job;
+    bool nameless; /* offers do not say what the job is */
     sender_t senders[PEERS];
 } test_t;
 
@@ -147,6 +148,8 @@ static void offer(const test_t *t, sender_t *sender, uint64_t bytes)
     body.worker = sender->worker;
     body.job = t->job;
     body.bytes = bytes;
+    hash_t blob = {{0}}, content = job_content_hash(&t->settings, &blob);
+    if (!t->nameless) body.content = wire_hash_put(&content);
     envelope.request = ++sender->request;
     envelope.body_case = LM__ENVELOPE__BODY_BATCH_OFFER;
     envelope.batch_offer = &body;
@@ -315,6 +318,24 @@ static void offers_that_are_not_wanted_are_refused(void **state)
     assert_refused(&s[2], RESULT_CANCELLED);
 }
 
+/* A job that waits in the queue is not begun by whoever says its number. */
+static void only_who_knows_a_job_begins_it(void **state)
+{
+    test_t *t = *state;
+    job_terms_t terms = {.name = "waits"};
+    hash_t blob = {{0}};
+    must(farm_submit(t->farm, clock_now(), &terms, &t->settings, &blob, 1, &t->job));
+    for (int i = 0; i < 2; i++) {
+        hello(t, &t->senders[i]);
+        t->nameless = i == 0;
+        offer(t, &t->senders[i], 1000);
+        if (i == 0)
+            assert_refused(&t->senders[i], RESULT_CANCELLED);
+        else
+            assert_granted(&t->senders[i]);
+    }
+}
+
 /* A worker had a batch when the master ended; the film is loaded while it waits. */
 static void an_offer_waits_for_the_film_of_its_job(void **state)
 {
@@ -348,6 +369,7 @@ int main(void)
         cmocka_unit_test_setup_teardown(batches_wait_at_the_workers_while_nothing_is_merged, set_up,
                                         tear_down),
         cmocka_unit_test_setup_teardown(offers_that_are_not_wanted_are_refused, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(only_who_knows_a_job_begins_it, set_up, tear_down),
         cmocka_unit_test_setup_teardown(an_offer_waits_for_the_film_of_its_job, set_up, tear_down),
     };
     return cmocka_run_group_tests_name("bulk", tests, NULL, NULL);

@@ -321,6 +321,63 @@ static void a_single_worker_holds_nothing_up(void **state)
     end(&trial);
 }
 
+/* As long as nobody can compare, what is kept does not grow without end. */
+static void a_single_worker_does_not_fill_the_disk(void **state)
+{
+    (void)state;
+    trial_t trial;
+    begin(&trial, 0.3);
+    add_actor(&trial, "a", HONEST);
+    size_t most = 0;
+    while (!is_over(&trial)) {
+        step(&trial);
+        most = spooled(&trial) > most ? spooled(&trial) : most;
+    }
+    check_result(&trial);
+    assert_true(most > 10 && most <= 15);
+    assert_non_null(
+        strstr(toy_report(trial.farm, trial.now, trial.job).message, "batches could not be compared"));
+    end(&trial);
+}
+
+/* The only other worker hangs, though its heart beats: nobody waits for it for ever. */
+static void who_hangs_is_not_waited_for(void **state)
+{
+    (void)state;
+    trial_t trial;
+    begin(&trial, 0.3);
+    add_actor(&trial, "a", HONEST);
+    uint64_t hangs = toy_join(trial.farm, trial.now, "hangs", 1, 0);
+    for (int i = 0; i < 2000 && !is_over(&trial); i++) {
+        assert_true(toy_beat(trial.farm, trial.now, hangs));
+        step(&trial);
+    }
+    check_result(&trial);
+    assert_true(trial.now > 1000); /* it might load a scene */
+    end(&trial);
+}
+
+/* A batch with wrong sums is being compared when a right one of the same worker, a later one, passes. */
+static void a_later_pass_does_not_vouch_for_a_lie(void **state)
+{
+    (void)state;
+    trial_t trial;
+    begin(&trial, 1);
+    add_actor(&trial, "errs", LIES);
+    step(&trial);
+    step(&trial); /* its lie is in the film */
+    trial.actors[0].honesty = HONEST;
+    add_actor(&trial, "b", HONEST);
+    for (int i = 0; i < 40; i++) step(&trial); /* with nobody to decide who is wrong about the first */
+    job_report_t report = toy_report(trial.farm, trial.now, trial.job);
+    assert_true(report.checks_passed > 0 && report.checks_failed == 0);
+    add_actor(&trial, "c", HONEST);
+    report = run(&trial);
+    assert_int_equal(report.checks_failed, 1);
+    check_result(&trial);
+    end(&trial);
+}
+
 /* A worker that was right may be wrong later: a comparison vouches for what came before. */
 static void a_pass_says_nothing_of_what_comes_later(void **state)
 {
@@ -812,6 +869,9 @@ int main(void)
         cmocka_unit_test(nobody_goes_unwatched_for_long),
         cmocka_unit_test(what_the_gone_leave_goes),
         cmocka_unit_test(a_single_worker_holds_nothing_up),
+        cmocka_unit_test(a_single_worker_does_not_fill_the_disk),
+        cmocka_unit_test(who_hangs_is_not_waited_for),
+        cmocka_unit_test(a_later_pass_does_not_vouch_for_a_lie),
         cmocka_unit_test(a_pass_says_nothing_of_what_comes_later),
         cmocka_unit_test(a_third_worker_decides),
         cmocka_unit_test(a_lost_comparison_is_made_by_another),

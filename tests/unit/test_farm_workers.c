@@ -192,7 +192,7 @@ static void a_job_belongs_to_the_machines_with_the_same_bits(void **state)
     assert_int_equal(take_one(farm, 1, few).job, 0);
     assert_int_equal(toy_report(farm, 1, job).fingerprint.bytes[0], 2);
     /* What they have of it, from the life of another master, is of no use. */
-    assert_int_equal(farm_batch_wanted(farm, 1, few, job).code, RESULT_MISMATCH);
+    assert_int_equal(farm_batch_wanted(farm, 1, few, job, true).code, RESULT_MISMATCH);
     assert_int_equal(deliver(farm, 1, few, &work).code, RESULT_MISMATCH);
     /* Those who have it leave: it waits for others of their kind, and says so. */
     farm_goodbye(farm, 2, many[0], 0, "");
@@ -223,7 +223,7 @@ static void the_first_batch_decides_on_the_bits(void **state)
              two = toy_join(farm, 0, "two", 2, 2);
     toy_work_t work = {.job = job, .count = 1, .units = {{0, 0, 4}}}, other = work;
     other.units[0].tile = 1;
-    assert_int_equal(farm_batch_wanted(farm, 1, one, job).code, RESULT_OK);
+    assert_int_equal(farm_batch_wanted(farm, 1, one, job, true).code, RESULT_OK);
     assert_int_equal(deliver(farm, 1, one, &work).code, RESULT_OK);
     assert_int_equal(toy_report(farm, 1, job).fingerprint.bytes[0], 1);
     assert_int_equal(deliver(farm, 1, two, &other).code, RESULT_MISMATCH);
