@@ -378,6 +378,37 @@ static void a_later_pass_does_not_vouch_for_a_lie(void **state)
     end(&trial);
 }
 
+/* A batch that claims to be a comparison is refused for it before anything of it is unfolded. */
+static void what_nobody_asked_for_is_not_decoded(void **state)
+{
+    (void)state;
+    trial_t trial;
+    begin(&trial, 1);
+    add_actor(&trial, "a", HONEST);
+    step(&trial);
+    job_t *job;
+    batch_t batch;
+    unit_t unit = {0, 0, 2};
+    zmq_msg_t payload[BATCH_PAYLOADS];
+    job_settings_t wanted = settings();
+    batch_init(&batch, &wanted);
+    batch.units = &unit;
+    batch.unit_count = 1;
+    for (int i = 0; i < BATCH_PAYLOADS; i++) {
+        assert_int_equal(zmq_msg_init_size(&payload[i], 100), 0);
+        memset(zmq_msg_data(&payload[i]), 0x55, 100); /* which cannot be decoded */
+    }
+    uint64_t worker = trial.actors[0].worker;
+    assert_int_equal(farm_batch_open(trial.farm, trial.now, worker, trial.job, 100, &job).code, RESULT_OK);
+    assert_int_equal(farm_batch_merge(trial.farm, trial.now, job, worker, 77, &batch, payload).code,
+                     RESULT_MISMATCH);
+    farm_unpin(trial.farm, job);
+    for (int i = 0; i < BATCH_PAYLOADS; i++) zmq_msg_close(&payload[i]);
+    run(&trial);
+    check_result(&trial);
+    end(&trial);
+}
+
 /* A worker that was right may be wrong later: a comparison vouches for what came before. */
 static void a_pass_says_nothing_of_what_comes_later(void **state)
 {
@@ -872,6 +903,7 @@ int main(void)
         cmocka_unit_test(a_single_worker_does_not_fill_the_disk),
         cmocka_unit_test(who_hangs_is_not_waited_for),
         cmocka_unit_test(a_later_pass_does_not_vouch_for_a_lie),
+        cmocka_unit_test(what_nobody_asked_for_is_not_decoded),
         cmocka_unit_test(a_pass_says_nothing_of_what_comes_later),
         cmocka_unit_test(a_third_worker_decides),
         cmocka_unit_test(a_lost_comparison_is_made_by_another),

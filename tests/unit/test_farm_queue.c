@@ -605,6 +605,29 @@ static void what_begins_anew_has_all_its_time(void **state)
     *state = farm;
 }
 
+/* There is room for six films. Seven jobs, of which six were begun: the seventh does not take the room of one
+ * that is still to be loaded. */
+static void room_is_kept_for_films_that_come_back(void **state)
+{
+    enum { BEGUN = 6 };
+    farm_t *farm = toy_farm(true);
+    uint64_t jobs[BEGUN + 1], worker = toy_hello(farm, 0, 1);
+    job_record_t records[MAX_RECORDS];
+    for (int i = 0; i < BEGUN; i++) {
+        jobs[i] = submit(farm, i, 4);
+        while (toy_take(farm, i, worker, 1024, 512).job != 0) continue;
+    }
+    jobs[BEGUN] = submit(farm, BEGUN, 4);
+    size_t count = end_process(&farm, BEGUN, records);
+    farm = begin_process(0, records, count);
+    worker = toy_hello(farm, 0, 1);
+    assert_true(toy_load(farm, 0, NULL));
+    for (toy_work_t work; (work = toy_take(farm, 0, worker, 4096, 1024)).job != 0;)
+        assert_int_not_equal(work.job, jobs[BEGUN]);
+    for (int i = 1; i < BEGUN; i++) assert_true(toy_load(farm, 0, NULL));
+    *state = farm;
+}
+
 static void a_job_that_was_finishing_gets_its_image(void **state)
 {
     static const job_state_t ends[] = {JOB_DONE, JOB_CANCELLED};
@@ -1020,6 +1043,7 @@ int main(void)
         LEAVES_FARM(a_job_goes_on_where_its_checkpoint_was),
         LEAVES_FARM(a_job_without_a_checkpoint_begins_anew),
         LEAVES_FARM(what_begins_anew_has_all_its_time),
+        LEAVES_FARM(room_is_kept_for_films_that_come_back),
         LEAVES_FARM(a_job_that_was_finishing_gets_its_image),
         LEAVES_FARM(a_paused_job_stays_paused),
         LEAVES_FARM(a_film_that_cannot_be_had_fails_the_job),

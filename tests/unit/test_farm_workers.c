@@ -153,6 +153,64 @@ static void deadlines_follow_the_speed(void **state)
     assert_true(find_worker(farm, now, "quick").units_reissued > 0);
 }
 
+/* All units that there are, of one job. */
+static toy_work_t take_all(farm_t *farm, double now, uint64_t worker)
+{
+    toy_work_t all = take_one(farm, now, worker), more;
+    while ((more = take_one(farm, now, worker)).job != 0) {
+        assert_true(more.job == all.job && all.count + more.count <= ARRAY_LENGTH(all.units));
+        memcpy(all.units + all.count, more.units, more.count * sizeof *more.units);
+        all.count += more.count;
+    }
+    return all;
+}
+
+/* A worker delivers what it had lost, which is more than what it was given since, and then stalls: that goes
+ * to others, too. */
+static void who_delivered_more_than_it_holds_has_a_deadline(void **state)
+{
+    farm_t *farm = *state;
+    uint64_t first = submit(farm, 4), next, stalls = toy_join(farm, 0, "stalls", 1, 0), idle;
+    toy_work_t old = take_all(farm, 0, stalls), work;
+    double now = 0;
+    idle = toy_join(farm, 0, "idle", 1, 0);
+    uint64_t alive[] = {stalls, idle};
+    pass(farm, &now, 130, alive, 2);
+    assert_int_equal(take_one(farm, now, idle).job, first); /* past its deadline */
+    next = submit(farm, 1);
+    while ((work = take_one(farm, now, stalls)).job == first) continue;
+    assert_int_equal(work.job, next);
+    assert_int_equal(deliver(farm, now, stalls, &old).code, RESULT_OK);
+    while ((work = take_one(farm, now, idle)).job != 0)
+        assert_int_equal(deliver(farm, now, idle, &work).code, RESULT_OK);
+    assert_int_equal(toy_state(farm, now, next), JOB_RUNNING);
+    pass(farm, &now, 200, alive, 2);
+    while ((work = take_one(farm, now, idle)).job != 0)
+        assert_int_equal(deliver(farm, now, idle, &work).code, RESULT_OK);
+    assert_int_equal(toy_state(farm, now, next), JOB_FINISHING);
+}
+
+/* Batches that wait to be let in are nobody's fault; those that never come though they were, are. */
+static void who_offers_for_ever_loses_its_units(void **state)
+{
+    for (int granted = 0; granted < 2; granted++) {
+        farm_t *farm = *state;
+        uint64_t job = submit(farm, 4), offers = toy_join(farm, 0, "offers", 1, 0), idle;
+        double now = 0;
+        take_all(farm, now, offers);
+        idle = toy_join(farm, now, "idle", 1, 0);
+        uint64_t alive[] = {offers, idle};
+        for (int i = 0; i < 20; i++) {
+            assert_int_equal(farm_batch_wanted(farm, now, offers, job, true).code, RESULT_OK);
+            if (granted == 1) farm_batch_granted(farm, now, offers);
+            pass(farm, &now, 15, alive, 2);
+        }
+        assert_int_equal(take_one(farm, now, idle).job, granted == 1 ? job : 0);
+        farm_destroy((farm_t **)state);
+        *state = toy_farm(false);
+    }
+}
+
 /* What a worker has in hand after a restart of the master is its own again. */
 static void units_are_reclaimed(void **state)
 {
@@ -589,6 +647,8 @@ int main(void)
         WITH_FARM(an_idle_worker_takes_over_from_a_straggler),
         WITH_FARM(equals_leave_each_other_alone),
         WITH_FARM(deadlines_follow_the_speed),
+        WITH_FARM(who_delivered_more_than_it_holds_has_a_deadline),
+        WITH_FARM(who_offers_for_ever_loses_its_units),
         WITH_FARM(units_are_reclaimed),
         WITH_FARM(a_job_belongs_to_the_machines_with_the_same_bits),
         WITH_FARM(the_first_batch_decides_on_the_bits),
