@@ -546,13 +546,21 @@ result_t blob_open_file(const char *path, scene_blob_t *blob)
 {
     *blob = (scene_blob_t){0};
     int file = open(path, O_RDONLY | O_CLOEXEC);
-    if (file < 0) return result_fail(RESULT_INPUT, "%s: cannot be opened: %s", path, strerror(errno));
-    struct stat about;
+    if (file < 0) {
+        bool fault =
+            errno == EMFILE || errno == ENFILE || errno == ENOMEM || errno == EIO; /* not the file's */
+        return result_fail(fault ? RESULT_IO : RESULT_INPUT, "%s: cannot be opened: %s", path,
+                           strerror(errno));
+    }
+    struct stat about = {.st_size = 0};
     void *bytes = MAP_FAILED;
-    if (fstat(file, &about) == 0 && about.st_size > 0)
-        bytes = mmap(NULL, (size_t)about.st_size, PROT_READ, MAP_SHARED, file, 0);
+    int error = fstat(file, &about) != 0 ? errno : 0;
+    bool has_bytes = S_ISREG(about.st_mode) && about.st_size > 0;
+    if (has_bytes) bytes = mmap(NULL, (size_t)about.st_size, PROT_READ, MAP_SHARED, file, 0);
+    if (has_bytes && bytes == MAP_FAILED) error = errno;
     close(file);
-    if (bytes == MAP_FAILED) return result_fail(RESULT_INPUT, "%s: cannot be mapped (is it empty?)", path);
+    if (error != 0) return result_fail(RESULT_IO, "%s: cannot be mapped: %s", path, strerror(error));
+    if (bytes == MAP_FAILED) return result_fail(RESULT_INPUT, "%s: is empty, or no file", path);
     result_t result = blob_open(bytes, (uint64_t)about.st_size, blob);
     if (result.code == RESULT_OK) {
         blob->mapped = true;

@@ -297,6 +297,7 @@ static result_t start_keeping(master_t *master, const master_options_t *options,
 {
     keeper_options_t keeper = {.farm = master->farm,
                                .films = master->films,
+                               .blobs = master->store,
                                .journal = master->journal,
                                .interval = options->checkpoint,
                                .keep_bytes = options->keep_bytes,

@@ -24,7 +24,7 @@ enum {
     FARM_MAX_FAILURES = 3  /* of a machine without a delivery between them, before it is put aside */
 };
 #define FARM_ASIDE_SECONDS 60.0 /* that a machine is put aside for the first time; farm_standing.c */
-/* The message of a job that is paused when it comes back; it goes when the job is resumed. */
+/* The message of a job that is paused since it has no scene; it goes when the job is resumed. */
 #define FARM_NO_SCENE                                                                                        \
     "its scene is not in the data directory any more: send it again (submit another job with it), then "     \
     "resume this one"
@@ -125,6 +125,12 @@ result_t farm_submit(farm_t *farm, double now, const job_terms_t *terms, const j
 /* Does what a client orders (wire.h, farm_orders.c). RESULT_INPUT when there is no such job, or its state
  * does not allow it. After ORDER_DELETE the job is unknown here; its files are the caller's to delete. */
 result_t farm_order(farm_t *farm, double now, const job_order_t *order);
+
+/* A scene that should be looked at, since its job came back or a worker could not use it; false when there is
+ * none. */
+bool farm_next_scene(farm_t *farm, hash_t *blob);
+/* A scene is gone or damaged: jobs that it belongs to pause, with the message FARM_NO_SCENE. */
+void farm_scene_lost(farm_t *farm, double now, const hash_t *blob);
 
 /* A job as clients see it. */
 typedef struct {

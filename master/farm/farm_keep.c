@@ -136,6 +136,7 @@ static job_t *job_from_record(const job_record_t *record)
     memcpy(job->message, record->message, sizeof job->message);
     job->message[sizeof job->message - 1] = '\0';
     bool touched = record->state != JOB_QUEUED || record->elapsed > 0 || record->batches > 0;
+    job->scene_due = !job_state_final(job->state);
     job->film_due = job->film_wanted = touched && !job_state_final(job->state);
     return job;
 }
@@ -165,7 +166,7 @@ void farm_restore(farm_t *farm, double now, const job_record_t *record)
             job->film_due = job->film_wanted = false;
             farm_job_close(farm, now, job, JOB_FAILED);
         }
-        if (job->film_due) farm_wake(farm->options.checkpoint_wake);
+        farm_wake(farm->options.checkpoint_wake);
     }
     farm_unlock(farm);
 }

@@ -113,6 +113,34 @@ static result_t pause_job(farm_t *farm, double now, job_t *job)
     return result_ok();
 }
 
+bool farm_next_scene(farm_t *farm, hash_t *blob)
+{
+    bool found = false;
+    farm_lock(farm);
+    for (size_t i = 0; i < farm->job_count; i++) {
+        job_t *job = farm->jobs[i];
+        if (!job->scene_due || (found && !hash_equal(&job->blob, blob))) continue;
+        *blob = job->blob;
+        found = true;
+        job->scene_due = false;
+    }
+    farm_unlock(farm);
+    return found;
+}
+
+void farm_scene_lost(farm_t *farm, double now, const hash_t *blob)
+{
+    farm_lock(farm);
+    for (size_t i = 0; i < farm->job_count; i++) {
+        job_t *job = farm->jobs[i];
+        if (!hash_equal(&job->blob, blob) || pause_job(farm, now, job).code != RESULT_OK) continue;
+        snprintf(job->message, sizeof job->message, "%s", FARM_NO_SCENE);
+        log_error("job %llu is paused: %s", (unsigned long long)job->id, job->message);
+        farm_record_changed(farm, job);
+    }
+    farm_unlock(farm);
+}
+
 static result_t resume(farm_t *farm, double now, job_t *job)
 {
     if (job->state != JOB_PAUSED) return refuse(job, ", not paused");

@@ -57,6 +57,7 @@ struct job {
     bool image_due;         /* the image writer has to see to it */
     bool image_written;     /* the last image is in its file */
     double image_retry;     /* seconds, when to try again to write it; 0: it did not fail */
+    bool scene_due;         /* its scene has to be looked at: it may be damaged */
     bool film_due;          /* its film has to be loaded before it can go on */
     bool film_wanted;       /* now */
     bool loading;           /* it is being loaded; film_bytes has it already */

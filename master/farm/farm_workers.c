@@ -241,6 +241,8 @@ void farm_worker_threads(farm_t *farm, uint64_t id, uint32_t threads)
 static void decline(farm_t *farm, double now, job_t *job, worker_t *worker, const char *reason)
 {
     job->declines++;
+    job->scene_due = true;
+    farm_wake(farm->options.checkpoint_wake);
     if (job->batches > 0) {
         char why[FARM_MAX_NAME];
         snprintf(why, sizeof why, "cannot render job %llu, which others can: %.120s",

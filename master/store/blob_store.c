@@ -209,6 +209,28 @@ bool blob_store_find(const blob_store_t *store, const hash_t *hash, uint64_t *si
     return found;
 }
 
+bool blob_store_check(blob_store_t *store, const hash_t *hash)
+{
+    char *path = blob_path(store, hash, "blob");
+    scene_blob_t blob = {0};
+    bool there = access(path, F_OK) == 0;
+    result_t result = result_fail(RESULT_IO, "it cannot be read"); /* which says nothing of its bytes */
+    if (access(path, R_OK) == 0) result = blob_open_file(path, &blob);
+    if (result.code == RESULT_OK && !hash_equal(&blob.hash, hash))
+        result = result_fail(RESULT_INPUT, "%s: its bytes do not have its hash", path);
+    blob_close(&blob);
+    bool damaged = result.code == RESULT_INPUT;
+    if (damaged) {
+        log_error("A SCENE IS DAMAGED and has to be sent again: %s", result.message);
+        pthread_mutex_lock(&store->lock);
+        unlink(path);
+        forget_item(store, find_item(store, hash, false));
+        pthread_mutex_unlock(&store->lock);
+    }
+    free(path);
+    return there && !damaged;
+}
+
 /* Notes that the blob is used now, for this process and the next. */
 static void touch(blob_store_t *store, const hash_t *hash)
 {

@@ -1,9 +1,9 @@
 /* blob_store: scene blobs on disk under the names of their hashes.
  *
- * DIR/<hash>.blob is whole, checked and flushed: its hash is right and blob_open accepts it. DIR/<hash>.part
- * is on its way; its length is where an interrupted upload goes on, also after a restart. What the store
- * takes on the disk has a limit: where it would be passed, the blobs that no job needs and that were not used
- * for longest go.
+ * DIR/<hash>.blob was whole, checked and flushed: its hash was right and blob_open accepted it.
+ * DIR/<hash>.part is on its way; its length is where an interrupted upload goes on, also after a restart.
+ * What the store takes on the disk has a limit: where it would be passed, the blobs that no job needs and
+ * that were not used for longest go.
  *
  * Thread-safe; but the uploads come from one thread.
  */
@@ -27,6 +27,9 @@ void blob_store_close(blob_store_t **store);
 
 /* True when the blob is there, with its size in bytes. */
 bool blob_store_find(const blob_store_t *store, const hash_t *hash, uint64_t *size);
+/* Reads a blob through, which takes as long as it takes. False when it is not there, or was damaged: then it
+ * is deleted, so that it can be sent again. */
+bool blob_store_check(blob_store_t *store, const hash_t *hash);
 /* The job needs the blob, or no longer does. */
 void blob_store_need(blob_store_t *store, const hash_t *hash, uint64_t job, bool needed);
 /* How many blobs there are, and what they take. */

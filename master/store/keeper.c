@@ -394,6 +394,14 @@ static void save_all(keeper_t *keeper)
     }
 }
 
+/* Scenes of jobs that came back, or that a worker could not use. */
+static void check_scenes(keeper_t *keeper)
+{
+    for (hash_t blob; farm_next_scene(keeper->options.farm, &blob);)
+        if (!blob_store_check(keeper->options.blobs, &blob))
+            farm_scene_lost(keeper->options.farm, clock_now(), &blob);
+}
+
 /* ---- the thread ---------------------------------------------------------------------------------------- */
 
 static void *keeper_run(void *argument)
@@ -403,6 +411,7 @@ static void *keeper_run(void *argument)
     enforce_limit(keeper);
     while (!atomic_load(&keeper->stop)) {
         load_films(keeper);
+        check_scenes(keeper);
         farm_settle_checks(keeper->options.farm);
         int wait_ms = 1 + (int)(1000 * save_films(keeper));
         struct pollfd wait = {.fd = keeper->options.checkpoint_wake, .events = POLLIN};

@@ -1,5 +1,6 @@
 /* keeper: the thread that keeps films on the disk. It writes checkpoints while the farm goes on, loads the
- * films of jobs that a restart or an extension brings back, and deletes those that nobody needs.
+ * films of jobs that a restart or an extension brings back, and deletes those that nobody needs. It also
+ * looks at scenes that may be damaged.
  *
  * Of a job that is not over the two latest checkpoints stay, of one that is over the last.
  */
@@ -7,14 +8,16 @@
 #define LIGHTMILL_KEEPER_H
 
 #include "master/farm/farm.h"
+#include "master/store/blob_store.h"
 #include "master/store/film_store.h"
 #include "master/store/journal.h"
 
 typedef struct keeper keeper_t;
 
 typedef struct {
-    farm_t *farm; /* kept by the caller, like the next two; all outlive the keeper */
+    farm_t *farm; /* kept by the caller, like the next three; all outlive the keeper */
     film_store_t *films;
+    blob_store_t *blobs;
     journal_t *journal;
     double interval;     /* seconds between the checkpoints of a job, at least */
     uint64_t keep_bytes; /* what films of jobs that are over and not retained may take on the disk */

@@ -352,6 +352,33 @@ static void a_lost_scene_pauses_its_job(void **state)
     free(blobs);
 }
 
+static void a_damaged_scene_pauses_its_job(void **state)
+{
+    restart_t *t = *state;
+    uint64_t job = begin_job(t);
+    wait_generations(t, 1);
+    rig_kill_master(t->rig);
+    char *blobs = mem_printf("%s/blobs", t->data), *path = NULL;
+    DIR *directory = opendir(blobs);
+    for (const struct dirent *entry; (entry = readdir(directory)) != NULL;)
+        if (entry->d_name[0] != '.') path = mem_printf("%s/%s", blobs, entry->d_name);
+    closedir(directory);
+    damage_file(path);
+    start_master(t);
+    rig_wait_output(t->rig, t->rig->master, "A SCENE IS DAMAGED");
+    rig_wait_output(t->rig, t->rig->master, "is paused: its scene is not in the data directory");
+    assert_int_equal(rig_status(t->rig, job).state, JOB_PAUSED);
+    assert_int_equal(access(path, F_OK), -1);
+    job_settings_t other = rig_settings();
+    other.spp = 1;
+    rig_submit(t->rig, &other); /* brings the scene back */
+    assert_int_equal(remote_order(t->rig->remote, &(job_order_t){.job = job, .kind = ORDER_RESUME}).code,
+                     RESULT_OK);
+    assert_reference(t, job);
+    free(path);
+    free(blobs);
+}
+
 /* ---- a full disk --------------------------------------------------------------------------------------- */
 
 /* A small disk in the data directory's place; false where that is not allowed. */
@@ -645,6 +672,7 @@ int main(void)
         RESTART_TEST(without_any_good_checkpoint_the_job_begins_anew),
         RESTART_TEST(a_damaged_journal_is_rebuilt),
         RESTART_TEST(a_lost_scene_pauses_its_job),
+        RESTART_TEST(a_damaged_scene_pauses_its_job),
         MOUNT_TEST(a_full_disk_pauses_and_loses_nothing),
         MOUNT_TEST(a_kill_on_a_full_disk_costs_one_interval),
         MOUNT_TEST(films_of_the_past_make_room),
