@@ -1,7 +1,6 @@
 /* spectrum: see spectrum.h. */
 #include "client/import/spectrum.h"
 
-#include <float.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -304,8 +303,9 @@ static rgb_t of_unit_luminance(triple_t xyz)
     spectrum_t d65;
     triple_t white = d65_xyz(&d65);
     spectrum_free(&d65);
-    if (!(xyz.v[1] >= DBL_MIN)) return vec3(0, 0, 0); /* its inverse may be infinite */
-    return clipped(relative_to(rgb_from_xyz(xyz), rgb_from_xyz(white), white.v[1] / xyz.v[1]));
+    double scale = white.v[1] / xyz.v[1];
+    if (!isfinite(scale)) return vec3(0, 0, 0); /* it has no light, or next to none */
+    return clipped(relative_to(rgb_from_xyz(xyz), rgb_from_xyz(white), scale));
 }
 
 static rgb_t under_d65(const spectrum_t *s)
