@@ -238,7 +238,10 @@ result_t pool_take(pool_t *pool, double now, const identity_t *identity, uint64_
     }
     work->unit_count = 0;
     member->unit_samples = unit_samples;
-    if (units_of(pool, worker) == 0) member->delivered = now;
+    if (units_of(pool, worker) == 0) {
+        member->delivered = now;
+        member->granted = 0;
+    }
     if (!pool->draining && samples > 0) {
         take_from_jobs(pool, worker, loaded_job, samples, work);
         if (work->unit_count == 0 && recall_stalled(pool, now))
@@ -358,7 +361,6 @@ static void after_batch(pool_t *pool, double now, relay_job_t *job, uint64_t wor
     member_t *member = pool_find_member(pool, worker);
     if (member != NULL) {
         member->delivered = now;
-        member->granted = 0;
         member->last_seen = fmax(member->last_seen, now);
     }
     job->delivered = true;
@@ -393,6 +395,8 @@ result_t pool_batch_add(pool_t *pool, double now, const wire_message_t *message)
     if (add) add_to_parcel(pool, now, job, &addend);
     pool_lock(pool);
     job->merging -= add;
+    member_t *member = pool_find_member(pool, body->worker);
+    if (member != NULL) member->granted = 0;
     if (result.code == RESULT_OK)
         after_batch(pool, now, job, body->worker);
     else

@@ -39,8 +39,9 @@ struct blob_cache {
 
     /* The part that another process had when it was looked at last. */
     hash_t watched;
-    off_t watched_size; /* bytes */
-    double since;       /* clock, when it was first seen with so many */
+    off_t watched_size;           /* bytes */
+    struct timespec watched_time; /* when it was last written, or taken by somebody */
+    double since;                 /* clock, when it was first seen so */
 };
 
 typedef struct {
@@ -253,18 +254,25 @@ static result_t lock_part(const char *path, const char *whole_path, int *file, b
         unlink(path);
         *mine = false;
     }
-    if (!*mine) close(*file);
+    if (*mine)
+        futimens(*file, NULL); /* others see that somebody else has it now */
+    else
+        close(*file);
     return result_ok();
 }
 
-/* True when another process has had a part for long and has not written a byte. */
+/* True when one process has had a part for long and has not written a byte. */
 static bool stands_still(blob_cache_t *cache, double now, const hash_t *hash, uint64_t size, const char *path)
 {
-    struct stat status;
-    off_t have = stat(path, &status) == 0 ? status.st_size : -1;
-    if (!hash_equal(&cache->watched, hash) || cache->watched_size != have) {
+    struct stat status = {.st_size = -1};
+    (void)stat(path, &status);
+    bool same = hash_equal(&cache->watched, hash) && cache->watched_size == status.st_size &&
+                cache->watched_time.tv_sec == status.st_mtim.tv_sec &&
+                cache->watched_time.tv_nsec == status.st_mtim.tv_nsec;
+    if (!same) {
         cache->watched = *hash;
-        cache->watched_size = have;
+        cache->watched_size = status.st_size;
+        cache->watched_time = status.st_mtim;
         cache->since = now;
     }
     return now - cache->since > STALL_SECONDS + (double)size / HASHED_BYTES_PER_SECOND;

@@ -259,7 +259,7 @@ static result_t download_blob(bulk_t *bulk, const assignment_t *assignment, scen
                             &busy));
     if (busy) return result_ok();
     if (download.have > 0)
-        log_info("the scene is here up to byte %llu; fetching the rest", (unsigned long long)download.have);
+        log_debug("the scene is here up to byte %llu; fetching the rest", (unsigned long long)download.have);
     double start = clock_now();
     result_t result = fetch_rest(bulk, assignment->job, &download);
     if (result.code == RESULT_OK) result = blob_download_finish(bulk->cache, &download, blob);

@@ -10,6 +10,7 @@ enum {
     RATE_WINDOW = 60, /* seconds over which the speed for `remaining` is measured */
     IMAGE_RETRY = 10  /* seconds between attempts to write an image */
 };
+static const uint64_t COMPARED_BYTES = (uint64_t)1 << 30;
 
 /* ---- batches ------------------------------------------------------------------------------------------- */
 
@@ -182,6 +183,16 @@ static uint32_t *unit_weights(const job_t *job, const batch_t *batch)
     return weights;
 }
 
+/* Bytes that the tiles of a batch that may be compared take at most, unfolded: more than what workers close a
+ * batch at, and what their threads have begun then. */
+static uint64_t most_compared(const job_t *job, const worker_t *worker)
+{
+    const unit_t largest = {.tile = 0, .first = 0, .count = 1};
+    uint64_t unit = sizeof(int64_t) * (batch_tile_values(&job->settings, largest.tile) +
+                                       batch_feature_values(&job->settings, &largest));
+    return COMPARED_BYTES + worker->threads * unit;
+}
+
 /* Under the lock, in the canvas: refuses the batch, or counts its units. They are in the film before the
  * canvas is left, so that nobody sees one without the other. */
 static result_t count_units(farm_t *farm, merge_t *merge)
@@ -192,7 +203,7 @@ static result_t count_units(farm_t *farm, merge_t *merge)
     if (!job->taking) return job_over(job);
     if (worker != NULL && !farm_bits_fit(job, &worker->fingerprint)) return other_bits(job);
     if (job->terms.verify > 0 && worker != NULL && !worker->relay)
-        TRY(batch_check_size(batch, FARM_COMPARED_BYTES));
+        TRY(batch_check_size(batch, most_compared(job, worker)));
     TRY(schedule_accept(job->schedule, batch->units, batch->unit_count));
     if (worker != NULL) farm_note_bits(farm, job, worker);
     merge->weights = unit_weights(job, batch);
@@ -258,7 +269,10 @@ void farm_batch_refuse(farm_t *farm, job_t *job, uint64_t id, const unit_t *unit
     farm_lock(farm);
     worker_t *worker = farm_find_worker(farm, id);
     job->batches_refused++;
-    if (worker != NULL) worker->batches_refused++;
+    if (worker != NULL) {
+        worker->batches_refused++;
+        worker->offered = worker->granted = 0;
+    }
     if (job->schedule != NULL)
         farm_count_reissued(job, worker, schedule_release_units(job->schedule, id, units, count));
     farm_notify_idle(farm);

@@ -450,13 +450,18 @@ static void tick_job(farm_t *farm, double now, job_t *job)
     for (size_t i = checks->check_count; i-- > 0;)
         if (is_late(job, &checks->checks[i], now)) lose(job, i);
     bool counted = job->schedule != NULL && schedule_round_counted(job->schedule);
-    for (size_t i = checks->check_count; i-- > 0;) {
-        const check_t *check = &checks->checks[i];
-        if (!hopeless(farm, now, checks, check)) continue;
+    for (size_t i = 0; i < checks->check_count;) { /* the oldest first */
+        check_t *check = &checks->checks[i];
+        bool waits = !hopeless(farm, now, checks, check);
+        if (waits || check->hopeless <= 0) check->hopeless = waits ? 0 : now;
         size_t source = check->renderings[0].source;
+        bool piles_up = !waits && now - check->hopeless > FARM_ASK_BATCHES * farm->options.batch_interval &&
+                        farm_evidence_piles_up(farm, job, source);
+        if (waits || (!counted && !piles_up)) {
+            i++;
+            continue;
+        }
         uint64_t clock = check->clock;
-        bool piles_up = farm_evidence_piles_up(job, source);
-        if (!counted && !piles_up) continue;
         drop_check(job, i);
         checks->unmade++;
         if (piles_up) farm_evidence_vouch(farm, job, source, clock);

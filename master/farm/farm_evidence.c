@@ -92,11 +92,6 @@ static result_t digest_payloads(const batch_t *batch, const zmq_msg_t payload[BA
     return result;
 }
 
-bool farm_evidence_piles_up(const job_t *job, size_t source)
-{
-    return job->checks->sources[source].unvouched >= MUST_DROP / job->terms.verify;
-}
-
 /* Whether the batch is compared: by chance, or because it must be. */
 static bool is_chosen(const job_t *job, size_t source)
 {
@@ -227,6 +222,12 @@ static bool is_connected(const farm_t *farm, uint64_t source)
     for (size_t i = 0; i < farm->worker_count; i++)
         if (farm->workers[i].connected && farm->workers[i].source == source) return true;
     return false;
+}
+
+bool farm_evidence_piles_up(const farm_t *farm, const job_t *job, size_t index)
+{
+    const source_t *source = &job->checks->sources[index];
+    return source->unvouched >= MUST_DROP / job->terms.verify && is_connected(farm, source->id);
 }
 
 static void let_gone_go(farm_t *farm, double now, job_t *job)

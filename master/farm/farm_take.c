@@ -56,7 +56,7 @@ static bool in_largest_group(const farm_t *farm, double now, const worker_t *wor
     for (size_t i = 0; i < farm->worker_count; i++) {
         const worker_t *other = &farm->workers[i];
         size_t g = 0;
-        if (!farm_worker_asks(farm, now, other, FARM_ASK_BATCHES)) continue;
+        if (!farm_worker_asks(farm, now, other, FARM_LOAD_BATCHES)) continue;
         while (g < count && !hash_equal(&groups[g].fingerprint, &other->fingerprint)) g++;
         if (g == MAX_GROUPS) continue;
         if (g == count) {
@@ -244,7 +244,7 @@ static bool take_from_job(farm_t *farm, double now, job_t *job, worker_t *worker
     farm_note_bits(farm, job, worker);
     if (held == 0) {
         worker->delivered = now;
-        worker->held = 0;
+        worker->held = worker->offered = worker->granted = 0;
     }
     if (worker->speed_job != job->id) worker->speed = 0;
     worker->empty = 0;

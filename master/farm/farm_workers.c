@@ -148,7 +148,7 @@ static worker_t *worker_add(farm_t *farm)
 
 bool farm_worker_asks(const farm_t *farm, double now, const worker_t *worker, int batches)
 {
-    return worker->connected && worker->asked >= now - batches * farm->options.batch_interval;
+    return worker->connected && worker->asked >= now - batches * fmax(farm->options.batch_interval, 1);
 }
 
 static uint32_t sane_threads(uint32_t threads)

@@ -15,8 +15,9 @@ worker_t *farm_worker_hear(farm_t *farm, double now, const identity_t *identity,
 size_t farm_worker_units(const farm_t *farm, const worker_t *worker);
 /* Takes back what a worker holds, of all jobs; returns the number of units. */
 size_t farm_worker_take_back(farm_t *farm, double now, worker_t *worker);
-/* False when a worker that is connected has not asked for work in so many batch intervals. As long as it
- * loads no scene, it hangs: all others ask every second or so. */
+/* True when a worker is connected and has asked for work in so many batch intervals, or seconds if that is
+ * longer. Those that have enough to do ask every second or so; one that loads a scene, or waits for its batch
+ * to be let in, does not for a while; one that hangs does not ask. */
 bool farm_worker_asks(const farm_t *farm, double now, const worker_t *worker, int batches);
 enum {
     FARM_ASK_BATCHES = 12,   /* batch intervals in which a worker asks for work, if it does not hang, */
@@ -106,9 +107,6 @@ typedef struct {
 } evidence_t;
 
 enum { CHECK_RENDERINGS = 5, MAX_CHECKS = 1024 };
-/* What the tiles of a batch that may be compared take at most, unfolded. Workers close a batch at 512 MiB and
- * what their threads have begun. */
-#define FARM_COMPARED_BYTES (UINT64_C(2) << 30)
 
 /* Units that are rendered by several workers. */
 typedef struct {
@@ -127,6 +125,7 @@ typedef struct {
     uint64_t with;   /* the worker that renders it now; 0: none */
     double deadline; /* seconds, of that worker */
     uint32_t tries;  /* that were in vain */
+    double hopeless; /* seconds, since when nobody can make it; 0: somebody can */
 } check_t;
 
 struct job_checks {
@@ -185,9 +184,9 @@ evidence_t *farm_evidence_find(const job_checks_t *checks, uint64_t serial);
 spool_name_t farm_evidence_name(const evidence_t *evidence);
 /* A source is vouched for up to a clock; its evidence goes, but for what is still being compared. */
 void farm_evidence_vouch(farm_t *farm, job_t *job, size_t source, uint64_t clock);
-/* True when a source has delivered so many batches since it was vouched for that they must not become more.
- */
-bool farm_evidence_piles_up(const job_t *job, size_t source);
+/* True when a source that is connected has delivered so many batches since it was vouched for that they must
+ * not become more. */
+bool farm_evidence_piles_up(const farm_t *farm, const job_t *job, size_t source);
 /* Evidence of sources that are gone goes. To be called now and then. */
 void farm_evidence_tick(farm_t *farm, double now);
 /* All that a source has in the film of any job is wrong, and is taken out of those that can be rendered

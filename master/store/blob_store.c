@@ -21,7 +21,8 @@
 #include <unistd.h>
 
 enum {
-    MAX_PARTS = 64, /* uploads begun and not finished; more are refused */
+    HASH_PIECE = 1 << 20, /* bytes */
+    MAX_PARTS = 64,       /* uploads begun and not finished; more are refused */
     PART_KEEP =
         7 * 24 * 3600, /* seconds; one that nobody went on with for longer goes when a master starts */
     PART_IDLE = 3600   /* seconds; likewise when there are too many */
@@ -209,26 +210,42 @@ bool blob_store_find(const blob_store_t *store, const hash_t *hash, uint64_t *si
     return found;
 }
 
-bool blob_store_check(blob_store_t *store, const hash_t *hash)
+/* The hash of a file's bytes. False when it cannot be told: the disk does not give them, or *stop was set. */
+static bool hash_file(const char *path, const atomic_bool *stop, hash_t *hash)
+{
+    int file = open(path, O_RDONLY | O_CLOEXEC);
+    if (file < 0) return false;
+    uint8_t *bytes = mem_alloc(HASH_PIECE);
+    crypto_generichash_state state;
+    ssize_t got;
+    crypto_generichash_init(&state, NULL, 0, HASH_BYTES);
+    do {
+        got = read(file, bytes, HASH_PIECE);
+        if (got > 0) crypto_generichash_update(&state, bytes, (size_t)got);
+    } while ((got > 0 || (got < 0 && errno == EINTR)) && !atomic_load(stop));
+    crypto_generichash_final(&state, hash->bytes, HASH_BYTES);
+    free(bytes);
+    close(file);
+    return got == 0;
+}
+
+bool blob_store_check(blob_store_t *store, const hash_t *hash, const atomic_bool *stop)
 {
     char *path = blob_path(store, hash, "blob");
-    scene_blob_t blob = {0};
-    bool there = access(path, F_OK) == 0;
-    result_t result = result_fail(RESULT_IO, "it cannot be read"); /* which says nothing of its bytes */
-    if (access(path, R_OK) == 0) result = blob_open_file(path, &blob);
-    if (result.code == RESULT_OK && !hash_equal(&blob.hash, hash))
-        result = result_fail(RESULT_INPUT, "%s: its bytes do not have its hash", path);
-    blob_close(&blob);
-    bool damaged = result.code == RESULT_INPUT;
-    if (damaged) {
-        log_error("A SCENE IS DAMAGED and has to be sent again: %s", result.message);
+    hash_t found;
+    bool there = access(path, F_OK) == 0, good = true;
+    if (there && hash_file(path, stop, &found)) good = hash_equal(&found, hash);
+    if (!good) {
+        log_error(
+            "A SCENE IS DAMAGED and has to be sent again: the bytes of %s are not those that it is named for",
+            path);
         pthread_mutex_lock(&store->lock);
         unlink(path);
         forget_item(store, find_item(store, hash, false));
         pthread_mutex_unlock(&store->lock);
     }
     free(path);
-    return there && !damaged;
+    return there && good;
 }
 
 /* Notes that the blob is used now, for this process and the next. */

@@ -12,6 +12,8 @@
 
 #include "common/base.h"
 
+#include <stdatomic.h>
+
 typedef struct blob_store blob_store_t;
 
 typedef struct {
@@ -27,9 +29,9 @@ void blob_store_close(blob_store_t **store);
 
 /* True when the blob is there, with its size in bytes. */
 bool blob_store_find(const blob_store_t *store, const hash_t *hash, uint64_t *size);
-/* Reads a blob through, which takes as long as it takes. False when it is not there, or was damaged: then it
- * is deleted, so that it can be sent again. */
-bool blob_store_check(blob_store_t *store, const hash_t *hash);
+/* Reads a blob through, which takes as long as it takes, unless *stop is set. False when it is not there, or
+ * was damaged: then it is deleted, so that it can be sent again. One that the disk does not give stays. */
+bool blob_store_check(blob_store_t *store, const hash_t *hash, const atomic_bool *stop);
 /* The job needs the blob, or no longer does. */
 void blob_store_need(blob_store_t *store, const hash_t *hash, uint64_t job, bool needed);
 /* How many blobs there are, and what they take. */

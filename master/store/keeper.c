@@ -394,12 +394,14 @@ static void save_all(keeper_t *keeper)
     }
 }
 
-/* Scenes of jobs that came back, or that a worker could not use. */
-static void check_scenes(keeper_t *keeper)
+/* Looks at one scene of jobs that came back, or that a worker could not use; false when there is none. */
+static bool check_scene(keeper_t *keeper)
 {
-    for (hash_t blob; farm_next_scene(keeper->options.farm, &blob);)
-        if (!blob_store_check(keeper->options.blobs, &blob))
-            farm_scene_lost(keeper->options.farm, clock_now(), &blob);
+    hash_t blob;
+    if (!farm_next_scene(keeper->options.farm, &blob)) return false;
+    if (!blob_store_check(keeper->options.blobs, &blob, &keeper->stop))
+        farm_scene_lost(keeper->options.farm, clock_now(), &blob);
+    return true;
 }
 
 /* ---- the thread ---------------------------------------------------------------------------------------- */
@@ -411,9 +413,9 @@ static void *keeper_run(void *argument)
     enforce_limit(keeper);
     while (!atomic_load(&keeper->stop)) {
         load_films(keeper);
-        check_scenes(keeper);
         farm_settle_checks(keeper->options.farm);
         int wait_ms = 1 + (int)(1000 * save_films(keeper));
+        if (check_scene(keeper)) wait_ms = 0;
         struct pollfd wait = {.fd = keeper->options.checkpoint_wake, .events = POLLIN};
         uint64_t count;
         if (poll(&wait, 1, wait_ms) > 0 && read(wait.fd, &count, sizeof count) < 0)
