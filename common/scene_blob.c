@@ -272,6 +272,18 @@ static result_t check_quadrics(const scene_blob_t *blob)
     return result_ok();
 }
 
+bool blob_segment_has_size(const blob_curve_point_t points[4])
+{
+    const float least = 1e-30f;
+    float size = 0;
+    for (int i = 0; i < 4; i++) {
+        const blob_curve_point_t *p = &points[i], *q = &points[0];
+        float away = fmaxf(fmaxf(fabsf(p->x - q->x), fabsf(p->y - q->y)), fabsf(p->z - q->z));
+        size = fmaxf(size, fmaxf(away, p->radius));
+    }
+    return size == 0 || size >= least;
+}
+
 static result_t check_curves(const scene_blob_t *blob)
 {
     uint64_t points = blob->counts[BLOB_SECTION_CURVE_POINTS], next = 0;
@@ -293,6 +305,9 @@ static result_t check_curves(const scene_blob_t *blob)
                   ? curves->first_normal == BLOB_NONE
                   : range_inside(curves->first_normal, count, blob->counts[BLOB_SECTION_NORMALS]),
               "curves %llu: its normals lie outside the normals", id);
+        for (uint32_t s = 0; s < curves->segment_count; s++)
+            CHECK(blob_segment_has_size(blob->curve_points + curves->first_point + 4 * (size_t)s),
+                  "curves %llu: segment %u is smaller than 1e-30", id, s);
     }
     return result_ok();
 }

@@ -272,6 +272,9 @@ static void test_impossible_curves(void **state)
     expect_error(&bench, "Shape \"curve\" \"string type\" \"ribbon\" \"point P\" [0 0 0 1 0 0 2 0 0 3 0 0]",
                  "needs 2 normals");
     expect_error(&bench, "Shape \"curve\" \"point P\" [0 0 0 1 0 0 2 0 0 1e30 0 0]", "below 1e18");
+    expect_error(&bench,
+                 "Shape \"curve\" \"float width\" 1e-37 \"point P\" [0 0 0 1e-37 0 0 2e-37 0 0 3e-37 0 0]",
+                 "smaller than 1e-30");
     bench_run_v3(&bench, "LightSource \"point\" Shape \"curve\" \"point P\" [0 0 0 1 0 0 2 0 0 3 0 0]\n"
                          "Shape \"curve\" \"point P\" [0 0 0 1 0 0 2 0 0 3 0 0]");
     bench_expect_ok(&bench);
