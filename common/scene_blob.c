@@ -272,7 +272,7 @@ static result_t check_quadrics(const scene_blob_t *blob)
     return result_ok();
 }
 
-bool blob_segment_has_size(const blob_curve_point_t points[4])
+bool blob_segment_is_traceable(const blob_curve_point_t points[4])
 {
     const float least = 1e-30f;
     float size = 0;
@@ -306,7 +306,7 @@ static result_t check_curves(const scene_blob_t *blob)
                   : range_inside(curves->first_normal, count, blob->counts[BLOB_SECTION_NORMALS]),
               "curves %llu: its normals lie outside the normals", id);
         for (uint32_t s = 0; s < curves->segment_count; s++)
-            CHECK(blob_segment_has_size(blob->curve_points + curves->first_point + 4 * (size_t)s),
+            CHECK(blob_segment_is_traceable(blob->curve_points + curves->first_point + 4 * (size_t)s),
                   "curves %llu: segment %u is smaller than 1e-30", id, s);
     }
     return result_ok();

@@ -416,7 +416,7 @@ typedef struct {
  * view. RESULT_INPUT with the reason when anything is wrong. */
 result_t blob_open(const void *bytes, uint64_t size, scene_blob_t *blob);
 /* False when a segment of a curve has a size, but less than 1e-30: Embree's arithmetic overflows there. */
-bool blob_segment_has_size(const blob_curve_point_t points[4]);
+bool blob_segment_is_traceable(const blob_curve_point_t points[4]);
 /* Maps a file read-only and checks it. RESULT_IO when the system, not the file, is to blame. */
 result_t blob_open_file(const char *path, scene_blob_t *blob);
 /* Unmaps what blob_open_file mapped; harmless on a zeroed or an already closed view. */

@@ -427,11 +427,21 @@ bool farm_checks_pending(const job_t *job)
     return job->checks != NULL && (job->checks->check_count > 0 || farm_evidence_wrong(job));
 }
 
-/* True when a comparison is not worth waiting for: nobody can make it, or nobody did. */
-static bool hopeless(const farm_t *farm, double now, const job_checks_t *checks, const check_t *check)
+/* Notes since when a comparison is not worth waiting for: nobody can make it, or nobody did. */
+static void note_hopeless(const farm_t *farm, double now, const job_checks_t *checks, check_t *check)
 {
-    if (check->with != 0 || check->rendering_count > 1) return false;
-    return check->tries >= MAX_TRIES || !can_be_had(farm, now, checks, check);
+    bool open = check->with != 0 || check->rendering_count > 1;
+    bool hopeless = !open && (check->tries >= MAX_TRIES || !can_be_had(farm, now, checks, check));
+    if (!hopeless)
+        check->hopeless = 0;
+    else if (check->hopeless <= 0)
+        check->hopeless = now;
+}
+
+/* True when those who could make it have had the time to come back. */
+static bool is_long_hopeless(const farm_t *farm, double now, const check_t *check)
+{
+    return check->hopeless > 0 && now - check->hopeless > farm_patience(farm, FARM_ASK_BATCHES);
 }
 
 /* True when a worker has lost what it was to compare. The first rendering of a unit may come as long as the
@@ -452,16 +462,14 @@ static void tick_job(farm_t *farm, double now, job_t *job)
     bool counted = job->schedule != NULL && schedule_round_counted(job->schedule);
     for (size_t i = 0; i < checks->check_count;) { /* the oldest first */
         check_t *check = &checks->checks[i];
-        bool waits = !hopeless(farm, now, checks, check);
-        if (waits || check->hopeless <= 0) check->hopeless = waits ? 0 : now;
         size_t source = check->renderings[0].source;
-        bool piles_up = !waits && now - check->hopeless > FARM_ASK_BATCHES * farm->options.batch_interval &&
-                        farm_evidence_piles_up(farm, job, source);
-        if (waits || (!counted && !piles_up)) {
+        uint64_t clock = check->clock;
+        note_hopeless(farm, now, checks, check);
+        bool piles_up = is_long_hopeless(farm, now, check) && farm_evidence_piles_up(farm, job, source);
+        if (check->hopeless <= 0 || (!counted && !piles_up)) {
             i++;
             continue;
         }
-        uint64_t clock = check->clock;
         drop_check(job, i);
         checks->unmade++;
         if (piles_up) farm_evidence_vouch(farm, job, source, clock);

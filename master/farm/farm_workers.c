@@ -146,9 +146,14 @@ static worker_t *worker_add(farm_t *farm)
     return &farm->workers[farm->worker_count++];
 }
 
+double farm_patience(const farm_t *farm, int batches)
+{
+    return batches * fmax(farm->options.batch_interval, 1);
+}
+
 bool farm_worker_asks(const farm_t *farm, double now, const worker_t *worker, int batches)
 {
-    return worker->connected && worker->asked >= now - batches * fmax(farm->options.batch_interval, 1);
+    return worker->connected && worker->asked >= now - farm_patience(farm, batches);
 }
 
 static uint32_t sane_threads(uint32_t threads)

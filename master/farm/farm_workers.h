@@ -15,14 +15,16 @@ worker_t *farm_worker_hear(farm_t *farm, double now, const identity_t *identity,
 size_t farm_worker_units(const farm_t *farm, const worker_t *worker);
 /* Takes back what a worker holds, of all jobs; returns the number of units. */
 size_t farm_worker_take_back(farm_t *farm, double now, worker_t *worker);
-/* True when a worker is connected and has asked for work in so many batch intervals, or seconds if that is
- * longer. Those that have enough to do ask every second or so; one that loads a scene, or waits for its batch
- * to be let in, does not for a while; one that hangs does not ask. */
-bool farm_worker_asks(const farm_t *farm, double now, const worker_t *worker, int batches);
 enum {
-    FARM_ASK_BATCHES = 12,   /* batch intervals in which a worker asks for work, if it does not hang, */
-    FARM_LOAD_BATCHES = 120, /* or load a scene */
+    FARM_ASK_BATCHES = 12,  /* batch intervals in which a worker asks for work, if it does not hang, */
+    FARM_LOAD_BATCHES = 120 /* or load a scene */
 };
+/* So many batch intervals, or seconds if that is longer. */
+double farm_patience(const farm_t *farm, int batches);
+/* True when a worker is connected and has asked for work within farm_patience. Those that have enough to do
+ * ask every second or so; one that loads a scene, or waits for its batch to be let in, does not for a while;
+ * one that hangs does not ask. */
+bool farm_worker_asks(const farm_t *farm, double now, const worker_t *worker, int batches);
 /* Pixel samples of units. */
 double farm_unit_samples(const job_t *job, const unit_t *units, size_t count);
 

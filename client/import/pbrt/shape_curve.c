@@ -155,8 +155,9 @@ static result_t fill_points(const curve_t *curve, const shape_work_t *work, doub
                                 "segment %zu of the curve: coordinates must be finite and below 1e18", s);
             points[4 * s + k] = (blob_curve_point_t){v.x, v.y, v.z, radius};
         }
-        if (!blob_segment_has_size(points + 4 * s))
-            return error_at(work->at, "segment %zu of the curve is smaller than 1e-30", s);
+        if (!blob_segment_is_traceable(points + 4 * s))
+            return error_at(work->at,
+                            "segment %zu of the curve is smaller than 1e-30: scale it up or leave it out", s);
     }
     return result_ok();
 }
