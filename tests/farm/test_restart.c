@@ -326,30 +326,49 @@ static void a_damaged_journal_is_rebuilt(void **state)
 }
 
 /* The scene is gone: the job waits for it and says so. */
+/* The file of the only scene in the data directory. The caller frees it. */
+static char *scene_path(const restart_t *t)
+{
+    char *blobs = mem_printf("%s/blobs", t->data), *path = NULL;
+    DIR *directory = opendir(blobs);
+    for (const struct dirent *entry; (entry = readdir(directory)) != NULL;) {
+        if (entry->d_name[0] == '.') continue;
+        assert_null(path);
+        path = mem_printf("%s/%s", blobs, entry->d_name);
+    }
+    closedir(directory);
+    assert_non_null(path);
+    free(blobs);
+    return path;
+}
+
+/* Another job brings the scene back, and the one that paused for it can go on to the end. */
+static void bring_scene_back(restart_t *t, uint64_t job)
+{
+    job_settings_t other = rig_settings();
+    other.spp = 1;
+    rig_submit(t->rig, &other);
+    job_order_t resume = {.job = job, .kind = ORDER_RESUME};
+    assert_int_equal(remote_order(t->rig->remote, &resume).code, RESULT_OK);
+    assert_reference(t, job);
+}
+
 static void a_lost_scene_pauses_its_job(void **state)
 {
     restart_t *t = *state;
     uint64_t job = begin_job(t);
     wait_generations(t, 1);
     rig_kill_master(t->rig);
-    char *blobs = mem_printf("%s/blobs", t->data);
-    DIR *directory = opendir(blobs);
-    for (const struct dirent *entry; (entry = readdir(directory)) != NULL;)
-        if (entry->d_name[0] != '.') unlinkat(dirfd(directory), entry->d_name, 0);
-    closedir(directory);
+    char *path = scene_path(t);
+    assert_int_equal(unlink(path), 0);
     start_master(t);
     rig_status_t status = rig_status(t->rig, job);
     assert_int_equal(status.state, JOB_PAUSED);
     assert_non_null(strstr(status.message, "scene"));
     job_order_t resume = {.job = job, .kind = ORDER_RESUME};
     assert_int_equal(remote_order(t->rig->remote, &resume).code, RESULT_INPUT);
-    job_settings_t other = rig_settings();
-    other.spp = 1;
-    rig_submit(t->rig, &other); /* brings the scene back */
-    assert_int_equal(remote_order(t->rig->remote, &(job_order_t){.job = job, .kind = ORDER_RESUME}).code,
-                     RESULT_OK);
-    assert_reference(t, job);
-    free(blobs);
+    bring_scene_back(t, job);
+    free(path);
 }
 
 static void a_damaged_scene_pauses_its_job(void **state)
@@ -358,25 +377,15 @@ static void a_damaged_scene_pauses_its_job(void **state)
     uint64_t job = begin_job(t);
     wait_generations(t, 1);
     rig_kill_master(t->rig);
-    char *blobs = mem_printf("%s/blobs", t->data), *path = NULL;
-    DIR *directory = opendir(blobs);
-    for (const struct dirent *entry; (entry = readdir(directory)) != NULL;)
-        if (entry->d_name[0] != '.') path = mem_printf("%s/%s", blobs, entry->d_name);
-    closedir(directory);
+    char *path = scene_path(t);
     damage_file(path);
     start_master(t);
     rig_wait_output(t->rig, t->rig->master, "A SCENE IS DAMAGED");
     rig_wait_output(t->rig, t->rig->master, "is paused: its scene is not in the data directory");
     assert_int_equal(rig_status(t->rig, job).state, JOB_PAUSED);
     assert_int_equal(access(path, F_OK), -1);
-    job_settings_t other = rig_settings();
-    other.spp = 1;
-    rig_submit(t->rig, &other); /* brings the scene back */
-    assert_int_equal(remote_order(t->rig->remote, &(job_order_t){.job = job, .kind = ORDER_RESUME}).code,
-                     RESULT_OK);
-    assert_reference(t, job);
+    bring_scene_back(t, job);
     free(path);
-    free(blobs);
 }
 
 /* ---- a full disk --------------------------------------------------------------------------------------- */
