@@ -4,6 +4,7 @@
 #include "tests/chaos/process.h"
 
 #include <stdlib.h>
+#include <string.h>
 #include <unistd.h>
 
 static const double COMMAND_LIMIT = 90; /* seconds for a command; it has time-outs of its own */
@@ -138,14 +139,28 @@ static const char *check(job_t *job, const job_answer_t *answer)
     if (has_lost_samples(job, answer)) wrong = "counted samples were lost";
     bool later = answer->asked > job->changed;
     if (later && job->resumed && account_is(&job->account, "paused")) wrong = "it is paused again";
+    if (later && job->lasting && job->account.total == job->first_total)
+        wrong = "its extension was forgotten";
     if (later && job->deleted) wrong = "it was deleted and is back";
     return wrong;
+}
+
+static void take_extended(job_t *job, bool extended)
+{
+    job->extended = extended;
+    use_reference(job);
 }
 
 /* The master was asked after the job entered its stage: what it says of the state is no older. */
 static void advance(job_t *job, double now)
 {
     const account_t *a = &job->account;
+    bool extended = a->total > job->first_total;
+    if (job->stage == JOB_RENDERING && job->extended && !extended) {
+        take_extended(job, false); /* the order had failed, was done, and is forgotten */
+        enter(job, JOB_EXTENDING, now);
+        return;
+    }
     bool paused = account_is(a, "paused");
     bool to_pause = job->kind->paused && !job->paused && 4 * a->counted > a->total;
     if (job->stage == JOB_RENDERING && account_is(a, "done"))
@@ -156,6 +171,10 @@ static void advance(job_t *job, double now)
         enter(job, JOB_RESUMING, now); /* the order had failed: it was done, and is forgotten */
     else if (job->stage == JOB_RESUMING && job->errand.process == 0 && !paused)
         enter(job, JOB_RENDERING, now); /* the order has failed, and was done */
+    else if (job->stage == JOB_EXTENDING && job->errand.process == 0 && extended) {
+        take_extended(job, true); /* this order, too, has failed, and was done */
+        enter(job, JOB_RENDERING, now);
+    }
 }
 
 static void take_account(job_t *job, const json_t *object, const job_answer_t *answer, double now)
@@ -182,8 +201,8 @@ static void miss(job_t *job, double now)
     errand_end(&job->errand);
     job->account = (account_t){0};
     job->counted = 0;
-    job->paused = job->extended = false;
-    use_reference(job);
+    job->paused = false;
+    take_extended(job, false);
     enter(job, JOB_SENDING, now);
 }
 
@@ -242,7 +261,26 @@ static void prove(job_t *job, double now)
                 100.0 * (double)a->returned / (double)(a->counted ? a->counted : 1));
     unlink(job->image);
     if (job->kind->deleted) job->promised = false;
+    if (more) job->first_total = a->total;
     enter(job, more ? JOB_EXTENDING : job->kind->deleted ? JOB_DELETING : JOB_PROVED, now);
+}
+
+/* True when the order to extend was refused because the film is gone, and the master's log tells why: a full
+ * disk takes the films of jobs that are over and not retained. */
+static bool film_made_room(const job_t *job)
+{
+    char *said = errand_said(&job->errand), *log = mem_printf("%s/master.log", job->setup->folder);
+    char *line = mem_printf("the film of job %llu (", (unsigned long long)job->account.job);
+    uint8_t *bytes = NULL;
+    size_t size = 0;
+    bool gone = strstr(said, "is no longer kept") &&
+                file_read(log, 1 << 28, &bytes, &size).code == RESULT_OK &&
+                memmem(bytes, size, line, strlen(line));
+    free(bytes);
+    free(line);
+    free(log);
+    free(said);
+    return gone;
 }
 
 void job_tick(job_t *job, double now)
@@ -263,10 +301,15 @@ void job_tick(job_t *job, double now)
         prove(job, now);
         break;
     case JOB_EXTENDING:
-        if (!succeed(job, now, extend, &failed)) break;
-        job->extended = true;
-        use_reference(job);
-        enter(job, JOB_RENDERING, now);
+        if (succeed(job, now, extend, &failed)) {
+            job->promised = job->lasting = true;
+            take_extended(job, true);
+            enter(job, JOB_RENDERING, now);
+        } else if (failed && film_made_room(job)) {
+            report_line(job->setup->report, "%s is not extended: its film made room on a full disk",
+                        job->name);
+            enter(job, JOB_PROVED, now);
+        }
         break;
     case JOB_PAUSING:
         if (!succeed(job, now, pause_job, &failed) && !failed) break;

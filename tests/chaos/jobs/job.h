@@ -47,7 +47,9 @@ typedef struct {
     bool promised; /* its submission succeeded: the master may never forget it, until it is deleted */
     bool resumed;  /* so did the order to go on after a pause */
     bool deleted;  /* and that to delete it: it may never come back */
+    bool lasting;  /* and that to extend it: it may never want as little as before */
     bool extended, paused;
+    uint64_t first_total; /* samples that were wanted before it was extended */
     errand_t errand;
     double submitted, changed, next_try;
     const reference_t *reference;
