@@ -332,6 +332,8 @@ static result_t check_shapes(const scene_blob_t *blob)
                    blob->lights[shape->light].kind == LIGHT_AREA && blob->lights[shape->light].shape == id),
               "shape %llu: light %u does not belong to it", id, shape->light);
         CHECK(shape->light == BLOB_NONE || shape->kind != SHAPE_CURVES, "shape %llu: curves cannot emit", id);
+        CHECK(shape->kind == SHAPE_MESH || !(shape->flags & SHAPE_BUMPS_V3),
+              "shape %llu: is no mesh, and has the bumps of one", id);
         CHECK(shape->name < blob->counts[BLOB_SECTION_STRINGS],
               "shape %llu: its name lies outside the strings", id);
         CHECK(value_is_valid(&shape->alpha, textures) && value_is_valid(&shape->shadow_alpha, textures),

@@ -148,8 +148,9 @@ typedef enum { SHAPE_MESH = 1, SHAPE_QUADRIC = 2, SHAPE_CURVES = 3 } shape_kind_
  * SHAPE_CUTOUT: alpha 0 lets rays through, anything else stops them; without it alpha is the probability of
  * stopping a ray.
  * SHAPE_NORMALS_V3: light that a light sends to what the camera sees is also reflected where the shading and
- * the geometric normal disagree about its side or the camera's, as in pbrt-v3. SHAPE_BUMPS_V3: where a mesh
- * has vertex normals, bump maps stand on unit vectors along -dp/du and -dp/dv.
+ * the geometric normal disagree about its side or the camera's, as in pbrt-v3.
+ * SHAPE_BUMPS_V3, of meshes alone: where there are vertex normals, bump maps stand on unit vectors along
+ * -dp/du and -dp/dv.
  */
 enum { SHAPE_FLIP = 1, SHAPE_CUTOUT = 2, SHAPE_BUMPS_V3 = 4, SHAPE_NORMALS_V3 = 8 };
 

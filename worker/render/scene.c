@@ -749,8 +749,7 @@ void scene_details(const scene_t *scene, const surface_t *surface, surface_detai
     }
     details->bump_u = details->dpdu;
     details->bump_v = details->dpdv;
-    if (surface->shape->kind == SHAPE_MESH && (surface->shape->flags & SHAPE_BUMPS_V3))
-        smooth_bumps(blob, surface, details);
+    if (surface->shape->flags & SHAPE_BUMPS_V3) smooth_bumps(blob, surface, details);
     if (instanced) {
         const xform_t *world = &placement->world_from_object, *inverse = &placement->object_from_world;
         details->dpdu = xform_vector(world, details->dpdu);
