@@ -325,7 +325,6 @@ static void a_damaged_journal_is_rebuilt(void **state)
     free(path);
 }
 
-/* The scene is gone: the job waits for it and says so. */
 /* The file of the only scene in the data directory. The caller frees it. */
 static char *scene_path(const restart_t *t)
 {
@@ -353,6 +352,7 @@ static void bring_scene_back(restart_t *t, uint64_t job)
     assert_reference(t, job);
 }
 
+/* The scene is gone: the job waits for it and says so. */
 static void a_lost_scene_pauses_its_job(void **state)
 {
     restart_t *t = *state;

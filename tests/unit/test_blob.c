@@ -435,6 +435,7 @@ static void bad_indices_are_errors(void **state)
         {BLOB_SECTION_SHAPES, FIELD(blob_shape_t, 1, light), 0, "shape 1: light 0 does not belong"},
         {BLOB_SECTION_SHAPES, FIELD(blob_shape_t, 0, light), BLOB_NONE, "light 0 does not belong"},
         {BLOB_SECTION_SHAPES, FIELD(blob_shape_t, 0, kind), SHAPE_CURVES, "curves cannot emit"},
+        {BLOB_SECTION_SHAPES, FIELD(blob_shape_t, 1, flags), SHAPE_BUMPS_V3, "shape 1: is no mesh"},
         {BLOB_SECTION_SHAPES, FIELD(blob_shape_t, 1, name), 1000, "its name"},
         {BLOB_SECTION_SHAPES, FIELD(blob_shape_t, 1, alpha.texture), 4, "shape 1: its alpha"},
         {BLOB_SECTION_SHAPES, FIELD(blob_shape_t, 1, shadow_alpha.texture), UINT32_MAX, "its alpha"},

@@ -156,14 +156,12 @@ static void advance(job_t *job, double now)
 {
     const account_t *a = &job->account;
     bool extended = a->total > job->first_total;
+    bool paused = account_is(a, "paused");
+    bool to_pause = job->kind->paused && !job->paused && 4 * a->counted > a->total;
     if (job->stage == JOB_RENDERING && job->extended && !extended) {
         take_extended(job, false); /* the order had failed, was done, and is forgotten */
         enter(job, JOB_EXTENDING, now);
-        return;
-    }
-    bool paused = account_is(a, "paused");
-    bool to_pause = job->kind->paused && !job->paused && 4 * a->counted > a->total;
-    if (job->stage == JOB_RENDERING && account_is(a, "done"))
+    } else if (job->stage == JOB_RENDERING && account_is(a, "done"))
         enter(job, JOB_FETCHING, now);
     else if (job->stage == JOB_RENDERING && to_pause)
         enter(job, JOB_PAUSING, now);
