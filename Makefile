@@ -175,7 +175,7 @@ bench-merge: deps
 	$(SUBMAKE) $(JOBS) $(BUILD)/tests/bench/bench_merge
 	$(BUILD)/tests/bench/bench_merge
 
-# CPU time of a farm beside its rendering, and two workers against one: about twelve minutes (docs/scale.md).
+# CPU time of a farm beside its rendering, and two workers against one: about fifteen minutes (docs/scale.md).
 bench-farm: deps
 	$(SUBMAKE) $(JOBS) all $(BUILD)/tests/bench/bench_farm
 	$(BUILD)/tests/bench/bench_farm

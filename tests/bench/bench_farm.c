@@ -4,10 +4,12 @@
  *
  * The CPU time of the render threads is the work; all other CPU time of the workers and all of the master's
  * is the farm: protocol, coding, merging, checkpoints, heartbeats. How much faster two workers are than one
- * is measured in samples that the master has counted; on a machine that does other things meanwhile this says
- * little, so the same is given in samples a CPU second of the render threads.
+ * is measured in samples that the master has counted. A machine does not keep its speed for minutes, so the
+ * two farms take turns, and their sums are compared; the same is given in samples a CPU second of the render
+ * threads, which tells what the cores do to one another.
  *
- * usage: bench_farm [SECONDS]      from the top of the tree; of each of the two runs, 300 by default
+ * usage: bench_farm [SECONDS [TURNS]]      from the top of the tree; of each farm in each turn, 60 and 5 by
+ *                                          default
  */
 #include "client/import/import.h"
 #include "client/remote.h"
@@ -37,7 +39,7 @@ typedef struct {
     double pixels;
 } farm_run_t;
 
-/* Everything that is read from outside, at one moment. */
+/* Everything that is read from outside, at one moment; or what came between two moments. */
 typedef struct {
     double time, samples, bytes, batches;
     double render_cpu, worker_cpu, master_cpu; /* seconds */
@@ -120,34 +122,61 @@ static reading_t measure(int workers, double seconds)
     usleep((useconds_t)(1e6 * seconds));
     reading_t last = read_after_batch(&run);
     end_farm(&run);
-    reading_t difference = {.time = last.time - first.time,
-                            .samples = last.samples - first.samples,
-                            .bytes = last.bytes - first.bytes,
-                            .batches = last.batches - first.batches,
-                            .render_cpu = last.render_cpu - first.render_cpu,
-                            .worker_cpu = last.worker_cpu - first.worker_cpu,
-                            .master_cpu = last.master_cpu - first.master_cpu};
-    double protocol = difference.worker_cpu - difference.render_cpu;
+    return (reading_t){.time = last.time - first.time,
+                       .samples = last.samples - first.samples,
+                       .bytes = last.bytes - first.bytes,
+                       .batches = last.batches - first.batches,
+                       .render_cpu = last.render_cpu - first.render_cpu,
+                       .worker_cpu = last.worker_cpu - first.worker_cpu,
+                       .master_cpu = last.master_cpu - first.master_cpu};
+}
+
+static void add(reading_t *sum, const reading_t *turn)
+{
+    sum->time += turn->time;
+    sum->samples += turn->samples;
+    sum->bytes += turn->bytes;
+    sum->batches += turn->batches;
+    sum->render_cpu += turn->render_cpu;
+    sum->worker_cpu += turn->worker_cpu;
+    sum->master_cpu += turn->master_cpu;
+}
+
+static void print_costs(int workers, const reading_t *sum)
+{
+    double rest = sum->worker_cpu - sum->render_cpu;
     printf("%d worker%s, %.0f s: %.0f samples/s; CPU seconds: rendering %.1f, the workers' rest %.2f, master "
            "%.2f; farm / rendering %.2f %%; %.0f batches of %.2f MB\n",
-           workers, workers > 1 ? "s" : "", difference.time, difference.samples / difference.time,
-           difference.render_cpu, protocol, difference.master_cpu,
-           100 * (protocol + difference.master_cpu) / difference.render_cpu, difference.batches,
-           1e-6 * difference.bytes / fmax(1, difference.batches));
+           workers, workers > 1 ? "s" : "", sum->time, sum->samples / sum->time, sum->render_cpu, rest,
+           sum->master_cpu, 100 * (rest + sum->master_cpu) / sum->render_cpu, sum->batches,
+           1e-6 * sum->bytes / fmax(1, sum->batches));
+}
+
+static void print_ratios(const reading_t *one, const reading_t *two)
+{
+    printf(
+        "two workers count %.3f times the samples of one in the same time; a CPU second of a render thread "
+        "yields %.3f of what it does with one worker\n",
+        two->samples / two->time / (one->samples / one->time),
+        two->samples / two->render_cpu / (one->samples / one->render_cpu));
     fflush(stdout);
-    return difference;
 }
 
 int main(int argc, char **argv)
 {
-    double seconds = argc > 1 ? strtod(argv[1], NULL) : 300;
+    double seconds = argc > 1 ? strtod(argv[1], NULL) : 60;
+    int turns = argc > 2 ? atoi(argv[2]) : 5;
+    reading_t one = {0}, two = {0};
     log_init("bench_farm", LOG_WARNING);
-    reading_t one = measure(1, seconds), two = measure(2, seconds);
-    double rate = two.samples / two.time / (one.samples / one.time);
-    double work = two.samples / two.render_cpu / (one.samples / one.render_cpu);
-    printf(
-        "two workers count %.3f times the samples of one in the same time; a CPU second of a render thread "
-        "yields %.3f of what it does with one worker\n",
-        rate, work);
+    for (int turn = 0; turn < turns; turn++) {
+        reading_t alone = measure(1, seconds), both = measure(2, seconds);
+        print_ratios(&alone, &both);
+        add(&one, &alone);
+        add(&two, &both);
+    }
+    printf("all %d turns:\n", turns);
+    print_costs(1, &one);
+    print_costs(2, &two);
+    print_ratios(&one, &two);
     return 0;
 }
