@@ -284,6 +284,31 @@ bool blob_segment_is_traceable(const blob_curve_point_t points[4])
     return size == 0 || size >= least;
 }
 
+bool blob_instance_is_traceable(const xform_t *start, const xform_t *end)
+{
+    const float shortest = 1e-10f, longest = 1e10f, flattest = 1e-5f;
+    /* The stretch changes in straight lines (motion_between), so that its ratios stay between those of the
+     * ends: the lesser of each factor of the volume holds on the whole way. */
+    float least_sine = 1, least_height = 1;
+    const xform_t *ends[] = {start, end};
+    for (int k = 0; k < 2; k++) {
+        xform_t inverse;
+        vec3_t axes[3];
+        for (int i = 0; i < 3; i++) {
+            axes[i] = vec3(ends[k]->m[0][i], ends[k]->m[1][i], ends[k]->m[2][i]);
+            float length = v_length(axes[i]);
+            if (!(length >= shortest && length <= longest)) return false;
+            axes[i] = v_scale(axes[i], 1 / length);
+        }
+        vec3_t normal = v_cross(axes[0], axes[1]);
+        float sine = v_length(normal);
+        if (!(sine >= flattest) || !xform_invert(ends[k], &inverse)) return false;
+        least_sine = float_min(least_sine, sine);
+        least_height = float_min(least_height, fabsf(v_dot(normal, axes[2])) / sine);
+    }
+    return least_sine * least_height >= flattest;
+}
+
 static result_t check_curves(const scene_blob_t *blob)
 {
     uint64_t points = blob->counts[BLOB_SECTION_CURVE_POINTS], next = 0;
@@ -359,9 +384,9 @@ static result_t check_objects(const scene_blob_t *blob)
         const blob_instance_t *instance = &blob->instances[i];
         CHECK(instance->object > 0 && instance->object < blob->counts[BLOB_SECTION_OBJECTS],
               "instance %llu: no object %u", (unsigned long long)i, instance->object);
-        CHECK(xform_is_usable(&instance->world_from_object) &&
-                  xform_is_usable(&instance->world_from_object_end),
-              "instance %llu: its transform is singular or not finite", (unsigned long long)i);
+        CHECK(blob_instance_is_traceable(&instance->world_from_object, &instance->world_from_object_end),
+              "instance %llu: its transform is close to singular, too small, too large or not finite",
+              (unsigned long long)i);
         CHECK((xform_determinant(&instance->world_from_object) < 0) ==
                   (xform_determinant(&instance->world_from_object_end) < 0),
               "instance %llu: it turns inside out on its way", (unsigned long long)i);

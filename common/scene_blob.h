@@ -418,6 +418,11 @@ typedef struct {
 result_t blob_open(const void *bytes, uint64_t size, scene_blob_t *blob);
 /* False when a segment of a curve has a size, but less than 1e-30: Embree's arithmetic overflows there. */
 bool blob_segment_is_traceable(const blob_curve_point_t points[4]);
+/* False when an instance that moves from `start` to `end` (each world from object) may on its way be too
+ * flat, small or large for Embree, which inverts its transform in single precision: each axis of the object
+ * must be 1e-10 to 1e10 long in the world, and they must span 1e-5 of the volume that they would at right
+ * angles. */
+bool blob_instance_is_traceable(const xform_t *start, const xform_t *end);
 /* Maps a file read-only and checks it. RESULT_IO when the system, not the file, is to blame. */
 result_t blob_open_file(const char *path, scene_blob_t *blob);
 /* Unmaps what blob_open_file mapped; harmless on a zeroed or an already closed view. */

@@ -507,8 +507,14 @@ static void bad_numbers_are_errors(void **state)
         {BLOB_SECTION_QUADRICS, FIELD(blob_quadric_t, 0, object_from_quadric.m[0][3]), infinite, "singular"},
         {BLOB_SECTION_SHAPES, FIELD(blob_shape_t, 1, alpha.factor.y), nan, "its alpha"},
         {BLOB_SECTION_SHAPES, FIELD(blob_shape_t, 1, shadow_alpha.factor.x), infinite, "its alpha"},
-        {BLOB_SECTION_INSTANCES, FIELD(blob_instance_t, 0, world_from_object.m[2][2]), 0, "singular"},
-        {BLOB_SECTION_INSTANCES, FIELD(blob_instance_t, 0, world_from_object_end.m[2][2]), 0, "singular"},
+        {BLOB_SECTION_INSTANCES, FIELD(blob_instance_t, 0, world_from_object.m[2][2]), 0,
+         "instance 0: its transform"},
+        {BLOB_SECTION_INSTANCES, FIELD(blob_instance_t, 0, world_from_object_end.m[2][2]), 0,
+         "instance 0: its transform"},
+        {BLOB_SECTION_INSTANCES, FIELD(blob_instance_t, 0, world_from_object.m[1][3]), nan,
+         "instance 0: its transform"},
+        {BLOB_SECTION_INSTANCES, FIELD(blob_instance_t, 0, world_from_object_end.m[2][3]), infinite,
+         "instance 0: its transform"},
         {BLOB_SECTION_INSTANCES, FIELD(blob_instance_t, 0, world_from_object_end.m[2][2]), minus,
          "inside out"},
         {BLOB_SECTION_IMAGES, FIELD(blob_image_t, 1, gamma), minus, "its gamma"},
@@ -586,6 +592,30 @@ static result_t open_products(int depth)
     blob_builder_destroy(&builder);
     free(bytes);
     return result;
+}
+
+static void hopeless_transforms_are_errors(void **state)
+{
+    (void)state;
+    const float skew = 200, small = 0.9e-10f, large = 1.1e10f;
+    const xform_t identity = xform_identity(), flat = {{{1, 0, 0, 0}, {0, 1.1e-10f, 0, 0}, {0, 0, 1e10f, 0}}},
+                  skewed = {{{1, skew, 0, 0}, {0, 1, 0, 0}, {0, 0, 1, 0}}},
+                  leaning = {{{1, 0, 2 * skew, 0}, {0, 1, 2 * skew, 0}, {0, 0, 1, 0}}},
+                  lying = {{{1, 0, 1.1e5f, 0}, {0, 1, 0, 0}, {0, 0, 1, 0}}},
+                  tiny = {{{1, 0, 0, 0}, {0, small, 0, 0}, {0, 0, 1, 0}}},
+                  huge = {{{1, 0, 0, 0}, {0, 1, 0, 0}, {0, 0, large, 0}}};
+    const xform_t *const usable[] = {&identity, &flat, &skewed, &leaning}, *const refused[] = {&lying, &tiny,
+                                                                                               &huge};
+    for (size_t i = 0; i < ARRAY_LENGTH(usable); i++) {
+        assert_true(blob_instance_is_traceable(usable[i], usable[i]));
+        assert_true(blob_instance_is_traceable(&identity, usable[i]));
+        for (size_t k = 0; k < ARRAY_LENGTH(refused); k++) {
+            assert_false(blob_instance_is_traceable(usable[i], refused[k]));
+            assert_false(blob_instance_is_traceable(refused[k], usable[i]));
+        }
+    }
+    /* Each for itself, but not the way from one to the other: 200 x 566 > 1e5. */
+    assert_false(blob_instance_is_traceable(&skewed, &leaning));
 }
 
 static void depths_and_costs_are_limited(void **state)
@@ -759,7 +789,7 @@ int main(void)
         cmocka_unit_test(builders_grow_and_fill_in_late), cmocka_unit_test(files_are_mapped),
         cmocka_unit_test(every_truncation_is_an_error),   cmocka_unit_test(every_flipped_byte_is_an_error),
         cmocka_unit_test(bad_indices_are_errors),         cmocka_unit_test(bad_numbers_are_errors),
-        cmocka_unit_test(depths_and_costs_are_limited),   cmocka_unit_test(bad_headers_are_errors),
-        cmocka_unit_test(random_contents_are_survived)};
+        cmocka_unit_test(hopeless_transforms_are_errors), cmocka_unit_test(depths_and_costs_are_limited),
+        cmocka_unit_test(bad_headers_are_errors),         cmocka_unit_test(random_contents_are_survived)};
     return cmocka_run_group_tests_name("blob", tests, NULL, NULL);
 }

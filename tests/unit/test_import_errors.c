@@ -91,6 +91,8 @@ static void test_structure(void **state)
         {"WorldBegin\nObjectBegin \"a\" ObjectEnd\nObjectBegin \"a\"",
          "3:1: the object \"a\" has been defined before"},
         {"WorldBegin\nObjectInstance \"a\"", "2:1: no object \"a\" has been defined before"},
+        {"WorldBegin\nObjectBegin \"a\"\nShape \"sphere\"\nObjectEnd\nScale 1 1e-11 1\nObjectInstance \"a\"",
+         "6:1: the current transform is close to singular, or scales to less than 1e-10"},
         {"WorldBegin\nObjectBegin \"a\"\n ObjectInstance \"a\"", "3:2: an instance inside an object"},
         {"WorldBegin\nNamedMaterial \"a\" Shape \"sphere\"", "2:1: there is no MakeNamedMaterial \"a\""},
         {"WorldBegin\nMakeNamedMaterial \"a\"", "2:1: MakeNamedMaterial needs a parameter \"string type\""},

@@ -143,12 +143,80 @@ static void embree_agrees(void **state)
     scratch_destroy(&folder);
 }
 
+/* An axis of a random direction, 1e-10 to 1e10 long, or 0.03 to 30 where `near`. */
+static vec3_t random_axis(uint32_t i, uint32_t first, bool near)
+{
+    vec3_t axis = vec3(number(i, first), number(i, first + 1), number(i, first + 2));
+    return v_scale(v_normalize(axis), powf(10, (near ? 1.5f : 10) * number(i, first + 3)));
+}
+
+/* Half of them flat: the one axis leans to another, up to a millionth of a right angle. */
+static xform_t extreme_transform(uint32_t i, uint32_t first, bool near)
+{
+    vec3_t axes[3];
+    for (uint32_t k = 0; k < 3; k++) axes[k] = random_axis(i, first + 4 * k, near);
+    uint32_t flat = i / 4 % 6, from = flat % 3;
+    if (flat < 3)
+        axes[from] =
+            v_add(axes[(from + 1) % 3], v_scale(axes[from], powf(10, -6 * fabsf(number(i, first + 12)))));
+    return (xform_t){{{axes[0].x, axes[1].x, axes[2].x, 0},
+                      {axes[0].y, axes[1].y, axes[2].y, 0},
+                      {axes[0].z, axes[1].z, axes[2].z, 0}}};
+}
+
+/* Embree ends the process where its inverse of a transform is not finite. */
+static void embree_inverts_all_that_is_let_in(void **state)
+{
+    (void)state;
+    static const char text[] =
+        "Camera \"perspective\"\nFilm \"image\"\nWorldBegin\nObjectBegin \"flat\"\n"
+        "Shape \"trianglemesh\" \"integer indices\" [0 1 2] \"point P\" [-1 -1 0 1 -1 0 "
+        "0 1 0]\nObjectEnd\nObjectInstance \"flat\"\nWorldEnd\n";
+    char *folder = scratch_new(), *path = scratch_path(folder, "scene.pbrt");
+    scratch_write(path, text, sizeof text - 1);
+    uint8_t *bytes;
+    uint64_t size;
+    scene_blob_t blob;
+    assert_int_equal(import_scene_blob(path, NULL, &bytes, &size).code, RESULT_OK);
+    assert_int_equal(blob_open(bytes, size, &blob).code, RESULT_OK);
+    assert_int_equal(blob.counts[BLOB_SECTION_INSTANCES], 1);
+    int let_in[2] = {0}, refused = 0;
+    for (uint32_t i = 0; i < 20000; i++) {
+        bool moves = i % 2;
+        blob_instance_t instance = {.object = 1, .world_from_object = extreme_transform(i, 0, i / 2 % 2)};
+        instance.world_from_object_end =
+            moves ? extreme_transform(i, 16, i / 2 % 2) : instance.world_from_object;
+        if (!blob_instance_is_traceable(&instance.world_from_object, &instance.world_from_object_end) ||
+            (xform_determinant(&instance.world_from_object) < 0) !=
+                (xform_determinant(&instance.world_from_object_end) < 0)) {
+            refused++;
+            continue;
+        }
+        let_in[moves]++;
+        blob.instances = &instance;
+        scene_t *scene;
+        surface_t surface;
+        assert_int_equal(scene_new(&blob, &scene).code, RESULT_OK);
+        for (uint32_t k = 0; k < 16; k++) {
+            vec3_t from = vec3(number(k, 32), number(k, 33), number(k, 34)),
+                   to = v_scale(random_axis(k, 35, true), 0.1f);
+            scene_intersect(scene, from, v_normalize(v_sub(to, from)), 0.5f + 0.5f * number(k, 39), &surface);
+        }
+        scene_destroy(&scene);
+    }
+    assert_true(let_in[0] > 1000 && let_in[1] > 1000 && refused > 1000);
+    free(bytes);
+    free(path);
+    scratch_destroy(&folder);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(ends_are_reproduced),
         cmocka_unit_test(between_is_even),
         cmocka_unit_test(embree_agrees),
+        cmocka_unit_test(embree_inverts_all_that_is_let_in),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

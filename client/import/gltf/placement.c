@@ -142,24 +142,16 @@ static result_t make_object(document_t *document, uint32_t mesh, mesh_state_t *s
     return result_ok();
 }
 
-/* True when the transform and its inverse still are numbers as floats, and not so large as to lose all. */
-static bool is_usable(const affine_t *transform)
-{
-    xform_t rounded = affine_to_xform(transform), inverse;
-    return xform_invert(&rounded, &inverse);
-}
-
 static result_t add_place(document_t *document, const placement_t *place, mesh_state_t *state)
 {
     bool emits;
-    if (state->places == 1 || !is_usable(&place->world_from_node))
+    xform_t world_from_node = affine_to_xform(&place->world_from_node);
+    if (state->places == 1 || !blob_instance_is_traceable(&world_from_node, &world_from_node))
         return add_primitives(document, place->thing, PICK_ALL, &place->world_from_node,
                               place_name(document, place->node), &emits);
     if (!state->made) TRY(make_object(document, place->thing, state));
     if (state->object != 0) {
-        blob_instance_t instance = {.object = state->object};
-        instance.world_from_object = affine_to_xform(&place->world_from_node);
-        instance.world_from_object_end = instance.world_from_object;
+        blob_instance_t instance = {state->object, world_from_node, world_from_node};
         blob_builder_add(document->builder, BLOB_SECTION_INSTANCES, &instance, 1);
     }
     if (!state->emits) return result_ok();

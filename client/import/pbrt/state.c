@@ -196,13 +196,12 @@ void pbrt_add_shape(pbrt_t *p, blob_shape_t shape, const blob_light_t *light, po
 result_t pbrt_add_instance(pbrt_t *p, uint32_t object, const affine_t *open, const affine_t *close,
                            position_t at)
 {
-    xform_t inverse;
     blob_instance_t instance = {.object = object,
                                 .world_from_object = affine_to_xform(open),
                                 .world_from_object_end = affine_to_xform(close)};
-    if (!xform_invert(&instance.world_from_object, &inverse) ||
-        !xform_invert(&instance.world_from_object_end, &inverse))
-        return error_at(at, "the current transform is singular or not finite");
+    if (!blob_instance_is_traceable(&instance.world_from_object, &instance.world_from_object_end))
+        return error_at(
+            at, "the current transform is close to singular, or scales to less than 1e-10 or over 1e10");
     if ((affine_determinant(open) < 0) != (affine_determinant(close) < 0))
         return error_at(at,
                         "what moves from a transform to its mirror image would turn inside out on the way");

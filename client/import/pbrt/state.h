@@ -186,7 +186,7 @@ void pbrt_add_shape(pbrt_t *p, blob_shape_t shape, const blob_light_t *light, po
 /* Adds a shape of the world that moves, as an object of its own; its geometry is in its own space. */
 result_t pbrt_add_moving_shape(pbrt_t *p, blob_shape_t shape, const affine_t *open, const affine_t *close,
                                position_t at);
-/* Adds an instance. Fails when a transform is singular in float. */
+/* Adds an instance. Fails when a transform is none for blob_instance_is_traceable. */
 result_t pbrt_add_instance(pbrt_t *p, uint32_t object, const affine_t *open, const affine_t *close,
                            position_t at);
 
