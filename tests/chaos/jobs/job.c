@@ -74,7 +74,7 @@ static void start_command(job_t *job, words_t *words, const char *suffix)
 static void submit(job_t *job)
 {
     words_t words = {0};
-    job_text_t text;
+    job_text_t text = {0};
     words_add(&words, "submit");
     job_kind_words(job->kind, job->seed, false, &words, &text);
     words_add_all(&words, job->kind->terms);
@@ -101,7 +101,7 @@ static void fetch(job_t *job)
 
 static void extend(job_t *job)
 {
-    job_text_t text;
+    job_text_t text = {0};
     start_order(job, "extend", "--spp", job_kind_spp(job->kind, true, &text));
 }
 

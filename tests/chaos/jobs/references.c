@@ -10,7 +10,7 @@ static const double LIMIT = 600; /* seconds for a render */
 static void render(reference_t *reference)
 {
     words_t words = {0};
-    job_text_t text;
+    job_text_t text = {0};
     words_add(&words, "render");
     job_kind_words(reference->kind, reference->seed, reference->extended, &words, &text);
     WORDS_ADD(&words, "--quiet", "-o", reference->image);
