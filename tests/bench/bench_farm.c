@@ -5,8 +5,8 @@
  * The CPU time of the render threads is the work; all other CPU time of the workers and all of the master's
  * is the farm: protocol, coding, merging, checkpoints, heartbeats. How much faster two workers are than one
  * is measured in samples that the master has counted. A machine does not keep its speed for minutes, so the
- * two farms take turns, and their sums are compared; the same is given in samples a CPU second of the render
- * threads, which tells what the cores do to one another.
+ * two farms take turns, and their sums are compared. The factor is given in two: the CPU time of the render
+ * threads, which the farm could take from them, and what a CPU second yields, which is the machine's part.
  *
  * usage: bench_farm [SECONDS [TURNS]]      from the top of the tree; of each farm in each turn, 60 and 5 by
  *                                          default
@@ -154,11 +154,11 @@ static void print_costs(int workers, const reading_t *sum)
 
 static void print_ratios(const reading_t *one, const reading_t *two)
 {
-    printf(
-        "two workers count %.3f times the samples of one in the same time; a CPU second of a render thread "
-        "yields %.3f of what it does with one worker\n",
-        two->samples / two->time / (one->samples / one->time),
-        two->samples / two->render_cpu / (one->samples / one->render_cpu));
+    double samples = two->samples / two->time / (one->samples / one->time);
+    double cpu = two->render_cpu / two->time / (one->render_cpu / one->time);
+    printf("two workers count %.3f times the samples of one in the same time: their render threads have %.3f "
+           "times the CPU time, and a CPU second yields %.3f of what it does with one worker\n",
+           samples, cpu, samples / cpu);
     fflush(stdout);
 }
 
