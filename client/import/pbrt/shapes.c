@@ -135,10 +135,10 @@ static result_t add_shape(pbrt_t *p, shape_work_t *work, bool moves, const affin
     bool emits;
     TRY(make_light(p, work, moves, &light, &emits));
     bool instance = moves && p->object == 0 && !p->now.emits;
+    if (instance) return pbrt_add_moving_shape(p, work->shape, open, close, work->at);
     xform_t inverse, ends[2] = {affine_to_xform(open), affine_to_xform(close)};
     if (!xform_invert(&ends[0], &inverse) || !xform_invert(&ends[1], &inverse))
         return error_at(work->at, "the current transform is singular or not finite");
-    if (instance) return pbrt_add_moving_shape(p, work->shape, open, close, work->at);
     pbrt_add_shape(p, work->shape, emits ? &light : NULL, work->at);
     return result_ok();
 }
