@@ -36,7 +36,6 @@ typedef struct {
     int worker_count;
     remote_t *remote;
     uint64_t job;
-    double pixels;
 } farm_run_t;
 
 /* Everything that is read from outside, at one moment; or what came between two moments. */
@@ -65,7 +64,6 @@ static void start_farm(farm_run_t *run, int workers)
     job_settings_t settings = blob_default_settings(&blob);
     settings.width = settings.height = 512;
     settings.spp = JOB_MAX_SPP / 2;
-    run->pixels = 512.0 * 512.0;
     char *endpoint = mem_printf("tcp://127.0.0.1:%d", port);
     check(remote_open(NULL, endpoint, NULL, PATIENCE, &run->remote));
     check(remote_put_blob(run->remote, &blob, NULL, NULL));
