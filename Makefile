@@ -18,17 +18,21 @@ endif
 ALL_CFLAGS = -std=gnu17 -D_GNU_SOURCE $(BASELINE) $(WARNINGS) $(CFLAGS) $(SANITIZE) -I. -I$(BUILD) $(patsubst -I%,-isystem%,$(PKG_CFLAGS)) -pthread
 ALL_LIBS   = $(LDFLAGS) -Wl,--as-needed $(PKG_LIBS) -lembree3 -lm -pthread
 
-COMMON_SRC := $(wildcard common/*.c)
-PROTO_SRC  := $(wildcard proto/*.c)
-RENDER_SRC := $(wildcard worker/render/*.c)
-WORKER_SRC := $(filter-out worker/main.c,$(wildcard worker/*.c))
-MASTER_SRC := $(filter-out master/main.c,$(wildcard master/*.c master/*/*.c))
-RELAY_SRC  := $(filter-out relay/main.c,$(wildcard relay/*.c))
-CLIENT_SRC := $(filter-out client/main.c,$(wildcard client/*.c client/import/*.c client/import/*/*.c))
-LIB_SRC    := $(COMMON_SRC) $(PROTO_SRC) $(RENDER_SRC) $(WORKER_SRC) $(MASTER_SRC) $(RELAY_SRC) $(CLIENT_SRC)
-SCHEMA_C   := $(patsubst %.proto,$(BUILD)/%.pb-c.c,$(wildcard proto/*.proto))
-SCHEMA_O   := $(SCHEMA_C:.c=.o)
+sources     = $(sort $(shell find $(1) -name '*.c' ! -name main.c))
+COMMON_SRC := $(call sources,common)
+WIRE_SRC   := $(call sources,proto/wire)
+UPLINK_SRC := $(call sources,proto/uplink)
+SERVE_SRC  := $(call sources,proto/serve)
+RENDER_SRC := $(call sources,worker/render)
+WORKER_SRC := $(filter-out $(RENDER_SRC),$(call sources,worker))
+MASTER_SRC := $(call sources,master)
+RELAY_SRC  := $(call sources,relay)
+CLIENT_SRC := $(call sources,client)
+LIB_SRC    := $(COMMON_SRC) $(WIRE_SRC) $(UPLINK_SRC) $(SERVE_SRC) $(RENDER_SRC) $(WORKER_SRC) $(MASTER_SRC) $(RELAY_SRC) $(CLIENT_SRC)
+SCHEMAS    := proto/wire/lightmill.proto master/store/record.proto
+SCHEMA_C   := $(patsubst %.proto,$(BUILD)/%.pb-c.c,$(SCHEMAS))
 objects     = $(patsubst %.c,$(BUILD)/%.o,$(1))
+archive     = $(BUILD)/lib/lib$(1).a
 
 PROGRAMS := $(BUILD)/lightmill $(BUILD)/lightmill-master $(BUILD)/lightmill-worker $(BUILD)/lightmill-relay
 TEST_SRC := $(wildcard tests/unit/*.c tests/statistics/*.c tests/farm/*.c)
@@ -36,32 +40,46 @@ TESTS    := $(patsubst tests/%.c,$(BUILD)/tests/%,$(filter tests/%,$(shell grep 
 
 all: $(PROGRAMS)
 
-$(BUILD)/lightmill-master: $(call objects,master/main.c $(MASTER_SRC) $(PROTO_SRC) $(COMMON_SRC)) $(SCHEMA_O)
-$(BUILD)/lightmill-worker: $(call objects,worker/main.c $(WORKER_SRC) $(RENDER_SRC) $(PROTO_SRC) $(COMMON_SRC)) $(SCHEMA_O)
-# A relay is a worker to its master and a master to its workers: what it shares with them, but no renderer and no farm.
-RELAY_USES := $(patsubst %,worker/%.c,control control_messages bulk link blob_cache unit_queue) \
-              $(wildcard master/door/*.c) $(patsubst %,master/merge/%.c,grants merge_pool)
-$(BUILD)/lightmill-relay: $(call objects,relay/main.c $(RELAY_SRC) $(RELAY_USES) $(PROTO_SRC) $(COMMON_SRC)) $(SCHEMA_O)
-$(BUILD)/lightmill: $(call objects,client/main.c $(LIB_SRC)) $(SCHEMA_O)
+# A library a folder, so that a program links what it calls and nothing else.
+$(call archive,common): $(call objects,$(COMMON_SRC))
+$(call archive,wire):   $(call objects,$(WIRE_SRC)) $(BUILD)/proto/wire/lightmill.pb-c.o
+$(call archive,uplink): $(call objects,$(UPLINK_SRC))
+$(call archive,serve):  $(call objects,$(SERVE_SRC))
+$(call archive,render): $(call objects,$(RENDER_SRC))
+$(call archive,worker): $(call objects,$(WORKER_SRC))
+$(call archive,master): $(call objects,$(MASTER_SRC)) $(BUILD)/master/store/record.pb-c.o
+$(call archive,relay):  $(call objects,$(RELAY_SRC))
+$(call archive,client): $(call objects,$(CLIENT_SRC))
+$(BUILD)/lib/%.a:
+	@mkdir -p $(@D)
+	$(Q)rm -f $@ && $(AR) crsD $@ $^
+
+archives    = $(foreach name,$(1),$(call archive,$(name)))
+LIBRARIES  := $(call archives,client master relay worker render uplink serve wire common)
+$(BUILD)/lightmill-master: $(BUILD)/master/main.o $(call archives,master serve wire common)
+$(BUILD)/lightmill-worker: $(BUILD)/worker/main.o $(call archives,worker render uplink wire common)
+$(BUILD)/lightmill-relay:  $(BUILD)/relay/main.o $(call archives,relay uplink serve wire common)
+$(BUILD)/lightmill:        $(BUILD)/client/main.o $(LIBRARIES)
 $(PROGRAMS):
 	@echo "  link $@"
 	$(Q)$(CC) $(ALL_CFLAGS) -o $@ $^ $(ALL_LIBS)
 
-$(BUILD)/proto/%.pb-c.c $(BUILD)/proto/%.pb-c.h: proto/%.proto
-	@mkdir -p $(@D)
-	protoc-c --proto_path=proto --c_out=$(@D) $<
-$(SCHEMA_O): %.o: %.c | $(SCHEMA_C)
-	$(CC) $(ALL_CFLAGS) -c -o $@ $<
-$(call objects,$(PROTO_SRC) $(WORKER_SRC) $(MASTER_SRC) $(RELAY_SRC) relay/main.c $(CLIENT_SRC) $(TEST_SRC) $(wildcard tests/*.c tests/fuzz/*.c)): | $(SCHEMA_C)
+$(SCHEMA_C): $(BUILD)/%.pb-c.c: %.proto
+	@mkdir -p $(BUILD)
+	$(Q)protoc-c --proto_path=. --c_out=$(BUILD) $<
+$(SCHEMA_C:.c=.o): %.o: %.c | $(SCHEMA_C)
+	$(Q)$(CC) $(ALL_CFLAGS) -c -o $@ $<
+$(call objects,$(filter-out $(COMMON_SRC) $(RENDER_SRC),$(LIB_SRC)) $(wildcard */main.c) $(TEST_SRC) $(wildcard tests/*.c tests/*/*.c tests/*/*/*.c)): | $(SCHEMA_C)
 
 $(BUILD)/%.o: %.c
 	@mkdir -p $(@D)
 	@echo "  cc $<"
 	$(Q)$(CC) $(ALL_CFLAGS) -MMD -MP -c -o $@ $<
 
-$(BUILD)/tests/%: $(BUILD)/tests/%.o $(call objects,$(LIB_SRC) $(wildcard tests/*.c)) $(SCHEMA_O)
+$(call archive,tests): $(call objects,$(wildcard tests/*.c))
+$(BUILD)/tests/%: $(BUILD)/tests/%.o $(call archive,tests) $(LIBRARIES)
 	@echo "  link $@"
-	$(Q)$(CC) $(ALL_CFLAGS) -o $@ $^ $(ALL_LIBS) $(EXTRA_LIBS) -lcmocka
+	$(Q)$(CC) $(ALL_CFLAGS) -o $@ $(filter %.o,$^) $(filter %.a,$^) $(ALL_LIBS) $(EXTRA_LIBS) -lcmocka
 
 $(BUILD)/tests/unit/test_corpus: $(call objects,$(wildcard tests/fuzz/*.c))
 $(BUILD)/tests/unit/test_proxy: $(call objects,tests/chaos/proxy.c tests/chaos/stream.c tests/chaos/zmtp.c)
@@ -97,7 +115,7 @@ run-tests: $(PROGRAMS) $(TESTS)
 # The address sanitizer runs everything, the thread sanitizer TSAN_TESTS: what has threads and sockets. The rest
 # renders for long, which is some ten times slower under it.
 TSAN_TESTS ?= $(patsubst tests/%.c,%,$(filter tests/farm/test_%,$(TEST_SRC))) \
-    unit/test_canvas unit/test_master unit/test_workshop unit/test_grants unit/test_wire unit/test_proxy
+    unit/test_shared_film unit/test_master unit/test_render_pool unit/test_grants unit/test_wire unit/test_proxy
 asan tsan: export TEST_TIMEOUT ?= 3600
 asan tsan: CHECKED_FLAGS = -O1 -g -fno-omit-frame-pointer
 asan: SANITIZERS = -fsanitize=address,undefined -fno-sanitize-recover=undefined
@@ -135,7 +153,7 @@ fuzz: deps-dev
 	tests/fuzz/run.sh $(BUILD)/fuzz $(FUZZ_SECONDS) $(FUZZ_TARGETS)
 
 # libFuzzer calls LLVMFuzzerTestOneInput; every target has a name of its own, so that a test can hold them all.
-$(BUILD)/fuzz_%: $(BUILD)/tests/fuzz/fuzz_%.o $(BUILD)/tests/fuzz/support.o $(call objects,$(LIB_SRC)) $(SCHEMA_O)
+$(BUILD)/fuzz_%: $(BUILD)/tests/fuzz/fuzz_%.o $(BUILD)/tests/fuzz/support.o $(LIBRARIES)
 	@echo "  link $@"
 	$(Q)$(CC) $(ALL_CFLAGS) -fsanitize=fuzzer -Wl,--defsym=LLVMFuzzerTestOneInput=fuzz_$* -o $@ $^ $(ALL_LIBS)
 

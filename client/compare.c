@@ -2,7 +2,7 @@
 #include "client/agreement.h"
 #include "client/commands.h"
 #include "client/options.h"
-#include "common/image.h"
+#include "common/image/image.h"
 
 #include <limits.h>
 #include <math.h>

@@ -226,29 +226,30 @@ static layout_t choose_layout(const image_t *image, int segments)
 typedef struct {
     int width, height;
     float *rgb[3];
-} canvas_t;
+} shared_film_t;
 
-static void fill_square(const canvas_t *canvas, int x, int y, int side)
+static void fill_square(const shared_film_t *shared_film, int x, int y, int side)
 {
-    for (int v = int_max(y, 0); v < int_min(y + side, canvas->height); v++)
-        for (int u = int_max(x, 0); u < int_min(x + side, canvas->width); u++)
-            for (int c = 0; c < 3; c++) canvas->rgb[c][(size_t)v * (size_t)canvas->width + (size_t)u] = INK;
+    for (int v = int_max(y, 0); v < int_min(y + side, shared_film->height); v++)
+        for (int u = int_max(x, 0); u < int_min(x + side, shared_film->width); u++)
+            for (int c = 0; c < 3; c++)
+                shared_film->rgb[c][(size_t)v * (size_t)shared_film->width + (size_t)u] = INK;
 }
 
-static void draw_letter(const canvas_t *canvas, int x, int y, int scale, char letter)
+static void draw_letter(const shared_film_t *shared_film, int x, int y, int scale, char letter)
 {
     for (size_t i = 0; i < ARRAY_LENGTH(font); i++) {
         if (font[i].letter != letter) continue;
         for (int d = 0; d < GLYPH_WIDTH * GLYPH_HEIGHT; d++)
             if (font[i].dots[d] == '#')
-                fill_square(canvas, x + scale * (d % GLYPH_WIDTH), y + scale * (d / GLYPH_WIDTH), scale);
+                fill_square(shared_film, x + scale * (d % GLYPH_WIDTH), y + scale * (d / GLYPH_WIDTH), scale);
     }
 }
 
 /* Letters that the font lacks are blank. */
-static void draw_text(const canvas_t *canvas, int x, int y, int scale, const char *text)
+static void draw_text(const shared_film_t *shared_film, int x, int y, int scale, const char *text)
 {
-    for (; *text; text++, x += scale * ADVANCE) draw_letter(canvas, x, y, scale, *text);
+    for (; *text; text++, x += scale * ADVANCE) draw_letter(shared_film, x, y, scale, *text);
 }
 
 /* The mean of a square of the image's pixels, at its rim of those that there are. */
@@ -263,58 +264,59 @@ static float mean_of(const image_t *image, const image_channel_t *channel, int x
     return (float)(sum / ((double)(x1 - x0) * (y1 - y0)));
 }
 
-static void draw_image(const canvas_t *canvas, const layout_t *layout, int left, int top,
+static void draw_image(const shared_film_t *shared_film, const layout_t *layout, int left, int top,
                        const image_t *image, const image_channel_t *const rgb[3], float scale)
 {
     for (int y = 0; y < layout->cell_height; y++)
         for (int x = 0; x < layout->cell_width; x++) {
-            size_t at = (size_t)(top + y) * (size_t)canvas->width + (size_t)(left + x);
+            size_t at = (size_t)(top + y) * (size_t)shared_film->width + (size_t)(left + x);
             for (int c = 0; c < 3; c++)
-                canvas->rgb[c][at] = scale * mean_of(image, rgb[c], x, y, layout->factor);
+                shared_film->rgb[c][at] = scale * mean_of(image, rgb[c], x, y, layout->factor);
         }
 }
 
-static void draw_cell(const canvas_t *canvas, const layout_t *layout, int left, int top, const image_t *image,
-                      strategy_t strategy, bool weighted, float scale)
+static void draw_cell(const shared_film_t *shared_film, const layout_t *layout, int left, int top,
+                      const image_t *image, strategy_t strategy, bool weighted, float scale)
 {
     const image_channel_t *rgb[3];
     char *layer = strategy_layer(strategy, weighted);
     char *label = mem_printf("s=%d t=%d", strategy.s, strategy.t);
     if (image_find_rgb(image, layer, rgb)) {
-        draw_image(canvas, layout, left + (layout->pitch_x - GAP - layout->cell_width) / 2, top, image, rgb,
-                   scale);
-        draw_text(canvas, left + (layout->pitch_x - GAP - text_width(label)) / 2,
+        draw_image(shared_film, layout, left + (layout->pitch_x - GAP - layout->cell_width) / 2, top, image,
+                   rgb, scale);
+        draw_text(shared_film, left + (layout->pitch_x - GAP - text_width(label)) / 2,
                   top + layout->cell_height + GAP, 1, label);
     }
     free(layer);
     free(label);
 }
 
-static void draw_pyramid(const canvas_t *canvas, const layout_t *layout, int left, int top,
+static void draw_pyramid(const shared_film_t *shared_film, const layout_t *layout, int left, int top,
                          const image_t *image, bool weighted, float scale)
 {
-    draw_text(canvas, left, top, TITLE_SCALE, weighted ? "weighted" : "unweighted");
+    draw_text(shared_film, left, top, TITLE_SCALE, weighted ? "weighted" : "unweighted");
     for (int k = 1; k <= layout->segments; k++)
         for (int s = 0; s <= k; s++) {
             int x = left + s * layout->pitch_x + (layout->segments - k) * layout->pitch_x / 2;
             int y = top + TITLE_HEIGHT + (k - 1) * layout->pitch_y;
-            draw_cell(canvas, layout, x, y, image, (strategy_t){s, k + 1 - s}, weighted, scale);
+            draw_cell(shared_film, layout, x, y, image, (strategy_t){s, k + 1 - s}, weighted, scale);
         }
 }
 
-static result_t blank_sheet(const layout_t *layout, image_t *sheet, canvas_t *canvas)
+static result_t blank_sheet(const layout_t *layout, image_t *sheet, shared_film_t *shared_film)
 {
     static const char *const names[] = {"R", "G", "B"};
     image_init(sheet, layout->width, layout->height);
-    *canvas = (canvas_t){.width = layout->width, .height = layout->height};
+    *shared_film = (shared_film_t){.width = layout->width, .height = layout->height};
     for (int c = 0; c < 3; c++) {
-        canvas->rgb[c] = image_add_channel(sheet, names[c], PIXEL_FLOAT);
-        if (canvas->rgb[c] == NULL) {
+        shared_film->rgb[c] = image_add_channel(sheet, names[c], PIXEL_FLOAT);
+        if (shared_film->rgb[c] == NULL) {
             image_free(sheet);
             return result_fail(RESULT_LIMIT, "no memory for a contact sheet of %d x %d pixels", layout->width,
                                layout->height);
         }
-        for (size_t i = 0; i < (size_t)layout->width * (size_t)layout->height; i++) canvas->rgb[c][i] = PAPER;
+        for (size_t i = 0; i < (size_t)layout->width * (size_t)layout->height; i++)
+            shared_film->rgb[c][i] = PAPER;
     }
     return result_ok();
 }
@@ -322,12 +324,12 @@ static result_t blank_sheet(const layout_t *layout, image_t *sheet, canvas_t *ca
 result_t contact_sheet_make(const image_t *image, int segments, double exposure, image_t *sheet)
 {
     layout_t layout = choose_layout(image, segments);
-    canvas_t canvas;
+    shared_film_t shared_film;
     float scale = (float)exp2(exposure);
-    TRY(blank_sheet(&layout, sheet, &canvas));
+    TRY(blank_sheet(&layout, sheet, &shared_film));
     int second_x = MARGIN + (layout.stacked ? 0 : layout.pyramid_width + MARGIN);
     int second_y = MARGIN + (layout.stacked ? layout.pyramid_height + MARGIN : 0);
-    draw_pyramid(&canvas, &layout, MARGIN, MARGIN, image, false, scale);
-    draw_pyramid(&canvas, &layout, second_x, second_y, image, true, scale);
+    draw_pyramid(&shared_film, &layout, MARGIN, MARGIN, image, false, scale);
+    draw_pyramid(&shared_film, &layout, second_x, second_y, image, true, scale);
     return result_ok();
 }

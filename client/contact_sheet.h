@@ -7,7 +7,7 @@
 #ifndef LIGHTMILL_CONTACT_SHEET_H
 #define LIGHTMILL_CONTACT_SHEET_H
 
-#include "common/image.h"
+#include "common/image/image.h"
 
 enum { CONTACT_SHEET_SIDE = 4096 /* pixels at most, of either side */ };
 

@@ -2,7 +2,7 @@
 #include "client/commands.h"
 #include "client/scene.h"
 #include "client/text.h"
-#include "common/image.h"
+#include "common/image/image.h"
 
 #include <errno.h>
 #include <getopt.h>

@@ -1,6 +1,6 @@
 /* keygen: the command that makes a key. */
 #include "client/commands.h"
-#include "proto/keys.h"
+#include "proto/wire/keys.h"
 
 #include <getopt.h>
 #include <stdio.h>

@@ -1,7 +1,7 @@
 /* options: see options.h. */
 #include "client/options.h"
 
-#include "common/film.h"
+#include "common/film/film.h"
 
 #include <ctype.h>
 #include <errno.h>

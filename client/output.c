@@ -4,7 +4,7 @@
 
 #include "client/options.h"
 #include "common/atomic_file.h"
-#include "common/image.h"
+#include "common/image/image.h"
 
 #include <string.h>
 #include <strings.h>

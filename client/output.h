@@ -30,7 +30,7 @@ bool output_is_png(const char *path);
 result_t output_writable(const char *path);
 result_t output_check(const output_t *output);
 /* Writes the files from the bytes of an EXR, each whole or not at all. `path` must be set. *noise becomes the
- * image's estimated relative error (common/film.h), negative when it is not known. */
+ * image's estimated relative error (common/film/film.h), negative when it is not known. */
 result_t output_write(const output_t *output, const uint8_t *exr, size_t size, double *noise);
 
 #endif

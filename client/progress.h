@@ -3,7 +3,7 @@
 #ifndef LIGHTMILL_PROGRESS_H
 #define LIGHTMILL_PROGRESS_H
 
-#include "proto/wire.h"
+#include "proto/wire/wire.h"
 
 typedef struct {
     bool quiet;

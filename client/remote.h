@@ -10,8 +10,8 @@
 #define LIGHTMILL_REMOTE_H
 
 #include "common/scene_blob.h"
-#include "proto/dial.h"
-#include "proto/wire.h"
+#include "proto/wire/dial.h"
+#include "proto/wire/wire.h"
 
 typedef struct remote remote_t;
 

@@ -13,7 +13,7 @@
 #include "client/scene.h"
 #include "client/strategies.h"
 #include "client/watch.h"
-#include "common/picture.h"
+#include "common/film/picture.h"
 
 #include <signal.h>
 #include <stdio.h>

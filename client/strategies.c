@@ -11,7 +11,7 @@
 
 #include "client/contact_sheet.h"
 #include "client/progress.h"
-#include "common/picture.h"
+#include "common/film/picture.h"
 
 #include <stdio.h>
 #include <stdlib.h>

@@ -1,7 +1,7 @@
 /* job: settings and units (see job.h). */
 #include "common/job.h"
 
-#include "common/film.h"
+#include "common/film/film.h"
 
 #include <math.h>
 #include <stdio.h>

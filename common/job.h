@@ -23,7 +23,7 @@ enum {
     JOB_MIN_TILE = 8,
     JOB_MAX_TILE = 256,
     JOB_MEAN_BOOST = 4, /* an adaptive job gives a tile a power of two of its round's base samples, up to */
-    JOB_MAX_BOOST = 16, /* this, and to all of them in the mean the other (master/farm/plan.h) */
+    JOB_MAX_BOOST = 16, /* this, and to all of them in the mean the other (master/schedule/plan.h) */
     JOB_MAX_ADAPTIVE_SPP = JOB_MAX_SPP / JOB_MAX_BOOST,
     JOB_MAX_NAME = 200,     /* bytes */
     JOB_MAX_PRIORITY = 1000 /* and as low as minus this */
@@ -43,7 +43,7 @@ typedef struct {
     bool unweighted;                /* that strategy without its weight in the combination */
     bool features;                  /* layers of what the eye rays meet first are wanted (film.h) */
     double error;  /* the job ends when its estimated relative error is at most this; 0: not (film.h) */
-    bool adaptive; /* noisy tiles get more samples; spp is the mean (master/farm/plan.h) */
+    bool adaptive; /* noisy tiles get more samples; spp is the mean (master/schedule/plan.h) */
 } job_settings_t;
 
 /* What is wanted of a job beside its picture. Nothing of it changes a sample. */
@@ -87,7 +87,7 @@ rect_t job_tile_rect(const job_settings_t *settings, uint32_t tile);
 bool job_strategy_exists(int s, int t);
 /* Pixels of a tile. */
 uint32_t job_tile_pixels(const job_settings_t *settings, uint32_t tile);
-/* True when the job goes by rounds that are decided from its film (master/farm/plan.h). */
+/* True when the job goes by rounds that are decided from its film (master/schedule/plan.h). */
 bool job_is_planned(const job_settings_t *settings);
 /* The number of samples that a pixel can have at most: spp, or JOB_MAX_BOOST times it in an adaptive job. */
 uint32_t job_sample_limit(const job_settings_t *settings);

@@ -7,7 +7,7 @@
  */
 #include "common/scene_blob.h"
 
-#include "common/film.h"
+#include "common/film/film.h"
 
 #include <errno.h>
 #include <fcntl.h>

@@ -3,7 +3,7 @@
 #include "common/memory_limit.h"
 #include "master/farm/farm.h"
 #include "master/master.h"
-#include "proto/wire.h"
+#include "proto/wire/wire.h"
 
 #include <getopt.h>
 #include <pthread.h>

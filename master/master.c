@@ -1,22 +1,22 @@
 /* master: see master.h. Puts the pieces together and takes them apart in the right order.
  *
  * DESIGN. Threads beside the caller's: the control server (heartbeats, assignments, clients), the bulk server
- * (batches, blobs, images), the gallery (image files), the clerk (what clients order, written down) and the
- * keeper (films on the disk). They share the farm, which is passive. Each sleeps on its socket or an eventfd;
- * the eventfds belong to the master.
+ * (batches, blobs, images), the image writer (image files), the journal writer (what clients order, written
+ * down) and the checkpointer (films on the disk). They share the farm, which is passive. Each sleeps on its
+ * socket or an eventfd; the eventfds belong to the master.
  *
  * The journal, the films and the scenes are looked at before anybody can ask for anything (restart.h), so
  * whoever connects finds the jobs as they are. When the process ends, the servers go first, so that nothing
- * changes any more; then the keeper writes what no checkpoint holds, and last the clerk how it stands with
- * the jobs. */
+ * changes any more; then the checkpointer writes what no checkpoint holds, and last the journal writer how it
+ * stands with the jobs. */
 #include "master/master.h"
 
 #include "common/address.h"
 #include "common/memory_limit.h"
-#include "master/bulk_server.h"
-#include "master/control_server.h"
-#include "master/merge/grants.h"
-#include "master/store/restart.h"
+#include "master/threads/bulk_server.h"
+#include "master/threads/control_server.h"
+#include "master/threads/restart.h"
+#include "proto/serve/grants.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -41,7 +41,7 @@ struct master {
     void *context;
     bool own_context;
     int lock_file;
-    int control_wake, bulk_wake, image_wake, clerk_wake, checkpoint_wake; /* eventfds */
+    int control_wake, bulk_wake, image_wake, journal_writer_wake, checkpoint_wake; /* eventfds */
     void *control_socket, *bulk_socket; /* until a server's thread owns them */
     int control_port, bulk_port;
     char *spool_dir;
@@ -49,9 +49,9 @@ struct master {
     film_store_t *films;
     blob_store_t *store;
     farm_t *farm;
-    gallery_t *gallery;
-    keeper_t *keeper;
-    clerk_t *clerk;
+    image_writer_t *image_writer;
+    checkpointer_t *checkpointer;
+    journal_writer_t *journal_writer;
     gate_t *gate;
     control_server_t *control;
     bulk_server_t *bulk;
@@ -265,7 +265,7 @@ static result_t make_eventfds(master_t *master)
     TRY(make_eventfd(&master->control_wake));
     TRY(make_eventfd(&master->bulk_wake));
     TRY(make_eventfd(&master->image_wake));
-    TRY(make_eventfd(&master->clerk_wake));
+    TRY(make_eventfd(&master->journal_writer_wake));
     return make_eventfd(&master->checkpoint_wake);
 }
 
@@ -281,7 +281,7 @@ static result_t make_farm(master_t *master, const master_options_t *options, uin
                            .spool_dir = options->fleeting ? NULL : master->spool_dir,
                            .control_wake = master->control_wake,
                            .image_wake = master->image_wake,
-                           .clerk_wake = master->clerk_wake,
+                           .journal_writer_wake = master->journal_writer_wake,
                            .checkpoint_wake = options->fleeting ? -1 : master->checkpoint_wake,
                            .grant_wake = master->bulk_wake};
     master->farm = farm_new(&farm);
@@ -290,45 +290,45 @@ static result_t make_farm(master_t *master, const master_options_t *options, uin
 
 static bool make_room(void *master, uint64_t bytes)
 {
-    return keeper_make_room(((master_t *)master)->keeper, bytes);
+    return checkpointer_make_room(((master_t *)master)->checkpointer, bytes);
 }
 
 static result_t start_keeping(master_t *master, const master_options_t *options, uint64_t first_job)
 {
-    keeper_options_t keeper = {.farm = master->farm,
-                               .films = master->films,
-                               .blobs = master->store,
-                               .journal = master->journal,
-                               .interval = options->checkpoint,
-                               .keep_bytes = options->keep_bytes,
-                               .checkpoint_wake = master->checkpoint_wake};
+    checkpointer_options_t checkpointer = {.farm = master->farm,
+                                           .films = master->films,
+                                           .blobs = master->store,
+                                           .journal = master->journal,
+                                           .interval = options->checkpoint,
+                                           .keep_bytes = options->keep_bytes,
+                                           .checkpoint_wake = master->checkpoint_wake};
     if (!options->fleeting) {
-        TRY(keeper_start(&keeper, &master->keeper));
+        TRY(checkpointer_start(&checkpointer, &master->checkpointer));
         blob_store_on_full(master->store, make_room, master);
     }
-    clerk_options_t clerk = {.farm = master->farm,
-                             .store = master->store,
-                             .journal = master->journal,
-                             .keeper = master->keeper,
-                             .data_dir = options->data_dir,
-                             .first_job = first_job,
-                             .clerk_wake = master->clerk_wake,
-                             .answer_wake = master->control_wake};
-    return clerk_start(&clerk, &master->clerk);
+    journal_writer_options_t journal_writer = {.farm = master->farm,
+                                               .store = master->store,
+                                               .journal = master->journal,
+                                               .checkpointer = master->checkpointer,
+                                               .data_dir = options->data_dir,
+                                               .first_job = first_job,
+                                               .journal_writer_wake = master->journal_writer_wake,
+                                               .answer_wake = master->control_wake};
+    return journal_writer_start(&journal_writer, &master->journal_writer);
 }
 
 static result_t start_serving(master_t *master, const master_options_t *options)
 {
-    gallery_options_t gallery = {.farm = master->farm,
-                                 .keeper = master->keeper,
-                                 .data_dir = options->data_dir,
-                                 .image_wake = master->image_wake,
-                                 .answer_wake = master->bulk_wake};
-    TRY(gallery_start(&gallery, &master->gallery));
+    image_writer_options_t image_writer = {.farm = master->farm,
+                                           .checkpointer = master->checkpointer,
+                                           .data_dir = options->data_dir,
+                                           .image_wake = master->image_wake,
+                                           .answer_wake = master->bulk_wake};
+    TRY(image_writer_start(&image_writer, &master->image_writer));
     bulk_server_options_t bulk = {.farm = master->farm,
                                   .gate = master->gate,
                                   .store = master->store,
-                                  .gallery = master->gallery,
+                                  .image_writer = master->image_writer,
                                   .socket = master->bulk_socket,
                                   .wake = master->bulk_wake,
                                   .batch_memory = options->batch_memory > 0 ? options->batch_memory
@@ -337,7 +337,7 @@ static result_t start_serving(master_t *master, const master_options_t *options)
     TRY(bulk_server_start(&bulk, &master->bulk));
     master->bulk_socket = NULL;
     control_server_options_t control = {.farm = master->farm,
-                                        .clerk = master->clerk,
+                                        .journal_writer = master->journal_writer,
                                         .gate = master->gate,
                                         .socket = master->control_socket,
                                         .wake = master->control_wake,
@@ -374,10 +374,10 @@ static void dismantle(master_t *master)
     control_server_stop(&master->control);
     bulk_server_stop(&master->bulk);
     if (master->farm != NULL) farm_shut_down(master->farm);
-    gallery_stop(&master->gallery);
-    keeper_finish(master->keeper);
-    clerk_stop(&master->clerk); /* it may ask the keeper for room */
-    keeper_stop(&master->keeper);
+    image_writer_stop(&master->image_writer);
+    checkpointer_finish(master->checkpointer);
+    journal_writer_stop(&master->journal_writer); /* it may ask the checkpointer for room */
+    checkpointer_stop(&master->checkpointer);
     farm_destroy(&master->farm);
     blob_store_close(&master->store);
     film_store_close(&master->films);
@@ -389,7 +389,7 @@ static void dismantle(master_t *master)
     close_descriptor(master->control_wake);
     close_descriptor(master->bulk_wake);
     close_descriptor(master->image_wake);
-    close_descriptor(master->clerk_wake);
+    close_descriptor(master->journal_writer_wake);
     close_descriptor(master->checkpoint_wake);
     close_descriptor(master->lock_file);
     free(master->spool_dir);
@@ -400,7 +400,7 @@ result_t master_start(const master_options_t *options, master_t **out)
 {
     master_t *master = mem_zalloc(1, sizeof *master);
     master->lock_file = master->control_wake = master->bulk_wake = master->image_wake = -1;
-    master->clerk_wake = master->checkpoint_wake = -1;
+    master->journal_writer_wake = master->checkpoint_wake = -1;
     result_t result = start(master, options);
     if (result.code != RESULT_OK) dismantle(master);
     *out = result.code == RESULT_OK ? master : NULL;

@@ -5,7 +5,7 @@
 #define LIGHTMILL_MASTER_H
 
 #include "common/health.h"
-#include "master/door/gate.h"
+#include "proto/serve/gate.h"
 
 typedef struct {
     void *context;                /* ZeroMQ context to share (inproc), or NULL to make one */

@@ -4,8 +4,8 @@
  * added by the threads of a pool. */
 #include "relay/bulk_desk.h"
 
-#include "master/merge/grants.h"
-#include "master/merge/merge_pool.h"
+#include "proto/serve/grants.h"
+#include "proto/serve/merge_pool.h"
 
 #include <stdlib.h>
 #include <string.h>

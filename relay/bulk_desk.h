@@ -2,7 +2,7 @@
 #ifndef LIGHTMILL_BULK_DESK_H
 #define LIGHTMILL_BULK_DESK_H
 
-#include "master/door/gate.h"
+#include "proto/serve/gate.h"
 #include "relay/desk.h"
 #include "relay/pool.h"
 

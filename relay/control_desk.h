@@ -2,7 +2,7 @@
 #ifndef LIGHTMILL_CONTROL_DESK_H
 #define LIGHTMILL_CONTROL_DESK_H
 
-#include "master/door/gate.h"
+#include "proto/serve/gate.h"
 #include "relay/desk.h"
 #include "relay/pool.h"
 

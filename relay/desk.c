@@ -1,7 +1,7 @@
 /* desk: see desk.h. */
 #include "relay/desk.h"
 
-#include "master/door/complaint.h"
+#include "proto/serve/complaint.h"
 
 #include <pthread.h>
 #include <stdarg.h>

@@ -2,7 +2,7 @@
 #ifndef LIGHTMILL_DESK_H
 #define LIGHTMILL_DESK_H
 
-#include "master/door/gate.h"
+#include "proto/serve/gate.h"
 
 typedef struct desk desk_t;
 

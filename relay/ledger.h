@@ -9,7 +9,7 @@
 #ifndef LIGHTMILL_LEDGER_H
 #define LIGHTMILL_LEDGER_H
 
-#include "worker/unit_queue.h"
+#include "proto/uplink/unit_queue.h"
 
 /* A unit that is out. */
 typedef struct {

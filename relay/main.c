@@ -1,7 +1,7 @@
 /* lightmill-relay: the command line around relay.h. */
 #include "common/address.h"
 #include "common/memory_limit.h"
-#include "proto/wire.h"
+#include "proto/wire/wire.h"
 #include "relay/relay.h"
 
 #include <errno.h>

@@ -16,7 +16,7 @@
  * would: UNIT_FACTOR.
  *
  * This file has the pool itself, its notices and its clock; pool_workers.c the workers and their batches,
- * pool_crew.c what the master says and gets. */
+ * pool_handler.c what the master says and gets. */
 #include "relay/pool_state.h"
 
 #include <stdio.h>

@@ -1,8 +1,8 @@
 /* pool: what a relay holds: the units that it took from above, the workers below that render them, and the
  * sums of what these have delivered.
  *
- * To the threads that talk to the master above, it is a crew (worker/crew.h). To those that talk to the
- * workers below, it is what the farm is to a master. It knows no sockets.
+ * To the threads that talk to the master above, it is a handler (proto/uplink/uplink_handler.h). To those
+ * that talk to the workers below, it is what the farm is to a master. It knows no sockets.
  *
  * Workers of one relay make the same bits: the first one decides which.
  *
@@ -12,7 +12,7 @@
 #define LIGHTMILL_POOL_H
 
 #include "master/farm/farm.h"
-#include "worker/crew.h"
+#include "proto/uplink/uplink_handler.h"
 
 typedef struct pool pool_t;
 
@@ -31,7 +31,7 @@ pool_t *pool_new(const pool_options_t *options);
 /* Frees the pool and sets *pool to NULL; all threads that use it have ended. */
 void pool_destroy(pool_t **pool);
 /* The calls of the threads that talk to the master. */
-crew_t pool_crew(pool_t *pool);
+uplink_handler_t pool_handler(pool_t *pool);
 
 /* ---- workers ------------------------------------------------------------------------------------------- */
 

@@ -1,4 +1,5 @@
-/* pool_crew: what the master above says, and what it gets (see worker/crew.h and the note in pool.c). */
+/* pool_handler: what the master above says, and what it gets (see proto/uplink/uplink_handler.h and the note
+ * in pool.c). */
 #include "relay/pool_state.h"
 
 #include <stdlib.h>
@@ -26,7 +27,7 @@ static bool make_room(pool_t *pool)
     return pool->job_count < POOL_MAX_JOBS;
 }
 
-/* The job of an assignment; a number alone does not make it the same (worker/workshop_state.h). NULL when
+/* The job of an assignment; a number alone does not make it the same (worker/render_pool_state.h). NULL when
  * there is no room: the master gives the units to others in time. */
 static relay_job_t *job_of(pool_t *pool, const assignment_t *assignment)
 {
@@ -182,7 +183,7 @@ static void clear_failure(void *self)
 /* ---- state -------------------------------------------------------------------------------------------- */
 
 /* Pixel samples to ask for, and of a good unit. */
-static void add_wishes(const pool_t *pool, crew_state_t *state)
+static void add_wishes(const pool_t *pool, uplink_state_t *state)
 {
     double units = 0, threads = 0, free_samples = 0;
     size_t held = 0;
@@ -211,10 +212,10 @@ static void add_wishes(const pool_t *pool, crew_state_t *state)
     if (free_samples < 0.5 * hold) state->samples = (uint64_t)(hold - free_samples);
 }
 
-static crew_state_t state(void *self)
+static uplink_state_t state(void *self)
 {
     pool_t *pool = self;
-    crew_state_t s = {0};
+    uplink_state_t s = {0};
     pool_lock(pool);
     s.ready = pool->member_count > 0 || !pool_empty(pool);
     s.fingerprint = pool->group;
@@ -449,23 +450,23 @@ static void sent(void *self, const closed_batch_t *closed, bool counted)
     pool_wake(pool->options.grant_wake);
 }
 
-crew_t pool_crew(pool_t *pool)
+uplink_handler_t pool_handler(pool_t *pool)
 {
-    static const crew_calls_t calls = {.assign = assign,
-                                       .no_more = no_more,
-                                       .job_over = job_over,
-                                       .forget = forget,
-                                       .kept = kept,
-                                       .drain = drain,
-                                       .give_up = give_up,
-                                       .clear_failure = clear_failure,
-                                       .state = state,
-                                       .duty = find_duty,
-                                       .unwanted = unwanted,
-                                       .pressing = pressing,
-                                       .loaded = loaded,
-                                       .refuse = refuse,
-                                       .close = close_batch,
-                                       .sent = sent};
-    return (crew_t){&calls, pool};
+    static const uplink_calls_t calls = {.assign = assign,
+                                         .no_more = no_more,
+                                         .job_over = job_over,
+                                         .forget = forget,
+                                         .kept = kept,
+                                         .drain = drain,
+                                         .give_up = give_up,
+                                         .clear_failure = clear_failure,
+                                         .state = state,
+                                         .duty = find_duty,
+                                         .unwanted = unwanted,
+                                         .pressing = pressing,
+                                         .loaded = loaded,
+                                         .refuse = refuse,
+                                         .close = close_batch,
+                                         .sent = sent};
+    return (uplink_handler_t){&calls, pool};
 }

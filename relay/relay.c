@@ -1,18 +1,18 @@
 /* relay: see relay.h.
  *
- * DESIGN. Upward it is a worker: the same two threads (worker/control.c, worker/bulk.c), with another crew.
- * Downward it is a master: two sockets with a desk each (control_desk.c, bulk_desk.c), and threads that add
- * batches. Between them is the pool (pool.c), which is passive. This file only puts them together and takes
- * them apart in the right order. */
+ * DESIGN. Upward it is a worker: the same two threads (proto/uplink/control.c, proto/uplink/bulk.c), with
+ * another handler. Downward it is a master: two sockets with a desk each (control_desk.c, bulk_desk.c), and
+ * threads that add batches. Between them is the pool (pool.c), which is passive. This file only puts them
+ * together and takes them apart in the right order. */
 #include "relay/relay.h"
 
 #include "common/address.h"
 #include "common/memory_limit.h"
-#include "master/merge/grants.h"
+#include "proto/serve/grants.h"
+#include "proto/uplink/control.h"
 #include "relay/bulk_desk.h"
 #include "relay/control_desk.h"
 #include "relay/pool.h"
-#include "worker/control.h"
 
 #include <errno.h>
 #include <math.h>
@@ -190,7 +190,7 @@ static result_t start(relay_t *relay)
                            .grant_wake = relay->wakes[WAKE_GRANTS]};
     relay->pool = pool_new(&pool);
     bulk_options_t bulk = {.context = relay->context,
-                           .crew = pool_crew(relay->pool),
+                           .handler = pool_handler(relay->pool),
                            .wake = relay->wakes[WAKE_BULK],
                            .cache_dir = relay->cache_dir,
                            .cache_limit = options->cache_limit,
@@ -221,7 +221,7 @@ static result_t serve(relay_t *relay, const atomic_int *stop)
 {
     const relay_options_t *options = relay->options;
     control_setup_t setup = {.context = relay->context,
-                             .crew = pool_crew(relay->pool),
+                             .handler = pool_handler(relay->pool),
                              .bulk = relay->bulk,
                              .wake = relay->wakes[WAKE_CONTROL],
                              .control_endpoint = options->master_endpoint,

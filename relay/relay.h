@@ -5,8 +5,8 @@
 #define LIGHTMILL_RELAY_H
 
 #include "common/health.h"
-#include "master/door/gate.h"
-#include "proto/dial.h"
+#include "proto/serve/gate.h"
+#include "proto/wire/dial.h"
 
 #include <stdatomic.h>
 

@@ -3,7 +3,7 @@
 #ifndef LIGHTMILL_SUMS_H
 #define LIGHTMILL_SUMS_H
 
-#include "proto/wire.h"
+#include "proto/wire/wire.h"
 
 typedef struct sum sum_t;
 

@@ -1,7 +1,7 @@
 /* chi_square: does a sampling routine draw from the density that it claims? A test of Pearson's kind over a
  * grid. */
-#ifndef LIGHTMILL_TESTS_CHI_SQUARE_H
-#define LIGHTMILL_TESTS_CHI_SQUARE_H
+#ifndef LIGHTMILL_CHI_SQUARE_H
+#define LIGHTMILL_CHI_SQUARE_H
 
 #include <stdbool.h>
 #include <stddef.h>

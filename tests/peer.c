@@ -2,7 +2,7 @@
 #include "tests/peer.h"
 
 #include "common/scene_blob.h"
-#include "proto/checksum.h"
+#include "proto/wire/checksum.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

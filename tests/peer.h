@@ -2,10 +2,10 @@
  * exactly as the test says and no better. Calls end the running test when an answer does not come within
  * seconds.
  */
-#ifndef LIGHTMILL_TESTS_PEER_H
-#define LIGHTMILL_TESTS_PEER_H
+#ifndef LIGHTMILL_PEER_H
+#define LIGHTMILL_PEER_H
 
-#include "proto/wire.h"
+#include "proto/wire/wire.h"
 
 typedef struct {
     void *context; /* its own */

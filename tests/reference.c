@@ -1,7 +1,7 @@
 /* reference: see reference.h. */
 #include "tests/reference.h"
 
-#include "common/image.h"
+#include "common/image/image.h"
 
 #include <math.h>
 #include <stdio.h>

@@ -1,10 +1,10 @@
 /* reference: the images that another renderer made (tests/references/README.md). Calls end the test or the
  * bench on failure. */
-#ifndef LIGHTMILL_TESTS_REFERENCE_H
-#define LIGHTMILL_TESTS_REFERENCE_H
+#ifndef LIGHTMILL_REFERENCE_H
+#define LIGHTMILL_REFERENCE_H
 
 #include "client/agreement.h"
-#include "common/film.h"
+#include "common/film/film.h"
 
 /* The reference of a scene: its mean, and as variance the square of its standard error. */
 estimate_image_t reference_read(const char *scene);

@@ -1,8 +1,8 @@
 /* render_here: see render_here.h. */
 #include "tests/render_here.h"
 
-#include "master/farm/plan.h"
-#include "master/farm/schedule.h"
+#include "master/schedule/plan.h"
+#include "master/schedule/schedule.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

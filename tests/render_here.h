@@ -1,7 +1,7 @@
 /* render_here: renders a job in this process and thread, without any farm: what the tests of the renderer
  * need. */
-#ifndef LIGHTMILL_TESTS_RENDER_HERE_H
-#define LIGHTMILL_TESTS_RENDER_HERE_H
+#ifndef LIGHTMILL_RENDER_HERE_H
+#define LIGHTMILL_RENDER_HERE_H
 
 #include "worker/render/renderer.h"
 

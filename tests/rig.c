@@ -2,7 +2,7 @@
 #include "tests/rig.h"
 
 #include "client/scene.h"
-#include "common/image.h"
+#include "common/image/image.h"
 #include "tests/scratch.h"
 
 #include <arpa/inet.h>

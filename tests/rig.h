@@ -1,7 +1,7 @@
 /* rig: a farm of real processes on this machine, for the tests that hurt it. Calls end the test on failure,
  * and whatever was started dies with the test. */
-#ifndef LIGHTMILL_TESTS_RIG_H
-#define LIGHTMILL_TESTS_RIG_H
+#ifndef LIGHTMILL_RIG_H
+#define LIGHTMILL_RIG_H
 
 #include "client/remote.h"
 

@@ -3,7 +3,7 @@
 
 #include "common/sampler.h"
 #include "tests/chi_square.h"
-#include "worker/render/warp.h"
+#include "worker/render/sampling/warp.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

@@ -1,9 +1,9 @@
 /* scattering: the BSDF of one material, and what every BSDF is asked: does it draw from the density that it
  * claims, do samples and values agree, how much light does it throw back? */
-#ifndef LIGHTMILL_TESTS_SCATTERING_H
-#define LIGHTMILL_TESTS_SCATTERING_H
+#ifndef LIGHTMILL_SCATTERING_H
+#define LIGHTMILL_SCATTERING_H
 
-#include "worker/render/bsdf.h"
+#include "worker/render/bsdf/bsdf.h"
 
 typedef struct {
     uint8_t *bytes;

@@ -4,11 +4,11 @@
  *
  * It acts only while scripted_run or scripted_step is called.
  */
-#ifndef LIGHTMILL_TESTS_SCRIPTED_H
-#define LIGHTMILL_TESTS_SCRIPTED_H
+#ifndef LIGHTMILL_SCRIPTED_H
+#define LIGHTMILL_SCRIPTED_H
 
 #include "common/scene_blob.h"
-#include "proto/wire.h"
+#include "proto/wire/wire.h"
 
 enum { SCRIPTED_MAX = 64 };
 

@@ -20,7 +20,7 @@ static farm_t *make_farm(bool keeps, const char *spool_dir)
                               .spool_dir = spool_dir,
                               .control_wake = -1,
                               .image_wake = -1,
-                              .clerk_wake = -1,
+                              .journal_writer_wake = -1,
                               .checkpoint_wake = keeps ? 1 << 30 : -1, /* nobody listens */
                               .grant_wake = -1};
     log_init("test", LOG_ERROR);
@@ -199,23 +199,23 @@ bool toy_checkpoint(farm_t *farm, double now, result_t result, toy_film_t *film)
 {
     double age;
     bool last;
-    canvas_snapshot_t *snapshot;
+    shared_film_snapshot_t *snapshot;
     job_t *job = farm_next_checkpoint(farm, now, &age, &last);
     if (job == NULL) return false;
     *film = (toy_film_t){.job = farm_job_id(job)};
     job_settings_t settings = farm_job_settings(farm, job);
     assert_int_equal(film_new(&settings, &film->film).code, RESULT_OK);
     assert_true(farm_snapshot(farm, job, &film->state, &snapshot));
-    for (size_t i = 0; i < canvas_page_count(&settings); i++) {
+    for (size_t i = 0; i < shared_film_page_count(&settings); i++) {
         size_t size;
-        void *page = canvas_page(film->film, i, &size);
-        uint8_t *bytes = mem_alloc(CANVAS_PAGE_BYTES);
-        assert_int_equal(canvas_snapshot_read(snapshot, i, bytes), size);
+        void *page = shared_film_page(film->film, i, &size);
+        uint8_t *bytes = mem_alloc(SHARED_FILM_PAGE_BYTES);
+        assert_int_equal(shared_film_snapshot_read(snapshot, i, bytes), size);
         memcpy(page, bytes, size);
         free(bytes);
     }
-    film->film->counts = canvas_snapshot_counts(snapshot);
-    canvas_snapshot_free(&snapshot);
+    film->film->counts = shared_film_snapshot_counts(snapshot);
+    shared_film_snapshot_free(&snapshot);
     farm_checkpointed(farm, now, job, result);
     farm_unpin(farm, job);
     if (result.code != RESULT_OK) toy_film_free(film);

@@ -1,8 +1,8 @@
 /* toy_farm: a master/farm/farm.h without sockets or threads, in a time of its own: a test plays the workers,
- * the image writer and the keeper, and what would take hours takes a moment. Batches hold sums that are a
- * function of their units, so that a film can be compared. Calls end the test on failure. */
-#ifndef LIGHTMILL_TESTS_TOY_FARM_H
-#define LIGHTMILL_TESTS_TOY_FARM_H
+ * the image writer and the checkpointer, and what would take hours takes a moment. Batches hold sums that are
+ * a function of their units, so that a film can be compared. Calls end the test on failure. */
+#ifndef LIGHTMILL_TOY_FARM_H
+#define LIGHTMILL_TOY_FARM_H
 
 #include "master/farm/farm.h"
 
@@ -43,7 +43,7 @@ result_t toy_order(farm_t *farm, double now, uint64_t job, order_kind_t kind);
 /* The image writer: writes the images that are due, with this result; returns how many. */
 int toy_write_images(farm_t *farm, double now, result_t result);
 
-/* The keeper: a checkpoint in memory. */
+/* The checkpointer: a checkpoint in memory. */
 typedef struct {
     uint64_t job; /* 0: none */
     film_t *film;

@@ -1,7 +1,7 @@
 /* checks: see checks.h. */
 #include "worker/checks.h"
 
-#include "worker/unit_queue.h"
+#include "proto/uplink/unit_queue.h"
 
 #include <stdlib.h>
 #include <string.h>

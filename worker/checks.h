@@ -7,7 +7,7 @@
 #ifndef LIGHTMILL_CHECKS_H
 #define LIGHTMILL_CHECKS_H
 
-#include "common/film.h"
+#include "common/film/film.h"
 
 enum { CHECKS_MAX = 4096 };
 

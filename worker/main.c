@@ -4,7 +4,7 @@
  * finish what it has begun and to send it; the second ends the process at once.
  */
 #include "common/address.h"
-#include "proto/wire.h"
+#include "proto/wire/wire.h"
 #include "worker/worker.h"
 
 #include <errno.h>

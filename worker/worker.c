@@ -1,19 +1,19 @@
 /* worker: see worker.h.
  *
- * DESIGN. Three kinds of threads share one workshop: the calling thread talks to the master (control.c), one
- * thread moves bytes and makes scenes ready (bulk.c), the rest render (workshop.c). They wake one another
- * through two eventfds, since those can be waited for together with ZeroMQ sockets. This file only puts them
- * together and takes them apart in the right order: bulk first, then the render threads, then the scene that
- * they looked at.
+ * DESIGN. Three kinds of threads share one render pool: the calling thread talks to the master (control.c),
+ * one thread moves bytes and makes scenes ready (bulk.c), the rest render (render_pool.c). They wake one
+ * another through two eventfds, since those can be waited for together with ZeroMQ sockets. This file only
+ * puts them together and takes them apart in the right order: bulk first, then the render threads, then the
+ * scene that they looked at.
  */
 #include "worker/worker.h"
 
 #include "common/memory_limit.h"
-#include "worker/blob_cache.h"
-#include "worker/bulk.h"
-#include "worker/control.h"
+#include "proto/uplink/blob_cache.h"
+#include "proto/uplink/bulk.h"
+#include "proto/uplink/control.h"
 #include "worker/render/fingerprint.h"
-#include "worker/workshop.h"
+#include "worker/render_pool.h"
 
 #include <errno.h>
 #include <sched.h>
@@ -55,15 +55,15 @@ static hash_t own_fingerprint(void)
 static result_t run_threads(const worker_options_t *options, void *context, int wakes[2],
                             const atomic_int *stop)
 {
-    workshop_options_t shop_options = {.threads = options->threads > 0 ? options->threads : core_count(),
-                                       .fingerprint = own_fingerprint(),
-                                       .memory = memory_limit(),
-                                       .control_wake = wakes[0],
-                                       .bulk_wake = wakes[1]};
-    workshop_t *shop = workshop_new(&shop_options);
+    render_pool_options_t shop_options = {.threads = options->threads > 0 ? options->threads : core_count(),
+                                          .fingerprint = own_fingerprint(),
+                                          .memory = memory_limit(),
+                                          .control_wake = wakes[0],
+                                          .bulk_wake = wakes[1]};
+    render_pool_t *shop = render_pool_new(&shop_options);
     char *cache_dir = options->cache_dir ? mem_strdup(options->cache_dir) : blob_cache_default_dir();
     control_setup_t setup = {.context = context,
-                             .crew = workshop_crew(shop),
+                             .handler = render_pool_handler(shop),
                              .wake = wakes[0],
                              .control_endpoint = options->control_endpoint,
                              .bulk_endpoint = options->bulk_endpoint,
@@ -74,7 +74,7 @@ static result_t run_threads(const worker_options_t *options, void *context, int 
                              .pulse = options->pulse,
                              .keys = options->keys};
     bulk_options_t bulk = {.context = context,
-                           .crew = setup.crew,
+                           .handler = setup.handler,
                            .wake = wakes[1],
                            .cache_dir = cache_dir,
                            .cache_limit = options->cache_limit,
@@ -84,7 +84,7 @@ static result_t run_threads(const worker_options_t *options, void *context, int 
     result_t result = bulk_start(&bulk, &setup.bulk);
     if (result.code == RESULT_OK) result = control_run(&setup, stop);
     bulk_stop(&setup.bulk);
-    workshop_destroy(&shop);
+    render_pool_destroy(&shop);
     free(cache_dir);
     return result;
 }

@@ -4,7 +4,7 @@
 #define LIGHTMILL_WORKER_H
 
 #include "common/health.h"
-#include "proto/dial.h"
+#include "proto/wire/dial.h"
 
 #include <stdatomic.h>
 

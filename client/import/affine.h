@@ -3,8 +3,8 @@
  * A scene file multiplies long chains of transforms; they are carried in double and rounded to float once,
  * when a vertex or an instance is written. The directions and signs are pbrt's.
  */
-#ifndef LIGHTMILL_IMPORT_AFFINE_H
-#define LIGHTMILL_IMPORT_AFFINE_H
+#ifndef LIGHTMILL_AFFINE_H
+#define LIGHTMILL_AFFINE_H
 
 #include "common/vec.h"
 

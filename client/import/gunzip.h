@@ -1,6 +1,6 @@
 /* gunzip: gzip files (RFC 1952) in memory, by zlib. */
-#ifndef LIGHTMILL_IMPORT_GUNZIP_H
-#define LIGHTMILL_IMPORT_GUNZIP_H
+#ifndef LIGHTMILL_GUNZIP_H
+#define LIGHTMILL_GUNZIP_H
 
 #include "common/base.h"
 

@@ -4,8 +4,8 @@
  * object's space and appends it. It guarantees what the blob promises: finite vertices, indices in range, no
  * triangle without area, normals of unit length.
  */
-#ifndef LIGHTMILL_IMPORT_MESH_H
-#define LIGHTMILL_IMPORT_MESH_H
+#ifndef LIGHTMILL_MESH_H
+#define LIGHTMILL_MESH_H
 
 #include "client/import/affine.h"
 #include "client/import/report.h"

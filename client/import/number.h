@@ -4,8 +4,8 @@
  * (all that a program prints with nine digits) are converted exactly with one multiplication or division
  * (Clinger 1990, "How to Read Floating Point Numbers Accurately"); the rest goes to strtod.
  */
-#ifndef LIGHTMILL_IMPORT_NUMBER_H
-#define LIGHTMILL_IMPORT_NUMBER_H
+#ifndef LIGHTMILL_NUMBER_H
+#define LIGHTMILL_NUMBER_H
 
 #include <stdbool.h>
 

@@ -5,8 +5,8 @@
  * elements and properties, face_indices among them, are passed over. Counts are checked against the bytes
  * that are there before memory is taken; a gzipped file may have up to 4 GiB inside.
  */
-#ifndef LIGHTMILL_IMPORT_PLY_H
-#define LIGHTMILL_IMPORT_PLY_H
+#ifndef LIGHTMILL_PLY_H
+#define LIGHTMILL_PLY_H
 
 #include "client/import/mesh.h"
 

@@ -4,8 +4,8 @@
  * the import goes on. After REPORT_MAX_WARNINGS lines the rest is only counted, and the count is told at the
  * end.
  */
-#ifndef LIGHTMILL_IMPORT_REPORT_H
-#define LIGHTMILL_IMPORT_REPORT_H
+#ifndef LIGHTMILL_REPORT_H
+#define LIGHTMILL_REPORT_H
 
 #include "client/import/import.h"
 

@@ -4,8 +4,8 @@
  * the sRGB primaries; a component that comes out negative (a colour outside of sRGB) is set to 0.
  * docs/import.md has the equations and says which rule is whose.
  */
-#ifndef LIGHTMILL_IMPORT_SPECTRUM_H
-#define LIGHTMILL_IMPORT_SPECTRUM_H
+#ifndef LIGHTMILL_SPECTRUM_H
+#define LIGHTMILL_SPECTRUM_H
 
 #include "client/import/report.h"
 #include "common/vec.h"

@@ -1,6 +1,6 @@
 /* spectrum_data: the tables behind spectrum.h; for spectrum.c only. */
-#ifndef LIGHTMILL_IMPORT_SPECTRUM_DATA_H
-#define LIGHTMILL_IMPORT_SPECTRUM_DATA_H
+#ifndef LIGHTMILL_SPECTRUM_DATA_H
+#define LIGHTMILL_SPECTRUM_DATA_H
 
 #include "common/base.h"
 

@@ -12,8 +12,8 @@
 #ifndef LIGHTMILL_FARM_H
 #define LIGHTMILL_FARM_H
 
-#include "master/farm/schedule.h"
-#include "master/merge/canvas.h"
+#include "master/film/shared_film.h"
+#include "master/schedule/schedule.h"
 
 enum {
     FARM_MAX_JOBS = 1000,    /* known at a time; the oldest finished ones are forgotten */
@@ -41,9 +41,9 @@ typedef struct {
     const char
         *spool_dir; /* where batches wait to be vouched for (farm_checks.c); NULL: jobs cannot be verified */
     /* eventfds; -1: none */
-    int control_wake;    /* written when there are notices to send */
-    int image_wake;      /* when a job waits for its image */
-    int clerk_wake;      /* when a job's record has changed */
+    int control_wake;        /* written when there are notices to send */
+    int image_wake;          /* when a job waits for its image */
+    int journal_writer_wake; /* when a job's record has changed */
     int checkpoint_wake; /* when a film is to be loaded, or a last checkpoint to be made; -1: no film outlives
                             the process, and jobs end without */
     int grant_wake; /* when a batch that was refused for the moment may now be taken: a film was loaded */
@@ -232,7 +232,7 @@ void farm_load_failed(farm_t *farm, double now, job_t *job, const char *why);
 job_t *farm_next_checkpoint(farm_t *farm, double now, double *age, bool *last);
 /* A snapshot of a pinned job's film and exactly the samples that it holds. False when it has no film (any
  * more), or a snapshot is open. The snapshot is freed by the caller, then farm_checkpointed is called. */
-bool farm_snapshot(farm_t *farm, job_t *job, schedule_state_t *state, canvas_snapshot_t **snapshot);
+bool farm_snapshot(farm_t *farm, job_t *job, schedule_state_t *state, shared_film_snapshot_t **snapshot);
 /* A checkpoint was written; or it could not be: then farm_next_checkpoint gives the job out again, and one
  * that is finishing waits for a better time with its film. */
 void farm_checkpointed(farm_t *farm, double now, job_t *job, result_t written);

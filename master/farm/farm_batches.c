@@ -34,20 +34,20 @@ void farm_unpin(farm_t *farm, job_t *job)
     farm_unlock(farm);
 }
 
-canvas_t *farm_canvas_hold(farm_t *farm, job_t *job)
+shared_film_t *farm_shared_film_hold(farm_t *farm, job_t *job)
 {
     farm_lock(farm);
-    canvas_t *canvas = job->canvas_condemned ? NULL : job->canvas;
-    job->canvas_users += canvas != NULL;
+    shared_film_t *shared_film = job->shared_film_condemned ? NULL : job->shared_film;
+    job->shared_film_users += shared_film != NULL;
     farm_unlock(farm);
-    return canvas;
+    return shared_film;
 }
 
-void farm_canvas_let_go(farm_t *farm, job_t *job)
+void farm_shared_film_let_go(farm_t *farm, job_t *job)
 {
     farm_lock(farm);
-    job->canvas_users--;
-    if (job->canvas_condemned) farm_job_free_film(farm, job);
+    job->shared_film_users--;
+    if (job->shared_film_condemned) farm_job_free_film(farm, job);
     farm_unlock(farm);
 }
 
@@ -193,8 +193,8 @@ static uint64_t most_compared(const job_t *job, const worker_t *worker)
     return COMPARED_BYTES + worker->threads * unit;
 }
 
-/* Under the lock, in the canvas: refuses the batch, or counts its units. They are in the film before the
- * canvas is left, so that nobody sees one without the other. */
+/* Under the lock, in the shared film: refuses the batch, or counts its units. They are in the film before the
+ * shared film is left, so that nobody sees one without the other. */
 static result_t count_units(farm_t *farm, merge_t *merge)
 {
     job_t *job = merge->job;
@@ -211,14 +211,14 @@ static result_t count_units(farm_t *farm, merge_t *merge)
     return result_ok();
 }
 
-/* In the canvas. */
-static result_t add_batch(farm_t *farm, canvas_t *canvas, merge_t *merge)
+/* In the shared film. */
+static result_t add_batch(farm_t *farm, shared_film_t *shared_film, merge_t *merge)
 {
     farm_lock(farm);
     result_t result = count_units(farm, merge);
     farm_unlock(farm);
     if (result.code != RESULT_OK) return result;
-    result = canvas_merge_payload(canvas, merge->payload, merge->batch, merge->weights, 1);
+    result = shared_film_merge_payload(shared_film, merge->payload, merge->batch, merge->weights, 1);
     if (result.code == RESULT_OK) {
         if (merge->job->terms.verify > 0)
             farm_check_keep(farm, merge->job, merge->worker, merge->batch, merge->payload);
@@ -236,7 +236,7 @@ static void note_batch(farm_t *farm, double now, const merge_t *merge)
 {
     job_t *job = merge->job;
     worker_t *worker = farm_find_worker(farm, merge->worker);
-    film_counts_t counts = canvas_counts(job->canvas);
+    film_counts_t counts = shared_film_counts(job->shared_film);
     if (job->counts.dropped == 0 && counts.dropped > 0)
         log_warning("job %llu: contributions that are NaN or infinite are dropped",
                     (unsigned long long)job->id);
@@ -282,11 +282,11 @@ void farm_batch_refuse(farm_t *farm, job_t *job, uint64_t id, const unit_t *unit
 /* Merges a batch that goes into the film. */
 static result_t merge_batch(farm_t *farm, double now, merge_t *merge)
 {
-    canvas_t *canvas = farm_canvas_hold(farm, merge->job);
-    if (canvas == NULL) return result_fail(RESULT_CANCELLED, "the job is over");
-    canvas_enter(canvas);
-    result_t result = add_batch(farm, canvas, merge);
-    canvas_leave(canvas);
+    shared_film_t *shared_film = farm_shared_film_hold(farm, merge->job);
+    if (shared_film == NULL) return result_fail(RESULT_CANCELLED, "the job is over");
+    shared_film_enter(shared_film);
+    result_t result = add_batch(farm, shared_film, merge);
+    shared_film_leave(shared_film);
     if (result.code == RESULT_OK) {
         farm_lock(farm);
         note_batch(farm, now, merge);
@@ -294,7 +294,7 @@ static result_t merge_batch(farm_t *farm, double now, merge_t *merge)
         farm_unlock(farm);
     }
     free(merge->weights);
-    farm_canvas_let_go(farm, merge->job);
+    farm_shared_film_let_go(farm, merge->job);
     return result;
 }
 
@@ -374,7 +374,7 @@ job_t *farm_next_finished(farm_t *farm)
 }
 
 /* The film of an adaptive job knows the weights of its samples, the schedule their number. Called with the
- * canvas locked, so that both are of the same moment. */
+ * shared film locked, so that both are of the same moment. */
 static void show_samples(farm_t *farm, const job_t *job, const job_settings_t *settings, film_image_t *image)
 {
     uint32_t *samples = mem_alloc(job_tile_count(settings) * sizeof *samples);
@@ -396,12 +396,12 @@ result_t farm_resolve(farm_t *farm, double now, job_t *job, film_image_t *image,
         farm_wake(farm->options.checkpoint_wake);
     }
     farm_unlock(farm);
-    canvas_t *canvas = empty ? NULL : farm_canvas_hold(farm, job);
-    if (canvas != NULL) {
-        film_resolve(canvas_lock(canvas), image);
+    shared_film_t *shared_film = empty ? NULL : farm_shared_film_hold(farm, job);
+    if (shared_film != NULL) {
+        film_resolve(shared_film_lock(shared_film), image);
         if (report->settings.adaptive) show_samples(farm, job, &report->settings, image);
-        canvas_unlock(canvas);
-        farm_canvas_let_go(farm, job);
+        shared_film_unlock(shared_film);
+        farm_shared_film_let_go(farm, job);
         return result_ok();
     }
     if (due)

@@ -1,7 +1,7 @@
 /* farm_jobs: the life of a job: its start, its rounds and its end (see farm.h and the note in farm.c). */
 #include "master/farm/farm_state.h"
 
-#include "master/farm/plan.h"
+#include "master/schedule/plan.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -33,11 +33,11 @@ double farm_job_elapsed(const job_t *job, double now)
 
 void farm_job_free_film(farm_t *farm, job_t *job)
 {
-    if (job->canvas == NULL) return;
-    job->canvas_condemned = job->canvas_users > 0;
-    if (job->canvas_condemned) return;
+    if (job->shared_film == NULL) return;
+    job->shared_film_condemned = job->shared_film_users > 0;
+    if (job->shared_film_condemned) return;
     farm->film_bytes -= farm_film_bytes(&job->settings);
-    canvas_destroy(&job->canvas);
+    shared_film_destroy(&job->shared_film);
     farm_wake(farm->options.checkpoint_wake); /* a film may have waited for memory to be loaded */
 }
 
@@ -64,7 +64,7 @@ void farm_job_remove(farm_t *farm, job_t *job)
     memmove(farm->jobs + at, farm->jobs + at + 1, (--farm->job_count - at) * sizeof *farm->jobs);
     farm->removed = mem_realloc(farm->removed, (farm->removed_count + 1) * sizeof *farm->removed);
     farm->removed[farm->removed_count++] = job->id;
-    farm_wake(farm->options.clerk_wake);
+    farm_wake(farm->options.journal_writer_wake);
     job->gone = true;
     job->taking = false;
     if (job->pins == 0) farm_job_free(farm, job);
@@ -82,7 +82,7 @@ bool farm_job_has_work(const job_t *job)
 void farm_job_install(farm_t *farm, double now, job_t *job, film_t *film, schedule_t *schedule)
 {
     job->counts = film->counts;
-    job->canvas = canvas_new(film);
+    job->shared_film = shared_film_new(film);
     job->schedule = schedule;
     job->samples_done = schedule_done(schedule);
     job->taking = true;
@@ -190,15 +190,15 @@ static void plan_round(farm_t *farm, double now, job_t *job)
 {
     question_t question = question_new(job);
     double error = 0;
-    canvas_t *canvas = job->canvas;
+    shared_film_t *shared_film = job->shared_film;
     job->planning = true;
-    job->canvas_users++;
+    job->shared_film_users++;
     farm_unlock(farm);
     plan_verdict_t verdict =
         plan_next(&question.settings, question.round_count, question.round_count > 0 ? &question.last : NULL,
-                  canvas_lock(canvas), &question.next, &error);
-    canvas_unlock(canvas);
-    farm_canvas_let_go(farm, job);
+                  shared_film_lock(shared_film), &question.next, &error);
+    shared_film_unlock(shared_film);
+    farm_shared_film_let_go(farm, job);
     farm_lock(farm);
     job->planning = false;
     if (job->taking && question_stands(&question, job)) {
@@ -339,7 +339,7 @@ void farm_job_settle(farm_t *farm, job_t *job)
         job->finished = farm_wall_time();
         farm_record_changed(farm, job);
     }
-    if (!job_state_final(job->state) || job->canvas == NULL || job->canvas_condemned) return;
+    if (!job_state_final(job->state) || job->shared_film == NULL || job->shared_film_condemned) return;
     log_end(job);
     put_away(farm, job);
 }

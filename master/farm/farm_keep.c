@@ -1,5 +1,5 @@
-/* farm_keep: what of the farm outlives the process (see farm.h): the records of jobs, which the clerk writes
- * down, and their films, which the keeper writes and loads.
+/* farm_keep: what of the farm outlives the process (see farm.h): the records of jobs, which the journal
+ * writer writes down, and their films, which the checkpointer writes and loads.
  *
  * DESIGN. A record is given out whenever it has changed, as often as it takes: the journal holds the last
  * one. It says what the job is and how far it was, but not which samples are counted. That is in the
@@ -22,7 +22,7 @@
 void farm_record_changed(farm_t *farm, job_t *job)
 {
     job->record_due = true;
-    farm_wake(farm->options.clerk_wake);
+    farm_wake(farm->options.journal_writer_wake);
 }
 
 static job_record_t make_record(const job_t *job, double now)
@@ -197,7 +197,7 @@ job_t *farm_next_load(farm_t *farm)
     farm_lock(farm);
     for (size_t i = 0; i < farm->job_count && !farm->shut; i++) {
         job_t *job = farm->jobs[i];
-        if (!job->film_due || !job->film_wanted || job->loading || job->canvas != NULL) continue;
+        if (!job->film_due || !job->film_wanted || job->loading || job->shared_film != NULL) continue;
         if (farm->film_bytes + farm_film_bytes(&job->settings) > farm->options.film_limit) continue;
         if (found == NULL || loads_before(job, found)) found = job;
     }
@@ -301,7 +301,7 @@ job_t *farm_next_checkpoint(farm_t *farm, double now, double *age, bool *last)
     farm_lock(farm);
     for (size_t i = 0; i < farm->job_count; i++) {
         job_t *job = farm->jobs[i];
-        if (job->canvas == NULL || job->canvas_condemned || !job->unsaved || job->saving) continue;
+        if (job->shared_film == NULL || job->shared_film_condemned || !job->unsaved || job->saving) continue;
         bool waits = farm->shut || !job->taking;
         if (found != NULL && (waits != *last ? *last : checkpoint_age(job, now) <= *age)) continue;
         found = job;
@@ -313,11 +313,11 @@ job_t *farm_next_checkpoint(farm_t *farm, double now, double *age, bool *last)
     return found;
 }
 
-bool farm_snapshot(farm_t *farm, job_t *job, schedule_state_t *state, canvas_snapshot_t **snapshot)
+bool farm_snapshot(farm_t *farm, job_t *job, schedule_state_t *state, shared_film_snapshot_t **snapshot)
 {
-    canvas_t *canvas = farm_canvas_hold(farm, job);
-    if (canvas == NULL) return false;
-    canvas_lock(canvas); /* nobody is merging: what is counted is in the sums */
+    shared_film_t *shared_film = farm_shared_film_hold(farm, job);
+    if (shared_film == NULL) return false;
+    shared_film_lock(shared_film); /* nobody is merging: what is counted is in the sums */
     farm_lock(farm);
     bool take = !job->saving && job->schedule != NULL;
     if (take) {
@@ -326,9 +326,9 @@ bool farm_snapshot(farm_t *farm, job_t *job, schedule_state_t *state, canvas_sna
         job->unsaved = false;
     }
     farm_unlock(farm);
-    if (take) *snapshot = canvas_snapshot(canvas);
-    canvas_unlock(canvas);
-    if (!take) farm_canvas_let_go(farm, job); /* else farm_checkpointed does */
+    if (take) *snapshot = shared_film_snapshot(shared_film);
+    shared_film_unlock(shared_film);
+    if (!take) farm_shared_film_let_go(farm, job); /* else farm_checkpointed does */
     return take;
 }
 
@@ -350,7 +350,7 @@ void farm_checkpointed(farm_t *farm, double now, job_t *job, result_t written)
                      "its last checkpoint cannot be written, and is tried again: %.200s", written.message);
     }
     farm_unlock(farm);
-    if (saving) farm_canvas_let_go(farm, job);
+    if (saving) farm_shared_film_let_go(farm, job);
     farm_lock(farm);
     farm_job_settle(farm, job);
     farm_unlock(farm);

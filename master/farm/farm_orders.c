@@ -93,7 +93,7 @@ static result_t cancel(farm_t *farm, double now, job_t *job)
         job->outcome = JOB_CANCELLED;
         job->film_wanted = true;
         farm_wake(farm->options.checkpoint_wake);
-    } else if (job->canvas == NULL) {
+    } else if (job->shared_film == NULL) {
         cancel_unstarted(farm, job);
     } else {
         farm_job_cut_short(farm, now, job, JOB_CANCELLED);
@@ -146,8 +146,8 @@ static result_t resume(farm_t *farm, double now, job_t *job)
     if (job->state != JOB_PAUSED) return refuse(job, ", not paused");
     if (strcmp(job->message, FARM_NO_SCENE) == 0) job->message[0] = '\0';
     if (job->flush_until > 0) farm_job_flush_end(farm, now, job); /* its workers were told to drop the rest */
-    job->state = job->canvas != NULL ? JOB_RUNNING : JOB_QUEUED;
-    if (job->canvas != NULL) job->started = now;
+    job->state = job->shared_film != NULL ? JOB_RUNNING : JOB_QUEUED;
+    if (job->shared_film != NULL) job->started = now;
     job->rate_time[0] = job->rate_time[1] = now;
     job->rate_samples[0] = job->rate_samples[1] = job->samples_done;
     farm_job_joins(farm, job);
@@ -225,7 +225,7 @@ static result_t check_goals(const job_t *job, const job_settings_t *goals, const
 
 static result_t extend(farm_t *farm, double now, job_t *job, const job_order_t *order)
 {
-    if (job->state == JOB_FINISHING || (job_state_final(job->state) && job->canvas != NULL))
+    if (job->state == JOB_FINISHING || (job_state_final(job->state) && job->shared_film != NULL))
         return refuse(job, ": try again when it is over and put away");
     bool touched = job->batches > 0 || farm_job_elapsed(job, now) > 0;
     if (job_state_final(job->state) && touched && farm->options.checkpoint_wake < 0)

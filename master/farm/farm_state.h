@@ -74,19 +74,19 @@ struct job {
     double submitted, finished; /* seconds since 1970; 0: not yet */
     double started, ended;      /* seconds; 0: not yet */
     double flush_until;         /* seconds, while a flush goes on */
-    double service;         /* thread-seconds that it was given, in the sense of fair shares (farm_shares) */
-    uint32_t threads;       /* that work on it now */
-    double claim;           /* on the worker that is being served, see farm_shares */
-    bool held_back;         /* likewise: it is not its turn to begin */
-    schedule_t *schedule;   /* NULL before the first assignment and when the job is over */
-    canvas_t *canvas;       /* the film; NULL before the first assignment and when the job is over */
-    int canvas_users;       /* that look at the canvas without the farm's lock */
-    bool canvas_condemned;  /* to be freed by the last of them */
-    int merging;            /* batches that are counted and being added to the film */
-    film_counts_t counts;   /* of the film, readable under the farm's lock */
-    hash_t fingerprint;     /* of the machines that may work on it; all zero: none yet */
-    double error;           /* estimated relative error at the last fixed point; 0: not known */
-    uint64_t error_samples; /* pixel samples counted then */
+    double service;       /* thread-seconds that it was given, in the sense of fair shares (farm_shares) */
+    uint32_t threads;     /* that work on it now */
+    double claim;         /* on the worker that is being served, see farm_shares */
+    bool held_back;       /* likewise: it is not its turn to begin */
+    schedule_t *schedule; /* NULL before the first assignment and when the job is over */
+    shared_film_t *shared_film; /* the film; NULL before the first assignment and when the job is over */
+    int shared_film_users;      /* that look at the shared film without the farm's lock */
+    bool shared_film_condemned; /* to be freed by the last of them */
+    int merging;                /* batches that are counted and being added to the film */
+    film_counts_t counts;       /* of the film, readable under the farm's lock */
+    hash_t fingerprint;         /* of the machines that may work on it; all zero: none yet */
+    double error;               /* estimated relative error at the last fixed point; 0: not known */
+    uint64_t error_samples;     /* pixel samples counted then */
     uint64_t samples_done;
     uint64_t *seen; /* workers that contributed */
     size_t seen_count;
@@ -188,10 +188,10 @@ void farm_shares_tick(farm_t *farm, double seconds);
 
 /* ---- farm_batches.c ---- */
 
-/* The canvas of a pinned job, kept from being freed until it is let go; NULL when it has none. Both are
+/* The shared film of a pinned job, kept from being freed until it is let go; NULL when it has none. Both are
  * called without the farm's lock. */
-canvas_t *farm_canvas_hold(farm_t *farm, job_t *job);
-void farm_canvas_let_go(farm_t *farm, job_t *job);
+shared_film_t *farm_shared_film_hold(farm_t *farm, job_t *job);
+void farm_shared_film_let_go(farm_t *farm, job_t *job);
 
 /* ---- farm_checks.c ---- */
 
@@ -212,7 +212,7 @@ void farm_checks_free(job_checks_t **checks);
 /* ---- farm_evidence.c ---- */
 
 /* Keeps the payloads of a batch that was merged, until its sender is vouched for. Called without the farm's
- * lock, inside the canvas. */
+ * lock, inside the shared film. */
 void farm_check_keep(farm_t *farm, job_t *job, uint64_t worker, const batch_t *batch,
                      const zmq_msg_t payload[BATCH_PAYLOADS]);
 /* The film of a pinned job is about to be put in its place, with this state (NULL: it begins anew): what is
@@ -273,7 +273,7 @@ void farm_job_cut_short(farm_t *farm, double now, job_t *job, job_state_t outcom
  * one that is over. */
 void farm_job_settle(farm_t *farm, job_t *job);
 /* Something was counted, skipped or checked, and nothing is being merged: the next round is planned, or the
- * job is closed. Called with the farm's lock, which it lets go meanwhile, inside no canvas. */
+ * job is closed. Called with the farm's lock, which it lets go meanwhile, inside no shared film. */
 void farm_job_progress(farm_t *farm, double now, job_t *job);
 job_report_t farm_report_job(const job_t *job, double now);
 

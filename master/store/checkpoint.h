@@ -29,7 +29,7 @@ typedef struct {
  * the disk, under its name, when this returns RESULT_OK; otherwise there is none, and an older one of that
  * name is as it was. `info` gives record, generation and time; the rest is filled in. */
 result_t checkpoint_write(const char *path, checkpoint_info_t *info, const schedule_state_t *state,
-                          canvas_snapshot_t *snapshot, int threads, checkpoint_cost_t *cost);
+                          shared_film_snapshot_t *snapshot, int threads, checkpoint_cost_t *cost);
 
 typedef struct checkpoint checkpoint_t; /* an open file, whose head is right */
 

@@ -157,7 +157,7 @@ static void *thread_run(void *argument)
     return hand_run(argument);
 }
 
-double crew_run(int threads, void (*work)(void *data), void *data)
+double threads_run(int threads, void (*work)(void *data), void *data)
 {
     pthread_t started[CHECKPOINT_MAX_THREADS];
     hand_t hands[CHECKPOINT_MAX_THREADS];

@@ -3,14 +3,14 @@
  * DESIGN. A file is
  *
  *     preamble   64 bytes: magic, version, sizes, BLAKE2b-256 of preamble (without it), head and index
- *     head       lm.FilmHead (proto/record.proto)
+ *     head       lm.FilmHead (master/store/record.proto)
  *     index      of each block 48 bytes: u64 place in the file, u32 size there, u32 zero, BLAKE2b-256 of what
  * is there blocks     zstd frames, in any order, without gaps
  *
  * all numbers little-endian. The blocks hold, in this order, the state of the schedule as one run of bytes
- * (ends, weights, counted, skipped: arrays of u32), cut into pieces of CANVAS_PAGE_BYTES, and the pages of
- * the film (canvas.h). How many there are and how long each is follows from the head, so that no size in the
- * file is trusted before it is used.
+ * (ends, weights, counted, skipped: arrays of u32), cut into pieces of SHARED_FILM_PAGE_BYTES, and the pages
+ * of the film (shared_film.h). How many there are and how long each is follows from the head, so that no size
+ * in the file is trusted before it is used.
  *
  * What is hashed is what is stored: damage is seen before zstd sees it. The index hashes the blocks and the
  * preamble the index, so a block from another generation, where a power cut left an old sector, is found as
@@ -27,7 +27,7 @@
 #define LIGHTMILL_CHECKPOINT_FORMAT_H
 
 #include "master/store/checkpoint.h"
-#include "proto/record.pb-c.h"
+#include "master/store/record.pb-c.h"
 
 enum {
     CHECKPOINT_VERSION = 1,
@@ -71,6 +71,6 @@ void bytes_join(const uint8_t *in, size_t size, uint8_t *out);
 
 /* Runs `work` with `data` on so many threads, this one among them; fewer when threads lack. Returns the CPU
  * seconds they took. */
-double crew_run(int threads, void (*work)(void *data), void *data);
+double threads_run(int threads, void (*work)(void *data), void *data);
 
 #endif

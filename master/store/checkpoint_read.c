@@ -50,9 +50,9 @@ static result_t read_at(const checkpoint_t *c, void *bytes, size_t size, uint64_
 /* The bytes that a block holds when it is unpacked. */
 static size_t block_bytes(const checkpoint_t *c, size_t index)
 {
-    if (index >= c->state_blocks) return CANVAS_PAGE_BYTES; /* the last page of an array is shorter */
-    size_t left = c->state_bytes - index * CANVAS_PAGE_BYTES;
-    return left < CANVAS_PAGE_BYTES ? left : CANVAS_PAGE_BYTES;
+    if (index >= c->state_blocks) return SHARED_FILM_PAGE_BYTES; /* the last page of an array is shorter */
+    size_t left = c->state_bytes - index * SHARED_FILM_PAGE_BYTES;
+    return left < SHARED_FILM_PAGE_BYTES ? left : SHARED_FILM_PAGE_BYTES;
 }
 
 /* Takes over the numbers of the head and derives the layout from them. */
@@ -79,8 +79,8 @@ static result_t use_head(checkpoint_t *c, const Lm__FilmHead *head)
     if (state_bytes(&c->state) > CHECKPOINT_MAX_STATE)
         return damaged(c, "its schedule is larger than any can be");
     c->state_bytes = (size_t)state_bytes(&c->state);
-    c->state_blocks = (c->state_bytes + CANVAS_PAGE_BYTES - 1) / CANVAS_PAGE_BYTES;
-    if (c->block_count != c->state_blocks + canvas_page_count(settings))
+    c->state_blocks = (c->state_bytes + SHARED_FILM_PAGE_BYTES - 1) / SHARED_FILM_PAGE_BYTES;
+    if (c->block_count != c->state_blocks + shared_film_page_count(settings))
         return damaged(c, "it has another number of pages than its film");
     return result_ok();
 }
@@ -198,12 +198,13 @@ static result_t load_block(const reader_t *reader, size_t index, const bench_t *
     if (!hash_equal(&hash, &entry.hash)) return damaged(c, "the checksum of a page is wrong");
     bool of_state = index < c->state_blocks;
     size_t size = block_bytes(c, index);
-    uint8_t *target = of_state ? bench->plain : canvas_page(reader->film, index - c->state_blocks, &size);
-    if (ZSTD_decompressDCtx(bench->decompressor, bench->split, CANVAS_PAGE_BYTES, bench->coded, entry.size) !=
-        size)
+    uint8_t *target =
+        of_state ? bench->plain : shared_film_page(reader->film, index - c->state_blocks, &size);
+    if (ZSTD_decompressDCtx(bench->decompressor, bench->split, SHARED_FILM_PAGE_BYTES, bench->coded,
+                            entry.size) != size)
         return damaged(c, "a page does not unpack");
     bytes_join(bench->split, size, target);
-    if (of_state) state_copy(reader->state, index * CANVAS_PAGE_BYTES, size, target, true);
+    if (of_state) state_copy(reader->state, index * SHARED_FILM_PAGE_BYTES, size, target, true);
     return result_ok();
 }
 
@@ -220,8 +221,8 @@ static void fail(reader_t *reader, result_t result)
 static void load_blocks(void *data)
 {
     reader_t *reader = data;
-    bench_t bench = {mem_alloc(ZSTD_compressBound(CANVAS_PAGE_BYTES)), mem_alloc(CANVAS_PAGE_BYTES),
-                     mem_alloc(CANVAS_PAGE_BYTES), ZSTD_createDCtx()};
+    bench_t bench = {mem_alloc(ZSTD_compressBound(SHARED_FILM_PAGE_BYTES)), mem_alloc(SHARED_FILM_PAGE_BYTES),
+                     mem_alloc(SHARED_FILM_PAGE_BYTES), ZSTD_createDCtx()};
     if (bench.decompressor == NULL) fail(reader, result_fail(RESULT_LIMIT, "no memory to unpack a film"));
     for (;;) {
         size_t index = atomic_fetch_add(&reader->next, 1);
@@ -276,7 +277,7 @@ result_t checkpoint_load(checkpoint_t *c, const job_settings_t *settings, int th
         reader.result = result_fail(RESULT_LIMIT, "no memory for the schedule of %.300s", c->path);
     if (reader.result.code == RESULT_OK) {
         pthread_mutex_init(&reader.lock, NULL);
-        crew_run(threads, load_blocks, &reader);
+        threads_run(threads, load_blocks, &reader);
         pthread_mutex_destroy(&reader.lock);
     }
     if (reader.result.code == RESULT_OK) reader.result = check_ranges(c, state);

@@ -19,7 +19,7 @@ enum {
 /* What the threads share. */
 typedef struct {
     const schedule_state_t *state;
-    canvas_snapshot_t *snapshot;
+    shared_film_snapshot_t *snapshot;
     size_t state_bytes, state_blocks, block_count;
     atomic_size_t next; /* block to be made */
     entry_t *entries;
@@ -35,9 +35,9 @@ typedef struct {
 static size_t fetch_block(writer_t *writer, size_t index, uint8_t *bytes)
 {
     if (index >= writer->state_blocks)
-        return canvas_snapshot_read(writer->snapshot, index - writer->state_blocks, bytes);
-    size_t from = index * CANVAS_PAGE_BYTES, left = writer->state_bytes - from;
-    size_t size = left < CANVAS_PAGE_BYTES ? left : CANVAS_PAGE_BYTES;
+        return shared_film_snapshot_read(writer->snapshot, index - writer->state_blocks, bytes);
+    size_t from = index * SHARED_FILM_PAGE_BYTES, left = writer->state_bytes - from;
+    size_t size = left < SHARED_FILM_PAGE_BYTES ? left : SHARED_FILM_PAGE_BYTES;
     state_copy(writer->state, from, size, bytes, false);
     return size;
 }
@@ -71,8 +71,8 @@ static void note_no_memory(writer_t *writer)
 static void make_blocks(void *data)
 {
     writer_t *writer = data;
-    size_t bound = ZSTD_compressBound(CANVAS_PAGE_BYTES);
-    uint8_t *plain = mem_alloc(CANVAS_PAGE_BYTES), *split = mem_alloc(CANVAS_PAGE_BYTES);
+    size_t bound = ZSTD_compressBound(SHARED_FILM_PAGE_BYTES);
+    uint8_t *plain = mem_alloc(SHARED_FILM_PAGE_BYTES), *split = mem_alloc(SHARED_FILM_PAGE_BYTES);
     uint8_t *coded = mem_alloc(bound);
     ZSTD_CCtx *compressor = ZSTD_createCCtx();
     bool good = compressor != NULL;
@@ -156,7 +156,7 @@ static result_t write_file(writer_t *writer, const checkpoint_info_t *info, int 
     size_t head_bytes;
     uint8_t *head = pack_head(info, writer->state, &head_bytes);
     writer->end = writer->flushed = PREAMBLE_BYTES + head_bytes + ENTRY_BYTES * writer->block_count;
-    cost->cpu = crew_run(threads, make_blocks, writer);
+    cost->cpu = threads_run(threads, make_blocks, writer);
     result_t result = result_ok();
     if (writer->no_memory)
         result = result_fail(RESULT_LIMIT, "%s: no memory for the compressor", writer->file.path);
@@ -169,19 +169,19 @@ static result_t write_file(writer_t *writer, const checkpoint_info_t *info, int 
 }
 
 result_t checkpoint_write(const char *path, checkpoint_info_t *info, const schedule_state_t *state,
-                          canvas_snapshot_t *snapshot, int threads, checkpoint_cost_t *cost)
+                          shared_film_snapshot_t *snapshot, int threads, checkpoint_cost_t *cost)
 {
     const job_settings_t *settings = &info->record.settings;
     double start = clock_now();
     *cost = (checkpoint_cost_t){0};
-    info->counts = canvas_snapshot_counts(snapshot);
+    info->counts = shared_film_snapshot_counts(snapshot);
     info->samples = state_samples(settings, state);
     writer_t writer = {.state = state, .snapshot = snapshot, .state_bytes = (size_t)state_bytes(state)};
     if (writer.state_bytes > CHECKPOINT_MAX_STATE)
         return result_fail(RESULT_LIMIT, "%s: the schedule takes %zu bytes", path, writer.state_bytes);
     TRY(atomic_file_open(&writer.file, path));
-    writer.state_blocks = (writer.state_bytes + CANVAS_PAGE_BYTES - 1) / CANVAS_PAGE_BYTES;
-    writer.block_count = writer.state_blocks + canvas_page_count(settings);
+    writer.state_blocks = (writer.state_bytes + SHARED_FILM_PAGE_BYTES - 1) / SHARED_FILM_PAGE_BYTES;
+    writer.block_count = writer.state_blocks + shared_film_page_count(settings);
     writer.entries = mem_zalloc(writer.block_count, sizeof *writer.entries);
     pthread_mutex_init(&writer.lock, NULL);
     result_t result = write_file(&writer, info, threads, cost);

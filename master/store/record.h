@@ -1,9 +1,9 @@
-/* record: the record of a job (farm.h) as bytes on a disk, and back (proto/record.proto). */
+/* record: the record of a job (farm.h) as bytes on a disk, and back (master/store/record.proto). */
 #ifndef LIGHTMILL_RECORD_H
 #define LIGHTMILL_RECORD_H
 
 #include "master/farm/farm.h"
-#include "proto/record.pb-c.h"
+#include "master/store/record.pb-c.h"
 
 /* What decoding a record, or what else of a job lies on a disk, may allocate, in bytes (wire_allocator). */
 enum { RECORD_MAX_DECODED = 1 << 20 };

@@ -10,7 +10,7 @@
 #ifndef LIGHTMILL_SPOOL_H
 #define LIGHTMILL_SPOOL_H
 
-#include "proto/wire.h"
+#include "proto/wire/wire.h"
 
 typedef enum {
     SPOOL_KEPT,  /* in the film */

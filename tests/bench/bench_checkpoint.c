@@ -45,7 +45,7 @@ static void make_batch(const job_settings_t *settings, batch_t *batch, zmq_msg_t
 
 /* Mergers that go on until they are stopped, and how many batches they managed. */
 typedef struct {
-    canvas_t *canvas;
+    shared_film_t *shared_film;
     const batch_t *batch;
     const zmq_msg_t *payload;
     atomic_bool stop;
@@ -56,25 +56,26 @@ static void *merge(void *argument)
 {
     mergers_t *mergers = argument;
     while (!atomic_load(&mergers->stop)) {
-        canvas_enter(mergers->canvas);
-        result_t result = canvas_merge_payload(mergers->canvas, mergers->payload, mergers->batch, NULL, 1);
-        canvas_leave(mergers->canvas);
+        shared_film_enter(mergers->shared_film);
+        result_t result =
+            shared_film_merge_payload(mergers->shared_film, mergers->payload, mergers->batch, NULL, 1);
+        shared_film_leave(mergers->shared_film);
         if (result.code != RESULT_OK) abort();
         atomic_fetch_add(&mergers->merged, 1);
     }
     return NULL;
 }
 
-static result_t write_one(canvas_t *canvas, const schedule_t *schedule, checkpoint_info_t *info,
+static result_t write_one(shared_film_t *shared_film, const schedule_t *schedule, checkpoint_info_t *info,
                           const char *path, int threads, checkpoint_cost_t *cost)
 {
     schedule_state_t state;
-    canvas_lock(canvas);
+    shared_film_lock(shared_film);
     schedule_save(schedule, &state);
-    canvas_snapshot_t *snapshot = canvas_snapshot(canvas);
-    canvas_unlock(canvas);
+    shared_film_snapshot_t *snapshot = shared_film_snapshot(shared_film);
+    shared_film_unlock(shared_film);
     result_t result = checkpoint_write(path, info, &state, snapshot, threads, cost);
-    canvas_snapshot_free(&snapshot);
+    shared_film_snapshot_free(&snapshot);
     schedule_state_free(&state);
     return result;
 }
@@ -94,13 +95,13 @@ static double merge_rate(mergers_t *mergers, double seconds)
     return (double)(atomic_load(&mergers->merged) - before) / (clock_now() - start);
 }
 
-static void bench_merging(canvas_t *canvas, const schedule_t *schedule, checkpoint_info_t *info,
+static void bench_merging(shared_film_t *shared_film, const schedule_t *schedule, checkpoint_info_t *info,
                           const char *path, size_t raw)
 {
     batch_t batch;
     zmq_msg_t payload[BATCH_PAYLOADS];
     make_batch(&info->record.settings, &batch, payload);
-    mergers_t mergers = {.canvas = canvas, .batch = &batch, .payload = payload};
+    mergers_t mergers = {.shared_film = shared_film, .batch = &batch, .payload = payload};
     pthread_t threads[MERGERS];
     for (int i = 0; i < MERGERS; i++) pthread_create(&threads[i], NULL, merge, &mergers);
     double alone = merge_rate(&mergers, 5);
@@ -108,7 +109,7 @@ static void bench_merging(canvas_t *canvas, const schedule_t *schedule, checkpoi
     double start = clock_now();
     checkpoint_cost_t cost;
     for (int i = 0; i < 5; i++)
-        if (write_one(canvas, schedule, info, path, 1, &cost).code != RESULT_OK) abort();
+        if (write_one(shared_film, schedule, info, path, 1, &cost).code != RESULT_OK) abort();
     double with = (double)(atomic_load(&mergers.merged) - before) / (clock_now() - start);
     report("while two threads merge", &cost, raw);
     printf("%-28s %.1f batches/s alone, %.1f beside a checkpoint that never ends\n",
@@ -158,21 +159,21 @@ int main(int argc, char **argv)
         unit_t unit = {t, 0, 8};
         if (schedule_accept(schedule, &unit, 1).code != RESULT_OK) return 1;
     }
-    canvas_t *canvas = canvas_new(film);
+    shared_film_t *shared_film = shared_film_new(film);
     checkpoint_info_t info = {.record = {.job = 1, .settings = settings, .state = JOB_RUNNING},
                               .generation = 1};
     const char *folder = getenv("TMPDIR");
     char *path = mem_printf("%s/bench-%d.film", folder != NULL ? folder : "/tmp", (int)getpid());
     checkpoint_cost_t cost;
     for (int threads = 1; threads <= 2; threads++) {
-        if (write_one(canvas, schedule, &info, path, threads, &cost).code != RESULT_OK) return 1;
+        if (write_one(shared_film, schedule, &info, path, threads, &cost).code != RESULT_OK) return 1;
         report(threads == 1 ? "a checkpoint, one thread" : "a checkpoint, two threads", &cost, raw);
     }
     for (int threads = 1; threads <= 2; threads++) bench_loading(&settings, path, threads);
-    bench_merging(canvas, schedule, &info, path, raw);
+    bench_merging(shared_film, schedule, &info, path, raw);
     unlink(path);
     free(path);
-    canvas_destroy(&canvas);
+    shared_film_destroy(&shared_film);
     schedule_destroy(&schedule);
     return 0;
 }

@@ -1,10 +1,10 @@
-/* bench_codec: sizes and speeds of ways to send a batch's sums, the measurements behind proto/payload.c.
+/* bench_codec: sizes and speeds of ways to send a batch's sums, the measurements behind proto/wire/payload.c.
  *
  * The data are made like those of a render at 1920 x 1080 (or WIDTHxHEIGHT given as an argument): eye sums of
  * a few float contributions a sample, and splat frames in which a given share of the pixels was hit. `planes`
  * is our codec; the others are what it was chosen over. Speeds are of CPU time, in raw bytes, on one thread.
  */
-#include "proto/wire.h"
+#include "proto/wire/wire.h"
 
 #include <blosc.h>
 #include <math.h>

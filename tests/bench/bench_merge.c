@@ -2,15 +2,16 @@
  *
  * Real batches: seed-hidden at 1920 x 1080, what one thread renders in so many CPU seconds (or so many
  * threads in one second), so that the splat frames are as dense as those of smaller and larger workers. Each
- * is merged from its payloads, as they came over the wire, into a canvas with nobody else at it. The raw size
- * of a splat frame is 99.5 MB whatever is in it; the merge rate is raw bytes a CPU second of one core, with
- * the eye tiles of the batch merged as well but not counted. memcpy copies as many bytes in the same run.
+ * is merged from its payloads, as they came over the wire, into a shared film with nobody else at it. The raw
+ * size of a splat frame is 99.5 MB whatever is in it; the merge rate is raw bytes a CPU second of one core,
+ * with the eye tiles of the batch merged as well but not counted. memcpy copies as many bytes in the same
+ * run.
  *
  * usage: bench_merge [SCENE [SECONDS...]]      from the top of the tree; by default seed-hidden and CPU
  * seconds of rendering from 0.1 to 30
  */
 #include "client/import/import.h"
-#include "master/merge/canvas.h"
+#include "master/film/shared_film.h"
 #include "worker/render/renderer.h"
 
 #include <stdio.h>
@@ -81,7 +82,7 @@ static double copy_rate(size_t bytes)
     return 1e-9 * (double)bytes / best;
 }
 
-static void bench(canvas_t *canvas, const renderer_t *renderer, const job_settings_t *settings,
+static void bench(shared_film_t *shared_film, const renderer_t *renderer, const job_settings_t *settings,
                   double seconds)
 {
     size_t raw = batch_splat_values(settings) * sizeof(int64_t);
@@ -92,9 +93,9 @@ static void bench(canvas_t *canvas, const renderer_t *renderer, const job_settin
     double encode = thread_cpu() - start, best = 1e30, copy = copy_rate(raw);
     for (int i = 0; i < REPEATS; i++) {
         start = thread_cpu();
-        canvas_enter(canvas);
-        check(canvas_merge_payload(canvas, payload, &batch, NULL, i % 2 ? -1 : 1));
-        canvas_leave(canvas);
+        shared_film_enter(shared_film);
+        check(shared_film_merge_payload(shared_film, payload, &batch, NULL, i % 2 ? -1 : 1));
+        shared_film_leave(shared_film);
         double merge = thread_cpu() - start;
         best = merge < best && i % 2 == 0 ? merge : best;
     }
@@ -123,18 +124,18 @@ int main(int argc, char **argv)
     settings.spp = JOB_MAX_SPP;
     check(renderer_new(&blob, &settings, &renderer));
     check(film_new(&settings, &film));
-    canvas_t *canvas = canvas_new(film);
-    for (size_t i = 0; i < canvas_page_count(&settings); i++) {
+    shared_film_t *shared_film = shared_film_new(film);
+    for (size_t i = 0; i < shared_film_page_count(&settings); i++) {
         size_t bytes_of_page;
-        uint8_t *page = canvas_page(film, i, &bytes_of_page);
+        uint8_t *page = shared_film_page(film, i, &bytes_of_page);
         for (size_t at = 0; at < bytes_of_page; at += 4096) page[at] = 0; /* its memory is there */
     }
     printf(
         "rendered  splats in    units   eye MB  splat MB encode ms  merge ms      GB/s    memcpy  share\n");
-    for (int i = 2; i < argc; i++) bench(canvas, renderer, &settings, strtod(argv[i], NULL));
+    for (int i = 2; i < argc; i++) bench(shared_film, renderer, &settings, strtod(argv[i], NULL));
     for (size_t i = 0; argc <= 2 && i < ARRAY_LENGTH(usual); i++)
-        bench(canvas, renderer, &settings, usual[i]);
-    canvas_destroy(&canvas);
+        bench(shared_film, renderer, &settings, usual[i]);
+    shared_film_destroy(&shared_film);
     renderer_destroy(&renderer);
     free(bytes);
     return 0;

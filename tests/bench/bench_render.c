@@ -11,7 +11,7 @@
 #include "client/import/import.h"
 #include "tests/reference.h"
 #include "tests/render_here.h"
-#include "worker/render/scene.h"
+#include "worker/render/scene/scene.h"
 
 #include <stdio.h>
 #include <stdlib.h>

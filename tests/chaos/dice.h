@@ -1,6 +1,6 @@
 /* dice: random numbers that a seed repeats. */
-#ifndef LIGHTMILL_CHAOS_DICE_H
-#define LIGHTMILL_CHAOS_DICE_H
+#ifndef LIGHTMILL_DICE_H
+#define LIGHTMILL_DICE_H
 
 #include <stdint.h>
 

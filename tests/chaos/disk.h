@@ -1,6 +1,6 @@
 /* disk: a small file system in memory for the master's data, which can be filled up. */
-#ifndef LIGHTMILL_CHAOS_DISK_H
-#define LIGHTMILL_CHAOS_DISK_H
+#ifndef LIGHTMILL_DISK_H
+#define LIGHTMILL_DISK_H
 
 #include "common/base.h"
 

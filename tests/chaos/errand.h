@@ -1,6 +1,6 @@
 /* errand: a `lightmill` command that runs while other things happen. */
-#ifndef LIGHTMILL_CHAOS_ERRAND_H
-#define LIGHTMILL_CHAOS_ERRAND_H
+#ifndef LIGHTMILL_ERRAND_H
+#define LIGHTMILL_ERRAND_H
 
 #include "common/base.h"
 

@@ -4,8 +4,8 @@
  *
  * The driver moves into namespaces of its own first, so nothing of this is seen by the rest of the machine
  * and all of it ends with the driver. */
-#ifndef LIGHTMILL_CHAOS_NETWORK_H
-#define LIGHTMILL_CHAOS_NETWORK_H
+#ifndef LIGHTMILL_NETWORK_H
+#define LIGHTMILL_NETWORK_H
 
 #include "common/base.h"
 

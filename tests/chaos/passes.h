@@ -1,6 +1,6 @@
 /* passes: how the processes of a run show who they are: with keys, or with the word that there are none. */
-#ifndef LIGHTMILL_CHAOS_PASSES_H
-#define LIGHTMILL_CHAOS_PASSES_H
+#ifndef LIGHTMILL_PASSES_H
+#define LIGHTMILL_PASSES_H
 
 #include "common/base.h"
 

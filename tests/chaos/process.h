@@ -1,6 +1,6 @@
 /* process: the programs of a run. All of them die with the driver. */
-#ifndef LIGHTMILL_CHAOS_PROCESS_H
-#define LIGHTMILL_CHAOS_PROCESS_H
+#ifndef LIGHTMILL_PROCESS_H
+#define LIGHTMILL_PROCESS_H
 
 #include "tests/chaos/world.h"
 

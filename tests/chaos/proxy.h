@@ -4,8 +4,8 @@
  * it; what comes there goes on to the same port of the master. The links' weather lies in memory that the
  * driver and the proxy share: the driver writes what is to happen, the proxy counts what it did.
  */
-#ifndef LIGHTMILL_CHAOS_PROXY_H
-#define LIGHTMILL_CHAOS_PROXY_H
+#ifndef LIGHTMILL_PROXY_H
+#define LIGHTMILL_PROXY_H
 
 #include "common/base.h"
 

@@ -1,7 +1,7 @@
 /* stream: one way of a proxied connection: what came in, the mischief that is done to it, and when each piece
  * may go out. */
-#ifndef LIGHTMILL_CHAOS_STREAM_H
-#define LIGHTMILL_CHAOS_STREAM_H
+#ifndef LIGHTMILL_STREAM_H
+#define LIGHTMILL_STREAM_H
 
 #include "tests/chaos/dice.h"
 #include "tests/chaos/proxy.h"

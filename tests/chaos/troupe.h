@@ -1,7 +1,7 @@
 /* troupe: the master, the relay and the workers of a run: real processes, started again when a fault has
  * ended them. One that ends by itself is a violation. */
-#ifndef LIGHTMILL_CHAOS_TROUPE_H
-#define LIGHTMILL_CHAOS_TROUPE_H
+#ifndef LIGHTMILL_TROUPE_H
+#define LIGHTMILL_TROUPE_H
 
 #include "tests/chaos/dice.h"
 #include "tests/chaos/passes.h"

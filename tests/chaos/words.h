@@ -1,6 +1,6 @@
 /* words: a command line that is put together piece by piece, NULL-terminated at any time. */
-#ifndef LIGHTMILL_CHAOS_WORDS_H
-#define LIGHTMILL_CHAOS_WORDS_H
+#ifndef LIGHTMILL_WORDS_H
+#define LIGHTMILL_WORDS_H
 
 #include <stddef.h>
 

@@ -1,8 +1,8 @@
 /* world: what a process sees of its machine: a wall clock that jumps, a disk that is slow. A program that
  * runs with BUILD/tests/chaos/world.so before its libraries looks into a file for what the driver wants it to
  * see; the real clock and the real disk are nobody's to change. */
-#ifndef LIGHTMILL_CHAOS_WORLD_H
-#define LIGHTMILL_CHAOS_WORLD_H
+#ifndef LIGHTMILL_WORLD_H
+#define LIGHTMILL_WORLD_H
 
 #include "common/base.h"
 

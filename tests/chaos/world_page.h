@@ -1,6 +1,6 @@
 /* world_page: what the driver and world_preload.c share, in a file that both map. */
-#ifndef LIGHTMILL_CHAOS_WORLD_PAGE_H
-#define LIGHTMILL_CHAOS_WORLD_PAGE_H
+#ifndef LIGHTMILL_WORLD_PAGE_H
+#define LIGHTMILL_WORLD_PAGE_H
 
 #include <stdatomic.h>
 #include <stdint.h>

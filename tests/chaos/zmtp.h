@@ -1,8 +1,8 @@
 /* zmtp: where the messages are in the bytes that one end of a ZeroMQ connection sends (ZMTP 3.0, RFC 23):
  * enough to lose, repeat or change whole messages without breaking the stream around them.
  */
-#ifndef LIGHTMILL_CHAOS_ZMTP_H
-#define LIGHTMILL_CHAOS_ZMTP_H
+#ifndef LIGHTMILL_ZMTP_H
+#define LIGHTMILL_ZMTP_H
 
 #include <stdbool.h>
 #include <stddef.h>

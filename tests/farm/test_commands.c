@@ -2,7 +2,7 @@
 #include "tests/rig.h"
 #include "tests/scratch.h"
 
-#include "common/image.h"
+#include "common/image/image.h"
 
 #include <setjmp.h>
 #include <signal.h>

@@ -1,7 +1,7 @@
 /* Floods on loopback: peers send nonsense, valid messages and connection attempts to both sockets as fast as
  * they can, from several threads, while a well-behaved worker measures how long its heartbeats take. It must
  * never come near to losing its lease. The figures are printed. */
-#include "proto/checksum.h"
+#include "proto/wire/checksum.h"
 #include "tests/rig.h"
 #include "tests/scratch.h"
 

@@ -563,8 +563,8 @@ static void a_kill_costs_one_interval(void **state)
            interval, (unsigned long long)(progress[count - 1].samples - restored),
            (unsigned long long)progress[count - 1].samples);
     assert_true(restored > 0);
-    assert_true(lost <
-                interval + 3); /* what the writing takes, and the keeper's patience, on a busy machine */
+    assert_true(
+        lost < interval + 3); /* what the writing takes, and the checkpointer's patience, on a busy machine */
 }
 
 /* However often they are asked for, checkpoints take 2% of the time. */

@@ -1,7 +1,7 @@
 /* The same job gives the same pixels, bit for bit, however it is computed: with one thread or two, in one
  * process, on a farm of one, two or three worker processes, and on a farm that loses two of three workers
  * half-way; also when the job goes by rounds that its own noise decides. */
-#include "common/image.h"
+#include "common/image/image.h"
 #include "tests/rig.h"
 #include "tests/scratch.h"
 

@@ -2,7 +2,7 @@
  * of equal length see the same light, the files have all layers, the bits do not depend on the farm, and an
  * interrupted run leaves nothing. */
 #include "client/strategies.h"
-#include "common/image.h"
+#include "common/image/image.h"
 #include "tests/rig.h"
 #include "tests/scratch.h"
 

@@ -1,6 +1,6 @@
 /* Whom a master trusts: workers that lie, that die of certain units, that hang, that send nonsense, or that
  * make other bits. A master and workers as they are, and peers of the test's own that do the harm. */
-#include "common/image.h"
+#include "common/image/image.h"
 #include "tests/peer.h"
 #include "tests/rig.h"
 #include "worker/render/fingerprint.h"

@@ -2,8 +2,8 @@
  * which are found again. */
 #include "tests/fuzz/fuzz.h"
 
-#include "master/door/allow_list.h"
-#include "proto/keys.h"
+#include "proto/serve/allow_list.h"
+#include "proto/wire/keys.h"
 
 #include <string.h>
 

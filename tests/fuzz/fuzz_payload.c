@@ -5,8 +5,8 @@
  * The first bytes choose the job and the units, and where one payload ends and the next begins. */
 #include "tests/fuzz/fuzz.h"
 
-#include "master/merge/canvas.h"
-#include "proto/wire.h"
+#include "master/film/shared_film.h"
+#include "proto/wire/wire.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -92,21 +92,21 @@ static void compare_decoders(const job_settings_t *settings, zmq_msg_t payload[B
                              batch_t *batch)
 {
     film_t *expected = film_of(settings);
-    canvas_t *canvas = canvas_new(film_of(settings));
-    canvas_enter(canvas);
-    result_t merged = canvas_merge_payload(canvas, payload, batch, NULL, 1);
-    canvas_leave(canvas);
+    shared_film_t *shared_film = shared_film_new(film_of(settings));
+    shared_film_enter(shared_film);
+    result_t merged = shared_film_merge_payload(shared_film, payload, batch, NULL, 1);
+    shared_film_leave(shared_film);
     result_t decoded = payload_decode(payload, batch);
     bool sound = decoded.code == RESULT_OK && features_possible(batch);
     fuzz_expect((merged.code == RESULT_OK) == sound, "the decoders do not agree");
     fuzz_expect(decoded.code == RESULT_OK || decoded.message[0] != '\0', "an error without text");
-    const film_t *result = canvas_lock(canvas);
+    const film_t *result = shared_film_lock(shared_film);
     if (decoded.code == RESULT_OK) check_encoder(batch);
     if (sound) film_merge(expected, batch);
     fuzz_expect(same_film(expected, result), sound ? "the films differ" : "a damaged payload left something");
     fuzz_expect(expected->counts.overflows == result->counts.overflows, "other overflows");
-    canvas_unlock(canvas);
-    canvas_destroy(&canvas);
+    shared_film_unlock(shared_film);
+    shared_film_destroy(&shared_film);
     film_destroy(&expected);
 }
 

@@ -2,7 +2,7 @@
  *
  * The first bytes tell the format as they do in a file; what begins like none is taken for TGA.
  */
-#include "common/texture_image.h"
+#include "common/image/texture_image.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -3,8 +3,8 @@
  * master, a worker or a client does with it. */
 #include "tests/fuzz/fuzz.h"
 
-#include "proto/checksum.h"
-#include "proto/wire.h"
+#include "proto/wire/checksum.h"
+#include "proto/wire/wire.h"
 
 #include <stdlib.h>
 #include <string.h>

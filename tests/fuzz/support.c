@@ -8,7 +8,7 @@
 #include <unistd.h>
 
 #include "client/import/import.h"
-#include "worker/render/texture.h"
+#include "worker/render/texture/texture.h"
 
 static const char assets[] = "tests/fuzz/assets";
 

@@ -1,7 +1,7 @@
 /* crowd: very many workers in one process: real sockets, the real protocol, and no rendering. What they are
  * assigned is "rendered" at a given speed, and sent in the prepared batches. */
-#ifndef LIGHTMILL_SIM_CROWD_H
-#define LIGHTMILL_SIM_CROWD_H
+#ifndef LIGHTMILL_CROWD_H
+#define LIGHTMILL_CROWD_H
 
 #include "tests/sim/prepared.h"
 

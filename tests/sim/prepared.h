@@ -2,11 +2,11 @@
  *
  * A worker that has been at it for longer has hit more pixels of the splat frame, so there are frames of
  * several densities. They are encoded once and sent again and again, without being copied. */
-#ifndef LIGHTMILL_SIM_PREPARED_H
-#define LIGHTMILL_SIM_PREPARED_H
+#ifndef LIGHTMILL_PREPARED_H
+#define LIGHTMILL_PREPARED_H
 
 #include "common/scene_blob.h"
-#include "proto/wire.h"
+#include "proto/wire/wire.h"
 
 typedef struct prepared prepared_t;
 

@@ -1,7 +1,7 @@
 /* processes: our programs, started in a folder of their own and watched from outside, for what measures them.
  */
-#ifndef LIGHTMILL_SIM_PROCESSES_H
-#define LIGHTMILL_SIM_PROCESSES_H
+#ifndef LIGHTMILL_PROCESSES_H
+#define LIGHTMILL_PROCESSES_H
 
 #include "common/base.h"
 

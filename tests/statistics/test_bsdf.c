@@ -5,11 +5,11 @@
 #include "common/sampler.h"
 #include "tests/chi_square.h"
 #include "tests/render_here.h"
-#include "worker/render/bsdf.h"
-#include "worker/render/bsdf_frame.h"
-#include "worker/render/fresnel.h"
-#include "worker/render/lobe.h"
-#include "worker/render/warp.h"
+#include "worker/render/bsdf/bsdf.h"
+#include "worker/render/bsdf/bsdf_frame.h"
+#include "worker/render/bsdf/fresnel.h"
+#include "worker/render/bsdf/lobe.h"
+#include "worker/render/sampling/warp.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

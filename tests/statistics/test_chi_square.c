@@ -4,11 +4,11 @@
  * by chance in one build of a thousand. */
 #include "common/sampler.h"
 #include "tests/chi_square.h"
-#include "worker/render/alias.h"
-#include "worker/render/camera.h"
-#include "worker/render/filter.h"
-#include "worker/render/light.h"
-#include "worker/render/warp.h"
+#include "worker/render/camera/camera.h"
+#include "worker/render/camera/filter.h"
+#include "worker/render/light/light.h"
+#include "worker/render/sampling/alias.h"
+#include "worker/render/sampling/warp.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

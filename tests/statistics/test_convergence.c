@@ -1,6 +1,6 @@
-/* Planned jobs (master/farm/plan.h) with the real renderer: the error that ends a job is the error, adaptive
- * images are right on average and better than others where the noise is uneven, and the same bits however
- * they were made. */
+/* Planned jobs (master/schedule/plan.h) with the real renderer: the error that ends a job is the error,
+ * adaptive images are right on average and better than others where the noise is uneven, and the same bits
+ * however they were made. */
 #include "client/import/import.h"
 #include "tests/reference.h"
 #include "tests/render_here.h"

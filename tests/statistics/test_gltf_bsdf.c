@@ -2,8 +2,8 @@
  * what physics demands. */
 #include "common/sampler.h"
 #include "tests/scattering.h"
-#include "worker/render/lobe.h"
-#include "worker/render/warp.h"
+#include "worker/render/bsdf/lobe.h"
+#include "worker/render/sampling/warp.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

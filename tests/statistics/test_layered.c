@@ -3,8 +3,8 @@
  */
 #include "common/sampler.h"
 #include "tests/scattering.h"
-#include "worker/render/lobe_layered.h"
-#include "worker/render/warp.h"
+#include "worker/render/bsdf/lobe_layered.h"
+#include "worker/render/sampling/warp.h"
 
 #include <complex.h>
 #include <setjmp.h>

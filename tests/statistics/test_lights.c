@@ -4,8 +4,8 @@
 #include "client/import/import.h"
 #include "common/sampler.h"
 #include "tests/scratch.h"
-#include "worker/render/light.h"
-#include "worker/render/warp.h"
+#include "worker/render/light/light.h"
+#include "worker/render/sampling/warp.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

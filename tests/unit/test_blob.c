@@ -1,7 +1,7 @@
 /* Tests of common/scene_blob.c: what is built is read back, and whatever else is in the bytes (truncation,
  * damage, wrong contents under a right checksum) gives an error and no access outside them: run with the
  * sanitizers. */
-#include "common/film.h"
+#include "common/film/film.h"
 #include "common/scene_blob.h"
 #include "tests/scratch.h"
 

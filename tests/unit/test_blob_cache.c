@@ -1,8 +1,8 @@
 /* Tests of the worker's cache of scenes: what is in it has the right bytes, a download that broke off goes
  * on, one of several processes fetches, and the limit holds. */
+#include "proto/uplink/blob_cache.h"
 #include "tests/peer.h"
 #include "tests/scratch.h"
-#include "worker/blob_cache.h"
 
 #include <fcntl.h>
 #include <setjmp.h>

@@ -1,7 +1,7 @@
-/* Tests of master/bulk_server.c with real sockets: what it does with batches while nothing can be merged,
- * because somebody reads the film. */
-#include "master/bulk_server.h"
+/* Tests of master/threads/bulk_server.c with real sockets: what it does with batches while nothing can be
+ * merged, because somebody reads the film. */
 #include "master/farm/farm_state.h"
+#include "master/threads/bulk_server.h"
 #include "tests/peer.h"
 #include "tests/scratch.h"
 
@@ -31,7 +31,7 @@ typedef struct {
     int wake;
     farm_t *farm;
     blob_store_t *store;
-    gallery_t *gallery;
+    image_writer_t *image_writer;
     bulk_server_t *server;
     job_settings_t settings;
     uint64_t job;
@@ -58,20 +58,20 @@ static int set_up(void **state)
                            .first_job = 1,
                            .control_wake = -1,
                            .image_wake = -1,
-                           .clerk_wake = -1,
+                           .journal_writer_wake = -1,
                            .checkpoint_wake = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC),
                            .grant_wake = t->wake};
     t->farm = farm_new(&farm);
     char *blobs = scratch_path(t->folder, "blobs");
     must(blob_store_open(&(blob_store_options_t){.directory = blobs, .limit = 1 << 20}, &t->store));
     free(blobs);
-    must(gallery_start(
-        &(gallery_options_t){
+    must(image_writer_start(
+        &(image_writer_options_t){
             .farm = t->farm, .data_dir = t->folder, .image_wake = t->wake, .answer_wake = t->wake},
-        &t->gallery));
+        &t->image_writer));
     bulk_server_options_t bulk = {.farm = t->farm,
                                   .store = t->store,
-                                  .gallery = t->gallery,
+                                  .image_writer = t->image_writer,
                                   .wake = t->wake,
                                   .batch_memory = 1, /* so two of the largest batches */
                                   .merge_threads = 2};
@@ -95,7 +95,7 @@ static int tear_down(void **state)
     }
     bulk_server_stop(&t->server);
     assert_null(t->server);
-    gallery_stop(&t->gallery);
+    image_writer_stop(&t->image_writer);
     close(t->farm->options.checkpoint_wake);
     farm_destroy(&t->farm);
     blob_store_close(&t->store);
@@ -247,8 +247,8 @@ static void batches_wait_at_the_workers_while_nothing_is_merged(void **state)
     test_t *t = *state;
     start_job(t);
     sender_t *s = t->senders;
-    canvas_t *canvas = farm_canvas_hold(t->farm, find_job(t));
-    canvas_lock(canvas); /* somebody writes an image for ever */
+    shared_film_t *shared_film = farm_shared_film_hold(t->farm, find_job(t));
+    shared_film_lock(shared_film); /* somebody writes an image for ever */
     uint64_t bytes = batch_splat_values(&t->settings) * sizeof(int64_t) * 5 / 4;
     for (int i = 0; i < 5; i++) {
         offer(t, &s[i], bytes);
@@ -270,7 +270,7 @@ static void batches_wait_at_the_workers_while_nothing_is_merged(void **state)
     report = farm_report(t->farm, clock_now(), t->job, &count, &workers); /* the farm answers meanwhile */
     assert_int_equal(report->batches, 0);
     free(report);
-    canvas_unlock(canvas);
+    shared_film_unlock(shared_film);
     assert_merged(&s[0]);
     assert_merged(&s[1]);
     for (int i = 3; i < 5; i++) {
@@ -285,15 +285,15 @@ static void batches_wait_at_the_workers_while_nothing_is_merged(void **state)
     must(film_new(&t->settings, &film));
     for (int i = 0; i < PEERS; i++)
         if (i != 2) film_merge(film, &s[i].batch);
-    const film_t *merged = canvas_lock(canvas);
-    for (size_t i = 0; i < canvas_page_count(&t->settings); i++) {
+    const film_t *merged = shared_film_lock(shared_film);
+    for (size_t i = 0; i < shared_film_page_count(&t->settings); i++) {
         size_t size;
-        const void *page = canvas_page(film, i, &size);
-        assert_memory_equal(page, canvas_page(merged, i, &size), size);
+        const void *page = shared_film_page(film, i, &size);
+        assert_memory_equal(page, shared_film_page(merged, i, &size), size);
     }
-    canvas_unlock(canvas);
+    shared_film_unlock(shared_film);
     film_destroy(&film);
-    farm_canvas_let_go(t->farm, find_job(t));
+    farm_shared_film_let_go(t->farm, find_job(t));
 }
 
 static void offers_that_are_not_wanted_are_refused(void **state)

@@ -50,7 +50,7 @@ static job_settings_t settings_of(int width, int height)
 
 /* A film of which some samples are counted, and what its checkpoint says. */
 typedef struct {
-    canvas_t *canvas;
+    shared_film_t *shared_film;
     schedule_t *schedule;
     checkpoint_info_t info;
 } job_film_t;
@@ -71,7 +71,7 @@ static job_film_t make_film(const job_settings_t *settings, uint64_t seed)
         unit_t unit = {t, t % 3, 4 + (uint32_t)seed % 4};
         must(schedule_accept(made.schedule, &unit, 1));
     }
-    made.canvas = canvas_new(film);
+    made.shared_film = shared_film_new(film);
     job_record_t *record = &made.info.record;
     *record = (job_record_t){.job = 7,
                              .terms = {.name = "a scene", .priority = -3, .verify = 0.01, .mixed = true},
@@ -102,7 +102,7 @@ static job_film_t make_film(const job_settings_t *settings, uint64_t seed)
 
 static void free_film(job_film_t *film)
 {
-    canvas_destroy(&film->canvas);
+    shared_film_destroy(&film->shared_film);
     schedule_destroy(&film->schedule);
 }
 
@@ -110,11 +110,11 @@ static void free_film(job_film_t *film)
 static result_t write_state(job_film_t *film, const char *path, int threads, const schedule_state_t *state)
 {
     checkpoint_cost_t cost;
-    canvas_lock(film->canvas);
-    canvas_snapshot_t *snapshot = canvas_snapshot(film->canvas);
-    canvas_unlock(film->canvas);
+    shared_film_lock(film->shared_film);
+    shared_film_snapshot_t *snapshot = shared_film_snapshot(film->shared_film);
+    shared_film_unlock(film->shared_film);
     result_t result = checkpoint_write(path, &film->info, state, snapshot, threads, &cost);
-    canvas_snapshot_free(&snapshot);
+    shared_film_snapshot_free(&snapshot);
     if (result.code == RESULT_OK) assert_true(cost.bytes > 0 && cost.wall > 0 && cost.cpu > 0);
     return result;
 }
@@ -176,8 +176,8 @@ static void assert_round_trip(const job_settings_t *settings, const char *path, 
     must(write_film(&film, path, threads));
     must(read_film(path, settings, &loaded, &state));
     schedule_save(film.schedule, &expected);
-    assert_same_film(canvas_lock(film.canvas), loaded);
-    canvas_unlock(film.canvas);
+    assert_same_film(shared_film_lock(film.shared_film), loaded);
+    shared_film_unlock(film.shared_film);
     assert_same_state(&expected, &state);
     schedule_state_free(&expected);
     schedule_state_free(&state);
@@ -225,8 +225,9 @@ static void a_long_schedule_comes_back(void **state)
     job_settings_t settings = settings_of(501, 263);
     settings.spp = 1 << 12;
     job_film_t film = make_film(&settings, 5);
-    uint32_t tiles = job_tile_count(&settings), rounds = 5 * CANVAS_PAGE_BYTES / 4 / sizeof(uint32_t) / tiles;
-    size_t units = CANVAS_PAGE_BYTES / sizeof(unit_t);
+    uint32_t tiles = job_tile_count(&settings),
+             rounds = 5 * SHARED_FILM_PAGE_BYTES / 4 / sizeof(uint32_t) / tiles;
+    size_t units = SHARED_FILM_PAGE_BYTES / sizeof(unit_t);
     schedule_state_t saved = {.round_count = rounds,
                               .tile_count = tiles,
                               .ends = noise((size_t)rounds * tiles, 1),
@@ -243,8 +244,8 @@ static void a_long_schedule_comes_back(void **state)
         must(write_state(&film, path, threads, &saved));
         must(read_film(path, &settings, &loaded, &found));
         assert_same_state(&saved, &found);
-        assert_same_film(canvas_lock(film.canvas), loaded);
-        canvas_unlock(film.canvas);
+        assert_same_film(shared_film_lock(film.shared_film), loaded);
+        shared_film_unlock(film.shared_film);
         schedule_state_free(&found);
         film_destroy(&loaded);
     }
@@ -443,8 +444,8 @@ static void a_write_that_fails_leaves_the_old_file(void **state)
     film_t *loaded;
     schedule_state_t saved;
     must(read_film(path, &settings, &loaded, &saved));
-    assert_same_film(canvas_lock(old.canvas), loaded);
-    canvas_unlock(old.canvas);
+    assert_same_film(shared_film_lock(old.shared_film), loaded);
+    shared_film_unlock(old.shared_film);
     schedule_state_free(&saved);
     film_destroy(&loaded);
     must(write_film(&new, path, 2)); /* and it goes on afterwards */

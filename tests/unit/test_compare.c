@@ -3,7 +3,7 @@
  * tree, for tests/references. */
 #include "client/agreement.h"
 #include "client/commands.h"
-#include "common/image.h"
+#include "common/image/image.h"
 #include "tests/scratch.h"
 
 #include <math.h>

@@ -1,11 +1,11 @@
-/* Tests of worker/render/distribution.c and octahedral.h: points are drawn from the density that is claimed,
- * nothing is drawn where there is none, and the octahedral map goes both ways and keeps areas. */
-#include "worker/render/distribution.h"
+/* Tests of worker/render/sampling/distribution.c and octahedral.h: points are drawn from the density that is
+ * claimed, nothing is drawn where there is none, and the octahedral map goes both ways and keeps areas. */
+#include "worker/render/sampling/distribution.h"
 
 #include "common/base.h"
 #include "common/sampler.h"
 #include "tests/chi_square.h"
-#include "worker/render/octahedral.h"
+#include "worker/render/sampling/octahedral.h"
 
 #include <math.h>
 #include <setjmp.h>

@@ -585,10 +585,10 @@ static void restart(trial_t *trial, bool damaged)
     if (copy.job != 0) {
         const job_settings_t *wanted = &trial->films[0].film->settings;
         assert_int_equal(film_new(wanted, &copy.film).code, RESULT_OK);
-        for (size_t i = 0; i < canvas_page_count(wanted); i++) {
+        for (size_t i = 0; i < shared_film_page_count(wanted); i++) {
             size_t size;
-            void *to = canvas_page(copy.film, i, &size);
-            memcpy(to, canvas_page(trial->films[0].film, i, &size), size);
+            void *to = shared_film_page(copy.film, i, &size);
+            memcpy(to, shared_film_page(trial->films[0].film, i, &size), size);
         }
         copy.film->counts = trial->films[0].film->counts;
         schedule_t *schedule;

@@ -1,6 +1,6 @@
 /* Tests of the queue: orders of clients, shares and priorities, jobs that outlive the process. Without
  * sockets, in a time of its own (tests/toy_farm.h). */
-#include "master/control_reports.h"
+#include "master/threads/control_reports.h"
 #include "tests/toy_farm.h"
 
 #include <pthread.h>
@@ -327,7 +327,7 @@ static void retained_jobs_are_not_forgotten(void **state)
                               .job_limit = 3,
                               .control_wake = -1,
                               .image_wake = -1,
-                              .clerk_wake = -1,
+                              .journal_writer_wake = -1,
                               .checkpoint_wake = -1,
                               .grant_wake = -1};
     farm_t *farm = farm_new(&options);
@@ -469,14 +469,14 @@ static void what_was_given_up_is_not_tried_again(void **state)
     uint64_t job = job_in_state(farm, JOB_FINISHING);
     result_t full = result_fail(RESULT_IO, "no space left on device");
     schedule_state_t saved;
-    canvas_snapshot_t *snapshot;
+    shared_film_snapshot_t *snapshot;
     double age;
     bool last;
     assert_int_equal(toy_write_images(farm, 2, full), 1);
     job_t *saving = farm_next_checkpoint(farm, 2, &age, &last);
     assert_true(farm_snapshot(farm, saving, &saved, &snapshot));
     assert_int_equal(toy_order(farm, 3, job, ORDER_CANCEL).code, RESULT_OK);
-    canvas_snapshot_free(&snapshot);
+    shared_film_snapshot_free(&snapshot);
     schedule_state_free(&saved);
     farm_checkpointed(farm, 4, saving, full);
     farm_unpin(farm, saving);

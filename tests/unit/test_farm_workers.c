@@ -400,7 +400,7 @@ static void who_declines_what_others_render_is_put_aside(void **state)
 
 /* ---- units that end workers ---------------------------------------------------------------------------- */
 
-enum { CREW = 4, RANDOM_FARMS = 12 };
+enum { HANDLER = 4, RANDOM_FARMS = 12 };
 
 /* A farm on which whoever holds a sample of one tile dies. */
 typedef struct {
@@ -409,8 +409,8 @@ typedef struct {
     uint64_t job;
     int machines, generation, deaths;
     uint32_t killer; /* tile */
-    uint64_t workers[CREW];
-    toy_work_t work[CREW];
+    uint64_t workers[HANDLER];
+    toy_work_t work[HANDLER];
 } plague_t;
 
 static void join_again(plague_t *plague, int i)
@@ -431,8 +431,8 @@ static bool is_deadly(const plague_t *plague, const toy_work_t *work)
 /* A second: who has work delivers it, or dies of it; who has none asks. */
 static void plague_step(plague_t *plague)
 {
-    bool died[CREW] = {false};
-    for (int i = 0; i < CREW; i++) {
+    bool died[HANDLER] = {false};
+    for (int i = 0; i < HANDLER; i++) {
         toy_work_t *work = &plague->work[i];
         if (work->job != 0 && !is_deadly(plague, work))
             assert_int_equal(deliver(plague->farm, plague->now, plague->workers[i], work).code, RESULT_OK);
@@ -444,11 +444,11 @@ static void plague_step(plague_t *plague)
             *work = toy_take(plague->farm, plague->now, plague->workers[i], 1 << 11, 1 << 10);
         }
     }
-    pass(plague->farm, &plague->now, 1, plague->workers, CREW);
+    pass(plague->farm, &plague->now, 1, plague->workers, HANDLER);
     bool any = false;
-    for (int i = 0; i < CREW; i++) any = any || died[i];
-    if (any) pass(plague->farm, &plague->now, 6, plague->workers, CREW);
-    for (int i = 0; i < CREW; i++)
+    for (int i = 0; i < HANDLER; i++) any = any || died[i];
+    if (any) pass(plague->farm, &plague->now, 6, plague->workers, HANDLER);
+    for (int i = 0; i < HANDLER; i++)
         if (died[i]) join_again(plague, i);
 }
 
@@ -456,7 +456,7 @@ static void run_plague(plague_t *plague, farm_t *farm, int machines)
 {
     *plague = (plague_t){.farm = farm, .killer = 2, .machines = machines};
     plague->job = submit(farm, 8);
-    for (int i = 0; i < CREW; i++) join_again(plague, i);
+    for (int i = 0; i < HANDLER; i++) join_again(plague, i);
     for (int step = 0; step < 300 && toy_state(farm, plague->now, plague->job) != JOB_FINISHING; step++)
         plague_step(plague);
 }
@@ -591,13 +591,13 @@ static int random_kills(uint32_t seed, uint32_t life)
     farm_t *farm = toy_farm(false);
     job_settings_t settings = toy_settings();
     settings.spp = 1024;
-    uint64_t job = toy_submit(farm, 0, &settings, 0), workers[CREW] = {0};
-    double now = 0, begun[CREW] = {0};
-    toy_work_t work[CREW];
+    uint64_t job = toy_submit(farm, 0, &settings, 0), workers[HANDLER] = {0};
+    double now = 0, begun[HANDLER] = {0};
+    toy_work_t work[HANDLER];
     int kills = 0, generation = 0;
     uint32_t random = seed;
     while (toy_state(farm, now, job) != JOB_FINISHING && kills < 3000) {
-        for (int i = 0; i < CREW; i++) {
+        for (int i = 0; i < HANDLER; i++) {
             random = random * 747796405u + 2891336453u;
             if (workers[i] == 0) {
                 char name[30];
@@ -615,7 +615,7 @@ static int random_kills(uint32_t seed, uint32_t life)
                 work[i] = (toy_work_t){0};
             }
         }
-        pass(farm, &now, 0.5, workers, CREW);
+        pass(farm, &now, 0.5, workers, HANDLER);
     }
     pass(farm, &now, 2, NULL, 0);
     job_report_t report = toy_report(farm, now, job);

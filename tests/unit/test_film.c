@@ -1,6 +1,6 @@
-/* Tests of common/film.c: sums are the same bits in whatever order and portions they are made, nothing wraps,
- * and resolving divides each sum by what it must be divided by. */
-#include "common/film.h"
+/* Tests of common/film/film.c: sums are the same bits in whatever order and portions they are made, nothing
+ * wraps, and resolving divides each sum by what it must be divided by. */
+#include "common/film/film.h"
 
 #include <math.h>
 #include <setjmp.h>

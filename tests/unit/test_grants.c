@@ -1,6 +1,6 @@
-/* Tests of master/merge/grants.c: what is promised and what is here never exceeds the credit, nobody is
+/* Tests of proto/serve/grants.c: what is promised and what is here never exceeds the credit, nobody is
  * overtaken, and what vanishes gives back what it was promised. */
-#include "master/merge/grants.h"
+#include "proto/serve/grants.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

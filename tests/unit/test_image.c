@@ -1,6 +1,6 @@
 /* Tests of common/image*.c, atomic_file.c and picture.c: what is written is read back bit by bit, other
  * programs' files are read, bad files and full disks give errors that say what is wrong. */
-#include "common/picture.h"
+#include "common/film/picture.h"
 #include "tests/scratch.h"
 
 #include <math.h>

@@ -3,7 +3,7 @@
 #include "tests/unit/test_import.h"
 
 #include "common/base.h"
-#include "worker/render/texture.h"
+#include "worker/render/texture/texture.h"
 
 /* 2 x 2 texels: red, green; blue, grey 188 with alpha 51 */
 #define PNG_URI                                                                                              \

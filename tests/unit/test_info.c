@@ -3,7 +3,7 @@
 #include "client/commands.h"
 #include "client/scene.h"
 #include "client/text.h"
-#include "common/image.h"
+#include "common/image/image.h"
 #include "tests/scratch.h"
 
 #include <math.h>

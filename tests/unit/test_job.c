@@ -1,6 +1,6 @@
 /* Tests of common/job.c: tiles cover the image exactly once, units are checked against the job, settings
  * against their limits. */
-#include "common/film.h"
+#include "common/film/film.h"
 
 #include <math.h>
 #include <setjmp.h>

@@ -1,9 +1,9 @@
 /* Tests of keys and of who is let in: key files, lists of keys, where a peer finds its keys, limits of
  * messages, and user ids that peers give themselves. */
-#include "master/door/allow_list.h"
-#include "master/door/rate_limit.h"
-#include "proto/dial.h"
-#include "proto/wire.h"
+#include "proto/serve/allow_list.h"
+#include "proto/serve/rate_limit.h"
+#include "proto/wire/dial.h"
+#include "proto/wire/wire.h"
 #include "tests/scratch.h"
 
 #include <arpa/inet.h>

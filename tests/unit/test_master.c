@@ -1,6 +1,6 @@
 /* Tests of the master as its peers see it: a real master on loopback sockets, scripted workers and clients.
  */
-#include "common/image.h"
+#include "common/image/image.h"
 #include "master/farm/farm.h"
 #include "master/master.h"
 #include "tests/peer.h"

@@ -1,10 +1,10 @@
 /* Transforms that change: their ends, what lies between, and Embree's idea of the same. */
-#include "worker/render/motion.h"
+#include "worker/render/scene/motion.h"
 
 #include "client/import/import.h"
 #include "common/sampler.h"
 #include "tests/scratch.h"
-#include "worker/render/scene.h"
+#include "worker/render/scene/scene.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

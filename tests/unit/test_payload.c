@@ -1,6 +1,6 @@
-/* Tests of proto/payload.c: what is encoded comes back bit by bit; no bytes make the decoder do anything but
- * fail. Run under the address sanitizer (make asan) these are the memory tests of the codec. */
-#include "proto/wire.h"
+/* Tests of proto/wire/payload.c: what is encoded comes back bit by bit; no bytes make the decoder do anything
+ * but fail. Run under the address sanitizer (make asan) these are the memory tests of the codec. */
+#include "proto/wire/wire.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

@@ -1,7 +1,8 @@
-/* Tests of master/farm/plan.c: when jobs end, how far rounds go, where their samples go, and that every pixel
- * has the same weight in every round. The films are made up; tests/statistics/test_convergence.c renders. */
-#include "master/farm/plan.h"
-#include "master/farm/schedule.h"
+/* Tests of master/schedule/plan.c: when jobs end, how far rounds go, where their samples go, and that every
+ * pixel has the same weight in every round. The films are made up; tests/statistics/test_convergence.c
+ * renders. */
+#include "master/schedule/plan.h"
+#include "master/schedule/schedule.h"
 
 #include <math.h>
 #include <setjmp.h>

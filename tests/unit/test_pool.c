@@ -1,10 +1,10 @@
 /* Tests of the relay's pool by its calls: what it takes from workers and what it does not, whom it gives
  * what, and what it makes of a master that gives old numbers to new jobs. Sockets come in test_relay.c, but
  * for one towards the master, which answers requests for scenes or does not. */
+#include "proto/uplink/bulk.h"
 #include "relay/pool.h"
 #include "tests/peer.h"
 #include "tests/scratch.h"
-#include "worker/bulk.h"
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -21,7 +21,7 @@ static const uint64_t MUCH = 1 << 30; /* pixel samples: more than there are */
 
 typedef struct {
     pool_t *pool;
-    crew_t crew;
+    uplink_handler_t handler;
     job_settings_t settings;
     hash_t blob;
     uint64_t ada, bob; /* workers */
@@ -51,7 +51,7 @@ static int set_up(void **state)
                               .notice_wake = -1,
                               .grant_wake = -1};
     t->pool = pool_new(&options);
-    t->crew = pool_crew(t->pool);
+    t->handler = pool_handler(t->pool);
     t->settings = job_settings_default();
     t->settings.width = t->settings.height = 64;
     t->blob = hash_bytes("blob", 4);
@@ -85,7 +85,7 @@ static void assign_job(test_t *t, uint64_t job, const hash_t *blob, uint64_t blo
                                .units = mem_alloc(count * sizeof *units),
                                .unit_count = count};
     memcpy(assignment.units, units, count * sizeof *units);
-    t->crew.calls->assign(t->crew.self, &assignment);
+    t->handler.calls->assign(t->handler.self, &assignment);
 }
 
 static void assign(test_t *t, const unit_t *units, size_t count)
@@ -95,13 +95,13 @@ static void assign(test_t *t, const unit_t *units, size_t count)
 
 static duty_t duty_of(test_t *t)
 {
-    return t->crew.calls->duty(t->crew.self, 0);
+    return t->handler.calls->duty(t->handler.self, 0);
 }
 
 static result_t load(test_t *t, const hash_t *hash)
 {
     scene_blob_t blob = {.bytes = (const void *)"blob", .size = 4, .hash = *hash};
-    return t->crew.calls->loaded(t->crew.self, JOB, &blob);
+    return t->handler.calls->loaded(t->handler.self, JOB, &blob);
 }
 
 static void begin(test_t *t, const unit_t *units, size_t count)
@@ -172,9 +172,9 @@ static void what_the_master_would_refuse_is_refused_here(void **state)
     assert_int_equal(render(t, t->bob, units, 2).code, RESULT_OK);
     duty_t duty = duty_of(t);
     assert_int_equal(duty.kind, DUTY_OFFER);
-    closed_batch_t closed = t->crew.calls->close(t->crew.self, &duty.offer);
+    closed_batch_t closed = t->handler.calls->close(t->handler.self, &duty.offer);
     assert_int_equal(closed.batch->unit_count, 2);
-    t->crew.calls->sent(t->crew.self, &closed, true);
+    t->handler.calls->sent(t->handler.self, &closed, true);
 }
 
 /* A master that lost its data gives the number to another job while the old one's scene is on its way. */
@@ -244,7 +244,7 @@ static void a_job_that_goes_on_at_once_goes_on_whole(void **state)
     const unit_t unit = {0, 0, 4};
     begin(t, &unit, 1);
     assert_int_equal(take(t, 0, t->ada, MUCH), 1);
-    t->crew.calls->job_over(t->crew.self, JOB, true);
+    t->handler.calls->job_over(t->handler.self, JOB, true);
     assign(t, &unit, 1);
     assert_int_equal(take(t, 0, t->bob, MUCH), 1);
     assert_int_equal(render(t, t->bob, &unit, 1).code, RESULT_OK);
@@ -260,10 +260,10 @@ static void sums_and_scenes_take_turns(void **state)
     begin(t, units, 2);
     assert_int_equal(take(t, 0, t->ada, MUCH), 2);
     assign_job(t, JOB + 1, &next, 4, units, 1);
-    assert_false(t->crew.calls->pressing(t->crew.self));
+    assert_false(t->handler.calls->pressing(t->handler.self));
     assert_int_equal(duty_of(t).kind, DUTY_LOAD);
     assert_int_equal(render(t, t->ada, units, 2).code, RESULT_OK);
-    assert_true(t->crew.calls->pressing(t->crew.self));
+    assert_true(t->handler.calls->pressing(t->handler.self));
     for (int i = 0; i < 3; i++) {
         duty_t duty = duty_of(t); /* the sum stays, as if it were not granted */
         assert_int_equal(duty.kind, DUTY_OFFER);
@@ -292,7 +292,7 @@ static void open_uplink(test_t *t, uplink_t *up, double patience)
     assert_int_equal(zmq_bind(up->socket, "tcp://127.0.0.1:*"), 0);
     assert_int_equal(zmq_getsockopt(up->socket, ZMQ_LAST_ENDPOINT, endpoint, &size), 0);
     bulk_options_t options = {.context = up->context,
-                              .crew = t->crew,
+                              .handler = t->handler,
                               .wake = t->bulk_wake,
                               .cache_dir = up->folder,
                               .cache_limit = 1 << 30,
@@ -419,7 +419,7 @@ static void requests_for_a_scene_do_not_pile_up(void **state)
         memcpy(earlier, requests, sizeof earlier);
     }
     for (int k = 0; k < WINDOW; k++) wire_free(&earlier[k]);
-    assert_int_equal(t->crew.calls->state(t->crew.self).failure.code, RESULT_OK);
+    assert_int_equal(t->handler.calls->state(t->handler.self).failure.code, RESULT_OK);
     close_uplink(&up);
 }
 

@@ -1,11 +1,11 @@
 /* Quadrics against what they are: points, coordinates, derivatives, crossings, areas and samples. */
-#include "worker/render/quadric.h"
+#include "worker/render/scene/quadric.h"
 
 #include "client/import/import.h"
 #include "common/sampler.h"
 #include "tests/chi_square.h"
 #include "tests/scratch.h"
-#include "worker/render/scene.h"
+#include "worker/render/scene/scene.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

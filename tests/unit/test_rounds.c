@@ -1,6 +1,6 @@
 /* Tests of rounds, extensions, particular units and saved states of master/farm/schedule*.c; that the
  * bookkeeping is right in a long random run is in test_schedule.c. */
-#include "master/farm/schedule.h"
+#include "master/schedule/schedule.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

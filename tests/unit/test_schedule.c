@@ -1,6 +1,6 @@
-/* Tests of master/farm/schedule.c, among them a random farm that is compared, sample by sample, with a table.
- * Rounds, particular units and states that come from files have more tests in test_rounds.c. */
-#include "master/farm/schedule.h"
+/* Tests of master/schedule/schedule.c, among them a random farm that is compared, sample by sample, with a
+ * table. Rounds, particular units and states that come from files have more tests in test_rounds.c. */
+#include "master/schedule/schedule.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

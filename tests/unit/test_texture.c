@@ -1,7 +1,7 @@
-/* Tests of worker/render/texture.c and its parts: images against a reference that looks texels up one by one,
- * procedural textures against numbers computed elsewhere from their published formulas, combinations by
- * hand, and coordinates that no sane scene has. */
-#include "worker/render/texture.h"
+/* Tests of worker/render/texture/texture.c and its parts: images against a reference that looks texels up one
+ * by one, procedural textures against numbers computed elsewhere from their published formulas, combinations
+ * by hand, and coordinates that no sane scene has. */
+#include "worker/render/texture/texture.h"
 
 #include "common/base.h"
 

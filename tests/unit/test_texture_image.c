@@ -1,7 +1,7 @@
 /* Tests of common/texture_*.c: every kind of every format gives its exact texels the right way up; files that
  * are cut short, damaged, too large or something else give errors that name them. */
-#include "common/image.h"
-#include "common/texture_image.h"
+#include "common/image/image.h"
+#include "common/image/texture_image.h"
 #include "tests/scratch.h"
 
 #include <math.h>

@@ -1,7 +1,7 @@
-/* Tests of proto/wire.c over real sockets: messages come as they were sent, limits hold, and whatever bytes a
- * peer sends, the receiver gets an error value and goes on. */
-#include "proto/checksum.h"
-#include "proto/wire.h"
+/* Tests of proto/wire/wire.c over real sockets: messages come as they were sent, limits hold, and whatever
+ * bytes a peer sends, the receiver gets an error value and goes on. */
+#include "proto/wire/checksum.h"
+#include "proto/wire/wire.h"
 #include "tests/peer.h"
 
 #include <errno.h>

@@ -1,7 +1,7 @@
 /* renderer: units over integrators (see renderer.h). */
 #include "worker/render/renderer.h"
 
-#include "worker/render/integrator.h"
+#include "worker/render/integrator/integrator.h"
 
 #include <pmmintrin.h>
 #include <stdlib.h>

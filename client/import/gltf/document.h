@@ -6,8 +6,8 @@
  * with instances; materials and textures are made when a mesh first wears them. Work is bounded by what the
  * file holds: see document_charge.
  */
-#ifndef LIGHTMILL_IMPORT_GLTF_DOCUMENT_H
-#define LIGHTMILL_IMPORT_GLTF_DOCUMENT_H
+#ifndef LIGHTMILL_DOCUMENT_H
+#define LIGHTMILL_DOCUMENT_H
 
 #include "client/import/gltf/item.h"
 #include "client/import/mesh.h"

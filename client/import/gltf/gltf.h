@@ -2,8 +2,8 @@
  *
  * docs/import.md lists what is read; docs/blender.md says how to export for Lightmill.
  */
-#ifndef LIGHTMILL_IMPORT_GLTF_H
-#define LIGHTMILL_IMPORT_GLTF_H
+#ifndef LIGHTMILL_GLTF_H
+#define LIGHTMILL_GLTF_H
 
 #include "client/import/report.h"
 

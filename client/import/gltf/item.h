@@ -3,8 +3,8 @@
  * The getters check type and range, and say what is wrong with which property. A property that is absent
  * leaves the caller's default as it is. Items lie on the stack: an item must not outlive its parent.
  */
-#ifndef LIGHTMILL_IMPORT_GLTF_ITEM_H
-#define LIGHTMILL_IMPORT_GLTF_ITEM_H
+#ifndef LIGHTMILL_ITEM_H
+#define LIGHTMILL_ITEM_H
 
 #include <jansson.h>
 

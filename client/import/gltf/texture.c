@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "common/texture_image.h"
+#include "common/image/texture_image.h"
 
 /* ---- images -------------------------------------------------------------------------------------------- */
 

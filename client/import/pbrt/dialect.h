@@ -12,8 +12,8 @@
  * So WorldEnd decides at the latest, and a scene with nothing to tell is v4, which has no WorldEnd. A name of
  * the other dialect further down is an error that says what the scene was taken for, and why.
  */
-#ifndef LIGHTMILL_IMPORT_PBRT_DIALECT_H
-#define LIGHTMILL_IMPORT_PBRT_DIALECT_H
+#ifndef LIGHTMILL_DIALECT_H
+#define LIGHTMILL_DIALECT_H
 
 #include "client/import/pbrt/lexer.h"
 

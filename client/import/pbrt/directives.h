@@ -2,8 +2,8 @@
  *
  * A directive's function is called with the place of its name when the name has been read; it reads the rest.
  */
-#ifndef LIGHTMILL_IMPORT_PBRT_DIRECTIVES_H
-#define LIGHTMILL_IMPORT_PBRT_DIRECTIVES_H
+#ifndef LIGHTMILL_DIRECTIVES_H
+#define LIGHTMILL_DIRECTIVES_H
 
 #include "client/import/pbrt/state.h"
 

@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "common/texture_image.h"
+#include "common/image/texture_image.h"
 
 /* The sRGB transfer function (IEC 61966-2-1), or a power; beyond 1 it goes on as it is. */
 static float decode(float encoded, float gamma)

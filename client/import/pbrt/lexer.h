@@ -4,8 +4,8 @@
  * line. The whole file is in memory and tokens point into it. The long runs of numbers, which are most of a
  * file, have a fast path of their own: lexer_number.
  */
-#ifndef LIGHTMILL_IMPORT_PBRT_LEXER_H
-#define LIGHTMILL_IMPORT_PBRT_LEXER_H
+#ifndef LIGHTMILL_LEXER_H
+#define LIGHTMILL_LEXER_H
 
 #include "client/import/report.h"
 

@@ -1,7 +1,7 @@
 /* material_kinds: how a Material's parameters become the blob's record: the readers that the materials of
  * both dialects share (material_read.c), and the materials themselves (materials_v3.c, materials_v4.c). */
-#ifndef LIGHTMILL_IMPORT_PBRT_MATERIAL_KINDS_H
-#define LIGHTMILL_IMPORT_PBRT_MATERIAL_KINDS_H
+#ifndef LIGHTMILL_MATERIAL_KINDS_H
+#define LIGHTMILL_MATERIAL_KINDS_H
 
 #include "client/import/pbrt/directives.h"
 

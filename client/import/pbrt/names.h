@@ -1,7 +1,7 @@
 /* names: a list of names with values, searched from the newest, so that an inner scope can hide an outer name
  * and be forgotten by cutting the list. */
-#ifndef LIGHTMILL_IMPORT_PBRT_NAMES_H
-#define LIGHTMILL_IMPORT_PBRT_NAMES_H
+#ifndef LIGHTMILL_NAMES_H
+#define LIGHTMILL_NAMES_H
 
 #include <stdbool.h>
 #include <stddef.h>

@@ -8,8 +8,8 @@
  * A list may have a fallback, which is searched second: the defaults of an `Attribute` (pbrt-v4), or the
  * parameters of the material that a shape's own override (pbrt-v3).
  */
-#ifndef LIGHTMILL_IMPORT_PBRT_PARAMS_H
-#define LIGHTMILL_IMPORT_PBRT_PARAMS_H
+#ifndef LIGHTMILL_PARAMS_H
+#define LIGHTMILL_PARAMS_H
 
 #include "client/import/pbrt/lexer.h"
 

@@ -5,8 +5,8 @@
  * them; transforms, options, materials, textures, lights and shapes are the directives, each family with a
  * table of its own. A new material, shape, light, texture or filter is one table entry and one function.
  */
-#ifndef LIGHTMILL_IMPORT_PBRT_H
-#define LIGHTMILL_IMPORT_PBRT_H
+#ifndef LIGHTMILL_PBRT_H
+#define LIGHTMILL_PBRT_H
 
 #include "client/import/report.h"
 

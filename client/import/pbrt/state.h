@@ -5,8 +5,8 @@
  * laid out at the end. Materials are made when a shape first uses them: what nothing uses may well be
  * unsupported.
  */
-#ifndef LIGHTMILL_IMPORT_PBRT_STATE_H
-#define LIGHTMILL_IMPORT_PBRT_STATE_H
+#ifndef LIGHTMILL_STATE_H
+#define LIGHTMILL_STATE_H
 
 #include "client/import/affine.h"
 #include "client/import/pbrt/dialect.h"

@@ -1,6 +1,6 @@
 /* grid: what the tessellations share: three-vectors in double precision, and quads of a parameter grid. */
-#ifndef LIGHTMILL_IMPORT_TESSELLATE_GRID_H
-#define LIGHTMILL_IMPORT_TESSELLATE_GRID_H
+#ifndef LIGHTMILL_GRID_H
+#define LIGHTMILL_GRID_H
 
 #include "client/import/mesh.h"
 

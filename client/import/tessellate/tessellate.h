@@ -10,8 +10,8 @@
  * below TESSELLATE_MAX_TRIANGLES. Vertices that overflow to infinity are left to mesh_add, which refuses
  * them.
  */
-#ifndef LIGHTMILL_IMPORT_TESSELLATE_H
-#define LIGHTMILL_IMPORT_TESSELLATE_H
+#ifndef LIGHTMILL_TESSELLATE_H
+#define LIGHTMILL_TESSELLATE_H
 
 #include "client/import/mesh.h"
 

@@ -1,8 +1,8 @@
 /* faults: what goes wrong, when, and to whom. The list of faults follows from the seed alone: the kind, the
  * pick of the victim, the duration and the pause before the next. What they hit depends on what the processes
  * are doing at that moment. */
-#ifndef LIGHTMILL_CHAOS_FAULTS_H
-#define LIGHTMILL_CHAOS_FAULTS_H
+#ifndef LIGHTMILL_FAULTS_H
+#define LIGHTMILL_FAULTS_H
 
 #include "tests/chaos/network.h"
 #include "tests/chaos/proxy.h"

@@ -1,7 +1,7 @@
 /* faults_state: what the kinds of faults and their course share. The kinds are in processes.c, machine.c and
  * network.c, the course in faults.c. */
-#ifndef LIGHTMILL_CHAOS_FAULTS_STATE_H
-#define LIGHTMILL_CHAOS_FAULTS_STATE_H
+#ifndef LIGHTMILL_FAULTS_STATE_H
+#define LIGHTMILL_FAULTS_STATE_H
 
 #include "tests/chaos/dice.h"
 #include "tests/chaos/errand.h"

@@ -1,6 +1,6 @@
 /* watch_films: sees the master's checkpoints begin and end, as soon as the kernel does. */
-#ifndef LIGHTMILL_CHAOS_WATCH_FILMS_H
-#define LIGHTMILL_CHAOS_WATCH_FILMS_H
+#ifndef LIGHTMILL_WATCH_FILMS_H
+#define LIGHTMILL_WATCH_FILMS_H
 
 #include <stdbool.h>
 

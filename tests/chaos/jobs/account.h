@@ -1,6 +1,6 @@
 /* account: what `lightmill status --json` says of a job, and what must hold of it at any time. */
-#ifndef LIGHTMILL_CHAOS_ACCOUNT_H
-#define LIGHTMILL_CHAOS_ACCOUNT_H
+#ifndef LIGHTMILL_ACCOUNT_H
+#define LIGHTMILL_ACCOUNT_H
 
 #include <jansson.h>
 #include <stdbool.h>

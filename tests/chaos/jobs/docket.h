@@ -1,7 +1,7 @@
 /* docket: the jobs of a run: submits one after the other, asks for the status of all again and again, and
  * knows which of them are proved. */
-#ifndef LIGHTMILL_CHAOS_DOCKET_H
-#define LIGHTMILL_CHAOS_DOCKET_H
+#ifndef LIGHTMILL_DOCKET_H
+#define LIGHTMILL_DOCKET_H
 
 #include "tests/chaos/passes.h"
 #include "tests/chaos/report.h"

@@ -1,6 +1,6 @@
 /* job_kinds: what the jobs of a run render. Each takes a few seconds of one core when nobody disturbs it. */
-#ifndef LIGHTMILL_CHAOS_JOB_KINDS_H
-#define LIGHTMILL_CHAOS_JOB_KINDS_H
+#ifndef LIGHTMILL_JOB_KINDS_H
+#define LIGHTMILL_JOB_KINDS_H
 
 #include "tests/chaos/words.h"
 

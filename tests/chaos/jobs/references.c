@@ -1,7 +1,7 @@
 /* references: see references.h. */
 #include "tests/chaos/jobs/references.h"
 
-#include "common/image.h"
+#include "common/image/image.h"
 
 #include <stdlib.h>
 

@@ -1,7 +1,7 @@
 /* references: the images that jobs have to give: the same settings in `lightmill render`, which nobody
  * disturbs. Each is rendered once, in the background, when a job first needs it. */
-#ifndef LIGHTMILL_CHAOS_REFERENCES_H
-#define LIGHTMILL_CHAOS_REFERENCES_H
+#ifndef LIGHTMILL_REFERENCES_H
+#define LIGHTMILL_REFERENCES_H
 
 #include "tests/chaos/errand.h"
 #include "tests/chaos/jobs/job_kinds.h"

@@ -1,0 +1,193 @@
+/* film_resolve: images and error estimates of the sums of a film (see film.h). */
+#include "common/film/film.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+/* The estimates of one pixel and channel; the noises are standard errors. */
+typedef struct {
+    double eye, light, noise, eye_noise;
+} estimate_t;
+
+/* `eye` and `splat` are the sums of both halves, `samples` and `light_factor` (pixels / light paths)
+ * likewise. */
+static estimate_t resolve_value(const double eye[2], const double splat[2], const uint32_t samples[2],
+                                const double light_factor[3])
+{
+    double count = (double)samples[0] + samples[1], half[2] = {0, 0};
+    estimate_t estimate = {.eye = (eye[0] + eye[1]) / count,
+                           .light = (splat[0] + splat[1]) * light_factor[2]};
+    if (samples[0] == 0 || samples[1] == 0) {
+        /* Nothing is known of the noise: all of the value is taken to be noise. */
+        estimate.noise = fabs(estimate.eye + estimate.light);
+        estimate.eye_noise = fabs(estimate.eye);
+        return estimate;
+    }
+    /* Var(sum) of two independent means whose weights are their shares of the samples. */
+    double shares = sqrt((double)samples[0] * samples[1]) / count;
+    for (int h = 0; h < 2; h++) half[h] = eye[h] / samples[h];
+    estimate.eye_noise = shares * fabs(half[0] - half[1]);
+    for (int h = 0; h < 2; h++) half[h] += splat[h] * light_factor[h];
+    estimate.noise = shares * fabs(half[0] - half[1]);
+    return estimate;
+}
+
+static bool any_features(const film_t *film, size_t pixels)
+{
+    for (size_t p = 0; film->features != NULL && p < pixels; p++)
+        if (film->features[FEATURE_VALUES * p + FEATURE_COUNT] > 0) return true;
+    return false;
+}
+
+static void resolve_feature(const int64_t *sum, film_image_t *image, size_t p)
+{
+    /* A peer may have sent any number; only what is above zero divides. */
+    double count = (double)sum[FEATURE_COUNT], hits = (double)sum[FEATURE_HITS];
+    double per_sample = count > 0 ? ldexp(1.0, -FEATURE_SCALE) / count : 0;
+    double per_hit = hits > 0 ? ldexp(1.0, -FEATURE_SCALE) / hits : 0;
+    for (size_t c = 0; c < 3; c++) {
+        image->albedo[3 * p + c] = (float)((double)sum[FEATURE_ALBEDO + c] * per_sample);
+        image->normal[3 * p + c] = (float)((double)sum[FEATURE_NORMAL + c] * per_sample);
+        image->position[3 * p + c] = (float)((double)sum[FEATURE_POSITION + c] * per_hit);
+    }
+    image->depth[p] = (float)((double)sum[FEATURE_DEPTH] * per_hit);
+    image->object[p] = (float)sum[FEATURE_OBJECT];
+    image->material[p] = (float)sum[FEATURE_MATERIAL];
+    image->coverage[p] = count > 0 ? (float)(hits / count) : 0;
+}
+
+static void resolve_features(const film_t *film, film_image_t *image, size_t pixels)
+{
+    float **vectors[] = {&image->albedo, &image->normal, &image->position};
+    float **scalars[] = {&image->depth, &image->object, &image->material, &image->coverage};
+    for (size_t i = 0; i < ARRAY_LENGTH(vectors); i++) *vectors[i] = mem_zalloc(3 * pixels, sizeof(float));
+    for (size_t i = 0; i < ARRAY_LENGTH(scalars); i++) *scalars[i] = mem_zalloc(pixels, sizeof(float));
+    for (size_t p = 0; p < pixels; p++) resolve_feature(film->features + FEATURE_VALUES * p, image, p);
+}
+
+/* What the sums of a film are divided by. */
+typedef struct {
+    const film_t *film;
+    size_t pixels;
+    double unit, light_factor[3]; /* pixels / light paths, of the halves and of both */
+} divisors_t;
+
+static divisors_t film_divisors(const film_t *film)
+{
+    double paths[3] = {(double)film->counts.light_paths[0], (double)film->counts.light_paths[1], 0};
+    divisors_t divisors = {.film = film,
+                           .pixels = (size_t)film->settings.width * (size_t)film->settings.height,
+                           .unit = ldexp(1.0, -film->settings.film_scale)};
+    paths[2] = paths[0] + paths[1];
+    for (int i = 0; i < 3; i++)
+        divisors.light_factor[i] = paths[i] > 0 ? (double)divisors.pixels / paths[i] : 0;
+    return divisors;
+}
+
+/* The estimates of a pixel; false when it has no samples. */
+static bool resolve_pixel(const divisors_t *divisors, size_t pixel, estimate_t estimates[3])
+{
+    const film_t *film = divisors->film;
+    size_t pixels = divisors->pixels;
+    uint32_t samples[2] = {film->samples[pixel], film->samples[pixels + pixel]};
+    if (samples[0] == 0 && samples[1] == 0) return false;
+    for (size_t c = 0; c < 3; c++) {
+        double eye[2], splat[2];
+        for (size_t h = 0; h < 2; h++) {
+            eye[h] = (double)film->eye[3 * (h * pixels + pixel) + c] * divisors->unit;
+            splat[h] = (double)film->splat[3 * (h * pixels + pixel) + c] * divisors->unit;
+        }
+        estimates[c] = resolve_value(eye, splat, samples, divisors->light_factor);
+    }
+    return true;
+}
+
+void film_resolve(const film_t *film, film_image_t *image)
+{
+    int width = film->settings.width, height = film->settings.height;
+    size_t pixels = (size_t)width * (size_t)height;
+    *image = (film_image_t){.width = width, .height = height, .error = film_noise(film, NULL)};
+    float **planes[] = {&image->sum, &image->eye, &image->light, &image->noise};
+    for (size_t i = 0; i < ARRAY_LENGTH(planes); i++) *planes[i] = mem_zalloc(3 * pixels, sizeof(float));
+    image->samples = mem_zalloc(pixels, sizeof(float));
+    if (any_features(film, pixels)) resolve_features(film, image, pixels);
+
+    divisors_t divisors = film_divisors(film);
+    float weight = film->settings.adaptive ? JOB_MEAN_BOOST : 1;
+    for (size_t p = 0; p < pixels; p++) {
+        estimate_t estimates[3];
+        if (!resolve_pixel(&divisors, p, estimates)) continue;
+        image->samples[p] = ((float)film->samples[p] + (float)film->samples[pixels + p]) / weight;
+        for (size_t c = 0; c < 3; c++) {
+            image->eye[3 * p + c] = (float)estimates[c].eye;
+            image->light[3 * p + c] = (float)estimates[c].light;
+            image->sum[3 * p + c] = (float)(estimates[c].eye + estimates[c].light);
+            image->noise[3 * p + c] = (float)estimates[c].noise;
+        }
+    }
+}
+
+/* The mean of all values of pixels that have samples, and how many these are. */
+static double mean_value(const divisors_t *divisors, size_t *values)
+{
+    double sum = 0;
+    *values = 0;
+    for (size_t p = 0; p < divisors->pixels; p++) {
+        estimate_t e[3];
+        if (!resolve_pixel(divisors, p, e)) continue;
+        for (size_t c = 0; c < 3; c++) sum += e[c].eye + e[c].light;
+        *values += 3;
+    }
+    return *values > 0 ? sum / (double)*values : 0;
+}
+
+/* Sums of squares over a tile, relative to what film.h says. */
+typedef struct {
+    double image, eye;
+} tile_noise_t;
+
+static tile_noise_t tile_noise(const divisors_t *divisors, uint32_t tile, double floor)
+{
+    rect_t rect = job_tile_rect(&divisors->film->settings, tile);
+    size_t width = (size_t)divisors->film->settings.width;
+    tile_noise_t noise = {0, 0};
+    for (int y = rect.y0; y < rect.y1; y++)
+        for (int x = rect.x0; x < rect.x1; x++) {
+            estimate_t e[3];
+            if (!resolve_pixel(divisors, (size_t)y * width + (size_t)x, e)) continue;
+            for (size_t c = 0; c < 3; c++) {
+                double value = e[c].eye + e[c].light, brightness2 = value * value + floor * floor;
+                noise.image += e[c].noise * e[c].noise / brightness2;
+                noise.eye += e[c].eye_noise * e[c].eye_noise / brightness2;
+            }
+        }
+    return noise;
+}
+
+double film_noise(const film_t *film, double *eye_noise)
+{
+    divisors_t divisors = film_divisors(film);
+    uint32_t tiles = job_tile_count(&film->settings);
+    size_t values;
+    double mean = mean_value(&divisors, &values), sum = 0;
+    for (uint32_t t = 0; t < tiles; t++) {
+        tile_noise_t noise = {0, 0};
+        if (mean > 0) noise = tile_noise(&divisors, t, FILM_ERROR_FLOOR * mean);
+        if (eye_noise != NULL) eye_noise[t] = noise.eye;
+        sum += noise.image;
+    }
+    return mean > 0 ? sqrt(sum / (double)values) : INFINITY;
+}
+
+void film_image_free(film_image_t *image)
+{
+    free(image->sum);
+    free(image->eye);
+    free(image->light);
+    free(image->noise);
+    free(image->samples);
+    float *features[] = {image->albedo, image->normal,   image->position, image->depth,
+                         image->object, image->material, image->coverage};
+    for (size_t i = 0; i < ARRAY_LENGTH(features); i++) free(features[i]);
+    *image = (film_image_t){0};
+}

@@ -1,0 +1,130 @@
+/* picture: see picture.h. */
+#include "common/film/picture.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+bool picture_half_fits(const char *channel)
+{
+    static const char *const floats[] = {"samples", "position.X", "position.Y", "position.Z",
+                                         "depth.Z", "object.id",  "material.id"};
+    for (size_t i = 0; i < ARRAY_LENGTH(floats); i++)
+        if (strcmp(channel, floats[i]) == 0) return false;
+    return true;
+}
+
+/* Channels of interleaved values, one for each name. */
+static void add_views(image_t *image, const char *const names[], size_t count, bool half, const float *data)
+{
+    for (size_t i = 0; i < count; i++) {
+        pixel_type_t type = half && picture_half_fits(names[i]) ? PIXEL_HALF : PIXEL_FLOAT;
+        image_add_view(image, names[i], type, data + i, count);
+    }
+}
+
+static void add_layers(image_t *image, const film_image_t *film, bool half)
+{
+    const struct {
+        const char *names[3];
+        size_t count;
+        const float *data;
+    } layers[] = {{{"R", "G", "B"}, 3, film->sum},
+                  {{"eye.R", "eye.G", "eye.B"}, 3, film->eye},
+                  {{"light.R", "light.G", "light.B"}, 3, film->light},
+                  {{"noise.R", "noise.G", "noise.B"}, 3, film->noise},
+                  {{"samples"}, 1, film->samples},
+                  {{"albedo.R", "albedo.G", "albedo.B"}, 3, film->albedo},
+                  {{"normal.X", "normal.Y", "normal.Z"}, 3, film->normal},
+                  {{"position.X", "position.Y", "position.Z"}, 3, film->position},
+                  {{"depth.Z"}, 1, film->depth},
+                  {{"object.id"}, 1, film->object},
+                  {{"material.id"}, 1, film->material},
+                  {{"coverage"}, 1, film->coverage}};
+    for (size_t i = 0; i < ARRAY_LENGTH(layers); i++)
+        if (layers[i].data != NULL) add_views(image, layers[i].names, layers[i].count, half, layers[i].data);
+}
+
+static void add_settings(image_t *image, const job_settings_t *settings)
+{
+    image_set_string(image, "lightmill.integrator", integrator_name(settings->integrator));
+    image_set_string(image, "lightmill.sampler", sampler_name(settings->sampler));
+    image_set_u64(image, "lightmill.seed", settings->seed);
+    image_set_int(image, "lightmill.maxDepth", settings->max_depth);
+    image_set_int(image, "lightmill.spp", (int32_t)settings->spp);
+    image_set_float(image, "lightmill.timeLimit", (float)settings->time_limit);
+    image_set_int(image, "lightmill.tileSize", settings->tile_size);
+    image_set_int(image, "lightmill.filmScale", settings->film_scale);
+    image_set_int(image, "lightmill.layers", settings->features);
+    if (settings->error > 0) image_set_float(image, "lightmill.errorTarget", (float)settings->error);
+    if (settings->adaptive) image_set_int(image, "lightmill.adaptive", 1);
+    if (settings->strategy_t == 0) return;
+    image_set_int(image, "lightmill.strategyS", settings->strategy_s);
+    image_set_int(image, "lightmill.strategyT", settings->strategy_t);
+    image_set_int(image, "lightmill.unweighted", settings->unweighted);
+}
+
+static uint64_t total_samples(const film_image_t *film)
+{
+    size_t pixels = (size_t)film->width * (size_t)film->height;
+    double total = 0;
+    for (size_t p = 0; p < pixels; p++) total += (double)film->samples[p];
+    return (uint64_t)total;
+}
+
+static void add_counts(image_t *image, uint64_t samples, const film_counts_t *counts)
+{
+    image_set_u64(image, "lightmill.samples", samples);
+    image_set_u64(image, "lightmill.lightPaths", counts->light_paths[0] + counts->light_paths[1]);
+    image_set_u64(image, "lightmill.rays", counts->rays);
+    image_set_u64(image, "lightmill.dropped", counts->dropped);
+    image_set_u64(image, "lightmill.overflows", counts->overflows);
+    image_set_float(image, "lightmill.cpuSeconds", (float)(1e-6 * (double)counts->cpu_us));
+}
+
+void picture_describe(image_t *image, const picture_meta_t *meta, uint64_t samples)
+{
+    char hash[2 * HASH_BYTES + 1];
+    hash_to_hex(&meta->scene, hash);
+    image_set_string(image, "lightmill.version", LIGHTMILL_VERSION);
+    image_set_string(image, "lightmill.sceneHash", hash);
+    if (meta->scene_name != NULL) image_set_string(image, "lightmill.scene", meta->scene_name);
+    add_settings(image, &meta->settings);
+    add_counts(image, samples, &meta->counts);
+    image_set_int(image, "lightmill.workers", (int32_t)meta->workers);
+    image_set_float(image, "lightmill.wallSeconds", (float)meta->wall_seconds);
+    static const hash_t none;
+    hash_to_hex(&meta->bits, hash);
+    if (!hash_equal(&meta->bits, &none)) image_set_string(image, "lightmill.bits", hash);
+    if (meta->note != NULL && meta->note[0] != '\0') image_set_string(image, "lightmill.note", meta->note);
+}
+
+result_t picture_write_exr(const char *path, const film_image_t *film, const picture_meta_t *meta, bool half)
+{
+    image_t image;
+    image_init(&image, film->width, film->height);
+    add_layers(&image, film, half);
+    picture_describe(&image, meta, total_samples(film));
+    if (isfinite(film->error)) image_set_float(&image, "lightmill.error", (float)film->error);
+    result_t result = image_write_exr(path, &image);
+    image_free(&image);
+    return result;
+}
+
+result_t picture_write_png(const char *path, const film_image_t *film, float exposure)
+{
+    image_t image;
+    image_init(&image, film->width, film->height);
+    image_add_rgb_views(&image, NULL, PIXEL_FLOAT, film->sum);
+    result_t result = image_write_png(path, &image, exposure);
+    image_free(&image);
+    return result;
+}
+
+char *picture_png_path(const char *path)
+{
+    const char *slash = strrchr(path, '/'), *name = slash != NULL ? slash + 1 : path;
+    const char *dot = strrchr(name, '.');
+    size_t stem = dot != NULL && dot != name ? (size_t)(dot - path) : strlen(path);
+    return mem_printf("%.*s.png", (int)stem, path);
+}

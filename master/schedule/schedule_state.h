@@ -1,0 +1,68 @@
+/* schedule_state: what a schedule is made of, for schedule*.c alone. */
+#ifndef LIGHTMILL_SCHEDULE_STATE_H
+#define LIGHTMILL_SCHEDULE_STATE_H
+
+#include "master/schedule/schedule.h"
+
+/* Holders of spans: an index in the table of holders, or one of these. */
+enum {
+    SPAN_COUNTED = UINT16_MAX, /* in the film */
+    SPAN_SKIPPED,              /* will never be */
+    SPAN_MAX_HOLDERS = SPAN_COUNTED
+};
+#define NONE_FREE UINT64_MAX
+
+/* The samples [first, end) of a tile. */
+typedef struct {
+    uint32_t first, end, holder;
+} span_t;
+
+typedef struct {
+    span_t *spans;
+    uint32_t count, capacity;
+    uint32_t lowest_free; /* sample, at the tile's end when none is free */
+    uint32_t heap_index;
+    uint64_t key; /* in the heap: the weight of the samples below the lowest free one; NONE_FREE: none is */
+} tile_t;
+
+typedef struct {
+    uint64_t worker;
+    size_t units; /* spans; 0: this entry is vacant */
+} holder_t;
+
+struct schedule {
+    job_settings_t settings;
+    tile_t *tiles;
+    uint32_t *heap; /* tile numbers */
+    uint32_t tile_count;
+    uint32_t round_count;
+    uint32_t *ends, *weights; /* [round][tile] */
+    holder_t *holders;
+    size_t holder_count;
+    size_t span_count;
+    uint64_t open;                  /* pixel samples of all rounds */
+    uint64_t counted, skipped, out; /* of them; the rest is free */
+    uint64_t issued, returned;      /* since the job began */
+};
+
+/* ---- schedule.c ---- */
+
+/* A schedule without rounds, whatever the settings ask for. */
+schedule_t *schedule_new_empty(const job_settings_t *settings);
+/* Finds a tile's lowest free sample again, after its spans or its end have changed. */
+void schedule_tile_refresh(schedule_t *schedule, uint32_t tile);
+/* Counts a range of samples, across rounds, none of which is counted or skipped. */
+void schedule_count_range(schedule_t *schedule, const unit_t *range);
+
+/* ---- schedule_rounds.c ---- */
+
+uint32_t schedule_round_end(const schedule_t *schedule, uint32_t round, uint32_t tile);
+/* Where the samples of a tile end that have been allowed so far. */
+uint32_t schedule_tile_end(const schedule_t *schedule, uint32_t tile);
+/* The round that a sample of a tile belongs to; round_count when it is not open yet. */
+uint32_t schedule_round_of(const schedule_t *schedule, uint32_t tile, uint32_t sample);
+/* The weight of a pixel's samples below `sample`. */
+uint64_t schedule_weight_below(const schedule_t *schedule, uint32_t tile, uint32_t sample);
+bool schedule_in_one_round(const schedule_t *schedule, const unit_t *unit);
+
+#endif

@@ -1,0 +1,446 @@
+/* image_writer: see image_writer.h.
+ *
+ * DESIGN. The thread sleeps on the farm's eventfd, which image_writer_ask writes as well. Woken, it first
+ * sees to jobs that are over, then to requests. A snapshot is identified by what it shows (job, number of
+ * batches merged, half or float), so that people who watch one job share one file. The final image of a job
+ * is a snapshot too, whose file is not deleted with it; as halves it is made from the float file, since the
+ * film is gone. */
+#include "master/threads/image_writer.h"
+
+#include "common/film/picture.h"
+
+#include <dirent.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <poll.h>
+#include <pthread.h>
+#include <sodium.h>
+#include <stdatomic.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/prctl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+enum { PIXEL_BYTES = 128 }; /* that a pixel of an image takes, at most: 13 channels, and as many of layers */
+
+typedef struct {
+    uint64_t id; /* random; 0: vacant */
+    uint64_t job, version;
+    bool over, half;
+    char *path;
+    bool keep; /* the file stays when the snapshot goes */
+    uint64_t size;
+    double last_used;
+} snapshot_t;
+
+typedef struct {
+    image_request_t request;
+    result_t result;
+    uint64_t snapshot;
+} answer_t;
+
+struct image_writer {
+    image_writer_options_t options;
+    char *data_dir;
+    pthread_t thread;
+    atomic_bool stop;
+    pthread_mutex_t lock; /* guards what follows */
+    snapshot_t snapshots[IMAGE_WRITER_MAX_SNAPSHOTS];
+    image_request_t waiting[IMAGE_WRITER_MAX_WAITING];
+    size_t waiting_count;
+    answer_t answers[IMAGE_WRITER_MAX_WAITING];
+    size_t answer_count;
+};
+
+static void wake(int descriptor)
+{
+    uint64_t one = 1;
+    if (write(descriptor, &one, sizeof one) < 0) return; /* full: it is awake already */
+}
+
+char *image_writer_image_path(const char *data_dir, uint64_t job)
+{
+    return mem_printf("%s/job-%llu.exr", data_dir, (unsigned long long)job);
+}
+
+uint64_t image_writer_last_job(const char *data_dir)
+{
+    uint64_t last = 0;
+    DIR *directory = opendir(data_dir);
+    for (const struct dirent *entry; directory != NULL && (entry = readdir(directory)) != NULL;) {
+        unsigned long long number;
+        if (sscanf(entry->d_name, "job-%15llu.exr", &number) == 1 && number > last) last = number;
+    }
+    if (directory != NULL) closedir(directory);
+    return last;
+}
+
+/* ---- writing images ------------------------------------------------------------------------------------ */
+
+/* Resolves the film as it is now and writes it. */
+static result_t write_film(image_writer_t *image_writer, job_t *job, const char *path, bool half)
+{
+    film_image_t film = {0};
+    job_report_t report;
+    TRY(farm_resolve(image_writer->options.farm, clock_now(), job, &film, &report));
+    picture_meta_t meta = {.scene = report.blob,
+                           .scene_name = report.terms.name,
+                           .settings = report.settings,
+                           .counts = report.counts,
+                           .workers = report.workers_seen,
+                           .wall_seconds = report.elapsed,
+                           .bits = report.fingerprint,
+                           .note = report.message};
+    result_t result = picture_write_exr(path, &film, &meta, half);
+    film_image_free(&film);
+    return result;
+}
+
+static void copy_attribute(image_t *image, const image_attribute_t *attribute)
+{
+    switch (attribute->kind) {
+    case ATTRIBUTE_STRING:
+        image_set_string(image, attribute->name, attribute->text);
+        break;
+    case ATTRIBUTE_INT:
+        image_set_int(image, attribute->name, attribute->integer);
+        break;
+    case ATTRIBUTE_FLOAT:
+        image_set_float(image, attribute->name, attribute->real);
+        break;
+    case ATTRIBUTE_OTHER:
+        break; /* the writer's own */
+    }
+}
+
+/* Makes a file of halves from a finished image. */
+static result_t write_halves(const char *from, const char *path)
+{
+    image_t image = {0}, halves;
+    TRY(image_read_exr(from, &image));
+    image_init(&halves, image.width, image.height);
+    for (size_t i = 0; i < image.channel_count; i++) {
+        const image_channel_t *channel = &image.channels[i];
+        image_add_view(&halves, channel->name, picture_half_fits(channel->name) ? PIXEL_HALF : PIXEL_FLOAT,
+                       channel->data, channel->stride);
+    }
+    for (size_t i = 0; i < image.attribute_count; i++)
+        if (strncmp(image.attributes[i].name, "lightmill.", 10) == 0)
+            copy_attribute(&halves, &image.attributes[i]);
+    result_t result = image_write_exr(path, &halves);
+    image_free(&halves);
+    image_free(&image);
+    return result;
+}
+
+/* Writes a job's last image; on a full disk, films of jobs that are over make room for it. */
+static result_t write_last(image_writer_t *image_writer, job_t *job, const char *path)
+{
+    checkpointer_t *checkpointer = image_writer->options.checkpointer;
+    result_t result = write_film(image_writer, job, path, false);
+    if (result.code != RESULT_IO || checkpointer == NULL) return result;
+    job_settings_t settings = farm_job_settings(image_writer->options.farm, job);
+    uint64_t bytes = (uint64_t)settings.width * (uint64_t)settings.height * PIXEL_BYTES;
+    return checkpointer_make_room(checkpointer, bytes) ? write_film(image_writer, job, path, false) : result;
+}
+
+static void finish_job(image_writer_t *image_writer, job_t *job)
+{
+    farm_t *farm = image_writer->options.farm;
+    bool failed;
+    uint64_t batches = farm_image_version(farm, job, &failed);
+    result_t result = result_ok();
+    char *path = NULL;
+    if (!failed && batches > 0) {
+        path = image_writer_image_path(image_writer->data_dir, farm_job_id(job));
+        result = write_last(image_writer, job, path);
+    }
+    if (result.code == RESULT_INPUT) { /* nothing of it is left, so there is nothing to show */
+        log_warning("%s", result.message);
+        result = result_ok();
+        free(path);
+        path = NULL;
+    }
+    farm_finished(farm, clock_now(), job, result, path);
+    farm_unpin(farm, job);
+    free(path);
+}
+
+/* ---- snapshots; all under the lock --------------------------------------------------------------------- */
+
+static void snapshot_drop(snapshot_t *snapshot)
+{
+    if (snapshot->id != 0 && !snapshot->keep) unlink(snapshot->path);
+    free(snapshot->path);
+    *snapshot = (snapshot_t){0};
+}
+
+static void drop_old(image_writer_t *image_writer, double now)
+{
+    for (size_t i = 0; i < IMAGE_WRITER_MAX_SNAPSHOTS; i++)
+        if (image_writer->snapshots[i].id != 0 &&
+            now - image_writer->snapshots[i].last_used > IMAGE_WRITER_KEEP)
+            snapshot_drop(&image_writer->snapshots[i]);
+}
+
+/* A vacant entry; if need be the one that was not used for longest goes. */
+static snapshot_t *snapshot_make(image_writer_t *image_writer)
+{
+    snapshot_t *oldest = &image_writer->snapshots[0];
+    for (size_t i = 0; i < IMAGE_WRITER_MAX_SNAPSHOTS; i++) {
+        snapshot_t *snapshot = &image_writer->snapshots[i];
+        if (snapshot->id == 0) return snapshot;
+        if (snapshot->last_used < oldest->last_used) oldest = snapshot;
+    }
+    snapshot_drop(oldest);
+    return oldest;
+}
+
+static snapshot_t *snapshot_find(image_writer_t *image_writer, const snapshot_t *like)
+{
+    for (size_t i = 0; i < IMAGE_WRITER_MAX_SNAPSHOTS; i++) {
+        snapshot_t *s = &image_writer->snapshots[i];
+        if (s->id != 0 && s->job == like->job && s->version == like->version && s->half == like->half &&
+            s->over == like->over)
+            return s;
+    }
+    return NULL;
+}
+
+/* ---- requests ------------------------------------------------------------------------------------------ */
+
+/* Writes the file of a snapshot and fills in its path. */
+static result_t take_snapshot(image_writer_t *image_writer, job_t *job, snapshot_t *snapshot)
+{
+    char *final = image_writer_image_path(image_writer->data_dir, snapshot->job);
+    snapshot->keep = snapshot->over && !snapshot->half;
+    snapshot->path = snapshot->keep ? mem_strdup(final)
+                                    : mem_printf("%s/snapshots/%016llx.exr", image_writer->data_dir,
+                                                 (unsigned long long)snapshot->id);
+    result_t result = result_ok();
+    if (!snapshot->over)
+        result = write_film(image_writer, job, snapshot->path, snapshot->half);
+    else if (access(final, R_OK) != 0)
+        result = result_fail(RESULT_INPUT, "job %llu has no image", (unsigned long long)snapshot->job);
+    else if (snapshot->half)
+        result = write_halves(final, snapshot->path);
+    free(final);
+    struct stat status;
+    if (result.code == RESULT_OK && stat(snapshot->path, &status) != 0)
+        result = result_fail(RESULT_IO, "cannot read %s: %s", snapshot->path, strerror(errno));
+    if (result.code == RESULT_OK) snapshot->size = (uint64_t)status.st_size;
+    return result;
+}
+
+/* Finds or makes the snapshot that a request asks for. */
+static result_t serve_request(image_writer_t *image_writer, job_t *job, const image_request_t *request,
+                              uint64_t *id)
+{
+    snapshot_t wanted = {.job = request->job, .half = request->half};
+    wanted.version = farm_image_version(image_writer->options.farm, job, &wanted.over);
+    pthread_mutex_lock(&image_writer->lock);
+    snapshot_t *found = snapshot_find(image_writer, &wanted);
+    if (found != NULL) {
+        found->last_used = clock_now();
+        *id = found->id;
+    }
+    pthread_mutex_unlock(&image_writer->lock);
+    if (found != NULL) return result_ok();
+    while (wanted.id == 0) randombytes_buf(&wanted.id, sizeof wanted.id);
+    result_t result = take_snapshot(image_writer, job, &wanted);
+    if (result.code != RESULT_OK) {
+        free(wanted.path);
+        return result;
+    }
+    pthread_mutex_lock(&image_writer->lock);
+    wanted.last_used = clock_now();
+    *snapshot_make(image_writer) = wanted;
+    pthread_mutex_unlock(&image_writer->lock);
+    *id = wanted.id;
+    return result;
+}
+
+static void answer_request(image_writer_t *image_writer, const image_request_t *request)
+{
+    answer_t answer = {.request = *request};
+    job_t *job = farm_pin(image_writer->options.farm, request->job);
+    if (job == NULL) {
+        answer.result = result_fail(RESULT_INPUT, "there is no job %llu", (unsigned long long)request->job);
+    } else {
+        answer.result = serve_request(image_writer, job, request, &answer.snapshot);
+        farm_unpin(image_writer->options.farm, job);
+    }
+    pthread_mutex_lock(&image_writer->lock);
+    image_writer->answers[image_writer->answer_count++] = answer;
+    pthread_mutex_unlock(&image_writer->lock);
+    wake(image_writer->options.answer_wake);
+}
+
+/* The next request, as long as there is room for its answer. */
+static bool next_request(image_writer_t *image_writer, image_request_t *request)
+{
+    pthread_mutex_lock(&image_writer->lock);
+    bool found = image_writer->waiting_count > 0 && image_writer->answer_count < IMAGE_WRITER_MAX_WAITING;
+    if (found) {
+        *request = image_writer->waiting[0];
+        image_writer->waiting_count--;
+        memmove(image_writer->waiting, image_writer->waiting + 1,
+                image_writer->waiting_count * sizeof *request);
+    }
+    pthread_mutex_unlock(&image_writer->lock);
+    return found;
+}
+
+static void serve_finished(image_writer_t *image_writer)
+{
+    for (job_t *job; (job = farm_next_finished(image_writer->options.farm)) != NULL;)
+        finish_job(image_writer, job);
+}
+
+static void *image_writer_run(void *argument)
+{
+    image_writer_t *image_writer = argument;
+    prctl(PR_SET_NAME, "lm-image_writer");
+    while (!atomic_load(&image_writer->stop)) {
+        struct pollfd wait = {.fd = image_writer->options.image_wake, .events = POLLIN};
+        uint64_t count;
+        if (poll(&wait, 1, 1000) > 0 && read(image_writer->options.image_wake, &count, sizeof count) < 0)
+            continue;
+        serve_finished(image_writer);
+        for (image_request_t request;
+             !atomic_load(&image_writer->stop) && next_request(image_writer, &request);) {
+            answer_request(image_writer, &request);
+            serve_finished(image_writer);
+        }
+        pthread_mutex_lock(&image_writer->lock);
+        drop_old(image_writer, clock_now());
+        pthread_mutex_unlock(&image_writer->lock);
+    }
+    serve_finished(image_writer);
+    return NULL;
+}
+
+/* ---- the door ------------------------------------------------------------------------------------------ */
+
+/* Deletes images that an earlier process did not finish. */
+static void drop_leftovers(const char *data_dir)
+{
+    DIR *directory = opendir(data_dir);
+    for (const struct dirent *entry; directory != NULL && (entry = readdir(directory)) != NULL;) {
+        size_t length = strlen(entry->d_name);
+        if (strncmp(entry->d_name, "job-", 4) == 0 && length > 5 &&
+            strcmp(entry->d_name + length - 5, ".part") == 0)
+            unlinkat(dirfd(directory), entry->d_name, 0);
+    }
+    if (directory != NULL) closedir(directory);
+}
+
+/* Makes the snapshot directory, empty. */
+static result_t prepare_directory(const char *data_dir)
+{
+    char *path = mem_printf("%s/snapshots", data_dir);
+    result_t result = result_ok();
+    if (mkdir(path, 0777) != 0 && errno != EEXIST)
+        result = result_fail(RESULT_IO, "cannot make the directory %s: %s", path, strerror(errno));
+    DIR *directory = opendir(path);
+    for (const struct dirent *entry; directory != NULL && (entry = readdir(directory)) != NULL;)
+        if (entry->d_name[0] != '.') unlinkat(dirfd(directory), entry->d_name, 0);
+    if (directory != NULL) closedir(directory);
+    free(path);
+    return result;
+}
+
+result_t image_writer_start(const image_writer_options_t *options, image_writer_t **out)
+{
+    drop_leftovers(options->data_dir);
+    TRY(prepare_directory(options->data_dir));
+    image_writer_t *image_writer = mem_zalloc(1, sizeof *image_writer);
+    image_writer->options = *options;
+    image_writer->data_dir = mem_strdup(options->data_dir);
+    pthread_mutex_init(&image_writer->lock, NULL);
+    int error = pthread_create(&image_writer->thread, NULL, image_writer_run, image_writer);
+    if (error == 0) {
+        *out = image_writer;
+        return result_ok();
+    }
+    pthread_mutex_destroy(&image_writer->lock);
+    free(image_writer->data_dir);
+    free(image_writer);
+    return result_fail(RESULT_LIMIT, "cannot start a thread: %s", strerror(error));
+}
+
+void image_writer_stop(image_writer_t **out)
+{
+    image_writer_t *image_writer = *out;
+    if (image_writer == NULL) return;
+    atomic_store(&image_writer->stop, true);
+    wake(image_writer->options.image_wake);
+    pthread_join(image_writer->thread, NULL);
+    for (size_t i = 0; i < IMAGE_WRITER_MAX_SNAPSHOTS; i++) snapshot_drop(&image_writer->snapshots[i]);
+    pthread_mutex_destroy(&image_writer->lock);
+    free(image_writer->data_dir);
+    free(image_writer);
+    *out = NULL;
+}
+
+result_t image_writer_ask(image_writer_t *image_writer, const image_request_t *request)
+{
+    pthread_mutex_lock(&image_writer->lock);
+    bool room = image_writer->waiting_count < IMAGE_WRITER_MAX_WAITING;
+    if (room) image_writer->waiting[image_writer->waiting_count++] = *request;
+    pthread_mutex_unlock(&image_writer->lock);
+    if (!room) return result_fail(RESULT_LIMIT, "%d images are asked for already", IMAGE_WRITER_MAX_WAITING);
+    wake(image_writer->options.image_wake);
+    return result_ok();
+}
+
+bool image_writer_next_answer(image_writer_t *image_writer, image_request_t *request, result_t *result,
+                              uint64_t *snapshot)
+{
+    pthread_mutex_lock(&image_writer->lock);
+    bool found = image_writer->answer_count > 0;
+    if (found) {
+        *request = image_writer->answers[0].request;
+        *result = image_writer->answers[0].result;
+        *snapshot = image_writer->answers[0].snapshot;
+        image_writer->answer_count--;
+        memmove(image_writer->answers, image_writer->answers + 1,
+                image_writer->answer_count * sizeof *image_writer->answers);
+    }
+    pthread_mutex_unlock(&image_writer->lock);
+    if (found) wake(image_writer->options.image_wake); /* there is room for an answer again */
+    return found;
+}
+
+/* Reads under the lock, so that the file is not deleted meanwhile. */
+static result_t read_snapshot(const snapshot_t *snapshot, uint64_t offset, void *bytes, size_t *length)
+{
+    if (offset > snapshot->size)
+        return result_fail(RESULT_INPUT, "offset %llu is beyond the image's %llu bytes",
+                           (unsigned long long)offset, (unsigned long long)snapshot->size);
+    int descriptor = open(snapshot->path, O_RDONLY | O_CLOEXEC);
+    ssize_t got = descriptor < 0 ? -1 : pread(descriptor, bytes, *length, (off_t)offset);
+    result_t result = result_ok();
+    if (got < 0) result = result_fail(RESULT_IO, "cannot read %s: %s", snapshot->path, strerror(errno));
+    if (descriptor >= 0) close(descriptor);
+    *length = got < 0 ? 0 : (size_t)got;
+    return result;
+}
+
+result_t image_writer_read(image_writer_t *image_writer, uint64_t id, uint64_t offset, void *bytes,
+                           size_t *length, uint64_t *size)
+{
+    result_t result = result_fail(RESULT_INPUT, "this image is no longer kept: ask for a new one");
+    pthread_mutex_lock(&image_writer->lock);
+    for (size_t i = 0; id != 0 && i < IMAGE_WRITER_MAX_SNAPSHOTS; i++) {
+        snapshot_t *snapshot = &image_writer->snapshots[i];
+        if (snapshot->id != id) continue;
+        result = read_snapshot(snapshot, offset, bytes, length);
+        *size = snapshot->size;
+        snapshot->last_used = clock_now();
+    }
+    pthread_mutex_unlock(&image_writer->lock);
+    return result;
+}

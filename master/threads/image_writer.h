@@ -1,0 +1,67 @@
+/* image_writer: the thread that turns films into OpenEXR files, for finished jobs and for whoever asks
+ * meanwhile.
+ *
+ * A finished job's image is DATA/job-<number>.exr and stays. An image asked for is a snapshot, a file under
+ * DATA/snapshots that is deleted a while after its last use; at most IMAGE_WRITER_MAX_SNAPSHOTS exist.
+ * Resolving and compressing take seconds for a large film, hence a thread of its own: neither heartbeats nor
+ * batches wait.
+ *
+ * Thread-safe.
+ */
+#ifndef LIGHTMILL_IMAGE_WRITER_H
+#define LIGHTMILL_IMAGE_WRITER_H
+
+#include "master/farm/farm.h"
+#include "master/threads/checkpointer.h"
+
+enum {
+    IMAGE_WRITER_MAX_SNAPSHOTS = 16,
+    IMAGE_WRITER_MAX_WAITING = 64, /* requests for new snapshots at a time */
+    IMAGE_WRITER_KEEP = 60         /* seconds after the last use of a snapshot */
+};
+
+typedef struct image_writer image_writer_t;
+
+typedef struct {
+    farm_t *farm;                 /* kept by the caller, outlives the image writer */
+    checkpointer_t *checkpointer; /* makes room on a full disk; NULL: there is none */
+    const char *data_dir;         /* copied */
+    int image_wake;               /* the farm's eventfd */
+    int answer_wake;              /* eventfd, written when image_writer_next_answer has something */
+} image_writer_options_t;
+
+/* Empties the snapshot directory and starts the thread. */
+result_t image_writer_start(const image_writer_options_t *options, image_writer_t **image_writer);
+/* Writes the images of all finished jobs that are still due, joins the thread, deletes the snapshots, frees
+ * everything and sets *image_writer to NULL. */
+void image_writer_stop(image_writer_t **image_writer);
+
+/* Who asked for a new snapshot, and for which part of it. */
+typedef struct {
+    identity_t identity;
+    uint64_t request;
+    uint64_t job;
+    bool half;
+    uint64_t offset;
+    uint32_t length;
+} image_request_t;
+
+/* Asks for a snapshot of a job; the answer comes from image_writer_next_answer. RESULT_LIMIT when too many
+ * wait.
+ */
+result_t image_writer_ask(image_writer_t *image_writer, const image_request_t *request);
+/* The next request that has been served: *snapshot names the image unless *result is a failure. */
+bool image_writer_next_answer(image_writer_t *image_writer, image_request_t *request, result_t *result,
+                              uint64_t *snapshot);
+
+/* Reads up to `length` bytes of a snapshot at `offset`; *length says how many there were, *size the file's
+ * size. RESULT_INPUT when the snapshot is gone or the offset beyond its end. */
+result_t image_writer_read(image_writer_t *image_writer, uint64_t snapshot, uint64_t offset, void *bytes,
+                           size_t *length, uint64_t *size);
+
+/* The path of a job's final image, in fresh memory. */
+char *image_writer_image_path(const char *data_dir, uint64_t job);
+/* The highest number of a job whose final image lies in the directory, 0 for none. */
+uint64_t image_writer_last_job(const char *data_dir);
+
+#endif

@@ -1,0 +1,302 @@
+/* farm_settle: what the comparison of renderings calls for on the disk and in the films (farm_evidence.c has
+ * the scheme): batches that are wrong are taken out, those that are no longer needed deleted. By the
+ * checkpointer's thread, without the farm's lock. */
+#include "master/farm/farm_workers.h"
+#include "master/store/spool.h"
+
+#include <stdlib.h>
+
+enum { SAFE_AFTER = 2 }; /* checkpoints after which a batch that was taken out is not needed any more */
+
+/* ---- taking out ---------------------------------------------------------------------------------------- */
+
+/* The batch is about to be taken out: finds the clock at which it is not in the film any more. Inside the
+ * shared film no snapshot is taken, so that any clock will do between this moment and the one at which its
+ * samples are free again. False when the job has no schedule any more. */
+static bool begin(farm_t *farm, job_t *job, evidence_t *evidence)
+{
+    farm_lock(farm);
+    bool there = job->schedule != NULL;
+    if (there) {
+        schedule_account_t account = schedule_account(job->schedule);
+        evidence->out_clock = farm_evidence_clock(&account) + 1;
+        job->merging++;
+    }
+    farm_unlock(farm);
+    return there;
+}
+
+static void end(farm_t *farm, job_t *job)
+{
+    farm_lock(farm);
+    job->merging--;
+    job->progress_due = true;
+    farm_unlock(farm);
+}
+
+/* The samples are free again, from now on. Returns the weights with which they were added. */
+static uint32_t *uncount(farm_t *farm, job_t *job, const spool_head_t *head)
+{
+    uint32_t *weights = mem_alloc(head->unit_count * sizeof *weights);
+    farm_lock(farm);
+    for (size_t i = 0; i < head->unit_count; i++)
+        weights[i] = schedule_weight(job->schedule, &head->units[i]);
+    schedule_uncount(job->schedule, head->units, head->unit_count);
+    farm_unlock(farm);
+    return weights;
+}
+
+/* Takes a batch out of the film. That it is out is noted on the disk before: the film on the disk has it
+ * until a later snapshot is safe, and is told so by the clock. RESULT_CANCELLED: the job is over.
+ * RESULT_LIMIT: not now. */
+static result_t subtract(farm_t *farm, job_t *job, shared_film_t *shared_film, evidence_t *evidence,
+                         const batch_t *batch, const spool_head_t *head,
+                         const zmq_msg_t payload[BATCH_PAYLOADS])
+{
+    const char *dir = farm->options.spool_dir;
+    spool_name_t from = farm_evidence_name(evidence);
+    if (!begin(farm, job, evidence)) return result_fail(RESULT_CANCELLED, "the job is over");
+    evidence->state = EVIDENCE_OUT;
+    spool_name_t to = farm_evidence_name(evidence);
+    result_t result = spool_rename(dir, job->id, &from, &to);
+    if (result.code == RESULT_OK) {
+        uint32_t *weights = uncount(farm, job, head);
+        result = shared_film_merge_payload(shared_film, payload, batch, weights, -1);
+        free(weights);
+        if (result.code != RESULT_OK) {
+            farm_lock(farm);
+            (void)schedule_accept(job->schedule, head->units, head->unit_count);
+            farm_unlock(farm);
+            (void)spool_rename(dir, job->id, &to, &from);
+        }
+    }
+    end(farm, job);
+    return result;
+}
+
+/* The film is without the batch. Under the lock. */
+static void note_out(farm_t *farm, job_t *job, const evidence_t *out, film_counts_t counts)
+{
+    evidence_t *evidence = farm_evidence_find(job->checks, out->serial);
+    job->counts = counts;
+    if (job->schedule != NULL) job->samples_done = schedule_done(job->schedule);
+    job->unsaved = true;
+    farm->spooled = true;
+    job->progress_due = true;
+    if (evidence != NULL) {
+        evidence->state = EVIDENCE_OUT;
+        evidence->out_clock = out->out_clock;
+        evidence->saved = job->checks->saved + job->saving;
+    }
+    farm_notify_idle(farm);
+}
+
+/* The batch cannot be taken out. Under the lock. */
+static void note_lost(farm_t *farm, job_t *job, const evidence_t *lost, const char *why)
+{
+    evidence_t *evidence = farm_evidence_find(job->checks, lost->serial);
+    log_error("job %llu: a batch with wrong sums stays in the film: %s", (unsigned long long)job->id, why);
+    farm_job_tell(farm, job, "a batch with wrong sums is in the image: render it again");
+    job->progress_due = true;
+    if (evidence != NULL) evidence->state = EVIDENCE_NEEDLESS;
+}
+
+/* False when it cannot be done now, for want of room or memory, and is to be tried again. Under the lock. */
+static bool noted(job_t *job, const result_t *result)
+{
+    job_checks_t *checks = job->checks;
+    bool delayed = result->code == RESULT_LIMIT, before = checks != NULL && checks->delayed;
+    if (checks != NULL) checks->delayed = delayed;
+    if (delayed)
+        snprintf(job->remark, sizeof job->remark, "wrong sums are still to be taken out of the film: %.200s",
+                 result->message);
+    else if (before)
+        job->remark[0] = '\0';
+    if (delayed && !before) log_warning("job %llu: %s; trying on", (unsigned long long)job->id, job->remark);
+    return !delayed;
+}
+
+/* False when it cannot be done now. */
+static bool take_out(farm_t *farm, job_t *job, evidence_t evidence)
+{
+    const char *dir = farm->options.spool_dir;
+    spool_head_t head;
+    zmq_msg_t payload[BATCH_PAYLOADS];
+    job_settings_t settings = farm_job_settings(farm, job);
+    shared_film_t *shared_film = farm_shared_film_hold(farm, job);
+    if (shared_film == NULL) return true; /* the job was closed just now */
+    spool_name_t name = farm_evidence_name(&evidence);
+    result_t result = spool_read(dir, job->id, &name, &settings, &head, payload);
+    film_counts_t counts = {.rays = 0};
+    if (result.code == RESULT_OK) {
+        batch_t batch = {
+            .settings = settings, .units = head.units, .unit_count = head.unit_count, .counts = head.counts};
+        shared_film_enter(shared_film);
+        result = subtract(farm, job, shared_film, &evidence, &batch, &head, payload);
+        counts = shared_film_counts(shared_film);
+        shared_film_leave(shared_film);
+        spool_head_free(&head);
+        for (int i = 0; i < BATCH_PAYLOADS; i++) zmq_msg_close(&payload[i]);
+    }
+    farm_lock(farm);
+    if (result.code == RESULT_OK)
+        note_out(farm, job, &evidence, counts);
+    else if (result.code != RESULT_LIMIT && result.code != RESULT_CANCELLED)
+        note_lost(farm, job, &evidence, result.message);
+    bool done = noted(job, &result);
+    farm_unlock(farm);
+    farm_shared_film_let_go(farm, job);
+    return done;
+}
+
+/* ---- settling ------------------------------------------------------------------------------------------ */
+
+static bool is_needless(const job_checks_t *checks, const evidence_t *evidence)
+{
+    return evidence->state == EVIDENCE_NEEDLESS ||
+           (evidence->state == EVIDENCE_OUT && checks->saved >= evidence->saved + SAFE_AFTER);
+}
+
+/* Takes what is needless off the list, and returns it in fresh memory that the caller frees. */
+static evidence_t *take_needless(farm_t *farm, job_t *job, size_t *count)
+{
+    evidence_t *needless = NULL;
+    size_t found = 0, kept = 0;
+    *count = 0;
+    farm_lock(farm);
+    job_checks_t *checks = job->checks;
+    size_t all = checks != NULL ? checks->evidence_count : 0;
+    for (size_t i = 0; i < all; i++) found += is_needless(checks, &checks->evidence[i]);
+    if (found > 0) needless = mem_alloc(found * sizeof *needless);
+    for (size_t i = 0; i < all && found > 0; i++) {
+        evidence_t evidence = checks->evidence[i];
+        if (is_needless(checks, &evidence))
+            needless[(*count)++] = evidence;
+        else
+            checks->evidence[kept++] = evidence;
+    }
+    if (found > 0) checks->evidence_count = kept;
+    farm_unlock(farm);
+    return needless;
+}
+
+static void delete_needless(farm_t *farm, job_t *job)
+{
+    size_t count;
+    evidence_t *needless = take_needless(farm, job, &count);
+    for (size_t i = 0; i < count; i++) {
+        spool_name_t name = farm_evidence_name(&needless[i]);
+        spool_delete(farm->options.spool_dir, job->id, &name);
+    }
+    free(needless);
+}
+
+typedef enum { TASK_NONE, TASK_BRAND, TASK_TAKE_OUT } task_t;
+
+/* What is to be done about a batch. */
+static task_t task_for(const job_t *job, const evidence_t *evidence)
+{
+    if (evidence->state != EVIDENCE_WRONG) return TASK_NONE;
+    if (!evidence->branded) return TASK_BRAND;
+    bool possible = job->schedule != NULL && job->shared_film != NULL && !job->shared_film_condemned;
+    return possible ? TASK_TAKE_OUT : TASK_NONE;
+}
+
+/* The next thing to do for a job, and a copy of what it is about: that batches are wrong is noted before the
+ * first is taken out. */
+static task_t next_task(farm_t *farm, job_t *job, evidence_t *about)
+{
+    task_t task = TASK_NONE;
+    farm_lock(farm);
+    const job_checks_t *checks = job->checks;
+    for (size_t i = 0; checks != NULL && i < checks->evidence_count && task != TASK_BRAND; i++) {
+        task_t here = task_for(job, &checks->evidence[i]);
+        if (here == TASK_NONE || (task != TASK_NONE && here >= task)) continue;
+        task = here;
+        *about = checks->evidence[i];
+    }
+    farm_unlock(farm);
+    return task;
+}
+
+/* Notes on the disk that a batch is wrong; false when it cannot be done now. */
+static bool brand(farm_t *farm, job_t *job, evidence_t evidence)
+{
+    spool_name_t from = farm_evidence_name(&evidence);
+    evidence.branded = true;
+    spool_name_t to = farm_evidence_name(&evidence);
+    result_t result = spool_rename(farm->options.spool_dir, job->id, &from, &to);
+    farm_lock(farm);
+    evidence_t *found = farm_evidence_find(job->checks, evidence.serial);
+    if (found != NULL && result.code == RESULT_OK) found->branded = true;
+    farm->spooled = true;
+    if (result.code != RESULT_OK && result.code != RESULT_LIMIT)
+        note_lost(farm, job, &evidence, result.message);
+    bool done = noted(job, &result);
+    farm_unlock(farm);
+    return done;
+}
+
+static void settle_job(farm_t *farm, job_t *job)
+{
+    evidence_t evidence;
+    bool goes_on = true;
+    delete_needless(farm, job);
+    for (task_t task; goes_on && (task = next_task(farm, job, &evidence)) != TASK_NONE;)
+        goes_on = task == TASK_BRAND ? brand(farm, job, evidence) : take_out(farm, job, evidence);
+}
+
+/* Pins a job that has evidence, the first after number `after`. */
+static job_t *next_job(farm_t *farm, uint64_t after)
+{
+    job_t *found = NULL;
+    farm_lock(farm);
+    for (size_t i = 0; i < farm->job_count; i++) {
+        job_t *job = farm->jobs[i];
+        if (job->checks != NULL && job->id > after && (found == NULL || job->id < found->id)) found = job;
+    }
+    if (found != NULL) found->pins++;
+    farm_unlock(farm);
+    return found;
+}
+
+/* Deletes what is left of jobs that are over. */
+static void tidy(farm_t *farm)
+{
+    size_t count;
+    uint64_t *jobs = spool_jobs(farm->options.spool_dir, &count);
+    for (size_t i = 0; i < count; i++) {
+        farm_lock(farm);
+        const job_t *job = farm_find_job(farm, jobs[i]);
+        bool over = job == NULL || job_state_final(job->state);
+        farm_unlock(farm);
+        if (over) spool_delete_job(farm->options.spool_dir, jobs[i]);
+    }
+    free(jobs);
+}
+
+void farm_settle_checks(farm_t *farm)
+{
+    if (farm->options.spool_dir == NULL) return;
+    uint64_t id = 0;
+    for (job_t *job; (job = next_job(farm, id)) != NULL;) {
+        id = job->id;
+        settle_job(farm, job);
+        farm_unpin(farm, job);
+    }
+    tidy(farm);
+}
+
+result_t farm_sync_checks(farm_t *farm)
+{
+    farm_lock(farm);
+    bool due = farm->spooled;
+    farm->spooled = false;
+    farm_unlock(farm);
+    if (!due) return result_ok();
+    result_t result = spool_sync(farm->options.spool_dir);
+    farm_lock(farm);
+    if (result.code != RESULT_OK) farm->spooled = true;
+    farm_unlock(farm);
+    return result;
+}

@@ -1,0 +1,54 @@
+/* gate: who may speak to the master, and what about.
+ *
+ * On an address that other machines reach, the master's sockets use CURVE: connections are encrypted, peers
+ * know the master's public key beforehand, and the master admits the keys of its list only (allow_list.h).
+ * The list is read again when its file changes; what a connected peer may do is looked up in the list as it
+ * is at every message, so a key that is taken out loses its rights at once. */
+#ifndef LIGHTMILL_GATE_H
+#define LIGHTMILL_GATE_H
+
+#include "proto/wire/wire.h"
+
+#include <getopt.h>
+
+typedef struct {
+    const char *key;   /* the master's .secret file; NULL: DATA/keys/master.secret, made when it is needed */
+    const char *allow; /* the list; NULL: DATA/keys/allow */
+    bool insecure;     /* no keys on any address */
+    bool relay;        /* it is a relay's, which workers alone dial */
+} gate_options_t;
+
+/* Entries for a getopt_long table; values are told apart by name. */
+#define GATE_OPTIONS                                                                                         \
+    {"key", required_argument, NULL, 0}, {"allow", required_argument, NULL, 0},                              \
+    {                                                                                                        \
+        "insecure", no_argument, NULL, 0                                                                     \
+    }
+extern const char gate_usage[];
+/* Takes an option of GATE_OPTIONS; false when it is another one. `value` is kept. */
+bool gate_option(gate_options_t *options, const char *name, const char *value);
+
+typedef struct gate gate_t;
+
+/* Reads (or makes) key and list when an endpoint of the master can be reached from other machines (`exposed`)
+ * or a key was given, and gets ready to be asked by the sockets of the context. */
+result_t gate_new(const gate_options_t *options, const char *data_dir, void *context, bool exposed,
+                  gate_t **gate);
+/* Gives a socket that is about to be bound the master's key; `name` is for the log. At most two sockets. */
+result_t gate_guard(gate_t *gate, void *socket, const char *name);
+/* Starts the thread that admits connections, and says for people which key this master has and, when it is
+ * new, what to do with it. `host` and `port` are where it listens. */
+result_t gate_start(gate_t *gate, const char *host, int port);
+/* Ends the thread and frees everything; after the sockets that it guards were closed. Sets *gate to NULL. */
+void gate_stop(gate_t **gate);
+
+/* Reads the list again, soon. From any thread. */
+void gate_reload(gate_t *gate);
+
+/* Says what the sender may do now, in message->rights, and whether that covers the message: else
+ * RESULT_DENIED with the reason. From any thread. `gate` NULL: everybody may do everything. */
+result_t gate_check(gate_t *gate, wire_message_t *message);
+/* The name that the list has for a key; "" when it has none. From any thread. */
+void gate_key_name(gate_t *gate, const char *key, char name[KEY_MAX_NAME + 1]);
+
+#endif

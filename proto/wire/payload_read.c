@@ -1,0 +1,388 @@
+/* payload_read: the decoding half of the codec (payload.c says how and why; PROTOCOL.md gives the layout).
+ *
+ * DESIGN. A frame is read in pieces of some hundred pixels. The planes of a band are decompressed one after
+ * the other; a piece is put together from them when it is asked for, in memory that stays in the cache, and
+ * added up or stored by the caller before the next one. So decoding a frame of 100 MB takes 2 MB of memory,
+ * and the sums go through it once. */
+#include "proto/wire/payload_format.h"
+
+#include <stdlib.h>
+#include <string.h>
+#include <zstd.h>
+
+enum { PIECE_WORDS = PAYLOAD_PIECE / 64, SMALL_PLANES = 7 };
+
+/* What is left of a frame or a band. */
+typedef struct {
+    const uint8_t *bytes;
+    size_t size;
+} input_t;
+
+struct payload_reader {
+    int which; /* frame of a batch */
+    size_t size;
+    bool damaged;
+    const layout_t *layout;
+    size_t values; /* that must come out */
+    input_t rest;  /* of the frame: bands, or raw values */
+    bool raw;
+    const uint8_t *table; /* u32 bytes of each band */
+    size_t band_count, next_band;
+
+    /* The band at hand: its planes are decompressed. */
+    band_t band;
+    size_t next_pixel; /* in the band; == band.pixels: no band is at hand */
+    size_t next_value; /* in the planes */
+    int plane_count;
+    uint64_t before[GROUP_VALUES]; /* where differences are coded: the pixel before */
+
+    uint64_t mask[BAND_PIXELS / 64];
+    uint64_t all_marked[PIECE_WORDS];
+    int64_t piece[GROUP_VALUES * PAYLOAD_PIECE];
+    int64_t unfolded[GROUP_VALUES * PAYLOAD_PIECE]; /* from differences */
+    uint8_t planes[PLANES][BAND_VALUES];
+    ZSTD_DCtx *decompressor;
+};
+
+payload_reader_t *payload_reader_new(void)
+{
+    payload_reader_t *reader = malloc(sizeof *reader);
+    if (reader == NULL) return NULL;
+    reader->decompressor = ZSTD_createDCtx();
+    memset(reader->all_marked, 0xff, sizeof reader->all_marked);
+    if (reader->decompressor != NULL) return reader;
+    free(reader);
+    return NULL;
+}
+
+void payload_reader_free(payload_reader_t **reader)
+{
+    if (*reader == NULL) return;
+    ZSTD_freeDCtx((*reader)->decompressor);
+    free(*reader);
+    *reader = NULL;
+}
+
+/* ---- frames -------------------------------------------------------------------------------------------- */
+
+static uint32_t get_u32(const uint8_t *bytes)
+{
+    uint32_t value = 0;
+    for (int i = 0; i < 4; i++) value |= (uint32_t)bytes[i] << (8 * i);
+    return value;
+}
+
+static const uint8_t *input_take(input_t *in, size_t size)
+{
+    if (size > in->size) return NULL;
+    const uint8_t *bytes = in->bytes;
+    in->bytes += size;
+    in->size -= size;
+    return bytes;
+}
+
+/* Checks a compressed frame's sizes against the number of values that must come out. */
+static bool open_planes(payload_reader_t *reader)
+{
+    reader->band_count = get_u32(reader->rest.bytes - 4);
+    if (reader->band_count != band_count(reader->layout, reader->values)) return false;
+    reader->table = input_take(&reader->rest, 4 * reader->band_count);
+    if (reader->table == NULL) return false;
+    uint64_t sum = 0;
+    for (size_t b = 0; b < reader->band_count; b++) sum += get_u32(reader->table + 4 * b);
+    return sum == reader->rest.size;
+}
+
+/* Likewise for values as they are: they make one band. */
+static bool open_raw(payload_reader_t *reader)
+{
+    const layout_t *layout = reader->layout;
+    reader->band_count = 0;
+    reader->band = (band_t){
+        .stride = layout->stride, .lanes = layout->stride, .pixels = reader->values / layout->stride};
+    return reader->rest.size == reader->values * sizeof(int64_t);
+}
+
+/* What a frame is called in messages. */
+static const char *frame_name(int which)
+{
+    static const char *const names[BATCH_PAYLOADS] = {"eye", "splat", "feature"};
+    return names[which];
+}
+
+result_t payload_open(payload_reader_t *reader, const zmq_msg_t *frame, int which, size_t values)
+{
+    reader->which = which;
+    reader->size = zmq_msg_size(frame);
+    reader->damaged = false;
+    reader->layout = &payload_layouts[which];
+    reader->values = values;
+    reader->rest = (input_t){zmq_msg_data((zmq_msg_t *)frame), reader->size};
+    reader->next_band = reader->next_pixel = 0;
+    reader->band = (band_t){0};
+    const uint8_t *header = input_take(&reader->rest, FRAME_HEADER);
+    reader->raw = header != NULL && header[0] == CODEC_RAW;
+    bool planes = header != NULL && header[0] == CODEC_PLANES;
+    if ((reader->raw && open_raw(reader)) || (planes && open_planes(reader))) return result_ok();
+    return result_fail(RESULT_PROTOCOL, "the %s payload of %zu bytes cannot hold %zu values",
+                       frame_name(which), reader->size, values);
+}
+
+/* ---- bands --------------------------------------------------------------------------------------------- */
+
+/* Decodes one block, which must give exactly `size` bytes. */
+static bool decode_block(payload_reader_t *reader, input_t *in, void *bytes, size_t size)
+{
+    const uint8_t *header = input_take(in, BLOCK_HEADER);
+    if (header == NULL) return false;
+    uint32_t word = get_u32(header), coded = word & ~BLOCK_STORED;
+    const uint8_t *data = input_take(in, coded);
+    if (data == NULL) return false;
+    if (!(word & BLOCK_STORED))
+        return ZSTD_decompressDCtx(reader->decompressor, bytes, size, data, coded) == size;
+    if (coded != size) return false;
+    memcpy(bytes, data, size);
+    return true;
+}
+
+/* The set bits of the mask; SIZE_MAX when one is set beyond the last pixel. */
+static size_t mask_count(const uint64_t *mask, size_t pixels)
+{
+    size_t count = 0;
+    for (size_t i = 0; i < pixels / 64; i++) count += (size_t)__builtin_popcountll(mask[i]);
+    if (pixels % 64 == 0) return count;
+    uint64_t last = mask[pixels / 64];
+    return last >> (pixels % 64) ? SIZE_MAX : count + (size_t)__builtin_popcountll(last);
+}
+
+static bool decode_band(payload_reader_t *reader, input_t in)
+{
+    band_t *band = &reader->band;
+    size_t mask_bytes = (band->pixels + 7) / 8;
+    reader->mask[(band->pixels - 1) / 64] = 0; /* not every byte of the last word is filled below */
+    reader->plane_count = 0;
+    if (in.size == 0) {
+        memset(reader->mask, 0, mask_bytes);
+        return true;
+    }
+    if (!decode_block(reader, &in, reader->mask, mask_bytes)) return false;
+    size_t marked = mask_count(reader->mask, band->pixels);
+    const uint8_t *planes = input_take(&in, 1);
+    if (marked == SIZE_MAX || planes == NULL || *planes > PLANES) return false;
+    for (; reader->plane_count < *planes; reader->plane_count++)
+        if (!decode_block(reader, &in, reader->planes[reader->plane_count], band->lanes * marked))
+            return false;
+    return in.size == 0;
+}
+
+static bool next_band(payload_reader_t *reader)
+{
+    size_t size = get_u32(reader->table + 4 * reader->next_band);
+    input_t in = {input_take(&reader->rest, size), size};
+    reader->band = band_at(reader->layout, reader->values, reader->next_band++);
+    reader->next_pixel = reader->next_value = 0;
+    memset(reader->before, 0, sizeof reader->before);
+    return decode_band(reader, in);
+}
+
+/* ---- pieces -------------------------------------------------------------------------------------------- */
+
+/* Puts values together from `planes` bytes each; inlined for each number of planes, for vector code. */
+static inline void join_planes(const payload_reader_t *reader, int64_t *restrict values, size_t count,
+                               int planes)
+{
+    const uint8_t *plane[PLANES];
+    for (int p = 0; p < planes; p++) plane[p] = reader->planes[p] + reader->next_value;
+    for (size_t i = 0; i < count; i++) {
+        uint64_t z = 0;
+        for (int p = 0; p < planes; p++) z |= (uint64_t)plane[p][i] << (8 * p);
+        values[i] = (int64_t)(z >> 1 ^ (0 - (z & 1)));
+    }
+}
+
+static void join(const payload_reader_t *reader, int64_t *values, size_t count)
+{
+    switch (reader->plane_count) {
+    case 0:
+        memset(values, 0, count * sizeof *values);
+        break;
+    case 1:
+        join_planes(reader, values, count, 1);
+        break;
+    case 2:
+        join_planes(reader, values, count, 2);
+        break;
+    case 3:
+        join_planes(reader, values, count, 3);
+        break;
+    case 4:
+        join_planes(reader, values, count, 4);
+        break;
+    case 5:
+        join_planes(reader, values, count, 5);
+        break;
+    case 6:
+        join_planes(reader, values, count, 6);
+        break;
+    case 7:
+        join_planes(reader, values, count, 7);
+        break;
+    default:
+        join_planes(reader, values, count, PLANES);
+    }
+}
+
+/* Differences become values, of all pixels. */
+static void unfold(payload_reader_t *reader, const uint64_t *mask, payload_piece_t *piece)
+{
+    const int64_t *difference = piece->values;
+    for (size_t i = 0; i < piece->pixels; i++) {
+        bool marked = mask[i / 64] >> (i % 64) & 1;
+        for (size_t l = 0; l < piece->lanes; l++) {
+            if (marked) reader->before[l] += (uint64_t)*difference++;
+            reader->unfolded[piece->lanes * i + l] = (int64_t)reader->before[l];
+        }
+    }
+    piece->values = reader->unfolded;
+    piece->mask = reader->all_marked;
+    piece->large = true;
+}
+
+static void make_piece(payload_reader_t *reader, payload_piece_t *piece)
+{
+    const band_t *band = &reader->band;
+    const uint64_t *mask = reader->mask + reader->next_pixel / 64;
+    size_t left = band->pixels - reader->next_pixel, pixels = left < PAYLOAD_PIECE ? left : PAYLOAD_PIECE;
+    size_t marked = 0;
+    for (size_t w = 0; 64 * w < pixels; w++) marked += (size_t)__builtin_popcountll(mask[w]);
+    *piece = (payload_piece_t){.first = band->pixel + reader->next_pixel,
+                               .pixels = pixels,
+                               .offset = band->offset,
+                               .lanes = band->lanes,
+                               .mask = mask,
+                               .values = reader->piece,
+                               .large = reader->plane_count > SMALL_PLANES};
+    join(reader, reader->piece, band->lanes * marked);
+    if (band->differences) unfold(reader, mask, piece);
+    reader->next_pixel += pixels;
+    reader->next_value += band->lanes * marked;
+}
+
+/* Values as they are: a pixel of features is larger than the others, so that a piece has fewer. */
+static void make_raw_piece(payload_reader_t *reader, payload_piece_t *piece)
+{
+    const band_t *band = &reader->band;
+    size_t left = band->pixels - reader->next_pixel, most = ARRAY_LENGTH(reader->piece) / band->lanes;
+    size_t pixels = left < most ? left : most;
+    size_t bytes = pixels * band->lanes * sizeof(int64_t);
+    memcpy(reader->piece, input_take(&reader->rest, bytes), bytes);
+    *piece = (payload_piece_t){.first = reader->next_pixel,
+                               .pixels = pixels,
+                               .lanes = band->lanes,
+                               .mask = reader->all_marked,
+                               .values = reader->piece,
+                               .large = true};
+    reader->next_pixel += pixels;
+}
+
+bool payload_read(payload_reader_t *reader, payload_piece_t *piece)
+{
+    while (reader->next_pixel == reader->band.pixels && !reader->damaged) {
+        if (reader->next_band == reader->band_count) return false;
+        reader->damaged = !next_band(reader);
+    }
+    if (reader->damaged) return false;
+    if (reader->raw)
+        make_raw_piece(reader, piece);
+    else
+        make_piece(reader, piece);
+    return true;
+}
+
+result_t payload_end(const payload_reader_t *reader)
+{
+    if (!reader->damaged) return result_ok();
+    return result_fail(RESULT_PROTOCOL, "the %s payload of %zu bytes is damaged", frame_name(reader->which),
+                       reader->size);
+}
+
+/* ---- whole frames -------------------------------------------------------------------------------------- */
+
+static void store_piece(const payload_piece_t *piece, size_t stride, int64_t *values)
+{
+    const int64_t *value = piece->values;
+    int64_t *first = values + stride * piece->first + piece->offset;
+    if (piece->lanes == stride) memset(first, 0, piece->pixels * stride * sizeof *values);
+    for (size_t i = 0; i < piece->pixels; i += 64) {
+        size_t left = piece->pixels - i;
+        uint64_t mask = piece->mask[i / 64] & (left < 64 ? (UINT64_C(1) << left) - 1 : UINT64_MAX);
+        for (; mask != 0; mask &= mask - 1, value += piece->lanes) {
+            int64_t *pixel = first + stride * (i + (size_t)__builtin_ctzll(mask));
+            for (size_t l = 0; l < piece->lanes; l++) pixel[l] = value[l];
+        }
+    }
+}
+
+/* Fills *values, at least `count` of them: what is there of `capacity` is used, or else memory is taken once
+ * the frame's sizes are known to be right. */
+static result_t decode_frame(payload_reader_t *reader, const zmq_msg_t *frame, int which, size_t count,
+                             int64_t **values, size_t *capacity)
+{
+    TRY(payload_open(reader, frame, which, count));
+    if (*capacity < count) {
+        free(*values);
+        *values = malloc(count * sizeof **values);
+        *capacity = *values == NULL ? 0 : count;
+        if (*values == NULL)
+            return result_fail(RESULT_LIMIT, "no memory for %zu %s values", count, frame_name(which));
+    }
+    for (payload_piece_t piece; payload_read(reader, &piece);)
+        store_piece(&piece, reader->layout->stride, *values);
+    return payload_end(reader);
+}
+
+static result_t decode_splats(payload_reader_t *reader, const zmq_msg_t *frame, batch_t *batch)
+{
+    if (zmq_msg_size(frame) == 0) {
+        free(batch->splat);
+        batch->splat = NULL;
+        return result_ok();
+    }
+    size_t values = batch_splat_values(&batch->settings), capacity = batch->splat == NULL ? 0 : values;
+    return decode_frame(reader, frame, 1, values, &batch->splat, &capacity);
+}
+
+static result_t decode_features(payload_reader_t *reader, const zmq_msg_t *frame, size_t values,
+                                batch_t *batch)
+{
+    if (values == 0) return payload_no_features(frame);
+    TRY(decode_frame(reader, frame, 2, values, &batch->features, &batch->feature_capacity));
+    batch->feature_count = values;
+    return result_ok();
+}
+
+result_t payload_no_features(const zmq_msg_t *frame)
+{
+    if (zmq_msg_size(frame) == 0) return result_ok();
+    return result_fail(RESULT_PROTOCOL, "a feature payload for units that have no features");
+}
+
+result_t payload_decode(const zmq_msg_t payload[BATCH_PAYLOADS], batch_t *batch)
+{
+    size_t eye_values = 0, feature_values = 0;
+    for (size_t i = 0; i < batch->unit_count; i++) {
+        eye_values += batch_tile_values(&batch->settings, batch->units[i].tile);
+        feature_values += batch_feature_values(&batch->settings, &batch->units[i]);
+    }
+    batch->eye_count = batch->feature_count = 0;
+    payload_reader_t *reader = payload_reader_new();
+    if (reader == NULL) return result_fail(RESULT_LIMIT, "no memory for a decoder");
+    result_t result = decode_frame(reader, &payload[0], 0, eye_values, &batch->eye, &batch->eye_capacity);
+    if (result.code == RESULT_OK) {
+        batch->eye_count = eye_values;
+        result = decode_splats(reader, &payload[1], batch);
+    }
+    if (result.code == RESULT_OK) result = decode_features(reader, &payload[2], feature_values, batch);
+    payload_reader_free(&reader);
+    return result;
+}

@@ -1,0 +1,248 @@
+/* wire_fields: what the fields of messages mean (see wire.h): states and rights; settings, terms, orders,
+ * units and counts to and from their messages. What comes from a message is checked against every limit that
+ * its type has. */
+#include "proto/wire/wire.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* ---- names of states ----------------------------------------------------------------------------------- */
+
+const char *job_state_name(uint32_t state)
+{
+    static const char *const names[] = {
+        [JOB_QUEUED] = "queued", [JOB_RUNNING] = "running",     [JOB_FINISHING] = "finishing",
+        [JOB_DONE] = "done",     [JOB_CANCELLED] = "cancelled", [JOB_FAILED] = "failed",
+        [JOB_PAUSED] = "paused"};
+    return state >= JOB_QUEUED && state <= JOB_PAUSED ? names[state] : "unknown";
+}
+
+bool job_state_final(uint32_t state)
+{
+    return state == JOB_DONE || state == JOB_CANCELLED || state == JOB_FAILED;
+}
+
+/* ---- rights -------------------------------------------------------------------------------------------- */
+
+unsigned wire_rights_needed(Lm__Envelope__BodyCase kind)
+{
+    switch (kind) {
+    case LM__ENVELOPE__BODY_HELLO:
+    case LM__ENVELOPE__BODY_WORK_REQUEST:
+    case LM__ENVELOPE__BODY_HEARTBEAT:
+    case LM__ENVELOPE__BODY_GOODBYE:
+    case LM__ENVELOPE__BODY_BATCH_OFFER:
+    case LM__ENVELOPE__BODY_BATCH_RESULT:
+    case LM__ENVELOPE__BODY_BLOB_GET:
+        return RIGHT_WORK;
+    case LM__ENVELOPE__BODY_JOB_SUBMIT:
+    case LM__ENVELOPE__BODY_JOB_STATUS_REQUEST:
+    case LM__ENVELOPE__BODY_JOB_ORDER:
+    case LM__ENVELOPE__BODY_WORKER_LIST_REQUEST:
+    case LM__ENVELOPE__BODY_BLOB_PUT:
+    case LM__ENVELOPE__BODY_IMAGE_GET:
+        return RIGHT_CLIENT;
+    default:
+        return 0;
+    }
+}
+
+const char *wire_rights_name(unsigned rights)
+{
+    switch (rights & RIGHTS_ALL) {
+    case RIGHT_WORK:
+        return "may work";
+    case RIGHT_CLIENT:
+        return "may submit and control jobs";
+    case RIGHTS_ALL:
+        return "may do everything";
+    default:
+        return "may do nothing";
+    }
+}
+
+/* ---- settings, units, counts, hashes ------------------------------------------------------------------- */
+
+void wire_settings_put(const job_settings_t *settings, Lm__Settings *message)
+{
+    message->integrator = (uint32_t)settings->integrator;
+    message->sampler = (uint32_t)settings->sampler;
+    message->seed = settings->seed;
+    message->width = (uint32_t)settings->width;
+    message->height = (uint32_t)settings->height;
+    message->max_depth = (uint32_t)settings->max_depth;
+    message->spp = settings->spp;
+    message->time_limit = settings->time_limit;
+    message->tile_size = (uint32_t)settings->tile_size;
+    message->film_scale = (uint32_t)settings->film_scale;
+    message->features = settings->features;
+    message->strategy_s = (uint32_t)settings->strategy_s;
+    message->strategy_t = (uint32_t)settings->strategy_t;
+    message->unweighted = settings->unweighted;
+    message->error = settings->error;
+    message->adaptive = settings->adaptive;
+}
+
+result_t wire_settings_get(const Lm__Settings *message, job_settings_t *settings)
+{
+    if (message == NULL) return result_fail(RESULT_PROTOCOL, "a message without settings");
+    const struct {
+        const char *name;
+        uint32_t value;
+    } fields[] = {{"integrator", message->integrator}, {"sampler", message->sampler},
+                  {"width", message->width},           {"height", message->height},
+                  {"max_depth", message->max_depth},   {"tile_size", message->tile_size},
+                  {"film_scale", message->film_scale}, {"strategy_s", message->strategy_s},
+                  {"strategy_t", message->strategy_t}};
+    for (size_t i = 0; i < ARRAY_LENGTH(fields); i++)
+        if (fields[i].value > INT32_MAX)
+            return result_fail(RESULT_PROTOCOL, "%s is %u, out of all bounds", fields[i].name,
+                               fields[i].value);
+    *settings = (job_settings_t){.integrator = (integrator_t)message->integrator,
+                                 .sampler = (sampler_kind_t)message->sampler,
+                                 .seed = message->seed,
+                                 .width = (int32_t)message->width,
+                                 .height = (int32_t)message->height,
+                                 .max_depth = (int32_t)message->max_depth,
+                                 .spp = message->spp,
+                                 .time_limit = message->time_limit,
+                                 .tile_size = (int32_t)message->tile_size,
+                                 .film_scale = (int32_t)message->film_scale,
+                                 .features = message->features,
+                                 .strategy_s = (int32_t)message->strategy_s,
+                                 .strategy_t = (int32_t)message->strategy_t,
+                                 .unweighted = message->unweighted,
+                                 .error = message->error,
+                                 .adaptive = message->adaptive};
+    return job_settings_check(settings);
+}
+
+void wire_terms_put(const job_terms_t *terms, Lm__Terms *message)
+{
+    message->priority = terms->priority;
+    message->verify = terms->verify;
+    message->mixed = terms->mixed;
+}
+
+result_t wire_terms_get(const Lm__Terms *message, const char *name, job_terms_t *terms)
+{
+    *terms = (job_terms_t){0};
+    snprintf(terms->name, sizeof terms->name, "%s", name);
+    if (message == NULL) return result_ok();
+    terms->priority = message->priority;
+    terms->verify = message->verify;
+    terms->mixed = message->mixed;
+    return job_terms_check(terms);
+}
+
+void wire_order_put(const job_order_t *order, Lm__JobOrder *message)
+{
+    message->job = order->job;
+    message->kind = (uint32_t)order->kind;
+    message->priority = order->priority;
+    message->spp = order->spp;
+    message->error = order->error;
+    message->time_limit = order->time_limit;
+}
+
+result_t wire_order_get(const Lm__JobOrder *message, job_order_t *order)
+{
+    if (message->kind < ORDER_CANCEL || message->kind > ORDER_EXTEND)
+        return result_fail(RESULT_PROTOCOL, "an order of unknown kind %u", message->kind);
+    *order = (job_order_t){.job = message->job,
+                           .kind = (order_kind_t)message->kind,
+                           .priority = message->priority,
+                           .spp = message->spp,
+                           .error = message->error,
+                           .time_limit = message->time_limit};
+    if (order->spp > JOB_MAX_SPP)
+        return result_fail(RESULT_USAGE, "samples a pixel is %u, must be at most %d", order->spp,
+                           JOB_MAX_SPP);
+    if (!(order->error >= 0 && order->error < 1))
+        return result_fail(RESULT_USAGE, "error is %g, must be 0 (as it was) or below 1", order->error);
+    if (!(order->time_limit >= 0 && order->time_limit <= 1e9))
+        return result_fail(RESULT_USAGE, "time limit is %g s, must be from 0 (as it was) to 1e9",
+                           order->time_limit);
+    return result_ok();
+}
+
+void wire_counts_put(const film_counts_t *counts, Lm__Counts *message)
+{
+    message->light_paths_even = counts->light_paths[0];
+    message->light_paths_odd = counts->light_paths[1];
+    message->dropped = counts->dropped;
+    message->overflows = counts->overflows;
+    message->rays = counts->rays;
+    message->cpu_us = counts->cpu_us;
+}
+
+void wire_counts_get(const Lm__Counts *message, film_counts_t *counts)
+{
+    *counts = (film_counts_t){0};
+    if (message == NULL) return; /* proto3 leaves out a message of zeroes */
+    counts->light_paths[0] = message->light_paths_even;
+    counts->light_paths[1] = message->light_paths_odd;
+    counts->dropped = message->dropped;
+    counts->overflows = message->overflows;
+    counts->rays = message->rays;
+    counts->cpu_us = message->cpu_us;
+}
+
+Lm__Unit **wire_units_new(const unit_t *units, size_t count)
+{
+    if (count == 0) return NULL;
+    Lm__Unit **messages = mem_alloc(count * (sizeof *messages + sizeof **messages));
+    Lm__Unit *storage = (Lm__Unit *)(messages + count);
+    for (size_t i = 0; i < count; i++) {
+        lm__unit__init(&storage[i]);
+        storage[i].tile = units[i].tile;
+        storage[i].first = units[i].first;
+        storage[i].count = units[i].count;
+        messages[i] = &storage[i];
+    }
+    return messages;
+}
+
+result_t wire_units_get(Lm__Unit *const *messages, size_t count, const job_settings_t *settings,
+                        unit_t *units)
+{
+    if (count > WIRE_MAX_UNITS)
+        return result_fail(RESULT_PROTOCOL, "%zu units, the limit is %d", count, WIRE_MAX_UNITS);
+    for (size_t i = 0; i < count; i++) {
+        units[i] = (unit_t){messages[i]->tile, messages[i]->first, messages[i]->count};
+        if (!job_unit_valid(settings, &units[i]))
+            return result_fail(RESULT_PROTOCOL, "unit (tile %u, samples %u + %u) is not of this job",
+                               units[i].tile, units[i].first, units[i].count);
+    }
+    return result_ok();
+}
+
+result_t wire_batch_get(const wire_message_t *message, batch_t *batch)
+{
+    const Lm__BatchResult *body = message->envelope->batch_result;
+    if (message->payload_count != BATCH_PAYLOADS)
+        return result_fail(RESULT_PROTOCOL, "a batch has %d payloads, not %d", BATCH_PAYLOADS,
+                           message->payload_count);
+    if (body->n_units == 0) return result_fail(RESULT_PROTOCOL, "a batch without units");
+    if (body->n_units > batch->unit_capacity) {
+        batch->units = mem_realloc(batch->units, body->n_units * sizeof *batch->units);
+        batch->unit_capacity = body->n_units;
+    }
+    TRY(wire_units_get(body->units, body->n_units, &batch->settings, batch->units));
+    batch->unit_count = body->n_units;
+    wire_counts_get(body->counts, &batch->counts);
+    return result_ok();
+}
+
+bool wire_hash_get(const ProtobufCBinaryData *bytes, hash_t *hash)
+{
+    if (bytes->len != HASH_BYTES) return false;
+    memcpy(hash->bytes, bytes->data, HASH_BYTES);
+    return true;
+}
+
+ProtobufCBinaryData wire_hash_put(const hash_t *hash)
+{
+    return (ProtobufCBinaryData){HASH_BYTES, (uint8_t *)hash->bytes};
+}

@@ -1,0 +1,450 @@
+/* Tests of master/merge/shared film*.c: however many merge at once, the film has the bits of one merge after
+ * the other; a batch that cannot be merged leaves no trace; a snapshot is the film of its moment, whatever
+ * happens next.
+ */
+#include "master/film/shared_film.h"
+#include "tests/peer.h"
+
+#include <pthread.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+static uint64_t draw(uint64_t *random)
+{
+    *random = *random * 6364136223846793005u + 1442695040888963407u;
+    return *random >> 20;
+}
+
+/* Large enough for several pages of each array, and for tiles cut by the rim. */
+static job_settings_t job_of_pages(void)
+{
+    job_settings_t settings = job_settings_default();
+    settings.width = 333;
+    settings.height = 301;
+    settings.tile_size = 32;
+    settings.spp = 1000;
+    return settings;
+}
+
+static shared_film_t *shared_film_of(const job_settings_t *settings)
+{
+    film_t *film;
+    assert_int_equal(film_new(settings, &film).code, RESULT_OK);
+    return shared_film_new(film);
+}
+
+/* Units of every third tile from `start` on, with splats at some of the pixels. */
+static batch_t batch_of(const job_settings_t *settings, uint32_t start, uint32_t first, uint64_t seed)
+{
+    unit_t *units = mem_alloc(job_tile_count(settings) * sizeof *units);
+    size_t count = 0;
+    for (uint32_t t = start; t < job_tile_count(settings); t += 3) units[count++] = (unit_t){t, first, 3};
+    batch_t batch = peer_render(settings, units, count);
+    free(units);
+    for (size_t i = 0; i < batch.eye_count; i++) batch.eye[i] -= (int64_t)(draw(&seed) % 1000000) << 10;
+    if (batch.splat == NULL) batch.splat = mem_zalloc(batch_splat_values(settings), sizeof *batch.splat);
+    for (size_t i = 0; i < batch_splat_values(settings) / 3; i++)
+        if (draw(&seed) % 8 < seed % 9)
+            for (size_t c = 0; c < 3; c++) batch.splat[3 * i + c] = (int64_t)draw(&seed) >> 8;
+    return batch;
+}
+
+static void assert_same_film(const film_t *a, const film_t *b)
+{
+    for (size_t i = 0; i < shared_film_page_count(&a->settings); i++) {
+        size_t size;
+        const void *page = shared_film_page(a, i, &size);
+        assert_memory_equal(page, shared_film_page(b, i, &size), size);
+    }
+    assert_memory_equal(&a->counts, &b->counts, sizeof a->counts);
+}
+
+/* The film that merging these batches must make. */
+static film_t *film_of(const batch_t *batches, size_t count)
+{
+    film_t *film;
+    assert_int_equal(film_new(&batches[0].settings, &film).code, RESULT_OK);
+    for (size_t i = 0; i < count; i++) film_merge(film, &batches[i]);
+    return film;
+}
+
+static void assert_snapshot_is(shared_film_snapshot_t *snapshot, const film_t *film, size_t first,
+                               size_t step)
+{
+    uint8_t *bytes = mem_alloc(SHARED_FILM_PAGE_BYTES);
+    for (size_t i = first; i < shared_film_page_count(&film->settings); i += step) {
+        size_t size, got = shared_film_snapshot_read(snapshot, i, bytes);
+        const void *page = shared_film_page(film, i, &size);
+        assert_int_equal(got, size);
+        assert_memory_equal(bytes, page, size);
+    }
+    free(bytes);
+}
+
+static shared_film_snapshot_t *snapshot_of(shared_film_t *shared_film)
+{
+    shared_film_lock(shared_film);
+    shared_film_snapshot_t *snapshot = shared_film_snapshot(shared_film);
+    shared_film_unlock(shared_film);
+    return snapshot;
+}
+
+static void assert_shared_film_is(shared_film_t *shared_film, const film_t *film)
+{
+    assert_same_film(shared_film_lock(shared_film), film);
+    shared_film_unlock(shared_film);
+}
+
+static void assert_empty(shared_film_t *shared_film)
+{
+    film_t *film;
+    const film_t *now = shared_film_lock(shared_film);
+    assert_int_equal(film_new(&now->settings, &film).code, RESULT_OK);
+    assert_same_film(now, film);
+    film_destroy(&film);
+    shared_film_unlock(shared_film);
+}
+
+static void close_all(zmq_msg_t payload[BATCH_PAYLOADS])
+{
+    for (int i = 0; i < BATCH_PAYLOADS; i++) zmq_msg_close(&payload[i]);
+}
+
+static void merge_one(shared_film_t *shared_film, const batch_t *batch, int sign)
+{
+    zmq_msg_t payload[BATCH_PAYLOADS];
+    assert_int_equal(payload_encode(batch, true, payload).code, RESULT_OK);
+    shared_film_enter(shared_film);
+    assert_int_equal(shared_film_merge_payload(shared_film, payload, batch, NULL, sign).code, RESULT_OK);
+    shared_film_leave(shared_film);
+    close_all(payload);
+}
+
+static void pages_cover_the_film(void **state)
+{
+    (void)state;
+    job_settings_t settings = job_of_pages();
+    for (int features = 0; features < 2; features++) {
+        settings.features = features;
+        film_t *film;
+        assert_int_equal(film_new(&settings, &film).code, RESULT_OK);
+        size_t sum = 0, size, pixels = (size_t)settings.width * (size_t)settings.height;
+        const uint8_t *end[4] = {(uint8_t *)(film->eye + 6 * pixels), (uint8_t *)(film->splat + 6 * pixels),
+                                 (uint8_t *)(film->samples + 2 * pixels),
+                                 features ? (uint8_t *)(film->features + FEATURE_VALUES * pixels) : NULL};
+        int ends = 0;
+        for (size_t i = 0; i < shared_film_page_count(&settings); i++) {
+            const uint8_t *page = shared_film_page(film, i, &size);
+            assert_true(size > 0 && size <= SHARED_FILM_PAGE_BYTES);
+            for (int e = 0; e < 4; e++) ends += page + size == end[e];
+            sum += size;
+        }
+        assert_int_equal(ends, features ? 4 : 3);
+        assert_int_equal(sum, pixels * (6 * 8 + 6 * 8 + 2 * 4 + (features ? 8 * FEATURE_VALUES : 0)));
+        film_destroy(&film);
+    }
+}
+
+static void merging_makes_the_film(void **state)
+{
+    (void)state;
+    job_settings_t settings = job_of_pages();
+    batch_t batches[6];
+    for (uint32_t i = 0; i < 6; i++) batches[i] = batch_of(&settings, i % 3, 3 * (i / 3), i + 1);
+    film_t *film = film_of(batches, 6);
+    for (int compress = 0; compress < 2; compress++) {
+        shared_film_t *shared_film = shared_film_of(&settings);
+        for (size_t i = 0; i < 6; i++) {
+            zmq_msg_t payload[BATCH_PAYLOADS];
+            assert_int_equal(payload_encode(&batches[i], compress, payload).code, RESULT_OK);
+            shared_film_enter(shared_film);
+            assert_int_equal(shared_film_merge_payload(shared_film, payload, &batches[i], NULL, 1).code,
+                             RESULT_OK);
+            shared_film_leave(shared_film);
+            close_all(payload);
+        }
+        film_counts_t counts = shared_film_counts(shared_film);
+        assert_memory_equal(&counts, &film->counts, sizeof counts);
+        assert_shared_film_is(shared_film, film);
+        shared_film_destroy(&shared_film);
+        assert_null(shared_film);
+    }
+    film_destroy(&film);
+    for (size_t i = 0; i < 6; i++) batch_free(&batches[i]);
+}
+
+static void eye_sums_and_samples_are_weighted(void **state)
+{
+    (void)state;
+    job_settings_t settings = job_of_pages();
+    batch_t batch = batch_of(&settings, 0, 8, 1), weighted = batch_of(&settings, 0, 8, 1);
+    uint32_t *weights = mem_alloc(batch.unit_count * sizeof *weights);
+    int64_t *value = weighted.eye;
+    for (size_t i = 0; i < batch.unit_count; i++) {
+        weights[i] = 1 + (uint32_t)i % JOB_MAX_BOOST;
+        for (size_t v = batch_tile_values(&settings, batch.units[i].tile); v > 0; v--) *value++ *= weights[i];
+    }
+    film_t *film = film_of(&weighted, 1);
+    for (size_t i = 0; i < batch.unit_count; i++) { /* film_merge knows no weights */
+        rect_t rect = job_tile_rect(&settings, batch.units[i].tile);
+        for (int half = 0; half < 2; half++)
+            for (int y = rect.y0; y < rect.y1; y++)
+                for (int x = rect.x0; x < rect.x1; x++)
+                    film->samples[(half * settings.height + y) * settings.width + x] *= weights[i];
+    }
+    for (int compress = 0; compress < 2; compress++) {
+        shared_film_t *shared_film = shared_film_of(&settings);
+        zmq_msg_t payload[BATCH_PAYLOADS];
+        assert_int_equal(payload_encode(&batch, compress, payload).code, RESULT_OK);
+        shared_film_enter(shared_film);
+        assert_int_equal(shared_film_merge_payload(shared_film, payload, &batch, weights, 1).code, RESULT_OK);
+        shared_film_leave(shared_film);
+        assert_shared_film_is(shared_film, film);
+        shared_film_enter(shared_film);
+        assert_int_equal(shared_film_merge_payload(shared_film, payload, &batch, weights, -1).code,
+                         RESULT_OK);
+        shared_film_leave(shared_film);
+        assert_empty(shared_film);
+        close_all(payload);
+        shared_film_destroy(&shared_film);
+    }
+    film_destroy(&film);
+    free(weights);
+    batch_free(&batch);
+    batch_free(&weighted);
+}
+
+/* ---- what is no good leaves no trace ------------------------------------------------------------------- */
+
+/* A copy of a payload frame that a test may damage. */
+static void copy_frame(zmq_msg_t *copy, const zmq_msg_t *frame, size_t size)
+{
+    assert_int_equal(zmq_msg_init_size(copy, size), 0);
+    memcpy(zmq_msg_data(copy), zmq_msg_data((zmq_msg_t *)frame), size);
+}
+
+static result_t merge_payload(shared_film_t *shared_film, const zmq_msg_t payload[BATCH_PAYLOADS],
+                              const batch_t *batch, int sign)
+{
+    shared_film_enter(shared_film);
+    result_t result = shared_film_merge_payload(shared_film, payload, batch, NULL, sign);
+    shared_film_leave(shared_film);
+    return result;
+}
+
+static void damaged_batches_leave_no_trace(void **state)
+{
+    (void)state;
+    job_settings_t settings = job_of_pages();
+    batch_t before = batch_of(&settings, 1, 0, 2), batch = batch_of(&settings, 0, 0, 3);
+    film_t *film = film_of(&before, 1);
+    shared_film_t *shared_film = shared_film_of(&settings);
+    merge_one(shared_film, &before, 1);
+    uint64_t random = 1;
+    int refused = 0, rounds = 60;
+    for (int i = 0; i < rounds; i++) {
+        zmq_msg_t good[BATCH_PAYLOADS], bad[BATCH_PAYLOADS];
+        int which = i % BATCH_PAYLOADS;
+        assert_int_equal(payload_encode(&batch, i % 4 > 0, good).code, RESULT_OK);
+        memcpy(bad, good, sizeof bad);
+        size_t size = zmq_msg_size(&good[which]);
+        copy_frame(&bad[which], &good[which], i % 7 == 0 ? size - 1 : size);
+        uint8_t *bytes = zmq_msg_data(&bad[which]);
+        for (int changes = 0; changes < 20; changes++) { /* behind the sizes, so that reading begins */
+            size_t at = size / 2 + draw(&random) % (size / 2 - 1);
+            if (i % 4 > 0 || at % 8 < 4) bytes[at] ^= (uint8_t)draw(&random); /* no overflows here */
+        }
+        result_t result = merge_payload(shared_film, bad, &batch, 1);
+        refused += result.code != RESULT_OK;
+        if (result.code == RESULT_OK) /* it may well be read as something else, which counts then */
+            assert_int_equal(merge_payload(shared_film, bad, &batch, -1).code, RESULT_OK);
+        else
+            assert_int_equal(result.code, RESULT_PROTOCOL);
+        shared_film_snapshot_t *snapshot = snapshot_of(shared_film);
+        assert_snapshot_is(snapshot, film, 0, 1);
+        film_counts_t counts = shared_film_snapshot_counts(snapshot);
+        assert_memory_equal(&counts, &film->counts, sizeof counts);
+        shared_film_snapshot_free(&snapshot);
+        zmq_msg_close(&bad[which]);
+        close_all(good);
+    }
+    assert_true(refused > rounds / 4);
+    shared_film_destroy(&shared_film);
+    film_destroy(&film);
+    batch_free(&before);
+    batch_free(&batch);
+}
+
+static void overflows_count_only_when_all_is_well(void **state)
+{
+    (void)state;
+    job_settings_t settings = job_of_pages();
+    batch_t batch = batch_of(&settings, 0, 0, 3);
+    zmq_msg_t payload[BATCH_PAYLOADS], cut;
+    shared_film_t *shared_film = shared_film_of(&settings);
+    batch.eye[5] = INT64_C(3) << 60;
+    batch.splat[1000] = INT64_MAX;
+    batch.splat[2001] = INT64_MIN;
+    batch.splat[3002] = -(INT64_C(1) << 62);
+    batch.splat[100000] = INT64_C(1) << 61;
+    assert_int_equal(payload_encode(&batch, true, payload).code, RESULT_OK);
+    copy_frame(&cut, &payload[2], zmq_msg_size(&payload[2]) - 1);
+    zmq_msg_t damaged[BATCH_PAYLOADS];
+    memcpy(damaged, payload, sizeof damaged);
+    damaged[2] = cut;
+    assert_int_equal(merge_payload(shared_film, damaged, &batch, 1).code, RESULT_PROTOCOL);
+    assert_empty(shared_film);
+    assert_int_equal(merge_payload(shared_film, payload, &batch, 1).code, RESULT_OK);
+    assert_int_equal(shared_film_counts(shared_film).overflows, 3);
+    film_t *film = film_of(&batch, 1);
+    assert_shared_film_is(shared_film, film);
+    /* Now sums overflow that did not the first time. */
+    assert_int_equal(merge_payload(shared_film, damaged, &batch, 1).code, RESULT_PROTOCOL);
+    assert_shared_film_is(shared_film, film);
+    assert_int_equal(merge_payload(shared_film, payload, &batch, 1).code, RESULT_OK);
+    film_merge(film, &batch);
+    assert_shared_film_is(shared_film, film);
+    assert_int_equal(film->counts.overflows, 3 + 5);
+    zmq_msg_close(&cut);
+    close_all(payload);
+    film_destroy(&film);
+    shared_film_destroy(&shared_film);
+    batch_free(&batch);
+}
+
+static void impossible_features_are_refused(void **state)
+{
+    (void)state;
+    job_settings_t settings = job_of_pages();
+    batch_t batch = batch_of(&settings, 0, 30, 3); /* two samples of each pixel have features */
+    zmq_msg_t payload[BATCH_PAYLOADS];
+    shared_film_t *shared_film = shared_film_of(&settings);
+    const int64_t values[] = {INT64_MAX,
+                              INT64_MIN,
+                              INT64_C(1) << 58,
+                              -(INT64_C(1) << 58),
+                              (INT64_C(1) << 58) - 1,
+                              1 - (INT64_C(1) << 58)};
+    for (size_t i = 0; i < 2 * ARRAY_LENGTH(values); i++) {
+        batch.features[batch.feature_count - 20] = values[i / 2];
+        assert_int_equal(payload_encode(&batch, i % 2, payload).code, RESULT_OK);
+        result_code_t code = merge_payload(shared_film, payload, &batch, 1).code;
+        assert_int_equal(code, i / 2 < 4 ? RESULT_PROTOCOL : RESULT_OK);
+        if (code == RESULT_OK)
+            assert_int_equal(merge_payload(shared_film, payload, &batch, -1).code, RESULT_OK);
+        assert_empty(shared_film);
+        close_all(payload);
+    }
+    shared_film_destroy(&shared_film);
+    batch_free(&batch);
+}
+
+/* ---- snapshots ----------------------------------------------------------------------------------------- */
+
+static void a_snapshot_stays_as_it_was(void **state)
+{
+    (void)state;
+    job_settings_t settings = job_of_pages();
+    batch_t batches[] = {batch_of(&settings, 0, 0, 1), batch_of(&settings, 1, 0, 2),
+                         batch_of(&settings, 2, 0, 3)};
+    film_t *one = film_of(batches, 1), *two = film_of(batches, 2);
+    shared_film_t *shared_film = shared_film_of(&settings);
+    merge_one(shared_film, &batches[0], 1);
+    shared_film_snapshot_t *snapshot = snapshot_of(shared_film);
+    assert_snapshot_is(snapshot, one, 0, 2); /* some pages before they change, */
+    merge_one(shared_film, &batches[1], 1);
+    assert_snapshot_is(snapshot, one, 1, 2); /* the others after */
+    film_counts_t counts = shared_film_snapshot_counts(snapshot);
+    assert_memory_equal(&counts, &one->counts, sizeof counts);
+    shared_film_snapshot_free(&snapshot);
+    assert_null(snapshot);
+    assert_shared_film_is(shared_film, two);
+    snapshot = snapshot_of(shared_film);
+    merge_one(shared_film, &batches[2], 1);
+    shared_film_snapshot_free(&snapshot); /* unread */
+    snapshot = snapshot_of(shared_film);
+    merge_one(shared_film, &batches[2], -1);
+    shared_film_snapshot_free(&snapshot);
+    snapshot = snapshot_of(shared_film);
+    assert_snapshot_is(snapshot, two, 0, 1);
+    shared_film_snapshot_free(&snapshot);
+    shared_film_destroy(&shared_film);
+    film_destroy(&one);
+    film_destroy(&two);
+    for (size_t i = 0; i < 3; i++) batch_free(&batches[i]);
+}
+
+/* ---- many at once -------------------------------------------------------------------------------------- */
+
+enum { MERGERS = 4, ROUNDS = 6 };
+
+typedef struct {
+    shared_film_t *shared_film;
+    const batch_t *batch;
+} merger_t;
+
+/* Adds its batch again and again, and in between takes it out. */
+static void *merger_run(void *argument)
+{
+    merger_t *merger = argument;
+    for (int i = 0; i < 2 * ROUNDS + 1; i++) merge_one(merger->shared_film, merger->batch, i % 2 ? -1 : 1);
+    return NULL;
+}
+
+/* True when the film holds each batch whole or not at all, by the light paths and a splat of each. */
+static void many_merge_while_others_read(void **state)
+{
+    (void)state;
+    job_settings_t settings = job_of_pages();
+    batch_t batches[MERGERS];
+    merger_t mergers[MERGERS];
+    pthread_t threads[MERGERS];
+    shared_film_t *shared_film = shared_film_of(&settings);
+    for (uint32_t i = 0; i < MERGERS; i++) {
+        batches[i] = batch_of(&settings, i % 3, 3 * i, i + 1);
+        for (size_t p = 0; p < batch_splat_values(&settings); p++) batches[i].splat[p] = 1 << (8 * i);
+        mergers[i] = (merger_t){shared_film, &batches[i]};
+    }
+    film_t *film = film_of(batches, MERGERS);
+    for (int i = 0; i < MERGERS; i++)
+        assert_int_equal(pthread_create(&threads[i], NULL, merger_run, &mergers[i]), 0);
+    uint8_t *bytes = mem_alloc(SHARED_FILM_PAGE_BYTES);
+    for (int i = 0; i < 20; i++) {
+        const film_t *now = shared_film_lock(shared_film);
+        shared_film_snapshot_t *snapshot = i % 2 ? shared_film_snapshot(shared_film) : NULL;
+        int64_t value = now->splat[0];
+        for (size_t p = 0; p < batch_splat_values(&settings); p++) assert_true(now->splat[p] == value);
+        shared_film_unlock(shared_film);
+        size_t first = ((6 * 8 * (size_t)settings.width * (size_t)settings.height) >> 20) + 1; /* of splats */
+        for (size_t p = 0; snapshot != NULL && p < first; p++) {
+            size_t size = shared_film_snapshot_read(snapshot, first + p, bytes);
+            for (size_t v = 0; v < size / 8; v++) assert_true(((int64_t *)bytes)[v] == value);
+        }
+        shared_film_snapshot_free(&snapshot);
+    }
+    free(bytes);
+    for (int i = 0; i < MERGERS; i++) pthread_join(threads[i], NULL);
+    assert_shared_film_is(shared_film, film);
+    shared_film_destroy(&shared_film);
+    film_destroy(&film);
+    for (int i = 0; i < MERGERS; i++) batch_free(&batches[i]);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(pages_cover_the_film),
+        cmocka_unit_test(merging_makes_the_film),
+        cmocka_unit_test(eye_sums_and_samples_are_weighted),
+        cmocka_unit_test(damaged_batches_leave_no_trace),
+        cmocka_unit_test(overflows_count_only_when_all_is_well),
+        cmocka_unit_test(impossible_features_are_refused),
+        cmocka_unit_test(a_snapshot_stays_as_it_was),
+        cmocka_unit_test(many_merge_while_others_read),
+    };
+    return cmocka_run_group_tests_name("shared_film", tests, NULL, NULL);
+}

@@ -1,0 +1,184 @@
+/* bsdf: how a surface scatters light. One interface for eye and light subpaths.
+ *
+ * wo points to where the path comes from, wi to where it goes; both leave the surface, of unit length, in
+ * world space. What differs between the subpaths is only the transport mode, which matters where a BSDF is
+ * not symmetric (refraction scales radiance by the squared ratio of indices, Veach 1997, section 5.2), and
+ * the shading-normal correction, which the integrators apply (Veach 1997, section 5.3).
+ *
+ * Densities are per solid angle, except those of specular (Dirac) lobes, which are discrete probabilities.
+ * Cosines are those to the shading normal; which side of the surface a direction is on is told by the
+ * geometric normal, so that light does not leak through.
+ *
+ * A BSDF is a sum of lobes. A material, once per hit, reads its values and adds the lobes that it is made of;
+ * a lobe knows how to evaluate and sample itself. A new material is one file material_*.c and one entry in
+ * BSDF_MATERIALS below; a new lobe is one file lobe_*.c.
+ */
+#ifndef LIGHTMILL_BSDF_H
+#define LIGHTMILL_BSDF_H
+
+#include "worker/render/scene/scene.h"
+
+/* What is carried: an eye subpath carries importance and meets RADIANCE; a light subpath the reverse. */
+typedef enum { TRANSPORT_RADIANCE, TRANSPORT_IMPORTANCE } transport_t;
+
+typedef struct {
+    rgb_t f;       /* value, without cosine, per steradian */
+    float pdf;     /* of choosing wi given wo, per steradian */
+    float pdf_rev; /* of choosing wo given wi */
+} bsdf_value_t;
+
+typedef struct {
+    vec3_t wi;
+    rgb_t weight;  /* f |cos| / pdf, Dirac lobes likewise */
+    float pdf;     /* of wi given wo: per steradian, or a probability when specular */
+    float pdf_rev; /* of wo given wi */
+    bool specular;
+} bsdf_sample_t;
+
+typedef struct lobe_kind lobe_kind_t;
+enum { BSDF_LOBES = 10, LOBE_NUMBERS = 21 };
+
+/* One lobe at a point. What its numbers mean is its kind's affair. */
+typedef struct {
+    const lobe_kind_t *kind;
+    rgb_t scale;  /* factor on the lobe's value */
+    float chance; /* of being the one that is sampled; those of a BSDF add up to one */
+    float numbers[LOBE_NUMBERS];
+} lobe_t;
+
+enum {
+    LOBE_REFLECTS = 1,  /* may carry light to the same side of the surface */
+    LOBE_TRANSMITS = 2, /* may carry light through */
+    LOBE_SPECULAR = 4   /* Dirac: cannot be evaluated, only sampled */
+};
+
+/* Directions are in shading coordinates (s, t, ns): z is the cosine to the shading normal. */
+struct lobe_kind {
+    uint32_t flags;
+    /* The value and both densities of the lobe alone, `scale` and `chance` left out; false when the value is
+     * zero. Called only for pairs that the flags allow: `reflect` tells that wo and wi are on the same side
+     * of the geometric surface, which the signs of z may contradict; densities are then 0. NULL when
+     * specular. */
+    bool (*eval)(const lobe_t *lobe, vec3_t wo, vec3_t wi, bool reflect, transport_t mode,
+                 bsdf_value_t *value);
+    /* Draws wi (wo.z is not 0). weight = f |wi.z| / pdf of the lobe alone, `scale` and `chance` left out. */
+    bool (*sample)(const lobe_t *lobe, vec3_t wo, vec2_t u, float choice, transport_t mode,
+                   bsdf_sample_t *sample);
+    /* Roughens a nearly specular lobe (blob_scene_t's regularize); NULL: it never is one. */
+    void (*regularize)(lobe_t *lobe);
+};
+
+/* A BSDF at a point: its lobes with the frame in which they are evaluated. */
+typedef struct {
+    vec3_t ng, ns, s, t; /* geometric normal; shading frame (s, t, ns) */
+    rgb_t attenuation;   /* per unit length, of the inside (the side away from ng); mostly 0 */
+    bool specular;       /* only Dirac lobes: cannot be connected to */
+    bool absorbs;        /* attenuation is not 0 */
+    int count;
+    lobe_t lobes[BSDF_LOBES];
+} bsdf_t;
+
+/* Makes the BSDF at a surface point: shading frame, normal map, lobes. */
+void bsdf_init(bsdf_t *bsdf, const scene_t *scene, const surface_t *surface);
+/* Evaluates the lobes that are not specular. False when the value is zero; *value is then undefined. */
+bool bsdf_eval(const bsdf_t *bsdf, vec3_t wo, vec3_t wi, transport_t mode, bsdf_value_t *value);
+/* The same for directions about whose sides the two normals disagree, of which bsdf_eval is black and no lobe
+ * draws one: as if wi were mirrored at the shading plane. False for all others. */
+bool bsdf_eval_split(const bsdf_t *bsdf, vec3_t wo, vec3_t wi, transport_t mode, bsdf_value_t *value);
+/* Draws wi in proportion to the density that bsdf_eval returns, or a specular direction. `u` are two uniform
+ * numbers for the direction, `choice` one for the lobe. False when there is nothing to follow. */
+bool bsdf_sample(const bsdf_t *bsdf, vec3_t wo, vec2_t u, float choice, transport_t mode,
+                 bsdf_sample_t *sample);
+/* Roughens what is nearly specular. */
+void bsdf_regularize(bsdf_t *bsdf);
+/* About how much light the surface throws back or lets through, 0 to 1: the sum of the lobes' scales. For
+ * the albedo layer. */
+rgb_t bsdf_albedo(const bsdf_t *bsdf);
+
+/* A world direction in shading coordinates (s, t, ns), and back. */
+static inline vec3_t bsdf_to_local(const bsdf_t *bsdf, vec3_t v)
+{
+    return vec3(v_dot(v, bsdf->s), v_dot(v, bsdf->t), v_dot(v, bsdf->ns));
+}
+static inline vec3_t bsdf_to_world(const bsdf_t *bsdf, vec3_t v)
+{
+    return v_add(v_add(v_scale(bsdf->s, v.x), v_scale(bsdf->t, v.y)), v_scale(bsdf->ns, v.z));
+}
+
+/* What light loses per unit length when it leaves the surface in direction w. */
+static inline rgb_t bsdf_attenuation(const bsdf_t *bsdf, vec3_t w)
+{
+    return bsdf->absorbs && v_dot(w, bsdf->ng) < 0 ? bsdf->attenuation : vec3(0, 0, 0);
+}
+/* What is left of light after a distance (Beer's law). */
+static inline rgb_t rgb_fade(rgb_t attenuation, float distance)
+{
+    return vec3(expf(-attenuation.x * distance), expf(-attenuation.y * distance),
+                expf(-attenuation.z * distance));
+}
+
+/* ---- for materials ------------------------------------------------------------------------------------- */
+
+/* A material about to add its lobes. */
+typedef struct {
+    const scene_t *scene;
+    const blob_material_t *material;
+    const texture_point_t *at;
+    rgb_t scale; /* of all lobes: what a mix leaves to this part */
+    bsdf_t *bsdf;
+} shading_t;
+
+/* Adds the material's lobes. */
+typedef void material_shade_t(const shading_t *shading);
+
+/* Values of the material at the point, bounded by 1e6; colours are not negative. */
+rgb_t shading_colour(const shading_t *shading, material_value_t value);
+float shading_number(const shading_t *shading, material_value_t value);
+/* The alphas of the Trowbridge-Reitz distribution from the values `u` and `v`, remapped as the material's
+ * flags say, at least 1e-4 each; false when the surface counts as smooth. */
+bool shading_alphas(const shading_t *shading, material_value_t u, material_value_t v, float alpha[2]);
+/* Adds a lobe; `share` >= 0 is its chance of being sampled relative to the others', mostly its expected
+ * albedo. Its numbers are zero. NULL when `scale` is black or there is no room left. */
+lobe_t *shading_add(const shading_t *shading, const lobe_kind_t *kind, rgb_t scale, float share);
+/* Lets another material shade in this one's place. */
+void shading_delegate(const shading_t *shading, uint32_t material, rgb_t scale);
+
+/* Every material, by its kind in the blob: the one place that a new one is entered. */
+#define BSDF_MATERIALS(ENTRY)                                                                                \
+    ENTRY(MATERIAL_DIFFUSE, material_diffuse)                                                                \
+    ENTRY(MATERIAL_MIRROR, material_mirror)                                                                  \
+    ENTRY(MATERIAL_DIELECTRIC, material_dielectric)                                                          \
+    ENTRY(MATERIAL_CONDUCTOR, material_conductor)                                                            \
+    ENTRY(MATERIAL_PLASTIC, material_plastic)                                                                \
+    ENTRY(MATERIAL_UBER, material_uber)                                                                      \
+    ENTRY(MATERIAL_SUBSTRATE, material_substrate)                                                            \
+    ENTRY(MATERIAL_TRANSLUCENT, material_translucent)                                                        \
+    ENTRY(MATERIAL_MIX, material_mix)                                                                        \
+    ENTRY(MATERIAL_DISNEY, material_disney)                                                                  \
+    ENTRY(MATERIAL_DIFFUSE_TRANSMISSION, material_diffuse_transmission)                                      \
+    ENTRY(MATERIAL_COATED_DIFFUSE, material_coated_diffuse)                                                  \
+    ENTRY(MATERIAL_COATED_CONDUCTOR, material_coated_conductor)                                              \
+    ENTRY(MATERIAL_GLTF, material_gltf)
+#define BSDF_DECLARE(kind, shade) extern material_shade_t shade;
+BSDF_MATERIALS(BSDF_DECLARE)
+#undef BSDF_DECLARE
+
+/* The lobes; each file says what it does. */
+extern const lobe_kind_t lobe_lambert, lobe_lambert_transmission, lobe_oren_nayar, lobe_mirror,
+    lobe_smooth_dielectric, lobe_smooth_conductor, lobe_pane, lobe_straight, lobe_rough_conductor,
+    lobe_rough_dielectric, lobe_rough_reflection, lobe_rough_transmission, lobe_fresnel_blend,
+    lobe_disney_diffuse, lobe_disney_sheen, lobe_disney_specular, lobe_disney_clearcoat, lobe_layered,
+    lobe_coated_lambert, lobe_smooth_coat, lobe_smooth_layers, lobe_schlick_reflection, lobe_schlick_mirror,
+    lobe_schlick_diffuse, lobe_schlick_through, lobe_schlick_straight;
+
+/* Three consecutive numbers of a lobe as a colour. */
+static inline rgb_t lobe_colour(const lobe_t *lobe, int first)
+{
+    return vec3(lobe->numbers[first], lobe->numbers[first + 1], lobe->numbers[first + 2]);
+}
+static inline void lobe_set_colour(lobe_t *lobe, int first, rgb_t colour)
+{
+    lobe->numbers[first] = colour.x, lobe->numbers[first + 1] = colour.y, lobe->numbers[first + 2] = colour.z;
+}
+
+#endif

@@ -1,0 +1,14 @@
+/* bsdf_frame: the shading frame of a surface with known derivatives: its tangents, and a normal that a map
+ * has turned. */
+#ifndef LIGHTMILL_BSDF_FRAME_H
+#define LIGHTMILL_BSDF_FRAME_H
+
+#include "worker/render/bsdf/bsdf.h"
+
+/* Sets the frame (s, t, ns): s along dp/du as far as the shading normal allows. `bsdf` has its geometric and
+ * its unturned shading normal; so has `at` its place. Always a valid frame, however degenerate the
+ * derivatives or the maps. */
+void bsdf_frame_turn(bsdf_t *bsdf, const scene_t *scene, const blob_material_t *material,
+                     const surface_details_t *details, const texture_point_t *at);
+
+#endif

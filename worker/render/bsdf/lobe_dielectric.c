@@ -1,0 +1,148 @@
+/* lobe_dielectric: the rough interface of a dielectric (Walter et al. 2007, "Microfacet Models for Refraction
+ * through Rough Surfaces") with the Trowbridge-Reitz distribution: one lobe that reflects and transmits,
+ * which it chooses between at the visible normal that it has drawn; and its reflection alone. */
+#include "worker/render/bsdf/lobe.h"
+
+#include "worker/render/bsdf/microfacet.h"
+
+/* Index of the far side over that of the near side, as seen from w. */
+static float relative_index(const lobe_t *lobe, vec3_t w)
+{
+    return w.z > 0 ? lobe->numbers[LOBE_IOR] : 1 / lobe->numbers[LOBE_IOR];
+}
+
+static float shadowing(const lobe_t *lobe, float lambda_o, float lambda_i)
+{
+    return lobe->numbers[LOBE_SEPARABLE] != 0 ? microfacet_separable(lambda_o, lambda_i)
+                                              : microfacet_correlated(lambda_o, lambda_i);
+}
+
+/* For wo and wi above the surface; eta as seen from there. */
+static bool eval_reflection(const lobe_t *lobe, float eta, vec3_t wo, vec3_t wi, bsdf_value_t *value)
+{
+    microfacet_t facet;
+    float cos_t, chance;
+    if (!microfacet_reflection(lobe->numbers[LOBE_ALPHA_U], lobe->numbers[LOBE_ALPHA_V], wo, wi, &facet))
+        return false;
+    rgb_t r = lobe_colour(lobe, LOBE_R);
+    float f = fresnel_dielectric(facet.cos, eta, &cos_t);
+    if (!lobe_reflect_chance(f, r, lobe_colour(lobe, LOBE_T), &chance) || chance == 0) return false;
+    value->f = v_scale(r, f * facet.density * shadowing(lobe, facet.lambda_o, facet.lambda_i));
+    value->pdf = chance * facet.pdf;
+    value->pdf_rev = chance * facet.pdf_rev;
+    return true;
+}
+
+/* For wo above and wi below the surface (Walter et al. 2007, equations 16, 17 and 21). The index may be that
+ * of either side over the other: m, which is then turned up, is the same. */
+static bool eval_transmission(const lobe_t *lobe, float eta, vec3_t wo, vec3_t wi, transport_t mode,
+                              bsdf_value_t *value)
+{
+    float ax = lobe->numbers[LOBE_ALPHA_U], ay = lobe->numbers[LOBE_ALPHA_V];
+    if (!(wo.z > MICROFACET_LEAST_COSINE && wi.z < -MICROFACET_LEAST_COSINE)) return false;
+    vec3_t m = v_mad(wo, eta, wi);
+    float length2 = v_length2(m);
+    if (!(length2 > 0) || m.z == 0) return false;
+    m = v_scale(m, (m.z < 0 ? -1 : 1) / sqrtf(length2));
+    float co = float_min(v_dot(wo, m), 1), ci = -v_dot(wi, m), cos_t, chance;
+    if (!(co > 0 && ci > 0)) return false;
+    rgb_t t = lobe_colour(lobe, LOBE_T);
+    /* The same from both sides, but near total reflection only known well from the thinner one. */
+    float f = eta >= 1 ? fresnel_dielectric(co, eta, &cos_t)
+                       : fresnel_dielectric(float_min(ci, 1), 1 / eta, &cos_t);
+    if (!lobe_reflect_chance(f, lobe_colour(lobe, LOBE_R), t, &chance) || chance == 1) return false;
+    float d = microfacet_distribution(ax, ay, m), lo = microfacet_lambda(ax, ay, wo),
+          li = microfacet_lambda(ax, ay, wi), cos_m = co - eta * ci;
+    /* d(m) over what all three have in common; the Jacobians of refraction are eta^2 ci / (co - eta ci)^2
+     * forwards and co / (co - eta ci)^2 backwards. */
+    float common = d * co * ci / (cos_m * cos_m);
+    /* Radiance and importance differ as in the smooth interface. */
+    float scale = mode == TRANSPORT_RADIANCE ? 1 : eta * eta;
+    value->f = v_scale(t, (1 - f) * scale * common * shadowing(lobe, lo, li) / (wo.z * -wi.z));
+    value->pdf = (1 - chance) * common * eta * eta / ((1 + lo) * wo.z);
+    value->pdf_rev = (1 - chance) * common / ((1 + li) * -wi.z);
+    return true;
+}
+
+static bool eval_pair(const lobe_t *lobe, float eta, vec3_t up, vec3_t wi, bool reflect, transport_t mode,
+                      bsdf_value_t *value)
+{
+    return reflect ? eval_reflection(lobe, eta, up, wi, value)
+                   : eval_transmission(lobe, eta, up, wi, mode, value);
+}
+
+static bool eval(const lobe_t *lobe, vec3_t wo, vec3_t wi, bool reflect, transport_t mode,
+                 bsdf_value_t *value)
+{
+    float eta = relative_index(lobe, wo);
+    microfacet_upright(&wo, &wi);
+    return eval_pair(lobe, eta, wo, wi, reflect, mode, value);
+}
+
+/* The direction drawn, for w above the surface. */
+static bool draw(const lobe_t *lobe, float eta, vec3_t w, vec2_t u, float choice, vec3_t *wi, bool *reflect)
+{
+    vec3_t m = microfacet_sample(lobe->numbers[LOBE_ALPHA_U], lobe->numbers[LOBE_ALPHA_V], w, u);
+    float cos = float_min(v_dot(w, m), 1), cos_t, chance;
+    if (!(cos > 0)) return false;
+    float f = fresnel_dielectric(cos, eta, &cos_t);
+    if (!lobe_reflect_chance(f, lobe_colour(lobe, LOBE_R), lobe_colour(lobe, LOBE_T), &chance)) return false;
+    *reflect = choice < chance;
+    if (*reflect) {
+        *wi = v_sub(v_scale(m, 2 * cos), w);
+        return wi->z > 0;
+    }
+    *wi = v_sub(v_scale(m, cos / eta - cos_t), v_scale(w, 1 / eta));
+    return wi->z < 0;
+}
+
+static bool sample(const lobe_t *lobe, vec3_t wo, vec2_t u, float choice, transport_t mode, bsdf_sample_t *s)
+{
+    float eta = relative_index(lobe, wo);
+    vec3_t up = wo.z > 0 ? wo : v_neg(wo), wi;
+    bool reflect;
+    bsdf_value_t value;
+    if (!draw(lobe, eta, up, u, choice, &wi, &reflect) ||
+        !eval_pair(lobe, eta, up, wi, reflect, mode, &value) || !(value.pdf > 0))
+        return false;
+    *s = (bsdf_sample_t){.wi = wo.z > 0 ? wi : v_neg(wi),
+                         .weight = v_scale(value.f, fabsf(wi.z) / value.pdf),
+                         .pdf = value.pdf,
+                         .pdf_rev = value.pdf_rev};
+    return true;
+}
+
+const lobe_kind_t lobe_rough_dielectric = {LOBE_REFLECTS | LOBE_TRANSMITS, eval, sample,
+                                           lobe_regularize_alphas};
+/* The same with T black: never transmits. */
+const lobe_kind_t lobe_rough_reflection = {LOBE_REFLECTS, eval, sample, lobe_regularize_alphas};
+/* The same with R black: never reflects. */
+const lobe_kind_t lobe_rough_transmission = {LOBE_TRANSMITS, eval, sample, lobe_regularize_alphas};
+
+lobe_t *lobe_add_dielectric(const shading_t *shading, const lobe_kind_t *kind, rgb_t r, rgb_t t, float ior,
+                            const float alpha[2])
+{
+    float share = fresnel_dielectric_mean(ior), both = share * v_max(r) + (1 - share) * v_max(t);
+    if (!(both > 0)) return NULL;
+    lobe_t *lobe = shading_add(shading, kind, vec3(1, 1, 1), both);
+    if (lobe == NULL) return NULL;
+    lobe->numbers[LOBE_ALPHA_U] = alpha[0];
+    lobe->numbers[LOBE_ALPHA_V] = alpha[1];
+    lobe->numbers[LOBE_IOR] = ior;
+    lobe_set_colour(lobe, LOBE_R, r);
+    lobe_set_colour(lobe, LOBE_T, t);
+    return lobe;
+}
+
+/* The mean reflectance is taken out of the value and into the scale, which then is about the albedo. */
+lobe_t *lobe_add_reflection(const shading_t *shading, rgb_t r, float ior, const float alpha[2])
+{
+    float mean = fresnel_dielectric_mean(ior);
+    lobe_t *lobe = shading_add(shading, &lobe_rough_reflection, v_scale(r, mean), mean * v_max(r));
+    if (lobe == NULL) return NULL;
+    lobe->numbers[LOBE_ALPHA_U] = alpha[0];
+    lobe->numbers[LOBE_ALPHA_V] = alpha[1];
+    lobe->numbers[LOBE_IOR] = ior;
+    lobe_set_colour(lobe, LOBE_R, vec3(1 / mean, 1 / mean, 1 / mean));
+    return lobe;
+}

@@ -1,0 +1,200 @@
+/* lobe_schlick: the parts of glTF's metallic-roughness material (glTF 2.0, appendix B, with the extensions of
+ * specular, clear coat and transmission): a microfacet reflection with Schlick's Fresnel reflectance F, a
+ * diffuse base and a thin transmission with what it leaves, 1 - F at the microfacet normal. They are the same
+ * from both sides. Alphas that count as smooth make Dirac lobes (mirror, straight).
+ *
+ * A clear coat of weight c leaves 1 - c F of what is below it. The standard takes F at the angle of the
+ * viewer; here it is that of the more grazing of both directions, so that the sum is reciprocal and still not
+ * more than what comes in. */
+#include "worker/render/bsdf/lobe_schlick.h"
+
+#include "worker/render/bsdf/microfacet.h"
+#include "worker/render/sampling/warp.h"
+
+static rgb_t reflectance(const lobe_t *lobe, float cos)
+{
+    float grazing = fresnel_schlick_weight(cos);
+    return v_mad(v_scale(lobe_colour(lobe, SCHLICK_F0), 1 - grazing), grazing,
+                 lobe_colour(lobe, SCHLICK_F90));
+}
+
+/* The standard takes the largest channel, so that the base keeps its hue. */
+static float passed(const lobe_t *lobe, float cos)
+{
+    return lobe->numbers[SCHLICK_FACTOR] * float_max(0, 1 - v_max(reflectance(lobe, cos)));
+}
+
+static float below_coat(const lobe_t *lobe, vec3_t wo, vec3_t wi)
+{
+    float coat = lobe->numbers[SCHLICK_COAT];
+    if (coat == 0) return 1;
+    float grazing = fresnel_schlick_weight(float_min(fabsf(wo.z), fabsf(wi.z)));
+    return 1 - coat * (SCHLICK_COAT_F0 + (1 - SCHLICK_COAT_F0) * grazing);
+}
+
+/* For wo above the surface; a transmission is told as the reflection that it mirrors. */
+typedef bool upright_t(const lobe_t *lobe, vec3_t wo, vec3_t wi, bsdf_value_t *value);
+
+static bool finish(upright_t *eval, const lobe_t *lobe, vec3_t wo, vec3_t wi, bool mirrored, bsdf_sample_t *s)
+{
+    bsdf_value_t value;
+    vec3_t up = wo.z > 0 ? wo : v_neg(wo);
+    if (!eval(lobe, up, wi, &value) || !(value.pdf > 0)) return false;
+    float weight = wi.z / value.pdf;
+    if (mirrored) wi.z = -wi.z;
+    *s = (bsdf_sample_t){.wi = wo.z > 0 ? wi : v_neg(wi),
+                         .weight = v_scale(value.f, weight),
+                         .pdf = value.pdf,
+                         .pdf_rev = value.pdf_rev};
+    return true;
+}
+
+/* ---- microfacets --------------------------------------------------------------------------------------- */
+
+static bool facets(const lobe_t *lobe, vec3_t wo, vec3_t wi, microfacet_t *facet, float *f,
+                   bsdf_value_t *value)
+{
+    if (!microfacet_reflection(lobe->numbers[LOBE_ALPHA_U], lobe->numbers[LOBE_ALPHA_V], wo, wi, facet))
+        return false;
+    *f = facet->density * microfacet_correlated(facet->lambda_o, facet->lambda_i) * below_coat(lobe, wo, wi);
+    value->pdf = facet->pdf;
+    value->pdf_rev = facet->pdf_rev;
+    return true;
+}
+
+static bool reflect_upright(const lobe_t *lobe, vec3_t wo, vec3_t wi, bsdf_value_t *value)
+{
+    microfacet_t facet;
+    float f;
+    if (!facets(lobe, wo, wi, &facet, &f, value)) return false;
+    value->f = v_scale(reflectance(lobe, facet.cos), f);
+    return true;
+}
+
+static bool through_upright(const lobe_t *lobe, vec3_t wo, vec3_t wi, bsdf_value_t *value)
+{
+    microfacet_t facet;
+    float f;
+    if (!facets(lobe, wo, wi, &facet, &f, value)) return false;
+    f *= passed(lobe, facet.cos);
+    value->f = vec3(f, f, f);
+    return true;
+}
+
+static bool eval_reflection(const lobe_t *lobe, vec3_t wo, vec3_t wi, bool reflect, transport_t mode,
+                            bsdf_value_t *value)
+{
+    (void)reflect, (void)mode;
+    microfacet_upright(&wo, &wi);
+    return reflect_upright(lobe, wo, wi, value);
+}
+
+static bool eval_through(const lobe_t *lobe, vec3_t wo, vec3_t wi, bool reflect, transport_t mode,
+                         bsdf_value_t *value)
+{
+    (void)reflect, (void)mode;
+    microfacet_upright(&wo, &wi);
+    wi.z = -wi.z;
+    return through_upright(lobe, wo, wi, value);
+}
+
+static bool draw_mirrored(const lobe_t *lobe, vec3_t wo, vec2_t u, vec3_t *wi)
+{
+    return microfacet_mirror(lobe->numbers[LOBE_ALPHA_U], lobe->numbers[LOBE_ALPHA_V],
+                             wo.z > 0 ? wo : v_neg(wo), u, wi);
+}
+
+static bool sample_reflection(const lobe_t *lobe, vec3_t wo, vec2_t u, float choice, transport_t mode,
+                              bsdf_sample_t *s)
+{
+    (void)choice, (void)mode;
+    vec3_t wi;
+    return draw_mirrored(lobe, wo, u, &wi) && finish(reflect_upright, lobe, wo, wi, false, s);
+}
+
+static bool sample_through(const lobe_t *lobe, vec3_t wo, vec2_t u, float choice, transport_t mode,
+                           bsdf_sample_t *s)
+{
+    (void)choice, (void)mode;
+    vec3_t wi;
+    return draw_mirrored(lobe, wo, u, &wi) && finish(through_upright, lobe, wo, wi, true, s);
+}
+
+/* ---- diffuse ------------------------------------------------------------------------------------------- */
+
+static bool diffuse_upright(const lobe_t *lobe, vec3_t wo, vec3_t wi, bsdf_value_t *value)
+{
+    float length2 = v_length2(v_add(wo, wi));
+    if (!(wo.z > 0 && wi.z > 0)) return false;
+    /* |wo + wi| is twice the cosine between either and the vector half-way. */
+    float f = INV_PI_F * passed(lobe, float_min(0.5f * sqrtf(length2), 1)) * below_coat(lobe, wo, wi);
+    value->f = vec3(f, f, f);
+    value->pdf = wi.z * INV_PI_F;
+    value->pdf_rev = wo.z * INV_PI_F;
+    return true;
+}
+
+static bool eval_diffuse(const lobe_t *lobe, vec3_t wo, vec3_t wi, bool reflect, transport_t mode,
+                         bsdf_value_t *value)
+{
+    (void)reflect, (void)mode;
+    microfacet_upright(&wo, &wi);
+    return diffuse_upright(lobe, wo, wi, value);
+}
+
+static bool sample_diffuse(const lobe_t *lobe, vec3_t wo, vec2_t u, float choice, transport_t mode,
+                           bsdf_sample_t *s)
+{
+    (void)choice, (void)mode;
+    return finish(diffuse_upright, lobe, wo, warp_cosine_hemisphere(u), false, s);
+}
+
+/* ---- Dirac --------------------------------------------------------------------------------------------- */
+
+static void set_specular(const lobe_t *lobe, vec3_t wo, vec3_t wi, rgb_t weight, bsdf_sample_t *s)
+{
+    *s = (bsdf_sample_t){.wi = wi,
+                         .weight = v_scale(weight, below_coat(lobe, wo, wi)),
+                         .pdf = 1,
+                         .pdf_rev = 1,
+                         .specular = true};
+}
+
+static bool sample_mirror(const lobe_t *lobe, vec3_t wo, vec2_t u, float choice, transport_t mode,
+                          bsdf_sample_t *s)
+{
+    (void)u, (void)choice, (void)mode;
+    set_specular(lobe, wo, vec3(-wo.x, -wo.y, wo.z), reflectance(lobe, fabsf(wo.z)), s);
+    return true;
+}
+
+static bool sample_straight(const lobe_t *lobe, vec3_t wo, vec2_t u, float choice, transport_t mode,
+                            bsdf_sample_t *s)
+{
+    (void)u, (void)choice, (void)mode;
+    float share = passed(lobe, fabsf(wo.z));
+    set_specular(lobe, wo, v_neg(wo), vec3(share, share, share), s);
+    return true;
+}
+
+static void regularize_mirror(lobe_t *lobe)
+{
+    lobe->kind = &lobe_schlick_reflection;
+    lobe_regularize_alphas(lobe);
+}
+
+static void regularize_straight(lobe_t *lobe)
+{
+    lobe->kind = &lobe_schlick_through;
+    lobe_regularize_alphas(lobe);
+}
+
+const lobe_kind_t lobe_schlick_reflection = {LOBE_REFLECTS, eval_reflection, sample_reflection,
+                                             lobe_regularize_alphas};
+const lobe_kind_t lobe_schlick_diffuse = {LOBE_REFLECTS, eval_diffuse, sample_diffuse, NULL};
+const lobe_kind_t lobe_schlick_through = {LOBE_TRANSMITS, eval_through, sample_through,
+                                          lobe_regularize_alphas};
+const lobe_kind_t lobe_schlick_mirror = {LOBE_REFLECTS | LOBE_SPECULAR, NULL, sample_mirror,
+                                         regularize_mirror};
+const lobe_kind_t lobe_schlick_straight = {LOBE_TRANSMITS | LOBE_SPECULAR, NULL, sample_straight,
+                                           regularize_straight};

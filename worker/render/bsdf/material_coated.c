@@ -1,0 +1,125 @@
+/* material_coated: pbrt-v4's layered materials: a base, diffuse or metal, below a medium and the interface of
+ * a dielectric. The medium's extinction is one per unit of thickness; without an albedo it absorbs. */
+#include "worker/render/bsdf/lobe_layered.h"
+
+#include "common/sampler.h"
+
+#include <string.h>
+
+/* The alpha of a smooth metal where the coat is rough or the medium scatters, so that it is no specular lobe.
+ * Far below the coat's, since the tails of both add up. */
+#define LEAST_ALPHA 2e-3f
+
+typedef struct {
+    float ior, alpha[2], thickness, g;
+    rgb_t albedo;
+    bool smooth;
+} coat_t;
+
+static rgb_t at_most_one(rgb_t c)
+{
+    return vec3(float_min(c.x, 1), float_min(c.y, 1), float_min(c.z, 1));
+}
+
+static coat_t read_coat(const shading_t *shading)
+{
+    coat_t coat = {.ior = lobe_sane_ior(shading_number(shading, VALUE_ETA)),
+                   .thickness = float_clamp(shading_number(shading, VALUE_THICKNESS), 0, 1e4f),
+                   .g = float_clamp(shading_number(shading, VALUE_G), -0.99f, 0.99f),
+                   .albedo = at_most_one(shading_colour(shading, VALUE_ALBEDO))};
+    coat.smooth = !shading_alphas(shading, VALUE_ROUGHNESS_U, VALUE_ROUGHNESS_V, coat.alpha) ||
+                  fabsf(coat.ior - 1) < LOBE_LEAST_REFRACTION;
+    if (coat.thickness == 0) coat.albedo = vec3(0, 0, 0);
+    return coat;
+}
+
+/* About the albedo of what is below the coat, where the base has the reflectance `base`. */
+static float mean_below(const coat_t *coat, float base, float medium)
+{
+    float enters = 1 - fresnel_dielectric_mean(coat->ior), back = fresnel_dielectric_mean(1 / coat->ior);
+    float opacity = 1 - expf(-2 * coat->thickness);
+    float reflectance = base * (1 - opacity) + 0.5f * medium * opacity;
+    return enters * (1 - back) * reflectance / (1 - back * reflectance);
+}
+
+static float inverse(float x)
+{
+    return x > 0 ? 1 / x : 0;
+}
+
+/* A number in [0, 1) that says nothing but where the point is. */
+static float seed_of(vec3_t p)
+{
+    uint32_t words[3];
+    uint64_t key = 0;
+    memcpy(words, &p, sizeof words);
+    for (int i = 0; i < 3; i++) key = sampler_mix(key + words[i] + 0x9E3779B97F4A7C15u);
+    return sampler_float((uint32_t)key);
+}
+
+/* Adds a lobe whose scale is about its albedo, given the reflectance of the base, and sets what all lobes of
+ * layers have in common. */
+static lobe_t *add_layers(const shading_t *shading, const lobe_kind_t *kind, const coat_t *coat, rgb_t base)
+{
+    float mirror = kind == &lobe_smooth_layers || !coat->smooth ? fresnel_dielectric_mean(coat->ior) : 0;
+    rgb_t albedo = vec3(mirror + mean_below(coat, base.x, coat->albedo.x),
+                        mirror + mean_below(coat, base.y, coat->albedo.y),
+                        mirror + mean_below(coat, base.z, coat->albedo.z));
+    lobe_t *lobe = shading_add(shading, kind, albedo, v_max(albedo));
+    if (lobe == NULL) return NULL;
+    lobe->numbers[LOBE_ALPHA_U] = coat->alpha[0];
+    lobe->numbers[LOBE_ALPHA_V] = coat->alpha[1];
+    lobe->numbers[LOBE_IOR] = coat->ior;
+    lobe->numbers[LAYERED_THICKNESS] = coat->thickness;
+    lobe->numbers[LAYERED_G] = coat->g;
+    lobe->numbers[LAYERED_KIND] = coat->smooth ? LAYERED_SMOOTH : 0;
+    lobe->numbers[LAYERED_SEED] = seed_of(shading->at->p);
+    lobe_set_colour(lobe, LAYERED_ALBEDO, coat->albedo);
+    lobe_set_colour(lobe, LAYERED_FACTOR, vec3(inverse(albedo.x), inverse(albedo.y), inverse(albedo.z)));
+    return lobe;
+}
+
+/* The mirror reflection of a smooth coat; its mean goes into the scale. */
+static void add_smooth_coat(const shading_t *shading, const coat_t *coat)
+{
+    if (coat->ior == 1) return;
+    float mean = fresnel_dielectric_mean(coat->ior);
+    lobe_t *lobe = shading_add(shading, &lobe_smooth_coat, vec3(mean, mean, mean), mean);
+    if (lobe == NULL) return;
+    lobe->numbers[LOBE_IOR] = coat->ior;
+    lobe_set_colour(lobe, LOBE_R, vec3(1 / mean, 1 / mean, 1 / mean));
+}
+
+void material_coated_diffuse(const shading_t *shading)
+{
+    coat_t coat = read_coat(shading);
+    rgb_t reflectance = at_most_one(shading_colour(shading, VALUE_REFLECTANCE));
+    bool walks = !coat.smooth || !v_is_zero(coat.albedo);
+    lobe_t *lobe = add_layers(shading, walks ? &lobe_layered : &lobe_coated_lambert, &coat, reflectance);
+    if (lobe != NULL) {
+        lobe_set_colour(lobe, LAYERED_REFLECTANCE, reflectance);
+        if (!walks) lobe->numbers[LAYERED_RETURNS] = layered_returns(coat.ior, coat.thickness);
+    }
+    if (coat.smooth) add_smooth_coat(shading, &coat);
+}
+
+void material_coated_conductor(const shading_t *shading)
+{
+    coat_t coat = read_coat(shading);
+    float base_alpha[2];
+    bool rough = shading_alphas(shading, VALUE_BASE_ROUGHNESS_U, VALUE_BASE_ROUGHNESS_V, base_alpha);
+    /* The metal meets the coat's index. */
+    rgb_t eta = v_scale(shading_colour(shading, VALUE_BASE_ETA), 1 / coat.ior);
+    rgb_t k = v_scale(shading_colour(shading, VALUE_K), 1 / coat.ior);
+    bool mirror = coat.smooth && !rough && v_is_zero(coat.albedo);
+    lobe_t *lobe = add_layers(shading, mirror ? &lobe_smooth_layers : &lobe_layered, &coat,
+                              fresnel_conductor(1, eta, k));
+    if (lobe != NULL) {
+        for (int i = 0; i < 2; i++)
+            lobe->numbers[LAYERED_BASE_ALPHA_U + i] = rough ? base_alpha[i] : LEAST_ALPHA;
+        lobe_set_colour(lobe, LOBE_ETA, eta);
+        lobe_set_colour(lobe, LOBE_K, k);
+        lobe->numbers[LAYERED_KIND] += LAYERED_METAL;
+    }
+    if (coat.smooth && !mirror) add_smooth_coat(shading, &coat);
+}

@@ -1,0 +1,91 @@
+/* integrator: what all integrators share (see integrator.h). */
+#include "worker/render/integrator/integrator.h"
+
+/* Numbers for the point of the lens; a pinhole needs none. */
+static vec2_t sample_lens(const sample_t *sample, uint32_t dimension)
+{
+    return camera_has_lens(sample->stage->camera) ? sample_2d(sample, dimension) : (vec2_t){0, 0};
+}
+
+void sample_eye_ray(sample_t *sample, camera_ray_t *ray)
+{
+    const stage_t *stage = sample->stage;
+    vec2_t u = sample_2d(sample, DIMENSION_EYE + DIMENSION_FILTER);
+    vec2_t lens = sample_lens(sample, DIMENSION_EYE + DIMENSION_LENS);
+    float weight_x, weight_y;
+    vec2_t raster = {(float)sample->pixel_x + 0.5f + filter_sample(&stage->filter.x, u.x, &weight_x),
+                     (float)sample->pixel_y + 0.5f + filter_sample(&stage->filter.y, u.y, &weight_y)};
+    sample->eye_weight = weight_x * weight_y;
+    camera_ray(stage->camera, raster, lens, sample->time, ray);
+}
+
+float sample_time(const sample_t *sample)
+{
+    return sample->stage->moves ? sample_2d(sample, DIMENSION_EYE + DIMENSION_TIME).x : 0;
+}
+
+bool sample_join_camera(const sample_t *sample, vec3_t p, uint32_t dimension, camera_view_t *view)
+{
+    const stage_t *stage = sample->stage;
+    vec2_t lens = sample_lens(sample, dimension + DIMENSION_JOIN_LENS);
+    return camera_project(stage->camera, p, lens, sample->time, filter_reach(&stage->filter), view);
+}
+
+/* Scales a value down to the luminance that the scene allows. */
+static rgb_t clamp_luminance(const stage_t *stage, rgb_t value)
+{
+    float luminance = rgb_luminance(value);
+    return luminance > stage->max_luminance ? v_scale(value, stage->max_luminance / luminance) : value;
+}
+
+/* A splat at one film position. */
+static void splat_at(sample_t *sample, vec2_t raster, rgb_t value, vec2_t u)
+{
+    const stage_t *stage = sample->stage;
+    unit_result_t *result = sample->result;
+    float weight_x, weight_y;
+    int x = filter_choose_pixel(&stage->filter.x, raster.x, u.x, &weight_x);
+    int y = filter_choose_pixel(&stage->filter.y, raster.y, u.y, &weight_y);
+    int width = stage->settings.width, height = stage->settings.height;
+    if (x < 0 || x >= width || y < 0 || y >= height) return;
+    value = v_scale(clamp_luminance(stage, value), weight_x * weight_y);
+    if (!v_is_finite(value)) {
+        result->counts.dropped++;
+        return;
+    }
+    if (result->splat_count == result->splat_capacity) {
+        result->splat_capacity = 2 * result->splat_capacity + 1024;
+        result->splats = mem_realloc(result->splats, result->splat_capacity * sizeof *result->splats);
+    }
+    uint32_t pixel = (uint32_t)y * (uint32_t)width + (uint32_t)x;
+    result->splats[result->splat_count++] =
+        (splat_t){pixel | (sample->sample & 1 ? SPLAT_HALF_BIT : 0), {value.x, value.y, value.z}};
+}
+
+void sample_splat(sample_t *sample, vec2_t raster, rgb_t value, uint32_t dimension)
+{
+    const filter_t *filter = &sample->stage->filter;
+    if (filter->x.is_pixel && filter->y.is_pixel) {
+        splat_at(sample, raster, value, (vec2_t){0, 0});
+        return;
+    }
+    vec2_t images[CAMERA_IMAGES], u = sample_2d(sample, dimension + DIMENSION_JOIN_PIXEL);
+    int count = camera_images(sample->stage->camera, raster, filter_reach(filter), images);
+    for (int i = 0; i < count; i++) splat_at(sample, images[i], value, u);
+}
+
+void sample_first_hit(sample_t *sample, const surface_t *surface, const bsdf_t *bsdf, vec3_t origin)
+{
+    if (sample->sample >= FEATURE_SAMPLES) return;
+    const scene_blob_t *blob = scene_blob(sample->stage->scene);
+    rgb_t albedo = bsdf_albedo(bsdf);
+    bool behind = v_dot(bsdf->ng, v_sub(surface->p, origin)) > 0; /* seen from its back */
+    vec3_t normal = behind ? v_neg(bsdf->ns) : bsdf->ns;
+    sample->first_hit = (first_hit_t){.hit = true,
+                                      .albedo = {albedo.x, albedo.y, albedo.z},
+                                      .normal = {normal.x, normal.y, normal.z},
+                                      .position = {surface->p.x, surface->p.y, surface->p.z},
+                                      .depth = v_length(v_sub(surface->p, origin)),
+                                      .object = (uint32_t)(surface->shape - blob->shapes) + 1,
+                                      .material = (uint32_t)(surface->material - blob->materials) + 1};
+}

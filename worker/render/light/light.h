@@ -1,0 +1,119 @@
+/* light: the emitters of a scene, chosen in proportion to their power.
+ *
+ * Three questions are asked of the lights, one for each way in which a path can end on one:
+ *   s >= 2, lights_emit: draw the start of a light subpath;
+ *   s = 1,  lights_illuminate: draw a place on a light and join it to a given point;
+ *   s = 0,  lights_hit, lights_escape: what about this place that an eye subpath ran into?
+ * A place is a point of a surface (measured by area), a direction of the sky (by solid angle), or the one
+ * place of a light that has no extent (counted, not measured: `delta`).
+ *
+ * What is chosen is an emitter: one triangle of an emissive mesh, or a whole light of another kind; an alias
+ * table makes the choice O(1). Since a triangle is chosen in proportion to area x luminance and then sampled
+ * uniformly by area, the density per area at a point depends on its light alone.
+ *
+ * A new kind of light is one file light_*.c and one entry in LIGHT_KINDS below.
+ */
+#ifndef LIGHTMILL_LIGHT_H
+#define LIGHTMILL_LIGHT_H
+
+#include "worker/render/scene/scene.h"
+
+typedef struct lights lights_t;
+
+/* Tables for the lights of a scene, which must outlive them. A scene without (bright) lights gives empty
+ * tables. */
+lights_t *lights_new(const scene_t *scene);
+/* Frees the tables and sets *lights to NULL. */
+void lights_destroy(lights_t **lights);
+/* True when there is nothing to sample. */
+bool lights_empty(const lights_t *lights);
+
+/* The start of a light subpath. */
+typedef struct {
+    vec3_t origin, direction; /* the ray, off the light already */
+    vec3_t point;             /* the place; at infinity meaningless */
+    rgb_t throughput;         /* emitted radiance times cosine, over all densities */
+    float pdf_place;          /* of the place, the choice of the emitter included */
+    float pdf_ray; /* of the direction, per steradian; at infinity of the ray, per area across it */
+    float cosine;  /* at the place between normal and direction; 1 where there is no normal */
+    bool at_infinity;
+    bool delta; /* eye subpaths cannot run into the place */
+} light_ray_t;
+
+/* A place on a light as a given point sees it. */
+typedef struct {
+    vec3_t w;        /* unit direction from the point to the place */
+    vec3_t target;   /* where the segment to it ends, off the light already */
+    rgb_t radiance;  /* towards the point; of a point light the intensity */
+    float pdf_place; /* as in light_ray_t */
+    float geometry; /* from solid angle at the point to the measure of places: cos / d^2 on a surface, 1 / d^2
+                       of a point, 1 at infinity */
+    float arrival;  /* density, per area across it, of the rays that lights_emit sends this way to the point,
+                       given the place */
+    bool at_infinity, delta;
+} light_view_t;
+
+/* A place that an eye subpath ran into. */
+typedef struct {
+    rgb_t radiance;  /* towards where the subpath came from */
+    float pdf_place; /* with which the other two would have drawn it */
+    float pdf_ray;   /* as in light_ray_t */
+} light_hit_t;
+
+/* Draws a light subpath; false when nothing comes of it. */
+bool lights_emit(const lights_t *lights, float choice, vec2_t place, vec2_t ray, light_ray_t *out);
+/* Draws a place that may light the point; false when it does not. */
+bool lights_illuminate(const lights_t *lights, vec3_t point, float choice, vec2_t place, light_view_t *out);
+/* The light surface->light seen from the unit direction wo; false when it is dark. */
+bool lights_hit(const lights_t *lights, const surface_t *surface, vec3_t wo, light_hit_t *out);
+/* How many lights fill the sky. */
+uint32_t lights_sky_count(const lights_t *lights);
+/* The k-th of them in the unit direction w; false when it is dark there. */
+bool lights_escape(const lights_t *lights, uint32_t k, vec3_t w, light_hit_t *out);
+
+/* ---- for kinds of light -------------------------------------------------------------------------------- */
+
+/* A light in place. `state` is what its kind prepared. */
+typedef struct {
+    const scene_t *scene;
+    const blob_light_t *record;
+    void *state;
+    vec3_t centre; /* of a sphere about the scene */
+    float radius;
+    float chance; /* of a whole light being chosen; of an area light chance per unit of its area */
+} light_t;
+
+typedef struct {
+    /* Prepares what the light needs; NULL when it needs nothing. */
+    void *(*prepare)(const light_t *light);
+    void (*release)(void *state);
+    /* Its flux, in any unit that all kinds share (luminance x area x steradians). */
+    double (*power)(const light_t *light);
+    /* As lights_emit and lights_illuminate, with chance taken account of; `primitive` is the triangle. */
+    bool (*emit)(const light_t *light, uint32_t primitive, vec2_t place, vec2_t ray, light_ray_t *out);
+    bool (*illuminate)(const light_t *light, uint32_t primitive, vec3_t point, vec2_t place,
+                       light_view_t *out);
+    /* As lights_escape; NULL for lights that are not of the sky. */
+    bool (*escape)(const light_t *light, vec3_t w, light_hit_t *out);
+} light_ops_t;
+
+/* Every kind of light, by its name in the blob: the one place that a new one is entered. */
+#define LIGHT_KINDS(ENTRY)                                                                                   \
+    ENTRY(LIGHT_AREA, light_area)                                                                            \
+    ENTRY(LIGHT_POINT, light_point)                                                                          \
+    ENTRY(LIGHT_SPOT, light_spot)                                                                            \
+    ENTRY(LIGHT_GONIOMETRIC, light_goniometric)                                                              \
+    ENTRY(LIGHT_PROJECTION, light_projection)                                                                \
+    ENTRY(LIGHT_DISTANT, light_distant)                                                                      \
+    ENTRY(LIGHT_INFINITE, light_infinite)
+#define LIGHT_DECLARE(kind, ops) extern const light_ops_t ops;
+LIGHT_KINDS(LIGHT_DECLARE)
+#undef LIGHT_DECLARE
+
+/* An area light that a path ran into: as lights_hit. */
+bool light_area_hit(const light_t *light, const surface_t *surface, vec3_t wo, light_hit_t *out);
+/* Emitters that an area light consists of, and the area of each. */
+uint32_t light_area_primitives(const light_t *light);
+double light_area_of(const light_t *light, uint32_t primitive);
+
+#endif

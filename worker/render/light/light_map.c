@@ -1,0 +1,117 @@
+/* light_map: see light_map.h. */
+#include "worker/render/light/light_map.h"
+
+#include "worker/render/sampling/octahedral.h"
+
+#include <stdlib.h>
+
+/* pbrt-v3 looks its maps up bilinearly and lets both sides wrap around; pbrt-v4 takes the nearest texel of
+ * its octahedral ones. */
+static rgb_t value_at(const light_map_t *map, vec2_t st)
+{
+    if (map->mapping != LIGHT_OCTAHEDRAL)
+        return textures_image(map->textures, map->image, WRAP_REPEAT, WRAP_REPEAT, st);
+    uint32_t width, height;
+    textures_size(map->textures, map->image, &width, &height);
+    uint32_t x = (uint32_t)(float_clamp(st.x, 0, 0x1.fffffep-1f) * (float)width);
+    uint32_t y = (uint32_t)(float_clamp(st.y, 0, 0x1.fffffep-1f) * (float)height);
+    return textures_texel(map->textures, map->image, x < width ? x : width - 1, y < height ? y : height - 1);
+}
+
+/* Steradians per unit area of the image at height t, over 4 pi. */
+static float stretch_at(light_mapping_t mapping, float t)
+{
+    return mapping == LIGHT_OCTAHEDRAL ? 1 : 0.5f * PI_F * sinf(PI_F * t);
+}
+
+static vec3_t direction_at(light_mapping_t mapping, vec2_t st)
+{
+    if (mapping == LIGHT_OCTAHEDRAL) return octahedral_to_sphere(st);
+    float theta = PI_F * st.y, phi = TWO_PI_F * st.x, s = sinf(theta), c = cosf(theta);
+    return mapping == LIGHT_LATLONG ? vec3(s * cosf(phi), s * sinf(phi), c)
+                                    : vec3(s * cosf(phi), c, s * sinf(phi));
+}
+
+static vec2_t place_of(light_mapping_t mapping, vec3_t d)
+{
+    if (mapping == LIGHT_OCTAHEDRAL) return octahedral_to_square(d);
+    float up = mapping == LIGHT_LATLONG ? d.z : d.y, across = mapping == LIGHT_LATLONG ? d.y : d.z;
+    float phi = atan2f(across, d.x);
+    return (vec2_t){(phi < 0 ? phi + TWO_PI_F : phi) * (0.5f * INV_PI_F),
+                    atan2f(sqrtf(d.x * d.x + across * across), up) * INV_PI_F};
+}
+
+/* Cells a texel's side is cut into, so that steps follow what is interpolated; fewer for large images. */
+static uint32_t refinement(const light_map_t *map, uint32_t width, uint32_t height)
+{
+    if (map->mapping == LIGHT_OCTAHEDRAL) return 1; /* nothing is interpolated */
+    uint32_t cells = 4;
+    while (cells > 1 && (uint64_t)width * height * cells * cells > 1 << 22) cells--;
+    return cells;
+}
+
+void light_map_init(light_map_t *map, const light_t *light)
+{
+    *map = (light_map_t){.textures = scene_textures(light->scene),
+                         .image = light->record->image - 1,
+                         .mapping = (light_mapping_t)light->record->mapping};
+    uint32_t width, height;
+    textures_size(map->textures, map->image, &width, &height);
+    uint32_t cells = refinement(map, width, height);
+    width *= cells;
+    height *= cells;
+    float *weights = mem_alloc((size_t)width * height * sizeof *weights);
+    double sum = 0;
+    for (uint32_t y = 0; y < height; y++)
+        for (uint32_t x = 0; x < width; x++) {
+            /* Four points of the cell: interpolation brings the light of its neighbours in. */
+            float weight = 0;
+            for (int k = 0; k < 4; k++) {
+                vec2_t st = {((float)x + (k & 1 ? 0.75f : 0.25f)) / (float)width,
+                             ((float)y + (k & 2 ? 0.75f : 0.25f)) / (float)height};
+                float luminance = float_max(0, rgb_luminance(value_at(map, st)));
+                weight += 0.25f * luminance * stretch_at(map->mapping, st.y);
+            }
+            weights[(size_t)y * width + x] = weight;
+            sum += (double)weight;
+        }
+    map->mean = sum / ((double)width * height);
+    map->distribution = distribution_new(weights, width, height);
+    free(weights);
+}
+
+void light_map_free(light_map_t *map)
+{
+    distribution_destroy(&map->distribution);
+}
+
+rgb_t light_map_value(const light_map_t *map, vec3_t d)
+{
+    return value_at(map, place_of(map->mapping, d));
+}
+
+vec3_t light_map_sample(const light_map_t *map, vec2_t u, float *pdf)
+{
+    vec2_t st = distribution_sample(map->distribution, u, pdf);
+    float stretch = 4 * PI_F * stretch_at(map->mapping, st.y);
+    *pdf = stretch > 0 ? *pdf / stretch : 0;
+    return direction_at(map->mapping, st);
+}
+
+static float pdf_at(const light_map_t *map, vec2_t st)
+{
+    float stretch = 4 * PI_F * stretch_at(map->mapping, st.y);
+    return stretch > 0 ? distribution_pdf(map->distribution, st) / stretch : 0;
+}
+
+float light_map_pdf(const light_map_t *map, vec3_t d)
+{
+    return pdf_at(map, place_of(map->mapping, d));
+}
+
+rgb_t light_map_look(const light_map_t *map, vec3_t d, float *pdf)
+{
+    vec2_t st = place_of(map->mapping, d);
+    *pdf = pdf_at(map, st);
+    return value_at(map, st);
+}

@@ -1,0 +1,173 @@
+/* light_sky: lights at infinity: the distant one, in a single direction, and the infinite one, in all. Their
+ * rays start on a disc across the direction that covers the sphere about the scene. */
+#include "worker/render/light/light.h"
+#include "worker/render/light/light_map.h"
+#include "worker/render/sampling/warp.h"
+
+#include <stdlib.h>
+
+typedef struct {
+    vec3_t towards; /* the distant light's direction, in the world */
+    xform_t light_from_world;
+    light_map_t map; /* of an infinite light with an image */
+} sky_state_t;
+
+static const sky_state_t *state_of(const light_t *light)
+{
+    return light->state;
+}
+
+static void *prepare(const light_t *light)
+{
+    const xform_t *t = &light->record->world_from_light;
+    sky_state_t *state = mem_zalloc(1, sizeof *state);
+    state->towards = v_normalize(vec3(t->m[0][2], t->m[1][2], t->m[2][2]));
+    xform_invert(t, &state->light_from_world);
+    if (light->record->image != 0) light_map_init(&state->map, light);
+    return state;
+}
+
+static void release(void *state)
+{
+    light_map_free(&((sky_state_t *)state)->map);
+    free(state);
+}
+
+static float disc_pdf(const light_t *light)
+{
+    return 1 / (PI_F * light->radius * light->radius);
+}
+
+/* A ray from the sky's direction w. */
+static void start_ray(const light_t *light, vec3_t w, vec2_t u, light_ray_t *out)
+{
+    vec3_t s, t;
+    vec2_t disc = warp_disc(u);
+    v_frame(w, &s, &t);
+    vec3_t centre = v_mad(light->centre, light->radius, w);
+    out->origin = v_mad(v_mad(centre, light->radius * disc.x, s), light->radius * disc.y, t);
+    out->direction = v_neg(w);
+    out->pdf_ray = disc_pdf(light);
+    out->at_infinity = true;
+}
+
+/* A shadow ray to the direction w leaves the scene. */
+static void look_at(const light_t *light, vec3_t point, vec3_t w, light_view_t *out)
+{
+    out->w = w;
+    out->target = v_mad(point, v_length(v_sub(point, light->centre)) + 2 * light->radius, w);
+    out->geometry = 1;
+    out->arrival = disc_pdf(light);
+    out->at_infinity = true;
+}
+
+/* ---- distant ------------------------------------------------------------------------------------------- */
+
+static bool distant_emit(const light_t *light, uint32_t primitive, vec2_t place, vec2_t ray, light_ray_t *out)
+{
+    (void)primitive, (void)place;
+    start_ray(light, state_of(light)->towards, ray, out);
+    out->pdf_place = light->chance;
+    out->delta = true;
+    out->throughput = v_scale(light->record->radiance.factor, 1 / (out->pdf_ray * light->chance));
+    return true;
+}
+
+static bool distant_illuminate(const light_t *light, uint32_t primitive, vec3_t point, vec2_t place,
+                               light_view_t *out)
+{
+    (void)primitive, (void)place;
+    look_at(light, point, state_of(light)->towards, out);
+    out->radiance = light->record->radiance.factor;
+    out->pdf_place = light->chance;
+    out->delta = true;
+    return !v_is_zero(out->radiance);
+}
+
+static double distant_power(const light_t *light)
+{
+    return M_PI * (double)light->radius * (double)light->radius *
+           (double)rgb_luminance(light->record->radiance.factor);
+}
+
+const light_ops_t light_distant = {prepare, release, distant_power, distant_emit, distant_illuminate, NULL};
+
+/* ---- infinite ------------------------------------------------------------------------------------------ */
+
+/* The light's colour times what its image has in a direction. */
+static rgb_t tinted(const light_t *light, rgb_t image)
+{
+    return v_mul(light->record->radiance.factor,
+                 vec3(float_max(image.x, 0), float_max(image.y, 0), float_max(image.z, 0)));
+}
+
+static vec3_t to_light_space(const light_t *light, vec3_t w)
+{
+    return v_normalize(xform_vector(&state_of(light)->light_from_world, w));
+}
+
+static rgb_t infinite_radiance(const light_t *light, vec3_t w)
+{
+    if (light->record->image == 0) return light->record->radiance.factor;
+    return tinted(light, light_map_value(&state_of(light)->map, to_light_space(light, w)));
+}
+
+static vec3_t infinite_draw(const light_t *light, vec2_t u, float *pdf)
+{
+    if (light->record->image == 0) {
+        *pdf = light->chance * (0.25f * INV_PI_F);
+        return warp_sphere(u);
+    }
+    vec3_t d = light_map_sample(&state_of(light)->map, u, pdf);
+    *pdf *= light->chance * warp_density_factor(&light->record->world_from_light, d);
+    return v_normalize(xform_vector(&light->record->world_from_light, d));
+}
+
+static bool infinite_emit(const light_t *light, uint32_t primitive, vec2_t place, vec2_t ray,
+                          light_ray_t *out)
+{
+    (void)primitive;
+    vec3_t w = infinite_draw(light, place, &out->pdf_place);
+    if (!(out->pdf_place > 0)) return false;
+    start_ray(light, w, ray, out);
+    out->throughput = v_scale(infinite_radiance(light, w), 1 / (out->pdf_place * out->pdf_ray));
+    return !v_is_zero(out->throughput);
+}
+
+static bool infinite_illuminate(const light_t *light, uint32_t primitive, vec3_t point, vec2_t place,
+                                light_view_t *out)
+{
+    (void)primitive;
+    vec3_t w = infinite_draw(light, place, &out->pdf_place);
+    if (!(out->pdf_place > 0)) return false;
+    look_at(light, point, w, out);
+    out->radiance = infinite_radiance(light, w);
+    return !v_is_zero(out->radiance);
+}
+
+static bool infinite_escape(const light_t *light, vec3_t w, light_hit_t *out)
+{
+    out->pdf_ray = disc_pdf(light);
+    if (light->record->image == 0) {
+        out->radiance = light->record->radiance.factor;
+        out->pdf_place = light->chance * (0.25f * INV_PI_F);
+    } else {
+        float pdf;
+        vec3_t d = to_light_space(light, w);
+        out->radiance = tinted(light, light_map_look(&state_of(light)->map, d, &pdf));
+        out->pdf_place = light->chance * pdf * warp_density_factor(&light->record->world_from_light, d);
+    }
+    return !v_is_zero(out->radiance);
+}
+
+/* What falls on the scene's disc, counted with the mean radiance alone (as pbrt does): the flux over all
+ * directions would leave next to nothing to small lights near things. */
+static double infinite_power(const light_t *light)
+{
+    double mean = light->record->image != 0 ? state_of(light)->map.mean : 1;
+    return M_PI * (double)light->radius * (double)light->radius * mean *
+           (double)rgb_luminance(light->record->radiance.factor);
+}
+
+const light_ops_t light_infinite = {
+    prepare, release, infinite_power, infinite_emit, infinite_illuminate, infinite_escape};

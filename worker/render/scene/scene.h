@@ -1,0 +1,99 @@
+/* scene: the blob as geometry to trace: Embree trees, ray queries, and what a ray hit. */
+#ifndef LIGHTMILL_SCENE_H
+#define LIGHTMILL_SCENE_H
+
+#include "common/scene_blob.h"
+#include "worker/render/scene/quadric.h"
+#include "worker/render/texture/texture.h"
+
+#include <embree3/rtcore.h>
+
+/* A point on a surface. All vectors are in world space, directions of unit length. */
+typedef struct {
+    vec3_t p;
+    vec3_t ng;    /* geometric normal, on the side to which the shape emits */
+    vec3_t ns;    /* shading normal, in the hemisphere of ng */
+    float offset; /* distance by which a ray must start off the surface so as not to hit it again */
+    const blob_shape_t *shape;
+    const blob_material_t *material;
+    uint32_t light; /* index of the light that the shape is, or BLOB_NONE */
+    /* Where on the shape; for scene_details. */
+    uint32_t instance; /* BLOB_NONE: the world itself */
+    uint32_t primitive;
+    vec2_t place; /* Embree's u and v */
+    float time;   /* 0 to 1 */
+} surface_t;
+
+/* What only textures and turned frames ask for. Derivatives are in world space. */
+typedef struct {
+    vec2_t uv, uv2;
+    vec3_t dpdu, dpdv;
+    vec3_t dndu, dndv;     /* of the shading normal */
+    vec3_t bump_u, bump_v; /* what a bump map takes for dp/du and dp/dv */
+    blob_colour_t colour;
+} surface_details_t;
+
+typedef struct scene scene_t;
+
+/* Builds the trees on one thread. The blob must outlive the scene. RESULT_LIMIT when Embree runs out of
+ * memory. */
+result_t scene_new(const scene_blob_t *blob, scene_t **scene);
+/* Frees the scene and sets *scene to NULL. */
+void scene_destroy(scene_t **scene);
+const scene_blob_t *scene_blob(const scene_t *scene);
+const textures_t *scene_textures(const scene_t *scene);
+/* True when the material looks at scene_details: textures, bumps, anisotropy. */
+bool scene_material_varies(const scene_t *scene, const blob_material_t *material);
+/* The quadric that a shape of that kind is, ready to use. */
+const quadric_t *scene_quadric(const scene_t *scene, const blob_shape_t *shape);
+/* A sphere about everything; radius 0 for an empty scene. */
+void scene_bounds(const scene_t *scene, vec3_t *centre, float *radius);
+/* True when something moves, so that a path's time matters. */
+bool scene_moves(const scene_t *scene);
+
+/* Finds the first surface along a ray from `origin` in the unit direction, at a time from 0 to 1. False when
+ * there is none. */
+bool scene_intersect(const scene_t *scene, vec3_t origin, vec3_t direction, float time, surface_t *surface);
+void scene_details(const scene_t *scene, const surface_t *surface, surface_details_t *details);
+
+/* True when the ray hits anything; finds the nearest hit and forgets it: for measuring Embree alone. */
+bool scene_probe(const scene_t *scene, vec3_t origin, vec3_t direction);
+
+enum { SCENE_PACKET = 8 };
+/* Segments between points; the ends are already off their surfaces (scene_offset). Coordinates lie side by
+ * side as Embree takes them; those behind `count` may be anything that is set. */
+typedef struct {
+    int count;
+    float time;
+    float from[3][SCENE_PACKET], to[3][SCENE_PACKET];
+} segments_t;
+
+/* Sets one segment. */
+static inline void segments_set(segments_t *segments, int i, vec3_t from, vec3_t to)
+{
+    segments->from[0][i] = from.x, segments->from[1][i] = from.y, segments->from[2][i] = from.z;
+    segments->to[0][i] = to.x, segments->to[1][i] = to.y, segments->to[2][i] = to.z;
+}
+
+/* True when something lies between the points. */
+bool scene_occluded(const scene_t *scene, vec3_t from, vec3_t to, float time);
+/* Bit i of the answer is set when something lies between from[i] and to[i]. Quickest when all start close
+ * together. */
+uint32_t scene_occluded_packet(const scene_t *scene, const segments_t *segments);
+
+/* The surface's point moved off the surface, to the side to which `direction` points. */
+static inline vec3_t scene_offset(const surface_t *surface, vec3_t direction)
+{
+    float side = v_dot(surface->ng, direction) < 0 ? -surface->offset : surface->offset;
+    return v_mad(surface->p, side, surface->ng);
+}
+
+/* How far off a surface rays must start at p (a few hundred units in the last place of its largest
+ * coordinate: the rounding of a hit point and of Embree's distances stays below it). */
+static inline float scene_offset_at(vec3_t p)
+{
+    float largest = float_max(fabsf(p.x), float_max(fabsf(p.y), fabsf(p.z)));
+    return float_max(largest, 0x1p-10f) * 0x1p-18f;
+}
+
+#endif
