@@ -35,7 +35,7 @@ objects     = $(patsubst %.c,$(BUILD)/%.o,$(1))
 archive     = $(BUILD)/lib/lib$(1).a
 
 PROGRAMS := $(BUILD)/lightmill $(BUILD)/lightmill-master $(BUILD)/lightmill-worker $(BUILD)/lightmill-relay
-TEST_SRC := $(wildcard tests/unit/*.c tests/statistics/*.c tests/farm/*.c)
+TEST_SRC := $(sort $(shell find tests/unit -name "*.c") $(wildcard tests/statistics/*.c tests/farm/*.c))
 TESTS    := $(patsubst tests/%.c,$(BUILD)/tests/%,$(filter tests/%,$(shell grep -l '^int main' $(TEST_SRC) /dev/null 2>/dev/null)))
 
 all: $(PROGRAMS)
@@ -69,7 +69,7 @@ $(SCHEMA_C): $(BUILD)/%.pb-c.c: %.proto
 	$(Q)protoc-c --proto_path=. --c_out=$(BUILD) $<
 $(SCHEMA_C:.c=.o): %.o: %.c | $(SCHEMA_C)
 	$(Q)$(CC) $(ALL_CFLAGS) -c -o $@ $<
-$(call objects,$(filter-out $(COMMON_SRC) $(RENDER_SRC),$(LIB_SRC)) $(wildcard */main.c) $(TEST_SRC) $(wildcard tests/*.c tests/*/*.c tests/*/*/*.c)): | $(SCHEMA_C)
+$(call objects,$(filter-out $(COMMON_SRC) $(RENDER_SRC),$(LIB_SRC)) $(wildcard */main.c) $(TEST_SRC) $(wildcard tests/*.c tests/*/*.c tests/chaos/*/*.c)): | $(SCHEMA_C)
 
 $(BUILD)/%.o: %.c
 	@mkdir -p $(@D)
@@ -81,8 +81,8 @@ $(BUILD)/tests/%: $(BUILD)/tests/%.o $(call archive,tests) $(LIBRARIES)
 	@echo "  link $@"
 	$(Q)$(CC) $(ALL_CFLAGS) -o $@ $(filter %.o,$^) $(filter %.a,$^) $(ALL_LIBS) $(EXTRA_LIBS) -lcmocka
 
-$(BUILD)/tests/unit/test_corpus: $(call objects,$(wildcard tests/fuzz/*.c))
-$(BUILD)/tests/unit/test_proxy: $(call objects,tests/chaos/proxy.c tests/chaos/stream.c tests/chaos/zmtp.c)
+$(BUILD)/tests/unit/tests/test_corpus: $(call objects,$(wildcard tests/fuzz/*.c))
+$(BUILD)/tests/unit/tests/test_proxy: $(call objects,tests/chaos/proxy.c tests/chaos/stream.c tests/chaos/zmtp.c)
 CHAOS := $(BUILD)/tests/chaos/chaos $(BUILD)/tests/chaos/world.so $(PROGRAMS)
 $(BUILD)/tests/farm/test_chaos: $(call objects,tests/chaos/process.c tests/chaos/world.c) | $(CHAOS)
 $(BUILD)/tests/chaos/chaos: $(call objects,$(filter-out %/world_preload.c,$(wildcard tests/chaos/*.c tests/chaos/*/*.c)))
@@ -115,7 +115,8 @@ run-tests: $(PROGRAMS) $(TESTS)
 # The address sanitizer runs everything, the thread sanitizer TSAN_TESTS: what has threads and sockets. The rest
 # renders for long, which is some ten times slower under it.
 TSAN_TESTS ?= $(patsubst tests/%.c,%,$(filter tests/farm/test_%,$(TEST_SRC))) \
-    unit/test_shared_film unit/test_master unit/test_render_pool unit/test_grants unit/test_wire unit/test_proxy
+    unit/master/test_shared_film unit/master/test_master unit/worker/test_render_pool unit/proto/test_grants \
+    unit/proto/test_wire unit/tests/test_proxy
 asan tsan: export TEST_TIMEOUT ?= 3600
 asan tsan: CHECKED_FLAGS = -O1 -g -fno-omit-frame-pointer
 asan: SANITIZERS = -fsanitize=address,undefined -fno-sanitize-recover=undefined

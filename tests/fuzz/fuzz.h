@@ -2,7 +2,7 @@
  *
  * A target is a function fuzz_NAME in fuzz_NAME.c that takes whatever bytes there are and ends the process
  * when something is wrong that no sanitizer sees. `make fuzz` links each with libFuzzer;
- * tests/unit/test_corpus.c runs all of them on the seeds. They run from the repository's root.
+ * tests/unit/tests/test_corpus.c runs all of them on the seeds. They run from the repository's root.
  */
 #ifndef LIGHTMILL_FUZZ_H
 #define LIGHTMILL_FUZZ_H

@@ -1,5 +1,5 @@
 /* What the pbrt importer makes of cameras, films, filters, integrators, and their motion. */
-#include "tests/unit/test_import.h"
+#include "tests/unit/client/import/test_import.h"
 
 /* Imports a scene of these options, with one light. */
 static const blob_scene_t *run(bench_t *bench, bool v4, const char *options)

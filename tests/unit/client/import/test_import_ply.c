@@ -1,5 +1,5 @@
 /* PLY files: the three encodings, what is skipped, and what is refused. */
-#include "tests/unit/test_import.h"
+#include "tests/unit/client/import/test_import.h"
 
 #include "client/import/gunzip.h"
 #include "client/import/ply.h"

@@ -1,6 +1,6 @@
 /* What the pbrt importer makes of a scene: each directive in both dialects. */
 #include "common/atomic_file.h"
-#include "tests/unit/test_import.h"
+#include "tests/unit/client/import/test_import.h"
 
 #define TRIANGLE "Shape \"trianglemesh\" \"point3 P\" [0 0 0  1 0 0  0 1 0]\n"
 #define SPHERE "Shape \"sphere\"\n"

@@ -1,5 +1,5 @@
 /* What the pbrt importer refuses, with the place and the words; and that no input makes it crash. */
-#include "tests/unit/test_import.h"
+#include "tests/unit/client/import/test_import.h"
 
 #define TRIANGLE "Shape \"trianglemesh\" \"point3 P\" [0 0 0  1 0 0  0 1 0]\n"
 

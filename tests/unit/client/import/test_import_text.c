@@ -1,5 +1,5 @@
 /* Numbers, tokens and transforms: the ground the importer stands on. */
-#include "tests/unit/test_import.h"
+#include "tests/unit/client/import/test_import.h"
 
 #include "client/import/affine.h"
 #include "client/import/number.h"

@@ -1,5 +1,5 @@
 /* What the pbrt importer makes of shapes: their geometry, alpha, light, and motion. */
-#include "tests/unit/test_import.h"
+#include "tests/unit/client/import/test_import.h"
 
 #define RADIANS(degrees) ((degrees)*3.14159265358979323846 / 180)
 

@@ -1,7 +1,7 @@
 /* test_import_v4: what pbrt-v4 does otherwise than v3, and what scenes of its public collection rely on. */
 #include <zlib.h>
 
-#include "tests/unit/test_import.h"
+#include "tests/unit/client/import/test_import.h"
 
 #define SPHERE "Shape \"sphere\"\n"
 #define POINT_LIGHT "LightSource \"point\"\n"

@@ -1,5 +1,5 @@
 /* Tessellated shapes: areas and normals against analysis, orientation, uv, topology, and what is refused. */
-#include "tests/unit/test_import.h"
+#include "tests/unit/client/import/test_import.h"
 
 #include "client/import/tessellate/tessellate.h"
 

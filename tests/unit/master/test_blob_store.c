@@ -1,5 +1,5 @@
 /* The blob store: uploads go on where they ended, whatever ended them; there is a limit, and what goes first
- * is what nobody needs. (tests/unit/test_master.c has uploads over a real socket.) */
+ * is what nobody needs. (tests/unit/master/test_master.c has uploads over a real socket.) */
 #include "master/store/blob_store.h"
 #include "tests/peer.h"
 #include "tests/scratch.h"

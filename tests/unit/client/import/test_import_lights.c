@@ -1,5 +1,5 @@
 /* What the pbrt importer makes of lights that have no surface, in both dialects. */
-#include "tests/unit/test_import.h"
+#include "tests/unit/client/import/test_import.h"
 
 static const double pi = 3.14159265358979323846;
 

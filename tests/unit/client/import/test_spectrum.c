@@ -1,5 +1,5 @@
 /* Spectra: what is read and refused, the colours they become, and the tables behind the names. */
-#include "tests/unit/test_import.h"
+#include "tests/unit/client/import/test_import.h"
 
 #include "client/import/spectrum.h"
 

@@ -1,6 +1,6 @@
 /* What the glTF importer makes of a scene: geometry, hierarchy, materials, textures, lights, cameras, and
  * what it says to files that are wrong. */
-#include "tests/unit/test_import.h"
+#include "tests/unit/client/import/test_import.h"
 
 #include "common/base.h"
 #include "worker/render/texture/texture.h"
