@@ -581,7 +581,7 @@ static void roughness_becomes_alpha(void **state)
         assert_int_equal(bsdf.count, 1);
         assert_int_equal(bsdf.specular, table[i].alpha[0] == 0);
         for (int k = 0; k < 2 && !bsdf.specular; k++)
-            assert_float_equal(bsdf.lobes[0].numbers[LOBE_ALPHA_U + k], table[i].alpha[k], 1e-4f);
+            assert_float_equal(bsdf.lobes[0].alpha[k], table[i].alpha[k], 1e-4f);
     }
 }
 
@@ -601,7 +601,7 @@ static void regularizing_roughens_what_is_smooth(void **state)
         rgb_t before = albedo(&bsdf, vec3(0, 0.6f, 0.8f), TRANSPORT_IMPORTANCE);
         bsdf_regularize(&bsdf);
         assert_false(bsdf.specular);
-        assert_float_equal(bsdf.lobes[0].numbers[LOBE_ALPHA_U], table[i].alpha, 1e-6f);
+        assert_float_equal(bsdf.lobes[0].alpha[0], table[i].alpha, 1e-6f);
         rgb_t after = albedo(&bsdf, vec3(0, 0.6f, 0.8f), TRANSPORT_IMPORTANCE);
         assert_float_equal(after.x, before.x, 0.03f);
         check_density("roughened", &bsdf, direction(0.1f, 0.6f, 0.8f));

@@ -68,10 +68,15 @@ void bsdf_regularize(bsdf_t *bsdf)
     bsdf->specular = only_specular(bsdf);
 }
 
+void lobe_regularize_pair(float alpha[2])
+{
+    for (int i = 0; i < 2; i++)
+        if (alpha[i] < 0.3f) alpha[i] = float_clamp(2 * alpha[i], 0.1f, 0.3f);
+}
+
 void lobe_regularize_alphas(lobe_t *lobe)
 {
-    for (int i = LOBE_ALPHA_U; i <= LOBE_ALPHA_V; i++)
-        if (lobe->numbers[i] < 0.3f) lobe->numbers[i] = float_clamp(2 * lobe->numbers[i], 0.1f, 0.3f);
+    lobe_regularize_pair(lobe->alpha);
 }
 
 rgb_t bsdf_albedo(const bsdf_t *bsdf)
@@ -254,8 +259,8 @@ lobe_t *shading_add(const shading_t *shading, const lobe_kind_t *kind, rgb_t sca
     if (!(most > 0) || bsdf->count == BSDF_LOBES) return NULL;
     lobe_t *lobe = &bsdf->lobes[bsdf->count++];
     /* No share may be so small that what only this lobe can draw is never drawn. */
-    *lobe = (lobe_t){
-        kind, scale, float_clamp(share * v_max(shading->scale), 0.01f * float_min(most, 1), 1e6f), {0}};
+    float chance = float_clamp(share * v_max(shading->scale), 0.01f * float_min(most, 1), 1e6f);
+    *lobe = (lobe_t){.kind = kind, .scale = scale, .chance = chance};
     return lobe;
 }
 

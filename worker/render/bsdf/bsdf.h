@@ -18,6 +18,8 @@
 
 #include "worker/render/scene/scene.h"
 
+#include <assert.h>
+
 /* What is carried: an eye subpath carries importance and meets RADIANCE; a light subpath the reverse. */
 typedef enum { TRANSPORT_RADIANCE, TRANSPORT_IMPORTANCE } transport_t;
 
@@ -36,15 +38,94 @@ typedef struct {
 } bsdf_sample_t;
 
 typedef struct lobe_kind lobe_kind_t;
-enum { BSDF_LOBES = 10, LOBE_NUMBERS = 21 };
+enum { BSDF_LOBES = 10 };
 
-/* One lobe at a point. What its numbers mean is its kind's affair. */
+/* What lobes need to know of the point, by their kind; lobe_KIND.c says what each does with it. Indices of
+ * refraction are those of the inside (below the surface) over the outside. A `factor` on the value is
+ * 1 / the lobe's scale, which is about its albedo. */
+typedef struct {
+    float ior;
+    bool separable; /* shadowing and masking are independent */
+    rgb_t r, t;     /* factors on what is reflected and transmitted */
+} lobe_dielectric_t;
+
+typedef struct {
+    rgb_t eta, k;
+} lobe_conductor_t;
+
+typedef struct {
+    float a, b;
+} lobe_oren_nayar_t;
+
+typedef struct {
+    rgb_t diffuse, glossy, factor;
+} lobe_blend_t;
+
+typedef struct {
+    float base, flat, retro; /* shares of its parts */
+    float roughness;
+} lobe_disney_diffuse_t;
+
+typedef struct {
+    float ior, metallic;
+    rgb_t r0, factor;
+} lobe_disney_specular_t;
+
+typedef struct {
+    float alpha; /* of Burley's distribution */
+} lobe_disney_coat_t;
+
+/* The lobes of glTF's materials. */
+typedef struct {
+    float coat;   /* weight of a clear coat above */
+    rgb_t f0;     /* reflectance at normal incidence */
+    rgb_t f90;    /* at grazing incidence */
+    float factor; /* of the lobes that are what reflection leaves */
+} lobe_schlick_t;
+
+/* From the outside: the interface of a dielectric (the coat, whose alphas are the lobe's), a medium, and an
+ * opaque base. From below the surface the same layers are met in the same order. */
+typedef struct {
+    float ior;
+    float thickness; /* in mean free paths of the medium */
+    float g;         /* of the medium's phase function */
+    float seed;      /* of the walks: differs from point to point */
+    rgb_t albedo;    /* of the medium; black: it only absorbs */
+    rgb_t factor;
+    bool smooth;    /* the coat, whose mirror reflection is a lobe of its own */
+    bool has_metal; /* the base is a metal, else Lambertian */
+    union {
+        struct {
+            float base_alpha[2];
+            lobe_conductor_t metal;
+        };
+        struct {
+            rgb_t reflectance; /* of a Lambertian base */
+            float returns;     /* lobe_coated_lambert: share of the light leaving the base that comes back */
+        };
+    };
+} lobe_layered_t;
+
+/* One lobe at a point. */
 typedef struct {
     const lobe_kind_t *kind;
-    rgb_t scale;  /* factor on the lobe's value */
-    float chance; /* of being the one that is sampled; those of a BSDF add up to one */
-    float numbers[LOBE_NUMBERS];
+    rgb_t scale;    /* factor on the lobe's value */
+    float chance;   /* of being the one that is sampled; those of a BSDF add up to one */
+    float alpha[2]; /* of the Trowbridge-Reitz distribution, along s and t: of lobes with microfacets, and the
+                       smooth ones that bsdf_regularize makes into such */
+    union {
+        lobe_layered_t layered;
+        lobe_dielectric_t dielectric;
+        lobe_conductor_t conductor;
+        lobe_oren_nayar_t oren_nayar;
+        lobe_blend_t blend;
+        lobe_disney_diffuse_t disney_diffuse;
+        lobe_disney_specular_t disney_specular;
+        lobe_disney_coat_t disney_coat;
+        lobe_schlick_t schlick;
+    };
 } lobe_t;
+static_assert(sizeof(lobe_t) <= 112, "a BSDF has ten of them, and is made at every vertex");
 
 enum {
     LOBE_REFLECTS = 1,  /* may carry light to the same side of the surface */
@@ -138,7 +219,7 @@ float shading_number(const shading_t *shading, material_value_t value);
  * flags say, at least 1e-4 each; false when the surface counts as smooth. */
 bool shading_alphas(const shading_t *shading, material_value_t u, material_value_t v, float alpha[2]);
 /* Adds a lobe; `share` >= 0 is its chance of being sampled relative to the others', mostly its expected
- * albedo. Its numbers are zero. NULL when `scale` is black or there is no room left. */
+ * albedo. All else in it is zero. NULL when `scale` is black or there is no room left. */
 lobe_t *shading_add(const shading_t *shading, const lobe_kind_t *kind, rgb_t scale, float share);
 /* Lets another material shade in this one's place. */
 void shading_delegate(const shading_t *shading, uint32_t material, rgb_t scale);
@@ -170,15 +251,5 @@ extern const lobe_kind_t lobe_lambert, lobe_lambert_transmission, lobe_oren_naya
     lobe_disney_diffuse, lobe_disney_sheen, lobe_disney_specular, lobe_disney_clearcoat, lobe_layered,
     lobe_coated_lambert, lobe_smooth_coat, lobe_smooth_layers, lobe_schlick_reflection, lobe_schlick_mirror,
     lobe_schlick_diffuse, lobe_schlick_through, lobe_schlick_straight;
-
-/* Three consecutive numbers of a lobe as a colour. */
-static inline rgb_t lobe_colour(const lobe_t *lobe, int first)
-{
-    return vec3(lobe->numbers[first], lobe->numbers[first + 1], lobe->numbers[first + 2]);
-}
-static inline void lobe_set_colour(lobe_t *lobe, int first, rgb_t colour)
-{
-    lobe->numbers[first] = colour.x, lobe->numbers[first + 1] = colour.y, lobe->numbers[first + 2] = colour.z;
-}
 
 #endif

@@ -1,48 +1,24 @@
-/* lobe: what the lobes and the materials that make them agree on: where a lobe keeps its numbers. */
+/* lobe: what the lobes and the materials that make them share. */
 #ifndef LIGHTMILL_LOBE_H
 #define LIGHTMILL_LOBE_H
 
 #include "worker/render/bsdf/bsdf.h"
 #include "worker/render/bsdf/fresnel.h"
 
-/* Places of a lobe's numbers; colours take three. */
-enum {
-    /* Microfacet lobes, and the smooth ones that bsdf_regularize makes into such. */
-    LOBE_ALPHA_U = 0, /* of the Trowbridge-Reitz distribution, along s */
-    LOBE_ALPHA_V = 1, /* along t */
-    /* Dielectrics: factors on what is reflected and transmitted. */
-    LOBE_IOR = 2,       /* index inside (below the surface) over that outside */
-    LOBE_SEPARABLE = 3, /* 1: shadowing and masking are independent */
-    LOBE_R = 4,
-    LOBE_T = 7,
-    /* Conductors. */
-    LOBE_ETA = 4,
-    LOBE_K = 7,
-    /* Oren-Nayar. */
-    LOBE_OREN_A = 0,
-    LOBE_OREN_B = 1,
-    /* Fresnel blend. */
-    LOBE_DIFFUSE = 4,
-    LOBE_GLOSSY = 7,
-    LOBE_FACTOR = 10, /* on the value: 1 / the scale, which is about the albedo */
-    /* Disney's diffuse reflection: shares of its parts. */
-    LOBE_DISNEY_BASE = 0,
-    LOBE_DISNEY_FLAT = 1,
-    LOBE_DISNEY_RETRO = 2,
-    LOBE_DISNEY_ROUGHNESS = 3,
-    /* Disney's specular reflection: as a dielectric, and */
-    LOBE_DISNEY_METALLIC = 7,
-    LOBE_DISNEY_R0 = 8,
-    LOBE_DISNEY_FACTOR = 11, /* as LOBE_FACTOR */
-    /* Disney's clear coat. */
-    LOBE_DISNEY_ALPHA = 0
-};
-
 /* An index of refraction that differs from 1 by less does not turn light enough to tell a rough surface. */
 #define LOBE_LEAST_REFRACTION 1e-3f
 
+/* The reflectance of a clear coat of glTF's at normal incidence: index 1.5. */
+#define SCHLICK_COAT_F0 0.04f
+
 /* Roughens alphas below 0.3 (pbrt-v4's rule: twice the alpha, from 0.1 to 0.3). */
 void lobe_regularize_alphas(lobe_t *lobe);
+void lobe_regularize_pair(float alpha[2]);
+
+/* The share of the light leaving a Lambertian base that a smooth coat, or the way there and back through an
+ * absorbing medium, sends back to it: the integral over the hemisphere of 2 cos R(cos) exp(-2 thickness /
+ * cos) where R is the Fresnel reflectance from inside. `ior` is that of the inside over the outside. */
+float lobe_layered_returns(float ior, float thickness);
 
 /* Adds a dielectric interface, smooth or rough, a pane, or a rough transmission: factors `r` and `t` on what
  * is reflected and transmitted, `ior` of the inside over the outside. NULL as shading_add, and when both are

@@ -15,8 +15,8 @@ static float fifth_power(float x)
 /* For wo above the surface. The value does not ask where wi is with respect to the shading normal. */
 static bool eval_upright(const lobe_t *lobe, vec3_t wo, vec3_t wi, bsdf_value_t *value)
 {
-    float ax = lobe->numbers[LOBE_ALPHA_U], ay = lobe->numbers[LOBE_ALPHA_V];
-    rgb_t diffuse = lobe_colour(lobe, LOBE_DIFFUSE), glossy = lobe_colour(lobe, LOBE_GLOSSY);
+    float ax = lobe->alpha[0], ay = lobe->alpha[1];
+    rgb_t diffuse = lobe->blend.diffuse, glossy = lobe->blend.glossy;
     float co = wo.z, ci = fabsf(wi.z);
     vec3_t m = v_add(wo, wi);
     float length2 = v_length2(m);
@@ -28,7 +28,7 @@ static bool eval_upright(const lobe_t *lobe, vec3_t wo, vec3_t wi, bsdf_value_t 
     float coat = d / (4 * cos * float_max(co, ci));
     rgb_t fresnel = v_mad(glossy, grazing, v_sub(vec3(1, 1, 1), glossy));
     rgb_t below = v_mul(diffuse, v_sub(vec3(1, 1, 1), glossy));
-    value->f = v_mul(lobe_colour(lobe, LOBE_FACTOR), v_mad(v_scale(below, base), coat, fresnel));
+    value->f = v_mul(lobe->blend.factor, v_mad(v_scale(below, base), coat, fresnel));
     value->pdf = value->pdf_rev = 0;
     if (wi.z > 0) {
         value->pdf = 0.5f * (ci * INV_PI_F + d / (4 * (1 + microfacet_lambda(ax, ay, wo)) * co));
@@ -52,7 +52,7 @@ static bool sample(const lobe_t *lobe, vec3_t wo, vec2_t u, float choice, transp
     bsdf_value_t value;
     if (choice < 0.5f)
         wi = warp_cosine_hemisphere(u);
-    else if (!microfacet_mirror(lobe->numbers[LOBE_ALPHA_U], lobe->numbers[LOBE_ALPHA_V], up, u, &wi))
+    else if (!microfacet_mirror(lobe->alpha[0], lobe->alpha[1], up, u, &wi))
         return false;
     if (!eval_upright(lobe, up, wi, &value) || !(value.pdf > 0)) return false;
     *s = (bsdf_sample_t){.wi = wo.z > 0 ? wi : v_neg(wi),

@@ -7,9 +7,8 @@
 static bool eval_above(const lobe_t *lobe, vec3_t wo, vec3_t wi, bsdf_value_t *value)
 {
     microfacet_t facet;
-    if (!microfacet_reflection(lobe->numbers[LOBE_ALPHA_U], lobe->numbers[LOBE_ALPHA_V], wo, wi, &facet))
-        return false;
-    rgb_t fresnel = fresnel_conductor(facet.cos, lobe_colour(lobe, LOBE_ETA), lobe_colour(lobe, LOBE_K));
+    if (!microfacet_reflection(lobe->alpha[0], lobe->alpha[1], wo, wi, &facet)) return false;
+    rgb_t fresnel = fresnel_conductor(facet.cos, lobe->conductor.eta, lobe->conductor.k);
     value->f = v_scale(fresnel, facet.density * microfacet_correlated(facet.lambda_o, facet.lambda_i));
     value->pdf = facet.pdf;
     value->pdf_rev = facet.pdf_rev;
@@ -29,8 +28,8 @@ static bool sample(const lobe_t *lobe, vec3_t wo, vec2_t u, float choice, transp
     (void)choice, (void)mode;
     vec3_t up = wo.z > 0 ? wo : v_neg(wo), wi;
     bsdf_value_t value;
-    if (!microfacet_mirror(lobe->numbers[LOBE_ALPHA_U], lobe->numbers[LOBE_ALPHA_V], up, u, &wi) ||
-        !eval_above(lobe, up, wi, &value) || !(value.pdf > 0))
+    if (!microfacet_mirror(lobe->alpha[0], lobe->alpha[1], up, u, &wi) || !eval_above(lobe, up, wi, &value) ||
+        !(value.pdf > 0))
         return false;
     *s = (bsdf_sample_t){.wi = wo.z > 0 ? wi : v_neg(wi),
                          .weight = v_scale(value.f, wi.z / value.pdf),

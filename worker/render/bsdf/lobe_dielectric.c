@@ -8,13 +8,13 @@
 /* Index of the far side over that of the near side, as seen from w. */
 static float relative_index(const lobe_t *lobe, vec3_t w)
 {
-    return w.z > 0 ? lobe->numbers[LOBE_IOR] : 1 / lobe->numbers[LOBE_IOR];
+    return w.z > 0 ? lobe->dielectric.ior : 1 / lobe->dielectric.ior;
 }
 
 static float shadowing(const lobe_t *lobe, float lambda_o, float lambda_i)
 {
-    return lobe->numbers[LOBE_SEPARABLE] != 0 ? microfacet_separable(lambda_o, lambda_i)
-                                              : microfacet_correlated(lambda_o, lambda_i);
+    return lobe->dielectric.separable ? microfacet_separable(lambda_o, lambda_i)
+                                      : microfacet_correlated(lambda_o, lambda_i);
 }
 
 /* For wo and wi above the surface; eta as seen from there. */
@@ -22,11 +22,10 @@ static bool eval_reflection(const lobe_t *lobe, float eta, vec3_t wo, vec3_t wi,
 {
     microfacet_t facet;
     float cos_t, chance;
-    if (!microfacet_reflection(lobe->numbers[LOBE_ALPHA_U], lobe->numbers[LOBE_ALPHA_V], wo, wi, &facet))
-        return false;
-    rgb_t r = lobe_colour(lobe, LOBE_R);
+    if (!microfacet_reflection(lobe->alpha[0], lobe->alpha[1], wo, wi, &facet)) return false;
+    rgb_t r = lobe->dielectric.r;
     float f = fresnel_dielectric(facet.cos, eta, &cos_t);
-    if (!lobe_reflect_chance(f, r, lobe_colour(lobe, LOBE_T), &chance) || chance == 0) return false;
+    if (!lobe_reflect_chance(f, r, lobe->dielectric.t, &chance) || chance == 0) return false;
     value->f = v_scale(r, f * facet.density * shadowing(lobe, facet.lambda_o, facet.lambda_i));
     value->pdf = chance * facet.pdf;
     value->pdf_rev = chance * facet.pdf_rev;
@@ -38,7 +37,7 @@ static bool eval_reflection(const lobe_t *lobe, float eta, vec3_t wo, vec3_t wi,
 static bool eval_transmission(const lobe_t *lobe, float eta, vec3_t wo, vec3_t wi, transport_t mode,
                               bsdf_value_t *value)
 {
-    float ax = lobe->numbers[LOBE_ALPHA_U], ay = lobe->numbers[LOBE_ALPHA_V];
+    float ax = lobe->alpha[0], ay = lobe->alpha[1];
     if (!(wo.z > MICROFACET_LEAST_COSINE && wi.z < -MICROFACET_LEAST_COSINE)) return false;
     vec3_t m = v_mad(wo, eta, wi);
     float length2 = v_length2(m);
@@ -46,11 +45,11 @@ static bool eval_transmission(const lobe_t *lobe, float eta, vec3_t wo, vec3_t w
     m = v_scale(m, (m.z < 0 ? -1 : 1) / sqrtf(length2));
     float co = float_min(v_dot(wo, m), 1), ci = -v_dot(wi, m), cos_t, chance;
     if (!(co > 0 && ci > 0)) return false;
-    rgb_t t = lobe_colour(lobe, LOBE_T);
+    rgb_t t = lobe->dielectric.t;
     /* The same from both sides, but near total reflection only known well from the thinner one. */
     float f = eta >= 1 ? fresnel_dielectric(co, eta, &cos_t)
                        : fresnel_dielectric(float_min(ci, 1), 1 / eta, &cos_t);
-    if (!lobe_reflect_chance(f, lobe_colour(lobe, LOBE_R), t, &chance) || chance == 1) return false;
+    if (!lobe_reflect_chance(f, lobe->dielectric.r, t, &chance) || chance == 1) return false;
     float d = microfacet_distribution(ax, ay, m), lo = microfacet_lambda(ax, ay, wo),
           li = microfacet_lambda(ax, ay, wi), cos_m = co - eta * ci;
     /* d(m) over what all three have in common; the Jacobians of refraction are eta^2 ci / (co - eta ci)^2
@@ -82,11 +81,11 @@ static bool eval(const lobe_t *lobe, vec3_t wo, vec3_t wi, bool reflect, transpo
 /* The direction drawn, for w above the surface. */
 static bool draw(const lobe_t *lobe, float eta, vec3_t w, vec2_t u, float choice, vec3_t *wi, bool *reflect)
 {
-    vec3_t m = microfacet_sample(lobe->numbers[LOBE_ALPHA_U], lobe->numbers[LOBE_ALPHA_V], w, u);
+    vec3_t m = microfacet_sample(lobe->alpha[0], lobe->alpha[1], w, u);
     float cos = float_min(v_dot(w, m), 1), cos_t, chance;
     if (!(cos > 0)) return false;
     float f = fresnel_dielectric(cos, eta, &cos_t);
-    if (!lobe_reflect_chance(f, lobe_colour(lobe, LOBE_R), lobe_colour(lobe, LOBE_T), &chance)) return false;
+    if (!lobe_reflect_chance(f, lobe->dielectric.r, lobe->dielectric.t, &chance)) return false;
     *reflect = choice < chance;
     if (*reflect) {
         *wi = v_sub(v_scale(m, 2 * cos), w);
@@ -126,11 +125,11 @@ lobe_t *lobe_add_dielectric(const shading_t *shading, const lobe_kind_t *kind, r
     if (!(both > 0)) return NULL;
     lobe_t *lobe = shading_add(shading, kind, vec3(1, 1, 1), both);
     if (lobe == NULL) return NULL;
-    lobe->numbers[LOBE_ALPHA_U] = alpha[0];
-    lobe->numbers[LOBE_ALPHA_V] = alpha[1];
-    lobe->numbers[LOBE_IOR] = ior;
-    lobe_set_colour(lobe, LOBE_R, r);
-    lobe_set_colour(lobe, LOBE_T, t);
+    lobe->alpha[0] = alpha[0];
+    lobe->alpha[1] = alpha[1];
+    lobe->dielectric.ior = ior;
+    lobe->dielectric.r = r;
+    lobe->dielectric.t = t;
     return lobe;
 }
 
@@ -140,9 +139,9 @@ lobe_t *lobe_add_reflection(const shading_t *shading, rgb_t r, float ior, const 
     float mean = fresnel_dielectric_mean(ior);
     lobe_t *lobe = shading_add(shading, &lobe_rough_reflection, v_scale(r, mean), mean * v_max(r));
     if (lobe == NULL) return NULL;
-    lobe->numbers[LOBE_ALPHA_U] = alpha[0];
-    lobe->numbers[LOBE_ALPHA_V] = alpha[1];
-    lobe->numbers[LOBE_IOR] = ior;
-    lobe_set_colour(lobe, LOBE_R, vec3(1 / mean, 1 / mean, 1 / mean));
+    lobe->alpha[0] = alpha[0];
+    lobe->alpha[1] = alpha[1];
+    lobe->dielectric.ior = ior;
+    lobe->dielectric.r = vec3(1 / mean, 1 / mean, 1 / mean);
     return lobe;
 }

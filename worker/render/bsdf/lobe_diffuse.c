@@ -67,7 +67,7 @@ static float oren_nayar(const lobe_t *lobe, vec3_t wo, vec3_t wi)
     /* sin(alpha) tan(beta) is the product of the sines over the larger cosine; the cosine of the difference
      * in azimuth, times the product of the sines, is the dot product in the plane. */
     float plane = so2 > 1e-8f && si2 > 1e-8f ? wo.x * wi.x + wo.y * wi.y : 0;
-    return lobe->numbers[LOBE_OREN_A] + lobe->numbers[LOBE_OREN_B] * float_max(0, plane) / float_max(co, ci);
+    return lobe->oren_nayar.a + lobe->oren_nayar.b * float_max(0, plane) / float_max(co, ci);
 }
 
 static bool eval_oren_nayar(const lobe_t *lobe, vec3_t wo, vec3_t wi, bool reflect, transport_t mode,

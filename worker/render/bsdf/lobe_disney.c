@@ -28,7 +28,7 @@ static float mix(float amount, float a, float b)
  * 4), and the flat look of subsurface scattering (Burley 2012, section 5.3, after Hanrahan and Krueger). */
 static bool diffuse(const lobe_t *lobe, vec3_t wo, vec3_t wi, float *value)
 {
-    float cos, co = fabsf(wo.z), ci = fabsf(wi.z), roughness = lobe->numbers[LOBE_DISNEY_ROUGHNESS];
+    float cos, co = fabsf(wo.z), ci = fabsf(wi.z), roughness = lobe->disney_diffuse.roughness;
     if (!half_cosine(wo, wi, &cos) || !(co + ci > 0)) return false;
     float fo = fresnel_schlick_weight(co), fi = fresnel_schlick_weight(ci);
     float base = (1 - 0.5f * fo) * (1 - 0.5f * fi);
@@ -36,8 +36,8 @@ static bool diffuse(const lobe_t *lobe, vec3_t wo, vec3_t wi, float *value)
     float scattered = mix(fo, 1, grazing) * mix(fi, 1, grazing);
     float flat = 1.25f * (scattered * (1 / (co + ci) - 0.5f) + 0.5f);
     float retro = turned * (fo + fi + fo * fi * (turned - 1));
-    *value = lobe->numbers[LOBE_DISNEY_BASE] * base + lobe->numbers[LOBE_DISNEY_FLAT] * flat +
-             lobe->numbers[LOBE_DISNEY_RETRO] * retro;
+    *value = lobe->disney_diffuse.base * base + lobe->disney_diffuse.flat * flat +
+             lobe->disney_diffuse.retro * retro;
     return true;
 }
 
@@ -118,15 +118,14 @@ typedef bool facets_t(const lobe_t *lobe, bool below, vec3_t wo, vec3_t wi, bsdf
 static bool specular(const lobe_t *lobe, bool below, vec3_t wo, vec3_t wi, bsdf_value_t *value)
 {
     microfacet_t facet;
-    if (!microfacet_reflection(lobe->numbers[LOBE_ALPHA_U], lobe->numbers[LOBE_ALPHA_V], wo, wi, &facet))
-        return false;
-    rgb_t r0 = lobe_colour(lobe, LOBE_DISNEY_R0);
-    float metallic = lobe->numbers[LOBE_DISNEY_METALLIC], ior = lobe->numbers[LOBE_IOR], cos_t;
+    if (!microfacet_reflection(lobe->alpha[0], lobe->alpha[1], wo, wi, &facet)) return false;
+    rgb_t r0 = lobe->disney_specular.r0;
+    float metallic = lobe->disney_specular.metallic, ior = lobe->disney_specular.ior, cos_t;
     float dielectric = (1 - metallic) * fresnel_dielectric(facet.cos, below ? 1 / ior : ior, &cos_t),
           grazing = below ? 1 : fresnel_schlick_weight(facet.cos);
     rgb_t metal = v_mad(r0, grazing, v_sub(vec3(1, 1, 1), r0));
     rgb_t fresnel = v_mad(vec3(dielectric, dielectric, dielectric), metallic, metal);
-    value->f = v_scale(v_mul(lobe_colour(lobe, LOBE_DISNEY_FACTOR), fresnel),
+    value->f = v_scale(v_mul(lobe->disney_specular.factor, fresnel),
                        facet.density * microfacet_separable(facet.lambda_o, facet.lambda_i));
     value->pdf = facet.pdf;
     value->pdf_rev = facet.pdf_rev;
@@ -153,7 +152,7 @@ static bool coat(const lobe_t *lobe, bool below, vec3_t wo, vec3_t wi, bsdf_valu
     (void)below; /* 4 per cent on either side */
     if (!(wo.z > 0 && wi.z > 0)) return false;
     vec3_t m = v_normalize(v_add(wo, wi));
-    float cos = v_dot(wo, m), d = coat_distribution(lobe->numbers[LOBE_DISNEY_ALPHA], float_min(m.z, 1));
+    float cos = v_dot(wo, m), d = coat_distribution(lobe->disney_coat.alpha, float_min(m.z, 1));
     if (!(cos > 0)) return false;
     float f =
         0.25f * d * mix(fresnel_schlick_weight(cos), 0.04f, 1) * coat_shadowing(wo.z) * coat_shadowing(wi.z);
@@ -194,8 +193,7 @@ static bool sample_specular(const lobe_t *lobe, vec3_t wo, vec2_t u, float choic
 {
     (void)choice, (void)mode;
     vec3_t wi;
-    return microfacet_mirror(lobe->numbers[LOBE_ALPHA_U], lobe->numbers[LOBE_ALPHA_V],
-                             wo.z > 0 ? wo : v_neg(wo), u, &wi) &&
+    return microfacet_mirror(lobe->alpha[0], lobe->alpha[1], wo.z > 0 ? wo : v_neg(wo), u, &wi) &&
            finish_facets(specular, lobe, wo, wi, s);
 }
 
@@ -211,7 +209,7 @@ static bool sample_coat(const lobe_t *lobe, vec3_t wo, vec2_t u, float choice, t
                         bsdf_sample_t *s)
 {
     (void)choice, (void)mode;
-    float alpha2 = lobe->numbers[LOBE_DISNEY_ALPHA] * lobe->numbers[LOBE_DISNEY_ALPHA];
+    float alpha2 = lobe->disney_coat.alpha * lobe->disney_coat.alpha;
     float z2 = float_clamp((1 - powf(alpha2, u.y)) / (1 - alpha2), 0, 1), r = sqrtf(1 - z2);
     float phi = TWO_PI_F * u.x;
     vec3_t m = vec3(r * cosf(phi), r * sinf(phi), sqrtf(z2)), up = wo.z > 0 ? wo : v_neg(wo);
@@ -222,7 +220,7 @@ static bool sample_coat(const lobe_t *lobe, vec3_t wo, vec2_t u, float choice, t
 
 static void regularize_coat(lobe_t *lobe)
 {
-    lobe->numbers[LOBE_DISNEY_ALPHA] = float_max(lobe->numbers[LOBE_DISNEY_ALPHA], 0.1f);
+    lobe->disney_coat.alpha = float_max(lobe->disney_coat.alpha, 0.1f);
 }
 
 const lobe_kind_t lobe_disney_specular = {LOBE_REFLECTS, eval_specular, sample_specular,

@@ -16,7 +16,7 @@
  * Where the coat is smooth, its mirror reflection is a specular lobe of its own (lobe_smooth_coat). Two cases
  * need no walks: the smooth coat and absorbing medium over Lambert (lobe_coated_lambert), where light below
  * the coat is a geometric series, and both interfaces smooth (lobe_smooth_layers), likewise. */
-#include "worker/render/bsdf/lobe_layered.h"
+#include "worker/render/bsdf/lobe.h"
 
 #include "common/sampler.h"
 #include "worker/render/bsdf/microfacet.h"
@@ -85,32 +85,28 @@ typedef struct {
     bool smooth, scatters;
 } layers_t;
 
-static bool is(const lobe_t *lobe, int flag)
-{
-    return ((int)lobe->numbers[LAYERED_KIND] & flag) != 0;
-}
-
 static void make_layers(const lobe_t *lobe, layers_t *layers)
 {
-    const float *n = lobe->numbers;
+    const lobe_layered_t *all = &lobe->layered;
     rgb_t white = {1, 1, 1};
-    bool smooth = is(lobe, LAYERED_SMOOTH), metal = is(lobe, LAYERED_METAL);
-    *layers = (layers_t){.base_colour = metal ? white : lobe_colour(lobe, LAYERED_REFLECTANCE),
-                         .thickness = n[LAYERED_THICKNESS],
-                         .g = n[LAYERED_G],
-                         .albedo = lobe_colour(lobe, LAYERED_ALBEDO),
+    bool smooth = all->smooth, metal = all->has_metal;
+    *layers = (layers_t){.base_colour = metal ? white : all->reflectance,
+                         .thickness = all->thickness,
+                         .g = all->g,
+                         .albedo = all->albedo,
                          .smooth = smooth};
     layers->scatters = !v_is_zero(layers->albedo);
     layers->through.kind = smooth ? &lobe_smooth_dielectric : &lobe_rough_transmission;
-    memcpy(layers->through.numbers, n, 3 * sizeof *n); /* alphas and index */
+    memcpy(layers->through.alpha, lobe->alpha, sizeof lobe->alpha);
+    layers->through.dielectric.ior = all->ior;
     layers->back = layers->through;
-    lobe_set_colour(&layers->through, LOBE_T, white);
-    lobe_set_colour(&layers->back, LOBE_R, white);
+    layers->through.dielectric.t = white;
+    layers->back.dielectric.r = white;
     if (!smooth) layers->back.kind = &lobe_rough_reflection;
     layers->base.kind = metal ? &lobe_rough_conductor : &lobe_lambert;
-    layers->base.numbers[LOBE_ALPHA_U] = n[LAYERED_BASE_ALPHA_U];
-    layers->base.numbers[LOBE_ALPHA_V] = n[LAYERED_BASE_ALPHA_V];
-    memcpy(layers->base.numbers + LOBE_ETA, n + LOBE_ETA, 6 * sizeof *n);
+    if (!metal) return;
+    memcpy(layers->base.alpha, all->base_alpha, sizeof all->base_alpha);
+    layers->base.conductor = all->metal;
 }
 
 /* Henyey and Greenstein's phase function (1941); `cos` of the angle by which light is turned. */
@@ -318,15 +314,14 @@ typedef struct {
 static mixture_t mixture_at(const lobe_t *lobe, vec3_t wo)
 {
     mixture_t mixture = {0, 0, 0};
-    if (!is(lobe, LAYERED_SMOOTH)) {
-        float cos_t, f = fresnel_dielectric(float_min(wo.z, 1), lobe->numbers[LOBE_IOR], &cos_t);
+    if (!lobe->layered.smooth) {
+        float cos_t, f = fresnel_dielectric(float_min(wo.z, 1), lobe->layered.ior, &cos_t);
         mixture.coat = float_clamp(f / (f + 0.5f * (1 - f)), 0.05f, 0.9f);
     }
     float spread = 1;
-    if (is(lobe, LAYERED_METAL)) {
+    if (lobe->layered.has_metal) {
         spread = 0.15f;
-        if (!v_is_zero(lobe_colour(lobe, LAYERED_ALBEDO)))
-            spread += 0.6f * (1 - expf(-2 * lobe->numbers[LAYERED_THICKNESS]));
+        if (!v_is_zero(lobe->layered.albedo)) spread += 0.6f * (1 - expf(-2 * lobe->layered.thickness));
     }
     mixture.cosine = (1 - mixture.coat) * spread;
     mixture.base = (1 - mixture.coat) * (1 - spread);
@@ -337,9 +332,9 @@ static mixture_t mixture_at(const lobe_t *lobe, vec3_t wo)
  * (1 - 1 / index) of the angle by which its normal is tilted, where reflection by the base does by twice. */
 static void base_alphas(const lobe_t *lobe, float alpha[2])
 {
-    float bend = is(lobe, LAYERED_SMOOTH) ? 0 : 1 - 1 / lobe->numbers[LOBE_IOR];
+    float bend = lobe->layered.smooth ? 0 : 1 - 1 / lobe->layered.ior;
     for (int i = 0; i < 2; i++) {
-        float base = lobe->numbers[LAYERED_BASE_ALPHA_U + i], coat = bend * lobe->numbers[LOBE_ALPHA_U + i];
+        float base = lobe->layered.base_alpha[i], coat = bend * lobe->alpha[i];
         alpha[i] = float_min(sqrtf(base * base + 0.5f * coat * coat), 1);
     }
 }
@@ -355,7 +350,7 @@ static bool below(float ior, vec3_t w, vec3_t *inside)
 /* Of drawing wi for wo about visible normals of the base, and back. */
 static void base_densities(const lobe_t *lobe, vec3_t wo, vec3_t wi, float *pdf, float *pdf_rev)
 {
-    float ior = lobe->numbers[LOBE_IOR], alpha[2];
+    float ior = lobe->layered.ior, alpha[2];
     vec3_t a, b;
     microfacet_t facet;
     *pdf = *pdf_rev = 0;
@@ -370,7 +365,7 @@ static void base_densities(const lobe_t *lobe, vec3_t wo, vec3_t wi, float *pdf,
 
 static bool draw_base(const lobe_t *lobe, vec3_t wo, vec2_t u, vec3_t *wi)
 {
-    float ior = lobe->numbers[LOBE_IOR], alpha[2];
+    float ior = lobe->layered.ior, alpha[2];
     vec3_t a, b;
     base_alphas(lobe, alpha);
     return below(ior, wo, &a) && microfacet_mirror(alpha[0], alpha[1], a, u, &b) && below(1 / ior, b, wi);
@@ -387,7 +382,7 @@ static void set_densities(const lobe_t *lobe, vec3_t wo, vec3_t wi, const microf
         value->pdf += there.coat * coat->pdf;
         value->pdf_rev += back.coat * coat->pdf_rev;
     }
-    if (!is(lobe, LAYERED_METAL)) return;
+    if (!lobe->layered.has_metal) return;
     float pdf, pdf_rev;
     base_densities(lobe, wo, wi, &pdf, &pdf_rev);
     value->pdf += there.base * pdf;
@@ -401,7 +396,7 @@ static rgb_t eval_inside(const lobe_t *lobe, vec3_t wo, vec3_t wi)
 {
     bool swap = wo.z != wi.z ? wo.z < wi.z : wo.x != wi.x ? wo.x < wi.x : wo.y < wi.y;
     vec3_t from = swap ? wi : wo, to = swap ? wo : wi;
-    stream_t stream = stream_of(lobe->numbers[LAYERED_SEED], from, to);
+    stream_t stream = stream_of(lobe->layered.seed, from, to);
     layers_t layers;
     make_layers(lobe, &layers);
     rgb_t sum = {0, 0, 0};
@@ -411,18 +406,18 @@ static rgb_t eval_inside(const lobe_t *lobe, vec3_t wo, vec3_t wi)
 
 static bool eval_above(const lobe_t *lobe, vec3_t wo, vec3_t wi, bsdf_value_t *value)
 {
-    float ax = lobe->numbers[LOBE_ALPHA_U], ay = lobe->numbers[LOBE_ALPHA_V], cos_t;
+    float ax = lobe->alpha[0], ay = lobe->alpha[1], cos_t;
     if (!(wo.z > 0 && wi.z > 0)) return false;
     microfacet_t coat;
-    bool reflects = !is(lobe, LAYERED_SMOOTH) && microfacet_reflection(ax, ay, wo, wi, &coat);
+    bool reflects = !lobe->layered.smooth && microfacet_reflection(ax, ay, wo, wi, &coat);
     set_densities(lobe, wo, wi, reflects ? &coat : NULL, value);
     value->f = eval_inside(lobe, wo, wi);
     if (reflects) {
-        float f = fresnel_dielectric(coat.cos, lobe->numbers[LOBE_IOR], &cos_t) * coat.density *
+        float f = fresnel_dielectric(coat.cos, lobe->layered.ior, &cos_t) * coat.density *
                   microfacet_correlated(coat.lambda_o, coat.lambda_i);
         value->f = v_add(value->f, vec3(f, f, f));
     }
-    value->f = v_mul(value->f, lobe_colour(lobe, LAYERED_FACTOR));
+    value->f = v_mul(value->f, lobe->layered.factor);
     return value->pdf > 0 && v_is_finite(value->f);
 }
 
@@ -442,7 +437,7 @@ static bool sample(const lobe_t *lobe, vec3_t wo, vec2_t u, float choice, transp
     bsdf_value_t value;
     bool drawn = true;
     if (choice < mixture.coat)
-        drawn = microfacet_mirror(lobe->numbers[LOBE_ALPHA_U], lobe->numbers[LOBE_ALPHA_V], up, u, &wi);
+        drawn = microfacet_mirror(lobe->alpha[0], lobe->alpha[1], up, u, &wi);
     else if (choice < mixture.coat + mixture.base)
         drawn = draw_base(lobe, up, u, &wi);
     else
@@ -457,17 +452,16 @@ static bool sample(const lobe_t *lobe, vec3_t wo, vec2_t u, float choice, transp
 
 static void regularize(lobe_t *lobe)
 {
-    if (!is(lobe, LAYERED_SMOOTH)) lobe_regularize_alphas(lobe);
-    if (!is(lobe, LAYERED_METAL)) return;
-    for (int i = LAYERED_BASE_ALPHA_U; i <= LAYERED_BASE_ALPHA_V; i++)
-        if (lobe->numbers[i] < 0.3f) lobe->numbers[i] = float_clamp(2 * lobe->numbers[i], 0.1f, 0.3f);
+    if (!lobe->layered.smooth) lobe_regularize_alphas(lobe);
+    if (!lobe->layered.has_metal) return;
+    lobe_regularize_pair(lobe->layered.base_alpha);
 }
 
 const lobe_kind_t lobe_layered = {LOBE_REFLECTS, eval, sample, regularize};
 
 /* ---- a smooth coat over Lambert ------------------------------------------------------------------------ */
 
-float layered_returns(float ior, float thickness)
+float lobe_layered_returns(float ior, float thickness)
 {
     /* Gauss-Legendre nodes and weights on [0, 1], five on each side of the critical angle. */
     static const float nodes[5] = {0.04691007f, 0.23076534f, 0.5f, 0.76923466f, 0.95308993f};
@@ -487,8 +481,8 @@ float layered_returns(float ior, float thickness)
 /* What passes the coat and the medium from w to the base. */
 static float passes(const lobe_t *lobe, vec3_t w)
 {
-    float cos_t, f = fresnel_dielectric(float_min(w.z, 1), lobe->numbers[LOBE_IOR], &cos_t);
-    return cos_t > 0 ? (1 - f) * expf(-lobe->numbers[LAYERED_THICKNESS] / cos_t) : 0;
+    float cos_t, f = fresnel_dielectric(float_min(w.z, 1), lobe->layered.ior, &cos_t);
+    return cos_t > 0 ? (1 - f) * expf(-lobe->layered.thickness / cos_t) : 0;
 }
 
 static float series(float reflectance, float returns)
@@ -502,11 +496,11 @@ static bool eval_lambert(const lobe_t *lobe, vec3_t wo, vec3_t wi, bool reflect,
     (void)reflect, (void)mode;
     microfacet_upright(&wo, &wi);
     if (!(wo.z > 0 && wi.z > 0)) return false;
-    float ior = lobe->numbers[LOBE_IOR], back = lobe->numbers[LAYERED_RETURNS];
+    float ior = lobe->layered.ior, back = lobe->layered.returns;
     float ways = passes(lobe, wo) * passes(lobe, wi) * INV_PI_F / (ior * ior);
-    rgb_t base = lobe_colour(lobe, LAYERED_REFLECTANCE);
+    rgb_t base = lobe->layered.reflectance;
     value->f = v_scale(vec3(series(base.x, back), series(base.y, back), series(base.z, back)), ways);
-    value->f = v_mul(value->f, lobe_colour(lobe, LAYERED_FACTOR));
+    value->f = v_mul(value->f, lobe->layered.factor);
     value->pdf = wi.z * INV_PI_F;
     value->pdf_rev = wo.z * INV_PI_F;
     return true;
@@ -540,8 +534,8 @@ static bool sample_smooth_coat(const lobe_t *lobe, vec3_t wo, vec2_t u, float ch
                                bsdf_sample_t *s)
 {
     (void)u, (void)choice, (void)mode;
-    float cos_t, f = fresnel_dielectric(float_min(fabsf(wo.z), 1), lobe->numbers[LOBE_IOR], &cos_t);
-    set_mirrored(wo, v_scale(lobe_colour(lobe, LOBE_R), f), s);
+    float cos_t, f = fresnel_dielectric(float_min(fabsf(wo.z), 1), lobe->dielectric.ior, &cos_t);
+    set_mirrored(wo, v_scale(lobe->dielectric.r, f), s);
     return f > 0;
 }
 
@@ -550,23 +544,23 @@ static bool sample_smooth_layers(const lobe_t *lobe, vec3_t wo, vec2_t u, float 
                                  bsdf_sample_t *s)
 {
     (void)u, (void)choice, (void)mode;
-    float cos_t, f = fresnel_dielectric(float_min(fabsf(wo.z), 1), lobe->numbers[LOBE_IOR], &cos_t);
+    float cos_t, f = fresnel_dielectric(float_min(fabsf(wo.z), 1), lobe->layered.ior, &cos_t);
     rgb_t sum = {f, f, f};
     if (cos_t > 0) {
-        float way = expf(-2 * lobe->numbers[LAYERED_THICKNESS] / cos_t);
-        rgb_t base = fresnel_conductor(cos_t, lobe_colour(lobe, LOBE_ETA), lobe_colour(lobe, LOBE_K));
+        float way = expf(-2 * lobe->layered.thickness / cos_t);
+        rgb_t base = fresnel_conductor(cos_t, lobe->layered.metal.eta, lobe->layered.metal.k);
         rgb_t there = v_scale(base, way);
         rgb_t below_coat = vec3(series(there.x, f), series(there.y, f), series(there.z, f));
         sum = v_mad(sum, (1 - f) * (1 - f), below_coat);
     }
-    set_mirrored(wo, v_mul(sum, lobe_colour(lobe, LAYERED_FACTOR)), s);
+    set_mirrored(wo, v_mul(sum, lobe->layered.factor), s);
     return true;
 }
 
 static void regularize_smooth_layers(lobe_t *lobe)
 {
     lobe->kind = &lobe_layered;
-    lobe->numbers[LAYERED_KIND] = LAYERED_METAL;
+    lobe->layered.smooth = false;
     regularize(lobe);
 }
 

@@ -6,7 +6,7 @@
  * A clear coat of weight c leaves 1 - c F of what is below it. The standard takes F at the angle of the
  * viewer; here it is that of the more grazing of both directions, so that the sum is reciprocal and still not
  * more than what comes in. */
-#include "worker/render/bsdf/lobe_schlick.h"
+#include "worker/render/bsdf/lobe.h"
 
 #include "worker/render/bsdf/microfacet.h"
 #include "worker/render/sampling/warp.h"
@@ -14,19 +14,18 @@
 static rgb_t reflectance(const lobe_t *lobe, float cos)
 {
     float grazing = fresnel_schlick_weight(cos);
-    return v_mad(v_scale(lobe_colour(lobe, SCHLICK_F0), 1 - grazing), grazing,
-                 lobe_colour(lobe, SCHLICK_F90));
+    return v_mad(v_scale(lobe->schlick.f0, 1 - grazing), grazing, lobe->schlick.f90);
 }
 
 /* The standard takes the largest channel, so that the base keeps its hue. */
 static float passed(const lobe_t *lobe, float cos)
 {
-    return lobe->numbers[SCHLICK_FACTOR] * float_max(0, 1 - v_max(reflectance(lobe, cos)));
+    return lobe->schlick.factor * float_max(0, 1 - v_max(reflectance(lobe, cos)));
 }
 
 static float below_coat(const lobe_t *lobe, vec3_t wo, vec3_t wi)
 {
-    float coat = lobe->numbers[SCHLICK_COAT];
+    float coat = lobe->schlick.coat;
     if (coat == 0) return 1;
     float grazing = fresnel_schlick_weight(float_min(fabsf(wo.z), fabsf(wi.z)));
     return 1 - coat * (SCHLICK_COAT_F0 + (1 - SCHLICK_COAT_F0) * grazing);
@@ -54,8 +53,7 @@ static bool finish(upright_t *eval, const lobe_t *lobe, vec3_t wo, vec3_t wi, bo
 static bool facets(const lobe_t *lobe, vec3_t wo, vec3_t wi, microfacet_t *facet, float *f,
                    bsdf_value_t *value)
 {
-    if (!microfacet_reflection(lobe->numbers[LOBE_ALPHA_U], lobe->numbers[LOBE_ALPHA_V], wo, wi, facet))
-        return false;
+    if (!microfacet_reflection(lobe->alpha[0], lobe->alpha[1], wo, wi, facet)) return false;
     *f = facet->density * microfacet_correlated(facet->lambda_o, facet->lambda_i) * below_coat(lobe, wo, wi);
     value->pdf = facet->pdf;
     value->pdf_rev = facet->pdf_rev;
@@ -100,8 +98,7 @@ static bool eval_through(const lobe_t *lobe, vec3_t wo, vec3_t wi, bool reflect,
 
 static bool draw_mirrored(const lobe_t *lobe, vec3_t wo, vec2_t u, vec3_t *wi)
 {
-    return microfacet_mirror(lobe->numbers[LOBE_ALPHA_U], lobe->numbers[LOBE_ALPHA_V],
-                             wo.z > 0 ? wo : v_neg(wo), u, wi);
+    return microfacet_mirror(lobe->alpha[0], lobe->alpha[1], wo.z > 0 ? wo : v_neg(wo), u, wi);
 }
 
 static bool sample_reflection(const lobe_t *lobe, vec3_t wo, vec2_t u, float choice, transport_t mode,

@@ -24,9 +24,9 @@ static bool sample_mirror(const lobe_t *lobe, vec3_t wo, vec2_t u, float choice,
 static void regularize_mirror(lobe_t *lobe)
 {
     lobe->kind = &lobe_rough_conductor;
-    lobe_set_colour(lobe, LOBE_ETA, vec3(0, 0, 0));
-    lobe_set_colour(lobe, LOBE_K, vec3(1, 1, 1));
-    lobe->numbers[LOBE_ALPHA_U] = lobe->numbers[LOBE_ALPHA_V] = 0;
+    lobe->conductor.eta = vec3(0, 0, 0);
+    lobe->conductor.k = vec3(1, 1, 1);
+    lobe->alpha[0] = lobe->alpha[1] = 0;
     lobe_rough_conductor.regularize(lobe);
 }
 
@@ -34,15 +34,14 @@ static bool sample_conductor(const lobe_t *lobe, vec3_t wo, vec2_t u, float choi
                              bsdf_sample_t *s)
 {
     (void)u, (void)choice, (void)mode;
-    set_mirrored(wo, fresnel_conductor(fabsf(wo.z), lobe_colour(lobe, LOBE_ETA), lobe_colour(lobe, LOBE_K)),
-                 1, s);
+    set_mirrored(wo, fresnel_conductor(fabsf(wo.z), lobe->conductor.eta, lobe->conductor.k), 1, s);
     return true;
 }
 
 static void regularize_conductor(lobe_t *lobe)
 {
     lobe->kind = &lobe_rough_conductor;
-    lobe->numbers[LOBE_ALPHA_U] = lobe->numbers[LOBE_ALPHA_V] = 0;
+    lobe->alpha[0] = lobe->alpha[1] = 0;
     lobe_rough_conductor.regularize(lobe);
 }
 
@@ -50,8 +49,8 @@ static bool sample_dielectric(const lobe_t *lobe, vec3_t wo, vec2_t u, float cho
                               bsdf_sample_t *s)
 {
     (void)u;
-    rgb_t r = lobe_colour(lobe, LOBE_R), t = lobe_colour(lobe, LOBE_T);
-    float eta = wo.z > 0 ? lobe->numbers[LOBE_IOR] : 1 / lobe->numbers[LOBE_IOR], cos_t;
+    rgb_t r = lobe->dielectric.r, t = lobe->dielectric.t;
+    float eta = wo.z > 0 ? lobe->dielectric.ior : 1 / lobe->dielectric.ior, cos_t;
     float f = fresnel_dielectric(fabsf(wo.z), eta, &cos_t), chance;
     if (!lobe_reflect_chance(f, r, t, &chance)) return false;
     if (choice < chance) {
@@ -71,9 +70,9 @@ static bool sample_dielectric(const lobe_t *lobe, vec3_t wo, vec2_t u, float cho
 
 static void regularize_dielectric(lobe_t *lobe)
 {
-    if (fabsf(lobe->numbers[LOBE_IOR] - 1) < LOBE_LEAST_REFRACTION) return;
+    if (fabsf(lobe->dielectric.ior - 1) < LOBE_LEAST_REFRACTION) return;
     lobe->kind = &lobe_rough_dielectric;
-    lobe->numbers[LOBE_ALPHA_U] = lobe->numbers[LOBE_ALPHA_V] = 0;
+    lobe->alpha[0] = lobe->alpha[1] = 0;
     lobe_rough_dielectric.regularize(lobe);
 }
 
@@ -83,8 +82,8 @@ static bool sample_pane(const lobe_t *lobe, vec3_t wo, vec2_t u, float choice, t
                         bsdf_sample_t *s)
 {
     (void)u, (void)mode;
-    rgb_t r = lobe_colour(lobe, LOBE_R), t = lobe_colour(lobe, LOBE_T);
-    float cos_t, f = fresnel_dielectric(fabsf(wo.z), lobe->numbers[LOBE_IOR], &cos_t), chance;
+    rgb_t r = lobe->dielectric.r, t = lobe->dielectric.t;
+    float cos_t, f = fresnel_dielectric(fabsf(wo.z), lobe->dielectric.ior, &cos_t), chance;
     if (f < 1) f += (1 - f) * (1 - f) * f / (1 - f * f);
     if (!lobe_reflect_chance(f, r, t, &chance)) return false;
     if (choice < chance) {

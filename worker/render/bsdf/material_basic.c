@@ -13,8 +13,8 @@ void material_diffuse(const shading_t *shading)
     lobe_t *lobe = shading_add(shading, &lobe_oren_nayar, reflectance, v_max(reflectance));
     if (lobe == NULL) return;
     float sigma2 = sigma * sigma;
-    lobe->numbers[LOBE_OREN_A] = 1 - 0.5f * sigma2 / (sigma2 + 0.33f);
-    lobe->numbers[LOBE_OREN_B] = 0.45f * sigma2 / (sigma2 + 0.09f);
+    lobe->oren_nayar.a = 1 - 0.5f * sigma2 / (sigma2 + 0.33f);
+    lobe->oren_nayar.b = 0.45f * sigma2 / (sigma2 + 0.09f);
 }
 
 void material_mirror(const shading_t *shading)
@@ -45,10 +45,10 @@ void material_conductor(const shading_t *shading)
     lobe_t *lobe = shading_add(shading, rough ? &lobe_rough_conductor : &lobe_smooth_conductor, reflectance,
                                v_max(v_mul(reflectance, fresnel_conductor(1, eta, k))));
     if (lobe == NULL) return;
-    lobe->numbers[LOBE_ALPHA_U] = alpha[0];
-    lobe->numbers[LOBE_ALPHA_V] = alpha[1];
-    lobe_set_colour(lobe, LOBE_ETA, eta);
-    lobe_set_colour(lobe, LOBE_K, k);
+    lobe->alpha[0] = alpha[0];
+    lobe->alpha[1] = alpha[1];
+    lobe->conductor.eta = eta;
+    lobe->conductor.k = k;
 }
 
 void material_diffuse_transmission(const shading_t *shading)

@@ -1,6 +1,6 @@
 /* material_coated: pbrt-v4's layered materials: a base, diffuse or metal, below a medium and the interface of
  * a dielectric. The medium's extinction is one per unit of thickness; without an albedo it absorbs. */
-#include "worker/render/bsdf/lobe_layered.h"
+#include "worker/render/bsdf/lobe.h"
 
 #include "common/sampler.h"
 
@@ -67,15 +67,15 @@ static lobe_t *add_layers(const shading_t *shading, const lobe_kind_t *kind, con
                         mirror + mean_below(coat, base.z, coat->albedo.z));
     lobe_t *lobe = shading_add(shading, kind, albedo, v_max(albedo));
     if (lobe == NULL) return NULL;
-    lobe->numbers[LOBE_ALPHA_U] = coat->alpha[0];
-    lobe->numbers[LOBE_ALPHA_V] = coat->alpha[1];
-    lobe->numbers[LOBE_IOR] = coat->ior;
-    lobe->numbers[LAYERED_THICKNESS] = coat->thickness;
-    lobe->numbers[LAYERED_G] = coat->g;
-    lobe->numbers[LAYERED_KIND] = coat->smooth ? LAYERED_SMOOTH : 0;
-    lobe->numbers[LAYERED_SEED] = seed_of(shading->at->p);
-    lobe_set_colour(lobe, LAYERED_ALBEDO, coat->albedo);
-    lobe_set_colour(lobe, LAYERED_FACTOR, vec3(inverse(albedo.x), inverse(albedo.y), inverse(albedo.z)));
+    lobe->alpha[0] = coat->alpha[0];
+    lobe->alpha[1] = coat->alpha[1];
+    lobe->layered.ior = coat->ior;
+    lobe->layered.thickness = coat->thickness;
+    lobe->layered.g = coat->g;
+    lobe->layered.smooth = coat->smooth;
+    lobe->layered.seed = seed_of(shading->at->p);
+    lobe->layered.albedo = coat->albedo;
+    lobe->layered.factor = vec3(inverse(albedo.x), inverse(albedo.y), inverse(albedo.z));
     return lobe;
 }
 
@@ -86,8 +86,8 @@ static void add_smooth_coat(const shading_t *shading, const coat_t *coat)
     float mean = fresnel_dielectric_mean(coat->ior);
     lobe_t *lobe = shading_add(shading, &lobe_smooth_coat, vec3(mean, mean, mean), mean);
     if (lobe == NULL) return;
-    lobe->numbers[LOBE_IOR] = coat->ior;
-    lobe_set_colour(lobe, LOBE_R, vec3(1 / mean, 1 / mean, 1 / mean));
+    lobe->dielectric.ior = coat->ior;
+    lobe->dielectric.r = vec3(1 / mean, 1 / mean, 1 / mean);
 }
 
 void material_coated_diffuse(const shading_t *shading)
@@ -97,8 +97,8 @@ void material_coated_diffuse(const shading_t *shading)
     bool walks = !coat.smooth || !v_is_zero(coat.albedo);
     lobe_t *lobe = add_layers(shading, walks ? &lobe_layered : &lobe_coated_lambert, &coat, reflectance);
     if (lobe != NULL) {
-        lobe_set_colour(lobe, LAYERED_REFLECTANCE, reflectance);
-        if (!walks) lobe->numbers[LAYERED_RETURNS] = layered_returns(coat.ior, coat.thickness);
+        lobe->layered.reflectance = reflectance;
+        if (!walks) lobe->layered.returns = lobe_layered_returns(coat.ior, coat.thickness);
     }
     if (coat.smooth) add_smooth_coat(shading, &coat);
 }
@@ -115,11 +115,10 @@ void material_coated_conductor(const shading_t *shading)
     lobe_t *lobe = add_layers(shading, mirror ? &lobe_smooth_layers : &lobe_layered, &coat,
                               fresnel_conductor(1, eta, k));
     if (lobe != NULL) {
-        for (int i = 0; i < 2; i++)
-            lobe->numbers[LAYERED_BASE_ALPHA_U + i] = rough ? base_alpha[i] : LEAST_ALPHA;
-        lobe_set_colour(lobe, LOBE_ETA, eta);
-        lobe_set_colour(lobe, LOBE_K, k);
-        lobe->numbers[LAYERED_KIND] += LAYERED_METAL;
+        for (int i = 0; i < 2; i++) lobe->layered.base_alpha[i] = rough ? base_alpha[i] : LEAST_ALPHA;
+        lobe->layered.metal.eta = eta;
+        lobe->layered.metal.k = k;
+        lobe->layered.has_metal = true;
     }
     if (coat.smooth && !mirror) add_smooth_coat(shading, &coat);
 }

@@ -28,10 +28,10 @@ static void add_diffuse(const shading_t *shading, rgb_t colour, float weight, fl
     lobe_t *lobe = shading_add(shading, &lobe_disney_diffuse, v_scale(colour, weight),
                                weight * (kept + 0.1f) * v_max(colour));
     if (lobe != NULL) {
-        lobe->numbers[LOBE_DISNEY_BASE] = (1 - flatness) * kept;
-        lobe->numbers[LOBE_DISNEY_FLAT] = flatness * kept;
-        lobe->numbers[LOBE_DISNEY_RETRO] = 1;
-        lobe->numbers[LOBE_DISNEY_ROUGHNESS] = roughness;
+        lobe->disney_diffuse.base = (1 - flatness) * kept;
+        lobe->disney_diffuse.flat = flatness * kept;
+        lobe->disney_diffuse.retro = 1;
+        lobe->disney_diffuse.roughness = roughness;
     }
     if (amount == 0) return;
     rgb_t sheen =
@@ -56,13 +56,13 @@ static void add_specular(const shading_t *shading, rgb_t colour, float metallic,
     albedo = vec3(float_max(albedo.x, 0.01f), float_max(albedo.y, 0.01f), float_max(albedo.z, 0.01f));
     lobe_t *lobe = shading_add(shading, &lobe_disney_specular, albedo, v_max(albedo));
     if (lobe == NULL) return;
-    lobe_set_colour(lobe, LOBE_DISNEY_FACTOR, vec3(1 / albedo.x, 1 / albedo.y, 1 / albedo.z));
+    lobe->disney_specular.factor = vec3(1 / albedo.x, 1 / albedo.y, 1 / albedo.z);
     rgb_t tinted = mix(unit(shading, VALUE_SPECULAR_TINT), vec3(1, 1, 1), tint_of(colour));
-    lobe->numbers[LOBE_ALPHA_U] = alpha[0];
-    lobe->numbers[LOBE_ALPHA_V] = alpha[1];
-    lobe->numbers[LOBE_IOR] = ior;
-    lobe->numbers[LOBE_DISNEY_METALLIC] = metallic;
-    lobe_set_colour(lobe, LOBE_DISNEY_R0, mix(metallic, v_scale(tinted, normal * normal), colour));
+    lobe->alpha[0] = alpha[0];
+    lobe->alpha[1] = alpha[1];
+    lobe->disney_specular.ior = ior;
+    lobe->disney_specular.metallic = metallic;
+    lobe->disney_specular.r0 = mix(metallic, v_scale(tinted, normal * normal), colour);
 }
 
 static void add_clearcoat(const shading_t *shading)
@@ -70,8 +70,7 @@ static void add_clearcoat(const shading_t *shading)
     float coat = float_max(shading_number(shading, VALUE_CLEARCOAT), 0);
     lobe_t *lobe = shading_add(shading, &lobe_disney_clearcoat, vec3(coat, coat, coat), 0.05f * coat);
     if (lobe == NULL) return;
-    lobe->numbers[LOBE_DISNEY_ALPHA] = 0.1f - 0.099f * unit(shading, VALUE_CLEARCOAT_GLOSS);
-    lobe->numbers[LOBE_IOR] = 1.5f;
+    lobe->disney_coat.alpha = 0.1f - 0.099f * unit(shading, VALUE_CLEARCOAT_GLOSS);
 }
 
 static void add_transmission(const shading_t *shading, rgb_t colour, float amount, float ior,
@@ -89,7 +88,7 @@ static void add_transmission(const shading_t *shading, rgb_t colour, float amoun
     }
     lobe_t *lobe = lobe_add_dielectric(shading, &lobe_rough_transmission, black, factor, ior, roughness);
     if (lobe == NULL) return;
-    lobe->numbers[LOBE_SEPARABLE] = thin ? 0 : 1;
+    lobe->dielectric.separable = !thin;
 }
 
 void material_disney(const shading_t *shading)

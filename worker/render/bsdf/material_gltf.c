@@ -2,7 +2,7 @@
  * clearcoat, transmission and volume. Metal and dielectric have the same distribution of normals, so that one
  * reflection serves both, with the mixture of their reflectances. What transmits as a solid is a dielectric
  * interface of its own, which reflects by Fresnel's equations from both sides. */
-#include "worker/render/bsdf/lobe_schlick.h"
+#include "worker/render/bsdf/lobe.h"
 
 typedef struct {
     float alpha[2];
@@ -27,9 +27,9 @@ static float inverse(float x)
 
 static void set_finish(lobe_t *lobe, const surface_finish_t *finish)
 {
-    lobe->numbers[LOBE_ALPHA_U] = finish->alpha[0];
-    lobe->numbers[LOBE_ALPHA_V] = finish->alpha[1];
-    lobe->numbers[SCHLICK_COAT] = finish->coat;
+    lobe->alpha[0] = finish->alpha[0];
+    lobe->alpha[1] = finish->alpha[1];
+    lobe->schlick.coat = finish->coat;
 }
 
 /* Schlick's reflectance weighed by the cosine. */
@@ -48,8 +48,8 @@ static void add_reflection(const shading_t *shading, rgb_t f0, rgb_t f90, float 
                                scale, v_max(scale));
     if (lobe == NULL) return;
     set_finish(lobe, finish);
-    lobe_set_colour(lobe, SCHLICK_F0, v_mul(f0, factor));
-    lobe_set_colour(lobe, SCHLICK_F90, v_mul(f90, factor));
+    lobe->schlick.f0 = v_mul(f0, factor);
+    lobe->schlick.f90 = v_mul(f90, factor);
 }
 
 /* What a reflectance leaves to a part of the given colour. */
@@ -62,9 +62,9 @@ static void add_rest(const shading_t *shading, const lobe_kind_t *kind, rgb_t co
     lobe_t *lobe = shading_add(shading, kind, scale, v_max(scale));
     if (lobe == NULL) return;
     set_finish(lobe, finish);
-    lobe_set_colour(lobe, SCHLICK_F0, f0);
-    lobe_set_colour(lobe, SCHLICK_F90, f90);
-    lobe->numbers[SCHLICK_FACTOR] = 1 / left;
+    lobe->schlick.f0 = f0;
+    lobe->schlick.f90 = f90;
+    lobe->schlick.factor = 1 / left;
 }
 
 /* Of the given weight; the coat leaves its mean to it. */

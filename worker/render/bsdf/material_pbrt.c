@@ -45,11 +45,11 @@ void material_substrate(const shading_t *shading)
     shading_alphas(shading, VALUE_ROUGHNESS_U, VALUE_ROUGHNESS_V, alpha);
     lobe_t *lobe = shading_add(shading, &lobe_fresnel_blend, albedo, v_max(albedo));
     if (lobe == NULL) return;
-    lobe->numbers[LOBE_ALPHA_U] = alpha[0];
-    lobe->numbers[LOBE_ALPHA_V] = alpha[1];
-    lobe_set_colour(lobe, LOBE_DIFFUSE, diffuse);
-    lobe_set_colour(lobe, LOBE_GLOSSY, glossy);
-    lobe_set_colour(lobe, LOBE_FACTOR, vec3(1 / albedo.x, 1 / albedo.y, 1 / albedo.z));
+    lobe->alpha[0] = alpha[0];
+    lobe->alpha[1] = alpha[1];
+    lobe->blend.diffuse = diffuse;
+    lobe->blend.glossy = glossy;
+    lobe->blend.factor = vec3(1 / albedo.x, 1 / albedo.y, 1 / albedo.z);
 }
 
 void material_translucent(const shading_t *shading)
