@@ -3,7 +3,7 @@
 #ifndef LIGHTMILL_OPTIONS_H
 #define LIGHTMILL_OPTIONS_H
 
-#include "common/scene_blob.h"
+#include "common/scene/scene_blob.h"
 
 #include <getopt.h>
 

@@ -9,7 +9,7 @@
 #ifndef LIGHTMILL_REMOTE_H
 #define LIGHTMILL_REMOTE_H
 
-#include "common/scene_blob.h"
+#include "common/scene/scene_blob.h"
 #include "proto/wire/dial.h"
 #include "proto/wire/wire.h"
 

@@ -2,7 +2,7 @@
 #ifndef LIGHTMILL_SCENE_H
 #define LIGHTMILL_SCENE_H
 
-#include "common/scene_blob.h"
+#include "common/scene/scene_blob.h"
 
 typedef struct {
     uint8_t *bytes; /* of an imported scene, owned; NULL when the blob is mapped from a file */

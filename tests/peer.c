@@ -1,7 +1,7 @@
 /* peer: see peer.h. */
 #include "tests/peer.h"
 
-#include "common/scene_blob.h"
+#include "common/scene/blob_builder.h"
 #include "proto/wire/checksum.h"
 
 #include <setjmp.h>

@@ -3,6 +3,7 @@
 #ifndef LIGHTMILL_RENDER_HERE_H
 #define LIGHTMILL_RENDER_HERE_H
 
+#include "common/scene/blob_builder.h"
 #include "worker/render/renderer.h"
 
 /* Renders all samples of a job. Fails the running test when anything goes wrong; the caller frees the film.

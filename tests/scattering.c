@@ -2,6 +2,7 @@
 #include "tests/scattering.h"
 
 #include "common/sampler.h"
+#include "common/scene/blob_builder.h"
 #include "tests/chi_square.h"
 #include "worker/render/sampling/warp.h"
 

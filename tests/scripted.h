@@ -7,7 +7,7 @@
 #ifndef LIGHTMILL_SCRIPTED_H
 #define LIGHTMILL_SCRIPTED_H
 
-#include "common/scene_blob.h"
+#include "common/scene/scene_blob.h"
 #include "proto/wire/wire.h"
 
 enum { SCRIPTED_MAX = 64 };

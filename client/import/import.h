@@ -7,7 +7,7 @@
 #ifndef LIGHTMILL_IMPORT_H
 #define LIGHTMILL_IMPORT_H
 
-#include "common/scene_blob.h"
+#include "common/scene/blob_builder.h"
 
 /* Where warnings go: `warn` gets one line for people, "file:line:column: text", valid during the call.
  * `progress` (may be NULL) is told the share of the bytes known so far that has been read, 0 to 1: a file

@@ -6,7 +6,7 @@
  * was last used is the time of its file, so that it outlives the process. */
 #include "master/store/blob_store.h"
 
-#include "common/scene_blob.h"
+#include "common/scene/scene_blob.h"
 
 #include <dirent.h>
 #include <errno.h>

@@ -7,7 +7,7 @@
 #ifndef LIGHTMILL_BLOB_CACHE_H
 #define LIGHTMILL_BLOB_CACHE_H
 
-#include "common/scene_blob.h"
+#include "common/scene/scene_blob.h"
 
 typedef struct blob_cache blob_cache_t;
 

@@ -8,7 +8,7 @@
 #define LIGHTMILL_UPLINK_HANDLER_H
 
 #include "common/film/film.h"
-#include "common/scene_blob.h"
+#include "common/scene/scene_blob.h"
 
 /* Work from the master. */
 typedef struct {

@@ -7,7 +7,7 @@
 #ifndef LIGHTMILL_FUZZ_H
 #define LIGHTMILL_FUZZ_H
 
-#include "common/scene_blob.h"
+#include "common/scene/blob_builder.h"
 
 /* The targets. They return 0, as libFuzzer wants it. */
 int fuzz_allow_list(const uint8_t *data, size_t size);

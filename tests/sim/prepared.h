@@ -5,7 +5,7 @@
 #ifndef LIGHTMILL_PREPARED_H
 #define LIGHTMILL_PREPARED_H
 
-#include "common/scene_blob.h"
+#include "common/scene/scene_blob.h"
 #include "proto/wire/wire.h"
 
 typedef struct prepared prepared_t;

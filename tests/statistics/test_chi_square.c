@@ -3,6 +3,7 @@
  * numbers are fixed, so a result is pass or fail for good; the level is chosen so that a right routine fails
  * by chance in one build of a thousand. */
 #include "common/sampler.h"
+#include "common/scene/blob_builder.h"
 #include "tests/chi_square.h"
 #include "worker/render/camera/camera.h"
 #include "worker/render/camera/filter.h"

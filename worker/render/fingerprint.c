@@ -8,6 +8,7 @@
  * ms meets few arguments of sin and exp, so these are also walked through directly. */
 #include "worker/render/fingerprint.h"
 
+#include "common/scene/blob_builder.h"
 #include "worker/render/renderer.h"
 
 #include <math.h>

@@ -4,7 +4,7 @@
 #define LIGHTMILL_RENDERER_H
 
 #include "common/film/film.h"
-#include "common/scene_blob.h"
+#include "common/scene/scene_blob.h"
 
 #include <stdatomic.h>
 

@@ -1,8 +1,8 @@
-/* Tests of common/scene_blob.c: what is built is read back, and whatever else is in the bytes (truncation,
+/* Tests of common/scene: what is built is read back, and whatever else is in the bytes (truncation,
  * damage, wrong contents under a right checksum) gives an error and no access outside them: run with the
  * sanitizers. */
 #include "common/film/film.h"
-#include "common/scene_blob.h"
+#include "common/scene/blob_builder.h"
 #include "tests/scratch.h"
 
 #include <math.h>

@@ -8,7 +8,7 @@
 #ifndef LIGHTMILL_CAMERA_H
 #define LIGHTMILL_CAMERA_H
 
-#include "common/scene_blob.h"
+#include "common/scene/scene_blob.h"
 
 typedef struct camera camera_t;
 

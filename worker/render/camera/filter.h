@@ -10,7 +10,7 @@
 #ifndef LIGHTMILL_FILTER_H
 #define LIGHTMILL_FILTER_H
 
-#include "common/scene_blob.h"
+#include "common/scene/scene_blob.h"
 
 enum { FILTER_TABLE = 1024 };
 

@@ -6,7 +6,7 @@
 #ifndef LIGHTMILL_QUADRIC_H
 #define LIGHTMILL_QUADRIC_H
 
-#include "common/scene_blob.h"
+#include "common/scene/scene_blob.h"
 
 typedef struct {
     const blob_quadric_t *record;

@@ -2,7 +2,7 @@
 #ifndef LIGHTMILL_SCENE_H
 #define LIGHTMILL_SCENE_H
 
-#include "common/scene_blob.h"
+#include "common/scene/scene_blob.h"
 #include "worker/render/scene/quadric.h"
 #include "worker/render/texture/texture.h"
 

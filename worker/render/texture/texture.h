@@ -7,7 +7,7 @@
 #ifndef LIGHTMILL_TEXTURE_H
 #define LIGHTMILL_TEXTURE_H
 
-#include "common/scene_blob.h"
+#include "common/scene/scene_blob.h"
 
 typedef struct textures textures_t;
 

@@ -1,18 +1,8 @@
-/* scene_blob: a whole scene as one flat, relocatable, versioned, checksummed run of bytes.
- *
- * The client writes a blob once (blob_builder_*); masters store it and workers map it read-only under the
- * name of its hash. A blob is a header, a table of sections and the sections: plain arrays of the records
- * below, little-endian, 64-byte aligned. Records refer to one another by array index, never by address;
- * BLOB_NONE says "no such thing". Vertex and index arrays have the layout that Embree shares without a copy;
- * 16 bytes of padding follow every section, since Embree may read that far past the last vertex.
- *
- * blob_open trusts nothing: sizes, the checksum, every index and every float that could take the renderer out
- * of bounds are checked before the view is handed out. A record with a new meaning takes a new BLOB_VERSION.
- */
-#ifndef LIGHTMILL_SCENE_BLOB_H
-#define LIGHTMILL_SCENE_BLOB_H
+/* blob_format: the records that a scene blob is made of (see scene_blob.h): what is written there is the
+ * format. A record with a new meaning takes a new BLOB_VERSION. */
+#ifndef LIGHTMILL_BLOB_FORMAT_H
+#define LIGHTMILL_BLOB_FORMAT_H
 
-#include "common/job.h"
 #include "common/vec.h"
 
 enum { BLOB_VERSION = 2 };
@@ -384,91 +374,5 @@ typedef struct {
     xform_t world_from_light;
     float parameters[4];
 } blob_light_t;
-
-/* A checked view of a blob in memory. */
-typedef struct {
-    const uint8_t *bytes;
-    uint64_t size;
-    hash_t hash; /* of all bytes: the blob's name */
-    bool mapped; /* bytes are mapped by blob_open_file and unmapped by blob_close */
-    const blob_scene_t *scene;
-    const vec3_t *positions;
-    const vec3_t *normals;
-    const vec2_t *uvs;
-    const blob_colour_t *colours;
-    const blob_triangle_t *triangles;
-    const blob_mesh_t *meshes;
-    const blob_quadric_t *quadrics;
-    const blob_curve_point_t *curve_points;
-    const blob_curves_t *curves;
-    const blob_shape_t *shapes;
-    const blob_object_t *objects;
-    const blob_instance_t *instances;
-    const blob_texture_t *textures;
-    const blob_image_t *images;
-    const uint32_t *texels;
-    const blob_material_t *materials;
-    const blob_light_t *lights;
-    const char *strings;
-    uint64_t counts[BLOB_SECTION_COUNT]; /* records in each section */
-} scene_blob_t;
-
-/* Checks `size` bytes at `bytes` (8-byte aligned, kept by the caller while the view is used) and makes the
- * view. RESULT_INPUT with the reason when anything is wrong. */
-result_t blob_open(const void *bytes, uint64_t size, scene_blob_t *blob);
-/* False when a segment of a curve has a size, but less than 1e-30: Embree's arithmetic overflows there. */
-bool blob_segment_is_traceable(const blob_curve_point_t points[4]);
-/* False when an instance that moves from `start` to `end` (each world from object) may on its way be too
- * flat, small or large for Embree, which inverts its transform in single precision: each axis of the object
- * must be 1e-10 to 1e10 long in the world, and they must span 1e-5 of the volume that they would at right
- * angles. */
-bool blob_instance_is_traceable(const xform_t *start, const xform_t *end);
-/* Maps a file read-only and checks it. RESULT_IO when the system, not the file, is to blame. */
-result_t blob_open_file(const char *path, scene_blob_t *blob);
-/* Unmaps what blob_open_file mapped; harmless on a zeroed or an already closed view. */
-void blob_close(scene_blob_t *blob);
-/* True when the bytes begin like a blob, whatever follows. */
-bool blob_recognise(const void *bytes, uint64_t size);
-
-/* A value that does not vary. */
-static inline blob_value_t blob_constant(float number)
-{
-    return (blob_value_t){{number, number, number}, 0};
-}
-static inline blob_value_t blob_colour_value(rgb_t colour)
-{
-    return (blob_value_t){colour, 0};
-}
-
-/* A scene record to start from: a pinhole camera of 90 degrees at the origin, nothing moving, a film of 640 x
- * 480 pixels as its own filter, bdpt, sobol, depth 5, 16 spp. */
-blob_scene_t blob_default_scene(void);
-
-/* Gathers a scene section by section. */
-typedef struct blob_builder blob_builder_t;
-
-blob_builder_t *blob_builder_new(void);
-/* Frees the builder and sets *builder to NULL. */
-void blob_builder_destroy(blob_builder_t **builder);
-/* Appends `count` records to a section and returns the index of the first; `records` may be NULL for zeroes.
- * Records are sizeof(the section's type) each. Sections hold less than 2^32 - 1 records. */
-uint32_t blob_builder_add(blob_builder_t *builder, blob_section_t section, const void *records,
-                          uint32_t count);
-/* The records gathered so far, valid until the next add; writable, so that references can be filled in late.
- */
-void *blob_builder_records(blob_builder_t *builder, blob_section_t section);
-uint32_t blob_builder_count(const blob_builder_t *builder, blob_section_t section);
-/* Adds a name to the strings and returns its offset. */
-uint32_t blob_builder_string(blob_builder_t *builder, const char *text);
-/* Lays the blob out in fresh memory (the caller frees *bytes), and checks it as blob_open does. The builder
- * is left without records, good only for blob_builder_destroy, unless the scene was too large. */
-result_t blob_builder_finish(blob_builder_t *builder, uint8_t **bytes, uint64_t *size);
-
-/* The scale that a film of this scene needs so that its sums cannot overflow in practice: FILM_DEFAULT_SCALE,
- * or less by one for each doubling of the brightest light over 2^10. */
-int blob_film_scale(const scene_blob_t *blob);
-
-/* Settings that the scene itself asks for, the rest at their defaults. */
-job_settings_t blob_default_settings(const scene_blob_t *blob);
 
 #endif

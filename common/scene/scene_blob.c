@@ -1,0 +1,206 @@
+/* scene_blob: opens scene blobs (see scene_blob.h and blob_layout.h). */
+#include "common/film/film.h"
+#include "common/scene/blob_layout.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+const section_type_t blob_section_types[BLOB_SECTION_COUNT] = {
+    [BLOB_SECTION_SCENE] = {"scene", sizeof(blob_scene_t)},
+    [BLOB_SECTION_POSITIONS] = {"positions", sizeof(vec3_t)},
+    [BLOB_SECTION_NORMALS] = {"normals", sizeof(vec3_t)},
+    [BLOB_SECTION_UVS] = {"uvs", sizeof(vec2_t)},
+    [BLOB_SECTION_COLOURS] = {"colours", sizeof(blob_colour_t)},
+    [BLOB_SECTION_TRIANGLES] = {"triangles", sizeof(blob_triangle_t)},
+    [BLOB_SECTION_MESHES] = {"meshes", sizeof(blob_mesh_t)},
+    [BLOB_SECTION_QUADRICS] = {"quadrics", sizeof(blob_quadric_t)},
+    [BLOB_SECTION_CURVE_POINTS] = {"curve points", sizeof(blob_curve_point_t)},
+    [BLOB_SECTION_CURVES] = {"curves", sizeof(blob_curves_t)},
+    [BLOB_SECTION_SHAPES] = {"shapes", sizeof(blob_shape_t)},
+    [BLOB_SECTION_OBJECTS] = {"objects", sizeof(blob_object_t)},
+    [BLOB_SECTION_INSTANCES] = {"instances", sizeof(blob_instance_t)},
+    [BLOB_SECTION_TEXTURES] = {"textures", sizeof(blob_texture_t)},
+    [BLOB_SECTION_IMAGES] = {"images", sizeof(blob_image_t)},
+    [BLOB_SECTION_TEXELS] = {"texels", sizeof(uint32_t)},
+    [BLOB_SECTION_MATERIALS] = {"materials", sizeof(blob_material_t)},
+    [BLOB_SECTION_LIGHTS] = {"lights", sizeof(blob_light_t)},
+    [BLOB_SECTION_STRINGS] = {"strings", 1},
+};
+
+/* ---- the frame -------------------------------------------------------------------------------------------
+ */
+
+bool blob_recognise(const void *bytes, uint64_t size)
+{
+    return size >= sizeof blob_magic && memcmp(bytes, blob_magic, sizeof blob_magic) == 0;
+}
+
+static result_t check_header(const uint8_t *bytes, uint64_t size)
+{
+    const header_t *header = (const header_t *)bytes;
+    CHECK(blob_recognise(bytes, size), "does not begin with its magic bytes; not a scene blob");
+    CHECK(size >= sizeof *header, "truncated inside its header (%llu bytes)", (unsigned long long)size);
+    CHECK(header->version == BLOB_VERSION,
+          "is of version %u, this program reads version %d; import the scene again", header->version,
+          BLOB_VERSION);
+    CHECK(header->section_count == BLOB_SECTION_COUNT, "has %u sections, expected %d", header->section_count,
+          BLOB_SECTION_COUNT);
+    CHECK(header->size == size && size <= BLOB_MAX_BYTES,
+          "says it has %llu bytes, but %llu are here; truncated?", (unsigned long long)header->size,
+          (unsigned long long)size);
+    return result_ok();
+}
+
+static result_t check_checksum(const uint8_t *bytes, uint64_t size)
+{
+    const header_t *header = (const header_t *)bytes;
+    hash_t checksum = hash_bytes(bytes + sizeof *header, size - sizeof *header);
+    CHECK(hash_equal(&checksum, &header->checksum), "is damaged: its checksum does not match");
+    return result_ok();
+}
+
+static result_t check_sections(const uint8_t *bytes, uint64_t size)
+{
+    const header_t *header = (const header_t *)bytes;
+    uint64_t end = sizeof *header;
+    for (int i = 0; i < BLOB_SECTION_COUNT; i++) {
+        const section_t *section = &header->sections[i];
+        CHECK(section->offset >= end && section->offset % SECTION_ALIGN == 0 && section->offset <= size &&
+                  section->count < BLOB_NONE &&
+                  section->count * blob_section_types[i].size + SECTION_PADDING <= size - section->offset,
+              "section '%s' lies outside the blob", blob_section_types[i].name);
+        end = section->offset + section->count * blob_section_types[i].size + SECTION_PADDING;
+    }
+    return result_ok();
+}
+
+/* ---- opening ------------------------------------------------------------------------------------------- */
+
+result_t blob_make_view(const void *bytes, uint64_t size, scene_blob_t *blob)
+{
+    TRY(check_sections(bytes, size));
+    const header_t *header = bytes;
+    scene_blob_t view = {.bytes = bytes, .size = size};
+    const void *at[BLOB_SECTION_COUNT];
+    for (int i = 0; i < BLOB_SECTION_COUNT; i++) {
+        at[i] = view.bytes + header->sections[i].offset;
+        view.counts[i] = header->sections[i].count;
+    }
+    view.scene = at[BLOB_SECTION_SCENE];
+    view.positions = at[BLOB_SECTION_POSITIONS];
+    view.normals = at[BLOB_SECTION_NORMALS];
+    view.uvs = at[BLOB_SECTION_UVS];
+    view.colours = at[BLOB_SECTION_COLOURS];
+    view.triangles = at[BLOB_SECTION_TRIANGLES];
+    view.meshes = at[BLOB_SECTION_MESHES];
+    view.quadrics = at[BLOB_SECTION_QUADRICS];
+    view.curve_points = at[BLOB_SECTION_CURVE_POINTS];
+    view.curves = at[BLOB_SECTION_CURVES];
+    view.shapes = at[BLOB_SECTION_SHAPES];
+    view.objects = at[BLOB_SECTION_OBJECTS];
+    view.instances = at[BLOB_SECTION_INSTANCES];
+    view.textures = at[BLOB_SECTION_TEXTURES];
+    view.images = at[BLOB_SECTION_IMAGES];
+    view.texels = at[BLOB_SECTION_TEXELS];
+    view.materials = at[BLOB_SECTION_MATERIALS];
+    view.lights = at[BLOB_SECTION_LIGHTS];
+    view.strings = at[BLOB_SECTION_STRINGS];
+    TRY(blob_check_contents(&view));
+    *blob = view;
+    return result_ok();
+}
+
+result_t blob_open(const void *bytes, uint64_t size, scene_blob_t *blob)
+{
+    *blob = (scene_blob_t){0};
+    scene_blob_t view;
+    TRY(check_header(bytes, size));
+    TRY(check_checksum(bytes, size));
+    TRY(blob_make_view(bytes, size, &view));
+    view.hash = hash_bytes(bytes, size);
+    *blob = view;
+    return result_ok();
+}
+
+result_t blob_open_file(const char *path, scene_blob_t *blob)
+{
+    *blob = (scene_blob_t){0};
+    int file = open(path, O_RDONLY | O_CLOEXEC);
+    if (file < 0) {
+        bool fault =
+            errno == EMFILE || errno == ENFILE || errno == ENOMEM || errno == EIO; /* not the file's */
+        return result_fail(fault ? RESULT_IO : RESULT_INPUT, "%s: cannot be opened: %s", path,
+                           strerror(errno));
+    }
+    struct stat about = {.st_size = 0};
+    void *bytes = MAP_FAILED;
+    int error = fstat(file, &about) != 0 ? errno : 0;
+    bool has_bytes = S_ISREG(about.st_mode) && about.st_size > 0;
+    if (has_bytes) bytes = mmap(NULL, (size_t)about.st_size, PROT_READ, MAP_SHARED, file, 0);
+    if (has_bytes && bytes == MAP_FAILED) error = errno;
+    close(file);
+    if (error != 0) return result_fail(RESULT_IO, "%s: cannot be mapped: %s", path, strerror(error));
+    if (bytes == MAP_FAILED) return result_fail(RESULT_INPUT, "%s: is empty, or no file", path);
+    result_t result = blob_open(bytes, (uint64_t)about.st_size, blob);
+    if (result.code == RESULT_OK) {
+        blob->mapped = true;
+        return result;
+    }
+    munmap(bytes, (size_t)about.st_size);
+    return result_fail(result.code, "%s: %s", path, result.message);
+}
+
+void blob_close(scene_blob_t *blob)
+{
+    if (blob->mapped) munmap((void *)blob->bytes, blob->size);
+    *blob = (scene_blob_t){0};
+}
+
+/* ---- defaults ------------------------------------------------------------------------------------------ */
+
+blob_scene_t blob_default_scene(void)
+{
+    return (blob_scene_t){.camera = CAMERA_PERSPECTIVE,
+                          .world_from_camera = xform_identity(),
+                          .world_from_camera_end = xform_identity(),
+                          .fov = 90,
+                          .focal_distance = 1,
+                          .film_window = {0, 1, 0, 1},
+                          .filter = {.kind = FILTER_BOX, .radius_x = 0.5f, .radius_y = 0.5f},
+                          .width = 640,
+                          .height = 480,
+                          .max_depth = 5,
+                          .spp = 16,
+                          .integrator = INTEGRATOR_BDPT,
+                          .sampler = SAMPLER_SOBOL,
+                          .max_luminance = INFINITY};
+}
+
+/* ---- what a job starts from ---------------------------------------------------------------------------- */
+
+int blob_film_scale(const scene_blob_t *blob)
+{
+    float brightest = 0;
+    for (uint64_t i = 0; i < blob->counts[BLOB_SECTION_LIGHTS]; i++)
+        brightest = float_max(brightest, v_max(blob->lights[i].radiance.factor));
+    int excess = brightest > 0 ? ilogbf(brightest) - 9 : 0;
+    return int_max(FILM_MIN_SCALE, FILM_DEFAULT_SCALE - int_max(0, excess));
+}
+
+job_settings_t blob_default_settings(const scene_blob_t *blob)
+{
+    const blob_scene_t *scene = blob->scene;
+    job_settings_t settings = job_settings_default();
+    settings.integrator = (integrator_t)scene->integrator;
+    settings.sampler = (sampler_kind_t)scene->sampler;
+    settings.width = scene->width;
+    settings.height = scene->height;
+    settings.max_depth = scene->max_depth;
+    settings.spp = scene->spp;
+    settings.film_scale = blob_film_scale(blob);
+    return settings;
+}
