@@ -42,7 +42,7 @@ static uint32_t milliseconds(double seconds)
 static result_t admit(control_desk_t *control, const wire_message_t *message, uint64_t *worker)
 {
     const Lm__Hello *hello = message->envelope->hello;
-    farm_hello_t said = {
+    worker_hello_t said = {
         .name = hello->name, .key = message->key, .threads = hello->threads, .relay = hello->relay};
     identity_t identity = sender(message);
     if (hello->protocol_version != WIRE_VERSION)
@@ -80,7 +80,7 @@ static void on_hello(control_desk_t *control, const wire_message_t *message)
     desk_reply(control->desk, message, &answer, NULL);
 }
 
-static void send_assignment(control_desk_t *control, const wire_message_t *message, const farm_work_t *work)
+static void send_assignment(control_desk_t *control, const wire_message_t *message, const work_t *work)
 {
     Lm__Settings settings = LM__SETTINGS__INIT;
     Lm__Assignment assignment = LM__ASSIGNMENT__INIT;
@@ -124,7 +124,7 @@ static void take_claim(control_desk_t *control, const Lm__WorkRequest *request)
 static void on_work_request(control_desk_t *control, const wire_message_t *message)
 {
     const Lm__WorkRequest *request = message->envelope->work_request;
-    farm_work_t work = {.units = control->units};
+    work_t work = {.units = control->units};
     identity_t identity = sender(message);
     take_claim(control, request);
     result_t result = pool_take(control->options.pool, clock_now(), &identity, request->worker, request->job,

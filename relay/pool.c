@@ -284,7 +284,7 @@ static void give_up_silent(pool_t *pool, double now)
             i++;
             continue;
         }
-        char name[FARM_MAX_NAME + 1];
+        char name[SERVE_MAX_NAME + 1];
         snprintf(name, sizeof name, "%s", member->name);
         size_t units = pool_remove_member(pool, now, member);
         log_info("worker %s was silent for %.1f s and is given up; %zu units go to others", name, silent,

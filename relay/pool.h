@@ -11,7 +11,7 @@
 #ifndef LIGHTMILL_POOL_H
 #define LIGHTMILL_POOL_H
 
-#include "master/farm/farm.h"
+#include "proto/serve/serve_handler.h"
 #include "proto/uplink/uplink_handler.h"
 
 typedef struct pool pool_t;
@@ -37,7 +37,7 @@ uplink_handler_t pool_handler(pool_t *pool);
 
 /* Admits a worker and names it. RESULT_MISMATCH when it makes other bits than those that are here,
  * RESULT_LIMIT when there are too many. */
-result_t pool_hello(pool_t *pool, double now, const identity_t *identity, const farm_hello_t *hello,
+result_t pool_hello(pool_t *pool, double now, const identity_t *identity, const worker_hello_t *hello,
                     uint64_t *worker);
 /* False when the worker is not known (any more). `threads` 0: as it said at first. */
 bool pool_heartbeat(pool_t *pool, double now, const identity_t *identity, uint64_t worker, uint64_t job,
@@ -54,7 +54,7 @@ bool pool_job_settings(pool_t *pool, uint64_t job, job_settings_t *settings);
 /* Work for a worker; the caller gives room for WIRE_MAX_UNITS units. RESULT_UNREACHABLE when the worker is
  * not known: it should say hello again. */
 result_t pool_take(pool_t *pool, double now, const identity_t *identity, uint64_t worker, uint64_t loaded_job,
-                   uint64_t samples, uint64_t unit_samples, farm_work_t *work);
+                   uint64_t samples, uint64_t unit_samples, work_t *work);
 bool pool_next_notice(pool_t *pool, notice_t *notice);
 /* Time passes: leases and flushes end. To be called a few times a second, when all messages that came have
  * been handled. */

@@ -19,7 +19,7 @@ enum {
 /* A worker below. */
 typedef struct {
     uint64_t id;
-    char name[FARM_MAX_NAME + 1];
+    char name[SERVE_MAX_NAME + 1];
     identity_t identity;
     uint32_t threads;
     bool idle;             /* was told that there is no work */

@@ -48,13 +48,13 @@ static result_t check_group(pool_t *pool, const hash_t *fingerprint)
         here, there);
 }
 
-result_t pool_hello(pool_t *pool, double now, const identity_t *identity, const farm_hello_t *hello,
+result_t pool_hello(pool_t *pool, double now, const identity_t *identity, const worker_hello_t *hello,
                     uint64_t *worker)
 {
     pool_lock(pool);
     result_t result = check_group(pool, &hello->fingerprint);
-    if (result.code == RESULT_OK && pool->member_count == FARM_MAX_WORKERS)
-        result = result_fail(RESULT_LIMIT, "this relay has %d workers already", FARM_MAX_WORKERS);
+    if (result.code == RESULT_OK && pool->member_count == SERVE_MAX_WORKERS)
+        result = result_fail(RESULT_LIMIT, "this relay has %d workers already", SERVE_MAX_WORKERS);
     if (result.code == RESULT_OK) {
         pool->members = mem_realloc(pool->members, (pool->member_count + 1) * sizeof *pool->members);
         member_t *member = &pool->members[pool->member_count++];
@@ -113,7 +113,7 @@ void pool_goodbye(pool_t *pool, double now, uint64_t worker, uint64_t id, const 
     pool_lock(pool);
     member_t *member = pool_find_member(pool, worker);
     if (member != NULL) {
-        char name[FARM_MAX_NAME + 1];
+        char name[SERVE_MAX_NAME + 1];
         size_t units = 0;
         snprintf(name, sizeof name, "%s", member->name);
         units = pool_remove_member(pool, now, member);
@@ -147,7 +147,7 @@ void pool_claim(pool_t *pool, uint64_t worker, uint64_t id, const hash_t *conten
     pool_unlock(pool);
 }
 
-static void describe(const relay_job_t *job, farm_work_t *work)
+static void describe(const relay_job_t *job, work_t *work)
 {
     work->job = job->id;
     work->settings = job->settings;
@@ -156,7 +156,7 @@ static void describe(const relay_job_t *job, farm_work_t *work)
 }
 
 /* A check that nobody has; false when there is none. */
-static bool take_errand(relay_job_t *job, uint64_t worker, farm_work_t *work)
+static bool take_errand(relay_job_t *job, uint64_t worker, work_t *work)
 {
     for (size_t i = 0; i < job->errand_count; i++) {
         errand_t *errand = job->errands[i];
@@ -170,7 +170,7 @@ static bool take_errand(relay_job_t *job, uint64_t worker, farm_work_t *work)
     return false;
 }
 
-static void take_from_job(relay_job_t *job, uint64_t worker, uint64_t samples, farm_work_t *work)
+static void take_from_job(relay_job_t *job, uint64_t worker, uint64_t samples, work_t *work)
 {
     if (!job->loaded || job->over || job->gone) return;
     describe(job, work);
@@ -179,8 +179,7 @@ static void take_from_job(relay_job_t *job, uint64_t worker, uint64_t samples, f
 }
 
 /* The job that the worker has loaded goes first, so that scenes are not changed more often than need be. */
-static void take_from_jobs(pool_t *pool, uint64_t worker, uint64_t loaded, uint64_t samples,
-                           farm_work_t *work)
+static void take_from_jobs(pool_t *pool, uint64_t worker, uint64_t loaded, uint64_t samples, work_t *work)
 {
     relay_job_t *job = pool_find_job(pool, loaded);
     work->unit_count = 0;
@@ -228,7 +227,7 @@ static result_t unknown_worker(void)
 }
 
 result_t pool_take(pool_t *pool, double now, const identity_t *identity, uint64_t worker, uint64_t loaded_job,
-                   uint64_t samples, uint64_t unit_samples, farm_work_t *work)
+                   uint64_t samples, uint64_t unit_samples, work_t *work)
 {
     pool_lock(pool);
     member_t *member = hear(pool, now, identity, worker);

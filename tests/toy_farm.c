@@ -67,7 +67,7 @@ uint64_t toy_hello(farm_t *farm, double now, uint32_t threads)
 
 uint64_t toy_join(farm_t *farm, double now, const char *name, uint32_t threads, uint8_t fingerprint)
 {
-    farm_hello_t hello = {.name = name, .key = "", .threads = threads, .fingerprint = {{fingerprint}}};
+    worker_hello_t hello = {.name = name, .key = "", .threads = threads, .fingerprint = {{fingerprint}}};
     uint64_t worker;
     assert_int_equal(farm_hello(farm, now, &nobody, &hello, &worker).code, RESULT_OK);
     return worker;
@@ -81,7 +81,7 @@ bool toy_beat(farm_t *farm, double now, uint64_t worker)
 toy_work_t toy_take(farm_t *farm, double now, uint64_t worker, uint64_t samples, uint64_t unit_samples)
 {
     unit_t units[WIRE_MAX_UNITS];
-    farm_work_t work = {.units = units};
+    work_t work = {.units = units};
     toy_work_t taken = {0};
     assert_int_equal(farm_take(farm, now, &nobody, worker, 0, samples, unit_samples, &work).code, RESULT_OK);
     taken.job = work.job;

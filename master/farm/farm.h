@@ -14,11 +14,13 @@
 
 #include "master/film/shared_film.h"
 #include "master/schedule/schedule.h"
+#include "proto/serve/serve_handler.h"
 
 enum {
-    FARM_MAX_JOBS = 1000,    /* known at a time; the oldest finished ones are forgotten */
-    FARM_MAX_WORKERS = 4096, /* connected, and as many again that were lost and may still send a batch */
-    FARM_MAX_NAME = JOB_MAX_NAME,
+    FARM_MAX_JOBS = 1000,                 /* known at a time; the oldest finished ones are forgotten */
+    FARM_MAX_WORKERS = SERVE_MAX_WORKERS, /* connected, and as many again that were lost and may still send a
+                                             batch */
+    FARM_MAX_NAME = SERVE_MAX_NAME,
     FARM_MAX_DECLINES = 3, /* of a job that no worker has rendered any of */
     FARM_UNIT_DEATHS = 5,  /* workers that a unit has to end, at least, before it is left out */
     FARM_MAX_FAILURES = 3  /* of a machine without a delivery between them, before it is put aside */
@@ -55,24 +57,9 @@ void farm_destroy(farm_t **farm);
 
 /* ---- workers ------------------------------------------------------------------------------------------- */
 
-/* Where a worker's messages come from. */
-typedef struct {
-    uint8_t bytes[WIRE_MAX_IDENTITY];
-    size_t size;
-} identity_t;
-
-/* What a worker says of itself, and what is known of it. */
-typedef struct {
-    const char *name;
-    const char *key; /* public key in Z85, empty without keys */
-    uint32_t threads;
-    hash_t fingerprint; /* of its bits; all zero: it has not said */
-    bool relay;
-} farm_hello_t;
-
 /* Admits a worker and names it. RESULT_LIMIT when there are too many; RESULT_CANCELLED, with the reason, when
  * it is put aside. */
-result_t farm_hello(farm_t *farm, double now, const identity_t *identity, const farm_hello_t *hello,
+result_t farm_hello(farm_t *farm, double now, const identity_t *identity, const worker_hello_t *hello,
                     uint64_t *worker);
 /* False when the worker is not known (any more). What it says that it does not hold goes back after a while.
  */
@@ -82,33 +69,16 @@ bool farm_heartbeat(farm_t *farm, double now, const identity_t *identity, uint64
 void farm_worker_threads(farm_t *farm, uint64_t worker, uint32_t threads);
 /* The worker has these units in hand, from an earlier life of this master or a lease that ended, of a job
  * that `content` identifies (job_content_hash): those that nobody else has are its own again. */
-void farm_reclaim(farm_t *farm, double now, uint64_t worker, uint64_t job, const ProtobufCBinaryData *content,
-                  Lm__Unit *const *units, size_t count);
+void farm_reclaim(farm_t *farm, double now, uint64_t worker, uint64_t job, const hash_t *content,
+                  const unit_t *units, size_t count);
 /* The worker leaves: its units go back. `job` is one that it cannot render, for the reason it gives, or 0. A
  * job that nobody has delivered anything of fails when it was declined FARM_MAX_DECLINES times and nobody is
  * at it. */
 void farm_goodbye(farm_t *farm, double now, uint64_t worker, uint64_t job, const char *reason);
-/* Work for a worker; the caller gives room for WIRE_MAX_UNITS units. */
-typedef struct {
-    uint64_t job; /* 0: there is none */
-    job_settings_t settings;
-    hash_t blob;
-    uint64_t blob_size;
-    unit_t *units;
-    size_t unit_count;
-    uint64_t check; /* not 0: the units make a batch of their own */
-} farm_work_t;
-
-/* RESULT_UNREACHABLE when the worker is not known: it should say hello again. */
+/* Work for a worker; the caller gives room for WIRE_MAX_UNITS units. RESULT_UNREACHABLE when the worker is
+ * not known: it should say hello again. */
 result_t farm_take(farm_t *farm, double now, const identity_t *identity, uint64_t worker, uint64_t loaded_job,
-                   uint64_t samples, uint64_t unit_samples, farm_work_t *work);
-
-/* Something to tell a worker unasked: JobReady (job 0) or JobOver. */
-typedef struct {
-    identity_t identity;
-    uint64_t job;
-    bool flush;
-} notice_t;
+                   uint64_t samples, uint64_t unit_samples, work_t *work);
 
 bool farm_next_notice(farm_t *farm, notice_t *notice);
 
@@ -245,9 +215,9 @@ void farm_checkpointed(farm_t *farm, double now, job_t *job, result_t written);
 result_t farm_batch_wanted(farm_t *farm, double now, uint64_t worker, uint64_t job, bool named);
 /* It was told so. */
 void farm_batch_granted(farm_t *farm, double now, uint64_t worker);
-/* RESULT_INPUT when the bytes are not the job_content_hash of the job: they are of another one, which had
- * its number before this master lost its data. Nothing is said of an unknown job or of empty bytes. */
-result_t farm_content_check(farm_t *farm, uint64_t job, const ProtobufCBinaryData *content);
+/* RESULT_INPUT when `content` is not the job_content_hash of the job: it is of another one, which had its
+ * number before this master lost its data. Nothing is said of an unknown job or when it is NULL. */
+result_t farm_content_check(farm_t *farm, uint64_t job, const hash_t *content);
 /* Pins the job that a batch is for, to be unpinned; the reason for a failure is for the sender. `bytes` is
  * the size of the message. */
 result_t farm_batch_open(farm_t *farm, double now, uint64_t worker, uint64_t job, uint64_t bytes,

@@ -223,7 +223,7 @@ static double wished_units(const schedule_wish_t *wish)
 /* Issues units of one job, if it has any for this worker; false when the worker is to wait until it holds
  * nothing. */
 static bool take_from_job(farm_t *farm, double now, job_t *job, worker_t *worker, schedule_wish_t *wish,
-                          farm_work_t *work)
+                          work_t *work)
 {
     if (job->state == JOB_QUEUED && !farm_job_start(farm, now, job)) return true;
     work->job = job->id;
@@ -254,8 +254,7 @@ static bool take_from_job(farm_t *farm, double now, job_t *job, worker_t *worker
 }
 
 /* True when the worker is to wait until it holds nothing. */
-static bool take_from_jobs(farm_t *farm, double now, worker_t *worker, schedule_wish_t *wish,
-                           farm_work_t *work)
+static bool take_from_jobs(farm_t *farm, double now, worker_t *worker, schedule_wish_t *wish, work_t *work)
 {
     bool waits = false;
     size_t count;
@@ -268,7 +267,7 @@ static bool take_from_jobs(farm_t *farm, double now, worker_t *worker, schedule_
 }
 
 result_t farm_take(farm_t *farm, double now, const identity_t *identity, uint64_t id, uint64_t loaded_job,
-                   uint64_t samples, uint64_t unit_samples, farm_work_t *work)
+                   uint64_t samples, uint64_t unit_samples, work_t *work)
 {
     farm_lock(farm);
     worker_t *worker = farm_worker_hear(farm, now, identity, id);

@@ -161,7 +161,7 @@ static uint32_t sane_threads(uint32_t threads)
     return threads < 1 ? 1 : threads > MAX_THREADS ? MAX_THREADS : threads;
 }
 
-static worker_t make_worker(double now, const identity_t *identity, const farm_hello_t *hello)
+static worker_t make_worker(double now, const identity_t *identity, const worker_hello_t *hello)
 {
     static const hash_t none;
     worker_t worker = {.identity = *identity,
@@ -180,7 +180,7 @@ static worker_t make_worker(double now, const identity_t *identity, const farm_h
     return worker;
 }
 
-result_t farm_hello(farm_t *farm, double now, const identity_t *identity, const farm_hello_t *hello,
+result_t farm_hello(farm_t *farm, double now, const identity_t *identity, const worker_hello_t *hello,
                     uint64_t *id)
 {
     worker_t joins = make_worker(now, identity, hello);
@@ -279,23 +279,20 @@ void farm_goodbye(farm_t *farm, double now, uint64_t id, uint64_t job_id, const 
 }
 
 /* Under the lock. */
-static void reclaim(farm_t *farm, double now, worker_t *worker, job_t *job, Lm__Unit *const *messages,
-                    size_t count)
+static void reclaim(farm_t *farm, double now, worker_t *worker, job_t *job, const unit_t *units, size_t count)
 {
-    unit_t *units = mem_alloc((count + 1) * sizeof *units);
-    if (wire_units_get(messages, count, &job->settings, units).code == RESULT_OK) {
-        if (farm_worker_units(farm, worker) == 0) worker->delivered = now;
-        worker->empty = 0;
-        for (size_t i = 0; i < count; i++)
-            if (schedule_issue(job->schedule, worker->id, &units[i]))
-                worker->held += farm_unit_samples(job, &units[i], 1);
-        farm_worker_expect(farm, now, worker);
-    }
-    free(units);
+    for (size_t i = 0; i < count; i++)
+        if (!job_unit_valid(&job->settings, &units[i])) return;
+    if (farm_worker_units(farm, worker) == 0) worker->delivered = now;
+    worker->empty = 0;
+    for (size_t i = 0; i < count; i++)
+        if (schedule_issue(job->schedule, worker->id, &units[i]))
+            worker->held += farm_unit_samples(job, &units[i], 1);
+    farm_worker_expect(farm, now, worker);
 }
 
-void farm_reclaim(farm_t *farm, double now, uint64_t id, uint64_t job_id, const ProtobufCBinaryData *content,
-                  Lm__Unit *const *units, size_t count)
+void farm_reclaim(farm_t *farm, double now, uint64_t id, uint64_t job_id, const hash_t *content,
+                  const unit_t *units, size_t count)
 {
     if (count == 0 || farm_content_check(farm, job_id, content).code != RESULT_OK) return;
     farm_lock(farm);

@@ -71,8 +71,7 @@ typedef enum {
     SUSPECTS_WAIT, /* it is to have some, when it holds nothing else: nothing for now */
     SUSPECTS_GIVEN
 } suspects_answer_t;
-suspects_answer_t farm_suspects_take(farm_t *farm, double now, job_t *job, worker_t *worker,
-                                     farm_work_t *work);
+suspects_answer_t farm_suspects_take(farm_t *farm, double now, job_t *job, worker_t *worker, work_t *work);
 /* Writes how many units are kept apart; returns 0 when none. */
 size_t farm_suspects_count(const job_t *job);
 
@@ -161,12 +160,12 @@ bool farm_checks_open(const job_checks_t *checks, size_t source);
  * rendering. */
 void farm_checks_forget(job_t *job, size_t source);
 /* Work that is to be compared, for a worker; false when there is none. */
-bool farm_checks_take(farm_t *farm, double now, job_t *job, worker_t *worker, farm_work_t *work);
+bool farm_checks_take(farm_t *farm, double now, job_t *job, worker_t *worker, work_t *work);
 /* True when the next unit of a worker that cannot be checked afterwards, a relay, is to be chosen beforehand;
  * it would be given about so many. */
 bool farm_checks_marks(const farm_t *farm, const job_t *job, const worker_t *worker, double units);
 /* What was just issued is its first rendering. */
-void farm_checks_mark(farm_t *farm, double now, job_t *job, const worker_t *worker, farm_work_t *work);
+void farm_checks_mark(farm_t *farm, double now, job_t *job, const worker_t *worker, work_t *work);
 /* True when a worker has units to compare. */
 bool farm_checks_held(const farm_t *farm, const worker_t *worker);
 /* A worker has lost what it was to compare. */

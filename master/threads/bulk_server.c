@@ -73,12 +73,26 @@ static void refuse(bulk_server_t *server, const wire_message_t *message, result_
     reply(server, message, &answer, NULL);
 }
 
+static result_t check_hash(const ProtobufCBinaryData *bytes, hash_t *hash)
+{
+    if (wire_hash_get(bytes, hash)) return result_ok();
+    return result_fail(RESULT_PROTOCOL, "a hash of %zu bytes, not %d", bytes->len, HASH_BYTES);
+}
+
 /* ---- batches ------------------------------------------------------------------------------------------- */
 
 static result_t batch_wanted(void *context, const batch_offer_t *offer)
 {
     bulk_server_t *server = context;
     return farm_batch_wanted(server->options.farm, clock_now(), offer->worker, offer->job, offer->named);
+}
+
+static result_t check_content(farm_t *farm, uint64_t job, const ProtobufCBinaryData *bytes)
+{
+    hash_t content;
+    if (bytes->len == 0) return farm_content_check(farm, job, NULL);
+    TRY(check_hash(bytes, &content));
+    return farm_content_check(farm, job, &content);
 }
 
 static void on_offer(bulk_server_t *server, const wire_message_t *message)
@@ -91,7 +105,7 @@ static void on_offer(bulk_server_t *server, const wire_message_t *message)
                            .named = body->content.len > 0,
                            .bytes = body->bytes};
     memcpy(offer.identity.bytes, message->identity, message->identity_size);
-    result_t result = farm_content_check(server->options.farm, body->job, &body->content);
+    result_t result = check_content(server->options.farm, body->job, &body->content);
     if (result.code == RESULT_OK) result = grants_offer(server->grants, clock_now(), &offer);
     if (result.code != RESULT_OK) refuse(server, message, result);
 }
@@ -125,7 +139,7 @@ static result_t merge_batch(void *context, const wire_message_t *message)
     const Lm__BatchResult *body = message->envelope->batch_result;
     job_t *job;
     batch_t batch;
-    TRY(farm_content_check(farm, body->job, &body->content));
+    TRY(check_content(farm, body->job, &body->content));
     TRY(farm_batch_open(farm, clock_now(), body->worker, body->job, message->bytes, &job));
     job_settings_t settings = farm_job_settings(farm, job);
     batch_init(&batch, &settings);
@@ -180,12 +194,6 @@ static void send_verdicts(bulk_server_t *server)
 }
 
 /* ---- blobs --------------------------------------------------------------------------------------------- */
-
-static result_t check_hash(const ProtobufCBinaryData *bytes, hash_t *hash)
-{
-    if (wire_hash_get(bytes, hash)) return result_ok();
-    return result_fail(RESULT_PROTOCOL, "a hash of %zu bytes, not %d", bytes->len, HASH_BYTES);
-}
 
 static result_t put_blob(bulk_server_t *server, const wire_message_t *message, uint64_t *next)
 {

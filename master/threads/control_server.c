@@ -103,7 +103,7 @@ static void on_hello(control_server_t *server, const wire_message_t *message)
     }
     Lm__Welcome welcome = LM__WELCOME__INIT;
     identity_t identity = sender(message);
-    farm_hello_t said = {
+    worker_hello_t said = {
         .name = hello->name, .key = message->key, .threads = hello->threads, .relay = hello->relay};
     wire_hash_get(&hello->fingerprint, &said.fingerprint);
     result_t result = farm_hello(options->farm, clock_now(), &identity, &said, &welcome.worker);
@@ -126,7 +126,7 @@ static void on_hello(control_server_t *server, const wire_message_t *message)
     reply(server, message, &answer);
 }
 
-static void send_assignment(control_server_t *server, const wire_message_t *message, const farm_work_t *work)
+static void send_assignment(control_server_t *server, const wire_message_t *message, const work_t *work)
 {
     Lm__Settings settings = LM__SETTINGS__INIT;
     Lm__Assignment assignment = LM__ASSIGNMENT__INIT;
@@ -145,13 +145,23 @@ static void send_assignment(control_server_t *server, const wire_message_t *mess
     free(assignment.units);
 }
 
+/* What a worker says that it has of a job. */
+static void take_claim(control_server_t *server, const Lm__WorkRequest *request)
+{
+    hash_t content;
+    bool named = request->content.len > 0;
+    if (request->n_kept == 0 || (named && !wire_hash_get(&request->content, &content))) return;
+    if (wire_units_get(request->kept, request->n_kept, NULL, server->units).code != RESULT_OK) return;
+    farm_reclaim(server->options.farm, clock_now(), request->worker, request->job, named ? &content : NULL,
+                 server->units, request->n_kept);
+}
+
 static void on_work_request(control_server_t *server, const wire_message_t *message)
 {
     const Lm__WorkRequest *request = message->envelope->work_request;
-    farm_work_t work = {.units = server->units};
+    work_t work = {.units = server->units};
     identity_t identity = sender(message);
-    farm_reclaim(server->options.farm, clock_now(), request->worker, request->job, &request->content,
-                 request->kept, request->n_kept);
+    take_claim(server, request);
     result_t result = farm_take(server->options.farm, clock_now(), &identity, request->worker, request->job,
                                 request->samples, request->unit_samples, &work);
     if (result.code != RESULT_OK) {

@@ -211,7 +211,7 @@ static double deadline(const farm_t *farm, double now, const check_t *check, con
     return now + fmax(SLACK * (seconds + interval), STALL_BATCHES * interval);
 }
 
-bool farm_checks_take(farm_t *farm, double now, job_t *job, worker_t *worker, farm_work_t *work)
+bool farm_checks_take(farm_t *farm, double now, job_t *job, worker_t *worker, work_t *work)
 {
     job_checks_t *checks = job->checks;
     for (size_t i = 0; checks != NULL && i < checks->check_count; i++) {
@@ -254,7 +254,7 @@ bool farm_checks_marks(const farm_t *farm, const job_t *job, const worker_t *wor
     return happens(share / (1 - job->terms.verify + share));
 }
 
-void farm_checks_mark(farm_t *farm, double now, job_t *job, const worker_t *worker, farm_work_t *work)
+void farm_checks_mark(farm_t *farm, double now, job_t *job, const worker_t *worker, work_t *work)
 {
     (void)farm_checks_of(job);
     check_t *check = add_check(job, work->units, work->unit_count, &worker->fingerprint);

@@ -463,7 +463,7 @@ static size_t choose(const farm_t *farm, double now, const job_t *job, const wor
     return best;
 }
 
-static void hand_out(double now, job_t *job, suspect_t *suspect, const worker_t *worker, farm_work_t *work)
+static void hand_out(double now, job_t *job, suspect_t *suspect, const worker_t *worker, work_t *work)
 {
     let_go(job, suspect);
     if (!schedule_issue(job->schedule, worker->id, &suspect->unit)) return;
@@ -487,8 +487,7 @@ static void refresh(job_t *job)
     for (size_t i = 0; i < s->count && lost; i++) keep(job, &s->list[i]);
 }
 
-suspects_answer_t farm_suspects_take(farm_t *farm, double now, job_t *job, worker_t *worker,
-                                     farm_work_t *work)
+suspects_answer_t farm_suspects_take(farm_t *farm, double now, job_t *job, worker_t *worker, work_t *work)
 {
     job_suspects_t *s = job->suspects;
     bool empty = farm_worker_units(farm, worker) == 0 && !farm_checks_held(farm, worker);

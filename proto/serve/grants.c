@@ -8,7 +8,7 @@
 #include <string.h>
 
 enum {
-    MAX_OFFERS = 2 * FARM_MAX_WORKERS,
+    MAX_OFFERS = 2 * SERVE_MAX_WORKERS,
     OFFER_LIFE = 60,  /* seconds; peers repeat an offer every 20 */
     GRANT_LIFE = 20,  /* seconds until a batch that was granted must have come, */
     GRANT_SLACK = 100 /* with so many more at most for its size */

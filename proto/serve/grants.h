@@ -16,7 +16,7 @@
 #ifndef LIGHTMILL_GRANTS_H
 #define LIGHTMILL_GRANTS_H
 
-#include "master/farm/farm.h"
+#include "proto/serve/serve_handler.h"
 
 typedef struct grants grants_t;
 

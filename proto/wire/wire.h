@@ -149,7 +149,7 @@ void wire_counts_get(const Lm__Counts *message, film_counts_t *counts);
 /* The array of messages for `count` units, in one piece of memory that the caller frees with free(); NULL for
  * none. */
 Lm__Unit **wire_units_new(const unit_t *units, size_t count);
-/* Fills units[count] and checks each against the job. */
+/* Fills units[count], at most WIRE_MAX_UNITS, and checks each against the job, unless `settings` is NULL. */
 result_t wire_units_get(Lm__Unit *const *messages, size_t count, const job_settings_t *settings,
                         unit_t *units);
 /* The units and counts of a BatchResult, checked, into a batch that was initialised with its job's settings;

@@ -211,7 +211,7 @@ result_t wire_units_get(Lm__Unit *const *messages, size_t count, const job_setti
         return result_fail(RESULT_PROTOCOL, "%zu units, the limit is %d", count, WIRE_MAX_UNITS);
     for (size_t i = 0; i < count; i++) {
         units[i] = (unit_t){messages[i]->tile, messages[i]->first, messages[i]->count};
-        if (!job_unit_valid(settings, &units[i]))
+        if (settings != NULL && !job_unit_valid(settings, &units[i]))
             return result_fail(RESULT_PROTOCOL, "unit (tile %u, samples %u + %u) is not of this job",
                                units[i].tile, units[i].first, units[i].count);
     }

@@ -111,7 +111,7 @@ static int tear_down(void **state)
 static void hello(test_t *t, sender_t *sender)
 {
     static const identity_t nobody = {{0}, 1};
-    farm_hello_t said = {.name = "w", .key = "", .threads = 1};
+    worker_hello_t said = {.name = "w", .key = "", .threads = 1};
     must(farm_hello(t->farm, clock_now(), &nobody, &said, &sender->worker));
     must(wire_socket(t->context, ZMQ_DEALER, &sender->socket));
     assert_int_equal(zmq_connect(sender->socket, "inproc://bulk"), 0);
@@ -122,7 +122,7 @@ static void work(test_t *t, sender_t *sender)
 {
     static const identity_t nobody = {{0}, 1};
     unit_t *units = mem_alloc(WIRE_MAX_UNITS * sizeof *units);
-    farm_work_t work = {.units = units};
+    work_t work = {.units = units};
     must(farm_take(t->farm, clock_now(), &nobody, sender->worker, 0, 10000, 5000, &work));
     assert_int_equal(work.job, t->job);
     assert_true(work.unit_count > 0 && work.unit_count <= ARRAY_LENGTH(sender->units));

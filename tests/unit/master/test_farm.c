@@ -230,16 +230,17 @@ static void too_many_workers_are_refused_and_lost_ones_forgotten(void **state)
     uint64_t worker, first = hello(farm, 0);
     for (int i = 1; i < FARM_MAX_WORKERS; i++) hello(farm, 0);
     assert_int_equal(
-        farm_hello(farm, 0, &nobody, &(farm_hello_t){.name = "x", .key = "", .threads = 1}, &worker).code,
+        farm_hello(farm, 0, &nobody, &(worker_hello_t){.name = "x", .key = "", .threads = 1}, &worker).code,
         RESULT_LIMIT);
     farm_goodbye(farm, 0, first, 0, "");
     assert_int_equal(
-        farm_hello(farm, 0, &nobody, &(farm_hello_t){.name = "x", .key = "", .threads = 1}, &worker).code,
+        farm_hello(farm, 0, &nobody, &(worker_hello_t){.name = "x", .key = "", .threads = 1}, &worker).code,
         RESULT_OK);
     for (int i = 0; i < 2 * FARM_MAX_WORKERS; i++) { /* come and go: memory stays bounded */
         farm_goodbye(farm, 0, worker, 0, "");
         assert_int_equal(
-            farm_hello(farm, i, &nobody, &(farm_hello_t){.name = "x", .key = "", .threads = 1}, &worker).code,
+            farm_hello(farm, i, &nobody, &(worker_hello_t){.name = "x", .key = "", .threads = 1}, &worker)
+                .code,
             RESULT_OK);
     }
 }

@@ -91,11 +91,11 @@ static bool is_lie(const actor_t *actor)
 
 static void join(trial_t *trial, actor_t *actor)
 {
-    farm_hello_t hello = {.name = actor->name,
-                          .key = "",
-                          .threads = 1,
-                          .fingerprint = {{actor->fingerprint}},
-                          .relay = actor->relay};
+    worker_hello_t hello = {.name = actor->name,
+                            .key = "",
+                            .threads = 1,
+                            .fingerprint = {{actor->fingerprint}},
+                            .relay = actor->relay};
     result_t result = farm_hello(trial->farm, trial->now, &nobody, &hello, &actor->worker);
     actor->refused = result.code == RESULT_CANCELLED;
     if (result.code != RESULT_OK) actor->worker = 0;
@@ -229,7 +229,7 @@ static void run_with_a_liar(double verify, honesty_t honesty)
     for (int i = 0; i < trial.actor_count; i++) assert_true(i == 2 || !trial.actors[i].refused);
     uint64_t worker;
     result_t refused =
-        farm_hello(trial.farm, trial.now, &nobody, &(farm_hello_t){.name = "liar", .key = ""}, &worker);
+        farm_hello(trial.farm, trial.now, &nobody, &(worker_hello_t){.name = "liar", .key = ""}, &worker);
     assert_int_equal(refused.code, RESULT_CANCELLED);
     assert_non_null(strstr(refused.message, "sent other sums than two others"));
     end(&trial);

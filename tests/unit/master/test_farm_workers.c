@@ -222,18 +222,12 @@ static void units_are_reclaimed(void **state)
     assert_int_equal(first.units[0].tile, 0);
     unit_t units[] = {{0, 0, 4}, {1, 0, 4}, {3, 0, 2}}, wrong = {9, 0, 4};
     hash_t blob = {{0}}, hash = job_content_hash(&settings, &blob);
-    ProtobufCBinaryData content = wire_hash_put(&hash);
-    Lm__Unit **messages = wire_units_new(units, 3), **bad = wire_units_new(&wrong, 1);
-    farm_reclaim(farm, 1, worker, job, &content, messages, 3);
-    farm_reclaim(farm, 1, worker, job, &content, bad, 1);
+    farm_reclaim(farm, 1, worker, job, &hash, units, 3);
+    farm_reclaim(farm, 1, worker, job, &hash, &wrong, 1);
     assert_int_equal(find_worker(farm, 1, "back").units_held, 2); /* but for what the other has */
     hash.bytes[0] ^= 1;
-    Lm__Unit **rest = wire_units_new(&(unit_t){2, 0, 4}, 1);
-    farm_reclaim(farm, 1, worker, job, &content, rest, 1);
+    farm_reclaim(farm, 1, worker, job, &hash, &(unit_t){2, 0, 4}, 1);
     assert_int_equal(find_worker(farm, 1, "back").units_held, 2); /* that was another job */
-    free(messages);
-    free(bad);
-    free(rest);
 }
 
 /* ---- bits ---------------------------------------------------------------------------------------------- */
@@ -303,7 +297,7 @@ static void a_mixed_job_takes_everybody_and_says_so(void **state)
 
 static result_t try_hello(farm_t *farm, double now, const char *name, uint64_t *worker)
 {
-    return farm_hello(farm, now, &nobody, &(farm_hello_t){.name = name, .key = "", .threads = 1}, worker);
+    return farm_hello(farm, now, &nobody, &(worker_hello_t){.name = name, .key = "", .threads = 1}, worker);
 }
 
 /* A process of host:n joins, takes a unit, and is not heard of again. */

@@ -199,7 +199,7 @@ static void the_number_of_offers_is_bounded(void **state)
         offered.identity.size = sizeof i;
         taken += grants_offer(grants, 0, &offered).code == RESULT_OK;
     }
-    assert_int_equal(taken, 2 * FARM_MAX_WORKERS);
+    assert_int_equal(taken, 2 * SERVE_MAX_WORKERS);
     uint32_t first = 0;
     memcpy(offered.identity.bytes, &first, sizeof first);
     assert_int_equal(grants_offer(grants, 0, &offered).code,

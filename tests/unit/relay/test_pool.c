@@ -32,7 +32,7 @@ typedef struct {
 static uint64_t hello(test_t *t, const char *name)
 {
     identity_t identity = {{1}, 1};
-    farm_hello_t said = {.name = name, .key = "", .threads = 1};
+    worker_hello_t said = {.name = name, .key = "", .threads = 1};
     uint64_t worker = 0;
     assert_int_equal(pool_hello(t->pool, 0, &identity, &said, &worker).code, RESULT_OK);
     return worker;
@@ -117,7 +117,7 @@ static void begin(test_t *t, const unit_t *units, size_t count)
 static size_t take(test_t *t, double now, uint64_t worker, uint64_t samples)
 {
     identity_t identity = {{1}, 1};
-    farm_work_t work = {.units = t->units};
+    work_t work = {.units = t->units};
     assert_int_equal(pool_take(t->pool, now, &identity, worker, 0, samples, 1, &work).code, RESULT_OK);
     return work.job != 0 ? work.unit_count : 0;
 }
