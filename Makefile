@@ -105,6 +105,7 @@ SUBMAKE   = +$(MAKE) --no-print-directory
 
 check: deps
 	$(SUBMAKE) $(JOBS) all tests
+	tests/layers.sh $(BUILD)
 	$(SUBMAKE) run-tests
 
 tests: $(TESTS)

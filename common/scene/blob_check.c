@@ -3,6 +3,8 @@
 #include "common/film/film.h"
 #include "common/scene/blob_layout.h"
 
+#include <stdlib.h>
+
 static bool xform_is_finite(const xform_t *t)
 {
     for (int i = 0; i < 3; i++)
