@@ -39,7 +39,11 @@ relay                       : proto/uplink proto/serve
 client/import               : common/scene
 client/import/tessellate    : client/import
 client/import/gltf          : client/import
-client/import/pbrt          : client/import/tessellate
+client/import/pbrt/syntax    : client/import
+client/import/pbrt/state     : client/import/pbrt/syntax
+client/import/pbrt/materials : client/import/pbrt/state
+client/import/pbrt/shapes    : client/import/pbrt/materials client/import/tessellate
+client/import/pbrt           : client/import/pbrt/shapes
 client                      : client/import proto/uplink master worker
 END
 }
@@ -55,11 +59,9 @@ use master/store master/film because a checkpoint is of a film
 use master/store master/schedule because a checkpoint has the state of a schedule
 use master/trust master/farm because they are not apart yet
 circle common/image because the table of formats calls its readers
-circle client/import/pbrt because directives call one another
 circle worker/render/bsdf because lobes hold lobes
 circle master/trust master/farm because they are not apart yet
 size client because its commands have no folder yet
-size client/import/pbrt because its shapes and materials have no folders yet
 size worker/render/bsdf because lobes and materials have no folders yet
 END
 }

@@ -241,6 +241,38 @@ void affine_interpolate(const affine_t *a, const affine_t *b, double t, affine_t
     for (int i = 0; i < 3; ++i) out->m[i][3] = (1 - t) * a->m[i][3] + t * b->m[i][3];
 }
 
+bool affine_frame(const affine_t *t, affine_t *frame)
+{
+    vec3_t axes[3];
+    double z[3], length = 0;
+    for (int i = 0; i < 3; ++i) length += t->m[i][2] * t->m[i][2];
+    length = sqrt(length);
+    if (!(length > 0) || !isfinite(length)) return false;
+    for (int i = 0; i < 3; ++i) z[i] = t->m[i][2] / length;
+    double along = 0, y[3], y_length = 0;
+    for (int i = 0; i < 3; ++i) along += t->m[i][1] * z[i];
+    for (int i = 0; i < 3; ++i) {
+        y[i] = t->m[i][1] - along * z[i];
+        y_length += y[i] * y[i];
+    }
+    y_length = sqrt(y_length);
+    if (!(y_length > 1e-9 * fabs(along)) || !isfinite(y_length)) { /* any will do */
+        v_frame(vec3((float)z[0], (float)z[1], (float)z[2]), &axes[0], &axes[1]);
+        y[0] = (double)axes[1].x, y[1] = (double)axes[1].y, y[2] = (double)axes[1].z;
+        y_length = 1;
+    }
+    for (int i = 0; i < 3; ++i) y[i] /= y_length;
+    for (int i = 0; i < 3; ++i) {
+        int j = (i + 1) % 3, k = (i + 2) % 3;
+        frame->m[i][0] = y[j] * z[k] - y[k] * z[j];
+        frame->m[i][1] = y[i];
+        frame->m[i][2] = z[i];
+        frame->m[i][3] = t->m[i][3];
+        if (!(fabs(frame->m[i][3]) <= 1e18)) return false;
+    }
+    return true;
+}
+
 xform_t affine_to_xform(const affine_t *t)
 {
     xform_t x;

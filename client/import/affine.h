@@ -34,6 +34,9 @@ void affine_interpolate(const affine_t *a, const affine_t *b, double t, affine_t
 /* The factor by which it scales lengths, as the cube root of its factor on volumes; *uniform: in all
  * directions and without shear, to a part in 1000. */
 double affine_scale(const affine_t *t, bool *uniform);
+/* The transform without scale and shear, its z axis along the old one; false when that axis has no direction
+ * or the origin lies beyond 1e18. */
+bool affine_frame(const affine_t *t, affine_t *frame);
 xform_t affine_to_xform(const affine_t *t);
 
 vec3_t affine_point(const affine_t *t, vec3_t p);

@@ -82,7 +82,7 @@ static result_t use(const document_t *document, const placement_t *place, blob_s
         TRY(orthographic(&camera, scene));
     else
         return item_fail(&camera, "its type must be perspective or orthographic, found \"%.20s\"", type);
-    if (!node_frame(&place->world_from_node, &frame))
+    if (!affine_frame(&place->world_from_node, &frame))
         return item_fail(&node, "its camera has no direction, or lies beyond 1e18");
     set_transform(scene, &frame);
     return result_ok();

@@ -212,8 +212,4 @@ result_t light_add(document_t *document);
 /* The scene record, with the first camera, or with one that sees everything. Meshes are there already. */
 result_t camera_add(document_t *document);
 
-/* The transform without scale and shear, its z axis along the node's; false when that axis has no direction
- * or the node lies beyond 1e18. */
-bool node_frame(const affine_t *transform, affine_t *frame);
-
 #endif

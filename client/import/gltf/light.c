@@ -65,7 +65,7 @@ static result_t orient(const document_t *document, const placement_t *place, blo
             usable = usable && fabs(frame.m[i][3]) <= 1e18;
         }
     } else {
-        usable = node_frame(&place->world_from_node, &frame);
+        usable = affine_frame(&place->world_from_node, &frame);
     }
     if (!usable) {
         item_t node;

@@ -56,38 +56,6 @@ static result_t local_transform(const item_t *node, affine_t *out)
     return result_ok();
 }
 
-bool node_frame(const affine_t *transform, affine_t *frame)
-{
-    vec3_t axes[3];
-    double z[3], length = 0;
-    for (int i = 0; i < 3; ++i) length += transform->m[i][2] * transform->m[i][2];
-    length = sqrt(length);
-    if (!(length > 0) || !isfinite(length)) return false;
-    for (int i = 0; i < 3; ++i) z[i] = transform->m[i][2] / length;
-    double along = 0, y[3], y_length = 0;
-    for (int i = 0; i < 3; ++i) along += transform->m[i][1] * z[i];
-    for (int i = 0; i < 3; ++i) {
-        y[i] = transform->m[i][1] - along * z[i];
-        y_length += y[i] * y[i];
-    }
-    y_length = sqrt(y_length);
-    if (!(y_length > 1e-9 * fabs(along)) || !isfinite(y_length)) { /* any will do */
-        v_frame(vec3((float)z[0], (float)z[1], (float)z[2]), &axes[0], &axes[1]);
-        y[0] = (double)axes[1].x, y[1] = (double)axes[1].y, y[2] = (double)axes[1].z;
-        y_length = 1;
-    }
-    for (int i = 0; i < 3; ++i) y[i] /= y_length;
-    for (int i = 0; i < 3; ++i) {
-        int j = (i + 1) % 3, k = (i + 2) % 3;
-        frame->m[i][0] = y[j] * z[k] - y[k] * z[j];
-        frame->m[i][1] = y[i];
-        frame->m[i][2] = z[i];
-        frame->m[i][3] = transform->m[i][3];
-        if (!(fabs(frame->m[i][3]) <= largest)) return false;
-    }
-    return true;
-}
-
 /* ---- what a node holds --------------------------------------------------------------------------------- */
 
 static void place(placements_t *list, uint32_t node, uint32_t thing, const affine_t *transform)

@@ -1,7 +1,7 @@
 /* light_images: what lights must know about the images that are in the blob, and images made for them. */
 #include <stdlib.h>
 
-#include "client/import/pbrt/directives.h"
+#include "client/import/pbrt/state/images.h"
 
 static double decode(const blob_image_t *image, uint8_t byte)
 {

@@ -5,7 +5,10 @@
  * were 1. Both place their lights with the current transform. */
 #include <string.h>
 
-#include "client/import/pbrt/directives.h"
+#include "client/import/pbrt/lights.h"
+#include "client/import/pbrt/state/arguments.h"
+#include "client/import/pbrt/state/images.h"
+#include "client/import/pbrt/state/values.h"
 
 static const double pi = 3.14159265358979323846;
 

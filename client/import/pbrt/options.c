@@ -3,7 +3,9 @@
  * Each has a table of the kinds that pbrt knows. A sampler or an integrator of ours stands in for one that we
  * do not have, with a warning, since the converged picture is the same or nearly so; a camera, film or filter
  * that we do not have makes another picture and is an error. */
-#include "client/import/pbrt/directives.h"
+#include "client/import/pbrt/options.h"
+#include "client/import/pbrt/state/arguments.h"
+#include "client/import/pbrt/state/colour_spaces.h"
 
 #include <ctype.h>
 #include <string.h>

@@ -9,7 +9,14 @@
 #include <sys/stat.h>
 
 #include "client/import/gunzip.h"
-#include "client/import/pbrt/directives.h"
+#include "client/import/pbrt/lights.h"
+#include "client/import/pbrt/materials/materials.h"
+#include "client/import/pbrt/materials/textures.h"
+#include "client/import/pbrt/options.h"
+#include "client/import/pbrt/shapes/shapes.h"
+#include "client/import/pbrt/state/arguments.h"
+#include "client/import/pbrt/state/colour_spaces.h"
+#include "client/import/pbrt/transforms.h"
 
 static const size_t largest_file = (size_t)1 << 34, largest_text = (size_t)1 << 32; /* decompressed */
 
@@ -261,9 +268,56 @@ static result_t run_directive(pbrt_t *p, const token_t *token)
     TRY(entry_find(directives, ARRAY_LENGTH(directives), sizeof *directives, "directive", name, &p->dialect,
                    token->at, &index));
     const directive_t *directive = &directives[index];
-    if (!directive->run) return error_at(token->at, "%s is not supported yet", directive->entry.name);
     if (!(directive->phases & p->phase)) return wrong_phase(p, directive, token->at);
     return directive->run(p, token->at);
+}
+
+/* ---- the end ------------------------------------------------------------------------------------------- */
+
+/* Parameters of an Attribute that no directive has read are most likely misspelled. */
+static result_t check_defaults(pbrt_t *p)
+{
+    for (size_t i = 0; i < p->kept_count; ++i) TRY(params_finish(p->kept[i], "Attribute", false, p->report));
+    return result_ok();
+}
+
+/* The film's gain is put into the lights. */
+static result_t apply_gain(pbrt_t *p, position_t at)
+{
+    uint32_t count = blob_builder_count(p->builder, BLOB_SECTION_LIGHTS);
+    blob_light_t *lights = blob_builder_records(p->builder, BLOB_SECTION_LIGHTS);
+    for (uint32_t i = 0; i < count; ++i) {
+        rgb_t *factor = &lights[i].radiance.factor;
+        if (p->gain != 1) *factor = v_scale(*factor, (float)p->gain);
+        *factor = v_mul(*factor, p->balance);
+        if (!v_is_finite(*factor))
+            return error_at(p->film_at.line ? p->film_at : at, "the scene's lights are too bright: infinite");
+    }
+    return result_ok();
+}
+
+/* Lays out scene, objects and shapes in the builder, and says what looks forgotten. `at` is the end of the
+ * file. */
+static result_t finish(pbrt_t *p, position_t at)
+{
+    if (p->phase == PHASE_OPTIONS)
+        return error_at(at, "the file ends before WorldBegin; is it a whole scene?");
+    if (p->scope_count) {
+        const scope_t *open = &p->scopes[p->scope_count - 1];
+        return error_at(open->at, "this block is never closed");
+    }
+    if (p->phase == PHASE_WORLD && p->dialect.dialect == DIALECT_V3)
+        return error_at(at, "the file ends before WorldEnd; is it truncated?");
+    TRY(pbrt_finish_materials(p));
+    pbrt_check_unused_materials(p);
+    TRY(check_defaults(p));
+    TRY(pbrt_check_textures(p, at));
+    TRY(apply_gain(p, at));
+    pbrt_lay_out_objects(p);
+    blob_builder_add(p->builder, BLOB_SECTION_SCENE, &p->scene, 1);
+    if (blob_builder_count(p->builder, BLOB_SECTION_LIGHTS) == 0)
+        report_warning(p->report, at, "the scene has no light: its picture is black");
+    return result_ok();
 }
 
 /* ---- the loop ------------------------------------------------------------------------------------------ */
@@ -322,11 +376,14 @@ static result_t parse_file(pbrt_t *p, const char *path, const char *label)
     TRY(open_source(p, path, label, &source, &size));
     lexer_t lexer = lexer_begin(source->path, (const char *)source->data, size);
     p->bytes_known += size;
-    if (!outer_source) pbrt_set_defaults(p, dialect_detect(source->path, (const char *)source->data, size));
+    if (!outer_source) {
+        pbrt_set_defaults(p, dialect_detect(source->path, (const char *)source->data, size));
+        pbrt_default_material(p);
+    }
     p->sources[p->open_sources++] = p->source = source;
     p->lexer = &lexer;
     result_t result = parse_source(p);
-    if (result.code == RESULT_OK && !outer_source) result = pbrt_finish(p, lexer_position(&lexer));
+    if (result.code == RESULT_OK && !outer_source) result = finish(p, lexer_position(&lexer));
     p->lexer = outer_lexer;
     p->source = outer_source;
     --p->open_sources;

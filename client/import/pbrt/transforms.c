@@ -1,6 +1,7 @@
 /* transforms: the directives that change the current transform (CTM). pbrt multiplies on the right: the
  * transform nearest to the shape applies first. The CTM is invertible at all times. */
-#include "client/import/pbrt/directives.h"
+#include "client/import/pbrt/transforms.h"
+#include "client/import/pbrt/state/arguments.h"
 
 static result_t check(const affine_t *ctm, position_t at)
 {

@@ -3,7 +3,7 @@
 
 #include "client/import/affine.h"
 #include "client/import/number.h"
-#include "client/import/pbrt/lexer.h"
+#include "client/import/pbrt/syntax/lexer.h"
 
 static void check_number(const char *text)
 {

@@ -1,5 +1,5 @@
 /* images: image files that textures and lights name, read once for each encoding and stored in the blob. */
-#include "client/import/pbrt/directives.h"
+#include "client/import/pbrt/state/images.h"
 
 #include <float.h>
 #include <stdlib.h>

@@ -1,5 +1,5 @@
 /* lexer: see lexer.h. */
-#include "client/import/pbrt/lexer.h"
+#include "client/import/pbrt/syntax/lexer.h"
 
 #include <stdio.h>
 #include <string.h>

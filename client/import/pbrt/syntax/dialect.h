@@ -15,7 +15,7 @@
 #ifndef LIGHTMILL_DIALECT_H
 #define LIGHTMILL_DIALECT_H
 
-#include "client/import/pbrt/lexer.h"
+#include "client/import/pbrt/syntax/lexer.h"
 
 typedef enum { DIALECT_V3 = 1, DIALECT_V4 = 2, DIALECT_BOTH = 3 } dialect_t;
 

@@ -9,9 +9,9 @@
 #define LIGHTMILL_STATE_H
 
 #include "client/import/affine.h"
-#include "client/import/pbrt/dialect.h"
-#include "client/import/pbrt/names.h"
-#include "client/import/pbrt/params.h"
+#include "client/import/pbrt/syntax/dialect.h"
+#include "client/import/pbrt/syntax/names.h"
+#include "client/import/pbrt/syntax/params.h"
 
 enum { MAX_SCOPES = 1000, MAX_INCLUDES = 32, MAX_FILES = 1 << 16, ARGUMENTS = 3 };
 
@@ -190,8 +190,7 @@ result_t pbrt_add_moving_shape(pbrt_t *p, blob_shape_t shape, const affine_t *op
 result_t pbrt_add_instance(pbrt_t *p, uint32_t object, const affine_t *open, const affine_t *close,
                            position_t at);
 
-/* Lays out scene, objects and shapes in the builder, and says what looks forgotten. `at` is the end of the
- * file. */
-result_t pbrt_finish(pbrt_t *p, position_t at);
+/* Lays out objects and shapes in the builder. */
+void pbrt_lay_out_objects(pbrt_t *p);
 
 #endif

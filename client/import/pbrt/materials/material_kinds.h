@@ -3,7 +3,7 @@
 #ifndef LIGHTMILL_MATERIAL_KINDS_H
 #define LIGHTMILL_MATERIAL_KINDS_H
 
-#include "client/import/pbrt/directives.h"
+#include "client/import/pbrt/state/values.h"
 
 typedef enum { NUMBER, REFLECTANCE } value_type_t;
 

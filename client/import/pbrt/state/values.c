@@ -1,5 +1,6 @@
 /* values: the parameters that may come from a texture: floats and colours. */
-#include "client/import/pbrt/directives.h"
+#include "client/import/pbrt/state/values.h"
+#include "client/import/pbrt/state/colour_spaces.h"
 
 #include <stdlib.h>
 

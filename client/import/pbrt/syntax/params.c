@@ -1,6 +1,6 @@
 /* params: see params.h. Values lie in three arrays per list: numbers, texts and the offsets of strings in the
  * texts, so that a mesh of millions of numbers is one array. */
-#include "client/import/pbrt/params.h"
+#include "client/import/pbrt/syntax/params.h"
 
 #include <inttypes.h>
 #include <stdlib.h>

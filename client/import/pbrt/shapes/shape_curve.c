@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "client/import/pbrt/directives.h"
+#include "client/import/pbrt/shapes/shapes.h"
 
 typedef struct {
     curves_kind_t kind;

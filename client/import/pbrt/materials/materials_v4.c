@@ -1,5 +1,5 @@
 /* materials_v4: pbrt-v4's materials. */
-#include "client/import/pbrt/material_kinds.h"
+#include "client/import/pbrt/materials/material_kinds.h"
 
 result_t material_make_diffuse(pbrt_t *p, params_t *params, const material_t *material,
                                blob_material_t *record)

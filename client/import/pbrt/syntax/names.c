@@ -1,5 +1,5 @@
 /* names: see names.h. A hash is compared before the text; scenes have at most some thousands of names. */
-#include "client/import/pbrt/names.h"
+#include "client/import/pbrt/syntax/names.h"
 
 #include <stdlib.h>
 #include <string.h>

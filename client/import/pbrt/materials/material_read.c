@@ -1,5 +1,5 @@
 /* material_read: see material_kinds.h. */
-#include "client/import/pbrt/material_kinds.h"
+#include "client/import/pbrt/materials/material_kinds.h"
 
 /* ---- values -------------------------------------------------------------------------------------------- */
 

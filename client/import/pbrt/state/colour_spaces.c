@@ -6,7 +6,8 @@
  * always written in linear sRGB. */
 #include <string.h>
 
-#include "client/import/pbrt/directives.h"
+#include "client/import/pbrt/state/arguments.h"
+#include "client/import/pbrt/state/colour_spaces.h"
 #include "client/import/spectrum.h"
 
 typedef struct {

@@ -1,12 +1,10 @@
 /* state: see state.h. */
-#include "client/import/pbrt/state.h"
+#include "client/import/pbrt/state/state.h"
 
 #include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
-
-#include "client/import/pbrt/directives.h"
 
 /* ---- life ---------------------------------------------------------------------------------------------- */
 
@@ -74,7 +72,6 @@ void pbrt_set_defaults(pbrt_t *p, dialect_choice_t dialect)
     p->scene.filter = v3 ? (blob_filter_t){FILTER_BOX, 0.5f, 0.5f, {0}}
                          : (blob_filter_t){FILTER_GAUSSIAN, 1.5f, 1.5f, {0.5f}};
     p->crop[1] = p->crop[3] = INT32_MAX;
-    pbrt_default_material(p);
 }
 
 /* ---- scopes -------------------------------------------------------------------------------------------- */
@@ -221,7 +218,7 @@ result_t pbrt_add_moving_shape(pbrt_t *p, blob_shape_t shape, const affine_t *op
     return result_ok();
 }
 
-static void lay_out_objects(pbrt_t *p)
+void pbrt_lay_out_objects(pbrt_t *p)
 {
     for (size_t i = 0; i < p->object_count; ++i) {
         const object_t *object = &p->objects[i];
@@ -230,48 +227,4 @@ static void lay_out_objects(pbrt_t *p)
             blob_builder_add(p->builder, BLOB_SECTION_SHAPES, object->shapes, (uint32_t)object->count);
         blob_builder_add(p->builder, BLOB_SECTION_OBJECTS, &record, 1);
     }
-}
-
-/* Parameters of an Attribute that no directive has read are most likely misspelled. */
-static result_t check_defaults(pbrt_t *p)
-{
-    for (size_t i = 0; i < p->kept_count; ++i) TRY(params_finish(p->kept[i], "Attribute", false, p->report));
-    return result_ok();
-}
-
-/* The film's gain is put into the lights. */
-static result_t apply_gain(pbrt_t *p, position_t at)
-{
-    uint32_t count = blob_builder_count(p->builder, BLOB_SECTION_LIGHTS);
-    blob_light_t *lights = blob_builder_records(p->builder, BLOB_SECTION_LIGHTS);
-    for (uint32_t i = 0; i < count; ++i) {
-        rgb_t *factor = &lights[i].radiance.factor;
-        if (p->gain != 1) *factor = v_scale(*factor, (float)p->gain);
-        *factor = v_mul(*factor, p->balance);
-        if (!v_is_finite(*factor))
-            return error_at(p->film_at.line ? p->film_at : at, "the scene's lights are too bright: infinite");
-    }
-    return result_ok();
-}
-
-result_t pbrt_finish(pbrt_t *p, position_t at)
-{
-    if (p->phase == PHASE_OPTIONS)
-        return error_at(at, "the file ends before WorldBegin; is it a whole scene?");
-    if (p->scope_count) {
-        const scope_t *open = &p->scopes[p->scope_count - 1];
-        return error_at(open->at, "this block is never closed");
-    }
-    if (p->phase == PHASE_WORLD && p->dialect.dialect == DIALECT_V3)
-        return error_at(at, "the file ends before WorldEnd; is it truncated?");
-    TRY(pbrt_finish_materials(p));
-    pbrt_check_unused_materials(p);
-    TRY(check_defaults(p));
-    TRY(pbrt_check_textures(p, at));
-    TRY(apply_gain(p, at));
-    lay_out_objects(p);
-    blob_builder_add(p->builder, BLOB_SECTION_SCENE, &p->scene, 1);
-    if (blob_builder_count(p->builder, BLOB_SECTION_LIGHTS) == 0)
-        report_warning(p->report, at, "the scene has no light: its picture is black");
-    return result_ok();
 }

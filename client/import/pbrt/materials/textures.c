@@ -3,7 +3,10 @@
  * A texture becomes a record of the blob at its directive; a constant stays a number, and a scale by one is
  * multiplied into the value.
  */
-#include "client/import/pbrt/directives.h"
+#include "client/import/pbrt/materials/textures.h"
+#include "client/import/pbrt/state/arguments.h"
+#include "client/import/pbrt/state/images.h"
+#include "client/import/pbrt/state/values.h"
 
 #include <stdlib.h>
 #include <string.h>

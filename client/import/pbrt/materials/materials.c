@@ -4,7 +4,11 @@
  * a v3 shape whose own parameters override the material's gets a record of its own. An interface between
  * media has no record: its shapes are left out.
  */
-#include "client/import/pbrt/material_kinds.h"
+#include "client/import/pbrt/materials/materials.h"
+
+#include "client/import/pbrt/materials/material_kinds.h"
+#include "client/import/pbrt/materials/textures.h"
+#include "client/import/pbrt/state/arguments.h"
 
 #include <stdlib.h>
 #include <string.h>

@@ -1,5 +1,5 @@
 /* dialect: see dialect.h. */
-#include "client/import/pbrt/dialect.h"
+#include "client/import/pbrt/syntax/dialect.h"
 
 #include <stdio.h>
 #include <string.h>

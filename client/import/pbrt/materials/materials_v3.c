@@ -1,5 +1,5 @@
 /* materials_v3: pbrt-v3's materials. */
-#include "client/import/pbrt/material_kinds.h"
+#include "client/import/pbrt/materials/material_kinds.h"
 
 /* pbrt-v3's "eta", or its older name. */
 static result_t read_index_v3(pbrt_t *p, params_t *params, position_t at, blob_material_t *record)

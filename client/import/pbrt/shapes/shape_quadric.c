@@ -3,7 +3,7 @@
  * A quadric's normals point away from its axis or centre, a disk's along +z. ReverseOrientation turns them,
  * and so does a mirroring transform, which makes glass inside out: pbrt does that where a ray hits. Where it
  * samples a light it does not; nor do shapes that emit here. */
-#include "client/import/pbrt/directives.h"
+#include "client/import/pbrt/shapes/shapes.h"
 
 static const double pi = 3.14159265358979323846;
 

@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <sys/stat.h>
 
-#include "client/import/pbrt/directives.h"
+#include "client/import/pbrt/shapes/shapes.h"
 #include "client/import/ply.h"
 #include "client/import/tessellate/tessellate.h"
 

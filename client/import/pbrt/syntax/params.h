@@ -11,7 +11,7 @@
 #ifndef LIGHTMILL_PARAMS_H
 #define LIGHTMILL_PARAMS_H
 
-#include "client/import/pbrt/lexer.h"
+#include "client/import/pbrt/syntax/lexer.h"
 
 typedef enum {
     PARAM_INTEGER,

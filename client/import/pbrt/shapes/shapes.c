@@ -1,6 +1,9 @@
 /* shapes: the Shape directive: the table of shapes, and what all kinds have in common: alpha, material, light
  * and motion. */
-#include "client/import/pbrt/directives.h"
+#include "client/import/pbrt/shapes/shapes.h"
+#include "client/import/pbrt/materials/materials.h"
+#include "client/import/pbrt/state/arguments.h"
+#include "client/import/pbrt/state/values.h"
 
 typedef struct {
     entry_t entry;

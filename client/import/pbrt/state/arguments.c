@@ -2,7 +2,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-#include "client/import/pbrt/directives.h"
+#include "client/import/pbrt/state/arguments.h"
 
 result_t pbrt_read_string(pbrt_t *p, int slot, const char *what)
 {

@@ -1,0 +1,22 @@
+/* arguments: what follows a directive's name.
+ *
+ * A directive's function (see the table in pbrt.c) is called with the place of its name when the name has
+ * been read; it reads the rest. */
+#ifndef LIGHTMILL_PBRT_ARGUMENTS_H
+#define LIGHTMILL_PBRT_ARGUMENTS_H
+
+#include "client/import/pbrt/state/state.h"
+
+/* Reads a quoted string into p->arguments[slot], where it lives until the slot is read again. `what` says
+ * what it is, for messages ("material"). */
+result_t pbrt_read_string(pbrt_t *p, int slot, const char *what);
+/* Reads `count` numbers, with or without brackets. */
+result_t pbrt_read_numbers(pbrt_t *p, int count, double *numbers, const char *directive, position_t at);
+/* Reads the parameters that follow into p->params. */
+result_t pbrt_read_params(pbrt_t *p);
+/* The same with the defaults of an Attribute directive behind them. */
+result_t pbrt_read_params_for(pbrt_t *p, target_t target);
+/* Reports the parameters nobody read: `kind` and `name` say whose ("Camera", "perspective"). */
+result_t pbrt_finish_params(pbrt_t *p, const char *kind, const char *name);
+
+#endif
