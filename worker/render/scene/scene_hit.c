@@ -1,0 +1,124 @@
+/* scene_hit: the nearest hit of a ray, and the surface there. */
+#include "worker/render/scene/scene_internal.h"
+
+/* A place on a surface and its normals, of any length. */
+typedef struct {
+    vec3_t p, ng, ns;
+} place_t;
+
+/* In the object's space, as the two after it. */
+static inline place_t mesh_place(const scene_blob_t *blob, const blob_shape_t *shape, const hit_t *hit)
+{
+    const blob_mesh_t *mesh = &blob->meshes[shape->geometry];
+    const uint32_t *v = blob->triangles[mesh->first_triangle + hit->primitive].v;
+    const vec3_t *p = blob->positions + mesh->first_position;
+    vec3_t e1 = v_sub(p[v[1]], p[v[0]]), e2 = v_sub(p[v[2]], p[v[0]]);
+    float b1 = hit->place.x, b2 = hit->place.y, b0 = 1 - b1 - b2;
+    place_t at;
+    at.p = v_add(v_add(v_scale(p[v[0]], b0), v_scale(p[v[1]], b1)), v_scale(p[v[2]], b2));
+    at.ng = v_cross(e1, e2);
+    if (mesh->first_normal != BLOB_NONE) {
+        const vec3_t *n = blob->normals + mesh->first_normal;
+        at.ns = v_add(v_add(v_scale(n[v[0]], b0), v_scale(n[v[1]], b1)), v_scale(n[v[2]], b2));
+        if (v_is_zero(at.ns)) at.ns = at.ng;
+        if (v_dot(at.ns, at.ng) < 0) at.ng = v_neg(at.ng);
+    } else {
+        if (shape->flags & SHAPE_FLIP) at.ng = v_neg(at.ng);
+        at.ns = at.ng;
+    }
+    return at;
+}
+
+static inline place_t quadric_place(const scene_t *scene, const blob_shape_t *shape, vec3_t hit)
+{
+    quadric_point_t point;
+    quadric_at(&scene->quadrics[shape->geometry], hit, &point);
+    vec3_t n = shape->flags & SHAPE_FLIP ? v_neg(point.n) : point.n;
+    return (place_t){point.p, n, n};
+}
+
+bool scene_fill_surface(const scene_t *scene, const blob_shape_t *shape, const hit_t *hit, bool local,
+                        vec3_t ng, surface_t *surface)
+{
+    const scene_blob_t *blob = scene->blob;
+    bool instanced = hit->instance_id != RTC_INVALID_GEOMETRY_ID;
+    surface->shape = shape;
+    surface->material = &blob->materials[shape->material];
+    surface->light = shape->light;
+    surface->instance = instanced ? hit->instance_id - scene->first_instance : BLOB_NONE;
+    surface->primitive = hit->primitive;
+    surface->place = hit->place;
+    surface->time = hit->time;
+    placement_t moved;
+    const placement_t *placement =
+        instanced ? instance_at(&scene->instances[surface->instance], hit->time, &moved) : NULL;
+    place_t at;
+    if (shape->kind == SHAPE_MESH) {
+        at = mesh_place(blob, shape, hit);
+    } else {
+        vec3_t p = v_mad(hit->origin, hit->distance, hit->direction);
+        if (instanced && !local) p = xform_point(&placement->object_from_world, p);
+        at = shape->kind == SHAPE_QUADRIC ? quadric_place(scene, shape, p) : (place_t){p, ng, ng};
+    }
+    if (instanced) {
+        at.p = xform_point(&placement->world_from_object, at.p);
+        at.ng = xform_normal(&placement->object_from_world, at.ng);
+        at.ns = xform_normal(&placement->object_from_world, at.ns);
+    }
+    bool smooth = at.ns.x != at.ng.x || at.ns.y != at.ng.y || at.ns.z != at.ng.z;
+    at.ng = v_normalize(at.ng);
+    at.ns = smooth ? v_normalize(at.ns) : at.ng;
+    surface->p = at.p;
+    surface->ng = at.ng;
+    surface->ns = at.ns;
+    surface->offset = scene_offset_at(at.p);
+    return v_is_finite(at.ng) && v_is_finite(at.ns);
+}
+
+/* Embree's nearest hit along a ray; false when there is none. */
+static bool nearest_hit(const scene_t *scene, vec3_t origin, vec3_t direction, float time,
+                        struct RTCRayHit *query)
+{
+    struct RTCIntersectContext context;
+    rtcInitIntersectContext(&context);
+    *query =
+        (struct RTCRayHit){.ray = {.org_x = origin.x,
+                                   .org_y = origin.y,
+                                   .org_z = origin.z,
+                                   .tnear = 0,
+                                   .dir_x = direction.x,
+                                   .dir_y = direction.y,
+                                   .dir_z = direction.z,
+                                   .time = time,
+                                   .tfar = INFINITY,
+                                   .mask = 0xFFFFFFFFu},
+                           .hit = {.geomID = RTC_INVALID_GEOMETRY_ID, .instID = {RTC_INVALID_GEOMETRY_ID}}};
+    if (!scene_can_trace(scene, origin) || !scene_can_trace(scene, direction)) return false;
+    rtcIntersect1(scene->world, &context, query);
+    return query->hit.geomID != RTC_INVALID_GEOMETRY_ID;
+}
+
+bool scene_probe(const scene_t *scene, vec3_t origin, vec3_t direction)
+{
+    struct RTCRayHit query;
+    return nearest_hit(scene, origin, direction, 0, &query);
+}
+
+bool scene_intersect(const scene_t *scene, vec3_t origin, vec3_t direction, float time, surface_t *surface)
+{
+    struct RTCRayHit query;
+    if (!nearest_hit(scene, origin, direction, time, &query)) return false;
+    const scene_blob_t *blob = scene->blob;
+    hit_t hit = {.origin = origin,
+                 .direction = direction,
+                 .time = time,
+                 .distance = query.ray.tfar,
+                 .instance_id = query.hit.instID[0],
+                 .primitive = query.hit.primID,
+                 .place = {query.hit.u, query.hit.v}};
+    bool instanced = hit.instance_id != RTC_INVALID_GEOMETRY_ID;
+    uint32_t object = instanced ? blob->instances[hit.instance_id - scene->first_instance].object : 0;
+    const blob_shape_t *shape = &blob->shapes[blob->objects[object].first_shape + query.hit.geomID];
+    vec3_t ng = vec3(query.hit.Ng_x, query.hit.Ng_y, query.hit.Ng_z);
+    return scene_fill_surface(scene, shape, &hit, false, ng, surface);
+}
