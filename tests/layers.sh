@@ -27,10 +27,10 @@ worker/render/light         : worker/render/scene
 worker/render/integrator    : worker/render/bsdf worker/render/camera worker/render/light common/film
 worker/render               : worker/render/integrator
 worker                      : worker/render proto/uplink
-master/store                : proto/wire
 master/schedule             : common/film
 master/film                 : proto/wire
-master/state                : master/store proto/serve master/schedule master/film
+master/store                : master/schedule master/film
+master/state                : master/store proto/serve
 master/trust                : master/state
 master/farm                 : master/trust
 master/threads              : master/farm
@@ -54,13 +54,8 @@ exceptions() {
 use common common/film because job.c checks against the limits of a film
 use client/import client/import/gltf because import.c has the table of formats
 use client/import client/import/pbrt because import.c has the table of formats
-use master/store master/farm because it keeps what the farm gives it
-use master/store master/film because a checkpoint is of a film
-use master/store master/schedule because a checkpoint has the state of a schedule
-use master/trust master/farm because they are not apart yet
 circle common/image because the table of formats calls its readers
 circle worker/render/bsdf because lobes hold lobes
-circle master/trust master/farm because they are not apart yet
 size client because its commands have no folder yet
 size worker/render/bsdf because lobes and materials have no folders yet
 END

@@ -16,19 +16,19 @@
  * grace period is over. A job whose image or last checkpoint cannot be written (a full disk) keeps its film
  * and is tried again; to cancel it gives that up.
  *
- * A job comes back with its film (after a restart, or when it is extended) by way of the queue: farm_keep.c.
+ * A job comes back with its film (after a restart, or when it is extended) by way of the queue: keep.c.
  *
  * A lost worker's record is kept for a while: a batch from it whose units nobody else has delivered meanwhile
  * is still welcome. Worker numbers are random, so a batch of an earlier life of this master matches none.
  *
- * This file has the farm itself, its notices and its clock; farm_workers.c the workers and what they are
- * given, farm_shares.c whose turn it is, farm_jobs.c the life of a job, farm_orders.c what clients want done,
- * farm_report.c what they are told, farm_keep.c what outlives the process, farm_batches.c what is delivered
- * and the images made of it. They share farm_state.h.
+ * This file has the farm itself, its notices and its clock; workers.c the workers and what they are
+ * given, shares.c whose turn it is, jobs.c the life of a job, orders.c what clients want done,
+ * report.c what they are told, keep.c what outlives the process, batches.c what is delivered
+ * and the images made of it. They share parts.h and state.h.
  *
  * Jobs live in an array of pointers in the order of submission; a job that a server or the image writer works
  * on is pinned and cannot be forgotten meanwhile. */
-#include "master/farm/farm_state.h"
+#include "master/farm/parts.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -38,22 +38,6 @@
 
 enum { CLOCK_GAP = 2 }; /* seconds between ticks after which we, not the workers, were asleep */
 
-void farm_wake(int descriptor)
-{
-    uint64_t one = 1;
-    if (descriptor >= 0 && write(descriptor, &one, sizeof one) < 0) return; /* full: it is awake already */
-}
-
-void farm_lock(farm_t *farm)
-{
-    pthread_mutex_lock(&farm->lock);
-}
-
-void farm_unlock(farm_t *farm)
-{
-    pthread_mutex_unlock(&farm->lock);
-}
-
 farm_t *farm_new(const farm_options_t *options)
 {
     farm_t *farm = mem_zalloc(1, sizeof *farm);
@@ -61,6 +45,7 @@ farm_t *farm_new(const farm_options_t *options)
     farm->next_job = options->first_job;
     if (farm->options.job_limit == 0 || farm->options.job_limit > FARM_MAX_JOBS)
         farm->options.job_limit = FARM_MAX_JOBS;
+    farm->trust = trust_new();
     pthread_mutex_init(&farm->lock, NULL);
     return farm;
 }
@@ -74,49 +59,16 @@ void farm_destroy(farm_t **farm)
     pthread_mutex_destroy(&(*farm)->lock);
     free((*farm)->jobs);
     free((*farm)->workers);
-    free((*farm)->standings);
+    trust_destroy(&(*farm)->trust);
     free((*farm)->notices);
     free(*farm);
     *farm = NULL;
 }
 
-/* ---- finding things; all under the lock ---------------------------------------------------------------- */
-
-job_t *farm_find_job(const farm_t *farm, uint64_t id)
-{
-    size_t low = 0, high = farm->job_count; /* the list is in the order of the numbers */
-    while (low < high) {
-        size_t middle = low + (high - low) / 2;
-        if (farm->jobs[middle]->id == id) return farm->jobs[middle];
-        if (farm->jobs[middle]->id < id)
-            low = middle + 1;
-        else
-            high = middle;
-    }
-    return NULL;
-}
-
-worker_t *farm_find_worker(const farm_t *farm, uint64_t id)
-{
-    for (size_t i = 0; i < farm->worker_count; i++)
-        if (farm->workers[i].id == id) return &farm->workers[i];
-    return NULL;
-}
-
 /* ---- notices ------------------------------------------------------------------------------------------- */
 
-static void notify(farm_t *farm, uint64_t worker, uint64_t job, bool flush)
-{
-    if (farm->notice_count == farm->notice_capacity) {
-        farm->notice_capacity = 2 * farm->notice_capacity + 16;
-        farm->notices = mem_realloc(farm->notices, farm->notice_capacity * sizeof *farm->notices);
-    }
-    farm->notices[farm->notice_count++] = (pending_t){worker, job, flush};
-    farm_wake(farm->options.control_wake);
-}
-
-/* Calls the idle workers when there is something to do. */
-void farm_notify_idle(farm_t *farm)
+/* Calls the idle workers if there is something to do. */
+static void call_idle(farm_t *farm)
 {
     bool work = false;
     for (size_t i = 0; i < farm->job_count && !work; i++) work = farm_job_has_work(farm->jobs[i]);
@@ -124,25 +76,16 @@ void farm_notify_idle(farm_t *farm)
         worker_t *worker = &farm->workers[i];
         if (!worker->connected || !worker->idle) continue;
         worker->idle = false;
-        notify(farm, worker->id, 0, false);
+        farm_notify(farm, worker->id, 0, false);
     }
-}
-
-/* Tells the workers that have a job that it is over. */
-void farm_notify_over(farm_t *farm, const job_t *job, bool flush)
-{
-    for (size_t i = 0; i < farm->worker_count; i++) {
-        const worker_t *worker = &farm->workers[i];
-        if (!worker->connected) continue;
-        if (worker->job == job->id || (job->schedule != NULL && schedule_held(job->schedule, worker->id) > 0))
-            notify(farm, worker->id, job->id, flush);
-    }
+    farm->work_due = false;
 }
 
 bool farm_next_notice(farm_t *farm, notice_t *notice)
 {
     bool found = false;
     farm_lock(farm);
+    if (farm->work_due) call_idle(farm);
     while (!found && farm->notice_count > 0) {
         pending_t pending = farm->notices[0];
         memmove(farm->notices, farm->notices + 1, --farm->notice_count * sizeof *farm->notices);

@@ -12,44 +12,8 @@
 #ifndef LIGHTMILL_FARM_H
 #define LIGHTMILL_FARM_H
 
-#include "master/film/shared_film.h"
-#include "master/schedule/schedule.h"
-#include "proto/serve/serve_handler.h"
-
-enum {
-    FARM_MAX_JOBS = 1000,                 /* known at a time; the oldest finished ones are forgotten */
-    FARM_MAX_WORKERS = SERVE_MAX_WORKERS, /* connected, and as many again that were lost and may still send a
-                                             batch */
-    FARM_MAX_NAME = SERVE_MAX_NAME,
-    FARM_MAX_DECLINES = 3, /* of a job that no worker has rendered any of */
-    FARM_UNIT_DEATHS = 5,  /* workers that a unit has to end, at least, before it is left out */
-    FARM_MAX_FAILURES = 3  /* of a machine without a delivery between them, before it is put aside */
-};
-#define FARM_ASIDE_SECONDS 60.0 /* that a machine is put aside for the first time; farm_standing.c */
-/* The message of a job that is paused since it has no scene; it goes when the job is resumed. */
-#define FARM_NO_SCENE                                                                                        \
-    "its scene is not in the data directory any more: send it again (submit another job with it), then "     \
-    "resume this one"
-
-typedef struct farm farm_t;
-typedef struct job job_t; /* a job that the caller has pinned: it is not forgotten */
-
-typedef struct {
-    double lease;          /* seconds */
-    double batch_interval; /* seconds */
-    uint64_t film_limit;   /* bytes that the films of all jobs may take */
-    uint64_t first_job;    /* number of the first job */
-    size_t job_limit;      /* jobs known at a time, at most FARM_MAX_JOBS */
-    const char
-        *spool_dir; /* where batches wait to be vouched for (farm_checks.c); NULL: jobs cannot be verified */
-    /* eventfds; -1: none */
-    int control_wake;        /* written when there are notices to send */
-    int image_wake;          /* when a job waits for its image */
-    int journal_writer_wake; /* when a job's record has changed */
-    int checkpoint_wake; /* when a film is to be loaded, or a last checkpoint to be made; -1: no film outlives
-                            the process, and jobs end without */
-    int grant_wake; /* when a batch that was refused for the moment may now be taken: a film was loaded */
-} farm_options_t;
+#include "master/state/types.h"
+#include "master/store/job_record.h"
 
 farm_t *farm_new(const farm_options_t *options);
 /* Frees the farm and sets *farm to NULL; no job may be pinned. */
@@ -92,7 +56,7 @@ void farm_tick(farm_t *farm, double now);
  * queue is full of jobs that are not over or are retained, or the film does not fit into memory. */
 result_t farm_submit(farm_t *farm, double now, const job_terms_t *terms, const job_settings_t *settings,
                      const hash_t *blob, uint64_t blob_size, uint64_t *job);
-/* Does what a client orders (wire.h, farm_orders.c). RESULT_INPUT when there is no such job, or its state
+/* Does what a client orders (wire.h, orders.c). RESULT_INPUT when there is no such job, or its state
  * does not allow it. After ORDER_DELETE the job is unknown here; its files are the caller's to delete. */
 result_t farm_order(farm_t *farm, double now, const job_order_t *order);
 
@@ -147,31 +111,8 @@ typedef struct {
  */
 worker_report_t *farm_worker_report(farm_t *farm, double now, size_t *count);
 
-/* ---- what survives the process (farm_keep.c) ------------------------------------------------------------
+/* ---- what survives the process (keep.c) ------------------------------------------------------------
  */
-
-/* A job as the journal keeps it. */
-typedef struct {
-    uint64_t job;
-    job_terms_t terms;
-    job_settings_t settings;
-    hash_t blob;
-    uint64_t blob_size;
-    job_state_t state;   /* JOB_FINISHING when its image is still due */
-    job_state_t outcome; /* of one that is finishing */
-    bool retained;
-    bool removed; /* deleted or forgotten: its record and its files are to go */
-    hash_t fingerprint;
-    double elapsed;             /* seconds of work on it so far */
-    double submitted, finished; /* seconds since 1970; 0: not yet */
-    uint64_t bytes, batches, batches_refused, units_reissued, checks_passed, checks_failed;
-    uint32_t workers_seen;
-    uint64_t samples_done; /* pixel samples; with the next three for the status of a job without a film */
-    schedule_account_t account; /* as it was when nothing was out */
-    film_counts_t counts;
-    double error; /* estimated relative error at the last fixed point; 0: not known */
-    char message[500];
-} job_record_t;
 
 /* The next record that has changed since it was given out; false when there is none. Records change with
  * every order, every change of state and every checkpoint. */
@@ -237,10 +178,10 @@ void farm_unpin(farm_t *farm, job_t *job);
 /* Does what the comparison of renderings calls for on the disk: takes the sums of those that were wrong out
  * of their films, and deletes what is no longer needed, the folders of unknown jobs too. To be called when
  * checkpoint_wake is written, by one thread, the one that loads films. */
-void farm_settle_checks(farm_t *farm);
+void farm_settle(farm_t *farm);
 /* What is kept of batches is safe on the disk: to be called between a snapshot and the moment at which its
  * checkpoint counts. */
-result_t farm_sync_checks(farm_t *farm);
+result_t farm_sync(farm_t *farm);
 
 /* ---- images -------------------------------------------------------------------------------------------- */
 

@@ -8,7 +8,8 @@
 #ifndef LIGHTMILL_CHECKPOINT_H
 #define LIGHTMILL_CHECKPOINT_H
 
-#include "master/farm/farm.h"
+#include "master/film/shared_film.h"
+#include "master/store/job_record.h"
 
 /* What a checkpoint says of itself. */
 typedef struct {

@@ -12,7 +12,7 @@
 #ifndef LIGHTMILL_JOURNAL_H
 #define LIGHTMILL_JOURNAL_H
 
-#include "master/farm/farm.h"
+#include "master/store/job_record.h"
 
 enum {
     JOURNAL_VERSION = 1,

@@ -1,8 +1,8 @@
-/* record: the record of a job (farm.h) as bytes on a disk, and back (master/store/record.proto). */
+/* record: the record of a job (job_record.h) as bytes on a disk, and back (master/store/record.proto). */
 #ifndef LIGHTMILL_RECORD_H
 #define LIGHTMILL_RECORD_H
 
-#include "master/farm/farm.h"
+#include "master/store/job_record.h"
 #include "master/store/record.pb-c.h"
 
 /* What decoding a record, or what else of a job lies on a disk, may allocate, in bytes (wire_allocator). */

@@ -1,4 +1,4 @@
-/* spool: batches on the disk, as they came, until their senders are vouched for (farm_evidence.c).
+/* spool: batches on the disk, as they came, until their senders are vouched for (trust/evidence.c).
  *
  * DIR/job-<number>/<clock>-<serial>.<kind> is one batch: who sent it, its units and counts, and its payload
  * frames, with checksums over both. What is known of a batch beyond that is in its name, so that it changes

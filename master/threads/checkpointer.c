@@ -305,7 +305,7 @@ static result_t write_snapshot(checkpointer_t *checkpointer, checkpoint_info_t *
     info->written = wall_time();
     char *path = film_store_path(films, info->record.job, info->generation);
     double start = clock_now();
-    result_t result = farm_sync_checks(checkpointer->options.farm);
+    result_t result = farm_sync(checkpointer->options.farm);
     double synced = clock_now() - start; /* seconds */
     cost = (checkpoint_cost_t){.wall = 0};
     if (result.code == RESULT_OK)
@@ -414,7 +414,7 @@ static void *checkpointer_run(void *argument)
     enforce_limit(checkpointer);
     while (!atomic_load(&checkpointer->stop)) {
         load_films(checkpointer);
-        farm_settle_checks(checkpointer->options.farm);
+        farm_settle(checkpointer->options.farm);
         int wait_ms = 1 + (int)(1000 * save_films(checkpointer));
         if (check_scene(checkpointer)) wait_ms = 0;
         struct pollfd wait = {.fd = checkpointer->options.checkpoint_wake, .events = POLLIN};

@@ -1,6 +1,6 @@
 /* Tests of master/threads/bulk_server.c with real sockets: what it does with batches while nothing can be
  * merged, because somebody reads the film. */
-#include "master/farm/farm_state.h"
+#include "master/state/state.h"
 #include "master/threads/bulk_server.h"
 #include "tests/peer.h"
 #include "tests/scratch.h"
@@ -247,7 +247,7 @@ static void batches_wait_at_the_workers_while_nothing_is_merged(void **state)
     test_t *t = *state;
     start_job(t);
     sender_t *s = t->senders;
-    shared_film_t *shared_film = farm_shared_film_hold(t->farm, find_job(t));
+    shared_film_t *shared_film = job_film_hold(t->farm, find_job(t));
     shared_film_lock(shared_film); /* somebody writes an image for ever */
     uint64_t bytes = batch_splat_values(&t->settings) * sizeof(int64_t) * 5 / 4;
     for (int i = 0; i < 5; i++) {
@@ -293,7 +293,7 @@ static void batches_wait_at_the_workers_while_nothing_is_merged(void **state)
     }
     shared_film_unlock(shared_film);
     film_destroy(&film);
-    farm_shared_film_let_go(t->farm, find_job(t));
+    job_film_let_go(t->farm, find_job(t));
 }
 
 static void offers_that_are_not_wanted_are_refused(void **state)

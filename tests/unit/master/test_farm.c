@@ -1,4 +1,5 @@
-/* Tests of master/farm*.c without sockets, in a time of their own: what would take minutes on a real farm. */
+/* Tests of master/farm and master/trust without sockets, in a time of their own: what would take minutes on a
+ * real farm. */
 #include "tests/toy_farm.h"
 
 #include <setjmp.h>

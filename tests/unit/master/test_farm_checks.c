@@ -1,4 +1,4 @@
-/* Tests of farm_checks.c, farm_evidence.c and spool.c: batches that are rendered twice, workers that are
+/* Tests of checks.c, evidence.c and spool.c: batches that are rendered twice, workers that are
  * found to send wrong sums, and what they sent taken out again, over restarts of the master too. */
 #include "master/store/spool.h"
 #include "tests/scratch.h"
@@ -123,7 +123,7 @@ static void step(trial_t *trial)
 {
     for (int i = 0; i < trial->actor_count; i++) act(trial, &trial->actors[i]);
     farm_tick(trial->farm, trial->now);
-    farm_settle_checks(trial->farm);
+    farm_settle(trial->farm);
     farm_tick(trial->farm, trial->now);
     trial->now += 1;
 }
@@ -193,7 +193,7 @@ static void honest_workers_pass(void **state)
     toy_write_images(trial.farm, trial.now, result_ok());
     assert_true(toy_checkpoint(trial.farm, trial.now, result_ok(), &film));
     assert_int_equal(toy_state(trial.farm, trial.now, trial.job), JOB_DONE);
-    farm_settle_checks(trial.farm);
+    farm_settle(trial.farm);
     assert_int_equal(scratch_count(trial.folder), 0);
     toy_film_free(&film);
     end(&trial);
@@ -289,13 +289,13 @@ static void what_the_gone_leave_goes(void **state)
         assert_true(toy_beat(trial.farm, trial.now, trial.actors[0].worker));
         farm_tick(trial.farm, trial.now);
     }
-    farm_settle_checks(trial.farm);
+    farm_settle(trial.farm);
     assert_int_equal(spooled(&trial), all);
     for (int i = 0; i < 1000; i += 2, trial.now += 2) {
         assert_true(toy_beat(trial.farm, trial.now, trial.actors[0].worker));
         farm_tick(trial.farm, trial.now);
     }
-    farm_settle_checks(trial.farm);
+    farm_settle(trial.farm);
     assert_true(spooled(&trial) > 0 && spooled(&trial) < all);
     run(&trial);
     check_result(&trial);
@@ -617,7 +617,7 @@ static void evidence_outlives_the_master(void **state)
     begin(&trial, 0.3);
     add_actor(&trial, "liar", LIES);
     for (int i = 0; i < 9; i++) step(&trial); /* so that one of its batches must be compared */
-    assert_int_equal(farm_sync_checks(trial.farm).code, RESULT_OK);
+    assert_int_equal(farm_sync(trial.farm).code, RESULT_OK);
     checkpoint(&trial);
     size_t kept = spooled(&trial);
     assert_true(kept > 3);
@@ -697,7 +697,7 @@ static void no_lie_is_shown_at_the_end(void **state)
     assert_true(is_over(&trial));
     assert_true(toy_report(trial.farm, trial.now, trial.job).account.counted > 0);
     assert_int_equal(toy_write_images(trial.farm, trial.now, result_ok()), 0);
-    farm_settle_checks(trial.farm);
+    farm_settle(trial.farm);
     assert_int_equal(toy_report(trial.farm, trial.now, trial.job).account.counted, 0);
     assert_int_equal(toy_write_images(trial.farm, trial.now, result_ok()), 1);
     end(&trial);
@@ -744,7 +744,7 @@ static void what_was_taken_out_stays_out(void **state)
         for (int i = 0; i < 4; i++) step(&trial);
         restart(&trial, damaged);
         trial.actors[0] = trial.actors[--trial.actor_count]; /* it does not come back */
-        farm_settle_checks(trial.farm);
+        farm_settle(trial.farm);
         run(&trial);
         check_result(&trial);
         end(&trial);

@@ -1,4 +1,4 @@
-/* Tests of farm_workers.c, farm_take.c, farm_standing.c and farm_suspects.c: deadlines and stragglers,
+/* Tests of workers.c, take.c, standing.c and suspects.c: deadlines and stragglers,
  * machines with other bits, who is put aside, and units that end whoever renders them. */
 #include "tests/toy_farm.h"
 

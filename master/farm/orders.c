@@ -1,5 +1,5 @@
-/* farm_orders: jobs that are submitted, and what clients order done with them (see farm.h). */
-#include "master/farm/farm_state.h"
+/* orders: jobs that are submitted, and what clients order done with them (see farm.h). */
+#include "master/farm/parts.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -85,7 +85,7 @@ static result_t cancel(farm_t *farm, double now, job_t *job)
 {
     if (job_state_final(job->state)) return refuse(job, " already");
     if (job->state == JOB_FINISHING) {
-        if (job->image_retry > 0 || job->save_failed || farm_evidence_delayed(job)) give_up(farm, job);
+        if (job->image_retry > 0 || job->save_failed || trust_delayed(job)) give_up(farm, job);
         return result_ok(); /* else it is left to finish */
     }
     if (job->film_due) {

@@ -1,9 +1,9 @@
-/* farm_evidence: batches of verified jobs that were merged, kept until their senders are vouched for, so that
- * they can be taken out of the film again (farm_checks.c says when).
+/* evidence: batches of verified jobs that were merged, kept until their senders are vouched for, so that
+ * they can be taken out of the film again (checks.c says when).
  *
  * DESIGN. The batches are on the disk, as they came (spool.h), not in memory: a worker is vouched for every
  * 1 / verify batches or so. What is in memory is a line for each. All disk work is done by merging threads,
- * in farm_check_keep, and by the checkpointer's, in farm_settle_checks, which also takes out what is wrong:
+ * in trust_keep, and by the checkpointer's, in farm_settle, which also takes out what is wrong:
  * exact sums can be subtracted.
  *
  * The evidence has to tell the truth about the film after a kill of the master, too: a batch that is taken
@@ -22,15 +22,14 @@
  * come and go would fill the disk.
  *
  * A batch that was taken out stays until two later checkpoints are safe, since the older one is used when the
- * newer is damaged. Before a checkpoint counts, the spool is written out (farm_sync_checks).
+ * newer is damaged. Before a checkpoint counts, the spool is written out (farm_sync).
  *
  * Which batches are being compared is in their names; comparisons begin anew after a restart. Vouching is not
  * noted on the disk, deletion of the evidence is. When a batch cannot be written, it cannot be taken out
  * later: the log says so, and if its sender turns out to be wrong, so does the job's message. The same holds
  * for a job that has all its samples and is only being written down when its sender is found out. One that is
  * cut short waits until what is known to be wrong is out of its film. */
-#include "master/farm/farm_workers.h"
-#include "master/store/spool.h"
+#include "master/trust/trust_state.h"
 
 #include <math.h>
 #include <sodium.h>
@@ -44,19 +43,19 @@ enum {
     GONE_EVERY = 60      /* seconds between looks at who is gone */
 };
 
-uint64_t farm_evidence_clock(const schedule_account_t *account)
+uint64_t evidence_clock(const schedule_account_t *account)
 {
     return 2 * account->returned + account->counted + account->issued;
 }
 
-evidence_t *farm_evidence_find(const job_checks_t *checks, uint64_t serial)
+evidence_t *evidence_find(const job_checks_t *checks, uint64_t serial)
 {
     for (size_t i = 0; checks != NULL && i < checks->evidence_count; i++)
         if (checks->evidence[i].serial == serial) return &checks->evidence[i];
     return NULL;
 }
 
-spool_name_t farm_evidence_name(const evidence_t *evidence)
+spool_name_t evidence_name(const evidence_t *evidence)
 {
     spool_name_t name = {
         .clock = evidence->clock, .serial = evidence->serial, .out_clock = evidence->out_clock};
@@ -96,11 +95,11 @@ static result_t digest_payloads(const batch_t *batch, const zmq_msg_t payload[BA
 static bool is_chosen(const job_t *job, size_t source)
 {
     uint32_t unvouched = job->checks->sources[source].unvouched + 1;
-    if (unvouched >= MUST_CHECK / job->terms.verify && !farm_checks_open(job->checks, source)) return true;
+    if (unvouched >= MUST_CHECK / job->terms.verify && !checks_open(job->checks, source)) return true;
     return (double)randombytes_random() < job->terms.verify * 0x1p32;
 }
 
-/* What farm_check_keep finds out first. */
+/* What trust_keep finds out first. */
 typedef struct {
     evidence_t evidence;
     spool_head_t head;
@@ -114,13 +113,13 @@ static bool prepare(farm_t *farm, job_t *job, uint64_t id, const batch_t *batch,
     const worker_t *worker = farm_find_worker(farm, id);
     if (worker == NULL || job->schedule == NULL || job->terms.verify <= 0) return false;
     if (farm->options.spool_dir == NULL) return false;
-    job_checks_t *checks = farm_checks_of(job);
+    job_checks_t *checks = checks_of(job);
     if (checks->given_up) return false;
     schedule_account_t account = schedule_account(job->schedule);
-    size_t source = farm_checks_source(checks, worker->source, worker->machine, worker->name, worker->key);
-    keep->evidence = (evidence_t){
-        .clock = farm_evidence_clock(&account), .serial = ++checks->last_serial, .source = source};
-    keep->begun = farm_checks_begun(checks, source, batch->units, batch->unit_count) != NULL;
+    size_t source = checks_source(checks, worker->source, worker->machine, worker->name, worker->key);
+    keep->evidence =
+        (evidence_t){.clock = evidence_clock(&account), .serial = ++checks->last_serial, .source = source};
+    keep->begun = checks_begun(checks, source, batch->units, batch->unit_count) != NULL;
     keep->evidence.checked = keep->begun || (!worker->relay && is_chosen(job, source));
     keep->joined = worker->joined;
     keep->head = (spool_head_t){.fingerprint = worker->fingerprint,
@@ -135,10 +134,10 @@ static bool prepare(farm_t *farm, job_t *job, uint64_t id, const batch_t *batch,
 /* The batch is on the disk. Under the lock. */
 static void keep_it(farm_t *farm, job_t *job, const batch_t *batch, keep_t *keep, const hash_t *digest)
 {
-    job_checks_t *checks = farm_checks_of(job);
+    job_checks_t *checks = checks_of(job);
     evidence_t *evidence = &keep->evidence;
     const source_t *source = &checks->sources[evidence->source];
-    farm->spooled = true;
+    farm->trust->spooled = true;
     if (source->condemned >= keep->joined) { /* found out meanwhile */
         evidence->state = EVIDENCE_WRONG;
         farm_wake(farm->options.checkpoint_wake);
@@ -146,18 +145,17 @@ static void keep_it(farm_t *farm, job_t *job, const batch_t *batch, keep_t *keep
     add(checks, *evidence);
     if (!evidence->checked || evidence->state == EVIDENCE_WRONG) return;
     check_t *check =
-        keep->begun ? farm_checks_begun(checks, evidence->source, batch->units, batch->unit_count) : NULL;
+        keep->begun ? checks_begun(checks, evidence->source, batch->units, batch->unit_count) : NULL;
     if (check != NULL) {
         check->evidence = evidence->serial;
         check->clock = evidence->clock;
     } else if (!keep->begun) {
-        farm_checks_want(farm, job, evidence, batch->units, batch->unit_count, &keep->head.fingerprint,
-                         digest);
+        checks_want(farm, job, evidence, batch->units, batch->unit_count, &keep->head.fingerprint, digest);
     }
 }
 
-void farm_check_keep(farm_t *farm, job_t *job, uint64_t worker, const batch_t *batch,
-                     const zmq_msg_t payload[BATCH_PAYLOADS])
+void trust_keep(farm_t *farm, job_t *job, uint64_t worker, const batch_t *batch,
+                const zmq_msg_t payload[BATCH_PAYLOADS])
 {
     keep_t keep = {.begun = false};
     farm_lock(farm);
@@ -165,14 +163,14 @@ void farm_check_keep(farm_t *farm, job_t *job, uint64_t worker, const batch_t *b
     farm_unlock(farm);
     if (!wanted) return;
     hash_t digest;
-    spool_name_t name = farm_evidence_name(&keep.evidence);
+    spool_name_t name = evidence_name(&keep.evidence);
     result_t result = spool_write(farm->options.spool_dir, job->id, &name, &keep.head, payload);
     if (result.code == RESULT_OK && keep.evidence.checked) result = digest_payloads(batch, payload, &digest);
     farm_lock(farm);
     if (result.code == RESULT_OK) {
         keep_it(farm, job, batch, &keep, &digest);
     } else {
-        farm_checks_of(job)->sources[keep.evidence.source].unkept++;
+        checks_of(job)->sources[keep.evidence.source].unkept++;
         log_error("job %llu: a batch of %s cannot be kept until it is vouched for: %s",
                   (unsigned long long)job->id, keep.head.name, result.message);
     }
@@ -181,7 +179,7 @@ void farm_check_keep(farm_t *farm, job_t *job, uint64_t worker, const batch_t *b
 
 /* ---- verdicts ------------------------------------------------------------------------------------------ */
 
-bool farm_evidence_wrong(const job_t *job)
+bool trust_wrong(const job_t *job)
 {
     const job_checks_t *checks = job->checks;
     for (size_t i = 0; checks != NULL && i < checks->evidence_count; i++)
@@ -189,9 +187,9 @@ bool farm_evidence_wrong(const job_t *job)
     return false;
 }
 
-bool farm_evidence_delayed(const job_t *job)
+bool trust_delayed(const job_t *job)
 {
-    return job->checks != NULL && job->checks->delayed && farm_evidence_wrong(job);
+    return job->checks != NULL && job->checks->delayed && trust_wrong(job);
 }
 
 /* True while a batch is being compared: its own comparison decides about it, though a later one may be over.
@@ -203,7 +201,7 @@ static bool is_compared(const job_checks_t *checks, const evidence_t *evidence)
     return false;
 }
 
-void farm_evidence_vouch(farm_t *farm, job_t *job, size_t source, uint64_t clock)
+void evidence_vouch(farm_t *farm, job_t *job, size_t source, uint64_t clock)
 {
     job_checks_t *checks = job->checks;
     for (size_t i = 0; i < checks->evidence_count; i++) {
@@ -224,7 +222,7 @@ static bool is_connected(const farm_t *farm, uint64_t source)
     return false;
 }
 
-bool farm_evidence_piles_up(const farm_t *farm, const job_t *job, size_t index)
+bool evidence_piles_up(const farm_t *farm, const job_t *job, size_t index)
 {
     const source_t *source = &job->checks->sources[index];
     return source->unvouched >= MUST_DROP / job->terms.verify && is_connected(farm, source->id);
@@ -236,19 +234,18 @@ static void let_gone_go(farm_t *farm, double now, job_t *job)
     for (size_t i = 0; i < checks->source_count; i++) {
         source_t *source = &checks->sources[i];
         if (source->unvouched == 0) continue;
-        if (source->seen <= 0 || is_connected(farm, source->id) || farm_checks_open(checks, i))
-            source->seen = now;
+        if (source->seen <= 0 || is_connected(farm, source->id) || checks_open(checks, i)) source->seen = now;
         if (now - source->seen < GONE_SECONDS) continue;
         log_info("job %llu: %u batches of %s are kept no longer: it is gone", (unsigned long long)job->id,
                  source->unvouched, source->name);
-        farm_evidence_vouch(farm, job, i, UINT64_MAX);
+        evidence_vouch(farm, job, i, UINT64_MAX);
     }
 }
 
-void farm_evidence_tick(farm_t *farm, double now)
+void evidence_tick(farm_t *farm, double now)
 {
-    if (now - farm->gone_looked < GONE_EVERY) return;
-    farm->gone_looked = now;
+    if (now - farm->trust->gone_looked < GONE_EVERY) return;
+    farm->trust->gone_looked = now;
     for (size_t i = 0; i < farm->job_count; i++)
         if (farm->jobs[i]->checks != NULL) let_gone_go(farm, now, farm->jobs[i]);
 }
@@ -266,7 +263,7 @@ static void condemn(farm_t *farm, double now, job_t *job, size_t index)
         stay += ends;
         out += !ends;
     }
-    farm_checks_forget(job, index);
+    checks_forget(job, index);
     source->condemned = now;
     source->unvouched = 0;
     log_error("job %llu: %u batches of %s are taken out of the film", (unsigned long long)job->id, out,
@@ -278,7 +275,7 @@ static void condemn(farm_t *farm, double now, job_t *job, size_t index)
                   stay, source->name);
 }
 
-void farm_evidence_condemn(farm_t *farm, double now, uint64_t id)
+void evidence_condemn(farm_t *farm, double now, uint64_t id)
 {
     for (size_t j = 0; j < farm->job_count; j++) {
         job_checks_t *checks = farm->jobs[j]->checks;
@@ -290,7 +287,7 @@ void farm_evidence_condemn(farm_t *farm, double now, uint64_t id)
 
 /* ---- checkpoints, and coming back ---------------------------------------------------------------------- */
 
-void farm_checks_checkpointed(job_t *job)
+void trust_checkpointed(job_t *job)
 {
     if (job->checks != NULL) job->checks->saved++;
 }
@@ -301,7 +298,7 @@ static uint64_t clock_of_state(const job_settings_t *settings, const schedule_st
     for (size_t i = 0; i < state->counted_count; i++)
         account.counted +=
             (uint64_t)state->counted[i].count * job_tile_pixels(settings, state->counted[i].tile);
-    return farm_evidence_clock(&account);
+    return evidence_clock(&account);
 }
 
 /* True when all samples of a unit are counted. */
@@ -343,7 +340,7 @@ static result_t load_one(farm_t *farm, job_t *job, const job_settings_t *setting
     hash_t digest;
     if (name->kind == SPOOL_OUT && evidence->state == EVIDENCE_WRONG) {
         evidence->branded = true;
-        spool_name_t wrong = farm_evidence_name(evidence);
+        spool_name_t wrong = evidence_name(evidence);
         TRY(spool_rename(dir, job->id, name, &wrong));
         TRY(spool_read_head(dir, job->id, &wrong, settings, &head));
     } else if (evidence->checked) {
@@ -362,20 +359,20 @@ static result_t load_one(farm_t *farm, job_t *job, const job_settings_t *setting
     worker_t sender = {.id = 0};
     memcpy(sender.name, head.name, sizeof sender.name);
     memcpy(sender.key, head.key, sizeof sender.key);
-    farm_standing_identify(&sender);
+    standing_identify(&sender);
     bool counted = true;
     for (size_t i = 0; i < head.unit_count && evidence->state != EVIDENCE_OUT; i++)
         counted = counted && is_counted(state, &head.units[i]);
     farm_lock(farm);
-    job_checks_t *checks = farm_checks_of(job);
-    evidence->source = farm_checks_source(checks, sender.source, sender.machine, sender.name, sender.key);
+    job_checks_t *checks = checks_of(job);
+    evidence->source = checks_source(checks, sender.source, sender.machine, sender.name, sender.key);
     if (counted) add(checks, *evidence);
     if (counted && evidence->checked)
-        farm_checks_want(farm, job, evidence, head.units, head.unit_count, &head.fingerprint, &digest);
+        checks_want(farm, job, evidence, head.units, head.unit_count, &head.fingerprint, &digest);
     farm_unlock(farm);
     spool_head_free(&head);
     if (counted) return result_ok();
-    spool_name_t now = farm_evidence_name(evidence);
+    spool_name_t now = evidence_name(evidence);
     spool_delete(dir, job->id,
                  &now); /* it would be taken for evidence when others have rendered them again */
     return result_fail(RESULT_INPUT, "the film does not have its samples");
@@ -391,7 +388,7 @@ static bool fits(const job_settings_t *settings, const schedule_state_t *state)
     return true;
 }
 
-void farm_checks_loaded(farm_t *farm, job_t *job, const schedule_state_t *state)
+void trust_loaded(farm_t *farm, job_t *job, const schedule_state_t *state)
 {
     const char *dir = farm->options.spool_dir;
     if (dir == NULL) return;
@@ -413,12 +410,13 @@ void farm_checks_loaded(farm_t *farm, job_t *job, const schedule_state_t *state)
             log_error("job %llu: a batch cannot be vouched for or taken out any more: %s",
                       (unsigned long long)job->id, result.message);
         farm_lock(farm);
-        if (farm_checks_of(job)->last_serial < names[i].serial) job->checks->last_serial = names[i].serial;
+        if (checks_of(job)->last_serial < names[i].serial) job->checks->last_serial = names[i].serial;
         farm_unlock(farm);
     }
     free(names);
     farm_lock(farm);
-    if (count > 0) farm->spooled = true; /* what was deleted must not come back after the next checkpoint */
+    if (count > 0)
+        farm->trust->spooled = true; /* what was deleted must not come back after the next checkpoint */
     farm_unlock(farm);
     if (count > 0)
         log_info("job %llu: %zu batches in its film wait to be vouched for, %zu are to be taken out",

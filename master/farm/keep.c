@@ -1,4 +1,4 @@
-/* farm_keep: what of the farm outlives the process (see farm.h): the records of jobs, which the journal
+/* keep: what of the farm outlives the process (see farm.h): the records of jobs, which the journal
  * writer writes down, and their films, which the checkpointer writes and loads.
  *
  * DESIGN. A record is given out whenever it has changed, as often as it takes: the journal holds the last
@@ -10,7 +10,7 @@
  * So a job that comes back (farm_restore) is put in the queue, and waits for its film if it ever had one.
  * What it does next is decided when the film is there: go on, or be closed if it was only its image that was
  * due. The same path is taken by a job that was over and is extended. */
-#include "master/farm/farm_state.h"
+#include "master/farm/parts.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -18,12 +18,6 @@
 #include <string.h>
 
 /* ---- records ------------------------------------------------------------------------------------------- */
-
-void farm_record_changed(farm_t *farm, job_t *job)
-{
-    job->record_due = true;
-    farm_wake(farm->options.journal_writer_wake);
-}
 
 static job_record_t make_record(const job_t *job, double now)
 {
@@ -179,18 +173,6 @@ static bool loads_before(const job_t *a, const job_t *b)
     return a->terms.priority > b->terms.priority; /* else the one that was submitted first */
 }
 
-uint64_t farm_awaited_bytes(const farm_t *farm)
-{
-    uint64_t bytes = farm->film_bytes;
-    for (size_t i = 0; i < farm->job_count; i++) {
-        const job_t *job = farm->jobs[i];
-        if (!job->film_due || !job->film_wanted || job->loading || job->state == JOB_PAUSED) continue;
-        uint64_t more = farm_film_bytes(&job->settings);
-        if (bytes + more <= farm->options.film_limit) bytes += more;
-    }
-    return bytes - farm->film_bytes;
-}
-
 job_t *farm_next_load(farm_t *farm)
 {
     job_t *found = NULL;
@@ -259,7 +241,7 @@ result_t farm_loaded(farm_t *farm, double now, job_t *job, film_t *film, schedul
 {
     schedule_t *schedule = NULL;
     result_t result = result_ok();
-    farm_checks_loaded(farm, job, film != NULL ? state : NULL);
+    trust_loaded(farm, job, film != NULL ? state : NULL);
     farm_lock(farm);
     stop_waiting(farm, job);
     if (film != NULL && !job->gone) result = schedule_restore(&job->settings, state, &schedule);
@@ -315,7 +297,7 @@ job_t *farm_next_checkpoint(farm_t *farm, double now, double *age, bool *last)
 
 bool farm_snapshot(farm_t *farm, job_t *job, schedule_state_t *state, shared_film_snapshot_t **snapshot)
 {
-    shared_film_t *shared_film = farm_shared_film_hold(farm, job);
+    shared_film_t *shared_film = job_film_hold(farm, job);
     if (shared_film == NULL) return false;
     shared_film_lock(shared_film); /* nobody is merging: what is counted is in the sums */
     farm_lock(farm);
@@ -328,7 +310,7 @@ bool farm_snapshot(farm_t *farm, job_t *job, schedule_state_t *state, shared_fil
     farm_unlock(farm);
     if (take) *snapshot = shared_film_snapshot(shared_film);
     shared_film_unlock(shared_film);
-    if (!take) farm_shared_film_let_go(farm, job); /* else farm_checkpointed does */
+    if (!take) job_film_let_go(farm, job); /* else farm_checkpointed does */
     return take;
 }
 
@@ -340,7 +322,7 @@ void farm_checkpointed(farm_t *farm, double now, job_t *job, result_t written)
     job->saving = job->save_failed = false;
     if (written.code == RESULT_OK) {
         job->last_checkpoint = now;
-        farm_checks_checkpointed(job);
+        trust_checkpointed(job);
         farm_record_changed(farm, job);
     } else {
         job->save_failed = true;
@@ -350,8 +332,41 @@ void farm_checkpointed(farm_t *farm, double now, job_t *job, result_t written)
                      "its last checkpoint cannot be written, and is tried again: %.200s", written.message);
     }
     farm_unlock(farm);
-    if (saving) farm_shared_film_let_go(farm, job);
+    if (saving) job_film_let_go(farm, job);
     farm_lock(farm);
     farm_job_settle(farm, job);
     farm_unlock(farm);
+}
+
+/* ---- what is kept of batches --------------------------------------------------------------------------- */
+
+/* Pins a job that has evidence, the first after number `after`. */
+static job_t *next_job(farm_t *farm, uint64_t after)
+{
+    job_t *found = NULL;
+    farm_lock(farm);
+    for (size_t i = 0; i < farm->job_count; i++) {
+        job_t *job = farm->jobs[i];
+        if (job->checks != NULL && job->id > after && (found == NULL || job->id < found->id)) found = job;
+    }
+    if (found != NULL) found->pins++;
+    farm_unlock(farm);
+    return found;
+}
+
+void farm_settle(farm_t *farm)
+{
+    if (farm->options.spool_dir == NULL) return;
+    uint64_t id = 0;
+    for (job_t *job; (job = next_job(farm, id)) != NULL;) {
+        id = job->id;
+        trust_settle(farm, job);
+        farm_unpin(farm, job);
+    }
+    trust_tidy(farm);
+}
+
+result_t farm_sync(farm_t *farm)
+{
+    return trust_sync(farm);
 }

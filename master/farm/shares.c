@@ -1,4 +1,4 @@
-/* farm_shares: which job a worker gets units of.
+/* shares: which job a worker gets units of.
  *
  * DESIGN. Priorities are strict: as long as a job of a higher one has units for a worker, the worker gets
  * those. Jobs of one priority share the farm evenly, by thread-seconds. That is start-time fair queueing
@@ -19,7 +19,7 @@
  * Of one priority and above only MAX_ACTIVE jobs are begun as long as they have units to give, since every
  * job that has begun takes memory for its film. A job that waits for its round to be complete does not count.
  */
-#include "master/farm/farm_state.h"
+#include "master/farm/parts.h"
 
 #include <stdlib.h>
 
@@ -100,6 +100,12 @@ static void hold_back(job_t *const *list, size_t count)
         for (size_t i = first; i < end; i++)
             list[i]->held_back = list[i]->state == JOB_QUEUED && active >= MAX_ACTIVE;
     }
+}
+
+bool farm_job_has_work(const job_t *job)
+{
+    if (job->state == JOB_QUEUED) return !job->film_wanted;
+    return job->state == JOB_RUNNING && (schedule_available(job->schedule) || trust_waiting(job));
 }
 
 job_t *const *farm_rank_jobs(farm_t *farm, const worker_t *worker,

@@ -1,5 +1,5 @@
-/* farm_jobs: the life of a job: its start, its rounds and its end (see farm.h and the note in farm.c). */
-#include "master/farm/farm_state.h"
+/* jobs: the life of a job: its start, its rounds and its end (see farm.h and the note in farm.c). */
+#include "master/farm/parts.h"
 
 #include "master/schedule/plan.h"
 
@@ -8,13 +8,6 @@
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
-
-uint64_t farm_film_bytes(const job_settings_t *settings)
-{
-    uint64_t pixels = (uint64_t)settings->width * (uint64_t)settings->height;
-    uint64_t features = job_has_features(settings) ? FEATURE_VALUES * (sizeof(int64_t) + sizeof(float)) : 0;
-    return pixels * (2 * 2 * 3 * sizeof(int64_t) + 2 * sizeof(uint32_t) + 13 * sizeof(float) + features);
-}
 
 double farm_wall_time(void)
 {
@@ -31,22 +24,11 @@ double farm_job_elapsed(const job_t *job, double now)
 
 /* ---- memory -------------------------------------------------------------------------------------------- */
 
-void farm_job_free_film(farm_t *farm, job_t *job)
-{
-    if (job->shared_film == NULL) return;
-    job->shared_film_condemned = job->shared_film_users > 0;
-    if (job->shared_film_condemned) return;
-    farm->film_bytes -= farm_film_bytes(&job->settings);
-    shared_film_destroy(&job->shared_film);
-    farm_wake(farm->options.checkpoint_wake); /* a film may have waited for memory to be loaded */
-}
-
 void farm_job_free(farm_t *farm, job_t *job)
 {
     farm_job_free_film(farm, job);
     schedule_destroy(&job->schedule);
-    farm_checks_free(&job->checks);
-    farm_suspects_free(&job->suspects);
+    trust_forget(job);
     free(job->seen);
     free(job);
 }
@@ -72,13 +54,6 @@ void farm_job_remove(farm_t *farm, job_t *job)
 
 /* ---- beginning ----------------------------------------------------------------------------------------- */
 
-bool farm_job_has_work(const job_t *job)
-{
-    if (job->state == JOB_QUEUED) return !job->film_wanted;
-    return job->state == JOB_RUNNING &&
-           (schedule_available(job->schedule) || farm_suspects_waiting(job) || farm_checks_waiting(job));
-}
-
 void farm_job_install(farm_t *farm, double now, job_t *job, film_t *film, schedule_t *schedule)
 {
     job->counts = film->counts;
@@ -91,6 +66,18 @@ void farm_job_install(farm_t *farm, double now, job_t *job, film_t *film, schedu
     farm_job_joins(farm, job);
     job->rate_time[0] = job->rate_time[1] = now;
     job->rate_samples[0] = job->rate_samples[1] = job->samples_done;
+}
+
+uint64_t farm_awaited_bytes(const farm_t *farm)
+{
+    uint64_t bytes = farm->film_bytes;
+    for (size_t i = 0; i < farm->job_count; i++) {
+        const job_t *job = farm->jobs[i];
+        if (!job->film_due || !job->film_wanted || job->loading || job->state == JOB_PAUSED) continue;
+        uint64_t more = farm_film_bytes(&job->settings);
+        if (bytes + more <= farm->options.film_limit) bytes += more;
+    }
+    return bytes - farm->film_bytes;
 }
 
 /* The tiles of a round, in fresh memory. */
@@ -181,7 +168,7 @@ static void question_free(question_t *question)
 static bool question_stands(const question_t *question, const job_t *job)
 {
     return job->merging == 0 && job->batches == question->batches && schedule_round_counted(job->schedule) &&
-           !farm_checks_pending(job) && job->settings.spp == question->settings.spp &&
+           !trust_pending(job) && job->settings.spp == question->settings.spp &&
            job->settings.error == question->settings.error;
 }
 
@@ -198,7 +185,7 @@ static void plan_round(farm_t *farm, double now, job_t *job)
         plan_next(&question.settings, question.round_count, question.round_count > 0 ? &question.last : NULL,
                   shared_film_lock(shared_film), &question.next, &error);
     shared_film_unlock(shared_film);
-    farm_shared_film_let_go(farm, job);
+    job_film_let_go(farm, job);
     farm_lock(farm);
     job->planning = false;
     if (job->taking && question_stands(&question, job)) {
@@ -217,7 +204,7 @@ void farm_job_progress(farm_t *farm, double now, job_t *job)
 {
     job->pins++;
     while (job->taking && job->merging == 0 && !job->planning && schedule_round_counted(job->schedule) &&
-           !farm_checks_pending(job)) {
+           !trust_pending(job)) {
         if (job_is_planned(&job->settings))
             plan_round(farm, now, job);
         else
@@ -324,8 +311,7 @@ static void put_away(farm_t *farm, job_t *job)
 {
     if (job->schedule != NULL) job->account = schedule_account(job->schedule);
     schedule_destroy(&job->schedule);
-    farm_checks_free(&job->checks);
-    farm_suspects_free(&job->suspects);
+    trust_forget(job);
     farm_job_free_film(farm, job);
     farm_notify_idle(farm); /* a job may have waited for memory */
 }

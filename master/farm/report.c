@@ -1,5 +1,5 @@
-/* farm_report: the jobs as clients see them (see farm.h). */
-#include "master/farm/farm_state.h"
+/* report: the jobs as clients see them (see farm.h). */
+#include "master/farm/parts.h"
 
 #include <math.h>
 #include <stdio.h>

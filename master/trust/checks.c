@@ -1,4 +1,4 @@
-/* farm_checks: the units of a job that are rendered twice and compared (terms.verify), and what follows from
+/* checks: the units of a job that are rendered twice and compared (terms.verify), and what follows from
  * it.
  *
  * DESIGN. A share of the batches that were merged is chosen at random, when they are there: who rendered them
@@ -6,8 +6,8 @@
  * their own, which is compared (batch_digest) and not merged. Another worker is one with the same bits, on
  * another machine if there is one. If the sums are equal, the first worker is vouched for: what it had
  * delivered until then needs no further proof. If not, more workers render the same until two agree; whoever
- * differs from them is put aside (farm_standing.c), and everything that it delivered since it was last
- * vouched for is taken out of the film again and re-rendered (farm_evidence.c). The second worker knows that
+ * differs from them is put aside (standing.c), and everything that it delivered since it was last
+ * vouched for is taken out of the film again and re-rendered (evidence.c). The second worker knows that
  * it is watched, so its rendering does not vouch for itself, but it does for the first.
  *
  * A worker is chosen for certain when it has delivered MUST_CHECK / verify batches since it was vouched for,
@@ -23,7 +23,7 @@
  *
  * All this finds machines that make mistakes, and liars with a probability of 1 - (1 - verify)^n after n
  * batches with wrong sums. It cannot find liars who outnumber the honest. */
-#include "master/farm/farm_workers.h"
+#include "master/trust/trust_state.h"
 
 #include <math.h>
 #include <sodium.h>
@@ -41,7 +41,7 @@ static const double FIT_SECONDS =
 
 /* ---- the state ----------------------------------------------------------------------------------------- */
 
-job_checks_t *farm_checks_of(job_t *job)
+job_checks_t *checks_of(job_t *job)
 {
     if (job->checks == NULL) job->checks = mem_zalloc(1, sizeof *job->checks);
     return job->checks;
@@ -52,7 +52,7 @@ static void check_free(check_t *check)
     free(check->units);
 }
 
-void farm_checks_free(job_checks_t **pointer)
+void checks_free(job_checks_t **pointer)
 {
     job_checks_t *checks = *pointer;
     if (checks == NULL) return;
@@ -64,8 +64,7 @@ void farm_checks_free(job_checks_t **pointer)
     *pointer = NULL;
 }
 
-size_t farm_checks_source(job_checks_t *checks, uint64_t id, uint64_t machine, const char *name,
-                          const char *key)
+size_t checks_source(job_checks_t *checks, uint64_t id, uint64_t machine, const char *name, const char *key)
 {
     for (size_t i = 0; i < checks->source_count; i++)
         if (checks->sources[i].id == id) return i;
@@ -113,10 +112,10 @@ static void add_rendering(check_t *check, size_t source, const hash_t *digest)
     check->renderings[check->rendering_count++].digest = *digest;
 }
 
-void farm_checks_want(farm_t *farm, job_t *job, const evidence_t *evidence, const unit_t *units, size_t count,
-                      const hash_t *fingerprint, const hash_t *digest)
+void checks_want(farm_t *farm, job_t *job, const evidence_t *evidence, const unit_t *units, size_t count,
+                 const hash_t *fingerprint, const hash_t *digest)
 {
-    job_checks_t *checks = farm_checks_of(job);
+    job_checks_t *checks = checks_of(job);
     if (checks->check_count == MAX_CHECKS) {
         checks->unmade++;
         return;
@@ -128,7 +127,7 @@ void farm_checks_want(farm_t *farm, job_t *job, const evidence_t *evidence, cons
     farm_notify_idle(farm);
 }
 
-check_t *farm_checks_begun(job_checks_t *checks, size_t source, const unit_t *units, size_t count)
+check_t *checks_begun(job_checks_t *checks, size_t source, const unit_t *units, size_t count)
 {
     for (size_t i = 0; i < checks->check_count; i++) {
         check_t *check = &checks->checks[i];
@@ -139,7 +138,7 @@ check_t *farm_checks_begun(job_checks_t *checks, size_t source, const unit_t *un
     return NULL;
 }
 
-bool farm_checks_open(const job_checks_t *checks, size_t source)
+bool checks_open(const job_checks_t *checks, size_t source)
 {
     for (size_t i = 0; i < checks->check_count; i++)
         if (checks->checks[i].rendering_count > 0 && checks->checks[i].renderings[0].source == source)
@@ -197,7 +196,7 @@ static bool suits(const farm_t *farm, double now, const job_checks_t *checks, co
     return true;
 }
 
-bool farm_checks_waiting(const job_t *job)
+bool checks_waiting(const job_t *job)
 {
     for (size_t i = 0; job->checks != NULL && i < job->checks->check_count; i++)
         if (job->checks->checks[i].with == 0) return true;
@@ -211,7 +210,7 @@ static double deadline(const farm_t *farm, double now, const check_t *check, con
     return now + fmax(SLACK * (seconds + interval), STALL_BATCHES * interval);
 }
 
-bool farm_checks_take(farm_t *farm, double now, job_t *job, worker_t *worker, work_t *work)
+bool checks_take(farm_t *farm, double now, job_t *job, worker_t *worker, work_t *work)
 {
     job_checks_t *checks = job->checks;
     for (size_t i = 0; checks != NULL && i < checks->check_count; i++) {
@@ -229,7 +228,7 @@ bool farm_checks_take(farm_t *farm, double now, job_t *job, worker_t *worker, wo
     return false;
 }
 
-bool farm_checks_held(const farm_t *farm, const worker_t *worker)
+bool checks_held(const farm_t *farm, const worker_t *worker)
 {
     for (size_t j = 0; j < farm->job_count; j++) {
         const job_checks_t *checks = farm->jobs[j]->checks;
@@ -245,7 +244,7 @@ static bool happens(double probability)
     return (double)randombytes_random() < probability * 0x1p32;
 }
 
-bool farm_checks_marks(const farm_t *farm, const job_t *job, const worker_t *worker, double units)
+bool checks_marks(const farm_t *farm, const job_t *job, const worker_t *worker, double units)
 {
     if (!worker->relay || job->terms.verify <= 0 || farm->options.spool_dir == NULL) return false;
     if (job->checks != NULL && (job->checks->given_up || job->checks->check_count == MAX_CHECKS))
@@ -254,9 +253,9 @@ bool farm_checks_marks(const farm_t *farm, const job_t *job, const worker_t *wor
     return happens(share / (1 - job->terms.verify + share));
 }
 
-void farm_checks_mark(farm_t *farm, double now, job_t *job, const worker_t *worker, work_t *work)
+void trust_mark(farm_t *farm, double now, job_t *job, const worker_t *worker, work_t *work)
 {
-    (void)farm_checks_of(job);
+    (void)checks_of(job);
     check_t *check = add_check(job, work->units, work->unit_count, &worker->fingerprint);
     check->with = worker->id;
     check->deadline = deadline(farm, now, check, worker);
@@ -272,7 +271,7 @@ static void lose(job_t *job, size_t at)
     if (check->rendering_count == 0) drop_check(job, at);
 }
 
-void farm_checks_lost(farm_t *farm, const worker_t *worker)
+void trust_left(farm_t *farm, const worker_t *worker)
 {
     for (size_t j = 0; j < farm->job_count; j++) {
         job_checks_t *checks = farm->jobs[j]->checks;
@@ -324,7 +323,7 @@ static void conclude(farm_t *farm, double now, job_t *job, const check_t *check,
 {
     bool passed = true;
     if (hash_equal(&check->renderings[0].digest, digest))
-        farm_evidence_vouch(farm, job, check->renderings[0].source, check->clock);
+        evidence_vouch(farm, job, check->renderings[0].source, check->clock);
     for (size_t i = 0; i < check->rendering_count; i++) {
         if (hash_equal(&check->renderings[i].digest, digest)) continue;
         source_t source = job->checks->sources[check->renderings[i].source];
@@ -333,8 +332,8 @@ static void conclude(farm_t *farm, double now, job_t *job, const check_t *check,
         snprintf(why, sizeof why, "sent other sums than two others for %zu units of job %llu%s%s",
                  check->count, (unsigned long long)job->id, source.key[0] != '\0' ? "; its key is " : "",
                  source.key);
-        farm_evidence_condemn(farm, now, source.id);
-        farm_standing_lied(farm, now, source.id, source.name, why);
+        evidence_condemn(farm, now, source.id);
+        standing_lied(farm, now, source.id, source.name, why);
     }
     job->checks_passed += passed;
     job->checks_failed += !passed;
@@ -367,8 +366,8 @@ static size_t find_check(const job_checks_t *checks, uint64_t number)
     return checks != NULL && i < checks->check_count ? i : SIZE_MAX;
 }
 
-result_t farm_check_asked(const farm_t *farm, const job_t *job, uint64_t id, uint64_t number,
-                          const unit_t *units, size_t count)
+result_t trust_asked(const farm_t *farm, const job_t *job, uint64_t id, uint64_t number, const unit_t *units,
+                     size_t count)
 {
     const worker_t *worker = farm_find_worker(farm, id);
     size_t at = find_check(job->checks, number);
@@ -384,27 +383,24 @@ result_t farm_check_asked(const farm_t *farm, const job_t *job, uint64_t id, uin
     return result_ok();
 }
 
-result_t farm_check_batch(farm_t *farm, double now, job_t *job, uint64_t id, uint64_t number,
-                          const unit_t *units, size_t count, const hash_t *digest, bool *merge)
+result_t trust_compare(farm_t *farm, double now, job_t *job, uint64_t id, uint64_t number,
+                       const unit_t *units, size_t count, const hash_t *digest, bool *merge)
 {
     *merge = false;
-    TRY(farm_check_asked(farm, job, id, number, units, count));
-    worker_t *worker = farm_find_worker(farm, id);
+    TRY(trust_asked(farm, job, id, number, units, count));
+    const worker_t *worker = farm_find_worker(farm, id);
     size_t at = find_check(job->checks, number);
     check_t *check = &job->checks->checks[at];
     if (check->with == id) check->with = 0;
     *merge = check->rendering_count == 0;
     add_rendering(check,
-                  farm_checks_source(job->checks, worker->source, worker->machine, worker->name, worker->key),
+                  checks_source(job->checks, worker->source, worker->machine, worker->name, worker->key),
                   digest);
-    worker->delivered = now;
-    worker->offered = worker->granted = 0;
-    farm_worker_relieved(farm, worker);
     decide(farm, now, job, at);
     return result_ok();
 }
 
-void farm_checks_forget(job_t *job, size_t source)
+void checks_forget(job_t *job, size_t source)
 {
     job_checks_t *checks = job->checks;
     for (size_t i = checks->check_count; i-- > 0;) {
@@ -422,9 +418,9 @@ void farm_checks_forget(job_t *job, size_t source)
 
 /* ---- time, and what is to be said ---------------------------------------------------------------------- */
 
-bool farm_checks_pending(const job_t *job)
+bool trust_pending(const job_t *job)
 {
-    return job->checks != NULL && (job->checks->check_count > 0 || farm_evidence_wrong(job));
+    return job->checks != NULL && (job->checks->check_count > 0 || trust_wrong(job));
 }
 
 /* Notes since when a comparison is not worth waiting for: nobody can make it, or nobody did. */
@@ -465,14 +461,14 @@ static void tick_job(farm_t *farm, double now, job_t *job)
         size_t source = check->renderings[0].source;
         uint64_t clock = check->clock;
         note_hopeless(farm, now, checks, check);
-        bool piles_up = is_long_hopeless(farm, now, check) && farm_evidence_piles_up(farm, job, source);
+        bool piles_up = is_long_hopeless(farm, now, check) && evidence_piles_up(farm, job, source);
         if (check->hopeless <= 0 || (!counted && !piles_up)) {
             i++;
             continue;
         }
         drop_check(job, i);
         checks->unmade++;
-        if (piles_up) farm_evidence_vouch(farm, job, source, clock);
+        if (piles_up) evidence_vouch(farm, job, source, clock);
     }
     if (checks->unmade == unmade) return;
     if (strstr(job->message, "could not be compared") == NULL)
@@ -483,13 +479,13 @@ static void tick_job(farm_t *farm, double now, job_t *job)
                 (unsigned long long)job->id, (unsigned long long)checks->unmade);
 }
 
-void farm_checks_tick(farm_t *farm, double now)
+void checks_tick(farm_t *farm, double now)
 {
     for (size_t i = 0; i < farm->job_count; i++)
         if (farm->jobs[i]->checks != NULL) tick_job(farm, now, farm->jobs[i]);
 }
 
-void farm_checks_remark(const farm_t *farm, double now, const job_t *job, char *text, size_t size)
+void checks_remark(const farm_t *farm, double now, const job_t *job, char *text, size_t size)
 {
     const job_checks_t *checks = job->checks;
     size_t stuck = 0;

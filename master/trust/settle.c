@@ -1,8 +1,7 @@
-/* farm_settle: what the comparison of renderings calls for on the disk and in the films (farm_evidence.c has
+/* settle: what the comparison of renderings calls for on the disk and in the films (evidence.c has
  * the scheme): batches that are wrong are taken out, those that are no longer needed deleted. By the
  * checkpointer's thread, without the farm's lock. */
-#include "master/farm/farm_workers.h"
-#include "master/store/spool.h"
+#include "master/trust/trust_state.h"
 
 #include <stdlib.h>
 
@@ -19,7 +18,7 @@ static bool begin(farm_t *farm, job_t *job, evidence_t *evidence)
     bool there = job->schedule != NULL;
     if (there) {
         schedule_account_t account = schedule_account(job->schedule);
-        evidence->out_clock = farm_evidence_clock(&account) + 1;
+        evidence->out_clock = evidence_clock(&account) + 1;
         job->merging++;
     }
     farm_unlock(farm);
@@ -54,10 +53,10 @@ static result_t subtract(farm_t *farm, job_t *job, shared_film_t *shared_film, e
                          const zmq_msg_t payload[BATCH_PAYLOADS])
 {
     const char *dir = farm->options.spool_dir;
-    spool_name_t from = farm_evidence_name(evidence);
+    spool_name_t from = evidence_name(evidence);
     if (!begin(farm, job, evidence)) return result_fail(RESULT_CANCELLED, "the job is over");
     evidence->state = EVIDENCE_OUT;
-    spool_name_t to = farm_evidence_name(evidence);
+    spool_name_t to = evidence_name(evidence);
     result_t result = spool_rename(dir, job->id, &from, &to);
     if (result.code == RESULT_OK) {
         uint32_t *weights = uncount(farm, job, head);
@@ -77,11 +76,11 @@ static result_t subtract(farm_t *farm, job_t *job, shared_film_t *shared_film, e
 /* The film is without the batch. Under the lock. */
 static void note_out(farm_t *farm, job_t *job, const evidence_t *out, film_counts_t counts)
 {
-    evidence_t *evidence = farm_evidence_find(job->checks, out->serial);
+    evidence_t *evidence = evidence_find(job->checks, out->serial);
     job->counts = counts;
     if (job->schedule != NULL) job->samples_done = schedule_done(job->schedule);
     job->unsaved = true;
-    farm->spooled = true;
+    farm->trust->spooled = true;
     job->progress_due = true;
     if (evidence != NULL) {
         evidence->state = EVIDENCE_OUT;
@@ -94,7 +93,7 @@ static void note_out(farm_t *farm, job_t *job, const evidence_t *out, film_count
 /* The batch cannot be taken out. Under the lock. */
 static void note_lost(farm_t *farm, job_t *job, const evidence_t *lost, const char *why)
 {
-    evidence_t *evidence = farm_evidence_find(job->checks, lost->serial);
+    evidence_t *evidence = evidence_find(job->checks, lost->serial);
     log_error("job %llu: a batch with wrong sums stays in the film: %s", (unsigned long long)job->id, why);
     farm_job_tell(farm, job, "a batch with wrong sums is in the image: render it again");
     job->progress_due = true;
@@ -123,9 +122,9 @@ static bool take_out(farm_t *farm, job_t *job, evidence_t evidence)
     spool_head_t head;
     zmq_msg_t payload[BATCH_PAYLOADS];
     job_settings_t settings = farm_job_settings(farm, job);
-    shared_film_t *shared_film = farm_shared_film_hold(farm, job);
+    shared_film_t *shared_film = job_film_hold(farm, job);
     if (shared_film == NULL) return true; /* the job was closed just now */
-    spool_name_t name = farm_evidence_name(&evidence);
+    spool_name_t name = evidence_name(&evidence);
     result_t result = spool_read(dir, job->id, &name, &settings, &head, payload);
     film_counts_t counts = {.rays = 0};
     if (result.code == RESULT_OK) {
@@ -145,7 +144,7 @@ static bool take_out(farm_t *farm, job_t *job, evidence_t evidence)
         note_lost(farm, job, &evidence, result.message);
     bool done = noted(job, &result);
     farm_unlock(farm);
-    farm_shared_film_let_go(farm, job);
+    job_film_let_go(farm, job);
     return done;
 }
 
@@ -185,7 +184,7 @@ static void delete_needless(farm_t *farm, job_t *job)
     size_t count;
     evidence_t *needless = take_needless(farm, job, &count);
     for (size_t i = 0; i < count; i++) {
-        spool_name_t name = farm_evidence_name(&needless[i]);
+        spool_name_t name = evidence_name(&needless[i]);
         spool_delete(farm->options.spool_dir, job->id, &name);
     }
     free(needless);
@@ -222,14 +221,14 @@ static task_t next_task(farm_t *farm, job_t *job, evidence_t *about)
 /* Notes on the disk that a batch is wrong; false when it cannot be done now. */
 static bool brand(farm_t *farm, job_t *job, evidence_t evidence)
 {
-    spool_name_t from = farm_evidence_name(&evidence);
+    spool_name_t from = evidence_name(&evidence);
     evidence.branded = true;
-    spool_name_t to = farm_evidence_name(&evidence);
+    spool_name_t to = evidence_name(&evidence);
     result_t result = spool_rename(farm->options.spool_dir, job->id, &from, &to);
     farm_lock(farm);
-    evidence_t *found = farm_evidence_find(job->checks, evidence.serial);
+    evidence_t *found = evidence_find(job->checks, evidence.serial);
     if (found != NULL && result.code == RESULT_OK) found->branded = true;
-    farm->spooled = true;
+    farm->trust->spooled = true;
     if (result.code != RESULT_OK && result.code != RESULT_LIMIT)
         note_lost(farm, job, &evidence, result.message);
     bool done = noted(job, &result);
@@ -237,7 +236,7 @@ static bool brand(farm_t *farm, job_t *job, evidence_t evidence)
     return done;
 }
 
-static void settle_job(farm_t *farm, job_t *job)
+void trust_settle(farm_t *farm, job_t *job)
 {
     evidence_t evidence;
     bool goes_on = true;
@@ -246,22 +245,7 @@ static void settle_job(farm_t *farm, job_t *job)
         goes_on = task == TASK_BRAND ? brand(farm, job, evidence) : take_out(farm, job, evidence);
 }
 
-/* Pins a job that has evidence, the first after number `after`. */
-static job_t *next_job(farm_t *farm, uint64_t after)
-{
-    job_t *found = NULL;
-    farm_lock(farm);
-    for (size_t i = 0; i < farm->job_count; i++) {
-        job_t *job = farm->jobs[i];
-        if (job->checks != NULL && job->id > after && (found == NULL || job->id < found->id)) found = job;
-    }
-    if (found != NULL) found->pins++;
-    farm_unlock(farm);
-    return found;
-}
-
-/* Deletes what is left of jobs that are over. */
-static void tidy(farm_t *farm)
+void trust_tidy(farm_t *farm)
 {
     size_t count;
     uint64_t *jobs = spool_jobs(farm->options.spool_dir, &count);
@@ -275,28 +259,16 @@ static void tidy(farm_t *farm)
     free(jobs);
 }
 
-void farm_settle_checks(farm_t *farm)
-{
-    if (farm->options.spool_dir == NULL) return;
-    uint64_t id = 0;
-    for (job_t *job; (job = next_job(farm, id)) != NULL;) {
-        id = job->id;
-        settle_job(farm, job);
-        farm_unpin(farm, job);
-    }
-    tidy(farm);
-}
-
-result_t farm_sync_checks(farm_t *farm)
+result_t trust_sync(farm_t *farm)
 {
     farm_lock(farm);
-    bool due = farm->spooled;
-    farm->spooled = false;
+    bool due = farm->trust->spooled;
+    farm->trust->spooled = false;
     farm_unlock(farm);
     if (!due) return result_ok();
     result_t result = spool_sync(farm->options.spool_dir);
     farm_lock(farm);
-    if (result.code != RESULT_OK) farm->spooled = true;
+    if (result.code != RESULT_OK) farm->trust->spooled = true;
     farm_unlock(farm);
     return result;
 }

@@ -1,4 +1,4 @@
-/* farm_take: what workers are given, and what is given to others instead (see farm.h).
+/* take: what workers are given, and what is given to others instead (see farm.h).
  *
  * DESIGN. How long a worker will take for what it holds is told from what it has delivered of the same job in
  * the last minute: pixel samples a second.
@@ -18,7 +18,7 @@
  * The bits: a job belongs to the machines that have the same fingerprint as those with most threads when it
  * begins; others are told that there is no work. A mixed job takes everybody, and says so when the bits of
  * its machines do differ. */
-#include "master/farm/farm_workers.h"
+#include "master/farm/parts.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -27,9 +27,7 @@
 enum {
     OFFER_SECONDS = 30, /* for which a worker that has offered a batch is left alone: we make it wait, */
     GRANT_SECONDS = 60, /* until so long after it was first let send it, however often it offers it again */
-    STALL_BATCHES = 12, /* batch intervals until the deadline of who was not measured */
-    SLACK = 4,
-    MAX_GROUPS = 32 /* kinds of bits that are told apart */
+    MAX_GROUPS = 32     /* kinds of bits that are told apart */
 };
 static const double SPEED_SECONDS = 60; /* over which the speed is measured, roughly */
 static const double HURRY = 2;          /* by what factor an idle worker has to be sooner, */
@@ -38,12 +36,6 @@ static const double HURRY_SECONDS = 1;  /* and by what time beside */
 /* ---- the bits of a job --------------------------------------------------------------------------------- */
 
 static const hash_t no_fingerprint;
-
-bool farm_bits_fit(const job_t *job, const hash_t *fingerprint)
-{
-    return job->terms.mixed || hash_equal(&job->fingerprint, &no_fingerprint) ||
-           hash_equal(&job->fingerprint, fingerprint);
-}
 
 /* True when no other kind of connected workers, of those that do not hang, has more threads. */
 static bool in_largest_group(const farm_t *farm, double now, const worker_t *worker)
@@ -98,14 +90,6 @@ void farm_note_bits(farm_t *farm, job_t *job, const worker_t *worker)
 
 /* ---- speed and deadlines ------------------------------------------------------------------------------- */
 
-void farm_worker_expect(const farm_t *farm, double now, worker_t *worker)
-{
-    double interval = farm->options.batch_interval, seconds = STALL_BATCHES * interval;
-    if (worker->speed > 0) seconds = SLACK * (worker->held / worker->speed + interval);
-    if (worker->delivered == 0) worker->delivered = now;
-    worker->deadline = worker->delivered + seconds;
-}
-
 void farm_worker_relieved(farm_t *farm, worker_t *worker)
 {
     if (worker->ward == 0 || farm_worker_units(farm, worker) > 0) return;
@@ -127,8 +111,7 @@ void farm_worker_delivered(farm_t *farm, double now, worker_t *worker, job_t *jo
     worker->offered = worker->granted = 0;
     worker->held = farm_worker_units(farm, worker) > 0 ? fmax(worker->held - samples, 0) : 0;
     farm_worker_expect(farm, now, worker);
-    farm_standing_delivered(farm, now, worker);
-    farm_suspects_delivered(farm, job, units, count);
+    trust_delivered(farm, now, worker, job, units, count);
     farm_worker_relieved(farm, worker);
 }
 
@@ -230,15 +213,15 @@ static bool take_from_job(farm_t *farm, double now, job_t *job, worker_t *worker
     work->settings = job->settings;
     work->blob = job->blob;
     work->blob_size = job->blob_size;
-    if (worker->ward == 0 && farm_checks_take(farm, now, job, worker, work)) return true;
     size_t held = farm_worker_units(farm, worker);
-    suspects_answer_t suspects = farm_suspects_take(farm, now, job, worker, work);
-    if (suspects == SUSPECTS_WAIT) return false;
-    if (suspects == SUSPECTS_NONE) {
+    trust_answer_t answer = trust_take(farm, now, job, worker, wished_units(wish), work);
+    if (answer == TRUST_COMPARES) return true;
+    if (answer == TRUST_WAIT) return false;
+    if (answer != TRUST_GIVEN) {
         wish->farm_threads = farm_threads(farm, job);
-        bool marked = farm_checks_marks(farm, job, worker, wished_units(wish));
-        work->unit_count = schedule_take(job->schedule, wish, work->units, marked ? 1 : WIRE_MAX_UNITS);
-        if (marked && work->unit_count > 0) farm_checks_mark(farm, now, job, worker, work);
+        work->unit_count =
+            schedule_take(job->schedule, wish, work->units, answer == TRUST_MARK ? 1 : WIRE_MAX_UNITS);
+        if (answer == TRUST_MARK && work->unit_count > 0) trust_mark(farm, now, job, worker, work);
     }
     if (work->unit_count == 0) return true;
     farm_note_bits(farm, job, worker);

@@ -1,4 +1,4 @@
-/* farm_standing: what is held against machines and processes, and who is put aside for it.
+/* standing: what is held against machines and processes, and who is put aside for it.
  *
  * DESIGN. Three things are held against a machine: it declines a job that others render, it dies while it
  * holds units, it sends batches that are malformed. FARM_MAX_FAILURES of them without a delivery in between,
@@ -15,19 +15,19 @@
  * all workers of a machine are lost at a time, which counts once;
  *   - it does not count when the same process is connected again, and is forgiven when the process is heard
  * of again: it was out of reach, not dead;
- *   - it does not count when the worker was alone with units that are suspects (farm_suspects.c), or held one
+ *   - it does not count when the worker was alone with units that are suspects (suspects.c), or held one
  *     that a worker of another machine died with;
  *   - who dies is not put aside while no other machine is connected.
  * When workers are killed at random, so that one lives for L seconds on average, and deliver every t seconds,
  * a machine with a single worker is put aside after about 1 in (L / t)^3 kills, one with more workers hardly
  * ever.
  *
- * Wrong sums are another matter (farm_checks.c): the process that sent them is put aside at once, for ten
+ * Wrong sums are another matter (checks.c): the process that sent them is put aside at once, for ten
  * times as long. Only the process: a liar gives itself any name that it likes, so a list of keys is what
  * keeps it out (the log names the key), while a machine that makes mistakes will be found again.
  *
  * What is held against whom is forgotten when the master ends. */
-#include "master/farm/farm_workers.h"
+#include "master/trust/trust_state.h"
 
 #include <ctype.h>
 #include <math.h>
@@ -37,14 +37,6 @@
 
 enum { MAX_STANDINGS = FARM_MAX_WORKERS, LIE_FACTOR = 10 };
 static const double LONGEST_ASIDE = 7 * 24 * 3600.0; /* seconds */
-
-struct standing {
-    uint64_t who; /* worker_t.machine or .source */
-    uint32_t failures;
-    double last_failure, until, touched; /* seconds */
-    double length;                       /* of the last time aside, seconds; 0: there was none */
-    char reason[FARM_MAX_NAME + 1];
-};
 
 /* ---- names --------------------------------------------------------------------------------------------- */
 
@@ -59,7 +51,7 @@ static uint64_t name_number(const char *key, const char *name, size_t size, char
     return number;
 }
 
-void farm_standing_identify(worker_t *worker)
+void standing_identify(worker_t *worker)
 {
     size_t size = strlen(worker->name), end = size;
     while (end > 0 && isdigit((unsigned char)worker->name[end - 1])) end--;
@@ -72,8 +64,8 @@ void farm_standing_identify(worker_t *worker)
 
 static standing_t *find(const farm_t *farm, uint64_t who)
 {
-    for (size_t i = 0; i < farm->standing_count; i++)
-        if (farm->standings[i].who == who) return &farm->standings[i];
+    for (size_t i = 0; i < farm->trust->standing_count; i++)
+        if (farm->trust->standings[i].who == who) return &farm->trust->standings[i];
     return NULL;
 }
 
@@ -81,14 +73,15 @@ static standing_t *find(const farm_t *farm, uint64_t who)
 static standing_t *find_or_make(farm_t *farm, double now, uint64_t who)
 {
     standing_t *standing = find(farm, who);
-    if (standing == NULL && farm->standing_count < MAX_STANDINGS) {
-        farm->standings = mem_realloc(farm->standings, (farm->standing_count + 1) * sizeof *farm->standings);
-        standing = &farm->standings[farm->standing_count++];
+    if (standing == NULL && farm->trust->standing_count < MAX_STANDINGS) {
+        farm->trust->standings = mem_realloc(farm->trust->standings, (farm->trust->standing_count + 1) *
+                                                                         sizeof *farm->trust->standings);
+        standing = &farm->trust->standings[farm->trust->standing_count++];
         *standing = (standing_t){.who = who};
     } else if (standing == NULL) {
-        standing = farm->standings;
-        for (size_t i = 1; i < farm->standing_count; i++)
-            if (farm->standings[i].touched < standing->touched) standing = &farm->standings[i];
+        standing = farm->trust->standings;
+        for (size_t i = 1; i < farm->trust->standing_count; i++)
+            if (farm->trust->standings[i].touched < standing->touched) standing = &farm->trust->standings[i];
         *standing = (standing_t){.who = who};
     }
     standing->touched = now;
@@ -102,13 +95,13 @@ static const standing_t *aside(const farm_t *farm, double now, const worker_t *w
     return machine != NULL && now < machine->until ? machine : NULL;
 }
 
-const char *farm_standing_reason(const farm_t *farm, double now, const worker_t *worker)
+const char *trust_reason(const farm_t *farm, double now, const worker_t *worker)
 {
     const standing_t *standing = aside(farm, now, worker);
     return standing != NULL ? standing->reason : NULL;
 }
 
-result_t farm_standing_check(const farm_t *farm, double now, const worker_t *worker)
+result_t standing_check(const farm_t *farm, double now, const worker_t *worker)
 {
     const standing_t *standing = aside(farm, now, worker);
     if (standing == NULL) return result_ok();
@@ -119,14 +112,12 @@ result_t farm_standing_check(const farm_t *farm, double now, const worker_t *wor
 /* ---- putting aside ------------------------------------------------------------------------------------- */
 
 /* Nothing more is taken from workers of this machine or process. */
-static void cast_out(farm_t *farm, double now, uint64_t who)
+static void cast_out(farm_t *farm, uint64_t who)
 {
-    for (size_t i = 0; i < farm->worker_count; i++) {
-        worker_t *worker = &farm->workers[i];
-        if ((worker->machine != who && worker->source != who) || worker->outcast) continue;
-        if (worker->connected) farm_worker_disconnect(farm, now, worker, "is put aside");
-        worker->outcast = true;
-    }
+    for (size_t i = 0; i < farm->worker_count; i++)
+        if (farm->workers[i].machine == who || farm->workers[i].source == who)
+            farm->workers[i].outcast = true;
+    farm->cast_out = true;
 }
 
 static void put_aside(farm_t *farm, double now, standing_t *standing, const char *name, double seconds,
@@ -137,7 +128,7 @@ static void put_aside(farm_t *farm, double now, standing_t *standing, const char
     standing->failures = 0;
     snprintf(standing->reason, sizeof standing->reason, "%s", why);
     log_error("worker %s is put aside for %.0f s: it %s", name, standing->length, standing->reason);
-    cast_out(farm, now, standing->who);
+    cast_out(farm, standing->who);
 }
 
 /* One more thing is held against the worker's machine. */
@@ -153,7 +144,7 @@ static void fail(farm_t *farm, double now, const worker_t *worker, const char *w
         put_aside(farm, now, standing, name, FARM_ASIDE_SECONDS, why);
 }
 
-void farm_worker_failed(farm_t *farm, double now, worker_t *worker, const char *why)
+void trust_failed(farm_t *farm, double now, worker_t *worker, const char *why)
 {
     if (!worker->outcast) fail(farm, now, worker, why);
 }
@@ -165,7 +156,7 @@ static bool is_the_only_machine(const farm_t *farm, uint64_t machine)
     return true;
 }
 
-void farm_standing_fell(farm_t *farm, double now, worker_t *worker)
+void standing_fell(farm_t *farm, double now, worker_t *worker)
 {
     const standing_t *standing = find(farm, worker->machine);
     if (standing != NULL && worker->joined <= standing->last_failure) return;
@@ -174,14 +165,14 @@ void farm_standing_fell(farm_t *farm, double now, worker_t *worker)
     worker->charged = true;
 }
 
-void farm_standing_lives(farm_t *farm, worker_t *worker)
+void standing_lives(farm_t *farm, worker_t *worker)
 {
     standing_t *standing = worker->charged ? find(farm, worker->machine) : NULL;
     if (standing != NULL && standing->failures > 0) standing->failures--;
     worker->charged = false;
 }
 
-void farm_standing_delivered(farm_t *farm, double now, const worker_t *worker)
+void standing_delivered(farm_t *farm, double now, const worker_t *worker)
 {
     standing_t *standing = find(farm, worker->machine);
     if (standing == NULL) return;
@@ -189,7 +180,7 @@ void farm_standing_delivered(farm_t *farm, double now, const worker_t *worker)
     if (now > standing->until + standing->length) standing->length = 0;
 }
 
-void farm_standing_lied(farm_t *farm, double now, uint64_t source, const char *name, const char *why)
+void standing_lied(farm_t *farm, double now, uint64_t source, const char *name, const char *why)
 {
     put_aside(farm, now, find_or_make(farm, now, source), name, LIE_FACTOR * FARM_ASIDE_SECONDS, why);
 }

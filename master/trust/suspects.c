@@ -1,4 +1,4 @@
-/* farm_suspects: units that were in the hands of workers who died, and what becomes of them.
+/* suspects: units that were in the hands of workers who died, and what becomes of them.
  *
  * DESIGN. A unit may end whoever renders it: a scene that takes all memory from one point of view, a bug in a
  * library. Left alone it would go from worker to worker until none is left. So:
@@ -18,9 +18,9 @@
  * rate at which workers die of nothing in particular, per worker and second, and T the time that workers were
  * alone with the unit. By chance, then, n or more deaths have the probability P(N >= n) of a Poisson
  * distribution of mean r T, and the unit is left out only when that is below CHANCE. The rate is a mean of
- * the last minutes (farm->deaths), which begins at one death in an hour; deaths with this unit do not count,
- * those with other suspects only when these have been delivered. With a death an hour and five seconds for
- * each of five deaths P is 1e-13. Where each worker lives for 12 s only, five deaths in 25 s have a
+ * the last minutes (farm->trust->deaths), which begins at one death in an hour; deaths with this unit do not
+ * count, those with other suspects only when these have been delivered. With a death an hour and five seconds
+ * for each of five deaths P is 1e-13. Where each worker lives for 12 s only, five deaths in 25 s have a
  * probability of 6 %, and it takes some fifty in a row without a single delivery. Of ten thousand units that
  * are ever alone with a worker when it dies, chance thus makes one be left out in a thousand jobs at most.
  *
@@ -28,7 +28,7 @@
  *
  * Suspects are forgotten when the master ends; what was left out stays so (schedule_skip). Units may be cut
  * anew between two deaths, so suspicion lies on ranges of samples: a sorted list without overlap. */
-#include "master/farm/farm_workers.h"
+#include "master/trust/trust_state.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -181,12 +181,12 @@ static void note(job_suspects_t *s, const unit_t *unit, death_t death)
 static void note_innocent(farm_t *farm, const suspect_t *suspect)
 {
     for (uint32_t i = 0; i < suspect->death_count; i++) {
-        farm->deaths += suspect->deaths[i].seconds > 0;
-        farm->worker_seconds += suspect->deaths[i].seconds;
+        farm->trust->deaths += suspect->deaths[i].seconds > 0;
+        farm->trust->worker_seconds += suspect->deaths[i].seconds;
     }
 }
 
-void farm_suspects_delivered(farm_t *farm, job_t *job, const unit_t *units, size_t count)
+void suspects_delivered(farm_t *farm, job_t *job, const unit_t *units, size_t count)
 {
     job_suspects_t *s = job->suspects;
     for (size_t i = 0; s != NULL && s->count > 0 && i < count; i++) {
@@ -200,7 +200,7 @@ void farm_suspects_delivered(farm_t *farm, job_t *job, const unit_t *units, size
     }
 }
 
-void farm_suspects_free(job_suspects_t **suspects)
+void suspects_free(job_suspects_t **suspects)
 {
     job_suspects_t *s = *suspects;
     if (s == NULL) return;
@@ -211,12 +211,12 @@ void farm_suspects_free(job_suspects_t **suspects)
     *suspects = NULL;
 }
 
-bool farm_suspects_waiting(const job_t *job)
+bool suspects_waiting(const job_t *job)
 {
     return job->suspects != NULL && job->suspects->kept > 0;
 }
 
-size_t farm_suspects_count(const job_t *job)
+size_t suspects_count(const job_t *job)
 {
     return job->suspects != NULL ? job->suspects->kept + job->suspects->out : 0;
 }
@@ -328,9 +328,9 @@ static bool is_killer(const farm_t *farm, double now, const job_t *job, const su
     if (!killed_several_machines(suspect) &&
         better_machine(farm, now, job, suspect, RECORD_DIED_ALONE, FARM_LOAD_BATCHES))
         return false;
-    double others = farm->deaths;
+    double others = farm->trust->deaths;
     for (uint32_t i = 0; i < suspect->death_count; i++) others -= !suspect->deaths[i].apart;
-    double rate = (fmax(others, 0) + BASE_DEATHS) / (farm->worker_seconds + BASE_SECONDS);
+    double rate = (fmax(others, 0) + BASE_DEATHS) / (farm->trust->worker_seconds + BASE_SECONDS);
     return poisson_tail(rate * seconds, deaths) < (known ? KNOWN_CHANCE : CHANCE);
 }
 
@@ -369,7 +369,7 @@ static bool killed_elsewhere(const job_suspects_t *s, const unit_t *unit, uint64
     return false;
 }
 
-bool farm_suspects_died(farm_t *farm, double now, job_t *job, const worker_t *worker, bool *in_ward)
+bool suspects_died(farm_t *farm, double now, job_t *job, const worker_t *worker, bool *in_ward)
 {
     *in_ward = false;
     if (job->schedule == NULL || job->flush_until > 0) return false;
@@ -396,7 +396,7 @@ bool farm_suspects_died(farm_t *farm, double now, job_t *job, const worker_t *wo
     return excused;
 }
 
-void farm_suspects_returned(farm_t *farm, double now, job_t *job, uint64_t worker)
+void trust_released(farm_t *farm, double now, job_t *job, uint64_t worker)
 {
     job_suspects_t *s = job->suspects;
     for (size_t i = 0; s != NULL && i < s->count; i++) {
@@ -419,7 +419,7 @@ static bool forgive(job_t *job, suspect_t *suspect, uint64_t worker)
     return suspect->death_count == 0 && suspect->holder == 0;
 }
 
-void farm_suspects_lives(farm_t *farm, uint64_t worker)
+void suspects_lives(farm_t *farm, uint64_t worker)
 {
     for (size_t j = 0; j < farm->job_count; j++) {
         job_t *job = farm->jobs[j];
@@ -487,19 +487,19 @@ static void refresh(job_t *job)
     for (size_t i = 0; i < s->count && lost; i++) keep(job, &s->list[i]);
 }
 
-suspects_answer_t farm_suspects_take(farm_t *farm, double now, job_t *job, worker_t *worker, work_t *work)
+trust_answer_t suspects_take(farm_t *farm, double now, job_t *job, worker_t *worker, work_t *work)
 {
     job_suspects_t *s = job->suspects;
-    bool empty = farm_worker_units(farm, worker) == 0 && !farm_checks_held(farm, worker);
-    if (!empty && worker->ward == job->id) return SUSPECTS_WAIT;
-    if (s == NULL || s->count == 0) return SUSPECTS_NONE;
+    bool empty = farm_worker_units(farm, worker) == 0 && !checks_held(farm, worker);
+    if (!empty && worker->ward == job->id) return TRUST_WAIT;
+    if (s == NULL || s->count == 0) return TRUST_ANY;
     refresh(job);
     size_t best = s->kept > 0 ? choose(farm, now, job, worker) : s->count, connected;
-    if (best == s->count) return SUSPECTS_NONE;
+    if (best == s->count) return TRUST_ANY;
     if (!empty) {
-        if (wards(farm, &connected) * WARD_SHARE >= connected && connected > 1) return SUSPECTS_NONE;
+        if (wards(farm, &connected) * WARD_SHARE >= connected && connected > 1) return TRUST_ANY;
         worker->ward = job->id;
-        return SUSPECTS_WAIT;
+        return TRUST_WAIT;
     }
     work->unit_count = 0;
     hand_out(now, job, &s->list[best], worker, work);
@@ -507,7 +507,7 @@ suspects_answer_t farm_suspects_take(farm_t *farm, double now, job_t *job, worke
     for (size_t i = 0; group && i < s->count && work->unit_count < GROUP; i++)
         if (i != best && suits(farm, now, job, &s->list[i], worker))
             hand_out(now, job, &s->list[i], worker, work);
-    if (work->unit_count == 0) return SUSPECTS_NONE;
+    if (work->unit_count == 0) return TRUST_ANY;
     worker->ward = job->id;
-    return SUSPECTS_GIVEN;
+    return TRUST_GIVEN;
 }

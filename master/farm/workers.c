@@ -1,6 +1,6 @@
-/* farm_workers: who works for the farm (see farm.h). What they are given is in farm_take.c; what becomes of
- * those who fail, and of the units that they had, in farm_standing.c and farm_suspects.c. */
-#include "master/farm/farm_workers.h"
+/* workers: who works for the farm (see farm.h). What they are given is in take.c; what becomes of
+ * those who fail, and of the units that they had, in trust/standing.c and trust/suspects.c. */
+#include "master/farm/parts.h"
 
 #include <math.h>
 #include <sodium.h>
@@ -10,8 +10,9 @@
 #include <string.h>
 
 enum {
+    STALL_BATCHES = 12,    /* batch intervals until the deadline of who was not measured, */
+    SLACK = 4,             /* times the time that it should take otherwise (take.c) */
     MAX_THREADS = 1 << 20, /* of one worker or relay, for sharing out */
-    RATE_SECONDS = 600,    /* over which deaths are remembered as a rate */
     REMARK_SECONDS = 1     /* between two looks at what is to be said of jobs */
 };
 
@@ -21,37 +22,7 @@ void farm_count_reissued(job_t *job, worker_t *worker, size_t units)
     if (worker != NULL) worker->units_reissued += units;
 }
 
-double farm_unit_samples(const job_t *job, const unit_t *units, size_t count)
-{
-    double samples = 0;
-    for (size_t i = 0; i < count; i++)
-        samples += (double)units[i].count * job_tile_pixels(&job->settings, units[i].tile);
-    return samples;
-}
-
-void farm_job_tell(farm_t *farm, job_t *job, const char *format, ...)
-{
-    size_t used = strlen(job->message);
-    va_list arguments;
-    if (used > 0 && used + 2 < sizeof job->message) {
-        memcpy(job->message + used, "; ", 3);
-        used += 2;
-    }
-    va_start(arguments, format);
-    vsnprintf(job->message + used, sizeof job->message - used, format, arguments);
-    va_end(arguments);
-    farm_record_changed(farm, job);
-}
-
 /* ---- what a worker holds ------------------------------------------------------------------------------- */
-
-size_t farm_worker_units(const farm_t *farm, const worker_t *worker)
-{
-    size_t units = 0;
-    for (size_t i = 0; i < farm->job_count; i++)
-        if (farm->jobs[i]->schedule != NULL) units += schedule_held(farm->jobs[i]->schedule, worker->id);
-    return units;
-}
 
 size_t farm_worker_take_back(farm_t *farm, double now, worker_t *worker)
 {
@@ -65,7 +36,7 @@ size_t farm_worker_take_back(farm_t *farm, double now, worker_t *worker)
         }
         size_t units = schedule_release(job->schedule, worker->id);
         farm_count_reissued(job, worker, units);
-        farm_suspects_returned(farm, now, job, worker->id);
+        trust_released(farm, now, job, worker->id);
         total += units;
     }
     worker->held = 0;
@@ -74,15 +45,23 @@ size_t farm_worker_take_back(farm_t *farm, double now, worker_t *worker)
     return total;
 }
 
-void farm_worker_disconnect(farm_t *farm, double now, worker_t *worker, const char *why)
+static void disconnect(farm_t *farm, double now, worker_t *worker, const char *why)
 {
     size_t units = farm_worker_take_back(farm, now, worker);
-    farm_checks_lost(farm, worker);
+    trust_left(farm, worker);
     worker->connected = false;
     log_info("worker %s %s; %zu units go back; it sent %llu batches (%llu refused), %.1f MB", worker->name,
              why, units, (unsigned long long)worker->batches, (unsigned long long)worker->batches_refused,
              1e-6 * (double)worker->bytes);
     farm_notify_idle(farm);
+}
+
+void farm_cast_out(farm_t *farm, double now)
+{
+    for (size_t i = 0; farm->cast_out && i < farm->worker_count; i++)
+        if (farm->workers[i].outcast && farm->workers[i].connected)
+            disconnect(farm, now, &farm->workers[i], "is put aside");
+    farm->cast_out = false;
 }
 
 /* True when the process is connected under another number: it lost its connection, not its life. */
@@ -100,17 +79,12 @@ static bool is_back(const farm_t *farm, const worker_t *worker)
 void farm_worker_fall(farm_t *farm, double now, worker_t *worker)
 {
     char why[FARM_MAX_NAME];
-    bool back = is_back(farm, worker), excused = back || farm_worker_units(farm, worker) == 0, apart = false;
+    bool back = is_back(farm, worker);
     snprintf(why, sizeof why, "was silent for %.1f s and is given up", now - worker->last_seen);
-    for (size_t i = 0; i < farm->job_count && !back; i++) {
-        bool here;
-        if (farm_suspects_died(farm, now, farm->jobs[i], worker, &here)) excused = true;
-        apart = apart || here;
-    }
-    farm->deaths += !apart;
-    farm_worker_disconnect(farm, now, worker, why);
+    trust_died(farm, now, worker, back);
+    disconnect(farm, now, worker, why);
     worker->fell = !back;
-    if (!excused) farm_standing_fell(farm, now, worker);
+    farm_cast_out(farm, now);
 }
 
 /* ---- coming and going ---------------------------------------------------------------------------------- */
@@ -119,8 +93,7 @@ worker_t *farm_worker_hear(farm_t *farm, double now, const identity_t *identity,
 {
     worker_t *worker = farm_find_worker(farm, id);
     if (worker != NULL && worker->fell) {
-        farm_suspects_lives(farm, id);
-        farm_standing_lives(farm, worker);
+        trust_lives(farm, worker);
         worker->fell = false;
     }
     if (worker == NULL || !worker->connected) return NULL;
@@ -146,16 +119,6 @@ static worker_t *worker_add(farm_t *farm)
     return &farm->workers[farm->worker_count++];
 }
 
-double farm_patience(const farm_t *farm, int batches)
-{
-    return batches * fmax(farm->options.batch_interval, 1);
-}
-
-bool farm_worker_asks(const farm_t *farm, double now, const worker_t *worker, int batches)
-{
-    return worker->connected && worker->asked >= now - farm_patience(farm, batches);
-}
-
 static uint32_t sane_threads(uint32_t threads)
 {
     return threads < 1 ? 1 : threads > MAX_THREADS ? MAX_THREADS : threads;
@@ -176,7 +139,6 @@ static worker_t make_worker(double now, const identity_t *identity, const worker
     if (hash_equal(&worker.fingerprint, &none)) memset(&worker.fingerprint, 0xFF, sizeof worker.fingerprint);
     snprintf(worker.name, sizeof worker.name, "%s", hello->name[0] != '\0' ? hello->name : "(no name)");
     snprintf(worker.key, sizeof worker.key, "%s", hello->key);
-    farm_standing_identify(&worker);
     return worker;
 }
 
@@ -185,7 +147,7 @@ result_t farm_hello(farm_t *farm, double now, const identity_t *identity, const 
 {
     worker_t joins = make_worker(now, identity, hello);
     farm_lock(farm);
-    result_t result = farm_standing_check(farm, now, &joins);
+    result_t result = trust_admit(farm, now, &joins);
     worker_t *worker = result.code == RESULT_OK ? worker_add(farm) : NULL;
     if (result.code == RESULT_OK && worker == NULL)
         result = result_fail(RESULT_LIMIT, "this master has %d workers already", FARM_MAX_WORKERS);
@@ -252,7 +214,8 @@ static void decline(farm_t *farm, double now, job_t *job, worker_t *worker, cons
         char why[FARM_MAX_NAME];
         snprintf(why, sizeof why, "cannot render job %llu, which others can: %.120s",
                  (unsigned long long)job->id, reason);
-        farm_worker_failed(farm, now, worker, why);
+        trust_failed(farm, now, worker, why);
+        farm_cast_out(farm, now);
         return;
     }
     if (job->state != JOB_RUNNING || job->declines < FARM_MAX_DECLINES) return;
@@ -272,10 +235,18 @@ void farm_goodbye(farm_t *farm, double now, uint64_t id, uint64_t job_id, const 
         snprintf(why, sizeof why, "leaves%s%s", reason[0] != '\0' ? ": " : "", reason);
         job_t *job = farm_find_job(farm, job_id);
         bool held = job != NULL && job->schedule != NULL && schedule_held(job->schedule, id) > 0;
-        farm_worker_disconnect(farm, now, worker, why);
+        disconnect(farm, now, worker, why);
         if (held) decline(farm, now, job, worker, reason);
     }
     farm_unlock(farm);
+}
+
+void farm_worker_expect(const farm_t *farm, double now, worker_t *worker)
+{
+    double interval = farm->options.batch_interval, seconds = STALL_BATCHES * interval;
+    if (worker->speed > 0) seconds = SLACK * (worker->held / worker->speed + interval);
+    if (worker->delivered == 0) worker->delivered = now;
+    worker->deadline = worker->delivered + seconds;
 }
 
 /* Under the lock. */
@@ -320,7 +291,7 @@ static worker_report_t report_worker(const farm_t *farm, double now, const worke
                               .units_reissued = worker->units_reissued,
                               .bytes = worker->bytes,
                               .last_seen = fmax(now - worker->last_seen, 0)};
-    const char *aside = farm_standing_reason(farm, now, worker);
+    const char *aside = trust_reason(farm, now, worker);
     snprintf(report.name, sizeof report.name, "%s", worker->name);
     snprintf(report.key, sizeof report.key, "%s", worker->key);
     snprintf(report.aside, sizeof report.aside, "%s", aside != NULL ? aside : "");
@@ -343,18 +314,6 @@ worker_report_t *farm_worker_report(farm_t *farm, double now, size_t *count)
 
 /* ---- time ---------------------------------------------------------------------------------------------- */
 
-/* Counts how often workers die of late that have no suspects in their hands. */
-static void rate_tick(farm_t *farm, double now)
-{
-    double seconds = fmin(fmax(now - farm->rated, 0), 1); /* beyond that, we were asleep */
-    double decay = exp(-seconds / RATE_SECONDS), connected = 0;
-    farm->rated = now;
-    for (size_t i = 0; i < farm->worker_count; i++)
-        connected += farm->workers[i].connected && farm->workers[i].ward == 0;
-    farm->deaths *= decay;
-    farm->worker_seconds = farm->worker_seconds * decay + connected * seconds;
-}
-
 /* Threads of connected workers whose bits fit a job. */
 static uint32_t fitting_threads(const farm_t *farm, const job_t *job)
 {
@@ -368,7 +327,7 @@ static uint32_t fitting_threads(const farm_t *farm, const job_t *job)
 /* What is to be known of a job that goes on. */
 static void remark_job(const farm_t *farm, double now, job_t *job)
 {
-    size_t used = 0, apart = farm_suspects_count(job);
+    size_t used = 0;
     if (!job->taking) return;
     job->remark[0] = '\0';
     if (job->state == JOB_PAUSED) return;
@@ -382,14 +341,10 @@ static void remark_job(const farm_t *farm, double now, job_t *job)
                                  "others are connected",
                                  bits, connected);
     }
-    if (apart > 0 && used < sizeof job->remark)
-        used += (size_t)snprintf(job->remark + used, sizeof job->remark - used,
-                                 "%s%zu units that workers died with are rendered apart",
-                                 used > 0 ? "; " : "", apart);
-    char checks[200];
-    farm_checks_remark(farm, now, job, checks, sizeof checks);
-    if (checks[0] != '\0' && used < sizeof job->remark)
-        snprintf(job->remark + used, sizeof job->remark - used, "%s%s", used > 0 ? "; " : "", checks);
+    char more[280];
+    trust_remark(farm, now, job, more, sizeof more);
+    if (more[0] != '\0' && used < sizeof job->remark)
+        snprintf(job->remark + used, sizeof job->remark - used, "%s%s", used > 0 ? "; " : "", more);
 }
 
 /* Jobs that may be complete now, though nothing was delivered. Lets the lock go meanwhile. */
@@ -406,9 +361,7 @@ static void progress(farm_t *farm, double now)
 
 void farm_workers_tick(farm_t *farm, double now)
 {
-    rate_tick(farm, now);
-    farm_checks_tick(farm, now);
-    farm_evidence_tick(farm, now);
+    trust_tick(farm, now);
     if (now - farm->remarked >= REMARK_SECONDS || now < farm->remarked) {
         for (size_t i = 0; i < farm->job_count; i++) remark_job(farm, now, farm->jobs[i]);
         farm->remarked = now;

@@ -1,5 +1,5 @@
-/* farm_batches: what workers deliver, and the images made of it (see farm.h). */
-#include "master/farm/farm_workers.h"
+/* batches: what workers deliver, and the images made of it (see farm.h). */
+#include "master/farm/parts.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -14,14 +14,6 @@ static const uint64_t COMPARED_BYTES = (uint64_t)1 << 30;
 
 /* ---- batches ------------------------------------------------------------------------------------------- */
 
-job_settings_t farm_job_settings(farm_t *farm, const job_t *job)
-{
-    farm_lock(farm);
-    job_settings_t settings = job->settings;
-    farm_unlock(farm);
-    return settings;
-}
-
 uint64_t farm_job_id(const job_t *job)
 {
     return job->id;
@@ -31,23 +23,6 @@ void farm_unpin(farm_t *farm, job_t *job)
 {
     farm_lock(farm);
     farm_job_unpin(farm, job);
-    farm_unlock(farm);
-}
-
-shared_film_t *farm_shared_film_hold(farm_t *farm, job_t *job)
-{
-    farm_lock(farm);
-    shared_film_t *shared_film = job->shared_film_condemned ? NULL : job->shared_film;
-    job->shared_film_users += shared_film != NULL;
-    farm_unlock(farm);
-    return shared_film;
-}
-
-void farm_shared_film_let_go(farm_t *farm, job_t *job)
-{
-    farm_lock(farm);
-    job->shared_film_users--;
-    if (job->shared_film_condemned) farm_job_free_film(farm, job);
     farm_unlock(farm);
 }
 
@@ -73,6 +48,22 @@ static result_t other_bits(const job_t *job)
 {
     return result_fail(RESULT_MISMATCH, "job %llu is made by machines that make other bits",
                        (unsigned long long)job->id);
+}
+
+result_t farm_content_check(farm_t *farm, uint64_t id, const hash_t *content)
+{
+    if (content == NULL) return result_ok();
+    farm_lock(farm);
+    const job_t *job = farm_find_job(farm, id);
+    bool same = true;
+    if (job != NULL) {
+        hash_t own = job_content_hash(&job->settings, &job->blob);
+        same = hash_equal(content, &own);
+    }
+    farm_unlock(farm);
+    if (same) return result_ok();
+    return result_fail(RESULT_INPUT, "job %llu is another one than the batch was rendered for",
+                       (unsigned long long)id);
 }
 
 /* A worker has a batch of a job that is not begun: it was, before this process, and what is rendered of it is
@@ -221,7 +212,7 @@ static result_t add_batch(farm_t *farm, shared_film_t *shared_film, merge_t *mer
     result = shared_film_merge_payload(shared_film, merge->payload, merge->batch, merge->weights, 1);
     if (result.code == RESULT_OK) {
         if (merge->job->terms.verify > 0)
-            farm_check_keep(farm, merge->job, merge->worker, merge->batch, merge->payload);
+            trust_keep(farm, merge->job, merge->worker, merge->batch, merge->payload);
         return result;
     }
     farm_lock(farm);
@@ -282,7 +273,7 @@ void farm_batch_refuse(farm_t *farm, job_t *job, uint64_t id, const unit_t *unit
 /* Merges a batch that goes into the film. */
 static result_t merge_batch(farm_t *farm, double now, merge_t *merge)
 {
-    shared_film_t *shared_film = farm_shared_film_hold(farm, merge->job);
+    shared_film_t *shared_film = job_film_hold(farm, merge->job);
     if (shared_film == NULL) return result_fail(RESULT_CANCELLED, "the job is over");
     shared_film_enter(shared_film);
     result_t result = add_batch(farm, shared_film, merge);
@@ -294,7 +285,7 @@ static result_t merge_batch(farm_t *farm, double now, merge_t *merge)
         farm_unlock(farm);
     }
     free(merge->weights);
-    farm_shared_film_let_go(farm, merge->job);
+    job_film_let_go(farm, merge->job);
     return result;
 }
 
@@ -307,8 +298,7 @@ static result_t check_batch(farm_t *farm, double now, const merge_t *merge, uint
     decoded.eye = decoded.splat = decoded.features = NULL;
     decoded.eye_capacity = decoded.feature_capacity = 0;
     farm_lock(farm); /* before memory is taken for what nobody asked for */
-    result_t result =
-        farm_check_asked(farm, merge->job, merge->worker, check, decoded.units, decoded.unit_count);
+    result_t result = trust_asked(farm, merge->job, merge->worker, check, decoded.units, decoded.unit_count);
     farm_unlock(farm);
     TRY(result);
     result = payload_decode(merge->payload, &decoded);
@@ -318,8 +308,15 @@ static result_t check_batch(farm_t *farm, double now, const merge_t *merge, uint
     free(decoded.features);
     if (result.code != RESULT_OK) return result;
     farm_lock(farm);
-    result = farm_check_batch(farm, now, merge->job, merge->worker, check, decoded.units, decoded.unit_count,
-                              &digest, wanted);
+    result = trust_compare(farm, now, merge->job, merge->worker, check, decoded.units, decoded.unit_count,
+                           &digest, wanted);
+    worker_t *worker = farm_find_worker(farm, merge->worker);
+    if (result.code == RESULT_OK && worker != NULL) {
+        worker->delivered = now;
+        worker->offered = worker->granted = 0;
+        farm_worker_relieved(farm, worker);
+    }
+    farm_cast_out(farm, now);
     farm_unlock(farm);
     return result;
 }
@@ -336,7 +333,8 @@ result_t farm_batch_merge(farm_t *farm, double now, job_t *job, uint64_t worker,
     farm_lock(farm);
     worker_t *sender = farm_find_worker(farm, worker);
     if (result.code == RESULT_PROTOCOL && sender != NULL)
-        farm_worker_failed(farm, now, sender, "sends batches that are malformed");
+        trust_failed(farm, now, sender, "sends batches that are malformed");
+    farm_cast_out(farm, now);
     farm_job_progress(farm, now, job);
     farm_unlock(farm);
     return result;
@@ -356,7 +354,7 @@ job_t *farm_pin(farm_t *farm, uint64_t id)
 /* True when the film is what it will be: what was counted is in it, what is known to be wrong is out. */
 static bool is_settled(const job_t *job)
 {
-    return job->merging == 0 && (job->state != JOB_FINISHING || !farm_evidence_wrong(job));
+    return job->merging == 0 && (job->state != JOB_FINISHING || !trust_wrong(job));
 }
 
 job_t *farm_next_finished(farm_t *farm)
@@ -396,12 +394,12 @@ result_t farm_resolve(farm_t *farm, double now, job_t *job, film_image_t *image,
         farm_wake(farm->options.checkpoint_wake);
     }
     farm_unlock(farm);
-    shared_film_t *shared_film = empty ? NULL : farm_shared_film_hold(farm, job);
+    shared_film_t *shared_film = empty ? NULL : job_film_hold(farm, job);
     if (shared_film != NULL) {
         film_resolve(shared_film_lock(shared_film), image);
         if (report->settings.adaptive) show_samples(farm, job, &report->settings, image);
         shared_film_unlock(shared_film);
-        farm_shared_film_let_go(farm, job);
+        job_film_let_go(farm, job);
         return result_ok();
     }
     if (due)

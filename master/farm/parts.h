@@ -1,0 +1,94 @@
+/* parts: what the files of this folder have for one another. Each calls those before it alone: shares, jobs,
+ * workers, take, report, batches; then keep, orders and farm. All is called under the farm's lock. */
+#ifndef LIGHTMILL_FARM_PARTS_H
+#define LIGHTMILL_FARM_PARTS_H
+
+#include "master/farm/farm.h"
+#include "master/state/state.h"
+#include "master/trust/trust.h"
+
+/* ---- shares.c ---- */
+
+/* The job takes part in the sharing out (again), or at another priority: it is owed nothing for before. */
+void farm_job_joins(farm_t *farm, job_t *job);
+/* Jobs that a worker may be given units of, the one whose turn it is first, in memory of the farm that is
+ * good until the next call; `fits` says which ones the worker may have at all. */
+job_t *const *farm_rank_jobs(farm_t *farm, const worker_t *worker,
+                             bool (*fits)(const worker_t *worker, const job_t *job), size_t *count);
+/* True when the job has units to hand out, or may be started. */
+bool farm_job_has_work(const job_t *job);
+/* The workers have worked on for so many seconds. */
+void farm_shares_tick(farm_t *farm, double seconds);
+
+/* ---- jobs.c ---- */
+
+/* What the films take of jobs that were begun and are to be loaded next. No other job may take that room:
+ * workers may hold batches of these, and take up nothing else before they are rid of them. */
+uint64_t farm_awaited_bytes(const farm_t *farm);
+/* Seconds since 1970. */
+double farm_wall_time(void);
+/* Seconds that were spent on the job. */
+double farm_job_elapsed(const job_t *job, double now);
+void farm_job_free(farm_t *farm, job_t *job);
+/* A pin less; a job that is gone is freed with its last. */
+void farm_job_unpin(farm_t *farm, job_t *job);
+/* Takes the job off the list. It is freed at once, or when its last pin goes; its record and its files are to
+ * go. */
+void farm_job_remove(farm_t *farm, job_t *job);
+/* Makes film and schedule; false when it has to wait for memory, or for its film. A job that can never start
+ * fails. */
+bool farm_job_start(farm_t *farm, double now, job_t *job);
+/* Gives a job its film and its schedule, which are taken over. */
+void farm_job_install(farm_t *farm, double now, job_t *job, film_t *film, schedule_t *schedule);
+/* The last batch is in: nothing more is taken, the image writer has the next word. */
+void farm_job_close(farm_t *farm, double now, job_t *job, job_state_t outcome);
+/* The job fails since its sums became too large (job->counts.overflows). */
+void farm_job_fail_overflow(farm_t *farm, double now, job_t *job);
+/* A job ends, or pauses, before all is counted: what workers have finished is asked for. The state has been
+ * set: JOB_FINISHING with the outcome, or JOB_PAUSED. */
+void farm_job_flush(farm_t *farm, double now, job_t *job);
+/* A worker has nothing (more) to send for a job that is being flushed. */
+void farm_job_flushed(farm_t *farm, double now, job_t *job, uint64_t worker);
+/* The grace period for flushed batches is over. */
+void farm_job_flush_end(farm_t *farm, double now, job_t *job);
+/* A job ends before all is counted. */
+void farm_job_cut_short(farm_t *farm, double now, job_t *job, job_state_t outcome);
+/* Gives a finishing job its last state when its image and its last checkpoint are made, and frees the film of
+ * one that is over. */
+void farm_job_settle(farm_t *farm, job_t *job);
+/* Something was counted, skipped or checked, and nothing is being merged: the next round is planned, or the
+ * job is closed. Called with the farm's lock, which it lets go meanwhile, inside no shared film. */
+void farm_job_progress(farm_t *farm, double now, job_t *job);
+
+/* ---- workers.c ---- */
+
+/* A connected worker, which is hereby heard of; NULL when it is not known (any more). */
+worker_t *farm_worker_hear(farm_t *farm, double now, const identity_t *identity, uint64_t worker);
+/* Takes back what a worker holds, of all jobs; returns the number of units. */
+size_t farm_worker_take_back(farm_t *farm, double now, worker_t *worker);
+/* The worker is given up since it was silent for too long. */
+void farm_worker_fall(farm_t *farm, double now, worker_t *worker);
+/* Disconnects those that a verdict has made outcasts. */
+void farm_cast_out(farm_t *farm, double now);
+/* What farm_tick does for the workers, beside their leases. Lets the lock go meanwhile. */
+void farm_workers_tick(farm_t *farm, double now);
+/* Adds units that were taken back to the counters. */
+void farm_count_reissued(job_t *job, worker_t *worker, size_t units);
+/* A worker was given work, or delivered some: when is the rest to be here? */
+void farm_worker_expect(const farm_t *farm, double now, worker_t *worker);
+
+/* ---- take.c ---- */
+
+/* A worker was given units, or delivers some: the bits are those of its machine. */
+void farm_note_bits(farm_t *farm, job_t *job, const worker_t *worker);
+/* A batch of this worker was counted: its speed and its deadline are known anew. */
+void farm_worker_delivered(farm_t *farm, double now, worker_t *worker, job_t *job, const unit_t *units,
+                           size_t count);
+/* A worker has delivered something: if it holds nothing any more and waits for that, it is called. */
+void farm_worker_relieved(farm_t *farm, worker_t *worker);
+
+/* ---- report.c ---- */
+
+job_report_t farm_report_job(const job_t *job, double now);
+
+#endif

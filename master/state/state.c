@@ -1,0 +1,176 @@
+/* state: see state.h. */
+#include "master/state/state.h"
+
+#include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <string.h>
+#include <unistd.h>
+
+void farm_wake(int descriptor)
+{
+    uint64_t one = 1;
+    if (descriptor >= 0 && write(descriptor, &one, sizeof one) < 0) return; /* full: it is awake already */
+}
+
+void farm_lock(farm_t *farm)
+{
+    pthread_mutex_lock(&farm->lock);
+}
+
+void farm_unlock(farm_t *farm)
+{
+    pthread_mutex_unlock(&farm->lock);
+}
+
+/* ---- finding ------------------------------------------------------------------------------------------- */
+
+job_t *farm_find_job(const farm_t *farm, uint64_t id)
+{
+    size_t low = 0, high = farm->job_count; /* the list is in the order of the numbers */
+    while (low < high) {
+        size_t middle = low + (high - low) / 2;
+        if (farm->jobs[middle]->id == id) return farm->jobs[middle];
+        if (farm->jobs[middle]->id < id)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return NULL;
+}
+
+worker_t *farm_find_worker(const farm_t *farm, uint64_t id)
+{
+    for (size_t i = 0; i < farm->worker_count; i++)
+        if (farm->workers[i].id == id) return &farm->workers[i];
+    return NULL;
+}
+
+/* ---- noting -------------------------------------------------------------------------------------------- */
+
+void farm_notify(farm_t *farm, uint64_t worker, uint64_t job, bool flush)
+{
+    if (farm->notice_count == farm->notice_capacity) {
+        farm->notice_capacity = 2 * farm->notice_capacity + 16;
+        farm->notices = mem_realloc(farm->notices, farm->notice_capacity * sizeof *farm->notices);
+    }
+    farm->notices[farm->notice_count++] = (pending_t){worker, job, flush};
+    farm_wake(farm->options.control_wake);
+}
+
+void farm_notify_idle(farm_t *farm)
+{
+    if (farm->work_due) return;
+    farm->work_due = true;
+    farm_wake(farm->options.control_wake);
+}
+
+void farm_notify_over(farm_t *farm, const job_t *job, bool flush)
+{
+    for (size_t i = 0; i < farm->worker_count; i++) {
+        const worker_t *worker = &farm->workers[i];
+        if (!worker->connected) continue;
+        if (worker->job == job->id || (job->schedule != NULL && schedule_held(job->schedule, worker->id) > 0))
+            farm_notify(farm, worker->id, job->id, flush);
+    }
+}
+
+void farm_record_changed(farm_t *farm, job_t *job)
+{
+    job->record_due = true;
+    farm_wake(farm->options.journal_writer_wake);
+}
+
+void farm_job_tell(farm_t *farm, job_t *job, const char *format, ...)
+{
+    size_t used = strlen(job->message);
+    va_list arguments;
+    if (used > 0 && used + 2 < sizeof job->message) {
+        memcpy(job->message + used, "; ", 3);
+        used += 2;
+    }
+    va_start(arguments, format);
+    vsnprintf(job->message + used, sizeof job->message - used, format, arguments);
+    va_end(arguments);
+    farm_record_changed(farm, job);
+}
+
+/* ---- workers ------------------------------------------------------------------------------------------- */
+
+size_t farm_worker_units(const farm_t *farm, const worker_t *worker)
+{
+    size_t units = 0;
+    for (size_t i = 0; i < farm->job_count; i++)
+        if (farm->jobs[i]->schedule != NULL) units += schedule_held(farm->jobs[i]->schedule, worker->id);
+    return units;
+}
+
+double farm_patience(const farm_t *farm, int batches)
+{
+    return batches * fmax(farm->options.batch_interval, 1);
+}
+
+bool farm_worker_asks(const farm_t *farm, double now, const worker_t *worker, int batches)
+{
+    return worker->connected && worker->asked >= now - farm_patience(farm, batches);
+}
+
+/* ---- jobs ---------------------------------------------------------------------------------------------- */
+
+static const hash_t no_fingerprint;
+
+double farm_unit_samples(const job_t *job, const unit_t *units, size_t count)
+{
+    double samples = 0;
+    for (size_t i = 0; i < count; i++)
+        samples += (double)units[i].count * job_tile_pixels(&job->settings, units[i].tile);
+    return samples;
+}
+
+bool farm_bits_fit(const job_t *job, const hash_t *fingerprint)
+{
+    return job->terms.mixed || hash_equal(&job->fingerprint, &no_fingerprint) ||
+           hash_equal(&job->fingerprint, fingerprint);
+}
+
+uint64_t farm_film_bytes(const job_settings_t *settings)
+{
+    uint64_t pixels = (uint64_t)settings->width * (uint64_t)settings->height;
+    uint64_t features = job_has_features(settings) ? FEATURE_VALUES * (sizeof(int64_t) + sizeof(float)) : 0;
+    return pixels * (2 * 2 * 3 * sizeof(int64_t) + 2 * sizeof(uint32_t) + 13 * sizeof(float) + features);
+}
+
+void farm_job_free_film(farm_t *farm, job_t *job)
+{
+    if (job->shared_film == NULL) return;
+    job->shared_film_condemned = job->shared_film_users > 0;
+    if (job->shared_film_condemned) return;
+    farm->film_bytes -= farm_film_bytes(&job->settings);
+    shared_film_destroy(&job->shared_film);
+    farm_wake(farm->options.checkpoint_wake); /* a film may have waited for memory to be loaded */
+}
+
+shared_film_t *job_film_hold(farm_t *farm, job_t *job)
+{
+    farm_lock(farm);
+    shared_film_t *shared_film = job->shared_film_condemned ? NULL : job->shared_film;
+    job->shared_film_users += shared_film != NULL;
+    farm_unlock(farm);
+    return shared_film;
+}
+
+void job_film_let_go(farm_t *farm, job_t *job)
+{
+    farm_lock(farm);
+    job->shared_film_users--;
+    if (job->shared_film_condemned) farm_job_free_film(farm, job);
+    farm_unlock(farm);
+}
+
+job_settings_t farm_job_settings(farm_t *farm, const job_t *job)
+{
+    farm_lock(farm);
+    job_settings_t settings = job->settings;
+    farm_unlock(farm);
+    return settings;
+}

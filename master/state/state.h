@@ -1,0 +1,196 @@
+/* state: what the farm is made of: workers, jobs, their tables and the lock, with what only looks things up
+ * or notes them down. Data without behaviour and without verdicts: trust (what is held against workers) and
+ * farm (what happens to jobs and workers) stand on it, and neither servers nor tests of behaviour include it.
+ *
+ * Everything here is guarded by the farm's lock and called under it, unless it says otherwise. */
+#ifndef LIGHTMILL_STATE_STATE_H
+#define LIGHTMILL_STATE_STATE_H
+
+#include "master/state/types.h"
+
+#include <pthread.h>
+
+typedef struct {
+    uint64_t id;
+    char name[FARM_MAX_NAME + 1];
+    char key[WIRE_KEY_TEXT + 1]; /* empty without keys */
+    hash_t fingerprint;
+    bool relay;
+    identity_t identity;
+    uint32_t threads;
+    bool connected;
+    bool idle;        /* was told that there is no work */
+    bool begins;      /* no other machines that make the same bits have more threads, so it may begin jobs */
+    bool outcast;     /* put aside: nothing of it is taken any more */
+    bool charged;     /* that it died is held against its machine */
+    bool fell;        /* it fell silent, which is held for its death until it is heard of again */
+    uint64_t machine; /* names its machine (trust/standing.c) */
+    uint64_t source;  /* and the process itself */
+    double joined, last_seen; /* seconds */
+    double asked;             /* seconds, when it last asked for work, or joined */
+    double delivered;         /* seconds, when it last sent a batch, or was given units and had none */
+    double held;              /* pixel samples that it was given and has not delivered, as far as is known */
+    double speed;             /* pixel samples a second that it delivers; 0: not measured */
+    uint64_t speed_job;       /* the job that it was measured with */
+    double rated_samples, rated_seconds; /* what it was measured from */
+    double deadline; /* seconds, when what it holds should have come; 0: it holds nothing */
+    double empty;    /* seconds, since when it says that it holds nothing, though it was given units; 0 */
+    double offered;  /* seconds, when it last said that a batch is ready; 0: that was answered */
+    double granted;  /* seconds, when it was first let send it; 0: not yet, or that was answered */
+    uint64_t ward;   /* the job that it is alone with suspects of, or will be when it holds nothing; 0 */
+    uint64_t job;    /* that it has loaded or was assigned last */
+    uint64_t batches, batches_refused, units_reissued, bytes;
+} worker_t;
+
+/* What trust knows of a farm's workers, */
+typedef struct trust trust_t;
+/* of the units of a job that are rendered twice (trust/checks.c), */
+typedef struct job_checks job_checks_t;
+/* and of those that were in the hands of workers who died (trust/suspects.c). */
+typedef struct job_suspects job_suspects_t;
+
+struct job {
+    uint64_t id;
+    job_terms_t terms;
+    job_settings_t settings;
+    hash_t blob;
+    uint64_t blob_size;
+    job_state_t state;
+    job_state_t outcome; /* the state after finishing */
+    bool retained;
+    bool taking;            /* batches are taken */
+    bool image_due;         /* the image writer has to see to it */
+    bool image_written;     /* the last image is in its file */
+    double image_retry;     /* seconds, when to try again to write it; 0: it did not fail */
+    bool scene_due;         /* its scene has to be looked at: it may be damaged */
+    bool film_due;          /* its film has to be loaded before it can go on */
+    bool film_wanted;       /* now */
+    bool loading;           /* it is being loaded; film_bytes has it already */
+    bool unsaved;           /* the film has sums that no checkpoint holds */
+    bool saving;            /* a snapshot of the film is open */
+    bool save_failed;       /* the last attempt to write a checkpoint did */
+    bool given_up;          /* its end waits for neither image nor checkpoint: somebody cancelled that */
+    bool planning;          /* the next round is being planned */
+    bool gone;              /* deleted: freed when the last pin goes */
+    bool record_due;        /* the record has changed since the journal got it */
+    double last_checkpoint; /* seconds; 0: none */
+    double
+        elapsed_before; /* seconds of work on it before this process, or before it was paused or extended */
+    double submitted, finished; /* seconds since 1970; 0: not yet */
+    double started, ended;      /* seconds; 0: not yet */
+    double flush_until;         /* seconds, while a flush goes on */
+    double service;       /* thread-seconds that it was given, in the sense of fair shares (farm_shares) */
+    uint32_t threads;     /* that work on it now */
+    double claim;         /* on the worker that is being served, see farm_shares */
+    bool held_back;       /* likewise: it is not its turn to begin */
+    schedule_t *schedule; /* NULL before the first assignment and when the job is over */
+    shared_film_t *shared_film; /* the film; NULL before the first assignment and when the job is over */
+    int shared_film_users;      /* that look at the shared film without the farm's lock */
+    bool shared_film_condemned; /* to be freed by the last of them */
+    int merging;                /* batches that are counted and being added to the film */
+    film_counts_t counts;       /* of the film, readable under the farm's lock */
+    hash_t fingerprint;         /* of the machines that may work on it; all zero: none yet */
+    double error;               /* estimated relative error at the last fixed point; 0: not known */
+    uint64_t error_samples;     /* pixel samples counted then */
+    uint64_t samples_done;
+    uint64_t *seen; /* workers that contributed */
+    size_t seen_count;
+    uint32_t seen_before; /* workers that contributed before this process */
+    uint64_t bytes, batches, batches_refused, units_reissued, checks_passed, checks_failed;
+    schedule_account_t account; /* the last one, when there is no schedule */
+    uint32_t declines;          /* workers that said they cannot render it */
+    double rate_time[2];        /* two earlier points of the progress, for the speed */
+    uint64_t rate_samples[2];
+    job_checks_t *checks;     /* NULL: none */
+    job_suspects_t *suspects; /* NULL: none */
+    bool several_bits;        /* machines with different bits have worked on it */
+    bool progress_due;        /* it may be complete: farm_tick sees to it */
+    char remark[300];         /* what is to be known of it for the moment, beside the message */
+    char message[500];
+    int pins;
+};
+
+/* A notice by worker number. */
+typedef struct {
+    uint64_t worker, job;
+    bool flush;
+} pending_t;
+
+struct farm {
+    farm_options_t options;
+    pthread_mutex_t lock;
+    job_t **jobs;
+    size_t job_count;
+    uint64_t next_job;
+    uint64_t film_bytes; /* of all films */
+    uint64_t *removed;   /* jobs whose records and files are to go */
+    size_t removed_count;
+    bool shut; /* nothing more is handed out or taken */
+    worker_t *workers;
+    size_t worker_count;
+    trust_t *trust;
+    double remarked; /* seconds, when the remarks of jobs were made */
+    bool cast_out;   /* workers are outcasts that are connected still: farm_cast_out sees to it */
+    bool work_due;   /* there may be something to do for idle workers: farm_next_notice sees to it */
+    job_t **ranked;  /* see farm_rank_jobs */
+    pending_t *notices;
+    size_t notice_count, notice_capacity;
+    double last_tick;
+};
+
+void farm_lock(farm_t *farm);
+void farm_unlock(farm_t *farm);
+/* Writes an eventfd; harmless on -1. */
+void farm_wake(int descriptor);
+
+/* ---- finding ------------------------------------------------------------------------------------------- */
+
+/* NULL when there is none of that number. */
+job_t *farm_find_job(const farm_t *farm, uint64_t id);
+worker_t *farm_find_worker(const farm_t *farm, uint64_t id);
+
+/* ---- noting -------------------------------------------------------------------------------------------- */
+
+/* There may be something to do: idle workers are to be called. */
+void farm_notify_idle(farm_t *farm);
+/* A notice for a worker. */
+void farm_notify(farm_t *farm, uint64_t worker, uint64_t job, bool flush);
+/* Tells the workers that have a job that it is over. */
+void farm_notify_over(farm_t *farm, const job_t *job, bool flush);
+/* The job's record has changed: the journal is to get it. */
+void farm_record_changed(farm_t *farm, job_t *job);
+/* Tells the users of a job something that stays true: adds it to the job's message. */
+void farm_job_tell(farm_t *farm, job_t *job, const char *format, ...) __attribute__((format(printf, 3, 4)));
+
+/* ---- workers ------------------------------------------------------------------------------------------- */
+
+/* Units that a worker holds, of all jobs. */
+size_t farm_worker_units(const farm_t *farm, const worker_t *worker);
+enum {
+    FARM_ASK_BATCHES = 12,  /* batch intervals in which a worker asks for work, if it does not hang, */
+    FARM_LOAD_BATCHES = 120 /* or load a scene */
+};
+/* So many batch intervals, or seconds if that is longer. */
+double farm_patience(const farm_t *farm, int batches);
+/* True when a worker is connected and has asked for work within farm_patience. Those that have enough to do
+ * ask every second or so; one that loads a scene, or waits for its batch to be let in, does not for a while;
+ * one that hangs does not ask. */
+bool farm_worker_asks(const farm_t *farm, double now, const worker_t *worker, int batches);
+
+/* ---- jobs ---------------------------------------------------------------------------------------------- */
+
+/* Pixel samples of units. */
+double farm_unit_samples(const job_t *job, const unit_t *units, size_t count);
+/* True when the bits of a machine fit those that the job is made of. */
+bool farm_bits_fit(const job_t *job, const hash_t *fingerprint);
+/* What the film of a job takes, and resolving it. */
+uint64_t farm_film_bytes(const job_settings_t *settings);
+/* Frees the film, or has it freed by the last of those who hold it. */
+void farm_job_free_film(farm_t *farm, job_t *job);
+/* The shared film of a pinned job, kept from being freed until it is let go; NULL when it has none. Both are
+ * called without the farm's lock, like the next. */
+shared_film_t *job_film_hold(farm_t *farm, job_t *job);
+void job_film_let_go(farm_t *farm, job_t *job);
+job_settings_t farm_job_settings(farm_t *farm, const job_t *job);
+
+#endif

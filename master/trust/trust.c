@@ -1,0 +1,111 @@
+/* trust: see trust.h. */
+#include "master/trust/trust_state.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+enum { RATE_SECONDS = 600 }; /* over which deaths are remembered as a rate */
+
+trust_t *trust_new(void)
+{
+    return mem_zalloc(1, sizeof(trust_t));
+}
+
+void trust_destroy(trust_t **trust)
+{
+    if (*trust == NULL) return;
+    free((*trust)->standings);
+    free(*trust);
+    *trust = NULL;
+}
+
+void trust_forget(job_t *job)
+{
+    checks_free(&job->checks);
+    suspects_free(&job->suspects);
+}
+
+/* ---- workers ------------------------------------------------------------------------------------------- */
+
+result_t trust_admit(const farm_t *farm, double now, worker_t *worker)
+{
+    standing_identify(worker);
+    return standing_check(farm, now, worker);
+}
+
+void trust_died(farm_t *farm, double now, worker_t *worker, bool back)
+{
+    bool excused = back || farm_worker_units(farm, worker) == 0, apart = false;
+    for (size_t i = 0; i < farm->job_count && !back; i++) {
+        bool here;
+        if (suspects_died(farm, now, farm->jobs[i], worker, &here)) excused = true;
+        apart = apart || here;
+    }
+    farm->trust->deaths += !apart;
+    if (!excused) standing_fell(farm, now, worker);
+}
+
+void trust_lives(farm_t *farm, worker_t *worker)
+{
+    suspects_lives(farm, worker->id);
+    standing_lives(farm, worker);
+}
+
+void trust_delivered(farm_t *farm, double now, const worker_t *worker, job_t *job, const unit_t *units,
+                     size_t count)
+{
+    standing_delivered(farm, now, worker);
+    suspects_delivered(farm, job, units, count);
+}
+
+/* ---- giving -------------------------------------------------------------------------------------------- */
+
+trust_answer_t trust_take(farm_t *farm, double now, job_t *job, worker_t *worker, double wished, work_t *work)
+{
+    if (worker->ward == 0 && checks_take(farm, now, job, worker, work)) return TRUST_COMPARES;
+    trust_answer_t answer = suspects_take(farm, now, job, worker, work);
+    if (answer == TRUST_ANY && checks_marks(farm, job, worker, wished)) return TRUST_MARK;
+    return answer;
+}
+
+/* ---- jobs ---------------------------------------------------------------------------------------------- */
+
+bool trust_waiting(const job_t *job)
+{
+    return suspects_waiting(job) || checks_waiting(job);
+}
+
+void trust_remark(const farm_t *farm, double now, const job_t *job, char *text, size_t size)
+{
+    size_t apart = suspects_count(job), used = 0;
+    text[0] = '\0';
+    if (apart > 0)
+        used = (size_t)snprintf(text, size, "%zu units that workers died with are rendered apart", apart);
+    char checks[200];
+    checks_remark(farm, now, job, checks, sizeof checks);
+    if (checks[0] != '\0' && used < size)
+        snprintf(text + used, size - used, "%s%s", used > 0 ? "; " : "", checks);
+}
+
+/* ---- time ---------------------------------------------------------------------------------------------- */
+
+/* Counts how often workers die of late that have no suspects in their hands. */
+static void rate_tick(farm_t *farm, double now)
+{
+    trust_t *trust = farm->trust;
+    double seconds = fmin(fmax(now - trust->rated, 0), 1); /* beyond that, we were asleep */
+    double decay = exp(-seconds / RATE_SECONDS), connected = 0;
+    trust->rated = now;
+    for (size_t i = 0; i < farm->worker_count; i++)
+        connected += farm->workers[i].connected && farm->workers[i].ward == 0;
+    trust->deaths *= decay;
+    trust->worker_seconds = trust->worker_seconds * decay + connected * seconds;
+}
+
+void trust_tick(farm_t *farm, double now)
+{
+    rate_tick(farm, now);
+    checks_tick(farm, now);
+    evidence_tick(farm, now);
+}

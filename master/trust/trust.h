@@ -1,0 +1,112 @@
+/* trust: verdicts on workers. The one door of this folder: what the farm tells it and asks it.
+ *
+ * Four things are known here, of which the farm sees the consequences alone: what is held against machines
+ * and processes, which are put aside for it (standing.c); units that workers died with, which are handed out
+ * apart, or left out (suspects.c); units that are rendered twice and compared (checks.c); batches that are
+ * kept until their senders are vouched for, so that they can be taken out of the film again (evidence.c,
+ * settle.c).
+ *
+ * Trust calls nothing of the farm's. What it decides it writes into the state, and the farm sees to it:
+ *
+ *     worker_t.outcast, farm_t.cast_out   this worker is to be disconnected (farm_cast_out)
+ *     worker_t.ward                       it is to have nothing but suspects, of this job
+ *     job_t.progress_due                  the job may be complete (farm_tick)
+ *     job_t.message, job_t.remark         what its users are to know
+ *
+ * All is called under the farm's lock, unless it says otherwise. */
+#ifndef LIGHTMILL_TRUST_H
+#define LIGHTMILL_TRUST_H
+
+#include "master/state/state.h"
+
+trust_t *trust_new(void);
+/* Frees it and sets *trust to NULL. */
+void trust_destroy(trust_t **trust);
+/* Frees what is known of a job. */
+void trust_forget(job_t *job);
+
+/* ---- workers ------------------------------------------------------------------------------------------- */
+
+/* Names the machine and the process of a worker that says hello. RESULT_CANCELLED, with the reason, when it
+ * may not join now. */
+result_t trust_admit(const farm_t *farm, double now, worker_t *worker);
+/* Why the worker is put aside; NULL when it is not. */
+const char *trust_reason(const farm_t *farm, double now, const worker_t *worker);
+/* The worker did something that is held against it: `why` completes "it ...". */
+void trust_failed(farm_t *farm, double now, worker_t *worker, const char *why);
+/* The worker fell silent and is held for dead; what it holds is about to be released. `back`: its process is
+ * connected anew, it only lost its connection. */
+void trust_died(farm_t *farm, double now, worker_t *worker, bool back);
+/* One that was held for dead is heard of. */
+void trust_lives(farm_t *farm, worker_t *worker);
+/* What the worker held of a job was released. */
+void trust_released(farm_t *farm, double now, job_t *job, uint64_t worker);
+/* The worker is gone, and what it was to compare with it. */
+void trust_left(farm_t *farm, const worker_t *worker);
+
+/* ---- giving -------------------------------------------------------------------------------------------- */
+
+typedef enum {
+    TRUST_ANY,     /* it may be given any units, */
+    TRUST_MARK,    /* or a single one, which is to be compared: trust_mark is called with it */
+    TRUST_WAIT,    /* it gets nothing before it holds nothing */
+    TRUST_GIVEN,   /* it was given units of the job */
+    TRUST_COMPARES /* it was given units to render once more */
+} trust_answer_t;
+
+/* What a worker that asks for work is to be given of a job. `wished` is the number of units that it would be
+ * given otherwise, about. */
+trust_answer_t trust_take(farm_t *farm, double now, job_t *job, worker_t *worker, double wished,
+                          work_t *work);
+/* A unit was issued after TRUST_MARK. */
+void trust_mark(farm_t *farm, double now, job_t *job, const worker_t *worker, work_t *work);
+
+/* ---- batches ------------------------------------------------------------------------------------------- */
+
+/* RESULT_MISMATCH when nobody asked this worker for a batch with this number and these units. */
+result_t trust_asked(const farm_t *farm, const job_t *job, uint64_t worker, uint64_t check,
+                     const unit_t *units, size_t count);
+/* Decides over a batch that bears a number: *merge is true when it is the first rendering of its units and
+ * goes into the film. The digest is of its decoded sums. Fails as trust_asked does. */
+result_t trust_compare(farm_t *farm, double now, job_t *job, uint64_t worker, uint64_t check,
+                       const unit_t *units, size_t count, const hash_t *digest, bool *merge);
+/* Keeps the payloads of a batch that was merged, until its sender is vouched for. Called without the farm's
+ * lock, inside the shared film. */
+void trust_keep(farm_t *farm, job_t *job, uint64_t worker, const batch_t *batch,
+                const zmq_msg_t payload[BATCH_PAYLOADS]);
+/* A batch of this worker was counted. */
+void trust_delivered(farm_t *farm, double now, const worker_t *worker, job_t *job, const unit_t *units,
+                     size_t count);
+
+/* ---- jobs ---------------------------------------------------------------------------------------------- */
+
+/* True when there are units to hand out of which the schedule says nothing: suspects, renderings to compare.
+ */
+bool trust_waiting(const job_t *job);
+/* True while renderings to compare are out or to be had, or sums are to be taken out of the film; the job is
+ * not complete before. */
+bool trust_pending(const job_t *job);
+/* True while there are sums to take out of the job's film. */
+bool trust_wrong(const job_t *job);
+/* True while that could not be done, and is tried again. */
+bool trust_delayed(const job_t *job);
+/* Writes what is to be said of the job now, "" for nothing. */
+void trust_remark(const farm_t *farm, double now, const job_t *job, char *text, size_t size);
+
+/* ---- time, and the disk -------------------------------------------------------------------------------- */
+
+/* Time passes. */
+void trust_tick(farm_t *farm, double now);
+/* A checkpoint of the job is safe on the disk. */
+void trust_checkpointed(job_t *job);
+/* The rest is called without the farm's lock. The film of a pinned job is about to be put in its place, with
+ * this state (NULL: it begins anew): what is kept of its batches is looked through. */
+void trust_loaded(farm_t *farm, job_t *job, const schedule_state_t *state);
+/* Takes the sums that are wrong out of the film of a pinned job, and deletes what is kept for nothing. */
+void trust_settle(farm_t *farm, job_t *job);
+/* Deletes what is left of jobs that are over. */
+void trust_tidy(farm_t *farm);
+/* What is kept of batches is safe on the disk when this succeeds. */
+result_t trust_sync(farm_t *farm);
+
+#endif

@@ -1,0 +1,179 @@
+/* trust_state: what the files of this folder have for one another. Each calls those before it alone:
+ * standing, then checks and evidence (which call each other: what is compared and what is kept are two sides
+ * of one list), suspects, settle; trust.c turns the hooks of trust.h into their calls. All is called under
+ * the farm's lock, unless it says otherwise. */
+#ifndef LIGHTMILL_TRUST_STATE_H
+#define LIGHTMILL_TRUST_STATE_H
+
+#include "master/store/spool.h"
+#include "master/trust/trust.h"
+
+/* What is held against a machine or a process (standing.c). */
+typedef struct {
+    uint64_t who; /* worker_t.machine or .source */
+    uint32_t failures;
+    double last_failure, until, touched; /* seconds */
+    double length;                       /* of the last time aside, seconds; 0: there was none */
+    char reason[FARM_MAX_NAME + 1];
+} standing_t;
+
+struct trust {
+    standing_t *standings;
+    size_t standing_count;
+    double deaths, worker_seconds; /* of late: how often workers die of nothing in particular */
+    double rated;                  /* seconds, when these were counted */
+    double gone_looked;            /* seconds, when it was looked who is gone (evidence.c) */
+    bool spooled;                  /* batches were written that are not safe on the disk yet */
+};
+
+/* ---- standing.c ---- */
+
+/* Finds the names of a worker's machine and process. */
+void standing_identify(worker_t *worker);
+/* Why a worker may not join now, as a failure; RESULT_OK when it may. */
+result_t standing_check(const farm_t *farm, double now, const worker_t *worker);
+/* A worker fell silent while it held units that are above suspicion; then it was heard of again after all. */
+void standing_fell(farm_t *farm, double now, worker_t *worker);
+void standing_lives(farm_t *farm, worker_t *worker);
+void standing_delivered(farm_t *farm, double now, const worker_t *worker);
+/* The process sent wrong sums: it is put aside, whoever of it is connected. */
+void standing_lied(farm_t *farm, double now, uint64_t source, const char *name, const char *why);
+
+/* ---- suspects.c ---- */
+
+/* A worker is held for dead, and what it holds is about to be released. *apart is true when it held nothing
+ * but suspects. Returns true when its death may be the fault of what it held. */
+bool suspects_died(farm_t *farm, double now, job_t *job, const worker_t *worker, bool *apart);
+/* A worker that was held for dead is alive. */
+void suspects_lives(farm_t *farm, uint64_t worker);
+/* Units were counted: they are above suspicion. */
+void suspects_delivered(farm_t *farm, job_t *job, const unit_t *units, size_t count);
+
+/* Suspects for a worker: TRUST_ANY when there are none for it, TRUST_WAIT when it is to have some once it
+ * holds nothing else, or TRUST_GIVEN. */
+trust_answer_t suspects_take(farm_t *farm, double now, job_t *job, worker_t *worker, work_t *work);
+/* True while there are units that are handed out alone. */
+bool suspects_waiting(const job_t *job);
+/* Units that are kept apart. */
+size_t suspects_count(const job_t *job);
+void suspects_free(job_suspects_t **suspects);
+
+/* ---- checks.c ---- */
+
+/* A source of batches of a job: a process, as it is known across its connections. */
+typedef struct {
+    uint64_t id, machine; /* worker_t.source, .machine */
+    char name[FARM_MAX_NAME + 1];
+    char key[WIRE_KEY_TEXT + 1];
+    uint32_t unvouched; /* batches since it was vouched for */
+    uint32_t unkept;    /* those that could not be written to the disk, in all */
+    double condemned;   /* seconds, when it was found to send wrong sums; < 0: it was not */
+    double seen;        /* seconds, when it was last seen to be connected, about; 0: not looked for yet */
+} source_t;
+
+typedef enum {
+    EVIDENCE_KEPT,    /* in the film, may have to be taken out */
+    EVIDENCE_WRONG,   /* in the film, is to be taken out */
+    EVIDENCE_OUT,     /* was taken out; kept until no checkpoint has it that may be needed */
+    EVIDENCE_NEEDLESS /* its file is to be deleted */
+} evidence_state_t;
+
+/* A batch that was merged, and is kept on the disk (spool.h). */
+typedef struct {
+    uint64_t clock;     /* of the schedule, when it was in the film (evidence.c) */
+    uint64_t serial;    /* names it, from 1 */
+    uint64_t out_clock; /* when it was taken out */
+    size_t source;      /* index */
+    evidence_state_t state;
+    bool checked;   /* its units are being compared: its name on the disk says so, */
+    bool branded;   /* and that it is wrong */
+    uint64_t saved; /* checkpoints that were safe, or begun, when it was taken out */
+} evidence_t;
+
+enum { CHECK_RENDERINGS = 5, MAX_CHECKS = 1024 };
+
+/* Units that are rendered by several workers. */
+typedef struct {
+    uint64_t number;   /* random, not 0 */
+    uint64_t evidence; /* serial of the batch that it is about; 0: that is not there yet */
+    uint64_t clock;    /* of that batch */
+    unit_t *units;     /* sorted */
+    size_t count;
+    double samples; /* pixel samples */
+    hash_t fingerprint;
+    struct {
+        size_t source;
+        hash_t digest;
+    } renderings[CHECK_RENDERINGS]; /* the first is in the film */
+    size_t rendering_count;
+    uint64_t with;   /* the worker that renders it now; 0: none */
+    double deadline; /* seconds, of that worker */
+    uint32_t tries;  /* that were in vain */
+    double hopeless; /* seconds, since when nobody can make it; 0: somebody can */
+} check_t;
+
+struct job_checks {
+    source_t *sources;
+    size_t source_count;
+    evidence_t *evidence; /* in no order */
+    size_t evidence_count;
+    check_t *checks;
+    size_t check_count;
+    uint64_t last_serial;
+    uint64_t saved;  /* checkpoints that are safe on the disk */
+    uint64_t unmade; /* comparisons that nobody could make */
+    bool given_up;   /* the job cannot be verified: its message says why */
+    bool delayed;    /* wrong sums could not be taken out at the last attempt */
+};
+
+void checks_free(job_checks_t **checks);
+/* True while there are renderings to compare that nobody does yet. */
+bool checks_waiting(const job_t *job);
+/* The state of a job's comparisons, made if need be. */
+job_checks_t *checks_of(job_t *job);
+/* The index of a source, made if need be. */
+size_t checks_source(job_checks_t *checks, uint64_t id, uint64_t machine, const char *name, const char *key);
+/* Wants another rendering of the units (copied) of a batch, whose own rendering has `digest`. */
+void checks_want(farm_t *farm, job_t *job, const evidence_t *evidence, const unit_t *units, size_t count,
+                 const hash_t *fingerprint, const hash_t *digest);
+/* The comparison that was begun with these units, by a source, and whose batch has just been merged; NULL
+ * when there is none. */
+check_t *checks_begun(job_checks_t *checks, size_t source, const unit_t *units, size_t count);
+/* True while a batch of a source is to be compared. */
+bool checks_open(const job_checks_t *checks, size_t source);
+/* A source was found to send wrong sums: comparisons of its own batches are needless, others need another
+ * rendering. */
+void checks_forget(job_t *job, size_t source);
+/* Work that is to be compared, for a worker; false when there is none. */
+bool checks_take(farm_t *farm, double now, job_t *job, worker_t *worker, work_t *work);
+/* True when the next unit of a worker that cannot be checked afterwards, a relay, is to be chosen beforehand;
+ * it would be given about so many. */
+bool checks_marks(const farm_t *farm, const job_t *job, const worker_t *worker, double units);
+/* True when a worker has units to compare. */
+bool checks_held(const farm_t *farm, const worker_t *worker);
+/* Deadlines of comparisons; those that nobody can make. */
+void checks_tick(farm_t *farm, double now);
+/* Writes what is to be said of the comparisons of a job now, "" for nothing. */
+void checks_remark(const farm_t *farm, double now, const job_t *job, char *text, size_t size);
+
+/* ---- evidence.c ---- */
+
+/* The clock of a schedule with this account. */
+uint64_t evidence_clock(const schedule_account_t *account);
+/* The batch of a serial; NULL when there is none. */
+evidence_t *evidence_find(const job_checks_t *checks, uint64_t serial);
+/* What it is called on the disk. */
+spool_name_t evidence_name(const evidence_t *evidence);
+/* A source is vouched for up to a clock; its evidence goes, but for what is still being compared. */
+void evidence_vouch(farm_t *farm, job_t *job, size_t source, uint64_t clock);
+/* True when a source that is connected has delivered so many batches since it was vouched for that they must
+ * not become more. */
+bool evidence_piles_up(const farm_t *farm, const job_t *job, size_t source);
+/* Evidence of sources that are gone goes. To be called now and then. */
+void evidence_tick(farm_t *farm, double now);
+/* All that a source has in the film of any job is wrong, and is taken out of those that can be rendered
+ * again.
+ */
+void evidence_condemn(farm_t *farm, double now, uint64_t source);
+
+#endif
