@@ -11,7 +11,7 @@ Q       := $(if $(V),,@)
 BASELINE := -march=x86-64-v3 -ffp-contract=off -fno-math-errno -fno-trapping-math
 WARNINGS := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Wvla
 PACKAGES := libzmq libprotobuf-c libsodium libzstd libpng zlib libturbojpeg OpenEXR jansson sqlite3
-ifneq ($(filter-out help clean deps deps-dev deps-test check demo asan tsan fuzz chaos valgrind container-check,$(or $(MAKECMDGOALS),all)),)
+ifneq ($(filter-out help clean deps deps-dev deps-test check check-fast demo asan tsan fuzz chaos valgrind container-check,$(or $(MAKECMDGOALS),all)),)
 PKG_CFLAGS := $(shell pkg-config --cflags $(PACKAGES) 2>/dev/null)
 PKG_LIBS   := $(shell pkg-config --libs $(filter-out OpenEXR,$(PACKAGES)) 2>/dev/null) -lOpenEXRCore-3_1
 endif
@@ -103,15 +103,29 @@ $(BUILD)/tests/farm/test_scale $(BUILD)/tests/sim/main $(BUILD)/tests/bench/benc
 JOBS     := $(if $(findstring -j,$(MAKEFLAGS)),,-j$(shell nproc))
 SUBMAKE   = +$(MAKE) --no-print-directory
 
+# The ten slowest unit tests: they wait for peers that are lost, or render.
+SLOW_TESTS := worker relay checkpoint farm_checks health master proxy shared_film bulk payload
+UNIT_TESTS := $(filter $(BUILD)/tests/unit/%,$(TESTS))
+FAST_TESTS := $(filter-out $(foreach name,$(SLOW_TESTS),$(filter %/test_$(name),$(UNIT_TESTS))),$(UNIT_TESTS))
+# All tests; or those of TEST="film relay", by the names of their programs without the test_.
+CHOSEN      = $(if $(TEST),$(foreach name,$(TEST),$(or $(filter %/test_$(name),$(TESTS)),$(error there is no test_$(name)))),$(TESTS))
+LAYERS      = tests/layers.sh $(BUILD)
+
 check: deps
 	$(SUBMAKE) $(JOBS) all tests
-	tests/layers.sh $(BUILD)
+	$(LAYERS)
 	$(SUBMAKE) run-tests
 
-tests: $(TESTS)
+check-fast: deps
+	$(SUBMAKE) $(JOBS) all fast-tests
+	$(LAYERS)
+	@tests/run.sh -j $(shell nproc) $(FAST_TESTS)
 
-run-tests: $(PROGRAMS) $(TESTS)
-	@tests/run.sh $(TESTS)
+tests: $(CHOSEN)
+fast-tests: $(FAST_TESTS)
+
+run-tests: $(PROGRAMS) $(CHOSEN)
+	@tests/run.sh -j $(shell nproc) $(CHOSEN)
 
 # The address sanitizer runs everything, the thread sanitizer TSAN_TESTS: what has threads and sockets. The rest
 # renders for long, which is some ten times slower under it.
@@ -238,7 +252,8 @@ clean:
 help:
 	@echo "make            build lightmill, lightmill-master, lightmill-worker and lightmill-relay in $(BUILD)/"
 	@echo "make demo       render scenes/seed-hidden on a farm of three processes on this machine"
-	@echo "make check      install what is missing, build, run all tests"
+	@echo "make check      install what is missing, build, run all tests; TEST=\"film relay\" runs these"
+	@echo "make check-fast the unit tests without the ten slow ones: seconds"
 	@echo "make asan       the tests under the address and undefined-behaviour sanitizers (tsan: threads)"
 	@echo "make chaos      a farm to which everything happens, for CHAOS_SECONDS ($(CHAOS_SECONDS)); SEED repeats a run"
 	@echo "make valgrind   a master that served 50 jobs has no leaks"
@@ -255,5 +270,5 @@ help:
 	@echo "make format     clang-format; make lint: clang-tidy and cppcheck"
 	@echo "make clean      remove $(BUILD)/"
 
-.PHONY: all check bench bench-error bench-codec tests run-tests asan tsan fuzz demo deps deps-dev container-check install uninstall format lint clean help sim bench-merge bench-farm chaos chaos-programs valgrind deps-test
+.PHONY: all check check-fast bench bench-error bench-codec tests fast-tests run-tests asan tsan fuzz demo deps deps-dev container-check install uninstall format lint clean help sim bench-merge bench-farm chaos chaos-programs valgrind deps-test
 .SECONDARY:
