@@ -1,5 +1,5 @@
-/* render_pool: the handler of a worker (handler.h): the job in hand, its queue of units, the render threads
- * and the batches that they fill.
+/* render_pool: the render threads of a worker, the job in hand, its queue of units, and the batches that the
+ * threads fill. The worker's handler (proto/uplink/uplink_handler.h).
  *
  * One job at a time. The control thread brings assignments and news (no more work, job over, leave); the bulk
  * thread asks what there is to do for it (load a scene, send a batch) and does it; the render threads take

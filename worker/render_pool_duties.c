@@ -1,5 +1,5 @@
-/* render_pool_duties: what the render pool has the bulk thread do: load scenes, send batches (see handler.h
- * and the note in render_pool.c). */
+/* render_pool_duties: what the render pool has the bulk thread do: load scenes, send batches (see
+ * uplink_handler.h and the note in render_pool.c). */
 #include "worker/render_pool_state.h"
 
 /* The job in hand is to be let go now: it is over, or finished and another one waits. A paused one may go on

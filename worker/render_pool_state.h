@@ -77,7 +77,7 @@ void render_pool_resume_job(render_pool_t *shop);
 /* Lets the job in hand go. */
 void render_pool_end_job(render_pool_t *shop, bool flush);
 
-/* ---- the bulk thread's calls (handler.h); render_pool_duties.c ---- */
+/* ---- the bulk thread's calls (uplink_handler.h); render_pool_duties.c ---- */
 
 duty_t render_pool_duty(void *self, double batch_interval);
 bool render_pool_unwanted(void *self, uint64_t job);

@@ -1,4 +1,4 @@
-/* texture_codec: what the readers of texture images share; for common/texture_*.c alone.
+/* texture_codec: what the readers of texture images share; for common/image/texture_*.c alone.
  *
  * A reader gets a zeroed image and the file's bytes. When it fails, texture_image_decode frees what it left.
  */

@@ -2,12 +2,13 @@
  *
  * Three kinds of users:
  *
- *   - mergers enter (any number at a time), add a batch, and leave. What is added under one shared_film_enter
- * is seen by the other kinds whole or not at all;
+ *   - mergers enter (any number at a time), add a batch, and leave. What is added under one
+ *     shared_film_enter is seen by the other kinds whole or not at all;
  *   - readers lock: they wait for the mergers that are in, and keep new ones out meanwhile;
  *   - a checkpoint takes a snapshot under the lock, which costs next to nothing, and reads it at leisure: a
- * page of the film is copied when it is read, or just before the first merge that would change it (copy on
- * write). Merging goes on meanwhile; the price is the memory of the pages that were changed and not yet read.
+ *     page of the film is copied when it is read, or just before the first merge that would change it (copy
+ *     on write). Merging goes on meanwhile; the price is the memory of the pages that were changed and not
+ *     yet read.
  *
  * A page is SHARED_FILM_PAGE_BYTES of one of the film's arrays, the last one of each array shorter. Pages are
  * numbered through all arrays: eye, splat, samples, features.

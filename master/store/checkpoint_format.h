@@ -4,13 +4,14 @@
  *
  *     preamble   64 bytes: magic, version, sizes, BLAKE2b-256 of preamble (without it), head and index
  *     head       lm.FilmHead (master/store/record.proto)
- *     index      of each block 48 bytes: u64 place in the file, u32 size there, u32 zero, BLAKE2b-256 of what
- * is there blocks     zstd frames, in any order, without gaps
+ *     index      of each block 48 bytes: u64 place in the file, u32 size there, u32 zero, BLAKE2b-256 of
+ *                what is there
+ *     blocks     zstd frames, in any order, without gaps
  *
- * all numbers little-endian. The blocks hold, in this order, the state of the schedule as one run of bytes
- * (ends, weights, counted, skipped: arrays of u32), cut into pieces of SHARED_FILM_PAGE_BYTES, and the pages
- * of the film (shared_film.h). How many there are and how long each is follows from the head, so that no size
- * in the file is trusted before it is used.
+ * All numbers are little-endian. The blocks hold two things: first the state of the schedule as one run of
+ * bytes (ends, weights, counted, skipped: arrays of u32), cut into pieces of SHARED_FILM_PAGE_BYTES; then the
+ * pages of the film (shared_film.h). How many there are and how long each is follows from the head, so that
+ * no size in the file is trusted before it is used.
  *
  * What is hashed is what is stored: damage is seen before zstd sees it. The index hashes the blocks and the
  * preamble the index, so a block from another generation, where a power cut left an old sector, is found as

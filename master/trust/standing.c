@@ -11,10 +11,10 @@
  * Who is innocent must not be put aside, since a farm without workers does nothing:
  *   - a delivery of any of the machine's workers clears it;
  *   - a death counts only if the worker joined after the last thing that is held against the machine. So
- * three generations of workers must have joined and died, and not one of them delivered. When a link breaks,
- * all workers of a machine are lost at a time, which counts once;
+ *     three generations of workers must have joined and died, and not one of them delivered. When a link
+ *     breaks, all workers of a machine are lost at a time, which counts once;
  *   - it does not count when the same process is connected again, and is forgiven when the process is heard
- * of again: it was out of reach, not dead;
+ *     of again: it was out of reach, not dead;
  *   - it does not count when the worker was alone with units that are suspects (suspects.c), or held one
  *     that a worker of another machine died with;
  *   - who dies is not put aside while no other machine is connected.

@@ -4,12 +4,12 @@
  * library. Left alone it would go from worker to worker until none is left. So:
  *
  *   - the units that a worker held when it fell silent are remembered. When somebody delivers one, it is
- * above suspicion and forgotten; when the worker is heard of after all, its death is taken back;
- *   - units that were in the hands of two dead workers are kept from the others (the farm itself holds them,
- * as worker 0), and handed out apart: first up to GROUP of them together, after a further death one by one. A
- *     worker that is given them holds nothing else. One that asks for work while it holds other units is told
- *     that there is none, until it has delivered them; WARD_SHARE of the workers at a time, so that the job
- * goes on meanwhile;
+ *     above suspicion and forgotten; when the worker is heard of after all, its death is taken back;
+ *   - units that were in the hands of two dead workers are kept from the others (the farm itself holds
+ *     them, as worker 0), and handed out apart: first up to GROUP of them together, after a further death
+ *     one by one. A worker that is given them holds nothing else. One that asks for work while it holds
+ *     other units is told that there is none, until it has delivered them; WARD_SHARE of the workers at a
+ *     time, so that the job goes on meanwhile;
  *   - a unit is left out when FARM_UNIT_DEATHS workers or more died while they were alone with it, and chance
  *     can be ruled out. They must have been of two machines or more, if there is another one that may have
  *     it, and asks for work now and then (one that hangs would be waited for in vain).

@@ -8,11 +8,12 @@
  * granted it is closed, encoded, and kept in memory until the master has answered for it. What can go wrong
  * in between:
  *
- *   - the connection breaks, or the master is another process: the batch is offered anew, and sent again when
- * that is granted. The master, who knows what its film holds, refuses it if it had arrived after all;
- *   - the master does not answer on a connection that lives: the batch is not sent twice over a link that may
- * just be slow. It is offered again; that small message arrives behind the batch, so an answer to it proves
- * that the batch arrived too. Only if its verdict then still does not come, it is sent again.
+ *   - the connection breaks, or the master is another process: the batch is offered anew, and sent again
+ *     when that is granted. The master, who knows what its film holds, refuses it if it had arrived after
+ *     all;
+ *   - the master does not answer on a connection that lives: the batch is not sent twice over a link that
+ *     may just be slow. It is offered again; that small message arrives behind the batch, so an answer to
+ *     it proves that the batch arrived too. Only if its verdict then still does not come, it is sent again.
  *
  * Scenes are fetched with several chunk requests under way, so that the speed does not depend on the round
  * trip. On a thin link that takes minutes. When a batch is ready meanwhile, no more is asked for, and as soon

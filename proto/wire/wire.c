@@ -3,10 +3,12 @@
  * DESIGN. Everything that arrives is untrusted. Three walls stand between a peer's bytes and our memory:
  *
  *   - libzmq drops a connection that announces a frame over ZMQ_MAXMSGSIZE, before it allocates;
- *   - a header may make protobuf-c allocate at most WIRE_MAX_DECODED bytes: the decoder runs on an allocator
- * with a budget, since a megabyte of empty sub-messages would otherwise unfold to many times its size;
+ *   - a header may make protobuf-c allocate at most WIRE_MAX_DECODED bytes: the decoder runs on an
+ *     allocator with a budget, since a megabyte of empty sub-messages would otherwise unfold to many times
+ *     its size;
  *   - one walk over the decoded message, driven by protobuf-c's own descriptors, holds every string, bytes
- * field and repeated field to its limit. A field that is added to the schema is held too, with no code here.
+ *     field and repeated field to its limit. A field that is added to the schema is held too, with no code
+ *     here.
  *
  * A message bears a checksum of all its frames. TCP's own is weak and made anew by every box on the way, so a
  * damaged sum could otherwise decode to a plausible batch and be counted.
