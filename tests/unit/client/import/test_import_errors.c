@@ -23,7 +23,7 @@ static void expect_errors(const case_t *cases, size_t count)
 
 #define EXPECT_ERRORS(cases) expect_errors(cases, ARRAY_LENGTH(cases))
 
-static void test_syntax(void **state)
+static void errors_of_syntax_name_their_place(void **state)
 {
     (void)state;
     static const case_t cases[] = {
@@ -75,7 +75,7 @@ static void test_syntax(void **state)
     EXPECT_ERRORS(cases);
 }
 
-static void test_structure(void **state)
+static void directives_in_the_wrong_place_are_refused(void **state)
 {
     (void)state;
     static const case_t cases[] = {
@@ -120,7 +120,7 @@ static void test_structure(void **state)
     EXPECT_ERRORS(cases);
 }
 
-static void test_dialects(void **state)
+static void dialects_are_not_mixed(void **state)
 {
     (void)state;
     static const case_t cases[] = {
@@ -139,7 +139,7 @@ static void test_dialects(void **state)
     EXPECT_ERRORS(cases);
 }
 
-static void test_unsupported(void **state)
+static void what_is_unsupported_is_refused(void **state)
 {
     (void)state;
     static const case_t cases[] = {
@@ -179,7 +179,7 @@ static void test_unsupported(void **state)
 
 #define USE "\nShape \"sphere\"\n"
 
-static void test_materials(void **state)
+static void wrong_materials_are_refused(void **state)
 {
     (void)state;
     static const case_t cases[] = {
@@ -233,7 +233,7 @@ static void test_materials(void **state)
     EXPECT_ERRORS(cases);
 }
 
-static void test_mixes_are_not_too_deep(void **state)
+static void mixes_are_not_too_deep(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -256,7 +256,7 @@ static void test_mixes_are_not_too_deep(void **state)
 #define TEXTURE(kind) "WorldBegin\nTexture \"t\" \"spectrum\" \"" kind "\" "
 #define FLOAT_TEXTURE(kind) "WorldBegin\nTexture \"t\" \"float\" \"" kind "\" "
 
-static void test_textures(void **state)
+static void wrong_textures_are_refused(void **state)
 {
     (void)state;
     static const case_t cases[] = {
@@ -300,7 +300,7 @@ static void test_textures(void **state)
 
 #define MESH "WorldBegin\nShape \"trianglemesh\" "
 
-static void test_meshes(void **state)
+static void wrong_meshes_are_refused(void **state)
 {
     (void)state;
     static const case_t cases[] = {
@@ -322,7 +322,7 @@ static void test_meshes(void **state)
     EXPECT_ERRORS(cases);
 }
 
-static void test_includes(void **state)
+static void wrong_includes_are_refused(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -342,7 +342,7 @@ static void test_includes(void **state)
 }
 
 /* Few files may include one another very often. */
-static void test_includes_are_bounded(void **state)
+static void includes_are_bounded(void **state)
 {
     (void)state;
     enum { TIMES = 50 };
@@ -359,7 +359,7 @@ static void test_includes_are_bounded(void **state)
     bench_close(&bench);
 }
 
-static void test_unused_parameters_of_v3_are_warnings(void **state)
+static void unused_parameters_of_v3_are_warnings(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -376,7 +376,7 @@ static void test_unused_parameters_of_v3_are_warnings(void **state)
     bench_close(&bench);
 }
 
-static void test_warnings_are_limited(void **state)
+static void warnings_are_limited(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -391,7 +391,7 @@ static void test_warnings_are_limited(void **state)
     bench_close(&bench);
 }
 
-static void test_nesting_is_limited(void **state)
+static void nesting_is_limited(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -408,7 +408,7 @@ static void test_nesting_is_limited(void **state)
     bench_close(&bench);
 }
 
-static void test_formats(void **state)
+static void files_of_other_formats_are_refused(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -431,7 +431,7 @@ static const char small_v3[] =
     "\"m\"\n" TRIANGLE
     "AttributeEnd ObjectBegin \"o\" Shape \"sphere\" ObjectEnd ObjectInstance \"o\"\nWorldEnd";
 
-static void test_every_truncation_is_an_error(void **state)
+static void every_truncation_is_an_error(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -446,7 +446,7 @@ static void test_every_truncation_is_an_error(void **state)
     bench_close(&bench);
 }
 
-static void test_random_damage_never_crashes(void **state)
+static void random_damage_never_crashes(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -469,22 +469,22 @@ static void test_random_damage_never_crashes(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_syntax),
-        cmocka_unit_test(test_structure),
-        cmocka_unit_test(test_dialects),
-        cmocka_unit_test(test_unsupported),
-        cmocka_unit_test(test_materials),
-        cmocka_unit_test(test_mixes_are_not_too_deep),
-        cmocka_unit_test(test_textures),
-        cmocka_unit_test(test_meshes),
-        cmocka_unit_test(test_includes),
-        cmocka_unit_test(test_includes_are_bounded),
-        cmocka_unit_test(test_unused_parameters_of_v3_are_warnings),
-        cmocka_unit_test(test_warnings_are_limited),
-        cmocka_unit_test(test_nesting_is_limited),
-        cmocka_unit_test(test_formats),
-        cmocka_unit_test(test_every_truncation_is_an_error),
-        cmocka_unit_test(test_random_damage_never_crashes),
+        cmocka_unit_test(errors_of_syntax_name_their_place),
+        cmocka_unit_test(directives_in_the_wrong_place_are_refused),
+        cmocka_unit_test(dialects_are_not_mixed),
+        cmocka_unit_test(what_is_unsupported_is_refused),
+        cmocka_unit_test(wrong_materials_are_refused),
+        cmocka_unit_test(mixes_are_not_too_deep),
+        cmocka_unit_test(wrong_textures_are_refused),
+        cmocka_unit_test(wrong_meshes_are_refused),
+        cmocka_unit_test(wrong_includes_are_refused),
+        cmocka_unit_test(includes_are_bounded),
+        cmocka_unit_test(unused_parameters_of_v3_are_warnings),
+        cmocka_unit_test(warnings_are_limited),
+        cmocka_unit_test(nesting_is_limited),
+        cmocka_unit_test(files_of_other_formats_are_refused),
+        cmocka_unit_test(every_truncation_is_an_error),
+        cmocka_unit_test(random_damage_never_crashes),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -177,7 +177,7 @@ static void expect_same_lights(const scene_blob_t *gltf, const scene_blob_t *pbr
     }
 }
 
-static void test_seed_scenes(void **state)
+static void the_seed_scenes_are_read(void **state)
 {
     (void)state;
     static const char *const names[] = {"seed-diffuse", "seed-specular", "seed-hidden"};
@@ -210,7 +210,7 @@ static void test_seed_scenes(void **state)
 
 /* ---- geometry ------------------------------------------------------------------------------------------ */
 
-static void test_square(void **state)
+static void a_square_becomes_two_triangles(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -236,7 +236,7 @@ static void test_square(void **state)
     bench_close(&bench);
 }
 
-static void test_quantized_and_sparse(void **state)
+static void quantized_and_sparse_accessors_are_read(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -251,7 +251,7 @@ static void test_quantized_and_sparse(void **state)
     bench_close(&bench);
 }
 
-static void test_strips_and_fans(void **state)
+static void strips_and_fans_become_triangles(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -279,7 +279,7 @@ static void test_strips_and_fans(void **state)
     bench_close(&bench);
 }
 
-static void test_hierarchy(void **state)
+static void nodes_multiply_their_transforms(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -296,7 +296,7 @@ static void test_hierarchy(void **state)
     bench_close(&bench);
 }
 
-static void test_instances(void **state)
+static void nodes_of_one_mesh_become_instances(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -314,7 +314,7 @@ static void test_instances(void **state)
     bench_close(&bench);
 }
 
-static void test_gpu_instancing(void **state)
+static void gpu_instancing_becomes_instances(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -329,7 +329,7 @@ static void test_gpu_instancing(void **state)
 
 /* ---- materials and textures ---------------------------------------------------------------------------- */
 
-static void test_default_material(void **state)
+static void no_material_is_the_default_one(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -348,7 +348,7 @@ static void test_default_material(void **state)
     bench_close(&bench);
 }
 
-static void test_extensions(void **state)
+static void extensions_of_materials_are_read(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -390,7 +390,7 @@ static rgb_t look(const bench_t *bench, const blob_value_t *value, double u, dou
     return result;
 }
 
-static void test_textures(void **state)
+static void textures_are_read_with_their_samplers(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -421,7 +421,7 @@ static void test_textures(void **state)
     bench_close(&bench);
 }
 
-static void test_mask_and_transform(void **state)
+static void masks_and_texture_transforms_are_read(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -445,7 +445,7 @@ static void test_mask_and_transform(void **state)
     bench_close(&bench);
 }
 
-static void test_second_uvs(void **state)
+static void second_coordinates_are_used_where_they_are_named(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -457,7 +457,7 @@ static void test_second_uvs(void **state)
     bench_close(&bench);
 }
 
-static void test_invisible(void **state)
+static void what_the_mask_hides_is_left_out(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -479,7 +479,7 @@ static void test_invisible(void **state)
     "\"outerConeAngle\":0.4}},{\"type\":\"directional\",\"intensity\":3}]}},"
 #define LIGHT_NODE(n, more) "{\"extensions\":{\"KHR_lights_punctual\":{\"light\":" n "}}" more "}"
 
-static void test_lights(void **state)
+static void lights_become_ours(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -507,7 +507,7 @@ static void test_lights(void **state)
 }
 
 /* Blender's lamps come in candela at 683 lumens a watt, its emission does not. */
-static void test_lights_of_blender(void **state)
+static void lights_of_blender_have_the_right_unit(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -522,7 +522,7 @@ static void test_lights_of_blender(void **state)
     bench_close(&bench);
 }
 
-static void test_cameras(void **state)
+static void a_camera_can_be_chosen(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -547,7 +547,7 @@ static void test_cameras(void **state)
     bench_close(&bench);
 }
 
-static void test_defaults(void **state)
+static void a_file_without_light_and_camera_gets_both(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -575,7 +575,7 @@ static void test_defaults(void **state)
 
 /* ---- files that are wrong ------------------------------------------------------------------------------ */
 
-static void test_errors(void **state)
+static void files_that_are_wrong_are_refused(void **state)
 {
     (void)state;
     static const struct {
@@ -659,7 +659,7 @@ static void test_errors(void **state)
 }
 
 /* A chain of nodes that is too deep must end before the stack does. */
-static void test_depth(void **state)
+static void a_chain_of_nodes_that_is_too_deep_is_refused(void **state)
 {
     (void)state;
     enum { NODES = 100000 };
@@ -708,7 +708,7 @@ static uint8_t *make_glb(size_t *size)
 }
 
 /* Damaged files are read or refused, but nothing else happens (the sanitizers watch). */
-static void test_damage(void **state)
+static void damaged_files_are_read_or_refused(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -745,26 +745,26 @@ static void test_damage(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_seed_scenes),
-        cmocka_unit_test(test_square),
-        cmocka_unit_test(test_quantized_and_sparse),
-        cmocka_unit_test(test_strips_and_fans),
-        cmocka_unit_test(test_hierarchy),
-        cmocka_unit_test(test_instances),
-        cmocka_unit_test(test_gpu_instancing),
-        cmocka_unit_test(test_default_material),
-        cmocka_unit_test(test_extensions),
-        cmocka_unit_test(test_textures),
-        cmocka_unit_test(test_mask_and_transform),
-        cmocka_unit_test(test_second_uvs),
-        cmocka_unit_test(test_invisible),
-        cmocka_unit_test(test_lights),
-        cmocka_unit_test(test_lights_of_blender),
-        cmocka_unit_test(test_cameras),
-        cmocka_unit_test(test_defaults),
-        cmocka_unit_test(test_errors),
-        cmocka_unit_test(test_depth),
-        cmocka_unit_test(test_damage),
+        cmocka_unit_test(the_seed_scenes_are_read),
+        cmocka_unit_test(a_square_becomes_two_triangles),
+        cmocka_unit_test(quantized_and_sparse_accessors_are_read),
+        cmocka_unit_test(strips_and_fans_become_triangles),
+        cmocka_unit_test(nodes_multiply_their_transforms),
+        cmocka_unit_test(nodes_of_one_mesh_become_instances),
+        cmocka_unit_test(gpu_instancing_becomes_instances),
+        cmocka_unit_test(no_material_is_the_default_one),
+        cmocka_unit_test(extensions_of_materials_are_read),
+        cmocka_unit_test(textures_are_read_with_their_samplers),
+        cmocka_unit_test(masks_and_texture_transforms_are_read),
+        cmocka_unit_test(second_coordinates_are_used_where_they_are_named),
+        cmocka_unit_test(what_the_mask_hides_is_left_out),
+        cmocka_unit_test(lights_become_ours),
+        cmocka_unit_test(lights_of_blender_have_the_right_unit),
+        cmocka_unit_test(a_camera_can_be_chosen),
+        cmocka_unit_test(a_file_without_light_and_camera_gets_both),
+        cmocka_unit_test(files_that_are_wrong_are_refused),
+        cmocka_unit_test(a_chain_of_nodes_that_is_too_deep_is_refused),
+        cmocka_unit_test(damaged_files_are_read_or_refused),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -52,7 +52,7 @@ static void expect_rigid(const blob_light_t *l)
 
 /* ---- at a point ---------------------------------------------------------------------------------------- */
 
-static void test_point(void **state)
+static void a_point_light_becomes_ours(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -73,7 +73,7 @@ static void test_point(void **state)
     bench_close(&bench);
 }
 
-static void test_spot(void **state)
+static void a_spot_light_has_its_cone(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -104,7 +104,7 @@ static void test_spot(void **state)
     bench_close(&bench);
 }
 
-static void test_goniometric(void **state)
+static void a_goniometric_light_has_its_image(void **state)
 {
     (void)state;
     const float pixels[12] = {1, 2, 3, 1, 2, 3, 0, 0, 0, 4, 4, 4};
@@ -138,7 +138,7 @@ static void test_goniometric(void **state)
     bench_close(&bench);
 }
 
-static void test_projection(void **state)
+static void a_projection_light_has_its_image(void **state)
 {
     (void)state;
     const float pixels[24] = {1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1};
@@ -177,7 +177,7 @@ static void test_projection(void **state)
 
 /* ---- at infinity --------------------------------------------------------------------------------------- */
 
-static void test_distant(void **state)
+static void a_distant_light_becomes_ours(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -198,7 +198,7 @@ static void test_distant(void **state)
     bench_close(&bench);
 }
 
-static void test_infinite(void **state)
+static void an_infinite_light_becomes_a_sky(void **state)
 {
     (void)state;
     const float four[12] = {1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1}, two[6] = {1, 1, 1, 1, 1, 1};
@@ -241,7 +241,7 @@ static void test_infinite(void **state)
 }
 
 /* Over a fine map of radiance 1 the cosine's integral is pi; pbrt-v4's rule makes it half as much. */
-static void test_illuminance_of_an_image(void **state)
+static void the_illuminance_of_a_sky_is_its_integral(void **state)
 {
     (void)state;
     enum { SIDE = 64 };
@@ -257,7 +257,7 @@ static void test_illuminance_of_an_image(void **state)
 
 /* ---- limits and gain ----------------------------------------------------------------------------------- */
 
-static void test_gain_of_the_film(void **state)
+static void the_gain_of_the_film_scales_all_light(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -276,7 +276,7 @@ static void test_gain_of_the_film(void **state)
     bench_close(&bench);
 }
 
-static void test_lights_beyond_limits(void **state)
+static void lights_beyond_limits_are_refused(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -299,7 +299,7 @@ static void test_lights_beyond_limits(void **state)
 
 /* ---- colour spaces ------------------------------------------------------------------------------------- */
 
-static void test_colour_spaces(void **state)
+static void colour_spaces_are_converted(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -328,16 +328,16 @@ static void test_colour_spaces(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_point),
-        cmocka_unit_test(test_spot),
-        cmocka_unit_test(test_goniometric),
-        cmocka_unit_test(test_projection),
-        cmocka_unit_test(test_distant),
-        cmocka_unit_test(test_infinite),
-        cmocka_unit_test(test_illuminance_of_an_image),
-        cmocka_unit_test(test_gain_of_the_film),
-        cmocka_unit_test(test_lights_beyond_limits),
-        cmocka_unit_test(test_colour_spaces),
+        cmocka_unit_test(a_point_light_becomes_ours),
+        cmocka_unit_test(a_spot_light_has_its_cone),
+        cmocka_unit_test(a_goniometric_light_has_its_image),
+        cmocka_unit_test(a_projection_light_has_its_image),
+        cmocka_unit_test(a_distant_light_becomes_ours),
+        cmocka_unit_test(an_infinite_light_becomes_a_sky),
+        cmocka_unit_test(the_illuminance_of_a_sky_is_its_integral),
+        cmocka_unit_test(the_gain_of_the_film_scales_all_light),
+        cmocka_unit_test(lights_beyond_limits_are_refused),
+        cmocka_unit_test(colour_spaces_are_converted),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

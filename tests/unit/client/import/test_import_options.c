@@ -29,7 +29,7 @@ static void expect_four(const float numbers[4], double a, double b, double c, do
 
 /* ---- cameras ------------------------------------------------------------------------------------------- */
 
-static void test_defaults(void **state)
+static void what_is_not_said_has_its_default(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -47,7 +47,7 @@ static void test_defaults(void **state)
     bench_close(&bench);
 }
 
-static void test_lens(void **state)
+static void a_lens_has_its_focus_and_radius(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -64,7 +64,7 @@ static void test_lens(void **state)
     bench_close(&bench);
 }
 
-static void test_other_cameras(void **state)
+static void other_cameras_become_ours(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -90,7 +90,7 @@ static void test_other_cameras(void **state)
     bench_close(&bench);
 }
 
-static void test_camera_in_motion(void **state)
+static void a_camera_may_move(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -106,7 +106,7 @@ static void test_camera_in_motion(void **state)
 }
 
 /* The coordinates of the camera keep both of its places, and WorldBegin makes all transforms active again. */
-static void test_camera_coordinates_move(void **state)
+static void camera_coordinates_keep_both_places(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -122,7 +122,7 @@ static void test_camera_coordinates_move(void **state)
 
 /* ---- film ---------------------------------------------------------------------------------------------- */
 
-static void test_crop(void **state)
+static void a_crop_is_a_part_of_the_film(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -155,7 +155,7 @@ static void test_crop(void **state)
     bench_close(&bench);
 }
 
-static void test_films(void **state)
+static void films_have_their_size_and_scale(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -172,7 +172,7 @@ static void test_films(void **state)
 
 /* ---- filters ------------------------------------------------------------------------------------------- */
 
-static void test_filters(void **state)
+static void filters_become_ours(void **state)
 {
     (void)state;
     static const struct {
@@ -205,7 +205,7 @@ static void test_filters(void **state)
 
 /* ---- integrators --------------------------------------------------------------------------------------- */
 
-static void test_integrators(void **state)
+static void integrators_are_read_with_their_depth(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -235,7 +235,7 @@ static void note_progress(void *context, double fraction)
     seen->last = fraction;
 }
 
-static void test_progress(void **state)
+static void progress_is_told(void **state)
 {
     (void)state;
     enum { LINES = 20000 };
@@ -262,16 +262,16 @@ static void test_progress(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_defaults),
-        cmocka_unit_test(test_lens),
-        cmocka_unit_test(test_other_cameras),
-        cmocka_unit_test(test_camera_in_motion),
-        cmocka_unit_test(test_camera_coordinates_move),
-        cmocka_unit_test(test_crop),
-        cmocka_unit_test(test_films),
-        cmocka_unit_test(test_filters),
-        cmocka_unit_test(test_integrators),
-        cmocka_unit_test(test_progress),
+        cmocka_unit_test(what_is_not_said_has_its_default),
+        cmocka_unit_test(a_lens_has_its_focus_and_radius),
+        cmocka_unit_test(other_cameras_become_ours),
+        cmocka_unit_test(a_camera_may_move),
+        cmocka_unit_test(camera_coordinates_keep_both_places),
+        cmocka_unit_test(a_crop_is_a_part_of_the_film),
+        cmocka_unit_test(films_have_their_size_and_scale),
+        cmocka_unit_test(filters_become_ours),
+        cmocka_unit_test(integrators_are_read_with_their_depth),
+        cmocka_unit_test(progress_is_told),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

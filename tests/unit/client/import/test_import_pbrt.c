@@ -83,7 +83,7 @@ static void expect_same_scene(const scene_blob_t *a, const scene_blob_t *b)
     }
 }
 
-static void test_scenes_and_their_v4_twins(void **state)
+static void scenes_equal_their_v4_twins(void **state)
 {
     (void)state;
     static const char *const names[] = {"cornell", "caustic"};
@@ -103,7 +103,7 @@ static void test_scenes_and_their_v4_twins(void **state)
     }
 }
 
-static void test_seed_scenes(void **state)
+static void the_seed_scenes_are_read(void **state)
 {
     (void)state;
     static const struct {
@@ -173,7 +173,7 @@ static const char world_v4[] =
     "NamedMaterial \"gold\"\nTransformBegin\n Rotate 30 0 1 0\n ObjectInstance \"o\"\nTransformEnd\n"
     "Shape \"sphere\"\nMaterial \"dielectric\" \"float eta\" 1.3\nShape \"sphere\" \"float radius\" 2\n";
 
-static void test_the_dialects_mean_the_same(void **state)
+static void the_dialects_mean_the_same(void **state)
 {
     (void)state;
     bench_t v3 = {0}, v4 = {0};
@@ -206,7 +206,7 @@ static void test_the_dialects_mean_the_same(void **state)
 
 /* ---- defaults and options ------------------------------------------------------------------------------ */
 
-static void test_defaults(void **state)
+static void what_is_not_said_has_the_default_of_its_dialect(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -234,7 +234,7 @@ static void test_defaults(void **state)
     bench_close(&bench);
 }
 
-static void test_camera(void **state)
+static void a_camera_becomes_that_of_the_blob(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -262,7 +262,7 @@ static void test_camera(void **state)
     bench_close(&bench);
 }
 
-static void test_samplers_and_integrators(void **state)
+static void samplers_and_integrators_are_read(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -294,7 +294,7 @@ static void test_samplers_and_integrators(void **state)
 
 /* ---- the graphics state -------------------------------------------------------------------------------- */
 
-static void test_transforms(void **state)
+static void transforms_are_applied_in_order(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -318,7 +318,7 @@ static void test_transforms(void **state)
     bench_close(&bench);
 }
 
-static void test_attributes_are_restored(void **state)
+static void attributes_are_restored(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -341,7 +341,7 @@ static void test_attributes_are_restored(void **state)
     bench_close(&bench);
 }
 
-static void test_attribute_defaults_of_v4(void **state)
+static void attributes_of_v4_give_defaults(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -360,7 +360,7 @@ static void test_attribute_defaults_of_v4(void **state)
     bench_close(&bench);
 }
 
-static void test_objects_and_instances(void **state)
+static void objects_become_instances(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -384,7 +384,7 @@ static void test_objects_and_instances(void **state)
     bench_close(&bench);
 }
 
-static void test_includes(void **state)
+static void included_files_are_read_in_place(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -402,7 +402,7 @@ static void test_includes(void **state)
 }
 
 /* Paths are the main file's, as in pbrt; failing that, those of the file that names them. */
-static void test_paths_are_resolved(void **state)
+static void paths_begin_at_the_main_file(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -428,7 +428,7 @@ static void test_paths_are_resolved(void **state)
 
 /* ---- shapes -------------------------------------------------------------------------------------------- */
 
-static void test_orientation(void **state)
+static void orientation_and_mirroring_turn_surfaces_over(void **state)
 {
     (void)state;
     static const struct {
@@ -459,7 +459,7 @@ static void test_orientation(void **state)
 
 #define NORMALS "\"normal N\" [0 0 1  1 0 1  0 2 0]"
 
-static void test_vertex_normals(void **state)
+static void vertex_normals_follow_the_surface(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -488,7 +488,7 @@ static void test_vertex_normals(void **state)
     bench_close(&bench);
 }
 
-static void test_degenerate_triangles(void **state)
+static void degenerate_triangles_are_left_out(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -508,7 +508,7 @@ static void test_degenerate_triangles(void **state)
 
 /* ---- materials ----------------------------------------------------------------------------------------- */
 
-static void test_v3_materials(void **state)
+static void v3_materials_become_ours(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -570,7 +570,7 @@ static void expect_material(const bench_t *bench, uint64_t index, material_kind_
 #define EXPECT_MATERIAL(index, kind, flags, expected)                                                        \
     expect_material(&bench, index, kind, flags, expected, ARRAY_LENGTH(expected))
 
-static void test_defaults_of_v3_materials(void **state)
+static void v3_materials_have_their_defaults(void **state)
 {
     (void)state;
     static const expected_t matte[] = {{VALUE_REFLECTANCE, 0.5}};
@@ -611,7 +611,7 @@ static void test_defaults_of_v3_materials(void **state)
     bench_close(&bench);
 }
 
-static void test_defaults_of_v4_materials(void **state)
+static void v4_materials_have_their_defaults(void **state)
 {
     (void)state;
     static const expected_t thin[] = {{VALUE_REFLECTANCE, 1}, {VALUE_TRANSMITTANCE, 1}, {VALUE_ETA, 1.5}};
@@ -655,7 +655,7 @@ static void test_defaults_of_v4_materials(void **state)
     bench_close(&bench);
 }
 
-static void test_mixes(void **state)
+static void mixes_refer_to_their_materials(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -682,7 +682,7 @@ static void test_mixes(void **state)
 }
 
 /* Shapes that only bound media are left out, unless they emit. */
-static void test_interfaces(void **state)
+static void shapes_that_only_bound_media_are_left_out(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -705,7 +705,7 @@ static void test_interfaces(void **state)
     bench_close(&bench);
 }
 
-static void test_lenient_imports(void **state)
+static void a_lenient_import_replaces_what_is_not_supported(void **state)
 {
     (void)state;
     static const expected_t skin[] = {{VALUE_REFLECTANCE, 0.25}, {VALUE_ETA, 1.4}, {VALUE_THICKNESS, 0.01}};
@@ -726,7 +726,7 @@ static void test_lenient_imports(void **state)
     bench_close(&bench);
 }
 
-static void test_v3_shapes_override_their_material(void **state)
+static void v3_shapes_override_their_material(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -741,7 +741,7 @@ static void test_v3_shapes_override_their_material(void **state)
     bench_close(&bench);
 }
 
-static void test_v4_materials(void **state)
+static void v4_materials_become_ours(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -771,7 +771,7 @@ static void test_v4_materials(void **state)
     bench_close(&bench);
 }
 
-static void test_names_have_scopes_in_v3(void **state)
+static void names_have_scopes_in_v3(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -785,7 +785,7 @@ static void test_names_have_scopes_in_v3(void **state)
     bench_close(&bench);
 }
 
-static void test_textures_have_two_name_spaces(void **state)
+static void textures_have_two_name_spaces(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -801,7 +801,7 @@ static void test_textures_have_two_name_spaces(void **state)
 }
 
 /* What no shape wears may be unsupported, but not in silence. */
-static void test_unused_materials(void **state)
+static void an_unused_material_may_be_unsupported_but_not_silently(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -850,7 +850,7 @@ static void expect_floats(const float *values, const double *expected, size_t co
 
 #define TEXTURE(kind) "Texture \"t\" \"spectrum\" \"" kind "\" "
 
-static void test_combining_textures(void **state)
+static void combining_textures_become_ours(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -889,7 +889,7 @@ static void test_combining_textures(void **state)
     bench_close(&bench);
 }
 
-static void test_patterns(void **state)
+static void patterns_become_ours(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -926,7 +926,7 @@ static vec3_t mapped(const bench_t *bench, float x, float y, float z)
     return xform_point(&first_texture(bench)->texture_from_world, vec3(x, y, z));
 }
 
-static void test_mappings(void **state)
+static void mappings_of_textures_become_ours(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -980,7 +980,7 @@ static void write_tga(bench_t *bench, const char *name, uint8_t channels, const 
     bench_write(bench, name, data, 18 + (size_t)2 * channels);
 }
 
-static void test_images(void **state)
+static void images_are_stored_with_their_settings(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -1008,7 +1008,7 @@ static void test_images(void **state)
     bench_close(&bench);
 }
 
-static void test_encodings(void **state)
+static void encodings_of_images_are_applied(void **state)
 {
     (void)state;
     static const struct {
@@ -1053,7 +1053,7 @@ static void test_encodings(void **state)
     bench_close(&bench);
 }
 
-static void test_files_are_stored_once(void **state)
+static void a_file_is_stored_once(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -1075,7 +1075,7 @@ static void test_files_are_stored_once(void **state)
     bench_close(&bench);
 }
 
-static void test_options_of_v4_images(void **state)
+static void options_of_v4_images_are_applied(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -1098,7 +1098,7 @@ static void test_options_of_v4_images(void **state)
     bench_close(&bench);
 }
 
-static void test_images_on_other_mappings_are_upright(void **state)
+static void images_on_other_mappings_are_upright(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -1116,7 +1116,7 @@ static void test_images_on_other_mappings_are_upright(void **state)
 }
 
 /* A v3 material has the textures that were there when it was made, and so has one that is named. */
-static void test_textures_that_are_replaced(void **state)
+static void a_material_keeps_a_texture_that_is_replaced(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -1133,7 +1133,7 @@ static void test_textures_that_are_replaced(void **state)
     bench_close(&bench);
 }
 
-static void test_bumps_and_normal_maps(void **state)
+static void bumps_and_normal_maps_are_read(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -1173,7 +1173,7 @@ static void test_bumps_and_normal_maps(void **state)
     bench_close(&bench);
 }
 
-static void test_a_metal_of_textured_reflectance(void **state)
+static void a_metal_may_have_a_textured_reflectance(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -1187,7 +1187,7 @@ static void test_a_metal_of_textured_reflectance(void **state)
     bench_close(&bench);
 }
 
-static void test_spectra(void **state)
+static void spectra_become_colours(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -1215,44 +1215,44 @@ static void test_spectra(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_scenes_and_their_v4_twins),
-        cmocka_unit_test(test_seed_scenes),
-        cmocka_unit_test(test_the_dialects_mean_the_same),
-        cmocka_unit_test(test_defaults),
-        cmocka_unit_test(test_camera),
-        cmocka_unit_test(test_samplers_and_integrators),
-        cmocka_unit_test(test_transforms),
-        cmocka_unit_test(test_attributes_are_restored),
-        cmocka_unit_test(test_attribute_defaults_of_v4),
-        cmocka_unit_test(test_objects_and_instances),
-        cmocka_unit_test(test_includes),
-        cmocka_unit_test(test_paths_are_resolved),
-        cmocka_unit_test(test_orientation),
-        cmocka_unit_test(test_vertex_normals),
-        cmocka_unit_test(test_degenerate_triangles),
-        cmocka_unit_test(test_v3_materials),
-        cmocka_unit_test(test_defaults_of_v3_materials),
-        cmocka_unit_test(test_defaults_of_v4_materials),
-        cmocka_unit_test(test_mixes),
-        cmocka_unit_test(test_interfaces),
-        cmocka_unit_test(test_lenient_imports),
-        cmocka_unit_test(test_v3_shapes_override_their_material),
-        cmocka_unit_test(test_v4_materials),
-        cmocka_unit_test(test_names_have_scopes_in_v3),
-        cmocka_unit_test(test_textures_have_two_name_spaces),
-        cmocka_unit_test(test_unused_materials),
-        cmocka_unit_test(test_combining_textures),
-        cmocka_unit_test(test_patterns),
-        cmocka_unit_test(test_mappings),
-        cmocka_unit_test(test_images),
-        cmocka_unit_test(test_encodings),
-        cmocka_unit_test(test_files_are_stored_once),
-        cmocka_unit_test(test_options_of_v4_images),
-        cmocka_unit_test(test_images_on_other_mappings_are_upright),
-        cmocka_unit_test(test_textures_that_are_replaced),
-        cmocka_unit_test(test_bumps_and_normal_maps),
-        cmocka_unit_test(test_a_metal_of_textured_reflectance),
-        cmocka_unit_test(test_spectra),
+        cmocka_unit_test(scenes_equal_their_v4_twins),
+        cmocka_unit_test(the_seed_scenes_are_read),
+        cmocka_unit_test(the_dialects_mean_the_same),
+        cmocka_unit_test(what_is_not_said_has_the_default_of_its_dialect),
+        cmocka_unit_test(a_camera_becomes_that_of_the_blob),
+        cmocka_unit_test(samplers_and_integrators_are_read),
+        cmocka_unit_test(transforms_are_applied_in_order),
+        cmocka_unit_test(attributes_are_restored),
+        cmocka_unit_test(attributes_of_v4_give_defaults),
+        cmocka_unit_test(objects_become_instances),
+        cmocka_unit_test(included_files_are_read_in_place),
+        cmocka_unit_test(paths_begin_at_the_main_file),
+        cmocka_unit_test(orientation_and_mirroring_turn_surfaces_over),
+        cmocka_unit_test(vertex_normals_follow_the_surface),
+        cmocka_unit_test(degenerate_triangles_are_left_out),
+        cmocka_unit_test(v3_materials_become_ours),
+        cmocka_unit_test(v3_materials_have_their_defaults),
+        cmocka_unit_test(v4_materials_have_their_defaults),
+        cmocka_unit_test(mixes_refer_to_their_materials),
+        cmocka_unit_test(shapes_that_only_bound_media_are_left_out),
+        cmocka_unit_test(a_lenient_import_replaces_what_is_not_supported),
+        cmocka_unit_test(v3_shapes_override_their_material),
+        cmocka_unit_test(v4_materials_become_ours),
+        cmocka_unit_test(names_have_scopes_in_v3),
+        cmocka_unit_test(textures_have_two_name_spaces),
+        cmocka_unit_test(an_unused_material_may_be_unsupported_but_not_silently),
+        cmocka_unit_test(combining_textures_become_ours),
+        cmocka_unit_test(patterns_become_ours),
+        cmocka_unit_test(mappings_of_textures_become_ours),
+        cmocka_unit_test(images_are_stored_with_their_settings),
+        cmocka_unit_test(encodings_of_images_are_applied),
+        cmocka_unit_test(a_file_is_stored_once),
+        cmocka_unit_test(options_of_v4_images_are_applied),
+        cmocka_unit_test(images_on_other_mappings_are_upright),
+        cmocka_unit_test(a_material_keeps_a_texture_that_is_replaced),
+        cmocka_unit_test(bumps_and_normal_maps_are_read),
+        cmocka_unit_test(a_metal_may_have_a_textured_reflectance),
+        cmocka_unit_test(spectra_become_colours),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -121,7 +121,7 @@ static void check_quad(const mesh_t *mesh)
     assert_memory_equal(mesh->triangles, triangles, sizeof triangles);
 }
 
-static void test_three_encodings(void **state)
+static void all_three_encodings_give_the_same_mesh(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -138,7 +138,7 @@ static void test_three_encodings(void **state)
     bench_close(&bench);
 }
 
-static void test_every_truncation_is_an_error(void **state)
+static void every_truncation_is_an_error(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -157,7 +157,7 @@ static void test_every_truncation_is_an_error(void **state)
     bench_close(&bench);
 }
 
-static void test_random_damage_never_crashes(void **state)
+static void random_damage_never_crashes(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -185,7 +185,7 @@ static void test_random_damage_never_crashes(void **state)
 #define FACES(n) "element face " n "\nproperty list uchar int vertex_indices\n"
 #define POINTS "0 0 0\n1 0 0\n0 1 0\n"
 
-static void test_refused_files(void **state)
+static void files_that_are_wrong_are_refused(void **state)
 {
     (void)state;
     static const struct {
@@ -249,7 +249,7 @@ static void test_refused_files(void **state)
     bench_close(&bench);
 }
 
-static void test_thin_faces_are_left_out(void **state)
+static void thin_faces_are_left_out(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -265,7 +265,7 @@ static void test_thin_faces_are_left_out(void **state)
     bench_close(&bench);
 }
 
-static void test_large_faces_become_fans(void **state)
+static void large_faces_become_fans(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -302,7 +302,7 @@ static uint8_t *pack(const void *data, size_t size, size_t *packed_size)
     return packed;
 }
 
-static void test_gzipped_files(void **state)
+static void gzipped_files_are_read(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -343,7 +343,7 @@ static void test_gzipped_files(void **state)
     bench_close(&bench);
 }
 
-static void test_gzip_bombs_are_refused(void **state)
+static void gzip_bombs_are_refused(void **state)
 {
     (void)state;
     enum { SIZE = 10000000, LIMIT = 1000000 };
@@ -365,7 +365,7 @@ static void test_gzip_bombs_are_refused(void **state)
 
 /* ---- in a scene ---------------------------------------------------------------------------------------- */
 
-static void test_as_a_shape(void **state)
+static void a_scene_has_a_ply_file_as_a_shape(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -387,7 +387,7 @@ static void test_as_a_shape(void **state)
 
 /* A mesh of a million triangles is read in a fraction of a second; the limit only catches a quadratic reader.
  */
-static void test_large_mesh_is_fast(void **state)
+static void a_large_mesh_is_read_fast(void **state)
 {
     (void)state;
     enum { SIDE = 500 };
@@ -416,16 +416,16 @@ static void test_large_mesh_is_fast(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_three_encodings),
-        cmocka_unit_test(test_every_truncation_is_an_error),
-        cmocka_unit_test(test_random_damage_never_crashes),
-        cmocka_unit_test(test_refused_files),
-        cmocka_unit_test(test_thin_faces_are_left_out),
-        cmocka_unit_test(test_large_faces_become_fans),
-        cmocka_unit_test(test_gzipped_files),
-        cmocka_unit_test(test_gzip_bombs_are_refused),
-        cmocka_unit_test(test_as_a_shape),
-        cmocka_unit_test(test_large_mesh_is_fast),
+        cmocka_unit_test(all_three_encodings_give_the_same_mesh),
+        cmocka_unit_test(every_truncation_is_an_error),
+        cmocka_unit_test(random_damage_never_crashes),
+        cmocka_unit_test(files_that_are_wrong_are_refused),
+        cmocka_unit_test(thin_faces_are_left_out),
+        cmocka_unit_test(large_faces_become_fans),
+        cmocka_unit_test(gzipped_files_are_read),
+        cmocka_unit_test(gzip_bombs_are_refused),
+        cmocka_unit_test(a_scene_has_a_ply_file_as_a_shape),
+        cmocka_unit_test(a_large_mesh_is_read_fast),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -38,7 +38,7 @@ static void expect_error(bench_t *bench, const char *world, const char *message)
 
 /* ---- quadrics ------------------------------------------------------------------------------------------ */
 
-static void test_quadrics(void **state)
+static void quadrics_become_ours(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -81,7 +81,7 @@ static void test_quadrics(void **state)
 }
 
 /* pbrt-v3 alone, and what has vertex normals there. */
-static void test_bumps_of_meshes(void **state)
+static void meshes_have_the_bumps_of_their_dialect(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -101,7 +101,7 @@ static void test_bumps_of_meshes(void **state)
     bench_close(&bench);
 }
 
-static void test_impossible_quadrics(void **state)
+static void impossible_quadrics_are_refused(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -116,7 +116,7 @@ static void test_impossible_quadrics(void **state)
 
 /* ---- tessellated shapes -------------------------------------------------------------------------------- */
 
-static void test_tessellated_shapes(void **state)
+static void tessellated_shapes_become_meshes(void **state)
 {
     (void)state;
     static const char *const texts[] = {
@@ -143,7 +143,7 @@ static void test_tessellated_shapes(void **state)
     }
 }
 
-static void test_bilinear_mesh(void **state)
+static void a_bilinear_mesh_becomes_triangles(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -167,7 +167,7 @@ static void expect_point(const blob_curve_point_t *p, double x, double y, double
     expect_near((double)p->radius, radius, 1e-6);
 }
 
-static void test_bezier_curve(void **state)
+static void a_bezier_curve_becomes_segments(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -203,7 +203,7 @@ static double spline_at(const double c[4], int degree, double t)
            6;
 }
 
-static void test_splines_are_the_same_curve(void **state)
+static void splines_are_the_same_curve(void **state)
 {
     (void)state;
     static const double y[5] = {0, 3, -1, 4, 2};
@@ -228,7 +228,7 @@ static void test_splines_are_the_same_curve(void **state)
     }
 }
 
-static void test_quadratic_bezier_is_raised(void **state)
+static void a_quadratic_bezier_is_raised(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -241,7 +241,7 @@ static void test_quadratic_bezier_is_raised(void **state)
     bench_close(&bench);
 }
 
-static void test_ribbon(void **state)
+static void a_ribbon_turns_with_its_normals(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -260,7 +260,7 @@ static void test_ribbon(void **state)
     bench_close(&bench);
 }
 
-static void test_impossible_curves(void **state)
+static void impossible_curves_are_refused(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -291,7 +291,7 @@ static void test_impossible_curves(void **state)
 
 #define TRIANGLE "Shape \"trianglemesh\" \"point3 P\" [0 0 0  1 0 0  0 1 0] "
 
-static void test_alpha(void **state)
+static void alpha_comes_from_shape_and_material(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -319,7 +319,7 @@ static void test_alpha(void **state)
 
 /* ---- area lights --------------------------------------------------------------------------------------- */
 
-static void test_power_of_shapes(void **state)
+static void the_power_of_a_shape_scales_its_light(void **state)
 {
     (void)state;
     static const struct {
@@ -349,7 +349,7 @@ static void test_power_of_shapes(void **state)
 }
 
 /* The ellipsoid (2, 3, 4) by Legendre's integrals, from a table: 111.5457; the midpoint rule comes near. */
-static void test_area_of_an_ellipsoid(void **state)
+static void the_area_of_an_ellipsoid_is_legendres(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -362,7 +362,7 @@ static void test_area_of_an_ellipsoid(void **state)
     bench_close(&bench);
 }
 
-static void test_every_triangle_has_the_power(void **state)
+static void every_triangle_has_the_power(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -374,7 +374,7 @@ static void test_every_triangle_has_the_power(void **state)
     bench_close(&bench);
 }
 
-static void test_lights_that_are_none(void **state)
+static void area_lights_of_objects_do_not_emit(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -391,7 +391,7 @@ static void test_lights_that_are_none(void **state)
     bench_close(&bench);
 }
 
-static void test_image_on_a_light(void **state)
+static void an_image_colours_a_light(void **state)
 {
     (void)state;
     static const char pfm[] = "PF\n1 2\n-1\n";
@@ -419,7 +419,7 @@ static void test_image_on_a_light(void **state)
 
 /* ---- motion -------------------------------------------------------------------------------------------- */
 
-static void test_moving_shapes_and_instances(void **state)
+static void shapes_and_instances_may_move(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -444,7 +444,7 @@ static void test_moving_shapes_and_instances(void **state)
     bench_close(&bench);
 }
 
-static void test_motion_is_cut_to_the_shutter(void **state)
+static void motion_is_cut_to_the_shutter(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -465,7 +465,7 @@ static void test_motion_is_cut_to_the_shutter(void **state)
     bench_close(&bench);
 }
 
-static void test_what_does_not_move(void **state)
+static void what_does_not_move_has_one_transform(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -483,7 +483,7 @@ static void test_what_does_not_move(void **state)
 }
 
 /* A mirroring that turns keeps mirroring on the way. */
-static void test_mirrored_motion(void **state)
+static void a_mirroring_that_turns_keeps_mirroring(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -500,7 +500,7 @@ static void test_mirrored_motion(void **state)
 
 /* ---- files --------------------------------------------------------------------------------------------- */
 
-static void test_import_is_a_scope(void **state)
+static void an_import_is_a_scope(void **state)
 {
     (void)state;
     static const char part[] = "Translate 1 0 0 Shape \"sphere\" AreaLightSource \"diffuse\"\n";
@@ -523,27 +523,27 @@ static void test_import_is_a_scope(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_quadrics),
-        cmocka_unit_test(test_bumps_of_meshes),
-        cmocka_unit_test(test_impossible_quadrics),
-        cmocka_unit_test(test_tessellated_shapes),
-        cmocka_unit_test(test_bilinear_mesh),
-        cmocka_unit_test(test_bezier_curve),
-        cmocka_unit_test(test_splines_are_the_same_curve),
-        cmocka_unit_test(test_quadratic_bezier_is_raised),
-        cmocka_unit_test(test_ribbon),
-        cmocka_unit_test(test_impossible_curves),
-        cmocka_unit_test(test_alpha),
-        cmocka_unit_test(test_power_of_shapes),
-        cmocka_unit_test(test_area_of_an_ellipsoid),
-        cmocka_unit_test(test_every_triangle_has_the_power),
-        cmocka_unit_test(test_lights_that_are_none),
-        cmocka_unit_test(test_image_on_a_light),
-        cmocka_unit_test(test_moving_shapes_and_instances),
-        cmocka_unit_test(test_motion_is_cut_to_the_shutter),
-        cmocka_unit_test(test_what_does_not_move),
-        cmocka_unit_test(test_mirrored_motion),
-        cmocka_unit_test(test_import_is_a_scope),
+        cmocka_unit_test(quadrics_become_ours),
+        cmocka_unit_test(meshes_have_the_bumps_of_their_dialect),
+        cmocka_unit_test(impossible_quadrics_are_refused),
+        cmocka_unit_test(tessellated_shapes_become_meshes),
+        cmocka_unit_test(a_bilinear_mesh_becomes_triangles),
+        cmocka_unit_test(a_bezier_curve_becomes_segments),
+        cmocka_unit_test(splines_are_the_same_curve),
+        cmocka_unit_test(a_quadratic_bezier_is_raised),
+        cmocka_unit_test(a_ribbon_turns_with_its_normals),
+        cmocka_unit_test(impossible_curves_are_refused),
+        cmocka_unit_test(alpha_comes_from_shape_and_material),
+        cmocka_unit_test(the_power_of_a_shape_scales_its_light),
+        cmocka_unit_test(the_area_of_an_ellipsoid_is_legendres),
+        cmocka_unit_test(every_triangle_has_the_power),
+        cmocka_unit_test(area_lights_of_objects_do_not_emit),
+        cmocka_unit_test(an_image_colours_a_light),
+        cmocka_unit_test(shapes_and_instances_may_move),
+        cmocka_unit_test(motion_is_cut_to_the_shutter),
+        cmocka_unit_test(what_does_not_move_has_one_transform),
+        cmocka_unit_test(a_mirroring_that_turns_keeps_mirroring),
+        cmocka_unit_test(an_import_is_a_scope),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

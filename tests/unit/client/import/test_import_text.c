@@ -13,7 +13,7 @@ static void check_number(const char *text)
     assert_memory_equal(&value, &expected, sizeof value);
 }
 
-static void test_numbers_are_rounded_as_strtod_does(void **state)
+static void numbers_are_rounded_as_strtod_does(void **state)
 {
     (void)state;
     static const char *const texts[] = {"0",
@@ -51,7 +51,7 @@ static void test_numbers_are_rounded_as_strtod_does(void **state)
     }
 }
 
-static void test_what_is_no_number(void **state)
+static void what_is_no_number_is_not_read(void **state)
 {
     (void)state;
     static const char *const texts[] = {"", "-", ".", "e5", "1e", "1e+", "nan", "inf", "-inf", "1e999", "x1"};
@@ -65,7 +65,7 @@ static void test_what_is_no_number(void **state)
     expect_near(value, 12, 0);
 }
 
-static void test_tokens_and_their_places(void **state)
+static void tokens_know_their_places(void **state)
 {
     (void)state;
     const char *text = "Shape # \"comment\n \"a b\"[1 -2.5e1]\n\tWord\"\\\"q\\\\\"";
@@ -95,7 +95,7 @@ static void test_tokens_and_their_places(void **state)
     }
 }
 
-static void test_bad_tokens(void **state)
+static void bad_tokens_are_refused_with_their_place(void **state)
 {
     (void)state;
     static const struct {
@@ -117,7 +117,7 @@ static void test_bad_tokens(void **state)
     expect_text(token_unescape(&token, plain).message, "f:1:1: unknown escape \\x");
 }
 
-static void test_transforms(void **state)
+static void transforms_multiply_and_invert(void **state)
 {
     (void)state;
     affine_t t, inverse;
@@ -145,7 +145,7 @@ static void test_transforms(void **state)
     assert_false(affine_rotation(10, none, &t));
 }
 
-static void test_look_at(void **state)
+static void look_at_sees_its_target_along_z(void **state)
 {
     (void)state;
     const double eye[3] = {1, 0, 0}, target[3] = {5, 0, 0}, up[3] = {0, 0, 1};
@@ -163,12 +163,12 @@ static void test_look_at(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_numbers_are_rounded_as_strtod_does),
-        cmocka_unit_test(test_what_is_no_number),
-        cmocka_unit_test(test_tokens_and_their_places),
-        cmocka_unit_test(test_bad_tokens),
-        cmocka_unit_test(test_transforms),
-        cmocka_unit_test(test_look_at),
+        cmocka_unit_test(numbers_are_rounded_as_strtod_does),
+        cmocka_unit_test(what_is_no_number_is_not_read),
+        cmocka_unit_test(tokens_know_their_places),
+        cmocka_unit_test(bad_tokens_are_refused_with_their_place),
+        cmocka_unit_test(transforms_multiply_and_invert),
+        cmocka_unit_test(look_at_sees_its_target_along_z),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -21,7 +21,7 @@ static const blob_light_t *light(const bench_t *bench, uint32_t index)
 
 /* ---- directives ---------------------------------------------------------------------------------------- */
 
-static void test_options(void **state)
+static void options_that_change_no_picture_are_ignored(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -41,7 +41,7 @@ static void test_options(void **state)
     bench_close(&bench);
 }
 
-static void test_transform_begin_saves_everything(void **state)
+static void transform_begin_saves_everything(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -54,7 +54,7 @@ static void test_transform_begin_saves_everything(void **state)
     bench_close(&bench);
 }
 
-static void test_named_coordinates_set_both_times(void **state)
+static void named_coordinates_set_both_times(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -65,7 +65,7 @@ static void test_named_coordinates_set_both_times(void **state)
     bench_close(&bench);
 }
 
-static void test_compressed_includes(void **state)
+static void compressed_files_are_included(void **state)
 {
     (void)state;
     static const char text[] = SPHERE SPHERE;
@@ -86,7 +86,7 @@ static void test_compressed_includes(void **state)
     bench_close(&bench);
 }
 
-static void test_media_are_left_out_on_request(void **state)
+static void media_are_left_out_on_request(void **state)
 {
     (void)state;
     bench_t bench = {.lenient = true};
@@ -98,7 +98,7 @@ static void test_media_are_left_out_on_request(void **state)
 
 /* ---- options of the whole picture ---------------------------------------------------------------------- */
 
-static void test_exposure(void **state)
+static void exposure_scales_the_picture(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -118,7 +118,7 @@ static void test_exposure(void **state)
     bench_close(&bench);
 }
 
-static void test_sensors(void **state)
+static void sensors_have_their_gain(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -132,7 +132,7 @@ static void test_sensors(void **state)
 }
 
 /* By hand from the formulae: x and y of daylight, Bradford's matrix, and back. */
-static void test_white_balance(void **state)
+static void white_is_balanced_by_bradfords_matrix(void **state)
 {
     (void)state;
     static const struct {
@@ -161,7 +161,7 @@ static void test_white_balance(void **state)
     bench_close(&bench);
 }
 
-static void test_crop_window_before_pixel_bounds(void **state)
+static void the_crop_window_goes_before_pixel_bounds(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -175,7 +175,7 @@ static void test_crop_window_before_pixel_bounds(void **state)
     bench_close(&bench);
 }
 
-static void test_ambient_occlusion_is_of_both(void **state)
+static void ambient_occlusion_is_replaced_by_path(void **state)
 {
     (void)state;
     bench_t bench = {.lenient = true};
@@ -198,7 +198,7 @@ static const blob_material_t *material(const bench_t *bench)
     return &bench->blob.materials[bench->blob.shapes[0].material];
 }
 
-static void test_height_on_a_cylinder(void **state)
+static void height_on_a_cylinder_is_its_coordinate(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -219,7 +219,7 @@ static void test_height_on_a_cylinder(void **state)
     bench_close(&bench);
 }
 
-static void test_what_is_reflected_is_at_most_one(void **state)
+static void what_is_reflected_is_at_most_one(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -241,7 +241,7 @@ static void test_what_is_reflected_is_at_most_one(void **state)
 
 /* ---- names that come later ----------------------------------------------------------------------------- */
 
-static void test_names_that_come_later(void **state)
+static void names_may_come_later(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -277,7 +277,7 @@ static void test_names_that_come_later(void **state)
     bench_close(&bench);
 }
 
-static void test_materials_keep_their_colour_space(void **state)
+static void materials_keep_their_colour_space(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -292,20 +292,20 @@ static void test_materials_keep_their_colour_space(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_options),
-        cmocka_unit_test(test_transform_begin_saves_everything),
-        cmocka_unit_test(test_named_coordinates_set_both_times),
-        cmocka_unit_test(test_compressed_includes),
-        cmocka_unit_test(test_media_are_left_out_on_request),
-        cmocka_unit_test(test_exposure),
-        cmocka_unit_test(test_sensors),
-        cmocka_unit_test(test_white_balance),
-        cmocka_unit_test(test_crop_window_before_pixel_bounds),
-        cmocka_unit_test(test_ambient_occlusion_is_of_both),
-        cmocka_unit_test(test_height_on_a_cylinder),
-        cmocka_unit_test(test_what_is_reflected_is_at_most_one),
-        cmocka_unit_test(test_names_that_come_later),
-        cmocka_unit_test(test_materials_keep_their_colour_space),
+        cmocka_unit_test(options_that_change_no_picture_are_ignored),
+        cmocka_unit_test(transform_begin_saves_everything),
+        cmocka_unit_test(named_coordinates_set_both_times),
+        cmocka_unit_test(compressed_files_are_included),
+        cmocka_unit_test(media_are_left_out_on_request),
+        cmocka_unit_test(exposure_scales_the_picture),
+        cmocka_unit_test(sensors_have_their_gain),
+        cmocka_unit_test(white_is_balanced_by_bradfords_matrix),
+        cmocka_unit_test(the_crop_window_goes_before_pixel_bounds),
+        cmocka_unit_test(ambient_occlusion_is_replaced_by_path),
+        cmocka_unit_test(height_on_a_cylinder_is_its_coordinate),
+        cmocka_unit_test(what_is_reflected_is_at_most_one),
+        cmocka_unit_test(names_may_come_later),
+        cmocka_unit_test(materials_keep_their_colour_space),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -34,7 +34,7 @@ static spectrum_t named(const char *name)
 
 /* ---- samples ------------------------------------------------------------------------------------------- */
 
-static void test_samples_are_sorted_and_interpolated(void **state)
+static void samples_are_sorted_and_interpolated(void **state)
 {
     (void)state;
     spectrum_t s = from_pairs((double[]){700, 4, 400, 1, 500, 2}, 6);
@@ -60,7 +60,7 @@ static void expect_refused(const double *numbers, size_t count, const char *part
     assert_null(s.value);
 }
 
-static void test_refused_pairs(void **state)
+static void impossible_pairs_are_refused(void **state)
 {
     (void)state;
     expect_refused(NULL, 0, "found none");
@@ -74,7 +74,7 @@ static void test_refused_pairs(void **state)
 
 /* ---- colours ------------------------------------------------------------------------------------------- */
 
-static void test_constants_have_the_colour_of_the_white(void **state)
+static void constants_have_the_colour_of_the_white(void **state)
 {
     (void)state;
     spectrum_t one = constant(1), quarter = constant(0.25);
@@ -90,7 +90,7 @@ static void test_constants_have_the_colour_of_the_white(void **state)
 }
 
 /* White points of CIE 15, as chromaticities of the 2-degree observer. */
-static void test_white_points(void **state)
+static void white_points_are_those_of_the_standard(void **state)
 {
     (void)state;
     static const struct {
@@ -120,7 +120,7 @@ static void test_white_points(void **state)
     }
 }
 
-static void test_colour_is_linear(void **state)
+static void colour_is_linear(void **state)
 {
     (void)state;
     const double a[] = {420, 0.2, 500, 0.9, 560, 0.7, 650, 0.8},
@@ -138,7 +138,7 @@ static void test_colour_is_linear(void **state)
     spectrum_free(&u);
 }
 
-static void test_colours_outside_of_srgb_are_clipped(void **state)
+static void colours_outside_of_srgb_are_clipped(void **state)
 {
     (void)state;
     spectrum_t laser = from_pairs((double[]){514, 0, 515, 1, 516, 0}, 6);
@@ -150,7 +150,7 @@ static void test_colours_outside_of_srgb_are_clipped(void **state)
 }
 
 /* The defaults of v3's metal, and the other metals, each as published with 6 digits. */
-static void test_metals(void **state)
+static void metals_have_their_published_colours(void **state)
 {
     (void)state;
     static const struct {
@@ -181,7 +181,7 @@ static void test_metals(void **state)
     }
 }
 
-static void test_names(void **state)
+static void spectra_are_found_by_name(void **state)
 {
     (void)state;
     spectrum_t s = named("glass-BK7");
@@ -203,7 +203,7 @@ static void test_names(void **state)
 }
 
 /* Every table must be a spectrum: ascending wavelengths, finite values. */
-static void test_named_spectra_are_sound(void **state)
+static void named_spectra_are_sound(void **state)
 {
     (void)state;
     static const char *const names[] = {"glass-BAF10", "glass-FK51A",  "glass-LASF9",    "glass-F5",
@@ -222,7 +222,7 @@ static void test_named_spectra_are_sound(void **state)
 
 /* ---- light --------------------------------------------------------------------------------------------- */
 
-static void test_rules_for_emission(void **state)
+static void emission_follows_the_rules_of_its_program(void **state)
 {
     (void)state;
     spectrum_t d65 = named("stdillum-D65"), one = constant(5), dark = constant(0);
@@ -240,7 +240,7 @@ static void test_rules_for_emission(void **state)
     spectrum_free(&dark);
 }
 
-static void test_blackbody(void **state)
+static void black_bodies_have_their_published_colours(void **state)
 {
     (void)state;
     /* chromaticity (0.31352, 0.32363) of the Planckian locus at 6500 K: near D65, a little pink */
@@ -265,7 +265,7 @@ static void test_blackbody(void **state)
     expect_near(scale, 0.4017, 0.02);
 }
 
-static void test_blackbody_of_any_temperature_is_finite(void **state)
+static void a_black_body_of_any_temperature_is_finite(void **state)
 {
     (void)state;
     static const double kelvins[] = {-1,    0,           1e-300,          1, 20, 300, 1e5, 1e12,
@@ -280,7 +280,7 @@ static void test_blackbody_of_any_temperature_is_finite(void **state)
     assert_true(v_is_zero(spectrum_blackbody(0, SPECTRUM_PBRT_V4)));
 }
 
-static void test_light_without_luminance_is_black(void **state)
+static void light_without_luminance_is_black(void **state)
 {
     (void)state;
     spectrum_t s = constant(1e-320);
@@ -299,7 +299,7 @@ static result_t read_text(bench_t *bench, const char *text, size_t size, spectru
     return result;
 }
 
-static void test_spectrum_file(void **state)
+static void a_spectrum_is_read_from_a_file(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -314,7 +314,7 @@ static void test_spectrum_file(void **state)
     bench_close(&bench);
 }
 
-static void test_refused_files(void **state)
+static void files_that_are_wrong_are_refused(void **state)
 {
     (void)state;
     static const struct {
@@ -351,21 +351,21 @@ static void test_refused_files(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_samples_are_sorted_and_interpolated),
-        cmocka_unit_test(test_refused_pairs),
-        cmocka_unit_test(test_constants_have_the_colour_of_the_white),
-        cmocka_unit_test(test_white_points),
-        cmocka_unit_test(test_colour_is_linear),
-        cmocka_unit_test(test_colours_outside_of_srgb_are_clipped),
-        cmocka_unit_test(test_metals),
-        cmocka_unit_test(test_names),
-        cmocka_unit_test(test_named_spectra_are_sound),
-        cmocka_unit_test(test_rules_for_emission),
-        cmocka_unit_test(test_blackbody),
-        cmocka_unit_test(test_blackbody_of_any_temperature_is_finite),
-        cmocka_unit_test(test_light_without_luminance_is_black),
-        cmocka_unit_test(test_spectrum_file),
-        cmocka_unit_test(test_refused_files),
+        cmocka_unit_test(samples_are_sorted_and_interpolated),
+        cmocka_unit_test(impossible_pairs_are_refused),
+        cmocka_unit_test(constants_have_the_colour_of_the_white),
+        cmocka_unit_test(white_points_are_those_of_the_standard),
+        cmocka_unit_test(colour_is_linear),
+        cmocka_unit_test(colours_outside_of_srgb_are_clipped),
+        cmocka_unit_test(metals_have_their_published_colours),
+        cmocka_unit_test(spectra_are_found_by_name),
+        cmocka_unit_test(named_spectra_are_sound),
+        cmocka_unit_test(emission_follows_the_rules_of_its_program),
+        cmocka_unit_test(black_bodies_have_their_published_colours),
+        cmocka_unit_test(a_black_body_of_any_temperature_is_finite),
+        cmocka_unit_test(light_without_luminance_is_black),
+        cmocka_unit_test(a_spectrum_is_read_from_a_file),
+        cmocka_unit_test(files_that_are_wrong_are_refused),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -68,7 +68,7 @@ static void check_mesh(const mesh_t *mesh, float side, bool unit_uv)
 /* ---- surfaces of revolution ------------------------------------------------------------------------------
  */
 
-static void test_cone(void **state)
+static void a_cone_has_its_area_and_normals(void **state)
 {
     (void)state;
     for (int part = 0; part < 2; ++part) {
@@ -100,7 +100,7 @@ static double paraboloid_area(double radius, double h, double z0, double z1)
     return pi * pow(radius, 4) / (6 * h * h) * (pow(1 + k * z1, 1.5) - pow(1 + k * z0, 1.5));
 }
 
-static void test_paraboloid(void **state)
+static void a_paraboloid_has_its_area_and_normals(void **state)
 {
     (void)state;
     static const double ranges[][2] = {{0, 2}, {2, 0.5}, {-1, 2}};
@@ -141,7 +141,7 @@ static double hyperboloid_area(const hyperboloid_t *h)
     return h->phi_max * pi / 180 * sum / STEPS;
 }
 
-static void test_hyperboloid(void **state)
+static void a_hyperboloid_has_its_area_and_normals(void **state)
 {
     (void)state;
     static const hyperboloid_t cases[] = {
@@ -185,7 +185,7 @@ static const double octahedron_points[] = {1, 0, 0, -1, 0, 0, 0, 1, 0, 0, -1, 0,
 static const double octahedron_faces[] = {0, 2, 4, 2, 1, 4, 1, 3, 4, 3, 0, 4,
                                           2, 0, 5, 1, 2, 5, 3, 1, 5, 0, 3, 5};
 
-static void test_loop_octahedron(void **state)
+static void an_octahedron_is_subdivided_towards_its_limit(void **state)
 {
     (void)state;
     for (int levels = 0; levels < 6; ++levels) {
@@ -204,7 +204,7 @@ static void test_loop_octahedron(void **state)
     }
 }
 
-static void test_loop_plane(void **state)
+static void a_subdivided_plane_stays_plane(void **state)
 {
     (void)state;
     enum { SIDE = 4 };
@@ -241,7 +241,7 @@ static void test_loop_plane(void **state)
     mesh_free(&mesh);
 }
 
-static void test_loop_refused(void **state)
+static void meshes_that_cannot_be_subdivided_are_refused(void **state)
 {
     (void)state;
     static const double points[18] = {0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1, 1, 1, 1, 2, 2, 1};
@@ -278,7 +278,7 @@ static void test_loop_refused(void **state)
 /* ---- grids -----------------------------------------------------------------------------------------------
  */
 
-static void test_heightfield(void **state)
+static void a_height_field_has_its_heights_and_normals(void **state)
 {
     (void)state;
     static const double heights[6] = {0, 1, 2, 10, 11, 12};
@@ -297,7 +297,7 @@ static void test_heightfield(void **state)
     REFUSED(tessellate_heightfield(&(heightfield_t){NAN, 2, heights, 6}, here, &refused), "at least 2");
 }
 
-static void test_bilinear(void **state)
+static void a_bilinear_patch_has_its_area_and_normals(void **state)
 {
     (void)state;
     /* a parallelogram, and the saddle z = x y beside it */
@@ -356,7 +356,7 @@ static void test_bilinear(void **state)
  */
 
 /* A quarter of a cylinder about z: a rational quadratic in u, linear in v. */
-static void test_nurbs_cylinder(void **state)
+static void a_rational_patch_is_a_true_cylinder(void **state)
 {
     (void)state;
     static const double uknots[] = {0, 0, 0, 2, 2, 2}, vknots[] = {0, 0, 1, 1};
@@ -411,7 +411,7 @@ static void test_nurbs_cylinder(void **state)
 
 /* Uniform knots with inner ones, not clamped, and a double knot: the polynomial case against a graph z = x^2
  * whose control points are its polar form. */
-static void test_nurbs_inner_knots(void **state)
+static void inner_knots_follow_the_polar_form(void **state)
 {
     (void)state;
     static const double knots[] = {-2, -1, 0, 1, 1, 2, 3, 4}, line[] = {0, 0, 1, 1};
@@ -444,11 +444,16 @@ static void test_nurbs_inner_knots(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_cone),           cmocka_unit_test(test_paraboloid),
-        cmocka_unit_test(test_hyperboloid),    cmocka_unit_test(test_loop_octahedron),
-        cmocka_unit_test(test_loop_plane),     cmocka_unit_test(test_loop_refused),
-        cmocka_unit_test(test_heightfield),    cmocka_unit_test(test_bilinear),
-        cmocka_unit_test(test_nurbs_cylinder), cmocka_unit_test(test_nurbs_inner_knots),
+        cmocka_unit_test(a_cone_has_its_area_and_normals),
+        cmocka_unit_test(a_paraboloid_has_its_area_and_normals),
+        cmocka_unit_test(a_hyperboloid_has_its_area_and_normals),
+        cmocka_unit_test(an_octahedron_is_subdivided_towards_its_limit),
+        cmocka_unit_test(a_subdivided_plane_stays_plane),
+        cmocka_unit_test(meshes_that_cannot_be_subdivided_are_refused),
+        cmocka_unit_test(a_height_field_has_its_heights_and_normals),
+        cmocka_unit_test(a_bilinear_patch_has_its_area_and_normals),
+        cmocka_unit_test(a_rational_patch_is_a_true_cylinder),
+        cmocka_unit_test(inner_knots_follow_the_polar_form),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -48,7 +48,7 @@ static uint32_t cell(vec2_t at)
 }
 
 /* Over a grid with PARTS x PARTS bins in each cell: cells right, and uniform inside them. */
-static void test_samples_follow_the_density(void **state)
+static void samples_follow_the_density(void **state)
 {
     (void)state;
     enum { BINS = CELLS * PARTS * PARTS };
@@ -76,7 +76,7 @@ static void test_samples_follow_the_density(void **state)
     assert_null(d);
 }
 
-static void test_density_is_weight_over_mean(void **state)
+static void density_is_weight_over_mean(void **state)
 {
     (void)state;
     float weights[CELLS];
@@ -96,7 +96,7 @@ static void test_density_is_weight_over_mean(void **state)
 }
 
 /* The numbers at which rounding could lead into an empty cell. */
-static void test_empty_cells_are_never_drawn(void **state)
+static void empty_cells_are_never_drawn(void **state)
 {
     (void)state;
     float weights[CELLS];
@@ -120,7 +120,7 @@ static void test_empty_cells_are_never_drawn(void **state)
 
 /* Numbers that are the very first of a cell: the point must not round into the cell before, which is black.
  */
-static void test_first_number_of_a_cell(void **state)
+static void the_first_number_of_a_cell_falls_into_it(void **state)
 {
     (void)state;
     enum { WIDEST = 300 };
@@ -139,7 +139,7 @@ static void test_first_number_of_a_cell(void **state)
 }
 
 /* One bright cell in a large dark image: every point is in it. */
-static void test_one_cell(void **state)
+static void one_bright_cell_gets_every_point(void **state)
 {
     (void)state;
     enum { SIDE = 1021 };
@@ -163,7 +163,7 @@ static void test_one_cell(void **state)
     free(weights);
 }
 
-static void test_nothing_to_draw(void **state)
+static void where_all_is_dark_nothing_is_drawn(void **state)
 {
     (void)state;
     const float weights[4] = {0, -1, NAN, INFINITY};
@@ -176,7 +176,7 @@ static void test_nothing_to_draw(void **state)
 }
 
 /* The nearest cell answers for what lies outside. */
-static void test_density_outside(void **state)
+static void outside_the_density_is_of_the_nearest_cell(void **state)
 {
     (void)state;
     const float weights[4] = {1, 2, 3, 4};
@@ -189,7 +189,7 @@ static void test_density_outside(void **state)
 
 /* ---- octahedral map ---- */
 
-static void test_octahedral_round_trip(void **state)
+static void the_octahedral_map_goes_both_ways(void **state)
 {
     (void)state;
     for (uint64_t i = 0; i < 100000; i++) {
@@ -204,7 +204,7 @@ static void test_octahedral_round_trip(void **state)
 }
 
 /* The corners, the middle and the middles of the sides, and both signs of zero. */
-static void test_octahedral_layout(void **state)
+static void the_octahedral_map_has_its_known_corners(void **state)
 {
     (void)state;
     static const struct {
@@ -227,7 +227,7 @@ static void test_octahedral_layout(void **state)
 }
 
 /* The area element by central differences: 4 pi everywhere. */
-static void test_octahedral_keeps_areas(void **state)
+static void the_octahedral_map_keeps_areas(void **state)
 {
     (void)state;
     const float h = 1e-3f;
@@ -251,7 +251,7 @@ static void test_octahedral_keeps_areas(void **state)
 }
 
 /* Uniform points of the square are uniform directions: bins in z and azimuth. */
-static void test_octahedral_is_uniform(void **state)
+static void uniform_points_are_uniform_directions(void **state)
 {
     (void)state;
     enum { BANDS = 16, SECTORS = 24, BINS = BANDS * SECTORS, POINTS = 200000 };
@@ -270,17 +270,17 @@ static void test_octahedral_is_uniform(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_samples_follow_the_density),
-        cmocka_unit_test(test_density_is_weight_over_mean),
-        cmocka_unit_test(test_empty_cells_are_never_drawn),
-        cmocka_unit_test(test_first_number_of_a_cell),
-        cmocka_unit_test(test_one_cell),
-        cmocka_unit_test(test_nothing_to_draw),
-        cmocka_unit_test(test_density_outside),
-        cmocka_unit_test(test_octahedral_round_trip),
-        cmocka_unit_test(test_octahedral_layout),
-        cmocka_unit_test(test_octahedral_keeps_areas),
-        cmocka_unit_test(test_octahedral_is_uniform),
+        cmocka_unit_test(samples_follow_the_density),
+        cmocka_unit_test(density_is_weight_over_mean),
+        cmocka_unit_test(empty_cells_are_never_drawn),
+        cmocka_unit_test(the_first_number_of_a_cell_falls_into_it),
+        cmocka_unit_test(one_bright_cell_gets_every_point),
+        cmocka_unit_test(where_all_is_dark_nothing_is_drawn),
+        cmocka_unit_test(outside_the_density_is_of_the_nearest_cell),
+        cmocka_unit_test(the_octahedral_map_goes_both_ways),
+        cmocka_unit_test(the_octahedral_map_has_its_known_corners),
+        cmocka_unit_test(the_octahedral_map_keeps_areas),
+        cmocka_unit_test(uniform_points_are_uniform_directions),
     };
     return cmocka_run_group_tests_name("distribution", tests, NULL, NULL);
 }

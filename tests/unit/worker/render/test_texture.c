@@ -158,7 +158,7 @@ static double reference_lookup(const rig_t *rig, int width, int height, wrap_t w
 }
 
 /* Every pair of wrap modes, inside and far outside, at texel centres, edges and in between. */
-static void test_image_wraps_and_interpolates(void **state)
+static void an_image_wraps_and_interpolates(void **state)
 {
     (void)state;
     enum { WIDTH = 5, HEIGHT = 3 };
@@ -188,7 +188,7 @@ static void test_image_wraps_and_interpolates(void **state)
     rig_free(rig);
 }
 
-static void test_image_centres_are_texels(void **state)
+static void at_their_centres_texels_are_exact(void **state)
 {
     (void)state;
     rig_t *rig = rig_new();
@@ -215,7 +215,7 @@ static void test_image_centres_are_texels(void **state)
 }
 
 /* Black and white sRGB: half way is half the light, not the light of code 128. */
-static void test_image_decodes_before_interpolating(void **state)
+static void an_image_is_decoded_before_it_is_interpolated(void **state)
 {
     (void)state;
     rig_t *rig = rig_new();
@@ -232,7 +232,7 @@ static void set_floats(rig_t *rig, uint32_t word, const float *values, size_t co
     memcpy(rig->texels + word, values, count * sizeof *values);
 }
 
-static void test_image_formats(void **state)
+static void every_image_format_gives_its_values(void **state)
 {
     (void)state;
     rig_t *rig = rig_new();
@@ -250,7 +250,7 @@ static void test_image_formats(void **state)
     rig_free(rig);
 }
 
-static void test_image_channels(void **state)
+static void a_channel_of_an_image_can_be_chosen(void **state)
 {
     (void)state;
     rig_t *rig = rig_new();
@@ -285,7 +285,7 @@ static void test_image_channels(void **state)
     rig_free(rig);
 }
 
-static void test_image_nearest(void **state)
+static void nearest_lookups_do_not_interpolate(void **state)
 {
     (void)state;
     rig_t *rig = rig_new();
@@ -314,7 +314,7 @@ static void test_image_nearest(void **state)
 
 /* ---- where to look ---- */
 
-static void test_mappings(void **state)
+static void every_mapping_places_points_by_its_formula(void **state)
 {
     (void)state;
     rig_t *rig = rig_new();
@@ -340,7 +340,7 @@ static void test_mappings(void **state)
 }
 
 /* Behind, azimuths are more than pi and not negative: q = (-3, -2, 0). A bilerp shows t as it is. */
-static void test_azimuths_behind(void **state)
+static void azimuths_behind_the_axis_are_not_negative(void **state)
 {
     (void)state;
     rig_t *rig = rig_new();
@@ -360,7 +360,7 @@ static void test_azimuths_behind(void **state)
 
 /* ---- combinations ---- */
 
-static void test_combinations(void **state)
+static void combinations_follow_their_formulas(void **state)
 {
     (void)state;
     rig_t *rig = rig_new();
@@ -403,7 +403,7 @@ static void test_combinations(void **state)
     rig_free(rig);
 }
 
-static void test_checkerboard(void **state)
+static void checks_alternate(void **state)
 {
     (void)state;
     rig_t *rig = rig_new();
@@ -420,7 +420,7 @@ static void test_checkerboard(void **state)
 }
 
 /* As many textures in a row as a blob may have. */
-static void test_deep_chain(void **state)
+static void the_longest_chain_of_textures_is_evaluated(void **state)
 {
     (void)state;
     rig_t *rig = rig_new();
@@ -439,7 +439,7 @@ static void test_deep_chain(void **state)
 
 /* From the published formulas, in double precision. The second point's value is a widely known check of
  * Perlin's own implementation. */
-static void test_noise(void **state)
+static void noise_has_published_values(void **state)
 {
     (void)state;
     static const struct {
@@ -506,7 +506,7 @@ static void test_noise(void **state)
 }
 
 /* A picture of the dots, made elsewhere from the same formulas. */
-static void test_dots(void **state)
+static void dots_are_where_a_reference_has_them(void **state)
 {
     (void)state;
     static const char *const picture[] = {
@@ -549,7 +549,7 @@ static blob_texture_t absurd_texture(texture_kind_t kind, mapping_t mapping, uin
 }
 
 /* Every kind with every mapping: always a finite answer. Run with the sanitizers. */
-static void test_absurd_points(void **state)
+static void absurd_points_get_finite_answers(void **state)
 {
     (void)state;
     rig_t *rig = rig_new();
@@ -581,20 +581,20 @@ static void test_absurd_points(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_image_wraps_and_interpolates),
-        cmocka_unit_test(test_image_centres_are_texels),
-        cmocka_unit_test(test_image_decodes_before_interpolating),
-        cmocka_unit_test(test_image_formats),
-        cmocka_unit_test(test_image_channels),
-        cmocka_unit_test(test_image_nearest),
-        cmocka_unit_test(test_mappings),
-        cmocka_unit_test(test_azimuths_behind),
-        cmocka_unit_test(test_combinations),
-        cmocka_unit_test(test_checkerboard),
-        cmocka_unit_test(test_deep_chain),
-        cmocka_unit_test(test_noise),
-        cmocka_unit_test(test_dots),
-        cmocka_unit_test(test_absurd_points),
+        cmocka_unit_test(an_image_wraps_and_interpolates),
+        cmocka_unit_test(at_their_centres_texels_are_exact),
+        cmocka_unit_test(an_image_is_decoded_before_it_is_interpolated),
+        cmocka_unit_test(every_image_format_gives_its_values),
+        cmocka_unit_test(a_channel_of_an_image_can_be_chosen),
+        cmocka_unit_test(nearest_lookups_do_not_interpolate),
+        cmocka_unit_test(every_mapping_places_points_by_its_formula),
+        cmocka_unit_test(azimuths_behind_the_axis_are_not_negative),
+        cmocka_unit_test(combinations_follow_their_formulas),
+        cmocka_unit_test(checks_alternate),
+        cmocka_unit_test(the_longest_chain_of_textures_is_evaluated),
+        cmocka_unit_test(noise_has_published_values),
+        cmocka_unit_test(dots_are_where_a_reference_has_them),
+        cmocka_unit_test(absurd_points_get_finite_answers),
     };
     return cmocka_run_group_tests_name("texture", tests, NULL, NULL);
 }
