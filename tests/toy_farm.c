@@ -131,17 +131,16 @@ static batch_t make_batch(const job_settings_t *settings, const unit_t *units, s
 static result_t deliver(farm_t *farm, double now, uint64_t worker, uint64_t id, uint64_t check,
                         const unit_t *units, size_t count, int64_t lie)
 {
-    job_t *job;
-    TRY(farm_batch_open(farm, now, worker, id, 1000, &job));
-    job_settings_t settings = farm_job_settings(farm, job);
-    batch_t batch = make_batch(&settings, units, count);
+    farm_batch_t open;
+    batch_head_t head = {.worker = worker, .job = id, .check = check, .bytes = 1000};
+    TRY(farm_batch_begin(farm, now, &head, &open));
+    batch_t batch = make_batch(&open.settings, units, count);
     for (size_t i = 0; i < batch.eye_count; i++) batch.eye[i] += lie;
     zmq_msg_t payload[BATCH_PAYLOADS];
     assert_int_equal(payload_encode(&batch, false, payload).code, RESULT_OK);
-    result_t result = farm_batch_merge(farm, now, job, worker, check, &batch, payload);
+    result_t result = farm_batch_commit(farm, now, &open, &batch, payload);
     for (int i = 0; i < BATCH_PAYLOADS; i++) zmq_msg_close(&payload[i]);
     batch_free(&batch);
-    farm_unpin(farm, job);
     return result;
 }
 

@@ -1,4 +1,13 @@
-/* batches: what workers deliver, and the images made of it (see farm.h). */
+/* batches: what workers deliver, and the images made of it (see farm.h).
+ *
+ * DESIGN. A batch takes the farm's lock three times on its way from the socket into the film:
+ *
+ *     farm_batch_begin    its job and its sender are found, the job is pinned, its film held
+ *     count_units         in the film: it is refused, or its units are counted
+ *     farm_batch_commit   in the film: what is merged is noted, what could not be is uncounted; film and job
+ *                         are let go. (Or farm_batch_abort, instead of the second and the third.)
+ *
+ * Between them its sums are decoded, added, and written to the disk, without the lock. */
 #include "master/farm/parts.h"
 
 #include <math.h>
@@ -42,6 +51,12 @@ static result_t unknown_job(uint64_t id)
     return result_fail(RESULT_INPUT, "there is no job %llu", (unsigned long long)id);
 }
 
+static result_t other_content(uint64_t id)
+{
+    return result_fail(RESULT_INPUT, "job %llu is another one than the batch was rendered for",
+                       (unsigned long long)id);
+}
+
 /* Nobody is given units of a job of other bits; but a job may have been begun anew by another kind of
  * machines after this process or its data were lost. */
 static result_t other_bits(const job_t *job)
@@ -52,18 +67,11 @@ static result_t other_bits(const job_t *job)
 
 result_t farm_content_check(farm_t *farm, uint64_t id, const hash_t *content)
 {
-    if (content == NULL) return result_ok();
     farm_lock(farm);
     const job_t *job = farm_find_job(farm, id);
-    bool same = true;
-    if (job != NULL) {
-        hash_t own = job_content_hash(&job->settings, &job->blob);
-        same = hash_equal(content, &own);
-    }
+    bool same = job == NULL || farm_content_fits(job, content);
     farm_unlock(farm);
-    if (same) return result_ok();
-    return result_fail(RESULT_INPUT, "job %llu is another one than the batch was rendered for",
-                       (unsigned long long)id);
+    return same ? result_ok() : other_content(id);
 }
 
 /* A worker has a batch of a job that is not begun: it was, before this process, and what is rendered of it is
@@ -109,29 +117,35 @@ void farm_batch_granted(farm_t *farm, double now, uint64_t id)
     farm_unlock(farm);
 }
 
-static result_t batch_open(worker_t *worker, job_t *job, uint64_t id, uint64_t bytes)
+static result_t check_head(worker_t *worker, job_t *job, const batch_head_t *head)
 {
+    if (job != NULL && !farm_content_fits(job, head->content)) return other_content(head->job);
     if (worker == NULL || worker->outcast) return unknown_worker();
-    worker->bytes += bytes;
-    if (job == NULL) return unknown_job(id);
-    job->bytes += bytes;
+    worker->bytes += head->bytes;
+    if (job == NULL) return unknown_job(head->job);
+    job->bytes += head->bytes;
     if (job->taking) return result_ok();
     job->batches_refused++;
     worker->batches_refused++;
     return job_over(job);
 }
 
-result_t farm_batch_open(farm_t *farm, double now, uint64_t worker_id, uint64_t id, uint64_t bytes,
-                         job_t **pinned)
+result_t farm_batch_begin(farm_t *farm, double now, const batch_head_t *head, farm_batch_t *open)
 {
     farm_lock(farm);
-    worker_t *worker = farm_find_worker(farm, worker_id);
-    job_t *job = farm_find_job(farm, id);
-    result_t result = batch_open(worker, job, id, bytes);
+    worker_t *worker = farm_find_worker(farm, head->worker);
+    job_t *job = farm_find_job(farm, head->job);
+    result_t result = check_head(worker, job, head);
     if (result.code == RESULT_OK) {
+        *open = (farm_batch_t){.settings = job->settings,
+                               .job = job,
+                               .worker = head->worker,
+                               .check = head->check,
+                               .shared_film = farm_job_film_hold(job)};
         job->pins++;
-        *pinned = job;
         worker->last_seen = fmax(worker->last_seen, now);
+        if (head->check != 0)
+            open->asked = trust_asked(farm, job, head->worker, head->check, &open->units, &open->unit_count);
     }
     farm_unlock(farm);
     return result;
@@ -155,14 +169,16 @@ static void note_progress(job_t *job, double now)
     job->rate_samples[1] = job->samples_done;
 }
 
-/* A batch that is being merged. */
+/* A batch whose job is known. */
 typedef struct {
-    job_t *job;
-    uint64_t worker;
+    farm_batch_t *open;
     const batch_t *batch;
     const zmq_msg_t *payload;
-    uint32_t *weights; /* of its units; NULL: all 1 */
-} merge_t;
+    hash_t digest;      /* of its sums, when it bears a number */
+    bool counted;       /* its units are, and it goes into the film */
+    uint32_t *weights;  /* of its units; NULL: all 1 */
+    trust_keep_t *keep; /* NULL: it is not kept */
+} delivery_t;
 
 /* The weights of the units where some are not 1, in fresh memory. */
 static uint32_t *unit_weights(const job_t *job, const batch_t *batch)
@@ -184,49 +200,84 @@ static uint64_t most_compared(const job_t *job, const worker_t *worker)
     return COMPARED_BYTES + worker->threads * unit;
 }
 
+/* A batch that bears a number is a rendering of units that two workers are asked for: it is compared with the
+ * other by its digest. No memory is taken for what nobody asked for. */
+static result_t digest_rendering(delivery_t *delivery)
+{
+    const farm_batch_t *open = delivery->open;
+    batch_t decoded = *delivery->batch;
+    decoded.eye = decoded.splat = decoded.features = NULL;
+    decoded.eye_capacity = decoded.feature_capacity = 0;
+    if (open->asked.code != RESULT_OK) return open->asked;
+    if (!units_same(open->units, open->unit_count, decoded.units, decoded.unit_count))
+        return result_fail(RESULT_MISMATCH, "these are not the units that were to be compared");
+    result_t result = payload_decode(delivery->payload, &decoded);
+    if (result.code == RESULT_OK) batch_digest(&decoded, &delivery->digest);
+    free(decoded.eye);
+    free(decoded.splat);
+    free(decoded.features);
+    return result;
+}
+
+/* Compares a rendering with others; *wanted is false when it does not go into the film. */
+static result_t compare(farm_t *farm, double now, const delivery_t *delivery, bool *wanted)
+{
+    const farm_batch_t *open = delivery->open;
+    TRY(trust_compare(farm, now, open->job, open->worker, open->check, delivery->batch->units,
+                      delivery->batch->unit_count, &delivery->digest, wanted));
+    worker_t *worker = farm_find_worker(farm, open->worker);
+    worker->delivered = now;
+    worker->offered = worker->granted = 0;
+    farm_worker_relieved(farm, worker);
+    farm_cast_out(farm, now);
+    return result_ok();
+}
+
 /* Under the lock, in the shared film: refuses the batch, or counts its units. They are in the film before the
  * shared film is left, so that nobody sees one without the other. */
-static result_t count_units(farm_t *farm, merge_t *merge)
+static result_t count_units(farm_t *farm, double now, delivery_t *delivery)
 {
-    job_t *job = merge->job;
-    const batch_t *batch = merge->batch;
-    const worker_t *worker = farm_find_worker(farm, merge->worker);
+    job_t *job = delivery->open->job;
+    const batch_t *batch = delivery->batch;
+    bool wanted = true;
+    if (delivery->open->check != 0) TRY(compare(farm, now, delivery, &wanted));
+    if (!wanted) return result_ok();
+    const worker_t *worker = farm_find_worker(farm, delivery->open->worker);
     if (!job->taking) return job_over(job);
     if (worker != NULL && !farm_bits_fit(job, &worker->fingerprint)) return other_bits(job);
     if (job->terms.verify > 0 && worker != NULL && !worker->relay)
         TRY(batch_check_size(batch, most_compared(job, worker)));
     TRY(schedule_accept(job->schedule, batch->units, batch->unit_count));
     if (worker != NULL) farm_note_bits(farm, job, worker);
-    merge->weights = unit_weights(job, batch);
+    delivery->weights = unit_weights(job, batch);
+    delivery->keep = trust_keep_begin(farm, job, worker, batch);
+    delivery->counted = true;
     job->merging++;
     return result_ok();
 }
 
 /* In the shared film. */
-static result_t add_batch(farm_t *farm, shared_film_t *shared_film, merge_t *merge)
+static result_t add_batch(farm_t *farm, double now, delivery_t *delivery)
 {
+    const farm_batch_t *open = delivery->open;
     farm_lock(farm);
-    result_t result = count_units(farm, merge);
+    result_t result = count_units(farm, now, delivery);
     farm_unlock(farm);
-    if (result.code != RESULT_OK) return result;
-    result = shared_film_merge_payload(shared_film, merge->payload, merge->batch, merge->weights, 1);
-    if (result.code == RESULT_OK) {
-        if (merge->job->terms.verify > 0)
-            trust_keep(farm, merge->job, merge->worker, merge->batch, merge->payload);
-        return result;
-    }
-    farm_lock(farm);
-    schedule_uncount(merge->job->schedule, merge->batch->units, merge->batch->unit_count);
-    merge->job->merging--;
-    farm_unlock(farm);
-    return result;
+    if (result.code != RESULT_OK || !delivery->counted) return result;
+    TRY(shared_film_merge_payload(open->shared_film, delivery->payload, delivery->batch, delivery->weights,
+                                  1));
+    if (delivery->keep != NULL)
+        trust_keep_write(farm, open->job, delivery->keep, delivery->batch, delivery->payload);
+    return result_ok();
 }
 
-/* Under the lock: a batch is in the film. */
-static void note_batch(farm_t *farm, double now, const merge_t *merge)
+/* The last of three times under the lock, for what follows. A batch is in the film: what that means for the
+ * job. It may have been closed meanwhile, when a grace period ended: the batch still counts. */
+static void note_batch(farm_t *farm, double now, const delivery_t *delivery)
 {
-    job_t *job = merge->job;
-    worker_t *worker = farm_find_worker(farm, merge->worker);
+    job_t *job = delivery->open->job;
+    const batch_t *batch = delivery->batch;
+    worker_t *worker = farm_find_worker(farm, delivery->open->worker);
     film_counts_t counts = shared_film_counts(job->shared_film);
     if (job->counts.dropped == 0 && counts.dropped > 0)
         log_warning("job %llu: contributions that are NaN or infinite are dropped",
@@ -236,108 +287,89 @@ static void note_batch(farm_t *farm, double now, const merge_t *merge)
     job->batches++;
     if (worker != NULL) {
         worker->batches++;
-        farm_worker_delivered(farm, now, worker, job, merge->batch->units, merge->batch->unit_count);
+        farm_worker_delivered(farm, now, worker, job, batch->units, batch->unit_count);
     }
     job_see(job, worker != NULL ? worker->id : 0);
     job->samples_done = schedule_done(job->schedule);
     note_progress(job, now);
-}
-
-/* Under the lock: what that means for the job. It may have been closed meanwhile, when a grace period ended:
- * the batch still counts. */
-static void after_merge(farm_t *farm, double now, const merge_t *merge)
-{
-    job_t *job = merge->job;
     job->merging--;
     if (job->taking && job->counts.overflows > 0)
         farm_job_fail_overflow(farm, now, job);
     else if (job->taking && job->flush_until > 0)
-        farm_job_flushed(farm, now, job, merge->worker);
+        farm_job_flushed(farm, now, job, delivery->open->worker);
 }
 
-void farm_batch_refuse(farm_t *farm, job_t *job, uint64_t id, const unit_t *units, size_t count)
+/* A batch was counted, and is not in the film after all. */
+static void uncount(const delivery_t *delivery)
 {
-    farm_lock(farm);
-    worker_t *worker = farm_find_worker(farm, id);
+    job_t *job = delivery->open->job;
+    schedule_uncount(job->schedule, delivery->batch->units, delivery->batch->unit_count);
+    job->merging--;
+}
+
+/* What the sender holds of a batch that is no good goes back. */
+static void refuse(farm_t *farm, const farm_batch_t *open, const unit_t *units, size_t count)
+{
+    job_t *job = open->job;
+    worker_t *worker = farm_find_worker(farm, open->worker);
     job->batches_refused++;
     if (worker != NULL) {
         worker->batches_refused++;
         worker->offered = worker->granted = 0;
     }
     if (job->schedule != NULL)
-        farm_count_reissued(job, worker, schedule_release_units(job->schedule, id, units, count));
+        farm_count_reissued(job, worker, schedule_release_units(job->schedule, open->worker, units, count));
     farm_notify_idle(farm);
-    farm_unlock(farm);
 }
 
-/* Merges a batch that goes into the film. */
-static result_t merge_batch(farm_t *farm, double now, merge_t *merge)
+static void conclude(farm_t *farm, double now, delivery_t *delivery, const result_t *result)
 {
-    shared_film_t *shared_film = job_film_hold(farm, merge->job);
-    if (shared_film == NULL) return result_fail(RESULT_CANCELLED, "the job is over");
-    shared_film_enter(shared_film);
-    result_t result = add_batch(farm, shared_film, merge);
-    shared_film_leave(shared_film);
-    if (result.code == RESULT_OK) {
-        farm_lock(farm);
-        note_batch(farm, now, merge);
-        after_merge(farm, now, merge);
-        farm_unlock(farm);
-    }
-    free(merge->weights);
-    job_film_let_go(farm, merge->job);
-    return result;
-}
-
-/* A batch that bears a number is a rendering of units that two workers are asked for: it is compared with the
- * other, and only one of them goes into the film. */
-static result_t check_batch(farm_t *farm, double now, const merge_t *merge, uint64_t check, bool *wanted)
-{
-    batch_t decoded = *merge->batch;
-    hash_t digest;
-    decoded.eye = decoded.splat = decoded.features = NULL;
-    decoded.eye_capacity = decoded.feature_capacity = 0;
-    farm_lock(farm); /* before memory is taken for what nobody asked for */
-    result_t result = trust_asked(farm, merge->job, merge->worker, check, decoded.units, decoded.unit_count);
-    farm_unlock(farm);
-    TRY(result);
-    result = payload_decode(merge->payload, &decoded);
-    if (result.code == RESULT_OK) batch_digest(&decoded, &digest);
-    free(decoded.eye);
-    free(decoded.splat);
-    free(decoded.features);
-    if (result.code != RESULT_OK) return result;
-    farm_lock(farm);
-    result = trust_compare(farm, now, merge->job, merge->worker, check, decoded.units, decoded.unit_count,
-                           &digest, wanted);
-    worker_t *worker = farm_find_worker(farm, merge->worker);
-    if (result.code == RESULT_OK && worker != NULL) {
-        worker->delivered = now;
-        worker->offered = worker->granted = 0;
-        farm_worker_relieved(farm, worker);
-    }
+    farm_batch_t *open = delivery->open;
+    bool good = result->code == RESULT_OK;
+    worker_t *worker = farm_find_worker(farm, open->worker);
+    if (delivery->keep != NULL) trust_keep_end(farm, open->job, &delivery->keep, delivery->batch, good);
+    if (good && delivery->counted) note_batch(farm, now, delivery);
+    if (!good && delivery->counted) uncount(delivery);
+    if (!good) refuse(farm, open, delivery->batch->units, delivery->batch->unit_count);
+    if (result->code == RESULT_PROTOCOL && worker != NULL)
+        trust_failed(farm, now, worker, "sends batches that are malformed");
     farm_cast_out(farm, now);
-    farm_unlock(farm);
-    return result;
 }
 
-result_t farm_batch_merge(farm_t *farm, double now, job_t *job, uint64_t worker, uint64_t check,
-                          const batch_t *batch, const zmq_msg_t payload[BATCH_PAYLOADS])
+/* Lets go of what farm_batch_begin took, and of the lock. */
+static void end_batch(farm_t *farm, farm_batch_t *open)
 {
-    merge_t merge = {.job = job, .worker = worker, .batch = batch, .payload = payload};
-    bool wanted = true;
+    farm_job_film_let_go(farm, open->job);
+    farm_job_unpin(farm, open->job);
+    farm_unlock(farm);
+    free(open->units);
+}
+
+result_t farm_batch_commit(farm_t *farm, double now, farm_batch_t *open, const batch_t *batch,
+                           const zmq_msg_t payload[BATCH_PAYLOADS])
+{
+    delivery_t delivery = {.open = open, .batch = batch, .payload = payload};
     result_t result = batch_check_counts(batch);
-    if (result.code == RESULT_OK && check != 0) result = check_batch(farm, now, &merge, check, &wanted);
-    if (result.code == RESULT_OK && wanted) result = merge_batch(farm, now, &merge);
-    if (result.code != RESULT_OK) farm_batch_refuse(farm, job, worker, batch->units, batch->unit_count);
-    farm_lock(farm);
-    worker_t *sender = farm_find_worker(farm, worker);
-    if (result.code == RESULT_PROTOCOL && sender != NULL)
-        trust_failed(farm, now, sender, "sends batches that are malformed");
-    farm_cast_out(farm, now);
-    farm_job_progress(farm, now, job);
-    farm_unlock(farm);
+    if (result.code == RESULT_OK && open->check != 0) result = digest_rendering(&delivery);
+    bool entered = result.code == RESULT_OK;
+    if (entered) {
+        shared_film_enter(open->shared_film);
+        result = add_batch(farm, now, &delivery);
+    }
+    farm_lock(farm); /* in the shared film: what is uncounted was never seen as counted */
+    conclude(farm, now, &delivery, &result);
+    if (entered) shared_film_leave(open->shared_film);
+    farm_job_progress(farm, now, open->job);
+    end_batch(farm, open);
+    free(delivery.weights);
     return result;
+}
+
+void farm_batch_abort(farm_t *farm, farm_batch_t *open, const unit_t *units, size_t count)
+{
+    farm_lock(farm);
+    refuse(farm, open, units, count);
+    end_batch(farm, open);
 }
 
 /* ---- images -------------------------------------------------------------------------------------------- */

@@ -159,21 +159,35 @@ void farm_batch_granted(farm_t *farm, double now, uint64_t worker);
 /* RESULT_INPUT when `content` is not the job_content_hash of the job: it is of another one, which had its
  * number before this master lost its data. Nothing is said of an unknown job or when it is NULL. */
 result_t farm_content_check(farm_t *farm, uint64_t job, const hash_t *content);
-/* Pins the job that a batch is for, to be unpinned; the reason for a failure is for the sender. `bytes` is
- * the size of the message. */
-result_t farm_batch_open(farm_t *farm, double now, uint64_t worker, uint64_t job, uint64_t bytes,
-                         job_t **pinned);
-job_settings_t farm_job_settings(farm_t *farm, const job_t *job);
-uint64_t farm_job_id(const job_t *job);
+/* What is said of a batch that comes. */
+typedef struct {
+    uint64_t worker, job;
+    uint64_t check;        /* the number that it bears, 0: none */
+    const hash_t *content; /* farm_content_check; NULL: not said */
+    uint64_t bytes;        /* of the message */
+} batch_head_t;
+
+/* A batch on its way into the film. */
+typedef struct {
+    job_settings_t settings; /* of the job, to decode the batch with; the rest is the farm's */
+    job_t *job;
+    uint64_t worker, check;
+    shared_film_t *shared_film;
+    result_t asked; /* of one that bears a number: whether it was asked for, */
+    unit_t *units;  /* and which units were */
+    size_t unit_count;
+} farm_batch_t;
+
+/* Pins the job that a batch is for; the reason for a failure is for the sender. After success exactly one of
+ * the next two is called. */
+result_t farm_batch_begin(farm_t *farm, double now, const batch_head_t *head, farm_batch_t *open);
 /* Counts and merges a batch whole, or refuses it whole: then what the sender holds of its units goes back.
- * `batch` has settings, checked units and counts; its sums are in the payloads. `check` is the number that
- * the batch bears, 0: none. Takes as long as a pass over the film; batches of one job may be merged by
- * several threads at once. */
-result_t farm_batch_merge(farm_t *farm, double now, job_t *job, uint64_t worker, uint64_t check,
-                          const batch_t *batch, const zmq_msg_t payload[BATCH_PAYLOADS]);
+ * `batch` has settings, checked units and counts; its sums are in the payloads. Takes as long as a pass over
+ * the film; batches of one job may be merged by several threads at once. */
+result_t farm_batch_commit(farm_t *farm, double now, farm_batch_t *open, const batch_t *batch,
+                           const zmq_msg_t payload[BATCH_PAYLOADS]);
 /* The batch was no good: what the sender holds of its units goes back. */
-void farm_batch_refuse(farm_t *farm, job_t *job, uint64_t worker, const unit_t *units, size_t count);
-void farm_unpin(farm_t *farm, job_t *job);
+void farm_batch_abort(farm_t *farm, farm_batch_t *open, const unit_t *units, size_t count);
 
 /* Does what the comparison of renderings calls for on the disk: takes the sums of those that were wrong out
  * of their films, and deletes what is no longer needed, the folders of unknown jobs too. To be called when
@@ -187,6 +201,9 @@ result_t farm_sync(farm_t *farm);
 
 /* Pins a job, to be unpinned; NULL when there is none of that number. */
 job_t *farm_pin(farm_t *farm, uint64_t job);
+void farm_unpin(farm_t *farm, job_t *job);
+job_settings_t farm_job_settings(farm_t *farm, const job_t *job);
+uint64_t farm_job_id(const job_t *job);
 /* Pins a job that has all its samples and whose image is to be written or, if it failed, whose film is to be
  * freed; NULL when there is none. */
 job_t *farm_next_finished(farm_t *farm);

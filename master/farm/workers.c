@@ -265,12 +265,12 @@ static void reclaim(farm_t *farm, double now, worker_t *worker, job_t *job, cons
 void farm_reclaim(farm_t *farm, double now, uint64_t id, uint64_t job_id, const hash_t *content,
                   const unit_t *units, size_t count)
 {
-    if (count == 0 || farm_content_check(farm, job_id, content).code != RESULT_OK) return;
+    if (count == 0) return;
     farm_lock(farm);
     worker_t *worker = farm_find_worker(farm, id);
     job_t *job = farm_find_job(farm, job_id);
     if (worker != NULL && worker->connected && job != NULL && job->schedule != NULL && job->taking &&
-        farm_bits_fit(job, &worker->fingerprint))
+        farm_bits_fit(job, &worker->fingerprint) && farm_content_fits(job, content))
         reclaim(farm, now, worker, job, units, count);
     farm_unlock(farm);
 }

@@ -133,6 +133,12 @@ bool farm_bits_fit(const job_t *job, const hash_t *fingerprint)
            hash_equal(&job->fingerprint, fingerprint);
 }
 
+bool farm_content_fits(const job_t *job, const hash_t *content)
+{
+    hash_t own = job_content_hash(&job->settings, &job->blob);
+    return content == NULL || hash_equal(content, &own);
+}
+
 uint64_t farm_film_bytes(const job_settings_t *settings)
 {
     uint64_t pixels = (uint64_t)settings->width * (uint64_t)settings->height;
@@ -150,11 +156,23 @@ void farm_job_free_film(farm_t *farm, job_t *job)
     farm_wake(farm->options.checkpoint_wake); /* a film may have waited for memory to be loaded */
 }
 
+shared_film_t *farm_job_film_hold(job_t *job)
+{
+    shared_film_t *shared_film = job->shared_film_condemned ? NULL : job->shared_film;
+    job->shared_film_users += shared_film != NULL;
+    return shared_film;
+}
+
+void farm_job_film_let_go(farm_t *farm, job_t *job)
+{
+    job->shared_film_users--;
+    if (job->shared_film_condemned) farm_job_free_film(farm, job);
+}
+
 shared_film_t *job_film_hold(farm_t *farm, job_t *job)
 {
     farm_lock(farm);
-    shared_film_t *shared_film = job->shared_film_condemned ? NULL : job->shared_film;
-    job->shared_film_users += shared_film != NULL;
+    shared_film_t *shared_film = farm_job_film_hold(job);
     farm_unlock(farm);
     return shared_film;
 }
@@ -162,8 +180,7 @@ shared_film_t *job_film_hold(farm_t *farm, job_t *job)
 void job_film_let_go(farm_t *farm, job_t *job)
 {
     farm_lock(farm);
-    job->shared_film_users--;
-    if (job->shared_film_condemned) farm_job_free_film(farm, job);
+    farm_job_film_let_go(farm, job);
     farm_unlock(farm);
 }
 

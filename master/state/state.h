@@ -183,12 +183,16 @@ bool farm_worker_asks(const farm_t *farm, double now, const worker_t *worker, in
 double farm_unit_samples(const job_t *job, const unit_t *units, size_t count);
 /* True when the bits of a machine fit those that the job is made of. */
 bool farm_bits_fit(const job_t *job, const hash_t *fingerprint);
+/* True when the job_content_hash that somebody knows a job by is that of this one, or NULL. */
+bool farm_content_fits(const job_t *job, const hash_t *content);
 /* What the film of a job takes, and resolving it. */
 uint64_t farm_film_bytes(const job_settings_t *settings);
 /* Frees the film, or has it freed by the last of those who hold it. */
 void farm_job_free_film(farm_t *farm, job_t *job);
-/* The shared film of a pinned job, kept from being freed until it is let go; NULL when it has none. Both are
- * called without the farm's lock, like the next. */
+/* The shared film of a pinned job, kept from being freed until it is let go; NULL when it has none. */
+shared_film_t *farm_job_film_hold(job_t *job);
+void farm_job_film_let_go(farm_t *farm, job_t *job);
+/* The same, called without the farm's lock, like the next. */
 shared_film_t *job_film_hold(farm_t *farm, job_t *job);
 void job_film_let_go(farm_t *farm, job_t *job);
 job_settings_t farm_job_settings(farm_t *farm, const job_t *job);

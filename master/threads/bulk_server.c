@@ -137,20 +137,23 @@ static result_t merge_batch(void *context, const wire_message_t *message)
 {
     farm_t *farm = context;
     const Lm__BatchResult *body = message->envelope->batch_result;
-    job_t *job;
+    hash_t content;
+    farm_batch_t open;
     batch_t batch;
-    TRY(check_content(farm, body->job, &body->content));
-    TRY(farm_batch_open(farm, clock_now(), body->worker, body->job, message->bytes, &job));
-    job_settings_t settings = farm_job_settings(farm, job);
-    batch_init(&batch, &settings);
+    if (body->content.len > 0) TRY(check_hash(&body->content, &content));
+    batch_head_t head = {.worker = body->worker,
+                         .job = body->job,
+                         .check = body->check,
+                         .content = body->content.len > 0 ? &content : NULL,
+                         .bytes = message->bytes};
+    TRY(farm_batch_begin(farm, clock_now(), &head, &open));
+    batch_init(&batch, &open.settings);
     result_t result = wire_batch_get(message, &batch);
     if (result.code == RESULT_OK)
-        result =
-            farm_batch_merge(farm, clock_now(), job, body->worker, body->check, &batch, message->payload);
+        result = farm_batch_commit(farm, clock_now(), &open, &batch, message->payload);
     else
-        farm_batch_refuse(farm, job, body->worker, batch.units, batch.unit_count);
+        farm_batch_abort(farm, &open, batch.units, batch.unit_count);
     batch_free(&batch);
-    farm_unpin(farm, job);
     return result;
 }
 

@@ -366,20 +366,28 @@ static size_t find_check(const job_checks_t *checks, uint64_t number)
     return checks != NULL && i < checks->check_count ? i : SIZE_MAX;
 }
 
-result_t trust_asked(const farm_t *farm, const job_t *job, uint64_t id, uint64_t number, const unit_t *units,
-                     size_t count)
+/* The comparison that this worker was asked for by its number. */
+static result_t find_asked(const job_checks_t *checks, const worker_t *worker, uint64_t number, size_t *at)
 {
-    const worker_t *worker = farm_find_worker(farm, id);
-    size_t at = find_check(job->checks, number);
+    *at = find_check(checks, number);
     if (worker == NULL || worker->outcast)
         return result_fail(RESULT_UNREACHABLE, "this master does not know the worker");
-    if (at == SIZE_MAX)
+    if (*at == SIZE_MAX)
         return result_fail(RESULT_MISMATCH, "these units are not (any more) to be compared with others");
-    const check_t *check = &job->checks->checks[at];
-    if (!units_same(check->units, check->count, units, count))
-        return result_fail(RESULT_MISMATCH, "these are not the units that were to be compared");
-    if (rendered_by(job->checks, check, worker))
+    if (rendered_by(checks, &checks->checks[*at], worker))
         return result_fail(RESULT_MISMATCH, "the worker has rendered these units before");
+    return result_ok();
+}
+
+result_t trust_asked(const farm_t *farm, const job_t *job, uint64_t id, uint64_t number, unit_t **units,
+                     size_t *count)
+{
+    size_t at;
+    TRY(find_asked(job->checks, farm_find_worker(farm, id), number, &at));
+    const check_t *check = &job->checks->checks[at];
+    *units = mem_alloc(check->count * sizeof **units);
+    *count = check->count;
+    memcpy(*units, check->units, check->count * sizeof **units);
     return result_ok();
 }
 
@@ -387,10 +395,12 @@ result_t trust_compare(farm_t *farm, double now, job_t *job, uint64_t id, uint64
                        const unit_t *units, size_t count, const hash_t *digest, bool *merge)
 {
     *merge = false;
-    TRY(trust_asked(farm, job, id, number, units, count));
     const worker_t *worker = farm_find_worker(farm, id);
-    size_t at = find_check(job->checks, number);
+    size_t at;
+    TRY(find_asked(job->checks, worker, number, &at));
     check_t *check = &job->checks->checks[at];
+    if (!units_same(check->units, check->count, units, count))
+        return result_fail(RESULT_MISMATCH, "these are not the units that were to be compared");
     if (check->with == id) check->with = 0;
     *merge = check->rendering_count == 0;
     add_rendering(check,

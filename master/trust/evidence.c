@@ -3,7 +3,7 @@
  *
  * DESIGN. The batches are on the disk, as they came (spool.h), not in memory: a worker is vouched for every
  * 1 / verify batches or so. What is in memory is a line for each. All disk work is done by merging threads,
- * in trust_keep, and by the checkpointer's, in farm_settle, which also takes out what is wrong:
+ * in trust_keep_write, and by the checkpointer's, in trust_settle, which also takes out what is wrong:
  * exact sums can be subtracted.
  *
  * The evidence has to tell the truth about the film after a kill of the master, too: a batch that is taken
@@ -99,22 +99,21 @@ static bool is_chosen(const job_t *job, size_t source)
     return (double)randombytes_random() < job->terms.verify * 0x1p32;
 }
 
-/* What trust_keep finds out first. */
-typedef struct {
+struct trust_keep {
     evidence_t evidence;
     spool_head_t head;
     double joined; /* of the sender, seconds */
     bool begun;    /* it was handed out to be compared */
-} keep_t;
+    result_t written;
+    hash_t digest; /* of one that is compared */
+};
 
-/* False when the batch is not to be kept. Under the lock. */
-static bool prepare(farm_t *farm, job_t *job, uint64_t id, const batch_t *batch, keep_t *keep)
+trust_keep_t *trust_keep_begin(farm_t *farm, job_t *job, const worker_t *worker, const batch_t *batch)
 {
-    const worker_t *worker = farm_find_worker(farm, id);
-    if (worker == NULL || job->schedule == NULL || job->terms.verify <= 0) return false;
-    if (farm->options.spool_dir == NULL) return false;
+    if (worker == NULL || job->terms.verify <= 0 || farm->options.spool_dir == NULL) return NULL;
     job_checks_t *checks = checks_of(job);
-    if (checks->given_up) return false;
+    if (checks->given_up) return NULL;
+    trust_keep_t *keep = mem_zalloc(1, sizeof *keep);
     schedule_account_t account = schedule_account(job->schedule);
     size_t source = checks_source(checks, worker->source, worker->machine, worker->name, worker->key);
     keep->evidence =
@@ -128,13 +127,22 @@ static bool prepare(farm_t *farm, job_t *job, uint64_t id, const batch_t *batch,
                                 .unit_count = batch->unit_count};
     memcpy(keep->head.name, worker->name, sizeof keep->head.name);
     memcpy(keep->head.key, worker->key, sizeof keep->head.key);
-    return true;
+    return keep;
 }
 
-/* The batch is on the disk. Under the lock. */
-static void keep_it(farm_t *farm, job_t *job, const batch_t *batch, keep_t *keep, const hash_t *digest)
+void trust_keep_write(farm_t *farm, const job_t *job, trust_keep_t *keep, const batch_t *batch,
+                      const zmq_msg_t payload[BATCH_PAYLOADS])
 {
-    job_checks_t *checks = checks_of(job);
+    spool_name_t name = evidence_name(&keep->evidence);
+    keep->written = spool_write(farm->options.spool_dir, job->id, &name, &keep->head, payload);
+    if (keep->written.code == RESULT_OK && keep->evidence.checked)
+        keep->written = digest_payloads(batch, payload, &keep->digest);
+}
+
+/* The batch is on the disk. */
+static void keep_it(farm_t *farm, job_t *job, const batch_t *batch, trust_keep_t *keep)
+{
+    job_checks_t *checks = job->checks;
     evidence_t *evidence = &keep->evidence;
     const source_t *source = &checks->sources[evidence->source];
     farm->trust->spooled = true;
@@ -150,31 +158,23 @@ static void keep_it(farm_t *farm, job_t *job, const batch_t *batch, keep_t *keep
         check->evidence = evidence->serial;
         check->clock = evidence->clock;
     } else if (!keep->begun) {
-        checks_want(farm, job, evidence, batch->units, batch->unit_count, &keep->head.fingerprint, digest);
+        checks_want(farm, job, evidence, batch->units, batch->unit_count, &keep->head.fingerprint,
+                    &keep->digest);
     }
 }
 
-void trust_keep(farm_t *farm, job_t *job, uint64_t worker, const batch_t *batch,
-                const zmq_msg_t payload[BATCH_PAYLOADS])
+void trust_keep_end(farm_t *farm, job_t *job, trust_keep_t **pointer, const batch_t *batch, bool merged)
 {
-    keep_t keep = {.begun = false};
-    farm_lock(farm);
-    bool wanted = prepare(farm, job, worker, batch, &keep);
-    farm_unlock(farm);
-    if (!wanted) return;
-    hash_t digest;
-    spool_name_t name = evidence_name(&keep.evidence);
-    result_t result = spool_write(farm->options.spool_dir, job->id, &name, &keep.head, payload);
-    if (result.code == RESULT_OK && keep.evidence.checked) result = digest_payloads(batch, payload, &digest);
-    farm_lock(farm);
-    if (result.code == RESULT_OK) {
-        keep_it(farm, job, batch, &keep, &digest);
-    } else {
-        checks_of(job)->sources[keep.evidence.source].unkept++;
+    trust_keep_t *keep = *pointer;
+    if (merged && keep->written.code == RESULT_OK) {
+        keep_it(farm, job, batch, keep);
+    } else if (merged) {
+        job->checks->sources[keep->evidence.source].unkept++;
         log_error("job %llu: a batch of %s cannot be kept until it is vouched for: %s",
-                  (unsigned long long)job->id, keep.head.name, result.message);
+                  (unsigned long long)job->id, keep->head.name, keep->written.message);
     }
-    farm_unlock(farm);
+    free(keep);
+    *pointer = NULL;
 }
 
 /* ---- verdicts ------------------------------------------------------------------------------------------ */

@@ -63,17 +63,25 @@ void trust_mark(farm_t *farm, double now, job_t *job, const worker_t *worker, wo
 
 /* ---- batches ------------------------------------------------------------------------------------------- */
 
-/* RESULT_MISMATCH when nobody asked this worker for a batch with this number and these units. */
-result_t trust_asked(const farm_t *farm, const job_t *job, uint64_t worker, uint64_t check,
-                     const unit_t *units, size_t count);
+/* RESULT_MISMATCH when nobody asked this worker for a batch with this number; else the units that it is of,
+ * in fresh memory. */
+result_t trust_asked(const farm_t *farm, const job_t *job, uint64_t worker, uint64_t check, unit_t **units,
+                     size_t *count);
 /* Decides over a batch that bears a number: *merge is true when it is the first rendering of its units and
- * goes into the film. The digest is of its decoded sums. Fails as trust_asked does. */
+ * goes into the film. The digest is of its decoded sums. Fails as trust_asked does, or when the units are
+ * others. */
 result_t trust_compare(farm_t *farm, double now, job_t *job, uint64_t worker, uint64_t check,
                        const unit_t *units, size_t count, const hash_t *digest, bool *merge);
-/* Keeps the payloads of a batch that was merged, until its sender is vouched for. Called without the farm's
- * lock, inside the shared film. */
-void trust_keep(farm_t *farm, job_t *job, uint64_t worker, const batch_t *batch,
-                const zmq_msg_t payload[BATCH_PAYLOADS]);
+
+/* A batch that is kept until its sender is vouched for. */
+typedef struct trust_keep trust_keep_t;
+/* The units of a batch were counted just now, inside the shared film; NULL when it is not to be kept. */
+trust_keep_t *trust_keep_begin(farm_t *farm, job_t *job, const worker_t *worker, const batch_t *batch);
+/* It was merged: its payloads are written to the disk. Called without the farm's lock, inside the same. */
+void trust_keep_write(farm_t *farm, const job_t *job, trust_keep_t *keep, const batch_t *batch,
+                      const zmq_msg_t payload[BATCH_PAYLOADS]);
+/* It is on the list from now on, if it was merged. Frees it and sets *keep to NULL. */
+void trust_keep_end(farm_t *farm, job_t *job, trust_keep_t **keep, const batch_t *batch, bool merged);
 /* A batch of this worker was counted. */
 void trust_delivered(farm_t *farm, double now, const worker_t *worker, job_t *job, const unit_t *units,
                      size_t count);

@@ -387,7 +387,6 @@ static void what_nobody_asked_for_is_not_decoded(void **state)
     begin(&trial, 1);
     add_actor(&trial, "a", HONEST);
     step(&trial);
-    job_t *job;
     batch_t batch;
     unit_t unit = {0, 0, 2};
     zmq_msg_t payload[BATCH_PAYLOADS];
@@ -399,11 +398,10 @@ static void what_nobody_asked_for_is_not_decoded(void **state)
         assert_int_equal(zmq_msg_init_size(&payload[i], 100), 0);
         memset(zmq_msg_data(&payload[i]), 0x55, 100); /* which cannot be decoded */
     }
-    uint64_t worker = trial.actors[0].worker;
-    assert_int_equal(farm_batch_open(trial.farm, trial.now, worker, trial.job, 100, &job).code, RESULT_OK);
-    assert_int_equal(farm_batch_merge(trial.farm, trial.now, job, worker, 77, &batch, payload).code,
-                     RESULT_MISMATCH);
-    farm_unpin(trial.farm, job);
+    farm_batch_t open;
+    batch_head_t head = {.worker = trial.actors[0].worker, .job = trial.job, .check = 77, .bytes = 100};
+    assert_int_equal(farm_batch_begin(trial.farm, trial.now, &head, &open).code, RESULT_OK);
+    assert_int_equal(farm_batch_commit(trial.farm, trial.now, &open, &batch, payload).code, RESULT_MISMATCH);
     for (int i = 0; i < BATCH_PAYLOADS; i++) zmq_msg_close(&payload[i]);
     run(&trial);
     check_result(&trial);
