@@ -11,9 +11,12 @@ Q       := $(if $(V),,@)
 BASELINE := -march=x86-64-v3 -ffp-contract=off -fno-math-errno -fno-trapping-math
 WARNINGS := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Wvla
 PACKAGES := libzmq libprotobuf-c libsodium libzstd libpng zlib libturbojpeg OpenEXR jansson sqlite3
-ifneq ($(filter-out help clean deps deps-dev deps-test check check-fast demo asan tsan fuzz chaos valgrind container-check,$(or $(MAKECMDGOALS),all)),)
+ifneq ($(filter-out help clean deps deps-dev deps-test check check-fast demo asan tsan fuzz chaos valgrind container-check sim bench bench-error bench-merge bench-farm bench-codec format lint,$(or $(MAKECMDGOALS),all)),)
 PKG_CFLAGS := $(shell pkg-config --cflags $(PACKAGES) 2>/dev/null)
-PKG_LIBS   := $(shell pkg-config --libs $(filter-out OpenEXR,$(PACKAGES)) 2>/dev/null) -lOpenEXRCore-3_1
+ifneq ($(.SHELLSTATUS),0)
+$(error $(strip $(foreach package,$(PACKAGES),$(if $(shell pkg-config --exists $(package) && echo yes),,$(package)))) is missing: run make deps)
+endif
+PKG_LIBS   := $(shell pkg-config --libs $(filter-out OpenEXR,$(PACKAGES))) -lOpenEXRCore-3_1
 endif
 ALL_CFLAGS = -std=gnu17 -D_GNU_SOURCE $(BASELINE) $(WARNINGS) $(CFLAGS) $(SANITIZE) -I. -I$(BUILD) $(patsubst -I%,-isystem%,$(PKG_CFLAGS)) -pthread
 ALL_LIBS   = $(LDFLAGS) -Wl,--as-needed $(PKG_LIBS) -lembree3 -lm -pthread
@@ -232,19 +235,32 @@ install: $(PROGRAMS)
 uninstall:
 	rm -f $(addprefix $(DESTDIR)$(PREFIX)/bin/,$(notdir $(PROGRAMS)))
 
-OUR_C = $(shell git ls-files '*.c')
+OUR_C  = $(shell git ls-files '*.c')
+OUR_H  = $(shell git ls-files '*.h')
+OUR_SH = .ci/run $(shell git ls-files '*.sh')
 format:
-	clang-format -i $(OUR_C) $(shell git ls-files '*.h')
+	clang-format -i $(OUR_C) $(OUR_H)
 
-lint: $(SCHEMA_C)
-	@if command -v clang-tidy >/dev/null; then \
-	    clang-tidy --quiet --checks='-*,bugprone-*,-bugprone-easily-swappable-parameters,-bugprone-narrowing-conversions,-bugprone-implicit-widening-of-multiplication-result,-bugprone-reserved-identifier,clang-analyzer-*,-clang-analyzer-security.insecureAPI.*' \
-	        $(OUR_C) -- $(ALL_CFLAGS); \
-	else echo "clang-tidy is missing: make deps-dev"; fi
-	@if command -v cppcheck >/dev/null; then \
-	    cppcheck --quiet --std=c11 --enable=warning,performance,portability --inline-suppr --error-exitcode=1 \
-	        --suppress=normalCheckLevelMaxBranches -I. $(OUR_C); \
-	else echo "cppcheck is missing: make deps-dev"; fi
+# A file is looked at again when its object was made again.
+lint:
+	@docker/install-packages.sh build dev
+	clang-format --dry-run -Werror $(OUR_C) $(OUR_H)
+	shellcheck --severity=warning $(OUR_SH)
+	$(SUBMAKE) $(JOBS) lint-files
+	cppcheck --quiet -j$(shell nproc) --std=c11 --enable=warning,performance,portability --inline-suppr \
+	    --suppress=normalCheckLevelMaxBranches --suppress=invalidPointerCast --error-exitcode=1 -I. $(OUR_C)
+lint-files: $(OUR_C:%.c=$(BUILD)/lint/%.ok)
+$(BUILD)/lint/%.ok: %.c $(BUILD)/%.o .clang-tidy
+	@mkdir -p $(@D)
+	@echo "  tidy $<"
+	$(Q)clang-tidy --quiet $< -- $(filter-out -ffp-contract=% -fno-trapping-math,$(ALL_CFLAGS)) 2>$@.log || { cat $@.log; exit 1; }
+	@touch $@
+
+# For editors and tools that ask how a file is compiled.
+compdb: $(SCHEMA_C)
+	@{ echo '['; for file in $(OUR_C); do \
+	    printf '%s{"directory": "$(CURDIR)", "file": "%s", "command": "$(CC) $(ALL_CFLAGS) -c %s"}' "$$comma" $$file $$file; \
+	    comma=','; done; echo ']'; } >compile_commands.json
 
 clean:
 	rm -rf $(BUILD)
@@ -267,8 +283,9 @@ help:
 	@echo "make bench-codec  the codings of payloads that were weighed against one another"
 	@echo "make install    into PREFIX ($(PREFIX)); DESTDIR is honoured; uninstall takes it back"
 	@echo "make deps       the Debian packages of docker/packages.txt; deps-dev: also those for format and lint"
-	@echo "make format     clang-format; make lint: clang-tidy and cppcheck"
+	@echo "make format     clang-format; make lint: is the format right, and do clang-tidy, cppcheck and shellcheck find nothing?"
+	@echo "make compdb     compile_commands.json for editors"
 	@echo "make clean      remove $(BUILD)/"
 
-.PHONY: all check check-fast bench bench-error bench-codec tests fast-tests run-tests asan tsan fuzz demo deps deps-dev container-check install uninstall format lint clean help sim bench-merge bench-farm chaos chaos-programs valgrind deps-test
+.PHONY: all check check-fast bench bench-error bench-codec tests fast-tests run-tests asan tsan fuzz demo deps deps-dev container-check install uninstall format lint lint-files compdb clean help sim bench-merge bench-farm chaos chaos-programs valgrind deps-test
 .SECONDARY:
