@@ -1,10 +1,8 @@
-/* health: a process that says of itself whether it is well, to whoever asks on a Unix socket: container
- * engines, init systems, people.
+/* health: tells on a Unix socket whether the process is well. Container engines, init systems and people may
+ * ask.
  *
- * A connection is answered with one line, "ok TEXT" or "failing TEXT", and closed. The socket lives in a
- * directory of this machine and carries no secrets; who may ask is decided by the file's permissions (the
- * owner alone).
- */
+ * A connection is answered with one line, "ok TEXT" or "failing TEXT", and closed. The socket lies in a
+ * directory of this machine and carries no secrets. The file's permissions let its owner alone ask. */
 #ifndef LIGHTMILL_HEALTH_H
 #define LIGHTMILL_HEALTH_H
 

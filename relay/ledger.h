@@ -1,8 +1,8 @@
-/* ledger: the samples of one job that a relay has been given and not yet delivered.
+/* ledger: the samples of one job that a relay has been given and has not delivered yet.
  *
- * Each of them is free, out with one worker, or summed: in a batch that the master has not answered for. What
- * is delivered, or given back, leaves the ledger. Samples are kept as units, which may be cut, never joined:
- * a unit that the master gave lies within one round, two of them need not.
+ * A sample is free, issued to one worker, or summed: in a batch that the master has not answered for.
+ * Delivered and returned samples leave the ledger. Samples are kept as units. Units may be cut, never joined,
+ * since a unit of the master lies within one round, and two of them need not.
  *
  * A pure data structure: no sockets, no clock, no lock.
  */

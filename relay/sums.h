@@ -1,5 +1,5 @@
-/* sums: many batches of one job added up to one, exactly. Several threads may add at once; who closes the sum
- * has seen to it that none does. */
+/* sums: adds up many batches of one job to one, exactly. Several threads may add at once. The caller closes a
+ * sum only when no thread is adding to it. */
 #ifndef LIGHTMILL_SUMS_H
 #define LIGHTMILL_SUMS_H
 

@@ -1,9 +1,9 @@
-/* checks: the assignments of a job whose units make a batch of their own, so that a master can compare two
- * renderings of them.
+/* checks: units that a master wants rendered twice, to compare the results. Each such assignment makes a
+ * batch of its own.
  *
- * The first one is worked on until its batch was sent; then comes the next. Results are put together in the
- * order of the units, so that whoever renders them makes the same batch. The owner locks.
- */
+ * They are worked on one after the other: the next begins when the batch of the first was sent. Results are
+ * put together in the order of the units, so that every worker makes the same batch. Not thread-safe: the
+ * owner locks. */
 #ifndef LIGHTMILL_CHECKS_H
 #define LIGHTMILL_CHECKS_H
 
@@ -30,12 +30,13 @@ typedef struct {
     size_t count, capacity;
 } checks_t;
 
-/* Adds one; the units are taken over. One too many, of a master that gives without being asked, is let go. */
+/* Adds a check; the units are taken over. Beyond CHECKS_MAX, which only a master reaches that gives without
+ * being asked, it is dropped. */
 void checks_push(checks_t *checks, uint64_t number, unit_t *units, size_t count);
 /* The one to take the next unit of (units[begun]); NULL when there is none. */
 check_t *checks_next(const checks_t *checks);
-/* A unit of it was finished, or (result NULL) given up: then the whole check is dropped. The result's memory
- * is taken over. */
+/* A unit of the check was finished. Its result's memory is taken over; NULL: the unit was given up, and the
+ * whole check is dropped. */
 void checks_finish(checks_t *checks, check_t *check, size_t unit, unit_result_t *result);
 /* The one whose batch is complete and to be sent; NULL when there is none. */
 check_t *checks_complete(const checks_t *checks);
@@ -51,7 +52,7 @@ size_t checks_units(const checks_t *checks);
 uint64_t checks_samples_left(const checks_t *checks, const job_settings_t *settings);
 /* Drops those of which not every unit was begun, or all. */
 void checks_drop(checks_t *checks, bool all);
-/* Frees what was dropped or sent, once nothing of it is in anybody's hands. */
+/* Frees checks that were dropped or sent and of which nothing is rendering or under way. */
 void checks_sweep(checks_t *checks);
 
 #endif

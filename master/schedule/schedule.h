@@ -1,12 +1,11 @@
-/* schedule: which samples of which tile of one job are counted, which are out with a worker, which are to be
- * had.
+/* schedule: which samples of which tile of one job are free, issued to a worker, counted or skipped.
  *
  * A pure data structure: it knows no sockets, no clock and no lock (the farm locks). Workers are known by the
  * number that the farm gave them. The invariants:
  *
  *   - every sample of every tile that a round allows is exactly one of free, issued (to one worker), counted
  *     or skipped;
- *   - a sample that is counted is in the film, once, until schedule_uncount is told that it was taken out.
+ *   - a counted sample is in the film, once, until schedule_uncount says that it was taken out.
  *
  * Units are handed out so that the image converges evenly: always from a tile whose lowest free sample is
  * lowest (by weight, where a round gives tiles different numbers of samples).

@@ -1,6 +1,5 @@
-/* schedule_save: a schedule as a checkpoint keeps it, and back (schedule.h, "accounts and checkpoints"). A
- * state comes from a file that may be damaged or made by somebody: nothing of it is believed before it is
- * checked. */
+/* schedule_save: writes a schedule as a checkpoint keeps it, and reads it back (schedule.h, "accounts and
+ * checkpoints"). The file may be damaged or forged, so everything in it is checked before it is used. */
 #include "master/schedule/schedule_state.h"
 
 #include <stdlib.h>

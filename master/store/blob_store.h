@@ -1,9 +1,9 @@
 /* blob_store: scene blobs on disk under the names of their hashes.
  *
- * DIR/<hash>.blob was whole, checked and flushed: its hash was right and blob_open accepted it.
- * DIR/<hash>.part is on its way; its length is where an interrupted upload goes on, also after a restart.
- * What the store takes on the disk has a limit: where it would be passed, the blobs that no job needs and
- * that were not used for longest go.
+ * DIR/<hash>.blob is whole and flushed: its hash was right and blob_open accepted it.
+ * DIR/<hash>.part is being uploaded; an interrupted upload goes on at its length, also after a restart.
+ * The store has a limit on the disk. Where it would be passed, blobs that no job needs are deleted, the least
+ * recently used first.
  *
  * Thread-safe; but the uploads come from one thread.
  */
@@ -29,15 +29,16 @@ void blob_store_close(blob_store_t **store);
 
 /* True when the blob is there, with its size in bytes. */
 bool blob_store_find(const blob_store_t *store, const hash_t *hash, uint64_t *size);
-/* Reads a blob through, which takes as long as it takes, unless *stop is set. False when it is not there, or
- * was damaged: then it is deleted, so that it can be sent again. One that the disk does not give stays. */
+/* Reads a whole blob and checks it, until *stop is set. That may take long. False when the blob is not there,
+ * or is damaged: then it is deleted, so that it can be sent again. A blob that the disk cannot read stays. */
 bool blob_store_check(blob_store_t *store, const hash_t *hash, const atomic_bool *stop);
 /* The job needs the blob, or no longer does. */
 void blob_store_need(blob_store_t *store, const hash_t *hash, uint64_t job, bool needed);
 /* How many blobs there are, and what they take. */
 size_t blob_store_count(blob_store_t *store, uint64_t *bytes);
 
-/* Who is asked to make room when the disk is full and no blob can go; true when there are so many bytes. */
+/* Sets what is called when the disk is full and no blob can be deleted: it makes room, and returns true when
+ * that many bytes are free. */
 void blob_store_on_full(blob_store_t *store, bool (*make_room)(void *context, uint64_t bytes), void *context);
 
 /* Takes `length` bytes of a blob of `size` bytes at `offset`. *next is the offset from which to go on: size

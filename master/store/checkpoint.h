@@ -1,9 +1,9 @@
-/* checkpoint: the film of a job and exactly the samples that it holds, in one file that appears whole or not
- * at all.
+/* checkpoint: one file with the film of a job and exactly the samples in it. The file appears whole or not at
+ * all.
  *
- * The file knows all of its job (job_record_t), so that it can be rendered on from this file and the scene
- * alone. Every byte of it is under a checksum; what is read is right, or is refused. docs/durability.md gives
- * the layout.
+ * The file holds the job's whole record (job_record_t), so the job can go on from this file and the scene
+ * alone. Checksums cover every byte: what is read is right, or is refused. docs/durability.md gives the
+ * layout.
  */
 #ifndef LIGHTMILL_CHECKPOINT_H
 #define LIGHTMILL_CHECKPOINT_H

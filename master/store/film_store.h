@@ -1,8 +1,8 @@
 /* film_store: the checkpoints of all jobs on the disk.
  *
- * DIR/job-<number>.<generation>.film is a checkpoint (checkpoint.h) that was written whole. One that turned
- * out to be damaged is set aside as ....film.damaged and goes with its job. Other files are not touched, but
- * for the temporaries of checkpoints that were never finished.
+ * DIR/job-<number>.<generation>.film is a checkpoint (checkpoint.h) that was written whole. A damaged one is
+ * renamed to ....film.damaged and is deleted with its job. Temporary files of unfinished checkpoints are
+ * deleted; other files are not touched.
  *
  * Thread-safe.
  */

@@ -1,7 +1,7 @@
 /* journal: the jobs of a master and their history, in an SQLite database that outlives the process.
  *
- * What a call has saved is on the disk when it returns. A damaged database is found when it is opened, and
- * set aside; what can be read of it is taken over.
+ * What a call has saved is on the disk when it returns. A damaged database is noticed when it is opened. It
+ * is renamed, and what is readable in it goes into a new one.
  *
  *     jobs      the record of each job (record.h), and its name and state for people
  *     history   what happened to jobs and to the master, the last JOURNAL_MAX_HISTORY events

@@ -1,9 +1,9 @@
-/* spool: batches on the disk, as they came, until their senders are vouched for (trust/evidence.c).
+/* spool: merged batches on the disk, as they came, until their senders are vouched for (trust/evidence.c).
  *
  * DIR/job-<number>/<clock>-<serial>.<kind> is one batch: who sent it, its units and counts, and its payload
- * frames, with checksums over both. What is known of a batch beyond that is in its name, so that it changes
- * by a rename. Clock and serial are 16 hexadecimal digits each; a batch that was taken out of the film has
- * the clock at which that happened, too: <clock>-<serial>-<out>.out.
+ * frames, with checksums over both. Whatever may change is in the name, so that a change is a rename. Clock
+ * and serial are 16 hexadecimal digits each. A batch that was taken out of the film also has the clock at
+ * which that happened: <clock>-<serial>-<out>.out.
  *
  * Files are trusted no more than peers: whatever is read is checked against the job and the limits of wire.h.
  */

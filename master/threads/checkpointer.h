@@ -1,8 +1,8 @@
 /* checkpointer: the thread that keeps films on the disk. It writes checkpoints while the farm goes on, loads
- * the films of jobs that a restart or an extension brings back, and deletes those that nobody needs. It also
- * looks at scenes that may be damaged.
+ * the films of jobs after a restart or for an extension, and deletes films that nobody needs. It also checks
+ * scenes that may be damaged.
  *
- * Of a job that is not over the two latest checkpoints stay, of one that is over the last.
+ * A job that is not over keeps its two latest checkpoints, a job that is over its last one.
  */
 #ifndef LIGHTMILL_CHECKPOINTER_H
 #define LIGHTMILL_CHECKPOINTER_H

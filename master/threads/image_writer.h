@@ -1,10 +1,10 @@
-/* image_writer: the thread that turns films into OpenEXR files, for finished jobs and for whoever asks
+/* image_writer: the thread that makes OpenEXR files of films, for finished jobs and for clients that ask
  * meanwhile.
  *
- * A finished job's image is DATA/job-<number>.exr and stays. An image asked for is a snapshot, a file under
- * DATA/snapshots that is deleted a while after its last use; at most IMAGE_WRITER_MAX_SNAPSHOTS exist.
- * Resolving and compressing take seconds for a large film, hence a thread of its own: neither heartbeats nor
- * batches wait.
+ * A finished job's image is DATA/job-<number>.exr and stays. A client gets a snapshot: a file in
+ * DATA/snapshots that is deleted a while after its last use. There are at most IMAGE_WRITER_MAX_SNAPSHOTS. To
+ * resolve and compress a large film takes seconds; in a thread of its own it delays neither heartbeats nor
+ * batches.
  *
  * Thread-safe.
  */

@@ -1,6 +1,6 @@
-/* journal_writer: the thread that takes down what clients order, so that it outlives the process. A job that
- * is submitted, or ordered about, is safe on the disk before the client has its answer. It also writes down
- * whatever else changes the record of a job, and sees to it that the files of deleted jobs go.
+/* journal_writer: the thread that writes what clients order to the journal, so that it outlives the process.
+ * A submitted job, and an order, is safe on the disk before the client has its answer. The thread also writes
+ * every other change of a job's record, and deletes the files of deleted jobs.
  *
  * The control server asks with journal_writer_ask and collects the answers with journal_writer_next_answer: a
  * slow disk delays the answers, never a heartbeat.

@@ -1,5 +1,5 @@
-/* bulk: the thread that owns the worker's bulk socket. It fetches scenes and delivers batches, so that
- * neither the control thread nor those who render ever wait for the network or a compressor. */
+/* bulk: the thread that owns the worker's bulk socket. It fetches scenes and delivers batches. So neither the
+ * control thread nor the render threads ever wait for the network or a compressor. */
 #ifndef LIGHTMILL_BULK_H
 #define LIGHTMILL_BULK_H
 

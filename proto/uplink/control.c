@@ -21,7 +21,7 @@
  * A master that was restarted is found within a second: libzmq tries to connect twice a second, the
  * heartbeats that waited meanwhile reach the new process, and its answer is that it does not know the worker.
  *
- * This file says when; what is said and heard is in control_messages.c.
+ * This file decides when to send. control_messages.c builds the messages and acts on the answers.
  */
 #include "proto/uplink/control_state.h"
 

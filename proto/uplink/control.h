@@ -1,5 +1,5 @@
-/* control: the conversation with the master on the control socket: hello, heartbeats, asking for work,
- * leaving. */
+/* control: the conversation with the master on the control socket: say hello, send heartbeats, ask for work,
+ * leave. */
 #ifndef LIGHTMILL_CONTROL_H
 #define LIGHTMILL_CONTROL_H
 

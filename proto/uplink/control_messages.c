@@ -1,4 +1,4 @@
-/* control_messages: what is said to the master on the control socket, and what is made of what it says (see
+/* control_messages: builds the messages to the master on the control socket, and acts on its answers (see
  * control.h and the note in control.c). */
 #include "proto/uplink/control_state.h"
 

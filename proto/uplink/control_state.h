@@ -1,4 +1,4 @@
-/* control_state: what the conversation with the master is made of, for control*.c alone. One thread's. */
+/* control_state: the state of the conversation with the master, for control*.c alone. Not thread-safe. */
 #ifndef LIGHTMILL_CONTROL_STATE_H
 #define LIGHTMILL_CONTROL_STATE_H
 

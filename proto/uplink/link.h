@@ -2,12 +2,12 @@
  *
  * A connection that breaks may have lost what was on its way in either direction, and behind its address may
  * be another process afterwards. So a broken link is opened anew, with a socket that has nothing queued, and
- * its conversation gets another number: what was asked in an earlier one will not be answered.
+ * its conversation gets another number. What was asked in an earlier conversation is never answered.
  *
  * The kernel tells when a connection broke: at once when the other process ended, after some seconds when
  * nothing that was sent is acknowledged any more (wire_socket). A link that is merely slow is not broken.
  *
- * One thread's.
+ * Not thread-safe.
  */
 #ifndef LIGHTMILL_LINK_H
 #define LIGHTMILL_LINK_H

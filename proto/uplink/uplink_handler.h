@@ -1,9 +1,9 @@
-/* handler: those who do the work that a master assigns. The control and the bulk thread, which talk to the
- * master, know them only by these calls: the handler of a worker is its render threads (render_pool.h), that
- * of a relay its workers (relay/pool.h).
+/* uplink_handler: what the uplink knows of the program that it serves. The control and the bulk thread talk
+ * to the master; all that they want from the program goes through the calls below. In a worker the render
+ * pool answers them (worker/render_pool.h), in a relay its pool (relay/pool.h). proto/serve/serve_handler.h
+ * is the counterpart at the other end of the wire.
  *
- * All calls may come from any thread unless they are said to be the bulk thread's, which makes one at a time.
- */
+ * Calls may come from any thread. Those marked as the bulk thread's come from that thread alone. */
 #ifndef LIGHTMILL_UPLINK_HANDLER_H
 #define LIGHTMILL_UPLINK_HANDLER_H
 
