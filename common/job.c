@@ -164,6 +164,15 @@ bool job_unit_valid(const job_settings_t *settings, const unit_t *unit)
            unit->first <= limit - unit->count;
 }
 
+result_t job_check_units(const job_settings_t *settings, const unit_t *units, size_t count)
+{
+    for (size_t i = 0; i < count; i++)
+        if (!job_unit_valid(settings, &units[i]))
+            return result_fail(RESULT_PROTOCOL, "unit (tile %u, samples %u + %u) is not of this job",
+                               units[i].tile, units[i].first, units[i].count);
+    return result_ok();
+}
+
 bool job_has_features(const job_settings_t *settings)
 {
     return settings->features && settings->integrator != INTEGRATOR_LIGHT;

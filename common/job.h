@@ -94,6 +94,8 @@ uint32_t job_sample_limit(const job_settings_t *settings);
 /* True when the unit lies inside the job: a tile that exists, 0 < count, first + count <= job_sample_limit.
  */
 bool job_unit_valid(const job_settings_t *settings, const unit_t *unit);
+/* RESULT_PROTOCOL, which names the first that is not valid. */
+result_t job_check_units(const job_settings_t *settings, const unit_t *units, size_t count);
 /* True when the job makes features: they are wanted, and its integrator traces eye rays. */
 bool job_has_features(const job_settings_t *settings);
 /* The hash of all that a sample depends on: the scene and the settings that change its value (others only say

@@ -13,10 +13,12 @@
 
 #include "common/address.h"
 #include "common/memory_limit.h"
-#include "master/threads/bulk_server.h"
-#include "master/threads/control_server.h"
+#include "master/threads/client_bulk.h"
+#include "master/threads/client_control.h"
+#include "master/threads/farm_service.h"
 #include "master/threads/restart.h"
-#include "proto/serve/grants.h"
+#include "proto/serve/bulk_server.h"
+#include "proto/serve/control_server.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -53,6 +55,9 @@ struct master {
     checkpointer_t *checkpointer;
     journal_writer_t *journal_writer;
     gate_t *gate;
+    farm_service_t service; /* what the servers call, */
+    client_control_t client_control;
+    client_bulk_t client_bulk; /* and what they are asked by clients */
     control_server_t *control;
     bulk_server_t *bulk;
 };
@@ -325,19 +330,22 @@ static result_t start_serving(master_t *master, const master_options_t *options)
                                            .image_wake = master->image_wake,
                                            .answer_wake = master->bulk_wake};
     TRY(image_writer_start(&image_writer, &master->image_writer));
-    bulk_server_options_t bulk = {.farm = master->farm,
+    master->service = (farm_service_t){master->farm, master->store};
+    master->client_bulk = (client_bulk_t){master->store, master->image_writer};
+    master->client_control =
+        (client_control_t){master->farm, master->journal_writer, master->gate, (uint32_t)master->bulk_port};
+    bulk_server_options_t bulk = {.handler = farm_service_handler(&master->service),
+                                  .more = client_bulk_table(&master->client_bulk),
                                   .gate = master->gate,
-                                  .store = master->store,
-                                  .image_writer = master->image_writer,
                                   .socket = master->bulk_socket,
                                   .wake = master->bulk_wake,
-                                  .batch_memory = options->batch_memory > 0 ? options->batch_memory
-                                                                            : grants_usual_credit(),
+                                  .batch_memory = options->batch_memory,
                                   .merge_threads = options->merge_threads};
     TRY(bulk_server_start(&bulk, &master->bulk));
     master->bulk_socket = NULL;
-    control_server_options_t control = {.farm = master->farm,
-                                        .journal_writer = master->journal_writer,
+    control_server_options_t control = {.handler = farm_service_handler(&master->service),
+                                        .program = "master",
+                                        .more = client_control_table(&master->client_control),
                                         .gate = master->gate,
                                         .socket = master->control_socket,
                                         .wake = master->control_wake,

@@ -15,8 +15,8 @@
  * Units pass through as they are. So that a sum has few of them, larger ones are asked for than the workers
  * would: UNIT_FACTOR.
  *
- * This file has the pool itself, its notices and its clock; pool_workers.c the workers and their batches,
- * pool_handler.c what the master says and gets. */
+ * This file has the pool itself and its clock; pool_workers.c the workers and their batches,
+ * pool_uplink.c what the master says and gets. */
 #include "relay/pool_state.h"
 
 #include <stdio.h>
@@ -151,21 +151,6 @@ void pool_notify_over(pool_t *pool, const relay_job_t *job, bool flush)
     }
 }
 
-bool pool_next_notice(pool_t *pool, notice_t *notice)
-{
-    bool found = false;
-    pool_lock(pool);
-    while (!found && pool->notice_count > 0) {
-        pool_notice_t pending = pool->notices[0];
-        memmove(pool->notices, pool->notices + 1, --pool->notice_count * sizeof *pool->notices);
-        const member_t *member = pool_find_member(pool, pending.worker);
-        found = member != NULL;
-        if (found) *notice = (notice_t){member->identity, pending.job, pending.flush};
-    }
-    pool_unlock(pool);
-    return found;
-}
-
 /* ---- jobs ---------------------------------------------------------------------------------------------- */
 
 bool pool_job_empty(const relay_job_t *job)
@@ -292,8 +277,9 @@ static void give_up_silent(pool_t *pool, double now)
     }
 }
 
-void pool_tick(pool_t *pool, double now)
+void pool_tick(void *self, double now)
 {
+    pool_t *pool = self;
     pool_lock(pool);
     /* If this process was stopped, or the machine asleep, the silence was ours. */
     double gap = pool->last_tick > 0 ? now - pool->last_tick : 0;
@@ -310,36 +296,4 @@ void pool_tick(pool_t *pool, double now)
     }
     pool_sweep(pool);
     pool_unlock(pool);
-}
-
-/* ---- scenes -------------------------------------------------------------------------------------------- */
-
-static relay_job_t *job_with_blob(pool_t *pool, const hash_t *hash)
-{
-    for (size_t i = 0; i < pool->job_count; i++)
-        if (pool->jobs[i]->loaded && hash_equal(&pool->jobs[i]->blob_hash, hash)) return pool->jobs[i];
-    return NULL;
-}
-
-result_t pool_blob_size(pool_t *pool, const hash_t *hash, uint64_t *size)
-{
-    pool_lock(pool);
-    const relay_job_t *job = job_with_blob(pool, hash);
-    if (job != NULL) *size = job->blob.size;
-    pool_unlock(pool);
-    return job != NULL ? result_ok() : result_fail(RESULT_INPUT, "this relay does not have the blob now");
-}
-
-result_t pool_blob_read(pool_t *pool, const hash_t *hash, uint64_t offset, void *bytes, size_t length)
-{
-    pool_lock(pool);
-    relay_job_t *job = job_with_blob(pool, hash);
-    if (job != NULL) job->users++;
-    pool_unlock(pool);
-    if (job == NULL) return result_fail(RESULT_INPUT, "this relay does not have the blob now");
-    memcpy(bytes, (const uint8_t *)job->blob.bytes + offset, length);
-    pool_lock(pool);
-    job->users--;
-    pool_unlock(pool);
-    return result_ok();
 }

@@ -109,6 +109,9 @@ void pool_wake(int event);
 
 /* ---- pool.c ---- */
 
+/* Time passes: leases and flushes end. Not under the lock. */
+void pool_tick(void *pool, double now);
+
 /* NULL when there is none. */
 relay_job_t *pool_find_job(pool_t *pool, uint64_t id);
 member_t *pool_find_member(pool_t *pool, uint64_t id);

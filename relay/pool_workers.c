@@ -48,9 +48,10 @@ static result_t check_group(pool_t *pool, const hash_t *fingerprint)
         here, there);
 }
 
-result_t pool_hello(pool_t *pool, double now, const identity_t *identity, const worker_hello_t *hello,
-                    uint64_t *worker)
+static result_t hello_from(void *self, double now, const identity_t *identity, const worker_hello_t *hello,
+                           uint64_t *worker)
 {
+    pool_t *pool = self;
     pool_lock(pool);
     result_t result = check_group(pool, &hello->fingerprint);
     if (result.code == RESULT_OK && pool->member_count == SERVE_MAX_WORKERS)
@@ -80,16 +81,16 @@ static void flushed(pool_t *pool, relay_job_t *job, uint64_t worker)
     pool_wake(pool->options.bulk_wake);
 }
 
-bool pool_heartbeat(pool_t *pool, double now, const identity_t *identity, uint64_t worker, uint64_t job,
-                    uint32_t units_held, uint32_t threads)
+static bool heartbeat(void *self, double now, const identity_t *identity, const heartbeat_t *beat)
 {
+    pool_t *pool = self;
     pool_lock(pool);
-    member_t *member = hear(pool, now, identity, worker);
+    member_t *member = hear(pool, now, identity, beat->worker);
     if (member != NULL) {
-        member->job = job;
-        if (threads > 0) member->threads = limit_threads(threads);
-        for (size_t i = 0; units_held == 0 && i < pool->job_count; i++)
-            if (pool->jobs[i]->flush) flushed(pool, pool->jobs[i], worker);
+        member->job = beat->job;
+        if (beat->threads > 0) member->threads = limit_threads(beat->threads);
+        for (size_t i = 0; beat->units_held == 0 && i < pool->job_count; i++)
+            if (pool->jobs[i]->flush) flushed(pool, pool->jobs[i], beat->worker);
     }
     pool_unlock(pool);
     return member != NULL;
@@ -108,8 +109,9 @@ static void decline(pool_t *pool, relay_job_t *job, const char *worker, const ch
     pool_wake(pool->options.control_wake);
 }
 
-void pool_goodbye(pool_t *pool, double now, uint64_t worker, uint64_t id, const char *reason)
+static void goodbye(void *self, double now, uint64_t worker, uint64_t id, const char *reason)
 {
+    pool_t *pool = self;
     pool_lock(pool);
     member_t *member = pool_find_member(pool, worker);
     if (member != NULL) {
@@ -127,23 +129,21 @@ void pool_goodbye(pool_t *pool, double now, uint64_t worker, uint64_t id, const 
 
 /* ---- giving -------------------------------------------------------------------------------------------- */
 
-bool pool_job_settings(pool_t *pool, uint64_t id, job_settings_t *settings)
+static bool is_of(const relay_job_t *job, const claim_t *claim)
 {
-    pool_lock(pool);
-    const relay_job_t *job = pool_find_job(pool, id);
-    if (job != NULL) *settings = job->settings;
-    pool_unlock(pool);
-    return job != NULL;
+    return job != NULL && !job->over && claim->content != NULL && hash_equal(&job->content, claim->content);
 }
 
-void pool_claim(pool_t *pool, uint64_t worker, uint64_t id, const hash_t *content, const unit_t *units,
-                size_t count)
+static void claim_units(void *self, double now, const claim_t *claim)
 {
+    pool_t *pool = self;
+    (void)now;
     pool_lock(pool);
-    relay_job_t *job = pool_find_job(pool, id);
-    if (job != NULL && !job->over && hash_equal(&job->content, content) &&
-        pool_find_member(pool, worker) != NULL)
-        for (size_t i = 0; i < count; i++) ledger_lend_unit(&job->ledger, worker, &units[i]);
+    relay_job_t *job = pool_find_job(pool, claim->job);
+    if (is_of(job, claim) && pool_find_member(pool, claim->worker) != NULL &&
+        job_check_units(&job->settings, claim->units, claim->unit_count).code == RESULT_OK)
+        for (size_t i = 0; i < claim->unit_count; i++)
+            ledger_lend_unit(&job->ledger, claim->worker, &claim->units[i]);
     pool_unlock(pool);
 }
 
@@ -226,9 +226,11 @@ static result_t unknown_worker(void)
     return result_fail(RESULT_UNREACHABLE, "this relay does not know the worker: say hello again");
 }
 
-result_t pool_take(pool_t *pool, double now, const identity_t *identity, uint64_t worker, uint64_t loaded_job,
-                   uint64_t samples, uint64_t unit_samples, work_t *work)
+static result_t take(void *self, double now, const identity_t *identity, const work_request_t *request,
+                     work_t *work)
 {
+    pool_t *pool = self;
+    uint64_t worker = request->worker;
     pool_lock(pool);
     member_t *member = hear(pool, now, identity, worker);
     if (member == NULL) {
@@ -236,34 +238,49 @@ result_t pool_take(pool_t *pool, double now, const identity_t *identity, uint64_
         return unknown_worker();
     }
     work->unit_count = 0;
-    member->unit_samples = unit_samples;
+    member->unit_samples = request->unit_samples;
     if (units_of(pool, worker) == 0) {
         member->delivered = now;
         member->granted = 0;
     }
-    if (!pool->draining && samples > 0) {
-        take_from_jobs(pool, worker, loaded_job, samples, work);
+    if (!pool->draining && request->samples > 0) {
+        take_from_jobs(pool, worker, request->job, request->samples, work);
         if (work->unit_count == 0 && recall_stalled(pool, now))
-            take_from_jobs(pool, worker, loaded_job, samples, work);
+            take_from_jobs(pool, worker, request->job, request->samples, work);
     }
     if (work->unit_count == 0) work->job = 0;
     member->idle = work->unit_count == 0;
-    member->job = work->unit_count > 0 ? work->job : loaded_job;
+    member->job = work->unit_count > 0 ? work->job : request->job;
     pool_wake(pool->options.control_wake); /* more may be wanted from above */
     pool_unlock(pool);
     return result_ok();
 }
 
+static bool next_notice(void *self, notice_t *notice)
+{
+    pool_t *pool = self;
+    bool found = false;
+    pool_lock(pool);
+    while (!found && pool->notice_count > 0) {
+        pool_notice_t pending = pool->notices[0];
+        memmove(pool->notices, pool->notices + 1, --pool->notice_count * sizeof *pool->notices);
+        const member_t *member = pool_find_member(pool, pending.worker);
+        found = member != NULL;
+        if (found) *notice = (notice_t){member->identity, pending.job, pending.flush};
+    }
+    pool_unlock(pool);
+    return found;
+}
+
 /* ---- batches ------------------------------------------------------------------------------------------- */
 
-/* Whether a batch of this job is wanted at all. */
-static result_t check_wanted(pool_t *pool, uint64_t id, const ProtobufCBinaryData *content)
+/* Whether a batch of this job is wanted at all; `content` NULL: it is not said, or was looked at before. */
+static result_t check_wanted(pool_t *pool, uint64_t id, const hash_t *content)
 {
     const relay_job_t *job = pool_find_job(pool, id);
-    hash_t said;
     if (job == NULL)
         return result_fail(RESULT_INPUT, "this relay has no job %llu now", (unsigned long long)id);
-    if (content->len > 0 && (!wire_hash_get(content, &said) || !hash_equal(&said, &job->content)))
+    if (content != NULL && !hash_equal(content, &job->content))
         return result_fail(RESULT_INPUT, "job %llu is another one than the batch was rendered for",
                            (unsigned long long)id);
     if (job->over && !job->flush)
@@ -271,24 +288,31 @@ static result_t check_wanted(pool_t *pool, uint64_t id, const ProtobufCBinaryDat
     return result_ok();
 }
 
-result_t pool_batch_wanted(pool_t *pool, double now, uint64_t worker, uint64_t id,
-                           const ProtobufCBinaryData *content)
+static result_t wanted(void *self, double now, const batch_offer_t *offer)
 {
+    pool_t *pool = self;
     pool_lock(pool);
     result_t result = unknown_worker();
-    member_t *member = pool_find_member(pool, worker);
+    member_t *member = pool_find_member(pool, offer->worker);
     if (member != NULL) {
-        result = check_wanted(pool, id, content);
+        result = check_wanted(pool, offer->job, offer->named ? &offer->content : NULL);
         if (member->granted <= 0) member->delivered = now; /* as good as: it is we who make it wait */
     }
-    if (result.code == RESULT_OK && pool_job_bytes(pool_find_job(pool, id)) >= pool_bytes_limit(pool))
+    if (result.code == RESULT_OK && pool_job_bytes(pool_find_job(pool, offer->job)) >= pool_bytes_limit(pool))
         result = result_fail(RESULT_LIMIT, "the relay waits for its master");
     pool_unlock(pool);
     return result;
 }
 
-void pool_batch_granted(pool_t *pool, double now, uint64_t worker)
+static result_t offered(void *self, double now, const batch_offer_t *offer)
 {
+    result_t result = wanted(self, now, offer);
+    return result.code == RESULT_LIMIT ? result_ok() : result; /* it can wait */
+}
+
+static void granted(void *self, double now, uint64_t worker)
+{
+    pool_t *pool = self;
     pool_lock(pool);
     member_t *member = pool_find_member(pool, worker);
     if (member != NULL && member->granted <= 0) member->granted = now;
@@ -344,12 +368,13 @@ static result_t keep_errand(relay_job_t *job, uint64_t number, batch_t *batch)
 
 /* Decides over a batch that was read: with *add it is to be added. A worker that is not (or no more) of this
  * relay may make other bits than those that are. Lock held. */
-static result_t accept(pool_t *pool, relay_job_t *job, const Lm__BatchResult *body, batch_t *batch, bool *add)
+static result_t accept(pool_t *pool, relay_job_t *job, const incoming_batch_t *incoming, batch_t *batch,
+                       bool *add)
 {
     *add = false;
-    if (pool_find_member(pool, body->worker) == NULL) return unknown_worker();
+    if (pool_find_member(pool, incoming->worker) == NULL) return unknown_worker();
     if (job->gone || (job->over && !job->flush)) return result_fail(RESULT_CANCELLED, "the job is over");
-    if (body->check != 0) return keep_errand(job, body->check, batch);
+    if (incoming->check != 0) return keep_errand(job, incoming->check, batch);
     TRY(ledger_accept(&job->ledger, batch->units, batch->unit_count));
     *add = true;
     return result_ok();
@@ -367,42 +392,104 @@ static void after_batch(pool_t *pool, double now, relay_job_t *job, uint64_t wor
     pool_wake(pool->options.bulk_wake);
 }
 
-result_t pool_batch_add(pool_t *pool, double now, const wire_message_t *message)
+/* The job that a batch is for, which is used from here on; NULL when it is not wanted, for the reason in
+ * *why. */
+static relay_job_t *hold_job(pool_t *pool, const incoming_batch_t *incoming, job_settings_t *settings,
+                             result_t *why)
 {
-    const Lm__BatchResult *body = message->envelope->batch_result;
     pool_lock(pool);
-    result_t result = unknown_worker();
-    if (pool_find_member(pool, body->worker) != NULL) result = check_wanted(pool, body->job, &body->content);
-    relay_job_t *job = result.code == RESULT_OK ? pool_find_job(pool, body->job) : NULL;
-    job_settings_t settings = {0};
+    *why = unknown_worker();
+    if (pool_find_member(pool, incoming->worker) != NULL)
+        *why = check_wanted(pool, incoming->job, incoming->content);
+    relay_job_t *job = why->code == RESULT_OK ? pool_find_job(pool, incoming->job) : NULL;
     if (job != NULL) {
-        settings = job->settings;
+        *settings = job->settings;
         job->users++;
     }
     pool_unlock(pool);
-    if (job == NULL) return result;
+    return job;
+}
 
+static result_t add(void *self, double now, const incoming_batch_t *incoming)
+{
+    pool_t *pool = self;
+    job_settings_t settings;
     addend_t addend;
-    bool add = false;
-    result = sum_read(message, &settings, pool_bytes_limit(pool), &addend);
-    if (result.code == RESULT_OK && body->check != 0)
-        result = payload_decode(message->payload, &addend.batch);
+    bool adds = false;
+    result_t result;
+    relay_job_t *job = hold_job(pool, incoming, &settings, &result);
+    if (job == NULL) return result;
+    result = sum_read(incoming->batch, incoming->payload, &settings, pool_bytes_limit(pool), &addend);
+    if (result.code == RESULT_OK && incoming->check != 0)
+        result = payload_decode(incoming->payload, &addend.batch);
     pool_lock(pool);
-    if (result.code == RESULT_OK) result = accept(pool, job, body, &addend.batch, &add);
-    job->merging += add;
+    if (result.code == RESULT_OK) result = accept(pool, job, incoming, &addend.batch, &adds);
+    job->merging += adds;
     pool_unlock(pool);
-    if (add) add_to_parcel(pool, now, job, &addend);
+    if (adds) add_to_parcel(pool, now, job, &addend);
     pool_lock(pool);
-    job->merging -= add;
-    member_t *member = pool_find_member(pool, body->worker);
+    job->merging -= adds;
+    member_t *member = pool_find_member(pool, incoming->worker);
     if (member != NULL) member->granted = 0;
     if (result.code == RESULT_OK)
-        after_batch(pool, now, job, body->worker);
+        after_batch(pool, now, job, incoming->worker);
     else
-        ledger_return_units(&job->ledger, body->worker, addend.batch.units, addend.batch.unit_count);
+        ledger_return_units(&job->ledger, incoming->worker, addend.batch.units, addend.batch.unit_count);
     job->users--;
     pool_notify_idle(pool);
     pool_unlock(pool);
     batch_free(&addend.batch);
     return result;
+}
+
+/* ---- scenes -------------------------------------------------------------------------------------------- */
+
+static relay_job_t *job_with_blob(pool_t *pool, const hash_t *hash)
+{
+    for (size_t i = 0; i < pool->job_count; i++)
+        if (pool->jobs[i]->loaded && hash_equal(&pool->jobs[i]->blob_hash, hash)) return pool->jobs[i];
+    return NULL;
+}
+
+static result_t blob_size(void *self, const hash_t *hash, uint64_t *size)
+{
+    pool_t *pool = self;
+    pool_lock(pool);
+    const relay_job_t *job = job_with_blob(pool, hash);
+    if (job != NULL) *size = job->blob.size;
+    pool_unlock(pool);
+    return job != NULL ? result_ok() : result_fail(RESULT_INPUT, "this relay does not have the blob now");
+}
+
+static result_t blob_read(void *self, const hash_t *hash, uint64_t offset, void *bytes, size_t length)
+{
+    pool_t *pool = self;
+    pool_lock(pool);
+    relay_job_t *job = job_with_blob(pool, hash);
+    if (job != NULL) job->users++;
+    pool_unlock(pool);
+    if (job == NULL) return result_fail(RESULT_INPUT, "this relay does not have the blob now");
+    memcpy(bytes, (const uint8_t *)job->blob.bytes + offset, length);
+    pool_lock(pool);
+    job->users--;
+    pool_unlock(pool);
+    return result_ok();
+}
+
+serve_handler_t pool_serve(pool_t *pool)
+{
+    static const serve_calls_t calls = {.hello = hello_from,
+                                        .heartbeat = heartbeat,
+                                        .goodbye = goodbye,
+                                        .claim = claim_units,
+                                        .take = take,
+                                        .next_notice = next_notice,
+                                        .tick = pool_tick,
+                                        .offered = offered,
+                                        .wanted = wanted,
+                                        .granted = granted,
+                                        .add = add,
+                                        .blob_size = blob_size,
+                                        .blob_read = blob_read};
+    return (serve_handler_t){&calls, pool};
 }

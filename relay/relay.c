@@ -1,17 +1,16 @@
 /* relay: see relay.h.
  *
  * DESIGN. Upward it is a worker: the same two threads (proto/uplink/control.c, proto/uplink/bulk.c), with
- * another handler. Downward it is a master: two sockets with a desk each (control_desk.c, bulk_desk.c), and
- * threads that add batches. Between them is the pool (pool.c), which is passive. This file only puts them
- * together and takes them apart in the right order. */
+ * another handler. Downward it is a master: the same two servers (proto/serve/control_server.c,
+ * proto/serve/bulk_server.c), with another handler. Between them is the pool (pool.c), which is passive. This
+ * file only puts them together and takes them apart in the right order. */
 #include "relay/relay.h"
 
 #include "common/address.h"
 #include "common/memory_limit.h"
-#include "proto/serve/grants.h"
+#include "proto/serve/bulk_server.h"
+#include "proto/serve/control_server.h"
 #include "proto/uplink/control.h"
-#include "relay/bulk_desk.h"
-#include "relay/control_desk.h"
 #include "relay/pool.h"
 
 #include <errno.h>
@@ -31,11 +30,12 @@ typedef struct {
     void *context;
     int wakes[WAKES]; /* eventfds */
     gate_t *gate;
-    void *control_socket, *bulk_socket; /* until a desk's thread owns them */
+    void *control_socket, *bulk_socket; /* until a server's thread owns them */
     int control_port, bulk_port;
     pool_t *pool;
-    control_desk_t *control_desk;
-    bulk_desk_t *bulk_desk;
+    char *elsewhere; /* what clients are told */
+    control_server_t *control_server;
+    bulk_server_t *bulk_server;
     bulk_t *bulk;
     char *cache_dir;
 } relay_t;
@@ -145,28 +145,30 @@ static result_t make_wakes(relay_t *relay)
     return result_ok();
 }
 
-static result_t start_desks(relay_t *relay)
+static result_t start_servers(relay_t *relay)
 {
     const relay_options_t *options = relay->options;
-    bulk_desk_options_t bulk = {.pool = relay->pool,
-                                .socket = relay->bulk_socket,
-                                .gate = relay->gate,
-                                .wake = relay->wakes[WAKE_GRANTS],
-                                .credit =
-                                    options->batch_memory > 0 ? options->batch_memory : grants_usual_credit(),
-                                .threads = options->threads};
-    TRY(bulk_desk_start(&bulk, &relay->bulk_desk));
+    bulk_server_options_t bulk = {.handler = pool_serve(relay->pool),
+                                  .socket = relay->bulk_socket,
+                                  .gate = relay->gate,
+                                  .wake = relay->wakes[WAKE_GRANTS],
+                                  .batch_memory = options->batch_memory,
+                                  .merge_threads = options->threads};
+    TRY(bulk_server_start(&bulk, &relay->bulk_server));
     relay->bulk_socket = NULL;
-    control_desk_options_t control = {.pool = relay->pool,
-                                      .socket = relay->control_socket,
-                                      .gate = relay->gate,
-                                      .wake = relay->wakes[WAKE_NOTICES],
-                                      .bulk_port = (uint32_t)relay->bulk_port,
-                                      .heartbeat = options->heartbeat,
-                                      .lease = options->lease,
-                                      .batch_interval = options->batch_interval,
-                                      .master = options->master_endpoint};
-    TRY(control_desk_start(&control, &relay->control_desk));
+    relay->elsewhere = mem_printf("this is a relay, which only workers can use; the master is at %s",
+                                  options->master_endpoint);
+    control_server_options_t control = {.handler = pool_serve(relay->pool),
+                                        .program = "relay",
+                                        .elsewhere = relay->elsewhere,
+                                        .socket = relay->control_socket,
+                                        .gate = relay->gate,
+                                        .wake = relay->wakes[WAKE_NOTICES],
+                                        .bulk_port = (uint32_t)relay->bulk_port,
+                                        .heartbeat = options->heartbeat,
+                                        .lease = options->lease,
+                                        .batch_interval = options->batch_interval};
+    TRY(control_server_start(&control, &relay->control_server));
     relay->control_socket = NULL;
     return result_ok();
 }
@@ -190,7 +192,7 @@ static result_t start(relay_t *relay)
                            .grant_wake = relay->wakes[WAKE_GRANTS]};
     relay->pool = pool_new(&pool);
     bulk_options_t bulk = {.context = relay->context,
-                           .handler = pool_handler(relay->pool),
+                           .handler = pool_uplink(relay->pool),
                            .wake = relay->wakes[WAKE_BULK],
                            .cache_dir = relay->cache_dir,
                            .cache_limit = options->cache_limit,
@@ -198,14 +200,14 @@ static result_t start(relay_t *relay)
                            .patience = options->patience};
     TRY(bulk_start(&bulk, &relay->bulk));
     TRY(open_sockets(relay));
-    return start_desks(relay);
+    return start_servers(relay);
 }
 
 /* Takes apart whatever was put together. */
 static void dismantle(relay_t *relay)
 {
-    control_desk_stop(&relay->control_desk);
-    bulk_desk_stop(&relay->bulk_desk);
+    control_server_stop(&relay->control_server);
+    bulk_server_stop(&relay->bulk_server);
     bulk_stop(&relay->bulk);
     pool_destroy(&relay->pool);
     if (relay->control_socket != NULL) zmq_close(relay->control_socket);
@@ -215,13 +217,14 @@ static void dismantle(relay_t *relay)
     for (int i = 0; i < WAKES; i++)
         if (relay->wakes[i] >= 0) close(relay->wakes[i]);
     free(relay->cache_dir);
+    free(relay->elsewhere);
 }
 
 static result_t serve(relay_t *relay, const atomic_int *stop)
 {
     const relay_options_t *options = relay->options;
     control_setup_t setup = {.context = relay->context,
-                             .handler = pool_handler(relay->pool),
+                             .handler = pool_uplink(relay->pool),
                              .bulk = relay->bulk,
                              .wake = relay->wakes[WAKE_CONTROL],
                              .control_endpoint = options->master_endpoint,

@@ -75,12 +75,12 @@ static result_t check_features(const batch_t *batch)
 }
 
 /* Decodes tiles and features, and checks them; looks at the splats. */
-static result_t read_payloads(const wire_message_t *message, addend_t *addend)
+static result_t read_payloads(const zmq_msg_t payload[BATCH_PAYLOADS], addend_t *addend)
 {
     zmq_msg_t others[BATCH_PAYLOADS];
     for (int i = 0; i < BATCH_PAYLOADS; i++) {
         zmq_msg_init(&others[i]);
-        if (i != 1) zmq_msg_copy(&others[i], (zmq_msg_t *)&message->payload[i]);
+        if (i != 1) zmq_msg_copy(&others[i], (zmq_msg_t *)&payload[i]);
     }
     result_t result = payload_decode(others, &addend->batch);
     for (int i = 0; i < BATCH_PAYLOADS; i++) zmq_msg_close(&others[i]);
@@ -88,21 +88,24 @@ static result_t read_payloads(const wire_message_t *message, addend_t *addend)
     TRY(check_features(&addend->batch));
     payload_reader_t *reader = payload_reader_new();
     if (reader == NULL) return result_fail(RESULT_LIMIT, "no memory for a decoder");
-    addend->splat = &message->payload[1];
+    addend->splat = &payload[1];
     result = check_splats(reader, addend->splat, &addend->batch.settings);
     payload_reader_free(&reader);
     return result;
 }
 
-result_t sum_read(const wire_message_t *message, const job_settings_t *settings, uint64_t limit,
-                  addend_t *addend)
+result_t sum_read(batch_t *batch, const zmq_msg_t payload[BATCH_PAYLOADS], const job_settings_t *settings,
+                  uint64_t limit, addend_t *addend)
 {
-    *addend = (addend_t){0};
-    batch_init(&addend->batch, settings);
-    TRY(wire_batch_get(message, &addend->batch));
+    *addend = (addend_t){.batch = *batch};
+    *batch = (batch_t){0};
+    addend->batch.settings = *settings;
+    result_t result = job_check_units(settings, addend->batch.units, addend->batch.unit_count);
+    if (result.code != RESULT_OK) addend->batch.unit_count = 0; /* nobody holds what is not of the job */
+    TRY(result);
     TRY(batch_check_counts(&addend->batch));
     TRY(batch_check_size(&addend->batch, limit)); /* they are unfolded in memory */
-    return read_payloads(message, addend);
+    return read_payloads(payload, addend);
 }
 
 /* ---- adding -------------------------------------------------------------------------------------------- */

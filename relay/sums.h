@@ -16,11 +16,11 @@ typedef struct {
 sum_t *sum_new(const job_settings_t *settings);
 void sum_free(sum_t **sum);
 
-/* Reads what a BatchResult brings, for a batch that was initialised with the job's settings, and checks all
- * of it; tiles and features may take `limit` bytes. The addend points into the message. To be freed with
- * batch_free(&addend->batch), also after a failure. */
-result_t sum_read(const wire_message_t *message, const job_settings_t *settings, uint64_t limit,
-                  addend_t *addend);
+/* Takes over a batch that has come, with units and counts and nothing else, reads its sums from the payloads,
+ * and checks all of it against the job; tiles and features may take `limit` bytes. The addend points into the
+ * payloads. To be freed with batch_free(&addend->batch), also after a failure. */
+result_t sum_read(batch_t *batch, const zmq_msg_t payload[BATCH_PAYLOADS], const job_settings_t *settings,
+                  uint64_t limit, addend_t *addend);
 /* Adds it, and returns the bytes that the sum then takes. An addition that would overflow is left out and
  * counted, so that the job fails for it as it would have without a relay. */
 size_t sum_add(sum_t *sum, const addend_t *addend);

@@ -99,10 +99,7 @@ result_t report_jobs(farm_t *farm, double now, const Lm__JobStatusRequest *reque
     body.jobs = mem_alloc((count + 1) * sizeof(Lm__JobStatus *));
     body.bulk_port = bulk_port;
     fill_jobs(reports, count, request->job != 0 ? 0 : request->from, statuses, &body);
-    Lm__Envelope answer = LM__ENVELOPE__INIT;
-    answer.body_case = LM__ENVELOPE__BODY_JOB_STATUS_REPLY;
-    answer.job_status_reply = &body;
-    send(context, &answer);
+    send(context, LM__ENVELOPE__BODY_JOB_STATUS_REPLY, &body);
     free(body.jobs);
     free(statuses);
     free(reports);
@@ -148,10 +145,7 @@ void report_workers(farm_t *farm, gate_t *gate, double now, const Lm__WorkerList
         else
             body.workers[body.n_workers++] = &statuses[i];
     }
-    Lm__Envelope answer = LM__ENVELOPE__INIT;
-    answer.body_case = LM__ENVELOPE__BODY_WORKER_LIST;
-    answer.worker_list = &body;
-    send(context, &answer);
+    send(context, LM__ENVELOPE__BODY_WORKER_LIST, &body);
     free(body.workers);
     free(statuses);
     free(reports);

@@ -6,8 +6,8 @@
 #include "master/farm/farm.h"
 #include "proto/serve/gate.h"
 
-/* Sends an answer, which lives for the call only. */
-typedef void (*report_send_fn)(void *context, Lm__Envelope *answer);
+/* Sends an answer: the Lm__ struct of `kind`, which lives for the call only. */
+typedef void (*report_send_fn)(void *context, Lm__Envelope__BodyCase kind, void *body);
 
 /* RESULT_INPUT, and nothing is sent, when there is no such job. */
 result_t report_jobs(farm_t *farm, double now, const Lm__JobStatusRequest *request, uint32_t bulk_port,

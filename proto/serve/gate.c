@@ -426,9 +426,8 @@ void gate_stop(gate_t **out)
 
 /* ---- messages ------------------------------------------------------------------------------------------ */
 
-result_t gate_check(gate_t *gate, wire_message_t *message)
+result_t gate_check(gate_t *gate, wire_message_t *message, unsigned needed)
 {
-    unsigned needed = wire_rights_needed(message->envelope->body_case);
     if (gate != NULL && gate->keys) message->rights = rights_of(gate, message->key, NULL);
     if (message->rights == 0)
         return result_fail(RESULT_DENIED, "the key %s is not on the master's list", message->key);

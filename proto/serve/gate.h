@@ -45,9 +45,10 @@ void gate_stop(gate_t **gate);
 /* Reads the list again, soon. From any thread. */
 void gate_reload(gate_t *gate);
 
-/* Says what the sender may do now, in message->rights, and whether that covers the message: else
- * RESULT_DENIED with the reason. From any thread. `gate` NULL: everybody may do everything. */
-result_t gate_check(gate_t *gate, wire_message_t *message);
+/* Says what the sender may do now, in message->rights, and whether that covers what the message needs (0:
+ * nothing but a key on the list): else RESULT_DENIED with the reason. From any thread. `gate` NULL: everybody
+ * may do everything. */
+result_t gate_check(gate_t *gate, wire_message_t *message, unsigned needed);
 /* The name that the list has for a key; "" when it has none. From any thread. */
 void gate_key_name(gate_t *gate, const char *key, char name[KEY_MAX_NAME + 1]);
 

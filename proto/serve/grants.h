@@ -20,15 +20,6 @@
 
 typedef struct grants grants_t;
 
-/* A batch that somebody would like to send. */
-typedef struct {
-    identity_t identity;
-    uint64_t request; /* to be repeated in the answer */
-    uint64_t worker, job;
-    bool named;     /* it was said, rightly, what the job is: the sender was given units of it */
-    uint64_t bytes; /* about what it will take */
-} batch_offer_t;
-
 typedef struct {
     size_t waiting, granted; /* offers; grants whose batch has not come */
     uint64_t used, most;     /* bytes: promised or here; the most there have been */

@@ -77,8 +77,6 @@ enum {
 enum { WIRE_KEY_TEXT = KEY_TEXT }; /* characters of a public key in Z85 */
 enum { WIRE_MAX_ADDRESS = 63 };
 
-/* What a message of this kind asks of its sender; 0 for kinds that no peer sends to a master. */
-unsigned wire_rights_needed(Lm__Envelope__BodyCase kind);
 /* "may work", "may submit and control jobs", ...: completes a sentence that begins with a key. */
 const char *wire_rights_name(unsigned rights);
 /* The user id with which a master admits a connection, and wire_receive finds key and rights on its messages.
@@ -152,8 +150,8 @@ Lm__Unit **wire_units_new(const unit_t *units, size_t count);
 /* Fills units[count], at most WIRE_MAX_UNITS, and checks each against the job, unless `settings` is NULL. */
 result_t wire_units_get(Lm__Unit *const *messages, size_t count, const job_settings_t *settings,
                         unit_t *units);
-/* The units and counts of a BatchResult, checked, into a batch that was initialised with its job's settings;
- * its sums are in the payloads. */
+/* The units and counts of a BatchResult into a zeroed batch, to be freed also after a failure. They are not
+ * checked against the job, and its settings are to be filled in; its sums are in the payloads. */
 result_t wire_batch_get(const wire_message_t *message, batch_t *batch);
 /* False when the bytes field is not exactly HASH_BYTES long. */
 bool wire_hash_get(const ProtobufCBinaryData *bytes, hash_t *hash);

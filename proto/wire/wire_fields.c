@@ -25,29 +25,6 @@ bool job_state_final(uint32_t state)
 
 /* ---- rights -------------------------------------------------------------------------------------------- */
 
-unsigned wire_rights_needed(Lm__Envelope__BodyCase kind)
-{
-    switch (kind) {
-    case LM__ENVELOPE__BODY_HELLO:
-    case LM__ENVELOPE__BODY_WORK_REQUEST:
-    case LM__ENVELOPE__BODY_HEARTBEAT:
-    case LM__ENVELOPE__BODY_GOODBYE:
-    case LM__ENVELOPE__BODY_BATCH_OFFER:
-    case LM__ENVELOPE__BODY_BATCH_RESULT:
-    case LM__ENVELOPE__BODY_BLOB_GET:
-        return RIGHT_WORK;
-    case LM__ENVELOPE__BODY_JOB_SUBMIT:
-    case LM__ENVELOPE__BODY_JOB_STATUS_REQUEST:
-    case LM__ENVELOPE__BODY_JOB_ORDER:
-    case LM__ENVELOPE__BODY_WORKER_LIST_REQUEST:
-    case LM__ENVELOPE__BODY_BLOB_PUT:
-    case LM__ENVELOPE__BODY_IMAGE_GET:
-        return RIGHT_CLIENT;
-    default:
-        return 0;
-    }
-}
-
 const char *wire_rights_name(unsigned rights)
 {
     switch (rights & RIGHTS_ALL) {
@@ -209,30 +186,22 @@ result_t wire_units_get(Lm__Unit *const *messages, size_t count, const job_setti
 {
     if (count > WIRE_MAX_UNITS)
         return result_fail(RESULT_PROTOCOL, "%zu units, the limit is %d", count, WIRE_MAX_UNITS);
-    for (size_t i = 0; i < count; i++) {
+    for (size_t i = 0; i < count; i++)
         units[i] = (unit_t){messages[i]->tile, messages[i]->first, messages[i]->count};
-        if (settings != NULL && !job_unit_valid(settings, &units[i]))
-            return result_fail(RESULT_PROTOCOL, "unit (tile %u, samples %u + %u) is not of this job",
-                               units[i].tile, units[i].first, units[i].count);
-    }
-    return result_ok();
+    return settings != NULL ? job_check_units(settings, units, count) : result_ok();
 }
 
 result_t wire_batch_get(const wire_message_t *message, batch_t *batch)
 {
     const Lm__BatchResult *body = message->envelope->batch_result;
     if (message->payload_count != BATCH_PAYLOADS)
-        return result_fail(RESULT_PROTOCOL, "a batch has %d payloads, not %d", BATCH_PAYLOADS,
-                           message->payload_count);
+        return result_fail(RESULT_PROTOCOL, "a batch has %d payloads, not %d", message->payload_count,
+                           BATCH_PAYLOADS);
     if (body->n_units == 0) return result_fail(RESULT_PROTOCOL, "a batch without units");
-    if (body->n_units > batch->unit_capacity) {
-        batch->units = mem_realloc(batch->units, body->n_units * sizeof *batch->units);
-        batch->unit_capacity = body->n_units;
-    }
-    TRY(wire_units_get(body->units, body->n_units, &batch->settings, batch->units));
-    batch->unit_count = body->n_units;
+    batch->unit_count = batch->unit_capacity = body->n_units;
+    batch->units = mem_alloc(body->n_units * sizeof *batch->units);
     wire_counts_get(body->counts, &batch->counts);
-    return result_ok();
+    return wire_units_get(body->units, body->n_units, NULL, batch->units);
 }
 
 bool wire_hash_get(const ProtobufCBinaryData *bytes, hash_t *hash)

@@ -1,7 +1,8 @@
-/* Tests of master/threads/bulk_server.c with real sockets: what it does with batches while nothing can be
- * merged, because somebody reads the film. */
+/* Tests of proto/serve/bulk_server.c on a farm with real sockets: what it does with batches while nothing can
+ * be merged, because somebody reads the film. */
 #include "master/state/state.h"
-#include "master/threads/bulk_server.h"
+#include "master/threads/farm_service.h"
+#include "proto/serve/bulk_server.h"
 #include "tests/peer.h"
 #include "tests/scratch.h"
 
@@ -31,7 +32,7 @@ typedef struct {
     int wake;
     farm_t *farm;
     blob_store_t *store;
-    image_writer_t *image_writer;
+    farm_service_t service;
     bulk_server_t *server;
     job_settings_t settings;
     uint64_t job;
@@ -65,13 +66,8 @@ static int set_up(void **state)
     char *blobs = scratch_path(t->folder, "blobs");
     must(blob_store_open(&(blob_store_options_t){.directory = blobs, .limit = 1 << 20}, &t->store));
     free(blobs);
-    must(image_writer_start(
-        &(image_writer_options_t){
-            .farm = t->farm, .data_dir = t->folder, .image_wake = t->wake, .answer_wake = t->wake},
-        &t->image_writer));
-    bulk_server_options_t bulk = {.farm = t->farm,
-                                  .store = t->store,
-                                  .image_writer = t->image_writer,
+    t->service = (farm_service_t){t->farm, t->store};
+    bulk_server_options_t bulk = {.handler = farm_service_handler(&t->service),
                                   .wake = t->wake,
                                   .batch_memory = 1, /* so two of the largest batches */
                                   .merge_threads = 2};
@@ -95,7 +91,6 @@ static int tear_down(void **state)
     }
     bulk_server_stop(&t->server);
     assert_null(t->server);
-    image_writer_stop(&t->image_writer);
     close(t->farm->options.checkpoint_wake);
     farm_destroy(&t->farm);
     blob_store_close(&t->store);

@@ -363,11 +363,15 @@ typedef struct {
     size_t count, messages;
 } pages_t;
 
-static void take_page(void *context, Lm__Envelope *answer)
+static void take_page(void *context, Lm__Envelope__BodyCase kind, void *body)
 {
     pages_t *pages = context;
-    assert_true(lm__envelope__get_packed_size(answer) < WIRE_MAX_HEADER);
-    const Lm__JobStatusReply *reply = answer->job_status_reply;
+    Lm__JobStatusReply *reply = body;
+    Lm__Envelope answer = LM__ENVELOPE__INIT;
+    assert_int_equal(kind, LM__ENVELOPE__BODY_JOB_STATUS_REPLY);
+    answer.body_case = kind;
+    answer.job_status_reply = reply;
+    assert_true(lm__envelope__get_packed_size(&answer) < WIRE_MAX_HEADER);
     for (size_t i = 0; i < reply->n_jobs; i++) assert_int_equal(reply->jobs[i]->job, ++pages->count);
     pages->next = reply->next;
     pages->messages++;

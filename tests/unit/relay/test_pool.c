@@ -21,7 +21,8 @@ static const uint64_t MUCH = 1 << 30; /* pixel samples: more than there are */
 
 typedef struct {
     pool_t *pool;
-    uplink_handler_t handler;
+    uplink_handler_t handler; /* what the master's side calls, */
+    serve_handler_t serve;    /* and the workers' */
     job_settings_t settings;
     hash_t blob;
     uint64_t ada, bob; /* workers */
@@ -34,7 +35,7 @@ static uint64_t hello(test_t *t, const char *name)
     identity_t identity = {{1}, 1};
     worker_hello_t said = {.name = name, .key = "", .threads = 1};
     uint64_t worker = 0;
-    assert_int_equal(pool_hello(t->pool, 0, &identity, &said, &worker).code, RESULT_OK);
+    assert_int_equal(t->serve.calls->hello(t->pool, 0, &identity, &said, &worker).code, RESULT_OK);
     return worker;
 }
 
@@ -51,7 +52,8 @@ static int set_up(void **state)
                               .notice_wake = -1,
                               .grant_wake = -1};
     t->pool = pool_new(&options);
-    t->handler = pool_handler(t->pool);
+    t->handler = pool_uplink(t->pool);
+    t->serve = pool_serve(t->pool);
     t->settings = job_settings_default();
     t->settings.width = t->settings.height = 64;
     t->blob = hash_bytes("blob", 4);
@@ -117,29 +119,24 @@ static void begin(test_t *t, const unit_t *units, size_t count)
 static size_t take(test_t *t, double now, uint64_t worker, uint64_t samples)
 {
     identity_t identity = {{1}, 1};
+    work_request_t request = {.worker = worker, .samples = samples, .unit_samples = 1};
     work_t work = {.units = t->units};
-    assert_int_equal(pool_take(t->pool, now, &identity, worker, 0, samples, 1, &work).code, RESULT_OK);
+    assert_int_equal(t->serve.calls->take(t->pool, now, &identity, &request, &work).code, RESULT_OK);
     return work.job != 0 ? work.unit_count : 0;
 }
 
 static result_t deliver(test_t *t, uint64_t worker, const batch_t *batch)
 {
-    Lm__BatchResult body = LM__BATCH_RESULT__INIT;
-    Lm__Counts counts = LM__COUNTS__INIT;
-    Lm__Envelope envelope = LM__ENVELOPE__INIT;
-    wire_message_t message = {.envelope = &envelope, .payload_count = BATCH_PAYLOADS};
-    assert_int_equal(payload_encode(batch, true, message.payload).code, RESULT_OK);
-    wire_counts_put(&batch->counts, &counts);
-    body.worker = worker;
-    body.job = JOB;
-    body.units = wire_units_new(batch->units, batch->unit_count);
-    body.n_units = batch->unit_count;
-    body.counts = &counts;
-    envelope.body_case = LM__ENVELOPE__BODY_BATCH_RESULT;
-    envelope.batch_result = &body;
-    result_t result = pool_batch_add(t->pool, 0, &message);
-    for (int i = 0; i < BATCH_PAYLOADS; i++) zmq_msg_close(&message.payload[i]);
-    free(body.units);
+    zmq_msg_t payload[BATCH_PAYLOADS];
+    batch_t bare = {
+        .unit_count = batch->unit_count, .unit_capacity = batch->unit_count, .counts = batch->counts};
+    assert_int_equal(payload_encode(batch, true, payload).code, RESULT_OK);
+    bare.units = mem_alloc(batch->unit_count * sizeof *bare.units);
+    memcpy(bare.units, batch->units, batch->unit_count * sizeof *bare.units);
+    incoming_batch_t incoming = {.worker = worker, .job = JOB, .batch = &bare, .payload = payload};
+    result_t result = t->serve.calls->add(t->pool, 0, &incoming);
+    for (int i = 0; i < BATCH_PAYLOADS; i++) zmq_msg_close(&payload[i]);
+    batch_free(&bare);
     return result;
 }
 
@@ -190,25 +187,25 @@ static void a_scene_goes_to_the_job_that_it_is_of(void **state)
     t->blob = hash_bytes("another", 7);
     assign(t, &unit, 1);
     assert_int_equal(load(t, &old).code, RESULT_CANCELLED);
-    assert_int_equal(pool_blob_size(t->pool, &t->blob, &size).code, RESULT_INPUT);
+    assert_int_equal(t->serve.calls->blob_size(t->pool, &t->blob, &size).code, RESULT_INPUT);
     duty = duty_of(t);
     assert_int_equal(duty.kind, DUTY_LOAD);
     assert_true(hash_equal(&duty.assignment.blob, &t->blob));
     assert_int_equal(load(t, &t->blob).code, RESULT_OK);
-    assert_int_equal(pool_blob_size(t->pool, &t->blob, &size).code, RESULT_OK);
+    assert_int_equal(t->serve.calls->blob_size(t->pool, &t->blob, &size).code, RESULT_OK);
 }
 
 /* A worker that waits for a grant loses nothing; one that does not even offer does. */
 static void who_is_made_to_wait_keeps_its_units(void **state)
 {
-    static const ProtobufCBinaryData any = {0, NULL};
     test_t *t = *state;
     const unit_t unit = {0, 0, 4};
+    const batch_offer_t offer = {.worker = t->ada, .job = JOB};
     double now = 0;
     begin(t, &unit, 1);
     assert_int_equal(take(t, now, t->ada, MUCH), 1);
     for (; now < 20 * INTERVAL; now += INTERVAL) {
-        assert_int_equal(pool_batch_wanted(t->pool, now, t->ada, JOB, &any).code, RESULT_OK);
+        assert_int_equal(t->serve.calls->wanted(t->pool, now, &offer).code, RESULT_OK);
         assert_int_equal(take(t, now, t->bob, MUCH), 0);
     }
     assert_int_equal(take(t, now + 10 * INTERVAL, t->bob, MUCH), 1);

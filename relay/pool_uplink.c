@@ -1,4 +1,4 @@
-/* pool_handler: what the master above says, and what it gets (see proto/uplink/uplink_handler.h and the note
+/* pool_uplink: what the master above says, and what it gets (see proto/uplink/uplink_handler.h and the note
  * in pool.c). */
 #include "relay/pool_state.h"
 
@@ -450,7 +450,7 @@ static void sent(void *self, const closed_batch_t *closed, bool counted)
     pool_wake(pool->options.grant_wake);
 }
 
-uplink_handler_t pool_handler(pool_t *pool)
+uplink_handler_t pool_uplink(pool_t *pool)
 {
     static const uplink_calls_t calls = {.assign = assign,
                                          .no_more = no_more,

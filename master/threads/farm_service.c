@@ -1,0 +1,125 @@
+/* farm_service: see farm_service.h. */
+#include "master/threads/farm_service.h"
+
+static farm_t *farm_of(void *self)
+{
+    return ((farm_service_t *)self)->farm;
+}
+
+/* ---- control ------------------------------------------------------------------------------------------- */
+
+static result_t hello(void *self, double now, const identity_t *identity, const worker_hello_t *said,
+                      uint64_t *worker)
+{
+    return farm_hello(farm_of(self), now, identity, said, worker);
+}
+
+static bool heartbeat(void *self, double now, const identity_t *identity, const heartbeat_t *beat)
+{
+    bool known = farm_heartbeat(farm_of(self), now, identity, beat->worker, beat->job, beat->units_held);
+    if (known && beat->threads > 0) farm_worker_threads(farm_of(self), beat->worker, beat->threads);
+    return known;
+}
+
+static void goodbye(void *self, double now, uint64_t worker, uint64_t job, const char *reason)
+{
+    farm_goodbye(farm_of(self), now, worker, job, reason);
+}
+
+static void claim_units(void *self, double now, const claim_t *claim)
+{
+    farm_reclaim(farm_of(self), now, claim->worker, claim->job, claim->content, claim->units,
+                 claim->unit_count);
+}
+
+static result_t take(void *self, double now, const identity_t *identity, const work_request_t *request,
+                     work_t *work)
+{
+    return farm_take(farm_of(self), now, identity, request->worker, request->job, request->samples,
+                     request->unit_samples, work);
+}
+
+static bool next_notice(void *self, notice_t *notice)
+{
+    return farm_next_notice(farm_of(self), notice);
+}
+
+static void tick(void *self, double now)
+{
+    farm_tick(farm_of(self), now);
+}
+
+/* ---- batches ------------------------------------------------------------------------------------------- */
+
+static result_t offered(void *self, double now, const batch_offer_t *offer)
+{
+    (void)now;
+    return farm_content_check(farm_of(self), offer->job, offer->named ? &offer->content : NULL);
+}
+
+static result_t wanted(void *self, double now, const batch_offer_t *offer)
+{
+    return farm_batch_wanted(farm_of(self), now, offer->worker, offer->job, offer->named);
+}
+
+static void granted(void *self, double now, uint64_t worker)
+{
+    farm_batch_granted(farm_of(self), now, worker);
+}
+
+static result_t add(void *self, double now, const incoming_batch_t *incoming)
+{
+    farm_t *farm = farm_of(self);
+    batch_t *batch = incoming->batch;
+    batch_head_t head = {.worker = incoming->worker,
+                         .job = incoming->job,
+                         .check = incoming->check,
+                         .content = incoming->content,
+                         .bytes = incoming->bytes};
+    farm_batch_t open;
+    result_t result = farm_batch_begin(farm, now, &head, &open);
+    if (result.code == RESULT_OK) {
+        batch->settings = open.settings;
+        result = job_check_units(&batch->settings, batch->units, batch->unit_count);
+        if (result.code == RESULT_OK)
+            result = farm_batch_commit(farm, now, &open, batch, incoming->payload);
+        else
+            farm_batch_abort(farm, &open, NULL, 0); /* nobody holds what is not of the job */
+    }
+    /* Who was let send it and is not known any more has lost its units: that is decided. */
+    if (result.code == RESULT_UNREACHABLE) result.code = RESULT_CANCELLED;
+    return result;
+}
+
+/* ---- scenes -------------------------------------------------------------------------------------------- */
+
+static result_t blob_size(void *self, const hash_t *hash, uint64_t *size)
+{
+    if (blob_store_find(((farm_service_t *)self)->store, hash, size)) return result_ok();
+    return result_fail(RESULT_INPUT, "this master does not have the blob");
+}
+
+static result_t blob_read(void *self, const hash_t *hash, uint64_t offset, void *bytes, size_t length)
+{
+    size_t read = length;
+    TRY(blob_store_get(((farm_service_t *)self)->store, hash, offset, bytes, &read));
+    return read == length ? result_ok() : result_fail(RESULT_IO, "the blob's file is shorter than it was");
+}
+
+serve_handler_t farm_service_handler(farm_service_t *service)
+{
+    static const serve_calls_t calls = {.hello = hello,
+                                        .heartbeat = heartbeat,
+                                        .goodbye = goodbye,
+                                        .claim = claim_units,
+                                        .take = take,
+                                        .next_notice = next_notice,
+                                        .tick = tick,
+                                        .offered = offered,
+                                        .wanted = wanted,
+                                        .granted = granted,
+                                        .add = add,
+                                        .blob_size = blob_size,
+                                        .blob_read = blob_read};
+    return (serve_handler_t){&calls, service};
+}

@@ -1,0 +1,212 @@
+/* control_server: see control_server.h. Translates messages into calls of the handler, and back. */
+#include "proto/serve/control_server.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+
+enum {
+    TICK_MS = 100,
+    MESSAGES_A_TURN = 256, /* before notices and the clock get their turn */
+    RETRY_MS = 2000,       /* after which an idle worker asks again, if no JobReady comes */
+    FLOOD_TICK_MS = 1000   /* between looks at the leases while messages never end */
+};
+
+struct control_server {
+    control_server_options_t options;
+    peer_server_t *thread;
+    char software[64];
+    unit_t *units; /* room for one assignment */
+    double last_tick;
+};
+
+static uint32_t milliseconds(double seconds)
+{
+    return (uint32_t)(1000 * seconds + 0.5);
+}
+
+/* ---- coming and going ---------------------------------------------------------------------------------- */
+
+static result_t admit(control_server_t *control, const wire_message_t *message, uint64_t *worker)
+{
+    const Lm__Hello *hello = message->envelope->hello;
+    const serve_handler_t *handler = &control->options.handler;
+    identity_t identity = peer_identity(message);
+    worker_hello_t said = {
+        .name = hello->name, .key = message->key, .threads = hello->threads, .relay = hello->relay};
+    if (hello->protocol_version != WIRE_VERSION)
+        return result_fail(RESULT_PROTOCOL,
+                           "the worker speaks protocol %u, this %s (" LIGHTMILL_VERSION
+                           ") speaks %d: both need the same version of Lightmill",
+                           hello->protocol_version, control->options.program, WIRE_VERSION);
+    wire_hash_get(&hello->fingerprint, &said.fingerprint);
+    return handler->calls->hello(handler->self, clock_now(), &identity, &said, worker);
+}
+
+static void on_hello(void *self, peer_server_t *server, const wire_message_t *message)
+{
+    control_server_t *control = self;
+    const control_server_options_t *options = &control->options;
+    Lm__Welcome welcome = LM__WELCOME__INIT;
+    result_t result = admit(control, message, &welcome.worker);
+    if (result.code != RESULT_OK) {
+        if (result.code != RESULT_CANCELLED)
+            peer_complain(server, "worker %s is refused: %s", message->envelope->hello->name, result.message);
+        peer_refuse(server, message, result);
+        return;
+    }
+    char *capabilities[] = {"raw", "planes"};
+    welcome.protocol_version = WIRE_VERSION;
+    welcome.software = control->software;
+    welcome.heartbeat_ms = milliseconds(options->heartbeat);
+    welcome.lease_ms = milliseconds(options->lease);
+    welcome.batch_ms = milliseconds(options->batch_interval);
+    welcome.bulk_port = options->bulk_port;
+    welcome.n_capabilities = ARRAY_LENGTH(capabilities);
+    welcome.capabilities = capabilities;
+    peer_reply(server, message, LM__ENVELOPE__BODY_WELCOME, &welcome, NULL);
+}
+
+static void on_heartbeat(void *self, peer_server_t *server, const wire_message_t *message)
+{
+    const serve_handler_t *handler = &((control_server_t *)self)->options.handler;
+    const Lm__Heartbeat *body = message->envelope->heartbeat;
+    Lm__HeartbeatReply answer = LM__HEARTBEAT_REPLY__INIT;
+    identity_t identity = peer_identity(message);
+    heartbeat_t beat = {body->worker, body->job, body->units_held, body->threads};
+    answer.known = handler->calls->heartbeat(handler->self, clock_now(), &identity, &beat);
+    peer_reply(server, message, LM__ENVELOPE__BODY_HEARTBEAT_REPLY, &answer, NULL);
+}
+
+static void on_goodbye(void *self, peer_server_t *server, const wire_message_t *message)
+{
+    const serve_handler_t *handler = &((control_server_t *)self)->options.handler;
+    const Lm__Goodbye *body = message->envelope->goodbye;
+    Lm__Done done = LM__DONE__INIT;
+    handler->calls->goodbye(handler->self, clock_now(), body->worker, body->job, body->reason);
+    peer_reply(server, message, LM__ENVELOPE__BODY_DONE, &done, NULL);
+}
+
+/* ---- work ---------------------------------------------------------------------------------------------- */
+
+/* What a worker says that it has of a job. */
+static void take_claim(control_server_t *control, const Lm__WorkRequest *request)
+{
+    const serve_handler_t *handler = &control->options.handler;
+    hash_t content;
+    bool named = request->content.len > 0;
+    if (request->n_kept == 0 || (named && !wire_hash_get(&request->content, &content))) return;
+    if (wire_units_get(request->kept, request->n_kept, NULL, control->units).code != RESULT_OK) return;
+    claim_t claim = {.worker = request->worker,
+                     .job = request->job,
+                     .content = named ? &content : NULL,
+                     .units = control->units,
+                     .unit_count = request->n_kept};
+    handler->calls->claim(handler->self, clock_now(), &claim);
+}
+
+static void send_assignment(peer_server_t *server, const wire_message_t *message, const work_t *work)
+{
+    Lm__Settings settings = LM__SETTINGS__INIT;
+    Lm__Assignment assignment = LM__ASSIGNMENT__INIT;
+    wire_settings_put(&work->settings, &settings);
+    assignment.job = work->job;
+    assignment.settings = &settings;
+    assignment.blob = wire_hash_put(&work->blob);
+    assignment.blob_size = work->blob_size;
+    assignment.check = work->check;
+    assignment.n_units = work->unit_count;
+    assignment.units = wire_units_new(work->units, work->unit_count);
+    peer_reply(server, message, LM__ENVELOPE__BODY_ASSIGNMENT, &assignment, NULL);
+    free(assignment.units);
+}
+
+static void on_work_request(void *self, peer_server_t *server, const wire_message_t *message)
+{
+    control_server_t *control = self;
+    const serve_handler_t *handler = &control->options.handler;
+    const Lm__WorkRequest *body = message->envelope->work_request;
+    Lm__NoWork none = LM__NO_WORK__INIT;
+    identity_t identity = peer_identity(message);
+    work_request_t request = {body->worker, body->job, body->samples, body->unit_samples};
+    work_t work = {.units = control->units};
+    take_claim(control, body);
+    result_t result = handler->calls->take(handler->self, clock_now(), &identity, &request, &work);
+    none.retry_ms = RETRY_MS;
+    if (result.code != RESULT_OK)
+        peer_refuse(server, message, result);
+    else if (work.job != 0)
+        send_assignment(server, message, &work);
+    else
+        peer_reply(server, message, LM__ENVELOPE__BODY_NO_WORK, &none, NULL);
+}
+
+/* ---- the thread ---------------------------------------------------------------------------------------- */
+
+/* A new kind of message takes four places: its schema (proto/wire/lightmill.proto), its line in PROTOCOL.md,
+ * its function and its row here; in bulk_server.c; or, when a master alone is asked, in
+ * master/threads/client_control.c or client_bulk.c. One that says something new of workers has a call in
+ * serve_handler.h too, which the farm and the pool implement. */
+static const message_kind_t kinds[] = {{LM__ENVELOPE__BODY_HELLO, RIGHT_WORK, on_hello},
+                                       {LM__ENVELOPE__BODY_WORK_REQUEST, RIGHT_WORK, on_work_request},
+                                       {LM__ENVELOPE__BODY_HEARTBEAT, RIGHT_WORK, on_heartbeat},
+                                       {LM__ENVELOPE__BODY_GOODBYE, RIGHT_WORK, on_goodbye}};
+
+static void send_notices(const serve_handler_t *handler, peer_server_t *server)
+{
+    for (notice_t notice; handler->calls->next_notice(handler->self, &notice);) {
+        Lm__JobReady ready = LM__JOB_READY__INIT;
+        Lm__JobOver over = LM__JOB_OVER__INIT;
+        over.job = notice.job;
+        over.flush = notice.flush;
+        if (notice.job == 0)
+            peer_send(server, &notice.identity, 0, LM__ENVELOPE__BODY_JOB_READY, &ready, NULL);
+        else
+            peer_send(server, &notice.identity, 0, LM__ENVELOPE__BODY_JOB_OVER, &over, NULL);
+    }
+}
+
+static void turn(void *self, peer_server_t *server, bool more)
+{
+    control_server_t *control = self;
+    const serve_handler_t *handler = &control->options.handler;
+    /* Leases are looked at when no message waits: a heartbeat may be among them. While peers flood the
+     * socket, now and then: every connection has had its turn since. */
+    if (clock_now() - control->last_tick >= 1e-3 * (more ? FLOOD_TICK_MS : TICK_MS)) {
+        control->last_tick = clock_now();
+        handler->calls->tick(handler->self, control->last_tick);
+    }
+    send_notices(handler, server);
+}
+
+result_t control_server_start(const control_server_options_t *options, control_server_t **out)
+{
+    control_server_t *control = mem_zalloc(1, sizeof *control);
+    peer_server_options_t thread = {.name = "control",
+                                    .elsewhere = options->elsewhere,
+                                    .socket = options->socket,
+                                    .gate = options->gate,
+                                    .wake = options->wake,
+                                    .turn_ms = TICK_MS,
+                                    .turn_messages = MESSAGES_A_TURN,
+                                    .limited = true,
+                                    .pulse = options->pulse,
+                                    .tables = {{kinds, ARRAY_LENGTH(kinds), turn, control}, options->more}};
+    control->options = *options;
+    control->units = mem_alloc(WIRE_MAX_UNITS * sizeof *control->units);
+    snprintf(control->software, sizeof control->software, "lightmill-%s " LIGHTMILL_VERSION,
+             options->program);
+    result_t result = peer_server_start(&thread, &control->thread);
+    if (result.code != RESULT_OK) control_server_stop(&control);
+    *out = control;
+    return result;
+}
+
+void control_server_stop(control_server_t **out)
+{
+    control_server_t *control = *out;
+    if (control == NULL) return;
+    peer_server_stop(&control->thread);
+    free(control->units);
+    free(control);
+    *out = NULL;
+}
