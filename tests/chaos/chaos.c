@@ -2,17 +2,17 @@
  * sample is lost, none is counted twice, and every image has the bits of an undisturbed render.
  *
  * DESIGN. This program starts a master, workers and a proxy, submits jobs one after the other as a user would
- * (docket), and lets faults begin and end (faults), until its time is up. Then everything is healed, and the
- * jobs that are open have to complete. The master is reached in four ways: by some workers directly, by some
- * through the proxy, by some through virtual cables of their own, and by the docket's commands directly, so
- * that what they say is what the master says.
+ * (job_list), and lets faults begin and end (faults), until its time is up. Then everything is healed, and
+ * the jobs that are open have to complete. The master is reached in four ways: by some workers directly, by
+ * some through the proxy, by some through virtual cables of their own, and by the job_list's commands
+ * directly, so that what they say is what the master says.
  *
  * Where the system allows, all of it runs in a network and on a small disk of its own, which are gone when
  * the program ends, however it ends. The list of faults follows from the seed; what they hit depends on the
  * moment, so the same seed is the same storm, though not the same wreck. */
 #include "tests/chaos/disk.h"
 #include "tests/chaos/faults/faults.h"
-#include "tests/chaos/jobs/docket.h"
+#include "tests/chaos/jobs/job_list.h"
 #include "tests/chaos/process.h"
 #include "tests/scratch.h"
 
@@ -65,8 +65,8 @@ typedef struct {
     network_t *network;
     passes_t passes;
     proxy_t *proxy;
-    troupe_t troupe;
-    docket_t *docket;
+    processes_t processes;
+    job_list_t *job_list;
     faults_t *faults;
     unsigned master_starts;
 } chaos_t;
@@ -137,7 +137,7 @@ static void make_passes(chaos_t *chaos)
     exit(RESULT_IO);
 }
 
-static void set_the_stage(chaos_t *chaos)
+static void prepare(chaos_t *chaos)
 {
     const options_t *options = &chaos->options;
     chaos->folder =
@@ -158,52 +158,52 @@ static void set_the_stage(chaos_t *chaos)
 /* A port that is free with the next one; in a network of our own every one is. */
 static int choose_port(const chaos_t *chaos)
 {
-    return chaos->separate ? TROUPE_PORT : 20000 + getpid() % 12000;
+    return chaos->separate ? PROCESSES_PORT : 20000 + getpid() % 12000;
 }
 
 /* One worker calls the master directly, two through the proxy, and where there are cables, two through those.
  * Two are behind a relay, which goes through the proxy itself. Two more join late. */
-static void call_the_troupe(chaos_t *chaos)
+static void start_processes(chaos_t *chaos)
 {
-    troupe_t *troupe = &chaos->troupe;
-    *troupe = (troupe_t){.report = &chaos->report,
-                         .folder = chaos->folder,
-                         .data = chaos->data,
-                         .listen = chaos->network ? NETWORK_HOST : "127.0.0.1",
-                         .port = choose_port(chaos),
-                         .lease = LEASE,
-                         .passes = &chaos->passes,
-                         .worlds = available(chaos, "clock jumps and slow disks", world_available())};
-    result_t result =
-        proxy_start(LINK_HOSTS, LINKS + 1, troupe->listen, troupe->port, chaos->options.seed, &chaos->proxy);
+    processes_t *processes = &chaos->processes;
+    *processes = (processes_t){.report = &chaos->report,
+                               .folder = chaos->folder,
+                               .data = chaos->data,
+                               .listen = chaos->network ? NETWORK_HOST : "127.0.0.1",
+                               .port = choose_port(chaos),
+                               .lease = LEASE,
+                               .passes = &chaos->passes,
+                               .worlds = available(chaos, "clock jumps and slow disks", world_available())};
+    result_t result = proxy_start(LINK_HOSTS, LINKS + 1, processes->listen, processes->port,
+                                  chaos->options.seed, &chaos->proxy);
     if (result.code != RESULT_OK) {
         fprintf(stderr, "chaos: %s\n", result.message);
         exit(RESULT_IO);
     }
-    troupe_init(troupe);
-    troupe_add_worker(troupe, troupe->listen, -1, false);
-    for (size_t i = 0; i < LINKS; i++) troupe_add_worker(troupe, LINK_HOSTS[i], -1, false);
+    processes_init(processes);
+    processes_add_worker(processes, processes->listen, -1, false);
+    for (size_t i = 0; i < LINKS; i++) processes_add_worker(processes, LINK_HOSTS[i], -1, false);
     for (size_t i = 0; i < SITES && chaos->network; i++)
-        troupe_add_worker(troupe, NETWORK_HOST, network_site(chaos->network, i), false);
-    troupe_add_relay(troupe, LINK_HOSTS[LINKS - 1]);
-    for (size_t i = 0; i < RELAY_WORKERS; i++) troupe_add_relay_worker(troupe);
-    troupe_add_worker(troupe, troupe->listen, -1, true);
-    troupe_add_worker(troupe, LINK_HOSTS[0], -1, true);
+        processes_add_worker(processes, NETWORK_HOST, network_site(chaos->network, i), false);
+    processes_add_relay(processes, LINK_HOSTS[LINKS - 1]);
+    for (size_t i = 0; i < RELAY_WORKERS; i++) processes_add_relay_worker(processes);
+    processes_add_worker(processes, processes->listen, -1, true);
+    processes_add_worker(processes, LINK_HOSTS[0], -1, true);
 }
 
 static void begin(chaos_t *chaos)
 {
-    set_the_stage(chaos);
-    call_the_troupe(chaos);
-    chaos->master = mem_printf("%s:%d", chaos->troupe.listen, chaos->troupe.port);
-    chaos->docket = docket_new(&(docket_setup_t){.report = &chaos->report,
-                                                 .folder = chaos->folder,
-                                                 .master = chaos->master,
-                                                 .passes = &chaos->passes,
-                                                 .seed = chaos->options.seed,
-                                                 .at_a_time = 3});
+    prepare(chaos);
+    start_processes(chaos);
+    chaos->master = mem_printf("%s:%d", chaos->processes.listen, chaos->processes.port);
+    chaos->job_list = job_list_new(&(job_list_setup_t){.report = &chaos->report,
+                                                       .folder = chaos->folder,
+                                                       .master = chaos->master,
+                                                       .passes = &chaos->passes,
+                                                       .seed = chaos->options.seed,
+                                                       .at_a_time = 3});
     chaos->faults = faults_new(&(faults_setup_t){.report = &chaos->report,
-                                                 .troupe = &chaos->troupe,
+                                                 .processes = &chaos->processes,
                                                  .proxy = chaos->proxy,
                                                  .links = LINKS,
                                                  .client_host = LINK_HOSTS[LINKS],
@@ -227,10 +227,10 @@ static void tick(chaos_t *chaos, bool more)
 {
     faults_tick(chaos->faults, more, TICK);
     double now = clock_now();
-    troupe_tick(&chaos->troupe, now);
-    if (chaos->troupe.master.starts != chaos->master_starts) docket_new_master(chaos->docket);
-    chaos->master_starts = chaos->troupe.master.starts;
-    docket_tick(chaos->docket, now, more);
+    processes_tick(&chaos->processes, now);
+    if (chaos->processes.master.starts != chaos->master_starts) job_list_new_master(chaos->job_list);
+    chaos->master_starts = chaos->processes.master.starts;
+    job_list_tick(chaos->job_list, now, more);
 }
 
 static void run(chaos_t *chaos)
@@ -238,10 +238,10 @@ static void run(chaos_t *chaos)
     double end = clock_now() + STORM * chaos->options.seconds;
     while (clock_now() < end && may_go_on(chaos)) tick(chaos, true);
     faults_heal(chaos->faults);
-    troupe_heal(&chaos->troupe);
+    processes_heal(&chaos->processes);
     report_line(&chaos->report, "all is healed; waiting for the open jobs");
     end = clock_now() + PATIENCE;
-    while (!docket_settled(chaos->docket) && may_go_on(chaos)) {
+    while (!job_list_settled(chaos->job_list) && may_go_on(chaos)) {
         tick(chaos, false);
         if (clock_now() < end) continue;
         report_violation(&chaos->report, "jobs have not completed %.0f s after all was healed", PATIENCE);
@@ -252,13 +252,13 @@ static void run(chaos_t *chaos)
 static void print_sums(chaos_t *chaos)
 {
     report_t *report = &chaos->report;
-    docket_sum_t sum = docket_sum(chaos->docket);
+    job_list_sum_t sum = job_list_sum(chaos->job_list);
     faults_print(chaos->faults);
     report_text(report,
                 "%6zu  jobs, %zu of them proved: same pixels, the account holds; the slowest took %.0f s",
                 sum.submitted, sum.proved, sum.longest);
     report_text(report, "%6u  starts of the master (%u without room), %llu answers of status checked",
-                chaos->troupe.master.starts, chaos->troupe.master_failures,
+                chaos->processes.master.starts, chaos->processes.master_failures,
                 (unsigned long long)sum.questions);
     report_text(
         report,
@@ -274,7 +274,7 @@ static void check_numbers(chaos_t *chaos)
 {
     size_t faults = faults_count(chaos->faults), kills = faults_master_kills(chaos->faults);
     if (!proxy_alive(chaos->proxy)) report_violation(&chaos->report, "the proxy has died");
-    troupe_check_logs(&chaos->troupe);
+    processes_check_logs(&chaos->processes);
     if (chaos->report.violations > 0) return;
     if (faults < chaos->options.least)
         report_violation(&chaos->report, "%zu faults, fewer than %zu", faults, chaos->options.least);
@@ -297,9 +297,9 @@ static void keep_evidence(chaos_t *chaos)
 
 static void end(chaos_t *chaos, bool kept)
 {
-    docket_free(&chaos->docket);
+    job_list_free(&chaos->job_list);
     faults_free(&chaos->faults);
-    troupe_free(&chaos->troupe);
+    processes_free(&chaos->processes);
     proxy_stop(&chaos->proxy);
     network_destroy(&chaos->network);
     free(chaos->master);
@@ -318,7 +318,7 @@ int main(int argc, char **argv)
     begin(&chaos);
     run(&chaos);
     check_numbers(&chaos);
-    if (chaos.report.violations > 0) docket_describe(chaos.docket);
+    if (chaos.report.violations > 0) job_list_describe(chaos.job_list);
     print_sums(&chaos);
     size_t violations = chaos.report.violations;
     if (violations > 0)

@@ -1,7 +1,7 @@
 /* passes: see passes.h. */
 #include "tests/chaos/passes.h"
 
-#include "tests/chaos/errand.h"
+#include "tests/chaos/command.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -28,22 +28,22 @@ static void add_to_list(FILE *list, const char *right, char *said)
 /* Runs `lightmill keygen`; what it prints is the line for the list. */
 static result_t make_key(const char *folder, const char *name, const char *right, FILE *list)
 {
-    errand_t errand = {0};
-    errand_state_t state;
+    command_t command = {0};
+    command_state_t state;
     char *output = mem_printf("%s/%s.log", folder, name);
-    errand_start(&errand, output,
-                 (const char *[]){"keygen", name, "--out", folder, right ? "--right" : NULL, right, NULL},
-                 false);
-    while ((state = errand_poll(&errand, clock_now(), 60)) == ERRAND_RUNS) usleep(1000);
-    char *said = errand_said(&errand);
+    command_start(&command, output,
+                  (const char *[]){"keygen", name, "--out", folder, right ? "--right" : NULL, right, NULL},
+                  false);
+    while ((state = command_poll(&command, clock_now(), 60)) == COMMAND_RUNS) usleep(1000);
+    char *said = command_said(&command);
     result_t result = result_ok();
-    if (state != ERRAND_DONE)
+    if (state != COMMAND_DONE)
         result = result_fail(RESULT_IO, "no key for %s: %.300s", name, said);
     else if (list)
         add_to_list(list, right, said);
     free(said);
     free(output);
-    errand_end(&errand);
+    command_end(&command);
     return result;
 }
 

@@ -86,13 +86,13 @@ faults_t *faults_new(const faults_setup_t *setup)
     faults->dice = dice_new(setup->seed, 1);
     faults->next = clock_now() + setup->pause;
     size_t late = 0;
-    for (size_t i = 0; i < setup->troupe->worker_count; i++) {
-        troupe_worker_t *worker = &setup->troupe->workers[i];
+    for (size_t i = 0; i < setup->processes->worker_count; i++) {
+        processes_worker_t *worker = &setup->processes->workers[i];
         if (worker->member.process != 0) continue;
         worker->member.retired = true;
         faults->late[late++] = worker;
     }
-    film_watch_open(&faults->films, setup->troupe->data);
+    film_watch_open(&faults->films, setup->processes->data);
     return faults;
 }
 
@@ -146,7 +146,7 @@ void faults_tick(faults_t *faults, bool more, double seconds)
         if (fault->kind && now >= fault->ends) finish(faults, fault);
         if (fault->kind == NULL) place = fault;
     }
-    if (faults->disk_busy) disk_fill(faults->setup.troupe->data);
+    if (faults->disk_busy) disk_fill(faults->setup.processes->data);
     if (more && place && now >= faults->next) begin(faults, place);
 }
 

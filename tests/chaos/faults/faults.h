@@ -5,14 +5,14 @@
 #define LIGHTMILL_FAULTS_H
 
 #include "tests/chaos/network.h"
+#include "tests/chaos/processes.h"
 #include "tests/chaos/proxy.h"
-#include "tests/chaos/troupe.h"
 
 typedef struct faults faults_t;
 
 typedef struct {
     report_t *report;
-    troupe_t *troupe;
+    processes_t *processes;
     proxy_t *proxy;
     size_t links;            /* of the proxy, that workers use; the next one is for clients, */
     const char *client_host; /* on this address */

@@ -1,10 +1,10 @@
-/* faults_state: what the kinds of faults and their course share. The kinds are in processes.c, machine.c and
- * network.c, the course in faults.c. */
+/* faults_state: what the kinds of faults and their course share. The kinds are in death_and_sleep.c,
+ * machine.c and network.c, the course in faults.c. */
 #ifndef LIGHTMILL_FAULTS_STATE_H
 #define LIGHTMILL_FAULTS_STATE_H
 
+#include "tests/chaos/command.h"
 #include "tests/chaos/dice.h"
-#include "tests/chaos/errand.h"
 #include "tests/chaos/faults/faults.h"
 #include "tests/chaos/faults/watch_films.h"
 
@@ -42,12 +42,12 @@ struct fault {
     unsigned hits; /* how often it struck, of the kinds that count it */
     char victim[80];
     /* What it works on. */
-    troupe_worker_t *worker;
+    processes_worker_t *worker;
     member_t *member; /* the worker, the relay or the master */
     size_t index;     /* of a link or a site */
     film_event_t event;
     unsigned done; /* what the link had done before */
-    errand_t client;
+    command_t client;
 };
 
 struct faults {
@@ -61,7 +61,7 @@ struct faults {
     size_t counts[MAX_FAULT_KINDS], hits[MAX_FAULT_KINDS];
     size_t deck[MAX_FAULT_CARDS], deck_left; /* indices of kinds */
     bool link_busy[PROXY_MAX_LINKS], site_busy[NETWORK_MAX_SITES], disk_busy;
-    troupe_worker_t *late[TROUPE_MAX_WORKERS]; /* workers that join late */
+    processes_worker_t *late[PROCESSES_MAX_WORKERS]; /* workers that join late */
     film_watch_t films;
     fault_t *waiting; /* for a checkpoint */
     size_t count, kills, torn;

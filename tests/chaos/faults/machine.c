@@ -10,7 +10,7 @@
 static bool jump_clock(faults_t *faults, fault_t *fault)
 {
     static const double YEAR = 365.25 * 86400;
-    member_t *member = &faults->setup.troupe->master;
+    member_t *member = &faults->setup.processes->master;
     if (fault->chance[0] < 0.5) {
         if (!fault_pick_worker(faults, fault)) return false;
         member = &fault->worker->member;
@@ -25,21 +25,21 @@ static bool jump_clock(faults_t *faults, fault_t *fault)
 
 static bool has_worlds(const faults_t *faults)
 {
-    return faults->setup.troupe->worlds;
+    return faults->setup.processes->worlds;
 }
 
 static void free_disk(faults_t *faults, fault_t *fault)
 {
     (void)fault;
-    disk_free(faults->setup.troupe->data);
-    faults->disk_busy = faults->setup.troupe->disk_full = false;
+    disk_free(faults->setup.processes->data);
+    faults->disk_busy = faults->setup.processes->disk_full = false;
 }
 
 static bool fill_disk(faults_t *faults, fault_t *fault)
 {
     if (faults->disk_busy) return false;
-    faults->disk_busy = faults->setup.troupe->disk_full = true;
-    if (disk_fill(faults->setup.troupe->data).code == RESULT_OK) return true;
+    faults->disk_busy = faults->setup.processes->disk_full = true;
+    if (disk_fill(faults->setup.processes->data).code == RESULT_OK) return true;
     free_disk(faults, fault);
     return false;
 }
@@ -89,11 +89,11 @@ static bool start_client(faults_t *faults, fault_t *fault)
     proxy_link_t *link = proxy_link(faults->setup.proxy, faults->setup.links);
     atomic_store(&link->bytes_per_second, (unsigned)fault_scales(fault->chance[0], 1e5, 2e6));
     char *scene = write_new_scene(faults, fault), *log = mem_printf("%s.log", scene);
-    char *master = mem_printf("%s:%d", faults->setup.client_host, faults->setup.troupe->port);
+    char *master = mem_printf("%s:%d", faults->setup.client_host, faults->setup.processes->port);
     words_t words = {0};
     WORDS_ADD(&words, "submit", scene, "--name", "upload", "--spp", "1", "--master", master);
-    words_add_all(&words, faults->setup.troupe->passes->client);
-    errand_start(&fault->client, log, words.list, false);
+    words_add_all(&words, faults->setup.processes->passes->client);
+    command_start(&fault->client, log, words.list, false);
     free(master);
     free(log);
     free(scene);
@@ -103,8 +103,8 @@ static bool start_client(faults_t *faults, fault_t *fault)
 static void kill_client(faults_t *faults, fault_t *fault)
 {
     (void)faults;
-    fault->spoilt = errand_poll(&fault->client, 0, INFINITY) != ERRAND_RUNS;
-    errand_end(&fault->client);
+    fault->spoilt = command_poll(&fault->client, 0, INFINITY) != COMMAND_RUNS;
+    command_end(&fault->client);
 }
 
 static const fault_kind_t KINDS[] = {

@@ -36,7 +36,7 @@ void job_begin(job_t *job, const job_setup_t *setup, const job_kind_t *kind, uns
 
 void job_free(job_t *job)
 {
-    errand_end(&job->errand);
+    command_end(&job->command);
     free(job->name);
     free(job->image);
 }
@@ -67,7 +67,7 @@ static void start_command(job_t *job, words_t *words, const char *suffix)
 {
     char *output = mem_printf("%s/%s%s", job->setup->folder, job->name, suffix);
     job_master_words(job->setup, words);
-    errand_start(&job->errand, output, words->list, false);
+    command_start(&job->command, output, words->list, false);
     free(output);
 }
 
@@ -167,9 +167,9 @@ static void advance(job_t *job, double now)
         enter(job, JOB_PAUSING, now);
     else if (job->stage == JOB_RENDERING && paused)
         enter(job, JOB_RESUMING, now); /* the order had failed: it was done, and is forgotten */
-    else if (job->stage == JOB_RESUMING && job->errand.process == 0 && !paused)
+    else if (job->stage == JOB_RESUMING && job->command.process == 0 && !paused)
         enter(job, JOB_RENDERING, now); /* the order has failed, and was done */
-    else if (job->stage == JOB_EXTENDING && job->errand.process == 0 && extended) {
+    else if (job->stage == JOB_EXTENDING && job->command.process == 0 && extended) {
         take_extended(job, true); /* this order, too, has failed, and was done */
         enter(job, JOB_RENDERING, now);
     }
@@ -192,11 +192,11 @@ static void miss(job_t *job, double now)
 {
     if (job->promised && job->stage != JOB_WRONG) violate(job, "the master has forgotten it");
     if (job->stage == JOB_DELETING) {
-        if (job->errand.process == 0) enter(job, JOB_PROVED, now); /* the order has failed, and was done */
+        if (job->command.process == 0) enter(job, JOB_PROVED, now); /* the order has failed, and was done */
         return;
     }
     if (!job_is_open(job) || job->stage == JOB_SENDING) return;
-    errand_end(&job->errand);
+    command_end(&job->command);
     job->account = (account_t){0};
     job->counted = 0;
     job->paused = false;
@@ -217,7 +217,7 @@ void job_take(job_t *job, const json_t *object, const job_answer_t *answer, doub
 /* A command crashed, hung, or was not understood. */
 static void violate_command(job_t *job)
 {
-    char *how = process_how(job->errand.how), *said = errand_said(&job->errand);
+    char *how = process_how(job->command.how), *said = command_said(&job->command);
     char *text = mem_printf("a command ended with %s: %.300s", how, said);
     violate(job, text);
     free(text);
@@ -229,15 +229,15 @@ static void violate_command(job_t *job)
 static bool succeed(job_t *job, double now, void (*start)(job_t *), bool *failed)
 {
     *failed = false;
-    switch (errand_poll(&job->errand, now, COMMAND_LIMIT)) {
-    case ERRAND_NONE:
+    switch (command_poll(&job->command, now, COMMAND_LIMIT)) {
+    case COMMAND_NONE:
         if (now >= job->next_try) start(job);
         return false;
-    case ERRAND_DONE:
+    case COMMAND_DONE:
         return true;
-    case ERRAND_FAILED:
+    case COMMAND_FAILED:
         job->next_try = now + RETRY;
-        *failed = job->errand.how != RESULT_USAGE && job->errand.how < PROCESS_SIGNALLED;
+        *failed = job->command.how != RESULT_USAGE && job->command.how < PROCESS_SIGNALLED;
         if (!*failed) violate_command(job);
         return false;
     default:
@@ -267,7 +267,7 @@ static void prove(job_t *job, double now)
  * disk takes the films of jobs that are over and not retained. */
 static bool film_made_room(const job_t *job)
 {
-    char *said = errand_said(&job->errand), *log = mem_printf("%s/master.log", job->setup->folder);
+    char *said = command_said(&job->command), *log = mem_printf("%s/master.log", job->setup->folder);
     char *line = mem_printf("the film of job %llu (", (unsigned long long)job->account.job);
     uint8_t *bytes = NULL;
     size_t size = 0;

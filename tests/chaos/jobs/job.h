@@ -50,7 +50,7 @@ typedef struct {
     bool lasting;  /* and that to extend it: it may never want as little as before */
     bool extended, paused;
     uint64_t first_total; /* samples that were wanted before it was extended */
-    errand_t errand;
+    command_t command;
     double submitted, changed, next_try;
     const reference_t *reference;
     account_t account;   /* what the master said last */

@@ -15,7 +15,7 @@ static void render(reference_t *reference)
     job_kind_words(reference->kind, reference->seed, reference->extended, &words, &text);
     WORDS_ADD(&words, "--quiet", "-o", reference->image);
     char *output = mem_printf("%s.log", reference->image);
-    errand_start(&reference->render, output, words.list, true);
+    command_start(&reference->render, output, words.list, true);
     free(output);
 }
 
@@ -45,10 +45,10 @@ result_t references_hash(const char *path, hash_t *hash)
 
 static void tick(references_t *references, reference_t *reference, double now)
 {
-    errand_state_t state = errand_poll(&reference->render, now, LIMIT);
-    if (state == ERRAND_DONE)
+    command_state_t state = command_poll(&reference->render, now, LIMIT);
+    if (state == COMMAND_DONE)
         reference->ready = references_hash(reference->image, &reference->hash).code == RESULT_OK;
-    if (state == ERRAND_FAILED || (state == ERRAND_DONE && !reference->ready))
+    if (state == COMMAND_FAILED || (state == COMMAND_DONE && !reference->ready))
         report_violation(references->report, "%s cannot be rendered", reference->image);
 }
 
@@ -60,7 +60,7 @@ void references_tick(references_t *references, double now)
 void references_free(references_t *references)
 {
     for (size_t i = 0; i < references->count; i++) {
-        errand_end(&references->list[i].render);
+        command_end(&references->list[i].render);
         free(references->list[i].image);
     }
     references->count = 0;

@@ -3,7 +3,7 @@
 #ifndef LIGHTMILL_REFERENCES_H
 #define LIGHTMILL_REFERENCES_H
 
-#include "tests/chaos/errand.h"
+#include "tests/chaos/command.h"
 #include "tests/chaos/jobs/job_kinds.h"
 #include "tests/chaos/report.h"
 
@@ -13,7 +13,7 @@ typedef struct {
     const job_kind_t *kind;
     unsigned seed;
     bool extended;
-    errand_t render;
+    command_t render;
     char *image; /* its file */
     bool ready;
     hash_t hash; /* of its pixels, when it is ready */

@@ -34,60 +34,61 @@ typedef struct {
     char *folder;
     blob_store_t *store;
     scene_bytes_t scenes[4];
-} shop_t;
+} fixture_t;
 
-static void open_store(shop_t *shop, uint64_t limit)
+static void open_store(fixture_t *fixture, uint64_t limit)
 {
-    blob_store_close(&shop->store);
-    must(blob_store_open(&(blob_store_options_t){.directory = shop->folder, .limit = limit}, &shop->store));
+    blob_store_close(&fixture->store);
+    must(blob_store_open(&(blob_store_options_t){.directory = fixture->folder, .limit = limit},
+                         &fixture->store));
 }
 
 static int set_up(void **state)
 {
-    shop_t *shop = mem_zalloc(1, sizeof *shop);
-    shop->folder = scratch_new();
-    for (uint32_t i = 0; i < ARRAY_LENGTH(shop->scenes); i++)
-        shop->scenes[i].bytes = peer_blob(i, &shop->scenes[i].size, &shop->scenes[i].hash);
-    open_store(shop, 1 << 30);
-    *state = shop;
+    fixture_t *fixture = mem_zalloc(1, sizeof *fixture);
+    fixture->folder = scratch_new();
+    for (uint32_t i = 0; i < ARRAY_LENGTH(fixture->scenes); i++)
+        fixture->scenes[i].bytes = peer_blob(i, &fixture->scenes[i].size, &fixture->scenes[i].hash);
+    open_store(fixture, 1 << 30);
+    *state = fixture;
     return 0;
 }
 
 static int tear_down(void **state)
 {
-    shop_t *shop = *state;
-    blob_store_close(&shop->store);
-    for (size_t i = 0; i < ARRAY_LENGTH(shop->scenes); i++) free(shop->scenes[i].bytes);
-    scratch_destroy(&shop->folder);
-    free(shop);
+    fixture_t *fixture = *state;
+    blob_store_close(&fixture->store);
+    for (size_t i = 0; i < ARRAY_LENGTH(fixture->scenes); i++) free(fixture->scenes[i].bytes);
+    scratch_destroy(&fixture->folder);
+    free(fixture);
     return 0;
 }
 
-static result_t put(shop_t *shop, int scene, uint64_t offset, uint64_t length, uint64_t *next)
+static result_t put(fixture_t *fixture, int scene, uint64_t offset, uint64_t length, uint64_t *next)
 {
-    const scene_bytes_t *s = &shop->scenes[scene];
-    return blob_store_put(shop->store, &s->hash, offset, s->size, s->bytes + offset, (size_t)length, next);
+    const scene_bytes_t *s = &fixture->scenes[scene];
+    return blob_store_put(fixture->store, &s->hash, offset, s->size, s->bytes + offset, (size_t)length, next);
 }
 
-static void put_all(shop_t *shop, int scene)
+static void put_all(fixture_t *fixture, int scene)
 {
     uint64_t next;
-    must(put(shop, scene, 0, shop->scenes[scene].size, &next));
-    assert_true(next == shop->scenes[scene].size);
+    must(put(fixture, scene, 0, fixture->scenes[scene].size, &next));
+    assert_true(next == fixture->scenes[scene].size);
 }
 
-static bool has(shop_t *shop, int scene)
+static bool has(fixture_t *fixture, int scene)
 {
     uint64_t size;
-    return blob_store_find(shop->store, &shop->scenes[scene].hash, &size);
+    return blob_store_find(fixture->store, &fixture->scenes[scene].hash, &size);
 }
 
 /* Makes a blob look as if it had been used last so many seconds ago, to a store that is opened afterwards. */
-static void make_old(shop_t *shop, int scene, long seconds)
+static void make_old(fixture_t *fixture, int scene, long seconds)
 {
     char hex[2 * HASH_BYTES + 1];
-    hash_to_hex(&shop->scenes[scene].hash, hex);
-    char *path = mem_printf("%s/%s.%s", shop->folder, hex, has(shop, scene) ? "blob" : "part");
+    hash_to_hex(&fixture->scenes[scene].hash, hex);
+    char *path = mem_printf("%s/%s.%s", fixture->folder, hex, has(fixture, scene) ? "blob" : "part");
     struct timespec times[2] = {{.tv_sec = time(NULL) - seconds}, {.tv_sec = time(NULL) - seconds}};
     assert_int_equal(utimensat(AT_FDCWD, path, times, 0), 0);
     free(path);
@@ -97,115 +98,115 @@ static void make_old(shop_t *shop, int scene, long seconds)
 
 static void an_upload_goes_on_after_a_restart(void **state)
 {
-    shop_t *shop = *state;
-    uint64_t next, size = shop->scenes[0].size;
-    must(put(shop, 0, 0, size / 2, &next));
+    fixture_t *fixture = *state;
+    uint64_t next, size = fixture->scenes[0].size;
+    must(put(fixture, 0, 0, size / 2, &next));
     assert_true(next == size / 2);
-    open_store(shop, 1 << 30);
-    must(put(shop, 0, 0, 0, &next));
+    open_store(fixture, 1 << 30);
+    must(put(fixture, 0, 0, 0, &next));
     assert_true(next == size / 2);
-    must(put(shop, 0, next, size - next, &next));
-    assert_true(next == size && has(shop, 0));
+    must(put(fixture, 0, next, size - next, &next));
+    assert_true(next == size && has(fixture, 0));
     uint64_t bytes;
-    assert_int_equal(blob_store_count(shop->store, &bytes), 1);
+    assert_int_equal(blob_store_count(fixture->store, &bytes), 1);
     assert_true(bytes == size);
 }
 
 /* A limit on the size of files stands for a full disk. */
 static void an_upload_goes_on_after_a_full_disk(void **state)
 {
-    shop_t *shop = *state;
-    uint64_t next, size = shop->scenes[0].size;
+    fixture_t *fixture = *state;
+    uint64_t next, size = fixture->scenes[0].size;
     struct rlimit before, small;
     getrlimit(RLIMIT_FSIZE, &before);
     small = (struct rlimit){size / 3, before.rlim_max};
     signal(SIGXFSZ, SIG_IGN);
     setrlimit(RLIMIT_FSIZE, &small);
-    result_t result = put(shop, 0, 0, size, &next);
+    result_t result = put(fixture, 0, 0, size, &next);
     setrlimit(RLIMIT_FSIZE, &before);
     assert_int_equal(result.code, RESULT_IO);
-    must(put(shop, 0, 0, 0, &next));
+    must(put(fixture, 0, 0, 0, &next));
     assert_true(next == size / 3); /* what could be written is there */
-    must(put(shop, 0, next, size - next, &next));
-    assert_true(next == size && has(shop, 0));
+    must(put(fixture, 0, next, size - next, &next));
+    assert_true(next == size && has(fixture, 0));
 }
 
 static void wrong_bytes_are_thrown_away(void **state)
 {
-    shop_t *shop = *state;
-    uint64_t next, size = shop->scenes[0].size;
-    shop->scenes[0].bytes[size / 2] ^= 1;
-    assert_int_equal(put(shop, 0, 0, size, &next).code, RESULT_INPUT);
-    shop->scenes[0].bytes[size / 2] ^= 1;
-    must(put(shop, 0, 0, 0, &next));
+    fixture_t *fixture = *state;
+    uint64_t next, size = fixture->scenes[0].size;
+    fixture->scenes[0].bytes[size / 2] ^= 1;
+    assert_int_equal(put(fixture, 0, 0, size, &next).code, RESULT_INPUT);
+    fixture->scenes[0].bytes[size / 2] ^= 1;
+    must(put(fixture, 0, 0, 0, &next));
     assert_true(next == 0);
-    put_all(shop, 0);
+    put_all(fixture, 0);
 }
 
 /* ---- the limit ----------------------------------------------------------------------------------------- */
 
 static void the_oldest_that_nobody_needs_goes_first(void **state)
 {
-    shop_t *shop = *state;
-    for (int i = 0; i < 3; i++) put_all(shop, i);
-    make_old(shop, 0, 100);
-    make_old(shop, 1, 300);
-    make_old(shop, 2, 200);
-    open_store(shop, 3 * shop->scenes[0].size);
-    put_all(shop, 3);
-    assert_true(has(shop, 0) && !has(shop, 1) && has(shop, 2) && has(shop, 3));
+    fixture_t *fixture = *state;
+    for (int i = 0; i < 3; i++) put_all(fixture, i);
+    make_old(fixture, 0, 100);
+    make_old(fixture, 1, 300);
+    make_old(fixture, 2, 200);
+    open_store(fixture, 3 * fixture->scenes[0].size);
+    put_all(fixture, 3);
+    assert_true(has(fixture, 0) && !has(fixture, 1) && has(fixture, 2) && has(fixture, 3));
 }
 
 static void what_a_job_needs_stays(void **state)
 {
-    shop_t *shop = *state;
+    fixture_t *fixture = *state;
     uint64_t next;
-    for (int i = 0; i < 2; i++) put_all(shop, i);
-    make_old(shop, 0, 300);
-    open_store(shop, 2 * shop->scenes[0].size);
-    blob_store_need(shop->store, &shop->scenes[0].hash, 1, true);
-    blob_store_need(shop->store, &shop->scenes[0].hash, 2, true);
-    put_all(shop, 2);
-    assert_true(has(shop, 0) && !has(shop, 1) && has(shop, 2));
-    blob_store_need(shop->store, &shop->scenes[2].hash, 3, true);
-    result_t result = put(shop, 3, 0, 100, &next);
+    for (int i = 0; i < 2; i++) put_all(fixture, i);
+    make_old(fixture, 0, 300);
+    open_store(fixture, 2 * fixture->scenes[0].size);
+    blob_store_need(fixture->store, &fixture->scenes[0].hash, 1, true);
+    blob_store_need(fixture->store, &fixture->scenes[0].hash, 2, true);
+    put_all(fixture, 2);
+    assert_true(has(fixture, 0) && !has(fixture, 1) && has(fixture, 2));
+    blob_store_need(fixture->store, &fixture->scenes[2].hash, 3, true);
+    result_t result = put(fixture, 3, 0, 100, &next);
     assert_int_equal(result.code, RESULT_LIMIT);
     assert_non_null(strstr(result.message, "--blob-limit"));
-    blob_store_need(shop->store, &shop->scenes[0].hash, 1, false);
-    assert_int_equal(put(shop, 3, 0, 100, &next).code, RESULT_LIMIT); /* the other job needs it too */
-    blob_store_need(shop->store, &shop->scenes[0].hash, 2, false);
-    put_all(shop, 3);
-    assert_true(!has(shop, 0) && has(shop, 2) && has(shop, 3));
+    blob_store_need(fixture->store, &fixture->scenes[0].hash, 1, false);
+    assert_int_equal(put(fixture, 3, 0, 100, &next).code, RESULT_LIMIT); /* the other job needs it too */
+    blob_store_need(fixture->store, &fixture->scenes[0].hash, 2, false);
+    put_all(fixture, 3);
+    assert_true(!has(fixture, 0) && has(fixture, 2) && has(fixture, 3));
 }
 
 /* Two uploads at once cannot both have the last place. */
 static void an_upload_holds_its_place(void **state)
 {
-    shop_t *shop = *state;
+    fixture_t *fixture = *state;
     uint64_t next;
-    open_store(shop, shop->scenes[0].size + 10);
-    must(put(shop, 0, 0, 100, &next));
-    assert_int_equal(put(shop, 1, 0, 100, &next).code, RESULT_LIMIT);
-    must(put(shop, 0, 100, shop->scenes[0].size - 100, &next));
-    assert_true(has(shop, 0));
-    put_all(shop, 1);
-    assert_false(has(shop, 0));
-    open_store(shop, 10);
-    assert_int_equal(put(shop, 2, 0, 100, &next).code, RESULT_LIMIT); /* it never fits */
-    assert_true(has(shop, 1));
+    open_store(fixture, fixture->scenes[0].size + 10);
+    must(put(fixture, 0, 0, 100, &next));
+    assert_int_equal(put(fixture, 1, 0, 100, &next).code, RESULT_LIMIT);
+    must(put(fixture, 0, 100, fixture->scenes[0].size - 100, &next));
+    assert_true(has(fixture, 0));
+    put_all(fixture, 1);
+    assert_false(has(fixture, 0));
+    open_store(fixture, 10);
+    assert_int_equal(put(fixture, 2, 0, 100, &next).code, RESULT_LIMIT); /* it never fits */
+    assert_true(has(fixture, 1));
 }
 
 static void uploads_that_were_left_go(void **state)
 {
-    shop_t *shop = *state;
+    fixture_t *fixture = *state;
     uint64_t next;
-    must(put(shop, 0, 0, 100, &next));
-    must(put(shop, 1, 0, 100, &next));
-    make_old(shop, 0, 30 * 24 * 3600);
-    open_store(shop, 1 << 30);
-    must(put(shop, 0, 0, 0, &next));
+    must(put(fixture, 0, 0, 100, &next));
+    must(put(fixture, 1, 0, 100, &next));
+    make_old(fixture, 0, 30 * 24 * 3600);
+    open_store(fixture, 1 << 30);
+    must(put(fixture, 0, 0, 0, &next));
     assert_true(next == 0);
-    must(put(shop, 1, 0, 0, &next));
+    must(put(fixture, 1, 0, 0, &next));
     assert_true(next == 100);
 }
 

@@ -25,11 +25,11 @@ typedef struct {
     uint8_t *bytes; /* of a scene */
     uint64_t size;
     hash_t hash;
-} shelf_t;
+} fixture_t;
 
 static int set_up(void **state)
 {
-    shelf_t *t = mem_zalloc(1, sizeof *t);
+    fixture_t *t = mem_zalloc(1, sizeof *t);
     log_init("test", LOG_ERROR);
     t->folder = scratch_new();
     t->dir = scratch_path(t->folder, "a/cache");
@@ -41,7 +41,7 @@ static int set_up(void **state)
 
 static int tear_down(void **state)
 {
-    shelf_t *t = *state;
+    fixture_t *t = *state;
     blob_cache_destroy(&t->cache);
     assert_null(t->cache);
     scratch_destroy(&t->folder);
@@ -51,14 +51,14 @@ static int tear_down(void **state)
     return 0;
 }
 
-static char *entry(shelf_t *t, const hash_t *hash, const char *suffix)
+static char *entry(fixture_t *t, const hash_t *hash, const char *suffix)
 {
     char hex[2 * HASH_BYTES + 1];
     hash_to_hex(hash, hex);
     return mem_printf("%s/%s%s", t->dir, hex, suffix);
 }
 
-static bool in_cache(shelf_t *t, const hash_t *hash)
+static bool in_cache(fixture_t *t, const hash_t *hash)
 {
     scene_blob_t blob;
     bool found;
@@ -70,7 +70,7 @@ static bool in_cache(shelf_t *t, const hash_t *hash)
     return found;
 }
 
-static blob_download_t begin(shelf_t *t, const hash_t *hash, uint64_t size)
+static blob_download_t begin(fixture_t *t, const hash_t *hash, uint64_t size)
 {
     blob_download_t download;
     bool busy;
@@ -79,7 +79,7 @@ static blob_download_t begin(shelf_t *t, const hash_t *hash, uint64_t size)
     return download;
 }
 
-static void fetch(shelf_t *t, const uint8_t *bytes, uint64_t size, const hash_t *hash)
+static void fetch(fixture_t *t, const uint8_t *bytes, uint64_t size, const hash_t *hash)
 {
     scene_blob_t blob;
     blob_download_t download = begin(t, hash, size);
@@ -92,7 +92,7 @@ static void fetch(shelf_t *t, const uint8_t *bytes, uint64_t size, const hash_t 
 
 static void a_scene_is_fetched_once(void **state)
 {
-    shelf_t *t = *state;
+    fixture_t *t = *state;
     assert_false(in_cache(t, &t->hash));
     fetch(t, t->bytes, t->size, &t->hash);
     assert_true(in_cache(t, &t->hash));
@@ -106,7 +106,7 @@ static void a_scene_is_fetched_once(void **state)
 
 static void a_broken_download_goes_on(void **state)
 {
-    shelf_t *t = *state;
+    fixture_t *t = *state;
     blob_download_t download = begin(t, &t->hash, t->size);
     assert_int_equal(download.have, 0);
     assert_int_equal(blob_download_append(&download, t->bytes, 10).code, RESULT_OK);
@@ -125,7 +125,7 @@ static void a_broken_download_goes_on(void **state)
 
 static void a_part_that_is_too_long_begins_anew(void **state)
 {
-    shelf_t *t = *state;
+    fixture_t *t = *state;
     char *part = entry(t, &t->hash, ".part");
     uint8_t *junk = mem_zalloc(1, t->size + 1);
     scratch_write(part, junk, t->size + 1);
@@ -138,7 +138,7 @@ static void a_part_that_is_too_long_begins_anew(void **state)
 
 static void wrong_bytes_never_get_the_name(void **state)
 {
-    shelf_t *t = *state;
+    fixture_t *t = *state;
     scene_blob_t blob;
     blob_download_t download = begin(t, &t->hash, t->size);
     uint8_t *wrong = mem_alloc(t->size);
@@ -154,7 +154,7 @@ static void wrong_bytes_never_get_the_name(void **state)
 
 static void a_file_that_rotted_is_fetched_again(void **state)
 {
-    shelf_t *t = *state;
+    fixture_t *t = *state;
     fetch(t, t->bytes, t->size, &t->hash);
     char *path = entry(t, &t->hash, ".blob");
     uint8_t *wrong = mem_alloc(t->size);
@@ -172,7 +172,7 @@ static void a_file_that_rotted_is_fetched_again(void **state)
 /* The lock of a process that was killed is gone, its bytes are not. */
 static void another_process_has_the_download(void **state)
 {
-    shelf_t *t = *state;
+    fixture_t *t = *state;
     int ready[2];
     char byte;
     assert_int_equal(pipe(ready), 0);
@@ -198,14 +198,14 @@ static void another_process_has_the_download(void **state)
 }
 
 /* Looks at a download that another process has; true when this one may begin its own. */
-static bool may_begin(shelf_t *t, double now, blob_download_t *download)
+static bool may_begin(fixture_t *t, double now, blob_download_t *download)
 {
     bool busy;
     assert_int_equal(blob_cache_download(t->cache, now, &t->hash, t->size, download, &busy).code, RESULT_OK);
     return !busy;
 }
 
-static blob_cache_t *other_cache(shelf_t *t)
+static blob_cache_t *other_cache(fixture_t *t)
 {
     blob_cache_t *other;
     assert_int_equal(blob_cache_new(t->dir, ROOMY, &other).code, RESULT_OK);
@@ -213,7 +213,7 @@ static blob_cache_t *other_cache(shelf_t *t)
 }
 
 /* Lets another one have the part that all share and stand still, and leaves a part of its own. */
-static blob_download_t begin_alone(shelf_t *t, blob_cache_t *other)
+static blob_download_t begin_alone(fixture_t *t, blob_cache_t *other)
 {
     blob_download_t stopped, download;
     bool busy;
@@ -230,7 +230,7 @@ static blob_download_t begin_alone(shelf_t *t, blob_cache_t *other)
 /* Its process is stopped, say: it keeps the lock. */
 static void a_download_that_stands_still_is_not_waited_for(void **state)
 {
-    shelf_t *t = *state;
+    fixture_t *t = *state;
     blob_cache_t *other = other_cache(t);
     blob_download_t stopped, download;
     scene_blob_t blob;
@@ -263,7 +263,7 @@ static void a_download_that_stands_still_is_not_waited_for(void **state)
 /* The process that stood still goes on, and is faster. */
 static void a_part_of_ones_own_goes_when_the_scene_is_there(void **state)
 {
-    shelf_t *t = *state;
+    fixture_t *t = *state;
     blob_cache_t *other = other_cache(t);
     blob_download_t stopped = begin_alone(t, other);
     scene_blob_t blob;
@@ -277,7 +277,7 @@ static void a_part_of_ones_own_goes_when_the_scene_is_there(void **state)
 
 static void parts_that_were_left_behind_make_room(void **state)
 {
-    shelf_t *t = *state;
+    fixture_t *t = *state;
     blob_cache_t *other = other_cache(t);
     blob_download_t stopped = begin_alone(t, other);
     uint64_t size;
@@ -292,7 +292,7 @@ static void parts_that_were_left_behind_make_room(void **state)
     free(bytes);
 }
 
-static void used_at(shelf_t *t, const hash_t *hash, time_t time)
+static void used_at(fixture_t *t, const hash_t *hash, time_t time)
 {
     char *path = entry(t, hash, ".blob");
     struct timespec times[2] = {{.tv_sec = time}, {.tv_sec = time}};
@@ -302,7 +302,7 @@ static void used_at(shelf_t *t, const hash_t *hash, time_t time)
 
 static void the_least_recently_used_go_first(void **state)
 {
-    shelf_t *t = *state;
+    fixture_t *t = *state;
     hash_t hash[4];
     uint64_t size[4];
     uint8_t *bytes[4];
@@ -324,7 +324,7 @@ static void the_least_recently_used_go_first(void **state)
 
 static void a_part_in_use_and_other_files_stay(void **state)
 {
-    shelf_t *t = *state;
+    fixture_t *t = *state;
     uint64_t size;
     hash_t hash;
     uint8_t *bytes = peer_blob(5, &size, &hash);
@@ -348,7 +348,7 @@ static void a_part_in_use_and_other_files_stay(void **state)
 
 static void a_folder_that_cannot_be_written_is_named(void **state)
 {
-    shelf_t *t = *state;
+    fixture_t *t = *state;
     char *file = scratch_path(t->folder, "file");
     scratch_write(file, "x", 1);
     char *below = mem_printf("%s/cache", file);
@@ -386,21 +386,21 @@ static void the_default_folder_is_the_users_own(void **state)
 
 int main(void)
 {
-#define SHELF(test) cmocka_unit_test_setup_teardown(test, set_up, tear_down)
+#define WITH_FIXTURE(test) cmocka_unit_test_setup_teardown(test, set_up, tear_down)
     const struct CMUnitTest tests[] = {
-        SHELF(a_scene_is_fetched_once),
-        SHELF(a_broken_download_goes_on),
-        SHELF(a_part_that_is_too_long_begins_anew),
-        SHELF(wrong_bytes_never_get_the_name),
-        SHELF(a_file_that_rotted_is_fetched_again),
-        SHELF(another_process_has_the_download),
-        SHELF(a_download_that_stands_still_is_not_waited_for),
-        SHELF(a_part_of_ones_own_goes_when_the_scene_is_there),
-        SHELF(parts_that_were_left_behind_make_room),
-        SHELF(the_least_recently_used_go_first),
-        SHELF(a_part_in_use_and_other_files_stay),
-        SHELF(a_folder_that_cannot_be_written_is_named),
-        SHELF(the_default_folder_is_the_users_own),
+        WITH_FIXTURE(a_scene_is_fetched_once),
+        WITH_FIXTURE(a_broken_download_goes_on),
+        WITH_FIXTURE(a_part_that_is_too_long_begins_anew),
+        WITH_FIXTURE(wrong_bytes_never_get_the_name),
+        WITH_FIXTURE(a_file_that_rotted_is_fetched_again),
+        WITH_FIXTURE(another_process_has_the_download),
+        WITH_FIXTURE(a_download_that_stands_still_is_not_waited_for),
+        WITH_FIXTURE(a_part_of_ones_own_goes_when_the_scene_is_there),
+        WITH_FIXTURE(parts_that_were_left_behind_make_room),
+        WITH_FIXTURE(the_least_recently_used_go_first),
+        WITH_FIXTURE(a_part_in_use_and_other_files_stay),
+        WITH_FIXTURE(a_folder_that_cannot_be_written_is_named),
+        WITH_FIXTURE(the_default_folder_is_the_users_own),
     };
     return cmocka_run_group_tests_name("blob cache", tests, NULL, NULL);
 }

@@ -25,40 +25,40 @@ typedef struct {
     atomic_int stop, port;
     pthread_t thread;
     result_t outcome;
-} player_t;
+} runner_t;
 
 typedef struct {
     char *folder;
     test_scene_t scene;
     scripted_t *script;
     char *endpoint, *below, *data, *caches[WORKERS];
-    player_t relay, workers[WORKERS];
-} stage_t;
+    runner_t relay, workers[WORKERS];
+} fixture_t;
 
-static void *play(void *argument)
+static void *run_in_thread(void *argument)
 {
-    player_t *player = argument;
-    player->outcome = player->is_relay ? relay_run(&player->relay, &player->stop, &player->port)
-                                       : worker_run(&player->worker, &player->stop);
+    runner_t *runner = argument;
+    runner->outcome = runner->is_relay ? relay_run(&runner->relay, &runner->stop, &runner->port)
+                                       : worker_run(&runner->worker, &runner->stop);
     return NULL;
 }
 
-static void start(player_t *player)
+static void start(runner_t *runner)
 {
-    assert_int_equal(pthread_create(&player->thread, NULL, play, player), 0);
-    player->running = true;
+    assert_int_equal(pthread_create(&runner->thread, NULL, run_in_thread, runner), 0);
+    runner->running = true;
 }
 
-static result_t join(player_t *player)
+static result_t join(runner_t *runner)
 {
-    if (player->running) pthread_join(player->thread, NULL);
-    player->running = false;
-    return player->outcome;
+    if (runner->running) pthread_join(runner->thread, NULL);
+    runner->running = false;
+    return runner->outcome;
 }
 
 static int set_up(void **state)
 {
-    stage_t *t = mem_zalloc(1, sizeof *t);
+    fixture_t *t = mem_zalloc(1, sizeof *t);
     log_init("test", LOG_ERROR);
     t->folder = scratch_new();
     t->data = scratch_path(t->folder, "relay");
@@ -90,7 +90,7 @@ static int set_up(void **state)
 
 static int tear_down(void **state)
 {
-    stage_t *t = *state;
+    fixture_t *t = *state;
     for (int i = 0; i < WORKERS; i++) {
         atomic_store(&t->workers[i].stop, 2);
         join(&t->workers[i]);
@@ -108,27 +108,27 @@ static int tear_down(void **state)
     return 0;
 }
 
-static void start_relay(stage_t *t)
+static void start_relay(fixture_t *t)
 {
     start(&t->relay);
     scripted_run(t->script, atomic_load(&t->relay.port) > 0, PATIENCE);
     t->below = mem_printf("tcp://127.0.0.1:%d", atomic_load(&t->relay.port));
 }
 
-static void start_worker(stage_t *t, int i)
+static void start_worker(fixture_t *t, int i)
 {
-    player_t *player = &t->workers[i];
+    runner_t *runner = &t->workers[i];
     t->caches[i] = mem_printf("%s/cache-%d", t->folder, i);
-    player->worker = worker_options_default();
-    player->worker.control_endpoint = t->below;
-    player->worker.cache_dir = t->caches[i];
-    player->worker.threads = 1;
-    player->worker.grace = PATIENCE;
-    start(player);
+    runner->worker = worker_options_default();
+    runner->worker.control_endpoint = t->below;
+    runner->worker.cache_dir = t->caches[i];
+    runner->worker.threads = 1;
+    runner->worker.grace = PATIENCE;
+    start(runner);
 }
 
 /* What these units make, bit for bit, is what came. */
-static void assert_renders(stage_t *t, const scripted_batch_t *came)
+static void assert_renders(fixture_t *t, const scripted_batch_t *came)
 {
     renderer_t *renderer;
     unit_result_t result = {0};
@@ -155,7 +155,7 @@ static void assert_renders(stage_t *t, const scripted_batch_t *came)
 }
 
 /* Every sample of these units has come once. */
-static void assert_delivered(stage_t *t, const unit_t *units, size_t count)
+static void assert_delivered(fixture_t *t, const unit_t *units, size_t count)
 {
     for (uint32_t tile = 0; tile < 4; tile++) {
         uint32_t samples = 0;
@@ -177,7 +177,7 @@ static size_t delivered_units(const scripted_t *s)
 
 static void a_relay_without_workers_stays_away(void **state)
 {
-    stage_t *t = *state;
+    fixture_t *t = *state;
     scripted_t *s = t->script;
     start_relay(t);
     scripted_sleep(s, 0.5);
@@ -197,7 +197,7 @@ static void a_relay_without_workers_stays_away(void **state)
 
 static void batches_become_one(void **state)
 {
-    stage_t *t = *state;
+    fixture_t *t = *state;
     scripted_t *s = t->script;
     unit_t units[16];
     for (uint32_t i = 0; i < 16; i++) units[i] = (unit_t){i % 4, 8 * (i / 4), 8};
@@ -219,7 +219,7 @@ static void batches_become_one(void **state)
 
 static void a_check_passes_through(void **state)
 {
-    stage_t *t = *state;
+    fixture_t *t = *state;
     scripted_t *s = t->script;
     const unit_t ordinary[] = {{0, 0, 8}, {1, 0, 8}, {2, 0, 8}}, checked[] = {{3, 0, 4}, {2, 8, 2}};
     s->batch_interval = 1000;
@@ -238,7 +238,7 @@ static void a_check_passes_through(void **state)
 
 static void sums_outlive_the_master(void **state)
 {
-    stage_t *t = *state;
+    fixture_t *t = *state;
     scripted_t *s = t->script;
     const unit_t units[] = {{0, 0, 8}, {1, 0, 8}, {2, 0, 8}}, again[] = {{0, 0, 8}, {3, 0, 8}};
     s->granting = false;
@@ -258,7 +258,7 @@ static void sums_outlive_the_master(void **state)
 
 static void a_refused_sum_may_be_asked_for_again(void **state)
 {
-    stage_t *t = *state;
+    fixture_t *t = *state;
     scripted_t *s = t->script;
     const unit_t unit = {0, 0, 8};
     s->counting = false;
@@ -274,7 +274,7 @@ static void a_refused_sum_may_be_asked_for_again(void **state)
 
 static void a_job_that_is_over_is_over_below(void **state)
 {
-    stage_t *t = *state;
+    fixture_t *t = *state;
     scripted_t *s = t->script;
     unit_t units[8];
     for (uint32_t i = 0; i < 8; i++) units[i] = (unit_t){i % 4, 4096 * (i / 4), 4096};
@@ -292,7 +292,7 @@ static void a_job_that_is_over_is_over_below(void **state)
 
 static void a_flush_calls_everything_in(void **state)
 {
-    stage_t *t = *state;
+    fixture_t *t = *state;
     scripted_t *s = t->script;
     unit_t units[12];
     for (uint32_t i = 0; i < 12; i++) units[i] = (unit_t){i % 4, 4 * (i / 4), 4};
@@ -312,7 +312,7 @@ static void a_flush_calls_everything_in(void **state)
 
 static void a_relay_that_leaves_delivers_and_says_goodbye(void **state)
 {
-    stage_t *t = *state;
+    fixture_t *t = *state;
     scripted_t *s = t->script;
     const unit_t units[] = {{0, 0, 8}, {1, 0, 8}, {2, 0, 8}};
     s->batch_interval = 1000;
@@ -331,7 +331,7 @@ static void a_relay_that_leaves_delivers_and_says_goodbye(void **state)
  */
 
 /* Says one thing to the relay and returns its answer; the caller frees it. */
-static wire_message_t say(stage_t *t, void *socket, Lm__Envelope *envelope)
+static wire_message_t say(fixture_t *t, void *socket, Lm__Envelope *envelope)
 {
     wire_message_t message;
     bool received = false;
@@ -347,7 +347,7 @@ static wire_message_t say(stage_t *t, void *socket, Lm__Envelope *envelope)
 
 static void machines_of_other_bits_are_refused(void **state)
 {
-    stage_t *t = *state;
+    fixture_t *t = *state;
     void *context = zmq_ctx_new(), *socket;
     hash_t strange = {{1, 2, 3}};
     start_relay(t);
@@ -381,17 +381,17 @@ static void machines_of_other_bits_are_refused(void **state)
 
 int main(void)
 {
-#define STAGE(test) cmocka_unit_test_setup_teardown(test, set_up, tear_down)
+#define WITH_FIXTURE(test) cmocka_unit_test_setup_teardown(test, set_up, tear_down)
     const struct CMUnitTest tests[] = {
-        STAGE(a_relay_without_workers_stays_away),
-        STAGE(batches_become_one),
-        STAGE(a_check_passes_through),
-        STAGE(sums_outlive_the_master),
-        STAGE(a_refused_sum_may_be_asked_for_again),
-        STAGE(a_job_that_is_over_is_over_below),
-        STAGE(a_flush_calls_everything_in),
-        STAGE(a_relay_that_leaves_delivers_and_says_goodbye),
-        STAGE(machines_of_other_bits_are_refused),
+        WITH_FIXTURE(a_relay_without_workers_stays_away),
+        WITH_FIXTURE(batches_become_one),
+        WITH_FIXTURE(a_check_passes_through),
+        WITH_FIXTURE(sums_outlive_the_master),
+        WITH_FIXTURE(a_refused_sum_may_be_asked_for_again),
+        WITH_FIXTURE(a_job_that_is_over_is_over_below),
+        WITH_FIXTURE(a_flush_calls_everything_in),
+        WITH_FIXTURE(a_relay_that_leaves_delivers_and_says_goodbye),
+        WITH_FIXTURE(machines_of_other_bits_are_refused),
     };
     return cmocka_run_group_tests_name("relay", tests, NULL, NULL);
 }

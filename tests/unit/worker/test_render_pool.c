@@ -25,7 +25,7 @@ static const uint64_t SCARCE = 1ull << 20; /* not even two units of tiles */
 typedef struct {
     test_scene_t scene;
     job_settings_t settings;
-    render_pool_t *shop;
+    render_pool_t *fixture;
     uplink_handler_t handler;
     int wakes[2];
 } bench_t;
@@ -37,11 +37,11 @@ static void sleep_briefly(void)
 
 static void open_shop(bench_t *b, int threads, uint64_t memory)
 {
-    render_pool_destroy(&b->shop);
+    render_pool_destroy(&b->fixture);
     render_pool_options_t options = {
         .threads = threads, .memory = memory, .control_wake = b->wakes[0], .bulk_wake = b->wakes[1]};
-    b->shop = render_pool_new(&options);
-    b->handler = render_pool_handler(b->shop);
+    b->fixture = render_pool_new(&options);
+    b->handler = render_pool_handler(b->fixture);
 }
 
 static int set_up(void **state)
@@ -67,8 +67,8 @@ static int set_up(void **state)
 static int tear_down(void **state)
 {
     bench_t *b = *state;
-    render_pool_destroy(&b->shop);
-    assert_null(b->shop);
+    render_pool_destroy(&b->fixture);
+    assert_null(b->fixture);
     test_scene_end(&b->scene);
     for (int i = 0; i < 2; i++) close(b->wakes[i]);
     free(b);
@@ -568,25 +568,25 @@ static void a_scene_that_cannot_be_loaded_is_declined(void **state)
 
 int main(void)
 {
-#define SHOP(test) cmocka_unit_test_setup_teardown(test, set_up, tear_down)
+#define WITH_FIXTURE(test) cmocka_unit_test_setup_teardown(test, set_up, tear_down)
     const struct CMUnitTest tests[] = {
-        SHOP(units_become_a_batch),
-        SHOP(an_offered_batch_grows_until_it_is_closed),
-        SHOP(a_batch_waits_for_nothing_when_nothing_comes),
-        SHOP(samples_in_hand_are_not_rendered_again),
-        SHOP(a_check_makes_a_batch_of_its_own),
-        SHOP(a_check_can_be_the_first_assignment),
-        SHOP(a_forgotten_worker_keeps_what_was_begun),
-        SHOP(a_job_that_is_over_is_dropped),
-        SHOP(a_paused_job_goes_on_without_loading),
-        SHOP(another_job_waits_for_the_last_batch),
-        SHOP(a_number_alone_does_not_make_a_job),
-        SHOP(draining_finishes_what_was_begun),
-        SHOP(units_that_take_too_long_are_given_up),
-        SHOP(rendering_pauses_while_the_batch_is_full),
-        SHOP(a_batch_fits_into_a_message),
-        SHOP(a_film_beyond_the_memory_is_declined),
-        SHOP(a_scene_that_cannot_be_loaded_is_declined),
+        WITH_FIXTURE(units_become_a_batch),
+        WITH_FIXTURE(an_offered_batch_grows_until_it_is_closed),
+        WITH_FIXTURE(a_batch_waits_for_nothing_when_nothing_comes),
+        WITH_FIXTURE(samples_in_hand_are_not_rendered_again),
+        WITH_FIXTURE(a_check_makes_a_batch_of_its_own),
+        WITH_FIXTURE(a_check_can_be_the_first_assignment),
+        WITH_FIXTURE(a_forgotten_worker_keeps_what_was_begun),
+        WITH_FIXTURE(a_job_that_is_over_is_dropped),
+        WITH_FIXTURE(a_paused_job_goes_on_without_loading),
+        WITH_FIXTURE(another_job_waits_for_the_last_batch),
+        WITH_FIXTURE(a_number_alone_does_not_make_a_job),
+        WITH_FIXTURE(draining_finishes_what_was_begun),
+        WITH_FIXTURE(units_that_take_too_long_are_given_up),
+        WITH_FIXTURE(rendering_pauses_while_the_batch_is_full),
+        WITH_FIXTURE(a_batch_fits_into_a_message),
+        WITH_FIXTURE(a_film_beyond_the_memory_is_declined),
+        WITH_FIXTURE(a_scene_that_cannot_be_loaded_is_declined),
     };
     return cmocka_run_group_tests_name("render_pool", tests, NULL, NULL);
 }

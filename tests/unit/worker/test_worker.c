@@ -26,22 +26,22 @@ typedef struct {
     pthread_t thread;
     result_t outcome;
     bool running;
-} site_t;
+} fixture_t;
 
 static void *worker_thread(void *argument)
 {
-    site_t *t = argument;
+    fixture_t *t = argument;
     t->outcome = worker_run(&t->options, &t->stop);
     return NULL;
 }
 
-static void start_worker(site_t *t)
+static void start_worker(fixture_t *t)
 {
     assert_int_equal(pthread_create(&t->thread, NULL, worker_thread, t), 0);
     t->running = true;
 }
 
-static result_t join_worker(site_t *t)
+static result_t join_worker(fixture_t *t)
 {
     pthread_join(t->thread, NULL);
     t->running = false;
@@ -50,7 +50,7 @@ static result_t join_worker(site_t *t)
 
 static int set_up(void **state)
 {
-    site_t *t = mem_zalloc(1, sizeof *t);
+    fixture_t *t = mem_zalloc(1, sizeof *t);
     log_init("test", LOG_ERROR);
     t->folder = scratch_new();
     t->cache = scratch_path(t->folder, "cache");
@@ -78,7 +78,7 @@ static int set_up(void **state)
 
 static int tear_down(void **state)
 {
-    site_t *t = *state;
+    fixture_t *t = *state;
     atomic_store(&t->stop, 2);
     if (t->running) join_worker(t);
     scripted_destroy(&t->script);
@@ -91,7 +91,7 @@ static int tear_down(void **state)
 }
 
 /* What these units make, bit for bit, is what came. */
-static void assert_renders(site_t *t, const scripted_batch_t *came)
+static void assert_renders(fixture_t *t, const scripted_batch_t *came)
 {
     renderer_t *renderer;
     unit_result_t result = {0};
@@ -116,7 +116,7 @@ static void assert_renders(site_t *t, const scripted_batch_t *came)
 
 static void a_hello_says_what_the_machine_is(void **state)
 {
-    site_t *t = *state;
+    fixture_t *t = *state;
     scripted_t *s = t->script;
     start_worker(t);
     scripted_run(s, s->hellos > 0 && s->heartbeats > 0, PATIENCE);
@@ -129,7 +129,7 @@ static void a_hello_says_what_the_machine_is(void **state)
 
 static void a_batch_is_offered_before_it_is_closed(void **state)
 {
-    site_t *t = *state;
+    fixture_t *t = *state;
     scripted_t *s = t->script;
     const unit_t first[] = {{0, 0, 4}, {1, 0, 4}}, more[] = {{2, 0, 4}};
     t->options.patience = 0.3;
@@ -158,7 +158,7 @@ static void a_batch_is_offered_before_it_is_closed(void **state)
 /* From the moment the master is there again, with a new process, everything goes on within two seconds. */
 static void finished_work_outlives_the_master(void **state)
 {
-    site_t *t = *state;
+    fixture_t *t = *state;
     scripted_t *s = t->script;
     const unit_t units[] = {{0, 0, 4}, {1, 0, 4}}, again[] = {{0, 0, 8}, {3, 0, 4}};
     s->granting = false;
@@ -193,7 +193,7 @@ static void finished_work_outlives_the_master(void **state)
 /* It was silent for too long, and its number means nothing any more. */
 static void a_forgotten_worker_says_hello_and_keeps_its_batch(void **state)
 {
-    site_t *t = *state;
+    fixture_t *t = *state;
     scripted_t *s = t->script;
     const unit_t unit = {2, 0, 4};
     s->granting = false;
@@ -210,7 +210,7 @@ static void a_forgotten_worker_says_hello_and_keeps_its_batch(void **state)
 
 static void a_broken_connection_is_noticed_at_once(void **state)
 {
-    site_t *t = *state;
+    fixture_t *t = *state;
     scripted_t *s = t->script;
     const unit_t unit = {2, 0, 4};
     s->answering = false;
@@ -232,7 +232,7 @@ static void a_broken_connection_is_noticed_at_once(void **state)
 /* Nothing is sent twice over a connection that is merely slow: the worker asks. */
 static void a_silent_master_is_asked_before_anything_is_sent_again(void **state)
 {
-    site_t *t = *state;
+    fixture_t *t = *state;
     scripted_t *s = t->script;
     const unit_t unit = {2, 0, 4};
     t->options.patience = 0.5;
@@ -262,7 +262,7 @@ static void a_silent_master_is_asked_before_anything_is_sent_again(void **state)
 
 static void a_refused_offer_ends_the_batch(void **state)
 {
-    site_t *t = *state;
+    fixture_t *t = *state;
     scripted_t *s = t->script;
     const unit_t unit = {2, 0, 4}, other = {1, 0, 4};
     s->refusal = result_fail(RESULT_CANCELLED, "the job is over");
@@ -281,7 +281,7 @@ static void a_refused_offer_ends_the_batch(void **state)
 
 static void a_master_without_room_is_asked_again(void **state)
 {
-    site_t *t = *state;
+    fixture_t *t = *state;
     scripted_t *s = t->script;
     const unit_t unit = {2, 0, 4};
     s->refusal = result_fail(RESULT_LIMIT, "no room");
@@ -295,7 +295,7 @@ static void a_master_without_room_is_asked_again(void **state)
 
 static void a_refused_batch_is_thrown_away(void **state)
 {
-    site_t *t = *state;
+    fixture_t *t = *state;
     scripted_t *s = t->script;
     const unit_t unit = {2, 0, 4};
     s->counting = false;
@@ -311,7 +311,7 @@ static void a_refused_batch_is_thrown_away(void **state)
 
 static void checked_units_come_alone(void **state)
 {
-    site_t *t = *state;
+    fixture_t *t = *state;
     scripted_t *s = t->script;
     const unit_t ordinary[] = {{0, 0, 4}, {1, 0, 4}}, checked[] = {{3, 0, 4}, {2, 0, 4}};
     s->batch_interval = 1000;
@@ -330,7 +330,7 @@ static void checked_units_come_alone(void **state)
 /* The master lost its data, and job 3 is another one now. */
 static void another_job_of_the_same_number_gets_nothing_of_the_old(void **state)
 {
-    site_t *t = *state;
+    fixture_t *t = *state;
     scripted_t *s = t->script;
     const unit_t old = {0, 0, 4}, new = {1, 0, 4};
     s->granting = false;
@@ -355,7 +355,7 @@ static void another_job_of_the_same_number_gets_nothing_of_the_old(void **state)
 
 static void a_paused_job_is_sent_and_goes_on(void **state)
 {
-    site_t *t = *state;
+    fixture_t *t = *state;
     scripted_t *s = t->script;
     const unit_t unit = {0, 0, 4}, more = {1, 0, 4};
     s->batch_interval = 1000;
@@ -373,7 +373,7 @@ static void a_paused_job_is_sent_and_goes_on(void **state)
 
 static void a_drained_worker_delivers_and_says_goodbye(void **state)
 {
-    site_t *t = *state;
+    fixture_t *t = *state;
     scripted_t *s = t->script;
     unit_t units[16];
     for (uint32_t i = 0; i < 16; i++) units[i] = (unit_t){i % 4, 64 * (i / 4), 64};
@@ -390,7 +390,7 @@ static void a_drained_worker_delivers_and_says_goodbye(void **state)
 
 static void a_worker_that_cannot_deliver_says_so(void **state)
 {
-    site_t *t = *state;
+    fixture_t *t = *state;
     scripted_t *s = t->script;
     const unit_t unit = {0, 0, 4};
     t->options.grace = 0.5;
@@ -409,22 +409,22 @@ static void a_worker_that_cannot_deliver_says_so(void **state)
 
 int main(void)
 {
-#define SITE(test) cmocka_unit_test_setup_teardown(test, set_up, tear_down)
+#define WITH_FIXTURE(test) cmocka_unit_test_setup_teardown(test, set_up, tear_down)
     const struct CMUnitTest tests[] = {
-        SITE(a_hello_says_what_the_machine_is),
-        SITE(a_batch_is_offered_before_it_is_closed),
-        SITE(finished_work_outlives_the_master),
-        SITE(a_forgotten_worker_says_hello_and_keeps_its_batch),
-        SITE(a_broken_connection_is_noticed_at_once),
-        SITE(a_silent_master_is_asked_before_anything_is_sent_again),
-        SITE(a_refused_offer_ends_the_batch),
-        SITE(a_master_without_room_is_asked_again),
-        SITE(a_refused_batch_is_thrown_away),
-        SITE(checked_units_come_alone),
-        SITE(another_job_of_the_same_number_gets_nothing_of_the_old),
-        SITE(a_paused_job_is_sent_and_goes_on),
-        SITE(a_drained_worker_delivers_and_says_goodbye),
-        SITE(a_worker_that_cannot_deliver_says_so),
+        WITH_FIXTURE(a_hello_says_what_the_machine_is),
+        WITH_FIXTURE(a_batch_is_offered_before_it_is_closed),
+        WITH_FIXTURE(finished_work_outlives_the_master),
+        WITH_FIXTURE(a_forgotten_worker_says_hello_and_keeps_its_batch),
+        WITH_FIXTURE(a_broken_connection_is_noticed_at_once),
+        WITH_FIXTURE(a_silent_master_is_asked_before_anything_is_sent_again),
+        WITH_FIXTURE(a_refused_offer_ends_the_batch),
+        WITH_FIXTURE(a_master_without_room_is_asked_again),
+        WITH_FIXTURE(a_refused_batch_is_thrown_away),
+        WITH_FIXTURE(checked_units_come_alone),
+        WITH_FIXTURE(another_job_of_the_same_number_gets_nothing_of_the_old),
+        WITH_FIXTURE(a_paused_job_is_sent_and_goes_on),
+        WITH_FIXTURE(a_drained_worker_delivers_and_says_goodbye),
+        WITH_FIXTURE(a_worker_that_cannot_deliver_says_so),
     };
     return cmocka_run_group_tests_name("worker", tests, NULL, NULL);
 }

@@ -1,7 +1,7 @@
-/* troupe: the master, the relay and the workers of a run: real processes, started again when a fault has
+/* processes: the master, the relay and the workers of a run: real processes, started again when a fault has
  * ended them. One that ends by itself is a violation. */
-#ifndef LIGHTMILL_TROUPE_H
-#define LIGHTMILL_TROUPE_H
+#ifndef LIGHTMILL_PROCESSES_H
+#define LIGHTMILL_PROCESSES_H
 
 #include "tests/chaos/dice.h"
 #include "tests/chaos/passes.h"
@@ -11,9 +11,14 @@
 #include <stdbool.h>
 #include <sys/types.h>
 
-enum { TROUPE_MAX_WORKERS = 12, TROUPE_MAX_FROZEN = 4, TROUPE_RELAY_PORT = 10, TROUPE_PORT = 7420 };
+enum {
+    PROCESSES_MAX_WORKERS = 12,
+    PROCESSES_MAX_FROZEN = 4,
+    PROCESSES_RELAY_PORT = 10,
+    PROCESSES_PORT = 7420
+};
 
-/* Any process of the troupe. */
+/* Any of the processes. */
 typedef struct {
     char *name, *log;
     world_t *world; /* NULL: it sees all as it is */
@@ -33,7 +38,7 @@ typedef struct {
     char *cache;
     int network;               /* namespace; -1: the driver's */
     const char *const *passes; /* what it shows */
-} troupe_worker_t;
+} processes_worker_t;
 
 typedef struct {
     report_t *report;
@@ -44,47 +49,47 @@ typedef struct {
     bool worlds; /* clocks can jump, and disks be slow */
     int port;
     double lease;
-    /* Made by troupe_init. */
+    /* Made by processes_init. */
     char *master_program, *worker_program, *relay_program;
     member_t master, relay;
     char *relay_address; /* of the master, as the relay sees it; NULL: there is no relay */
-    troupe_worker_t workers[TROUPE_MAX_WORKERS];
+    processes_worker_t workers[PROCESSES_MAX_WORKERS];
     size_t worker_count;
     bool disk_full; /* a master that does not come up is forgiven */
     unsigned master_failures;
-    pid_t frozen[TROUPE_MAX_FROZEN];
+    pid_t frozen[PROCESSES_MAX_FROZEN];
     size_t frozen_count;
     double now; /* of the last tick */
-} troupe_t;
+} processes_t;
 
-/* Fills in what is the troupe's own, after what is the caller's. */
-void troupe_init(troupe_t *troupe);
+/* Fills in what is its own, after what is the caller's. */
+void processes_init(processes_t *processes);
 /* Kills everyone. */
-void troupe_free(troupe_t *troupe);
-/* Adds a worker, which is started at once or (`later`) by troupe_start_worker. */
-troupe_worker_t *troupe_add_worker(troupe_t *troupe, const char *host, int network, bool later);
-/* Starts the relay, which dials the master at `host` and listens TROUPE_RELAY_PORT ports above it. */
-void troupe_add_relay(troupe_t *troupe, const char *host);
+void processes_free(processes_t *processes);
+/* Adds a worker, which is started at once or (`later`) by processes_start_worker. */
+processes_worker_t *processes_add_worker(processes_t *processes, const char *host, int network, bool later);
+/* Starts the relay, which dials the master at `host` and listens PROCESSES_RELAY_PORT ports above it. */
+void processes_add_relay(processes_t *processes, const char *host);
 /* Adds a worker behind the relay. */
-void troupe_add_relay_worker(troupe_t *troupe);
-void troupe_start_worker(troupe_t *troupe, troupe_worker_t *worker);
+void processes_add_relay_worker(processes_t *processes);
+void processes_start_worker(processes_t *processes, processes_worker_t *worker);
 /* Starts whoever is due; notices who has ended. */
-void troupe_tick(troupe_t *troupe, double now);
+void processes_tick(processes_t *processes, double now);
 
 /* Kill -9; it is back after so many seconds. False when there is nobody to kill. */
-bool troupe_kill(troupe_t *troupe, member_t *member, double away);
+bool processes_kill(processes_t *processes, member_t *member, double away);
 /* Stops it for ever, and leaves it alone until the end; another takes its place. */
-bool troupe_freeze(troupe_t *troupe, troupe_worker_t *worker, double away);
+bool processes_freeze(processes_t *processes, processes_worker_t *worker, double away);
 /* SIGTERM; it is back so many seconds after it has left. */
-bool troupe_dismiss(troupe_t *troupe, member_t *member, double away);
-bool troupe_stop(member_t *member);
-bool troupe_continue(member_t *member);
+bool processes_dismiss(processes_t *processes, member_t *member, double away);
+bool processes_stop(member_t *member);
+bool processes_continue(member_t *member);
 /* A worker that is idle in the sense that no fault is at work on it; NULL when there is none. `pick` chooses.
  */
-troupe_worker_t *troupe_pick_worker(troupe_t *troupe, uint64_t pick);
+processes_worker_t *processes_pick_worker(processes_t *processes, uint64_t pick);
 /* Everyone goes on, and whoever is away is back at once. */
-void troupe_heal(troupe_t *troupe);
+void processes_heal(processes_t *processes);
 /* True when a process said what a sanitizer says; reported as a violation. */
-void troupe_check_logs(troupe_t *troupe);
+void processes_check_logs(processes_t *processes);
 
 #endif

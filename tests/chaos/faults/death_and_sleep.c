@@ -1,4 +1,4 @@
-/* processes: faults of the master, the relay and the workers: they die, are told to end, stop and come late.
+/* death_and_sleep: faults of the master, the relay and the workers: they die, are told to end, stop and come late.
  */
 #include "tests/chaos/faults/faults_state.h"
 
@@ -11,7 +11,7 @@ static const double CHECKPOINT_WRITE = 0.01; /* seconds for each write of a chec
 
 bool fault_pick_worker(faults_t *faults, fault_t *fault)
 {
-    fault->worker = troupe_pick_worker(faults->setup.troupe, fault->pick);
+    fault->worker = processes_pick_worker(faults->setup.processes, fault->pick);
     if (fault->worker == NULL) return false;
     fault->member = &fault->worker->member;
     fault_victim(fault, "%s", fault->member->name);
@@ -20,28 +20,28 @@ bool fault_pick_worker(faults_t *faults, fault_t *fault)
 
 static bool pick_relay(faults_t *faults, fault_t *fault)
 {
-    fault->member = &faults->setup.troupe->relay;
+    fault->member = &faults->setup.processes->relay;
     return fault->member->process != 0 && !fault->member->busy && !fault->member->leaving;
 }
 
 static bool has_relay(const faults_t *faults)
 {
-    return faults->setup.troupe->relay_address != NULL;
+    return faults->setup.processes->relay_address != NULL;
 }
 
 static bool kill_member(faults_t *faults, fault_t *fault)
 {
-    return troupe_kill(faults->setup.troupe, fault->member, fault_between(fault->chance[0], 0, 2));
+    return processes_kill(faults->setup.processes, fault->member, fault_between(fault->chance[0], 0, 2));
 }
 
 static bool dismiss_member(faults_t *faults, fault_t *fault)
 {
-    return troupe_dismiss(faults->setup.troupe, fault->member, fault_between(fault->chance[0], 0, 2));
+    return processes_dismiss(faults->setup.processes, fault->member, fault_between(fault->chance[0], 0, 2));
 }
 
 static bool stop_member(fault_t *fault)
 {
-    fault->member->busy = troupe_stop(fault->member);
+    fault->member->busy = processes_stop(fault->member);
     return fault->member->busy;
 }
 
@@ -49,7 +49,7 @@ static void continue_member(faults_t *faults, fault_t *fault)
 {
     (void)faults;
     fault->member->busy = false;
-    troupe_continue(fault->member);
+    processes_continue(fault->member);
 }
 
 static bool kill_worker(faults_t *faults, fault_t *fault)
@@ -85,31 +85,31 @@ static bool stop_relay(faults_t *faults, fault_t *fault)
 static bool freeze_worker(faults_t *faults, fault_t *fault)
 {
     return fault_pick_worker(faults, fault) &&
-           troupe_freeze(faults->setup.troupe, fault->worker, fault_between(fault->chance[0], 0, 2));
+           processes_freeze(faults->setup.processes, fault->worker, fault_between(fault->chance[0], 0, 2));
 }
 
 static bool start_late_worker(faults_t *faults, fault_t *fault)
 {
-    for (size_t i = 0; i < TROUPE_MAX_WORKERS && fault->worker == NULL; i++)
+    for (size_t i = 0; i < PROCESSES_MAX_WORKERS && fault->worker == NULL; i++)
         if (faults->late[i] && faults->late[i]->member.process == 0) fault->worker = faults->late[i];
     if (fault->worker == NULL) return false;
     fault_victim(fault, "%s", fault->worker->member.name);
-    troupe_start_worker(faults->setup.troupe, fault->worker);
+    processes_start_worker(faults->setup.processes, fault->worker);
     return true;
 }
 
 static void dismiss_late_worker(faults_t *faults, fault_t *fault)
 {
-    troupe_continue(&fault->worker->member);
-    troupe_dismiss(faults->setup.troupe, &fault->worker->member, INFINITY);
+    processes_continue(&fault->worker->member);
+    processes_dismiss(faults->setup.processes, &fault->worker->member, INFINITY);
 }
 
 /* ---- the master --------------------------------------------------------------------------------------- */
 
 static bool end_master(faults_t *faults, double away)
 {
-    troupe_t *troupe = faults->setup.troupe;
-    if (!troupe_kill(troupe, &troupe->master, away)) return false;
+    processes_t *processes = faults->setup.processes;
+    if (!processes_kill(processes, &processes->master, away)) return false;
     faults->kills++;
     return true;
 }
@@ -133,7 +133,7 @@ static void kill_master_again(faults_t *faults, fault_t *fault)
 
 void fault_slow_master_disk(faults_t *faults, double seconds)
 {
-    world_t *world = faults->setup.troupe->master.world;
+    world_t *world = faults->setup.processes->master.world;
     if (world) world_slow_disk(world, seconds);
 }
 
@@ -184,14 +184,14 @@ void faults_on_film(faults_t *faults, film_event_t event)
 
 static bool dismiss_master(faults_t *faults, fault_t *fault)
 {
-    troupe_t *troupe = faults->setup.troupe;
-    return !troupe->master.busy &&
-           troupe_dismiss(troupe, &troupe->master, fault_between(fault->chance[0], 0, 1));
+    processes_t *processes = faults->setup.processes;
+    return !processes->master.busy &&
+           processes_dismiss(processes, &processes->master, fault_between(fault->chance[0], 0, 1));
 }
 
 static bool stop_master(faults_t *faults, fault_t *fault)
 {
-    fault->member = &faults->setup.troupe->master;
+    fault->member = &faults->setup.processes->master;
     return !fault->member->busy && !fault->member->leaving && stop_member(fault);
 }
 

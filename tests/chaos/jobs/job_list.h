@@ -1,7 +1,7 @@
-/* docket: the jobs of a run: submits one after the other, asks for the status of all again and again, and
+/* job_list: the jobs of a run: submits one after the other, asks for the status of all again and again, and
  * knows which of them are proved. */
-#ifndef LIGHTMILL_DOCKET_H
-#define LIGHTMILL_DOCKET_H
+#ifndef LIGHTMILL_JOB_LIST_H
+#define LIGHTMILL_JOB_LIST_H
 
 #include "tests/chaos/passes.h"
 #include "tests/chaos/report.h"
@@ -9,7 +9,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-typedef struct docket docket_t;
+typedef struct job_list job_list_t;
 
 typedef struct {
     report_t *report;
@@ -18,16 +18,16 @@ typedef struct {
     const passes_t *passes;
     uint64_t seed;
     size_t at_a_time; /* jobs that are open */
-} docket_setup_t;
+} job_list_setup_t;
 
-docket_t *docket_new(const docket_setup_t *setup);
-void docket_free(docket_t **docket);
+job_list_t *job_list_new(const job_list_setup_t *setup);
+void job_list_free(job_list_t **job_list);
 /* Does what is due; with `more` new jobs are submitted when old ones complete. */
-void docket_tick(docket_t *docket, double now, bool more);
+void job_list_tick(job_list_t *job_list, double now, bool more);
 /* True when no job is open. */
-bool docket_settled(const docket_t *docket);
+bool job_list_settled(const job_list_t *job_list);
 /* A new master answers: what it has counted may be less. */
-void docket_new_master(docket_t *docket);
+void job_list_new_master(job_list_t *job_list);
 
 typedef struct {
     size_t submitted, proved;
@@ -35,9 +35,9 @@ typedef struct {
     uint64_t batches, batches_refused, units_reissued;
     uint64_t questions; /* answers of status that were checked */
     double longest;     /* seconds from the submission of a job to its proof */
-} docket_sum_t;
-docket_sum_t docket_sum(const docket_t *docket);
+} job_list_sum_t;
+job_list_sum_t job_list_sum(const job_list_t *job_list);
 /* Says what is not proved and why. */
-void docket_describe(const docket_t *docket);
+void job_list_describe(const job_list_t *job_list);
 
 #endif
