@@ -36,14 +36,16 @@ master/farm                 : master/trust
 master/threads              : master/farm
 master                      : master/threads
 relay                       : proto/uplink proto/serve
-client/import               : common/scene
-client/import/tessellate    : client/import
-client/import/gltf          : client/import
-client/import/pbrt/syntax    : client/import
+client/import/scene         : common/scene
+client/import/files         : client/import/scene
+client/import/tessellate    : client/import/scene
+client/import/gltf          : client/import/scene
+client/import/pbrt/syntax    : client/import/files
 client/import/pbrt/state     : client/import/pbrt/syntax
 client/import/pbrt/materials : client/import/pbrt/state
 client/import/pbrt/shapes    : client/import/pbrt/materials client/import/tessellate
 client/import/pbrt           : client/import/pbrt/shapes
+client/import               : client/import/pbrt client/import/gltf
 client                      : client/import proto/uplink master worker
 END
 }
@@ -52,8 +54,6 @@ END
 exceptions() {
     cat <<'END'
 use common common/film because job.c checks against the limits of a film
-use client/import client/import/gltf because import.c has the table of formats
-use client/import client/import/pbrt because import.c has the table of formats
 circle common/image because the table of formats calls its readers
 circle worker/render/bsdf because lobes hold lobes
 size client because its commands have no folder yet

@@ -8,11 +8,10 @@
 
 #include "client/import/gltf/gltf.h"
 #include "client/import/pbrt/pbrt.h"
-#include "client/import/report.h"
 
 typedef struct {
     const char *extension;
-    result_t (*import)(const char *path, blob_builder_t *builder, report_t *report);
+    result_t (*import)(const char *path, scene_builder_t *scene);
 } format_t;
 
 static const format_t formats[] = {
@@ -38,7 +37,10 @@ static result_t import_file(const char *path, blob_builder_t *builder, const imp
                            "%s: not a scene format that Lightmill reads; it reads .pbrt, .gltf and .glb",
                            path);
     report_t report = report_begin(sink);
-    result_t result = format->import(path, builder, &report);
+    scene_builder_t scene;
+    scene_begin(&scene, builder, &report);
+    result_t result = format->import(path, &scene);
+    scene_end(&scene);
     report_end(&report);
     return result;
 }

@@ -7,17 +7,8 @@
 #ifndef LIGHTMILL_IMPORT_H
 #define LIGHTMILL_IMPORT_H
 
+#include "client/import/scene/report.h"
 #include "common/scene/blob_builder.h"
-
-/* Where warnings go: `warn` gets one line for people, "file:line:column: text", valid during the call.
- * `progress` (may be NULL) is told the share of the bytes known so far that has been read, 0 to 1: a file
- * names others, so it may fall. It is called every 64 KiB or so. */
-typedef struct {
-    void (*warn)(void *context, const char *message);
-    void *context;
-    bool lenient; /* what is not supported gets its nearest substitute and a warning instead of an error */
-    void (*progress)(void *context, double fraction);
-} import_report_t;
 
 /* Reads the scene at `path` into an empty builder. A directory stands for the scene.pbrt in it. `report` may
  * be NULL, and so may its `warn`: warnings then go to the log. After an error the builder is only fit to be

@@ -2,7 +2,7 @@
  * without negative components. */
 #include "tests/fuzz/fuzz.h"
 
-#include "client/import/spectrum.h"
+#include "client/import/files/spectrum.h"
 
 static void check_colours(const spectrum_t *spectrum)
 {

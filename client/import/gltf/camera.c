@@ -4,10 +4,9 @@
  * and y up, so z is mirrored.
  */
 #include "client/import/gltf/document.h"
+#include "client/import/scene/scene_defaults.h"
 
-#include <float.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
 enum { WIDTH = 1280 };
@@ -27,12 +26,6 @@ static void set_resolution(blob_scene_t *scene, double aspect)
 {
     scene->width = WIDTH;
     scene->height = (int32_t)fmax(1, floor(WIDTH / aspect + 0.5));
-}
-
-static void set_transform(blob_scene_t *scene, const affine_t *frame)
-{
-    affine_t turn = {{{1, 0, 0, 0}, {0, 1, 0, 0}, {0, 0, -1, 0}}}, out = affine_multiply(frame, &turn);
-    scene->world_from_camera = scene->world_from_camera_end = affine_to_xform(&out);
 }
 
 /* ---- the file's camera --------------------------------------------------------------------------------- */
@@ -68,8 +61,9 @@ static result_t orthographic(const item_t *camera, blob_scene_t *scene)
     return result_ok();
 }
 
-static result_t use(const document_t *document, const placement_t *place, blob_scene_t *scene)
+static result_t use(document_t *document, const placement_t *place, blob_scene_t *scene)
 {
+    static const affine_t turn = {{{1, 0, 0, 0}, {0, 1, 0, 0}, {0, 0, -1, 0}}};
     item_t camera, node;
     const char *type = "";
     affine_t frame;
@@ -84,8 +78,8 @@ static result_t use(const document_t *document, const placement_t *place, blob_s
         return item_fail(&camera, "its type must be perspective or orthographic, found \"%.20s\"", type);
     if (!affine_frame(&place->world_from_node, &frame))
         return item_fail(&node, "its camera has no direction, or lies beyond 1e18");
-    set_transform(scene, &frame);
-    return result_ok();
+    frame = affine_multiply(&frame, &turn);
+    return scene_place_camera(scene, &frame, &frame, document_at(document, &camera));
 }
 
 /* Says which camera is taken and which ones are not. */
@@ -102,75 +96,6 @@ static void warn_of_others(const document_t *document)
               names);
 }
 
-/* ---- a camera for a scene without one ------------------------------------------------------------------ */
-
-typedef struct {
-    vec3_t low, high;
-} box_t;
-
-static void extend(box_t *box, vec3_t p)
-{
-    box->low = vec3(float_min(box->low.x, p.x), float_min(box->low.y, p.y), float_min(box->low.z, p.z));
-    box->high = vec3(float_max(box->high.x, p.x), float_max(box->high.y, p.y), float_max(box->high.z, p.z));
-}
-
-static box_t object_box(const document_t *document, const blob_object_t *object)
-{
-    const blob_shape_t *shapes = blob_builder_records(document->builder, BLOB_SECTION_SHAPES);
-    const blob_mesh_t *meshes = blob_builder_records(document->builder, BLOB_SECTION_MESHES);
-    const vec3_t *positions = blob_builder_records(document->builder, BLOB_SECTION_POSITIONS);
-    box_t box = {vec3(FLT_MAX, FLT_MAX, FLT_MAX), vec3(-FLT_MAX, -FLT_MAX, -FLT_MAX)};
-    for (uint32_t i = 0; i < object->shape_count; ++i) {
-        const blob_mesh_t *mesh = &meshes[shapes[object->first_shape + i].geometry];
-        for (uint32_t k = 0; k < mesh->vertex_count; ++k) extend(&box, positions[mesh->first_position + k]);
-    }
-    return box;
-}
-
-static void extend_by_instance(box_t *world, const box_t *box, const xform_t *transform)
-{
-    for (int i = 0; i < 8; ++i) {
-        vec3_t p = vec3(i & 1 ? box->high.x : box->low.x, i & 2 ? box->high.y : box->low.y,
-                        i & 4 ? box->high.z : box->low.z);
-        p = xform_point(transform, p);
-        if (v_is_finite(p)) extend(world, p);
-    }
-}
-
-static box_t scene_box(const document_t *document)
-{
-    const blob_object_t *objects = blob_builder_records(document->builder, BLOB_SECTION_OBJECTS);
-    const blob_instance_t *instances = blob_builder_records(document->builder, BLOB_SECTION_INSTANCES);
-    uint32_t count = blob_builder_count(document->builder, BLOB_SECTION_OBJECTS);
-    box_t *boxes = mem_zalloc(count, sizeof *boxes);
-    for (uint32_t i = 0; i < count; ++i) boxes[i] = object_box(document, &objects[i]);
-    for (uint32_t i = 0; i < blob_builder_count(document->builder, BLOB_SECTION_INSTANCES); ++i)
-        extend_by_instance(&boxes[0], &boxes[instances[i].object], &instances[i].world_from_object);
-    box_t world = boxes[0];
-    free(boxes);
-    return world;
-}
-
-/* From the front (+z), a little from the right and from above, so far away that the sphere about the box of
- * everything fits into the image. */
-static void frame_everything(const document_t *document, blob_scene_t *scene)
-{
-    box_t box = scene_box(document);
-    vec3_t low = v_scale(box.low, 0.5f), high = v_scale(box.high, 0.5f);
-    vec3_t centre = v_add(low, high), from = v_normalize(vec3(0.4f, 0.3f, 1));
-    float radius = float_max(v_length(v_sub(high, low)), FLT_MIN);
-    double distance = (double)radius / sin((double)scene->fov / 2 / degrees);
-    vec3_t x = v_normalize(v_cross(vec3(0, 1, 0), from)), y = v_cross(from, x);
-    double eye[3] = {(double)centre.x + distance * (double)from.x,
-                     (double)centre.y + distance * (double)from.y,
-                     (double)centre.z + distance * (double)from.z};
-    affine_t frame = {{{(double)x.x, (double)y.x, (double)from.x, eye[0]},
-                       {(double)x.y, (double)y.y, (double)from.y, eye[1]},
-                       {(double)x.z, (double)y.z, (double)from.z, eye[2]}}};
-    set_transform(scene, &frame);
-    set_resolution(scene, wide);
-}
-
 result_t camera_add(document_t *document)
 {
     blob_scene_t scene = defaults();
@@ -179,8 +104,8 @@ result_t camera_add(document_t *document)
         TRY(use(document, &document->cameras.items[0], &scene));
     } else {
         item_warn(&document->root, "the scene has no camera: one that sees all of it is put in front of it");
-        frame_everything(document, &scene);
+        set_resolution(&scene, wide);
+        TRY(scene_see_everything(document->builder, &scene, document_at(document, &document->root)));
     }
-    blob_builder_add(document->builder, BLOB_SECTION_SCENE, &scene, 1);
-    return result_ok();
+    return scene_finish(document->builder, &scene, document_at(document, &document->root));
 }

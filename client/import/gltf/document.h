@@ -4,13 +4,14 @@
  * The order of work: file.c opens the file; node.c walks the scene and gathers where meshes, cameras and
  * lights stand; then each mesh is put into the world, or, when it stands in several places, into an object
  * with instances; materials and textures are made when a mesh first wears them. Work is bounded by what the
- * file holds: see document_charge.
+ * file holds: see scene_charge.
  */
 #ifndef LIGHTMILL_DOCUMENT_H
 #define LIGHTMILL_DOCUMENT_H
 
 #include "client/import/gltf/item.h"
-#include "client/import/mesh.h"
+#include "client/import/scene/mesh.h"
+#include "client/import/scene/scene_images.h"
 
 /* The arrays at the root of the file that others refer to by index. */
 typedef enum {
@@ -50,12 +51,6 @@ typedef struct {
     blob_value_t emission; /* radiance */
 } material_t;
 
-/* An image in the blob: its pixels are there once, as up to two records. */
-typedef struct {
-    blob_image_t record; /* format 0: not read yet */
-    blob_ref_t refs[2];  /* linear, sRGB; 0: not there yet */
-} image_t;
-
 /* One place where a mesh, a camera or a light stands. */
 typedef struct {
     uint32_t node, thing; /* thing: index of the mesh, the camera or the light */
@@ -67,11 +62,6 @@ typedef struct {
     size_t count, capacity;
 } placements_t;
 
-typedef struct {
-    blob_shape_t *items;
-    size_t count, capacity;
-} shapes_t;
-
 /* For each vertex of an accessor, its new number in the mesh that is being read. */
 typedef struct {
     uint32_t stamp, number;
@@ -80,8 +70,8 @@ typedef struct {
 typedef struct document {
     const char *path;
     char *folder; /* of the file, with a '/' at its end, or empty */
-    report_t *report;
-    blob_builder_t *builder;
+    scene_builder_t *builder;
+    char *place; /* see document_at */
 
     uint8_t *data; /* the file */
     size_t size;
@@ -93,17 +83,10 @@ typedef struct document {
     bytes_t *buffers; /* as many as there are; data NULL: not read yet */
     source_t *sources;
     size_t source_count, source_capacity;
-    uint64_t work, pixels; /* see document_charge, document_charge_pixels */
-    uint64_t source_bytes; /* of the file and all that was read beside it */
 
-    image_t *images;
     material_t *materials[2]; /* without and with colours at the vertices; the last is glTF's default */
 
     placements_t meshes, cameras, lights;
-    shapes_t world;   /* object 0 of the blob */
-    shapes_t objects; /* shapes of the other objects, one object after the other */
-    blob_object_t *object_records;
-    size_t object_count, object_capacity;
 
     mark_t *marks;
     size_t mark_capacity;
@@ -114,7 +97,7 @@ typedef struct document {
 
 /* Reads the file, parses its JSON, and checks what it requires. document_close frees everything, also after
  * an error. */
-result_t document_open(document_t *document, const char *path, blob_builder_t *builder, report_t *report);
+result_t document_open(document_t *document, const char *path, scene_builder_t *builder);
 void document_close(document_t *document);
 
 /* An element of an array at the root. */
@@ -129,11 +112,10 @@ enum { PATH_ROOM = 200 };
 result_t document_uri(document_t *document, const item_t *owner, const char *uri, bytes_t *bytes,
                       char path[PATH_ROOM]);
 
-/* Counts vertices and indices that are about to be decoded. Small files can ask for much: accessors without
- * bytes, and many meshes that share the same bytes. RESULT_INPUT beyond 2^22 + 64 a byte of the files. */
+/* Where an item is, for messages of the scene builder. Its path is valid until the next call. */
+position_t document_at(document_t *document, const item_t *item);
+/* Counts vertices and indices that are about to be decoded: see scene_charge. */
 result_t document_charge(document_t *document, const item_t *item, uint64_t amount);
-/* The same for pixels of images: 2^27 + 512 a byte. */
-result_t document_charge_pixels(document_t *document, const item_t *item, uint64_t amount);
 
 /* ---- accessor.c ---------------------------------------------------------------------------------------- */
 
@@ -209,7 +191,7 @@ result_t placement_meshes(document_t *document);
 result_t light_find(const document_t *document, const item_t *node, uint32_t *light);
 result_t light_add(document_t *document);
 
-/* The scene record, with the first camera, or with one that sees everything. Meshes are there already. */
+/* Finishes the scene with its first camera, or with one that sees everything. Meshes are there already. */
 result_t camera_add(document_t *document);
 
 #endif

@@ -45,30 +45,20 @@ static const struct {
     {"EXT_texture_avif", false, "export textures as PNG or JPEG"},
 };
 
-/* ---- limits -------------------------------------------------------------------------------------------- */
+/* ---- places -------------------------------------------------------------------------------------------- */
+
+position_t document_at(document_t *document, const item_t *item)
+{
+    char name[PATH_ROOM];
+    item_name(item, name, sizeof name);
+    free(document->place);
+    document->place = mem_printf("%s%s%s", document->path, *name ? ": " : "", name);
+    return (position_t){document->place, 0, 0};
+}
 
 result_t document_charge(document_t *document, const item_t *item, uint64_t amount)
 {
-    uint64_t limit = ((uint64_t)1 << 22) + 64 * document->source_bytes;
-    if (amount > limit || document->work + amount > limit)
-        return item_fail(item,
-                         "the file's meshes come to more than %" PRIu64 " vertices, too many for its %" PRIu64
-                         " bytes; do not let so many meshes share them",
-                         limit, document->source_bytes);
-    document->work += amount;
-    return result_ok();
-}
-
-result_t document_charge_pixels(document_t *document, const item_t *item, uint64_t amount)
-{
-    uint64_t limit = ((uint64_t)1 << 27) + 512 * document->source_bytes;
-    if (amount > limit || document->pixels + amount > limit)
-        return item_fail(item,
-                         "the file's images come to more than %" PRIu64 " pixels, too many for its %" PRIu64
-                         " bytes; let textures share their images",
-                         limit, document->source_bytes);
-    document->pixels += amount;
-    return result_ok();
+    return scene_charge(document->builder, SCENE_VERTICES, amount, document_at(document, item));
 }
 
 /* ---- opening ------------------------------------------------------------------------------------------- */
@@ -129,7 +119,8 @@ static result_t parse(document_t *document, bytes_t text)
         return error_at((position_t){document->path, error.line > 0 ? (uint32_t)error.line : 1,
                                      error.column > 0 ? (uint32_t)error.column : 0},
                         "not JSON: %s", error.text);
-    document->root = (item_t){.path = document->path, .report = document->report, .json = document->json};
+    document->root =
+        (item_t){.path = document->path, .report = document->builder->report, .json = document->json};
     if (!json_is_object(document->json)) return item_fail(&document->root, "must hold a JSON object");
     for (int i = 0; i < TOP_COUNT; ++i)
         TRY(item_member(&document->root, top_names[i], JSON_ARRAY, &document->tops[i]));
@@ -178,13 +169,13 @@ static result_t check_extensions(document_t *document, const char *list, bool re
     return result_ok();
 }
 
-result_t document_open(document_t *document, const char *path, blob_builder_t *builder, report_t *report)
+result_t document_open(document_t *document, const char *path, scene_builder_t *builder)
 {
-    *document = (document_t){.path = path, .report = report, .builder = builder};
+    *document = (document_t){.path = path, .builder = builder};
     const char *slash = strrchr(path, '/');
     document->folder = mem_printf("%.*s", slash ? (int)(slash + 1 - path) : 0, path);
     TRY(file_read(path, largest_file, &document->data, &document->size));
-    document->source_bytes = document->size;
+    builder->source_bytes += document->size;
     bytes_t text;
     TRY(split(document, &text));
     TRY(parse(document, text));
@@ -192,7 +183,6 @@ result_t document_open(document_t *document, const char *path, blob_builder_t *b
     TRY(check_extensions(document, "extensionsRequired", true));
     TRY(check_extensions(document, "extensionsUsed", false));
     document->buffers = mem_zalloc(document_count(document, TOP_BUFFERS) + 1, sizeof *document->buffers);
-    document->images = mem_zalloc(document_count(document, TOP_IMAGES) + 1, sizeof *document->images);
     for (int i = 0; i < 2; ++i)
         document->materials[i] =
             mem_zalloc(document_count(document, TOP_MATERIALS) + 1, sizeof *document->materials[i]);
@@ -210,14 +200,11 @@ void document_close(document_t *document)
         free(document->sources[i].data);
     }
     free(document->sources);
-    free(document->images);
     for (int i = 0; i < 2; ++i) free(document->materials[i]);
     free(document->meshes.items);
     free(document->cameras.items);
     free(document->lights.items);
-    free(document->world.items);
-    free(document->objects.items);
-    free(document->object_records);
+    free(document->place);
     free(document->marks);
     *document = (document_t){0};
 }
@@ -330,7 +317,7 @@ static result_t read_file_uri(document_t *document, const item_t *owner, char *p
         free(path);
         return item_fail(owner, "%s", result.message);
     }
-    document->source_bytes += source.size;
+    document->builder->source_bytes += source.size;
     keep(document, source, bytes);
     return result_ok();
 }

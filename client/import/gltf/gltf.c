@@ -15,10 +15,10 @@ static result_t import(document_t *document)
     return camera_add(document);
 }
 
-result_t gltf_import(const char *path, blob_builder_t *builder, report_t *report)
+result_t gltf_import(const char *path, scene_builder_t *builder)
 {
     document_t document;
-    result_t result = document_open(&document, path, builder, report);
+    result_t result = document_open(&document, path, builder);
     if (result.code == RESULT_OK) result = import(&document);
     document_close(&document);
     return result;

@@ -5,9 +5,9 @@
 #ifndef LIGHTMILL_GLTF_H
 #define LIGHTMILL_GLTF_H
 
-#include "client/import/report.h"
+#include "client/import/scene/scene_builder.h"
 
 /* Reads the scene at `path` into an empty builder: see import_scene. */
-result_t gltf_import(const char *path, blob_builder_t *builder, report_t *report);
+result_t gltf_import(const char *path, scene_builder_t *builder);
 
 #endif

@@ -8,7 +8,7 @@
 
 #include <jansson.h>
 
-#include "client/import/report.h"
+#include "client/import/scene/report.h"
 
 /* No such index; no glTF file has that many things. */
 #define ITEM_NONE UINT32_MAX

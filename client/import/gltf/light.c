@@ -6,6 +6,7 @@
  * is undone for its files, so that lamps and emitting surfaces are as bright beside one another as in Cycles.
  */
 #include "client/import/gltf/document.h"
+#include "client/import/scene/scene_defaults.h"
 
 #include <string.h>
 
@@ -55,25 +56,25 @@ static result_t cone_of(const item_t *item, blob_light_t *light)
 }
 
 /* Lights shine along the node's -z; the blob's spot lights shine along +z, its distant ones stand at +z. */
-static result_t orient(const document_t *document, const placement_t *place, blob_light_t *light)
+static result_t orient(const document_t *document, const placement_t *place, uint32_t kind, affine_t *frame)
 {
-    affine_t frame = affine_identity(), turn = {{{-1, 0, 0, 0}, {0, 1, 0, 0}, {0, 0, -1, 0}}};
+    static const affine_t turn = {{{-1, 0, 0, 0}, {0, 1, 0, 0}, {0, 0, -1, 0}}};
     bool usable = true;
-    if (light->kind == LIGHT_POINT) {
+    *frame = affine_identity();
+    if (kind == LIGHT_POINT) {
         for (int i = 0; i < 3; ++i) {
-            frame.m[i][3] = place->world_from_node.m[i][3];
-            usable = usable && fabs(frame.m[i][3]) <= 1e18;
+            frame->m[i][3] = place->world_from_node.m[i][3];
+            usable = usable && fabs(frame->m[i][3]) <= 1e18;
         }
     } else {
-        usable = affine_frame(&place->world_from_node, &frame);
+        usable = affine_frame(&place->world_from_node, frame);
     }
     if (!usable) {
         item_t node;
         TRY(document_item(document, TOP_NODES, place->node, &node));
         return item_fail(&node, "its light has no direction, or lies beyond 1e18");
     }
-    if (light->kind == LIGHT_SPOT) frame = affine_multiply(&frame, &turn);
-    light->world_from_light = affine_to_xform(&frame);
+    if (kind == LIGHT_SPOT) *frame = affine_multiply(frame, &turn);
     return result_ok();
 }
 
@@ -97,15 +98,15 @@ static result_t add_one(document_t *document, const placement_t *place)
 {
     item_t root, lights, item;
     blob_light_t light = {0};
+    affine_t frame;
     TRY(all_lights(document, &root, &lights));
     TRY(item_element(&lights, place->thing, JSON_OBJECT, &item));
     TRY(kind_of(&item, &light.kind));
     TRY(radiance_of(document, &item, &light));
     if (light.kind == LIGHT_SPOT) TRY(cone_of(&item, &light));
     if (v_max(light.radiance.factor) <= 0) return result_ok();
-    TRY(orient(document, place, &light));
-    blob_builder_add(document->builder, BLOB_SECTION_LIGHTS, &light, 1);
-    return result_ok();
+    TRY(orient(document, place, light.kind, &frame));
+    return scene_add_light(document->builder, light, &frame, document_at(document, &item));
 }
 
 result_t light_add(document_t *document)
@@ -115,10 +116,8 @@ result_t light_add(document_t *document)
                   "written by Blender: its lamps are taken for exported with the lighting mode "
                   "\"Standard\", Blender's default; with \"Unitless\" they come out 683 times too dark");
     for (size_t i = 0; i < document->lights.count; ++i) TRY(add_one(document, &document->lights.items[i]));
-    if (blob_builder_count(document->builder, BLOB_SECTION_LIGHTS) > 0) return result_ok();
+    if (scene_has_light(document->builder)) return result_ok();
     item_warn(&document->root, "the scene has no light: a white sky of radiance 1 lights it");
-    blob_light_t sky = {
-        .kind = LIGHT_INFINITE, .radiance = blob_constant(1), .world_from_light = xform_identity()};
-    blob_builder_add(document->builder, BLOB_SECTION_LIGHTS, &sky, 1);
+    scene_add_sky(document->builder);
     return result_ok();
 }

@@ -245,8 +245,8 @@ result_t material_get(document_t *document, uint32_t index, bool coloured, const
     m.record.kind = MATERIAL_GLTF;
     m.record.flags = MATERIAL_REMAP_SQUARE;
     TRY(fill(&m));
-    m.record.name = blob_builder_string(document->builder, name);
-    out->index = blob_builder_add(document->builder, BLOB_SECTION_MATERIALS, &m.record, 1);
+    m.record.name = blob_builder_string(document->builder->blob, name);
+    out->index = blob_builder_add(document->builder->blob, BLOB_SECTION_MATERIALS, &m.record, 1);
     out->made = true;
     return result_ok();
 }

@@ -8,29 +8,19 @@
 
 typedef enum { PICK_ALL, PICK_DARK, PICK_EMITTING } pick_t;
 
+/* Which primitives of a mesh go where. */
+typedef struct {
+    pick_t pick;
+    uint32_t object, name; /* object: 0 for the world */
+    affine_t transform;
+} target_t;
+
 /* How often a mesh stands in the scene, and what became of it. */
 typedef struct {
     uint32_t places;
     bool made, emits;
     uint32_t object; /* in the blob; 0: none, nothing of it is dark */
 } mesh_state_t;
-
-static void append(shapes_t *shapes, const blob_shape_t *shape)
-{
-    shapes->items = grow(shapes->items, &shapes->capacity, shapes->count + 1, sizeof *shapes->items);
-    shapes->items[shapes->count++] = *shape;
-}
-
-/* A shape of the world gets a light of its own. */
-static void add_light(document_t *document, const material_t *material, blob_shape_t *shape)
-{
-    blob_light_t light = {.kind = LIGHT_AREA,
-                          .flags = material->two_sided ? LIGHT_TWO_SIDED : 0,
-                          .radiance = material->emission,
-                          .shape = (uint32_t)document->world.count,
-                          .world_from_light = xform_identity()};
-    shape->light = blob_builder_add(document->builder, BLOB_SECTION_LIGHTS, &light, 1);
-}
 
 /* A flattened mesh: its normals would have no direction, so it gets flat ones. */
 static void flatten(mesh_t *mesh, const affine_t *transform)
@@ -41,28 +31,32 @@ static void flatten(mesh_t *mesh, const affine_t *transform)
     mesh->normals = NULL;
 }
 
-/* Reads a primitive and appends it to the blob; *geometry is BLOB_NONE when there is nothing to see. */
+/* Reads a primitive and appends it to the blob; the shape's geometry is BLOB_NONE when there is nothing to
+ * see. */
 static result_t add_geometry(document_t *document, const item_t *primitive, affine_t transform,
-                             uint32_t *geometry, bool *flip)
+                             blob_shape_t *shape)
 {
     mesh_t mesh = {0};
     affine_t inverse;
-    char name[PATH_ROOM];
-    *geometry = BLOB_NONE;
     result_t result = primitive_read(document, primitive, &mesh);
-    if (result.code == RESULT_OK && mesh.triangle_count > 0) {
-        if (!affine_invert(&transform, &inverse)) {
-            flatten(&mesh, &transform);
-            transform = affine_identity();
-        }
-        item_name(primitive, name, sizeof name);
-        char *at = mem_printf("%s: %s", document->path, name);
-        result = mesh_add(&mesh, &transform, false, (position_t){at, 0, 0}, document->report,
-                          document->builder, geometry, flip);
-        free(at);
+    if (result.code != RESULT_OK || mesh.triangle_count == 0) {
+        mesh_free(&mesh);
+        return result;
     }
-    mesh_free(&mesh);
-    return result;
+    if (!affine_invert(&transform, &inverse)) {
+        flatten(&mesh, &transform);
+        transform = affine_identity();
+    }
+    return mesh_add(document->builder, &mesh, &transform, false, document_at(document, primitive), shape);
+}
+
+/* What a shape of the world emits. */
+static blob_light_t light_of(const material_t *material)
+{
+    return (blob_light_t){.kind = LIGHT_AREA,
+                          .flags = material->two_sided ? LIGHT_TWO_SIDED : 0,
+                          .radiance = material->emission,
+                          .world_from_light = xform_identity()};
 }
 
 static bool is_picked(pick_t pick, const material_t *material)
@@ -70,37 +64,35 @@ static bool is_picked(pick_t pick, const material_t *material)
     return pick == PICK_ALL || (pick == PICK_EMITTING) == material->emits;
 }
 
-static result_t add_primitive(document_t *document, const item_t *primitive, pick_t pick,
-                              const affine_t *transform, uint32_t name, bool *emits)
+static result_t add_primitive(document_t *document, const item_t *primitive, const target_t *target,
+                              bool *emits)
 {
     uint32_t index = ITEM_NONE;
     item_t attributes;
     const material_t *material;
-    bool flip = false;
     TRY(document_charge(document, primitive, 1));
     TRY(item_index(primitive, "material", document_count(document, TOP_MATERIALS), &index));
     TRY(item_member(primitive, "attributes", JSON_OBJECT, &attributes));
     TRY(material_get(document, index, json_object_get(attributes.json, "COLOR_0") != NULL, &material));
     *emits = *emits || material->emits;
     bool invisible = material->alpha.texture == 0 && material->alpha.factor.x <= 0;
-    if (!is_picked(pick, material) || invisible) return result_ok();
-    blob_shape_t shape = {.kind = SHAPE_MESH,
+    if (!is_picked(target->pick, material) || invisible) return result_ok();
+    blob_shape_t shape = {.geometry = BLOB_NONE,
                           .material = material->index,
-                          .light = BLOB_NONE,
-                          .name = name,
+                          .name = target->name,
                           .alpha = material->alpha,
                           .shadow_alpha = blob_constant(1)};
-    TRY(add_geometry(document, primitive, *transform, &shape.geometry, &flip));
+    TRY(add_geometry(document, primitive, target->transform, &shape));
     if (shape.geometry == BLOB_NONE) return result_ok();
-    shape.flags = (flip ? SHAPE_FLIP : 0) | (material->cutout ? SHAPE_CUTOUT : 0);
-    if (pick != PICK_DARK && material->emits) add_light(document, material, &shape);
-    append(pick == PICK_DARK ? &document->objects : &document->world, &shape);
+    if (material->cutout) shape.flags |= SHAPE_CUTOUT;
+    blob_light_t light = light_of(material);
+    scene_add_shape(document->builder, target->object, shape,
+                    target->object == 0 && material->emits ? &light : NULL);
     return result_ok();
 }
 
 /* Adds the primitives that are picked; *emits says whether any of all of them does. */
-static result_t add_primitives(document_t *document, uint32_t mesh, pick_t pick, const affine_t *transform,
-                               uint32_t name, bool *emits)
+static result_t add_primitives(document_t *document, uint32_t mesh, const target_t *target, bool *emits)
 {
     item_t item, primitives;
     TRY(document_item(document, TOP_MESHES, mesh, &item));
@@ -109,16 +101,19 @@ static result_t add_primitives(document_t *document, uint32_t mesh, pick_t pick,
     for (size_t i = 0; i < item_count(&primitives); ++i) {
         item_t primitive;
         TRY(item_element(&primitives, i, JSON_OBJECT, &primitive));
-        TRY(add_primitive(document, &primitive, pick, transform, name, emits));
+        TRY(add_primitive(document, &primitive, target, emits));
     }
     return result_ok();
 }
 
-static uint32_t place_name(document_t *document, uint32_t node)
+/* The primitives that are picked, in the world where the node stands. */
+static result_t add_to_world(document_t *document, const placement_t *place, pick_t pick)
 {
+    bool emits;
     char name[PATH_ROOM];
-    node_name(document, node, name, sizeof name);
-    return blob_builder_string(document->builder, name);
+    node_name(document, place->node, name, sizeof name);
+    target_t target = {pick, 0, blob_builder_string(document->builder->blob, name), place->world_from_node};
+    return add_primitives(document, place->thing, &target, &emits);
 }
 
 /* The dark parts of a mesh, in its own space, as a new object. */
@@ -126,54 +121,28 @@ static result_t make_object(document_t *document, uint32_t mesh, mesh_state_t *s
 {
     char name[PATH_ROOM];
     item_t item;
-    affine_t identity = affine_identity();
-    size_t first = document->objects.count;
+    uint32_t next = (uint32_t)document->builder->object_count;
     TRY(document_item(document, TOP_MESHES, mesh, &item));
     item_name(&item, name, sizeof name);
-    uint32_t label = blob_builder_string(document->builder, name);
-    TRY(add_primitives(document, mesh, PICK_DARK, &identity, label, &state->emits));
+    target_t target = {PICK_DARK, next, blob_builder_string(document->builder->blob, name),
+                       affine_identity()};
+    TRY(add_primitives(document, mesh, &target, &state->emits));
     state->made = true;
-    if (document->objects.count == first) return result_ok();
-    document->object_records = grow(document->object_records, &document->object_capacity,
-                                    document->object_count + 1, sizeof *document->object_records);
-    document->object_records[document->object_count++] =
-        (blob_object_t){(uint32_t)first, (uint32_t)(document->objects.count - first)};
-    state->object = (uint32_t)document->object_count;
+    if (document->builder->object_count > next) state->object = next;
     return result_ok();
 }
 
 static result_t add_place(document_t *document, const placement_t *place, mesh_state_t *state)
 {
-    bool emits;
-    xform_t world_from_node = affine_to_xform(&place->world_from_node);
+    const affine_t *transform = &place->world_from_node;
+    xform_t world_from_node = affine_to_xform(transform);
     if (state->places == 1 || !blob_instance_is_traceable(&world_from_node, &world_from_node))
-        return add_primitives(document, place->thing, PICK_ALL, &place->world_from_node,
-                              place_name(document, place->node), &emits);
+        return add_to_world(document, place, PICK_ALL);
     if (!state->made) TRY(make_object(document, place->thing, state));
-    if (state->object != 0) {
-        blob_instance_t instance = {state->object, world_from_node, world_from_node};
-        blob_builder_add(document->builder, BLOB_SECTION_INSTANCES, &instance, 1);
-    }
-    if (!state->emits) return result_ok();
-    return add_primitives(document, place->thing, PICK_EMITTING, &place->world_from_node,
-                          place_name(document, place->node), &emits);
-}
-
-/* The world's shapes come first, then those of the objects. */
-static void lay_out(document_t *document)
-{
-    blob_object_t world = {0, (uint32_t)document->world.count};
-    blob_builder_add(document->builder, BLOB_SECTION_OBJECTS, &world, 1);
-    for (size_t i = 0; i < document->object_count; ++i)
-        document->object_records[i].first_shape += world.shape_count;
-    if (document->object_count > 0)
-        blob_builder_add(document->builder, BLOB_SECTION_OBJECTS, document->object_records,
-                         (uint32_t)document->object_count);
-    const shapes_t *runs[] = {&document->world, &document->objects};
-    for (size_t i = 0; i < ARRAY_LENGTH(runs); ++i)
-        if (runs[i]->count > 0)
-            blob_builder_add(document->builder, BLOB_SECTION_SHAPES, runs[i]->items,
-                             (uint32_t)runs[i]->count);
+    if (state->object != 0)
+        TRY(scene_add_instance(document->builder, state->object, transform, transform,
+                               (position_t){document->path, 0, 0}));
+    return state->emits ? add_to_world(document, place, PICK_EMITTING) : result_ok();
 }
 
 result_t placement_meshes(document_t *document)
@@ -185,8 +154,9 @@ result_t placement_meshes(document_t *document)
     for (size_t i = 0; i < places->count && result.code == RESULT_OK; ++i)
         result = add_place(document, &places->items[i], &states[places->items[i].thing]);
     free(states);
-    if (result.code == RESULT_OK && document->world.count + document->objects.count == 0)
+    size_t shapes;
+    scene_shapes(document->builder, 0, &shapes);
+    if (result.code == RESULT_OK && shapes == 0 && document->builder->object_count == 1)
         result = item_fail(&document->root, "the scene has no triangle that could be rendered");
-    if (result.code == RESULT_OK) lay_out(document);
     return result;
 }

@@ -1,10 +1,9 @@
 /* texture: images, samplers and texture transforms become textures of the blob. */
 #include "client/import/gltf/document.h"
 
-#include <stdlib.h>
+#include <inttypes.h>
+#include <stdio.h>
 #include <string.h>
-
-#include "common/image/texture_image.h"
 
 /* ---- images -------------------------------------------------------------------------------------------- */
 
@@ -20,88 +19,22 @@ static result_t image_bytes(document_t *document, const item_t *image, bytes_t *
     return document_view(document, view, bytes);
 }
 
-/* An 8-bit texel of any of the image's types. */
-static uint8_t byte_at(const texture_image_t *image, size_t at)
-{
-    if (image->type == TEXELS_U8) return image->bytes[at];
-    float value = float_clamp(image->floats[at], 0, 1);
-    return (uint8_t)(value * 255.0f + 0.5f);
-}
-
-/* The words of the image in the blob's texels: R8 for one channel, else RGBA8. */
-static void write_bytes(const texture_image_t *image, uint8_t *to)
-{
-    size_t pixels = (size_t)image->width * image->height, channels = image->channels;
-    for (size_t i = 0; i < pixels; ++i) {
-        size_t from = i * channels;
-        if (channels == 1) {
-            to[i] = byte_at(image, from);
-            continue;
-        }
-        for (size_t k = 0; k < 3; ++k) to[4 * i + k] = byte_at(image, from + (channels == 2 ? 0 : k));
-        to[4 * i + 3] = channels % 2 == 0 ? byte_at(image, from + channels - 1) : 255;
-    }
-}
-
-/* Images of more than 8 bits without alpha, such as normal maps, keep their precision when they are linear.
- */
-static bool is_deep(const texture_image_t *image)
-{
-    return image->type == TEXELS_FLOAT && image->channels % 2 == 1 && !image->encoded;
-}
-
-static void store_pixels(document_t *document, const texture_image_t *image, blob_image_t *record)
-{
-    size_t pixels = (size_t)image->width * image->height, size;
-    if (is_deep(image)) {
-        record->format = image->channels == 1 ? TEXELS_R32F : TEXELS_RGB32F;
-        size = pixels * image->channels;
-    } else {
-        record->format = image->channels == 1 ? TEXELS_R8 : TEXELS_RGBA8;
-        size = image->channels == 1 ? (pixels + 3) / 4 : pixels;
-    }
-    uint32_t before = blob_builder_count(document->builder, BLOB_SECTION_TEXELS);
-    record->first_word = blob_builder_add(document->builder, BLOB_SECTION_TEXELS, NULL, (uint32_t)size);
-    if (blob_builder_count(document->builder, BLOB_SECTION_TEXELS) == before)
-        return; /* full: finish says so */
-    uint32_t *words = (uint32_t *)blob_builder_records(document->builder, BLOB_SECTION_TEXELS) + before;
-    if (is_deep(image))
-        memcpy(words, image->floats, size * sizeof *words);
-    else
-        write_bytes(image, (uint8_t *)words);
-}
-
-static result_t load(document_t *document, uint32_t index, image_t *image)
+/* The image in the blob. */
+static result_t image_ref(document_t *document, uint32_t index, encoding_t encoding, blob_ref_t *ref)
 {
     item_t item;
     bytes_t bytes;
-    char name[PATH_ROOM];
-    TRY(document_item(document, TOP_IMAGES, index, &item));
-    TRY(image_bytes(document, &item, &bytes, name));
-    texture_image_t pixels;
-    result_t result = texture_image_decode(name, bytes.data, bytes.size, &pixels);
-    if (result.code != RESULT_OK) return item_fail(&item, "%s", result.message);
-    result = document_charge_pixels(document, &item, (uint64_t)pixels.width * pixels.height);
-    if (result.code == RESULT_OK) {
-        image->record = (blob_image_t){.width = pixels.width, .height = pixels.height};
-        store_pixels(document, &pixels, &image->record);
+    char key[32], name[PATH_ROOM];
+    float gamma = encoding == ENCODING_SRGB ? 0 : 1;
+    snprintf(key, sizeof key, "images[%" PRIu32 "]", index);
+    const scene_image_t *image = scene_find_image(document->builder, key, gamma);
+    if (!image) {
+        TRY(document_item(document, TOP_IMAGES, index, &item));
+        TRY(image_bytes(document, &item, &bytes, name));
+        TRY(scene_add_image(document->builder, key, name, bytes.data, bytes.size, gamma, SCENE_ALPHA_WITHIN,
+                            document_at(document, &item), &image));
     }
-    texture_image_free(&pixels);
-    return result;
-}
-
-/* The image as a record of the blob; floats are linear whatever the use. */
-static result_t image_ref(document_t *document, uint32_t index, encoding_t encoding, blob_ref_t *ref)
-{
-    image_t *image = &document->images[index];
-    if (image->record.format == 0) TRY(load(document, index, image));
-    if (image->record.format > TEXELS_RGBA8) encoding = ENCODING_LINEAR;
-    if (image->refs[encoding] == 0) {
-        image->record.gamma = encoding == ENCODING_SRGB ? 0 : 1;
-        image->refs[encoding] =
-            1 + blob_builder_add(document->builder, BLOB_SECTION_IMAGES, &image->record, 1);
-    }
-    *ref = image->refs[encoding];
+    *ref = image->image;
     return result_ok();
 }
 
@@ -164,11 +97,6 @@ static result_t read_mapping(const item_t *info, blob_texture_t *out)
 
 /* ---- textures ------------------------------------------------------------------------------------------ */
 
-static blob_ref_t add(document_t *document, const blob_texture_t *texture)
-{
-    return 1 + blob_builder_add(document->builder, BLOB_SECTION_TEXTURES, texture, 1);
-}
-
 result_t texture_value(document_t *document, const item_t *owner, const char *key, encoding_t encoding,
                        channel_t channel, rgb_t factor, blob_value_t *value)
 {
@@ -188,7 +116,7 @@ result_t texture_value(document_t *document, const item_t *owner, const char *ke
     TRY(read_mapping(&info, &texture));
     TRY(read_sampler(document, &item, &texture));
     TRY(image_ref(document, source, encoding, &texture.image));
-    value->texture = add(document, &texture);
+    value->texture = scene_add_texture(document->builder, &texture).texture;
     return result_ok();
 }
 
@@ -204,14 +132,14 @@ blob_value_t texture_product(document_t *document, blob_value_t a, blob_value_t 
     }
     blob_texture_t texture = {.kind = TEXTURE_SCALE, .channel = CHANNEL_RGB, .inputs = {a, b}};
     texture.texture_from_world = xform_identity();
-    return (blob_value_t){vec3(1, 1, 1), add(document, &texture)};
+    return scene_add_texture(document->builder, &texture);
 }
 
 blob_value_t texture_vertex_colour(document_t *document, channel_t channel)
 {
     blob_texture_t texture = {.kind = TEXTURE_COLOUR, .channel = channel};
     texture.texture_from_world = xform_identity();
-    return (blob_value_t){vec3(1, 1, 1), add(document, &texture)};
+    return scene_add_texture(document->builder, &texture);
 }
 
 blob_value_t texture_threshold(document_t *document, blob_value_t value, float cutoff)
@@ -220,5 +148,5 @@ blob_value_t texture_threshold(document_t *document, blob_value_t value, float c
     blob_texture_t texture = {
         .kind = TEXTURE_THRESHOLD, .channel = CHANNEL_RGB, .inputs = {value}, .parameters = {cutoff}};
     texture.texture_from_world = xform_identity();
-    return (blob_value_t){vec3(1, 1, 1), add(document, &texture)};
+    return scene_add_texture(document->builder, &texture);
 }

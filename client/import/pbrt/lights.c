@@ -7,7 +7,6 @@
 
 #include "client/import/pbrt/lights.h"
 #include "client/import/pbrt/state/arguments.h"
-#include "client/import/pbrt/state/images.h"
 #include "client/import/pbrt/state/values.h"
 
 static const double pi = 3.14159265358979323846;
@@ -114,18 +113,6 @@ static void transform_point(const affine_t *t, const double p[3], double out[3])
         out[i] = t->m[i][0] * p[0] + t->m[i][1] * p[1] + t->m[i][2] * p[2] + t->m[i][3];
 }
 
-static result_t add_light(pbrt_t *p, blob_light_t *light, const affine_t *world_from_light, position_t at)
-{
-    xform_t inverse;
-    light->world_from_light = affine_to_xform(world_from_light);
-    if (!xform_invert(&light->world_from_light, &inverse))
-        return error_at(at, "the light's transform is singular or not finite");
-    if (!v_is_finite(light->radiance.factor)) return error_at(at, "this light's radiance is not finite");
-    if (v_is_zero(light->radiance.factor)) return result_ok();
-    blob_builder_add(p->builder, BLOB_SECTION_LIGHTS, light, 1);
-    return result_ok();
-}
-
 /* ---- images ---------------------------------------------------------------------------------------------
  */
 
@@ -138,12 +125,10 @@ static result_t read_image(pbrt_t *p, params_t *params, position_t at, blob_ref_
     *image = 0;
     TRY(params_string(params, name, &filename));
     if (filename[0] == '\0') return result_ok();
-    return pbrt_image(p, filename, v3 ? 1.0f : IMAGE_GAMMA_OF_FILE, params_where(params, name, at), image);
-}
-
-static blob_image_t image_record(const pbrt_t *p, blob_ref_t ref)
-{
-    return ((const blob_image_t *)blob_builder_records(p->builder, BLOB_SECTION_IMAGES))[ref - 1];
+    const scene_image_t *read;
+    TRY(pbrt_image(p, filename, v3 ? 1.0f : SCENE_GAMMA_OF_FILE, params_where(params, name, at), &read));
+    *image = read->image;
+    return result_ok();
 }
 
 /* An image of pbrt-v4 over all directions must be square; another is taken for v3's kind when lenient. */
@@ -151,7 +136,7 @@ static result_t choose_mapping(pbrt_t *p, blob_light_t *light, light_mapping_t v
 {
     light->mapping = v3_mapping;
     if (p->dialect.dialect == DIALECT_V3) return result_ok();
-    blob_image_t image = image_record(p, light->image);
+    blob_image_t image = scene_image_record(p->builder, light->image);
     if (image.width == image.height) {
         light->mapping = LIGHT_OCTAHEDRAL;
         return result_ok();
@@ -194,8 +179,8 @@ static result_t read_surface_image(pbrt_t *p, params_t *params, position_t at, a
                               .wrap_t = WRAP_CLAMP,
                               .flags = TEXTURE_NEAREST,
                               .inputs = {blob_constant(1)}};
-    light->light.radiance.texture = 1 + blob_builder_add(p->builder, BLOB_SECTION_TEXTURES, &texture, 1);
-    light->mean = pbrt_image_mean(p, image, NULL, NULL);
+    light->light.radiance.texture = scene_add_texture(p->builder, &texture).texture;
+    light->mean = scene_image_mean(p->builder, image, NULL, NULL);
     return result_ok();
 }
 
@@ -252,7 +237,7 @@ static result_t make_point(pbrt_t *p, params_t *params, position_t at)
     else
         transform_point(&ctm, from, place);
     affine_t frame = affine_translation(place);
-    return add_light(p, &light, &frame, at);
+    return scene_add_light(p->builder, light, &frame, at);
 }
 
 static result_t make_spot(pbrt_t *p, params_t *params, position_t at)
@@ -280,7 +265,7 @@ static result_t make_spot(pbrt_t *p, params_t *params, position_t at)
     for (int i = 0; i < 3; ++i) target[i] -= place[i];
     if (!frame_along(target, place, &frame))
         return error_at(at, "this spot light has no direction: \"from\" and \"to\" are the same");
-    return add_light(p, &light, &frame, at);
+    return scene_add_light(p->builder, light, &frame, at);
 }
 
 /* pbrt-v4 takes the mean of an image's colours, v3 its colours; v4's poles are on y. */
@@ -293,9 +278,9 @@ static result_t make_goniometric(pbrt_t *p, params_t *params, position_t at)
     TRY(read_emission(p, params, "I", &light.radiance.factor));
     TRY(read_image(p, params, at, &light.image));
     if (light.image) {
-        if (v4) light.image = pbrt_grey_image(p, light.image);
+        if (v4) light.image = scene_grey_image(p->builder, light.image);
         TRY(choose_mapping(p, &light, LIGHT_LATLONG_Y, at));
-        mean = pbrt_image_mean(p, light.image, NULL, NULL);
+        mean = scene_image_mean(p->builder, light.image, NULL, NULL);
     } else {
         light.kind = LIGHT_POINT;
         report_warning(p->report, at, "a goniometric light without an image is a point light");
@@ -303,7 +288,7 @@ static result_t make_goniometric(pbrt_t *p, params_t *params, position_t at)
     TRY(scale_to(p, params, "power", 4 * pi * mean, &light.radiance.factor));
     affine_t t = without_scale(p, light_transform(p, at), at);
     if (light.image && light.mapping == LIGHT_OCTAHEDRAL) t = affine_multiply(&t, &swap_yz);
-    return add_light(p, &light, &t, at);
+    return scene_add_light(p->builder, light, &t, at);
 }
 
 /* The cube of the cosine between z and the direction to the window's point (s, t). */
@@ -328,20 +313,20 @@ static result_t make_projection(pbrt_t *p, params_t *params, position_t at)
     TRY(params_float_in(params, "fov", 1e-3, 179.9, &fov));
     TRY(read_image(p, params, at, &light.image));
     if (!light.image && !v3) return error_at(at, "a projection light needs its image: \"string filename\"");
-    if (!light.image) light.image = pbrt_white_image(p);
-    blob_image_t image = image_record(p, light.image);
+    if (!light.image) light.image = scene_white_image(p->builder);
+    blob_image_t image = scene_image_record(p->builder, light.image);
     double half = tan(fov * (pi / 360)), aspect = (double)image.width / image.height;
     double x = half * fmax(aspect, 1), y = half * fmax(1 / aspect, 1);
     const float window[4] = {-(float)x, (float)x, -(float)y, (float)y};
     memcpy(light.parameters, window, sizeof window);
-    double power = 4 * x * y * pbrt_image_mean(p, light.image, cosine_cubed, window);
+    double power = 4 * x * y * scene_image_mean(p->builder, light.image, cosine_cubed, window);
     TRY(scale_to(p, params, "power", power, &light.radiance.factor));
     affine_t t = without_scale(p, light_transform(p, at), at);
     if (v3) { /* whose images hang from the window's lower edge */
         affine_t flip = affine_scaling(upside_down);
         t = affine_multiply(&t, &flip);
     }
-    return add_light(p, &light, &t, at);
+    return scene_add_light(p->builder, light, &t, at);
 }
 
 /* ---- lights at infinity ---------------------------------------------------------------------------------
@@ -362,7 +347,7 @@ static result_t make_distant(pbrt_t *p, params_t *params, position_t at)
                     ctm.m[i][2] * (from[2] - to[2]);
     if (!frame_along(toward, nowhere, &frame))
         return error_at(at, "this distant light has no direction: \"from\" and \"to\" are the same");
-    return add_light(p, &light, &frame, at);
+    return scene_add_light(p->builder, light, &frame, at);
 }
 
 /* The cosine above the horizon z = 0 at a point of the octahedral map. pbrt-v4 makes 2 pi of the whole sphere
@@ -391,7 +376,7 @@ static result_t make_infinite(pbrt_t *p, params_t *params, position_t at)
                             "a light has either \"L\" or \"filename\", not both");
         TRY(choose_mapping(p, &light, LIGHT_LATLONG, at));
         if (params_has(params, "illuminance"))
-            illuminance = 2 * pi * pbrt_image_mean(p, light.image, upper_cosine, NULL);
+            illuminance = 2 * pi * scene_image_mean(p->builder, light.image, upper_cosine, NULL);
     }
     if (light.image && light.mapping != LIGHT_OCTAHEDRAL && !v3 && params_has(params, "illuminance"))
         return error_at(params_where(params, "illuminance", at),
@@ -403,7 +388,7 @@ static result_t make_infinite(pbrt_t *p, params_t *params, position_t at)
     if (light.image) t = without_scale(p, t, at);
     for (int i = 0; i < 3; ++i) t.m[i][3] = 0;
     if (!light.image) t = affine_identity();
-    return add_light(p, &light, &t, at);
+    return scene_add_light(p->builder, light, &t, at);
 }
 
 /* ---- the directive --------------------------------------------------------------------------------------

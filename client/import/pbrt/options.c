@@ -715,16 +715,10 @@ static bool is_cropped(const pbrt_t *p)
 static result_t place_camera(pbrt_t *p)
 {
     affine_t open, close;
-    xform_t inverse;
     p->now.ctm = p->camera[0];
     p->now.ctm_end = p->camera[1];
     pbrt_motion(p, p->camera_at, &open, &close);
-    p->scene.world_from_camera = affine_to_xform(&open);
-    p->scene.world_from_camera_end = affine_to_xform(&close);
-    if (!xform_invert(&p->scene.world_from_camera, &inverse) ||
-        !xform_invert(&p->scene.world_from_camera_end, &inverse))
-        return error_at(p->camera_at, "the camera's transform is singular or not finite");
-    return result_ok();
+    return scene_place_camera(&p->scene, &open, &close, p->camera_at);
 }
 
 result_t pbrt_options_finish(pbrt_t *p)

@@ -8,7 +8,7 @@
 #include <string.h>
 #include <sys/stat.h>
 
-#include "client/import/gunzip.h"
+#include "client/import/files/gunzip.h"
 #include "client/import/pbrt/lights.h"
 #include "client/import/pbrt/materials/materials.h"
 #include "client/import/pbrt/materials/textures.h"
@@ -132,14 +132,13 @@ static result_t object_begin(pbrt_t *p, position_t at)
     uint32_t old;
     TRY(pbrt_read_string(p, 0, "the object's name"));
     if (p->object) return error_at(at, "an object inside an object; close the first with ObjectEnd");
-    if (names_find(&p->object_names, p->arguments[0], &old))
+    if (names_find(&p->object_lines, p->arguments[0], &old))
         return error_at(at, "the object \"%.60s\" has been defined before, in line %" PRIu32, p->arguments[0],
-                        p->objects[old].at.line);
+                        old);
     TRY(pbrt_push(p, SCOPE_OBJECT, at));
-    p->objects = grow(p->objects, &p->object_capacity, p->object_count + 1, sizeof *p->objects);
-    p->objects[p->object_count] = (object_t){.at = at};
-    names_add(&p->object_names, p->arguments[0], (uint32_t)p->object_count);
-    p->object = p->object_count++;
+    p->object = scene_add_object(p->builder);
+    names_add(&p->object_names, p->arguments[0], p->object);
+    names_add(&p->object_lines, p->arguments[0], at.line);
     return result_ok();
 }
 
@@ -153,17 +152,19 @@ static result_t object_end(pbrt_t *p, position_t at)
 static result_t object_instance(pbrt_t *p, position_t at)
 {
     uint32_t object;
+    size_t shapes;
     affine_t open, close;
     TRY(pbrt_read_string(p, 0, "the object's name"));
     if (p->object) return error_at(at, "an instance inside an object is not supported, as in pbrt");
     if (!names_find(&p->object_names, p->arguments[0], &object))
         return error_at(at, "no object \"%.60s\" has been defined before", p->arguments[0]);
-    if (p->objects[object].count == 0) {
+    scene_shapes(p->builder, object, &shapes);
+    if (shapes == 0) {
         report_warning(p->report, at, "the object \"%.60s\" is empty", p->arguments[0]);
         return result_ok();
     }
     pbrt_motion(p, at, &open, &close);
-    return pbrt_add_instance(p, object, &open, &close, at);
+    return scene_add_instance(p->builder, object, &open, &close, at);
 }
 
 /* ---- media: none yet ----------------------------------------------------------------------------------- */
@@ -284,8 +285,8 @@ static result_t check_defaults(pbrt_t *p)
 /* The film's gain is put into the lights. */
 static result_t apply_gain(pbrt_t *p, position_t at)
 {
-    uint32_t count = blob_builder_count(p->builder, BLOB_SECTION_LIGHTS);
-    blob_light_t *lights = blob_builder_records(p->builder, BLOB_SECTION_LIGHTS);
+    uint32_t count = blob_builder_count(p->builder->blob, BLOB_SECTION_LIGHTS);
+    blob_light_t *lights = blob_builder_records(p->builder->blob, BLOB_SECTION_LIGHTS);
     for (uint32_t i = 0; i < count; ++i) {
         rgb_t *factor = &lights[i].radiance.factor;
         if (p->gain != 1) *factor = v_scale(*factor, (float)p->gain);
@@ -311,11 +312,9 @@ static result_t finish(pbrt_t *p, position_t at)
     TRY(pbrt_finish_materials(p));
     pbrt_check_unused_materials(p);
     TRY(check_defaults(p));
-    TRY(pbrt_check_textures(p, at));
     TRY(apply_gain(p, at));
-    pbrt_lay_out_objects(p);
-    blob_builder_add(p->builder, BLOB_SECTION_SCENE, &p->scene, 1);
-    if (blob_builder_count(p->builder, BLOB_SECTION_LIGHTS) == 0)
+    TRY(scene_finish(p->builder, &p->scene, at));
+    if (!scene_has_light(p->builder))
         report_warning(p->report, at, "the scene has no light: its picture is black");
     return result_ok();
 }
@@ -330,7 +329,7 @@ static void count_bytes(pbrt_t *p, const char *cursor, const char **counted)
     *counted = cursor;
     if (p->bytes_done < p->bytes_told + STEP) return;
     p->bytes_told = p->bytes_done;
-    report_progress(p->report, fmin((double)p->bytes_done / (double)p->bytes_known, 1));
+    report_progress(p->report, fmin((double)p->bytes_done / (double)p->builder->source_bytes, 1));
 }
 
 static result_t parse_source(pbrt_t *p)
@@ -375,7 +374,7 @@ static result_t parse_file(pbrt_t *p, const char *path, const char *label)
     size_t size;
     TRY(open_source(p, path, label, &source, &size));
     lexer_t lexer = lexer_begin(source->path, (const char *)source->data, size);
-    p->bytes_known += size;
+    p->builder->source_bytes += size;
     if (!outer_source) {
         pbrt_set_defaults(p, dialect_detect(source->path, (const char *)source->data, size));
         pbrt_default_material(p);
@@ -392,10 +391,10 @@ static result_t parse_file(pbrt_t *p, const char *path, const char *label)
     return result;
 }
 
-result_t pbrt_import(const char *path, blob_builder_t *builder, report_t *report)
+result_t pbrt_import(const char *path, scene_builder_t *builder)
 {
     pbrt_t *p = mem_alloc(sizeof *p);
-    pbrt_begin(p, builder, report);
+    pbrt_begin(p, builder);
     const char *slash = strrchr(path, '/');
     p->folder = slash ? mem_printf("%.*s", (int)(slash + 1 - path), path) : mem_strdup("");
     result_t result = parse_file(p, path, slash ? slash + 1 : path);

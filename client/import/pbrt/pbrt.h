@@ -1,16 +1,16 @@
 /* pbrt: scenes in the text formats of pbrt-v3 and pbrt-v4.
  *
- * How the folder is cut: lexer (tokens) and params (parameter lists) read the text; dialect tells v3 from v4;
- * state holds the graphics state and gathers the scene; pbrt is the table of directives and the loop over
- * them; transforms, options, materials, textures, lights and shapes are the directives, each family with a
- * table of its own. A new material, shape, light, texture or filter is one table entry and one function.
+ * How the folder is cut, from the bottom up: syntax/ reads the text, and tells v3 from v4; state/ holds the
+ * graphics state, and reads values with it; materials/ and shapes/, transforms, options and lights are the
+ * directives, each family with a table of its own; pbrt is the table of directives and the loop over them. A
+ * new material, shape, light, texture or filter is one table entry and one function.
  */
 #ifndef LIGHTMILL_PBRT_H
 #define LIGHTMILL_PBRT_H
 
-#include "client/import/report.h"
+#include "client/import/scene/scene_builder.h"
 
 /* Imports the scene at `path` into an empty builder: see import_scene. */
-result_t pbrt_import(const char *path, blob_builder_t *builder, report_t *report);
+result_t pbrt_import(const char *path, scene_builder_t *builder);
 
 #endif

@@ -2,7 +2,7 @@
 #ifndef LIGHTMILL_GRID_H
 #define LIGHTMILL_GRID_H
 
-#include "client/import/mesh.h"
+#include "client/import/scene/mesh.h"
 
 typedef struct {
     double x, y, z;

@@ -13,7 +13,7 @@
 #ifndef LIGHTMILL_TESSELLATE_H
 #define LIGHTMILL_TESSELLATE_H
 
-#include "client/import/mesh.h"
+#include "client/import/scene/mesh.h"
 
 #define TESSELLATE_MAX_TRIANGLES ((uint32_t)1 << 26)
 

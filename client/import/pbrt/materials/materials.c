@@ -83,7 +83,7 @@ static result_t make_part(pbrt_t *p, params_t *params, const material_t *materia
     if (part->index == BLOB_NONE)
         return error_at(material->at, "a mix with the interface \"%.60s\" is not supported", name);
     record->parts[i] = part->index;
-    if (mix_depth(blob_builder_records(p->builder, BLOB_SECTION_MATERIALS), part->index) >=
+    if (mix_depth(blob_builder_records(p->builder->blob, BLOB_SECTION_MATERIALS), part->index) >=
         BLOB_MAX_MIX_DEPTH)
         return error_at(material->at, "mixes are nested deeper than %d", BLOB_MAX_MIX_DEPTH);
     return result_ok();
@@ -99,7 +99,7 @@ static result_t make_mix(pbrt_t *p, params_t *params, const material_t *material
     TRY(make_part(p, params, material, 1, record));
     if (p->dialect.dialect != DIALECT_V3) return result_ok();
     /* In pbrt-v3 the lobes of both move into the frame that namedmaterial1 has made. */
-    const blob_material_t *records = blob_builder_records(p->builder, BLOB_SECTION_MATERIALS);
+    const blob_material_t *records = blob_builder_records(p->builder->blob, BLOB_SECTION_MATERIALS);
     record->bump = records[record->parts[1]].bump;
     return result_ok();
 }
@@ -297,7 +297,7 @@ static result_t read_relief(pbrt_t *p, params_t *params, blob_material_t *record
     TRY(pbrt_signed_value(p, params, name, &bump));
     if (bump.texture != 0 && !(bump.factor.x == 1 && bump.factor.y == 1 && bump.factor.z == 1)) {
         blob_texture_t scaled = {.kind = TEXTURE_SCALE, .inputs = {bump, blob_constant(1)}};
-        bump.texture = 1 + blob_builder_add(p->builder, BLOB_SECTION_TEXTURES, &scaled, 1);
+        bump = scene_add_texture(p->builder, &scaled);
     }
     record->bump = bump.texture; /* a constant turns no normal */
     if (v3) return result_ok();
@@ -339,8 +339,8 @@ static result_t make(pbrt_t *p, material_t *material, params_t *params, blob_mat
 static uint32_t append(pbrt_t *p, const material_t *material, blob_material_t record)
 {
     if (record.kind == 0) return BLOB_NONE;
-    record.name = blob_builder_string(p->builder, material->name);
-    return blob_builder_add(p->builder, BLOB_SECTION_MATERIALS, &record, 1);
+    record.name = blob_builder_string(p->builder->blob, material->name);
+    return blob_builder_add(p->builder->blob, BLOB_SECTION_MATERIALS, &record, 1);
 }
 
 static result_t make_once(pbrt_t *p, material_t *material)
@@ -389,18 +389,25 @@ static bool is_ready(pbrt_t *p, material_t *material, int depth)
 
 enum { LATE = 1u << 31 }; /* with an index in materials: a shape's material that is made at the end */
 
+static result_t finish_material(pbrt_t *p, blob_shape_t *shape)
+{
+    if (!(shape->material & LATE)) return result_ok();
+    material_t *material = &p->materials[shape->material & ~LATE];
+    TRY(make_once(p, material));
+    if (material->index == BLOB_NONE)
+        return error_at(material->at, "an interface must be made before a shape wears it");
+    shape->material = material->index;
+    return result_ok();
+}
+
 result_t pbrt_finish_materials(pbrt_t *p)
 {
-    for (size_t i = 0; i < p->object_count; ++i)
-        for (size_t k = 0; k < p->objects[i].count; ++k) {
-            blob_shape_t *shape = &p->objects[i].shapes[k];
-            if (!(shape->material & LATE)) continue;
-            material_t *material = &p->materials[shape->material & ~LATE];
-            TRY(make_once(p, material));
-            if (material->index == BLOB_NONE)
-                return error_at(material->at, "an interface must be made before a shape wears it");
-            shape->material = material->index;
-        }
+    blob_shape_t *shapes;
+    size_t count;
+    for (uint32_t object = 0; object < p->builder->object_count; ++object) {
+        shapes = scene_shapes(p->builder, object, &count);
+        for (size_t i = 0; i < count; ++i) TRY(finish_material(p, &shapes[i]));
+    }
     return result_ok();
 }
 

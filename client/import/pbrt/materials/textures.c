@@ -5,7 +5,6 @@
  */
 #include "client/import/pbrt/materials/textures.h"
 #include "client/import/pbrt/state/arguments.h"
-#include "client/import/pbrt/state/images.h"
 #include "client/import/pbrt/state/values.h"
 
 #include <stdlib.h>
@@ -20,48 +19,12 @@ typedef struct {
 
 /* ---- records ------------------------------------------------------------------------------------------- */
 
-static blob_value_t add(pbrt_t *p, const blob_texture_t *texture)
-{
-    blob_value_t value = blob_constant(1);
-    value.texture = 1 + blob_builder_add(p->builder, BLOB_SECTION_TEXTURES, texture, 1);
-    return value;
-}
-
 static result_t read_input(pbrt_t *p, params_t *params, const char *name, bool is_float, float otherwise,
                            blob_value_t *input)
 {
     *input = blob_constant(otherwise);
     return is_float ? pbrt_signed_value(p, params, name, input)
                     : pbrt_colour_value(p, params, name, COLOUR_UNBOUNDED, input);
-}
-
-static bool texture_is_finite(const blob_texture_t *texture)
-{
-    bool finite = true;
-    for (int i = 0; i < 6; ++i) finite = finite && isfinite((&texture->matrix[0][0])[i]);
-    for (int i = 0; i < 12; ++i) finite = finite && isfinite((&texture->texture_from_world.m[0][0])[i]);
-    for (int i = 0; i < TEXTURE_PARAMETERS; ++i) finite = finite && isfinite(texture->parameters[i]);
-    for (int i = 0; i < TEXTURE_INPUTS; ++i) finite = finite && v_is_finite(texture->inputs[i].factor);
-    return finite;
-}
-
-result_t pbrt_check_textures(pbrt_t *p, position_t at)
-{
-    const blob_texture_t *records = blob_builder_records(p->builder, BLOB_SECTION_TEXTURES);
-    size_t count = blob_builder_count(p->builder, BLOB_SECTION_TEXTURES);
-    if (count > p->texture_cost_count)
-        p->texture_costs = grow(p->texture_costs, &p->texture_cost_capacity, count, sizeof *p->texture_costs);
-    for (; p->texture_cost_count < count; ++p->texture_cost_count) {
-        const blob_texture_t *texture = &records[p->texture_cost_count];
-        double *cost = &p->texture_costs[p->texture_cost_count];
-        *cost = 1;
-        for (int i = 0; i < TEXTURE_INPUTS; ++i)
-            if (texture->inputs[i].texture) *cost += p->texture_costs[texture->inputs[i].texture - 1];
-        if (*cost > BLOB_MAX_TEXTURE_COST)
-            return error_at(at, "a texture combines more than %d others", BLOB_MAX_TEXTURE_COST - 1);
-        if (!texture_is_finite(texture)) return error_at(at, "a number of a texture is infinite");
-    }
-    return result_ok();
 }
 
 /* ---- mappings ------------------------------------------------------------------------------------------ */
@@ -184,7 +147,7 @@ static result_t make_scale(pbrt_t *p, params_t *params, position_t at, bool is_f
     TRY(read_input(p, params, v3 ? "tex2" : "scale", v3 ? is_float : true, 1, b));
     *value = (blob_value_t){v_mul(a->factor, b->factor), a->texture ? a->texture : b->texture};
     if (!v_is_finite(value->factor)) return error_at(at, "this scale is not finite");
-    if (a->texture && b->texture) *value = add(p, &texture);
+    if (a->texture && b->texture) *value = scene_add_texture(p->builder, &texture);
     return result_ok();
 }
 
@@ -195,7 +158,7 @@ static result_t make_mix(pbrt_t *p, params_t *params, position_t at, bool is_flo
     TRY(read_input(p, params, "tex1", is_float, 0, &texture.inputs[0]));
     TRY(read_input(p, params, "tex2", is_float, 1, &texture.inputs[1]));
     TRY(read_input(p, params, "amount", true, 0.5f, &texture.inputs[2]));
-    *value = add(p, &texture);
+    *value = scene_add_texture(p->builder, &texture);
     return result_ok();
 }
 
@@ -214,7 +177,7 @@ static result_t make_direction_mix(pbrt_t *p, params_t *params, position_t at, b
     texture.parameters[0] = direction.x;
     texture.parameters[1] = direction.y;
     texture.parameters[2] = direction.z;
-    *value = add(p, &texture);
+    *value = scene_add_texture(p->builder, &texture);
     return result_ok();
 }
 
@@ -227,7 +190,7 @@ static result_t make_bilerp(pbrt_t *p, params_t *params, position_t at, bool is_
     TRY(map_2d(p, params, at, &texture));
     for (int i = 0; i < 4; ++i)
         TRY(read_input(p, params, names[i], is_float, (float)(i & 1), &texture.inputs[i]));
-    *value = add(p, &texture);
+    *value = scene_add_texture(p->builder, &texture);
     return result_ok();
 }
 
@@ -236,7 +199,7 @@ static result_t make_uv(pbrt_t *p, params_t *params, position_t at, bool is_floa
     if (is_float) return error_at(at, "texture \"uv\" is a colour, not of type \"float\"");
     blob_texture_t texture = {.kind = TEXTURE_UV};
     TRY(map_2d(p, params, at, &texture));
-    *value = add(p, &texture);
+    *value = scene_add_texture(p->builder, &texture);
     return result_ok();
 }
 
@@ -257,7 +220,7 @@ static result_t make_checkerboard(pbrt_t *p, params_t *params, position_t at, bo
     TRY(read_input(p, params, "tex1", is_float, 1, &texture.inputs[0]));
     TRY(read_input(p, params, "tex2", is_float, 0, &texture.inputs[1]));
     TRY(params_apply(params, checkerboard_rules, ARRAY_LENGTH(checkerboard_rules), p->report));
-    *value = add(p, &texture);
+    *value = scene_add_texture(p->builder, &texture);
     return result_ok();
 }
 
@@ -267,7 +230,7 @@ static result_t make_dots(pbrt_t *p, params_t *params, position_t at, bool is_fl
     TRY(map_2d(p, params, at, &texture));
     TRY(read_input(p, params, "inside", is_float, 1, &texture.inputs[0]));
     TRY(read_input(p, params, "outside", is_float, 0, &texture.inputs[1]));
-    *value = add(p, &texture);
+    *value = scene_add_texture(p->builder, &texture);
     return result_ok();
 }
 
@@ -289,7 +252,7 @@ static result_t make_noise(pbrt_t *p, params_t *params, texture_kind_t kind, blo
     blob_texture_t texture = {.kind = kind};
     map_3d(p, &texture);
     if (kind != TEXTURE_WINDY) TRY(read_octaves(params, &texture));
-    *value = add(p, &texture);
+    *value = scene_add_texture(p->builder, &texture);
     return result_ok();
 }
 
@@ -322,7 +285,7 @@ static result_t make_marble(pbrt_t *p, params_t *params, position_t at, bool is_
     TRY(params_float_in(params, "variation", -1e6, 1e6, &variation));
     texture.parameters[2] = (float)scale;
     texture.parameters[3] = (float)variation;
-    *value = add(p, &texture);
+    *value = scene_add_texture(p->builder, &texture);
     return result_ok();
 }
 
@@ -376,7 +339,7 @@ static result_t read_filter(params_t *params, position_t at, blob_texture_t *tex
 static result_t read_encoding_v3(params_t *params, float *gamma)
 {
     bool encoded = false;
-    *gamma = IMAGE_GAMMA_OF_FILE;
+    *gamma = SCENE_GAMMA_OF_FILE;
     if (!params_has(params, "gamma")) return result_ok();
     TRY(params_bool(params, "gamma", &encoded));
     *gamma = encoded ? 0 : 1;
@@ -395,7 +358,7 @@ static result_t read_encoding_v4(params_t *params, const char *filename, positio
     const char *encoding = "sRGB";
     TRY(params_string(params, "encoding", &encoding));
     at = params_where(params, "encoding", at);
-    *gamma = IMAGE_GAMMA_OF_FILE;
+    *gamma = SCENE_GAMMA_OF_FILE;
     char *end;
     if (strcmp(encoding, "sRGB") == 0) {
         *gamma = 0;
@@ -407,18 +370,18 @@ static result_t read_encoding_v4(params_t *params, const char *filename, positio
             return error_at(at, "unknown encoding \"%.40s\"; sRGB, linear and gamma X are known", encoding);
         *gamma = exponent;
     }
-    if (!has_extension(filename, ".png")) *gamma = IMAGE_GAMMA_OF_FILE;
+    if (!has_extension(filename, ".png")) *gamma = SCENE_GAMMA_OF_FILE;
     return result_ok();
 }
 
 /* A number from an image of colours: v3 takes the luminance, v4 the mean, but alpha where that is not 1
  * everywhere. */
-static blob_value_t add_number_of_image(pbrt_t *p, blob_texture_t *texture, const image_file_t *file)
+static blob_value_t add_number_of_image(pbrt_t *p, blob_texture_t *texture, const scene_image_t *file)
 {
     bool v3 = p->dialect.dialect == DIALECT_V3;
     texture->channel = file->grey || file->alpha ? CHANNEL_R : v3 ? CHANNEL_LUMINANCE : CHANNEL_MEAN;
     if (file->alpha) texture->image = file->alpha;
-    return add(p, texture);
+    return scene_add_texture(p->builder, texture);
 }
 
 static result_t read_scale(pbrt_t *p, params_t *params, blob_texture_t *texture)
@@ -436,8 +399,9 @@ static result_t read_scale(pbrt_t *p, params_t *params, blob_texture_t *texture)
 static result_t make_image(pbrt_t *p, params_t *params, position_t at, bool is_float, blob_value_t *value)
 {
     bool v3 = p->dialect.dialect == DIALECT_V3;
-    float gamma = IMAGE_GAMMA_OF_FILE;
+    float gamma = SCENE_GAMMA_OF_FILE;
     const char *filename = NULL;
+    const scene_image_t *file;
     blob_texture_t texture = {.kind = TEXTURE_IMAGE, .channel = CHANNEL_RGB};
     TRY(params_string(params, "filename", &filename));
     if (!filename) return error_at(at, "an imagemap needs its file: \"string filename\"");
@@ -448,15 +412,16 @@ static result_t make_image(pbrt_t *p, params_t *params, position_t at, bool is_f
     if (!v3) TRY(read_filter(params, at, &texture));
     TRY(v3 ? read_encoding_v3(params, &gamma) : read_encoding_v4(params, filename, at, &gamma));
     TRY(params_apply(params, filter_rules, ARRAY_LENGTH(filter_rules), p->report));
-    TRY(pbrt_image(p, filename, gamma, at, &texture.image));
-    const image_file_t *file = pbrt_image_file(p, texture.image);
+    TRY(pbrt_image(p, filename, gamma, at, &file));
+    texture.image = file->image;
     if (!v3 && !is_float) texture.flags |= TEXTURE_UNIT; /* a reflectance, as nearly all are */
-    *value = is_float ? add_number_of_image(p, &texture, file) : add(p, &texture);
+    *value = is_float ? add_number_of_image(p, &texture, file) : scene_add_texture(p->builder, &texture);
     return result_ok();
 }
 
 result_t pbrt_normal_map(pbrt_t *p, const char *filename, position_t at, blob_ref_t *texture)
 {
+    const scene_image_t *image;
     blob_texture_t map = {.kind = TEXTURE_IMAGE,
                           .mapping = MAPPING_UV,
                           .matrix = {{1, 0, 0}, {0, 1, 0}},
@@ -465,8 +430,9 @@ result_t pbrt_normal_map(pbrt_t *p, const char *filename, position_t at, blob_re
                           .wrap_t = WRAP_REPEAT,
                           .inputs = {blob_constant(1)}};
     flip_t(&map);
-    TRY(pbrt_image(p, filename, 1, at, &map.image));
-    *texture = add(p, &map).texture;
+    TRY(pbrt_image(p, filename, 1, at, &image));
+    map.image = image->image;
+    *texture = scene_add_texture(p->builder, &map).texture;
     return result_ok();
 }
 
@@ -539,7 +505,7 @@ result_t pbrt_texture(pbrt_t *p, position_t at)
     TRY(textures[index].make ? textures[index].make(p, p->params, at, is_float, &value)
                              : make_substitute(p, at, &value));
     TRY(pbrt_finish_params(p, "Texture", p->arguments[2]));
-    TRY(pbrt_check_textures(p, at));
+    TRY(scene_check_textures(p->builder, at));
     store(p, is_float, value, at);
     return result_ok();
 }

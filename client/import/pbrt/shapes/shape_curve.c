@@ -201,14 +201,14 @@ static result_t add_curves(pbrt_t *p, shape_work_t *work, const curve_t *curve)
     if (result.code == RESULT_OK) {
         blob_curves_t curves = {
             .kind = curve->kind, .segment_count = (uint32_t)curve->segments, .first_normal = BLOB_NONE};
-        curves.first_point = blob_builder_add(p->builder, BLOB_SECTION_CURVE_POINTS, points, count);
+        curves.first_point = blob_builder_add(p->builder->blob, BLOB_SECTION_CURVE_POINTS, points, count);
         if (curve->kind == CURVES_RIBBON) {
             vec3_t *normals = mem_zalloc(count, sizeof *normals);
             fill_normals(curve, &inverse, normals);
-            curves.first_normal = blob_builder_add(p->builder, BLOB_SECTION_NORMALS, normals, count);
+            curves.first_normal = blob_builder_add(p->builder->blob, BLOB_SECTION_NORMALS, normals, count);
             free(normals);
         }
-        work->shape.geometry = blob_builder_add(p->builder, BLOB_SECTION_CURVES, &curves, 1);
+        work->shape.geometry = blob_builder_add(p->builder->blob, BLOB_SECTION_CURVES, &curves, 1);
     }
     free(points);
     return result;

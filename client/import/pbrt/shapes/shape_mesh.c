@@ -4,58 +4,26 @@
 #include <stdlib.h>
 #include <sys/stat.h>
 
+#include "client/import/files/ply.h"
 #include "client/import/pbrt/shapes/shapes.h"
-#include "client/import/ply.h"
 #include "client/import/tessellate/tessellate.h"
 
 /* ---- into the blob --------------------------------------------------------------------------------------
  */
 
-/* Of the mesh that was appended last. */
-static double mesh_area(pbrt_t *p, uint32_t index)
-{
-    const blob_mesh_t *mesh = (blob_mesh_t *)blob_builder_records(p->builder, BLOB_SECTION_MESHES) + index;
-    const vec3_t *v =
-        (vec3_t *)blob_builder_records(p->builder, BLOB_SECTION_POSITIONS) + mesh->first_position;
-    const blob_triangle_t *t =
-        (blob_triangle_t *)blob_builder_records(p->builder, BLOB_SECTION_TRIANGLES) + mesh->first_triangle;
-    double area = 0;
-    for (uint32_t i = 0; i < mesh->triangle_count; ++i) {
-        vec3_t a = v[t[i].v[0]], b = v[t[i].v[1]], c = v[t[i].v[2]];
-        area += (double)v_length(v_cross(v_sub(b, a), v_sub(c, a))) / 2;
-    }
-    return area;
-}
-
-/* A few numbers can ask for many triangles; a whole scene of them must not. */
-static result_t charge_triangles(pbrt_t *p, uint64_t triangles, position_t at)
-{
-    const uint64_t free_triangles = (uint64_t)1 << 26, triangles_per_byte = 256;
-    p->triangles += triangles;
-    if (p->triangles > free_triangles + triangles_per_byte * p->bytes_known)
-        return error_at(at,
-                        "%" PRIu64 " triangles so far are too many for files of %" PRIu64
-                        " bytes; take fewer curved shapes or fewer levels of subdivision",
-                        p->triangles, p->bytes_known);
-    return result_ok();
-}
-
 /* Appends the mesh, if `made` is a success, and frees it; its normals are reversed on demand. */
 static result_t finish_reversed(pbrt_t *p, shape_work_t *work, mesh_t *mesh, bool reverse, result_t made)
 {
-    bool flip = false;
     size_t triangles = mesh->triangle_count;
-    if (made.code == RESULT_OK) made = charge_triangles(p, triangles, work->at);
-    if (made.code == RESULT_OK)
-        made = mesh_add(mesh, &work->placed, reverse, work->at, p->report, p->builder, &work->shape.geometry,
-                        &flip);
-    mesh_free(mesh);
-    if (made.code != RESULT_OK) return made;
-    work->shape.kind = SHAPE_MESH;
-    work->shape.flags = flip ? SHAPE_FLIP : 0;
+    if (made.code == RESULT_OK) made = scene_charge(p->builder, SCENE_TRIANGLES, triangles, work->at);
+    if (made.code != RESULT_OK) {
+        mesh_free(mesh);
+        return made;
+    }
+    TRY(mesh_add(p->builder, mesh, &work->placed, reverse, work->at, &work->shape));
     if (work->shape.geometry == BLOB_NONE) return result_ok();
     if (work->emitters == 0) work->emitters = triangles;
-    if (p->now.emits) work->area = mesh_area(p, work->shape.geometry);
+    if (p->now.emits) work->area = mesh_area(p->builder, work->shape.geometry);
     return result_ok();
 }
 
@@ -198,7 +166,7 @@ result_t pbrt_make_plymesh(pbrt_t *p, shape_work_t *work)
     struct stat status;
     char *path = pbrt_resolve(p, filename);
     uint64_t size = stat(path, &status) == 0 && status.st_size > 0 ? (uint64_t)status.st_size : 0;
-    p->bytes_known += size;
+    p->builder->source_bytes += size;
     result_t result = ply_read(path, p->report, &mesh);
     p->bytes_done += size;
     if (result.code != RESULT_OK)

@@ -103,7 +103,7 @@ static result_t add_quadric(pbrt_t *p, shape_work_t *work, blob_quadric_t *quadr
     if (!isfinite(quadric->z_min) || !isfinite(quadric->z_max))
         return error_at(work->at, "the shape's height is not finite");
     work->shape.kind = SHAPE_QUADRIC;
-    work->shape.geometry = blob_builder_add(p->builder, BLOB_SECTION_QUADRICS, quadric, 1);
+    work->shape.geometry = blob_builder_add(p->builder->blob, BLOB_SECTION_QUADRICS, quadric, 1);
     bool emits = p->now.emits && p->object == 0, mirrored = affine_determinant(&work->placed) < 0;
     work->shape.flags = p->now.reverse != (mirrored && !emits) ? SHAPE_FLIP : 0;
     work->emitters = 1;

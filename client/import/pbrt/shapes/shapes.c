@@ -137,20 +137,24 @@ static result_t add_shape(pbrt_t *p, shape_work_t *work, bool moves, const affin
     blob_light_t light;
     bool emits;
     TRY(make_light(p, work, moves, &light, &emits));
-    bool instance = moves && p->object == 0 && !p->now.emits;
-    if (instance) return pbrt_add_moving_shape(p, work->shape, open, close, work->at);
+    work->shape.name = pbrt_name_of_place(p, work->at);
+    if (moves && p->object == 0 && !p->now.emits) { /* as an object of its own, in its own space */
+        uint32_t object = scene_add_object(p->builder);
+        scene_add_shape(p->builder, object, work->shape, NULL);
+        return scene_add_instance(p->builder, object, open, close, work->at);
+    }
     xform_t inverse, ends[2] = {affine_to_xform(open), affine_to_xform(close)};
     if (!xform_invert(&ends[0], &inverse) || !xform_invert(&ends[1], &inverse))
         return error_at(work->at, "the current transform is singular or not finite");
-    pbrt_add_shape(p, work->shape, emits ? &light : NULL, work->at);
+    scene_add_shape(p->builder, p->object, work->shape, emits ? &light : NULL);
     return result_ok();
 }
 
 /* Shading normals that are not the geometric ones: see SHAPE_NORMALS_V3. */
 static bool has_shading_normals(const pbrt_t *p, const blob_shape_t *shape)
 {
-    const blob_mesh_t *meshes = blob_builder_records(p->builder, BLOB_SECTION_MESHES);
-    const blob_material_t *materials = blob_builder_records(p->builder, BLOB_SECTION_MATERIALS);
+    const blob_mesh_t *meshes = blob_builder_records(p->builder->blob, BLOB_SECTION_MESHES);
+    const blob_material_t *materials = blob_builder_records(p->builder->blob, BLOB_SECTION_MATERIALS);
     return materials[shape->material].bump != 0 ||
            (shape->kind == SHAPE_MESH && meshes[shape->geometry].first_normal != BLOB_NONE);
 }

@@ -6,9 +6,9 @@
  * always written in linear sRGB. */
 #include <string.h>
 
+#include "client/import/files/spectrum.h"
 #include "client/import/pbrt/state/arguments.h"
 #include "client/import/pbrt/state/colour_spaces.h"
-#include "client/import/spectrum.h"
 
 typedef struct {
     const char *name;

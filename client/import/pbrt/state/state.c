@@ -8,17 +8,15 @@
 
 /* ---- life ---------------------------------------------------------------------------------------------- */
 
-void pbrt_begin(pbrt_t *p, blob_builder_t *builder, report_t *report)
+void pbrt_begin(pbrt_t *p, scene_builder_t *builder)
 {
-    *p = (pbrt_t){.report = report, .builder = builder, .phase = PHASE_OPTIONS};
+    *p = (pbrt_t){.report = builder->report, .builder = builder, .phase = PHASE_OPTIONS};
     p->params = params_new();
     p->now.ctm = p->now.ctm_end = affine_identity();
     p->now.active = ACTIVE_START | ACTIVE_END;
     p->camera[0] = p->camera[1] = affine_identity();
     p->transform_times[1] = p->shutter[1] = p->gain = 1;
     p->balance = vec3(1, 1, 1);
-    p->objects = grow(NULL, &p->object_capacity, 1, sizeof *p->objects);
-    p->objects[p->object_count++] = (object_t){0}; /* the world */
 }
 
 static void free_lists(pbrt_t *p)
@@ -34,8 +32,6 @@ static void free_lists(pbrt_t *p)
         free(p->materials[i].name);
     }
     for (size_t i = 0; i < p->kept_count; ++i) params_destroy(&p->kept[i]);
-    for (size_t i = 0; i < p->object_count; ++i) free(p->objects[i].shapes);
-    for (size_t i = 0; i < p->image_count; ++i) free(p->images[i].path);
     for (int i = 0; i < ARGUMENTS; ++i) free(p->arguments[i]);
 }
 
@@ -47,6 +43,7 @@ void pbrt_end(pbrt_t *p)
     names_free(&p->material_names);
     for (int i = 0; i < 2; ++i) names_free(&p->texture_names[i]);
     names_free(&p->object_names);
+    names_free(&p->object_lines);
     free(p->files);
     free(p->folder);
     free(p->kept);
@@ -54,9 +51,6 @@ void pbrt_end(pbrt_t *p)
     free(p->systems);
     free(p->materials);
     free(p->textures);
-    free(p->texture_costs);
-    free(p->images);
-    free(p->objects);
     *p = (pbrt_t){0};
 }
 
@@ -152,7 +146,7 @@ bool pbrt_motion(pbrt_t *p, position_t at, affine_t *open, affine_t *close)
 uint32_t pbrt_name_of_place(pbrt_t *p, position_t at)
 {
     char *name = mem_printf("%s:%" PRIu32, p->source->label, at.line);
-    uint32_t offset = blob_builder_string(p->builder, name);
+    uint32_t offset = blob_builder_string(p->builder->blob, name);
     free(name);
     return offset;
 }
@@ -169,62 +163,11 @@ char *pbrt_resolve(const pbrt_t *p, const char *filename)
     return there ? beside : path;
 }
 
-/* ---- the scene ----------------------------------------------------------------------------------------- */
-
-static void append_shape(object_t *object, blob_shape_t shape)
+result_t pbrt_image(pbrt_t *p, const char *filename, float gamma, position_t at, const scene_image_t **image)
 {
-    object->shapes = grow(object->shapes, &object->capacity, object->count + 1, sizeof *object->shapes);
-    object->shapes[object->count++] = shape;
-}
-
-/* Object 0 comes first in the blob, so the index of a shape of the world is known already. */
-void pbrt_add_shape(pbrt_t *p, blob_shape_t shape, const blob_light_t *light, position_t at)
-{
-    shape.name = pbrt_name_of_place(p, at);
-    shape.light = BLOB_NONE;
-    if (light) {
-        blob_light_t record = *light;
-        record.shape = (uint32_t)p->objects[0].count;
-        shape.light = blob_builder_add(p->builder, BLOB_SECTION_LIGHTS, &record, 1);
-    }
-    append_shape(&p->objects[p->object], shape);
-}
-
-result_t pbrt_add_instance(pbrt_t *p, uint32_t object, const affine_t *open, const affine_t *close,
-                           position_t at)
-{
-    blob_instance_t instance = {.object = object,
-                                .world_from_object = affine_to_xform(open),
-                                .world_from_object_end = affine_to_xform(close)};
-    if (!blob_instance_is_traceable(&instance.world_from_object, &instance.world_from_object_end))
-        return error_at(
-            at, "the current transform is close to singular, or scales to less than 1e-10 or over 1e10");
-    if ((affine_determinant(open) < 0) != (affine_determinant(close) < 0))
-        return error_at(at,
-                        "what moves from a transform to its mirror image would turn inside out on the way");
-    blob_builder_add(p->builder, BLOB_SECTION_INSTANCES, &instance, 1);
-    return result_ok();
-}
-
-result_t pbrt_add_moving_shape(pbrt_t *p, blob_shape_t shape, const affine_t *open, const affine_t *close,
-                               position_t at)
-{
-    TRY(pbrt_add_instance(p, (uint32_t)p->object_count, open, close, at));
-    shape.name = pbrt_name_of_place(p, at);
-    shape.light = BLOB_NONE;
-    p->objects = grow(p->objects, &p->object_capacity, p->object_count + 1, sizeof *p->objects);
-    p->objects[p->object_count] = (object_t){.at = at};
-    append_shape(&p->objects[p->object_count++], shape);
-    return result_ok();
-}
-
-void pbrt_lay_out_objects(pbrt_t *p)
-{
-    for (size_t i = 0; i < p->object_count; ++i) {
-        const object_t *object = &p->objects[i];
-        blob_object_t record = {.shape_count = (uint32_t)object->count};
-        record.first_shape =
-            blob_builder_add(p->builder, BLOB_SECTION_SHAPES, object->shapes, (uint32_t)object->count);
-        blob_builder_add(p->builder, BLOB_SECTION_OBJECTS, &record, 1);
-    }
+    char *path = pbrt_resolve(p, filename);
+    scene_alpha_t alpha = p->dialect.dialect == DIALECT_V4 ? SCENE_ALPHA_APART : SCENE_ALPHA_DROPPED;
+    result_t result = scene_image_of_file(p->builder, path, gamma, alpha, at, image);
+    free(path);
+    return result;
 }

@@ -8,10 +8,10 @@
 #ifndef LIGHTMILL_STATE_H
 #define LIGHTMILL_STATE_H
 
-#include "client/import/affine.h"
 #include "client/import/pbrt/syntax/dialect.h"
 #include "client/import/pbrt/syntax/names.h"
 #include "client/import/pbrt/syntax/params.h"
+#include "client/import/scene/scene_images.h"
 
 enum { MAX_SCOPES = 1000, MAX_INCLUDES = 32, MAX_FILES = 1 << 16, ARGUMENTS = 3 };
 
@@ -75,22 +75,6 @@ typedef struct {
     blob_value_t value; /* of a float texture: the number three times */
 } texture_t;
 
-/* An image file in the blob. Owned: path. */
-typedef struct {
-    char *path;
-    float asked, gamma; /* as asked for, and as it turned out to be */
-    bool grey;          /* one channel */
-    blob_ref_t image;
-    blob_ref_t alpha; /* v4: its alpha as a grey image, where that is not 1 everywhere; else 0 */
-} image_file_t;
-
-/* Owned: shapes. */
-typedef struct {
-    blob_shape_t *shapes;
-    size_t count, capacity;
-    position_t at;
-} object_t;
-
 /* A file that has been opened. Owned: path, label, data. */
 typedef struct {
     char *path;  /* as opened, for messages */
@@ -102,7 +86,7 @@ typedef enum { PHASE_OPTIONS = 1, PHASE_WORLD = 2, PHASE_DONE = 4 } phase_t;
 
 typedef struct pbrt {
     report_t *report;
-    blob_builder_t *builder;
+    scene_builder_t *builder;
     dialect_choice_t dialect;
     phase_t phase;
 
@@ -126,37 +110,30 @@ typedef struct pbrt {
     affine_t (*systems)[2]; /* at the two times */
     size_t system_count, system_capacity;
 
-    names_t material_names, object_names;
+    names_t material_names, object_names, object_lines; /* of objects: indices, and lines in the file */
     names_t texture_names[2];  /* of spectrum and of float textures, which are two name spaces */
     const material_t *wearing; /* the material that is being made, or NULL */
     material_t *materials;
     size_t material_count, material_capacity;
     texture_t *textures;
     size_t texture_count, texture_capacity;
-    double *texture_costs; /* of the blob's textures: how many one look-up evaluates */
-    size_t texture_cost_count, texture_cost_capacity;
-    image_file_t *images;
-    size_t image_count, image_capacity;
-    object_t *objects; /* 0 is the world */
-    size_t object_count, object_capacity;
-    size_t object; /* the one that shapes go to */
+    uint32_t object; /* the one that shapes go to; 0: the world */
 
     blob_scene_t scene;
-    double frame_aspect;       /* of the camera; 0: the film's */
-    affine_t camera[2];        /* world from camera, at the two times */
-    double transform_times[2]; /* of ctm and ctm_end */
-    double shutter[2];         /* times 0 and 1 of the blob */
-    bool flat_curves;          /* it has been said that flat curves become round */
-    bool early_motion;         /* it has been said that motion ends inside the shutter's time */
-    int32_t crop[4];           /* x first, x end, y first, y end in pixels of the film */
-    double gain;               /* of the film, on all light */
-    rgb_t balance;             /* the same by channel: v4's whitebalance */
-    uint64_t bytes_known, bytes_done, bytes_told;                        /* of the files, for progress */
-    uint64_t triangles;                                                  /* of all meshes so far */
+    double frame_aspect;             /* of the camera; 0: the film's */
+    affine_t camera[2];              /* world from camera, at the two times */
+    double transform_times[2];       /* of ctm and ctm_end */
+    double shutter[2];               /* times 0 and 1 of the blob */
+    bool flat_curves;                /* it has been said that flat curves become round */
+    bool early_motion;               /* it has been said that motion ends inside the shutter's time */
+    int32_t crop[4];                 /* x first, x end, y first, y end in pixels of the film */
+    double gain;                     /* of the film, on all light */
+    rgb_t balance;                   /* the same by channel: v4's whitebalance */
+    uint64_t bytes_done, bytes_told; /* of the files, for progress */
     position_t film_at, camera_at, sampler_at, integrator_at, filter_at; /* line 0: not there yet */
 } pbrt_t;
 
-void pbrt_begin(pbrt_t *p, blob_builder_t *builder, report_t *report);
+void pbrt_begin(pbrt_t *p, scene_builder_t *builder);
 /* Frees all that the state owns. */
 void pbrt_end(pbrt_t *p);
 
@@ -180,17 +157,8 @@ uint32_t pbrt_name_of_place(pbrt_t *p, position_t at);
  * from that of the file which names it. The caller frees it. */
 char *pbrt_resolve(const pbrt_t *p, const char *filename);
 
-/* Adds a shape to the current object, with the light that it emits or NULL. `shape` has everything but light
- * and name. */
-void pbrt_add_shape(pbrt_t *p, blob_shape_t shape, const blob_light_t *light, position_t at);
-/* Adds a shape of the world that moves, as an object of its own; its geometry is in its own space. */
-result_t pbrt_add_moving_shape(pbrt_t *p, blob_shape_t shape, const affine_t *open, const affine_t *close,
-                               position_t at);
-/* Adds an instance. Fails when a transform is none for blob_instance_is_traceable. */
-result_t pbrt_add_instance(pbrt_t *p, uint32_t object, const affine_t *open, const affine_t *close,
-                           position_t at);
-
-/* Lays out objects and shapes in the builder. */
-void pbrt_lay_out_objects(pbrt_t *p);
+/* Finds or reads an image file that the scene names, as pbrt does: v4 makes two images of one that is
+ * transparent. */
+result_t pbrt_image(pbrt_t *p, const char *filename, float gamma, position_t at, const scene_image_t **image);
 
 #endif

@@ -4,7 +4,7 @@
 
 #include <stdlib.h>
 
-#include "client/import/spectrum.h"
+#include "client/import/files/spectrum.h"
 
 /* ---- textures ------------------------------------------------------------------------------------------ */
 

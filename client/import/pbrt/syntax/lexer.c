@@ -4,7 +4,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "client/import/number.h"
+#include "client/import/files/number.h"
 
 lexer_t lexer_begin(const char *path, const char *data, size_t size)
 {

@@ -7,7 +7,7 @@
 #ifndef LIGHTMILL_LEXER_H
 #define LIGHTMILL_LEXER_H
 
-#include "client/import/report.h"
+#include "client/import/scene/report.h"
 
 typedef enum { TOKEN_END, TOKEN_WORD, TOKEN_STRING, TOKEN_OPEN, TOKEN_CLOSE } token_kind_t;
 

@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "client/import/report.h"
+#include "client/import/scene/report.h"
 
 struct name {
     char *text;

@@ -2,7 +2,7 @@
  * texts, so that a mesh of millions of numbers is one array. */
 #include "client/import/pbrt/syntax/params.h"
 
-#include <inttypes.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 

@@ -628,7 +628,7 @@ static void files_that_are_wrong_are_refused(void **state)
          "componentType 5124"},
         {"\"accessors\":[{\"componentType\":5126,\"count\":4294967290,\"type\":\"VEC3\"}]," MESH(
              POSITION) "\"mode\":4}]}],\"nodes\":[{\"mesh\":0}]",
-         "too many for its"},
+         "too many for files of"},
         {"\"accessors\":[{\"componentType\":5126,\"count\":4,\"type\":\"MAT4\"}]," MESH(
              POSITION) "\"mode\":4}]}],\"nodes\":[{\"mesh\":0}]",
          "SCALAR, VEC2, VEC3 or VEC4"},

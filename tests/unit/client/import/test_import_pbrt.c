@@ -1068,6 +1068,7 @@ static void a_file_is_stored_once(void **state)
         "\"false\"\n" SPHERE);
     bench_expect_ok(&bench);
     assert_int_equal(bench.blob.counts[BLOB_SECTION_IMAGES], 2);
+    assert_int_equal(bench.blob.counts[BLOB_SECTION_TEXELS], 2); /* of both */
     assert_int_equal(bench.blob.counts[BLOB_SECTION_TEXTURES], 5);
     static const blob_ref_t images[] = {1, 1, 1, 2, 2};
     for (int i = 0; i < 5; ++i) assert_int_equal(bench.blob.textures[i].image, images[i]);

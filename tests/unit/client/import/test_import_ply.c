@@ -1,8 +1,8 @@
 /* PLY files: the three encodings, what is skipped, and what is refused. */
 #include "tests/unit/client/import/test_import.h"
 
-#include "client/import/gunzip.h"
-#include "client/import/ply.h"
+#include "client/import/files/gunzip.h"
+#include "client/import/files/ply.h"
 
 #include <zlib.h>
 

@@ -1,8 +1,8 @@
 /* Numbers, tokens and transforms: the ground the importer stands on. */
 #include "tests/unit/client/import/test_import.h"
 
-#include "client/import/affine.h"
-#include "client/import/number.h"
+#include "client/import/scene/affine.h"
+#include "client/import/files/number.h"
 #include "client/import/pbrt/syntax/lexer.h"
 
 static void check_number(const char *text)

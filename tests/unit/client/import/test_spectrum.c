@@ -1,7 +1,7 @@
 /* Spectra: what is read and refused, the colours they become, and the tables behind the names. */
 #include "tests/unit/client/import/test_import.h"
 
-#include "client/import/spectrum.h"
+#include "client/import/files/spectrum.h"
 
 static const position_t nowhere = {"scene.pbrt", 7, 3};
 

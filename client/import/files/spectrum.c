@@ -1,12 +1,12 @@
 /* spectrum: see spectrum.h. */
-#include "client/import/spectrum.h"
+#include "client/import/files/spectrum.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "client/import/number.h"
-#include "client/import/spectrum_data.h"
+#include "client/import/files/number.h"
+#include "client/import/files/spectrum_data.h"
 
 static const size_t largest_file = (size_t)1 << 24;
 static const double largest_value = 1e30; /* its colour is a float still */

@@ -7,7 +7,7 @@
 #ifndef LIGHTMILL_SPECTRUM_H
 #define LIGHTMILL_SPECTRUM_H
 
-#include "client/import/report.h"
+#include "client/import/scene/report.h"
 #include "common/vec.h"
 
 /* Samples over wavelength in nm, ascending without equals, at least one; linear between them, constant beyond

@@ -1,5 +1,5 @@
 /* spectrum_data: the tables of spectrum.h: numbers of standards and of measurements, and nothing else. */
-#include "client/import/spectrum_data.h"
+#include "client/import/files/spectrum_data.h"
 
 /* The CIE 1931 2-degree observer, xbar ybar zbar from 360 to 830 nm by 1 nm (CIE 15). */
 const double cie_observer[3][CIE_COUNT] = {

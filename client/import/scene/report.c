@@ -1,5 +1,5 @@
 /* report: see report.h. */
-#include "client/import/report.h"
+#include "client/import/scene/report.h"
 
 #include <inttypes.h>
 #include <stdarg.h>

@@ -7,8 +7,7 @@
 #ifndef LIGHTMILL_MESH_H
 #define LIGHTMILL_MESH_H
 
-#include "client/import/affine.h"
-#include "client/import/report.h"
+#include "client/import/scene/scene_builder.h"
 
 /* Owns its arrays (mesh_free). `normals`, `uvs`, `uvs2` and `colours` are NULL or hold vertex_count each. */
 typedef struct {
@@ -24,12 +23,13 @@ typedef struct {
 /* Frees the arrays and empties the mesh. */
 void mesh_free(mesh_t *mesh);
 
-/* Appends the mesh, transformed by `object_from_mesh` (invertible), to the builder, and empties it; after
- * an error, or without a triangle, it may be half transformed, and is only good for mesh_free. `reverse` is
- * the file's wish to turn the surface over: vertex normals are negated by it, and *flip says whether the
- * shape needs SHAPE_FLIP. *index is the new mesh, or BLOB_NONE when no triangle had an area. Errors and
- * warnings name `at`, the shape in the scene file. */
-result_t mesh_add(mesh_t *mesh, const affine_t *object_from_mesh, bool reverse, position_t at,
-                  report_t *report, blob_builder_t *builder, uint32_t *index, bool *flip);
+/* Appends the mesh, transformed by `object_from_mesh` (invertible), to the blob, and frees it, whatever the
+ * result. `reverse` is the file's wish to turn the surface over: vertex normals are negated by it, and it
+ * takes part in SHAPE_FLIP. The shape gets its kind, geometry and flags; its geometry is BLOB_NONE when no
+ * triangle had an area. Errors and warnings name `at`, the shape in the scene file. */
+result_t mesh_add(scene_builder_t *scene, mesh_t *mesh, const affine_t *object_from_mesh, bool reverse,
+                  position_t at, blob_shape_t *shape);
+/* The area of a mesh in the blob. */
+double mesh_area(const scene_builder_t *scene, uint32_t geometry);
 
 #endif

@@ -5,7 +5,7 @@
  * slot of the vertex it fills, the list of the faces is recognised by name, and everything else is read and
  * dropped.
  */
-#include "client/import/ply.h"
+#include "client/import/files/ply.h"
 
 #include <inttypes.h>
 #include <stdarg.h>
@@ -13,8 +13,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "client/import/gunzip.h"
-#include "client/import/number.h"
+#include "client/import/files/gunzip.h"
+#include "client/import/files/number.h"
 
 enum { MAX_ELEMENTS = 64, MAX_PROPERTIES = 256, MAX_WORD = 64 };
 static const size_t largest_file = (size_t)1 << 36;

@@ -1,5 +1,5 @@
 /* gunzip: see gunzip.h. */
-#include "client/import/gunzip.h"
+#include "client/import/files/gunzip.h"
 
 #include <limits.h>
 #include <stdlib.h>

@@ -1,5 +1,5 @@
 /* number: see number.h. */
-#include "client/import/number.h"
+#include "client/import/files/number.h"
 
 #include <math.h>
 #include <stdint.h>

@@ -7,7 +7,17 @@
 #ifndef LIGHTMILL_REPORT_H
 #define LIGHTMILL_REPORT_H
 
-#include "client/import/import.h"
+#include "common/base.h"
+
+/* Where warnings go: `warn` gets one line for people, "file:line:column: text", valid during the call.
+ * `progress` (may be NULL) is told the share of the bytes known so far that has been read, 0 to 1: a file
+ * names others, so it may fall. It is called every 64 KiB or so. */
+typedef struct {
+    void (*warn)(void *context, const char *message);
+    void *context;
+    bool lenient; /* what is not supported gets its nearest substitute and a warning instead of an error */
+    void (*progress)(void *context, double fraction);
+} import_report_t;
 
 enum { REPORT_MAX_WARNINGS = 100 };
 

@@ -1,6 +1,6 @@
 /* affine: see affine.h. The formulas are those of Pharr, Jakob, Humphreys, "Physically Based Rendering", 2.7.
  */
-#include "client/import/affine.h"
+#include "client/import/scene/affine.h"
 
 affine_t affine_identity(void)
 {

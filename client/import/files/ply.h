@@ -8,7 +8,7 @@
 #ifndef LIGHTMILL_PLY_H
 #define LIGHTMILL_PLY_H
 
-#include "client/import/mesh.h"
+#include "client/import/scene/mesh.h"
 
 /* Reads the file into an empty mesh, which the caller frees, also after an error. An error names the file and
  * the line, or in the body of a binary file the byte offset. Faces of fewer than three vertices are left out

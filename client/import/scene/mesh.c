@@ -1,5 +1,5 @@
 /* mesh: see mesh.h. */
-#include "client/import/mesh.h"
+#include "client/import/scene/mesh.h"
 
 #include <float.h>
 #include <inttypes.h>
@@ -154,22 +154,48 @@ static uint32_t append(mesh_t *mesh, blob_builder_t *builder)
     return blob_builder_add(builder, BLOB_SECTION_MESHES, &record, 1);
 }
 
-result_t mesh_add(mesh_t *mesh, const affine_t *object_from_mesh, bool reverse, position_t at,
-                  report_t *report, blob_builder_t *builder, uint32_t *index, bool *flip)
+static result_t add(scene_builder_t *scene, mesh_t *mesh, const affine_t *object_from_mesh, bool reverse,
+                    position_t at, blob_shape_t *shape)
 {
     affine_t inverse;
     if (!affine_invert(object_from_mesh, &inverse))
         return error_at(at, "the current transform is singular or not finite");
-    *flip = reverse != (affine_determinant(object_from_mesh) < 0);
-    *index = BLOB_NONE;
+    bool flip = reverse != (affine_determinant(object_from_mesh) < 0);
     TRY(check_indices(mesh, at));
     TRY(check_uvs(mesh->uvs, mesh->vertex_count, at));
     TRY(check_uvs(mesh->uvs2, mesh->vertex_count, at));
     TRY(check_colours(mesh, at));
     TRY(transform_positions(mesh, object_from_mesh, at));
-    drop_degenerate(mesh, at, report);
+    drop_degenerate(mesh, at, scene->report);
+    shape->kind = SHAPE_MESH;
+    shape->flags = flip ? SHAPE_FLIP : 0;
+    shape->geometry = BLOB_NONE;
     if (mesh->triangle_count == 0) return result_ok();
-    if (mesh->normals) transform_normals(mesh, &inverse, reverse, *flip, at, report);
-    *index = append(mesh, builder);
+    if (mesh->normals) transform_normals(mesh, &inverse, reverse, flip, at, scene->report);
+    shape->geometry = append(mesh, scene->blob);
     return result_ok();
+}
+
+result_t mesh_add(scene_builder_t *scene, mesh_t *mesh, const affine_t *object_from_mesh, bool reverse,
+                  position_t at, blob_shape_t *shape)
+{
+    result_t result = add(scene, mesh, object_from_mesh, reverse, at, shape);
+    mesh_free(mesh);
+    return result;
+}
+
+double mesh_area(const scene_builder_t *scene, uint32_t geometry)
+{
+    const blob_mesh_t *mesh =
+        (blob_mesh_t *)blob_builder_records(scene->blob, BLOB_SECTION_MESHES) + geometry;
+    const vec3_t *v =
+        (vec3_t *)blob_builder_records(scene->blob, BLOB_SECTION_POSITIONS) + mesh->first_position;
+    const blob_triangle_t *t =
+        (blob_triangle_t *)blob_builder_records(scene->blob, BLOB_SECTION_TRIANGLES) + mesh->first_triangle;
+    double area = 0;
+    for (uint32_t i = 0; i < mesh->triangle_count; ++i) {
+        vec3_t a = v[t[i].v[0]], b = v[t[i].v[1]], c = v[t[i].v[2]];
+        area += (double)v_length(v_cross(v_sub(b, a), v_sub(c, a))) / 2;
+    }
+    return area;
 }

@@ -1,0 +1,281 @@
+/* scene_images: see scene_images.h. */
+#include "client/import/scene/scene_images.h"
+
+#include <float.h>
+#include <inttypes.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+
+#include "common/image/texture_image.h"
+
+/* ---- encodings ------------------------------------------------------------------------------------------
+ */
+
+static float gamma_of(float asked, bool encoded)
+{
+    return asked >= 0 ? asked : encoded ? 0.0f : 1.0f;
+}
+
+/* The sRGB transfer function (IEC 61966-2-1), or a power. */
+static double decode(double encoded, float gamma)
+{
+    if (gamma > 0) return pow(encoded, (double)gamma);
+    return encoded <= 0.04045 ? encoded / 12.92 : pow((encoded + 0.055) / 1.055, 2.4);
+}
+
+/* Beyond 1 it goes on as it is; below 0 there is nothing to decode. */
+static float decode_float(float encoded, float gamma)
+{
+    if (gamma == 1 || encoded <= 0) return encoded;
+    double value = decode((double)encoded, gamma);
+    return value < (double)FLT_MAX ? (float)value : FLT_MAX;
+}
+
+/* ---- storing --------------------------------------------------------------------------------------------
+ */
+
+/* A texel of any type as 8 bits. */
+static uint8_t byte_at(const texture_image_t *image, size_t at)
+{
+    if (image->type == TEXELS_U8) return image->bytes[at];
+    return (uint8_t)(float_clamp(image->floats[at], 0, 1) * 255.0f + 0.5f);
+}
+
+static void write_bytes(const texture_image_t *source, bool grey, uint8_t *to)
+{
+    size_t pixels = (size_t)source->width * source->height, channels = source->channels;
+    for (size_t i = 0; i < pixels; ++i) {
+        size_t from = i * channels;
+        if (grey) {
+            to[i] = byte_at(source, from);
+            continue;
+        }
+        for (size_t k = 0; k < 3; ++k) to[4 * i + k] = byte_at(source, from + (channels == 2 ? 0 : k));
+        to[4 * i + 3] = channels % 2 == 0 ? byte_at(source, from + channels - 1) : 255;
+    }
+}
+
+static void write_floats(const texture_image_t *source, bool grey, float gamma, float *to)
+{
+    size_t pixels = (size_t)source->width * source->height, channels = grey ? 1 : 3;
+    for (size_t i = 0; i < pixels; ++i)
+        for (size_t k = 0; k < channels; ++k)
+            to[i * channels + k] = decode_float(source->floats[i * source->channels + k], gamma);
+}
+
+/* Room for so many bytes among the texels; NULL when they are full, which finishing the blob tells. */
+static void *add_texels(scene_builder_t *scene, size_t size, uint32_t *first)
+{
+    uint32_t count = (uint32_t)((size + 3) / 4);
+    *first = blob_builder_add(scene->blob, BLOB_SECTION_TEXELS, NULL, count);
+    if (blob_builder_count(scene->blob, BLOB_SECTION_TEXELS) != *first + count) return NULL;
+    return (uint32_t *)blob_builder_records(scene->blob, BLOB_SECTION_TEXELS) + *first;
+}
+
+static blob_ref_t add_record(scene_builder_t *scene, const blob_image_t *record)
+{
+    return 1 + blob_builder_add(scene->blob, BLOB_SECTION_IMAGES, record, 1);
+}
+
+static blob_ref_t store(scene_builder_t *scene, const texture_image_t *source, bool floats, bool grey,
+                        float gamma)
+{
+    size_t pixels = (size_t)source->width * source->height;
+    blob_image_t record = {.width = source->width, .height = source->height, .gamma = floats ? 1 : gamma};
+    if (floats) {
+        record.format = grey ? TEXELS_R32F : TEXELS_RGB32F;
+        float *to = add_texels(scene, pixels * (grey ? 1 : 3) * sizeof *to, &record.first_word);
+        if (to) write_floats(source, grey, gamma, to);
+    } else {
+        record.format = grey ? TEXELS_R8 : TEXELS_RGBA8;
+        uint8_t *to = add_texels(scene, pixels * (grey ? 1 : 4), &record.first_word);
+        if (to) write_bytes(source, grey, to);
+    }
+    return add_record(scene, &record);
+}
+
+static bool is_opaque(const texture_image_t *source)
+{
+    bool opaque = true, bytes = source->type == TEXELS_U8;
+    size_t values = 4 * (size_t)source->width * source->height;
+    for (size_t i = 3; source->channels == 4 && i < values; i += 4)
+        opaque = opaque && (bytes ? source->bytes[i] == 255 : source->floats[i] == 1);
+    return opaque;
+}
+
+/* The alpha of RGBA as a grey image, decoded like the colours; 0 when it is 1 everywhere. */
+static blob_ref_t store_alpha(scene_builder_t *scene, const texture_image_t *source, float gamma)
+{
+    if (is_opaque(source)) return 0;
+    size_t pixels = (size_t)source->width * source->height;
+    texture_image_t alpha = *source;
+    alpha.channels = 1;
+    alpha.bytes = source->bytes ? mem_alloc(pixels) : NULL;
+    alpha.floats = source->floats ? mem_alloc(pixels * sizeof *alpha.floats) : NULL;
+    for (size_t i = 0; i < pixels; ++i)
+        if (source->bytes)
+            alpha.bytes[i] = source->bytes[4 * i + 3];
+        else
+            alpha.floats[i] = source->floats[4 * i + 3];
+    blob_ref_t stored = store(scene, &alpha, source->type == TEXELS_FLOAT, true, gamma);
+    texture_image_free(&alpha);
+    return stored;
+}
+
+/* ---- finding and adding ---------------------------------------------------------------------------------
+ */
+
+static const scene_image_t *remember(scene_builder_t *scene, const char *key, scene_image_t image)
+{
+    image.key = mem_strdup(key);
+    scene->images =
+        grow(scene->images, &scene->image_capacity, scene->image_count + 1, sizeof *scene->images);
+    scene->images[scene->image_count] = image;
+    return &scene->images[scene->image_count++];
+}
+
+/* Another record of the same texels. */
+static blob_ref_t reencode(scene_builder_t *scene, blob_ref_t image, float gamma)
+{
+    if (image == 0) return 0;
+    blob_image_t record = scene_image_record(scene, image);
+    record.gamma = gamma;
+    return add_record(scene, &record);
+}
+
+const scene_image_t *scene_find_image(scene_builder_t *scene, const char *key, float asked)
+{
+    const scene_image_t *other = NULL;
+    for (size_t i = 0; i < scene->image_count; ++i) {
+        const scene_image_t *image = &scene->images[i];
+        if (strcmp(image->key, key) != 0) continue;
+        if (image->always_linear || image->gamma == gamma_of(asked, image->encoded)) return image;
+        other = image;
+    }
+    if (!other || scene_image_record(scene, other->image).format > TEXELS_RGBA8) return NULL;
+    scene_image_t image = *other;
+    image.gamma = gamma_of(asked, image.encoded);
+    image.image = reencode(scene, other->image, image.gamma);
+    image.alpha = reencode(scene, other->alpha, image.gamma);
+    return remember(scene, key, image);
+}
+
+/* Adds the pixels, if reading them is a success, and frees them. */
+static result_t add(scene_builder_t *scene, const char *key, const char *name, float asked,
+                    scene_alpha_t alpha, position_t at, result_t read, texture_image_t *pixels,
+                    const scene_image_t **image)
+{
+    if (read.code != RESULT_OK) return error_at(at, "%s", read.message);
+    if (pixels->bad_values > 0)
+        report_warning(scene->report, at,
+                       "%s: %" PRIu64 " values are infinite or not a number and taken for 0", name,
+                       pixels->bad_values);
+    bool within = alpha == SCENE_ALPHA_WITHIN, plain = pixels->channels % 2 == 1 && !pixels->encoded;
+    bool floats = pixels->type == TEXELS_FLOAT && (!within || plain);
+    scene_image_t added = {.encoded = pixels->encoded, .always_linear = within && floats};
+    added.gamma = added.always_linear ? 1 : gamma_of(asked, pixels->encoded);
+    added.grey = pixels->channels == 1 || (pixels->channels == 2 && !within);
+    result_t result = scene_charge(scene, SCENE_PIXELS, (uint64_t)pixels->width * pixels->height, at);
+    if (result.code == RESULT_OK) {
+        added.image = store(scene, pixels, floats, added.grey, added.gamma);
+        if (alpha == SCENE_ALPHA_APART) added.alpha = store_alpha(scene, pixels, added.gamma);
+        *image = remember(scene, key, added);
+    }
+    texture_image_free(pixels);
+    return result;
+}
+
+result_t scene_add_image(scene_builder_t *scene, const char *key, const char *name, const uint8_t *bytes,
+                         size_t size, float gamma, scene_alpha_t alpha, position_t at,
+                         const scene_image_t **image)
+{
+    texture_image_t pixels;
+    result_t read = texture_image_decode(name, bytes, size, &pixels);
+    return add(scene, key, name, gamma, alpha, at, read, &pixels, image);
+}
+
+result_t scene_image_of_file(scene_builder_t *scene, const char *path, float gamma, scene_alpha_t alpha,
+                             position_t at, const scene_image_t **image)
+{
+    *image = scene_find_image(scene, path, gamma);
+    if (*image) return result_ok();
+    texture_image_t pixels;
+    struct stat status;
+    if (stat(path, &status) == 0 && status.st_size > 0) scene->source_bytes += (uint64_t)status.st_size;
+    result_t read = texture_image_read(path, &pixels);
+    return add(scene, path, path, gamma, alpha, at, read, &pixels, image);
+}
+
+/* ---- what lights ask of them ----------------------------------------------------------------------------
+ */
+
+blob_image_t scene_image_record(const scene_builder_t *scene, blob_ref_t image)
+{
+    return ((const blob_image_t *)blob_builder_records(scene->blob, BLOB_SECTION_IMAGES))[image - 1];
+}
+
+/* Linear; negative values are 0. */
+static void pixel(const blob_image_t *image, const uint32_t *texels, size_t index, double rgb[3])
+{
+    const uint8_t *bytes = (const uint8_t *)(texels + image->first_word);
+    const float *floats = (const float *)(texels + image->first_word);
+    for (size_t k = 0; k < 3; ++k) {
+        switch ((texels_t)image->format) {
+        case TEXELS_R8:
+            rgb[k] = decode(bytes[index] / 255.0, image->gamma);
+            break;
+        case TEXELS_RGBA8:
+            rgb[k] = decode(bytes[4 * index + k] / 255.0, image->gamma);
+            break;
+        case TEXELS_R32F:
+            rgb[k] = fmax((double)floats[index], 0);
+            break;
+        default:
+            rgb[k] = fmax((double)floats[3 * index + k], 0);
+        }
+    }
+}
+
+double scene_image_mean(const scene_builder_t *scene, blob_ref_t ref,
+                        double (*weight)(const void *, double, double), const void *context)
+{
+    blob_image_t image = scene_image_record(scene, ref);
+    const uint32_t *texels = blob_builder_records(scene->blob, BLOB_SECTION_TEXELS);
+    double sum = 0;
+    for (uint32_t y = 0; y < image.height; ++y) {
+        double row = 0;
+        for (uint32_t x = 0; x < image.width; ++x) {
+            double rgb[3];
+            pixel(&image, texels, (size_t)y * image.width + x, rgb);
+            double luminance = 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2];
+            row += weight ? luminance * weight(context, (x + 0.5) / image.width, (y + 0.5) / image.height)
+                          : luminance;
+        }
+        sum += row;
+    }
+    return sum / ((double)image.width * image.height);
+}
+
+blob_ref_t scene_grey_image(scene_builder_t *scene, blob_ref_t ref)
+{
+    blob_image_t image = scene_image_record(scene, ref);
+    if (image.format == TEXELS_R8 || image.format == TEXELS_R32F) return ref;
+    size_t count = (size_t)image.width * image.height;
+    blob_image_t grey = {.format = TEXELS_R32F, .width = image.width, .height = image.height, .gamma = 1};
+    float *to = add_texels(scene, count * sizeof *to, &grey.first_word);
+    const uint32_t *texels = blob_builder_records(scene->blob, BLOB_SECTION_TEXELS);
+    for (size_t i = 0; to && i < count; ++i) {
+        double rgb[3];
+        pixel(&image, texels, i, rgb);
+        to[i] = (float)((rgb[0] + rgb[1] + rgb[2]) / 3);
+    }
+    return add_record(scene, &grey);
+}
+
+blob_ref_t scene_white_image(scene_builder_t *scene)
+{
+    float white = 1;
+    return store(scene, &(texture_image_t){.width = 1, .height = 1, .channels = 1, .floats = &white}, true,
+                 true, 1);
+}
