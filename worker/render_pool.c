@@ -37,9 +37,9 @@ void render_pool_wake(int event)
     if (write(event, &one, sizeof one) != sizeof one) log_debug("an eventfd is full");
 }
 
-static double hold_samples(const render_pool_t *shop)
+static double hold_samples(const render_pool_t *pool)
 {
-    return shop->speed * shop->thread_count * HOLD_SECONDS;
+    return pool->speed * pool->thread_count * HOLD_SECONDS;
 }
 
 /* ---- render threads ----------------------------------------------------------------------------------- */
@@ -52,406 +52,406 @@ typedef struct {
 } piece_t;
 
 /* Takes the next unit to render; false when there is none now. Lock held. */
-static bool take_piece(render_pool_t *shop, piece_t *piece)
+static bool take_piece(render_pool_t *pool, piece_t *piece)
 {
-    if (shop->stage != STAGE_READY || shop->over) return false;
-    check_t *check = checks_next(&shop->checks);
-    if (check != NULL && !shop->draining) {
+    if (pool->stage != STAGE_READY || pool->over) return false;
+    check_t *check = checks_next(&pool->checks);
+    if (check != NULL && !pool->draining) {
         *piece = (piece_t){check->units[check->begun], check, check->begun};
         check->begun++;
         check->rendering++;
-    } else if (unit_queue_length(&shop->queue) > 0 && !atomic_load(&shop->full)) {
-        *piece = (piece_t){.unit = unit_queue_pop(&shop->queue, &shop->current.settings)};
-        shop->begun[shop->begun_count++] = piece->unit;
+    } else if (unit_queue_length(&pool->queue) > 0 && !atomic_load(&pool->full)) {
+        *piece = (piece_t){.unit = unit_queue_pop(&pool->queue, &pool->current.settings)};
+        pool->begun[pool->begun_count++] = piece->unit;
     } else {
         return false;
     }
-    shop->rendering++;
+    pool->rendering++;
     return true;
 }
 
 /* Values that the tiles of the open batch may have. */
-static size_t most_values(const render_pool_t *shop)
+static size_t most_values(const render_pool_t *pool)
 {
-    uint64_t share = shop->options.memory / BATCH_MEMORY_SHARE / sizeof(int64_t);
+    uint64_t share = pool->options.memory / BATCH_MEMORY_SHARE / sizeof(int64_t);
     return share < BATCH_MAX_VALUES ? (size_t)share : BATCH_MAX_VALUES;
 }
 
-static void add_to_batch(render_pool_t *shop, const unit_result_t *result)
+static void add_to_batch(render_pool_t *pool, const unit_result_t *result)
 {
-    pthread_mutex_lock(&shop->fill);
-    slot_t *slot = &shop->slots[shop->open];
+    pthread_mutex_lock(&pool->fill);
+    slot_t *slot = &pool->slots[pool->open];
     batch_t *batch = &slot->batch;
     if (batch->unit_count == 0) slot->since = clock_now();
     batch_add(batch, result);
     /* Each of the other threads may have one more unit in hand, which is added in any case. */
-    bool full = batch->unit_count + (size_t)shop->options.threads >= WIRE_MAX_UNITS ||
-                batch->eye_count + batch->feature_count >= most_values(shop);
-    if (full) atomic_store(&shop->full, true);
-    pthread_mutex_unlock(&shop->fill);
+    bool full = batch->unit_count + (size_t)pool->options.threads >= WIRE_MAX_UNITS ||
+                batch->eye_count + batch->feature_count >= most_values(pool);
+    if (full) atomic_store(&pool->full, true);
+    pthread_mutex_unlock(&pool->fill);
 }
 
-static void measure(render_pool_t *shop, const unit_t *unit, double seconds)
+static void measure(render_pool_t *pool, const unit_t *unit, double seconds)
 {
     if (seconds <= 0) return;
-    double speed = (double)unit_samples(&shop->current.settings, unit) / seconds;
-    shop->speed = shop->measured ? shop->speed + SPEED_WEIGHT * (speed - shop->speed) : speed;
-    shop->measured = true;
+    double speed = (double)unit_samples(&pool->current.settings, unit) / seconds;
+    pool->speed = pool->measured ? pool->speed + SPEED_WEIGHT * (speed - pool->speed) : speed;
+    pool->measured = true;
 }
 
 /* Puts a piece away that was finished or given up. Lock held. */
-static void end_piece(render_pool_t *shop, const piece_t *piece, unit_result_t *result)
+static void end_piece(render_pool_t *pool, const piece_t *piece, unit_result_t *result)
 {
-    shop->rendering--;
+    pool->rendering--;
     if (piece->check != NULL) {
-        checks_finish(&shop->checks, piece->check, piece->index, result);
+        checks_finish(&pool->checks, piece->check, piece->index, result);
         return;
     }
     size_t i = 0;
-    while (shop->begun[i].tile != piece->unit.tile || shop->begun[i].first != piece->unit.first) i++;
-    shop->begun[i] = shop->begun[--shop->begun_count];
+    while (pool->begun[i].tile != piece->unit.tile || pool->begun[i].first != piece->unit.first) i++;
+    pool->begun[i] = pool->begun[--pool->begun_count];
 }
 
 /* Called and left with the lock held. */
-static void render_piece(render_pool_t *shop, const piece_t *piece, unit_result_t *result)
+static void render_piece(render_pool_t *pool, const piece_t *piece, unit_result_t *result)
 {
-    const renderer_t *renderer = shop->renderer;
-    bool low = (double)shop->queue.samples < 0.5 * hold_samples(shop);
-    pthread_mutex_unlock(&shop->lock);
+    const renderer_t *renderer = pool->renderer;
+    bool low = (double)pool->queue.samples < 0.5 * hold_samples(pool);
+    pthread_mutex_unlock(&pool->lock);
 
-    if (low) render_pool_wake(shop->options.control_wake);
+    if (low) render_pool_wake(pool->options.control_wake);
     double start = clock_now();
-    bool complete = renderer_unit(renderer, &piece->unit, result, &shop->cancel);
+    bool complete = renderer_unit(renderer, &piece->unit, result, &pool->cancel);
     double seconds = clock_now() - start;
-    if (complete && piece->check == NULL) add_to_batch(shop, result);
+    if (complete && piece->check == NULL) add_to_batch(pool, result);
 
-    pthread_mutex_lock(&shop->lock);
-    if (complete) measure(shop, &piece->unit, seconds);
-    end_piece(shop, piece, complete ? result : NULL);
-    render_pool_wake(shop->options.bulk_wake);
+    pthread_mutex_lock(&pool->lock);
+    if (complete) measure(pool, &piece->unit, seconds);
+    end_piece(pool, piece, complete ? result : NULL);
+    render_pool_wake(pool->options.bulk_wake);
 }
 
 static void *render_thread(void *argument)
 {
-    render_pool_t *shop = argument;
+    render_pool_t *pool = argument;
     unit_result_t result = {0};
-    pthread_mutex_lock(&shop->lock);
-    while (!shop->quit) {
+    pthread_mutex_lock(&pool->lock);
+    while (!pool->quit) {
         piece_t piece;
-        if (take_piece(shop, &piece))
-            render_piece(shop, &piece, &result);
+        if (take_piece(pool, &piece))
+            render_piece(pool, &piece, &result);
         else
-            pthread_cond_wait(&shop->work, &shop->lock);
+            pthread_cond_wait(&pool->work, &pool->lock);
     }
-    pthread_mutex_unlock(&shop->lock);
+    pthread_mutex_unlock(&pool->lock);
     unit_result_free(&result);
     return NULL;
 }
 
 /* ---- life --------------------------------------------------------------------------------------------- */
 
-static void start_threads(render_pool_t *shop, int count)
+static void start_threads(render_pool_t *pool, int count)
 {
-    shop->threads = mem_zalloc((size_t)count, sizeof *shop->threads);
-    shop->begun = mem_zalloc((size_t)count, sizeof *shop->begun);
+    pool->threads = mem_zalloc((size_t)count, sizeof *pool->threads);
+    pool->begun = mem_zalloc((size_t)count, sizeof *pool->begun);
     for (int i = 0; i < count; i++) {
-        if (pthread_create(&shop->threads[i], NULL, render_thread, shop) != 0) {
+        if (pthread_create(&pool->threads[i], NULL, render_thread, pool) != 0) {
             log_warning("only %d of %d render threads could be started", i, count);
             break;
         }
-        pthread_setname_np(shop->threads[i], "render");
-        shop->thread_count = i + 1;
+        pthread_setname_np(pool->threads[i], "render");
+        pool->thread_count = i + 1;
     }
 }
 
 render_pool_t *render_pool_new(const render_pool_options_t *options)
 {
-    render_pool_t *shop = mem_zalloc(1, sizeof *shop);
-    shop->options = *options;
-    pthread_mutex_init(&shop->lock, NULL);
-    pthread_mutex_init(&shop->fill, NULL);
-    pthread_cond_init(&shop->work, NULL);
-    shop->speed = FIRST_SPEED;
-    pthread_mutex_lock(&shop->lock);
-    start_threads(shop, options->threads);
-    pthread_mutex_unlock(&shop->lock);
-    return shop;
+    render_pool_t *pool = mem_zalloc(1, sizeof *pool);
+    pool->options = *options;
+    pthread_mutex_init(&pool->lock, NULL);
+    pthread_mutex_init(&pool->fill, NULL);
+    pthread_cond_init(&pool->work, NULL);
+    pool->speed = FIRST_SPEED;
+    pthread_mutex_lock(&pool->lock);
+    start_threads(pool, options->threads);
+    pthread_mutex_unlock(&pool->lock);
+    return pool;
 }
 
-void render_pool_stop(render_pool_t *shop)
+void render_pool_stop(render_pool_t *pool)
 {
-    atomic_store(&shop->cancel, true);
-    pthread_mutex_lock(&shop->lock);
-    shop->quit = true;
-    int count = shop->thread_count;
-    shop->thread_count = 0;
-    pthread_cond_broadcast(&shop->work);
-    pthread_mutex_unlock(&shop->lock);
-    for (int i = 0; i < count; i++) pthread_join(shop->threads[i], NULL);
+    atomic_store(&pool->cancel, true);
+    pthread_mutex_lock(&pool->lock);
+    pool->quit = true;
+    int count = pool->thread_count;
+    pool->thread_count = 0;
+    pthread_cond_broadcast(&pool->work);
+    pthread_mutex_unlock(&pool->lock);
+    for (int i = 0; i < count; i++) pthread_join(pool->threads[i], NULL);
 }
 
-void render_pool_destroy(render_pool_t **shop_pointer)
+void render_pool_destroy(render_pool_t **pool_pointer)
 {
-    render_pool_t *shop = *shop_pointer;
-    if (shop == NULL) return;
-    render_pool_stop(shop);
-    renderer_destroy(&shop->renderer);
-    blob_close(&shop->blob);
-    if (shop->has_next) free(shop->next.units);
-    for (size_t i = 0; i < shop->checks.count; i++) shop->checks.list[i]->under_way = false;
-    checks_drop(&shop->checks, true);
-    for (int i = 0; i < 2; i++) batch_free(&shop->slots[i].batch);
-    pthread_cond_destroy(&shop->work);
-    pthread_mutex_destroy(&shop->fill);
-    pthread_mutex_destroy(&shop->lock);
-    unit_queue_free(&shop->queue);
-    free(shop->begun);
-    free(shop->threads);
-    free(shop);
-    *shop_pointer = NULL;
+    render_pool_t *pool = *pool_pointer;
+    if (pool == NULL) return;
+    render_pool_stop(pool);
+    renderer_destroy(&pool->renderer);
+    blob_close(&pool->blob);
+    if (pool->has_next) free(pool->next.units);
+    for (size_t i = 0; i < pool->checks.count; i++) pool->checks.list[i]->under_way = false;
+    checks_drop(&pool->checks, true);
+    for (int i = 0; i < 2; i++) batch_free(&pool->slots[i].batch);
+    pthread_cond_destroy(&pool->work);
+    pthread_mutex_destroy(&pool->fill);
+    pthread_mutex_destroy(&pool->lock);
+    unit_queue_free(&pool->queue);
+    free(pool->begun);
+    free(pool->threads);
+    free(pool);
+    *pool_pointer = NULL;
 }
 
 /* ---- what is in hand; all under the lock -------------------------------------------------------------- */
 
 /* Units in the open batch and in the one under way. */
-static size_t batched_units(render_pool_t *shop)
+static size_t batched_units(render_pool_t *pool)
 {
-    pthread_mutex_lock(&shop->fill);
-    size_t count = shop->slots[shop->open].batch.unit_count;
-    if (shop->under_way) count += shop->slots[!shop->open].batch.unit_count;
-    pthread_mutex_unlock(&shop->fill);
+    pthread_mutex_lock(&pool->fill);
+    size_t count = pool->slots[pool->open].batch.unit_count;
+    if (pool->under_way) count += pool->slots[!pool->open].batch.unit_count;
+    pthread_mutex_unlock(&pool->fill);
     return count;
 }
 
 /* Copies units that were begun or finished and not acknowledged; returns how many. */
-static size_t list_kept(render_pool_t *shop, unit_t *units, size_t capacity)
+static size_t list_kept(render_pool_t *pool, unit_t *units, size_t capacity)
 {
     size_t count = 0;
-    for (size_t i = 0; i < shop->begun_count && count < capacity; i++) units[count++] = shop->begun[i];
-    pthread_mutex_lock(&shop->fill);
+    for (size_t i = 0; i < pool->begun_count && count < capacity; i++) units[count++] = pool->begun[i];
+    pthread_mutex_lock(&pool->fill);
     for (int s = 0; s < 2; s++) {
-        const batch_t *batch = &shop->slots[s].batch;
-        if (s != shop->open && !shop->under_way) continue;
+        const batch_t *batch = &pool->slots[s].batch;
+        if (s != pool->open && !pool->under_way) continue;
         for (size_t i = 0; i < batch->unit_count && count < capacity; i++) units[count++] = batch->units[i];
     }
-    pthread_mutex_unlock(&shop->fill);
+    pthread_mutex_unlock(&pool->fill);
     return count;
 }
 
 /* Everything that was asked of the job in hand has been done, sent and answered. */
-bool render_pool_all_sent(render_pool_t *shop)
+bool render_pool_all_sent(render_pool_t *pool)
 {
-    return unit_queue_length(&shop->queue) == 0 && shop->rendering == 0 && batched_units(shop) == 0 &&
-           checks_units(&shop->checks) == 0;
+    return unit_queue_length(&pool->queue) == 0 && pool->rendering == 0 && batched_units(pool) == 0 &&
+           checks_units(&pool->checks) == 0;
 }
 
 /* ---- news from the master ----------------------------------------------------------------------------- */
 
 /* Queues the units of an assignment of the job in hand, without what is in hand already. */
-static void queue_units(render_pool_t *shop, const assignment_t *assignment)
+static void queue_units(render_pool_t *pool, const assignment_t *assignment)
 {
     if (assignment->check != 0) {
-        checks_push(&shop->checks, assignment->check, assignment->units, assignment->unit_count);
+        checks_push(&pool->checks, assignment->check, assignment->units, assignment->unit_count);
         return;
     }
-    size_t queued = unit_queue_length(&shop->queue);
-    size_t most = queued + shop->begun_count + batched_units(shop);
+    size_t queued = unit_queue_length(&pool->queue);
+    size_t most = queued + pool->begun_count + batched_units(pool);
     unit_t *held = mem_alloc((most + 1) * sizeof *held);
-    size_t count = list_kept(shop, held, most);
+    size_t count = list_kept(pool, held, most);
     if (queued > most - count) queued = most - count;
-    if (queued > 0) memcpy(held + count, shop->queue.units + shop->queue.first, queued * sizeof *held);
+    if (queued > 0) memcpy(held + count, pool->queue.units + pool->queue.first, queued * sizeof *held);
     for (size_t i = 0; i < assignment->unit_count; i++)
-        unit_queue_push(&shop->queue, &assignment->settings, assignment->units[i], held, count + queued);
+        unit_queue_push(&pool->queue, &assignment->settings, assignment->units[i], held, count + queued);
     free(held);
     free(assignment->units);
 }
 
 /* Takes an assignment as the job in hand, to be loaded. The stage is empty. */
-void render_pool_begin_job(render_pool_t *shop, const assignment_t *assignment)
+void render_pool_begin_job(render_pool_t *pool, const assignment_t *assignment)
 {
-    shop->current = *assignment;
-    shop->current.units = NULL;
-    shop->stage = STAGE_LOADING;
-    shop->over = shop->flush = false;
-    shop->measured = false;
-    atomic_store(&shop->cancel, false);
-    for (int i = 0; i < 2; i++) batch_init(&shop->slots[i].batch, &assignment->settings);
-    queue_units(shop, assignment);
+    pool->current = *assignment;
+    pool->current.units = NULL;
+    pool->stage = STAGE_LOADING;
+    pool->over = pool->flush = false;
+    pool->measured = false;
+    atomic_store(&pool->cancel, false);
+    for (int i = 0; i < 2; i++) batch_init(&pool->slots[i].batch, &assignment->settings);
+    queue_units(pool, assignment);
 }
 
 /* Goes on with a job that was over (it had been paused): its scene is here. */
-void render_pool_resume_job(render_pool_t *shop)
+void render_pool_resume_job(render_pool_t *pool)
 {
-    for (int i = 0; i < 2; i++) batch_clear(&shop->slots[i].batch);
-    checks_drop(&shop->checks, true);
-    atomic_store(&shop->full, false);
-    atomic_store(&shop->cancel, false);
-    shop->over = shop->flush = shop->has_next = false;
-    queue_units(shop, &shop->next);
-    pthread_cond_broadcast(&shop->work);
+    for (int i = 0; i < 2; i++) batch_clear(&pool->slots[i].batch);
+    checks_drop(&pool->checks, true);
+    atomic_store(&pool->full, false);
+    atomic_store(&pool->cancel, false);
+    pool->over = pool->flush = pool->has_next = false;
+    queue_units(pool, &pool->next);
+    pthread_cond_broadcast(&pool->work);
 }
 
-static void drop_next(render_pool_t *shop)
+static void drop_next(render_pool_t *pool)
 {
-    if (shop->has_next) free(shop->next.units);
-    shop->has_next = false;
+    if (pool->has_next) free(pool->next.units);
+    pool->has_next = false;
 }
 
 /* Lets the job in hand go. */
-void render_pool_end_job(render_pool_t *shop, bool flush)
+void render_pool_end_job(render_pool_t *pool, bool flush)
 {
-    shop->over = true;
-    shop->flush = flush;
-    atomic_store(&shop->cancel, true);
-    unit_queue_clear(&shop->queue);
-    checks_drop(&shop->checks, true);
+    pool->over = true;
+    pool->flush = flush;
+    atomic_store(&pool->cancel, true);
+    unit_queue_clear(&pool->queue);
+    checks_drop(&pool->checks, true);
 }
 
 /* True when the assignment is of the job in hand. A number alone says nothing: a master that lost its data
  * gives the old ones to new jobs. */
-bool render_pool_is_current(const render_pool_t *shop, const assignment_t *assignment)
+bool render_pool_is_current(const render_pool_t *pool, const assignment_t *assignment)
 {
-    return shop->stage != STAGE_EMPTY && shop->current.job == assignment->job &&
-           hash_equal(&shop->current.content, &assignment->content);
+    return pool->stage != STAGE_EMPTY && pool->current.job == assignment->job &&
+           hash_equal(&pool->current.content, &assignment->content);
 }
 
 static void assign(void *self, const assignment_t *assignment)
 {
-    render_pool_t *shop = self;
-    pthread_mutex_lock(&shop->lock);
-    shop->no_more = false;
-    if (shop->draining) {
+    render_pool_t *pool = self;
+    pthread_mutex_lock(&pool->lock);
+    pool->no_more = false;
+    if (pool->draining) {
         free(assignment->units);
-    } else if (shop->stage == STAGE_EMPTY) {
-        render_pool_begin_job(shop, assignment);
-    } else if (render_pool_is_current(shop, assignment) && !shop->over) {
-        queue_units(shop, assignment);
+    } else if (pool->stage == STAGE_EMPTY) {
+        render_pool_begin_job(pool, assignment);
+    } else if (render_pool_is_current(pool, assignment) && !pool->over) {
+        queue_units(pool, assignment);
     } else {
-        if (shop->current.job == assignment->job && !render_pool_is_current(shop, assignment))
-            render_pool_end_job(shop, false);
-        drop_next(shop);
-        shop->next = *assignment;
-        shop->has_next = true;
+        if (pool->current.job == assignment->job && !render_pool_is_current(pool, assignment))
+            render_pool_end_job(pool, false);
+        drop_next(pool);
+        pool->next = *assignment;
+        pool->has_next = true;
     }
-    pthread_cond_broadcast(&shop->work);
-    pthread_mutex_unlock(&shop->lock);
-    render_pool_wake(shop->options.bulk_wake);
+    pthread_cond_broadcast(&pool->work);
+    pthread_mutex_unlock(&pool->lock);
+    render_pool_wake(pool->options.bulk_wake);
 }
 
 static void no_more(void *self)
 {
-    render_pool_t *shop = self;
-    pthread_mutex_lock(&shop->lock);
-    shop->no_more = true;
-    pthread_mutex_unlock(&shop->lock);
-    render_pool_wake(shop->options.bulk_wake);
+    render_pool_t *pool = self;
+    pthread_mutex_lock(&pool->lock);
+    pool->no_more = true;
+    pthread_mutex_unlock(&pool->lock);
+    render_pool_wake(pool->options.bulk_wake);
 }
 
 static void job_over(void *self, uint64_t job, bool flush)
 {
-    render_pool_t *shop = self;
-    pthread_mutex_lock(&shop->lock);
-    if (shop->stage != STAGE_EMPTY && shop->current.job == job) render_pool_end_job(shop, flush);
-    if (shop->has_next && shop->next.job == job) drop_next(shop);
-    pthread_mutex_unlock(&shop->lock);
-    render_pool_wake(shop->options.bulk_wake);
+    render_pool_t *pool = self;
+    pthread_mutex_lock(&pool->lock);
+    if (pool->stage != STAGE_EMPTY && pool->current.job == job) render_pool_end_job(pool, flush);
+    if (pool->has_next && pool->next.job == job) drop_next(pool);
+    pthread_mutex_unlock(&pool->lock);
+    render_pool_wake(pool->options.bulk_wake);
 }
 
 static void forget(void *self)
 {
-    render_pool_t *shop = self;
-    pthread_mutex_lock(&shop->lock);
-    unit_queue_clear(&shop->queue);
-    checks_drop(&shop->checks, true);
-    drop_next(shop);
-    shop->hurry = true;
-    pthread_mutex_unlock(&shop->lock);
-    render_pool_wake(shop->options.bulk_wake);
+    render_pool_t *pool = self;
+    pthread_mutex_lock(&pool->lock);
+    unit_queue_clear(&pool->queue);
+    checks_drop(&pool->checks, true);
+    drop_next(pool);
+    pool->hurry = true;
+    pthread_mutex_unlock(&pool->lock);
+    render_pool_wake(pool->options.bulk_wake);
 }
 
 static size_t kept(void *self, uint64_t job, unit_t *units, size_t capacity)
 {
-    render_pool_t *shop = self;
-    pthread_mutex_lock(&shop->lock);
-    bool in_hand = shop->stage != STAGE_EMPTY && shop->current.job == job;
-    size_t count = in_hand ? list_kept(shop, units, capacity) : 0;
-    pthread_mutex_unlock(&shop->lock);
+    render_pool_t *pool = self;
+    pthread_mutex_lock(&pool->lock);
+    bool in_hand = pool->stage != STAGE_EMPTY && pool->current.job == job;
+    size_t count = in_hand ? list_kept(pool, units, capacity) : 0;
+    pthread_mutex_unlock(&pool->lock);
     return count;
 }
 
 static void drain(void *self)
 {
-    render_pool_t *shop = self;
-    pthread_mutex_lock(&shop->lock);
-    shop->draining = true;
-    unit_queue_clear(&shop->queue);
-    checks_drop(&shop->checks, false);
-    drop_next(shop);
-    if (shop->stage == STAGE_LOADING) render_pool_end_job(shop, false);
-    pthread_mutex_unlock(&shop->lock);
-    render_pool_wake(shop->options.bulk_wake);
+    render_pool_t *pool = self;
+    pthread_mutex_lock(&pool->lock);
+    pool->draining = true;
+    unit_queue_clear(&pool->queue);
+    checks_drop(&pool->checks, false);
+    drop_next(pool);
+    if (pool->stage == STAGE_LOADING) render_pool_end_job(pool, false);
+    pthread_mutex_unlock(&pool->lock);
+    render_pool_wake(pool->options.bulk_wake);
 }
 
 static void give_up(void *self)
 {
-    render_pool_t *shop = self;
-    atomic_store(&shop->cancel, true);
+    render_pool_t *pool = self;
+    atomic_store(&pool->cancel, true);
 }
 
 static void clear_failure(void *self)
 {
-    render_pool_t *shop = self;
-    pthread_mutex_lock(&shop->lock);
-    shop->failure = result_ok();
-    pthread_mutex_unlock(&shop->lock);
+    render_pool_t *pool = self;
+    pthread_mutex_lock(&pool->lock);
+    pool->failure = result_ok();
+    pthread_mutex_unlock(&pool->lock);
 }
 
 /* ---- state -------------------------------------------------------------------------------------------- */
 
-static double good_unit(const render_pool_t *shop)
+static double good_unit(const render_pool_t *pool)
 {
-    double samples = shop->speed * UNIT_SECONDS;
+    double samples = pool->speed * UNIT_SECONDS;
     if (samples < MIN_UNIT_SAMPLES) return MIN_UNIT_SAMPLES;
     return samples > MAX_UNIT_SAMPLES ? MAX_UNIT_SAMPLES : samples;
 }
 
 /* Pixel samples to ask for, given the units held. Lock held. */
-static uint64_t samples_wanted(render_pool_t *shop, size_t units_held)
+static uint64_t samples_wanted(render_pool_t *pool, size_t units_held)
 {
-    if (shop->draining || shop->has_next || shop->failure.code != RESULT_OK) return 0;
+    if (pool->draining || pool->has_next || pool->failure.code != RESULT_OK) return 0;
     if (units_held > MAX_UNITS_HELD) return 0;
-    if (shop->over && !(shop->flush && render_pool_all_sent(shop))) return 0;
-    double hold = hold_samples(shop);
-    double held = (double)(shop->queue.samples + checks_samples_left(&shop->checks, &shop->current.settings));
-    if (hold < good_unit(shop)) hold = good_unit(shop);
+    if (pool->over && !(pool->flush && render_pool_all_sent(pool))) return 0;
+    double hold = hold_samples(pool);
+    double held = (double)(pool->queue.samples + checks_samples_left(&pool->checks, &pool->current.settings));
+    if (hold < good_unit(pool)) hold = good_unit(pool);
     return held < 0.5 * hold ? (uint64_t)(hold - held) : 0;
 }
 
 static uplink_state_t state(void *self)
 {
-    render_pool_t *shop = self;
-    uplink_state_t s = {.ready = true, .fingerprint = shop->options.fingerprint};
-    pthread_mutex_lock(&shop->lock);
-    size_t held = unit_queue_length(&shop->queue) + shop->begun_count + batched_units(shop) +
-                  checks_units(&shop->checks);
-    if (shop->has_next) held += shop->next.unit_count;
-    bool dropped = shop->over && !shop->flush;
-    s.threads = (uint32_t)shop->options.threads;
-    s.job = shop->stage == STAGE_EMPTY || dropped ? 0 : shop->current.job;
-    s.content = shop->current.content;
+    render_pool_t *pool = self;
+    uplink_state_t s = {.ready = true, .fingerprint = pool->options.fingerprint};
+    pthread_mutex_lock(&pool->lock);
+    size_t held = unit_queue_length(&pool->queue) + pool->begun_count + batched_units(pool) +
+                  checks_units(&pool->checks);
+    if (pool->has_next) held += pool->next.unit_count;
+    bool dropped = pool->over && !pool->flush;
+    s.threads = (uint32_t)pool->options.threads;
+    s.job = pool->stage == STAGE_EMPTY || dropped ? 0 : pool->current.job;
+    s.content = pool->current.content;
     s.units_held = (uint32_t)held;
-    s.rendering = (uint32_t)shop->rendering;
-    s.samples = samples_wanted(shop, held);
-    s.unit_samples = (uint64_t)good_unit(shop);
-    s.samples_per_second = shop->measured ? shop->speed * shop->thread_count : 0;
-    s.idle = held == 0 || (dropped && shop->rendering == 0 && !shop->under_way);
-    s.failure = shop->failure;
-    s.failed = shop->failed;
-    pthread_mutex_unlock(&shop->lock);
+    s.rendering = (uint32_t)pool->rendering;
+    s.samples = samples_wanted(pool, held);
+    s.unit_samples = (uint64_t)good_unit(pool);
+    s.samples_per_second = pool->measured ? pool->speed * pool->thread_count : 0;
+    s.idle = held == 0 || (dropped && pool->rendering == 0 && !pool->under_way);
+    s.failure = pool->failure;
+    s.failed = pool->failed;
+    pthread_mutex_unlock(&pool->lock);
     return s;
 }
 
-uplink_handler_t render_pool_handler(render_pool_t *shop)
+uplink_handler_t render_pool_handler(render_pool_t *pool)
 {
     static const uplink_calls_t calls = {.assign = assign,
                                          .no_more = no_more,
@@ -468,5 +468,5 @@ uplink_handler_t render_pool_handler(render_pool_t *shop)
                                          .refuse = render_pool_refuse,
                                          .close = render_pool_close,
                                          .sent = render_pool_sent};
-    return (uplink_handler_t){&calls, shop};
+    return (uplink_handler_t){&calls, pool};
 }

@@ -4,213 +4,213 @@
 
 /* The job in hand is to be let go now: it is over, or finished and another one waits. A paused one may go on
  * later, so its scene stays until it is in the way. Lock held. */
-static bool time_to_release(render_pool_t *shop)
+static bool time_to_release(render_pool_t *pool)
 {
-    if (shop->stage == STAGE_EMPTY || shop->rendering > 0) return false;
-    if (shop->over && !shop->flush) return true;
-    return shop->has_next && render_pool_all_sent(shop);
+    if (pool->stage == STAGE_EMPTY || pool->rendering > 0) return false;
+    if (pool->over && !pool->flush) return true;
+    return pool->has_next && render_pool_all_sent(pool);
 }
 
 /* Lets the job in hand go and takes up the next. Called and left with the lock held, which is free while the
  * scene is torn down. */
-static void release_job(render_pool_t *shop)
+static void release_job(render_pool_t *pool)
 {
-    if (shop->has_next && render_pool_is_current(shop, &shop->next) && shop->stage == STAGE_READY) {
-        render_pool_resume_job(shop);
+    if (pool->has_next && render_pool_is_current(pool, &pool->next) && pool->stage == STAGE_READY) {
+        render_pool_resume_job(pool);
         return;
     }
-    renderer_t *renderer = shop->renderer;
-    unit_queue_clear(&shop->queue);
-    checks_drop(&shop->checks, true);
+    renderer_t *renderer = pool->renderer;
+    unit_queue_clear(&pool->queue);
+    checks_drop(&pool->checks, true);
     for (int i = 0; i < 2; i++) {
-        batch_free(&shop->slots[i].batch);
-        shop->slots[i].batch = (batch_t){0};
+        batch_free(&pool->slots[i].batch);
+        pool->slots[i].batch = (batch_t){0};
     }
-    shop->renderer = NULL;
-    shop->stage = STAGE_EMPTY;
-    shop->over = shop->flush = shop->hurry = false;
-    atomic_store(&shop->full, false);
-    if (shop->has_next) {
-        shop->has_next = false;
-        render_pool_begin_job(shop, &shop->next);
+    pool->renderer = NULL;
+    pool->stage = STAGE_EMPTY;
+    pool->over = pool->flush = pool->hurry = false;
+    atomic_store(&pool->full, false);
+    if (pool->has_next) {
+        pool->has_next = false;
+        render_pool_begin_job(pool, &pool->next);
     }
-    pthread_mutex_unlock(&shop->lock);
+    pthread_mutex_unlock(&pool->lock);
     renderer_destroy(&renderer);
-    blob_close(&shop->blob);
-    render_pool_wake(shop->options.control_wake);
-    pthread_mutex_lock(&shop->lock);
+    blob_close(&pool->blob);
+    render_pool_wake(pool->options.control_wake);
+    pthread_mutex_lock(&pool->lock);
 }
 
 /* Two splat frames must fit into memory with something to spare for the scene. */
-static result_t check_memory(const render_pool_t *shop)
+static result_t check_memory(const render_pool_t *pool)
 {
-    const job_settings_t *settings = &shop->current.settings;
+    const job_settings_t *settings = &pool->current.settings;
     double need = 2.0 * (double)sizeof(int64_t) * (double)batch_splat_values(settings);
-    double have = (double)shop->options.memory;
+    double have = (double)pool->options.memory;
     if (need < 0.75 * have) return result_ok();
     return result_fail(RESULT_LIMIT, "an image of %d x %d takes %.1f GB of sums; this machine has %.1f GB",
                        settings->width, settings->height, 1e-9 * need, 1e-9 * have);
 }
 
 /* Lets the job go that cannot be rendered here. Lock held. */
-static void refuse_job(render_pool_t *shop, result_t why)
+static void refuse_job(render_pool_t *pool, result_t why)
 {
-    render_pool_end_job(shop, false);
-    shop->failure = why;
-    shop->failed = shop->current.job;
-    render_pool_wake(shop->options.control_wake);
+    render_pool_end_job(pool, false);
+    pool->failure = why;
+    pool->failed = pool->current.job;
+    render_pool_wake(pool->options.control_wake);
 }
 
 /* Nothing will be added to the open batch for now. Lock held. */
-static bool nothing_coming(const render_pool_t *shop)
+static bool nothing_coming(const render_pool_t *pool)
 {
-    bool last = shop->no_more || shop->has_next || shop->draining || shop->over;
-    return last && unit_queue_length(&shop->queue) == 0 && shop->begun_count == 0;
+    bool last = pool->no_more || pool->has_next || pool->draining || pool->over;
+    return last && unit_queue_length(&pool->queue) == 0 && pool->begun_count == 0;
 }
 
-static void set_offer(const render_pool_t *shop, uint64_t check, uint64_t bytes, duty_t *duty)
+static void set_offer(const render_pool_t *pool, uint64_t check, uint64_t bytes, duty_t *duty)
 {
     duty->kind = DUTY_OFFER;
     duty->offer =
-        (offer_t){.job = shop->current.job, .check = check, .content = shop->current.content, .bytes = bytes};
+        (offer_t){.job = pool->current.job, .check = check, .content = pool->current.content, .bytes = bytes};
 }
 
 /* Finds a batch that is to be sent; else tells in duty->wait when one will be. Lock held. */
-static void find_batch(render_pool_t *shop, double batch_interval, duty_t *duty)
+static void find_batch(render_pool_t *pool, double batch_interval, duty_t *duty)
 {
-    const check_t *check = checks_complete(&shop->checks);
+    const check_t *check = checks_complete(&pool->checks);
     if (check != NULL) {
-        set_offer(shop, check->number, checks_bytes(check, &shop->current.settings), duty);
+        set_offer(pool, check->number, checks_bytes(check, &pool->current.settings), duty);
         return;
     }
-    pthread_mutex_lock(&shop->fill);
-    const slot_t *slot = &shop->slots[shop->open];
+    pthread_mutex_lock(&pool->fill);
+    const slot_t *slot = &pool->slots[pool->open];
     size_t units = slot->batch.unit_count;
-    if (units > 0 && !shop->under_way) {
+    if (units > 0 && !pool->under_way) {
         duty->wait = slot->since + batch_interval - clock_now();
-        bool full = units >= BATCH_MAX_UNITS || atomic_load(&shop->full);
-        if (duty->wait <= 0 || full || shop->hurry || nothing_coming(shop))
-            set_offer(shop, 0, batch_bytes(&slot->batch), duty);
+        bool full = units >= BATCH_MAX_UNITS || atomic_load(&pool->full);
+        if (duty->wait <= 0 || full || pool->hurry || nothing_coming(pool))
+            set_offer(pool, 0, batch_bytes(&slot->batch), duty);
     }
-    pthread_mutex_unlock(&shop->fill);
+    pthread_mutex_unlock(&pool->fill);
 }
 
 duty_t render_pool_duty(void *self, double batch_interval)
 {
-    render_pool_t *shop = self;
+    render_pool_t *pool = self;
     duty_t duty = {.kind = DUTY_NONE, .wait = 1};
-    pthread_mutex_lock(&shop->lock);
-    if (time_to_release(shop)) release_job(shop);
-    if (shop->stage == STAGE_LOADING && !shop->over) {
-        result_t memory = check_memory(shop);
+    pthread_mutex_lock(&pool->lock);
+    if (time_to_release(pool)) release_job(pool);
+    if (pool->stage == STAGE_LOADING && !pool->over) {
+        result_t memory = check_memory(pool);
         if (memory.code == RESULT_OK) {
             duty.kind = DUTY_LOAD;
-            duty.assignment = shop->current;
+            duty.assignment = pool->current;
         } else {
-            refuse_job(shop, memory);
+            refuse_job(pool, memory);
             duty.wait = 0;
         }
-    } else if (shop->stage == STAGE_READY && !(shop->over && !shop->flush)) {
-        find_batch(shop, batch_interval, &duty);
+    } else if (pool->stage == STAGE_READY && !(pool->over && !pool->flush)) {
+        find_batch(pool, batch_interval, &duty);
     }
-    pthread_mutex_unlock(&shop->lock);
+    pthread_mutex_unlock(&pool->lock);
     return duty;
 }
 
 bool render_pool_unwanted(void *self, uint64_t job)
 {
-    render_pool_t *shop = self;
-    pthread_mutex_lock(&shop->lock);
-    bool over = shop->over && (!shop->flush || shop->stage == STAGE_LOADING);
-    bool wanted = shop->stage != STAGE_EMPTY && shop->current.job == job && !over;
-    pthread_mutex_unlock(&shop->lock);
+    render_pool_t *pool = self;
+    pthread_mutex_lock(&pool->lock);
+    bool over = pool->over && (!pool->flush || pool->stage == STAGE_LOADING);
+    bool wanted = pool->stage != STAGE_EMPTY && pool->current.job == job && !over;
+    pthread_mutex_unlock(&pool->lock);
     return !wanted;
 }
 
 result_t render_pool_loaded(void *self, uint64_t job, scene_blob_t *blob)
 {
-    render_pool_t *shop = self;
+    render_pool_t *pool = self;
     (void)job; /* the one in hand: only the bulk thread, which calls this, lets it go */
     double start = clock_now();
     renderer_t *renderer;
-    shop->blob = *blob;
-    result_t result = renderer_new(&shop->blob, &shop->current.settings, &renderer);
+    pool->blob = *blob;
+    result_t result = renderer_new(&pool->blob, &pool->current.settings, &renderer);
     if (result.code != RESULT_OK) {
-        blob_close(&shop->blob);
+        blob_close(&pool->blob);
         return result;
     }
     log_debug("the scene was made ready to trace in %.2f s", clock_now() - start);
-    pthread_mutex_lock(&shop->lock);
-    shop->renderer = renderer;
-    shop->stage = STAGE_READY;
-    pthread_cond_broadcast(&shop->work);
-    pthread_mutex_unlock(&shop->lock);
-    render_pool_wake(shop->options.control_wake);
+    pthread_mutex_lock(&pool->lock);
+    pool->renderer = renderer;
+    pool->stage = STAGE_READY;
+    pthread_cond_broadcast(&pool->work);
+    pthread_mutex_unlock(&pool->lock);
+    render_pool_wake(pool->options.control_wake);
     return result_ok();
 }
 
 void render_pool_refuse(void *self, uint64_t job, result_t why)
 {
-    render_pool_t *shop = self;
+    render_pool_t *pool = self;
     (void)job;
-    pthread_mutex_lock(&shop->lock);
-    refuse_job(shop, why);
-    pthread_mutex_unlock(&shop->lock);
+    pthread_mutex_lock(&pool->lock);
+    refuse_job(pool, why);
+    pthread_mutex_unlock(&pool->lock);
 }
 
 /* Closes the open batch; NULL when it is empty. Lock held. */
-static const batch_t *close_open(render_pool_t *shop)
+static const batch_t *close_open(render_pool_t *pool)
 {
     const batch_t *batch = NULL;
-    pthread_mutex_lock(&shop->fill);
-    if (shop->slots[shop->open].batch.unit_count > 0) {
-        batch = &shop->slots[shop->open].batch;
-        shop->open = !shop->open;
-        shop->under_way = true;
-        shop->hurry = false;
-        atomic_store(&shop->full, false);
-        pthread_cond_broadcast(&shop->work);
+    pthread_mutex_lock(&pool->fill);
+    if (pool->slots[pool->open].batch.unit_count > 0) {
+        batch = &pool->slots[pool->open].batch;
+        pool->open = !pool->open;
+        pool->under_way = true;
+        pool->hurry = false;
+        atomic_store(&pool->full, false);
+        pthread_cond_broadcast(&pool->work);
     }
-    pthread_mutex_unlock(&shop->fill);
+    pthread_mutex_unlock(&pool->fill);
     return batch;
 }
 
 closed_batch_t render_pool_close(void *self, const offer_t *offer)
 {
-    render_pool_t *shop = self;
+    render_pool_t *pool = self;
     closed_batch_t closed = {.offer = *offer};
-    pthread_mutex_lock(&shop->lock);
-    bool wanted = shop->stage == STAGE_READY && shop->current.job == offer->job &&
-                  (!shop->over || (shop->flush && offer->check == 0));
-    check_t *check = wanted && offer->check != 0 ? checks_find(&shop->checks, offer->check) : NULL;
+    pthread_mutex_lock(&pool->lock);
+    bool wanted = pool->stage == STAGE_READY && pool->current.job == offer->job &&
+                  (!pool->over || (pool->flush && offer->check == 0));
+    check_t *check = wanted && offer->check != 0 ? checks_find(&pool->checks, offer->check) : NULL;
     if (check != NULL) {
-        checks_close(check, &shop->current.settings);
+        checks_close(check, &pool->current.settings);
         closed.batch = &check->batch;
     } else if (wanted && offer->check == 0) {
-        closed.batch = close_open(shop);
+        closed.batch = close_open(pool);
     }
-    if (closed.batch != NULL) closed.sequence = ++shop->sequence;
-    pthread_mutex_unlock(&shop->lock);
+    if (closed.batch != NULL) closed.sequence = ++pool->sequence;
+    pthread_mutex_unlock(&pool->lock);
     return closed;
 }
 
 void render_pool_sent(void *self, const closed_batch_t *closed, bool counted)
 {
-    render_pool_t *shop = self;
+    render_pool_t *pool = self;
     (void)counted; /* what was refused, the master gives out again */
-    pthread_mutex_lock(&shop->lock);
-    for (size_t i = 0; i < shop->checks.count; i++) {
-        check_t *check = shop->checks.list[i];
+    pthread_mutex_lock(&pool->lock);
+    for (size_t i = 0; i < pool->checks.count; i++) {
+        check_t *check = pool->checks.list[i];
         if (&check->batch != closed->batch) continue;
         check->under_way = false;
         check->dropped = true;
     }
-    checks_sweep(&shop->checks);
-    pthread_cond_broadcast(&shop->work); /* the next check may begin */
-    if (closed->offer.check == 0) shop->under_way = false;
-    slot_t *slot = &shop->slots[!shop->open];
-    pthread_mutex_unlock(&shop->lock);
+    checks_sweep(&pool->checks);
+    pthread_cond_broadcast(&pool->work); /* the next check may begin */
+    if (closed->offer.check == 0) pool->under_way = false;
+    slot_t *slot = &pool->slots[!pool->open];
+    pthread_mutex_unlock(&pool->lock);
     /* Only the bulk thread, which calls this, touches the closed slot: the long clearing needs no lock. */
     if (closed->offer.check == 0) batch_clear(&slot->batch);
-    render_pool_wake(shop->options.control_wake);
+    render_pool_wake(pool->options.control_wake);
 }

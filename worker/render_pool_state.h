@@ -65,17 +65,17 @@ void render_pool_wake(int event);
 /* ---- under the lock; render_pool.c ---- */
 
 /* Everything that was asked of the job in hand has been done, sent and answered. */
-bool render_pool_all_sent(render_pool_t *shop);
+bool render_pool_all_sent(render_pool_t *pool);
 /* True when the assignment is of the job in hand. A number alone says nothing: a master that lost its data
  * gives the old ones to new jobs. */
-bool render_pool_is_current(const render_pool_t *shop, const assignment_t *assignment);
+bool render_pool_is_current(const render_pool_t *pool, const assignment_t *assignment);
 /* Takes an assignment as the job in hand, to be loaded. The stage is empty. */
-void render_pool_begin_job(render_pool_t *shop, const assignment_t *assignment);
+void render_pool_begin_job(render_pool_t *pool, const assignment_t *assignment);
 /* Goes on with a job that was over (it had been paused), of which `next` is an assignment: its scene is here.
  */
-void render_pool_resume_job(render_pool_t *shop);
+void render_pool_resume_job(render_pool_t *pool);
 /* Lets the job in hand go. */
-void render_pool_end_job(render_pool_t *shop, bool flush);
+void render_pool_end_job(render_pool_t *pool, bool flush);
 
 /* ---- the bulk thread's calls (uplink_handler.h); render_pool_duties.c ---- */
 

@@ -55,15 +55,15 @@ static hash_t own_fingerprint(void)
 static result_t run_threads(const worker_options_t *options, void *context, int wakes[2],
                             const atomic_int *stop)
 {
-    render_pool_options_t shop_options = {.threads = options->threads > 0 ? options->threads : core_count(),
+    render_pool_options_t pool_options = {.threads = options->threads > 0 ? options->threads : core_count(),
                                           .fingerprint = own_fingerprint(),
                                           .memory = memory_limit(),
                                           .control_wake = wakes[0],
                                           .bulk_wake = wakes[1]};
-    render_pool_t *shop = render_pool_new(&shop_options);
+    render_pool_t *pool = render_pool_new(&pool_options);
     char *cache_dir = options->cache_dir ? mem_strdup(options->cache_dir) : blob_cache_default_dir();
     control_setup_t setup = {.context = context,
-                             .handler = render_pool_handler(shop),
+                             .handler = render_pool_handler(pool),
                              .wake = wakes[0],
                              .control_endpoint = options->control_endpoint,
                              .bulk_endpoint = options->bulk_endpoint,
@@ -84,7 +84,7 @@ static result_t run_threads(const worker_options_t *options, void *context, int 
     result_t result = bulk_start(&bulk, &setup.bulk);
     if (result.code == RESULT_OK) result = control_run(&setup, stop);
     bulk_stop(&setup.bulk);
-    render_pool_destroy(&shop);
+    render_pool_destroy(&pool);
     free(cache_dir);
     return result;
 }

@@ -35,7 +35,7 @@ static void sleep_briefly(void)
     nanosleep(&(struct timespec){.tv_nsec = 2000000}, NULL);
 }
 
-static void open_shop(bench_t *b, int threads, uint64_t memory)
+static void open_pool(bench_t *b, int threads, uint64_t memory)
 {
     render_pool_destroy(&b->fixture);
     render_pool_options_t options = {
@@ -59,7 +59,7 @@ static int set_up(void **state)
     b->settings.tile_size = 32;
     b->settings.max_depth = 3;
     for (int i = 0; i < 2; i++) b->wakes[i] = eventfd(0, EFD_NONBLOCK);
-    open_shop(b, 2, MEMORY);
+    open_pool(b, 2, MEMORY);
     *state = b;
     return 0;
 }
@@ -486,7 +486,7 @@ static void rendering_pauses_while_the_batch_is_full(void **state)
     enum { UNITS = 12 };
     unit_t units[UNITS];
     for (uint32_t i = 0; i < UNITS; i++) units[i] = (unit_t){i % 4, 1 + i / 4, 1};
-    open_shop(b, 1, SCARCE);
+    open_pool(b, 1, SCARCE);
     assign(b, units, UNITS);
     load(b, JOB);
     size_t rendered = 0, batches = 0;
@@ -539,7 +539,7 @@ static void a_film_beyond_the_memory_is_declined(void **state)
 {
     bench_t *b = *state;
     const unit_t unit = {0, 0, 1};
-    open_shop(b, 1, SCARCE);
+    open_pool(b, 1, SCARCE);
     b->settings.width = b->settings.height = 256;
     assign(b, &unit, 1);
     assert_int_equal(duty_of(b, NEVER).kind, DUTY_NONE);
