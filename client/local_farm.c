@@ -139,6 +139,7 @@ static result_t sibling_path(const char *name, char **path)
     if (access(*path, X_OK) == 0) return result_ok();
     result_t result = result_fail(RESULT_IO, "cannot run %.300s: %s", *path, strerror(errno));
     free(*path);
+    *path = NULL;
     return result;
 }
 

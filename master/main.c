@@ -73,6 +73,7 @@ enum { MAX_THREADS = 64 }; /* that merge */
 typedef struct {
     master_options_t master;
     health_options_t health;
+    pulse_t pulse;
     address_t address;
     bool any_port;
     log_level_t log;
@@ -189,7 +190,7 @@ static result_t parse_command(int argc, char **argv, command_t *command, bool *d
 }
 
 /* Starts the master with the signals blocked, so that its threads never get them, and waits for one. */
-static result_t serve(master_options_t *options, const char *health_path)
+static result_t serve(command_t *command)
 {
     sigset_t ending, before;
     sigemptyset(&ending);
@@ -204,12 +205,11 @@ static result_t serve(master_options_t *options, const char *health_path)
     sigaction(SIGHUP, &action, NULL);
     signal(SIGPIPE, SIG_IGN);
 
-    pulse_t pulse = {0};
-    options->pulse = &pulse;
+    command->master.pulse = &command->pulse;
     health_t *health;
     master_t *master;
-    TRY(health_start(health_path, pulse_report, &pulse, &health));
-    result_t result = master_start(options, &master);
+    TRY(health_start(command->health.path, pulse_report, &command->pulse, &health));
+    result_t result = master_start(&command->master, &master);
     if (result.code != RESULT_OK) {
         health_stop(&health);
         return result;
@@ -248,7 +248,7 @@ static result_t run(int argc, char **argv)
     command.master.control_endpoint = control;
     command.master.bulk_endpoint = bulk;
     file_limit_raise();
-    result_t result = serve(&command.master, command.health.path);
+    result_t result = serve(&command);
     free(control);
     free(bulk);
     return result;

@@ -72,6 +72,7 @@ typedef struct {
     relay_options_t relay;
     dial_options_t dial;
     health_options_t health;
+    pulse_t pulse;
     char *master, *control, *bulk; /* endpoints, owned */
     log_level_t level;
     bool done; /* help or version was printed */
@@ -197,10 +198,9 @@ static result_t run(command_t *command)
     log_init("relay", command->level);
     catch_signals();
     file_limit_raise();
-    pulse_t pulse = {0};
+    relay->pulse = &command->pulse;
     health_t *health;
-    relay->pulse = &pulse;
-    TRY(health_start(command->health.path, pulse_report, &pulse, &health));
+    TRY(health_start(command->health.path, pulse_report, &command->pulse, &health));
     result_t result = relay_run(relay, &stop_requested, NULL);
     health_stop(&health);
     return result;

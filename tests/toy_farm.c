@@ -80,7 +80,7 @@ bool toy_beat(farm_t *farm, double now, uint64_t worker)
 
 toy_work_t toy_take(farm_t *farm, double now, uint64_t worker, uint64_t samples, uint64_t unit_samples)
 {
-    unit_t units[WIRE_MAX_UNITS];
+    unit_t units[WIRE_MAX_UNITS] = {0};
     work_t work = {.units = units};
     toy_work_t taken = {0};
     assert_int_equal(farm_take(farm, now, &nobody, worker, 0, samples, unit_samples, &work).code, RESULT_OK);

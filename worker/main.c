@@ -79,6 +79,7 @@ typedef struct {
     worker_options_t options;
     dial_options_t dial;
     health_options_t health;
+    pulse_t pulse;
     char *endpoint; /* owned */
     log_level_t level;
     bool done; /* help or version was printed */
@@ -156,10 +157,9 @@ static result_t run(command_t *command)
     log_init(name, command->level);
     free(name);
     catch_signals();
-    pulse_t pulse = {0};
+    command->options.pulse = &command->pulse;
     health_t *health;
-    command->options.pulse = &pulse;
-    TRY(health_start(command->health.path, pulse_report, &pulse, &health));
+    TRY(health_start(command->health.path, pulse_report, &command->pulse, &health));
     result_t result = worker_run(&command->options, &stop_requested);
     health_stop(&health);
     return result;

@@ -122,7 +122,7 @@ static uint8_t *encode_head(uint64_t job, const spool_head_t *head, const zmq_ms
     memcpy(at, &fixed, sizeof fixed);
     memcpy(at += sizeof fixed, head->units, units);
     memcpy(at += units, head->name, fixed.name_size);
-    memcpy(at += fixed.name_size, head->key, fixed.key_size);
+    memcpy(at + fixed.name_size, head->key, fixed.key_size);
     hash_t hash = hash_bytes(bytes + HEAD_OFFSET, *size - HEAD_OFFSET);
     memcpy(bytes, MAGIC, sizeof MAGIC);
     memcpy(bytes + sizeof MAGIC, &hash, sizeof hash);

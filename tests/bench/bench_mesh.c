@@ -25,7 +25,10 @@ static void check(result_t result)
 static void write_ply(const char *path, uint32_t side)
 {
     FILE *file = fopen(path, "wb");
-    if (file == NULL) check(result_fail(RESULT_IO, "%s cannot be written", path));
+    if (file == NULL) {
+        check(result_fail(RESULT_IO, "%s cannot be written", path));
+        return;
+    }
     uint32_t vertices = (side + 1) * (side + 1), faces = 2 * side * side;
     fprintf(file,
             "ply\nformat binary_little_endian 1.0\nelement vertex %u\nproperty float x\nproperty float y\n"

@@ -302,6 +302,7 @@ static void measure(good_t *good, const char *what, uint64_t (*sent)(void *), vo
     good->beat_count = 0;
     for (; clock_now() < end; rig_sleep(PAUSE)) beat(good);
     int count = good->beat_count;
+    assert_true(count > 0);
     qsort(good->beats, (size_t)count, sizeof good->beats[0], compare);
     double p50 = good->beats[count / 2], p99 = good->beats[count * 99 / 100], most = good->beats[count - 1];
     double rate = sent != NULL ? (double)(sent(context) - before) / PHASE : 0;

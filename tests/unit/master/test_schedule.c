@@ -361,6 +361,7 @@ static void model_compare(const model_t *model, const schedule_t *schedule, cons
             if (cell == SKIPPED) expected.skipped += pixels;
             available |= cell == FREE;
             if (cell == FREE || cell >= SHUT) continue;
+            assert_true(cell <= WORKERS);
             holds[cell] = true;
             expected.out += pixels;
         }

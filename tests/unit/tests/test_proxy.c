@@ -134,11 +134,9 @@ static void bytes_are_flipped_lost_repeated_and_swapped(void **state)
     for (int mischief = PROXY_FLIP_BYTES; mischief <= PROXY_LOSE_BYTES; mischief++) {
         connect_line(line);
         atomic_store(&line->link->todo[mischief], 1);
-        size_t have = SIZE, rounds = 0;
-        while (have == SIZE && memcmp(sent, arrived, SIZE) == 0 ? true : rounds == 0) {
-            have = send_through(line, sent, SIZE, arrived);
-            if (++rounds > 100) break;
-        }
+        size_t have, rounds = 0;
+        do have = send_through(line, sent, SIZE, arrived);
+        while (have == SIZE && memcmp(sent, arrived, SIZE) == 0 && ++rounds <= 100);
         assert_int_equal(atomic_load(&line->link->todo[mischief]), 0);
         assert_int_equal(atomic_load(&line->link->done[mischief]), 1);
         if (mischief == PROXY_LOSE_BYTES) assert_true(have < SIZE);
