@@ -1,9 +1,8 @@
-/* pool: what a relay holds: the units that it took from above, the workers below that render them, and the
- * sums of what these have delivered.
+/* pool: the state of a relay: the units that it took from its master, its workers, and the sums of what they
+ * delivered.
  *
- * To the threads that talk to the master above, it is a handler (proto/uplink/uplink_handler.h), and to those
- * that talk to the workers below another one (proto/serve/serve_handler.h), as the farm is to a master's. It
- * knows no sockets.
+ * The threads that talk to the master call it as an uplink_handler (proto/uplink/uplink_handler.h), those
+ * that talk to the workers as a serve_handler (proto/serve/serve_handler.h). It knows no sockets.
  *
  * Workers of one relay make the same bits: the first one decides which.
  *

@@ -1,4 +1,5 @@
-/* pool_workers: who works for the relay, what they are given and what they deliver (see pool.h). */
+/* pool_workers: the pool's side of its workers: who they are, which units they get, what they deliver (see
+ * pool.h). */
 #include "relay/pool_state.h"
 
 #include <math.h>

@@ -1,5 +1,5 @@
-/* relay: between a master and many workers. To the master it is one worker, to the workers a master: units go
- * down, sums of batches go up. Sums are exact, so nobody can tell from the image.
+/* relay: a program between a master and many workers. To the master it is one worker, to the workers a
+ * master: units go down, sums of batches go up. Sums are exact, so the image has the same bits.
  */
 #ifndef LIGHTMILL_RELAY_H
 #define LIGHTMILL_RELAY_H

@@ -1,5 +1,5 @@
-/* client_control: what clients ask on the control socket: to submit a job, to order about one, to see jobs
- * and workers. */
+/* client_control: what clients ask on the control socket: to submit a job, to change what becomes of one, to
+ * see jobs and workers. */
 #ifndef LIGHTMILL_CLIENT_CONTROL_H
 #define LIGHTMILL_CLIENT_CONTROL_H
 

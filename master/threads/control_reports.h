@@ -1,4 +1,4 @@
-/* control_reports: what clients are told of jobs and workers, as messages. A list that does not fit into one
+/* control_reports: the messages that tell clients about jobs and workers. A list that does not fit into one
  * message comes in several: the answer says where to go on. */
 #ifndef LIGHTMILL_CONTROL_REPORTS_H
 #define LIGHTMILL_CONTROL_REPORTS_H

@@ -1,4 +1,4 @@
-/* farm_service: the farm as those know it who serve workers (proto/serve/serve_handler.h). */
+/* farm_service: the farm behind the calls that the servers make (proto/serve/serve_handler.h). */
 #ifndef LIGHTMILL_FARM_SERVICE_H
 #define LIGHTMILL_FARM_SERVICE_H
 

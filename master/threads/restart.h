@@ -1,4 +1,4 @@
-/* restart: what a master finds in its data directory when it starts, and how it goes on from there. */
+/* restart: reads what a master finds in its data directory when it starts, and restores the jobs from it. */
 #ifndef LIGHTMILL_RESTART_H
 #define LIGHTMILL_RESTART_H
 

@@ -1,4 +1,4 @@
-/* allow_list: whom a master lets in: a text file with a line for every key.
+/* allow_list: the list of the keys that a master admits: a text file with a line for every key.
  *
  *     # the farm
  *     worker KEY render-1        may work

@@ -1,5 +1,5 @@
-/* complaint: warnings that a peer can provoke, at most a few a second, so that hostile bytes cannot fill a
- * disk. */
+/* complaint: limits the warnings that a peer can provoke to a few a second, so that hostile bytes cannot fill
+ * a disk. */
 #ifndef LIGHTMILL_COMPLAINT_H
 #define LIGHTMILL_COMPLAINT_H
 

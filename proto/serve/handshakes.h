@@ -1,6 +1,6 @@
-/* handshakes: tells of connections to a listening socket that broke off before they were admitted or refused:
- * peers without keys, with the key of another master, or that are no peers at all. One thread's, which has to
- * poll without long pauses: libzmq waits for it. */
+/* handshakes: reports connections to a listening socket that ended before they were admitted or refused. Such
+ * a peer has no key, has the key of another master, or is no peer at all. Not thread-safe. Poll without long
+ * pauses: libzmq waits for it. */
 #ifndef LIGHTMILL_HANDSHAKES_H
 #define LIGHTMILL_HANDSHAKES_H
 

@@ -1,6 +1,7 @@
-/* merge_pool: threads that decode the batches of workers and add them up, so that the thread that owns the
- * bulk socket never waits for it. Batches are begun in the order in which they were put in; several of one
- * job are merged at once. */
+/* merge_pool: threads that decode the batches of workers and add them up, so that the thread of the bulk
+ * socket never waits for it. Batches are begun in the order in which they came; several of one job are merged
+ * at once.
+ */
 #ifndef LIGHTMILL_MERGE_POOL_H
 #define LIGHTMILL_MERGE_POOL_H
 

@@ -1,7 +1,7 @@
-/* rate_limit: how many messages a second each peer may send, with memory for a fixed number of peers.
+/* rate_limit: limits how many messages a second each peer may send, with memory for a fixed number of peers.
  *
- * A peer has a bucket that holds `burst` tokens and gains `rate` a second; a message takes one or more,
- * and when they lack it is over the limit. One thread's. */
+ * A peer has a bucket that holds `burst` tokens and gains `rate` a second. A message takes one or more; when
+ * they lack, it is over the limit. Not thread-safe. */
 #ifndef LIGHTMILL_RATE_LIMIT_H
 #define LIGHTMILL_RATE_LIMIT_H
 

@@ -1,9 +1,10 @@
-/* serve_handler: those whose workers dial in. The control and the bulk server (control_server.h,
- * bulk_server.h) know them only by these calls: the handler of a master is its farm, that of a relay its pool
- * (relay/pool.h). It is the counterpart of proto/uplink/uplink_handler.h, at the other end of the wire.
+/* serve_handler: what the servers know of the program that they serve. The control and the bulk server
+ * (control_server.h, bulk_server.h) talk to workers; all that they want from the program goes through the
+ * calls below. In a master the farm answers them (master/threads/farm_service.h), in a relay its pool
+ * (relay/pool.h). proto/uplink/uplink_handler.h is the counterpart at the other end of the wire.
  *
- * There are no messages in it: the servers translate. Times are seconds of clock_now(), handed in, so that a
- * test can make time pass. */
+ * The calls have no messages in them: the servers translate. Times are seconds of clock_now(), handed in, so
+ * that a test can make time pass. */
 #ifndef LIGHTMILL_SERVE_HANDLER_H
 #define LIGHTMILL_SERVE_HANDLER_H
 
