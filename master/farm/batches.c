@@ -78,10 +78,8 @@ result_t farm_content_check(farm_t *farm, uint64_t id, const hash_t *content)
  * as good as ever. */
 static void prepare_for_batch(farm_t *farm, double now, job_t *job, bool named)
 {
-    if (job->state == JOB_QUEUED && !job->film_due && named) farm_job_start(farm, now, job);
-    if (!job->film_due || job->film_wanted) return;
-    job->film_wanted = true;
-    farm_wake(farm->options.checkpoint_wake);
+    if (job->film == FILM_STORED) farm_want_film(farm, job);
+    if (job->state == JOB_QUEUED && !job_awaits_film(job) && named) farm_job_start(farm, now, job);
 }
 
 result_t farm_batch_wanted(farm_t *farm, double now, uint64_t worker, uint64_t id, bool named)
@@ -96,10 +94,10 @@ result_t farm_batch_wanted(farm_t *farm, double now, uint64_t worker, uint64_t i
         result = unknown_job(id);
     } else {
         prepare_for_batch(farm, now, job, named);
-        if (job->film_due)
+        if (job_awaits_film(job))
             result =
                 result_fail(RESULT_LIMIT, "the film of job %llu is being loaded", (unsigned long long)id);
-        else if (!job->taking)
+        else if (job->film != FILM_OPEN)
             result = job_over(job);
         else if (!farm_bits_fit(job, &sender->fingerprint))
             result = other_bits(job);
@@ -124,7 +122,7 @@ static result_t check_head(worker_t *worker, job_t *job, const batch_head_t *hea
     worker->bytes += head->bytes;
     if (job == NULL) return unknown_job(head->job);
     job->bytes += head->bytes;
-    if (job->taking) return result_ok();
+    if (job->film == FILM_OPEN) return result_ok();
     job->batches_refused++;
     worker->batches_refused++;
     return job_over(job);
@@ -243,7 +241,7 @@ static result_t count_units(farm_t *farm, double now, delivery_t *delivery)
     if (delivery->open->check != 0) TRY(compare(farm, now, delivery, &wanted));
     if (!wanted) return result_ok();
     const worker_t *worker = farm_find_worker(farm, delivery->open->worker);
-    if (!job->taking) return job_over(job);
+    if (job->film != FILM_OPEN) return job_over(job);
     if (worker != NULL && !farm_bits_fit(job, &worker->fingerprint)) return other_bits(job);
     if (job->terms.verify > 0 && worker != NULL && !worker->relay)
         TRY(batch_check_size(batch, most_compared(job, worker)));
@@ -283,7 +281,7 @@ static void note_batch(farm_t *farm, double now, const delivery_t *delivery)
         log_warning("job %llu: contributions that are NaN or infinite are dropped",
                     (unsigned long long)job->id);
     job->counts = counts;
-    job->unsaved = true;
+    job_unsaved(job);
     job->batches++;
     if (worker != NULL) {
         worker->batches++;
@@ -293,9 +291,10 @@ static void note_batch(farm_t *farm, double now, const delivery_t *delivery)
     job->samples_done = schedule_done(job->schedule);
     note_progress(job, now);
     job->merging--;
-    if (job->taking && job->counts.overflows > 0)
+    if (job->film != FILM_OPEN) return;
+    if (job->counts.overflows > 0)
         farm_job_fail_overflow(farm, now, job);
-    else if (job->taking && job->flush_until > 0)
+    else if (job->flush_until > 0)
         farm_job_flushed(farm, now, job, delivery->open->worker);
 }
 
@@ -394,9 +393,9 @@ job_t *farm_next_finished(farm_t *farm)
     job_t *found = NULL;
     farm_lock(farm);
     for (size_t i = 0; i < farm->job_count && found == NULL; i++)
-        if (farm->jobs[i]->image_due && is_settled(farm->jobs[i])) found = farm->jobs[i];
+        if (farm->jobs[i]->image == IMAGE_DUE && is_settled(farm->jobs[i])) found = farm->jobs[i];
     if (found != NULL) {
-        found->image_due = false;
+        found->image = IMAGE_WRITING;
         found->pins++;
     }
     farm_unlock(farm);
@@ -420,11 +419,8 @@ result_t farm_resolve(farm_t *farm, double now, job_t *job, film_image_t *image,
 {
     farm_lock(farm);
     *report = farm_report_job(job, now);
-    bool empty = job->batches == 0, due = job->film_due;
-    if (due && !job->film_wanted) {
-        job->film_wanted = true; /* somebody wants to see it */
-        farm_wake(farm->options.checkpoint_wake);
-    }
+    bool empty = job->batches == 0, due = job_awaits_film(job);
+    if (job->film == FILM_STORED) farm_want_film(farm, job); /* somebody wants to see it */
     farm_unlock(farm);
     shared_film_t *shared_film = empty ? NULL : job_film_hold(farm, job);
     if (shared_film != NULL) {
@@ -452,12 +448,16 @@ uint64_t farm_image_version(farm_t *farm, job_t *job, bool *over)
 void farm_finished(farm_t *farm, double now, job_t *job, result_t written, const char *path)
 {
     farm_lock(farm);
-    if (written.code == RESULT_OK) {
-        job->image_written = true;
-        if (job->image_retry > 0) job->remark[0] = '\0'; /* it is not true any more */
-        job->image_retry = 0;
+    if (job->image != IMAGE_WRITING) {
+        log_debug("job %llu: its image was given up meanwhile", (unsigned long long)job->id);
+    } else if (written.code == RESULT_OK) {
+        job->image = IMAGE_WRITTEN;
+        if (job->image_failures > 0) job->remark[0] = '\0'; /* it is not true any more */
+        job->image_failures = 0;
         if (path != NULL) log_info("job %llu: the image is in %s", (unsigned long long)job->id, path);
     } else {
+        job->image = IMAGE_FAILED;
+        job->image_failures++;
         job->image_retry = now + IMAGE_RETRY;
         snprintf(job->remark, sizeof job->remark, "the image cannot be written, and is tried again: %.200s",
                  written.message);

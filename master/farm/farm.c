@@ -1,30 +1,13 @@
 /* farm: see farm.h.
  *
- * DESIGN. The life of a job:
+ * DESIGN. A lost worker's record is kept for a while: a batch from it whose units nobody else has delivered
+ * meanwhile is still welcome. Worker numbers are random, so a batch of an earlier life of this master matches
+ * none.
  *
- *     queued ---first assignment--> running ---all counted--------------> finishing
- *        |                          ^     |-----cancel, time is up: flush--> finishing
- *        |                   resume |     |-----overflow--> failed
- *     cancelled                     paused (flush)
- *
- *     finishing ---image written, last checkpoint made--> done, cancelled or failed
- *     done, cancelled, failed ---extend--> queued, with its film on the disk
- *
- * The film is made at the first assignment, not at submission, so that a long queue costs nothing, and freed
- * when image and checkpoint are written. While a job that was cut short or paused is flushed, its workers are
- * asked for what they have (JobOver with flush), and batches are still taken until each has answered or a
- * grace period is over. A job whose image or last checkpoint cannot be written (a full disk) keeps its film
- * and is tried again; to cancel it gives that up.
- *
- * A job comes back with its film (after a restart, or when it is extended) by way of the queue: keep.c.
- *
- * A lost worker's record is kept for a while: a batch from it whose units nobody else has delivered meanwhile
- * is still welcome. Worker numbers are random, so a batch of an earlier life of this master matches none.
- *
- * This file has the farm itself, its notices and its clock; workers.c the workers and what they are
- * given, shares.c whose turn it is, jobs.c the life of a job, orders.c what clients want done,
- * report.c what they are told, keep.c what outlives the process, batches.c what is delivered
- * and the images made of it. They share parts.h and state.h.
+ * This file has the farm itself, its notices and its clock; workers.c the workers and take.c what they are
+ * given, shares.c whose turn it is, jobs.c the life of a job, orders.c what clients want done, report.c what
+ * they are told, keep.c what outlives the process, batches.c what is delivered and the images made of it.
+ * They share parts.h and state.h.
  *
  * Jobs live in an array of pointers in the order of submission; a job that a server or the image writer works
  * on is pinned and cannot be forgotten meanwhile. */
@@ -123,9 +106,8 @@ void farm_tick(farm_t *farm, double now)
         job_t *job = farm->jobs[i];
         if (time_is_up(job, now)) farm_job_cut_short(farm, now, job, JOB_DONE);
         if (job->flush_until > 0 && now >= job->flush_until) farm_job_flush_end(farm, now, job);
-        if (job->image_retry > 0 && now >= job->image_retry && !job->image_written) {
-            job->image_retry = INFINITY; /* until it is known how that went */
-            job->image_due = true;
+        if (job->image == IMAGE_FAILED && now >= job->image_retry) {
+            job->image = IMAGE_DUE;
             farm_wake(farm->options.image_wake);
         }
     }

@@ -1,4 +1,51 @@
-/* jobs: the life of a job: its start, its rounds and its end (see farm.h and the note in farm.c). */
+/* jobs: the life of a job: its start, its rounds and its end (see farm.h).
+ *
+ * DESIGN. A job is in one state of each of these kinds at a time; what is not in a row does not happen.
+ *
+ *     state    from        to          when
+ *              queued      running     its first units are handed out, or its film was loaded
+ *              queued      cancelled   it is cancelled and has no film; likewise when it is paused
+ *              queued      finishing   it is cancelled and has a film on the disk; likewise when paused
+ *              queued      paused      by order, or its scene is lost
+ *              running     paused      likewise; its workers are asked for what they have (flush)
+ *              running     finishing   all is counted
+ *              running     finishing   it is cancelled, or its time is up (flush); likewise when paused
+ *              paused      running     it is resumed and has a film in memory; else queued
+ *              finishing   queued      it came back to be written down, but there is no checkpoint of it
+ *              finishing   outcome     image and last checkpoint are written: done, cancelled or failed
+ *              any so far  failed      its sums overflow, it cannot be begun, loaded or rendered
+ *              outcome     queued      it is extended
+ *
+ *     film     none        open        the job begins
+ *              none        stored      it is extended and has a film on the disk
+ *              none        wanted      the process begins, and the job is not over
+ *              stored      wanted      it is its turn, or somebody has a batch of it, or wants to see it
+ *              wanted      loading     there is room
+ *              loading     open        or none: there is no checkpoint, or it cannot be read
+ *              open        closed      the last batch is in
+ *              closed      none        the job is over; or condemned, while somebody holds it
+ *              condemned   none        the last lets go of it
+ *
+ *     image    none        due         the job is closed
+ *              due         writing     the image writer takes it up
+ *              writing     written     or failed
+ *              failed      due         after a while
+ *              any but written         given up: the job is cancelled once more after a failure
+ *              any         none        the job goes on (extend, a film was loaded)
+ *
+ *     save     done        due         a batch is merged, or taken out; a checkpoint could not be written
+ *              due         done        a snapshot of the film is open
+ *              any         off         the job fails, or is given up
+ *
+ *     write    idle        open        a snapshot is open
+ *              open        idle        it is written; or failed
+ *              failed      retried     a snapshot is open again: then idle, or failed
+ *
+ * The film is made when the first units are handed out, not at submission, so that a long queue costs
+ * nothing, and freed when image and checkpoint are written. While a job is flushed (cut short or paused),
+ * batches are taken until each worker has answered or a grace period is over. A job whose image or last
+ * checkpoint cannot be written (a full disk) keeps its film and is tried again; to cancel it gives that up. A
+ * job comes back with its film (after a restart, or when it is extended) by way of the queue: keep.c. */
 #include "master/farm/parts.h"
 
 #include "master/schedule/plan.h"
@@ -48,7 +95,6 @@ void farm_job_remove(farm_t *farm, job_t *job)
     farm->removed[farm->removed_count++] = job->id;
     farm_wake(farm->options.journal_writer_wake);
     job->gone = true;
-    job->taking = false;
     if (job->pins == 0) farm_job_free(farm, job);
 }
 
@@ -60,8 +106,10 @@ void farm_job_install(farm_t *farm, double now, job_t *job, film_t *film, schedu
     job->shared_film = shared_film_new(film);
     job->schedule = schedule;
     job->samples_done = schedule_done(schedule);
-    job->taking = true;
-    job->unsaved = job->saving = job->image_written = job->given_up = false;
+    job->film = FILM_OPEN;
+    job->image = IMAGE_NONE;
+    job->save = SAVE_DONE;
+    job->write = WRITE_IDLE;
     job->declines = 0;
     farm_job_joins(farm, job);
     job->rate_time[0] = job->rate_time[1] = now;
@@ -73,7 +121,7 @@ uint64_t farm_awaited_bytes(const farm_t *farm)
     uint64_t bytes = farm->film_bytes;
     for (size_t i = 0; i < farm->job_count; i++) {
         const job_t *job = farm->jobs[i];
-        if (!job->film_due || !job->film_wanted || job->loading || job->state == JOB_PAUSED) continue;
+        if (job->film != FILM_WANTED || job->state == JOB_PAUSED) continue;
         uint64_t more = farm_film_bytes(&job->settings);
         if (bytes + more <= farm->options.film_limit) bytes += more;
     }
@@ -105,9 +153,8 @@ static void open_first_round(job_t *job)
 
 bool farm_job_start(farm_t *farm, double now, job_t *job)
 {
-    if (job->film_due) {
-        job->film_wanted = true;
-        farm_wake(farm->options.checkpoint_wake);
+    if (job_awaits_film(job)) {
+        farm_want_film(farm, job);
         return false;
     }
     uint64_t bytes = farm_film_bytes(&job->settings);
@@ -177,18 +224,17 @@ static void plan_round(farm_t *farm, double now, job_t *job)
 {
     question_t question = question_new(job);
     double error = 0;
-    shared_film_t *shared_film = job->shared_film;
+    shared_film_t *shared_film = farm_job_film_hold(job);
     job->planning = true;
-    job->shared_film_users++;
     farm_unlock(farm);
     plan_verdict_t verdict =
         plan_next(&question.settings, question.round_count, question.round_count > 0 ? &question.last : NULL,
                   shared_film_lock(shared_film), &question.next, &error);
     shared_film_unlock(shared_film);
-    job_film_let_go(farm, job);
     farm_lock(farm);
+    farm_job_film_let_go(farm, job);
     job->planning = false;
-    if (job->taking && question_stands(&question, job)) {
+    if (job->film == FILM_OPEN && question_stands(&question, job)) {
         job->error = error;
         job->error_samples = question.samples;
         if (verdict == PLAN_ROUND)
@@ -203,8 +249,8 @@ static void plan_round(farm_t *farm, double now, job_t *job)
 void farm_job_progress(farm_t *farm, double now, job_t *job)
 {
     job->pins++;
-    while (job->taking && job->merging == 0 && !job->planning && schedule_round_counted(job->schedule) &&
-           !trust_pending(job)) {
+    while (job->film == FILM_OPEN && job->merging == 0 && !job->planning &&
+           schedule_round_counted(job->schedule) && !trust_pending(job)) {
         if (job_is_planned(&job->settings))
             plan_round(farm, now, job);
         else
@@ -231,7 +277,7 @@ void farm_job_close(farm_t *farm, double now, job_t *job, job_state_t outcome)
         release_all(farm, job);
         schedule_release(job->schedule, 0); /* what was kept from them */
     }
-    job->taking = false;
+    if (job->film == FILM_OPEN) job->film = FILM_CLOSED;
     job->remark[0] = '\0';
     job->flush_until = 0;
     job->ended = job->started > 0 ? now : 0;
@@ -240,11 +286,10 @@ void farm_job_close(farm_t *farm, double now, job_t *job, job_state_t outcome)
     if (outcome == JOB_FAILED) {
         job->state = JOB_FAILED;
         job->finished = farm_wall_time();
-        job->unsaved = false;
+        job->save = SAVE_OFF;
     }
-    job->image_due = true;
-    job->image_written = false;
-    job->image_retry = 0;
+    job->image = IMAGE_DUE;
+    job->image_failures = 0;
     farm_record_changed(farm, job);
     farm_wake(farm->options.image_wake);
     farm_wake(farm->options.checkpoint_wake);
@@ -318,14 +363,15 @@ static void put_away(farm_t *farm, job_t *job)
 
 void farm_job_settle(farm_t *farm, job_t *job)
 {
-    if (job->taking || job->merging > 0 || job->saving || job->planning || job->image_due) return;
-    if (job->state == JOB_FINISHING && !job->film_due && job->image_written) {
-        if (job->unsaved && farm->options.checkpoint_wake >= 0) return;
+    if (job->film == FILM_OPEN || job->merging > 0 || job_is_saving(job) || job->planning) return;
+    bool ends = job->image == IMAGE_WRITTEN || job->image == IMAGE_GIVEN_UP;
+    if (job->state == JOB_FINISHING && ends) {
+        if (job->save == SAVE_DUE && farm->options.checkpoint_wake >= 0) return;
         job->state = job->outcome;
         job->finished = farm_wall_time();
         farm_record_changed(farm, job);
     }
-    if (!job_state_final(job->state) || job->shared_film == NULL || job->shared_film_condemned) return;
+    if (!job_state_final(job->state) || job->film != FILM_CLOSED || job->image == IMAGE_DUE) return;
     log_end(job);
     put_away(farm, job);
 }

@@ -131,7 +131,7 @@ static job_t *job_from_record(const job_record_t *record)
     job->message[sizeof job->message - 1] = '\0';
     bool touched = record->state != JOB_QUEUED || record->elapsed > 0 || record->batches > 0;
     job->scene_due = !job_state_final(job->state);
-    job->film_due = job->film_wanted = touched && !job_state_final(job->state);
+    job->film = touched && !job_state_final(job->state) ? FILM_WANTED : FILM_NONE;
     return job;
 }
 
@@ -157,7 +157,7 @@ void farm_restore(farm_t *farm, double now, const job_record_t *record)
                      "its film takes %.1f GB and this machine has room for %.1f GB; it is kept on the disk: "
                      "extend the job on a larger one",
                      1e-9 * (double)bytes, 1e-9 * (double)farm->options.film_limit);
-            job->film_due = job->film_wanted = false;
+            job->film = FILM_NONE;
             farm_job_close(farm, now, job, JOB_FAILED);
         }
         farm_wake(farm->options.checkpoint_wake);
@@ -179,12 +179,12 @@ job_t *farm_next_load(farm_t *farm)
     farm_lock(farm);
     for (size_t i = 0; i < farm->job_count && !farm->shut; i++) {
         job_t *job = farm->jobs[i];
-        if (!job->film_due || !job->film_wanted || job->loading || job->shared_film != NULL) continue;
+        if (job->film != FILM_WANTED) continue;
         if (farm->film_bytes + farm_film_bytes(&job->settings) > farm->options.film_limit) continue;
         if (found == NULL || loads_before(job, found)) found = job;
     }
     if (found != NULL) {
-        found->loading = true;
+        found->film = FILM_LOADING;
         found->pins++;
         farm->film_bytes += farm_film_bytes(&found->settings);
     }
@@ -195,7 +195,7 @@ job_t *farm_next_load(farm_t *farm)
 /* The film is there, or there is none: the job no longer waits for it. */
 static void stop_waiting(farm_t *farm, job_t *job)
 {
-    job->film_due = job->film_wanted = job->loading = false;
+    job->film = FILM_NONE;
     farm_wake(farm->options.grant_wake);
 }
 
@@ -283,8 +283,9 @@ job_t *farm_next_checkpoint(farm_t *farm, double now, double *age, bool *last)
     farm_lock(farm);
     for (size_t i = 0; i < farm->job_count; i++) {
         job_t *job = farm->jobs[i];
-        if (job->shared_film == NULL || job->shared_film_condemned || !job->unsaved || job->saving) continue;
-        bool waits = farm->shut || !job->taking;
+        if (!job_has_film(job) || job->film == FILM_CONDEMNED) continue;
+        if (job->save != SAVE_DUE || job_is_saving(job)) continue;
+        bool waits = farm->shut || job->film == FILM_CLOSED;
         if (found != NULL && (waits != *last ? *last : checkpoint_age(job, now) <= *age)) continue;
         found = job;
         *last = waits;
@@ -301,11 +302,11 @@ bool farm_snapshot(farm_t *farm, job_t *job, schedule_state_t *state, shared_fil
     if (shared_film == NULL) return false;
     shared_film_lock(shared_film); /* nobody is merging: what is counted is in the sums */
     farm_lock(farm);
-    bool take = !job->saving && job->schedule != NULL;
+    bool take = !job_is_saving(job) && job->schedule != NULL;
     if (take) {
         schedule_save(job->schedule, state);
-        job->saving = true;
-        job->unsaved = false;
+        job->write = job->write == WRITE_FAILED ? WRITE_RETRIED : WRITE_OPEN;
+        if (job->save == SAVE_DUE) job->save = SAVE_DONE;
     }
     farm_unlock(farm);
     if (take) *snapshot = shared_film_snapshot(shared_film);
@@ -317,17 +318,16 @@ bool farm_snapshot(farm_t *farm, job_t *job, schedule_state_t *state, shared_fil
 void farm_checkpointed(farm_t *farm, double now, job_t *job, result_t written)
 {
     farm_lock(farm);
-    bool saving = job->saving;
-    if (job->save_failed && job->image_retry <= 0) job->remark[0] = '\0';
-    job->saving = job->save_failed = false;
+    bool saving = job_is_saving(job), failed = job->write == WRITE_FAILED || job->write == WRITE_RETRIED;
+    if (failed && job->image_failures == 0) job->remark[0] = '\0';
+    job->write = written.code == RESULT_OK ? WRITE_IDLE : WRITE_FAILED;
     if (written.code == RESULT_OK) {
         job->last_checkpoint = now;
         trust_checkpointed(job);
         farm_record_changed(farm, job);
     } else {
-        job->save_failed = true;
-        job->unsaved = job->state != JOB_FAILED && !job->given_up;
-        if (!job->taking && job->image_retry <= 0)
+        job_unsaved(job);
+        if (job->film != FILM_OPEN && job->image_failures == 0)
             snprintf(job->remark, sizeof job->remark,
                      "its last checkpoint cannot be written, and is tried again: %.200s", written.message);
     }

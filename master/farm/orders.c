@@ -13,7 +13,8 @@ static bool forget_oldest(farm_t *farm)
 {
     for (size_t i = 0; i < farm->job_count; i++) {
         job_t *job = farm->jobs[i];
-        if (!job_state_final(job->state) || job->retained || job->image_due || job->pins > 0) continue;
+        if (!job_state_final(job->state) || job->retained || job->image == IMAGE_DUE || job->pins > 0)
+            continue;
         log_info("job %llu is forgotten, to make room", (unsigned long long)job->id);
         farm_job_remove(farm, job);
         return true;
@@ -73,11 +74,10 @@ static void cancel_unstarted(farm_t *farm, job_t *job)
 /* Ends the attempts to write the image or the last checkpoint. */
 static void give_up(farm_t *farm, job_t *job)
 {
-    if (!job->image_written) job->outcome = JOB_FAILED;
+    if (job->image != IMAGE_WRITTEN) job->outcome = JOB_FAILED;
     if (job->remark[0] != '\0') farm_job_tell(farm, job, "%s", job->remark);
-    job->image_written = job->given_up = true;
-    job->image_due = job->unsaved = false;
-    job->image_retry = 0;
+    if (job->image != IMAGE_WRITTEN) job->image = IMAGE_GIVEN_UP;
+    job->save = SAVE_OFF;
     farm_job_settle(farm, job);
 }
 
@@ -85,15 +85,15 @@ static result_t cancel(farm_t *farm, double now, job_t *job)
 {
     if (job_state_final(job->state)) return refuse(job, " already");
     if (job->state == JOB_FINISHING) {
-        if (job->image_retry > 0 || job->save_failed || trust_delayed(job)) give_up(farm, job);
+        bool failed = job->image_failures > 0 || job->write == WRITE_FAILED || job->write == WRITE_RETRIED;
+        if (failed || trust_delayed(job)) give_up(farm, job);
         return result_ok(); /* else it is left to finish */
     }
-    if (job->film_due) {
+    if (job_awaits_film(job)) {
         job->state = JOB_FINISHING;
         job->outcome = JOB_CANCELLED;
-        job->film_wanted = true;
-        farm_wake(farm->options.checkpoint_wake);
-    } else if (job->shared_film == NULL) {
+        farm_want_film(farm, job);
+    } else if (!job_has_film(job)) {
         cancel_unstarted(farm, job);
     } else {
         farm_job_cut_short(farm, now, job, JOB_CANCELLED);
@@ -146,8 +146,8 @@ static result_t resume(farm_t *farm, double now, job_t *job)
     if (job->state != JOB_PAUSED) return refuse(job, ", not paused");
     if (strcmp(job->message, FARM_NO_SCENE) == 0) job->message[0] = '\0';
     if (job->flush_until > 0) farm_job_flush_end(farm, now, job); /* its workers were told to drop the rest */
-    job->state = job->shared_film != NULL ? JOB_RUNNING : JOB_QUEUED;
-    if (job->shared_film != NULL) job->started = now;
+    job->state = job_has_film(job) ? JOB_RUNNING : JOB_QUEUED;
+    if (job_has_film(job)) job->started = now;
     job->rate_time[0] = job->rate_time[1] = now;
     job->rate_samples[0] = job->rate_samples[1] = job->samples_done;
     farm_job_joins(farm, job);
@@ -225,7 +225,7 @@ static result_t check_goals(const job_t *job, const job_settings_t *goals, const
 
 static result_t extend(farm_t *farm, double now, job_t *job, const job_order_t *order)
 {
-    if (job->state == JOB_FINISHING || (job_state_final(job->state) && job->shared_film != NULL))
+    if (job->state == JOB_FINISHING || (job_state_final(job->state) && job_has_film(job)))
         return refuse(job, ": try again when it is over and put away");
     bool touched = job->batches > 0 || farm_job_elapsed(job, now) > 0;
     if (job_state_final(job->state) && touched && farm->options.checkpoint_wake < 0)
@@ -243,7 +243,8 @@ static result_t extend(farm_t *farm, double now, job_t *job, const job_order_t *
         job->elapsed_before = farm_job_elapsed(job, now);
         job->started = job->ended = job->finished = 0;
         job->state = JOB_QUEUED;
-        job->film_due = touched;
+        job->film = touched ? FILM_STORED : FILM_NONE;
+        job->image = IMAGE_NONE;
         job->message[0] = '\0';
         farm_job_joins(farm, job);
     }

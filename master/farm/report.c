@@ -69,7 +69,7 @@ job_report_t farm_report_job(const job_t *job, double now)
                            .units_reissued = job->units_reissued,
                            .counts = job->counts};
     memcpy(report.message, job->message, sizeof report.message);
-    if (job->taking || job->state == JOB_FINISHING)
+    if (job->film == FILM_OPEN || job->state == JOB_FINISHING)
         add_remark(report.message, sizeof report.message, job->remark);
     return report;
 }

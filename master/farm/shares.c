@@ -104,7 +104,7 @@ static void hold_back(job_t *const *list, size_t count)
 
 bool farm_job_has_work(const job_t *job)
 {
-    if (job->state == JOB_QUEUED) return !job->film_wanted;
+    if (job->state == JOB_QUEUED) return job->film == FILM_NONE || job->film == FILM_STORED;
     return job->state == JOB_RUNNING && (schedule_available(job->schedule) || trust_waiting(job));
 }
 

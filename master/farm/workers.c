@@ -269,7 +269,7 @@ void farm_reclaim(farm_t *farm, double now, uint64_t id, uint64_t job_id, const 
     farm_lock(farm);
     worker_t *worker = farm_find_worker(farm, id);
     job_t *job = farm_find_job(farm, job_id);
-    if (worker != NULL && worker->connected && job != NULL && job->schedule != NULL && job->taking &&
+    if (worker != NULL && worker->connected && job != NULL && job->film == FILM_OPEN &&
         farm_bits_fit(job, &worker->fingerprint) && farm_content_fits(job, content))
         reclaim(farm, now, worker, job, units, count);
     farm_unlock(farm);
@@ -328,7 +328,7 @@ static uint32_t fitting_threads(const farm_t *farm, const job_t *job)
 static void remark_job(const farm_t *farm, double now, job_t *job)
 {
     size_t used = 0;
-    if (!job->taking) return;
+    if (job->film != FILM_OPEN) return;
     job->remark[0] = '\0';
     if (job->state == JOB_PAUSED) return;
     if (fitting_threads(farm, job) == 0) {

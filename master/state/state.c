@@ -133,6 +133,32 @@ bool farm_bits_fit(const job_t *job, const hash_t *fingerprint)
            hash_equal(&job->fingerprint, fingerprint);
 }
 
+bool job_has_film(const job_t *job)
+{
+    return job->film >= FILM_OPEN;
+}
+
+bool job_awaits_film(const job_t *job)
+{
+    return job->film >= FILM_STORED && job->film <= FILM_LOADING;
+}
+
+bool job_is_saving(const job_t *job)
+{
+    return job->write == WRITE_OPEN || job->write == WRITE_RETRIED;
+}
+
+void job_unsaved(job_t *job)
+{
+    if (job->save == SAVE_DONE) job->save = SAVE_DUE;
+}
+
+void farm_want_film(farm_t *farm, job_t *job)
+{
+    if (job->film == FILM_STORED) job->film = FILM_WANTED;
+    farm_wake(farm->options.checkpoint_wake);
+}
+
 bool farm_content_fits(const job_t *job, const hash_t *content)
 {
     hash_t own = job_content_hash(&job->settings, &job->blob);
@@ -148,9 +174,9 @@ uint64_t farm_film_bytes(const job_settings_t *settings)
 
 void farm_job_free_film(farm_t *farm, job_t *job)
 {
-    if (job->shared_film == NULL) return;
-    job->shared_film_condemned = job->shared_film_users > 0;
-    if (job->shared_film_condemned) return;
+    if (!job_has_film(job)) return;
+    job->film = job->shared_film_users > 0 ? FILM_CONDEMNED : FILM_NONE;
+    if (job->film == FILM_CONDEMNED) return;
     farm->film_bytes -= farm_film_bytes(&job->settings);
     shared_film_destroy(&job->shared_film);
     farm_wake(farm->options.checkpoint_wake); /* a film may have waited for memory to be loaded */
@@ -158,7 +184,7 @@ void farm_job_free_film(farm_t *farm, job_t *job)
 
 shared_film_t *farm_job_film_hold(job_t *job)
 {
-    shared_film_t *shared_film = job->shared_film_condemned ? NULL : job->shared_film;
+    shared_film_t *shared_film = job->film == FILM_CONDEMNED ? NULL : job->shared_film;
     job->shared_film_users += shared_film != NULL;
     return shared_film;
 }
@@ -166,7 +192,7 @@ shared_film_t *farm_job_film_hold(job_t *job)
 void farm_job_film_let_go(farm_t *farm, job_t *job)
 {
     job->shared_film_users--;
-    if (job->shared_film_condemned) farm_job_free_film(farm, job);
+    if (job->film == FILM_CONDEMNED) farm_job_free_film(farm, job);
 }
 
 shared_film_t *job_film_hold(farm_t *farm, job_t *job)

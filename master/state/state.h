@@ -49,6 +49,43 @@ typedef struct job_checks job_checks_t;
 /* and of those that were in the hands of workers who died (trust/suspects.c). */
 typedef struct job_suspects job_suspects_t;
 
+/* The life of a job is its state (job_state_t, wire.h) and the next four; farm/jobs.c has the table of what
+ * follows what. Where the film of a job is: */
+typedef enum {
+    FILM_NONE,     /* nowhere: the job has not begun, or is over */
+    FILM_STORED,   /* on the disk, where it is to be loaded from before the job can go on, */
+    FILM_WANTED,   /* and now, as soon as there is room, */
+    FILM_LOADING,  /* which is under way; farm_t.film_bytes has it already */
+    FILM_OPEN,     /* in memory, and batches are taken */
+    FILM_CLOSED,   /* in memory, until image and checkpoint are written */
+    FILM_CONDEMNED /* in memory, until the last lets go of it */
+} job_film_t;
+
+/* The last image of a job. */
+typedef enum {
+    IMAGE_NONE,    /* it is not time for it */
+    IMAGE_DUE,     /* the image writer has to see to it, */
+    IMAGE_WRITING, /* and does */
+    IMAGE_FAILED,  /* it could not be written: it is due again at image_retry */
+    IMAGE_WRITTEN,
+    IMAGE_GIVEN_UP /* the job's end does not wait for it: somebody cancelled that */
+} job_image_t;
+
+/* Whether the film has sums that no checkpoint holds. */
+typedef enum {
+    SAVE_DONE,
+    SAVE_DUE,
+    SAVE_OFF /* they will not be saved: the job failed, or somebody cancelled that */
+} job_save_t;
+
+/* The attempt to write a checkpoint. */
+typedef enum {
+    WRITE_IDLE,
+    WRITE_OPEN,   /* a snapshot of the film is open */
+    WRITE_FAILED, /* the last one did */
+    WRITE_RETRIED /* and a snapshot is open again */
+} job_write_t;
+
 struct job {
     uint64_t id;
     job_terms_t terms;
@@ -58,18 +95,13 @@ struct job {
     job_state_t state;
     job_state_t outcome; /* the state after finishing */
     bool retained;
-    bool taking;            /* batches are taken */
-    bool image_due;         /* the image writer has to see to it */
-    bool image_written;     /* the last image is in its file */
-    double image_retry;     /* seconds, when to try again to write it; 0: it did not fail */
+    job_film_t film;
+    job_image_t image;
+    uint32_t image_failures; /* attempts to write it that failed, one after the other */
+    double image_retry;      /* seconds, when to try again: IMAGE_FAILED */
+    job_save_t save;
+    job_write_t write;
     bool scene_due;         /* its scene has to be looked at: it may be damaged */
-    bool film_due;          /* its film has to be loaded before it can go on */
-    bool film_wanted;       /* now */
-    bool loading;           /* it is being loaded; film_bytes has it already */
-    bool unsaved;           /* the film has sums that no checkpoint holds */
-    bool saving;            /* a snapshot of the film is open */
-    bool save_failed;       /* the last attempt to write a checkpoint did */
-    bool given_up;          /* its end waits for neither image nor checkpoint: somebody cancelled that */
     bool planning;          /* the next round is being planned */
     bool gone;              /* deleted: freed when the last pin goes */
     bool record_due;        /* the record has changed since the journal got it */
@@ -84,9 +116,8 @@ struct job {
     double claim;         /* on the worker that is being served, see farm_shares */
     bool held_back;       /* likewise: it is not its turn to begin */
     schedule_t *schedule; /* NULL before the first assignment and when the job is over */
-    shared_film_t *shared_film; /* the film; NULL before the first assignment and when the job is over */
-    int shared_film_users;      /* that look at the shared film without the farm's lock */
-    bool shared_film_condemned; /* to be freed by the last of them */
+    shared_film_t *shared_film; /* from FILM_OPEN to FILM_CONDEMNED, else NULL */
+    int shared_film_users;      /* that look at it without the farm's lock */
     int merging;                /* batches that are counted and being added to the film */
     film_counts_t counts;       /* of the film, readable under the farm's lock */
     hash_t fingerprint;         /* of the machines that may work on it; all zero: none yet */
@@ -185,6 +216,16 @@ double farm_unit_samples(const job_t *job, const unit_t *units, size_t count);
 bool farm_bits_fit(const job_t *job, const hash_t *fingerprint);
 /* True when the job_content_hash that somebody knows a job by is that of this one, or NULL. */
 bool farm_content_fits(const job_t *job, const hash_t *content);
+/* True while the film of a job is in memory, */
+bool job_has_film(const job_t *job);
+/* has to be loaded first, */
+bool job_awaits_film(const job_t *job);
+/* and while a snapshot of it is open. */
+bool job_is_saving(const job_t *job);
+/* The film has sums that no checkpoint holds. */
+void job_unsaved(job_t *job);
+/* The film of a job is needed now: it is loaded if it is on the disk. */
+void farm_want_film(farm_t *farm, job_t *job);
 /* What the film of a job takes, and resolving it. */
 uint64_t farm_film_bytes(const job_settings_t *settings);
 /* Frees the film, or has it freed by the last of those who hold it. */

@@ -254,7 +254,7 @@ static void condemn(farm_t *farm, double now, job_t *job, size_t index)
 {
     job_checks_t *checks = job->checks;
     source_t *source = &checks->sources[index];
-    bool ends = !job->taking && job->shared_film != NULL; /* nobody would render it again */
+    bool ends = job_has_film(job) && job->film != FILM_OPEN; /* nobody would render it again */
     uint32_t out = 0, stay = source->unkept;
     for (size_t i = 0; i < checks->evidence_count; i++) {
         evidence_t *evidence = &checks->evidence[i];

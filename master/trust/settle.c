@@ -79,13 +79,13 @@ static void note_out(farm_t *farm, job_t *job, const evidence_t *out, film_count
     evidence_t *evidence = evidence_find(job->checks, out->serial);
     job->counts = counts;
     if (job->schedule != NULL) job->samples_done = schedule_done(job->schedule);
-    job->unsaved = true;
+    job_unsaved(job);
     farm->trust->spooled = true;
     job->progress_due = true;
     if (evidence != NULL) {
         evidence->state = EVIDENCE_OUT;
         evidence->out_clock = out->out_clock;
-        evidence->saved = job->checks->saved + job->saving;
+        evidence->saved = job->checks->saved + job_is_saving(job);
     }
     farm_notify_idle(farm);
 }
@@ -197,7 +197,7 @@ static task_t task_for(const job_t *job, const evidence_t *evidence)
 {
     if (evidence->state != EVIDENCE_WRONG) return TASK_NONE;
     if (!evidence->branded) return TASK_BRAND;
-    bool possible = job->schedule != NULL && job->shared_film != NULL && !job->shared_film_condemned;
+    bool possible = job->schedule != NULL && job_has_film(job) && job->film != FILM_CONDEMNED;
     return possible ? TASK_TAKE_OUT : TASK_NONE;
 }
 
