@@ -63,3 +63,31 @@ char *address_endpoint(const address_t *address, int port)
 {
     return mem_printf("tcp://%s:%d", address->host, port);
 }
+
+/* "HOST:0" asks for free ports, which an address cannot say. */
+static result_t listen_anywhere(const char *text, size_t length, char **control, char **bulk)
+{
+    address_t address;
+    char *host = mem_strdup(text);
+    host[length] = '\0';
+    result_t result = address_parse(host, 1, &address);
+    free(host);
+    TRY(result);
+    *control = mem_printf("tcp://%s:*", address.host);
+    *bulk = mem_strdup(*control);
+    return result_ok();
+}
+
+result_t address_listen(const char *text, int default_port, char **control, char **bulk)
+{
+    address_t address;
+    size_t length = strlen(text);
+    *control = *bulk = NULL;
+    if (length > 2 && strcmp(text + length - 2, ":0") == 0)
+        return listen_anywhere(text, length - 2, control, bulk);
+    TRY(address_parse(text, default_port, &address));
+    if (address.port == 65535) return result_fail(RESULT_USAGE, "port 65535 leaves none for the bulk socket");
+    *control = address_endpoint(&address, address.port);
+    *bulk = address_endpoint(&address, address.port + 1);
+    return result_ok();
+}

@@ -19,5 +19,8 @@ result_t address_parse(const char *text, int default_port, address_t *address);
 bool address_is_loopback(const char *host);
 /* "tcp://host:port" in fresh memory; the caller frees it. */
 char *address_endpoint(const address_t *address, int port);
+/* The endpoints of the two sockets that listen at "HOST[:PORT]", the second at the next port; both at free
+ * ports of the host for port 0. The caller frees them; on failure they are NULL. */
+result_t address_listen(const char *text, int default_port, char **control, char **bulk);
 
 #endif

@@ -48,7 +48,7 @@ int result_exit_code(result_t result);
 
 typedef enum { LOG_DEBUG, LOG_INFO, LOG_WARNING, LOG_ERROR } log_level_t;
 
-/* Names the process in every line ("master", "worker 3") and sets the least level that is written. Call once,
+/* Names the process in every line ("master", "worker 3") and sets the least level that is written. Call
  * before threads start. `name` is copied. */
 void log_init(const char *name, log_level_t least);
 /* Writes one line "HH:MM:SS name level: text" to stderr; thread-safe. */

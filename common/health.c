@@ -209,37 +209,3 @@ result_t health_ask(const char *path, char *text, size_t size)
     close(peer);
     return result;
 }
-
-/* ---- on the command line --------------------------------------------------------------------------------
- */
-
-const char health_usage[] =
-    "  --health PATH          tell on this Unix socket how the program is ($LIGHTMILL_HEALTH)\n"
-    "  --ask-health           ask the program that runs there, print its answer, exit 0 if it is well\n";
-
-health_options_t health_options_default(void)
-{
-    const char *path = getenv("LIGHTMILL_HEALTH");
-    return (health_options_t){.path = path != NULL && path[0] != '\0' ? path : NULL};
-}
-
-bool health_option(health_options_t *options, const char *option, const char *value)
-{
-    if (strcmp(option, "health") == 0)
-        options->path = value;
-    else if (strcmp(option, "ask-health") == 0)
-        options->ask = true;
-    else
-        return false;
-    return true;
-}
-
-result_t health_print(const health_options_t *options)
-{
-    char text[TEXT_SIZE];
-    if (options->path == NULL)
-        return result_fail(RESULT_USAGE, "whom to ask? Give --health PATH or set LIGHTMILL_HEALTH");
-    TRY(health_ask(options->path, text, sizeof text));
-    puts(text);
-    return result_ok();
-}

@@ -8,7 +8,6 @@
 
 #include "common/base.h"
 
-#include <getopt.h>
 #include <stdatomic.h>
 
 typedef struct health health_t;
@@ -38,23 +37,5 @@ bool pulse_report(void *pulse, char *text, size_t size);
 /* Asks the process that answers at `path`, waiting for a few seconds; `text` gets what it says.
  * RESULT_UNREACHABLE when nobody answers, RESULT_MISMATCH when it is not well. */
 result_t health_ask(const char *path, char *text, size_t size);
-
-/* What programs take on their command line: entries for a getopt_long table, and their help. */
-typedef struct {
-    const char *path; /* NULL: nobody is told */
-    bool ask;         /* ask the process that runs, instead of being one */
-} health_options_t;
-#define HEALTH_OPTIONS                                                                                       \
-    {"health", required_argument, NULL, 0},                                                                  \
-    {                                                                                                        \
-        "ask-health", no_argument, NULL, 0                                                                   \
-    }
-extern const char health_usage[];
-/* The path that the environment names. */
-health_options_t health_options_default(void);
-/* False when it is another option. */
-bool health_option(health_options_t *options, const char *option, const char *value);
-/* Asks, and prints the answer. */
-result_t health_print(const health_options_t *options);
 
 #endif

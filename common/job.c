@@ -198,36 +198,15 @@ uint32_t unit_half_count(const unit_t *unit, int half)
     return half == 0 ? even : unit->count - even;
 }
 
-static const char *const integrator_names[] = {
-    [INTEGRATOR_BDPT] = "bdpt", [INTEGRATOR_PATH] = "path", [INTEGRATOR_LIGHT] = "light"};
-static const char *const sampler_names[] = {[SAMPLER_SOBOL] = "sobol", [SAMPLER_INDEPENDENT] = "independent"};
+const char *const integrator_names[] = {"bdpt", "path", "light", NULL};
+const char *const sampler_names[] = {"sobol", "independent", NULL};
 
 const char *integrator_name(integrator_t integrator)
 {
-    return integrator_names[integrator];
+    return integrator_names[integrator - INTEGRATOR_BDPT];
 }
 
 const char *sampler_name(sampler_kind_t sampler)
 {
-    return sampler_names[sampler];
-}
-
-bool integrator_from_name(const char *name, integrator_t *integrator)
-{
-    for (int i = INTEGRATOR_BDPT; i <= INTEGRATOR_LIGHT; i++)
-        if (strcmp(name, integrator_names[i]) == 0) {
-            *integrator = (integrator_t)i;
-            return true;
-        }
-    return false;
-}
-
-bool sampler_from_name(const char *name, sampler_kind_t *sampler)
-{
-    for (int i = SAMPLER_SOBOL; i <= SAMPLER_INDEPENDENT; i++)
-        if (strcmp(name, sampler_names[i]) == 0) {
-            *sampler = (sampler_kind_t)i;
-            return true;
-        }
-    return false;
+    return sampler_names[sampler - SAMPLER_SOBOL];
 }

@@ -107,8 +107,7 @@ uint32_t unit_half_count(const unit_t *unit, int half);
 
 const char *integrator_name(integrator_t integrator);
 const char *sampler_name(sampler_kind_t sampler);
-/* False when the name is not known. */
-bool integrator_from_name(const char *name, integrator_t *integrator);
-bool sampler_from_name(const char *name, sampler_kind_t *sampler);
+/* All of them, in the order of the enums, NULL at the end. */
+extern const char *const integrator_names[], *const sampler_names[];
 
 #endif

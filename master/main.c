@@ -1,57 +1,15 @@
 /* lightmill-master: the command line around master.h. */
 #include "common/address.h"
 #include "common/memory_limit.h"
+#include "common/options/service_options.h"
 #include "master/farm/farm.h"
 #include "master/master.h"
 #include "proto/wire/wire.h"
 
-#include <getopt.h>
 #include <pthread.h>
 #include <signal.h>
-#include <stdio.h>
 #include <stdlib.h>
-#include <string.h>
 #include <unistd.h>
-
-static const char HELP[] =
-    "lightmill-master: takes jobs, shares them out to workers and puts the image together\n"
-    "\n"
-    "usage: lightmill-master [options]\n"
-    "\n"
-    "  --listen HOST[:PORT]   where to listen (127.0.0.1:7420); the port after it is used too;\n"
-    "                         port 0 chooses free ones\n"
-    "  --data DIR             where jobs, films, scenes and images are kept; a master that is started with "
-    "it\n"
-    "                         again goes on where the last one ended (lightmill-data)\n"
-    "  --heartbeat SECONDS    how often workers say that they live (1)\n"
-    "  --lease SECONDS        the silence after which a worker's share is given to others (5)\n"
-    "  --batch-interval SECONDS  how often workers send what they have (10)\n"
-    "  --checkpoint SECONDS   the least time between two checkpoints of a job (10); it becomes longer where "
-    "they\n"
-    "                         would take more than 2% of the time. What a crash can cost is the work since "
-    "the last\n"
-    "  --keep GB              what the films of jobs that are over may take, so that these can be extended "
-    "(20);\n"
-    "                         those of retained jobs stay in any case\n"
-    "  --blob-limit GB        what scenes may take (100); the ones that no job needs go first\n"
-    "  --batch-memory GB      for batches that are under way or wait to be merged; workers wait to send more "
-    "(an\n"
-    "                         eighth of the memory, at least 1, or a quarter where that is less)\n"
-    "  --merge-threads N      that merge batches (one for each core)\n"
-    "  --film-memory GB       what the films of jobs at work may take in memory (three quarters of it); "
-    "others\n"
-    "                         wait, and a job whose film is larger is refused\n"
-    "  --max-jobs N           jobs known at a time (1000); for a new one the oldest that is over and not\n"
-    "                         retained goes, with its film and image\n"
-    "  --quiet                log warnings and errors only\n"
-    "  --verbose              log every batch\n"
-    "  --help, --version\n";
-static const char HELP_END[] =
-    "\n"
-    "SIGTERM or SIGINT ends it: last checkpoints are written first, no job is cancelled. A second one ends "
-    "it at "
-    "once.\n"
-    "Exit codes: 0 success, 1 usage, 2 bad file, 3 input or output failed, 5 limit exceeded.\n";
 
 /* How many signals asked us to end, and whether one asked us to read our files again. The variables that are
  * not constant: a signal handler has no argument. */
@@ -68,129 +26,61 @@ static void on_hang_up(int number)
     hang_up = 1;
 }
 
-enum { MAX_THREADS = 64 }; /* that merge */
-
 typedef struct {
     master_options_t master;
-    health_options_t health;
+    service_options_t service;
     pulse_t pulse;
-    address_t address;
-    bool any_port;
-    log_level_t log;
-} command_t;
+    const char *listen;
+} values_t;
 
-static result_t parse_seconds(const char *name, const char *text, double *value)
-{
-    char *end;
-    *value = strtod(text, &end);
-    if (end != text && *end == '\0') return result_ok();
-    return result_fail(RESULT_USAGE, "--%s takes a number of seconds, not \"%s\"", name, text);
-}
+static const option_t rows[] = {
+    OPTION(values_t, listen, "listen", "HOST[:PORT]",
+           "where to listen (default: 127.0.0.1:7420); the port after it is used too; port 0 chooses free "
+           "ones"),
+    OPTION(values_t, master.data_dir, "data", "DIR",
+           "where jobs, films, scenes and images are kept; a master that is started with it again goes on "
+           "where the last one ended (default: lightmill-data)"),
+    OPTION(values_t, master.heartbeat, "heartbeat", "SECONDS",
+           "how often workers say that they live (default: 1)", OPTION_RANGE(0, 1e6)),
+    OPTION(values_t, master.lease, "lease", "SECONDS",
+           "the silence after which a worker's share is given to others (default: 5)", OPTION_RANGE(0, 1e6)),
+    OPTION(values_t, master.batch_interval, "batch-interval", "SECONDS",
+           "how often workers send what they have (default: 10)", OPTION_RANGE(0, 1e6)),
+    OPTION(values_t, master.checkpoint, "checkpoint", "SECONDS",
+           "the least time between two checkpoints of a job (default: 10); it becomes longer where they "
+           "would take more than 2% of the time. What a crash can cost is the work since the last",
+           OPTION_RANGE(0, 1e6)),
+    OPTION_BY(option_gigabytes, values_t, master.keep_bytes, "keep", "GB",
+              "what the films of jobs that are over may take, so that these can be extended (default: 20); "
+              "those of retained jobs stay in any case",
+              OPTION_RANGE(0, 1e6)),
+    OPTION_BY(option_gigabytes, values_t, master.blob_limit, "blob-limit", "GB",
+              "what scenes may take (default: 100); the ones that no job needs go first",
+              OPTION_RANGE(0, 1e6)),
+    OPTION_BY(option_gigabytes, values_t, master.batch_memory, "batch-memory", "GB",
+              "for batches that are under way or wait to be merged; workers wait to send more (default: an "
+              "eighth of the memory, at least 1, or a quarter where that is less)",
+              OPTION_RANGE(0, 1e6)),
+    OPTION(values_t, master.merge_threads, "merge-threads", "N",
+           "threads that merge batches (default: one for each core)", OPTION_RANGE(1, 64)),
+    OPTION_BY(option_gigabytes, values_t, master.film_memory, "film-memory", "GB",
+              "what the films of jobs at work may take in memory (default: three quarters of it); others "
+              "wait, and a job whose film is larger is refused",
+              OPTION_RANGE(0, 1e6)),
+    OPTION(values_t, master.job_limit, "max-jobs", "N",
+           "jobs known at a time (default: 1000); for a new one the oldest that is over and not retained "
+           "goes, with its film and image",
+           OPTION_RANGE(1, FARM_MAX_JOBS)),
+};
+static const option_group_t master_group = OPTION_GROUP(NULL, rows);
 
-static result_t parse_gigabytes(const char *name, const char *text, uint64_t *bytes)
+static void begin(void *data)
 {
-    char *end;
-    double value = strtod(text, &end);
-    if (end == text || *end != '\0' || !(value >= 0 && value <= 1e6))
-        return result_fail(RESULT_USAGE, "--%s takes a number of gigabytes from 0 to 1e6, not \"%s\"", name,
-                           text);
-    *bytes = (uint64_t)(1e9 * value);
-    return result_ok();
-}
-
-static result_t parse_count(const char *name, const char *text, long most, long *value)
-{
-    char *end;
-    *value = strtol(text, &end, 10);
-    if (end != text && *end == '\0' && *value >= 1 && *value <= most) return result_ok();
-    return result_fail(RESULT_USAGE, "--%s takes a whole number from 1 to %ld, not \"%s\"", name, most, text);
-}
-
-/* "HOST:0" asks for free ports, which an address cannot say. */
-static result_t parse_listen(const char *text, command_t *command)
-{
-    size_t length = strlen(text);
-    command->any_port = length > 2 && strcmp(text + length - 2, ":0") == 0;
-    if (!command->any_port) {
-        TRY(address_parse(text, WIRE_DEFAULT_PORT, &command->address));
-        if (command->address.port < 65535) return result_ok();
-        return result_fail(RESULT_USAGE, "port 65535 leaves none for the bulk socket");
-    }
-    char *host = mem_strdup(text);
-    host[length - 2] = '\0';
-    result_t result = address_parse(host, WIRE_DEFAULT_PORT, &command->address);
-    free(host);
-    return result;
-}
-
-static result_t set_option(command_t *command, const char *name, const char *value)
-{
-    if (gate_option(&command->master.gate, name, value)) return result_ok();
-    if (health_option(&command->health, name, value)) return result_ok();
-    if (strcmp(name, "listen") == 0) return parse_listen(value, command);
-    if (strcmp(name, "heartbeat") == 0) return parse_seconds(name, value, &command->master.heartbeat);
-    if (strcmp(name, "lease") == 0) return parse_seconds(name, value, &command->master.lease);
-    if (strcmp(name, "batch-interval") == 0)
-        return parse_seconds(name, value, &command->master.batch_interval);
-    if (strcmp(name, "checkpoint") == 0) return parse_seconds(name, value, &command->master.checkpoint);
-    if (strcmp(name, "keep") == 0) return parse_gigabytes(name, value, &command->master.keep_bytes);
-    if (strcmp(name, "blob-limit") == 0) return parse_gigabytes(name, value, &command->master.blob_limit);
-    if (strcmp(name, "batch-memory") == 0) return parse_gigabytes(name, value, &command->master.batch_memory);
-    if (strcmp(name, "film-memory") == 0) return parse_gigabytes(name, value, &command->master.film_memory);
-    long count;
-    if (strcmp(name, "max-jobs") == 0) {
-        TRY(parse_count(name, value, FARM_MAX_JOBS, &count));
-        command->master.job_limit = (size_t)count;
-    }
-    if (strcmp(name, "merge-threads") == 0) {
-        TRY(parse_count(name, value, MAX_THREADS, &count));
-        command->master.merge_threads = (int)count;
-    }
-    if (strcmp(name, "data") == 0) command->master.data_dir = value;
-    if (strcmp(name, "quiet") == 0) command->log = LOG_WARNING;
-    if (strcmp(name, "verbose") == 0) command->log = LOG_DEBUG;
-    return result_ok();
-}
-
-/* *done is set when there is nothing more to do (--help, --version). */
-static result_t parse_command(int argc, char **argv, command_t *command, bool *done)
-{
-    static const struct option options[] = {{"listen", required_argument, NULL, 0},
-                                            {"data", required_argument, NULL, 0},
-                                            {"heartbeat", required_argument, NULL, 0},
-                                            {"lease", required_argument, NULL, 0},
-                                            {"batch-interval", required_argument, NULL, 0},
-                                            {"checkpoint", required_argument, NULL, 0},
-                                            {"keep", required_argument, NULL, 0},
-                                            {"batch-memory", required_argument, NULL, 0},
-                                            {"film-memory", required_argument, NULL, 0},
-                                            {"max-jobs", required_argument, NULL, 0},
-                                            {"merge-threads", required_argument, NULL, 0},
-                                            {"blob-limit", required_argument, NULL, 0},
-                                            GATE_OPTIONS,
-                                            HEALTH_OPTIONS,
-                                            {"quiet", no_argument, NULL, 0},
-                                            {"verbose", no_argument, NULL, 0},
-                                            {"help", no_argument, NULL, 'h'},
-                                            {"version", no_argument, NULL, 'v'},
-                                            {NULL, 0, NULL, 0}};
-    int index, choice;
-    while ((choice = getopt_long(argc, argv, "h", options, &index)) != -1) {
-        if (choice == '?') return result_fail(RESULT_USAGE, "see lightmill-master --help");
-        *done = choice == 'h' || choice == 'v';
-        if (choice == 'h') printf("%s%s%s%s", HELP, health_usage, gate_usage, HELP_END);
-        if (choice == 'v') puts("lightmill-master " LIGHTMILL_VERSION);
-        if (*done) return result_ok();
-        TRY(set_option(command, options[index].name, optarg));
-    }
-    if (optind < argc)
-        return result_fail(RESULT_USAGE, "\"%s\" is not an option; see lightmill-master --help",
-                           argv[optind]);
-    return result_ok();
+    *(values_t *)data = (values_t){.master = master_options_default(), .listen = "127.0.0.1"};
 }
 
 /* Starts the master with the signals blocked, so that its threads never get them, and waits for one. */
-static result_t serve(command_t *command)
+static result_t serve(values_t *values)
 {
     sigset_t ending, before;
     sigemptyset(&ending);
@@ -205,11 +95,11 @@ static result_t serve(command_t *command)
     sigaction(SIGHUP, &action, NULL);
     signal(SIGPIPE, SIG_IGN);
 
-    command->master.pulse = &command->pulse;
+    values->master.pulse = &values->pulse;
     health_t *health;
     master_t *master;
-    TRY(health_start(command->health.path, pulse_report, &command->pulse, &health));
-    result_t result = master_start(&command->master, &master);
+    TRY(health_start(values->service.health, pulse_report, &values->pulse, &health));
+    result_t result = master_start(&values->master, &master);
     if (result.code != RESULT_OK) {
         health_stop(&health);
         return result;
@@ -227,36 +117,38 @@ static result_t serve(command_t *command)
     return result;
 }
 
-static result_t run(int argc, char **argv)
+static result_t run(const command_t *command, void *data, int count, char **arguments)
 {
-    command_t command = {
-        .master = master_options_default(), .health = health_options_default(), .log = LOG_INFO};
-    bool done = false;
-    TRY(address_parse("127.0.0.1", WIRE_DEFAULT_PORT, &command.address));
-    TRY(parse_command(argc, argv, &command, &done));
-    if (done) return result_ok();
-    if (command.health.ask) return health_print(&command.health);
-    log_init("master", command.log);
+    (void)command, (void)count, (void)arguments;
+    values_t *values = data;
+    if (values->service.ask_health) return service_ask_health(&values->service);
     char *control, *bulk;
-    if (command.any_port) {
-        control = mem_printf("tcp://%s:*", command.address.host);
-        bulk = mem_strdup(control);
-    } else {
-        control = address_endpoint(&command.address, command.address.port);
-        bulk = address_endpoint(&command.address, command.address.port + 1);
-    }
-    command.master.control_endpoint = control;
-    command.master.bulk_endpoint = bulk;
+    TRY(address_listen(values->listen, WIRE_DEFAULT_PORT, &control, &bulk));
+    log_init("master", service_log_level(&values->service));
+    values->master.control_endpoint = control;
+    values->master.bulk_endpoint = bulk;
     file_limit_raise();
-    result_t result = serve(&command);
+    result_t result = serve(values);
     free(control);
     free(bulk);
     return result;
 }
 
+static const command_t command = {
+    .name = "lightmill-master",
+    .summary = "take jobs, share them out to workers, put the images together",
+    .about = "Takes jobs, shares them out to workers and puts the images together.",
+    .groups = {{&master_group, 0},
+               {&service_options, offsetof(values_t, service)},
+               {&gate_options, offsetof(values_t, master.gate)}},
+    .after = "SIGTERM or SIGINT ends it: last checkpoints are written first, no job is cancelled. A second "
+             "one ends it at once.\n\n"
+             "Exit codes: 0 success, 1 usage, 2 bad file, 3 input or output failed, 5 limit exceeded.",
+    .size = sizeof(values_t),
+    .begin = begin,
+    .run = run};
+
 int main(int argc, char **argv)
 {
-    result_t result = run(argc, argv);
-    if (result.code != RESULT_OK) fprintf(stderr, "lightmill-master: %s\n", result.message);
-    return result_exit_code(result);
+    return command_main(&command, argc, argv);
 }

@@ -3,7 +3,7 @@
 #ifndef LIGHTMILL_REFERENCE_H
 #define LIGHTMILL_REFERENCE_H
 
-#include "client/agreement.h"
+#include "client/image/agreement.h"
 #include "common/film/film.h"
 
 /* The reference of a scene: its mean, and as variance the square of its standard error. */

@@ -1,7 +1,7 @@
 /* rig: see rig.h. */
 #include "tests/rig.h"
 
-#include "client/scene.h"
+#include "client/scene/scene.h"
 #include "common/image/image.h"
 #include "tests/scratch.h"
 

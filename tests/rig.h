@@ -3,7 +3,7 @@
 #ifndef LIGHTMILL_RIG_H
 #define LIGHTMILL_RIG_H
 
-#include "client/remote.h"
+#include "client/farm/remote.h"
 
 #include <sys/types.h>
 

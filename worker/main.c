@@ -1,178 +1,90 @@
-/* lightmill-worker: renders for a master until it is told to leave.
- *
- * DESIGN. Only the command line and the signals live here. The first SIGTERM or SIGINT asks the worker to
- * finish what it has begun and to send it; the second ends the process at once.
- */
-#include "common/address.h"
-#include "proto/wire/wire.h"
+/* lightmill-worker: renders for a master until it is told to leave. Only the command line lives here. */
+#include "common/interrupt.h"
+#include "common/options/service_options.h"
 #include "worker/worker.h"
 
-#include <errno.h>
-#include <getopt.h>
 #include <signal.h>
-#include <stdio.h>
 #include <stdlib.h>
-#include <string.h>
 #include <unistd.h>
 
-enum { MAX_THREADS = 4096, MAX_GRACE = 86400 };
-
-/* Written by the signal handler; the one variable of this kind that a handler needs. */
-static atomic_int stop_requested;
-
-static const char usage[] =
-    "usage: lightmill-worker [HOST[:PORT]] [options]\n"
-    "\n"
-    "Renders for the master at HOST:PORT (default 127.0.0.1:7420). It may be started before the master, and "
-    "finds\n"
-    "it again when it comes back. SIGTERM or Ctrl-C: finish and send what is in hand, then leave; twice: at "
-    "once.\n"
-    "\n"
-    "  --grace SECONDS    how long leaving may take: units that are not finished in time are given up "
-    "(default: "
-    "25)\n"
-    "  --threads N        render threads (default: one a core)\n"
-    "  --name NAME        what to be called (default: host name and process number)\n"
-    "  --cache DIR        where scenes are kept, shared by the workers of a machine\n"
-    "                     (default: $XDG_CACHE_HOME/lightmill or ~/.cache/lightmill)\n"
-    "  --cache-limit GB   how much they may take; the least recently used go first (default: 20)\n"
-    "  --quiet            warnings and errors only\n"
-    "  --verbose          every batch and assignment\n"
-    "  --help, --version\n";
-static const char usage_keys[] = "\n"
-                                 "Keys, to join a master on another machine (docs/security.md):\n"
-                                 "\n";
-static const char usage_end[] =
-    "\n"
-    "Exit codes: 0 left as asked and all was delivered, 1 wrong command line, 2 a bad key file, 3 the "
-    "operating\n"
-    "system refused, 5 out of memory, 6 the last batch could not be delivered within the grace period,\n"
-    "7 told twice to leave, 9 no key.\n";
-
-static void on_signal(int number)
-{
-    (void)number;
-    if (atomic_fetch_add(&stop_requested, 1) > 0) _exit(RESULT_CANCELLED);
-}
-
-static void catch_signals(void)
-{
-    struct sigaction action = {.sa_handler = on_signal};
-    sigemptyset(&action.sa_mask);
-    sigaction(SIGTERM, &action, NULL);
-    sigaction(SIGINT, &action, NULL);
-    signal(SIGPIPE, SIG_IGN);
-}
-
-static result_t parse_number(const char *option, const char *text, double least, double most, double *value)
-{
-    char *end;
-    errno = 0;
-    *value = strtod(text, &end);
-    if (end == text || *end != '\0' || errno != 0 || !(*value >= least && *value <= most))
-        return result_fail(RESULT_USAGE, "--%s takes a number from %g to %g, not '%.100s'", option, least,
-                           most, text);
-    return result_ok();
-}
-
 typedef struct {
-    worker_options_t options;
+    worker_options_t worker;
     dial_options_t dial;
-    health_options_t health;
+    service_options_t service;
     pulse_t pulse;
-    char *endpoint; /* owned */
-    log_level_t level;
-    bool done; /* help or version was printed */
-} command_t;
+} values_t;
 
-static result_t parse_option(command_t *command, const char *option, const char *value)
+static const option_t rows[] = {
+    OPTION(worker_options_t, grace, "grace", "SECONDS",
+           "how long leaving may take: units that are not finished in time are given up (default: 25)",
+           OPTION_RANGE(0, 86400)),
+    OPTION(worker_options_t, threads, "threads", "N", "render threads (default: one a core)",
+           OPTION_RANGE(1, 4096)),
+    OPTION(worker_options_t, name, "name", "NAME",
+           "what to be called (default: host name and process number)"),
+    OPTION(worker_options_t, cache_dir, "cache", "DIR",
+           "where scenes are kept, shared by the workers of a machine (default: $XDG_CACHE_HOME/lightmill or "
+           "~/.cache/lightmill)"),
+    OPTION_BY(option_gigabytes, worker_options_t, cache_limit, "cache-limit", "GB",
+              "how much they may take; the least recently used go first (default: 20)", OPTION_RANGE(0, 1e6)),
+};
+static const option_group_t worker_group = OPTION_GROUP(NULL, rows);
+
+static void begin(void *data)
 {
-    double number;
-    if (dial_option(&command->dial, option, value)) return result_ok();
-    if (health_option(&command->health, option, value)) return result_ok();
-    if (strcmp(option, "threads") == 0) {
-        TRY(parse_number(option, value, 1, MAX_THREADS, &number));
-        command->options.threads = (int)number;
-    } else if (strcmp(option, "cache-limit") == 0) {
-        TRY(parse_number(option, value, 0, 1e9, &number));
-        command->options.cache_limit = (uint64_t)(number * 1e9);
-    } else if (strcmp(option, "grace") == 0) {
-        TRY(parse_number(option, value, 0, MAX_GRACE, &command->options.grace));
-    } else if (strcmp(option, "cache") == 0) {
-        command->options.cache_dir = value;
-    } else if (strcmp(option, "name") == 0) {
-        command->options.name = value;
-    } else if (strcmp(option, "quiet") == 0) {
-        command->level = LOG_WARNING;
-    } else if (strcmp(option, "verbose") == 0) {
-        command->level = LOG_DEBUG;
-    } else {
-        if (strcmp(option, "help") == 0)
-            printf("%s%s%s%s%s", usage, health_usage, usage_keys, dial_usage, usage_end);
-        else
-            puts("lightmill-worker " LIGHTMILL_VERSION);
-        command->done = true;
-    }
-    return result_ok();
+    *(values_t *)data = (values_t){.worker = worker_options_default(), .dial.role = "worker"};
 }
 
-static result_t parse_arguments(int argc, char **argv, command_t *command)
+static result_t serve(values_t *values)
 {
-    static const struct option options[] = {DIAL_OPTIONS,
-                                            {"threads", required_argument, NULL, 0},
-                                            {"name", required_argument, NULL, 0},
-                                            {"grace", required_argument, NULL, 0},
-                                            {"cache", required_argument, NULL, 0},
-                                            {"cache-limit", required_argument, NULL, 0},
-                                            HEALTH_OPTIONS,
-                                            {"quiet", no_argument, NULL, 0},
-                                            {"verbose", no_argument, NULL, 0},
-                                            {"help", no_argument, NULL, 0},
-                                            {"version", no_argument, NULL, 0},
-                                            {NULL, 0, NULL, 0}};
-    *command = (command_t){.options = worker_options_default(),
-                           .dial.role = "worker",
-                           .health = health_options_default(),
-                           .level = LOG_INFO};
-    int index, found;
-    while ((found = getopt_long(argc, argv, "", options, &index)) != -1) {
-        if (found == '?') return result_fail(RESULT_USAGE, "see lightmill-worker --help");
-        TRY(parse_option(command, options[index].name, optarg));
-        if (command->done) return result_ok();
-    }
-    if (command->health.ask) return result_ok();
-    if (argc - optind > 1)
-        return result_fail(RESULT_USAGE, "more than one master: '%.100s'", argv[optind + 1]);
-    address_t address;
-    TRY(address_parse(optind < argc ? argv[optind] : "127.0.0.1", WIRE_DEFAULT_PORT, &address));
-    command->endpoint = address_endpoint(&address, address.port);
-    command->options.control_endpoint = command->endpoint;
-    return dial_keys_find(&command->dial, address.host, &command->options.keys);
-}
-
-static result_t run(command_t *command)
-{
-    const char *called = command->options.name;
+    const char *called = values->worker.name;
     char *name = called ? mem_printf("worker %s", called) : mem_printf("worker %d", (int)getpid());
-    log_init(name, command->level);
+    log_init(name, service_log_level(&values->service));
     free(name);
-    catch_signals();
-    command->options.pulse = &command->pulse;
+    signal(SIGPIPE, SIG_IGN);
+    const atomic_int *stop = interrupt_catch();
     health_t *health;
-    TRY(health_start(command->health.path, pulse_report, &command->pulse, &health));
-    result_t result = worker_run(&command->options, &stop_requested);
+    values->worker.pulse = &values->pulse;
+    TRY(health_start(values->service.health, pulse_report, &values->pulse, &health));
+    result_t result = worker_run(&values->worker, stop);
     health_stop(&health);
     return result;
 }
 
+static result_t run(const command_t *command, void *data, int count, char **arguments)
+{
+    (void)command;
+    values_t *values = data;
+    if (values->service.ask_health) return service_ask_health(&values->service);
+    char *endpoint;
+    TRY(dial_find(&values->dial, count > 0 ? arguments[0] : NULL, &values->worker.keys, &endpoint));
+    values->worker.control_endpoint = endpoint;
+    result_t result = serve(values);
+    dial_keys_free(&values->worker.keys);
+    free(endpoint);
+    return result;
+}
+
+static const command_t command = {
+    .name = "lightmill-worker",
+    .arguments = "[HOST[:PORT]]",
+    .most = 1,
+    .summary = "render for a master",
+    .about = "Renders for the master at HOST:PORT (default 127.0.0.1:7420). It may be started before the "
+             "master, and finds it again when it comes back.",
+    .groups = {{&worker_group, offsetof(values_t, worker)},
+               {&service_options, offsetof(values_t, service)},
+               {&dial_options, offsetof(values_t, dial)}},
+    .after =
+        "SIGTERM or Ctrl-C: finish and send what is in hand, then leave; twice: at once.\n\n"
+        "Exit codes: 0 left as asked and all was delivered, 1 wrong command line, 2 a bad key file, 3 the "
+        "operating system refused, 5 out of memory, 6 the last batch could not be delivered within the grace "
+        "period, 7 told twice to leave, 9 no key.",
+    .size = sizeof(values_t),
+    .begin = begin,
+    .run = run};
+
 int main(int argc, char **argv)
 {
-    command_t command;
-    result_t result = parse_arguments(argc, argv, &command);
-    if (result.code == RESULT_OK && !command.done)
-        result = command.health.ask ? health_print(&command.health) : run(&command);
-    if (result.code != RESULT_OK) fprintf(stderr, "lightmill-worker: %s\n", result.message);
-    dial_keys_free(&command.options.keys);
-    free(command.endpoint);
-    return result_exit_code(result);
+    return command_main(&command, argc, argv);
 }

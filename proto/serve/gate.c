@@ -75,28 +75,16 @@ struct gate {
     int wake;
 };
 
-const char gate_usage[] =
-    "  --key FILE             the master's secret key (DATA/keys/master.secret, which is made when other\n"
-    "                         machines can reach the master); on loopback keys are used only if this is "
-    "said\n"
-    "  --allow FILE           the list of the keys that are let in (DATA/keys/allow), lines of \"worker KEY "
-    "NAME\",\n"
-    "                         \"client KEY NAME\" or \"all KEY NAME\"; read again when it changes and on "
-    "SIGHUP\n"
-    "  --insecure             use no keys, whoever can reach the master\n";
-
-bool gate_option(gate_options_t *options, const char *name, const char *value)
-{
-    if (strcmp(name, "key") == 0)
-        options->key = value;
-    else if (strcmp(name, "allow") == 0)
-        options->allow = value;
-    else if (strcmp(name, "insecure") == 0)
-        options->insecure = true;
-    else
-        return false;
-    return true;
-}
+static const option_t rows[] = {
+    OPTION(gate_options_t, key, "key", "FILE",
+           "the master's secret key (default: DATA/keys/master.secret, which is made when other machines can "
+           "reach the master); on loopback keys are used only if this is said"),
+    OPTION(gate_options_t, allow, "allow", "FILE",
+           "the list of the keys that are let in (default: DATA/keys/allow), lines of \"worker KEY NAME\", "
+           "\"client KEY NAME\" or \"all KEY NAME\"; read again when it changes and on SIGHUP"),
+    OPTION(gate_options_t, insecure, "insecure", NULL, "use no keys, whoever can reach the master"),
+};
+const option_group_t gate_options = OPTION_GROUP("Keys (docs/security.md)", rows);
 
 /* ---- key and list -------------------------------------------------------------------------------------- */
 

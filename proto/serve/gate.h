@@ -7,9 +7,8 @@
 #ifndef LIGHTMILL_GATE_H
 #define LIGHTMILL_GATE_H
 
+#include "common/options/options.h"
 #include "proto/wire/wire.h"
-
-#include <getopt.h>
 
 typedef struct {
     const char *key;   /* the master's .secret file; NULL: DATA/keys/master.secret, made when it is needed */
@@ -18,15 +17,7 @@ typedef struct {
     bool relay;        /* it is a relay's, which workers alone dial */
 } gate_options_t;
 
-/* Entries for a getopt_long table; values are told apart by name. */
-#define GATE_OPTIONS                                                                                         \
-    {"key", required_argument, NULL, 0}, {"allow", required_argument, NULL, 0},                              \
-    {                                                                                                        \
-        "insecure", no_argument, NULL, 0                                                                     \
-    }
-extern const char gate_usage[];
-/* Takes an option of GATE_OPTIONS; false when it is another one. `value` is kept. */
-bool gate_option(gate_options_t *options, const char *name, const char *value);
+extern const option_group_t gate_options; /* of a master */
 
 typedef struct gate gate_t;
 

@@ -9,6 +9,9 @@
  * tried again. */
 #include "proto/wire/dial.h"
 
+#include "common/address.h"
+#include "proto/wire/wire.h"
+
 #include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -16,33 +19,21 @@
 #include <unistd.h>
 #include <zmq.h>
 
-#include "common/address.h"
-
 enum { BROKEN_ENOUGH = 2 /* handshakes that break off before they are held against the keys */ };
 
-const char dial_usage[] =
-    "  --key FILE         the own key, a .secret file that lightmill keygen made (default: $LIGHTMILL_KEY, "
-    "the\n"
-    "                     key itself, or $LIGHTMILL_KEY_FILE, or ~/.config/lightmill/ROLE.secret, where "
-    "ROLE\n"
-    "                     is worker or client)\n"
-    "  --master-key KEY   the master's public key, or a file that holds it (default: $LIGHTMILL_MASTER_KEY, "
-    "or\n"
-    "                     $LIGHTMILL_MASTER_KEY_FILE, or ~/.config/lightmill/master.key)\n"
-    "  --insecure         no keys, even to another machine; to loopback none are used unless given\n";
-
-bool dial_option(dial_options_t *options, const char *option, const char *value)
-{
-    if (strcmp(option, "key") == 0)
-        options->key = value;
-    else if (strcmp(option, "master-key") == 0)
-        options->master_key = value;
-    else if (strcmp(option, "insecure") == 0)
-        options->insecure = true;
-    else
-        return false;
-    return true;
-}
+static const option_t rows[] = {
+    OPTION(
+        dial_options_t, key, "key", "FILE",
+        "the own key, a .secret file that lightmill keygen made (default: $LIGHTMILL_KEY, the key itself, or "
+        "$LIGHTMILL_KEY_FILE, or ~/.config/lightmill/ROLE.secret, where ROLE is worker or client)"),
+    OPTION(dial_options_t, master_key, "master-key", "KEY",
+           "the master's public key, or a file that holds it (default: $LIGHTMILL_MASTER_KEY, or "
+           "$LIGHTMILL_MASTER_KEY_FILE, or ~/.config/lightmill/master.key)"),
+    OPTION(dial_options_t, insecure, "insecure", NULL,
+           "no keys, even to another machine; to loopback none are used unless given"),
+};
+const option_group_t dial_options =
+    OPTION_GROUP("Keys, for a master on another machine (docs/security.md)", rows);
 
 /* ---- finding keys -------------------------------------------------------------------------------------- */
 
@@ -167,6 +158,17 @@ void dial_keys_free(dial_keys_t *keys)
     free(keys->own_path);
     free(keys->master_path);
     *keys = (dial_keys_t){0};
+}
+
+result_t dial_find(const dial_options_t *options, const char *address, dial_keys_t *keys, char **endpoint)
+{
+    address_t parsed;
+    *keys = (dial_keys_t){0};
+    *endpoint = NULL;
+    TRY(address_parse(address != NULL ? address : "127.0.0.1", WIRE_DEFAULT_PORT, &parsed));
+    TRY(dial_keys_find(options, parsed.host, keys));
+    *endpoint = address_endpoint(&parsed, parsed.port);
+    return result_ok();
 }
 
 static result_t set_key(void *socket, int option, const char *key)

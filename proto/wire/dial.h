@@ -7,9 +7,8 @@
 #ifndef LIGHTMILL_DIAL_H
 #define LIGHTMILL_DIAL_H
 
+#include "common/options/options.h"
 #include "proto/wire/keys.h"
-
-#include <getopt.h>
 
 /* What the command line says; the rest comes from the environment and from ~/.config/lightmill. */
 typedef struct {
@@ -18,16 +17,7 @@ typedef struct {
     const char *master_key; /* the master's public key, or a file that holds it; NULL: not said */
     bool insecure;          /* no keys */
 } dial_options_t;
-
-/* Entries for a getopt_long table; values are told apart by name. */
-#define DIAL_OPTIONS                                                                                         \
-    {"key", required_argument, NULL, 0}, {"master-key", required_argument, NULL, 0},                         \
-    {                                                                                                        \
-        "insecure", no_argument, NULL, 0                                                                     \
-    }
-extern const char dial_usage[];
-/* Takes an option of DIAL_OPTIONS; false when it is another one. `value` is kept. */
-bool dial_option(dial_options_t *options, const char *option, const char *value);
+extern const option_group_t dial_options;
 
 /* The keys of one side of a connection. A copy shares the paths with its original and must not outlive it. */
 typedef struct {
@@ -39,6 +29,9 @@ typedef struct {
 
 /* Finds the keys for a master on `host`. RESULT_DENIED says what is missing and how to get it. */
 result_t dial_keys_find(const dial_options_t *options, const char *host, dial_keys_t *keys);
+/* The endpoint of the master at `address`, "HOST[:PORT]" (NULL: this machine), and the keys for it. The
+ * caller frees *endpoint, which is NULL on failure, and the keys. */
+result_t dial_find(const dial_options_t *options, const char *address, dial_keys_t *keys, char **endpoint);
 /* Gives the keys to a socket that is about to connect, as the files hold them now; a file that cannot be read
  * any more is worth a warning, and the key that it held before is used. `keys` NULL or not used: nothing is
  * done. */

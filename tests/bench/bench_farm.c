@@ -11,8 +11,8 @@
  * usage: bench_farm [SECONDS [TURNS]]      from the top of the tree; of each farm in each turn, 60 and 5 by
  *                                          default
  */
+#include "client/farm/remote.h"
 #include "client/import/import.h"
-#include "client/remote.h"
 #include "tests/sim/processes.h"
 
 #include <math.h>

@@ -54,7 +54,7 @@ static void an_imported_scene_is_the_scene(void **state)
     hash_t hash_a = rig_file_hash(a), hash_b = rig_file_hash(b);
     assert_true(hash_equal(&hash_a, &hash_b));
     expect(rig, RESULT_IO, "cannot", ARGUMENTS("import", "scenes/textures", "-o", "/nowhere/scene.blob"));
-    expect(rig, RESULT_USAGE, "one scene", ARGUMENTS("import"));
+    expect(rig, RESULT_USAGE, "expects SCENE", ARGUMENTS("import"));
     free(blob);
     free(a);
     free(b);
@@ -69,7 +69,7 @@ static void wrong_usage_is_told(void **state)
     expect(rig, RESULT_USAGE, "--resolution", ARGUMENTS("render", SCENE, "--resolution", "64"));
     expect(rig, RESULT_USAGE, "--integrator", ARGUMENTS("render", SCENE, "--integrator", "magic"));
     expect(rig, RESULT_USAGE, "must end in", ARGUMENTS("render", SCENE, "-o", "image.jpg"));
-    expect(rig, RESULT_USAGE, "one scene", ARGUMENTS("render"));
+    expect(rig, RESULT_USAGE, "expects SCENE", ARGUMENTS("render"));
     expect(rig, RESULT_USAGE, "address", ARGUMENTS("status", "--master", "host:port"));
     expect(rig, RESULT_USAGE, "--verify takes a share", ARGUMENTS("submit", SCENE, "--verify", "101%"));
     expect(rig, RESULT_USAGE, "--priority takes", ARGUMENTS("submit", SCENE, "--priority", "1001"));
@@ -79,10 +79,10 @@ static void wrong_usage_is_told(void **state)
     expect(rig, RESULT_USAGE, "belong together",
            ARGUMENTS("extend", "1", "--spp", "9", "--png", "never.png"));
     expect(rig, RESULT_USAGE, "--spp takes", ARGUMENTS("extend", "1", "--spp", "many"));
-    expect(rig, RESULT_USAGE, "its new priority", ARGUMENTS("priority", "1"));
+    expect(rig, RESULT_USAGE, "expects JOB N", ARGUMENTS("priority", "1"));
     expect(rig, RESULT_USAGE, "no job number", ARGUMENTS("pause", "1", "two"));
-    expect(rig, RESULT_USAGE, "numbers of jobs", ARGUMENTS("delete"));
-    expect(rig, RESULT_USAGE, "one job", ARGUMENTS("status", "1", "2"));
+    expect(rig, RESULT_USAGE, "expects JOB...", ARGUMENTS("delete"));
+    expect(rig, RESULT_USAGE, "too many: '2'", ARGUMENTS("status", "1", "2"));
     expect(rig, 0, "JOB...", ARGUMENTS("retain", "--help"));
     expect(rig, 0, "--master-key", ARGUMENTS("status", "--help"));
     expect(rig, 0, "--error E", ARGUMENTS("extend", "--help"));

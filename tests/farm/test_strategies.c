@@ -1,7 +1,7 @@
 /* bdpt taken apart (render --strategies): the weighted images add up to the ordinary render, unweighted ones
  * of equal length see the same light, the files have all layers, the bits do not depend on the farm, and an
  * interrupted run leaves nothing. */
-#include "client/strategies.h"
+#include "client/farm/strategies.h"
 #include "common/image/image.h"
 #include "tests/rig.h"
 #include "tests/scratch.h"

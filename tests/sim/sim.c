@@ -1,7 +1,7 @@
 /* sim: see sim.h. */
 #include "tests/sim/sim.h"
 
-#include "client/remote.h"
+#include "client/farm/remote.h"
 #include "tests/sim/processes.h"
 
 #include <math.h>

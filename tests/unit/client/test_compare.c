@@ -1,8 +1,8 @@
 /* Tests of `lightmill compare`: the numbers of agreement.h by hand and against figures from another program,
  * the statistics on images with known noise, and the command with its exit codes. Runs from the top of the
  * tree, for tests/references. */
-#include "client/agreement.h"
-#include "client/commands.h"
+#include "client/commands/commands.h"
+#include "client/image/agreement.h"
 #include "common/image/image.h"
 #include "tests/scratch.h"
 
@@ -230,7 +230,7 @@ static result_t run(const char *folder, char **output, const char *first, ...)
         argv[argc++] = (char *)word;
     va_end(list);
     scratch_capture_t capture = scratch_capture(folder, 1);
-    result_t result = cmd_compare(argc, argv);
+    result_t result = command_run(&compare_command, argc, argv);
     char *text = scratch_uncapture(&capture);
     if (output != NULL)
         *output = text;
@@ -389,8 +389,8 @@ static void what_cannot_be_tested_is_no_pass(void **state)
 static void usage_errors_name_the_cure(void **state)
 {
     char *text;
-    assert_result(run(*state, NULL, NULL), RESULT_USAGE, "expected IMG.exr and REF");
-    assert_result(run(*state, NULL, "a", NULL), RESULT_USAGE, "expected IMG.exr and REF");
+    assert_result(run(*state, NULL, NULL), RESULT_USAGE, "expects IMG.exr REF");
+    assert_result(run(*state, NULL, "a", NULL), RESULT_USAGE, "expects IMG.exr REF");
     assert_result(run(*state, NULL, "a", "b", "c", NULL), RESULT_USAGE, "'c'");
     assert_result(run(*state, NULL, "a", "b", "--bogus", NULL), RESULT_USAGE, "--bogus");
     assert_result(run(*state, NULL, "a", "b", "--max-z", "much", NULL), RESULT_USAGE,
@@ -403,7 +403,7 @@ static void usage_errors_name_the_cure(void **state)
     assert_result(run(*state, NULL, "a", "b", "--runs", "c", "d", "--img-stderr", "e", NULL), RESULT_USAGE,
                   "not both");
     assert_result(run(*state, &text, "--help", NULL), RESULT_OK, "");
-    assert_non_null(strstr(text, "Usage: lightmill compare"));
+    assert_non_null(strstr(text, "usage: lightmill compare IMG.exr REF"));
     free(text);
 }
 

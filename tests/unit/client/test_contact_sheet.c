@@ -1,7 +1,7 @@
 /* Tests of client/contact_sheet.c and the list of strategies: every strategy has its cell, scaled by means,
  * in either arrangement, and the sheet keeps within its bounds. */
-#include "client/contact_sheet.h"
-#include "client/strategies.h"
+#include "client/farm/strategies.h"
+#include "client/image/contact_sheet.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

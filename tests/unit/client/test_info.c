@@ -1,8 +1,8 @@
 /* Tests of `lightmill info` and of text.h: what it says about images, scenes and blobs, the hashes, and that
  * a file's bytes cannot command the terminal. Runs from the top of the tree, for scenes/. */
-#include "client/commands.h"
-#include "client/scene.h"
-#include "client/text.h"
+#include "client/commands/commands.h"
+#include "client/scene/scene.h"
+#include "client/text/text.h"
 #include "common/image/image.h"
 #include "tests/scratch.h"
 
@@ -35,7 +35,7 @@ static result_t run(const char *folder, const char *option, const char *path, ch
     if (option != NULL) argv[argc++] = (char *)option;
     if (path != NULL) argv[argc++] = (char *)path;
     scratch_capture_t capture = scratch_capture(folder, 1);
-    result_t result = cmd_info(argc, argv);
+    result_t result = command_run(&info_command, argc, argv);
     *output = scratch_uncapture(&capture);
     return result;
 }
@@ -97,7 +97,7 @@ static void images_are_described(void **state)
     assert_says(*state, "--json", path, "\"kind\": \"image\", \"width\": 4, \"height\": 2, ");
     assert_says(
         *state, "--json", path,
-        "{\"name\": \"R\", \"type\": \"float\", \"min\": 0, \"max\": 7, \"mean\": 3.5, \"not_finite\": 0}");
+        "{\"name\": \"R\", \"type\": \"float\", \"min\": 0.0, \"max\": 7.0, \"mean\": 3.5, \"not_finite\": 0}");
     assert_says(*state, "--json", path, "\"lightmill.spp\": 64");
     assert_says(*state, "--json", path, "\"lightmill.nan\": null");
     free(path);
@@ -134,7 +134,7 @@ static void terminals_are_safe(void **state)
     assert_non_null(strstr(text, "\\x1b[2J\\xc2\\x9b5m\\xff\"\\\\x0a\xc3\xa9\\xed\\xa0\\x80"));
     free(text);
     assert_says(*state, "--json", path,
-                "\"\\u001b[2J\\u009b5m\\ufffd\\\"\\\\\\u000a\xc3\xa9\\ufffd\\ufffd\\ufffd\"");
+                "\"\\u001B[2J\\u009B5m\\uFFFD\\\"\\\\\\n\\u00E9\\uFFFD\\uFFFD\\uFFFD\"");
     free(path);
 }
 
@@ -219,11 +219,11 @@ static void errors_name_the_file(void **state)
     assert_refuses(*state, NULL, path, RESULT_INPUT, "x.dat");
     assert_refuses(*state, NULL, "/nowhere/x.exr", RESULT_INPUT, "/nowhere/x.exr: cannot be opened");
     assert_refuses(*state, NULL, "/dev/null", RESULT_INPUT, "/dev/null: is not a regular file");
-    assert_refuses(*state, NULL, NULL, RESULT_USAGE, "expected one FILE");
-    assert_refuses(*state, "a", "b", RESULT_USAGE, "expected one FILE");
+    assert_refuses(*state, NULL, NULL, RESULT_USAGE, "expects FILE");
+    assert_refuses(*state, "a", "b", RESULT_USAGE, "one argument too many: 'b'");
     assert_refuses(*state, "--bogus", "b", RESULT_USAGE, "--bogus");
     assert_result(run(*state, "--help", NULL, &text), RESULT_OK, "");
-    assert_non_null(strstr(text, "Usage: lightmill info"));
+    assert_non_null(strstr(text, "usage: lightmill info FILE"));
     free(text);
     free(path);
 }

@@ -1,5 +1,5 @@
 /* Tests of the client's questions to a master that is not there. */
-#include "client/remote.h"
+#include "client/farm/remote.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

@@ -448,7 +448,7 @@ static void overflow_fails_the_job(void **state)
     assert_int_equal(peer_send_batch(t->peer, job, &batch).code, RESULT_OK);
     batch_free(&batch);
     assert_int_equal(peer_wait(t->peer, job, 5), JOB_FAILED);
-    assert_non_null(strstr(peer_status(t->peer, job, &message)->message, "film scale"));
+    assert_non_null(strstr(peer_status(t->peer, job, &message)->message, "--film-scale 24"));
     wire_free(&message);
 }
 

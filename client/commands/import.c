@@ -1,0 +1,52 @@
+/* import: `lightmill import`: a scene as one blob file, so that a long import is done once. */
+#include "client/commands/commands.h"
+#include "client/image/output.h"
+#include "client/scene/scene.h"
+#include "common/atomic_file.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+
+typedef struct {
+    const char *output; /* NULL: the default */
+    bool lenient, quiet;
+} values_t;
+
+static const option_t rows[] = {
+    OPTION(values_t, output, "output", "FILE",
+           "the blob (default: the scene's name with .blob, in this folder)", .letter = 'o'),
+    OPTION(values_t, lenient, "lenient", NULL,
+           "take the nearest substitute for what a scene has and Lightmill has not, and warn"),
+    OPTION(values_t, quiet, "quiet", NULL, "say nothing but errors and warnings"),
+};
+static const option_group_t import_options = OPTION_GROUP(NULL, rows);
+
+static result_t run(const command_t *command, void *data, int count, char **arguments)
+{
+    (void)command, (void)count;
+    const values_t *values = data;
+    scene_t scene;
+    if (values->output) TRY(output_writable(values->output));
+    TRY(scene_load(arguments[0], values->lenient, &scene));
+    char *path = values->output ? mem_strdup(values->output) : mem_printf("%s.blob", scene.name);
+    result_t result = file_write_atomic(path, scene.blob.bytes, scene.blob.size);
+    if (result.code == RESULT_OK && !values->quiet)
+        printf("wrote %s: %.1f MB\n", path, (double)scene.blob.size * 1e-6);
+    free(path);
+    scene_free(&scene);
+    return result;
+}
+
+const command_t import_command = {
+    .name = "lightmill import",
+    .arguments = "SCENE",
+    .least = 1,
+    .most = 1,
+    .summary = "a scene with all its files as one scene blob",
+    .about =
+        "Reads a scene (a .pbrt, .gltf or .glb file, or a folder with a scene.pbrt) with all its meshes and "
+        "textures and writes it as one scene blob, which render, submit and info take in its place, at "
+        "once.",
+    .groups = {{&import_options, 0}},
+    .size = sizeof(values_t),
+    .run = run};

@@ -1,0 +1,172 @@
+/* orders: the commands that tell a master what is to be done with its jobs: cancel, pause, resume, retain,
+ * release, delete, priority, extend. */
+#include "client/commands/commands.h"
+#include "client/farm/master_option.h"
+#include "client/farm/watch.h"
+#include "client/scene/settings.h"
+
+#include <limits.h>
+#include <string.h>
+
+/* Sends one order. */
+static result_t send_order(const master_option_t *master, const job_order_t *order)
+{
+    remote_t *remote;
+    TRY(master_connect(master, &remote));
+    result_t result = remote_order(remote, order);
+    remote_close(&remote);
+    return result;
+}
+
+static void begin_with_master(void *data)
+{
+    *(master_option_t *)data = master_option_default();
+}
+
+/* ---- one word, many jobs ------------------------------------------------------------------------------- */
+
+static result_t order_jobs(remote_t *remote, order_kind_t kind, int count, char **jobs)
+{
+    result_t first = result_ok();
+    for (int i = 0; i < count && first.code != RESULT_UNREACHABLE; i++) {
+        job_order_t order = {.kind = kind};
+        job_number_parse(jobs[i], &order.job);
+        result_t result = remote_order(remote, &order);
+        if (result.code == RESULT_OK) continue;
+        if (first.code == RESULT_OK)
+            first = result;
+        else
+            log_error("%s", result.message);
+    }
+    return first;
+}
+
+static result_t run_order(order_kind_t kind, const master_option_t *master, int count, char **jobs)
+{
+    uint64_t job;
+    for (int i = 0; i < count; i++) TRY(job_number_parse(jobs[i], &job));
+    remote_t *remote;
+    TRY(master_connect(master, &remote));
+    result_t result = order_jobs(remote, kind, count, jobs);
+    remote_close(&remote);
+    return result;
+}
+
+#define ORDER_COMMAND(word, kind, summary_, about_)                                                          \
+    static result_t run_##word(const command_t *command, void *data, int count, char **jobs)                 \
+    {                                                                                                        \
+        (void)command;                                                                                       \
+        return run_order(kind, data, count, jobs);                                                           \
+    }                                                                                                        \
+    const command_t word##_command = {                                                                       \
+        .name = "lightmill " #word,                                                                          \
+        .arguments = "JOB...",                                                                               \
+        .least = 1,                                                                                          \
+        .most = INT_MAX,                                                                                     \
+        .summary = summary_,                                                                                 \
+        .about = about_,                                                                                     \
+        .groups = {{&master_options, 0}, {&dial_options, offsetof(master_option_t, dial)}},                  \
+        .size = sizeof(master_option_t),                                                                     \
+        .begin = begin_with_master,                                                                          \
+        .run = run_##word}
+
+ORDER_COMMAND(
+    cancel, ORDER_CANCEL, "end jobs; the images so far stay",
+    "Ends jobs. What their workers have finished is still counted, and the image so far is written. "
+    "lightmill extend goes on with a job that was cancelled.");
+ORDER_COMMAND(pause, ORDER_PAUSE, "hand out no more of jobs until they are resumed",
+              "Hands out no more of the jobs until they are resumed. What their workers have finished is "
+              "counted; time that they are paused does not count for --time.");
+ORDER_COMMAND(resume, ORDER_RESUME, "go on with jobs that were paused",
+              "Goes on with jobs that were paused.");
+ORDER_COMMAND(retain, ORDER_RETAIN, "keep jobs until they are deleted",
+              "Keeps jobs until they are deleted: when the master needs room for new ones, it forgets the "
+              "oldest of those that are over and not retained, with their films and images.");
+ORDER_COMMAND(release, ORDER_RELEASE, "take back retain", "Takes back lightmill retain.");
+ORDER_COMMAND(delete, ORDER_DELETE, "remove jobs that are over, with their images",
+              "Removes jobs that are over (cancel them first), with their films and images on the master.");
+
+/* ---- priority ------------------------------------------------------------------------------------------ */
+
+static result_t run_priority(const command_t *command, void *data, int count, char **arguments)
+{
+    (void)command, (void)count;
+    static const option_t range = {.name = "priority", OPTION_RANGE(-JOB_MAX_PRIORITY, JOB_MAX_PRIORITY)};
+    job_order_t order = {.kind = ORDER_PRIORITY};
+    TRY(job_number_parse(arguments[0], &order.job));
+    TRY(option_int32(&range, arguments[1], &order.priority));
+    return send_order(data, &order);
+}
+
+const command_t priority_command = {
+    .name = "lightmill priority",
+    .arguments = "JOB N",
+    .least = 2,
+    .most = 2,
+    .summary = "let jobs of a higher priority go first",
+    .about =
+        "Gives a job its priority: jobs of a higher one go first, jobs of the same one share the workers. "
+        "New jobs have 0; N is from -1000 to 1000.",
+    .groups = {{&master_options, 0}, {&dial_options, offsetof(master_option_t, dial)}},
+    .size = sizeof(master_option_t),
+    .begin = begin_with_master,
+    .run = run_priority};
+static_assert(JOB_MAX_PRIORITY == 1000, "the help of priority names the range");
+
+/* ---- extend -------------------------------------------------------------------------------------------- */
+
+typedef struct {
+    master_option_t master;
+    output_t output;
+    job_order_t order;
+    bool wait, quiet;
+} extend_t;
+
+static const option_t extend_rows[] = {
+    OPTION(extend_t, order.spp, "spp", "N", "samples a pixel in all", OPTION_RANGE(1, JOB_MAX_SPP)),
+    OPTION_BY(option_error, extend_t, order.error, "error", "E",
+              "until the estimated relative error is at most E (0.01 or 1%)"),
+    OPTION(extend_t, order.time_limit, "time", "SECONDS", "for so long from now", OPTION_RANGE(0.1, 1e9)),
+    OPTION(extend_t, wait, "wait", NULL, "wait for the end of the job, and fetch its image (needs -o)"),
+    OPTION(extend_t, quiet, "quiet", NULL, "no progress"),
+};
+static const option_group_t extend_options = OPTION_GROUP(NULL, extend_rows);
+
+static result_t run_extend(const command_t *command, void *data, int count, char **arguments)
+{
+    (void)command, (void)count;
+    extend_t *values = data;
+    values->order.kind = ORDER_EXTEND;
+    TRY(job_number_parse(arguments[0], &values->order.job));
+    if (values->wait != (values->output.path != NULL) || (values->output.png && !values->wait))
+        return result_fail(RESULT_USAGE, "--wait and -o FILE belong together; fetch gets an image later");
+    if (!values->wait) return send_order(&values->master, &values->order);
+    TRY(output_check(&values->output));
+    remote_t *remote;
+    TRY(master_connect(&values->master, &remote));
+    result_t result = remote_order(remote, &values->order);
+    if (result.code == RESULT_OK)
+        result = watch_to_end(remote, values->order.job, &values->output, values->quiet);
+    remote_close(&remote);
+    return result;
+}
+
+const command_t extend_command = {
+    .name = "lightmill extend",
+    .arguments = "JOB",
+    .least = 1,
+    .most = 1,
+    .summary = "go on with a job that is over, for more samples",
+    .about =
+        "Goes on with a job: one that is over with the samples that it has, one that runs with other goals. "
+        "When you extend a job, a goal that it has reached is dropped; set a new one. A job that was "
+        "cancelled "
+        "or has failed goes on to its old goals if you set none.\n\n"
+        "The image is the one that a job with these goals from the start would have made, bit by bit, if it "
+        "goes by --spp.",
+    .groups = {{&extend_options, 0},
+               {&output_options, offsetof(extend_t, output)},
+               MASTER_GROUPS(extend_t, master)},
+    .size = sizeof(extend_t),
+    .begin = begin_with_master, /* the first member */
+    .run = run_extend};

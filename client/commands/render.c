@@ -1,0 +1,158 @@
+/* render: the command that renders on this machine.
+ *
+ * DESIGN. A client of a farm that happens to be its own: it starts one (local_farm.c), and then does what
+ * `submit --wait` does: upload, submit, watch, fetch. Ctrl-C cancels the job; the workers send what they have
+ * finished, and the image so far is written as if the job had been meant to end there. The second Ctrl-C ends
+ * the process.
+ */
+#include "client/commands/commands.h"
+#include "client/farm/local_farm.h"
+#include "client/farm/strategies.h"
+#include "client/farm/watch.h"
+#include "client/image/output.h"
+#include "client/scene/scene.h"
+#include "client/scene/settings.h"
+#include "common/film/picture.h"
+#include "common/interrupt.h"
+
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+typedef struct {
+    overrides_t overrides;
+    output_t output;
+    local_farm_options_t farm;
+    bool strategies, quiet;
+} values_t;
+
+static const option_t rows[] = {
+    OPTION(values_t, farm.threads, "threads", "N",
+           "render threads (default: one a core); with --workers, of each worker", OPTION_RANGE(1, 4096)),
+    OPTION(values_t, farm.workers, "workers", "N",
+           "N worker processes and a master on loopback TCP, as on a farm",
+           OPTION_RANGE(1, LOCAL_FARM_MAX_WORKERS)),
+    OPTION(values_t, strategies, "strategies", NULL,
+           "an image of each strategy of bdpt, weighted and unweighted, instead of the picture: layers "
+           "weighted.sS_tT and unweighted.sS_tT of SCENE-strategies.exr, and a contact sheet beside it; "
+           "paths of "
+           "at most 12 segments (--max-depth 11). Ctrl-C: no files"),
+    OPTION(values_t, quiet, "quiet", NULL, "no progress, errors only"),
+    OPTION(values_t, farm.verbose, "verbose", NULL, "log what master and workers do"),
+};
+static const option_group_t render_options = OPTION_GROUP(NULL, rows);
+
+static void begin(void *data)
+{
+    ((values_t *)data)->overrides = overrides_none();
+}
+
+/* Seconds between batches: a large frame is costly to send, a small one should show its progress soon. */
+static double batch_interval(const job_settings_t *settings)
+{
+    double seconds = 5e-6 * (double)settings->width * (double)settings->height;
+    return seconds < 0.5 ? 0.5 : seconds > 10 ? 10 : seconds;
+}
+
+/* Watches the job to its end. An interrupt, or the death of all workers, cancels it; *ended_by says why. */
+static result_t watch_job(local_farm_t *farm, watch_t *watch, result_t *ended_by)
+{
+    *ended_by = result_ok();
+    for (;;) {
+        TRY(watch_poll(watch));
+        if (watch->final) return result_ok();
+        if (ended_by->code == RESULT_OK) {
+            if (interrupt_seen())
+                *ended_by = result_fail(RESULT_CANCELLED, "interrupted");
+            else
+                *ended_by = local_farm_check(farm);
+            /* Refused when the job has just ended by itself: the next status says so. */
+            if (ended_by->code != RESULT_OK) remote_cancel(watch->remote, watch->job);
+        }
+    }
+}
+
+static result_t run_job(const values_t *values, local_farm_t *farm, remote_t *remote, const scene_t *scene,
+                        const job_settings_t *settings)
+{
+    progress_t progress = progress_start(values->quiet);
+    watch_t watch = {.remote = remote, .progress = &progress};
+    result_t ended_by;
+    TRY(remote_put_blob(remote, &scene->blob, NULL, NULL));
+    TRY(remote_submit(remote, scene->name, settings, &scene->blob.hash, &watch.job));
+    result_t result = watch_job(farm, &watch, &ended_by);
+    progress_end(&progress);
+    if (result.code == RESULT_OK) result = watch_deliver(&watch, &values->output, values->quiet);
+    return result.code == RESULT_OK ? ended_by : result;
+}
+
+static result_t check_farm(void *farm)
+{
+    return local_farm_check(farm);
+}
+
+static result_t run_strategies(const values_t *values, local_farm_t *farm, remote_t *remote,
+                               const scene_t *scene, const job_settings_t *settings)
+{
+    strategies_t strategies = {.remote = remote,
+                               .scene = scene,
+                               .settings = *settings,
+                               .output = &values->output,
+                               .quiet = values->quiet,
+                               .check = check_farm,
+                               .check_context = farm};
+    return strategies_render(&strategies);
+}
+
+static result_t render(const values_t *values, const scene_t *scene)
+{
+    job_settings_t settings;
+    result_t (*prepare)(const overrides_t *, const scene_blob_t *, job_settings_t *) =
+        values->strategies ? strategies_settings : overrides_apply;
+    TRY(prepare(&values->overrides, &scene->blob, &settings));
+    local_farm_options_t options = values->farm;
+    options.batch_interval = batch_interval(&settings);
+    interrupt_catch();
+    signal(SIGPIPE, SIG_IGN);
+    local_farm_t *farm;
+    TRY(local_farm_start(&options, &farm));
+    remote_t *remote;
+    result_t result = local_farm_connect(farm, &remote);
+    if (result.code == RESULT_OK)
+        result = (values->strategies ? run_strategies : run_job)(values, farm, remote, scene, &settings);
+    remote_close(&remote);
+    local_farm_stop(&farm);
+    return result;
+}
+
+static result_t run(const command_t *command, void *data, int count, char **arguments)
+{
+    (void)command, (void)count;
+    values_t *values = data;
+    log_init("lightmill", values->farm.verbose ? LOG_DEBUG : values->quiet ? LOG_ERROR : LOG_WARNING);
+    scene_t scene;
+    TRY(scene_load(arguments[0], values->overrides.lenient, &scene));
+    output_name(&values->output, scene.name, values->strategies);
+    result_t result = output_check(&values->output);
+    if (result.code == RESULT_OK) result = render(values, &scene);
+    output_free(&values->output);
+    scene_free(&scene);
+    return result;
+}
+
+const command_t render_command = {
+    .name = "lightmill render",
+    .arguments = "SCENE",
+    .least = 1,
+    .most = 1,
+    .summary = "render on this machine and write the image",
+    .about =
+        "Renders a scene (a .pbrt, .gltf or .glb file, a folder with a scene.pbrt, or a scene blob) on this "
+        "machine. Ctrl-C ends the render and writes the image so far; twice: leaves at once.",
+    .groups = {{&render_options, 0},
+               {&output_options, offsetof(values_t, output)},
+               {&settings_options, offsetof(values_t, overrides)}},
+    .size = sizeof(values_t),
+    .begin = begin,
+    .run = run};

@@ -1,0 +1,334 @@
+/* status: the command that says what a master is doing, for people and for programs. */
+#include "client/commands/commands.h"
+#include "client/farm/master_option.h"
+#include "client/scene/settings.h"
+#include "client/text/json.h"
+#include "client/text/progress.h"
+#include "client/text/text.h"
+
+#include <inttypes.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+typedef struct {
+    master_option_t master;
+    bool json, workers;
+} values_t;
+
+static const option_t rows[] = {
+    OPTION(values_t, workers, "workers", NULL, "the workers too"),
+    OPTION(values_t, json, "json", NULL, "for programs: one JSON object, {\"workers\": N, \"jobs\": [...]}"),
+};
+static const option_group_t status_options = OPTION_GROUP(NULL, rows);
+
+static void begin(void *data)
+{
+    ((values_t *)data)->master = master_option_default();
+}
+
+/* ---- JSON ---------------------------------------------------------------------------------------------- */
+
+static void put_hash_of(json_t *object, const char *key, const ProtobufCBinaryData *bytes)
+{
+    hash_t hash;
+    put_hash(object, key, wire_hash_get(bytes, &hash) ? &hash : NULL);
+}
+
+static void put_settings(json_t *object, const Lm__Settings *message)
+{
+    job_settings_t settings;
+    if (message == NULL || wire_settings_get(message, &settings).code != RESULT_OK) return;
+    put_text(object, "integrator", integrator_name(settings.integrator));
+    put_text(object, "sampler", sampler_name(settings.sampler));
+    put_count(object, "seed", settings.seed);
+    put_count(object, "width", (uint64_t)settings.width);
+    put_count(object, "height", (uint64_t)settings.height);
+    put_count(object, "max_depth", (uint64_t)settings.max_depth);
+    put_count(object, "spp", settings.spp);
+    put_real(object, "time_limit", settings.time_limit);
+    put_real(object, "error_target", settings.error);
+    put_flag(object, "adaptive", settings.adaptive);
+    put_flag(object, "layers", settings.features);
+    if (settings.strategy_t == 0) return;
+    put_count(object, "strategy_s", (uint64_t)settings.strategy_s);
+    put_count(object, "strategy_t", (uint64_t)settings.strategy_t);
+    put_flag(object, "unweighted", settings.unweighted);
+}
+
+static void put_terms(json_t *object, const Lm__Terms *terms)
+{
+    if (terms == NULL) return;
+    json_object_set_new(object, "priority", json_integer(terms->priority));
+    put_real(object, "verify", terms->verify);
+    put_flag(object, "mixed", terms->mixed);
+}
+
+static void put_counts(json_t *object, const Lm__Counts *counts)
+{
+    if (counts == NULL) return;
+    put_count(object, "light_paths", counts->light_paths_even + counts->light_paths_odd);
+    put_count(object, "dropped", counts->dropped);
+    put_count(object, "overflows", counts->overflows);
+    put_count(object, "rays", counts->rays);
+    put_real(object, "cpu_seconds", 1e-6 * (double)counts->cpu_us);
+}
+
+static void put_samples(json_t *object, const Lm__JobStatus *job)
+{
+    put_count(object, "samples_done", job->samples_done);
+    put_count(object, "samples_total", job->samples_total);
+    put_count(object, "samples_issued", job->samples_issued);
+    put_count(object, "samples_counted", job->samples_counted);
+    put_count(object, "samples_returned", job->samples_returned);
+    put_count(object, "samples_out", job->samples_out);
+    put_count(object, "samples_skipped", job->samples_skipped);
+}
+
+static json_t *job_object(const Lm__JobStatus *job)
+{
+    json_t *object = json_object();
+    put_count(object, "job", job->job);
+    put_text(object, "name", job->name);
+    put_text(object, "state", job_state_name(job->state));
+    put_hash_of(object, "scene", &job->blob);
+    put_samples(object, job);
+    put_real(object, "elapsed", job->elapsed);
+    put_real(object, "remaining", job->remaining);
+    put_real(object, "error", job->error);
+    put_real(object, "checkpoint_age", job->checkpoint_age);
+    put_real(object, "submitted", job->submitted);
+    put_real(object, "ended", job->ended);
+    put_flag(object, "retained", job->retained);
+    put_hash_of(object, "fingerprint", &job->fingerprint);
+    put_count(object, "workers", job->workers);
+    put_count(object, "workers_seen", job->workers_seen);
+    put_count(object, "bytes_received", job->bytes_received);
+    put_count(object, "batches", job->batches);
+    put_count(object, "batches_refused", job->batches_refused);
+    put_count(object, "units_reissued", job->units_reissued);
+    put_count(object, "checks_passed", job->checks_passed);
+    put_count(object, "checks_failed", job->checks_failed);
+    put_settings(object, job->settings);
+    put_terms(object, job->terms);
+    put_counts(object, job->counts);
+    put_text(object, "message", job->message);
+    return object;
+}
+
+static json_t *worker_object(const Lm__WorkerStatus *worker)
+{
+    json_t *object = json_object();
+    put_text(object, "name", worker->name);
+    put_text(object, "key", worker->key);
+    put_count(object, "threads", worker->threads);
+    put_hash_of(object, "fingerprint", &worker->fingerprint);
+    put_flag(object, "relay", worker->relay);
+    put_flag(object, "connected", worker->connected);
+    put_text(object, "aside", worker->aside);
+    put_count(object, "job", worker->job);
+    put_count(object, "units_held", worker->units_held);
+    put_real(object, "speed", worker->speed);
+    put_count(object, "batches", worker->batches);
+    put_count(object, "batches_refused", worker->batches_refused);
+    put_count(object, "units_reissued", worker->units_reissued);
+    put_count(object, "bytes", worker->bytes);
+    put_real(object, "last_seen", worker->last_seen);
+    return object;
+}
+
+/* `workers` is NULL when they were not asked for. */
+static void print_json(const Lm__JobStatusReply *jobs, const Lm__WorkerList *workers)
+{
+    json_t *root = json_object(), *list = json_array();
+    put_count(root, "workers", jobs->workers);
+    for (size_t i = 0; i < jobs->n_jobs; i++) json_array_append_new(list, job_object(jobs->jobs[i]));
+    json_object_set_new(root, "jobs", list);
+    if (workers != NULL) {
+        list = json_array();
+        for (size_t i = 0; i < workers->n_workers; i++)
+            json_array_append_new(list, worker_object(workers->workers[i]));
+        json_object_set_new(root, "worker_list", list);
+    }
+    json_print(root, 2, 15);
+}
+
+/* ---- for people ---------------------------------------------------------------------------------------- */
+
+static void print_row(const Lm__JobStatus *job)
+{
+    char elapsed[32], remaining[32] = "-", samples[32], error[16] = "-";
+    format_duration(job->elapsed, elapsed);
+    format_count((double)job->samples_done, samples);
+    if (job->state == JOB_RUNNING) format_duration(job->remaining, remaining);
+    if (job->error > 0) snprintf(error, sizeof error, "%.2g%%", 100 * job->error);
+    printf("%6" PRIu64 "  ", job->job);
+    text_print_cell(job->name, 20);
+    printf("  %-9s%c %4d  %3.0f%%  %9s  %6s  %10s  %9s  %7u\n", job_state_name(job->state),
+           job->retained ? '*' : ' ', job->terms ? job->terms->priority : 0, floor(100 * job_fraction(job)),
+           samples, error, elapsed, remaining, job->workers);
+    if (job->message[0] == '\0') return;
+    printf("        ");
+    text_print(job->message);
+    putchar('\n');
+}
+
+static void print_jobs(const Lm__JobStatusReply *reply)
+{
+    printf("%u worker%s connected, %zu job%s\n", reply->workers, reply->workers == 1 ? "" : "s",
+           reply->n_jobs, reply->n_jobs == 1 ? "" : "s");
+    if (reply->n_jobs == 0) return;
+    printf("%6s  %-20s  %-9s  %4s  %4s  %9s  %6s  %10s  %9s  %7s\n", "job", "name", "state", "prio", "done",
+           "samples", "error", "time", "left", "workers");
+    bool retained = false;
+    for (size_t i = 0; i < reply->n_jobs; i++) {
+        print_row(reply->jobs[i]);
+        retained |= reply->jobs[i]->retained;
+    }
+    if (retained) printf("* retained: kept until it is deleted\n");
+}
+
+static void print_time(const char *what, double seconds)
+{
+    char text[64];
+    time_t whole = (time_t)seconds;
+    struct tm parts;
+    if (seconds <= 0 || localtime_r(&whole, &parts) == NULL) return;
+    strftime(text, sizeof text, "%Y-%m-%d %H:%M:%S", &parts);
+    printf("  %-12s %s\n", what, text);
+}
+
+static void print_goals(const job_settings_t *settings)
+{
+    printf("  %-12s", "until");
+    const char *separator = " ";
+    if (settings->spp < JOB_MAX_SPP) {
+        printf("%s%u samples a pixel%s", separator, settings->spp, settings->adaptive ? " in the mean" : "");
+        separator = ", or ";
+    }
+    if (settings->error > 0) {
+        printf("%san error of %.3g%%", separator, 100 * settings->error);
+        separator = ", or ";
+    }
+    if (settings->time_limit > 0) {
+        printf("%s%.0f seconds of work", separator, settings->time_limit);
+        separator = ", or ";
+    }
+    printf("%s\n", separator[0] == ' ' ? " it is cancelled" : "");
+}
+
+static void print_account(const Lm__JobStatus *job)
+{
+    printf("  %-12s issued %" PRIu64 " = counted %" PRIu64 " + returned %" PRIu64 " + out %" PRIu64,
+           "samples", job->samples_issued, job->samples_counted, job->samples_returned, job->samples_out);
+    if (job->samples_skipped > 0) printf("; left out %" PRIu64, job->samples_skipped);
+    putchar('\n');
+}
+
+static void print_checks(const Lm__JobStatus *job)
+{
+    if (job->terms && job->terms->verify > 0)
+        printf("  %-12s %.3g%% of the units; %" PRIu64 " passed, %" PRIu64 " failed\n", "verified",
+               100 * job->terms->verify, job->checks_passed, job->checks_failed);
+    hash_t hash;
+    char hex[2 * HASH_BYTES + 1];
+    if (!wire_hash_get(&job->fingerprint, &hash)) return;
+    hash_to_hex(&hash, hex);
+    printf("  %-12s %.16s (machines that make the same bits)\n", "fingerprint", hex);
+}
+
+/* What the table has no room for. */
+static void print_details(const Lm__JobStatus *job)
+{
+    job_settings_t settings;
+    if (job->settings && wire_settings_get(job->settings, &settings).code == RESULT_OK) {
+        printf("  %-12s %d x %d, %s, seed %" PRIu64 ", max depth %d\n", "picture", settings.width,
+               settings.height, integrator_name(settings.integrator), settings.seed, settings.max_depth);
+        print_goals(&settings);
+    }
+    print_time("submitted", job->submitted);
+    print_time("ended", job->ended);
+    print_account(job);
+    printf("  %-12s %" PRIu64 " (%" PRIu64 " refused) from %u worker%s, %.1f MB; %" PRIu64
+           " units issued again\n",
+           "batches", job->batches, job->batches_refused, job->workers_seen,
+           job->workers_seen == 1 ? "" : "s", 1e-6 * (double)job->bytes_received, job->units_reissued);
+    if (job->checkpoint_age >= 0) printf("  %-12s %.0f s ago\n", "checkpoint", job->checkpoint_age);
+    print_checks(job);
+}
+
+static void print_worker(const Lm__WorkerStatus *worker)
+{
+    char speed[32] = "-", job[24] = "-";
+    if (worker->speed > 0) format_count(worker->speed, speed);
+    if (worker->job != 0) snprintf(job, sizeof job, "%" PRIu64, worker->job);
+    text_print_cell(worker->name, 28);
+    printf("  %7u  %6s  %5u  %9s  %7" PRIu64 "  %7" PRIu64 "  %6.1f s  %s%s\n", worker->threads, job,
+           worker->units_held, speed, worker->batches, worker->batches_refused, worker->last_seen,
+           worker->connected ? "" : "gone", worker->relay ? " relay" : "");
+    if (worker->aside[0] == '\0') return;
+    printf("        put aside: ");
+    text_print(worker->aside);
+    putchar('\n');
+}
+
+static void print_workers(const Lm__WorkerList *list)
+{
+    if (list->n_workers == 0) return;
+    printf("\n%-28s  %7s  %6s  %5s  %9s  %7s  %7s  %8s\n", "worker", "threads", "job", "units", "samples/s",
+           "batches", "refused", "heard of");
+    for (size_t i = 0; i < list->n_workers; i++) print_worker(list->workers[i]);
+}
+
+/* ---- the command --------------------------------------------------------------------------------------- */
+
+static void print_report(const values_t *values, uint64_t job, const Lm__JobStatusReply *jobs,
+                         const Lm__WorkerList *workers)
+{
+    if (values->json) {
+        print_json(jobs, workers);
+        return;
+    }
+    print_jobs(jobs);
+    if (job != 0) print_details(jobs->jobs[0]);
+    if (workers != NULL) print_workers(workers);
+}
+
+/* Of one job, or of all when `job` is 0. */
+static result_t report(const values_t *values, uint64_t job, remote_t *remote)
+{
+    wire_message_t jobs, workers;
+    TRY(remote_status(remote, job, &jobs));
+    result_t result = values->workers ? remote_workers(remote, &workers) : result_ok();
+    if (result.code == RESULT_OK) {
+        print_report(values, job, jobs.envelope->job_status_reply,
+                     values->workers ? workers.envelope->worker_list : NULL);
+        if (values->workers) wire_free(&workers);
+    }
+    wire_free(&jobs);
+    return result;
+}
+
+static result_t run(const command_t *command, void *data, int count, char **arguments)
+{
+    (void)command;
+    const values_t *values = data;
+    uint64_t job = 0;
+    if (count > 0) TRY(job_number_parse(arguments[0], &job));
+    remote_t *remote;
+    TRY(master_connect(&values->master, &remote));
+    result_t result = report(values, job, remote);
+    remote_close(&remote);
+    return result;
+}
+
+const command_t status_command = {.name = "lightmill status",
+                                  .arguments = "[JOB]",
+                                  .most = 1,
+                                  .summary = "what a master is doing",
+                                  .about = "What a master is doing: its jobs, or all that is known of one.",
+                                  .groups = {{&status_options, 0}, MASTER_GROUPS(values_t, master)},
+                                  .size = sizeof(values_t),
+                                  .begin = begin,
+                                  .run = run};

@@ -1,0 +1,126 @@
+/* submit: the command that hands a scene to a master, and with --wait sees it through. */
+#include "client/commands/commands.h"
+#include "client/farm/master_option.h"
+#include "client/farm/strategies.h"
+#include "client/farm/watch.h"
+#include "client/image/output.h"
+#include "client/scene/scene.h"
+#include "client/scene/settings.h"
+#include "common/film/picture.h"
+#include "common/interrupt.h"
+
+#include <inttypes.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+typedef struct {
+    const char *name;
+    job_terms_t terms; /* without the name */
+    overrides_t overrides;
+    output_t output;
+    master_option_t master;
+    bool wait, strategies, quiet;
+} values_t;
+
+static const option_t rows[] = {
+    OPTION(values_t, name, "name", "NAME", "what the job is called (default: after the scene)"),
+    OPTION(values_t, terms.priority, "priority", "N",
+           "jobs of a higher priority go first, those of the same share the workers (default: 0)",
+           OPTION_RANGE(-JOB_MAX_PRIORITY, JOB_MAX_PRIORITY)),
+    OPTION_BY(option_share, values_t, terms.verify, "verify", "SHARE",
+              "render so much of it twice, on two workers, and compare (1% or 0.01)"),
+    OPTION(values_t, terms.mixed, "mixed", NULL, "let machines share it that do not make the same bits"),
+    OPTION(values_t, wait, "wait", NULL,
+           "show the progress, and fetch the image at the end; goes on when the master is restarted"),
+    OPTION(values_t, strategies, "strategies", NULL,
+           "with --wait: as in lightmill render; two jobs a strategy, which Ctrl-C cancels"),
+    OPTION(values_t, quiet, "quiet", NULL, "no progress"),
+};
+static const option_group_t submit_options = OPTION_GROUP(NULL, rows);
+
+static void begin(void *data)
+{
+    *(values_t *)data = (values_t){.overrides = overrides_none(), .master = master_option_default()};
+}
+
+static result_t check(const values_t *values)
+{
+    if (values->strategies && !values->wait)
+        return result_fail(RESULT_USAGE, "--strategies needs --wait: the images are put together here");
+    if ((values->output.path || values->output.png) && !values->wait)
+        return result_fail(RESULT_USAGE,
+                           "-o and --png need --wait; without it fetch the image later: lightmill fetch");
+    return result_ok();
+}
+
+static void show_upload(void *context, uint64_t done, uint64_t size)
+{
+    progress_upload(context, done, size);
+}
+
+static result_t submit_strategies(const values_t *values, remote_t *remote, const scene_t *scene)
+{
+    strategies_t strategies = {.remote = remote,
+                               .scene = scene,
+                               .terms = values->terms,
+                               .output = &values->output,
+                               .quiet = values->quiet,
+                               .patient = true};
+    TRY(strategies_settings(&values->overrides, &scene->blob, &strategies.settings));
+    interrupt_catch();
+    return strategies_render(&strategies);
+}
+
+static result_t submit(const values_t *values, remote_t *remote, const scene_t *scene)
+{
+    job_settings_t settings;
+    TRY(overrides_apply(&values->overrides, &scene->blob, &settings));
+    progress_t progress = progress_start(values->quiet);
+    result_t result = remote_put_blob(remote, &scene->blob, show_upload, &progress);
+    progress_end(&progress);
+    TRY(result);
+    uint64_t job;
+    job_terms_t terms = values->terms;
+    snprintf(terms.name, sizeof terms.name, "%s", values->name ? values->name : scene->name);
+    TRY(remote_submit_job(remote, &terms, &settings, &scene->blob.hash, &job));
+    printf("%" PRIu64 "\n", job);
+    fflush(stdout);
+    return values->wait ? watch_to_end(remote, job, &values->output, values->quiet) : result_ok();
+}
+
+static result_t run(const command_t *command, void *data, int count, char **arguments)
+{
+    (void)command, (void)count;
+    values_t *values = data;
+    TRY(check(values));
+    log_init("lightmill", values->quiet ? LOG_ERROR : LOG_WARNING);
+    scene_t scene;
+    TRY(scene_load(arguments[0], values->overrides.lenient, &scene));
+    output_name(&values->output, scene.name, values->strategies);
+    remote_t *remote = NULL;
+    result_t result = values->wait ? output_check(&values->output) : result_ok();
+    if (result.code == RESULT_OK) result = master_connect(&values->master, &remote);
+    if (result.code == RESULT_OK)
+        result = (values->strategies ? submit_strategies : submit)(values, remote, &scene);
+    remote_close(&remote);
+    output_free(&values->output);
+    scene_free(&scene);
+    return result;
+}
+
+const command_t submit_command = {
+    .name = "lightmill submit",
+    .arguments = "SCENE",
+    .least = 1,
+    .most = 1,
+    .summary = "hand a scene to a master; with --wait also fetch the image",
+    .about = "Sends a scene (a .pbrt, .gltf or .glb file, a folder with a scene.pbrt, or a scene blob) to a "
+             "master and prints the job's number.",
+    .groups = {{&submit_options, 0},
+               {&output_options, offsetof(values_t, output)},
+               {&settings_options, offsetof(values_t, overrides)},
+               MASTER_GROUPS(values_t, master)},
+    .size = sizeof(values_t),
+    .begin = begin,
+    .run = run};

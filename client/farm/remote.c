@@ -1,0 +1,455 @@
+/* remote: see remote.h.
+ *
+ * DESIGN. Strictly one question at a time on either socket, so an answer is known by its request number, and
+ * what comes late for an abandoned question is thrown away by the same test. Chunks are large (4 MB), so even
+ * one at a time they fill all but the longest links.
+ *
+ * A question that was not answered in time is taken back: its socket is closed with all that it has queued,
+ * and the next question opens another. Otherwise those who ask a master that is away again and again would
+ * fill the queue until nothing more can be asked, and the master would get all of it when it is back.
+ */
+#include "client/farm/remote.h"
+
+#include "common/address.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+static const double SLOW_ANSWER = 120.0; /* seconds for answers that a master must work for */
+/* Images are checked against this before memory is allocated: 26 channels of the largest film, and more. */
+static const uint64_t MAX_IMAGE_BYTES = (uint64_t)JOB_MAX_PIXELS * 128;
+
+/* One of the master's two sockets, as seen from here. */
+typedef struct {
+    char *endpoint; /* NULL: not known yet */
+    size_t limit;   /* bytes of a frame */
+    void *socket;   /* NULL: closed */
+    dial_watch_t watch;
+    unsigned lost; /* connections that had broken when the last request was sent */
+} line_t;
+
+struct remote {
+    void *context;
+    bool own_context;
+    dial_keys_t keys;
+    line_t control, bulk;
+    double timeout;
+    uint64_t request; /* the last number used */
+};
+
+static void close_line(line_t *line)
+{
+    dial_watch_close(&line->watch, line->socket);
+    if (line->socket != NULL) zmq_close(line->socket);
+    line->socket = NULL;
+}
+
+/* Closes a line without sending what it has queued. */
+static void drop_line(line_t *line)
+{
+    const int at_once = 0;
+    if (line->socket != NULL) zmq_setsockopt(line->socket, ZMQ_LINGER, &at_once, sizeof at_once);
+    close_line(line);
+}
+
+static result_t connect_line(remote_t *remote, line_t *line)
+{
+    TRY(wire_socket(remote->context, ZMQ_DEALER, &line->socket));
+    TRY(wire_socket_limit(line->socket, line->limit));
+    TRY(dial_keys_apply(&remote->keys, line->socket));
+    TRY(dial_watch_open(&line->watch, remote->context, line->socket, &remote->keys));
+    if (zmq_connect(line->socket, line->endpoint) == 0) return result_ok();
+    return result_fail(RESULT_USAGE, "cannot connect to %s: %s", line->endpoint, zmq_strerror(zmq_errno()));
+}
+
+/* Opens a line unless it is open. */
+static result_t open_line(remote_t *remote, line_t *line)
+{
+    if (line->socket != NULL) return result_ok();
+    result_t result = connect_line(remote, line);
+    if (result.code != RESULT_OK) drop_line(line);
+    return result;
+}
+
+result_t remote_open(void *context, const char *control_endpoint, const char *bulk_endpoint, double timeout,
+                     remote_t **remote)
+{
+    return remote_open_with(context, control_endpoint, bulk_endpoint, timeout, NULL, remote);
+}
+
+result_t remote_open_with(void *context, const char *control_endpoint, const char *bulk_endpoint,
+                          double timeout, dial_keys_t *keys, remote_t **remote_pointer)
+{
+    remote_t *remote = mem_zalloc(1, sizeof *remote);
+    if (keys != NULL) remote->keys = *keys;
+    remote->own_context = context == NULL;
+    remote->context = context ? context : zmq_ctx_new();
+    remote->control = (line_t){.endpoint = mem_strdup(control_endpoint), .limit = WIRE_MAX_CONTROL_FRAME};
+    remote->bulk =
+        (line_t){.endpoint = bulk_endpoint ? mem_strdup(bulk_endpoint) : NULL, .limit = WIRE_MAX_CHUNK};
+    remote->timeout = timeout;
+    result_t result = open_line(remote, &remote->control);
+    if (result.code != RESULT_OK) remote_close(&remote);
+    *remote_pointer = remote;
+    return result;
+}
+
+void remote_close(remote_t **remote_pointer)
+{
+    remote_t *remote = *remote_pointer;
+    if (remote == NULL) return;
+    close_line(&remote->control);
+    close_line(&remote->bulk);
+    if (remote->own_context) zmq_ctx_term(remote->context);
+    dial_keys_free(&remote->keys);
+    free(remote->control.endpoint);
+    free(remote->bulk.endpoint);
+    free(remote);
+    *remote_pointer = NULL;
+}
+
+/* ---- questions and answers ---------------------------------------------------------------------------- */
+
+static result_t unreachable(const char *endpoint, double timeout)
+{
+    return result_fail(
+        RESULT_UNREACHABLE,
+        "no answer from the master at %s within %.1f s: is lightmill-master running there, and "
+        "is the port open?",
+        endpoint, timeout);
+}
+
+static result_t refused(const Lm__Refusal *refusal)
+{
+    bool known = refusal->code > RESULT_OK && refusal->code <= RESULT_DENIED;
+    return result_fail(known ? (result_code_t)refusal->code : RESULT_PROTOCOL, "the master says: %.400s",
+                       refusal->reason);
+}
+
+/* Waits for the answer with the number of the last request. */
+static result_t await_answer(const remote_t *remote, line_t *line, double timeout, wire_message_t *message)
+{
+    double deadline = clock_now() + timeout;
+    for (;;) {
+        bool received = false;
+        TRY(wire_receive(line->socket, false, message, &received));
+        if (received && message->envelope->request == remote->request) return result_ok();
+        if (received) {
+            wire_free(message);
+            continue;
+        }
+        result_t verdict = dial_watch_poll(&line->watch);
+        if (line->watch.lost != line->lost)
+            return result_fail(RESULT_UNREACHABLE, "the connection to %s broke before the answer came",
+                               line->endpoint);
+        double left = deadline - clock_now();
+        if (verdict.code == RESULT_DENIED || (verdict.code != RESULT_OK && left <= 0))
+            return result_fail(verdict.code, "%s: %s", line->endpoint, verdict.message);
+        if (left <= 0) return unreachable(line->endpoint, timeout);
+        zmq_pollitem_t items[] = {{.socket = line->socket, .events = ZMQ_POLLIN},
+                                  {.socket = line->watch.monitor, .events = ZMQ_POLLIN}};
+        zmq_poll(items, ARRAY_LENGTH(items), (long)(1e3 * left) + 1);
+    }
+}
+
+/* Sends a request and waits for its answer. A payload is consumed. */
+static result_t exchange(remote_t *remote, line_t *line, Lm__Envelope *envelope, zmq_msg_t *payload,
+                         double timeout, wire_message_t *answer)
+{
+    dial_watch_poll(&line->watch);
+    line->lost = line->watch.lost;
+    envelope->request = ++remote->request;
+    TRY(wire_send(line->socket, NULL, 0, envelope, payload, payload ? 1 : 0));
+    result_t result = await_answer(remote, line, timeout, answer);
+    if (result.code == RESULT_UNREACHABLE) drop_line(line);
+    return result;
+}
+
+/* Asks and waits for an answer of the kind `expected`. A payload is consumed. */
+static result_t ask(remote_t *remote, line_t *line, Lm__Envelope *envelope, zmq_msg_t *payload,
+                    double timeout, Lm__Envelope__BodyCase expected, wire_message_t *answer)
+{
+    result_t result = open_line(remote, line);
+    if (result.code != RESULT_OK && payload != NULL) zmq_msg_close(payload);
+    TRY(result);
+    TRY(exchange(remote, line, envelope, payload, timeout, answer));
+    if (answer->envelope->body_case == expected) return result_ok();
+    result = answer->envelope->body_case == LM__ENVELOPE__BODY_REFUSAL
+                 ? refused(answer->envelope->refusal)
+                 : result_fail(RESULT_PROTOCOL, "the master answered with a message of kind %d, not %d",
+                               (int)answer->envelope->body_case, (int)expected);
+    wire_free(answer);
+    return result;
+}
+
+/* Asks, once, where the bulk socket is. */
+static result_t need_bulk(remote_t *remote)
+{
+    wire_message_t message;
+    address_t address;
+    if (remote->bulk.endpoint != NULL) return result_ok();
+    TRY(remote_status(remote, 0, &message));
+    uint32_t port = message.envelope->job_status_reply->bulk_port;
+    wire_free(&message);
+    TRY(address_parse(remote->control.endpoint, WIRE_DEFAULT_PORT, &address));
+    if (port < 1 || port > 65535)
+        return result_fail(RESULT_PROTOCOL, "the master names %u as its bulk port", port);
+    remote->bulk.endpoint = address_endpoint(&address, (int)port);
+    return result_ok();
+}
+
+/* ---- jobs --------------------------------------------------------------------------------------------- */
+
+result_t remote_submit_job(remote_t *remote, const job_terms_t *terms, const job_settings_t *settings,
+                           const hash_t *blob, uint64_t *job)
+{
+    Lm__Settings wire_settings = LM__SETTINGS__INIT;
+    Lm__Terms wire_terms = LM__TERMS__INIT;
+    wire_settings_put(settings, &wire_settings);
+    wire_terms_put(terms, &wire_terms);
+    Lm__JobSubmit submit = LM__JOB_SUBMIT__INIT;
+    submit.name = (char *)terms->name;
+    submit.settings = &wire_settings;
+    submit.terms = &wire_terms;
+    submit.blob = wire_hash_put(blob);
+    Lm__Envelope envelope = LM__ENVELOPE__INIT;
+    envelope.body_case = LM__ENVELOPE__BODY_JOB_SUBMIT;
+    envelope.job_submit = &submit;
+    wire_message_t answer;
+    TRY(ask(remote, &remote->control, &envelope, NULL, remote->timeout, LM__ENVELOPE__BODY_JOB_ACCEPTED,
+            &answer));
+    *job = answer.envelope->job_accepted->job;
+    wire_free(&answer);
+    return result_ok();
+}
+
+result_t remote_submit(remote_t *remote, const char *name, const job_settings_t *settings, const hash_t *blob,
+                       uint64_t *job)
+{
+    job_terms_t terms = {0};
+    snprintf(terms.name, sizeof terms.name, "%s", name);
+    return remote_submit_job(remote, &terms, settings, blob, job);
+}
+
+static result_t ask_status(remote_t *remote, uint64_t job, uint64_t from, wire_message_t *message)
+{
+    Lm__JobStatusRequest request = LM__JOB_STATUS_REQUEST__INIT;
+    request.job = job;
+    request.from = from;
+    Lm__Envelope envelope = LM__ENVELOPE__INIT;
+    envelope.body_case = LM__ENVELOPE__BODY_JOB_STATUS_REQUEST;
+    envelope.job_status_request = &request;
+    return ask(remote, &remote->control, &envelope, NULL, remote->timeout,
+               LM__ENVELOPE__BODY_JOB_STATUS_REPLY, message);
+}
+
+/* Moves the jobs of one answer to the end of another. */
+static void move_jobs(Lm__JobStatusReply *from, Lm__JobStatusReply *to)
+{
+    to->jobs = mem_realloc(to->jobs, (to->n_jobs + from->n_jobs + 1) * sizeof *to->jobs);
+    for (size_t i = 0; i < from->n_jobs; i++) to->jobs[to->n_jobs++] = from->jobs[i];
+    from->n_jobs = 0;
+}
+
+/* A list may come in several messages: asks for the rest and puts it to the first. */
+static result_t ask_further_jobs(remote_t *remote, Lm__JobStatusReply *all)
+{
+    while (all->next != 0 && all->n_jobs < WIRE_MAX_UNITS) {
+        wire_message_t message;
+        uint64_t from = all->next;
+        TRY(ask_status(remote, 0, from, &message));
+        Lm__JobStatusReply *reply = message.envelope->job_status_reply;
+        all->next = reply->next > from ? reply->next : 0;
+        move_jobs(reply, all);
+        wire_free(&message);
+    }
+    return result_ok();
+}
+
+result_t remote_status(remote_t *remote, uint64_t job, wire_message_t *message)
+{
+    TRY(ask_status(remote, job, 0, message));
+    Lm__JobStatusReply *reply = message->envelope->job_status_reply;
+    result_t result = result_ok();
+    if (job == 0)
+        result = ask_further_jobs(remote, reply);
+    else if (reply->n_jobs != 1 || reply->jobs[0]->job != job)
+        result = result_fail(RESULT_PROTOCOL, "the master's answer is not about job %llu",
+                             (unsigned long long)job);
+    if (result.code != RESULT_OK) wire_free(message);
+    return result;
+}
+
+static result_t ask_workers(remote_t *remote, uint32_t from, wire_message_t *message)
+{
+    Lm__WorkerListRequest request = LM__WORKER_LIST_REQUEST__INIT;
+    request.from = from;
+    Lm__Envelope envelope = LM__ENVELOPE__INIT;
+    envelope.body_case = LM__ENVELOPE__BODY_WORKER_LIST_REQUEST;
+    envelope.worker_list_request = &request;
+    return ask(remote, &remote->control, &envelope, NULL, remote->timeout, LM__ENVELOPE__BODY_WORKER_LIST,
+               message);
+}
+
+static void move_workers(Lm__WorkerList *from, Lm__WorkerList *to)
+{
+    to->workers = mem_realloc(to->workers, (to->n_workers + from->n_workers + 1) * sizeof *to->workers);
+    for (size_t i = 0; i < from->n_workers; i++) to->workers[to->n_workers++] = from->workers[i];
+    from->n_workers = 0;
+}
+
+static result_t ask_further_workers(remote_t *remote, Lm__WorkerList *all)
+{
+    while (all->next != 0 && all->n_workers < WIRE_MAX_UNITS) {
+        wire_message_t message;
+        uint32_t from = all->next;
+        TRY(ask_workers(remote, from, &message));
+        Lm__WorkerList *reply = message.envelope->worker_list;
+        all->next = reply->next > from ? reply->next : 0;
+        move_workers(reply, all);
+        wire_free(&message);
+    }
+    return result_ok();
+}
+
+result_t remote_workers(remote_t *remote, wire_message_t *message)
+{
+    TRY(ask_workers(remote, 0, message));
+    result_t result = ask_further_workers(remote, message->envelope->worker_list);
+    if (result.code != RESULT_OK) wire_free(message);
+    return result;
+}
+
+result_t remote_order(remote_t *remote, const job_order_t *order)
+{
+    Lm__JobOrder body = LM__JOB_ORDER__INIT;
+    wire_order_put(order, &body);
+    Lm__Envelope envelope = LM__ENVELOPE__INIT;
+    envelope.body_case = LM__ENVELOPE__BODY_JOB_ORDER;
+    envelope.job_order = &body;
+    wire_message_t answer;
+    TRY(ask(remote, &remote->control, &envelope, NULL, remote->timeout, LM__ENVELOPE__BODY_DONE, &answer));
+    wire_free(&answer);
+    return result_ok();
+}
+
+result_t remote_cancel(remote_t *remote, uint64_t job)
+{
+    return remote_order(remote, &(job_order_t){.job = job, .kind = ORDER_CANCEL});
+}
+
+/* ---- blobs -------------------------------------------------------------------------------------------- */
+
+/* Sends `length` bytes from `offset`, none to ask where to begin; *next is where the master wants to go on.
+ */
+static result_t put_chunk(remote_t *remote, const scene_blob_t *blob, uint64_t offset, size_t length,
+                          uint64_t *next)
+{
+    Lm__BlobPut put = LM__BLOB_PUT__INIT;
+    put.blob = wire_hash_put(&blob->hash);
+    put.offset = offset;
+    put.size = blob->size;
+    Lm__Envelope envelope = LM__ENVELOPE__INIT;
+    envelope.body_case = LM__ENVELOPE__BODY_BLOB_PUT;
+    envelope.blob_put = &put;
+    zmq_msg_t payload;
+    if (zmq_msg_init_size(&payload, length) != 0) return result_fail(RESULT_LIMIT, "out of memory");
+    if (length > 0) memcpy(zmq_msg_data(&payload), blob->bytes + offset, length);
+    /* The last chunk makes the master hash the whole blob. */
+    double timeout = offset + length == blob->size ? SLOW_ANSWER : remote->timeout;
+    if (timeout < remote->timeout) timeout = remote->timeout;
+    wire_message_t answer;
+    TRY(ask(remote, &remote->bulk, &envelope, &payload, timeout, LM__ENVELOPE__BODY_BLOB_PUT_REPLY, &answer));
+    *next = answer.envelope->blob_put_reply->next;
+    wire_free(&answer);
+    if (*next <= blob->size) return result_ok();
+    return result_fail(RESULT_PROTOCOL, "the master asks for bytes beyond the end of the scene");
+}
+
+result_t remote_put_blob(remote_t *remote, const scene_blob_t *blob, remote_progress_fn progress,
+                         void *progress_context)
+{
+    TRY(need_bulk(remote));
+    uint64_t next;
+    TRY(put_chunk(remote, blob, 0, 0, &next));
+    /* A master that throws bytes away (a wrong hash on its disk) may go back once, not for ever. */
+    int setbacks = 0;
+    while (next < blob->size) {
+        uint64_t left = blob->size - next, before = next;
+        TRY(put_chunk(remote, blob, next, left < WIRE_MAX_CHUNK ? (size_t)left : WIRE_MAX_CHUNK, &next));
+        if (next <= before && ++setbacks > 2)
+            return result_fail(RESULT_PROTOCOL, "the master does not keep the scene that it is sent");
+        if (progress) progress(progress_context, next, blob->size);
+    }
+    return result_ok();
+}
+
+/* ---- images ------------------------------------------------------------------------------------------- */
+
+typedef struct {
+    uint64_t job;
+    bool half;
+    uint64_t snapshot; /* 0: the first answer names it */
+    uint64_t size;
+    uint8_t *bytes;
+    uint64_t have;
+} image_fetch_t;
+
+static result_t take_image_chunk(image_fetch_t *fetch, wire_message_t *answer)
+{
+    const Lm__ImageChunk *chunk = answer->envelope->image_chunk;
+    if (answer->payload_count != 1) return result_fail(RESULT_PROTOCOL, "a chunk of an image without bytes");
+    size_t length = zmq_msg_size(&answer->payload[0]);
+    if (fetch->snapshot == 0) {
+        if (chunk->size == 0 || chunk->size > MAX_IMAGE_BYTES)
+            return result_fail(RESULT_LIMIT, "an image of %llu bytes", (unsigned long long)chunk->size);
+        fetch->snapshot = chunk->snapshot;
+        fetch->size = chunk->size;
+        fetch->bytes = malloc(fetch->size);
+        if (fetch->bytes == NULL)
+            return result_fail(RESULT_LIMIT, "no memory for an image of %llu bytes",
+                               (unsigned long long)chunk->size);
+    }
+    if (chunk->offset != fetch->have || length == 0 || length > fetch->size - fetch->have)
+        return result_fail(RESULT_PROTOCOL, "a chunk of an image that nobody asked for");
+    memcpy(fetch->bytes + fetch->have, zmq_msg_data(&answer->payload[0]), length);
+    fetch->have += length;
+    return result_ok();
+}
+
+static result_t get_image_chunk(remote_t *remote, image_fetch_t *fetch)
+{
+    uint64_t left = fetch->size - fetch->have;
+    Lm__ImageGet get = LM__IMAGE_GET__INIT;
+    get.job = fetch->job;
+    get.snapshot = fetch->snapshot;
+    get.offset = fetch->have;
+    get.length = fetch->size == 0 || left > WIRE_MAX_CHUNK ? WIRE_MAX_CHUNK : (uint32_t)left;
+    get.half = fetch->half;
+    Lm__Envelope envelope = LM__ENVELOPE__INIT;
+    envelope.body_case = LM__ENVELOPE__BODY_IMAGE_GET;
+    envelope.image_get = &get;
+    double timeout = fetch->snapshot == 0 && remote->timeout < SLOW_ANSWER ? SLOW_ANSWER : remote->timeout;
+    wire_message_t answer;
+    TRY(ask(remote, &remote->bulk, &envelope, NULL, timeout, LM__ENVELOPE__BODY_IMAGE_CHUNK, &answer));
+    result_t result = take_image_chunk(fetch, &answer);
+    wire_free(&answer);
+    return result;
+}
+
+result_t remote_fetch_image(remote_t *remote, uint64_t job, bool half, uint8_t **bytes, size_t *size)
+{
+    TRY(need_bulk(remote));
+    image_fetch_t fetch = {.job = job, .half = half};
+    do {
+        result_t result = get_image_chunk(remote, &fetch);
+        if (result.code != RESULT_OK) {
+            free(fetch.bytes);
+            return result;
+        }
+    } while (fetch.have < fetch.size);
+    *bytes = fetch.bytes;
+    *size = fetch.size;
+    return result_ok();
+}

@@ -1,0 +1,127 @@
+/* watch: see watch.h. */
+#include "client/farm/watch.h"
+
+#include "common/interrupt.h"
+
+#include <inttypes.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+static const long POLL_NANOSECONDS = 100000000; /* between questions; also how soon a signal is noticed */
+
+static void take_status(watch_t *watch, const Lm__JobStatus *status)
+{
+    watch->state = status->state;
+    watch->final = job_state_final(status->state);
+    watch->samples_done = status->samples_done;
+    watch->elapsed = status->elapsed;
+    watch->workers_seen = status->workers_seen;
+    if (strcmp(watch->message, status->message) != 0) {
+        snprintf(watch->message, sizeof watch->message, "%s", status->message);
+        if (!watch->final && watch->message[0] != '\0') {
+            progress_erase(watch->progress);
+            log_warning("%s", watch->message);
+        }
+    }
+    if (status->settings == NULL) return;
+    watch->width = (int32_t)status->settings->width;
+    watch->height = (int32_t)status->settings->height;
+}
+
+/* Tells, once each time, that the master does not answer, and that it does again. */
+static void note_silence(watch_t *watch, const result_t *result)
+{
+    bool silent = result->code == RESULT_UNREACHABLE;
+    if (silent == watch->silent) return;
+    watch->silent = silent;
+    progress_erase(watch->progress);
+    if (silent)
+        log_warning("%s; asking on", result->message);
+    else
+        log_warning("the master is back");
+}
+
+result_t watch_poll(watch_t *watch)
+{
+    nanosleep(&(struct timespec){.tv_nsec = POLL_NANOSECONDS}, NULL);
+    wire_message_t message;
+    result_t result = remote_status(watch->remote, watch->job, &message);
+    if (watch->patient) note_silence(watch, &result);
+    TRY(result);
+    const Lm__JobStatus *status = message.envelope->job_status_reply->jobs[0];
+    take_status(watch, status);
+    progress_job(watch->progress, status);
+    wire_free(&message);
+    return result_ok();
+}
+
+/* Polls until the job is over. Ctrl-C ends the waiting, not the job. */
+static result_t wait_for_end(watch_t *watch)
+{
+    interrupt_catch();
+    while (!watch->final) {
+        result_t result = watch_poll(watch);
+        if (interrupt_seen())
+            return result_fail(RESULT_CANCELLED,
+                               "the job goes on; fetch its image with: lightmill fetch %" PRIu64, watch->job);
+        if (!watch->patient || result.code != RESULT_UNREACHABLE) TRY(result);
+    }
+    return result_ok();
+}
+
+/* Fetches the image; a patient watch begins again when the master goes away meanwhile. */
+static result_t fetch_image(const watch_t *watch, bool half, uint8_t **bytes, size_t *size)
+{
+    result_t result;
+    do result = remote_fetch_image(watch->remote, watch->job, half, bytes, size);
+    while (watch->patient && result.code == RESULT_UNREACHABLE && !interrupt_seen());
+    return result;
+}
+
+/* "wrote a.exr: 128 x 128, 64.0 spp, 1.05 M samples in 8.2 s (128 k samples/s), noise 3.1%" */
+static void say_written(const watch_t *watch, const output_t *output, double noise)
+{
+    char samples[32], duration[32], rate[32];
+    format_count((double)watch->samples_done, samples);
+    format_duration(watch->elapsed, duration);
+    format_count(watch->elapsed > 0 ? (double)watch->samples_done / watch->elapsed : 0, rate);
+    double pixels = (double)watch->width * (double)watch->height;
+    printf("wrote %s%s%s: %d x %d, %.4g spp, %s samples in %s (%s samples/s)", output->path,
+           output->png ? " and " : "", output->png ? output->png : "", watch->width, watch->height,
+           pixels > 0 ? (double)watch->samples_done / pixels : 0, samples, duration, rate);
+    if (noise >= 0) printf(", noise %.2g%%", 100 * noise);
+    printf("\n");
+}
+
+result_t watch_deliver(const watch_t *watch, const output_t *output, bool quiet)
+{
+    if (watch->state == JOB_FAILED) return result_fail(RESULT_LIMIT, "the job failed: %s", watch->message);
+    if (watch->samples_done == 0 && watch->final)
+        return result_fail(RESULT_CANCELLED, "the job ended before any sample was made; no image is written");
+    if (watch->samples_done == 0)
+        return result_fail(
+            RESULT_INPUT,
+            "job %" PRIu64 " has no samples yet, so there is no image; --wait waits for its end", watch->job);
+    uint8_t *bytes;
+    size_t size;
+    double noise;
+    TRY(fetch_image(watch, output->half, &bytes, &size));
+    result_t result = output_write(output, bytes, size, &noise);
+    free(bytes);
+    if (result.code == RESULT_OK && !quiet) say_written(watch, output, noise);
+    return result;
+}
+
+result_t watch_to_end(remote_t *remote, uint64_t job, const output_t *output, bool quiet)
+{
+    progress_t progress = progress_start(quiet);
+    watch_t watch = {.remote = remote, .job = job, .progress = &progress, .patient = true};
+    result_t result = wait_for_end(&watch);
+    progress_end(&progress);
+    TRY(result);
+    TRY(watch_deliver(&watch, output, quiet));
+    if (watch.state == JOB_CANCELLED) return result_fail(RESULT_CANCELLED, "the job was cancelled");
+    return result_ok();
+}

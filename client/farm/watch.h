@@ -1,0 +1,35 @@
+/* watch: a job seen from its client: the state again and again, then the image. */
+#ifndef LIGHTMILL_WATCH_H
+#define LIGHTMILL_WATCH_H
+
+#include "client/farm/remote.h"
+#include "client/image/output.h"
+#include "client/text/progress.h"
+
+typedef struct {
+    remote_t *remote;     /* kept by the caller */
+    progress_t *progress; /* kept by the caller */
+    uint64_t job;
+    bool patient; /* a master that does not answer is waited for: it may be restarted */
+    bool silent;  /* it does not answer at the moment */
+    bool final;   /* done, cancelled or failed */
+    /* From the last status: */
+    uint32_t state; /* job_state_t */
+    int32_t width, height;
+    uint64_t samples_done;
+    double elapsed; /* seconds */
+    uint32_t workers_seen;
+    char message[500]; /* why it failed */
+} watch_t;
+
+/* Waits a moment, asks for the state and shows it. RESULT_UNREACHABLE when there is no answer; a patient
+ * watch says so once, and when the master is back. */
+result_t watch_poll(watch_t *watch);
+/* Fetches the image of a job, writes it and says so on stdout. A failed job is an error, and so is one
+ * without any samples. */
+result_t watch_deliver(const watch_t *watch, const output_t *output, bool quiet);
+/* All of it: waits patiently for the end of a job while its progress is shown (unless `quiet`), then writes
+ * the image. A job that was cancelled is no success. */
+result_t watch_to_end(remote_t *remote, uint64_t job, const output_t *output, bool quiet);
+
+#endif

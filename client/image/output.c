@@ -1,0 +1,95 @@
+/* output: see output.h. A master hands out images as finished EXR files, so the EXR is written as it came;
+ * a PNG is made from it. */
+#include "client/image/output.h"
+
+#include "common/atomic_file.h"
+#include "common/film/picture.h"
+#include "common/image/image.h"
+
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+#include <sys/stat.h>
+
+static const option_t rows[] = {
+    OPTION(output_t, path, "output", "FILE", "where the image goes: .exr, or .png for a PNG alone",
+           .letter = 'o'),
+    OPTION(output_t, png, "png", "FILE", "write a PNG as well"),
+    OPTION(output_t, exposure, "exposure", "STOPS", "brighten (or darken) PNGs", OPTION_RANGE(-50, 50)),
+    OPTION(output_t, half, "half", NULL, "half floats in the EXR"),
+};
+const option_group_t output_options = OPTION_GROUP("The image", rows);
+
+static bool has_extension(const char *path, const char *extension)
+{
+    size_t length = strlen(path), tail = strlen(extension);
+    return length > tail && strcasecmp(path + length - tail, extension) == 0;
+}
+
+bool output_is_png(const char *path)
+{
+    return has_extension(path, ".png");
+}
+
+void output_name(output_t *output, const char *scene, bool strategies)
+{
+    output->own_path = mem_printf(strategies ? "%s-strategies.exr" : "%s.exr", scene);
+    if (output->path == NULL) output->path = output->own_path;
+    output->own_png = picture_png_path(output->path);
+    if (strategies && output->png == NULL && !output_is_png(output->path)) output->png = output->own_png;
+}
+
+void output_free(output_t *output)
+{
+    free(output->own_path);
+    free(output->own_png);
+    *output = (output_t){0};
+}
+
+/* Opens the temporary that the writer will use and removes it again: nothing else knows as well whether the
+ * disk, the mount and the permissions allow it. */
+result_t output_writable(const char *path)
+{
+    struct stat status;
+    if (stat(path, &status) == 0 && S_ISDIR(status.st_mode))
+        return result_fail(RESULT_USAGE, "%.300s is a directory, not a file to write to", path);
+    atomic_file_t file;
+    TRY(atomic_file_open(&file, path));
+    atomic_file_abort(&file);
+    return result_ok();
+}
+
+result_t output_check(const output_t *output)
+{
+    if (output->path && !has_extension(output->path, ".exr") && !output_is_png(output->path))
+        return result_fail(RESULT_USAGE, "the output '%.200s' must end in .exr or .png", output->path);
+    if (output->png && !output_is_png(output->png))
+        return result_fail(RESULT_USAGE, "the PNG '%.200s' must end in .png", output->png);
+    if (output->path) TRY(output_writable(output->path));
+    if (output->png) TRY(output_writable(output->png));
+    return result_ok();
+}
+
+/* Estimated relative error of an image of ours (film_noise); negative when it is not known. */
+static double relative_noise(const image_t *image)
+{
+    const image_attribute_t *error = image_attribute(image, "lightmill.error");
+    return error != NULL && error->kind == ATTRIBUTE_FLOAT ? (double)error->real : -1;
+}
+
+result_t output_write(const output_t *output, const uint8_t *exr, size_t size, double *noise)
+{
+    bool png_alone = output_is_png(output->path);
+    image_t image;
+    *noise = -1;
+    if (!png_alone) TRY(file_write_atomic(output->path, exr, size));
+    result_t result = image_decode_exr("the image", exr, size, &image);
+    /* An EXR that is too large to be decoded here is whole all the same. */
+    if (result.code != RESULT_OK) return png_alone || output->png ? result : result_ok();
+    *noise = relative_noise(&image);
+    float exposure = (float)output->exposure;
+    if (png_alone) result = image_write_png(output->path, &image, exposure);
+    if (output->png && result.code == RESULT_OK) result = image_write_png(output->png, &image, exposure);
+    image_free(&image);
+    return result;
+}

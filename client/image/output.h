@@ -1,0 +1,30 @@
+/* output: where an image goes: an EXR, a PNG, or both. */
+#ifndef LIGHTMILL_OUTPUT_H
+#define LIGHTMILL_OUTPUT_H
+
+#include "common/options/options.h"
+
+typedef struct {
+    const char *path;         /* -o: .exr, or .png for a PNG alone; NULL: to be named after the scene */
+    const char *png;          /* --png: a PNG as well, or NULL */
+    double exposure;          /* of PNGs, stops */
+    bool half;                /* EXR in half floats */
+    char *own_path, *own_png; /* of output_name, owned */
+} output_t;
+
+extern const option_group_t output_options;
+
+/* Names what the command line did not: the image after the scene, and with `strategies` a contact sheet
+ * beside it. The caller frees the names with output_free. */
+void output_name(output_t *output, const char *scene, bool strategies);
+void output_free(output_t *output);
+/* True for the name of a PNG. */
+bool output_is_png(const char *path);
+/* Checks, before any work is done, that a file can be written; that all of them can. */
+result_t output_writable(const char *path);
+result_t output_check(const output_t *output);
+/* Writes the files from the bytes of an EXR, each whole or not at all. `path` must be set. *noise becomes the
+ * image's estimated relative error (common/film/film.h), negative when it is not known. */
+result_t output_write(const output_t *output, const uint8_t *exr, size_t size, double *noise);
+
+#endif

@@ -1,0 +1,119 @@
+/* settings: see settings.h. */
+#include "client/scene/settings.h"
+
+#include "common/film/film.h"
+
+#include <ctype.h>
+#include <errno.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+result_t option_error(const option_t *option, const char *text, void *field)
+{
+    double *value = field;
+    result_t result = option_share(option, text, value);
+    if (result.code == RESULT_OK && *value > 0 && *value < 1) return result;
+    return result_fail(RESULT_USAGE, "--%s takes a number between 0 and 1, such as 0.01 or 1%%, not '%.100s'",
+                       option->name, text);
+}
+
+result_t job_number_parse(const char *text, uint64_t *job)
+{
+    char *end;
+    errno = 0;
+    *job = strtoull(text, &end, 10);
+    if (!isdigit((unsigned char)text[0]) || *end != '\0' || errno != 0 || *job == 0)
+        return result_fail(RESULT_USAGE, "'%.100s' is no job number; see lightmill status", text);
+    return result_ok();
+}
+
+static result_t parse_resolution(const option_t *option, const char *text, void *field)
+{
+    overrides_t *overrides = field;
+    int width, height, used = 0;
+    if (sscanf(text, "%d%*1[xX]%d%n", &width, &height, &used) != 2 || text[used] != '\0' || width < 1 ||
+        height < 1 || width > JOB_MAX_RESOLUTION || height > JOB_MAX_RESOLUTION)
+        return result_fail(RESULT_USAGE, "--%s takes WIDTHxHEIGHT up to %d a side, not '%.100s'",
+                           option->name, JOB_MAX_RESOLUTION, text);
+    overrides->width = width;
+    overrides->height = height;
+    return result_ok();
+}
+
+static result_t parse_seed(const option_t *option, const char *text, void *field)
+{
+    overrides_t *overrides = field;
+    char *end;
+    errno = 0;
+    overrides->seed = strtoull(text, &end, 0);
+    overrides->has_seed = true;
+    if (!isdigit((unsigned char)text[0]) || *end != '\0' || errno != 0)
+        return result_fail(RESULT_USAGE, "--%s takes a whole number below 2^64, not '%.100s'", option->name,
+                           text);
+    return result_ok();
+}
+
+static const option_t rows[] = {
+    OPTION(overrides_t, spp, "spp", "N", "samples a pixel", OPTION_RANGE(1, JOB_MAX_SPP)),
+    OPTION(overrides_t, time_limit, "time", "SECONDS", "stop after so long, with --spp whichever comes first",
+           OPTION_RANGE(0.1, 1e9)),
+    OPTION_BY(option_error, overrides_t, error, "error", "E",
+              "stop when the estimated relative error is at most E (0.01 or 1%, a good picture), with --spp "
+              "and --time whichever comes first"),
+    OPTION(overrides_t, adaptive, "adaptive", NULL,
+           "more samples where there is more noise; --spp is their mean"),
+    OPTION_BY(option_choice, overrides_t, integrator, "integrator", "NAME", "bdpt, path or light",
+              .choices = integrator_names),
+    OPTION(overrides_t, max_depth, "max-depth", "N", "longest path: N + 1 segments, as pbrt counts",
+           OPTION_RANGE(0, JOB_MAX_DEPTH)),
+    {.name = "seed",
+     .argument = "N",
+     .help = "random numbers; the same seed makes the same image, bit by bit",
+     .parse = parse_seed},
+    {.name = "resolution", .argument = "WxH", .help = "pixels", .parse = parse_resolution},
+    OPTION_BY(option_choice, overrides_t, sampler, "sampler", "NAME", "sobol or independent",
+              .choices = sampler_names),
+    OPTION(overrides_t, tile_size, "tile-size", "N", "pixels a side of the pieces that the image is cut into",
+           OPTION_RANGE(JOB_MIN_TILE, JOB_MAX_TILE)),
+    OPTION(
+        overrides_t, film_scale, "film-scale", "N",
+        "sums count in units of 2^-N (default: as the brightest light allows, at most 32); take less when a "
+        "job fails because its sums were too large",
+        OPTION_RANGE(FILM_MIN_SCALE, FILM_MAX_SCALE)),
+    OPTION(overrides_t, no_layers, "no-layers", NULL,
+           "without the layers of what is seen: albedo, normal, position, depth, ..."),
+    OPTION(overrides_t, lenient, "lenient", NULL,
+           "take the nearest substitute for what a scene has and Lightmill has not, and warn"),
+};
+const option_group_t settings_options = OPTION_GROUP("How to render (default: as the scene says)", rows);
+
+overrides_t overrides_none(void)
+{
+    return (overrides_t){.max_depth = -1, .film_scale = -1};
+}
+
+result_t overrides_apply(const overrides_t *overrides, const scene_blob_t *blob, job_settings_t *settings)
+{
+    *settings = blob_default_settings(blob);
+    if (overrides->integrator) settings->integrator = overrides->integrator;
+    if (overrides->sampler) settings->sampler = overrides->sampler;
+    if (overrides->has_seed) settings->seed = overrides->seed;
+    if (overrides->max_depth >= 0) settings->max_depth = overrides->max_depth;
+    if (overrides->tile_size > 0) settings->tile_size = overrides->tile_size;
+    if (overrides->width > 0) {
+        settings->width = overrides->width;
+        settings->height = overrides->height;
+    }
+    settings->time_limit = overrides->time_limit;
+    settings->error = overrides->error;
+    settings->adaptive = overrides->adaptive;
+    if (overrides->time_limit > 0 || overrides->error > 0) settings->spp = JOB_MAX_SPP;
+    if (overrides->spp > 0) settings->spp = overrides->spp;
+    if (overrides->no_layers) settings->features = false;
+    settings->film_scale = blob_film_scale(blob);
+    /* Samples that count JOB_MEAN_BOOST times in the mean take two bits of the sums. */
+    if (settings->adaptive) settings->film_scale = int_max(FILM_MIN_SCALE, settings->film_scale - 2);
+    if (overrides->film_scale >= 0) settings->film_scale = overrides->film_scale;
+    return job_settings_check(settings);
+}

@@ -1,0 +1,64 @@
+/* json: see json.h. */
+#include "client/text/json.h"
+
+#include "client/text/text.h"
+
+#include <inttypes.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+json_t *json_text(const char *text)
+{
+    char *clean = text_utf8(text);
+    json_t *value = json_string(clean);
+    free(clean);
+    return value;
+}
+
+json_t *json_number(double value)
+{
+    return isfinite(value) ? json_real(value) : json_null();
+}
+
+json_t *json_count(uint64_t count)
+{
+    char digits[32];
+    if (count <= INT64_MAX) return json_integer((json_int_t)count);
+    snprintf(digits, sizeof digits, "%" PRIu64, count);
+    return json_string(digits);
+}
+
+void put_text(json_t *object, const char *key, const char *text)
+{
+    json_object_set_new(object, key, json_text(text));
+}
+
+void put_real(json_t *object, const char *key, double value)
+{
+    json_object_set_new(object, key, json_number(value));
+}
+
+void put_count(json_t *object, const char *key, uint64_t count)
+{
+    json_object_set_new(object, key, json_count(count));
+}
+
+void put_flag(json_t *object, const char *key, bool flag)
+{
+    json_object_set_new(object, key, json_boolean(flag));
+}
+
+void put_hash(json_t *object, const char *key, const hash_t *hash)
+{
+    char hex[2 * HASH_BYTES + 1] = "";
+    if (hash != NULL) hash_to_hex(hash, hex);
+    put_text(object, key, hex);
+}
+
+void json_print(json_t *object, int indent, int digits)
+{
+    json_dumpf(object, stdout, JSON_INDENT((size_t)indent) | JSON_REAL_PRECISION(digits) | JSON_ENSURE_ASCII);
+    putchar('\n');
+    json_decref(object);
+}

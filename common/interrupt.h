@@ -1,0 +1,14 @@
+/* interrupt: Ctrl-C and SIGTERM in a program that has something to finish: the first is noted, the second
+ * ends the process at once, whatever it waits for. */
+#ifndef LIGHTMILL_INTERRUPT_H
+#define LIGHTMILL_INTERRUPT_H
+
+#include <stdatomic.h>
+#include <stdbool.h>
+
+/* From now on; before, they end the process as usual. Returns how many there were, a number that goes on
+ * counting. */
+const atomic_int *interrupt_catch(void);
+bool interrupt_seen(void);
+
+#endif
