@@ -15,7 +15,8 @@ common
 common/image                : common
 common/film                 : common/image
 common/scene                : common/film
-proto/wire                  : common/scene
+common/options              : common
+proto/wire                  : common/scene common/options
 proto/uplink                : proto/wire
 proto/serve                 : proto/wire
 worker/render/sampling      : common
@@ -46,7 +47,12 @@ client/import/pbrt/materials : client/import/pbrt/state
 client/import/pbrt/shapes    : client/import/pbrt/materials client/import/tessellate
 client/import/pbrt           : client/import/pbrt/shapes
 client/import               : client/import/pbrt client/import/gltf
-client                      : client/import proto/uplink master worker
+client/text                 : proto/wire
+client/scene                : client/import client/text
+client/image                : common/options common/film
+client/farm                 : client/scene client/image proto/uplink master worker
+client/commands             : client/farm
+client                      : client/commands
 END
 }
 
@@ -56,7 +62,6 @@ exceptions() {
 use common common/film because job.c checks against the limits of a film
 circle common/image because the table of formats calls its readers
 circle worker/render/bsdf because lobes hold lobes
-size client because its commands have no folder yet
 size worker/render/bsdf because lobes and materials have no folders yet
 END
 }
