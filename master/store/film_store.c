@@ -87,7 +87,7 @@ static void drop(film_store_t *store, size_t at)
     forget(store, at);
 }
 
-/* ---- the door ------------------------------------------------------------------------------------------ */
+/* ---- the public functions ------------------------------------------------------------------------------ */
 
 /* Looks at one entry of the directory. */
 static void scan_entry(film_store_t *store, int directory, const char *name)

@@ -426,7 +426,7 @@ static void *checkpointer_run(void *argument)
     return NULL;
 }
 
-/* ---- the door ------------------------------------------------------------------------------------------ */
+/* ---- the public functions ------------------------------------------------------------------------------ */
 
 result_t checkpointer_start(const checkpointer_options_t *options, checkpointer_t **out)
 {

@@ -322,7 +322,7 @@ static void *image_writer_run(void *argument)
     return NULL;
 }
 
-/* ---- the door ------------------------------------------------------------------------------------------ */
+/* ---- the public functions ------------------------------------------------------------------------------ */
 
 /* Deletes images that an earlier process did not finish. */
 static void drop_leftovers(const char *data_dir)

@@ -264,7 +264,7 @@ static void *journal_writer_run(void *argument)
     return NULL;
 }
 
-/* ---- the door ------------------------------------------------------------------------------------------ */
+/* ---- the public functions ------------------------------------------------------------------------------ */
 
 static void free_journal_writer(journal_writer_t *journal_writer)
 {

@@ -1,12 +1,15 @@
-/* trust: verdicts on workers. The one door of this folder: what the farm tells it and asks it.
+/* trust: verdicts on workers. This is the only header of the folder that others include: what the farm tells
+ * it, and asks it.
  *
- * Four things are known here, of which the farm sees the consequences alone: what is held against machines
- * and processes, which are put aside for it (standing.c); units that workers died with, which are handed out
- * apart, or left out (suspects.c); units that are rendered twice and compared (checks.c); batches that are
- * kept until their senders are vouched for, so that they can be taken out of the film again (evidence.c,
- * settle.c).
+ * The folder knows four things. The farm sees only what follows from them:
  *
- * Trust calls nothing of the farm's. What it decides it writes into the state, and the farm sees to it:
+ *   - what is held against machines and processes, which are put aside for it (standing.c);
+ *   - units that workers died with, which are handed out apart, or left out (suspects.c);
+ *   - units that are rendered twice and compared (checks.c);
+ *   - batches that are kept until their senders are vouched for, so that they can be taken out of the film
+ *     again (evidence.c, settle.c).
+ *
+ * Trust calls nothing of the farm's. It writes its decisions into the state, and the farm acts on them:
  *
  *     worker_t.outcast, farm_t.cast_out   this worker is to be disconnected (farm_cast_out)
  *     worker_t.ward                       it is to have nothing but suspects, of this job
