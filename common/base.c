@@ -170,3 +170,20 @@ result_t file_read(const char *path, size_t limit, uint8_t **data, size_t *size)
     close(file);
     return result;
 }
+
+result_t directory_make(const char *path, unsigned permissions)
+{
+    char *copy = mem_strdup(path);
+    result_t result = result_ok();
+    for (char *slash = copy + (*copy == '/'); result.code == RESULT_OK; slash++) {
+        char end = *slash;
+        if (end != '/' && end != '\0') continue;
+        *slash = '\0';
+        if (mkdir(copy, permissions) != 0 && errno != EEXIST)
+            result = result_fail(RESULT_IO, "cannot make the directory %.300s: %s", copy, strerror(errno));
+        *slash = end;
+        if (end == '\0') break;
+    }
+    free(copy);
+    return result;
+}

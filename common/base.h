@@ -85,6 +85,8 @@ void hash_to_hex(const hash_t *hash, char text[2 * HASH_BYTES + 1]);
 
 /* Reads a whole file into fresh memory (the caller frees *data). A file over `limit` bytes is an error. */
 result_t file_read(const char *path, size_t limit, uint8_t **data, size_t *size);
+/* Makes a directory and its parents where they are missing, with these permissions. */
+result_t directory_make(const char *path, unsigned permissions);
 
 #define ARRAY_LENGTH(a) (sizeof(a) / sizeof((a)[0]))
 

@@ -11,18 +11,15 @@
  * stands with the jobs. */
 #include "master/master.h"
 
-#include "common/address.h"
 #include "common/memory_limit.h"
 #include "master/threads/client_bulk.h"
 #include "master/threads/client_control.h"
 #include "master/threads/farm_service.h"
 #include "master/threads/restart.h"
-#include "proto/serve/bulk_server.h"
-#include "proto/serve/control_server.h"
+#include "proto/serve/server.h"
 
 #include <errno.h>
 #include <fcntl.h>
-#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -31,21 +28,9 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-enum { MAX_INTERVAL = 3600 }; /* seconds, of heartbeats, leases and batches */
-enum { ENDPOINT_SIZE = 300 };
-enum { MAX_BULK_IO = 4 }; /* threads of libzmq for the bulk socket */
-/* Messages of a connection to the bulk socket that libzmq holds: they may be large. A peer that fetches
- * something has a few requests under way, and its batches are answered one by one. On a connection with keys
- * one less is received: libzmq counts the user id as a message that nobody ever reads. */
-enum { BULK_RECEIVED = 2, BULK_SENT = 16 };
-
 struct master {
-    void *context;
-    bool own_context;
     int lock_file;
     int control_wake, bulk_wake, image_wake, journal_writer_wake, checkpoint_wake; /* eventfds */
-    void *control_socket, *bulk_socket; /* until a server's thread owns them */
-    int control_port, bulk_port;
     char *spool_dir;
     journal_t *journal;
     film_store_t *films;
@@ -54,12 +39,10 @@ struct master {
     image_writer_t *image_writer;
     checkpointer_t *checkpointer;
     journal_writer_t *journal_writer;
-    gate_t *gate;
-    farm_service_t service; /* what the servers call, */
+    server_t *server;
+    farm_service_t service; /* what it calls, */
     client_control_t client_control;
-    client_bulk_t client_bulk; /* and what they are asked by clients */
-    control_server_t *control;
-    bulk_server_t *bulk;
+    client_bulk_t client_bulk; /* and what clients ask of it */
 };
 
 master_options_t master_options_default(void)
@@ -75,71 +58,33 @@ master_options_t master_options_default(void)
                               .blob_limit = (uint64_t)100000000000};
 }
 
-/* ---- checking the options ------------------------------------------------------------------------------ */
+/* ---- options ------------------------------------------------------------------------------------------- */
 
-/* True for an endpoint that other machines reach. The host, without "tcp://" and port, goes to `host`. */
-static bool is_exposed(const char *endpoint, char host[ENDPOINT_SIZE])
+static server_options_t server_options(const master_t *master, const master_options_t *options)
 {
-    host[0] = '\0';
-    if (strncmp(endpoint, "tcp://", 6) != 0) return false;
-    snprintf(host, ENDPOINT_SIZE, "%s", endpoint + 6);
-    char *colon = strrchr(host, ':');
-    if (colon != NULL) *colon = '\0';
-    return !address_is_loopback(host) && strcmp(host, "lo") != 0;
+    return (server_options_t){.context = options->context,
+                              .control_endpoint = options->control_endpoint,
+                              .bulk_endpoint = options->bulk_endpoint,
+                              .data_dir = options->data_dir,
+                              .gate = options->gate,
+                              .heartbeat = options->heartbeat,
+                              .lease = options->lease,
+                              .batch_interval = options->batch_interval,
+                              .batch_memory = options->batch_memory,
+                              .merge_threads = options->merge_threads,
+                              .control_wake = master->control_wake,
+                              .bulk_wake = master->bulk_wake,
+                              .pulse = options->pulse};
 }
 
-static result_t check_endpoint(const char *endpoint, bool insecure)
+static result_t check_options(const master_t *master, const master_options_t *options)
 {
-    char host[ENDPOINT_SIZE];
-    if (strncmp(endpoint, "inproc://", 9) != 0 && strncmp(endpoint, "tcp://", 6) != 0)
-        return result_fail(RESULT_USAGE, "cannot listen on %s: it must begin with tcp:// or inproc://",
-                           endpoint);
-    if (insecure && is_exposed(endpoint, host))
-        log_warning("INSECURE: %s is open to everybody on its network: anyone there can submit jobs, send "
-                    "results and "
-                    "read images",
-                    endpoint + 6);
-    return result_ok();
-}
-
-static result_t check_seconds(const char *name, double value, double least)
-{
-    if (isfinite(value) && value >= least && value <= MAX_INTERVAL) return result_ok();
-    return result_fail(RESULT_USAGE, "%s is %g s, must be from %g to %d", name, value, least, MAX_INTERVAL);
-}
-
-static result_t check_options(const master_options_t *options)
-{
-    TRY(check_seconds("heartbeat", options->heartbeat, 0.05));
-    TRY(check_seconds("lease", options->lease, 0.1));
-    TRY(check_seconds("batch interval", options->batch_interval, 0.1));
-    TRY(check_seconds("checkpoint interval", options->checkpoint, 0.1));
-    if (options->lease < 2 * options->heartbeat)
-        return result_fail(RESULT_USAGE, "the lease (%g s) must be at least two heartbeats (%g s)",
-                           options->lease, options->heartbeat);
-    TRY(check_endpoint(options->control_endpoint, options->gate.insecure));
-    return check_endpoint(options->bulk_endpoint, options->gate.insecure);
+    server_options_t server = server_options(master, options);
+    TRY(server_check_seconds("checkpoint interval", options->checkpoint, 0.1));
+    return server_check(&server);
 }
 
 /* ---- setting up ---------------------------------------------------------------------------------------- */
-
-/* Makes the directory and its parents. */
-static result_t make_directories(const char *path)
-{
-    char *copy = mem_strdup(path);
-    result_t result = result_ok();
-    for (char *slash = copy + (*copy == '/'); result.code == RESULT_OK; slash++) {
-        char end = *slash;
-        if (end != '/' && end != '\0') continue;
-        *slash = '\0';
-        if (mkdir(copy, 0777) != 0 && errno != EEXIST)
-            result = result_fail(RESULT_IO, "cannot make the directory %s: %s", copy, strerror(errno));
-        *slash = end;
-        if (end == '\0') break;
-    }
-    free(copy);
-    return result;
-}
 
 /* Two masters on one directory would write over each other's images. */
 static result_t lock_directory(const char *path, int *descriptor)
@@ -163,64 +108,10 @@ static result_t make_eventfd(int *descriptor)
     return result_fail(RESULT_LIMIT, "cannot make an eventfd: %s", strerror(errno));
 }
 
-/* libzmq's own threads: the first is the control socket's, so that neither bulk data nor its encryption
- * delays a heartbeat; the others are the bulk socket's. */
-static int bulk_io_threads(void)
+static result_t open_server(master_t *master, const master_options_t *options)
 {
-    return int_max(1, int_min(MAX_BULK_IO, (int)sysconf(_SC_NPROCESSORS_ONLN) / 4));
-}
-
-/* Makes the socket; `threads` are the bits of the libzmq threads that serve it. */
-static result_t make_socket(master_t *master, const char *name, uint64_t threads, size_t largest_frame,
-                            void **socket)
-{
-    TRY(wire_socket(master->context, ZMQ_ROUTER, socket));
-    TRY(wire_socket_limit(*socket, largest_frame));
-    if (master->own_context && zmq_setsockopt(*socket, ZMQ_AFFINITY, &threads, sizeof threads) != 0)
-        return result_fail(RESULT_IO, "cannot choose a socket's threads: %s", zmq_strerror(errno));
-    return gate_guard(master->gate, *socket, name);
-}
-
-/* `bound` becomes the endpoint with the port that was chosen. */
-static result_t bind_socket(const char *endpoint, void **socket, char bound[ENDPOINT_SIZE], int *port)
-{
-    int v6 = strchr(endpoint, '[') != NULL;
-    if (zmq_setsockopt(*socket, ZMQ_IPV6, &v6, sizeof v6) != 0 || zmq_bind(*socket, endpoint) != 0)
-        return result_fail(RESULT_IO, "cannot listen on %s: %s%s", endpoint, zmq_strerror(errno),
-                           errno == EADDRINUSE ? "; is another master running? --listen chooses another port"
-                                               : "");
-    size_t size = ENDPOINT_SIZE;
-    if (zmq_getsockopt(*socket, ZMQ_LAST_ENDPOINT, bound, &size) != 0)
-        return result_fail(RESULT_IO, "cannot find the port of %s: %s", endpoint, zmq_strerror(errno));
-    const char *colon = strrchr(bound, ':');
-    *port = strncmp(bound, "tcp://", 6) == 0 && colon != NULL ? atoi(colon + 1) : 0;
-    return result_ok();
-}
-
-static result_t open_context(master_t *master, const master_options_t *options)
-{
-    master->context = options->context != NULL ? options->context : zmq_ctx_new();
-    master->own_context = options->context == NULL;
-    if (master->context == NULL)
-        return result_fail(RESULT_IO, "cannot start ZeroMQ: %s", zmq_strerror(errno));
-    if (master->own_context) zmq_ctx_set(master->context, ZMQ_IO_THREADS, 1 + bulk_io_threads());
-    return result_ok();
-}
-
-static result_t open_sockets(master_t *master, const master_options_t *options)
-{
-    char control[ENDPOINT_SIZE], bulk[ENDPOINT_SIZE], host[ENDPOINT_SIZE], bulk_host[ENDPOINT_SIZE];
-    TRY(open_context(master, options));
-    bool exposed = is_exposed(options->control_endpoint, host);
-    if (is_exposed(options->bulk_endpoint, bulk_host)) exposed = true;
-    TRY(gate_new(&options->gate, options->data_dir, master->context, exposed, &master->gate));
-    TRY(make_socket(master, "control", 1, WIRE_MAX_CONTROL_ASKED, &master->control_socket));
-    TRY(make_socket(master, "bulk", ~(uint64_t)1, WIRE_MAX_PAYLOAD, &master->bulk_socket));
-    TRY(wire_socket_queue(master->bulk_socket, BULK_RECEIVED, BULK_SENT));
-    TRY(bind_socket(options->control_endpoint, &master->control_socket, control, &master->control_port));
-    TRY(bind_socket(options->bulk_endpoint, &master->bulk_socket, bulk, &master->bulk_port));
-    log_info("listening on %s (control) and %s (bulk), data in %s", control, bulk, options->data_dir);
-    return gate_start(master->gate, host, master->control_port);
+    server_options_t server = server_options(master, options);
+    return server_open(&server, &master->server);
 }
 
 /* Three quarters of the memory, unless it is said. */
@@ -258,7 +149,7 @@ static result_t open_journal(master_t *master, const master_options_t *options)
 /* Opens all that is in the data directory. */
 static result_t open_data(master_t *master, const master_options_t *options)
 {
-    TRY(make_directories(options->data_dir));
+    TRY(directory_make(options->data_dir, 0777));
     TRY(lock_directory(options->data_dir, &master->lock_file));
     TRY(open_journal(master, options));
     TRY(open_films(master, options));
@@ -333,38 +224,19 @@ static result_t start_serving(master_t *master, const master_options_t *options)
     master->service = (farm_service_t){master->farm, master->store};
     master->client_bulk = (client_bulk_t){master->store, master->image_writer};
     master->client_control =
-        (client_control_t){master->farm, master->journal_writer, master->gate, (uint32_t)master->bulk_port};
-    bulk_server_options_t bulk = {.handler = farm_service_handler(&master->service),
-                                  .more = client_bulk_table(&master->client_bulk),
-                                  .gate = master->gate,
-                                  .socket = master->bulk_socket,
-                                  .wake = master->bulk_wake,
-                                  .batch_memory = options->batch_memory,
-                                  .merge_threads = options->merge_threads};
-    TRY(bulk_server_start(&bulk, &master->bulk));
-    master->bulk_socket = NULL;
-    control_server_options_t control = {.handler = farm_service_handler(&master->service),
-                                        .program = "master",
-                                        .more = client_control_table(&master->client_control),
-                                        .gate = master->gate,
-                                        .socket = master->control_socket,
-                                        .wake = master->control_wake,
-                                        .bulk_port = (uint32_t)master->bulk_port,
-                                        .heartbeat = options->heartbeat,
-                                        .lease = options->lease,
-                                        .batch_interval = options->batch_interval,
-                                        .pulse = options->pulse};
-    TRY(control_server_start(&control, &master->control));
-    master->control_socket = NULL;
-    return result_ok();
+        (client_control_t){master->farm, master->journal_writer, server_gate(master->server),
+                           (uint32_t)server_bulk_port(master->server)};
+    return server_start(master->server, farm_service_handler(&master->service),
+                        client_control_table(&master->client_control),
+                        client_bulk_table(&master->client_bulk));
 }
 
 static result_t start(master_t *master, const master_options_t *options)
 {
-    TRY(check_options(options));
+    TRY(check_options(master, options));
     TRY(open_data(master, options));
     TRY(make_eventfds(master));
-    TRY(open_sockets(master, options));
+    TRY(open_server(master, options));
     uint64_t first_job = restart_first_job(master->journal, master->films, options->data_dir);
     TRY(make_farm(master, options, first_job));
     TRY(start_keeping(master, options, first_job));
@@ -379,8 +251,7 @@ static void close_descriptor(int descriptor)
 /* Takes apart whatever was put together. */
 static void dismantle(master_t *master)
 {
-    control_server_stop(&master->control);
-    bulk_server_stop(&master->bulk);
+    server_stop(master->server);
     if (master->farm != NULL) farm_shut_down(master->farm);
     image_writer_stop(&master->image_writer);
     checkpointer_finish(master->checkpointer);
@@ -390,10 +261,7 @@ static void dismantle(master_t *master)
     blob_store_close(&master->store);
     film_store_close(&master->films);
     journal_close(&master->journal);
-    if (master->control_socket != NULL) zmq_close(master->control_socket);
-    if (master->bulk_socket != NULL) zmq_close(master->bulk_socket);
-    gate_stop(&master->gate);
-    if (master->own_context && master->context != NULL) zmq_ctx_term(master->context);
+    server_close(&master->server);
     close_descriptor(master->control_wake);
     close_descriptor(master->bulk_wake);
     close_descriptor(master->image_wake);
@@ -417,12 +285,12 @@ result_t master_start(const master_options_t *options, master_t **out)
 
 int master_control_port(const master_t *master)
 {
-    return master->control_port;
+    return server_control_port(master->server);
 }
 
 void master_reload(master_t *master)
 {
-    gate_reload(master->gate);
+    gate_reload(server_gate(master->server));
 }
 
 result_t master_stop(master_t **master)

@@ -189,7 +189,7 @@ static result_t load_list(gate_t *gate, const gate_options_t *options, const cha
     gate->allow_path =
         options->allow != NULL ? mem_strdup(options->allow) : mem_printf("%s/allow", directory);
     if (options->allow == NULL) {
-        TRY(key_directory_make(directory));
+        TRY(directory_make(directory, 0700));
         TRY(make_list(gate->allow_path));
     }
     return read_list(gate);

@@ -65,34 +65,14 @@ char *blob_cache_default_dir(void)
     return mem_printf("/var/tmp/lightmill-%u", (unsigned)getuid());
 }
 
-/* Creates a directory and its parents. */
-static result_t make_directories(const char *dir)
-{
-    char *path = mem_strdup(dir);
-    for (char *slash = strchr(path + 1, '/');; slash = strchr(slash + 1, '/')) {
-        if (slash) *slash = '\0';
-        bool failed = mkdir(path, 0777) != 0 && errno != EEXIST;
-        int error = errno;
-        if (slash) *slash = '/';
-        if (failed || !slash) {
-            free(path);
-            if (!failed) return result_ok();
-            return result_fail(
-                RESULT_IO,
-                "cannot create the cache directory %s: %s; choose another with --cache (a relay: --data)",
-                dir, strerror(error));
-        }
-    }
-}
-
 result_t blob_cache_new(const char *dir, uint64_t limit, blob_cache_t **cache)
 {
-    TRY(make_directories(dir));
-    if (access(dir, W_OK | X_OK) != 0)
-        return result_fail(
-            RESULT_IO,
-            "cannot write to the cache directory %s: %s; choose another with --cache (a relay: --data)", dir,
-            strerror(errno));
+    result_t result = directory_make(dir, 0777);
+    if (result.code == RESULT_OK && access(dir, W_OK | X_OK) != 0)
+        result = result_fail(RESULT_IO, "cannot write to the directory %.300s: %s", dir, strerror(errno));
+    if (result.code != RESULT_OK)
+        return result_fail(RESULT_IO, "the cache: %.400s; choose another with --cache (a relay: --data)",
+                           result.message);
     *cache = mem_zalloc(1, sizeof **cache);
     (*cache)->dir = mem_strdup(dir);
     (*cache)->limit = limit;

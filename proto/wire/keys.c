@@ -186,23 +186,6 @@ result_t key_file_read_open(const char *path, char key[KEY_TEXT + 1])
 
 /* ---- writing key files --------------------------------------------------------------------------------- */
 
-result_t key_directory_make(const char *path)
-{
-    char *copy = mem_strdup(path);
-    result_t result = result_ok();
-    for (char *slash = copy + 1; result.code == RESULT_OK; slash++) {
-        char end = *slash;
-        if (end != '/' && end != '\0') continue;
-        *slash = '\0';
-        if (mkdir(copy, 0700) != 0 && errno != EEXIST)
-            result = result_fail(RESULT_IO, "cannot make the directory %.300s: %s", copy, strerror(errno));
-        *slash = end;
-        if (end == '\0') break;
-    }
-    free(copy);
-    return result;
-}
-
 static bool write_all(int descriptor, const char *text)
 {
     size_t left = strlen(text);
@@ -264,7 +247,7 @@ result_t key_files_make(const char *directory, const char *name, key_pair_t *pai
         return result_fail(RESULT_USAGE, "'%.100s' is no name for a key: 1 to %d letters, digits and ._@-",
                            name, KEY_MAX_NAME);
     TRY(key_pair_new(pair));
-    TRY(key_directory_make(directory));
+    TRY(directory_make(directory, 0700));
     char *open_path = mem_printf("%s/%s.key", directory, name);
     char *secret_path = mem_printf("%s/%s.secret", directory, name);
     result_t result = write_pair(open_path, secret_path, pair);
