@@ -1,8 +1,6 @@
 /* job: settings and units (see job.h). */
 #include "common/job.h"
 
-#include "common/film/film.h"
-
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>

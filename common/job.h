@@ -15,6 +15,8 @@
 typedef enum { INTEGRATOR_BDPT = 1, INTEGRATOR_PATH = 2, INTEGRATOR_LIGHT = 3 } integrator_t;
 typedef enum { SAMPLER_SOBOL = 1, SAMPLER_INDEPENDENT = 2 } sampler_kind_t;
 
+enum { FILM_DEFAULT_SCALE = 32, FILM_MIN_SCALE = 0, FILM_MAX_SCALE = 40 }; /* of film_scale, below */
+
 enum {
     JOB_MAX_RESOLUTION = 32768, /* pixels a side */
     JOB_MAX_PIXELS = 1 << 27,   /* pixels in all: 128 Mi */

@@ -59,8 +59,6 @@ END
 # What still breaks the rule, and why: `use FOLDER FOLDER`, `circle FOLDER...` (files that call one another), `size FOLDER`.
 exceptions() {
     cat <<'END'
-use common common/film because job.c checks against the limits of a film
-circle common/image because the table of formats calls its readers
 circle worker/render/bsdf because lobes hold lobes
 size worker/render/bsdf because lobes and materials have no folders yet
 END

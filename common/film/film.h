@@ -22,8 +22,6 @@
 
 #include "common/job.h"
 
-enum { FILM_DEFAULT_SCALE = 32, FILM_MIN_SCALE = 0, FILM_MAX_SCALE = 40 };
-
 enum {
     FEATURE_SAMPLES = 32, /* samples of a pixel, from index 0, that contribute */
     FEATURE_SCALE = 32    /* measured values count in units of 2^-32 */

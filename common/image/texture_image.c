@@ -1,5 +1,4 @@
-/* texture_image: which format a file is in, limits, and what all formats have in common (see
- * texture_image.h). */
+/* texture_image: which format a file is in (see texture_image.h). */
 #include "common/image/texture_codec.h"
 
 #include <math.h>
@@ -9,33 +8,6 @@
 
 /* The pixels of the largest image as they are, and as much again for headers as anyone can want. */
 #define MAX_FILE_BYTES ((size_t)TEXTURE_MAX_PIXELS * 4 * sizeof(float) + ((size_t)1 << 24))
-
-result_t texture_set_size(const char *name, int64_t width, int64_t height, texture_image_t *image)
-{
-    if (width < 1 || height < 1 || width > TEXTURE_MAX_SIDE || height > TEXTURE_MAX_SIDE ||
-        width * height > TEXTURE_MAX_PIXELS)
-        return result_fail(RESULT_INPUT,
-                           "%s: %lld x %lld pixels are outside the limits (%d a side, %d in all)", name,
-                           (long long)width, (long long)height, TEXTURE_MAX_SIDE, TEXTURE_MAX_PIXELS);
-    image->width = (uint32_t)width;
-    image->height = (uint32_t)height;
-    return result_ok();
-}
-
-result_t texture_allocate(const char *name, uint32_t channels, texel_type_t type, texture_image_t *image)
-{
-    size_t count = texture_pixels(image) * channels;
-    image->channels = channels;
-    image->type = type;
-    if (type == TEXELS_U8)
-        image->bytes = calloc(count, sizeof *image->bytes);
-    else
-        image->floats = calloc(count, sizeof *image->floats);
-    if (image->bytes == NULL && image->floats == NULL)
-        return result_fail(RESULT_LIMIT, "%s: no memory for %u x %u pixels of %u channels", name,
-                           image->width, image->height, channels);
-    return result_ok();
-}
 
 static bool begins(const uint8_t *data, size_t size, const char *magic, size_t length)
 {
