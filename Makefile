@@ -228,12 +228,23 @@ container-check: deps
 	$(SUBMAKE) $(JOBS) all
 	docker/check.sh $(BUILD)
 
-install: $(PROGRAMS)
-	install -d $(DESTDIR)$(PREFIX)/bin
-	install -m 755 $(PROGRAMS) $(DESTDIR)$(PREFIX)/bin
+# The programs write their manual pages themselves, from the tables that they read their command lines by.
+man: $(PROGRAMS)
+	@mkdir -p $(BUILD)/man
+	$(Q)for program in $(PROGRAMS); do $$program --man >$(BUILD)/man/$${program##*/}.1 || exit 1; done
+	$(Q)for command in $$($(BUILD)/lightmill --complete ''); do \
+	    $(BUILD)/lightmill $$command --man >$(BUILD)/man/lightmill-$$command.1 || exit 1; done
+
+INSTALL_TO  = $(DESTDIR)$(PREFIX)
+COMPLETIONS = $(addprefix $(INSTALL_TO)/share/bash-completion/completions/,$(notdir $(PROGRAMS)))
+install: $(PROGRAMS) man
+	install -d $(INSTALL_TO)/bin $(INSTALL_TO)/share/man/man1 $(INSTALL_TO)/share/bash-completion/completions
+	install -m 755 $(PROGRAMS) $(INSTALL_TO)/bin
+	install -m 644 $(BUILD)/man/*.1 $(INSTALL_TO)/share/man/man1
+	$(BUILD)/lightmill completion bash | tee $(COMPLETIONS) >/dev/null
 
 uninstall:
-	rm -f $(addprefix $(DESTDIR)$(PREFIX)/bin/,$(notdir $(PROGRAMS)))
+	rm -f $(addprefix $(INSTALL_TO)/bin/,$(notdir $(PROGRAMS))) $(COMPLETIONS) $(INSTALL_TO)/share/man/man1/lightmill*.1
 
 OUR_C  = $(shell git ls-files '*.c')
 OUR_H  = $(shell git ls-files '*.h')
@@ -286,11 +297,12 @@ help:
 	@echo "make bench-merge  how fast a master merges, as a share of memcpy"
 	@echo "make bench-farm   CPU time of a farm beside its rendering; two workers against one"
 	@echo "make bench-codec  the codings of payloads that were weighed against one another"
+	@echo "make man        the manual pages, in $(BUILD)/man"
 	@echo "make install    into PREFIX ($(PREFIX)); DESTDIR is honoured; uninstall takes it back"
 	@echo "make deps       the Debian packages of docker/packages.txt; deps-dev: also those for format and lint"
 	@echo "make format     clang-format; make lint: is the format right, and do clang-tidy, cppcheck and shellcheck find nothing?"
 	@echo "make compdb     compile_commands.json for editors"
 	@echo "make clean      remove $(BUILD)/"
 
-.PHONY: all check check-fast bench bench-error bench-codec tests fast-tests run-tests asan tsan fuzz demo deps deps-dev container-check install uninstall format lint lint-files compdb clean help sim bench-merge bench-farm chaos chaos-programs valgrind deps-test
+.PHONY: all check check-fast bench bench-error bench-codec tests fast-tests run-tests asan tsan fuzz demo deps deps-dev container-check install man uninstall format lint lint-files compdb clean help sim bench-merge bench-farm chaos chaos-programs valgrind deps-test
 .SECONDARY:

@@ -15,7 +15,10 @@ static const command_t lightmill = {
     .summary = "render images on one machine or on many",
     .about = "Renders images on this machine, or hands them to a master that shares them out to many. "
              "lightmill COMMAND --help tells more of a command. The other programs are lightmill-master, "
-             "lightmill-worker and lightmill-relay.",
+             "lightmill-worker and lightmill-relay.\n\n"
+             "An option's value follows it as a word or after \"=\". A name may be cut short as long as it "
+             "fits one "
+             "option only; scripts should not. Words after -- are arguments.",
     .after = "Exit codes:\n"
              "0 success\n"
              "1 the command line is wrong\n"

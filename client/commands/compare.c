@@ -25,9 +25,7 @@ static const option_t noise_rows[] = {
            "independent, equally long renders; IMG is their mean, and may be given as -", .many = true),
     OPTION(values_t, image_stderr, "img-stderr", "X.exr", "standard error of each pixel of IMG"),
 };
-static const option_group_t noise_options = OPTION_GROUP(
-    "The noise of IMG, needed to tell an error from noise, is its noise.* layer, or given by one of",
-    noise_rows);
+static const option_group_t noise_options = OPTION_GROUP("The noise of IMG", noise_rows);
 
 static const option_t rows[] = {
     OPTION(values_t, limits.max_rms, "max-rms", "X", "largest rms of the block z (default: 1.25)",
@@ -346,7 +344,9 @@ const command_t compare_command = {
     .about =
         "Compares an image with a reference. REF is a folder with ref.exr and stderr.exr (standard error of "
         "each pixel), or an EXR; its own noise.* layer is then its standard error, and without one it "
-        "counts as exact.",
+        "counts as exact.\n\nThe noise of IMG, needed to tell an error from noise, is its noise.* layer, or "
+        "given by --runs or "
+        "--img-stderr.",
     .groups = {{&noise_options, 0}, {&compare_options, 0}},
     .after =
         "Printed: relMSE (mean squared relative error without the worst 0.1 % of the pixels; floor: that of "

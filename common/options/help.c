@@ -146,14 +146,15 @@ void help_print_man(const command_t *command)
     const option_group_t *group;
     fputs(".TH ", stdout);
     print_page_name(command->name, true);
-    fputs(" 1 \"\" \"Lightmill " LIGHTMILL_VERSION "\" \"Lightmill\"\n.SH NAME\n", stdout);
+    fputs(" 1 \"\" \"Lightmill " LIGHTMILL_VERSION "\" \"Lightmill\"\n.nh\n.SH NAME\n", stdout);
     print_page_name(command->name, false);
     fputs(" \\- ", stdout);
     print_roff(command->summary);
     fputs(".SH SYNOPSIS\n.B ", stdout);
     print_roff(command->name);
     if (command->arguments != NULL) print_roff(command->arguments);
-    fputs("[options]\n.SH DESCRIPTION\n", stdout);
+    if (command->subcommands == NULL) puts("[options]");
+    puts(".SH DESCRIPTION");
     print_roff(command->about);
     char title[100];
     if (command->subcommands != NULL) puts(".SH COMMANDS");
