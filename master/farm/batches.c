@@ -149,14 +149,6 @@ result_t farm_batch_begin(farm_t *farm, double now, const batch_head_t *head, fa
     return result;
 }
 
-static void job_see(job_t *job, uint64_t worker)
-{
-    for (size_t i = 0; i < job->seen_count; i++)
-        if (job->seen[i] == worker) return;
-    job->seen = mem_realloc(job->seen, (job->seen_count + 1) * sizeof *job->seen);
-    job->seen[job->seen_count++] = worker;
-}
-
 /* Moves the points that the speed is measured from. */
 static void note_progress(job_t *job, double now)
 {
@@ -287,7 +279,7 @@ static void note_batch(farm_t *farm, double now, const delivery_t *delivery)
         worker->batches++;
         farm_worker_delivered(farm, now, worker, job, batch->units, batch->unit_count);
     }
-    job_see(job, worker != NULL ? worker->id : 0);
+    id_table_put(&job->seen, worker != NULL ? worker->id : 0, 0);
     job->samples_done = schedule_done(job->schedule);
     note_progress(job, now);
     job->merging--;

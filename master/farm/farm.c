@@ -42,6 +42,7 @@ void farm_destroy(farm_t **farm)
     pthread_mutex_destroy(&(*farm)->lock);
     free((*farm)->jobs);
     free((*farm)->workers);
+    id_table_free(&(*farm)->by_id);
     trust_destroy(&(*farm)->trust);
     free((*farm)->notices);
     free(*farm);
@@ -69,13 +70,13 @@ bool farm_next_notice(farm_t *farm, notice_t *notice)
     bool found = false;
     farm_lock(farm);
     if (farm->work_due) call_idle(farm);
-    while (!found && farm->notice_count > 0) {
-        pending_t pending = farm->notices[0];
-        memmove(farm->notices, farm->notices + 1, --farm->notice_count * sizeof *farm->notices);
+    while (!found && farm->notice_first < farm->notice_count) {
+        pending_t pending = farm->notices[farm->notice_first++];
         const worker_t *worker = farm_find_worker(farm, pending.worker);
         found = worker != NULL && worker->connected;
         if (found) *notice = (notice_t){worker->identity, pending.job, pending.flush};
     }
+    if (!found) farm->notice_first = farm->notice_count = 0;
     farm_unlock(farm);
     return found;
 }

@@ -76,7 +76,7 @@ void farm_job_free(farm_t *farm, job_t *job)
     farm_job_free_film(farm, job);
     schedule_destroy(&job->schedule);
     trust_forget(job);
-    free(job->seen);
+    id_table_free(&job->seen);
     free(job);
 }
 
@@ -346,7 +346,7 @@ static void log_end(const job_t *job)
              "%.1f MB (%llu bytes) received, %.1f CPU s",
              (unsigned long long)job->id, job_state_name((uint32_t)job->state), farm_job_elapsed(job, 0),
              (unsigned long long)job->batches, (unsigned long long)job->batches_refused,
-             (unsigned long long)job->units_reissued, job->seen_count + job->seen_before,
+             (unsigned long long)job->units_reissued, job->seen.count + job->seen_before,
              1e-6 * (double)job->bytes, (unsigned long long)job->bytes, 1e-6 * (double)job->counts.cpu_us);
     if (job->counts.dropped > 0)
         log_warning("job %llu: %llu contributions were NaN or infinite, and left out",

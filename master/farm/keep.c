@@ -39,7 +39,7 @@ static job_record_t make_record(const job_t *job, double now)
                            .units_reissued = job->units_reissued,
                            .checks_passed = job->checks_passed,
                            .checks_failed = job->checks_failed,
-                           .workers_seen = (uint32_t)job->seen_count + job->seen_before,
+                           .workers_seen = (uint32_t)job->seen.count + job->seen_before,
                            .samples_done = job->samples_done,
                            .account = job->schedule != NULL ? schedule_account(job->schedule) : job->account,
                            .counts = job->counts,

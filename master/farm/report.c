@@ -62,7 +62,7 @@ job_report_t farm_report_job(const job_t *job, double now)
                            .elapsed = farm_job_elapsed(job, now),
                            .remaining = remaining_time(job, now),
                            .workers = job->schedule != NULL ? (uint32_t)schedule_holders(job->schedule) : 0,
-                           .workers_seen = (uint32_t)job->seen_count + job->seen_before,
+                           .workers_seen = (uint32_t)job->seen.count + job->seen_before,
                            .bytes_received = job->bytes,
                            .batches = job->batches,
                            .batches_refused = job->batches_refused,

@@ -102,21 +102,35 @@ worker_t *farm_worker_hear(farm_t *farm, double now, const identity_t *identity,
     return worker;
 }
 
-/* Room for one more worker: the lost one that was heard of longest ago is forgotten. NULL when too many are
- * connected. */
-static worker_t *worker_add(farm_t *farm)
+/* The place of one more worker: the lost one that was heard of longest ago is forgotten. SIZE_MAX when too
+ * many are connected. */
+static size_t worker_place(const farm_t *farm)
 {
     size_t connected = 0, oldest = SIZE_MAX;
+    if (farm->worker_count < FARM_MAX_WORKERS) return farm->worker_count;
     for (size_t i = 0; i < farm->worker_count; i++) {
         const worker_t *worker = &farm->workers[i];
         connected += worker->connected;
         if (worker->connected) continue;
         if (oldest == SIZE_MAX || worker->last_seen < farm->workers[oldest].last_seen) oldest = i;
     }
-    if (connected >= FARM_MAX_WORKERS) return NULL;
-    if (farm->worker_count - connected >= FARM_MAX_WORKERS) return &farm->workers[oldest];
-    farm->workers = mem_realloc(farm->workers, (farm->worker_count + 1) * sizeof *farm->workers);
-    return &farm->workers[farm->worker_count++];
+    if (connected >= FARM_MAX_WORKERS) return SIZE_MAX;
+    return farm->worker_count - connected < FARM_MAX_WORKERS ? farm->worker_count : oldest;
+}
+
+static worker_t *worker_add(farm_t *farm, const worker_t *joins)
+{
+    size_t at = worker_place(farm);
+    if (at == SIZE_MAX) return NULL;
+    if (at == farm->worker_count)
+        farm->workers = mem_realloc(farm->workers, ++farm->worker_count * sizeof *farm->workers);
+    else
+        id_table_remove(&farm->by_id, farm->workers[at].id);
+    worker_t *worker = &farm->workers[at];
+    *worker = *joins;
+    while (worker->id == 0) randombytes_buf(&worker->id, sizeof worker->id);
+    id_table_put(&farm->by_id, worker->id, at);
+    return worker;
 }
 
 static uint32_t sane_threads(uint32_t threads)
@@ -148,12 +162,10 @@ result_t farm_hello(farm_t *farm, double now, const identity_t *identity, const 
     worker_t joins = make_worker(now, identity, hello);
     farm_lock(farm);
     result_t result = trust_admit(farm, now, &joins);
-    worker_t *worker = result.code == RESULT_OK ? worker_add(farm) : NULL;
+    worker_t *worker = result.code == RESULT_OK ? worker_add(farm, &joins) : NULL;
     if (result.code == RESULT_OK && worker == NULL)
         result = result_fail(RESULT_LIMIT, "this master has %d workers already", FARM_MAX_WORKERS);
     if (result.code == RESULT_OK) {
-        while (joins.id == 0) randombytes_buf(&joins.id, sizeof joins.id);
-        *worker = joins;
         *id = worker->id;
         char bits[2 * HASH_BYTES + 1];
         hash_to_hex(&worker->fingerprint, bits);

@@ -76,9 +76,18 @@ void schedule_tile_refresh(schedule_t *s, uint32_t index)
 
 static holder_t *holder_find(const schedule_t *s, uint64_t worker)
 {
-    for (size_t i = 0; i < s->holder_count; i++)
-        if (s->holders[i].units > 0 && s->holders[i].worker == worker) return &s->holders[i];
-    return NULL;
+    size_t at = id_table_find(&s->by_worker, worker);
+    return at != SIZE_MAX ? &s->holders[at] : NULL;
+}
+
+/* An entry that nobody has; SPAN_MAX_HOLDERS when the table is full. */
+static size_t holder_place(const schedule_t *s)
+{
+    if (s->vacant < s->holder_count && s->holders[s->vacant].units == 0) return s->vacant;
+    if (s->holder_count < SPAN_MAX_HOLDERS) return s->holder_count;
+    size_t i = 0;
+    while (i < s->holder_count && s->holders[i].units > 0) i++;
+    return i;
 }
 
 /* The worker's entry, a new one if need be; NULL when the table is full. */
@@ -86,14 +95,14 @@ static holder_t *holder_make(schedule_t *s, uint64_t worker)
 {
     holder_t *holder = holder_find(s, worker);
     if (holder != NULL) return holder;
-    size_t i = 0;
-    while (i < s->holder_count && s->holders[i].units > 0) i++;
+    size_t i = holder_place(s);
     if (i == SPAN_MAX_HOLDERS) return NULL;
-    if (i == s->holder_count) {
-        s->holders = mem_realloc(s->holders, (i + 1) * sizeof *s->holders);
-        s->holder_count++;
-    }
+    if (i == s->holder_count)
+        s->holders = mem_realloc(s->holders, ++s->holder_count * sizeof *s->holders);
+    else
+        id_table_remove(&s->by_worker, s->holders[i].worker);
     s->holders[i] = (holder_t){.worker = worker};
+    id_table_put(&s->by_worker, worker, i);
     return &s->holders[i];
 }
 
@@ -149,6 +158,7 @@ static uint32_t span_cut(schedule_t *s, uint32_t tile_index, uint32_t at, uint32
         s->out -= span_samples(s, tile_index, low, high);
         holder->units += (size_t)(old.first < low) + (high < old.end);
         holder->units--;
+        if (holder->units == 0) s->vacant = old.holder;
     }
     span_delete(s, tile, at);
     if (old.first < low) span_insert(s, tile, at++, (span_t){old.first, low, old.holder});
@@ -233,6 +243,7 @@ void schedule_destroy(schedule_t **schedule)
     free(s->tiles);
     free(s->heap);
     free(s->holders);
+    id_table_free(&s->by_worker);
     free(s->ends);
     free(s->weights);
     free(s);
@@ -429,7 +440,7 @@ unit_t *schedule_units_of(const schedule_t *s, uint64_t worker, size_t *count)
 {
     const holder_t *holder = holder_find(s, worker);
     *count = 0;
-    if (holder == NULL) return NULL;
+    if (holder == NULL || holder->units == 0) return NULL;
     uint32_t name = (uint32_t)(holder - s->holders);
     unit_t *units = mem_alloc(holder->units * sizeof *units);
     for (uint32_t t = 0; t < s->tile_count && *count < holder->units; t++)

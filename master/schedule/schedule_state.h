@@ -2,6 +2,7 @@
 #ifndef LIGHTMILL_SCHEDULE_STATE_H
 #define LIGHTMILL_SCHEDULE_STATE_H
 
+#include "common/id_table.h"
 #include "master/schedule/schedule.h"
 
 /* Holders of spans: an index in the table of holders, or one of these. */
@@ -38,7 +39,8 @@ struct schedule {
     uint32_t round_count;
     uint32_t *ends, *weights; /* [round][tile] */
     holder_t *holders;
-    size_t holder_count;
+    size_t holder_count, vacant; /* `vacant`: an entry that had none left lately */
+    id_table_t by_worker;        /* indices of holders */
     size_t span_count;
     uint64_t open;                  /* pixel samples of all rounds */
     uint64_t counted, skipped, out; /* of them; the rest is free */

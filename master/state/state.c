@@ -41,9 +41,8 @@ job_t *farm_find_job(const farm_t *farm, uint64_t id)
 
 worker_t *farm_find_worker(const farm_t *farm, uint64_t id)
 {
-    for (size_t i = 0; i < farm->worker_count; i++)
-        if (farm->workers[i].id == id) return &farm->workers[i];
-    return NULL;
+    size_t at = id_table_find(&farm->by_id, id);
+    return at != SIZE_MAX ? &farm->workers[at] : NULL;
 }
 
 /* ---- noting -------------------------------------------------------------------------------------------- */

@@ -6,6 +6,7 @@
 #ifndef LIGHTMILL_STATE_STATE_H
 #define LIGHTMILL_STATE_STATE_H
 
+#include "common/id_table.h"
 #include "master/state/types.h"
 
 #include <pthread.h>
@@ -124,8 +125,7 @@ struct job {
     double error;               /* estimated relative error at the last fixed point; 0: not known */
     uint64_t error_samples;     /* pixel samples counted then */
     uint64_t samples_done;
-    uint64_t *seen; /* workers that contributed */
-    size_t seen_count;
+    id_table_t seen;      /* workers that contributed */
     uint32_t seen_before; /* workers that contributed before this process */
     uint64_t bytes, batches, batches_refused, units_reissued, checks_passed, checks_failed;
     schedule_account_t account; /* the last one, when there is no schedule */
@@ -159,13 +159,14 @@ struct farm {
     bool shut; /* nothing more is handed out or taken */
     worker_t *workers;
     size_t worker_count;
+    id_table_t by_id; /* indices of workers */
     trust_t *trust;
     double remarked; /* seconds, when the remarks of jobs were made */
     bool cast_out;   /* workers are outcasts that are connected still: farm_cast_out sees to it */
     bool work_due;   /* there may be something to do for idle workers: farm_next_notice sees to it */
     job_t **ranked;  /* see farm_rank_jobs */
     pending_t *notices;
-    size_t notice_count, notice_capacity;
+    size_t notice_first, notice_count, notice_capacity; /* [first, count) are to be sent */
     double last_tick;
 };
 

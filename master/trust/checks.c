@@ -59,6 +59,7 @@ void checks_free(job_checks_t **pointer)
     for (size_t i = 0; i < checks->check_count; i++) check_free(&checks->checks[i]);
     free(checks->checks);
     free(checks->sources);
+    id_table_free(&checks->by_id);
     free(checks->evidence);
     free(checks);
     *pointer = NULL;
@@ -66,13 +67,14 @@ void checks_free(job_checks_t **pointer)
 
 size_t checks_source(job_checks_t *checks, uint64_t id, uint64_t machine, const char *name, const char *key)
 {
-    for (size_t i = 0; i < checks->source_count; i++)
-        if (checks->sources[i].id == id) return i;
+    size_t known = id_table_find(&checks->by_id, id);
+    if (known != SIZE_MAX) return known;
     checks->sources = mem_realloc(checks->sources, (checks->source_count + 1) * sizeof *checks->sources);
     source_t *source = &checks->sources[checks->source_count];
     *source = (source_t){.id = id, .machine = machine, .condemned = -1};
     snprintf(source->name, sizeof source->name, "%s", name);
     snprintf(source->key, sizeof source->key, "%s", key);
+    id_table_put(&checks->by_id, id, checks->source_count);
     return checks->source_count++;
 }
 

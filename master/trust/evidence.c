@@ -231,10 +231,14 @@ bool evidence_piles_up(const farm_t *farm, const job_t *job, size_t index)
 static void let_gone_go(farm_t *farm, double now, job_t *job)
 {
     job_checks_t *checks = job->checks;
+    for (size_t i = 0; i < farm->worker_count; i++) {
+        size_t source = id_table_find(&checks->by_id, farm->workers[i].source);
+        if (farm->workers[i].connected && source != SIZE_MAX) checks->sources[source].seen = now;
+    }
     for (size_t i = 0; i < checks->source_count; i++) {
         source_t *source = &checks->sources[i];
         if (source->unvouched == 0) continue;
-        if (source->seen <= 0 || is_connected(farm, source->id) || checks_open(checks, i)) source->seen = now;
+        if (source->seen <= 0 || checks_open(checks, i)) source->seen = now;
         if (now - source->seen < GONE_SECONDS) continue;
         log_info("job %llu: %u batches of %s are kept no longer: it is gone", (unsigned long long)job->id,
                  source->unvouched, source->name);
@@ -279,8 +283,8 @@ void evidence_condemn(farm_t *farm, double now, uint64_t id)
 {
     for (size_t j = 0; j < farm->job_count; j++) {
         job_checks_t *checks = farm->jobs[j]->checks;
-        for (size_t i = 0; checks != NULL && i < checks->source_count; i++)
-            if (checks->sources[i].id == id) condemn(farm, now, farm->jobs[j], i);
+        size_t source = checks != NULL ? id_table_find(&checks->by_id, id) : SIZE_MAX;
+        if (source != SIZE_MAX) condemn(farm, now, farm->jobs[j], source);
     }
     farm_wake(farm->options.checkpoint_wake);
 }

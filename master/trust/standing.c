@@ -64,25 +64,34 @@ void standing_identify(worker_t *worker)
 
 static standing_t *find(const farm_t *farm, uint64_t who)
 {
-    for (size_t i = 0; i < farm->trust->standing_count; i++)
-        if (farm->trust->standings[i].who == who) return &farm->trust->standings[i];
-    return NULL;
+    size_t at = id_table_find(&farm->trust->by_who, who);
+    return at != SIZE_MAX ? &farm->trust->standings[at] : NULL;
 }
 
-/* The entry, a new one if need be; the one that was looked at longest ago makes room. */
+/* The place of one more entry; the one that was looked at longest ago makes room. */
+static size_t make_room(trust_t *trust)
+{
+    size_t oldest = 0;
+    if (trust->standing_count < MAX_STANDINGS) {
+        trust->standings =
+            mem_realloc(trust->standings, (trust->standing_count + 1) * sizeof *trust->standings);
+        return trust->standing_count++;
+    }
+    for (size_t i = 1; i < trust->standing_count; i++)
+        if (trust->standings[i].touched < trust->standings[oldest].touched) oldest = i;
+    id_table_remove(&trust->by_who, trust->standings[oldest].who);
+    return oldest;
+}
+
+/* The entry, a new one if need be. */
 static standing_t *find_or_make(farm_t *farm, double now, uint64_t who)
 {
     standing_t *standing = find(farm, who);
-    if (standing == NULL && farm->trust->standing_count < MAX_STANDINGS) {
-        farm->trust->standings = mem_realloc(farm->trust->standings, (farm->trust->standing_count + 1) *
-                                                                         sizeof *farm->trust->standings);
-        standing = &farm->trust->standings[farm->trust->standing_count++];
+    if (standing == NULL) {
+        size_t at = make_room(farm->trust);
+        standing = &farm->trust->standings[at];
         *standing = (standing_t){.who = who};
-    } else if (standing == NULL) {
-        standing = farm->trust->standings;
-        for (size_t i = 1; i < farm->trust->standing_count; i++)
-            if (farm->trust->standings[i].touched < standing->touched) standing = &farm->trust->standings[i];
-        *standing = (standing_t){.who = who};
+        id_table_put(&farm->trust->by_who, who, at);
     }
     standing->touched = now;
     return standing;

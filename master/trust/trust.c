@@ -16,6 +16,7 @@ void trust_destroy(trust_t **trust)
 {
     if (*trust == NULL) return;
     free((*trust)->standings);
+    id_table_free(&(*trust)->by_who);
     free(*trust);
     *trust = NULL;
 }

@@ -20,6 +20,7 @@ typedef struct {
 struct trust {
     standing_t *standings;
     size_t standing_count;
+    id_table_t by_who;             /* indices of standings */
     double deaths, worker_seconds; /* of late: how often workers die of nothing in particular */
     double rated;                  /* seconds, when these were counted */
     double gone_looked;            /* seconds, when it was looked who is gone (evidence.c) */
@@ -115,6 +116,7 @@ typedef struct {
 struct job_checks {
     source_t *sources;
     size_t source_count;
+    id_table_t by_id;     /* indices of sources */
     evidence_t *evidence; /* in no order */
     size_t evidence_count;
     check_t *checks;

@@ -244,6 +244,14 @@ static void too_many_workers_are_refused_and_lost_ones_forgotten(void **state)
                 .code,
             RESULT_OK);
     }
+    uint64_t job = submit(farm), lost = worker;
+    assert_true(farm_heartbeat(farm, 9000, &nobody, worker, 0, 0));
+    farm_goodbye(farm, 9000, worker, 0, "");
+    unit_t unit = {0};
+    assert_true(take(farm, 9000, hello(farm, 9000), &unit));
+    assert_int_equal(deliver(farm, 9000, lost, job, &unit).code, RESULT_OK); /* the last one is remembered */
+    unit.tile++;
+    assert_int_equal(deliver(farm, 9000, first, job, &unit).code, RESULT_UNREACHABLE);
 }
 
 /* A unit whose holder died was handed out again; half of it comes from somebody who had the rest already. */
