@@ -28,6 +28,23 @@ lobe_t *lobe_add_dielectric(const shading_t *shading, const lobe_kind_t *kind, r
 /* Adds its reflection alone, rough, with the factor `r`. */
 lobe_t *lobe_add_reflection(const shading_t *shading, rgb_t r, float ior, const float alpha[2]);
 
+/* Completes a sample of a rough lobe: `wi` was drawn for wo turned above the surface, where `value` is what
+ * the lobe says of the two. False when that is nothing. */
+static inline bool lobe_complete(vec3_t wo, vec3_t wi, const bsdf_value_t *value, bsdf_sample_t *sample)
+{
+    if (!(value->pdf > 0)) return false;
+    *sample = (bsdf_sample_t){.wi = wo.z > 0 ? wi : v_neg(wi),
+                              .weight = v_scale(value->f, fabsf(wi.z) / value->pdf),
+                              .pdf = value->pdf,
+                              .pdf_rev = value->pdf_rev};
+    return true;
+}
+
+/* Draws wi by the cosine, on the side of the surface where wo is, or on the other one. */
+bool lobe_sample_cosine(vec3_t wo, vec2_t u, bool same_side, bsdf_sample_t *sample);
+/* Sets the densities of this, where `allowed`: the pair lies on the sides that are drawn. */
+void lobe_cosine_densities(vec3_t wo, vec3_t wi, bool allowed, bsdf_value_t *value);
+
 /* An index of refraction within sensible limits; 0 counts as 1, no interface. */
 static inline float lobe_sane_ior(float ior)
 {

@@ -54,12 +54,7 @@ static bool sample(const lobe_t *lobe, vec3_t wo, vec2_t u, float choice, transp
         wi = warp_cosine_hemisphere(u);
     else if (!microfacet_mirror(lobe->alpha[0], lobe->alpha[1], up, u, &wi))
         return false;
-    if (!eval_upright(lobe, up, wi, &value) || !(value.pdf > 0)) return false;
-    *s = (bsdf_sample_t){.wi = wo.z > 0 ? wi : v_neg(wi),
-                         .weight = v_scale(value.f, wi.z / value.pdf),
-                         .pdf = value.pdf,
-                         .pdf_rev = value.pdf_rev};
-    return true;
+    return eval_upright(lobe, up, wi, &value) && lobe_complete(wo, wi, &value, s);
 }
 
 const lobe_kind_t lobe_fresnel_blend = {LOBE_REFLECTS, eval, sample, lobe_regularize_alphas};

@@ -28,14 +28,8 @@ static bool sample(const lobe_t *lobe, vec3_t wo, vec2_t u, float choice, transp
     (void)choice, (void)mode;
     vec3_t up = wo.z > 0 ? wo : v_neg(wo), wi;
     bsdf_value_t value;
-    if (!microfacet_mirror(lobe->alpha[0], lobe->alpha[1], up, u, &wi) || !eval_above(lobe, up, wi, &value) ||
-        !(value.pdf > 0))
-        return false;
-    *s = (bsdf_sample_t){.wi = wo.z > 0 ? wi : v_neg(wi),
-                         .weight = v_scale(value.f, wi.z / value.pdf),
-                         .pdf = value.pdf,
-                         .pdf_rev = value.pdf_rev};
-    return true;
+    return microfacet_mirror(lobe->alpha[0], lobe->alpha[1], up, u, &wi) &&
+           eval_above(lobe, up, wi, &value) && lobe_complete(wo, wi, &value, s);
 }
 
 const lobe_kind_t lobe_rough_conductor = {LOBE_REFLECTS, eval, sample, lobe_regularize_alphas};

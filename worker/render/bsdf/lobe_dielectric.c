@@ -101,14 +101,8 @@ static bool sample(const lobe_t *lobe, vec3_t wo, vec2_t u, float choice, transp
     vec3_t up = wo.z > 0 ? wo : v_neg(wo), wi;
     bool reflect;
     bsdf_value_t value;
-    if (!draw(lobe, eta, up, u, choice, &wi, &reflect) ||
-        !eval_pair(lobe, eta, up, wi, reflect, mode, &value) || !(value.pdf > 0))
-        return false;
-    *s = (bsdf_sample_t){.wi = wo.z > 0 ? wi : v_neg(wi),
-                         .weight = v_scale(value.f, fabsf(wi.z) / value.pdf),
-                         .pdf = value.pdf,
-                         .pdf_rev = value.pdf_rev};
-    return true;
+    return draw(lobe, eta, up, u, choice, &wi, &reflect) &&
+           eval_pair(lobe, eta, up, wi, reflect, mode, &value) && lobe_complete(wo, wi, &value, s);
 }
 
 const lobe_kind_t lobe_rough_dielectric = {LOBE_REFLECTS | LOBE_TRANSMITS, eval, sample,

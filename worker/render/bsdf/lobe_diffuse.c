@@ -4,18 +4,17 @@
 
 #include "worker/render/sampling/warp.h"
 
-/* Densities of the cosine, for a pair on the same or on opposite sides of the shading plane. */
-static void set_densities(vec3_t wo, vec3_t wi, bool allowed, bsdf_value_t *value)
+void lobe_cosine_densities(vec3_t wo, vec3_t wi, bool allowed, bsdf_value_t *value)
 {
     value->pdf = allowed ? fabsf(wi.z) * INV_PI_F : 0;
     value->pdf_rev = allowed ? fabsf(wo.z) * INV_PI_F : 0;
 }
 
-static bool sample_cosine(vec3_t wo, vec2_t u, bool above, bsdf_sample_t *s)
+bool lobe_sample_cosine(vec3_t wo, vec2_t u, bool same_side, bsdf_sample_t *s)
 {
     vec3_t wi = warp_cosine_hemisphere(u);
     if (wi.z == 0) return false;
-    if ((wo.z > 0) != above) wi.z = -wi.z;
+    if ((wo.z > 0) != same_side) wi.z = -wi.z;
     *s = (bsdf_sample_t){
         .wi = wi, .weight = {1, 1, 1}, .pdf = fabsf(wi.z) * INV_PI_F, .pdf_rev = fabsf(wo.z) * INV_PI_F};
     return true;
@@ -26,7 +25,7 @@ static bool eval_reflection(const lobe_t *lobe, vec3_t wo, vec3_t wi, bool refle
 {
     (void)lobe, (void)reflect, (void)mode;
     value->f = vec3(INV_PI_F, INV_PI_F, INV_PI_F);
-    set_densities(wo, wi, wo.z * wi.z > 0, value);
+    lobe_cosine_densities(wo, wi, wo.z * wi.z > 0, value);
     return true;
 }
 
@@ -34,7 +33,7 @@ static bool sample_reflection(const lobe_t *lobe, vec3_t wo, vec2_t u, float cho
                               bsdf_sample_t *s)
 {
     (void)lobe, (void)choice, (void)mode;
-    return sample_cosine(wo, u, true, s);
+    return lobe_sample_cosine(wo, u, true, s);
 }
 
 static bool eval_transmission(const lobe_t *lobe, vec3_t wo, vec3_t wi, bool reflect, transport_t mode,
@@ -42,7 +41,7 @@ static bool eval_transmission(const lobe_t *lobe, vec3_t wo, vec3_t wi, bool ref
 {
     (void)lobe, (void)reflect, (void)mode;
     value->f = vec3(INV_PI_F, INV_PI_F, INV_PI_F);
-    set_densities(wo, wi, wo.z * wi.z < 0, value);
+    lobe_cosine_densities(wo, wi, wo.z * wi.z < 0, value);
     return true;
 }
 
@@ -50,7 +49,7 @@ static bool sample_transmission(const lobe_t *lobe, vec3_t wo, vec2_t u, float c
                                 bsdf_sample_t *s)
 {
     (void)lobe, (void)choice, (void)mode;
-    return sample_cosine(wo, u, false, s);
+    return lobe_sample_cosine(wo, u, false, s);
 }
 
 const lobe_kind_t lobe_lambert = {LOBE_REFLECTS, eval_reflection, sample_reflection, NULL};
@@ -77,7 +76,7 @@ static bool eval_oren_nayar(const lobe_t *lobe, vec3_t wo, vec3_t wi, bool refle
     if (wo.z == 0 && wi.z == 0) return false;
     float f = oren_nayar(lobe, wo, wi) * INV_PI_F;
     value->f = vec3(f, f, f);
-    set_densities(wo, wi, wo.z * wi.z > 0, value);
+    lobe_cosine_densities(wo, wi, wo.z * wi.z > 0, value);
     return true;
 }
 
@@ -85,7 +84,7 @@ static bool sample_oren_nayar(const lobe_t *lobe, vec3_t wo, vec2_t u, float cho
                               bsdf_sample_t *s)
 {
     (void)choice, (void)mode;
-    if (!sample_cosine(wo, u, true, s)) return false;
+    if (!lobe_sample_cosine(wo, u, true, s)) return false;
     s->weight = v_scale(s->weight, oren_nayar(lobe, wo, s->wi));
     return true;
 }

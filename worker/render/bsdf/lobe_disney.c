@@ -57,22 +57,16 @@ static bool eval_matte(matte_t *matte, const lobe_t *lobe, vec3_t wo, vec3_t wi,
 {
     float f;
     if (!matte(lobe, wo, wi, &f)) return false;
-    bool same = wo.z * wi.z > 0;
     value->f = vec3(f * INV_PI_F, f * INV_PI_F, f * INV_PI_F);
-    value->pdf = same ? fabsf(wi.z) * INV_PI_F : 0;
-    value->pdf_rev = same ? fabsf(wo.z) * INV_PI_F : 0;
+    lobe_cosine_densities(wo, wi, wo.z * wi.z > 0, value);
     return true;
 }
 
 static bool sample_matte(matte_t *matte, const lobe_t *lobe, vec3_t wo, vec2_t u, bsdf_sample_t *s)
 {
-    vec3_t wi = warp_cosine_hemisphere(u);
     float f;
-    if (wi.z == 0) return false;
-    if (wo.z < 0) wi.z = -wi.z;
-    if (!matte(lobe, wo, wi, &f)) return false;
-    *s = (bsdf_sample_t){
-        .wi = wi, .weight = {f, f, f}, .pdf = fabsf(wi.z) * INV_PI_F, .pdf_rev = fabsf(wo.z) * INV_PI_F};
+    if (!lobe_sample_cosine(wo, u, true, s) || !matte(lobe, wo, s->wi, &f)) return false;
+    s->weight = vec3(f, f, f);
     return true;
 }
 
@@ -172,13 +166,8 @@ static bool eval_facets(facets_t *facets, const lobe_t *lobe, vec3_t wo, vec3_t 
 static bool finish_facets(facets_t *facets, const lobe_t *lobe, vec3_t wo, vec3_t wi, bsdf_sample_t *s)
 {
     bsdf_value_t value;
-    wi = wo.z > 0 ? wi : v_neg(wi);
-    if (!eval_facets(facets, lobe, wo, wi, &value) || !(value.pdf > 0)) return false;
-    *s = (bsdf_sample_t){.wi = wi,
-                         .weight = v_scale(value.f, fabsf(wi.z) / value.pdf),
-                         .pdf = value.pdf,
-                         .pdf_rev = value.pdf_rev};
-    return true;
+    vec3_t up = wo.z > 0 ? wo : v_neg(wo);
+    return facets(lobe, !(wo.z > 0), up, wi, &value) && lobe_complete(wo, wi, &value, s);
 }
 
 static bool eval_specular(const lobe_t *lobe, vec3_t wo, vec3_t wi, bool reflect, transport_t mode,

@@ -442,12 +442,7 @@ static bool sample(const lobe_t *lobe, vec3_t wo, vec2_t u, float choice, transp
         drawn = draw_base(lobe, up, u, &wi);
     else
         wi = warp_cosine_hemisphere(u);
-    if (!drawn || !eval_above(lobe, up, wi, &value)) return false;
-    *s = (bsdf_sample_t){.wi = wo.z > 0 ? wi : v_neg(wi),
-                         .weight = v_scale(value.f, wi.z / value.pdf),
-                         .pdf = value.pdf,
-                         .pdf_rev = value.pdf_rev};
-    return true;
+    return drawn && eval_above(lobe, up, wi, &value) && lobe_complete(wo, wi, &value, s);
 }
 
 static void regularize(lobe_t *lobe)

@@ -38,14 +38,9 @@ static bool finish(upright_t *eval, const lobe_t *lobe, vec3_t wo, vec3_t wi, bo
 {
     bsdf_value_t value;
     vec3_t up = wo.z > 0 ? wo : v_neg(wo);
-    if (!eval(lobe, up, wi, &value) || !(value.pdf > 0)) return false;
-    float weight = wi.z / value.pdf;
+    if (!eval(lobe, up, wi, &value)) return false;
     if (mirrored) wi.z = -wi.z;
-    *s = (bsdf_sample_t){.wi = wo.z > 0 ? wi : v_neg(wi),
-                         .weight = v_scale(value.f, weight),
-                         .pdf = value.pdf,
-                         .pdf_rev = value.pdf_rev};
-    return true;
+    return lobe_complete(wo, wi, &value, s);
 }
 
 /* ---- microfacets --------------------------------------------------------------------------------------- */
