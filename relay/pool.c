@@ -61,8 +61,8 @@ void pool_parcel_free(parcel_t *parcel)
 
 static void free_job(relay_job_t *job)
 {
-    while (job->errand_count > 0) pool_errand_remove(job, 0);
-    free(job->errands);
+    while (job->check_count > 0) pool_check_remove(job, 0);
+    free(job->checks);
     for (parcel_t *parcel = job->parcels; parcel != NULL;) {
         parcel_t *next = parcel->next;
         pool_parcel_free(parcel);
@@ -118,8 +118,8 @@ static void notify(pool_t *pool, uint64_t worker, uint64_t job, bool flush)
 static bool has_work(const relay_job_t *job)
 {
     if (!job->loaded || job->over || job->gone) return false;
-    for (size_t i = 0; i < job->errand_count; i++)
-        if (job->errands[i]->worker == 0 && !job->errands[i]->done) return true;
+    for (size_t i = 0; i < job->check_count; i++)
+        if (job->checks[i]->worker == 0 && !job->checks[i]->done) return true;
     return unit_queue_length(&job->ledger.free) > 0;
 }
 
@@ -134,10 +134,10 @@ void pool_notify_idle(pool_t *pool)
     }
 }
 
-static bool has_errand(const relay_job_t *job, uint64_t worker)
+static bool has_check(const relay_job_t *job, uint64_t worker)
 {
-    for (size_t i = 0; i < job->errand_count; i++)
-        if (job->errands[i]->worker == worker) return true;
+    for (size_t i = 0; i < job->check_count; i++)
+        if (job->checks[i]->worker == worker) return true;
     return false;
 }
 
@@ -145,8 +145,7 @@ void pool_notify_over(pool_t *pool, const relay_job_t *job, bool flush)
 {
     for (size_t i = 0; i < pool->member_count; i++) {
         const member_t *member = &pool->members[i];
-        if (member->job == job->id || ledger_held(&job->ledger, member->id) > 0 ||
-            has_errand(job, member->id))
+        if (member->job == job->id || ledger_held(&job->ledger, member->id) > 0 || has_check(job, member->id))
             notify(pool, member->id, job->id, flush);
     }
 }
@@ -155,7 +154,7 @@ void pool_notify_over(pool_t *pool, const relay_job_t *job, bool flush)
 
 bool pool_job_empty(const relay_job_t *job)
 {
-    return ledger_units(&job->ledger) == 0 && job->errand_count == 0 && job->parcels == NULL &&
+    return ledger_units(&job->ledger) == 0 && job->check_count == 0 && job->parcels == NULL &&
            job->under_way == NULL && job->merging == 0;
 }
 
@@ -182,24 +181,24 @@ uint64_t pool_bytes_limit(const pool_t *pool)
 size_t pool_take_back(relay_job_t *job, uint64_t worker)
 {
     size_t units = ledger_return(&job->ledger, worker);
-    for (size_t i = 0; i < job->errand_count; i++) {
-        errand_t *errand = job->errands[i];
-        if (errand->worker != worker || errand->done) continue;
-        errand->worker = 0;
-        units += errand->count;
+    for (size_t i = 0; i < job->check_count; i++) {
+        relay_check_t *check = job->checks[i];
+        if (check->worker != worker || check->done) continue;
+        check->worker = 0;
+        units += check->count;
     }
     if (job->over) ledger_drop_free(&job->ledger);
     return units;
 }
 
-void pool_errand_remove(relay_job_t *job, size_t index)
+void pool_check_remove(relay_job_t *job, size_t index)
 {
-    errand_t *errand = job->errands[index];
-    free(errand->units);
-    batch_free(&errand->batch);
-    free(errand);
-    memmove(job->errands + index, job->errands + index + 1,
-            (--job->errand_count - index) * sizeof(errand_t *));
+    relay_check_t *check = job->checks[index];
+    free(check->units);
+    batch_free(&check->batch);
+    free(check);
+    memmove(job->checks + index, job->checks + index + 1,
+            (--job->check_count - index) * sizeof(relay_check_t *));
 }
 
 void pool_drop_job(pool_t *pool, relay_job_t *job)
@@ -216,7 +215,7 @@ void pool_sweep(pool_t *pool)
     for (size_t i = 0; i < pool->job_count; i++) {
         relay_job_t *job = pool->jobs[i];
         bool busy = job->users > 0 || job->under_way != NULL;
-        for (size_t e = 0; e < job->errand_count; e++) busy = busy || job->errands[e]->under_way;
+        for (size_t e = 0; e < job->check_count; e++) busy = busy || job->checks[e]->under_way;
         if (job->gone && !busy)
             free_job(job);
         else
@@ -254,8 +253,8 @@ static void give_units_up(pool_t *pool)
     for (size_t i = 0; i < pool->job_count; i++) {
         relay_job_t *job = pool->jobs[i];
         ledger_drop_free(&job->ledger);
-        for (size_t e = job->errand_count; e-- > 0;)
-            if (!job->errands[e]->done) pool_errand_remove(job, e);
+        for (size_t e = job->check_count; e-- > 0;)
+            if (!job->checks[e]->done) pool_check_remove(job, e);
     }
     pool_wake(pool->options.control_wake);
 }

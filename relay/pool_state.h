@@ -39,7 +39,7 @@ typedef struct {
     bool done;       /* the batch is here */
     bool under_way;  /* the bulk thread has it */
     batch_t batch;
-} errand_t;
+} relay_check_t;
 
 /* A sum on its way up. */
 typedef struct parcel {
@@ -58,8 +58,8 @@ typedef struct {
     bool loaded;       /* the blob is here */
     scene_blob_t blob; /* mapped */
     ledger_t ledger;
-    errand_t **errands;
-    size_t errand_count;
+    relay_check_t **checks;
+    size_t check_count;
     pthread_rwlock_t
         adding;          /* read by those who add to a parcel, written to close it; before the pool's lock */
     parcel_t *parcels;   /* those that wait to be sent; the last one is open */
@@ -137,7 +137,7 @@ void pool_drop_job(pool_t *pool, relay_job_t *job);
 void pool_sweep(pool_t *pool);
 /* What workers have not sent of a job that is called in is not waited for any more. */
 void pool_end_flush(pool_t *pool, relay_job_t *job);
-void pool_errand_remove(relay_job_t *job, size_t index);
+void pool_check_remove(relay_job_t *job, size_t index);
 
 void pool_parcel_free(parcel_t *parcel);
 

@@ -52,15 +52,15 @@ static relay_job_t *job_of(pool_t *pool, const assignment_t *assignment)
     return job;
 }
 
-static void add_errand(relay_job_t *job, const assignment_t *assignment)
+static void add_check(relay_job_t *job, const assignment_t *assignment)
 {
-    errand_t *errand = mem_zalloc(1, sizeof *errand);
-    errand->number = assignment->check;
-    errand->units = mem_alloc((assignment->unit_count + 1) * sizeof *errand->units);
-    errand->count = assignment->unit_count;
-    memcpy(errand->units, assignment->units, errand->count * sizeof *errand->units);
-    job->errands = mem_realloc(job->errands, (job->errand_count + 1) * sizeof(errand_t *));
-    job->errands[job->errand_count++] = errand;
+    relay_check_t *check = mem_zalloc(1, sizeof *check);
+    check->number = assignment->check;
+    check->units = mem_alloc((assignment->unit_count + 1) * sizeof *check->units);
+    check->count = assignment->unit_count;
+    memcpy(check->units, assignment->units, check->count * sizeof *check->units);
+    job->checks = mem_realloc(job->checks, (job->check_count + 1) * sizeof(relay_check_t *));
+    job->checks[job->check_count++] = check;
 }
 
 static void assign(void *self, const assignment_t *assignment)
@@ -74,7 +74,7 @@ static void assign(void *self, const assignment_t *assignment)
         if (job->flush) pool_end_flush(pool, job); /* its workers were told to drop the rest */
         job->over = job->flush = false;
         if (assignment->check != 0)
-            add_errand(job, assignment);
+            add_check(job, assignment);
         else
             ledger_put(&job->ledger, assignment->units, assignment->unit_count);
         pool_notify_idle(pool);
@@ -94,10 +94,10 @@ static void no_more(void *self)
 }
 
 /* Drops the checks that the bulk thread does not have. */
-static void drop_errands(relay_job_t *job)
+static void drop_checks(relay_job_t *job)
 {
-    for (size_t i = job->errand_count; i-- > 0;)
-        if (!job->errands[i]->under_way) pool_errand_remove(job, i);
+    for (size_t i = job->check_count; i-- > 0;)
+        if (!job->checks[i]->under_way) pool_check_remove(job, i);
 }
 
 /* Calls in what the workers have rendered of a job, for `seconds`. */
@@ -107,7 +107,7 @@ static void begin_flush(pool_t *pool, relay_job_t *job, double seconds)
     job->over = job->flush = true;
     job->flush_until = clock_now() + seconds;
     ledger_drop_free(&job->ledger);
-    drop_errands(job);
+    drop_checks(job);
 }
 
 static double clamp(double value, double least, double most)
@@ -135,7 +135,7 @@ static void forget(void *self)
     for (size_t i = 0; i < pool->job_count; i++) {
         relay_job_t *job = pool->jobs[i];
         ledger_drop_free(&job->ledger);
-        drop_errands(job);
+        drop_checks(job);
         job->hurry = true;
     }
     pool_unlock(pool);
@@ -198,11 +198,11 @@ static void add_wishes(const pool_t *pool, uplink_state_t *state)
         if (job->gone) continue;
         held += ledger_units(&job->ledger);
         free_samples += (double)job->ledger.free.samples;
-        for (size_t e = 0; e < job->errand_count; e++) {
-            const errand_t *errand = job->errands[e];
-            held += errand->count;
-            for (size_t u = 0; u < errand->count && errand->worker == 0; u++)
-                free_samples += (double)unit_samples(&job->settings, &errand->units[u]);
+        for (size_t e = 0; e < job->check_count; e++) {
+            const relay_check_t *check = job->checks[e];
+            held += check->count;
+            for (size_t u = 0; u < check->count && check->worker == 0; u++)
+                free_samples += (double)unit_samples(&job->settings, &check->units[u]);
         }
     }
     if (threads == 0) return;
@@ -227,7 +227,7 @@ static uplink_state_t state(void *self)
         s.content = job->content;
         s.units_held += (uint32_t)ledger_units(&job->ledger);
         s.rendering += (uint32_t)job->ledger.out_count;
-        for (size_t e = 0; e < job->errand_count; e++) s.units_held += (uint32_t)job->errands[e]->count;
+        for (size_t e = 0; e < job->check_count; e++) s.units_held += (uint32_t)job->checks[e]->count;
     }
     s.idle = pool_empty(pool);
     s.failure = pool->failure;
@@ -266,9 +266,9 @@ static void set_offer(const relay_job_t *job, uint64_t check, size_t bytes, duty
 static void find_offer(const pool_t *pool, const relay_job_t *job, duty_t *duty)
 {
     if (job->gone || (job->over && !job->flush)) return;
-    for (size_t i = 0; i < job->errand_count; i++)
-        if (job->errands[i]->done)
-            set_offer(job, job->errands[i]->number, batch_bytes(&job->errands[i]->batch), duty);
+    for (size_t i = 0; i < job->check_count; i++)
+        if (job->checks[i]->done)
+            set_offer(job, job->checks[i]->number, batch_bytes(&job->checks[i]->batch), duty);
     const parcel_t *parcel = job->parcels;
     if (duty->kind != DUTY_NONE || parcel == NULL) return;
     double wait = parcel->since + pool->uplink_interval - clock_now();
@@ -393,12 +393,12 @@ static const batch_t *close_parcel(pool_t *pool, relay_job_t *job)
     return batch;
 }
 
-static const batch_t *close_errand(relay_job_t *job, uint64_t number)
+static const batch_t *close_check(relay_job_t *job, uint64_t number)
 {
-    for (size_t i = 0; i < job->errand_count; i++) {
-        if (job->errands[i]->number != number || !job->errands[i]->done) continue;
-        job->errands[i]->under_way = true;
-        return &job->errands[i]->batch;
+    for (size_t i = 0; i < job->check_count; i++) {
+        if (job->checks[i]->number != number || !job->checks[i]->done) continue;
+        job->checks[i]->under_way = true;
+        return &job->checks[i]->batch;
     }
     return NULL;
 }
@@ -410,7 +410,7 @@ static closed_batch_t close_batch(void *self, const offer_t *offer)
     pool_lock(pool);
     relay_job_t *job = pool_find_job(pool, offer->job);
     if (job != NULL) job->users++;
-    if (job != NULL && offer->check != 0) closed.batch = close_errand(job, offer->check);
+    if (job != NULL && offer->check != 0) closed.batch = close_check(job, offer->check);
     closed.sequence = ++pool->sequence;
     pool_unlock(pool);
     if (job == NULL) return closed;
@@ -424,9 +424,9 @@ static closed_batch_t close_batch(void *self, const offer_t *offer)
 /* Lets go of what was sent of a job, if it was of this one. Lock held; the parcel is the caller's to free. */
 static parcel_t *settle(relay_job_t *job, const closed_batch_t *closed)
 {
-    for (size_t i = 0; i < job->errand_count; i++)
-        if (&job->errands[i]->batch == closed->batch) {
-            pool_errand_remove(job, i);
+    for (size_t i = 0; i < job->check_count; i++)
+        if (&job->checks[i]->batch == closed->batch) {
+            pool_check_remove(job, i);
             return NULL;
         }
     parcel_t *parcel = job->under_way;

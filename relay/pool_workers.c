@@ -157,15 +157,15 @@ static void describe(const relay_job_t *job, work_t *work)
 }
 
 /* A check that nobody has; false when there is none. */
-static bool take_errand(relay_job_t *job, uint64_t worker, work_t *work)
+static bool take_check(relay_job_t *job, uint64_t worker, work_t *work)
 {
-    for (size_t i = 0; i < job->errand_count; i++) {
-        errand_t *errand = job->errands[i];
-        if (errand->worker != 0 || errand->done) continue;
-        errand->worker = worker;
-        memcpy(work->units, errand->units, errand->count * sizeof *work->units);
-        work->unit_count = errand->count;
-        work->check = errand->number;
+    for (size_t i = 0; i < job->check_count; i++) {
+        relay_check_t *check = job->checks[i];
+        if (check->worker != 0 || check->done) continue;
+        check->worker = worker;
+        memcpy(work->units, check->units, check->count * sizeof *work->units);
+        work->unit_count = check->count;
+        work->check = check->number;
         return true;
     }
     return false;
@@ -175,7 +175,7 @@ static void take_from_job(relay_job_t *job, uint64_t worker, uint64_t samples, w
 {
     if (!job->loaded || job->over || job->gone) return;
     describe(job, work);
-    if (take_errand(job, worker, work)) return;
+    if (take_check(job, worker, work)) return;
     work->unit_count = ledger_lend(&job->ledger, worker, samples, work->units, WIRE_MAX_UNITS);
 }
 
@@ -196,8 +196,8 @@ static size_t units_of(const pool_t *pool, uint64_t worker)
     for (size_t i = 0; i < pool->job_count; i++) {
         const relay_job_t *job = pool->jobs[i];
         units += ledger_held(&job->ledger, worker);
-        for (size_t e = 0; e < job->errand_count; e++)
-            if (job->errands[e]->worker == worker && !job->errands[e]->done) units += job->errands[e]->count;
+        for (size_t e = 0; e < job->check_count; e++)
+            if (job->checks[e]->worker == worker && !job->checks[e]->done) units += job->checks[e]->count;
     }
     return units;
 }
@@ -352,16 +352,16 @@ static void add_to_parcel(pool_t *pool, double now, relay_job_t *job, const adde
 
 /* A batch that bears a number is kept as it is. It must have exactly the units of the check. Lock held; the
  * batch is taken over. */
-static result_t keep_errand(relay_job_t *job, uint64_t number, batch_t *batch)
+static result_t keep_check(relay_job_t *job, uint64_t number, batch_t *batch)
 {
-    for (size_t i = 0; i < job->errand_count; i++) {
-        errand_t *errand = job->errands[i];
-        if (errand->number != number || errand->done) continue;
-        if (!units_same(errand->units, errand->count, batch->units, batch->unit_count))
+    for (size_t i = 0; i < job->check_count; i++) {
+        relay_check_t *check = job->checks[i];
+        if (check->number != number || check->done) continue;
+        if (!units_same(check->units, check->count, batch->units, batch->unit_count))
             return result_fail(RESULT_MISMATCH, "a check has other units than its assignment");
-        errand->batch = *batch;
+        check->batch = *batch;
         *batch = (batch_t){0};
-        errand->done = true;
+        check->done = true;
         return result_ok();
     }
     return result_fail(RESULT_MISMATCH, "nobody asked for this check");
@@ -375,7 +375,7 @@ static result_t accept(pool_t *pool, relay_job_t *job, const incoming_batch_t *i
     *add = false;
     if (pool_find_member(pool, incoming->worker) == NULL) return unknown_worker();
     if (job->gone || (job->over && !job->flush)) return result_fail(RESULT_CANCELLED, "the job is over");
-    if (incoming->check != 0) return keep_errand(job, incoming->check, batch);
+    if (incoming->check != 0) return keep_check(job, incoming->check, batch);
     TRY(ledger_accept(&job->ledger, batch->units, batch->unit_count));
     *add = true;
     return result_ok();

@@ -234,6 +234,27 @@ static void a_stranger_delivers_nothing(void **state)
     assert_int_equal(render(t, t->ada, &unit, 1).code, RESULT_MISMATCH); /* nothing counts twice */
 }
 
+/* They are not known before the pool looks at them; what the sender has of the job stays its own. */
+static void units_that_are_not_of_the_job_are_refused(void **state)
+{
+    test_t *t = *state;
+    const unit_t unit = {0, 0, 4}, wrong[] = {{999, 0, 4}, {0, 0, 0}, {0, UINT32_MAX, 4}};
+    hash_t content = job_content_hash(&t->settings, &t->blob);
+    begin(t, &unit, 1);
+    assert_int_equal(take(t, 0, t->ada, MUCH), 1);
+    batch_t batch = peer_render(&t->settings, &unit, 1);
+    for (size_t i = 0; i < ARRAY_LENGTH(wrong); i++) {
+        claim_t claim = {t->bob, JOB, &content, &wrong[i], 1};
+        t->serve.calls->claim(t->pool, 0, &claim);
+        batch.units[0] = wrong[i];
+        assert_int_equal(deliver(t, t->ada, &batch).code, RESULT_PROTOCOL);
+        assert_int_equal(take(t, 0, t->bob, MUCH), 0);
+    }
+    batch.units[0] = unit;
+    assert_int_equal(deliver(t, t->ada, &batch).code, RESULT_OK);
+    batch_free(&batch);
+}
+
 /* Its workers were told to drop what they have not rendered: whoever asks gets it. */
 static void a_job_that_goes_on_at_once_goes_on_whole(void **state)
 {
@@ -429,6 +450,7 @@ int main(void)
         POOL(who_is_made_to_wait_keeps_its_units),
         POOL(who_asks_for_nothing_gets_nothing),
         POOL(a_stranger_delivers_nothing),
+        POOL(units_that_are_not_of_the_job_are_refused),
         POOL(a_job_that_goes_on_at_once_goes_on_whole),
         POOL(sums_and_scenes_take_turns),
         POOL(a_sum_does_not_wait_for_a_scene),
