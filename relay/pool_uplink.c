@@ -1,5 +1,5 @@
-/* pool_uplink: what the master above says, and what it gets (see proto/uplink/uplink_handler.h and the note
- * in pool.c). */
+/* pool_uplink: the pool's side of its master: the calls of proto/uplink/uplink_handler.h (see the note in
+ * pool.c). */
 #include "relay/pool_state.h"
 
 #include <stdlib.h>

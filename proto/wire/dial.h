@@ -1,4 +1,4 @@
-/* dial: the keys with which a worker or a client dials a master, and what becomes of the dialling.
+/* dial: the keys with which a worker or a client dials a master, and how dialling ends.
  *
  * To another machine nobody dials without keys, unless told to with --insecure. To loopback keys are used
  * when they are given. Keys that came from files are read again for every connection, so that a key can be

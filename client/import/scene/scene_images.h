@@ -1,4 +1,4 @@
-/* scene_images: the images of a scene, decoded once, stored once, and found again by whoever wants them.
+/* scene_images: the images of a scene, decoded once, stored once, and found again by their key.
  *
  * The blob has texels of 8 bits, encoded, or of floats, linear: what is encoded in a file of floats is
  * decoded here. An image of 8 bits that is wanted in two encodings is two records of the same texels.
