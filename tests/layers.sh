@@ -170,6 +170,6 @@ END {
             complain(from ": " a " may use " list_of(a) ", not " edge[2] "() of " to)
     }
     circles("call")
-    for (text in exception) if (!(text in used)) print "layers: the exception \"" text "\" is needed no more: take it out"
+    for (text in exception) if (!(text in used)) complain("the exception \"" text "\" is needed no more: take it out")
     exit complaints > 0
 }'

@@ -332,7 +332,8 @@ void farm_job_flushed(farm_t *farm, double now, job_t *job, uint64_t worker)
 void farm_job_fail_overflow(farm_t *farm, double now, job_t *job)
 {
     snprintf(job->message, sizeof job->message,
-             "%llu sums were too large for the film at scale %d: submit the scene again with a smaller one, such as "
+             "%llu sums were too large for the film at scale %d: submit the scene again with a smaller one, "
+             "such as "
              "--film-scale %d",
              (unsigned long long)job->counts.overflows, job->settings.film_scale,
              int_max(job->settings.film_scale - 8, FILM_MIN_SCALE));

@@ -1,4 +1,5 @@
-/* death_and_sleep: faults of the master, the relay and the workers: they die, are told to end, stop and come late.
+/* death_and_sleep: faults of the master, the relay and the workers: they die, are told to end, stop and come
+ * late.
  */
 #include "tests/chaos/faults/faults_state.h"
 

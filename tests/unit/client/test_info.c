@@ -95,9 +95,9 @@ static void images_are_described(void **state)
                 "noise.R          half               0             0             0  1 not finite\n");
     assert_says(*state, NULL, path, "lightmill.note: hello\n");
     assert_says(*state, "--json", path, "\"kind\": \"image\", \"width\": 4, \"height\": 2, ");
-    assert_says(
-        *state, "--json", path,
-        "{\"name\": \"R\", \"type\": \"float\", \"min\": 0.0, \"max\": 7.0, \"mean\": 3.5, \"not_finite\": 0}");
+    assert_says(*state, "--json", path,
+                "{\"name\": \"R\", \"type\": \"float\", \"min\": 0.0, \"max\": 7.0, \"mean\": 3.5, "
+                "\"not_finite\": 0}");
     assert_says(*state, "--json", path, "\"lightmill.spp\": 64");
     assert_says(*state, "--json", path, "\"lightmill.nan\": null");
     free(path);

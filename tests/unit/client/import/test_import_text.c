@@ -1,9 +1,9 @@
 /* Numbers, tokens and transforms: the ground the importer stands on. */
 #include "tests/unit/client/import/test_import.h"
 
-#include "client/import/scene/affine.h"
 #include "client/import/files/number.h"
 #include "client/import/pbrt/syntax/lexer.h"
+#include "client/import/scene/affine.h"
 
 static void check_number(const char *text)
 {
