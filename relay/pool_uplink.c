@@ -239,10 +239,10 @@ static uplink_state_t state(void *self)
 
 /* ---- duties of the bulk thread ------------------------------------------------------------------------ */
 
-/* Two splat frames must fit into memory with something to spare. */
+/* Two frames of sums must fit into memory with something to spare. */
 static result_t check_memory(const pool_t *pool, const relay_job_t *job)
 {
-    double need = 2.0 * (double)sizeof(int64_t) * (double)batch_splat_values(&job->settings);
+    double need = 2.0 * (double)sum_frame_bytes(&job->settings);
     double have = (double)pool->options.memory;
     if (need < 0.5 * have) return result_ok();
     return result_fail(RESULT_LIMIT, "an image of %d x %d takes %.1f GB of sums; the relay has %.1f GB",

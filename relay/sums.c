@@ -1,7 +1,7 @@
 /* sums: see sums.h.
  *
- * DESIGN. Tiles and features of a batch are put behind those of the others; they are decoded before, and
- * copied under a lock. Splat frames are added piece by piece from the cache, as in the master
+ * DESIGN. The tiles of a batch are put behind those of the others; they are decoded before, and copied under
+ * a lock. Frames are added piece by piece from the cache, as in the master
  * (shared_film_merge.c): they are never unfolded in memory. Each stretch of the frame has a lock, so that
  * threads add at once.
  *
@@ -20,7 +20,7 @@ enum {
 
 struct sum {
     batch_t batch;
-    pthread_mutex_t appending;            /* guards all of it but the values of the splat frame, */
+    pthread_mutex_t appending;            /* guards all of it but the values of frames, */
     pthread_mutex_t stretches[STRETCHES]; /* which these guard, by pixel */
 };
 
@@ -51,45 +51,28 @@ const batch_t *sum_batch(const sum_t *sum)
 
 /* ---- reading ------------------------------------------------------------------------------------------- */
 
-static result_t check_splats(payload_reader_t *reader, const zmq_msg_t *frame, const job_settings_t *settings)
+/* Reads the frames to their ends. */
+static result_t check_frames(payload_reader_t *reader, const addend_t *addend)
 {
-    payload_piece_t piece;
-    if (zmq_msg_size(frame) == 0) return result_ok();
-    TRY(payload_open(reader, frame, 1, batch_splat_values(settings)));
-    while (payload_read(reader, &piece)) {
-    }
-    return payload_end(reader);
-}
-
-/* The master refuses a sum whole for what it would refuse of one worker. */
-static result_t check_features(const batch_t *batch)
-{
-    const int64_t *values = batch->features;
-    for (size_t i = 0; i < batch->unit_count && batch->feature_count > 0; i++) {
-        size_t count = batch_feature_values(&batch->settings, &batch->units[i]);
-        if (count > 0 && !unit_features_possible(&batch->units[i], values, count))
-            return result_fail(RESULT_PROTOCOL, "features that no sample can have");
-        values += count;
+    for (sum_kind_t k = 0; k < BATCH_SUMS; k++) {
+        if (!film_sums[k].frame) continue;
+        TRY(payload_open(reader, &addend->payload[k], k, batch_expected_values(&addend->batch, k)));
+        for (payload_piece_t piece; payload_read(reader, &piece);) {
+        }
+        TRY(payload_end(reader));
     }
     return result_ok();
 }
 
-/* Decodes tiles and features, and checks them; looks at the splats. */
-static result_t read_payloads(const zmq_msg_t payload[BATCH_PAYLOADS], addend_t *addend)
+/* Decodes the tiles, and checks them; looks at the frames. The master refuses a sum whole for what it would
+ * refuse of one worker. */
+static result_t read_payloads(addend_t *addend)
 {
-    zmq_msg_t others[BATCH_PAYLOADS];
-    for (int i = 0; i < BATCH_PAYLOADS; i++) {
-        zmq_msg_init(&others[i]);
-        if (i != 1) zmq_msg_copy(&others[i], (zmq_msg_t *)&payload[i]);
-    }
-    result_t result = payload_decode(others, &addend->batch);
-    for (int i = 0; i < BATCH_PAYLOADS; i++) zmq_msg_close(&others[i]);
-    TRY(result);
-    TRY(check_features(&addend->batch));
+    TRY(payload_decode_tiles(addend->payload, &addend->batch));
+    TRY(batch_check_sums(&addend->batch));
     payload_reader_t *reader = payload_reader_new();
     if (reader == NULL) return result_fail(RESULT_LIMIT, "no memory for a decoder");
-    addend->splat = &payload[1];
-    result = check_splats(reader, addend->splat, &addend->batch.settings);
+    result_t result = check_frames(reader, addend);
     payload_reader_free(&reader);
     return result;
 }
@@ -97,7 +80,7 @@ static result_t read_payloads(const zmq_msg_t payload[BATCH_PAYLOADS], addend_t 
 result_t sum_read(batch_t *batch, const zmq_msg_t payload[BATCH_PAYLOADS], const job_settings_t *settings,
                   uint64_t limit, addend_t *addend)
 {
-    *addend = (addend_t){.batch = *batch};
+    *addend = (addend_t){.batch = *batch, .payload = payload};
     *batch = (batch_t){0};
     addend->batch.settings = *settings;
     result_t result = job_check_units(settings, addend->batch.units, addend->batch.unit_count);
@@ -105,7 +88,7 @@ result_t sum_read(batch_t *batch, const zmq_msg_t payload[BATCH_PAYLOADS], const
     TRY(result);
     TRY(batch_check_counts(&addend->batch));
     TRY(batch_check_size(&addend->batch, limit)); /* they are unfolded in memory */
-    return read_payloads(payload, addend);
+    return read_payloads(addend);
 }
 
 /* ---- adding -------------------------------------------------------------------------------------------- */
@@ -115,49 +98,64 @@ static uint64_t add_piece(int64_t *frame, const payload_piece_t *piece)
 {
     const int64_t *values = piece->values;
     uint64_t overflows = 0;
-    for (size_t word = 0; 64 * word < piece->pixels; word++) {
-        size_t left = piece->pixels - 64 * word;
-        uint64_t mask = piece->mask[word] & (left < 64 ? (UINT64_C(1) << left) - 1 : UINT64_MAX);
+    for (size_t first = 0; first < piece->pixels; first += 64) {
+        uint64_t mask = payload_marked(piece, first);
         while (mask != 0) {
             size_t start = (size_t)__builtin_ctzll(mask);
             uint64_t gap = ~(mask >> start);
             size_t run = gap != 0 ? (size_t)__builtin_ctzll(gap) : 64;
-            overflows += film_add_sums(frame + 3 * (piece->first + 64 * word + start), values, 3 * run, 1);
-            values += 3 * run;
+            size_t count = piece->lanes * run;
+            overflows += film_add_sums(frame + piece->lanes * (piece->first + first + start), values, count);
+            values += count;
             mask = start + run < 64 ? mask & UINT64_MAX << (start + run) : 0;
         }
     }
     return overflows;
 }
 
-/* The frame was read before and is good. */
-static uint64_t add_splats(sum_t *sum, const zmq_msg_t *frame)
+/* The payload was read before and is good. */
+static uint64_t add_frame(sum_t *sum, payload_reader_t *reader, const zmq_msg_t *payload, sum_kind_t kind)
+{
+    uint64_t overflows = 0;
+    const sum_array_t *frame = &sum->batch.sums[kind];
+    if (payload_open(reader, payload, kind, frame->count).code == RESULT_OK)
+        for (payload_piece_t piece; payload_read(reader, &piece);) {
+            pthread_mutex_t *lock = &sum->stretches[(piece.first >> STRETCH_BITS) % STRETCHES];
+            pthread_mutex_lock(lock);
+            overflows += add_piece(frame->values, &piece);
+            pthread_mutex_unlock(lock);
+        }
+    return overflows;
+}
+
+/* Whether the addend brings a frame of this sum. */
+static bool brings(const addend_t *addend, sum_kind_t kind)
+{
+    return film_sums[kind].frame && zmq_msg_size(&addend->payload[kind]) > 0;
+}
+
+static uint64_t add_frames(sum_t *sum, const addend_t *addend)
 {
     uint64_t overflows = 0;
     payload_reader_t *reader = payload_reader_new();
-    payload_piece_t piece;
-    if (reader == NULL) return 1; /* what is missing must not be taken for complete: the job fails */
-    if (payload_open(reader, frame, 1, batch_splat_values(&sum->batch.settings)).code == RESULT_OK)
-        while (payload_read(reader, &piece)) {
-            pthread_mutex_t *lock = &sum->stretches[(piece.first >> STRETCH_BITS) % STRETCHES];
-            pthread_mutex_lock(lock);
-            overflows += add_piece(sum->batch.splat, &piece);
-            pthread_mutex_unlock(lock);
-        }
+    for (sum_kind_t k = 0; k < BATCH_SUMS; k++) {
+        if (!brings(addend, k)) continue;
+        /* What is missing must not be taken for complete: the job fails. */
+        overflows += reader != NULL ? add_frame(sum, reader, &addend->payload[k], k) : 1;
+    }
     payload_reader_free(&reader);
     return overflows;
 }
 
 size_t sum_add(sum_t *sum, const addend_t *addend)
 {
-    bool splats = zmq_msg_size((zmq_msg_t *)addend->splat) > 0;
     pthread_mutex_lock(&sum->appending);
     batch_merge(&sum->batch, &addend->batch);
-    if (splats && sum->batch.splat == NULL)
-        sum->batch.splat = mem_zalloc(batch_splat_values(&sum->batch.settings), sizeof *sum->batch.splat);
+    for (sum_kind_t k = 0; k < BATCH_SUMS; k++)
+        if (brings(addend, k)) batch_frame(&sum->batch, k);
     size_t bytes = batch_bytes(&sum->batch);
     pthread_mutex_unlock(&sum->appending);
-    uint64_t overflows = splats ? add_splats(sum, addend->splat) : 0;
+    uint64_t overflows = add_frames(sum, addend);
     if (overflows == 0) return bytes;
     pthread_mutex_lock(&sum->appending);
     sum->batch.counts.overflows += overflows;

@@ -7,17 +7,17 @@
 
 typedef struct sum sum_t;
 
-/* A batch that is to be added: its tiles and features are decoded, its splat frame is not. */
+/* A batch that is to be added: its tiles are decoded, its frames are not. */
 typedef struct {
-    batch_t batch;          /* units and counts are checked; without splats */
-    const zmq_msg_t *splat; /* the payload, which is good */
+    batch_t batch;            /* units and counts are checked; without frames */
+    const zmq_msg_t *payload; /* all BATCH_PAYLOADS, which are good */
 } addend_t;
 
 sum_t *sum_new(const job_settings_t *settings);
 void sum_free(sum_t **sum);
 
 /* Takes over a batch that has come, with units and counts and nothing else, reads its sums from the payloads,
- * and checks all of it against the job; tiles and features may take `limit` bytes. The addend points into the
+ * and checks all of it against the job; tiles may take `limit` bytes. The addend points into the
  * payloads. To be freed with batch_free(&addend->batch), also after a failure. */
 result_t sum_read(batch_t *batch, const zmq_msg_t payload[BATCH_PAYLOADS], const job_settings_t *settings,
                   uint64_t limit, addend_t *addend);

@@ -14,9 +14,9 @@ rules() {
 common
 common/image                : common
 common/film                 : common/image
-common/scene                : common/film
+common/scene                : common
 common/options              : common
-proto/wire                  : common/scene common/options
+proto/wire                  : common/film common/scene common/options
 proto/uplink                : proto/wire
 proto/serve                 : proto/wire
 worker/render/sampling      : common
@@ -37,7 +37,7 @@ master/farm                 : master/trust
 master/threads              : master/farm
 master                      : master/threads
 relay                       : proto/uplink proto/serve
-client/import/scene         : common/scene
+client/import/scene         : common/scene common/image
 client/import/files         : client/import/scene
 client/import/tessellate    : client/import/scene
 client/import/gltf          : client/import/scene

@@ -248,9 +248,9 @@ batch_t peer_render(const job_settings_t *settings, const unit_t *units, size_t 
     batch_init(&batch, settings);
     for (size_t i = 0; i < count; i++) {
         unit_result_reset(&result, settings, &units[i]);
-        size_t values = batch_tile_values(settings, units[i].tile);
+        size_t values = sum_unit_values(settings, SUM_EYE, &units[i]);
         for (size_t v = 0; v < values; v++)
-            result.eye[v] = (int64_t)(units[i].tile * 1000 + v) * units[i].count << 20;
+            result.sums[SUM_EYE].values[v] = (int64_t)(units[i].tile * 1000 + v) * units[i].count << 20;
         first_hit_t hit = {.hit = true, .depth = (float)units[i].tile + 0.5f, .object = units[i].tile + 1};
         for (uint32_t p = 0; p < job_tile_pixels(settings, units[i].tile); p++)
             for (uint32_t s = units[i].first; s < units[i].first + units[i].count && s < FEATURE_SAMPLES; s++)

@@ -3,6 +3,7 @@
 
 #include "master/schedule/plan.h"
 #include "master/schedule/schedule.h"
+#include "tests/films.h"
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -31,7 +32,7 @@ film_t *render_here(const scene_blob_t *blob, const job_settings_t *settings)
         assert_true(renderer_unit(renderer, &unit, &result, &cancel));
         batch_add(&batch, &result);
     }
-    film_merge(film, &batch);
+    check(merge_as_master(film, &batch, NULL, 1));
     unit_result_free(&result);
     batch_free(&batch);
     renderer_destroy(&renderer);
@@ -48,7 +49,7 @@ static void render_weighted(const renderer_t *renderer, film_t *film, schedule_t
     batch_init(&batch, &film->settings);
     assert_true(renderer_unit(renderer, unit, &result, &cancel));
     batch_add(&batch, &result);
-    film_merge_weighted(film, &batch, &weight, 1);
+    check(merge_as_master(film, &batch, &weight, 1));
     check(schedule_accept(schedule, unit, 1));
     unit_result_free(&result);
     batch_free(&batch);

@@ -3,6 +3,7 @@
 #ifndef LIGHTMILL_RENDER_HERE_H
 #define LIGHTMILL_RENDER_HERE_H
 
+#include "common/film/film.h"
 #include "common/scene/blob_builder.h"
 #include "worker/render/renderer.h"
 

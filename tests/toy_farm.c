@@ -117,11 +117,12 @@ static batch_t make_batch(const job_settings_t *settings, const unit_t *units, s
     batch.units = mem_alloc(count * sizeof *units);
     memcpy(batch.units, units, count * sizeof *units);
     batch.unit_count = batch.unit_capacity = count;
-    for (size_t i = 0; i < count; i++) batch.eye_count += batch_tile_values(settings, units[i].tile);
-    batch.eye = mem_zalloc(batch.eye_count, sizeof *batch.eye);
-    int64_t *tile = batch.eye;
+    for (size_t i = 0; i < count; i++)
+        batch.sums[SUM_EYE].count += sum_unit_values(settings, SUM_EYE, &units[i]);
+    batch.sums[SUM_EYE].values = mem_zalloc(batch.sums[SUM_EYE].count, sizeof *batch.sums[SUM_EYE].values);
+    int64_t *tile = batch.sums[SUM_EYE].values;
     for (size_t i = 0; i < count; i++) {
-        size_t values = batch_tile_values(settings, units[i].tile);
+        size_t values = sum_unit_values(settings, SUM_EYE, &units[i]);
         fill_tile(tile, values, &units[i]);
         tile += values;
     }
@@ -135,7 +136,7 @@ static result_t deliver(farm_t *farm, double now, uint64_t worker, uint64_t id, 
     batch_head_t head = {.worker = worker, .job = id, .check = check, .bytes = 1000};
     TRY(farm_batch_begin(farm, now, &head, &open));
     batch_t batch = make_batch(&open.settings, units, count);
-    for (size_t i = 0; i < batch.eye_count; i++) batch.eye[i] += lie;
+    for (size_t i = 0; i < batch.sums[SUM_EYE].count; i++) batch.sums[SUM_EYE].values[i] += lie;
     zmq_msg_t payload[BATCH_PAYLOADS];
     assert_int_equal(payload_encode(&batch, false, payload).code, RESULT_OK);
     result_t result = farm_batch_commit(farm, now, &open, &batch, payload);

@@ -72,13 +72,12 @@ void checks_close(check_t *check, const job_settings_t *settings)
 
 uint64_t checks_bytes(const check_t *check, const job_settings_t *settings)
 {
-    size_t values = 0, splats = 0;
+    uint64_t tiles = 0, frames = 0;
     for (size_t i = 0; i < check->count; i++) {
-        values += batch_tile_values(settings, check->units[i].tile) +
-                  batch_feature_values(settings, &check->units[i]);
-        if (check->results[i].splat_count > 0) splats = batch_splat_values(settings);
+        tiles += sum_unit_bytes(settings, &check->units[i]);
+        if (check->results[i].splat_count > 0) frames = sum_frame_bytes(settings);
     }
-    return sizeof(int64_t) * (values + splats);
+    return tiles + frames;
 }
 
 check_t *checks_complete(const checks_t *checks)

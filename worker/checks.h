@@ -7,7 +7,7 @@
 #ifndef LIGHTMILL_CHECKS_H
 #define LIGHTMILL_CHECKS_H
 
-#include "common/film/film.h"
+#include "common/film/batch.h"
 
 enum { CHECKS_MAX = 4096 };
 

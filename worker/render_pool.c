@@ -86,7 +86,7 @@ static void add_to_batch(render_pool_t *pool, const unit_result_t *result)
     batch_add(batch, result);
     /* Each of the other threads may have one more unit in hand, which is added in any case. */
     bool full = batch->unit_count + (size_t)pool->options.threads >= WIRE_MAX_UNITS ||
-                batch->eye_count + batch->feature_count >= most_values(pool);
+                batch_tile_values(batch) >= most_values(pool);
     if (full) atomic_store(&pool->full, true);
     pthread_mutex_unlock(&pool->fill);
 }

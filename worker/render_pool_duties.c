@@ -41,11 +41,11 @@ static void release_job(render_pool_t *pool)
     pthread_mutex_lock(&pool->lock);
 }
 
-/* Two splat frames must fit into memory with something to spare for the scene. */
+/* Two frames of sums must fit into memory with something to spare for the scene. */
 static result_t check_memory(const render_pool_t *pool)
 {
     const job_settings_t *settings = &pool->current.settings;
-    double need = 2.0 * (double)sizeof(int64_t) * (double)batch_splat_values(settings);
+    double need = 2.0 * (double)sum_frame_bytes(settings);
     double have = (double)pool->options.memory;
     if (need < 0.75 * have) return result_ok();
     return result_fail(RESULT_LIMIT, "an image of %d x %d takes %.1f GB of sums; this machine has %.1f GB",

@@ -1,7 +1,6 @@
 /* settings: see settings.h. */
 #include "client/scene/settings.h"
 
-#include "common/film/film.h"
 
 #include <ctype.h>
 #include <errno.h>

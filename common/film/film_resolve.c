@@ -34,8 +34,8 @@ static estimate_t resolve_value(const double eye[2], const double splat[2], cons
 
 static bool any_features(const film_t *film, size_t pixels)
 {
-    for (size_t p = 0; film->features != NULL && p < pixels; p++)
-        if (film->features[FEATURE_VALUES * p + FEATURE_COUNT] > 0) return true;
+    for (size_t p = 0; film->sums[SUM_FEATURES] != NULL && p < pixels; p++)
+        if (film->sums[SUM_FEATURES][FEATURE_VALUES * p + FEATURE_COUNT] > 0) return true;
     return false;
 }
 
@@ -62,7 +62,8 @@ static void resolve_features(const film_t *film, film_image_t *image, size_t pix
     float **scalars[] = {&image->depth, &image->object, &image->material, &image->coverage};
     for (size_t i = 0; i < ARRAY_LENGTH(vectors); i++) *vectors[i] = mem_zalloc(3 * pixels, sizeof(float));
     for (size_t i = 0; i < ARRAY_LENGTH(scalars); i++) *scalars[i] = mem_zalloc(pixels, sizeof(float));
-    for (size_t p = 0; p < pixels; p++) resolve_feature(film->features + FEATURE_VALUES * p, image, p);
+    for (size_t p = 0; p < pixels; p++)
+        resolve_feature(film->sums[SUM_FEATURES] + FEATURE_VALUES * p, image, p);
 }
 
 /* What the sums of a film are divided by. */
@@ -94,8 +95,8 @@ static bool resolve_pixel(const divisors_t *divisors, size_t pixel, estimate_t e
     for (size_t c = 0; c < 3; c++) {
         double eye[2], splat[2];
         for (size_t h = 0; h < 2; h++) {
-            eye[h] = (double)film->eye[3 * (h * pixels + pixel) + c] * divisors->unit;
-            splat[h] = (double)film->splat[3 * (h * pixels + pixel) + c] * divisors->unit;
+            eye[h] = (double)film->sums[SUM_EYE][3 * (h * pixels + pixel) + c] * divisors->unit;
+            splat[h] = (double)film->sums[SUM_SPLAT][3 * (h * pixels + pixel) + c] * divisors->unit;
         }
         estimates[c] = resolve_value(eye, splat, samples, divisors->light_factor);
     }

@@ -1,6 +1,5 @@
 /* blob_check: what the records of a blob may say (see blob_layout.h). A blob that passes cannot take the
  * renderer out of bounds. */
-#include "common/film/film.h"
 #include "common/scene/blob_layout.h"
 
 #include <stdlib.h>

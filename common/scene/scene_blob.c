@@ -1,5 +1,4 @@
 /* scene_blob: opens scene blobs (see scene_blob.h and blob_layout.h). */
-#include "common/film/film.h"
 #include "common/scene/blob_layout.h"
 
 #include <errno.h>

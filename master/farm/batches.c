@@ -185,9 +185,7 @@ static uint32_t *unit_weights(const job_t *job, const batch_t *batch)
 static uint64_t most_compared(const job_t *job, const worker_t *worker)
 {
     const unit_t largest = {.tile = 0, .first = 0, .count = 1};
-    uint64_t unit = sizeof(int64_t) * (batch_tile_values(&job->settings, largest.tile) +
-                                       batch_feature_values(&job->settings, &largest));
-    return COMPARED_BYTES + worker->threads * unit;
+    return COMPARED_BYTES + worker->threads * sum_unit_bytes(&job->settings, &largest);
 }
 
 /* A batch that bears a number is a rendering of units that two workers are asked for: it is compared with the
@@ -195,18 +193,11 @@ static uint64_t most_compared(const job_t *job, const worker_t *worker)
 static result_t digest_rendering(delivery_t *delivery)
 {
     const farm_batch_t *open = delivery->open;
-    batch_t decoded = *delivery->batch;
-    decoded.eye = decoded.splat = decoded.features = NULL;
-    decoded.eye_capacity = decoded.feature_capacity = 0;
+    const batch_t *batch = delivery->batch;
     if (open->asked.code != RESULT_OK) return open->asked;
-    if (!units_same(open->units, open->unit_count, decoded.units, decoded.unit_count))
+    if (!units_same(open->units, open->unit_count, batch->units, batch->unit_count))
         return result_fail(RESULT_MISMATCH, "these are not the units that were to be compared");
-    result_t result = payload_decode(delivery->payload, &decoded);
-    if (result.code == RESULT_OK) batch_digest(&decoded, &delivery->digest);
-    free(decoded.eye);
-    free(decoded.splat);
-    free(decoded.features);
-    return result;
+    return payload_digest(delivery->payload, batch, &delivery->digest);
 }
 
 /* Compares a rendering with others; *wanted is false when it does not go into the film. */

@@ -122,7 +122,7 @@ uint64_t farm_awaited_bytes(const farm_t *farm)
     for (size_t i = 0; i < farm->job_count; i++) {
         const job_t *job = farm->jobs[i];
         if (job->film != FILM_WANTED || job->state == JOB_PAUSED) continue;
-        uint64_t more = farm_film_bytes(&job->settings);
+        uint64_t more = film_bytes(&job->settings);
         if (bytes + more <= farm->options.film_limit) bytes += more;
     }
     return bytes - farm->film_bytes;
@@ -157,7 +157,7 @@ bool farm_job_start(farm_t *farm, double now, job_t *job)
         farm_want_film(farm, job);
         return false;
     }
-    uint64_t bytes = farm_film_bytes(&job->settings);
+    uint64_t bytes = film_bytes(&job->settings);
     if (farm->film_bytes + farm_awaited_bytes(farm) + bytes > farm->options.film_limit) return false;
     film_t *film;
     result_t result = film_new(&job->settings, &film);

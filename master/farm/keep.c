@@ -151,7 +151,7 @@ void farm_restore(farm_t *farm, double now, const job_record_t *record)
         job_t *job = job_from_record(record);
         insert_job(farm, job);
         if (record->job >= farm->next_job) farm->next_job = record->job + 1;
-        uint64_t bytes = farm_film_bytes(&job->settings);
+        uint64_t bytes = film_bytes(&job->settings);
         if (!job_state_final(job->state) && bytes > farm->options.film_limit) {
             snprintf(job->message, sizeof job->message,
                      "its film takes %.1f GB and this machine has room for %.1f GB; it is kept on the disk: "
@@ -180,13 +180,13 @@ job_t *farm_next_load(farm_t *farm)
     for (size_t i = 0; i < farm->job_count && !farm->shut; i++) {
         job_t *job = farm->jobs[i];
         if (job->film != FILM_WANTED) continue;
-        if (farm->film_bytes + farm_film_bytes(&job->settings) > farm->options.film_limit) continue;
+        if (farm->film_bytes + film_bytes(&job->settings) > farm->options.film_limit) continue;
         if (found == NULL || loads_before(job, found)) found = job;
     }
     if (found != NULL) {
         found->film = FILM_LOADING;
         found->pins++;
-        farm->film_bytes += farm_film_bytes(&found->settings);
+        farm->film_bytes += film_bytes(&found->settings);
     }
     farm_unlock(farm);
     return found;
@@ -202,7 +202,7 @@ static void stop_waiting(farm_t *farm, job_t *job)
 /* There is no checkpoint: what was counted is lost. */
 static void begin_anew(farm_t *farm, double now, job_t *job)
 {
-    farm->film_bytes -= farm_film_bytes(&job->settings);
+    farm->film_bytes -= film_bytes(&job->settings);
     if (job->gone) return;
     job->samples_done = 0;
     job->elapsed_before = 0; /* the time that it may take is that of what it has */
@@ -261,7 +261,7 @@ void farm_load_failed(farm_t *farm, double now, job_t *job, const char *why)
 {
     farm_lock(farm);
     stop_waiting(farm, job);
-    farm->film_bytes -= farm_film_bytes(&job->settings);
+    farm->film_bytes -= film_bytes(&job->settings);
     snprintf(job->message, sizeof job->message, "%s", why);
     log_error("job %llu: %s", (unsigned long long)job->id, job->message);
     if (!job->gone) farm_job_close(farm, now, job, JOB_FAILED);

@@ -26,7 +26,7 @@ result_t farm_submit(farm_t *farm, double now, const job_terms_t *terms, const j
                      const hash_t *blob, uint64_t blob_size, uint64_t *id)
 {
     (void)now;
-    uint64_t bytes = farm_film_bytes(settings), limit = farm->options.film_limit;
+    uint64_t bytes = film_bytes(settings), limit = farm->options.film_limit;
     if (bytes > limit)
         return result_fail(RESULT_LIMIT,
                            "a film of %d x %d pixels takes %.1f GB, this master has room for %.1f GB",

@@ -23,46 +23,36 @@ struct shared_film_snapshot {
 
 /* ---- pages --------------------------------------------------------------------------------------------- */
 
-static void array_bytes(const job_settings_t *settings, size_t bytes[ARRAYS])
+static size_t sum_bytes(const job_settings_t *settings, sum_kind_t kind)
 {
-    size_t values = batch_splat_values(settings);
-    bytes[ARRAY_EYE] = bytes[ARRAY_SPLAT] = values * sizeof(int64_t);
-    bytes[ARRAY_SAMPLES] = values / 3 * sizeof(uint32_t);
-    bytes[ARRAY_FEATURES] = job_has_features(settings) ? values / 6 * FEATURE_VALUES * sizeof(int64_t) : 0;
+    return sum_image_values(settings, kind) * film_sums[kind].bytes;
 }
 
-static void array_addresses(const film_t *film, uint8_t *arrays[ARRAYS])
+static size_t pages_of(const job_settings_t *settings, sum_kind_t kind)
 {
-    arrays[ARRAY_EYE] = (uint8_t *)film->eye;
-    arrays[ARRAY_SPLAT] = (uint8_t *)film->splat;
-    arrays[ARRAY_SAMPLES] = (uint8_t *)film->samples;
-    arrays[ARRAY_FEATURES] = (uint8_t *)film->features;
-}
-
-static size_t pages_of(size_t bytes)
-{
-    return (bytes + SHARED_FILM_PAGE_BYTES - 1) / SHARED_FILM_PAGE_BYTES;
+    return (sum_bytes(settings, kind) + SHARED_FILM_PAGE_BYTES - 1) / SHARED_FILM_PAGE_BYTES;
 }
 
 size_t shared_film_page_count(const job_settings_t *settings)
 {
-    size_t bytes[ARRAYS], count = 0;
-    array_bytes(settings, bytes);
-    for (int a = 0; a < ARRAYS; a++) count += pages_of(bytes[a]);
+    size_t count = 0;
+    for (sum_kind_t k = 0; k < FILM_SUMS; k++) count += pages_of(settings, k);
     return count;
+}
+
+/* Bytes of the page that begins at byte `start` of one of the sums. */
+static size_t page_bytes(const job_settings_t *settings, sum_kind_t kind, size_t start)
+{
+    size_t left = sum_bytes(settings, kind) - start;
+    return left < SHARED_FILM_PAGE_BYTES ? left : SHARED_FILM_PAGE_BYTES;
 }
 
 void *shared_film_page(const film_t *film, size_t index, size_t *size)
 {
-    size_t bytes[ARRAYS];
-    uint8_t *arrays[ARRAYS];
-    int a = 0;
-    array_bytes(&film->settings, bytes);
-    array_addresses(film, arrays);
-    while (index >= pages_of(bytes[a])) index -= pages_of(bytes[a++]);
-    size_t offset = index * SHARED_FILM_PAGE_BYTES, left = bytes[a] - offset;
-    *size = left < SHARED_FILM_PAGE_BYTES ? left : SHARED_FILM_PAGE_BYTES;
-    return arrays[a] + offset;
+    const sum_kind_t *kind = film_page_order;
+    for (; index >= pages_of(&film->settings, *kind); kind++) index -= pages_of(&film->settings, *kind);
+    *size = page_bytes(&film->settings, *kind, index * SHARED_FILM_PAGE_BYTES);
+    return (uint8_t *)film_values(film, *kind) + index * SHARED_FILM_PAGE_BYTES;
 }
 
 /* ---- life ---------------------------------------------------------------------------------------------- */
@@ -88,12 +78,11 @@ shared_film_t *shared_film_new(film_t *film)
     pthread_rwlock_init(&shared_film->lock, &attributes);
     pthread_rwlockattr_destroy(&attributes);
     pthread_mutex_init(&shared_film->counting, NULL);
-    array_addresses(film, shared_film->arrays);
-    array_bytes(&film->settings, shared_film->bytes);
-    for (int a = 0; a < ARRAYS; a++) {
-        shared_film->first_page[a] = shared_film->page_count;
-        shared_film->page_count += pages_of(shared_film->bytes[a]);
-        ask_for_huge_pages(shared_film->arrays[a], shared_film->bytes[a]);
+    for (int i = 0; i < FILM_SUMS; i++) {
+        sum_kind_t kind = film_page_order[i];
+        shared_film->first_page[kind] = shared_film->page_count;
+        shared_film->page_count += pages_of(&film->settings, kind);
+        ask_for_huge_pages(film_values(film, kind), sum_bytes(&film->settings, kind));
     }
     shared_film->pages = mem_zalloc(shared_film->page_count, sizeof *shared_film->pages);
     for (size_t i = 0; i < shared_film->page_count; i++)
@@ -210,25 +199,27 @@ void adder_rest(adder_t *adder)
     adder->held = NO_PAGE;
 }
 
-/* Locks the page of a byte of an array, for changing it; *room is what is left of the page from there on. */
-static void *reach(adder_t *adder, array_t array, size_t offset, size_t *room)
+/* Locks the page of a byte of one of the sums, for changing it; *room is what is left from there on of a page
+ * of full length. */
+static void *reach(adder_t *adder, sum_kind_t kind, size_t offset, size_t *room)
 {
     shared_film_t *shared_film = adder->shared_film;
-    size_t start = offset - offset % SHARED_FILM_PAGE_BYTES, left = shared_film->bytes[array] - start;
-    size_t size = left < SHARED_FILM_PAGE_BYTES ? left : SHARED_FILM_PAGE_BYTES;
-    size_t index = shared_film->first_page[array] + offset / SHARED_FILM_PAGE_BYTES;
+    uint8_t *values = film_values(shared_film->film, kind);
+    size_t start = offset - offset % SHARED_FILM_PAGE_BYTES;
+    size_t index = shared_film->first_page[kind] + offset / SHARED_FILM_PAGE_BYTES;
     if (adder->held != index) {
         page_t *page = &shared_film->pages[index];
         adder_rest(adder);
         pthread_mutex_lock(&page->lock);
         adder->held = index;
         if (page->wanted && page->copy == NULL) {
+            size_t size = page_bytes(&shared_film->film->settings, kind, start);
             page->copy = mem_alloc(size);
-            memcpy(page->copy, shared_film->arrays[array] + start, size);
+            memcpy(page->copy, values + start, size);
         }
     }
-    *room = start + size - offset;
-    return shared_film->arrays[array] + offset;
+    *room = start + SHARED_FILM_PAGE_BYTES - offset;
+    return values + offset;
 }
 
 /* Sums wrap, as unsigned numbers do: a hostile batch that is being taken back may leave the range for a
@@ -296,7 +287,7 @@ static bool step(adder_t *adder, int64_t *sum, const int64_t *values, size_t cou
     case ADD_STRICT:
         return stepped(adder, add_strict(sum, values, count, large));
     case ADD_TOLERANT:
-        adder->overflows += film_add_sums(sum, values, count, 1);
+        adder->overflows += film_add_sums(sum, values, count);
         break;
     case ADD_EXACT:
         add_exact(sum, values, count, adder->negative);
@@ -307,12 +298,12 @@ static bool step(adder_t *adder, int64_t *sum, const int64_t *values, size_t cou
     return stepped(adder, true);
 }
 
-bool adder_add(adder_t *adder, array_t array, size_t first, const int64_t *values, size_t count, bool large)
+bool adder_add(adder_t *adder, sum_kind_t kind, size_t first, const int64_t *values, size_t count, bool large)
 {
     if (adder->mode == ADD_NOTHING) return true;
     while (count > 0) {
         size_t room;
-        int64_t *sum = reach(adder, array, first * sizeof *values, &room);
+        int64_t *sum = reach(adder, kind, first * sizeof *values, &room);
         size_t part = room / sizeof *values < count ? room / sizeof *values : count;
         if (!step(adder, sum, values, part, large)) return false;
         first += part;
@@ -352,7 +343,7 @@ static uint64_t add_marked_tolerant(int64_t *sum, uint64_t mask, const int64_t *
 {
     uint64_t overflows = 0;
     for (; mask != 0; mask &= mask - 1, values += 3)
-        overflows += film_add_sums(sum + 3 * __builtin_ctzll(mask), values, 3, 1);
+        overflows += film_add_sums(sum + 3 * __builtin_ctzll(mask), values, 3);
     return overflows;
 }
 
@@ -382,29 +373,29 @@ static void fetch_ahead(const int64_t *sum)
     for (int i = 0; i < 3 * 64; i += LINE_VALUES) __builtin_prefetch(sum + i, 1);
 }
 
-bool adder_add_marked(adder_t *adder, array_t array, size_t first, uint64_t mask, const int64_t *values,
+bool adder_add_marked(adder_t *adder, sum_kind_t kind, size_t first, uint64_t mask, const int64_t *values,
                       bool large)
 {
     if (mask == 0 || adder->mode == ADD_NOTHING) return true;
     size_t room, span = 3 * (size_t)(64 - __builtin_clzll(mask));
-    if (mask == UINT64_MAX) return adder_add(adder, array, first, values, span, large);
-    int64_t *sum = reach(adder, array, first * sizeof *values, &room);
+    if (mask == UINT64_MAX) return adder_add(adder, kind, first, values, span, large);
+    int64_t *sum = reach(adder, kind, first * sizeof *values, &room);
     if (!large && room >= span * sizeof *values) {
         fetch_ahead(sum + 3 * 64);
         return step_marked(adder, sum, mask, values);
     }
     for (; mask != 0; mask &= mask - 1, values += 3)
-        if (!adder_add(adder, array, first + 3 * (size_t)__builtin_ctzll(mask), values, 3, large))
+        if (!adder_add(adder, kind, first + 3 * (size_t)__builtin_ctzll(mask), values, 3, large))
             return false;
     return true;
 }
 
-bool adder_add_strided(adder_t *adder, array_t array, size_t first, size_t stride, size_t lanes,
+bool adder_add_strided(adder_t *adder, sum_kind_t kind, size_t first, size_t stride, size_t lanes,
                        const int64_t *values, size_t count)
 {
-    if (stride == lanes) return adder_add(adder, array, first, values, count * lanes, true);
+    if (stride == lanes) return adder_add(adder, kind, first, values, count * lanes, true);
     for (size_t i = 0; i < count; i++)
-        if (!adder_add(adder, array, first + i * stride, values + i * lanes, lanes, true)) return false;
+        if (!adder_add(adder, kind, first + i * stride, values + i * lanes, lanes, true)) return false;
     return true;
 }
 
@@ -413,7 +404,7 @@ bool adder_count(adder_t *adder, size_t first, uint32_t samples, size_t count)
     if (adder->mode == ADD_NOTHING) return true;
     while (count > 0) {
         size_t room;
-        uint32_t *sum = reach(adder, ARRAY_SAMPLES, first * sizeof *sum, &room);
+        uint32_t *sum = reach(adder, SUM_SAMPLES, first * sizeof *sum, &room);
         size_t part = room / sizeof *sum < count ? room / sizeof *sum : count;
         if (adder->steps == adder->limit) return false;
         for (size_t i = 0; i < part; i++) sum[i] += adder->negative ? 0 - samples : samples;

@@ -11,14 +11,15 @@
  *     yet read.
  *
  * A page is SHARED_FILM_PAGE_BYTES of one of the film's arrays, the last one of each array shorter. Pages are
- * numbered through all arrays: eye, splat, samples, features.
+ * numbered through all arrays in the order of film_page_order.
  *
  * Thread-safe. Lock order: the shared film, then the farm, then a page.
  */
 #ifndef LIGHTMILL_SHARED_FILM_H
 #define LIGHTMILL_SHARED_FILM_H
 
-#include "proto/wire/wire.h"
+#include "common/film/film.h"
+#include "proto/wire/payload.h"
 
 enum { SHARED_FILM_PAGE_BYTES = 1 << 20 };
 
@@ -37,7 +38,7 @@ void shared_film_leave(shared_film_t *shared_film);
 /* Adds a batch from its payloads; `weights` has the weight of each of its units (schedule_weight), NULL: all
  * 1. With `sign` -1 what was added before is taken out again. To be called between enter and leave. `batch`
  * has settings, checked units and counts; its arrays are not used. The film's counts are updated too.
- * RESULT_PROTOCOL when the payloads do not decode to exactly the right size, or hold features that no sample
+ * RESULT_PROTOCOL when the payloads do not decode to exactly the right size, or hold sums that no sample
  * can have; then the film is as it was. Sums that overflow are left out and counted. */
 result_t shared_film_merge_payload(shared_film_t *shared_film, const zmq_msg_t payload[BATCH_PAYLOADS],
                                    const batch_t *batch, const uint32_t *weights, int sign);

@@ -14,37 +14,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* ---- rows and counts ----------------------------------------------------------------------------------- */
-
-static uint32_t weight_of(const uint32_t *weights, size_t unit)
-{
-    return weights == NULL ? 1 : weights[unit];
-}
-
-/* A row of a tile's eye sums, and its samples. */
-static bool add_eye_row(adder_t *adder, size_t pixel, size_t pixels, const int64_t *values, uint32_t samples,
-                        uint32_t weight)
-{
-    int64_t weighted[3 * JOB_MAX_TILE];
-    for (size_t i = 0; weight != 1 && i < 3 * pixels; i++)
-        if (__builtin_mul_overflow(values[i], (int64_t)weight, &weighted[i])) weighted[i] = INT64_MAX;
-    return adder_add(adder, ARRAY_EYE, 3 * pixel, weight != 1 ? weighted : values, 3 * pixels, true) &&
-           adder_count(adder, pixel, weight * samples, pixels);
-}
-
-static void add_counts(shared_film_t *shared_film, const film_counts_t *counts, uint64_t overflows, int sign)
-{
-    pthread_mutex_lock(&shared_film->counting);
-    if (sign < 0)
-        film_counts_take_out(&shared_film->film->counts, counts);
-    else
-        film_counts_add(&shared_film->film->counts, counts);
-    shared_film->film->counts.overflows += overflows;
-    pthread_mutex_unlock(&shared_film->counting);
-}
-
-/* ---- walking over the payloads ------------------------------------------------------------------------- */
-
 /* One walk over the payloads of a batch. */
 typedef struct {
     adder_t adder;
@@ -52,10 +21,49 @@ typedef struct {
     const batch_t *batch;
     const uint32_t *weights;
     payload_reader_t *reader;
-    size_t *starts; /* of each unit in the frame at hand, in pixels, and the end */
-    size_t unit;    /* the one at hand */
-    int64_t row[3 * PAYLOAD_PIECE];
+    sum_kind_t kind; /* of the payload at hand */
+    size_t *starts;  /* of each unit in it, in pixels, and the end */
+    size_t unit;     /* the one at hand */
+    int64_t unfolded[PAYLOAD_PIECE_VALUES], weighed[PAYLOAD_PIECE_VALUES];
 } walk_t;
+
+static uint32_t weight_of(const walk_t *walk, size_t unit)
+{
+    return walk->weights == NULL ? 1 : walk->weights[unit];
+}
+
+/* These return RESULT_CANCELLED when the adder stopped. */
+
+static result_t stopped(void)
+{
+    return result_fail(RESULT_CANCELLED, "stopped");
+}
+
+/* ---- samples ------------------------------------------------------------------------------------------- */
+
+static bool count_tile(walk_t *walk, const unit_t *unit, uint32_t weight)
+{
+    rect_t rect = job_tile_rect(walk->settings, unit->tile);
+    size_t width = (size_t)walk->settings->width, height = (size_t)walk->settings->height;
+    for (int half = 0; half < 2; half++)
+        for (int y = rect.y0; y < rect.y1; y++)
+            if (!adder_count(&walk->adder, ((size_t)half * height + (size_t)y) * width + (size_t)rect.x0,
+                             weight * unit_half_count(unit, half), (size_t)(rect.x1 - rect.x0)))
+                return false;
+    return true;
+}
+
+/* They are in no payload: they follow from the units. */
+static result_t walk_samples(walk_t *walk)
+{
+    bool good = true;
+    for (size_t i = 0; i < walk->batch->unit_count && good; i++)
+        good = count_tile(walk, &walk->batch->units[i], weight_of(walk, i));
+    adder_rest(&walk->adder);
+    return good ? result_ok() : stopped();
+}
+
+/* ---- tiles --------------------------------------------------------------------------------------------- */
 
 /* Goes to the unit that a pixel of the frame belongs to. */
 static void find_unit(walk_t *walk, size_t pixel)
@@ -72,11 +80,10 @@ static void find_unit(walk_t *walk, size_t pixel)
     walk->unit = low;
 }
 
-/* Part of a row of a tile: where it lies in the image, and in which half. */
+/* Part of a row of a tile. */
 typedef struct {
-    size_t pixel; /* in the image */
+    size_t pixel; /* the first, numbered through the halves of the image */
     size_t count;
-    int half;
 } run_t;
 
 /* The pixels from `pixel` of the frame on that lie in one row of one tile, at most `left`. */
@@ -86,101 +93,94 @@ static run_t find_run(walk_t *walk, size_t pixel, size_t left)
     rect_t rect = job_tile_rect(walk->settings, walk->batch->units[walk->unit].tile);
     size_t width = (size_t)(rect.x1 - rect.x0), area = width * (size_t)(rect.y1 - rect.y0);
     size_t local = pixel - walk->starts[walk->unit], inside = local % area, x = inside % width;
-    size_t row = (size_t)rect.y0 + inside / width;
+    size_t row = local / area * (size_t)walk->settings->height + (size_t)rect.y0 + inside / width;
     return (run_t){.pixel = row * (size_t)walk->settings->width + (size_t)rect.x0 + x,
-                   .count = width - x < left ? width - x : left,
-                   .half = (int)(local / area)};
+                   .count = width - x < left ? width - x : left};
 }
 
-/* All values of a piece of three values a pixel, zeroes too. */
+/* All values of a piece, zeroes too. */
 static const int64_t *unfold_piece(walk_t *walk, const payload_piece_t *piece)
 {
     const int64_t *value = piece->values;
     bool whole = true;
     for (size_t i = 0; i < piece->pixels && whole; i += 64) {
         size_t left = piece->pixels - i;
-        uint64_t all = left < 64 ? (UINT64_C(1) << left) - 1 : UINT64_MAX;
-        whole = (piece->mask[i / 64] & all) == all;
+        whole = (size_t)__builtin_popcountll(payload_marked(piece, i)) == (left < 64 ? left : 64);
     }
     if (whole) return value;
     for (size_t i = 0; i < piece->pixels; i++) {
         bool marked = piece->mask[i / 64] >> (i % 64) & 1;
-        for (size_t c = 0; c < 3; c++) walk->row[3 * i + c] = marked ? *value++ : 0;
+        for (size_t l = 0; l < piece->lanes; l++)
+            walk->unfolded[piece->lanes * i + l] = marked ? *value++ : 0;
     }
-    return walk->row;
+    return walk->unfolded;
 }
 
-/* These return RESULT_CANCELLED when the adder stopped. */
-
-static result_t stopped(void)
+/* Values as often as they count. What then is no number any more overflows when it is added. */
+static const int64_t *weigh(walk_t *walk, const int64_t *values, size_t count)
 {
-    return result_fail(RESULT_CANCELLED, "stopped");
+    int64_t weight = weight_of(walk, walk->unit);
+    if (weight == 1 || !film_sums[walk->kind].weighted) return values;
+    for (size_t i = 0; i < count; i++)
+        if (__builtin_mul_overflow(values[i], weight, &walk->weighed[i])) walk->weighed[i] = INT64_MAX;
+    return walk->weighed;
 }
 
-static result_t walk_eye_piece(walk_t *walk, const payload_piece_t *piece)
+static result_t walk_tile_piece(walk_t *walk, const payload_piece_t *piece)
 {
+    const sum_layout_t *layout = &film_sums[walk->kind];
     const int64_t *values = unfold_piece(walk, piece);
-    size_t image = (size_t)walk->settings->width * (size_t)walk->settings->height;
     for (size_t i = 0; i < piece->pixels;) {
         run_t run = find_run(walk, piece->first + i, piece->pixels - i);
-        uint32_t samples = unit_half_count(&walk->batch->units[walk->unit], run.half);
-        if (!add_eye_row(&walk->adder, (size_t)run.half * image + run.pixel, run.count, values + 3 * i,
-                         samples, weight_of(walk->weights, walk->unit)))
+        size_t count = piece->lanes * run.count;
+        if (!sum_possible(walk->kind, &walk->batch->units[walk->unit], values, count))
+            return result_fail(RESULT_PROTOCOL, "%s sums that no sample can have", layout->name);
+        if (!adder_add_strided(&walk->adder, walk->kind, layout->values * run.pixel + piece->offset,
+                               layout->values, piece->lanes, weigh(walk, values, count), run.count))
             return stopped();
+        values += count;
         i += run.count;
     }
     return result_ok();
 }
 
-static result_t walk_splat_piece(walk_t *walk, const payload_piece_t *piece)
+/* Where the units lie in the payload at hand. */
+static void index_units(walk_t *walk)
+{
+    size_t start = 0;
+    for (size_t i = 0; i < walk->batch->unit_count; i++) {
+        walk->starts[i] = start;
+        start += sum_unit_values(walk->settings, walk->kind, &walk->batch->units[i]) /
+                 film_sums[walk->kind].values;
+    }
+    walk->starts[walk->batch->unit_count] = start;
+    walk->unit = 0;
+}
+
+/* ---- frames -------------------------------------------------------------------------------------------- */
+
+static result_t walk_frame_piece(walk_t *walk, const payload_piece_t *piece)
 {
     const int64_t *values = piece->values;
     for (size_t i = 0; i < piece->pixels; i += 64) {
-        size_t left = piece->pixels - i;
-        uint64_t mask = piece->mask[i / 64] & (left < 64 ? (UINT64_C(1) << left) - 1 : UINT64_MAX);
-        if (!adder_add_marked(&walk->adder, ARRAY_SPLAT, 3 * (piece->first + i), mask, values, piece->large))
+        uint64_t mask = payload_marked(piece, i);
+        if (!adder_add_marked(&walk->adder, walk->kind, 3 * (piece->first + i), mask, values, piece->large))
             return stopped();
         values += 3 * (size_t)__builtin_popcountll(mask);
     }
     return result_ok();
 }
 
-static result_t walk_feature_piece(walk_t *walk, const payload_piece_t *piece)
-{
-    for (size_t i = 0; i < piece->pixels;) {
-        const int64_t *values = piece->values + piece->lanes * i;
-        run_t run = find_run(walk, piece->first + i, piece->pixels - i);
-        if (!unit_features_possible(&walk->batch->units[walk->unit], values, piece->lanes * run.count))
-            return result_fail(RESULT_PROTOCOL, "features that no sample can have");
-        if (!adder_add_strided(&walk->adder, ARRAY_FEATURES, FEATURE_VALUES * run.pixel + piece->offset,
-                               FEATURE_VALUES, piece->lanes, values, run.count))
-            return stopped();
-        i += run.count;
-    }
-    return result_ok();
-}
+/* ---- the whole ----------------------------------------------------------------------------------------- */
 
-/* Where the units lie in a frame that has `count` values of each, `stride` a pixel. */
-static size_t index_units(walk_t *walk, bool features)
+static result_t walk_payload(walk_t *walk, const zmq_msg_t *payload, sum_kind_t kind)
 {
-    size_t values = 0, stride = features ? FEATURE_VALUES : 3;
-    for (size_t i = 0; i < walk->batch->unit_count; i++) {
-        const unit_t *unit = &walk->batch->units[i];
-        walk->starts[i] = values / stride;
-        values += features ? batch_feature_values(walk->settings, unit)
-                           : batch_tile_values(walk->settings, unit->tile);
-    }
-    walk->starts[walk->batch->unit_count] = values / stride;
-    walk->unit = 0;
-    return values;
-}
-
-static result_t walk_frame(walk_t *walk, const zmq_msg_t *frame, int which, size_t values,
-                           result_t (*take)(walk_t *, const payload_piece_t *))
-{
-    result_t result = payload_open(walk->reader, frame, which, values);
+    bool frame = film_sums[kind].frame;
+    walk->kind = kind;
+    if (!frame) index_units(walk);
+    result_t result = payload_open(walk->reader, payload, kind, batch_expected_values(walk->batch, kind));
     for (payload_piece_t piece; result.code == RESULT_OK && payload_read(walk->reader, &piece);) {
-        result = take(walk, &piece);
+        result = frame ? walk_frame_piece(walk, &piece) : walk_tile_piece(walk, &piece);
         adder_rest(&walk->adder);
     }
     return result.code == RESULT_OK ? payload_end(walk->reader) : result;
@@ -188,12 +188,9 @@ static result_t walk_frame(walk_t *walk, const zmq_msg_t *frame, int which, size
 
 static result_t walk_batch(walk_t *walk, const zmq_msg_t payload[BATCH_PAYLOADS])
 {
-    TRY(walk_frame(walk, &payload[0], 0, index_units(walk, false), walk_eye_piece));
-    if (zmq_msg_size(&payload[1]) > 0)
-        TRY(walk_frame(walk, &payload[1], 1, batch_splat_values(walk->settings), walk_splat_piece));
-    size_t features = index_units(walk, true);
-    if (features == 0) return payload_no_features(&payload[2]);
-    return walk_frame(walk, &payload[2], 2, features, walk_feature_piece);
+    TRY(walk_samples(walk));
+    for (sum_kind_t k = 0; k < BATCH_SUMS; k++) TRY(walk_payload(walk, &payload[k], k));
+    return result_ok();
 }
 
 static result_t walk_again(walk_t *walk, const zmq_msg_t payload[BATCH_PAYLOADS], add_mode_t mode,
@@ -212,6 +209,17 @@ static result_t merge(walk_t *walk, const zmq_msg_t payload[BATCH_PAYLOADS], boo
     if (result.code != RESULT_CANCELLED) return result;
     TRY(walk_again(walk, payload, ADD_NOTHING, false, UINT64_MAX));
     return walk_again(walk, payload, ADD_TOLERANT, false, UINT64_MAX);
+}
+
+static void add_counts(shared_film_t *shared_film, const film_counts_t *counts, uint64_t overflows, int sign)
+{
+    pthread_mutex_lock(&shared_film->counting);
+    if (sign < 0)
+        film_counts_take_out(&shared_film->film->counts, counts);
+    else
+        film_counts_add(&shared_film->film->counts, counts);
+    shared_film->film->counts.overflows += overflows;
+    pthread_mutex_unlock(&shared_film->counting);
 }
 
 result_t shared_film_merge_payload(shared_film_t *shared_film, const zmq_msg_t payload[BATCH_PAYLOADS],

@@ -7,9 +7,6 @@
 
 #include <pthread.h>
 
-/* The arrays of a film, in the order of their pages. */
-typedef enum { ARRAY_EYE, ARRAY_SPLAT, ARRAY_SAMPLES, ARRAY_FEATURES, ARRAYS } array_t;
-
 typedef struct {
     pthread_mutex_t lock; /* guards the page's part of the film, and what follows */
     bool wanted;          /* by the snapshot, which has not read it yet */
@@ -18,11 +15,9 @@ typedef struct {
 
 struct shared_film {
     film_t *film;
-    pthread_rwlock_t lock;    /* mergers hold it for reading, readers for writing */
-    pthread_mutex_t counting; /* guards film->counts */
-    uint8_t *arrays[ARRAYS];
-    size_t bytes[ARRAYS];
-    size_t first_page[ARRAYS];
+    pthread_rwlock_t lock;        /* mergers hold it for reading, readers for writing */
+    pthread_mutex_t counting;     /* guards film->counts */
+    size_t first_page[FILM_SUMS]; /* of each of the sums */
     page_t *pages;
     size_t page_count;
 };
@@ -48,15 +43,16 @@ typedef struct {
 adder_t adder_new(shared_film_t *shared_film, add_mode_t mode, bool negative, uint64_t limit);
 /* Lets go of the page that is locked: to be called before anything that takes long. */
 void adder_rest(adder_t *adder);
-/* Adds `count` values to an array of sums from value `first` on. `large`: some may be out of the range of the
+/* Adds `count` values to one of the sums from value `first` on. `large`: some may be out of the range of the
  * film (+-2^62); otherwise they are far inside. False when it stopped: at the limit, or at an overflow. */
-bool adder_add(adder_t *adder, array_t array, size_t first, const int64_t *values, size_t count, bool large);
+bool adder_add(adder_t *adder, sum_kind_t kind, size_t first, const int64_t *values, size_t count,
+               bool large);
 /* Adds to those of up to 64 pixels of three values that are marked; `values` has theirs alone. */
-bool adder_add_marked(adder_t *adder, array_t array, size_t first, uint64_t mask, const int64_t *values,
+bool adder_add_marked(adder_t *adder, sum_kind_t kind, size_t first, uint64_t mask, const int64_t *values,
                       bool large);
 /* Adds to `lanes` values of each of `count` pixels that are `stride` values apart, the first of them at
  * `first`. */
-bool adder_add_strided(adder_t *adder, array_t array, size_t first, size_t stride, size_t lanes,
+bool adder_add_strided(adder_t *adder, sum_kind_t kind, size_t first, size_t stride, size_t lanes,
                        const int64_t *values, size_t count);
 /* Adds the same number to `count` entries of the sample counts. */
 bool adder_count(adder_t *adder, size_t first, uint32_t samples, size_t count);

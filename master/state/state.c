@@ -164,19 +164,12 @@ bool farm_content_fits(const job_t *job, const hash_t *content)
     return content == NULL || hash_equal(content, &own);
 }
 
-uint64_t farm_film_bytes(const job_settings_t *settings)
-{
-    uint64_t pixels = (uint64_t)settings->width * (uint64_t)settings->height;
-    uint64_t features = job_has_features(settings) ? FEATURE_VALUES * (sizeof(int64_t) + sizeof(float)) : 0;
-    return pixels * (2 * 2 * 3 * sizeof(int64_t) + 2 * sizeof(uint32_t) + 13 * sizeof(float) + features);
-}
-
 void farm_job_free_film(farm_t *farm, job_t *job)
 {
     if (!job_has_film(job)) return;
     job->film = job->shared_film_users > 0 ? FILM_CONDEMNED : FILM_NONE;
     if (job->film == FILM_CONDEMNED) return;
-    farm->film_bytes -= farm_film_bytes(&job->settings);
+    farm->film_bytes -= film_bytes(&job->settings);
     shared_film_destroy(&job->shared_film);
     farm_wake(farm->options.checkpoint_wake); /* a film may have waited for memory to be loaded */
 }

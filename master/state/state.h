@@ -227,8 +227,6 @@ bool job_is_saving(const job_t *job);
 void job_unsaved(job_t *job);
 /* The film of a job is needed now: it is loaded if it is on the disk. */
 void farm_want_film(farm_t *farm, job_t *job);
-/* What the film of a job takes, and resolving it. */
-uint64_t farm_film_bytes(const job_settings_t *settings);
 /* Frees the film, or has it freed by the last of those who hold it. */
 void farm_job_free_film(farm_t *farm, job_t *job);
 /* The shared film of a pinned job, kept from being freed until it is let go; NULL when it has none. */

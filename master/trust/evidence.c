@@ -75,22 +75,6 @@ static void add(job_checks_t *checks, evidence_t evidence)
 
 /* ---- a batch was merged -------------------------------------------------------------------------------- */
 
-/* The digest of a batch whose sums are in its payloads. */
-static result_t digest_payloads(const batch_t *batch, const zmq_msg_t payload[BATCH_PAYLOADS], hash_t *digest)
-{
-    batch_t decoded;
-    batch_init(&decoded, &batch->settings);
-    decoded.units = batch->units;
-    decoded.unit_count = batch->unit_count;
-    decoded.counts = batch->counts;
-    result_t result = payload_decode(payload, &decoded);
-    if (result.code == RESULT_OK) batch_digest(&decoded, digest);
-    decoded.units = NULL;
-    decoded.unit_count = decoded.unit_capacity = 0;
-    batch_free(&decoded);
-    return result;
-}
-
 /* Whether the batch is compared: by chance, or because it must be. */
 static bool is_chosen(const job_t *job, size_t source)
 {
@@ -136,7 +120,7 @@ void trust_keep_write(farm_t *farm, const job_t *job, trust_keep_t *keep, const 
     spool_name_t name = evidence_name(&keep->evidence);
     keep->written = spool_write(farm->options.spool_dir, job->id, &name, &keep->head, payload);
     if (keep->written.code == RESULT_OK && keep->evidence.checked)
-        keep->written = digest_payloads(batch, payload, &keep->digest);
+        keep->written = payload_digest(payload, batch, &keep->digest);
 }
 
 /* The batch is on the disk. */
@@ -351,7 +335,7 @@ static result_t load_one(farm_t *farm, job_t *job, const job_settings_t *setting
         TRY(spool_read(dir, job->id, name, settings, &head, payload));
         batch_t batch = {
             .settings = *settings, .units = head.units, .unit_count = head.unit_count, .counts = head.counts};
-        result_t result = digest_payloads(&batch, payload, &digest);
+        result_t result = payload_digest(payload, &batch, &digest);
         for (int i = 0; i < BATCH_PAYLOADS; i++) zmq_msg_close(&payload[i]);
         if (result.code != RESULT_OK) {
             spool_head_free(&head);

@@ -7,7 +7,7 @@
 #ifndef LIGHTMILL_UPLINK_HANDLER_H
 #define LIGHTMILL_UPLINK_HANDLER_H
 
-#include "common/film/film.h"
+#include "common/film/batch.h"
 #include "common/scene/scene_blob.h"
 
 /* Work from the master. */

@@ -35,7 +35,7 @@ static void put_u32(uint8_t *bytes, uint32_t value)
 /* Memory of the encoder. */
 typedef struct {
     uint64_t packed[BAND_VALUES +
-                    GROUP_VALUES]; /* the values that are not left out, zigzag; room for one pixel more */
+                    SUM_GROUP_VALUES]; /* the values that are not left out, zigzag; room for one pixel more */
     uint8_t plane[BAND_VALUES];
     uint8_t mask[MASK_BYTES];
     ZSTD_CCtx *compressor;
@@ -96,7 +96,7 @@ static uint64_t zigzag(uint64_t value)
  * there are, and in *bits all bits that are set in any. */
 static size_t pack_pixels(scratch_t *scratch, const band_t *band, const int64_t *values, uint64_t *bits)
 {
-    uint64_t before[GROUP_VALUES] = {0}, *packed = scratch->packed;
+    uint64_t before[SUM_GROUP_VALUES] = {0}, *packed = scratch->packed;
     *bits = 0;
     memset(scratch->mask, 0, (band->pixels + 7) / 8);
     for (size_t i = 0; i < band->pixels; i++) {
@@ -146,7 +146,8 @@ static result_t output_message(output_t *out, zmq_msg_t *message)
     return result_fail(RESULT_LIMIT, "no memory for a payload of %zu bytes", out->size);
 }
 
-static result_t encode_planes(const layout_t *layout, const int64_t *values, size_t count, zmq_msg_t *message)
+static result_t encode_planes(const sum_layout_t *layout, const int64_t *values, size_t count,
+                              zmq_msg_t *message)
 {
     scratch_t *scratch = scratch_new();
     if (scratch == NULL) return result_fail(RESULT_LIMIT, "no memory for the compressor");
@@ -166,7 +167,8 @@ static result_t encode_planes(const layout_t *layout, const int64_t *values, siz
     return output_message(&out, message);
 }
 
-static result_t encode_raw(const layout_t *layout, const int64_t *values, size_t count, zmq_msg_t *message)
+static result_t encode_raw(const sum_layout_t *layout, const int64_t *values, size_t count,
+                           zmq_msg_t *message)
 {
     (void)layout;
     size_t size = FRAME_HEADER + count * sizeof *values;
@@ -181,15 +183,13 @@ static result_t encode_raw(const layout_t *layout, const int64_t *values, size_t
 
 result_t payload_encode(const batch_t *batch, bool compress, zmq_msg_t payload[BATCH_PAYLOADS])
 {
-    result_t (*encode)(const layout_t *, const int64_t *, size_t, zmq_msg_t *) =
+    result_t (*encode)(const sum_layout_t *, const int64_t *, size_t, zmq_msg_t *) =
         compress ? encode_planes : encode_raw;
-    size_t splats = batch->splat != NULL ? batch_splat_values(&batch->settings) : 0;
+    result_t result = result_ok();
     for (int i = 0; i < BATCH_PAYLOADS; i++) zmq_msg_init(&payload[i]);
-    result_t result = encode(&payload_layouts[0], batch->eye, batch->eye_count, &payload[0]);
-    if (result.code == RESULT_OK && splats > 0)
-        result = encode(&payload_layouts[1], batch->splat, splats, &payload[1]);
-    if (result.code == RESULT_OK && batch->feature_count > 0)
-        result = encode(&payload_layouts[2], batch->features, batch->feature_count, &payload[2]);
+    for (int i = 0; i < BATCH_PAYLOADS && result.code == RESULT_OK; i++)
+        if (batch->sums[i].count > 0)
+            result = encode(&film_sums[i], batch->sums[i].values, batch->sums[i].count, &payload[i]);
     for (int i = 0; i < BATCH_PAYLOADS && result.code != RESULT_OK; i++) zmq_msg_close(&payload[i]);
     return result;
 }

@@ -19,10 +19,9 @@ typedef struct {
 } input_t;
 
 struct payload_reader {
-    int which; /* frame of a batch */
+    const sum_layout_t *layout;
     size_t size;
     bool damaged;
-    const layout_t *layout;
     size_t values; /* that must come out */
     input_t rest;  /* of the frame: bands, or raw values */
     bool raw;
@@ -34,12 +33,12 @@ struct payload_reader {
     size_t next_pixel; /* in the band; == band.pixels: no band is at hand */
     size_t next_value; /* in the planes */
     int plane_count;
-    uint64_t before[GROUP_VALUES]; /* where differences are coded: the pixel before */
+    uint64_t before[SUM_GROUP_VALUES]; /* where differences are coded: the pixel before */
 
     uint64_t mask[BAND_PIXELS / 64];
     uint64_t all_marked[PIECE_WORDS];
-    int64_t piece[GROUP_VALUES * PAYLOAD_PIECE];
-    int64_t unfolded[GROUP_VALUES * PAYLOAD_PIECE]; /* from differences */
+    int64_t piece[PAYLOAD_PIECE_VALUES];
+    int64_t unfolded[PAYLOAD_PIECE_VALUES]; /* from differences */
     uint8_t planes[PLANES][BAND_VALUES];
     ZSTD_DCtx *decompressor;
 };
@@ -96,36 +95,30 @@ static bool open_planes(payload_reader_t *reader)
 /* Likewise for values as they are: they make one band. */
 static bool open_raw(payload_reader_t *reader)
 {
-    const layout_t *layout = reader->layout;
+    const sum_layout_t *layout = reader->layout;
     reader->band_count = 0;
     reader->band = (band_t){
-        .stride = layout->stride, .lanes = layout->stride, .pixels = reader->values / layout->stride};
+        .stride = layout->values, .lanes = layout->values, .pixels = reader->values / layout->values};
     return reader->rest.size == reader->values * sizeof(int64_t);
 }
 
-/* What a frame is called in messages. */
-static const char *frame_name(int which)
+result_t payload_open(payload_reader_t *reader, const zmq_msg_t *payload, sum_kind_t kind, size_t values)
 {
-    static const char *const names[BATCH_PAYLOADS] = {"eye", "splat", "feature"};
-    return names[which];
-}
-
-result_t payload_open(payload_reader_t *reader, const zmq_msg_t *frame, int which, size_t values)
-{
-    reader->which = which;
-    reader->size = zmq_msg_size(frame);
+    reader->layout = &film_sums[kind];
+    reader->size = zmq_msg_size(payload);
     reader->damaged = false;
-    reader->layout = &payload_layouts[which];
     reader->values = values;
-    reader->rest = (input_t){zmq_msg_data((zmq_msg_t *)frame), reader->size};
-    reader->next_band = reader->next_pixel = 0;
+    reader->rest = (input_t){zmq_msg_data((zmq_msg_t *)payload), reader->size};
+    reader->band_count = reader->next_band = reader->next_pixel = 0;
     reader->band = (band_t){0};
+    if (reader->size == 0 && (values == 0 || reader->layout->frame)) return result_ok();
     const uint8_t *header = input_take(&reader->rest, FRAME_HEADER);
     reader->raw = header != NULL && header[0] == CODEC_RAW;
     bool planes = header != NULL && header[0] == CODEC_PLANES;
-    if ((reader->raw && open_raw(reader)) || (planes && open_planes(reader))) return result_ok();
+    if (values > 0 && ((reader->raw && open_raw(reader)) || (planes && open_planes(reader))))
+        return result_ok();
     return result_fail(RESULT_PROTOCOL, "the %s payload of %zu bytes cannot hold %zu values",
-                       frame_name(which), reader->size, values);
+                       reader->layout->name, reader->size, values);
 }
 
 /* ---- bands --------------------------------------------------------------------------------------------- */
@@ -302,7 +295,7 @@ bool payload_read(payload_reader_t *reader, payload_piece_t *piece)
 result_t payload_end(const payload_reader_t *reader)
 {
     if (!reader->damaged) return result_ok();
-    return result_fail(RESULT_PROTOCOL, "the %s payload of %zu bytes is damaged", frame_name(reader->which),
+    return result_fail(RESULT_PROTOCOL, "the %s payload of %zu bytes is damaged", reader->layout->name,
                        reader->size);
 }
 
@@ -313,76 +306,61 @@ static void store_piece(const payload_piece_t *piece, size_t stride, int64_t *va
     const int64_t *value = piece->values;
     int64_t *first = values + stride * piece->first + piece->offset;
     if (piece->lanes == stride) memset(first, 0, piece->pixels * stride * sizeof *values);
-    for (size_t i = 0; i < piece->pixels; i += 64) {
-        size_t left = piece->pixels - i;
-        uint64_t mask = piece->mask[i / 64] & (left < 64 ? (UINT64_C(1) << left) - 1 : UINT64_MAX);
-        for (; mask != 0; mask &= mask - 1, value += piece->lanes) {
+    for (size_t i = 0; i < piece->pixels; i += 64)
+        for (uint64_t mask = payload_marked(piece, i); mask != 0; mask &= mask - 1, value += piece->lanes) {
             int64_t *pixel = first + stride * (i + (size_t)__builtin_ctzll(mask));
             for (size_t l = 0; l < piece->lanes; l++) pixel[l] = value[l];
         }
-    }
 }
 
-/* Fills *values, at least `count` of them: what is there of `capacity` is used, or else memory is taken once
- * the frame's sizes are known to be right. */
-static result_t decode_frame(payload_reader_t *reader, const zmq_msg_t *frame, int which, size_t count,
-                             int64_t **values, size_t *capacity)
+/* Memory that is there is used; more is taken once the payload's sizes are known to be right. */
+static result_t decode(payload_reader_t *reader, const zmq_msg_t *payload, sum_kind_t kind, batch_t *batch)
 {
-    TRY(payload_open(reader, frame, which, count));
-    if (*capacity < count) {
-        free(*values);
-        *values = malloc(count * sizeof **values);
-        *capacity = *values == NULL ? 0 : count;
-        if (*values == NULL)
-            return result_fail(RESULT_LIMIT, "no memory for %zu %s values", count, frame_name(which));
+    sum_array_t *sums = &batch->sums[kind];
+    size_t count = batch_expected_values(batch, kind);
+    sums->count = 0;
+    TRY(payload_open(reader, payload, kind, count));
+    if (reader->size == 0) return result_ok();
+    if (sums->capacity < count) {
+        sum_array_free(sums);
+        sums->values = malloc(count * sizeof *sums->values);
+        if (sums->values == NULL)
+            return result_fail(RESULT_LIMIT, "no memory for %zu %s values", count, reader->layout->name);
+        sums->capacity = count;
     }
     for (payload_piece_t piece; payload_read(reader, &piece);)
-        store_piece(&piece, reader->layout->stride, *values);
-    return payload_end(reader);
-}
-
-static result_t decode_splats(payload_reader_t *reader, const zmq_msg_t *frame, batch_t *batch)
-{
-    if (zmq_msg_size(frame) == 0) {
-        free(batch->splat);
-        batch->splat = NULL;
-        return result_ok();
-    }
-    size_t values = batch_splat_values(&batch->settings), capacity = batch->splat == NULL ? 0 : values;
-    return decode_frame(reader, frame, 1, values, &batch->splat, &capacity);
-}
-
-static result_t decode_features(payload_reader_t *reader, const zmq_msg_t *frame, size_t values,
-                                batch_t *batch)
-{
-    if (values == 0) return payload_no_features(frame);
-    TRY(decode_frame(reader, frame, 2, values, &batch->features, &batch->feature_capacity));
-    batch->feature_count = values;
+        store_piece(&piece, reader->layout->values, sums->values);
+    TRY(payload_end(reader));
+    sums->count = count;
     return result_ok();
 }
 
-result_t payload_no_features(const zmq_msg_t *frame)
+static result_t decode_all(const zmq_msg_t payload[BATCH_PAYLOADS], batch_t *batch, bool frames)
 {
-    if (zmq_msg_size(frame) == 0) return result_ok();
-    return result_fail(RESULT_PROTOCOL, "a feature payload for units that have no features");
+    payload_reader_t *reader = payload_reader_new();
+    result_t result = reader != NULL ? result_ok() : result_fail(RESULT_LIMIT, "no memory for a decoder");
+    for (sum_kind_t k = 0; k < BATCH_SUMS && result.code == RESULT_OK; k++)
+        if (frames || !film_sums[k].frame) result = decode(reader, &payload[k], k, batch);
+    payload_reader_free(&reader);
+    return result;
 }
 
 result_t payload_decode(const zmq_msg_t payload[BATCH_PAYLOADS], batch_t *batch)
 {
-    size_t eye_values = 0, feature_values = 0;
-    for (size_t i = 0; i < batch->unit_count; i++) {
-        eye_values += batch_tile_values(&batch->settings, batch->units[i].tile);
-        feature_values += batch_feature_values(&batch->settings, &batch->units[i]);
-    }
-    batch->eye_count = batch->feature_count = 0;
-    payload_reader_t *reader = payload_reader_new();
-    if (reader == NULL) return result_fail(RESULT_LIMIT, "no memory for a decoder");
-    result_t result = decode_frame(reader, &payload[0], 0, eye_values, &batch->eye, &batch->eye_capacity);
-    if (result.code == RESULT_OK) {
-        batch->eye_count = eye_values;
-        result = decode_splats(reader, &payload[1], batch);
-    }
-    if (result.code == RESULT_OK) result = decode_features(reader, &payload[2], feature_values, batch);
-    payload_reader_free(&reader);
+    return decode_all(payload, batch, true);
+}
+
+result_t payload_decode_tiles(const zmq_msg_t payload[BATCH_PAYLOADS], batch_t *batch)
+{
+    return decode_all(payload, batch, false);
+}
+
+result_t payload_digest(const zmq_msg_t payload[BATCH_PAYLOADS], const batch_t *batch, hash_t *digest)
+{
+    batch_t decoded = *batch;
+    memset(decoded.sums, 0, sizeof decoded.sums);
+    result_t result = payload_decode(payload, &decoded);
+    if (result.code == RESULT_OK) batch_digest(&decoded, digest);
+    for (sum_kind_t k = 0; k < BATCH_SUMS; k++) sum_array_free(&decoded.sums[k]);
     return result;
 }

@@ -8,11 +8,9 @@
 #ifndef LIGHTMILL_WIRE_H
 #define LIGHTMILL_WIRE_H
 
-#include "common/film/film.h"
 #include "proto/wire/keys.h"
 #include "proto/wire/lightmill.pb-c.h"
-
-#include <zmq.h>
+#include "proto/wire/payload.h"
 
 enum {
     WIRE_VERSION = 4,
@@ -21,8 +19,7 @@ enum {
     WIRE_MAX_CONTROL_FRAME = 1 << 20, /* control messages have no payloads */
     WIRE_MAX_CONTROL_ASKED = 1 << 14, /* those to a master; its answers may be lists */
     WIRE_MAX_DECODED = 16 << 20,      /* bytes that decoding one header may allocate */
-    WIRE_MAX_PAYLOADS = 3,
-    BATCH_PAYLOADS = 3,       /* eye tiles, splat frame, features */
+    WIRE_MAX_PAYLOADS = BATCH_PAYLOADS,
     WIRE_MAX_UNITS = 1 << 14, /* units in an assignment or a batch */
     WIRE_MAX_STRING = 1024,
     WIRE_MAX_CHUNK = 4 << 20, /* bytes of a blob or an image in one message */
@@ -157,46 +154,5 @@ result_t wire_batch_get(const wire_message_t *message, batch_t *batch);
 bool wire_hash_get(const ProtobufCBinaryData *bytes, hash_t *hash);
 /* Points the bytes field at the hash, which must outlive the message. */
 ProtobufCBinaryData wire_hash_put(const hash_t *hash);
-
-/* The payload codec (payload.c; PROTOCOL.md gives the byte layout). The decoder knows from the units how many
- * bytes must come out, so a hostile payload can neither make it allocate nor write more than that. */
-
-/* Compresses the sums of a batch: the payload messages for wire_send (eye tiles, splat frame, features; the
- * others may be empty). `compress` false stores them as they are, for inproc. On failure none is open. */
-result_t payload_encode(const batch_t *batch, bool compress, zmq_msg_t payload[BATCH_PAYLOADS]);
-/* The reverse. `batch` has been initialised with the job's settings and holds the message's units, checked;
- * its arrays are filled, splat is left NULL when the frame is empty. RESULT_PROTOCOL when the bytes do not
- * decode to exactly the right size. */
-result_t payload_decode(const zmq_msg_t payload[BATCH_PAYLOADS], batch_t *batch);
-
-/* Reading a frame piece by piece, for who adds the values up and need not have them all in memory. */
-
-enum { PAYLOAD_PIECE = 1024 }; /* pixels of a piece, at most */
-
-typedef struct payload_reader payload_reader_t;
-
-/* Some values of some pixels: splats and eye tiles have 3 a pixel, features FEATURE_VALUES. */
-typedef struct {
-    size_t first, pixels;  /* numbered through the frame */
-    size_t offset, lanes;  /* which of the values of each pixel */
-    const uint64_t *mask;  /* a bit a pixel, from the lowest on; those not marked are zero. What is marked
-                              beyond the last pixel means nothing */
-    const int64_t *values; /* `lanes` for each pixel that is marked */
-    bool large;            /* some may be beyond +-2^55 */
-} payload_piece_t;
-
-/* NULL when memory lacks. */
-payload_reader_t *payload_reader_new(void);
-/* Sets *reader to NULL. */
-void payload_reader_free(payload_reader_t **reader);
-/* Begins frame `which` of a batch, of which `values` must come out. RESULT_PROTOCOL when it cannot be so.
- * `frame` stays the caller's, open until the last piece is read. */
-result_t payload_open(payload_reader_t *reader, const zmq_msg_t *frame, int which, size_t values);
-/* The next piece, valid until the one after is read. False when there is none: payload_end tells why. */
-bool payload_read(payload_reader_t *reader, payload_piece_t *piece);
-/* RESULT_PROTOCOL when the frame was damaged. */
-result_t payload_end(const payload_reader_t *reader);
-/* RESULT_PROTOCOL unless the frame of features is empty, as it must be for units that have none. */
-result_t payload_no_features(const zmq_msg_t *frame);
 
 #endif

@@ -38,8 +38,7 @@ static void fill(int64_t *values, size_t count, double share)
 static void make_batch(const job_settings_t *settings, batch_t *batch, zmq_msg_t payload[BATCH_PAYLOADS])
 {
     batch_init(batch, settings);
-    batch->splat = mem_alloc(batch_splat_values(settings) * sizeof *batch->splat);
-    fill(batch->splat, batch_splat_values(settings), 0.2);
+    fill(batch_frame(batch, SUM_SPLAT), sum_image_values(settings, SUM_SPLAT), 0.2);
     if (payload_encode(batch, true, payload).code != RESULT_OK) abort();
 }
 
@@ -145,14 +144,15 @@ int main(int argc, char **argv)
     }
     film_t *film;
     if (film_new(&settings, &film).code != RESULT_OK) return 1;
-    size_t values = batch_splat_values(&settings), raw = values * 16 + values / 3 * 4;
-    fill(film->eye, values, 0.7);
-    fill(film->splat, values, 0.3);
+    size_t values = sum_image_values(&settings, SUM_SPLAT), raw = values * 16 + values / 3 * 4;
+    fill(film->sums[SUM_EYE], values, 0.7);
+    fill(film->sums[SUM_SPLAT], values, 0.3);
     for (size_t i = 0; i < values / 3; i++) film->samples[i] = 4;
-    if (film->features != NULL) {
+    if (film->sums[SUM_FEATURES] != NULL) {
         raw += values / 6 * FEATURE_VALUES * sizeof(int64_t);
         for (size_t i = 0; i < values / 6 * FEATURE_VALUES; i++)
-            film->features[i] = (int64_t)(i % FEATURE_VALUES) << 30 | (int64_t)(i * 2654435761u & 0xffffff);
+            film->sums[SUM_FEATURES][i] =
+                (int64_t)(i % FEATURE_VALUES) << 30 | (int64_t)(i * 2654435761u & 0xffffff);
     }
     schedule_t *schedule = schedule_new(&settings);
     for (uint32_t t = 0; t < job_tile_count(&settings); t++) {

@@ -157,14 +157,14 @@ static measure_t measure_candidate(const candidate_t *c, const int64_t *values, 
 static measure_t measure_payload(const job_settings_t *settings, int64_t *values, bool compress)
 {
     batch_t sent, got;
+    size_t count = sum_image_values(settings, SUM_SPLAT);
     zmq_msg_t payload[BATCH_PAYLOADS];
     measure_t m = {0};
     batch_init(&sent, settings);
     batch_init(&got, settings);
-    sent.splat = values;
-    got.splat =
-        mem_alloc(batch_splat_values(settings) * sizeof *got.splat); /* as in the master: kept, paged in */
-    memset(got.splat, 1, batch_splat_values(settings) * sizeof *got.splat);
+    sent.sums[SUM_SPLAT] = (sum_array_t){.values = values, .count = count};
+    memset(batch_frame(&got, SUM_SPLAT), 1,
+           count * sizeof(int64_t)); /* kept and paged in, as in the master */
     double start = clock_cpu();
     result_t result = payload_encode(&sent, compress, payload);
     m.encode = clock_cpu() - start;
@@ -173,7 +173,8 @@ static measure_t measure_payload(const job_settings_t *settings, int64_t *values
     start = clock_cpu();
     result = payload_decode(payload, &got);
     m.decode = clock_cpu() - start;
-    m.same = result.code == RESULT_OK && memcmp(values, got.splat, batch_splat_values(settings) * 8) == 0;
+    m.same =
+        result.code == RESULT_OK && memcmp(values, got.sums[SUM_SPLAT].values, count * sizeof *values) == 0;
     zmq_msg_close(&payload[0]);
     zmq_msg_close(&payload[1]);
     batch_free(&got);
@@ -190,7 +191,7 @@ static void report(const char *name, measure_t m, size_t count)
 
 static void bench(const char *name, const job_settings_t *settings, int64_t *values, int64_t *back)
 {
-    size_t count = batch_splat_values(settings);
+    size_t count = sum_image_values(settings, SUM_SPLAT);
     printf("%s: %.1f MB raw\n", name, 8e-6 * (double)count);
     report("planes", measure_payload(settings, values, true), count);
     report("raw", measure_payload(settings, values, false), count);
@@ -207,7 +208,7 @@ int main(int argc, char **argv)
         fprintf(stderr, "usage: bench_codec [WIDTHxHEIGHT]\n");
         return 1;
     }
-    size_t count = batch_splat_values(&settings), triples = count / 3;
+    size_t count = sum_image_values(&settings, SUM_SPLAT), triples = count / 3;
     int64_t *values = mem_zalloc(count, sizeof *values), *back = mem_alloc(count * sizeof *back);
     memset(back, 1, count * sizeof *back);
     fill_eye(values, triples, 2);

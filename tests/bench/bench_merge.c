@@ -57,9 +57,10 @@ static batch_t render_batch(const renderer_t *renderer, const job_settings_t *se
 
 static double splat_share(const batch_t *batch)
 {
-    size_t pixels = batch_splat_values(&batch->settings) / 3, hit = 0;
-    for (size_t p = 0; batch->splat != NULL && p < pixels; p++)
-        hit += (batch->splat[3 * p] | batch->splat[3 * p + 1] | batch->splat[3 * p + 2]) != 0;
+    const sum_array_t *splats = &batch->sums[SUM_SPLAT];
+    size_t pixels = sum_image_values(&batch->settings, SUM_SPLAT) / 3, hit = 0;
+    for (size_t v = 0; v < splats->count; v += 3)
+        hit += (splats->values[v] | splats->values[v + 1] | splats->values[v + 2]) != 0;
     return (double)hit / (double)pixels;
 }
 
@@ -85,7 +86,7 @@ static double copy_rate(size_t bytes)
 static void bench(shared_film_t *shared_film, const renderer_t *renderer, const job_settings_t *settings,
                   double seconds)
 {
-    size_t raw = batch_splat_values(settings) * sizeof(int64_t);
+    size_t raw = sum_image_values(settings, SUM_SPLAT) * sizeof(int64_t);
     batch_t batch = render_batch(renderer, settings, seconds);
     zmq_msg_t payload[BATCH_PAYLOADS];
     double start = thread_cpu();

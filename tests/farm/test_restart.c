@@ -597,16 +597,17 @@ static void checkpoints_cost_little(void **state)
 static batch_t noisy_batch(const peer_work_t *work)
 {
     batch_t batch = peer_render(&work->settings, work->units, work->unit_count);
-    size_t values = batch_splat_values(&work->settings);
+    size_t values = sum_image_values(&work->settings, SUM_SPLAT);
     uint64_t random = 88172645463325252u;
-    if (batch.splat == NULL) batch.splat = mem_zalloc(values, sizeof *batch.splat);
+    int64_t *splats = batch_frame(&batch, SUM_SPLAT);
     for (size_t i = 0; i < values; i++) {
         random ^= random << 13;
         random ^= random >> 7;
         random ^= random << 17;
-        batch.splat[i] = (int64_t)(random >> 33);
+        splats[i] = (int64_t)(random >> 33);
     }
-    for (size_t i = 0; i < batch.eye_count; i++) batch.eye[i] += batch.splat[i % values] >> 2;
+    for (size_t i = 0; i < batch.sums[SUM_EYE].count; i++)
+        batch.sums[SUM_EYE].values[i] += splats[i % values] >> 2;
     return batch;
 }
 

@@ -7,6 +7,7 @@
 
 #include "master/film/shared_film.h"
 #include "proto/wire/wire.h"
+#include "tests/films.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -42,16 +43,6 @@ static void put_payload(zmq_msg_t *message, const uint8_t *bytes, size_t size)
     if (size > 0) memcpy(zmq_msg_data(message), bytes, size);
 }
 
-static bool same_film(const film_t *a, const film_t *b)
-{
-    size_t pixels = (size_t)a->settings.width * (size_t)a->settings.height;
-    return memcmp(a->eye, b->eye, pixels * 6 * sizeof *a->eye) == 0 &&
-           memcmp(a->splat, b->splat, pixels * 6 * sizeof *a->splat) == 0 &&
-           memcmp(a->samples, b->samples, pixels * 2 * sizeof *a->samples) == 0 &&
-           (a->features == NULL ||
-            memcmp(a->features, b->features, pixels * FEATURE_VALUES * sizeof *a->features) == 0);
-}
-
 static film_t *film_of(const job_settings_t *settings)
 {
     film_t *film;
@@ -69,12 +60,7 @@ static void check_encoder(const batch_t *batch)
     again.unit_count = again.unit_capacity = batch->unit_count;
     fuzz_expect(payload_encode(batch, true, payload).code == RESULT_OK, "sums that cannot be encoded");
     fuzz_expect(payload_decode(payload, &again).code == RESULT_OK, "our own payloads are refused");
-    fuzz_expect(memcmp(again.eye, batch->eye, batch->eye_count * sizeof *batch->eye) == 0, "other eye sums");
-    fuzz_expect(
-        again.feature_count == batch->feature_count &&
-            (batch->feature_count == 0 ||
-             memcmp(again.features, batch->features, batch->feature_count * sizeof *batch->features) == 0),
-        "other features");
+    fuzz_expect(same_sums(&again, batch), "other sums");
     for (int i = 0; i < BATCH_PAYLOADS; i++) zmq_msg_close(&payload[i]);
     batch_free(&again);
 }
@@ -83,8 +69,9 @@ static void check_encoder(const batch_t *batch)
 static bool features_possible(const batch_t *batch)
 {
     const int64_t limit = (int64_t)1 << 57;
-    for (size_t i = 0; i < batch->feature_count; i++)
-        if (batch->features[i] >= limit || batch->features[i] <= -limit) return false;
+    for (size_t i = 0; i < batch->sums[SUM_FEATURES].count; i++)
+        if (batch->sums[SUM_FEATURES].values[i] >= limit || batch->sums[SUM_FEATURES].values[i] <= -limit)
+            return false;
     return true;
 }
 
@@ -102,7 +89,7 @@ static void compare_decoders(const job_settings_t *settings, zmq_msg_t payload[B
     fuzz_expect(decoded.code == RESULT_OK || decoded.message[0] != '\0', "an error without text");
     const film_t *result = shared_film_lock(shared_film);
     if (decoded.code == RESULT_OK) check_encoder(batch);
-    if (sound) film_merge(expected, batch);
+    if (sound) merge_plainly(expected, batch);
     fuzz_expect(same_film(expected, result), sound ? "the films differ" : "a damaged payload left something");
     fuzz_expect(expected->counts.overflows == result->counts.overflows, "other overflows");
     shared_film_unlock(shared_film);

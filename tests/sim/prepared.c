@@ -50,9 +50,10 @@ static double thread_cpu(void)
 
 static double density_of(const batch_t *batch)
 {
-    size_t pixels = batch_splat_values(&batch->settings) / 3, hit = 0;
-    for (size_t p = 0; batch->splat != NULL && p < pixels; p++)
-        hit += (batch->splat[3 * p] | batch->splat[3 * p + 1] | batch->splat[3 * p + 2]) != 0;
+    const sum_array_t *splats = &batch->sums[SUM_SPLAT];
+    size_t pixels = sum_image_values(&batch->settings, SUM_SPLAT) / 3, hit = 0;
+    for (size_t v = 0; v < splats->count; v += 3)
+        hit += (splats->values[v] | splats->values[v + 1] | splats->values[v + 2]) != 0;
     return (double)hit / (double)pixels;
 }
 
@@ -93,9 +94,9 @@ static result_t render(prepared_t *prepared, double seconds)
         }
     }
     prepared->speed = (double)samples / spent;
-    prepared->eye = batch.eye;
-    prepared->eye_count = batch.eye_count;
-    batch.eye = NULL;
+    prepared->eye = batch.sums[SUM_EYE].values;
+    prepared->eye_count = batch.sums[SUM_EYE].count;
+    batch.sums[SUM_EYE].values = NULL;
     batch_free(&batch);
     unit_result_free(&unit_result);
     renderer_destroy(&renderer);
@@ -187,15 +188,16 @@ static const zmq_msg_t *eye_frame(prepared_t *prepared, size_t values)
 {
     for (size_t i = 0; i < prepared->eyes_count; i++)
         if (prepared->eyes[i].values == values) return &prepared->eyes[i].frame;
-    batch_t batch = {.settings = prepared->settings, .eye_count = values};
-    batch.eye = mem_alloc(values * sizeof *batch.eye);
+    batch_t batch = {.settings = prepared->settings};
+    sum_array_reserve(&batch.sums[SUM_EYE], values);
+    batch.sums[SUM_EYE].count = values;
     for (size_t at = 0; at < values; at += prepared->eye_count) {
         size_t part = values - at < prepared->eye_count ? values - at : prepared->eye_count;
-        memcpy(batch.eye + at, prepared->eye, part * sizeof *batch.eye);
+        memcpy(batch.sums[SUM_EYE].values + at, prepared->eye, part * sizeof *batch.sums[SUM_EYE].values);
     }
     zmq_msg_t payload[BATCH_PAYLOADS];
     result_t result = payload_encode(&batch, true, payload);
-    free(batch.eye);
+    sum_array_free(&batch.sums[SUM_EYE]);
     if (result.code != RESULT_OK) {
         log_error("%s", result.message);
         abort();
@@ -212,7 +214,7 @@ void prepared_payloads(prepared_t *prepared, const unit_t *units, size_t count, 
                        zmq_msg_t payload[BATCH_PAYLOADS])
 {
     size_t values = 0;
-    for (size_t i = 0; i < count; i++) values += batch_tile_values(&prepared->settings, units[i].tile);
+    for (size_t i = 0; i < count; i++) values += sum_unit_values(&prepared->settings, SUM_EYE, &units[i]);
     pthread_mutex_lock(&prepared->lock);
     share(eye_frame(prepared, values), &payload[0]);
     pthread_mutex_unlock(&prepared->lock);

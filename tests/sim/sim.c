@@ -148,7 +148,7 @@ static result_t tear_down(sim_t *sim)
 
 static double raw_bytes(const sim_t *sim)
 {
-    return (double)(batch_splat_values(prepared_settings(sim->prepared)) * sizeof(int64_t));
+    return (double)(sum_image_values(prepared_settings(sim->prepared), SUM_SPLAT) * sizeof(int64_t));
 }
 
 static void print_head(const sim_t *sim)

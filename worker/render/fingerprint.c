@@ -211,8 +211,9 @@ static void add_render(chain_t *chain, const renderer_t *renderer, const job_set
     for (uint32_t tile = 0; tile < job_tile_count(settings); tile++) {
         unit_t unit = {tile, 0, settings->spp};
         renderer_unit(renderer, &unit, &result, &cancel);
-        chain_add(chain, result.eye, batch_tile_values(settings, tile) * sizeof *result.eye);
-        chain_add(chain, result.features, batch_feature_values(settings, &unit) * sizeof *result.features);
+        for (sum_kind_t k = 0; k < BATCH_SUMS; k++)
+            if (!film_sums[k].frame)
+                chain_add(chain, result.sums[k].values, result.sums[k].count * sizeof(int64_t));
         for (size_t i = 0; i < result.splat_count; i++)
             for (int c = 0; c < 3; c++) {
                 int64_t value = film_quantise(result.splats[i].rgb[c], settings->film_scale);

@@ -84,8 +84,8 @@ static void add_eye_sample(const stage_t *stage, const sample_t *sample, size_t 
         result->counts.dropped++;
         return;
     }
-    result->counts.overflows +=
-        film_add(result->eye + 3 * pixel, (float[3]){value.x, value.y, value.z}, stage->settings.film_scale);
+    result->counts.overflows += film_add(result->sums[SUM_EYE].values + 3 * pixel,
+                                         (float[3]){value.x, value.y, value.z}, stage->settings.film_scale);
 }
 
 bool renderer_unit(const renderer_t *renderer, const unit_t *unit, unit_result_t *result,

@@ -3,7 +3,7 @@
 #ifndef LIGHTMILL_RENDERER_H
 #define LIGHTMILL_RENDERER_H
 
-#include "common/film/film.h"
+#include "common/film/batch.h"
 #include "common/scene/scene_blob.h"
 
 #include <stdatomic.h>

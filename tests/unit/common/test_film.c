@@ -1,6 +1,6 @@
 /* Tests of common/film/film.c: sums are the same bits in whatever order and portions they are made, nothing
  * wraps, and resolving divides each sum by what it must be divided by. */
-#include "common/film/film.h"
+#include "tests/films.h"
 
 #include <math.h>
 #include <setjmp.h>
@@ -75,8 +75,8 @@ static void render_unit(const job_settings_t *settings, const unit_t *unit, unit
             int half = sample % 2;
             float rgb[3];
             for (size_t c = 0; c < 3; c++) rgb[c] = contribution(pixel, sample, c);
-            result->counts.overflows +=
-                film_add(result->eye + 3 * ((size_t)half * pixels + i), rgb, settings->film_scale);
+            result->counts.overflows += film_add(
+                result->sums[SUM_EYE].values + 3 * ((size_t)half * pixels + i), rgb, settings->film_scale);
             first_hit_t hit = first_hit(pixel, sample);
             unit_result_feature(result, i, sample, &hit);
             uint32_t target = (uint32_t)(mix(pixel, sample + 1000) % PIXELS);
@@ -111,6 +111,16 @@ static void shuffle(unit_list_t *list, uint64_t seed)
     }
 }
 
+static void merge(film_t *film, const batch_t *batch)
+{
+    assert_int_equal(merge_as_master(film, batch, NULL, 1).code, RESULT_OK);
+}
+
+static void take_out(film_t *film, const batch_t *batch, const uint32_t *weights)
+{
+    assert_int_equal(merge_as_master(film, batch, weights, -1).code, RESULT_OK);
+}
+
 /* Renders a job in units of `run` samples, in an order of its own, `per_batch` units a batch. */
 static film_t *render_job(uint32_t run, size_t per_batch, uint64_t seed)
 {
@@ -127,7 +137,7 @@ static film_t *render_job(uint32_t run, size_t per_batch, uint64_t seed)
         render_unit(&settings, &list.units[i], &result);
         batch_add(&batch, &result);
         if (batch.unit_count < per_batch && i + 1 < list.count) continue;
-        film_merge(film, &batch);
+        merge(film, &batch);
         batch_clear(&batch);
     }
     batch_free(&batch);
@@ -138,10 +148,7 @@ static film_t *render_job(uint32_t run, size_t per_batch, uint64_t seed)
 
 static void assert_same_film(const film_t *a, const film_t *b)
 {
-    assert_memory_equal(a->eye, b->eye, 6 * PIXELS * sizeof *a->eye);
-    assert_memory_equal(a->splat, b->splat, 6 * PIXELS * sizeof *a->splat);
-    assert_memory_equal(a->samples, b->samples, 2 * PIXELS * sizeof *a->samples);
-    assert_memory_equal(a->features, b->features, FEATURE_VALUES * PIXELS * sizeof *a->features);
+    assert_true(same_film(a, b));
     assert_memory_equal(&a->counts, &b->counts, sizeof a->counts);
 }
 
@@ -175,7 +182,7 @@ static void sums_are_those_of_the_samples(void **state)
                 int64_t sum = 0;
                 for (uint64_t sample = half; sample < SPP; sample += 2)
                     sum += llrint(ldexp((double)contribution(p, sample, c), FILM_DEFAULT_SCALE));
-                assert_true(film->eye[3 * (half * PIXELS + p) + c] == sum);
+                assert_true(film->sums[SUM_EYE][3 * (half * PIXELS + p) + c] == sum);
             }
         }
     film_destroy(&film);
@@ -220,7 +227,7 @@ static void feature_sums_are_those_of_the_samples(void **state)
     (void)state;
     film_t *film = render_job(5, 4, 9);
     for (uint64_t p = 0; p < PIXELS; p++) {
-        const int64_t *sum = film->features + FEATURE_VALUES * p;
+        const int64_t *sum = film->sums[SUM_FEATURES] + FEATURE_VALUES * p;
         int64_t hits = 0, albedo = 0, normal = 0, position = 0, depth = 0;
         for (uint64_t sample = 0; sample < SPP; sample++) {
             first_hit_t hit = first_hit(p, sample);
@@ -256,30 +263,31 @@ static void features_end_after_the_first_samples(void **state)
     const unit_t units[] = {{0, 60, 40}, {1, 31, 29}, {0, 0, 30}, {0, 30, 30}, {2, 32, 1}};
     for (size_t i = 0; i < ARRAY_LENGTH(units); i++) {
         render_unit(&settings, &units[i], &result);
-        assert_int_equal(result.has_features, units[i].first < FEATURE_SAMPLES);
-        assert_int_equal(batch_feature_values(&settings, &units[i]),
-                         result.has_features ? FEATURE_VALUES * 256 : 0);
+        assert_int_equal(result.sums[SUM_FEATURES].count > 0, units[i].first < FEATURE_SAMPLES);
+        assert_int_equal(sum_unit_values(&settings, SUM_FEATURES, &units[i]),
+                         result.sums[SUM_FEATURES].count > 0 ? FEATURE_VALUES * 256 : 0);
         batch_add(&batch, &result);
     }
-    assert_int_equal(batch.feature_count, 3 * FEATURE_VALUES * 256);
-    film_merge(film, &batch);
+    assert_int_equal(batch.sums[SUM_FEATURES].count, 3 * FEATURE_VALUES * 256);
+    merge(film, &batch);
     rect_t second = job_tile_rect(&settings, 1), third = job_tile_rect(&settings, 2);
-    assert_int_equal(film->features[FEATURE_COUNT], FEATURE_SAMPLES);
-    assert_int_equal(film->features[FEATURE_VALUES * second.x0 + FEATURE_COUNT], 1);
-    assert_int_equal(film->features[FEATURE_VALUES * second.x0 + FEATURE_OBJECT], 0); /* no sample 0 yet */
-    assert_int_equal(film->features[FEATURE_VALUES * third.x0 + FEATURE_COUNT], 0);
+    assert_int_equal(film->sums[SUM_FEATURES][FEATURE_COUNT], FEATURE_SAMPLES);
+    assert_int_equal(film->sums[SUM_FEATURES][FEATURE_VALUES * second.x0 + FEATURE_COUNT], 1);
+    assert_int_equal(film->sums[SUM_FEATURES][FEATURE_VALUES * second.x0 + FEATURE_OBJECT],
+                     0); /* no sample 0 yet */
+    assert_int_equal(film->sums[SUM_FEATURES][FEATURE_VALUES * third.x0 + FEATURE_COUNT], 0);
     batch_free(&batch);
     film_destroy(&film);
 
     settings.features = false;
     unit_result_reset(&result, &settings, &units[2]);
-    assert_false(result.has_features);
+    assert_int_equal(result.sums[SUM_FEATURES].count, 0);
     unit_result_feature(&result, 0, 0, &(first_hit_t){.hit = true}); /* does nothing */
     settings.features = true;
     settings.integrator = INTEGRATOR_LIGHT;
     assert_int_equal(film_new(&settings, &film).code, RESULT_OK);
-    assert_null(film->features);
-    assert_int_equal(batch_feature_values(&settings, &units[2]), 0);
+    assert_null(film->sums[SUM_FEATURES]);
+    assert_int_equal(sum_unit_values(&settings, SUM_FEATURES, &units[2]), 0);
     film_destroy(&film);
     unit_result_free(&result);
 }
@@ -304,9 +312,9 @@ static void features_are_clamped_and_never_overflow(void **state)
     for (uint32_t i = 0; i < FEATURE_SAMPLES; i++) unit_result_feature(&result, 3, i, &far);
     for (uint32_t i = 0; i < 3; i++) unit_result_feature(&result, 4, i, &broken[i]);
     assert_int_equal(result.counts.dropped, 3);
-    assert_int_equal(result.features[4 * FEATURE_VALUES + FEATURE_COUNT], 0);
+    assert_int_equal(result.sums[SUM_FEATURES].values[4 * FEATURE_VALUES + FEATURE_COUNT], 0);
     batch_add(&batch, &result);
-    film_merge(film, &batch);
+    merge(film, &batch);
     assert_int_equal(film->counts.overflows, 0);
     film_resolve(film, &image);
     assert_true(image.depth[3] == 0x1.fffffep24f && image.position[9] == 0x1.fffffep24f);
@@ -314,12 +322,12 @@ static void features_are_clamped_and_never_overflow(void **state)
     assert_true(image.object[3] == 5.0f && image.material[3] == 0x1p32f && image.coverage[3] == 1.0f);
     assert_true(image.coverage[4] == 0.0f && image.depth[4] == 0.0f);
     film_image_free(&image);
-    /* Sums that no renderer makes: nothing wraps, and the job goes on. */
-    for (size_t v = 0; v < batch.feature_count; v++) batch.features[v] = v % 2 ? INT64_MAX : INT64_MIN;
-    film_merge(film, &batch);
-    film_merge(film, &batch);
+    /* Sums that no renderer makes leave no trace. */
+    for (size_t v = 0; v < batch.sums[SUM_FEATURES].count; v++)
+        batch.sums[SUM_FEATURES].values[v] = v % 2 ? INT64_MAX : INT64_MIN;
+    assert_int_equal(merge_as_master(film, &batch, NULL, 1).code, RESULT_PROTOCOL);
     assert_int_equal(film->counts.overflows, 0);
-    assert_int_equal(film->features[3 * FEATURE_VALUES + FEATURE_COUNT], FEATURE_SAMPLES);
+    assert_int_equal(film->sums[SUM_FEATURES][3 * FEATURE_VALUES + FEATURE_COUNT], FEATURE_SAMPLES);
     batch_free(&batch);
     unit_result_free(&result);
     film_destroy(&film);
@@ -341,20 +349,44 @@ static void merging_cannot_wrap(void **state)
     film_t *film;
     assert_int_equal(film_new(&settings, &film).code, RESULT_OK);
     make_batch(&settings, &result, &batch);
-    result.eye[0] = INT64_C(1) << 61;
-    result.eye[1] = INT64_MIN; /* no renderer makes these, but a peer may send them */
-    result.eye[2] = INT64_MAX;
+    result.sums[SUM_EYE].values[0] = INT64_C(1) << 61;
+    result.sums[SUM_EYE].values[1] = INT64_MIN; /* no renderer makes these, but a peer may send them */
+    result.sums[SUM_EYE].values[2] = INT64_MAX;
     add_splat(&result, 5, 1, 0x1p29f, 3e38f, 1.0f);
     batch_add(&batch, &result);
     assert_int_equal(batch.counts.overflows, 1);
-    film_merge(film, &batch);
+    merge(film, &batch);
     assert_int_equal(film->counts.overflows, 3);
-    assert_true(film->eye[0] == INT64_C(1) << 61 && film->eye[1] == 0 && film->eye[2] == 0);
-    film_merge(film, &batch);
+    assert_true(film->sums[SUM_EYE][0] == INT64_C(1) << 61 && film->sums[SUM_EYE][1] == 0 &&
+                film->sums[SUM_EYE][2] == 0);
+    merge(film, &batch);
     assert_int_equal(film->counts.overflows, 8); /* 1 from the batch, 3 eye values and a splat value here */
-    assert_true(film->eye[0] == INT64_C(1) << 61);
-    assert_true(film->splat[3 * (PIXELS + 5)] == INT64_C(1) << 61);
-    assert_true(film->splat[3 * (PIXELS + 5) + 2] == INT64_C(2) << 32);
+    assert_true(film->sums[SUM_EYE][0] == INT64_C(1) << 61);
+    assert_true(film->sums[SUM_SPLAT][3 * (PIXELS + 5)] == INT64_C(1) << 61);
+    assert_true(film->sums[SUM_SPLAT][3 * (PIXELS + 5) + 2] == INT64_C(2) << 32);
+    batch_free(&batch);
+    unit_result_free(&result);
+    film_destroy(&film);
+}
+
+static void weighted_sums_cannot_wrap(void **state)
+{
+    (void)state;
+    job_settings_t settings = small_job();
+    unit_result_t result = {0};
+    batch_t batch;
+    film_t *film;
+    const int64_t most = ((INT64_C(1) << 62) - 1) / 16;
+    const int64_t values[] = {most, most + 1, -most, -most - 1, INT64_MAX, INT64_MIN, INT64_C(1) << 60};
+    const uint32_t weight = 16;
+    assert_int_equal(film_new(&settings, &film).code, RESULT_OK);
+    make_batch(&settings, &result, &batch);
+    memcpy(result.sums[SUM_EYE].values, values, sizeof values);
+    batch_add(&batch, &result);
+    assert_int_equal(merge_as_master(film, &batch, &weight, 1).code, RESULT_OK);
+    assert_int_equal(film->counts.overflows, 5);
+    for (size_t i = 0; i < ARRAY_LENGTH(values); i++)
+        assert_true(film->sums[SUM_EYE][i] == (i == 0 || i == 2 ? 16 * values[i] : 0));
     batch_free(&batch);
     unit_result_free(&result);
     film_destroy(&film);
@@ -368,21 +400,22 @@ static void a_batch_is_reusable(void **state)
     batch_t batch;
     make_batch(&settings, &result, &batch);
     batch_add(&batch, &result);
-    assert_null(batch.splat); /* no frame without splats */
+    assert_int_equal(batch.sums[SUM_SPLAT].count, 0); /* no frame without splats */
     add_splat(&result, PIXELS - 1, 0, 1, 2, 3);
     batch_add(&batch, &result);
     assert_int_equal(batch.unit_count, 2);
-    assert_int_equal(batch.eye_count, 2 * batch_tile_values(&settings, 0));
-    assert_true(batch.splat[3 * (PIXELS - 1) + 2] == INT64_C(3) << 32);
+    assert_int_equal(batch.sums[SUM_EYE].count, 2 * sum_unit_values(&settings, SUM_EYE, &(unit_t){0, 0, 1}));
+    assert_true(batch.sums[SUM_SPLAT].values[3 * (PIXELS - 1) + 2] == INT64_C(3) << 32);
     batch_clear(&batch);
     assert_int_equal(batch.unit_count, 0);
-    assert_int_equal(batch.eye_count, 0);
-    for (size_t v = 0; v < batch_splat_values(&settings); v++) assert_true(batch.splat[v] == 0);
+    assert_int_equal(batch.sums[SUM_EYE].count, 0);
+    for (size_t v = 0; v < sum_image_values(&settings, SUM_SPLAT); v++)
+        assert_true(batch.sums[SUM_SPLAT].values[v] == 0);
     /* A unit that is reset forgets the one before. */
-    result.eye[3] = 9;
+    result.sums[SUM_EYE].values[3] = 9;
     unit_result_reset(&result, &settings, &(unit_t){5, 3, 2});
     assert_int_equal(result.splat_count, 0);
-    for (size_t v = 0; v < batch_tile_values(&settings, 5); v++) assert_true(result.eye[v] == 0);
+    for (size_t v = 0; v < result.sums[SUM_EYE].count; v++) assert_true(result.sums[SUM_EYE].values[v] == 0);
     batch_free(&batch);
     unit_result_free(&result);
 }
@@ -407,12 +440,12 @@ static void each_sum_has_its_own_divisor(void **state)
     film->samples[9] = 1;
     film->counts.light_paths[0] = 1000;
     film->counts.light_paths[1] = 500;
-    film->eye[3 * 3 + 1] = fixed(8.0);
-    film->eye[3 * (PIXELS + 3) + 1] = fixed(1.0);
-    film->splat[3 * 3 + 1] = fixed(3.0);
-    film->splat[3 * (PIXELS + 3) + 1] = fixed(1.5);
-    film->eye[3 * 9] = fixed(0.25);
-    film->splat[0] = fixed(5.0);
+    film->sums[SUM_EYE][3 * 3 + 1] = fixed(8.0);
+    film->sums[SUM_EYE][3 * (PIXELS + 3) + 1] = fixed(1.0);
+    film->sums[SUM_SPLAT][3 * 3 + 1] = fixed(3.0);
+    film->sums[SUM_SPLAT][3 * (PIXELS + 3) + 1] = fixed(1.5);
+    film->sums[SUM_EYE][3 * 9] = fixed(0.25);
+    film->sums[SUM_SPLAT][0] = fixed(5.0);
     film_resolve(film, &image);
 
     double eye = 9.0 / 6, light = 4.5 * PIXELS / 1500;
@@ -441,7 +474,8 @@ static void features_resolve_to_means(void **state)
     assert_null(image.albedo); /* not a sample: no planes */
     film_image_free(&image);
     /* Pixel 3: three of four samples hit; pixel 9: a peer's nonsense. */
-    int64_t *sum = film->features + 3 * FEATURE_VALUES, *odd = film->features + 9 * FEATURE_VALUES;
+    int64_t *sum = film->sums[SUM_FEATURES] + 3 * FEATURE_VALUES,
+            *odd = film->sums[SUM_FEATURES] + 9 * FEATURE_VALUES;
     sum[FEATURE_COUNT] = 4;
     sum[FEATURE_HITS] = 3;
     sum[FEATURE_OBJECT] = 17;
@@ -464,34 +498,17 @@ static void features_resolve_to_means(void **state)
 
 /* ---- weights ------------------------------------------------------------------------------------------- */
 
-static void sums_are_added_with_a_factor(void **state)
+static void sums_are_added_and_never_wrap(void **state)
 {
     (void)state;
     const int64_t top = (INT64_C(1) << 62) - 1;
     const struct {
         int64_t sum, more;
-        int factor;
         bool fits;
-    } cases[] = {{5, 7, 1, true},
-                 {5, 7, 16, true},
-                 {5, 7, -3, true},
-                 {top - 16, 1, 16, true},
-                 {top - 15, 1, 16, false},
-                 {-top, top, 1, true},
-                 {-top, 1, -1, false},
-                 {1 - top, 1, -1, true},
-                 {0, top / 16, 16, true},
-                 {0, top / 16 + 1, 16, false},
-                 {0, -top / 16 - 1, 16, false},
-                 {0, -top / 16, -16, true},
-                 {0, INT64_MAX, 2, false},
-                 {0, INT64_MIN, 16, false},
-                 {0, INT64_MIN, -1, false},
-                 {0, INT64_C(1) << 60, 16, false},
-                 {0, INT64_C(1) << 62, 4, false},
-                 {top, top, 1, false},
-                 {INT64_MAX, 1, 1, false},
-                 {INT64_MIN, -1, 1, false}};
+    } cases[] = {{5, 7, true},        {top - 16, 16, true},  {top - 15, 16, false}, {-top, top, true},
+                 {-top, -1, false},   {1 - top, -1, true},   {0, top, true},        {0, -top, true},
+                 {0, top + 1, false}, {0, -top - 1, false},  {0, INT64_MAX, false}, {0, INT64_MIN, false},
+                 {top, top, false},   {INT64_MAX, 1, false}, {INT64_MIN, -1, false}};
     /* Each at every place of a longer run: vectors and their rests. */
     for (size_t i = 0; i < ARRAY_LENGTH(cases); i++)
         for (size_t place = 0; place < 11; place++) {
@@ -500,11 +517,11 @@ static void sums_are_added_with_a_factor(void **state)
                 sum[k] = k == place ? cases[i].sum : (int64_t)k;
                 more[k] = k == place ? cases[i].more : -(int64_t)k;
             }
-            assert_int_equal(film_add_sums(sum, more, 11, cases[i].factor), !cases[i].fits);
+            assert_int_equal(film_add_sums(sum, more, 11), !cases[i].fits);
             for (size_t k = 0; k < 11; k++) {
-                int64_t expected = (int64_t)k - (int64_t)k * cases[i].factor;
+                int64_t expected = 0;
                 if (k == place) expected = cases[i].sum;
-                if (k == place && cases[i].fits) expected += cases[i].more * cases[i].factor;
+                if (k == place && cases[i].fits) expected += cases[i].more;
                 assert_int_equal(sum[k], expected);
             }
         }
@@ -536,22 +553,22 @@ static void weights_are_repetitions(void **state)
     assert_int_equal(film_new(&settings, &repeated).code, RESULT_OK);
     assert_int_equal(film_new(&settings, &empty).code, RESULT_OK);
     render_batch(&settings, units, 3, &batch);
-    film_merge_weighted(weighted, &batch, weights, 1);
+    assert_int_equal(merge_as_master(weighted, &batch, weights, 1).code, RESULT_OK);
     for (size_t i = 0; i < 3; i++)
         for (uint32_t k = 0; k < weights[i]; k++) {
             render_batch(&settings, &units[i], 1, &one);
-            film_merge(repeated, &one);
+            merge(repeated, &one);
             batch_free(&one);
         }
-    size_t sums = batch_splat_values(&settings);
-    assert_memory_equal(weighted->eye, repeated->eye, sums * sizeof(int64_t));
+    size_t sums = sum_image_values(&settings, SUM_SPLAT);
+    assert_memory_equal(weighted->sums[SUM_EYE], repeated->sums[SUM_EYE], sums * sizeof(int64_t));
     assert_memory_equal(weighted->samples, repeated->samples, sums / 3 * sizeof(uint32_t));
-    assert_memory_equal(weighted->splat, batch.splat, sums * sizeof(int64_t));
+    assert_memory_equal(weighted->sums[SUM_SPLAT], batch.sums[SUM_SPLAT].values, sums * sizeof(int64_t));
     assert_int_equal(weighted->counts.light_paths[0], batch.counts.light_paths[0]);
-    film_merge_weighted(repeated, &batch, NULL, 1);
-    film_merge_weighted(repeated, &batch, NULL, -1);
-    assert_memory_equal(weighted->eye, repeated->eye, sums * sizeof(int64_t));
-    film_merge_weighted(weighted, &batch, weights, -1);
+    merge(repeated, &batch);
+    take_out(repeated, &batch, NULL);
+    assert_memory_equal(weighted->sums[SUM_EYE], repeated->sums[SUM_EYE], sums * sizeof(int64_t));
+    take_out(weighted, &batch, weights);
     assert_same_film(weighted, empty);
     film_destroy(&weighted);
     film_destroy(&repeated);
@@ -573,8 +590,12 @@ static void digests_are_of_the_contents(void **state)
     batch_digest(&a, &first);
     batch_digest(&b, &second);
     assert_true(hash_equal(&first, &second));
-    int64_t *places[] = {&b.eye[5],   &b.eye[b.eye_count - 1],          &b.features[FEATURE_VALUES + 2],
-                         &b.splat[3], &b.features[b.feature_count - 1], (int64_t *)&b.counts.light_paths[1]};
+    int64_t *places[] = {&b.sums[SUM_EYE].values[5],
+                         &b.sums[SUM_EYE].values[b.sums[SUM_EYE].count - 1],
+                         &b.sums[SUM_FEATURES].values[FEATURE_VALUES + 2],
+                         &b.sums[SUM_SPLAT].values[3],
+                         &b.sums[SUM_FEATURES].values[b.sums[SUM_FEATURES].count - 1],
+                         (int64_t *)&b.counts.light_paths[1]};
     for (size_t i = 0; i < ARRAY_LENGTH(places); i++) {
         *places[i] ^= 1;
         batch_digest(&b, &second);
@@ -588,15 +609,13 @@ static void digests_are_of_the_contents(void **state)
     batch_digest(&b, &second);
     assert_true(hash_equal(&first, &second));
     /* What is not there is zero. */
-    int64_t *splat = b.splat;
-    memset(a.splat, 0, batch_splat_values(&settings) * sizeof *a.splat);
-    memset(a.features, 0, a.feature_count * sizeof *a.features);
-    b.splat = NULL;
-    b.feature_count = 0;
+    memset(a.sums[SUM_SPLAT].values, 0,
+           sum_image_values(&settings, SUM_SPLAT) * sizeof *a.sums[SUM_SPLAT].values);
+    memset(a.sums[SUM_FEATURES].values, 0, a.sums[SUM_FEATURES].count * sizeof *a.sums[SUM_FEATURES].values);
+    b.sums[SUM_SPLAT].count = b.sums[SUM_FEATURES].count = 0;
     batch_digest(&a, &first);
     batch_digest(&b, &second);
     assert_true(hash_equal(&first, &second));
-    b.splat = splat;
     batch_free(&a);
     batch_free(&b);
 }
@@ -629,8 +648,9 @@ static void noise_is_the_standard_error(void **state)
                 uint32_t count = half == 0 ? EVEN : ODD;
                 film->samples[half * PIXELS + p] = count;
                 for (size_t v = 3 * (half * PIXELS + p); v < 3 * (half * PIXELS + p) + 3; v++) {
-                    film->eye[v] = fixed(2.0 * count + 0.5 * sqrt(count) * normal(round, 2 * v));
-                    film->splat[v] = fixed(1.0 * count + 0.3 * sqrt(count) * normal(round, 2 * v + 1));
+                    film->sums[SUM_EYE][v] = fixed(2.0 * count + 0.5 * sqrt(count) * normal(round, 2 * v));
+                    film->sums[SUM_SPLAT][v] =
+                        fixed(1.0 * count + 0.3 * sqrt(count) * normal(round, 2 * v + 1));
                 }
             }
         film_resolve(film, &image);
@@ -660,8 +680,9 @@ static film_t *noisy_film(const job_settings_t *settings, double level, double n
         film->samples[p] = film->samples[PIXELS + p] = 4;
         for (size_t h = 0; h < 2; h++)
             for (size_t c = 0; c < 3; c++) {
-                film->eye[3 * (h * PIXELS + p) + c] = fixed(4 * value * (0.75 + (h == 0 ? part : -part)));
-                film->splat[3 * (h * PIXELS + p) + c] = fixed(0.25 * value);
+                film->sums[SUM_EYE][3 * (h * PIXELS + p) + c] =
+                    fixed(4 * value * (0.75 + (h == 0 ? part : -part)));
+                film->sums[SUM_SPLAT][3 * (h * PIXELS + p) + c] = fixed(0.25 * value);
             }
     }
     return film;
@@ -691,7 +712,7 @@ static void the_error_is_relative(void **state)
     for (int t = 1; t < 6; t++) assert_true(tiles[t] == 0);
     assert_true(fabs(error / sqrt(tiles[0] / (3 * PIXELS)) - 1) < 1e-9);
     /* Noise of splats is noise of the image, but not of the tile. */
-    film->splat[3 * 700] += fixed(1.0);
+    film->sums[SUM_SPLAT][3 * 700] += fixed(1.0);
     double more = film_noise(film, tiles);
     assert_true(more > error);
     assert_true(tiles[5] == 0);
@@ -711,7 +732,7 @@ static void a_black_film_has_no_error(void **state)
     assert_true(isinf(film_noise(film, NULL))); /* nothing yet */
     film->samples[0] = 1;
     assert_true(isinf(film_noise(film, NULL)));
-    film->eye[1] = fixed(1.0); /* one half only: all of it may be noise */
+    film->sums[SUM_EYE][1] = fixed(1.0); /* one half only: all of it may be noise */
     assert_true(film_noise(film, NULL) > 0.5);
     film_destroy(&film);
 }
@@ -749,7 +770,8 @@ static void partial_images_are_unbiased(void **state)
         uint32_t pixels = job_tile_pixels(&settings, tile);
         for (int half = 0; half < 2; half++) {
             for (size_t v = 0; v < (size_t)3 * pixels; v++)
-                result.eye[(size_t)half * 3 * pixels + v] = fixed(1.0) * unit_half_count(&unit, half);
+                result.sums[SUM_EYE].values[(size_t)half * 3 * pixels + v] =
+                    fixed(1.0) * unit_half_count(&unit, half);
             result.counts.light_paths[half] = (uint64_t)pixels * unit_half_count(&unit, half);
         }
         for (uint32_t p = 0; p < PIXELS; p++)
@@ -759,7 +781,7 @@ static void partial_images_are_unbiased(void **state)
             }
         batch_add(&batch, &result);
     }
-    film_merge(film, &batch);
+    merge(film, &batch);
     film_resolve(film, &image);
     rect_t empty = job_tile_rect(&settings, job_tile_count(&settings) - 1);
     for (int p = 0; p < PIXELS; p++) {
@@ -786,9 +808,10 @@ int main(void)
                                        cmocka_unit_test(quantising_rounds_to_nearest_even),
                                        cmocka_unit_test(overflows_are_counted_and_left_out),
                                        cmocka_unit_test(merging_cannot_wrap),
+                                       cmocka_unit_test(weighted_sums_cannot_wrap),
                                        cmocka_unit_test(a_batch_is_reusable),
                                        cmocka_unit_test(each_sum_has_its_own_divisor),
-                                       cmocka_unit_test(sums_are_added_with_a_factor),
+                                       cmocka_unit_test(sums_are_added_and_never_wrap),
                                        cmocka_unit_test(weights_are_repetitions),
                                        cmocka_unit_test(digests_are_of_the_contents),
                                        cmocka_unit_test(noise_is_the_standard_error),

@@ -3,6 +3,7 @@
 #include "master/state/state.h"
 #include "master/threads/farm_service.h"
 #include "proto/serve/bulk_server.h"
+#include "tests/films.h"
 #include "tests/peer.h"
 #include "tests/scratch.h"
 
@@ -244,7 +245,7 @@ static void batches_wait_at_the_workers_while_nothing_is_merged(void **state)
     sender_t *s = t->senders;
     shared_film_t *shared_film = job_film_hold(t->farm, find_job(t));
     shared_film_lock(shared_film); /* somebody writes an image for ever */
-    uint64_t bytes = batch_splat_values(&t->settings) * sizeof(int64_t) * 5 / 4;
+    uint64_t bytes = sum_image_values(&t->settings, SUM_SPLAT) * sizeof(int64_t) * 5 / 4;
     for (int i = 0; i < 5; i++) {
         offer(t, &s[i], bytes);
         if (i < 2) assert_granted(&s[i]);
@@ -279,7 +280,7 @@ static void batches_wait_at_the_workers_while_nothing_is_merged(void **state)
     film_t *film;
     must(film_new(&t->settings, &film));
     for (int i = 0; i < PEERS; i++)
-        if (i != 2) film_merge(film, &s[i].batch);
+        if (i != 2) merge_plainly(film, &s[i].batch);
     const film_t *merged = shared_film_lock(shared_film);
     for (size_t i = 0; i < shared_film_page_count(&t->settings); i++) {
         size_t size;

@@ -2,6 +2,7 @@
  * refuses leaves the older one as it was. And the store that keeps them. */
 #include "master/store/checkpoint.h"
 #include "master/store/film_store.h"
+#include "tests/films.h"
 #include "tests/scratch.h"
 
 #include <setjmp.h>
@@ -60,10 +61,11 @@ static job_film_t make_film(const job_settings_t *settings, uint64_t seed)
     film_t *film;
     job_film_t made = {.schedule = schedule_new(settings)};
     must(film_new(settings, &film));
-    size_t values = batch_splat_values(settings);
-    fill(film->eye, values, seed);
-    fill(film->splat, values, seed + 1);
-    if (film->features != NULL) fill(film->features, values / 6 * FEATURE_VALUES, seed + 2);
+    size_t values = sum_image_values(settings, SUM_SPLAT);
+    fill(film->sums[SUM_EYE], values, seed);
+    fill(film->sums[SUM_SPLAT], values, seed + 1);
+    if (film->sums[SUM_FEATURES] != NULL)
+        fill(film->sums[SUM_FEATURES], values / 6 * FEATURE_VALUES, seed + 2);
     for (size_t i = 0; i < values / 3; i++) film->samples[i] = (uint32_t)(seed + i / 64);
     film->counts = (film_counts_t){{seed, 2}, 3, 0, 5, 6};
     uint32_t tiles = job_tile_count(settings);
@@ -130,13 +132,7 @@ static result_t write_film(job_film_t *film, const char *path, int threads)
 
 static void assert_same_film(const film_t *a, const film_t *b)
 {
-    size_t values = batch_splat_values(&a->settings);
-    assert_memory_equal(a->eye, b->eye, values * sizeof *a->eye);
-    assert_memory_equal(a->splat, b->splat, values * sizeof *a->splat);
-    assert_memory_equal(a->samples, b->samples, values / 3 * sizeof *a->samples);
-    assert_true((a->features == NULL) == (b->features == NULL));
-    if (a->features != NULL)
-        assert_memory_equal(a->features, b->features, values / 6 * FEATURE_VALUES * sizeof *a->features);
+    assert_true(same_film(a, b));
     assert_memory_equal(&a->counts, &b->counts, sizeof a->counts);
 }
 

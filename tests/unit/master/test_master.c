@@ -135,7 +135,7 @@ static void check_image(const char *path, const job_settings_t *settings, float 
     for (int p = 0; p < image.width * image.height; p++) assert_true(channel->data[p] == samples);
     for (uint32_t tile = 0; tile < job_tile_count(settings); tile++) {
         rect_t rect = job_tile_rect(settings, tile);
-        size_t half = batch_tile_values(settings, tile) / 2;
+        size_t half = (size_t)3 * job_tile_pixels(settings, tile);
         double sum =
             ((double)(tile * 1000) + (double)(tile * 1000 + half)) * (1 << 20); /* both halves, x = y = 0 */
         double value = ldexp(sum, -settings->film_scale); /* the rule is linear in the samples */
@@ -444,7 +444,7 @@ static void overflow_fails_the_job(void **state)
     peer_hello(t->peer, WIRE_VERSION, 1, NULL);
     peer_work(t->peer, 500, 500, t->work);
     batch_t batch = peer_render(&settings, t->work->units, t->work->unit_count);
-    batch.eye[5] = INT64_MAX;
+    batch.sums[SUM_EYE].values[5] = INT64_MAX;
     assert_int_equal(peer_send_batch(t->peer, job, &batch).code, RESULT_OK);
     batch_free(&batch);
     assert_int_equal(peer_wait(t->peer, job, 5), JOB_FAILED);

@@ -58,7 +58,7 @@ static void set_pixel(run_t *run, uint32_t tile, size_t pixel, double weight, do
     for (size_t h = 0; h < 2; h++) {
         run->film->samples[h * pixels + pixel] = (uint32_t)(weight / 2);
         for (size_t c = 0; c < 3; c++)
-            run->film->eye[3 * (h * pixels + pixel) + c] =
+            run->film->sums[SUM_EYE][3 * (h * pixels + pixel) + c] =
                 llrint((value + (h == 0 ? error : -error)) * weight / 2 * 0x1p32);
     }
 }
@@ -150,7 +150,7 @@ static void a_black_image_goes_on(void **state)
     run_t run = run_begin(&settings);
     assert_int_equal(run_plan(&run), PLAN_ROUND);
     run_count(&run, (double[]){0, 0});
-    memset(run.film->eye, 0, batch_splat_values(&settings) * sizeof(int64_t));
+    memset(run.film->sums[SUM_EYE], 0, sum_image_values(&settings, SUM_SPLAT) * sizeof(int64_t));
     assert_int_equal(run_plan(&run), PLAN_ROUND);
     assert_true(run.error == 0); /* not known */
     assert_int_equal(run.next_ends[1], 32);

@@ -3,6 +3,7 @@
  * happens next.
  */
 #include "master/film/shared_film.h"
+#include "tests/films.h"
 #include "tests/peer.h"
 
 #include <pthread.h>
@@ -45,11 +46,13 @@ static batch_t batch_of(const job_settings_t *settings, uint32_t start, uint32_t
     for (uint32_t t = start; t < job_tile_count(settings); t += 3) units[count++] = (unit_t){t, first, 3};
     batch_t batch = peer_render(settings, units, count);
     free(units);
-    for (size_t i = 0; i < batch.eye_count; i++) batch.eye[i] -= (int64_t)(draw(&seed) % 1000000) << 10;
-    if (batch.splat == NULL) batch.splat = mem_zalloc(batch_splat_values(settings), sizeof *batch.splat);
-    for (size_t i = 0; i < batch_splat_values(settings) / 3; i++)
+    for (size_t i = 0; i < batch.sums[SUM_EYE].count; i++)
+        batch.sums[SUM_EYE].values[i] -= (int64_t)(draw(&seed) % 1000000) << 10;
+    batch_frame(&batch, SUM_SPLAT);
+    for (size_t i = 0; i < sum_image_values(settings, SUM_SPLAT) / 3; i++)
         if (draw(&seed) % 8 < seed % 9)
-            for (size_t c = 0; c < 3; c++) batch.splat[3 * i + c] = (int64_t)draw(&seed) >> 8;
+            for (size_t c = 0; c < 3; c++)
+                batch.sums[SUM_SPLAT].values[3 * i + c] = (int64_t)draw(&seed) >> 8;
     return batch;
 }
 
@@ -68,7 +71,7 @@ static film_t *film_of(const batch_t *batches, size_t count)
 {
     film_t *film;
     assert_int_equal(film_new(&batches[0].settings, &film).code, RESULT_OK);
-    for (size_t i = 0; i < count; i++) film_merge(film, &batches[i]);
+    for (size_t i = 0; i < count; i++) merge_plainly(film, &batches[i]);
     return film;
 }
 
@@ -133,9 +136,10 @@ static void pages_cover_the_film(void **state)
         film_t *film;
         assert_int_equal(film_new(&settings, &film).code, RESULT_OK);
         size_t sum = 0, size, pixels = (size_t)settings.width * (size_t)settings.height;
-        const uint8_t *end[4] = {(uint8_t *)(film->eye + 6 * pixels), (uint8_t *)(film->splat + 6 * pixels),
-                                 (uint8_t *)(film->samples + 2 * pixels),
-                                 features ? (uint8_t *)(film->features + FEATURE_VALUES * pixels) : NULL};
+        const uint8_t *end[4] = {
+            (uint8_t *)(film->sums[SUM_EYE] + 6 * pixels), (uint8_t *)(film->sums[SUM_SPLAT] + 6 * pixels),
+            (uint8_t *)(film->samples + 2 * pixels),
+            features ? (uint8_t *)(film->sums[SUM_FEATURES] + FEATURE_VALUES * pixels) : NULL};
         int ends = 0;
         for (size_t i = 0; i < shared_film_page_count(&settings); i++) {
             const uint8_t *page = shared_film_page(film, i, &size);
@@ -183,13 +187,14 @@ static void eye_sums_and_samples_are_weighted(void **state)
     job_settings_t settings = job_of_pages();
     batch_t batch = batch_of(&settings, 0, 8, 1), weighted = batch_of(&settings, 0, 8, 1);
     uint32_t *weights = mem_alloc(batch.unit_count * sizeof *weights);
-    int64_t *value = weighted.eye;
+    int64_t *value = weighted.sums[SUM_EYE].values;
     for (size_t i = 0; i < batch.unit_count; i++) {
         weights[i] = 1 + (uint32_t)i % JOB_MAX_BOOST;
-        for (size_t v = batch_tile_values(&settings, batch.units[i].tile); v > 0; v--) *value++ *= weights[i];
+        for (size_t v = sum_unit_values(&settings, SUM_EYE, &batch.units[i]); v > 0; v--)
+            *value++ *= weights[i];
     }
     film_t *film = film_of(&weighted, 1);
-    for (size_t i = 0; i < batch.unit_count; i++) { /* film_merge knows no weights */
+    for (size_t i = 0; i < batch.unit_count; i++) { /* merge_plainly knows no weights */
         rect_t rect = job_tile_rect(&settings, batch.units[i].tile);
         for (int half = 0; half < 2; half++)
             for (int y = rect.y0; y < rect.y1; y++)
@@ -286,11 +291,11 @@ static void overflows_count_only_when_all_is_well(void **state)
     batch_t batch = batch_of(&settings, 0, 0, 3);
     zmq_msg_t payload[BATCH_PAYLOADS], cut;
     shared_film_t *shared_film = shared_film_of(&settings);
-    batch.eye[5] = INT64_C(3) << 60;
-    batch.splat[1000] = INT64_MAX;
-    batch.splat[2001] = INT64_MIN;
-    batch.splat[3002] = -(INT64_C(1) << 62);
-    batch.splat[100000] = INT64_C(1) << 61;
+    batch.sums[SUM_EYE].values[5] = INT64_C(3) << 60;
+    batch.sums[SUM_SPLAT].values[1000] = INT64_MAX;
+    batch.sums[SUM_SPLAT].values[2001] = INT64_MIN;
+    batch.sums[SUM_SPLAT].values[3002] = -(INT64_C(1) << 62);
+    batch.sums[SUM_SPLAT].values[100000] = INT64_C(1) << 61;
     assert_int_equal(payload_encode(&batch, true, payload).code, RESULT_OK);
     copy_frame(&cut, &payload[2], zmq_msg_size(&payload[2]) - 1);
     zmq_msg_t damaged[BATCH_PAYLOADS];
@@ -306,7 +311,7 @@ static void overflows_count_only_when_all_is_well(void **state)
     assert_int_equal(merge_payload(shared_film, damaged, &batch, 1).code, RESULT_PROTOCOL);
     assert_shared_film_is(shared_film, film);
     assert_int_equal(merge_payload(shared_film, payload, &batch, 1).code, RESULT_OK);
-    film_merge(film, &batch);
+    merge_plainly(film, &batch);
     assert_shared_film_is(shared_film, film);
     assert_int_equal(film->counts.overflows, 3 + 5);
     zmq_msg_close(&cut);
@@ -330,7 +335,7 @@ static void impossible_features_are_refused(void **state)
                               (INT64_C(1) << 58) - 1,
                               1 - (INT64_C(1) << 58)};
     for (size_t i = 0; i < 2 * ARRAY_LENGTH(values); i++) {
-        batch.features[batch.feature_count - 20] = values[i / 2];
+        batch.sums[SUM_FEATURES].values[batch.sums[SUM_FEATURES].count - 20] = values[i / 2];
         assert_int_equal(payload_encode(&batch, i % 2, payload).code, RESULT_OK);
         result_code_t code = merge_payload(shared_film, payload, &batch, 1).code;
         assert_int_equal(code, i / 2 < 4 ? RESULT_PROTOCOL : RESULT_OK);
@@ -406,7 +411,8 @@ static void many_merge_while_others_read(void **state)
     shared_film_t *shared_film = shared_film_of(&settings);
     for (uint32_t i = 0; i < MERGERS; i++) {
         batches[i] = batch_of(&settings, i % 3, 3 * i, i + 1);
-        for (size_t p = 0; p < batch_splat_values(&settings); p++) batches[i].splat[p] = 1 << (8 * i);
+        for (size_t p = 0; p < sum_image_values(&settings, SUM_SPLAT); p++)
+            batches[i].sums[SUM_SPLAT].values[p] = 1 << (8 * i);
         mergers[i] = (merger_t){shared_film, &batches[i]};
     }
     film_t *film = film_of(batches, MERGERS);
@@ -416,8 +422,9 @@ static void many_merge_while_others_read(void **state)
     for (int i = 0; i < 20; i++) {
         const film_t *now = shared_film_lock(shared_film);
         shared_film_snapshot_t *snapshot = i % 2 ? shared_film_snapshot(shared_film) : NULL;
-        int64_t value = now->splat[0];
-        for (size_t p = 0; p < batch_splat_values(&settings); p++) assert_true(now->splat[p] == value);
+        int64_t value = now->sums[SUM_SPLAT][0];
+        for (size_t p = 0; p < sum_image_values(&settings, SUM_SPLAT); p++)
+            assert_true(now->sums[SUM_SPLAT][p] == value);
         shared_film_unlock(shared_film);
         size_t first = ((6 * 8 * (size_t)settings.width * (size_t)settings.height) >> 20) + 1; /* of splats */
         for (size_t p = 0; snapshot != NULL && p < first; p++) {

@@ -1,6 +1,7 @@
 /* Tests of proto/wire/payload.c: what is encoded comes back bit by bit; no bytes make the decoder do anything
  * but fail. Run under the address sanitizer (make asan) these are the memory tests of the codec. */
 #include "proto/wire/wire.h"
+#include "tests/films.h"
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -29,14 +30,16 @@ static job_settings_t settings_of(int width, int height)
  */
 static void fill_features(batch_t *batch, uint64_t *seed)
 {
-    batch->features = mem_alloc(batch->feature_count * sizeof *batch->features);
-    batch->feature_capacity = batch->feature_count;
-    for (size_t i = 0; i < batch->feature_count; i++) {
+    batch->sums[SUM_FEATURES].values =
+        mem_alloc(batch->sums[SUM_FEATURES].count * sizeof *batch->sums[SUM_FEATURES].values);
+    batch->sums[SUM_FEATURES].capacity = batch->sums[SUM_FEATURES].count;
+    for (size_t i = 0; i < batch->sums[SUM_FEATURES].count; i++) {
         size_t pixel = i / FEATURE_VALUES, value = i % FEATURE_VALUES;
         bool flat = value < FEATURE_POSITION || value >= FEATURE_COUNT;
-        batch->features[i] = (int64_t)(pixel / 50 % 4 * (value + 1)) << (flat ? 3 : 32);
-        if (!flat) batch->features[i] += (int64_t)(draw(seed) % (1 << 20));
-        if (draw(seed) % 1000 == 0) batch->features[i] = draw(seed) % 2 ? INT64_MIN : INT64_MAX;
+        batch->sums[SUM_FEATURES].values[i] = (int64_t)(pixel / 50 % 4 * (value + 1)) << (flat ? 3 : 32);
+        if (!flat) batch->sums[SUM_FEATURES].values[i] += (int64_t)(draw(seed) % (1 << 20));
+        if (draw(seed) % 1000 == 0)
+            batch->sums[SUM_FEATURES].values[i] = draw(seed) % 2 ? INT64_MIN : INT64_MAX;
     }
 }
 
@@ -52,22 +55,24 @@ static batch_t batch_of(const job_settings_t *settings, int occupancy, uint64_t 
     for (uint32_t t = 0; t < tiles; t += 2) {
         unit_t unit = {t, t % 8 == 6 ? FEATURE_SAMPLES : t % FEATURE_SAMPLES, 1};
         batch.units[batch.unit_count++] = unit;
-        batch.eye_count += batch_tile_values(settings, t);
-        batch.feature_count += batch_feature_values(settings, &unit);
+        batch.sums[SUM_EYE].count += sum_unit_values(settings, SUM_EYE, &unit);
+        batch.sums[SUM_FEATURES].count += sum_unit_values(settings, SUM_FEATURES, &unit);
     }
-    batch.eye = mem_alloc(batch.eye_count * sizeof *batch.eye);
-    batch.eye_capacity = batch.eye_count;
-    for (size_t i = 0; i < batch.eye_count; i++) batch.eye[i] = (int64_t)draw(&seed) >> (draw(&seed) % 44);
-    batch.eye[0] = INT64_MIN;
-    batch.eye[1] = INT64_MAX;
-    batch.eye[2] = -1;
+    batch.sums[SUM_EYE].values = mem_alloc(batch.sums[SUM_EYE].count * sizeof *batch.sums[SUM_EYE].values);
+    batch.sums[SUM_EYE].capacity = batch.sums[SUM_EYE].count;
+    for (size_t i = 0; i < batch.sums[SUM_EYE].count; i++)
+        batch.sums[SUM_EYE].values[i] = (int64_t)draw(&seed) >> (draw(&seed) % 44);
+    batch.sums[SUM_EYE].values[0] = INT64_MIN;
+    batch.sums[SUM_EYE].values[1] = INT64_MAX;
+    batch.sums[SUM_EYE].values[2] = -1;
     if (job_has_features(settings)) fill_features(&batch, &seed);
     if (occupancy < 0) return batch;
-    size_t values = batch_splat_values(settings);
-    batch.splat = mem_zalloc(values, sizeof *batch.splat);
+    size_t values = sum_image_values(settings, SUM_SPLAT);
+    batch_frame(&batch, SUM_SPLAT);
     for (size_t i = 0; i < values; i += 3)
         if ((int)(draw(&seed) % 256) < occupancy)
-            for (size_t c = 0; c < 3; c++) batch.splat[i + c] = (int64_t)(draw(&seed) % (1 << 30)) - 1000;
+            for (size_t c = 0; c < 3; c++)
+                batch.sums[SUM_SPLAT].values[i + c] = (int64_t)(draw(&seed) % (1 << 30)) - 1000;
     return batch;
 }
 
@@ -84,14 +89,7 @@ static batch_t receiver_of(const batch_t *sent)
 
 static void assert_same(const batch_t *a, const batch_t *b)
 {
-    assert_int_equal(a->eye_count, b->eye_count);
-    assert_memory_equal(a->eye, b->eye, a->eye_count * sizeof *a->eye);
-    assert_int_equal(a->feature_count, b->feature_count);
-    if (a->feature_count > 0)
-        assert_memory_equal(a->features, b->features, a->feature_count * sizeof *a->features);
-    assert_int_equal(a->splat == NULL, b->splat == NULL);
-    if (a->splat != NULL)
-        assert_memory_equal(a->splat, b->splat, batch_splat_values(&a->settings) * sizeof *a->splat);
+    assert_true(same_sums(a, b));
 }
 
 static void close_all(zmq_msg_t payload[BATCH_PAYLOADS])
@@ -130,7 +128,7 @@ static void sparse_frames_are_small(void **state)
     batch_t batch = batch_of(&settings, 2, 1); /* 0.8% of the pixels */
     zmq_msg_t payload[BATCH_PAYLOADS];
     assert_int_equal(payload_encode(&batch, true, payload).code, RESULT_OK);
-    assert_true(zmq_msg_size(&payload[1]) < batch_splat_values(&settings) * sizeof(int64_t) / 100);
+    assert_true(zmq_msg_size(&payload[1]) < sum_image_values(&settings, SUM_SPLAT) * sizeof(int64_t) / 100);
     close_all(payload);
     batch_free(&batch);
 }
@@ -209,13 +207,13 @@ static void refuses_features_of_units_without(void **state)
     assert_int_equal(payload_decode(payload, &got).code, RESULT_PROTOCOL);
     for (size_t i = 0; i < ARRAY_LENGTH(empty_frames); i++)
         assert_int_equal(decode_as(payload, 2, empty_frames[i], 8, &got).code, RESULT_PROTOCOL);
-    assert_int_equal(got.feature_count, 0);
-    assert_null(got.features);
+    assert_int_equal(got.sums[SUM_FEATURES].count, 0);
+    assert_null(got.sums[SUM_FEATURES].values);
     assert_int_equal(decode_as(payload, 2, NULL, 0, &got).code, RESULT_OK);
     /* Another number of units with features. */
     got.units[0].first = 0;
     assert_int_equal(payload_decode(payload, &got).code, RESULT_PROTOCOL);
-    assert_int_equal(got.feature_count, 0);
+    assert_int_equal(got.sums[SUM_FEATURES].count, 0);
     close_all(payload);
     batch_free(&sent);
     batch_free(&got);
@@ -228,8 +226,9 @@ static void flat_features_are_small(void **state)
     job_settings_t settings = settings_of(640, 360);
     batch_t batch = batch_of(&settings, -1, 1);
     zmq_msg_t payload[BATCH_PAYLOADS];
-    for (size_t i = 0; i < batch.feature_count; i++)
-        batch.features[i] = (int64_t)(i % FEATURE_VALUES << 34) + (int64_t)(i / FEATURE_VALUES) * 123456789;
+    for (size_t i = 0; i < batch.sums[SUM_FEATURES].count; i++)
+        batch.sums[SUM_FEATURES].values[i] =
+            (int64_t)(i % FEATURE_VALUES << 34) + (int64_t)(i / FEATURE_VALUES) * 123456789;
     assert_int_equal(payload_encode(&batch, true, payload).code, RESULT_OK);
     assert_true(zmq_msg_size(&payload[2]) < 4000); /* of 9.7 MB */
     close_all(payload);
@@ -247,7 +246,7 @@ static void refuses_frames_of_another_size(void **state)
     got.units = sent.units;
     got.unit_count = sent.unit_count;
     assert_int_equal(payload_decode(payload, &got).code, RESULT_PROTOCOL);
-    assert_null(got.splat);
+    assert_int_equal(got.sums[SUM_SPLAT].count, 0);
     got.unit_count--;
     assert_int_equal(payload_decode(payload, &got).code, RESULT_PROTOCOL);
     got.units = NULL;

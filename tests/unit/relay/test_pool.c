@@ -158,11 +158,11 @@ static void what_the_master_would_refuse_is_refused_here(void **state)
     begin(t, units, 2);
     assert_int_equal(take(t, 0, t->ada, MUCH), 2);
     batch_t batch = peer_render(&t->settings, units, 2);
-    assert_true(batch.feature_count > 0);
-    batch.features[batch.feature_count - 5] = (int64_t)1 << 60;
+    assert_true(batch.sums[SUM_FEATURES].count > 0);
+    batch.sums[SUM_FEATURES].values[batch.sums[SUM_FEATURES].count - 5] = (int64_t)1 << 60;
     result_t result = deliver(t, t->ada, &batch);
     assert_int_equal(result.code, RESULT_PROTOCOL);
-    assert_non_null(strstr(result.message, "features"));
+    assert_non_null(strstr(result.message, "feature sums"));
     batch_free(&batch);
     /* Its units go to others. */
     assert_int_equal(take(t, 0, t->bob, MUCH), 2);

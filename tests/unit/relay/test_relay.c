@@ -1,6 +1,7 @@
 /* Tests of the relay as its master and its workers see it: a real relay and real workers in this process, and
  * a master that does as the test says (tests/scripted.h). */
 #include "relay/relay.h"
+#include "tests/films.h"
 #include "tests/render_here.h"
 #include "tests/scratch.h"
 #include "tests/scripted.h"
@@ -140,12 +141,7 @@ static void assert_renders(fixture_t *t, const scripted_batch_t *came)
         assert_true(renderer_unit(renderer, &came->batch.units[i], &result, &cancel));
         batch_add(&again, &result);
     }
-    assert_int_equal(again.eye_count, came->batch.eye_count);
-    assert_memory_equal(again.eye, came->batch.eye, again.eye_count * sizeof *again.eye);
-    assert_int_equal(again.feature_count, came->batch.feature_count);
-    assert_memory_equal(again.features, came->batch.features, again.feature_count * sizeof *again.features);
-    assert_memory_equal(again.splat, came->batch.splat,
-                        batch_splat_values(&t->script->settings) * sizeof(int64_t));
+    assert_true(same_sums(&again, &came->batch));
     for (int half = 0; half < 2; half++)
         assert_true(again.counts.light_paths[half] == came->batch.counts.light_paths[half]);
     assert_true(again.counts.rays == came->batch.counts.rays);

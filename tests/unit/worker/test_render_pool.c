@@ -2,6 +2,7 @@
  * the master says meanwhile. The calls are those of the control and the bulk thread; render threads, scene
  * and renderer are real. */
 #include "proto/wire/wire.h"
+#include "tests/films.h"
 #include "tests/render_here.h"
 #include "worker/render_pool.h"
 
@@ -183,13 +184,7 @@ static void assert_renders(bench_t *b, const batch_t *batch)
         assert_true(renderer_unit(renderer, &batch->units[i], &result, &cancel));
         batch_add(&again, &result);
     }
-    assert_int_equal(again.eye_count, batch->eye_count);
-    assert_int_equal(again.feature_count, batch->feature_count);
-    assert_memory_equal(again.eye, batch->eye, again.eye_count * sizeof *again.eye);
-    assert_memory_equal(again.features, batch->features, again.feature_count * sizeof *again.features);
-    assert_true((again.splat == NULL) == (batch->splat == NULL));
-    if (again.splat != NULL)
-        assert_memory_equal(again.splat, batch->splat, batch_splat_values(&b->settings) * sizeof(int64_t));
+    assert_true(same_sums(&again, batch));
     batch_free(&again);
     unit_result_free(&result);
     renderer_destroy(&renderer);

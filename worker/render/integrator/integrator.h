@@ -7,7 +7,7 @@
 #ifndef LIGHTMILL_INTEGRATOR_H
 #define LIGHTMILL_INTEGRATOR_H
 
-#include "common/film/film.h"
+#include "common/film/batch.h"
 #include "common/sampler.h"
 #include "worker/render/bsdf/bsdf.h"
 #include "worker/render/camera/camera.h"

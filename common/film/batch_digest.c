@@ -1,5 +1,5 @@
-/* film_digest: a hash of what a batch holds, to compare two renderings of the same units (see film.h). */
-#include "common/film/film.h"
+/* batch_digest: a hash of what a batch holds, to compare two renderings of the same units (see batch.h). */
+#include "common/film/batch.h"
 
 #include <sodium.h>
 #include <stdlib.h>
@@ -7,7 +7,7 @@
 /* A unit and where its sums begin in the arrays of the batch. */
 typedef struct {
     unit_t unit;
-    size_t eye, features;
+    size_t first[BATCH_SUMS];
 } place_t;
 
 static int place_order(const void *a, const void *b)
@@ -21,11 +21,12 @@ static int place_order(const void *a, const void *b)
 static place_t *sorted_units(const batch_t *batch)
 {
     place_t *places = mem_alloc((batch->unit_count + 1) * sizeof *places);
-    size_t eye = 0, features = 0;
+    place_t next = {0};
     for (size_t i = 0; i < batch->unit_count; i++) {
-        places[i] = (place_t){batch->units[i], eye, features};
-        eye += batch_tile_values(&batch->settings, batch->units[i].tile);
-        features += batch_feature_values(&batch->settings, &batch->units[i]);
+        next.unit = batch->units[i];
+        places[i] = next;
+        for (sum_kind_t k = 0; k < BATCH_SUMS; k++)
+            next.first[k] += sum_unit_values(&batch->settings, k, &next.unit);
     }
     qsort(places, batch->unit_count, sizeof *places, place_order);
     return places;
@@ -38,12 +39,13 @@ static bool all_zero(const int64_t *values, size_t count)
     return any == 0;
 }
 
-/* Nothing, or the values when one of them is not zero. A flag says which. */
-static void hash_values(crypto_generichash_state *state, const int64_t *values, size_t count)
+/* `count` values from one on, or nothing when they are not there or all zero. A flag says which. */
+static void hash_values(crypto_generichash_state *state, const sum_array_t *sums, size_t first, size_t count)
 {
-    uint8_t present = values != NULL && !all_zero(values, count);
+    uint8_t present = sums->count > 0 && !all_zero(sums->values + first, count);
     crypto_generichash_update(state, &present, sizeof present);
-    if (present) crypto_generichash_update(state, (const uint8_t *)values, count * sizeof *values);
+    if (present)
+        crypto_generichash_update(state, (const uint8_t *)(sums->values + first), count * sizeof(int64_t));
 }
 
 void batch_digest(const batch_t *batch, hash_t *hash)
@@ -55,13 +57,16 @@ void batch_digest(const batch_t *batch, hash_t *hash)
                               sizeof batch->counts.light_paths);
     for (size_t i = 0; i < batch->unit_count; i++) {
         const unit_t *unit = &places[i].unit;
-        const int64_t *features = batch->feature_count > 0 ? batch->features + places[i].features : NULL;
         const uint32_t name[] = {unit->tile, unit->first, unit->count};
         crypto_generichash_update(&state, (const uint8_t *)name, sizeof name);
-        hash_values(&state, batch->eye + places[i].eye, batch_tile_values(&batch->settings, unit->tile));
-        hash_values(&state, features, batch_feature_values(&batch->settings, unit));
+        for (sum_kind_t k = 0; k < BATCH_SUMS; k++)
+            if (!film_sums[k].frame)
+                hash_values(&state, &batch->sums[k], places[i].first[k],
+                            sum_unit_values(&batch->settings, k, unit));
     }
-    hash_values(&state, batch->splat, batch_splat_values(&batch->settings));
+    for (sum_kind_t k = 0; k < BATCH_SUMS; k++)
+        if (film_sums[k].frame)
+            hash_values(&state, &batch->sums[k], 0, sum_image_values(&batch->settings, k));
     crypto_generichash_final(&state, hash->bytes, HASH_BYTES);
     free(places);
 }

@@ -1,0 +1,130 @@
+/* film_sums: see film_sums.h. */
+#include "common/film/film_sums.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+const sum_layout_t film_sums[FILM_SUMS] = {
+    [SUM_EYE] = {.name = "eye",
+                 .bytes = sizeof(int64_t),
+                 .halves = 2,
+                 .values = 3,
+                 .group_count = 1,
+                 .groups = {3},
+                 .weighted = true},
+    [SUM_SPLAT] = {.name = "splat",
+                   .bytes = sizeof(int64_t),
+                   .halves = 2,
+                   .values = 3,
+                   .group_count = 1,
+                   .groups = {3},
+                   .frame = true},
+    [SUM_FEATURES] = {.name = "feature",
+                      .bytes = sizeof(int64_t),
+                      .halves = 1,
+                      .values = FEATURE_VALUES,
+                      .group_count = 6,
+                      .groups = {3, 3, 3, 1, 2, 2}, /* albedo, normal, position, depth, counts, ids */
+                      .differences = true,
+                      .in_job = job_has_features,
+                      .samples = FEATURE_SAMPLES,
+                      .sample_bits = 57},
+    [SUM_SAMPLES] = {.name = "sample", .bytes = sizeof(uint32_t), .halves = 2, .values = 1}};
+
+const sum_kind_t film_page_order[FILM_SUMS] = {SUM_EYE, SUM_SPLAT, SUM_SAMPLES, SUM_FEATURES};
+
+/* ---- how many values there are ------------------------------------------------------------------------- */
+
+static bool in_job(const job_settings_t *settings, sum_kind_t kind)
+{
+    return film_sums[kind].in_job == NULL || film_sums[kind].in_job(settings);
+}
+
+size_t sum_image_values(const job_settings_t *settings, sum_kind_t kind)
+{
+    if (!in_job(settings, kind)) return 0;
+    return film_sums[kind].halves * film_sums[kind].values * (size_t)settings->width *
+           (size_t)settings->height;
+}
+
+size_t sum_unit_values(const job_settings_t *settings, sum_kind_t kind, const unit_t *unit)
+{
+    const sum_layout_t *layout = &film_sums[kind];
+    bool contributes = layout->samples == 0 || unit->first < layout->samples;
+    if (layout->frame || !contributes || !in_job(settings, kind)) return 0;
+    return layout->halves * layout->values * job_tile_pixels(settings, unit->tile);
+}
+
+size_t sum_unit_bytes(const job_settings_t *settings, const unit_t *unit)
+{
+    size_t values = 0;
+    for (sum_kind_t k = 0; k < BATCH_SUMS; k++) values += sum_unit_values(settings, k, unit);
+    return values * sizeof(int64_t);
+}
+
+size_t sum_frame_bytes(const job_settings_t *settings)
+{
+    size_t values = 0;
+    for (sum_kind_t k = 0; k < BATCH_SUMS; k++)
+        if (film_sums[k].frame) values += sum_image_values(settings, k);
+    return values * sizeof(int64_t);
+}
+
+bool sum_possible(sum_kind_t kind, const unit_t *unit, const int64_t *values, size_t count)
+{
+    const sum_layout_t *layout = &film_sums[kind];
+    if (layout->sample_bits == 0) return true;
+    uint32_t left = layout->samples - unit->first, samples = unit->count < left ? unit->count : left;
+    int64_t limit = (int64_t)samples << layout->sample_bits;
+    bool good = true;
+    for (size_t i = 0; i < count; i++) good &= values[i] < limit && values[i] > -limit;
+    return good;
+}
+
+/* ---- arrays -------------------------------------------------------------------------------------------- */
+
+void sum_array_reserve(sum_array_t *array, size_t capacity)
+{
+    if (array->capacity >= capacity) return;
+    array->values = mem_realloc(array->values, capacity * sizeof *array->values);
+    array->capacity = capacity;
+}
+
+void sum_array_free(sum_array_t *array)
+{
+    free(array->values);
+    *array = (sum_array_t){0};
+}
+
+/* ---- adding -------------------------------------------------------------------------------------------- */
+
+int64_t film_quantise(float value, int scale)
+{
+    const double limit = 0x1p62;
+    double units = (double)value * (double)(UINT64_C(1) << scale);
+    return units >= limit ? INT64_C(1) << 62 : units <= -limit ? -(INT64_C(1) << 62) : llrint(units);
+}
+
+uint64_t film_add(int64_t sum[3], const float rgb[3], int scale)
+{
+    int64_t more[3];
+    for (int c = 0; c < 3; c++) more[c] = film_quantise(rgb[c], scale);
+    return film_add_sums(sum, more, 3);
+}
+
+/* Wrapping arithmetic, and no branch, so that the compiler makes vectors of it. What film_quantise saturates
+ * to, and anything beyond, is no sum; a total of two values, one of which is a sum, that wraps ends up beyond
+ * -largest. */
+uint64_t film_add_sums(int64_t *restrict sum, const int64_t *restrict more, size_t count)
+{
+    const int64_t largest = (INT64_C(1) << 62) - 1;
+    uint64_t overflows = 0;
+    for (size_t i = 0; i < count; i++) {
+        int64_t total = (int64_t)((uint64_t)sum[i] + (uint64_t)more[i]);
+        bool bad = (more[i] > largest) | (more[i] < -largest) | (total > largest) | (total < -largest);
+        sum[i] = bad ? sum[i] : total;
+        overflows += bad;
+    }
+    return overflows;
+}

@@ -1,0 +1,109 @@
+/* film_sums: the sums that a film and a batch are made of: which there are, how each is laid out, and how
+ * they add up. The table film_sums describes each of them; payloads, pages and checkpoints walk over it and
+ * name none.
+ *
+ * Sums are 64-bit fixed-point integers in units of 2^-scale radiance. Every contribution is rounded to that
+ * grid once, when the sample is made, and integers add associatively: samples may be split into units, units
+ * into batches, and batches merged in any order, always with the same bits. With the default scale of 32 a
+ * contribution is rounded by at most 2^-33: below the rounding of a float result for pixels over 2^-9, and
+ * after the mean of N samples below it by a further sqrt(N). A sum may reach 2^31 radiance units; a film for
+ * a brighter scene takes a smaller scale. Overflow is detected (film_counts_t.overflows) and the job is ended
+ * by it; a sum never wraps.
+ *
+ * Features are what the eye rays meet first: albedo, normal, position and so on, for denoising and
+ * compositing. They are sums of the same kind, of the first FEATURE_SAMPLES samples of each pixel: enough for
+ * smooth edges, and a bound on what is sent. They have one half only, and a scale of their own, since they do
+ * not depend on how bright a scene is.
+ */
+#ifndef LIGHTMILL_FILM_SUMS_H
+#define LIGHTMILL_FILM_SUMS_H
+
+#include "common/job.h"
+
+/* Which sums there are. */
+typedef enum {
+    SUM_EYE,                  /* radiance of the strategies with t >= 2 eye vertices, by pixel */
+    SUM_SPLAT,                /* radiance of those with t = 1, which may land anywhere */
+    SUM_FEATURES,             /* what the eye rays meet first: FEATURE_ALBEDO and so on */
+    BATCH_SUMS,               /* those above travel in a batch, a payload each in this order */
+    SUM_SAMPLES = BATCH_SUMS, /* a film has these beside: eye samples, each as often as it weighs */
+    FILM_SUMS
+} sum_kind_t;
+
+enum {
+    SUM_MAX_GROUPS = 6,
+    SUM_GROUP_VALUES = 3, /* values of a group, at most; a sum of whole frames has one group of so many */
+    FEATURE_SAMPLES = 32, /* samples of a pixel, from index 0, that contribute */
+    FEATURE_SCALE = 32    /* measured values count in units of 2^-32 */
+};
+
+/* The sums of a pixel's features, an int64_t each. */
+enum {
+    FEATURE_ALBEDO = 0,   /* 3 */
+    FEATURE_NORMAL = 3,   /* 3 */
+    FEATURE_POSITION = 6, /* 3 */
+    FEATURE_DEPTH = 9,
+    FEATURE_COUNT = 10,  /* samples that are in the sums; whole numbers, here and below */
+    FEATURE_HITS = 11,   /* those of them that met something */
+    FEATURE_OBJECT = 12, /* of sample 0 alone, so that it is an id and not a mean of ids */
+    FEATURE_MATERIAL = 13,
+    FEATURE_VALUES = 14
+};
+
+/* How one of them is laid out: [halves][height][width][values], of the image or of a tile. */
+typedef struct {
+    const char *name; /* in messages */
+    size_t bytes;     /* of a value */
+    size_t halves;    /* 2: even and odd sample indices apart */
+    size_t values;    /* of a pixel in a half */
+    /* Values of a pixel that are of one kind; they are coded together. */
+    size_t group_count;
+    uint8_t groups[SUM_MAX_GROUPS];
+    bool differences; /* neighbours are much alike: coded as differences from the pixel before */
+    bool frame;       /* a batch has one frame of the whole image, to which all units add, or none when it is
+                         zero; otherwise a tile of each unit, one after the other */
+    bool weighted;    /* a unit's tile counts as often as its samples weigh */
+    /* False for a job that does not make them; NULL: all do. */
+    bool (*in_job)(const job_settings_t *settings);
+    uint32_t samples; /* of a pixel, from index 0, that contribute; 0: all */
+    int sample_bits;  /* one sample adds less than 2^sample_bits to any value; 0: there is no bound */
+} sum_layout_t;
+extern const sum_layout_t film_sums[FILM_SUMS];
+
+/* The sums in the order in which the pages of a film, and so those of a checkpoint, are numbered. */
+extern const sum_kind_t film_page_order[FILM_SUMS];
+
+/* Values of the whole image; 0 when the job has none. */
+size_t sum_image_values(const job_settings_t *settings, sum_kind_t kind);
+/* Values of a unit's tile; 0 for frames, and when the job or the unit's samples have none. */
+size_t sum_unit_values(const job_settings_t *settings, sum_kind_t kind, const unit_t *unit);
+/* Bytes of all tiles of a unit. */
+size_t sum_unit_bytes(const job_settings_t *settings, const unit_t *unit);
+/* Bytes of all frames of a batch. */
+size_t sum_frame_bytes(const job_settings_t *settings);
+/* False when no renderer makes such values of a unit that has some. So sums that have a bound cannot
+ * overflow. */
+bool sum_possible(sum_kind_t kind, const unit_t *unit, const int64_t *values, size_t count);
+
+/* An array of sums that grows; zeroed: empty. */
+typedef struct {
+    int64_t *values;
+    size_t count, capacity;
+} sum_array_t;
+
+/* Makes room for so many values; those up to `count` stay. */
+void sum_array_reserve(sum_array_t *array, size_t capacity);
+/* Frees it and makes it empty. */
+void sum_array_free(sum_array_t *array);
+
+/* Radiance to fixed point, rounded to nearest even. A value that does not fit is saturated at +-2^62 and
+ * shows as an overflow when it is added. The caller has dropped NaN and infinity. */
+int64_t film_quantise(float value, int scale);
+/* Rounds one contribution to the film's grid and adds it to the sums of a pixel. Returns how many of the
+ * three additions would have overflowed; these are left out. */
+uint64_t film_add(int64_t sum[3], const float rgb[3], int scale);
+/* Adds `count` sums. The arrays do not overlap. Returns how many additions would have overflowed; these are
+ * left out. */
+uint64_t film_add_sums(int64_t *sum, const int64_t *more, size_t count);
+
+#endif
