@@ -16,7 +16,7 @@ typedef struct {
     size_t used, room, limit;
 } gunzip_t;
 
-bool gunzip_recognise(const uint8_t *data, size_t size)
+static bool is_gzip(const uint8_t *data, size_t size)
 {
     return size >= 2 && data[0] == 0x1f && data[1] == 0x8b;
 }
@@ -65,7 +65,7 @@ static result_t inflate_all(gunzip_t *g)
             return result_fail(RESULT_INPUT, "%s: decompressed it has more than the limit of %zu bytes",
                                g->path, g->limit);
         if (status == Z_STREAM_END) {
-            if (!gunzip_recognise(g->data + at, g->size - at)) return result_ok(); /* padding is allowed */
+            if (!is_gzip(g->data + at, g->size - at)) return result_ok(); /* padding is allowed */
             inflateReset(&g->stream);
         } else if (status == Z_BUF_ERROR && at == g->size) {
             return result_fail(RESULT_INPUT, "%s: the compressed data end early; is the file truncated?",
@@ -93,4 +93,15 @@ result_t gunzip(const char *path, const uint8_t *data, size_t size, size_t limit
     *out = g.out;
     *out_size = g.used;
     return result_ok();
+}
+
+result_t gunzip_read_file(const char *path, size_t limit, uint8_t **data, size_t *size)
+{
+    static const size_t most = (size_t)1 << 32; /* a few megabytes can be made to claim that much */
+    TRY(file_read(path, limit, data, size));
+    if (!is_gzip(*data, *size)) return result_ok();
+    uint8_t *packed = *data;
+    result_t result = gunzip(path, packed, *size, most, data, size);
+    free(packed);
+    return result;
 }

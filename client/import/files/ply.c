@@ -18,7 +18,6 @@
 
 enum { MAX_ELEMENTS = 64, MAX_PROPERTIES = 256, MAX_WORD = 64 };
 static const size_t largest_file = (size_t)1 << 36;
-static const size_t largest_inflated = (size_t)1 << 32; /* a few megabytes can be made to claim that much */
 static const uint32_t most_vertices = BLOB_NONE - 1;
 
 typedef enum { ENCODING_NONE, ENCODING_ASCII, ENCODING_LITTLE, ENCODING_BIG } encoding_t;
@@ -506,23 +505,11 @@ static result_t read_body(ply_t *ply)
     return result_ok();
 }
 
-/* The file's bytes, decompressed where they are gzip, whatever the file is called. */
-static result_t read_file(const char *path, uint8_t **data, size_t *size)
-{
-    TRY(file_read(path, largest_file, data, size));
-    if (!gunzip_recognise(*data, *size)) return result_ok();
-    uint8_t *packed = *data;
-    size_t packed_size = *size;
-    result_t result = gunzip(path, packed, packed_size, largest_inflated, data, size);
-    free(packed);
-    return result;
-}
-
 result_t ply_read(const char *path, report_t *report, mesh_t *mesh)
 {
     uint8_t *data;
     size_t size;
-    TRY(read_file(path, &data, &size));
+    TRY(gunzip_read_file(path, largest_file, &data, &size));
     ply_t *ply = mem_zalloc(1, sizeof *ply);
     ply->path = path;
     ply->report = report;

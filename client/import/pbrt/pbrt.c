@@ -18,7 +18,7 @@
 #include "client/import/pbrt/state/colour_spaces.h"
 #include "client/import/pbrt/transforms.h"
 
-static const size_t largest_file = (size_t)1 << 34, largest_text = (size_t)1 << 32; /* decompressed */
+static const size_t largest_file = (size_t)1 << 34;
 
 static result_t parse_file(pbrt_t *p, const char *path, const char *label);
 
@@ -351,13 +351,7 @@ static result_t parse_source(pbrt_t *p)
 static result_t open_source(pbrt_t *p, const char *path, const char *label, source_t **source, size_t *size)
 {
     uint8_t *data;
-    TRY(file_read(path, largest_file, &data, size));
-    if (gunzip_recognise(data, *size)) {
-        uint8_t *packed = data;
-        result_t result = gunzip(path, packed, *size, largest_text, &data, size);
-        free(packed);
-        TRY(result);
-    }
+    TRY(gunzip_read_file(path, largest_file, &data, size));
     *source = mem_alloc(sizeof **source);
     **source = (source_t){mem_strdup(path), mem_strdup(label), data};
     p->files = grow(p->files, &p->file_capacity, p->file_count + 1, sizeof(source_t *));

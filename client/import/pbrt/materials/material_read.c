@@ -1,28 +1,13 @@
-/* material_read: see material_kinds.h. */
-#include "client/import/pbrt/materials/material_kinds.h"
+/* material_read: see material_read.h. */
+#include "client/import/pbrt/materials/material_read.h"
 
-/* ---- values -------------------------------------------------------------------------------------------- */
+/* ---- indices of refraction ------------------------------------------------------------------------------
+ */
 
-static result_t read_value(pbrt_t *p, params_t *params, const value_rule_t *rule, blob_material_t *record)
+result_t material_read_index(pbrt_t *p, params_t *params, const char *name, float otherwise, position_t at,
+                             blob_material_t *record)
 {
-    blob_value_t *value = &record->values[rule->slot];
-    *value = blob_constant(rule->otherwise);
-    if (rule->type == NUMBER) return pbrt_float_value(p, params, rule->name, value);
-    return pbrt_colour_value(p, params, rule->name, COLOUR_REFLECTANCE, value);
-}
-
-result_t material_read_values(pbrt_t *p, params_t *params, const value_rule_t *rules, size_t count,
-                              blob_material_t *record)
-{
-    for (size_t i = 0; i < count; ++i) TRY(read_value(p, params, &rules[i], record));
-    return result_ok();
-}
-
-/* An index of refraction that is one number. */
-result_t material_read_index(pbrt_t *p, params_t *params, const char *name, material_value_t slot,
-                             float otherwise, position_t at, blob_material_t *record)
-{
-    blob_value_t *eta = &record->values[slot];
+    blob_value_t *eta = &record->values[VALUE_ETA];
     *eta = blob_constant(otherwise);
     const params_t *owner;
     const param_t *item = params_find(params, name, &owner);
@@ -47,9 +32,8 @@ static double alpha_v3(double roughness)
     return 1.62142 + x * (0.819955 + x * (0.1734 + x * (0.0171201 + x * 0.000640711)));
 }
 
-/* names: of both axes (NULL: there is none), of u, of v. */
-result_t material_read_axes(pbrt_t *p, params_t *params, const char *const names[3], float otherwise,
-                            material_value_t slot, blob_material_t *record)
+static result_t read_axes(pbrt_t *p, params_t *params, const char *const names[3], float otherwise,
+                          material_value_t slot, blob_material_t *record)
 {
     blob_value_t *axes = &record->values[slot];
     axes[0] = blob_constant(otherwise);
@@ -74,38 +58,33 @@ static result_t check_alpha(pbrt_t *p, params_t *params, position_t at, bool rem
                     "this roughness makes an alpha of %g; the most is %g", alpha, largest_alpha);
 }
 
-/* How the roughnesses in `count` slots from `slot` become alphas. `smooth`: all 0 makes a smooth surface. */
-result_t material_finish_roughness(pbrt_t *p, params_t *params, position_t at, material_value_t slot,
-                                   int count, bool smooth, blob_material_t *record)
+/* How the roughnesses of both axes become alphas. */
+static result_t finish_roughness(pbrt_t *p, params_t *params, position_t at, material_value_t slot,
+                                 bool smooth, blob_material_t *record)
 {
-    bool v3 = p->dialect.dialect == DIALECT_V3, remap = true, zero = true;
-    blob_value_t *values = &record->values[slot];
+    bool v3 = p->dialect.dialect == DIALECT_V3, remap = true;
+    const blob_value_t *axes = &record->values[slot];
     TRY(params_bool(params, "remaproughness", &remap));
-    for (int i = 0; i < count; ++i) zero = zero && is_zero(&values[i]);
-    if (zero && smooth) return result_ok();
-    for (int i = 0; i < count; ++i) {
-        TRY(check_alpha(p, params, at, remap, &values[i]));
-        if (v3 && !remap && (values[i].texture != 0 || values[i].factor.x < 1e-3f))
+    if (is_zero(&axes[0]) && is_zero(&axes[1]) && smooth) return result_ok();
+    for (int i = 0; i < 2; ++i) {
+        TRY(check_alpha(p, params, at, remap, &axes[i]));
+        if (v3 && !remap && (axes[i].texture != 0 || axes[i].factor.x < 1e-3f))
             record->flags |= MATERIAL_ALPHA_V3;
     }
     if (remap) record->flags |= v3 ? MATERIAL_REMAP_V3 : MATERIAL_REMAP_SQRT;
     return result_ok();
 }
 
-const char *const material_both_axes[3] = {"roughness", NULL, NULL};
-const char *const material_each_axis[3] = {NULL, "uroughness", "vroughness"};
-const char *const material_all_axes[3] = {"roughness", "uroughness", "vroughness"};
-
 result_t material_read_roughness(pbrt_t *p, params_t *params, const char *const names[3], float otherwise,
-                                 bool smooth, position_t at, blob_material_t *record)
+                                 bool smooth, material_value_t slot, position_t at, blob_material_t *record)
 {
-    TRY(material_read_axes(p, params, names, otherwise, VALUE_ROUGHNESS_U, record));
-    return material_finish_roughness(p, params, at, VALUE_ROUGHNESS_U, 2, smooth, record);
+    TRY(read_axes(p, params, names, otherwise, slot, record));
+    return finish_roughness(p, params, at, slot, smooth, record);
 }
 
 /* ---- metals -------------------------------------------------------------------------------------------- */
 
-result_t material_read_metal(pbrt_t *p, params_t *params, const char *eta, const char *k,
+static result_t read_indices(pbrt_t *p, params_t *params, const char *eta, const char *k,
                              material_value_t eta_slot, blob_material_t *record)
 {
     record->values[eta_slot] = pbrt_named_index(p, "metal-Cu-eta");
@@ -123,10 +102,11 @@ static float absorption_of(float reflectance)
 
 /* A reflectance that varies tints a metal that reflects nearly all: its tint stays at grazing angles, where
  * pbrt's metal turns white. */
-result_t material_read_metal_v4(pbrt_t *p, params_t *params, const char *eta, const char *k,
-                                material_value_t eta_slot, bool can_tint, blob_material_t *record)
+result_t material_read_metal(pbrt_t *p, params_t *params, const char *eta, const char *k,
+                             material_value_t eta_slot, blob_material_t *record)
 {
-    if (!params_has(params, "reflectance")) return material_read_metal(p, params, eta, k, eta_slot, record);
+    bool v3 = p->dialect.dialect == DIALECT_V3, can_tint = record->kind == MATERIAL_CONDUCTOR;
+    if (v3 || !params_has(params, "reflectance")) return read_indices(p, params, eta, k, eta_slot, record);
     position_t at = params_where(params, "reflectance", (position_t){.path = ""});
     if (params_has(params, eta) || params_has(params, k))
         return error_at(at, "a conductor has either \"reflectance\" or \"%s\" and \"%s\", not both", eta, k);

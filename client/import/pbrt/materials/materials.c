@@ -1,4 +1,4 @@
-/* materials: Material, MakeNamedMaterial, NamedMaterial, and the table of materials.
+/* materials: Material, MakeNamedMaterial, NamedMaterial, and how shapes wear what they make.
  *
  * A directive only stores its parameters. The blob's record is made when the first shape wears the material;
  * a v3 shape whose own parameters override the material's gets a record of its own. An interface between
@@ -6,27 +6,13 @@
  */
 #include "client/import/pbrt/materials/materials.h"
 
-#include "client/import/pbrt/materials/material_kinds.h"
+#include "client/import/pbrt/materials/material_table.h"
 #include "client/import/pbrt/materials/textures.h"
 #include "client/import/pbrt/state/arguments.h"
+#include "client/import/pbrt/state/values.h"
 
-#include <stdlib.h>
-#include <string.h>
-
-typedef struct {
-    entry_t entry;
-    material_make_t *make;
-} material_entry_t;
-
-/* ---- both ---------------------------------------------------------------------------------------------- */
-
-static result_t make_interface(pbrt_t *p, params_t *params, const material_t *material,
-                               blob_material_t *record)
-{
-    (void)p, (void)params, (void)material;
-    record->kind = 0;
-    return result_ok();
-}
+/* ---- mixes ----------------------------------------------------------------------------------------------
+ */
 
 static result_t make_once(pbrt_t *p, material_t *material);
 
@@ -89,12 +75,8 @@ static result_t make_part(pbrt_t *p, params_t *params, const material_t *materia
     return result_ok();
 }
 
-static result_t make_mix(pbrt_t *p, params_t *params, const material_t *material, blob_material_t *record)
+static result_t make_parts(pbrt_t *p, params_t *params, const material_t *material, blob_material_t *record)
 {
-    value_rule_t amount = {"amount", VALUE_AMOUNT, p->dialect.dialect == DIALECT_V3 ? REFLECTANCE : NUMBER,
-                           0.5f};
-    record->kind = MATERIAL_MIX;
-    TRY(material_read_values(p, params, &amount, 1, record));
     TRY(make_part(p, params, material, 0, record));
     TRY(make_part(p, params, material, 1, record));
     if (p->dialect.dialect != DIALECT_V3) return result_ok();
@@ -102,87 +84,6 @@ static result_t make_mix(pbrt_t *p, params_t *params, const material_t *material
     const blob_material_t *records = blob_builder_records(p->builder->blob, BLOB_SECTION_MATERIALS);
     record->bump = records[record->parts[1]].bump;
     return result_ok();
-}
-
-/* ---- substitutes --------------------------------------------------------------------------------------- */
-
-static const param_rule_t substitute_rules[] = {
-    {"name", PARAM_ACCEPT, NULL},       {"sigma_a", PARAM_ACCEPT, NULL},
-    {"sigma_s", PARAM_ACCEPT, NULL},    {"mfp", PARAM_ACCEPT, NULL},
-    {"g", PARAM_ACCEPT, NULL},          {"scale", PARAM_ACCEPT, NULL},
-    {"Kr", PARAM_ACCEPT, NULL},         {"Kt", PARAM_ACCEPT, NULL},
-    {"filename", PARAM_ACCEPT, NULL},   {"bsdffile", PARAM_ACCEPT, NULL},
-    {"eumelanin", PARAM_ACCEPT, NULL},  {"pheomelanin", PARAM_ACCEPT, NULL},
-    {"eta", PARAM_ACCEPT, NULL},        {"beta_m", PARAM_ACCEPT, NULL},
-    {"beta_n", PARAM_ACCEPT, NULL},     {"alpha", PARAM_ACCEPT, NULL},
-    {"roughness", PARAM_ACCEPT, NULL},  {"uroughness", PARAM_ACCEPT, NULL},
-    {"vroughness", PARAM_ACCEPT, NULL}, {"remaproughness", PARAM_ACCEPT, NULL},
-};
-
-static result_t refuse(pbrt_t *p, const material_t *material, const char *nearest);
-
-/* The first colour that looks like one of the surface. */
-static result_t read_substitute_colour(pbrt_t *p, params_t *params, blob_material_t *record)
-{
-    static const char *const names[] = {"reflectance", "Kd", "color"};
-    record->values[VALUE_REFLECTANCE] = blob_constant(0.5f);
-    for (size_t i = ARRAY_LENGTH(names); i-- > 0;)
-        TRY(pbrt_colour_value(p, params, names[i], COLOUR_REFLECTANCE, &record->values[VALUE_REFLECTANCE]));
-    return params_apply(params, substitute_rules, ARRAY_LENGTH(substitute_rules), p->report);
-}
-
-static result_t make_like_diffuse(pbrt_t *p, params_t *params, const material_t *material,
-                                  blob_material_t *record)
-{
-    TRY(refuse(p, material, "a diffuse surface"));
-    record->kind = MATERIAL_DIFFUSE;
-    return read_substitute_colour(p, params, record);
-}
-
-/* What scatters below a smooth or rough surface. */
-static result_t make_like_coated(pbrt_t *p, params_t *params, const material_t *material,
-                                 blob_material_t *record)
-{
-    TRY(refuse(p, material, "a coated diffuse surface"));
-    record->kind = MATERIAL_COATED_DIFFUSE;
-    record->values[VALUE_THICKNESS] = blob_constant(0.01f);
-    TRY(material_read_index(p, params, "eta", VALUE_ETA, 1.33f, material->at, record));
-    TRY(material_read_roughness(p, params, material_all_axes, 0, true, material->at, record));
-    return read_substitute_colour(p, params, record);
-}
-
-static const material_entry_t materials[] = {
-    {{"matte", DIALECT_V3}, material_make_matte},
-    {{"mirror", DIALECT_V3}, material_make_mirror},
-    {{"glass", DIALECT_V3}, material_make_glass},
-    {{"metal", DIALECT_V3}, material_make_metal},
-    {{"plastic", DIALECT_V3}, material_make_plastic},
-    {{"substrate", DIALECT_V3}, material_make_substrate},
-    {{"translucent", DIALECT_V3}, material_make_translucent},
-    {{"uber", DIALECT_V3}, material_make_uber},
-    {{"disney", DIALECT_V3}, material_make_disney},
-    {{"fourier", DIALECT_V3}, make_like_diffuse},
-    {{"kdsubsurface", DIALECT_V3}, make_like_coated},
-    {{"none", DIALECT_BOTH}, make_interface},
-    {{"", DIALECT_BOTH}, make_interface},
-    {{"diffuse", DIALECT_V4}, material_make_diffuse},
-    {{"conductor", DIALECT_V4}, material_make_conductor},
-    {{"dielectric", DIALECT_V4}, material_make_dielectric},
-    {{"thindielectric", DIALECT_V4}, material_make_thin_dielectric},
-    {{"coateddiffuse", DIALECT_V4}, material_make_coated_diffuse},
-    {{"coatedconductor", DIALECT_V4}, material_make_coated_conductor},
-    {{"diffusetransmission", DIALECT_V4}, material_make_diffuse_transmission},
-    {{"measured", DIALECT_V4}, make_like_diffuse},
-    {{"interface", DIALECT_V4}, make_interface},
-    {{"mix", DIALECT_BOTH}, make_mix},
-    {{"hair", DIALECT_BOTH}, make_like_diffuse},
-    {{"subsurface", DIALECT_BOTH}, make_like_coated},
-};
-
-static result_t refuse(pbrt_t *p, const material_t *material, const char *nearest)
-{
-    return report_refuse(p->report, material->at, "material \"%s\" is not supported; the nearest is %s",
-                         materials[material->entry].entry.name, nearest);
 }
 
 /* ---- the directives ------------------------------------------------------------------------------------ */
@@ -197,7 +98,7 @@ static uint32_t store(pbrt_t *p, size_t entry, params_t *params, position_t at, 
                              .colour_space = p->now.colour_space,
                              .name = name,
                              .textures = {p->texture_names[0].count, p->texture_names[1].count}};
-    if (params && materials[entry].make == make_mix)
+    if (params && material_kind(entry) == MATERIAL_MIX)
         (void)find_parts(p, material); /* made, it says what is wrong */
     return (uint32_t)p->material_count++;
 }
@@ -212,17 +113,11 @@ static params_t *take_params(pbrt_t *p)
 
 void pbrt_default_material(pbrt_t *p)
 {
-    const char *name = p->dialect.dialect == DIALECT_V3 ? "matte" : "diffuse";
-    size_t entry = 0;
-    while (strcmp(materials[entry].entry.name, name) != 0) ++entry;
-    p->now.material = store(p, entry, params_new(), (position_t){.path = "default material"},
-                            mem_strdup("default material"));
-}
-
-static result_t find_entry(const pbrt_t *p, const char *name, position_t at, size_t *entry)
-{
-    return entry_find(materials, ARRAY_LENGTH(materials), sizeof *materials, "material", name, &p->dialect,
-                      at, entry);
+    size_t entry;
+    position_t at = {.path = "default material"};
+    (void)material_find(p, p->dialect.dialect == DIALECT_V3 ? "matte" : "diffuse", at,
+                        &entry); /* which are rows */
+    p->now.material = store(p, entry, params_new(), at, mem_strdup("default material"));
 }
 
 result_t pbrt_material(pbrt_t *p, position_t at)
@@ -230,7 +125,7 @@ result_t pbrt_material(pbrt_t *p, position_t at)
     size_t entry;
     TRY(pbrt_read_string(p, 0, "the material's type"));
     TRY(pbrt_read_params_for(p, TARGET_MATERIAL));
-    TRY(find_entry(p, p->arguments[0], at, &entry));
+    TRY(material_find(p, p->arguments[0], at, &entry));
     p->now.material = store(p, entry, take_params(p), at, mem_printf("%s:%u", p->source->label, at.line));
     return result_ok();
 }
@@ -253,7 +148,7 @@ result_t pbrt_make_named_material(pbrt_t *p, position_t at)
     TRY(pbrt_read_params_for(p, TARGET_MATERIAL));
     TRY(params_string(p->params, "type", &type));
     if (!type) return error_at(at, "MakeNamedMaterial needs a parameter \"string type\"");
-    TRY(find_entry(p, type, params_where(p->params, "type", at), &entry));
+    TRY(material_find(p, type, params_where(p->params, "type", at), &entry));
     if (names_find(&p->material_names, p->arguments[0], &old)) {
         if (!p->materials[old].params) {
             fill(p, old, entry, at);
@@ -327,7 +222,9 @@ static result_t make(pbrt_t *p, material_t *material, params_t *params, blob_mat
     p->now.colour_space = material->colour_space;
     material->making = true;
     p->wearing = material;
-    result_t result = materials[material->entry].make(p, params, material, record);
+    result_t result = material_fill(p, params, material, record);
+    if (result.code == RESULT_OK && record->kind == MATERIAL_MIX)
+        result = make_parts(p, params, material, record);
     if (result.code == RESULT_OK) result = read_relief(p, params, record);
     material->making = false;
     p->wearing = outer;
@@ -380,7 +277,8 @@ static bool is_ready(pbrt_t *p, material_t *material, int depth)
 {
     if (material->made || depth > BLOB_MAX_MIX_DEPTH) return true; /* too deep: making it says so */
     if (!material->params || !params_textures_known(material->params, texture_is_known, p)) return false;
-    if (materials[material->entry].make != make_mix || find_parts(p, material).code != RESULT_OK) return true;
+    if (material_kind(material->entry) != MATERIAL_MIX || find_parts(p, material).code != RESULT_OK)
+        return true;
     for (int i = 0; i < 2; ++i)
         if (material->parts[i] == 0 || !is_ready(p, &p->materials[material->parts[i] - 1], depth + 1))
             return false;

@@ -11,10 +11,16 @@
 #include <string.h>
 #include <strings.h>
 
+typedef enum { SPACE_NONE, SPACE_2D, SPACE_3D } space_t;
+
 typedef struct {
     entry_t entry;
-    /* Reads the texture's parameters; NULL: not supported. */
-    result_t (*make)(pbrt_t *p, params_t *params, position_t at, bool is_float, blob_value_t *value);
+    texture_kind_t kind; /* 0: a constant, or not supported */
+    space_t space;       /* the coordinates that it looks at */
+    /* Reads the other parameters of a texture of that kind and space. One whose kind becomes 0 is no texture:
+     * *value is what there is to say. NULL: not supported. */
+    result_t (*read)(pbrt_t *p, params_t *params, position_t at, bool is_float, blob_texture_t *texture,
+                     blob_value_t *value);
 } texture_entry_t;
 
 /* ---- records ------------------------------------------------------------------------------------------- */
@@ -92,11 +98,14 @@ static result_t map_2d(pbrt_t *p, params_t *params, position_t at, blob_texture_
 }
 
 /* pbrt-v3 applies the current transform itself to the point in the world, pbrt-v4 its inverse. */
-static void map_3d(const pbrt_t *p, blob_texture_t *texture)
+static result_t read_space(pbrt_t *p, params_t *params, position_t at, space_t kind, blob_texture_t *texture)
 {
+    if (kind == SPACE_NONE) return result_ok();
+    if (kind == SPACE_2D) return map_2d(p, params, at, texture);
     affine_t space = p->dialect.dialect == DIALECT_V4 ? from_world(p) : p->now.ctm;
     texture->mapping = MAPPING_POINT;
     texture->texture_from_world = affine_to_xform(&space);
+    return result_ok();
 }
 
 static void negate_row(xform_t *t, int row)
@@ -131,115 +140,105 @@ static void flip_t(blob_texture_t *texture)
 
 /* ---- textures of textures ------------------------------------------------------------------------------ */
 
-static result_t make_constant(pbrt_t *p, params_t *params, position_t at, bool is_float, blob_value_t *value)
+static result_t read_constant(pbrt_t *p, params_t *params, position_t at, bool is_float,
+                              blob_texture_t *texture, blob_value_t *value)
 {
-    (void)at;
+    (void)at, (void)texture;
     return read_input(p, params, "value", is_float, 1, value);
 }
 
-static result_t make_scale(pbrt_t *p, params_t *params, position_t at, bool is_float, blob_value_t *value)
+static result_t read_product(pbrt_t *p, params_t *params, position_t at, bool is_float,
+                             blob_texture_t *texture, blob_value_t *value)
 {
-    (void)at;
     bool v3 = p->dialect.dialect == DIALECT_V3;
-    blob_texture_t texture = {.kind = TEXTURE_SCALE};
-    blob_value_t *a = &texture.inputs[0], *b = &texture.inputs[1];
+    blob_value_t *a = &texture->inputs[0], *b = &texture->inputs[1];
     TRY(read_input(p, params, v3 ? "tex1" : "tex", is_float, 1, a));
     TRY(read_input(p, params, v3 ? "tex2" : "scale", v3 ? is_float : true, 1, b));
     *value = (blob_value_t){v_mul(a->factor, b->factor), a->texture ? a->texture : b->texture};
     if (!v_is_finite(value->factor)) return error_at(at, "this scale is not finite");
-    if (a->texture && b->texture) *value = scene_add_texture(p->builder, &texture);
+    if (!a->texture || !b->texture) texture->kind = 0;
     return result_ok();
 }
 
-static result_t make_mix(pbrt_t *p, params_t *params, position_t at, bool is_float, blob_value_t *value)
+static result_t read_mix(pbrt_t *p, params_t *params, position_t at, bool is_float, blob_texture_t *texture,
+                         blob_value_t *value)
 {
-    (void)at;
-    blob_texture_t texture = {.kind = TEXTURE_MIX};
-    TRY(read_input(p, params, "tex1", is_float, 0, &texture.inputs[0]));
-    TRY(read_input(p, params, "tex2", is_float, 1, &texture.inputs[1]));
-    TRY(read_input(p, params, "amount", true, 0.5f, &texture.inputs[2]));
-    *value = scene_add_texture(p->builder, &texture);
-    return result_ok();
+    (void)at, (void)value;
+    TRY(read_input(p, params, "tex1", is_float, 0, &texture->inputs[0]));
+    TRY(read_input(p, params, "tex2", is_float, 1, &texture->inputs[1]));
+    return read_input(p, params, "amount", true, 0.5f, &texture->inputs[2]);
 }
 
 /* pbrt-v4's tex1 has the share |n . d|. */
-static result_t make_direction_mix(pbrt_t *p, params_t *params, position_t at, bool is_float,
-                                   blob_value_t *value)
+static result_t read_direction_mix(pbrt_t *p, params_t *params, position_t at, bool is_float,
+                                   blob_texture_t *texture, blob_value_t *value)
 {
+    (void)value;
     double d[3] = {0, 1, 0};
-    blob_texture_t texture = {.kind = TEXTURE_DIRECTION_MIX};
-    TRY(read_input(p, params, "tex1", is_float, 0, &texture.inputs[1]));
-    TRY(read_input(p, params, "tex2", is_float, 1, &texture.inputs[0]));
+    TRY(read_input(p, params, "tex1", is_float, 0, &texture->inputs[1]));
+    TRY(read_input(p, params, "tex2", is_float, 1, &texture->inputs[0]));
     TRY(read_vector(params, "dir", d));
     xform_t space = affine_to_xform(&p->now.ctm);
     vec3_t direction = v_normalize(xform_vector(&space, vec3((float)d[0], (float)d[1], (float)d[2])));
     if (!v_is_finite(direction)) return error_at(params_where(params, "dir", at), "\"dir\" has no direction");
-    texture.parameters[0] = direction.x;
-    texture.parameters[1] = direction.y;
-    texture.parameters[2] = direction.z;
-    *value = scene_add_texture(p->builder, &texture);
+    texture->parameters[0] = direction.x;
+    texture->parameters[1] = direction.y;
+    texture->parameters[2] = direction.z;
     return result_ok();
 }
 
 /* ---- patterns over (s, t) ------------------------------------------------------------------------------ */
 
-static result_t make_bilerp(pbrt_t *p, params_t *params, position_t at, bool is_float, blob_value_t *value)
+static result_t read_bilerp(pbrt_t *p, params_t *params, position_t at, bool is_float,
+                            blob_texture_t *texture, blob_value_t *value)
 {
+    (void)at, (void)value;
     static const char *const names[] = {"v00", "v01", "v10", "v11"};
-    blob_texture_t texture = {.kind = TEXTURE_BILERP};
-    TRY(map_2d(p, params, at, &texture));
     for (int i = 0; i < 4; ++i)
-        TRY(read_input(p, params, names[i], is_float, (float)(i & 1), &texture.inputs[i]));
-    *value = scene_add_texture(p->builder, &texture);
+        TRY(read_input(p, params, names[i], is_float, (float)(i & 1), &texture->inputs[i]));
     return result_ok();
 }
 
-static result_t make_uv(pbrt_t *p, params_t *params, position_t at, bool is_float, blob_value_t *value)
+static result_t read_uv(pbrt_t *p, params_t *params, position_t at, bool is_float, blob_texture_t *texture,
+                        blob_value_t *value)
 {
-    if (is_float) return error_at(at, "texture \"uv\" is a colour, not of type \"float\"");
-    blob_texture_t texture = {.kind = TEXTURE_UV};
-    TRY(map_2d(p, params, at, &texture));
-    *value = scene_add_texture(p->builder, &texture);
-    return result_ok();
+    (void)p, (void)params, (void)texture, (void)value;
+    return is_float ? error_at(at, "texture \"uv\" is a colour, not of type \"float\"") : result_ok();
 }
 
 static const param_rule_t checkerboard_rules[] = {
     {"aamode", PARAM_ACCEPT, NULL}, /* many samples a pixel filter the pattern */
 };
 
-static result_t make_checkerboard(pbrt_t *p, params_t *params, position_t at, bool is_float,
-                                  blob_value_t *value)
+static result_t read_checkerboard(pbrt_t *p, params_t *params, position_t at, bool is_float,
+                                  blob_texture_t *texture, blob_value_t *value)
 {
+    (void)value;
     int32_t dimension = 2;
-    blob_texture_t texture = {.kind = TEXTURE_CHECKERBOARD};
     TRY(params_int_in(params, "dimension", 2, 3, &dimension));
-    if (dimension == 2)
-        TRY(map_2d(p, params, at, &texture));
-    else
-        map_3d(p, &texture);
-    TRY(read_input(p, params, "tex1", is_float, 1, &texture.inputs[0]));
-    TRY(read_input(p, params, "tex2", is_float, 0, &texture.inputs[1]));
-    TRY(params_apply(params, checkerboard_rules, ARRAY_LENGTH(checkerboard_rules), p->report));
-    *value = scene_add_texture(p->builder, &texture);
-    return result_ok();
+    TRY(read_space(p, params, at, dimension == 2 ? SPACE_2D : SPACE_3D, texture));
+    TRY(read_input(p, params, "tex1", is_float, 1, &texture->inputs[0]));
+    TRY(read_input(p, params, "tex2", is_float, 0, &texture->inputs[1]));
+    return params_apply(params, checkerboard_rules, ARRAY_LENGTH(checkerboard_rules), p->report);
 }
 
-static result_t make_dots(pbrt_t *p, params_t *params, position_t at, bool is_float, blob_value_t *value)
+static result_t read_dots(pbrt_t *p, params_t *params, position_t at, bool is_float, blob_texture_t *texture,
+                          blob_value_t *value)
 {
-    blob_texture_t texture = {.kind = TEXTURE_DOTS};
-    TRY(map_2d(p, params, at, &texture));
-    TRY(read_input(p, params, "inside", is_float, 1, &texture.inputs[0]));
-    TRY(read_input(p, params, "outside", is_float, 0, &texture.inputs[1]));
-    *value = scene_add_texture(p->builder, &texture);
-    return result_ok();
+    (void)at, (void)value;
+    TRY(read_input(p, params, "inside", is_float, 1, &texture->inputs[0]));
+    return read_input(p, params, "outside", is_float, 0, &texture->inputs[1]);
 }
 
 /* ---- patterns of space --------------------------------------------------------------------------------- */
 
-static result_t read_octaves(params_t *params, blob_texture_t *texture)
+static result_t read_noise(pbrt_t *p, params_t *params, position_t at, bool is_float, blob_texture_t *texture,
+                           blob_value_t *value)
 {
+    (void)p, (void)at, (void)is_float, (void)value;
     int32_t octaves = 8;
     double roughness = 0.5;
+    if (texture->kind == TEXTURE_WINDY) return result_ok();
     TRY(params_int_in(params, "octaves", 0, 64, &octaves));
     TRY(params_float_in(params, "roughness", 0, 100, &roughness));
     texture->parameters[0] = (float)octaves;
@@ -247,45 +246,16 @@ static result_t read_octaves(params_t *params, blob_texture_t *texture)
     return result_ok();
 }
 
-static result_t make_noise(pbrt_t *p, params_t *params, texture_kind_t kind, blob_value_t *value)
-{
-    blob_texture_t texture = {.kind = kind};
-    map_3d(p, &texture);
-    if (kind != TEXTURE_WINDY) TRY(read_octaves(params, &texture));
-    *value = scene_add_texture(p->builder, &texture);
-    return result_ok();
-}
-
-static result_t make_fbm(pbrt_t *p, params_t *params, position_t at, bool is_float, blob_value_t *value)
-{
-    (void)at, (void)is_float;
-    return make_noise(p, params, TEXTURE_FBM, value);
-}
-
-static result_t make_wrinkled(pbrt_t *p, params_t *params, position_t at, bool is_float, blob_value_t *value)
-{
-    (void)at, (void)is_float;
-    return make_noise(p, params, TEXTURE_WRINKLED, value);
-}
-
-static result_t make_windy(pbrt_t *p, params_t *params, position_t at, bool is_float, blob_value_t *value)
-{
-    (void)at, (void)is_float;
-    return make_noise(p, params, TEXTURE_WINDY, value);
-}
-
-static result_t make_marble(pbrt_t *p, params_t *params, position_t at, bool is_float, blob_value_t *value)
+static result_t read_marble(pbrt_t *p, params_t *params, position_t at, bool is_float,
+                            blob_texture_t *texture, blob_value_t *value)
 {
     if (is_float) return error_at(at, "texture \"marble\" is a colour, not of type \"float\"");
     double scale = 1, variation = 0.2;
-    blob_texture_t texture = {.kind = TEXTURE_MARBLE};
-    map_3d(p, &texture);
-    TRY(read_octaves(params, &texture));
+    TRY(read_noise(p, params, at, is_float, texture, value));
     TRY(params_float_in(params, "scale", -1e6, 1e6, &scale));
     TRY(params_float_in(params, "variation", -1e6, 1e6, &variation));
-    texture.parameters[2] = (float)scale;
-    texture.parameters[3] = (float)variation;
-    *value = scene_add_texture(p->builder, &texture);
+    texture->parameters[2] = (float)scale;
+    texture->parameters[3] = (float)variation;
     return result_ok();
 }
 
@@ -376,12 +346,11 @@ static result_t read_encoding_v4(params_t *params, const char *filename, positio
 
 /* A number from an image of colours: v3 takes the luminance, v4 the mean, but alpha where that is not 1
  * everywhere. */
-static blob_value_t add_number_of_image(pbrt_t *p, blob_texture_t *texture, const scene_image_t *file)
+static void take_number(const pbrt_t *p, blob_texture_t *texture, const scene_image_t *file)
 {
     bool v3 = p->dialect.dialect == DIALECT_V3;
     texture->channel = file->grey || file->alpha ? CHANNEL_R : v3 ? CHANNEL_LUMINANCE : CHANNEL_MEAN;
     if (file->alpha) texture->image = file->alpha;
-    return scene_add_texture(p->builder, texture);
 }
 
 static result_t read_scale(pbrt_t *p, params_t *params, blob_texture_t *texture)
@@ -396,26 +365,28 @@ static result_t read_scale(pbrt_t *p, params_t *params, blob_texture_t *texture)
     return result_ok();
 }
 
-static result_t make_image(pbrt_t *p, params_t *params, position_t at, bool is_float, blob_value_t *value)
+static result_t read_image(pbrt_t *p, params_t *params, position_t at, bool is_float, blob_texture_t *texture,
+                           blob_value_t *value)
 {
+    (void)value;
     bool v3 = p->dialect.dialect == DIALECT_V3;
     float gamma = SCENE_GAMMA_OF_FILE;
     const char *filename = NULL;
     const scene_image_t *file;
-    blob_texture_t texture = {.kind = TEXTURE_IMAGE, .channel = CHANNEL_RGB};
     TRY(params_string(params, "filename", &filename));
     if (!filename) return error_at(at, "an imagemap needs its file: \"string filename\"");
-    TRY(map_2d(p, params, at, &texture));
-    flip_t(&texture);
-    TRY(read_wrap(p, params, at, &texture));
-    TRY(read_scale(p, params, &texture));
-    if (!v3) TRY(read_filter(params, at, &texture));
+    TRY(read_space(p, params, at, SPACE_2D, texture));
+    flip_t(texture);
+    TRY(read_wrap(p, params, at, texture));
+    TRY(read_scale(p, params, texture));
+    if (!v3) TRY(read_filter(params, at, texture));
     TRY(v3 ? read_encoding_v3(params, &gamma) : read_encoding_v4(params, filename, at, &gamma));
     TRY(params_apply(params, filter_rules, ARRAY_LENGTH(filter_rules), p->report));
     TRY(pbrt_image(p, filename, gamma, at, &file));
-    texture.image = file->image;
-    if (!v3 && !is_float) texture.flags |= TEXTURE_UNIT; /* a reflectance, as nearly all are */
-    *value = is_float ? add_number_of_image(p, &texture, file) : scene_add_texture(p->builder, &texture);
+    texture->image = file->image;
+    texture->channel = CHANNEL_RGB;
+    if (is_float) take_number(p, texture, file);
+    if (!v3 && !is_float) texture->flags |= TEXTURE_UNIT; /* a reflectance, as nearly all are */
     return result_ok();
 }
 
@@ -439,21 +410,34 @@ result_t pbrt_normal_map(pbrt_t *p, const char *filename, position_t at, blob_re
 /* ---- the directive ------------------------------------------------------------------------------------- */
 
 static const texture_entry_t textures[] = {
-    {{"constant", DIALECT_BOTH}, make_constant},
-    {{"imagemap", DIALECT_BOTH}, make_image},
-    {{"checkerboard", DIALECT_BOTH}, make_checkerboard},
-    {{"scale", DIALECT_BOTH}, make_scale},
-    {{"mix", DIALECT_BOTH}, make_mix},
-    {{"bilerp", DIALECT_BOTH}, make_bilerp},
-    {{"dots", DIALECT_BOTH}, make_dots},
-    {{"fbm", DIALECT_BOTH}, make_fbm},
-    {{"wrinkled", DIALECT_BOTH}, make_wrinkled},
-    {{"marble", DIALECT_BOTH}, make_marble},
-    {{"windy", DIALECT_BOTH}, make_windy},
-    {{"uv", DIALECT_V3}, make_uv},
-    {{"directionmix", DIALECT_V4}, make_direction_mix},
-    {{"ptex", DIALECT_BOTH}, NULL},
+    {{"constant", DIALECT_BOTH}, 0, SPACE_NONE, read_constant},
+    {{"imagemap", DIALECT_BOTH}, TEXTURE_IMAGE, SPACE_NONE, read_image}, /* whose space it turns over */
+    {{"checkerboard", DIALECT_BOTH},
+     TEXTURE_CHECKERBOARD,
+     SPACE_NONE,
+     read_checkerboard}, /* one or the other */
+    {{"scale", DIALECT_BOTH}, TEXTURE_SCALE, SPACE_NONE, read_product},
+    {{"mix", DIALECT_BOTH}, TEXTURE_MIX, SPACE_NONE, read_mix},
+    {{"bilerp", DIALECT_BOTH}, TEXTURE_BILERP, SPACE_2D, read_bilerp},
+    {{"dots", DIALECT_BOTH}, TEXTURE_DOTS, SPACE_2D, read_dots},
+    {{"fbm", DIALECT_BOTH}, TEXTURE_FBM, SPACE_3D, read_noise},
+    {{"wrinkled", DIALECT_BOTH}, TEXTURE_WRINKLED, SPACE_3D, read_noise},
+    {{"marble", DIALECT_BOTH}, TEXTURE_MARBLE, SPACE_3D, read_marble},
+    {{"windy", DIALECT_BOTH}, TEXTURE_WINDY, SPACE_3D, read_noise},
+    {{"uv", DIALECT_V3}, TEXTURE_UV, SPACE_2D, read_uv},
+    {{"directionmix", DIALECT_V4}, TEXTURE_DIRECTION_MIX, SPACE_NONE, read_direction_mix},
+    {{"ptex", DIALECT_BOTH}, 0, SPACE_NONE, NULL},
 };
+
+static result_t make_texture(pbrt_t *p, const texture_entry_t *entry, position_t at, bool is_float,
+                             blob_value_t *value)
+{
+    blob_texture_t texture = {.kind = entry->kind};
+    TRY(read_space(p, p->params, at, entry->space, &texture));
+    TRY(entry->read(p, p->params, at, is_float, &texture, value));
+    if (texture.kind) *value = scene_add_texture(p->builder, &texture);
+    return result_ok();
+}
 
 static result_t read_value_type(const pbrt_t *p, position_t at, bool *is_float)
 {
@@ -502,7 +486,7 @@ result_t pbrt_texture(pbrt_t *p, position_t at)
     TRY(read_value_type(p, at, &is_float));
     TRY(entry_find(textures, ARRAY_LENGTH(textures), sizeof *textures, "texture", p->arguments[2],
                    &p->dialect, at, &index));
-    TRY(textures[index].make ? textures[index].make(p, p->params, at, is_float, &value)
+    TRY(textures[index].read ? make_texture(p, &textures[index], at, is_float, &value)
                              : make_substitute(p, at, &value));
     TRY(pbrt_finish_params(p, "Texture", p->arguments[2]));
     TRY(scene_check_textures(p->builder, at));

@@ -1,4 +1,4 @@
-/* arguments: what every directive does to read what follows its name (see directives.h). */
+/* arguments: what every directive does to read what follows its name (see arguments.h). */
 #include <stdio.h>
 #include <stdlib.h>
 

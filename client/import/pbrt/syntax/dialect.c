@@ -118,7 +118,7 @@ dialect_choice_t dialect_detect(const char *path, const char *data, size_t size)
     return choice;
 }
 
-const char *dialect_name(dialect_t dialect)
+static const char *dialect_name(dialect_t dialect)
 {
     return dialect == DIALECT_V3 ? "pbrt-v3" : dialect == DIALECT_V4 ? "pbrt-v4" : "pbrt";
 }

@@ -34,8 +34,6 @@ typedef struct {
 /* Looks through the main file. Malformed input only ends the search; the parser will report it. */
 dialect_choice_t dialect_detect(const char *path, const char *data, size_t size);
 
-const char *dialect_name(dialect_t dialect);
-
 /* The entry called `name` in a table of `count` records of `size` bytes that begin with an entry_t: *index.
  * Fails at `at` when the name is unknown or belongs to the other dialect; `kind` says what it was to be
  * ("material"). */

@@ -1,0 +1,258 @@
+/* material_table: see material_table.h. Most materials are a row alone; what a row cannot say is said by its
+ * `rest`. */
+#include "client/import/pbrt/materials/material_table.h"
+
+#include "client/import/pbrt/materials/material_read.h"
+
+/* A value of the record: from a parameter, or always the same. Colours are reflectances. */
+typedef enum { END, NUMBER, SIGNED, COLOUR, CONSTANT } rule_kind_t;
+
+typedef struct {
+    rule_kind_t kind;
+    const char *name;
+    material_value_t slot;
+    float otherwise; /* in all components, where the parameter is not there */
+} value_rule_t;
+
+enum { MOST_VALUES = 12 };
+
+typedef struct {
+    entry_t entry;
+    material_kind_t kind;
+    uint32_t flags;
+    value_rule_t values[MOST_VALUES]; /* up to an END */
+    struct {
+        const char *name, *older; /* older: another name; NULL: there is none */
+        float otherwise;
+    } index; /* see material_read_index */
+    struct {
+        const char *names[3];
+        float otherwise;
+        bool smooth;
+    } roughness; /* see material_read_roughness */
+    result_t (*rest)(pbrt_t *p, params_t *params, position_t at, blob_material_t *record);
+    const char *nearest; /* of a material that is not supported: what the row makes of it */
+} row_t;
+
+/* ---- what rows cannot say -------------------------------------------------------------------------------
+ */
+
+static result_t clamp_sigma(pbrt_t *p, params_t *params, position_t at, blob_material_t *record)
+{
+    (void)p, (void)params, (void)at;
+    blob_value_t *sigma = &record->values[VALUE_SIGMA]; /* pbrt clamps it, too */
+    if (sigma->texture == 0 && sigma->factor.x > 90) *sigma = blob_constant(90);
+    return result_ok();
+}
+
+static result_t read_metal(pbrt_t *p, params_t *params, position_t at, blob_material_t *record)
+{
+    (void)at;
+    return material_read_metal(p, params, "eta", "k", VALUE_ETA, record);
+}
+
+static result_t read_thin(pbrt_t *p, params_t *params, position_t at, blob_material_t *record)
+{
+    bool thin = false;
+    blob_value_t distance = blob_constant(0);
+    TRY(params_bool(params, "thin", &thin));
+    if (thin) record->flags |= MATERIAL_THIN;
+    TRY(pbrt_colour_value(p, params, "scatterdistance", COLOUR_UNBOUNDED, &distance));
+    if (thin || (distance.texture == 0 && v_is_zero(distance.factor))) return result_ok();
+    return report_refuse(p->report, params_where(params, "scatterdistance", at),
+                         "scattering below the surface is not supported; the nearest is scatterdistance 0");
+}
+
+static result_t read_coat(pbrt_t *p, params_t *params, position_t at, blob_material_t *record)
+{
+    static const param_rule_t rules[] = {
+        {"maxdepth", PARAM_ACCEPT, NULL}, /* how pbrt samples its coat, not what it looks like */
+        {"nsamples", PARAM_ACCEPT, NULL},
+    };
+    (void)at, (void)record;
+    return params_apply(params, rules, ARRAY_LENGTH(rules), p->report);
+}
+
+static result_t read_coated_metal(pbrt_t *p, params_t *params, position_t at, blob_material_t *record)
+{
+    static const char *const names[3] = {"conductor.roughness", "conductor.uroughness",
+                                         "conductor.vroughness"};
+    TRY(read_coat(p, params, at, record));
+    TRY(material_read_metal(p, params, "conductor.eta", "conductor.k", VALUE_BASE_ETA, record));
+    return material_read_roughness(p, params, names, 0, true, VALUE_BASE_ROUGHNESS_U, at, record);
+}
+
+static result_t read_scale(pbrt_t *p, params_t *params, position_t at, blob_material_t *record)
+{
+    (void)p, (void)at;
+    double scale = 1;
+    rgb_t *reflected = &record->values[VALUE_REFLECTANCE].factor;
+    rgb_t *transmitted = &record->values[VALUE_TRANSMITTANCE].factor;
+    TRY(params_float_in(params, "scale", 0, 1e6, &scale));
+    *reflected = v_scale(*reflected, (float)scale);
+    *transmitted = v_scale(*transmitted, (float)scale);
+    return result_ok();
+}
+
+static const param_rule_t substitute_rules[] = {
+    {"name", PARAM_ACCEPT, NULL},       {"sigma_a", PARAM_ACCEPT, NULL},
+    {"sigma_s", PARAM_ACCEPT, NULL},    {"mfp", PARAM_ACCEPT, NULL},
+    {"g", PARAM_ACCEPT, NULL},          {"scale", PARAM_ACCEPT, NULL},
+    {"Kr", PARAM_ACCEPT, NULL},         {"Kt", PARAM_ACCEPT, NULL},
+    {"filename", PARAM_ACCEPT, NULL},   {"bsdffile", PARAM_ACCEPT, NULL},
+    {"eumelanin", PARAM_ACCEPT, NULL},  {"pheomelanin", PARAM_ACCEPT, NULL},
+    {"eta", PARAM_ACCEPT, NULL},        {"beta_m", PARAM_ACCEPT, NULL},
+    {"beta_n", PARAM_ACCEPT, NULL},     {"alpha", PARAM_ACCEPT, NULL},
+    {"roughness", PARAM_ACCEPT, NULL},  {"uroughness", PARAM_ACCEPT, NULL},
+    {"vroughness", PARAM_ACCEPT, NULL}, {"remaproughness", PARAM_ACCEPT, NULL},
+};
+
+/* The first colour that looks like one of the surface. */
+static result_t read_substitute(pbrt_t *p, params_t *params, position_t at, blob_material_t *record)
+{
+    static const char *const names[] = {"reflectance", "Kd", "color"};
+    (void)at;
+    for (size_t i = ARRAY_LENGTH(names); i-- > 0;)
+        TRY(pbrt_colour_value(p, params, names[i], COLOUR_REFLECTANCE, &record->values[VALUE_REFLECTANCE]));
+    return params_apply(params, substitute_rules, ARRAY_LENGTH(substitute_rules), p->report);
+}
+
+/* ---- the table ------------------------------------------------------------------------------------------
+ */
+
+/* clang-format off */
+#define BOTH_AXES "roughness", NULL, NULL
+#define EACH_AXIS NULL, "uroughness", "vroughness"
+#define ALL_AXES  "roughness", "uroughness", "vroughness"
+#define WHITE     {CONSTANT, NULL, VALUE_REFLECTANCE, 1}
+#define CLEAR     {CONSTANT, NULL, VALUE_TRANSMITTANCE, 1}
+#define COAT      {NUMBER, "thickness", VALUE_THICKNESS, 0.01f}, {COLOUR, "albedo", VALUE_ALBEDO, 0}, \
+                  {SIGNED, "g", VALUE_G, 0}
+/* Like a diffuse surface; or coated, for what scatters below a smooth or rough surface. */
+#define DIFFUSE_INSTEAD MATERIAL_DIFFUSE, .values = {{CONSTANT, NULL, VALUE_REFLECTANCE, 0.5f}}, \
+                        .rest = read_substitute, .nearest = "a diffuse surface"
+#define COATED_INSTEAD  MATERIAL_COATED_DIFFUSE, \
+                        .values = {{CONSTANT, NULL, VALUE_REFLECTANCE, 0.5f}, {CONSTANT, NULL, VALUE_THICKNESS, 0.01f}}, \
+                        .index = {"eta", NULL, 1.33f}, .roughness = {{ALL_AXES}, 0, true}, \
+                        .rest = read_substitute, .nearest = "a coated diffuse surface"
+
+static const row_t rows[] = {
+    {{"matte", DIALECT_V3}, MATERIAL_DIFFUSE,
+     .values = {{COLOUR, "Kd", VALUE_REFLECTANCE, 0.5f}, {NUMBER, "sigma", VALUE_SIGMA, 0}}, .rest = clamp_sigma},
+    {{"mirror", DIALECT_V3}, MATERIAL_MIRROR, .values = {{COLOUR, "Kr", VALUE_REFLECTANCE, 0.9f}}},
+    {{"glass", DIALECT_V3}, MATERIAL_DIELECTRIC,
+     .values = {{COLOUR, "Kr", VALUE_REFLECTANCE, 1}, {COLOUR, "Kt", VALUE_TRANSMITTANCE, 1}},
+     .index = {"eta", "index", 1.5f}, .roughness = {{EACH_AXIS}, 0, true}},
+    {{"metal", DIALECT_V3}, MATERIAL_CONDUCTOR,
+     .values = {WHITE}, .roughness = {{ALL_AXES}, 0.01f, false}, .rest = read_metal},
+    {{"plastic", DIALECT_V3}, MATERIAL_PLASTIC,
+     .values = {{COLOUR, "Kd", VALUE_REFLECTANCE, 0.25f}, {COLOUR, "Ks", VALUE_SPECULAR, 0.25f}},
+     .roughness = {{BOTH_AXES}, 0.1f, false}},
+    {{"substrate", DIALECT_V3}, MATERIAL_SUBSTRATE,
+     .values = {{COLOUR, "Kd", VALUE_REFLECTANCE, 0.5f}, {COLOUR, "Ks", VALUE_SPECULAR, 0.5f}},
+     .roughness = {{EACH_AXIS}, 0.1f, false}},
+    {{"translucent", DIALECT_V3}, MATERIAL_TRANSLUCENT,
+     .values = {{COLOUR, "Kd", VALUE_REFLECTANCE, 0.25f}, {COLOUR, "Ks", VALUE_SPECULAR, 0.25f},
+                {COLOUR, "reflect", VALUE_REFLECT, 0.5f}, {COLOUR, "transmit", VALUE_TRANSMIT, 0.5f}},
+     .roughness = {{BOTH_AXES}, 0.1f, false}},
+    {{"uber", DIALECT_V3}, MATERIAL_UBER,
+     .values = {{COLOUR, "Kd", VALUE_REFLECTANCE, 0.25f}, {COLOUR, "Ks", VALUE_SPECULAR, 0.25f},
+                {COLOUR, "Kr", VALUE_MIRROR, 0}, {COLOUR, "Kt", VALUE_TRANSMITTANCE, 0},
+                {COLOUR, "opacity", VALUE_OPACITY, 1}},
+     .index = {"eta", "index", 1.5f}, .roughness = {{ALL_AXES}, 0.1f, false}},
+    {{"disney", DIALECT_V3}, MATERIAL_DISNEY,
+     .values = {{COLOUR, "color", VALUE_REFLECTANCE, 0.5f}, {NUMBER, "metallic", VALUE_METALLIC, 0},
+                {NUMBER, "roughness", VALUE_ROUGHNESS_U, 0.5f}, {NUMBER, "speculartint", VALUE_SPECULAR_TINT, 0},
+                {NUMBER, "anisotropic", VALUE_ANISOTROPIC, 0}, {NUMBER, "sheen", VALUE_SHEEN, 0},
+                {NUMBER, "sheentint", VALUE_SHEEN_TINT, 0.5f}, {NUMBER, "clearcoat", VALUE_CLEARCOAT, 0},
+                {NUMBER, "clearcoatgloss", VALUE_CLEARCOAT_GLOSS, 1}, {NUMBER, "spectrans", VALUE_TRANSMISSION, 0},
+                {NUMBER, "flatness", VALUE_FLATNESS, 0}, {NUMBER, "difftrans", VALUE_DIFFUSE_TRANSMISSION, 1}},
+     .index = {"eta", NULL, 1.5f}, .rest = read_thin},
+    {{"fourier", DIALECT_V3}, DIFFUSE_INSTEAD},
+    {{"kdsubsurface", DIALECT_V3}, COATED_INSTEAD},
+    {{"mix", DIALECT_V3}, MATERIAL_MIX, .values = {{COLOUR, "amount", VALUE_AMOUNT, 0.5f}}},
+
+    {{"diffuse", DIALECT_V4}, MATERIAL_DIFFUSE, .values = {{COLOUR, "reflectance", VALUE_REFLECTANCE, 0.5f}}},
+    {{"conductor", DIALECT_V4}, MATERIAL_CONDUCTOR,
+     .values = {WHITE}, .roughness = {{ALL_AXES}, 0, true}, .rest = read_metal},
+    {{"dielectric", DIALECT_V4}, MATERIAL_DIELECTRIC,
+     .values = {WHITE, CLEAR}, .index = {"eta", NULL, 1.5f}, .roughness = {{ALL_AXES}, 0, true}},
+    {{"thindielectric", DIALECT_V4}, MATERIAL_DIELECTRIC,
+     .flags = MATERIAL_THIN, .values = {WHITE, CLEAR}, .index = {"eta", NULL, 1.5f}},
+    {{"coateddiffuse", DIALECT_V4}, MATERIAL_COATED_DIFFUSE,
+     .values = {{COLOUR, "reflectance", VALUE_REFLECTANCE, 0.5f}, COAT},
+     .index = {"eta", NULL, 1.5f}, .roughness = {{ALL_AXES}, 0, true}, .rest = read_coat},
+    {{"coatedconductor", DIALECT_V4}, MATERIAL_COATED_CONDUCTOR,
+     .values = {COAT}, .index = {"interface.eta", NULL, 1.5f},
+     .roughness = {{"interface.roughness", "interface.uroughness", "interface.vroughness"}, 0, true},
+     .rest = read_coated_metal},
+    {{"diffusetransmission", DIALECT_V4}, MATERIAL_DIFFUSE_TRANSMISSION,
+     .values = {{COLOUR, "reflectance", VALUE_REFLECTANCE, 0.25f},
+                {COLOUR, "transmittance", VALUE_TRANSMITTANCE, 0.25f}},
+     .rest = read_scale},
+    {{"measured", DIALECT_V4}, DIFFUSE_INSTEAD},
+    {{"interface", DIALECT_V4}, .kind = 0},
+    {{"mix", DIALECT_V4}, MATERIAL_MIX, .values = {{NUMBER, "amount", VALUE_AMOUNT, 0.5f}}},
+
+    {{"none", DIALECT_BOTH}, .kind = 0},
+    {{"", DIALECT_BOTH}, .kind = 0},
+    {{"hair", DIALECT_BOTH}, DIFFUSE_INSTEAD},
+    {{"subsurface", DIALECT_BOTH}, COATED_INSTEAD},
+};
+/* clang-format on */
+
+result_t material_find(const pbrt_t *p, const char *name, position_t at, size_t *entry)
+{
+    return entry_find(rows, ARRAY_LENGTH(rows), sizeof *rows, "material", name, &p->dialect, at, entry);
+}
+
+material_kind_t material_kind(size_t entry)
+{
+    return rows[entry].kind;
+}
+
+/* ---- filling --------------------------------------------------------------------------------------------
+ */
+
+static result_t read_value(pbrt_t *p, params_t *params, const value_rule_t *rule, blob_material_t *record)
+{
+    blob_value_t *value = &record->values[rule->slot];
+    *value = blob_constant(rule->otherwise);
+    switch (rule->kind) {
+    case NUMBER:
+        return pbrt_float_value(p, params, rule->name, value);
+    case SIGNED:
+        return pbrt_signed_value(p, params, rule->name, value);
+    case COLOUR:
+        return pbrt_colour_value(p, params, rule->name, COLOUR_REFLECTANCE, value);
+    default:
+        return result_ok();
+    }
+}
+
+static result_t read_index(pbrt_t *p, params_t *params, const row_t *row, position_t at,
+                           blob_material_t *record)
+{
+    bool older = row->index.older && !params_has(params, row->index.name);
+    const char *name = older ? row->index.older : row->index.name;
+    return name ? material_read_index(p, params, name, row->index.otherwise, at, record) : result_ok();
+}
+
+result_t material_fill(pbrt_t *p, params_t *params, const material_t *material, blob_material_t *record)
+{
+    const row_t *row = &rows[material->entry];
+    const char *const *axes = row->roughness.names;
+    position_t at = material->at;
+    if (row->nearest)
+        TRY(report_refuse(p->report, at, "material \"%s\" is not supported; the nearest is %s",
+                          row->entry.name, row->nearest));
+    record->kind = row->kind;
+    record->flags = row->flags;
+    for (int i = 0; i < MOST_VALUES && row->values[i].kind != END; ++i)
+        TRY(read_value(p, params, &row->values[i], record));
+    TRY(read_index(p, params, row, at, record));
+    if (axes[0] || axes[1])
+        TRY(material_read_roughness(p, params, axes, row->roughness.otherwise, row->roughness.smooth,
+                                    VALUE_ROUGHNESS_U, at, record));
+    return row->rest ? row->rest(p, params, at, record) : result_ok();
+}
