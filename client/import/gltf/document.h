@@ -176,8 +176,7 @@ blob_value_t texture_threshold(document_t *document, blob_value_t value, float c
  * good until document_close. */
 result_t material_get(document_t *document, uint32_t index, bool coloured, const material_t **material);
 
-/* ---- node.c, placement.c, light.c, camera.c --------------------------------------------------------------
- */
+/* ---- node.c, placement.c, light.c, camera.c ----------------------------------------------------------- */
 
 /* Walks the scene and gathers document->meshes, cameras and lights. */
 result_t node_walk(document_t *document);

@@ -10,9 +10,9 @@
 #include "client/import/pbrt/state/values.h"
 
 static const double pi = 3.14159265358979323846;
+static const unsigned point_types = PARAM_BIT(PARAM_POINT3) | PARAM_BIT(PARAM_VECTOR3);
 
-/* ---- values ---------------------------------------------------------------------------------------------
- */
+/* ---- values ------------------------------------------------------------------------------------------- */
 
 /* "scale": of v3 a colour, of v4 a number. */
 static result_t read_scale(pbrt_t *p, params_t *params, rgb_t *colour)
@@ -50,20 +50,7 @@ static result_t scale_to(pbrt_t *p, params_t *params, const char *name, double t
     return result_ok();
 }
 
-static result_t read_point(params_t *params, const char *name, position_t at, double point[3])
-{
-    const double *numbers;
-    size_t count;
-    unsigned types = PARAM_BIT(PARAM_POINT3) | PARAM_BIT(PARAM_VECTOR3);
-    TRY(params_array(params, name, types, 3, &numbers, &count));
-    if (count && count != 3)
-        return error_at(params_where(params, name, at), "parameter \"%s\" takes one point", name);
-    for (size_t i = 0; i < count; ++i) point[i] = numbers[i];
-    return result_ok();
-}
-
-/* ---- transforms -----------------------------------------------------------------------------------------
- */
+/* ---- transforms --------------------------------------------------------------------------------------- */
 
 /* The current transform, once a light that moves has been warned about. */
 static affine_t light_transform(pbrt_t *p, position_t at)
@@ -113,8 +100,7 @@ static void transform_point(const affine_t *t, const double p[3], double out[3])
         out[i] = t->m[i][0] * p[0] + t->m[i][1] * p[1] + t->m[i][2] * p[2] + t->m[i][3];
 }
 
-/* ---- images ---------------------------------------------------------------------------------------------
- */
+/* ---- images ------------------------------------------------------------------------------------------- */
 
 /* v3 takes the numbers of a file as they are; v4 decodes those of 8-bit files. *image is 0 when none is
  * named. */
@@ -148,8 +134,7 @@ static result_t choose_mapping(pbrt_t *p, blob_light_t *light, light_mapping_t v
         image.width, image.height);
 }
 
-/* ---- area lights ----------------------------------------------------------------------------------------
- */
+/* ---- area lights -------------------------------------------------------------------------------------- */
 
 typedef struct {
     entry_t entry;
@@ -221,15 +206,14 @@ result_t pbrt_area_light(pbrt_t *p, position_t at)
     return pbrt_finish_params(p, "AreaLightSource", p->arguments[0]);
 }
 
-/* ---- lights at a point ----------------------------------------------------------------------------------
- */
+/* ---- lights at a point -------------------------------------------------------------------------------- */
 
 static result_t make_point(pbrt_t *p, params_t *params, position_t at)
 {
     double from[3] = {0}, place[3];
     blob_light_t light = {.kind = LIGHT_POINT};
     TRY(read_emission(p, params, "I", &light.radiance.factor));
-    TRY(read_point(params, "from", at, from));
+    TRY(params_point(params, "from", point_types, from));
     TRY(scale_to(p, params, "power", 4 * pi, &light.radiance.factor));
     affine_t ctm = light_transform(p, at);
     if (p->dialect.dialect == DIALECT_V3) /* pbrt-v3 moves the light by "from" in the world */
@@ -246,8 +230,8 @@ static result_t make_spot(pbrt_t *p, params_t *params, position_t at)
     bool uniform;
     blob_light_t light = {.kind = LIGHT_SPOT};
     TRY(read_emission(p, params, "I", &light.radiance.factor));
-    TRY(read_point(params, "from", at, from));
-    TRY(read_point(params, "to", at, to));
+    TRY(params_point(params, "from", point_types, from));
+    TRY(params_point(params, "to", point_types, to));
     TRY(params_float_in(params, "coneangle", 1e-3, 180, &angle));
     TRY(params_float_in(params, "conedeltaangle", 0, 1e30, &rim));
     /* A rim wider than the cone comes out on the other side of the axis, as in both pbrts. */
@@ -329,8 +313,7 @@ static result_t make_projection(pbrt_t *p, params_t *params, position_t at)
     return scene_add_light(p->builder, light, &t, at);
 }
 
-/* ---- lights at infinity ---------------------------------------------------------------------------------
- */
+/* ---- lights at infinity ------------------------------------------------------------------------------- */
 
 static result_t make_distant(pbrt_t *p, params_t *params, position_t at)
 {
@@ -338,8 +321,8 @@ static result_t make_distant(pbrt_t *p, params_t *params, position_t at)
     const double nowhere[3] = {0};
     blob_light_t light = {.kind = LIGHT_DISTANT};
     TRY(read_emission(p, params, "L", &light.radiance.factor));
-    TRY(read_point(params, "from", at, from));
-    TRY(read_point(params, "to", at, to));
+    TRY(params_point(params, "from", point_types, from));
+    TRY(params_point(params, "to", point_types, to));
     TRY(scale_to(p, params, "illuminance", 1, &light.radiance.factor));
     affine_t ctm = light_transform(p, at), frame;
     for (int i = 0; i < 3; ++i)
@@ -391,8 +374,7 @@ static result_t make_infinite(pbrt_t *p, params_t *params, position_t at)
     return scene_add_light(p->builder, light, &t, at);
 }
 
-/* ---- the directive --------------------------------------------------------------------------------------
- */
+/* ---- the directive ------------------------------------------------------------------------------------ */
 
 typedef struct {
     entry_t entry;

@@ -9,8 +9,7 @@
 
 #include "common/image/texture_image.h"
 
-/* ---- encodings ------------------------------------------------------------------------------------------
- */
+/* ---- encodings ---------------------------------------------------------------------------------------- */
 
 static float gamma_of(float asked, bool encoded)
 {
@@ -32,8 +31,7 @@ static float decode_float(float encoded, float gamma)
     return value < (double)FLT_MAX ? (float)value : FLT_MAX;
 }
 
-/* ---- storing --------------------------------------------------------------------------------------------
- */
+/* ---- storing ------------------------------------------------------------------------------------------ */
 
 /* A texel of any type as 8 bits. */
 static uint8_t byte_at(const texture_image_t *image, size_t at)
@@ -123,8 +121,7 @@ static blob_ref_t store_alpha(scene_builder_t *scene, const texture_image_t *sou
     return stored;
 }
 
-/* ---- finding and adding ---------------------------------------------------------------------------------
- */
+/* ---- finding and adding ------------------------------------------------------------------------------- */
 
 static const scene_image_t *remember(scene_builder_t *scene, const char *key, scene_image_t image)
 {
@@ -207,8 +204,7 @@ result_t scene_image_of_file(scene_builder_t *scene, const char *path, float gam
     return add(scene, path, path, gamma, alpha, at, read, &pixels, image);
 }
 
-/* ---- what lights ask of them ----------------------------------------------------------------------------
- */
+/* ---- what lights ask of them -------------------------------------------------------------------------- */
 
 blob_image_t scene_image_record(const scene_builder_t *scene, blob_ref_t image)
 {

@@ -61,8 +61,7 @@ static void level_alloc(level_t *level, uint32_t vertices, uint32_t faces)
     level->faces = mem_alloc((size_t)faces * sizeof *level->faces);
 }
 
-/* ---- the control mesh ------------------------------------------------------------------------------------
- */
+/* ---- the control mesh --------------------------------------------------------------------------------- */
 
 static result_t read_face(const loop_t *in, uint32_t f, position_t at, level_t *level)
 {
@@ -194,8 +193,7 @@ static result_t find_boundary(position_t at, level_t *level, uint32_t *largest)
     return result;
 }
 
-/* ---- masks -----------------------------------------------------------------------------------------------
- */
+/* ---- masks -------------------------------------------------------------------------------------------- */
 
 /* Writes the neighbours of a vertex and returns their number: all about it clockwise, or on the boundary from
  * one end of the fan to the other counterclockwise. */
@@ -280,8 +278,7 @@ static dvec3_t limit_normal(const level_t *level, uint32_t vertex, dvec3_t *ring
     return d_cross(s, t);
 }
 
-/* ---- refinement ------------------------------------------------------------------------------------------
- */
+/* ---- refinement --------------------------------------------------------------------------------------- */
 
 /* Numbers the edges: edges[3 f + k] is edge k of face f. Returns how many there are. */
 static uint32_t number_edges(const level_t *level, uint32_t *edges)
@@ -349,8 +346,7 @@ static void refine(level_t *level, dvec3_t *ring)
     *level = finer;
 }
 
-/* ---- the whole -------------------------------------------------------------------------------------------
- */
+/* ---- the whole ---------------------------------------------------------------------------------------- */
 
 static void push_to_limit(level_t *level, dvec3_t *ring)
 {

@@ -37,8 +37,7 @@ static result_t take_phi(double phi_max, position_t at, rows_t *rows)
     return result_ok();
 }
 
-/* ---- from rows to a mesh ---------------------------------------------------------------------------------
- */
+/* ---- from rows to a mesh ------------------------------------------------------------------------------ */
 
 /* Cosine and sine of phi at `position` columns; exactly those of 0 where a full circle closes. */
 static void turn_at(const rows_t *rows, double position, double *cosine, double *sine)
@@ -90,8 +89,7 @@ static void revolve(const rows_t *rows, mesh_t *mesh)
     }
 }
 
-/* ---- the shapes ------------------------------------------------------------------------------------------
- */
+/* ---- the shapes --------------------------------------------------------------------------------------- */
 
 /* p(v) = (radius (1 - v), 0, height v): dp/du x dp/dv is along (height, 0, radius). */
 result_t tessellate_cone(const cone_t *cone, position_t at, mesh_t *mesh)

@@ -17,8 +17,7 @@
 
 #define TESSELLATE_MAX_TRIANGLES ((uint32_t)1 << 26)
 
-/* ---- surfaces of revolution about z (pbrt-v3); phi_max in degrees, over 0, clamped to 360 -----------------
- */
+/* ---- surfaces of revolution about z (pbrt-v3); phi_max in degrees, over 0, clamped to 360 ------------- */
 
 enum { TESSELLATE_COLUMNS = 256, TESSELLATE_ROWS = 64 };
 
@@ -45,8 +44,7 @@ result_t tessellate_cone(const cone_t *cone, position_t at, mesh_t *mesh);
 result_t tessellate_paraboloid(const paraboloid_t *paraboloid, position_t at, mesh_t *mesh);
 result_t tessellate_hyperboloid(const hyperboloid_t *hyperboloid, position_t at, mesh_t *mesh);
 
-/* ---- subdivision surfaces --------------------------------------------------------------------------------
- */
+/* ---- subdivision surfaces ----------------------------------------------------------------------------- */
 
 enum { LOOP_MAX_LEVELS = 10, LOOP_FREE_LEVELS = 3 };
 /* Beyond LOOP_FREE_LEVELS; so that a few numbers cannot ask for gigabytes. */
@@ -69,8 +67,7 @@ typedef struct {
 
 result_t tessellate_loop(const loop_t *loop, position_t at, mesh_t *mesh);
 
-/* ---- grids -----------------------------------------------------------------------------------------------
- */
+/* ---- grids -------------------------------------------------------------------------------------------- */
 
 /* Heights over [0, 1]^2: nu x nv of them, u (x) running fastest; uv = (x, y); no normals. */
 typedef struct {
@@ -98,8 +95,7 @@ typedef struct {
 
 result_t tessellate_bilinear(const bilinear_t *bilinear, position_t at, mesh_t *mesh);
 
-/* ---- NURBS -----------------------------------------------------------------------------------------------
- */
+/* ---- NURBS -------------------------------------------------------------------------------------------- */
 
 enum { NURBS_DICE = 30, NURBS_MAX_ORDER = 64 };
 

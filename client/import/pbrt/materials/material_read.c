@@ -1,8 +1,7 @@
 /* material_read: see material_read.h. */
 #include "client/import/pbrt/materials/material_read.h"
 
-/* ---- indices of refraction ------------------------------------------------------------------------------
- */
+/* ---- indices of refraction ---------------------------------------------------------------------------- */
 
 result_t material_read_index(pbrt_t *p, params_t *params, const char *name, float otherwise, position_t at,
                              blob_material_t *record)

@@ -34,8 +34,7 @@ typedef struct {
     const char *nearest; /* of a material that is not supported: what the row makes of it */
 } row_t;
 
-/* ---- what rows cannot say -------------------------------------------------------------------------------
- */
+/* ---- what rows cannot say ----------------------------------------------------------------------------- */
 
 static result_t clamp_sigma(pbrt_t *p, params_t *params, position_t at, blob_material_t *record)
 {
@@ -117,8 +116,7 @@ static result_t read_substitute(pbrt_t *p, params_t *params, position_t at, blob
     return params_apply(params, substitute_rules, ARRAY_LENGTH(substitute_rules), p->report);
 }
 
-/* ---- the table ------------------------------------------------------------------------------------------
- */
+/* ---- the table ---------------------------------------------------------------------------------------- */
 
 /* clang-format off */
 #define BOTH_AXES "roughness", NULL, NULL
@@ -211,8 +209,7 @@ material_kind_t material_kind(size_t entry)
     return rows[entry].kind;
 }
 
-/* ---- filling --------------------------------------------------------------------------------------------
- */
+/* ---- filling ------------------------------------------------------------------------------------------ */
 
 static result_t read_value(pbrt_t *p, params_t *params, const value_rule_t *rule, blob_material_t *record)
 {

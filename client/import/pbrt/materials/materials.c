@@ -11,8 +11,7 @@
 #include "client/import/pbrt/state/arguments.h"
 #include "client/import/pbrt/state/values.h"
 
-/* ---- mixes ----------------------------------------------------------------------------------------------
- */
+/* ---- mixes -------------------------------------------------------------------------------------------- */
 
 static result_t make_once(pbrt_t *p, material_t *material);
 
@@ -262,8 +261,7 @@ static uint32_t black_material(pbrt_t *p, const material_t *material)
     return append(p, material, record);
 }
 
-/* ---- v4: materials that are worn before all that they name is known -------------------------------------
- */
+/* ---- v4: materials that are worn before all that they name is known ----------------------------------- */
 
 static bool texture_is_known(const void *context, const char *texture)
 {

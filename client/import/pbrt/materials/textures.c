@@ -35,18 +35,6 @@ static result_t read_input(pbrt_t *p, params_t *params, const char *name, bool i
 
 /* ---- mappings ------------------------------------------------------------------------------------------ */
 
-static result_t read_vector(params_t *params, const char *name, double vector[3])
-{
-    const double *numbers;
-    size_t count;
-    TRY(params_array(params, name, PARAM_BIT(PARAM_VECTOR3), 3, &numbers, &count));
-    if (count > 3)
-        return error_at(params_where(params, name, (position_t){.path = ""}),
-                        "parameter \"%s\" takes three numbers, found %zu", name, count);
-    for (size_t i = 0; i < count; ++i) vector[i] = numbers[i];
-    return result_ok();
-}
-
 static affine_t from_world(const pbrt_t *p)
 {
     affine_t inverse;
@@ -71,8 +59,8 @@ static result_t map_uv(params_t *params, blob_texture_t *texture)
 static result_t map_planar(pbrt_t *p, params_t *params, blob_texture_t *texture)
 {
     affine_t plane = {{{1, 0, 0, 0}, {0, 1, 0, 0}, {0, 0, 0, 0}}};
-    TRY(read_vector(params, "v1", plane.m[0]));
-    TRY(read_vector(params, "v2", plane.m[1]));
+    TRY(params_point(params, "v1", PARAM_BIT(PARAM_VECTOR3), plane.m[0]));
+    TRY(params_point(params, "v2", PARAM_BIT(PARAM_VECTOR3), plane.m[1]));
     TRY(params_float_in(params, "udelta", -1e6, 1e6, &plane.m[0][3]));
     TRY(params_float_in(params, "vdelta", -1e6, 1e6, &plane.m[1][3]));
     affine_t space = p->dialect.dialect == DIALECT_V4 ? from_world(p) : affine_identity();
@@ -177,7 +165,7 @@ static result_t read_direction_mix(pbrt_t *p, params_t *params, position_t at, b
     double d[3] = {0, 1, 0};
     TRY(read_input(p, params, "tex1", is_float, 0, &texture->inputs[1]));
     TRY(read_input(p, params, "tex2", is_float, 1, &texture->inputs[0]));
-    TRY(read_vector(params, "dir", d));
+    TRY(params_point(params, "dir", PARAM_BIT(PARAM_VECTOR3), d));
     xform_t space = affine_to_xform(&p->now.ctm);
     vec3_t direction = v_normalize(xform_vector(&space, vec3((float)d[0], (float)d[1], (float)d[2])));
     if (!v_is_finite(direction)) return error_at(params_where(params, "dir", at), "\"dir\" has no direction");

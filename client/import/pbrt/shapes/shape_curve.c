@@ -17,8 +17,7 @@ typedef struct {
     size_t point_count, segments;
 } curve_t;
 
-/* ---- reading --------------------------------------------------------------------------------------------
- */
+/* ---- reading ------------------------------------------------------------------------------------------ */
 
 static result_t read_kind(pbrt_t *p, shape_work_t *work, curve_t *curve)
 {
@@ -96,8 +95,7 @@ static result_t read_curve(pbrt_t *p, shape_work_t *work, curve_t *curve)
     return read_normals(p, work, curve);
 }
 
-/* ---- segments -------------------------------------------------------------------------------------------
- */
+/* ---- segments ----------------------------------------------------------------------------------------- */
 
 static void blend(const double a[3], const double b[3], double t, double out[3])
 {

@@ -8,8 +8,7 @@
 #include "client/import/pbrt/shapes/shapes.h"
 #include "client/import/tessellate/tessellate.h"
 
-/* ---- into the blob --------------------------------------------------------------------------------------
- */
+/* ---- into the blob ------------------------------------------------------------------------------------ */
 
 /* Appends the mesh, if `made` is a success, and frees it; its normals are reversed on demand. */
 static result_t finish_reversed(pbrt_t *p, shape_work_t *work, mesh_t *mesh, bool reverse, result_t made)
@@ -48,8 +47,7 @@ static result_t finish_triangles(pbrt_t *p, shape_work_t *work, mesh_t *mesh, re
     return result_ok();
 }
 
-/* ---- triangle meshes ------------------------------------------------------------------------------------
- */
+/* ---- triangle meshes ---------------------------------------------------------------------------------- */
 
 static vec3_t *copy_vec3(const double *numbers, size_t count)
 {
@@ -176,13 +174,14 @@ result_t pbrt_make_plymesh(pbrt_t *p, shape_work_t *work)
     return finish_triangles(p, work, &mesh, result);
 }
 
-/* ---- subdivision surfaces and grids ---------------------------------------------------------------------
- */
+/* ---- subdivision surfaces and grids ------------------------------------------------------------------- */
+
+static const unsigned point_types =
+    PARAM_BIT(PARAM_POINT3) | PARAM_BIT(PARAM_VECTOR3) | PARAM_BIT(PARAM_NORMAL3);
 
 static result_t read_points(shape_work_t *work, const char *name, const double **numbers, size_t *count)
 {
-    unsigned types = PARAM_BIT(PARAM_POINT3) | PARAM_BIT(PARAM_VECTOR3) | PARAM_BIT(PARAM_NORMAL3);
-    return params_array(work->params, name, types, 3, numbers, count);
+    return params_array(work->params, name, point_types, 3, numbers, count);
 }
 
 static result_t read_integers(shape_work_t *work, const char *name, const double **numbers, size_t *count)
@@ -252,8 +251,7 @@ result_t pbrt_make_bilinearmesh(pbrt_t *p, shape_work_t *work)
     return finish_mesh(p, work, &mesh, tessellate_bilinear(&bilinear, work->at, &mesh));
 }
 
-/* ---- NURBS ----------------------------------------------------------------------------------------------
- */
+/* ---- NURBS -------------------------------------------------------------------------------------------- */
 
 typedef struct {
     const char *count, *order, *knots, *range[2];
@@ -290,8 +288,7 @@ result_t pbrt_make_nurbs(pbrt_t *p, shape_work_t *work)
     return finish_triangles(p, work, &mesh, tessellate_nurbs(&nurbs, work->at, &mesh));
 }
 
-/* ---- surfaces of revolution -----------------------------------------------------------------------------
- */
+/* ---- surfaces of revolution --------------------------------------------------------------------------- */
 
 result_t pbrt_make_cone(pbrt_t *p, shape_work_t *work)
 {
@@ -314,22 +311,11 @@ result_t pbrt_make_paraboloid(pbrt_t *p, shape_work_t *work)
     return finish_quadric(p, work, &mesh, tessellate_paraboloid(&paraboloid, work->at, &mesh));
 }
 
-static result_t read_end(shape_work_t *work, const char *name, double point[3])
-{
-    const double *numbers;
-    size_t count;
-    TRY(read_points(work, name, &numbers, &count));
-    if (count && count != 3)
-        return error_at(params_where(work->params, name, work->at), "parameter \"%s\" takes one point", name);
-    for (size_t i = 0; i < count; ++i) point[i] = numbers[i];
-    return result_ok();
-}
-
 result_t pbrt_make_hyperboloid(pbrt_t *p, shape_work_t *work)
 {
     hyperboloid_t hyperboloid = {{0, 0, 0}, {1, 1, 1}, 360};
-    TRY(read_end(work, "p1", hyperboloid.p1));
-    TRY(read_end(work, "p2", hyperboloid.p2));
+    TRY(params_point(work->params, "p1", point_types, hyperboloid.p1));
+    TRY(params_point(work->params, "p2", point_types, hyperboloid.p2));
     TRY(params_float(work->params, "phimax", &hyperboloid.phi_max));
     mesh_t mesh = {0};
     return finish_quadric(p, work, &mesh, tessellate_hyperboloid(&hyperboloid, work->at, &mesh));

@@ -7,8 +7,7 @@
 
 static const double pi = 3.14159265358979323846;
 
-/* ---- area -----------------------------------------------------------------------------------------------
- */
+/* ---- area --------------------------------------------------------------------------------------------- */
 
 /* dp/du x dp/dv at (u, v) of [0, 1]^2, where u goes with phi and v with z or the radius, each linearly. */
 static void tangents(const blob_quadric_t *q, double u, double v, double du[3], double dv[3])
@@ -61,8 +60,7 @@ static double quadric_area(const blob_quadric_t *q, const affine_t *placed)
     return area / ((double)STEPS * STEPS);
 }
 
-/* ---- the shapes -----------------------------------------------------------------------------------------
- */
+/* ---- the shapes --------------------------------------------------------------------------------------- */
 
 static result_t read_radius(shape_work_t *work, double *radius)
 {

@@ -27,8 +27,7 @@ static const shape_entry_t shapes[] = {
     {{"bilinearmesh", DIALECT_V4}, pbrt_make_bilinearmesh, false},
 };
 
-/* ---- alpha ----------------------------------------------------------------------------------------------
- */
+/* ---- alpha -------------------------------------------------------------------------------------------- */
 
 static bool is_opaque(const blob_value_t *alpha)
 {
@@ -65,8 +64,7 @@ static result_t read_alpha(pbrt_t *p, const shape_entry_t *entry, shape_work_t *
     return result_ok();
 }
 
-/* ---- light ----------------------------------------------------------------------------------------------
- */
+/* ---- light -------------------------------------------------------------------------------------------- */
 
 /* The radiance of a light that is given by its power: pbrt-v4 makes a light of every triangle or patch, and
  * each has all of the power. */
@@ -116,8 +114,7 @@ static result_t make_light(pbrt_t *p, shape_work_t *work, bool moves, blob_light
     return p->now.light.power > 0 ? apply_power(p, work, light) : result_ok();
 }
 
-/* ---- the directive --------------------------------------------------------------------------------------
- */
+/* ---- the directive ------------------------------------------------------------------------------------ */
 
 /* Where the geometry goes: a shape that moves keeps its own space and becomes an instance. */
 static bool place(pbrt_t *p, shape_work_t *work, affine_t *open, affine_t *close)

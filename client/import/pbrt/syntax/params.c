@@ -361,6 +361,18 @@ result_t params_array(params_t *params, const char *name, unsigned types, size_t
     return result_ok();
 }
 
+result_t params_point(params_t *params, const char *name, unsigned types, double point[3])
+{
+    const double *numbers;
+    size_t count;
+    TRY(params_array(params, name, types, 3, &numbers, &count));
+    if (count > 3)
+        return error_at(params_where(params, name, (position_t){.path = ""}),
+                        "parameter \"%s\" takes three numbers, found %zu", name, count);
+    if (count == 3) memcpy(point, numbers, 3 * sizeof *point);
+    return result_ok();
+}
+
 /* ---- what is left -------------------------------------------------------------------------------------- */
 
 result_t params_apply(params_t *params, const param_rule_t *rules, size_t count, report_t *report)

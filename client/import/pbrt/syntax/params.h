@@ -75,6 +75,8 @@ result_t params_string(params_t *params, const char *name, const char **value);
  * and 0 when it is not there. */
 result_t params_array(params_t *params, const char *name, unsigned types, size_t group, const double **values,
                       size_t *count);
+/* Three numbers: one point or vector of one of `types`. */
+result_t params_point(params_t *params, const char *name, unsigned types, double point[3]);
 /* Whether `known` says so of the name of every texture in the list. */
 bool params_textures_known(const params_t *params, bool (*known)(const void *context, const char *texture),
                            const void *context);
