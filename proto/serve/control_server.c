@@ -142,10 +142,16 @@ static void on_work_request(void *self, peer_server_t *server, const wire_messag
 
 /* ---- the thread ---------------------------------------------------------------------------------------- */
 
-/* A new kind of message takes four places: its schema (proto/wire/lightmill.proto), its line in PROTOCOL.md,
- * its function and its row here; in bulk_server.c; or, when a master alone is asked, in
- * master/threads/client_control.c or client_bulk.c. One that says something new of workers has a call in
- * serve_handler.h too, which the farm and the pool implement. */
+/* A new kind of message takes four places:
+ *
+ *   1. its fields in proto/wire/lightmill.proto,
+ *   2. its line in proto/wire/PROTOCOL.md,
+ *   3. the function that handles it, and
+ *   4. its row, in the table of the same file: here, in bulk_server.c or, when a master alone is asked, in
+ *      master/threads/client_control.c or master/threads/client_bulk.c.
+ *
+ * Only when it says something of workers that could not be said before, serve_handler.h gets a call for it,
+ * which the farm's service and the relay's pool implement. */
 static const message_kind_t kinds[] = {{LM__ENVELOPE__BODY_HELLO, RIGHT_WORK, on_hello},
                                        {LM__ENVELOPE__BODY_WORK_REQUEST, RIGHT_WORK, on_work_request},
                                        {LM__ENVELOPE__BODY_HEARTBEAT, RIGHT_WORK, on_heartbeat},
