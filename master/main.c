@@ -117,10 +117,9 @@ static result_t serve(values_t *values)
     return result;
 }
 
-static result_t run(const command_t *command, void *data, int count, char **arguments)
+static result_t run(const call_t *call)
 {
-    (void)command, (void)count, (void)arguments;
-    values_t *values = data;
+    values_t *values = call->values;
     if (values->service.ask_health) return service_ask_health(&values->service);
     char *control, *bulk;
     TRY(address_listen(values->listen, WIRE_DEFAULT_PORT, &control, &bulk));

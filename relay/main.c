@@ -90,14 +90,13 @@ static result_t serve(values_t *values)
     return result;
 }
 
-static result_t run(const command_t *command, void *data, int count, char **arguments)
+static result_t run(const call_t *call)
 {
-    (void)command;
-    values_t *values = data;
+    values_t *values = call->values;
     if (values->service.ask_health) return service_ask_health(&values->service);
     char *control, *bulk, *master = NULL;
     TRY(address_listen(values->listen, DEFAULT_PORT, &control, &bulk));
-    result_t result = dial_find(&values->dial, count > 0 ? arguments[0] : NULL, &values->relay.keys, &master);
+    result_t result = dial_find(&values->dial, call->arguments[0], &values->relay.keys, &master);
     values->relay.control_endpoint = control;
     values->relay.bulk_endpoint = bulk;
     values->relay.master_endpoint = master;
@@ -112,7 +111,6 @@ static result_t run(const command_t *command, void *data, int count, char **argu
 static const command_t command = {
     .name = "lightmill-relay",
     .arguments = "[MASTER[:PORT]]",
-    .most = 1,
     .summary = "stand between a master and many workers: add up what they render, forward one batch",
     .about = "Stands between a master and many workers: adds up what they render and forwards one batch.\n\n"
              "MASTER (default 127.0.0.1:7420) is a master or another relay. Workers dial the relay as they "

@@ -51,13 +51,12 @@ static result_t serve(values_t *values)
     return result;
 }
 
-static result_t run(const command_t *command, void *data, int count, char **arguments)
+static result_t run(const call_t *call)
 {
-    (void)command;
-    values_t *values = data;
+    values_t *values = call->values;
     if (values->service.ask_health) return service_ask_health(&values->service);
     char *endpoint;
-    TRY(dial_find(&values->dial, count > 0 ? arguments[0] : NULL, &values->worker.keys, &endpoint));
+    TRY(dial_find(&values->dial, call->arguments[0], &values->worker.keys, &endpoint));
     values->worker.control_endpoint = endpoint;
     result_t result = serve(values);
     dial_keys_free(&values->worker.keys);
@@ -68,7 +67,6 @@ static result_t run(const command_t *command, void *data, int count, char **argu
 static const command_t command = {
     .name = "lightmill-worker",
     .arguments = "[HOST[:PORT]]",
-    .most = 1,
     .summary = "render for a master",
     .about = "Renders for the master at HOST:PORT (default 127.0.0.1:7420). It may be started before the "
              "master, and finds it again when it comes back.",

@@ -323,12 +323,11 @@ static result_t run_compare(const values_t *values)
     return result;
 }
 
-static result_t run(const command_t *command, void *data, int count, char **arguments)
+static result_t run(const call_t *call)
 {
-    (void)command, (void)count;
-    values_t *values = data;
-    values->image = arguments[0];
-    values->reference = arguments[1];
+    values_t *values = call->values;
+    values->image = call->arguments[0];
+    values->reference = call->arguments[1];
     result_t result = check_values(values);
     if (result.code == RESULT_OK) result = run_compare(values);
     free(values->runs.texts);
@@ -338,8 +337,6 @@ static result_t run(const command_t *command, void *data, int count, char **argu
 const command_t compare_command = {
     .name = "lightmill compare",
     .arguments = "IMG.exr REF",
-    .least = 2,
-    .most = 2,
     .summary = "compare two images",
     .about =
         "Compares an image with a reference. REF is a folder with ref.exr and stderr.exr (standard error of "

@@ -13,11 +13,11 @@ static const char bash[] =
     "}\n"
     "complete -o default -F _lightmill lightmill lightmill-master lightmill-worker lightmill-relay\n";
 
-static result_t run(const command_t *command, void *data, int count, char **arguments)
+static result_t run(const call_t *call)
 {
-    (void)command, (void)data, (void)count;
-    if (strcmp(arguments[0], "bash") != 0)
-        return result_fail(RESULT_USAGE, "there is a script for bash only, not for '%.100s'", arguments[0]);
+    if (strcmp(call->arguments[0], "bash") != 0)
+        return result_fail(RESULT_USAGE, "there is a script for bash only, not for '%.100s'",
+                           call->arguments[0]);
     fputs(bash, stdout);
     return result_ok();
 }
@@ -25,8 +25,6 @@ static result_t run(const command_t *command, void *data, int count, char **argu
 const command_t completion_command = {
     .name = "lightmill completion",
     .arguments = "SHELL",
-    .least = 1,
-    .most = 1,
     .summary = "a script for the shell, to complete our command lines",
     .about =
         "Prints a script that lets a shell complete the options of all Lightmill programs when you press "

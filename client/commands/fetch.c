@@ -30,12 +30,11 @@ static result_t fetch_now(const values_t *values, remote_t *remote, uint64_t job
     return watch_deliver(&watch, &values->output, values->quiet);
 }
 
-static result_t run(const command_t *command, void *data, int count, char **arguments)
+static result_t run(const call_t *call)
 {
-    (void)command, (void)count;
-    const values_t *values = data;
+    const values_t *values = call->values;
     uint64_t job;
-    TRY(job_number_parse(arguments[0], &job));
+    TRY(job_number_parse(call->arguments[0], &job));
     if (values->output.path == NULL) return result_fail(RESULT_USAGE, "fetch needs -o FILE");
     TRY(output_check(&values->output));
     remote_t *remote;
@@ -48,8 +47,6 @@ static result_t run(const command_t *command, void *data, int count, char **argu
 
 const command_t fetch_command = {.name = "lightmill fetch",
                                  .arguments = "JOB",
-                                 .least = 1,
-                                 .most = 1,
                                  .summary = "the image of a job so far",
                                  .about = "Writes the image of a job so far to -o FILE.",
                                  .groups = {{&fetch_options, 0},

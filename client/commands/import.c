@@ -21,13 +21,12 @@ static const option_t rows[] = {
 };
 static const option_group_t import_options = OPTION_GROUP(NULL, rows);
 
-static result_t run(const command_t *command, void *data, int count, char **arguments)
+static result_t run(const call_t *call)
 {
-    (void)command, (void)count;
-    const values_t *values = data;
+    const values_t *values = call->values;
     scene_t scene;
     if (values->output) TRY(output_writable(values->output));
-    TRY(scene_load(arguments[0], values->lenient, &scene));
+    TRY(scene_load(call->arguments[0], values->lenient, &scene));
     char *path = values->output ? mem_strdup(values->output) : mem_printf("%s.blob", scene.name);
     result_t result = file_write_atomic(path, scene.blob.bytes, scene.blob.size);
     if (result.code == RESULT_OK && !values->quiet)
@@ -40,8 +39,6 @@ static result_t run(const command_t *command, void *data, int count, char **argu
 const command_t import_command = {
     .name = "lightmill import",
     .arguments = "SCENE",
-    .least = 1,
-    .most = 1,
     .summary = "a scene with all its files as one scene blob",
     .about =
         "Reads a scene (a .pbrt, .gltf or .glb file, or a folder with a scene.pbrt) with all its meshes and "

@@ -437,21 +437,18 @@ static result_t recognise_exr(const char *path, bool *is_exr)
     return result_ok();
 }
 
-static result_t run(const command_t *command, void *data, int count, char **arguments)
+static result_t run(const call_t *call)
 {
-    (void)command, (void)count;
-    const values_t *values = data;
+    const values_t *values = call->values;
     bool is_exr = false;
     if (values->hash && values->json) return result_fail(RESULT_USAGE, "give --hash or --json, not both");
-    TRY(recognise_exr(arguments[0], &is_exr));
-    return (is_exr ? info_image : info_scene)(arguments[0], values);
+    TRY(recognise_exr(call->arguments[0], &is_exr));
+    return (is_exr ? info_image : info_scene)(call->arguments[0], values);
 }
 
 const command_t info_command = {
     .name = "lightmill info",
     .arguments = "FILE",
-    .least = 1,
-    .most = 1,
     .summary = "describe a scene, a scene blob or an EXR",
     .about = "Describes FILE, which may be\n"
              "- an OpenEXR image: size, channels with their range, attributes\n"

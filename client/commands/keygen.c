@@ -33,11 +33,10 @@ static const char *right_of(const char *name)
     return works ? "worker" : "client";
 }
 
-static result_t run(const command_t *command, void *data, int count, char **arguments)
+static result_t run(const call_t *call)
 {
-    (void)command;
-    const values_t *values = data;
-    const char *name = count > 0 ? arguments[0] : "client";
+    const values_t *values = call->values;
+    const char *name = call->count > 0 ? call->arguments[0] : "client";
     key_pair_t pair;
     char *directory = values->directory ? mem_strdup(values->directory) : key_default_directory();
     if (directory == NULL) return result_fail(RESULT_USAGE, "there is no home directory here: say --out DIR");
@@ -57,7 +56,6 @@ static result_t run(const command_t *command, void *data, int count, char **argu
 const command_t keygen_command = {
     .name = "lightmill keygen",
     .arguments = "[NAME]",
-    .most = 1,
     .summary = "a key, to be let in by a master on another machine",
     .about =
         "Makes a key: NAME.secret, which is to stay here, and NAME.key, which may be given to anyone. NAME "

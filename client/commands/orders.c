@@ -5,7 +5,6 @@
 #include "client/farm/watch.h"
 #include "client/scene/settings.h"
 
-#include <limits.h>
 #include <string.h>
 
 /* Sends one order. */
@@ -25,12 +24,12 @@ static void begin_with_master(void *data)
 
 /* ---- one word, many jobs ------------------------------------------------------------------------------- */
 
-static result_t order_jobs(remote_t *remote, order_kind_t kind, int count, char **jobs)
+static result_t order_jobs(remote_t *remote, order_kind_t kind, const call_t *call)
 {
     result_t first = result_ok();
-    for (int i = 0; i < count && first.code != RESULT_UNREACHABLE; i++) {
+    for (int i = 0; i < call->count && first.code != RESULT_UNREACHABLE; i++) {
         job_order_t order = {.kind = kind};
-        job_number_parse(jobs[i], &order.job);
+        job_number_parse(call->arguments[i], &order.job);
         result_t result = remote_order(remote, &order);
         if (result.code == RESULT_OK) continue;
         if (first.code == RESULT_OK)
@@ -41,28 +40,25 @@ static result_t order_jobs(remote_t *remote, order_kind_t kind, int count, char 
     return first;
 }
 
-static result_t run_order(order_kind_t kind, const master_option_t *master, int count, char **jobs)
+static result_t run_order(order_kind_t kind, const call_t *call)
 {
     uint64_t job;
-    for (int i = 0; i < count; i++) TRY(job_number_parse(jobs[i], &job));
+    for (int i = 0; i < call->count; i++) TRY(job_number_parse(call->arguments[i], &job));
     remote_t *remote;
-    TRY(master_connect(master, &remote));
-    result_t result = order_jobs(remote, kind, count, jobs);
+    TRY(master_connect(call->values, &remote));
+    result_t result = order_jobs(remote, kind, call);
     remote_close(&remote);
     return result;
 }
 
 #define ORDER_COMMAND(word, kind, summary_, about_)                                                          \
-    static result_t run_##word(const command_t *command, void *data, int count, char **jobs)                 \
+    static result_t run_##word(const call_t *call)                                                           \
     {                                                                                                        \
-        (void)command;                                                                                       \
-        return run_order(kind, data, count, jobs);                                                           \
+        return run_order(kind, call);                                                                        \
     }                                                                                                        \
     const command_t word##_command = {                                                                       \
         .name = "lightmill " #word,                                                                          \
         .arguments = "JOB...",                                                                               \
-        .least = 1,                                                                                          \
-        .most = INT_MAX,                                                                                     \
         .summary = summary_,                                                                                 \
         .about = about_,                                                                                     \
         .groups = {{&master_options, 0}, {&dial_options, offsetof(master_option_t, dial)}},                  \
@@ -88,21 +84,18 @@ ORDER_COMMAND(delete, ORDER_DELETE, "remove jobs that are over, with their image
 
 /* ---- priority ------------------------------------------------------------------------------------------ */
 
-static result_t run_priority(const command_t *command, void *data, int count, char **arguments)
+static result_t run_priority(const call_t *call)
 {
-    (void)command, (void)count;
     static const option_t range = {.name = "priority", OPTION_RANGE(-JOB_MAX_PRIORITY, JOB_MAX_PRIORITY)};
     job_order_t order = {.kind = ORDER_PRIORITY};
-    TRY(job_number_parse(arguments[0], &order.job));
-    TRY(option_int32(&range, arguments[1], &order.priority));
-    return send_order(data, &order);
+    TRY(job_number_parse(call->arguments[0], &order.job));
+    TRY(option_int32(&range, call->arguments[1], &order.priority));
+    return send_order(call->values, &order);
 }
 
 const command_t priority_command = {
     .name = "lightmill priority",
     .arguments = "JOB N",
-    .least = 2,
-    .most = 2,
     .summary = "let jobs of a higher priority go first",
     .about =
         "Gives a job its priority: jobs of a higher one go first, jobs of the same one share the workers. "
@@ -132,12 +125,11 @@ static const option_t extend_rows[] = {
 };
 static const option_group_t extend_options = OPTION_GROUP(NULL, extend_rows);
 
-static result_t run_extend(const command_t *command, void *data, int count, char **arguments)
+static result_t run_extend(const call_t *call)
 {
-    (void)command, (void)count;
-    extend_t *values = data;
+    extend_t *values = call->values;
     values->order.kind = ORDER_EXTEND;
-    TRY(job_number_parse(arguments[0], &values->order.job));
+    TRY(job_number_parse(call->arguments[0], &values->order.job));
     if (values->wait != (values->output.path != NULL) || (values->output.png && !values->wait))
         return result_fail(RESULT_USAGE, "--wait and -o FILE belong together; fetch gets an image later");
     if (!values->wait) return send_order(&values->master, &values->order);
@@ -154,8 +146,6 @@ static result_t run_extend(const command_t *command, void *data, int count, char
 const command_t extend_command = {
     .name = "lightmill extend",
     .arguments = "JOB",
-    .least = 1,
-    .most = 1,
     .summary = "go on with a job that is over, for more samples",
     .about =
         "Goes on with a job: one that is over with the samples that it has, one that runs with other goals. "

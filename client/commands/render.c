@@ -126,13 +126,12 @@ static result_t render(const values_t *values, const scene_t *scene)
     return result;
 }
 
-static result_t run(const command_t *command, void *data, int count, char **arguments)
+static result_t run(const call_t *call)
 {
-    (void)command, (void)count;
-    values_t *values = data;
+    values_t *values = call->values;
     log_init("lightmill", values->farm.verbose ? LOG_DEBUG : values->quiet ? LOG_ERROR : LOG_WARNING);
     scene_t scene;
-    TRY(scene_load(arguments[0], values->overrides.lenient, &scene));
+    TRY(scene_load(call->arguments[0], values->overrides.lenient, &scene));
     output_name(&values->output, scene.name, values->strategies);
     result_t result = output_check(&values->output);
     if (result.code == RESULT_OK) result = render(values, &scene);
@@ -144,8 +143,6 @@ static result_t run(const command_t *command, void *data, int count, char **argu
 const command_t render_command = {
     .name = "lightmill render",
     .arguments = "SCENE",
-    .least = 1,
-    .most = 1,
     .summary = "render on this machine and write the image",
     .about =
         "Renders a scene (a .pbrt, .gltf or .glb file, a folder with a scene.pbrt, or a scene blob) on this "

@@ -310,12 +310,11 @@ static result_t report(const values_t *values, uint64_t job, remote_t *remote)
     return result;
 }
 
-static result_t run(const command_t *command, void *data, int count, char **arguments)
+static result_t run(const call_t *call)
 {
-    (void)command;
-    const values_t *values = data;
+    const values_t *values = call->values;
     uint64_t job = 0;
-    if (count > 0) TRY(job_number_parse(arguments[0], &job));
+    if (call->count > 0) TRY(job_number_parse(call->arguments[0], &job));
     remote_t *remote;
     TRY(master_connect(&values->master, &remote));
     result_t result = report(values, job, remote);
@@ -325,7 +324,6 @@ static result_t run(const command_t *command, void *data, int count, char **argu
 
 const command_t status_command = {.name = "lightmill status",
                                   .arguments = "[JOB]",
-                                  .most = 1,
                                   .summary = "what a master is doing",
                                   .about = "What a master is doing: its jobs, or all that is known of one.",
                                   .groups = {{&status_options, 0}, MASTER_GROUPS(values_t, master)},

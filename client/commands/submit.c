@@ -89,14 +89,13 @@ static result_t submit(const values_t *values, remote_t *remote, const scene_t *
     return values->wait ? watch_to_end(remote, job, &values->output, values->quiet) : result_ok();
 }
 
-static result_t run(const command_t *command, void *data, int count, char **arguments)
+static result_t run(const call_t *call)
 {
-    (void)command, (void)count;
-    values_t *values = data;
+    values_t *values = call->values;
     TRY(check(values));
     log_init("lightmill", values->quiet ? LOG_ERROR : LOG_WARNING);
     scene_t scene;
-    TRY(scene_load(arguments[0], values->overrides.lenient, &scene));
+    TRY(scene_load(call->arguments[0], values->overrides.lenient, &scene));
     output_name(&values->output, scene.name, values->strategies);
     remote_t *remote = NULL;
     result_t result = values->wait ? output_check(&values->output) : result_ok();
@@ -112,8 +111,6 @@ static result_t run(const command_t *command, void *data, int count, char **argu
 const command_t submit_command = {
     .name = "lightmill submit",
     .arguments = "SCENE",
-    .least = 1,
-    .most = 1,
     .summary = "hand a scene to a master; with --wait also fetch the image",
     .about = "Sends a scene (a .pbrt, .gltf or .glb file, a folder with a scene.pbrt, or a scene blob) to a "
              "master and prints the job's number.",

@@ -99,15 +99,21 @@ static bool plain_line_due(progress_t *progress)
     return true;
 }
 
+/* As a bar on a terminal, else as a line now and then. */
+static void show(progress_t *progress, double fraction, const char *text)
+{
+    if (progress->terminal)
+        draw_bar(progress, fraction, text);
+    else if (plain_line_due(progress))
+        fprintf(stderr, "%s\n", text);
+}
+
 void progress_job(progress_t *progress, const Lm__JobStatus *status)
 {
     if (progress->quiet) return;
     char text[240];
     describe(status, text, sizeof text);
-    if (progress->terminal)
-        draw_bar(progress, job_fraction(status), text);
-    else if (plain_line_due(progress))
-        fprintf(stderr, "%s\n", text);
+    show(progress, job_fraction(status), text);
 }
 
 void progress_series(progress_t *progress, const progress_series_t *series)
@@ -119,10 +125,7 @@ void progress_series(progress_t *progress, const progress_series_t *series)
     format_duration(done > 0 ? series->elapsed * (1 - done) / done : -1, eta);
     snprintf(text, sizeof text, "%3.0f%%  %s samples/s  %zu of %zu images  ETA %s", floor(100 * done),
              done > 0 ? rate : "-", series->images_done, series->images_total, eta);
-    if (progress->terminal)
-        draw_bar(progress, done, text);
-    else if (plain_line_due(progress))
-        fprintf(stderr, "%s\n", text);
+    show(progress, done, text);
 }
 
 void progress_upload(progress_t *progress, uint64_t done, uint64_t size)
@@ -131,10 +134,7 @@ void progress_upload(progress_t *progress, uint64_t done, uint64_t size)
     char text[80];
     snprintf(text, sizeof text, "uploading the scene: %.1f of %.1f MB", 1e-6 * (double)done,
              1e-6 * (double)size);
-    if (progress->terminal)
-        draw_bar(progress, (double)done / (double)size, text);
-    else if (plain_line_due(progress))
-        fprintf(stderr, "%s\n", text);
+    show(progress, (double)done / (double)size, text);
 }
 
 void progress_import(progress_t *progress, double fraction)

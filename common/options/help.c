@@ -7,10 +7,40 @@
 
 enum { WIDTH = 100, INDENT = 24 /* columns of a line; before the text of an option */ };
 
+/* "-o, --output FILE". */
+static void option_title(const option_t *row, char text[100])
+{
+    char letter[8] = "";
+    if (row->letter != 0) snprintf(letter, sizeof letter, "-%c, ", row->letter);
+    snprintf(text, 100, "%s--%s%s%s", letter, row->name, row->argument ? " " : "",
+             row->argument ? row->argument : "");
+}
+
+/* The subcommands and the options: a heading (or NULL) for each group, and its items. */
+static void list_items(const command_t *command, void (*heading)(const char *),
+                       void (*item)(const char *title, const char *text))
+{
+    const option_group_t *group;
+    char title[100];
+    if (command->subcommands != NULL) heading("Commands");
+    for (const command_t *const *at = command->subcommands; at != NULL && *at != NULL; at++) {
+        snprintf(title, sizeof title, "%s%s%s", command_word(*at), (*at)->arguments ? " " : "",
+                 (*at)->arguments ? (*at)->arguments : "");
+        item(title, (*at)->summary);
+    }
+    for (size_t g = 0; (group = command_group(command, g)) != NULL; g++) {
+        heading(group->title);
+        for (size_t i = 0; i < group->count; i++) {
+            option_title(&group->rows[i], title);
+            item(title, group->rows[i].help);
+        }
+    }
+}
+
 /* ---- the text of --help -------------------------------------------------------------------------------- */
 
 /* Prints a paragraph in lines of at most WIDTH columns; the first begins at `column`, the others at `indent`.
- * A line that begins with a blank stays as it is. */
+ */
 static void print_paragraph(const char *text, int indent, int column)
 {
     const char *word = text;
@@ -32,22 +62,6 @@ static void print_paragraph(const char *text, int indent, int column)
     putchar('\n');
 }
 
-/* "-o, --output FILE". */
-static void option_title(const option_t *row, char text[100])
-{
-    char letter[8] = "";
-    if (row->letter != 0) snprintf(letter, sizeof letter, "-%c, ", row->letter);
-    snprintf(text, 100, "%s--%s%s%s", letter, row->name, row->argument ? " " : "",
-             row->argument ? row->argument : "");
-}
-
-/* "render SCENE". */
-static void subcommand_title(const command_t *command, char text[100])
-{
-    snprintf(text, 100, "%s%s%s", command_word(command), command->arguments ? " " : "",
-             command->arguments ? command->arguments : "");
-}
-
 /* A line of a list: what it is about, and in the column beside it what there is to say. */
 static void print_item(const char *title, const char *text)
 {
@@ -59,32 +73,18 @@ static void print_item(const char *title, const char *text)
     print_paragraph(text, INDENT, column);
 }
 
-static void print_synopsis(const command_t *command)
+static void print_heading(const char *title)
 {
-    printf("usage: %s%s%s%s\n", command->name, command->arguments ? " " : "",
-           command->arguments ? command->arguments : "", command->subcommands ? "" : " [options]");
+    putchar('\n');
+    if (title != NULL) printf("%s:\n", title);
 }
 
 void help_print(const command_t *command)
 {
-    const option_group_t *group;
-    print_synopsis(command);
-    putchar('\n');
+    printf("usage: %s%s%s%s\n\n", command->name, command->arguments ? " " : "",
+           command->arguments ? command->arguments : "", command->subcommands ? "" : " [options]");
     print_paragraph(command->about, 0, 0);
-    char title[100];
-    if (command->subcommands != NULL) putchar('\n');
-    for (const command_t *const *at = command->subcommands; at != NULL && *at != NULL; at++) {
-        subcommand_title(*at, title);
-        print_item(title, (*at)->summary);
-    }
-    for (size_t g = 0; (group = command_group(command, g)) != NULL; g++) {
-        putchar('\n');
-        if (group->title != NULL) printf("%s:\n", group->title);
-        for (size_t i = 0; i < group->count; i++) {
-            option_title(&group->rows[i], title);
-            print_item(title, group->rows[i].help);
-        }
-    }
+    list_items(command, print_heading, print_item);
     if (command->after == NULL) return;
     putchar('\n');
     print_paragraph(command->after, 0, 0);
@@ -125,6 +125,13 @@ static void print_roff(const char *text)
     putchar('\n');
 }
 
+static void print_roff_heading(const char *title)
+{
+    if (title == NULL) return;
+    fputs(".SS ", stdout);
+    print_roff(title);
+}
+
 static void print_roff_item(const char *title, const char *text)
 {
     fputs(".TP\n.B ", stdout);
@@ -143,7 +150,6 @@ static void print_page_name(const char *name, bool capitals)
 
 void help_print_man(const command_t *command)
 {
-    const option_group_t *group;
     fputs(".TH ", stdout);
     print_page_name(command->name, true);
     fputs(" 1 \"\" \"Lightmill " LIGHTMILL_VERSION "\" \"Lightmill\"\n.nh\n.SH NAME\n", stdout);
@@ -156,23 +162,8 @@ void help_print_man(const command_t *command)
     if (command->subcommands == NULL) puts("[options]");
     puts(".SH DESCRIPTION");
     print_roff(command->about);
-    char title[100];
-    if (command->subcommands != NULL) puts(".SH COMMANDS");
-    for (const command_t *const *at = command->subcommands; at != NULL && *at != NULL; at++) {
-        subcommand_title(*at, title);
-        print_roff_item(title, (*at)->summary);
-    }
     puts(".SH OPTIONS");
-    for (size_t g = 0; (group = command_group(command, g)) != NULL; g++) {
-        if (group->title != NULL) {
-            fputs(".SS ", stdout);
-            print_roff(group->title);
-        }
-        for (size_t i = 0; i < group->count; i++) {
-            option_title(&group->rows[i], title);
-            print_roff_item(title, group->rows[i].help);
-        }
-    }
+    list_items(command, print_roff_heading, print_roff_item);
     if (command->after == NULL) return;
     puts(".SH NOTES");
     print_roff(command->after);

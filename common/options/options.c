@@ -6,6 +6,7 @@
 #include "common/options/help.h"
 
 #include <ctype.h>
+#include <limits.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -52,11 +53,8 @@ const option_t *command_option(const command_t *command, size_t index, size_t *g
 
 /* What a command line has said so far. */
 typedef struct {
-    const command_t *command;
-    char *values; /* the command's struct */
+    call_t call;
     standard_options_t standard;
-    char **arguments; /* as many as there are words */
-    int argument_count;
     const option_t *many; /* the option that takes the next word too; NULL: none */
     void *many_field;
 } reading_t;
@@ -70,12 +68,13 @@ typedef struct {
 /* The row at an index of command_option, and where its value goes. */
 static found_t option_at(reading_t *reading, size_t index)
 {
-    const command_t *command = reading->command;
+    const command_t *command = reading->call.command;
     size_t group;
     const option_t *row = command_option(command, index, &group);
     if (row == NULL) return (found_t){0};
     bool standard = command_group(command, group) == &standard_options;
-    char *base = standard ? (char *)&reading->standard : reading->values + command->groups[group].offset;
+    char *base =
+        standard ? (char *)&reading->standard : (char *)reading->call.values + command->groups[group].offset;
     return (found_t){row, base + row->offset};
 }
 
@@ -93,10 +92,11 @@ static result_t unknown(const reading_t *reading, const char *word)
     snprintf(name, sizeof name, "%.*s", (int)strcspn(word, "="), word);
     guess_t guess = {.wrong = name + strspn(name, "-")};
     const option_t *row;
-    for (size_t i = 0; (row = command_option(reading->command, i, NULL)) != NULL; i++)
+    for (size_t i = 0; (row = command_option(reading->call.command, i, NULL)) != NULL; i++)
         guess_offer(&guess, row->name);
     if (guess.nearest == NULL)
-        return result_fail(RESULT_USAGE, "unknown option %s; see %s --help", name, reading->command->name);
+        return result_fail(RESULT_USAGE, "unknown option %s; see %s --help", name,
+                           reading->call.command->name);
     return result_fail(RESULT_USAGE, "unknown option %s; did you mean --%s?", name, guess.nearest);
 }
 
@@ -124,11 +124,11 @@ static result_t take_value(reading_t *reading, found_t found, const char *value,
 {
     if (found.row->argument == NULL && value != NULL)
         return result_fail(RESULT_USAGE, "--%s takes no value; see %s --help", found.row->name,
-                           reading->command->name);
+                           reading->call.command->name);
     if (found.row->argument != NULL && value == NULL) {
         if (**next == NULL)
             return result_fail(RESULT_USAGE, "--%s needs a value, %s; see %s --help", found.row->name,
-                               found.row->argument, reading->command->name);
+                               found.row->argument, reading->call.command->name);
         value = *(*next)++;
     }
     reading->many = found.row->many ? found.row : NULL;
@@ -169,7 +169,7 @@ static result_t read_words(reading_t *reading, char **next)
         } else if (reading->many != NULL) {
             TRY(reading->many->parse(reading->many, word, reading->many_field));
         } else {
-            reading->arguments[reading->argument_count++] = word;
+            reading->call.arguments[reading->call.count++] = word;
         }
     }
     return result_ok();
@@ -188,27 +188,41 @@ static result_t read_environment(reading_t *reading)
 
 static result_t no_subcommand(const reading_t *reading)
 {
-    const command_t *command = reading->command;
-    guess_t guess = {.wrong = reading->argument_count > 0 ? reading->arguments[0] : ""};
+    const command_t *command = reading->call.command;
+    guess_t guess = {.wrong = reading->call.count > 0 ? reading->call.arguments[0] : ""};
     for (const command_t *const *at = command->subcommands; *at != NULL; at++)
         guess_offer(&guess, command_word(*at));
-    if (reading->argument_count == 0)
+    if (reading->call.count == 0)
         return result_fail(RESULT_USAGE, "no command given; see %s --help", command->name);
     if (guess.nearest == NULL)
         return result_fail(RESULT_USAGE, "'%.100s' is no command; see %s --help", guess.wrong, command->name);
     return result_fail(RESULT_USAGE, "'%.100s' is no command; did you mean %s?", guess.wrong, guess.nearest);
 }
 
+/* How many arguments a command takes, from what help says of them. */
+static void count_arguments(const char *words, int *least, int *most)
+{
+    *least = *most = 0;
+    while (words != NULL && *words != '\0') {
+        size_t length = strcspn(words, " ");
+        *least += words[0] != '[';
+        *most = strstr(words, "...") != NULL ? INT_MAX : *most + 1;
+        words += length + strspn(words + length, " ");
+    }
+}
+
 static result_t check_arguments(const reading_t *reading)
 {
-    const command_t *command = reading->command;
+    const command_t *command = reading->call.command;
     if (command->subcommands != NULL) return no_subcommand(reading);
-    if (reading->argument_count < command->least)
+    int least, most;
+    count_arguments(command->arguments, &least, &most);
+    if (reading->call.count < least)
         return result_fail(RESULT_USAGE, "%s expects %s; see %s --help", command_word(command),
                            command->arguments, command->name);
-    if (reading->argument_count > command->most)
+    if (reading->call.count > most)
         return result_fail(RESULT_USAGE, "one argument too many: '%.100s'; see %s --help",
-                           reading->arguments[command->most], command->name);
+                           reading->call.arguments[most], command->name);
     return result_ok();
 }
 
@@ -218,15 +232,14 @@ static result_t read_line(reading_t *reading, char **words)
     TRY(read_environment(reading));
     TRY(read_words(reading, words));
     if (asked->help)
-        help_print(reading->command);
+        help_print(reading->call.command);
     else if (asked->man)
-        help_print_man(reading->command);
+        help_print_man(reading->call.command);
     else if (asked->version)
-        printf("%s " LIGHTMILL_VERSION "\n", reading->command->name);
+        printf("%s " LIGHTMILL_VERSION "\n", reading->call.command->name);
     else {
         TRY(check_arguments(reading));
-        return reading->command->run(reading->command, reading->values, reading->argument_count,
-                                     reading->arguments);
+        return reading->call.command->run(&reading->call);
     }
     return result_ok();
 }
@@ -251,12 +264,14 @@ result_t command_run(const command_t *command, int argc, char **argv)
     if (subcommand != NULL) return command_run(subcommand, argc - 1, argv + 1);
     if (argc > 1 && command->subcommands != NULL && strcmp(argv[1], "help") == 0)
         return command_help(command, argc > 2 ? argv[2] : NULL);
-    reading_t reading = {.command = command, .values = mem_zalloc(1, command->size + 1)};
-    reading.arguments = mem_zalloc((size_t)argc + 1, sizeof *reading.arguments);
-    if (command->begin != NULL) command->begin(reading.values);
+    reading_t reading = {.call.command = command};
+    call_t *call = &reading.call;
+    call->values = mem_zalloc(1, command->size + 1);
+    call->arguments = mem_zalloc((size_t)argc + 1, sizeof *call->arguments);
+    if (command->begin != NULL) command->begin(call->values);
     result_t result = read_line(&reading, argv + 1);
-    free(reading.arguments);
-    free(reading.values);
+    free(call->arguments);
+    free(call->values);
     return result;
 }
 

@@ -95,10 +95,11 @@ enum { COMMAND_MAX_GROUPS = 6 };
 
 /* A program or a subcommand. Of its texts blank lines part paragraphs, and help breaks the lines. */
 typedef struct command command_t;
+typedef struct call call_t;
 struct command {
     const char *name;      /* "lightmill render" */
-    const char *arguments; /* "SCENE" or "[JOB]"; NULL: none */
-    int least, most;       /* how many arguments */
+    const char *arguments; /* a word for each: "SCENE"; one in brackets may be missing, "JOB..." are one or
+                              more; NULL: none */
     const char *summary;   /* what it does, in one line without a final dot */
     const char *about;     /* before the options */
     const char *after;     /* after them; NULL: nothing */
@@ -109,8 +110,15 @@ struct command {
     const command_t *const *subcommands; /* NULL at the end: one of them is run; NULL: this one */
     size_t size;                         /* of the values */
     void (*begin)(void *values);         /* sets the values that no option has changed yet; NULL: all zero */
-    /* Does it, with `count` arguments. */
-    result_t (*run)(const command_t *command, void *values, int count, char **arguments);
+    result_t (*run)(const call_t *call); /* does it */
+};
+
+/* A command with what its command line says. */
+struct call {
+    const command_t *command;
+    void *values;
+    char **arguments;
+    int count; /* of the arguments */
 };
 
 /* Reads a command line (argv[0] is skipped) and runs the command, or does what --help, --man, --version or

@@ -58,11 +58,10 @@ static void join(char *text, int count, const char *const *words)
     }
 }
 
-static result_t run(const command_t *command, void *data, int count, char **arguments)
+static result_t run(const call_t *call)
 {
-    (void)command;
-    seen = *(values_t *)data;
-    join(seen_arguments, count, (const char *const *)arguments);
+    seen = *(values_t *)call->values;
+    join(seen_arguments, call->count, (const char *const *)call->arguments);
     join(seen_list, (int)seen.part.list.count, seen.part.list.texts);
     free(seen.part.list.texts);
     return result_ok();
@@ -74,8 +73,7 @@ static void begin(void *data)
 }
 
 static const command_t command = {.name = "test part",
-                                  .arguments = "[WORD...]",
-                                  .most = 3,
+                                  .arguments = "[A] [B] [C]",
                                   .summary = "a test",
                                   .about = "Tests.",
                                   .groups = {{&group, offsetof(values_t, part)}},
@@ -227,7 +225,7 @@ static void help_has_every_option(void **state)
     result_t result = command_run(&command, 3, (char *[]){"part", "--help", "--nothing", NULL});
     char *text = scratch_uncapture(&capture);
     assert_int_equal(result.code, RESULT_OK);
-    assert_non_null(strstr(text, "usage: test part [WORD...] [options]\n\nTests.\n\nParts:\n"));
+    assert_non_null(strstr(text, "usage: test part [A] [B] [C] [options]\n\nTests.\n\nParts:\n"));
     assert_non_null(strstr(text, "\n  -t, --text TEXT       a text\n"));
     assert_non_null(strstr(text, "\n  --flag                a flag\n"));
     for (size_t i = 0; i < ARRAY_LENGTH(rows); i++) assert_non_null(strstr(text, rows[i].help));
