@@ -191,12 +191,6 @@ static inline rgb_t bsdf_attenuation(const bsdf_t *bsdf, vec3_t w)
 {
     return bsdf->absorbs && v_dot(w, bsdf->ng) < 0 ? bsdf->attenuation : vec3(0, 0, 0);
 }
-/* What is left of light after a distance (Beer's law). */
-static inline rgb_t rgb_fade(rgb_t attenuation, float distance)
-{
-    return vec3(expf(-attenuation.x * distance), expf(-attenuation.y * distance),
-                expf(-attenuation.z * distance));
-}
 
 /* ---- for materials ------------------------------------------------------------------------------------- */
 

@@ -73,19 +73,3 @@ void sample_splat(sample_t *sample, vec2_t raster, rgb_t value, uint32_t dimensi
     int count = camera_images(sample->stage->camera, raster, filter_reach(filter), images);
     for (int i = 0; i < count; i++) splat_at(sample, images[i], value, u);
 }
-
-void sample_first_hit(sample_t *sample, const surface_t *surface, const bsdf_t *bsdf, vec3_t origin)
-{
-    if (sample->sample >= FEATURE_SAMPLES) return;
-    const scene_blob_t *blob = scene_blob(sample->stage->scene);
-    rgb_t albedo = bsdf_albedo(bsdf);
-    bool behind = v_dot(bsdf->ng, v_sub(surface->p, origin)) > 0; /* seen from its back */
-    vec3_t normal = behind ? v_neg(bsdf->ns) : bsdf->ns;
-    sample->first_hit = (first_hit_t){.hit = true,
-                                      .albedo = {albedo.x, albedo.y, albedo.z},
-                                      .normal = {normal.x, normal.y, normal.z},
-                                      .position = {surface->p.x, surface->p.y, surface->p.z},
-                                      .depth = v_length(v_sub(surface->p, origin)),
-                                      .object = (uint32_t)(surface->shape - blob->shapes) + 1,
-                                      .material = (uint32_t)(surface->material - blob->materials) + 1};
-}

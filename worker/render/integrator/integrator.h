@@ -1,6 +1,6 @@
 /* integrator: what an integrator gets and gives. It estimates one sample of one pixel: it returns the
  * radiance of its eye subpath and hands its splats over one by one. bdpt, path and light stand on the same
- * scene, BSDFs, lights and camera, and so validate one another.
+ * scene, BSDFs, lights, camera and walks (subpath.h), and so validate one another.
  *
  * A new integrator is one file and one entry in the table in renderer.c.
  */
@@ -9,7 +9,6 @@
 
 #include "common/film/batch.h"
 #include "common/sampler.h"
-#include "worker/render/bsdf/bsdf.h"
 #include "worker/render/camera/camera.h"
 #include "worker/render/camera/filter.h"
 #include "worker/render/light/light.h"
@@ -57,21 +56,6 @@ enum { DIMENSION_ILLUMINATE = 0, DIMENSION_SCATTER = 2 };
  * pixel and the point of the lens that it is joined to. */
 enum { DIMENSION_EMIT = 0, DIMENSION_LIGHT_SCATTER = 0, DIMENSION_JOIN_PIXEL = 4, DIMENSION_JOIN_LENS = 5 };
 
-/* True where pbrt-v3 shows light of a light that the two normals of what the camera sees disagree about. */
-static inline bool splits_direct_light(const surface_t *surface)
-{
-    return (surface->shape->flags & SHAPE_NORMALS_V3) != 0;
-}
-
-/* The share of such light that pbrt-v3's bdpt shows: all of a light that cannot be run into. Else it counts
- * the scattering that cannot happen as a strategy with the density 1 of the place on the light (of
- * `pdf_place` when drawn as such), and nothing makes up for its part; `ratio`: of the densities of what the
- * camera sees, as made by the light over as made by the camera. */
-static inline float split_light_share(bool delta, float pdf_place, float ratio)
-{
-    return delta ? 1 : (1 + ratio) / (1 + ratio + 1 / pdf_place);
-}
-
 static inline sampler_t sample_stream(const sample_t *sample, uint32_t dimension)
 {
     sampler_t sampler = sample->numbers;
@@ -95,21 +79,11 @@ float sample_time(const sample_t *sample);
 bool sample_join_camera(const sample_t *sample, vec3_t p, uint32_t dimension, camera_view_t *view);
 /* Adds a splat at a film position; `dimension` is that of the point's vertex. */
 void sample_splat(sample_t *sample, vec2_t raster, rgb_t value, uint32_t dimension);
-/* Notes what the eye ray met first, for the samples whose features count. */
-void sample_first_hit(sample_t *sample, const surface_t *surface, const bsdf_t *bsdf, vec3_t origin);
 
 /* Segments that a full path may have: pbrt's maxdepth counts scattering events. */
 static inline int stage_max_segments(const stage_t *stage)
 {
     return stage->settings.max_depth + 1;
-}
-
-/* The factor that makes scattering with shading normals the adjoint of itself: on light subpaths throughput
- * is multiplied by |wo ns| |wi ng| / (|wo ng| |wi ns|) (Veach 1997, section 5.3.2). */
-static inline float shading_adjoint(const bsdf_t *bsdf, vec3_t wo, vec3_t wi)
-{
-    float num = v_dot(wo, bsdf->ns) * v_dot(wi, bsdf->ng), den = v_dot(wo, bsdf->ng) * v_dot(wi, bsdf->ns);
-    return den != 0 ? fabsf(num / den) : 0;
 }
 
 #endif

@@ -1,6 +1,8 @@
 /* path: unidirectional path tracing with next-event estimation, combined with running into lights by the
  * power heuristic (Kajiya 1986; Veach 1997, section 10.3), and Russian roulette. */
-#include "worker/render/integrator/integrator.h"
+#include "worker/render/integrator/subpath.h"
+
+static const roulette_t roulette = {.from = 3, .most = 0.95f};
 
 /* Power heuristic of two strategies, beta = 2 (Veach 1997, equation 9.13). */
 static float power_heuristic(float pdf, float other)
@@ -9,141 +11,69 @@ static float power_heuristic(float pdf, float other)
     return 1 / (1 + ratio * ratio);
 }
 
-/* A path on its way. */
-typedef struct {
-    vec3_t origin, direction;
-    vec3_t before; /* the vertex that the ray leaves */
-    float pdf;     /* of the direction, per steradian */
-    bool specular; /* no next-event estimation could have found what the ray meets */
-    bool scattered;
-    rgb_t throughput, attenuation;
-} ray_t;
-
-/* Radiance that a sampled place on a light sends over the path's end. `seen`: the density per area of a first
- * hit, 0 of others. */
-static rgb_t direct_light(sample_t *sample, const surface_t *surface, const bsdf_t *bsdf, vec3_t wo,
-                          float seen, sampler_t *sampler)
+/* Radiance that a sampled place on a light sends over the vertex. */
+static rgb_t direct_light(sample_t *sample, const walk_t *walk, const vertex_t *z)
 {
-    const stage_t *stage = sample->stage;
     light_view_t light;
     bsdf_value_t value;
-    float choice = sampler_1d(sampler);
-    if (!lights_illuminate(stage->lights, surface->p, choice, sampler_2d(sampler), &light))
+    sampler_t sampler = sample_stream(sample, z->dimension + DIMENSION_ILLUMINATE);
+    float choice = sampler_1d(&sampler), weight = 1;
+    if (!lights_illuminate(sample->stage->lights, vertex_point(z), choice, sampler_2d(&sampler), &light))
         return vec3(0, 0, 0);
     float pdf = light.pdf_place / light.geometry; /* per steradian */
-    float factor = fabsf(v_dot(light.w, bsdf->ns)) / pdf;
-    if (bsdf_eval(bsdf, wo, light.w, TRANSPORT_RADIANCE, &value)) {
-        if (!light.delta) factor *= power_heuristic(pdf, value.pdf);
-    } else if (seen > 0 && splits_direct_light(surface) &&
-               bsdf_eval_split(bsdf, wo, light.w, TRANSPORT_RADIANCE, &value)) {
-        float arrives = light.arrival * fabsf(v_dot(light.w, surface->ng));
-        factor *= split_light_share(light.delta, light.pdf_place, arrives / seen);
+    if (vertex_eval(z, light.w, &value)) {
+        if (!light.delta) weight = power_heuristic(pdf, value.pdf);
     } else {
-        return vec3(0, 0, 0);
+        float distance2, seen = z->depth == 1 ? walk_density(walk, z, &distance2) : 0;
+        float arrives = light.arrival * vertex_area_cosine(z, light.w);
+        if (!(seen > 0) ||
+            !vertex_eval_split(z, light.w, light.delta, light.pdf_place, arrives / seen, &value, &weight))
+            return vec3(0, 0, 0);
     }
-    rgb_t result = v_scale(v_mul(value.f, light.radiance), factor);
-    if (bsdf->absorbs)
-        result = v_mul(result,
-                       rgb_fade(bsdf_attenuation(bsdf, light.w), v_length(v_sub(light.target, surface->p))));
+    rgb_t result = v_scale(v_mul(value.f, light.radiance), vertex_cosine(z, light.w) / pdf * weight);
     if (v_is_zero(result)) return result;
-    sample->result->counts.rays++;
-    return scene_occluded(stage->scene, scene_offset(surface, light.w), light.target, sample->time)
-               ? vec3(0, 0, 0)
-               : result;
+    return transmit(sample, vertex_exit(z, light.w), light.target, vertex_medium(z, light.w),
+                    v_length(v_sub(light.target, vertex_point(z))), result);
 }
 
-/* Radiance of a light that the ray ran into, weighted against next-event estimation from the vertex before;
- * `measure` makes its place's density one per steradian there. */
-static rgb_t emitted(const ray_t *ray, const light_hit_t *hit, float measure)
-{
-    if (ray->specular) return hit->radiance;
-    return v_scale(hit->radiance, power_heuristic(ray->pdf, hit->pdf_place * measure));
-}
-
-static rgb_t sky_light(const stage_t *stage, const ray_t *ray)
+/* Radiance of the lights that the walk ran into, weighted against next-event estimation from the vertex
+ * before, where it could have found them. */
+static rgb_t emitted(const stage_t *stage, const walk_t *walk, const vertex_t *z)
 {
     rgb_t sum = vec3(0, 0, 0);
-    light_hit_t hit;
-    for (uint32_t k = 0; k < lights_sky_count(stage->lights); k++)
-        if (lights_escape(stage->lights, k, ray->direction, &hit)) sum = v_add(sum, emitted(ray, &hit, 1));
-    return v_mul(ray->throughput, sum);
-}
-
-static rgb_t surface_light(const stage_t *stage, const ray_t *ray, const surface_t *surface)
-{
-    light_hit_t hit;
-    vec3_t wo = v_neg(ray->direction);
-    if (surface->light == BLOB_NONE || !lights_hit(stage->lights, surface, wo, &hit)) return vec3(0, 0, 0);
-    float measure = v_length2(v_sub(surface->p, ray->before)) / fabsf(v_dot(surface->ng, wo));
-    return v_mul(ray->throughput, emitted(ray, &hit, measure));
-}
-
-/* Scatters. False when the path ends here. */
-static bool scatter(ray_t *ray, const surface_t *surface, const bsdf_t *bsdf, sampler_t *sampler,
-                    bool roulette)
-{
-    bsdf_sample_t next;
-    vec2_t u = sampler_2d(sampler), choice = sampler_2d(sampler);
-    if (!bsdf_sample(bsdf, v_neg(ray->direction), u, choice.x, TRANSPORT_RADIANCE, &next)) return false;
-    ray->throughput = v_mul(ray->throughput, next.weight);
-    if (roulette) {
-        float survive = float_min(0.95f, v_max(ray->throughput));
-        if (!(choice.y < survive)) return false;
-        ray->throughput = v_scale(ray->throughput, 1 / survive);
+    for (uint32_t k = 0; k < vertex_light_count(z, stage->lights); k++) {
+        light_hit_t hit;
+        if (!vertex_light_hit(z, stage->lights, k, &hit)) continue;
+        /* makes the place's density one per steradian at the vertex before */
+        float measure = z->kind == VERTEX_SKY
+                            ? 1
+                            : v_length2(v_sub(vertex_point(z), walk->point)) / vertex_area_cosine(z, z->wo);
+        bool found = z->depth > 1 && walk->joinable;
+        float weight = found ? power_heuristic(walk->pdf, hit.pdf_place * measure) : 1;
+        sum = v_add(sum, v_scale(hit.radiance, weight));
     }
-    ray->pdf = next.pdf;
-    ray->specular = next.specular;
-    ray->scattered = ray->scattered || !next.specular;
-    ray->direction = next.wi;
-    ray->before = surface->p;
-    ray->origin = scene_offset(surface, next.wi);
-    ray->attenuation = bsdf_attenuation(bsdf, next.wi);
-    return true;
-}
-
-/* Density per area with which the camera finds its first hit. */
-static float density_seen(const camera_ray_t *eye, const surface_t *surface)
-{
-    float distance2 = eye->parallel ? 1 : v_length2(v_sub(surface->p, eye->origin));
-    return eye->pdf * fabsf(v_dot(surface->ng, eye->direction)) / distance2;
+    return sum;
 }
 
 static rgb_t path_sample(sample_t *sample)
 {
     const stage_t *stage = sample->stage;
-    camera_ray_t eye;
-    sample_eye_ray(sample, &eye);
-    rgb_t radiance = vec3(0, 0, 0);
-    ray_t ray = {.origin = eye.origin,
-                 .direction = eye.direction,
-                 .before = eye.origin,
-                 .specular = true,
-                 .throughput = vec3(1, 1, 1)};
     int segments = stage_max_segments(stage);
-    for (int segment = 1;; segment++) {
-        surface_t surface;
-        bsdf_t bsdf;
-        uint32_t dimension = DIMENSION_EYE + (uint32_t)segment * DIMENSION_STRIDE;
-        sample->result->counts.rays++;
-        if (!scene_intersect(stage->scene, ray.origin, ray.direction, sample->time, &surface))
-            return v_add(radiance, sky_light(stage, &ray));
-        if (!v_is_zero(ray.attenuation))
-            ray.throughput =
-                v_mul(ray.throughput, rgb_fade(ray.attenuation, v_length(v_sub(surface.p, ray.before))));
-        radiance = v_add(radiance, surface_light(stage, &ray, &surface));
-        if (segment >= segments && segment > 1) return radiance;
-        bsdf_init(&bsdf, stage->scene, &surface);
-        if (stage->regularizes && ray.scattered) bsdf_regularize(&bsdf);
-        if (segment == 1) sample_first_hit(sample, &surface, &bsdf, eye.origin);
-        if (segment >= segments) return radiance;
-        if (!bsdf.specular && !lights_empty(stage->lights)) {
-            sampler_t sampler = sample_stream(sample, dimension + DIMENSION_ILLUMINATE);
-            rgb_t direct = direct_light(sample, &surface, &bsdf, v_neg(ray.direction),
-                                        segment == 1 ? density_seen(&eye, &surface) : 0, &sampler);
-            radiance = v_add(radiance, v_mul(ray.throughput, direct));
-        }
-        sampler_t sampler = sample_stream(sample, dimension + DIMENSION_SCATTER);
-        if (!scatter(&ray, &surface, &bsdf, &sampler, segment > 2)) return radiance;
+    rgb_t radiance = vec3(0, 0, 0);
+    walk_t walk = walk_from_camera(sample, roulette);
+    vec3_t eye = walk.origin;
+    for (int i = 1;; i++) {
+        vertex_t z;
+        walk_arrive(&walk, sample, &z);
+        if (vertex_light_count(&z, stage->lights) > 0)
+            radiance = v_add(radiance, v_mul(z.throughput, emitted(stage, &walk, &z)));
+        if (z.kind == VERTEX_SKY || (i >= segments && i > 1)) return radiance;
+        vertex_shade(&z, stage, walk.scattered);
+        if (i == 1) vertex_first_hit(&z, sample, eye);
+        if (i >= segments) return radiance;
+        if (vertex_is_joinable(&z) && !lights_empty(stage->lights))
+            radiance = v_add(radiance, v_mul(z.throughput, direct_light(sample, &walk, &z)));
+        if (!walk_scatter(&walk, sample, &z)) return radiance;
     }
 }
 

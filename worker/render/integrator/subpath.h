@@ -1,0 +1,189 @@
+/* subpath: walks from the camera and from the lights, vertex by vertex, and the weights of multiple
+ * importance sampling that they carry along. All integrators stand on these walks.
+ *
+ * Path weights in constant time, after van Antwerpen (2011, "Recursive MIS Computation for Streaming BDPT on
+ * the GPU") and Georgiev (2012, "Implementing Vertex Connection and Merging"), here with squares for the
+ * power heuristic. Number a subpath's vertices i = 0 (on the light, or the camera), 1, 2, ... and let
+ *
+ *   p_i       density per area of vertex i as its own subpath makes it,
+ *   r_i       density per area of vertex i as the opposite subpath would make it,
+ *   c_i       1 when the strategy that joins vertices i - 1 and i exists: neither is specular, and for i = 0
+ *             the end can be run into (a light can, a pinhole cannot); else 0.
+ *
+ * Moving the junction towards this end multiplies a path's density by r_i / p_i a vertex, so that its share
+ * of the weight is
+ *
+ *   share_i = (r_i / p_i)^2 (c_i + (r_{i-1} / p_{i-1})^2 (c_{i-1} + ...))
+ *
+ * r_i depends on what vertex i is joined to, r_{i-1} on the direction in which the path leaves vertex i, and
+ * all the rest is known on arrival. With r_{i-1} = q g, q the density per solid angle at vertex i and g the
+ * factor from solid angle at i to area at i - 1 (a ray that comes from infinity, or from an orthographic
+ * camera, has a density per area across it instead, and no distance in g),
+ *
+ *   share_i = r_i^2 (direct_i + q^2 inner_i),    direct_i = c_i / p_i^2,
+ *   inner_i = g^2 / p_i^2 (direct_{i-1} + q_{i-1}^2 inner_{i-1}).
+ *
+ * The weight of a connected path is 1 / (1 + share of the light side + share of the eye side). A Dirac lobe
+ * has the same probability both ways, so its density cancels in r / p: discrete probabilities stand in for
+ * densities.
+ */
+#ifndef LIGHTMILL_SUBPATH_H
+#define LIGHTMILL_SUBPATH_H
+
+#include "worker/render/integrator/vertex.h"
+
+static inline float square(float x)
+{
+    return x * x;
+}
+
+/* Russian roulette: from which scattering on, and the largest chance to survive one. A subpath's throughput
+ * is compared with what it started from. */
+typedef struct {
+    int from;
+    float most;
+} roulette_t;
+
+/* A subpath on its way from vertex i - 1 to vertex i. */
+typedef struct {
+    transport_t mode;
+    roulette_t roulette;
+    float reference;          /* brightness that Russian roulette compares the throughput with */
+    int depth;                /* i - 1 */
+    uint32_t dimension;       /* where the random numbers of vertex i - 1 begin */
+    vec3_t origin, direction; /* of the ray */
+    vec3_t point;             /* vertex i - 1 */
+    float cosine;             /* |direction . geometric normal| there; 1 where there is none */
+    rgb_t throughput;
+    medium_t medium;     /* along the ray */
+    float pdf;           /* of the ray: per steradian, of parallel rays per area across */
+    float pdf_rev;       /* of the way back at vertex i - 1: q_{i-1} */
+    float direct, inner; /* of vertex i - 1, were it not specular */
+    bool joinable;       /* vertex i - 1 is not specular */
+    bool parallel;       /* vertex i - 1 is at infinity, or the camera orthographic */
+    bool scattered;      /* by something that is not specular */
+} walk_t;
+
+/* The eye subpath of the sample. Settles the sample's weight. */
+static inline walk_t walk_from_camera(sample_t *sample, roulette_t roulette)
+{
+    camera_ray_t ray;
+    sample_eye_ray(sample, &ray);
+    return (walk_t){.mode = TRANSPORT_RADIANCE,
+                    .roulette = roulette,
+                    .reference = 1,
+                    .dimension = DIMENSION_EYE,
+                    .origin = ray.origin,
+                    .direction = ray.direction,
+                    .point = ray.origin,
+                    .cosine = 1,
+                    .throughput = vec3(1, 1, 1),
+                    .pdf = ray.pdf,
+                    .joinable = true,
+                    .parallel = ray.parallel}; /* direct 0: nothing runs into a camera */
+}
+
+/* Its light subpath, and the ray that it starts with; false when there is none. */
+static inline bool walk_from_light(const sample_t *sample, roulette_t roulette, walk_t *walk,
+                                   light_ray_t *ray)
+{
+    const lights_t *lights = sample->stage->lights;
+    sampler_t sampler = sample_stream(sample, DIMENSION_LIGHT + DIMENSION_EMIT);
+    float choice = sampler_1d(&sampler);
+    vec2_t place = sampler_2d(&sampler);
+    if (lights_empty(lights) || !lights_emit(lights, choice, place, sampler_2d(&sampler), ray)) return false;
+    *walk = (walk_t){.mode = TRANSPORT_IMPORTANCE,
+                     .roulette = roulette,
+                     .reference = v_max(ray->throughput),
+                     .dimension = DIMENSION_LIGHT,
+                     .origin = ray->origin,
+                     .direction = ray->direction,
+                     .point = ray->point,
+                     .cosine = ray->cosine,
+                     .throughput = ray->throughput,
+                     .pdf = ray->pdf_ray,
+                     .direct = ray->delta ? 0 : 1 / square(ray->pdf_place),
+                     .joinable = true,
+                     .parallel = ray->at_infinity};
+    return true;
+}
+
+/* Moves on to the next vertex, which has no BSDF yet (vertex_shade). It is of the sky when the ray leaves the
+ * scene. */
+static inline void walk_arrive(walk_t *walk, sample_t *sample, vertex_t *vertex)
+{
+    sample->result->counts.rays++;
+    bool hit =
+        scene_intersect(sample->stage->scene, walk->origin, walk->direction, sample->time, &vertex->surface);
+    vertex->kind = hit ? VERTEX_SURFACE : VERTEX_SKY;
+    vertex->mode = walk->mode;
+    vertex->depth = ++walk->depth;
+    vertex->dimension = walk->dimension += DIMENSION_STRIDE;
+    vertex->wo = v_neg(walk->direction);
+    vertex->throughput = walk->throughput;
+    if (!hit) return;
+    if (medium_absorbs(&walk->medium))
+        vertex->throughput =
+            v_mul(vertex->throughput,
+                  medium_transmittance(&walk->medium, v_length(v_sub(vertex_point(vertex), walk->point))));
+}
+
+/* p_i of the vertex: per area, of the sky per steradian. *distance2 receives what is squared in g. */
+static inline float walk_density(const walk_t *walk, const vertex_t *vertex, float *distance2)
+{
+    *distance2 = 1;
+    if (vertex->kind == VERTEX_SKY) return walk->pdf;
+    if (!walk->parallel) *distance2 = v_length2(v_sub(vertex_point(vertex), walk->point));
+    return walk->pdf * vertex_area_cosine(vertex, walk->direction) / *distance2;
+}
+
+/* Notes at the vertex what weights of its paths need. To be called at each vertex on arrival, or at none.
+ * False when its density is too far from one to be squared. */
+static inline bool walk_weigh(walk_t *walk, vertex_t *vertex)
+{
+    float chain = (walk->joinable ? walk->direct : 0) + square(walk->pdf_rev) * walk->inner;
+    float distance2, p = walk_density(walk, vertex, &distance2);
+    vertex->inv_p2 = 1 / square(p);
+    vertex->direct = walk->joinable ? vertex->inv_p2 : 0;
+    vertex->inner = square(walk->cosine / distance2) * vertex->inv_p2 * chain;
+    walk->direct = vertex->direct;
+    walk->inner = vertex->inner;
+    return vertex->kind == VERTEX_SKY || (p > 0x1p-60f && p < 0x1p60f);
+}
+
+/* Scatters at the vertex. False when the subpath ends here. */
+static inline bool walk_scatter(walk_t *walk, const sample_t *sample, const vertex_t *vertex)
+{
+    bsdf_sample_t next;
+    uint32_t offset = walk->mode == TRANSPORT_RADIANCE ? DIMENSION_SCATTER : DIMENSION_LIGHT_SCATTER;
+    sampler_t sampler = sample_stream(sample, vertex->dimension + offset);
+    vec2_t u = sampler_2d(&sampler), choices = sampler_2d(&sampler);
+    if (!vertex_sample(vertex, u, choices.x, &next)) return false;
+    walk->throughput = v_mul(vertex->throughput, next.weight);
+    if (walk->mode == TRANSPORT_IMPORTANCE)
+        walk->throughput = v_scale(walk->throughput, vertex_adjoint(vertex, next.wi));
+    if (walk->depth >= walk->roulette.from) {
+        float survive = float_min(walk->roulette.most, v_max(walk->throughput) / walk->reference);
+        if (!(choices.y < survive)) return false;
+        walk->throughput = v_scale(walk->throughput, 1 / survive);
+    }
+    walk->pdf = next.pdf;
+    walk->pdf_rev = next.pdf_rev;
+    walk->joinable = !next.specular;
+    walk->scattered = walk->scattered || !next.specular;
+    walk->parallel = false;
+    walk->direction = next.wi;
+    walk->point = vertex_point(vertex);
+    walk->origin = vertex_exit(vertex, next.wi);
+    walk->cosine = vertex_area_cosine(vertex, next.wi);
+    walk->medium = vertex_medium(vertex, next.wi);
+    return true;
+}
+
+/* share_i of the vertex at the junction, all as above. */
+static inline float mis_share(const vertex_t *vertex, float r, float q)
+{
+    return square(r) * (vertex->direct + square(q) * vertex->inner);
+}
+
+#endif

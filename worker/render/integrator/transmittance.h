@@ -1,0 +1,79 @@
+/* transmittance: how much light arrives from one point of space at another. All that joins two points asks
+ * here, and nothing else knows what may lie between them: surfaces, which stop light, and what fills the
+ * space, which absorbs it.
+ */
+#ifndef LIGHTMILL_TRANSMITTANCE_H
+#define LIGHTMILL_TRANSMITTANCE_H
+
+#include "worker/render/integrator/integrator.h"
+#include "worker/render/scene/scene.h"
+
+/* What fills the space along a ray: nothing, or the inside of absorbing glass. */
+typedef struct {
+    rgb_t attenuation; /* per unit length; 0: a vacuum */
+} medium_t;
+
+static inline bool medium_absorbs(const medium_t *medium)
+{
+    return !v_is_zero(medium->attenuation);
+}
+
+/* What is left of light after a distance through the medium alone. */
+static inline rgb_t medium_transmittance(const medium_t *medium, float distance)
+{
+    rgb_t a = medium->attenuation;
+    return vec3(expf(-a.x * distance), expf(-a.y * distance), expf(-a.z * distance)); /* Beer's law */
+}
+
+/* What of light (or of importance) arrives that sets out from one point to another. `from` and `to` are off
+ * the surfaces of the points, which are `length` apart. */
+static inline rgb_t transmit(sample_t *sample, vec3_t from, vec3_t to, medium_t medium, float length,
+                             rgb_t value)
+{
+    sample->result->counts.rays++;
+    if (scene_occluded(sample->stage->scene, from, to, sample->time)) return vec3(0, 0, 0);
+    return medium_absorbs(&medium) ? v_mul(value, medium_transmittance(&medium, length)) : value;
+}
+
+/* Up to SCENE_PACKET such ways, quickest when all start close together. */
+typedef struct {
+    segments_t segments;
+    rgb_t values[SCENE_PACKET];   /* that set out */
+    uint32_t absorbing;           /* bit i is set where something absorbs, and only then */
+    medium_t media[SCENE_PACKET]; /* are these */
+    float lengths[SCENE_PACKET];
+} connections_t;
+
+/* Adds one, for which there must be room, and returns its place. */
+static inline int connections_add(connections_t *connections, vec3_t from, vec3_t to, medium_t medium,
+                                  float length, rgb_t value)
+{
+    int n = connections->segments.count++;
+    segments_set(&connections->segments, n, from, to);
+    connections->values[n] = value;
+    if (medium_absorbs(&medium)) {
+        connections->absorbing |= 1u << n;
+        connections->media[n] = medium;
+        connections->lengths[n] = length;
+    }
+    return n;
+}
+
+/* Leaves of the values what arrives, and empties the packet. Bit i of the answer is set where nothing does.
+ */
+static inline uint32_t connections_transmit(sample_t *sample, connections_t *connections)
+{
+    connections->segments.time = sample->time;
+    sample->result->counts.rays += (uint64_t)connections->segments.count;
+    uint32_t lost = scene_occluded_packet(sample->stage->scene, &connections->segments);
+    for (int i = 0; connections->absorbing >> i != 0; i++)
+        if (connections->absorbing >> i & 1)
+            connections->values[i] =
+                v_mul(connections->values[i],
+                      medium_transmittance(&connections->media[i], connections->lengths[i]));
+    connections->absorbing = 0;
+    connections->segments.count = 0;
+    return lost;
+}
+
+#endif

@@ -1,0 +1,120 @@
+/* vertex: a place on a path, and what it does with light.
+ *
+ * A vertex lies on a surface, or it is a direction of the sky, where a path ends. Integrators ask the
+ * functions below and do not look at the surface. What else can scatter light becomes one more kind, which
+ * answers the same questions here: a point in a medium has a phase function for a BSDF, 1 for both cosines
+ * and for the adjoint, nothing to be moved off, and the medium itself for what rays enter.
+ *
+ * These functions, as those of transmittance.h and subpath.h, are inlined: each integrator pays for what it
+ * uses alone.
+ */
+#ifndef LIGHTMILL_VERTEX_H
+#define LIGHTMILL_VERTEX_H
+
+#include "worker/render/bsdf/bsdf.h"
+#include "worker/render/integrator/transmittance.h"
+
+typedef enum { VERTEX_SKY, VERTEX_SURFACE } vertex_kind_t;
+
+/* Vertex i >= 1 of a subpath (subpath.h). */
+typedef struct {
+    vertex_kind_t kind;
+    transport_t mode;   /* of its subpath */
+    int depth;          /* i */
+    uint32_t dimension; /* where its random numbers begin */
+    vec3_t wo;          /* unit direction to vertex i - 1 */
+    rgb_t throughput;   /* up to here, scattering at this vertex excluded */
+    float inv_p2;       /* 1 / p_i^2; this and the next two only for weights (walk_weigh) */
+    float direct;       /* c_i / p_i^2, were the vertex not specular */
+    float inner;
+    surface_t surface; /* of VERTEX_SURFACE, as the BSDF */
+    bsdf_t bsdf;       /* made by vertex_shade */
+} vertex_t;
+
+/* Makes the BSDF. `scattered`: the path was scattered before by something that is not specular. */
+static inline void vertex_shade(vertex_t *vertex, const stage_t *stage, bool scattered)
+{
+    bsdf_init(&vertex->bsdf, stage->scene, &vertex->surface);
+    if (stage->regularizes && scattered) bsdf_regularize(&vertex->bsdf);
+}
+
+/* Where it is; the sky is nowhere. */
+static inline vec3_t vertex_point(const vertex_t *vertex)
+{
+    return vertex->surface.p;
+}
+
+/* False when the vertex cannot be joined to another, but only be passed through. */
+static inline bool vertex_is_joinable(const vertex_t *vertex)
+{
+    return !vertex->bsdf.specular;
+}
+
+/* Light that is scattered between wo and w: as bsdf_eval. */
+static inline bool vertex_eval(const vertex_t *vertex, vec3_t w, bsdf_value_t *value)
+{
+    return bsdf_eval(&vertex->bsdf, vertex->wo, w, vertex->mode, value);
+}
+
+/* Draws where light goes on: as bsdf_sample. */
+static inline bool vertex_sample(const vertex_t *vertex, vec2_t u, float choice, bsdf_sample_t *next)
+{
+    return bsdf_sample(&vertex->bsdf, vertex->wo, u, choice, vertex->mode, next);
+}
+
+/* The cosine that belongs to the value. */
+static inline float vertex_cosine(const vertex_t *vertex, vec3_t w)
+{
+    return fabsf(v_dot(w, vertex->bsdf.ns));
+}
+
+/* The cosine that belongs to densities: takes those per area across w to those per area of the vertex. */
+static inline float vertex_area_cosine(const vertex_t *vertex, vec3_t w)
+{
+    return fabsf(v_dot(w, vertex->surface.ng));
+}
+
+/* The factor that makes scattering with shading normals the adjoint of itself: on light subpaths values are
+ * multiplied by |wo ns| |wi ng| / (|wo ng| |wi ns|) (Veach 1997, section 5.3.2). */
+static inline float vertex_adjoint(const vertex_t *vertex, vec3_t w)
+{
+    const bsdf_t *bsdf = &vertex->bsdf;
+    float num = v_dot(vertex->wo, bsdf->ns) * v_dot(w, bsdf->ng);
+    float den = v_dot(vertex->wo, bsdf->ng) * v_dot(w, bsdf->ns);
+    return den != 0 ? fabsf(num / den) : 0;
+}
+
+/* Where a ray in direction w starts. */
+static inline vec3_t vertex_exit(const vertex_t *vertex, vec3_t w)
+{
+    return scene_offset(&vertex->surface, w);
+}
+
+/* What such a ray enters. */
+static inline medium_t vertex_medium(const vertex_t *vertex, vec3_t w)
+{
+    return (medium_t){bsdf_attenuation(&vertex->bsdf, w)};
+}
+
+/* What pbrt-v3 does where the geometric and the shading normal disagree about the side of a light, and
+ * vertex_eval is black: in its scenes light straight from a light shows on what the camera sees. False when
+ * it does not; else sets the value, and the share of it that is shown. That is all of a light that cannot be
+ * run into (`delta`). Else pbrt-v3's bdpt counts the scattering that cannot happen as a strategy with the
+ * density 1 of the place on the light (of `pdf_place` when drawn as such), and nothing makes up for its part;
+ * `ratio`: of the densities of the vertex, as made by the light over as made by the camera. */
+bool vertex_eval_split(const vertex_t *vertex, vec3_t w, bool delta, float pdf_place, float ratio,
+                       bsdf_value_t *value, float *share);
+
+/* How many lights an eye subpath that ends here may have run into. */
+static inline uint32_t vertex_light_count(const vertex_t *vertex, const lights_t *lights)
+{
+    if (vertex->kind == VERTEX_SKY) return lights_sky_count(lights);
+    return vertex->surface.light != BLOB_NONE;
+}
+/* The k-th of them; false when it is dark. */
+bool vertex_light_hit(const vertex_t *vertex, const lights_t *lights, uint32_t k, light_hit_t *hit);
+
+/* Notes the vertex as what the eye ray from `origin` met first, for the samples whose features count. */
+void vertex_first_hit(const vertex_t *vertex, sample_t *sample, vec3_t origin);
+
+#endif
