@@ -38,7 +38,7 @@ objects     = $(patsubst %.c,$(BUILD)/%.o,$(1))
 archive     = $(BUILD)/lib/lib$(1).a
 
 PROGRAMS := $(BUILD)/lightmill $(BUILD)/lightmill-master $(BUILD)/lightmill-worker $(BUILD)/lightmill-relay
-TEST_SRC := $(sort $(shell find tests/unit -name "*.c") $(wildcard tests/statistics/*.c tests/farm/*.c))
+TEST_SRC := $(sort $(shell find tests/unit -name "*.c" 2>/dev/null) $(wildcard tests/statistics/*.c tests/farm/*.c))
 TESTS    := $(patsubst tests/%.c,$(BUILD)/tests/%,$(filter tests/%,$(shell grep -l '^int main' $(TEST_SRC) /dev/null 2>/dev/null)))
 
 all: $(PROGRAMS)
@@ -246,9 +246,9 @@ install: $(PROGRAMS) man
 uninstall:
 	rm -f $(addprefix $(INSTALL_TO)/bin/,$(notdir $(PROGRAMS))) $(COMPLETIONS) $(INSTALL_TO)/share/man/man1/lightmill*.1
 
-OUR_C  = $(shell git ls-files '*.c')
-OUR_H  = $(shell git ls-files '*.h')
-OUR_SH = .ci/run $(shell git ls-files '*.sh')
+OUR_C  = $(shell git ls-files '*.c' 2>/dev/null)
+OUR_H  = $(shell git ls-files '*.h' 2>/dev/null)
+OUR_SH = .ci/run $(shell git ls-files '*.sh' 2>/dev/null)
 format:
 	clang-format -i $(OUR_C) $(OUR_H)
 
