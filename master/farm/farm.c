@@ -14,10 +14,7 @@
 #include "master/farm/parts.h"
 
 #include <math.h>
-#include <stdio.h>
 #include <stdlib.h>
-#include <string.h>
-#include <unistd.h>
 
 enum { CLOCK_GAP = 2 }; /* seconds between ticks after which we, not the workers, were asleep */
 

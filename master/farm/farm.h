@@ -39,8 +39,7 @@ void farm_reclaim(farm_t *farm, double now, uint64_t worker, uint64_t job, const
  * job that nobody has delivered anything of fails when it was declined FARM_MAX_DECLINES times and nobody is
  * at it. */
 void farm_goodbye(farm_t *farm, double now, uint64_t worker, uint64_t job, const char *reason);
-/* Work for a worker; the caller gives room for WIRE_MAX_UNITS units. RESULT_UNREACHABLE when the worker is
- * not known: it should say hello again. */
+/* Work for a worker. RESULT_UNREACHABLE when the worker is not known: it should say hello again. */
 result_t farm_take(farm_t *farm, double now, const identity_t *identity, uint64_t worker, uint64_t loaded_job,
                    uint64_t samples, uint64_t unit_samples, work_t *work);
 

@@ -1,9 +1,7 @@
 /* orders: jobs that are submitted, and what clients order done with them (see farm.h). */
 #include "master/farm/parts.h"
 
-#include <math.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
 /* ---- submitting ---------------------------------------------------------------------------------------- */

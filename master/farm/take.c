@@ -21,7 +21,6 @@
 #include "master/farm/parts.h"
 
 #include <math.h>
-#include <stdio.h>
 #include <string.h>
 
 enum {

@@ -31,7 +31,6 @@
  * cut short waits until what is known to be wrong is out of its film. */
 #include "master/trust/trust_state.h"
 
-#include <math.h>
 #include <sodium.h>
 #include <stdlib.h>
 #include <string.h>

@@ -3,6 +3,7 @@
  * checkpointer's thread, without the farm's lock. */
 #include "master/trust/trust_state.h"
 
+#include <stdio.h>
 #include <stdlib.h>
 
 enum { SAFE_AFTER = 2 }; /* checkpoints after which a batch that was taken out is not needed any more */

@@ -32,7 +32,6 @@
 #include <ctype.h>
 #include <math.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
 enum { MAX_STANDINGS = FARM_MAX_WORKERS, LIE_FACTOR = 10 };
