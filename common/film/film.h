@@ -61,9 +61,9 @@ void film_image_free(film_image_t *image);
  *     noise^2 / (value^2 + (FILM_ERROR_FLOOR * mean)^2)
  *
  * with the noise that the two halves of the pixel show, its value, and the mean of all values. So it is the
- * root of a relMSE, as client/image/agreement.h measures it against a reference, whose floor follows the brightness
- * of the scene. INFINITY when nothing is known: the image is black. docs/convergence.md says what to make of
- * it.
+ * root of a relMSE, as client/image/agreement.h measures it against a reference, whose floor follows the
+ * brightness of the scene. INFINITY when nothing is known: the image is black. docs/convergence.md says what
+ * to make of it.
  *
  * `eye_noise`, unless NULL, gets for each tile the sum of the same terms with the noise of the eye sums
  * alone: what more samples of that tile can reduce. */

@@ -1,7 +1,7 @@
 /* bench_render: error and speed of the renderer, against the figures of pbrt-v3 for the same scenes.
  *
- * Error is relMSE against the reference image (client/image/agreement.h), cost is CPU time, and their product does
- * not depend on the number of samples: a renderer with half the product needs half the time for the same
+ * Error is relMSE against the reference image (client/image/agreement.h), cost is CPU time, and their product
+ * does not depend on the number of samples: a renderer with half the product needs half the time for the same
  * image. CPU times of two machines are compared through what Embree does on each: rays per CPU second with
  * its single-ray kernel in a closed box around a bumpy ball of 80,000 triangles. The figures of pbrt were
  * taken where that was 7.5 million a second.

@@ -1,6 +1,6 @@
 /* The renderer against images that another renderer made (tests/references/README.md): every integrator where
- * it can see, by the agreement test of client/image/agreement.h. Sample counts make the test sharp: a bias of a few
- * tenths of a percent of the image mean fails. */
+ * it can see, by the agreement test of client/image/agreement.h. Sample counts make the test sharp: a bias of
+ * a few tenths of a percent of the image mean fails. */
 #include "client/image/agreement.h"
 #include "client/import/import.h"
 #include "tests/reference.h"

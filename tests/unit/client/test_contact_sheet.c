@@ -1,5 +1,5 @@
-/* Tests of client/image/contact_sheet.c and the list of strategies: every strategy has its cell, scaled by means,
- * in either arrangement, and the sheet keeps within its bounds. */
+/* Tests of client/image/contact_sheet.c and the list of strategies: every strategy has its cell, scaled by
+ * means, in either arrangement, and the sheet keeps within its bounds. */
 #include "client/farm/strategies.h"
 #include "client/image/contact_sheet.h"
 
