@@ -1,7 +1,7 @@
 /* compare: `lightmill compare`, the command around agreement.h: options, files, report. */
 #include "client/commands/commands.h"
 #include "client/image/agreement.h"
-#include "client/scene/settings.h"
+#include "client/text/json.h"
 #include "common/image/image.h"
 
 #include <limits.h>
@@ -256,24 +256,41 @@ static void print_text(const agreement_t *a, const values_t *values, bool exact,
     puts(holds ? "PASS" : "FAIL");
 }
 
+static json_t *three(const double values[3])
+{
+    json_t *array = json_array();
+    for (size_t c = 0; c < 3; c++) json_array_append_new(array, json_number(values[c]));
+    return array;
+}
+
+static json_t *worst_blocks(const agreement_t *a, size_t count)
+{
+    json_t *array = json_array();
+    for (size_t i = 0; i < count && i < a->block_count; i++) {
+        json_t *block = json_pack("{sisi}", "x", a->blocks[i].x, "y", a->blocks[i].y);
+        json_object_set_new(block, "z", three(a->blocks[i].z));
+        json_array_append_new(array, block);
+    }
+    return array;
+}
+
 static void print_json(const agreement_t *a, const values_t *values, bool exact, bool holds)
 {
-    printf("{\"relmse\": %.9g, \"relmse_floor\": %.9g, \"reference_exact\": %s, ", a->relmse, a->relmse_floor,
-           exact ? "true" : "false");
-    printf("\"mean_ratio\": [%.9g, %.9g, %.9g], \"tested\": %s", a->mean_ratio[0], a->mean_ratio[1],
-           a->mean_ratio[2], a->tested ? "true" : "false");
+    json_t *root = json_object();
+    put_real(root, "relmse", a->relmse);
+    put_real(root, "relmse_floor", a->relmse_floor);
+    put_flag(root, "reference_exact", exact);
+    json_object_set_new(root, "mean_ratio", three(a->mean_ratio));
+    put_flag(root, "tested", a->tested);
     if (a->tested) {
-        printf(", \"block_z_rms\": %.9g, \"block_z_max\": %.9g, \"blocks\": %zu, ", a->rms_z, a->max_z,
-               a->block_count);
-        printf("\"mean_z\": [%.9g, %.9g, %.9g], \"worst\": [", a->mean_z[0], a->mean_z[1], a->mean_z[2]);
-        for (size_t i = 0; i < (size_t)values->worst && i < a->block_count; i++) {
-            const block_z_t *b = &a->blocks[i];
-            printf("%s{\"x\": %d, \"y\": %d, \"z\": [%.9g, %.9g, %.9g]}", i > 0 ? ", " : "", b->x, b->y,
-                   b->z[0], b->z[1], b->z[2]);
-        }
-        printf("], \"pass\": %s", holds ? "true" : "false");
+        put_real(root, "block_z_rms", a->rms_z);
+        put_real(root, "block_z_max", a->max_z);
+        put_count(root, "blocks", a->block_count);
+        json_object_set_new(root, "mean_z", three(a->mean_z));
+        json_object_set_new(root, "worst", worst_blocks(a, (size_t)values->worst));
+        put_flag(root, "pass", holds);
     }
-    puts("}");
+    json_print(root, 0, 9);
 }
 
 static result_t verdict(const values_t *values, const agreement_t *a, bool noise_known, bool holds)
