@@ -2,7 +2,8 @@
  * radiance of its eye subpath and hands its splats over one by one. bdpt, path and light stand on the same
  * scene, BSDFs, lights, camera and walks (subpath.h), and so validate one another.
  *
- * A new integrator is one file and one entry in the table in renderer.c.
+ * A new integrator is one file, its declaration below, one entry in the table in renderer.c, and its name in
+ * common/job.h and job.c.
  */
 #ifndef LIGHTMILL_INTEGRATOR_H
 #define LIGHTMILL_INTEGRATOR_H
