@@ -40,10 +40,10 @@ typedef struct {
     uint32_t spp;                   /* samples a pixel; JOB_MAX_SPP when only time_limit ends the job */
     double time_limit;              /* seconds from the first assignment; 0 for none */
     int32_t tile_size;              /* pixels a side */
-    int32_t film_scale;             /* film sums count in units of 2^-film_scale (film.h) */
+    int32_t film_scale;             /* film sums count in units of 2^-film_scale (film_sums.h) */
     int32_t strategy_s, strategy_t; /* of bdpt: only paths of so many light and eye vertices; both 0: all */
     bool unweighted;                /* that strategy without its weight in the combination */
-    bool features;                  /* layers of what the eye rays meet first are wanted (film.h) */
+    bool features;                  /* layers of what the eye rays meet first are wanted (film_sums.h) */
     double error;  /* the job ends when its estimated relative error is at most this; 0: not (film.h) */
     bool adaptive; /* noisy tiles get more samples; spp is the mean (master/schedule/plan.h) */
 } job_settings_t;

@@ -2,8 +2,8 @@
  *
  * Layers of the EXR: R G B (the picture), eye.* and light.* (strategies with t >= 2 eye vertices, and t = 1),
  * noise.* (estimated standard error of R G B), samples (eye samples of each pixel). Where the job has
- * features (film.h): albedo.R G B, normal.X Y Z and position.X Y Z in world space, depth.Z, object.id and
- * material.id, coverage. The attributes, all named lightmill.*, hold what it takes to make the same bits
+ * features (film_sums.h): albedo.R G B, normal.X Y Z and position.X Y Z in world space, depth.Z, object.id
+ * and material.id, coverage. The attributes, all named lightmill.*, hold what it takes to make the same bits
  * again.
  */
 #ifndef LIGHTMILL_PICTURE_H
