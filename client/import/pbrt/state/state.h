@@ -1,9 +1,7 @@
-/* state: everything that is known while a pbrt scene is read: the graphics state and its stack, names,
- * materials, objects, and the scene that comes of them.
+/* state: everything that is known while a pbrt scene is read: the graphics state and its stack, names and
+ * materials. The scene that comes of them is the builder's.
  *
- * The blob wants shapes grouped by object, while a file mixes them, so shapes are gathered per object and
- * laid out at the end. Materials are made when a shape first uses them: what nothing uses may well be
- * unsupported.
+ * Materials are made when a shape first uses them: what nothing uses may well be unsupported.
  */
 #ifndef LIGHTMILL_STATE_H
 #define LIGHTMILL_STATE_H
