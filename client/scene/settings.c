@@ -1,7 +1,6 @@
 /* settings: see settings.h. */
 #include "client/scene/settings.h"
 
-
 #include <ctype.h>
 #include <errno.h>
 #include <stdio.h>

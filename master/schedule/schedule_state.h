@@ -1,5 +1,5 @@
-/* schedule_state: what a schedule is made of, for schedule*.c alone. schedule.c and schedule_rounds.c call each
- * other: where a tile ends is a matter of its rounds, and a round that opens frees samples of tiles. */
+/* schedule_state: what a schedule is made of, for schedule*.c alone. schedule.c and schedule_rounds.c call
+ * each other: where a tile ends is a matter of its rounds, and a round that opens frees samples of tiles. */
 #ifndef LIGHTMILL_SCHEDULE_STATE_H
 #define LIGHTMILL_SCHEDULE_STATE_H
 
