@@ -64,7 +64,8 @@ static bool in_largest_group(const farm_t *farm, double now, const worker_t *wor
 /* Whether a worker may have units of a job at all. */
 static bool may_work(const worker_t *worker, const job_t *job)
 {
-    if (worker->ward != 0 && worker->ward != job->id) return false; /* it waits for units of another one */
+    if (worker->quarantine != 0 && worker->quarantine != job->id)
+        return false; /* it waits for units of another one */
     if (!farm_bits_fit(job, &worker->fingerprint)) return false;
     bool begins = !job->terms.mixed && hash_equal(&job->fingerprint, &no_fingerprint);
     return !begins || worker->begins;
@@ -91,7 +92,7 @@ void farm_note_bits(farm_t *farm, job_t *job, const worker_t *worker)
 
 void farm_worker_relieved(farm_t *farm, worker_t *worker)
 {
-    if (worker->ward == 0 || farm_worker_units(farm, worker) > 0) return;
+    if (worker->quarantine == 0 || farm_worker_units(farm, worker) > 0) return;
     worker->idle = true; /* it had to wait until it held nothing */
     farm_notify_idle(farm);
 }
@@ -260,7 +261,7 @@ result_t farm_take(farm_t *farm, double now, const identity_t *identity, uint64_
     schedule_wish_t wish = {
         .worker = id, .samples = samples, .unit_samples = unit_samples, .threads = worker->threads};
     worker->asked = now;
-    if (farm_worker_units(farm, worker) == 0) worker->ward = 0;
+    if (farm_worker_units(farm, worker) == 0) worker->quarantine = 0;
     worker->begins = in_largest_group(farm, now, worker);
     bool waits = take_from_jobs(farm, now, worker, &wish, work);
     if (work->unit_count == 0 && !waits && samples > 0 && recall_slow(farm, now, worker))

@@ -38,7 +38,7 @@ size_t farm_worker_take_back(farm_t *farm, double now, worker_t *worker)
         total += units;
     }
     worker->held = 0;
-    worker->ward = 0;
+    worker->quarantine = 0;
     worker->deadline = 0;
     return total;
 }

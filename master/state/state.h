@@ -34,12 +34,12 @@ typedef struct {
     double speed;             /* pixel samples a second that it delivers; 0: not measured */
     uint64_t speed_job;       /* the job that it was measured with */
     double rated_samples, rated_seconds; /* what it was measured from */
-    double deadline; /* seconds, when what it holds should have come; 0: it holds nothing */
-    double empty;    /* seconds, since when it says that it holds nothing, though it was given units; 0 */
-    double offered;  /* seconds, when it last said that a batch is ready; 0: that was answered */
-    double granted;  /* seconds, when it was first let send it; 0: not yet, or that was answered */
-    uint64_t ward;   /* the job that it is alone with suspects of, or will be when it holds nothing; 0 */
-    uint64_t job;    /* that it has loaded or was assigned last */
+    double deadline;     /* seconds, when what it holds should have come; 0: it holds nothing */
+    double empty;        /* seconds, since when it says that it holds nothing, though it was given units; 0 */
+    double offered;      /* seconds, when it last said that a batch is ready; 0: that was answered */
+    double granted;      /* seconds, when it was first let send it; 0: not yet, or that was answered */
+    uint64_t quarantine; /* the job that it is alone with suspects of, or will be when it holds nothing; 0 */
+    uint64_t job;        /* that it has loaded or was assigned last */
     uint64_t batches, batches_refused, units_reissued, bytes;
 } worker_t;
 

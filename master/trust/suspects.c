@@ -8,8 +8,8 @@
  *   - units that were in the hands of two dead workers are kept from the others (the farm itself holds
  *     them, as worker 0), and handed out apart: first up to GROUP of them together, after a further death
  *     one by one. A worker that is given them holds nothing else. One that asks for work while it holds
- *     other units is told that there is none, until it has delivered them; WARD_SHARE of the workers at a
- *     time, so that the job goes on meanwhile;
+ *     other units is told that there is none, until it has delivered them; QUARANTINE_SHARE of the workers
+ *     at a time, so that the job goes on meanwhile;
  *   - a unit is left out when FARM_UNIT_DEATHS workers or more died while they were alone with it, and chance
  *     can be ruled out. They must have been of two machines or more, if there is another one that may have
  *     it, and asks for work now and then (one that hangs would be waited for in vain).
@@ -35,14 +35,14 @@
 #include <string.h>
 
 enum {
-    MAX_SUSPECTS = 4096, /* more are not remembered */
-    MAX_DEATHS = 128,    /* of a unit, the latest ones */
-    KEPT_DEATHS = 2,     /* from which on a unit is kept from others */
-    GROUP = 8,           /* units handed out together, as long as they have no more than KEPT_DEATHS */
-    WARD_SHARE = 4,      /* one worker in so many may have suspects */
-    MAX_TOLD = 3,        /* units that the message of the job names */
-    KNOWN_DEATHS = 2,    /* where a unit of the same tile was left out */
-    BASE_SECONDS = 360   /* what the rate of deaths begins with: a tenth of a death in so many */
+    MAX_SUSPECTS = 4096,  /* more are not remembered */
+    MAX_DEATHS = 128,     /* of a unit, the latest ones */
+    KEPT_DEATHS = 2,      /* from which on a unit is kept from others */
+    GROUP = 8,            /* units handed out together, as long as they have no more than KEPT_DEATHS */
+    QUARANTINE_SHARE = 4, /* one worker in so many may have suspects */
+    MAX_TOLD = 3,         /* units that the message of the job names */
+    KNOWN_DEATHS = 2,     /* where a unit of the same tile was left out */
+    BASE_SECONDS = 360    /* what the rate of deaths begins with: a tenth of a death in so many */
 };
 static const double BASE_DEATHS = 0.1;
 static const double CHANCE = 1e-7, KNOWN_CHANCE = 1e-3;
@@ -432,13 +432,13 @@ void suspects_lives(farm_t *farm, uint64_t worker)
 /* ---- handing out --------------------------------------------------------------------------------------- */
 
 /* Workers that have suspects, or wait for some. */
-static size_t wards(const farm_t *farm, size_t *connected)
+static size_t quarantined(const farm_t *farm, size_t *connected)
 {
     size_t count = 0;
     *connected = 0;
     for (size_t i = 0; i < farm->worker_count; i++) {
         *connected += farm->workers[i].connected;
-        count += farm->workers[i].connected && farm->workers[i].ward != 0;
+        count += farm->workers[i].connected && farm->workers[i].quarantine != 0;
     }
     return count;
 }
@@ -491,14 +491,14 @@ trust_answer_t suspects_take(farm_t *farm, double now, job_t *job, worker_t *wor
 {
     job_suspects_t *s = job->suspects;
     bool empty = farm_worker_units(farm, worker) == 0 && !checks_held(farm, worker);
-    if (!empty && worker->ward == job->id) return TRUST_WAIT;
+    if (!empty && worker->quarantine == job->id) return TRUST_WAIT;
     if (s == NULL || s->count == 0) return TRUST_ANY;
     refresh(job);
     size_t best = s->kept > 0 ? choose(farm, now, job, worker) : s->count, connected;
     if (best == s->count) return TRUST_ANY;
     if (!empty) {
-        if (wards(farm, &connected) * WARD_SHARE >= connected && connected > 1) return TRUST_ANY;
-        worker->ward = job->id;
+        if (quarantined(farm, &connected) * QUARANTINE_SHARE >= connected && connected > 1) return TRUST_ANY;
+        worker->quarantine = job->id;
         return TRUST_WAIT;
     }
     work->unit_count = 0;
@@ -508,6 +508,6 @@ trust_answer_t suspects_take(farm_t *farm, double now, job_t *job, worker_t *wor
         if (i != best && suits(farm, now, job, &s->list[i], worker))
             hand_out(now, job, &s->list[i], worker, work);
     if (work->unit_count == 0) return TRUST_ANY;
-    worker->ward = job->id;
+    worker->quarantine = job->id;
     return TRUST_GIVEN;
 }

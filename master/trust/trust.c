@@ -64,7 +64,7 @@ void trust_delivered(farm_t *farm, double now, const worker_t *worker, job_t *jo
 
 trust_answer_t trust_take(farm_t *farm, double now, job_t *job, worker_t *worker, double wished, work_t *work)
 {
-    if (worker->ward == 0 && checks_take(farm, now, job, worker, work)) return TRUST_COMPARES;
+    if (worker->quarantine == 0 && checks_take(farm, now, job, worker, work)) return TRUST_COMPARES;
     trust_answer_t answer = suspects_take(farm, now, job, worker, work);
     if (answer == TRUST_ANY && checks_marks(farm, job, worker, wished)) return TRUST_MARK;
     return answer;
@@ -99,7 +99,7 @@ static void rate_tick(farm_t *farm, double now)
     double decay = exp(-seconds / RATE_SECONDS), connected = 0;
     trust->rated = now;
     for (size_t i = 0; i < farm->worker_count; i++)
-        connected += farm->workers[i].connected && farm->workers[i].ward == 0;
+        connected += farm->workers[i].connected && farm->workers[i].quarantine == 0;
     trust->deaths *= decay;
     trust->worker_seconds = trust->worker_seconds * decay + connected * seconds;
 }

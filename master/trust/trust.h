@@ -12,7 +12,7 @@
  * Trust calls nothing of the farm's. It writes its decisions into the state, and the farm acts on them:
  *
  *     worker_t.outcast, farm_t.cast_out   this worker is to be disconnected (farm_cast_out)
- *     worker_t.ward                       it is to have nothing but suspects, of this job
+ *     worker_t.quarantine                 it is to have nothing but suspects, of this job
  *     job_t.progress_due                  the job may be complete (farm_tick)
  *     job_t.message, job_t.remark         what its users are to know
  *
