@@ -104,7 +104,7 @@ static bool eval_lobes(const bsdf_t *bsdf, vec3_t wo, vec3_t wi, bool reflect, t
         const lobe_t *lobe = &bsdf->lobes[i];
         bsdf_value_t part;
         if ((lobe->kind->flags & (side | LOBE_SPECULAR)) != side ||
-            !lobe->kind->eval(lobe, wo, wi, reflect, mode, &part))
+            !lobe_eval(lobe, wo, wi, reflect, mode, &part))
             continue;
         value->f = v_add(value->f, v_mul(lobe->scale, part.f));
         value->pdf += lobe->chance * part.pdf;
@@ -125,7 +125,7 @@ bool bsdf_eval(const bsdf_t *bsdf, vec3_t wo, vec3_t wi, transport_t mode, bsdf_
     if (bsdf->count != 1) return eval_lobes(bsdf, local_o, local_i, reflect, mode, value);
     const lobe_t *lobe = &bsdf->lobes[0];
     if (!(lobe->kind->flags & (reflect ? LOBE_REFLECTS : LOBE_TRANSMITS)) ||
-        !lobe->kind->eval(lobe, local_o, local_i, reflect, mode, value))
+        !lobe_eval(lobe, local_o, local_i, reflect, mode, value))
         return false;
     value->f = v_mul(lobe->scale, value->f);
     return true;
@@ -175,7 +175,7 @@ bool bsdf_sample(const bsdf_t *bsdf, vec3_t wo, vec2_t u, float choice, transpor
     vec3_t local = bsdf_to_local(bsdf, wo);
     if (local.z == 0 || bsdf->count == 0) return false;
     const lobe_t *lobe = bsdf->count == 1 ? &bsdf->lobes[0] : choose_lobe(bsdf, &choice);
-    if (!lobe->kind->sample(lobe, local, u, choice, mode, sample)) return false;
+    if (!lobe_sample(lobe, local, u, choice, mode, sample)) return false;
     bool reflect = sample->wi.z * local.z > 0;
     if (bsdf->count == 1)
         sample->weight = v_mul(lobe->scale, sample->weight);

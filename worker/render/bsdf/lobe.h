@@ -40,6 +40,24 @@ static inline bool lobe_complete(vec3_t wo, vec3_t wi, const bsdf_value_t *value
     return true;
 }
 
+/* Evaluates and samples a lobe of either sort: see lobe_kind. */
+static inline bool lobe_eval(const lobe_t *lobe, vec3_t wo, vec3_t wi, bool reflect, transport_t mode,
+                             bsdf_value_t *value)
+{
+    if (lobe->kind->eval_above == NULL) return lobe->kind->eval(lobe, wo, wi, reflect, mode, value);
+    if (!(wo.z > 0)) wo = v_neg(wo), wi = v_neg(wi);
+    return lobe->kind->eval_above(lobe, wo, wi, value);
+}
+static inline bool lobe_sample(const lobe_t *lobe, vec3_t wo, vec2_t u, float choice, transport_t mode,
+                               bsdf_sample_t *sample)
+{
+    if (lobe->kind->eval_above == NULL) return lobe->kind->sample(lobe, wo, u, choice, mode, sample);
+    vec3_t up = wo.z > 0 ? wo : v_neg(wo), wi;
+    bsdf_value_t value;
+    return lobe->kind->draw_above(lobe, up, u, choice, &wi) && lobe->kind->eval_above(lobe, up, wi, &value) &&
+           lobe_complete(wo, wi, &value, sample);
+}
+
 /* Draws wi by the cosine, on the side of the surface where wo is, or on the other one. */
 bool lobe_sample_cosine(vec3_t wo, vec2_t u, bool same_side, bsdf_sample_t *sample);
 /* Sets the densities of this, where `allowed`: the pair lies on the sides that are drawn. */

@@ -13,7 +13,7 @@ static float fifth_power(float x)
 }
 
 /* For wo above the surface. The value does not ask where wi is with respect to the shading normal. */
-static bool eval_upright(const lobe_t *lobe, vec3_t wo, vec3_t wi, bsdf_value_t *value)
+static bool eval_above(const lobe_t *lobe, vec3_t wo, vec3_t wi, bsdf_value_t *value)
 {
     float ax = lobe->alpha[0], ay = lobe->alpha[1];
     rgb_t diffuse = lobe->blend.diffuse, glossy = lobe->blend.glossy;
@@ -37,24 +37,14 @@ static bool eval_upright(const lobe_t *lobe, vec3_t wo, vec3_t wi, bsdf_value_t 
     return true;
 }
 
-static bool eval(const lobe_t *lobe, vec3_t wo, vec3_t wi, bool reflect, transport_t mode,
-                 bsdf_value_t *value)
+static bool draw_above(const lobe_t *lobe, vec3_t wo, vec2_t u, float choice, vec3_t *wi)
 {
-    (void)reflect, (void)mode;
-    microfacet_upright(&wo, &wi);
-    return eval_upright(lobe, wo, wi, value);
+    if (choice >= 0.5f) return microfacet_mirror(lobe->alpha[0], lobe->alpha[1], wo, u, wi);
+    *wi = warp_cosine_hemisphere(u);
+    return true;
 }
 
-static bool sample(const lobe_t *lobe, vec3_t wo, vec2_t u, float choice, transport_t mode, bsdf_sample_t *s)
-{
-    (void)mode;
-    vec3_t up = wo.z > 0 ? wo : v_neg(wo), wi;
-    bsdf_value_t value;
-    if (choice < 0.5f)
-        wi = warp_cosine_hemisphere(u);
-    else if (!microfacet_mirror(lobe->alpha[0], lobe->alpha[1], up, u, &wi))
-        return false;
-    return eval_upright(lobe, up, wi, &value) && lobe_complete(wo, wi, &value, s);
-}
-
-const lobe_kind_t lobe_fresnel_blend = {LOBE_REFLECTS, eval, sample, lobe_regularize_alphas};
+const lobe_kind_t lobe_fresnel_blend = {.flags = LOBE_REFLECTS,
+                                        .eval_above = eval_above,
+                                        .draw_above = draw_above,
+                                        .regularize = lobe_regularize_alphas};

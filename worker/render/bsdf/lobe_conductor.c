@@ -15,21 +15,13 @@ static bool eval_above(const lobe_t *lobe, vec3_t wo, vec3_t wi, bsdf_value_t *v
     return true;
 }
 
-static bool eval(const lobe_t *lobe, vec3_t wo, vec3_t wi, bool reflect, transport_t mode,
-                 bsdf_value_t *value)
+static bool draw_above(const lobe_t *lobe, vec3_t wo, vec2_t u, float choice, vec3_t *wi)
 {
-    (void)reflect, (void)mode;
-    microfacet_upright(&wo, &wi);
-    return eval_above(lobe, wo, wi, value);
+    (void)choice;
+    return microfacet_mirror(lobe->alpha[0], lobe->alpha[1], wo, u, wi);
 }
 
-static bool sample(const lobe_t *lobe, vec3_t wo, vec2_t u, float choice, transport_t mode, bsdf_sample_t *s)
-{
-    (void)choice, (void)mode;
-    vec3_t up = wo.z > 0 ? wo : v_neg(wo), wi;
-    bsdf_value_t value;
-    return microfacet_mirror(lobe->alpha[0], lobe->alpha[1], up, u, &wi) &&
-           eval_above(lobe, up, wi, &value) && lobe_complete(wo, wi, &value, s);
-}
-
-const lobe_kind_t lobe_rough_conductor = {LOBE_REFLECTS, eval, sample, lobe_regularize_alphas};
+const lobe_kind_t lobe_rough_conductor = {.flags = LOBE_REFLECTS,
+                                          .eval_above = eval_above,
+                                          .draw_above = draw_above,
+                                          .regularize = lobe_regularize_alphas};

@@ -52,8 +52,10 @@ static bool sample_transmission(const lobe_t *lobe, vec3_t wo, vec2_t u, float c
     return lobe_sample_cosine(wo, u, false, s);
 }
 
-const lobe_kind_t lobe_lambert = {LOBE_REFLECTS, eval_reflection, sample_reflection, NULL};
-const lobe_kind_t lobe_lambert_transmission = {LOBE_TRANSMITS, eval_transmission, sample_transmission, NULL};
+const lobe_kind_t lobe_lambert = {
+    .flags = LOBE_REFLECTS, .eval = eval_reflection, .sample = sample_reflection};
+const lobe_kind_t lobe_lambert_transmission = {
+    .flags = LOBE_TRANSMITS, .eval = eval_transmission, .sample = sample_transmission};
 
 /* ---- Oren and Nayar ------------------------------------------------------------------------------------ */
 
@@ -89,4 +91,5 @@ static bool sample_oren_nayar(const lobe_t *lobe, vec3_t wo, vec2_t u, float cho
     return true;
 }
 
-const lobe_kind_t lobe_oren_nayar = {LOBE_REFLECTS, eval_oren_nayar, sample_oren_nayar, NULL};
+const lobe_kind_t lobe_oren_nayar = {
+    .flags = LOBE_REFLECTS, .eval = eval_oren_nayar, .sample = sample_oren_nayar};

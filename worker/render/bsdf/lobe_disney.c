@@ -98,8 +98,9 @@ static bool sample_sheen(const lobe_t *lobe, vec3_t wo, vec2_t u, float choice, 
     return sample_matte(sheen, lobe, wo, u, s);
 }
 
-const lobe_kind_t lobe_disney_diffuse = {LOBE_REFLECTS, eval_diffuse, sample_diffuse, NULL};
-const lobe_kind_t lobe_disney_sheen = {LOBE_REFLECTS, eval_sheen, sample_sheen, NULL};
+const lobe_kind_t lobe_disney_diffuse = {
+    .flags = LOBE_REFLECTS, .eval = eval_diffuse, .sample = sample_diffuse};
+const lobe_kind_t lobe_disney_sheen = {.flags = LOBE_REFLECTS, .eval = eval_sheen, .sample = sample_sheen};
 
 /* ---- specular reflection and clear coat: mirrored about microfacets -------------------------------------
  */
@@ -212,6 +213,9 @@ static void regularize_coat(lobe_t *lobe)
     lobe->disney_coat.alpha = float_max(lobe->disney_coat.alpha, 0.1f);
 }
 
-const lobe_kind_t lobe_disney_specular = {LOBE_REFLECTS, eval_specular, sample_specular,
-                                          lobe_regularize_alphas};
-const lobe_kind_t lobe_disney_clearcoat = {LOBE_REFLECTS, eval_coat, sample_coat, regularize_coat};
+const lobe_kind_t lobe_disney_specular = {.flags = LOBE_REFLECTS,
+                                          .eval = eval_specular,
+                                          .sample = sample_specular,
+                                          .regularize = lobe_regularize_alphas};
+const lobe_kind_t lobe_disney_clearcoat = {
+    .flags = LOBE_REFLECTS, .eval = eval_coat, .sample = sample_coat, .regularize = regularize_coat};

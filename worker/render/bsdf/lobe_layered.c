@@ -154,7 +154,7 @@ typedef struct {
 
 static bool draw(const lobe_t *lobe, vec3_t wo, transport_t mode, stream_t *stream, bsdf_sample_t *sample)
 {
-    return lobe->kind->sample(lobe, wo, next_2d(stream), 0.5f, mode, sample);
+    return lobe_sample(lobe, wo, next_2d(stream), 0.5f, mode, sample);
 }
 
 static float exit_share(const layers_t *layers, const exit_t *exit, float pdf)
@@ -218,8 +218,8 @@ static void draw_before(const layers_t *layers, stream_t *stream, exit_t *exit)
 static rgb_t join_before(const layers_t *layers, const exit_t *exit, const walk_t *walk)
 {
     bsdf_value_t value;
-    if (!(exit->before_pdf > 0) || !layers->base.kind->eval(&layers->base, v_neg(walk->w), exit->before_up,
-                                                            true, TRANSPORT_IMPORTANCE, &value))
+    if (!(exit->before_pdf > 0) ||
+        !lobe_eval(&layers->base, v_neg(walk->w), exit->before_up, true, TRANSPORT_IMPORTANCE, &value))
         return vec3(0, 0, 0);
     return v_scale(v_mul(v_mul(walk->weight, exit->before_weight), value.f),
                    power(exit->before_pdf, value.pdf));
@@ -232,8 +232,7 @@ static rgb_t meet_base(const layers_t *layers, const exit_t *exit, walk_t *walk,
     bsdf_value_t value;
     bsdf_sample_t next = {.wi = {0, 0, 1}};
     walk->weight = v_mul(walk->weight, layers->base_colour);
-    if (exit->pdf > 0 &&
-        layers->base.kind->eval(&layers->base, from, exit->up, true, TRANSPORT_IMPORTANCE, &value)) {
+    if (exit->pdf > 0 && lobe_eval(&layers->base, from, exit->up, true, TRANSPORT_IMPORTANCE, &value)) {
         float factor = exit_share(layers, exit, value.pdf) * fade(layers->thickness, exit->up);
         if (walk->pdf > 0 && base_both_ways(layers)) factor *= power(walk->pdf, value.pdf_rev);
         left = v_scale(v_mul(v_mul(walk->weight, exit->weight), value.f), factor);
@@ -253,8 +252,7 @@ static rgb_t meet_coat(const layers_t *layers, const exit_t *exit, walk_t *walk,
     vec3_t from = v_neg(walk->w);
     bsdf_value_t value;
     bsdf_sample_t next = {.wi = {0, 0, 1}};
-    if (!layers->smooth &&
-        layers->through.kind->eval(&layers->through, from, exit->out, false, TRANSPORT_IMPORTANCE, &value))
+    if (!layers->smooth && lobe_eval(&layers->through, from, exit->out, false, TRANSPORT_IMPORTANCE, &value))
         left = v_scale(v_mul(walk->weight, value.f), power(walk->pdf, value.pdf_rev));
     if (!draw(&layers->back, from, TRANSPORT_IMPORTANCE, stream, &next)) next.weight = vec3(0, 0, 0);
     walk->weight = v_mul(walk->weight, next.weight);
@@ -421,28 +419,13 @@ static bool eval_above(const lobe_t *lobe, vec3_t wo, vec3_t wi, bsdf_value_t *v
     return value->pdf > 0 && v_is_finite(value->f);
 }
 
-static bool eval(const lobe_t *lobe, vec3_t wo, vec3_t wi, bool reflect, transport_t mode,
-                 bsdf_value_t *value)
+static bool draw_above(const lobe_t *lobe, vec3_t wo, vec2_t u, float choice, vec3_t *wi)
 {
-    (void)reflect, (void)mode;
-    microfacet_upright(&wo, &wi);
-    return eval_above(lobe, wo, wi, value);
-}
-
-static bool sample(const lobe_t *lobe, vec3_t wo, vec2_t u, float choice, transport_t mode, bsdf_sample_t *s)
-{
-    (void)mode;
-    vec3_t up = wo.z > 0 ? wo : v_neg(wo), wi;
-    mixture_t mixture = mixture_at(lobe, up);
-    bsdf_value_t value;
-    bool drawn = true;
-    if (choice < mixture.coat)
-        drawn = microfacet_mirror(lobe->alpha[0], lobe->alpha[1], up, u, &wi);
-    else if (choice < mixture.coat + mixture.base)
-        drawn = draw_base(lobe, up, u, &wi);
-    else
-        wi = warp_cosine_hemisphere(u);
-    return drawn && eval_above(lobe, up, wi, &value) && lobe_complete(wo, wi, &value, s);
+    mixture_t mixture = mixture_at(lobe, wo);
+    if (choice < mixture.coat) return microfacet_mirror(lobe->alpha[0], lobe->alpha[1], wo, u, wi);
+    if (choice < mixture.coat + mixture.base) return draw_base(lobe, wo, u, wi);
+    *wi = warp_cosine_hemisphere(u);
+    return true;
 }
 
 static void regularize(lobe_t *lobe)
@@ -452,7 +435,8 @@ static void regularize(lobe_t *lobe)
     lobe_regularize_pair(lobe->layered.base_alpha);
 }
 
-const lobe_kind_t lobe_layered = {LOBE_REFLECTS, eval, sample, regularize};
+const lobe_kind_t lobe_layered = {
+    .flags = LOBE_REFLECTS, .eval_above = eval_above, .draw_above = draw_above, .regularize = regularize};
 
 /* ---- a smooth coat over Lambert ------------------------------------------------------------------------ */
 
@@ -514,7 +498,8 @@ static bool sample_lambert(const lobe_t *lobe, vec3_t wo, vec2_t u, float choice
     return true;
 }
 
-const lobe_kind_t lobe_coated_lambert = {LOBE_REFLECTS, eval_lambert, sample_lambert, NULL};
+const lobe_kind_t lobe_coated_lambert = {
+    .flags = LOBE_REFLECTS, .eval = eval_lambert, .sample = sample_lambert};
 
 /* ---- mirrors ------------------------------------------------------------------------------------------- */
 
@@ -576,8 +561,10 @@ static bool sample_rough_coat(const lobe_t *lobe, vec3_t wo, vec2_t u, float cho
 }
 
 /* What bsdf_regularize makes of the smooth coat: rough reflection, the same from both sides. */
-static const lobe_kind_t lobe_rough_coat = {LOBE_REFLECTS, eval_rough_coat, sample_rough_coat,
-                                            lobe_regularize_alphas};
+static const lobe_kind_t lobe_rough_coat = {.flags = LOBE_REFLECTS,
+                                            .eval = eval_rough_coat,
+                                            .sample = sample_rough_coat,
+                                            .regularize = lobe_regularize_alphas};
 
 static void regularize_smooth_coat(lobe_t *lobe)
 {
@@ -585,7 +572,9 @@ static void regularize_smooth_coat(lobe_t *lobe)
     lobe_regularize_alphas(lobe);
 }
 
-const lobe_kind_t lobe_smooth_coat = {LOBE_REFLECTS | LOBE_SPECULAR, NULL, sample_smooth_coat,
-                                      regularize_smooth_coat};
-const lobe_kind_t lobe_smooth_layers = {LOBE_REFLECTS | LOBE_SPECULAR, NULL, sample_smooth_layers,
-                                        regularize_smooth_layers};
+const lobe_kind_t lobe_smooth_coat = {.flags = LOBE_REFLECTS | LOBE_SPECULAR,
+                                      .sample = sample_smooth_coat,
+                                      .regularize = regularize_smooth_coat};
+const lobe_kind_t lobe_smooth_layers = {.flags = LOBE_REFLECTS | LOBE_SPECULAR,
+                                        .sample = sample_smooth_layers,
+                                        .regularize = regularize_smooth_layers};

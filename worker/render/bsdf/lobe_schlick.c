@@ -31,17 +31,7 @@ static float below_coat(const lobe_t *lobe, vec3_t wo, vec3_t wi)
     return 1 - coat * (SCHLICK_COAT_F0 + (1 - SCHLICK_COAT_F0) * grazing);
 }
 
-/* For wo above the surface; a transmission is told as the reflection that it mirrors. */
-typedef bool upright_t(const lobe_t *lobe, vec3_t wo, vec3_t wi, bsdf_value_t *value);
-
-static bool finish(upright_t *eval, const lobe_t *lobe, vec3_t wo, vec3_t wi, bool mirrored, bsdf_sample_t *s)
-{
-    bsdf_value_t value;
-    vec3_t up = wo.z > 0 ? wo : v_neg(wo);
-    if (!eval(lobe, up, wi, &value)) return false;
-    if (mirrored) wi.z = -wi.z;
-    return lobe_complete(wo, wi, &value, s);
-}
+/* All of the following are for wo above the surface. */
 
 /* ---- microfacets --------------------------------------------------------------------------------------- */
 
@@ -55,7 +45,7 @@ static bool facets(const lobe_t *lobe, vec3_t wo, vec3_t wi, microfacet_t *facet
     return true;
 }
 
-static bool reflect_upright(const lobe_t *lobe, vec3_t wo, vec3_t wi, bsdf_value_t *value)
+static bool eval_reflection(const lobe_t *lobe, vec3_t wo, vec3_t wi, bsdf_value_t *value)
 {
     microfacet_t facet;
     float f;
@@ -64,57 +54,34 @@ static bool reflect_upright(const lobe_t *lobe, vec3_t wo, vec3_t wi, bsdf_value
     return true;
 }
 
-static bool through_upright(const lobe_t *lobe, vec3_t wo, vec3_t wi, bsdf_value_t *value)
+/* A transmission is the reflection that it mirrors. */
+static bool eval_through(const lobe_t *lobe, vec3_t wo, vec3_t wi, bsdf_value_t *value)
 {
     microfacet_t facet;
     float f;
+    wi.z = -wi.z;
     if (!facets(lobe, wo, wi, &facet, &f, value)) return false;
     f *= passed(lobe, facet.cos);
     value->f = vec3(f, f, f);
     return true;
 }
 
-static bool eval_reflection(const lobe_t *lobe, vec3_t wo, vec3_t wi, bool reflect, transport_t mode,
-                            bsdf_value_t *value)
+static bool draw_reflection(const lobe_t *lobe, vec3_t wo, vec2_t u, float choice, vec3_t *wi)
 {
-    (void)reflect, (void)mode;
-    microfacet_upright(&wo, &wi);
-    return reflect_upright(lobe, wo, wi, value);
+    (void)choice;
+    return microfacet_mirror(lobe->alpha[0], lobe->alpha[1], wo, u, wi);
 }
 
-static bool eval_through(const lobe_t *lobe, vec3_t wo, vec3_t wi, bool reflect, transport_t mode,
-                         bsdf_value_t *value)
+static bool draw_through(const lobe_t *lobe, vec3_t wo, vec2_t u, float choice, vec3_t *wi)
 {
-    (void)reflect, (void)mode;
-    microfacet_upright(&wo, &wi);
-    wi.z = -wi.z;
-    return through_upright(lobe, wo, wi, value);
-}
-
-static bool draw_mirrored(const lobe_t *lobe, vec3_t wo, vec2_t u, vec3_t *wi)
-{
-    return microfacet_mirror(lobe->alpha[0], lobe->alpha[1], wo.z > 0 ? wo : v_neg(wo), u, wi);
-}
-
-static bool sample_reflection(const lobe_t *lobe, vec3_t wo, vec2_t u, float choice, transport_t mode,
-                              bsdf_sample_t *s)
-{
-    (void)choice, (void)mode;
-    vec3_t wi;
-    return draw_mirrored(lobe, wo, u, &wi) && finish(reflect_upright, lobe, wo, wi, false, s);
-}
-
-static bool sample_through(const lobe_t *lobe, vec3_t wo, vec2_t u, float choice, transport_t mode,
-                           bsdf_sample_t *s)
-{
-    (void)choice, (void)mode;
-    vec3_t wi;
-    return draw_mirrored(lobe, wo, u, &wi) && finish(through_upright, lobe, wo, wi, true, s);
+    if (!draw_reflection(lobe, wo, u, choice, wi)) return false;
+    wi->z = -wi->z;
+    return true;
 }
 
 /* ---- diffuse ------------------------------------------------------------------------------------------- */
 
-static bool diffuse_upright(const lobe_t *lobe, vec3_t wo, vec3_t wi, bsdf_value_t *value)
+static bool eval_diffuse(const lobe_t *lobe, vec3_t wo, vec3_t wi, bsdf_value_t *value)
 {
     float length2 = v_length2(v_add(wo, wi));
     if (!(wo.z > 0 && wi.z > 0)) return false;
@@ -126,19 +93,11 @@ static bool diffuse_upright(const lobe_t *lobe, vec3_t wo, vec3_t wi, bsdf_value
     return true;
 }
 
-static bool eval_diffuse(const lobe_t *lobe, vec3_t wo, vec3_t wi, bool reflect, transport_t mode,
-                         bsdf_value_t *value)
+static bool draw_diffuse(const lobe_t *lobe, vec3_t wo, vec2_t u, float choice, vec3_t *wi)
 {
-    (void)reflect, (void)mode;
-    microfacet_upright(&wo, &wi);
-    return diffuse_upright(lobe, wo, wi, value);
-}
-
-static bool sample_diffuse(const lobe_t *lobe, vec3_t wo, vec2_t u, float choice, transport_t mode,
-                           bsdf_sample_t *s)
-{
-    (void)choice, (void)mode;
-    return finish(diffuse_upright, lobe, wo, warp_cosine_hemisphere(u), false, s);
+    (void)lobe, (void)wo, (void)choice;
+    *wi = warp_cosine_hemisphere(u);
+    return true;
 }
 
 /* ---- Dirac --------------------------------------------------------------------------------------------- */
@@ -181,12 +140,17 @@ static void regularize_straight(lobe_t *lobe)
     lobe_regularize_alphas(lobe);
 }
 
-const lobe_kind_t lobe_schlick_reflection = {LOBE_REFLECTS, eval_reflection, sample_reflection,
-                                             lobe_regularize_alphas};
-const lobe_kind_t lobe_schlick_diffuse = {LOBE_REFLECTS, eval_diffuse, sample_diffuse, NULL};
-const lobe_kind_t lobe_schlick_through = {LOBE_TRANSMITS, eval_through, sample_through,
-                                          lobe_regularize_alphas};
-const lobe_kind_t lobe_schlick_mirror = {LOBE_REFLECTS | LOBE_SPECULAR, NULL, sample_mirror,
-                                         regularize_mirror};
-const lobe_kind_t lobe_schlick_straight = {LOBE_TRANSMITS | LOBE_SPECULAR, NULL, sample_straight,
-                                           regularize_straight};
+const lobe_kind_t lobe_schlick_reflection = {.flags = LOBE_REFLECTS,
+                                             .eval_above = eval_reflection,
+                                             .draw_above = draw_reflection,
+                                             .regularize = lobe_regularize_alphas};
+const lobe_kind_t lobe_schlick_diffuse = {
+    .flags = LOBE_REFLECTS, .eval_above = eval_diffuse, .draw_above = draw_diffuse};
+const lobe_kind_t lobe_schlick_through = {.flags = LOBE_TRANSMITS,
+                                          .eval_above = eval_through,
+                                          .draw_above = draw_through,
+                                          .regularize = lobe_regularize_alphas};
+const lobe_kind_t lobe_schlick_mirror = {
+    .flags = LOBE_REFLECTS | LOBE_SPECULAR, .sample = sample_mirror, .regularize = regularize_mirror};
+const lobe_kind_t lobe_schlick_straight = {
+    .flags = LOBE_TRANSMITS | LOBE_SPECULAR, .sample = sample_straight, .regularize = regularize_straight};

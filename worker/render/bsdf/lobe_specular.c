@@ -107,9 +107,11 @@ static bool sample_straight(const lobe_t *lobe, vec3_t wo, vec2_t u, float choic
 }
 
 enum { BOTH = LOBE_REFLECTS | LOBE_TRANSMITS | LOBE_SPECULAR };
-const lobe_kind_t lobe_mirror = {LOBE_REFLECTS | LOBE_SPECULAR, NULL, sample_mirror, regularize_mirror};
-const lobe_kind_t lobe_smooth_conductor = {LOBE_REFLECTS | LOBE_SPECULAR, NULL, sample_conductor,
-                                           regularize_conductor};
-const lobe_kind_t lobe_smooth_dielectric = {BOTH, NULL, sample_dielectric, regularize_dielectric};
-const lobe_kind_t lobe_pane = {BOTH, NULL, sample_pane, NULL};
-const lobe_kind_t lobe_straight = {LOBE_TRANSMITS | LOBE_SPECULAR, NULL, sample_straight, NULL};
+const lobe_kind_t lobe_mirror = {
+    .flags = LOBE_REFLECTS | LOBE_SPECULAR, .sample = sample_mirror, .regularize = regularize_mirror};
+const lobe_kind_t lobe_smooth_conductor = {
+    .flags = LOBE_REFLECTS | LOBE_SPECULAR, .sample = sample_conductor, .regularize = regularize_conductor};
+const lobe_kind_t lobe_smooth_dielectric = {
+    .flags = BOTH, .sample = sample_dielectric, .regularize = regularize_dielectric};
+const lobe_kind_t lobe_pane = {.flags = BOTH, .sample = sample_pane};
+const lobe_kind_t lobe_straight = {.flags = LOBE_TRANSMITS | LOBE_SPECULAR, .sample = sample_straight};
