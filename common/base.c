@@ -74,11 +74,6 @@ double clock_now(void)
     return clock_read(CLOCK_MONOTONIC);
 }
 
-double clock_cpu(void)
-{
-    return clock_read(CLOCK_PROCESS_CPUTIME_ID);
-}
-
 static void *checked(void *memory, size_t size)
 {
     if (memory == NULL && size > 0) {

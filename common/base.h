@@ -60,8 +60,6 @@ void log_write(log_level_t level, const char *format, ...) __attribute__((format
 
 /* Seconds on a clock that never jumps (CLOCK_MONOTONIC). */
 double clock_now(void);
-/* CPU seconds (user and system) that this process has used so far. */
-double clock_cpu(void);
 
 /* malloc, calloc and realloc that end the process with a message when memory runs out: for sizes that our own
  * code chose. A size that came from a peer or a file is checked against a limit first. */

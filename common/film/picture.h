@@ -1,4 +1,4 @@
-/* picture: a resolved film as files: the OpenEXR with its layers and its history, and a PNG to look at.
+/* picture: a resolved film as a file: the OpenEXR with its layers and its history.
  *
  * Layers of the EXR: R G B (the picture), eye.* and light.* (strategies with t >= 2 eye vertices, and t = 1),
  * noise.* (estimated standard error of R G B), samples (eye samples of each pixel). Where the job has
@@ -31,8 +31,6 @@ result_t picture_write_exr(const char *path, const film_image_t *film, const pic
 void picture_describe(image_t *image, const picture_meta_t *meta, uint64_t samples);
 /* False for a channel whose values need more than the 11 bits of a half: counts, ids, places. */
 bool picture_half_fits(const char *channel);
-/* Writes the picture as an 8-bit sRGB PNG, scaled by 2^exposure, whole or not at all. */
-result_t picture_write_png(const char *path, const film_image_t *film, float exposure);
 /* The name of the PNG that goes with an image file: its extension replaced by .png, or .png appended when it
  * has none; fresh memory. */
 char *picture_png_path(const char *path);

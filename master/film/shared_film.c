@@ -298,7 +298,8 @@ static bool step(adder_t *adder, int64_t *sum, const int64_t *values, size_t cou
     return stepped(adder, true);
 }
 
-bool adder_add(adder_t *adder, sum_kind_t kind, size_t first, const int64_t *values, size_t count, bool large)
+static bool add_values(adder_t *adder, sum_kind_t kind, size_t first, const int64_t *values, size_t count,
+                       bool large)
 {
     if (adder->mode == ADD_NOTHING) return true;
     while (count > 0) {
@@ -378,14 +379,14 @@ bool adder_add_marked(adder_t *adder, sum_kind_t kind, size_t first, uint64_t ma
 {
     if (mask == 0 || adder->mode == ADD_NOTHING) return true;
     size_t room, span = 3 * (size_t)(64 - __builtin_clzll(mask));
-    if (mask == UINT64_MAX) return adder_add(adder, kind, first, values, span, large);
+    if (mask == UINT64_MAX) return add_values(adder, kind, first, values, span, large);
     int64_t *sum = reach(adder, kind, first * sizeof *values, &room);
     if (!large && room >= span * sizeof *values) {
         fetch_ahead(sum + 3 * 64);
         return step_marked(adder, sum, mask, values);
     }
     for (; mask != 0; mask &= mask - 1, values += 3)
-        if (!adder_add(adder, kind, first + 3 * (size_t)__builtin_ctzll(mask), values, 3, large))
+        if (!add_values(adder, kind, first + 3 * (size_t)__builtin_ctzll(mask), values, 3, large))
             return false;
     return true;
 }
@@ -393,9 +394,9 @@ bool adder_add_marked(adder_t *adder, sum_kind_t kind, size_t first, uint64_t ma
 bool adder_add_strided(adder_t *adder, sum_kind_t kind, size_t first, size_t stride, size_t lanes,
                        const int64_t *values, size_t count)
 {
-    if (stride == lanes) return adder_add(adder, kind, first, values, count * lanes, true);
+    if (stride == lanes) return add_values(adder, kind, first, values, count * lanes, true);
     for (size_t i = 0; i < count; i++)
-        if (!adder_add(adder, kind, first + i * stride, values + i * lanes, lanes, true)) return false;
+        if (!add_values(adder, kind, first + i * stride, values + i * lanes, lanes, true)) return false;
     return true;
 }
 

@@ -43,10 +43,10 @@ typedef struct {
 adder_t adder_new(shared_film_t *shared_film, add_mode_t mode, bool negative, uint64_t limit);
 /* Lets go of the page that is locked: to be called before anything that takes long. */
 void adder_rest(adder_t *adder);
-/* Adds `count` values to one of the sums from value `first` on. `large`: some may be out of the range of the
- * film (+-2^62); otherwise they are far inside. False when it stopped: at the limit, or at an overflow. */
-bool adder_add(adder_t *adder, sum_kind_t kind, size_t first, const int64_t *values, size_t count,
-               bool large);
+/* These add to one of the sums, from value `first` on. `large`: some values may be out of the range of the
+ * film (+-2^62); otherwise they are far inside. False when the adder stopped: at the limit, or at an
+ * overflow. */
+
 /* Adds to those of up to 64 pixels of three values that are marked; `values` has theirs alone. */
 bool adder_add_marked(adder_t *adder, sum_kind_t kind, size_t first, uint64_t mask, const int64_t *values,
                       bool large);

@@ -38,15 +38,12 @@ typedef struct checkpoint checkpoint_t; /* an open file, whose head is right */
  * damaged; RESULT_MISMATCH when it is of another version; RESULT_IO when it cannot be read. */
 result_t checkpoint_open(const char *path, checkpoint_t **checkpoint);
 const checkpoint_info_t *checkpoint_info(const checkpoint_t *checkpoint);
-/* Reads and checks all of it with `threads` threads. The film is made with `settings`, which show the same
- * picture as the record's (checkpoint_same_picture); it and the state are the caller's. Failures are those of
+/* Reads and checks all of it with `threads` threads. The film is made with `settings`, which differ from
+ * the record's in nothing but when to stop; it and the state are the caller's. Failures are those of
  * checkpoint_open, and RESULT_LIMIT when memory lacks. */
 result_t checkpoint_load(checkpoint_t *checkpoint, const job_settings_t *settings, int threads, film_t **film,
                          schedule_state_t *state);
 /* Closes it and sets *checkpoint to NULL. */
 void checkpoint_close(checkpoint_t **checkpoint);
-
-/* True when the samples of one are samples of the other: the settings differ in nothing but when to stop. */
-bool checkpoint_same_picture(const job_settings_t *a, const job_settings_t *b);
 
 #endif

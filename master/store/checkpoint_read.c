@@ -264,12 +264,22 @@ static result_t check_ranges(const checkpoint_t *c, const schedule_state_t *stat
     return damaged(c, "it does not hold as many samples as it says");
 }
 
+/* True when the samples of one are samples of the other: the settings differ in nothing but when to stop. */
+static bool same_picture(const job_settings_t *a, const job_settings_t *b)
+{
+    return a->integrator == b->integrator && a->sampler == b->sampler && a->seed == b->seed &&
+           a->width == b->width && a->height == b->height && a->max_depth == b->max_depth &&
+           a->tile_size == b->tile_size && a->film_scale == b->film_scale && a->strategy_s == b->strategy_s &&
+           a->strategy_t == b->strategy_t && a->unweighted == b->unweighted && a->features == b->features &&
+           a->adaptive == b->adaptive;
+}
+
 result_t checkpoint_load(checkpoint_t *c, const job_settings_t *settings, int threads, film_t **film,
                          schedule_state_t *state)
 {
     *film = NULL;
     *state = (schedule_state_t){0};
-    if (!checkpoint_same_picture(settings, &c->info.record.settings))
+    if (!same_picture(settings, &c->info.record.settings))
         return result_fail(RESULT_INPUT, "%.300s is of another job", c->path);
     TRY(film_new(settings, film));
     reader_t reader = {.checkpoint = c, .state = state, .film = *film, .result = result_ok()};
@@ -286,13 +296,4 @@ result_t checkpoint_load(checkpoint_t *c, const job_settings_t *settings, int th
     film_destroy(film);
     schedule_state_free(state);
     return reader.result;
-}
-
-bool checkpoint_same_picture(const job_settings_t *a, const job_settings_t *b)
-{
-    return a->integrator == b->integrator && a->sampler == b->sampler && a->seed == b->seed &&
-           a->width == b->width && a->height == b->height && a->max_depth == b->max_depth &&
-           a->tile_size == b->tile_size && a->film_scale == b->film_scale && a->strategy_s == b->strategy_s &&
-           a->strategy_t == b->strategy_t && a->unweighted == b->unweighted && a->features == b->features &&
-           a->adaptive == b->adaptive;
 }

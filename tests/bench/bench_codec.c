@@ -5,6 +5,7 @@
  * is our codec; the others are what it was chosen over. Speeds are of CPU time, in raw bytes, on one thread.
  */
 #include "proto/wire/wire.h"
+#include "tests/clock.h"
 
 #include <blosc.h>
 #include <math.h>

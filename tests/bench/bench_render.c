@@ -9,6 +9,7 @@
  * usage: bench_render [SEEDS [SCENE]]     from the top of the tree; one thread, about two minutes a seed
  */
 #include "client/import/import.h"
+#include "tests/clock.h"
 #include "tests/reference.h"
 #include "tests/render_here.h"
 #include "worker/render/scene/scene.h"

@@ -2,6 +2,7 @@
 #include "tests/sim/sim.h"
 
 #include "client/farm/remote.h"
+#include "tests/clock.h"
 #include "tests/sim/processes.h"
 
 #include <math.h>

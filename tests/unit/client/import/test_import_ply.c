@@ -3,6 +3,7 @@
 
 #include "client/import/files/gunzip.h"
 #include "client/import/files/ply.h"
+#include "tests/clock.h"
 
 #include <zlib.h>
 

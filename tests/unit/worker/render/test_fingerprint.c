@@ -1,4 +1,5 @@
 /* The fingerprint of this machine's bits. With an argument the program prints it and ends. */
+#include "tests/clock.h"
 #include "worker/render/fingerprint.h"
 
 #include <setjmp.h>
