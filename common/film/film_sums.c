@@ -1,7 +1,6 @@
 /* film_sums: see film_sums.h. */
 #include "common/film/film_sums.h"
 
-#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -98,13 +97,6 @@ void sum_array_free(sum_array_t *array)
 }
 
 /* ---- adding -------------------------------------------------------------------------------------------- */
-
-int64_t film_quantise(float value, int scale)
-{
-    const double limit = 0x1p62;
-    double units = (double)value * (double)(UINT64_C(1) << scale);
-    return units >= limit ? INT64_C(1) << 62 : units <= -limit ? -(INT64_C(1) << 62) : llrint(units);
-}
 
 uint64_t film_add(int64_t sum[3], const float rgb[3], int scale)
 {

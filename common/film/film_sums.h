@@ -20,6 +20,8 @@
 
 #include "common/job.h"
 
+#include <math.h>
+
 /* Which sums there are. */
 typedef enum {
     SUM_EYE,                  /* radiance of the strategies with t >= 2 eye vertices, by pixel */
@@ -98,7 +100,12 @@ void sum_array_free(sum_array_t *array);
 
 /* Radiance to fixed point, rounded to nearest even. A value that does not fit is saturated at +-2^62 and
  * shows as an overflow when it is added. The caller has dropped NaN and infinity. */
-int64_t film_quantise(float value, int scale);
+static inline int64_t film_quantise(float value, int scale)
+{
+    const double limit = 0x1p62;
+    double units = (double)value * (double)(UINT64_C(1) << scale);
+    return units >= limit ? INT64_C(1) << 62 : units <= -limit ? -(INT64_C(1) << 62) : llrint(units);
+}
 /* Rounds one contribution to the film's grid and adds it to the sums of a pixel. Returns how many of the
  * three additions would have overflowed; these are left out. */
 uint64_t film_add(int64_t sum[3], const float rgb[3], int scale);
