@@ -213,9 +213,7 @@ result_t remote_submit_job(remote_t *remote, const job_terms_t *terms, const job
     submit.settings = &wire_settings;
     submit.terms = &wire_terms;
     submit.blob = wire_hash_put(blob);
-    Lm__Envelope envelope = LM__ENVELOPE__INIT;
-    envelope.body_case = LM__ENVELOPE__BODY_JOB_SUBMIT;
-    envelope.job_submit = &submit;
+    Lm__Envelope envelope = WIRE_ENVELOPE(JOB_SUBMIT, job_submit, &submit);
     wire_message_t answer;
     TRY(ask(remote, &remote->control, &envelope, NULL, remote->timeout, LM__ENVELOPE__BODY_JOB_ACCEPTED,
             &answer));
@@ -237,32 +235,44 @@ static result_t ask_status(remote_t *remote, uint64_t job, uint64_t from, wire_m
     Lm__JobStatusRequest request = LM__JOB_STATUS_REQUEST__INIT;
     request.job = job;
     request.from = from;
-    Lm__Envelope envelope = LM__ENVELOPE__INIT;
-    envelope.body_case = LM__ENVELOPE__BODY_JOB_STATUS_REQUEST;
-    envelope.job_status_request = &request;
+    Lm__Envelope envelope = WIRE_ENVELOPE(JOB_STATUS_REQUEST, job_status_request, &request);
     return ask(remote, &remote->control, &envelope, NULL, remote->timeout,
                LM__ENVELOPE__BODY_JOB_STATUS_REPLY, message);
 }
 
-/* Moves the jobs of one answer to the end of another. */
-static void move_jobs(Lm__JobStatusReply *from, Lm__JobStatusReply *to)
+/* Moves the items of another page to the end of a list. Returns where the next page begins; 0: no more. */
+typedef uint64_t (*append_fn)(Lm__Envelope *list, Lm__Envelope *page);
+
+static uint64_t append_jobs(Lm__Envelope *list, Lm__Envelope *page)
 {
+    Lm__JobStatusReply *to = list->job_status_reply, *from = page->job_status_reply;
     to->jobs = mem_realloc(to->jobs, (to->n_jobs + from->n_jobs + 1) * sizeof *to->jobs);
     for (size_t i = 0; i < from->n_jobs; i++) to->jobs[to->n_jobs++] = from->jobs[i];
     from->n_jobs = 0;
+    return to->n_jobs < WIRE_MAX_UNITS ? from->next : 0;
 }
 
-/* A list may come in several messages: asks for the rest and puts it to the first. */
-static result_t ask_further_jobs(remote_t *remote, Lm__JobStatusReply *all)
+static uint64_t append_workers(Lm__Envelope *list, Lm__Envelope *page)
 {
-    while (all->next != 0 && all->n_jobs < WIRE_MAX_UNITS) {
-        wire_message_t message;
-        uint64_t from = all->next;
-        TRY(ask_status(remote, 0, from, &message));
-        Lm__JobStatusReply *reply = message.envelope->job_status_reply;
-        all->next = reply->next > from ? reply->next : 0;
-        move_jobs(reply, all);
-        wire_free(&message);
+    Lm__WorkerList *to = list->worker_list, *from = page->worker_list;
+    to->workers = mem_realloc(to->workers, (to->n_workers + from->n_workers + 1) * sizeof *to->workers);
+    for (size_t i = 0; i < from->n_workers; i++) to->workers[to->n_workers++] = from->workers[i];
+    from->n_workers = 0;
+    return to->n_workers < WIRE_MAX_UNITS ? from->next : 0;
+}
+
+/* A list may come in several messages: asks for the rest, from `next` on, and puts it to the first. */
+static result_t ask_further(remote_t *remote, uint64_t next, append_fn append,
+                            result_t (*ask_page)(remote_t *, uint64_t job, uint64_t from, wire_message_t *),
+                            wire_message_t *list)
+{
+    while (next != 0) {
+        wire_message_t page;
+        uint64_t from = next;
+        TRY(ask_page(remote, 0, from, &page));
+        next = append(list->envelope, page.envelope);
+        if (next <= from) next = 0;
+        wire_free(&page);
     }
     return result_ok();
 }
@@ -273,7 +283,7 @@ result_t remote_status(remote_t *remote, uint64_t job, wire_message_t *message)
     Lm__JobStatusReply *reply = message->envelope->job_status_reply;
     result_t result = result_ok();
     if (job == 0)
-        result = ask_further_jobs(remote, reply);
+        result = ask_further(remote, reply->next, append_jobs, ask_status, message);
     else if (reply->n_jobs != 1 || reply->jobs[0]->job != job)
         result = result_fail(RESULT_PROTOCOL, "the master's answer is not about job %llu",
                              (unsigned long long)job);
@@ -281,42 +291,21 @@ result_t remote_status(remote_t *remote, uint64_t job, wire_message_t *message)
     return result;
 }
 
-static result_t ask_workers(remote_t *remote, uint32_t from, wire_message_t *message)
+static result_t ask_workers(remote_t *remote, uint64_t job, uint64_t from, wire_message_t *message)
 {
+    (void)job;
     Lm__WorkerListRequest request = LM__WORKER_LIST_REQUEST__INIT;
-    request.from = from;
-    Lm__Envelope envelope = LM__ENVELOPE__INIT;
-    envelope.body_case = LM__ENVELOPE__BODY_WORKER_LIST_REQUEST;
-    envelope.worker_list_request = &request;
+    request.from = (uint32_t)from;
+    Lm__Envelope envelope = WIRE_ENVELOPE(WORKER_LIST_REQUEST, worker_list_request, &request);
     return ask(remote, &remote->control, &envelope, NULL, remote->timeout, LM__ENVELOPE__BODY_WORKER_LIST,
                message);
 }
 
-static void move_workers(Lm__WorkerList *from, Lm__WorkerList *to)
-{
-    to->workers = mem_realloc(to->workers, (to->n_workers + from->n_workers + 1) * sizeof *to->workers);
-    for (size_t i = 0; i < from->n_workers; i++) to->workers[to->n_workers++] = from->workers[i];
-    from->n_workers = 0;
-}
-
-static result_t ask_further_workers(remote_t *remote, Lm__WorkerList *all)
-{
-    while (all->next != 0 && all->n_workers < WIRE_MAX_UNITS) {
-        wire_message_t message;
-        uint32_t from = all->next;
-        TRY(ask_workers(remote, from, &message));
-        Lm__WorkerList *reply = message.envelope->worker_list;
-        all->next = reply->next > from ? reply->next : 0;
-        move_workers(reply, all);
-        wire_free(&message);
-    }
-    return result_ok();
-}
-
 result_t remote_workers(remote_t *remote, wire_message_t *message)
 {
-    TRY(ask_workers(remote, 0, message));
-    result_t result = ask_further_workers(remote, message->envelope->worker_list);
+    TRY(ask_workers(remote, 0, 0, message));
+    result_t result =
+        ask_further(remote, message->envelope->worker_list->next, append_workers, ask_workers, message);
     if (result.code != RESULT_OK) wire_free(message);
     return result;
 }
@@ -325,9 +314,7 @@ result_t remote_order(remote_t *remote, const job_order_t *order)
 {
     Lm__JobOrder body = LM__JOB_ORDER__INIT;
     wire_order_put(order, &body);
-    Lm__Envelope envelope = LM__ENVELOPE__INIT;
-    envelope.body_case = LM__ENVELOPE__BODY_JOB_ORDER;
-    envelope.job_order = &body;
+    Lm__Envelope envelope = WIRE_ENVELOPE(JOB_ORDER, job_order, &body);
     wire_message_t answer;
     TRY(ask(remote, &remote->control, &envelope, NULL, remote->timeout, LM__ENVELOPE__BODY_DONE, &answer));
     wire_free(&answer);
@@ -350,9 +337,7 @@ static result_t put_chunk(remote_t *remote, const scene_blob_t *blob, uint64_t o
     put.blob = wire_hash_put(&blob->hash);
     put.offset = offset;
     put.size = blob->size;
-    Lm__Envelope envelope = LM__ENVELOPE__INIT;
-    envelope.body_case = LM__ENVELOPE__BODY_BLOB_PUT;
-    envelope.blob_put = &put;
+    Lm__Envelope envelope = WIRE_ENVELOPE(BLOB_PUT, blob_put, &put);
     zmq_msg_t payload;
     if (zmq_msg_init_size(&payload, length) != 0) return result_fail(RESULT_LIMIT, "out of memory");
     if (length > 0) memcpy(zmq_msg_data(&payload), blob->bytes + offset, length);
@@ -427,9 +412,7 @@ static result_t get_image_chunk(remote_t *remote, image_fetch_t *fetch)
     get.offset = fetch->have;
     get.length = fetch->size == 0 || left > WIRE_MAX_CHUNK ? WIRE_MAX_CHUNK : (uint32_t)left;
     get.half = fetch->half;
-    Lm__Envelope envelope = LM__ENVELOPE__INIT;
-    envelope.body_case = LM__ENVELOPE__BODY_IMAGE_GET;
-    envelope.image_get = &get;
+    Lm__Envelope envelope = WIRE_ENVELOPE(IMAGE_GET, image_get, &get);
     double timeout = fetch->snapshot == 0 && remote->timeout < SLOW_ANSWER ? SLOW_ANSWER : remote->timeout;
     wire_message_t answer;
     TRY(ask(remote, &remote->bulk, &envelope, NULL, timeout, LM__ENVELOPE__BODY_IMAGE_CHUNK, &answer));

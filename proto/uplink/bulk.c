@@ -189,10 +189,8 @@ static result_t request_chunk(bulk_t *bulk, const blob_download_t *download, uin
     get.blob = wire_hash_put(&download->hash);
     get.offset = offset;
     get.length = left < CHUNK_BYTES ? (uint32_t)left : CHUNK_BYTES;
-    Lm__Envelope envelope = LM__ENVELOPE__INIT;
+    Lm__Envelope envelope = WIRE_ENVELOPE(BLOB_GET, blob_get, &get);
     envelope.request = ++bulk->request;
-    envelope.body_case = LM__ENVELOPE__BODY_BLOB_GET;
-    envelope.blob_get = &get;
     return say(bulk, &envelope, NULL, 0);
 }
 
@@ -347,10 +345,8 @@ static result_t send_offer(bulk_t *bulk, delivery_t *delivery)
     bool closed = delivery->closed.batch != NULL;
     message.bytes = (uint64_t)(closed ? delivery->bytes : bulk->ratio * (double)offer->bytes);
     message.content = wire_hash_put(&offer->content);
-    Lm__Envelope envelope = LM__ENVELOPE__INIT;
+    Lm__Envelope envelope = WIRE_ENVELOPE(BATCH_OFFER, batch_offer, &message);
     envelope.request = delivery->offered = ++bulk->request;
-    envelope.body_case = LM__ENVELOPE__BODY_BATCH_OFFER;
-    envelope.batch_offer = &message;
     return say(bulk, &envelope, NULL, 0);
 }
 
@@ -369,10 +365,8 @@ static result_t put_batch(bulk_t *bulk, delivery_t *delivery)
     message.counts = &counts;
     message.check = delivery->offer.check;
     message.content = wire_hash_put(&delivery->offer.content);
-    Lm__Envelope envelope = LM__ENVELOPE__INIT;
+    Lm__Envelope envelope = WIRE_ENVELOPE(BATCH_RESULT, batch_result, &message);
     envelope.request = delivery->put = ++bulk->request;
-    envelope.body_case = LM__ENVELOPE__BODY_BATCH_RESULT;
-    envelope.batch_result = &message;
     zmq_msg_t copies[BATCH_PAYLOADS];
     for (int i = 0; i < BATCH_PAYLOADS; i++) {
         zmq_msg_init(&copies[i]);

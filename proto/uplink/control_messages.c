@@ -34,10 +34,7 @@ void control_send_hello(control_t *control)
     hello.threads = state.threads;
     hello.relay = control->setup.relay;
     if (!hash_equal(&control->said, &unknown)) hello.fingerprint = wire_hash_put(&control->said);
-    Lm__Envelope envelope = LM__ENVELOPE__INIT;
-    envelope.body_case = LM__ENVELOPE__BODY_HELLO;
-    envelope.hello = &hello;
-    log_unsent("a hello", send_body(control, &envelope));
+    log_unsent("a hello", send_body(control, &WIRE_ENVELOPE(HELLO, hello, &hello)));
 }
 
 void control_send_heartbeat(control_t *control, const uplink_state_t *state)
@@ -47,10 +44,7 @@ void control_send_heartbeat(control_t *control, const uplink_state_t *state)
     heartbeat.job = state->job;
     heartbeat.units_held = state->units_held;
     heartbeat.threads = state->threads;
-    Lm__Envelope envelope = LM__ENVELOPE__INIT;
-    envelope.body_case = LM__ENVELOPE__BODY_HEARTBEAT;
-    envelope.heartbeat = &heartbeat;
-    log_unsent("a heartbeat", send_body(control, &envelope));
+    log_unsent("a heartbeat", send_body(control, &WIRE_ENVELOPE(HEARTBEAT, heartbeat, &heartbeat)));
     control->next_heartbeat = clock_now() + control->heartbeat;
 }
 
@@ -60,10 +54,7 @@ void control_send_goodbye(control_t *control, uint64_t declined, const char *rea
     goodbye.worker = control->worker;
     goodbye.reason = (char *)reason;
     goodbye.job = declined;
-    Lm__Envelope envelope = LM__ENVELOPE__INIT;
-    envelope.body_case = LM__ENVELOPE__BODY_GOODBYE;
-    envelope.goodbye = &goodbye;
-    log_unsent("a goodbye", send_body(control, &envelope));
+    log_unsent("a goodbye", send_body(control, &WIRE_ENVELOPE(GOODBYE, goodbye, &goodbye)));
 }
 
 bool control_claims_pending(const control_t *control)
@@ -91,10 +82,7 @@ void control_request_work(control_t *control, const uplink_state_t *state)
     work.samples = state->samples;
     work.unit_samples = state->unit_samples;
     if (control_claims_pending(control)) add_claims(control, &work);
-    Lm__Envelope envelope = LM__ENVELOPE__INIT;
-    envelope.body_case = LM__ENVELOPE__BODY_WORK_REQUEST;
-    envelope.work_request = &work;
-    log_unsent("a request for work", send_body(control, &envelope));
+    log_unsent("a request for work", send_body(control, &WIRE_ENVELOPE(WORK_REQUEST, work_request, &work)));
     control->work_request = control->request;
     control->next_request = clock_now() + REQUEST_TIMEOUT;
     free(work.kept);

@@ -96,6 +96,14 @@ typedef struct {
     char address[WIRE_MAX_ADDRESS + 1]; /* the sender's host, for people; empty on inproc and on a DEALER */
 } wire_message_t;
 
+/* An envelope around a body: WIRE_ENVELOPE(HELLO, hello, &hello). */
+#define WIRE_ENVELOPE(kind, field, message)                                                                  \
+    (Lm__Envelope)                                                                                           \
+    {                                                                                                        \
+        .base = PROTOBUF_C_MESSAGE_INIT(&lm__envelope__descriptor), .body_case = LM__ENVELOPE__BODY_##kind,  \
+        .field = (message)                                                                                   \
+    }
+
 /* Makes a socket with our limits set (largest frame WIRE_MAX_PAYLOAD, high-water marks, linger, reconnect
  * back-off with a ceiling, TCP keep-alive, mandatory routing on a ROUTER). type is ZMQ_ROUTER or ZMQ_DEALER.
  */
