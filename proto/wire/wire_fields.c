@@ -41,57 +41,34 @@ const char *wire_rights_name(unsigned rights)
 
 /* ---- settings, units, counts, hashes ------------------------------------------------------------------- */
 
+/* Fields that a message and a type of ours call by the same name, for a macro that is told each. */
+#define SMALL_SETTINGS(FIELD) /* here an int or an enum, in the message a uint32 */                          \
+    FIELD(integrator)                                                                                        \
+    FIELD(sampler)                                                                                           \
+    FIELD(width) FIELD(height) FIELD(max_depth) FIELD(tile_size) FIELD(film_scale) FIELD(strategy_s)         \
+        FIELD(strategy_t)
+#define SETTINGS(FIELD)                                                                                      \
+    SMALL_SETTINGS(FIELD)                                                                                    \
+    FIELD(seed) FIELD(spp) FIELD(time_limit) FIELD(features) FIELD(unweighted) FIELD(error) FIELD(adaptive)
+
 void wire_settings_put(const job_settings_t *settings, Lm__Settings *message)
 {
-    message->integrator = (uint32_t)settings->integrator;
-    message->sampler = (uint32_t)settings->sampler;
-    message->seed = settings->seed;
-    message->width = (uint32_t)settings->width;
-    message->height = (uint32_t)settings->height;
-    message->max_depth = (uint32_t)settings->max_depth;
-    message->spp = settings->spp;
-    message->time_limit = settings->time_limit;
-    message->tile_size = (uint32_t)settings->tile_size;
-    message->film_scale = (uint32_t)settings->film_scale;
-    message->features = settings->features;
-    message->strategy_s = (uint32_t)settings->strategy_s;
-    message->strategy_t = (uint32_t)settings->strategy_t;
-    message->unweighted = settings->unweighted;
-    message->error = settings->error;
-    message->adaptive = settings->adaptive;
+#define PUT(field) message->field = (typeof(message->field))settings->field;
+    SETTINGS(PUT)
+#undef PUT
 }
 
 result_t wire_settings_get(const Lm__Settings *message, job_settings_t *settings)
 {
     if (message == NULL) return result_fail(RESULT_PROTOCOL, "a message without settings");
-    const struct {
-        const char *name;
-        uint32_t value;
-    } fields[] = {{"integrator", message->integrator}, {"sampler", message->sampler},
-                  {"width", message->width},           {"height", message->height},
-                  {"max_depth", message->max_depth},   {"tile_size", message->tile_size},
-                  {"film_scale", message->film_scale}, {"strategy_s", message->strategy_s},
-                  {"strategy_t", message->strategy_t}};
-    for (size_t i = 0; i < ARRAY_LENGTH(fields); i++)
-        if (fields[i].value > INT32_MAX)
-            return result_fail(RESULT_PROTOCOL, "%s is %u, out of all bounds", fields[i].name,
-                               fields[i].value);
-    *settings = (job_settings_t){.integrator = (integrator_t)message->integrator,
-                                 .sampler = (sampler_kind_t)message->sampler,
-                                 .seed = message->seed,
-                                 .width = (int32_t)message->width,
-                                 .height = (int32_t)message->height,
-                                 .max_depth = (int32_t)message->max_depth,
-                                 .spp = message->spp,
-                                 .time_limit = message->time_limit,
-                                 .tile_size = (int32_t)message->tile_size,
-                                 .film_scale = (int32_t)message->film_scale,
-                                 .features = message->features,
-                                 .strategy_s = (int32_t)message->strategy_s,
-                                 .strategy_t = (int32_t)message->strategy_t,
-                                 .unweighted = message->unweighted,
-                                 .error = message->error,
-                                 .adaptive = message->adaptive};
+#define CHECK(field)                                                                                         \
+    if (message->field > INT32_MAX)                                                                          \
+        return result_fail(RESULT_PROTOCOL, #field " is %u, out of all bounds", message->field);
+    SMALL_SETTINGS(CHECK)
+#undef CHECK
+#define GET(field) .field = (typeof(settings->field))message->field,
+    *settings = (job_settings_t){SETTINGS(GET)};
+#undef GET
     return job_settings_check(settings);
 }
 
