@@ -22,10 +22,11 @@ proto/serve                 : proto/wire
 worker/render/sampling      : common
 worker/render/texture       : worker/render/sampling common/scene
 worker/render/scene         : worker/render/texture
-worker/render/bsdf          : worker/render/scene
+worker/render/bsdf          : worker/render/sampling
+worker/render/material      : worker/render/bsdf worker/render/scene
 worker/render/camera        : worker/render/scene
 worker/render/light         : worker/render/scene
-worker/render/integrator    : worker/render/bsdf worker/render/camera worker/render/light common/film
+worker/render/integrator    : worker/render/material worker/render/camera worker/render/light common/film
 worker/render               : worker/render/integrator
 worker                      : worker/render proto/uplink
 master/schedule             : common/film
@@ -56,14 +57,6 @@ client                      : client/commands
 END
 }
 
-# What still breaks the rule, and why: `use FOLDER FOLDER`, `circle FOLDER...` (files that call one another), `size FOLDER`.
-exceptions() {
-    cat <<'END'
-circle worker/render/bsdf because lobes hold lobes
-size worker/render/bsdf because lobes and materials have no folders yet
-END
-}
-
 max_pairs=16 # of a .c and its .h in a folder, headers alone counted too
 max_circle=4 # files that call one another in a circle, within a folder
 
@@ -76,15 +69,12 @@ ls "${objects[@]}" >/dev/null || { echo "layers: objects are missing: make all t
 
 {
     rules | sed 's/^/rule /'
-    exceptions | sed 's/^/except /'
     printf 'file %s\n' "${sources[@]}"
     grep -Hn '^ *# *include "' "${sources[@]}" | sed -E 's/^([^:]*):([0-9]+):[^"]*"([^"]*)".*/include \1 \2 \3/'
     nm -A -g --no-sort "${objects[@]}" | sed -E "s,^$build/([^:]*)\.o:.* ([A-Za-z]) ([^ ]*)$,symbol \1.c \2 \3,"
 } | awk -v max_pairs="$max_pairs" -v max_circle="$max_circle" '
 function folder(file) { sub(/\/[^\/]*$/, "", file); return file }
 function complain(text) { print "layers: " text; ++complaints }
-# The exception `text` is used up; false when there is none.
-function excepted(text) { if (!(text in exception)) return 0; used[text] = 1; return 1 }
 function list_of(from,   text, i) {
     for (i = 1; i <= row_count; ++i) if ((from, row[i]) in may) text = text " " row[i]
     return text ? "only" text : "nothing"
@@ -99,7 +89,6 @@ $1 == "rule" {
         for (k = 1; k <= row_count; ++k) if (($i, row[k]) in may) may[$2, row[k]] = 1
     }
 }
-$1 == "except" { text = $2 " " $3; for (i = 4; i <= NF && $i != "because"; ++i) text = text " " $i; exception[text] = 1 }
 $1 == "file" {
     file[++file_count] = $2
     is_file[$2] = 1
@@ -111,7 +100,7 @@ $1 == "file" {
 $1 == "include" {
     from = folder($2); to = folder($4)
     if (!(from in known) && !(from in unknown)) { unknown[from] = 1; complain($2 ": the folder " from " has no rule: give it a row in tests/layers.sh") }
-    if (from != to && !((from, to) in may) && !excepted("use " from " " to))
+    if (from != to && !((from, to) in may))
     {
         complain($2 ":" $3 ": " from " may use " list_of(from) ", not " $4)
         told[$2, to] = 1
@@ -142,7 +131,6 @@ function component(node,   members, count, folders, seen, f, i, j, list) {
     for (i = 1; i <= count; ++i) if (!(folder(members[i]) in seen)) { seen[folder(members[i])] = 1; ++folders }
     if (kind == "call" && folders == 1 && count <= max_circle) return
     for (i = 1; i <= row_count; ++i) if (row[i] in seen) list = list " " row[i]
-    if (excepted("circle" list)) return
     complain(count " files " kind " one another in a circle, in" list ":")
     for (i = 1; i <= count; ++i) for (j = 1; j <= count; ++j)
         if ((kind, members[i], members[j]) in why) print "    " members[i] " -> " members[j] ", " why[kind, members[i], members[j]]
@@ -154,7 +142,7 @@ function circles(of,   i) {
 }
 
 END {
-    for (name in pairs) if (pairs[name] > max_pairs && !excepted("size " name))
+    for (name in pairs) if (pairs[name] > max_pairs)
         complain(name " has " pairs[name] " source pairs; at most " max_pairs " fit into a folder")
     for (i = 1; i <= file_count; ++i) next_of[file[i]] = includes[file[i]]
     circles("include")
@@ -166,10 +154,9 @@ END {
         if (!(("call", from, to) in why)) next_of[from] = next_of[from] " " to
         why["call", from, to] = edge[2] "()"
         a = folder(from); b = folder(to)
-        if (a != b && !((a, b) in may) && !excepted("use " a " " b) && !told[from, b]++)
+        if (a != b && !((a, b) in may) && !told[from, b]++)
             complain(from ": " a " may use " list_of(a) ", not " edge[2] "() of " to)
     }
     circles("call")
-    for (text in exception) if (!(text in used)) complain("the exception \"" text "\" is needed no more: take it out")
     exit complaints > 0
 }'

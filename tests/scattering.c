@@ -46,7 +46,7 @@ void scattering_begin(scattering_t *scattering, blob_material_t material)
     assert_int_equal(scene_new(&scattering->blob, &scattering->scene).code, RESULT_OK);
     surface_t surface;
     assert_true(scene_intersect(scattering->scene, vec3(0.5f, -0.25f, 1), vec3(0, 0, -1), 0, &surface));
-    bsdf_init(&scattering->bsdf, scattering->scene, &surface);
+    material_bsdf(scattering->scene, &surface, &scattering->bsdf);
     assert_float_equal(scattering->bsdf.ns.z, 1, 1e-6f);
     assert_float_equal(scattering->bsdf.s.x, 1, 1e-6f);
 }

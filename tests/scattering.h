@@ -3,7 +3,7 @@
 #ifndef LIGHTMILL_SCATTERING_H
 #define LIGHTMILL_SCATTERING_H
 
-#include "worker/render/bsdf/bsdf.h"
+#include "worker/render/material/material.h"
 
 typedef struct {
     uint8_t *bytes;

@@ -5,10 +5,10 @@
 #include "common/sampler.h"
 #include "tests/chi_square.h"
 #include "tests/render_here.h"
-#include "worker/render/bsdf/bsdf.h"
-#include "worker/render/bsdf/bsdf_frame.h"
 #include "worker/render/bsdf/fresnel.h"
 #include "worker/render/bsdf/lobe.h"
+#include "worker/render/material/material.h"
+#include "worker/render/material/shading_frame.h"
 #include "worker/render/sampling/warp.h"
 
 #include <setjmp.h>
@@ -174,7 +174,7 @@ static int tear_down(void **state)
 static bsdf_t bsdf_of(const sheets_t *sheets, size_t i)
 {
     bsdf_t bsdf;
-    bsdf_init(&bsdf, sheets->scene, &sheets->surfaces[i]);
+    material_bsdf(sheets->scene, &sheets->surfaces[i], &bsdf);
     return bsdf;
 }
 
@@ -184,7 +184,7 @@ static bsdf_t bsdf_turned(const sheets_t *sheets, size_t i, vec3_t ng, vec3_t ns
     surface_t surface = sheets->surfaces[i];
     surface.ng = ng;
     surface.ns = ns;
-    bsdf_init(&bsdf, sheets->scene, &surface);
+    material_bsdf(sheets->scene, &surface, &bsdf);
     return bsdf;
 }
 
@@ -686,7 +686,7 @@ static vec3_t bumped_normal(const blob_texture_t *map, uint32_t flags)
     bsdf_t bsdf;
     assert_int_equal(scene_new(&builder.blob, &scene).code, RESULT_OK);
     assert_true(scene_intersect(scene, vec3(0.7f, 0.3f, 1), vec3(0, 0, -1), 0, &surface));
-    bsdf_init(&bsdf, scene, &surface);
+    material_bsdf(scene, &surface, &bsdf);
     assert_frame(&bsdf);
     scene_destroy(&scene);
     test_scene_end(&builder);
@@ -732,7 +732,7 @@ static void degenerate_derivatives_leave_a_frame(void **state)
         bsdf_t bsdf = bsdf_of(sheets, MATTE);
         texture_point_t at = {.n = {0, 0, 1}};
         surface_details_t details = {.dpdu = tangents[i], .dpdv = tangents[i]};
-        bsdf_frame_turn(&bsdf, sheets->scene, sheets->surfaces[MATTE].material, &details, &at);
+        shading_frame_turn(&bsdf, sheets->scene, sheets->surfaces[MATTE].material, &details, &at);
         assert_frame(&bsdf);
         assert_vector(bsdf.ns, vec3(0, 0, 1));
     }

@@ -9,16 +9,17 @@
  * Cosines are those to the shading normal; which side of the surface a direction is on is told by the
  * geometric normal, so that light does not leak through.
  *
- * A BSDF is a sum of lobes. A material, once per hit, reads its values and adds the lobes that it is made of;
- * a lobe knows how to evaluate and sample itself. A new material is one file material_*.c and one entry in
- * BSDF_MATERIALS below; a new lobe is one file lobe_*.c.
+ * A BSDF is a sum of lobes, which a material adds (material/material.h). A lobe knows how to evaluate and
+ * sample itself; a new one is one file lobe_*.c, which the end of this file declares.
  */
 #ifndef LIGHTMILL_BSDF_H
 #define LIGHTMILL_BSDF_H
 
-#include "worker/render/scene/scene.h"
+#include "common/vec.h"
 
 #include <assert.h>
+#include <stddef.h>
+#include <stdint.h>
 
 /* What is carried: an eye subpath carries importance and meets RADIANCE; a light subpath the reverse. */
 typedef enum { TRANSPORT_RADIANCE, TRANSPORT_IMPORTANCE } transport_t;
@@ -163,8 +164,8 @@ typedef struct {
     lobe_t lobes[BSDF_LOBES];
 } bsdf_t;
 
-/* Makes the BSDF at a surface point: shading frame, normal map, lobes. */
-void bsdf_init(bsdf_t *bsdf, const scene_t *scene, const surface_t *surface);
+/* To be called when all lobes are added, whose chances are shares: makes these add up to one. */
+void bsdf_complete(bsdf_t *bsdf);
 /* Evaluates the lobes that are not specular. False when the value is zero; *value is then undefined. */
 bool bsdf_eval(const bsdf_t *bsdf, vec3_t wo, vec3_t wi, transport_t mode, bsdf_value_t *value);
 /* The same for directions about whose sides the two normals disagree, of which bsdf_eval is black and no lobe
@@ -195,52 +196,6 @@ static inline rgb_t bsdf_attenuation(const bsdf_t *bsdf, vec3_t w)
 {
     return bsdf->absorbs && v_dot(w, bsdf->ng) < 0 ? bsdf->attenuation : vec3(0, 0, 0);
 }
-
-/* ---- for materials ------------------------------------------------------------------------------------- */
-
-/* A material about to add its lobes. */
-typedef struct {
-    const scene_t *scene;
-    const blob_material_t *material;
-    const texture_point_t *at;
-    rgb_t scale; /* of all lobes: what a mix leaves to this part */
-    bsdf_t *bsdf;
-} shading_t;
-
-/* Adds the material's lobes. */
-typedef void material_shade_t(const shading_t *shading);
-
-/* Values of the material at the point, bounded by 1e6; colours are not negative. */
-rgb_t shading_colour(const shading_t *shading, material_value_t value);
-float shading_number(const shading_t *shading, material_value_t value);
-/* The alphas of the Trowbridge-Reitz distribution from the values `u` and `v`, remapped as the material's
- * flags say, at least 1e-4 each; false when the surface counts as smooth. */
-bool shading_alphas(const shading_t *shading, material_value_t u, material_value_t v, float alpha[2]);
-/* Adds a lobe; `share` >= 0 is its chance of being sampled relative to the others', mostly its expected
- * albedo. All else in it is zero. NULL when `scale` is black or there is no room left. */
-lobe_t *shading_add(const shading_t *shading, const lobe_kind_t *kind, rgb_t scale, float share);
-/* Lets another material shade in this one's place. */
-void shading_delegate(const shading_t *shading, uint32_t material, rgb_t scale);
-
-/* Every material, by its kind in the blob: the one place that a new one is entered. */
-#define BSDF_MATERIALS(ENTRY)                                                                                \
-    ENTRY(MATERIAL_DIFFUSE, material_diffuse)                                                                \
-    ENTRY(MATERIAL_MIRROR, material_mirror)                                                                  \
-    ENTRY(MATERIAL_DIELECTRIC, material_dielectric)                                                          \
-    ENTRY(MATERIAL_CONDUCTOR, material_conductor)                                                            \
-    ENTRY(MATERIAL_PLASTIC, material_plastic)                                                                \
-    ENTRY(MATERIAL_UBER, material_uber)                                                                      \
-    ENTRY(MATERIAL_SUBSTRATE, material_substrate)                                                            \
-    ENTRY(MATERIAL_TRANSLUCENT, material_translucent)                                                        \
-    ENTRY(MATERIAL_MIX, material_mix)                                                                        \
-    ENTRY(MATERIAL_DISNEY, material_disney)                                                                  \
-    ENTRY(MATERIAL_DIFFUSE_TRANSMISSION, material_diffuse_transmission)                                      \
-    ENTRY(MATERIAL_COATED_DIFFUSE, material_coated_diffuse)                                                  \
-    ENTRY(MATERIAL_COATED_CONDUCTOR, material_coated_conductor)                                              \
-    ENTRY(MATERIAL_GLTF, material_gltf)
-#define BSDF_DECLARE(kind, shade) extern material_shade_t shade;
-BSDF_MATERIALS(BSDF_DECLARE)
-#undef BSDF_DECLARE
 
 /* The lobes; each file says what it does. */
 extern const lobe_kind_t lobe_lambert, lobe_lambert_transmission, lobe_oren_nayar, lobe_mirror,

@@ -1,4 +1,4 @@
-/* lobe: what the lobes and the materials that make them share. */
+/* lobe: what lobes share, and the materials that add them. */
 #ifndef LIGHTMILL_LOBE_H
 #define LIGHTMILL_LOBE_H
 
@@ -19,14 +19,6 @@ void lobe_regularize_pair(float alpha[2]);
  * absorbing medium, sends back to it: the integral over the hemisphere of 2 cos R(cos) exp(-2 thickness /
  * cos) where R is the Fresnel reflectance from inside. `ior` is that of the inside over the outside. */
 float lobe_layered_returns(float ior, float thickness);
-
-/* Adds a dielectric interface, smooth or rough, a pane, or a rough transmission: factors `r` and `t` on what
- * is reflected and transmitted, `ior` of the inside over the outside. NULL as shading_add, and when both are
- * black. */
-lobe_t *lobe_add_dielectric(const shading_t *shading, const lobe_kind_t *kind, rgb_t r, rgb_t t, float ior,
-                            const float alpha[2]);
-/* Adds its reflection alone, rough, with the factor `r`. */
-lobe_t *lobe_add_reflection(const shading_t *shading, rgb_t r, float ior, const float alpha[2]);
 
 /* Completes a sample of a rough lobe: `wi` was drawn for wo turned above the surface, where `value` is what
  * the lobe says of the two. False when that is nothing. */

@@ -115,31 +115,3 @@ const lobe_kind_t lobe_rough_reflection = {
 /* The same with R black: never reflects. */
 const lobe_kind_t lobe_rough_transmission = {
     .flags = LOBE_TRANSMITS, .eval = eval, .sample = sample, .regularize = lobe_regularize_alphas};
-
-lobe_t *lobe_add_dielectric(const shading_t *shading, const lobe_kind_t *kind, rgb_t r, rgb_t t, float ior,
-                            const float alpha[2])
-{
-    float share = fresnel_dielectric_mean(ior), both = share * v_max(r) + (1 - share) * v_max(t);
-    if (!(both > 0)) return NULL;
-    lobe_t *lobe = shading_add(shading, kind, vec3(1, 1, 1), both);
-    if (lobe == NULL) return NULL;
-    lobe->alpha[0] = alpha[0];
-    lobe->alpha[1] = alpha[1];
-    lobe->dielectric.ior = ior;
-    lobe->dielectric.r = r;
-    lobe->dielectric.t = t;
-    return lobe;
-}
-
-/* The mean reflectance is taken out of the value and into the scale, which then is about the albedo. */
-lobe_t *lobe_add_reflection(const shading_t *shading, rgb_t r, float ior, const float alpha[2])
-{
-    float mean = fresnel_dielectric_mean(ior);
-    lobe_t *lobe = shading_add(shading, &lobe_rough_reflection, v_scale(r, mean), mean * v_max(r));
-    if (lobe == NULL) return NULL;
-    lobe->alpha[0] = alpha[0];
-    lobe->alpha[1] = alpha[1];
-    lobe->dielectric.ior = ior;
-    lobe->dielectric.r = vec3(1 / mean, 1 / mean, 1 / mean);
-    return lobe;
-}

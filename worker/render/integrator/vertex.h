@@ -11,8 +11,8 @@
 #ifndef LIGHTMILL_VERTEX_H
 #define LIGHTMILL_VERTEX_H
 
-#include "worker/render/bsdf/bsdf.h"
 #include "worker/render/integrator/transmittance.h"
+#include "worker/render/material/material.h"
 
 typedef enum { VERTEX_SKY, VERTEX_SURFACE } vertex_kind_t;
 
@@ -34,7 +34,7 @@ typedef struct {
 /* Makes the BSDF. `scattered`: the path was scattered before by something that is not specular. */
 static inline void vertex_shade(vertex_t *vertex, const stage_t *stage, bool scattered)
 {
-    bsdf_init(&vertex->bsdf, stage->scene, &vertex->surface);
+    material_bsdf(stage->scene, &vertex->surface, &vertex->bsdf);
     if (stage->regularizes && scattered) bsdf_regularize(&vertex->bsdf);
 }
 

@@ -1,6 +1,6 @@
 /* material_basic: the materials of one lobe: diffuse, mirror, dielectric, conductor, and the diffuse
  * transmitter. */
-#include "worker/render/bsdf/lobe.h"
+#include "worker/render/material/material.h"
 
 void material_diffuse(const shading_t *shading)
 {
@@ -29,11 +29,11 @@ void material_dielectric(const shading_t *shading)
     rgb_t r = shading_colour(shading, VALUE_REFLECTANCE), t = shading_colour(shading, VALUE_TRANSMITTANCE);
     bool rough = shading_alphas(shading, VALUE_ROUGHNESS_U, VALUE_ROUGHNESS_V, alpha);
     if (shading->material->flags & MATERIAL_THIN)
-        lobe_add_dielectric(shading, &lobe_pane, r, t, ior, alpha);
+        shading_add_dielectric(shading, &lobe_pane, r, t, ior, alpha);
     else if (rough && fabsf(ior - 1) >= LOBE_LEAST_REFRACTION)
-        lobe_add_dielectric(shading, &lobe_rough_dielectric, r, t, ior, alpha);
+        shading_add_dielectric(shading, &lobe_rough_dielectric, r, t, ior, alpha);
     else
-        lobe_add_dielectric(shading, &lobe_smooth_dielectric, r, t, ior, alpha);
+        shading_add_dielectric(shading, &lobe_smooth_dielectric, r, t, ior, alpha);
 }
 
 void material_conductor(const shading_t *shading)

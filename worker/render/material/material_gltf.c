@@ -2,7 +2,7 @@
  * clearcoat, transmission and volume. Metal and dielectric have the same distribution of normals, so that one
  * reflection serves both, with the mixture of their reflectances. What transmits as a solid is a dielectric
  * interface of its own, which reflects by Fresnel's equations from both sides. */
-#include "worker/render/bsdf/lobe.h"
+#include "worker/render/material/material.h"
 
 typedef struct {
     float alpha[2];
@@ -74,8 +74,8 @@ static void add_solid(const shading_t *shading, rgb_t colour, rgb_t tint, float 
     bool rough = !finish->smooth && fabsf(ior - 1) >= LOBE_LEAST_REFRACTION;
     float left = weight * (1 - finish->coat * (SCHLICK_COAT_F0 + (1 - SCHLICK_COAT_F0) / 21));
     if (left == 0) return;
-    lobe_add_dielectric(shading, rough ? &lobe_rough_dielectric : &lobe_smooth_dielectric,
-                        v_scale(tint, left), v_scale(colour, left), ior, finish->alpha);
+    shading_add_dielectric(shading, rough ? &lobe_rough_dielectric : &lobe_smooth_dielectric,
+                           v_scale(tint, left), v_scale(colour, left), ior, finish->alpha);
     shading->bsdf->attenuation = shading_colour(shading, VALUE_ATTENUATION);
     shading->bsdf->absorbs = !v_is_zero(shading->bsdf->attenuation);
 }

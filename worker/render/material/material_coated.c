@@ -1,6 +1,6 @@
 /* material_coated: pbrt-v4's layered materials: a base, diffuse or metal, below a medium and the interface of
  * a dielectric. The medium's extinction is one per unit of thickness; without an albedo it absorbs. */
-#include "worker/render/bsdf/lobe.h"
+#include "worker/render/material/material.h"
 
 #include "common/sampler.h"
 

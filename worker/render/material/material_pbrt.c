@@ -1,5 +1,5 @@
 /* material_pbrt: pbrt-v3's sums of lobes: plastic, uber, substrate, translucent, and the mix. */
-#include "worker/render/bsdf/lobe.h"
+#include "worker/render/material/material.h"
 
 static rgb_t rest(rgb_t c)
 {
@@ -14,7 +14,7 @@ void material_plastic(const shading_t *shading)
     shading_add(shading, &lobe_lambert, diffuse, v_max(diffuse));
     /* pbrt-v3's plastic has its indices the wrong way round: it reflects like the surface of a solid of index
      * 1.5 seen from inside. Its pictures are what its users expect. */
-    lobe_add_reflection(shading, shading_colour(shading, VALUE_SPECULAR), 1 / 1.5f, alpha);
+    shading_add_reflection(shading, shading_colour(shading, VALUE_SPECULAR), 1 / 1.5f, alpha);
 }
 
 void material_uber(const shading_t *shading)
@@ -25,11 +25,11 @@ void material_uber(const shading_t *shading)
     shading_alphas(shading, VALUE_ROUGHNESS_U, VALUE_ROUGHNESS_V, alpha);
     shading_add(shading, &lobe_straight, through, v_max(through));
     shading_add(shading, &lobe_lambert, diffuse, v_max(diffuse));
-    lobe_add_reflection(shading, v_mul(opacity, shading_colour(shading, VALUE_SPECULAR)), ior, alpha);
+    shading_add_reflection(shading, v_mul(opacity, shading_colour(shading, VALUE_SPECULAR)), ior, alpha);
     const float smooth[2] = {0, 0};
-    lobe_add_dielectric(shading, &lobe_smooth_dielectric,
-                        v_mul(opacity, shading_colour(shading, VALUE_MIRROR)),
-                        v_mul(opacity, shading_colour(shading, VALUE_TRANSMITTANCE)), ior, smooth);
+    shading_add_dielectric(shading, &lobe_smooth_dielectric,
+                           v_mul(opacity, shading_colour(shading, VALUE_MIRROR)),
+                           v_mul(opacity, shading_colour(shading, VALUE_TRANSMITTANCE)), ior, smooth);
 }
 
 void material_substrate(const shading_t *shading)
@@ -63,8 +63,8 @@ void material_translucent(const shading_t *shading)
     shading_alphas(shading, VALUE_ROUGHNESS_U, VALUE_ROUGHNESS_V, alpha);
     shading_add(shading, &lobe_lambert, back, v_max(back));
     shading_add(shading, &lobe_lambert_transmission, through, v_max(through));
-    lobe_add_dielectric(shading, &lobe_rough_dielectric, v_mul(reflect, glossy), v_mul(transmit, glossy),
-                        1.5f, alpha);
+    shading_add_dielectric(shading, &lobe_rough_dielectric, v_mul(reflect, glossy), v_mul(transmit, glossy),
+                           1.5f, alpha);
 }
 
 void material_mix(const shading_t *shading)

@@ -1,5 +1,5 @@
 /* material_disney: Disney's principled BSDF as pbrt-v3 defines it, without subsurface scattering. */
-#include "worker/render/bsdf/lobe.h"
+#include "worker/render/material/material.h"
 
 static float unit(const shading_t *shading, material_value_t value)
 {
@@ -86,7 +86,7 @@ static void add_transmission(const shading_t *shading, rgb_t colour, float amoun
         shading_add(shading, &lobe_straight, factor, v_max(factor));
         return;
     }
-    lobe_t *lobe = lobe_add_dielectric(shading, &lobe_rough_transmission, black, factor, ior, roughness);
+    lobe_t *lobe = shading_add_dielectric(shading, &lobe_rough_transmission, black, factor, ior, roughness);
     if (lobe == NULL) return;
     lobe->dielectric.separable = !thin;
 }

@@ -1,4 +1,4 @@
-#include "worker/render/bsdf/bsdf_frame.h"
+#include "worker/render/material/shading_frame.h"
 
 /* Makes n the shading normal, turned to the side of the geometric one; keeps the old one if n is no
  * direction. */
@@ -56,8 +56,8 @@ static void map_normal(bsdf_t *bsdf, const textures_t *textures, const blob_mate
     set_normal(bsdf, bsdf_to_world(bsdf, vec3(x, y, 2 * colour.z - 1)));
 }
 
-void bsdf_frame_turn(bsdf_t *bsdf, const scene_t *scene, const blob_material_t *material,
-                     const surface_details_t *details, const texture_point_t *at)
+void shading_frame_turn(bsdf_t *bsdf, const scene_t *scene, const blob_material_t *material,
+                        const surface_details_t *details, const texture_point_t *at)
 {
     vec3_t dpdu = details->dpdu;
     if (material->normal_map != 0) map_normal(bsdf, scene_textures(scene), material, details, at);

@@ -1,0 +1,34 @@
+/* material: what a surface is made of, as a sum of lobes at a point (bsdf.h).
+ *
+ * A material, once per hit, reads its values and adds its lobes. A new one is a function in a material_*.c
+ * and an entry in MATERIALS below.
+ */
+#ifndef LIGHTMILL_MATERIAL_H
+#define LIGHTMILL_MATERIAL_H
+
+#include "worker/render/material/shading.h"
+
+/* Makes the BSDF at a surface point: shading frame, normal map, lobes. */
+void material_bsdf(const scene_t *scene, const surface_t *surface, bsdf_t *bsdf);
+
+/* Every material, by its kind in the blob: the one place that a new one is entered. */
+#define MATERIALS(ENTRY)                                                                                     \
+    ENTRY(MATERIAL_DIFFUSE, material_diffuse)                                                                \
+    ENTRY(MATERIAL_MIRROR, material_mirror)                                                                  \
+    ENTRY(MATERIAL_DIELECTRIC, material_dielectric)                                                          \
+    ENTRY(MATERIAL_CONDUCTOR, material_conductor)                                                            \
+    ENTRY(MATERIAL_PLASTIC, material_plastic)                                                                \
+    ENTRY(MATERIAL_UBER, material_uber)                                                                      \
+    ENTRY(MATERIAL_SUBSTRATE, material_substrate)                                                            \
+    ENTRY(MATERIAL_TRANSLUCENT, material_translucent)                                                        \
+    ENTRY(MATERIAL_MIX, material_mix)                                                                        \
+    ENTRY(MATERIAL_DISNEY, material_disney)                                                                  \
+    ENTRY(MATERIAL_DIFFUSE_TRANSMISSION, material_diffuse_transmission)                                      \
+    ENTRY(MATERIAL_COATED_DIFFUSE, material_coated_diffuse)                                                  \
+    ENTRY(MATERIAL_COATED_CONDUCTOR, material_coated_conductor)                                              \
+    ENTRY(MATERIAL_GLTF, material_gltf)
+#define MATERIAL_DECLARE(kind, shade) extern material_shade_t shade;
+MATERIALS(MATERIAL_DECLARE)
+#undef MATERIAL_DECLARE
+
+#endif

@@ -1,0 +1,114 @@
+/* shading: see shading.h. */
+#include "worker/render/material/shading.h"
+
+/* Bounds beyond anything sensible, far enough from overflow for the arithmetic of all lobes. */
+#define LARGEST_VALUE 1e6f
+
+static float sane(float x, float low)
+{
+    return x > low ? float_min(x, LARGEST_VALUE) : low;
+}
+
+/* Not textures_value: most values have no texture, and then need no scene. */
+static rgb_t value_at(const shading_t *shading, material_value_t value)
+{
+    const blob_value_t *v = &shading->material->values[value];
+    return v->texture == 0 ? v->factor : textures_value(scene_textures(shading->scene), v, shading->at);
+}
+
+static bool is_share(material_value_t value)
+{
+    return value == VALUE_REFLECTANCE || value == VALUE_TRANSMITTANCE || value == VALUE_ALBEDO ||
+           value == VALUE_AMOUNT;
+}
+
+rgb_t shading_colour(const shading_t *shading, material_value_t value)
+{
+    rgb_t c = value_at(shading, value);
+    if ((shading->material->flags & MATERIAL_UNIT) != 0 && is_share(value))
+        c = vec3(float_min(c.x, 1), float_min(c.y, 1), float_min(c.z, 1));
+    return vec3(sane(c.x, 0), sane(c.y, 0), sane(c.z, 0));
+}
+
+float shading_number(const shading_t *shading, material_value_t value)
+{
+    return sane(value_at(shading, value).x, -LARGEST_VALUE);
+}
+
+/* pbrt-v3's fit of an alpha to its older Blinn exponent (TrowbridgeReitzDistribution::RoughnessToAlpha). */
+static float alpha_v3(float roughness)
+{
+    float x = logf(float_max(roughness, 1e-3f));
+    return 1.62142f + x * (0.819955f + x * (0.1734f + x * (0.0171201f + x * 0.000640711f)));
+}
+
+static float remap(uint32_t flags, float roughness)
+{
+    if (flags & MATERIAL_REMAP_V3) return alpha_v3(roughness);
+    if (flags & MATERIAL_REMAP_SQRT) return sqrtf(roughness);
+    if (flags & MATERIAL_REMAP_SQUARE) return roughness * roughness;
+    return roughness;
+}
+
+bool shading_alphas(const shading_t *shading, material_value_t u, material_value_t v, float alpha[2])
+{
+    enum { V3 = MATERIAL_REMAP_V3 | MATERIAL_ALPHA_V3 };
+    const float largest = 10; /* beyond any sensible surface, and far from overflow */
+    uint32_t flags = shading->material->flags;
+    float roughness[2] = {float_max(shading_number(shading, u), 0), float_max(shading_number(shading, v), 0)};
+    for (int i = 0; i < 2; i++)
+        alpha[i] =
+            float_clamp(remap(flags, float_min(roughness[i], 100)), flags & V3 ? 1e-3f : 1e-4f, largest);
+    if (flags & V3)
+        return shading->material->kind != MATERIAL_DIELECTRIC || roughness[0] != 0 || roughness[1] != 0;
+    return alpha[0] >= 1e-3f || alpha[1] >= 1e-3f;
+}
+
+lobe_t *shading_add(const shading_t *shading, const lobe_kind_t *kind, rgb_t scale, float share)
+{
+    bsdf_t *bsdf = shading->bsdf;
+    scale = v_mul(scale, shading->scale);
+    float most = v_max(scale);
+    if (!(most > 0) || bsdf->count == BSDF_LOBES) return NULL;
+    lobe_t *lobe = &bsdf->lobes[bsdf->count++];
+    /* No share may be so small that what only this lobe can draw is never drawn. */
+    float chance = float_clamp(share * v_max(shading->scale), 0.01f * float_min(most, 1), 1e6f);
+    *lobe = (lobe_t){.kind = kind, .scale = scale, .chance = chance};
+    return lobe;
+}
+
+lobe_t *shading_add_dielectric(const shading_t *shading, const lobe_kind_t *kind, rgb_t r, rgb_t t, float ior,
+                               const float alpha[2])
+{
+    float share = fresnel_dielectric_mean(ior), both = share * v_max(r) + (1 - share) * v_max(t);
+    if (!(both > 0)) return NULL;
+    lobe_t *lobe = shading_add(shading, kind, vec3(1, 1, 1), both);
+    if (lobe == NULL) return NULL;
+    lobe->alpha[0] = alpha[0];
+    lobe->alpha[1] = alpha[1];
+    lobe->dielectric.ior = ior;
+    lobe->dielectric.r = r;
+    lobe->dielectric.t = t;
+    return lobe;
+}
+
+/* The mean reflectance is taken out of the value and into the scale, which then is about the albedo. */
+lobe_t *shading_add_reflection(const shading_t *shading, rgb_t r, float ior, const float alpha[2])
+{
+    float mean = fresnel_dielectric_mean(ior);
+    lobe_t *lobe = shading_add(shading, &lobe_rough_reflection, v_scale(r, mean), mean * v_max(r));
+    if (lobe == NULL) return NULL;
+    lobe->alpha[0] = alpha[0];
+    lobe->alpha[1] = alpha[1];
+    lobe->dielectric.ior = ior;
+    lobe->dielectric.r = vec3(1 / mean, 1 / mean, 1 / mean);
+    return lobe;
+}
+
+void shading_delegate(const shading_t *shading, uint32_t material, rgb_t scale)
+{
+    shading_t part = *shading;
+    part.material = &scene_blob(shading->scene)->materials[material];
+    part.scale = v_mul(shading->scale, scale);
+    shading->shade(&part);
+}

@@ -1,0 +1,41 @@
+/* shading: a material at a point while it adds its lobes: its values there, and what several materials add.
+ */
+#ifndef LIGHTMILL_SHADING_H
+#define LIGHTMILL_SHADING_H
+
+#include "worker/render/bsdf/lobe.h"
+#include "worker/render/scene/scene.h"
+
+/* A material about to add its lobes. */
+typedef struct shading shading_t;
+/* Adds the material's lobes. */
+typedef void material_shade_t(const shading_t *shading);
+struct shading {
+    const scene_t *scene;
+    const blob_material_t *material;
+    const texture_point_t *at;
+    rgb_t scale; /* of all lobes: what a mix leaves to this part */
+    bsdf_t *bsdf;
+    material_shade_t *shade; /* any material, by its kind */
+};
+
+/* Values of the material at the point, bounded by 1e6; colours are not negative. */
+rgb_t shading_colour(const shading_t *shading, material_value_t value);
+float shading_number(const shading_t *shading, material_value_t value);
+/* The alphas of the Trowbridge-Reitz distribution from the values `u` and `v`, remapped as the material's
+ * flags say, at least 1e-4 each; false when the surface counts as smooth. */
+bool shading_alphas(const shading_t *shading, material_value_t u, material_value_t v, float alpha[2]);
+/* Adds a lobe; `share` >= 0 is its chance of being sampled relative to the others', mostly its expected
+ * albedo. All else in it is zero. NULL when `scale` is black or there is no room left. */
+lobe_t *shading_add(const shading_t *shading, const lobe_kind_t *kind, rgb_t scale, float share);
+/* Adds a dielectric interface, smooth or rough, a pane, or a rough transmission: factors `r` and `t` on what
+ * is reflected and transmitted, `ior` of the inside over the outside. NULL as shading_add, and when both are
+ * black. */
+lobe_t *shading_add_dielectric(const shading_t *shading, const lobe_kind_t *kind, rgb_t r, rgb_t t, float ior,
+                               const float alpha[2]);
+/* Adds its reflection alone, rough, with the factor `r`. */
+lobe_t *shading_add_reflection(const shading_t *shading, rgb_t r, float ior, const float alpha[2]);
+/* Lets another material shade in this one's place. */
+void shading_delegate(const shading_t *shading, uint32_t material, rgb_t scale);
+
+#endif
