@@ -25,7 +25,7 @@ static const uint64_t COMPARED_BYTES = (uint64_t)1 << 30;
 
 uint64_t farm_job_id(const job_t *job)
 {
-    return job->id;
+    return job->kept.job;
 }
 
 void farm_unpin(farm_t *farm, job_t *job)
@@ -37,8 +37,8 @@ void farm_unpin(farm_t *farm, job_t *job)
 
 static result_t job_over(const job_t *job)
 {
-    return result_fail(RESULT_CANCELLED, "job %llu is %s", (unsigned long long)job->id,
-                       job->state == JOB_QUEUED ? "not started" : "over");
+    return result_fail(RESULT_CANCELLED, "job %llu is %s", (unsigned long long)job->kept.job,
+                       job->kept.state == JOB_QUEUED ? "not started" : "over");
 }
 
 static result_t unknown_worker(void)
@@ -62,7 +62,7 @@ static result_t other_content(uint64_t id)
 static result_t other_bits(const job_t *job)
 {
     return result_fail(RESULT_MISMATCH, "job %llu is made by machines that make other bits",
-                       (unsigned long long)job->id);
+                       (unsigned long long)job->kept.job);
 }
 
 result_t farm_content_check(farm_t *farm, uint64_t id, const hash_t *content)
@@ -79,7 +79,7 @@ result_t farm_content_check(farm_t *farm, uint64_t id, const hash_t *content)
 static void prepare_for_batch(farm_t *farm, double now, job_t *job, bool named)
 {
     if (job->film == FILM_STORED) farm_want_film(farm, job);
-    if (job->state == JOB_QUEUED && !job_awaits_film(job) && named) farm_job_start(farm, now, job);
+    if (job->kept.state == JOB_QUEUED && !job_awaits_film(job) && named) farm_job_start(farm, now, job);
 }
 
 result_t farm_batch_wanted(farm_t *farm, double now, uint64_t worker, uint64_t id, bool named)
@@ -121,9 +121,9 @@ static result_t check_head(worker_t *worker, job_t *job, const batch_head_t *hea
     if (worker == NULL || worker->outcast) return unknown_worker();
     worker->bytes += head->bytes;
     if (job == NULL) return unknown_job(head->job);
-    job->bytes += head->bytes;
+    job->kept.bytes += head->bytes;
     if (job->film == FILM_OPEN) return result_ok();
-    job->batches_refused++;
+    job->kept.batches_refused++;
     worker->batches_refused++;
     return job_over(job);
 }
@@ -135,7 +135,7 @@ result_t farm_batch_begin(farm_t *farm, double now, const batch_head_t *head, fa
     job_t *job = farm_find_job(farm, head->job);
     result_t result = check_head(worker, job, head);
     if (result.code == RESULT_OK) {
-        *open = (farm_batch_t){.settings = job->settings,
+        *open = (farm_batch_t){.settings = job->kept.settings,
                                .job = job,
                                .worker = head->worker,
                                .check = head->check,
@@ -156,7 +156,7 @@ static void note_progress(job_t *job, double now)
     job->rate_time[0] = job->rate_time[1];
     job->rate_samples[0] = job->rate_samples[1];
     job->rate_time[1] = now;
-    job->rate_samples[1] = job->samples_done;
+    job->rate_samples[1] = job->kept.samples_done;
 }
 
 /* A batch whose job is known. */
@@ -173,7 +173,7 @@ typedef struct {
 /* The weights of the units where some are not 1, in fresh memory. */
 static uint32_t *unit_weights(const job_t *job, const batch_t *batch)
 {
-    if (!job_is_planned(&job->settings)) return NULL;
+    if (!job_is_planned(&job->kept.settings)) return NULL;
     uint32_t *weights = mem_alloc(batch->unit_count * sizeof *weights);
     for (size_t i = 0; i < batch->unit_count; i++)
         weights[i] = schedule_weight(job->schedule, &batch->units[i]);
@@ -185,7 +185,7 @@ static uint32_t *unit_weights(const job_t *job, const batch_t *batch)
 static uint64_t most_compared(const job_t *job, const worker_t *worker)
 {
     const unit_t largest = {.tile = 0, .first = 0, .count = 1};
-    return COMPARED_BYTES + worker->threads * sum_unit_bytes(&job->settings, &largest);
+    return COMPARED_BYTES + worker->threads * sum_unit_bytes(&job->kept.settings, &largest);
 }
 
 /* A batch that bears a number is a rendering of units that two workers are asked for: it is compared with the
@@ -226,7 +226,7 @@ static result_t count_units(farm_t *farm, double now, delivery_t *delivery)
     const worker_t *worker = farm_find_worker(farm, delivery->open->worker);
     if (job->film != FILM_OPEN) return job_over(job);
     if (worker != NULL && !farm_bits_fit(job, &worker->fingerprint)) return other_bits(job);
-    if (job->terms.verify > 0 && worker != NULL && !worker->relay)
+    if (job->kept.terms.verify > 0 && worker != NULL && !worker->relay)
         TRY(batch_check_size(batch, most_compared(job, worker)));
     TRY(schedule_accept(job->schedule, batch->units, batch->unit_count));
     if (worker != NULL) farm_note_bits(farm, job, worker);
@@ -260,22 +260,22 @@ static void note_batch(farm_t *farm, double now, const delivery_t *delivery)
     const batch_t *batch = delivery->batch;
     worker_t *worker = farm_find_worker(farm, delivery->open->worker);
     film_counts_t counts = shared_film_counts(job->shared_film);
-    if (job->counts.dropped == 0 && counts.dropped > 0)
+    if (job->kept.counts.dropped == 0 && counts.dropped > 0)
         log_warning("job %llu: contributions that are NaN or infinite are dropped",
-                    (unsigned long long)job->id);
-    job->counts = counts;
+                    (unsigned long long)job->kept.job);
+    job->kept.counts = counts;
     job_unsaved(job);
-    job->batches++;
+    job->kept.batches++;
     if (worker != NULL) {
         worker->batches++;
         farm_worker_delivered(farm, now, worker, job, batch->units, batch->unit_count);
     }
     id_table_put(&job->seen, worker != NULL ? worker->id : 0, 0);
-    job->samples_done = schedule_done(job->schedule);
+    job->kept.samples_done = schedule_done(job->schedule);
     note_progress(job, now);
     job->merging--;
     if (job->film != FILM_OPEN) return;
-    if (job->counts.overflows > 0)
+    if (job->kept.counts.overflows > 0)
         farm_job_fail_overflow(farm, now, job);
     else if (job->flush_until > 0)
         farm_job_flushed(farm, now, job, delivery->open->worker);
@@ -294,7 +294,7 @@ static void refuse(farm_t *farm, const farm_batch_t *open, const unit_t *units, 
 {
     job_t *job = open->job;
     worker_t *worker = farm_find_worker(farm, open->worker);
-    job->batches_refused++;
+    job->kept.batches_refused++;
     if (worker != NULL) {
         worker->batches_refused++;
         worker->offered = worker->granted = 0;
@@ -368,7 +368,7 @@ job_t *farm_pin(farm_t *farm, uint64_t id)
 /* True when the film is what it will be: what was counted is in it, what is known to be wrong is out. */
 static bool is_settled(const job_t *job)
 {
-    return job->merging == 0 && (job->state != JOB_FINISHING || !trust_wrong(job));
+    return job->merging == 0 && (job->kept.state != JOB_FINISHING || !trust_wrong(job));
 }
 
 job_t *farm_next_finished(farm_t *farm)
@@ -402,7 +402,7 @@ result_t farm_resolve(farm_t *farm, double now, job_t *job, film_image_t *image,
 {
     farm_lock(farm);
     *report = farm_report_job(job, now);
-    bool empty = job->batches == 0, due = job_awaits_film(job);
+    bool empty = job->kept.batches == 0, due = job_awaits_film(job);
     if (job->film == FILM_STORED) farm_want_film(farm, job); /* somebody wants to see it */
     farm_unlock(farm);
     shared_film_t *shared_film = empty ? NULL : job_film_hold(farm, job);
@@ -422,8 +422,8 @@ result_t farm_resolve(farm_t *farm, double now, job_t *job, film_image_t *image,
 uint64_t farm_image_version(farm_t *farm, job_t *job, bool *over)
 {
     farm_lock(farm);
-    uint64_t version = job->batches;
-    *over = job_state_final(job->state);
+    uint64_t version = job->kept.batches;
+    *over = job_state_final(job->kept.state);
     farm_unlock(farm);
     return version;
 }
@@ -432,19 +432,19 @@ void farm_finished(farm_t *farm, double now, job_t *job, result_t written, const
 {
     farm_lock(farm);
     if (job->image != IMAGE_WRITING) {
-        log_debug("job %llu: its image was given up meanwhile", (unsigned long long)job->id);
+        log_debug("job %llu: its image was given up meanwhile", (unsigned long long)job->kept.job);
     } else if (written.code == RESULT_OK) {
         job->image = IMAGE_WRITTEN;
         if (job->image_failures > 0) job->remark[0] = '\0'; /* it is not true any more */
         job->image_failures = 0;
-        if (path != NULL) log_info("job %llu: the image is in %s", (unsigned long long)job->id, path);
+        if (path != NULL) log_info("job %llu: the image is in %s", (unsigned long long)job->kept.job, path);
     } else {
         job->image = IMAGE_FAILED;
         job->image_failures++;
         job->image_retry = now + IMAGE_RETRY;
         snprintf(job->remark, sizeof job->remark, "the image cannot be written, and is tried again: %.200s",
                  written.message);
-        log_error("job %llu: %s", (unsigned long long)job->id, job->remark);
+        log_error("job %llu: %s", (unsigned long long)job->kept.job, job->remark);
     }
     farm_job_settle(farm, job);
     farm_unlock(farm);

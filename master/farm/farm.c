@@ -82,8 +82,8 @@ bool farm_next_notice(farm_t *farm, notice_t *notice)
 
 static bool time_is_up(const job_t *job, double now)
 {
-    return job->state == JOB_RUNNING && job->settings.time_limit > 0 &&
-           farm_job_elapsed(job, now) >= job->settings.time_limit;
+    return job->kept.state == JOB_RUNNING && job->kept.settings.time_limit > 0 &&
+           farm_job_elapsed(job, now) >= job->kept.settings.time_limit;
 }
 
 void farm_tick(farm_t *farm, double now)
@@ -119,7 +119,7 @@ void farm_shut_down(farm_t *farm)
     farm->shut = true;
     for (size_t i = 0; i < farm->job_count; i++) {
         job_t *job = farm->jobs[i];
-        if (!job_state_final(job->state)) farm_record_changed(farm, job);
+        if (!job_state_final(job->kept.state)) farm_record_changed(farm, job);
     }
     farm_wake(farm->options.checkpoint_wake);
     farm_unlock(farm);

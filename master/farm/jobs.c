@@ -65,8 +65,17 @@ double farm_wall_time(void)
 
 double farm_job_elapsed(const job_t *job, double now)
 {
-    if (job->started <= 0) return job->elapsed_before;
-    return job->elapsed_before + (job->ended > 0 ? job->ended : now) - job->started;
+    if (job->started <= 0) return job->kept.elapsed;
+    return job->kept.elapsed + (job->ended > 0 ? job->ended : now) - job->started;
+}
+
+job_record_t farm_job_record(const job_t *job, double now)
+{
+    job_record_t record = job->kept;
+    record.elapsed = farm_job_elapsed(job, now);
+    record.workers_seen += (uint32_t)job->seen.count;
+    if (job->schedule != NULL) record.account = schedule_account(job->schedule);
+    return record;
 }
 
 /* ---- memory -------------------------------------------------------------------------------------------- */
@@ -92,7 +101,7 @@ void farm_job_remove(farm_t *farm, job_t *job)
     while (farm->jobs[at] != job) at++;
     memmove(farm->jobs + at, farm->jobs + at + 1, (--farm->job_count - at) * sizeof *farm->jobs);
     farm->removed = mem_realloc(farm->removed, (farm->removed_count + 1) * sizeof *farm->removed);
-    farm->removed[farm->removed_count++] = job->id;
+    farm->removed[farm->removed_count++] = job->kept.job;
     farm_wake(farm->options.journal_writer_wake);
     job->gone = true;
     if (job->pins == 0) farm_job_free(farm, job);
@@ -102,10 +111,10 @@ void farm_job_remove(farm_t *farm, job_t *job)
 
 void farm_job_install(farm_t *farm, double now, job_t *job, film_t *film, schedule_t *schedule)
 {
-    job->counts = film->counts;
+    job->kept.counts = film->counts;
     job->shared_film = shared_film_new(film);
     job->schedule = schedule;
-    job->samples_done = schedule_done(schedule);
+    job->kept.samples_done = schedule_done(schedule);
     job->film = FILM_OPEN;
     job->image = IMAGE_NONE;
     job->save = SAVE_DONE;
@@ -113,7 +122,7 @@ void farm_job_install(farm_t *farm, double now, job_t *job, film_t *film, schedu
     job->declines = 0;
     farm_job_joins(farm, job);
     job->rate_time[0] = job->rate_time[1] = now;
-    job->rate_samples[0] = job->rate_samples[1] = job->samples_done;
+    job->rate_samples[0] = job->rate_samples[1] = job->kept.samples_done;
 }
 
 uint64_t farm_awaited_bytes(const farm_t *farm)
@@ -121,8 +130,8 @@ uint64_t farm_awaited_bytes(const farm_t *farm)
     uint64_t bytes = farm->film_bytes;
     for (size_t i = 0; i < farm->job_count; i++) {
         const job_t *job = farm->jobs[i];
-        if (job->film != FILM_WANTED || job->state == JOB_PAUSED) continue;
-        uint64_t more = film_bytes(&job->settings);
+        if (job->film != FILM_WANTED || job->kept.state == JOB_PAUSED) continue;
+        uint64_t more = film_bytes(&job->kept.settings);
         if (bytes + more <= farm->options.film_limit) bytes += more;
     }
     return bytes - farm->film_bytes;
@@ -143,10 +152,10 @@ static void round_free(plan_round_t *round)
 /* The first round needs no film to be planned from. */
 static void open_first_round(job_t *job)
 {
-    if (!job_is_planned(&job->settings)) return;
-    plan_round_t first = round_new(job_tile_count(&job->settings));
+    if (!job_is_planned(&job->kept.settings)) return;
+    plan_round_t first = round_new(job_tile_count(&job->kept.settings));
     double error;
-    if (plan_next(&job->settings, 0, NULL, NULL, &first, &error) == PLAN_ROUND)
+    if (plan_next(&job->kept.settings, 0, NULL, NULL, &first, &error) == PLAN_ROUND)
         schedule_open_round(job->schedule, first.ends, first.weights);
     round_free(&first);
 }
@@ -157,24 +166,25 @@ bool farm_job_start(farm_t *farm, double now, job_t *job)
         farm_want_film(farm, job);
         return false;
     }
-    uint64_t bytes = film_bytes(&job->settings);
+    uint64_t bytes = film_bytes(&job->kept.settings);
     if (farm->film_bytes + farm_awaited_bytes(farm) + bytes > farm->options.film_limit) return false;
     film_t *film;
-    result_t result = film_new(&job->settings, &film);
+    result_t result = film_new(&job->kept.settings, &film);
     if (result.code != RESULT_OK) {
-        snprintf(job->message, sizeof job->message, "%s", result.message);
-        log_error("job %llu: %s", (unsigned long long)job->id, result.message);
+        snprintf(job->kept.message, sizeof job->kept.message, "%s", result.message);
+        log_error("job %llu: %s", (unsigned long long)job->kept.job, result.message);
         farm_job_close(farm, now, job, JOB_FAILED);
         return false;
     }
     farm->film_bytes += bytes;
-    farm_job_install(farm, now, job, film, schedule_new(&job->settings));
+    farm_job_install(farm, now, job, film, schedule_new(&job->kept.settings));
     open_first_round(job);
-    job->state = JOB_RUNNING;
+    job->kept.state = JOB_RUNNING;
     job->started = now;
     farm_record_changed(farm, job);
-    log_info("job %llu starts: %s, %d x %d, %s", (unsigned long long)job->id, job->terms.name,
-             job->settings.width, job->settings.height, integrator_name(job->settings.integrator));
+    log_info("job %llu starts: %s, %d x %d, %s", (unsigned long long)job->kept.job, job->kept.terms.name,
+             job->kept.settings.width, job->kept.settings.height,
+             integrator_name(job->kept.settings.integrator));
     return true;
 }
 
@@ -190,13 +200,13 @@ typedef struct {
 
 static question_t question_new(const job_t *job)
 {
-    uint32_t tiles = job_tile_count(&job->settings);
-    question_t question = {.settings = job->settings,
+    uint32_t tiles = job_tile_count(&job->kept.settings);
+    question_t question = {.settings = job->kept.settings,
                            .round_count = schedule_round_count(job->schedule),
                            .last = round_new(tiles),
                            .next = round_new(tiles),
-                           .samples = job->samples_done,
-                           .batches = job->batches};
+                           .samples = job->kept.samples_done,
+                           .batches = job->kept.batches};
     if (question.round_count > 0) {
         memcpy(question.last.ends, schedule_round_ends(job->schedule), tiles * sizeof(uint32_t));
         memcpy(question.last.weights, schedule_round_weights(job->schedule), tiles * sizeof(uint32_t));
@@ -214,9 +224,10 @@ static void question_free(question_t *question)
  * be, and no order came. */
 static bool question_stands(const question_t *question, const job_t *job)
 {
-    return job->merging == 0 && job->batches == question->batches && schedule_round_counted(job->schedule) &&
-           !trust_pending(job) && job->settings.spp == question->settings.spp &&
-           job->settings.error == question->settings.error;
+    return job->merging == 0 && job->kept.batches == question->batches &&
+           schedule_round_counted(job->schedule) && !trust_pending(job) &&
+           job->kept.settings.spp == question->settings.spp &&
+           job->kept.settings.error == question->settings.error;
 }
 
 /* The job's rounds are decided by its film, which takes a while to look at: the lock is let go meanwhile. */
@@ -235,7 +246,7 @@ static void plan_round(farm_t *farm, double now, job_t *job)
     farm_job_film_let_go(farm, job);
     job->planning = false;
     if (job->film == FILM_OPEN && question_stands(&question, job)) {
-        job->error = error;
+        job->kept.error = error;
         job->error_samples = question.samples;
         if (verdict == PLAN_ROUND)
             schedule_open_round(job->schedule, question.next.ends, question.next.weights);
@@ -251,7 +262,7 @@ void farm_job_progress(farm_t *farm, double now, job_t *job)
     job->pins++;
     while (job->film == FILM_OPEN && job->merging == 0 && !job->planning &&
            schedule_round_counted(job->schedule) && !trust_pending(job)) {
-        if (job_is_planned(&job->settings))
+        if (job_is_planned(&job->kept.settings))
             plan_round(farm, now, job);
         else
             farm_job_close(farm, now, job, JOB_DONE);
@@ -281,11 +292,11 @@ void farm_job_close(farm_t *farm, double now, job_t *job, job_state_t outcome)
     job->remark[0] = '\0';
     job->flush_until = 0;
     job->ended = job->started > 0 ? now : 0;
-    job->outcome = outcome;
-    job->state = JOB_FINISHING;
+    job->kept.outcome = outcome;
+    job->kept.state = JOB_FINISHING;
     if (outcome == JOB_FAILED) {
-        job->state = JOB_FAILED;
-        job->finished = farm_wall_time();
+        job->kept.state = JOB_FAILED;
+        job->kept.finished = farm_wall_time();
         job->save = SAVE_OFF;
     }
     job->image = IMAGE_DUE;
@@ -308,8 +319,8 @@ void farm_job_flush(farm_t *farm, double now, job_t *job)
 
 void farm_job_cut_short(farm_t *farm, double now, job_t *job, job_state_t outcome)
 {
-    job->state = JOB_FINISHING;
-    job->outcome = outcome;
+    job->kept.state = JOB_FINISHING;
+    job->kept.outcome = outcome;
     farm_record_changed(farm, job);
     farm_job_flush(farm, now, job);
 }
@@ -317,10 +328,10 @@ void farm_job_cut_short(farm_t *farm, double now, job_t *job, job_state_t outcom
 void farm_job_flush_end(farm_t *farm, double now, job_t *job)
 {
     job->flush_until = 0;
-    if (job->state == JOB_PAUSED)
+    if (job->kept.state == JOB_PAUSED)
         release_all(farm, job);
     else
-        farm_job_close(farm, now, job, job->outcome);
+        farm_job_close(farm, now, job, job->kept.outcome);
 }
 
 void farm_job_flushed(farm_t *farm, double now, job_t *job, uint64_t worker)
@@ -331,13 +342,13 @@ void farm_job_flushed(farm_t *farm, double now, job_t *job, uint64_t worker)
 
 void farm_job_fail_overflow(farm_t *farm, double now, job_t *job)
 {
-    snprintf(job->message, sizeof job->message,
+    snprintf(job->kept.message, sizeof job->kept.message,
              "%llu sums were too large for the film at scale %d: submit the scene again with a smaller one, "
              "such as "
              "--film-scale %d",
-             (unsigned long long)job->counts.overflows, job->settings.film_scale,
-             int_max(job->settings.film_scale - 8, FILM_MIN_SCALE));
-    log_error("job %llu failed: %s", (unsigned long long)job->id, job->message);
+             (unsigned long long)job->kept.counts.overflows, job->kept.settings.film_scale,
+             int_max(job->kept.settings.film_scale - 8, FILM_MIN_SCALE));
+    log_error("job %llu failed: %s", (unsigned long long)job->kept.job, job->kept.message);
     farm_job_close(farm, now, job, JOB_FAILED);
 }
 
@@ -345,19 +356,20 @@ static void log_end(const job_t *job)
 {
     log_info("job %llu is %s after %.1f s: %llu batches (%llu refused), %llu units re-issued, %zu workers, "
              "%.1f MB (%llu bytes) received, %.1f CPU s",
-             (unsigned long long)job->id, job_state_name((uint32_t)job->state), farm_job_elapsed(job, 0),
-             (unsigned long long)job->batches, (unsigned long long)job->batches_refused,
-             (unsigned long long)job->units_reissued, job->seen.count + job->seen_before,
-             1e-6 * (double)job->bytes, (unsigned long long)job->bytes, 1e-6 * (double)job->counts.cpu_us);
-    if (job->counts.dropped > 0)
+             (unsigned long long)job->kept.job, job_state_name((uint32_t)job->kept.state),
+             farm_job_elapsed(job, 0), (unsigned long long)job->kept.batches,
+             (unsigned long long)job->kept.batches_refused, (unsigned long long)job->kept.units_reissued,
+             job->seen.count + job->kept.workers_seen, 1e-6 * (double)job->kept.bytes,
+             (unsigned long long)job->kept.bytes, 1e-6 * (double)job->kept.counts.cpu_us);
+    if (job->kept.counts.dropped > 0)
         log_warning("job %llu: %llu contributions were NaN or infinite, and left out",
-                    (unsigned long long)job->id, (unsigned long long)job->counts.dropped);
+                    (unsigned long long)job->kept.job, (unsigned long long)job->kept.counts.dropped);
 }
 
 /* Frees what only a job that is not over needs. */
 static void put_away(farm_t *farm, job_t *job)
 {
-    if (job->schedule != NULL) job->account = schedule_account(job->schedule);
+    if (job->schedule != NULL) job->kept.account = schedule_account(job->schedule);
     schedule_destroy(&job->schedule);
     trust_forget(job);
     farm_job_free_film(farm, job);
@@ -368,13 +380,13 @@ void farm_job_settle(farm_t *farm, job_t *job)
 {
     if (job->film == FILM_OPEN || job->merging > 0 || job_is_saving(job) || job->planning) return;
     bool ends = job->image == IMAGE_WRITTEN || job->image == IMAGE_GIVEN_UP;
-    if (job->state == JOB_FINISHING && ends) {
+    if (job->kept.state == JOB_FINISHING && ends) {
         if (job->save == SAVE_DUE && farm->options.checkpoint_wake >= 0) return;
-        job->state = job->outcome;
-        job->finished = farm_wall_time();
+        job->kept.state = job->kept.outcome;
+        job->kept.finished = farm_wall_time();
         farm_record_changed(farm, job);
     }
-    if (!job_state_final(job->state) || job->film != FILM_CLOSED || job->image == IMAGE_DUE) return;
+    if (!job_state_final(job->kept.state) || job->film != FILM_CLOSED || job->image == IMAGE_DUE) return;
     log_end(job);
     put_away(farm, job);
 }

@@ -20,32 +20,9 @@
 
 static job_record_t make_record(const job_t *job, double now)
 {
-    job_record_t record = {.job = job->id,
-                           .terms = job->terms,
-                           .settings = job->settings,
-                           .blob = job->blob,
-                           .blob_size = job->blob_size,
-                           .state = job->state,
-                           .outcome = job->outcome,
-                           .retained = job->retained,
-                           .fingerprint = job->fingerprint,
-                           .elapsed = farm_job_elapsed(job, now),
-                           .submitted = job->submitted,
-                           .finished = job->finished,
-                           .bytes = job->bytes,
-                           .batches = job->batches,
-                           .batches_refused = job->batches_refused,
-                           .units_reissued = job->units_reissued,
-                           .checks_passed = job->checks_passed,
-                           .checks_failed = job->checks_failed,
-                           .workers_seen = (uint32_t)job->seen.count + job->seen_before,
-                           .samples_done = job->samples_done,
-                           .account = job->schedule != NULL ? schedule_account(job->schedule) : job->account,
-                           .counts = job->counts,
-                           .error = job->error};
+    job_record_t record = farm_job_record(job, now);
     record.account.returned += record.account.out; /* that is what becomes of it */
     record.account.out = 0;
-    memcpy(record.message, job->message, sizeof record.message);
     return record;
 }
 
@@ -91,8 +68,8 @@ job_record_t farm_record(farm_t *farm, double now, const job_t *job)
 void farm_note(farm_t *farm, job_t *job, const char *note)
 {
     farm_lock(farm);
-    if (job->state != JOB_FAILED) {
-        snprintf(job->message, sizeof job->message, "%s", note);
+    if (job->kept.state != JOB_FAILED) {
+        snprintf(job->kept.message, sizeof job->kept.message, "%s", note);
         farm_record_changed(farm, job);
     }
     farm_unlock(farm);
@@ -103,34 +80,12 @@ void farm_note(farm_t *farm, job_t *job, const char *note)
 static job_t *job_from_record(const job_record_t *record)
 {
     job_t *job = mem_zalloc(1, sizeof *job);
-    job->id = record->job;
-    job->terms = record->terms;
-    job->settings = record->settings;
-    job->blob = record->blob;
-    job->blob_size = record->blob_size;
-    job->state = record->state == JOB_RUNNING ? JOB_QUEUED : record->state;
-    job->outcome = record->outcome;
-    job->retained = record->retained;
-    job->fingerprint = record->fingerprint;
-    job->elapsed_before = record->elapsed;
-    job->submitted = record->submitted;
-    job->finished = record->finished;
-    job->bytes = record->bytes;
-    job->batches = record->batches;
-    job->batches_refused = record->batches_refused;
-    job->units_reissued = record->units_reissued;
-    job->checks_passed = record->checks_passed;
-    job->checks_failed = record->checks_failed;
-    job->seen_before = record->workers_seen;
-    job->samples_done = record->samples_done;
-    job->account = record->account;
-    job->counts = record->counts;
-    job->error = record->error;
-    memcpy(job->message, record->message, sizeof job->message);
-    job->message[sizeof job->message - 1] = '\0';
+    job->kept = *record;
+    job->kept.message[sizeof job->kept.message - 1] = '\0';
+    if (record->state == JOB_RUNNING) job->kept.state = JOB_QUEUED;
     bool touched = record->state != JOB_QUEUED || record->elapsed > 0 || record->batches > 0;
-    job->scene_due = !job_state_final(job->state);
-    job->film = touched && !job_state_final(job->state) ? FILM_WANTED : FILM_NONE;
+    job->scene_due = !job_state_final(job->kept.state);
+    job->film = touched && !job_state_final(job->kept.state) ? FILM_WANTED : FILM_NONE;
     return job;
 }
 
@@ -139,7 +94,7 @@ static void insert_job(farm_t *farm, job_t *job)
 {
     farm->jobs = mem_realloc(farm->jobs, (farm->job_count + 1) * sizeof(job_t *));
     size_t at = farm->job_count++;
-    for (; at > 0 && farm->jobs[at - 1]->id > job->id; at--) farm->jobs[at] = farm->jobs[at - 1];
+    for (; at > 0 && farm->jobs[at - 1]->kept.job > job->kept.job; at--) farm->jobs[at] = farm->jobs[at - 1];
     farm->jobs[at] = job;
 }
 
@@ -150,9 +105,9 @@ void farm_restore(farm_t *farm, double now, const job_record_t *record)
         job_t *job = job_from_record(record);
         insert_job(farm, job);
         if (record->job >= farm->next_job) farm->next_job = record->job + 1;
-        uint64_t bytes = film_bytes(&job->settings);
-        if (!job_state_final(job->state) && bytes > farm->options.film_limit) {
-            snprintf(job->message, sizeof job->message,
+        uint64_t bytes = film_bytes(&job->kept.settings);
+        if (!job_state_final(job->kept.state) && bytes > farm->options.film_limit) {
+            snprintf(job->kept.message, sizeof job->kept.message,
                      "its film takes %.1f GB and this machine has room for %.1f GB; it is kept on the disk: "
                      "extend the job on a larger one",
                      1e-9 * (double)bytes, 1e-9 * (double)farm->options.film_limit);
@@ -167,9 +122,9 @@ void farm_restore(farm_t *farm, double now, const job_record_t *record)
 /* Which of two jobs is to have its film first. */
 static bool loads_before(const job_t *a, const job_t *b)
 {
-    bool waits_a = a->state == JOB_PAUSED, waits_b = b->state == JOB_PAUSED;
+    bool waits_a = a->kept.state == JOB_PAUSED, waits_b = b->kept.state == JOB_PAUSED;
     if (waits_a != waits_b) return waits_b;
-    return a->terms.priority > b->terms.priority; /* else the one that was submitted first */
+    return a->kept.terms.priority > b->kept.terms.priority; /* else the one that was submitted first */
 }
 
 job_t *farm_next_load(farm_t *farm)
@@ -179,13 +134,13 @@ job_t *farm_next_load(farm_t *farm)
     for (size_t i = 0; i < farm->job_count && !farm->shut; i++) {
         job_t *job = farm->jobs[i];
         if (job->film != FILM_WANTED) continue;
-        if (farm->film_bytes + film_bytes(&job->settings) > farm->options.film_limit) continue;
+        if (farm->film_bytes + film_bytes(&job->kept.settings) > farm->options.film_limit) continue;
         if (found == NULL || loads_before(job, found)) found = job;
     }
     if (found != NULL) {
         found->film = FILM_LOADING;
         found->pins++;
-        farm->film_bytes += film_bytes(&found->settings);
+        farm->film_bytes += film_bytes(&found->kept.settings);
     }
     farm_unlock(farm);
     return found;
@@ -201,17 +156,17 @@ static void stop_waiting(farm_t *farm, job_t *job)
 /* There is no checkpoint: what was counted is lost. */
 static void begin_anew(farm_t *farm, double now, job_t *job)
 {
-    farm->film_bytes -= film_bytes(&job->settings);
+    farm->film_bytes -= film_bytes(&job->kept.settings);
     if (job->gone) return;
-    job->samples_done = 0;
-    job->elapsed_before = 0; /* the time that it may take is that of what it has */
-    job->account = (schedule_account_t){0};
-    job->counts = (film_counts_t){0};
-    job->error = 0;
-    if (job->state == JOB_FINISHING && job->outcome != JOB_DONE)
-        farm_job_close(farm, now, job, job->outcome);
-    else if (job->state == JOB_FINISHING)
-        job->state = JOB_QUEUED;
+    job->kept.samples_done = 0;
+    job->kept.elapsed = 0; /* the time that it may take is that of what it has */
+    job->kept.account = (schedule_account_t){0};
+    job->kept.counts = (film_counts_t){0};
+    job->kept.error = 0;
+    if (job->kept.state == JOB_FINISHING && job->kept.outcome != JOB_DONE)
+        farm_job_close(farm, now, job, job->kept.outcome);
+    else if (job->kept.state == JOB_FINISHING)
+        job->kept.state = JOB_QUEUED;
     farm_record_changed(farm, job);
     farm_notify_idle(farm);
 }
@@ -220,14 +175,14 @@ static void begin_anew(farm_t *farm, double now, job_t *job)
 static void go_on(farm_t *farm, double now, job_t *job)
 {
     job->last_checkpoint = now;
-    log_info("job %llu: its film is here, with %llu samples", (unsigned long long)job->id,
-             (unsigned long long)job->samples_done);
-    if (job->counts.overflows > 0) {
+    log_info("job %llu: its film is here, with %llu samples", (unsigned long long)job->kept.job,
+             (unsigned long long)job->kept.samples_done);
+    if (job->kept.counts.overflows > 0) {
         farm_job_fail_overflow(farm, now, job);
-    } else if (job->state == JOB_FINISHING && job->outcome != JOB_DONE) {
-        farm_job_close(farm, now, job, job->outcome);
-    } else if (job->state != JOB_PAUSED) {
-        job->state = JOB_RUNNING;
+    } else if (job->kept.state == JOB_FINISHING && job->kept.outcome != JOB_DONE) {
+        farm_job_close(farm, now, job, job->kept.outcome);
+    } else if (job->kept.state != JOB_PAUSED) {
+        job->kept.state = JOB_RUNNING;
         job->started = now;
         job->ended = 0;
         farm_record_changed(farm, job);
@@ -243,7 +198,7 @@ result_t farm_loaded(farm_t *farm, double now, job_t *job, film_t *film, schedul
     trust_loaded(farm, job, film != NULL ? state : NULL);
     farm_lock(farm);
     stop_waiting(farm, job);
-    if (film != NULL && !job->gone) result = schedule_restore(&job->settings, state, &schedule);
+    if (film != NULL && !job->gone) result = schedule_restore(&job->kept.settings, state, &schedule);
     if (film != NULL) schedule_state_free(state);
     if (schedule == NULL) film_destroy(&film);
     if (schedule != NULL) {
@@ -260,9 +215,9 @@ void farm_load_failed(farm_t *farm, double now, job_t *job, const char *why)
 {
     farm_lock(farm);
     stop_waiting(farm, job);
-    farm->film_bytes -= film_bytes(&job->settings);
-    snprintf(job->message, sizeof job->message, "%s", why);
-    log_error("job %llu: %s", (unsigned long long)job->id, job->message);
+    farm->film_bytes -= film_bytes(&job->kept.settings);
+    snprintf(job->kept.message, sizeof job->kept.message, "%s", why);
+    log_error("job %llu: %s", (unsigned long long)job->kept.job, job->kept.message);
     if (!job->gone) farm_job_close(farm, now, job, JOB_FAILED);
     farm_unlock(farm);
 }
@@ -346,7 +301,9 @@ static job_t *next_job(farm_t *farm, uint64_t after)
     farm_lock(farm);
     for (size_t i = 0; i < farm->job_count; i++) {
         job_t *job = farm->jobs[i];
-        if (job->checks != NULL && job->id > after && (found == NULL || job->id < found->id)) found = job;
+        if (job->checks != NULL && job->kept.job > after &&
+            (found == NULL || job->kept.job < found->kept.job))
+            found = job;
     }
     if (found != NULL) found->pins++;
     farm_unlock(farm);
@@ -358,7 +315,7 @@ void farm_settle(farm_t *farm)
     if (farm->options.spool_dir == NULL) return;
     uint64_t id = 0;
     for (job_t *job; (job = next_job(farm, id)) != NULL;) {
-        id = job->id;
+        id = job->kept.job;
         trust_settle(farm, job);
         farm_unpin(farm, job);
     }

@@ -11,9 +11,10 @@ static bool forget_oldest(farm_t *farm)
 {
     for (size_t i = 0; i < farm->job_count; i++) {
         job_t *job = farm->jobs[i];
-        if (!job_state_final(job->state) || job->retained || job->image == IMAGE_DUE || job->pins > 0)
+        if (!job_state_final(job->kept.state) || job->kept.retained || job->image == IMAGE_DUE ||
+            job->pins > 0)
             continue;
-        log_info("job %llu is forgotten, to make room", (unsigned long long)job->id);
+        log_info("job %llu is forgotten, to make room", (unsigned long long)job->kept.job);
         farm_job_remove(farm, job);
         return true;
     }
@@ -36,18 +37,18 @@ result_t farm_submit(farm_t *farm, double now, const job_terms_t *terms, const j
                            farm->options.job_limit);
     }
     job_t *job = mem_zalloc(1, sizeof *job);
-    job->id = farm->next_job++;
-    job->settings = *settings;
-    job->blob = *blob;
-    job->blob_size = blob_size;
-    job->state = JOB_QUEUED;
-    job->terms = *terms;
-    job->submitted = farm_wall_time();
+    job->kept.job = farm->next_job++;
+    job->kept.settings = *settings;
+    job->kept.blob = *blob;
+    job->kept.blob_size = blob_size;
+    job->kept.state = JOB_QUEUED;
+    job->kept.terms = *terms;
+    job->kept.submitted = farm_wall_time();
     farm->jobs = mem_realloc(farm->jobs, (farm->job_count + 1) * sizeof(job_t *));
     farm->jobs[farm->job_count++] = job;
-    *id = job->id;
+    *id = job->kept.job;
     farm_record_changed(farm, job);
-    log_info("job %llu is submitted: %s", (unsigned long long)job->id, job->terms.name);
+    log_info("job %llu is submitted: %s", (unsigned long long)job->kept.job, job->kept.terms.name);
     farm_notify_idle(farm);
     farm_unlock(farm);
     return result_ok();
@@ -57,22 +58,22 @@ result_t farm_submit(farm_t *farm, double now, const job_terms_t *terms, const j
 
 static result_t refuse(const job_t *job, const char *cure)
 {
-    return result_fail(RESULT_INPUT, "job %llu is %s%s", (unsigned long long)job->id,
-                       job_state_name((uint32_t)job->state), cure);
+    return result_fail(RESULT_INPUT, "job %llu is %s%s", (unsigned long long)job->kept.job,
+                       job_state_name((uint32_t)job->kept.state), cure);
 }
 
 /* A job that never had a film ends without one. */
 static void cancel_unstarted(farm_t *farm, job_t *job)
 {
-    job->state = JOB_CANCELLED;
-    job->finished = farm_wall_time();
+    job->kept.state = JOB_CANCELLED;
+    job->kept.finished = farm_wall_time();
     farm_notify_idle(farm);
 }
 
 /* Ends the attempts to write the image or the last checkpoint. */
 static void give_up(farm_t *farm, job_t *job)
 {
-    if (job->image != IMAGE_WRITTEN) job->outcome = JOB_FAILED;
+    if (job->image != IMAGE_WRITTEN) job->kept.outcome = JOB_FAILED;
     if (job->remark[0] != '\0') farm_job_tell(farm, job, "%s", job->remark);
     if (job->image != IMAGE_WRITTEN) job->image = IMAGE_GIVEN_UP;
     job->save = SAVE_OFF;
@@ -81,15 +82,15 @@ static void give_up(farm_t *farm, job_t *job)
 
 static result_t cancel(farm_t *farm, double now, job_t *job)
 {
-    if (job_state_final(job->state)) return refuse(job, " already");
-    if (job->state == JOB_FINISHING) {
+    if (job_state_final(job->kept.state)) return refuse(job, " already");
+    if (job->kept.state == JOB_FINISHING) {
         bool failed = job->image_failures > 0 || job->write == WRITE_FAILED || job->write == WRITE_RETRIED;
         if (failed || trust_delayed(job)) give_up(farm, job);
         return result_ok(); /* else it is left to finish */
     }
     if (job_awaits_film(job)) {
-        job->state = JOB_FINISHING;
-        job->outcome = JOB_CANCELLED;
+        job->kept.state = JOB_FINISHING;
+        job->kept.outcome = JOB_CANCELLED;
         farm_want_film(farm, job);
     } else if (!job_has_film(job)) {
         cancel_unstarted(farm, job);
@@ -101,12 +102,12 @@ static result_t cancel(farm_t *farm, double now, job_t *job)
 
 static result_t pause_job(farm_t *farm, double now, job_t *job)
 {
-    if (job->state != JOB_QUEUED && job->state != JOB_RUNNING)
+    if (job->kept.state != JOB_QUEUED && job->kept.state != JOB_RUNNING)
         return refuse(job, ", there is nothing to pause");
-    bool running = job->state == JOB_RUNNING;
-    job->elapsed_before = farm_job_elapsed(job, now);
+    bool running = job->kept.state == JOB_RUNNING;
+    job->kept.elapsed = farm_job_elapsed(job, now);
     job->started = 0;
-    job->state = JOB_PAUSED;
+    job->kept.state = JOB_PAUSED;
     if (running) farm_job_flush(farm, now, job);
     return result_ok();
 }
@@ -117,8 +118,8 @@ bool farm_next_scene(farm_t *farm, hash_t *blob)
     farm_lock(farm);
     for (size_t i = 0; i < farm->job_count; i++) {
         job_t *job = farm->jobs[i];
-        if (!job->scene_due || (found && !hash_equal(&job->blob, blob))) continue;
-        *blob = job->blob;
+        if (!job->scene_due || (found && !hash_equal(&job->kept.blob, blob))) continue;
+        *blob = job->kept.blob;
         found = true;
         job->scene_due = false;
     }
@@ -131,9 +132,9 @@ void farm_scene_lost(farm_t *farm, double now, const hash_t *blob)
     farm_lock(farm);
     for (size_t i = 0; i < farm->job_count; i++) {
         job_t *job = farm->jobs[i];
-        if (!hash_equal(&job->blob, blob) || pause_job(farm, now, job).code != RESULT_OK) continue;
-        snprintf(job->message, sizeof job->message, "%s", FARM_NO_SCENE);
-        log_error("job %llu is paused: %s", (unsigned long long)job->id, job->message);
+        if (!hash_equal(&job->kept.blob, blob) || pause_job(farm, now, job).code != RESULT_OK) continue;
+        snprintf(job->kept.message, sizeof job->kept.message, "%s", FARM_NO_SCENE);
+        log_error("job %llu is paused: %s", (unsigned long long)job->kept.job, job->kept.message);
         farm_record_changed(farm, job);
     }
     farm_unlock(farm);
@@ -141,13 +142,13 @@ void farm_scene_lost(farm_t *farm, double now, const hash_t *blob)
 
 static result_t resume(farm_t *farm, double now, job_t *job)
 {
-    if (job->state != JOB_PAUSED) return refuse(job, ", not paused");
-    if (strcmp(job->message, FARM_NO_SCENE) == 0) job->message[0] = '\0';
+    if (job->kept.state != JOB_PAUSED) return refuse(job, ", not paused");
+    if (strcmp(job->kept.message, FARM_NO_SCENE) == 0) job->kept.message[0] = '\0';
     if (job->flush_until > 0) farm_job_flush_end(farm, now, job); /* its workers were told to drop the rest */
-    job->state = job_has_film(job) ? JOB_RUNNING : JOB_QUEUED;
+    job->kept.state = job_has_film(job) ? JOB_RUNNING : JOB_QUEUED;
     if (job_has_film(job)) job->started = now;
     job->rate_time[0] = job->rate_time[1] = now;
-    job->rate_samples[0] = job->rate_samples[1] = job->samples_done;
+    job->rate_samples[0] = job->rate_samples[1] = job->kept.samples_done;
     farm_job_joins(farm, job);
     farm_notify_idle(farm);
     return result_ok();
@@ -155,17 +156,17 @@ static result_t resume(farm_t *farm, double now, job_t *job)
 
 static result_t set_priority(farm_t *farm, job_t *job, int32_t priority)
 {
-    job_terms_t terms = job->terms;
+    job_terms_t terms = job->kept.terms;
     terms.priority = priority;
     TRY(job_terms_check(&terms));
-    job->terms.priority = priority; /* alone: the others are read without the lock */
+    job->kept.terms.priority = priority; /* alone: the others are read without the lock */
     farm_job_joins(farm, job);
     return result_ok();
 }
 
 static result_t delete_job(farm_t *farm, job_t *job)
 {
-    if (!job_state_final(job->state)) return refuse(job, ": cancel it first");
+    if (!job_state_final(job->kept.state)) return refuse(job, ": cancel it first");
     farm_job_remove(farm, job);
     return result_ok();
 }
@@ -175,24 +176,24 @@ static result_t delete_job(farm_t *farm, job_t *job)
 /* True when all samples are there that spp asks for. */
 static bool spp_reached(const job_t *job)
 {
-    uint64_t pixels = (uint64_t)job->settings.width * (uint64_t)job->settings.height;
-    return job->settings.spp < JOB_MAX_SPP && job->samples_done >= pixels * job->settings.spp;
+    uint64_t pixels = (uint64_t)job->kept.settings.width * (uint64_t)job->kept.settings.height;
+    return job->kept.settings.spp < JOB_MAX_SPP && job->kept.samples_done >= pixels * job->kept.settings.spp;
 }
 
 /* What the job is to reach from now on. What it has reached already and what the order says nothing of no
  * longer ends it. */
 static job_settings_t new_goals(const job_t *job, double now, const job_order_t *order)
 {
-    job_settings_t goals = job->settings;
+    job_settings_t goals = job->kept.settings;
     double elapsed = farm_job_elapsed(job, now);
-    bool over = job_state_final(job->state);
+    bool over = job_state_final(job->kept.state);
     if (order->spp > 0)
         goals.spp = order->spp;
     else if ((order->error > 0 && goals.error <= 0) || (over && spp_reached(job)))
         goals.spp = JOB_MAX_SPP;
     if (order->error > 0)
         goals.error = order->error;
-    else if (over && goals.error > 0 && job->error > 0 && job->error <= goals.error)
+    else if (over && goals.error > 0 && job->kept.error > 0 && job->kept.error <= goals.error)
         goals.error = 0;
     if (order->time_limit > 0)
         goals.time_limit = elapsed + order->time_limit;
@@ -204,46 +205,47 @@ static job_settings_t new_goals(const job_t *job, double now, const job_order_t 
 static result_t check_goals(const job_t *job, const job_settings_t *goals, const job_order_t *order)
 {
     bool nothing = order->spp == 0 && order->error <= 0 && order->time_limit <= 0;
-    if (nothing && job->state == JOB_DONE)
+    if (nothing && job->kept.state == JOB_DONE)
         return refuse(job, ": say how far it is to go, by samples, error or time");
-    if (nothing && !job_state_final(job->state)) return refuse(job, ": say how much further it is to go");
-    if (order->spp > 0 && order->spp <= job->settings.spp && job->settings.spp < JOB_MAX_SPP &&
-        !(job_state_final(job->state) && !spp_reached(job)))
+    if (nothing && !job_state_final(job->kept.state))
+        return refuse(job, ": say how much further it is to go");
+    if (order->spp > 0 && order->spp <= job->kept.settings.spp && job->kept.settings.spp < JOB_MAX_SPP &&
+        !(job_state_final(job->kept.state) && !spp_reached(job)))
         return result_fail(RESULT_INPUT, "job %llu is to have %u samples a pixel already",
-                           (unsigned long long)job->id, job->settings.spp);
-    double pixels = (double)job->settings.width * job->settings.height;
-    if (order->spp > 0 && (double)job->samples_done >= pixels * order->spp)
+                           (unsigned long long)job->kept.job, job->kept.settings.spp);
+    double pixels = (double)job->kept.settings.width * job->kept.settings.height;
+    if (order->spp > 0 && (double)job->kept.samples_done >= pixels * order->spp)
         return result_fail(RESULT_INPUT, "job %llu has %.4g samples a pixel already",
-                           (unsigned long long)job->id, (double)job->samples_done / pixels);
-    if (order->error > 0 && job->error > 0 && order->error >= job->error)
-        return result_fail(RESULT_INPUT, "the error of job %llu is %.3g already", (unsigned long long)job->id,
-                           job->error);
+                           (unsigned long long)job->kept.job, (double)job->kept.samples_done / pixels);
+    if (order->error > 0 && job->kept.error > 0 && order->error >= job->kept.error)
+        return result_fail(RESULT_INPUT, "the error of job %llu is %.3g already",
+                           (unsigned long long)job->kept.job, job->kept.error);
     return job_settings_check(goals);
 }
 
 static result_t extend(farm_t *farm, double now, job_t *job, const job_order_t *order)
 {
-    if (job->state == JOB_FINISHING || (job_state_final(job->state) && job_has_film(job)))
+    if (job->kept.state == JOB_FINISHING || (job_state_final(job->kept.state) && job_has_film(job)))
         return refuse(job, ": try again when it is over and put away");
-    bool touched = job->batches > 0 || farm_job_elapsed(job, now) > 0;
-    if (job_state_final(job->state) && touched && farm->options.checkpoint_wake < 0)
+    bool touched = job->kept.batches > 0 || farm_job_elapsed(job, now) > 0;
+    if (job_state_final(job->kept.state) && touched && farm->options.checkpoint_wake < 0)
         return refuse(job, ", and its film was not kept");
     job_settings_t goals = new_goals(job, now, order);
     TRY(check_goals(job, &goals, order));
-    job->settings.spp = goals.spp; /* these alone: the others are read without the lock */
-    job->settings.error = goals.error;
-    job->settings.time_limit = goals.time_limit;
+    job->kept.settings.spp = goals.spp; /* these alone: the others are read without the lock */
+    job->kept.settings.error = goals.error;
+    job->kept.settings.time_limit = goals.time_limit;
     if (job->schedule != NULL) {
-        schedule_extend(job->schedule, &job->settings);
+        schedule_extend(job->schedule, &job->kept.settings);
         farm_job_progress(farm, now, job); /* what was counted may be a whole round now */
     }
-    if (job_state_final(job->state)) {
-        job->elapsed_before = farm_job_elapsed(job, now);
-        job->started = job->ended = job->finished = 0;
-        job->state = JOB_QUEUED;
+    if (job_state_final(job->kept.state)) {
+        job->kept.elapsed = farm_job_elapsed(job, now);
+        job->started = job->ended = job->kept.finished = 0;
+        job->kept.state = JOB_QUEUED;
         job->film = touched ? FILM_STORED : FILM_NONE;
         job->image = IMAGE_NONE;
-        job->message[0] = '\0';
+        job->kept.message[0] = '\0';
         farm_job_joins(farm, job);
     }
     farm_notify_idle(farm);
@@ -261,7 +263,7 @@ static result_t carry_out(farm_t *farm, double now, job_t *job, const job_order_
         return resume(farm, now, job);
     case ORDER_RETAIN:
     case ORDER_RELEASE:
-        job->retained = order->kind == ORDER_RETAIN;
+        job->kept.retained = order->kind == ORDER_RETAIN;
         return result_ok();
     case ORDER_DELETE:
         return delete_job(farm, job);

@@ -29,6 +29,8 @@ uint64_t farm_awaited_bytes(const farm_t *farm);
 double farm_wall_time(void);
 /* Seconds that were spent on the job. */
 double farm_job_elapsed(const job_t *job, double now);
+/* All that outlives the process, as it is now. */
+job_record_t farm_job_record(const job_t *job, double now);
 void farm_job_free(farm_t *farm, job_t *job);
 /* A pin less; a job that is gone is freed with its last. */
 void farm_job_unpin(farm_t *farm, job_t *job);
@@ -42,7 +44,7 @@ bool farm_job_start(farm_t *farm, double now, job_t *job);
 void farm_job_install(farm_t *farm, double now, job_t *job, film_t *film, schedule_t *schedule);
 /* The last batch is in: nothing more is taken, the image writer has the next word. */
 void farm_job_close(farm_t *farm, double now, job_t *job, job_state_t outcome);
-/* The job fails since its sums became too large (job->counts.overflows). */
+/* The job fails since its sums became too large (job->kept.counts.overflows). */
 void farm_job_fail_overflow(farm_t *farm, double now, job_t *job);
 /* A job ends, or pauses, before all is counted: what workers have finished is asked for. The state has been
  * set: JOB_FINISHING with the outcome, or JOB_PAUSED. */

@@ -9,25 +9,26 @@
 /* Pixel samples that the job is likely to take in all; 0: not known. */
 static double likely_total(const job_t *job)
 {
-    double total = job->settings.spp < JOB_MAX_SPP ? (double)schedule_total(job->schedule) : 0;
-    if (job->settings.error <= 0 || job->error <= 0) return total;
-    double ratio = job->error / job->settings.error; /* the error falls with the root of the samples */
-    double enough = fmax((double)job->error_samples * ratio * ratio, (double)job->samples_done);
+    double total = job->kept.settings.spp < JOB_MAX_SPP ? (double)schedule_total(job->schedule) : 0;
+    if (job->kept.settings.error <= 0 || job->kept.error <= 0) return total;
+    double ratio =
+        job->kept.error / job->kept.settings.error; /* the error falls with the root of the samples */
+    double enough = fmax((double)job->error_samples * ratio * ratio, (double)job->kept.samples_done);
     return total > 0 ? fmin(total, enough) : enough;
 }
 
 /* Seconds until the job is done at the speed of the last minute or two; < 0 when not known. */
 static double remaining_time(const job_t *job, double now)
 {
-    if (job->state == JOB_FINISHING || job_state_final(job->state)) return 0;
-    if (job->state != JOB_RUNNING) return -1;
+    if (job->kept.state == JOB_FINISHING || job_state_final(job->kept.state)) return 0;
+    if (job->kept.state != JOB_RUNNING) return -1;
     double remaining = -1;
-    if (job->settings.time_limit > 0)
-        remaining = fmax(0, job->settings.time_limit - farm_job_elapsed(job, now));
+    if (job->kept.settings.time_limit > 0)
+        remaining = fmax(0, job->kept.settings.time_limit - farm_job_elapsed(job, now));
     double seconds = now - job->rate_time[0];
-    double samples = (double)job->samples_done - (double)job->rate_samples[0], total = likely_total(job);
+    double samples = (double)job->kept.samples_done - (double)job->rate_samples[0], total = likely_total(job);
     if (total <= 0 || samples <= 0 || seconds <= 0) return remaining;
-    double left = (total - (double)job->samples_done) / (samples / seconds);
+    double left = (total - (double)job->kept.samples_done) / (samples / seconds);
     return remaining < 0 ? left : fmin(left, remaining);
 }
 
@@ -41,35 +42,35 @@ static void add_remark(char *message, size_t size, const char *remark)
 
 job_report_t farm_report_job(const job_t *job, double now)
 {
-    uint64_t pixels = (uint64_t)job->settings.width * (uint64_t)job->settings.height;
-    job_report_t report = {.job = job->id,
-                           .terms = job->terms,
-                           .state = job->state,
-                           .settings = job->settings,
-                           .blob = job->blob,
-                           .retained = job->retained,
-                           .fingerprint = job->fingerprint,
-                           .account = job->schedule != NULL ? schedule_account(job->schedule) : job->account,
-                           .error = job->error,
-                           .checks_passed = job->checks_passed,
-                           .checks_failed = job->checks_failed,
-                           .checkpoint_age =
-                               job->last_checkpoint > 0 ? fmax(now - job->last_checkpoint, 0) : -1,
-                           .submitted = job->submitted,
-                           .finished = job->finished,
-                           .samples_done = job->samples_done,
-                           .samples_total = job->settings.spp < JOB_MAX_SPP ? pixels * job->settings.spp : 0,
-                           .elapsed = farm_job_elapsed(job, now),
-                           .remaining = remaining_time(job, now),
-                           .workers = job->schedule != NULL ? (uint32_t)schedule_holders(job->schedule) : 0,
-                           .workers_seen = (uint32_t)job->seen.count + job->seen_before,
-                           .bytes_received = job->bytes,
-                           .batches = job->batches,
-                           .batches_refused = job->batches_refused,
-                           .units_reissued = job->units_reissued,
-                           .counts = job->counts};
-    memcpy(report.message, job->message, sizeof report.message);
-    if (job->film == FILM_OPEN || job->state == JOB_FINISHING)
+    uint64_t pixels = (uint64_t)job->kept.settings.width * (uint64_t)job->kept.settings.height;
+    job_report_t report = {
+        .job = job->kept.job,
+        .terms = job->kept.terms,
+        .state = job->kept.state,
+        .settings = job->kept.settings,
+        .blob = job->kept.blob,
+        .retained = job->kept.retained,
+        .fingerprint = job->kept.fingerprint,
+        .account = job->schedule != NULL ? schedule_account(job->schedule) : job->kept.account,
+        .error = job->kept.error,
+        .checks_passed = job->kept.checks_passed,
+        .checks_failed = job->kept.checks_failed,
+        .checkpoint_age = job->last_checkpoint > 0 ? fmax(now - job->last_checkpoint, 0) : -1,
+        .submitted = job->kept.submitted,
+        .finished = job->kept.finished,
+        .samples_done = job->kept.samples_done,
+        .samples_total = job->kept.settings.spp < JOB_MAX_SPP ? pixels * job->kept.settings.spp : 0,
+        .elapsed = farm_job_elapsed(job, now),
+        .remaining = remaining_time(job, now),
+        .workers = job->schedule != NULL ? (uint32_t)schedule_holders(job->schedule) : 0,
+        .workers_seen = (uint32_t)job->seen.count + job->kept.workers_seen,
+        .bytes_received = job->kept.bytes,
+        .batches = job->kept.batches,
+        .batches_refused = job->kept.batches_refused,
+        .units_reissued = job->kept.units_reissued,
+        .counts = job->kept.counts};
+    memcpy(report.message, job->kept.message, sizeof report.message);
+    if (job->film == FILM_OPEN || job->kept.state == JOB_FINISHING)
         add_remark(report.message, sizeof report.message, job->remark);
     return report;
 }
@@ -81,7 +82,8 @@ job_report_t *farm_report(farm_t *farm, double now, uint64_t id, size_t *count, 
     job_report_t *reports = mem_alloc((room + 1) * sizeof *reports);
     *count = 0;
     for (size_t i = 0; i < farm->job_count; i++)
-        if (id == 0 || farm->jobs[i]->id == id) reports[(*count)++] = farm_report_job(farm->jobs[i], now);
+        if (id == 0 || farm->jobs[i]->kept.job == id)
+            reports[(*count)++] = farm_report_job(farm->jobs[i], now);
     *workers = 0;
     for (size_t i = 0; i < farm->worker_count; i++) *workers += farm->workers[i].connected;
     farm_unlock(farm);

@@ -34,7 +34,8 @@ void farm_job_joins(farm_t *farm, job_t *job)
     double least = -1;
     for (size_t i = 0; i < farm->job_count; i++) {
         const job_t *other = farm->jobs[i];
-        if (other == job || other->state != JOB_RUNNING || other->terms.priority != job->terms.priority)
+        if (other == job || other->kept.state != JOB_RUNNING ||
+            other->kept.terms.priority != job->kept.terms.priority)
             continue;
         if (least < 0 || other->service < least) least = other->service;
     }
@@ -62,7 +63,7 @@ void farm_shares_tick(farm_t *farm, double seconds)
 
 static double claim(const farm_t *farm, const worker_t *worker, const job_t *job)
 {
-    bool loaded = worker->job == job->id;
+    bool loaded = worker->job == job->kept.job;
     double quantum = QUANTUM * farm->options.batch_interval;
     double others = (double)job->threads - (loaded && !worker->idle ? (double)worker->threads : 0);
     return job->service + quantum * (others + (loaded ? 0 : (double)worker->threads));
@@ -71,10 +72,11 @@ static double claim(const farm_t *farm, const worker_t *worker, const job_t *job
 static int rank_order(const void *a, const void *b)
 {
     const job_t *p = *(job_t *const *)a, *q = *(job_t *const *)b;
-    if (p->terms.priority != q->terms.priority) return p->terms.priority > q->terms.priority ? -1 : 1;
+    if (p->kept.terms.priority != q->kept.terms.priority)
+        return p->kept.terms.priority > q->kept.terms.priority ? -1 : 1;
     if (p->held_back != q->held_back) return p->held_back ? 1 : -1;
     if (p->claim < q->claim || p->claim > q->claim) return p->claim < q->claim ? -1 : 1;
-    return p->id < q->id ? -1 : 1;
+    return p->kept.job < q->kept.job ? -1 : 1;
 }
 
 /* Of the jobs that have not begun only the first few are of interest, by priority and then by number: puts
@@ -82,7 +84,7 @@ static int rank_order(const void *a, const void *b)
 static size_t keep_first(job_t **list, size_t count, job_t *job)
 {
     size_t at = count < MAX_WAITING ? count : MAX_WAITING;
-    for (; at > 0 && list[at - 1]->terms.priority < job->terms.priority; at--)
+    for (; at > 0 && list[at - 1]->kept.terms.priority < job->kept.terms.priority; at--)
         if (at < MAX_WAITING) list[at] = list[at - 1];
     if (at < MAX_WAITING) list[at] = job;
     return count < MAX_WAITING ? count + 1 : count;
@@ -94,18 +96,18 @@ static void hold_back(job_t *const *list, size_t count)
 {
     size_t active = 0;
     for (size_t first = 0, end; first < count; first = end) {
-        int32_t priority = list[first]->terms.priority;
-        for (end = first; end < count && list[end]->terms.priority == priority; end++)
-            active += list[end]->state == JOB_RUNNING;
+        int32_t priority = list[first]->kept.terms.priority;
+        for (end = first; end < count && list[end]->kept.terms.priority == priority; end++)
+            active += list[end]->kept.state == JOB_RUNNING;
         for (size_t i = first; i < end; i++)
-            list[i]->held_back = list[i]->state == JOB_QUEUED && active >= MAX_ACTIVE;
+            list[i]->held_back = list[i]->kept.state == JOB_QUEUED && active >= MAX_ACTIVE;
     }
 }
 
 bool farm_job_has_work(const job_t *job)
 {
-    if (job->state == JOB_QUEUED) return job->film == FILM_NONE || job->film == FILM_STORED;
-    return job->state == JOB_RUNNING && (schedule_available(job->schedule) || trust_waiting(job));
+    if (job->kept.state == JOB_QUEUED) return job->film == FILM_NONE || job->film == FILM_STORED;
+    return job->kept.state == JOB_RUNNING && (schedule_available(job->schedule) || trust_waiting(job));
 }
 
 job_t *const *farm_rank_jobs(farm_t *farm, const worker_t *worker,
@@ -118,7 +120,7 @@ job_t *const *farm_rank_jobs(farm_t *farm, const worker_t *worker,
     for (size_t i = 0; i < farm->job_count && !farm->shut; i++) {
         job_t *job = farm->jobs[i];
         if (!farm_job_has_work(job) || !fits(worker, job)) continue;
-        if (job->state == JOB_QUEUED)
+        if (job->kept.state == JOB_QUEUED)
             waiting_count = keep_first(waiting, waiting_count, job);
         else
             farm->ranked[(*count)++] = job;

@@ -64,27 +64,27 @@ static bool in_largest_group(const farm_t *farm, double now, const worker_t *wor
 /* Whether a worker may have units of a job at all. */
 static bool may_work(const worker_t *worker, const job_t *job)
 {
-    if (worker->quarantine != 0 && worker->quarantine != job->id)
+    if (worker->quarantine != 0 && worker->quarantine != job->kept.job)
         return false; /* it waits for units of another one */
     if (!farm_bits_fit(job, &worker->fingerprint)) return false;
-    bool begins = !job->terms.mixed && hash_equal(&job->fingerprint, &no_fingerprint);
+    bool begins = !job->kept.terms.mixed && hash_equal(&job->kept.fingerprint, &no_fingerprint);
     return !begins || worker->begins;
 }
 
 void farm_note_bits(farm_t *farm, job_t *job, const worker_t *worker)
 {
-    if (hash_equal(&job->fingerprint, &worker->fingerprint)) return;
-    if (hash_equal(&job->fingerprint, &no_fingerprint)) {
+    if (hash_equal(&job->kept.fingerprint, &worker->fingerprint)) return;
+    if (hash_equal(&job->kept.fingerprint, &no_fingerprint)) {
         char bits[2 * HASH_BYTES + 1];
         hash_to_hex(&worker->fingerprint, bits);
-        log_info("job %llu is made of the bits %.8s", (unsigned long long)job->id, bits);
-        job->fingerprint = worker->fingerprint;
+        log_info("job %llu is made of the bits %.8s", (unsigned long long)job->kept.job, bits);
+        job->kept.fingerprint = worker->fingerprint;
         farm_record_changed(farm, job);
     } else if (!job->several_bits) {
         job->several_bits = true;
         static const char note[] = "its last bits depend on which machine rendered what, since they differ";
-        if (strstr(job->message, note) == NULL) farm_job_tell(farm, job, "%s", note);
-        log_warning("job %llu: %s", (unsigned long long)job->id, note);
+        if (strstr(job->kept.message, note) == NULL) farm_job_tell(farm, job, "%s", note);
+        log_warning("job %llu: %s", (unsigned long long)job->kept.job, note);
     }
 }
 
@@ -101,12 +101,12 @@ void farm_worker_delivered(farm_t *farm, double now, worker_t *worker, job_t *jo
                            size_t count)
 {
     double samples = farm_unit_samples(job, units, count), seconds = now - worker->delivered;
-    if (worker->speed_job != job->id) worker->rated_samples = worker->rated_seconds = 0;
+    if (worker->speed_job != job->kept.job) worker->rated_samples = worker->rated_seconds = 0;
     double decay = exp(-fmax(seconds, 0) / SPEED_SECONDS);
     worker->rated_samples = worker->rated_samples * decay + samples;
     worker->rated_seconds = worker->rated_seconds * decay + fmax(seconds, 0);
     worker->speed = worker->rated_seconds > 0 ? worker->rated_samples / worker->rated_seconds : 0;
-    worker->speed_job = job->id;
+    worker->speed_job = job->kept.job;
     worker->delivered = now;
     worker->offered = worker->granted = 0;
     worker->held = farm_worker_units(farm, worker) > 0 ? fmax(worker->held - samples, 0) : 0;
@@ -156,7 +156,7 @@ static bool made_to_wait(double now, const worker_t *worker)
 /* Takes back from the slow ones what they hold of one job, and all else; returns how many units. */
 static size_t recall_from(farm_t *farm, double now, const worker_t *idle, const job_t *job)
 {
-    double speed = speed_at(farm, idle, job->id);
+    double speed = speed_at(farm, idle, job->kept.job);
     size_t units = 0;
     for (size_t i = 0; i < farm->worker_count; i++) {
         worker_t *worker = &farm->workers[i];
@@ -180,7 +180,7 @@ static bool recall_slow(farm_t *farm, double now, const worker_t *idle)
     size_t units = 0;
     for (size_t i = 0; i < farm->job_count; i++) {
         const job_t *job = farm->jobs[i];
-        if (job->schedule != NULL && job->state == JOB_RUNNING && farm_bits_fit(job, &idle->fingerprint))
+        if (job->schedule != NULL && job->kept.state == JOB_RUNNING && farm_bits_fit(job, &idle->fingerprint))
             units += recall_from(farm, now, idle, job);
     }
     return units > 0;
@@ -208,11 +208,11 @@ static double wished_units(const schedule_wish_t *wish)
 static bool take_from_job(farm_t *farm, double now, job_t *job, worker_t *worker, schedule_wish_t *wish,
                           work_t *work)
 {
-    if (job->state == JOB_QUEUED && !farm_job_start(farm, now, job)) return true;
-    work->job = job->id;
-    work->settings = job->settings;
-    work->blob = job->blob;
-    work->blob_size = job->blob_size;
+    if (job->kept.state == JOB_QUEUED && !farm_job_start(farm, now, job)) return true;
+    work->job = job->kept.job;
+    work->settings = job->kept.settings;
+    work->blob = job->kept.blob;
+    work->blob_size = job->kept.blob_size;
     size_t held = farm_worker_units(farm, worker);
     trust_answer_t answer = trust_take(farm, now, job, worker, wished_units(wish), work);
     if (answer == TRUST_COMPARES) return true;
@@ -229,7 +229,7 @@ static bool take_from_job(farm_t *farm, double now, job_t *job, worker_t *worker
         worker->delivered = now;
         worker->held = worker->offered = worker->granted = 0;
     }
-    if (worker->speed_job != job->id) worker->speed = 0;
+    if (worker->speed_job != job->kept.job) worker->speed = 0;
     worker->empty = 0;
     worker->held += farm_unit_samples(job, work->units, work->unit_count);
     farm_worker_expect(farm, now, worker);

@@ -16,7 +16,7 @@ enum {
 
 void farm_count_reissued(job_t *job, worker_t *worker, size_t units)
 {
-    job->units_reissued += units;
+    job->kept.units_reissued += units;
     if (worker != NULL) worker->units_reissued += units;
 }
 
@@ -220,19 +220,19 @@ static void decline(farm_t *farm, double now, job_t *job, worker_t *worker, cons
     job->declines++;
     job->scene_due = true;
     farm_wake(farm->options.checkpoint_wake);
-    if (job->batches > 0) {
+    if (job->kept.batches > 0) {
         char why[FARM_MAX_NAME];
         snprintf(why, sizeof why, "cannot render job %llu, which others can: %.120s",
-                 (unsigned long long)job->id, reason);
+                 (unsigned long long)job->kept.job, reason);
         trust_failed(farm, now, worker, why);
         farm_cast_out(farm, now);
         return;
     }
-    if (job->state != JOB_RUNNING || job->declines < FARM_MAX_DECLINES) return;
+    if (job->kept.state != JOB_RUNNING || job->declines < FARM_MAX_DECLINES) return;
     if (schedule_holders(job->schedule) > 0) return;
-    snprintf(job->message, sizeof job->message, "no worker can render it; %.100s says: %.350s", worker->name,
-             reason);
-    log_error("job %llu failed: %s", (unsigned long long)job->id, job->message);
+    snprintf(job->kept.message, sizeof job->kept.message, "no worker can render it; %.100s says: %.350s",
+             worker->name, reason);
+    log_error("job %llu failed: %s", (unsigned long long)job->kept.job, job->kept.message);
     farm_job_close(farm, now, job, JOB_FAILED);
 }
 
@@ -263,7 +263,7 @@ void farm_worker_expect(const farm_t *farm, double now, worker_t *worker)
 static void reclaim(farm_t *farm, double now, worker_t *worker, job_t *job, const unit_t *units, size_t count)
 {
     for (size_t i = 0; i < count; i++)
-        if (!job_unit_valid(&job->settings, &units[i])) return;
+        if (!job_unit_valid(&job->kept.settings, &units[i])) return;
     if (farm_worker_units(farm, worker) == 0) worker->delivered = now;
     worker->empty = 0;
     for (size_t i = 0; i < count; i++)
@@ -340,10 +340,10 @@ static void remark_job(const farm_t *farm, double now, job_t *job)
     size_t used = 0;
     if (job->film != FILM_OPEN) return;
     job->remark[0] = '\0';
-    if (job->state == JOB_PAUSED) return;
+    if (job->kept.state == JOB_PAUSED) return;
     if (fitting_threads(farm, job) == 0) {
         char bits[2 * HASH_BYTES + 1];
-        hash_to_hex(&job->fingerprint, bits);
+        hash_to_hex(&job->kept.fingerprint, bits);
         uint32_t connected = 0;
         for (size_t i = 0; i < farm->worker_count; i++) connected += farm->workers[i].connected;
         used += (size_t)snprintf(job->remark, sizeof job->remark,

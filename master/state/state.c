@@ -30,8 +30,8 @@ job_t *farm_find_job(const farm_t *farm, uint64_t id)
     size_t low = 0, high = farm->job_count; /* the list is in the order of the numbers */
     while (low < high) {
         size_t middle = low + (high - low) / 2;
-        if (farm->jobs[middle]->id == id) return farm->jobs[middle];
-        if (farm->jobs[middle]->id < id)
+        if (farm->jobs[middle]->kept.job == id) return farm->jobs[middle];
+        if (farm->jobs[middle]->kept.job < id)
             low = middle + 1;
         else
             high = middle;
@@ -69,8 +69,9 @@ void farm_notify_over(farm_t *farm, const job_t *job, bool flush)
     for (size_t i = 0; i < farm->worker_count; i++) {
         const worker_t *worker = &farm->workers[i];
         if (!worker->connected) continue;
-        if (worker->job == job->id || (job->schedule != NULL && schedule_held(job->schedule, worker->id) > 0))
-            farm_notify(farm, worker->id, job->id, flush);
+        if (worker->job == job->kept.job ||
+            (job->schedule != NULL && schedule_held(job->schedule, worker->id) > 0))
+            farm_notify(farm, worker->id, job->kept.job, flush);
     }
 }
 
@@ -82,14 +83,14 @@ void farm_record_changed(farm_t *farm, job_t *job)
 
 void farm_job_tell(farm_t *farm, job_t *job, const char *format, ...)
 {
-    size_t used = strlen(job->message);
+    size_t used = strlen(job->kept.message);
     va_list arguments;
-    if (used > 0 && used + 2 < sizeof job->message) {
-        memcpy(job->message + used, "; ", 3);
+    if (used > 0 && used + 2 < sizeof job->kept.message) {
+        memcpy(job->kept.message + used, "; ", 3);
         used += 2;
     }
     va_start(arguments, format);
-    vsnprintf(job->message + used, sizeof job->message - used, format, arguments);
+    vsnprintf(job->kept.message + used, sizeof job->kept.message - used, format, arguments);
     va_end(arguments);
     farm_record_changed(farm, job);
 }
@@ -122,14 +123,14 @@ double farm_unit_samples(const job_t *job, const unit_t *units, size_t count)
 {
     double samples = 0;
     for (size_t i = 0; i < count; i++)
-        samples += (double)units[i].count * job_tile_pixels(&job->settings, units[i].tile);
+        samples += (double)units[i].count * job_tile_pixels(&job->kept.settings, units[i].tile);
     return samples;
 }
 
 bool farm_bits_fit(const job_t *job, const hash_t *fingerprint)
 {
-    return job->terms.mixed || hash_equal(&job->fingerprint, &no_fingerprint) ||
-           hash_equal(&job->fingerprint, fingerprint);
+    return job->kept.terms.mixed || hash_equal(&job->kept.fingerprint, &no_fingerprint) ||
+           hash_equal(&job->kept.fingerprint, fingerprint);
 }
 
 bool job_has_film(const job_t *job)
@@ -160,7 +161,7 @@ void farm_want_film(farm_t *farm, job_t *job)
 
 bool farm_content_fits(const job_t *job, const hash_t *content)
 {
-    hash_t own = job_content_hash(&job->settings, &job->blob);
+    hash_t own = job_content_hash(&job->kept.settings, &job->kept.blob);
     return content == NULL || hash_equal(content, &own);
 }
 
@@ -169,7 +170,7 @@ void farm_job_free_film(farm_t *farm, job_t *job)
     if (!job_has_film(job)) return;
     job->film = job->shared_film_users > 0 ? FILM_CONDEMNED : FILM_NONE;
     if (job->film == FILM_CONDEMNED) return;
-    farm->film_bytes -= film_bytes(&job->settings);
+    farm->film_bytes -= film_bytes(&job->kept.settings);
     shared_film_destroy(&job->shared_film);
     farm_wake(farm->options.checkpoint_wake); /* a film may have waited for memory to be loaded */
 }
@@ -205,7 +206,7 @@ void job_film_let_go(farm_t *farm, job_t *job)
 job_settings_t farm_job_settings(farm_t *farm, const job_t *job)
 {
     farm_lock(farm);
-    job_settings_t settings = job->settings;
+    job_settings_t settings = job->kept.settings;
     farm_unlock(farm);
     return settings;
 }

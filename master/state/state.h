@@ -8,6 +8,7 @@
 
 #include "common/id_table.h"
 #include "master/state/types.h"
+#include "master/store/job_record.h"
 
 #include <pthread.h>
 
@@ -88,14 +89,10 @@ typedef enum {
 } job_write_t;
 
 struct job {
-    uint64_t id;
-    job_terms_t terms;
-    job_settings_t settings;
-    hash_t blob;
-    uint64_t blob_size;
-    job_state_t state;
-    job_state_t outcome; /* the state after finishing */
-    bool retained;
+    /* What outlives the process. Three of it are as they were: the time that it took before this process, or
+     * before it was paused or extended; the workers before this process; and the account when there was no
+     * schedule. */
+    job_record_t kept;
     job_film_t film;
     job_image_t image;
     uint32_t image_failures; /* attempts to write it that failed, one after the other */
@@ -107,28 +104,18 @@ struct job {
     bool gone;              /* deleted: freed when the last pin goes */
     bool record_due;        /* the record has changed since the journal got it */
     double last_checkpoint; /* seconds; 0: none */
-    double
-        elapsed_before; /* seconds of work on it before this process, or before it was paused or extended */
-    double submitted, finished; /* seconds since 1970; 0: not yet */
-    double started, ended;      /* seconds; 0: not yet */
-    double flush_until;         /* seconds, while a flush goes on */
-    double service;       /* thread-seconds that it was given, in the sense of fair shares (farm_shares) */
-    uint32_t threads;     /* that work on it now */
-    double claim;         /* on the worker that is being served, see farm_shares */
-    bool held_back;       /* likewise: it is not its turn to begin */
-    schedule_t *schedule; /* NULL before the first assignment and when the job is over */
+    double started, ended;  /* seconds; 0: not yet */
+    double flush_until;     /* seconds, while a flush goes on */
+    double service;         /* thread-seconds that it was given, in the sense of fair shares (farm_shares) */
+    uint32_t threads;       /* that work on it now */
+    double claim;           /* on the worker that is being served, see farm_shares */
+    bool held_back;         /* likewise: it is not its turn to begin */
+    schedule_t *schedule;   /* NULL before the first assignment and when the job is over */
     shared_film_t *shared_film; /* from FILM_OPEN to FILM_CONDEMNED, else NULL */
     int shared_film_users;      /* that look at it without the farm's lock */
     int merging;                /* batches that are counted and being added to the film */
-    film_counts_t counts;       /* of the film, readable under the farm's lock */
-    hash_t fingerprint;         /* of the machines that may work on it; all zero: none yet */
-    double error;               /* estimated relative error at the last fixed point; 0: not known */
-    uint64_t error_samples;     /* pixel samples counted then */
-    uint64_t samples_done;
-    id_table_t seen;      /* workers that contributed */
-    uint32_t seen_before; /* workers that contributed before this process */
-    uint64_t bytes, batches, batches_refused, units_reissued, checks_passed, checks_failed;
-    schedule_account_t account; /* the last one, when there is no schedule */
+    uint64_t error_samples;     /* pixel samples counted at the last fixed point */
+    id_table_t seen;            /* workers that contributed to it in this process */
     uint32_t declines;          /* workers that said they cannot render it */
     double rate_time[2];        /* two earlier points of the progress, for the speed */
     uint64_t rate_samples[2];
@@ -137,7 +124,6 @@ struct job {
     bool several_bits;        /* machines with different bits have worked on it */
     bool progress_due;        /* it may be complete: farm_tick sees to it */
     char remark[300];         /* what is to be known of it for the moment, beside the message */
-    char message[500];
     int pins;
 };
 

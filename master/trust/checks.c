@@ -248,11 +248,11 @@ static bool happens(double probability)
 
 bool checks_marks(const farm_t *farm, const job_t *job, const worker_t *worker, double units)
 {
-    if (!worker->relay || job->terms.verify <= 0 || farm->options.spool_dir == NULL) return false;
+    if (!worker->relay || job->kept.terms.verify <= 0 || farm->options.spool_dir == NULL) return false;
     if (job->checks != NULL && (job->checks->given_up || job->checks->check_count == MAX_CHECKS))
         return false;
-    double share = job->terms.verify * fmax(units, 1); /* one unit of so many that it would be given */
-    return happens(share / (1 - job->terms.verify + share));
+    double share = job->kept.terms.verify * fmax(units, 1); /* one unit of so many that it would be given */
+    return happens(share / (1 - job->kept.terms.verify + share));
 }
 
 void trust_mark(farm_t *farm, double now, job_t *job, const worker_t *worker, work_t *work)
@@ -303,7 +303,7 @@ static void say_disputed(const job_t *job, const check_t *check)
     log_error(
         "job %llu: %s and %s have rendered %zu units (the first: tile %u, samples %u + %u) and disagree; "
         "another worker is to decide",
-        (unsigned long long)job->id, sources[check->renderings[0].source].name,
+        (unsigned long long)job->kept.job, sources[check->renderings[0].source].name,
         sources[check->renderings[check->rendering_count - 1].source].name, check->count,
         check->units[0].tile, check->units[0].first, check->units[0].count);
 }
@@ -315,7 +315,7 @@ static void give_up(farm_t *farm, job_t *job)
     checks->given_up = true;
     while (checks->check_count > 0) drop_check(job, 0);
     log_error("job %llu cannot be verified: %d workers have rendered the same units, and no two agree",
-              (unsigned long long)job->id, CHECK_RENDERINGS);
+              (unsigned long long)job->kept.job, CHECK_RENDERINGS);
     farm_job_tell(farm, job, "it could not be verified: no two of %d workers make the same bits of it",
                   CHECK_RENDERINGS);
 }
@@ -332,13 +332,13 @@ static void conclude(farm_t *farm, double now, job_t *job, const check_t *check,
         char why[FARM_MAX_NAME];
         passed = false;
         snprintf(why, sizeof why, "sent other sums than two others for %zu units of job %llu%s%s",
-                 check->count, (unsigned long long)job->id, source.key[0] != '\0' ? "; its key is " : "",
-                 source.key);
+                 check->count, (unsigned long long)job->kept.job,
+                 source.key[0] != '\0' ? "; its key is " : "", source.key);
         evidence_condemn(farm, now, source.id);
         standing_lied(farm, now, source.id, source.name, why);
     }
-    job->checks_passed += passed;
-    job->checks_failed += !passed;
+    job->kept.checks_passed += passed;
+    job->kept.checks_failed += !passed;
     farm_record_changed(farm, job);
 }
 
@@ -483,12 +483,12 @@ static void tick_job(farm_t *farm, double now, job_t *job)
         if (piles_up) evidence_vouch(farm, job, source, clock);
     }
     if (checks->unmade == unmade) return;
-    if (strstr(job->message, "could not be compared") == NULL)
+    if (strstr(job->kept.message, "could not be compared") == NULL)
         farm_job_tell(farm, job,
                       "batches could not be compared: there was no other worker that makes the same "
                       "bits");
     log_warning("job %llu: %llu batches could not be compared, since nobody else rendered them",
-                (unsigned long long)job->id, (unsigned long long)checks->unmade);
+                (unsigned long long)job->kept.job, (unsigned long long)checks->unmade);
 }
 
 void checks_tick(farm_t *farm, double now)
@@ -502,7 +502,7 @@ void checks_remark(const farm_t *farm, double now, const job_t *job, char *text,
     const job_checks_t *checks = job->checks;
     size_t stuck = 0;
     text[0] = '\0';
-    if (job->terms.verify > 0 && farm->options.spool_dir == NULL)
+    if (job->kept.terms.verify > 0 && farm->options.spool_dir == NULL)
         snprintf(text, size, "it is not verified: this master keeps nothing on a disk");
     if (checks != NULL && checks->delayed)
         snprintf(text, size,

@@ -78,8 +78,8 @@ static void add(job_checks_t *checks, evidence_t evidence)
 static bool is_chosen(const job_t *job, size_t source)
 {
     uint32_t unvouched = job->checks->sources[source].unvouched + 1;
-    if (unvouched >= MUST_CHECK / job->terms.verify && !checks_open(job->checks, source)) return true;
-    return (double)randombytes_random() < job->terms.verify * 0x1p32;
+    if (unvouched >= MUST_CHECK / job->kept.terms.verify && !checks_open(job->checks, source)) return true;
+    return (double)randombytes_random() < job->kept.terms.verify * 0x1p32;
 }
 
 struct trust_keep {
@@ -93,7 +93,7 @@ struct trust_keep {
 
 trust_keep_t *trust_keep_begin(farm_t *farm, job_t *job, const worker_t *worker, const batch_t *batch)
 {
-    if (worker == NULL || job->terms.verify <= 0 || farm->options.spool_dir == NULL) return NULL;
+    if (worker == NULL || job->kept.terms.verify <= 0 || farm->options.spool_dir == NULL) return NULL;
     job_checks_t *checks = checks_of(job);
     if (checks->given_up) return NULL;
     trust_keep_t *keep = mem_zalloc(1, sizeof *keep);
@@ -117,7 +117,7 @@ void trust_keep_write(farm_t *farm, const job_t *job, trust_keep_t *keep, const 
                       const zmq_msg_t payload[BATCH_PAYLOADS])
 {
     spool_name_t name = evidence_name(&keep->evidence);
-    keep->written = spool_write(farm->options.spool_dir, job->id, &name, &keep->head, payload);
+    keep->written = spool_write(farm->options.spool_dir, job->kept.job, &name, &keep->head, payload);
     if (keep->written.code == RESULT_OK && keep->evidence.checked)
         keep->written = payload_digest(payload, batch, &keep->digest);
 }
@@ -154,7 +154,7 @@ void trust_keep_end(farm_t *farm, job_t *job, trust_keep_t **pointer, const batc
     } else if (merged) {
         job->checks->sources[keep->evidence.source].unkept++;
         log_error("job %llu: a batch of %s cannot be kept until it is vouched for: %s",
-                  (unsigned long long)job->id, keep->head.name, keep->written.message);
+                  (unsigned long long)job->kept.job, keep->head.name, keep->written.message);
     }
     free(keep);
     *pointer = NULL;
@@ -208,7 +208,7 @@ static bool is_connected(const farm_t *farm, uint64_t source)
 bool evidence_piles_up(const farm_t *farm, const job_t *job, size_t index)
 {
     const source_t *source = &job->checks->sources[index];
-    return source->unvouched >= MUST_DROP / job->terms.verify && is_connected(farm, source->id);
+    return source->unvouched >= MUST_DROP / job->kept.terms.verify && is_connected(farm, source->id);
 }
 
 static void let_gone_go(farm_t *farm, double now, job_t *job)
@@ -223,8 +223,8 @@ static void let_gone_go(farm_t *farm, double now, job_t *job)
         if (source->unvouched == 0) continue;
         if (source->seen <= 0 || checks_open(checks, i)) source->seen = now;
         if (now - source->seen < GONE_SECONDS) continue;
-        log_info("job %llu: %u batches of %s are kept no longer: it is gone", (unsigned long long)job->id,
-                 source->unvouched, source->name);
+        log_info("job %llu: %u batches of %s are kept no longer: it is gone",
+                 (unsigned long long)job->kept.job, source->unvouched, source->name);
         evidence_vouch(farm, job, i, UINT64_MAX);
     }
 }
@@ -253,11 +253,11 @@ static void condemn(farm_t *farm, double now, job_t *job, size_t index)
     checks_forget(job, index);
     source->condemned = now;
     source->unvouched = 0;
-    log_error("job %llu: %u batches of %s are taken out of the film", (unsigned long long)job->id, out,
+    log_error("job %llu: %u batches of %s are taken out of the film", (unsigned long long)job->kept.job, out,
               source->name);
     if (stay == 0) return;
-    log_error("job %llu: %u batches of %s stay in the film, since %s", (unsigned long long)job->id, stay,
-              source->name, ends ? "the job has ended" : "they could not be written to the disk");
+    log_error("job %llu: %u batches of %s stay in the film, since %s", (unsigned long long)job->kept.job,
+              stay, source->name, ends ? "the job has ended" : "they could not be written to the disk");
     farm_job_tell(farm, job, "%u batches of %.60s, which sent wrong sums, are in the image: render it again",
                   stay, source->name);
 }
@@ -328,10 +328,10 @@ static result_t load_one(farm_t *farm, job_t *job, const job_settings_t *setting
     if (name->kind == SPOOL_OUT && evidence->state == EVIDENCE_WRONG) {
         evidence->branded = true;
         spool_name_t wrong = evidence_name(evidence);
-        TRY(spool_rename(dir, job->id, name, &wrong));
-        TRY(spool_read_head(dir, job->id, &wrong, settings, &head));
+        TRY(spool_rename(dir, job->kept.job, name, &wrong));
+        TRY(spool_read_head(dir, job->kept.job, &wrong, settings, &head));
     } else if (evidence->checked) {
-        TRY(spool_read(dir, job->id, name, settings, &head, payload));
+        TRY(spool_read(dir, job->kept.job, name, settings, &head, payload));
         batch_t batch = {
             .settings = *settings, .units = head.units, .unit_count = head.unit_count, .counts = head.counts};
         result_t result = payload_digest(payload, &batch, &digest);
@@ -341,7 +341,7 @@ static result_t load_one(farm_t *farm, job_t *job, const job_settings_t *setting
             return result;
         }
     } else {
-        TRY(spool_read_head(dir, job->id, name, settings, &head));
+        TRY(spool_read_head(dir, job->kept.job, name, settings, &head));
     }
     worker_t sender = {.id = 0};
     memcpy(sender.name, head.name, sizeof sender.name);
@@ -360,7 +360,7 @@ static result_t load_one(farm_t *farm, job_t *job, const job_settings_t *setting
     spool_head_free(&head);
     if (counted) return result_ok();
     spool_name_t now = evidence_name(evidence);
-    spool_delete(dir, job->id,
+    spool_delete(dir, job->kept.job,
                  &now); /* it would be taken for evidence when others have rendered them again */
     return result_fail(RESULT_INPUT, "the film does not have its samples");
 }
@@ -380,14 +380,14 @@ void trust_loaded(farm_t *farm, job_t *job, const schedule_state_t *state)
     const char *dir = farm->options.spool_dir;
     if (dir == NULL) return;
     size_t count, kept = 0, wrong = 0;
-    spool_name_t *names = spool_list(dir, job->id, &count);
+    spool_name_t *names = spool_list(dir, job->kept.job, &count);
     job_settings_t settings = farm_job_settings(farm, job);
-    bool usable = count > 0 && job->terms.verify > 0 && fits(&settings, state);
+    bool usable = count > 0 && job->kept.terms.verify > 0 && fits(&settings, state);
     uint64_t clock = usable ? clock_of_state(&settings, state) : 0;
     for (size_t i = 0; i < count; i++) {
         evidence_t evidence;
         if (!usable || !state_of(&names[i], clock, &evidence)) {
-            spool_delete(dir, job->id, &names[i]);
+            spool_delete(dir, job->kept.job, &names[i]);
             continue;
         }
         result_t result = load_one(farm, job, &settings, &names[i], &evidence, state);
@@ -395,7 +395,7 @@ void trust_loaded(farm_t *farm, job_t *job, const schedule_state_t *state)
         wrong += evidence.state == EVIDENCE_WRONG;
         if (result.code != RESULT_OK)
             log_error("job %llu: a batch cannot be vouched for or taken out any more: %s",
-                      (unsigned long long)job->id, result.message);
+                      (unsigned long long)job->kept.job, result.message);
         farm_lock(farm);
         if (checks_of(job)->last_serial < names[i].serial) job->checks->last_serial = names[i].serial;
         farm_unlock(farm);
@@ -407,5 +407,5 @@ void trust_loaded(farm_t *farm, job_t *job, const schedule_state_t *state)
     farm_unlock(farm);
     if (count > 0)
         log_info("job %llu: %zu batches in its film wait to be vouched for, %zu are to be taken out",
-                 (unsigned long long)job->id, kept, wrong);
+                 (unsigned long long)job->kept.job, kept, wrong);
 }

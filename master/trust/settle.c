@@ -58,7 +58,7 @@ static result_t subtract(farm_t *farm, job_t *job, shared_film_t *shared_film, e
     if (!begin(farm, job, evidence)) return result_fail(RESULT_CANCELLED, "the job is over");
     evidence->state = EVIDENCE_OUT;
     spool_name_t to = evidence_name(evidence);
-    result_t result = spool_rename(dir, job->id, &from, &to);
+    result_t result = spool_rename(dir, job->kept.job, &from, &to);
     if (result.code == RESULT_OK) {
         uint32_t *weights = uncount(farm, job, head);
         result = shared_film_merge_payload(shared_film, payload, batch, weights, -1);
@@ -67,7 +67,7 @@ static result_t subtract(farm_t *farm, job_t *job, shared_film_t *shared_film, e
             farm_lock(farm);
             (void)schedule_accept(job->schedule, head->units, head->unit_count);
             farm_unlock(farm);
-            (void)spool_rename(dir, job->id, &to, &from);
+            (void)spool_rename(dir, job->kept.job, &to, &from);
         }
     }
     end(farm, job);
@@ -78,8 +78,8 @@ static result_t subtract(farm_t *farm, job_t *job, shared_film_t *shared_film, e
 static void note_out(farm_t *farm, job_t *job, const evidence_t *out, film_counts_t counts)
 {
     evidence_t *evidence = evidence_find(job->checks, out->serial);
-    job->counts = counts;
-    if (job->schedule != NULL) job->samples_done = schedule_done(job->schedule);
+    job->kept.counts = counts;
+    if (job->schedule != NULL) job->kept.samples_done = schedule_done(job->schedule);
     job_unsaved(job);
     farm->trust->spooled = true;
     job->progress_due = true;
@@ -95,7 +95,8 @@ static void note_out(farm_t *farm, job_t *job, const evidence_t *out, film_count
 static void note_lost(farm_t *farm, job_t *job, const evidence_t *lost, const char *why)
 {
     evidence_t *evidence = evidence_find(job->checks, lost->serial);
-    log_error("job %llu: a batch with wrong sums stays in the film: %s", (unsigned long long)job->id, why);
+    log_error("job %llu: a batch with wrong sums stays in the film: %s", (unsigned long long)job->kept.job,
+              why);
     farm_job_tell(farm, job, "a batch with wrong sums is in the image: render it again");
     job->progress_due = true;
     if (evidence != NULL) evidence->state = EVIDENCE_NEEDLESS;
@@ -112,7 +113,8 @@ static bool noted(job_t *job, const result_t *result)
                  result->message);
     else if (before)
         job->remark[0] = '\0';
-    if (delayed && !before) log_warning("job %llu: %s; trying on", (unsigned long long)job->id, job->remark);
+    if (delayed && !before)
+        log_warning("job %llu: %s; trying on", (unsigned long long)job->kept.job, job->remark);
     return !delayed;
 }
 
@@ -126,7 +128,7 @@ static bool take_out(farm_t *farm, job_t *job, evidence_t evidence)
     shared_film_t *shared_film = job_film_hold(farm, job);
     if (shared_film == NULL) return true; /* the job was closed just now */
     spool_name_t name = evidence_name(&evidence);
-    result_t result = spool_read(dir, job->id, &name, &settings, &head, payload);
+    result_t result = spool_read(dir, job->kept.job, &name, &settings, &head, payload);
     film_counts_t counts = {.rays = 0};
     if (result.code == RESULT_OK) {
         batch_t batch = {
@@ -186,7 +188,7 @@ static void delete_needless(farm_t *farm, job_t *job)
     evidence_t *needless = take_needless(farm, job, &count);
     for (size_t i = 0; i < count; i++) {
         spool_name_t name = evidence_name(&needless[i]);
-        spool_delete(farm->options.spool_dir, job->id, &name);
+        spool_delete(farm->options.spool_dir, job->kept.job, &name);
     }
     free(needless);
 }
@@ -225,7 +227,7 @@ static bool brand(farm_t *farm, job_t *job, evidence_t evidence)
     spool_name_t from = evidence_name(&evidence);
     evidence.branded = true;
     spool_name_t to = evidence_name(&evidence);
-    result_t result = spool_rename(farm->options.spool_dir, job->id, &from, &to);
+    result_t result = spool_rename(farm->options.spool_dir, job->kept.job, &from, &to);
     farm_lock(farm);
     evidence_t *found = evidence_find(job->checks, evidence.serial);
     if (found != NULL && result.code == RESULT_OK) found->branded = true;
@@ -253,7 +255,7 @@ void trust_tidy(farm_t *farm)
     for (size_t i = 0; i < count; i++) {
         farm_lock(farm);
         const job_t *job = farm_find_job(farm, jobs[i]);
-        bool over = job == NULL || job_state_final(job->state);
+        bool over = job == NULL || job_state_final(job->kept.state);
         farm_unlock(farm);
         if (over) spool_delete_job(farm->options.spool_dir, jobs[i]);
     }

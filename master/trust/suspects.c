@@ -344,14 +344,14 @@ static void leave_out(farm_t *farm, job_t *job, size_t at)
     schedule_skip(job->schedule, &unit);
     log_error("job %llu: tile %u, samples %u to %u are left out: %u workers died while they had nothing else "
               "to render",
-              (unsigned long long)job->id, unit.tile, unit.first, unit_end(&unit) - 1, deaths);
+              (unsigned long long)job->kept.job, unit.tile, unit.first, unit_end(&unit) - 1, deaths);
     job_suspects_t *s = job->suspects;
     s->left_out = mem_realloc(s->left_out, (s->left_out_count + 1) * sizeof unit);
     s->left_out[s->left_out_count++] = unit;
     if (s->left_out_count <= MAX_TOLD)
         farm_job_tell(farm, job, "tile %u, samples %u to %u are left out: they ended %u workers", unit.tile,
                       unit.first, unit_end(&unit) - 1, deaths);
-    else if (strstr(job->message, "more are left out") == NULL)
+    else if (strstr(job->kept.message, "more are left out") == NULL)
         farm_job_tell(farm, job, "more are left out: see the log");
     remove_at(s, at);
     job->progress_due = true;
@@ -491,14 +491,14 @@ trust_answer_t suspects_take(farm_t *farm, double now, job_t *job, worker_t *wor
 {
     job_suspects_t *s = job->suspects;
     bool empty = farm_worker_units(farm, worker) == 0 && !checks_held(farm, worker);
-    if (!empty && worker->quarantine == job->id) return TRUST_WAIT;
+    if (!empty && worker->quarantine == job->kept.job) return TRUST_WAIT;
     if (s == NULL || s->count == 0) return TRUST_ANY;
     refresh(job);
     size_t best = s->kept > 0 ? choose(farm, now, job, worker) : s->count, connected;
     if (best == s->count) return TRUST_ANY;
     if (!empty) {
         if (quarantined(farm, &connected) * QUARANTINE_SHARE >= connected && connected > 1) return TRUST_ANY;
-        worker->quarantine = job->id;
+        worker->quarantine = job->kept.job;
         return TRUST_WAIT;
     }
     work->unit_count = 0;
@@ -508,6 +508,6 @@ trust_answer_t suspects_take(farm_t *farm, double now, job_t *job, worker_t *wor
         if (i != best && suits(farm, now, job, &s->list[i], worker))
             hand_out(now, job, &s->list[i], worker, work);
     if (work->unit_count == 0) return TRUST_ANY;
-    worker->quarantine = job->id;
+    worker->quarantine = job->kept.job;
     return TRUST_GIVEN;
 }
