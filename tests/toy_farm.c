@@ -177,7 +177,7 @@ job_report_t toy_report(farm_t *farm, double now, uint64_t job)
 
 job_state_t toy_state(farm_t *farm, double now, uint64_t job)
 {
-    return toy_report(farm, now, job).state;
+    return toy_report(farm, now, job).record.state;
 }
 
 result_t toy_order(farm_t *farm, double now, uint64_t job, order_kind_t kind)

@@ -408,15 +408,15 @@ result_t farm_resolve(farm_t *farm, double now, job_t *job, film_image_t *image,
     shared_film_t *shared_film = empty ? NULL : job_film_hold(farm, job);
     if (shared_film != NULL) {
         film_resolve(shared_film_lock(shared_film), image);
-        if (report->settings.adaptive) show_samples(farm, job, &report->settings, image);
+        if (report->record.settings.adaptive) show_samples(farm, job, &report->record.settings, image);
         shared_film_unlock(shared_film);
         job_film_let_go(farm, job);
         return result_ok();
     }
     if (due)
         return result_fail(RESULT_INPUT, "the film of job %llu is not loaded yet: try again in a moment",
-                           (unsigned long long)report->job);
-    return result_fail(RESULT_INPUT, "job %llu has no samples yet", (unsigned long long)report->job);
+                           (unsigned long long)report->record.job);
+    return result_fail(RESULT_INPUT, "job %llu has no samples yet", (unsigned long long)report->record.job);
 }
 
 uint64_t farm_image_version(farm_t *farm, job_t *job, bool *over)

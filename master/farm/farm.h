@@ -67,24 +67,11 @@ void farm_scene_lost(farm_t *farm, double now, const hash_t *blob);
 
 /* A job as clients see it. */
 typedef struct {
-    uint64_t job;
-    job_terms_t terms;
-    job_state_t state;
-    job_settings_t settings;
-    hash_t blob;
-    bool retained;
-    hash_t fingerprint;         /* of the machines that work on it; all zero: none yet, or any */
-    schedule_account_t account; /* pixel samples */
-    double error;               /* estimated relative error at the last fixed point; 0: not known */
-    uint64_t checks_passed, checks_failed;
-    double checkpoint_age;                /* seconds; < 0: no checkpoint */
-    double submitted, finished;           /* seconds since 1970; 0: not yet */
-    uint64_t samples_done, samples_total; /* pixel samples; total 0: only time ends the job */
-    double elapsed, remaining;            /* seconds; remaining < 0: not known */
-    uint32_t workers, workers_seen;       /* that hold units now; that have contributed */
-    uint64_t bytes_received, batches, batches_refused, units_reissued;
-    film_counts_t counts;
-    char message[500];
+    job_record_t record;    /* as it is now; the message with what is true for the moment */
+    double checkpoint_age;  /* seconds; < 0: no checkpoint */
+    uint64_t samples_total; /* pixel samples; 0: only time ends the job */
+    double remaining;       /* seconds; < 0: not known */
+    uint32_t workers;       /* that hold units now */
 } job_report_t;
 
 /* The reports of one job or (job 0) of all in the order of submission, in fresh memory that the caller frees;

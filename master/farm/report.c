@@ -42,36 +42,16 @@ static void add_remark(char *message, size_t size, const char *remark)
 
 job_report_t farm_report_job(const job_t *job, double now)
 {
-    uint64_t pixels = (uint64_t)job->kept.settings.width * (uint64_t)job->kept.settings.height;
-    job_report_t report = {
-        .job = job->kept.job,
-        .terms = job->kept.terms,
-        .state = job->kept.state,
-        .settings = job->kept.settings,
-        .blob = job->kept.blob,
-        .retained = job->kept.retained,
-        .fingerprint = job->kept.fingerprint,
-        .account = job->schedule != NULL ? schedule_account(job->schedule) : job->kept.account,
-        .error = job->kept.error,
-        .checks_passed = job->kept.checks_passed,
-        .checks_failed = job->kept.checks_failed,
-        .checkpoint_age = job->last_checkpoint > 0 ? fmax(now - job->last_checkpoint, 0) : -1,
-        .submitted = job->kept.submitted,
-        .finished = job->kept.finished,
-        .samples_done = job->kept.samples_done,
-        .samples_total = job->kept.settings.spp < JOB_MAX_SPP ? pixels * job->kept.settings.spp : 0,
-        .elapsed = farm_job_elapsed(job, now),
-        .remaining = remaining_time(job, now),
-        .workers = job->schedule != NULL ? (uint32_t)schedule_holders(job->schedule) : 0,
-        .workers_seen = (uint32_t)job->seen.count + job->kept.workers_seen,
-        .bytes_received = job->kept.bytes,
-        .batches = job->kept.batches,
-        .batches_refused = job->kept.batches_refused,
-        .units_reissued = job->kept.units_reissued,
-        .counts = job->kept.counts};
-    memcpy(report.message, job->kept.message, sizeof report.message);
+    const job_settings_t *settings = &job->kept.settings;
+    uint64_t pixels = (uint64_t)settings->width * (uint64_t)settings->height;
+    job_report_t report = {.record = farm_job_record(job, now),
+                           .checkpoint_age =
+                               job->last_checkpoint > 0 ? fmax(now - job->last_checkpoint, 0) : -1,
+                           .samples_total = settings->spp < JOB_MAX_SPP ? pixels * settings->spp : 0,
+                           .remaining = remaining_time(job, now),
+                           .workers = job->schedule != NULL ? (uint32_t)schedule_holders(job->schedule) : 0};
     if (job->film == FILM_OPEN || job->kept.state == JOB_FINISHING)
-        add_remark(report.message, sizeof report.message, job->remark);
+        add_remark(report.record.message, sizeof report.record.message, job->remark);
     return report;
 }
 

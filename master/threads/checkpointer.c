@@ -163,7 +163,7 @@ static int by_end(const void *a, const void *b)
 
 static bool is_spare(const job_report_t *report)
 {
-    return job_state_final((uint32_t)report->state) && !report->retained;
+    return job_state_final((uint32_t)report->record.state) && !report->record.retained;
 }
 
 /* Those jobs, the first to end first, in fresh memory; *bytes is what their films take. */
@@ -176,8 +176,9 @@ static spare_t *find_spares(const checkpointer_t *checkpointer, size_t *count, u
     *count = 0;
     *bytes = 0;
     for (size_t i = 0; i < jobs; i++) {
-        spare_t spare = {reports[i].job, film_store_bytes(checkpointer->options.films, reports[i].job),
-                         reports[i].finished};
+        spare_t spare = {reports[i].record.job,
+                         film_store_bytes(checkpointer->options.films, reports[i].record.job),
+                         reports[i].record.finished};
         if (!is_spare(&reports[i]) || spare.bytes == 0) continue;
         spares[(*count)++] = spare;
         *bytes += spare.bytes;
@@ -470,7 +471,8 @@ static result_t check_film(checkpointer_t *checkpointer, double now, uint64_t jo
     size_t count;
     uint32_t workers;
     job_report_t *report = farm_report(checkpointer->options.farm, now, job, &count, &workers);
-    bool needs = report != NULL && job_state_final((uint32_t)report->state) && report->samples_done > 0;
+    bool needs =
+        report != NULL && job_state_final((uint32_t)report->record.state) && report->record.samples_done > 0;
     free(report);
     if (!needs || film_store_bytes(checkpointer->options.films, job) > 0) return result_ok();
     return result_fail(

@@ -24,19 +24,19 @@ static bool hash_is_zero(const hash_t *hash)
 
 static void fill_progress(const job_report_t *report, Lm__JobStatus *status)
 {
-    status->samples_done = report->samples_done;
+    status->samples_done = report->record.samples_done;
     status->samples_total = report->samples_total;
-    status->samples_issued = report->account.issued;
-    status->samples_counted = report->account.counted;
-    status->samples_returned = report->account.returned;
-    status->samples_out = report->account.out;
-    status->samples_skipped = report->account.skipped;
-    status->elapsed = report->elapsed;
+    status->samples_issued = report->record.account.issued;
+    status->samples_counted = report->record.account.counted;
+    status->samples_returned = report->record.account.returned;
+    status->samples_out = report->record.account.out;
+    status->samples_skipped = report->record.account.skipped;
+    status->elapsed = report->record.elapsed;
     status->remaining = report->remaining;
-    status->error = report->error;
+    status->error = report->record.error;
     status->checkpoint_age = report->checkpoint_age;
-    status->submitted = report->submitted;
-    status->ended = report->finished;
+    status->submitted = report->record.submitted;
+    status->ended = report->record.finished;
 }
 
 static void fill_status(job_report_t *report, status_message_t *out)
@@ -45,28 +45,29 @@ static void fill_status(job_report_t *report, status_message_t *out)
     lm__settings__init(&out->settings);
     lm__terms__init(&out->terms);
     lm__counts__init(&out->counts);
-    wire_settings_put(&report->settings, &out->settings);
-    wire_terms_put(&report->terms, &out->terms);
-    wire_counts_put(&report->counts, &out->counts);
+    wire_settings_put(&report->record.settings, &out->settings);
+    wire_terms_put(&report->record.terms, &out->terms);
+    wire_counts_put(&report->record.counts, &out->counts);
     Lm__JobStatus *status = &out->status;
-    status->job = report->job;
-    status->name = report->terms.name;
-    status->state = (uint32_t)report->state;
+    status->job = report->record.job;
+    status->name = report->record.terms.name;
+    status->state = (uint32_t)report->record.state;
     status->settings = &out->settings;
     status->terms = &out->terms;
     status->counts = &out->counts;
-    status->blob = wire_hash_put(&report->blob);
-    status->retained = report->retained;
-    if (!hash_is_zero(&report->fingerprint)) status->fingerprint = wire_hash_put(&report->fingerprint);
+    status->blob = wire_hash_put(&report->record.blob);
+    status->retained = report->record.retained;
+    if (!hash_is_zero(&report->record.fingerprint))
+        status->fingerprint = wire_hash_put(&report->record.fingerprint);
     status->workers = report->workers;
-    status->workers_seen = report->workers_seen;
-    status->bytes_received = report->bytes_received;
-    status->batches = report->batches;
-    status->batches_refused = report->batches_refused;
-    status->units_reissued = report->units_reissued;
-    status->checks_passed = report->checks_passed;
-    status->checks_failed = report->checks_failed;
-    status->message = report->message;
+    status->workers_seen = report->record.workers_seen;
+    status->bytes_received = report->record.bytes;
+    status->batches = report->record.batches;
+    status->batches_refused = report->record.batches_refused;
+    status->units_reissued = report->record.units_reissued;
+    status->checks_passed = report->record.checks_passed;
+    status->checks_failed = report->record.checks_failed;
+    status->message = report->record.message;
     fill_progress(report, status);
 }
 
@@ -76,12 +77,12 @@ static void fill_jobs(job_report_t *reports, size_t count, uint64_t from, status
 {
     size_t bytes = 0;
     for (size_t i = 0; i < count && body->next == 0; i++) {
-        if (reports[i].job < from) continue;
+        if (reports[i].record.job < from) continue;
         status_message_t *message = &statuses[body->n_jobs];
         fill_status(&reports[i], message);
         bytes += lm__job_status__get_packed_size(&message->status) + ENTRY_BYTES;
         if (bytes > REPLY_BYTES)
-            body->next = reports[i].job;
+            body->next = reports[i].record.job;
         else
             body->jobs[body->n_jobs++] = &message->status;
     }

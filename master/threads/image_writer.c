@@ -85,14 +85,14 @@ static result_t write_film(image_writer_t *image_writer, job_t *job, const char 
     film_image_t film = {0};
     job_report_t report;
     TRY(farm_resolve(image_writer->options.farm, clock_now(), job, &film, &report));
-    picture_meta_t meta = {.scene = report.blob,
-                           .scene_name = report.terms.name,
-                           .settings = report.settings,
-                           .counts = report.counts,
-                           .workers = report.workers_seen,
-                           .wall_seconds = report.elapsed,
-                           .bits = report.fingerprint,
-                           .note = report.message};
+    picture_meta_t meta = {.scene = report.record.blob,
+                           .scene_name = report.record.terms.name,
+                           .settings = report.record.settings,
+                           .counts = report.record.counts,
+                           .workers = report.record.workers_seen,
+                           .wall_seconds = report.record.elapsed,
+                           .bits = report.record.fingerprint,
+                           .note = report.record.message};
     result_t result = picture_write_exr(path, &film, &meta, half);
     film_image_free(&film);
     return result;

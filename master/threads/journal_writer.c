@@ -177,11 +177,11 @@ static bool find_job(journal_writer_t *journal_writer, uint64_t job, job_report_
 static result_t hold_scene(journal_writer_t *journal_writer, const job_report_t *job)
 {
     uint64_t size;
-    blob_store_need(journal_writer->options.store, &job->blob, job->job, true);
-    if (blob_store_find(journal_writer->options.store, &job->blob, &size)) return result_ok();
+    blob_store_need(journal_writer->options.store, &job->record.blob, job->record.job, true);
+    if (blob_store_find(journal_writer->options.store, &job->record.blob, &size)) return result_ok();
     return result_fail(RESULT_INPUT,
                        "the scene of job %llu is no longer here: send it again (submit another job with it)",
-                       (unsigned long long)job->job);
+                       (unsigned long long)job->record.job);
 }
 
 static result_t carry_out(journal_writer_t *journal_writer, const job_order_t *order)
@@ -196,8 +196,8 @@ static result_t carry_out(journal_writer_t *journal_writer, const job_order_t *o
                                       : farm_order(journal_writer->options.farm, clock_now(), order);
     if (result.code != RESULT_OK && again &&
         find_job(journal_writer, order->job, &job)) /* it needs what it needed */
-        blob_store_need(journal_writer->options.store, &job.blob, job.job,
-                        needs_blob(job.state, job.retained));
+        blob_store_need(journal_writer->options.store, &job.record.blob, job.record.job,
+                        needs_blob(job.record.state, job.record.retained));
     return result;
 }
 

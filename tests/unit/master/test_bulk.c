@@ -264,7 +264,7 @@ static void batches_wait_at_the_workers_while_nothing_is_merged(void **state)
     size_t count;
     uint32_t workers;
     report = farm_report(t->farm, clock_now(), t->job, &count, &workers); /* the farm answers meanwhile */
-    assert_int_equal(report->batches, 0);
+    assert_int_equal(report->record.batches, 0);
     free(report);
     shared_film_unlock(shared_film);
     assert_merged(&s[0]);

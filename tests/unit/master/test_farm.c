@@ -69,7 +69,7 @@ static void a_worker_that_lives_but_delivers_nothing_holds_nobody_up(void **stat
         assert_false(take(farm, now, good, &unit));
     }
     assert_true(take(farm, 121, good, &unit));
-    assert_int_equal(report(farm, 121, job).units_reissued, taken);
+    assert_int_equal(report(farm, 121, job).record.units_reissued, taken);
     assert_true(farm_heartbeat(farm, 121, &nobody, hanging, job, 4)); /* it is not thrown out */
     assert_int_equal(deliver(farm, 122, good, job, &unit).code, RESULT_OK);
     assert_int_equal(deliver(farm, 123, hanging, job, &unit).code, RESULT_MISMATCH);
@@ -90,7 +90,7 @@ static void a_worker_that_delivers_slowly_keeps_its_units(void **state)
         assert_int_equal(deliver(farm, now, slow, job, &units[i]).code, RESULT_OK);
     }
     job_report_t status = report(farm, 100 * (double)count, job);
-    assert_int_equal(status.units_reissued, 0);
+    assert_int_equal(status.record.units_reissued, 0);
     assert_true(status.remaining > 0);
 }
 
@@ -113,8 +113,8 @@ static void units_that_did_not_arrive_go_back(void **state)
         again++;
     }
     assert_int_equal(again, taken);
-    assert_int_equal(report(farm, 14, job).units_reissued, taken);
-    assert_int_equal(report(farm, 14, job).state, JOB_FINISHING);
+    assert_int_equal(report(farm, 14, job).record.units_reissued, taken);
+    assert_int_equal(report(farm, 14, job).record.state, JOB_FINISHING);
 }
 
 static void a_pause_of_the_master_costs_no_worker_its_lease(void **state)
@@ -137,7 +137,7 @@ static void jobs_wait_for_memory(void **state)
     while (take(farm, 0, worker, &unit)) {
     }
     for (int j = 0; j < 8; j++)
-        assert_int_equal(report(farm, 1, jobs[j]).state, j < 6 ? JOB_RUNNING : JOB_QUEUED);
+        assert_int_equal(report(farm, 1, jobs[j]).record.state, j < 6 ? JOB_RUNNING : JOB_QUEUED);
     assert_int_equal(farm_order(farm, 1, &(job_order_t){.job = jobs[0], .kind = ORDER_CANCEL}).code,
                      RESULT_OK);
     farm_tick(farm, 1.1);
@@ -147,7 +147,7 @@ static void jobs_wait_for_memory(void **state)
     assert_int_equal(farm_job_id(job), jobs[0]);
     farm_finished(farm, 12, job, result_ok(), NULL);
     farm_unpin(farm, job);
-    assert_int_equal(report(farm, 12, jobs[0]).state, JOB_CANCELLED);
+    assert_int_equal(report(farm, 12, jobs[0]).record.state, JOB_CANCELLED);
     worker = hello(farm, 12);
     assert_true(take(farm, 12, worker, &unit));
 }
@@ -172,15 +172,15 @@ static void a_job_that_nobody_can_render_fails(void **state)
     assert_int_equal(farm_order(farm, 0, &later).code, RESULT_OK);
     farm_goodbye(farm, 0, worker, job, "had none of it"); /* does not count */
     for (int i = 1; i < FARM_MAX_DECLINES; i++) come_and_decline(farm, i, job);
-    assert_int_equal(report(farm, 5, job).state, JOB_RUNNING);
+    assert_int_equal(report(farm, 5, job).record.state, JOB_RUNNING);
     worker = hello(farm, 5);
     assert_true(take(farm, 5, worker, &unit)); /* somebody still tries */
     come_and_decline(farm, 6, job);
-    assert_int_equal(report(farm, 6, job).state, JOB_RUNNING);
+    assert_int_equal(report(farm, 6, job).record.state, JOB_RUNNING);
     farm_goodbye(farm, 7, worker, job, "the scene is too large");
-    assert_int_equal(report(farm, 7, job).state, JOB_FAILED);
-    assert_non_null(strstr(report(farm, 7, job).message, "the scene is too large"));
-    assert_int_equal(report(farm, 7, other).state, JOB_QUEUED);
+    assert_int_equal(report(farm, 7, job).record.state, JOB_FAILED);
+    assert_non_null(strstr(report(farm, 7, job).record.message, "the scene is too large"));
+    assert_int_equal(report(farm, 7, other).record.state, JOB_QUEUED);
 }
 
 /* Who cannot render what others can does no harm. */
@@ -193,7 +193,7 @@ static void a_job_that_somebody_can_render_goes_on(void **state)
     assert_int_equal(deliver(farm, 1, worker, job, &unit).code, RESULT_OK);
     farm_goodbye(farm, 1, worker, 0, "");
     for (int i = 0; i < 3 * FARM_MAX_DECLINES; i++) come_and_decline(farm, 2 + i, job);
-    assert_int_equal(report(farm, 20, job).state, JOB_RUNNING);
+    assert_int_equal(report(farm, 20, job).record.state, JOB_RUNNING);
     worker = hello(farm, 20);
     assert_true(take(farm, 20, worker, &unit));
     assert_int_equal(deliver(farm, 21, worker, job, &unit).code, RESULT_OK);
@@ -268,7 +268,7 @@ static void half_of_a_dead_workers_unit_may_be_delivered(void **state)
     uint64_t other = hello(farm, 12);
     const unit_t half = {unit.tile, unit.first + 2, 2};
     assert_int_equal(deliver(farm, 12, other, job, &half).code, RESULT_OK);
-    assert_true(report(farm, 12, job).samples_done == 2 * 16 * 16);
+    assert_true(report(farm, 12, job).record.samples_done == 2 * 16 * 16);
 }
 
 int main(void)

@@ -160,9 +160,10 @@ static hash_t honest_sums(void)
 static void check_result(trial_t *trial)
 {
     job_report_t report = toy_report(trial->farm, trial->now, trial->job);
-    assert_int_equal(report.state, JOB_FINISHING);
-    assert_int_equal(report.account.counted, (uint64_t)32 * 32 * settings().spp);
-    assert_int_equal(report.account.issued, report.account.counted + report.account.returned);
+    assert_int_equal(report.record.state, JOB_FINISHING);
+    assert_int_equal(report.record.account.counted, (uint64_t)32 * 32 * settings().spp);
+    assert_int_equal(report.record.account.issued,
+                     report.record.account.counted + report.record.account.returned);
     hash_t right = honest_sums(), sums = toy_sums(trial->farm, trial->job);
     assert_true(hash_equal(&right, &sums));
 }
@@ -185,9 +186,9 @@ static void honest_workers_pass(void **state)
     add_actor(&trial, "b", HONEST);
     job_report_t report = run(&trial);
     check_result(&trial);
-    assert_int_equal(report.checks_failed, 0);
-    assert_true(report.checks_passed > 5);
-    assert_string_equal(report.message, "");
+    assert_int_equal(report.record.checks_failed, 0);
+    assert_true(report.record.checks_passed > 5);
+    assert_string_equal(report.record.message, "");
     /* When the job is over, nothing is left on the disk. */
     toy_film_t film;
     toy_write_images(trial.farm, trial.now, result_ok());
@@ -209,7 +210,7 @@ static void everything_can_be_compared(void **state)
     add_actor(&trial, "b", HONEST);
     job_report_t report = run(&trial);
     check_result(&trial);
-    assert_int_equal(report.checks_passed, report.batches);
+    assert_int_equal(report.record.checks_passed, report.record.batches);
     end(&trial);
 }
 
@@ -223,8 +224,8 @@ static void run_with_a_liar(double verify, honesty_t honesty)
     add_actor(&trial, "c", HONEST);
     job_report_t report = run(&trial);
     check_result(&trial);
-    assert_true(report.checks_failed > 0);
-    assert_true(report.checks_passed > 0);
+    assert_true(report.record.checks_failed > 0);
+    assert_true(report.record.checks_passed > 0);
     assert_true(trial.actors[2].refused);
     for (int i = 0; i < trial.actor_count; i++) assert_true(i == 2 || !trial.actors[i].refused);
     uint64_t worker;
@@ -312,11 +313,12 @@ static void a_single_worker_holds_nothing_up(void **state)
     trial.actors[0].fingerprint = 1;
     trial.actors[1].fingerprint = 2;
     for (int i = 0; i < 10; i++) step(&trial); /* so that one of its batches must be compared */
-    assert_non_null(strstr(toy_report(trial.farm, trial.now, trial.job).message, "cannot be compared"));
+    assert_non_null(
+        strstr(toy_report(trial.farm, trial.now, trial.job).record.message, "cannot be compared"));
     run(&trial);
     check_result(&trial);
     assert_non_null(
-        strstr(toy_report(trial.farm, trial.now, trial.job).message, "batches could not be compared"));
+        strstr(toy_report(trial.farm, trial.now, trial.job).record.message, "batches could not be compared"));
     assert_int_equal(trial.actors[1].checks, 0);
     end(&trial);
 }
@@ -337,7 +339,7 @@ static void a_single_worker_does_not_fill_the_disk(void **state)
     check_result(&trial);
     assert_true(most >= 13 && most <= 13 + 120 / 20 + 2); /* some come until nobody is waited for */
     assert_non_null(
-        strstr(toy_report(trial.farm, trial.now, trial.job).message, "batches could not be compared"));
+        strstr(toy_report(trial.farm, trial.now, trial.job).record.message, "batches could not be compared"));
     end(&trial);
 }
 
@@ -371,10 +373,10 @@ static void a_later_pass_does_not_vouch_for_a_lie(void **state)
     add_actor(&trial, "b", HONEST);
     for (int i = 0; i < 40; i++) step(&trial); /* with nobody to decide who is wrong about the first */
     job_report_t report = toy_report(trial.farm, trial.now, trial.job);
-    assert_true(report.checks_passed > 0 && report.checks_failed == 0);
+    assert_true(report.record.checks_passed > 0 && report.record.checks_failed == 0);
     add_actor(&trial, "c", HONEST);
     report = run(&trial);
-    assert_int_equal(report.checks_failed, 1);
+    assert_int_equal(report.record.checks_failed, 1);
     check_result(&trial);
     end(&trial);
 }
@@ -422,7 +424,7 @@ static void a_pass_says_nothing_of_what_comes_later(void **state)
     add_actor(&trial, "c", HONEST);
     job_report_t report = run(&trial);
     check_result(&trial);
-    assert_true(report.checks_passed > 0 && report.checks_failed > 0);
+    assert_true(report.record.checks_passed > 0 && report.record.checks_failed > 0);
     end(&trial);
 }
 
@@ -436,9 +438,9 @@ static void a_third_worker_decides(void **state)
     add_actor(&trial, "liar", LIES);
     for (int i = 0; i < 300; i++) step(&trial);
     job_report_t report = toy_report(trial.farm, trial.now, trial.job);
-    assert_int_equal(report.state, JOB_RUNNING);
-    assert_non_null(strstr(report.message, "disagree"));
-    assert_int_equal(report.checks_failed, 0);
+    assert_int_equal(report.record.state, JOB_RUNNING);
+    assert_non_null(strstr(report.record.message, "disagree"));
+    assert_int_equal(report.record.checks_failed, 0);
     add_actor(&trial, "third", HONEST);
     run(&trial);
     check_result(&trial);
@@ -486,7 +488,7 @@ static void a_relay_is_watched_too(void **state)
         check_result(&trial);
         assert_true(trial.actors[1].checks > 0);
         assert_int_equal(trial.actors[1].refused, lies);
-        assert_int_equal(report.checks_failed > 0, lies);
+        assert_int_equal(report.record.checks_failed > 0, lies);
         end(&trial);
     }
 }
@@ -525,8 +527,8 @@ static void a_job_that_cannot_be_verified_says_so(void **state)
     static const char *const names[] = {"a", "b", "c", "d", "e"};
     for (int i = 0; i < 5; i++) add_actor(&trial, names[i], LIES); /* each by another amount */
     job_report_t report = run(&trial);
-    assert_int_equal(report.state, JOB_FINISHING);
-    assert_non_null(strstr(report.message, "could not be verified"));
+    assert_int_equal(report.record.state, JOB_FINISHING);
+    assert_non_null(strstr(report.record.message, "could not be verified"));
     for (int i = 0; i < 5; i++) assert_false(trial.actors[i].refused);
     end(&trial);
 }
@@ -542,7 +544,7 @@ static void without_a_disk_nothing_is_verified(void **state)
     toy_work_t work = toy_take(farm, 0, worker, 1 << 11, 1 << 9);
     farm_tick(farm, 2);
     assert_int_equal(toy_deliver_work(farm, 3, worker, &work, 0).code, RESULT_OK);
-    assert_non_null(strstr(toy_report(farm, 3, job).message, "not verified"));
+    assert_non_null(strstr(toy_report(farm, 3, job).record.message, "not verified"));
     toy_work_off(farm, 3, worker, job);
     assert_int_equal(toy_state(farm, 3, job), JOB_FINISHING);
     farm_destroy(&farm);
@@ -693,10 +695,10 @@ static void no_lie_is_shown_at_the_end(void **state)
     begin_with_lies(&trial);
     assert_int_equal(toy_order(trial.farm, trial.now, trial.job, ORDER_CANCEL).code, RESULT_OK);
     assert_true(is_over(&trial));
-    assert_true(toy_report(trial.farm, trial.now, trial.job).account.counted > 0);
+    assert_true(toy_report(trial.farm, trial.now, trial.job).record.account.counted > 0);
     assert_int_equal(toy_write_images(trial.farm, trial.now, result_ok()), 0);
     farm_settle(trial.farm);
-    assert_int_equal(toy_report(trial.farm, trial.now, trial.job).account.counted, 0);
+    assert_int_equal(toy_report(trial.farm, trial.now, trial.job).record.account.counted, 0);
     assert_int_equal(toy_write_images(trial.farm, trial.now, result_ok()), 1);
     end(&trial);
 }
@@ -718,9 +720,9 @@ static void a_complete_job_stays_complete(void **state)
     check_result(&trial);
     assert_true(trial.actors[0].refused);
     job_report_t report = toy_report(trial.farm, trial.now, first);
-    assert_int_equal(report.state, JOB_FINISHING);
-    assert_int_equal(report.account.counted, (uint64_t)32 * 32 * settings().spp);
-    assert_non_null(strstr(report.message, "wrong sums"));
+    assert_int_equal(report.record.state, JOB_FINISHING);
+    assert_int_equal(report.record.account.counted, (uint64_t)32 * 32 * settings().spp);
+    assert_non_null(strstr(report.record.message, "wrong sums"));
     end(&trial);
 }
 
@@ -779,8 +781,9 @@ static void random_lives(void **state)
             restart(&trial, event == 7 && trial.films[1].job != 0);
         }
         job_report_t report = toy_report(trial.farm, trial.now, trial.job);
-        assert_int_equal(report.state, JOB_FINISHING);
-        assert_int_equal(report.account.issued, report.account.counted + report.account.returned);
+        assert_int_equal(report.record.state, JOB_FINISHING);
+        assert_int_equal(report.record.account.issued,
+                         report.record.account.counted + report.record.account.returned);
         hash_t right = honest_sums(), sums = toy_sums(trial.farm, trial.job);
         found += hash_equal(&right, &sums);
         missed += !hash_equal(&right, &sums);

@@ -200,16 +200,16 @@ static void a_paused_job_keeps_what_its_workers_have(void **state)
     assert_int_equal(toy_state(farm, 10, job), JOB_PAUSED);
     assert_int_equal(toy_take(farm, 10, worker, 1024, 512).job, 0);
     assert_int_equal(toy_deliver(farm, 11, worker, job, work.units, work.count).code, RESULT_OK);
-    assert_true(toy_report(farm, 11, job).samples_done > 0);
-    assert_true(toy_report(farm, 11, job).account.out > 0);
+    assert_true(toy_report(farm, 11, job).record.samples_done > 0);
+    assert_true(toy_report(farm, 11, job).record.account.out > 0);
     farm_tick(farm, 25); /* the grace period is over: the other's units go back, */
     assert_int_equal(toy_state(farm, 25, job), JOB_PAUSED);
-    assert_int_equal(toy_report(farm, 25, job).account.out, 0);
+    assert_int_equal(toy_report(farm, 25, job).record.account.out, 0);
     worker = toy_hello(farm, 25, 1);
     assert_int_equal(toy_take(farm, 25, worker, 1024, 512).job, 0); /* to nobody for now, */
     assert_int_equal(toy_deliver(farm, 26, late, job, more.units, more.count).code,
                      RESULT_OK); /* or come yet */
-    assert_true(toy_report(farm, 1000, job).elapsed == 10);
+    assert_true(toy_report(farm, 1000, job).record.elapsed == 10);
     assert_int_equal(toy_order(farm, 1000, job, ORDER_PAUSE).code, RESULT_INPUT);
     assert_int_equal(toy_order(farm, 1000, job, ORDER_RESUME).code, RESULT_OK);
     assert_int_equal(toy_state(farm, 1000, job), JOB_RUNNING);
@@ -217,9 +217,10 @@ static void a_paused_job_keeps_what_its_workers_have(void **state)
     toy_work_off(farm, 1005, worker, job);
     assert_int_equal(toy_state(farm, 1005, job), JOB_FINISHING);
     job_report_t report = toy_report(farm, 1005, job);
-    assert_true(report.elapsed == 10 + 5);
-    assert_int_equal(report.samples_done, 8 * 1024);
-    assert_int_equal(report.account.issued, report.account.counted + report.account.returned);
+    assert_true(report.record.elapsed == 10 + 5);
+    assert_int_equal(report.record.samples_done, 8 * 1024);
+    assert_int_equal(report.record.account.issued,
+                     report.record.account.counted + report.record.account.returned);
 }
 
 /* Workers that were told to drop what they have are not held to it, though the job is resumed at once. */
@@ -352,7 +353,7 @@ static void retained_jobs_are_not_forgotten(void **state)
     job_t *pinned = farm_pin(farm, jobs[0]);
     farm_unpin(farm, pinned);
     farm_unpin(farm, pinned);
-    assert_true(toy_report(farm, 0, jobs[0]).retained);
+    assert_true(toy_report(farm, 0, jobs[0]).record.retained);
     farm_destroy(&farm);
 }
 
@@ -420,8 +421,8 @@ static void a_job_is_over_when_image_and_checkpoint_are_made(void **state)
         if (!image_first) assert_int_equal(toy_write_images(farm, 2, ok), 1);
         if (image_first) assert_true(toy_checkpoint(farm, 2, ok, &film));
         assert_int_equal(toy_state(farm, 2, job), JOB_DONE);
-        assert_int_equal(toy_report(farm, 2, job).samples_done, 4 * 1024);
-        assert_int_equal(toy_report(farm, 2, job).account.counted, 4 * 1024);
+        assert_int_equal(toy_report(farm, 2, job).record.samples_done, 4 * 1024);
+        assert_int_equal(toy_report(farm, 2, job).record.account.counted, 4 * 1024);
         assert_int_equal(film.state.issued, film.state.returned + 4 * 1024);
         toy_film_free(&film);
         farm_destroy(&farm);
@@ -437,7 +438,7 @@ static void what_cannot_be_written_is_tried_again(void **state)
     toy_film_t film;
     result_t full = result_fail(RESULT_IO, "no space left on device");
     assert_int_equal(toy_write_images(farm, 2, full), 1);
-    assert_non_null(strstr(toy_report(farm, 2, job).message, "no space left"));
+    assert_non_null(strstr(toy_report(farm, 2, job).record.message, "no space left"));
     assert_true(toy_checkpoint(farm, 2, full, &film));
     assert_int_equal(toy_state(farm, 2, job), JOB_FINISHING);
     assert_int_equal(toy_write_images(farm, 3, ok), 0); /* not at once */
@@ -445,10 +446,10 @@ static void what_cannot_be_written_is_tried_again(void **state)
     assert_int_equal(toy_write_images(farm, 20, ok), 1);
     assert_true(toy_checkpoint(farm, 20, full, &film));
     assert_int_equal(toy_state(farm, 20, job), JOB_FINISHING);
-    assert_non_null(strstr(toy_report(farm, 20, job).message, "last checkpoint cannot be written"));
+    assert_non_null(strstr(toy_report(farm, 20, job).record.message, "last checkpoint cannot be written"));
     assert_true(toy_checkpoint(farm, 30, ok, &film));
     assert_int_equal(toy_state(farm, 30, job), JOB_DONE);
-    assert_string_equal(toy_report(farm, 30, job).message, "");
+    assert_string_equal(toy_report(farm, 30, job).record.message, "");
     toy_film_free(&film);
 }
 
@@ -485,7 +486,7 @@ static void what_was_given_up_is_not_tried_again(void **state)
     farm_checkpointed(farm, 4, saving, full);
     farm_unpin(farm, saving);
     assert_int_equal(toy_state(farm, 4, job), JOB_FAILED);
-    assert_non_null(strstr(toy_report(farm, 4, job).message, "no space left"));
+    assert_non_null(strstr(toy_report(farm, 4, job).record.message, "no space left"));
 }
 
 /* ---- after the process --------------------------------------------------------------------------------- */
@@ -541,11 +542,11 @@ static void a_job_goes_on_where_its_checkpoint_was(void **state)
     toy_work_t work = toy_take(farm, 5, worker, 2048, 512);
     assert_int_equal(work.job, job);
     assert_int_equal(toy_deliver(farm, 5, worker, job, work.units, 2).code, RESULT_OK);
-    uint64_t done = toy_report(farm, 5, job).samples_done;
+    uint64_t done = toy_report(farm, 5, job).record.samples_done;
     assert_true(toy_checkpoint(farm, 6, ok, &film));
     assert_true(toy_report(farm, 7, job).checkpoint_age == 1);
     assert_int_equal(toy_deliver(farm, 7, worker, job, work.units + 2, work.count - 2).code, RESULT_OK);
-    assert_true(toy_report(farm, 7, job).samples_done > done);
+    assert_true(toy_report(farm, 7, job).record.samples_done > done);
     size_t count = end_process(&farm, 8, records);
     assert_int_equal(count, 2);
 
@@ -555,11 +556,12 @@ static void a_job_goes_on_where_its_checkpoint_was(void **state)
     assert_true(toy_load(farm, 1, &film));
     assert_false(toy_load(farm, 1, NULL));
     job_report_t report = toy_report(farm, 1, job);
-    assert_int_equal(report.state, JOB_RUNNING);
-    assert_int_equal(report.samples_done, done);
-    assert_int_equal(report.account.issued, report.account.counted + report.account.returned);
-    assert_true(report.elapsed >= 1 && report.elapsed < 10);
-    assert_int_equal(report.workers_seen, 1);
+    assert_int_equal(report.record.state, JOB_RUNNING);
+    assert_int_equal(report.record.samples_done, done);
+    assert_int_equal(report.record.account.issued,
+                     report.record.account.counted + report.record.account.returned);
+    assert_true(report.record.elapsed >= 1 && report.record.elapsed < 10);
+    assert_int_equal(report.record.workers_seen, 1);
     /* What the lost process had merged is wanted again. */
     assert_int_equal(toy_deliver(farm, 1, worker, job, work.units + 2, work.count - 2).code, RESULT_OK);
     assert_int_equal(toy_deliver(farm, 1, worker, job, work.units, 2).code, RESULT_MISMATCH);
@@ -583,7 +585,7 @@ static void a_job_without_a_checkpoint_begins_anew(void **state)
     worker = toy_hello(farm, 0, 1);
     assert_int_equal(toy_take(farm, 0, worker, 2048, 512).job, 0); /* its film might be there */
     assert_true(toy_load(farm, 1, NULL));
-    assert_int_equal(toy_report(farm, 1, job).samples_done, 0);
+    assert_int_equal(toy_report(farm, 1, job).record.samples_done, 0);
     toy_work_off(farm, 2, worker, job);
     assert_sums(farm, job, 8);
     *state = farm;
@@ -684,9 +686,9 @@ static void a_paused_job_stays_paused(void **state)
     assert_int_equal(toy_state(farm, 0, job), JOB_PAUSED);
     uint64_t worker = toy_hello(farm, 0, 1);
     assert_int_equal(toy_take(farm, 0, worker, 1024, 512).job, 0);
-    assert_string_equal(toy_report(farm, 0, job).message, FARM_NO_SCENE);
+    assert_string_equal(toy_report(farm, 0, job).record.message, FARM_NO_SCENE);
     assert_int_equal(toy_order(farm, 1, job, ORDER_RESUME).code, RESULT_OK);
-    assert_string_equal(toy_report(farm, 1, job).message, "");
+    assert_string_equal(toy_report(farm, 1, job).record.message, "");
     toy_work_off(farm, 1, worker, job);
     assert_sums(farm, job, 4);
     assert_int_equal(toy_order(farm, 1, other, ORDER_RESUME).code, RESULT_OK);
@@ -707,7 +709,7 @@ static void a_film_that_cannot_be_had_fails_the_job(void **state)
     farm_unpin(farm, wanted);
     toy_write_images(farm, 1, ok);
     assert_int_equal(toy_state(farm, 1, job), JOB_FAILED);
-    assert_non_null(strstr(toy_report(farm, 1, job).message, "cannot be read"));
+    assert_non_null(strstr(toy_report(farm, 1, job).record.message, "cannot be read"));
     /* Once more, when the disk is back. */
     assert_int_equal(toy_order(farm, 2, job, ORDER_EXTEND).code, RESULT_OK);
     worker = toy_hello(farm, 2, 1);
@@ -775,7 +777,7 @@ static void an_extended_job_is_as_one_that_was_longer(void **state)
             size_t count = end_process(&farm, 2, records);
             farm = begin_process(0, records, count);
             assert_int_equal(toy_state(farm, 0, job), JOB_DONE);
-            assert_int_equal(toy_report(farm, 0, job).samples_done, 4 * 1024);
+            assert_int_equal(toy_report(farm, 0, job).record.samples_done, 4 * 1024);
             assert_false(toy_load(farm, 0, NULL));
         }
         job_order_t order = {.job = job, .kind = ORDER_EXTEND, .spp = 12};
@@ -797,8 +799,9 @@ static void an_extended_job_is_as_one_that_was_longer(void **state)
         toy_film_free(&film);
         assert_int_equal(toy_state(farm, 3, job), JOB_DONE);
         job_report_t report = toy_report(farm, 3, job);
-        assert_int_equal(report.samples_done, 16 * 1024);
-        assert_int_equal(report.account.issued, report.account.counted + report.account.returned);
+        assert_int_equal(report.record.samples_done, 16 * 1024);
+        assert_int_equal(report.record.account.issued,
+                         report.record.account.counted + report.record.account.returned);
         farm_destroy(&farm);
     }
     *state = toy_farm(true);
@@ -819,8 +822,8 @@ static void an_extension_replaces_what_was_reached(void **state)
     order = (job_order_t){.job = job, .kind = ORDER_EXTEND, .time_limit = 100};
     assert_int_equal(farm_order(farm, 2, &order).code, RESULT_OK);
     job_report_t report = toy_report(farm, 2, job);
-    assert_int_equal(report.settings.spp, JOB_MAX_SPP);
-    assert_true(report.settings.time_limit == report.elapsed + 100);
+    assert_int_equal(report.record.settings.spp, JOB_MAX_SPP);
+    assert_true(report.record.settings.time_limit == report.record.elapsed + 100);
     assert_int_equal(toy_order(farm, 2, job, ORDER_CANCEL).code,
                      RESULT_OK); /* has a film: its image is made */
     assert_int_equal(toy_state(farm, 2, job), JOB_FINISHING);
@@ -893,9 +896,10 @@ static outcome_t render_planned(const job_settings_t *settings, int disturbances
     }
     assert_int_equal(toy_state(farm, now, job), JOB_FINISHING);
     job_report_t report = toy_report(farm, now, job);
-    assert_int_equal(report.account.issued, report.account.counted + report.account.returned);
-    assert_int_equal(report.account.counted, report.samples_done);
-    outcome_t outcome = {report.samples_done, report.error, toy_sums(farm, job)};
+    assert_int_equal(report.record.account.issued,
+                     report.record.account.counted + report.record.account.returned);
+    assert_int_equal(report.record.account.counted, report.record.samples_done);
+    outcome_t outcome = {report.record.samples_done, report.record.error, toy_sums(farm, job)};
     farm_destroy(&farm);
     return outcome;
 }
@@ -928,19 +932,19 @@ static void a_planned_job_can_be_extended(void **state)
     assert_true(toy_checkpoint(farm, 1, ok, &film));
     assert_int_equal(toy_state(farm, 1, job), JOB_DONE);
     job_report_t report = toy_report(farm, 1, job);
-    assert_true(report.error > 0.02 && report.error <= 0.05);
+    assert_true(report.record.error > 0.02 && report.record.error <= 0.05);
     job_order_t order = {.job = job, .kind = ORDER_EXTEND, .error = 0.06};
     assert_int_equal(farm_order(farm, 1, &order).code, RESULT_INPUT);
     order.error = 0.02;
     assert_int_equal(farm_order(farm, 1, &order).code, RESULT_OK);
     assert_int_equal(toy_take(farm, 2, worker, 512, 512).job, 0);
     assert_true(toy_load(farm, 2, &film));
-    uint64_t before = toy_report(farm, 2, job).samples_done;
-    assert_int_equal(before, report.samples_done);
+    uint64_t before = toy_report(farm, 2, job).record.samples_done;
+    assert_int_equal(before, report.record.samples_done);
     toy_work_off(farm, 2, worker, job);
     assert_int_equal(toy_state(farm, 2, job), JOB_FINISHING);
     report = toy_report(farm, 2, job);
-    assert_true(report.error <= 0.02 && report.samples_done > before);
+    assert_true(report.record.error <= 0.02 && report.record.samples_done > before);
 }
 
 /* A job without an error to reach is given one while it runs. */
@@ -956,7 +960,7 @@ static void an_endless_job_can_be_given_an_error(void **state)
     assert_int_equal(farm_order(farm, 1, &order).code, RESULT_OK);
     toy_work_off(farm, 2, worker, job);
     assert_int_equal(toy_state(farm, 2, job), JOB_FINISHING);
-    assert_true(toy_report(farm, 2, job).error <= 0.02);
+    assert_true(toy_report(farm, 2, job).record.error <= 0.02);
 }
 
 /* The time that is left is estimated from the error. */
@@ -968,8 +972,8 @@ static void the_time_to_an_error_is_estimated(void **state)
     simulation_t s = simulate(farm, 2, (const uint32_t[]){8, 8});
     run(&s, 30);
     job_report_t report = toy_report(farm, s.now, job);
-    assert_int_equal(report.state, JOB_RUNNING);
-    assert_true(report.error > 0.01);
+    assert_int_equal(report.record.state, JOB_RUNNING);
+    assert_true(report.record.error > 0.01);
     double end = s.now + report.remaining;
     while (toy_state(farm, s.now, job) == JOB_RUNNING) run(&s, 1);
     if (s.now < 0.5 * end || s.now > 2 * end) fail_msg("ended at %g s instead of %g s", s.now, end);
@@ -1022,7 +1026,7 @@ static void threads_merge_plan_and_save_at_once(void **state)
     assert_int_equal(toy_state(farm, 1, job), JOB_FINISHING);
     hash_t sums = toy_sums(farm, job);
     assert_true(hash_equal(&sums, &calm.sums));
-    assert_int_equal(toy_report(farm, 1, job).samples_done, calm.samples);
+    assert_int_equal(toy_report(farm, 1, job).record.samples_done, calm.samples);
 }
 
 int main(void)

@@ -93,11 +93,12 @@ static void an_idle_worker_takes_over_from_a_straggler(void **state)
     farm_t *farm = *state;
     uint64_t quick, slow, job = measured_pair(farm, 2, 40, &quick, &slow);
     toy_work_t last = take_one(farm, 40, slow), work;
-    uint64_t reissued = toy_report(farm, 40, job).units_reissued;
+    uint64_t reissued = toy_report(farm, 40, job).record.units_reissued;
     while ((work = take_one(farm, 40, quick)).job != 0 &&
-           toy_report(farm, 40, job).units_reissued == reissued)
+           toy_report(farm, 40, job).record.units_reissued == reissued)
         assert_int_equal(deliver(farm, 40, quick, &work).code, RESULT_OK);
-    assert_int_equal(toy_report(farm, 40, job).units_reissued, reissued + 1); /* it takes 40 s more, not 2 */
+    assert_int_equal(toy_report(farm, 40, job).record.units_reissued,
+                     reissued + 1); /* it takes 40 s more, not 2 */
     assert_int_equal(work.units[0].tile, last.units[0].tile);
     assert_int_equal(work.units[0].first, last.units[0].first);
     do /* in smaller pieces */
@@ -119,7 +120,7 @@ static void equals_leave_each_other_alone(void **state)
         now += 5 * (double)last.units[0].count;
         if (other.job == 0) break;
         assert_int_equal(deliver(farm, now, b, &other).code, RESULT_OK);
-        schedule_account_t account = toy_report(farm, now, job).account;
+        schedule_account_t account = toy_report(farm, now, job).record.account;
         if (account.counted + account.out == 4 * 16 * 16 * 16) break;
         assert_int_equal(deliver(farm, now, a, &last).code, RESULT_OK);
     }
@@ -128,7 +129,7 @@ static void equals_leave_each_other_alone(void **state)
         farm_tick(farm, now + late);
         assert_int_equal(take_one(farm, now + late, b).job, 0);
     }
-    assert_int_equal(toy_report(farm, now, job).units_reissued, 0);
+    assert_int_equal(toy_report(farm, now, job).record.units_reissued, 0);
     assert_int_equal(deliver(farm, now + 10, a, &last).code, RESULT_OK);
     assert_int_equal(toy_state(farm, now, job), JOB_FINISHING);
 }
@@ -142,10 +143,10 @@ static void deadlines_follow_the_speed(void **state)
     toy_work_t work;
     double now = 100;
     while ((work = take_one(farm, 101, quick)).job != 0)
-        if (toy_report(farm, 101, job).account.counted < 4 * 16 * 16 * 16 / 2)
+        if (toy_report(farm, 101, job).record.account.counted < 4 * 16 * 16 * 16 / 2)
             assert_int_equal(deliver(farm, 101, quick, &work).code, RESULT_OK);
     uint64_t alive[] = {quick, slow};
-    while (toy_report(farm, now, job).units_reissued == 0 && now < 300) {
+    while (toy_report(farm, now, job).record.units_reissued == 0 && now < 300) {
         pass(farm, &now, 1, alive, 2);
         take_one(farm, now, slow);
     }
@@ -242,7 +243,7 @@ static void a_job_belongs_to_the_machines_with_the_same_bits(void **state)
     assert_int_equal(work.job, job);
     assert_int_equal(take_one(farm, 0, many[1]).job, job);
     assert_int_equal(take_one(farm, 1, few).job, 0);
-    assert_int_equal(toy_report(farm, 1, job).fingerprint.bytes[0], 2);
+    assert_int_equal(toy_report(farm, 1, job).record.fingerprint.bytes[0], 2);
     /* What they have of it, from the life of another master, is of no use. */
     assert_int_equal(farm_batch_wanted(farm, 1, few, job, true).code, RESULT_MISMATCH);
     assert_int_equal(deliver(farm, 1, few, &work).code, RESULT_MISMATCH);
@@ -251,13 +252,14 @@ static void a_job_belongs_to_the_machines_with_the_same_bits(void **state)
     farm_goodbye(farm, 2, many[1], 0, "");
     farm_tick(farm, 3);
     assert_int_equal(take_one(farm, 3, few).job, 0);
-    assert_non_null(strstr(toy_report(farm, 3, job).message, "waits for a machine that makes the same bits"));
+    assert_non_null(
+        strstr(toy_report(farm, 3, job).record.message, "waits for a machine that makes the same bits"));
     assert_int_equal(toy_state(farm, 3, job), JOB_RUNNING);
     many[0] = toy_join(farm, 4, "many-3", 1, 2);
     assert_int_equal(take_one(farm, 4, many[0]).job, job);
     toy_beat(farm, 5, few);
     farm_tick(farm, 5);
-    assert_null(strstr(toy_report(farm, 5, job).message, "waits"));
+    assert_null(strstr(toy_report(farm, 5, job).record.message, "waits"));
     /* The others have jobs of their own. */
     uint64_t next = submit(farm, 4);
     toy_join(farm, 5, "many-4", 2, 2);
@@ -277,7 +279,7 @@ static void the_first_batch_decides_on_the_bits(void **state)
     other.units[0].tile = 1;
     assert_int_equal(farm_batch_wanted(farm, 1, one, job, true).code, RESULT_OK);
     assert_int_equal(deliver(farm, 1, one, &work).code, RESULT_OK);
-    assert_int_equal(toy_report(farm, 1, job).fingerprint.bytes[0], 1);
+    assert_int_equal(toy_report(farm, 1, job).record.fingerprint.bytes[0], 1);
     assert_int_equal(deliver(farm, 1, two, &other).code, RESULT_MISMATCH);
 }
 
@@ -288,9 +290,9 @@ static void a_mixed_job_takes_everybody_and_says_so(void **state)
     uint64_t job = toy_submit_on(farm, 0, &settings, &(job_terms_t){.name = "mixed", .mixed = true});
     uint64_t a = toy_join(farm, 0, "a", 1, 1), b = toy_join(farm, 0, "b", 4, 2);
     assert_int_equal(take_one(farm, 0, a).job, job);
-    assert_string_equal(toy_report(farm, 0, job).message, "");
+    assert_string_equal(toy_report(farm, 0, job).record.message, "");
     assert_int_equal(take_one(farm, 0, b).job, job);
-    assert_non_null(strstr(toy_report(farm, 0, job).message, "depend on which machine"));
+    assert_non_null(strstr(toy_report(farm, 0, job).record.message, "depend on which machine"));
 }
 
 /* ---- put aside ----------------------------------------------------------------------------------------- */
@@ -458,12 +460,13 @@ static void run_plague(plague_t *plague, farm_t *farm, int machines)
 static void check_plague(plague_t *plague)
 {
     job_report_t report = toy_report(plague->farm, plague->now, plague->job);
-    assert_int_equal(report.state, JOB_FINISHING);
-    assert_non_null(strstr(report.message, "tile 2, samples"));
-    assert_non_null(strstr(report.message, "left out"));
-    assert_int_equal(report.account.skipped, 16 * 16 * 8); /* that tile, and no sample more */
-    assert_int_equal(report.account.counted, 3 * 16 * 16 * 8);
-    assert_int_equal(report.account.issued, report.account.counted + report.account.returned);
+    assert_int_equal(report.record.state, JOB_FINISHING);
+    assert_non_null(strstr(report.record.message, "tile 2, samples"));
+    assert_non_null(strstr(report.record.message, "left out"));
+    assert_int_equal(report.record.account.skipped, 16 * 16 * 8); /* that tile, and no sample more */
+    assert_int_equal(report.record.account.counted, 3 * 16 * 16 * 8);
+    assert_int_equal(report.record.account.issued,
+                     report.record.account.counted + report.record.account.returned);
     assert_true(plague->deaths >= 2 + FARM_UNIT_DEATHS);
 }
 
@@ -499,8 +502,8 @@ static void a_machine_that_dies_of_everything_leaves_nothing_out(void **state)
         if (work.job != 0) assert_int_equal(deliver(farm, now, good, &work).code, RESULT_OK);
     }
     job_report_t report = toy_report(farm, now, job);
-    assert_int_equal(report.state, JOB_FINISHING);
-    assert_int_equal(report.account.skipped, 0);
+    assert_int_equal(report.record.state, JOB_FINISHING);
+    assert_int_equal(report.record.account.skipped, 0);
     assert_true(deaths >= FARM_MAX_FAILURES);
 }
 
@@ -516,10 +519,10 @@ static void who_is_heard_of_again_did_not_die(void **state)
     uint64_t second = toy_join(farm, now, "b:1", 1, 0);
     take_one(farm, now, second);
     pass(farm, &now, 8, NULL, 0);
-    assert_non_null(strstr(toy_report(farm, now, job).message, "1 units that workers died with"));
+    assert_non_null(strstr(toy_report(farm, now, job).record.message, "1 units that workers died with"));
     assert_false(toy_beat(farm, now, second));
     pass(farm, &now, 1.5, NULL, 0);
-    assert_null(strstr(toy_report(farm, now, job).message, "died"));
+    assert_null(strstr(toy_report(farm, now, job).record.message, "died"));
     uint64_t third = toy_join(farm, now, "c:1", 1, 0);
     toy_work_t work = toy_take(farm, now, third, 1 << 12, 1 << 10);
     assert_true(work.count > 1); /* not one unit alone */
@@ -613,10 +616,11 @@ static int random_kills(uint32_t seed, uint32_t life)
     }
     pass(farm, &now, 2, NULL, 0);
     job_report_t report = toy_report(farm, now, job);
-    assert_int_equal(report.state, JOB_FINISHING);
-    assert_int_equal(report.account.skipped, 0);
-    assert_int_equal(report.account.issued, report.account.counted + report.account.returned);
-    assert_string_equal(report.message, "");
+    assert_int_equal(report.record.state, JOB_FINISHING);
+    assert_int_equal(report.record.account.skipped, 0);
+    assert_int_equal(report.record.account.issued,
+                     report.record.account.counted + report.record.account.returned);
+    assert_string_equal(report.record.message, "");
     farm_destroy(&farm);
     return kills;
 }
