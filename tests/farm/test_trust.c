@@ -116,7 +116,7 @@ static void the_image_is_right_though_a_worker_lies(void **state)
 
 /* ---- units that kill ----------------------------------------------------------------------------------- */
 
-enum { CREW = 3, DEADLY_TILE = 2 };
+enum { MACHINES = 3, DEADLY_TILE = 2 };
 
 /* The image itself says what is missing. */
 static void assert_note(rig_t *rig, peer_t *client, uint64_t job, const char *text)
@@ -137,18 +137,18 @@ static void assert_note(rig_t *rig, peer_t *client, uint64_t job, const char *te
 /* Workers of two machines, each in its own life after the other. */
 typedef struct {
     int port, lives;
-    peer_t *peers[CREW];
-    char names[CREW][30];
-    double dies[CREW]; /* clock, when it is missed; 0: it lives */
-} crew_t;
+    peer_t *peers[MACHINES];
+    char names[MACHINES][30];
+    double dies[MACHINES]; /* clock, when it is missed; 0: it lives */
+} machines_t;
 
-static void come_to_life(crew_t *crew, int i)
+static void come_to_life(machines_t *machines, int i)
 {
-    snprintf(crew->names[i], sizeof crew->names[i], "machine-%c:%d", 'a' + i % 2, ++crew->lives);
-    crew->peers[i] = peer_new(crew->port);
-    crew->peers[i]->name = crew->names[i];
-    peer_hello(crew->peers[i], WIRE_VERSION, 1, NULL);
-    crew->dies[i] = 0;
+    snprintf(machines->names[i], sizeof machines->names[i], "machine-%c:%d", 'a' + i % 2, ++machines->lives);
+    machines->peers[i] = peer_new(machines->port);
+    machines->peers[i]->name = machines->names[i];
+    peer_hello(machines->peers[i], WIRE_VERSION, 1, NULL);
+    machines->dies[i] = 0;
 }
 
 static bool is_deadly(const peer_work_t *work)
@@ -159,20 +159,20 @@ static bool is_deadly(const peer_work_t *work)
 }
 
 /* Asks for work and delivers it, or dies of it: then it is not heard of any more. */
-static void live_on(crew_t *crew, int i)
+static void live_on(machines_t *machines, int i)
 {
     static peer_work_t work;
-    if (crew->peers[i] == NULL) {
-        if (clock_now() > crew->dies[i]) come_to_life(crew, i);
+    if (machines->peers[i] == NULL) {
+        if (clock_now() > machines->dies[i]) come_to_life(machines, i);
         return;
     }
-    peer_work(crew->peers[i], 4096, 1024, &work);
+    peer_work(machines->peers[i], 4096, 1024, &work);
     if (work.refused.code == RESULT_OK && is_deadly(&work)) {
-        peer_destroy(&crew->peers[i]);
-        crew->dies[i] = clock_now() + 1.5; /* a lease is 1 s */
+        peer_destroy(&machines->peers[i]);
+        machines->dies[i] = clock_now() + 1.5; /* a lease is 1 s */
     } else if (work.job != 0) {
         batch_t batch = peer_render(&work.settings, work.units, work.unit_count);
-        assert_int_equal(peer_send_check(crew->peers[i], work.job, work.check, &batch).code, RESULT_OK);
+        assert_int_equal(peer_send_check(machines->peers[i], work.job, work.check, &batch).code, RESULT_OK);
         batch_free(&batch);
     }
 }
@@ -181,7 +181,7 @@ static void a_unit_that_kills_workers_is_left_out(void **state)
 {
     rig_t *rig = *state;
     rig_start_master(rig, BATCH_INTERVAL);
-    crew_t crew = {.port = rig->port};
+    machines_t machines = {.port = rig->port};
     peer_t *client = peer_new(rig->port);
     job_settings_t settings = job_settings_default();
     settings.width = settings.height = 64; /* four tiles */
@@ -192,11 +192,11 @@ static void a_unit_that_kills_workers_is_left_out(void **state)
     assert_int_equal(peer_put_blob(client, blob, size, &hash, 1 << 20).code, RESULT_OK);
     assert_int_equal(peer_submit(client, "deadly", &settings, &hash, &job).code, RESULT_OK);
     free(blob);
-    for (int i = 0; i < CREW; i++) come_to_life(&crew, i);
+    for (int i = 0; i < MACHINES; i++) come_to_life(&machines, i);
     wire_message_t message;
     double begun = clock_now();
     for (bool over = false; !over;) {
-        for (int i = 0; i < CREW; i++) live_on(&crew, i);
+        for (int i = 0; i < MACHINES; i++) live_on(&machines, i);
         rig_sleep(0.05);
         over = job_state_final(rig_status(rig, job).state);
         if (clock_now() - begun > 120) fail_msg("the job does not end: %s", rig_status(rig, job).message);
@@ -209,10 +209,10 @@ static void a_unit_that_kills_workers_is_left_out(void **state)
     assert_int_equal(status->samples_counted, 3 * 32 * 32 * 4);
     assert_int_equal(status->samples_issued, status->samples_counted + status->samples_returned);
     assert_note(rig, client, job, "left out");
-    print_message("%d lives in %.0f s\n", crew.lives, clock_now() - begun);
+    print_message("%d lives in %.0f s\n", machines.lives, clock_now() - begun);
     wire_free(&message);
-    for (int i = 0; i < CREW; i++)
-        if (crew.peers[i] != NULL) peer_destroy(&crew.peers[i]);
+    for (int i = 0; i < MACHINES; i++)
+        if (machines.peers[i] != NULL) peer_destroy(&machines.peers[i]);
     peer_destroy(&client);
 }
 

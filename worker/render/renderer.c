@@ -8,7 +8,7 @@
 #include <time.h>
 
 struct renderer {
-    stage_t stage;
+    setup_t setup;
     scene_t *scene;
     lights_t *lights;
     camera_t *camera;
@@ -41,15 +41,15 @@ result_t renderer_new(const scene_blob_t *blob, const job_settings_t *settings, 
     renderer->lights = lights_new(renderer->scene);
     renderer->camera = camera_new(blob->scene, settings->width, settings->height);
     renderer->integrator = integrators[settings->integrator];
-    stage_t *stage = &renderer->stage;
-    stage->scene = renderer->scene;
-    stage->lights = renderer->lights;
-    stage->settings = *settings;
-    stage->camera = renderer->camera;
-    stage->moves = scene_moves(renderer->scene) || camera_moves(renderer->camera);
-    stage->regularizes = blob->scene->regularize != 0;
-    stage->max_luminance = blob->scene->max_luminance;
-    filter_init(&stage->filter, &blob->scene->filter);
+    setup_t *setup = &renderer->setup;
+    setup->scene = renderer->scene;
+    setup->lights = renderer->lights;
+    setup->settings = *settings;
+    setup->camera = renderer->camera;
+    setup->moves = scene_moves(renderer->scene) || camera_moves(renderer->camera);
+    setup->regularizes = blob->scene->regularize != 0;
+    setup->max_luminance = blob->scene->max_luminance;
+    filter_init(&setup->filter, &blob->scene->filter);
     *result = renderer;
     return result_ok();
 }
@@ -74,24 +74,24 @@ static uint64_t thread_cpu_us(void)
 }
 
 /* Adds what the eye subpath of a sample brought to its pixel of the unit's tile. */
-static void add_eye_sample(const stage_t *stage, const sample_t *sample, size_t pixel, rgb_t value)
+static void add_eye_sample(const setup_t *setup, const sample_t *sample, size_t pixel, rgb_t value)
 {
     unit_result_t *result = sample->result;
     float luminance = rgb_luminance(value);
-    if (luminance > stage->max_luminance) value = v_scale(value, stage->max_luminance / luminance);
+    if (luminance > setup->max_luminance) value = v_scale(value, setup->max_luminance / luminance);
     value = v_scale(value, sample->eye_weight);
     if (!v_is_finite(value)) {
         result->counts.dropped++;
         return;
     }
     result->counts.overflows += film_add(result->sums[SUM_EYE].values + 3 * pixel,
-                                         (float[3]){value.x, value.y, value.z}, stage->settings.film_scale);
+                                         (float[3]){value.x, value.y, value.z}, setup->settings.film_scale);
 }
 
 bool renderer_unit(const renderer_t *renderer, const unit_t *unit, unit_result_t *result,
                    const atomic_bool *cancel)
 {
-    const job_settings_t *settings = &renderer->stage.settings;
+    const job_settings_t *settings = &renderer->setup.settings;
     flush_denormals();
     uint64_t begin = thread_cpu_us();
     unit_result_reset(result, settings, unit);
@@ -102,7 +102,7 @@ bool renderer_unit(const renderer_t *renderer, const unit_t *unit, unit_result_t
             if (atomic_load_explicit(cancel, memory_order_relaxed)) return false;
             size_t pixel = (size_t)(y - rect.y0) * row + (size_t)(x - rect.x0);
             for (uint32_t i = unit->first; i < unit->first + unit->count; i++) {
-                sample_t sample = {.stage = &renderer->stage,
+                sample_t sample = {.setup = &renderer->setup,
                                    .pixel_x = (uint32_t)x,
                                    .pixel_y = (uint32_t)y,
                                    .sample = i,
@@ -111,7 +111,7 @@ bool renderer_unit(const renderer_t *renderer, const unit_t *unit, unit_result_t
                                    .result = result};
                 sample.time = sample_time(&sample);
                 rgb_t value = renderer->integrator->sample(&sample);
-                add_eye_sample(&renderer->stage, &sample, pixel + (i & 1) * half_pixels, value);
+                add_eye_sample(&renderer->setup, &sample, pixel + (i & 1) * half_pixels, value);
                 unit_result_feature(result, pixel, i, &sample.first_hit);
             }
         }

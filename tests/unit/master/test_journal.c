@@ -25,34 +25,34 @@ static void must(result_t result)
 typedef struct {
     char *folder, *path;
     journal_t *journal;
-} desk_t;
+} fixture_t;
 
 static int set_up(void **state)
 {
-    desk_t *desk = mem_zalloc(1, sizeof *desk);
-    desk->folder = scratch_new();
-    desk->path = scratch_path(desk->folder, "lightmill.db");
-    must(journal_open(desk->path, false, &desk->journal));
-    *state = desk;
+    fixture_t *fixture = mem_zalloc(1, sizeof *fixture);
+    fixture->folder = scratch_new();
+    fixture->path = scratch_path(fixture->folder, "lightmill.db");
+    must(journal_open(fixture->path, false, &fixture->journal));
+    *state = fixture;
     return 0;
 }
 
 static int tear_down(void **state)
 {
-    desk_t *desk = *state;
-    journal_close(&desk->journal);
-    scratch_destroy(&desk->folder);
-    free(desk->path);
-    free(desk);
+    fixture_t *fixture = *state;
+    journal_close(&fixture->journal);
+    scratch_destroy(&fixture->folder);
+    free(fixture->path);
+    free(fixture);
     return 0;
 }
 
 /* Ends the journal and begins it again, and returns what it finds. */
-static const journal_found_t *reopen(desk_t *desk)
+static const journal_found_t *reopen(fixture_t *fixture)
 {
-    journal_close(&desk->journal);
-    must(journal_open(desk->path, false, &desk->journal));
-    return journal_found(desk->journal);
+    journal_close(&fixture->journal);
+    must(journal_open(fixture->path, false, &fixture->journal));
+    return journal_found(fixture->journal);
 }
 
 static job_record_t record_of(uint64_t job)
@@ -67,18 +67,18 @@ static job_record_t record_of(uint64_t job)
     return record;
 }
 
-static void save_one(desk_t *desk, uint64_t job)
+static void save_one(fixture_t *fixture, uint64_t job)
 {
     job_record_t record = record_of(job);
-    must(journal_save(desk->journal, &record, 1));
+    must(journal_save(fixture->journal, &record, 1));
 }
 
 /* The first number that a query gives, asked on a connection of its own. */
-static int64_t ask(const desk_t *desk, const char *sql)
+static int64_t ask(const fixture_t *fixture, const char *sql)
 {
     sqlite3 *database;
     sqlite3_stmt *statement;
-    assert_int_equal(sqlite3_open(desk->path, &database), SQLITE_OK);
+    assert_int_equal(sqlite3_open(fixture->path, &database), SQLITE_OK);
     assert_int_equal(sqlite3_prepare_v2(database, sql, -1, &statement, NULL), SQLITE_OK);
     assert_int_equal(sqlite3_step(statement), SQLITE_ROW);
     int64_t value = sqlite3_column_int64(statement, 0);
@@ -87,10 +87,10 @@ static int64_t ask(const desk_t *desk, const char *sql)
     return value;
 }
 
-static void change(const desk_t *desk, const char *sql)
+static void change(const fixture_t *fixture, const char *sql)
 {
     sqlite3 *database;
-    assert_int_equal(sqlite3_open(desk->path, &database), SQLITE_OK);
+    assert_int_equal(sqlite3_open(fixture->path, &database), SQLITE_OK);
     assert_int_equal(sqlite3_exec(database, sql, NULL, NULL, NULL), SQLITE_OK);
     sqlite3_close(database);
 }
@@ -109,18 +109,18 @@ static bool has_file(const char *folder, const char *part)
 
 static void what_is_saved_is_there_again(void **state)
 {
-    desk_t *desk = *state;
-    assert_true(journal_found(desk->journal)->fresh);
+    fixture_t *fixture = *state;
+    assert_true(journal_found(fixture->journal)->fresh);
     job_record_t records[3] = {record_of(1), record_of(2), record_of(3)};
-    must(journal_save(desk->journal, records, 3));
+    must(journal_save(fixture->journal, records, 3));
     records[1].state = JOB_RUNNING;
     records[1].elapsed = 17;
     records[1].account.issued = 99;
     snprintf(records[1].message, sizeof records[1].message, "a note");
-    must(journal_save(desk->journal, &records[1], 1));
+    must(journal_save(fixture->journal, &records[1], 1));
     records[2].removed = true;
-    must(journal_save(desk->journal, &records[2], 1));
-    const journal_found_t *found = reopen(desk);
+    must(journal_save(fixture->journal, &records[2], 1));
+    const journal_found_t *found = reopen(fixture);
     assert_true(!found->fresh && !found->damaged && !found->crashed);
     assert_int_equal(found->record_count, 2);
     assert_true(found->records[0].job == 1 && found->records[1].job == 2);
@@ -133,45 +133,45 @@ static void what_is_saved_is_there_again(void **state)
 
 static void a_number_is_never_given_twice(void **state)
 {
-    desk_t *desk = *state;
-    assert_true(journal_found(desk->journal)->next_job == 1);
-    save_one(desk, 1);
-    save_one(desk, 2);
+    fixture_t *fixture = *state;
+    assert_true(journal_found(fixture->journal)->next_job == 1);
+    save_one(fixture, 1);
+    save_one(fixture, 2);
     job_record_t gone = {.job = 2, .removed = true};
-    must(journal_save(desk->journal, &gone, 1));
-    assert_true(reopen(desk)->next_job == 3);
-    assert_int_equal(journal_found(desk->journal)->record_count, 1);
+    must(journal_save(fixture->journal, &gone, 1));
+    assert_true(reopen(fixture)->next_job == 3);
+    assert_int_equal(journal_found(fixture->journal)->record_count, 1);
     job_record_t any_order[] = {record_of(9), record_of(7), {.job = 9, .removed = true}};
-    must(journal_save(desk->journal, any_order, 3));
-    assert_true(reopen(desk)->next_job == 10);
+    must(journal_save(fixture->journal, any_order, 3));
+    assert_true(reopen(fixture)->next_job == 10);
 }
 
 static void it_keeps_a_history(void **state)
 {
-    desk_t *desk = *state;
+    fixture_t *fixture = *state;
     job_record_t record = record_of(1);
-    must(journal_save(desk->journal, &record, 1));
-    must(journal_save(desk->journal, &record, 1)); /* nothing new */
+    must(journal_save(fixture->journal, &record, 1));
+    must(journal_save(fixture->journal, &record, 1)); /* nothing new */
     record.state = JOB_RUNNING;
-    must(journal_save(desk->journal, &record, 1));
-    must(journal_note(desk->journal, 1, "checkpoint damaged", "it was"));
-    assert_int_equal(ask(desk, "SELECT count(*) FROM history WHERE job = 1"), 3);
-    assert_int_equal(ask(desk, "SELECT count(*) FROM history WHERE event = 'running'"), 1);
+    must(journal_save(fixture->journal, &record, 1));
+    must(journal_note(fixture->journal, 1, "checkpoint damaged", "it was"));
+    assert_int_equal(ask(fixture, "SELECT count(*) FROM history WHERE job = 1"), 3);
+    assert_int_equal(ask(fixture, "SELECT count(*) FROM history WHERE event = 'running'"), 1);
 }
 
 /* A process that is killed right after a call has returned loses nothing of it. */
 static void it_survives_a_kill(void **state)
 {
-    desk_t *desk = *state;
-    save_one(desk, 1);
-    journal_close(&desk->journal);
+    fixture_t *fixture = *state;
+    save_one(fixture, 1);
+    journal_close(&fixture->journal);
     int ready[2];
     assert_int_equal(pipe(ready), 0);
     pid_t child = fork();
     if (child == 0) {
         journal_t *journal;
         job_record_t record = record_of(2);
-        if (journal_open(desk->path, false, &journal).code != RESULT_OK) _exit(1);
+        if (journal_open(fixture->path, false, &journal).code != RESULT_OK) _exit(1);
         if (journal_save(journal, &record, 1).code != RESULT_OK) _exit(2);
         (void)!write(ready[1], "", 1);
         pause();
@@ -182,8 +182,8 @@ static void it_survives_a_kill(void **state)
     waitpid(child, NULL, 0);
     close(ready[0]);
     close(ready[1]);
-    must(journal_open(desk->path, false, &desk->journal));
-    const journal_found_t *found = journal_found(desk->journal);
+    must(journal_open(fixture->path, false, &fixture->journal));
+    const journal_found_t *found = journal_found(fixture->journal);
     assert_true(found->crashed);
     assert_int_equal(found->record_count, 2);
     assert_true(found->next_job == 3);
@@ -191,85 +191,86 @@ static void it_survives_a_kill(void **state)
 
 /* ---- damage -------------------------------------------------------------------------------------------- */
 
-static void damage(const desk_t *desk, size_t from, size_t count, uint8_t with)
+static void damage(const fixture_t *fixture, size_t from, size_t count, uint8_t with)
 {
     size_t size;
-    uint8_t *bytes = scratch_read(desk->path, &size);
+    uint8_t *bytes = scratch_read(fixture->path, &size);
     for (size_t i = from; i < size && i < from + count; i++) bytes[i] ^= with;
-    scratch_write(desk->path, bytes, size);
+    scratch_write(fixture->path, bytes, size);
     free(bytes);
 }
 
-static void fill_journal(desk_t *desk, uint64_t jobs)
+static void fill_journal(fixture_t *fixture, uint64_t jobs)
 {
-    for (uint64_t job = 1; job <= jobs; job++) save_one(desk, job);
-    journal_close(&desk->journal);
+    for (uint64_t job = 1; job <= jobs; job++) save_one(fixture, job);
+    journal_close(&fixture->journal);
 }
 
-static const journal_found_t *assert_set_aside(desk_t *desk)
+static const journal_found_t *assert_set_aside(fixture_t *fixture)
 {
-    must(journal_open(desk->path, false, &desk->journal));
-    assert_true(journal_found(desk->journal)->damaged);
-    assert_true(has_file(desk->folder, "lightmill.db.damaged-"));
-    return journal_found(desk->journal);
+    must(journal_open(fixture->path, false, &fixture->journal));
+    assert_true(journal_found(fixture->journal)->damaged);
+    assert_true(has_file(fixture->folder, "lightmill.db.damaged-"));
+    return journal_found(fixture->journal);
 }
 
 static void a_file_of_garbage_is_set_aside(void **state)
 {
-    desk_t *desk = *state;
-    fill_journal(desk, 3);
-    damage(desk, 0, 1 << 20, 0x5a);
-    const journal_found_t *found = assert_set_aside(desk);
+    fixture_t *fixture = *state;
+    fill_journal(fixture, 3);
+    damage(fixture, 0, 1 << 20, 0x5a);
+    const journal_found_t *found = assert_set_aside(fixture);
     assert_int_equal(found->record_count, 0);
-    save_one(desk, found->next_job);
-    assert_int_equal(reopen(desk)->record_count, 1);
-    assert_false(journal_found(desk->journal)->damaged);
+    save_one(fixture, found->next_job);
+    assert_int_equal(reopen(fixture)->record_count, 1);
+    assert_false(journal_found(fixture->journal)->damaged);
 }
 
 static void a_short_file_is_set_aside(void **state)
 {
-    desk_t *desk = *state;
-    fill_journal(desk, 3);
-    assert_int_equal(truncate(desk->path, 5000), 0);
-    assert_set_aside(desk);
+    fixture_t *fixture = *state;
+    fill_journal(fixture, 3);
+    assert_int_equal(truncate(fixture->path, 5000), 0);
+    assert_set_aside(fixture);
 }
 
 /* SQLite itself would not see it. */
 static void a_flipped_bit_in_a_record_is_found(void **state)
 {
-    desk_t *desk = *state;
-    fill_journal(desk, 3);
-    change(desk, "UPDATE jobs SET record = substr(record, 1, 5) || x'ff' || substr(record, 7) WHERE job = 2");
-    const journal_found_t *found = assert_set_aside(desk);
+    fixture_t *fixture = *state;
+    fill_journal(fixture, 3);
+    change(fixture,
+           "UPDATE jobs SET record = substr(record, 1, 5) || x'ff' || substr(record, 7) WHERE job = 2");
+    const journal_found_t *found = assert_set_aside(fixture);
     assert_int_equal(found->record_count, 2); /* the others are whole */
     assert_true(found->records[0].job == 1 && found->records[1].job == 3);
     assert_true(found->next_job > 3);
-    assert_int_equal(reopen(desk)->record_count, 2);
+    assert_int_equal(reopen(fixture)->record_count, 2);
 }
 
 static void a_missing_table_is_found(void **state)
 {
-    desk_t *desk = *state;
-    fill_journal(desk, 2);
-    change(desk, "DROP TABLE meta");
-    assert_int_equal(assert_set_aside(desk)->record_count, 2);
+    fixture_t *fixture = *state;
+    fill_journal(fixture, 2);
+    change(fixture, "DROP TABLE meta");
+    assert_int_equal(assert_set_aside(fixture)->record_count, 2);
 }
 
 /* No byte of the file can be changed so that the journal does something else than read it right or set it
  * aside. */
 static void no_damage_is_believed(void **state)
 {
-    desk_t *desk = *state;
-    fill_journal(desk, 4);
+    fixture_t *fixture = *state;
+    fill_journal(fixture, 4);
     size_t size;
-    uint8_t *whole = scratch_read(desk->path, &size);
+    uint8_t *whole = scratch_read(fixture->path, &size);
     for (size_t at = 0; at < size; at += 97 + at / 16) {
-        scratch_write(desk->path, whole, size);
-        damage(desk, at, 1 + at % 40, 0xa5);
-        result_t result = journal_open(desk->path, false, &desk->journal);
+        scratch_write(fixture->path, whole, size);
+        damage(fixture, at, 1 + at % 40, 0xa5);
+        result_t result = journal_open(fixture->path, false, &fixture->journal);
         if (result.code == RESULT_INPUT) continue; /* its version became a later one */
         must(result);
-        const journal_found_t *found = journal_found(desk->journal);
+        const journal_found_t *found = journal_found(fixture->journal);
         for (size_t i = 0; i < found->record_count; i++) {
             job_record_t expected = record_of(found->records[i].job);
             assert_in_range(found->records[i].job, 1, 4);
@@ -277,21 +278,21 @@ static void no_damage_is_believed(void **state)
         }
         assert_true(found->damaged || found->record_count == 4);
         assert_true(found->next_job >= 5 || found->damaged);
-        journal_close(&desk->journal);
+        journal_close(&fixture->journal);
     }
     free(whole);
 }
 
 static void a_later_version_is_left_alone(void **state)
 {
-    desk_t *desk = *state;
-    fill_journal(desk, 1);
-    change(desk, "PRAGMA user_version = 99");
-    result_t result = journal_open(desk->path, false, &desk->journal);
+    fixture_t *fixture = *state;
+    fill_journal(fixture, 1);
+    change(fixture, "PRAGMA user_version = 99");
+    result_t result = journal_open(fixture->path, false, &fixture->journal);
     assert_int_equal(result.code, RESULT_INPUT);
     assert_non_null(strstr(result.message, "later"));
-    assert_false(has_file(desk->folder, "damaged"));
-    assert_null(desk->journal);
+    assert_false(has_file(fixture->folder, "damaged"));
+    assert_null(fixture->journal);
 }
 
 /* ---- disks that refuse --------------------------------------------------------------------------------- */
@@ -299,21 +300,21 @@ static void a_later_version_is_left_alone(void **state)
 /* A limit on the size of files stands for a full disk. */
 static void a_full_disk_is_an_error_and_passes(void **state)
 {
-    desk_t *desk = *state;
-    save_one(desk, 1);
+    fixture_t *fixture = *state;
+    save_one(fixture, 1);
     struct rlimit before, small;
     getrlimit(RLIMIT_FSIZE, &before);
     small = (struct rlimit){1000, before.rlim_max};
     signal(SIGXFSZ, SIG_IGN);
     setrlimit(RLIMIT_FSIZE, &small);
     job_record_t record = record_of(2);
-    result_t result = journal_save(desk->journal, &record, 1);
+    result_t result = journal_save(fixture->journal, &record, 1);
     setrlimit(RLIMIT_FSIZE, &before);
     assert_int_equal(result.code, RESULT_IO);
-    assert_non_null(strstr(result.message, desk->path));
-    must(journal_save(desk->journal, &record, 1));
-    assert_int_equal(reopen(desk)->record_count, 2);
-    assert_false(has_file(desk->folder, "damaged"));
+    assert_non_null(strstr(result.message, fixture->path));
+    must(journal_save(fixture->journal, &record, 1));
+    assert_int_equal(reopen(fixture)->record_count, 2);
+    assert_false(has_file(fixture->folder, "damaged"));
 }
 
 static void a_folder_that_is_not_ours_is_an_error(void **state)

@@ -16,7 +16,7 @@ static const roulette_t roulette = {.from = 3, .most = 1};
 /* One bidirectional sample. */
 typedef struct {
     sample_t *sample;
-    const stage_t *stage;
+    const setup_t *setup;
     rgb_t radiance;  /* of the eye subpath, so far */
     int light_count; /* stored light vertices, in the order of the subpath */
     vertex_t light[MAX_VERTICES];
@@ -28,13 +28,13 @@ typedef struct {
 /* True when the job wants the strategy of s light and t eye vertices. */
 static inline bool is_wanted(const bidirectional_t *b, int s, int t)
 {
-    const job_settings_t *settings = &b->stage->settings;
+    const job_settings_t *settings = &b->setup->settings;
     return settings->strategy_t == 0 || (settings->strategy_t == t && settings->strategy_s == s);
 }
 
 static inline float weight_of(const bidirectional_t *b, float shares)
 {
-    return b->stage->settings.unweighted ? 1 : 1 / (1 + shares);
+    return b->setup->settings.unweighted ? 1 : 1 / (1 + shares);
 }
 
 /* Stores the light vertices that an eye vertex or the camera can be joined to; specular ones are passed
@@ -45,11 +45,11 @@ static void trace_light_subpath(bidirectional_t *b)
     light_ray_t ray;
     b->light_count = 0;
     if (!walk_from_light(b->sample, roulette, &walk, &ray)) return;
-    for (int i = 1; i < stage_max_segments(b->stage); i++) {
+    for (int i = 1; i < setup_max_segments(b->setup); i++) {
         vertex_t *y = &b->light[b->light_count];
         walk_arrive(&walk, b->sample, y);
         if (y->kind == VERTEX_SKY || !walk_weigh(&walk, y)) return;
-        vertex_shade(y, b->stage, walk.scattered);
+        vertex_shade(y, b->setup, walk.scattered);
         if (vertex_is_joinable(y)) b->light_count++;
         if (!walk_scatter(&walk, b->sample, y)) return;
     }
@@ -94,9 +94,9 @@ static void join_camera(bidirectional_t *b, const vertex_t *y)
 static void hit_lights(bidirectional_t *b, const vertex_t *z)
 {
     if (!is_wanted(b, 0, z->depth + 1)) return;
-    for (uint32_t k = 0; k < vertex_light_count(z, b->stage->lights); k++) {
+    for (uint32_t k = 0; k < vertex_light_count(z, b->setup->lights); k++) {
         light_hit_t hit;
-        if (!vertex_light_hit(z, b->stage->lights, k, &hit)) continue;
+        if (!vertex_light_hit(z, b->setup->lights, k, &hit)) continue;
         float weight = weight_of(b, z->depth == 1 ? 0 : mis_share(z, hit.pdf_place, hit.pdf_ray));
         b->radiance = v_add(b->radiance, v_scale(v_mul(z->throughput, hit.radiance), weight));
     }
@@ -109,7 +109,7 @@ static void join_light(bidirectional_t *b, const vertex_t *z)
     bsdf_value_t fz;
     sampler_t sampler = sample_stream(b->sample, z->dimension + DIMENSION_ILLUMINATE);
     float choice = sampler_1d(&sampler), weight;
-    if (!lights_illuminate(b->stage->lights, vertex_point(z), choice, sampler_2d(&sampler), &light)) return;
+    if (!lights_illuminate(b->setup->lights, vertex_point(z), choice, sampler_2d(&sampler), &light)) return;
     float r_eye = light.arrival * vertex_area_cosine(z, light.w);
     if (vertex_eval(z, light.w, &fz)) {
         float light_share = light.delta ? 0 : square(fz.pdf * light.geometry / light.pdf_place);
@@ -148,7 +148,7 @@ static void join_vertices(bidirectional_t *b, const vertex_t *z, const vertex_t 
 /* Everything that joins an eye vertex to the lights. */
 static void join_eye_vertex(bidirectional_t *b, const vertex_t *z)
 {
-    int segments = stage_max_segments(b->stage);
+    int segments = setup_max_segments(b->setup);
     if (is_wanted(b, 1, z->depth + 1)) join_light(b, z);
     for (int k = 0; k < b->light_count && z->depth + b->light[k].depth < segments; k++) {
         if (is_wanted(b, b->light[k].depth + 1, z->depth + 1)) join_vertices(b, z, &b->light[k]);
@@ -171,11 +171,11 @@ static rgb_t bdpt_sample(sample_t *sample)
 {
     bidirectional_t b;
     b.sample = sample;
-    b.stage = sample->stage;
+    b.setup = sample->setup;
     b.radiance = vec3(0, 0, 0);
     b.connections.segments = (segments_t){0};
     b.connections.absorbing = 0;
-    int segments = stage_max_segments(b.stage);
+    int segments = setup_max_segments(b.setup);
 
     trace_light_subpath(&b);
     splat_light_subpath(&b);
@@ -187,10 +187,10 @@ static rgb_t bdpt_sample(sample_t *sample)
         if (!walk_weigh(&walk, &z)) break;
         hit_lights(&b, &z);
         if (z.kind == VERTEX_SKY || (i == segments && i > 1)) break;
-        vertex_shade(&z, b.stage, walk.scattered);
+        vertex_shade(&z, b.setup, walk.scattered);
         if (i == 1) vertex_first_hit(&z, sample, eye);
         if (i == segments) break;
-        if (vertex_is_joinable(&z) && !lights_empty(b.stage->lights)) join_eye_vertex(&b, &z);
+        if (vertex_is_joinable(&z) && !lights_empty(b.setup->lights)) join_eye_vertex(&b, &z);
         if (!walk_scatter(&walk, sample, &z)) break;
     }
     return b.radiance;

@@ -4,51 +4,51 @@
 /* Numbers for the point of the lens; a pinhole needs none. */
 static vec2_t sample_lens(const sample_t *sample, uint32_t dimension)
 {
-    return camera_has_lens(sample->stage->camera) ? sample_2d(sample, dimension) : (vec2_t){0, 0};
+    return camera_has_lens(sample->setup->camera) ? sample_2d(sample, dimension) : (vec2_t){0, 0};
 }
 
 void sample_eye_ray(sample_t *sample, camera_ray_t *ray)
 {
-    const stage_t *stage = sample->stage;
+    const setup_t *setup = sample->setup;
     vec2_t u = sample_2d(sample, DIMENSION_EYE + DIMENSION_FILTER);
     vec2_t lens = sample_lens(sample, DIMENSION_EYE + DIMENSION_LENS);
     float weight_x, weight_y;
-    vec2_t raster = {(float)sample->pixel_x + 0.5f + filter_sample(&stage->filter.x, u.x, &weight_x),
-                     (float)sample->pixel_y + 0.5f + filter_sample(&stage->filter.y, u.y, &weight_y)};
+    vec2_t raster = {(float)sample->pixel_x + 0.5f + filter_sample(&setup->filter.x, u.x, &weight_x),
+                     (float)sample->pixel_y + 0.5f + filter_sample(&setup->filter.y, u.y, &weight_y)};
     sample->eye_weight = weight_x * weight_y;
-    camera_ray(stage->camera, raster, lens, sample->time, ray);
+    camera_ray(setup->camera, raster, lens, sample->time, ray);
 }
 
 float sample_time(const sample_t *sample)
 {
-    return sample->stage->moves ? sample_2d(sample, DIMENSION_EYE + DIMENSION_TIME).x : 0;
+    return sample->setup->moves ? sample_2d(sample, DIMENSION_EYE + DIMENSION_TIME).x : 0;
 }
 
 bool sample_join_camera(const sample_t *sample, vec3_t p, uint32_t dimension, camera_view_t *view)
 {
-    const stage_t *stage = sample->stage;
+    const setup_t *setup = sample->setup;
     vec2_t lens = sample_lens(sample, dimension + DIMENSION_JOIN_LENS);
-    return camera_project(stage->camera, p, lens, sample->time, filter_reach(&stage->filter), view);
+    return camera_project(setup->camera, p, lens, sample->time, filter_reach(&setup->filter), view);
 }
 
 /* Scales a value down to the luminance that the scene allows. */
-static rgb_t clamp_luminance(const stage_t *stage, rgb_t value)
+static rgb_t clamp_luminance(const setup_t *setup, rgb_t value)
 {
     float luminance = rgb_luminance(value);
-    return luminance > stage->max_luminance ? v_scale(value, stage->max_luminance / luminance) : value;
+    return luminance > setup->max_luminance ? v_scale(value, setup->max_luminance / luminance) : value;
 }
 
 /* A splat at one film position. */
 static void splat_at(sample_t *sample, vec2_t raster, rgb_t value, vec2_t u)
 {
-    const stage_t *stage = sample->stage;
+    const setup_t *setup = sample->setup;
     unit_result_t *result = sample->result;
     float weight_x, weight_y;
-    int x = filter_choose_pixel(&stage->filter.x, raster.x, u.x, &weight_x);
-    int y = filter_choose_pixel(&stage->filter.y, raster.y, u.y, &weight_y);
-    int width = stage->settings.width, height = stage->settings.height;
+    int x = filter_choose_pixel(&setup->filter.x, raster.x, u.x, &weight_x);
+    int y = filter_choose_pixel(&setup->filter.y, raster.y, u.y, &weight_y);
+    int width = setup->settings.width, height = setup->settings.height;
     if (x < 0 || x >= width || y < 0 || y >= height) return;
-    value = v_scale(clamp_luminance(stage, value), weight_x * weight_y);
+    value = v_scale(clamp_luminance(setup, value), weight_x * weight_y);
     if (!v_is_finite(value)) {
         result->counts.dropped++;
         return;
@@ -64,12 +64,12 @@ static void splat_at(sample_t *sample, vec2_t raster, rgb_t value, vec2_t u)
 
 void sample_splat(sample_t *sample, vec2_t raster, rgb_t value, uint32_t dimension)
 {
-    const filter_t *filter = &sample->stage->filter;
+    const filter_t *filter = &sample->setup->filter;
     if (filter->x.is_pixel && filter->y.is_pixel) {
         splat_at(sample, raster, value, (vec2_t){0, 0});
         return;
     }
     vec2_t images[CAMERA_IMAGES], u = sample_2d(sample, dimension + DIMENSION_JOIN_PIXEL);
-    int count = camera_images(sample->stage->camera, raster, filter_reach(filter), images);
+    int count = camera_images(sample->setup->camera, raster, filter_reach(filter), images);
     for (int i = 0; i < count; i++) splat_at(sample, images[i], value, u);
 }

@@ -24,11 +24,11 @@ typedef struct {
     bool regularizes;    /* blob_scene_t */
     float max_luminance; /* blob_scene_t */
     job_settings_t settings;
-} stage_t;
+} setup_t;
 
 /* One sample in the making. */
 typedef struct {
-    const stage_t *stage;
+    const setup_t *setup;
     uint32_t pixel_x, pixel_y, sample;
     sampler_t numbers;     /* at dimension 0 */
     float time;            /* of the whole path, 0 to 1 */
@@ -82,9 +82,9 @@ bool sample_join_camera(const sample_t *sample, vec3_t p, uint32_t dimension, ca
 void sample_splat(sample_t *sample, vec2_t raster, rgb_t value, uint32_t dimension);
 
 /* Segments that a full path may have: pbrt's maxdepth counts scattering events. */
-static inline int stage_max_segments(const stage_t *stage)
+static inline int setup_max_segments(const setup_t *setup)
 {
-    return stage->settings.max_depth + 1;
+    return setup->settings.max_depth + 1;
 }
 
 #endif

@@ -30,16 +30,16 @@ static void splat_vertex(sample_t *sample, const vertex_t *y, const walk_t *walk
 
 static void trace_light_path(sample_t *sample)
 {
-    const stage_t *stage = sample->stage;
+    const setup_t *setup = sample->setup;
     walk_t walk;
     light_ray_t ray;
     if (!walk_from_light(sample, roulette, &walk, &ray)) return;
     /* The last segment is the one to the camera. */
-    for (int i = 1; i < stage_max_segments(stage); i++) {
+    for (int i = 1; i < setup_max_segments(setup); i++) {
         vertex_t y;
         walk_arrive(&walk, sample, &y);
         if (y.kind == VERTEX_SKY) return;
-        vertex_shade(&y, stage, walk.scattered);
+        vertex_shade(&y, setup, walk.scattered);
         if (vertex_is_joinable(&y)) splat_vertex(sample, &y, &walk, &ray);
         if (!walk_scatter(&walk, sample, &y)) return;
     }
@@ -48,16 +48,16 @@ static void trace_light_path(sample_t *sample)
 /* What the eye ray sees shining by itself. */
 static rgb_t seen_light(sample_t *sample)
 {
-    const stage_t *stage = sample->stage;
+    const setup_t *setup = sample->setup;
     vertex_t z;
     light_hit_t hit;
     rgb_t sum = vec3(0, 0, 0);
     walk_t walk = walk_from_camera(sample, roulette);
     walk_arrive(&walk, sample, &z);
-    for (uint32_t k = 0; k < vertex_light_count(&z, stage->lights); k++)
-        if (vertex_light_hit(&z, stage->lights, k, &hit)) sum = v_add(sum, hit.radiance);
+    for (uint32_t k = 0; k < vertex_light_count(&z, setup->lights); k++)
+        if (vertex_light_hit(&z, setup->lights, k, &hit)) sum = v_add(sum, hit.radiance);
     if (z.kind == VERTEX_SKY) return sum;
-    vertex_shade(&z, stage, false);
+    vertex_shade(&z, setup, false);
     vertex_first_hit(&z, sample, walk.origin);
     return sum;
 }

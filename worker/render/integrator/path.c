@@ -18,7 +18,7 @@ static rgb_t direct_light(sample_t *sample, const walk_t *walk, const vertex_t *
     bsdf_value_t value;
     sampler_t sampler = sample_stream(sample, z->dimension + DIMENSION_ILLUMINATE);
     float choice = sampler_1d(&sampler), weight = 1;
-    if (!lights_illuminate(sample->stage->lights, vertex_point(z), choice, sampler_2d(&sampler), &light))
+    if (!lights_illuminate(sample->setup->lights, vertex_point(z), choice, sampler_2d(&sampler), &light))
         return vec3(0, 0, 0);
     float pdf = light.pdf_place / light.geometry; /* per steradian */
     if (vertex_eval(z, light.w, &value)) {
@@ -38,12 +38,12 @@ static rgb_t direct_light(sample_t *sample, const walk_t *walk, const vertex_t *
 
 /* Radiance of the lights that the walk ran into, weighted against next-event estimation from the vertex
  * before, where it could have found them. */
-static rgb_t emitted(const stage_t *stage, const walk_t *walk, const vertex_t *z)
+static rgb_t emitted(const setup_t *setup, const walk_t *walk, const vertex_t *z)
 {
     rgb_t sum = vec3(0, 0, 0);
-    for (uint32_t k = 0; k < vertex_light_count(z, stage->lights); k++) {
+    for (uint32_t k = 0; k < vertex_light_count(z, setup->lights); k++) {
         light_hit_t hit;
-        if (!vertex_light_hit(z, stage->lights, k, &hit)) continue;
+        if (!vertex_light_hit(z, setup->lights, k, &hit)) continue;
         /* makes the place's density one per steradian at the vertex before */
         float measure = z->kind == VERTEX_SKY
                             ? 1
@@ -57,21 +57,21 @@ static rgb_t emitted(const stage_t *stage, const walk_t *walk, const vertex_t *z
 
 static rgb_t path_sample(sample_t *sample)
 {
-    const stage_t *stage = sample->stage;
-    int segments = stage_max_segments(stage);
+    const setup_t *setup = sample->setup;
+    int segments = setup_max_segments(setup);
     rgb_t radiance = vec3(0, 0, 0);
     walk_t walk = walk_from_camera(sample, roulette);
     vec3_t eye = walk.origin;
     for (int i = 1;; i++) {
         vertex_t z;
         walk_arrive(&walk, sample, &z);
-        if (vertex_light_count(&z, stage->lights) > 0)
-            radiance = v_add(radiance, v_mul(z.throughput, emitted(stage, &walk, &z)));
+        if (vertex_light_count(&z, setup->lights) > 0)
+            radiance = v_add(radiance, v_mul(z.throughput, emitted(setup, &walk, &z)));
         if (z.kind == VERTEX_SKY || (i >= segments && i > 1)) return radiance;
-        vertex_shade(&z, stage, walk.scattered);
+        vertex_shade(&z, setup, walk.scattered);
         if (i == 1) vertex_first_hit(&z, sample, eye);
         if (i >= segments) return radiance;
-        if (vertex_is_joinable(&z) && !lights_empty(stage->lights))
+        if (vertex_is_joinable(&z) && !lights_empty(setup->lights))
             radiance = v_add(radiance, v_mul(z.throughput, direct_light(sample, &walk, &z)));
         if (!walk_scatter(&walk, sample, &z)) return radiance;
     }

@@ -87,7 +87,7 @@ static inline walk_t walk_from_camera(sample_t *sample, roulette_t roulette)
 static inline bool walk_from_light(const sample_t *sample, roulette_t roulette, walk_t *walk,
                                    light_ray_t *ray)
 {
-    const lights_t *lights = sample->stage->lights;
+    const lights_t *lights = sample->setup->lights;
     sampler_t sampler = sample_stream(sample, DIMENSION_LIGHT + DIMENSION_EMIT);
     float choice = sampler_1d(&sampler);
     vec2_t place = sampler_2d(&sampler);
@@ -114,7 +114,7 @@ static inline void walk_arrive(walk_t *walk, sample_t *sample, vertex_t *vertex)
 {
     sample->result->counts.rays++;
     bool hit =
-        scene_intersect(sample->stage->scene, walk->origin, walk->direction, sample->time, &vertex->surface);
+        scene_intersect(sample->setup->scene, walk->origin, walk->direction, sample->time, &vertex->surface);
     vertex->kind = hit ? VERTEX_SURFACE : VERTEX_SKY;
     vertex->mode = walk->mode;
     vertex->depth = ++walk->depth;

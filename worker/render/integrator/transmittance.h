@@ -31,7 +31,7 @@ static inline rgb_t transmit(sample_t *sample, vec3_t from, vec3_t to, medium_t 
                              rgb_t value)
 {
     sample->result->counts.rays++;
-    if (scene_occluded(sample->stage->scene, from, to, sample->time)) return vec3(0, 0, 0);
+    if (scene_occluded(sample->setup->scene, from, to, sample->time)) return vec3(0, 0, 0);
     return medium_absorbs(&medium) ? v_mul(value, medium_transmittance(&medium, length)) : value;
 }
 
@@ -65,7 +65,7 @@ static inline uint32_t connections_transmit(sample_t *sample, connections_t *con
 {
     connections->segments.time = sample->time;
     sample->result->counts.rays += (uint64_t)connections->segments.count;
-    uint32_t lost = scene_occluded_packet(sample->stage->scene, &connections->segments);
+    uint32_t lost = scene_occluded_packet(sample->setup->scene, &connections->segments);
     for (int i = 0; connections->absorbing >> i != 0; i++)
         if (connections->absorbing >> i & 1)
             connections->values[i] =

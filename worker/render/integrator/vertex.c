@@ -20,7 +20,7 @@ bool vertex_light_hit(const vertex_t *vertex, const lights_t *lights, uint32_t k
 void vertex_first_hit(const vertex_t *vertex, sample_t *sample, vec3_t origin)
 {
     if (sample->sample >= FEATURE_SAMPLES) return;
-    const scene_blob_t *blob = scene_blob(sample->stage->scene);
+    const scene_blob_t *blob = scene_blob(sample->setup->scene);
     const bsdf_t *bsdf = &vertex->bsdf;
     const surface_t *surface = &vertex->surface;
     rgb_t albedo = bsdf_albedo(bsdf);

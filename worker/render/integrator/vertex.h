@@ -32,10 +32,10 @@ typedef struct {
 } vertex_t;
 
 /* Makes the BSDF. `scattered`: the path was scattered before by something that is not specular. */
-static inline void vertex_shade(vertex_t *vertex, const stage_t *stage, bool scattered)
+static inline void vertex_shade(vertex_t *vertex, const setup_t *setup, bool scattered)
 {
-    material_bsdf(stage->scene, &vertex->surface, &vertex->bsdf);
-    if (stage->regularizes && scattered) bsdf_regularize(&vertex->bsdf);
+    material_bsdf(setup->scene, &vertex->surface, &vertex->bsdf);
+    if (setup->regularizes && scattered) bsdf_regularize(&vertex->bsdf);
 }
 
 /* Where it is; the sky is nowhere. */
