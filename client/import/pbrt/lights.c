@@ -142,8 +142,7 @@ typedef struct {
 } area_light_entry_t;
 
 static const param_rule_t sample_rules[] = {
-    {"samples", PARAM_IGNORE, "every light is sampled as its power asks for"},
-    {"nsamples", PARAM_IGNORE, "every light is sampled as its power asks for"},
+    {{"samples", "nsamples"}, PARAM_IGNORE, "every light is sampled as its power asks for"},
 };
 
 /* v4's image on the surface: its rows run down from v = 1, and texels are not interpolated. */
@@ -194,10 +193,7 @@ static const area_light_entry_t area_lights[] = {
 result_t pbrt_area_light(pbrt_t *p, position_t at)
 {
     size_t index;
-    TRY(pbrt_read_string(p, 0, "the light's type"));
-    TRY(pbrt_read_params_for(p, TARGET_LIGHT));
-    TRY(entry_find(area_lights, ARRAY_LENGTH(area_lights), sizeof *area_lights, "area light", p->arguments[0],
-                   &p->dialect, at, &index));
+    TRY(PBRT_READ_KIND(p, TARGET_LIGHT, area_lights, "the light's type", "area light", at, &index));
     p->now.light = (area_light_t){.mean = 1, .at = at};
     TRY(area_lights[index].make(p, p->params, at, &p->now.light));
     if (!v_is_finite(p->now.light.light.radiance.factor))
@@ -343,7 +339,7 @@ static double upper_cosine(const void *context, double s, double t)
 }
 
 static const param_rule_t portal_rules[] = {
-    {"portal", PARAM_IGNORE, "light comes from all directions"},
+    {{"portal"}, PARAM_IGNORE, "light comes from all directions"},
 };
 
 static result_t make_infinite(pbrt_t *p, params_t *params, position_t at)
@@ -391,10 +387,7 @@ static const light_entry_t lights[] = {
 result_t pbrt_light(pbrt_t *p, position_t at)
 {
     size_t index;
-    TRY(pbrt_read_string(p, 0, "the light's type"));
-    TRY(pbrt_read_params_for(p, TARGET_LIGHT));
-    TRY(entry_find(lights, ARRAY_LENGTH(lights), sizeof *lights, "light", p->arguments[0], &p->dialect, at,
-                   &index));
+    TRY(PBRT_READ_KIND(p, TARGET_LIGHT, lights, "the light's type", "light", at, &index));
     TRY(lights[index].make(p, p->params, at));
     return pbrt_finish_params(p, "LightSource", p->arguments[0]);
 }

@@ -99,10 +99,7 @@ static result_t make_orthographic(pbrt_t *p, params_t *params)
 
 /* The lens and the window mean nothing to a camera that looks everywhere; pbrt reads them, too. */
 static const param_rule_t sphere_rules[] = {
-    {"lensradius", PARAM_ACCEPT, NULL},
-    {"focaldistance", PARAM_ACCEPT, NULL},
-    {"frameaspectratio", PARAM_ACCEPT, NULL},
-    {"screenwindow", PARAM_ACCEPT, NULL},
+    {{"lensradius", "focaldistance", "frameaspectratio", "screenwindow"}, PARAM_ACCEPT, NULL},
 };
 
 static result_t make_environment(pbrt_t *p, params_t *params)
@@ -127,11 +124,9 @@ static result_t make_spherical(pbrt_t *p, params_t *params)
 }
 
 static const param_rule_t realistic_rules[] = {
-    {"lensfile", PARAM_IGNORE, "lenses of several elements are not supported"},
-    {"aperturediameter", PARAM_IGNORE, "lenses of several elements are not supported"},
-    {"aperture", PARAM_IGNORE, "lenses of several elements are not supported"},
-    {"focusdistance", PARAM_IGNORE, "lenses of several elements are not supported"},
-    {"simpleweighting", PARAM_IGNORE, "lenses of several elements are not supported"},
+    {{"lensfile", "aperturediameter", "aperture", "focusdistance", "simpleweighting"},
+     PARAM_IGNORE,
+     "lenses of several elements are not supported"},
 };
 
 static result_t make_realistic(pbrt_t *p, params_t *params)
@@ -160,9 +155,7 @@ static result_t make_option(pbrt_t *p, const option_entry_t *table, size_t count
                             const char *kind, position_t at)
 {
     size_t index;
-    TRY(pbrt_read_string(p, 0, "a type"));
-    TRY(pbrt_read_params(p));
-    TRY(entry_find(table, count, sizeof *table, kind, p->arguments[0], &p->dialect, at, &index));
+    TRY(pbrt_read_kind(p, TARGET_NONE, table, count, sizeof *table, "a type", kind, at, &index));
     TRY(table[index].make(p, p->params));
     return pbrt_finish_params(p, directive, p->arguments[0]);
 }
@@ -180,9 +173,9 @@ result_t pbrt_camera(pbrt_t *p, position_t at)
 /* ---- film ---------------------------------------------------------------------------------------------- */
 
 static const param_rule_t film_rules[] = {
-    {"filename", PARAM_ACCEPT, NULL}, /* lightmill -o names the output */
-    {"savefp16", PARAM_ACCEPT, NULL},
-    {"diagonal", PARAM_ACCEPT, NULL}, /* only the realistic camera uses it */
+    {{"filename"}, PARAM_ACCEPT, NULL}, /* lightmill -o names the output */
+    {{"savefp16"}, PARAM_ACCEPT, NULL},
+    {{"diagonal"}, PARAM_ACCEPT, NULL}, /* only the realistic camera uses it */
 };
 
 static result_t read_resolution(pbrt_t *p, params_t *params)
@@ -297,7 +290,7 @@ static result_t read_sensor(pbrt_t *p, params_t *params)
 }
 
 static const param_rule_t bounds_rules[] = {
-    {"pixelbounds", PARAM_IGNORE, "the cropwindow goes before it"},
+    {{"pixelbounds"}, PARAM_IGNORE, "the cropwindow goes before it"},
 };
 
 static result_t make_rgb_film(pbrt_t *p, params_t *params)
@@ -323,7 +316,7 @@ static result_t make_rgb_film(pbrt_t *p, params_t *params)
 }
 
 static const param_rule_t gbuffer_rules[] = {
-    {"coordinatesystem", PARAM_IGNORE, "only the picture is written"},
+    {{"coordinatesystem"}, PARAM_IGNORE, "only the picture is written"},
 };
 
 static result_t make_gbuffer_film(pbrt_t *p, params_t *params)
@@ -334,9 +327,7 @@ static result_t make_gbuffer_film(pbrt_t *p, params_t *params)
 }
 
 static const param_rule_t spectral_rules[] = {
-    {"nbuckets", PARAM_IGNORE, "there are no wavelengths"},
-    {"lambdamin", PARAM_IGNORE, "there are no wavelengths"},
-    {"lambdamax", PARAM_IGNORE, "there are no wavelengths"},
+    {{"nbuckets", "lambdamin", "lambdamax"}, PARAM_IGNORE, "there are no wavelengths"},
 };
 
 static result_t make_spectral_film(pbrt_t *p, params_t *params)
@@ -384,11 +375,11 @@ static const sampler_entry_t samplers[] = {
 };
 
 static const param_rule_t sampler_rules[] = {
-    {"seed", PARAM_IGNORE, "lightmill --seed chooses it"},
-    {"randomization", PARAM_IGNORE, "Lightmill scrambles as Owen does"},
-    {"dimensions", PARAM_IGNORE, "all dimensions are stratified"},
-    {"jitter", PARAM_IGNORE, "samples are always jittered"},
-    {"samplepixelcenter", PARAM_IGNORE, "samples are spread over the pixel's filter"},
+    {{"seed"}, PARAM_IGNORE, "lightmill --seed chooses it"},
+    {{"randomization"}, PARAM_IGNORE, "Lightmill scrambles as Owen does"},
+    {{"dimensions"}, PARAM_IGNORE, "all dimensions are stratified"},
+    {{"jitter"}, PARAM_IGNORE, "samples are always jittered"},
+    {{"samplepixelcenter"}, PARAM_IGNORE, "samples are spread over the pixel's filter"},
 };
 
 static result_t read_samples(pbrt_t *p, params_t *params, const char *type, int samples)
@@ -409,10 +400,7 @@ result_t pbrt_sampler(pbrt_t *p, position_t at)
 {
     size_t index;
     TRY(once(&p->sampler_at, at, "Sampler"));
-    TRY(pbrt_read_string(p, 0, "the sampler's type"));
-    TRY(pbrt_read_params(p));
-    TRY(entry_find(samplers, ARRAY_LENGTH(samplers), sizeof *samplers, "sampler", p->arguments[0],
-                   &p->dialect, at, &index));
+    TRY(PBRT_READ_KIND(p, TARGET_NONE, samplers, "the sampler's type", "sampler", at, &index));
     const sampler_entry_t *sampler = &samplers[index];
     p->scene.sampler = sampler->kind;
     if (!sampler->same)
@@ -448,32 +436,22 @@ static const integrator_entry_t integrators[] = {
 };
 
 static const param_rule_t integrator_rules[] = {
-    {"lightsamplestrategy", PARAM_IGNORE, "lights are chosen by their power"},
-    {"lightsampler", PARAM_IGNORE, "lights are chosen by their power"},
-    {"rrthreshold", PARAM_IGNORE, "only the noise depends on it"},
-    {"strategy", PARAM_IGNORE, "lights are chosen by their power"},
-    {"samplebsdf", PARAM_IGNORE, "only the noise depends on it"},
-    {"samplelights", PARAM_IGNORE, "only the noise depends on it"},
-    {"visualizestrategies", PARAM_IGNORE, "the strategies are not written out"},
-    {"visualizeweights", PARAM_IGNORE, "the strategies are not written out"},
+    {{"lightsamplestrategy", "lightsampler"}, PARAM_IGNORE, "lights are chosen by their power"},
+    {{"rrthreshold"}, PARAM_IGNORE, "only the noise depends on it"},
+    {{"strategy"}, PARAM_IGNORE, "lights are chosen by their power"},
+    {{"samplebsdf", "samplelights"}, PARAM_IGNORE, "only the noise depends on it"},
+    {{"visualizestrategies", "visualizeweights"}, PARAM_IGNORE, "the strategies are not written out"},
 };
 
 /* Parameters of integrators that ours stand in for. */
 static const param_rule_t substitute_rules[] = {
-    {"bootstrapsamples", PARAM_IGNORE, "only mlt uses it"},
-    {"chains", PARAM_IGNORE, "only mlt uses it"},
-    {"mutationsperpixel", PARAM_IGNORE, "only mlt uses it"},
-    {"largestepprobability", PARAM_IGNORE, "only mlt uses it"},
-    {"sigma", PARAM_IGNORE, "only mlt uses it"},
-    {"iterations", PARAM_IGNORE, "only sppm uses it; --spp sets the samples"},
-    {"numiterations", PARAM_IGNORE, "only sppm uses it; --spp sets the samples"},
-    {"photonsperiteration", PARAM_IGNORE, "only sppm uses it"},
-    {"imagewritefrequency", PARAM_IGNORE, "only sppm uses it"},
-    {"radius", PARAM_IGNORE, "only sppm uses it"},
-    {"seed", PARAM_IGNORE, "lightmill --seed chooses it"},
-    {"cossample", PARAM_IGNORE, "only ambient occlusion uses it"},
-    {"nsamples", PARAM_IGNORE, "only ambient occlusion uses it"},
-    {"maxdistance", PARAM_IGNORE, "only ambient occlusion uses it"},
+    {{"bootstrapsamples", "chains", "mutationsperpixel", "largestepprobability", "sigma"},
+     PARAM_IGNORE,
+     "only mlt uses it"},
+    {{"iterations", "numiterations"}, PARAM_IGNORE, "only sppm uses it; --spp sets the samples"},
+    {{"photonsperiteration", "imagewritefrequency", "radius"}, PARAM_IGNORE, "only sppm uses it"},
+    {{"seed"}, PARAM_IGNORE, "lightmill --seed chooses it"},
+    {{"cossample", "nsamples", "maxdistance"}, PARAM_IGNORE, "only ambient occlusion uses it"},
 };
 
 static result_t apply_integrator_rules(pbrt_t *p, const integrator_entry_t *integrator)
@@ -532,10 +510,7 @@ result_t pbrt_integrator(pbrt_t *p, position_t at)
 {
     size_t index;
     TRY(once(&p->integrator_at, at, "Integrator"));
-    TRY(pbrt_read_string(p, 0, "the integrator's type"));
-    TRY(pbrt_read_params(p));
-    TRY(entry_find(integrators, ARRAY_LENGTH(integrators), sizeof *integrators, "integrator", p->arguments[0],
-                   &p->dialect, at, &index));
+    TRY(PBRT_READ_KIND(p, TARGET_NONE, integrators, "the integrator's type", "integrator", at, &index));
     const integrator_entry_t *integrator = &integrators[index];
     if (!integrator->kind)
         TRY(report_refuse(p->report, at, "integrator \"%s\" is not supported; path is used",
@@ -553,74 +528,55 @@ result_t pbrt_integrator(pbrt_t *p, position_t at)
 
 /* ---- pixel filter -------------------------------------------------------------------------------------- */
 
-/* The extent from the centre: xwidth, ywidth in v3, xradius, yradius in v4. */
-static result_t read_radii(pbrt_t *p, params_t *params, filter_kind_t kind, double radius)
-{
-    bool v3 = p->dialect.dialect == DIALECT_V3;
-    double x = radius, y = radius;
-    TRY(params_float_in(params, v3 ? "xwidth" : "xradius", 1e-3, 32, &x));
-    TRY(params_float_in(params, v3 ? "ywidth" : "yradius", 1e-3, 32, &y));
-    p->scene.filter = (blob_filter_t){.kind = kind, .radius_x = (float)x, .radius_y = (float)y};
-    return result_ok();
-}
+/* A filter's own parameter: what the blob keeps of it may be another number. */
+typedef struct {
+    const char *name; /* NULL: there is none */
+    double low, high, value;
+} filter_parameter_t;
 
-static result_t make_box(pbrt_t *p, params_t *params)
-{
-    return read_radii(p, params, FILTER_BOX, 0.5);
-}
+typedef struct {
+    entry_t entry;
+    filter_kind_t kind;
+    double radius; /* when the scene says nothing */
+    filter_parameter_t parameters[2];
+} filter_entry_t;
 
-static result_t make_triangle(pbrt_t *p, params_t *params)
-{
-    return read_radii(p, params, FILTER_TRIANGLE, 2);
-}
-
-/* v3 writes exp(-alpha x^2), v4 the same with alpha = 1 / (2 sigma^2). */
-static result_t make_gaussian(pbrt_t *p, params_t *params)
-{
-    bool v3 = p->dialect.dialect == DIALECT_V3;
-    double alpha = 2, sigma = 0.5;
-    TRY(read_radii(p, params, FILTER_GAUSSIAN, v3 ? 2 : 1.5));
-    if (v3) {
-        TRY(params_float_in(params, "alpha", 1e-6, 1e6, &alpha));
-        sigma = sqrt(1 / (2 * alpha));
-    } else {
-        TRY(params_float_in(params, "sigma", 1e-6, 1e6, &sigma));
-    }
-    p->scene.filter.parameters[0] = (float)sigma;
-    return result_ok();
-}
-
-/* Mitchell and Netravali 1988, "Reconstruction Filters in Computer Graphics". */
-static result_t make_mitchell(pbrt_t *p, params_t *params)
-{
-    double b = 1.0 / 3, c = 1.0 / 3;
-    TRY(read_radii(p, params, FILTER_MITCHELL, 2));
-    TRY(params_float_in(params, "B", -100, 100, &b));
-    TRY(params_float_in(params, "C", -100, 100, &c));
-    p->scene.filter.parameters[0] = (float)b;
-    p->scene.filter.parameters[1] = (float)c;
-    return result_ok();
-}
-
-static result_t make_sinc(pbrt_t *p, params_t *params)
-{
-    double tau = 3;
-    TRY(read_radii(p, params, FILTER_SINC, 4));
-    TRY(params_float_in(params, "tau", 1e-3, 1e3, &tau));
-    p->scene.filter.parameters[0] = (float)tau;
-    return result_ok();
-}
-
-static const option_entry_t filters[] = {
-    {{"box", DIALECT_BOTH}, make_box},           {{"triangle", DIALECT_BOTH}, make_triangle},
-    {{"gaussian", DIALECT_BOTH}, make_gaussian}, {{"mitchell", DIALECT_BOTH}, make_mitchell},
-    {{"sinc", DIALECT_BOTH}, make_sinc},
+/* mitchell: Mitchell and Netravali 1988, "Reconstruction Filters in Computer Graphics". */
+static const filter_entry_t filters[] = {
+    {{"box", DIALECT_BOTH}, FILTER_BOX, 0.5, {{0}}},
+    {{"triangle", DIALECT_BOTH}, FILTER_TRIANGLE, 2, {{0}}},
+    {{"gaussian", DIALECT_V3}, FILTER_GAUSSIAN, 2, {{"alpha", 1e-6, 1e6, 2}}},
+    {{"gaussian", DIALECT_V4}, FILTER_GAUSSIAN, 1.5, {{"sigma", 1e-6, 1e6, 0.5}}},
+    {{"mitchell", DIALECT_BOTH}, FILTER_MITCHELL, 2, {{"B", -100, 100, 1.0 / 3}, {"C", -100, 100, 1.0 / 3}}},
+    {{"sinc", DIALECT_BOTH}, FILTER_SINC, 4, {{"tau", 1e-3, 1e3, 3}}},
 };
+
+/* The extent from the centre is called xwidth, ywidth in v3, xradius, yradius in v4. */
+static result_t read_filter(pbrt_t *p, const filter_entry_t *filter)
+{
+    bool v3 = p->dialect.dialect == DIALECT_V3;
+    double x = filter->radius, y = filter->radius;
+    TRY(params_float_in(p->params, v3 ? "xwidth" : "xradius", 1e-3, 32, &x));
+    TRY(params_float_in(p->params, v3 ? "ywidth" : "yradius", 1e-3, 32, &y));
+    p->scene.filter = (blob_filter_t){.kind = filter->kind, .radius_x = (float)x, .radius_y = (float)y};
+    for (int i = 0; i < 2 && filter->parameters[i].name; ++i) {
+        const filter_parameter_t *parameter = &filter->parameters[i];
+        double value = parameter->value;
+        TRY(params_float_in(p->params, parameter->name, parameter->low, parameter->high, &value));
+        /* v3 writes exp(-alpha x^2), v4 the same with alpha = 1 / (2 sigma^2). */
+        if (v3 && filter->kind == FILTER_GAUSSIAN) value = sqrt(1 / (2 * value));
+        p->scene.filter.parameters[i] = (float)value;
+    }
+    return result_ok();
+}
 
 result_t pbrt_pixel_filter(pbrt_t *p, position_t at)
 {
+    size_t index;
     TRY(once(&p->filter_at, at, "PixelFilter"));
-    return make_option(p, filters, ARRAY_LENGTH(filters), "PixelFilter", "pixel filter", at);
+    TRY(PBRT_READ_KIND(p, TARGET_NONE, filters, "a type", "pixel filter", at, &index));
+    TRY(read_filter(p, &filters[index]));
+    return pbrt_finish_params(p, "PixelFilter", p->arguments[0]);
 }
 
 /* ---- the rest ------------------------------------------------------------------------------------------ */
@@ -634,17 +590,17 @@ result_t pbrt_accelerator(pbrt_t *p, position_t at)
 }
 
 static const param_rule_t option_rules[] = {
-    {"forcediffuse", PARAM_REFUSE, "not supported"},
-    {"disablepixeljitter", PARAM_IGNORE, "samples are always jittered"},
-    {"disablewavelengthjitter", PARAM_IGNORE, "there are no wavelengths"},
-    {"disabletexturefiltering", PARAM_IGNORE, "textures are filtered by the pixel's samples alone"},
-    {"displacementedgescale", PARAM_IGNORE, "displacement is not supported"},
-    {"msereferenceimage", PARAM_IGNORE, "see lightmill compare"},
-    {"msereferenceout", PARAM_IGNORE, "see lightmill compare"},
-    {"pixelstats", PARAM_IGNORE, "the statistics of pixels are not written out"},
-    {"rendercoordsys", PARAM_IGNORE, "rendering is in world space"},
-    {"seed", PARAM_IGNORE, "lightmill --seed chooses it"},
-    {"wavefront", PARAM_IGNORE, "it chooses how pbrt works, not what it renders"},
+    {{"forcediffuse"}, PARAM_REFUSE, "not supported"},
+    {{"disablepixeljitter"}, PARAM_IGNORE, "samples are always jittered"},
+    {{"disablewavelengthjitter"}, PARAM_IGNORE, "there are no wavelengths"},
+    {{"disabletexturefiltering"}, PARAM_IGNORE, "textures are filtered by the pixel's samples alone"},
+    {{"displacementedgescale"}, PARAM_IGNORE, "displacement is not supported"},
+    {{"msereferenceimage"}, PARAM_IGNORE, "see lightmill compare"},
+    {{"msereferenceout"}, PARAM_IGNORE, "see lightmill compare"},
+    {{"pixelstats"}, PARAM_IGNORE, "the statistics of pixels are not written out"},
+    {{"rendercoordsys"}, PARAM_IGNORE, "rendering is in world space"},
+    {{"seed"}, PARAM_IGNORE, "lightmill --seed chooses it"},
+    {{"wavefront"}, PARAM_IGNORE, "it chooses how pbrt works, not what it renders"},
 };
 
 /* pbrt takes the names of options with and without '-' and '_', in any case. */
@@ -667,11 +623,12 @@ static result_t read_option(pbrt_t *p, position_t at)
     normalize_option(p->arguments[0]);
     for (size_t i = 0; i < ARRAY_LENGTH(option_rules); ++i) {
         const param_rule_t *rule = &option_rules[i];
-        if (strcmp(p->arguments[0], rule->name) != 0) continue;
+        const char *name = rule->names[0]; /* a row is one option */
+        if (strcmp(p->arguments[0], name) != 0) continue;
         if (token_is(&value, "false")) return result_ok(); /* as without it */
         if (rule->fate == PARAM_REFUSE)
-            return report_refuse(p->report, at, "Option \"%s\": %s", rule->name, rule->why);
-        report_warning(p->report, at, "Option \"%s\" is ignored: %s", rule->name, rule->why);
+            return report_refuse(p->report, at, "Option \"%s\": %s", name, rule->why);
+        report_warning(p->report, at, "Option \"%s\" is ignored: %s", name, rule->why);
         return result_ok();
     }
     return error_at(at, "unknown Option \"%.40s\"", p->arguments[0]);

@@ -65,8 +65,8 @@ static result_t read_thin(pbrt_t *p, params_t *params, position_t at, blob_mater
 static result_t read_coat(pbrt_t *p, params_t *params, position_t at, blob_material_t *record)
 {
     static const param_rule_t rules[] = {
-        {"maxdepth", PARAM_ACCEPT, NULL}, /* how pbrt samples its coat, not what it looks like */
-        {"nsamples", PARAM_ACCEPT, NULL},
+        {{"maxdepth"}, PARAM_ACCEPT, NULL}, /* how pbrt samples its coat, not what it looks like */
+        {{"nsamples"}, PARAM_ACCEPT, NULL},
     };
     (void)at, (void)record;
     return params_apply(params, rules, ARRAY_LENGTH(rules), p->report);
@@ -94,16 +94,10 @@ static result_t read_scale(pbrt_t *p, params_t *params, position_t at, blob_mate
 }
 
 static const param_rule_t substitute_rules[] = {
-    {"name", PARAM_ACCEPT, NULL},       {"sigma_a", PARAM_ACCEPT, NULL},
-    {"sigma_s", PARAM_ACCEPT, NULL},    {"mfp", PARAM_ACCEPT, NULL},
-    {"g", PARAM_ACCEPT, NULL},          {"scale", PARAM_ACCEPT, NULL},
-    {"Kr", PARAM_ACCEPT, NULL},         {"Kt", PARAM_ACCEPT, NULL},
-    {"filename", PARAM_ACCEPT, NULL},   {"bsdffile", PARAM_ACCEPT, NULL},
-    {"eumelanin", PARAM_ACCEPT, NULL},  {"pheomelanin", PARAM_ACCEPT, NULL},
-    {"eta", PARAM_ACCEPT, NULL},        {"beta_m", PARAM_ACCEPT, NULL},
-    {"beta_n", PARAM_ACCEPT, NULL},     {"alpha", PARAM_ACCEPT, NULL},
-    {"roughness", PARAM_ACCEPT, NULL},  {"uroughness", PARAM_ACCEPT, NULL},
-    {"vroughness", PARAM_ACCEPT, NULL}, {"remaproughness", PARAM_ACCEPT, NULL},
+    {{"name", "sigma_a", "sigma_s", "mfp", "g", "scale"}, PARAM_ACCEPT, NULL},
+    {{"Kr", "Kt", "filename", "bsdffile", "eumelanin", "pheomelanin"}, PARAM_ACCEPT, NULL},
+    {{"eta", "beta_m", "beta_n", "alpha", "roughness", "uroughness"}, PARAM_ACCEPT, NULL},
+    {{"vroughness", "remaproughness"}, PARAM_ACCEPT, NULL},
 };
 
 /* The first colour that looks like one of the surface. */

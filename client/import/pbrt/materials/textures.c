@@ -195,7 +195,7 @@ static result_t read_uv(pbrt_t *p, params_t *params, position_t at, bool is_floa
 }
 
 static const param_rule_t checkerboard_rules[] = {
-    {"aamode", PARAM_ACCEPT, NULL}, /* many samples a pixel filter the pattern */
+    {{"aamode"}, PARAM_ACCEPT, NULL}, /* many samples a pixel filter the pattern */
 };
 
 static result_t read_checkerboard(pbrt_t *p, params_t *params, position_t at, bool is_float,
@@ -276,8 +276,7 @@ static result_t read_wrap(pbrt_t *p, params_t *params, position_t at, blob_textu
 
 /* Filtering takes place in the pixel filter, over many samples: a mip map would only blur. */
 static const param_rule_t filter_rules[] = {
-    {"trilinear", PARAM_ACCEPT, NULL},
-    {"maxanisotropy", PARAM_ACCEPT, NULL},
+    {{"trilinear", "maxanisotropy"}, PARAM_ACCEPT, NULL},
 };
 
 static result_t read_filter(params_t *params, position_t at, blob_texture_t *texture)
@@ -447,10 +446,7 @@ static void store(pbrt_t *p, bool is_float, blob_value_t value, position_t at)
 }
 
 static const param_rule_t substitute_rules[] = {
-    {"filename", PARAM_ACCEPT, NULL},
-    {"encoding", PARAM_ACCEPT, NULL},
-    {"gamma", PARAM_ACCEPT, NULL},
-    {"scale", PARAM_ACCEPT, NULL},
+    {{"filename", "encoding", "gamma", "scale"}, PARAM_ACCEPT, NULL},
 };
 
 /* A lenient import takes grey for what is not supported. */

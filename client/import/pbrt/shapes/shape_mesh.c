@@ -129,9 +129,9 @@ static result_t read_triangles(params_t *params, position_t at, mesh_t *mesh)
 }
 
 static const param_rule_t trianglemesh_rules[] = {
-    {"S", PARAM_IGNORE, "tangents only turn anisotropic reflection"},
-    {"faceIndices", PARAM_IGNORE, "only ptex textures use them"},
-    {"discarddegenerateUVs", PARAM_IGNORE, "such triangles are handled anyway"},
+    {{"S"}, PARAM_IGNORE, "tangents only turn anisotropic reflection"},
+    {{"faceIndices"}, PARAM_IGNORE, "only ptex textures use them"},
+    {{"discarddegenerateUVs"}, PARAM_IGNORE, "such triangles are handled anyway"},
 };
 
 static result_t fill_trianglemesh(pbrt_t *p, params_t *params, position_t at, mesh_t *mesh)
@@ -150,8 +150,8 @@ result_t pbrt_make_trianglemesh(pbrt_t *p, shape_work_t *work)
 }
 
 static const param_rule_t plymesh_rules[] = {
-    {"displacement", PARAM_REFUSE, "displacement is not supported"},
-    {"edgelength", PARAM_IGNORE, "it only matters for displacement"},
+    {{"displacement"}, PARAM_REFUSE, "displacement is not supported"},
+    {{"edgelength"}, PARAM_IGNORE, "it only matters for displacement"},
 };
 
 result_t pbrt_make_plymesh(pbrt_t *p, shape_work_t *work)
@@ -203,7 +203,7 @@ static result_t read_count(shape_work_t *work, const char *name, double *value)
 }
 
 static const param_rule_t loop_rules[] = {
-    {"scheme", PARAM_ACCEPT, NULL}, /* only Loop's there is */
+    {{"scheme"}, PARAM_ACCEPT, NULL}, /* only Loop's there is */
 };
 
 result_t pbrt_make_loopsubdiv(pbrt_t *p, shape_work_t *work)
@@ -230,8 +230,8 @@ result_t pbrt_make_heightfield(pbrt_t *p, shape_work_t *work)
 }
 
 static const param_rule_t bilinear_rules[] = {
-    {"emissionfilename", PARAM_REFUSE, "an image of where to sample is not supported"},
-    {"faceIndices", PARAM_IGNORE, "only ptex textures use them"},
+    {{"emissionfilename"}, PARAM_REFUSE, "an image of where to sample is not supported"},
+    {{"faceIndices"}, PARAM_IGNORE, "only ptex textures use them"},
 };
 
 result_t pbrt_make_bilinearmesh(pbrt_t *p, shape_work_t *work)

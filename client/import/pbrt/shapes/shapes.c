@@ -160,10 +160,7 @@ result_t pbrt_shape(pbrt_t *p, position_t at)
 {
     size_t index;
     affine_t open, close;
-    TRY(pbrt_read_string(p, 0, "the shape's type"));
-    TRY(pbrt_read_params_for(p, TARGET_SHAPE));
-    TRY(entry_find(shapes, ARRAY_LENGTH(shapes), sizeof *shapes, "shape", p->arguments[0], &p->dialect, at,
-                   &index));
+    TRY(PBRT_READ_KIND(p, TARGET_SHAPE, shapes, "the shape's type", "shape", at, &index));
     shape_work_t work = {.params = p->params, .at = at, .shape = {.geometry = BLOB_NONE}};
     bool moves = place(p, &work, &open, &close);
     TRY(shapes[index].make(p, &work));

@@ -46,8 +46,16 @@ result_t pbrt_read_params(pbrt_t *p)
 result_t pbrt_read_params_for(pbrt_t *p, target_t target)
 {
     TRY(pbrt_read_params(p));
-    params_set_fallback(p->params, p->now.defaults[target]);
+    if (target != TARGET_NONE) params_set_fallback(p->params, p->now.defaults[target]);
     return result_ok();
+}
+
+result_t pbrt_read_kind(pbrt_t *p, target_t target, const void *table, size_t count, size_t size,
+                        const char *what, const char *kind, position_t at, size_t *index)
+{
+    TRY(pbrt_read_string(p, 0, what));
+    TRY(pbrt_read_params_for(p, target));
+    return entry_find(table, count, size, kind, p->arguments[0], &p->dialect, at, index);
 }
 
 result_t pbrt_finish_params(pbrt_t *p, const char *kind, const char *name)

@@ -16,6 +16,12 @@ result_t pbrt_read_numbers(pbrt_t *p, int count, double *numbers, const char *di
 result_t pbrt_read_params(pbrt_t *p);
 /* The same with the defaults of an Attribute directive behind them. */
 result_t pbrt_read_params_for(pbrt_t *p, target_t target);
+/* Reads a type and its parameters, with the defaults of `target`: *index is its entry in a table as
+ * entry_find takes it. `what` completes "expected ..." and `kind` "unknown ...". */
+result_t pbrt_read_kind(pbrt_t *p, target_t target, const void *table, size_t count, size_t size,
+                        const char *what, const char *kind, position_t at, size_t *index);
+#define PBRT_READ_KIND(p, target, table, what, kind, at, index)                                              \
+    pbrt_read_kind(p, target, table, ARRAY_LENGTH(table), sizeof *(table), what, kind, at, index)
 /* Reports the parameters nobody read: `kind` and `name` say whose ("Camera", "perspective"). */
 result_t pbrt_finish_params(pbrt_t *p, const char *kind, const char *name);
 

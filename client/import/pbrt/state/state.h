@@ -20,7 +20,8 @@ typedef enum {
     TARGET_MATERIAL,
     TARGET_MEDIUM,
     TARGET_TEXTURE,
-    TARGET_COUNT
+    TARGET_COUNT,
+    TARGET_NONE = TARGET_COUNT /* what takes no defaults */
 } target_t;
 
 /* Which of the two transforms the transform directives change: ActiveTransform. */

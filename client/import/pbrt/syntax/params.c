@@ -375,17 +375,23 @@ result_t params_point(params_t *params, const char *name, unsigned types, double
 
 /* ---- what is left -------------------------------------------------------------------------------------- */
 
+static result_t apply(params_t *params, const param_rule_t *rule, const char *name, report_t *report)
+{
+    param_t *item = find(params, name, NULL);
+    if (!item || item->used) return result_ok();
+    item->used = true;
+    if (rule->fate == PARAM_REFUSE)
+        return report_refuse(report, item->at, "parameter \"%s\": %s", name, rule->why);
+    if (rule->fate == PARAM_IGNORE)
+        report_warning(report, item->at, "parameter \"%s\" is ignored: %s", name, rule->why);
+    return result_ok();
+}
+
 result_t params_apply(params_t *params, const param_rule_t *rules, size_t count, report_t *report)
 {
-    for (size_t i = 0; i < count; ++i) {
-        param_t *item = find(params, rules[i].name, NULL);
-        if (!item || item->used) continue;
-        item->used = true;
-        if (rules[i].fate == PARAM_REFUSE)
-            TRY(report_refuse(report, item->at, "parameter \"%s\": %s", rules[i].name, rules[i].why));
-        if (rules[i].fate == PARAM_IGNORE)
-            report_warning(report, item->at, "parameter \"%s\" is ignored: %s", rules[i].name, rules[i].why);
-    }
+    for (const param_rule_t *rule = rules; rule < rules + count; ++rule)
+        for (size_t i = 0; i < ARRAY_LENGTH(rule->names) && rule->names[i]; ++i)
+            TRY(apply(params, rule, rule->names[i], report));
     return result_ok();
 }
 

@@ -90,8 +90,9 @@ typedef enum {
     PARAM_REFUSE  /* fail (a lenient import warns): without it the picture is another */
 } param_fate_t;
 
+/* Of one parameter, or of some that share the reason. */
 typedef struct {
-    const char *name;
+    const char *names[6]; /* as many as are not NULL */
     param_fate_t fate;
     const char *why; /* completes `"name": ...` */
 } param_rule_t;
