@@ -260,10 +260,12 @@ CPPCHECK_NOISE := normalCheckLevelMaxBranches returnDanglingLifetime invalidPoin
 # A file is looked at again when its object was made again.
 lint:
 	@docker/install-packages.sh build dev
-	clang-format --dry-run -Werror $(OUR_C) $(OUR_H)
-	shellcheck --severity=warning $(OUR_SH)
+	@echo '  clang-format, shellcheck'
+	$(Q)clang-format --dry-run -Werror $(OUR_C) $(OUR_H)
+	$(Q)shellcheck --severity=warning $(OUR_SH)
 	$(SUBMAKE) $(JOBS) lint-files
-	cppcheck --quiet -j$(shell nproc) --std=c11 --enable=warning,performance,portability \
+	@echo '  cppcheck'
+	$(Q)cppcheck --quiet -j$(shell nproc) --std=c11 --enable=warning,performance,portability \
 	    $(CPPCHECK_NOISE:%=--suppress=%) --error-exitcode=1 -I. $(OUR_C)
 lint-files: $(OUR_C:%.c=$(BUILD)/lint/%.ok)
 $(BUILD)/lint/%.ok: %.c $(BUILD)/%.o .clang-tidy

@@ -45,8 +45,8 @@ const char *wire_rights_name(unsigned rights)
 #define SMALL_SETTINGS(FIELD) /* here an int or an enum, in the message a uint32 */                          \
     FIELD(integrator)                                                                                        \
     FIELD(sampler)                                                                                           \
-    FIELD(width) FIELD(height) FIELD(max_depth) FIELD(tile_size) FIELD(film_scale) FIELD(strategy_s)         \
-        FIELD(strategy_t)
+    FIELD(width)                                                                                             \
+    FIELD(height) FIELD(max_depth) FIELD(tile_size) FIELD(film_scale) FIELD(strategy_s) FIELD(strategy_t)
 #define SETTINGS(FIELD)                                                                                      \
     SMALL_SETTINGS(FIELD)                                                                                    \
     FIELD(seed) FIELD(spp) FIELD(time_limit) FIELD(features) FIELD(unweighted) FIELD(error) FIELD(adaptive)
