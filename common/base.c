@@ -74,6 +74,13 @@ double clock_now(void)
     return clock_read(CLOCK_MONOTONIC);
 }
 
+double clock_wall(void)
+{
+    struct timespec now;
+    clock_gettime(CLOCK_REALTIME, &now);
+    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
+}
+
 static void *checked(void *memory, size_t size)
 {
     if (memory == NULL && size > 0) {

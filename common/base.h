@@ -60,6 +60,8 @@ void log_write(log_level_t level, const char *format, ...) __attribute__((format
 
 /* Seconds on a clock that never jumps (CLOCK_MONOTONIC). */
 double clock_now(void);
+/* Seconds since 1970. */
+double clock_wall(void);
 
 /* malloc, calloc and realloc that end the process with a message when memory runs out: for sizes that our own
  * code chose. A size that came from a peer or a file is checked against a limit first. */

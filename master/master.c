@@ -12,6 +12,7 @@
 #include "master/master.h"
 
 #include "common/memory_limit.h"
+#include "common/wake.h"
 #include "master/threads/client_bulk.h"
 #include "master/threads/client_control.h"
 #include "master/threads/farm_service.h"
@@ -23,7 +24,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/eventfd.h>
 #include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -101,13 +101,6 @@ static result_t lock_directory(const char *path, int *descriptor)
     return result;
 }
 
-static result_t make_eventfd(int *descriptor)
-{
-    *descriptor = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
-    if (*descriptor >= 0) return result_ok();
-    return result_fail(RESULT_LIMIT, "cannot make an eventfd: %s", strerror(errno));
-}
-
 static result_t open_server(master_t *master, const master_options_t *options)
 {
     server_options_t server = server_options(master, options);
@@ -158,11 +151,11 @@ static result_t open_data(master_t *master, const master_options_t *options)
 
 static result_t make_eventfds(master_t *master)
 {
-    TRY(make_eventfd(&master->control_wake));
-    TRY(make_eventfd(&master->bulk_wake));
-    TRY(make_eventfd(&master->image_wake));
-    TRY(make_eventfd(&master->journal_writer_wake));
-    return make_eventfd(&master->checkpoint_wake);
+    TRY(wake_new(&master->control_wake));
+    TRY(wake_new(&master->bulk_wake));
+    TRY(wake_new(&master->image_wake));
+    TRY(wake_new(&master->journal_writer_wake));
+    return wake_new(&master->checkpoint_wake);
 }
 
 /* The farm with the jobs that were there before. */
@@ -243,11 +236,6 @@ static result_t start(master_t *master, const master_options_t *options)
     return start_serving(master, options);
 }
 
-static void close_descriptor(int descriptor)
-{
-    if (descriptor >= 0) close(descriptor);
-}
-
 /* Takes apart whatever was put together. */
 static void dismantle(master_t *master)
 {
@@ -262,12 +250,12 @@ static void dismantle(master_t *master)
     film_store_close(&master->films);
     journal_close(&master->journal);
     server_close(&master->server);
-    close_descriptor(master->control_wake);
-    close_descriptor(master->bulk_wake);
-    close_descriptor(master->image_wake);
-    close_descriptor(master->journal_writer_wake);
-    close_descriptor(master->checkpoint_wake);
-    close_descriptor(master->lock_file);
+    wake_close(master->control_wake);
+    wake_close(master->bulk_wake);
+    wake_close(master->image_wake);
+    wake_close(master->journal_writer_wake);
+    wake_close(master->checkpoint_wake);
+    if (master->lock_file >= 0) close(master->lock_file);
     free(master->spool_dir);
     free(master);
 }

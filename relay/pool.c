@@ -22,7 +22,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 
 enum { CLOCK_GAP = 2, KEEP_SCENE = 60 }; /* seconds */
 #define SUMS_LIMIT ((uint64_t)1 << 30)   /* bytes, or a quarter of the memory */
@@ -35,12 +34,6 @@ void pool_lock(pool_t *pool)
 void pool_unlock(pool_t *pool)
 {
     pthread_mutex_unlock(&pool->lock);
-}
-
-void pool_wake(int event)
-{
-    uint64_t one = 1;
-    if (write(event, &one, sizeof one) != sizeof one) log_debug("an eventfd is full");
 }
 
 pool_t *pool_new(const pool_options_t *options)
@@ -112,7 +105,7 @@ static void notify(pool_t *pool, uint64_t worker, uint64_t job, bool flush)
         pool->notices = mem_realloc(pool->notices, pool->notice_capacity * sizeof *pool->notices);
     }
     pool->notices[pool->notice_count++] = (pool_notice_t){worker, job, flush};
-    pool_wake(pool->options.notice_wake);
+    wake_up(pool->options.notice_wake);
 }
 
 static bool has_work(const relay_job_t *job)
@@ -206,7 +199,7 @@ void pool_drop_job(pool_t *pool, relay_job_t *job)
     pool_notify_over(pool, job, false);
     job->over = job->gone = true;
     job->flush = false;
-    pool_wake(pool->options.bulk_wake);
+    wake_up(pool->options.bulk_wake);
 }
 
 void pool_sweep(pool_t *pool)
@@ -231,7 +224,7 @@ void pool_end_flush(pool_t *pool, relay_job_t *job)
     for (size_t i = 0; i < pool->member_count; i++) ledger_return(&job->ledger, pool->members[i].id);
     ledger_drop_free(&job->ledger);
     job->flush_until = 0;
-    pool_wake(pool->options.bulk_wake);
+    wake_up(pool->options.bulk_wake);
 }
 
 size_t pool_remove_member(pool_t *pool, double now, member_t *member)
@@ -242,8 +235,8 @@ size_t pool_remove_member(pool_t *pool, double now, member_t *member)
     if (pool->member_count == 0) pool->deserted = now;
     for (size_t i = 0; i < pool->job_count; i++) units += pool_take_back(pool->jobs[i], id);
     pool_notify_idle(pool);
-    pool_wake(pool->options.control_wake);
-    pool_wake(pool->options.bulk_wake);
+    wake_up(pool->options.control_wake);
+    wake_up(pool->options.bulk_wake);
     return units;
 }
 
@@ -256,7 +249,7 @@ static void give_units_up(pool_t *pool)
         for (size_t e = job->check_count; e-- > 0;)
             if (!job->checks[e]->done) pool_check_remove(job, e);
     }
-    pool_wake(pool->options.control_wake);
+    wake_up(pool->options.control_wake);
 }
 
 static void give_up_silent(pool_t *pool, double now)

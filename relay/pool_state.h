@@ -3,6 +3,7 @@
 #ifndef LIGHTMILL_POOL_STATE_H
 #define LIGHTMILL_POOL_STATE_H
 
+#include "common/wake.h"
 #include "relay/ledger.h"
 #include "relay/pool.h"
 #include "relay/sums.h"
@@ -104,8 +105,6 @@ struct pool {
 
 void pool_lock(pool_t *pool);
 void pool_unlock(pool_t *pool);
-/* Writes an eventfd. */
-void pool_wake(int event);
 
 /* ---- pool.c ---- */
 

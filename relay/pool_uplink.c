@@ -78,7 +78,7 @@ static void assign(void *self, const assignment_t *assignment)
         else
             ledger_put(&job->ledger, assignment->units, assignment->unit_count);
         pool_notify_idle(pool);
-        pool_wake(pool->options.bulk_wake);
+        wake_up(pool->options.bulk_wake);
     }
     pool_unlock(pool);
     free(assignment->units);
@@ -90,7 +90,7 @@ static void no_more(void *self)
     pool_lock(pool);
     pool->no_more = true;
     pool_unlock(pool);
-    pool_wake(pool->options.bulk_wake);
+    wake_up(pool->options.bulk_wake);
 }
 
 /* Drops the checks that the bulk thread does not have. */
@@ -125,7 +125,7 @@ static void job_over(void *self, uint64_t id, bool flush)
     else if (job != NULL)
         pool_drop_job(pool, job);
     pool_unlock(pool);
-    pool_wake(pool->options.bulk_wake);
+    wake_up(pool->options.bulk_wake);
 }
 
 static void forget(void *self)
@@ -139,7 +139,7 @@ static void forget(void *self)
         job->hurry = true;
     }
     pool_unlock(pool);
-    pool_wake(pool->options.bulk_wake);
+    wake_up(pool->options.bulk_wake);
 }
 
 static size_t kept(void *self, uint64_t id, unit_t *units, size_t capacity)
@@ -161,7 +161,7 @@ static void drain(void *self)
     pool->draining = true;
     for (size_t i = 0; i < pool->job_count; i++) begin_flush(pool, pool->jobs[i], as_long_as_it_takes);
     pool_unlock(pool);
-    pool_wake(pool->options.bulk_wake);
+    wake_up(pool->options.bulk_wake);
 }
 
 static void give_up(void *self)
@@ -305,7 +305,7 @@ static void find_load(pool_t *pool, duty_t *duty)
         pool->failure = memory;
         pool->failed = job->id;
         pool_drop_job(pool, job);
-        pool_wake(pool->options.control_wake);
+        wake_up(pool->options.control_wake);
     }
 }
 
@@ -372,7 +372,7 @@ static void refuse(void *self, uint64_t id, result_t why)
     pool->failure = why;
     pool->failed = id;
     pool_unlock(pool);
-    pool_wake(pool->options.control_wake);
+    wake_up(pool->options.control_wake);
 }
 
 /* Takes the first parcel; NULL when there is none. No lock held. */
@@ -446,8 +446,8 @@ static void sent(void *self, const closed_batch_t *closed, bool counted)
     pool_sweep(pool);
     pool_unlock(pool);
     pool_parcel_free(parcel);
-    pool_wake(pool->options.control_wake);
-    pool_wake(pool->options.grant_wake);
+    wake_up(pool->options.control_wake);
+    wake_up(pool->options.grant_wake);
 }
 
 uplink_handler_t pool_uplink(pool_t *pool)

@@ -68,7 +68,7 @@ static result_t hello_from(void *self, double now, const identity_t *identity, c
         while (member->id == 0) randombytes_buf(&member->id, sizeof member->id);
         *worker = member->id;
         log_info("worker %s joins with %u threads", member->name, member->threads);
-        pool_wake(pool->options.control_wake);
+        wake_up(pool->options.control_wake);
     }
     pool_unlock(pool);
     return result;
@@ -79,7 +79,7 @@ static void flushed(pool_t *pool, relay_job_t *job, uint64_t worker)
 {
     if (ledger_return(&job->ledger, worker) == 0) return;
     ledger_drop_free(&job->ledger);
-    pool_wake(pool->options.bulk_wake);
+    wake_up(pool->options.bulk_wake);
 }
 
 static bool heartbeat(void *self, double now, const identity_t *identity, const heartbeat_t *beat)
@@ -107,7 +107,7 @@ static void decline(pool_t *pool, relay_job_t *job, const char *worker, const ch
         RESULT_INPUT, "none of the relay's workers can render it; %.100s says: %.300s", worker, reason);
     pool->failed = job->id;
     pool_drop_job(pool, job);
-    pool_wake(pool->options.control_wake);
+    wake_up(pool->options.control_wake);
 }
 
 static void goodbye(void *self, double now, uint64_t worker, uint64_t id, const char *reason)
@@ -252,7 +252,7 @@ static result_t take(void *self, double now, const identity_t *identity, const w
     if (work->unit_count == 0) work->job = 0;
     member->idle = work->unit_count == 0;
     member->job = work->unit_count > 0 ? work->job : request->job;
-    pool_wake(pool->options.control_wake); /* more may be wanted from above */
+    wake_up(pool->options.control_wake); /* more may be wanted from above */
     pool_unlock(pool);
     return result_ok();
 }
@@ -390,7 +390,7 @@ static void after_batch(pool_t *pool, double now, relay_job_t *job, uint64_t wor
     }
     job->delivered = true;
     if (job->flush) flushed(pool, job, worker);
-    pool_wake(pool->options.bulk_wake);
+    wake_up(pool->options.bulk_wake);
 }
 
 /* The job that a batch is for, which is used from here on; NULL when it is not wanted, for the reason in

@@ -7,16 +7,14 @@
 #include "relay/relay.h"
 
 #include "common/memory_limit.h"
+#include "common/wake.h"
 #include "proto/serve/server.h"
 #include "proto/uplink/control.h"
 #include "relay/pool.h"
 
-#include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/eventfd.h>
-#include <unistd.h>
 
 enum { WAKES = 4 };
 enum { WAKE_CONTROL, WAKE_BULK, WAKE_NOTICES, WAKE_GRANTS };
@@ -51,11 +49,7 @@ relay_options_t relay_options_default(void)
 
 static result_t make_wakes(relay_t *relay)
 {
-    for (int i = 0; i < WAKES; i++) {
-        relay->wakes[i] = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
-        if (relay->wakes[i] < 0)
-            return result_fail(RESULT_LIMIT, "cannot make an eventfd: %s", strerror(errno));
-    }
+    for (int i = 0; i < WAKES; i++) TRY(wake_new(&relay->wakes[i]));
     return result_ok();
 }
 
@@ -112,8 +106,7 @@ static void dismantle(relay_t *relay)
     bulk_stop(&relay->bulk);
     pool_destroy(&relay->pool);
     server_close(&relay->server);
-    for (int i = 0; i < WAKES; i++)
-        if (relay->wakes[i] >= 0) close(relay->wakes[i]);
+    for (int i = 0; i < WAKES; i++) wake_close(relay->wakes[i]);
     free(relay->cache_dir);
     free(relay->elsewhere);
 }

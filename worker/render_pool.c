@@ -22,7 +22,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 
 static const double HOLD_SECONDS = 1.0; /* of work, queued ahead of the threads */
 static const double UNIT_SECONDS = 0.4; /* of one thread, in a good unit */
@@ -30,12 +29,6 @@ static const double FIRST_SPEED = 20e3; /* pixel samples per thread and second, 
 static const double SPEED_WEIGHT = 0.2; /* of the newest unit in the running mean */
 static const double MIN_UNIT_SAMPLES = 256;
 static const double MAX_UNIT_SAMPLES = 1 << 26;
-
-void render_pool_wake(int event)
-{
-    uint64_t one = 1;
-    if (write(event, &one, sizeof one) != sizeof one) log_debug("an eventfd is full");
-}
 
 static double hold_samples(const render_pool_t *pool)
 {
@@ -119,7 +112,7 @@ static void render_piece(render_pool_t *pool, const piece_t *piece, unit_result_
     bool low = (double)pool->queue.samples < 0.5 * hold_samples(pool);
     pthread_mutex_unlock(&pool->lock);
 
-    if (low) render_pool_wake(pool->options.control_wake);
+    if (low) wake_up(pool->options.control_wake);
     double start = clock_now();
     bool complete = renderer_unit(renderer, &piece->unit, result, &pool->cancel);
     double seconds = clock_now() - start;
@@ -128,7 +121,7 @@ static void render_piece(render_pool_t *pool, const piece_t *piece, unit_result_
     pthread_mutex_lock(&pool->lock);
     if (complete) measure(pool, &piece->unit, seconds);
     end_piece(pool, piece, complete ? result : NULL);
-    render_pool_wake(pool->options.bulk_wake);
+    wake_up(pool->options.bulk_wake);
 }
 
 static void *render_thread(void *argument)
@@ -335,7 +328,7 @@ static void assign(void *self, const assignment_t *assignment)
     }
     pthread_cond_broadcast(&pool->work);
     pthread_mutex_unlock(&pool->lock);
-    render_pool_wake(pool->options.bulk_wake);
+    wake_up(pool->options.bulk_wake);
 }
 
 static void no_more(void *self)
@@ -344,7 +337,7 @@ static void no_more(void *self)
     pthread_mutex_lock(&pool->lock);
     pool->no_more = true;
     pthread_mutex_unlock(&pool->lock);
-    render_pool_wake(pool->options.bulk_wake);
+    wake_up(pool->options.bulk_wake);
 }
 
 static void job_over(void *self, uint64_t job, bool flush)
@@ -354,7 +347,7 @@ static void job_over(void *self, uint64_t job, bool flush)
     if (pool->stage != STAGE_EMPTY && pool->current.job == job) render_pool_end_job(pool, flush);
     if (pool->has_next && pool->next.job == job) drop_next(pool);
     pthread_mutex_unlock(&pool->lock);
-    render_pool_wake(pool->options.bulk_wake);
+    wake_up(pool->options.bulk_wake);
 }
 
 static void forget(void *self)
@@ -366,7 +359,7 @@ static void forget(void *self)
     drop_next(pool);
     pool->hurry = true;
     pthread_mutex_unlock(&pool->lock);
-    render_pool_wake(pool->options.bulk_wake);
+    wake_up(pool->options.bulk_wake);
 }
 
 static size_t kept(void *self, uint64_t job, unit_t *units, size_t capacity)
@@ -389,7 +382,7 @@ static void drain(void *self)
     drop_next(pool);
     if (pool->stage == STAGE_LOADING) render_pool_end_job(pool, false);
     pthread_mutex_unlock(&pool->lock);
-    render_pool_wake(pool->options.bulk_wake);
+    wake_up(pool->options.bulk_wake);
 }
 
 static void give_up(void *self)

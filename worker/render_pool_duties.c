@@ -37,7 +37,7 @@ static void release_job(render_pool_t *pool)
     pthread_mutex_unlock(&pool->lock);
     renderer_destroy(&renderer);
     blob_close(&pool->blob);
-    render_pool_wake(pool->options.control_wake);
+    wake_up(pool->options.control_wake);
     pthread_mutex_lock(&pool->lock);
 }
 
@@ -58,7 +58,7 @@ static void refuse_job(render_pool_t *pool, result_t why)
     render_pool_end_job(pool, false);
     pool->failure = why;
     pool->failed = pool->current.job;
-    render_pool_wake(pool->options.control_wake);
+    wake_up(pool->options.control_wake);
 }
 
 /* Nothing will be added to the open batch for now. Lock held. */
@@ -145,7 +145,7 @@ result_t render_pool_loaded(void *self, uint64_t job, scene_blob_t *blob)
     pool->stage = STAGE_READY;
     pthread_cond_broadcast(&pool->work);
     pthread_mutex_unlock(&pool->lock);
-    render_pool_wake(pool->options.control_wake);
+    wake_up(pool->options.control_wake);
     return result_ok();
 }
 
@@ -212,5 +212,5 @@ void render_pool_sent(void *self, const closed_batch_t *closed, bool counted)
     pthread_mutex_unlock(&pool->lock);
     /* Only the bulk thread, which calls this, touches the closed slot: the long clearing needs no lock. */
     if (closed->offer.check == 0) batch_clear(&slot->batch);
-    render_pool_wake(pool->options.control_wake);
+    wake_up(pool->options.control_wake);
 }

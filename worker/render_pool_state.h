@@ -2,6 +2,7 @@
 #ifndef LIGHTMILL_RENDER_POOL_STATE_H
 #define LIGHTMILL_RENDER_POOL_STATE_H
 
+#include "common/wake.h"
 #include "proto/uplink/unit_queue.h"
 #include "proto/wire/wire.h"
 #include "worker/checks.h"
@@ -58,9 +59,6 @@ struct render_pool {
     double speed; /* pixel samples per thread and second */
     bool measured;
 };
-
-/* Writes an eventfd. */
-void render_pool_wake(int event);
 
 /* ---- under the lock; render_pool.c ---- */
 

@@ -9,6 +9,7 @@
 #include "worker/worker.h"
 
 #include "common/memory_limit.h"
+#include "common/wake.h"
 #include "proto/uplink/blob_cache.h"
 #include "proto/uplink/bulk.h"
 #include "proto/uplink/control.h"
@@ -19,7 +20,6 @@
 #include <sched.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/eventfd.h>
 #include <unistd.h>
 #include <zmq.h>
 
@@ -94,11 +94,11 @@ result_t worker_run(const worker_options_t *options, const atomic_int *stop)
     void *context = options->context ? options->context : zmq_ctx_new();
     if (context == NULL)
         return result_fail(RESULT_LIMIT, "cannot make a ZeroMQ context: %s", strerror(errno));
-    int wakes[2] = {eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC), eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC)};
-    result_t result = result_fail(RESULT_LIMIT, "cannot make an eventfd: %s", strerror(errno));
-    if (wakes[0] >= 0 && wakes[1] >= 0) result = run_threads(options, context, wakes, stop);
-    for (int i = 0; i < 2; i++)
-        if (wakes[i] >= 0) close(wakes[i]);
+    int wakes[2] = {-1, -1};
+    result_t result = wake_new(&wakes[0]);
+    if (result.code == RESULT_OK) result = wake_new(&wakes[1]);
+    if (result.code == RESULT_OK) result = run_threads(options, context, wakes, stop);
+    for (int i = 0; i < 2; i++) wake_close(wakes[i]);
     if (!options->context) zmq_ctx_term(context);
     return result;
 }

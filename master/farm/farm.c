@@ -106,7 +106,7 @@ void farm_tick(farm_t *farm, double now)
         if (job->flush_until > 0 && now >= job->flush_until) farm_job_flush_end(farm, now, job);
         if (job->image == IMAGE_FAILED && now >= job->image_retry) {
             job->image = IMAGE_DUE;
-            farm_wake(farm->options.image_wake);
+            wake_up(farm->options.image_wake);
         }
     }
     farm_workers_tick(farm, now);
@@ -121,6 +121,6 @@ void farm_shut_down(farm_t *farm)
         job_t *job = farm->jobs[i];
         if (!job_state_final(job->kept.state)) farm_record_changed(farm, job);
     }
-    farm_wake(farm->options.checkpoint_wake);
+    wake_up(farm->options.checkpoint_wake);
     farm_unlock(farm);
 }

@@ -54,14 +54,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
-
-double farm_wall_time(void)
-{
-    struct timespec now;
-    clock_gettime(CLOCK_REALTIME, &now);
-    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
-}
 
 double farm_job_elapsed(const job_t *job, double now)
 {
@@ -102,7 +94,7 @@ void farm_job_remove(farm_t *farm, job_t *job)
     memmove(farm->jobs + at, farm->jobs + at + 1, (--farm->job_count - at) * sizeof *farm->jobs);
     farm->removed = mem_realloc(farm->removed, (farm->removed_count + 1) * sizeof *farm->removed);
     farm->removed[farm->removed_count++] = job->kept.job;
-    farm_wake(farm->options.journal_writer_wake);
+    wake_up(farm->options.journal_writer_wake);
     job->gone = true;
     if (job->pins == 0) farm_job_free(farm, job);
 }
@@ -296,14 +288,14 @@ void farm_job_close(farm_t *farm, double now, job_t *job, job_state_t outcome)
     job->kept.state = JOB_FINISHING;
     if (outcome == JOB_FAILED) {
         job->kept.state = JOB_FAILED;
-        job->kept.finished = farm_wall_time();
+        job->kept.finished = clock_wall();
         job->save = SAVE_OFF;
     }
     job->image = IMAGE_DUE;
     job->image_failures = 0;
     farm_record_changed(farm, job);
-    farm_wake(farm->options.image_wake);
-    farm_wake(farm->options.checkpoint_wake);
+    wake_up(farm->options.image_wake);
+    wake_up(farm->options.checkpoint_wake);
     farm_notify_idle(farm);
 }
 
@@ -383,7 +375,7 @@ void farm_job_settle(farm_t *farm, job_t *job)
     if (job->kept.state == JOB_FINISHING && ends) {
         if (job->save == SAVE_DUE && farm->options.checkpoint_wake >= 0) return;
         job->kept.state = job->kept.outcome;
-        job->kept.finished = farm_wall_time();
+        job->kept.finished = clock_wall();
         farm_record_changed(farm, job);
     }
     if (!job_state_final(job->kept.state) || job->film != FILM_CLOSED || job->image == IMAGE_DUE) return;

@@ -114,7 +114,7 @@ void farm_restore(farm_t *farm, double now, const job_record_t *record)
             job->film = FILM_NONE;
             farm_job_close(farm, now, job, JOB_FAILED);
         }
-        farm_wake(farm->options.checkpoint_wake);
+        wake_up(farm->options.checkpoint_wake);
     }
     farm_unlock(farm);
 }
@@ -150,7 +150,7 @@ job_t *farm_next_load(farm_t *farm)
 static void stop_waiting(farm_t *farm, job_t *job)
 {
     job->film = FILM_NONE;
-    farm_wake(farm->options.grant_wake);
+    wake_up(farm->options.grant_wake);
 }
 
 /* There is no checkpoint: what was counted is lost. */

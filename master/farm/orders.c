@@ -43,7 +43,7 @@ result_t farm_submit(farm_t *farm, double now, const job_terms_t *terms, const j
     job->kept.blob_size = blob_size;
     job->kept.state = JOB_QUEUED;
     job->kept.terms = *terms;
-    job->kept.submitted = farm_wall_time();
+    job->kept.submitted = clock_wall();
     farm->jobs = mem_realloc(farm->jobs, (farm->job_count + 1) * sizeof(job_t *));
     farm->jobs[farm->job_count++] = job;
     *id = job->kept.job;
@@ -66,7 +66,7 @@ static result_t refuse(const job_t *job, const char *cure)
 static void cancel_unstarted(farm_t *farm, job_t *job)
 {
     job->kept.state = JOB_CANCELLED;
-    job->kept.finished = farm_wall_time();
+    job->kept.finished = clock_wall();
     farm_notify_idle(farm);
 }
 

@@ -25,8 +25,6 @@ void farm_shares_tick(farm_t *farm, double seconds);
 /* What the films take of jobs that were begun and are to be loaded next. No other job may take that room:
  * workers may hold batches of these, and take up nothing else before they are rid of them. */
 uint64_t farm_awaited_bytes(const farm_t *farm);
-/* Seconds since 1970. */
-double farm_wall_time(void);
 /* Seconds that were spent on the job. */
 double farm_job_elapsed(const job_t *job, double now);
 /* All that outlives the process, as it is now. */

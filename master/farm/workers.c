@@ -219,7 +219,7 @@ static void decline(farm_t *farm, double now, job_t *job, worker_t *worker, cons
 {
     job->declines++;
     job->scene_due = true;
-    farm_wake(farm->options.checkpoint_wake);
+    wake_up(farm->options.checkpoint_wake);
     if (job->kept.batches > 0) {
         char why[FARM_MAX_NAME];
         snprintf(why, sizeof why, "cannot render job %llu, which others can: %.120s",

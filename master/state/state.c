@@ -5,13 +5,6 @@
 #include <stdarg.h>
 #include <stdio.h>
 #include <string.h>
-#include <unistd.h>
-
-void farm_wake(int descriptor)
-{
-    uint64_t one = 1;
-    if (descriptor >= 0 && write(descriptor, &one, sizeof one) < 0) return; /* full: it is awake already */
-}
 
 void farm_lock(farm_t *farm)
 {
@@ -54,14 +47,14 @@ void farm_notify(farm_t *farm, uint64_t worker, uint64_t job, bool flush)
         farm->notices = mem_realloc(farm->notices, farm->notice_capacity * sizeof *farm->notices);
     }
     farm->notices[farm->notice_count++] = (pending_t){worker, job, flush};
-    farm_wake(farm->options.control_wake);
+    wake_up(farm->options.control_wake);
 }
 
 void farm_notify_idle(farm_t *farm)
 {
     if (farm->work_due) return;
     farm->work_due = true;
-    farm_wake(farm->options.control_wake);
+    wake_up(farm->options.control_wake);
 }
 
 void farm_notify_over(farm_t *farm, const job_t *job, bool flush)
@@ -78,7 +71,7 @@ void farm_notify_over(farm_t *farm, const job_t *job, bool flush)
 void farm_record_changed(farm_t *farm, job_t *job)
 {
     job->record_due = true;
-    farm_wake(farm->options.journal_writer_wake);
+    wake_up(farm->options.journal_writer_wake);
 }
 
 void farm_job_tell(farm_t *farm, job_t *job, const char *format, ...)
@@ -156,7 +149,7 @@ void job_unsaved(job_t *job)
 void farm_want_film(farm_t *farm, job_t *job)
 {
     if (job->film == FILM_STORED) job->film = FILM_WANTED;
-    farm_wake(farm->options.checkpoint_wake);
+    wake_up(farm->options.checkpoint_wake);
 }
 
 bool farm_content_fits(const job_t *job, const hash_t *content)
@@ -172,7 +165,7 @@ void farm_job_free_film(farm_t *farm, job_t *job)
     if (job->film == FILM_CONDEMNED) return;
     farm->film_bytes -= film_bytes(&job->kept.settings);
     shared_film_destroy(&job->shared_film);
-    farm_wake(farm->options.checkpoint_wake); /* a film may have waited for memory to be loaded */
+    wake_up(farm->options.checkpoint_wake); /* a film may have waited for memory to be loaded */
 }
 
 shared_film_t *farm_job_film_hold(job_t *job)

@@ -7,6 +7,7 @@
 #define LIGHTMILL_STATE_STATE_H
 
 #include "common/id_table.h"
+#include "common/wake.h"
 #include "master/state/types.h"
 #include "master/store/job_record.h"
 
@@ -158,8 +159,6 @@ struct farm {
 
 void farm_lock(farm_t *farm);
 void farm_unlock(farm_t *farm);
-/* Writes an eventfd; harmless on -1. */
-void farm_wake(int descriptor);
 
 /* ---- finding ------------------------------------------------------------------------------------------- */
 

@@ -17,18 +17,17 @@
  * again. */
 #include "master/threads/checkpointer.h"
 
+#include "common/wake.h"
 #include "master/store/checkpoint.h"
 #include "master/store/film_load.h"
 
 #include <math.h>
-#include <poll.h>
 #include <pthread.h>
 #include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/prctl.h>
-#include <time.h>
 #include <unistd.h>
 
 enum {
@@ -53,13 +52,6 @@ struct checkpointer {
     double retry_at;   /* seconds; after a failure */
     double warned_at;  /* seconds, when the last of them was complained of */
 };
-
-static double wall_time(void)
-{
-    struct timespec now;
-    clock_gettime(CLOCK_REALTIME, &now);
-    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
-}
 
 static double percent(uint64_t part, uint64_t whole)
 {
@@ -119,7 +111,7 @@ static void tell_loaded(const job_record_t *record, const film_load_t *load, dou
     describe_samples(record, load->info.samples, text);
     log_info("job %llu: checkpoint %llu, %.0f s old, holds %s; it was read in %.2f s",
              (unsigned long long)record->job, (unsigned long long)load->info.generation,
-             fmax(0, wall_time() - load->info.written), text, seconds);
+             fmax(0, clock_wall() - load->info.written), text, seconds);
 }
 
 static void load_film(checkpointer_t *checkpointer, job_t *job)
@@ -303,7 +295,7 @@ static result_t write_snapshot(checkpointer_t *checkpointer, checkpoint_info_t *
     film_store_t *films = checkpointer->options.films;
     checkpoint_cost_t cost;
     info->generation = film_store_next(films, info->record.job);
-    info->written = wall_time();
+    info->written = clock_wall();
     char *path = film_store_path(films, info->record.job, info->generation);
     double start = clock_now();
     result_t result = farm_sync(checkpointer->options.farm);
@@ -418,10 +410,7 @@ static void *checkpointer_run(void *argument)
         farm_settle(checkpointer->options.farm);
         int wait_ms = 1 + (int)(1000 * save_films(checkpointer));
         if (check_scene(checkpointer)) wait_ms = 0;
-        struct pollfd wait = {.fd = checkpointer->options.checkpoint_wake, .events = POLLIN};
-        uint64_t count;
-        if (poll(&wait, 1, wait_ms) > 0 && read(wait.fd, &count, sizeof count) < 0)
-            log_debug("the checkpointer is woken in vain");
+        wake_wait(checkpointer->options.checkpoint_wake, wait_ms);
     }
     save_all(checkpointer);
     return NULL;
@@ -448,9 +437,7 @@ void checkpointer_finish(checkpointer_t *checkpointer)
 {
     if (checkpointer == NULL || checkpointer->finished) return;
     atomic_store(&checkpointer->stop, true);
-    uint64_t one = 1;
-    if (write(checkpointer->options.checkpoint_wake, &one, sizeof one) < 0)
-        log_debug("the checkpointer is awake already");
+    wake_up(checkpointer->options.checkpoint_wake);
     pthread_join(checkpointer->thread, NULL);
     checkpointer->finished = true;
 }

@@ -8,11 +8,11 @@
 #include "master/threads/image_writer.h"
 
 #include "common/film/picture.h"
+#include "common/wake.h"
 
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
-#include <poll.h>
 #include <pthread.h>
 #include <sodium.h>
 #include <stdatomic.h>
@@ -53,12 +53,6 @@ struct image_writer {
     answer_t answers[IMAGE_WRITER_MAX_WAITING];
     size_t answer_count;
 };
-
-static void wake(int descriptor)
-{
-    uint64_t one = 1;
-    if (write(descriptor, &one, sizeof one) < 0) return; /* full: it is awake already */
-}
 
 char *image_writer_image_path(const char *data_dir, uint64_t job)
 {
@@ -275,7 +269,7 @@ static void answer_request(image_writer_t *image_writer, const image_request_t *
     pthread_mutex_lock(&image_writer->lock);
     image_writer->answers[image_writer->answer_count++] = answer;
     pthread_mutex_unlock(&image_writer->lock);
-    wake(image_writer->options.answer_wake);
+    wake_up(image_writer->options.answer_wake);
 }
 
 /* The next request, as long as there is room for its answer. */
@@ -304,10 +298,7 @@ static void *image_writer_run(void *argument)
     image_writer_t *image_writer = argument;
     prctl(PR_SET_NAME, "lm-image_writer");
     while (!atomic_load(&image_writer->stop)) {
-        struct pollfd wait = {.fd = image_writer->options.image_wake, .events = POLLIN};
-        uint64_t count;
-        if (poll(&wait, 1, 1000) > 0 && read(image_writer->options.image_wake, &count, sizeof count) < 0)
-            continue;
+        wake_wait(image_writer->options.image_wake, 1000);
         serve_finished(image_writer);
         for (image_request_t request;
              !atomic_load(&image_writer->stop) && next_request(image_writer, &request);) {
@@ -376,7 +367,7 @@ void image_writer_stop(image_writer_t **out)
     image_writer_t *image_writer = *out;
     if (image_writer == NULL) return;
     atomic_store(&image_writer->stop, true);
-    wake(image_writer->options.image_wake);
+    wake_up(image_writer->options.image_wake);
     pthread_join(image_writer->thread, NULL);
     for (size_t i = 0; i < IMAGE_WRITER_MAX_SNAPSHOTS; i++) snapshot_drop(&image_writer->snapshots[i]);
     pthread_mutex_destroy(&image_writer->lock);
@@ -392,7 +383,7 @@ result_t image_writer_ask(image_writer_t *image_writer, const image_request_t *r
     if (room) image_writer->waiting[image_writer->waiting_count++] = *request;
     pthread_mutex_unlock(&image_writer->lock);
     if (!room) return result_fail(RESULT_LIMIT, "%d images are asked for already", IMAGE_WRITER_MAX_WAITING);
-    wake(image_writer->options.image_wake);
+    wake_up(image_writer->options.image_wake);
     return result_ok();
 }
 
@@ -410,7 +401,7 @@ bool image_writer_next_answer(image_writer_t *image_writer, image_request_t *req
                 image_writer->answer_count * sizeof *image_writer->answers);
     }
     pthread_mutex_unlock(&image_writer->lock);
-    if (found) wake(image_writer->options.image_wake); /* there is room for an answer again */
+    if (found) wake_up(image_writer->options.image_wake); /* there is room for an answer again */
     return found;
 }
 

@@ -9,18 +9,17 @@
  * deleted again, and not a film without a job, which would be taken for one that the journal has lost. */
 #include "master/threads/journal_writer.h"
 
+#include "common/wake.h"
 #include "master/threads/image_writer.h"
 
 #include <assert.h>
 #include <errno.h>
-#include <poll.h>
 #include <pthread.h>
 #include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/prctl.h>
-#include <time.h>
 #include <unistd.h>
 
 enum {
@@ -47,19 +46,6 @@ struct journal_writer {
     double retry_at;  /* seconds; after a failure */
     double warned_at; /* seconds, when the last failure was complained of; 0: none since the last success */
 };
-
-static void wake(int descriptor)
-{
-    uint64_t one = 1;
-    if (write(descriptor, &one, sizeof one) < 0) return; /* full: it is awake already */
-}
-
-static double wall_time(void)
-{
-    struct timespec now;
-    clock_gettime(CLOCK_REALTIME, &now);
-    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
-}
 
 /* ---- records ------------------------------------------------------------------------------------------- */
 
@@ -138,7 +124,7 @@ static result_t submit(journal_writer_t *journal_writer, const journal_writer_re
                            .settings = request->settings,
                            .blob = request->blob,
                            .state = JOB_QUEUED,
-                           .submitted = wall_time()};
+                           .submitted = clock_wall()};
     /* From now on the blob does not go to make room. */
     blob_store_need(journal_writer->options.store, &record.blob, record.job, true);
     result_t result = result_ok();
@@ -224,7 +210,7 @@ static void serve(journal_writer_t *journal_writer, const journal_writer_request
     pthread_mutex_lock(&journal_writer->lock);
     journal_writer->answers[journal_writer->answer_count++] = answer;
     pthread_mutex_unlock(&journal_writer->lock);
-    wake(journal_writer->options.answer_wake);
+    wake_up(journal_writer->options.answer_wake);
 }
 
 /* The next request, as long as there is room for its answer. */
@@ -248,10 +234,7 @@ static void *journal_writer_run(void *argument)
     journal_writer_t *journal_writer = argument;
     prctl(PR_SET_NAME, "lm-journal_writer");
     while (!atomic_load(&journal_writer->stop)) {
-        struct pollfd wait = {.fd = journal_writer->options.journal_writer_wake, .events = POLLIN};
-        uint64_t count;
-        if (poll(&wait, 1, POLL_MS) > 0 && read(wait.fd, &count, sizeof count) < 0)
-            log_debug("the journal_writer is woken in vain");
+        wake_wait(journal_writer->options.journal_writer_wake, POLL_MS);
         for (journal_writer_request_t request; next_request(journal_writer, &request);)
             serve(journal_writer, &request);
         if (clock_now() >= journal_writer->retry_at) save_changes(journal_writer);
@@ -297,7 +280,7 @@ void journal_writer_stop(journal_writer_t **out)
     journal_writer_t *journal_writer = *out;
     if (journal_writer == NULL) return;
     atomic_store(&journal_writer->stop, true);
-    wake(journal_writer->options.journal_writer_wake);
+    wake_up(journal_writer->options.journal_writer_wake);
     pthread_join(journal_writer->thread, NULL);
     free_journal_writer(journal_writer);
     *out = NULL;
@@ -312,7 +295,7 @@ result_t journal_writer_ask(journal_writer_t *journal_writer, const journal_writ
     if (!room)
         return result_fail(RESULT_LIMIT, "%d orders wait to be written down already: try again",
                            JOURNAL_WRITER_MAX_WAITING);
-    wake(journal_writer->options.journal_writer_wake);
+    wake_up(journal_writer->options.journal_writer_wake);
     return result_ok();
 }
 
@@ -327,6 +310,6 @@ bool journal_writer_next_answer(journal_writer_t *journal_writer, journal_writer
                 journal_writer->answer_count * sizeof *journal_writer->answers);
     }
     pthread_mutex_unlock(&journal_writer->lock);
-    if (found) wake(journal_writer->options.journal_writer_wake); /* there is room for an answer again */
+    if (found) wake_up(journal_writer->options.journal_writer_wake); /* there is room for an answer again */
     return found;
 }

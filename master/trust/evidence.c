@@ -131,7 +131,7 @@ static void keep_it(farm_t *farm, job_t *job, const batch_t *batch, trust_keep_t
     farm->trust->spooled = true;
     if (source->condemned >= keep->joined) { /* found out meanwhile */
         evidence->state = EVIDENCE_WRONG;
-        farm_wake(farm->options.checkpoint_wake);
+        wake_up(farm->options.checkpoint_wake);
     }
     add(checks, *evidence);
     if (!evidence->checked || evidence->state == EVIDENCE_WRONG) return;
@@ -195,7 +195,7 @@ void evidence_vouch(farm_t *farm, job_t *job, size_t source, uint64_t clock)
         evidence->state = EVIDENCE_NEEDLESS;
         checks->sources[source].unvouched--;
     }
-    farm_wake(farm->options.checkpoint_wake);
+    wake_up(farm->options.checkpoint_wake);
 }
 
 static bool is_connected(const farm_t *farm, uint64_t source)
@@ -269,7 +269,7 @@ void evidence_condemn(farm_t *farm, double now, uint64_t id)
         size_t source = checks != NULL ? id_table_find(&checks->by_id, id) : SIZE_MAX;
         if (source != SIZE_MAX) condemn(farm, now, farm->jobs[j], source);
     }
-    farm_wake(farm->options.checkpoint_wake);
+    wake_up(farm->options.checkpoint_wake);
 }
 
 /* ---- checkpoints, and coming back ---------------------------------------------------------------------- */

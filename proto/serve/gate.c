@@ -11,15 +11,15 @@
  * believes only on sockets with CURVE), and the servers ask at every message what the key may do now. */
 #include "proto/serve/gate.h"
 
+#include "common/wake.h"
+
 #include <errno.h>
 #include <fcntl.h>
-#include <poll.h>
 #include <pthread.h>
 #include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/eventfd.h>
 #include <sys/prctl.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -166,7 +166,7 @@ void gate_reload(gate_t *gate)
 {
     if (gate == NULL || !gate->keys) return;
     atomic_store(&gate->reload, true);
-    eventfd_write(gate->wake, 1);
+    wake_up(gate->wake);
 }
 
 /* ---- setting up ---------------------------------------------------------------------------------------- */
@@ -176,8 +176,7 @@ static result_t open_zap(gate_t *gate)
     int linger = 0;
     if (!zmq_has("curve"))
         return result_fail(RESULT_IO, "this libzmq cannot encrypt: it was built without CURVE");
-    gate->wake = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
-    if (gate->wake < 0) return result_fail(RESULT_LIMIT, "cannot make an eventfd: %s", strerror(errno));
+    TRY(wake_new(&gate->wake));
     gate->zap = zmq_socket(gate->context, ZMQ_REP);
     if (gate->zap != NULL) zmq_setsockopt(gate->zap, ZMQ_LINGER, &linger, sizeof linger);
     if (gate->zap != NULL && zmq_bind(gate->zap, ZAP_ENDPOINT) == 0) return result_ok();
@@ -333,8 +332,7 @@ static void wait_events(gate_t *gate)
         items[2 + i] =
             (zmq_pollitem_t){.socket = handshakes_socket(gate->handshakes[i]), .events = ZMQ_POLLIN};
     zmq_poll(items, 2 + gate->sockets, LOOK_MS);
-    eventfd_t count;
-    if (items[1].revents != 0) eventfd_read(gate->wake, &count);
+    if (items[1].revents != 0) wake_clear(gate->wake);
 }
 
 static void *gate_run(void *argument)
@@ -397,11 +395,11 @@ void gate_stop(gate_t **out)
     gate_t *gate = *out;
     if (gate == NULL) return;
     atomic_store(&gate->stop, true);
-    if (gate->wake >= 0) eventfd_write(gate->wake, 1);
+    wake_up(gate->wake);
     if (gate->started) pthread_join(gate->thread, NULL);
     for (int i = 0; i < gate->sockets; i++) handshakes_destroy(&gate->handshakes[i]);
     if (gate->zap != NULL) zmq_close(gate->zap);
-    if (gate->wake >= 0) close(gate->wake);
+    wake_close(gate->wake);
     key_pair_forget(&gate->pair);
     allow_list_free(&gate->list);
     pthread_mutex_destroy(&gate->lock);

@@ -4,12 +4,13 @@
  * bounded from outside (grants.h). */
 #include "proto/serve/merge_pool.h"
 
+#include "common/wake.h"
+
 #include <pthread.h>
 #include <sched.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/prctl.h>
-#include <unistd.h>
 
 enum { MAX_THREADS = 64 };
 
@@ -94,8 +95,7 @@ static void *merge_pool_run(void *argument)
         pthread_mutex_lock(&pool->lock);
         list_put(&pool->done, task);
         pthread_mutex_unlock(&pool->lock);
-        uint64_t one = 1;
-        if (write(pool->options.wake, &one, sizeof one) < 0) log_debug("the bulk thread is awake already");
+        wake_up(pool->options.wake);
     }
     return NULL;
 }

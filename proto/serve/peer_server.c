@@ -1,6 +1,7 @@
 /* peer_server: see peer_server.h. */
 #include "proto/serve/peer_server.h"
 
+#include "common/wake.h"
 #include "proto/serve/complaint.h"
 #include "proto/serve/rate_limit.h"
 
@@ -10,7 +11,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/eventfd.h>
 
 enum {
     PEER_RATE = 2000,  /* messages a second from one connection, */
@@ -211,9 +211,8 @@ static void wait_events(peer_server_t *server, bool more)
     const peer_server_options_t *options = &server->options;
     zmq_pollitem_t items[] = {{.socket = options->socket, .events = ZMQ_POLLIN},
                               {.fd = options->wake, .events = ZMQ_POLLIN}};
-    eventfd_t count;
     zmq_poll(items, (int)ARRAY_LENGTH(items), more ? 0 : options->turn_ms);
-    if (items[1].revents != 0) eventfd_read(options->wake, &count);
+    if (items[1].revents != 0) wake_clear(options->wake);
 }
 
 static void *peer_server_run(void *argument)
@@ -272,7 +271,7 @@ void peer_server_stop(peer_server_t **out)
     peer_server_t *server = *out;
     if (server == NULL) return;
     atomic_store(&server->stop, true);
-    eventfd_write(server->options.wake, 1);
+    wake_up(server->options.wake);
     pthread_join(server->thread, NULL);
     server_free(server);
     *out = NULL;

@@ -26,6 +26,7 @@
  */
 #include "proto/uplink/bulk.h"
 
+#include "common/wake.h"
 #include "proto/uplink/blob_cache.h"
 #include "proto/uplink/link.h"
 #include "proto/wire/wire.h"
@@ -34,7 +35,6 @@
 #include <stdatomic.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/eventfd.h>
 
 enum { CHUNK_BYTES = 1 << 20, CHUNK_WINDOW = 4, DOWNLOAD_ATTEMPTS = 3 };
 static const double BATCH_BYTES_PER_SECOND = 2e5; /* the slowest uplink that is waited for */
@@ -77,7 +77,7 @@ static void set_book(bulk_t *bulk, const char *endpoint, uint64_t worker, double
     bulk->book.batch_interval = batch_interval;
     bulk->book.changes++;
     pthread_mutex_unlock(&bulk->lock);
-    eventfd_write(bulk->options.wake, 1);
+    wake_up(bulk->options.wake);
 }
 
 void bulk_link_up(bulk_t *bulk, const char *endpoint, uint64_t worker, double batch_interval)
@@ -558,7 +558,7 @@ void bulk_stop(bulk_t **bulk_pointer)
     bulk_t *bulk = *bulk_pointer;
     if (bulk == NULL) return;
     atomic_store(&bulk->quit, true);
-    eventfd_write(bulk->options.wake, 1);
+    wake_up(bulk->options.wake);
     pthread_join(bulk->thread, NULL);
     blob_cache_destroy(&bulk->cache);
     pthread_mutex_destroy(&bulk->lock);

@@ -25,9 +25,10 @@
  */
 #include "proto/uplink/control_state.h"
 
+#include "common/wake.h"
+
 #include <stdio.h>
 #include <stdlib.h>
-#include <sys/eventfd.h>
 #include <unistd.h>
 
 static const double MAX_BACKOFF = 10.0;     /* seconds between Hellos */
@@ -198,10 +199,7 @@ static void wait_events(control_t *control)
     if (control->phase == PHASE_UP && control->next_heartbeat - clock_now() < wait)
         wait = control->next_heartbeat - clock_now();
     zmq_poll(items, control->socket ? 2 : 1, wait > 0 ? (long)(1e3 * wait) + 1 : 0);
-    if (items[0].revents & ZMQ_POLLIN) {
-        eventfd_t count;
-        eventfd_read(control->setup.wake, &count);
-    }
+    if (items[0].revents & ZMQ_POLLIN) wake_clear(control->setup.wake);
 }
 
 /* ---- leaving ------------------------------------------------------------------------------------------ */

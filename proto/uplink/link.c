@@ -1,12 +1,12 @@
 /* link: see link.h. */
 #include "proto/uplink/link.h"
 
+#include "common/wake.h"
 #include "proto/wire/wire.h"
 
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/eventfd.h>
 
 static const double REOPEN_INTERVAL = 0.25; /* seconds between sockets, when a connection breaks at once */
 
@@ -113,9 +113,7 @@ void link_wait(link_t *link, int wake, double seconds)
             items[count++] = (zmq_pollitem_t){.socket = link->monitor, .events = ZMQ_POLLIN};
     }
     zmq_poll(items, count, seconds > 0 ? (long)(1e3 * seconds) + 1 : 0);
-    if (!(items[0].revents & ZMQ_POLLIN)) return;
-    eventfd_t value;
-    eventfd_read(wake, &value);
+    if (items[0].revents & ZMQ_POLLIN) wake_clear(wake);
 }
 
 void link_close(link_t *link)
