@@ -417,11 +417,6 @@ bool schedule_available(const schedule_t *s)
     return s->tiles[s->heap[0]].key != NONE_FREE;
 }
 
-bool schedule_complete(const schedule_t *s)
-{
-    return !job_is_planned(&s->settings) && schedule_round_counted(s);
-}
-
 size_t schedule_held(const schedule_t *s, uint64_t worker)
 {
     const holder_t *holder = holder_find(s, worker);
@@ -490,9 +485,4 @@ void schedule_show_samples(const job_settings_t *settings, const uint32_t *tile_
             for (int x = rect.x0; x < rect.x1; x++)
                 samples[(size_t)y * (size_t)settings->width + (size_t)x] = (float)tile_samples[t];
     }
-}
-
-size_t schedule_spans(const schedule_t *s)
-{
-    return s->span_count;
 }

@@ -49,9 +49,6 @@ size_t schedule_release(schedule_t *schedule, uint64_t worker);
 
 /* True while there are free samples. */
 bool schedule_available(const schedule_t *schedule);
-/* True when every sample that the job can ask for is counted or skipped. Never of a planned job: when
- * schedule_round_counted is true, plan_next says whether it is over. */
-bool schedule_complete(const schedule_t *schedule);
 /* Units that a worker holds. */
 size_t schedule_held(const schedule_t *schedule, uint64_t worker);
 /* Workers that hold units; the farm itself is none. */
@@ -59,8 +56,6 @@ size_t schedule_holders(const schedule_t *schedule);
 /* Pixel samples counted, and wanted in all: of a planned job at most. 0 when spp does not end the job. */
 uint64_t schedule_done(const schedule_t *schedule);
 uint64_t schedule_total(const schedule_t *schedule);
-/* The number of sample ranges in memory: it stays near the number of tiles plus that of units out. */
-size_t schedule_spans(const schedule_t *schedule);
 
 /* ---- rounds (plan.h) ---- */
 

@@ -42,8 +42,8 @@ struct schedule {
     holder_t *holders;
     size_t holder_count, vacant; /* `vacant`: an entry that had none left lately */
     id_table_t by_worker;        /* indices of holders */
-    size_t span_count;
-    uint64_t open;                  /* pixel samples of all rounds */
+    size_t span_count;           /* of all tiles: it stays near the number of tiles plus that of units out */
+    uint64_t open;               /* pixel samples of all rounds */
     uint64_t counted, skipped, out; /* of them; the rest is free */
     uint64_t issued, returned;      /* since the job began */
 };

@@ -52,7 +52,7 @@ static void a_planned_job_begins_without_a_round(void **state)
     assert_null(schedule_round_ends(schedule));
     assert_null(schedule_round_weights(schedule));
     assert_true(schedule_round_counted(schedule));
-    assert_false(schedule_complete(schedule) || schedule_available(schedule));
+    assert_false(schedule_available(schedule));
     assert_int_equal(schedule_take(schedule, &(schedule_wish_t){1, 1000, 100, 1, 1}, &unit, 1), 0);
     assert_false(schedule_issue(schedule, 1, &(unit_t){0, 0, 1}));
     assert_int_equal(schedule_accept(schedule, &(unit_t){0, 0, 1}, 1).code, RESULT_MISMATCH);
@@ -120,24 +120,23 @@ static void a_plain_job_is_extended(void **state)
     schedule_t *schedule = schedule_new(&settings);
     for (uint32_t t = 0; t < TILES; t++)
         assert_int_equal(schedule_accept(schedule, &(unit_t){t, 0, 4}, 1).code, RESULT_OK);
-    assert_true(schedule_complete(schedule));
+    assert_true(schedule_round_counted(schedule));
     settings.spp = 9;
     schedule_extend(schedule, &settings);
-    assert_false(schedule_complete(schedule));
+    assert_false(schedule_round_counted(schedule));
     assert_true(schedule_available(schedule));
     assert_int_equal(schedule_round_count(schedule), 1);
     assert_int_equal(schedule_total(schedule), 70 * 40 * 9);
     for (uint32_t t = 0; t < TILES; t++)
         assert_int_equal(schedule_accept(schedule, &(unit_t){t, 4, 5}, 1).code, RESULT_OK);
-    assert_true(schedule_complete(schedule));
+    assert_true(schedule_round_counted(schedule));
     settings.spp = 7; /* too late */
     schedule_extend(schedule, &settings);
     assert_int_equal(settings.spp, 9);
-    assert_true(schedule_complete(schedule));
+    assert_true(schedule_round_counted(schedule));
     /* Now to an error: what there is counts as a round. */
     settings.error = 0.1;
     schedule_extend(schedule, &settings);
-    assert_false(schedule_complete(schedule));
     assert_true(schedule_round_counted(schedule));
     assert_int_equal(schedule_round_ends(schedule)[0], 9);
     const uint32_t ends[TILES] = {12, 12, 12, 12, 12, 12};
@@ -149,10 +148,10 @@ static void a_plain_job_is_extended(void **state)
     schedule_extend(schedule, &settings);
     assert_int_equal(schedule_round_count(schedule), 2);
     assert_int_equal(schedule_round_ends(schedule)[5], 10);
-    assert_false(schedule_complete(schedule));
+    assert_false(schedule_round_counted(schedule));
     for (uint32_t t = 0; t < TILES; t++)
         assert_int_equal(schedule_accept(schedule, &(unit_t){t, 9, 1}, 1).code, RESULT_OK);
-    assert_true(schedule_complete(schedule));
+    assert_true(schedule_round_counted(schedule));
     schedule_destroy(&schedule);
 }
 
@@ -194,11 +193,11 @@ static void the_farm_keeps_and_leaves_out_units(void **state)
     schedule_skip(schedule, &suspect); /* nothing of it is free */
     assert_int_equal(schedule_account(schedule).skipped, 0);
     assert_int_equal(schedule_release(schedule, 0), 1);
-    assert_false(schedule_complete(schedule));
+    assert_false(schedule_round_counted(schedule));
     schedule_skip(schedule, &(unit_t){2, 1, 3}); /* sample 3 is counted */
     schedule_skip(schedule, &suspect);
     assert_int_equal(schedule_account(schedule).skipped, 3 * job_tile_pixels(&settings, 2));
-    assert_true(schedule_complete(schedule));
+    assert_true(schedule_round_counted(schedule));
     assert_int_equal(schedule_accept(schedule, &suspect, 1).code, RESULT_MISMATCH);
     float *samples = mem_zalloc((size_t)70 * 40, sizeof *samples);
     uint32_t tile_samples[64];
