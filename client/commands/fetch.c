@@ -5,7 +5,7 @@
 #include "client/scene/settings.h"
 
 typedef struct {
-    master_option_t master;
+    master_option_t master; /* first: see begin */
     output_t output;
     bool wait, quiet;
 } values_t;
@@ -15,11 +15,6 @@ static const option_t rows[] = {
     OPTION(values_t, quiet, "quiet", NULL, "no progress"),
 };
 static const option_group_t fetch_options = OPTION_GROUP(NULL, rows);
-
-static void begin(void *data)
-{
-    ((values_t *)data)->master = master_option_default();
-}
 
 /* The image as it is. */
 static result_t fetch_now(const values_t *values, remote_t *remote, uint64_t job)
@@ -53,5 +48,5 @@ const command_t fetch_command = {.name = "lightmill fetch",
                                             {&output_options, offsetof(values_t, output)},
                                             MASTER_GROUPS(values_t, master)},
                                  .size = sizeof(values_t),
-                                 .begin = begin,
+                                 .begin = master_option_begin,
                                  .run = run};

@@ -17,11 +17,6 @@ static result_t send_order(const master_option_t *master, const job_order_t *ord
     return result;
 }
 
-static void begin_with_master(void *data)
-{
-    *(master_option_t *)data = master_option_default();
-}
-
 /* ---- one word, many jobs ------------------------------------------------------------------------------- */
 
 static result_t order_jobs(remote_t *remote, order_kind_t kind, const call_t *call)
@@ -63,7 +58,7 @@ static result_t run_order(order_kind_t kind, const call_t *call)
         .about = about_,                                                                                     \
         .groups = {{&master_options, 0}, {&dial_options, offsetof(master_option_t, dial)}},                  \
         .size = sizeof(master_option_t),                                                                     \
-        .begin = begin_with_master,                                                                          \
+        .begin = master_option_begin,                                                                        \
         .run = run_##word}
 
 ORDER_COMMAND(
@@ -102,7 +97,7 @@ const command_t priority_command = {
         "New jobs have 0; N is from -1000 to 1000.",
     .groups = {{&master_options, 0}, {&dial_options, offsetof(master_option_t, dial)}},
     .size = sizeof(master_option_t),
-    .begin = begin_with_master,
+    .begin = master_option_begin,
     .run = run_priority};
 static_assert(JOB_MAX_PRIORITY == 1000, "the help of priority names the range");
 
@@ -158,5 +153,5 @@ const command_t extend_command = {
                {&output_options, offsetof(extend_t, output)},
                MASTER_GROUPS(extend_t, master)},
     .size = sizeof(extend_t),
-    .begin = begin_with_master, /* the first member */
+    .begin = master_option_begin, /* the first member */
     .run = run_extend};

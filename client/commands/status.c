@@ -13,7 +13,7 @@
 #include <time.h>
 
 typedef struct {
-    master_option_t master;
+    master_option_t master; /* first: see begin */
     bool json, workers;
 } values_t;
 
@@ -22,11 +22,6 @@ static const option_t rows[] = {
     OPTION(values_t, json, "json", NULL, "for programs: one JSON object, {\"workers\": N, \"jobs\": [...]}"),
 };
 static const option_group_t status_options = OPTION_GROUP(NULL, rows);
-
-static void begin(void *data)
-{
-    ((values_t *)data)->master = master_option_default();
-}
 
 /* ---- JSON ---------------------------------------------------------------------------------------------- */
 
@@ -328,5 +323,5 @@ const command_t status_command = {.name = "lightmill status",
                                   .about = "What a master is doing: its jobs, or all that is known of one.",
                                   .groups = {{&status_options, 0}, MASTER_GROUPS(values_t, master)},
                                   .size = sizeof(values_t),
-                                  .begin = begin,
+                                  .begin = master_option_begin,
                                   .run = run};

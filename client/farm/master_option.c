@@ -16,6 +16,11 @@ master_option_t master_option_default(void)
     return (master_option_t){.timeout = REMOTE_DEFAULT_TIMEOUT, .dial.role = "client"};
 }
 
+void master_option_begin(void *values)
+{
+    *(master_option_t *)values = master_option_default();
+}
+
 result_t master_connect(const master_option_t *master, remote_t **remote)
 {
     dial_keys_t keys;

@@ -19,6 +19,8 @@ extern const option_group_t master_options;
     }
 
 master_option_t master_option_default(void);
+/* The `begin` of a command whose values begin with a master_option_t. */
+void master_option_begin(void *values);
 /* Opens the connection; on failure *remote is NULL. */
 result_t master_connect(const master_option_t *master, remote_t **remote);
 
