@@ -193,35 +193,23 @@ static inline void join_planes(const payload_reader_t *reader, int64_t *restrict
     }
 }
 
+#define JOIN_CASE(planes)                                                                                    \
+    case planes:                                                                                             \
+        join_planes(reader, values, count, planes);                                                          \
+        break;
+
 static void join(const payload_reader_t *reader, int64_t *values, size_t count)
 {
     switch (reader->plane_count) {
-    case 0:
-        memset(values, 0, count * sizeof *values);
-        break;
-    case 1:
-        join_planes(reader, values, count, 1);
-        break;
-    case 2:
-        join_planes(reader, values, count, 2);
-        break;
-    case 3:
-        join_planes(reader, values, count, 3);
-        break;
-    case 4:
-        join_planes(reader, values, count, 4);
-        break;
-    case 5:
-        join_planes(reader, values, count, 5);
-        break;
-    case 6:
-        join_planes(reader, values, count, 6);
-        break;
-    case 7:
-        join_planes(reader, values, count, 7);
-        break;
-    default:
-        join_planes(reader, values, count, PLANES);
+        JOIN_CASE(0)
+        JOIN_CASE(1)
+        JOIN_CASE(2)
+        JOIN_CASE(3)
+        JOIN_CASE(4)
+        JOIN_CASE(5)
+        JOIN_CASE(6)
+        JOIN_CASE(7)
+        JOIN_CASE(PLANES)
     }
 }
 
