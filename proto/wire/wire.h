@@ -140,15 +140,15 @@ ProtobufCAllocator wire_allocator(size_t *budget);
 /* Settings, units and counts to and from their messages. From a message everything is checked
  * (job_settings_check, job_unit_valid, WIRE_MAX_UNITS); the message of a failure says which field is wrong.
  */
-void wire_settings_put(const job_settings_t *settings, Lm__Settings *message);
-result_t wire_settings_get(const Lm__Settings *message, job_settings_t *settings);
+void wire_settings_put(const job_settings_t *from, Lm__Settings *to);
+result_t wire_settings_get(const Lm__Settings *from, job_settings_t *to);
 /* `name` is not part of the message; a missing message gives the defaults. */
-void wire_terms_put(const job_terms_t *terms, Lm__Terms *message);
-result_t wire_terms_get(const Lm__Terms *message, const char *name, job_terms_t *terms);
-void wire_order_put(const job_order_t *order, Lm__JobOrder *message);
-result_t wire_order_get(const Lm__JobOrder *message, job_order_t *order);
-void wire_counts_put(const film_counts_t *counts, Lm__Counts *message);
-void wire_counts_get(const Lm__Counts *message, film_counts_t *counts);
+void wire_terms_put(const job_terms_t *from, Lm__Terms *to);
+result_t wire_terms_get(const Lm__Terms *from, const char *name, job_terms_t *to);
+void wire_order_put(const job_order_t *from, Lm__JobOrder *to);
+result_t wire_order_get(const Lm__JobOrder *from, job_order_t *to);
+void wire_counts_put(const film_counts_t *from, Lm__Counts *to);
+void wire_counts_get(const Lm__Counts *from, film_counts_t *to);
 /* The array of messages for `count` units, in one piece of memory that the caller frees with free(); NULL for
  * none. */
 Lm__Unit **wire_units_new(const unit_t *units, size_t count);

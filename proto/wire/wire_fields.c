@@ -41,8 +41,9 @@ const char *wire_rights_name(unsigned rights)
 
 /* ---- settings, units, counts, hashes ------------------------------------------------------------------- */
 
-/* Fields that a message and a type of ours call by the same name, for a macro that is told each. */
-#define SMALL_SETTINGS(FIELD) /* here an int or an enum, in the message a uint32 */                          \
+/* Fields that a message and a type of ours call by the same name, for a macro that is told each. The small
+ * settings are an int or an enum here, and a uint32 in the message. */
+#define SMALL_SETTINGS(FIELD)                                                                                \
     FIELD(integrator)                                                                                        \
     FIELD(sampler)                                                                                           \
     FIELD(width)                                                                                             \
@@ -50,97 +51,78 @@ const char *wire_rights_name(unsigned rights)
 #define SETTINGS(FIELD)                                                                                      \
     SMALL_SETTINGS(FIELD)                                                                                    \
     FIELD(seed) FIELD(spp) FIELD(time_limit) FIELD(features) FIELD(unweighted) FIELD(error) FIELD(adaptive)
+#define TERMS(FIELD) FIELD(priority) FIELD(verify) FIELD(mixed)
+#define ORDER(FIELD) FIELD(job) FIELD(kind) FIELD(priority) FIELD(spp) FIELD(error) FIELD(time_limit)
+#define COUNTS(FIELD) FIELD(dropped) FIELD(overflows) FIELD(rays) FIELD(cpu_us)
+#define COPY(field) to->field = (typeof(to->field))from->field;
 
-void wire_settings_put(const job_settings_t *settings, Lm__Settings *message)
+void wire_settings_put(const job_settings_t *from, Lm__Settings *to)
 {
-#define PUT(field) message->field = (typeof(message->field))settings->field;
-    SETTINGS(PUT)
-#undef PUT
+    SETTINGS(COPY);
 }
 
-result_t wire_settings_get(const Lm__Settings *message, job_settings_t *settings)
+result_t wire_settings_get(const Lm__Settings *from, job_settings_t *to)
 {
-    if (message == NULL) return result_fail(RESULT_PROTOCOL, "a message without settings");
+    if (from == NULL) return result_fail(RESULT_PROTOCOL, "a message without settings");
 #define CHECK(field)                                                                                         \
-    if (message->field > INT32_MAX)                                                                          \
-        return result_fail(RESULT_PROTOCOL, #field " is %u, out of all bounds", message->field);
+    if (from->field > INT32_MAX)                                                                             \
+        return result_fail(RESULT_PROTOCOL, #field " is %u, out of all bounds", from->field);
     SMALL_SETTINGS(CHECK)
 #undef CHECK
-#define GET(field) .field = (typeof(settings->field))message->field,
-    *settings = (job_settings_t){SETTINGS(GET)};
-#undef GET
-    return job_settings_check(settings);
+    *to = (job_settings_t){0};
+    SETTINGS(COPY);
+    return job_settings_check(to);
 }
 
-void wire_terms_put(const job_terms_t *terms, Lm__Terms *message)
+void wire_terms_put(const job_terms_t *from, Lm__Terms *to)
 {
-    message->priority = terms->priority;
-    message->verify = terms->verify;
-    message->mixed = terms->mixed;
+    TERMS(COPY);
 }
 
-result_t wire_terms_get(const Lm__Terms *message, const char *name, job_terms_t *terms)
+result_t wire_terms_get(const Lm__Terms *from, const char *name, job_terms_t *to)
 {
-    *terms = (job_terms_t){0};
-    snprintf(terms->name, sizeof terms->name, "%s", name);
-    if (message == NULL) return result_ok();
-    terms->priority = message->priority;
-    terms->verify = message->verify;
-    terms->mixed = message->mixed;
-    return job_terms_check(terms);
+    *to = (job_terms_t){0};
+    snprintf(to->name, sizeof to->name, "%s", name);
+    if (from == NULL) return result_ok();
+    TERMS(COPY);
+    return job_terms_check(to);
 }
 
-void wire_order_put(const job_order_t *order, Lm__JobOrder *message)
+void wire_order_put(const job_order_t *from, Lm__JobOrder *to)
 {
-    message->job = order->job;
-    message->kind = (uint32_t)order->kind;
-    message->priority = order->priority;
-    message->spp = order->spp;
-    message->error = order->error;
-    message->time_limit = order->time_limit;
+    ORDER(COPY);
 }
 
-result_t wire_order_get(const Lm__JobOrder *message, job_order_t *order)
+result_t wire_order_get(const Lm__JobOrder *from, job_order_t *to)
 {
-    if (message->kind < ORDER_CANCEL || message->kind > ORDER_EXTEND)
-        return result_fail(RESULT_PROTOCOL, "an order of unknown kind %u", message->kind);
-    *order = (job_order_t){.job = message->job,
-                           .kind = (order_kind_t)message->kind,
-                           .priority = message->priority,
-                           .spp = message->spp,
-                           .error = message->error,
-                           .time_limit = message->time_limit};
-    if (order->spp > JOB_MAX_SPP)
-        return result_fail(RESULT_USAGE, "samples a pixel is %u, must be at most %d", order->spp,
-                           JOB_MAX_SPP);
-    if (!(order->error >= 0 && order->error < 1))
-        return result_fail(RESULT_USAGE, "error is %g, must be 0 (as it was) or below 1", order->error);
-    if (!(order->time_limit >= 0 && order->time_limit <= 1e9))
+    if (from->kind < ORDER_CANCEL || from->kind > ORDER_EXTEND)
+        return result_fail(RESULT_PROTOCOL, "an order of unknown kind %u", from->kind);
+    *to = (job_order_t){0};
+    ORDER(COPY);
+    if (to->spp > JOB_MAX_SPP)
+        return result_fail(RESULT_USAGE, "samples a pixel is %u, must be at most %d", to->spp, JOB_MAX_SPP);
+    if (!(to->error >= 0 && to->error < 1))
+        return result_fail(RESULT_USAGE, "error is %g, must be 0 (as it was) or below 1", to->error);
+    if (!(to->time_limit >= 0 && to->time_limit <= 1e9))
         return result_fail(RESULT_USAGE, "time limit is %g s, must be from 0 (as it was) to 1e9",
-                           order->time_limit);
+                           to->time_limit);
     return result_ok();
 }
 
-void wire_counts_put(const film_counts_t *counts, Lm__Counts *message)
+void wire_counts_put(const film_counts_t *from, Lm__Counts *to)
 {
-    message->light_paths_even = counts->light_paths[0];
-    message->light_paths_odd = counts->light_paths[1];
-    message->dropped = counts->dropped;
-    message->overflows = counts->overflows;
-    message->rays = counts->rays;
-    message->cpu_us = counts->cpu_us;
+    to->light_paths_even = from->light_paths[0];
+    to->light_paths_odd = from->light_paths[1];
+    COUNTS(COPY);
 }
 
-void wire_counts_get(const Lm__Counts *message, film_counts_t *counts)
+void wire_counts_get(const Lm__Counts *from, film_counts_t *to)
 {
-    *counts = (film_counts_t){0};
-    if (message == NULL) return; /* proto3 leaves out a message of zeroes */
-    counts->light_paths[0] = message->light_paths_even;
-    counts->light_paths[1] = message->light_paths_odd;
-    counts->dropped = message->dropped;
-    counts->overflows = message->overflows;
-    counts->rays = message->rays;
-    counts->cpu_us = message->cpu_us;
+    *to = (film_counts_t){0};
+    if (from == NULL) return; /* proto3 leaves out a message of zeroes */
+    to->light_paths[0] = from->light_paths_even;
+    to->light_paths[1] = from->light_paths_odd;
+    COUNTS(COPY);
 }
 
 Lm__Unit **wire_units_new(const unit_t *units, size_t count)
