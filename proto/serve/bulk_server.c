@@ -16,7 +16,8 @@ enum { TURN_MS = 500, MESSAGES_A_TURN = 64 };
 static const double TRIM_INTERVAL = 10; /* seconds */
 
 struct bulk_server {
-    bulk_server_options_t options;
+    server_options_t options;
+    serve_handler_t handler;
     peer_server_t *thread;
     merge_pool_t *pool;
     grants_t *grants;
@@ -33,7 +34,7 @@ result_t bulk_hash_get(const ProtobufCBinaryData *bytes, hash_t *hash)
 
 static result_t take_offer(bulk_server_t *bulk, const wire_message_t *message)
 {
-    const serve_handler_t *handler = &bulk->options.handler;
+    const serve_handler_t *handler = &bulk->handler;
     const Lm__BatchOffer *body = message->envelope->batch_offer;
     batch_offer_t offer = {.identity = peer_identity(message),
                            .request = message->envelope->request,
@@ -60,7 +61,7 @@ static result_t still_wanted(void *context, const batch_offer_t *offer)
 
 static void grant(bulk_server_t *bulk, peer_server_t *server, const batch_offer_t *offer)
 {
-    const serve_handler_t *handler = &bulk->options.handler;
+    const serve_handler_t *handler = &bulk->handler;
     Lm__BatchGrant body = LM__BATCH_GRANT__INIT;
     if (peer_send(server, &offer->identity, offer->request, LM__ENVELOPE__BODY_BATCH_GRANT, &body, NULL))
         handler->calls->granted(handler->self, clock_now(), offer->worker);
@@ -73,7 +74,7 @@ static void send_grants(bulk_server_t *bulk, peer_server_t *server)
 {
     batch_offer_t offer;
     result_t verdict;
-    while (grants_next(bulk->grants, clock_now(), still_wanted, &bulk->options.handler, &offer, &verdict)) {
+    while (grants_next(bulk->grants, clock_now(), still_wanted, &bulk->handler, &offer, &verdict)) {
         if (verdict.code == RESULT_OK)
             grant(bulk, server, &offer);
         else
@@ -173,7 +174,7 @@ static void on_blob_get(void *self, peer_server_t *server, const wire_message_t 
     const Lm__BlobGet *get = message->envelope->blob_get;
     Lm__BlobChunk chunk = LM__BLOB_CHUNK__INIT;
     zmq_msg_t payload;
-    result_t result = read_blob(&((bulk_server_t *)self)->options.handler, get, &chunk.size, &payload);
+    result_t result = read_blob(&((bulk_server_t *)self)->handler, get, &chunk.size, &payload);
     chunk.blob = get->blob;
     chunk.offset = get->offset;
     if (result.code == RESULT_OK)
@@ -208,22 +209,24 @@ static void turn(void *self, peer_server_t *server, bool more)
     trim_memory(bulk);
 }
 
-result_t bulk_server_start(const bulk_server_options_t *options, bulk_server_t **out)
+result_t bulk_server_start(const server_options_t *options, const served_socket_t *served,
+                           bulk_server_t **out)
 {
     bulk_server_t *bulk = mem_zalloc(1, sizeof *bulk);
     bulk->options = *options;
+    bulk->handler = served->handler;
     bulk->grants = grants_new(options->batch_memory > 0 ? options->batch_memory : grants_usual_credit());
     merge_pool_options_t pool = {.merge = add_batch,
-                                 .context = &bulk->options.handler,
+                                 .context = &bulk->handler,
                                  .threads = options->merge_threads,
-                                 .wake = options->wake};
+                                 .wake = options->bulk_wake};
     peer_server_options_t thread = {.name = "bulk",
-                                    .socket = options->socket,
-                                    .gate = options->gate,
-                                    .wake = options->wake,
+                                    .socket = served->socket,
+                                    .gate = served->gate,
+                                    .wake = options->bulk_wake,
                                     .turn_ms = TURN_MS,
                                     .turn_messages = MESSAGES_A_TURN,
-                                    .tables = {{kinds, ARRAY_LENGTH(kinds), turn, bulk}, options->more}};
+                                    .tables = {{kinds, ARRAY_LENGTH(kinds), turn, bulk}, served->more}};
     result_t result = merge_pool_start(&pool, &bulk->pool);
     if (result.code == RESULT_OK) result = peer_server_start(&thread, &bulk->thread);
     if (result.code != RESULT_OK) bulk_server_stop(&bulk);

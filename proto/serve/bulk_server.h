@@ -7,19 +7,9 @@
 
 typedef struct bulk_server bulk_server_t;
 
-typedef struct {
-    serve_handler_t handler;
-    message_table_t more; /* what this program is asked beside */
-    void *socket;         /* a bound ROUTER; closed by the server's thread */
-    gate_t *gate;         /* kept by the caller; NULL: everybody may do everything */
-    int wake;             /* eventfd, written when a batch is added or may be granted, or for `more` */
-    uint64_t
-        batch_memory;  /* bytes for batches that are under way or wait to be added; 0: grants_usual_credit */
-    int merge_threads; /* 0: one for each core */
-} bulk_server_options_t;
-
 /* Starts the threads; on failure the socket is still the caller's. */
-result_t bulk_server_start(const bulk_server_options_t *options, bulk_server_t **server);
+result_t bulk_server_start(const server_options_t *options, const served_socket_t *served,
+                           bulk_server_t **server);
 /* Ends the threads, closes the socket and sets *server to NULL. */
 void bulk_server_stop(bulk_server_t **server);
 

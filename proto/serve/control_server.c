@@ -12,12 +12,19 @@ enum {
 };
 
 struct control_server {
-    control_server_options_t options;
+    server_options_t options;
+    serve_handler_t handler;
+    uint32_t bulk_port;
     peer_server_t *thread;
     char software[64];
     unit_t *units; /* room for one assignment */
     double last_tick;
 };
+
+static const char *program(const server_options_t *options)
+{
+    return options->gate.relay ? "relay" : "master";
+}
 
 static uint32_t milliseconds(double seconds)
 {
@@ -29,7 +36,7 @@ static uint32_t milliseconds(double seconds)
 static result_t admit(control_server_t *control, const wire_message_t *message, uint64_t *worker)
 {
     const Lm__Hello *hello = message->envelope->hello;
-    const serve_handler_t *handler = &control->options.handler;
+    const serve_handler_t *handler = &control->handler;
     identity_t identity = peer_identity(message);
     worker_hello_t said = {
         .name = hello->name, .key = message->key, .threads = hello->threads, .relay = hello->relay};
@@ -37,7 +44,7 @@ static result_t admit(control_server_t *control, const wire_message_t *message, 
         return result_fail(RESULT_PROTOCOL,
                            "the worker speaks protocol %u, this %s (" LIGHTMILL_VERSION
                            ") speaks %d: both need the same version of Lightmill",
-                           hello->protocol_version, control->options.program, WIRE_VERSION);
+                           hello->protocol_version, program(&control->options), WIRE_VERSION);
     wire_hash_get(&hello->fingerprint, &said.fingerprint);
     return handler->calls->hello(handler->self, clock_now(), &identity, &said, worker);
 }
@@ -45,7 +52,7 @@ static result_t admit(control_server_t *control, const wire_message_t *message, 
 static void on_hello(void *self, peer_server_t *server, const wire_message_t *message)
 {
     control_server_t *control = self;
-    const control_server_options_t *options = &control->options;
+    const server_options_t *options = &control->options;
     Lm__Welcome welcome = LM__WELCOME__INIT;
     result_t result = admit(control, message, &welcome.worker);
     if (result.code != RESULT_OK) {
@@ -60,7 +67,7 @@ static void on_hello(void *self, peer_server_t *server, const wire_message_t *me
     welcome.heartbeat_ms = milliseconds(options->heartbeat);
     welcome.lease_ms = milliseconds(options->lease);
     welcome.batch_ms = milliseconds(options->batch_interval);
-    welcome.bulk_port = options->bulk_port;
+    welcome.bulk_port = control->bulk_port;
     welcome.n_capabilities = ARRAY_LENGTH(capabilities);
     welcome.capabilities = capabilities;
     peer_reply(server, message, LM__ENVELOPE__BODY_WELCOME, &welcome, NULL);
@@ -68,7 +75,7 @@ static void on_hello(void *self, peer_server_t *server, const wire_message_t *me
 
 static void on_heartbeat(void *self, peer_server_t *server, const wire_message_t *message)
 {
-    const serve_handler_t *handler = &((control_server_t *)self)->options.handler;
+    const serve_handler_t *handler = &((control_server_t *)self)->handler;
     const Lm__Heartbeat *body = message->envelope->heartbeat;
     Lm__HeartbeatReply answer = LM__HEARTBEAT_REPLY__INIT;
     identity_t identity = peer_identity(message);
@@ -79,7 +86,7 @@ static void on_heartbeat(void *self, peer_server_t *server, const wire_message_t
 
 static void on_goodbye(void *self, peer_server_t *server, const wire_message_t *message)
 {
-    const serve_handler_t *handler = &((control_server_t *)self)->options.handler;
+    const serve_handler_t *handler = &((control_server_t *)self)->handler;
     const Lm__Goodbye *body = message->envelope->goodbye;
     Lm__Done done = LM__DONE__INIT;
     handler->calls->goodbye(handler->self, clock_now(), body->worker, body->job, body->reason);
@@ -91,7 +98,7 @@ static void on_goodbye(void *self, peer_server_t *server, const wire_message_t *
 /* What a worker says that it has of a job. */
 static void take_claim(control_server_t *control, const Lm__WorkRequest *request)
 {
-    const serve_handler_t *handler = &control->options.handler;
+    const serve_handler_t *handler = &control->handler;
     hash_t content;
     bool named = request->content.len > 0;
     if (request->n_kept == 0 || (named && !wire_hash_get(&request->content, &content))) return;
@@ -123,7 +130,7 @@ static void send_assignment(peer_server_t *server, const wire_message_t *message
 static void on_work_request(void *self, peer_server_t *server, const wire_message_t *message)
 {
     control_server_t *control = self;
-    const serve_handler_t *handler = &control->options.handler;
+    const serve_handler_t *handler = &control->handler;
     const Lm__WorkRequest *body = message->envelope->work_request;
     Lm__NoWork none = LM__NO_WORK__INIT;
     identity_t identity = peer_identity(message);
@@ -174,7 +181,7 @@ static void send_notices(const serve_handler_t *handler, peer_server_t *server)
 static void turn(void *self, peer_server_t *server, bool more)
 {
     control_server_t *control = self;
-    const serve_handler_t *handler = &control->options.handler;
+    const serve_handler_t *handler = &control->handler;
     /* Leases are looked at when no message waits: a heartbeat may be among them. While peers flood the
      * socket, now and then: every connection has had its turn since. */
     if (clock_now() - control->last_tick >= 1e-3 * (more ? FLOOD_TICK_MS : TICK_MS)) {
@@ -184,23 +191,26 @@ static void turn(void *self, peer_server_t *server, bool more)
     send_notices(handler, server);
 }
 
-result_t control_server_start(const control_server_options_t *options, control_server_t **out)
+result_t control_server_start(const server_options_t *options, const served_socket_t *served,
+                              uint32_t bulk_port, control_server_t **out)
 {
     control_server_t *control = mem_zalloc(1, sizeof *control);
     peer_server_options_t thread = {.name = "control",
                                     .elsewhere = options->elsewhere,
-                                    .socket = options->socket,
-                                    .gate = options->gate,
-                                    .wake = options->wake,
+                                    .socket = served->socket,
+                                    .gate = served->gate,
+                                    .wake = options->control_wake,
                                     .turn_ms = TICK_MS,
                                     .turn_messages = MESSAGES_A_TURN,
                                     .limited = true,
                                     .pulse = options->pulse,
-                                    .tables = {{kinds, ARRAY_LENGTH(kinds), turn, control}, options->more}};
+                                    .tables = {{kinds, ARRAY_LENGTH(kinds), turn, control}, served->more}};
     control->options = *options;
+    control->handler = served->handler;
+    control->bulk_port = bulk_port;
     control->units = mem_alloc(WIRE_MAX_UNITS * sizeof *control->units);
     snprintf(control->software, sizeof control->software, "lightmill-%s " LIGHTMILL_VERSION,
-             options->program);
+             program(options));
     result_t result = peer_server_start(&thread, &control->thread);
     if (result.code != RESULT_OK) control_server_stop(&control);
     *out = control;

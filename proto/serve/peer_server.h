@@ -42,6 +42,31 @@ typedef struct {
     message_table_t tables[PEER_SERVER_TABLES];
 } peer_server_options_t;
 
+/* What a master or a relay is told: server.h. */
+typedef struct {
+    void *context;                /* ZeroMQ context to share (inproc), or NULL to make one */
+    const char *control_endpoint; /* "tcp://127.0.0.1:7420", "tcp://127.0.0.1:*" or "inproc://name" */
+    const char *bulk_endpoint;    /* likewise; all texts are kept by the caller */
+    const char *data_dir;         /* keys are in DATA/keys, unless `gate` says otherwise */
+    const char *elsewhere;        /* told to who asks for what this program does not do; NULL: just that */
+    gate_options_t gate;          /* keys; and whether it is a relay */
+    double heartbeat, lease, batch_interval; /* seconds, told to workers */
+    uint64_t
+        batch_memory;  /* bytes for batches that are under way or wait to be added; 0: grants_usual_credit */
+    int merge_threads; /* that add batches; 0: one for each core */
+    int control_wake;  /* eventfd, kept by the caller: there are notices, or something for its table */
+    int bulk_wake;     /* likewise: a batch may be granted now, or there is something for its table */
+    pulse_t *pulse;    /* of the control socket's thread; kept by the caller; NULL: none */
+} server_options_t;
+
+/* One of its two sockets, and who answers there. */
+typedef struct {
+    serve_handler_t handler;
+    message_table_t more; /* what this program is asked beside */
+    void *socket;         /* a bound ROUTER; closed by the server's thread */
+    gate_t *gate;         /* kept by the caller; NULL: everybody may do everything */
+} served_socket_t;
+
 /* Starts the thread; on failure the socket is still the caller's. */
 result_t peer_server_start(const peer_server_options_t *options, peer_server_t **server);
 /* Ends the thread, closes the socket and sets *server to NULL. */

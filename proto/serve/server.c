@@ -157,35 +157,16 @@ result_t server_open(const server_options_t *options, server_t **out)
 
 static result_t start_bulk(server_t *server, serve_handler_t handler, message_table_t more)
 {
-    const server_options_t *options = &server->options;
-    bulk_server_options_t bulk = {.handler = handler,
-                                  .more = more,
-                                  .socket = server->bulk_socket,
-                                  .gate = server->gate,
-                                  .wake = options->bulk_wake,
-                                  .batch_memory = options->batch_memory,
-                                  .merge_threads = options->merge_threads};
-    TRY(bulk_server_start(&bulk, &server->bulk));
+    served_socket_t served = {handler, more, server->bulk_socket, server->gate};
+    TRY(bulk_server_start(&server->options, &served, &server->bulk));
     server->bulk_socket = NULL;
     return result_ok();
 }
 
 static result_t start_control(server_t *server, serve_handler_t handler, message_table_t more)
 {
-    const server_options_t *options = &server->options;
-    control_server_options_t control = {.handler = handler,
-                                        .program = options->gate.relay ? "relay" : "master",
-                                        .elsewhere = options->elsewhere,
-                                        .more = more,
-                                        .socket = server->control_socket,
-                                        .gate = server->gate,
-                                        .wake = options->control_wake,
-                                        .bulk_port = (uint32_t)server->bulk_port,
-                                        .heartbeat = options->heartbeat,
-                                        .lease = options->lease,
-                                        .batch_interval = options->batch_interval,
-                                        .pulse = options->pulse};
-    TRY(control_server_start(&control, &server->control));
+    served_socket_t served = {handler, more, server->control_socket, server->gate};
+    TRY(control_server_start(&server->options, &served, (uint32_t)server->bulk_port, &server->control));
     server->control_socket = NULL;
     return result_ok();
 }

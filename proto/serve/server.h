@@ -7,22 +7,6 @@
 
 typedef struct server server_t;
 
-typedef struct {
-    void *context;                /* ZeroMQ context to share (inproc), or NULL to make one */
-    const char *control_endpoint; /* "tcp://127.0.0.1:7420", "tcp://127.0.0.1:*" or "inproc://name" */
-    const char *bulk_endpoint;    /* likewise; all texts are kept by the caller */
-    const char *data_dir;         /* keys are in DATA/keys, unless `gate` says otherwise */
-    const char *elsewhere;        /* told to who asks for what this program does not do; NULL: just that */
-    gate_options_t gate;          /* keys; and whether it is a relay */
-    double heartbeat, lease, batch_interval; /* seconds, told to workers */
-    uint64_t
-        batch_memory;  /* bytes for batches that are under way or wait to be added; 0: grants_usual_credit */
-    int merge_threads; /* that add batches; 0: one for each core */
-    int control_wake;  /* eventfd, kept by the caller: there are notices, or something for its table */
-    int bulk_wake;     /* likewise: a batch may be granted now, or there is something for its table */
-    pulse_t *pulse;    /* of the control socket's thread; kept by the caller; NULL: none */
-} server_options_t;
-
 /* RESULT_USAGE for a time or an endpoint that cannot be; warns of one that is open to everybody. */
 result_t server_check(const server_options_t *options);
 /* RESULT_USAGE for a time that is not from `least` seconds to an hour. */

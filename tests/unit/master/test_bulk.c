@@ -68,13 +68,13 @@ static int set_up(void **state)
     must(blob_store_open(&(blob_store_options_t){.directory = blobs, .limit = 1 << 20}, &t->store));
     free(blobs);
     t->service = (farm_service_t){t->farm, t->store};
-    bulk_server_options_t bulk = {.handler = farm_service_handler(&t->service),
-                                  .wake = t->wake,
-                                  .batch_memory = 1, /* so two of the largest batches */
-                                  .merge_threads = 2};
+    server_options_t options = {.bulk_wake = t->wake,
+                                .batch_memory = 1, /* so two of the largest batches */
+                                .merge_threads = 2};
+    served_socket_t bulk = {.handler = farm_service_handler(&t->service)};
     must(wire_socket(t->context, ZMQ_ROUTER, &bulk.socket));
     assert_int_equal(zmq_bind(bulk.socket, "inproc://bulk"), 0);
-    must(bulk_server_start(&bulk, &t->server));
+    must(bulk_server_start(&options, &bulk, &t->server));
     t->settings = job_settings_default();
     t->settings.width = 400;
     t->settings.height = 300;
