@@ -368,7 +368,8 @@ result_t params_point(params_t *params, const char *name, unsigned types, double
     TRY(params_array(params, name, types, 3, &numbers, &count));
     if (count > 3)
         return error_at(params_where(params, name, (position_t){.path = ""}),
-                        "parameter \"%s\" takes one point or vector, found %zu numbers", name, count);
+                        "parameter \"%s\" takes three numbers, found %zu: it is one point or vector", name,
+                        count);
     if (count == 3) memcpy(point, numbers, 3 * sizeof *point);
     return result_ok();
 }
