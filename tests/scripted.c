@@ -384,6 +384,15 @@ void scripted_fail(const scripted_t *script, const char *condition)
              script->batch_count);
 }
 
+void scripted_grant_when_taken(scripted_t *script, double patience)
+{
+    scripted_run(script, script->unit_count == 0, patience);
+    int requests = script->work_requests; /* another one: the assignment was read */
+    scripted_run(script, script->work_requests > requests && script->offer.identity_size > 0, patience);
+    script->granting = true;
+    scripted_grant(script);
+}
+
 void scripted_assign(scripted_t *script, uint64_t job, uint64_t check, const unit_t *units, size_t count)
 {
     assert_true(count <= SCRIPTED_MAX);

@@ -83,6 +83,9 @@ void scripted_sleep(scripted_t *script, double seconds);
 void scripted_assign(scripted_t *script, uint64_t job, uint64_t check, const unit_t *units, size_t count);
 /* Answers the offer, or the batch, that waits. */
 void scripted_grant(scripted_t *script);
+/* Grants all offers, from when the next assignment is in the peer's hands on: a master gives no unit that it
+ * has counted, so the peer has to look for it in what it still holds. */
+void scripted_grant_when_taken(scripted_t *script, double patience);
 void scripted_verdict(scripted_t *script, bool counted);
 void scripted_job_over(scripted_t *script, uint64_t job, bool flush);
 /* Forgets its worker, as after its lease. */

@@ -245,7 +245,7 @@ static void sums_outlive_the_master(void **state)
     scripted_sleep(s, 1);
     scripted_restart(s, 0.5);
     scripted_assign(s, JOB, 0, again, 2);
-    s->granting = true;
+    scripted_grant_when_taken(s, PATIENCE);
     scripted_run(s, scripted_samples(s, 3) == 8 && delivered_units(s) == 4, PATIENCE);
     assert_int_equal(s->kept_count, 3);
     const unit_t all[] = {{0, 0, 8}, {1, 0, 8}, {2, 0, 8}, {3, 0, 8}};

@@ -166,7 +166,6 @@ static void finished_work_outlives_the_master(void **state)
     scripted_sleep(s, 0.3);
     uint64_t earlier = s->worker;
     scripted_restart(s, 1.5);
-    s->granting = true;
     /* The new process knows nothing of what was out and gives it out again. */
     scripted_assign(s, JOB, 0, again, 2);
     double start = clock_now();
@@ -177,6 +176,7 @@ static void finished_work_outlives_the_master(void **state)
     assert_int_equal(s->kept_count, 2); /* it said what it has */
     hash_t content = job_content_hash(&s->settings, &t->scene.blob.hash);
     assert_true(hash_equal(&s->kept_content, &content));
+    scripted_grant_when_taken(s, PATIENCE);
     scripted_run(s, scripted_samples(s, 3) == 4 && scripted_samples(s, 0) == 8, PATIENCE);
     assert_true(s->worker != earlier);
     for (int i = 0; i < s->batch_count; i++) {
