@@ -16,27 +16,37 @@ static void check(result_t result)
     if (result.code != RESULT_OK) fail_msg("%s", result.message);
 }
 
-film_t *render_here(const scene_blob_t *blob, const job_settings_t *settings)
+void render_batch_here(const scene_blob_t *blob, const job_settings_t *settings, batch_t *batch)
 {
     renderer_t *renderer;
-    film_t *film;
     check(job_settings_check(settings));
     check(renderer_new(blob, settings, &renderer));
-    check(film_new(settings, &film));
-    batch_t batch;
-    batch_init(&batch, settings);
+    batch_init(batch, settings);
     unit_result_t result = {0};
     atomic_bool cancel = false;
     for (uint32_t tile = 0; tile < job_tile_count(settings); tile++) {
         unit_t unit = {tile, 0, settings->spp};
         assert_true(renderer_unit(renderer, &unit, &result, &cancel));
-        batch_add(&batch, &result);
+        batch_add(batch, &result);
     }
-    check(merge_as_master(film, &batch, NULL, 1));
     unit_result_free(&result);
-    batch_free(&batch);
     renderer_destroy(&renderer);
+}
+
+film_t *film_of_batch(batch_t *batch)
+{
+    film_t *film;
+    check(film_new(&batch->settings, &film));
+    check(merge_as_master(film, batch, NULL, 1));
+    batch_free(batch);
     return film;
+}
+
+film_t *render_here(const scene_blob_t *blob, const job_settings_t *settings)
+{
+    batch_t batch;
+    render_batch_here(blob, settings, &batch);
+    return film_of_batch(&batch);
 }
 
 static void render_weighted(const renderer_t *renderer, film_t *film, schedule_t *schedule,

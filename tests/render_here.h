@@ -11,6 +11,11 @@
  */
 film_t *render_here(const scene_blob_t *blob, const job_settings_t *settings);
 
+/* The same in two steps: what a worker does, and what it takes to send and to merge that. The first fills the
+ * batch, the second frees it. */
+void render_batch_here(const scene_blob_t *blob, const job_settings_t *settings, batch_t *batch);
+film_t *film_of_batch(batch_t *batch);
+
 /* How a planned job went. */
 typedef struct {
     uint32_t rounds;

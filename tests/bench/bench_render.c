@@ -155,7 +155,7 @@ typedef struct {
     double relmse, cpu, samples, rays;
 } figure_t;
 
-/* CPU time includes reading the scene and building the tree, as pbrt's does. */
+/* CPU time includes reading the scene and building the tree, as pbrt's does, but no farm. */
 static figure_t render(const char *name, integrator_t integrator, uint32_t spp, uint64_t seed,
                        const estimate_image_t *reference)
 {
@@ -170,10 +170,12 @@ static figure_t render(const char *name, integrator_t integrator, uint32_t spp, 
     settings.integrator = integrator;
     settings.spp = spp;
     settings.seed = seed;
-    film_t *film = render_here(&blob, &settings);
+    batch_t batch;
+    render_batch_here(&blob, &settings, &batch);
     figure_t figure = {.cpu = clock_cpu() - start,
-                       .rays = (double)film->counts.rays,
+                       .rays = (double)batch.counts.rays,
                        .samples = (double)spp * settings.width * settings.height};
+    film_t *film = film_of_batch(&batch);
     estimate_image_t estimate = reference_estimate(film);
     agreement_t agreement;
     agreement_measure(&estimate, reference, &agreement);
