@@ -91,7 +91,8 @@ static void measured_values(const first_hit_t *hit, float values[MEASURED])
 
 void unit_result_feature(unit_result_t *result, size_t pixel, uint32_t sample, const first_hit_t *hit)
 {
-    const float limit = 0x1.fffffep24f; /* FEATURE_SAMPLES of it are below 2^62 units */
+    const float limit = 0x1.fffffep24f; /* FEATURE_SAMPLES of it are below 2^62 units: nothing saturates */
+    const double scale = (double)(UINT64_C(1) << FEATURE_SCALE);
     if (result->sums[SUM_FEATURES].count == 0 || sample >= FEATURE_SAMPLES) return;
     int64_t *sum = result->sums[SUM_FEATURES].values + FEATURE_VALUES * pixel;
     if (!hit->hit) {
@@ -109,7 +110,7 @@ void unit_result_feature(unit_result_t *result, size_t pixel, uint32_t sample, c
     sum[FEATURE_COUNT]++;
     sum[FEATURE_HITS]++;
     for (int v = 0; v < MEASURED; v++)
-        sum[v] += film_quantise(float_clamp(values[v], -limit, limit), FEATURE_SCALE);
+        sum[v] += llrint((double)float_clamp(values[v], -limit, limit) * scale);
     if (sample > 0) return;
     sum[FEATURE_OBJECT] = hit->object;
     sum[FEATURE_MATERIAL] = hit->material;

@@ -98,13 +98,6 @@ void sum_array_free(sum_array_t *array)
 
 /* ---- adding -------------------------------------------------------------------------------------------- */
 
-uint64_t film_add(int64_t sum[3], const float rgb[3], int scale)
-{
-    int64_t more[3];
-    for (int c = 0; c < 3; c++) more[c] = film_quantise(rgb[c], scale);
-    return film_add_sums(sum, more, 3);
-}
-
 /* Wrapping arithmetic, and no branch, so that the compiler makes vectors of it. What film_quantise saturates
  * to, and anything beyond, is no sum; a total of two values, one of which is a sum, that wraps ends up beyond
  * -largest. */

@@ -108,7 +108,19 @@ static inline int64_t film_quantise(float value, int scale)
 }
 /* Rounds one contribution to the film's grid and adds it to the sums of a pixel. Returns how many of the
  * three additions would have overflowed; these are left out. */
-uint64_t film_add(int64_t sum[3], const float rgb[3], int scale);
+static inline uint64_t film_add(int64_t sum[3], const float rgb[3], int scale)
+{
+    const int64_t largest = (INT64_C(1) << 62) - 1;
+    uint64_t overflows = 0;
+    for (int c = 0; c < 3; c++) {
+        int64_t more = film_quantise(rgb[c], scale), total = (int64_t)((uint64_t)sum[c] + (uint64_t)more);
+        if ((more > largest) | (more < -largest) | (total > largest) | (total < -largest))
+            overflows++;
+        else
+            sum[c] = total;
+    }
+    return overflows;
+}
 /* Adds `count` sums. The arrays do not overlap. Returns how many additions would have overflowed; these are
  * left out. */
 uint64_t film_add_sums(int64_t *sum, const int64_t *more, size_t count);

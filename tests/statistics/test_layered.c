@@ -303,7 +303,7 @@ static void walks_agree_with_the_series(void **state)
     assert_true(lobe_coated_lambert.eval(&s.bsdf.lobes[0], wo, wi, true, TRANSPORT_RADIANCE, &series));
     for (int i = 0; i < N; i++) {
         vec3_t near = scattering_direction(0.4f, 2 + 1e-5f * (float)i);
-        assert_true(lobe_eval(&walks, wo, near, true, TRANSPORT_RADIANCE, &walk));
+        assert_true(walks.kind->eval(&walks, wo, near, true, TRANSPORT_RADIANCE, &walk));
         sum += (double)walk.f.x / N;
         squares += (double)walk.f.x * (double)walk.f.x / N;
     }

@@ -49,6 +49,34 @@ void lobe_regularize_alphas(lobe_t *lobe)
     lobe_regularize_pair(lobe->alpha);
 }
 
+bool lobe_complete(vec3_t wo, vec3_t wi, const bsdf_value_t *value, bsdf_sample_t *sample)
+{
+    if (!(value->pdf > 0)) return false;
+    *sample = (bsdf_sample_t){.wi = wo.z > 0 ? wi : v_neg(wi),
+                              .weight = v_scale(value->f, fabsf(wi.z) / value->pdf),
+                              .pdf = value->pdf,
+                              .pdf_rev = value->pdf_rev};
+    return true;
+}
+
+bool lobe_eval_mirrored(const lobe_t *lobe, vec3_t wo, vec3_t wi, bool reflect, transport_t mode,
+                        bsdf_value_t *value)
+{
+    (void)reflect, (void)mode;
+    if (!(wo.z > 0)) wo = v_neg(wo), wi = v_neg(wi);
+    return lobe->kind->eval_above(lobe, wo, wi, value);
+}
+
+bool lobe_sample_mirrored(const lobe_t *lobe, vec3_t wo, vec2_t u, float choice, transport_t mode,
+                          bsdf_sample_t *sample)
+{
+    (void)mode;
+    vec3_t up = wo.z > 0 ? wo : v_neg(wo), wi;
+    bsdf_value_t value;
+    return lobe->kind->draw_above(lobe, up, u, choice, &wi) && lobe->kind->eval_above(lobe, up, wi, &value) &&
+           lobe_complete(wo, wi, &value, sample);
+}
+
 rgb_t bsdf_albedo(const bsdf_t *bsdf)
 {
     rgb_t sum = {0, 0, 0};
@@ -74,7 +102,7 @@ static bool eval_lobes(const bsdf_t *bsdf, vec3_t wo, vec3_t wi, bool reflect, t
         const lobe_t *lobe = &bsdf->lobes[i];
         bsdf_value_t part;
         if ((lobe->kind->flags & (side | LOBE_SPECULAR)) != side ||
-            !lobe_eval(lobe, wo, wi, reflect, mode, &part))
+            !lobe->kind->eval(lobe, wo, wi, reflect, mode, &part))
             continue;
         value->f = v_add(value->f, v_mul(lobe->scale, part.f));
         value->pdf += lobe->chance * part.pdf;
@@ -95,7 +123,7 @@ bool bsdf_eval(const bsdf_t *bsdf, vec3_t wo, vec3_t wi, transport_t mode, bsdf_
     if (bsdf->count != 1) return eval_lobes(bsdf, local_o, local_i, reflect, mode, value);
     const lobe_t *lobe = &bsdf->lobes[0];
     if (!(lobe->kind->flags & (reflect ? LOBE_REFLECTS : LOBE_TRANSMITS)) ||
-        !lobe_eval(lobe, local_o, local_i, reflect, mode, value))
+        !lobe->kind->eval(lobe, local_o, local_i, reflect, mode, value))
         return false;
     value->f = v_mul(lobe->scale, value->f);
     return true;
@@ -145,7 +173,7 @@ bool bsdf_sample(const bsdf_t *bsdf, vec3_t wo, vec2_t u, float choice, transpor
     vec3_t local = bsdf_to_local(bsdf, wo);
     if (local.z == 0 || bsdf->count == 0) return false;
     const lobe_t *lobe = bsdf->count == 1 ? &bsdf->lobes[0] : choose_lobe(bsdf, &choice);
-    if (!lobe_sample(lobe, local, u, choice, mode, sample)) return false;
+    if (!lobe->kind->sample(lobe, local, u, choice, mode, sample)) return false;
     bool reflect = sample->wi.z * local.z > 0;
     if (bsdf->count == 1)
         sample->weight = v_mul(lobe->scale, sample->weight);

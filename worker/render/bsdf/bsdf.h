@@ -148,8 +148,9 @@ struct lobe_kind {
                    bsdf_sample_t *sample);
     /* Roughens a nearly specular lobe (blob_scene_t's regularize); NULL: it never is one. */
     void (*regularize)(lobe_t *lobe);
-    /* In place of eval and sample, of a lobe that is the same from both sides and in both modes: the value
-     * and both densities for wo above the surface, and a direction drawn for it. */
+    /* Of a lobe that is the same from both sides and in both modes, for lobe_eval_mirrored and
+     * lobe_sample_mirrored: the value and both densities for wo above the surface, and a direction drawn for
+     * it. */
     bool (*eval_above)(const lobe_t *lobe, vec3_t wo, vec3_t wi, bsdf_value_t *value);
     bool (*draw_above)(const lobe_t *lobe, vec3_t wo, vec2_t u, float choice, vec3_t *wi);
 };

@@ -20,35 +20,15 @@ void lobe_regularize_pair(float alpha[2]);
  * cos) where R is the Fresnel reflectance from inside. `ior` is that of the inside over the outside. */
 float lobe_layered_returns(float ior, float thickness);
 
+/* Evaluate and sample a lobe that is the same from both sides and in both modes, by its eval_above and
+ * draw_above. */
+bool lobe_eval_mirrored(const lobe_t *lobe, vec3_t wo, vec3_t wi, bool reflect, transport_t mode,
+                        bsdf_value_t *value);
+bool lobe_sample_mirrored(const lobe_t *lobe, vec3_t wo, vec2_t u, float choice, transport_t mode,
+                          bsdf_sample_t *sample);
 /* Completes a sample of a rough lobe: `wi` was drawn for wo turned above the surface, where `value` is what
  * the lobe says of the two. False when that is nothing. */
-static inline bool lobe_complete(vec3_t wo, vec3_t wi, const bsdf_value_t *value, bsdf_sample_t *sample)
-{
-    if (!(value->pdf > 0)) return false;
-    *sample = (bsdf_sample_t){.wi = wo.z > 0 ? wi : v_neg(wi),
-                              .weight = v_scale(value->f, fabsf(wi.z) / value->pdf),
-                              .pdf = value->pdf,
-                              .pdf_rev = value->pdf_rev};
-    return true;
-}
-
-/* Evaluates and samples a lobe of either sort: see lobe_kind. */
-static inline bool lobe_eval(const lobe_t *lobe, vec3_t wo, vec3_t wi, bool reflect, transport_t mode,
-                             bsdf_value_t *value)
-{
-    if (lobe->kind->eval_above == NULL) return lobe->kind->eval(lobe, wo, wi, reflect, mode, value);
-    if (!(wo.z > 0)) wo = v_neg(wo), wi = v_neg(wi);
-    return lobe->kind->eval_above(lobe, wo, wi, value);
-}
-static inline bool lobe_sample(const lobe_t *lobe, vec3_t wo, vec2_t u, float choice, transport_t mode,
-                               bsdf_sample_t *sample)
-{
-    if (lobe->kind->eval_above == NULL) return lobe->kind->sample(lobe, wo, u, choice, mode, sample);
-    vec3_t up = wo.z > 0 ? wo : v_neg(wo), wi;
-    bsdf_value_t value;
-    return lobe->kind->draw_above(lobe, up, u, choice, &wi) && lobe->kind->eval_above(lobe, up, wi, &value) &&
-           lobe_complete(wo, wi, &value, sample);
-}
+bool lobe_complete(vec3_t wo, vec3_t wi, const bsdf_value_t *value, bsdf_sample_t *sample);
 
 /* Draws wi by the cosine, on the side of the surface where wo is, or on the other one. */
 bool lobe_sample_cosine(vec3_t wo, vec2_t u, bool same_side, bsdf_sample_t *sample);

@@ -45,6 +45,8 @@ static bool draw_above(const lobe_t *lobe, vec3_t wo, vec2_t u, float choice, ve
 }
 
 const lobe_kind_t lobe_fresnel_blend = {.flags = LOBE_REFLECTS,
+                                        .eval = lobe_eval_mirrored,
+                                        .sample = lobe_sample_mirrored,
                                         .eval_above = eval_above,
                                         .draw_above = draw_above,
                                         .regularize = lobe_regularize_alphas};

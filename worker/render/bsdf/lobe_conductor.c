@@ -22,6 +22,8 @@ static bool draw_above(const lobe_t *lobe, vec3_t wo, vec2_t u, float choice, ve
 }
 
 const lobe_kind_t lobe_rough_conductor = {.flags = LOBE_REFLECTS,
+                                          .eval = lobe_eval_mirrored,
+                                          .sample = lobe_sample_mirrored,
                                           .eval_above = eval_above,
                                           .draw_above = draw_above,
                                           .regularize = lobe_regularize_alphas};

@@ -154,7 +154,7 @@ typedef struct {
 
 static bool draw(const lobe_t *lobe, vec3_t wo, transport_t mode, stream_t *stream, bsdf_sample_t *sample)
 {
-    return lobe_sample(lobe, wo, next_2d(stream), 0.5f, mode, sample);
+    return lobe->kind->sample(lobe, wo, next_2d(stream), 0.5f, mode, sample);
 }
 
 static float exit_share(const layers_t *layers, const exit_t *exit, float pdf)
@@ -218,8 +218,8 @@ static void draw_before(const layers_t *layers, stream_t *stream, exit_t *exit)
 static rgb_t join_before(const layers_t *layers, const exit_t *exit, const walk_t *walk)
 {
     bsdf_value_t value;
-    if (!(exit->before_pdf > 0) ||
-        !lobe_eval(&layers->base, v_neg(walk->w), exit->before_up, true, TRANSPORT_IMPORTANCE, &value))
+    if (!(exit->before_pdf > 0) || !layers->base.kind->eval(&layers->base, v_neg(walk->w), exit->before_up,
+                                                            true, TRANSPORT_IMPORTANCE, &value))
         return vec3(0, 0, 0);
     return v_scale(v_mul(v_mul(walk->weight, exit->before_weight), value.f),
                    power(exit->before_pdf, value.pdf));
@@ -232,7 +232,8 @@ static rgb_t meet_base(const layers_t *layers, const exit_t *exit, walk_t *walk,
     bsdf_value_t value;
     bsdf_sample_t next = {.wi = {0, 0, 1}};
     walk->weight = v_mul(walk->weight, layers->base_colour);
-    if (exit->pdf > 0 && lobe_eval(&layers->base, from, exit->up, true, TRANSPORT_IMPORTANCE, &value)) {
+    if (exit->pdf > 0 &&
+        layers->base.kind->eval(&layers->base, from, exit->up, true, TRANSPORT_IMPORTANCE, &value)) {
         float factor = exit_share(layers, exit, value.pdf) * fade(layers->thickness, exit->up);
         if (walk->pdf > 0 && base_both_ways(layers)) factor *= power(walk->pdf, value.pdf_rev);
         left = v_scale(v_mul(v_mul(walk->weight, exit->weight), value.f), factor);
@@ -252,7 +253,8 @@ static rgb_t meet_coat(const layers_t *layers, const exit_t *exit, walk_t *walk,
     vec3_t from = v_neg(walk->w);
     bsdf_value_t value;
     bsdf_sample_t next = {.wi = {0, 0, 1}};
-    if (!layers->smooth && lobe_eval(&layers->through, from, exit->out, false, TRANSPORT_IMPORTANCE, &value))
+    if (!layers->smooth &&
+        layers->through.kind->eval(&layers->through, from, exit->out, false, TRANSPORT_IMPORTANCE, &value))
         left = v_scale(v_mul(walk->weight, value.f), power(walk->pdf, value.pdf_rev));
     if (!draw(&layers->back, from, TRANSPORT_IMPORTANCE, stream, &next)) next.weight = vec3(0, 0, 0);
     walk->weight = v_mul(walk->weight, next.weight);
@@ -435,8 +437,12 @@ static void regularize(lobe_t *lobe)
     lobe_regularize_pair(lobe->layered.base_alpha);
 }
 
-const lobe_kind_t lobe_layered = {
-    .flags = LOBE_REFLECTS, .eval_above = eval_above, .draw_above = draw_above, .regularize = regularize};
+const lobe_kind_t lobe_layered = {.flags = LOBE_REFLECTS,
+                                  .eval = lobe_eval_mirrored,
+                                  .sample = lobe_sample_mirrored,
+                                  .eval_above = eval_above,
+                                  .draw_above = draw_above,
+                                  .regularize = regularize};
 
 /* ---- a smooth coat over Lambert ------------------------------------------------------------------------ */
 

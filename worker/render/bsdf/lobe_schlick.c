@@ -141,12 +141,19 @@ static void regularize_straight(lobe_t *lobe)
 }
 
 const lobe_kind_t lobe_schlick_reflection = {.flags = LOBE_REFLECTS,
+                                             .eval = lobe_eval_mirrored,
+                                             .sample = lobe_sample_mirrored,
                                              .eval_above = eval_reflection,
                                              .draw_above = draw_reflection,
                                              .regularize = lobe_regularize_alphas};
-const lobe_kind_t lobe_schlick_diffuse = {
-    .flags = LOBE_REFLECTS, .eval_above = eval_diffuse, .draw_above = draw_diffuse};
+const lobe_kind_t lobe_schlick_diffuse = {.flags = LOBE_REFLECTS,
+                                          .eval = lobe_eval_mirrored,
+                                          .sample = lobe_sample_mirrored,
+                                          .eval_above = eval_diffuse,
+                                          .draw_above = draw_diffuse};
 const lobe_kind_t lobe_schlick_through = {.flags = LOBE_TRANSMITS,
+                                          .eval = lobe_eval_mirrored,
+                                          .sample = lobe_sample_mirrored,
                                           .eval_above = eval_through,
                                           .draw_above = draw_through,
                                           .regularize = lobe_regularize_alphas};
