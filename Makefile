@@ -8,7 +8,8 @@ BUILD   ?= build
 Q       := $(if $(V),,@)
 
 # The one numeric baseline: every machine that has it makes the same bits. Nothing that changes values is allowed.
-BASELINE := -march=x86-64-v3 -ffp-contract=off -fno-math-errno -fno-trapping-math
+# -mtune changes none: bdpt gains 1 to 4 % by it.
+BASELINE := -march=x86-64-v3 -mtune=skylake -ffp-contract=off -fno-math-errno -fno-trapping-math
 WARNINGS := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Wvla
 PACKAGES := libzmq libprotobuf-c libsodium libzstd libpng zlib libturbojpeg OpenEXR jansson sqlite3
 ifneq ($(filter-out help clean deps deps-dev deps-test check check-fast demo asan tsan fuzz chaos valgrind container-check sim bench bench-error bench-merge bench-farm bench-codec format lint,$(or $(MAKECMDGOALS),all)),)

@@ -5,8 +5,8 @@
  * answers the same questions here: a point in a medium has a phase function for a BSDF, 1 for both cosines
  * and for the adjoint, nothing to be moved off, and the medium itself for what rays enter.
  *
- * These functions, as those of transmittance.h and subpath.h, are inlined: each integrator pays for what it
- * uses alone.
+ * What connections ask is inlined, here and in transmittance.h; the two long steps of a walk, which would
+ * fill the instruction cache once for each of their callers, are not (subpath.c).
  */
 #ifndef LIGHTMILL_VERTEX_H
 #define LIGHTMILL_VERTEX_H
@@ -18,6 +18,8 @@ typedef enum { VERTEX_SKY, VERTEX_SURFACE } vertex_kind_t;
 
 /* Vertex i >= 1 of a subpath (subpath.h). */
 typedef struct {
+    surface_t surface; /* of VERTEX_SURFACE, as the BSDF */
+    bsdf_t bsdf;       /* made by vertex_shade */
     vertex_kind_t kind;
     transport_t mode;   /* of its subpath */
     int depth;          /* i */
@@ -27,8 +29,6 @@ typedef struct {
     float inv_p2;       /* 1 / p_i^2; this and the next two only for weights (walk_weigh) */
     float direct;       /* c_i / p_i^2, were the vertex not specular */
     float inner;
-    surface_t surface; /* of VERTEX_SURFACE, as the BSDF */
-    bsdf_t bsdf;       /* made by vertex_shade */
 } vertex_t;
 
 /* Makes the BSDF. `scattered`: the path was scattered before by something that is not specular. */

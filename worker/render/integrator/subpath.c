@@ -1,0 +1,48 @@
+/* subpath: see subpath.h. */
+#include "worker/render/integrator/subpath.h"
+
+void walk_arrive(walk_t *walk, sample_t *sample, vertex_t *vertex)
+{
+    sample->result->counts.rays++;
+    bool hit =
+        scene_intersect(sample->setup->scene, walk->origin, walk->direction, sample->time, &vertex->surface);
+    vertex->kind = hit ? VERTEX_SURFACE : VERTEX_SKY;
+    vertex->mode = walk->mode;
+    vertex->depth = ++walk->depth;
+    vertex->dimension = walk->dimension += DIMENSION_STRIDE;
+    vertex->wo = v_neg(walk->direction);
+    vertex->throughput = walk->throughput;
+    if (!hit) return;
+    if (medium_absorbs(&walk->medium))
+        vertex->throughput =
+            v_mul(vertex->throughput,
+                  medium_transmittance(&walk->medium, v_length(v_sub(vertex_point(vertex), walk->point))));
+}
+
+bool walk_scatter(walk_t *walk, const sample_t *sample, const vertex_t *vertex)
+{
+    bsdf_sample_t next;
+    uint32_t offset = walk->mode == TRANSPORT_RADIANCE ? DIMENSION_SCATTER : DIMENSION_LIGHT_SCATTER;
+    sampler_t sampler = sample_stream(sample, vertex->dimension + offset);
+    vec2_t u = sampler_2d(&sampler), choices = sampler_2d(&sampler);
+    if (!vertex_sample(vertex, u, choices.x, &next)) return false;
+    walk->throughput = v_mul(vertex->throughput, next.weight);
+    if (walk->mode == TRANSPORT_IMPORTANCE)
+        walk->throughput = v_scale(walk->throughput, vertex_adjoint(vertex, next.wi));
+    if (walk->depth >= walk->roulette.from) {
+        float survive = float_min(walk->roulette.most, v_max(walk->throughput) / walk->reference);
+        if (!(choices.y < survive)) return false;
+        walk->throughput = v_scale(walk->throughput, 1 / survive);
+    }
+    walk->pdf = next.pdf;
+    walk->pdf_rev = next.pdf_rev;
+    walk->joinable = !next.specular;
+    walk->scattered = walk->scattered || !next.specular;
+    walk->parallel = false;
+    walk->direction = next.wi;
+    walk->point = vertex_point(vertex);
+    walk->origin = vertex_exit(vertex, next.wi);
+    walk->cosine = vertex_area_cosine(vertex, next.wi);
+    walk->medium = vertex_medium(vertex, next.wi);
+    return true;
+}
