@@ -69,5 +69,8 @@ void film_image_free(film_image_t *image);
  * alone: what more samples of that tile can reduce. */
 double film_noise(const film_t *film, double *eye_noise);
 #define FILM_ERROR_FLOOR 0.5
+/* The same of rows at equal distances, as many as have `pixels` pixels, but at least one: so it takes no
+ * longer in a large image. Of an image of so many pixels or less it is film_noise. */
+double film_noise_of_rows(const film_t *film, size_t pixels);
 
 #endif

@@ -128,17 +128,25 @@ void film_resolve(const film_t *film, film_image_t *image)
     }
 }
 
+/* The rows that are looked at: the middle one of every `step`. */
+static bool row_counts(int y, int step)
+{
+    return y % step == step / 2;
+}
+
 /* The mean of all values of pixels that have samples, and how many these are. */
-static double mean_value(const divisors_t *divisors, size_t *values)
+static double mean_value(const divisors_t *divisors, int step, size_t *values)
 {
     double sum = 0;
+    size_t width = (size_t)divisors->film->settings.width;
     *values = 0;
-    for (size_t p = 0; p < divisors->pixels; p++) {
-        estimate_t e[3];
-        if (!resolve_pixel(divisors, p, e)) continue;
-        for (size_t c = 0; c < 3; c++) sum += e[c].eye + e[c].light;
-        *values += 3;
-    }
+    for (int y = step / 2; y < divisors->film->settings.height; y += step)
+        for (size_t p = (size_t)y * width; p < ((size_t)y + 1) * width; p++) {
+            estimate_t e[3];
+            if (!resolve_pixel(divisors, p, e)) continue;
+            for (size_t c = 0; c < 3; c++) sum += e[c].eye + e[c].light;
+            *values += 3;
+        }
     return *values > 0 ? sum / (double)*values : 0;
 }
 
@@ -147,13 +155,13 @@ typedef struct {
     double image, eye;
 } tile_noise_t;
 
-static tile_noise_t tile_noise(const divisors_t *divisors, uint32_t tile, double floor)
+static tile_noise_t tile_noise(const divisors_t *divisors, int step, uint32_t tile, double floor)
 {
     rect_t rect = job_tile_rect(&divisors->film->settings, tile);
     size_t width = (size_t)divisors->film->settings.width;
     tile_noise_t noise = {0, 0};
     for (int y = rect.y0; y < rect.y1; y++)
-        for (int x = rect.x0; x < rect.x1; x++) {
+        for (int x = rect.x0; row_counts(y, step) && x < rect.x1; x++) {
             estimate_t e[3];
             if (!resolve_pixel(divisors, (size_t)y * width + (size_t)x, e)) continue;
             for (size_t c = 0; c < 3; c++) {
@@ -165,19 +173,31 @@ static tile_noise_t tile_noise(const divisors_t *divisors, uint32_t tile, double
     return noise;
 }
 
-double film_noise(const film_t *film, double *eye_noise)
+static double noise_of_rows(const film_t *film, int step, double *eye_noise)
 {
     divisors_t divisors = film_divisors(film);
     uint32_t tiles = job_tile_count(&film->settings);
     size_t values;
-    double mean = mean_value(&divisors, &values), sum = 0;
+    double mean = mean_value(&divisors, step, &values), sum = 0;
     for (uint32_t t = 0; t < tiles; t++) {
         tile_noise_t noise = {0, 0};
-        if (mean > 0) noise = tile_noise(&divisors, t, FILM_ERROR_FLOOR * mean);
+        if (mean > 0) noise = tile_noise(&divisors, step, t, FILM_ERROR_FLOOR * mean);
         if (eye_noise != NULL) eye_noise[t] = noise.eye;
         sum += noise.image;
     }
     return mean > 0 ? sqrt(sum / (double)values) : INFINITY;
+}
+
+double film_noise(const film_t *film, double *eye_noise)
+{
+    return noise_of_rows(film, 1, eye_noise);
+}
+
+double film_noise_of_rows(const film_t *film, size_t pixels)
+{
+    size_t width = (size_t)film->settings.width, height = (size_t)film->settings.height;
+    size_t step = (width * height + pixels - 1) / pixels;
+    return noise_of_rows(film, step < height ? (int)step : film->settings.height, NULL);
 }
 
 void film_image_free(film_image_t *image)

@@ -723,6 +723,24 @@ static void the_error_is_relative(void **state)
     film_destroy(&film);
 }
 
+/* Some rows stand for all: each has its pixels counted as if there were no others. */
+static void the_error_of_some_rows_is_that_of_all(void **state)
+{
+    (void)state;
+    job_settings_t settings = small_job();
+    film_t *film = noisy_film(&settings, 1, 0.1, 0.1);
+    double all = film_noise(film, NULL);
+    for (size_t pixels = PIXELS; pixels > 0; pixels /= 2)
+        assert_true(fabs(film_noise_of_rows(film, pixels) / all - 1) < 1e-9);
+    /* A third of the rows, of which row 1 is one and row 0 is none. */
+    film->sums[SUM_EYE][0] += fixed(1.0);
+    assert_true(fabs(film_noise_of_rows(film, PIXELS / 3) / all - 1) < 1e-9);
+    film->sums[SUM_EYE][3 * WIDTH] += fixed(1.0);
+    assert_true(film_noise_of_rows(film, PIXELS / 3) > all * (1 + 1e-6));
+    assert_true(film_noise_of_rows(film, PIXELS) == film_noise(film, NULL));
+    film_destroy(&film);
+}
+
 static void a_black_film_has_no_error(void **state)
 {
     (void)state;
@@ -816,6 +834,7 @@ int main(void)
                                        cmocka_unit_test(digests_are_of_the_contents),
                                        cmocka_unit_test(noise_is_the_standard_error),
                                        cmocka_unit_test(the_error_is_relative),
+                                       cmocka_unit_test(the_error_of_some_rows_is_that_of_all),
                                        cmocka_unit_test(a_black_film_has_no_error),
                                        cmocka_unit_test(weights_show_as_mean_samples),
                                        cmocka_unit_test(partial_images_are_unbiased)};
