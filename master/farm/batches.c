@@ -409,6 +409,7 @@ result_t farm_resolve(farm_t *farm, double now, job_t *job, film_image_t *image,
     if (shared_film != NULL) {
         film_resolve(shared_film_lock(shared_film), image);
         if (report->record.settings.adaptive) show_samples(farm, job, &report->record.settings, image);
+        farm_note_image_error(farm, now, job, image->error);
         shared_film_unlock(shared_film);
         job_film_let_go(farm, job);
         return result_ok();

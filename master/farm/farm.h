@@ -13,6 +13,7 @@
 #define LIGHTMILL_FARM_H
 
 #include "master/state/types.h"
+#include "master/store/error_history.h"
 #include "master/store/job_record.h"
 
 farm_t *farm_new(const farm_options_t *options);
@@ -72,6 +73,7 @@ typedef struct {
     uint64_t samples_total; /* pixel samples; 0: only time ends the job */
     double remaining;       /* seconds; < 0: not known */
     uint32_t workers;       /* that hold units now */
+    double error;           /* of the image, when it was last estimated; 0: not known */
 } job_report_t;
 
 /* The reports of one job or (job 0) of all in the order of submission, in fresh memory that the caller frees;
@@ -96,6 +98,27 @@ typedef struct {
 /* The reports of all workers, connected first, in fresh memory that the caller frees; NULL and 0 when none.
  */
 worker_report_t *farm_worker_report(farm_t *farm, double now, size_t *count);
+
+/* ---- the error, and how it fell (errors.c) -------------------------------------------------------------
+ */
+
+/* A copy of the history of a job's error, *count points from the first to the latest (error_history.h), in
+ * fresh memory that the caller frees; NULL and *count 0 when there are none, or no such job. */
+error_point_t *farm_job_history(farm_t *farm, uint64_t job, size_t *count);
+
+/* Pins a job whose error is to be estimated now; NULL when there is none. A job's turn comes when it has a
+ * few percent more samples, some seconds after the last time. */
+job_t *farm_next_estimate(farm_t *farm, double now);
+/* Estimates the error of a pinned job; takes some 50 ms at most, in which nothing is merged into its film. No
+ * picture and no decision depends on it. */
+void farm_estimate(farm_t *farm, double now, job_t *job);
+
+/* The next history that has changed since it was given out, and its job; false when there is none. */
+bool farm_next_history(farm_t *farm, uint64_t *job, error_history_t *history);
+/* It was not saved: it is given out again. */
+void farm_history_unsaved(farm_t *farm, uint64_t job);
+/* Gives a job that was made known again (farm_restore) its history. */
+void farm_restore_history(farm_t *farm, uint64_t job, const error_history_t *history);
 
 /* ---- what survives the process (keep.c) ------------------------------------------------------------
  */

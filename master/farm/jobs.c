@@ -239,7 +239,7 @@ static void plan_round(farm_t *farm, double now, job_t *job)
     job->planning = false;
     if (job->film == FILM_OPEN && question_stands(&question, job)) {
         job->kept.error = error;
-        job->error_samples = question.samples;
+        farm_job_note_error(farm, now, job, question.samples, error);
         if (verdict == PLAN_ROUND)
             schedule_open_round(job->schedule, question.next.ends, question.next.weights);
         else

@@ -163,6 +163,7 @@ static void begin_anew(farm_t *farm, double now, job_t *job)
     job->kept.account = (schedule_account_t){0};
     job->kept.counts = (film_counts_t){0};
     job->kept.error = 0;
+    farm_job_cut_history(farm, job);
     if (job->kept.state == JOB_FINISHING && job->kept.outcome != JOB_DONE)
         farm_job_close(farm, now, job, job->kept.outcome);
     else if (job->kept.state == JOB_FINISHING)
@@ -175,6 +176,7 @@ static void begin_anew(farm_t *farm, double now, job_t *job)
 static void go_on(farm_t *farm, double now, job_t *job)
 {
     job->last_checkpoint = now;
+    farm_job_cut_history(farm, job);
     log_info("job %llu: its film is here, with %llu samples", (unsigned long long)job->kept.job,
              (unsigned long long)job->kept.samples_done);
     if (job->kept.counts.overflows > 0) {

@@ -1,5 +1,6 @@
-/* parts: what the files of this folder have for one another. Each calls those before it alone: shares, jobs,
- * workers, take, report, batches; then keep, orders and farm. All is called under the farm's lock. */
+/* parts: what the files of this folder have for one another. Each calls those before it alone: shares, jobs
+ * and errors, workers, take, report, batches; then keep, orders and farm. All is called under the farm's
+ * lock. */
 #ifndef LIGHTMILL_FARM_PARTS_H
 #define LIGHTMILL_FARM_PARTS_H
 
@@ -59,6 +60,17 @@ void farm_job_settle(farm_t *farm, job_t *job);
 /* Something was counted, skipped or checked, and nothing is being merged: the next round is planned, or the
  * job is closed. Called with the farm's lock, which it lets go meanwhile, inside no shared film. */
 void farm_job_progress(farm_t *farm, double now, job_t *job);
+
+/* ---- errors.c ---- */
+
+/* The error of a job's image of so many pixel samples goes into its history; nothing happens when it is not
+ * known (infinite). */
+void farm_job_note_error(farm_t *farm, double now, job_t *job, uint64_t samples, double error);
+/* The same of an image that was just resolved, where it is worth a point: the image is the last one, or has
+ * enough more samples. Called without the farm's lock, with the shared film locked. */
+void farm_note_image_error(farm_t *farm, double now, job_t *job, double error);
+/* The job has fewer samples than before: its history ends with them. */
+void farm_job_cut_history(farm_t *farm, job_t *job);
 
 /* ---- workers.c ---- */
 

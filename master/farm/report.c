@@ -10,10 +10,10 @@
 static double likely_total(const job_t *job)
 {
     double total = job->kept.settings.spp < JOB_MAX_SPP ? (double)schedule_total(job->schedule) : 0;
-    if (job->kept.settings.error <= 0 || job->kept.error <= 0) return total;
-    double ratio =
-        job->kept.error / job->kept.settings.error; /* the error falls with the root of the samples */
-    double enough = fmax((double)job->error_samples * ratio * ratio, (double)job->kept.samples_done);
+    const error_point_t *last = error_history_last(&job->history);
+    if (job->kept.settings.error <= 0 || last == NULL) return total;
+    double ratio = last->error / job->kept.settings.error; /* the error falls with the root of the samples */
+    double enough = fmax((double)last->samples * ratio * ratio, (double)job->kept.samples_done);
     return total > 0 ? fmin(total, enough) : enough;
 }
 
@@ -44,12 +44,14 @@ job_report_t farm_report_job(const job_t *job, double now)
 {
     const job_settings_t *settings = &job->kept.settings;
     uint64_t pixels = (uint64_t)settings->width * (uint64_t)settings->height;
+    const error_point_t *last = error_history_last(&job->history);
     job_report_t report = {.record = farm_job_record(job, now),
                            .checkpoint_age =
                                job->last_checkpoint > 0 ? fmax(now - job->last_checkpoint, 0) : -1,
                            .samples_total = settings->spp < JOB_MAX_SPP ? pixels * settings->spp : 0,
                            .remaining = remaining_time(job, now),
-                           .workers = job->schedule != NULL ? (uint32_t)schedule_holders(job->schedule) : 0};
+                           .workers = job->schedule != NULL ? (uint32_t)schedule_holders(job->schedule) : 0,
+                           .error = last != NULL ? last->error : job->kept.error};
     if (job->film == FILM_OPEN || job->kept.state == JOB_FINISHING)
         add_remark(report.record.message, sizeof report.record.message, job->remark);
     return report;

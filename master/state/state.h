@@ -9,6 +9,7 @@
 #include "common/id_table.h"
 #include "common/wake.h"
 #include "master/state/types.h"
+#include "master/store/error_history.h"
 #include "master/store/job_record.h"
 
 #include <pthread.h>
@@ -115,7 +116,9 @@ struct job {
     shared_film_t *shared_film; /* from FILM_OPEN to FILM_CONDEMNED, else NULL */
     int shared_film_users;      /* that look at it without the farm's lock */
     int merging;                /* batches that are counted and being added to the film */
-    uint64_t error_samples;     /* pixel samples counted at the last fixed point */
+    error_history_t history;    /* of the estimated error (farm/errors.c) */
+    bool history_due;           /* it has changed since the journal got it */
+    double next_estimate;       /* seconds, when the error may be estimated again */
     id_table_t seen;            /* workers that contributed to it in this process */
     uint32_t declines;          /* workers that said they cannot render it */
     double rate_time[2];        /* two earlier points of the progress, for the speed */

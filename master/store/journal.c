@@ -6,6 +6,9 @@
  * new one is made, and the records in it that are whole are taken over. The films say of themselves what they
  * are (checkpoint.h), so what the journal has lost of a job that has samples comes back from there.
  *
+ * The points of errors have no hashes: a wrong one is a dot in the wrong place of a plot, and nothing is
+ * decided by it. Their table is made when the first are saved, since journals of earlier versions have none.
+ *
  * A job's number is never used again, for a worker may still hold a batch of the job that had it. So the next
  * number is kept apart from the jobs, and saved together with each new one. */
 #include "master/store/journal.h"
@@ -44,6 +47,9 @@ static const char SCHEMA[] =
     " event TEXT NOT NULL, text TEXT NOT NULL);"
     "CREATE TABLE meta (key TEXT PRIMARY KEY, value INTEGER NOT NULL);"
     "INSERT INTO meta VALUES ('next_job', 1), ('running', 0);";
+static const char ERRORS_SCHEMA[] = "CREATE TABLE IF NOT EXISTS errors (job INTEGER NOT NULL, samples "
+                                    "INTEGER NOT NULL, elapsed REAL NOT NULL,"
+                                    " error REAL NOT NULL, PRIMARY KEY (job, samples)) WITHOUT ROWID;";
 
 /* ---- SQLite -------------------------------------------------------------------------------------------- */
 
@@ -169,11 +175,41 @@ static result_t put_record(journal_t *journal, const job_record_t *record)
     return result;
 }
 
+/* Makes the table of errors, and drops what it has of a job. */
+static result_t clear_errors(journal_t *journal, uint64_t job)
+{
+    char sql[80];
+    TRY(run(journal, ERRORS_SCHEMA));
+    snprintf(sql, sizeof sql, "DELETE FROM errors WHERE job = %lld", (long long)job);
+    return run(journal, sql);
+}
+
+static result_t put_errors(journal_t *journal, uint64_t job, const error_history_t *errors)
+{
+    sqlite3_stmt *statement;
+    TRY(clear_errors(journal, job));
+    TRY(prepare(journal, "INSERT INTO errors (job, samples, elapsed, error) VALUES (?1, ?2, ?3, ?4)",
+                &statement));
+    int code = SQLITE_DONE;
+    for (size_t i = 0; i < errors->count && code == SQLITE_DONE; i++) {
+        sqlite3_bind_int64(statement, 1, (int64_t)job);
+        sqlite3_bind_int64(statement, 2, (int64_t)errors->points[i].samples);
+        sqlite3_bind_double(statement, 3, errors->points[i].elapsed);
+        sqlite3_bind_double(statement, 4, errors->points[i].error);
+        code = sqlite3_step(statement);
+        sqlite3_reset(statement);
+    }
+    result_t result = code == SQLITE_DONE ? result_ok() : failure(journal);
+    sqlite3_finalize(statement);
+    return result;
+}
+
 static result_t remove_record(journal_t *journal, const job_record_t *record)
 {
     char sql[80];
     snprintf(sql, sizeof sql, "DELETE FROM jobs WHERE job = %lld", (long long)record->job);
     TRY(run(journal, sql));
+    TRY(clear_errors(journal, record->job));
     return add_event(journal, record->job, "removed", "");
 }
 
@@ -196,6 +232,15 @@ result_t journal_save(journal_t *journal, const job_record_t *records, size_t co
     result_t result = begin(journal);
     if (result.code == RESULT_OK) result = end(journal, save_records(journal, records, count, &next));
     if (result.code == RESULT_OK) journal->found.next_job = next;
+    pthread_mutex_unlock(&journal->lock);
+    return result;
+}
+
+result_t journal_save_errors(journal_t *journal, uint64_t job, const error_history_t *errors)
+{
+    pthread_mutex_lock(&journal->lock);
+    result_t result = begin(journal);
+    if (result.code == RESULT_OK) result = end(journal, put_errors(journal, job, errors));
     pthread_mutex_unlock(&journal->lock);
     return result;
 }
@@ -255,6 +300,42 @@ static result_t read_records(journal_t *journal, bool *whole)
     return result;
 }
 
+/* Reads what is known of a record's errors; rows that make no sense are left out. */
+static void read_errors_of(sqlite3_stmt *statement, uint64_t job, error_history_t *errors)
+{
+    sqlite3_bind_int64(statement, 1, (int64_t)job);
+    while (sqlite3_step(statement) == SQLITE_ROW) {
+        error_point_t point = {.samples = (uint64_t)sqlite3_column_int64(statement, 0),
+                               .elapsed = sqlite3_column_double(statement, 1),
+                               .error = sqlite3_column_double(statement, 2)};
+        if (sqlite3_column_int64(statement, 0) > 0 && error_point_valid(&point))
+            error_history_add(errors, &point);
+    }
+    sqlite3_reset(statement);
+}
+
+/* Reads the errors of the records that were found. That some cannot be read is no reason to do without the
+ * rest. */
+static void read_errors(journal_t *journal)
+{
+    journal_found_t *found = &journal->found;
+    sqlite3_stmt *statement;
+    int64_t tables = 0;
+    free(found->errors);
+    found->errors = mem_zalloc(found->record_count + 1, sizeof *found->errors);
+    (void)number(journal, "SELECT count(*) FROM sqlite_master WHERE name = 'errors'", &tables);
+    if (tables == 0) return;
+    result_t result = prepare(
+        journal, "SELECT samples, elapsed, error FROM errors WHERE job = ?1 ORDER BY samples", &statement);
+    if (result.code != RESULT_OK) {
+        log_error("%s; the history of errors is not read", result.message);
+        return;
+    }
+    for (size_t i = 0; i < found->record_count; i++)
+        read_errors_of(statement, found->records[i].job, &found->errors[i]);
+    sqlite3_finalize(statement);
+}
+
 /* *good becomes false when SQLite finds the database's structure damaged. */
 static result_t check_structure(journal_t *journal, bool *good)
 {
@@ -309,6 +390,7 @@ static result_t read_tables(journal_t *journal, bool *whole)
     int64_t next = 0, running = 0;
     TRY(check_structure(journal, whole));
     TRY(read_records(journal, whole));
+    read_errors(journal);
     TRY(number(journal, "SELECT value FROM meta WHERE key = 'next_job'", &next));
     TRY(number(journal, "SELECT value FROM meta WHERE key = 'running'", &running));
     found->next_job = next > 0 ? (uint64_t)next : 0;
@@ -370,6 +452,7 @@ static result_t rebuild(journal_t *journal)
     bool whole;
     if (found->record_count == 0)
         (void)read_records(journal, &whole); /* the check may have ended before them */
+    read_errors(journal);
     close_database(journal);
     TRY(set_aside(journal));
     TRY(open_database(journal, false));
@@ -381,6 +464,9 @@ static result_t rebuild(journal_t *journal)
     found->next_job = next;
     TRY(set_meta(journal, "next_job", (int64_t)next));
     TRY(journal_save(journal, found->records, found->record_count));
+    for (size_t i = 0; i < found->record_count; i++)
+        if (found->errors[i].count > 0)
+            TRY(journal_save_errors(journal, found->records[i].job, &found->errors[i]));
     return journal_note(journal, 0, "journal damaged", "it was set aside and rebuilt");
 }
 
@@ -436,6 +522,8 @@ const journal_found_t *journal_found(const journal_t *journal)
 void journal_forget_found(journal_t *journal)
 {
     free(journal->found.records);
+    free(journal->found.errors);
     journal->found.records = NULL;
+    journal->found.errors = NULL;
     journal->found.record_count = 0;
 }

@@ -4,6 +4,7 @@
  * is renamed, and what is readable in it goes into a new one.
  *
  *     jobs      the record of each job (record.h), and its name and state for people
+ *     errors    how the estimated error of each job fell (error_history.h), a row for each point
  *     history   what happened to jobs and to the master, the last JOURNAL_MAX_HISTORY events
  *     meta      the next job's number, and whether a master is at work
  *
@@ -12,6 +13,7 @@
 #ifndef LIGHTMILL_JOURNAL_H
 #define LIGHTMILL_JOURNAL_H
 
+#include "master/store/error_history.h"
 #include "master/store/job_record.h"
 
 enum {
@@ -37,12 +39,15 @@ typedef struct {
     uint64_t next_job;
     job_record_t *records; /* in the order of their numbers; the journal's, until journal_forget_found */
     size_t record_count;
+    error_history_t *errors; /* of each record, empty where there is none; likewise */
 } journal_found_t;
 const journal_found_t *journal_found(const journal_t *journal);
 void journal_forget_found(journal_t *journal);
 
-/* Saves the records, all or none; those that are marked as removed go. */
+/* Saves the records, all or none; those that are marked as removed go, with their errors. */
 result_t journal_save(journal_t *journal, const job_record_t *records, size_t count);
+/* Saves how the error of a job fell, in the place of what was saved of it before. */
+result_t journal_save_errors(journal_t *journal, uint64_t job, const error_history_t *errors);
 /* Adds to the history of a job, 0: of the master. */
 result_t journal_note(journal_t *journal, uint64_t job, const char *event, const char *text);
 

@@ -287,10 +287,30 @@ static bool next_request(image_writer_t *image_writer, image_request_t *request)
     return found;
 }
 
+static bool is_asked(image_writer_t *image_writer)
+{
+    pthread_mutex_lock(&image_writer->lock);
+    bool asked = image_writer->waiting_count > 0;
+    pthread_mutex_unlock(&image_writer->lock);
+    return asked;
+}
+
 static void serve_finished(image_writer_t *image_writer)
 {
     for (job_t *job; (job = farm_next_finished(image_writer->options.farm)) != NULL;)
         finish_job(image_writer, job);
+}
+
+/* Estimates the errors that are due, as long as nobody waits for an image. */
+static void estimate_errors(image_writer_t *image_writer)
+{
+    farm_t *farm = image_writer->options.farm;
+    for (job_t *job; !atomic_load(&image_writer->stop) && !is_asked(image_writer) &&
+                     (job = farm_next_estimate(farm, clock_now())) != NULL;) {
+        farm_estimate(farm, clock_now(), job);
+        farm_unpin(farm, job);
+        serve_finished(image_writer);
+    }
 }
 
 static void *image_writer_run(void *argument)
@@ -305,6 +325,7 @@ static void *image_writer_run(void *argument)
             answer_request(image_writer, &request);
             serve_finished(image_writer);
         }
+        estimate_errors(image_writer);
         pthread_mutex_lock(&image_writer->lock);
         drop_old(image_writer, clock_now());
         pthread_mutex_unlock(&image_writer->lock);

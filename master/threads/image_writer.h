@@ -1,5 +1,5 @@
 /* image_writer: the thread that makes OpenEXR files of films, for finished jobs and for clients that ask
- * meanwhile.
+ * meanwhile. In between it estimates the errors of jobs.
  *
  * A finished job's image is DATA/job-<number>.exr and stays. A client gets a snapshot: a file in
  * DATA/snapshots that is deleted a while after its last use. There are at most IMAGE_WRITER_MAX_SNAPSHOTS. To

@@ -76,6 +76,13 @@ static void complain(journal_writer_t *journal_writer, const char *what)
               what, RETRY);
 }
 
+static result_t failed(journal_writer_t *journal_writer, result_t result)
+{
+    complain(journal_writer, result.message);
+    journal_writer->retry_at = clock_now() + RETRY;
+    return result;
+}
+
 /* Saves records; those of removed jobs lose their files too. */
 static result_t save(journal_writer_t *journal_writer, const job_record_t *records, size_t count)
 {
@@ -85,11 +92,7 @@ static result_t save(journal_writer_t *journal_writer, const job_record_t *recor
     if (result.code != RESULT_OK && journal_writer->options.checkpointer != NULL &&
         checkpointer_make_room(journal_writer->options.checkpointer, JOURNAL_ROOM))
         result = journal_save(journal_writer->options.journal, records, count);
-    if (result.code != RESULT_OK) {
-        complain(journal_writer, result.message);
-        journal_writer->retry_at = clock_now() + RETRY;
-        return result;
-    }
+    if (result.code != RESULT_OK) return failed(journal_writer, result);
     for (size_t i = 0; i < count; i++)
         blob_store_need(journal_writer->options.store, &records[i].blob, records[i].job,
                         !records[i].removed && needs_blob(records[i].state, records[i].retained));
@@ -112,6 +115,27 @@ static result_t save_changes(journal_writer_t *journal_writer)
         for (size_t i = 0; i < count; i++) farm_record_unsaved(farm, journal_writer->records[i].job);
         return result;
     }
+}
+
+/* Writes down how errors fell, where that has changed. */
+static result_t save_errors(journal_writer_t *journal_writer)
+{
+    farm_t *farm = journal_writer->options.farm;
+    error_history_t errors;
+    for (uint64_t job; farm_next_history(farm, &job, &errors);) {
+        result_t result = journal_save_errors(journal_writer->options.journal, job, &errors);
+        if (result.code == RESULT_OK) continue;
+        farm_history_unsaved(farm, job);
+        return failed(journal_writer, result);
+    }
+    return result_ok();
+}
+
+/* The errors come first: where a job is over by its record, its history is whole. */
+static result_t save_all(journal_writer_t *journal_writer)
+{
+    result_t errors = save_errors(journal_writer), changes = save_changes(journal_writer);
+    return errors.code != RESULT_OK ? errors : changes;
 }
 
 /* ---- what clients want --------------------------------------------------------------------------------- */
@@ -237,11 +261,11 @@ static void *journal_writer_run(void *argument)
         wake_wait(journal_writer->options.journal_writer_wake, POLL_MS);
         for (journal_writer_request_t request; next_request(journal_writer, &request);)
             serve(journal_writer, &request);
-        if (clock_now() >= journal_writer->retry_at) save_changes(journal_writer);
+        if (clock_now() >= journal_writer->retry_at) save_all(journal_writer);
     }
     for (journal_writer_request_t request; next_request(journal_writer, &request);)
         serve(journal_writer, &request);
-    result_t result = save_changes(journal_writer);
+    result_t result = save_all(journal_writer);
     if (result.code != RESULT_OK)
         log_error("the last changes of jobs are not written down: %s", result.message);
     return NULL;

@@ -1,6 +1,6 @@
 /* journal_writer: the thread that writes what clients order to the journal, so that it outlives the process.
  * A submitted job, and an order, is safe on the disk before the client has its answer. The thread also writes
- * every other change of a job's record, and deletes the files of deleted jobs.
+ * every other change of a job's record, how its error falls, and deletes the files of deleted jobs.
  *
  * The control server asks with journal_writer_ask and collects the answers with journal_writer_next_answer: a
  * slow disk delays the answers, never a heartbeat.

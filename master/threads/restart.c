@@ -182,6 +182,9 @@ result_t restart_farm(farm_t *farm, journal_t *journal, film_store_t *films, blo
     double now = clock_now();
     for (size_t i = 0; i < jobs.count && result.code == RESULT_OK; i++)
         farm_restore(farm, now, &jobs.records[i]);
+    const journal_found_t *found = journal_found(journal);
+    for (size_t i = 0; i < found->record_count && result.code == RESULT_OK; i++)
+        farm_restore_history(farm, found->records[i].job, &found->errors[i]);
     journal_forget_found(journal);
     free(jobs.records);
     return result;

@@ -1002,6 +1002,11 @@ static void *keep(void *argument)
     while (toy_state(me->farm, 1, me->job) == JOB_RUNNING) {
         toy_film_t film;
         if (toy_checkpoint(me->farm, 1, ok, &film)) toy_film_free(&film);
+        job_t *job = farm_next_estimate(me->farm, clock_now());
+        if (job != NULL) {
+            farm_estimate(me->farm, clock_now(), job);
+            farm_unpin(me->farm, job);
+        }
         hash_t sums = toy_sums(me->farm, me->job);
         (void)sums;
     }

@@ -131,6 +131,56 @@ static void what_is_saved_is_there_again(void **state)
     assert_memory_equal(&found->records[0].settings, &records[0].settings, sizeof records[0].settings);
 }
 
+static void save_errors(fixture_t *fixture, uint64_t job, uint64_t points)
+{
+    error_history_t errors = {0};
+    for (uint64_t i = 1; i <= points; i++)
+        error_history_add(&errors, &(error_point_t){1.5 * (double)i, (i << 40) + job, 1 / (double)i});
+    must(journal_save_errors(fixture->journal, job, &errors));
+}
+
+static void assert_errors(const error_history_t *errors, uint64_t job, size_t count)
+{
+    assert_int_equal(errors->count, count);
+    for (size_t i = 0; i < count; i++) {
+        assert_true(errors->points[i].elapsed == 1.5 * (double)(i + 1));
+        assert_true(errors->points[i].samples == ((uint64_t)(i + 1) << 40) + job);
+        assert_true(errors->points[i].error == 1 / (double)(i + 1));
+    }
+}
+
+static void errors_are_there_again_and_go_with_their_job(void **state)
+{
+    fixture_t *fixture = *state;
+    job_record_t records[4] = {record_of(1), record_of(2), record_of(3), record_of(4)};
+    must(journal_save(fixture->journal, records, 4));
+    save_errors(fixture, 1, ERROR_HISTORY_POINTS);
+    save_errors(fixture, 2, 7);
+    save_errors(fixture, 2, 3); /* in the place of those before */
+    save_errors(fixture, 4, 5);
+    records[3].removed = true;
+    must(journal_save(fixture->journal, &records[3], 1));
+    const journal_found_t *found = reopen(fixture);
+    assert_int_equal(found->record_count, 3);
+    assert_errors(&found->errors[0], 1, ERROR_HISTORY_POINTS);
+    assert_errors(&found->errors[1], 2, 3);
+    assert_errors(&found->errors[2], 3, 0);
+    assert_int_equal(ask(fixture, "SELECT count(*) FROM errors WHERE job = 4"), 0);
+    /* What makes no sense is left out; what an earlier version made has none. */
+    change(fixture, "UPDATE errors SET error = -1 WHERE job = 1 AND elapsed > 2");
+    change(fixture, "UPDATE errors SET samples = -5, error = 'x' WHERE job = 2 AND elapsed > 4");
+    found = reopen(fixture);
+    assert_errors(&found->errors[0], 1, 1);
+    assert_errors(&found->errors[1], 2, 2);
+    change(fixture, "DROP TABLE errors");
+    found = reopen(fixture);
+    assert_int_equal(found->record_count, 3);
+    assert_int_equal(found->errors[0].count, 0);
+    must(journal_save(fixture->journal, &records[3], 1));
+    save_errors(fixture, 1, 9);
+    assert_errors(&reopen(fixture)->errors[0], 1, 9);
+}
+
 static void a_number_is_never_given_twice(void **state)
 {
     fixture_t *fixture = *state;
@@ -238,6 +288,8 @@ static void a_short_file_is_set_aside(void **state)
 static void a_flipped_bit_in_a_record_is_found(void **state)
 {
     fixture_t *fixture = *state;
+    save_one(fixture, 3);
+    save_errors(fixture, 3, 4);
     fill_journal(fixture, 3);
     change(fixture,
            "UPDATE jobs SET record = substr(record, 1, 5) || x'ff' || substr(record, 7) WHERE job = 2");
@@ -246,6 +298,7 @@ static void a_flipped_bit_in_a_record_is_found(void **state)
     assert_true(found->records[0].job == 1 && found->records[1].job == 3);
     assert_true(found->next_job > 3);
     assert_int_equal(reopen(fixture)->record_count, 2);
+    assert_errors(&journal_found(fixture->journal)->errors[1], 3, 4); /* they are taken over */
 }
 
 static void a_missing_table_is_found(void **state)
@@ -344,6 +397,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(what_is_saved_is_there_again, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(errors_are_there_again_and_go_with_their_job, set_up, tear_down),
         cmocka_unit_test_setup_teardown(a_number_is_never_given_twice, set_up, tear_down),
         cmocka_unit_test_setup_teardown(it_keeps_a_history, set_up, tear_down),
         cmocka_unit_test_setup_teardown(it_survives_a_kill, set_up, tear_down),
