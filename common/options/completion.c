@@ -44,7 +44,7 @@ void completion_print(const command_t *command, int count, char **words)
     const command_t *const *at = command->subcommands;
     for (; at != NULL && *at != NULL; at++) offer(command_word(*at), typed);
     const option_t *before = count > 1 ? named(command, words[count - 2]) : NULL;
-    if (before == NULL || before->argument == NULL) {
+    if (before == NULL || before->argument == NULL || before->implied != NULL) {
         if (typed[0] == '-') offer_options(command, typed);
         return;
     }

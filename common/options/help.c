@@ -12,8 +12,10 @@ static void option_title(const option_t *row, char text[100])
 {
     char letter[8] = "";
     if (row->letter != 0) snprintf(letter, sizeof letter, "-%c, ", row->letter);
-    snprintf(text, 100, "%s--%s%s%s", letter, row->name, row->argument ? " " : "",
-             row->argument ? row->argument : "");
+    bool implied = row->implied != NULL;
+    const char *before = implied ? "[=" : row->argument != NULL ? " " : "";
+    snprintf(text, 100, "%s--%s%s%s%s", letter, row->name, before, row->argument ? row->argument : "",
+             implied ? "]" : "");
 }
 
 /* The subcommands and the options: a heading (or NULL) for each group, and its items. */

@@ -125,6 +125,7 @@ static result_t take_value(reading_t *reading, found_t found, const char *value,
     if (found.row->argument == NULL && value != NULL)
         return result_fail(RESULT_USAGE, "--%s takes no value; see %s --help", found.row->name,
                            reading->call.command->name);
+    if (value == NULL) value = found.row->implied;
     if (found.row->argument != NULL && value == NULL) {
         if (**next == NULL)
             return result_fail(RESULT_USAGE, "--%s needs a value, %s; see %s --help", found.row->name,

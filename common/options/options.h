@@ -5,7 +5,8 @@
  * (completion.c), so that none of them can lack an option. A row knows by its offset where its value belongs
  * in a struct; several commands share a table by holding such a struct in theirs.
  *
- * What is accepted: --name VALUE, --name=VALUE, -o VALUE, -oVALUE, options and arguments in any order, "--"
+ * What is accepted: --name VALUE, --name=VALUE, -o VALUE, -oVALUE (an option whose value may be missing takes
+ * it with the equals sign only), options and arguments in any order, "--"
  * before arguments that begin with a dash (negative numbers need none), and beginnings of names that fit one
  * option only, as getopt_long takes them. The last of several values counts.
  */
@@ -33,6 +34,7 @@ struct option {
     const char *environment;    /* a variable that stands in for the option; NULL: none */
     char letter;                /* "-o"; 0: none */
     bool many;                  /* takes all words up to the next option */
+    const char *implied; /* the value when none is given: it is given as --name=VALUE only; NULL: none */
 };
 
 /* Takes a flag: the field is a bool. */

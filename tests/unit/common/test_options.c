@@ -19,7 +19,7 @@ typedef struct {
     int32_t whole;
     uint32_t count;
     uint64_t large, bytes;
-    double real, share;
+    double real, share, pause;
     int kind;
     option_list_t list;
 } part_t;
@@ -41,6 +41,7 @@ static const option_t rows[] = {
     OPTION_BY(option_share, part_t, share, "share", "SHARE", "a share"),
     OPTION_BY(option_gigabytes, part_t, bytes, "bytes", "GB", "gigabytes", OPTION_RANGE(0, 1e6)),
     OPTION_BY(option_choice, part_t, kind, "kind", "KIND", "a kind", .choices = kinds),
+    OPTION(part_t, pause, "pause", "SECONDS", "a pause", OPTION_RANGE(1, 9), .implied = "2"),
     OPTION(part_t, list, "list", "A B ...", "a list", .many = true),
 };
 static const option_group_t group = OPTION_GROUP("Parts", rows);
@@ -170,6 +171,17 @@ static void a_list_goes_on_to_the_next_option(void **state)
     assert_string_equal(seen_arguments, "z y x");
 }
 
+static void a_value_that_may_be_missing_needs_the_sign(void **state)
+{
+    (void)state;
+    assert_reads("--pause", "7", NULL);
+    assert_true(seen.part.pause == 2);
+    assert_string_equal(seen_arguments, "7");
+    assert_reads("--pause=3", "7", NULL);
+    assert_true(seen.part.pause == 3);
+    assert_refuses("--pause takes a number from 1 to 9, not '0'", "--pause=0", NULL);
+}
+
 static void a_clear_beginning_is_enough(void **state)
 {
     (void)state;
@@ -228,6 +240,7 @@ static void help_has_every_option(void **state)
     assert_non_null(strstr(text, "usage: test part [A] [B] [C] [options]\n\nTests.\n\nParts:\n"));
     assert_non_null(strstr(text, "\n  -t, --text TEXT       a text\n"));
     assert_non_null(strstr(text, "\n  --flag                a flag\n"));
+    assert_non_null(strstr(text, "\n  --pause[=SECONDS]     a pause\n"));
     for (size_t i = 0; i < ARRAY_LENGTH(rows); i++) assert_non_null(strstr(text, rows[i].help));
     free(text);
     scratch_destroy(&folder);
@@ -240,6 +253,7 @@ int main(void)
                                        cmocka_unit_test(what_is_not_said_keeps_its_value),
                                        cmocka_unit_test(arguments_stand_anywhere),
                                        cmocka_unit_test(a_list_goes_on_to_the_next_option),
+                                       cmocka_unit_test(a_value_that_may_be_missing_needs_the_sign),
                                        cmocka_unit_test(a_clear_beginning_is_enough),
                                        cmocka_unit_test(the_environment_stands_in),
                                        cmocka_unit_test(a_wrong_value_is_told_with_what_is_right),
