@@ -3,23 +3,36 @@
 #include "client/farm/master_option.h"
 #include "client/scene/settings.h"
 #include "client/text/json.h"
+#include "client/text/plot.h"
 #include "client/text/progress.h"
 #include "client/text/text.h"
+#include "common/interrupt.h"
 
+#include <errno.h>
 #include <inttypes.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/ioctl.h>
 #include <time.h>
+#include <unistd.h>
+
+#define POLL 0.1 /* seconds: how soon Ctrl-C is noticed */
 
 typedef struct {
     master_option_t master; /* first: see begin */
     bool json, workers;
+    double watch; /* seconds between two reports; 0: one is enough */
 } values_t;
 
 static const option_t rows[] = {
     OPTION(values_t, workers, "workers", NULL, "the workers too"),
     OPTION(values_t, json, "json", NULL, "for programs: one JSON object, {\"workers\": N, \"jobs\": [...]}"),
+    OPTION(values_t, watch, "watch", "SECONDS",
+           "report again and again, every 2 seconds unless said otherwise, until Ctrl-C; with --json each "
+           "report is a line",
+           OPTION_RANGE(0.1, 86400), .implied = "2"),
 };
 static const option_group_t status_options = OPTION_GROUP(NULL, rows);
 
@@ -81,6 +94,19 @@ static void put_samples(json_t *object, const Lm__JobStatus *job)
     put_count(object, "samples_skipped", job->samples_skipped);
 }
 
+static void put_history(json_t *object, const Lm__JobStatus *job)
+{
+    json_t *list = json_array();
+    for (size_t i = 0; i < job->n_history; i++) {
+        json_t *point = json_object();
+        put_real(point, "elapsed", job->history[i]->elapsed);
+        put_count(point, "samples", job->history[i]->samples);
+        put_real(point, "error", job->history[i]->error);
+        json_array_append_new(list, point);
+    }
+    json_object_set_new(object, "history", list);
+}
+
 static json_t *job_object(const Lm__JobStatus *job)
 {
     json_t *object = json_object();
@@ -133,12 +159,14 @@ static json_t *worker_object(const Lm__WorkerStatus *worker)
     return object;
 }
 
-/* `workers` is NULL when they were not asked for. */
-static void print_json(const Lm__JobStatusReply *jobs, const Lm__WorkerList *workers)
+/* `workers` is NULL when they were not asked for, `history` says whether that of the only job was. */
+static void print_json(const Lm__JobStatusReply *jobs, const Lm__WorkerList *workers, bool history,
+                       int indent)
 {
     json_t *root = json_object(), *list = json_array();
     put_count(root, "workers", jobs->workers);
     for (size_t i = 0; i < jobs->n_jobs; i++) json_array_append_new(list, job_object(jobs->jobs[i]));
+    if (history) put_history(json_array_get(list, 0), jobs->jobs[0]);
     json_object_set_new(root, "jobs", list);
     if (workers != NULL) {
         list = json_array();
@@ -146,7 +174,7 @@ static void print_json(const Lm__JobStatusReply *jobs, const Lm__WorkerList *wor
             json_array_append_new(list, worker_object(workers->workers[i]));
         json_object_set_new(root, "worker_list", list);
     }
-    json_print(root, 2, 15);
+    json_print(root, indent, 15);
 }
 
 /* ---- for people ---------------------------------------------------------------------------------------- */
@@ -253,6 +281,19 @@ static void print_details(const Lm__JobStatus *job)
     print_checks(job);
 }
 
+static int terminal_width(void)
+{
+    struct winsize size = {0};
+    return ioctl(STDOUT_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 1 ? size.ws_col - 1 : 79;
+}
+
+static void print_plot(const Lm__JobStatus *job)
+{
+    char *text = plot_error(job, terminal_width());
+    if (text != NULL) printf("\n%s", text);
+    free(text);
+}
+
 static void print_worker(const Lm__WorkerStatus *worker)
 {
     char speed[32] = "-", job[24] = "-";
@@ -278,15 +319,27 @@ static void print_workers(const Lm__WorkerList *list)
 
 /* ---- the command --------------------------------------------------------------------------------------- */
 
+/* Where the next report goes: over the last one on a terminal, else below it. */
+static void begin_page(void)
+{
+    static const char home_and_erase[] = "\033[H\033[J";
+    if (isatty(STDOUT_FILENO) == 1)
+        fputs(home_and_erase, stdout);
+    else
+        putchar('\n');
+}
+
 static void print_report(const values_t *values, uint64_t job, const Lm__JobStatusReply *jobs,
                          const Lm__WorkerList *workers)
 {
     if (values->json) {
-        print_json(jobs, workers);
+        print_json(jobs, workers, job != 0, values->watch > 0 ? 0 : 2);
         return;
     }
+    if (values->watch > 0) begin_page();
     print_jobs(jobs);
     if (job != 0) print_details(jobs->jobs[0]);
+    if (job != 0) print_plot(jobs->jobs[0]);
     if (workers != NULL) print_workers(workers);
 }
 
@@ -294,7 +347,7 @@ static void print_report(const values_t *values, uint64_t job, const Lm__JobStat
 static result_t report(const values_t *values, uint64_t job, remote_t *remote)
 {
     wire_message_t jobs, workers;
-    TRY(remote_status(remote, job, &jobs));
+    TRY(job != 0 ? remote_history(remote, job, &jobs) : remote_status(remote, job, &jobs));
     result_t result = values->workers ? remote_workers(remote, &workers) : result_ok();
     if (result.code == RESULT_OK) {
         print_report(values, job, jobs.envelope->job_status_reply,
@@ -302,7 +355,35 @@ static result_t report(const values_t *values, uint64_t job, remote_t *remote)
         if (values->workers) wire_free(&workers);
     }
     wire_free(&jobs);
+    if (fflush(stdout) != 0 && result.code == RESULT_OK)
+        return result_fail(RESULT_IO, "cannot write to the standard output: %s", strerror(errno));
     return result;
+}
+
+/* Waits, at most until Ctrl-C. */
+static void wait_for(double seconds)
+{
+    for (double end = clock_now() + seconds; clock_now() < end && !interrupt_seen();) {
+        double left = fmax(0, fmin(POLL, end - clock_now()));
+        nanosleep(&(struct timespec){.tv_nsec = (long)(1e9 * left)}, NULL);
+    }
+}
+
+/* Reports until Ctrl-C. A master that answered once is waited for when it does not any more. */
+static result_t watch(const values_t *values, uint64_t job, remote_t *remote)
+{
+    bool silent = false;
+    interrupt_catch();
+    TRY(report(values, job, remote));
+    for (;;) {
+        wait_for(values->watch);
+        if (interrupt_seen()) return result_ok();
+        result_t result = report(values, job, remote);
+        if (result.code != RESULT_UNREACHABLE) TRY(result);
+        if (result.code == RESULT_UNREACHABLE && !silent) log_warning("%s; asking on", result.message);
+        if (result.code == RESULT_OK && silent) log_warning("the master is back");
+        silent = result.code == RESULT_UNREACHABLE;
+    }
 }
 
 static result_t run(const call_t *call)
@@ -312,7 +393,7 @@ static result_t run(const call_t *call)
     if (call->count > 0) TRY(job_number_parse(call->arguments[0], &job));
     remote_t *remote;
     TRY(master_connect(&values->master, &remote));
-    result_t result = report(values, job, remote);
+    result_t result = values->watch > 0 ? watch(values, job, remote) : report(values, job, remote);
     remote_close(&remote);
     return result;
 }
@@ -320,7 +401,9 @@ static result_t run(const call_t *call)
 const command_t status_command = {.name = "lightmill status",
                                   .arguments = "[JOB]",
                                   .summary = "what a master is doing",
-                                  .about = "What a master is doing: its jobs, or all that is known of one.",
+                                  .about =
+                                      "What a master is doing: its jobs, or all that is known of one, with a "
+                                      "plot of how its error falls.",
                                   .groups = {{&status_options, 0}, MASTER_GROUPS(values_t, master)},
                                   .size = sizeof(values_t),
                                   .begin = master_option_begin,

@@ -230,14 +230,19 @@ result_t remote_submit(remote_t *remote, const char *name, const job_settings_t 
     return remote_submit_job(remote, &terms, settings, blob, job);
 }
 
+static result_t request_status(remote_t *remote, Lm__JobStatusRequest *request, wire_message_t *message)
+{
+    Lm__Envelope envelope = WIRE_ENVELOPE(JOB_STATUS_REQUEST, job_status_request, request);
+    return ask(remote, &remote->control, &envelope, NULL, remote->timeout,
+               LM__ENVELOPE__BODY_JOB_STATUS_REPLY, message);
+}
+
 static result_t ask_status(remote_t *remote, uint64_t job, uint64_t from, wire_message_t *message)
 {
     Lm__JobStatusRequest request = LM__JOB_STATUS_REQUEST__INIT;
     request.job = job;
     request.from = from;
-    Lm__Envelope envelope = WIRE_ENVELOPE(JOB_STATUS_REQUEST, job_status_request, &request);
-    return ask(remote, &remote->control, &envelope, NULL, remote->timeout,
-               LM__ENVELOPE__BODY_JOB_STATUS_REPLY, message);
+    return request_status(remote, &request, message);
 }
 
 /* Moves the items of another page to the end of a list. Returns where the next page begins; 0: no more. */
@@ -277,18 +282,32 @@ static result_t ask_further(remote_t *remote, uint64_t next, append_fn append,
     return result_ok();
 }
 
+/* An answer is about this job and no other; the message is freed when it is not. */
+static result_t check_job(uint64_t job, wire_message_t *message)
+{
+    const Lm__JobStatusReply *reply = message->envelope->job_status_reply;
+    if (reply->n_jobs == 1 && reply->jobs[0]->job == job) return result_ok();
+    wire_free(message);
+    return result_fail(RESULT_PROTOCOL, "the master's answer is not about job %llu", (unsigned long long)job);
+}
+
 result_t remote_status(remote_t *remote, uint64_t job, wire_message_t *message)
 {
     TRY(ask_status(remote, job, 0, message));
-    Lm__JobStatusReply *reply = message->envelope->job_status_reply;
-    result_t result = result_ok();
-    if (job == 0)
-        result = ask_further(remote, reply->next, append_jobs, ask_status, message);
-    else if (reply->n_jobs != 1 || reply->jobs[0]->job != job)
-        result = result_fail(RESULT_PROTOCOL, "the master's answer is not about job %llu",
-                             (unsigned long long)job);
+    if (job != 0) return check_job(job, message);
+    uint64_t next = message->envelope->job_status_reply->next;
+    result_t result = ask_further(remote, next, append_jobs, ask_status, message);
     if (result.code != RESULT_OK) wire_free(message);
     return result;
+}
+
+result_t remote_history(remote_t *remote, uint64_t job, wire_message_t *message)
+{
+    Lm__JobStatusRequest request = LM__JOB_STATUS_REQUEST__INIT;
+    request.job = job;
+    request.history = true;
+    TRY(request_status(remote, &request, message));
+    return check_job(job, message);
 }
 
 static result_t ask_workers(remote_t *remote, uint64_t job, uint64_t from, wire_message_t *message)

@@ -43,6 +43,9 @@ result_t remote_submit(remote_t *remote, const char *name, const job_settings_t 
 /* The state of a job, or of all jobs when `job` is 0: the answer is message->envelope->job_status_reply, and
  * the caller frees the message with wire_free. With a job the reply holds exactly that one. */
 result_t remote_status(remote_t *remote, uint64_t job, wire_message_t *message);
+/* The state of one job with the history of its error (JobStatus.history), which a master that knows none
+ * leaves empty. */
+result_t remote_history(remote_t *remote, uint64_t job, wire_message_t *message);
 /* All workers: the answer is message->envelope->worker_list, freed likewise. */
 result_t remote_workers(remote_t *remote, wire_message_t *message);
 /* Has something done with a job. */

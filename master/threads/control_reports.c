@@ -33,7 +33,7 @@ static void fill_progress(const job_report_t *report, Lm__JobStatus *status)
     status->samples_skipped = report->record.account.skipped;
     status->elapsed = report->record.elapsed;
     status->remaining = report->remaining;
-    status->error = report->record.error;
+    status->error = report->error;
     status->checkpoint_age = report->checkpoint_age;
     status->submitted = report->record.submitted;
     status->ended = report->record.finished;
@@ -88,6 +88,27 @@ static void fill_jobs(job_report_t *reports, size_t count, uint64_t from, status
     }
 }
 
+/* Adds the history of a job's error to its status; returns memory that has to live as long, for two calls of
+ * free: the points themselves are in *points. */
+static Lm__ErrorPoint **fill_history(farm_t *farm, Lm__JobStatus *status, Lm__ErrorPoint **points)
+{
+    size_t count;
+    error_point_t *history = farm_job_history(farm, status->job, &count);
+    Lm__ErrorPoint **list = mem_alloc((count + 1) * sizeof *list);
+    *points = mem_alloc((count + 1) * sizeof **points);
+    for (size_t i = 0; i < count; i++) {
+        list[i] = &(*points)[i];
+        lm__error_point__init(list[i]);
+        list[i]->elapsed = history[i].elapsed;
+        list[i]->samples = history[i].samples;
+        list[i]->error = history[i].error;
+    }
+    free(history);
+    status->n_history = count;
+    status->history = list;
+    return list;
+}
+
 result_t report_jobs(farm_t *farm, double now, const Lm__JobStatusRequest *request, uint32_t bulk_port,
                      report_send_fn send, void *context)
 {
@@ -100,7 +121,11 @@ result_t report_jobs(farm_t *farm, double now, const Lm__JobStatusRequest *reque
     body.jobs = mem_alloc((count + 1) * sizeof(Lm__JobStatus *));
     body.bulk_port = bulk_port;
     fill_jobs(reports, count, request->job != 0 ? 0 : request->from, statuses, &body);
+    Lm__ErrorPoint *points = NULL, **history = NULL;
+    if (request->job != 0 && request->history) history = fill_history(farm, body.jobs[0], &points);
     send(context, LM__ENVELOPE__BODY_JOB_STATUS_REPLY, &body);
+    free(history);
+    free(points);
     free(body.jobs);
     free(statuses);
     free(reports);

@@ -198,6 +198,25 @@ static hash_t rendered(rig_t *rig, const char *spp)
     return hash;
 }
 
+/* True when the history of job 1 has a point of so many samples a pixel; it must be rising. */
+static bool has_point(rig_t *rig, int spp)
+{
+    bool found = false;
+    double before = 0;
+    json_t *root = status_json(rig, "1");
+    json_t *list = json_object_get(json_array_get(json_object_get(root, "jobs"), 0), "history");
+    assert_true(json_is_array(list));
+    for (size_t i = 0; i < json_array_size(list); i++) {
+        const json_t *point = json_array_get(list, i);
+        assert_true(number(point, "samples") > before);
+        assert_true(number(point, "error") > 0 && number(point, "elapsed") > 0);
+        before = number(point, "samples");
+        found = found || before == 64 * 64 * spp;
+    }
+    json_decref(root);
+    return found;
+}
+
 static void an_extended_job_has_the_bits_of_a_longer_one(void **state)
 {
     rig_t *rig = *state;
@@ -217,8 +236,9 @@ static void an_extended_job_has_the_bits_of_a_longer_one(void **state)
     rig_kill_master(rig);
     rig_restart_master(rig, INTERVAL);
     assert_int_equal(rig_status(rig, 1).state, JOB_DONE);
-    got = rig_image_hash(rig, 1); /* it is still there */
+    got = rig_image_hash(rig, 1); /* it is still there, */
     assert_true(hash_equal(&expected, &got));
+    assert_true(has_point(rig, 6) && has_point(rig, 21)); /* and so is the history of its error */
     expect(rig, 0, "wrote", ARGUMENTS("extend", "1", "--spp", "40", "--wait", "-o", path));
     expected = rendered(rig, "40");
     got = rig_file_hash(path);
@@ -226,6 +246,8 @@ static void an_extended_job_has_the_bits_of_a_longer_one(void **state)
     rig_status_t status = rig_status(rig, 1);
     assert_int_equal(status.samples_done, 40 * 64 * 64);
     assert_int_equal(status.samples_total, 40 * 64 * 64);
+    assert_true(has_point(rig, 6) && has_point(rig, 21) && has_point(rig, 40));
+    expect(rig, 0, "error against samples a pixel", ARGUMENTS("status", "1"));
     free(path);
 }
 
@@ -265,6 +287,38 @@ static void a_waiting_client_outlives_its_master(void **state)
     free(path);
 }
 
+/* Waits until a process has said something so many times. */
+static void wait_said(rig_t *rig, pid_t process, const char *what, int times)
+{
+    double start = clock_now();
+    for (int count = 0; count < times; rig_sleep(0.05)) {
+        char *output = rig_output(rig, process);
+        count = 0;
+        for (const char *at = output; (at = strstr(at, what)) != NULL; at++) count++;
+        free(output);
+        if (clock_now() - start > 60) fail_msg("'%s' is said %d times", what, count);
+    }
+}
+
+static void a_status_is_watched_until_ctrl_c(void **state)
+{
+    rig_t *rig = *state;
+    expect(rig, RESULT_USAGE, "--watch takes", ARGUMENTS("status", "--watch=0"));
+    rig_start_master(rig, INTERVAL);
+    pid_t lines = rig_start_command(rig, ARGUMENTS("status", "--watch=0.1", "--timeout", "0.5"));
+    pid_t objects = rig_start_command(rig, ARGUMENTS("status", "--watch=0.1", "--json"));
+    wait_said(rig, lines, "0 workers connected", 3);
+    wait_said(rig, objects, "{\"workers\": 0, \"jobs\": []}\n", 3);
+    kill(objects, SIGTERM);
+    assert_int_equal(rig_wait_exit(rig, objects, 20), 0);
+    rig_kill_master(rig);
+    rig_wait_output(rig, lines, "asking on");
+    rig_restart_master(rig, INTERVAL);
+    rig_wait_output(rig, lines, "the master is back");
+    kill(lines, SIGINT);
+    assert_int_equal(rig_wait_exit(rig, lines, 20), 0);
+}
+
 static void jobs_share_and_priorities_rule(void **state)
 {
     rig_t *rig = *state;
@@ -300,9 +354,8 @@ int main(void)
 {
 #define JOBS(test) cmocka_unit_test_setup_teardown(test, set_up, tear_down)
     const struct CMUnitTest tests[] = {
-        JOBS(the_life_of_a_job_in_orders),
-        JOBS(an_extended_job_has_the_bits_of_a_longer_one),
-        JOBS(a_waiting_client_outlives_its_master),
+        JOBS(the_life_of_a_job_in_orders),      JOBS(an_extended_job_has_the_bits_of_a_longer_one),
+        JOBS(a_status_is_watched_until_ctrl_c), JOBS(a_waiting_client_outlives_its_master),
         JOBS(jobs_share_and_priorities_rule),
     };
     return cmocka_run_group_tests_name("jobs", tests, NULL, NULL);

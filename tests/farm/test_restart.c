@@ -213,6 +213,18 @@ static void a_job_that_was_ending_ends(void **state)
     assert_reference(t, job);
 }
 
+/* True when the history of a job's error has a point of so many samples. */
+static bool has_point(restart_t *t, uint64_t job, uint64_t samples)
+{
+    bool found = false;
+    wire_message_t message;
+    assert_int_equal(remote_history(t->rig->remote, job, &message).code, RESULT_OK);
+    const Lm__JobStatus *status = message.envelope->job_status_reply->jobs[0];
+    for (size_t i = 0; i < status->n_history; i++) found = found || status->history[i]->samples == samples;
+    wire_free(&message);
+    return found;
+}
+
 static void a_job_that_is_over_is_extended(void **state)
 {
     restart_t *t = *state;
@@ -228,6 +240,7 @@ static void a_job_that_is_over_is_extended(void **state)
     rig_wait_samples(t->rig, job, samples_of(&part) + 1);
     restart_master(t);
     assert_reference(t, job);
+    assert_true(has_point(t, job, samples_of(&part)) && has_point(t, job, samples_of(&settings)));
     unsigned found[8];
     assert_int_equal(generations(t, found), 1); /* of a job that is over only the last stays */
 }
