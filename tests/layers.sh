@@ -1,5 +1,5 @@
 #!/bin/bash
-# Holds the plan of the house: which folder may use which, how large a folder may grow, and that neither includes nor
+# Holds the rule of the layers: which folder may use which, how large a folder may grow, and that neither includes nor
 # calls go round in circles. Says file, line and rule of what breaks it, and ends with 1.
 #
 # usage: tests/layers.sh [BUILD]      from anywhere; BUILD (build) has the objects, whose symbols tell who calls whom

@@ -1,4 +1,4 @@
-/* render_pool_state: what the render pool is made of, for render pool*.c alone. */
+/* render_pool_state: what the render pool is made of, for render_pool*.c alone. */
 #ifndef LIGHTMILL_RENDER_POOL_STATE_H
 #define LIGHTMILL_RENDER_POOL_STATE_H
 

@@ -1,8 +1,8 @@
 /* completion: what a shell offers when the Tab key is pressed in one of our command lines.
  *
- * The shell's script (completion_print_script) asks the program itself: PROGRAM --complete WORD... prints
- * what the last of these words can become, a line each. So the script never ages, and nothing printed means
- * that the shell offers files. */
+ * The shell's script (client/commands/completion.c) asks the program itself: PROGRAM --complete WORD...
+ * prints what the last of these words can become, a line each. So the script never ages, and nothing printed
+ * means that the shell offers files. */
 #ifndef LIGHTMILL_COMPLETION_H
 #define LIGHTMILL_COMPLETION_H
 

@@ -14,7 +14,7 @@ typedef enum {
     SCENE_ALPHA_APART,   /* the same; where it is not 1 everywhere, it also becomes a grey image, decoded as
                             colours are */
     SCENE_ALPHA_WITHIN   /* it stays with the colours, which takes images of 8 bits: of floats, only what is
-                            linear and   without alpha stays as it is */
+                            linear and without alpha stays as it is */
 } scene_alpha_t;
 
 /* How the numbers of a file are encoded: as its format says, or a gamma of blob_image_t (0: sRGB, 1: linear).

@@ -1,3 +1,4 @@
+/* shading_frame: see shading_frame.h. */
 #include "worker/render/material/shading_frame.h"
 
 /* Makes n the shading normal, turned to the side of the geometric one; keeps the old one if n is no

@@ -6,7 +6,7 @@
  * them has:
  *
  *   - a directive (WorldEnd is v3's; Attribute, Option, ColorSpace, Import are v4's),
- *   - the type that a Film, Sampler, Integrator, Material, MakeNamedMaterial or Texture names,
+ *   - the type that a Film, Camera, Sampler, Integrator, Material or MakeNamedMaterial names,
  *   - a bare true or false (v4).
  *
  * So WorldEnd decides at the latest, and a scene with nothing to tell is v4, which has no WorldEnd. A name of
