@@ -3,6 +3,7 @@
 
 #include "common/base.h"
 
+#include <sched.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -62,6 +63,13 @@ void file_limit_raise(void)
     if (getrlimit(RLIMIT_NOFILE, &limit) != 0) return;
     limit.rlim_cur = limit.rlim_max;
     if (setrlimit(RLIMIT_NOFILE, &limit) != 0) log_warning("cannot raise the limit of open files");
+}
+
+int core_count(void)
+{
+    cpu_set_t set;
+    if (sched_getaffinity(0, sizeof set, &set) == 0) return int_max(1, CPU_COUNT(&set));
+    return int_max(1, (int)sysconf(_SC_NPROCESSORS_ONLN));
 }
 
 uint64_t memory_limit(void)

@@ -1,4 +1,4 @@
-/* memory_limit: how much memory, and how many files, this process may use. */
+/* memory_limit: how much memory, how many files and how many cores this process may use. */
 #ifndef LIGHTMILL_MEMORY_LIMIT_H
 #define LIGHTMILL_MEMORY_LIMIT_H
 
@@ -9,5 +9,7 @@
 uint64_t memory_limit(void);
 /* Raises the limit of open files as far as it goes: every worker has two connections. */
 void file_limit_raise(void);
+/* Cores that it may run on, at least 1. */
+int core_count(void);
 
 #endif

@@ -17,10 +17,8 @@
 #include "worker/render_pool.h"
 
 #include <errno.h>
-#include <sched.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 #include <zmq.h>
 
 static const uint64_t DEFAULT_CACHE_LIMIT = (uint64_t)20 << 30;
@@ -32,14 +30,6 @@ worker_options_t worker_options_default(void)
                               .cache_limit = DEFAULT_CACHE_LIMIT,
                               .grace = WORKER_DEFAULT_GRACE,
                               .patience = DEFAULT_PATIENCE};
-}
-
-/* Cores that this process may run on. */
-static int core_count(void)
-{
-    cpu_set_t set;
-    if (sched_getaffinity(0, sizeof set, &set) == 0) return int_max(1, CPU_COUNT(&set));
-    return int_max(1, (int)sysconf(_SC_NPROCESSORS_ONLN));
 }
 
 /* Without one the worker is in a group of its own, which is a pity but no error. */

@@ -6,7 +6,7 @@
  */
 #include "client/farm/local_farm.h"
 
-#include "common/address.h"
+#include "common/memory_limit.h"
 #include "master/master.h"
 #include "worker/worker.h"
 
@@ -172,9 +172,8 @@ static result_t spawn_worker(local_farm_t *farm, const char *path, int threads)
 
 static result_t start_processes(local_farm_t *farm)
 {
-    int cores = (int)sysconf(_SC_NPROCESSORS_ONLN);
     int threads = farm->options.threads;
-    if (threads == 0) threads = int_max(1, cores / farm->options.workers);
+    if (threads == 0) threads = int_max(1, core_count() / farm->options.workers);
     char *path = NULL;
     TRY(sibling_path("lightmill-worker", &path));
     result_t result = result_ok();

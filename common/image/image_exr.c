@@ -12,13 +12,13 @@
  */
 #include "common/atomic_file.h"
 #include "common/image/image.h"
+#include "common/memory_limit.h"
 
 #include <errno.h>
 #include <fcntl.h>
 #include <math.h>
 #include <openexr.h>
 #include <pthread.h>
-#include <sched.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -606,12 +606,6 @@ static void *write_chunks(void *argument)
     pthread_cond_broadcast(&writer->turn);
     pthread_mutex_unlock(&writer->lock);
     return NULL;
-}
-
-static int core_count(void)
-{
-    cpu_set_t set;
-    return sched_getaffinity(0, sizeof set, &set) == 0 ? int_max(1, CPU_COUNT(&set)) : 1;
 }
 
 /* Writes all chunks on as many threads as there are cores, this one among them. */

@@ -4,10 +4,10 @@
  * bounded from outside (grants.h). */
 #include "proto/serve/merge_pool.h"
 
+#include "common/memory_limit.h"
 #include "common/wake.h"
 
 #include <pthread.h>
-#include <sched.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/prctl.h>
@@ -98,12 +98,6 @@ static void *merge_pool_run(void *argument)
         wake_up(pool->options.wake);
     }
     return NULL;
-}
-
-static int core_count(void)
-{
-    cpu_set_t set;
-    return sched_getaffinity(0, sizeof set, &set) == 0 ? CPU_COUNT(&set) : 1;
 }
 
 result_t merge_pool_start(const merge_pool_options_t *options, merge_pool_t **out)
