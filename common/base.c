@@ -76,9 +76,7 @@ double clock_now(void)
 
 double clock_wall(void)
 {
-    struct timespec now;
-    clock_gettime(CLOCK_REALTIME, &now);
-    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
+    return clock_read(CLOCK_REALTIME);
 }
 
 static void *checked(void *memory, size_t size)

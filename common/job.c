@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-static int unit_order(const void *a, const void *b)
+int unit_order(const void *a, const void *b)
 {
     const unit_t *u = a, *v = b;
     if (u->tile != v->tile) return u->tile < v->tile ? -1 : 1;

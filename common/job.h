@@ -67,7 +67,9 @@ typedef struct {
     int32_t x0, y0, x1, y1;
 } rect_t;
 
-/* A copy in the order of tiles and first samples, in fresh memory that the caller frees. */
+/* For qsort of what begins with a unit_t: by tiles and first samples. */
+int unit_order(const void *a, const void *b);
+/* A copy in this order, in fresh memory that the caller frees. */
 unit_t *units_sorted(const unit_t *units, size_t count);
 /* True when two lists differ in their order at most; none has two units that begin at the same sample. */
 bool units_same(const unit_t *a, size_t a_count, const unit_t *b, size_t b_count);

@@ -10,13 +10,6 @@ typedef struct {
     size_t first[BATCH_SUMS];
 } place_t;
 
-static int place_order(const void *a, const void *b)
-{
-    const unit_t *u = &((const place_t *)a)->unit, *v = &((const place_t *)b)->unit;
-    if (u->tile != v->tile) return u->tile < v->tile ? -1 : 1;
-    return u->first < v->first ? -1 : u->first > v->first;
-}
-
 /* The units by tile and sample: threads finish them in any order. */
 static place_t *sorted_units(const batch_t *batch)
 {
@@ -28,7 +21,7 @@ static place_t *sorted_units(const batch_t *batch)
         for (sum_kind_t k = 0; k < BATCH_SUMS; k++)
             next.first[k] += sum_unit_values(&batch->settings, k, &next.unit);
     }
-    qsort(places, batch->unit_count, sizeof *places, place_order);
+    qsort(places, batch->unit_count, sizeof *places, unit_order);
     return places;
 }
 
