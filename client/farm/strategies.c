@@ -17,7 +17,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <strings.h>
 #include <time.h>
 
 static const long POLL_NANOSECONDS = 100000000; /* between questions; also how soon a signal is noticed */
@@ -96,31 +95,20 @@ static result_t check(const run_t *run)
     return run->order->check != NULL ? run->order->check(run->order->check_context) : result_ok();
 }
 
-static bool add_planes(image_t *image, const char *layer, bool half, float *rgb[3])
-{
-    for (int c = 0; c < 3; c++) {
-        char *name = mem_printf("%s%s%c", layer ? layer : "", layer ? "." : "", "RGB"[c]);
-        rgb[c] = image_add_channel(image, name, half ? PIXEL_HALF : PIXEL_FLOAT);
-        free(name);
-        if (rgb[c] == NULL) return false;
-    }
-    return true;
-}
-
 /* The image with all its layers, and what is to be rendered into them. */
 static result_t lay_out(run_t *run)
 {
     const job_settings_t *settings = &run->order->settings;
-    bool half = run->order->output->half;
+    pixel_type_t type = run->order->output->half ? PIXEL_HALF : PIXEL_FLOAT;
     strategy_t list[STRATEGIES_MAX];
     size_t count = strategies_list(segments_of(settings), list);
     image_init(&run->image, settings->width, settings->height);
-    bool enough = add_planes(&run->image, NULL, half, run->sum);
+    bool enough = image_add_rgb(&run->image, NULL, type, run->sum);
     for (size_t i = 0; i < 2 * count && enough; i++) {
         part_t *part = &run->parts[run->part_count++];
         *part = (part_t){.strategy = list[i / 2], .weighted = i % 2 == 0};
         char *layer = strategy_layer(part->strategy, part->weighted);
-        enough = add_planes(&run->image, layer, half, part->rgb);
+        enough = image_add_rgb(&run->image, layer, type, part->rgb);
         free(layer);
     }
     if (enough) return result_ok();

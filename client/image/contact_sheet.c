@@ -180,18 +180,15 @@ static void draw_pyramid(const page_t *page, const layout_t *layout, int left, i
 
 static result_t blank_sheet(const layout_t *layout, image_t *sheet, page_t *page)
 {
-    static const char *const names[] = {"R", "G", "B"};
     image_init(sheet, layout->width, layout->height);
     *page = (page_t){.width = layout->width, .height = layout->height};
-    for (int c = 0; c < 3; c++) {
-        page->rgb[c] = image_add_channel(sheet, names[c], PIXEL_FLOAT);
-        if (page->rgb[c] == NULL) {
-            image_free(sheet);
-            return result_fail(RESULT_LIMIT, "no memory for a contact sheet of %d x %d pixels", layout->width,
-                               layout->height);
-        }
-        for (size_t i = 0; i < (size_t)layout->width * (size_t)layout->height; i++) page->rgb[c][i] = PAPER;
+    if (!image_add_rgb(sheet, NULL, PIXEL_FLOAT, page->rgb)) {
+        image_free(sheet);
+        return result_fail(RESULT_LIMIT, "no memory for a contact sheet of %d x %d pixels", layout->width,
+                           layout->height);
     }
+    for (int c = 0; c < 3; c++)
+        for (size_t i = 0; i < (size_t)layout->width * (size_t)layout->height; i++) page->rgb[c][i] = PAPER;
     return result_ok();
 }
 

@@ -56,13 +56,16 @@ static char *layer_name(const char *layer, size_t component)
     return mem_printf("%s%s%c", layer != NULL ? layer : "", layer != NULL ? "." : "", "RGB"[component]);
 }
 
-void image_add_rgb_views(image_t *image, const char *layer, pixel_type_t type, const float *rgb)
+bool image_add_rgb(image_t *image, const char *layer, pixel_type_t type, float *rgb[3])
 {
+    bool enough = true;
     for (size_t c = 0; c < 3; c++) {
         char *name = layer_name(layer, c);
-        image_add_view(image, name, type, rgb + c, 3);
+        rgb[c] = image_add_channel(image, name, type);
+        enough = enough && rgb[c] != NULL;
         free(name);
     }
+    return enough;
 }
 
 const image_channel_t *image_find(const image_t *image, const char *name)

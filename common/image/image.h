@@ -56,8 +56,8 @@ void image_free(image_t *image);
 float *image_add_channel(image_t *image, const char *name, pixel_type_t type);
 /* Adds a channel whose pixels the caller keeps as long as the image lives. */
 void image_add_view(image_t *image, const char *name, pixel_type_t type, const float *data, size_t stride);
-/* Adds views of three interleaved values a pixel: "R", "G", "B", or with a layer "layer.R" and so on. */
-void image_add_rgb_views(image_t *image, const char *layer, pixel_type_t type, const float *rgb);
+/* Adds three planes: "R", "G", "B", or with a layer "layer.R" and so on; false when memory lacks. */
+bool image_add_rgb(image_t *image, const char *layer, pixel_type_t type, float *rgb[3]);
 /* The channel of that name, or NULL. */
 const image_channel_t *image_find(const image_t *image, const char *name);
 /* The channels R, G, B, or layer.R and so on; false when one is missing. */
