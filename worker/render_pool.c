@@ -171,7 +171,7 @@ render_pool_t *render_pool_new(const render_pool_options_t *options)
     return pool;
 }
 
-void render_pool_stop(render_pool_t *pool)
+static void stop_threads(render_pool_t *pool)
 {
     atomic_store(&pool->cancel, true);
     pthread_mutex_lock(&pool->lock);
@@ -187,7 +187,7 @@ void render_pool_destroy(render_pool_t **pool_pointer)
 {
     render_pool_t *pool = *pool_pointer;
     if (pool == NULL) return;
-    render_pool_stop(pool);
+    stop_threads(pool);
     renderer_destroy(&pool->renderer);
     blob_close(&pool->blob);
     if (pool->has_next) free(pool->next.units);

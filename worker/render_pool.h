@@ -27,9 +27,8 @@ typedef struct {
 
 /* Starts the render threads. */
 render_pool_t *render_pool_new(const render_pool_options_t *options);
-/* Cancels what is being rendered and joins the threads. */
-void render_pool_stop(render_pool_t *pool);
-/* Stops, frees everything and sets *pool to NULL; the bulk thread has ended. */
+/* Cancels what is being rendered, joins the threads, frees everything and sets *pool to NULL; the bulk thread
+ * has ended. */
 void render_pool_destroy(render_pool_t **pool);
 /* The calls of the control and the bulk thread. */
 uplink_handler_t render_pool_handler(render_pool_t *pool);

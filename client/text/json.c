@@ -21,14 +21,6 @@ json_t *json_number(double value)
     return isfinite(value) ? json_real(value) : json_null();
 }
 
-json_t *json_count(uint64_t count)
-{
-    char digits[32];
-    if (count <= INT64_MAX) return json_integer((json_int_t)count);
-    snprintf(digits, sizeof digits, "%" PRIu64, count);
-    return json_string(digits);
-}
-
 void put_text(json_t *object, const char *key, const char *text)
 {
     json_object_set_new(object, key, json_text(text));
@@ -41,7 +33,10 @@ void put_real(json_t *object, const char *key, double value)
 
 void put_count(json_t *object, const char *key, uint64_t count)
 {
-    json_object_set_new(object, key, json_count(count));
+    char digits[32];
+    snprintf(digits, sizeof digits, "%" PRIu64, count);
+    json_object_set_new(object, key,
+                        count <= INT64_MAX ? json_integer((json_int_t)count) : json_string(digits));
 }
 
 void put_flag(json_t *object, const char *key, bool flag)

@@ -10,10 +10,8 @@
  * becomes null. */
 json_t *json_text(const char *text);
 json_t *json_number(double value);
-/* A whole number; as a string where it is beyond what JSON programs take for an integer. */
-json_t *json_count(uint64_t count);
 
-/* Members of an object. */
+/* Members of an object. A count is a string where it is beyond what JSON programs take for an integer. */
 void put_text(json_t *object, const char *key, const char *text);
 void put_real(json_t *object, const char *key, double value);
 void put_count(json_t *object, const char *key, uint64_t count);

@@ -116,11 +116,6 @@ void distribution_destroy(distribution_t **distribution)
     *distribution = NULL;
 }
 
-double distribution_total(const distribution_t *distribution)
-{
-    return distribution->total;
-}
-
 /* The cell along one axis, `count` of them, that a coordinate lies in. */
 static uint32_t cell_of(float at, uint32_t count)
 {

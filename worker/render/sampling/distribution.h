@@ -20,9 +20,6 @@ distribution_t *distribution_new(const float *weights, uint32_t width, uint32_t 
 /* Frees the distribution and sets *distribution to NULL. */
 void distribution_destroy(distribution_t **distribution);
 
-/* The sum of all weights. With 0 there is nothing to draw. */
-double distribution_total(const distribution_t *distribution);
-
 /* A point of [0, 1)^2 for two uniform numbers in [0, 1), and its density per area of the square: the weight
  * of its cell over the mean weight. Cells of weight 0 are never drawn; inside a cell points are uniform.
  * *pdf is 0, and the point means nothing, when all weights are 0. */

@@ -84,7 +84,6 @@ static void density_is_weight_over_mean(void **state)
     distribution_t *d = distribution_new(weights, WIDTH, HEIGHT);
     double sum = 0, integral = 0;
     for (size_t i = 0; i < CELLS; i++) sum += (double)weights[i];
-    assert_true(fabs(distribution_total(d) - sum) < 1e-12 * sum);
     for (uint32_t i = 0; i < CELLS; i++) {
         vec2_t at = {((float)(i % WIDTH) + 0.5f) / WIDTH, ((float)(i / WIDTH) + 0.5f) / HEIGHT};
         double pdf = (double)distribution_pdf(d, at), expected = (double)weights[i] * CELLS / sum;
@@ -170,7 +169,7 @@ static void where_all_is_dark_nothing_is_drawn(void **state)
     distribution_t *d = distribution_new(weights, 2, 2);
     float pdf = 1;
     distribution_sample(d, (vec2_t){0.5f, 0.5f}, &pdf);
-    assert_true(pdf == 0 && distribution_total(d) == 0);
+    assert_true(pdf == 0);
     assert_true(distribution_pdf(d, (vec2_t){0.5f, 0.5f}) == 0);
     distribution_destroy(&d);
 }
