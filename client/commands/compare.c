@@ -345,10 +345,8 @@ static result_t run(const call_t *call)
     values_t *values = call->values;
     values->image = call->arguments[0];
     values->reference = call->arguments[1];
-    result_t result = check_values(values);
-    if (result.code == RESULT_OK) result = run_compare(values);
-    free(values->runs.texts);
-    return result;
+    TRY(check_values(values));
+    return run_compare(values);
 }
 
 const command_t compare_command = {

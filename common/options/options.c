@@ -245,6 +245,13 @@ static result_t read_line(reading_t *reading, char **words)
     return result_ok();
 }
 
+static void free_lists(reading_t *reading)
+{
+    found_t at;
+    for (size_t i = 0; (at = option_at(reading, i)).row != NULL; i++)
+        if (at.row->parse == option_list) free(((option_list_t *)at.field)->texts);
+}
+
 /* "lightmill help [COMMAND]" */
 static result_t command_help(const command_t *command, const char *word)
 {
@@ -271,6 +278,7 @@ result_t command_run(const command_t *command, int argc, char **argv)
     call->arguments = mem_zalloc((size_t)argc + 1, sizeof *call->arguments);
     if (command->begin != NULL) command->begin(call->values);
     result_t result = read_line(&reading, argv + 1);
+    free_lists(&reading);
     free(call->arguments);
     free(call->values);
     return result;

@@ -55,7 +55,7 @@ result_t option_gigabytes(const option_t *option, const char *text, void *field)
 result_t option_choice(const option_t *option, const char *text, void *field);
 /* Texts one after the other: the field is an option_list_t. */
 typedef struct {
-    const char **texts; /* owned by the command, each kept */
+    const char **texts; /* freed when the command has run; each is kept */
     size_t count;
 } option_list_t;
 result_t option_list(const option_t *option, const char *text, void *field);

@@ -64,7 +64,6 @@ static result_t run(const call_t *call)
     seen = *(values_t *)call->values;
     join(seen_arguments, call->count, (const char *const *)call->arguments);
     join(seen_list, (int)seen.part.list.count, seen.part.list.texts);
-    free(seen.part.list.texts);
     return result_ok();
 }
 
