@@ -173,9 +173,8 @@ result_t pbrt_camera(pbrt_t *p, position_t at)
 /* ---- film ---------------------------------------------------------------------------------------------- */
 
 static const param_rule_t film_rules[] = {
-    {{"filename"}, PARAM_ACCEPT, NULL}, /* lightmill -o names the output */
-    {{"savefp16"}, PARAM_ACCEPT, NULL},
-    {{"diagonal"}, PARAM_ACCEPT, NULL}, /* only the realistic camera uses it */
+    /* lightmill -o names the output; only the realistic camera uses the diagonal */
+    {{"filename", "savefp16", "diagonal"}, PARAM_ACCEPT, NULL},
 };
 
 static result_t read_resolution(pbrt_t *p, params_t *params)
@@ -254,8 +253,7 @@ static result_t make_image_film(pbrt_t *p, params_t *params)
     TRY(read_resolution(p, params));
     TRY(read_crop_window(p, params));
     TRY(params_float_in(params, "scale", 1e-30, 1e30, &p->gain));
-    if (params_has(params, "maxsampleluminance"))
-        TRY(params_float_in(params, "maxsampleluminance", 1e-30, INFINITY, &most));
+    TRY(params_float_in(params, "maxsampleluminance", 1e-30, INFINITY, &most));
     most *= p->gain; /* which pbrt applies last */
     p->scene.max_luminance = most <= 1e38 ? (float)most : INFINITY;
     return params_apply(params, film_rules, ARRAY_LENGTH(film_rules), p->report);
@@ -265,7 +263,6 @@ static result_t make_image_film(pbrt_t *p, params_t *params)
 static result_t read_white_balance(pbrt_t *p, params_t *params)
 {
     double white = 0;
-    if (!params_has(params, "whitebalance")) return result_ok();
     TRY(params_float(params, "whitebalance", &white));
     if (white == 0) return result_ok(); /* none */
     TRY(params_float_in(params, "whitebalance", 1667, 25000, &white));
@@ -295,6 +292,7 @@ static const param_rule_t bounds_rules[] = {
 
 static result_t make_rgb_film(pbrt_t *p, params_t *params)
 {
+    double most = INFINITY;
     bool both = params_has(params, "cropwindow") && params_has(params, "pixelbounds");
     TRY(read_resolution(p, params));
     TRY(read_crop_window(p, params));
@@ -303,15 +301,12 @@ static result_t make_rgb_film(pbrt_t *p, params_t *params)
     else
         TRY(read_pixel_bounds(p, params));
     TRY(read_sensor(p, params));
-    if (params_has(params, "maxcomponentvalue")) {
-        double most = INFINITY;
-        TRY(params_float_in(params, "maxcomponentvalue", 1e-30, INFINITY, &most));
-        p->scene.max_luminance = most <= 1e38 ? (float)most : INFINITY;
-        if (isfinite(p->scene.max_luminance))
-            report_warning(
-                p->report, params_where(params, "maxcomponentvalue", p->film_at),
-                "parameter \"maxcomponentvalue\" limits the luminance of a sample, not its components");
-    }
+    TRY(params_float_in(params, "maxcomponentvalue", 1e-30, INFINITY, &most));
+    p->scene.max_luminance = most <= 1e38 ? (float)most : INFINITY;
+    if (isfinite(p->scene.max_luminance))
+        report_warning(
+            p->report, params_where(params, "maxcomponentvalue", p->film_at),
+            "parameter \"maxcomponentvalue\" limits the luminance of a sample, not its components");
     return params_apply(params, film_rules, ARRAY_LENGTH(film_rules), p->report);
 }
 
@@ -456,16 +451,12 @@ static const param_rule_t substitute_rules[] = {
 
 static result_t apply_integrator_rules(pbrt_t *p, const integrator_entry_t *integrator)
 {
-    const char *strategy = NULL;
-    const params_t *owner;
     const char *name = p->dialect.dialect == DIALECT_V3 ? "lightsamplestrategy" : "lightsampler";
-    if (params_has(p->params, name)) {
-        const param_t *item = params_find(p->params, name, &owner);
-        TRY(params_string(p->params, name, &strategy));
-        if (strcmp(strategy, "power") != 0) /* ours is "power", the others only make other noise */
-            report_warning(p->report, item->at,
-                           "parameter \"%s\" is ignored: lights are chosen by their power", name);
-    }
+    const char *strategy = "power"; /* ours; the others only make other noise */
+    TRY(params_string(p->params, name, &strategy));
+    if (strcmp(strategy, "power") != 0)
+        report_warning(p->report, params_where(p->params, name, p->integrator_at),
+                       "parameter \"%s\" is ignored: lights are chosen by their power", name);
     TRY(params_apply(p->params, integrator_rules, ARRAY_LENGTH(integrator_rules), p->report));
     if (integrator->warning || !integrator->kind)
         return params_apply(p->params, substitute_rules, ARRAY_LENGTH(substitute_rules), p->report);
