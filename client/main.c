@@ -17,8 +17,7 @@ static const command_t lightmill = {
              "lightmill COMMAND --help tells more of a command. The other programs are lightmill-master, "
              "lightmill-worker and lightmill-relay.\n\n"
              "An option's value follows it as a word or after \"=\". A name may be cut short as long as it "
-             "fits one "
-             "option only; scripts should not. Words after -- are arguments.",
+             "fits one option only; scripts should not. Words after -- are arguments.",
     .after = "Exit codes:\n"
              "0 success\n"
              "1 the command line is wrong\n"

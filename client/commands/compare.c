@@ -357,8 +357,7 @@ const command_t compare_command = {
         "Compares an image with a reference. REF is a folder with ref.exr and stderr.exr (standard error of "
         "each pixel), or an EXR; its own noise.* layer is then its standard error, and without one it "
         "counts as exact.\n\nThe noise of IMG, needed to tell an error from noise, is its noise.* layer, or "
-        "given by --runs or "
-        "--img-stderr.",
+        "given by --runs or --img-stderr.",
     .groups = {{&noise_options, 0}, {&compare_options, 0}},
     .after =
         "Printed: relMSE (mean squared relative error without the worst 0.1 % of the pixels; floor: that of "

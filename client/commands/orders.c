@@ -145,8 +145,7 @@ const command_t extend_command = {
     .about =
         "Goes on with a job: one that is over with the samples that it has, one that runs with other goals. "
         "When you extend a job, a goal that it has reached is dropped; set a new one. A job that was "
-        "cancelled "
-        "or has failed goes on to its old goals if you set none.\n\n"
+        "cancelled or has failed goes on to its old goals if you set none.\n\n"
         "The image is the one that a job with these goals from the start would have made, bit by bit, if it "
         "goes by --spp.",
     .groups = {{&extend_options, 0},
