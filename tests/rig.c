@@ -1,7 +1,7 @@
 /* rig: see rig.h. */
 #include "tests/rig.h"
 
-#include "client/scene/scene.h"
+#include "client/scene/loaded_scene.h"
 #include "common/image/image.h"
 #include "tests/scratch.h"
 
@@ -304,7 +304,7 @@ pid_t rig_start_worker(rig_t *rig)
 
 job_settings_t rig_settings(void)
 {
-    scene_t scene;
+    loaded_scene_t scene;
     must(scene_load(SCENE, false, &scene));
     job_settings_t settings = blob_default_settings(&scene.blob);
     settings.width = settings.height = 64;
@@ -322,7 +322,7 @@ uint64_t rig_submit(rig_t *rig, const job_settings_t *settings)
 
 uint64_t rig_submit_on(rig_t *rig, const job_settings_t *settings, const job_terms_t *terms)
 {
-    scene_t scene;
+    loaded_scene_t scene;
     uint64_t job;
     must(scene_load(SCENE, false, &scene));
     must(remote_put_blob(rig->remote, &scene.blob, NULL, NULL));

@@ -1,7 +1,7 @@
 /* import: `lightmill import`: a scene as one blob file, so that a long import is done once. */
 #include "client/commands/commands.h"
 #include "client/image/output.h"
-#include "client/scene/scene.h"
+#include "client/scene/loaded_scene.h"
 #include "common/atomic_file.h"
 
 #include <stdio.h>
@@ -24,7 +24,7 @@ static const option_group_t import_options = OPTION_GROUP(NULL, rows);
 static result_t run(const call_t *call)
 {
     const values_t *values = call->values;
-    scene_t scene;
+    loaded_scene_t scene;
     if (values->output) TRY(output_writable(values->output));
     TRY(scene_load(call->arguments[0], values->lenient, &scene));
     char *path = values->output ? mem_strdup(values->output) : mem_printf("%s.blob", scene.name);

@@ -1,6 +1,6 @@
 /* info: `lightmill info`: what is in an OpenEXR image, a scene blob or a scene file, and the hash of it. */
 #include "client/commands/commands.h"
-#include "client/scene/scene.h"
+#include "client/scene/loaded_scene.h"
 #include "client/text/json.h"
 #include "client/text/text.h"
 #include "common/image/image.h"
@@ -405,7 +405,7 @@ static void print_scene_json(const scene_blob_t *blob)
 
 static result_t info_scene(const char *path, const values_t *values)
 {
-    scene_t scene;
+    loaded_scene_t scene;
     TRY(scene_load(path, false, &scene));
     if (values->hash)
         print_hash("", &scene.blob.hash, "\n");

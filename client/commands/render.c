@@ -10,7 +10,7 @@
 #include "client/farm/strategies.h"
 #include "client/farm/watch.h"
 #include "client/image/output.h"
-#include "client/scene/scene.h"
+#include "client/scene/loaded_scene.h"
 #include "client/scene/settings.h"
 #include "common/film/picture.h"
 #include "common/interrupt.h"
@@ -36,8 +36,7 @@ static const option_t rows[] = {
     OPTION(values_t, strategies, "strategies", NULL,
            "an image of each strategy of bdpt, weighted and unweighted, instead of the picture: layers "
            "weighted.sS_tT and unweighted.sS_tT of SCENE-strategies.exr, and a contact sheet beside it; "
-           "paths of "
-           "at most 12 segments (--max-depth 11). Ctrl-C: no files"),
+           "paths of at most 12 segments (--max-depth 11). Ctrl-C: no files"),
     OPTION(values_t, quiet, "quiet", NULL, "no progress, errors only"),
     OPTION(values_t, farm.verbose, "verbose", NULL, "log what master and workers do"),
 };
@@ -73,8 +72,8 @@ static result_t watch_job(local_farm_t *farm, watch_t *watch, result_t *ended_by
     }
 }
 
-static result_t run_job(const values_t *values, local_farm_t *farm, remote_t *remote, const scene_t *scene,
-                        const job_settings_t *settings)
+static result_t run_job(const values_t *values, local_farm_t *farm, remote_t *remote,
+                        const loaded_scene_t *scene, const job_settings_t *settings)
 {
     progress_t progress = progress_start(values->quiet);
     watch_t watch = {.remote = remote, .progress = &progress};
@@ -93,7 +92,7 @@ static result_t check_farm(void *farm)
 }
 
 static result_t run_strategies(const values_t *values, local_farm_t *farm, remote_t *remote,
-                               const scene_t *scene, const job_settings_t *settings)
+                               const loaded_scene_t *scene, const job_settings_t *settings)
 {
     strategies_t strategies = {.remote = remote,
                                .scene = scene,
@@ -105,7 +104,7 @@ static result_t run_strategies(const values_t *values, local_farm_t *farm, remot
     return strategies_render(&strategies);
 }
 
-static result_t render(const values_t *values, const scene_t *scene)
+static result_t render(const values_t *values, const loaded_scene_t *scene)
 {
     job_settings_t settings;
     result_t (*prepare)(const overrides_t *, const scene_blob_t *, job_settings_t *) =
@@ -130,7 +129,7 @@ static result_t run(const call_t *call)
 {
     values_t *values = call->values;
     log_init("lightmill", values->farm.verbose ? LOG_DEBUG : values->quiet ? LOG_ERROR : LOG_WARNING);
-    scene_t scene;
+    loaded_scene_t scene;
     TRY(scene_load(call->arguments[0], values->overrides.lenient, &scene));
     output_name(&values->output, scene.name, values->strategies);
     result_t result = output_check(&values->output);

@@ -4,7 +4,7 @@
 #include "client/farm/strategies.h"
 #include "client/farm/watch.h"
 #include "client/image/output.h"
-#include "client/scene/scene.h"
+#include "client/scene/loaded_scene.h"
 #include "client/scene/settings.h"
 #include "common/film/picture.h"
 #include "common/interrupt.h"
@@ -59,7 +59,7 @@ static void show_upload(void *context, uint64_t done, uint64_t size)
     progress_upload(context, done, size);
 }
 
-static result_t submit_strategies(const values_t *values, remote_t *remote, const scene_t *scene)
+static result_t submit_strategies(const values_t *values, remote_t *remote, const loaded_scene_t *scene)
 {
     strategies_t strategies = {.remote = remote,
                                .scene = scene,
@@ -72,7 +72,7 @@ static result_t submit_strategies(const values_t *values, remote_t *remote, cons
     return strategies_render(&strategies);
 }
 
-static result_t submit(const values_t *values, remote_t *remote, const scene_t *scene)
+static result_t submit(const values_t *values, remote_t *remote, const loaded_scene_t *scene)
 {
     job_settings_t settings;
     TRY(overrides_apply(&values->overrides, &scene->blob, &settings));
@@ -94,7 +94,7 @@ static result_t run(const call_t *call)
     values_t *values = call->values;
     TRY(check(values));
     log_init("lightmill", values->quiet ? LOG_ERROR : LOG_WARNING);
-    scene_t scene;
+    loaded_scene_t scene;
     TRY(scene_load(call->arguments[0], values->overrides.lenient, &scene));
     output_name(&values->output, scene.name, values->strategies);
     remote_t *remote = NULL;

@@ -118,7 +118,7 @@ static result_t lay_out(run_t *run)
 
 static result_t submit_part(const run_t *run, part_t *part)
 {
-    const scene_t *scene = run->order->scene;
+    const loaded_scene_t *scene = run->order->scene;
     job_settings_t settings = run->order->settings;
     settings.strategy_s = part->strategy.s;
     settings.strategy_t = part->strategy.t;

@@ -12,7 +12,7 @@
 #include "client/farm/remote.h"
 #include "client/image/output.h"
 #include "client/image/strategy.h"
-#include "client/scene/scene.h"
+#include "client/scene/loaded_scene.h"
 #include "client/scene/settings.h"
 
 /* What all the jobs have in common: the scene's settings with the overrides applied, for bdpt. RESULT_USAGE
@@ -22,11 +22,11 @@ result_t strategies_settings(const overrides_t *overrides, const scene_blob_t *b
                              job_settings_t *settings);
 
 typedef struct {
-    remote_t *remote;        /* of the farm that renders */
-    const scene_t *scene;    /* its blob is uploaded */
-    job_settings_t settings; /* of strategies_settings */
-    job_terms_t terms;       /* of every job, but for its name */
-    const output_t *output;  /* `path` an EXR, `png` the contact sheet beside it; or `path` a PNG alone */
+    remote_t *remote;            /* of the farm that renders */
+    const loaded_scene_t *scene; /* its blob is uploaded */
+    job_settings_t settings;     /* of strategies_settings */
+    job_terms_t terms;           /* of every job, but for its name */
+    const output_t *output;      /* `path` an EXR, `png` the contact sheet beside it; or `path` a PNG alone */
     bool quiet;
     bool patient; /* waits on when the master does not answer */
     /* Asked a few times a second: fails when the render is to end, with the reason. NULL: only Ctrl-C ends

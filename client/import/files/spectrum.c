@@ -28,11 +28,11 @@ void spectrum_free(spectrum_t *spectrum)
 typedef struct {
     double lambda, value;
     uint32_t line; /* where the wavelength stands */
-} sample_t;
+} spectrum_sample_t;
 
 static int compare_samples(const void *a, const void *b)
 {
-    const sample_t *s = a, *t = b;
+    const spectrum_sample_t *s = a, *t = b;
     if (s->lambda != t->lambda) return s->lambda < t->lambda ? -1 : 1;
     return s->line < t->line ? -1 : s->line > t->line;
 }
@@ -42,7 +42,7 @@ static position_t on_line(position_t at, uint32_t line)
     return line == at.line ? at : (position_t){at.path, line, 0};
 }
 
-static result_t check_sample(const sample_t *sample, position_t at)
+static result_t check_sample(const spectrum_sample_t *sample, position_t at)
 {
     if (!isfinite(sample->lambda) || !isfinite(sample->value))
         return error_at(on_line(at, sample->line), "a spectrum takes finite numbers");
@@ -56,7 +56,7 @@ static result_t check_sample(const sample_t *sample, position_t at)
 }
 
 /* Sorts the samples, of which there is at least one, and makes a spectrum of them. */
-static result_t from_samples(sample_t *samples, size_t count, position_t at, spectrum_t *out)
+static result_t from_samples(spectrum_sample_t *samples, size_t count, position_t at, spectrum_t *out)
 {
     for (size_t i = 0; i < count; ++i) TRY(check_sample(&samples[i], at));
     qsort(samples, count, sizeof *samples, compare_samples);
@@ -78,9 +78,9 @@ result_t spectrum_from_pairs(const double *numbers, size_t count, position_t at,
     if (count == 0) return error_at(at, "a spectrum takes pairs of wavelength and value, found none");
     if (count % 2)
         return error_at(at, "a spectrum takes pairs of wavelength and value, found %zu numbers", count);
-    sample_t *samples = mem_alloc(count / 2 * sizeof *samples);
+    spectrum_sample_t *samples = mem_alloc(count / 2 * sizeof *samples);
     for (size_t i = 0; i < count / 2; ++i)
-        samples[i] = (sample_t){numbers[2 * i], numbers[2 * i + 1], at.line};
+        samples[i] = (spectrum_sample_t){numbers[2 * i], numbers[2 * i + 1], at.line};
     result_t result = from_samples(samples, count / 2, at, out);
     free(samples);
     return result;
@@ -92,7 +92,7 @@ result_t spectrum_from_pairs(const double *numbers, size_t count, position_t at,
 typedef struct {
     const char *at, *end;
     uint32_t line;
-    sample_t *samples;
+    spectrum_sample_t *samples;
     size_t count, capacity;
     bool half; /* the last sample has no value yet */
 } reader_t;
@@ -123,7 +123,7 @@ static void store_number(reader_t *r, double number)
         r->samples[r->count - 1].value = number;
     } else {
         r->samples = grow(r->samples, &r->capacity, r->count + 1, sizeof *r->samples);
-        r->samples[r->count++] = (sample_t){number, 0, r->line};
+        r->samples[r->count++] = (spectrum_sample_t){number, 0, r->line};
     }
     r->half = !r->half;
 }

@@ -61,7 +61,7 @@ static result_t orthographic(const item_t *camera, blob_scene_t *scene)
     return result_ok();
 }
 
-static result_t use(document_t *document, const placement_t *place, blob_scene_t *scene)
+static result_t use(document_t *document, const gltf_placement_t *place, blob_scene_t *scene)
 {
     static const affine_t turn = {{{1, 0, 0, 0}, {0, 1, 0, 0}, {0, 0, -1, 0}}};
     item_t camera, node;

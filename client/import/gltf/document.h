@@ -39,7 +39,7 @@ typedef struct {
     char *path; /* NULL: a data URI */
     uint8_t *data;
     size_t size;
-} source_t;
+} gltf_source_t;
 
 /* What a glTF material becomes, for meshes with and without colours at their vertices. */
 typedef struct {
@@ -49,16 +49,16 @@ typedef struct {
     bool cutout;           /* alpha is 0 or 1 */
     bool emits, two_sided; /* two_sided: emission leaves the back as well */
     blob_value_t emission; /* radiance */
-} material_t;
+} gltf_material_t;
 
 /* One place where a mesh, a camera or a light stands. */
 typedef struct {
     uint32_t node, thing; /* thing: index of the mesh, the camera or the light */
     affine_t world_from_node;
-} placement_t;
+} gltf_placement_t;
 
 typedef struct {
-    placement_t *items;
+    gltf_placement_t *items;
     size_t count, capacity;
 } placements_t;
 
@@ -81,10 +81,10 @@ typedef struct document {
     bool blender; /* written by Blender's exporter */
 
     bytes_t *buffers; /* as many as there are; data NULL: not read yet */
-    source_t *sources;
+    gltf_source_t *sources;
     size_t source_count, source_capacity;
 
-    material_t *materials[2]; /* without and with colours at the vertices; the last is glTF's default */
+    gltf_material_t *materials[2]; /* without and with colours at the vertices; the last is glTF's default */
 
     placements_t meshes, cameras, lights;
 
@@ -174,7 +174,7 @@ blob_value_t texture_threshold(document_t *document, blob_value_t value, float c
 
 /* The material of that index, or glTF's default (ITEM_NONE), made when it is asked for first. The pointer is
  * good until document_close. */
-result_t material_get(document_t *document, uint32_t index, bool coloured, const material_t **material);
+result_t material_get(document_t *document, uint32_t index, bool coloured, const gltf_material_t **material);
 
 /* ---- node.c, placement.c, light.c, camera.c ----------------------------------------------------------- */
 

@@ -271,7 +271,7 @@ static bool decode_base64(const char *text, uint8_t *out, size_t *size)
     return true;
 }
 
-static void keep(document_t *document, source_t source, bytes_t *bytes)
+static void keep(document_t *document, gltf_source_t source, bytes_t *bytes)
 {
     document->sources = grow(document->sources, &document->source_capacity, document->source_count + 1,
                              sizeof *document->sources);
@@ -286,7 +286,7 @@ static result_t read_data_uri(document_t *document, const item_t *owner, const c
     size_t before = comma ? (size_t)(comma + 1 - uri) : 0;
     if (before < sizeof mark - 1 || strncmp(comma + 2 - sizeof mark, mark, sizeof mark - 1) != 0)
         return item_fail(owner, "its data URI must be base64: \"data:...;base64,...\"");
-    source_t source = {.data = mem_alloc(strlen(comma) + 4)};
+    gltf_source_t source = {.data = mem_alloc(strlen(comma) + 4)};
     if (!decode_base64(comma + 1, source.data, &source.size)) {
         free(source.data);
         return item_fail(owner, "the base64 of its data URI is malformed");
@@ -305,13 +305,13 @@ static bool has_scheme(const char *uri)
 static result_t read_file_uri(document_t *document, const item_t *owner, char *path, bytes_t *bytes)
 {
     for (size_t i = 0; i < document->source_count; ++i) {
-        const source_t *known = &document->sources[i];
+        const gltf_source_t *known = &document->sources[i];
         if (!known->path || strcmp(known->path, path) != 0) continue;
         *bytes = (bytes_t){known->data, known->size};
         free(path);
         return result_ok();
     }
-    source_t source = {.path = path};
+    gltf_source_t source = {.path = path};
     result_t result = file_read(path, largest_file, &source.data, &source.size);
     if (result.code != RESULT_OK) {
         free(path);

@@ -56,7 +56,8 @@ static result_t cone_of(const item_t *item, blob_light_t *light)
 }
 
 /* Lights shine along the node's -z; the blob's spot lights shine along +z, its distant ones stand at +z. */
-static result_t orient(const document_t *document, const placement_t *place, uint32_t kind, affine_t *frame)
+static result_t orient(const document_t *document, const gltf_placement_t *place, uint32_t kind,
+                       affine_t *frame)
 {
     static const affine_t turn = {{{-1, 0, 0, 0}, {0, 1, 0, 0}, {0, 0, -1, 0}}};
     bool usable = true;
@@ -94,7 +95,7 @@ static result_t kind_of(const item_t *item, uint32_t *kind)
     return item_fail(item, "its type must be point, spot or directional, found \"%.20s\"", name);
 }
 
-static result_t add_one(document_t *document, const placement_t *place)
+static result_t add_one(document_t *document, const gltf_placement_t *place)
 {
     item_t root, lights, item;
     blob_light_t light = {0};

@@ -12,7 +12,7 @@ typedef struct {
     const item_t *item; /* json NULL: glTF's default */
     bool coloured;      /* for meshes with colours at their vertices */
     blob_material_t record;
-    material_t *out;
+    gltf_material_t *out;
 } maker_t;
 
 static rgb_t to_rgb(const double c[3])
@@ -227,10 +227,10 @@ static result_t fill(maker_t *m)
     return emitting_sides(m);
 }
 
-result_t material_get(document_t *document, uint32_t index, bool coloured, const material_t **material)
+result_t material_get(document_t *document, uint32_t index, bool coloured, const gltf_material_t **material)
 {
     size_t count = document_count(document, TOP_MATERIALS);
-    material_t *out = &document->materials[coloured][index == ITEM_NONE ? count : index];
+    gltf_material_t *out = &document->materials[coloured][index == ITEM_NONE ? count : index];
     *material = out;
     if (out->made) return result_ok();
     item_t item = document->root;

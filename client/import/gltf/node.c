@@ -61,7 +61,7 @@ static result_t local_transform(const item_t *node, affine_t *out)
 static void place(placements_t *list, uint32_t node, uint32_t thing, const affine_t *transform)
 {
     list->items = grow(list->items, &list->capacity, list->count + 1, sizeof *list->items);
-    list->items[list->count++] = (placement_t){node, thing, *transform};
+    list->items[list->count++] = (gltf_placement_t){node, thing, *transform};
 }
 
 /* EXT_mesh_gpu_instancing: one of its attributes; `least` components. */

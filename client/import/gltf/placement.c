@@ -51,7 +51,7 @@ static result_t add_geometry(document_t *document, const item_t *primitive, affi
 }
 
 /* What a shape of the world emits. */
-static blob_light_t light_of(const material_t *material)
+static blob_light_t light_of(const gltf_material_t *material)
 {
     return (blob_light_t){.kind = LIGHT_AREA,
                           .flags = material->two_sided ? LIGHT_TWO_SIDED : 0,
@@ -59,7 +59,7 @@ static blob_light_t light_of(const material_t *material)
                           .world_from_light = xform_identity()};
 }
 
-static bool is_picked(pick_t pick, const material_t *material)
+static bool is_picked(pick_t pick, const gltf_material_t *material)
 {
     return pick == PICK_ALL || (pick == PICK_EMITTING) == material->emits;
 }
@@ -69,7 +69,7 @@ static result_t add_primitive(document_t *document, const item_t *primitive, con
 {
     uint32_t index = ITEM_NONE;
     item_t attributes;
-    const material_t *material;
+    const gltf_material_t *material;
     TRY(document_charge(document, primitive, 1));
     TRY(item_index(primitive, "material", document_count(document, TOP_MATERIALS), &index));
     TRY(item_member(primitive, "attributes", JSON_OBJECT, &attributes));
@@ -107,7 +107,7 @@ static result_t add_primitives(document_t *document, uint32_t mesh, const target
 }
 
 /* The primitives that are picked, in the world where the node stands. */
-static result_t add_to_world(document_t *document, const placement_t *place, pick_t pick)
+static result_t add_to_world(document_t *document, const gltf_placement_t *place, pick_t pick)
 {
     bool emits;
     char name[PATH_ROOM];
@@ -132,7 +132,7 @@ static result_t make_object(document_t *document, uint32_t mesh, mesh_state_t *s
     return result_ok();
 }
 
-static result_t add_place(document_t *document, const placement_t *place, mesh_state_t *state)
+static result_t add_place(document_t *document, const gltf_placement_t *place, mesh_state_t *state)
 {
     const affine_t *transform = &place->world_from_node;
     xform_t world_from_node = affine_to_xform(transform);

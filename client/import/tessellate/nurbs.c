@@ -87,9 +87,9 @@ typedef struct {
     axis_t u, v;
     const double *points;
     bool rational;
-} surface_t;
+} nurbs_surface_t;
 
-static point4_t control_point(const surface_t *surface, uint32_t u, uint32_t v)
+static point4_t control_point(const nurbs_surface_t *surface, uint32_t u, uint32_t v)
 {
     size_t index = (size_t)v * surface->u.count + u;
     const double *p = surface->points + index * (surface->rational ? 4 : 3);
@@ -97,7 +97,8 @@ static point4_t control_point(const surface_t *surface, uint32_t u, uint32_t v)
 }
 
 /* One order of evaluation: curves along `inner`, then one along `outer`; the derivative is along `outer`. */
-static point4_t evaluate(const surface_t *surface, bool outer_is_u, double u, double v, point4_t *derivative)
+static point4_t evaluate(const nurbs_surface_t *surface, bool outer_is_u, double u, double v,
+                         point4_t *derivative)
 {
     const axis_t *outer = outer_is_u ? &surface->u : &surface->v;
     const axis_t *inner = outer_is_u ? &surface->v : &surface->u;
@@ -127,7 +128,7 @@ static dvec3_t derivative_in_space(point4_t p, point4_t derivative)
 }
 
 /* Position and normal at (u, v), each in [0, 1] of the range; false where the weight vanishes. */
-static bool sample(const surface_t *surface, double u, double v, dvec3_t *position, vec3_t *normal)
+static bool sample(const nurbs_surface_t *surface, double u, double v, dvec3_t *position, vec3_t *normal)
 {
     point4_t du, dv;
     u = sample_at(&surface->u, u);
@@ -140,7 +141,8 @@ static bool sample(const surface_t *surface, double u, double v, dvec3_t *positi
     return true;
 }
 
-static result_t add_sample(const surface_t *surface, uint32_t i, uint32_t j, position_t at, mesh_t *mesh)
+static result_t add_sample(const nurbs_surface_t *surface, uint32_t i, uint32_t j, position_t at,
+                           mesh_t *mesh)
 {
     double u = (double)i / (NURBS_DICE - 1), v = (double)j / (NURBS_DICE - 1);
     uint32_t vertex = mesh->vertex_count++;
@@ -158,7 +160,7 @@ static result_t add_sample(const surface_t *surface, uint32_t i, uint32_t j, pos
 
 result_t tessellate_nurbs(const nurbs_t *nurbs, position_t at, mesh_t *mesh)
 {
-    surface_t surface = {.points = nurbs->points, .rational = nurbs->rational};
+    nurbs_surface_t surface = {.points = nurbs->points, .rational = nurbs->rational};
     TRY(take_axis(&nurbs->u, 'u', at, &surface.u));
     TRY(take_axis(&nurbs->v, 'v', at, &surface.v));
     size_t size = nurbs->rational ? 4 : 3, points = (size_t)surface.u.count * surface.v.count;

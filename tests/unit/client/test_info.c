@@ -1,7 +1,7 @@
 /* Tests of `lightmill info` and of text.h: what it says about images, scenes and blobs, the hashes, and that
  * a file's bytes cannot command the terminal. Runs from the top of the tree, for scenes/. */
 #include "client/commands/commands.h"
-#include "client/scene/scene.h"
+#include "client/scene/loaded_scene.h"
 #include "client/text/text.h"
 #include "common/image/image.h"
 #include "tests/scratch.h"
@@ -183,7 +183,7 @@ static void textures_images_and_lights_are_described(void **state)
 static void blobs_are_described_like_their_scene(void **state)
 {
     char *path = scratch_path(*state, "scene.blob"), *of_scene, *of_blob;
-    scene_t scene;
+    loaded_scene_t scene;
     assert_result(scene_load("scenes/caustic", false, &scene), RESULT_OK, "");
     scratch_write(path, scene.blob.bytes, scene.blob.size);
     assert_result(run(*state, "--json", "scenes/caustic", &of_scene), RESULT_OK, "");

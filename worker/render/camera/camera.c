@@ -39,12 +39,12 @@ typedef struct {
 typedef struct {
     xform_t world_from_camera, camera_from_world;
     float stretch; /* |determinant| of world_from_camera */
-} placement_t;
+} camera_place_t;
 
 struct camera {
     const camera_ops_t *ops;
     motion_t motion;
-    placement_t still; /* at time 0 */
+    camera_place_t still; /* at time 0 */
     float lens_radius, focal_distance;
     float window[4];     /* what the film shows: x min, x max, y min, y max; y upwards */
     float width, height; /* pixels */
@@ -217,7 +217,7 @@ bool camera_has_lens(const camera_t *camera)
 }
 
 /* A camera that stands still has its placement at hand; that of another is made in *moved. */
-static const placement_t *place_at(const camera_t *camera, float time, placement_t *moved)
+static const camera_place_t *place_at(const camera_t *camera, float time, camera_place_t *moved)
 {
     if (!camera->motion.moves) return &camera->still;
     moved->world_from_camera = motion_at(&camera->motion, time);
@@ -236,7 +236,7 @@ static vec3_t lens_point(const camera_t *camera, vec2_t lens)
 
 /* The factor from a density in camera space at a direction of any length to that in the world, where the
  * transform stretches. Of parallel rays the density is per area across them. */
-static float density_factor(const camera_t *camera, const placement_t *at, vec3_t direction)
+static float density_factor(const camera_t *camera, const camera_place_t *at, vec3_t direction)
 {
     const xform_t *t = &at->world_from_camera;
     if (camera->ops->parallel) return v_length(vec3(t->m[0][2], t->m[1][2], t->m[2][2])) / at->stretch;
@@ -283,8 +283,8 @@ int camera_images(const camera_t *camera, vec2_t raster, float margin, vec2_t im
 void camera_ray(const camera_t *camera, vec2_t raster, vec2_t lens, float time, camera_ray_t *ray)
 {
     film_ray_t local;
-    placement_t moved;
-    const placement_t *at = place_at(camera, time, &moved);
+    camera_place_t moved;
+    const camera_place_t *at = place_at(camera, time, &moved);
     camera->ops->ray(camera, film_of_raster(camera, raster), lens_point(camera, lens), &local);
     ray->origin = xform_point(&at->world_from_camera, local.origin);
     ray->direction = v_normalize(xform_vector(&at->world_from_camera, local.direction));
@@ -295,8 +295,8 @@ void camera_ray(const camera_t *camera, vec2_t raster, vec2_t lens, float time, 
 bool camera_project(const camera_t *camera, vec3_t p, vec2_t lens, float time, float margin,
                     camera_view_t *view)
 {
-    placement_t moved;
-    const placement_t *at = place_at(camera, time, &moved);
+    camera_place_t moved;
+    const camera_place_t *at = place_at(camera, time, &moved);
     vec2_t film, images[CAMERA_IMAGES];
     vec3_t q = xform_point(&at->camera_from_world, p), from = lens_point(camera, lens);
     if (!camera->ops->project(camera, q, &from, &film, &view->density)) return false;

@@ -67,11 +67,11 @@ void images_init(textures_t *textures)
     textures->images = mem_zalloc(count + 1, sizeof *textures->images);
     for (uint64_t i = 0; i < count; i++) {
         const blob_image_t *from = &blob->images[i];
-        image_t *image = &textures->images[i];
-        *image = (image_t){.words = blob->texels + from->first_word,
-                           .format = from->format,
-                           .width = from->width,
-                           .height = from->height};
+        image_view_t *image = &textures->images[i];
+        *image = (image_view_t){.words = blob->texels + from->first_word,
+                                .format = from->format,
+                                .width = from->width,
+                                .height = from->height};
         if (is_encoded(from->format))
             image->table =
                 bsearch(&from->gamma, textures->tables, tables, sizeof *textures->tables, compare_tables);
@@ -93,32 +93,32 @@ static float word_float(const uint32_t *word)
     return value;
 }
 
-static inline rgb_t texel_r8(const image_t *image, size_t index)
+static inline rgb_t texel_r8(const image_view_t *image, size_t index)
 {
     float grey = image->table->linear[((const uint8_t *)image->words)[index]];
     return vec3(grey, grey, grey);
 }
 
-static inline rgb_t texel_rgba8(const image_t *image, size_t index)
+static inline rgb_t texel_rgba8(const image_view_t *image, size_t index)
 {
     const float *linear = image->table->linear;
     uint32_t word = image->words[index];
     return vec3(linear[word & 255], linear[word >> 8 & 255], linear[word >> 16 & 255]);
 }
 
-static inline rgb_t texel_r32f(const image_t *image, size_t index)
+static inline rgb_t texel_r32f(const image_view_t *image, size_t index)
 {
     float grey = word_float(image->words + index);
     return vec3(grey, grey, grey);
 }
 
-static inline rgb_t texel_rgb32f(const image_t *image, size_t index)
+static inline rgb_t texel_rgb32f(const image_view_t *image, size_t index)
 {
     const uint32_t *words = image->words + 3 * index;
     return vec3(word_float(words), word_float(words + 1), word_float(words + 2));
 }
 
-static inline rgb_t texel_alpha(const image_t *image, size_t index)
+static inline rgb_t texel_alpha(const image_view_t *image, size_t index)
 {
     float alpha = (float)(image->words[index] >> 24) / 255.0f;
     return vec3(alpha, alpha, alpha);
@@ -184,16 +184,16 @@ static inline taps_t axis_taps(float s, uint32_t size, wrap_t wrap, bool nearest
     return nearest ? nearest_taps(s, size, wrap) : linear_taps(s, size, wrap);
 }
 
-typedef rgb_t (*texel_t)(const image_t *image, size_t index);
+typedef rgb_t (*texel_t)(const image_view_t *image, size_t index);
 
-static inline rgb_t weighted_row(const image_t *image, texel_t texel, size_t start, const taps_t *x)
+static inline rgb_t weighted_row(const image_view_t *image, texel_t texel, size_t start, const taps_t *x)
 {
     rgb_t left = texel(image, start + x->index[0]), right = texel(image, start + x->index[1]);
     return v_mad(v_scale(left, x->weight[0]), x->weight[1], right);
 }
 
 /* Inlined for each kind of texel. */
-static inline __attribute__((always_inline)) rgb_t weighted(const image_t *image, texel_t texel,
+static inline __attribute__((always_inline)) rgb_t weighted(const image_view_t *image, texel_t texel,
                                                             const taps_t *x, const taps_t *y)
 {
     rgb_t upper = weighted_row(image, texel, (size_t)y->index[0] * image->width, x);
@@ -229,7 +229,7 @@ rgb_t rgb_channel(rgb_t c, channel_t channel)
     return vec3(value, value, value);
 }
 
-rgb_t image_lookup(const image_t *image, const image_lookup_t *how, vec2_t st)
+rgb_t image_lookup(const image_view_t *image, const image_lookup_t *how, vec2_t st)
 {
     taps_t x = axis_taps(st.x, image->width, how->wrap_s, how->nearest);
     taps_t y = axis_taps(st.y, image->height, how->wrap_t, how->nearest);
@@ -261,7 +261,7 @@ rgb_t textures_image(const textures_t *textures, uint32_t image, wrap_t along_s,
 
 rgb_t textures_texel(const textures_t *textures, uint32_t index, uint32_t x, uint32_t y)
 {
-    const image_t *image = &textures->images[index];
+    const image_view_t *image = &textures->images[index];
     size_t at = (size_t)y * image->width + x;
     switch ((texels_t)image->format) {
     case TEXELS_R8:

@@ -17,11 +17,11 @@ typedef struct {
     const decode_table_t *table; /* of 8-bit formats, else NULL */
     uint32_t format;             /* texels_t */
     uint32_t width, height;
-} image_t;
+} image_view_t;
 
 struct textures {
     const scene_blob_t *blob;
-    image_t *images;        /* one for each of the blob's */
+    image_view_t *images;   /* one for each of the blob's */
     decode_table_t *tables; /* one for each gamma, ascending */
 };
 
@@ -46,7 +46,7 @@ typedef struct {
 } image_lookup_t;
 
 /* A channel of an image at (s, t), t downwards; single channels are greys. */
-rgb_t image_lookup(const image_t *image, const image_lookup_t *how, vec2_t st);
+rgb_t image_lookup(const image_view_t *image, const image_lookup_t *how, vec2_t st);
 /* A channel of a colour; CHANNEL_A gives 1. */
 rgb_t rgb_channel(rgb_t colour, channel_t channel);
 

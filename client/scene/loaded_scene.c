@@ -1,5 +1,5 @@
-/* scene: see scene.h. */
-#include "client/scene/scene.h"
+/* loaded_scene: see loaded_scene.h. */
+#include "client/scene/loaded_scene.h"
 
 #include "client/import/import.h"
 #include "client/text/progress.h"
@@ -56,7 +56,7 @@ static void show_progress(void *context, double fraction)
     progress_import(context, fraction);
 }
 
-static result_t import_file(const char *path, bool lenient, scene_t *scene)
+static result_t import_file(const char *path, bool lenient, loaded_scene_t *scene)
 {
     uint64_t size;
     progress_t progress = progress_start(false);
@@ -67,9 +67,9 @@ static result_t import_file(const char *path, bool lenient, scene_t *scene)
     return result.code == RESULT_OK ? blob_open(scene->bytes, size, &scene->blob) : result;
 }
 
-result_t scene_load(const char *path, bool lenient, scene_t *scene)
+result_t scene_load(const char *path, bool lenient, loaded_scene_t *scene)
 {
-    *scene = (scene_t){0};
+    *scene = (loaded_scene_t){0};
     if (access(path, R_OK) != 0)
         return result_fail(RESULT_INPUT, "cannot read %.300s: %s", path, strerror(errno));
     result_t result =
@@ -81,10 +81,10 @@ result_t scene_load(const char *path, bool lenient, scene_t *scene)
     return result;
 }
 
-void scene_free(scene_t *scene)
+void scene_free(loaded_scene_t *scene)
 {
     blob_close(&scene->blob);
     free(scene->bytes);
     free(scene->name);
-    *scene = (scene_t){0};
+    *scene = (loaded_scene_t){0};
 }

@@ -1,6 +1,6 @@
-/* scene: a scene as it is named on a command line, as one blob in memory. */
-#ifndef LIGHTMILL_SCENE_H
-#define LIGHTMILL_SCENE_H
+/* loaded_scene: a scene as it is named on a command line, as one blob in memory. */
+#ifndef LIGHTMILL_LOADED_SCENE_H
+#define LIGHTMILL_LOADED_SCENE_H
 
 #include "common/scene/scene_blob.h"
 
@@ -8,12 +8,12 @@ typedef struct {
     uint8_t *bytes; /* of an imported scene, owned; NULL when the blob is mapped from a file */
     scene_blob_t blob;
     char *name; /* owned; what to call the job and the image: "cornell" */
-} scene_t;
+} loaded_scene_t;
 
 /* Loads a scene file (.pbrt, .gltf, .glb), a directory that holds a scene.pbrt, or a scene blob. Warnings go
  * to the log. `lenient`: see import_report_t. */
-result_t scene_load(const char *path, bool lenient, scene_t *scene);
+result_t scene_load(const char *path, bool lenient, loaded_scene_t *scene);
 /* Harmless on a zeroed scene. */
-void scene_free(scene_t *scene);
+void scene_free(loaded_scene_t *scene);
 
 #endif
