@@ -1,7 +1,7 @@
 /* processes: the master, the relay and the workers of a run: real processes, started again when a fault has
  * ended them. One that ends by itself is a violation. */
-#ifndef LIGHTMILL_PROCESSES_H
-#define LIGHTMILL_PROCESSES_H
+#ifndef LIGHTMILL_CHAOS_PROCESSES_H
+#define LIGHTMILL_CHAOS_PROCESSES_H
 
 #include "tests/chaos/dice.h"
 #include "tests/chaos/passes.h"

@@ -1,7 +1,7 @@
 /* report: what a run says, on its standard output and in FOLDER/chaos.log, with the seconds since it began.
  */
-#ifndef LIGHTMILL_REPORT_H
-#define LIGHTMILL_REPORT_H
+#ifndef LIGHTMILL_CHAOS_REPORT_H
+#define LIGHTMILL_CHAOS_REPORT_H
 
 #include <stddef.h>
 #include <stdio.h>

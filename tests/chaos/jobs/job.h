@@ -8,8 +8,8 @@
  *   - a job that was accepted is known until it is deleted, and what an order did is not undone;
  *   - at the end nothing is out, all is counted, nothing is skipped, and the pixels are those of the
  *     reference. */
-#ifndef LIGHTMILL_JOB_H
-#define LIGHTMILL_JOB_H
+#ifndef LIGHTMILL_CHAOS_JOB_H
+#define LIGHTMILL_CHAOS_JOB_H
 
 #include "tests/chaos/jobs/account.h"
 #include "tests/chaos/jobs/references.h"
