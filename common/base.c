@@ -162,7 +162,7 @@ result_t file_read(const char *path, size_t limit, uint8_t **data, size_t *size)
             result = result_fail(RESULT_INPUT, "%s: cannot be read to its end: %s", path, strerror(errno));
             free(bytes);
         } else if (bytes != NULL) {
-            bytes[want] = 0; /* a text parser may rely on it */
+            bytes[want] = 0;
             *data = bytes;
             *size = want;
         }

@@ -83,7 +83,8 @@ bool hash_equal(const hash_t *a, const hash_t *b);
 /* Writes 64 lower-case hex digits and a NUL to `text`. */
 void hash_to_hex(const hash_t *hash, char text[2 * HASH_BYTES + 1]);
 
-/* Reads a whole file into fresh memory (the caller frees *data). A file over `limit` bytes is an error. */
+/* Reads a whole file into fresh memory (the caller frees *data), with a zero byte behind it. A file over
+ * `limit` bytes is an error. */
 result_t file_read(const char *path, size_t limit, uint8_t **data, size_t *size);
 /* Makes a directory and its parents where they are missing, with these permissions. */
 result_t directory_make(const char *path, unsigned permissions);

@@ -31,9 +31,7 @@ peer_t *peer_new(int control_port)
     peer->context = zmq_ctx_new();
     peer->control = connect_to(peer->context, control_port);
     Lm__JobStatusRequest request = LM__JOB_STATUS_REQUEST__INIT;
-    Lm__Envelope envelope = LM__ENVELOPE__INIT;
-    envelope.body_case = LM__ENVELOPE__BODY_JOB_STATUS_REQUEST;
-    envelope.job_status_request = &request;
+    Lm__Envelope envelope = WIRE_ENVELOPE(JOB_STATUS_REQUEST, job_status_request, &request);
     wire_message_t answer = peer_ask_control(peer, &envelope);
     assert_int_equal(answer.envelope->body_case, LM__ENVELOPE__BODY_JOB_STATUS_REPLY);
     peer->bulk = connect_to(peer->context, (int)answer.envelope->job_status_reply->bulk_port);
@@ -159,15 +157,13 @@ static result_t verdict(wire_message_t *answer, Lm__Envelope__BodyCase expected)
 void peer_hello(peer_t *peer, uint32_t version, uint32_t threads, result_t *refused)
 {
     Lm__Hello hello = LM__HELLO__INIT;
-    Lm__Envelope envelope = LM__ENVELOPE__INIT;
     hello.protocol_version = version;
     hello.software = "peer";
     static const hash_t none;
     hello.name = peer->name != NULL ? (char *)peer->name : "peer";
     if (!hash_equal(&peer->fingerprint, &none)) hello.fingerprint = wire_hash_put(&peer->fingerprint);
     hello.threads = threads;
-    envelope.body_case = LM__ENVELOPE__BODY_HELLO;
-    envelope.hello = &hello;
+    Lm__Envelope envelope = WIRE_ENVELOPE(HELLO, hello, &hello);
     wire_message_t answer = peer_ask_control(peer, &envelope);
     result_t result = verdict(&answer, LM__ENVELOPE__BODY_WELCOME);
     if (refused != NULL) *refused = result;
@@ -184,12 +180,10 @@ void peer_hello(peer_t *peer, uint32_t version, uint32_t threads, result_t *refu
 bool peer_heartbeat(peer_t *peer, uint64_t job, uint32_t units_held)
 {
     Lm__Heartbeat beat = LM__HEARTBEAT__INIT;
-    Lm__Envelope envelope = LM__ENVELOPE__INIT;
     beat.worker = peer->worker;
     beat.job = job;
     beat.units_held = units_held;
-    envelope.body_case = LM__ENVELOPE__BODY_HEARTBEAT;
-    envelope.heartbeat = &beat;
+    Lm__Envelope envelope = WIRE_ENVELOPE(HEARTBEAT, heartbeat, &beat);
     wire_message_t answer = peer_ask_control(peer, &envelope);
     assert_int_equal(answer.envelope->body_case, LM__ENVELOPE__BODY_HEARTBEAT_REPLY);
     bool known = answer.envelope->heartbeat_reply->known;
@@ -200,11 +194,9 @@ bool peer_heartbeat(peer_t *peer, uint64_t job, uint32_t units_held)
 void peer_goodbye(peer_t *peer)
 {
     Lm__Goodbye goodbye = LM__GOODBYE__INIT;
-    Lm__Envelope envelope = LM__ENVELOPE__INIT;
     goodbye.worker = peer->worker;
     goodbye.reason = "the script says so";
-    envelope.body_case = LM__ENVELOPE__BODY_GOODBYE;
-    envelope.goodbye = &goodbye;
+    Lm__Envelope envelope = WIRE_ENVELOPE(GOODBYE, goodbye, &goodbye);
     wire_message_t answer = peer_ask_control(peer, &envelope);
     assert_int_equal(answer.envelope->body_case, LM__ENVELOPE__BODY_DONE);
     wire_free(&answer);
@@ -213,12 +205,10 @@ void peer_goodbye(peer_t *peer)
 void peer_work(peer_t *peer, uint64_t samples, uint64_t unit_samples, peer_work_t *work)
 {
     Lm__WorkRequest request = LM__WORK_REQUEST__INIT;
-    Lm__Envelope envelope = LM__ENVELOPE__INIT;
     request.worker = peer->worker;
     request.samples = samples;
     request.unit_samples = unit_samples;
-    envelope.body_case = LM__ENVELOPE__BODY_WORK_REQUEST;
-    envelope.work_request = &request;
+    Lm__Envelope envelope = WIRE_ENVELOPE(WORK_REQUEST, work_request, &request);
     wire_message_t answer = peer_ask_control(peer, &envelope);
     work->job = 0;
     work->unit_count = 0;
@@ -281,7 +271,6 @@ result_t peer_send_check(peer_t *peer, uint64_t job, uint64_t check, const batch
 {
     Lm__BatchResult body = LM__BATCH_RESULT__INIT;
     Lm__Counts counts = LM__COUNTS__INIT;
-    Lm__Envelope envelope = LM__ENVELOPE__INIT;
     zmq_msg_t payload[BATCH_PAYLOADS];
     wire_counts_put(&batch->counts, &counts);
     body.worker = peer->worker;
@@ -291,8 +280,7 @@ result_t peer_send_check(peer_t *peer, uint64_t job, uint64_t check, const batch
     body.n_units = batch->unit_count;
     body.units = wire_units_new(batch->units, batch->unit_count);
     body.counts = &counts;
-    envelope.body_case = LM__ENVELOPE__BODY_BATCH_RESULT;
-    envelope.batch_result = &body;
+    Lm__Envelope envelope = WIRE_ENVELOPE(BATCH_RESULT, batch_result, &body);
     assert_int_equal(payload_encode(batch, true, payload).code, RESULT_OK);
     wire_message_t answer = peer_ask_bulk(peer, &envelope, payload, BATCH_PAYLOADS);
     free(body.units);
@@ -327,15 +315,13 @@ result_t peer_put_chunk(peer_t *peer, const hash_t *hash, uint64_t offset, uint6
                         size_t length, uint64_t *next)
 {
     Lm__BlobPut put = LM__BLOB_PUT__INIT;
-    Lm__Envelope envelope = LM__ENVELOPE__INIT;
     zmq_msg_t payload;
     zmq_msg_init_size(&payload, length);
     if (length > 0) memcpy(zmq_msg_data(&payload), bytes, length);
     put.blob = wire_hash_put(hash);
     put.offset = offset;
     put.size = size;
-    envelope.body_case = LM__ENVELOPE__BODY_BLOB_PUT;
-    envelope.blob_put = &put;
+    Lm__Envelope envelope = WIRE_ENVELOPE(BLOB_PUT, blob_put, &put);
     wire_message_t answer = peer_ask_bulk(peer, &envelope, &payload, 1);
     TRY(verdict(&answer, LM__ENVELOPE__BODY_BLOB_PUT_REPLY));
     *next = answer.envelope->blob_put_reply->next;
@@ -359,13 +345,11 @@ result_t peer_submit(peer_t *peer, const char *name, const job_settings_t *setti
 {
     Lm__JobSubmit submit = LM__JOB_SUBMIT__INIT;
     Lm__Settings message = LM__SETTINGS__INIT;
-    Lm__Envelope envelope = LM__ENVELOPE__INIT;
     wire_settings_put(settings, &message);
     submit.name = (char *)name;
     submit.settings = &message;
     submit.blob = wire_hash_put(hash);
-    envelope.body_case = LM__ENVELOPE__BODY_JOB_SUBMIT;
-    envelope.job_submit = &submit;
+    Lm__Envelope envelope = WIRE_ENVELOPE(JOB_SUBMIT, job_submit, &submit);
     wire_message_t answer = peer_ask_control(peer, &envelope);
     TRY(verdict(&answer, LM__ENVELOPE__BODY_JOB_ACCEPTED));
     *job = answer.envelope->job_accepted->job;
@@ -377,10 +361,8 @@ result_t peer_cancel(peer_t *peer, uint64_t job)
 {
     Lm__JobOrder cancel = LM__JOB_ORDER__INIT;
     cancel.kind = ORDER_CANCEL;
-    Lm__Envelope envelope = LM__ENVELOPE__INIT;
     cancel.job = job;
-    envelope.body_case = LM__ENVELOPE__BODY_JOB_ORDER;
-    envelope.job_order = &cancel;
+    Lm__Envelope envelope = WIRE_ENVELOPE(JOB_ORDER, job_order, &cancel);
     wire_message_t answer = peer_ask_control(peer, &envelope);
     TRY(verdict(&answer, LM__ENVELOPE__BODY_DONE));
     wire_free(&answer);
@@ -390,10 +372,8 @@ result_t peer_cancel(peer_t *peer, uint64_t job)
 const Lm__JobStatus *peer_status(peer_t *peer, uint64_t job, wire_message_t *message)
 {
     Lm__JobStatusRequest request = LM__JOB_STATUS_REQUEST__INIT;
-    Lm__Envelope envelope = LM__ENVELOPE__INIT;
     request.job = job;
-    envelope.body_case = LM__ENVELOPE__BODY_JOB_STATUS_REQUEST;
-    envelope.job_status_request = &request;
+    Lm__Envelope envelope = WIRE_ENVELOPE(JOB_STATUS_REQUEST, job_status_request, &request);
     *message = peer_ask_control(peer, &envelope);
     if (verdict(message, LM__ENVELOPE__BODY_JOB_STATUS_REPLY).code != RESULT_OK) return NULL;
     assert_int_equal(message->envelope->job_status_reply->n_jobs, 1);
@@ -420,9 +400,7 @@ job_state_t peer_wait(peer_t *peer, uint64_t job, double seconds)
 /* One ImageGet; appends what comes to the file. */
 static result_t fetch_chunk(peer_t *peer, Lm__ImageGet *get, FILE *file, uint64_t *size)
 {
-    Lm__Envelope envelope = LM__ENVELOPE__INIT;
-    envelope.body_case = LM__ENVELOPE__BODY_IMAGE_GET;
-    envelope.image_get = get;
+    Lm__Envelope envelope = WIRE_ENVELOPE(IMAGE_GET, image_get, get);
     wire_message_t answer = peer_ask_bulk(peer, &envelope, NULL, 0);
     TRY(verdict(&answer, LM__ENVELOPE__BODY_IMAGE_CHUNK));
     const Lm__ImageChunk *chunk = answer.envelope->image_chunk;

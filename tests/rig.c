@@ -116,12 +116,8 @@ char *rig_output(rig_t *rig, pid_t process)
     uint8_t *data;
     size_t size;
     must(file_read(path, 1 << 24, &data, &size));
-    char *text = mem_alloc(size + 1);
-    memcpy(text, data, size);
-    text[size] = '\0';
-    free(data);
     free(path);
-    return text;
+    return (char *)data;
 }
 
 pid_t rig_start_program(rig_t *rig, const char *program, const char *const *arguments)

@@ -101,11 +101,9 @@ static void answer(void *socket, const wire_message_t *message, Lm__Envelope *en
 static void refuse(void *socket, const wire_message_t *message, result_t why)
 {
     Lm__Refusal refusal = LM__REFUSAL__INIT;
-    Lm__Envelope envelope = LM__ENVELOPE__INIT;
     refusal.code = why.code;
     refusal.reason = why.message;
-    envelope.body_case = LM__ENVELOPE__BODY_REFUSAL;
-    envelope.refusal = &refusal;
+    Lm__Envelope envelope = WIRE_ENVELOPE(REFUSAL, refusal, &refusal);
     answer(socket, message, &envelope);
 }
 
@@ -123,7 +121,6 @@ static void on_hello(scripted_t *script, const wire_message_t *message)
     script->hello = lm__hello__unpack(NULL, lm__hello__pack(hello, packed), packed);
     script->hellos++;
     Lm__Welcome welcome = LM__WELCOME__INIT;
-    Lm__Envelope envelope = LM__ENVELOPE__INIT;
     welcome.protocol_version = WIRE_VERSION;
     welcome.software = "scripted";
     welcome.worker = ++script->worker;
@@ -131,20 +128,17 @@ static void on_hello(scripted_t *script, const wire_message_t *message)
     welcome.lease_ms = LEASE_MS;
     welcome.batch_ms = (uint32_t)(1e3 * script->batch_interval);
     welcome.bulk_port = (uint32_t)script->bulk_port;
-    envelope.body_case = LM__ENVELOPE__BODY_WELCOME;
-    envelope.welcome = &welcome;
+    Lm__Envelope envelope = WIRE_ENVELOPE(WELCOME, welcome, &welcome);
     answer(script->control, message, &envelope);
 }
 
 static void on_heartbeat(scripted_t *script, const wire_message_t *message)
 {
     Lm__HeartbeatReply reply = LM__HEARTBEAT_REPLY__INIT;
-    Lm__Envelope envelope = LM__ENVELOPE__INIT;
     script->heartbeats++;
     script->heartbeat_threads = message->envelope->heartbeat->threads;
     reply.known = knows(script, message->envelope->heartbeat->worker);
-    envelope.body_case = LM__ENVELOPE__BODY_HEARTBEAT_REPLY;
-    envelope.heartbeat_reply = &reply;
+    Lm__Envelope envelope = WIRE_ENVELOPE(HEARTBEAT_REPLY, heartbeat_reply, &reply);
     answer(script->control, message, &envelope);
 }
 
@@ -152,7 +146,6 @@ static void send_assignment(scripted_t *script, const wire_message_t *message)
 {
     Lm__Assignment assignment = LM__ASSIGNMENT__INIT;
     Lm__Settings settings = LM__SETTINGS__INIT;
-    Lm__Envelope envelope = LM__ENVELOPE__INIT;
     wire_settings_put(&script->settings, &settings);
     assignment.job = script->job;
     assignment.check = script->check;
@@ -161,8 +154,7 @@ static void send_assignment(scripted_t *script, const wire_message_t *message)
     assignment.blob_size = script->blob->size;
     assignment.n_units = script->unit_count;
     assignment.units = wire_units_new(script->units, script->unit_count);
-    envelope.body_case = LM__ENVELOPE__BODY_ASSIGNMENT;
-    envelope.assignment = &assignment;
+    Lm__Envelope envelope = WIRE_ENVELOPE(ASSIGNMENT, assignment, &assignment);
     answer(script->control, message, &envelope);
     free(assignment.units);
     script->unit_count = 0;
@@ -188,21 +180,17 @@ static void on_work_request(scripted_t *script, const wire_message_t *message)
         return;
     }
     Lm__NoWork none = LM__NO_WORK__INIT;
-    Lm__Envelope envelope = LM__ENVELOPE__INIT;
     none.retry_ms = RETRY_MS;
-    envelope.body_case = LM__ENVELOPE__BODY_NO_WORK;
-    envelope.no_work = &none;
+    Lm__Envelope envelope = WIRE_ENVELOPE(NO_WORK, no_work, &none);
     answer(script->control, message, &envelope);
 }
 
 static void on_goodbye(scripted_t *script, const wire_message_t *message)
 {
     Lm__Done done = LM__DONE__INIT;
-    Lm__Envelope envelope = LM__ENVELOPE__INIT;
     script->goodbyes++;
     script->worker++;
-    envelope.body_case = LM__ENVELOPE__BODY_DONE;
-    envelope.done = &done;
+    Lm__Envelope envelope = WIRE_ENVELOPE(DONE, done, &done);
     answer(script->control, message, &envelope);
 }
 
@@ -217,9 +205,7 @@ static scripted_question_t question_of(const wire_message_t *message)
 void scripted_grant(scripted_t *script)
 {
     Lm__BatchGrant grant = LM__BATCH_GRANT__INIT;
-    Lm__Envelope envelope = LM__ENVELOPE__INIT;
-    envelope.body_case = LM__ENVELOPE__BODY_BATCH_GRANT;
-    envelope.batch_grant = &grant;
+    Lm__Envelope envelope = WIRE_ENVELOPE(BATCH_GRANT, batch_grant, &grant);
     say(script->bulk, script->offer.identity, script->offer.identity_size, script->offer.request, &envelope,
         NULL);
     script->offer = (scripted_question_t){0};
@@ -249,12 +235,10 @@ static void on_offer(scripted_t *script, const wire_message_t *message)
 void scripted_verdict(scripted_t *script, bool counted)
 {
     Lm__BatchReply reply = LM__BATCH_REPLY__INIT;
-    Lm__Envelope envelope = LM__ENVELOPE__INIT;
     reply.sequence = script->question.sequence;
     reply.accepted = counted;
     reply.reason = counted ? "" : "the script says so";
-    envelope.body_case = LM__ENVELOPE__BODY_BATCH_REPLY;
-    envelope.batch_reply = &reply;
+    Lm__Envelope envelope = WIRE_ENVELOPE(BATCH_REPLY, batch_reply, &reply);
     say(script->bulk, script->question.identity, script->question.identity_size, script->question.request,
         &envelope, NULL);
     script->question = (scripted_question_t){0};
@@ -285,7 +269,6 @@ static void on_blob_get(scripted_t *script, const wire_message_t *message)
 {
     const Lm__BlobGet *get = message->envelope->blob_get;
     Lm__BlobChunk chunk = LM__BLOB_CHUNK__INIT;
-    Lm__Envelope envelope = LM__ENVELOPE__INIT;
     zmq_msg_t payload;
     assert_true(get->offset + get->length <= script->blob->size && get->length <= WIRE_MAX_CHUNK);
     zmq_msg_init_size(&payload, get->length);
@@ -293,8 +276,7 @@ static void on_blob_get(scripted_t *script, const wire_message_t *message)
     chunk.blob = get->blob;
     chunk.offset = get->offset;
     chunk.size = script->blob->size;
-    envelope.body_case = LM__ENVELOPE__BODY_BLOB_CHUNK;
-    envelope.blob_chunk = &chunk;
+    Lm__Envelope envelope = WIRE_ENVELOPE(BLOB_CHUNK, blob_chunk, &chunk);
     say(script->bulk, message->identity, message->identity_size, message->envelope->request, &envelope,
         &payload);
 }
@@ -302,11 +284,9 @@ static void on_blob_get(scripted_t *script, const wire_message_t *message)
 void scripted_job_over(scripted_t *script, uint64_t job, bool flush)
 {
     Lm__JobOver over = LM__JOB_OVER__INIT;
-    Lm__Envelope envelope = LM__ENVELOPE__INIT;
     over.job = job;
     over.flush = flush;
-    envelope.body_case = LM__ENVELOPE__BODY_JOB_OVER;
-    envelope.job_over = &over;
+    Lm__Envelope envelope = WIRE_ENVELOPE(JOB_OVER, job_over, &over);
     /* To where the next control message comes from: there is one at least every heartbeat. */
     wire_message_t message;
     bool received = false;
