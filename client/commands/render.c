@@ -24,8 +24,12 @@ typedef struct {
     overrides_t overrides;
     output_t output;
     local_farm_options_t farm;
+    const char *viewer; /* HOST[:PORT]; NULL: none */
     bool strategies, quiet;
 } values_t;
+
+/* Seconds that a viewer which does not read may keep us after the image is written, and one that reads. */
+static const double VIEWER_STALL = 3, VIEWER_LIMIT = 60;
 
 static const option_t rows[] = {
     OPTION(values_t, farm.threads, "threads", "N",
@@ -37,6 +41,9 @@ static const option_t rows[] = {
            "an image of each strategy of bdpt, weighted and unweighted, instead of the picture: layers "
            "weighted.sS_tT and unweighted.sS_tT of SCENE-strategies.exr, and a contact sheet beside it; "
            "paths of at most 12 segments (--max-depth 11). Ctrl-C: no files"),
+    OPTION(values_t, viewer, "display", "HOST[:PORT]",
+           "show the image as it converges in an image viewer: tev, HDRView, or another that speaks tev's "
+           "protocol (default port: 14158); it may come, go and come again"),
     OPTION(values_t, quiet, "quiet", NULL, "no progress, errors only"),
     OPTION(values_t, farm.verbose, "verbose", NULL, "log what master and workers do"),
 };
@@ -72,17 +79,36 @@ static result_t watch_job(local_farm_t *farm, watch_t *watch, result_t *ended_by
     }
 }
 
+/* The viewer's image is called like the file, so that files can be compared in the viewer. */
+static result_t start_display(const values_t *values, local_farm_t *farm, watch_t *watch)
+{
+    remote_t *remote;
+    if (watch->display == NULL) return result_ok();
+    TRY(local_farm_connect(farm, &remote));
+    return display_start(watch->display, remote, watch->job, values->output.path);
+}
+
+/* The image is written, so a viewer that does not take it is no failure; one that is away has been told of.
+ */
+static void finish_display(watch_t *watch)
+{
+    result_t result = display_finish(watch->display, VIEWER_STALL, VIEWER_LIMIT, false);
+    if (result.code != RESULT_OK) log_warning("%s; it is in the file", result.message);
+}
+
 static result_t run_job(const values_t *values, local_farm_t *farm, remote_t *remote,
-                        const loaded_scene_t *scene, const job_settings_t *settings)
+                        const loaded_scene_t *scene, const job_settings_t *settings, display_t *display)
 {
     progress_t progress = progress_start(values->quiet);
-    watch_t watch = {.remote = remote, .progress = &progress};
+    watch_t watch = {.remote = remote, .progress = &progress, .display = display};
     result_t ended_by;
     TRY(remote_put_blob(remote, &scene->blob, NULL, NULL));
     TRY(remote_submit(remote, scene->name, settings, &scene->blob.hash, &watch.job));
+    TRY(start_display(values, farm, &watch));
     result_t result = watch_job(farm, &watch, &ended_by);
     progress_end(&progress);
     if (result.code == RESULT_OK) result = watch_deliver(&watch, &values->output, values->quiet);
+    if (result.code == RESULT_OK) finish_display(&watch);
     return result.code == RESULT_OK ? ended_by : result;
 }
 
@@ -92,8 +118,10 @@ static result_t check_farm(void *farm)
 }
 
 static result_t run_strategies(const values_t *values, local_farm_t *farm, remote_t *remote,
-                               const loaded_scene_t *scene, const job_settings_t *settings)
+                               const loaded_scene_t *scene, const job_settings_t *settings,
+                               display_t *display)
 {
+    (void)display; /* there is none: see check */
     strategies_t strategies = {.remote = remote,
                                .scene = scene,
                                .settings = *settings,
@@ -104,7 +132,7 @@ static result_t run_strategies(const values_t *values, local_farm_t *farm, remot
     return strategies_render(&strategies);
 }
 
-static result_t render(const values_t *values, const loaded_scene_t *scene)
+static result_t render(const values_t *values, const loaded_scene_t *scene, display_t **display)
 {
     job_settings_t settings;
     result_t (*prepare)(const overrides_t *, const scene_blob_t *, job_settings_t *) =
@@ -119,21 +147,34 @@ static result_t render(const values_t *values, const loaded_scene_t *scene)
     remote_t *remote;
     result_t result = local_farm_connect(farm, &remote);
     if (result.code == RESULT_OK)
-        result = (values->strategies ? run_strategies : run_job)(values, farm, remote, scene, &settings);
+        result =
+            (values->strategies ? run_strategies : run_job)(values, farm, remote, scene, &settings, *display);
+    display_close(display);
     remote_close(&remote);
     local_farm_stop(&farm);
     return result;
 }
 
+static result_t check(const values_t *values)
+{
+    if (values->strategies && values->viewer)
+        return result_fail(RESULT_USAGE, "--display and --strategies do not go together: the images of the "
+                                         "strategies are put together only at the end");
+    return output_check(&values->output);
+}
+
 static result_t run(const call_t *call)
 {
     values_t *values = call->values;
+    display_t *display = NULL;
     log_init("lightmill", values->farm.verbose ? LOG_DEBUG : values->quiet ? LOG_ERROR : LOG_WARNING);
     loaded_scene_t scene;
     TRY(scene_load(call->arguments[0], values->overrides.lenient, &scene));
     output_name(&values->output, scene.name, values->strategies);
-    result_t result = output_check(&values->output);
-    if (result.code == RESULT_OK) result = render(values, &scene);
+    result_t result = check(values);
+    if (result.code == RESULT_OK) result = display_open(values->viewer, &display);
+    if (result.code == RESULT_OK) result = render(values, &scene, &display);
+    display_close(&display);
     output_free(&values->output);
     scene_free(&scene);
     return result;

@@ -43,8 +43,18 @@ static void note_silence(watch_t *watch, const result_t *result)
         log_warning("the master is back");
 }
 
+/* Lines of the viewer's thread, which must not be mixed with the progress. */
+static void show_news(watch_t *watch)
+{
+    char text[500];
+    if (!display_news(watch->display, text)) return;
+    progress_erase(watch->progress);
+    log_warning("%s", text);
+}
+
 result_t watch_poll(watch_t *watch)
 {
+    show_news(watch);
     nanosleep(&(struct timespec){.tv_nsec = POLL_NANOSECONDS}, NULL);
     wire_message_t message;
     result_t result = remote_status(watch->remote, watch->job, &message);
@@ -54,11 +64,11 @@ result_t watch_poll(watch_t *watch)
     take_status(watch, status);
     progress_job(watch->progress, status);
     wire_free(&message);
+    display_tell(watch->display, watch->samples_done, watch->final);
     return result_ok();
 }
 
-/* Polls until the job is over. Ctrl-C ends the waiting, not the job. */
-static result_t wait_for_end(watch_t *watch)
+result_t watch_wait(watch_t *watch)
 {
     interrupt_catch();
     while (!watch->final) {
@@ -118,7 +128,7 @@ result_t watch_to_end(remote_t *remote, uint64_t job, const output_t *output, bo
 {
     progress_t progress = progress_start(quiet);
     watch_t watch = {.remote = remote, .job = job, .progress = &progress, .patient = true};
-    result_t result = wait_for_end(&watch);
+    result_t result = watch_wait(&watch);
     progress_end(&progress);
     TRY(result);
     TRY(watch_deliver(&watch, output, quiet));

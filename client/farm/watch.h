@@ -2,6 +2,7 @@
 #ifndef LIGHTMILL_WATCH_H
 #define LIGHTMILL_WATCH_H
 
+#include "client/farm/display.h"
 #include "client/farm/remote.h"
 #include "client/image/output.h"
 #include "client/text/progress.h"
@@ -10,9 +11,10 @@ typedef struct {
     remote_t *remote;     /* kept by the caller */
     progress_t *progress; /* kept by the caller */
     uint64_t job;
-    bool patient; /* a master that does not answer is waited for: it may be restarted */
-    bool silent;  /* it does not answer at the moment */
-    bool final;   /* done, cancelled or failed */
+    display_t *display; /* kept by the caller; told of every status; NULL: none */
+    bool patient;       /* a master that does not answer is waited for: it may be restarted */
+    bool silent;        /* it does not answer at the moment */
+    bool final;         /* done, cancelled or failed */
     /* From the last status: */
     uint32_t state; /* job_state_t */
     int32_t width, height;
@@ -25,6 +27,8 @@ typedef struct {
 /* Waits a moment, asks for the state and shows it. RESULT_UNREACHABLE when there is no answer; a patient
  * watch says so once, and when the master is back. */
 result_t watch_poll(watch_t *watch);
+/* Polls until the job is over. Ctrl-C ends the waiting, not the job: RESULT_CANCELLED. */
+result_t watch_wait(watch_t *watch);
 /* Fetches the image of a job, writes it and says so on stdout. A failed job is an error, and so is one
  * without any samples. */
 result_t watch_deliver(const watch_t *watch, const output_t *output, bool quiet);
