@@ -18,7 +18,7 @@
 
 enum { WAKES = 4 };
 enum { WAKE_CONTROL, WAKE_BULK, WAKE_NOTICES, WAKE_GRANTS };
-static const uint64_t DEFAULT_CACHE_LIMIT = (uint64_t)20 << 30;
+static const uint64_t DEFAULT_CACHE_LIMIT = 20000000000; /* bytes */
 
 typedef struct {
     const relay_options_t *options;

@@ -21,8 +21,8 @@
 #include <string.h>
 #include <zmq.h>
 
-static const uint64_t DEFAULT_CACHE_LIMIT = (uint64_t)20 << 30;
-static const double DEFAULT_PATIENCE = 20; /* seconds */
+static const uint64_t DEFAULT_CACHE_LIMIT = 20000000000; /* bytes */
+static const double DEFAULT_PATIENCE = 20;               /* seconds */
 
 worker_options_t worker_options_default(void)
 {
