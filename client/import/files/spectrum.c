@@ -316,19 +316,13 @@ static rgb_t under_d65(const spectrum_t *s)
     return clipped(relative_to(rgb_from_xyz(seen), rgb_from_xyz(white), 1));
 }
 
-rgb_t spectrum_rgb(const spectrum_t *spectrum, spectrum_white_t white)
-{
-    if (white == WHITE_D65) return under_d65(spectrum);
-    return clipped(rgb_from_xyz(xyz_of(spectrum, NULL)));
-}
-
 rgb_t spectrum_colour(const spectrum_t *spectrum, spectrum_use_t use, spectrum_rules_t rules)
 {
     /* pbrt-v3 sums 471 samples as if they spanned 470 nm. */
     const float v3_sum = 470.0f / 471.0f;
-    if (rules == SPECTRUM_PBRT_V3) return v_scale(spectrum_rgb(spectrum, WHITE_EQUAL_ENERGY), v3_sum);
+    if (rules == SPECTRUM_PBRT_V3) return v_scale(clipped(rgb_from_xyz(xyz_of(spectrum, NULL))), v3_sum);
     if (use == SPECTRUM_EMISSION) return of_unit_luminance(xyz_of(spectrum, NULL));
-    return spectrum_rgb(spectrum, WHITE_D65);
+    return under_d65(spectrum);
 }
 
 rgb_t spectrum_blackbody(double kelvin, spectrum_rules_t rules)

@@ -37,19 +37,13 @@ double spectrum_at(const spectrum_t *spectrum, double lambda);
 /* The yellow line of helium, at which indices of glass are given, in nm. */
 #define SPECTRUM_D_LINE 587.56
 
-typedef enum { WHITE_EQUAL_ENERGY, WHITE_D65 } spectrum_white_t;
-
-/* Linear sRGB of a spectrum that is lit by the white. WHITE_D65: the constant 1 becomes (1, 1, 1).
- * WHITE_EQUAL_ENERGY: Y of the constant 1 is 1, and no adaptation: it becomes (1.205, 0.948, 0.909). */
-rgb_t spectrum_rgb(const spectrum_t *spectrum, spectrum_white_t white);
-
 /* What a spectrum stands for, and whose rules make a colour of it. */
 typedef enum { SPECTRUM_REFLECTANCE, SPECTRUM_EMISSION, SPECTRUM_INDEX } spectrum_use_t;
 typedef enum { SPECTRUM_PBRT_V3, SPECTRUM_PBRT_V4 } spectrum_rules_t;
 
-/* Linear sRGB by the rules of a program: v3 takes all for equal energy, times 470/471; v4 takes reflectances
- * and the indices of metals under D65, an emission with D65 as (1, 1, 1) and its luminance made 1 (black when
- * it has none). */
+/* Linear sRGB by the rules of a program: v3 takes all for equal energy, times 470/471, so that the constant 1
+ * becomes (1.202, 0.946, 0.907); v4 takes reflectances and the indices of metals under D65, where it becomes
+ * (1, 1, 1), an emission with D65 as (1, 1, 1) and its luminance made 1 (black when it has none). */
 rgb_t spectrum_colour(const spectrum_t *spectrum, spectrum_use_t use, spectrum_rules_t rules);
 
 /* Linear sRGB of a black body's emission, at a temperature in kelvin; black when that is not above 0. v3:

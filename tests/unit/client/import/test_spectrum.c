@@ -74,6 +74,15 @@ static void impossible_pairs_are_refused(void **state)
 
 /* ---- colours ------------------------------------------------------------------------------------------- */
 
+enum { WHITE_EQUAL_ENERGY, WHITE_D65 };
+
+/* A reflectance under a white, without the factor that is pbrt-v3's own. */
+static rgb_t spectrum_rgb(const spectrum_t *spectrum, int white)
+{
+    if (white == WHITE_D65) return spectrum_colour(spectrum, SPECTRUM_REFLECTANCE, SPECTRUM_PBRT_V4);
+    return v_scale(spectrum_colour(spectrum, SPECTRUM_REFLECTANCE, SPECTRUM_PBRT_V3), 471.0f / 470.0f);
+}
+
 static void constants_have_the_colour_of_the_white(void **state)
 {
     (void)state;
