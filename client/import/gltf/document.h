@@ -3,7 +3,7 @@
  *
  * The order of work: file.c opens the file; node.c walks the scene and gathers where meshes, cameras and
  * lights stand; then each mesh is put into the world, or, when it stands in several places, into an object
- * with instances; materials and textures are made when a mesh first wears them. Work is bounded by what the
+ * with instances; materials and textures are made when a mesh first has them. Work is bounded by what the
  * file holds: see scene_charge.
  */
 #ifndef LIGHTMILL_DOCUMENT_H
@@ -45,7 +45,7 @@ typedef struct {
 typedef struct {
     bool made;
     uint32_t index;        /* in the blob */
-    blob_value_t alpha;    /* of the shapes that wear it; factor 0: invisible */
+    blob_value_t alpha;    /* of the shapes that have it; factor 0: invisible */
     bool cutout;           /* alpha is 0 or 1 */
     bool emits, two_sided; /* two_sided: emission leaves the back as well */
     blob_value_t emission; /* radiance */

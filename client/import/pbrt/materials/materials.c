@@ -1,6 +1,6 @@
-/* materials: Material, MakeNamedMaterial, NamedMaterial, and how shapes wear what they make.
+/* materials: Material, MakeNamedMaterial, NamedMaterial, and how shapes get what they make.
  *
- * A directive only stores its parameters. The blob's record is made when the first shape wears the material;
+ * A directive only stores its parameters. The blob's record is made when the first shape has the material;
  * a v3 shape whose own parameters override the material's gets a record of its own. An interface between
  * media has no record: its shapes are left out.
  */
@@ -215,18 +215,18 @@ static void limit_shares(const pbrt_t *p, blob_material_t *record)
 
 static result_t make(pbrt_t *p, material_t *material, params_t *params, blob_material_t *record)
 {
-    const material_t *outer = p->wearing; /* a mix, of which this is a part */
+    const material_t *outer = p->in_the_making; /* a mix, of which this is a part */
     *record = (blob_material_t){0};
     size_t colour_space = p->now.colour_space;
     p->now.colour_space = material->colour_space;
     material->making = true;
-    p->wearing = material;
+    p->in_the_making = material;
     result_t result = material_fill(p, params, material, record);
     if (result.code == RESULT_OK && record->kind == MATERIAL_MIX)
         result = make_parts(p, params, material, record);
     if (result.code == RESULT_OK) result = read_relief(p, params, record);
     material->making = false;
-    p->wearing = outer;
+    p->in_the_making = outer;
     p->now.colour_space = colour_space;
     if (result.code == RESULT_OK) limit_shares(p, record);
     return result;
@@ -261,7 +261,8 @@ static uint32_t black_material(pbrt_t *p, const material_t *material)
     return append(p, material, record);
 }
 
-/* ---- v4: materials that are worn before all that they name is known ----------------------------------- */
+/* ---- v4: materials that shapes have before all that they name is known -----------------------------------
+ */
 
 static bool texture_is_known(const void *context, const char *texture)
 {
@@ -291,7 +292,7 @@ static result_t finish_material(pbrt_t *p, blob_shape_t *shape)
     material_t *material = &p->materials[shape->material & ~LATE];
     TRY(make_once(p, material));
     if (material->index == BLOB_NONE)
-        return error_at(material->at, "an interface must be made before a shape wears it");
+        return error_at(material->at, "an interface must be made before a shape has it");
     shape->material = material->index;
     return result_ok();
 }
@@ -307,7 +308,7 @@ result_t pbrt_finish_materials(pbrt_t *p)
     return result_ok();
 }
 
-result_t pbrt_wear_material(pbrt_t *p, params_t *shape_params, uint32_t *index)
+result_t pbrt_shape_material(pbrt_t *p, params_t *shape_params, uint32_t *index)
 {
     material_t *material = &p->materials[p->now.material];
     *index = LATE | p->now.material;

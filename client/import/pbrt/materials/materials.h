@@ -1,4 +1,4 @@
-/* materials: the directives that name materials, and how shapes come to wear them. */
+/* materials: the directives that name materials, and how shapes come to have them. */
 #ifndef LIGHTMILL_PBRT_MATERIALS_H
 #define LIGHTMILL_PBRT_MATERIALS_H
 
@@ -9,13 +9,13 @@ result_t pbrt_make_named_material(pbrt_t *p, position_t at);
 result_t pbrt_named_material(pbrt_t *p, position_t at);
 /* Makes material 0, which shapes have when none is set. */
 void pbrt_default_material(pbrt_t *p);
-/* The index in the blob of the current material as a shape with these parameters wears it: in v3 they
+/* The index in the blob of the current material as a shape with these parameters has it: in v3 they
  * override the material's own. BLOB_NONE: an interface between media, which does nothing to light; the shape
  * is left out of the scene without a word. */
-result_t pbrt_wear_material(pbrt_t *p, params_t *shape_params, uint32_t *index);
-/* v4: makes the materials that shapes wear whose names, or the names of their textures, came later. */
+result_t pbrt_shape_material(pbrt_t *p, params_t *shape_params, uint32_t *index);
+/* v4: makes the materials of shapes whose names, or the names of their textures, came later. */
 result_t pbrt_finish_materials(pbrt_t *p);
-/* Checks the materials that no shape wears: warnings only. */
+/* Checks the materials that no shape has: warnings only. */
 void pbrt_check_unused_materials(pbrt_t *p);
 
 #endif

@@ -165,8 +165,8 @@ result_t pbrt_shape(pbrt_t *p, position_t at)
     bool moves = place(p, &work, &open, &close);
     TRY(shapes[index].make(p, &work));
     TRY(read_alpha(p, &shapes[index], &work));
-    TRY(pbrt_wear_material(p, p->params,
-                           &work.shape.material)); /* last: v3 takes what the shape left unread */
+    TRY(pbrt_shape_material(p, p->params,
+                            &work.shape.material)); /* last: v3 takes what the shape left unread */
     TRY(pbrt_finish_params(p, "Shape", p->arguments[0]));
     if (work.shape.geometry == BLOB_NONE || work.shape.material == BLOB_NONE) return result_ok();
     if (p->dialect.dialect == DIALECT_V3 && has_shading_normals(p, &work.shape))

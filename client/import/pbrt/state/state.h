@@ -110,8 +110,8 @@ typedef struct pbrt {
     size_t system_count, system_capacity;
 
     names_t material_names, object_names, object_lines; /* of objects: indices, and lines in the file */
-    names_t texture_names[2];  /* of spectrum and of float textures, which are two name spaces */
-    const material_t *wearing; /* the material that is being made, or NULL */
+    names_t texture_names[2];        /* of spectrum and of float textures, which are two name spaces */
+    const material_t *in_the_making; /* the material that is being made, or NULL */
     material_t *materials;
     size_t material_count, material_capacity;
     texture_t *textures;

@@ -17,8 +17,8 @@ static result_t texture_value(const pbrt_t *p, const params_t *owner, const para
     const char *texture = params_text(owner, item, 0);
     const names_t *names = &p->texture_names[is_float];
     /* pbrt-v3 makes a material at its directive, v4 at the end of the scene. */
-    bool own = p->dialect.dialect == DIALECT_V3 && p->wearing && owner == p->wearing->params;
-    if (!names_find_before(names, own ? p->wearing->textures[is_float] : names->count, texture, &index))
+    bool own = p->dialect.dialect == DIALECT_V3 && p->in_the_making && owner == p->in_the_making->params;
+    if (!names_find_before(names, own ? p->in_the_making->textures[is_float] : names->count, texture, &index))
         return error_at(item->at, "no %s Texture \"%.60s\" has been defined before",
                         is_float ? "float" : "spectrum", texture);
     *value = p->textures[index].value;

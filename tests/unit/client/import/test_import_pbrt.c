@@ -800,7 +800,7 @@ static void textures_have_two_name_spaces(void **state)
     bench_close(&bench);
 }
 
-/* What no shape wears may be unsupported, but not in silence. */
+/* What no shape has may be unsupported, but not in silence. */
 static void an_unused_material_may_be_unsupported_but_not_silently(void **state)
 {
     (void)state;

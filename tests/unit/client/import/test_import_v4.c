@@ -267,7 +267,7 @@ static void names_may_come_later(void **state)
     expect_text(bench.result.message, "s.pbrt:4:20: no spectrum Texture \"absent\"");
     run(&bench, POINT_LIGHT "NamedMaterial \"glue\"\n" SPHERE
                             "MakeNamedMaterial \"glue\" \"string type\" \"interface\"\n");
-    expect_text(bench.result.message, "s.pbrt:6:1: an interface must be made before a shape wears it");
+    expect_text(bench.result.message, "s.pbrt:6:1: an interface must be made before a shape has it");
     run(&bench,
         POINT_LIGHT "NamedMaterial \"m\"\n" SPHERE
                     "MakeNamedMaterial \"m\" \"string type\" \"mix\" \"string materials\" [\"m\" \"m\"]\n");
