@@ -16,6 +16,7 @@ common/image                : common
 common/film                 : common/image
 common/scene                : common
 common/options              : common
+common/notify               : common/options
 proto/wire                  : common/film common/scene common/options
 proto/uplink                : proto/wire
 proto/serve                 : proto/wire
@@ -35,7 +36,7 @@ master/store                : master/schedule master/film
 master/state                : master/store proto/serve
 master/trust                : master/state
 master/farm                 : master/trust
-master/threads              : master/farm
+master/threads              : master/farm common/notify
 master                      : master/threads
 relay                       : proto/uplink proto/serve
 client/import/scene         : common/scene common/image
@@ -51,7 +52,7 @@ client/import               : client/import/pbrt client/import/gltf
 client/text                 : proto/wire
 client/scene                : client/import client/text
 client/image                : common/options common/film
-client/farm                 : client/scene client/image proto/uplink master worker
+client/farm                 : client/scene client/image common/notify proto/uplink master worker
 client/commands             : client/farm
 client                      : client/commands
 END
