@@ -1,6 +1,7 @@
 /* lightmill-master: the command line around master.h. */
 #include "common/address.h"
 #include "common/memory_limit.h"
+#include "common/notify/notify.h"
 #include "common/options/service_options.h"
 #include "master/farm/farm.h"
 #include "master/master.h"
@@ -71,6 +72,11 @@ static const option_t rows[] = {
            "jobs known at a time (default: 1000); for a new one the oldest that is over and not retained "
            "goes, with its film and image",
            OPTION_RANGE(1, FARM_MAX_JOBS)),
+    OPTION_BY(option_notify, values_t, master.notify, "notify", "URL|COMMAND",
+              "tell of every job that is done, failed or cancelled, or waits for you: post JSON to a URL, or "
+              "run a command with it as input and in LIGHTMILL_... variables; tried again for 10 minutes "
+              "(default: $LIGHTMILL_NOTIFY; docs/notify.md)",
+              .environment = "LIGHTMILL_NOTIFY"),
 };
 static const option_group_t master_group = OPTION_GROUP(NULL, rows);
 

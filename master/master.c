@@ -2,8 +2,9 @@
  *
  * DESIGN. Threads beside the caller's: the control server (heartbeats, assignments, clients), the bulk server
  * (batches, blobs, images), the image writer (image files), the journal writer (what clients order, written
- * down) and the checkpointer (films on the disk). They share the farm, which is passive. Each sleeps on its
- * socket or an eventfd; the eventfds belong to the master.
+ * down), the checkpointer (films on the disk) and, where somebody is to be told of jobs that are over, the
+ * notifier. They share the farm, which is passive. Each sleeps on its socket or an eventfd; the eventfds
+ * belong to the master.
  *
  * The journal, the films and the scenes are looked at before anybody can ask for anything (restart.h), so
  * whoever connects finds the jobs as they are. When the process ends, the servers go first, so that nothing
@@ -16,6 +17,7 @@
 #include "master/threads/client_bulk.h"
 #include "master/threads/client_control.h"
 #include "master/threads/farm_service.h"
+#include "master/threads/notifier.h"
 #include "master/threads/restart.h"
 #include "proto/serve/server.h"
 
@@ -30,7 +32,8 @@
 
 struct master {
     int lock_file;
-    int control_wake, bulk_wake, image_wake, journal_writer_wake, checkpoint_wake; /* eventfds */
+    /* eventfds */
+    int control_wake, bulk_wake, image_wake, journal_writer_wake, checkpoint_wake, news_wake;
     char *spool_dir;
     journal_t *journal;
     film_store_t *films;
@@ -39,6 +42,7 @@ struct master {
     image_writer_t *image_writer;
     checkpointer_t *checkpointer;
     journal_writer_t *journal_writer;
+    notifier_t *notifier; /* NULL: nobody is to be told */
     server_t *server;
     farm_service_t service; /* what it calls, */
     client_control_t client_control;
@@ -155,6 +159,7 @@ static result_t make_eventfds(master_t *master)
     TRY(wake_new(&master->bulk_wake));
     TRY(wake_new(&master->image_wake));
     TRY(wake_new(&master->journal_writer_wake));
+    TRY(wake_new(&master->news_wake));
     return wake_new(&master->checkpoint_wake);
 }
 
@@ -172,6 +177,7 @@ static result_t make_farm(master_t *master, const master_options_t *options, uin
                            .image_wake = master->image_wake,
                            .journal_writer_wake = master->journal_writer_wake,
                            .checkpoint_wake = options->fleeting ? -1 : master->checkpoint_wake,
+                           .news_wake = options->notify != NULL ? master->news_wake : -1,
                            .grant_wake = master->bulk_wake};
     master->farm = farm_new(&farm);
     return restart_farm(master->farm, master->journal, master->films, master->store);
@@ -224,6 +230,15 @@ static result_t start_serving(master_t *master, const master_options_t *options)
                         client_bulk_table(&master->client_bulk));
 }
 
+static result_t start_telling(master_t *master, const master_options_t *options)
+{
+    notifier_options_t notifier = {.farm = master->farm,
+                                   .target = options->notify,
+                                   .data_dir = options->data_dir,
+                                   .news_wake = master->news_wake};
+    return options->notify != NULL ? notifier_start(&notifier, &master->notifier) : result_ok();
+}
+
 static result_t start(master_t *master, const master_options_t *options)
 {
     TRY(check_options(master, options));
@@ -233,6 +248,7 @@ static result_t start(master_t *master, const master_options_t *options)
     uint64_t first_job = restart_first_job(master->journal, master->films, options->data_dir);
     TRY(make_farm(master, options, first_job));
     TRY(start_keeping(master, options, first_job));
+    TRY(start_telling(master, options));
     return start_serving(master, options);
 }
 
@@ -242,6 +258,7 @@ static void dismantle(master_t *master)
     server_stop(master->server);
     if (master->farm != NULL) farm_shut_down(master->farm);
     image_writer_stop(&master->image_writer);
+    notifier_stop(&master->notifier);
     checkpointer_finish(master->checkpointer);
     journal_writer_stop(&master->journal_writer); /* it may ask the checkpointer for room */
     checkpointer_stop(&master->checkpointer);
@@ -255,6 +272,7 @@ static void dismantle(master_t *master)
     wake_close(master->image_wake);
     wake_close(master->journal_writer_wake);
     wake_close(master->checkpoint_wake);
+    wake_close(master->news_wake);
     if (master->lock_file >= 0) close(master->lock_file);
     free(master->spool_dir);
     free(master);
@@ -264,7 +282,7 @@ result_t master_start(const master_options_t *options, master_t **out)
 {
     master_t *master = mem_zalloc(1, sizeof *master);
     master->lock_file = master->control_wake = master->bulk_wake = master->image_wake = -1;
-    master->journal_writer_wake = master->checkpoint_wake = -1;
+    master->journal_writer_wake = master->checkpoint_wake = master->news_wake = -1;
     result_t result = start(master, options);
     if (result.code != RESULT_OK) dismantle(master);
     *out = result.code == RESULT_OK ? master : NULL;

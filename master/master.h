@@ -24,6 +24,7 @@ typedef struct {
     uint64_t film_memory; /* bytes for the films of jobs at work; 0: three quarters of the machine's memory */
     size_t job_limit;     /* jobs known at a time; 0: as many as there can be (farm.h) */
     int merge_threads;    /* 0: one for each core */
+    const char *notify;   /* the operator's URL or command that is told of the ends of jobs; NULL: none */
     gate_options_t gate;  /* keys */
     pulse_t *pulse;       /* of the control thread; kept by the caller; NULL: none */
 } master_options_t;

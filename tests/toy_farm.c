@@ -11,7 +11,7 @@
 
 static const identity_t nobody = {{0}, 1};
 
-static farm_t *make_farm(bool keeps, const char *spool_dir)
+static farm_t *make_farm(bool keeps, bool tells, const char *spool_dir)
 {
     farm_options_t options = {.lease = 5,
                               .batch_interval = 10,
@@ -21,6 +21,7 @@ static farm_t *make_farm(bool keeps, const char *spool_dir)
                               .control_wake = -1,
                               .image_wake = -1,
                               .journal_writer_wake = -1,
+                              .news_wake = tells ? 1 << 30 : -1,
                               .checkpoint_wake = keeps ? 1 << 30 : -1, /* nobody listens */
                               .grant_wake = -1};
     log_init("test", LOG_ERROR);
@@ -29,12 +30,17 @@ static farm_t *make_farm(bool keeps, const char *spool_dir)
 
 farm_t *toy_farm(bool keeps)
 {
-    return make_farm(keeps, NULL);
+    return make_farm(keeps, false, NULL);
 }
 
 farm_t *toy_verifying_farm(const char *spool_dir)
 {
-    return make_farm(true, spool_dir);
+    return make_farm(true, false, spool_dir);
+}
+
+farm_t *toy_telling_farm(void)
+{
+    return make_farm(true, true, NULL);
 }
 
 job_settings_t toy_settings(void)

@@ -10,6 +10,8 @@
 farm_t *toy_farm(bool keeps);
 /* The same, with a folder where jobs that are verified keep batches; it outlives the farm. */
 farm_t *toy_verifying_farm(const char *spool_dir);
+/* A toy_farm(true) whose operator is told of its jobs. */
+farm_t *toy_telling_farm(void);
 /* 32 x 32 pixels in four tiles, 4 spp, no features. */
 job_settings_t toy_settings(void);
 uint64_t toy_submit(farm_t *farm, double now, const job_settings_t *settings, int priority);

@@ -446,6 +446,7 @@ void farm_finished(farm_t *farm, double now, job_t *job, result_t written, const
         snprintf(job->remark, sizeof job->remark, "the image cannot be written, and is tried again: %.200s",
                  written.message);
         log_error("job %llu: %s", (unsigned long long)job->kept.job, job->remark);
+        farm_job_stuck(farm, job);
     }
     farm_job_settle(farm, job);
     farm_unlock(farm);

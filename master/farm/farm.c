@@ -6,8 +6,8 @@
  *
  * This file has the farm itself, its notices and its clock; workers.c the workers and take.c what they are
  * given, shares.c whose turn it is, jobs.c the life of a job, orders.c what clients want done, report.c what
- * they are told, errors.c how good the images are, keep.c what outlives the process, batches.c what is
- * delivered and the images made of it. They share parts.h and state.h.
+ * they are told, news.c what the operator is, errors.c how good the images are, keep.c what outlives the
+ * process, batches.c what is delivered and the images made of it. They share parts.h and state.h.
  *
  * Jobs live in an array of pointers in the order of submission; a job that a server or the image writer works
  * on is pinned and cannot be forgotten meanwhile. */

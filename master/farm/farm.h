@@ -206,6 +206,25 @@ void farm_settle(farm_t *farm);
  * checkpoint counts. */
 result_t farm_sync(farm_t *farm);
 
+/* ---- news (news.c) ------------------------------------------------------------------------------------- */
+
+/* What the operator is to be told of a job: report.record.state says that it is over, or paused since its
+ * scene is gone, or finishing and waiting for room on the disk. */
+typedef struct {
+    job_report_t report;
+    uint32_t number;   /* for the answer */
+    uint32_t failures; /* attempts so far */
+    double since;      /* seconds, the first attempt */
+} farm_news_t;
+/* The next that is to be told now, those first that were not tried yet. False when there is none; *wait,
+ * seconds, says when there is to be one again, INFINITY: not known. It is given out until one of the next two
+ * is called, or the job goes on to another state, or is deleted. */
+bool farm_next_news(farm_t *farm, double now, farm_news_t *news, double *wait);
+/* It was told, or will never be. */
+void farm_news_told(farm_t *farm, const farm_news_t *news);
+/* That failed: it is given out again at `retry`. */
+void farm_news_failed(farm_t *farm, const farm_news_t *news, double retry);
+
 /* ---- images -------------------------------------------------------------------------------------------- */
 
 /* Pins a job, to be unpinned; NULL when there is none of that number. */

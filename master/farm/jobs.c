@@ -282,6 +282,7 @@ void farm_job_close(farm_t *farm, double now, job_t *job, job_state_t outcome)
     }
     if (job->film == FILM_OPEN) job->film = FILM_CLOSED;
     job->remark[0] = '\0';
+    job->stuck = false;
     job->flush_until = 0;
     job->ended = job->started > 0 ? now : 0;
     job->kept.outcome = outcome;
@@ -290,6 +291,7 @@ void farm_job_close(farm_t *farm, double now, job_t *job, job_state_t outcome)
         job->kept.state = JOB_FAILED;
         job->kept.finished = clock_wall();
         job->save = SAVE_OFF;
+        farm_job_news(farm, job);
     }
     job->image = IMAGE_DUE;
     job->image_failures = 0;
@@ -376,6 +378,7 @@ void farm_job_settle(farm_t *farm, job_t *job)
         if (job->save == SAVE_DUE && farm->options.checkpoint_wake >= 0) return;
         job->kept.state = job->kept.outcome;
         job->kept.finished = clock_wall();
+        farm_job_news(farm, job);
         farm_record_changed(farm, job);
     }
     if (!job_state_final(job->kept.state) || job->film != FILM_CLOSED || job->image == IMAGE_DUE) return;

@@ -104,6 +104,7 @@ void farm_restore(farm_t *farm, double now, const job_record_t *record)
     if (record->job > 0 && farm_find_job(farm, record->job) == NULL) {
         job_t *job = job_from_record(record);
         insert_job(farm, job);
+        farm_news_restore(farm, job);
         if (record->job >= farm->next_job) farm->next_job = record->job + 1;
         uint64_t bytes = film_bytes(&job->kept.settings);
         if (!job_state_final(job->kept.state) && bytes > farm->options.film_limit) {
@@ -283,9 +284,11 @@ void farm_checkpointed(farm_t *farm, double now, job_t *job, result_t written)
         farm_record_changed(farm, job);
     } else {
         job_unsaved(job);
-        if (job->film != FILM_OPEN && job->image_failures == 0)
+        if (job->film != FILM_OPEN && job->image_failures == 0) {
             snprintf(job->remark, sizeof job->remark,
                      "its last checkpoint cannot be written, and is tried again: %.200s", written.message);
+            farm_job_stuck(farm, job);
+        }
     }
     farm_unlock(farm);
     if (saving) job_film_let_go(farm, job);

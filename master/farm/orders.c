@@ -67,6 +67,7 @@ static void cancel_unstarted(farm_t *farm, job_t *job)
 {
     job->kept.state = JOB_CANCELLED;
     job->kept.finished = clock_wall();
+    farm_job_news(farm, job);
     farm_notify_idle(farm);
 }
 
@@ -135,6 +136,7 @@ void farm_scene_lost(farm_t *farm, double now, const hash_t *blob)
         if (!hash_equal(&job->kept.blob, blob) || pause_job(farm, now, job).code != RESULT_OK) continue;
         snprintf(job->kept.message, sizeof job->kept.message, "%s", FARM_NO_SCENE);
         log_error("job %llu is paused: %s", (unsigned long long)job->kept.job, job->kept.message);
+        farm_job_news(farm, job);
         farm_record_changed(farm, job);
     }
     farm_unlock(farm);
@@ -144,6 +146,7 @@ static result_t resume(farm_t *farm, double now, job_t *job)
 {
     if (job->kept.state != JOB_PAUSED) return refuse(job, ", not paused");
     if (strcmp(job->kept.message, FARM_NO_SCENE) == 0) job->kept.message[0] = '\0';
+    job->kept.news = 0;
     if (job->flush_until > 0) farm_job_flush_end(farm, now, job); /* its workers were told to drop the rest */
     job->kept.state = job_has_film(job) ? JOB_RUNNING : JOB_QUEUED;
     if (job_has_film(job)) job->started = now;

@@ -1,6 +1,6 @@
 /* parts: what the files of this folder have for one another. Each calls those before it alone: shares, jobs
- * and errors, workers, take, report, batches; then keep, orders and farm. All is called under the farm's
- * lock. */
+ * and errors, workers, take, report, news, batches; then keep, orders and farm. All is called under the
+ * farm's lock. */
 #ifndef LIGHTMILL_FARM_PARTS_H
 #define LIGHTMILL_FARM_PARTS_H
 
@@ -102,5 +102,12 @@ void farm_worker_relieved(farm_t *farm, worker_t *worker);
 /* ---- report.c ---- */
 
 job_report_t farm_report_job(const job_t *job, double now);
+
+/* ---- news.c ---- */
+
+/* The job's end waits for room on the disk: the operator is told once. */
+void farm_job_stuck(farm_t *farm, job_t *job);
+/* The job is back after a restart: what was not told yet is to be told, if anybody is. */
+void farm_news_restore(farm_t *farm, job_t *job);
 
 #endif

@@ -74,6 +74,16 @@ void farm_record_changed(farm_t *farm, job_t *job)
     wake_up(farm->options.journal_writer_wake);
 }
 
+void farm_job_news(farm_t *farm, job_t *job)
+{
+    if (farm->options.news_wake < 0) return;
+    job->kept.news = job->kept.state;
+    job->news_count++;
+    job->news_failures = 0;
+    job->news_since = job->news_retry = 0;
+    wake_up(farm->options.news_wake);
+}
+
 void farm_job_tell(farm_t *farm, job_t *job, const char *format, ...)
 {
     size_t used = strlen(job->kept.message);

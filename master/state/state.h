@@ -127,6 +127,11 @@ struct job {
     job_suspects_t *suspects; /* NULL: none */
     bool several_bits;        /* machines with different bits have worked on it */
     bool progress_due;        /* it may be complete: farm_tick sees to it */
+    bool stuck;               /* it is finishing, and its end waits for room on the disk */
+    uint32_t news_count;      /* what was to be told of it so far in this process */
+    uint32_t news_failures;   /* attempts to tell the last of it that failed */
+    double news_since;        /* seconds, the first of these attempts; 0: none yet */
+    double news_retry;        /* seconds, when to try again; 0: now */
     char remark[300];         /* what is to be known of it for the moment, beside the message */
     int pins;
 };
@@ -179,6 +184,9 @@ void farm_notify(farm_t *farm, uint64_t worker, uint64_t job, bool flush);
 void farm_notify_over(farm_t *farm, const job_t *job, bool flush);
 /* The job's record has changed: the journal is to get it. */
 void farm_record_changed(farm_t *farm, job_t *job);
+/* The operator is to be told of the state that the job has now (farm/news.c). Called before
+ * farm_record_changed. */
+void farm_job_news(farm_t *farm, job_t *job);
 /* Tells the users of a job something that stays true: adds it to the job's message. */
 void farm_job_tell(farm_t *farm, job_t *job, const char *format, ...) __attribute__((format(printf, 3, 4)));
 

@@ -39,6 +39,7 @@ typedef struct {
     int journal_writer_wake; /* when a job's record has changed */
     int checkpoint_wake; /* when a film is to be loaded, or a last checkpoint to be made; -1: no film outlives
                             the process, and jobs end without */
+    int news_wake;       /* when the operator is to be told something of a job; -1: nobody is to be told */
     int grant_wake; /* when a batch that was refused for the moment may now be taken: a film was loaded */
 } farm_options_t;
 

@@ -26,6 +26,7 @@ typedef struct {
     film_counts_t counts;       /* of the film */
     double error;               /* estimated relative error at the last fixed point; 0: not known */
     char message[500];
+    job_state_t news; /* of which the operator is still to be told; 0: none (master/farm/news.c) */
 } job_record_t;
 
 #endif

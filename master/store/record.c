@@ -44,6 +44,7 @@ void record_put(const job_record_t *record, record_message_t *out)
     m->counts = &out->counts;
     m->error = record->error;
     m->message = (char *)record->message;
+    m->news = (uint32_t)record->news;
 }
 
 /* A time or a share: no NaN, nothing below zero. */
@@ -67,6 +68,7 @@ static result_t check_states(const Lm__JobRecord *m)
         return result_fail(RESULT_INPUT, "it is in the unknown state %u", m->state);
     if (m->outcome > JOB_PAUSED || (m->state == JOB_FINISHING && !job_state_final(m->outcome)))
         return result_fail(RESULT_INPUT, "it is to end in the unknown state %u", m->outcome);
+    if (m->news > JOB_PAUSED) return result_fail(RESULT_INPUT, "it tells of the unknown state %u", m->news);
     return result_ok();
 }
 
@@ -106,6 +108,7 @@ result_t record_get(const Lm__JobRecord *m, job_record_t *record)
     wire_counts_get(m->counts, &record->counts);
     record->error = m->error;
     snprintf(record->message, sizeof record->message, "%s", m->message);
+    record->news = (job_state_t)m->news;
     return result_ok();
 }
 

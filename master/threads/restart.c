@@ -128,6 +128,7 @@ static void check_blob(job_record_t *record, blob_store_t *blobs)
     if (!over || record->retained) blob_store_need(blobs, &record->blob, record->job, true);
     if (over || record->state == JOB_FINISHING || blob_store_find(blobs, &record->blob, &size)) return;
     record->state = JOB_PAUSED;
+    if (strcmp(record->message, FARM_NO_SCENE) != 0) record->news = JOB_PAUSED; /* else it was told */
     snprintf(record->message, sizeof record->message, "%s", FARM_NO_SCENE);
     log_error("job %llu is paused: %s", (unsigned long long)record->job, record->message);
 }

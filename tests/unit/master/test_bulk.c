@@ -61,6 +61,7 @@ static int set_up(void **state)
                            .control_wake = -1,
                            .image_wake = -1,
                            .journal_writer_wake = -1,
+                           .news_wake = -1,
                            .checkpoint_wake = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC),
                            .grant_wake = t->wake};
     t->farm = farm_new(&farm);

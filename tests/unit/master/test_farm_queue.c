@@ -329,6 +329,7 @@ static void retained_jobs_are_not_forgotten(void **state)
                               .control_wake = -1,
                               .image_wake = -1,
                               .journal_writer_wake = -1,
+                              .news_wake = -1,
                               .checkpoint_wake = -1,
                               .grant_wake = -1};
     farm_t *farm = farm_new(&options);
