@@ -7,6 +7,7 @@
 typedef struct {
     master_option_t master; /* first: see begin */
     output_t output;
+    tell_t tell;
     bool wait, quiet;
 } values_t;
 
@@ -31,10 +32,11 @@ static result_t run(const call_t *call)
     uint64_t job;
     TRY(job_number_parse(call->arguments[0], &job));
     if (values->output.path == NULL) return result_fail(RESULT_USAGE, "fetch needs -o FILE");
+    TRY(tell_check(&values->tell, values->wait));
     TRY(output_check(&values->output));
     remote_t *remote;
     TRY(master_connect(&values->master, &remote));
-    result_t result = values->wait ? watch_to_end(remote, job, &values->output, values->quiet)
+    result_t result = values->wait ? watch_to_end(remote, job, &values->output, &values->tell, values->quiet)
                                    : fetch_now(values, remote, job);
     remote_close(&remote);
     return result;
@@ -46,6 +48,7 @@ const command_t fetch_command = {.name = "lightmill fetch",
                                  .about = "Writes the image of a job so far to -o FILE.",
                                  .groups = {{&fetch_options, 0},
                                             {&output_options, offsetof(values_t, output)},
+                                            {&tell_options, offsetof(values_t, tell)},
                                             MASTER_GROUPS(values_t, master)},
                                  .size = sizeof(values_t),
                                  .begin = master_option_begin,

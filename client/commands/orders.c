@@ -106,6 +106,7 @@ static_assert(JOB_MAX_PRIORITY == 1000, "the help of priority names the range");
 typedef struct {
     master_option_t master;
     output_t output;
+    tell_t tell;
     job_order_t order;
     bool wait, quiet;
 } extend_t;
@@ -127,13 +128,14 @@ static result_t run_extend(const call_t *call)
     TRY(job_number_parse(call->arguments[0], &values->order.job));
     if (values->wait != (values->output.path != NULL) || (values->output.png && !values->wait))
         return result_fail(RESULT_USAGE, "--wait and -o FILE belong together; fetch gets an image later");
+    TRY(tell_check(&values->tell, values->wait));
     if (!values->wait) return send_order(&values->master, &values->order);
     TRY(output_check(&values->output));
     remote_t *remote;
     TRY(master_connect(&values->master, &remote));
     result_t result = remote_order(remote, &values->order);
     if (result.code == RESULT_OK)
-        result = watch_to_end(remote, values->order.job, &values->output, values->quiet);
+        result = watch_to_end(remote, values->order.job, &values->output, &values->tell, values->quiet);
     remote_close(&remote);
     return result;
 }
@@ -150,6 +152,7 @@ const command_t extend_command = {
         "goes by --spp.",
     .groups = {{&extend_options, 0},
                {&output_options, offsetof(extend_t, output)},
+               {&tell_options, offsetof(extend_t, tell)},
                MASTER_GROUPS(extend_t, master)},
     .size = sizeof(extend_t),
     .begin = master_option_begin, /* the first member */

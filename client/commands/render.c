@@ -25,6 +25,7 @@ typedef struct {
     output_t output;
     local_farm_options_t farm;
     const char *viewer; /* HOST[:PORT]; NULL: none */
+    tell_t tell;
     bool strategies, quiet;
 } values_t;
 
@@ -107,8 +108,11 @@ static result_t run_job(const values_t *values, local_farm_t *farm, remote_t *re
     TRY(start_display(values, farm, &watch));
     result_t result = watch_job(farm, &watch, &ended_by);
     progress_end(&progress);
-    if (result.code == RESULT_OK) result = watch_deliver(&watch, &values->output, values->quiet);
+    TRY(result);
+    result = watch_deliver(&watch, &values->output, values->quiet);
     if (result.code == RESULT_OK) finish_display(&watch);
+    watch_tell(&watch, &values->tell, result.code == RESULT_OK ? values->output.path : NULL,
+               result.code == RESULT_OK ? ended_by.message : result.message);
     return result.code == RESULT_OK ? ended_by : result;
 }
 
@@ -157,6 +161,8 @@ static result_t render(const values_t *values, const loaded_scene_t *scene, disp
 
 static result_t check(const values_t *values)
 {
+    if (values->strategies && values->tell.target)
+        return result_fail(RESULT_USAGE, "--notify tells of one job, and --strategies makes many");
     if (values->strategies && values->viewer)
         return result_fail(RESULT_USAGE, "--display and --strategies do not go together: the images of the "
                                          "strategies are put together only at the end");
@@ -189,6 +195,7 @@ const command_t render_command = {
         "machine. Ctrl-C ends the render and writes the image so far; twice: leaves at once.",
     .groups = {{&render_options, 0},
                {&output_options, offsetof(values_t, output)},
+               {&tell_options, offsetof(values_t, tell)},
                {&settings_options, offsetof(values_t, overrides)}},
     .size = sizeof(values_t),
     .begin = begin,

@@ -20,6 +20,7 @@ typedef struct {
     overrides_t overrides;
     output_t output;
     master_option_t master;
+    tell_t tell;
     bool wait, strategies, quiet;
 } values_t;
 
@@ -51,7 +52,9 @@ static result_t check(const values_t *values)
     if ((values->output.path || values->output.png) && !values->wait)
         return result_fail(RESULT_USAGE,
                            "-o and --png need --wait; without it fetch the image later: lightmill fetch");
-    return result_ok();
+    if (values->strategies && values->tell.target)
+        return result_fail(RESULT_USAGE, "--notify tells of one job, and --strategies makes many");
+    return tell_check(&values->tell, values->wait);
 }
 
 static void show_upload(void *context, uint64_t done, uint64_t size)
@@ -86,7 +89,8 @@ static result_t submit(const values_t *values, remote_t *remote, const loaded_sc
     TRY(remote_submit_job(remote, &terms, &settings, &scene->blob.hash, &job));
     printf("%" PRIu64 "\n", job);
     fflush(stdout);
-    return values->wait ? watch_to_end(remote, job, &values->output, values->quiet) : result_ok();
+    return values->wait ? watch_to_end(remote, job, &values->output, &values->tell, values->quiet)
+                        : result_ok();
 }
 
 static result_t run(const call_t *call)
@@ -116,6 +120,7 @@ const command_t submit_command = {
              "master and prints the job's number.",
     .groups = {{&submit_options, 0},
                {&output_options, offsetof(values_t, output)},
+               {&tell_options, offsetof(values_t, tell)},
                {&settings_options, offsetof(values_t, overrides)},
                MASTER_GROUPS(values_t, master)},
     .size = sizeof(values_t),

@@ -15,7 +15,9 @@ static void take_status(watch_t *watch, const Lm__JobStatus *status)
 {
     watch->state = status->state;
     watch->final = job_state_final(status->state);
+    snprintf(watch->name, sizeof watch->name, "%s", status->name);
     watch->samples_done = status->samples_done;
+    watch->error = status->error;
     watch->elapsed = status->elapsed;
     watch->workers_seen = status->workers_seen;
     if (strcmp(watch->message, status->message) != 0) {
@@ -124,14 +126,33 @@ result_t watch_deliver(const watch_t *watch, const output_t *output, bool quiet)
     return result;
 }
 
-result_t watch_to_end(remote_t *remote, uint64_t job, const output_t *output, bool quiet)
+void watch_tell(const watch_t *watch, const tell_t *tell, const char *image, const char *message)
+{
+    double pixels = (double)watch->width * (double)watch->height;
+    char *path = image != NULL ? realpath(image, NULL) : NULL;
+    news_t news = {.job = watch->job,
+                   .name = watch->name,
+                   .state = job_state_name(watch->state),
+                   .message = watch->message[0] != '\0' ? watch->message : message,
+                   .samples = watch->samples_done,
+                   .spp = pixels > 0 ? (double)watch->samples_done / pixels : 0,
+                   .error = watch->error,
+                   .elapsed = watch->elapsed,
+                   .image = path};
+    if (watch->final) tell_news(tell, &news); /* else the job goes on */
+    free(path);
+}
+
+result_t watch_to_end(remote_t *remote, uint64_t job, const output_t *output, const tell_t *tell, bool quiet)
 {
     progress_t progress = progress_start(quiet);
     watch_t watch = {.remote = remote, .job = job, .progress = &progress, .patient = true};
     result_t result = watch_wait(&watch);
     progress_end(&progress);
     TRY(result);
-    TRY(watch_deliver(&watch, output, quiet));
+    result = watch_deliver(&watch, output, quiet);
+    watch_tell(&watch, tell, result.code == RESULT_OK ? output->path : NULL, result.message);
+    TRY(result);
     if (watch.state == JOB_CANCELLED) return result_fail(RESULT_CANCELLED, "the job was cancelled");
     return result_ok();
 }

@@ -4,6 +4,7 @@
 
 #include "client/farm/display.h"
 #include "client/farm/remote.h"
+#include "client/farm/tell.h"
 #include "client/image/output.h"
 #include "client/text/progress.h"
 
@@ -17,8 +18,10 @@ typedef struct {
     bool final;         /* done, cancelled or failed */
     /* From the last status: */
     uint32_t state; /* job_state_t */
+    char name[JOB_MAX_NAME + 1];
     int32_t width, height;
     uint64_t samples_done;
+    double error;   /* estimated relative error; 0: not known */
     double elapsed; /* seconds */
     uint32_t workers_seen;
     char message[500]; /* why it failed */
@@ -32,8 +35,11 @@ result_t watch_wait(watch_t *watch);
 /* Fetches the image of a job, writes it and says so on stdout. A failed job is an error, and so is one
  * without any samples. */
 result_t watch_deliver(const watch_t *watch, const output_t *output, bool quiet);
+/* Tells whoever is to be told that the job is over. `image` is the path of what was written, NULL: nothing;
+ * `message` is told when the job itself has none. */
+void watch_tell(const watch_t *watch, const tell_t *tell, const char *image, const char *message);
 /* All of it: waits patiently for the end of a job while its progress is shown (unless `quiet`), then writes
- * the image. A job that was cancelled is no success. */
-result_t watch_to_end(remote_t *remote, uint64_t job, const output_t *output, bool quiet);
+ * the image and tells. A job that was cancelled is no success. */
+result_t watch_to_end(remote_t *remote, uint64_t job, const output_t *output, const tell_t *tell, bool quiet);
 
 #endif
