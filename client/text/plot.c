@@ -20,7 +20,8 @@ enum {
     ROWS = 14,
     MARGIN = 9, /* columns of the labels of the errors, and of the axis */
     FIT_SPAN = 10,
-    AHEAD = 100 /* the plot goes on to so many times the samples, to show where the target is met */
+    SHORT_AXIS = 6, /* from one end to the other, as a factor */
+    AHEAD = 100     /* the plot goes on to so many times the samples, to show where the target is met */
 };
 
 typedef struct {
@@ -152,12 +153,16 @@ __attribute__((format(printf, 2, 3))) static void print(plot_t *plot, const char
     va_end(list);
 }
 
-/* The labels of an axis are 1, 2 and 5 times powers of ten: the least one from `value` on. */
-static double next_label(double value)
+/* The labels of an axis are 1, 2 and 5 times powers of ten, and more where the axis is short: the least one
+ * from `value` on. */
+static double next_label(const plot_t *plot, int axis, double value)
 {
-    static const double steps[] = {1, 2, 5, 10};
+    static const double coarse[] = {1, 2, 5}, fine[] = {1, 1.5, 2, 2.5, 3, 4, 5, 6, 7, 8, 9};
+    bool is_short = plot->most[axis] - plot->least[axis] < log(SHORT_AXIS);
+    const double *steps = is_short ? fine : coarse;
+    size_t count = is_short ? ARRAY_LENGTH(fine) : ARRAY_LENGTH(coarse);
     double power = pow(10, floor(log10(value)));
-    for (size_t i = 0; i < ARRAY_LENGTH(steps); i++)
+    for (size_t i = 0; i < count; i++)
         if (steps[i] * power >= value * (1 - 1e-9)) return steps[i] * power;
     return 10 * power;
 }
@@ -167,7 +172,8 @@ static void label_row(const plot_t *plot, int row, char text[16])
 {
     snprintf(text, 16, "%*s", MARGIN - 2, "");
     double top = exp(plot->most[1]) * (1 + 1e-9);
-    for (double error = next_label(exp(plot->least[1])); error <= top; error = next_label(error * 1.5)) {
+    for (double error = next_label(plot, 1, exp(plot->least[1])); error <= top;
+         error = next_label(plot, 1, error * 1.01)) {
         char label[16];
         if (row_of(plot, error) != row) continue;
         snprintf(label, sizeof label, "%.3g%%", 100 * error);
@@ -191,8 +197,8 @@ static void print_labels(plot_t *plot)
     memset(line, ' ', sizeof line);
     int free_from = 0;
     double end = exp(plot->most[0]) * (1 + 1e-9);
-    for (double samples = next_label(exp(plot->least[0])); samples <= end;
-         samples = next_label(samples * 1.5)) {
+    for (double samples = next_label(plot, 0, exp(plot->least[0])); samples <= end;
+         samples = next_label(plot, 0, samples * 1.01)) {
         char label[32];
         label_samples(samples, label);
         int length = (int)strlen(label), at = cell_of(plot, 0, samples, plot->columns);

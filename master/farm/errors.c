@@ -4,10 +4,11 @@
  * which is computed at fixed points only (jobs.c). So estimates may come at any time, and do not change what
  * is rendered.
  *
- * One looks at ESTIMATE_PIXELS of the film at most, which takes about 50 ms in a film of any size. Merges of
- * that film wait meanwhile, so the next one is made when the samples have grown (error_history_wants), and
- * not before ESTIMATE_REST times as long has passed: a hundredth of the time goes into it at most. Where the
- * whole film is looked at anyway (a round is planned, an image is made) the exact error comes for nothing. */
+ * One looks at ESTIMATE_PIXELS of the film at most, which takes 30 to 45 ms of a core in a film of any size.
+ * Merges of that film wait meanwhile, so the next one is made when the samples have grown
+ * (error_history_wants), and not before ESTIMATE_REST times as long has passed: a hundredth of the time goes
+ * into it at most. Where the whole film is looked at anyway (a round is planned, an image is made) the exact
+ * error comes for nothing. */
 #include "master/farm/parts.h"
 
 #include "common/film/film.h"

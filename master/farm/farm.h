@@ -109,7 +109,7 @@ error_point_t *farm_job_history(farm_t *farm, uint64_t job, size_t *count);
 /* Pins a job whose error is to be estimated now; NULL when there is none. A job's turn comes when it has a
  * few percent more samples, some seconds after the last time. */
 job_t *farm_next_estimate(farm_t *farm, double now);
-/* Estimates the error of a pinned job; takes some 50 ms at most, in which nothing is merged into its film. No
+/* Estimates the error of a pinned job; takes some 45 ms of a core at most, in which nothing is merged into its film. No
  * picture and no decision depends on it. */
 void farm_estimate(farm_t *farm, double now, job_t *job);
 

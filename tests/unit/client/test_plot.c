@@ -151,6 +151,27 @@ static void it_fits_into_its_width(void **state)
     }
 }
 
+/* A short axis has labels in between, so that it is never without any. */
+static void each_axis_has_labels(void **state)
+{
+    (void)state;
+    for (double span = 1; span < 100; span *= 1.3) {
+        job_t job;
+        make_job(&job, 2);
+        job.points[0].error = 0.0253;
+        job.points[1].error = 0.0253 / span;
+        job.points[0].samples = (uint64_t)((double)job.points[1].samples / span) - 1;
+        char *text = plot_error(&job.status, 79), *samples = line_of(text, 16);
+        int errors = 0, words = 0;
+        for (const char *at = text; (at = strstr(at, "% |")) != NULL; at++) errors++;
+        for (const char *at = samples; *at != '\0'; at++)
+            words += at[0] == ' ' && at[1] != ' ' && at[1] != '\0';
+        if (errors < 2 || words < 2) fail_msg("%d and %d labels at a span of %g", errors, words, span);
+        free(samples);
+        free(text);
+    }
+}
+
 static void a_single_point_is_drawn(void **state)
 {
     (void)state;
@@ -196,6 +217,7 @@ int main(void)
         cmocka_unit_test(a_target_has_its_line_and_its_time),
         cmocka_unit_test(early_points_do_not_bend_the_line),
         cmocka_unit_test(it_fits_into_its_width),
+        cmocka_unit_test(each_axis_has_labels),
         cmocka_unit_test(a_single_point_is_drawn),
         cmocka_unit_test(what_cannot_be_is_not_drawn),
     };
