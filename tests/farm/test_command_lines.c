@@ -56,10 +56,10 @@ static void for_each(void (*check)(const char *name))
 
 static void help_names_options(const char *name)
 {
-    char *line =
-        mem_printf("%s --help; for i in $(%s --complete -); do %s --help | grep -q -e \"$i \" -e \"$i\\$\" "
-                   "|| echo $i is not in the help; done",
-                   name, name, name);
+    char *line = mem_printf(
+        "%s --help; for i in $(%s --complete -); do %s --help | grep -q -e \"$i[[ ]\" -e \"$i\\$\" "
+        "|| echo $i is not in the help; done",
+        name, name, name);
     char *output = shell(line), *usage = mem_printf("usage: %s", name);
     if (strstr(output, usage) != output || strstr(output, "--help") == NULL ||
         strstr(output, "is not in the help") != NULL)
