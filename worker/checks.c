@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-static void check_free(check_t *check)
+static void check_free(unit_check_t *check)
 {
     for (size_t i = 0; i < check->count; i++) unit_result_free(&check->results[i]);
     free(check->results);
@@ -23,9 +23,9 @@ void checks_push(checks_t *checks, uint64_t number, unit_t *units, size_t count)
     }
     if (checks->count == checks->capacity) {
         checks->capacity = 2 * checks->capacity + 16;
-        checks->list = mem_realloc(checks->list, checks->capacity * sizeof(check_t *));
+        checks->list = mem_realloc(checks->list, checks->capacity * sizeof(unit_check_t *));
     }
-    check_t *check = mem_zalloc(1, sizeof *check);
+    unit_check_t *check = mem_zalloc(1, sizeof *check);
     check->number = number;
     check->units = units;
     check->count = count;
@@ -34,20 +34,20 @@ void checks_push(checks_t *checks, uint64_t number, unit_t *units, size_t count)
 }
 
 /* The first that is wanted. */
-static check_t *head(const checks_t *checks)
+static unit_check_t *head(const checks_t *checks)
 {
     for (size_t i = 0; i < checks->count; i++)
         if (!checks->list[i]->dropped) return checks->list[i];
     return NULL;
 }
 
-check_t *checks_next(const checks_t *checks)
+unit_check_t *checks_next(const checks_t *checks)
 {
-    check_t *check = head(checks);
+    unit_check_t *check = head(checks);
     return check != NULL && check->begun < check->count ? check : NULL;
 }
 
-void checks_finish(checks_t *checks, check_t *check, size_t unit, unit_result_t *result)
+void checks_finish(checks_t *checks, unit_check_t *check, size_t unit, unit_result_t *result)
 {
     check->rendering--;
     if (result != NULL) {
@@ -60,7 +60,7 @@ void checks_finish(checks_t *checks, check_t *check, size_t unit, unit_result_t 
     checks_sweep(checks);
 }
 
-void checks_close(check_t *check, const job_settings_t *settings)
+void checks_close(unit_check_t *check, const job_settings_t *settings)
 {
     batch_init(&check->batch, settings);
     for (size_t i = 0; i < check->count; i++) {
@@ -70,7 +70,7 @@ void checks_close(check_t *check, const job_settings_t *settings)
     check->under_way = true;
 }
 
-uint64_t checks_bytes(const check_t *check, const job_settings_t *settings)
+uint64_t checks_bytes(const unit_check_t *check, const job_settings_t *settings)
 {
     uint64_t tiles = 0, frames = 0;
     for (size_t i = 0; i < check->count; i++) {
@@ -80,16 +80,16 @@ uint64_t checks_bytes(const check_t *check, const job_settings_t *settings)
     return tiles + frames;
 }
 
-check_t *checks_complete(const checks_t *checks)
+unit_check_t *checks_complete(const checks_t *checks)
 {
-    check_t *check = head(checks);
+    unit_check_t *check = head(checks);
     return check != NULL && check->done == check->count && !check->under_way ? check : NULL;
 }
 
-check_t *checks_find(const checks_t *checks, uint64_t number)
+unit_check_t *checks_find(const checks_t *checks, uint64_t number)
 {
     for (size_t i = 0; i < checks->count; i++) {
-        check_t *check = checks->list[i];
+        unit_check_t *check = checks->list[i];
         if (check->number == number && check->done == check->count && !check->dropped) return check;
     }
     return NULL;
@@ -107,7 +107,7 @@ uint64_t checks_samples_left(const checks_t *checks, const job_settings_t *setti
 {
     uint64_t samples = 0;
     for (size_t i = 0; i < checks->count; i++) {
-        const check_t *check = checks->list[i];
+        const unit_check_t *check = checks->list[i];
         for (size_t u = check->begun; u < check->count && !check->dropped; u++)
             samples += unit_samples(settings, &check->units[u]);
     }
@@ -125,7 +125,7 @@ void checks_sweep(checks_t *checks)
 {
     size_t kept = 0;
     for (size_t i = 0; i < checks->count; i++) {
-        check_t *check = checks->list[i];
+        unit_check_t *check = checks->list[i];
         if (check->dropped && check->rendering == 0 && !check->under_way)
             check_free(check);
         else

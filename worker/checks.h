@@ -22,11 +22,11 @@ typedef struct {
     bool under_way;         /* the batch is closed and being sent: nobody else touches it */
     bool dropped;           /* nobody wants it: it goes when nothing of it is rendering or under way */
     batch_t batch;          /* made by checks_close */
-} check_t;
+} unit_check_t;
 
 /* Zeroed to begin with, freed when all were dropped and swept. */
 typedef struct {
-    check_t **list;
+    unit_check_t **list;
     size_t count, capacity;
 } checks_t;
 
@@ -34,18 +34,18 @@ typedef struct {
  * being asked, it is dropped. */
 void checks_push(checks_t *checks, uint64_t number, unit_t *units, size_t count);
 /* The one to take the next unit of (units[begun]); NULL when there is none. */
-check_t *checks_next(const checks_t *checks);
+unit_check_t *checks_next(const checks_t *checks);
 /* A unit of the check was finished. Its result's memory is taken over; NULL: the unit was given up, and the
  * whole check is dropped. */
-void checks_finish(checks_t *checks, check_t *check, size_t unit, unit_result_t *result);
+void checks_finish(checks_t *checks, unit_check_t *check, size_t unit, unit_result_t *result);
 /* The one whose batch is complete and to be sent; NULL when there is none. */
-check_t *checks_complete(const checks_t *checks);
+unit_check_t *checks_complete(const checks_t *checks);
 /* The complete one that bears a number; NULL when there is none. */
-check_t *checks_find(const checks_t *checks, uint64_t number);
+unit_check_t *checks_find(const checks_t *checks, uint64_t number);
 /* Makes the batch of a complete one, which is under way from now on. */
-void checks_close(check_t *check, const job_settings_t *settings);
+void checks_close(unit_check_t *check, const job_settings_t *settings);
 /* Bytes that the batch of a complete one will take. */
-uint64_t checks_bytes(const check_t *check, const job_settings_t *settings);
+uint64_t checks_bytes(const unit_check_t *check, const job_settings_t *settings);
 /* Units in all that are wanted. */
 size_t checks_units(const checks_t *checks);
 /* Pixel samples of those that were not begun. */

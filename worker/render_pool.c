@@ -40,15 +40,15 @@ static double hold_samples(const render_pool_t *pool)
 /* What a thread has in hand. */
 typedef struct {
     unit_t unit;
-    check_t *check; /* NULL: the unit is of the queue */
-    size_t index;   /* in the check */
+    unit_check_t *check; /* NULL: the unit is of the queue */
+    size_t index;        /* in the check */
 } piece_t;
 
 /* Takes the next unit to render; false when there is none now. Lock held. */
 static bool take_piece(render_pool_t *pool, piece_t *piece)
 {
     if (pool->stage != STAGE_READY || pool->over) return false;
-    check_t *check = checks_next(&pool->checks);
+    unit_check_t *check = checks_next(&pool->checks);
     if (check != NULL && !pool->draining) {
         *piece = (piece_t){check->units[check->begun], check, check->begun};
         check->begun++;

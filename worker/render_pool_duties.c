@@ -78,7 +78,7 @@ static void set_offer(const render_pool_t *pool, uint64_t check, uint64_t bytes,
 /* Finds a batch that is to be sent; else tells in duty->wait when one will be. Lock held. */
 static void find_batch(render_pool_t *pool, double batch_interval, duty_t *duty)
 {
-    const check_t *check = checks_complete(&pool->checks);
+    const unit_check_t *check = checks_complete(&pool->checks);
     if (check != NULL) {
         set_offer(pool, check->number, checks_bytes(check, &pool->current.settings), duty);
         return;
@@ -182,7 +182,7 @@ closed_batch_t render_pool_close(void *self, const offer_t *offer)
     pthread_mutex_lock(&pool->lock);
     bool wanted = pool->stage == STAGE_READY && pool->current.job == offer->job &&
                   (!pool->over || (pool->flush && offer->check == 0));
-    check_t *check = wanted && offer->check != 0 ? checks_find(&pool->checks, offer->check) : NULL;
+    unit_check_t *check = wanted && offer->check != 0 ? checks_find(&pool->checks, offer->check) : NULL;
     if (check != NULL) {
         checks_close(check, &pool->current.settings);
         closed.batch = &check->batch;
@@ -200,7 +200,7 @@ void render_pool_sent(void *self, const closed_batch_t *closed, bool counted)
     (void)counted; /* what was refused, the master gives out again */
     pthread_mutex_lock(&pool->lock);
     for (size_t i = 0; i < pool->checks.count; i++) {
-        check_t *check = pool->checks.list[i];
+        unit_check_t *check = pool->checks.list[i];
         if (&check->batch != closed->batch) continue;
         check->under_way = false;
         check->dropped = true;

@@ -137,7 +137,7 @@ static result_t choose_mapping(pbrt_t *p, blob_light_t *light, light_mapping_t v
 /* ---- area lights -------------------------------------------------------------------------------------- */
 
 typedef struct {
-    entry_t entry;
+    dialect_entry_t entry;
     result_t (*make)(pbrt_t *p, params_t *params, position_t at, area_light_t *light);
 } area_light_entry_t;
 
@@ -373,7 +373,7 @@ static result_t make_infinite(pbrt_t *p, params_t *params, position_t at)
 /* ---- the directive ------------------------------------------------------------------------------------ */
 
 typedef struct {
-    entry_t entry;
+    dialect_entry_t entry;
     result_t (*make)(pbrt_t *p, params_t *params, position_t at);
 } light_entry_t;
 

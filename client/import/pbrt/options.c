@@ -140,7 +140,7 @@ static result_t make_realistic(pbrt_t *p, params_t *params)
 }
 
 typedef struct {
-    entry_t entry;
+    dialect_entry_t entry;
     result_t (*make)(pbrt_t *p, params_t *params);
 } option_entry_t;
 
@@ -349,7 +349,7 @@ result_t pbrt_film(pbrt_t *p, position_t at)
 /* ---- sampler ------------------------------------------------------------------------------------------- */
 
 typedef struct {
-    entry_t entry;
+    dialect_entry_t entry;
     sampler_kind_t kind; /* ours */
     bool same;           /* ours is what the scene asks for */
     int samples;         /* a pixel, when the scene says nothing */
@@ -410,7 +410,7 @@ result_t pbrt_sampler(pbrt_t *p, position_t at)
 /* ---- integrator ---------------------------------------------------------------------------------------- */
 
 typedef struct {
-    entry_t entry;
+    dialect_entry_t entry;
     integrator_t kind;   /* ours; 0: nothing comes near */
     const char *warning; /* how ours differs; NULL: not at all */
 } integrator_entry_t;
@@ -526,7 +526,7 @@ typedef struct {
 } filter_parameter_t;
 
 typedef struct {
-    entry_t entry;
+    dialect_entry_t entry;
     filter_kind_t kind;
     double radius; /* when the scene says nothing */
     filter_parameter_t parameters[2];

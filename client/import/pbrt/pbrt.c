@@ -196,7 +196,7 @@ static result_t medium_interface(pbrt_t *p, position_t at)
 /* ---- the table ----------------------------------------------------------------------------------------- */
 
 typedef struct {
-    entry_t entry;
+    dialect_entry_t entry;
     unsigned phases; /* phase_t in which it may stand */
     result_t (*run)(pbrt_t *p, position_t at);
 } directive_t;

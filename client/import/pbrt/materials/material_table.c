@@ -17,7 +17,7 @@ typedef struct {
 enum { MOST_VALUES = 12 };
 
 typedef struct {
-    entry_t entry;
+    dialect_entry_t entry;
     material_kind_t kind;
     uint32_t flags;
     value_rule_t values[MOST_VALUES]; /* up to an END */

@@ -14,7 +14,7 @@
 typedef enum { SPACE_NONE, SPACE_2D, SPACE_3D } space_t;
 
 typedef struct {
-    entry_t entry;
+    dialect_entry_t entry;
     texture_kind_t kind; /* 0: a constant, or not supported */
     space_t space;       /* the coordinates that it looks at */
     /* Reads the other parameters of a texture of that kind and space. One whose kind becomes 0 is no texture:

@@ -6,7 +6,7 @@
 #include "client/import/pbrt/state/values.h"
 
 typedef struct {
-    entry_t entry;
+    dialect_entry_t entry;
     result_t (*make)(pbrt_t *p, shape_work_t *work);
     bool v3_alpha; /* pbrt-v3 knows its alpha; v4 knows that of all shapes */
 } shape_entry_t;

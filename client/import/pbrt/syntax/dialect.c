@@ -123,7 +123,7 @@ static const char *dialect_name(dialect_t dialect)
     return dialect == DIALECT_V3 ? "pbrt-v3" : dialect == DIALECT_V4 ? "pbrt-v4" : "pbrt";
 }
 
-static result_t wrong_dialect(const entry_t *entry, const char *kind, const dialect_choice_t *choice,
+static result_t wrong_dialect(const dialect_entry_t *entry, const char *kind, const dialect_choice_t *choice,
                               position_t at)
 {
     if (choice->at.line == 0)
@@ -139,9 +139,9 @@ static result_t wrong_dialect(const entry_t *entry, const char *kind, const dial
 result_t entry_find(const void *table, size_t count, size_t size, const char *kind, const char *name,
                     const dialect_choice_t *choice, position_t at, size_t *index)
 {
-    const entry_t *other = NULL;
+    const dialect_entry_t *other = NULL;
     for (size_t i = 0; i < count; ++i) {
-        const entry_t *entry = (const entry_t *)((const char *)table + i * size);
+        const dialect_entry_t *entry = (const dialect_entry_t *)((const char *)table + i * size);
         if (strcmp(entry->name, name) != 0) continue;
         if (entry->dialects & choice->dialect) {
             *index = i;

@@ -1,9 +1,9 @@
 /* dialect: pbrt-v3 or pbrt-v4, and the entries of the tables by which the two are told apart and served.
  *
  * The two dialects share their syntax; they differ in names and defaults. Every name that the importer knows
- * (a directive, a material, a shape, ...) is a table entry that begins with an entry_t and says in which
- * dialects it exists. The dialect of a scene is that of the first thing in its main file which only one of
- * them has:
+ * (a directive, a material, a shape, ...) is a table entry that begins with a dialect_entry_t and says in
+ * which dialects it exists. The dialect of a scene is that of the first thing in its main file which only one
+ * of them has:
  *
  *   - a directive (WorldEnd is v3's; Attribute, Option, ColorSpace, Import are v4's),
  *   - the type that a Film, Camera, Sampler, Integrator, Material or MakeNamedMaterial names,
@@ -29,14 +29,14 @@ typedef struct {
 typedef struct {
     const char *name;
     dialect_t dialects;
-} entry_t;
+} dialect_entry_t;
 
 /* Looks through the main file. Malformed input only ends the search; the parser will report it. */
 dialect_choice_t dialect_detect(const char *path, const char *data, size_t size);
 
-/* The entry called `name` in a table of `count` records of `size` bytes that begin with an entry_t: *index.
- * Fails at `at` when the name is unknown or belongs to the other dialect; `kind` says what it was to be
- * ("material"). */
+/* The entry called `name` in a table of `count` records of `size` bytes that begin with a dialect_entry_t:
+ * *index. Fails at `at` when the name is unknown or belongs to the other dialect; `kind` says what it was to
+ * be ("material"). */
 result_t entry_find(const void *table, size_t count, size_t size, const char *kind, const char *name,
                     const dialect_choice_t *choice, position_t at, size_t *index);
 
