@@ -17,7 +17,8 @@ common/film                 : common/image
 common/scene                : common
 common/options              : common
 common/notify               : common/options
-proto/wire                  : common/film common/scene common/options
+common/text                 : common
+proto/wire                  : common/film common/scene common/options common/text
 proto/uplink                : proto/wire
 proto/serve                 : proto/wire
 worker/render/sampling      : common

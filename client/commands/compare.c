@@ -1,8 +1,8 @@
 /* compare: `lightmill compare`, the command around agreement.h: options, files, report. */
 #include "client/commands/commands.h"
 #include "client/image/agreement.h"
-#include "client/text/json.h"
 #include "common/image/image.h"
+#include "common/text/json.h"
 
 #include <limits.h>
 #include <math.h>

@@ -1,9 +1,9 @@
 /* info: `lightmill info`: what is in an OpenEXR image, a scene blob or a scene file, and the hash of it. */
 #include "client/commands/commands.h"
 #include "client/scene/loaded_scene.h"
-#include "client/text/json.h"
-#include "client/text/text.h"
 #include "common/image/image.h"
+#include "common/text/json.h"
+#include "common/text/text.h"
 
 #include <errno.h>
 #include <math.h>

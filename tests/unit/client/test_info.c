@@ -2,8 +2,8 @@
  * a file's bytes cannot command the terminal. Runs from the top of the tree, for scenes/. */
 #include "client/commands/commands.h"
 #include "client/scene/loaded_scene.h"
-#include "client/text/text.h"
 #include "common/image/image.h"
+#include "common/text/text.h"
 #include "tests/scratch.h"
 
 #include <math.h>

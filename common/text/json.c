@@ -1,7 +1,7 @@
 /* json: see json.h. */
-#include "client/text/json.h"
+#include "common/text/json.h"
 
-#include "client/text/text.h"
+#include "common/text/text.h"
 
 #include <inttypes.h>
 #include <math.h>

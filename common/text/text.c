@@ -1,5 +1,5 @@
 /* text: see text.h. */
-#include "client/text/text.h"
+#include "common/text/text.h"
 
 #include "common/base.h"
 
