@@ -11,7 +11,7 @@ Q       := $(if $(V),,@)
 # -mtune changes none: bdpt gains 1 to 4 % by it.
 BASELINE := -march=x86-64-v3 -mtune=skylake -ffp-contract=off -fno-math-errno -fno-trapping-math
 WARNINGS := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Wvla
-PACKAGES := libzmq libprotobuf-c libsodium libzstd libpng zlib libturbojpeg OpenEXR jansson sqlite3 libcurl
+PACKAGES := libmicrohttpd libzmq libprotobuf-c libsodium libzstd libpng zlib libturbojpeg OpenEXR jansson sqlite3 libcurl
 ifneq ($(filter-out help clean deps deps-dev deps-test check check-fast demo asan tsan fuzz chaos valgrind container-check sim bench bench-error bench-merge bench-farm bench-codec format lint,$(or $(MAKECMDGOALS),all)),)
 PKG_CFLAGS := $(shell pkg-config --cflags $(PACKAGES) 2>/dev/null)
 ifneq ($(.SHELLSTATUS),0)
@@ -51,7 +51,7 @@ $(call archive,uplink): $(call objects,$(UPLINK_SRC))
 $(call archive,serve):  $(call objects,$(SERVE_SRC))
 $(call archive,render): $(call objects,$(RENDER_SRC))
 $(call archive,worker): $(call objects,$(WORKER_SRC))
-$(call archive,master): $(call objects,$(MASTER_SRC)) $(BUILD)/master/store/record.pb-c.o
+$(call archive,master): $(call objects,$(MASTER_SRC)) $(BUILD)/master/store/record.pb-c.o $(BUILD)/web_files.o
 $(call archive,relay):  $(call objects,$(RELAY_SRC))
 $(call archive,client): $(call objects,$(CLIENT_SRC))
 $(BUILD)/lib/%.a:
@@ -74,6 +74,19 @@ $(SCHEMA_C): $(BUILD)/%.pb-c.c: %.proto
 $(SCHEMA_C:.c=.o): %.o: %.c | $(SCHEMA_C)
 	$(Q)$(CC) $(ALL_CFLAGS) -c -o $@ $<
 $(call objects,$(filter-out $(COMMON_SRC) $(RENDER_SRC),$(LIB_SRC)) $(wildcard */main.c) $(TEST_SRC) $(wildcard tests/*.c tests/*/*.c tests/chaos/*/*.c)): | $(SCHEMA_C)
+
+# The page's files (web/), as a table of name, bytes and size that master/http/files.c reads.
+WEB := $(sort $(wildcard web/*))
+$(BUILD)/web_files.S: web $(WEB)
+	@mkdir -p $(BUILD)
+	$(Q){ i=0; echo '.section .rodata'; \
+	    for file in $(WEB); do i=$$((i + 1)); \
+	        printf 'name%d: .asciz "%s"\nbytes%d: .incbin "%s"\nend%d:\n' $$i $${file#web/} $$i $$file $$i; done; \
+	    printf '.section .data.rel.ro,"aw"\n.balign 8\n.globl http_web_files\nhttp_web_files:\n'; \
+	    for n in $$(seq $$i); do echo ".quad name$$n, bytes$$n, end$$n - bytes$$n"; done; \
+	    printf '.quad 0, 0, 0\n.section .note.GNU-stack,"",@progbits\n'; } >$@
+$(BUILD)/web_files.o: $(BUILD)/web_files.S
+	$(Q)$(CC) $(SANITIZE) -c -o $@ $<
 
 $(BUILD)/%.o: %.c
 	@mkdir -p $(@D)

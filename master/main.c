@@ -145,7 +145,8 @@ static const command_t command = {
     .about = "Takes jobs, shares them out to workers and puts the images together.",
     .groups = {{&master_group, 0},
                {&service_options, offsetof(values_t, service)},
-               {&gate_options, offsetof(values_t, master.gate)}},
+               {&gate_options, offsetof(values_t, master.gate)},
+               {&http_options, offsetof(values_t, master.http)}},
     .after = "SIGTERM or SIGINT ends it: last checkpoints are written first, no job is cancelled. A second "
              "one ends it at once.\n\n"
              "Exit codes: 0 success, 1 usage, 2 bad file, 3 input or output failed, 5 limit exceeded.",

@@ -17,6 +17,7 @@
 #include "master/threads/client_bulk.h"
 #include "master/threads/client_control.h"
 #include "master/threads/farm_service.h"
+#include "master/threads/http_calls.h"
 #include "master/threads/notifier.h"
 #include "master/threads/restart.h"
 #include "proto/serve/server.h"
@@ -47,6 +48,8 @@ struct master {
     farm_service_t service; /* what it calls, */
     client_control_t client_control;
     client_bulk_t client_bulk; /* and what clients ask of it */
+    http_calls_t http_calls;   /* what the page asks */
+    http_server_t *http;
 };
 
 master_options_t master_options_default(void)
@@ -239,6 +242,13 @@ static result_t start_telling(master_t *master, const master_options_t *options)
     return options->notify != NULL ? notifier_start(&notifier, &master->notifier) : result_ok();
 }
 
+static result_t start_page(master_t *master, const master_options_t *options)
+{
+    master->http_calls = (http_calls_t){master->journal_writer};
+    http_master_t calls = http_calls_master(&master->http_calls, master->farm, server_gate(master->server));
+    return http_server_start(&options->http, &calls, options->data_dir, &master->http);
+}
+
 static result_t start(master_t *master, const master_options_t *options)
 {
     TRY(check_options(master, options));
@@ -249,12 +259,14 @@ static result_t start(master_t *master, const master_options_t *options)
     TRY(make_farm(master, options, first_job));
     TRY(start_keeping(master, options, first_job));
     TRY(start_telling(master, options));
-    return start_serving(master, options);
+    TRY(start_serving(master, options));
+    return start_page(master, options);
 }
 
 /* Takes apart whatever was put together. */
 static void dismantle(master_t *master)
 {
+    http_server_stop(&master->http);
     server_stop(master->server);
     if (master->farm != NULL) farm_shut_down(master->farm);
     image_writer_stop(&master->image_writer);
@@ -292,6 +304,11 @@ result_t master_start(const master_options_t *options, master_t **out)
 int master_control_port(const master_t *master)
 {
     return server_control_port(master->server);
+}
+
+const char *master_page_url(const master_t *master)
+{
+    return master->http != NULL ? http_server_url(master->http) : NULL;
 }
 
 void master_reload(master_t *master)

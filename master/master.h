@@ -5,6 +5,7 @@
 #define LIGHTMILL_MASTER_H
 
 #include "common/health.h"
+#include "master/http/server.h"
 #include "proto/serve/gate.h"
 
 typedef struct {
@@ -26,6 +27,7 @@ typedef struct {
     int merge_threads;    /* 0: one for each core */
     const char *notify;   /* the operator's URL or command that is told of the ends of jobs; NULL: none */
     gate_options_t gate;  /* keys */
+    http_options_t http;  /* the page; off by default */
     pulse_t *pulse;       /* of the control thread; kept by the caller; NULL: none */
 } master_options_t;
 
@@ -36,6 +38,8 @@ master_options_t master_options_default(void);
 result_t master_start(const master_options_t *options, master_t **master);
 /* The TCP port of the control socket, 0 on inproc. */
 int master_control_port(const master_t *master);
+/* Where the page is, NULL without one. */
+const char *master_page_url(const master_t *master);
 /* Reads the list of keys again. From any thread. */
 void master_reload(master_t *master);
 /* Stops taking work in, writes a last checkpoint of every job that is not over, joins the threads, frees

@@ -136,6 +136,14 @@ static result_t run_strategies(const values_t *values, local_farm_t *farm, remot
     return strategies_render(&strategies);
 }
 
+/* The page's address opens it, so it goes to who started this, and to no log. */
+static void tell_page(const local_farm_t *farm)
+{
+    char *page = local_farm_page(farm);
+    if (page != NULL) fprintf(stderr, "watch it at %s\n", page);
+    free(page);
+}
+
 static result_t render(const values_t *values, const loaded_scene_t *scene, display_t **display)
 {
     job_settings_t settings;
@@ -148,6 +156,7 @@ static result_t render(const values_t *values, const loaded_scene_t *scene, disp
     signal(SIGPIPE, SIG_IGN);
     local_farm_t *farm;
     TRY(local_farm_start(&options, &farm));
+    tell_page(farm);
     remote_t *remote;
     result_t result = local_farm_connect(farm, &remote);
     if (result.code == RESULT_OK)
@@ -196,7 +205,8 @@ const command_t render_command = {
     .groups = {{&render_options, 0},
                {&output_options, offsetof(values_t, output)},
                {&tell_options, offsetof(values_t, tell)},
-               {&settings_options, offsetof(values_t, overrides)}},
+               {&settings_options, offsetof(values_t, overrides)},
+               {&http_options, offsetof(values_t, farm.http)}},
     .size = sizeof(values_t),
     .begin = begin,
     .run = run};

@@ -7,6 +7,7 @@
 #include "client/farm/local_farm.h"
 
 #include "common/memory_limit.h"
+#include "master/http/tokens.h"
 #include "master/master.h"
 #include "worker/worker.h"
 
@@ -90,6 +91,7 @@ static result_t start_master(local_farm_t *farm)
     options.data_dir = data_dir;
     options.fleeting = true;
     options.batch_interval = farm->options.batch_interval;
+    options.http = farm->options.http;
     result_t result = master_start(&options, &farm->master);
     free(data_dir);
     TRY(result);
@@ -247,6 +249,19 @@ result_t local_farm_connect(local_farm_t *farm, remote_t **remote)
 {
     bool inproc = farm->options.workers == 0;
     return remote_open(farm->context, farm->endpoint, inproc ? BULK_ENDPOINT : NULL, ANSWER_TIMEOUT, remote);
+}
+
+char *local_farm_page(const local_farm_t *farm)
+{
+    const char *url = master_page_url(farm->master);
+    char *data_dir = mem_printf("%s/master", farm->dir), *page = NULL;
+    http_tokens_t tokens;
+    if (url != NULL && http_tokens_read(data_dir, &tokens).code == RESULT_OK) {
+        page = mem_printf("%s#token=%s", url, tokens.operate);
+        http_tokens_forget(&tokens);
+    }
+    free(data_dir);
+    return page;
 }
 
 result_t local_farm_check(local_farm_t *farm)

@@ -231,6 +231,10 @@ static void serve(journal_writer_t *journal_writer, const journal_writer_request
         answer.result = submit(journal_writer, request, &answer.job);
     else
         answer.result = order(journal_writer, request);
+    if (request->done != NULL) {
+        request->done(request->context, &answer);
+        return;
+    }
     pthread_mutex_lock(&journal_writer->lock);
     journal_writer->answers[journal_writer->answer_count++] = answer;
     pthread_mutex_unlock(&journal_writer->lock);

@@ -39,8 +39,14 @@ void journal_writer_stop(journal_writer_t **journal_writer);
 
 typedef enum { JOURNAL_WRITER_SUBMIT, JOURNAL_WRITER_ORDER } journal_writer_kind_t;
 
+typedef struct journal_writer_answer journal_writer_answer_t;
+
 /* What a client wants, and who it is. */
 typedef struct {
+    /* Is called with the answer on the journal writer's thread, which it must not hold up; NULL: the answer
+     * comes from journal_writer_next_answer. */
+    void (*done)(void *context, const journal_writer_answer_t *answer);
+    void *context;
     identity_t identity;
     uint64_t request; /* of the envelope */
     journal_writer_kind_t kind;
@@ -53,16 +59,15 @@ typedef struct {
     job_order_t order;
 } journal_writer_request_t;
 
-typedef struct {
+struct journal_writer_answer {
     identity_t identity;
     uint64_t request;
     journal_writer_kind_t kind;
     result_t result; /* for the client: RESULT_OK when it is done, and safe */
     uint64_t job;
-} journal_writer_answer_t;
+};
 
-/* Asks for something to be done; the answer comes from journal_writer_next_answer. RESULT_LIMIT when too many
- * wait. */
+/* Asks for something to be done. RESULT_LIMIT, and no answer, when too many wait. */
 result_t journal_writer_ask(journal_writer_t *journal_writer, const journal_writer_request_t *request);
 /* The next answer; false when there is none. */
 bool journal_writer_next_answer(journal_writer_t *journal_writer, journal_writer_answer_t *answer);

@@ -1,0 +1,100 @@
+/* open: the command that shows a master's page in a browser, with the token that opens it. */
+#include "client/commands/commands.h"
+#include "master/http/server.h"
+#include "master/http/tokens.h"
+
+#include <fcntl.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+enum { MAX_URL = 1000 };
+
+typedef struct {
+    const char *data;
+    bool view, print;
+} values_t;
+
+static const option_t rows[] = {
+    OPTION(values_t, data, "data", "DIR", "the master's data directory (default: lightmill-data)"),
+    OPTION(values_t, view, "view", NULL, "with the right to look only, not to give orders"),
+    OPTION(values_t, print, "print", NULL, "print the address, and open nothing"),
+};
+static const option_group_t open_options = OPTION_GROUP(NULL, rows);
+
+static void begin(void *values)
+{
+    *(values_t *)values = (values_t){.data = "lightmill-data"};
+}
+
+/* Where the page is, as the master has written it down; fresh memory. */
+static result_t read_url(const char *data_dir, char **url)
+{
+    uint8_t *text = NULL;
+    size_t size = 0;
+    char *path = http_url_path(data_dir);
+    bool missing = access(path, F_OK) != 0;
+    result_t result = missing ? result_ok() : file_read(path, MAX_URL, &text, &size);
+    if (missing)
+        result = result_fail(
+            RESULT_INPUT,
+            "no master serves a page for %.150s: start lightmill-master --data %.150s --http 7480, "
+            "or name its data directory with --data",
+            data_dir, data_dir);
+    free(path);
+    TRY(result);
+    *url = mem_printf("%.*s", (int)size, (const char *)text);
+    (*url)[strcspn(*url, "\n")] = '\0';
+    free(text);
+    return result;
+}
+
+/* Runs the desktop's opener, without its messages. */
+static bool show(const char *address)
+{
+    if (getenv("DISPLAY") == NULL && getenv("WAYLAND_DISPLAY") == NULL) return false;
+    pid_t child = fork();
+    if (child == 0) {
+        int nowhere = open("/dev/null", O_RDWR);
+        dup2(nowhere, STDOUT_FILENO);
+        dup2(nowhere, STDERR_FILENO);
+        execlp("xdg-open", "xdg-open", address, (char *)NULL);
+        _exit(127);
+    }
+    int status;
+    return child > 0 && waitpid(child, &status, 0) == child && WIFEXITED(status) && WEXITSTATUS(status) == 0;
+}
+
+static result_t run(const call_t *call)
+{
+    const values_t *values = call->values;
+    char *url;
+    http_tokens_t tokens;
+    TRY(read_url(values->data, &url));
+    result_t result = http_tokens_read(values->data, &tokens);
+    if (result.code == RESULT_OK) {
+        char *address = mem_printf("%s#token=%s", url, values->view ? tokens.view : tokens.operate);
+        puts(address);
+        fflush(stdout);
+        if (!values->print) show(address);
+        free(address);
+        http_tokens_forget(&tokens);
+    }
+    free(url);
+    return result;
+}
+
+const command_t open_command = {
+    .name = "lightmill open",
+    .summary = "show a master's page in the browser",
+    .about = "Shows the page of a master on this machine, which was started with --http: prints its address, "
+             "and opens "
+             "it where there is a desktop. The address holds a token (DATA/keys/http) that gives the right "
+             "to operate: "
+             "do not pass it on. --view gives one with which jobs can be watched only.",
+    .groups = {{&open_options, 0}},
+    .size = sizeof(values_t),
+    .begin = begin,
+    .run = run};

@@ -1,0 +1,160 @@
+/* reports: what the API tells of jobs, workers and the farm. Names are those of `lightmill status --json`. */
+#include "master/farm/status_message.h"
+#include "master/http/routes.h"
+#include "master/http/server_state.h"
+#include "proto/wire/status_json.h"
+
+#include <inttypes.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+enum { STATES = JOB_PAUSED + 1 };         /* of jobs; the first is not used */
+static const double DEMAND_SECONDS = 600; /* in which the workers that are wanted would end all work */
+
+/* ---- jobs ---------------------------------------------------------------------------------------------- */
+
+static json_t *job_object(job_report_t *report)
+{
+    status_message_t message;
+    status_message_fill(report, &message);
+    return status_json_job(&message.status);
+}
+
+static void list_jobs(http_request_t *request)
+{
+    size_t count;
+    uint32_t workers;
+    job_report_t *reports = farm_report(request->master->farm, clock_now(), 0, &count, &workers);
+    json_t *root = json_object(), *list = json_array();
+    for (size_t i = 0; i < count; i++) json_array_append_new(list, job_object(&reports[i]));
+    put_count(root, "workers", workers);
+    json_object_set_new(root, "jobs", list);
+    free(reports);
+    http_reply_json(request, MHD_HTTP_OK, root);
+}
+
+void http_reply_no_job(http_request_t *request, uint64_t job)
+{
+    char detail[80];
+    snprintf(detail, sizeof detail, "there is no job %" PRIu64, job);
+    http_reply_problem(request, MHD_HTTP_NOT_FOUND, detail);
+}
+
+static void show_job(http_request_t *request)
+{
+    size_t count;
+    uint32_t workers;
+    job_report_t *report =
+        farm_report(request->master->farm, clock_now(), request->numbers[0], &count, &workers);
+    if (report == NULL)
+        http_reply_no_job(request, request->numbers[0]);
+    else
+        http_reply_json(request, MHD_HTTP_OK, job_object(report));
+    free(report);
+}
+
+/* ---- workers ------------------------------------------------------------------------------------------- */
+
+static void list_workers(http_request_t *request)
+{
+    size_t count;
+    worker_report_t *reports = farm_worker_report(request->master->farm, clock_now(), &count);
+    json_t *root = json_object(), *list = json_array();
+    for (size_t i = 0; i < count; i++) {
+        Lm__WorkerStatus status;
+        worker_message_fill(request->master->gate, &reports[i], &status);
+        json_array_append_new(list, status_json_worker(&status));
+    }
+    json_object_set_new(root, "workers", list);
+    free(reports);
+    http_reply_json(request, MHD_HTTP_OK, root);
+}
+
+/* ---- the farm ------------------------------------------------------------------------------------------ */
+
+/* What is there in all. */
+typedef struct {
+    uint64_t jobs[STATES];
+    uint32_t workers, aside;
+    uint64_t threads;
+    double speed;    /* pixel samples a second */
+    double left;     /* pixel samples that jobs wait for */
+    uint64_t active; /* jobs that wait for samples */
+} totals_t;
+
+static void add_job(totals_t *totals, const job_report_t *report)
+{
+    job_state_t state = report->record.state;
+    totals->jobs[state]++;
+    if (state != JOB_QUEUED && state != JOB_RUNNING) return;
+    totals->active++;
+    if (report->samples_total > report->record.samples_done)
+        totals->left += (double)(report->samples_total - report->record.samples_done);
+}
+
+static void add_worker(totals_t *totals, const worker_report_t *report)
+{
+    if (!report->connected) return;
+    totals->workers++;
+    totals->aside += report->aside[0] != '\0';
+    totals->threads += report->threads;
+    totals->speed += report->speed;
+}
+
+static totals_t farm_totals(farm_t *farm)
+{
+    totals_t totals = {0};
+    size_t jobs, workers;
+    uint32_t connected;
+    job_report_t *job = farm_report(farm, clock_now(), 0, &jobs, &connected);
+    worker_report_t *worker = farm_worker_report(farm, clock_now(), &workers);
+    for (size_t i = 0; i < jobs; i++) add_job(&totals, &job[i]);
+    for (size_t i = 0; i < workers; i++) add_worker(&totals, &worker[i]);
+    free(job);
+    free(worker);
+    return totals;
+}
+
+static void show_farm(http_request_t *request)
+{
+    totals_t totals = farm_totals(request->master->farm);
+    json_t *root = json_object(), *jobs = json_object();
+    for (uint32_t state = JOB_QUEUED; state < STATES; state++)
+        put_count(jobs, job_state_name(state), totals.jobs[state]);
+    put_text(root, "version", LIGHTMILL_VERSION);
+    put_real(root, "uptime", clock_now() - request->server->started);
+    put_count(root, "workers", totals.workers);
+    put_count(root, "workers_aside", totals.aside);
+    put_count(root, "threads", totals.threads);
+    put_real(root, "speed", totals.speed);
+    json_object_set_new(root, "jobs", jobs);
+    http_reply_json(request, MHD_HTTP_OK, root);
+}
+
+/* The workers, like those that are connected, which would end the work that is left in DEMAND_SECONDS; at
+ * least one while there is work. A job that only time or its error ends asks for no number of samples, so for
+ * one. */
+static uint64_t wanted_workers(const totals_t *totals)
+{
+    uint64_t usable = totals->workers - totals->aside;
+    if (totals->active == 0) return 0;
+    if (totals->speed <= 0 || usable == 0) return 1;
+    double wanted = ceil(totals->left / (totals->speed / (double)usable) / DEMAND_SECONDS);
+    return (uint64_t)fmin(fmax(wanted, 1), FARM_MAX_WORKERS);
+}
+
+static void show_demand(http_request_t *request)
+{
+    totals_t totals = farm_totals(request->master->farm);
+    json_t *root = json_object();
+    put_count(root, "workers", wanted_workers(&totals));
+    http_reply_json(request, MHD_HTTP_OK, root);
+}
+
+static const http_route_t routes[] = {{"GET", "/api/v1/jobs", HTTP_VIEW, list_jobs},
+                                      {"GET", "/api/v1/jobs/#", HTTP_VIEW, show_job},
+                                      {"GET", "/api/v1/workers", HTTP_VIEW, list_workers},
+                                      {"GET", "/api/v1/farm", HTTP_VIEW, show_farm},
+                                      {"GET", "/api/v1/demand", HTTP_VIEW, show_demand}};
+const http_table_t http_report_routes = {routes, ARRAY_LENGTH(routes)};

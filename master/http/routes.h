@@ -1,0 +1,17 @@
+/* routes: the tables of all that the HTTP server answers, and the search in them. A new table is declared and
+ * entered here. */
+#ifndef LIGHTMILL_HTTP_ROUTES_H
+#define LIGHTMILL_HTTP_ROUTES_H
+
+#include "master/http/request.h"
+
+extern const http_table_t http_report_routes; /* jobs, workers, the farm: reports.c */
+
+/* Sets request->route and ->numbers for a method and request->path. 0, or the HTTP status of the refusal:
+ * 404, or 405 with request->allowed set. */
+unsigned http_route_find(http_request_t *request, const char *method);
+
+/* Answers that there is no such job. */
+void http_reply_no_job(http_request_t *request, uint64_t job);
+
+#endif

@@ -1,0 +1,26 @@
+/* server_state: what the HTTP server is made of, for the files of this folder. */
+#ifndef LIGHTMILL_HTTP_SERVER_STATE_H
+#define LIGHTMILL_HTTP_SERVER_STATE_H
+
+#include "master/http/guard.h"
+#include "master/http/server.h"
+#include "master/http/tokens.h"
+
+#include <pthread.h>
+
+struct http_server {
+    http_master_t master;
+    struct MHD_Daemon *daemon;
+    int listener;
+    char *url, *url_path;
+    char *cert, *key; /* the texts of the files; NULL: no TLS */
+    guard_t guard;
+    http_tokens_t tokens;
+    double started;
+    pthread_mutex_t lock; /* guards what follows */
+    pthread_cond_t idle;  /* `waiting` has fallen */
+    int waiting;
+    bool ending;
+};
+
+#endif

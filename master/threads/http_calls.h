@@ -1,0 +1,15 @@
+/* http_calls: what the HTTP server asks of the master's threads (master/http/master_calls.h). */
+#ifndef LIGHTMILL_HTTP_CALLS_H
+#define LIGHTMILL_HTTP_CALLS_H
+
+#include "master/http/master_calls.h"
+#include "master/threads/journal_writer.h"
+
+typedef struct {
+    journal_writer_t *journal_writer; /* kept by the caller; outlives the HTTP server */
+} http_calls_t;
+
+/* The calls are kept by the caller. */
+http_master_t http_calls_master(http_calls_t *calls, farm_t *farm, gate_t *gate);
+
+#endif
