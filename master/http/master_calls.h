@@ -16,6 +16,8 @@ typedef struct {
     /* Carries out an order as one of `lightmill pause` is: `done` is called when it is safe on the disk, or
      * has failed. On a failure of the call itself `done` is not called. */
     result_t (*order)(void *context, const job_order_t *order, http_done_fn done, void *ticket);
+    /* The path of the image of a job that is over, in fresh memory. */
+    char *(*image_path)(const char *data_dir, uint64_t job);
 } http_master_t;
 
 #endif

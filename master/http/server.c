@@ -229,6 +229,9 @@ static result_t start(http_server_t *server, const http_options_t *options, cons
     http_listen_t listening;
     TRY(read_certificate(server, options));
     TRY(http_tokens_load(data_dir, &server->tokens));
+    tiles_options_t tiles = {
+        .farm = server->master.farm, .image_path = server->master.image_path, .data_dir = data_dir};
+    TRY(tiles_start(&tiles, &server->tiles));
     TRY(http_listen(options->listen, server->cert != NULL, &listening));
     server->listener = listening.socket;
     TRY(guard_init(&server->guard, bound_host(&listening.address), &options->hosts));
@@ -250,6 +253,7 @@ static void dismantle(http_server_t *server)
         MHD_stop_daemon(server->daemon); /* closes the listener */
     else if (server->listener >= 0)
         close(server->listener);
+    tiles_stop(&server->tiles);
     if (server->url_path != NULL) unlink(server->url_path);
     if (server->key != NULL) sodium_memzero(server->key, strlen(server->key));
     http_tokens_forget(&server->tokens);

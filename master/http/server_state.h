@@ -4,6 +4,7 @@
 
 #include "master/http/guard.h"
 #include "master/http/server.h"
+#include "master/http/tiles.h"
 #include "master/http/tokens.h"
 
 #include <pthread.h>
@@ -16,6 +17,7 @@ struct http_server {
     char *cert, *key; /* the texts of the files; NULL: no TLS */
     guard_t guard;
     http_tokens_t tokens;
+    tiles_t *tiles;
     double started;
     pthread_mutex_t lock; /* guards what follows */
     pthread_cond_t idle;  /* `waiting` has fallen */

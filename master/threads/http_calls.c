@@ -1,6 +1,8 @@
 /* http_calls: see http_calls.h. */
 #include "master/threads/http_calls.h"
 
+#include "master/threads/image_writer.h"
+
 #include <stdlib.h>
 
 /* Who is to be told of an order. */
@@ -30,5 +32,5 @@ static result_t order(void *context, const job_order_t *order, http_done_fn done
 
 http_master_t http_calls_master(http_calls_t *calls, farm_t *farm, gate_t *gate)
 {
-    return (http_master_t){.context = calls, .farm = farm, .gate = gate, .order = order};
+    return (http_master_t){.context = calls, .farm = farm, .gate = gate, .order = order, .image_path = image_writer_image_path};
 }

@@ -1,0 +1,345 @@
+/* tile_pyramid: see tile_pyramid.h. */
+#include "master/http/tile_pyramid.h"
+
+#include <immintrin.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { TEXEL = 4, ERROR = 3 }; /* halves of a texel; the place of its standard error */
+#define LARGEST_HALF 65504.0f
+
+typedef struct {
+    int width, height, columns, rows;
+    uint16_t *texels;   /* [height][width][TEXEL] */
+    uint32_t *versions; /* [rows][columns] */
+} level_t;
+
+struct pyramid {
+    uint32_t count;
+    level_t levels[PYRAMID_MAX_LEVELS];
+};
+
+/* ---- layers -------------------------------------------------------------------------------------------- */
+
+/* The plane of a layer in a film and in a file. */
+typedef struct {
+    const char *name;
+    size_t plane;            /* offset of its pointer in film_image_t */
+    size_t values;           /* of a pixel: 3 or 1 */
+    const char *channels[3]; /* in a file */
+    bool error, feature;
+    float scale;
+} layer_row_t;
+
+#define PLANE(field) offsetof(film_image_t, field)
+static const layer_row_t layers[LAYERS] = {
+    [LAYER_PICTURE] = {"picture", PLANE(sum), 3, {"R", "G", "B"}, true, false, 1},
+    [LAYER_EYE] = {"eye", PLANE(eye), 3, {"eye.R", "eye.G", "eye.B"}, true, false, 1},
+    [LAYER_LIGHT] = {"light", PLANE(light), 3, {"light.R", "light.G", "light.B"}, true, false, 1},
+    [LAYER_NOISE] = {"noise", PLANE(noise), 3, {"noise.R", "noise.G", "noise.B"}, false, false, 1},
+    [LAYER_SAMPLES] =
+        {"samples", PLANE(samples), 1, {"samples", "samples", "samples"}, false, false, 0x1p-10f},
+    [LAYER_ALBEDO] = {"albedo", PLANE(albedo), 3, {"albedo.R", "albedo.G", "albedo.B"}, false, true, 1},
+    [LAYER_NORMAL] = {"normal", PLANE(normal), 3, {"normal.X", "normal.Y", "normal.Z"}, false, true, 1},
+    [LAYER_DEPTH] = {"depth", PLANE(depth), 1, {"depth.Z", "depth.Z", "depth.Z"}, false, true, 1},
+};
+
+const char *layer_name(layer_t layer)
+{
+    return layers[layer].name;
+}
+
+bool layer_parse(const char *name, layer_t *layer)
+{
+    for (int i = 0; i < LAYERS; i++) {
+        if (strcmp(name, layers[i].name) != 0) continue;
+        *layer = (layer_t)i;
+        return true;
+    }
+    return false;
+}
+
+bool layer_is_feature(layer_t layer)
+{
+    return layers[layer].feature;
+}
+
+bool layer_of_film(const film_image_t *image, layer_t layer, layer_view_t *view)
+{
+    const layer_row_t *row = &layers[layer];
+    const float *plane;
+    memcpy(&plane, (const char *)image + row->plane, sizeof plane);
+    *view = (layer_view_t){.width = image->width,
+                           .height = image->height,
+                           .stride = row->values,
+                           .error_stride = 3,
+                           .scale = row->scale};
+    if (plane == NULL) return false;
+    for (size_t c = 0; c < 3; c++) {
+        view->values[c] = plane + (row->values == 3 ? c : 0);
+        view->errors[c] = row->error ? image->noise + c : NULL;
+    }
+    return true;
+}
+
+bool layer_of_file(const image_t *image, layer_t layer, layer_view_t *view)
+{
+    const layer_row_t *row = &layers[layer];
+    const image_channel_t *noise[3];
+    bool errors = row->error && image_find_rgb(image, "noise", noise);
+    *view = (layer_view_t){.width = image->width, .height = image->height, .scale = row->scale};
+    for (size_t c = 0; c < 3; c++) {
+        const image_channel_t *channel = image_find(image, row->channels[c]);
+        if (channel == NULL) return false;
+        view->values[c] = channel->data;
+        view->stride = channel->stride;
+        if (!errors) continue;
+        view->errors[c] = noise[c]->data;
+        view->error_stride = noise[c]->stride;
+    }
+    return true;
+}
+
+/* ---- levels -------------------------------------------------------------------------------------------- */
+
+int level_side(int side, uint32_t level)
+{
+    return level < 31 ? int_max(1, (int)(((int64_t)side + (INT64_C(1) << level) - 1) >> level)) : 1;
+}
+
+uint32_t level_count(int width, int height)
+{
+    uint32_t count = 1;
+    while (level_side(int_max(width, height), count - 1) > TILE_SIDE) count++;
+    return count;
+}
+
+static int tiles_of(int side)
+{
+    return (side + TILE_SIDE - 1) / TILE_SIDE;
+}
+
+static uint64_t texel_bytes(int width, int height)
+{
+    return (uint64_t)width * (uint64_t)height * TEXEL * sizeof(uint16_t);
+}
+
+uint64_t pyramid_bytes(int width, int height)
+{
+    uint64_t bytes = 0;
+    for (uint32_t i = 0; i < level_count(width, height); i++)
+        bytes += texel_bytes(level_side(width, i), level_side(height, i));
+    return bytes;
+}
+
+static bool level_init(level_t *level, int width, int height)
+{
+    *level =
+        (level_t){.width = width, .height = height, .columns = tiles_of(width), .rows = tiles_of(height)};
+    level->texels = malloc(texel_bytes(width, height));
+    level->versions = calloc((size_t)level->columns * (size_t)level->rows, sizeof *level->versions);
+    return level->texels != NULL && level->versions != NULL;
+}
+
+/* Four floats as halves, rounded to nearest even; NaN becomes 0. */
+static void put_texel(uint16_t *texel, __m128 value)
+{
+    __m128 largest = _mm_set1_ps(LARGEST_HALF);
+    value = _mm_and_ps(value, _mm_cmpord_ps(value, value));
+    value = _mm_max_ps(_mm_min_ps(value, largest), _mm_sub_ps(_mm_setzero_ps(), largest));
+    _mm_storel_epi64((__m128i *)texel, _mm_cvtps_ph(value, _MM_FROUND_TO_NEAREST_INT));
+}
+
+static __m128 get_texel(const uint16_t *texel)
+{
+    return _mm_cvtph_ps(_mm_loadl_epi64((const __m128i *)texel));
+}
+
+/* The errors of the channels of one sample have the same sign as a rule: a path is bright or dark as a whole.
+ * So they add up. Where they do not, this is an upper bound. The weights are those of the luminance (Rec.
+ * 709). */
+static float luminance_error(const layer_view_t *view, size_t pixel)
+{
+    if (view->errors[0] == NULL) return 0;
+    size_t at = pixel * view->error_stride;
+    return 0.2126f * view->errors[0][at] + 0.7152f * view->errors[1][at] + 0.0722f * view->errors[2][at];
+}
+
+static void fill_first(level_t *level, const layer_view_t *view)
+{
+    size_t pixels = (size_t)level->width * (size_t)level->height;
+    for (size_t p = 0; p < pixels; p++) {
+        size_t at = p * view->stride;
+        put_texel(level->texels + TEXEL * p,
+                  _mm_setr_ps(view->scale * view->values[0][at], view->scale * view->values[1][at],
+                              view->scale * view->values[2][at], luminance_error(view, p)));
+    }
+}
+
+/* The mean of two by two texels, fewer at the rim. The error of a mean of n is the root of the sum of squares
+ * over n. */
+static __m128 box(const level_t *below, int x, int y)
+{
+    __m128 sum = _mm_setzero_ps();
+    int x1 = int_min(2 * x + 2, below->width), y1 = int_min(2 * y + 2, below->height);
+    for (int v = 2 * y; v < y1; v++)
+        for (int u = 2 * x; u < x1; u++) {
+            __m128 t = get_texel(below->texels + TEXEL * ((size_t)v * (size_t)below->width + (size_t)u));
+            sum = _mm_add_ps(sum, _mm_blend_ps(t, _mm_mul_ps(t, t), 1 << ERROR));
+        }
+    sum = _mm_blend_ps(sum, _mm_sqrt_ps(sum), 1 << ERROR);
+    return _mm_div_ps(sum, _mm_set1_ps((float)((x1 - 2 * x) * (y1 - 2 * y))));
+}
+
+static void fill_next(level_t *level, const level_t *below)
+{
+    for (int y = 0; y < level->height; y++)
+        for (int x = 0; x < level->width; x++)
+            put_texel(level->texels + TEXEL * ((size_t)y * (size_t)level->width + (size_t)x),
+                      box(below, x, y));
+}
+
+/* The texels of a tile. */
+static rect_t tile_rect(const level_t *level, int column, int row)
+{
+    rect_t rect = {.x0 = column * TILE_SIDE, .y0 = row * TILE_SIDE};
+    rect.x1 = int_min(rect.x0 + TILE_SIDE, level->width);
+    rect.y1 = int_min(rect.y0 + TILE_SIDE, level->height);
+    return rect;
+}
+
+static const uint16_t *row_of(const level_t *level, const rect_t *rect, int y)
+{
+    return level->texels + TEXEL * ((size_t)y * (size_t)level->width + (size_t)rect->x0);
+}
+
+static size_t row_bytes(const rect_t *rect)
+{
+    return (size_t)(rect->x1 - rect->x0) * TEXEL * sizeof(uint16_t);
+}
+
+static bool tile_same(const level_t *a, const level_t *b, int column, int row)
+{
+    rect_t rect = tile_rect(a, column, row);
+    for (int y = rect.y0; y < rect.y1; y++)
+        if (memcmp(row_of(a, &rect, y), row_of(b, &rect, y), row_bytes(&rect)) != 0) return false;
+    return true;
+}
+
+static void date_tiles(level_t *level, const level_t *last, uint32_t version)
+{
+    bool comparable = last != NULL && last->width == level->width && last->height == level->height;
+    for (int row = 0; row < level->rows; row++)
+        for (int column = 0; column < level->columns; column++) {
+            size_t tile = (size_t)row * (size_t)level->columns + (size_t)column;
+            bool same = comparable && tile_same(level, last, column, row);
+            level->versions[tile] = same ? last->versions[tile] : version;
+        }
+}
+
+pyramid_t *pyramid_new(const layer_view_t *view, uint32_t version, const pyramid_t *last)
+{
+    pyramid_t *pyramid = calloc(1, sizeof *pyramid);
+    if (pyramid == NULL) return NULL;
+    pyramid->count = level_count(view->width, view->height);
+    for (uint32_t i = 0; i < pyramid->count; i++) {
+        level_t *level = &pyramid->levels[i];
+        if (!level_init(level, level_side(view->width, i), level_side(view->height, i))) {
+            pyramid_destroy(&pyramid);
+            return NULL;
+        }
+        if (i == 0)
+            fill_first(level, view);
+        else
+            fill_next(level, level - 1);
+        date_tiles(level, last != NULL ? &last->levels[i] : NULL, version);
+    }
+    return pyramid;
+}
+
+void pyramid_destroy(pyramid_t **pyramid)
+{
+    if (*pyramid == NULL) return;
+    for (uint32_t i = 0; i < (*pyramid)->count; i++) {
+        free((*pyramid)->levels[i].texels);
+        free((*pyramid)->levels[i].versions);
+    }
+    free(*pyramid);
+    *pyramid = NULL;
+}
+
+/* ---- answers ------------------------------------------------------------------------------------------- */
+
+/* The tiles that a rectangle of texels touches: columns x0 to x1 - 1, rows y0 to y1 - 1. */
+static rect_t touched(const rect_t *rect, int width, int height)
+{
+    rect_t tiles = {.x0 = int_max(rect->x0, 0) / TILE_SIDE,
+                    .y0 = int_max(rect->y0, 0) / TILE_SIDE,
+                    .x1 = tiles_of(int_min(int_max(rect->x1, 0), width)),
+                    .y1 = tiles_of(int_min(int_max(rect->y1, 0), height))};
+    if (tiles.x1 < tiles.x0) tiles.x1 = tiles.x0;
+    if (tiles.y1 < tiles.y0) tiles.y1 = tiles.y0;
+    return tiles;
+}
+
+static uint8_t *put(uint8_t *at, uint32_t value, size_t bytes)
+{
+    for (size_t i = 0; i < bytes; i++) at[i] = (uint8_t)(value >> (8 * i));
+    return at + bytes;
+}
+
+static uint8_t *put_tile(uint8_t *at, const level_t *level, int column, int row)
+{
+    rect_t rect = tile_rect(level, column, row);
+    at = put(at, (uint32_t)column, 2);
+    at = put(at, (uint32_t)row, 2);
+    at = put(at, (uint32_t)(rect.x1 - rect.x0), 2);
+    at = put(at, (uint32_t)(rect.y1 - rect.y0), 2);
+    for (int y = rect.y0; y < rect.y1; y++, at += row_bytes(&rect))
+        memcpy(at, row_of(level, &rect, y), row_bytes(&rect));
+    return at;
+}
+
+static bool is_new(const level_t *level, int column, int row, uint32_t since)
+{
+    uint32_t version = level->versions[(size_t)row * (size_t)level->columns + (size_t)column];
+    return since == 0 || version > since;
+}
+
+/* Counts the tiles to send and, unless `at` is NULL, writes them and moves it behind them. */
+static uint32_t walk(const level_t *level, const rect_t *tiles, uint32_t since, uint8_t **at)
+{
+    uint32_t count = 0;
+    for (int row = tiles->y0; row < tiles->y1; row++)
+        for (int column = tiles->x0; column < tiles->x1; column++) {
+            if (!is_new(level, column, row, since)) continue;
+            if (at != NULL) *at = put_tile(*at, level, column, row);
+            count++;
+        }
+    return count;
+}
+
+result_t pyramid_answer(const pyramid_t *pyramid, int width, int height, uint32_t version,
+                        const tile_query_t *query, uint8_t **bytes, size_t *size)
+{
+    uint32_t levels = level_count(width, height);
+    if (query->level >= levels)
+        return result_fail(RESULT_USAGE, "there is no level %u: this image has 0 to %u", query->level,
+                           levels - 1);
+    rect_t tiles = touched(&query->rect, level_side(width, query->level), level_side(height, query->level));
+    if ((int64_t)(tiles.x1 - tiles.x0) * (tiles.y1 - tiles.y0) > PYRAMID_MAX_TILES)
+        return result_fail(RESULT_USAGE, "more than %d tiles: ask for a higher level or a smaller rectangle",
+                           PYRAMID_MAX_TILES);
+    const level_t *level = pyramid != NULL ? &pyramid->levels[query->level] : NULL;
+    /* A master that lost its last checkpoint counts again from an earlier version. */
+    uint32_t since = query->since > version ? 0 : query->since;
+    uint32_t count = level != NULL ? walk(level, &tiles, since, NULL) : 0;
+    *bytes = mem_alloc(TILE_HEAD_BYTES + (size_t)count * (8 + texel_bytes(TILE_SIDE, TILE_SIDE)));
+    memcpy(*bytes, "LMT1", 4);
+    const uint32_t head[] = {version, (uint32_t)width, (uint32_t)height, query->level, TILE_SIDE, count};
+    uint8_t *at = *bytes + 4;
+    for (size_t i = 0; i < ARRAY_LENGTH(head); i++) at = put(at, head[i], 4);
+    if (level != NULL) walk(level, &tiles, since, &at);
+    *size = (size_t)(at - *bytes);
+    return result_ok();
+}

@@ -1,0 +1,51 @@
+/* tile_routes: the answer to who watches an image: tiles.h by HTTP. */
+#include "master/http/routes.h"
+#include "master/http/server_state.h"
+
+/* What the query says; a rectangle is the whole image where it does not. */
+static result_t read_query(const http_request_t *request, layer_t *layer, tile_query_t *query)
+{
+    const char *name = http_query(request, "layer");
+    *layer = LAYER_PICTURE;
+    if (name != NULL && !layer_parse(name, layer))
+        return result_fail(
+            RESULT_USAGE,
+            "layer is picture, eye, light, noise, samples, albedo, normal or depth, not '%.60s'", name);
+    const struct {
+        const char *name;
+        uint64_t most, missing;
+    } numbers[] = {{"level", PYRAMID_MAX_LEVELS - 1, 0},
+                   {"since", UINT32_MAX, 0},
+                   {"x0", JOB_MAX_RESOLUTION, 0},
+                   {"y0", JOB_MAX_RESOLUTION, 0},
+                   {"x1", JOB_MAX_RESOLUTION, JOB_MAX_RESOLUTION},
+                   {"y1", JOB_MAX_RESOLUTION, JOB_MAX_RESOLUTION}};
+    uint64_t values[ARRAY_LENGTH(numbers)];
+    for (size_t i = 0; i < ARRAY_LENGTH(numbers); i++)
+        TRY(http_query_number(request, numbers[i].name, 0, numbers[i].most, numbers[i].missing, &values[i]));
+    *query = (tile_query_t){
+        .level = (uint32_t)values[0],
+        .since = (uint32_t)values[1],
+        .rect = {(int32_t)values[2], (int32_t)values[3], (int32_t)values[4], (int32_t)values[5]}};
+    return result_ok();
+}
+
+static void show_tiles(http_request_t *request)
+{
+    layer_t layer;
+    tile_query_t query;
+    uint8_t *bytes;
+    size_t size;
+    result_t result = read_query(request, &layer, &query);
+    if (result.code == RESULT_OK)
+        result = tiles_get(request->server->tiles, request->numbers[0], layer, &query, &bytes, &size);
+    if (result.code == RESULT_UNREACHABLE)
+        http_reply_no_job(request, request->numbers[0]);
+    else if (result.code != RESULT_OK)
+        http_reply_failure(request, &result);
+    else
+        http_reply(request, MHD_HTTP_OK, "application/octet-stream", bytes, size, MHD_RESPMEM_MUST_FREE);
+}
+
+static const http_route_t routes[] = {{"GET", "/api/v1/jobs/#/tiles", HTTP_VIEW, show_tiles}};
+const http_table_t http_tile_routes = {routes, ARRAY_LENGTH(routes)};

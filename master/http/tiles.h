@@ -1,0 +1,43 @@
+/* tiles: the images that people watch while they converge: a pyramid of tiles (tile_pyramid.h) of each layer
+ * that somebody looks at.
+ *
+ * Nothing is done for a job that nobody asks for. The first question begins a watch: a thread of its own
+ * resolves the film, and again when more has been merged, at most once a second and for at most
+ * TILES_SHARE of its time, so that watching a large image does not take the master from its work. What nobody
+ * has asked for during TILES_KEEP is freed.
+ */
+#ifndef LIGHTMILL_TILES_H
+#define LIGHTMILL_TILES_H
+
+#include "master/farm/farm.h"
+#include "master/http/tile_pyramid.h"
+
+enum { TILES_MAX_JOBS = 8 }; /* watched at a time */
+#define TILES_MAX_BYTES                                                                                      \
+    (UINT64_C(3) << 29)    /* of all pyramids; layers that were not asked for longest go first */
+#define TILES_INTERVAL 1.0 /* seconds between two snapshots of a job, at least */
+#define TILES_SHARE 0.02   /* of the thread's time */
+#define TILES_KEEP 30.0    /* seconds */
+
+typedef struct {
+    farm_t *farm;
+    /* The path of the image of a job that is over, in fresh memory; `data_dir` is handed in. */
+    char *(*image_path)(const char *data_dir, uint64_t job);
+    const char *data_dir; /* copied */
+} tiles_options_t;
+
+typedef struct tiles tiles_t;
+
+/* Starts the thread. The farm must outlive it. */
+result_t tiles_start(const tiles_options_t *options, tiles_t **tiles);
+/* Ends the thread, frees all pyramids and sets *tiles to NULL. */
+void tiles_stop(tiles_t **tiles);
+
+/* Answers at once with what there is, as pyramid_answer does, and sees to it that there will be something
+ * newer. As long as there is nothing, the version is 0 and there are no tiles. The caller frees *bytes.
+ * RESULT_UNREACHABLE: there is no such job; RESULT_USAGE: the question is wrong; RESULT_INPUT: the job has no
+ * such layer; RESULT_LIMIT: too many jobs are watched already. */
+result_t tiles_get(tiles_t *tiles, uint64_t job, layer_t layer, const tile_query_t *query, uint8_t **bytes,
+                   size_t *size);
+
+#endif
