@@ -1,35 +1,411 @@
-// Lists the master's jobs. The token comes in the address (lightmill open) and stays in this tab.
-const token = new URLSearchParams(location.hash.slice(1)).get("token");
-if (token) {
-    sessionStorage.setItem("token", token);
-    history.replaceState(null, "", location.pathname);
+// app: puts the page together: what is chosen, what is asked of the master when, and what keys and buttons do.
+
+import { get, hasToken, order, setToken, takeToken, watchEvents } from "./api.js";
+import { drawCurve, secondsToTarget, usable } from "./curve.js";
+import { addEvent, format, jobNews, showJobs, showWorkers, workerNews } from "./tables.js";
+import { Tiles } from "./tiles.js";
+import { TONES, View } from "./view.js";
+
+const $ = (id) => document.getElementById(id);
+const EVERY = 5000; // ms: what changes without an event (times, speeds) is asked for again
+
+const state = { jobs: null, workers: null, chosen: null, points: [], operate: true, line: "connecting", wasLost: false };
+let awake = null; // aborted when the page is hidden
+
+// ---- the image
+
+const view = new View($("canvas"), () => moved(), () => showProbe());
+const tiles = new Tiles(view, { problem: (text) => setText("problem", text) });
+
+function setText(id, text) {
+  if ($(id).textContent !== text) $(id).textContent = text;
 }
 
-function row(job) {
-    const cells = [job.job, job.name, job.state,
-        job.samples_total > 0 ? Math.floor(100 * job.samples_done / job.samples_total) + " %" : "",
-        job.error > 0 ? (100 * job.error).toPrecision(2) + " %" : "-", job.workers];
-    const line = document.createElement("tr");
-    for (const text of cells) line.insertCell().textContent = text;
-    return line;
+let settle = 0;
+function moved() {
+  setText("zoom", `${format.number(100 * view.scale)} %`);
+  clearTimeout(settle);
+  settle = setTimeout(() => tiles.restart(), 80); // when the hand rests
+  showProbe();
 }
 
-async function refresh() {
-    let state = "";
+const MEANS = { samples: (v) => `${Math.round(1024 * v)} samples`, depth: (v) => `depth ${format.number(v)}` };
+
+function showProbe() {
+  const at = view.probed();
+  if (!at) return setText("probe", "Point at a pixel to see its value.");
+  const single = MEANS[tiles.name], error = tiles.name === "picture" ? ` ± ${format.number(at.error)}` : "";
+  const value = single ? single(at.rgb[0]) : at.rgb.map(format.number).join("  ");
+  setText("probe", `${at.x}, ${at.y}: ${value}${error}${at.side > 1 ? ` (mean of ${at.side} × ${at.side})` : ""}`);
+}
+
+function setTone() {
+  view.exposure = Number($("exposure").value);
+  view.offset = Number($("offset").value);
+  view.tone = $("tone").value;
+  setText("exposure-value", String(view.exposure));
+  setText("offset-value", String(view.offset));
+  view.draw();
+}
+
+function setLayer(name) {
+  $("layer").value = name;
+  tiles.show(state.chosen, name);
+  view.show(tiles.layer, name);
+}
+
+// ---- what is chosen
+
+const job = () => state.jobs?.find((one) => one.job === state.chosen);
+const hash = () => new URLSearchParams(location.hash.slice(1));
+
+function choose(number) {
+  if (number === state.chosen) return;
+  state.chosen = number;
+  state.points = [];
+  if (number !== null) history.replaceState(null, "", `#job=${number}`);
+  setText("answer", "");
+  setText("problem", "");
+  showAll();
+  tiles.show(number, $("layer").value);
+  if (number !== null) view.show(tiles.layer, $("layer").value);
+  ask.history();
+}
+
+/** The job that somebody looked at last; else the one at work, else the newest. */
+function chooseSome() {
+  const wanted = Number(hash().get("job"));
+  if (job()) return;
+  const pick = state.jobs.find((one) => one.job === wanted) ?? state.jobs.find((one) => one.state === "running") ?? state.jobs.at(-1);
+  choose(pick ? pick.job : null);
+}
+
+// ---- what is shown
+
+const OVER = ["done", "failed", "cancelled"];
+
+function showOrders() {
+  const one = job(), over = one && OVER.includes(one.state);
+  setText("pause", one?.state === "paused" ? "Resume" : "Pause");
+  $("pause").disabled = !one || over;
+  $("cancel").disabled = !one || over;
+  $("delete").disabled = !one || !over;
+  for (const form of ["extend", "priority"]) for (const part of $(form).elements) part.disabled = !one;
+  if (one && document.activeElement !== $("priority-value")) $("priority-value").value = one.priority;
+  if (one && document.activeElement !== $("spp") && $("spp").value === "") $("spp").placeholder = String(Math.min(2 * one.spp, 2 ** 30));
+}
+
+function showTitle() {
+  const one = job();
+  const parts = one ? [`Job ${one.job}: ${one.name}`, `${one.width} × ${one.height}`, one.integrator, one.state] : ["No job"];
+  setText("image-title", parts.join(", "));
+  document.title = one ? `${one.name} (${one.state}) - Lightmill` : "Lightmill";
+  view.setImage(one?.width ?? 0, one?.height ?? 0);
+  for (const option of $("layer").options) option.disabled = !!one && !one.layers && ["albedo", "normal", "depth"].includes(option.value);
+}
+
+function showCurve() {
+  const one = job(), points = state.points, target = one?.error_target ?? 0, last = usable(points).at(-1);
+  drawCurve($("curve"), points, target, $("against").value, format);
+  const eta = secondsToTarget(points, target);
+  const now = last ? `${format.percent(last.error)} after ${format.duration(last.seconds)}` : "no error is known yet";
+  const goal = !(target > 0) ? "" : eta === null ? `; target ${format.percent(target)}` : eta === 0 ? `; the target of ${format.percent(target)} is reached` : `; ${format.percent(target)} in about ${format.duration(eta)}`;
+  setText("eta", now + goal);
+  $("curve").setAttribute("aria-label", `Error of the image: ${now}${goal}`);
+}
+
+function showAll() {
+  if (!state.jobs) return;
+  showJobs($("jobs"), state.jobs, state.chosen, choose);
+  $("no-jobs").hidden = state.jobs.length > 0;
+  showTitle();
+  showOrders();
+  showCurve();
+}
+
+// ---- what is asked of the master
+
+function note(text) {
+  addEvent($("events"), text);
+}
+
+/** Runs `work` when asked, never twice at a time and at most every `least` ms; asked meanwhile, once more. */
+function paced(least, work) {
+  let running = false, again = false, last = 0;
+  const run = async () => {
+    if (running || !awake) return void (again = true);
+    running = true;
+    again = false;
+    const wait = last + least - performance.now();
+    if (wait > 0) await new Promise((done) => setTimeout(done, wait));
+    last = performance.now();
     try {
-        const answer = await fetch("/api/v1/jobs",
-            { headers: { Authorization: "Bearer " + sessionStorage.getItem("token") } });
-        const body = await answer.json();
-        if (answer.ok) {
-            state = `${body.workers} workers connected, ${body.jobs.length} jobs`;
-            document.getElementById("jobs").replaceChildren(...body.jobs.map(row));
-        } else
-            state = body.detail;
-    } catch {
-        state = "the master does not answer";
+      if (awake) await work(awake.signal);
+    } catch (error) {
+      if (error.status === 401) refused();
+      else if (error.name !== "AbortError" && error.status) setText("problem", error.message);
     }
-    document.getElementById("state").textContent = state;
+    running = false;
+    if (again && awake) run();
+  };
+  return run;
 }
 
-refresh();
-setInterval(() => document.hidden || refresh(), 2000);
+const ask = {
+  jobs: paced(500, async (signal) => {
+    const before = state.jobs;
+    state.jobs = (await get("/jobs", signal)).jobs;
+    if (before) jobNews(before, state.jobs).forEach(note);
+    chooseSome();
+    showAll();
+    tiles.announce(job()?.batches ?? 0);
+  }),
+  workers: paced(1000, async (signal) => {
+    const before = state.workers;
+    state.workers = (await get("/workers", signal)).workers;
+    if (before) workerNews(before, state.workers).forEach(note);
+    showWorkers($("workers"), state.workers);
+    $("no-workers").hidden = state.workers.length > 0;
+    const at = state.workers.filter((one) => one.connected), sum = (what) => at.reduce((total, one) => total + one[what], 0);
+    setText("farm", `${at.length} worker${at.length === 1 ? "" : "s"}, ${sum("threads")} threads, ${format.count(sum("speed"))} samples/s`);
+  }),
+  history: paced(1000, async (signal) => {
+    const number = state.chosen;
+    if (number === null) return;
+    const { points } = await get(`/jobs/${number}/history`, signal);
+    if (number !== state.chosen) return;
+    state.points = points;
+    showCurve();
+  }),
+  all() {
+    ask.jobs();
+    ask.workers();
+    ask.history();
+  },
+};
+
+const on = {
+  job: () => ask.jobs(),
+  worker: () => ask.workers(),
+  lost: () => ask.all(),
+  image(data) {
+    if (data.job !== state.chosen) return;
+    tiles.announce(data.version);
+    ask.history();
+    ask.jobs();
+  },
+};
+
+const LINES = { connecting: "connecting", live: "live", asking: "live, asked every few seconds", lost: "connection lost, trying again", back: "the master came back", hidden: "paused: the tab is hidden" };
+
+function showLine(line) {
+  state.line = line;
+  $("connection").className = line;
+  setText("connection", LINES[line]);
+}
+
+function onState(line) {
+  if (line === "refused") return refused();
+  if (line === "lost") {
+    if (state.line !== "lost") note("The connection to the master was lost.");
+    state.wasLost = true;
+    tiles.sleep();
+    return showLine("lost");
+  }
+  if (line === "asking" && state.line === "asking") return;
+  showLine(state.wasLost ? "back" : line);
+  if (state.wasLost) {
+    note("The master came back.");
+    setTimeout(() => state.line === "back" && showLine(line), 5000);
+  }
+  // It may be another process, whose numbers begin at its last checkpoint.
+  if (state.wasLost) tiles.distrust();
+  state.wasLost = false;
+  tiles.wake();
+  ask.all();
+}
+
+// ---- orders
+
+function sure(text) {
+  setText("sure-text", text);
+  $("sure").returnValue = "";
+  $("sure").showModal();
+  return new Promise((done) => $("sure").addEventListener("close", () => done($("sure").returnValue === "yes"), { once: true }));
+}
+
+async function give(what, body, said) {
+  const number = state.chosen;
+  if (number === null) return;
+  try {
+    await order(number, what, body);
+    setText("answer", said);
+  } catch (error) {
+    if (error.status === 401) return refused();
+    setText("answer", error.status === 403 ? `Not allowed: ${error.message}` : error.message);
+  }
+  ask.jobs();
+}
+
+function pauseOrResume() {
+  const one = job();
+  if (!one || OVER.includes(one.state)) return;
+  if (one.state === "paused") give("resume", null, `Job ${one.job} goes on.`);
+  else give("pause", null, `Job ${one.job} pauses.`);
+}
+
+async function cancelJob() {
+  const one = job();
+  if (one && (await sure(`Cancel job ${one.job} (${one.name})? Its image so far is kept.`))) give("cancel", null, `Job ${one.job} is cancelled.`);
+}
+
+async function deleteJob() {
+  const one = job();
+  if (one && (await sure(`Delete job ${one.job} (${one.name}), its film and its image?`))) give("delete", null, `Job ${one.job} is deleted.`);
+}
+
+// ---- keys
+
+const nudge = (id, by) => () => {
+  $(id).value = Number($(id).value) + by;
+  setTone();
+};
+const turn = (select, by) => () => {
+  const options = [...select.options].filter((o) => !o.disabled), at = options.indexOf(select.selectedOptions[0]);
+  select.value = options[(at + by + options.length) % options.length].value;
+  select.dispatchEvent(new Event("change"));
+};
+const nextJob = (by) => () => {
+  const at = state.jobs?.indexOf(job()) ?? -1;
+  if (at >= 0) choose(state.jobs[(at + by + state.jobs.length) % state.jobs.length].job);
+};
+
+// [keys, what they do, the action]
+const KEYS = [
+  [["?"], "shows and hides this list", () => ($("help").open ? $("help").close() : $("help").showModal())],
+  [["+", "="], "zooms in", () => view.zoom(2)],
+  [["-"], "zooms out", () => view.zoom(0.5)],
+  [["0"], "fits the image into its place", () => view.fit()],
+  [["1"], "shows a pixel of the image as one of the screen", () => view.actual()],
+  [["e"], "brighter by half a stop", nudge("exposure", 0.5)],
+  [["E"], "darker by half a stop", nudge("exposure", -0.5)],
+  [["r"], "exposure and offset 0, colours sRGB", () => reset()],
+  [["l"], "next layer", turn($("layer"), 1)],
+  [["L"], "previous layer", turn($("layer"), -1)],
+  [["c"], "next colours: sRGB, filmic, false colour, relative error", turn($("tone"), 1)],
+  [["j"], "next job", nextJob(1)],
+  [["k"], "previous job", nextJob(-1)],
+  [["p"], "pauses or resumes the job", pauseOrResume],
+  [["i"], "goes to the image, where arrow keys move the probe, and with Shift the image", () => $("canvas").focus()],
+];
+
+function reset() {
+  $("exposure").value = $("offset").value = 0;
+  $("tone").value = TONES[0];
+  setTone();
+}
+
+const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+
+function imageKey(event) {
+  const arrow = ARROWS[event.key];
+  if (!arrow || event.ctrlKey || event.altKey || event.metaKey) return;
+  event.preventDefault();
+  const [dx, dy] = arrow;
+  if (event.shiftKey) view.pan((-dx * view.canvas.width) / 8, (-dy * view.canvas.height) / 8);
+  else view.moveProbe(dx, dy);
+}
+
+function onKey(event) {
+  if (event.ctrlKey || event.altKey || event.metaKey || $("sure").open || $("page").hidden) return;
+  if (event.target.matches("input:not([type=range]):not([type=checkbox]), select, textarea")) return;
+  const row = KEYS.find(([keys]) => keys.includes(event.key));
+  if (!row || (event.key !== "?" && (!$("keys-on").checked || $("help").open))) return;
+  event.preventDefault();
+  row[2]();
+}
+
+function listKeys() {
+  for (const [keys, does] of KEYS) {
+    const row = $("keys").insertRow(), cell = row.insertCell();
+    keys.forEach((key) => cell.append(Object.assign(document.createElement("kbd"), { textContent: key }), " "));
+    row.insertCell().textContent = does;
+  }
+}
+
+// ---- the life of the page
+
+function refused() {
+  sleep();
+  $("page").hidden = true;
+  $("sign-in").hidden = false;
+  setText("sign-in-why", hasToken() ? "The master refused the token of this tab." : "It was opened without one.");
+  showLine("connecting");
+  setText("connection", "not signed in");
+}
+
+function sleep() {
+  awake?.abort();
+  awake = null;
+  tiles.sleep();
+}
+
+function wake() {
+  if (awake || document.hidden) return;
+  if (!hasToken()) return refused();
+  $("sign-in").hidden = true;
+  $("page").hidden = false;
+  awake = new AbortController();
+  showLine("connecting");
+  watchEvents(awake.signal, { event: (type, data) => on[type]?.(data), state: onState });
+  const mine = awake, timer = setInterval(() => state.line !== "lost" && mine === awake && ask.all(), EVERY);
+  awake.signal.addEventListener("abort", () => clearInterval(timer));
+}
+
+function wire() {
+  $("sign-in-form").addEventListener("submit", (event) => {
+    event.preventDefault();
+    setToken($("token").value);
+    $("token").value = "";
+    wake();
+  });
+  $("layer").addEventListener("change", () => setLayer($("layer").value));
+  for (const id of ["exposure", "offset"]) $(id).addEventListener("input", setTone);
+  $("tone").addEventListener("change", setTone);
+  $("against").addEventListener("change", showCurve);
+  const buttons = { "zoom-in": () => view.zoom(2), "zoom-out": () => view.zoom(0.5), fit: () => view.fit(), actual: () => view.actual(), pause: pauseOrResume, cancel: cancelJob, delete: deleteJob, "help-open": () => $("help").showModal() };
+  for (const [id, act] of Object.entries(buttons)) $(id).addEventListener("click", act);
+  $("extend").addEventListener("submit", (event) => {
+    event.preventDefault();
+    give("extend", { spp: Number($("spp").value) }, `Job ${state.chosen} goes to ${$("spp").value} samples a pixel.`);
+    $("spp").value = "";
+  });
+  $("priority").addEventListener("submit", (event) => {
+    event.preventDefault();
+    give("priority", { priority: Number($("priority-value").value) }, `Job ${state.chosen} has priority ${$("priority-value").value}.`);
+  });
+  $("canvas").addEventListener("keydown", imageKey);
+  document.addEventListener("keydown", onKey);
+  document.addEventListener("visibilitychange", () => {
+    if (!document.hidden) return wake();
+    sleep();
+    if (!$("page").hidden) showLine("hidden");
+  });
+  addEventListener("hashchange", () => {
+    if (hash().has("token")) {
+      takeToken();
+      sleep();
+      wake();
+    } else if (state.jobs?.some((one) => one.job === Number(hash().get("job")))) choose(Number(hash().get("job")));
+  });
+}
+
+takeToken();
+wire();
+listKeys();
+setTone();
+if (!view.gl) setText("problem", "This browser has no WebGL2, so the image cannot be shown.");
+wake();
+
+/** What tests and the console may look at. */
+globalThis.lightmill = { view, tiles, state };
