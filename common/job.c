@@ -91,6 +91,25 @@ static result_t check_strategy(const job_settings_t *settings)
     return result_ok();
 }
 
+static result_t check_save_at(const job_settings_t *settings)
+{
+    const save_at_t *save_at = &settings->save_at;
+    TRY(check_range("sample counts to save images at", save_at->count, 0, JOB_MAX_SAVES));
+    for (uint32_t i = 0; i < save_at->count; i++) {
+        TRY(check_range("a sample count to save an image at", save_at->spp[i], 1, JOB_MAX_SPP));
+        if (i > 0 && save_at->spp[i] <= save_at->spp[i - 1])
+            return result_fail(RESULT_USAGE,
+                               "images are to be saved at %u samples and then at %u: the counts "
+                               "must rise",
+                               save_at->spp[i - 1], save_at->spp[i]);
+    }
+    if (save_at->count == 0 || !settings->adaptive) return result_ok();
+    return result_fail(RESULT_USAGE,
+                       "an adaptive job has no moment at which every pixel has %u samples: "
+                       "save images at sample counts (--save-at) without --adaptive",
+                       save_at->spp[0]);
+}
+
 result_t job_settings_check(const job_settings_t *settings)
 {
     TRY(check_range("integrator", settings->integrator, INTEGRATOR_BDPT, INTEGRATOR_LIGHT));
@@ -109,6 +128,7 @@ result_t job_settings_check(const job_settings_t *settings)
         return result_fail(RESULT_USAGE, "error is %g, must be 0 (none) or below 1", settings->error);
     if (settings->adaptive && settings->spp < JOB_MAX_SPP)
         TRY(check_range("samples a pixel of an adaptive job", settings->spp, 1, JOB_MAX_ADAPTIVE_SPP));
+    TRY(check_save_at(settings));
     return check_strategy(settings);
 }
 
@@ -146,7 +166,19 @@ uint32_t job_tile_pixels(const job_settings_t *settings, uint32_t tile)
 
 bool job_is_planned(const job_settings_t *settings)
 {
+    return job_follows_noise(settings) || settings->save_at.count > 0;
+}
+
+bool job_follows_noise(const job_settings_t *settings)
+{
     return settings->error > 0 || settings->adaptive;
+}
+
+uint32_t job_next_milestone(const job_settings_t *settings, uint32_t spp)
+{
+    for (uint32_t i = 0; i < settings->save_at.count; i++)
+        if (settings->save_at.spp[i] > spp) return settings->save_at.spp[i];
+    return JOB_MAX_SPP + 1;
 }
 
 uint32_t job_sample_limit(const job_settings_t *settings)

@@ -27,9 +27,16 @@ enum {
     JOB_MEAN_BOOST = 4, /* an adaptive job gives a tile a power of two of its round's base samples, up to */
     JOB_MAX_BOOST = 16, /* this, and to all of them in the mean the other (master/schedule/plan.h) */
     JOB_MAX_ADAPTIVE_SPP = JOB_MAX_SPP / JOB_MAX_BOOST,
+    JOB_MAX_SAVES = 64,     /* sample counts in save_at */
     JOB_MAX_NAME = 200,     /* bytes */
     JOB_MAX_PRIORITY = 1000 /* and as low as minus this */
 };
+
+/* Sample counts at which an image is kept, the milestones of a job: rising. */
+typedef struct {
+    uint32_t count;
+    uint32_t spp[JOB_MAX_SAVES]; /* samples a pixel */
+} save_at_t;
 
 typedef struct {
     integrator_t integrator;
@@ -44,8 +51,9 @@ typedef struct {
     int32_t strategy_s, strategy_t; /* of bdpt: only paths of so many light and eye vertices; both 0: all */
     bool unweighted;                /* that strategy without its weight in the combination */
     bool features;                  /* layers of what the eye rays meet first are wanted (film_sums.h) */
-    double error;  /* the job ends when its estimated relative error is at most this; 0: not (film.h) */
-    bool adaptive; /* noisy tiles get more samples; spp is the mean (master/schedule/plan.h) */
+    double error;      /* the job ends when its estimated relative error is at most this; 0: not (film.h) */
+    bool adaptive;     /* noisy tiles get more samples; spp is the mean (master/schedule/plan.h) */
+    save_at_t save_at; /* not with adaptive; what lies beyond spp is never reached */
 } job_settings_t;
 
 /* What is wanted of a job beside its picture. Nothing of it changes a sample. */
@@ -91,8 +99,13 @@ rect_t job_tile_rect(const job_settings_t *settings, uint32_t tile);
 bool job_strategy_exists(int s, int t);
 /* Pixels of a tile. */
 uint32_t job_tile_pixels(const job_settings_t *settings, uint32_t tile);
-/* True when the job goes by rounds that are decided from its film (master/schedule/plan.h). */
+/* True when the job goes by rounds (master/schedule/plan.h): they are decided from its film, or end at its
+ * milestones. */
 bool job_is_planned(const job_settings_t *settings);
+/* True when rounds are decided from the film: not all of them end at milestones. */
+bool job_follows_noise(const job_settings_t *settings);
+/* The first milestone beyond so many samples a pixel; JOB_MAX_SPP + 1 when there is none. */
+uint32_t job_next_milestone(const job_settings_t *settings, uint32_t spp);
 /* The number of samples that a pixel can have at most: spp, or JOB_MAX_BOOST times it in an adaptive job. */
 uint32_t job_sample_limit(const job_settings_t *settings);
 /* True when the unit lies inside the job: a tile that exists, 0 < count, first + count <= job_sample_limit.

@@ -420,7 +420,7 @@ hash_t rig_image_hash(rig_t *rig, uint64_t job)
 {
     uint8_t *bytes;
     size_t size;
-    must(remote_fetch_image(rig->remote, job, false, &bytes, &size));
+    must(remote_fetch_image(rig->remote, &(image_wish_t){.job = job}, &bytes, &size));
     char *path = scratch_path(rig->folder, "fetched.exr");
     scratch_write(path, bytes, size);
     hash_t hash = rig_file_hash(path);

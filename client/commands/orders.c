@@ -135,7 +135,8 @@ static result_t run_extend(const call_t *call)
     TRY(master_connect(&values->master, &remote));
     result_t result = remote_order(remote, &values->order);
     if (result.code == RESULT_OK)
-        result = watch_to_end(remote, values->order.job, &values->output, &values->tell, values->quiet);
+        result =
+            watch_to_end(remote, values->order.job, &values->output, false, &values->tell, values->quiet);
     remote_close(&remote);
     return result;
 }

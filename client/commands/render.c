@@ -101,7 +101,11 @@ static result_t run_job(const values_t *values, local_farm_t *farm, remote_t *re
                         const loaded_scene_t *scene, const job_settings_t *settings, display_t *display)
 {
     progress_t progress = progress_start(values->quiet);
-    watch_t watch = {.remote = remote, .progress = &progress, .display = display};
+    watch_t watch = {.remote = remote,
+                     .progress = &progress,
+                     .display = display,
+                     .saves = &values->output,
+                     .quiet = values->quiet};
     result_t ended_by;
     TRY(remote_put_blob(remote, &scene->blob, NULL, NULL));
     TRY(remote_submit(remote, scene->name, settings, &scene->blob.hash, &watch.job));
@@ -150,6 +154,7 @@ static result_t render(const values_t *values, const loaded_scene_t *scene, disp
     result_t (*prepare)(const overrides_t *, const scene_blob_t *, job_settings_t *) =
         values->strategies ? strategies_settings : overrides_apply;
     TRY(prepare(&values->overrides, &scene->blob, &settings));
+    TRY(output_check_saves(&values->output, &settings.save_at));
     local_farm_options_t options = values->farm;
     options.batch_interval = batch_interval(&settings);
     interrupt_catch();

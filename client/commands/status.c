@@ -134,6 +134,23 @@ static void print_goals(const job_settings_t *settings)
     printf("%s\n", separator[0] == ' ' ? " it is cancelled" : "");
 }
 
+/* "images       kept at 16, 64; still to come: 256" */
+static void print_images(const save_at_t *save_at, uint32_t saved)
+{
+    if (save_at->count == 0) return;
+    uint32_t kept = 0;
+    while (kept < save_at->count && save_at->spp[kept] <= saved) kept++;
+    printf("  %-12s", "images");
+    for (uint32_t i = 0; i < kept; i++) printf("%s%u", i > 0 ? ", " : " kept at ", save_at->spp[i]);
+    for (uint32_t i = kept; i < save_at->count; i++)
+        printf("%s%u",
+               i > kept   ? ", "
+               : kept > 0 ? "; still to come: "
+                          : " still to come: ",
+               save_at->spp[i]);
+    printf(" samples a pixel\n");
+}
+
 static void print_account(const Lm__JobStatus *job)
 {
     printf("  %-12s issued %" PRIu64 " = counted %" PRIu64 " + returned %" PRIu64 " + out %" PRIu64,
@@ -162,6 +179,7 @@ static void print_details(const Lm__JobStatus *job)
         printf("  %-12s %d x %d, %s, seed %" PRIu64 ", max depth %d\n", "picture", settings.width,
                settings.height, integrator_name(settings.integrator), settings.seed, settings.max_depth);
         print_goals(&settings);
+        print_images(&settings.save_at, job->saved);
     }
     print_time("submitted", job->submitted);
     print_time("ended", job->ended);

@@ -79,6 +79,7 @@ static result_t submit(const values_t *values, remote_t *remote, const loaded_sc
 {
     job_settings_t settings;
     TRY(overrides_apply(&values->overrides, &scene->blob, &settings));
+    if (values->wait) TRY(output_check_saves(&values->output, &settings.save_at));
     progress_t progress = progress_start(values->quiet);
     result_t result = remote_put_blob(remote, &scene->blob, show_upload, &progress);
     progress_end(&progress);
@@ -89,7 +90,7 @@ static result_t submit(const values_t *values, remote_t *remote, const loaded_sc
     TRY(remote_submit_job(remote, &terms, &settings, &scene->blob.hash, &job));
     printf("%" PRIu64 "\n", job);
     fflush(stdout);
-    return values->wait ? watch_to_end(remote, job, &values->output, &values->tell, values->quiet)
+    return values->wait ? watch_to_end(remote, job, &values->output, true, &values->tell, values->quiet)
                         : result_ok();
 }
 

@@ -72,7 +72,7 @@ static result_t fetch_image(display_t *display, image_t *image)
 {
     uint8_t *bytes;
     size_t size;
-    TRY(remote_fetch_image(display->remote, display->job, false, &bytes, &size));
+    TRY(remote_fetch_image(display->remote, &(image_wish_t){.job = display->job}, &bytes, &size));
     result_t result = image_decode_exr("the image", bytes, size, image);
     free(bytes);
     return result;

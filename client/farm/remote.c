@@ -218,6 +218,8 @@ result_t remote_submit_job(remote_t *remote, const job_terms_t *terms, const job
     TRY(ask(remote, &remote->control, &envelope, NULL, remote->timeout, LM__ENVELOPE__BODY_JOB_ACCEPTED,
             &answer));
     *job = answer.envelope->job_accepted->job;
+    if (answer.envelope->job_accepted->save_at != settings->save_at.count)
+        log_warning("this master is older than --save-at: it keeps no images on the way");
     wire_free(&answer);
     return result_ok();
 }
@@ -392,8 +394,7 @@ result_t remote_put_blob(remote_t *remote, const scene_blob_t *blob, remote_prog
 /* ---- images ------------------------------------------------------------------------------------------- */
 
 typedef struct {
-    uint64_t job;
-    bool half;
+    image_wish_t wish;
     uint64_t snapshot; /* 0: the first answer names it */
     uint64_t size;
     uint8_t *bytes;
@@ -404,6 +405,9 @@ static result_t take_image_chunk(image_fetch_t *fetch, wire_message_t *answer)
 {
     const Lm__ImageChunk *chunk = answer->envelope->image_chunk;
     if (answer->payload_count != 1) return result_fail(RESULT_PROTOCOL, "a chunk of an image without bytes");
+    if (chunk->at != fetch->wish.at)
+        return result_fail(RESULT_INPUT,
+                           "this master keeps no images at sample counts: it is older than --at");
     size_t length = zmq_msg_size(&answer->payload[0]);
     if (fetch->snapshot == 0) {
         if (chunk->size == 0 || chunk->size > MAX_IMAGE_BYTES)
@@ -426,11 +430,12 @@ static result_t get_image_chunk(remote_t *remote, image_fetch_t *fetch)
 {
     uint64_t left = fetch->size - fetch->have;
     Lm__ImageGet get = LM__IMAGE_GET__INIT;
-    get.job = fetch->job;
+    get.job = fetch->wish.job;
     get.snapshot = fetch->snapshot;
     get.offset = fetch->have;
     get.length = fetch->size == 0 || left > WIRE_MAX_CHUNK ? WIRE_MAX_CHUNK : (uint32_t)left;
-    get.half = fetch->half;
+    get.half = fetch->wish.half;
+    get.at = fetch->wish.at;
     Lm__Envelope envelope = WIRE_ENVELOPE(IMAGE_GET, image_get, &get);
     double timeout = fetch->snapshot == 0 && remote->timeout < SLOW_ANSWER ? SLOW_ANSWER : remote->timeout;
     wire_message_t answer;
@@ -440,10 +445,10 @@ static result_t get_image_chunk(remote_t *remote, image_fetch_t *fetch)
     return result;
 }
 
-result_t remote_fetch_image(remote_t *remote, uint64_t job, bool half, uint8_t **bytes, size_t *size)
+result_t remote_fetch_image(remote_t *remote, const image_wish_t *wish, uint8_t **bytes, size_t *size)
 {
     TRY(need_bulk(remote));
-    image_fetch_t fetch = {.job = job, .half = half};
+    image_fetch_t fetch = {.wish = *wish};
     do {
         result_t result = get_image_chunk(remote, &fetch);
         if (result.code != RESULT_OK) {

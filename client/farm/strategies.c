@@ -39,6 +39,8 @@ result_t strategies_settings(const overrides_t *overrides, const scene_blob_t *b
     if (settings->time_limit > 0)
         return result_fail(RESULT_USAGE,
                            "--strategies gives all images the same samples: use --spp, not --time");
+    if (settings->save_at.count > 0)
+        return result_fail(RESULT_USAGE, "--strategies writes one file: use it without --save-at");
     if (job_is_planned(settings))
         return result_fail(RESULT_USAGE, "--strategies gives all images the same samples: use --spp, not %s",
                            settings->adaptive ? "--adaptive" : "--error");
@@ -205,7 +207,7 @@ static result_t fetch_part(run_t *run, part_t *part)
 {
     uint8_t *bytes;
     size_t size;
-    TRY(remote_fetch_image(run->order->remote, part->job, false, &bytes, &size));
+    TRY(remote_fetch_image(run->order->remote, &(image_wish_t){.job = part->job}, &bytes, &size));
     result_t result = take_image(run, part, bytes, size);
     free(bytes);
     part->fetched = result.code == RESULT_OK;

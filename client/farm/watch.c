@@ -27,9 +27,12 @@ static void take_status(watch_t *watch, const Lm__JobStatus *status)
             log_warning("%s", watch->message);
         }
     }
-    if (status->settings == NULL) return;
-    watch->width = (int32_t)status->settings->width;
-    watch->height = (int32_t)status->settings->height;
+    job_settings_t settings;
+    if (status->settings == NULL || wire_settings_get(status->settings, &settings).code != RESULT_OK) return;
+    watch->width = settings.width;
+    watch->height = settings.height;
+    watch->save_at = settings.save_at;
+    watch->saved = status->saved;
 }
 
 /* Tells, once each time, that the master does not answer, and that it does again. */
@@ -54,6 +57,24 @@ static void show_news(watch_t *watch)
     log_warning("%s", text);
 }
 
+/* Fetches what was kept since the last poll. A file that cannot be written does not end the job: that is told
+ * at the end. */
+static void take_saves(watch_t *watch)
+{
+    for (uint32_t i = 0; i < watch->save_at.count && watch->save_at.spp[i] <= watch->saved; i++) {
+        uint32_t spp = watch->save_at.spp[i];
+        if (spp <= watch->taken) continue;
+        output_t output = output_at(watch->saves, spp);
+        progress_erase(watch->progress);
+        result_t result = watch_deliver_at(watch, spp, &output, watch->quiet);
+        output_free(&output);
+        watch->taken = spp;
+        if (result.code == RESULT_OK) continue;
+        log_warning("%s", result.message);
+        if (watch->missed.code == RESULT_OK) watch->missed = result;
+    }
+}
+
 result_t watch_poll(watch_t *watch)
 {
     show_news(watch);
@@ -67,13 +88,15 @@ result_t watch_poll(watch_t *watch)
     progress_job(watch->progress, status);
     wire_free(&message);
     display_tell(watch->display, watch->samples_done, watch->final);
+    if (watch->saves != NULL) take_saves(watch);
     return result_ok();
 }
 
-result_t watch_wait(watch_t *watch)
+/* Polls until the job is over, or has kept an image at `spp` samples a pixel. */
+static result_t wait_until(watch_t *watch, uint32_t spp)
 {
     interrupt_catch();
-    while (!watch->final) {
+    while (!watch->final && watch->saved < spp) {
         result_t result = watch_poll(watch);
         if (interrupt_seen())
             return result_fail(RESULT_CANCELLED,
@@ -83,13 +106,32 @@ result_t watch_wait(watch_t *watch)
     return result_ok();
 }
 
-/* Fetches the image; a patient watch begins again when the master goes away meanwhile. */
-static result_t fetch_image(const watch_t *watch, bool half, uint8_t **bytes, size_t *size)
+result_t watch_wait(watch_t *watch)
 {
+    return wait_until(watch, UINT32_MAX);
+}
+
+/* Fetches the image; a patient watch begins again when the master goes away meanwhile. */
+static result_t fetch_image(const watch_t *watch, uint32_t at, bool half, uint8_t **bytes, size_t *size)
+{
+    const image_wish_t wish = {.job = watch->job, .at = at, .half = half};
     result_t result;
-    do result = remote_fetch_image(watch->remote, watch->job, half, bytes, size);
+    do result = remote_fetch_image(watch->remote, &wish, bytes, size);
     while (watch->patient && result.code == RESULT_UNREACHABLE && !interrupt_seen());
     return result;
+}
+
+static void say_names(const watch_t *watch, const output_t *output)
+{
+    printf("wrote %s%s%s: %d x %d", output->path, output->png ? " and " : "", output->png ? output->png : "",
+           watch->width, watch->height);
+}
+
+static void say_noise(double noise)
+{
+    if (noise >= 0) printf(", noise %.2g%%", 100 * noise);
+    printf("\n");
+    fflush(stdout);
 }
 
 /* "wrote a.exr: 128 x 128, 64.0 spp, 1.05 M samples in 8.2 s (128 k samples/s), noise 3.1%" */
@@ -100,11 +142,39 @@ static void say_written(const watch_t *watch, const output_t *output, double noi
     format_duration(watch->elapsed, duration);
     format_count(watch->elapsed > 0 ? (double)watch->samples_done / watch->elapsed : 0, rate);
     double pixels = (double)watch->width * (double)watch->height;
-    printf("wrote %s%s%s: %d x %d, %.4g spp, %s samples in %s (%s samples/s)", output->path,
-           output->png ? " and " : "", output->png ? output->png : "", watch->width, watch->height,
+    say_names(watch, output);
+    printf(", %.4g spp, %s samples in %s (%s samples/s)",
            pixels > 0 ? (double)watch->samples_done / pixels : 0, samples, duration, rate);
-    if (noise >= 0) printf(", noise %.2g%%", 100 * noise);
-    printf("\n");
+    say_noise(noise);
+}
+
+result_t watch_deliver_at(const watch_t *watch, uint32_t spp, const output_t *output, bool quiet)
+{
+    uint8_t *bytes;
+    size_t size;
+    double noise;
+    TRY(fetch_image(watch, spp, output->half, &bytes, &size));
+    result_t result = output_write(output, bytes, size, &noise);
+    free(bytes);
+    if (result.code != RESULT_OK || quiet) return result;
+    say_names(watch, output);
+    printf(", %u spp", spp);
+    say_noise(noise);
+    return result;
+}
+
+/* Tells when the job ended before all images came that were to be kept, and gives the failure of one that
+ * came. */
+static result_t close_saves(const watch_t *watch)
+{
+    if (watch->saves == NULL) return result_ok();
+    for (uint32_t i = 0; i < watch->save_at.count; i++) {
+        if (watch->save_at.spp[i] <= watch->saved) continue;
+        log_warning("the job ended before %u samples a pixel: there is no image at %u", watch->save_at.spp[i],
+                    watch->save_at.spp[i]);
+        break;
+    }
+    return watch->missed;
 }
 
 result_t watch_deliver(const watch_t *watch, const output_t *output, bool quiet)
@@ -119,11 +189,11 @@ result_t watch_deliver(const watch_t *watch, const output_t *output, bool quiet)
     uint8_t *bytes;
     size_t size;
     double noise;
-    TRY(fetch_image(watch, output->half, &bytes, &size));
+    TRY(fetch_image(watch, 0, output->half, &bytes, &size));
     result_t result = output_write(output, bytes, size, &noise);
     free(bytes);
     if (result.code == RESULT_OK && !quiet) say_written(watch, output, noise);
-    return result;
+    return result.code == RESULT_OK ? close_saves(watch) : result;
 }
 
 void watch_tell(const watch_t *watch, const tell_t *tell, const char *image, const char *message)
@@ -143,10 +213,22 @@ void watch_tell(const watch_t *watch, const tell_t *tell, const char *image, con
     free(path);
 }
 
-result_t watch_to_end(remote_t *remote, uint64_t job, const output_t *output, const tell_t *tell, bool quiet)
+result_t watch_to_milestone(remote_t *remote, uint64_t job, uint32_t spp, const output_t *output, bool quiet)
 {
     progress_t progress = progress_start(quiet);
     watch_t watch = {.remote = remote, .job = job, .progress = &progress, .patient = true};
+    result_t result = wait_until(&watch, spp);
+    progress_end(&progress);
+    TRY(result);
+    return watch_deliver_at(&watch, spp, output, quiet);
+}
+
+result_t watch_to_end(remote_t *remote, uint64_t job, const output_t *output, bool saves, const tell_t *tell,
+                      bool quiet)
+{
+    progress_t progress = progress_start(quiet);
+    watch_t watch = {.remote = remote, .job = job, .progress = &progress, .patient = true, .quiet = quiet};
+    if (saves) watch.saves = output;
     result_t result = watch_wait(&watch);
     progress_end(&progress);
     TRY(result);

@@ -39,6 +39,34 @@ void output_name(output_t *output, const char *scene, bool strategies)
     if (strategies && output->png == NULL && !output_is_png(output->path)) output->png = output->own_png;
 }
 
+/* "a.exr" at 16 is "a-0016.exr": with four digits at least, so that files sort by samples. */
+static char *path_at(const char *path, uint32_t spp)
+{
+    const char *slash = strrchr(path, '/'), *dot = strrchr(slash != NULL ? slash : path, '.');
+    size_t stem = dot != NULL ? (size_t)(dot - path) : strlen(path);
+    return mem_printf("%.*s-%04u%s", (int)stem, path, spp, path + stem);
+}
+
+output_t output_at(const output_t *output, uint32_t spp)
+{
+    output_t at = *output;
+    at.path = at.own_path = path_at(output->path, spp);
+    at.own_png = NULL;
+    if (output->png != NULL) at.png = at.own_png = path_at(output->png, spp);
+    return at;
+}
+
+result_t output_check_saves(const output_t *output, const save_at_t *save_at)
+{
+    result_t result = result_ok();
+    for (uint32_t i = 0; i < save_at->count && result.code == RESULT_OK; i++) {
+        output_t at = output_at(output, save_at->spp[i]);
+        result = output_check(&at);
+        output_free(&at);
+    }
+    return result;
+}
+
 void output_free(output_t *output)
 {
     free(output->own_path);

@@ -26,6 +26,36 @@ result_t job_number_parse(const char *text, uint64_t *job)
     return result_ok();
 }
 
+/* Reads one of the numbers of --save-at; *text moves behind it, and behind the comma when a number follows.
+ */
+static bool read_count(const char **text, uint32_t *count)
+{
+    char *end;
+    errno = 0;
+    unsigned long value = strtoul(*text, &end, 10);
+    if (!isdigit((unsigned char)**text) || errno != 0 || value < 1 || value > JOB_MAX_SPP) return false;
+    *count = (uint32_t)value;
+    *text = end[0] == ',' && end[1] != '\0' ? end + 1 : end;
+    return *text > end || *end == '\0';
+}
+
+static result_t parse_save_at(const option_t *option, const char *text, void *field)
+{
+    save_at_t *save_at = field;
+    *save_at = (save_at_t){.count = 0};
+    for (const char *rest = text; *rest != '\0' || save_at->count == 0;) {
+        uint32_t last = save_at->count > 0 ? save_at->spp[save_at->count - 1] : 0;
+        if (save_at->count == JOB_MAX_SAVES)
+            return result_fail(RESULT_USAGE, "--%s takes at most %d numbers", option->name, JOB_MAX_SAVES);
+        if (!read_count(&rest, &save_at->spp[save_at->count]) || save_at->spp[save_at->count] <= last)
+            return result_fail(RESULT_USAGE,
+                               "--%s takes rising numbers of samples, such as 16,64,256, not '%.100s'",
+                               option->name, text);
+        save_at->count++;
+    }
+    return result_ok();
+}
+
 static result_t parse_resolution(const option_t *option, const char *text, void *field)
 {
     overrides_t *overrides = field;
@@ -61,6 +91,10 @@ static const option_t rows[] = {
               "and --time whichever comes first"),
     OPTION(overrides_t, adaptive, "adaptive", NULL,
            "more samples where there is more noise; --spp is their mean"),
+    OPTION_BY(
+        parse_save_at, overrides_t, save_at, "save-at", "N,N,...",
+        "keep the images at these numbers of samples a pixel too, each the same as that of --spp N; they go "
+        "beside the image: a.exr, a-0016.exr, ..."),
     OPTION_BY(option_choice, overrides_t, integrator, "integrator", "NAME", "bdpt, path or light",
               .choices = integrator_names),
     OPTION(overrides_t, max_depth, "max-depth", "N", "longest path: N + 1 segments, as pbrt counts",
@@ -91,6 +125,17 @@ overrides_t overrides_none(void)
     return (overrides_t){.max_depth = -1, .film_scale = -1};
 }
 
+/* Images at more samples than the job is to have would never come. */
+static result_t check_reached(const job_settings_t *settings)
+{
+    const save_at_t *save_at = &settings->save_at;
+    if (save_at->count == 0 || save_at->spp[save_at->count - 1] <= settings->spp) return result_ok();
+    uint32_t last = save_at->spp[save_at->count - 1];
+    return result_fail(RESULT_USAGE,
+                       "--save-at %u is beyond the %u samples a pixel of the job: use --spp %u or more", last,
+                       settings->spp, last);
+}
+
 result_t overrides_apply(const overrides_t *overrides, const scene_blob_t *blob, job_settings_t *settings)
 {
     *settings = blob_default_settings(blob);
@@ -108,6 +153,8 @@ result_t overrides_apply(const overrides_t *overrides, const scene_blob_t *blob,
     settings->adaptive = overrides->adaptive;
     if (overrides->time_limit > 0 || overrides->error > 0) settings->spp = JOB_MAX_SPP;
     if (overrides->spp > 0) settings->spp = overrides->spp;
+    settings->save_at = overrides->save_at;
+    TRY(check_reached(settings));
     if (overrides->no_layers) settings->features = false;
     settings->film_scale = blob_film_scale(blob);
     /* Samples that count JOB_MEAN_BOOST times in the mean take two bits of the sums. */

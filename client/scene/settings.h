@@ -21,6 +21,7 @@ typedef struct {
     uint32_t spp;
     double time_limit, error;
     bool adaptive;
+    save_at_t save_at;
     int32_t tile_size;
     int32_t film_scale; /* -1: as the scene needs it */
     bool no_layers;

@@ -376,7 +376,9 @@ job_t *farm_next_finished(farm_t *farm)
     job_t *found = NULL;
     farm_lock(farm);
     for (size_t i = 0; i < farm->job_count && found == NULL; i++)
-        if (farm->jobs[i]->image == IMAGE_DUE && is_settled(farm->jobs[i])) found = farm->jobs[i];
+        if (farm->jobs[i]->image == IMAGE_DUE && farm->jobs[i]->milestone == IMAGE_NONE &&
+            is_settled(farm->jobs[i]))
+            found = farm->jobs[i];
     if (found != NULL) {
         found->image = IMAGE_WRITING;
         found->pins++;

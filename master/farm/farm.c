@@ -5,9 +5,10 @@
  * none.
  *
  * This file has the farm itself, its notices and its clock; workers.c the workers and take.c what they are
- * given, shares.c whose turn it is, jobs.c the life of a job, orders.c what clients want done, report.c what
- * they are told, news.c what the operator is, errors.c how good the images are, keep.c what outlives the
- * process, batches.c what is delivered and the images made of it. They share parts.h and state.h.
+ * given, shares.c whose turn it is, jobs.c the life of a job, milestones.c images that are kept on the way,
+ * orders.c what clients want done, report.c what they are told, news.c what the operator is, errors.c how
+ * good the images are, keep.c what outlives the process, batches.c what is delivered and the images made of
+ * it. They share parts.h and state.h.
  *
  * Jobs live in an array of pointers in the order of submission; a job that a server or the image writer works
  * on is pinned and cannot be forgotten meanwhile. */
@@ -104,6 +105,7 @@ void farm_tick(farm_t *farm, double now)
         job_t *job = farm->jobs[i];
         if (time_is_up(job, now)) farm_job_cut_short(farm, now, job, JOB_DONE);
         if (job->flush_until > 0 && now >= job->flush_until) farm_job_flush_end(farm, now, job);
+        farm_milestone_tick(farm, now, job);
         if (job->image == IMAGE_FAILED && now >= job->image_retry) {
             job->image = IMAGE_DUE;
             wake_up(farm->options.image_wake);

@@ -235,6 +235,12 @@ uint64_t farm_job_id(const job_t *job);
 /* Pins a job that has all its samples and whose image is to be written or, if it failed, whose film is to be
  * freed; NULL when there is none. */
 job_t *farm_next_finished(farm_t *farm);
+/* Pins a job whose film stands at a milestone (job_settings_t.save_at), *spp samples a pixel, that an image
+ * is to be written of; NULL when there is none. It comes before the job's last image. */
+job_t *farm_next_milestone(farm_t *farm, uint32_t *spp);
+/* That image was written to `path`: the job goes on. Or it could not be: the job waits, and it is given out
+ * again after a while. */
+void farm_milestone_written(farm_t *farm, double now, job_t *job, result_t written, const char *path);
 /* Resolves the sums so far; the caller frees the image. RESULT_INPUT when nothing has been rendered yet, or
  * when the job is over and its image is in its file. */
 result_t farm_resolve(farm_t *farm, double now, job_t *job, film_image_t *image, job_report_t *report);

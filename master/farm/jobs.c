@@ -33,6 +33,8 @@
  *              any but written         given up: the job is cancelled once more after a failure
  *              any         none        the job goes on (extend, a film was loaded)
  *
+ *     milestone  as the image: none, due, writing, failed, due, and none when it is written (milestones.c)
+ *
  *     save     done        due         a batch is merged, or taken out; a checkpoint could not be written
  *              due         done        a snapshot of the film is open
  *              any         off         the job fails, or is given up
@@ -112,6 +114,7 @@ void farm_job_install(farm_t *farm, double now, job_t *job, film_t *film, schedu
     job->save = SAVE_DONE;
     job->write = WRITE_IDLE;
     job->declines = 0;
+    farm_milestone_installed(job);
     farm_job_joins(farm, job);
     job->rate_time[0] = job->rate_time[1] = now;
     job->rate_samples[0] = job->rate_samples[1] = job->kept.samples_done;
@@ -253,7 +256,7 @@ void farm_job_progress(farm_t *farm, double now, job_t *job)
 {
     job->pins++;
     while (job->film == FILM_OPEN && job->merging == 0 && !job->planning &&
-           schedule_round_counted(job->schedule) && !trust_pending(job)) {
+           schedule_round_counted(job->schedule) && !trust_pending(job) && !farm_milestone_waits(farm, job)) {
         if (job_is_planned(&job->kept.settings))
             plan_round(farm, now, job);
         else
@@ -295,6 +298,7 @@ void farm_job_close(farm_t *farm, double now, job_t *job, job_state_t outcome)
     }
     job->image = IMAGE_DUE;
     job->image_failures = 0;
+    farm_milestone_closed(job, outcome);
     farm_record_changed(farm, job);
     wake_up(farm->options.image_wake);
     wake_up(farm->options.checkpoint_wake);
@@ -373,6 +377,7 @@ static void put_away(farm_t *farm, job_t *job)
 void farm_job_settle(farm_t *farm, job_t *job)
 {
     if (job->film == FILM_OPEN || job->merging > 0 || job_is_saving(job) || job->planning) return;
+    if (job->milestone != IMAGE_NONE) return;
     bool ends = job->image == IMAGE_WRITTEN || job->image == IMAGE_GIVEN_UP;
     if (job->kept.state == JOB_FINISHING && ends) {
         if (job->save == SAVE_DUE && farm->options.checkpoint_wake >= 0) return;

@@ -165,6 +165,7 @@ static void begin_anew(farm_t *farm, double now, job_t *job)
     job->kept.counts = (film_counts_t){0};
     job->kept.error = 0;
     farm_job_cut_history(farm, job);
+    job->kept.saved = 0;
     if (job->kept.state == JOB_FINISHING && job->kept.outcome != JOB_DONE)
         farm_job_close(farm, now, job, job->kept.outcome);
     else if (job->kept.state == JOB_FINISHING)

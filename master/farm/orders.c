@@ -78,6 +78,7 @@ static void give_up(farm_t *farm, job_t *job)
     if (job->remark[0] != '\0') farm_job_tell(farm, job, "%s", job->remark);
     if (job->image != IMAGE_WRITTEN) job->image = IMAGE_GIVEN_UP;
     job->save = SAVE_OFF;
+    farm_milestone_give_up(job);
     farm_job_settle(farm, job);
 }
 

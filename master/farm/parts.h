@@ -1,6 +1,6 @@
 /* parts: what the files of this folder have for one another. Each calls those before it alone: shares, jobs
- * and errors, workers, take, report, news, batches; then keep, orders and farm. All is called under the
- * farm's lock. */
+ * with errors and milestones, workers, take, report, news, batches; then keep, orders and farm. All is called
+ * under the farm's lock. */
 #ifndef LIGHTMILL_FARM_PARTS_H
 #define LIGHTMILL_FARM_PARTS_H
 
@@ -71,6 +71,20 @@ void farm_job_note_error(farm_t *farm, double now, job_t *job, uint64_t samples,
 void farm_note_image_error(farm_t *farm, double now, job_t *job, double error);
 /* The job has fewer samples than before: its history ends with them. */
 void farm_job_cut_history(farm_t *farm, job_t *job);
+
+/* ---- milestones.c ---- */
+
+/* The round of a job is counted: true when nothing goes on before an image is on the disk, which is seen to.
+ */
+bool farm_milestone_waits(farm_t *farm, job_t *job);
+/* The job got its schedule: images of earlier rounds are there. */
+void farm_milestone_installed(job_t *job);
+/* The job is closed: an image that is due is tried once, of one that fails not at all. */
+void farm_milestone_closed(job_t *job, job_state_t outcome);
+/* The job's end does not wait for the image. */
+void farm_milestone_give_up(job_t *job);
+/* Time passes. */
+void farm_milestone_tick(farm_t *farm, double now, job_t *job);
 
 /* ---- workers.c ---- */
 

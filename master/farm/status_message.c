@@ -20,6 +20,7 @@ static void fill_progress(const job_report_t *report, Lm__JobStatus *status)
     status->elapsed = report->record.elapsed;
     status->remaining = report->remaining;
     status->error = report->error;
+    status->saved = report->record.saved;
     status->checkpoint_age = report->checkpoint_age;
     status->submitted = report->record.submitted;
     status->ended = report->record.finished;

@@ -338,7 +338,7 @@ static uint32_t fitting_threads(const farm_t *farm, const job_t *job)
 static void remark_job(const farm_t *farm, double now, job_t *job)
 {
     size_t used = 0;
-    if (job->film != FILM_OPEN) return;
+    if (job->film != FILM_OPEN || job->milestone == IMAGE_FAILED) return;
     job->remark[0] = '\0';
     if (job->kept.state == JOB_PAUSED) return;
     if (fitting_threads(farm, job) == 0) {

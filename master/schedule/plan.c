@@ -12,6 +12,8 @@
  *
  * The prediction uses one number of the whole image, so that it can hardly favour any pixel's noise.
  *
+ * A job that only keeps images at its milestones goes from one to the next.
+ *
  * How an adaptive round is spread: the error falls by sum_t v_t / m_t, where v_t is the squared eye noise of
  * a tile and one sample a pixel, and the round costs sum_t p_t m_t, with p_t pixels a tile. Doubling m_t
  * reduces the first by v_t / (2 m_t) and costs p_t m_t: the gain for each pixel sample falls with every
@@ -62,8 +64,8 @@ static uint32_t least_samples(const job_settings_t *settings, const plan_round_t
     return least;
 }
 
-/* The total after the next round, at most `cap`. */
-static uint32_t next_total(const job_settings_t *settings, uint32_t total, uint32_t cap, double error)
+/* The total after the next round, at most `cap`, of a job that goes on for its noise. */
+static uint32_t noise_total(const job_settings_t *settings, uint32_t total, uint32_t cap, double error)
 {
     double growth = most_growth;
     if (settings->error > 0) {
@@ -76,12 +78,26 @@ static uint32_t next_total(const job_settings_t *settings, uint32_t total, uint3
     return more < (double)(cap - total) ? total + (uint32_t)more : cap;
 }
 
+/* A round that is to end with `total` samples ends at the milestone before, where there is one. */
+static uint32_t milestone_or(const job_settings_t *settings, uint32_t counted, uint32_t total)
+{
+    uint32_t milestone = job_next_milestone(settings, counted);
+    return milestone < total ? milestone : total;
+}
+
+/* The total after the next round, at most `cap`. */
+static uint32_t next_total(const job_settings_t *settings, uint32_t total, uint32_t cap, double error)
+{
+    uint32_t goal = job_follows_noise(settings) ? noise_total(settings, total, cap, error) : cap;
+    return milestone_or(settings, total, goal);
+}
+
 /* The first round's samples. In an adaptive job all others are multiples of ROUND_UNIT, which is the reason
  * why this one takes what the cap has over. */
 static uint32_t first_total(const job_settings_t *settings, uint32_t cap)
 {
     uint32_t first = settings->adaptive ? FIRST_ROUND + cap % ROUND_UNIT : FIRST_ROUND;
-    return first < cap ? first : cap;
+    return milestone_or(settings, 0, first < cap && job_follows_noise(settings) ? first : cap);
 }
 
 /* ---- where --------------------------------------------------------------------------------------------- */
@@ -170,7 +186,7 @@ plan_verdict_t plan_next(const job_settings_t *settings, uint32_t round_count, c
         return PLAN_ROUND;
     }
     double *noise = mem_zalloc(job_tile_count(settings), sizeof *noise);
-    double estimate = film_noise(film, noise);
+    double estimate = job_follows_noise(settings) ? film_noise(film, noise) : INFINITY;
     uint32_t total = settings->adaptive ? mean_samples(settings, film) : least_samples(settings, last);
     if (isfinite(estimate)) *error = estimate;
     bool done = total >= cap || (settings->error > 0 && estimate <= settings->error);

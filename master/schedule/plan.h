@@ -1,8 +1,12 @@
-/* plan: how many samples each tile gets, round by round, for jobs that stop at an error or follow the noise.
+/* plan: how many samples each tile gets, round by round, for jobs that stop at an error, follow the noise, or
+ * keep images at sample counts.
  *
  * A round is counted whole before the next is planned, from the film alone. So a decision depends on nothing
  * but the samples counted at a fixed point: the same job makes the same decisions on any farm, in any order,
  * after any number of restarts.
+ *
+ * A round ends at the next milestone of the job (job_settings_t.save_at), if it would go beyond: when it is
+ * counted, the film holds what that of a job with so many samples holds, and nothing else.
  *
  * In an adaptive job a round of base n gives a tile m * n samples, m a power of two up to JOB_MAX_BOOST, each
  * of which weighs JOB_MAX_BOOST / m: so every pixel gets the same weight from every round. The multiples are
@@ -29,7 +33,7 @@ typedef enum { PLAN_ROUND, PLAN_DONE } plan_verdict_t;
 /* Decides what comes after `round_count` counted rounds, of which `last` (NULL when there was none) is the
  * latest: fills `next`, or says that the job is done. The settings are those of a planned job
  * (job_is_planned). `film` holds exactly what was counted; it may be NULL before the first round. *error is
- * the estimated relative error so far (film_noise), 0 when not known. */
+ * the estimated relative error so far (film_noise), 0 when not known or of no use. */
 plan_verdict_t plan_next(const job_settings_t *settings, uint32_t round_count, const plan_round_t *last,
                          const film_t *film, plan_round_t *next, double *error);
 

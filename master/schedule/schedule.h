@@ -65,9 +65,10 @@ enum { SCHEDULE_MAX_ROUNDS = 1000 };
  * ends[t] is at least the tile's present end. */
 void schedule_open_round(schedule_t *schedule, const uint32_t *ends, const uint32_t *weights);
 /* A job is to go on beyond its end, or to end elsewhere: spp, error and time_limit are taken from `settings`,
- * whose other fields are the job's. If it is not planned, its latest round then ends at spp; if it is,
- * nothing is opened, but a round without end (it was to be ended by time) is cut to what has been handed out.
- * Where tiles have more samples already, settings->spp is raised to them. */
+ * whose other fields are the job's. If it does not follow the noise (job_follows_noise), its latest round
+ * then ends at spp, or at the milestone before; if it does, nothing is opened, but a round without end (it
+ * was to be ended by time) is cut to what has been handed out. Where tiles have more samples already,
+ * settings->spp is raised to them. */
 void schedule_extend(schedule_t *schedule, job_settings_t *settings);
 uint32_t schedule_round_count(const schedule_t *schedule);
 /* True when all samples of the open rounds are counted or skipped; true before the first round. */
@@ -75,6 +76,12 @@ bool schedule_round_counted(const schedule_t *schedule);
 /* The latest round's ends and weights, one for each tile; NULL before the first. */
 const uint32_t *schedule_round_ends(const schedule_t *schedule);
 const uint32_t *schedule_round_weights(const schedule_t *schedule);
+/* Where the latest round began, in samples; 0 when it is the first, or there is none. Of a job that is not
+ * adaptive. */
+uint32_t schedule_round_start(const schedule_t *schedule);
+/* The samples that every pixel has when the latest round is counted; 0 when tiles have different numbers, or
+ * there is no round. */
+uint32_t schedule_even_end(const schedule_t *schedule);
 /* How often a sample of the unit counts; units lie within one round. */
 uint32_t schedule_weight(const schedule_t *schedule, const unit_t *unit);
 

@@ -84,33 +84,46 @@ static void open_only_round(schedule_t *s)
     free(weights);
 }
 
+/* Where a tile's latest round begins. */
+static uint32_t round_start(const schedule_t *s, uint32_t tile)
+{
+    return s->round_count > 1 ? schedule_round_end(s, s->round_count - 2, tile) : 0;
+}
+
 /* Where the samples of a tile end that are counted, issued or skipped, or belong to an earlier round. */
 static uint32_t tile_reached(const schedule_t *s, uint32_t index)
 {
     const tile_t *tile = &s->tiles[index];
     uint32_t reached = tile->count > 0 ? tile->spans[tile->count - 1].end : 0;
-    uint32_t before = s->round_count > 1 ? schedule_round_end(s, s->round_count - 2, index) : 0;
+    uint32_t before = round_start(s, index);
     return reached > before ? reached : before;
 }
 
 /* Where the tile ends at least when a job is extended. */
-static uint32_t least_end(const schedule_t *s, uint32_t tile, bool planned)
+static uint32_t least_end(const schedule_t *s, uint32_t tile, bool keeps_round)
 {
     uint32_t end = schedule_tile_end(s, tile);
-    return planned && end < JOB_MAX_SPP ? end : tile_reached(s, tile);
+    return keeps_round && end < JOB_MAX_SPP ? end : tile_reached(s, tile);
+}
+
+/* Where a tile's latest round ends when it may be moved: at spp, or at the milestone before. */
+static uint32_t moved_end(const schedule_t *s, uint32_t tile, const job_settings_t *settings)
+{
+    uint32_t milestone = job_next_milestone(settings, round_start(s, tile));
+    return milestone < settings->spp ? milestone : settings->spp;
 }
 
 void schedule_extend(schedule_t *s, job_settings_t *settings)
 {
-    bool planned = job_is_planned(settings);
+    bool keeps_round = job_follows_noise(settings);
     uint32_t boost = settings->adaptive ? JOB_MAX_BOOST : 1;
-    if (s->round_count == 0 && !planned) open_only_round(s);
+    if (s->round_count == 0 && !job_is_planned(settings)) open_only_round(s);
     for (uint32_t t = 0; s->round_count > 0 && t < s->tile_count; t++) {
-        uint32_t spp = (least_end(s, t, planned) + boost - 1) / boost;
+        uint32_t spp = (least_end(s, t, keeps_round) + boost - 1) / boost;
         if (settings->spp < spp) settings->spp = spp;
     }
     for (uint32_t t = 0; s->round_count > 0 && t < s->tile_count; t++) {
-        uint32_t end = planned ? least_end(s, t, planned) : settings->spp;
+        uint32_t end = keeps_round ? least_end(s, t, keeps_round) : moved_end(s, t, settings);
         if (end != schedule_tile_end(s, t)) move_end(s, t, end);
     }
     s->settings.spp = settings->spp;
@@ -136,6 +149,19 @@ const uint32_t *schedule_round_ends(const schedule_t *s)
 const uint32_t *schedule_round_weights(const schedule_t *s)
 {
     return s->round_count == 0 ? NULL : s->weights + (size_t)(s->round_count - 1) * s->tile_count;
+}
+
+uint32_t schedule_round_start(const schedule_t *s)
+{
+    return round_start(s, 0);
+}
+
+uint32_t schedule_even_end(const schedule_t *s)
+{
+    uint32_t end = schedule_tile_end(s, 0);
+    for (uint32_t t = 1; t < s->tile_count; t++)
+        if (schedule_tile_end(s, t) != end) return 0;
+    return end;
 }
 
 uint32_t schedule_weight(const schedule_t *s, const unit_t *unit)

@@ -97,8 +97,12 @@ struct job {
     job_record_t kept;
     job_film_t film;
     job_image_t image;
-    uint32_t image_failures; /* attempts to write it that failed, one after the other */
-    double image_retry;      /* seconds, when to try again: IMAGE_FAILED */
+    uint32_t image_failures;    /* attempts to write it that failed, one after the other */
+    double image_retry;         /* seconds, when to try again: IMAGE_FAILED */
+    job_image_t milestone;      /* the image of the milestone that the film stands at (farm/milestones.c) */
+    uint32_t milestone_spp;     /* which one; the next three while there is one */
+    uint64_t milestone_version; /* kept.batches when it was taken up */
+    double milestone_retry;     /* seconds, likewise */
     job_save_t save;
     job_write_t write;
     bool scene_due;         /* its scene has to be looked at: it may be damaged */

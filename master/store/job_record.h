@@ -24,6 +24,7 @@ typedef struct {
     uint64_t samples_done; /* pixel samples; with the next three for the status of a job without a film */
     schedule_account_t account; /* as it was when nothing was out */
     film_counts_t counts;       /* of the film */
+    uint32_t saved;             /* samples a pixel of the last milestone whose image is written; 0: none */
     double error;               /* estimated relative error at the last fixed point; 0: not known */
     char message[500];
     job_state_t news; /* of which the operator is still to be told; 0: none (master/farm/news.c) */

@@ -43,6 +43,7 @@ void record_put(const job_record_t *record, record_message_t *out)
     m->account = &out->account;
     m->counts = &out->counts;
     m->error = record->error;
+    m->saved = record->saved;
     m->message = (char *)record->message;
     m->news = (uint32_t)record->news;
 }
@@ -107,6 +108,7 @@ result_t record_get(const Lm__JobRecord *m, job_record_t *record)
                                                .skipped = m->account->skipped};
     wire_counts_get(m->counts, &record->counts);
     record->error = m->error;
+    record->saved = m->saved;
     snprintf(record->message, sizeof record->message, "%s", m->message);
     record->news = (job_state_t)m->news;
     return result_ok();

@@ -1,10 +1,10 @@
 /* image_writer: see image_writer.h.
  *
  * DESIGN. The thread sleeps on the farm's eventfd, which image_writer_ask writes as well. Woken, it first
- * sees to jobs that are over, then to requests. A snapshot is identified by what it shows (job, number of
- * batches merged, half or float), so that people who watch one job share one file. The final image of a job
- * is a snapshot too, whose file is not deleted with it; as halves it is made from the float file, since the
- * film is gone. */
+ * sees to jobs that are over or stand at a milestone, then to requests. A snapshot is identified by what it
+ * shows (job, number of batches merged, half or float), so that people who watch one job share one file. The
+ * final image of a job is a snapshot too, whose file is not deleted with it; as halves it is made from the
+ * float file, since the film is gone. */
 #include "master/threads/image_writer.h"
 
 #include "common/film/picture.h"
@@ -29,6 +29,7 @@ typedef struct {
     uint64_t id; /* random; 0: vacant */
     uint64_t job, version;
     bool over, half;
+    uint32_t at; /* image_request_t.at */
     char *path;
     bool keep; /* the file stays when the snapshot goes */
     uint64_t size;
@@ -59,6 +60,35 @@ char *image_writer_image_path(const char *data_dir, uint64_t job)
     return mem_printf("%s/job-%llu.exr", data_dir, (unsigned long long)job);
 }
 
+static char *milestone_path(const char *data_dir, uint64_t job, uint32_t spp)
+{
+    return mem_printf("%s/job-%llu-at-%u.exr", data_dir, (unsigned long long)job, spp);
+}
+
+/* True for the name of the last image of a job, or of a milestone's. */
+static bool is_image_of(const char *name, uint64_t job)
+{
+    unsigned long long number;
+    unsigned spp;
+    int end = 0;
+    if (sscanf(name, "job-%15llu%n", &number, &end) != 1 || number != job) return false;
+    if (strcmp(name + end, ".exr") == 0) return true;
+    name += end;
+    end = 0;
+    return sscanf(name, "-at-%10u.exr%n", &spp, &end) == 1 && end > 0 && name[end] == '\0';
+}
+
+void image_writer_delete(const char *data_dir, uint64_t job)
+{
+    DIR *directory = opendir(data_dir);
+    if (directory == NULL) log_warning("cannot look for images in %s: %s", data_dir, strerror(errno));
+    for (const struct dirent *entry; directory != NULL && (entry = readdir(directory)) != NULL;)
+        if (is_image_of(entry->d_name, job) && unlinkat(dirfd(directory), entry->d_name, 0) != 0 &&
+            errno != ENOENT)
+            log_warning("cannot delete %s/%s: %s", data_dir, entry->d_name, strerror(errno));
+    if (directory != NULL) closedir(directory);
+}
+
 uint64_t image_writer_last_job(const char *data_dir)
 {
     uint64_t last = 0;
@@ -73,8 +103,18 @@ uint64_t image_writer_last_job(const char *data_dir)
 
 /* ---- writing images ------------------------------------------------------------------------------------ */
 
-/* Resolves the film as it is now and writes it. */
-static result_t write_film(image_writer_t *image_writer, job_t *job, const char *path, bool half)
+/* The settings of a job that ends at a milestone. */
+static void end_at(job_settings_t *settings, uint32_t spp)
+{
+    settings->spp = spp;
+    settings->time_limit = settings->error = 0;
+    settings->save_at.count = 0;
+}
+
+/* Resolves the film as it is now and writes it. `milestone`: the samples a pixel that it stands at; 0: none.
+ */
+static result_t write_film(image_writer_t *image_writer, job_t *job, const char *path, uint32_t milestone,
+                           bool half)
 {
     film_image_t film = {0};
     job_report_t report;
@@ -87,6 +127,7 @@ static result_t write_film(image_writer_t *image_writer, job_t *job, const char 
                            .wall_seconds = report.record.elapsed,
                            .bits = report.record.fingerprint,
                            .note = report.record.message};
+    if (milestone > 0) end_at(&meta.settings, milestone);
     result_t result = picture_write_exr(path, &film, &meta, half);
     film_image_free(&film);
     return result;
@@ -129,15 +170,26 @@ static result_t write_halves(const char *from, const char *path)
     return result;
 }
 
-/* Writes a job's last image; on a full disk, films of jobs that are over make room for it. */
-static result_t write_last(image_writer_t *image_writer, job_t *job, const char *path)
+/* Writes an image that is to stay; on a full disk, films of jobs that are over make room for it. */
+static result_t write_kept(image_writer_t *image_writer, job_t *job, const char *path, uint32_t milestone)
 {
     checkpointer_t *checkpointer = image_writer->options.checkpointer;
-    result_t result = write_film(image_writer, job, path, false);
+    result_t result = write_film(image_writer, job, path, milestone, false);
     if (result.code != RESULT_IO || checkpointer == NULL) return result;
     job_settings_t settings = farm_job_settings(image_writer->options.farm, job);
     uint64_t bytes = (uint64_t)settings.width * (uint64_t)settings.height * PIXEL_BYTES;
-    return checkpointer_make_room(checkpointer, bytes) ? write_film(image_writer, job, path, false) : result;
+    return checkpointer_make_room(checkpointer, bytes) ? write_film(image_writer, job, path, milestone, false)
+                                                       : result;
+}
+
+static void save_milestone(image_writer_t *image_writer, job_t *job, uint32_t spp)
+{
+    farm_t *farm = image_writer->options.farm;
+    char *path = milestone_path(image_writer->data_dir, farm_job_id(job), spp);
+    result_t result = write_kept(image_writer, job, path, spp);
+    farm_milestone_written(farm, clock_now(), job, result, path);
+    farm_unpin(farm, job);
+    free(path);
 }
 
 static void finish_job(image_writer_t *image_writer, job_t *job)
@@ -149,7 +201,7 @@ static void finish_job(image_writer_t *image_writer, job_t *job)
     char *path = NULL;
     if (!failed && batches > 0) {
         path = image_writer_image_path(image_writer->data_dir, farm_job_id(job));
-        result = write_last(image_writer, job, path);
+        result = write_kept(image_writer, job, path, 0);
     }
     if (result.code == RESULT_INPUT) { /* nothing of it is left, so there is nothing to show */
         log_warning("%s", result.message);
@@ -197,7 +249,7 @@ static snapshot_t *snapshot_find(image_writer_t *image_writer, const snapshot_t 
     for (size_t i = 0; i < IMAGE_WRITER_MAX_SNAPSHOTS; i++) {
         snapshot_t *s = &image_writer->snapshots[i];
         if (s->id != 0 && s->job == like->job && s->version == like->version && s->half == like->half &&
-            s->over == like->over)
+            s->over == like->over && s->at == like->at)
             return s;
     }
     return NULL;
@@ -205,19 +257,34 @@ static snapshot_t *snapshot_find(image_writer_t *image_writer, const snapshot_t 
 
 /* ---- requests ------------------------------------------------------------------------------------------ */
 
+/* Why there is no file that a snapshot is to be made from. */
+static result_t no_image(const image_writer_t *image_writer, const job_t *job, const snapshot_t *snapshot)
+{
+    unsigned long long number = snapshot->job;
+    if (snapshot->at == 0) return result_fail(RESULT_INPUT, "job %llu has no image", number);
+    job_settings_t settings = farm_job_settings(image_writer->options.farm, job);
+    if (job_next_milestone(&settings, snapshot->at - 1) == snapshot->at)
+        return result_fail(RESULT_INPUT, "job %llu has no image at %u samples a pixel yet", number,
+                           snapshot->at);
+    return result_fail(RESULT_INPUT,
+                       "job %llu keeps no image at %u samples a pixel: submit it with --save-at %u", number,
+                       snapshot->at, snapshot->at);
+}
+
 /* Writes the file of a snapshot and fills in its path. */
 static result_t take_snapshot(image_writer_t *image_writer, job_t *job, snapshot_t *snapshot)
 {
-    char *final = image_writer_image_path(image_writer->data_dir, snapshot->job);
+    char *final = snapshot->at > 0 ? milestone_path(image_writer->data_dir, snapshot->job, snapshot->at)
+                                   : image_writer_image_path(image_writer->data_dir, snapshot->job);
     snapshot->keep = snapshot->over && !snapshot->half;
     snapshot->path = snapshot->keep ? mem_strdup(final)
                                     : mem_printf("%s/snapshots/%016llx.exr", image_writer->data_dir,
                                                  (unsigned long long)snapshot->id);
     result_t result = result_ok();
     if (!snapshot->over)
-        result = write_film(image_writer, job, snapshot->path, snapshot->half);
+        result = write_film(image_writer, job, snapshot->path, 0, snapshot->half);
     else if (access(final, R_OK) != 0)
-        result = result_fail(RESULT_INPUT, "job %llu has no image", (unsigned long long)snapshot->job);
+        result = no_image(image_writer, job, snapshot);
     else if (snapshot->half)
         result = write_halves(final, snapshot->path);
     free(final);
@@ -232,8 +299,8 @@ static result_t take_snapshot(image_writer_t *image_writer, job_t *job, snapshot
 static result_t serve_request(image_writer_t *image_writer, job_t *job, const image_request_t *request,
                               uint64_t *id)
 {
-    snapshot_t wanted = {.job = request->job, .half = request->half};
-    wanted.version = farm_image_version(image_writer->options.farm, job, &wanted.over);
+    snapshot_t wanted = {.job = request->job, .half = request->half, .at = request->at, .over = true};
+    if (request->at == 0) wanted.version = farm_image_version(image_writer->options.farm, job, &wanted.over);
     pthread_mutex_lock(&image_writer->lock);
     snapshot_t *found = snapshot_find(image_writer, &wanted);
     if (found != NULL) {
@@ -295,10 +362,19 @@ static bool is_asked(image_writer_t *image_writer)
     return asked;
 }
 
-static void serve_finished(image_writer_t *image_writer)
+/* Images of milestones first: a job that waits for both gives out the other then. */
+static void serve_farm(image_writer_t *image_writer)
 {
-    for (job_t *job; (job = farm_next_finished(image_writer->options.farm)) != NULL;)
-        finish_job(image_writer, job);
+    farm_t *farm = image_writer->options.farm;
+    uint32_t spp;
+    for (job_t *job;;) {
+        if ((job = farm_next_milestone(farm, &spp)) != NULL)
+            save_milestone(image_writer, job, spp);
+        else if ((job = farm_next_finished(farm)) != NULL)
+            finish_job(image_writer, job);
+        else
+            break;
+    }
 }
 
 /* Estimates the errors that are due, as long as nobody waits for an image. */
@@ -309,7 +385,7 @@ static void estimate_errors(image_writer_t *image_writer)
                      (job = farm_next_estimate(farm, clock_now())) != NULL;) {
         farm_estimate(farm, clock_now(), job);
         farm_unpin(farm, job);
-        serve_finished(image_writer);
+        serve_farm(image_writer);
     }
 }
 
@@ -319,18 +395,18 @@ static void *image_writer_run(void *argument)
     prctl(PR_SET_NAME, "lm-image_writer");
     while (!atomic_load(&image_writer->stop)) {
         wake_wait(image_writer->options.image_wake, 1000);
-        serve_finished(image_writer);
+        serve_farm(image_writer);
         for (image_request_t request;
              !atomic_load(&image_writer->stop) && next_request(image_writer, &request);) {
             answer_request(image_writer, &request);
-            serve_finished(image_writer);
+            serve_farm(image_writer);
         }
         estimate_errors(image_writer);
         pthread_mutex_lock(&image_writer->lock);
         drop_old(image_writer, clock_now());
         pthread_mutex_unlock(&image_writer->lock);
     }
-    serve_finished(image_writer);
+    serve_farm(image_writer);
     return NULL;
 }
 

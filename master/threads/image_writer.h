@@ -1,10 +1,11 @@
 /* image_writer: the thread that makes OpenEXR files of films, for finished jobs and for clients that ask
  * meanwhile. In between it estimates the errors of jobs.
  *
- * A finished job's image is DATA/job-<number>.exr and stays. A client gets a snapshot: a file in
- * DATA/snapshots that is deleted a while after its last use. There are at most IMAGE_WRITER_MAX_SNAPSHOTS. To
- * resolve and compress a large film takes seconds; in a thread of its own it delays neither heartbeats nor
- * batches.
+ * A finished job's image is DATA/job-<number>.exr and stays, and so do the images of its milestones
+ * (job_settings_t.save_at), DATA/job-<number>-at-<samples>.exr, until the job is deleted. A client gets a
+ * snapshot: a file in DATA/snapshots that is deleted a while after its last use. There are at most
+ * IMAGE_WRITER_MAX_SNAPSHOTS. To resolve and compress a large film takes seconds; in a thread of its own it
+ * delays neither heartbeats nor batches.
  *
  * Thread-safe.
  */
@@ -42,6 +43,7 @@ typedef struct {
     uint64_t request;
     uint64_t job;
     bool half;
+    uint32_t at; /* samples a pixel of a milestone; 0: the image as it is now */
     uint64_t offset;
     uint32_t length;
 } image_request_t;
@@ -61,6 +63,8 @@ result_t image_writer_read(image_writer_t *image_writer, uint64_t snapshot, uint
 
 /* The path of a job's final image, in fresh memory. */
 char *image_writer_image_path(const char *data_dir, uint64_t job);
+/* Deletes a job's images; what cannot be deleted is complained of. */
+void image_writer_delete(const char *data_dir, uint64_t job);
 /* The highest number of a job whose final image lies in the directory, 0 for none. */
 uint64_t image_writer_last_job(const char *data_dir);
 

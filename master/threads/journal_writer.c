@@ -13,7 +13,6 @@
 #include "master/threads/image_writer.h"
 
 #include <assert.h>
-#include <errno.h>
 #include <pthread.h>
 #include <stdatomic.h>
 #include <stdio.h>
@@ -54,9 +53,7 @@ static void delete_files(journal_writer_t *journal_writer, uint64_t job)
 {
     if (journal_writer->options.checkpointer != NULL)
         checkpointer_delete(journal_writer->options.checkpointer, job);
-    char *image = image_writer_image_path(journal_writer->data_dir, job);
-    if (unlink(image) != 0 && errno != ENOENT) log_warning("cannot delete %s: %s", image, strerror(errno));
-    free(image);
+    image_writer_delete(journal_writer->data_dir, job);
 }
 
 /* A job that is over does without its scene, unless it is retained. */
@@ -226,7 +223,8 @@ static void serve(journal_writer_t *journal_writer, const journal_writer_request
     journal_writer_answer_t answer = {.identity = request->identity,
                                       .request = request->request,
                                       .kind = request->kind,
-                                      .job = request->order.job};
+                                      .job = request->order.job,
+                                      .save_at = request->settings.save_at.count};
     if (request->kind == JOURNAL_WRITER_SUBMIT)
         answer.result = submit(journal_writer, request, &answer.job);
     else

@@ -21,6 +21,10 @@ static void put_settings(json_t *object, const Lm__Settings *message)
     put_real(object, "time_limit", settings.time_limit);
     put_real(object, "error_target", settings.error);
     put_flag(object, "adaptive", settings.adaptive);
+    json_t *save_at = json_array();
+    for (uint32_t i = 0; i < settings.save_at.count; i++)
+        json_array_append_new(save_at, json_integer(settings.save_at.spp[i]));
+    json_object_set_new(object, "save_at", save_at);
     put_flag(object, "layers", settings.features);
     if (settings.strategy_t == 0) return;
     put_count(object, "strategy_s", (uint64_t)settings.strategy_s);
@@ -68,6 +72,7 @@ json_t *status_json_job(const Lm__JobStatus *job)
     put_real(object, "elapsed", job->elapsed);
     put_real(object, "remaining", job->remaining);
     put_real(object, "error", job->error);
+    put_count(object, "saved", job->saved);
     put_real(object, "checkpoint_age", job->checkpoint_age);
     put_real(object, "submitted", job->submitted);
     put_real(object, "ended", job->ended);

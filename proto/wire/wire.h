@@ -139,7 +139,7 @@ ProtobufCAllocator wire_allocator(size_t *budget);
 
 /* Settings, units and counts to and from their messages. From a message everything is checked
  * (job_settings_check, job_unit_valid, WIRE_MAX_UNITS); the message of a failure says which field is wrong.
- */
+ * A message of settings points to the list in `from`. */
 void wire_settings_put(const job_settings_t *from, Lm__Settings *to);
 result_t wire_settings_get(const Lm__Settings *from, job_settings_t *to);
 /* `name` is not part of the message; a missing message gives the defaults. */

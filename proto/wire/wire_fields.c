@@ -59,6 +59,19 @@ const char *wire_rights_name(unsigned rights)
 void wire_settings_put(const job_settings_t *from, Lm__Settings *to)
 {
     SETTINGS(COPY);
+    to->n_save_at = from->save_at.count;
+    to->save_at = (uint32_t *)from->save_at.spp;
+}
+
+/* job_settings_check looks at the counts themselves. */
+static result_t get_save_at(const Lm__Settings *from, save_at_t *to)
+{
+    if (from->n_save_at > JOB_MAX_SAVES)
+        return result_fail(RESULT_PROTOCOL, "%zu sample counts to save images at, the limit is %d",
+                           from->n_save_at, JOB_MAX_SAVES);
+    to->count = (uint32_t)from->n_save_at;
+    for (uint32_t i = 0; i < to->count; i++) to->spp[i] = from->save_at[i];
+    return result_ok();
 }
 
 result_t wire_settings_get(const Lm__Settings *from, job_settings_t *to)
@@ -71,6 +84,7 @@ result_t wire_settings_get(const Lm__Settings *from, job_settings_t *to)
 #undef CHECK
     *to = (job_settings_t){0};
     SETTINGS(COPY);
+    TRY(get_save_at(from, &to->save_at));
     return job_settings_check(to);
 }
 

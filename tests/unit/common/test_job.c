@@ -230,6 +230,35 @@ static void strategies_are_checked(void **state)
     assert_refused(strategy_of(0, 0, 8), "unweighted");
 }
 
+static job_settings_t saved_at(uint32_t count, uint32_t a, uint32_t b)
+{
+    job_settings_t settings = settings_of(70, 40, 32);
+    settings.save_at = (save_at_t){count, {a, b}};
+    return settings;
+}
+
+static void milestones_are_checked(void **state)
+{
+    (void)state;
+    job_settings_t settings = saved_at(2, 16, JOB_MAX_SPP);
+    assert_int_equal(job_settings_check(&settings).code, RESULT_OK);
+    assert_true(job_is_planned(&settings) && !job_follows_noise(&settings));
+    assert_int_equal(job_next_milestone(&settings, 0), 16);
+    assert_int_equal(job_next_milestone(&settings, 15), 16);
+    assert_int_equal(job_next_milestone(&settings, 16), JOB_MAX_SPP);
+    assert_int_equal(job_next_milestone(&settings, JOB_MAX_SPP), JOB_MAX_SPP + 1);
+    settings.error = 0.1;
+    assert_int_equal(job_settings_check(&settings).code, RESULT_OK);
+    settings.adaptive = true;
+    assert_refused(settings, "without --adaptive");
+    assert_refused(saved_at(2, 16, 16), "must rise");
+    assert_refused(saved_at(2, 16, 3), "must rise");
+    assert_refused(saved_at(2, 0, 3), "from 1 to");
+    assert_refused(saved_at(2, 16, JOB_MAX_SPP + 1), "from 1 to");
+    assert_refused(saved_at(JOB_MAX_SAVES + 1, 16, 32), "from 0 to 64");
+    assert_refused(saved_at(UINT32_MAX, 16, 32), "from 0 to 64");
+}
+
 static void every_kind_has_its_name(void **state)
 {
     (void)state;
@@ -251,6 +280,7 @@ int main(void)
                                        cmocka_unit_test(halves_count_even_and_odd_samples),
                                        cmocka_unit_test(settings_are_checked),
                                        cmocka_unit_test(strategies_are_checked),
+                                       cmocka_unit_test(milestones_are_checked),
                                        cmocka_unit_test(every_kind_has_its_name)};
     return cmocka_run_group_tests_name("job", tests, NULL, NULL);
 }

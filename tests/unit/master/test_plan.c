@@ -142,6 +142,45 @@ static void spp_is_the_cap(void **state)
     }
 }
 
+/* The ends of the rounds of a job, up to 10. */
+static uint32_t ends_of(const job_settings_t *settings, uint32_t ends[10])
+{
+    double noise[MAX_TILES];
+    fill(noise, 1);
+    run_t run = run_begin(settings);
+    while (run.rounds < 10 && run_plan(&run) == PLAN_ROUND) {
+        for (uint32_t t = 0; t < run.tiles; t++) {
+            assert_int_equal(run.next_ends[t], run.next_ends[0]);
+            assert_int_equal(run.next_weights[t], 1);
+        }
+        ends[run.rounds] = run.next_ends[0];
+        run_count(&run, noise);
+    }
+    run_end(&run);
+    return run.rounds;
+}
+
+static void rounds_end_at_milestones(void **state)
+{
+    (void)state;
+    uint32_t ends[10];
+    job_settings_t settings = job_of(40, 24, 100);
+    settings.save_at = (save_at_t){3, {7, 16, 300}};
+    assert_int_equal(ends_of(&settings, ends), 3);
+    assert_memory_equal(ends, ((uint32_t[]){7, 16, 100}), 3 * sizeof *ends);
+    settings.spp = 300;
+    assert_int_equal(ends_of(&settings, ends), 3);
+    assert_memory_equal(ends, ((uint32_t[]){7, 16, 300}), 3 * sizeof *ends);
+    settings.spp = JOB_MAX_SPP; /* time ends it */
+    assert_int_equal(ends_of(&settings, ends), 4);
+    assert_memory_equal(ends, ((uint32_t[]){7, 16, 300, JOB_MAX_SPP}), 4 * sizeof *ends);
+    settings.error = 0.001;
+    settings.spp = 64;
+    settings.save_at = (save_at_t){2, {20, 33}};
+    assert_int_equal(ends_of(&settings, ends), 4);
+    assert_memory_equal(ends, ((uint32_t[]){16, 20, 33, 64}), 4 * sizeof *ends);
+}
+
 static void a_black_image_goes_on(void **state)
 {
     (void)state;
@@ -402,6 +441,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {cmocka_unit_test(an_error_is_reached_in_few_rounds),
                                        cmocka_unit_test(spp_is_the_cap),
+                                       cmocka_unit_test(rounds_end_at_milestones),
                                        cmocka_unit_test(a_black_image_goes_on),
                                        cmocka_unit_test(tiles_that_lag_catch_up),
                                        cmocka_unit_test(every_round_weighs_the_same_everywhere),

@@ -361,6 +361,43 @@ static void an_older_state_is_extended(void **state)
     schedule_state_free(&s);
 }
 
+/* Whatever comes between, a round ends at the next milestone, and at the new goal when that is nearer. */
+static void milestones_outlive_extensions_and_restarts(void **state)
+{
+    (void)state;
+    job_settings_t settings = small_job(100);
+    settings.save_at = (save_at_t){2, {4, 50}};
+    schedule_t *schedule = schedule_new(&settings), *again;
+    assert_int_equal(schedule_round_count(schedule), 0);
+    schedule_open_round(schedule, ends_a, ones);
+    assert_int_equal(schedule_even_end(schedule), 4);
+    assert_int_equal(schedule_round_start(schedule), 0);
+    settings.spp = 200;
+    schedule_extend(schedule, &settings);
+    assert_int_equal(schedule_even_end(schedule), 4);
+    for (uint32_t t = 0; t < TILES; t++)
+        assert_int_equal(schedule_accept(schedule, &(unit_t){t, 0, 4}, 1).code, RESULT_OK);
+    const uint32_t ends[TILES] = {50, 50, 50, 50, 50, 50};
+    schedule_open_round(schedule, ends, ones);
+    assert_int_equal(schedule_round_start(schedule), 4);
+    assert_int_equal(schedule_accept(schedule, &(unit_t){1, 4, 6}, 1).code, RESULT_OK);
+    schedule_state_t s;
+    schedule_save(schedule, &s);
+    schedule_destroy(&schedule);
+    assert_int_equal(schedule_restore(&settings, &s, &again).code, RESULT_OK);
+    assert_int_equal(schedule_even_end(again), 50);
+    schedule_destroy(&again);
+    settings.spp = 20; /* a job that was cancelled is to end sooner */
+    assert_int_equal(schedule_restore(&settings, &s, &again).code, RESULT_OK);
+    assert_int_equal(settings.spp, 20);
+    assert_int_equal(schedule_even_end(again), 20);
+    settings.spp = 60;
+    schedule_extend(again, &settings);
+    assert_int_equal(schedule_even_end(again), 50);
+    schedule_destroy(&again);
+    schedule_state_free(&s);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -374,6 +411,7 @@ int main(void)
         cmocka_unit_test(random_damage_is_refused_or_harmless),
         cmocka_unit_test(what_was_out_is_returned),
         cmocka_unit_test(an_older_state_is_extended),
+        cmocka_unit_test(milestones_outlive_extensions_and_restarts),
     };
     return cmocka_run_group_tests_name("rounds", tests, NULL, NULL);
 }

@@ -471,6 +471,7 @@ static void settings_units_and_counts_are_checked(void **state)
         settings.unweighted = on;
         settings.error = 0.25 * on;
         settings.adaptive = on;
+        settings.save_at = on ? (save_at_t){.count = 0} : (save_at_t){2, {16, JOB_MAX_SPP}};
         Lm__Settings there = LM__SETTINGS__INIT, back = LM__SETTINGS__INIT;
         wire_settings_put(&settings, &there);
         assert_int_equal(wire_settings_get(&there, &got).code, RESULT_OK);
@@ -479,6 +480,7 @@ static void settings_units_and_counts_are_checked(void **state)
         assert_int_equal(got.strategy_t, 2 * on);
         assert_int_equal(got.unweighted, on);
         assert_true(got.error == 0.25 * on && got.adaptive == (on == 1));
+        assert_memory_equal(&got.save_at, &settings.save_at, sizeof got.save_at);
         wire_settings_put(&got, &back);
         uint8_t bytes[2][256]; /* the structures have padding, the messages have none */
         assert_true(lm__settings__get_packed_size(&there) <= sizeof bytes[0]);
@@ -507,6 +509,18 @@ static void settings_units_and_counts_are_checked(void **state)
     assert_int_not_equal(wire_settings_get(NULL, &got).code, RESULT_OK);
 
     settings.adaptive = false;
+    uint32_t save_at[JOB_MAX_SAVES + 1];
+    for (uint32_t i = 0; i <= JOB_MAX_SAVES; i++) save_at[i] = i + 1;
+    wire_settings_put(&settings, &message);
+    message.save_at = save_at;
+    message.n_save_at = JOB_MAX_SAVES;
+    assert_int_equal(wire_settings_get(&message, &got).code, RESULT_OK);
+    message.n_save_at++;
+    assert_int_equal(wire_settings_get(&message, &got).code, RESULT_PROTOCOL);
+    message.n_save_at = 2;
+    save_at[1] = UINT32_MAX;
+    assert_int_not_equal(wire_settings_get(&message, &got).code, RESULT_OK);
+
     const unit_t good[] = {{0, 0, 64}, {5, 63, 1}},
                  bad[] = {{0, 0, 0}, {1 << 30, 0, 1}, {0, 1, 64}, {0, UINT32_MAX, 2}};
     unit_t out[2];
