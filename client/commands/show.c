@@ -53,11 +53,9 @@ static result_t start(const values_t *values, watch_t *watch)
 
 static result_t show(const values_t *values, watch_t *watch)
 {
-    progress_t progress = progress_start(values->quiet);
-    watch->progress = &progress;
     TRY(start(values, watch));
     result_t result = watch_wait(watch);
-    progress_end(&progress);
+    progress_end(watch->progress);
     TRY(result);
     if (watch->state == JOB_FAILED) return result_fail(RESULT_LIMIT, "the job failed: %s", watch->message);
     if (watch->samples_done == 0)
@@ -68,7 +66,8 @@ static result_t show(const values_t *values, watch_t *watch)
 static result_t run(const call_t *call)
 {
     const values_t *values = call->values;
-    watch_t watch = {.patient = true};
+    progress_t progress = progress_start(values->quiet);
+    watch_t watch = {.progress = &progress, .patient = true};
     log_init("lightmill", values->quiet ? LOG_ERROR : LOG_WARNING);
     TRY(job_number_parse(call->arguments[0], &watch.job));
     TRY(display_open(values->viewer, &watch.display));
