@@ -41,17 +41,45 @@ void http_reply_no_job(http_request_t *request, uint64_t job)
     http_reply_problem(request, MHD_HTTP_NOT_FOUND, detail);
 }
 
-static void show_job(http_request_t *request)
+void http_reply_job(http_request_t *request, uint64_t job)
 {
     size_t count;
     uint32_t workers;
-    job_report_t *report =
-        farm_report(request->master->farm, clock_now(), request->numbers[0], &count, &workers);
+    job_report_t *report = farm_report(request->master->farm, clock_now(), job, &count, &workers);
     if (report == NULL)
-        http_reply_no_job(request, request->numbers[0]);
+        http_reply_no_job(request, job);
     else
         http_reply_json(request, MHD_HTTP_OK, job_object(report));
     free(report);
+}
+
+static void show_job(http_request_t *request)
+{
+    http_reply_job(request, request->numbers[0]);
+}
+
+/* How the error fell: an empty list before the first estimate. */
+static void show_history(http_request_t *request)
+{
+    size_t count;
+    job_t *job = farm_pin(request->master->farm, request->numbers[0]);
+    if (job == NULL) {
+        http_reply_no_job(request, request->numbers[0]);
+        return;
+    }
+    farm_unpin(request->master->farm, job);
+    error_point_t *points = farm_job_history(request->master->farm, request->numbers[0], &count);
+    json_t *root = json_object(), *list = json_array();
+    for (size_t i = 0; i < count; i++) {
+        json_t *point = json_object();
+        put_real(point, "seconds", points[i].elapsed);
+        put_count(point, "samples", points[i].samples);
+        put_real(point, "error", points[i].error);
+        json_array_append_new(list, point);
+    }
+    json_object_set_new(root, "points", list);
+    free(points);
+    http_reply_json(request, MHD_HTTP_OK, root);
 }
 
 /* ---- workers ------------------------------------------------------------------------------------------- */
@@ -154,6 +182,7 @@ static void show_demand(http_request_t *request)
 
 static const http_route_t routes[] = {{"GET", "/api/v1/jobs", HTTP_VIEW, list_jobs},
                                       {"GET", "/api/v1/jobs/#", HTTP_VIEW, show_job},
+                                      {"GET", "/api/v1/jobs/#/history", HTTP_VIEW, show_history},
                                       {"GET", "/api/v1/workers", HTTP_VIEW, list_workers},
                                       {"GET", "/api/v1/farm", HTTP_VIEW, show_farm},
                                       {"GET", "/api/v1/demand", HTTP_VIEW, show_demand}};

@@ -310,6 +310,116 @@ static void workers_are_wanted_while_there_is_work(void **state)
     assert_int_equal(wanted(t), 0);
 }
 
+/* ---- orders -------------------------------------------------------------------------------------------- */
+
+/* Posts an order to the job; returns the status. */
+static int post(http_test_t *t, uint64_t job, const char *what, const char *token, const char *body)
+{
+    char *path = mem_printf("/api/v1/jobs/%llu/%s", (unsigned long long)job, what);
+    int got = status(t, "POST", path, token, body);
+    free(path);
+    return got;
+}
+
+/* The job's state as clients of the other sockets see it. */
+static uint32_t state_of(http_test_t *t, uint64_t job)
+{
+    wire_message_t message;
+    uint32_t got = peer_status(t->peer, job, &message)->state;
+    wire_free(&message);
+    return got;
+}
+
+static void orders_need_the_token_to_operate(void **state)
+{
+    http_test_t *t = *state;
+    uint64_t job = submit(t);
+    assert_int_equal(post(t, job, "pause", NULL, NULL), 401);
+    assert_int_equal(post(t, job, "pause", t->tokens.view, NULL), 403);
+    assert_int_equal(status(t, "DELETE", "/api/v1/jobs/1", t->tokens.view, NULL), 403);
+    assert_int_equal(state_of(t, job), JOB_QUEUED);
+    char *lines = mem_printf("Host: localhost\r\nOrigin: http://evil.example\r\nAuthorization: Bearer %s\r\n",
+                             t->tokens.operate);
+    assert_int_equal(http_status_of(http_ask_raw(t->port, "POST", "/api/v1/jobs/1/pause", lines, "")), 403);
+    assert_int_equal(state_of(t, job), JOB_QUEUED);
+    free(lines);
+}
+
+static void orders_are_carried_out(void **state)
+{
+    http_test_t *t = *state;
+    uint64_t job = submit(t);
+    const char *token = t->tokens.operate;
+    json_t *root = http_json_of(http_ask(t->port, "POST", "/api/v1/jobs/1/pause", token, NULL), 200);
+    assert_int_equal(job, 1);
+    assert_string_equal(text_of(root, "state"), "paused");
+    json_decref(root);
+    assert_int_equal(state_of(t, job), JOB_PAUSED);
+    assert_int_equal(post(t, job, "pause", token, NULL), 409);
+    assert_int_equal(post(t, job, "resume", token, "{}"), 200);
+    assert_int_equal(state_of(t, job), JOB_QUEUED);
+    assert_int_equal(post(t, job, "extend", token, "{\"spp\": 64}"), 200);
+    assert_int_equal(post(t, job, "priority", token, "{\"priority\": -7}"), 200);
+    assert_int_equal(post(t, job, "retain", token, NULL), 200);
+    root = http_json_of(http_ask(t->port, "GET", "/api/v1/jobs/1", token, NULL), 200);
+    assert_int_equal(count_of(root, "spp"), 64);
+    assert_int_equal(count_of(root, "priority"), -7);
+    assert_true(json_is_true(json_object_get(root, "retained")));
+    json_decref(root);
+    assert_int_equal(status(t, "DELETE", "/api/v1/jobs/1", token, NULL), 409); /* it is not over */
+    assert_int_equal(post(t, job, "cancel", token, NULL), 200);
+    peer_wait(t->peer, job, 5);
+    assert_int_equal(status(t, "DELETE", "/api/v1/jobs/1", token, NULL), 204);
+    assert_int_equal(status(t, "GET", "/api/v1/jobs/1", token, NULL), 404);
+    assert_int_equal(post(t, job, "pause", token, NULL), 404);
+}
+
+static void wrong_orders_are_refused(void **state)
+{
+    http_test_t *t = *state;
+    uint64_t job = submit(t);
+    static const char *const bodies[] = {
+        "{\"spp\": 0}",      "{\"spp\": 1.5}", "{\"spp\": \"64\"}", "{\"error\": -1}",
+        "{\"samples\": 64}", "[64]",           "{\"spp\": 64",      "{}",
+        "\xff\xfe",          "{\"spp\": 1e99}"};
+    for (size_t i = 0; i < ARRAY_LENGTH(bodies); i++) {
+        int got = post(t, job, "extend", t->tokens.operate, bodies[i]);
+        if (got != 400 && got != 409) fail_msg("%s: %d", bodies[i], got);
+    }
+    assert_int_equal(post(t, job, "priority", t->tokens.operate, NULL), 400);
+    assert_int_equal(post(t, job, "priority", t->tokens.operate, "{\"priority\": 1001}"), 400);
+    assert_int_equal(post(t, job, "pause", t->tokens.operate, "{\"spp\": 1}"), 400);
+    assert_int_equal(post(t, job, "burn", t->tokens.operate, NULL), 404);
+    assert_int_equal(status(t, "GET", "/api/v1/jobs/1/pause", t->tokens.operate, NULL), 405);
+    json_t *root = http_json_of(http_ask(t->port, "GET", "/api/v1/jobs/1", t->tokens.view, NULL), 200);
+    assert_int_equal(count_of(root, "spp"), 8);
+    json_decref(root);
+}
+
+/* What the API ordered outlives the process. */
+static void orders_are_durable(void **state)
+{
+    http_test_t *t = *state;
+    uint64_t job = submit(t);
+    assert_int_equal(post(t, job, "pause", t->tokens.operate, NULL), 200);
+    peer_destroy(&t->peer);
+    assert_int_equal(master_stop(&t->master).code, RESULT_OK);
+    begin(t);
+    t->peer = peer_new(master_control_port(t->master));
+    assert_int_equal(state_of(t, job), JOB_PAUSED);
+}
+
+static void the_error_has_a_history(void **state)
+{
+    http_test_t *t = *state;
+    submit(t);
+    json_t *root =
+        http_json_of(http_ask(t->port, "GET", "/api/v1/jobs/1/history", t->tokens.view, NULL), 200);
+    assert_int_equal(json_array_size(json_object_get(root, "points")), 0);
+    json_decref(root);
+    assert_int_equal(status(t, "GET", "/api/v1/jobs/2/history", t->tokens.view, NULL), 404);
+}
+
 /* ---- bad requests -------------------------------------------------------------------------------------- */
 
 static void large_bodies_and_headers_are_refused(void **state)
@@ -369,6 +479,11 @@ int main(void)
         TEST(the_page_is_served_without_a_token),
         TEST(jobs_and_workers_are_told),
         TEST(workers_are_wanted_while_there_is_work),
+        TEST(orders_need_the_token_to_operate),
+        TEST(orders_are_carried_out),
+        TEST(wrong_orders_are_refused),
+        TEST(orders_are_durable),
+        TEST(the_error_has_a_history),
         TEST(large_bodies_and_headers_are_refused),
         TEST(garbage_does_not_hurt),
     };
