@@ -41,6 +41,8 @@ archive     = $(BUILD)/lib/lib$(1).a
 PROGRAMS := $(BUILD)/lightmill $(BUILD)/lightmill-master $(BUILD)/lightmill-worker $(BUILD)/lightmill-relay
 TEST_SRC := $(sort $(shell find tests/unit -name "*.c" 2>/dev/null) $(wildcard tests/statistics/*.c tests/farm/*.c))
 TESTS    := $(patsubst tests/%.c,$(BUILD)/tests/%,$(filter tests/%,$(shell grep -l '^int main' $(TEST_SRC) /dev/null 2>/dev/null)))
+# Not of C: the page in a browser.
+TESTS    += $(BUILD)/tests/page/test_page
 
 all: $(PROGRAMS)
 
@@ -103,6 +105,11 @@ $(BUILD)/tests/unit/tests/test_proxy: $(call objects,tests/chaos/proxy.c tests/c
 CHAOS := $(BUILD)/tests/chaos/chaos $(BUILD)/tests/chaos/world.so $(PROGRAMS)
 $(BUILD)/tests/farm/test_chaos: $(call objects,tests/chaos/process.c tests/chaos/world.c) | $(CHAOS)
 $(BUILD)/tests/chaos/chaos: $(call objects,$(filter-out %/world_preload.c,$(wildcard tests/chaos/*.c tests/chaos/*/*.c)))
+
+$(BUILD)/tests/page/test_page: tests/page/test_page.sh tests/page/install.sh docker/packages.txt
+	$(Q)tests/page/install.sh $(BUILD)/page
+	@mkdir -p $(@D)
+	$(Q)install -m 755 $< $@
 
 # Loaded into programs of a chaos run, never linked.
 $(BUILD)/tests/chaos/world.so: tests/chaos/world_preload.c

@@ -7,6 +7,8 @@ missing=
 for stage in "$@"; do
     for package in $(sed -n "s/^$stage  *//p" "$list"); do
         status=$(dpkg-query -W -f='${db:Status-Status}' "$package" 2>/dev/null || true)
+        # Builds of Node beside Debian's bring npm along, and conflict with its package.
+        [ "$package" != npm ] || ! command -v npm >/dev/null || status=installed
         [ "$status" = installed ] || missing="$missing $package"
     done
 done

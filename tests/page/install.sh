@@ -1,0 +1,17 @@
+#!/bin/sh
+# Installs what drives the page in a browser: Debian's browser, and two packages of npm into a folder. Does nothing, and
+# needs no network, when all is there. The versions are fixed, so that a test does not change by itself.
+#
+# usage: tests/page/install.sh FOLDER      from the top of the tree
+set -eu
+folder=$1
+docker/install-packages.sh page
+missing=
+for package in playwright-core@1.65.1 axe-core@4.14.1; do
+    grep -qs "^ *\"version\": \"${package#*@}\"" "$folder/node_modules/${package%@*}/package.json" ||
+        missing="$missing $package"
+done
+[ -n "$missing" ] || exit 0
+mkdir -p "$folder"
+# shellcheck disable=SC2086  # a list of words
+npm install --prefix "$folder" --no-save --no-audit --no-fund --ignore-scripts --loglevel error $missing
