@@ -54,6 +54,16 @@ static void cancel(rig_t *rig, uint64_t job)
     assert_int_equal(remote_cancel(rig->remote, job).code, RESULT_OK);
 }
 
+/* A command that is wrong: it ends with exit code 1, and says this. */
+static void assert_refused(rig_t *rig, const char *const *arguments, const char *why)
+{
+    pid_t process = rig_start_command(rig, arguments);
+    assert_int_equal(rig_wait_exit(rig, process, PATIENCE), 1);
+    char *text = rig_output(rig, process);
+    if (strstr(text, why) == NULL) fail_msg("not \"%s\" but: %s", why, text);
+    free(text);
+}
+
 /* The JSON at the end of a text. */
 static json_t *json_of(const char *text)
 {
@@ -240,6 +250,37 @@ static void render_tells_where_its_image_is(void **state)
     free(image);
 }
 
+/* Ctrl-C ends the render; its image so far is written, and told of. */
+static void an_interrupted_render_tells_that_it_is_cancelled(void **state)
+{
+    rig_t *rig = *state;
+    char *image = scratch_path(rig->folder, "a.exr");
+    const char *const arguments[] = {"render",
+                                     "scenes/seed-hidden",
+                                     "--resolution",
+                                     "16x16",
+                                     "--time",
+                                     "100",
+                                     "-o",
+                                     image,
+                                     "--notify",
+                                     "cat >$FOLDER/new; mv $FOLDER/new $FOLDER/told",
+                                     NULL};
+    pid_t process = rig_start_command(rig, arguments);
+    rig_wait_output(rig, process, "merged in");
+    kill(process, SIGINT);
+    assert_int_not_equal(rig_wait_exit(rig, process, PATIENCE), 0);
+    char *text = wait_file(rig, "told");
+    json_t *object = json_of(text);
+    assert_string_equal(string_of(object, "state"), "cancelled");
+    assert_string_equal(string_of(object, "message"), "interrupted");
+    assert_true(json_integer_value(json_object_get(object, "samples")) > 0);
+    assert_int_equal(access(string_of(object, "image"), R_OK), 0);
+    json_decref(object);
+    free(text);
+    free(image);
+}
+
 static void a_client_that_waits_tells_by_itself(void **state)
 {
     rig_t *rig = *state;
@@ -276,12 +317,17 @@ static void telling_without_waiting_is_refused(void **state)
     for (size_t i = 0; i < ARRAY_LENGTH(lines); i++) {
         const char *arguments[7] = {NULL};
         memcpy(arguments, lines[i], sizeof lines[i]);
-        pid_t process = rig_start_command(rig, arguments);
-        assert_int_equal(rig_wait_exit(rig, process, PATIENCE), 1);
-        char *text = rig_output(rig, process);
-        assert_non_null(strstr(text, "--notify needs --wait"));
-        free(text);
+        assert_refused(rig, arguments, "--notify needs --wait");
     }
+}
+
+static void what_cannot_be_told_is_refused(void **state)
+{
+    rig_t *rig = *state;
+    const char *const strategies[] = {"render", SCENE, "--strategies", "--notify", "true", NULL};
+    const char *const other_scheme[] = {"render", SCENE, "--notify", "ftp://example.org/x", NULL};
+    assert_refused(rig, strategies, "--notify tells of one job");
+    assert_refused(rig, other_scheme, "http:// and https:// only");
 }
 
 #define TEST(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
@@ -295,8 +341,10 @@ int main(void)
         TEST(a_lost_scene_is_told_of_once),
         TEST(the_environment_names_the_target_too),
         TEST(render_tells_where_its_image_is),
+        TEST(an_interrupted_render_tells_that_it_is_cancelled),
         TEST(a_client_that_waits_tells_by_itself),
         TEST(telling_without_waiting_is_refused),
+        TEST(what_cannot_be_told_is_refused),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
