@@ -180,10 +180,16 @@ static void show_demand(http_request_t *request)
     http_reply_json(request, MHD_HTTP_OK, root);
 }
 
+static void stream_events(http_request_t *request)
+{
+    http_events_answer(request->server->events, request);
+}
+
 static const http_route_t routes[] = {{"GET", "/api/v1/jobs", HTTP_VIEW, list_jobs},
                                       {"GET", "/api/v1/jobs/#", HTTP_VIEW, show_job},
                                       {"GET", "/api/v1/jobs/#/history", HTTP_VIEW, show_history},
                                       {"GET", "/api/v1/workers", HTTP_VIEW, list_workers},
                                       {"GET", "/api/v1/farm", HTTP_VIEW, show_farm},
-                                      {"GET", "/api/v1/demand", HTTP_VIEW, show_demand}};
+                                      {"GET", "/api/v1/demand", HTTP_VIEW, show_demand},
+                                      {"GET", "/api/v1/events", HTTP_VIEW, stream_events}};
 const http_table_t http_report_routes = {routes, ARRAY_LENGTH(routes)};

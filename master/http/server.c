@@ -232,6 +232,7 @@ static result_t start(http_server_t *server, const http_options_t *options, cons
     tiles_options_t tiles = {
         .farm = server->master.farm, .image_path = server->master.image_path, .data_dir = data_dir};
     TRY(tiles_start(&tiles, &server->tiles));
+    TRY(http_events_start(server->master.farm, &server->events));
     TRY(http_listen(options->listen, server->cert != NULL, &listening));
     server->listener = listening.socket;
     TRY(guard_init(&server->guard, bound_host(&listening.address), &options->hosts));
@@ -249,10 +250,12 @@ static result_t start(http_server_t *server, const http_options_t *options, cons
 /* Takes apart whatever was put together. */
 static void dismantle(http_server_t *server)
 {
+    http_events_end(server->events);
     if (server->daemon != NULL)
         MHD_stop_daemon(server->daemon); /* closes the listener */
     else if (server->listener >= 0)
         close(server->listener);
+    http_events_free(&server->events);
     tiles_stop(&server->tiles);
     if (server->url_path != NULL) unlink(server->url_path);
     if (server->key != NULL) sodium_memzero(server->key, strlen(server->key));

@@ -2,6 +2,7 @@
 #ifndef LIGHTMILL_HTTP_SERVER_STATE_H
 #define LIGHTMILL_HTTP_SERVER_STATE_H
 
+#include "master/http/events.h"
 #include "master/http/guard.h"
 #include "master/http/server.h"
 #include "master/http/tiles.h"
@@ -18,6 +19,7 @@ struct http_server {
     guard_t guard;
     http_tokens_t tokens;
     tiles_t *tiles;
+    http_events_t *events;
     double started;
     pthread_mutex_t lock; /* guards what follows */
     pthread_cond_t idle;  /* `waiting` has fallen */

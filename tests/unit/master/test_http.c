@@ -420,6 +420,114 @@ static void the_error_has_a_history(void **state)
     assert_int_equal(status(t, "GET", "/api/v1/jobs/2/history", t->tokens.view, NULL), 404);
 }
 
+/* ---- events -------------------------------------------------------------------------------------------- */
+
+/* Opens the stream of events; `last` is the Last-Event-ID, NULL: none. */
+static int listen_to(http_test_t *t, const char *last)
+{
+    char *bytes = mem_printf("GET /api/v1/events HTTP/1.1\r\nHost: localhost\r\nAuthorization: Bearer %s\r\n"
+                             "%s%s\r\n\r\n",
+                             t->tokens.view, last ? "Last-Event-ID: " : "X: x", last ? last : "");
+    int connection = http_open(t->port, bytes);
+    free(bytes);
+    return connection;
+}
+
+/* Waits for a text; fails the test without it. */
+static char *expect_text(int connection, const char *text)
+{
+    char *got = http_read_until(connection, text, 10);
+    if (got == NULL) fail_msg("'%s' has not come", text);
+    return got;
+}
+
+static void events_tell_what_happens(void **state)
+{
+    http_test_t *t = *state;
+    int stream = listen_to(t, NULL);
+    char *head = expect_text(stream, "retry:");
+    assert_non_null(strstr(head, "HTTP/1.1 200"));
+    assert_non_null(strstr(head, "text/event-stream"));
+    uint64_t job = submit(t);
+    char *text = expect_text(stream, "\"state\":\"queued\"");
+    assert_non_null(strstr(text, "event: job\ndata: {\"job\":1,"));
+    free(text);
+    peer_hello(t->peer, WIRE_VERSION, 1, NULL);
+    free(expect_text(stream, "\"what\":\"joined\""));
+    peer_goodbye(t->peer);
+    free(expect_text(stream, "\"what\":\"left\""));
+    assert_int_equal(post(t, job, "pause", t->tokens.operate, NULL), 200);
+    free(expect_text(stream, "\"state\":\"paused\""));
+    free(head);
+    close(stream);
+}
+
+static void a_reader_that_comes_back_loses_nothing(void **state)
+{
+    http_test_t *t = *state;
+    char id[64];
+    int stream = listen_to(t, NULL);
+    free(expect_text(stream, "retry:"));
+    uint64_t job = submit(t);
+    char *text = expect_text(stream, "\"queued\"");
+    assert_int_equal(sscanf(strstr(text, "id: "), "id: %63[^\n]", id), 1);
+    free(text);
+    close(stream);
+    assert_int_equal(post(t, job, "pause", t->tokens.operate, NULL), 200);
+    usleep(1500000); /* it is written while nobody listens */
+    assert_int_equal(post(t, job, "resume", t->tokens.operate, NULL), 200);
+    stream = listen_to(t, id);
+    text = expect_text(stream, "\"paused\"");
+    assert_null(strstr(text, "event: lost"));
+    free(text);
+    free(expect_text(stream, "\"queued\""));
+    close(stream);
+}
+
+/* The id of another life of the master, and one that never was. */
+static void who_has_lost_events_is_told(void **state)
+{
+    http_test_t *t = *state;
+    const char *const ids[] = {"01234567-1", "x", "01234567-99999999999999999999999"};
+    for (size_t i = 0; i < ARRAY_LENGTH(ids); i++) {
+        int stream = listen_to(t, ids[i]);
+        free(expect_text(stream, "event: lost\ndata: {}\n\n"));
+        close(stream);
+    }
+}
+
+/* A master that ends does not wait for those who listen. */
+static void streams_end_with_the_master(void **state)
+{
+    http_test_t *t = *state;
+    int streams[8];
+    for (size_t i = 0; i < ARRAY_LENGTH(streams); i++) streams[i] = listen_to(t, NULL);
+    for (size_t i = 0; i < ARRAY_LENGTH(streams); i += 2) free(expect_text(streams[i], "retry:"));
+    double start = clock_now();
+    peer_destroy(&t->peer);
+    assert_int_equal(master_stop(&t->master).code, RESULT_OK);
+    assert_true(clock_now() - start < 5);
+    assert_null(http_read_until(streams[0], "never", 5)); /* the end of the stream */
+    assert_true(clock_now() - start < 5);
+    for (size_t i = 0; i < ARRAY_LENGTH(streams); i++) close(streams[i]);
+    begin(t);
+    t->peer = peer_new(master_control_port(t->master));
+}
+
+static void streams_leave_room_for_others(void **state)
+{
+    http_test_t *t = *state;
+    int streams[128];
+    for (size_t i = 0; i < ARRAY_LENGTH(streams); i++)
+        streams[i] = listen_to(t, NULL); /* most are never read */
+    free(expect_text(streams[127], "retry:"));
+    int more = listen_to(t, NULL);
+    free(expect_text(more, "HTTP/1.1 503"));
+    assert_int_equal(status(t, "GET", "/api/v1/jobs", t->tokens.view, NULL), 200);
+    for (size_t i = 0; i < ARRAY_LENGTH(streams); i++) close(streams[i]);
+    close(more);
+}
+
 /* ---- bad requests -------------------------------------------------------------------------------------- */
 
 static void large_bodies_and_headers_are_refused(void **state)
@@ -484,6 +592,11 @@ int main(void)
         TEST(wrong_orders_are_refused),
         TEST(orders_are_durable),
         TEST(the_error_has_a_history),
+        TEST(events_tell_what_happens),
+        TEST(a_reader_that_comes_back_loses_nothing),
+        TEST(who_has_lost_events_is_told),
+        TEST(streams_end_with_the_master),
+        TEST(streams_leave_room_for_others),
         TEST(large_bodies_and_headers_are_refused),
         TEST(garbage_does_not_hurt),
     };
