@@ -261,6 +261,7 @@ static void an_interrupted_render_tells_that_it_is_cancelled(void **state)
                                      "16x16",
                                      "--time",
                                      "100",
+                                     "--verbose",
                                      "-o",
                                      image,
                                      "--notify",
