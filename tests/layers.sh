@@ -37,7 +37,8 @@ master/store                : master/schedule master/film
 master/state                : master/store proto/serve
 master/trust                : master/state
 master/farm                 : master/trust
-master/http                 : master/farm
+master/http/access          : proto/wire
+master/http                 : master/farm master/http/access
 master/threads              : master/http common/notify
 master                      : master/threads
 relay                       : proto/uplink proto/serve

@@ -1,7 +1,7 @@
 /* open: the command that shows a master's page in a browser, with the token that opens it. */
 #include "client/commands/commands.h"
+#include "master/http/access/tokens.h"
 #include "master/http/server.h"
-#include "master/http/tokens.h"
 
 #include <fcntl.h>
 #include <stdio.h>

@@ -7,7 +7,7 @@
 #include "client/farm/local_farm.h"
 
 #include "common/memory_limit.h"
-#include "master/http/tokens.h"
+#include "master/http/access/tokens.h"
 #include "master/master.h"
 #include "worker/worker.h"
 

@@ -2,15 +2,12 @@
 #include "master/farm/status_message.h"
 #include "master/http/routes.h"
 #include "master/http/server_state.h"
+#include "master/http/totals.h"
 #include "proto/wire/status_json.h"
 
 #include <inttypes.h>
-#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
-
-enum { STATES = JOB_PAUSED + 1 };         /* of jobs; the first is not used */
-static const double DEMAND_SECONDS = 600; /* in which the workers that are wanted would end all work */
 
 /* ---- jobs ---------------------------------------------------------------------------------------------- */
 
@@ -101,54 +98,11 @@ static void list_workers(http_request_t *request)
 
 /* ---- the farm ------------------------------------------------------------------------------------------ */
 
-/* What is there in all. */
-typedef struct {
-    uint64_t jobs[STATES];
-    uint32_t workers, aside;
-    uint64_t threads;
-    double speed;    /* pixel samples a second */
-    double left;     /* pixel samples that jobs wait for */
-    uint64_t active; /* jobs that wait for samples */
-} totals_t;
-
-static void add_job(totals_t *totals, const job_report_t *report)
-{
-    job_state_t state = report->record.state;
-    totals->jobs[state]++;
-    if (state != JOB_QUEUED && state != JOB_RUNNING) return;
-    totals->active++;
-    if (report->samples_total > report->record.samples_done)
-        totals->left += (double)(report->samples_total - report->record.samples_done);
-}
-
-static void add_worker(totals_t *totals, const worker_report_t *report)
-{
-    if (!report->connected) return;
-    totals->workers++;
-    totals->aside += report->aside[0] != '\0';
-    totals->threads += report->threads;
-    totals->speed += report->speed;
-}
-
-static totals_t farm_totals(farm_t *farm)
-{
-    totals_t totals = {0};
-    size_t jobs, workers;
-    uint32_t connected;
-    job_report_t *job = farm_report(farm, clock_now(), 0, &jobs, &connected);
-    worker_report_t *worker = farm_worker_report(farm, clock_now(), &workers);
-    for (size_t i = 0; i < jobs; i++) add_job(&totals, &job[i]);
-    for (size_t i = 0; i < workers; i++) add_worker(&totals, &worker[i]);
-    free(job);
-    free(worker);
-    return totals;
-}
-
 static void show_farm(http_request_t *request)
 {
-    totals_t totals = farm_totals(request->master->farm);
+    totals_t totals = totals_take(request->master->farm);
     json_t *root = json_object(), *jobs = json_object();
-    for (uint32_t state = JOB_QUEUED; state < STATES; state++)
+    for (uint32_t state = JOB_QUEUED; state < TOTALS_STATES; state++)
         put_count(jobs, job_state_name(state), totals.jobs[state]);
     put_text(root, "version", LIGHTMILL_VERSION);
     put_real(root, "uptime", clock_now() - request->server->started);
@@ -160,23 +114,11 @@ static void show_farm(http_request_t *request)
     http_reply_json(request, MHD_HTTP_OK, root);
 }
 
-/* The workers, like those that are connected, which would end the work that is left in DEMAND_SECONDS; at
- * least one while there is work. A job that only time or its error ends asks for no number of samples, so for
- * one. */
-static uint64_t wanted_workers(const totals_t *totals)
-{
-    uint64_t usable = totals->workers - totals->aside;
-    if (totals->active == 0) return 0;
-    if (totals->speed <= 0 || usable == 0) return 1;
-    double wanted = ceil(totals->left / (totals->speed / (double)usable) / DEMAND_SECONDS);
-    return (uint64_t)fmin(fmax(wanted, 1), FARM_MAX_WORKERS);
-}
-
 static void show_demand(http_request_t *request)
 {
-    totals_t totals = farm_totals(request->master->farm);
+    totals_t totals = totals_take(request->master->farm);
     json_t *root = json_object();
-    put_count(root, "workers", wanted_workers(&totals));
+    put_count(root, "workers", totals_wanted(&totals));
     http_reply_json(request, MHD_HTTP_OK, root);
 }
 

@@ -7,6 +7,7 @@
 #define LIGHTMILL_HTTP_REQUEST_H
 
 #include "common/text/json.h"
+#include "master/http/access/tokens.h"
 #include "master/http/master_calls.h"
 
 #include <microhttpd.h>
@@ -16,13 +17,6 @@ enum {
     HTTP_MAX_BODY = 4 << 10, /* bytes */
     HTTP_MAX_WAITING = 64    /* requests that wait for another thread */
 };
-
-/* What a request needs. Who has a right has those before it. */
-typedef enum {
-    HTTP_ANYBODY, /* no token: the page's files, and whether the master is alive */
-    HTTP_VIEW,    /* see jobs, workers, images */
-    HTTP_OPERATE  /* give orders */
-} http_right_t;
 
 typedef struct http_server http_server_t;
 typedef struct http_request http_request_t;

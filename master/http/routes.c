@@ -6,7 +6,8 @@
 #include <stdio.h>
 #include <string.h>
 
-static const http_table_t *const tables[] = {&http_report_routes, &http_order_routes, &http_tile_routes};
+static const http_table_t *const tables[] = {&http_report_routes, &http_order_routes, &http_metrics_routes,
+                                             &http_tile_routes};
 
 static void serve_file(http_request_t *request)
 {

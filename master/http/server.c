@@ -2,7 +2,7 @@
 #include "master/http/server.h"
 
 #include "common/atomic_file.h"
-#include "master/http/listen.h"
+#include "master/http/access/listen.h"
 #include "master/http/routes.h"
 #include "master/http/server_state.h"
 #include "proto/wire/keys.h"

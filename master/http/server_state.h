@@ -2,11 +2,11 @@
 #ifndef LIGHTMILL_HTTP_SERVER_STATE_H
 #define LIGHTMILL_HTTP_SERVER_STATE_H
 
+#include "master/http/access/guard.h"
+#include "master/http/access/tokens.h"
 #include "master/http/events.h"
-#include "master/http/guard.h"
 #include "master/http/server.h"
 #include "master/http/tiles.h"
-#include "master/http/tokens.h"
 
 #include <pthread.h>
 

@@ -1,5 +1,5 @@
 /* Tests of the master's HTTP server: a real master, real sockets. */
-#include "master/http/tokens.h"
+#include "master/http/access/tokens.h"
 #include "master/master.h"
 #include "tests/http_client.h"
 #include "tests/peer.h"
@@ -528,6 +528,35 @@ static void streams_leave_room_for_others(void **state)
     close(more);
 }
 
+/* ---- monitoring ---------------------------------------------------------------------------------------- */
+
+static void metrics_follow_the_conventions(void **state)
+{
+    http_test_t *t = *state;
+    submit(t);
+    assert_int_equal(status(t, "GET", "/metrics", NULL, NULL), 401);
+    http_answer_t answer = http_ask(t->port, "GET", "/metrics", t->tokens.view, NULL);
+    assert_int_equal(answer.status, 200);
+    assert_non_null(strstr(answer.head, "Content-Type: text/plain; version=0.0.4"));
+    assert_non_null(strstr(answer.body, "\nlightmill_renders{state=\"queued\"} 1\n"));
+    assert_non_null(strstr(answer.body, "\nlightmill_render_samples_wanted{render=\"1\"} 16000\n"));
+    assert_non_null(strstr(answer.body, "{render=\"1\",name=\"a \\\"test\\\"\",state=\"queued\"} 1\n"));
+    char *path = scratch_path(t->folder, "metrics");
+    scratch_write(path, answer.body, answer.size);
+    char *command = mem_printf("promtool check metrics <%s", path);
+    assert_int_equal(system(command), 0);
+    free(command);
+    free(path);
+    http_answer_free(&answer);
+}
+
+static void the_master_says_that_it_lives(void **state)
+{
+    http_test_t *t = *state;
+    assert_int_equal(status(t, "GET", "/healthz", NULL, NULL), 200);
+    assert_int_equal(status(t, "GET", "/readyz", NULL, NULL), 200);
+}
+
 /* ---- bad requests -------------------------------------------------------------------------------------- */
 
 static void large_bodies_and_headers_are_refused(void **state)
@@ -597,6 +626,8 @@ int main(void)
         TEST(who_has_lost_events_is_told),
         TEST(streams_end_with_the_master),
         TEST(streams_leave_room_for_others),
+        TEST(metrics_follow_the_conventions),
+        TEST(the_master_says_that_it_lives),
         TEST(large_bodies_and_headers_are_refused),
         TEST(garbage_does_not_hurt),
     };

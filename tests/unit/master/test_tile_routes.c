@@ -1,5 +1,5 @@
 /* Tests of tile_routes.c: a real master, real sockets, and questions of all sorts. */
-#include "master/http/tokens.h"
+#include "master/http/access/tokens.h"
 #include "master/master.h"
 #include "tests/http_client.h"
 #include "tests/peer.h"

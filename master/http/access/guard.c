@@ -1,5 +1,5 @@
 /* guard: see guard.h. */
-#include "master/http/guard.h"
+#include "master/http/access/guard.h"
 
 #include "common/address.h"
 

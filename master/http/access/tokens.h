@@ -8,7 +8,14 @@
 #ifndef LIGHTMILL_HTTP_TOKENS_H
 #define LIGHTMILL_HTTP_TOKENS_H
 
-#include "master/http/request.h"
+#include "common/base.h"
+
+/* What a request needs. Who has a right has those before it. */
+typedef enum {
+    HTTP_ANYBODY, /* no token: the page's files, and whether the master is alive */
+    HTTP_VIEW,    /* see jobs, workers, images */
+    HTTP_OPERATE  /* give orders */
+} http_right_t;
 
 enum { HTTP_TOKEN_TEXT = 64 };
 

@@ -1,5 +1,5 @@
 /* listen: see listen.h. */
-#include "master/http/listen.h"
+#include "master/http/access/listen.h"
 
 #include <arpa/inet.h>
 #include <errno.h>

@@ -1,5 +1,5 @@
 /* tokens: see tokens.h. */
-#include "master/http/tokens.h"
+#include "master/http/access/tokens.h"
 
 #include "proto/wire/keys.h"
 
