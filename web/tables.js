@@ -88,7 +88,7 @@ const age = (seconds) => (seconds >= 0 ? `${format.duration(seconds)} ago` : "-"
 
 export function showWorkers(body, workers) {
   fill(body, workers.map((worker, i) => ({ ...worker, i })), (worker) => worker.i, (row, worker) => {
-    const state = worker.aside ? `put aside: ${worker.aside}` : worker.connected ? (worker.relay ? "relay" : "at work") : "gone";
+    const state = worker.aside ? `put aside: ${worker.aside}` : !worker.connected ? "gone" : worker.relay ? "relay" : worker.units_held > 0 ? "at work" : "waits";
     const speed = worker.speed > 0 ? `${format.count(worker.speed)}/s` : "-";
     cells(row, [worker.name, String(worker.threads), speed, worker.job ? `${worker.units_held} of job ${worker.job}` : "-", age(worker.last_seen), state]);
   });

@@ -215,10 +215,14 @@ export class View {
   }
   resize() {
     const box = this.canvas.getBoundingClientRect(), ratio = devicePixelRatio || 1;
+    const { width, height } = this.canvas;
     this.canvas.width = Math.round(box.width * ratio);
     this.canvas.height = Math.round(box.height * ratio);
-    if (this.fitted) this.fit();
-    else this.moved();
+    if (this.fitted) return this.fit();
+    // What was in the middle stays there.
+    this.x += Math.round((this.canvas.width - width) / 2);
+    this.y += Math.round((this.canvas.height - height) / 2);
+    this.moved();
   }
   fit() {
     const { canvas } = this;

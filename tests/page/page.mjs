@@ -189,6 +189,7 @@ const tests = {
     await page.setViewportSize({ width: 390, height: 844 });
     await sleep(300);
     assert.ok((await page.evaluate(() => document.documentElement.scrollWidth)) <= 390, "it scrolls sideways");
+    await assertCanvas(""); // all of it is still in sight
     await assertAccessible("390 pixels");
     await screenshot("phone");
     await page.setViewportSize({ width: 1280, height: 900 });
