@@ -89,7 +89,7 @@ const tests = {
     const address = farm.address();
     assert.match(address, /#token=/);
     await page.goto(address);
-    await said("#connection", "live");
+    await until("the stream of events", async () => (await text("#connection")) === "live");
     assert.equal(new URL(page.url()).hash.includes("token"), false, "the token stays in the address");
     await said("#image-title", "running");
     await until("two versions of the image", async () => (await shown()).version >= 2);
