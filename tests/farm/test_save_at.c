@@ -156,6 +156,10 @@ static void they_are_fetched_and_deleted(void **state)
     assert_int_not_equal(rig_wait_exit(t->rig, failing, 60), 0);
     rig_wait_output(t->rig, failing, "submit it with --save-at 25");
     assert_int_equal(rig_wait_job(t->rig, job).state, JOB_DONE);
+    const char *const json[] = {"status", "1", "--json", "--master", master, NULL};
+    rig_wait_output(t->rig, rig_start_command(t->rig, json), "\"saved\": 64");
+    const char *const text[] = {"status", "1", "--master", master, NULL};
+    rig_wait_output(t->rig, rig_start_command(t->rig, text), "kept at 5, 24, 64 samples a pixel");
     assert_int_equal(rig_run(t->rig, (const char *[]){"delete", "1", "--master", master, NULL}), 0);
     char *kept = mem_printf("%s/job-1-at-24.exr", t->data);
     for (int i = 0; i < 1000 && access(kept, F_OK) == 0; i++) rig_sleep(0.01);
