@@ -1,0 +1,93 @@
+/* How people reach the page: lightmill open, and lightmill render --http. */
+#include "tests/http_client.h"
+#include "tests/rig.h"
+#include "tests/scratch.h"
+
+#include <setjmp.h>
+#include <signal.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+/* After setjmp and stdarg. */
+#include <cmocka.h>
+
+#define ARGUMENTS(...) ((const char *[]){__VA_ARGS__, NULL})
+enum { TOKEN = 64 }; /* characters */
+
+static int set_up(void **state)
+{
+    *state = rig_new();
+    return 0;
+}
+
+static int tear_down(void **state)
+{
+    rig_t *rig = *state;
+    rig_destroy(&rig);
+    return 0;
+}
+
+/* The port and the token of the page's address in what a process has written. */
+static int read_address(rig_t *rig, pid_t process, char token[TOKEN + 1])
+{
+    int port = 0;
+    char *output = rig_output(rig, process);
+    const char *address = strstr(output, "http://127.0.0.1:");
+    if (address == NULL || sscanf(address, "http://127.0.0.1:%d/#token=%64[0-9a-f]", &port, token) != 2)
+        fail_msg("no address in: %s", output);
+    assert_int_equal(strlen(token), TOKEN);
+    free(output);
+    return port;
+}
+
+static void open_finds_the_page_of_a_master(void **state)
+{
+    rig_t *rig = *state;
+    char token[TOKEN + 1], *data = scratch_path(rig->folder, "data");
+    pid_t nobody = rig_start_command(rig, ARGUMENTS("open", "--print", "--data", data));
+    assert_int_equal(rig_wait_exit(rig, nobody, 20), RESULT_INPUT);
+    char *said = rig_output(rig, nobody);
+    assert_non_null(strstr(said, "--http"));
+    free(said);
+    rig_start_master_on(rig, data, 1, ARGUMENTS("--http", "0"));
+    pid_t process = rig_start_command(rig, ARGUMENTS("open", "--print", "--data", data));
+    assert_int_equal(rig_wait_exit(rig, process, 20), 0);
+    int port = read_address(rig, process, token);
+    assert_int_equal(http_status_of(http_ask(port, "POST", "/api/v1/jobs/7/pause", token, NULL)), 404);
+    process = rig_start_command(rig, ARGUMENTS("open", "--print", "--view", "--data", data));
+    assert_int_equal(rig_wait_exit(rig, process, 20), 0);
+    assert_int_equal(read_address(rig, process, token), port);
+    assert_int_equal(http_status_of(http_ask(port, "GET", "/api/v1/jobs", token, NULL)), 200);
+    assert_int_equal(http_status_of(http_ask(port, "POST", "/api/v1/jobs/7/pause", token, NULL)), 403);
+    free(data);
+}
+
+static void a_render_on_this_machine_has_a_page(void **state)
+{
+    rig_t *rig = *state;
+    char token[TOKEN + 1], *image = scratch_path(rig->folder, "a.exr");
+    pid_t process = rig_start_command(rig, ARGUMENTS("render", "scenes/cornell", "--resolution", "64x64",
+                                                     "--time", "600", "--quiet", "--http", "0", "-o", image));
+    rig_wait_output(rig, process, "#token=");
+    int port = read_address(rig, process, token);
+    json_t *root = NULL;
+    for (size_t jobs = 0; jobs == 0; rig_sleep(0.1)) {
+        json_decref(root);
+        root = http_json_of(http_ask(port, "GET", "/api/v1/jobs", token, NULL), 200);
+        jobs = json_array_size(json_object_get(root, "jobs"));
+    }
+    json_decref(root);
+    assert_int_equal(http_status_of(http_ask(port, "POST", "/api/v1/jobs/1/cancel", token, NULL)), 200);
+    assert_int_equal(rig_wait_exit(rig, process, 60), 0);
+    free(image);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_setup_teardown(open_finds_the_page_of_a_master, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(a_render_on_this_machine_has_a_page, set_up, tear_down),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
