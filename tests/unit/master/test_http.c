@@ -1,5 +1,6 @@
 /* Tests of the master's HTTP server: a real master, real sockets. */
 #include "master/http/access/tokens.h"
+#include "master/http/routes.h"
 #include "master/master.h"
 #include "tests/http_client.h"
 #include "tests/peer.h"
@@ -557,6 +558,40 @@ static void the_master_says_that_it_lives(void **state)
     assert_int_equal(status(t, "GET", "/readyz", NULL, NULL), 200);
 }
 
+/* The description names the path and, below it, the method of each route. */
+static void check_described(const char *description, const http_route_t *route)
+{
+    const char *number = strchr(route->path, '#');
+    char *line = number == NULL
+                     ? mem_printf("\n  %s:\n", route->path)
+                     : mem_printf("\n  %.*s{job}%s:\n", (int)(number - route->path), route->path, number + 1);
+    char *method = mem_printf("\n    %s:", route->method);
+    for (char *at = method; *at != '\0'; at++)
+        if (*at >= 'A' && *at <= 'Z') *at = (char)(*at - 'A' + 'a');
+    const char *path = strstr(description, line), *end = path != NULL ? strstr(path + 1, "\n  /") : NULL;
+    const char *found = path != NULL ? strstr(path, method) : NULL;
+    if (found == NULL || (end != NULL && found > end))
+        fail_msg("docs/openapi.yaml lacks %s %s", route->method, route->path);
+    free(line);
+    free(method);
+}
+
+static void every_request_is_described(void **state)
+{
+    (void)state;
+    const http_table_t *const tables[] = {&http_report_routes, &http_order_routes, &http_metrics_routes,
+                                          &http_tile_routes};
+    uint8_t *text;
+    size_t size;
+    assert_int_equal(file_read("docs/openapi.yaml", 1 << 20, &text, &size).code, RESULT_OK);
+    text = mem_realloc(text, size + 1);
+    text[size] = '\0';
+    for (size_t t = 0; t < ARRAY_LENGTH(tables); t++)
+        for (size_t r = 0; r < tables[t]->count; r++)
+            check_described((const char *)text, &tables[t]->routes[r]);
+    free(text);
+}
+
 /* ---- bad requests -------------------------------------------------------------------------------------- */
 
 static void large_bodies_and_headers_are_refused(void **state)
@@ -628,6 +663,7 @@ int main(void)
         TEST(streams_leave_room_for_others),
         TEST(metrics_follow_the_conventions),
         TEST(the_master_says_that_it_lives),
+        cmocka_unit_test(every_request_is_described),
         TEST(large_bodies_and_headers_are_refused),
         TEST(garbage_does_not_hurt),
     };
