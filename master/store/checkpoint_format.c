@@ -1,10 +1,10 @@
 /* checkpoint_format: see checkpoint_format.h. */
 #include "master/store/checkpoint_format.h"
 
-#include <pthread.h>
+#include "common/thread.h"
+
 #include <stdlib.h>
 #include <string.h>
-#include <sys/prctl.h>
 #include <time.h>
 
 static void put_u32(uint8_t *bytes, uint32_t value)
@@ -151,12 +151,6 @@ static void *hand_run(void *argument)
     return NULL;
 }
 
-static void *thread_run(void *argument)
-{
-    prctl(PR_SET_NAME, "lm-film");
-    return hand_run(argument);
-}
-
 double threads_run(int threads, void (*work)(void *data), void *data)
 {
     pthread_t started[CHECKPOINT_MAX_THREADS];
@@ -164,7 +158,7 @@ double threads_run(int threads, void (*work)(void *data), void *data)
     int count = 0, wanted = int_min(threads, CHECKPOINT_MAX_THREADS);
     for (; count + 1 < wanted; count++) {
         hands[count] = (hand_t){work, data, 0};
-        if (pthread_create(&started[count], NULL, thread_run, &hands[count]) != 0) break;
+        if (thread_start(&started[count], "lm-film", hand_run, &hands[count]).code != RESULT_OK) break;
     }
     hand_t own = {work, data, 0};
     hand_run(&own);

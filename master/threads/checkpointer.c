@@ -17,17 +17,16 @@
  * again. */
 #include "master/threads/checkpointer.h"
 
+#include "common/thread.h"
 #include "common/wake.h"
 #include "master/store/checkpoint.h"
 #include "master/store/film_load.h"
 
 #include <math.h>
-#include <pthread.h>
 #include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/prctl.h>
 #include <unistd.h>
 
 enum {
@@ -403,7 +402,6 @@ static bool check_scene(checkpointer_t *checkpointer)
 static void *checkpointer_run(void *argument)
 {
     checkpointer_t *checkpointer = argument;
-    prctl(PR_SET_NAME, "lm-checkpointer");
     enforce_limit(checkpointer);
     while (!atomic_load(&checkpointer->stop)) {
         load_films(checkpointer);
@@ -424,13 +422,12 @@ result_t checkpointer_start(const checkpointer_options_t *options, checkpointer_
     checkpointer->options = *options;
     checkpointer->cores = int_max(1, (int)sysconf(_SC_NPROCESSORS_ONLN));
     pthread_mutex_init(&checkpointer->custody, NULL);
-    int error = pthread_create(&checkpointer->thread, NULL, checkpointer_run, checkpointer);
+    result_t result = thread_start(&checkpointer->thread, "lm-checkpointer", checkpointer_run, checkpointer);
     *out = checkpointer;
-    if (error == 0) return result_ok();
-    pthread_mutex_destroy(&checkpointer->custody);
-    free(checkpointer);
-    *out = NULL;
-    return result_fail(RESULT_LIMIT, "cannot start a thread: %s", strerror(error));
+    if (result.code == RESULT_OK) return result;
+    checkpointer->finished = true; /* it has not begun */
+    checkpointer_stop(out);
+    return result;
 }
 
 void checkpointer_finish(checkpointer_t *checkpointer)

@@ -8,18 +8,17 @@
 #include "master/threads/image_writer.h"
 
 #include "common/film/picture.h"
+#include "common/thread.h"
 #include "common/wake.h"
 
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
-#include <pthread.h>
 #include <sodium.h>
 #include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/prctl.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -392,7 +391,6 @@ static void estimate_errors(image_writer_t *image_writer)
 static void *image_writer_run(void *argument)
 {
     image_writer_t *image_writer = argument;
-    prctl(PR_SET_NAME, "lm-image_writer");
     while (!atomic_load(&image_writer->stop)) {
         wake_wait(image_writer->options.image_wake, 1000);
         serve_farm(image_writer);
@@ -440,6 +438,14 @@ static result_t prepare_directory(const char *data_dir)
     return result;
 }
 
+static void free_image_writer(image_writer_t *image_writer)
+{
+    for (size_t i = 0; i < IMAGE_WRITER_MAX_SNAPSHOTS; i++) snapshot_drop(&image_writer->snapshots[i]);
+    pthread_mutex_destroy(&image_writer->lock);
+    free(image_writer->data_dir);
+    free(image_writer);
+}
+
 result_t image_writer_start(const image_writer_options_t *options, image_writer_t **out)
 {
     drop_leftovers(options->data_dir);
@@ -448,15 +454,12 @@ result_t image_writer_start(const image_writer_options_t *options, image_writer_
     image_writer->options = *options;
     image_writer->data_dir = mem_strdup(options->data_dir);
     pthread_mutex_init(&image_writer->lock, NULL);
-    int error = pthread_create(&image_writer->thread, NULL, image_writer_run, image_writer);
-    if (error == 0) {
+    result_t result = thread_start(&image_writer->thread, "lm-image_writer", image_writer_run, image_writer);
+    if (result.code == RESULT_OK)
         *out = image_writer;
-        return result_ok();
-    }
-    pthread_mutex_destroy(&image_writer->lock);
-    free(image_writer->data_dir);
-    free(image_writer);
-    return result_fail(RESULT_LIMIT, "cannot start a thread: %s", strerror(error));
+    else
+        free_image_writer(image_writer);
+    return result;
 }
 
 void image_writer_stop(image_writer_t **out)
@@ -466,10 +469,7 @@ void image_writer_stop(image_writer_t **out)
     atomic_store(&image_writer->stop, true);
     wake_up(image_writer->options.image_wake);
     pthread_join(image_writer->thread, NULL);
-    for (size_t i = 0; i < IMAGE_WRITER_MAX_SNAPSHOTS; i++) snapshot_drop(&image_writer->snapshots[i]);
-    pthread_mutex_destroy(&image_writer->lock);
-    free(image_writer->data_dir);
-    free(image_writer);
+    free_image_writer(image_writer);
     *out = NULL;
 }
 

@@ -9,16 +9,15 @@
  * deleted again, and not a film without a job, which would be taken for one that the journal has lost. */
 #include "master/threads/journal_writer.h"
 
+#include "common/thread.h"
 #include "common/wake.h"
 #include "master/threads/image_writer.h"
 
 #include <assert.h>
-#include <pthread.h>
 #include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/prctl.h>
 #include <unistd.h>
 
 enum {
@@ -68,8 +67,7 @@ static void complain(journal_writer_t *journal_writer, const char *what)
     if (journal_writer->warned_at > 0 && now - journal_writer->warned_at < WARN_EVERY) return;
     journal_writer->warned_at = now;
     log_error("THE JOURNAL PAUSES: %s; jobs go on, but what changes of them now is forgotten if this process "
-              "ends; it is "
-              "tried again every %d s",
+              "ends; it is tried again every %d s",
               what, RETRY);
 }
 
@@ -258,7 +256,6 @@ static bool next_request(journal_writer_t *journal_writer, journal_writer_reques
 static void *journal_writer_run(void *argument)
 {
     journal_writer_t *journal_writer = argument;
-    prctl(PR_SET_NAME, "lm-journal_writer");
     while (!atomic_load(&journal_writer->stop)) {
         wake_wait(journal_writer->options.journal_writer_wake, POLL_MS);
         for (journal_writer_request_t request; next_request(journal_writer, &request);)
@@ -293,12 +290,12 @@ result_t journal_writer_start(const journal_writer_options_t *options, journal_w
     journal_writer->waiting = mem_alloc(JOURNAL_WRITER_MAX_WAITING * sizeof *journal_writer->waiting);
     journal_writer->answers = mem_alloc(JOURNAL_WRITER_MAX_WAITING * sizeof *journal_writer->answers);
     pthread_mutex_init(&journal_writer->lock, NULL);
-    int error = pthread_create(&journal_writer->thread, NULL, journal_writer_run, journal_writer);
-    *out = journal_writer;
-    if (error == 0) return result_ok();
-    free_journal_writer(journal_writer);
-    *out = NULL;
-    return result_fail(RESULT_LIMIT, "cannot start a thread: %s", strerror(error));
+    result_t result = thread_start(&journal_writer->thread, "lm-journal", journal_writer_run, journal_writer);
+    if (result.code == RESULT_OK)
+        *out = journal_writer;
+    else
+        free_journal_writer(journal_writer);
+    return result;
 }
 
 void journal_writer_stop(journal_writer_t **out)

@@ -11,22 +11,20 @@
  * believes only on sockets with CURVE), and the servers ask at every message what the key may do now. */
 #include "proto/serve/gate.h"
 
+#include "common/thread.h"
 #include "common/wake.h"
+#include "proto/serve/allow_list.h"
+#include "proto/serve/complaint.h"
+#include "proto/serve/handshakes.h"
 
 #include <errno.h>
 #include <fcntl.h>
-#include <pthread.h>
 #include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/prctl.h>
 #include <sys/stat.h>
 #include <unistd.h>
-
-#include "proto/serve/allow_list.h"
-#include "proto/serve/complaint.h"
-#include "proto/serve/handshakes.h"
 
 static const char ZAP_ENDPOINT[] = "inproc://zeromq.zap.01";
 static const char ZAP_DOMAIN[] = "lightmill";
@@ -233,8 +231,7 @@ result_t gate_guard(gate_t *gate, void *socket, const char *name)
     return result_ok();
 }
 
-/* ---- admitting connections ------------------------------------------------------------------------------
- */
+/* ---- admitting connections ----------------------------------------------------------------------------- */
 
 /* The frames of one request as text, cut where they are too long. */
 typedef struct {
@@ -339,7 +336,6 @@ static void *gate_run(void *argument)
 {
     gate_t *gate = argument;
     double next_look = 0;
-    prctl(PR_SET_NAME, "lm-gate");
     while (!atomic_load(&gate->stop)) {
         wait_events(gate);
         answer_all(gate);
@@ -384,8 +380,7 @@ result_t gate_start(gate_t *gate, const char *host, int port)
     if (any && gethostname(name, sizeof name - 1) == 0 && name[0] != '\0') host = name;
     log_info("this %s's public key is %s", gate->relay ? "relay" : "master", gate->pair.open);
     if (gate->key_is_new) introduce(gate, host, port);
-    int error = pthread_create(&gate->thread, NULL, gate_run, gate);
-    if (error != 0) return result_fail(RESULT_LIMIT, "cannot start a thread: %s", strerror(error));
+    TRY(thread_start(&gate->thread, "lm-gate", gate_run, gate));
     gate->started = true;
     return result_ok();
 }

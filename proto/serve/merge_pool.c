@@ -5,12 +5,10 @@
 #include "proto/serve/merge_pool.h"
 
 #include "common/memory_limit.h"
+#include "common/thread.h"
 #include "common/wake.h"
 
-#include <pthread.h>
 #include <stdlib.h>
-#include <string.h>
-#include <sys/prctl.h>
 
 enum { MAX_THREADS = 64 };
 
@@ -89,7 +87,6 @@ static task_t *next_task(merge_pool_t *pool)
 static void *merge_pool_run(void *argument)
 {
     merge_pool_t *pool = argument;
-    prctl(PR_SET_NAME, "lm-merge");
     for (task_t *task; (task = next_task(pool)) != NULL;) {
         merge_task(pool, task);
         pthread_mutex_lock(&pool->lock);
@@ -103,20 +100,21 @@ static void *merge_pool_run(void *argument)
 result_t merge_pool_start(const merge_pool_options_t *options, merge_pool_t **out)
 {
     merge_pool_t *pool = mem_zalloc(1, sizeof *pool);
-    int wanted = options->threads > 0 ? options->threads : core_count(), error = 0;
+    int wanted = int_min(options->threads > 0 ? options->threads : core_count(), MAX_THREADS);
+    result_t result = result_ok();
     pool->options = *options;
     pool->waiting.last = &pool->waiting.first;
     pool->done.last = &pool->done.first;
     pthread_mutex_init(&pool->lock, NULL);
     pthread_cond_init(&pool->work, NULL);
     *out = pool;
-    for (; pool->thread_count < int_min(wanted, MAX_THREADS); pool->thread_count++) {
-        error = pthread_create(&pool->threads[pool->thread_count], NULL, merge_pool_run, pool);
-        if (error != 0) break;
+    while (pool->thread_count < wanted && result.code == RESULT_OK) {
+        result = thread_start(&pool->threads[pool->thread_count], "lm-merge", merge_pool_run, pool);
+        pool->thread_count += result.code == RESULT_OK;
     }
-    if (pool->thread_count > 0) return result_ok();
+    if (pool->thread_count > 0) return result_ok(); /* fewer do */
     merge_pool_stop(out);
-    return result_fail(RESULT_LIMIT, "cannot start a thread: %s", strerror(error));
+    return result;
 }
 
 void merge_pool_stop(merge_pool_t **out)

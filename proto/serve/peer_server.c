@@ -1,11 +1,11 @@
 /* peer_server: see peer_server.h. */
 #include "proto/serve/peer_server.h"
 
+#include "common/thread.h"
 #include "common/wake.h"
 #include "proto/serve/complaint.h"
 #include "proto/serve/rate_limit.h"
 
-#include <pthread.h>
 #include <stdarg.h>
 #include <stdatomic.h>
 #include <stdio.h>
@@ -255,15 +255,13 @@ result_t peer_server_start(const peer_server_options_t *options, peer_server_t *
         server->peer_limit = rate_limit_new(PEER_RATE, PEER_BURST, PEERS);
         server->key_limit = rate_limit_new(KEY_RATE, KEY_BURST, KEYS);
     }
-    int error = pthread_create(&server->thread, NULL, peer_server_run, server);
-    if (error != 0) {
-        server_free(server);
-        return result_fail(RESULT_LIMIT, "cannot start a thread: %s", strerror(error));
-    }
     snprintf(name, sizeof name, "lm-%s", options->name);
-    pthread_setname_np(server->thread, name);
-    *out = server;
-    return result_ok();
+    result_t result = thread_start(&server->thread, name, peer_server_run, server);
+    if (result.code == RESULT_OK)
+        *out = server;
+    else
+        server_free(server);
+    return result;
 }
 
 void peer_server_stop(peer_server_t **out)

@@ -26,12 +26,12 @@
  */
 #include "proto/uplink/bulk.h"
 
+#include "common/thread.h"
 #include "common/wake.h"
 #include "proto/uplink/blob_cache.h"
 #include "proto/uplink/link.h"
 #include "proto/wire/wire.h"
 
-#include <pthread.h>
 #include <stdatomic.h>
 #include <stdlib.h>
 #include <string.h>
@@ -531,6 +531,14 @@ static void *bulk_thread(void *argument)
     return NULL;
 }
 
+static void free_bulk(bulk_t *bulk)
+{
+    blob_cache_destroy(&bulk->cache);
+    pthread_mutex_destroy(&bulk->lock);
+    free(bulk->book.endpoint);
+    free(bulk);
+}
+
 result_t bulk_start(const bulk_options_t *options, bulk_t **bulk_pointer)
 {
     bulk_t *bulk = mem_zalloc(1, sizeof *bulk);
@@ -541,16 +549,12 @@ result_t bulk_start(const bulk_options_t *options, bulk_t **bulk_pointer)
     bulk->link.keys = &bulk->options.keys;
     pthread_mutex_init(&bulk->lock, NULL);
     result_t result = blob_cache_new(options->cache_dir, options->cache_limit, &bulk->cache);
-    if (result.code == RESULT_OK && pthread_create(&bulk->thread, NULL, bulk_thread, bulk) != 0)
-        result = result_fail(RESULT_LIMIT, "cannot start a thread");
-    if (result.code != RESULT_OK) {
-        blob_cache_destroy(&bulk->cache);
-        free(bulk);
-        return result;
-    }
-    pthread_setname_np(bulk->thread, "bulk");
-    *bulk_pointer = bulk;
-    return result_ok();
+    if (result.code == RESULT_OK) result = thread_start(&bulk->thread, "bulk", bulk_thread, bulk);
+    if (result.code == RESULT_OK)
+        *bulk_pointer = bulk;
+    else
+        free_bulk(bulk);
+    return result;
 }
 
 void bulk_stop(bulk_t **bulk_pointer)
@@ -560,9 +564,6 @@ void bulk_stop(bulk_t **bulk_pointer)
     atomic_store(&bulk->quit, true);
     wake_up(bulk->options.wake);
     pthread_join(bulk->thread, NULL);
-    blob_cache_destroy(&bulk->cache);
-    pthread_mutex_destroy(&bulk->lock);
-    free(bulk->book.endpoint);
-    free(bulk);
+    free_bulk(bulk);
     *bulk_pointer = NULL;
 }

@@ -1,0 +1,12 @@
+/* thread: see thread.h. */
+#include "common/thread.h"
+
+#include <string.h>
+
+result_t thread_start(pthread_t *thread, const char *name, void *(*run)(void *argument), void *argument)
+{
+    int error = pthread_create(thread, NULL, run, argument);
+    if (error != 0) return result_fail(RESULT_LIMIT, "cannot start a thread: %s", strerror(error));
+    pthread_setname_np(*thread, name);
+    return result_ok();
+}
