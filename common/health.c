@@ -1,15 +1,15 @@
 /* health: see health.h. */
 #include "common/health.h"
 
+#include "common/thread.h"
+#include "common/wake.h"
+
 #include <errno.h>
 #include <poll.h>
-#include <pthread.h>
 #include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/eventfd.h>
-#include <sys/prctl.h>
 #include <sys/socket.h>
 #include <sys/stat.h>
 #include <sys/un.h>
@@ -58,7 +58,6 @@ static void answer(const health_t *health, int peer)
 static void *health_run(void *argument)
 {
     health_t *health = argument;
-    prctl(PR_SET_NAME, "lm-health");
     while (!atomic_load(&health->stop)) {
         struct pollfd waits[] = {{.fd = health->listener, .events = POLLIN},
                                  {.fd = health->wake, .events = POLLIN}};
@@ -99,17 +98,16 @@ static result_t listen_at(health_t *health)
 static result_t start(health_t *health)
 {
     TRY(listen_at(health));
-    health->wake = eventfd(0, EFD_CLOEXEC);
-    if (health->wake >= 0 && pthread_create(&health->thread, NULL, health_run, health) == 0)
-        return result_ok();
-    unlink(health->path);
-    return result_fail(RESULT_LIMIT, "cannot start a thread for the health socket");
+    result_t result = wake_new(&health->wake);
+    if (result.code == RESULT_OK) result = thread_start(&health->thread, "lm-health", health_run, health);
+    if (result.code != RESULT_OK) unlink(health->path);
+    return result;
 }
 
 static void release(health_t *health)
 {
     if (health->listener >= 0) close(health->listener);
-    if (health->wake >= 0) close(health->wake);
+    wake_close(health->wake);
     free(health->path);
     free(health);
 }
@@ -132,15 +130,14 @@ void health_stop(health_t **out)
     health_t *health = *out;
     if (health == NULL) return;
     atomic_store(&health->stop, true);
-    eventfd_write(health->wake, 1);
+    wake_up(health->wake);
     pthread_join(health->thread, NULL);
     unlink(health->path);
     release(health);
     *out = NULL;
 }
 
-/* ---- the pulse of a loop --------------------------------------------------------------------------------
- */
+/* ---- the pulse of a loop ------------------------------------------------------------------------------- */
 
 void pulse_beat(pulse_t *pulse, const char *doing)
 {

@@ -7,6 +7,7 @@
 #include "client/farm/local_farm.h"
 
 #include "common/memory_limit.h"
+#include "common/thread.h"
 #include "master/http/access/tokens.h"
 #include "master/master.h"
 #include "worker/worker.h"
@@ -14,7 +15,6 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <ftw.h>
-#include <pthread.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -119,9 +119,7 @@ static void *worker_thread(void *argument)
 
 static result_t start_thread(local_farm_t *farm)
 {
-    if (pthread_create(&farm->thread, NULL, worker_thread, farm) != 0)
-        return result_fail(RESULT_LIMIT, "cannot start a thread");
-    pthread_setname_np(farm->thread, "worker");
+    TRY(thread_start(&farm->thread, "worker", worker_thread, farm));
     farm->thread_started = true;
     return result_ok();
 }
