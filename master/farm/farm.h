@@ -1,6 +1,6 @@
 /* farm: the master's state: the queue of jobs and the workers, and everything that can happen to them. It
- * knows no sockets: the control and the bulk server translate messages into the calls below, a test makes the
- * calls itself.
+ * knows no sockets: the servers (proto/serve/) make the calls below by way of threads/farm_service.c, a test
+ * makes them itself.
  *
  * Thread-safe. One lock guards all of it and is held for microseconds only, so that heartbeats never wait for
  * a merge. The film of a job has a lock of its own, held while sums are merged or resolved. Where both are
@@ -56,7 +56,7 @@ void farm_tick(farm_t *farm, double now);
  * queue is full of jobs that are not over or are retained, or the film does not fit into memory. */
 result_t farm_submit(farm_t *farm, double now, const job_terms_t *terms, const job_settings_t *settings,
                      const hash_t *blob, uint64_t blob_size, uint64_t *job);
-/* Does what a client orders (wire.h, orders.c). RESULT_INPUT when there is no such job, or its state
+/* Does what a client orders (wire.h). RESULT_INPUT when there is no such job, or its state
  * does not allow it. After ORDER_DELETE the job is unknown here; its files are the caller's to delete. */
 result_t farm_order(farm_t *farm, double now, const job_order_t *order);
 
@@ -99,8 +99,7 @@ typedef struct {
  */
 worker_report_t *farm_worker_report(farm_t *farm, double now, size_t *count);
 
-/* ---- the error, and how it fell (errors.c) -------------------------------------------------------------
- */
+/* ---- the error, and how it fell ------------------------------------------------------------------------ */
 
 /* A copy of the history of a job's error, *count points from the first to the latest (error_history.h), in
  * fresh memory that the caller frees; NULL and *count 0 when there are none, or no such job. */
@@ -109,8 +108,8 @@ error_point_t *farm_job_history(farm_t *farm, uint64_t job, size_t *count);
 /* Pins a job whose error is to be estimated now; NULL when there is none. A job's turn comes when it has a
  * few percent more samples, some seconds after the last time. */
 job_t *farm_next_estimate(farm_t *farm, double now);
-/* Estimates the error of a pinned job; takes some 45 ms of a core at most, in which nothing is merged into its film. No
- * picture and no decision depends on it. */
+/* Estimates the error of a pinned job; takes some 45 ms of a core at most, in which nothing is merged into
+ * its film. No picture and no decision depends on it. */
 void farm_estimate(farm_t *farm, double now, job_t *job);
 
 /* The next history that has changed since it was given out, and its job; false when there is none. */
@@ -120,8 +119,7 @@ void farm_history_unsaved(farm_t *farm, uint64_t job);
 /* Gives a job that was made known again (farm_restore) its history. */
 void farm_restore_history(farm_t *farm, uint64_t job, const error_history_t *history);
 
-/* ---- what survives the process (keep.c) ------------------------------------------------------------
- */
+/* ---- what survives the process ------------------------------------------------------------------------- */
 
 /* The next record that has changed since it was given out; false when there is none. Records change with
  * every order, every change of state and every checkpoint. */

@@ -120,7 +120,9 @@ void farm_job_install(farm_t *farm, double now, job_t *job, film_t *film, schedu
     job->rate_samples[0] = job->rate_samples[1] = job->kept.samples_done;
 }
 
-uint64_t farm_awaited_bytes(const farm_t *farm)
+/* What the films take of jobs that were begun and are to be loaded next. No other job may take that room:
+ * workers may hold batches of these, and take up nothing else before they are rid of them. */
+static uint64_t awaited_bytes(const farm_t *farm)
 {
     uint64_t bytes = farm->film_bytes;
     for (size_t i = 0; i < farm->job_count; i++) {
@@ -162,7 +164,7 @@ bool farm_job_start(farm_t *farm, double now, job_t *job)
         return false;
     }
     uint64_t bytes = film_bytes(&job->kept.settings);
-    if (farm->film_bytes + farm_awaited_bytes(farm) + bytes > farm->options.film_limit) return false;
+    if (farm->film_bytes + awaited_bytes(farm) + bytes > farm->options.film_limit) return false;
     film_t *film;
     result_t result = film_new(&job->kept.settings, &film);
     if (result.code != RESULT_OK) {
@@ -342,8 +344,7 @@ void farm_job_fail_overflow(farm_t *farm, double now, job_t *job)
 {
     snprintf(job->kept.message, sizeof job->kept.message,
              "%llu sums were too large for the film at scale %d: submit the scene again with a smaller one, "
-             "such as "
-             "--film-scale %d",
+             "such as --film-scale %d",
              (unsigned long long)job->kept.counts.overflows, job->kept.settings.film_scale,
              int_max(job->kept.settings.film_scale - 8, FILM_MIN_SCALE));
     log_error("job %llu failed: %s", (unsigned long long)job->kept.job, job->kept.message);

@@ -291,9 +291,7 @@ void farm_checkpointed(farm_t *farm, double now, job_t *job, result_t written)
             farm_job_stuck(farm, job);
         }
     }
-    farm_unlock(farm);
-    if (saving) job_film_let_go(farm, job);
-    farm_lock(farm);
+    if (saving) farm_job_film_let_go(farm, job);
     farm_job_settle(farm, job);
     farm_unlock(farm);
 }

@@ -23,9 +23,6 @@ void farm_shares_tick(farm_t *farm, double seconds);
 
 /* ---- jobs.c ---- */
 
-/* What the films take of jobs that were begun and are to be loaded next. No other job may take that room:
- * workers may hold batches of these, and take up nothing else before they are rid of them. */
-uint64_t farm_awaited_bytes(const farm_t *farm);
 /* Seconds that were spent on the job. */
 double farm_job_elapsed(const job_t *job, double now);
 /* All that outlives the process, as it is now. */
@@ -102,6 +99,8 @@ void farm_workers_tick(farm_t *farm, double now);
 void farm_count_reissued(job_t *job, worker_t *worker, size_t units);
 /* A worker was given work, or delivered some: when is the rest to be here? */
 void farm_worker_expect(const farm_t *farm, double now, worker_t *worker);
+/* Threads of connected workers whose bits fit a job. */
+uint32_t farm_fitting_threads(const farm_t *farm, const job_t *job);
 
 /* ---- take.c ---- */
 

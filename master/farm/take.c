@@ -188,16 +188,6 @@ static bool recall_slow(farm_t *farm, double now, const worker_t *idle)
 
 /* ---- giving -------------------------------------------------------------------------------------------- */
 
-/* The threads of all connected workers that may work on a job. */
-static uint32_t farm_threads(const farm_t *farm, const job_t *job)
-{
-    uint32_t threads = 0;
-    for (size_t i = 0; i < farm->worker_count; i++)
-        if (farm->workers[i].connected && farm_bits_fit(job, &farm->workers[i].fingerprint))
-            threads += farm->workers[i].threads;
-    return threads;
-}
-
 static double wished_units(const schedule_wish_t *wish)
 {
     return (double)wish->samples / fmax((double)wish->unit_samples, 1);
@@ -218,7 +208,7 @@ static bool take_from_job(farm_t *farm, double now, job_t *job, worker_t *worker
     if (answer == TRUST_COMPARES) return true;
     if (answer == TRUST_WAIT) return false;
     if (answer != TRUST_GIVEN) {
-        wish->farm_threads = farm_threads(farm, job);
+        wish->farm_threads = farm_fitting_threads(farm, job);
         work->unit_count =
             schedule_take(job->schedule, wish, work->units, answer == TRUST_MARK ? 1 : WIRE_MAX_UNITS);
         if (answer == TRUST_MARK && work->unit_count > 0) trust_mark(farm, now, job, worker, work);

@@ -324,8 +324,7 @@ worker_report_t *farm_worker_report(farm_t *farm, double now, size_t *count)
 
 /* ---- time ---------------------------------------------------------------------------------------------- */
 
-/* Threads of connected workers whose bits fit a job. */
-static uint32_t fitting_threads(const farm_t *farm, const job_t *job)
+uint32_t farm_fitting_threads(const farm_t *farm, const job_t *job)
 {
     uint32_t threads = 0;
     for (size_t i = 0; i < farm->worker_count; i++)
@@ -341,7 +340,7 @@ static void remark_job(const farm_t *farm, double now, job_t *job)
     if (job->film != FILM_OPEN || job->milestone == IMAGE_FAILED) return;
     job->remark[0] = '\0';
     if (job->kept.state == JOB_PAUSED) return;
-    if (fitting_threads(farm, job) == 0) {
+    if (farm_fitting_threads(farm, job) == 0) {
         char bits[2 * HASH_BYTES + 1];
         hash_to_hex(&job->kept.fingerprint, bits);
         uint32_t connected = 0;

@@ -4,7 +4,7 @@
  * enough to see where the noise is, and each further round goes on to a total that is
  *
  *   - predicted from the error e so far and the error E wanted: total * (e / E)^2, and a little more, but
- *     between LEAST_GROWTH and MOST_GROWTH times as many. The upper limit is there since a prediction far
+ *     between least_growth and most_growth times as many. The upper limit is there since a prediction far
  *     ahead is a poor one, and since an error that is overestimated now (one firefly) would cost as much as
  *     the limit allows; the lower, since every round ends with workers that wait for each other;
  *   - twice as many in an adaptive job that is to reach a number of samples: half of all samples are then

@@ -105,18 +105,18 @@ struct job {
     double milestone_retry;     /* seconds, likewise */
     job_save_t save;
     job_write_t write;
-    bool scene_due;         /* its scene has to be looked at: it may be damaged */
-    bool planning;          /* the next round is being planned */
-    bool gone;              /* deleted: freed when the last pin goes */
-    bool record_due;        /* the record has changed since the journal got it */
-    double last_checkpoint; /* seconds; 0: none */
-    double started, ended;  /* seconds; 0: not yet */
-    double flush_until;     /* seconds, while a flush goes on */
-    double service;         /* thread-seconds that it was given, in the sense of fair shares (farm_shares) */
-    uint32_t threads;       /* that work on it now */
-    double claim;           /* on the worker that is being served, see farm_shares */
-    bool held_back;         /* likewise: it is not its turn to begin */
-    schedule_t *schedule;   /* NULL before the first assignment and when the job is over */
+    bool scene_due;             /* its scene has to be looked at: it may be damaged */
+    bool planning;              /* the next round is being planned */
+    bool gone;                  /* deleted: freed when the last pin goes */
+    bool record_due;            /* the record has changed since the journal got it */
+    double last_checkpoint;     /* seconds; 0: none */
+    double started, ended;      /* seconds; 0: not yet */
+    double flush_until;         /* seconds, while a flush goes on */
+    double service;             /* thread-seconds that it was given, in the sense of farm/shares.c */
+    uint32_t threads;           /* that work on it now */
+    double claim;               /* on the worker that is being served, likewise */
+    bool held_back;             /* likewise: it is not its turn to begin */
+    schedule_t *schedule;       /* NULL before the first assignment and when the job is over */
     shared_film_t *shared_film; /* from FILM_OPEN to FILM_CONDEMNED, else NULL */
     int shared_film_users;      /* that look at it without the farm's lock */
     int merging;                /* batches that are counted and being added to the film */

@@ -31,8 +31,7 @@ typedef struct {
     uint64_t film_limit;   /* bytes that the films of all jobs may take */
     uint64_t first_job;    /* number of the first job */
     size_t job_limit;      /* jobs known at a time, at most FARM_MAX_JOBS */
-    const char
-        *spool_dir; /* where batches wait to be vouched for (trust/checks.c); NULL: jobs cannot be verified */
+    const char *spool_dir; /* where batches wait to be vouched for; NULL: jobs cannot be verified */
     /* eventfds; -1: none */
     int control_wake;        /* written when there are notices to send */
     int image_wake;          /* when a job waits for its image */
