@@ -125,6 +125,11 @@ hash_t hash_bytes(const void *data, size_t size)
     return hash;
 }
 
+bool hash_is_zero(const hash_t *hash)
+{
+    return hash_equal(hash, &(hash_t){{0}});
+}
+
 bool hash_equal(const hash_t *a, const hash_t *b)
 {
     return memcmp(a->bytes, b->bytes, HASH_BYTES) == 0;

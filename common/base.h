@@ -80,6 +80,8 @@ typedef struct {
 /* BLAKE2b-256 (RFC 7693, libsodium) of `size` bytes. */
 hash_t hash_bytes(const void *data, size_t size);
 bool hash_equal(const hash_t *a, const hash_t *b);
+/* All zero: where that stands for none. */
+bool hash_is_zero(const hash_t *hash);
 /* Writes 64 lower-case hex digits and a NUL to `text`. */
 void hash_to_hex(const hash_t *hash, char text[2 * HASH_BYTES + 1]);
 

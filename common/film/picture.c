@@ -93,9 +93,8 @@ void picture_describe(image_t *image, const picture_meta_t *meta, uint64_t sampl
     add_counts(image, samples, &meta->counts);
     image_set_int(image, "lightmill.workers", (int32_t)meta->workers);
     image_set_float(image, "lightmill.wallSeconds", (float)meta->wall_seconds);
-    static const hash_t none;
     hash_to_hex(&meta->bits, hash);
-    if (!hash_equal(&meta->bits, &none)) image_set_string(image, "lightmill.bits", hash);
+    if (!hash_is_zero(&meta->bits)) image_set_string(image, "lightmill.bits", hash);
     if (meta->note != NULL && meta->note[0] != '\0') image_set_string(image, "lightmill.note", meta->note);
 }
 

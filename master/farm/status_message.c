@@ -3,11 +3,6 @@
 
 #include <string.h>
 
-static bool hash_is_zero(const hash_t *hash)
-{
-    return hash_equal(hash, &(hash_t){{0}});
-}
-
 static void fill_progress(const job_report_t *report, Lm__JobStatus *status)
 {
     status->samples_done = report->record.samples_done;

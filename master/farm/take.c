@@ -34,8 +34,6 @@ static const double HURRY_SECONDS = 1;  /* and by what time beside */
 
 /* ---- the bits of a job --------------------------------------------------------------------------------- */
 
-static const hash_t no_fingerprint;
-
 /* True when no other kind of connected workers, of those that do not hang, has more threads. */
 static bool in_largest_group(const farm_t *farm, double now, const worker_t *worker)
 {
@@ -67,14 +65,14 @@ static bool may_work(const worker_t *worker, const job_t *job)
     if (worker->quarantine != 0 && worker->quarantine != job->kept.job)
         return false; /* it waits for units of another one */
     if (!farm_bits_fit(job, &worker->fingerprint)) return false;
-    bool begins = !job->kept.terms.mixed && hash_equal(&job->kept.fingerprint, &no_fingerprint);
+    bool begins = !job->kept.terms.mixed && hash_is_zero(&job->kept.fingerprint);
     return !begins || worker->begins;
 }
 
 void farm_note_bits(farm_t *farm, job_t *job, const worker_t *worker)
 {
     if (hash_equal(&job->kept.fingerprint, &worker->fingerprint)) return;
-    if (hash_equal(&job->kept.fingerprint, &no_fingerprint)) {
+    if (hash_is_zero(&job->kept.fingerprint)) {
         char bits[2 * HASH_BYTES + 1];
         hash_to_hex(&worker->fingerprint, bits);
         log_info("job %llu is made of the bits %.8s", (unsigned long long)job->kept.job, bits);

@@ -138,7 +138,6 @@ static uint32_t sane_threads(uint32_t threads)
 
 static worker_t make_worker(double now, const identity_t *identity, const worker_hello_t *hello)
 {
-    static const hash_t none;
     worker_t worker = {.identity = *identity,
                        .threads = sane_threads(hello->threads),
                        .fingerprint = hello->fingerprint,
@@ -148,7 +147,7 @@ static worker_t make_worker(double now, const identity_t *identity, const worker
                        .last_seen = now,
                        .asked = now};
     /* Those who do not say make a group of their own. */
-    if (hash_equal(&worker.fingerprint, &none)) memset(&worker.fingerprint, 0xFF, sizeof worker.fingerprint);
+    if (hash_is_zero(&worker.fingerprint)) memset(&worker.fingerprint, 0xFF, sizeof worker.fingerprint);
     snprintf(worker.name, sizeof worker.name, "%s", hello->name[0] != '\0' ? hello->name : "(no name)");
     snprintf(worker.key, sizeof worker.key, "%s", hello->key);
     return worker;

@@ -120,8 +120,6 @@ bool farm_worker_asks(const farm_t *farm, double now, const worker_t *worker, in
 
 /* ---- jobs ---------------------------------------------------------------------------------------------- */
 
-static const hash_t no_fingerprint;
-
 double farm_unit_samples(const job_t *job, const unit_t *units, size_t count)
 {
     double samples = 0;
@@ -132,7 +130,7 @@ double farm_unit_samples(const job_t *job, const unit_t *units, size_t count)
 
 bool farm_bits_fit(const job_t *job, const hash_t *fingerprint)
 {
-    return job->kept.terms.mixed || hash_equal(&job->kept.fingerprint, &no_fingerprint) ||
+    return job->kept.terms.mixed || hash_is_zero(&job->kept.fingerprint) ||
            hash_equal(&job->kept.fingerprint, fingerprint);
 }
 

@@ -61,8 +61,7 @@ static uint64_t most(uint64_t a, uint64_t b)
 /* The process ended between a checkpoint and the record of it. */
 static void catch_up(job_record_t *record, const job_record_t *film)
 {
-    static const hash_t none;
-    if (hash_equal(&record->fingerprint, &none)) record->fingerprint = film->fingerprint;
+    if (hash_is_zero(&record->fingerprint)) record->fingerprint = film->fingerprint;
     record->elapsed = fmax(record->elapsed, film->elapsed);
     record->bytes = most(record->bytes, film->bytes);
     record->batches = most(record->batches, film->batches);

@@ -24,7 +24,6 @@ static void log_unsent(const char *what, result_t result)
 
 void control_send_hello(control_t *control)
 {
-    static const hash_t unknown = {{0}};
     uplink_state_t state = control_handler(control);
     control->said = state.fingerprint;
     Lm__Hello hello = LM__HELLO__INIT;
@@ -33,7 +32,7 @@ void control_send_hello(control_t *control)
     hello.name = (char *)control->setup.name;
     hello.threads = state.threads;
     hello.relay = control->setup.relay;
-    if (!hash_equal(&control->said, &unknown)) hello.fingerprint = wire_hash_put(&control->said);
+    if (!hash_is_zero(&control->said)) hello.fingerprint = wire_hash_put(&control->said);
     log_unsent("a hello", send_body(control, &WIRE_ENVELOPE(HELLO, hello, &hello)));
 }
 
