@@ -164,6 +164,17 @@ uint32_t job_tile_pixels(const job_settings_t *settings, uint32_t tile)
     return (uint32_t)((rect.x1 - rect.x0) * (rect.y1 - rect.y0));
 }
 
+uint64_t unit_samples(const job_settings_t *settings, const unit_t *unit)
+{
+    return (uint64_t)unit->count * job_tile_pixels(settings, unit->tile);
+}
+
+uint64_t job_total_samples(const job_settings_t *settings)
+{
+    uint64_t pixels = (uint64_t)settings->width * (uint64_t)settings->height;
+    return settings->spp < JOB_MAX_SPP ? pixels * settings->spp : 0;
+}
+
 bool job_is_planned(const job_settings_t *settings)
 {
     return job_follows_noise(settings) || settings->save_at.count > 0;

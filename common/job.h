@@ -99,6 +99,10 @@ rect_t job_tile_rect(const job_settings_t *settings, uint32_t tile);
 bool job_strategy_exists(int s, int t);
 /* Pixels of a tile. */
 uint32_t job_tile_pixels(const job_settings_t *settings, uint32_t tile);
+/* Pixel samples of a unit, */
+uint64_t unit_samples(const job_settings_t *settings, const unit_t *unit);
+/* and of the whole job; 0 when spp does not end it. */
+uint64_t job_total_samples(const job_settings_t *settings);
 /* True when the job goes by rounds (master/schedule/plan.h): they are decided from its film, or end at its
  * milestones. */
 bool job_is_planned(const job_settings_t *settings);

@@ -180,8 +180,8 @@ static result_t delete_job(farm_t *farm, job_t *job)
 /* True when all samples are there that spp asks for. */
 static bool spp_reached(const job_t *job)
 {
-    uint64_t pixels = (uint64_t)job->kept.settings.width * (uint64_t)job->kept.settings.height;
-    return job->kept.settings.spp < JOB_MAX_SPP && job->kept.samples_done >= pixels * job->kept.settings.spp;
+    uint64_t wanted = job_total_samples(&job->kept.settings);
+    return wanted > 0 && job->kept.samples_done >= wanted;
 }
 
 /* What the job is to reach from now on. What it has reached already and what the order says nothing of no

@@ -9,7 +9,7 @@
 /* Pixel samples that the job is likely to take in all; 0: not known. */
 static double likely_total(const job_t *job)
 {
-    double total = job->kept.settings.spp < JOB_MAX_SPP ? (double)schedule_total(job->schedule) : 0;
+    double total = (double)job_total_samples(&job->kept.settings);
     const error_point_t *last = error_history_last(&job->history);
     if (job->kept.settings.error <= 0 || last == NULL) return total;
     double ratio = last->error / job->kept.settings.error; /* the error falls with the root of the samples */
@@ -42,13 +42,11 @@ static void add_remark(char *message, size_t size, const char *remark)
 
 job_report_t farm_report_job(const job_t *job, double now)
 {
-    const job_settings_t *settings = &job->kept.settings;
-    uint64_t pixels = (uint64_t)settings->width * (uint64_t)settings->height;
     const error_point_t *last = error_history_last(&job->history);
     job_report_t report = {.record = farm_job_record(job, now),
                            .checkpoint_age =
                                job->last_checkpoint > 0 ? fmax(now - job->last_checkpoint, 0) : -1,
-                           .samples_total = settings->spp < JOB_MAX_SPP ? pixels * settings->spp : 0,
+                           .samples_total = job_total_samples(&job->kept.settings),
                            .remaining = remaining_time(job, now),
                            .workers = job->schedule != NULL ? (uint32_t)schedule_holders(job->schedule) : 0,
                            .error = last != NULL ? last->error : job->kept.error};

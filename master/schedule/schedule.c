@@ -291,11 +291,11 @@ size_t schedule_take(schedule_t *s, const schedule_wish_t *wish, unit_t *units, 
     holder_t *holder = holder_make(s, wish->worker);
     if (holder == NULL) return 0;
     uint64_t share = fair_share(s, wish), grant = least(wish->samples, share), taken = 0;
-    uint64_t unit_samples = least(wish->unit_samples, share / (UNITS_A_THREAD * most(wish->threads, 1)));
+    uint64_t wished = least(wish->unit_samples, share / (UNITS_A_THREAD * most(wish->threads, 1)));
     size_t count = 0;
     while (count < capacity && taken < grant && schedule_available(s)) {
-        units[count] = take_unit(s, holder, unit_samples);
-        taken += (uint64_t)units[count].count * job_tile_pixels(&s->settings, units[count].tile);
+        units[count] = take_unit(s, holder, wished);
+        taken += unit_samples(&s->settings, &units[count]);
         count++;
     }
     return count;
@@ -449,12 +449,6 @@ unit_t *schedule_units_of(const schedule_t *s, uint64_t worker, size_t *count)
 uint64_t schedule_done(const schedule_t *s)
 {
     return s->counted;
-}
-
-uint64_t schedule_total(const schedule_t *s)
-{
-    if (s->settings.spp == JOB_MAX_SPP) return 0;
-    return (uint64_t)s->settings.width * (uint64_t)s->settings.height * s->settings.spp;
 }
 
 schedule_account_t schedule_account(const schedule_t *s)

@@ -53,9 +53,8 @@ bool schedule_available(const schedule_t *schedule);
 size_t schedule_held(const schedule_t *schedule, uint64_t worker);
 /* Workers that hold units; the farm itself is none. */
 size_t schedule_holders(const schedule_t *schedule);
-/* Pixel samples counted, and wanted in all: of a planned job at most. 0 when spp does not end the job. */
+/* Pixel samples counted. */
 uint64_t schedule_done(const schedule_t *schedule);
-uint64_t schedule_total(const schedule_t *schedule);
 
 /* ---- rounds (plan.h) ---- */
 
@@ -123,6 +122,8 @@ typedef struct {
 /* Copies the state into fresh memory. */
 void schedule_save(const schedule_t *schedule, schedule_state_t *state);
 void schedule_state_free(schedule_state_t *state);
+/* Pixel samples counted in it. */
+uint64_t schedule_state_samples(const job_settings_t *settings, const schedule_state_t *state);
 /* A schedule from a state that was read from a file: RESULT_INPUT, naming what is wrong, unless it fits the
  * settings. What was out when it was saved is returned. The settings may have been extended since then (see
  * schedule_extend, also for what happens to settings->spp). */

@@ -119,11 +119,16 @@ static result_t check_apart(const schedule_state_t *state)
     return result_ok();
 }
 
+uint64_t schedule_state_samples(const job_settings_t *settings, const schedule_state_t *state)
+{
+    uint64_t samples = 0;
+    for (size_t i = 0; i < state->counted_count; i++) samples += unit_samples(settings, &state->counted[i]);
+    return samples;
+}
+
 static result_t check_account(const job_settings_t *settings, const schedule_state_t *state)
 {
-    uint64_t counted = 0;
-    for (size_t i = 0; i < state->counted_count; i++)
-        counted += (uint64_t)state->counted[i].count * job_tile_pixels(settings, state->counted[i].tile);
+    uint64_t counted = schedule_state_samples(settings, state);
     if (state->issued >= counted && state->returned <= state->issued - counted) return result_ok();
     return result_fail(RESULT_INPUT, "%llu pixel samples were issued, but %llu counted and %llu returned",
                        (unsigned long long)state->issued, (unsigned long long)counted,

@@ -123,8 +123,7 @@ bool farm_worker_asks(const farm_t *farm, double now, const worker_t *worker, in
 double farm_unit_samples(const job_t *job, const unit_t *units, size_t count)
 {
     double samples = 0;
-    for (size_t i = 0; i < count; i++)
-        samples += (double)units[i].count * job_tile_pixels(&job->kept.settings, units[i].tile);
+    for (size_t i = 0; i < count; i++) samples += (double)unit_samples(&job->kept.settings, &units[i]);
     return samples;
 }
 

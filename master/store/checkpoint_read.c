@@ -254,13 +254,10 @@ static bool make_state(const schedule_state_t *numbers, schedule_state_t *state)
 static result_t check_ranges(const checkpoint_t *c, const schedule_state_t *state)
 {
     const job_settings_t *settings = &c->info.record.settings;
-    uint64_t samples = 0;
-    for (size_t i = 0; i < state->counted_count; i++) {
+    for (size_t i = 0; i < state->counted_count; i++)
         if (!job_unit_valid(settings, &state->counted[i]))
             return damaged(c, "it counts what is not of its job");
-        samples += (uint64_t)state->counted[i].count * job_tile_pixels(settings, state->counted[i].tile);
-    }
-    if (samples == c->info.samples) return result_ok();
+    if (schedule_state_samples(settings, state) == c->info.samples) return result_ok();
     return damaged(c, "it does not hold as many samples as it says");
 }
 

@@ -95,14 +95,6 @@ static void make_blocks(void *data)
 
 /* ---- the front ----------------------------------------------------------------------------------------- */
 
-static uint64_t state_samples(const job_settings_t *settings, const schedule_state_t *state)
-{
-    uint64_t samples = 0;
-    for (size_t i = 0; i < state->counted_count; i++)
-        samples += (uint64_t)state->counted[i].count * job_tile_pixels(settings, state->counted[i].tile);
-    return samples;
-}
-
 /* The head as bytes in fresh memory. */
 static uint8_t *pack_head(const checkpoint_info_t *info, const schedule_state_t *state, size_t *size)
 {
@@ -175,7 +167,7 @@ result_t checkpoint_write(const char *path, checkpoint_info_t *info, const sched
     double start = clock_now();
     *cost = (checkpoint_cost_t){0};
     info->counts = shared_film_snapshot_counts(snapshot);
-    info->samples = state_samples(settings, state);
+    info->samples = schedule_state_samples(settings, state);
     writer_t writer = {.state = state, .snapshot = snapshot, .state_bytes = (size_t)state_bytes(state)};
     if (writer.state_bytes > CHECKPOINT_MAX_STATE)
         return result_fail(RESULT_LIMIT, "%s: the schedule takes %zu bytes", path, writer.state_bytes);

@@ -52,25 +52,13 @@ struct checkpointer {
     double warned_at;  /* seconds, when the last of them was complained of */
 };
 
-static double percent(uint64_t part, uint64_t whole)
-{
-    return whole > 0 ? 100 * (double)part / (double)whole : 0;
-}
-
-/* Pixel samples that the job is to have; 0 when that is not known. */
-static uint64_t samples_wanted(const job_settings_t *settings)
-{
-    if (settings->spp >= JOB_MAX_SPP) return 0;
-    return (uint64_t)settings->width * (uint64_t)settings->height * settings->spp;
-}
-
 /* "123 pixel samples (45.6%)", the share as far as it is known. */
 static void describe_samples(const job_record_t *record, uint64_t samples, char text[80])
 {
-    uint64_t wanted = samples_wanted(&record->settings);
+    uint64_t wanted = job_total_samples(&record->settings);
     if (wanted > 0)
         snprintf(text, 80, "%llu pixel samples (%.1f%%)", (unsigned long long)samples,
-                 percent(samples, wanted));
+                 100 * (double)samples / (double)wanted);
     else
         snprintf(text, 80, "%llu pixel samples", (unsigned long long)samples);
 }

@@ -281,10 +281,9 @@ void trust_checkpointed(job_t *job)
 
 static uint64_t clock_of_state(const job_settings_t *settings, const schedule_state_t *state)
 {
-    schedule_account_t account = {.issued = state->issued, .returned = state->returned};
-    for (size_t i = 0; i < state->counted_count; i++)
-        account.counted +=
-            (uint64_t)state->counted[i].count * job_tile_pixels(settings, state->counted[i].tile);
+    schedule_account_t account = {.issued = state->issued,
+                                  .counted = schedule_state_samples(settings, state),
+                                  .returned = state->returned};
     return evidence_clock(&account);
 }
 

@@ -9,11 +9,6 @@ size_t unit_queue_length(const unit_queue_t *queue)
     return queue->end - queue->first;
 }
 
-uint64_t unit_samples(const job_settings_t *settings, const unit_t *unit)
-{
-    return (uint64_t)unit->count * job_tile_pixels(settings, unit->tile);
-}
-
 static void append(unit_queue_t *queue, const job_settings_t *settings, unit_t unit)
 {
     if (queue->end == queue->capacity && queue->first > 0) {

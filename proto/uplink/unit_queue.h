@@ -20,7 +20,4 @@ unit_t unit_queue_pop(unit_queue_t *queue, const job_settings_t *settings);
 void unit_queue_clear(unit_queue_t *queue);
 void unit_queue_free(unit_queue_t *queue);
 
-/* Pixel samples of a unit. */
-uint64_t unit_samples(const job_settings_t *settings, const unit_t *unit);
-
 #endif

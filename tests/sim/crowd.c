@@ -112,7 +112,7 @@ static double speed(const member_t *member)
     return prepared_speed(member->crowd->options.prepared) * member->crowd->options.power;
 }
 
-static double unit_samples(const member_t *member, const unit_t *unit)
+static double samples_of(const member_t *member, const unit_t *unit)
 {
     return (double)unit->count *
            job_tile_pixels(prepared_settings(member->crowd->options.prepared), unit->tile);
@@ -157,7 +157,7 @@ static void send_batch(member_t *member, double now)
     Lm__Counts counts_message = LM__COUNTS__INIT;
     member->samples = 0;
     for (size_t i = 0; i < member->opened; i++) {
-        uint64_t pixels = (uint64_t)(unit_samples(member, &member->open[i]) / member->open[i].count);
+        uint64_t pixels = (uint64_t)(samples_of(member, &member->open[i]) / member->open[i].count);
         for (int half = 0; half < 2; half++)
             counts.light_paths[half] += pixels * unit_half_count(&member->open[i], half);
         member->samples += pixels * member->open[i].count;
@@ -329,7 +329,7 @@ static void render(member_t *member, double now)
 {
     size_t done = 0;
     while (done < member->queued) {
-        double seconds = unit_samples(member, &member->queue[done]) / speed(member);
+        double seconds = samples_of(member, &member->queue[done]) / speed(member);
         if (member->head_done + seconds > now) break;
         if (member->opened == member->open_capacity) {
             member->open_capacity = 2 * member->open_capacity + 64;
@@ -351,7 +351,7 @@ static void keep_busy(member_t *member, double now)
 {
     double held = 0, hold = fmax(HOLD_SECONDS, UNIT_SECONDS) * speed(member);
     if (now < member->next_work) return;
-    for (size_t i = 0; i < member->queued; i++) held += unit_samples(member, &member->queue[i]);
+    for (size_t i = 0; i < member->queued; i++) held += samples_of(member, &member->queue[i]);
     if (held < 0.5 * hold) ask_for_work(member, now, hold - held);
 }
 

@@ -114,6 +114,19 @@ static void tiles_of_adaptive_jobs_may_have_more(void **state)
     assert_int_equal(job_sample_limit(&settings), JOB_MAX_SPP);
 }
 
+static void the_samples_of_a_job_are_known_unless_time_ends_it(void **state)
+{
+    (void)state;
+    job_settings_t settings = settings_of(70, 40, 32);
+    settings.spp = 100;
+    assert_int_equal(unit_samples(&settings, &(unit_t){2, 7, 5}), 5 * (70 - 64) * 32);
+    assert_int_equal(job_total_samples(&settings), 70 * 40 * 100);
+    settings.spp = JOB_MAX_SPP - 1;
+    assert_int_equal(job_total_samples(&settings), (uint64_t)70 * 40 * (JOB_MAX_SPP - 1));
+    settings.spp = JOB_MAX_SPP;
+    assert_int_equal(job_total_samples(&settings), 0);
+}
+
 static void halves_count_even_and_odd_samples(void **state)
 {
     (void)state;
@@ -277,6 +290,7 @@ int main(void)
                                        cmocka_unit_test(tiles_run_row_by_row),
                                        cmocka_unit_test(units_are_checked),
                                        cmocka_unit_test(tiles_of_adaptive_jobs_may_have_more),
+                                       cmocka_unit_test(the_samples_of_a_job_are_known_unless_time_ends_it),
                                        cmocka_unit_test(halves_count_even_and_odd_samples),
                                        cmocka_unit_test(settings_are_checked),
                                        cmocka_unit_test(strategies_are_checked),
