@@ -118,7 +118,7 @@ static result_t serve(values_t *values)
     }
     log_info("ending; once more to end at once");
     pthread_sigmask(SIG_SETMASK, &before, NULL);
-    result = master_stop(&master);
+    master_stop(&master);
     health_stop(&health);
     return result;
 }

@@ -316,9 +316,8 @@ void master_reload(master_t *master)
     gate_reload(server_gate(master->server));
 }
 
-result_t master_stop(master_t **master)
+void master_stop(master_t **master)
 {
     if (*master != NULL) dismantle(*master);
     *master = NULL;
-    return result_ok();
 }

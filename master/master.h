@@ -44,6 +44,6 @@ const char *master_page_url(const master_t *master);
 void master_reload(master_t *master);
 /* Stops taking work in, writes a last checkpoint of every job that is not over, joins the threads, frees
  * everything and sets *master to NULL. The jobs go on when a master is started with this directory again. */
-result_t master_stop(master_t **master);
+void master_stop(master_t **master);
 
 #endif

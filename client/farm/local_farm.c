@@ -280,10 +280,7 @@ void local_farm_stop(local_farm_t **farm_pointer)
     atomic_store(&farm->stop, 1);
     stop_processes(farm);
     if (farm->thread_started) pthread_join(farm->thread, NULL);
-    if (farm->master) {
-        result_t result = master_stop(&farm->master);
-        if (result.code != RESULT_OK) log_warning("%s", result.message);
-    }
+    master_stop(&farm->master);
     zmq_ctx_term(farm->context);
     remove_directory(farm->dir);
     free(farm->dir);

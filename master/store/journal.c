@@ -436,11 +436,10 @@ static result_t set_aside(journal_t *journal)
         free(to);
     }
     if (result.code == RESULT_OK)
-        log_error(
-            "THE JOURNAL IS DAMAGED: %s is set aside as %s.damaged-%s; %zu jobs could be read from it, "
-            "others "
-            "come back from their films; jobs that had no checkpoint yet and could not be read are lost",
-            journal->path, journal->path, stamp, journal->found.record_count);
+        log_error("THE JOURNAL IS DAMAGED: %s is set aside as %s.damaged-%s; %zu jobs could be read from it, "
+                  "others come back from their films; jobs that had no checkpoint yet and could not be read "
+                  "are lost",
+                  journal->path, journal->path, stamp, journal->found.record_count);
     return result;
 }
 
@@ -483,20 +482,23 @@ static result_t open_all(journal_t *journal, bool fleeting)
     return result_ok();
 }
 
+static void free_journal(journal_t *journal)
+{
+    close_database(journal);
+    journal_forget_found(journal);
+    pthread_mutex_destroy(&journal->lock);
+    free(journal->path);
+    free(journal);
+}
+
 result_t journal_open(const char *path, bool fleeting, journal_t **out)
 {
     journal_t *journal = mem_zalloc(1, sizeof *journal);
     journal->path = mem_strdup(path);
     pthread_mutex_init(&journal->lock, NULL);
     result_t result = open_all(journal, fleeting);
-    *out = journal;
-    if (result.code == RESULT_OK) return result;
-    close_database(journal);
-    journal_forget_found(journal);
-    pthread_mutex_destroy(&journal->lock);
-    free(journal->path);
-    free(journal);
-    *out = NULL;
+    *out = result.code == RESULT_OK ? journal : NULL;
+    if (*out == NULL) free_journal(journal);
     return result;
 }
 
@@ -506,11 +508,7 @@ void journal_close(journal_t **out)
     if (journal == NULL) return;
     result_t result = set_meta(journal, "running", 0);
     if (result.code != RESULT_OK) log_warning("%s", result.message);
-    close_database(journal);
-    journal_forget_found(journal);
-    pthread_mutex_destroy(&journal->lock);
-    free(journal->path);
-    free(journal);
+    free_journal(journal);
     *out = NULL;
 }
 
