@@ -129,11 +129,12 @@ void bytes_join(const uint8_t *in, size_t size, uint8_t *out)
     memcpy(out + 8 * words, in + 8 * words, size % 8);
 }
 
+/* One thread's share of the work. */
 typedef struct {
     void (*work)(void *data);
     void *data;
     double cpu; /* seconds that it took */
-} hand_t;
+} share_t;
 
 static double thread_cpu(void)
 {
@@ -142,30 +143,30 @@ static double thread_cpu(void)
     return (double)time.tv_sec + 1e-9 * (double)time.tv_nsec;
 }
 
-static void *hand_run(void *argument)
+static void *share_run(void *argument)
 {
-    hand_t *hand = argument;
+    share_t *share = argument;
     double start = thread_cpu();
-    hand->work(hand->data);
-    hand->cpu = thread_cpu() - start;
+    share->work(share->data);
+    share->cpu = thread_cpu() - start;
     return NULL;
 }
 
 double threads_run(int threads, void (*work)(void *data), void *data)
 {
     pthread_t started[CHECKPOINT_MAX_THREADS];
-    hand_t hands[CHECKPOINT_MAX_THREADS];
+    share_t shares[CHECKPOINT_MAX_THREADS];
     int count = 0, wanted = int_min(threads, CHECKPOINT_MAX_THREADS);
     for (; count + 1 < wanted; count++) {
-        hands[count] = (hand_t){work, data, 0};
-        if (thread_start(&started[count], "lm-film", hand_run, &hands[count]).code != RESULT_OK) break;
+        shares[count] = (share_t){work, data, 0};
+        if (thread_start(&started[count], "lm-film", share_run, &shares[count]).code != RESULT_OK) break;
     }
-    hand_t own = {work, data, 0};
-    hand_run(&own);
+    share_t own = {work, data, 0};
+    share_run(&own);
     double cpu = own.cpu;
     for (int i = 0; i < count; i++) {
         pthread_join(started[i], NULL);
-        cpu += hands[i].cpu;
+        cpu += shares[i].cpu;
     }
     return cpu;
 }

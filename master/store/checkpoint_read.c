@@ -187,23 +187,23 @@ typedef struct {
 typedef struct {
     uint8_t *coded, *split, *plain;
     ZSTD_DCtx *decompressor;
-} bench_t;
+} scratch_t;
 
-static result_t load_block(const reader_t *reader, size_t index, const bench_t *bench)
+static result_t load_block(const reader_t *reader, size_t index, const scratch_t *scratch)
 {
     const checkpoint_t *c = reader->checkpoint;
     entry_t entry = entry_get(c->index + ENTRY_BYTES * index);
-    TRY(read_at(c, bench->coded, entry.size, entry.offset));
-    hash_t hash = hash_bytes(bench->coded, entry.size);
+    TRY(read_at(c, scratch->coded, entry.size, entry.offset));
+    hash_t hash = hash_bytes(scratch->coded, entry.size);
     if (!hash_equal(&hash, &entry.hash)) return damaged(c, "the checksum of a page is wrong");
     bool of_state = index < c->state_blocks;
     size_t size = block_bytes(c, index);
     uint8_t *target =
-        of_state ? bench->plain : shared_film_page(reader->film, index - c->state_blocks, &size);
-    if (ZSTD_decompressDCtx(bench->decompressor, bench->split, SHARED_FILM_PAGE_BYTES, bench->coded,
+        of_state ? scratch->plain : shared_film_page(reader->film, index - c->state_blocks, &size);
+    if (ZSTD_decompressDCtx(scratch->decompressor, scratch->split, SHARED_FILM_PAGE_BYTES, scratch->coded,
                             entry.size) != size)
         return damaged(c, "a page does not unpack");
-    bytes_join(bench->split, size, target);
+    bytes_join(scratch->split, size, target);
     if (of_state) state_copy(reader->state, index * SHARED_FILM_PAGE_BYTES, size, target, true);
     return result_ok();
 }
@@ -221,19 +221,20 @@ static void fail(reader_t *reader, result_t result)
 static void load_blocks(void *data)
 {
     reader_t *reader = data;
-    bench_t bench = {mem_alloc(ZSTD_compressBound(SHARED_FILM_PAGE_BYTES)), mem_alloc(SHARED_FILM_PAGE_BYTES),
-                     mem_alloc(SHARED_FILM_PAGE_BYTES), ZSTD_createDCtx()};
-    if (bench.decompressor == NULL) fail(reader, result_fail(RESULT_LIMIT, "no memory to unpack a film"));
+    scratch_t scratch = {mem_alloc(ZSTD_compressBound(SHARED_FILM_PAGE_BYTES)),
+                         mem_alloc(SHARED_FILM_PAGE_BYTES), mem_alloc(SHARED_FILM_PAGE_BYTES),
+                         ZSTD_createDCtx()};
+    if (scratch.decompressor == NULL) fail(reader, result_fail(RESULT_LIMIT, "no memory to unpack a film"));
     for (;;) {
         size_t index = atomic_fetch_add(&reader->next, 1);
         if (index >= reader->checkpoint->block_count) break;
-        result_t result = load_block(reader, index, &bench);
+        result_t result = load_block(reader, index, &scratch);
         if (result.code != RESULT_OK) fail(reader, result);
     }
-    ZSTD_freeDCtx(bench.decompressor);
-    free(bench.plain);
-    free(bench.split);
-    free(bench.coded);
+    ZSTD_freeDCtx(scratch.decompressor);
+    free(scratch.plain);
+    free(scratch.split);
+    free(scratch.coded);
 }
 
 /* ---- the whole ----------------------------------------------------------------------------------------- */

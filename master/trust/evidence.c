@@ -359,8 +359,8 @@ static result_t load_one(farm_t *farm, job_t *job, const job_settings_t *setting
     spool_head_free(&head);
     if (counted) return result_ok();
     spool_name_t now = evidence_name(evidence);
-    spool_delete(dir, job->kept.job,
-                 &now); /* it would be taken for evidence when others have rendered them again */
+    /* It would be taken for evidence when others have rendered them again. */
+    spool_delete(dir, job->kept.job, &now);
     return result_fail(RESULT_INPUT, "the film does not have its samples");
 }
 
@@ -400,11 +400,10 @@ void trust_loaded(farm_t *farm, job_t *job, const schedule_state_t *state)
         farm_unlock(farm);
     }
     free(names);
+    if (count == 0) return;
     farm_lock(farm);
-    if (count > 0)
-        farm->trust->spooled = true; /* what was deleted must not come back after the next checkpoint */
+    farm->trust->spooled = true; /* what was deleted must not come back after the next checkpoint */
     farm_unlock(farm);
-    if (count > 0)
-        log_info("job %llu: %zu batches in its film wait to be vouched for, %zu are to be taken out",
-                 (unsigned long long)job->kept.job, kept, wrong);
+    log_info("job %llu: %zu batches in its film wait to be vouched for, %zu are to be taken out",
+             (unsigned long long)job->kept.job, kept, wrong);
 }

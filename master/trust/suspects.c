@@ -369,30 +369,30 @@ static bool killed_elsewhere(const job_suspects_t *s, const unit_t *unit, uint64
     return false;
 }
 
-bool suspects_died(farm_t *farm, double now, job_t *job, const worker_t *worker, bool *in_ward)
+bool suspects_died(farm_t *farm, double now, job_t *job, const worker_t *worker, bool *apart)
 {
-    *in_ward = false;
+    *apart = false;
     if (job->schedule == NULL || job->flush_until > 0) return false;
-    size_t count, apart = 0;
+    size_t count, given = 0; /* suspects that it was given apart */
     unit_t *units = schedule_units_of(job->schedule, worker->id, &count);
     if (count > 0 && job->suspects == NULL) job->suspects = mem_zalloc(1, sizeof *job->suspects);
     job_suspects_t *s = job->suspects;
     double issued = now;
     for (size_t i = 0; s != NULL && i < s->count; i++) {
         if (s->list[i].holder != worker->id) continue;
-        apart++;
+        given++;
         issued = s->list[i].issued;
     }
-    death_t death = {.worker = worker->id, .machine = worker->machine, .apart = apart > 0};
+    death_t death = {.worker = worker->id, .machine = worker->machine, .apart = given > 0};
     /* It died some time between its last sign of life and now. */
-    if (apart == 1) death.seconds = fmax(worker->last_seen + 0.5 * farm->options.lease - issued, 1e-3);
-    bool excused = apart > 0;
+    if (given == 1) death.seconds = fmax(worker->last_seen + 0.5 * farm->options.lease - issued, 1e-3);
+    bool excused = given > 0;
     for (size_t i = 0; i < count; i++) {
         excused = excused || killed_elsewhere(s, &units[i], worker->machine);
         note(s, &units[i], death);
     }
     free(units);
-    *in_ward = apart > 0;
+    *apart = given > 0;
     return excused;
 }
 

@@ -14,7 +14,7 @@
  *     worker_t.outcast, farm_t.cast_out   this worker is to be disconnected (farm_cast_out)
  *     worker_t.quarantine                 it is to have nothing but suspects, of this job
  *     job_t.progress_due                  the job may be complete (farm_tick)
- *     job_t.message, job_t.remark         what its users are to know
+ *     job_t.kept.message, job_t.remark    what its users are to know
  *
  * All is called under the farm's lock, unless it says otherwise. */
 #ifndef LIGHTMILL_TRUST_H
