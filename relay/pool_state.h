@@ -61,12 +61,11 @@ typedef struct {
     ledger_t ledger;
     relay_check_t **checks;
     size_t check_count;
-    pthread_rwlock_t
-        adding;          /* read by those who add to a parcel, written to close it; before the pool's lock */
-    parcel_t *parcels;   /* those that wait to be sent; the last one is open */
-    parcel_t *under_way; /* that the bulk thread has */
-    bool over;           /* nothing more of it is handed out, */
-    bool flush;          /* but what was rendered is wanted */
+    pthread_rwlock_t adding; /* read to add to a parcel, written to close it; before the pool's lock */
+    parcel_t *parcels;       /* those that wait to be sent; the last one is open */
+    parcel_t *under_way;     /* that the bulk thread has */
+    bool over;               /* nothing more of it is handed out, */
+    bool flush;              /* but what was rendered is wanted */
     double flush_until;
     bool hurry;        /* the sums are wanted soon */
     bool gone;         /* to be freed when nobody uses it */

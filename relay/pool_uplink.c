@@ -27,7 +27,7 @@ static bool make_room(pool_t *pool)
     return pool->job_count < POOL_MAX_JOBS;
 }
 
-/* The job of an assignment; a number alone does not make it the same (worker/render_pool_state.h). NULL when
+/* The job of an assignment; a number alone does not make it the same (job_content_hash). NULL when
  * there is no room: the master gives the units to others in time. */
 static relay_job_t *job_of(pool_t *pool, const assignment_t *assignment)
 {

@@ -117,9 +117,8 @@ static void goodbye(void *self, double now, uint64_t worker, uint64_t id, const 
     member_t *member = pool_find_member(pool, worker);
     if (member != NULL) {
         char name[SERVE_MAX_NAME + 1];
-        size_t units = 0;
         snprintf(name, sizeof name, "%s", member->name);
-        units = pool_remove_member(pool, now, member);
+        size_t units = pool_remove_member(pool, now, member);
         log_info("worker %s leaves%s%s; %zu units go to others", name, reason[0] != '\0' ? ": " : "", reason,
                  units);
         relay_job_t *job = pool_find_job(pool, id);

@@ -16,8 +16,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { WAKES = 4 };
-enum { WAKE_CONTROL, WAKE_BULK, WAKE_NOTICES, WAKE_GRANTS };
+enum { WAKE_CONTROL, WAKE_BULK, WAKE_NOTICES, WAKE_GRANTS, WAKES };
 static const uint64_t DEFAULT_CACHE_LIMIT = 20000000000; /* bytes */
 
 typedef struct {

@@ -1,9 +1,8 @@
 /* sums: see sums.h.
  *
  * DESIGN. The tiles of a batch are put behind those of the others; they are decoded before, and copied under
- * a lock. Frames are added piece by piece from the cache, as in the master
- * (shared_film_merge.c): they are never unfolded in memory. Each stretch of the frame has a lock, so that
- * threads add at once.
+ * a lock. Frames are added piece by piece from the cache: they are never unfolded in memory. Each stretch of
+ * the frame has a lock, so that threads add at once.
  *
  * A frame that turns out to be damaged half-way would leave its first half in the sum. So it is read twice:
  * once to see that it is good, once to add it. That is half as much work again, and cannot go wrong. */

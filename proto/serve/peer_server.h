@@ -51,12 +51,11 @@ typedef struct {
     const char *elsewhere;        /* told to who asks for what this program does not do; NULL: just that */
     gate_options_t gate;          /* keys; and whether it is a relay */
     double heartbeat, lease, batch_interval; /* seconds, told to workers */
-    uint64_t
-        batch_memory;  /* bytes for batches that are under way or wait to be added; 0: grants_usual_credit */
-    int merge_threads; /* that add batches; 0: one for each core */
-    int control_wake;  /* eventfd, kept by the caller: there are notices, or something for its table */
-    int bulk_wake;     /* likewise: a batch may be granted now, or there is something for its table */
-    pulse_t *pulse;    /* of the control socket's thread; kept by the caller; NULL: none */
+    uint64_t batch_memory; /* bytes for batches under way or waiting to be added; 0: grants_usual_credit */
+    int merge_threads;     /* that add batches; 0: one for each core */
+    int control_wake;      /* eventfd, kept by the caller: there are notices, or something for its table */
+    int bulk_wake;         /* likewise: a batch may be granted now, or there is something for its table */
+    pulse_t *pulse;        /* of the control socket's thread; kept by the caller; NULL: none */
 } server_options_t;
 
 /* One of its two sockets, and who answers there. */

@@ -41,7 +41,7 @@ const uplink_calls_t *control_calls(const control_t *control)
     return control->setup.handler.calls;
 }
 
-uplink_state_t control_handler(const control_t *control)
+uplink_state_t control_handler_state(const control_t *control)
 {
     return control->setup.handler.calls->state(control->setup.handler.self);
 }
@@ -153,7 +153,7 @@ static void drive_up(control_t *control)
         control_redial(control, "the master is silent");
         return;
     }
-    uplink_state_t state = control_handler(control);
+    uplink_state_t state = control_handler_state(control);
     if (state.failure.code != RESULT_OK) {
         control_give_up_job(control, state.failed, state.failure);
         return;
@@ -186,7 +186,7 @@ static void drive(control_t *control)
         dial(control);
         break;
     case PHASE_RESTING:
-        if (clock_now() >= control->deadline && control_handler(control).ready) dial(control);
+        if (clock_now() >= control->deadline && control_handler_state(control).ready) dial(control);
         break;
     }
 }
@@ -217,7 +217,7 @@ static void begin_leaving(control_t *control)
 static bool ready_to_leave(control_t *control)
 {
     double now = clock_now();
-    if (control_handler(control).idle) return true;
+    if (control_handler_state(control).idle) return true;
     if (now >= control->give_up_at && !control->gave_up) {
         control->gave_up = true;
         control_calls(control)->give_up(control->setup.handler.self);

@@ -24,7 +24,7 @@ static void log_unsent(const char *what, result_t result)
 
 void control_send_hello(control_t *control)
 {
-    uplink_state_t state = control_handler(control);
+    uplink_state_t state = control_handler_state(control);
     control->said = state.fingerprint;
     Lm__Hello hello = LM__HELLO__INIT;
     hello.protocol_version = WIRE_VERSION;
@@ -108,7 +108,7 @@ static double clamp(double value, double least, double most)
 /* After a new hello: notes what is in hand, to be named in the next requests for work. */
 static void note_claims(control_t *control)
 {
-    uplink_state_t state = control_handler(control);
+    uplink_state_t state = control_handler_state(control);
     if (control->claims == NULL) control->claims = mem_alloc(WIRE_MAX_UNITS * sizeof *control->claims);
     control->claim_job = state.job;
     control->claim_content = state.content;
@@ -144,7 +144,7 @@ static void on_welcome(control_t *control, const Lm__Welcome *welcome)
     control->backoff = FIRST_BACKOFF;
     control->last_complaint = 0;
     log_info("joined the master at %s (%.100s), %u threads", control->setup.control_endpoint,
-             welcome->software, control_handler(control).threads);
+             welcome->software, control_handler_state(control).threads);
     if (control->was_up) {
         control_calls(control)->forget(control->setup.handler.self);
         note_claims(control);

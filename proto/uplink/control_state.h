@@ -44,7 +44,7 @@ typedef struct {
 } control_t;
 
 const uplink_calls_t *control_calls(const control_t *control);
-uplink_state_t control_handler(const control_t *control);
+uplink_state_t control_handler_state(const control_t *control);
 
 /* ---- control.c ---- */
 

@@ -241,9 +241,17 @@ static result_t write_pair(const char *open_path, const char *secret_path, const
     return result;
 }
 
+/* True for names that make good file names and list entries. */
+static bool is_good_name(const char *name)
+{
+    size_t length = strlen(name);
+    return length > 0 && length <= KEY_MAX_NAME && name[0] != '.' && name[0] != '-' &&
+           strspn(name, "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789._@-") == length;
+}
+
 result_t key_files_make(const char *directory, const char *name, key_pair_t *pair)
 {
-    if (!key_name_valid(name))
+    if (!is_good_name(name))
         return result_fail(RESULT_USAGE, "'%.100s' is no name for a key: 1 to %d letters, digits and ._@-",
                            name, KEY_MAX_NAME);
     TRY(key_pair_new(pair));
@@ -254,15 +262,6 @@ result_t key_files_make(const char *directory, const char *name, key_pair_t *pai
     free(open_path);
     free(secret_path);
     return result;
-}
-
-/* ---- names --------------------------------------------------------------------------------------------- */
-
-bool key_name_valid(const char *name)
-{
-    size_t length = strlen(name);
-    return length > 0 && length <= KEY_MAX_NAME && name[0] != '.' && name[0] != '-' &&
-           strspn(name, "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789._@-") == length;
 }
 
 char *key_default_directory(void)

@@ -53,8 +53,6 @@ result_t key_file_read_open(const char *path, char key[KEY_TEXT + 1]);
  * RESULT_INPUT when there is such a file: keys are never written over. */
 result_t key_files_make(const char *directory, const char *name, key_pair_t *pair);
 
-/* True for names that make good file names and list entries: 1 to KEY_MAX_NAME of letters, digits and ._@- */
-bool key_name_valid(const char *name);
 /* $XDG_CONFIG_HOME/lightmill or ~/.config/lightmill in fresh memory; NULL when neither is known. */
 char *key_default_directory(void);
 

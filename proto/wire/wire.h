@@ -1,9 +1,9 @@
 /* wire: messages on ZeroMQ sockets, and the hard limits on everything that a peer sends.
  *
- * A message is a header frame (the bytes "LMIL", a version byte, then a protobuf Envelope) and up to three
- * payload frames. A socket of the master is a ROUTER, a peer's is a DEALER; on a ROUTER the identity frame
- * comes first. Whatever arrives is checked against the limits before anything is allocated for it; a message
- * that breaks them is an error value, never an abort, and the socket can go on being used.
+ * A message is a header frame (the bytes "LMIL", a version byte, a checksum, then a protobuf Envelope) and up
+ * to three payload frames. A socket of the master is a ROUTER, a peer's is a DEALER; on a ROUTER the identity
+ * frame comes first. Whatever arrives is checked against the limits before anything is allocated for it; a
+ * message that breaks them is an error value, never an abort, and the socket can go on being used.
  */
 #ifndef LIGHTMILL_WIRE_H
 #define LIGHTMILL_WIRE_H
