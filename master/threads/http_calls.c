@@ -32,5 +32,6 @@ static result_t order(void *context, const job_order_t *order, http_done_fn done
 
 http_master_t http_calls_master(http_calls_t *calls, farm_t *farm, gate_t *gate)
 {
-    return (http_master_t){.context = calls, .farm = farm, .gate = gate, .order = order, .image_path = image_writer_image_path};
+    return (http_master_t){
+        .context = calls, .farm = farm, .gate = gate, .order = order, .image_path = image_writer_image_path};
 }

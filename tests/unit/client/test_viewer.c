@@ -182,7 +182,7 @@ static void a_viewer_that_never_reads_costs_no_time(void **state)
 
 static void no_viewer_is_told_once_with_the_cure(void **state)
 {
-    char news[500];
+    char news[500] = "";
     unsigned told = 0;
     tev_t *tev = tev_start(*state, 0, true);
     viewer_t *viewer = open_viewer(tev->address);

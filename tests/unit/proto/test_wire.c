@@ -471,7 +471,8 @@ static void settings_units_and_counts_are_checked(void **state)
         settings.unweighted = on;
         settings.error = 0.25 * on;
         settings.adaptive = on;
-        settings.save_at = on ? (save_at_t){.count = 0} : (save_at_t){2, {16, JOB_MAX_SPP}};
+        settings.save_at = (save_at_t){.count = 0};
+        if (!on) settings.save_at = (save_at_t){2, {16, JOB_MAX_SPP}};
         Lm__Settings there = LM__SETTINGS__INIT, back = LM__SETTINGS__INIT;
         wire_settings_put(&settings, &there);
         assert_int_equal(wire_settings_get(&there, &got).code, RESULT_OK);
