@@ -123,8 +123,9 @@ export async function watchEvents(signal, on) {
       await stream();
     } catch (error) {
       if (error.status === 401) return on.state("refused");
-      // The master is there, but has no room for one more stream: what changes is asked for from time to time.
-      if (error.status > 0) line = "asking";
+      // The master is there, but has no room for one more stream: what changes is asked for from time to time. A proxy whose
+      // master is gone answers with 502 or 504.
+      if (error.status === 503) line = "asking";
     }
     if (signal.aborted) return;
     if (line === "asking") last = null;
