@@ -68,6 +68,10 @@ static result_t source_open(const tiles_t *tiles, job_t *job, source_t *source)
     if (!over) return farm_resolve(tiles->options.farm, clock_now(), job, &source->film, &report);
     char *path = tiles->options.image_path(tiles->data_dir, farm_job_id(job));
     result_t result = image_read_exr(path, &source->file);
+    job_settings_t settings = farm_job_settings(tiles->options.farm, job);
+    bool fits = source->file.width == settings.width && source->file.height == settings.height;
+    if (result.code == RESULT_OK && !fits)
+        result = result_fail(RESULT_INPUT, "%.200s has another size than its job", path);
     free(path);
     source->from_file = result.code == RESULT_OK;
     return result;
