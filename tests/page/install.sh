@@ -14,4 +14,4 @@ done
 [ -n "$missing" ] || exit 0
 mkdir -p "$folder"
 # shellcheck disable=SC2086  # a list of words
-npm install --prefix "$folder" --no-save --no-audit --no-fund --ignore-scripts --loglevel error $missing
+timeout 300 npm install --prefix "$folder" --no-save --no-audit --no-fund --ignore-scripts --loglevel error $missing

@@ -1,3 +1,4 @@
 #!/bin/sh
 # The page in a real browser: page.mjs. make copies this to BUILD/tests/page/test_page, for tests/run.sh.
-exec node tests/page/page.mjs "${0%/tests/page/test_page}"
+build=${0%/tests/page/test_page}
+tests/page/install.sh "$build/page" && exec node tests/page/page.mjs "$build"
