@@ -7,7 +7,7 @@ set -eu
 folder=$1
 docker/install-packages.sh page
 missing=
-for package in playwright-core@1.65.1 axe-core@4.14.1; do
+for package in playwright-core@1.58.0 axe-core@4.14.1; do
     grep -qs "^ *\"version\": \"${package#*@}\"" "$folder/node_modules/${package%@*}/package.json" ||
         missing="$missing $package"
 done
