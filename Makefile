@@ -164,7 +164,8 @@ asan tsan: export TEST_TIMEOUT ?= 3600
 asan tsan: CHECKED_FLAGS = -O1 -g -fno-omit-frame-pointer
 asan: SANITIZERS = -fsanitize=address,undefined -fno-sanitize-recover=undefined
 tsan: SANITIZERS = -fsanitize=thread
-asan: CHECKED_TESTS =
+# All but the browser's, which would run the sanitized programs against a person's patience.
+asan: CHECKED_TESTS = TESTS="$(patsubst $(BUILD)/%,$(BUILD)/asan/%,$(filter-out %/test_page,$(TESTS)))"
 tsan: CHECKED_TESTS = TESTS="$(TSAN_TESTS:%=$(BUILD)/tsan/tests/%)"
 asan tsan: deps
 	$(SUBMAKE) $(JOBS) BUILD=$(BUILD)/$@ CFLAGS="$(CHECKED_FLAGS)" SANITIZE="$(SANITIZERS)" $(CHECKED_TESTS) all tests

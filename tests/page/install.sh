@@ -6,12 +6,14 @@
 set -eu
 folder=$1
 docker/install-packages.sh page
-missing=
-for package in playwright-core@1.58.0 axe-core@4.14.1; do
-    grep -qs "^ *\"version\": \"${package#*@}\"" "$folder/node_modules/${package%@*}/package.json" ||
-        missing="$missing $package"
-done
-[ -n "$missing" ] || exit 0
+packages="playwright-core@1.58.0 axe-core@4.14.1"
+there() {
+    for package in $packages; do
+        grep -qs "^ *\"version\": \"${package#*@}\"" "$folder/node_modules/${package%@*}/package.json" || return 1
+    done
+}
+there && exit 0
 mkdir -p "$folder"
+# All at once: npm takes out what it is not told of.
 # shellcheck disable=SC2086  # a list of words
-timeout 300 npm install --prefix "$folder" --no-save --no-audit --no-fund --ignore-scripts --loglevel error $missing
+timeout 300 npm install --prefix "$folder" --no-save --no-audit --no-fund --ignore-scripts --loglevel error $packages
