@@ -29,26 +29,30 @@ static void begin(void *values)
     *(values_t *)values = (values_t){.data = "lightmill-data"};
 }
 
-/* Where the page is, as the master has written it down; fresh memory. */
+static result_t no_page(const char *data_dir)
+{
+    return result_fail(
+        RESULT_INPUT,
+        "no master serves a page for %.150s: start lightmill-master --data %.150s --http 7480, "
+        "or name its data directory with --data",
+        data_dir, data_dir);
+}
+
+/* Where the page is, as the master has written it down; fresh memory. The token goes to no address that a
+ * master has left behind: another program may listen there now. */
 static result_t read_url(const char *data_dir, char **url)
 {
-    uint8_t *text = NULL;
-    size_t size = 0;
-    char *path = http_url_path(data_dir);
-    bool missing = access(path, F_OK) != 0;
-    result_t result = missing ? result_ok() : file_read(path, MAX_URL, &text, &size);
-    if (missing)
-        result = result_fail(
-            RESULT_INPUT,
-            "no master serves a page for %.150s: start lightmill-master --data %.150s --http 7480, "
-            "or name its data directory with --data",
-            data_dir, data_dir);
+    char *path = http_url_path(data_dir), text[MAX_URL];
+    int descriptor = open(path, O_RDONLY | O_CLOEXEC);
     free(path);
-    TRY(result);
-    *url = mem_printf("%.*s", (int)size, (const char *)text);
+    if (descriptor < 0) return no_page(data_dir);
+    ssize_t size = http_url_is_served(descriptor) ? read(descriptor, text, sizeof text - 1) : 0;
+    close(descriptor);
+    if (size <= 0) return no_page(data_dir);
+    text[size] = '\0';
+    *url = mem_strdup(text);
     (*url)[strcspn(*url, "\n")] = '\0';
-    free(text);
-    return result;
+    return result_ok();
 }
 
 /* Runs the desktop's opener, without its messages. */
@@ -70,7 +74,7 @@ static bool show(const char *address)
 static result_t run(const call_t *call)
 {
     const values_t *values = call->values;
-    char *url;
+    char *url = NULL;
     http_tokens_t tokens;
     TRY(read_url(values->data, &url));
     result_t result = http_tokens_read(values->data, &tokens);

@@ -7,11 +7,14 @@
 #include "master/http/server_state.h"
 #include "proto/wire/keys.h"
 
+#include <errno.h>
+#include <fcntl.h>
 #include <sodium.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/file.h>
 #include <unistd.h>
 
 enum {
@@ -224,6 +227,29 @@ static result_t start_daemon(http_server_t *server, const http_options_t *option
                        options->cert, options->key);
 }
 
+/* Writes the address down for lightmill open, in a file that stays locked while we serve it: one that was
+ * left by a master that is gone is not. */
+static result_t write_url(http_server_t *server, const char *data_dir)
+{
+    server->url_path = http_url_path(data_dir);
+    char *line = mem_printf("%s\n", server->url);
+    result_t result = file_write_atomic(server->url_path, line, strlen(line));
+    free(line);
+    TRY(result);
+    server->url_lock = open(server->url_path, O_RDONLY | O_CLOEXEC);
+    if (server->url_lock < 0 || flock(server->url_lock, LOCK_EX | LOCK_NB) != 0)
+        log_warning("lightmill open will not find the page: cannot lock %s: %s", server->url_path,
+                    strerror(errno));
+    return result_ok();
+}
+
+bool http_url_is_served(int descriptor)
+{
+    if (flock(descriptor, LOCK_SH | LOCK_NB) != 0) return true;
+    flock(descriptor, LOCK_UN);
+    return false;
+}
+
 static result_t start(http_server_t *server, const http_options_t *options, const char *data_dir)
 {
     http_listen_t listening;
@@ -238,13 +264,9 @@ static result_t start(http_server_t *server, const http_options_t *options, cons
     TRY(guard_init(&server->guard, bound_host(&listening.address), &options->hosts));
     server->url = make_url(server, options, &listening.address);
     TRY(start_daemon(server, options));
-    char *line = mem_printf("%s\n", server->url);
-    server->url_path = http_url_path(data_dir);
-    result_t result = file_write_atomic(server->url_path, line, strlen(line));
-    free(line);
-    if (result.code == RESULT_OK)
-        log_info("the page is at %s (lightmill open --data %s)", server->url, data_dir);
-    return result;
+    TRY(write_url(server, data_dir));
+    log_info("the page is at %s (lightmill open --data %s)", server->url, data_dir);
+    return result_ok();
 }
 
 /* Takes apart whatever was put together. */
@@ -258,6 +280,7 @@ static void dismantle(http_server_t *server)
     http_events_free(&server->events);
     tiles_stop(&server->tiles);
     if (server->url_path != NULL) unlink(server->url_path);
+    if (server->url_lock >= 0) close(server->url_lock);
     if (server->key != NULL) sodium_memzero(server->key, strlen(server->key));
     http_tokens_forget(&server->tokens);
     guard_free(&server->guard);
@@ -278,7 +301,7 @@ result_t http_server_start(const http_options_t *options, const http_master_t *m
     if (options->listen == NULL) return result_ok();
     http_server_t *server = mem_zalloc(1, sizeof *server);
     server->master = *master;
-    server->listener = -1;
+    server->listener = server->url_lock = -1;
     server->started = clock_now();
     pthread_mutex_init(&server->lock, NULL);
     pthread_cond_init(&server->idle, NULL);

@@ -32,5 +32,7 @@ const char *http_server_url(const http_server_t *server);
 
 /* The file that says where the page is, in fresh memory. */
 char *http_url_path(const char *data_dir);
+/* False when the file, of which the caller has a descriptor, was left by a master that is gone. */
+bool http_url_is_served(int descriptor);
 
 #endif

@@ -15,6 +15,7 @@ struct http_server {
     struct MHD_Daemon *daemon;
     int listener;
     char *url, *url_path;
+    int url_lock;     /* of the file at url_path; -1: none */
     char *cert, *key; /* the texts of the files; NULL: no TLS */
     guard_t guard;
     http_tokens_t tokens;

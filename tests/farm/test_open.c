@@ -9,6 +9,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 /* After setjmp and stdarg. */
 #include <cmocka.h>
 
@@ -63,6 +64,22 @@ static void open_finds_the_page_of_a_master(void **state)
     free(data);
 }
 
+static void open_gives_no_token_to_the_address_of_a_dead_master(void **state)
+{
+    rig_t *rig = *state;
+    char *data = scratch_path(rig->folder, "data"), *file = scratch_path(data, "http");
+    rig_start_master_on(rig, data, 1, ARGUMENTS("--http", "0"));
+    rig_kill_master(rig);
+    assert_int_equal(access(file, F_OK), 0);
+    pid_t process = rig_start_command(rig, ARGUMENTS("open", "--print", "--data", data));
+    assert_int_equal(rig_wait_exit(rig, process, 20), RESULT_INPUT);
+    char *said = rig_output(rig, process);
+    assert_null(strstr(said, "token"));
+    free(said);
+    free(file);
+    free(data);
+}
+
 static void a_render_on_this_machine_has_a_page(void **state)
 {
     rig_t *rig = *state;
@@ -87,6 +104,8 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(open_finds_the_page_of_a_master, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(open_gives_no_token_to_the_address_of_a_dead_master, set_up,
+                                        tear_down),
         cmocka_unit_test_setup_teardown(a_render_on_this_machine_has_a_page, set_up, tear_down),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
