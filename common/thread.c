@@ -2,6 +2,7 @@
 #include "common/thread.h"
 
 #include <string.h>
+#include <time.h>
 
 result_t thread_start(pthread_t *thread, const char *name, void *(*run)(void *argument), void *argument)
 {
@@ -9,4 +10,13 @@ result_t thread_start(pthread_t *thread, const char *name, void *(*run)(void *ar
     if (error != 0) return result_fail(RESULT_LIMIT, "cannot start a thread: %s", strerror(error));
     pthread_setname_np(*thread, name);
     return result_ok();
+}
+
+void cond_init_monotonic(pthread_cond_t *condition)
+{
+    pthread_condattr_t attributes;
+    pthread_condattr_init(&attributes);
+    pthread_condattr_setclock(&attributes, CLOCK_MONOTONIC);
+    pthread_cond_init(condition, &attributes);
+    pthread_condattr_destroy(&attributes);
 }

@@ -93,11 +93,10 @@ static result_t run(const call_t *call)
 const command_t open_command = {
     .name = "lightmill open",
     .summary = "show a master's page in the browser",
-    .about = "Shows the page of a master on this machine, which was started with --http: prints its address, "
-             "and opens "
-             "it where there is a desktop. The address holds a token (DATA/keys/http) that gives the right "
-             "to operate: "
-             "do not pass it on. --view gives one with which jobs can be watched only.",
+    .about =
+        "Shows the page of a master on this machine, which was started with --http: prints its address, "
+        "and opens it where there is a desktop. The address holds a token (DATA/keys/http) that gives the "
+        "right to operate: do not pass it on. --view gives one with which jobs can be watched only.",
     .groups = {{&open_options, 0}},
     .size = sizeof(values_t),
     .begin = begin,

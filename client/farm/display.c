@@ -3,6 +3,7 @@
 
 #include "client/image/viewer.h"
 #include "common/interrupt.h"
+#include "common/thread.h"
 
 #include <pthread.h>
 #include <stdatomic.h>
@@ -168,9 +169,7 @@ result_t display_start(display_t *display, remote_t *remote, uint64_t job, const
     display->job = job;
     display->moved = clock_now();
     viewer_name(display->viewer, name);
-    if (pthread_create(&display->thread, NULL, display_thread, display) != 0)
-        return result_fail(RESULT_LIMIT, "cannot start a thread");
-    pthread_setname_np(display->thread, "display");
+    TRY(thread_start(&display->thread, "lm-display", display_thread, display));
     display->started = true;
     return result_ok();
 }

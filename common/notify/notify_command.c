@@ -18,6 +18,7 @@
 #include <time.h>
 #include <unistd.h>
 
+enum { UNKNOWN_EXIT = 255 }; /* for the exit code of a command that the system does not tell */
 static const long POLL_NANOSECONDS = 20000000; /* between looks at the command */
 static const double GRACE = 2;                 /* seconds between SIGTERM and SIGKILL */
 
@@ -75,7 +76,9 @@ static result_t start(const char *command, const news_t *news, int input, pid_t 
 /* True when the process has ended before the deadline, or before *stop became true. */
 static bool wait_until(pid_t process, double deadline, const atomic_bool *stop, int *status)
 {
-    while (waitpid(process, status, WNOHANG) == 0) {
+    for (pid_t ended; (ended = waitpid(process, status, WNOHANG)) != process;) {
+        if (ended < 0) *status = UNKNOWN_EXIT << 8; /* we were started with SIGCHLD ignored */
+        if (ended < 0) return true;
         if (clock_now() >= deadline || (stop != NULL && atomic_load(stop))) return false;
         nanosleep(&(struct timespec){.tv_nsec = POLL_NANOSECONDS}, NULL);
     }

@@ -115,8 +115,8 @@ void farm_milestone_written(farm_t *farm, double now, job_t *job, result_t writt
     if (written.code != RESULT_OK) {
         fail(farm, now, job, &written);
     } else {
-        job->milestone =
-            IMAGE_NONE; /* if sums were taken out meanwhile, it is due again when the round is whole */
+        /* If sums were taken out meanwhile, it is due again when the round is whole. */
+        job->milestone = IMAGE_NONE;
         if (same) {
             job->kept.saved = job->milestone_spp;
             job->remark[0] = '\0';

@@ -1,7 +1,8 @@
 /* events: see events.h. */
 #include "master/http/events.h"
 
-#include "master/http/news.h"
+#include "common/thread.h"
+#include "master/http/changes.h"
 
 #include <inttypes.h>
 #include <pthread.h>
@@ -9,7 +10,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/prctl.h>
 
 enum {
     EVENTS_KEPT = 4096, /* in the ring */
@@ -37,14 +37,14 @@ struct http_events {
     pthread_t thread;
     pthread_mutex_t lock; /* guards what follows */
     pthread_cond_t listened_to;
-    bool ending, watching; /* somebody listens, or did a while ago: `news` is what was told last */
+    bool ending, watching; /* somebody listens, or did a while ago: `changes` has what was told last */
     double left;           /* when the last reader went */
     stream_t *streams;
     size_t stream_count;
     uint32_t life; /* tells this process from the one before, in the ids of events */
     char *ring[EVENTS_KEPT];
     uint64_t first, next; /* events from here, to before here, are in the ring */
-    news_t news;
+    changes_t changes;
 };
 
 /* ---- the ring; all under the lock ---------------------------------------------------------------------- */
@@ -68,7 +68,7 @@ static void watch(http_events_t *events)
 {
     if (events->watching) return;
     events->watching = true;
-    news_begin(&events->news, events->farm);
+    changes_begin(&events->changes, events->farm);
     pthread_cond_signal(&events->listened_to);
 }
 
@@ -225,7 +225,7 @@ static void wake_stream(stream_t *stream)
 
 static void tick(http_events_t *events, double now)
 {
-    news_tell(&events->news, events->farm, write_event, events);
+    changes_tell(&events->changes, events->farm, write_event, events);
     for (stream_t *stream = events->streams; stream != NULL; stream = stream->link) {
         if (now - stream->sent >= BEAT) stream->beat = true;
         if (has_more(stream)) wake_stream(stream);
@@ -244,7 +244,6 @@ static void wait_a_second(http_events_t *events)
 static void *events_run(void *context)
 {
     http_events_t *events = context;
-    prctl(PR_SET_NAME, "lm-events");
     pthread_mutex_lock(&events->lock);
     while (!events->ending) {
         if (events->watching)
@@ -262,19 +261,15 @@ static void *events_run(void *context)
 result_t http_events_start(farm_t *farm, http_events_t **out)
 {
     http_events_t *events = mem_zalloc(1, sizeof *events);
-    pthread_condattr_t monotonic;
-    pthread_condattr_init(&monotonic);
-    pthread_condattr_setclock(&monotonic, CLOCK_MONOTONIC);
-    pthread_cond_init(&events->listened_to, &monotonic);
-    pthread_condattr_destroy(&monotonic);
+    cond_init_monotonic(&events->listened_to);
     pthread_mutex_init(&events->lock, NULL);
     events->farm = farm;
     events->first = events->next = 1;
     randombytes_buf(&events->life, sizeof events->life);
     *out = events;
-    if (pthread_create(&events->thread, NULL, events_run, events) == 0) return result_ok();
-    http_events_free(out);
-    return result_fail(RESULT_LIMIT, "cannot start a thread for events");
+    result_t result = thread_start(&events->thread, "lm-events", events_run, events);
+    if (result.code != RESULT_OK) http_events_free(out);
+    return result;
 }
 
 void http_events_end(http_events_t *events)
@@ -293,7 +288,7 @@ void http_events_free(http_events_t **out)
     http_events_t *events = *out;
     if (events == NULL) return;
     for (size_t i = 0; i < EVENTS_KEPT; i++) free(events->ring[i]);
-    news_free(&events->news);
+    changes_free(&events->changes);
     pthread_cond_destroy(&events->listened_to);
     pthread_mutex_destroy(&events->lock);
     free(events);

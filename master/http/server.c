@@ -67,8 +67,7 @@ static bool admit(http_request_t *request, const char *method)
     else if (right == HTTP_ANYBODY && request->route->right != HTTP_ANYBODY)
         refuse(request, MHD_HTTP_UNAUTHORIZED,
                "send a token of DATA/keys/http, as Authorization: Bearer TOKEN; lightmill open opens the "
-               "page with "
-               "it");
+               "page with it");
     else if (right < request->route->right)
         refuse(request, MHD_HTTP_FORBIDDEN, "this needs the token with the right to operate");
     else

@@ -10,12 +10,13 @@
  * for TILES_SHARE. */
 #include "master/http/tiles.h"
 
+#include "common/thread.h"
+
 #include <errno.h>
 #include <math.h>
 #include <pthread.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/prctl.h>
 
 /* A layer of a job that is watched. */
 typedef struct {
@@ -260,7 +261,6 @@ static bool wait_for_work(tiles_t *tiles)
 static void *tiles_run(void *argument)
 {
     tiles_t *tiles = argument;
-    prctl(PR_SET_NAME, "lm-tiles");
     while (wait_for_work(tiles))
         for (size_t i = 0; i < TILES_MAX_JOBS; i++) {
             pthread_mutex_lock(&tiles->lock);
@@ -345,19 +345,14 @@ result_t tiles_start(const tiles_options_t *options, tiles_t **out)
     tiles_t *tiles = mem_zalloc(1, sizeof *tiles);
     tiles->options = *options;
     tiles->data_dir = mem_strdup(options->data_dir);
-    pthread_condattr_t attributes;
-    pthread_condattr_init(&attributes);
-    pthread_condattr_setclock(&attributes, CLOCK_MONOTONIC);
-    pthread_cond_init(&tiles->asked, &attributes);
-    pthread_condattr_destroy(&attributes);
+    cond_init_monotonic(&tiles->asked);
     pthread_mutex_init(&tiles->lock, NULL);
-    int error = pthread_create(&tiles->thread, NULL, tiles_run, tiles);
-    if (error == 0) {
+    result_t result = thread_start(&tiles->thread, "lm-tiles", tiles_run, tiles);
+    if (result.code == RESULT_OK)
         *out = tiles;
-        return result_ok();
-    }
-    tiles_free(tiles);
-    return result_fail(RESULT_LIMIT, "cannot start a thread: %s", strerror(error));
+    else
+        tiles_free(tiles);
+    return result;
 }
 
 void tiles_stop(tiles_t **out)

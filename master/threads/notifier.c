@@ -2,6 +2,7 @@
 #include "master/threads/notifier.h"
 
 #include "common/notify/notify.h"
+#include "common/thread.h"
 #include "common/wake.h"
 #include "master/threads/image_writer.h"
 
@@ -10,7 +11,6 @@
 #include <stdatomic.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/prctl.h>
 
 struct notifier {
     notifier_options_t options;
@@ -82,7 +82,6 @@ static void *notifier_run(void *argument)
     notifier_t *notifier = argument;
     farm_news_t news;
     double wait;
-    prctl(PR_SET_NAME, "lm-notifier");
     while (!atomic_load(&notifier->stop)) {
         if (farm_next_news(notifier->options.farm, clock_now(), &news, &wait))
             tell(notifier, &news);
@@ -107,11 +106,12 @@ result_t notifier_start(const notifier_options_t *options, notifier_t **out)
     notifier->target = mem_strdup(options->target);
     notifier->label = notify_label(options->target);
     notifier->data_dir = mem_strdup(options->data_dir);
-    int error = pthread_create(&notifier->thread, NULL, notifier_run, notifier);
-    *out = error == 0 ? notifier : NULL;
-    if (error == 0) return result_ok();
-    free_notifier(notifier);
-    return result_fail(RESULT_LIMIT, "cannot start a thread: %s", strerror(error));
+    result_t result = thread_start(&notifier->thread, "lm-notifier", notifier_run, notifier);
+    if (result.code == RESULT_OK)
+        *out = notifier;
+    else
+        free_notifier(notifier);
+    return result;
 }
 
 void notifier_stop(notifier_t **out)

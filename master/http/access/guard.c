@@ -90,8 +90,7 @@ unsigned guard_check(const guard_t *guard, const guard_request_t *request, const
     }
     if (!is_known(guard, request->host)) {
         *reason = "this server is not known by that host name: start the master with --http-host NAME for "
-                  "each name "
-                  "by which it is reached";
+                  "each name by which it is reached";
         return 421;
     }
     if (!is_foreign(request)) return 0;

@@ -1,5 +1,5 @@
-/* news: see news.h. */
-#include "master/http/news.h"
+/* changes: see changes.h. */
+#include "master/http/changes.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -7,11 +7,11 @@
 /* ---- jobs ---------------------------------------------------------------------------------------------- */
 
 /* Jobs keep their order, so the one that is looked for is mostly where it was. */
-static const job_report_t *find_job(const news_t *news, uint64_t job, size_t hint)
+static const job_report_t *find_job(const changes_t *changes, uint64_t job, size_t hint)
 {
-    if (hint < news->job_count && news->jobs[hint].record.job == job) return &news->jobs[hint];
-    for (size_t i = 0; i < news->job_count; i++)
-        if (news->jobs[i].record.job == job) return &news->jobs[i];
+    if (hint < changes->job_count && changes->jobs[hint].record.job == job) return &changes->jobs[hint];
+    for (size_t i = 0; i < changes->job_count; i++)
+        if (changes->jobs[i].record.job == job) return &changes->jobs[i];
     return NULL;
 }
 
@@ -25,7 +25,7 @@ static bool job_differs(const job_report_t *a, const job_report_t *b)
            old->settings.time_limit != now->settings.time_limit || strcmp(old->message, now->message) != 0;
 }
 
-static json_t *job_news(const job_report_t *job)
+static json_t *job_change(const job_report_t *job)
 {
     json_t *data = json_object();
     put_count(data, "job", job->record.job);
@@ -39,7 +39,7 @@ static json_t *job_news(const job_report_t *job)
     return data;
 }
 
-static json_t *image_news(const job_report_t *job)
+static json_t *image_change(const job_report_t *job)
 {
     json_t *data = json_object();
     put_count(data, "job", job->record.job);
@@ -47,13 +47,13 @@ static json_t *image_news(const job_report_t *job)
     return data;
 }
 
-static void tell_jobs(const news_t *before, const news_t *after, news_fn tell, void *context)
+static void tell_jobs(const changes_t *before, const changes_t *after, change_fn tell, void *context)
 {
     for (size_t i = 0; i < after->job_count; i++) {
         const job_report_t *now = &after->jobs[i], *old = find_job(before, now->record.job, i);
-        if (old == NULL || job_differs(old, now)) tell(context, "job", job_news(now));
+        if (old == NULL || job_differs(old, now)) tell(context, "job", job_change(now));
         if (now->record.batches != (old != NULL ? old->record.batches : 0))
-            tell(context, "image", image_news(now));
+            tell(context, "image", image_change(now));
     }
     for (size_t i = 0; i < before->job_count; i++) {
         if (find_job(after, before->jobs[i].record.job, i) != NULL) continue;
@@ -72,20 +72,21 @@ static bool same_worker(const worker_report_t *a, const worker_report_t *b)
 }
 
 /* The worker of that name, which is connected rather than not; NULL when there is none. */
-static const worker_report_t *find_worker(const news_t *news, const worker_report_t *like, size_t hint)
+static const worker_report_t *find_worker(const changes_t *changes, const worker_report_t *like, size_t hint)
 {
     const worker_report_t *found = NULL;
-    if (hint < news->worker_count && news->workers[hint].connected && same_worker(&news->workers[hint], like))
-        return &news->workers[hint];
-    for (size_t i = 0; i < news->worker_count; i++) {
-        if (!same_worker(&news->workers[i], like)) continue;
-        if (news->workers[i].connected) return &news->workers[i];
-        found = &news->workers[i];
+    if (hint < changes->worker_count && changes->workers[hint].connected &&
+        same_worker(&changes->workers[hint], like))
+        return &changes->workers[hint];
+    for (size_t i = 0; i < changes->worker_count; i++) {
+        if (!same_worker(&changes->workers[i], like)) continue;
+        if (changes->workers[i].connected) return &changes->workers[i];
+        found = &changes->workers[i];
     }
     return found;
 }
 
-static void tell_worker(const worker_report_t *worker, const char *what, news_fn tell, void *context)
+static void tell_worker(const worker_report_t *worker, const char *what, change_fn tell, void *context)
 {
     json_t *data = json_object();
     put_text(data, "name", worker->name);
@@ -94,7 +95,7 @@ static void tell_worker(const worker_report_t *worker, const char *what, news_fn
     tell(context, "worker", data);
 }
 
-static void tell_workers(const news_t *before, const news_t *after, news_fn tell, void *context)
+static void tell_workers(const changes_t *before, const changes_t *after, change_fn tell, void *context)
 {
     for (size_t i = 0; i < after->worker_count; i++) {
         const worker_report_t *now = &after->workers[i], *old = find_worker(before, now, i);
@@ -111,34 +112,34 @@ static void tell_workers(const news_t *before, const news_t *after, news_fn tell
 
 /* ---- both ---------------------------------------------------------------------------------------------- */
 
-static news_t look(farm_t *farm)
+static changes_t look(farm_t *farm)
 {
-    news_t news;
+    changes_t changes;
     uint32_t connected;
     double now = clock_now();
-    news.jobs = farm_report(farm, now, 0, &news.job_count, &connected);
-    news.workers = farm_worker_report(farm, now, &news.worker_count);
-    return news;
+    changes.jobs = farm_report(farm, now, 0, &changes.job_count, &connected);
+    changes.workers = farm_worker_report(farm, now, &changes.worker_count);
+    return changes;
 }
 
-void news_begin(news_t *news, farm_t *farm)
+void changes_begin(changes_t *changes, farm_t *farm)
 {
-    news_free(news);
-    *news = look(farm);
+    changes_free(changes);
+    *changes = look(farm);
 }
 
-void news_tell(news_t *news, farm_t *farm, news_fn tell, void *context)
+void changes_tell(changes_t *changes, farm_t *farm, change_fn tell, void *context)
 {
-    news_t now = look(farm);
-    tell_jobs(news, &now, tell, context);
-    tell_workers(news, &now, tell, context);
-    news_free(news);
-    *news = now;
+    changes_t now = look(farm);
+    tell_jobs(changes, &now, tell, context);
+    tell_workers(changes, &now, tell, context);
+    changes_free(changes);
+    *changes = now;
 }
 
-void news_free(news_t *news)
+void changes_free(changes_t *changes)
 {
-    free(news->jobs);
-    free(news->workers);
-    *news = (news_t){0};
+    free(changes->jobs);
+    free(changes->workers);
+    *changes = (changes_t){0};
 }
