@@ -1,0 +1,31 @@
+/* overrides: what somebody who submits a job says about its settings, on a command line or by the HTTP API;
+ * the rest comes from the scene. */
+#ifndef LIGHTMILL_OVERRIDES_H
+#define LIGHTMILL_OVERRIDES_H
+
+#include "common/scene/scene_blob.h"
+
+typedef struct {
+    integrator_t integrator; /* 0: from the scene, and so on */
+    sampler_kind_t sampler;
+    bool has_seed;
+    uint64_t seed;
+    int32_t width, height;
+    int32_t max_depth; /* -1: from the scene */
+    uint32_t spp;
+    double time_limit, error;
+    bool adaptive;
+    save_at_t save_at;
+    int32_t tile_size;
+    int32_t film_scale; /* -1: as the scene needs it */
+    bool no_layers;
+    bool lenient; /* for who imports the scene */
+} overrides_t;
+
+/* Nothing is said. */
+overrides_t overrides_none(void);
+/* The scene's own settings with the overrides applied, checked. Time or error without spp: these alone
+ * end the job. */
+result_t overrides_apply(const overrides_t *overrides, const scene_blob_t *blob, job_settings_t *settings);
+
+#endif
