@@ -14,13 +14,13 @@ static result_t write_error(const char *path, int error)
     return result_fail(RESULT_IO, "%s: cannot be written: %s", path, strerror(error));
 }
 
-result_t atomic_file_open(atomic_file_t *file, const char *path)
+/* Uses open rather than mkstemp, so that the umask decides who of `mode` may read the result. */
+static result_t open_temporary(atomic_file_t *file, const char *path, mode_t mode)
 {
     *file = (atomic_file_t){.descriptor = -1};
-    /* open rather than mkstemp, so that the umask decides who may read the result. */
     for (int attempt = 0; attempt < 1000; attempt++) {
         char *temporary = mem_printf("%s.%ld-%d.part", path, (long)getpid(), attempt);
-        int descriptor = open(temporary, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
+        int descriptor = open(temporary, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, mode);
         if (descriptor >= 0) {
             *file = (atomic_file_t){mem_strdup(path), temporary, descriptor, 0};
             return result_ok();
@@ -29,6 +29,11 @@ result_t atomic_file_open(atomic_file_t *file, const char *path)
         if (errno != EEXIST) break;
     }
     return write_error(path, errno);
+}
+
+result_t atomic_file_open(atomic_file_t *file, const char *path)
+{
+    return open_temporary(file, path, 0666);
 }
 
 bool atomic_file_write_at(atomic_file_t *file, const void *data, size_t size, uint64_t offset)
@@ -87,10 +92,20 @@ void atomic_file_abort(atomic_file_t *file)
     *file = (atomic_file_t){.descriptor = -1};
 }
 
-result_t file_write_atomic(const char *path, const void *data, size_t size)
+static result_t write_whole(const char *path, mode_t mode, const void *data, size_t size)
 {
     atomic_file_t file;
-    TRY(atomic_file_open(&file, path));
+    TRY(open_temporary(&file, path, mode));
     atomic_file_write_at(&file, data, size, 0);
     return atomic_file_commit(&file);
+}
+
+result_t file_write_atomic(const char *path, const void *data, size_t size)
+{
+    return write_whole(path, 0666, data, size);
+}
+
+result_t file_write_private(const char *path, const void *data, size_t size)
+{
+    return write_whole(path, 0600, data, size);
 }

@@ -1,5 +1,6 @@
 /* open: the command that shows a master's page in a browser, with the token that opens it. */
 #include "client/commands/commands.h"
+#include "client/commands/redirect.h"
 #include "master/http/access/tokens.h"
 #include "master/http/server.h"
 
@@ -55,20 +56,38 @@ static result_t read_url(const char *data_dir, char **url)
     return result_ok();
 }
 
-/* Runs the desktop's opener, without its messages. */
-static bool show(const char *address)
+/* Becomes the desktop's opener, without its messages. */
+static _Noreturn void become_opener(const char *page)
 {
-    if (getenv("DISPLAY") == NULL && getenv("WAYLAND_DISPLAY") == NULL) return false;
+    int nowhere = open("/dev/null", O_RDWR);
+    for (int stream = STDIN_FILENO; stream <= STDERR_FILENO; stream++) dup2(nowhere, stream);
+    execlp("xdg-open", "xdg-open", page, (char *)NULL);
+    _exit(127);
+}
+
+/* Starts the opener and does not wait for it, since it may be the browser itself, which runs until it is
+ * closed. In a session of its own it outlives this terminal. */
+static void start_opener(const char *page)
+{
     pid_t child = fork();
     if (child == 0) {
-        int nowhere = open("/dev/null", O_RDWR);
-        dup2(nowhere, STDOUT_FILENO);
-        dup2(nowhere, STDERR_FILENO);
-        execlp("xdg-open", "xdg-open", address, (char *)NULL);
-        _exit(127);
+        setsid();
+        if (fork() == 0) become_opener(page);
+        _exit(0);
     }
-    int status;
-    return child > 0 && waitpid(child, &status, 0) == child && WIFEXITED(status) && WEXITSTATUS(status) == 0;
+    if (child > 0) waitpid(child, NULL, 0);
+}
+
+/* Opens the address in a browser, where there is a desktop. It is on no command line (redirect.h). */
+static result_t show(const char *data_dir, const char *address)
+{
+    if (getenv("DISPLAY") == NULL && getenv("WAYLAND_DISPLAY") == NULL) return result_ok();
+    char *directory = mem_printf("%s/keys", data_dir), *page = NULL;
+    result_t result = redirect_write(directory, address, &page);
+    if (result.code == RESULT_OK) start_opener(page);
+    free(page);
+    free(directory);
+    return result;
 }
 
 static result_t run(const call_t *call)
@@ -82,7 +101,7 @@ static result_t run(const call_t *call)
         char *address = mem_printf("%s#token=%s", url, values->view ? tokens.view : tokens.operate);
         puts(address);
         fflush(stdout);
-        if (!values->print) show(address);
+        if (!values->print) result = show(values->data, address);
         free(address);
         http_tokens_forget(&tokens);
     }
@@ -96,7 +115,9 @@ const command_t open_command = {
     .about =
         "Shows the page of a master on this machine, which was started with --http: prints its address, "
         "and opens it where there is a desktop. The address holds a token (DATA/keys/http) that gives the "
-        "right to operate: do not pass it on. --view gives one with which jobs can be watched only.",
+        "right to operate: do not pass it on. The browser is given a file that only you can read "
+        "(DATA/keys/open-*.html), so that the token is on no command line. --view gives one with which jobs "
+        "can be watched only.",
     .groups = {{&open_options, 0}},
     .size = sizeof(values_t),
     .begin = begin,

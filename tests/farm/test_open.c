@@ -9,6 +9,8 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
+#include <sys/time.h>
 #include <unistd.h>
 /* After setjmp and stdarg. */
 #include <cmocka.h>
@@ -64,6 +66,69 @@ static void open_finds_the_page_of_a_master(void **state)
     free(data);
 }
 
+/* A program "xdg-open" in a folder that PATH names first: it writes down what it is called with, and does not
+ * end. */
+static void put_opener_on_path(rig_t *rig)
+{
+    char *opener = scratch_path(rig->folder, "xdg-open"),
+         *path = mem_printf("%s:%s", rig->folder, getenv("PATH"));
+    char *script =
+        mem_printf("#!/bin/sh\nprintf '%%s\\n' \"$@\" >%s/called.part && mv %s/called.part %s/called\n"
+                   "exec sleep 30 </dev/null\n",
+                   rig->folder, rig->folder, rig->folder);
+    scratch_write(opener, script, strlen(script));
+    assert_int_equal(chmod(opener, 0700), 0);
+    setenv("PATH", path, 1);
+    setenv("DISPLAY", ":test", 1);
+    free(script);
+    free(path);
+    free(opener);
+}
+
+static char *wait_for_file(const char *path)
+{
+    for (int i = 0; access(path, F_OK) != 0; i++) {
+        assert_true(i < 200);
+        rig_sleep(0.1);
+    }
+    size_t size;
+    char *text = (char *)scratch_read(path, &size);
+    text = mem_realloc(text, size + 1);
+    text[size] = '\0';
+    return text;
+}
+
+static void open_gives_the_browser_a_private_file_and_does_not_wait_for_it(void **state)
+{
+    rig_t *rig = *state;
+    char token[TOKEN + 1], *data = scratch_path(rig->folder, "data"), *keys = scratch_path(data, "keys");
+    char *called = scratch_path(rig->folder, "called"), *stale = scratch_path(keys, "open-1.html");
+    char *other = scratch_path(keys, "open-source.html");
+    struct stat status;
+    put_opener_on_path(rig);
+    rig_start_master_on(rig, data, 1, ARGUMENTS("--http", "0"));
+    scratch_write(stale, "", 0);
+    scratch_write(other, "", 0);
+    assert_int_equal(utimes(stale, (struct timeval[2]){{1000, 0}, {1000, 0}}), 0);
+    assert_int_equal(utimes(other, (struct timeval[2]){{1000, 0}, {1000, 0}}), 0);
+    pid_t process = rig_start_command(rig, ARGUMENTS("open", "--data", data));
+    assert_int_equal(rig_wait_exit(rig, process, 20), 0); /* the opener sleeps for longer */
+    int port = read_address(rig, process, token);
+    char *page = wait_for_file(called);
+    page[strcspn(page, "\n")] = '\0';
+    assert_int_equal(page[0], '/');
+    assert_null(strstr(page, token));
+    assert_int_equal(stat(page, &status), 0);
+    assert_int_equal(status.st_mode & 0777, 0600);
+    char *text = wait_for_file(page),
+         *target = mem_printf("url=http://127.0.0.1:%d/#token=%s\"", port, token);
+    assert_non_null(strstr(text, target));
+    assert_int_not_equal(access(stale, F_OK), 0);
+    assert_int_equal(access(other, F_OK), 0);
+    char *garbage[] = {text, target, page, other, stale, called, keys, data};
+    for (size_t i = 0; i < ARRAY_LENGTH(garbage); i++) free(garbage[i]);
+}
+
 static void open_gives_no_token_to_the_address_of_a_dead_master(void **state)
 {
     rig_t *rig = *state;
@@ -104,6 +169,8 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(open_finds_the_page_of_a_master, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(open_gives_the_browser_a_private_file_and_does_not_wait_for_it,
+                                        set_up, tear_down),
         cmocka_unit_test_setup_teardown(open_gives_no_token_to_the_address_of_a_dead_master, set_up,
                                         tear_down),
         cmocka_unit_test_setup_teardown(a_render_on_this_machine_has_a_page, set_up, tear_down),

@@ -1,12 +1,11 @@
 /* tokens: see tokens.h. */
 #include "master/http/access/tokens.h"
 
+#include "common/atomic_file.h"
 #include "proto/wire/keys.h"
 
 #include <errno.h>
-#include <fcntl.h>
 #include <sodium.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
@@ -78,27 +77,6 @@ static void new_token(char token[HTTP_TOKEN_TEXT + 1])
     sodium_memzero(bytes, sizeof bytes);
 }
 
-static bool write_text(int descriptor, const char *text)
-{
-    size_t size = strlen(text);
-    return write(descriptor, text, size) == (ssize_t)size && fsync(descriptor) == 0;
-}
-
-/* The file appears whole, and nobody else can read it at any time. */
-static result_t write_private(const char *path, const char *text)
-{
-    char *part = mem_printf("%s.part", path);
-    unlink(part);
-    int descriptor = open(part, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600);
-    bool written = descriptor >= 0 && write_text(descriptor, text) && rename(part, path) == 0;
-    result_t result = result_ok();
-    if (!written) result = result_fail(RESULT_IO, "cannot write %s: %s", path, strerror(errno));
-    if (descriptor >= 0) close(descriptor);
-    if (!written) unlink(part);
-    free(part);
-    return result;
-}
-
 static result_t make_file(const char *data_dir, const char *path)
 {
     http_tokens_t tokens;
@@ -113,7 +91,7 @@ static result_t make_file(const char *data_dir, const char *path)
                    "view %s\n"
                    "operate %s\n",
                    tokens.view, tokens.operate);
-    result = write_private(path, text);
+    result = file_write_private(path, text, strlen(text));
     sodium_memzero(text, strlen(text));
     free(text);
     http_tokens_forget(&tokens);
