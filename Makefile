@@ -12,7 +12,7 @@ Q       := $(if $(V),,@)
 BASELINE := -march=x86-64-v3 -mtune=skylake -ffp-contract=off -fno-math-errno -fno-trapping-math
 WARNINGS := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Wvla
 PACKAGES := libmicrohttpd libzmq libprotobuf-c libsodium libzstd libpng zlib libturbojpeg OpenEXR jansson sqlite3 libcurl
-ifneq ($(filter-out help clean deps deps-dev deps-test check check-fast demo asan tsan fuzz chaos valgrind container-check sim bench bench-error bench-merge bench-farm bench-codec format lint,$(or $(MAKECMDGOALS),all)),)
+ifneq ($(filter-out help clean deps deps-dev deps-test deps-chaos check check-fast demo asan tsan fuzz chaos valgrind container-check sim bench bench-error bench-merge bench-farm bench-codec format lint,$(or $(MAKECMDGOALS),all)),)
 PKG_CFLAGS := $(shell pkg-config --cflags $(PACKAGES) 2>/dev/null)
 ifneq ($(.SHELLSTATUS),0)
 $(error $(strip $(foreach package,$(PACKAGES),$(if $(shell pkg-config --exists $(package) && echo yes),,$(package)))) is missing: run make deps)
@@ -115,6 +115,11 @@ $(BUILD)/tests/farm/test_monitoring: tests/farm/test_monitoring.py | $(PROGRAMS)
 	@mkdir -p $(@D)
 	$(Q)install -m 755 $< $@
 
+# Prometheus, for the tests that ask it what it thinks; a test fails where it cannot be had, the build does not.
+prometheus:
+	-$(Q)docker/unpack-packages.sh build/debian
+$(BUILD)/tests/farm/test_monitoring $(BUILD)/tests/unit/master/test_http: | prometheus
+
 # Loaded into programs of a chaos run, never linked.
 $(BUILD)/tests/chaos/world.so: tests/chaos/world_preload.c
 	@mkdir -p $(@D)
@@ -139,12 +144,12 @@ FAST_TESTS := $(filter-out $(foreach name,$(SLOW_TESTS),$(filter %/test_$(name),
 CHOSEN      = $(if $(TEST),$(foreach name,$(TEST),$(or $(filter %/test_$(name),$(TESTS)),$(error there is no test_$(name)))),$(TESTS))
 LAYERS      = tests/layers.sh $(BUILD)
 
-check: deps
+check: deps-test
 	$(SUBMAKE) $(JOBS) all tests
 	$(LAYERS)
 	$(SUBMAKE) run-tests
 
-check-fast: deps
+check-fast: deps-test
 	$(SUBMAKE) $(JOBS) all fast-tests
 	$(LAYERS)
 	@tests/run.sh -j $(shell nproc) $(FAST_TESTS)
@@ -167,19 +172,19 @@ tsan: SANITIZERS = -fsanitize=thread
 # All but the browser's, which would run the sanitized programs against a person's patience.
 asan: CHECKED_TESTS = TESTS="$(patsubst $(BUILD)/%,$(BUILD)/asan/%,$(filter-out %/test_page,$(TESTS)))"
 tsan: CHECKED_TESTS = TESTS="$(TSAN_TESTS:%=$(BUILD)/tsan/tests/%)"
-asan tsan: deps
+asan tsan: deps-test
 	$(SUBMAKE) $(JOBS) BUILD=$(BUILD)/$@ CFLAGS="$(CHECKED_FLAGS)" SANITIZE="$(SANITIZERS)" $(CHECKED_TESTS) all tests
 	$(SUBMAKE) BUILD=$(BUILD)/$@ CFLAGS="$(CHECKED_FLAGS)" SANITIZE="$(SANITIZERS)" $(CHECKED_TESTS) run-tests
 
 # A master under valgrind that serves 50 jobs with real workers must leave nothing unfreed.
-valgrind: deps-test
+valgrind: deps-chaos
 	$(SUBMAKE) $(JOBS) all
 	tests/valgrind.sh $(BUILD)
 
 # Real processes, killed, stopped, cut off and fed garbage for CHAOS_SECONDS; SEED repeats a list of faults.
 CHAOS_SECONDS ?= 600
 SEED          ?=
-chaos: deps-test
+chaos: deps-chaos
 	$(SUBMAKE) $(JOBS) chaos-programs
 	$(BUILD)/tests/chaos/chaos --seconds $(CHAOS_SECONDS) $(SEED:%=--seed %) --folder $(BUILD) \
 	    --least $$(($(CHAOS_SECONDS) / 3)) --least-kills $$(($(CHAOS_SECONDS) / 15))
@@ -211,35 +216,38 @@ demo: deps
 deps:
 	@docker/install-packages.sh build
 
-# Also what `make chaos` and `make valgrind` run.
+# Also what only tests need.
 deps-test:
 	@docker/install-packages.sh build test
 
+deps-chaos:
+	@docker/install-packages.sh build test chaos
+
 deps-dev:
-	@docker/install-packages.sh build run render import test dev
+	@docker/install-packages.sh build run render import test chaos dev
 
 # The simulated farm (tests/sim): SIM="--workers 500 ..."; about four minutes.
-sim: deps
+sim: deps-test
 	$(SUBMAKE) $(JOBS) all $(BUILD)/tests/sim/main
 	$(BUILD)/tests/sim/main $(SIM)
 
-bench: deps
+bench: deps-test
 	$(SUBMAKE) $(JOBS) all $(BUILD)/tests/bench/bench_render $(BUILD)/tests/bench/bench_mesh
 	$(BUILD)/tests/bench/bench_mesh
 	$(BUILD)/tests/bench/bench_render
 
 # What docs/convergence.md says of --error: about five minutes on two cores.
-bench-error: deps
+bench-error: deps-test
 	$(SUBMAKE) $(JOBS) $(BUILD)/tests/bench/bench_error
 	$(BUILD)/tests/bench/bench_error
 
 # The master's merge rate as a share of memcpy's (docs/scale.md).
-bench-merge: deps
+bench-merge: deps-test
 	$(SUBMAKE) $(JOBS) $(BUILD)/tests/bench/bench_merge
 	$(BUILD)/tests/bench/bench_merge
 
 # CPU time of a farm beside its rendering, and two workers against one: about fifteen minutes (docs/scale.md).
-bench-farm: deps
+bench-farm: deps-test
 	$(SUBMAKE) $(JOBS) all $(BUILD)/tests/bench/bench_farm
 	$(BUILD)/tests/bench/bench_farm
 
@@ -285,7 +293,7 @@ CPPCHECK_NOISE := normalCheckLevelMaxBranches returnDanglingLifetime invalidPoin
     arrayIndexOutOfBoundsCond:tests/unit/master/test_schedule.c
 # A file is looked at again when its object was made again.
 lint:
-	@docker/install-packages.sh build dev
+	@docker/install-packages.sh build test dev
 	@echo '  clang-format, shellcheck'
 	$(Q)clang-format --dry-run -Werror $(OUR_C) $(OUR_H)
 	$(Q)shellcheck --severity=warning $(OUR_SH)
@@ -327,10 +335,10 @@ help:
 	@echo "make bench-codec  the codings of payloads that were weighed against one another"
 	@echo "make man        the manual pages, in $(BUILD)/man"
 	@echo "make install    into PREFIX ($(PREFIX)); DESTDIR is honoured; uninstall takes it back"
-	@echo "make deps       the Debian packages of docker/packages.txt; deps-dev: also those for format and lint"
+	@echo "make deps       the Debian packages that building needs; deps-test: also tests; deps-dev: also format and lint"
 	@echo "make format     clang-format; make lint: is the format right, and do clang-tidy, cppcheck and shellcheck find nothing?"
 	@echo "make compdb     compile_commands.json for editors"
 	@echo "make clean      remove $(BUILD)/"
 
-.PHONY: all check check-fast bench bench-error bench-codec tests fast-tests run-tests asan tsan fuzz demo deps deps-dev container-check install man uninstall format lint lint-files compdb clean help sim bench-merge bench-farm chaos chaos-programs valgrind deps-test
+.PHONY: all check check-fast bench bench-error bench-codec tests fast-tests run-tests asan tsan fuzz demo deps deps-dev deps-chaos prometheus container-check install man uninstall format lint lint-files compdb clean help sim bench-merge bench-farm chaos chaos-programs valgrind deps-test
 .SECONDARY:

@@ -1,6 +1,6 @@
 #!/bin/sh
-# Installs the Debian packages of the given stages (build, run, test, dev) that are missing: docker/packages.txt is the
-# list. Does nothing, and needs neither network nor root, when all are there.
+# Installs the Debian packages of the given stages (build, run, test, dev...) that are missing: docker/packages.txt is
+# the list. Does nothing, and needs neither network nor root, when all are there.
 set -eu
 list=$(dirname "$0")/packages.txt
 missing=

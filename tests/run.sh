@@ -14,6 +14,7 @@ if [ "${1:-}" = -j ]; then
     shift 2
 fi
 here=$(cd "$(dirname "$0")" && pwd)
+PATH=$PATH:$here/../build/debian/usr/bin # docker/unpack-packages.sh
 export LSAN_OPTIONS="suppressions=$here/lsan.supp:print_suppressions=0${LSAN_OPTIONS:+:$LSAN_OPTIONS}"
 export TSAN_OPTIONS="suppressions=$here/tsan.supp${TSAN_OPTIONS:+:$TSAN_OPTIONS}"
 export UBSAN_OPTIONS="print_stacktrace=1${UBSAN_OPTIONS:+:$UBSAN_OPTIONS}"
