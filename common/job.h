@@ -62,6 +62,7 @@ typedef struct {
     int32_t priority; /* higher goes first; 0 by default */
     double verify;    /* share of the units that are rendered twice and compared, 0 to 1 */
     bool mixed;       /* machines whose bits differ may share it */
+    bool halves;      /* images that are kept have the two halves as layers (picture.h) */
 } job_terms_t;
 
 typedef struct {

@@ -254,7 +254,7 @@ hash_t toy_sums(farm_t *farm, uint64_t id)
     film_image_t image = {0};
     job_report_t report;
     assert_non_null(job);
-    assert_int_equal(farm_resolve(farm, 0, job, &image, &report).code, RESULT_OK);
+    assert_int_equal(farm_resolve(farm, 0, job, NULL, &image, &report).code, RESULT_OK);
     size_t bytes = 3 * sizeof(float) * (size_t)image.width * (size_t)image.height;
     hash_t parts[2] = {hash_bytes(image.sum, bytes), hash_bytes(image.noise, bytes)};
     film_image_free(&image);

@@ -42,6 +42,8 @@ static const option_t rows[] = {
            "an image of each strategy of bdpt, weighted and unweighted, instead of the picture: layers "
            "weighted.sS_tT and unweighted.sS_tT of SCENE-strategies.exr, and a contact sheet beside it; "
            "paths of at most 12 segments (--max-depth 11). Ctrl-C: no files"),
+    OPTION(values_t, output.halves, "halves", NULL,
+           "with the images of the even and of the odd samples, as layers half0 and half1"),
     OPTION(values_t, viewer, "display", "HOST[:PORT]",
            "show the image as it converges in an image viewer: tev, HDRView, or another that speaks tev's "
            "protocol (default port: 14158); it may come, go and come again"),
@@ -108,7 +110,9 @@ static result_t run_job(const values_t *values, local_farm_t *farm, remote_t *re
                      .quiet = values->quiet};
     result_t ended_by;
     TRY(remote_put_blob(remote, &scene->blob, NULL, NULL));
-    TRY(remote_submit(remote, scene->name, settings, &scene->blob.hash, &watch.job));
+    job_terms_t terms = {.halves = values->output.halves};
+    snprintf(terms.name, sizeof terms.name, "%s", scene->name);
+    TRY(remote_submit_job(remote, &terms, settings, &scene->blob.hash, &watch.job));
     TRY(start_display(values, farm, &watch));
     result_t result = watch_job(farm, &watch, &ended_by);
     progress_end(&progress);
@@ -175,6 +179,8 @@ static result_t render(const values_t *values, const loaded_scene_t *scene, disp
 
 static result_t check(const values_t *values)
 {
+    if (values->strategies && values->output.halves)
+        return result_fail(RESULT_USAGE, "--halves and --strategies do not go together");
     if (values->strategies && values->tell.target)
         return result_fail(RESULT_USAGE, "--notify tells of one job, and --strategies makes many");
     if (values->strategies && values->viewer)

@@ -32,6 +32,8 @@ static const option_t rows[] = {
     OPTION_BY(option_share, values_t, terms.verify, "verify", "SHARE",
               "render so much of it twice, on two workers, and compare (1% or 0.01)"),
     OPTION(values_t, terms.mixed, "mixed", NULL, "let machines share it that do not make the same bits"),
+    OPTION(values_t, terms.halves, "halves", NULL,
+           "keep the images of the even and of the odd samples too, as layers half0 and half1 of its images"),
     OPTION(values_t, wait, "wait", NULL,
            "show the progress, and fetch the image at the end; goes on when the master is restarted"),
     OPTION(values_t, strategies, "strategies", NULL,
@@ -52,6 +54,8 @@ static result_t check(const values_t *values)
     if ((values->output.path || values->output.png) && !values->wait)
         return result_fail(RESULT_USAGE,
                            "-o and --png need --wait; without it fetch the image later: lightmill fetch");
+    if (values->strategies && values->terms.halves)
+        return result_fail(RESULT_USAGE, "--halves and --strategies do not go together");
     if (values->strategies && values->tell.target)
         return result_fail(RESULT_USAGE, "--notify tells of one job, and --strategies makes many");
     return tell_check(&values->tell, values->wait);

@@ -220,6 +220,8 @@ result_t remote_submit_job(remote_t *remote, const job_terms_t *terms, const job
     *job = answer.envelope->job_accepted->job;
     if (answer.envelope->job_accepted->save_at != settings->save_at.count)
         log_warning("this master is older than --save-at: it keeps no images on the way");
+    if (terms->halves && !answer.envelope->job_accepted->halves)
+        log_warning("this master is older than --halves: its images are without");
     wire_free(&answer);
     return result_ok();
 }
@@ -408,6 +410,8 @@ static result_t take_image_chunk(image_fetch_t *fetch, wire_message_t *answer)
     if (chunk->at != fetch->wish.at)
         return result_fail(RESULT_INPUT,
                            "this master keeps no images at sample counts: it is older than --at");
+    if (fetch->wish.halves && !chunk->halves)
+        return result_fail(RESULT_INPUT, "this master makes no halves: it is older than --halves");
     size_t length = zmq_msg_size(&answer->payload[0]);
     if (fetch->snapshot == 0) {
         if (chunk->size == 0 || chunk->size > MAX_IMAGE_BYTES)
@@ -436,6 +440,7 @@ static result_t get_image_chunk(remote_t *remote, image_fetch_t *fetch)
     get.length = fetch->size == 0 || left > WIRE_MAX_CHUNK ? WIRE_MAX_CHUNK : (uint32_t)left;
     get.half = fetch->wish.half;
     get.at = fetch->wish.at;
+    get.halves = fetch->wish.halves;
     Lm__Envelope envelope = WIRE_ENVELOPE(IMAGE_GET, image_get, &get);
     double timeout = fetch->snapshot == 0 && remote->timeout < SLOW_ANSWER ? SLOW_ANSWER : remote->timeout;
     wire_message_t answer;

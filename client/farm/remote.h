@@ -34,8 +34,8 @@ typedef void (*remote_progress_fn)(void *context, uint64_t done, uint64_t size);
 /* Puts a blob into the master's store, unless it is there; goes on where an earlier upload ended. */
 result_t remote_put_blob(remote_t *remote, const scene_blob_t *blob, remote_progress_fn progress,
                          void *progress_context);
-/* Submits a job whose blob is in the store. A master that is too old to keep images at settings->save_at is
- * warned of; the job is submitted without them. */
+/* Submits a job whose blob is in the store. A master that is too old to keep images at settings->save_at, or
+ * with terms->halves, is warned of; the job is submitted without them. */
 result_t remote_submit_job(remote_t *remote, const job_terms_t *terms, const job_settings_t *settings,
                            const hash_t *blob, uint64_t *job);
 /* The same with nothing but a name (cut to JOB_MAX_NAME) as its terms. */
@@ -56,7 +56,8 @@ result_t remote_cancel(remote_t *remote, uint64_t job);
 typedef struct {
     uint64_t job;
     uint32_t at; /* the one kept at so many samples a pixel (job_settings_t.save_at); 0: as it is now */
-    bool half;
+    bool half;   /* half floats */
+    bool halves; /* with the two halves of the picture as layers */
 } image_wish_t;
 /* An image of a job, as the bytes of an EXR file; the caller frees *bytes. RESULT_INPUT when it is not there
  * (yet). */

@@ -27,6 +27,7 @@ static void take_status(watch_t *watch, const Lm__JobStatus *status)
             log_warning("%s", watch->message);
         }
     }
+    watch->halves = status->terms != NULL && status->terms->halves;
     job_settings_t settings;
     if (status->settings == NULL || wire_settings_get(status->settings, &settings).code != RESULT_OK) return;
     watch->width = settings.width;
@@ -112,9 +113,10 @@ result_t watch_wait(watch_t *watch)
 }
 
 /* Fetches the image; a patient watch begins again when the master goes away meanwhile. */
-static result_t fetch_image(const watch_t *watch, uint32_t at, bool half, uint8_t **bytes, size_t *size)
+static result_t fetch_image(const watch_t *watch, uint32_t at, const output_t *output, uint8_t **bytes,
+                            size_t *size)
 {
-    const image_wish_t wish = {.job = watch->job, .at = at, .half = half};
+    const image_wish_t wish = {.job = watch->job, .at = at, .half = output->half, .halves = output->halves};
     result_t result;
     do result = remote_fetch_image(watch->remote, &wish, bytes, size);
     while (watch->patient && result.code == RESULT_UNREACHABLE && !interrupt_seen());
@@ -153,7 +155,7 @@ result_t watch_deliver_at(const watch_t *watch, uint32_t spp, const output_t *ou
     uint8_t *bytes;
     size_t size;
     double noise;
-    TRY(fetch_image(watch, spp, output->half, &bytes, &size));
+    TRY(fetch_image(watch, spp, output, &bytes, &size));
     result_t result = output_write(output, bytes, size, &noise);
     free(bytes);
     if (result.code != RESULT_OK || quiet) return result;
@@ -189,7 +191,7 @@ result_t watch_deliver(const watch_t *watch, const output_t *output, bool quiet)
     uint8_t *bytes;
     size_t size;
     double noise;
-    TRY(fetch_image(watch, 0, output->half, &bytes, &size));
+    TRY(fetch_image(watch, 0, output, &bytes, &size));
     result_t result = output_write(output, bytes, size, &noise);
     free(bytes);
     if (result.code == RESULT_OK && !quiet) say_written(watch, output, noise);

@@ -30,6 +30,7 @@ typedef struct {
     uint32_t workers_seen;
     save_at_t save_at; /* sample counts at which images are kept, */
     uint32_t saved;    /* and the last of which one is there */
+    bool halves;       /* what is kept has the halves (job_terms_t) */
     char message[500]; /* why it failed */
 } watch_t;
 

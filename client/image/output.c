@@ -91,6 +91,9 @@ result_t output_check(const output_t *output)
 {
     if (output->path && !has_extension(output->path, ".exr") && !output_is_png(output->path))
         return result_fail(RESULT_USAGE, "the output '%.200s' must end in .exr or .png", output->path);
+    if (output->path && output->halves && output_is_png(output->path))
+        return result_fail(RESULT_USAGE,
+                           "--halves are layers of an EXR: -o must end in .exr (--png adds a PNG)");
     if (output->png && !output_is_png(output->png))
         return result_fail(RESULT_USAGE, "the PNG '%.200s' must end in .png", output->png);
     if (output->path) TRY(output_writable(output->path));

@@ -10,6 +10,8 @@ typedef struct {
     const char *png;          /* --png: a PNG as well, or NULL */
     double exposure;          /* of PNGs, stops */
     bool half;                /* EXR in half floats */
+    bool halves;              /* with the two halves of the picture as layers; not an option of its own here:
+                                 only some commands can have them */
     char *own_path, *own_png; /* of output_name, owned */
 } output_t;
 

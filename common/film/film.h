@@ -48,11 +48,22 @@ typedef struct {
     float *object;   /* id of what sample 0 met; 0: nothing */
     float *material; /* likewise */
     float *coverage; /* share of the samples that met something */
+
+    /* The picture as the even samples alone make it, and the odd ones; NULL unless they are wanted. */
+    float *half[2];
 } film_image_t;
+
+/* What an image has only when it is wanted. */
+typedef struct {
+    bool halves;
+} film_extras_t;
 
 /* Resolves the sums: eye / own samples + splat * pixels / light paths, and the features. Pixels without
  * samples are black. */
 void film_resolve(const film_t *film, film_image_t *image);
+/* Adds to a resolved image of the film, of the same moment. A half is divided by its own samples and light
+ * paths; where it has none it has no light. */
+void film_resolve_extras(const film_t *film, const film_extras_t *extras, film_image_t *image);
 void film_image_free(film_image_t *image);
 
 /* Estimates the relative error of the image, splats included: the square root of the mean, over the pixels

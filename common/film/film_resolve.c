@@ -128,6 +128,30 @@ void film_resolve(const film_t *film, film_image_t *image)
     }
 }
 
+/* One half of a pixel, divided by what it has itself. */
+static void resolve_half(const divisors_t *divisors, size_t half, size_t pixel, float rgb[3])
+{
+    const film_t *film = divisors->film;
+    size_t at = half * divisors->pixels + pixel;
+    double samples = film->samples[at];
+    for (size_t c = 0; c < 3; c++) {
+        double eye = samples > 0 ? (double)film->sums[SUM_EYE][3 * at + c] / samples : 0;
+        double light = (double)film->sums[SUM_SPLAT][3 * at + c] * divisors->light_factor[half];
+        rgb[c] = (float)((eye + light) * divisors->unit);
+    }
+}
+
+void film_resolve_extras(const film_t *film, const film_extras_t *extras, film_image_t *image)
+{
+    divisors_t divisors = film_divisors(film);
+    for (size_t h = 0; extras->halves && h < 2; h++) {
+        image->half[h] = mem_zalloc(3 * divisors.pixels, sizeof(float));
+        for (size_t p = 0; p < divisors.pixels; p++)
+            if (film->samples[p] > 0 || film->samples[divisors.pixels + p] > 0)
+                resolve_half(&divisors, h, p, image->half[h] + 3 * p);
+    }
+}
+
 /* The rows that are looked at: the middle one of every `step`. */
 static bool row_counts(int y, int step)
 {
@@ -210,5 +234,6 @@ void film_image_free(film_image_t *image)
     float *features[] = {image->albedo, image->normal,   image->position, image->depth,
                          image->object, image->material, image->coverage};
     for (size_t i = 0; i < ARRAY_LENGTH(features); i++) free(features[i]);
+    for (size_t h = 0; h < 2; h++) free(image->half[h]);
     *image = (film_image_t){0};
 }

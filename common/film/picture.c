@@ -40,7 +40,9 @@ static void add_layers(image_t *image, const film_image_t *film, bool half)
                   {{"depth.Z"}, 1, film->depth},
                   {{"object.id"}, 1, film->object},
                   {{"material.id"}, 1, film->material},
-                  {{"coverage"}, 1, film->coverage}};
+                  {{"coverage"}, 1, film->coverage},
+                  {{"half0.R", "half0.G", "half0.B"}, 3, film->half[0]},
+                  {{"half1.R", "half1.G", "half1.B"}, 3, film->half[1]}};
     for (size_t i = 0; i < ARRAY_LENGTH(layers); i++)
         if (layers[i].data != NULL) add_views(image, layers[i].names, layers[i].count, half, layers[i].data);
 }

@@ -3,8 +3,9 @@
  * Layers of the EXR: R G B (the picture), eye.* and light.* (strategies with t >= 2 eye vertices, and t = 1),
  * noise.* (estimated standard error of R G B), samples (eye samples of each pixel). Where the job has
  * features (film_sums.h): albedo.R G B, normal.X Y Z and position.X Y Z in world space, depth.Z, object.id
- * and material.id, coverage. The attributes, all named lightmill.*, hold what it takes to make the same bits
- * again.
+ * and material.id, coverage. Where they are wanted: half0.R G B and half1.R G B, the picture of the even and
+ * of the odd samples alone, two independent estimates. The attributes, all named lightmill.*, hold what it
+ * takes to make the same bits again.
  */
 #ifndef LIGHTMILL_PICTURE_H
 #define LIGHTMILL_PICTURE_H

@@ -400,7 +400,16 @@ static void show_samples(farm_t *farm, const job_t *job, const job_settings_t *s
     free(samples);
 }
 
-result_t farm_resolve(farm_t *farm, double now, job_t *job, film_image_t *image, job_report_t *report)
+bool farm_job_halves(farm_t *farm, const job_t *job)
+{
+    farm_lock(farm);
+    bool halves = job->kept.terms.halves;
+    farm_unlock(farm);
+    return halves;
+}
+
+result_t farm_resolve(farm_t *farm, double now, job_t *job, const film_extras_t *extras, film_image_t *image,
+                      job_report_t *report)
 {
     farm_lock(farm);
     *report = farm_report_job(job, now);
@@ -409,7 +418,9 @@ result_t farm_resolve(farm_t *farm, double now, job_t *job, film_image_t *image,
     farm_unlock(farm);
     shared_film_t *shared_film = empty ? NULL : job_film_hold(farm, job);
     if (shared_film != NULL) {
-        film_resolve(shared_film_lock(shared_film), image);
+        const film_t *film = shared_film_lock(shared_film);
+        film_resolve(film, image);
+        if (extras != NULL) film_resolve_extras(film, extras, image);
         if (report->record.settings.adaptive) show_samples(farm, job, &report->record.settings, image);
         farm_note_image_error(farm, now, job, image->error);
         shared_film_unlock(shared_film);

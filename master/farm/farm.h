@@ -229,6 +229,8 @@ void farm_news_failed(farm_t *farm, const farm_news_t *news, double retry);
 job_t *farm_pin(farm_t *farm, uint64_t job);
 void farm_unpin(farm_t *farm, job_t *job);
 job_settings_t farm_job_settings(farm_t *farm, const job_t *job);
+/* True when the images of the job that are kept have the halves (job_terms_t.halves). */
+bool farm_job_halves(farm_t *farm, const job_t *job);
 uint64_t farm_job_id(const job_t *job);
 /* Pins a job that has all its samples and whose image is to be written or, if it failed, whose film is to be
  * freed; NULL when there is none. */
@@ -239,9 +241,10 @@ job_t *farm_next_milestone(farm_t *farm, uint32_t *spp);
 /* That image was written to `path`: the job goes on. Or it could not be: the job waits, and it is given out
  * again after a while. */
 void farm_milestone_written(farm_t *farm, double now, job_t *job, result_t written, const char *path);
-/* Resolves the sums so far; the caller frees the image. RESULT_INPUT when nothing has been rendered yet, or
- * when the job is over and its image is in its file. */
-result_t farm_resolve(farm_t *farm, double now, job_t *job, film_image_t *image, job_report_t *report);
+/* Resolves the sums so far, with `extras` (NULL: none); the caller frees the image. RESULT_INPUT when nothing
+ * has been rendered yet, or when the job is over and its image is in its file. */
+result_t farm_resolve(farm_t *farm, double now, job_t *job, const film_extras_t *extras, film_image_t *image,
+                      job_report_t *report);
 /* Batches merged so far, the version of the image, and whether the job has its last state. */
 uint64_t farm_image_version(farm_t *farm, job_t *job, bool *over);
 /* The image of a job that farm_next_finished gave out was written: when its last checkpoint is made too, it

@@ -66,7 +66,7 @@ static result_t source_open(const tiles_t *tiles, job_t *job, source_t *source)
     job_report_t report;
     bool over;
     *source = (source_t){.version = (uint32_t)farm_image_version(tiles->options.farm, job, &over)};
-    if (!over) return farm_resolve(tiles->options.farm, clock_now(), job, &source->film, &report);
+    if (!over) return farm_resolve(tiles->options.farm, clock_now(), job, NULL, &source->film, &report);
     char *path = tiles->options.image_path(tiles->data_dir, farm_job_id(job));
     result_t result = image_read_exr(path, &source->file);
     job_settings_t settings = farm_job_settings(tiles->options.farm, job);

@@ -46,6 +46,7 @@ static result_t get_image(client_bulk_t *client, uint64_t snapshot, const image_
     chunk->snapshot = snapshot;
     chunk->offset = request->offset;
     chunk->at = request->at;
+    chunk->halves = request->halves;
     TRY(image_writer_read(client->image_writer, snapshot, 0, NULL, &length, &size));
     chunk->size = size;
     TRY(bulk_chunk_open(request->offset, request->length, size, payload));
@@ -79,6 +80,7 @@ static void on_image_get(void *self, peer_server_t *server, const wire_message_t
                                .request = message->envelope->request,
                                .job = get->job,
                                .half = get->half,
+                               .halves = get->halves,
                                .at = get->at,
                                .offset = get->offset,
                                .length = get->length};

@@ -73,6 +73,7 @@ static void answer(peer_server_t *server, const journal_writer_answer_t *written
     Lm__Done done = LM__DONE__INIT;
     accepted.job = written->job;
     accepted.save_at = written->save_at;
+    accepted.halves = written->halves;
     if (written->result.code != RESULT_OK)
         peer_send_refusal(server, &written->identity, written->request, written->result);
     else if (written->kind == JOURNAL_WRITER_ORDER)

@@ -2,9 +2,9 @@
  *
  * DESIGN. The thread sleeps on the farm's eventfd, which image_writer_ask writes as well. Woken, it first
  * sees to jobs that are over or stand at a milestone, then to requests. A snapshot is identified by what it
- * shows (job, number of batches merged, half or float), so that people who watch one job share one file. The
- * final image of a job is a snapshot too, whose file is not deleted with it; as halves it is made from the
- * float file, since the film is gone. */
+ * shows (job, number of batches merged, half or float, with or without halves), so that people who watch one
+ * job share one file. The final image of a job is a snapshot too, whose file is not deleted with it; as
+ * halves it is made from the float file, since the film is gone. */
 #include "master/threads/image_writer.h"
 
 #include "common/film/picture.h"
@@ -27,8 +27,8 @@ enum { PIXEL_BYTES = 128 }; /* that a pixel of an image takes, at most: 13 chann
 typedef struct {
     uint64_t id; /* random; 0: vacant */
     uint64_t job, version;
-    bool over, half;
-    uint32_t at; /* image_request_t.at */
+    bool over, half, halves; /* as in image_request_t */
+    uint32_t at;             /* image_request_t.at */
     char *path;
     bool keep; /* the file stays when the snapshot goes */
     uint64_t size;
@@ -113,11 +113,11 @@ static void end_at(job_settings_t *settings, uint32_t spp)
 /* Resolves the film as it is now and writes it. `milestone`: the samples a pixel that it stands at; 0: none.
  */
 static result_t write_film(image_writer_t *image_writer, job_t *job, const char *path, uint32_t milestone,
-                           bool half)
+                           bool half, const film_extras_t *extras)
 {
     film_image_t film = {0};
     job_report_t report;
-    TRY(farm_resolve(image_writer->options.farm, clock_now(), job, &film, &report));
+    TRY(farm_resolve(image_writer->options.farm, clock_now(), job, extras, &film, &report));
     picture_meta_t meta = {.scene = report.record.blob,
                            .scene_name = report.record.terms.name,
                            .settings = report.record.settings,
@@ -173,12 +173,13 @@ static result_t write_halves(const char *from, const char *path)
 static result_t write_kept(image_writer_t *image_writer, job_t *job, const char *path, uint32_t milestone)
 {
     checkpointer_t *checkpointer = image_writer->options.checkpointer;
-    result_t result = write_film(image_writer, job, path, milestone, false);
+    film_extras_t extras = {.halves = farm_job_halves(image_writer->options.farm, job)};
+    result_t result = write_film(image_writer, job, path, milestone, false, &extras);
     if (result.code != RESULT_IO || checkpointer == NULL) return result;
     job_settings_t settings = farm_job_settings(image_writer->options.farm, job);
     uint64_t bytes = (uint64_t)settings.width * (uint64_t)settings.height * PIXEL_BYTES;
-    return checkpointer_make_room(checkpointer, bytes) ? write_film(image_writer, job, path, milestone, false)
-                                                       : result;
+    if (!checkpointer_make_room(checkpointer, bytes)) return result;
+    return write_film(image_writer, job, path, milestone, false, &extras);
 }
 
 static void save_milestone(image_writer_t *image_writer, job_t *job, uint32_t spp)
@@ -248,7 +249,7 @@ static snapshot_t *snapshot_find(image_writer_t *image_writer, const snapshot_t 
     for (size_t i = 0; i < IMAGE_WRITER_MAX_SNAPSHOTS; i++) {
         snapshot_t *s = &image_writer->snapshots[i];
         if (s->id != 0 && s->job == like->job && s->version == like->version && s->half == like->half &&
-            s->over == like->over && s->at == like->at)
+            s->halves == like->halves && s->over == like->over && s->at == like->at)
             return s;
     }
     return NULL;
@@ -270,6 +271,18 @@ static result_t no_image(const image_writer_t *image_writer, const job_t *job, c
                        snapshot->at, snapshot->at);
 }
 
+/* The film is gone from the memory, and an image that is kept has the halves only if the job was submitted
+ * so.
+ */
+static result_t no_halves(const snapshot_t *snapshot)
+{
+    return result_fail(
+        RESULT_INPUT,
+        "job %llu was submitted without --halves, so this image is kept without: extend the job "
+        "and fetch them while it works, or submit it again with --halves",
+        (unsigned long long)snapshot->job);
+}
+
 /* Writes the file of a snapshot and fills in its path. */
 static result_t take_snapshot(image_writer_t *image_writer, job_t *job, snapshot_t *snapshot)
 {
@@ -279,11 +292,15 @@ static result_t take_snapshot(image_writer_t *image_writer, job_t *job, snapshot
     snapshot->path = snapshot->keep ? mem_strdup(final)
                                     : mem_printf("%s/snapshots/%016llx.exr", image_writer->data_dir,
                                                  (unsigned long long)snapshot->id);
+    bool always = farm_job_halves(image_writer->options.farm, job);
+    film_extras_t extras = {.halves = snapshot->halves || always};
     result_t result = result_ok();
     if (!snapshot->over)
-        result = write_film(image_writer, job, snapshot->path, 0, snapshot->half);
+        result = write_film(image_writer, job, snapshot->path, 0, snapshot->half, &extras);
     else if (access(final, R_OK) != 0)
         result = no_image(image_writer, job, snapshot);
+    else if (snapshot->halves && !always)
+        result = no_halves(snapshot);
     else if (snapshot->half)
         result = write_halves(final, snapshot->path);
     free(final);
@@ -298,7 +315,11 @@ static result_t take_snapshot(image_writer_t *image_writer, job_t *job, snapshot
 static result_t serve_request(image_writer_t *image_writer, job_t *job, const image_request_t *request,
                               uint64_t *id)
 {
-    snapshot_t wanted = {.job = request->job, .half = request->half, .at = request->at, .over = true};
+    snapshot_t wanted = {.job = request->job,
+                         .half = request->half,
+                         .halves = request->halves,
+                         .at = request->at,
+                         .over = true};
     if (request->at == 0) wanted.version = farm_image_version(image_writer->options.farm, job, &wanted.over);
     pthread_mutex_lock(&image_writer->lock);
     snapshot_t *found = snapshot_find(image_writer, &wanted);

@@ -42,7 +42,8 @@ typedef struct {
     identity_t identity;
     uint64_t request;
     uint64_t job;
-    bool half;
+    bool half;   /* half floats */
+    bool halves; /* with the two halves of the picture */
     uint32_t at; /* samples a pixel of a milestone; 0: the image as it is now */
     uint64_t offset;
     uint32_t length;

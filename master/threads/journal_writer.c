@@ -222,7 +222,8 @@ static void serve(journal_writer_t *journal_writer, const journal_writer_request
                                       .request = request->request,
                                       .kind = request->kind,
                                       .job = request->order.job,
-                                      .save_at = request->settings.save_at.count};
+                                      .save_at = request->settings.save_at.count,
+                                      .halves = request->terms.halves};
     if (request->kind == JOURNAL_WRITER_SUBMIT)
         answer.result = submit(journal_writer, request, &answer.job);
     else

@@ -65,7 +65,8 @@ struct journal_writer_answer {
     journal_writer_kind_t kind;
     result_t result; /* for the client: RESULT_OK when it is done, and safe */
     uint64_t job;
-    uint32_t save_at; /* JOURNAL_WRITER_SUBMIT: the milestones that it has */
+    uint32_t save_at; /* JOURNAL_WRITER_SUBMIT: the milestones that it has, */
+    bool halves;      /* and whether its images have the halves */
 };
 
 /* Asks for something to be done. RESULT_LIMIT, and no answer, when too many wait. */

@@ -38,6 +38,7 @@ static void put_terms(json_t *object, const Lm__Terms *terms)
     json_object_set_new(object, "priority", json_integer(terms->priority));
     put_real(object, "verify", terms->verify);
     put_flag(object, "mixed", terms->mixed);
+    put_flag(object, "halves", terms->halves);
 }
 
 static void put_counts(json_t *object, const Lm__Counts *counts)

@@ -51,7 +51,7 @@ const char *wire_rights_name(unsigned rights)
 #define SETTINGS(FIELD)                                                                                      \
     SMALL_SETTINGS(FIELD)                                                                                    \
     FIELD(seed) FIELD(spp) FIELD(time_limit) FIELD(features) FIELD(unweighted) FIELD(error) FIELD(adaptive)
-#define TERMS(FIELD) FIELD(priority) FIELD(verify) FIELD(mixed)
+#define TERMS(FIELD) FIELD(priority) FIELD(verify) FIELD(mixed) FIELD(halves)
 #define ORDER(FIELD) FIELD(job) FIELD(kind) FIELD(priority) FIELD(spp) FIELD(error) FIELD(time_limit)
 #define COUNTS(FIELD) FIELD(dropped) FIELD(overflows) FIELD(rays) FIELD(cpu_us)
 #define COPY(field) to->field = (typeof(to->field))from->field;

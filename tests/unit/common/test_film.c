@@ -447,6 +447,8 @@ static void each_sum_has_its_own_divisor(void **state)
     film->sums[SUM_EYE][3 * 9] = fixed(0.25);
     film->sums[SUM_SPLAT][0] = fixed(5.0);
     film_resolve(film, &image);
+    assert_null(image.half[0]); /* nobody wanted them */
+    film_resolve_extras(film, &(film_extras_t){.halves = true}, &image);
 
     double eye = 9.0 / 6, light = 4.5 * PIXELS / 1500;
     assert_true(fabs((double)image.eye[3 * 3 + 1] - eye) < 1e-6);
@@ -454,6 +456,12 @@ static void each_sum_has_its_own_divisor(void **state)
     assert_true(fabs((double)image.sum[3 * 3 + 1] - eye - light) < 1e-6);
     /* The halves are 8 / 4 + 3 PIXELS / 1000 and 1 / 2 + 1.5 PIXELS / 500: the splats are the same. */
     assert_true(fabs((double)image.noise[3 * 3 + 1] - sqrt(4.0 * 2.0) / 6 * 1.5) < 1e-6);
+    double halves[2] = {8.0 / 4 + 3.0 * PIXELS / 1000, 1.0 / 2 + 1.5 * PIXELS / 500};
+    for (int h = 0; h < 2; h++) {
+        assert_true(fabs((double)image.half[h][3 * 3 + 1] - halves[h]) < 1e-6);
+        assert_true(image.half[h][3 * 3] == 0.0f && image.half[h][0] == 0.0f); /* nothing; no samples */
+    }
+    assert_true(image.half[0][3 * 9] == 0.25f && image.half[1][3 * 9] == 0.0f);
     assert_true(image.samples[3] == 6.0f && image.samples[9] == 1.0f && image.samples[0] == 0.0f);
     assert_true(image.sum[3 * 3] == 0.0f && image.noise[3 * 3] == 0.0f);
     /* With one half only, all of the value may be noise. */

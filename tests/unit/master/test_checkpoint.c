@@ -75,28 +75,29 @@ static job_film_t make_film(const job_settings_t *settings, uint64_t seed)
     }
     made.shared_film = shared_film_new(film);
     job_record_t *record = &made.info.record;
-    *record = (job_record_t){.job = 7,
-                             .terms = {.name = "a scene", .priority = -3, .verify = 0.01, .mixed = true},
-                             .settings = *settings,
-                             .blob = hash_bytes("blob", 4),
-                             .blob_size = 4711,
-                             .state = JOB_RUNNING,
-                             .retained = true,
-                             .fingerprint = hash_bytes("bits", 4),
-                             .elapsed = 12.5,
-                             .submitted = 1.7e9,
-                             .bytes = 1,
-                             .batches = 2,
-                             .batches_refused = 3,
-                             .units_reissued = 4,
-                             .checks_passed = 5,
-                             .checks_failed = 6,
-                             .workers_seen = 7,
-                             .samples_done = 8,
-                             .account = {.issued = 20, .counted = 10, .returned = 6, .skipped = 1},
-                             .counts = {{1, 2}, 3, 4, 5, 6},
-                             .error = 0.25,
-                             .message = "all is well"};
+    *record = (job_record_t){
+        .job = 7,
+        .terms = {.name = "a scene", .priority = -3, .verify = 0.01, .mixed = true, .halves = true},
+        .settings = *settings,
+        .blob = hash_bytes("blob", 4),
+        .blob_size = 4711,
+        .state = JOB_RUNNING,
+        .retained = true,
+        .fingerprint = hash_bytes("bits", 4),
+        .elapsed = 12.5,
+        .submitted = 1.7e9,
+        .bytes = 1,
+        .batches = 2,
+        .batches_refused = 3,
+        .units_reissued = 4,
+        .checks_passed = 5,
+        .checks_failed = 6,
+        .workers_seen = 7,
+        .samples_done = 8,
+        .account = {.issued = 20, .counted = 10, .returned = 6, .skipped = 1},
+        .counts = {{1, 2}, 3, 4, 5, 6},
+        .error = 0.25,
+        .message = "all is well"};
     made.info.generation = 3;
     made.info.written = 1.7e9 + 1;
     return made;

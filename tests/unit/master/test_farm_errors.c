@@ -206,7 +206,7 @@ static void the_last_point_is_that_of_the_last_image(void **state)
     toy_work_off(farm, 1, toy_hello(farm, 0, 1), job);
     job_t *pinned = farm_next_finished(farm);
     assert_non_null(pinned);
-    assert_int_equal(farm_resolve(farm, 2, pinned, &image, &report).code, RESULT_OK);
+    assert_int_equal(farm_resolve(farm, 2, pinned, NULL, &image, &report).code, RESULT_OK);
     farm_finished(farm, 2, pinned, ok, NULL);
     farm_unpin(farm, pinned);
     assert_int_equal(points(farm, job, &last), 1);

@@ -314,7 +314,7 @@ static void resolve(trial_t *trial, film_image_t *image)
 {
     job_t *job = farm_pin(trial->farm, trial->job);
     job_report_t report;
-    assert_int_equal(farm_resolve(trial->farm, 0, job, image, &report).code, RESULT_OK);
+    assert_int_equal(farm_resolve(trial->farm, 0, job, NULL, image, &report).code, RESULT_OK);
     farm_unpin(trial->farm, job);
 }
 
