@@ -244,7 +244,7 @@ static result_t start_telling(master_t *master, const master_options_t *options)
 
 static result_t start_page(master_t *master, const master_options_t *options)
 {
-    master->http_calls = (http_calls_t){master->journal_writer};
+    master->http_calls = (http_calls_t){master->journal_writer, master->image_writer};
     http_master_t calls = http_calls_master(&master->http_calls, master->farm, server_gate(master->server));
     return http_server_start(&options->http, &calls, options->data_dir, &master->http);
 }
@@ -266,6 +266,7 @@ static result_t start(master_t *master, const master_options_t *options)
 /* Takes apart whatever was put together. */
 static void dismantle(master_t *master)
 {
+    image_writer_close(master->image_writer); /* the page's requests end */
     http_server_stop(&master->http);
     server_stop(master->server);
     if (master->farm != NULL) farm_shut_down(master->farm);

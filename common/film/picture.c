@@ -112,6 +112,17 @@ result_t picture_write_exr(const char *path, const film_image_t *film, const pic
     return result;
 }
 
+result_t picture_write_png(const char *path, const film_image_t *film, float exposure)
+{
+    static const char *const names[] = {"R", "G", "B"};
+    image_t image;
+    image_init(&image, film->width, film->height);
+    add_views(&image, names, 3, false, film->sum);
+    result_t result = image_write_png(path, &image, exposure);
+    image_free(&image);
+    return result;
+}
+
 char *picture_png_path(const char *path)
 {
     const char *slash = strrchr(path, '/'), *name = slash != NULL ? slash + 1 : path;

@@ -28,6 +28,8 @@ typedef struct {
 /* Writes the EXR, whole or not at all, as 32-bit floats or, with `half`, as halves where
  * picture_half_fits. */
 result_t picture_write_exr(const char *path, const film_image_t *film, const picture_meta_t *meta, bool half);
+/* Writes the picture alone as a PNG, as image_write_png does. */
+result_t picture_write_png(const char *path, const film_image_t *film, float exposure);
 /* Sets the attributes of a picture, of so many pixel samples, on an image that is to be written. */
 void picture_describe(image_t *image, const picture_meta_t *meta, uint64_t samples);
 /* False for a channel whose values need more than the 11 bits of a half: counts, ids, places. */

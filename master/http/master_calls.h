@@ -9,6 +9,25 @@
 /* Tells the outcome of a call, once, on some thread. `value` belongs to the call. */
 typedef void (*http_done_fn)(void *ticket, const result_t *result, uint64_t value);
 
+/* Which image of a job. */
+typedef struct {
+    uint64_t job;
+    uint32_t at;    /* samples a pixel of a milestone; 0: the image as it is now */
+    bool half;      /* half floats */
+    bool halves;    /* with the two halves of the picture as layers */
+    bool png;       /* a PNG instead of an OpenEXR file, */
+    float exposure; /* brightened by so many stops */
+} http_image_query_t;
+/* Its file. */
+typedef struct {
+    int descriptor;   /* open for reading, the receiver's to close */
+    uint64_t size;    /* bytes */
+    uint64_t version; /* of the film that it shows, or of one before; 0 of a milestone */
+    bool over;        /* it does not change any more, unless the job is extended */
+} http_image_t;
+/* Gives out an image, once, on some thread; *image is one only where the result is good. */
+typedef void (*http_image_fn)(void *ticket, const result_t *result, const http_image_t *image);
+
 typedef struct {
     void *context; /* of the functions */
     farm_t *farm;  /* all are kept by the caller */
@@ -16,6 +35,9 @@ typedef struct {
     /* Carries out an order as one of `lightmill pause` is: `done` is called when it is safe on the disk, or
      * has failed. On a failure of the call itself `done` is not called. */
     result_t (*order)(void *context, const job_order_t *order, http_done_fn done, void *ticket);
+    /* Has an image written: `done` is called when it is there, or cannot be: RESULT_INPUT when there is none.
+     * On a failure of the call itself, RESULT_LIMIT, `done` is not called. */
+    result_t (*image)(void *context, const http_image_query_t *query, http_image_fn done, void *ticket);
     /* The path of the image of a job that is over, in fresh memory. */
     char *(*image_path)(const char *data_dir, uint64_t job);
 } http_master_t;

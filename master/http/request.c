@@ -21,6 +21,29 @@ const char *http_query(const http_request_t *request, const char *name)
     return MHD_lookup_connection_value(request->connection, MHD_GET_ARGUMENT_KIND, name);
 }
 
+typedef struct {
+    const char *const *names;
+    const char *unknown; /* NULL: none so far */
+} known_t;
+
+static enum MHD_Result check_name(void *context, enum MHD_ValueKind kind, const char *name, const char *value)
+{
+    known_t *known = context;
+    (void)kind, (void)value;
+    const char *const *at = known->names;
+    while (*at != NULL && strcmp(*at, name) != 0) at++;
+    if (*at == NULL) known->unknown = name;
+    return *at == NULL ? MHD_NO : MHD_YES;
+}
+
+result_t http_query_only(const http_request_t *request, const char *const names[])
+{
+    known_t known = {names, NULL};
+    MHD_get_connection_values(request->connection, MHD_GET_ARGUMENT_KIND, check_name, &known);
+    if (known.unknown == NULL) return result_ok();
+    return result_fail(RESULT_USAGE, "there is no '%.60s' to ask for here", known.unknown);
+}
+
 bool http_number_parse(const char *text, size_t length, uint64_t *value)
 {
     *value = 0;

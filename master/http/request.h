@@ -15,6 +15,7 @@
 enum {
     HTTP_MAX_NUMBERS = 4,    /* in a path */
     HTTP_MAX_BODY = 4 << 10, /* bytes */
+    HTTP_MAX_IMAGES = 32,    /* requests that wait for an image, or read one */
     HTTP_MAX_WAITING = 64    /* requests that wait for another thread */
 };
 
@@ -47,6 +48,8 @@ struct http_request {
     void (*then)(http_request_t *request); /* of http_wait; NULL: it does not wait */
     result_t result;                       /* for `then`: what the other thread found, */
     uint64_t value;                        /* and a number of it */
+    void *own;                             /* the handler's, */
+    void (*release)(http_request_t *request); /* which frees it when the request has ended; NULL: nothing */
     enum MHD_Result answered;
 };
 
@@ -54,6 +57,8 @@ struct http_request {
 
 /* A header of the request; NULL when there is none. */
 const char *http_header(const http_request_t *request, const char *name);
+/* RESULT_USAGE when the query has another parameter than these; NULL ends them. */
+result_t http_query_only(const http_request_t *request, const char *const names[]);
 /* A whole number in decimal digits; false when it is none. */
 bool http_number_parse(const char *text, size_t length, uint64_t *value);
 /* A parameter of the query ("?level=3"); NULL when there is none. */

@@ -7,7 +7,7 @@
 #include <string.h>
 
 static const http_table_t *const tables[] = {&http_report_routes, &http_order_routes, &http_metrics_routes,
-                                             &http_tile_routes};
+                                             &http_tile_routes, &http_image_routes};
 
 static void serve_file(http_request_t *request)
 {

@@ -9,6 +9,7 @@ extern const http_table_t http_report_routes;  /* jobs, workers, the farm: repor
 extern const http_table_t http_metrics_routes; /* /metrics, /healthz, /readyz: metrics.c */
 extern const http_table_t http_order_routes;   /* orders.c */
 extern const http_table_t http_tile_routes;    /* images as they converge: tile_routes.c */
+extern const http_table_t http_image_routes;   /* images as files: images.c */
 
 /* Sets request->route and ->numbers for a method and request->path. 0, or the HTTP status of the refusal:
  * 404, or 405 with request->allowed set. */

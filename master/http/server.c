@@ -140,6 +140,7 @@ static void on_end(void *context, struct MHD_Connection *connection, void **stat
     (void)context, (void)connection, (void)code;
     http_request_t *request = *state;
     if (request == NULL) return;
+    if (request->release != NULL) request->release(request);
     free(request->body);
     free(request);
     *state = NULL;

@@ -46,7 +46,7 @@ static result_t get_image(client_bulk_t *client, uint64_t snapshot, const image_
     chunk->snapshot = snapshot;
     chunk->offset = request->offset;
     chunk->at = request->at;
-    chunk->halves = request->halves;
+    chunk->halves = request->format.halves;
     TRY(image_writer_read(client->image_writer, snapshot, 0, NULL, &length, &size));
     chunk->size = size;
     TRY(bulk_chunk_open(request->offset, request->length, size, payload));
@@ -79,8 +79,7 @@ static void on_image_get(void *self, peer_server_t *server, const wire_message_t
     image_request_t request = {.identity = peer_identity(message),
                                .request = message->envelope->request,
                                .job = get->job,
-                               .half = get->half,
-                               .halves = get->halves,
+                               .format = {.half = get->half, .halves = get->halves},
                                .at = get->at,
                                .offset = get->offset,
                                .length = get->length};

@@ -3,10 +3,12 @@
 #define LIGHTMILL_HTTP_CALLS_H
 
 #include "master/http/master_calls.h"
+#include "master/threads/image_writer.h"
 #include "master/threads/journal_writer.h"
 
 typedef struct {
-    journal_writer_t *journal_writer; /* kept by the caller; outlives the HTTP server */
+    journal_writer_t *journal_writer; /* kept by the caller, like the next; outlive the HTTP server */
+    image_writer_t *image_writer;
 } http_calls_t;
 
 /* The calls are kept by the caller. */

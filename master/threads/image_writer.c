@@ -2,9 +2,9 @@
  *
  * DESIGN. The thread sleeps on the farm's eventfd, which image_writer_ask writes as well. Woken, it first
  * sees to jobs that are over or stand at a milestone, then to requests. A snapshot is identified by what it
- * shows (job, number of batches merged, half or float, with or without halves), so that people who watch one
- * job share one file. The final image of a job is a snapshot too, whose file is not deleted with it; as
- * halves it is made from the float file, since the film is gone. */
+ * shows (job, number of batches merged, format), so that people who watch one job share one file. The final
+ * image of a job is a snapshot too, whose file is not deleted with it; in another format it is made from the
+ * float file, since the film is gone. */
 #include "master/threads/image_writer.h"
 
 #include "common/film/picture.h"
@@ -27,8 +27,9 @@ enum { PIXEL_BYTES = 128 }; /* that a pixel of an image takes, at most: 13 chann
 typedef struct {
     uint64_t id; /* random; 0: vacant */
     uint64_t job, version;
-    bool over, half, halves; /* as in image_request_t */
-    uint32_t at;             /* image_request_t.at */
+    bool over;
+    image_format_t format;
+    uint32_t at; /* image_request_t.at */
     char *path;
     bool keep; /* the file stays when the snapshot goes */
     uint64_t size;
@@ -47,6 +48,7 @@ struct image_writer {
     pthread_t thread;
     atomic_bool stop;
     pthread_mutex_t lock; /* guards what follows */
+    bool closed;          /* image_writer_close */
     snapshot_t snapshots[IMAGE_WRITER_MAX_SNAPSHOTS];
     image_request_t waiting[IMAGE_WRITER_MAX_WAITING];
     size_t waiting_count;
@@ -113,11 +115,12 @@ static void end_at(job_settings_t *settings, uint32_t spp)
 /* Resolves the film as it is now and writes it. `milestone`: the samples a pixel that it stands at; 0: none.
  */
 static result_t write_film(image_writer_t *image_writer, job_t *job, const char *path, uint32_t milestone,
-                           bool half, const film_extras_t *extras)
+                           const image_format_t *format)
 {
+    film_extras_t extras = {.halves = format->halves || farm_job_halves(image_writer->options.farm, job)};
     film_image_t film = {0};
     job_report_t report;
-    TRY(farm_resolve(image_writer->options.farm, clock_now(), job, extras, &film, &report));
+    TRY(farm_resolve(image_writer->options.farm, clock_now(), job, &extras, &film, &report));
     picture_meta_t meta = {.scene = report.record.blob,
                            .scene_name = report.record.terms.name,
                            .settings = report.record.settings,
@@ -127,7 +130,8 @@ static result_t write_film(image_writer_t *image_writer, job_t *job, const char 
                            .bits = report.record.fingerprint,
                            .note = report.record.message};
     if (milestone > 0) end_at(&meta.settings, milestone);
-    result_t result = picture_write_exr(path, &film, &meta, half);
+    result_t result = format->png ? picture_write_png(path, &film, format->exposure)
+                                  : picture_write_exr(path, &film, &meta, format->half);
     film_image_free(&film);
     return result;
 }
@@ -169,17 +173,28 @@ static result_t write_halves(const char *from, const char *path)
     return result;
 }
 
+/* Makes a PNG from a finished image. */
+static result_t write_png(const char *from, const char *path, float exposure)
+{
+    image_t image = {0};
+    TRY(image_read_exr(from, &image));
+    result_t result = image_write_png(path, &image, exposure);
+    image_free(&image);
+    return result;
+}
+
 /* Writes an image that is to stay; on a full disk, films of jobs that are over make room for it. */
 static result_t write_kept(image_writer_t *image_writer, job_t *job, const char *path, uint32_t milestone)
 {
     checkpointer_t *checkpointer = image_writer->options.checkpointer;
-    film_extras_t extras = {.halves = farm_job_halves(image_writer->options.farm, job)};
-    result_t result = write_film(image_writer, job, path, milestone, false, &extras);
+    image_format_t format = {.half = false};
+    result_t result = write_film(image_writer, job, path, milestone, &format);
     if (result.code != RESULT_IO || checkpointer == NULL) return result;
     job_settings_t settings = farm_job_settings(image_writer->options.farm, job);
     uint64_t bytes = (uint64_t)settings.width * (uint64_t)settings.height * PIXEL_BYTES;
-    if (!checkpointer_make_room(checkpointer, bytes)) return result;
-    return write_film(image_writer, job, path, milestone, false, &extras);
+    return checkpointer_make_room(checkpointer, bytes)
+               ? write_film(image_writer, job, path, milestone, &format)
+               : result;
 }
 
 static void save_milestone(image_writer_t *image_writer, job_t *job, uint32_t spp)
@@ -244,12 +259,17 @@ static snapshot_t *snapshot_make(image_writer_t *image_writer)
     return oldest;
 }
 
+static bool same_format(const image_format_t *a, const image_format_t *b)
+{
+    return a->half == b->half && a->halves == b->halves && a->png == b->png && a->exposure == b->exposure;
+}
+
 static snapshot_t *snapshot_find(image_writer_t *image_writer, const snapshot_t *like)
 {
     for (size_t i = 0; i < IMAGE_WRITER_MAX_SNAPSHOTS; i++) {
         snapshot_t *s = &image_writer->snapshots[i];
-        if (s->id != 0 && s->job == like->job && s->version == like->version && s->half == like->half &&
-            s->halves == like->halves && s->over == like->over && s->at == like->at)
+        if (s->id != 0 && s->job == like->job && s->version == like->version && s->over == like->over &&
+            s->at == like->at && same_format(&s->format, &like->format))
             return s;
     }
     return NULL;
@@ -288,20 +308,22 @@ static result_t take_snapshot(image_writer_t *image_writer, job_t *job, snapshot
 {
     char *final = snapshot->at > 0 ? milestone_path(image_writer->data_dir, snapshot->job, snapshot->at)
                                    : image_writer_image_path(image_writer->data_dir, snapshot->job);
-    snapshot->keep = snapshot->over && !snapshot->half;
-    snapshot->path = snapshot->keep ? mem_strdup(final)
-                                    : mem_printf("%s/snapshots/%016llx.exr", image_writer->data_dir,
-                                                 (unsigned long long)snapshot->id);
-    bool always = farm_job_halves(image_writer->options.farm, job);
-    film_extras_t extras = {.halves = snapshot->halves || always};
+    const image_format_t *format = &snapshot->format;
+    snapshot->keep = snapshot->over && !format->half && !format->png;
+    snapshot->path = snapshot->keep
+                         ? mem_strdup(final)
+                         : mem_printf("%s/snapshots/%016llx.%s", image_writer->data_dir,
+                                      (unsigned long long)snapshot->id, format->png ? "png" : "exr");
     result_t result = result_ok();
     if (!snapshot->over)
-        result = write_film(image_writer, job, snapshot->path, 0, snapshot->half, &extras);
+        result = write_film(image_writer, job, snapshot->path, 0, format);
     else if (access(final, R_OK) != 0)
         result = no_image(image_writer, job, snapshot);
-    else if (snapshot->halves && !always)
+    else if (format->halves && !farm_job_halves(image_writer->options.farm, job))
         result = no_halves(snapshot);
-    else if (snapshot->half)
+    else if (format->png)
+        result = write_png(final, snapshot->path, format->exposure);
+    else if (format->half)
         result = write_halves(final, snapshot->path);
     free(final);
     struct stat status;
@@ -315,11 +337,7 @@ static result_t take_snapshot(image_writer_t *image_writer, job_t *job, snapshot
 static result_t serve_request(image_writer_t *image_writer, job_t *job, const image_request_t *request,
                               uint64_t *id)
 {
-    snapshot_t wanted = {.job = request->job,
-                         .half = request->half,
-                         .halves = request->halves,
-                         .at = request->at,
-                         .over = true};
+    snapshot_t wanted = {.job = request->job, .format = request->format, .at = request->at, .over = true};
     if (request->at == 0) wanted.version = farm_image_version(image_writer->options.farm, job, &wanted.over);
     pthread_mutex_lock(&image_writer->lock);
     snapshot_t *found = snapshot_find(image_writer, &wanted);
@@ -343,6 +361,34 @@ static result_t serve_request(image_writer_t *image_writer, job_t *job, const im
     return result;
 }
 
+/* A file that outlives its snapshot. */
+static result_t open_file(image_writer_t *image_writer, uint64_t id, image_file_t *file)
+{
+    result_t result = result_fail(RESULT_IO, "the image was not kept: ask again");
+    pthread_mutex_lock(&image_writer->lock);
+    for (size_t i = 0; id != 0 && i < IMAGE_WRITER_MAX_SNAPSHOTS; i++) {
+        const snapshot_t *snapshot = &image_writer->snapshots[i];
+        if (snapshot->id != id) continue;
+        *file = (image_file_t){.descriptor = open(snapshot->path, O_RDONLY | O_CLOEXEC),
+                               .size = snapshot->size,
+                               .version = snapshot->version,
+                               .over = snapshot->over};
+        result = file->descriptor >= 0
+                     ? result_ok()
+                     : result_fail(RESULT_IO, "cannot read %s: %s", snapshot->path, strerror(errno));
+    }
+    pthread_mutex_unlock(&image_writer->lock);
+    return result;
+}
+
+/* Calls who is to be told. */
+static void tell(image_writer_t *image_writer, answer_t *answer)
+{
+    image_file_t file = {.descriptor = -1};
+    if (answer->result.code == RESULT_OK) answer->result = open_file(image_writer, answer->snapshot, &file);
+    answer->request.done(answer->request.context, &answer->result, &file);
+}
+
 static void answer_request(image_writer_t *image_writer, const image_request_t *request)
 {
     answer_t answer = {.request = *request};
@@ -352,6 +398,10 @@ static void answer_request(image_writer_t *image_writer, const image_request_t *
     } else {
         answer.result = serve_request(image_writer, job, request, &answer.snapshot);
         farm_unpin(image_writer->options.farm, job);
+    }
+    if (request->done != NULL) {
+        tell(image_writer, &answer);
+        return;
     }
     pthread_mutex_lock(&image_writer->lock);
     image_writer->answers[image_writer->answer_count++] = answer;
@@ -497,12 +547,41 @@ void image_writer_stop(image_writer_t **out)
 result_t image_writer_ask(image_writer_t *image_writer, const image_request_t *request)
 {
     pthread_mutex_lock(&image_writer->lock);
-    bool room = image_writer->waiting_count < IMAGE_WRITER_MAX_WAITING;
+    bool room = image_writer->waiting_count < IMAGE_WRITER_MAX_WAITING &&
+                !(image_writer->closed && request->done != NULL);
     if (room) image_writer->waiting[image_writer->waiting_count++] = *request;
     pthread_mutex_unlock(&image_writer->lock);
-    if (!room) return result_fail(RESULT_LIMIT, "%d images are asked for already", IMAGE_WRITER_MAX_WAITING);
+    if (!room)
+        return result_fail(RESULT_LIMIT, "%d images are asked for already, or the master ends: try again",
+                           IMAGE_WRITER_MAX_WAITING);
     wake_up(image_writer->options.image_wake);
     return result_ok();
+}
+
+/* Takes out a request of who is told by a call. */
+static bool take_told(image_writer_t *image_writer, image_request_t *request)
+{
+    size_t at = 0;
+    pthread_mutex_lock(&image_writer->lock);
+    image_writer->closed = true;
+    while (at < image_writer->waiting_count && image_writer->waiting[at].done == NULL) at++;
+    bool found = at < image_writer->waiting_count;
+    if (found) {
+        *request = image_writer->waiting[at];
+        image_writer->waiting_count--;
+        memmove(image_writer->waiting + at, image_writer->waiting + at + 1,
+                (image_writer->waiting_count - at) * sizeof *request);
+    }
+    pthread_mutex_unlock(&image_writer->lock);
+    return found;
+}
+
+void image_writer_close(image_writer_t *image_writer)
+{
+    if (image_writer == NULL) return;
+    result_t ends = result_fail(RESULT_LIMIT, "the master ends: try again later");
+    for (image_request_t request; take_told(image_writer, &request);)
+        request.done(request.context, &ends, NULL);
 }
 
 bool image_writer_next_answer(image_writer_t *image_writer, image_request_t *request, result_t *result,

@@ -37,22 +37,43 @@ result_t image_writer_start(const image_writer_options_t *options, image_writer_
  * everything and sets *image_writer to NULL. */
 void image_writer_stop(image_writer_t **image_writer);
 
+/* How a snapshot is written. */
+typedef struct {
+    bool half;      /* EXR with half floats */
+    bool halves;    /* EXR with the two halves of the picture */
+    bool png;       /* not an EXR but a PNG, 8 bits sRGB, */
+    float exposure; /* brightened by so many stops */
+} image_format_t;
+
+/* A file for who is told by a call. */
+typedef struct {
+    int descriptor;   /* open for reading, the receiver's to close */
+    uint64_t size;    /* bytes */
+    uint64_t version; /* of the film when it was asked for (farm_image_version); 0 of a milestone */
+    bool over;        /* the job's last image, or a milestone's */
+} image_file_t;
+
 /* Who asked for a new snapshot, and for which part of it. */
 typedef struct {
+    /* Is called on the image writer's thread, which it must not hold up; *file only where the result is good.
+     * NULL: the answer comes from image_writer_next_answer. */
+    void (*done)(void *context, const result_t *result, const image_file_t *file);
+    void *context;
     identity_t identity;
     uint64_t request;
     uint64_t job;
-    bool half;   /* half floats */
-    bool halves; /* with the two halves of the picture */
+    image_format_t format;
     uint32_t at; /* samples a pixel of a milestone; 0: the image as it is now */
     uint64_t offset;
     uint32_t length;
 } image_request_t;
 
-/* Asks for a snapshot of a job; the answer comes from image_writer_next_answer. RESULT_LIMIT when too many
- * wait.
+/* Asks for a snapshot of a job. RESULT_LIMIT, and no answer, when too many wait, or after image_writer_close.
  */
 result_t image_writer_ask(image_writer_t *image_writer, const image_request_t *request);
+/* Takes no more requests of who is told by a call, and refuses those that wait: the process ends. One whose
+ * image is being written still gets it. */
+void image_writer_close(image_writer_t *image_writer);
 /* The next request that has been served: *snapshot names the image unless *result is a failure. */
 bool image_writer_next_answer(image_writer_t *image_writer, image_request_t *request, result_t *result,
                               uint64_t *snapshot);

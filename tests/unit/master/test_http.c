@@ -580,7 +580,7 @@ static void every_request_is_described(void **state)
 {
     (void)state;
     const http_table_t *const tables[] = {&http_report_routes, &http_order_routes, &http_metrics_routes,
-                                          &http_tile_routes};
+                                          &http_tile_routes, &http_image_routes};
     uint8_t *text;
     size_t size;
     assert_int_equal(file_read("docs/openapi.yaml", 1 << 20, &text, &size).code, RESULT_OK);
