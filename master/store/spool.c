@@ -8,7 +8,8 @@
  *     payloads  eye tiles, splat frame, features
  *
  * in the byte order of x86, which is all that this runs on. The head has the hash of the payloads, so that it
- * can be read without them. */
+ * can be read without them. "LMSPOOL2" has one payload more, and so on (payload_count): their sizes, a u64
+ * each, are at the end of the head. */
 #include "master/store/spool.h"
 
 #include <dirent.h>
@@ -21,20 +22,22 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-static const char MAGIC[8] = {'L', 'M', 'S', 'P', 'O', 'O', 'L', '1'};
+static const char MAGIC[7] = {'L', 'M', 'S', 'P', 'O', 'O', 'L'}; /* and a digit */
 
 typedef struct {
     uint64_t job;
     hash_t fingerprint, payload_hash;
     uint64_t light_paths[2], dropped, overflows, rays, cpu_us;
-    uint64_t payload_size[BATCH_PAYLOADS];
+    uint64_t payload_size[BATCH_BASE_PAYLOADS];
     uint32_t unit_count;
     uint16_t name_size, key_size;
 } head_t;
 
 enum {
-    HEAD_OFFSET = sizeof MAGIC + HASH_BYTES,
-    MAX_HEAD = HEAD_OFFSET + sizeof(head_t) + WIRE_MAX_UNITS * sizeof(unit_t) + JOB_MAX_NAME + WIRE_KEY_TEXT
+    HASH_OFFSET = sizeof MAGIC + 1,
+    HEAD_OFFSET = HASH_OFFSET + HASH_BYTES,
+    MAX_HEAD = HEAD_OFFSET + sizeof(head_t) + WIRE_MAX_UNITS * sizeof(unit_t) + JOB_MAX_NAME + WIRE_KEY_TEXT +
+               (BATCH_PAYLOADS - BATCH_BASE_PAYLOADS) * sizeof(uint64_t)
 };
 
 void spool_head_free(spool_head_t *head)
@@ -94,9 +97,10 @@ static bool name_read(const char *text, spool_name_t *name)
 static hash_t hash_payloads(const zmq_msg_t payload[BATCH_PAYLOADS])
 {
     hash_t hashes[BATCH_PAYLOADS];
-    for (int i = 0; i < BATCH_PAYLOADS; i++)
+    size_t count = (size_t)payload_count(payload);
+    for (size_t i = 0; i < count; i++)
         hashes[i] = hash_bytes(zmq_msg_data((zmq_msg_t *)&payload[i]), zmq_msg_size(&payload[i]));
-    return hash_bytes(hashes, sizeof hashes);
+    return hash_bytes(hashes, count * sizeof *hashes);
 }
 
 /* The bytes in front of the payloads, in fresh memory. */
@@ -115,17 +119,22 @@ static uint8_t *encode_head(uint64_t job, const spool_head_t *head, const zmq_ms
                     .unit_count = (uint32_t)head->unit_count,
                     .name_size = (uint16_t)strlen(head->name),
                     .key_size = (uint16_t)strlen(head->key)};
-    for (int i = 0; i < BATCH_PAYLOADS; i++) fixed.payload_size[i] = zmq_msg_size(&payload[i]);
+    uint64_t sizes[BATCH_PAYLOADS];
+    for (int i = 0; i < BATCH_PAYLOADS; i++) sizes[i] = zmq_msg_size(&payload[i]);
+    memcpy(fixed.payload_size, sizes, sizeof fixed.payload_size);
+    size_t more = (size_t)payload_count(payload) - BATCH_BASE_PAYLOADS, more_bytes = more * sizeof *sizes;
     size_t units = head->unit_count * sizeof *head->units;
-    *size = HEAD_OFFSET + sizeof fixed + units + fixed.name_size + fixed.key_size;
+    *size = HEAD_OFFSET + sizeof fixed + units + fixed.name_size + fixed.key_size + more_bytes;
     uint8_t *bytes = mem_alloc(*size), *at = bytes + HEAD_OFFSET;
     memcpy(at, &fixed, sizeof fixed);
     memcpy(at += sizeof fixed, head->units, units);
     memcpy(at += units, head->name, fixed.name_size);
-    memcpy(at + fixed.name_size, head->key, fixed.key_size);
+    memcpy(at += fixed.name_size, head->key, fixed.key_size);
+    memcpy(at + fixed.key_size, sizes + BATCH_BASE_PAYLOADS, more_bytes);
     hash_t hash = hash_bytes(bytes + HEAD_OFFSET, *size - HEAD_OFFSET);
     memcpy(bytes, MAGIC, sizeof MAGIC);
-    memcpy(bytes + sizeof MAGIC, &hash, sizeof hash);
+    bytes[sizeof MAGIC] = (uint8_t)('1' + more);
+    memcpy(bytes + HASH_OFFSET, &hash, sizeof hash);
     return bytes;
 }
 
@@ -183,26 +192,37 @@ static result_t bad(const char *what)
     return result_fail(RESULT_INPUT, "a spooled batch is damaged: %s", what);
 }
 
-/* The fixed part, when head and sizes are whole. */
-static result_t check_head(const uint8_t *bytes, size_t present, uint64_t size, head_t *fixed,
-                           size_t *head_size)
+/* Which payloads there are beyond those of every batch; more than there can be when it is no spooled batch.
+ */
+static size_t more_payloads(const uint8_t *bytes)
 {
-    if (present < HEAD_OFFSET + sizeof *fixed || memcmp(bytes, MAGIC, sizeof MAGIC) != 0)
+    if (memcmp(bytes, MAGIC, sizeof MAGIC) != 0 || bytes[sizeof MAGIC] < '1') return BATCH_PAYLOADS;
+    return (size_t)bytes[sizeof MAGIC] - '1';
+}
+
+/* The fixed part and the sizes of the payloads, when head and sizes are whole. */
+static result_t check_head(const uint8_t *bytes, size_t present, uint64_t size, head_t *fixed,
+                           uint64_t sizes[BATCH_PAYLOADS], size_t *head_size)
+{
+    if (present < HEAD_OFFSET + sizeof *fixed || more_payloads(bytes) > BATCH_PAYLOADS - BATCH_BASE_PAYLOADS)
         return bad("it does not begin like one");
     memcpy(fixed, bytes + HEAD_OFFSET, sizeof *fixed);
     if (fixed->unit_count == 0 || fixed->unit_count > WIRE_MAX_UNITS || fixed->name_size > JOB_MAX_NAME ||
         fixed->key_size > WIRE_KEY_TEXT)
         return bad("its head is out of all bounds");
-    *head_size =
-        HEAD_OFFSET + sizeof *fixed + fixed->unit_count * sizeof(unit_t) + fixed->name_size + fixed->key_size;
+    size_t more_bytes = more_payloads(bytes) * sizeof *sizes;
+    *head_size = HEAD_OFFSET + sizeof *fixed + fixed->unit_count * sizeof(unit_t) + fixed->name_size +
+                 fixed->key_size + more_bytes;
     if (present < *head_size) return bad("its head is cut short");
     hash_t hash = hash_bytes(bytes + HEAD_OFFSET, *head_size - HEAD_OFFSET);
-    if (memcmp(&hash, bytes + sizeof MAGIC, sizeof hash) != 0) return bad("the checksum of its head differs");
+    if (memcmp(&hash, bytes + HASH_OFFSET, sizeof hash) != 0) return bad("the checksum of its head differs");
+    memset(sizes, 0, BATCH_PAYLOADS * sizeof *sizes);
+    memcpy(sizes, fixed->payload_size, sizeof fixed->payload_size);
+    memcpy(sizes + BATCH_BASE_PAYLOADS, bytes + *head_size - more_bytes, more_bytes);
     uint64_t left = size - *head_size;
     for (int i = 0; i < BATCH_PAYLOADS; i++) {
-        if (fixed->payload_size[i] > left || fixed->payload_size[i] > WIRE_MAX_PAYLOAD)
-            return bad("its payloads are cut short");
-        left -= fixed->payload_size[i];
+        if (sizes[i] > left || sizes[i] > WIRE_MAX_PAYLOAD) return bad("its payloads are cut short");
+        left -= sizes[i];
     }
     return left == 0 ? result_ok() : bad("there is more than its payloads");
 }
@@ -214,7 +234,7 @@ result_t spool_decode(const uint8_t *bytes, size_t present, uint64_t size, uint6
     head_t fixed;
     size_t head_size = 0;
     *head = (spool_head_t){.units = NULL};
-    TRY(check_head(bytes, present, size, &fixed, &head_size));
+    TRY(check_head(bytes, present, size, &fixed, length, &head_size));
     if (fixed.job != job) return bad("it is another job's");
     const uint8_t *units = bytes + HEAD_OFFSET + sizeof fixed;
     const uint8_t *text = units + fixed.unit_count * sizeof(unit_t);
@@ -238,7 +258,6 @@ result_t spool_decode(const uint8_t *bytes, size_t present, uint64_t size, uint6
     uint64_t at = head_size;
     for (int i = 0; i < BATCH_PAYLOADS; i++) {
         offset[i] = at;
-        length[i] = fixed.payload_size[i];
         at += length[i];
     }
     return result_ok();

@@ -97,7 +97,7 @@ static void on_batch(void *self, peer_server_t *server, const wire_message_t *me
 }
 
 /* For the threads of the pool. */
-static result_t add_batch(void *context, const wire_message_t *message)
+static result_t add_batch(void *context, wire_message_t *message)
 {
     const serve_handler_t *handler = context;
     const Lm__BatchResult *body = message->envelope->batch_result;

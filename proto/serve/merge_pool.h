@@ -11,7 +11,7 @@ typedef struct merge_pool merge_pool_t;
 
 typedef struct {
     /* What is done with a BatchResult, by several threads at once; its result is the verdict. */
-    result_t (*merge)(void *context, const wire_message_t *message);
+    result_t (*merge)(void *context, wire_message_t *message);
     void *context; /* kept by the caller */
     int threads;   /* 0: one for each core that the process may use */
     int wake;      /* eventfd, written when a batch is done */

@@ -368,11 +368,12 @@ static result_t put_batch(bulk_t *bulk, delivery_t *delivery)
     Lm__Envelope envelope = WIRE_ENVELOPE(BATCH_RESULT, batch_result, &message);
     envelope.request = delivery->put = ++bulk->request;
     zmq_msg_t copies[BATCH_PAYLOADS];
-    for (int i = 0; i < BATCH_PAYLOADS; i++) {
+    int count = payload_count(delivery->encoded);
+    for (int i = 0; i < count; i++) {
         zmq_msg_init(&copies[i]);
         zmq_msg_copy(&copies[i], &delivery->encoded[i]);
     }
-    result_t result = say(bulk, &envelope, copies, BATCH_PAYLOADS);
+    result_t result = say(bulk, &envelope, copies, count);
     free(units);
     if (result.code == RESULT_OK) delivery->put_in = bulk->link.conversation;
     return result;

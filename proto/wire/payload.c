@@ -181,6 +181,13 @@ static result_t encode_raw(const sum_layout_t *layout, const int64_t *values, si
     return result_ok();
 }
 
+int payload_count(const zmq_msg_t payload[BATCH_PAYLOADS])
+{
+    int count = BATCH_PAYLOADS;
+    while (count > BATCH_BASE_PAYLOADS && zmq_msg_size(&payload[count - 1]) == 0) count--;
+    return count;
+}
+
 result_t payload_encode(const batch_t *batch, bool compress, zmq_msg_t payload[BATCH_PAYLOADS])
 {
     result_t (*encode)(const sum_layout_t *, const int64_t *, size_t, zmq_msg_t *) =

@@ -13,6 +13,7 @@
 
 enum {
     BATCH_PAYLOADS = BATCH_SUMS,
+    BATCH_BASE_PAYLOADS = SUM_FEATURES + 1,                 /* that the message of any batch has */
     PAYLOAD_PIECE = 1024,                                   /* pixels of a piece, at most */
     PAYLOAD_PIECE_VALUES = SUM_GROUP_VALUES * PAYLOAD_PIECE /* values of a piece, at most */
 };
@@ -20,6 +21,9 @@ enum {
 /* Makes the payload messages for wire_send. `compress` false stores the sums as they are, for inproc. On
  * failure none is open. */
 result_t payload_encode(const batch_t *batch, bool compress, zmq_msg_t payload[BATCH_PAYLOADS]);
+/* How many of them a message takes: those that only some jobs have are left out at the end when they are
+ * empty, so that the messages of other jobs are as they were before there were such. */
+int payload_count(const zmq_msg_t payload[BATCH_PAYLOADS]);
 /* The reverse. `batch` has been initialised with the job's settings and holds the message's units, checked;
  * its sums are filled. RESULT_PROTOCOL when the bytes do not decode to exactly the right size. */
 result_t payload_decode(const zmq_msg_t payload[BATCH_PAYLOADS], batch_t *batch);

@@ -156,8 +156,9 @@ Lm__Unit **wire_units_new(const unit_t *units, size_t count);
 result_t wire_units_get(Lm__Unit *const *messages, size_t count, const job_settings_t *settings,
                         unit_t *units);
 /* The units and counts of a BatchResult into a zeroed batch, to be freed also after a failure. They are not
- * checked against the job, and its settings are to be filled in; its sums are in the payloads. */
-result_t wire_batch_get(const wire_message_t *message, batch_t *batch);
+ * checked against the job, and its settings are to be filled in; its sums are in the payloads, of which the
+ * message has all BATCH_PAYLOADS then. */
+result_t wire_batch_get(wire_message_t *message, batch_t *batch);
 /* False when the bytes field is not exactly HASH_BYTES long. */
 bool wire_hash_get(const ProtobufCBinaryData *bytes, hash_t *hash);
 /* Points the bytes field at the hash, which must outlive the message. */

@@ -164,12 +164,14 @@ result_t wire_units_get(Lm__Unit *const *messages, size_t count, const job_setti
     return settings != NULL ? job_check_units(settings, units, count) : result_ok();
 }
 
-result_t wire_batch_get(const wire_message_t *message, batch_t *batch)
+result_t wire_batch_get(wire_message_t *message, batch_t *batch)
 {
     const Lm__BatchResult *body = message->envelope->batch_result;
-    if (message->payload_count != BATCH_PAYLOADS)
-        return result_fail(RESULT_PROTOCOL, "a batch has %d payloads, not %d", message->payload_count,
-                           BATCH_PAYLOADS);
+    if (message->payload_count < BATCH_BASE_PAYLOADS)
+        return result_fail(RESULT_PROTOCOL, "a batch has %d payloads, and %d are the least",
+                           message->payload_count, BATCH_BASE_PAYLOADS);
+    while (message->payload_count < BATCH_PAYLOADS) /* empty ones were left out: payload_count */
+        zmq_msg_init(&message->payload[message->payload_count++]);
     if (body->n_units == 0) return result_fail(RESULT_PROTOCOL, "a batch without units");
     batch->unit_count = batch->unit_capacity = body->n_units;
     batch->units = mem_alloc(body->n_units * sizeof *batch->units);

@@ -11,6 +11,7 @@
 
 /* The layout, as spool.c has it. */
 enum {
+    VERSION = 7,
     HEAD_HASH = 8,
     HEAD = HEAD_HASH + HASH_BYTES,
     PAYLOAD_HASH = HEAD + 40,
@@ -31,19 +32,24 @@ static uint64_t number_at(const uint8_t *at, size_t bytes)
 /* Puts the checksums right, as far as the sizes allow it. */
 static void mend(uint8_t *bytes, size_t size)
 {
-    if (size < FIXED) return;
-    uint64_t head = FIXED + 12 * number_at(bytes + UNIT_COUNT, 4) + number_at(bytes + NAME_SIZE, 2) +
+    if (size < FIXED || bytes[VERSION] < '1' || bytes[VERSION] > '1' + BATCH_PAYLOADS - BATCH_BASE_PAYLOADS)
+        return;
+    size_t payloads = BATCH_BASE_PAYLOADS + (size_t)bytes[VERSION] - '1';
+    uint64_t more = FIXED + 12 * number_at(bytes + UNIT_COUNT, 4) + number_at(bytes + NAME_SIZE, 2) +
                     number_at(bytes + KEY_SIZE, 2);
+    uint64_t head = more + 8 * (payloads - BATCH_BASE_PAYLOADS);
     if (head > size) return;
     hash_t hashes[BATCH_PAYLOADS];
     uint64_t at = head;
-    for (int i = 0; i < BATCH_PAYLOADS; i++) {
-        uint64_t length = number_at(bytes + PAYLOAD_SIZES + 8 * i, 8);
+    for (size_t i = 0; i < payloads; i++) {
+        bool base = i < BATCH_BASE_PAYLOADS;
+        uint64_t length =
+            number_at(base ? bytes + PAYLOAD_SIZES + 8 * i : bytes + more + 8 * (i - BATCH_BASE_PAYLOADS), 8);
         if (length > size - at) break;
         hashes[i] = hash_bytes(bytes + at, length);
         at += length;
-        if (i < BATCH_PAYLOADS - 1) continue;
-        hash_t all = hash_bytes(hashes, sizeof hashes);
+        if (i < payloads - 1) continue;
+        hash_t all = hash_bytes(hashes, payloads * sizeof *hashes);
         memcpy(bytes + PAYLOAD_HASH, &all, sizeof all);
     }
     hash_t hash = hash_bytes(bytes + HEAD, head - HEAD);
