@@ -2,9 +2,12 @@
 
 import { get, hasToken, order, setToken, takeToken, watchEvents } from "./api.js";
 import { drawCurve, secondsToTarget, usable } from "./curve.js";
+import { Compare, WAYS } from "./compare.js";
+import { Region, SINGLE_NUMBERS, levelOf } from "./region.js";
+import { TONES } from "./shader.js";
 import { addEvent, format, jobNews, showJobs, showWorkers, workerNews } from "./tables.js";
 import { Tiles } from "./tiles.js";
-import { TONES, View } from "./view.js";
+import { View } from "./view.js";
 
 const $ = (id) => document.getElementById(id);
 const EVERY = 5000; // ms: what changes without an event (times, speeds) is asked for again
@@ -14,8 +17,15 @@ let awake = null; // aborted when the page is hidden
 
 // ---- the image
 
-const view = new View($("canvas"), () => moved(), () => showProbe());
-const tiles = new Tiles(view, { problem: (text) => setText("problem", text) });
+const view = new View($("canvas"), () => moved(), () => showProbe(), () => marked());
+const problems = new Map(); // what each of those who fetch tiles has to say
+const problemOf = (who) => (text) => {
+  problems.set(who, text);
+  setText("problem", [...problems.values()].find((one) => one) ?? "");
+};
+const tiles = new Tiles(view, { problem: problemOf("image") });
+const compare = new Compare(view, tiles, { problem: problemOf("other"), change: () => showComparison() });
+const region = new Region({ problem: problemOf("region"), change: () => showRegion() });
 
 function setText(id, text) {
   if ($(id).textContent !== text) $(id).textContent = text;
@@ -25,18 +35,91 @@ let settle = 0;
 function moved() {
   setText("zoom", `${format.number(100 * view.scale)} %`);
   clearTimeout(settle);
-  settle = setTimeout(() => tiles.restart(), 80); // when the hand rests
+  settle = setTimeout(() => [tiles, compare.second].forEach((one) => one.restart()), 80); // when the hand rests
   showProbe();
 }
 
 const MEANS = { samples: (v) => `${Math.round(1024 * v)} samples`, depth: (v) => `depth ${format.number(v)}` };
 
+/** A pixel's value in a layer, in words. */
+function valueText(name, at, error = true) {
+  if (MEANS[name]) return MEANS[name](at.rgb[0]);
+  return at.rgb.map(format.number).join("  ") + (error && name === "picture" ? ` ± ${format.number(at.error)}` : "");
+}
+
 function showProbe() {
-  const at = view.probed();
+  const at = view.probed(), other = view.other && view.probed(view.other.layer);
   if (!at) return setText("probe", "Point at a pixel to see its value.");
-  const single = MEANS[tiles.name], error = tiles.name === "picture" ? ` ± ${format.number(at.error)}` : "";
-  const value = single ? single(at.rgb[0]) : at.rgb.map(format.number).join("  ");
-  setText("probe", `${at.x}, ${at.y}: ${value}${error}${at.side > 1 ? ` (mean of ${at.side} × ${at.side})` : ""}`);
+  const side = at.side > 1 ? ` (mean of ${at.side} × ${at.side})` : "";
+  const second = other ? `; compared with ${valueText(view.other.name, other)}${other.side > 1 ? ` (mean of ${other.side} × ${other.side})` : ""}` : "";
+  setText("probe", `${at.x}, ${at.y}: ${valueText(tiles.name, at)}${side}${second}`);
+}
+
+// ---- the rectangle
+
+let rest = 0;
+function marked() {
+  $("unmark").hidden = !view.mark;
+  $("mark").setAttribute("aria-pressed", String(view.marking || view.stretching));
+  $("divider").value = Math.round(100 * view.divider);
+  clearTimeout(rest);
+  const measure = () => region.show(state.chosen, tiles.name, view.mark);
+  if (view.mark) rest = setTimeout(measure, 80);
+  else measure();
+}
+
+function showRegion() {
+  const { mark, found, tiles: from } = region;
+  if (!mark) return setText("region", "");
+  const area = `Rectangle from ${mark.x0}, ${mark.y0}, ${mark.x1 - mark.x0} × ${mark.y1 - mark.y0}`;
+  if (!found) return setText("region", `${area}: ...`);
+  const level = levelOf(mark), unit = from.name === "samples" ? 1024 : 1, number = (v) => format.number(unit * v);
+  const single = SINGLE_NUMBERS.includes(from.name), error = from.name === "picture" ? ` ± ${number(found.error)}` : "";
+  const value = single ? `mean ${number(found.mean)}` : `mean ${found.rgb.map(format.number).join("  ")}`;
+  const y = from.name === "normal" ? "" : `${single ? "" : `; luminance ${number(found.mean)}${error}`}, from ${number(found.least)} to ${number(found.most)}`;
+  setText("region", `${area}: ${value}${y}${level ? ` (of level ${level}: texels of ${2 ** level} × ${2 ** level} pixels)` : ""}`);
+}
+
+function toggleMark() {
+  view.marking = !view.marking;
+  marked();
+}
+
+// ---- the comparison
+
+const LAYERS = () => [...$("layer").options].filter((one) => !one.disabled).map((one) => [one.value, one.text]);
+
+function setOptions(select, choices, value) {
+  const same = select.options.length === choices.length && choices.every(([v, text], i) => select.options[i].value === v && select.options[i].text === text);
+  if (!same) select.replaceChildren(...choices.map(([v, text]) => new Option(text, v)));
+  if (select.value !== value) select.value = value;
+}
+
+function showComparison() {
+  setOptions($("other"), compare.choices(LAYERS()), compare.what);
+  $("how").value = compare.how;
+  $("how").disabled = compare.what === "";
+  $("divider-label").hidden = !view.wipes;
+  $("both").setAttribute("aria-pressed", String(showsBoth()));
+  setText("comparison", compare.describe());
+}
+
+const showsBoth = () => tiles.name === "eye" && compare.what === "layer:light" && compare.how === "side" && !!view.other;
+
+/** Eye and light image beside one another; again: the picture alone. */
+function toggleBoth() {
+  const both = showsBoth();
+  compare.choose(both ? "" : "layer:light", "side");
+  setLayer(both ? "picture" : "eye");
+}
+
+function pin() {
+  const at = compare.pin(job());
+  setText("comparison", at < 0 ? "Nothing is in sight yet." : `Kept as ${compare.pinName(at)}.`);
+}
+
+function moveDivider(by) {
+  if (view.wipes) view.setDivider(view.divider + by);
 }
 
 function setTone() {
@@ -52,6 +135,9 @@ function setLayer(name) {
   $("layer").value = name;
   tiles.show(state.chosen, name);
   view.show(tiles.layer, name);
+  compare.follow();
+  showComparison();
+  marked();
 }
 
 // ---- what is chosen
@@ -69,6 +155,8 @@ function choose(number) {
   showAll();
   tiles.show(number, $("layer").value);
   if (number !== null) view.show(tiles.layer, $("layer").value);
+  compare.setJobs(job() ?? null, state.jobs);
+  marked();
   ask.history();
 }
 
@@ -158,7 +246,9 @@ const ask = {
     if (before) jobNews(before, state.jobs).forEach(note);
     chooseSome();
     showAll();
-    tiles.announce(job()?.batches ?? 0);
+    compare.setJobs(job() ?? null, state.jobs);
+    showComparison();
+    for (const one of state.jobs) announce(one.job, one.batches);
   }),
   workers: paced(1000, async (signal) => {
     const before = state.workers;
@@ -184,13 +274,18 @@ const ask = {
   },
 };
 
+/** A job's image has a version. */
+function announce(number, version) {
+  for (const one of Tiles.all) if (one.job === number) one.announce(version);
+}
+
 const on = {
   job: () => ask.jobs(),
   worker: () => ask.workers(),
   lost: () => ask.all(),
   image(data) {
+    announce(data.job, data.version);
     if (data.job !== state.chosen) return;
-    tiles.announce(data.version);
     ask.history();
     ask.jobs();
   },
@@ -209,7 +304,7 @@ function onState(line) {
   if (line === "lost") {
     if (state.line !== "lost") note("The connection to the master was lost.");
     state.wasLost = true;
-    tiles.sleep();
+    Tiles.all.forEach((one) => one.sleep());
     return showLine("lost");
   }
   if (line === "asking" && state.line === "asking") return;
@@ -219,9 +314,9 @@ function onState(line) {
     setTimeout(() => state.line === "back" && showLine(line), 5000);
   }
   // It may be another process, whose numbers begin at its last checkpoint.
-  if (state.wasLost) tiles.distrust();
+  if (state.wasLost) Tiles.all.forEach((one) => one.distrust());
   state.wasLost = false;
-  tiles.wake();
+  Tiles.all.forEach((one) => one.wake());
   ask.all();
 }
 
@@ -293,10 +388,19 @@ const KEYS = [
   [["l"], "next layer", turn($("layer"), 1)],
   [["L"], "previous layer", turn($("layer"), -1)],
   [["c"], "next colours: sRGB, filmic, false colour, relative error", turn($("tone"), 1)],
+  [["a"], "pins what is in sight; two states are kept", pin],
+  [["o"], "compares with the next pin, layer or job", turn($("other"), 1)],
+  [["O"], "compares with the previous one", turn($("other"), -1)],
+  [["w"], "compares side by side, by a wipe, by the difference, by the absolute difference", turn($("how"), 1)],
+  [["["], "moves the divider of the wipe to the left", () => moveDivider(-0.02)],
+  [["]"], "moves it to the right", () => moveDivider(0.02)],
+  [["b"], "eye and light image side by side", toggleBoth],
+  [["m"], "sets a corner of a rectangle at the probe, then the other", () => view.pinMark()],
+  [["u"], "takes the rectangle away", () => view.setMark(null)],
   [["j"], "next job", nextJob(1)],
   [["k"], "previous job", nextJob(-1)],
   [["p"], "pauses or resumes the job", pauseOrResume],
-  [["i"], "goes to the image, where arrow keys move the probe, and with Shift the image", () => $("canvas").focus()],
+  [["i"], "goes to the image, where arrow keys move the probe, with Ctrl by 16, and with Shift the image", () => $("canvas").focus()],
 ];
 
 function reset() {
@@ -309,11 +413,11 @@ const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], Arrow
 
 function imageKey(event) {
   const arrow = ARROWS[event.key];
-  if (!arrow || event.ctrlKey || event.altKey || event.metaKey) return;
+  if (!arrow || event.altKey || event.metaKey) return;
   event.preventDefault();
   const [dx, dy] = arrow;
   if (event.shiftKey) view.pan((-dx * view.canvas.width) / 8, (-dy * view.canvas.height) / 8);
-  else view.moveProbe(dx, dy);
+  else view.moveProbe((event.ctrlKey ? 16 : 1) * dx, (event.ctrlKey ? 16 : 1) * dy);
 }
 
 function onKey(event) {
@@ -347,7 +451,7 @@ function refused() {
 function sleep() {
   awake?.abort();
   awake = null;
-  tiles.sleep();
+  Tiles.all.forEach((one) => one.sleep());
 }
 
 function wake() {
@@ -372,8 +476,10 @@ function wire() {
   $("layer").addEventListener("change", () => setLayer($("layer").value));
   for (const id of ["exposure", "offset"]) $(id).addEventListener("input", setTone);
   $("tone").addEventListener("change", setTone);
+  for (const id of ["other", "how"]) $(id).addEventListener("change", () => compare.choose($("other").value, $("how").value));
+  $("divider").addEventListener("input", () => view.setDivider(Number($("divider").value) / 100));
   $("against").addEventListener("change", showCurve);
-  const buttons = { "zoom-in": () => view.zoom(2), "zoom-out": () => view.zoom(0.5), fit: () => view.fit(), actual: () => view.actual(), pause: pauseOrResume, cancel: cancelJob, delete: deleteJob, "help-open": () => $("help").showModal() };
+  const buttons = { "zoom-in": () => view.zoom(2), "zoom-out": () => view.zoom(0.5), fit: () => view.fit(), actual: () => view.actual(), pause: pauseOrResume, cancel: cancelJob, delete: deleteJob, pin, both: toggleBoth, mark: toggleMark, unmark: () => view.setMark(null), "help-open": () => $("help").showModal() };
   for (const [id, act] of Object.entries(buttons)) $(id).addEventListener("click", act);
   $("extend").addEventListener("submit", (event) => {
     event.preventDefault();
@@ -403,9 +509,10 @@ function wire() {
 takeToken();
 wire();
 listKeys();
+setOptions($("how"), WAYS, WAYS[0][0]);
 setTone();
 if (!view.gl) setText("problem", "This browser has no WebGL2, so the image cannot be shown.");
 wake();
 
 /** What tests and the console may look at. */
-globalThis.lightmill = { view, tiles, state };
+globalThis.lightmill = { view, tiles, compare, region, state };

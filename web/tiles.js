@@ -4,8 +4,9 @@ import { getBytes } from "./api.js";
 
 export const SIDE = 64;
 const HEAD = 28;
-const SPEED = 2.5e6; // bytes a second that the page takes for an image that changes, at most
+const SPEED = 2.5e6; // bytes a second that the page takes for images that change, at most
 const PAUSE = 1000; // ms between two questions, at least
+const MOST_LAYERS = 4; // of a job whose tiles are kept
 
 /** Decodes an answer: { version, width, height, level, tiles: [{ tx, ty, w, h, texels }] }; texels are RGBA halves. */
 export function decode(buffer) {
@@ -36,11 +37,22 @@ export const levelCount = (width, height) => {
   return count;
 };
 
+/** The tiles that two rectangles of tiles have in common. */
+export const intersect = (a, b) => ({ tx0: Math.max(a.tx0, b.tx0), ty0: Math.max(a.ty0, b.ty0), tx1: Math.min(a.tx1, b.tx1), ty1: Math.min(a.ty1, b.ty1) });
+
 const keyOf = (level, tx, ty) => `${level}/${tx}/${ty}`;
 
 /** The tiles of one layer of one job. */
-class Layer {
+export class Layer {
   tiles = new Map(); // of keyOf: { level, tx, ty, w, h, texels, asOf: the version that it was seen to be current at }
+  held = null; // of what is kept as it was: { level, rect }, and there are no other tiles
+  /** Tiles of one level that stay as they are; their texels are shared. */
+  static hold({ level, rect, tiles }) {
+    const layer = new Layer();
+    layer.held = { level, rect };
+    for (const tile of tiles) layer.tiles.set(keyOf(level, tile.tx, tile.ty), { ...tile });
+    return layer;
+  }
   get(level, tx, ty) {
     return this.tiles.get(keyOf(level, tx, ty));
   }
@@ -84,13 +96,18 @@ class Layer {
  * tiles; on.problem(text) is told of failures, and of "" when all is well again.
  */
 export class Tiles {
+  static all = []; // they share the speed
   constructor(view, on) {
+    Tiles.all.push(this);
     Object.assign(this, { view, on, job: null, name: "picture", layers: new Map(), latest: 0, timer: 0, busy: null, asleep: true, bytes: 0, version: 0, empty: 0 });
   }
   get layer() {
     const key = `${this.job}/${this.name}`;
-    if (!this.layers.has(key)) this.layers.set(key, new Layer());
-    return this.layers.get(key);
+    const layer = this.layers.get(key) ?? new Layer();
+    this.layers.delete(key); // to the end: the least recent go first
+    this.layers.set(key, layer);
+    for (const old of this.layers.keys()) if (this.layers.size > MOST_LAYERS) this.layers.delete(old);
+    return layer;
   }
   /** Shows another job or layer. */
   show(job, name) {
@@ -99,7 +116,11 @@ export class Tiles {
       this.latest = this.version = 0;
     }
     Object.assign(this, { job, name, empty: 0 });
+    if (job === null) this.on.problem("");
     this.restart();
+  }
+  get busyNow() {
+    return this.job !== null && !this.asleep;
   }
   /** The master says that there is a version. */
   announce(version) {
@@ -149,7 +170,7 @@ export class Tiles {
       const buffer = await getBytes(path, busy.signal);
       if (busy.signal.aborted) return;
       this.bytes += buffer.byteLength;
-      wait = Math.max(PAUSE, (1000 * buffer.byteLength) / SPEED);
+      wait = Math.max(PAUSE, (1000 * buffer.byteLength * Tiles.all.filter((one) => one.busyNow).length) / SPEED);
       const answer = decode(buffer);
       if (this.take(layer, answer, r)) wait = 50; // the rest of what is missing
       this.empty = answer.version === 0 ? this.empty + 1 : 0;

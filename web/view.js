@@ -1,114 +1,84 @@
-// view: the image on the canvas: where it lies (zoom, pan), how its numbers become colours, and what is under the probe.
-// All tiles are slices of one texture array; a frame is one draw call.
+// view: the image on the canvas: where it lies (zoom, pan), which tiles are needed for that, what is under the probe, and
+// what is drawn: one image, or two beside or over one another.
 
-import { SIDE, halfToNumber, levelCount, levelSide } from "./tiles.js";
+import { Painter } from "./painter.js";
+import { ABSOLUTE, SIGNED, SINGLE } from "./shader.js";
+import { SIDE, halfToNumber, intersect, levelCount, levelSide } from "./tiles.js";
 
-const SLOTS = 1024, MOST_TILES = 480, MAX_SCALE = 64;
-export const TONES = ["srgb", "filmic", "false", "relative"];
+const MOST_TILES = 480, MAX_SCALE = 64;
+const GREY = [0.13, 0.13, 0.13], WHITE = [1, 1, 1], BLACK = [0, 0, 0];
+const BESIDE = 1.5; // side by side is preferred by this factor of the scale
+const GAP = 2, NEAR = 12; // pixels: between two panes; from a handle, to hold it
 
-const VERTEX = `#version 300 es
-uniform vec2 viewport; uniform vec3 place; // of the image: its left and top, and its scale, in pixels of the canvas
-in vec4 area; in vec2 size; in float slot; // in pixels of the image: left, top, right, bottom; texels of the tile
-out vec3 texel;
-void main() {
-  vec2 corner = vec2(gl_VertexID & 1, gl_VertexID >> 1);
-  vec2 at = place.xy + place.z * mix(area.xy, area.zw, corner);
-  texel = vec3(corner * size / ${SIDE}.0, slot);
-  gl_Position = vec4(at / viewport * vec2(2, -2) + vec2(-1, 1), 0, 1);
-}`;
-
-// Filmic: Narkowicz (2015), "ACES Filmic Tone Mapping Curve". False colour: ten stops of luminance around middle grey, or
-// the relative error from 0.1 % to 100 %, on a ramp of five colours.
-const FRAGMENT = `#version 300 es
-precision highp float; precision highp sampler2DArray;
-uniform sampler2DArray tiles; uniform float gain, offset; uniform int tone; uniform bool signedLayer;
-in vec3 texel; out vec4 colour;
-vec3 srgb(vec3 c) {
-  return mix(12.92 * c, 1.055 * pow(max(c, vec3(0)), vec3(1.0 / 2.4)) - 0.055, step(0.0031308, c));
-}
-vec3 filmic(vec3 c) { c = max(c, vec3(0)); return c * (2.51 * c + 0.03) / (c * (2.43 * c + 0.59) + 0.14); }
-vec3 ramp(float t) {
-  vec3 c[5] = vec3[5](vec3(0.05, 0.05, 0.3), vec3(0.0, 0.45, 0.75), vec3(0.1, 0.7, 0.35), vec3(0.95, 0.85, 0.2), vec3(0.85, 0.1, 0.1));
-  t = clamp(t, 0.0, 1.0) * 4.0;
-  int i = min(int(t), 3);
-  return mix(c[i], c[i + 1], t - float(i));
-}
-float luminance(vec3 c) { return dot(c, vec3(0.2126, 0.7152, 0.0722)); }
-void main() {
-  vec4 t = texture(tiles, texel);
-  vec3 c = t.rgb * gain + offset;
-  if (tone == 3) c = ramp(1.0 + log(max(t.a / max(luminance(t.rgb), 1e-6), 1e-6)) / log(1000.0));
-  else if (signedLayer) c = clamp(0.5 * t.rgb + 0.5, 0.0, 1.0);
-  else if (tone == 2) c = ramp(0.5 + log2(max(luminance(c), 1e-9) / 0.18) / 10.0);
-  else c = srgb(clamp(tone == 1 ? filmic(c) : c, 0.0, 1.0));
-  colour = vec4(c, 1);
-}`;
-
-function compile(gl) {
-  const program = gl.createProgram();
-  for (const [type, source] of [[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, FRAGMENT]]) {
-    const shader = gl.createShader(type);
-    gl.shaderSource(shader, source);
-    gl.compileShader(shader);
-    gl.attachShader(program, shader);
+/** What a pane shows: the tiles of a layer, and how its numbers are meant. */
+class Source {
+  constructor(layer, name) {
+    Object.assign(this, { layer, name, signed: name === "normal", measured: name === "samples" || name === "depth", most: 0, gain: 1 });
+    if (this.measured) this.measure(layer.tiles.values());
   }
-  gl.linkProgram(program);
-  if (!gl.getProgramParameter(program, gl.LINK_STATUS) && !gl.isContextLost()) throw new Error(gl.getProgramInfoLog(program));
-  return program;
+  /** Layers of counts and distances are shown from black to white: the largest value seen is white. */
+  measure(tiles) {
+    for (const tile of tiles) for (let i = 0; i < tile.texels.length; i += 4) this.most = Math.max(this.most, halfToNumber(tile.texels[i]));
+    this.gain = this.most > 0 ? 1 / this.most : 1;
+  }
 }
 
 export class View {
-  /** `onMove` is called when other tiles are wanted, `onProbe` when what is under the probe may have changed. */
-  constructor(canvas, onMove, onProbe) {
-    Object.assign(this, { canvas, onMove, onProbe, width: 0, height: 0, scale: 1, x: 0, y: 0, fitted: true, layer: null, frame: 0 });
-    Object.assign(this, { exposure: 0, offset: 0, tone: "srgb", autoGain: 1, signedLayer: false, probe: null });
-    canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
-    canvas.addEventListener("webglcontextrestored", () => this.start());
+  /** `onMove` is called when other tiles are wanted, `onProbe` when what is under the probe may have changed, `onMark` when the rectangle or the divider has. */
+  constructor(canvas, onMove, onProbe, onMark) {
+    Object.assign(this, { canvas, onMove, onProbe, onMark, width: 0, height: 0, scale: 1, x: 0, y: 0, fitted: true, frame: 0 });
+    Object.assign(this, { exposure: 0, offset: 0, tone: "srgb", probe: null });
+    Object.assign(this, { source: null, other: null, how: "side", divider: 0.5 }); // what is shown, and what it is compared with
+    Object.assign(this, { mark: null, marking: false, stretching: false }); // a rectangle of pixels
+    this.painter = new Painter(canvas, () => this.draw());
     new ResizeObserver(() => this.resize()).observe(canvas);
-    this.start();
     this.listen();
   }
+  get layer() {
+    return this.source?.layer ?? null;
+  }
 
-  // ---- WebGL
+  // ---- panes
 
-  start() {
-    const gl = (this.gl = this.canvas.getContext("webgl2", { alpha: false, antialias: false }));
-    if (!gl) return;
-    this.program = compile(gl);
-    gl.useProgram(this.program);
-    this.at = Object.fromEntries(["viewport", "place", "gain", "offset", "tone", "signedLayer"].map((n) => [n, gl.getUniformLocation(this.program, n)]));
-    gl.bindTexture(gl.TEXTURE_2D_ARRAY, gl.createTexture());
-    this.slots = Math.min(SLOTS, gl.getParameter(gl.MAX_ARRAY_TEXTURE_LAYERS));
-    gl.texStorage3D(gl.TEXTURE_2D_ARRAY, 1, gl.RGBA16F, SIDE, SIDE, this.slots);
-    for (const filter of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D_ARRAY, filter, gl.NEAREST);
-    gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
-    this.attribute("area", 4, 0);
-    this.attribute("size", 2, 16);
-    this.attribute("slot", 1, 24);
-    this.holders = new Array(this.slots).fill(null); // the tile of each slot
-    this.slotOf = new Map();
-    this.next = 0;
+  /** The rectangles of the canvas that show the image: one, or two: side by side, or one above the other if that shows a much larger image. */
+  panes() {
+    const { width: w, height: h } = this.canvas;
+    if (!this.other || this.how !== "side") return [{ x: 0, y: 0, w, h }];
+    const half = (side) => Math.max(1, (side - GAP) >> 1), fits = (a, b) => Math.min(a / this.width, b / this.height);
+    if (BESIDE * fits(half(w), h) >= fits(w, half(h))) return [{ x: 0, y: 0, w: half(w), h }, { x: w - half(w), y: 0, w: half(w), h }];
+    return [{ x: 0, y: 0, w, h: half(h) }, { x: 0, y: h - half(h), w, h: half(h) }];
+  }
+  get room() {
+    return this.panes()[0];
+  }
+  /** A point of the canvas as one of the pane that it is in. */
+  inPane({ x, y }) {
+    const pane = this.panes().find((p) => x >= p.x && x < p.x + p.w && y >= p.y && y < p.y + p.h) ?? this.panes()[0];
+    return { x: x - pane.x, y: y - pane.y };
+  }
+  get wipes() {
+    return !!this.other && this.how === "wipe";
+  }
+  get differs() {
+    return !!this.other && (this.how === "signed" || this.how === "absolute");
+  }
+  /** Compares with another source or, with null, with none. */
+  compare(layer, name, how) {
+    const panes = this.panes().length;
+    this.other = layer ? new Source(layer, name) : null;
+    this.how = how;
+    if (this.panes().length !== panes && this.fitted) this.fit();
+    else this.moved();
+    this.onProbe();
+  }
+  setDivider(share) {
+    this.divider = Math.min(1, Math.max(0, share));
     this.draw();
+    this.onMark();
   }
-  attribute(name, count, offset) {
-    const { gl } = this, place = gl.getAttribLocation(this.program, name);
-    gl.enableVertexAttribArray(place);
-    gl.vertexAttribPointer(place, count, gl.FLOAT, false, 28, offset);
-    gl.vertexAttribDivisor(place, 1);
-  }
-  /** The slot of a tile, which is uploaded if need be; slots are used again in turn, but none twice in one frame. */
-  place(tile, needed) {
-    if (this.slotOf.has(tile)) return this.slotOf.get(tile);
-    const { gl } = this;
-    while (needed.has(this.holders[this.next])) this.next = (this.next + 1) % this.slots;
-    const slot = this.next;
-    this.next = (this.next + 1) % this.slots;
-    this.slotOf.delete(this.holders[slot]);
-    this.holders[slot] = tile;
-    this.slotOf.set(tile, slot);
-    gl.texSubImage3D(gl.TEXTURE_2D_ARRAY, 0, 0, 0, slot, tile.w, tile.h, 1, gl.RGBA, gl.HALF_FLOAT, tile.texels);
-    return slot;
-  }
+
+  // ---- drawing
+
   draw() {
     if (this.frame) return;
     this.frame = requestAnimationFrame(() => {
@@ -116,42 +86,66 @@ export class View {
       this.paint();
     });
   }
-  /** The tiles to draw, coarse ones first: finer ones cover them. */
-  drawn() {
-    if (!this.layer || !this.width) return [];
-    const tiles = [], finest = this.level();
-    for (let level = levelCount(this.width, this.height) - 1; level >= finest; level--) {
-      const rect = this.visible(level);
-      if ((rect.tx1 - rect.tx0) * (rect.ty1 - rect.ty0) <= MOST_TILES) tiles.push(...this.layer.within(level, rect));
+  /** The pairs of tiles to draw of a source, coarse ones first: finer ones cover them. `other` is a second source or null. */
+  drawn(source, other) {
+    if (!source || !this.width) return [];
+    const pairs = [], held = source.layer.held ?? other?.layer.held, finest = held ? held.level : this.level();
+    for (let level = held ? held.level : levelCount(this.width, this.height) - 1; level >= finest; level--) {
+      const rect = held ? intersect(held.rect, this.visible(level)) : this.visible(level);
+      if ((rect.tx1 - rect.tx0) * (rect.ty1 - rect.ty0) > MOST_TILES) continue;
+      for (const tile of source.layer.within(level, rect)) {
+        const second = other ? other.layer.get(level, tile.tx, tile.ty) : tile;
+        if (second) pairs.push([tile, second]);
+      }
     }
-    return tiles.slice(-this.slots);
+    return pairs;
+  }
+  pass(source, mode, pane, clip, other = null) {
+    const { width, height, offset, tone } = this, gain = source.gain * 2 ** this.exposure;
+    this.painter.draw(this.drawn(source, other), { mode, pane, clip, place: [this.x, this.y, this.scale], width, height, gain, offset, tone, signed: source.signed });
   }
   paint() {
-    const { gl, canvas } = this;
-    if (!gl || gl.isContextLost()) return;
-    gl.viewport(0, 0, canvas.width, canvas.height);
-    gl.clearColor(0.13, 0.13, 0.13, 1);
-    gl.clear(gl.COLOR_BUFFER_BIT);
-    const tiles = this.drawn(), needed = new Set(tiles);
-    const instances = tiles.flatMap((tile) => {
-      const unit = 2 ** tile.level, x = tile.tx * SIDE, y = tile.ty * SIDE;
-      return [x * unit, y * unit, Math.min((x + tile.w) * unit, this.width), Math.min((y + tile.h) * unit, this.height), tile.w, tile.h, this.place(tile, needed)];
-    });
-    gl.bufferData(gl.ARRAY_BUFFER, new Float32Array(instances), gl.STREAM_DRAW);
-    gl.uniform2f(this.at.viewport, canvas.width, canvas.height);
-    gl.uniform3f(this.at.place, this.x, this.y, this.scale);
-    gl.uniform1f(this.at.gain, this.autoGain * 2 ** this.exposure);
-    gl.uniform1f(this.at.offset, this.offset);
-    gl.uniform1i(this.at.tone, TONES.indexOf(this.tone));
-    gl.uniform1i(this.at.signedLayer, this.signedLayer);
-    gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, tiles.length);
+    const { painter, canvas, source, other } = this;
+    if (!painter.ready) return;
+    painter.fill(0, 0, canvas.width, canvas.height, GREY);
+    if (!source) return;
+    const [pane, second] = this.panes();
+    if (this.differs) this.pass(source, this.how === "signed" ? SIGNED : ABSOLUTE, pane, pane, other);
+    else if (this.wipes) {
+      const at = Math.round(this.divider * pane.w);
+      this.pass(other, SINGLE, pane, { ...pane, w: at });
+      this.pass(source, SINGLE, pane, { ...pane, x: at, w: pane.w - at });
+      this.line(at - 2, 0, 4, pane.h);
+    } else {
+      this.pass(source, SINGLE, pane, pane);
+      if (second) this.pass(other, SINGLE, second, second);
+      if (second) this.line(second.x ? second.x - GAP : 0, second.y ? second.y - GAP : 0, second.x ? GAP : canvas.width, second.y ? GAP : canvas.height, 0);
+    }
+    this.panes().forEach((p) => this.paintMark(p));
+  }
+  /** A white line with a dark rim, to be seen on everything. */
+  line(x, y, w, h, rim = 1) {
+    this.painter.fill(x, y, w, h, BLACK);
+    this.painter.fill(x + rim, y, w - 2 * rim, h, WHITE);
+  }
+  /** The outline of the rectangle, in one pane. */
+  paintMark(pane) {
+    const { mark, scale } = this;
+    if (!mark) return;
+    const clip = (v, most) => Math.round(Math.min(Math.max(v, 0), most));
+    const x0 = clip(this.x + mark.x0 * scale - 1, pane.w), x1 = clip(this.x + mark.x1 * scale + 1, pane.w);
+    const y0 = clip(this.y + mark.y0 * scale - 1, pane.h), y1 = clip(this.y + mark.y1 * scale + 1, pane.h);
+    const frame = (d, colour) => {
+      const x = pane.x + x0 - d, y = pane.y + y0 - d, w = x1 - x0 + 2 * d, h = y1 - y0 + 2 * d;
+      for (const edge of [[x, y, w, 1], [x, y + h - 1, w, 1], [x, y, 1, h], [x + w - 1, y, 1, h]]) this.painter.fill(...edge, colour);
+    };
+    frame(1, BLACK);
+    frame(0, WHITE);
   }
   /** The canvas as RGBA bytes, bottom row first. */
   pixels() {
     this.paint();
-    const { gl, canvas } = this, bytes = new Uint8Array(4 * canvas.width * canvas.height);
-    gl.readPixels(0, 0, canvas.width, canvas.height, gl.RGBA, gl.UNSIGNED_BYTE, bytes);
-    return bytes;
+    return this.painter.pixels();
   }
 
   // ---- tiles
@@ -166,43 +160,43 @@ export class View {
     }
     return level;
   }
-  /** The tiles of a level that are on the canvas. */
+  /** The tiles of a level that are in sight. */
   visible(level) {
-    const unit = SIDE * 2 ** level * this.scale, { canvas } = this;
+    const unit = SIDE * 2 ** level * this.scale, { room } = this;
     const clip = (value, side) => Math.min(Math.max(value, 0), Math.ceil(levelSide(side, level) / SIDE));
     return {
       tx0: clip(Math.floor(-this.x / unit), this.width),
       ty0: clip(Math.floor(-this.y / unit), this.height),
-      tx1: clip(Math.ceil((canvas.width - this.x) / unit), this.width),
-      ty1: clip(Math.ceil((canvas.height - this.y) / unit), this.height),
+      tx1: clip(Math.ceil((room.w - this.x) / unit), this.width),
+      ty1: clip(Math.ceil((room.h - this.y) / unit), this.height),
     };
   }
+  /** What is to be fetched: what is in sight, at its level; for a difference from held tiles, those and at theirs. */
   wanted() {
     if (!this.width || !this.canvas.width) return null;
-    const level = this.level(), rect = this.visible(level);
+    const held = this.differs ? this.other.layer.held : null, level = held ? held.level : this.level();
+    const rect = held ? intersect(held.rect, this.visible(level)) : this.visible(level);
     return rect.tx0 < rect.tx1 && rect.ty0 < rect.ty1 ? { level, rect } : null;
   }
   taken(layer, fresh) {
-    this.layer = layer;
-    const finest = this.level(), rect = this.visible(finest);
+    const finest = this.wanted()?.level ?? this.level(), rect = this.visible(finest);
     layer.forget(4 * MOST_TILES, ({ level, tx, ty }) => level > finest || (level === finest && tx >= rect.tx0 && tx < rect.tx1 && ty >= rect.ty0 && ty < rect.ty1));
-    if (this.measured) this.measure(fresh);
+    for (const source of [this.source, this.other]) if (source?.layer === layer && source.measured) source.measure(fresh);
     this.draw();
     this.onProbe();
   }
-  /** Layers of counts and distances are shown from black to white: the largest value seen is white. */
-  measure(fresh) {
-    let most = this.most;
-    for (const tile of fresh) for (let i = 0; i < tile.texels.length; i += 4) most = Math.max(most, halfToNumber(tile.texels[i]));
-    this.most = most;
-    this.autoGain = most > 0 ? 1 / most : 1;
-  }
-  /** How a layer's numbers are meant. */
+  /** Shows a layer; its name says how its numbers are meant. */
   show(layer, name) {
-    Object.assign(this, { layer, signedLayer: name === "normal", measured: name === "samples" || name === "depth", most: 0, autoGain: 1 });
-    if (this.measured) this.measure([...layer.tiles.values()]);
+    this.source = new Source(layer, name);
     this.draw();
     this.onProbe();
+  }
+  /** The tiles in sight, to be kept: { level, rect, tiles }; null when none is there. */
+  inSight() {
+    const wanted = this.source && this.wanted();
+    if (!wanted) return null;
+    const tiles = [...this.layer.within(wanted.level, wanted.rect)];
+    return tiles.length ? { ...wanted, tiles } : null;
   }
 
   // ---- zoom and pan
@@ -210,6 +204,7 @@ export class View {
   setImage(width, height) {
     if (width === this.width && height === this.height) return;
     Object.assign(this, { width, height, probe: null });
+    this.setMark(null);
     this.fit();
     this.draw();
   }
@@ -225,9 +220,9 @@ export class View {
     this.moved();
   }
   fit() {
-    const { canvas } = this;
+    const { room } = this;
     if (!this.width) return;
-    this.scale = Math.min(canvas.width / this.width, canvas.height / this.height) || 1;
+    this.scale = Math.min(room.w / this.width, room.h / this.height) || 1;
     if (this.scale > 1) this.scale = Math.floor(this.scale);
     this.centre();
     this.fitted = true;
@@ -238,12 +233,12 @@ export class View {
     this.centre();
   }
   centre() {
-    this.x = Math.round((this.canvas.width - this.width * this.scale) / 2);
-    this.y = Math.round((this.canvas.height - this.height * this.scale) / 2);
+    this.x = Math.round((this.room.w - this.width * this.scale) / 2);
+    this.y = Math.round((this.room.h - this.height * this.scale) / 2);
     this.moved();
   }
-  /** Zooms about a point of the canvas, by default its middle; whole multiples of pixels stay whole. */
-  zoom(factor, x = this.canvas.width / 2, y = this.canvas.height / 2) {
+  /** Zooms about a point of a pane, by default its middle; whole multiples of pixels stay whole. */
+  zoom(factor, x = this.room.w / 2, y = this.room.h / 2) {
     const least = Math.min(1, 32 / Math.max(this.width, this.height));
     const scale = Math.min(MAX_SCALE, Math.max(least, this.scale * factor));
     this.x = x - ((x - this.x) * scale) / this.scale;
@@ -261,8 +256,8 @@ export class View {
   moved() {
     // At least a corner of the image stays in sight.
     const keep = (at, side, room) => Math.min(room - 16, Math.max(16 - side, at));
-    this.x = keep(this.x, this.width * this.scale, this.canvas.width);
-    this.y = keep(this.y, this.height * this.scale, this.canvas.height);
+    this.x = keep(this.x, this.width * this.scale, this.room.w);
+    this.y = keep(this.y, this.height * this.scale, this.room.h);
     this.draw();
     this.onMove();
   }
@@ -272,6 +267,7 @@ export class View {
   setProbe(x, y) {
     const inside = x >= 0 && y >= 0 && x < this.width && y < this.height;
     this.probe = inside ? { x, y } : null;
+    if (this.stretching && this.probe) this.stretch(x, y);
     this.onProbe();
   }
   moveProbe(dx, dy) {
@@ -279,54 +275,112 @@ export class View {
     const to = from ? { x: from.x + dx, y: from.y + dy } : middle;
     this.setProbe(Math.min(Math.max(to.x, 0), this.width - 1), Math.min(Math.max(to.y, 0), this.height - 1));
   }
-  /** { x, y, side, rgb, error }: the finest that is there, means over side by side pixels; null when there is nothing. */
-  probed() {
-    if (!this.probe || !this.layer || !this.width) return null;
+  /** { x, y, side, rgb, error } of a layer: the finest that is there, means over side by side pixels; null when there is nothing. */
+  probed(layer = this.layer) {
+    if (!this.probe || !layer || !this.width) return null;
     const { x, y } = this.probe;
     for (let level = 0; level < levelCount(this.width, this.height); level++) {
-      const u = x >> level, v = y >> level, tile = this.layer.get(level, Math.floor(u / SIDE), Math.floor(v / SIDE));
+      const u = x >> level, v = y >> level, tile = layer.get(level, Math.floor(u / SIDE), Math.floor(v / SIDE));
       if (!tile) continue;
       const i = 4 * ((v % SIDE) * tile.w + (u % SIDE)), value = (k) => halfToNumber(tile.texels[i + k]);
       return { x, y, side: 2 ** level, rgb: [value(0), value(1), value(2)], error: value(3) };
     }
     return null;
   }
+
+  // ---- the rectangle: { x0, y0, x1, y1 } in pixels, the last ones beyond it
+
+  setMark(mark) {
+    this.mark = mark;
+    if (!mark) this.stretching = false;
+    this.draw();
+    this.onMark();
+  }
+  /** Begins a rectangle at a pixel, whose opposite corner follows the probe until the next call; that one ends it. */
+  pinMark() {
+    if (this.stretching) return void (this.stretching = false);
+    if (!this.probe) this.moveProbe(0, 0);
+    if (!this.probe) return;
+    this.begin(this.probe.x, this.probe.y);
+  }
+  begin(x, y) {
+    const inside = (v, side) => Math.min(Math.max(Math.floor(v), 0), side - 1);
+    this.corner = { x: inside(x, this.width), y: inside(y, this.height) };
+    this.stretching = true;
+    this.stretch(x, y);
+  }
+  stretch(x, y) {
+    const inside = (v, side) => Math.min(Math.max(Math.floor(v), 0), side - 1), u = inside(x, this.width), v = inside(y, this.height), { corner } = this;
+    this.setMark({ x0: Math.min(u, corner.x), y0: Math.min(v, corner.y), x1: Math.max(u, corner.x) + 1, y1: Math.max(v, corner.y) + 1 });
+  }
+
+  // ---- the pointer
+
   point(event) {
     const box = this.canvas.getBoundingClientRect(), ratio = this.canvas.width / box.width;
     return { x: (event.clientX - box.left) * ratio, y: (event.clientY - box.top) * ratio };
   }
+  /** The pixel of the image under a point of the canvas; it may lie outside. */
+  pixelAt(point) {
+    const at = this.inPane(point);
+    return { x: Math.floor((at.x - this.x) / this.scale), y: Math.floor((at.y - this.y) / this.scale) };
+  }
+  onDivider(point) {
+    return this.wipes && Math.abs(point.x - this.divider * this.canvas.width) <= NEAR * (devicePixelRatio || 1);
+  }
+  /** What a press of the pointer takes hold of. */
+  grip(event, point) {
+    if (this.onDivider(point)) return "divider";
+    return (event.shiftKey || this.marking) && this.width ? "mark" : "image";
+  }
+  drag(grip, from, to) {
+    if (grip === "divider") return this.setDivider(to.x / this.canvas.width);
+    if (grip === "mark") return this.stretch(this.pixelAt(to).x, this.pixelAt(to).y);
+    this.pan(to.x - from.x, to.y - from.y);
+  }
   listen() {
     const { canvas } = this, held = new Map();
+    let grip = "image";
     const spread = () => {
       const [a, b] = [...held.values()];
       return { x: (a.x + b.x) / 2, y: (a.y + b.y) / 2, d: Math.hypot(a.x - b.x, a.y - b.y) };
     };
     canvas.addEventListener("pointerdown", (event) => {
+      const at = this.point(event);
       canvas.setPointerCapture(event.pointerId);
-      held.set(event.pointerId, this.point(event));
+      held.set(event.pointerId, at);
+      if (held.size === 1) grip = this.grip(event, at);
+      if (held.size === 1 && grip === "mark" && this.width) this.begin(this.pixelAt(at).x, this.pixelAt(at).y);
     });
     canvas.addEventListener("pointermove", (event) => {
       const to = this.point(event), from = held.get(event.pointerId);
-      if (from && held.size === 1) this.pan(to.x - from.x, to.y - from.y);
+      canvas.style.cursor = this.onDivider(to) ? "ew-resize" : "";
+      if (from && held.size === 1) this.drag(grip, from, to);
       if (from && held.size === 2) {
         const before = spread();
         held.set(event.pointerId, to);
-        const after = spread();
+        const after = spread(), middle = this.inPane(after);
         this.pan(after.x - before.x, after.y - before.y);
-        if (before.d > 0) this.zoom(after.d / before.d, after.x, after.y);
+        if (before.d > 0) this.zoom(after.d / before.d, middle.x, middle.y);
       }
       if (from) held.set(event.pointerId, to);
-      this.setProbe(Math.floor((to.x - this.x) / this.scale), Math.floor((to.y - this.y) / this.scale));
+      const at = this.pixelAt(to);
+      this.setProbe(at.x, at.y);
     });
-    for (const type of ["pointerup", "pointercancel"]) canvas.addEventListener(type, (event) => held.delete(event.pointerId));
+    for (const type of ["pointerup", "pointercancel"])
+      canvas.addEventListener(type, (event) => {
+        held.delete(event.pointerId);
+        if (grip === "mark") this.stretching = this.marking = false;
+        this.onMark();
+      });
     canvas.addEventListener("wheel", (event) => {
       if (!event.ctrlKey && document.activeElement !== canvas) return; // the page scrolls
       event.preventDefault();
-      const at = this.point(event);
+      const at = this.inPane(this.point(event));
       this.zoom(2 ** (-event.deltaY / 200), at.x, at.y);
     }, { passive: false });
     canvas.addEventListener("dblclick", (event) => {
-      const at = this.point(event);
+      const at = this.inPane(this.point(event));
       this.zoom(2, at.x, at.y);
     });
   }

@@ -15,22 +15,27 @@ export async function until(what, test, ms = 20000) {
   throw new Error(`waited ${ms / 1000} s for: ${what}`);
 }
 
-async function freePort() {
-  const server = net.createServer();
-  await new Promise((done) => server.listen(0, "127.0.0.1", done));
-  const { port } = server.address();
-  await new Promise((done) => server.close(done));
-  return port;
+/** Where the system takes ports for connections that name none: a master that is started again could find its own taken. */
+function firstTaken() {
+  try {
+    return Number(fs.readFileSync("/proc/sys/net/ipv4/ip_local_port_range", "utf8").split(/\s/)[0]);
+  } catch {
+    return 32768;
+  }
 }
 
-/** Two ports side by side. */
-async function freePair() {
+const isFree = (port) =>
+  new Promise((done) => {
+    const server = net.createServer();
+    server.once("error", () => done(false)).listen(port, "127.0.0.1", () => server.close(() => done(true)));
+  });
+
+/** The first of three free ports side by side, of those that nobody gets by chance. */
+async function freePorts() {
+  const low = 10000, high = Math.max(low + 1000, firstTaken());
   for (;;) {
-    const port = await freePort();
-    const next = net.createServer();
-    const free = await new Promise((done) => next.once("error", () => done(false)).listen(port + 1, "127.0.0.1", () => done(true)));
-    await new Promise((done) => next.close(done));
-    if (free) return port;
+    const port = low + Math.floor(Math.random() * (high - low - 3));
+    if ((await isFree(port)) && (await isFree(port + 1)) && (await isFree(port + 2))) return port;
   }
 }
 
@@ -39,8 +44,8 @@ export class Farm {
     Object.assign(this, { build, folder, data: path.join(folder, "data"), children: [] });
   }
   async begin(workers) {
-    this.port = await freePair();
-    this.page = await freePort();
+    this.port = await freePorts();
+    this.page = this.port + 2;
     await this.startMaster();
     for (let i = 0; i < workers; i++) this.start("lightmill-worker", `127.0.0.1:${this.port}`, "--threads", "1", "--name", `worker-${i}`, "--cache", path.join(this.folder, `cache-${i}`));
   }

@@ -17,7 +17,7 @@ const axe = fs.readFileSync(require.resolve("axe-core/axe.min.js"), "utf8");
 const WIDTH = 200, HEIGHT = 136; // more than one tile, and some that are cut off
 const folder = fs.mkdtempSync(path.join(os.tmpdir(), "lightmill-page-"));
 const farm = new Farm(build, folder), errors = [];
-let browser, page, job, exr;
+let browser, page, job, exr, pinned;
 
 // ---- what the page has
 
@@ -39,14 +39,14 @@ const texels = () =>
     return values.includes(null) ? null : values;
   });
 
-/** The image on the canvas at 1:1 as [height][width][3] bytes. */
-const canvas = () =>
-  page.evaluate(() => {
-    const { view } = lightmill, all = view.pixels(), bytes = [], row = view.canvas.width;
+/** The image at 1:1 in a pane of the canvas as [height][width][3] bytes. */
+const canvas = (pane = 0) =>
+  page.evaluate((i) => {
+    const { view } = lightmill, all = view.pixels(), bytes = [], row = view.canvas.width, at = view.panes()[i];
     for (let y = 0; y < view.height; y++)
-      for (let x = 0; x < view.width; x++) for (let c = 0; c < 3; c++) bytes.push(all[4 * ((view.canvas.height - 1 - y - view.y) * row + x + view.x) + c]);
+      for (let x = 0; x < view.width; x++) for (let c = 0; c < 3; c++) bytes.push(all[4 * ((view.canvas.height - 1 - y - view.y - at.y) * row + x + view.x + at.x) + c]);
     return bytes;
-  });
+  }, pane);
 
 const srgb = (v) => {
   const c = Math.min(Math.max(v, 0), 1);
@@ -55,23 +55,77 @@ const srgb = (v) => {
 const mean = (values) => values.reduce((sum, v) => sum + v, 0) / values.length;
 
 /** What the canvas is to show of three channels: their values times 2^exposure as sRGB. */
-const expected = (layer, exposure = 0) => {
+const expected = (layer, exposure = 0, file = exr) => {
   const out = [];
-  for (let p = 0; p < WIDTH * HEIGHT; p++) for (const c of "RGB") out.push(srgb(exr.channels[layer + c][p] * 2 ** exposure));
+  for (let p = 0; p < WIDTH * HEIGHT; p++) for (const c of "RGB") out.push(srgb(file.channels[layer + c][p] * 2 ** exposure));
   return out;
 };
+const LUMINANCE = [0.2126, 0.7152, 0.0722];
+const luminance = (file, p, layer = "") => LUMINANCE.reduce((sum, weight, c) => sum + weight * file.channels[layer + "RGB"[c]][p], 0);
 
 async function chooseLayer(name) {
   await page.selectOption("#layer", name);
   return until(`the tiles of ${name}`, async () => (await shown()).version > 0 && (await shown()).layer === name && (await texels()));
 }
 
-async function assertCanvas(layer, exposure = 0) {
-  const is = await canvas(), wanted = expected(layer, exposure);
+/** Fails unless a pane shows an image of the file. */
+async function assertCanvas(layer, exposure = 0, pane = 0) {
+  const wanted = expected(layer, exposure);
+  assertNear(await canvas(pane), wanted);
+}
+
+function assertNear(is, wanted) {
   assert.ok(wanted.some((v) => v > 20), "the image is not black");
   assert.ok(Math.abs(mean(is) - mean(wanted)) < 0.3, `mean ${mean(is)} on the canvas, ${mean(wanted)} of the file`);
   const worst = Math.max(...is.map((v, i) => Math.abs(v - wanted[i])));
   assert.ok(worst <= 1.5, `a value is off by ${worst} of 255`);
+}
+
+/** The job's image now, once the page has it too. */
+async function fetchExr(number = job) {
+  const file = path.join(folder, `job-${number}.exr`);
+  farm.ask("fetch", String(number), "-o", file);
+  return readExr(file);
+}
+
+/** Pauses the job that renders, and waits until the page shows its last batch. */
+async function settled() {
+  await until("the pause", () => farm.status(job).state === "paused");
+  await until("the last batches", () => farm.status(job).samples_out === 0, 10000);
+  exr = await fetchExr();
+  const { batches } = farm.status(job);
+  await until("the last version", async () => (await shown()).version === batches);
+  await until("all tiles", texels);
+}
+
+const setRange = (selector, value) =>
+  page.locator(selector).evaluate((element, v) => {
+    element.value = v;
+    element.dispatchEvent(new Event("input"));
+  }, value);
+
+/** "mean 1 2 3; luminance 4 ± 5, from 6 to 7" as { rgb, mean, error, least, most }. */
+async function regionText() {
+  const words = await until("the rectangle's mean", async () => {
+    const all = await text("#region");
+    return all.includes("mean") && all;
+  });
+  const [, r, g, b, y, error, least, most] = words.match(/mean (\S+) {2}(\S+) {2}(\S+); luminance (\S+) ± (\S+), from (\S+) to (\S+)/);
+  return { words, rgb: [r, g, b].map(Number), mean: Number(y), error: Number(error), least: Number(least), most: Number(most) };
+}
+
+/** Fails unless the page says of the rectangle what the file does. */
+async function assertRegion({ x0, y0, x1, y1 }) {
+  const is = await regionText(), pixels = [], near = (a, b, what) => assert.ok(Math.abs(a - b) <= 2e-3 * Math.abs(b) + 1e-6, `${what}: ${a} instead of ${b}`);
+  assert.ok(is.words.includes(`from ${x0}, ${y0}, ${x1 - x0} × ${y1 - y0}`), is.words);
+  assert.ok(!is.words.includes("level"), "it is of level 0");
+  for (let y = y0; y < y1; y++) for (let x = x0; x < x1; x++) pixels.push(y * WIDTH + x);
+  is.rgb.forEach((value, c) => near(value, mean(pixels.map((p) => exr.channels["RGB"[c]][p])), "RGB"[c]));
+  const values = pixels.map((p) => luminance(exr, p)), errors = pixels.map((p) => luminance(exr, p, "noise."));
+  near(is.mean, mean(values), "luminance");
+  near(is.error, Math.sqrt(errors.reduce((sum, e) => sum + e * e, 0)) / pixels.length, "standard error");
+  near(is.least, Math.min(...values), "least");
+  near(is.most, Math.max(...values), "most");
 }
 
 async function assertAccessible(what) {
@@ -83,6 +137,23 @@ async function assertAccessible(what) {
 const screenshot = (name) => page.screenshot({ path: path.join(shots, `${name}.png`), fullPage: true });
 
 // ---- the tests, in their order
+
+/** Fails unless the wipe shows the pinned state left of its line, and the image now right of it; moves it by keys. */
+async function assertWipe() {
+  const lineAt = () => page.evaluate(() => Math.round(lightmill.view.divider * lightmill.view.canvas.width) - lightmill.view.x);
+  const before = await lineAt();
+  await page.keyboard.press("]");
+  const box = await page.locator("#canvas").boundingBox(), at = await lineAt();
+  assert.ok(at > before);
+  await page.mouse.move(box.x + (await page.evaluate(() => lightmill.view.x)) + at, box.y + 20);
+  await page.mouse.down();
+  await page.mouse.move(box.x + (await page.evaluate(() => lightmill.view.x)) + 60, box.y + 20);
+  await page.mouse.up();
+  assert.ok(Math.abs((await lineAt()) - 60) <= 1, "the line is dragged");
+  const old = expected("", 0, pinned), now = expected("", 0, exr), is = await canvas();
+  const side = (p) => (p % WIDTH < 56 ? old : p % WIDTH >= 64 ? now : null);
+  assertNear(is, is.map((v, i) => side(Math.floor(i / 3))?.[i] ?? v));
+}
 
 const tests = {
   async "the page opens with the token of lightmill open and shows the job that renders"() {
@@ -106,18 +177,12 @@ const tests = {
 
   async "a job is paused from the page"() {
     await page.click("#pause");
-    await until("the pause", () => farm.status(job).state === "paused");
     await said("#image-title", "paused");
-    await until("the last batches", () => farm.status(job).samples_out === 0, 10000);
   },
 
   async "the canvas shows what the file of the image holds"() {
-    const file = path.join(folder, "so-far.exr");
-    farm.ask("fetch", String(job), "-o", file);
-    exr = readExr(file);
+    await settled();
     assert.deepEqual([exr.width, exr.height], [WIDTH, HEIGHT]);
-    const { batches } = farm.status(job);
-    await until("the last version", async () => (await shown()).version === batches);
     await page.keyboard.press("1");
     await until("the zoom", async () => (await shown()).scale === 1);
     await until("all tiles", texels);
@@ -161,6 +226,65 @@ const tests = {
     assert.ok(Number(error) >= 0);
   },
 
+  async "eye and light image are seen side by side, at one exposure"() {
+    await page.keyboard.press("b");
+    await until("both", () => page.evaluate(() => lightmill.view.panes().length === 2 && lightmill.view.other.layer.tiles.size > 0));
+    await page.keyboard.press("1");
+    await setRange("#exposure", 1);
+    await until("the tiles", async () => (await shown()).layer === "eye" && (await texels()));
+    await assertCanvas("eye.", 1, 0);
+    await assertCanvas("light.", 1, 1);
+    assert.match(await text("#comparison"), /Left: job \d+, eye, now. Right: layer light/);
+    await screenshot("eye-and-light");
+    await page.click("#both");
+    assert.equal(await page.inputValue("#layer"), "picture");
+    await page.keyboard.press("r");
+    await page.keyboard.press("1");
+    await until("the picture", async () => (await shown()).layer === "picture" && (await texels()));
+    await assertCanvas("");
+  },
+
+  async "a rectangle tells its mean and the standard error of that"() {
+    const place = await page.evaluate(() => ({ x: lightmill.view.x, y: lightmill.view.y }));
+    const box = await page.locator("#canvas").boundingBox(), at = (x, y) => [box.x + place.x + x + 0.5, box.y + place.y + y + 0.5];
+    await page.keyboard.down("Shift");
+    await page.mouse.move(...at(150, 100));
+    await page.mouse.down();
+    await page.mouse.move(...at(120, 20));
+    await page.mouse.move(...at(51, 30), { steps: 3 });
+    await page.mouse.up();
+    await page.keyboard.up("Shift");
+    await until("the rectangle", async () => (await text("#region")).includes("100 × 71: mean"));
+    await assertRegion({ x0: 51, y0: 30, x1: 151, y1: 101 });
+    assert.deepEqual(await page.evaluate(() => ({ x: lightmill.view.x, y: lightmill.view.y })), place, "it does not pan");
+    await screenshot("rectangle");
+    await page.keyboard.press("u");
+    assert.equal(await text("#region"), "");
+    await page.focus("#canvas"); // by keys alone, from where the pointer was
+    await page.keyboard.press("m");
+    for (const key of ["Control+ArrowRight", "Control+ArrowDown", "ArrowDown"]) await page.keyboard.press(key);
+    await page.keyboard.press("m");
+    await page.keyboard.press("ArrowDown"); // moves the probe only
+    await until("the rectangle", async () => (await text("#region")).includes("17 × 18: mean"));
+    await assertRegion({ x0: 51, y0: 30, x1: 68, y1: 48 });
+    await page.click("#unmark");
+    assert.equal(await text("#region"), "");
+  },
+
+  async "a large rectangle is measured at a level that can be fetched"() {
+    const levels = await page.evaluate(async () => {
+      const { levelOf } = await import("/region.js");
+      return [2048, 2049, 8192].map((side) => levelOf({ x0: 0, y0: 0, x1: side, y1: side }));
+    });
+    assert.deepEqual(levels, [0, 1, 2]);
+  },
+
+  async "a state is pinned"() {
+    await page.keyboard.press("a");
+    await said("#comparison", "Kept as pin 1: job 1, picture");
+    pinned = exr;
+  },
+
   async "what is far away is seen with few tiles"() {
     await page.evaluate(() => lightmill.view.zoom(0.25));
     const { level, count } = await until("a coarse level", () =>
@@ -170,6 +294,11 @@ const tests = {
       }));
     assert.equal(level, 2);
     assert.equal(count, 1);
+    const all = { x0: 0, y0: 0, x1: WIDTH, y1: HEIGHT };
+    const found = await page.evaluate(async (mark) => (await import("/region.js")).measure(lightmill.view.layer, "picture", mark, 2), all);
+    const pixels = exr.channels.R.map((_, p) => p), near = (a, b) => assert.ok(Math.abs(a - b) <= 2e-3 * b, `${a} instead of ${b}`);
+    near(found.mean, mean(Array.from(pixels, (p) => luminance(exr, p))));
+    near(found.error, Math.sqrt(pixels.reduce((sum, p) => sum + luminance(exr, p, "noise.") ** 2, 0)) / pixels.length);
     await page.keyboard.press("1");
   },
 
@@ -218,6 +347,61 @@ const tests = {
     await until("a newer image", async () => (await shown()).version > version);
   },
 
+  async "a pinned state is compared with the image now: side by side, by a wipe, by differences"() {
+    await page.keyboard.press("p");
+    await settled();
+    await page.selectOption("#other", "pin:0");
+    await page.keyboard.press("1");
+    assertNear(await canvas(0), expected("", 0, exr));
+    assertNear(await canvas(1), expected("", 0, pinned));
+    await page.selectOption("#how", "wipe");
+    await page.keyboard.press("1");
+    assert.match(await text("#comparison"), /Left of the line: pin 1: .*Right: job 1, picture, now/);
+    await assertWipe();
+    await assertAccessible("a wipe");
+    await page.selectOption("#how", "signed");
+    await setRange("#exposure", 4);
+    const difference = (p) => 16 * (luminance(exr, p) - luminance(pinned, p));
+    // Both are halves, whose rounding the exposure enlarges.
+    const room = (p) => 16 * 2 ** -10 * (luminance(exr, p) + luminance(pinned, p)), orange = [1, 0.45, 0.1], blue = [0.1, 0.45, 1];
+    const shows = (is, low, high, what) => assert.ok(is >= srgb(Math.min(low, high)) - 1.5 && is <= srgb(Math.max(low, high)) + 1.5, `${what}: ${is}`);
+    let brighter = 0, darker = 0;
+    const is = await canvas();
+    for (let p = 0; p < WIDTH * HEIGHT; p++) {
+      const d = difference(p), e = room(p);
+      if (Math.abs(d) < e) continue;
+      if (d > 0) brighter++;
+      else darker++;
+      for (let c = 0; c < 3; c++) shows(is[3 * p + c], (Math.abs(d) - e) * (d > 0 ? orange : blue)[c], (Math.abs(d) + e) * (d > 0 ? orange : blue)[c], `pixel ${p}`);
+    }
+    assert.ok(brighter > 1000 && darker > 1000, `${brighter} brighter, ${darker} darker`);
+    await screenshot("difference");
+    await setRange("#exposure", 0);
+  },
+
+  async "another job is compared, and one of another size refused"() {
+    const submit = (...args) => Number(farm.ask("submit", "scenes/cornell", ...args));
+    const second = submit("--resolution", `${WIDTH}x${HEIGHT}`, "--spp", "4", "--seed", "5"), small = submit("--resolution", "64x48", "--spp", "1");
+    await until("both", () => farm.status(second).state === "done" && farm.status(small).state === "done");
+    const other = await fetchExr(second);
+    await until("the choice", async () => (await page.locator(`#other option[value="job:${small}"]`).count()) === 1);
+    await page.selectOption("#how", "absolute");
+    await page.selectOption("#other", `job:${second}`);
+    const wanted = [];
+    for (let p = 0; p < WIDTH * HEIGHT; p++) for (const c of "RGB") wanted.push(srgb(Math.abs(exr.channels[c][p] - other.channels[c][p])));
+    const far = (is) => is.filter((v, i) => Math.abs(v - wanted[i]) > 3).length;
+    // Where both are nearly equal, sRGB's steep start shows the rounding of halves.
+    await until("the difference", async () => far(await canvas()) < 0.01 * wanted.length);
+    assert.ok(Math.abs(mean(await canvas()) - mean(wanted)) < 0.3);
+    await page.selectOption("#other", `job:${small}`);
+    assert.match(await text("#comparison"), /Job \d+ has 64 × 48 pixels, job 1 has 200 × 136: only images of one size/);
+    await assertCanvas("");
+    await page.selectOption("#other", "");
+    for (const number of [second, small]) farm.ask("delete", String(number));
+    await page.keyboard.press("p");
+    await until("the job goes on", () => farm.status(job).state === "running");
+  },
+
   async "a hidden page asks for nothing"() {
     const hide = (hidden) =>
       page.evaluate((value) => {
@@ -245,8 +429,17 @@ const tests = {
     await farm.startMaster();
     await said("#connection", "came back");
     await said("#image-title", "running");
-    const { version } = await until("the image", async () => (await shown()).version > 0 && (await shown()));
-    await until("a newer image", async () => (await shown()).version > version);
+    for (let i = 0; i < 2; i++) {
+      const seen = await texels();
+      await until("another image", async () => JSON.stringify(await texels()) !== JSON.stringify(seen));
+    }
+    await page.evaluate(() => document.activeElement.blur());
+    await page.keyboard.press("p");
+    await settled();
+    await page.keyboard.press("1");
+    await assertCanvas("");
+    await page.keyboard.press("p");
+    await until("the job goes on", () => farm.status(job).state === "running");
     assert.equal(await page.evaluate(() => globalThis.neverReloaded), true);
     assert.match(await text("#events"), /The master came back/);
   },
