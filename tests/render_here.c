@@ -103,7 +103,7 @@ film_t *render_planned(const scene_blob_t *blob, const job_settings_t *settings,
     planned->samples = (double)schedule_done(schedule) / (double)pixels;
     uint32_t *samples = mem_alloc(tiles * sizeof *samples);
     schedule_tile_samples(schedule, samples);
-    schedule_show_samples(settings, samples, planned->shown);
+    schedule_show_samples(settings, samples, 0, settings->height, planned->shown);
     uint32_t *arrays[] = {last.ends, last.weights, next.ends, next.weights, samples};
     for (size_t i = 0; i < ARRAY_LENGTH(arrays); i++) free(arrays[i]);
     schedule_destroy(&schedule);

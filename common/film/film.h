@@ -64,6 +64,16 @@ void film_resolve(const film_t *film, film_image_t *image);
 /* Adds to a resolved image of the film, of the same moment. A half is divided by its own samples and light
  * paths; where it has none it has no light. */
 void film_resolve_extras(const film_t *film, const film_extras_t *extras, film_image_t *image);
+
+/* Some rows of an image, and what is wanted of them beside the picture. */
+typedef struct {
+    int y0, y1; /* from the first to before the last, inside the image */
+    bool features, halves;
+} film_rows_t;
+/* Resolves some rows, as an image of its own: so a large film can be looked at without the memory of a large
+ * image. The error is not estimated. Features are there, if they are wanted, as soon as the film has room for
+ * them. */
+void film_resolve_rows(const film_t *film, const film_rows_t *rows, film_image_t *image);
 void film_image_free(film_image_t *image);
 
 /* Estimates the relative error of the image, splats included: the square root of the mean, over the pixels

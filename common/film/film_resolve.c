@@ -56,14 +56,15 @@ static void resolve_feature(const int64_t *sum, film_image_t *image, size_t p)
     image->coverage[p] = count > 0 ? (float)(hits / count) : 0;
 }
 
-static void resolve_features(const film_t *film, film_image_t *image, size_t pixels)
+/* Of `pixels` pixels from `first`. */
+static void resolve_features(const film_t *film, film_image_t *image, size_t first, size_t pixels)
 {
     float **vectors[] = {&image->albedo, &image->normal, &image->position};
     float **scalars[] = {&image->depth, &image->object, &image->material, &image->coverage};
     for (size_t i = 0; i < ARRAY_LENGTH(vectors); i++) *vectors[i] = mem_zalloc(3 * pixels, sizeof(float));
     for (size_t i = 0; i < ARRAY_LENGTH(scalars); i++) *scalars[i] = mem_zalloc(pixels, sizeof(float));
     for (size_t p = 0; p < pixels; p++)
-        resolve_feature(film->sums[SUM_FEATURES] + FEATURE_VALUES * p, image, p);
+        resolve_feature(film->sums[SUM_FEATURES] + FEATURE_VALUES * (first + p), image, p);
 }
 
 /* What the sums of a film are divided by. */
@@ -103,31 +104,6 @@ static bool resolve_pixel(const divisors_t *divisors, size_t pixel, estimate_t e
     return true;
 }
 
-void film_resolve(const film_t *film, film_image_t *image)
-{
-    int width = film->settings.width, height = film->settings.height;
-    size_t pixels = (size_t)width * (size_t)height;
-    *image = (film_image_t){.width = width, .height = height, .error = film_noise(film, NULL)};
-    float **planes[] = {&image->sum, &image->eye, &image->light, &image->noise};
-    for (size_t i = 0; i < ARRAY_LENGTH(planes); i++) *planes[i] = mem_zalloc(3 * pixels, sizeof(float));
-    image->samples = mem_zalloc(pixels, sizeof(float));
-    if (any_features(film, pixels)) resolve_features(film, image, pixels);
-
-    divisors_t divisors = film_divisors(film);
-    float weight = film->settings.adaptive ? JOB_MEAN_BOOST : 1;
-    for (size_t p = 0; p < pixels; p++) {
-        estimate_t estimates[3];
-        if (!resolve_pixel(&divisors, p, estimates)) continue;
-        image->samples[p] = ((float)film->samples[p] + (float)film->samples[pixels + p]) / weight;
-        for (size_t c = 0; c < 3; c++) {
-            image->eye[3 * p + c] = (float)estimates[c].eye;
-            image->light[3 * p + c] = (float)estimates[c].light;
-            image->sum[3 * p + c] = (float)(estimates[c].eye + estimates[c].light);
-            image->noise[3 * p + c] = (float)estimates[c].noise;
-        }
-    }
-}
-
 /* One half of a pixel, divided by what it has itself. */
 static void resolve_half(const divisors_t *divisors, size_t half, size_t pixel, float rgb[3])
 {
@@ -139,6 +115,49 @@ static void resolve_half(const divisors_t *divisors, size_t half, size_t pixel, 
         double light = (double)film->sums[SUM_SPLAT][3 * at + c] * divisors->light_factor[half];
         rgb[c] = (float)((eye + light) * divisors->unit);
     }
+}
+
+static void put_estimates(film_image_t *image, size_t p, const estimate_t estimates[3])
+{
+    for (size_t c = 0; c < 3; c++) {
+        image->eye[3 * p + c] = (float)estimates[c].eye;
+        image->light[3 * p + c] = (float)estimates[c].light;
+        image->sum[3 * p + c] = (float)(estimates[c].eye + estimates[c].light);
+        image->noise[3 * p + c] = (float)estimates[c].noise;
+    }
+}
+
+void film_resolve_rows(const film_t *film, const film_rows_t *rows, film_image_t *image)
+{
+    int width = film->settings.width, height = rows->y1 - rows->y0;
+    size_t first = (size_t)rows->y0 * (size_t)width, pixels = (size_t)height * (size_t)width;
+    *image = (film_image_t){.width = width, .height = height};
+    float **planes[] = {&image->sum,   &image->eye,     &image->light,
+                        &image->noise, &image->half[0], &image->half[1]};
+    for (size_t i = 0; i < (rows->halves ? 6 : 4); i++) *planes[i] = mem_zalloc(3 * pixels, sizeof(float));
+    image->samples = mem_zalloc(pixels, sizeof(float));
+    if (rows->features && film->sums[SUM_FEATURES] != NULL) resolve_features(film, image, first, pixels);
+
+    divisors_t divisors = film_divisors(film);
+    float weight = film->settings.adaptive ? JOB_MEAN_BOOST : 1;
+    for (size_t p = 0; p < pixels; p++) {
+        estimate_t estimates[3];
+        if (!resolve_pixel(&divisors, first + p, estimates)) continue;
+        image->samples[p] =
+            ((float)film->samples[first + p] + (float)film->samples[divisors.pixels + first + p]) / weight;
+        put_estimates(image, p, estimates);
+        for (size_t h = 0; rows->halves && h < 2; h++)
+            resolve_half(&divisors, h, first + p, image->half[h] + 3 * p);
+    }
+}
+
+void film_resolve(const film_t *film, film_image_t *image)
+{
+    int height = film->settings.height;
+    film_rows_t all = {.y1 = height,
+                       .features = any_features(film, (size_t)film->settings.width * (size_t)height)};
+    film_resolve_rows(film, &all, image);
+    image->error = film_noise(film, NULL);
 }
 
 void film_resolve_extras(const film_t *film, const film_extras_t *extras, film_image_t *image)

@@ -388,15 +388,16 @@ job_t *farm_next_finished(farm_t *farm)
 }
 
 /* The film of an adaptive job knows the weights of its samples, the schedule their number. Called with the
- * shared film locked, so that both are of the same moment. */
-static void show_samples(farm_t *farm, const job_t *job, const job_settings_t *settings, film_image_t *image)
+ * shared film locked, so that both are of the same moment. `image` has the rows from y0 to before y1. */
+static void show_samples(farm_t *farm, const job_t *job, const job_settings_t *settings, int y0, int y1,
+                         film_image_t *image)
 {
     uint32_t *samples = mem_alloc(job_tile_count(settings) * sizeof *samples);
     farm_lock(farm);
     bool known = job->schedule != NULL;
     if (known) schedule_tile_samples(job->schedule, samples);
     farm_unlock(farm);
-    if (known) schedule_show_samples(settings, samples, image->samples);
+    if (known) schedule_show_samples(settings, samples, y0, y1, image->samples);
     free(samples);
 }
 
@@ -408,29 +409,51 @@ bool farm_job_halves(farm_t *farm, const job_t *job)
     return halves;
 }
 
-result_t farm_resolve(farm_t *farm, double now, job_t *job, const film_extras_t *extras, film_image_t *image,
-                      job_report_t *report)
+/* The film of a job, to be let go, or why there is none. */
+static result_t hold_film(farm_t *farm, job_t *job, shared_film_t **shared_film)
 {
     farm_lock(farm);
-    *report = farm_report_job(job, now);
+    unsigned long long number = job->kept.job;
     bool empty = job->kept.batches == 0, due = job_awaits_film(job);
     if (job->film == FILM_STORED) farm_want_film(farm, job); /* somebody wants to see it */
     farm_unlock(farm);
-    shared_film_t *shared_film = empty ? NULL : job_film_hold(farm, job);
-    if (shared_film != NULL) {
-        const film_t *film = shared_film_lock(shared_film);
-        film_resolve(film, image);
-        if (extras != NULL) film_resolve_extras(film, extras, image);
-        if (report->record.settings.adaptive) show_samples(farm, job, &report->record.settings, image);
-        farm_note_image_error(farm, now, job, image->error);
-        shared_film_unlock(shared_film);
-        job_film_let_go(farm, job);
-        return result_ok();
-    }
+    *shared_film = empty ? NULL : job_film_hold(farm, job);
+    if (*shared_film != NULL) return result_ok();
     if (due)
         return result_fail(RESULT_INPUT, "the film of job %llu is not loaded yet: try again in a moment",
-                           (unsigned long long)report->record.job);
-    return result_fail(RESULT_INPUT, "job %llu has no samples yet", (unsigned long long)report->record.job);
+                           number);
+    return result_fail(RESULT_INPUT, "job %llu has no samples yet", number);
+}
+
+result_t farm_resolve(farm_t *farm, double now, job_t *job, const film_extras_t *extras, film_image_t *image,
+                      job_report_t *report)
+{
+    shared_film_t *shared_film;
+    farm_lock(farm);
+    *report = farm_report_job(job, now);
+    farm_unlock(farm);
+    TRY(hold_film(farm, job, &shared_film));
+    const job_settings_t *settings = &report->record.settings;
+    const film_t *film = shared_film_lock(shared_film);
+    film_resolve(film, image);
+    if (extras != NULL) film_resolve_extras(film, extras, image);
+    if (settings->adaptive) show_samples(farm, job, settings, 0, settings->height, image);
+    farm_note_image_error(farm, now, job, image->error);
+    shared_film_unlock(shared_film);
+    job_film_let_go(farm, job);
+    return result_ok();
+}
+
+result_t farm_resolve_rows(farm_t *farm, job_t *job, const film_rows_t *rows, film_image_t *image)
+{
+    shared_film_t *shared_film;
+    job_settings_t settings = farm_job_settings(farm, job);
+    TRY(hold_film(farm, job, &shared_film));
+    film_resolve_rows(shared_film_lock(shared_film), rows, image);
+    if (settings.adaptive) show_samples(farm, job, &settings, rows->y0, rows->y1, image);
+    shared_film_unlock(shared_film);
+    job_film_let_go(farm, job);
+    return result_ok();
 }
 
 uint64_t farm_image_version(farm_t *farm, job_t *job, bool *over)

@@ -245,6 +245,10 @@ void farm_milestone_written(farm_t *farm, double now, job_t *job, result_t writt
  * has been rendered yet, or when the job is over and its image is in its file. */
 result_t farm_resolve(farm_t *farm, double now, job_t *job, const film_extras_t *extras, film_image_t *image,
                       job_report_t *report);
+/* Resolves some rows (film_resolve_rows) of the sums so far, without an estimate of the error. Rows that are
+ * resolved one after the other may be of different moments; merges wait for each of them, not for the whole.
+ */
+result_t farm_resolve_rows(farm_t *farm, job_t *job, const film_rows_t *rows, film_image_t *image);
 /* Batches merged so far, the version of the image, and whether the job has its last state. */
 uint64_t farm_image_version(farm_t *farm, job_t *job, bool *over);
 /* The image of a job that farm_next_finished gave out was written: when its last checkpoint is made too, it

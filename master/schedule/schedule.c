@@ -471,12 +471,13 @@ void schedule_tile_samples(const schedule_t *s, uint32_t *samples)
     }
 }
 
-void schedule_show_samples(const job_settings_t *settings, const uint32_t *tile_samples, float *samples)
+void schedule_show_samples(const job_settings_t *settings, const uint32_t *tile_samples, int y0, int y1,
+                           float *samples)
 {
     for (uint32_t t = 0; t < job_tile_count(settings); t++) {
         rect_t rect = job_tile_rect(settings, t);
-        for (int y = rect.y0; y < rect.y1; y++)
+        for (int y = int_max(rect.y0, y0); y < int_min(rect.y1, y1); y++)
             for (int x = rect.x0; x < rect.x1; x++)
-                samples[(size_t)y * (size_t)settings->width + (size_t)x] = (float)tile_samples[t];
+                samples[(size_t)(y - y0) * (size_t)settings->width + (size_t)x] = (float)tile_samples[t];
     }
 }

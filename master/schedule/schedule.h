@@ -107,9 +107,10 @@ typedef struct {
 schedule_account_t schedule_account(const schedule_t *schedule);
 /* The number of counted samples of each tile, */
 void schedule_tile_samples(const schedule_t *schedule, uint32_t *samples);
-/* and written to each of its pixels, [height][width]: what the "samples" layer of an image shows of an
- * adaptive job, whose film knows their weight only (film_image_t.samples). */
-void schedule_show_samples(const job_settings_t *settings, const uint32_t *tile_samples, float *samples);
+/* and written to each of its pixels, of the rows from y0 to before y1, [y1 - y0][width]: what the "samples"
+ * layer of an image shows of an adaptive job, whose film knows their weight only (film_image_t.samples). */
+void schedule_show_samples(const job_settings_t *settings, const uint32_t *tile_samples, int y0, int y1,
+                           float *samples);
 
 /* All that outlives the process. */
 typedef struct {

@@ -823,6 +823,43 @@ static void partial_images_are_unbiased(void **state)
     film_destroy(&film);
 }
 
+/* `count` values of each pixel. */
+static void assert_rows(const float *some, const float *whole, int y0, int y1, size_t count)
+{
+    size_t row = count * WIDTH;
+    assert_memory_equal(some, whole + (size_t)y0 * row, (size_t)(y1 - y0) * row * sizeof *some);
+}
+
+static void some_rows_are_those_of_the_whole(void **state)
+{
+    (void)state;
+    film_t *film = render_job(2, 5, 7);
+    film_image_t whole, some;
+    film_resolve(film, &whole);
+    film_resolve_extras(film, &(film_extras_t){.halves = true}, &whole);
+    const int cuts[] = {0, 1, 8, HEIGHT};
+    for (size_t i = 0; i + 1 < ARRAY_LENGTH(cuts); i++) {
+        film_rows_t rows = {cuts[i], cuts[i + 1], true, true};
+        film_resolve_rows(film, &rows, &some);
+        assert_int_equal(some.height, rows.y1 - rows.y0);
+        const float *const vectors[][2] = {{some.sum, whole.sum},         {some.eye, whole.eye},
+                                           {some.light, whole.light},     {some.noise, whole.noise},
+                                           {some.half[0], whole.half[0]}, {some.half[1], whole.half[1]},
+                                           {some.albedo, whole.albedo},   {some.position, whole.position}};
+        for (size_t v = 0; v < ARRAY_LENGTH(vectors); v++)
+            assert_rows(vectors[v][0], vectors[v][1], rows.y0, rows.y1, 3);
+        assert_rows(some.samples, whole.samples, rows.y0, rows.y1, 1);
+        assert_rows(some.object, whole.object, rows.y0, rows.y1, 1);
+        film_image_free(&some);
+    }
+    film_resolve_rows(film, &(film_rows_t){0, 1, false, false}, &some);
+    assert_null(some.albedo);
+    assert_null(some.half[0]);
+    film_image_free(&some);
+    film_image_free(&whole);
+    film_destroy(&film);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {cmocka_unit_test(any_cut_and_order_make_the_same_bits),
@@ -845,6 +882,7 @@ int main(void)
                                        cmocka_unit_test(the_error_of_some_rows_is_that_of_all),
                                        cmocka_unit_test(a_black_film_has_no_error),
                                        cmocka_unit_test(weights_show_as_mean_samples),
+                                       cmocka_unit_test(some_rows_are_those_of_the_whole),
                                        cmocka_unit_test(partial_images_are_unbiased)};
     return cmocka_run_group_tests_name("film", tests, NULL, NULL);
 }

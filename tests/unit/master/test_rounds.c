@@ -197,7 +197,7 @@ static void the_farm_keeps_and_leaves_out_units(void **state)
     uint32_t tile_samples[64];
     assert_true(job_tile_count(&settings) <= 64);
     schedule_tile_samples(schedule, tile_samples);
-    schedule_show_samples(&settings, tile_samples, samples);
+    schedule_show_samples(&settings, tile_samples, 0, settings.height, samples);
     assert_true(samples[0] == 4 && samples[63] == 4 && samples[64] == 1 && samples[69] == 1);
     assert_true(samples[70 * 40 - 1] == 4);
     free(samples);
