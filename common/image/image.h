@@ -83,6 +83,11 @@ hash_t image_hash(const image_t *image);
 result_t image_read_exr(const char *path, image_t *image);
 /* The same of a file's bytes in memory, not NULL; `name`, not empty, stands for the path in errors. */
 result_t image_decode_exr(const char *name, const uint8_t *data, size_t size, image_t *image);
+/* Is given some rows of a file of `height` rows in all: an image of its own whose first row is the file's row
+ * `y`, which is kept during the call only. A failure ends the reading. */
+typedef result_t (*image_rows_fn)(void *context, const image_t *rows, int y, int height);
+/* Reads a scanline file from the top to the bottom, in the memory of some rows: 16 of those we write. */
+result_t image_read_exr_rows(const char *path, image_rows_fn take, void *context);
 /* Writes a scanline OpenEXR file with ZIP compression, whole or not at all, on as many threads as there are
  * cores; the bytes do not depend on their number. Channels of type PIXEL_HALF are rounded to halves, finite
  * values clamped to the largest of them; all others are written as floats. */

@@ -121,6 +121,9 @@ typedef struct {
     exr_stream_t stream;
     exr_context_t context;
     image_t *image;
+    image_rows_fn take; /* NULL: the image is read whole */
+    void *context_of_take;
+    int height;     /* of the file; the image may have some of its rows */
     float **planes; /* of the channels in file order */
     int32_t origin_x, origin_y;
     exr_decode_pipeline_t decoder;
@@ -181,6 +184,7 @@ static result_t read_size(exr_reader_t *reader)
             RESULT_INPUT, "%s: %lld x %lld pixels are outside the limits (%d a side, %d in all)",
             reader->path, (long long)width, (long long)height, IMAGE_MAX_SIDE, IMAGE_MAX_PIXELS);
     image_init(reader->image, (int)width, (int)height);
+    reader->height = (int)height;
     reader->origin_x = window.min.x;
     reader->origin_y = window.min.y;
     return result_ok();
@@ -330,15 +334,27 @@ static result_t read_chunk(exr_reader_t *reader, const exr_chunk_info_t *chunk, 
     return result_ok();
 }
 
+/* From now on the image has the rows of one chunk. */
+static result_t keep_rows_only(exr_reader_t *reader)
+{
+    int32_t lines = 0;
+    TRY_READ(exr_get_scanlines_per_chunk(reader->context, 0, &lines));
+    reader->image->height = int_min(lines, reader->height);
+    return result_ok();
+}
+
 static result_t read_scanlines(exr_reader_t *reader)
 {
     int32_t lines = 0;
     TRY_READ(exr_get_scanlines_per_chunk(reader->context, 0, &lines));
     if (lines < 1) return result_fail(RESULT_INPUT, "%s: chunks of %d lines", reader->path, lines);
-    for (int y = 0; y < reader->image->height; y += lines) {
+    for (int y = 0; y < reader->height; y += lines) {
         exr_chunk_info_t chunk;
         TRY_READ(exr_read_scanline_chunk_info(reader->context, 0, reader->origin_y + y, &chunk));
-        TRY(read_chunk(reader, &chunk, 0, y));
+        TRY(read_chunk(reader, &chunk, 0, reader->take != NULL ? 0 : y));
+        if (reader->take == NULL) continue;
+        reader->image->height = chunk.height; /* the last may be lower */
+        TRY(reader->take(reader->context_of_take, reader->image, y, reader->height));
     }
     return result_ok();
 }
@@ -365,22 +381,32 @@ static result_t reader_run(exr_reader_t *reader)
     TRY_READ(exr_get_storage(reader->context, 0, &storage));
     if (storage != EXR_STORAGE_SCANLINE && storage != EXR_STORAGE_TILED)
         return result_fail(RESULT_INPUT, "%s: deep images are not supported", reader->path);
+    if (reader->take != NULL && storage != EXR_STORAGE_SCANLINE)
+        return result_fail(RESULT_INPUT, "%s: is in tiles, not in rows", reader->path);
+    if (reader->take != NULL) TRY(keep_rows_only(reader));
     TRY(read_channels(reader));
     TRY(read_attributes(reader));
     return storage == EXR_STORAGE_TILED ? read_tiles(reader) : read_scanlines(reader);
 }
 
+/* Reads what the reader says and frees what is its own; the image is the caller's. */
+static result_t read_and_close(exr_reader_t *reader)
+{
+    *reader->image = (image_t){0};
+    result_t result = reader_run(reader);
+    if (reader->context != NULL) {
+        exr_decoding_destroy(reader->context, &reader->decoder);
+        exr_finish(&reader->context);
+    }
+    if (reader->stream.descriptor >= 0) close(reader->stream.descriptor);
+    free(reader->planes);
+    return result;
+}
+
 static result_t read_image(const char *path, exr_stream_t stream, image_t *image)
 {
-    *image = (image_t){0};
     exr_reader_t reader = {.path = path, .image = image, .stream = stream};
-    result_t result = reader_run(&reader);
-    if (reader.context != NULL) {
-        exr_decoding_destroy(reader.context, &reader.decoder);
-        exr_finish(&reader.context);
-    }
-    if (reader.stream.descriptor >= 0) close(reader.stream.descriptor);
-    free(reader.planes);
+    result_t result = read_and_close(&reader);
     if (result.code != RESULT_OK) image_free(image);
     return result;
 }
@@ -388,6 +414,19 @@ static result_t read_image(const char *path, exr_stream_t stream, image_t *image
 result_t image_read_exr(const char *path, image_t *image)
 {
     return read_image(path, (exr_stream_t){.descriptor = -1, .lock = PTHREAD_MUTEX_INITIALIZER}, image);
+}
+
+result_t image_read_exr_rows(const char *path, image_rows_fn take, void *context)
+{
+    image_t rows;
+    exr_reader_t reader = {.path = path,
+                           .image = &rows,
+                           .stream = {.descriptor = -1, .lock = PTHREAD_MUTEX_INITIALIZER},
+                           .take = take,
+                           .context_of_take = context};
+    result_t result = read_and_close(&reader);
+    image_free(&rows);
+    return result;
 }
 
 result_t image_decode_exr(const char *name, const uint8_t *data, size_t size, image_t *image)

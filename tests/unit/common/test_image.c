@@ -491,6 +491,49 @@ static void truncated_files_are_errors(void **state)
     free(path);
 }
 
+/* Copies rows into an image that was read whole. */
+static result_t take_rows(void *context, const image_t *rows, int y, int height)
+{
+    const image_t *whole = context;
+    assert_int_equal(height, whole->height);
+    assert_true(rows->height <= 16 && y + rows->height <= height);
+    for (size_t c = 0; c < rows->channel_count; c++) {
+        const image_channel_t *channel = image_find(whole, rows->channels[c].name);
+        assert_non_null(channel);
+        size_t row = (size_t)whole->width;
+        memcpy(channel->plane + row * (size_t)y, rows->channels[c].data,
+               row * (size_t)rows->height * sizeof(float));
+    }
+    return result_ok();
+}
+
+static result_t refuse_rows(void *context, const image_t *rows, int y, int height)
+{
+    (void)rows, (void)y, (void)height;
+    ++*(int *)context;
+    return result_fail(RESULT_LIMIT, "enough");
+}
+
+static void files_are_read_row_by_row(void **state)
+{
+    char *path = scratch_path(*state, "a.exr");
+    image_t image, back;
+    int calls = 0;
+    make_image(&image, layers, ARRAY_LENGTH(layers), PIXEL_FLOAT);
+    assert_ok(image_write_exr(path, &image));
+    assert_ok(image_read_exr(path, &back));
+    for (size_t c = 0; c < back.channel_count; c++) memset(back.channels[c].plane, 0, PIXELS * sizeof(float));
+    assert_ok(image_read_exr_rows(path, take_rows, &back));
+    assert_same_pixels(&image, &back);
+    assert_fails(image_read_exr_rows(path, refuse_rows, &calls), RESULT_LIMIT, "enough");
+    assert_int_equal(calls, 1);
+    image_free(&image);
+    image_free(&back);
+    foreign_file(path, (foreign_t){EXR_COMPRESSION_ZIP, EXR_PIXEL_FLOAT, 16});
+    assert_fails(image_read_exr_rows(path, refuse_rows, &calls), RESULT_INPUT, "is in tiles");
+    free(path);
+}
+
 /* Whatever the bytes are: an image or an error, and no finding of the sanitizers. */
 static void damaged_files_are_survived(void **state)
 {
@@ -773,6 +816,7 @@ int main(void)
                                        TEST(what_cannot_be_read_is_refused),
                                        TEST(missing_files_are_named),
                                        TEST(truncated_files_are_errors),
+                                       TEST(files_are_read_row_by_row),
                                        TEST(damaged_files_are_survived),
                                        TEST(subsampled_channels_are_refused),
                                        TEST(huge_sizes_are_refused),
