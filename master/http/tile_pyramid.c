@@ -10,6 +10,7 @@ enum { TEXEL = 4, ERROR = 3 }; /* halves of a texel; the place of its standard e
 
 typedef struct {
     int width, height, columns, rows;
+    int filled;         /* rows that pyramid_put has written since it began anew */
     uint16_t *texels;   /* [height][width][TEXEL] */
     uint32_t *versions; /* [rows][columns] */
 } level_t;
@@ -17,6 +18,7 @@ typedef struct {
 struct pyramid {
     uint32_t count;
     level_t levels[PYRAMID_MAX_LEVELS];
+    uint16_t *row; /* of texels, that is being made */
 };
 
 /* ---- layers -------------------------------------------------------------------------------------------- */
@@ -29,19 +31,34 @@ typedef struct {
     const char *channels[3]; /* in a file */
     bool error, feature;
     float scale;
+    texel_kind_t kind;
 } layer_row_t;
 
 #define PLANE(field) offsetof(film_image_t, field)
+#define RGB(layer)                                                                                           \
+    {                                                                                                        \
+        layer "R", layer "G", layer "B"                                                                      \
+    }
+#define ALL(channel)                                                                                         \
+    {                                                                                                        \
+        channel, channel, channel                                                                            \
+    }
 static const layer_row_t layers[LAYERS] = {
-    [LAYER_PICTURE] = {"picture", PLANE(sum), 3, {"R", "G", "B"}, true, false, 1},
-    [LAYER_EYE] = {"eye", PLANE(eye), 3, {"eye.R", "eye.G", "eye.B"}, true, false, 1},
-    [LAYER_LIGHT] = {"light", PLANE(light), 3, {"light.R", "light.G", "light.B"}, true, false, 1},
-    [LAYER_NOISE] = {"noise", PLANE(noise), 3, {"noise.R", "noise.G", "noise.B"}, false, false, 1},
-    [LAYER_SAMPLES] =
-        {"samples", PLANE(samples), 1, {"samples", "samples", "samples"}, false, false, 0x1p-10f},
-    [LAYER_ALBEDO] = {"albedo", PLANE(albedo), 3, {"albedo.R", "albedo.G", "albedo.B"}, false, true, 1},
-    [LAYER_NORMAL] = {"normal", PLANE(normal), 3, {"normal.X", "normal.Y", "normal.Z"}, false, true, 1},
-    [LAYER_DEPTH] = {"depth", PLANE(depth), 1, {"depth.Z", "depth.Z", "depth.Z"}, false, true, 1},
+    [LAYER_PICTURE] = {"picture", PLANE(sum), 3, RGB(""), .error = true, .scale = 1},
+    [LAYER_EYE] = {"eye", PLANE(eye), 3, RGB("eye."), .error = true, .scale = 1},
+    [LAYER_LIGHT] = {"light", PLANE(light), 3, RGB("light."), .error = true, .scale = 1},
+    [LAYER_NOISE] = {"noise", PLANE(noise), 3, RGB("noise."), .scale = 1},
+    [LAYER_SAMPLES] = {"samples", PLANE(samples), 1, ALL("samples"), .scale = 0x1p-10f},
+    [LAYER_ALBEDO] = {"albedo", PLANE(albedo), 3, RGB("albedo."), .feature = true, .scale = 1},
+    [LAYER_NORMAL] =
+        {"normal", PLANE(normal), 3, {"normal.X", "normal.Y", "normal.Z"}, .feature = true, .scale = 1},
+    [LAYER_DEPTH] = {"depth", PLANE(depth), 1, ALL("depth.Z"), .feature = true, .scale = 1},
+    [LAYER_OBJECT] = {"object", PLANE(object), 1, ALL("object.id"), .feature = true, .kind = TEXELS_IDS},
+    [LAYER_MATERIAL] = {"material", PLANE(material), 1, ALL("material.id"), .feature = true,
+                        .kind = TEXELS_IDS},
+    [LAYER_STRATEGIES] = {"strategies", PLANE(eye), 3, RGB("eye."), .kind = TEXELS_SHARES},
+    [LAYER_HALF0] = {"half0", PLANE(half[0]), 3, RGB("half0."), .scale = 1},
+    [LAYER_HALF1] = {"half1", PLANE(half[1]), 3, RGB("half1."), .scale = 1},
 };
 
 const char *layer_name(layer_t layer)
@@ -64,20 +81,53 @@ bool layer_is_feature(layer_t layer)
     return layers[layer].feature;
 }
 
+bool layer_is_half(layer_t layer)
+{
+    return layer == LAYER_HALF0 || layer == LAYER_HALF1;
+}
+
+char *layer_names(void)
+{
+    char *names = mem_strdup(layers[0].name);
+    for (int i = 1; i < LAYERS; i++) {
+        char *more = mem_printf("%s%s%s", names, i < LAYERS - 1 ? ", " : " or ", layers[i].name);
+        free(names);
+        names = more;
+    }
+    return names;
+}
+
+static bool view_plane(const film_image_t *image, layer_t layer, const float *values[3])
+{
+    const float *plane;
+    memcpy(&plane, (const char *)image + layers[layer].plane, sizeof plane);
+    for (size_t c = 0; plane != NULL && c < 3; c++) values[c] = plane + (layers[layer].values == 3 ? c : 0);
+    return plane != NULL;
+}
+
 bool layer_of_film(const film_image_t *image, layer_t layer, layer_view_t *view)
 {
     const layer_row_t *row = &layers[layer];
-    const float *plane;
-    memcpy(&plane, (const char *)image + row->plane, sizeof plane);
     *view = (layer_view_t){.width = image->width,
                            .height = image->height,
+                           .kind = row->kind,
                            .stride = row->values,
                            .error_stride = 3,
                            .scale = row->scale};
-    if (plane == NULL) return false;
+    if (row->kind == TEXELS_SHARES && !view_plane(image, LAYER_LIGHT, view->rest)) return false;
+    for (size_t c = 0; c < 3; c++) view->errors[c] = row->error ? image->noise + c : NULL;
+    return view_plane(image, layer, view->values);
+}
+
+/* Channels of a file; their strides are the same, since the reader made them. */
+static bool view_channels(const image_t *image, const char *const names[3], const float *values[3],
+                          size_t *stride)
+{
     for (size_t c = 0; c < 3; c++) {
-        view->values[c] = plane + (row->values == 3 ? c : 0);
-        view->errors[c] = row->error ? image->noise + c : NULL;
+        const image_channel_t *channel = image_find(image, names[c]);
+        if (channel == NULL) return false;
+        values[c] = channel->data;
+        *stride = channel->stride;
     }
     return true;
 }
@@ -85,19 +135,14 @@ bool layer_of_film(const film_image_t *image, layer_t layer, layer_view_t *view)
 bool layer_of_file(const image_t *image, layer_t layer, layer_view_t *view)
 {
     const layer_row_t *row = &layers[layer];
-    const image_channel_t *noise[3];
-    bool errors = row->error && image_find_rgb(image, "noise", noise);
-    *view = (layer_view_t){.width = image->width, .height = image->height, .scale = row->scale};
-    for (size_t c = 0; c < 3; c++) {
-        const image_channel_t *channel = image_find(image, row->channels[c]);
-        if (channel == NULL) return false;
-        view->values[c] = channel->data;
-        view->stride = channel->stride;
-        if (!errors) continue;
-        view->errors[c] = noise[c]->data;
-        view->error_stride = noise[c]->stride;
-    }
-    return true;
+    *view = (layer_view_t){
+        .width = image->width, .height = image->height, .kind = row->kind, .scale = row->scale};
+    if (row->error && !view_channels(image, layers[LAYER_NOISE].channels, view->errors, &view->error_stride))
+        memset(view->errors, 0, sizeof view->errors);
+    if (row->kind == TEXELS_SHARES &&
+        !view_channels(image, layers[LAYER_LIGHT].channels, view->rest, &view->stride))
+        return false;
+    return view_channels(image, row->channels, view->values, &view->stride);
 }
 
 /* ---- levels -------------------------------------------------------------------------------------------- */
@@ -132,12 +177,14 @@ uint64_t pyramid_bytes(int width, int height)
     return bytes;
 }
 
-static bool level_init(level_t *level, int width, int height)
+static bool level_init(level_t *level, int width, int height, uint32_t version)
 {
     *level =
         (level_t){.width = width, .height = height, .columns = tiles_of(width), .rows = tiles_of(height)};
-    level->texels = malloc(texel_bytes(width, height));
-    level->versions = calloc((size_t)level->columns * (size_t)level->rows, sizeof *level->versions);
+    size_t tiles = (size_t)level->columns * (size_t)level->rows;
+    level->texels = calloc(1, texel_bytes(width, height));
+    level->versions = calloc(tiles, sizeof *level->versions);
+    for (size_t i = 0; level->versions != NULL && i < tiles; i++) level->versions[i] = version;
     return level->texels != NULL && level->versions != NULL;
 }
 
@@ -155,24 +202,63 @@ static __m128 get_texel(const uint16_t *texel)
     return _mm_cvtph_ps(_mm_loadl_epi64((const __m128i *)texel));
 }
 
-/* The errors of the channels of one sample have the same sign as a rule: a path is bright or dark as a whole.
- * So they add up. Where they do not, this is an upper bound. The weights are those of the luminance (Rec.
- * 709). */
-static float luminance_error(const layer_view_t *view, size_t pixel)
+/* The weights are those of the luminance (Rec. 709). */
+static float luminance(const float *const values[3], size_t at)
 {
-    if (view->errors[0] == NULL) return 0;
-    size_t at = pixel * view->error_stride;
-    return 0.2126f * view->errors[0][at] + 0.7152f * view->errors[1][at] + 0.0722f * view->errors[2][at];
+    return 0.2126f * values[0][at] + 0.7152f * values[1][at] + 0.0722f * values[2][at];
 }
 
-static void fill_first(level_t *level, const layer_view_t *view)
+/* The errors of the channels of one sample have the same sign as a rule: a path is bright or dark as a whole.
+ * So they add up. Where they do not, this is an upper bound. */
+static __m128 value_texel(const layer_view_t *view, size_t pixel)
 {
-    size_t pixels = (size_t)level->width * (size_t)level->height;
-    for (size_t p = 0; p < pixels; p++) {
-        size_t at = p * view->stride;
-        put_texel(level->texels + TEXEL * p,
-                  _mm_setr_ps(view->scale * view->values[0][at], view->scale * view->values[1][at],
-                              view->scale * view->values[2][at], luminance_error(view, p)));
+    size_t at = pixel * view->stride;
+    float error = view->errors[0] != NULL ? luminance(view->errors, pixel * view->error_stride) : 0;
+    return _mm_setr_ps(view->scale * view->values[0][at], view->scale * view->values[1][at],
+                       view->scale * view->values[2][at], error);
+}
+
+static __m128 id_texel(const layer_view_t *view, size_t pixel)
+{
+    float value = view->values[0][pixel * view->stride];
+    uint32_t id = value > 0 && value < 0x1p32f ? (uint32_t)value : 0;
+    return _mm_setr_ps((float)(id & 2047), (float)(id >> 11 & 2047), (float)(id >> 22), 0);
+}
+
+/* Black where there is no light. */
+static __m128 share_texel(const layer_view_t *view, size_t pixel)
+{
+    float part = luminance(view->values, pixel * view->stride),
+          rest = luminance(view->rest, pixel * view->stride);
+    if (!(part + rest > 0)) return _mm_setzero_ps();
+    return _mm_setr_ps(part / (part + rest), 0, rest / (part + rest), 0);
+}
+
+/* Writes the row that has been made; tiles in which it changes something get the version. */
+static void store_row(level_t *level, int y, const uint16_t *row, uint32_t version)
+{
+    uint16_t *texels = level->texels + TEXEL * (size_t)y * (size_t)level->width;
+    uint32_t *versions = level->versions + (size_t)(y / TILE_SIDE) * (size_t)level->columns;
+    for (int column = 0; column < level->columns; column++) {
+        size_t first = TEXEL * (size_t)column * TILE_SIDE,
+               size = TEXEL * (size_t)int_min(TILE_SIDE, level->width - column * TILE_SIDE);
+        if (memcmp(texels + first, row + first, size * sizeof *row) == 0) continue;
+        memcpy(texels + first, row + first, size * sizeof *row);
+        versions[column] = version;
+    }
+    level->filled = y + 1;
+}
+
+static void fill_first(pyramid_t *pyramid, const layer_view_t *rows, int y, uint32_t version)
+{
+    static __m128 (*const makers[])(const layer_view_t *, size_t) = {
+        [TEXELS_MEANS] = value_texel, [TEXELS_IDS] = id_texel, [TEXELS_SHARES] = share_texel};
+    level_t *level = &pyramid->levels[0];
+    size_t width = (size_t)level->width;
+    for (int v = 0; v < rows->height && y + v < level->height; v++) {
+        for (size_t x = 0; x < width; x++)
+            put_texel(pyramid->row + TEXEL * x, makers[rows->kind](rows, (size_t)v * width + x));
+        store_row(level, y + v, pyramid->row, version);
     }
 }
 
@@ -191,12 +277,30 @@ static __m128 box(const level_t *below, int x, int y)
     return _mm_div_ps(sum, _mm_set1_ps((float)((x1 - 2 * x) * (y1 - 2 * y))));
 }
 
-static void fill_next(level_t *level, const level_t *below)
+static __m128 nearest(const level_t *below, int x, int y)
 {
-    for (int y = 0; y < level->height; y++)
+    return get_texel(below->texels + TEXEL * ((size_t)(2 * y) * (size_t)below->width + (size_t)(2 * x)));
+}
+
+/* Makes the rows of a level that the one below has become complete for. */
+static void fill_next(pyramid_t *pyramid, level_t *level, texel_kind_t kind, uint32_t version)
+{
+    const level_t *below = level - 1;
+    int complete = below->filled == below->height ? level->height : below->filled / 2;
+    for (int y = level->filled; y < complete; y++) {
         for (int x = 0; x < level->width; x++)
-            put_texel(level->texels + TEXEL * ((size_t)y * (size_t)level->width + (size_t)x),
-                      box(below, x, y));
+            put_texel(pyramid->row + TEXEL * (size_t)x,
+                      kind == TEXELS_IDS ? nearest(below, x, y) : box(below, x, y));
+        store_row(level, y, pyramid->row, version);
+    }
+}
+
+void pyramid_put(pyramid_t *pyramid, const layer_view_t *rows, int y, uint32_t version)
+{
+    for (uint32_t i = 0; y == 0 && i < pyramid->count; i++) pyramid->levels[i].filled = 0;
+    fill_first(pyramid, rows, y, version);
+    for (uint32_t i = 1; i < pyramid->count; i++)
+        fill_next(pyramid, &pyramid->levels[i], rows->kind, version);
 }
 
 /* The texels of a tile. */
@@ -218,42 +322,16 @@ static size_t row_bytes(const rect_t *rect)
     return (size_t)(rect->x1 - rect->x0) * TEXEL * sizeof(uint16_t);
 }
 
-static bool tile_same(const level_t *a, const level_t *b, int column, int row)
-{
-    rect_t rect = tile_rect(a, column, row);
-    for (int y = rect.y0; y < rect.y1; y++)
-        if (memcmp(row_of(a, &rect, y), row_of(b, &rect, y), row_bytes(&rect)) != 0) return false;
-    return true;
-}
-
-static void date_tiles(level_t *level, const level_t *last, uint32_t version)
-{
-    bool comparable = last != NULL && last->width == level->width && last->height == level->height;
-    for (int row = 0; row < level->rows; row++)
-        for (int column = 0; column < level->columns; column++) {
-            size_t tile = (size_t)row * (size_t)level->columns + (size_t)column;
-            bool same = comparable && tile_same(level, last, column, row);
-            level->versions[tile] = same ? last->versions[tile] : version;
-        }
-}
-
-pyramid_t *pyramid_new(const layer_view_t *view, uint32_t version, const pyramid_t *last)
+pyramid_t *pyramid_new(int width, int height, uint32_t version)
 {
     pyramid_t *pyramid = calloc(1, sizeof *pyramid);
     if (pyramid == NULL) return NULL;
-    pyramid->count = level_count(view->width, view->height);
-    for (uint32_t i = 0; i < pyramid->count; i++) {
-        level_t *level = &pyramid->levels[i];
-        if (!level_init(level, level_side(view->width, i), level_side(view->height, i))) {
-            pyramid_destroy(&pyramid);
-            return NULL;
-        }
-        if (i == 0)
-            fill_first(level, view);
-        else
-            fill_next(level, level - 1);
-        date_tiles(level, last != NULL ? &last->levels[i] : NULL, version);
-    }
+    pyramid->count = level_count(width, height);
+    pyramid->row = malloc(texel_bytes(width, 1));
+    bool complete = pyramid->row != NULL;
+    for (uint32_t i = 0; complete && i < pyramid->count; i++)
+        complete = level_init(&pyramid->levels[i], level_side(width, i), level_side(height, i), version);
+    if (!complete) pyramid_destroy(&pyramid);
     return pyramid;
 }
 
@@ -264,6 +342,7 @@ void pyramid_destroy(pyramid_t **pyramid)
         free((*pyramid)->levels[i].texels);
         free((*pyramid)->levels[i].versions);
     }
+    free((*pyramid)->row);
     free(*pyramid);
     *pyramid = NULL;
 }

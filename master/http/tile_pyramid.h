@@ -4,6 +4,9 @@
  * A texel is four halves: red, green, blue, and the standard error of the luminance. Level 0 is the image.
  * A texel of the next level is the mean of up to four of the one below (box filter); its standard error is
  * that of the mean, as if the four were independent. Values beyond the largest half are clamped to it.
+ *
+ * A half is a whole number up to 2048 only. So an id is written as red + 2048 green + 2048^2 blue, and a
+ * texel of the next level is one of those below, the nearest to its upper left corner: a mean of ids is none.
  */
 #ifndef LIGHTMILL_TILE_PYRAMID_H
 #define LIGHTMILL_TILE_PYRAMID_H
@@ -28,6 +31,11 @@ typedef enum {
     LAYER_ALBEDO,
     LAYER_NORMAL,
     LAYER_DEPTH,
+    LAYER_OBJECT, /* ids */
+    LAYER_MATERIAL,
+    LAYER_STRATEGIES, /* the share of the luminance that is in LAYER_EYE (red), and in LAYER_LIGHT (blue) */
+    LAYER_HALF0,      /* the picture of the even samples alone, */
+    LAYER_HALF1,      /* and of the odd ones; an image file need not have them */
     LAYERS
 } layer_t;
 
@@ -37,17 +45,25 @@ const char *layer_name(layer_t layer);
 bool layer_parse(const char *name, layer_t *layer);
 /* True when only jobs with features (job_has_features) have it. */
 bool layer_is_feature(layer_t layer);
+/* True when a film has to be resolved with its halves for it (film_rows_t). */
+bool layer_is_half(layer_t layer);
+/* All names, "picture, eye ... or half1", for people; fresh memory. */
+char *layer_names(void);
 
-/* Where the values of a layer are: three channels, and the standard errors of the picture's channels or NULLs
- * where the layer has no error. Views; an absent channel counts as 0. */
+typedef enum { TEXELS_MEANS, TEXELS_IDS, TEXELS_SHARES } texel_kind_t;
+
+/* Where the values of some rows of a layer are: three channels, and the standard errors of the picture's
+ * channels or NULLs where the layer has no error. Views. */
 typedef struct {
     int width, height;
+    texel_kind_t kind;
     const float *values[3], *errors[3];
-    size_t stride, error_stride; /* floats from pixel to pixel */
+    const float *rest[3];        /* of TEXELS_SHARES: what the values are a share of, without them */
+    size_t stride, error_stride; /* floats from pixel to pixel; that of the rest is that of the values */
     float scale;                 /* of the values */
 } layer_view_t;
 
-/* The view of a resolved film; false when it has no such layer. */
+/* The view of a resolved film, or of rows of it; false when it has no such layer. */
 bool layer_of_film(const film_image_t *image, layer_t layer, layer_view_t *view);
 /* The same of an image file. */
 bool layer_of_file(const image_t *image, layer_t layer, layer_view_t *view);
@@ -56,9 +72,12 @@ typedef struct pyramid pyramid_t;
 
 /* Bytes of the pyramid of such an image. */
 uint64_t pyramid_bytes(int width, int height);
-/* Makes the pyramid of a view. Tiles that `last` (NULL: none) has with the same bits keep its version, all
- * others get this one. NULL when memory lacks. Takes as long as a few passes over the image. */
-pyramid_t *pyramid_new(const layer_view_t *view, uint32_t version, const pyramid_t *last);
+/* A pyramid that is black, of this version. NULL when memory lacks. */
+pyramid_t *pyramid_new(int width, int height, uint32_t version);
+/* Puts rows of the image in their place, the first of them row y. They come from the top to the bottom, and
+ * with row 0 it begins anew. Coarser levels follow as soon as their rows are complete. Tiles in which a bit
+ * changes get this version. Between two calls a pyramid may hold rows of two versions; their tiles say so. */
+void pyramid_put(pyramid_t *pyramid, const layer_view_t *rows, int y, uint32_t version);
 /* Frees the pyramid and sets *pyramid to NULL. */
 void pyramid_destroy(pyramid_t **pyramid);
 

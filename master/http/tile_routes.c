@@ -2,15 +2,19 @@
 #include "master/http/routes.h"
 #include "master/http/server_state.h"
 
+#include <stdlib.h>
+
 /* What the query says; a rectangle is the whole image where it does not. */
 static result_t read_query(const http_request_t *request, layer_t *layer, tile_query_t *query)
 {
     const char *name = http_query(request, "layer");
     *layer = LAYER_PICTURE;
-    if (name != NULL && !layer_parse(name, layer))
-        return result_fail(
-            RESULT_USAGE,
-            "layer is picture, eye, light, noise, samples, albedo, normal or depth, not '%.60s'", name);
+    if (name != NULL && !layer_parse(name, layer)) {
+        char *names = layer_names();
+        result_t failure = result_fail(RESULT_USAGE, "layer is %s, not '%.60s'", names, name);
+        free(names);
+        return failure;
+    }
     const struct {
         const char *name;
         uint64_t most, missing;
@@ -30,6 +34,30 @@ static result_t read_query(const http_request_t *request, layer_t *layer, tile_q
     return result_ok();
 }
 
+/* An answer that is being sent. */
+typedef struct {
+    tiles_t *tiles;
+    uint8_t *bytes;
+    size_t size;
+} sent_t;
+
+static void on_sent(void *context)
+{
+    sent_t *sent = context;
+    tiles_release(sent->tiles, sent->bytes, sent->size);
+    free(sent);
+}
+
+static void send_tiles(http_request_t *request, uint8_t *bytes, size_t size)
+{
+    sent_t *sent = mem_alloc(sizeof *sent);
+    *sent = (sent_t){request->server->tiles, bytes, size};
+    struct MHD_Response *response =
+        MHD_create_response_from_buffer_with_free_callback_cls(size, bytes, on_sent, sent);
+    if (response == NULL) on_sent(sent);
+    http_reply_response(request, MHD_HTTP_OK, "application/octet-stream", response);
+}
+
 static void show_tiles(http_request_t *request)
 {
     layer_t layer;
@@ -44,7 +72,7 @@ static void show_tiles(http_request_t *request)
     else if (result.code != RESULT_OK)
         http_reply_failure(request, &result);
     else
-        http_reply(request, MHD_HTTP_OK, "application/octet-stream", bytes, size, MHD_RESPMEM_MUST_FREE);
+        send_tiles(request, bytes, size);
 }
 
 static const http_route_t routes[] = {{"GET", "/api/v1/jobs/#/tiles", HTTP_VIEW, show_tiles}};

@@ -1,15 +1,22 @@
 /* tiles: see tiles.h.
  *
- * DESIGN. Pyramids are immutable once they are made, and only the thread makes and frees them. It makes one
- * without the lock and puts it in its place under the lock; who answers copies tiles under the lock. So a
- * watcher waits for a copy at most, never for a film. Only the layers that somebody looks at are kept, since
- * a resolved film takes more than ten times as much.
+ * DESIGN. Only the thread makes, changes and frees pyramids. It resolves a film band by band,
+ * so that the memory does not grow with the image, and puts the rows in their place under the lock; who
+ * answers copies tiles under the lock. So a watcher waits for a band at most, never for a film, and no second
+ * pyramid is needed beside the one that is shown. While a snapshot is made, a watcher may get tiles of the
+ * new version and is told the old one: it will be sent them again. Only the layers that somebody looks at are
+ * kept.
  *
- * The farm is asked for a job's version (its number of merged batches) under its own lock, for a moment. The
- * film is resolved as the image writer does it: merges of that one job wait for it, which is another reason
- * for TILES_SHARE. */
+ * The farm is asked for a job's version (its number of merged batches) under its own lock, for a moment.
+ * Merges of the job wait for one band at a time. Bands may be of different moments: what was merged meanwhile
+ * is another version, which the next snapshot shows.
+ *
+ * When there is no room for a layer, the one that nobody has asked for since TILES_HOLD, and longest, goes.
+ * When all are being looked at, the new one is refused: layers that push one another out would be made for
+ * ever. */
 #include "master/http/tiles.h"
 
+#include "common/memory_limit.h"
 #include "common/thread.h"
 
 #include <errno.h>
@@ -20,9 +27,11 @@
 
 /* A layer of a job that is watched. */
 typedef struct {
-    double asked; /* when somebody asked for it last; 0: nobody has */
-    uint32_t version;
-    bool absent; /* the job's image is there, but has no such layer */
+    double asked;     /* when somebody asked for it last; 0: nobody has */
+    double next;      /* when it may be made anew */
+    uint32_t version; /* 0: it has not been made */
+    bool absent;      /* the job's image is there, but has no such layer */
+    bool refused;     /* there was no room for it */
     pyramid_t *pyramid;
 } watched_layer_t;
 
@@ -30,71 +39,27 @@ typedef struct {
     uint64_t job; /* 0: vacant */
     int width, height;
     double asked;
-    double ready;   /* when a layer that is not there yet may be made, */
-    double refresh; /* and when those that are may be made anew */
+    double made;     /* when the last snapshot began */
+    int failures;    /* in a row, to make one */
+    bool unreadable; /* the image of a job that is over */
     watched_layer_t layers[LAYERS];
 } watch_t;
 
 struct tiles {
     tiles_options_t options;
     char *data_dir;
+    uint64_t max_bytes, max_answers;
     pthread_t thread;
+    double ready;         /* when a layer that is not there yet may be made, */
+    double refresh;       /* and when those that are may be made anew: the thread's */
     pthread_mutex_t lock; /* guards what follows; the thread alone changes pyramids and vacates watches */
     pthread_cond_t asked;
     bool stop;
+    uint64_t unsent; /* bytes of answers */
     watch_t watches[TILES_MAX_JOBS];
 };
 
-/* ---- snapshots: the thread alone ----------------------------------------------------------------------- */
-
-/* What a snapshot is made of: a film, or the file of a job that is over. */
-typedef struct {
-    bool from_file;
-    film_image_t film;
-    image_t file;
-    uint32_t version;
-} source_t;
-
-static void source_free(source_t *source)
-{
-    film_image_free(&source->film);
-    image_free(&source->file);
-}
-
-static result_t source_open(const tiles_t *tiles, job_t *job, source_t *source)
-{
-    job_report_t report;
-    bool over;
-    *source = (source_t){.version = (uint32_t)farm_image_version(tiles->options.farm, job, &over)};
-    if (!over) return farm_resolve(tiles->options.farm, clock_now(), job, NULL, &source->film, &report);
-    char *path = tiles->options.image_path(tiles->data_dir, farm_job_id(job));
-    result_t result = image_read_exr(path, &source->file);
-    job_settings_t settings = farm_job_settings(tiles->options.farm, job);
-    bool fits = source->file.width == settings.width && source->file.height == settings.height;
-    if (result.code == RESULT_OK && !fits)
-        result = result_fail(RESULT_INPUT, "%.200s has another size than its job", path);
-    free(path);
-    source->from_file = result.code == RESULT_OK;
-    return result;
-}
-
-static bool source_layer(const source_t *source, layer_t layer, layer_view_t *view)
-{
-    return source->from_file ? layer_of_file(&source->file, layer, view)
-                             : layer_of_film(&source->film, layer, view);
-}
-
-/* Puts a new pyramid in the place of the old one. */
-static void replace(tiles_t *tiles, watched_layer_t *layer, pyramid_t *pyramid, uint32_t version, bool absent)
-{
-    pthread_mutex_lock(&tiles->lock);
-    pyramid_t *old = layer->pyramid;
-    layer->pyramid = pyramid;
-    layer->version = version;
-    layer->absent = absent;
-    pthread_mutex_unlock(&tiles->lock);
-    pyramid_destroy(&old);
-}
+/* ---- room ---------------------------------------------------------------------------------------------- */
 
 /* Called with the lock held, as the next one. */
 static uint64_t bytes_held(const tiles_t *tiles)
@@ -107,42 +72,146 @@ static uint64_t bytes_held(const tiles_t *tiles)
     return bytes;
 }
 
-/* The layer that was not asked for longest, other than this one; NULL: none is left. */
-static watched_layer_t *oldest_layer(tiles_t *tiles, const watched_layer_t *but)
+/* The layer that was not asked for longest; NULL: all are looked at. */
+static watched_layer_t *idle_layer(tiles_t *tiles, double now)
 {
-    watched_layer_t *oldest = NULL;
+    watched_layer_t *idle = NULL;
     for (size_t i = 0; i < TILES_MAX_JOBS; i++)
         for (size_t l = 0; l < LAYERS; l++) {
             watched_layer_t *layer = &tiles->watches[i].layers[l];
-            if (layer == but || layer->pyramid == NULL) continue;
-            if (oldest == NULL || layer->asked < oldest->asked) oldest = layer;
+            if (layer->pyramid == NULL || now - layer->asked < TILES_HOLD) continue;
+            if (idle == NULL || layer->asked < idle->asked) idle = layer;
         }
-    return oldest;
+    return idle;
 }
 
-static void make_room(tiles_t *tiles, const watched_layer_t *wanted, uint64_t bytes)
+/* Frees a layer until somebody asks for it again. */
+static void drop_layer(tiles_t *tiles, watched_layer_t *layer)
 {
-    watched_layer_t *oldest;
-    do {
+    pthread_mutex_lock(&tiles->lock);
+    pyramid_t *old = layer->pyramid;
+    layer->pyramid = NULL;
+    layer->version = 0;
+    layer->asked = 0;
+    layer->refused = false;
+    pthread_mutex_unlock(&tiles->lock);
+    pyramid_destroy(&old);
+}
+
+static bool make_room(tiles_t *tiles, uint64_t bytes)
+{
+    for (;;) {
         pthread_mutex_lock(&tiles->lock);
-        oldest = bytes_held(tiles) + bytes > TILES_MAX_BYTES ? oldest_layer(tiles, wanted) : NULL;
+        bool room = bytes_held(tiles) + bytes <= tiles->max_bytes;
+        watched_layer_t *idle = room ? NULL : idle_layer(tiles, clock_now());
         pthread_mutex_unlock(&tiles->lock);
-        if (oldest != NULL) replace(tiles, oldest, NULL, 0, false);
-    } while (oldest != NULL);
+        if (room || idle == NULL) return room;
+        drop_layer(tiles, idle);
+    }
 }
 
-static void make_layer(tiles_t *tiles, const watch_t *watch, watched_layer_t *layer, layer_t which,
-                       const source_t *source)
+/* Sees to it that a layer has a pyramid; false when there is no memory for it. */
+static bool prepare_layer(tiles_t *tiles, const watch_t *watch, watched_layer_t *layer, uint32_t version)
 {
-    layer_view_t view;
-    if (!source_layer(source, which, &view)) {
-        replace(tiles, layer, NULL, source->version, true);
-        return;
+    if (layer->pyramid != NULL) return true;
+    pyramid_t *pyramid = make_room(tiles, pyramid_bytes(watch->width, watch->height))
+                             ? pyramid_new(watch->width, watch->height, version)
+                             : NULL;
+    pthread_mutex_lock(&tiles->lock);
+    layer->pyramid = pyramid;
+    layer->refused = pyramid == NULL;
+    pthread_mutex_unlock(&tiles->lock);
+    return pyramid != NULL;
+}
+
+/* ---- snapshots: the thread alone ----------------------------------------------------------------------- */
+
+/* What is being made, and of what. */
+typedef struct {
+    tiles_t *tiles;
+    watch_t *watch;
+    job_t *job;
+    uint32_t version;
+    bool over;
+    bool wanted[LAYERS]; /* those that are to be made */
+} snapshot_t;
+
+static bool wants(const snapshot_t *snapshot, bool (*kind)(layer_t layer))
+{
+    bool wanted = false;
+    for (int l = 0; l < LAYERS; l++) wanted |= snapshot->wanted[l] && kind((layer_t)l);
+    return wanted;
+}
+
+static bool is_stopped(tiles_t *tiles)
+{
+    pthread_mutex_lock(&tiles->lock);
+    bool stopped = tiles->stop;
+    pthread_mutex_unlock(&tiles->lock);
+    return stopped;
+}
+
+static void put_rows(snapshot_t *snapshot, int l, const layer_view_t *rows, int y)
+{
+    pthread_mutex_lock(&snapshot->tiles->lock);
+    pyramid_put(snapshot->watch->layers[l].pyramid, rows, y, snapshot->version);
+    pthread_mutex_unlock(&snapshot->tiles->lock);
+}
+
+static result_t read_film(snapshot_t *snapshot)
+{
+    const watch_t *watch = snapshot->watch;
+    int step = int_max(1, TILES_BAND_PIXELS / watch->width);
+    bool features = wants(snapshot, layer_is_feature), halves = wants(snapshot, layer_is_half);
+    for (int y = 0; y < watch->height; y += step) {
+        film_image_t image;
+        layer_view_t view;
+        film_rows_t rows = {y, int_min(y + step, watch->height), features, halves};
+        if (is_stopped(snapshot->tiles)) return result_fail(RESULT_CANCELLED, "the master ends");
+        TRY(farm_resolve_rows(snapshot->tiles->options.farm, snapshot->job, &rows, &image));
+        for (int l = 0; l < LAYERS; l++)
+            if (snapshot->wanted[l] && layer_of_film(&image, (layer_t)l, &view))
+                put_rows(snapshot, l, &view, y);
+        film_image_free(&image);
     }
-    make_room(tiles, layer, pyramid_bytes(watch->width, watch->height));
-    pyramid_t *pyramid = pyramid_new(&view, source->version, layer->pyramid);
-    if (pyramid == NULL) log_warning("job %llu: no memory to show it", (unsigned long long)watch->job);
-    replace(tiles, layer, pyramid, pyramid != NULL ? source->version : 0, false);
+    return result_ok();
+}
+
+/* The file has no such layer, which does not change. */
+static void mark_absent(snapshot_t *snapshot, int l)
+{
+    watched_layer_t *layer = &snapshot->watch->layers[l];
+    drop_layer(snapshot->tiles, layer);
+    pthread_mutex_lock(&snapshot->tiles->lock);
+    layer->absent = true;
+    pthread_mutex_unlock(&snapshot->tiles->lock);
+    snapshot->wanted[l] = false;
+}
+
+static result_t take_file_rows(void *context, const image_t *rows, int y, int height)
+{
+    snapshot_t *snapshot = context;
+    layer_view_t view;
+    if (rows->width != snapshot->watch->width || height != snapshot->watch->height)
+        return result_fail(RESULT_INPUT, "it has another size than its job");
+    if (is_stopped(snapshot->tiles)) return result_fail(RESULT_CANCELLED, "the master ends");
+    for (int l = 0; l < LAYERS; l++) {
+        if (!snapshot->wanted[l]) continue;
+        if (layer_of_file(rows, (layer_t)l, &view))
+            put_rows(snapshot, l, &view, y);
+        else
+            mark_absent(snapshot, l);
+    }
+    return result_ok();
+}
+
+static result_t read_file(snapshot_t *snapshot)
+{
+    tiles_t *tiles = snapshot->tiles;
+    char *path = tiles->options.image_path(tiles->data_dir, snapshot->watch->job);
+    result_t result = image_read_exr_rows(path, take_file_rows, snapshot);
+    free(path);
+    return result;
 }
 
 static double thread_seconds(void)
@@ -152,55 +221,84 @@ static double thread_seconds(void)
     return (double)time.tv_sec + 1e-9 * (double)time.tv_nsec;
 }
 
-/* The layers of a watch that somebody looks at. */
-static void wanted_layers(tiles_t *tiles, const watch_t *watch, bool wanted[LAYERS])
+/* Chooses the layers that somebody looks at and that are not of this version. A layer that a file has not
+ * got may be in the film, when the job goes on. */
+static bool choose_layers(snapshot_t *snapshot)
 {
-    pthread_mutex_lock(&tiles->lock);
-    for (int l = 0; l < LAYERS; l++) wanted[l] = watch->layers[l].asked > 0;
-    pthread_mutex_unlock(&tiles->lock);
-}
-
-static void take_snapshot(tiles_t *tiles, watch_t *watch, job_t *job)
-{
-    bool wanted[LAYERS];
-    wanted_layers(tiles, watch, wanted);
-    double start = thread_seconds();
-    source_t source;
-    result_t result = source_open(tiles, job, &source);
-    if (result.code != RESULT_OK) log_debug("nothing to show: %s", result.message);
-    for (int l = 0; l < LAYERS && result.code == RESULT_OK; l++)
-        if (wanted[l]) make_layer(tiles, watch, &watch->layers[l], (layer_t)l, &source);
-    source_free(&source);
-    double now = clock_now();
-    watch->ready = now + TILES_INTERVAL;
-    watch->refresh = now + fmax(TILES_INTERVAL, (thread_seconds() - start) * (1 / TILES_SHARE - 1));
-}
-
-/* When a snapshot of the watch is to be made, by the layers that are looked at; INFINITY: there is nothing
- * new. */
-static double due(tiles_t *tiles, const watch_t *watch, uint32_t version)
-{
-    double when = INFINITY;
-    bool wanted[LAYERS];
-    wanted_layers(tiles, watch, wanted);
+    bool any = false;
+    pthread_mutex_lock(&snapshot->tiles->lock);
     for (int l = 0; l < LAYERS; l++) {
-        const watched_layer_t *layer = &watch->layers[l];
-        if (!wanted[l] || version == 0 || layer->version == version) continue;
-        when = fmin(when, layer->version == 0 ? watch->ready : watch->refresh);
+        const watched_layer_t *layer = &snapshot->watch->layers[l];
+        bool absent = layer->absent && snapshot->over;
+        snapshot->wanted[l] = layer->asked > 0 && !absent && layer->version != snapshot->version;
+        any |= snapshot->wanted[l];
     }
-    return when;
+    pthread_mutex_unlock(&snapshot->tiles->lock);
+    return any && snapshot->version != 0;
 }
+
+/* The layers are what the snapshot says, and are not made again before their time. */
+static void date_layers(snapshot_t *snapshot, const result_t *result, double next)
+{
+    watch_t *watch = snapshot->watch;
+    pthread_mutex_lock(&snapshot->tiles->lock);
+    watch->unreadable = result->code != RESULT_OK && snapshot->over;
+    for (int l = 0; l < LAYERS; l++) {
+        if (!snapshot->wanted[l]) continue;
+        watch->layers[l].next = next;
+        if (result->code != RESULT_OK) continue;
+        watch->layers[l].version = snapshot->version;
+        watch->layers[l].absent = false;
+    }
+    pthread_mutex_unlock(&snapshot->tiles->lock);
+}
+
+/* Says once why there is nothing to see; of a film, which may be loaded or freed just now, only when it stays
+ * so. Returns how long to wait before the next attempt. */
+static double note_failure(const snapshot_t *snapshot, const result_t *result)
+{
+    watch_t *watch = snapshot->watch;
+    int said = snapshot->over ? 0 : 4;
+    if (watch->failures == said && result->code != RESULT_CANCELLED)
+        log_warning("job %llu cannot be shown: %s", (unsigned long long)watch->job, result->message);
+    return ldexp(TILES_INTERVAL, int_min(watch->failures++, 6));
+}
+
+static void take_snapshot(snapshot_t *snapshot)
+{
+    tiles_t *tiles = snapshot->tiles;
+    watch_t *watch = snapshot->watch;
+    double begun = thread_seconds();
+    watch->made = clock_now();
+    bool any = false;
+    for (int l = 0; l < LAYERS; l++) {
+        if (!snapshot->wanted[l]) continue;
+        watch->layers[l].next = watch->made + TILES_INTERVAL;
+        snapshot->wanted[l] = prepare_layer(tiles, watch, &watch->layers[l], snapshot->version);
+        any |= snapshot->wanted[l];
+    }
+    if (!any) return;
+    result_t result = snapshot->over ? read_file(snapshot) : read_film(snapshot);
+    double now = clock_now(), cost = thread_seconds() - begun, pause = fmax(TILES_INTERVAL, 3 * cost);
+    if (result.code == RESULT_OK)
+        watch->failures = 0;
+    else
+        pause = fmax(pause, note_failure(snapshot, &result));
+    date_layers(snapshot, &result, now + pause);
+    tiles->ready = now + 3 * cost;
+    tiles->refresh = fmax(tiles->refresh, now + cost * (1 / TILES_SHARE - 1));
+}
+
+/* ---- the thread ---------------------------------------------------------------------------------------- */
 
 /* Frees what nobody has asked for lately. */
 static void forget_layers(tiles_t *tiles, watch_t *watch, double now)
 {
     for (int l = 0; l < LAYERS; l++) {
-        watched_layer_t *layer = &watch->layers[l];
         pthread_mutex_lock(&tiles->lock);
-        bool old = layer->asked > 0 && now - layer->asked > TILES_KEEP;
-        if (old) layer->asked = 0;
+        double asked = watch->layers[l].asked;
         pthread_mutex_unlock(&tiles->lock);
-        if (old) replace(tiles, layer, NULL, 0, false);
+        if (asked > 0 && now - asked > TILES_KEEP) drop_layer(tiles, &watch->layers[l]);
     }
 }
 
@@ -213,22 +311,59 @@ static void vacate(tiles_t *tiles, watch_t *watch)
     for (int l = 0; l < LAYERS; l++) pyramid_destroy(&old.layers[l].pyramid);
 }
 
-static void tend(tiles_t *tiles, watch_t *watch)
+/* The job of a watch, pinned; NULL when there is none, or nobody has asked for it lately. */
+static job_t *watched_job(tiles_t *tiles, watch_t *watch, double now)
 {
-    double now = clock_now();
     pthread_mutex_lock(&tiles->lock);
+    uint64_t job = watch->job;
     bool old = now - watch->asked > TILES_KEEP;
     pthread_mutex_unlock(&tiles->lock);
-    job_t *job = old ? NULL : farm_pin(tiles->options.farm, watch->job);
-    if (job == NULL) {
+    if (job == 0) return NULL;
+    job_t *pinned = old ? NULL : farm_pin(tiles->options.farm, job);
+    if (pinned == NULL)
         vacate(tiles, watch);
-        return;
+    else
+        forget_layers(tiles, watch, now);
+    return pinned;
+}
+
+/* Is a snapshot of the watch to be made now, by the layers that are looked at? */
+static bool is_due(snapshot_t *snapshot, double now)
+{
+    const tiles_t *tiles = snapshot->tiles;
+    const watch_t *watch = snapshot->watch;
+    bool due = false;
+    if (!choose_layers(snapshot)) return false;
+    for (int l = 0; l < LAYERS; l++) {
+        const watched_layer_t *layer = &watch->layers[l];
+        double turn = layer->version == 0 ? tiles->ready : tiles->refresh;
+        due |= snapshot->wanted[l] && now >= layer->next && now >= turn;
     }
-    forget_layers(tiles, watch, now);
-    bool over;
-    uint32_t version = (uint32_t)farm_image_version(tiles->options.farm, job, &over);
-    if (due(tiles, watch, version) <= now) take_snapshot(tiles, watch, job);
-    farm_unpin(tiles->options.farm, job);
+    return due;
+}
+
+/* Makes the snapshot that is due, of the watch whose last is oldest; false when none is. */
+static bool work(tiles_t *tiles)
+{
+    farm_t *farm = tiles->options.farm;
+    snapshot_t chosen = {0};
+    double now = clock_now();
+    for (size_t i = 0; i < TILES_MAX_JOBS; i++) {
+        snapshot_t snapshot = {.tiles = tiles, .watch = &tiles->watches[i]};
+        snapshot.job = watched_job(tiles, snapshot.watch, now);
+        if (snapshot.job == NULL) continue;
+        snapshot.version = (uint32_t)farm_image_version(farm, snapshot.job, &snapshot.over);
+        job_t *not_chosen = snapshot.job;
+        if (is_due(&snapshot, now) && (chosen.job == NULL || snapshot.watch->made < chosen.watch->made)) {
+            not_chosen = chosen.job;
+            chosen = snapshot;
+        }
+        if (not_chosen != NULL) farm_unpin(farm, not_chosen);
+    }
+    if (chosen.job == NULL) return false;
+    take_snapshot(&chosen);
+    farm_unpin(farm, chosen.job);
+    return true;
 }
 
 /* Called with the lock held. */
@@ -262,11 +397,7 @@ static void *tiles_run(void *argument)
 {
     tiles_t *tiles = argument;
     while (wait_for_work(tiles))
-        for (size_t i = 0; i < TILES_MAX_JOBS; i++) {
-            pthread_mutex_lock(&tiles->lock);
-            bool watched = tiles->watches[i].job != 0;
-            pthread_mutex_unlock(&tiles->lock);
-            if (watched) tend(tiles, &tiles->watches[i]);
+        while (work(tiles)) {
         }
     return NULL;
 }
@@ -285,17 +416,45 @@ static watch_t *find_watch(tiles_t *tiles, uint64_t job, const job_settings_t *s
     return vacant;
 }
 
-/* Called with the lock held. */
-static result_t answer(watch_t *watch, layer_t layer, const tile_query_t *query, uint8_t **bytes,
-                       size_t *size)
+/* Why there is nothing to see of a layer, as far as that is known. Called with the lock held, as the next
+ * one. */
+static result_t obstacle(const tiles_t *tiles, const watch_t *watch, layer_t layer)
+{
+    const watched_layer_t *watched = &watch->layers[layer];
+    unsigned long long job = watch->job;
+    if (watched->absent) return result_fail(RESULT_INPUT, "job %llu has no layer %s", job, layer_name(layer));
+    if (watched->version == 0 && watch->unreadable)
+        return result_fail(RESULT_INPUT, "the image of job %llu cannot be read: the master's log says why",
+                           job);
+    if (watched->pyramid == NULL && watched->refused)
+        return result_fail(RESULT_LIMIT,
+                           "no memory to show the layer %s, which takes %.0f MB: what is watched already and "
+                           "this come to more than %.0f MB. Try again when less is watched",
+                           layer_name(layer), 1e-6 * (double)pyramid_bytes(watch->width, watch->height),
+                           1e-6 * (double)tiles->max_bytes);
+    if (tiles->unsent >= tiles->max_answers)
+        return result_fail(RESULT_LIMIT, "too many answers are under way to slow readers: try again");
+    return result_ok();
+}
+
+static result_t answer(tiles_t *tiles, watch_t *watch, layer_t layer, const tile_query_t *query,
+                       uint8_t **bytes, size_t *size)
 {
     watched_layer_t *watched = &watch->layers[layer];
     watch->asked = watched->asked = clock_now();
-    if (watched->absent)
-        return result_fail(RESULT_INPUT, "job %llu has no layer %s", (unsigned long long)watch->job,
-                           layer_name(layer));
-    return pyramid_answer(watched->pyramid, watch->width, watch->height, watched->version, query, bytes,
-                          size);
+    TRY(obstacle(tiles, watch, layer));
+    const pyramid_t *pyramid = watched->version != 0 ? watched->pyramid : NULL;
+    TRY(pyramid_answer(pyramid, watch->width, watch->height, watched->version, query, bytes, size));
+    tiles->unsent += *size;
+    return result_ok();
+}
+
+void tiles_release(tiles_t *tiles, uint8_t *bytes, size_t size)
+{
+    free(bytes);
+    pthread_mutex_lock(&tiles->lock);
+    tiles->unsent -= size;
+    pthread_mutex_unlock(&tiles->lock);
 }
 
 /* The settings of a job; false when there is none. */
@@ -322,7 +481,7 @@ result_t tiles_get(tiles_t *tiles, uint64_t job, layer_t layer, const tile_query
     if (watch != NULL && watch->layers[layer].pyramid == NULL) pthread_cond_signal(&tiles->asked);
     result_t result =
         watch != NULL
-            ? answer(watch, layer, query, bytes, size)
+            ? answer(tiles, watch, layer, query, bytes, size)
             : result_fail(RESULT_LIMIT, "%d jobs are watched already: try again in a minute", TILES_MAX_JOBS);
     pthread_mutex_unlock(&tiles->lock);
     return result;
@@ -345,6 +504,10 @@ result_t tiles_start(const tiles_options_t *options, tiles_t **out)
     tiles_t *tiles = mem_zalloc(1, sizeof *tiles);
     tiles->options = *options;
     tiles->data_dir = mem_strdup(options->data_dir);
+    tiles->max_bytes = options->max_bytes;
+    tiles->max_answers = options->max_answers > 0 ? options->max_answers : TILES_MAX_ANSWERS;
+    uint64_t share = memory_limit() / 16;
+    if (tiles->max_bytes == 0) tiles->max_bytes = share < TILES_MAX_BYTES ? share : TILES_MAX_BYTES;
     cond_init_monotonic(&tiles->asked);
     pthread_mutex_init(&tiles->lock, NULL);
     result_t result = thread_start(&tiles->thread, "lm-tiles", tiles_run, tiles);

@@ -2,9 +2,12 @@
  * that somebody looks at.
  *
  * Nothing is done for a job that nobody asks for. The first question begins a watch: a thread of its own
- * resolves the film, and again when more has been merged, at most once a second and for at most
- * TILES_SHARE of its time, so that watching a large image does not take the master from its work. What nobody
- * has asked for during TILES_KEEP is freed.
+ * resolves the film, and again when more has been merged, at most once a second. All that it makes anew takes
+ * at most TILES_SHARE of its time, whatever the number of jobs and of watchers, so that watching large images
+ * does not take the master from its work. What nobody has asked for during TILES_KEEP is freed.
+ *
+ * Memory is bounded: by TILES_MAX_BYTES for all layers, by TILES_BAND_PIXELS for what is being resolved, and
+ * by TILES_MAX_ANSWERS for what slow readers have not taken yet.
  */
 #ifndef LIGHTMILL_TILES_H
 #define LIGHTMILL_TILES_H
@@ -12,18 +15,25 @@
 #include "master/farm/farm.h"
 #include "master/http/tile_pyramid.h"
 
-enum { TILES_MAX_JOBS = 8 }; /* watched at a time */
+enum {
+    TILES_MAX_JOBS = 8,            /* watched at a time */
+    TILES_BAND_PIXELS = 1 << 18,   /* that are resolved at a time, or one row: 32 to 48 MB */
+    TILES_MAX_ANSWERS = 256 << 20, /* bytes of answers that are not sent yet, before the last of them */
+};
 #define TILES_MAX_BYTES                                                                                      \
-    (UINT64_C(3) << 29)    /* of all pyramids; layers that were not asked for longest go first */
-#define TILES_INTERVAL 1.0 /* seconds between two snapshots of a job, at least */
+    (UINT64_C(3) << 29)    /* of all pyramids; a sixteenth of the memory, where that is less */
+#define TILES_INTERVAL 1.0 /* seconds between two snapshots of a layer, at least */
 #define TILES_SHARE 0.02   /* of the thread's time */
 #define TILES_KEEP 30.0    /* seconds */
+#define TILES_HOLD 5.0     /* seconds for which a layer that was asked for does not go to make room */
 
 typedef struct {
     farm_t *farm;
     /* The path of the image of a job that is over, in fresh memory; `data_dir` is handed in. */
     char *(*image_path)(const char *data_dir, uint64_t job);
     const char *data_dir; /* copied */
+    uint64_t max_bytes;   /* of all pyramids; 0: TILES_MAX_BYTES */
+    uint64_t max_answers; /* bytes; 0: TILES_MAX_ANSWERS */
 } tiles_options_t;
 
 typedef struct tiles tiles_t;
@@ -34,10 +44,13 @@ result_t tiles_start(const tiles_options_t *options, tiles_t **tiles);
 void tiles_stop(tiles_t **tiles);
 
 /* Answers at once with what there is, as pyramid_answer does, and sees to it that there will be something
- * newer. As long as there is nothing, the version is 0 and there are no tiles. The caller frees *bytes.
- * RESULT_UNREACHABLE: there is no such job; RESULT_USAGE: the question is wrong; RESULT_INPUT: the job has no
- * such layer; RESULT_LIMIT: too many jobs are watched already. */
+ * newer. As long as there is nothing, the version is 0 and there are no tiles. The caller hands the answer to
+ * tiles_release. RESULT_UNREACHABLE: there is no such job; RESULT_USAGE: the question is wrong; RESULT_INPUT:
+ * the job has no such layer, or its image cannot be read; RESULT_LIMIT: too many jobs are watched already, or
+ * there is no memory for one more layer or answer. */
 result_t tiles_get(tiles_t *tiles, uint64_t job, layer_t layer, const tile_query_t *query, uint8_t **bytes,
                    size_t *size);
+/* Frees an answer when it has been sent, from any thread. */
+void tiles_release(tiles_t *tiles, uint8_t *bytes, size_t size);
 
 #endif

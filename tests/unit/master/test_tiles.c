@@ -100,6 +100,28 @@ static made_t *make(void)
     return made;
 }
 
+/* Puts the image into a pyramid in two parts, so that the rows of a texel of the next level come apart. */
+static void put(pyramid_t *pyramid, const made_t *made, uint32_t version)
+{
+    layer_view_t view = made->view;
+    view.height = 71;
+    pyramid_put(pyramid, &view, 0, version);
+    view.height = HEIGHT - 71;
+    for (int c = 0; c < 3; c++) {
+        view.values[c] += 71 * WIDTH * view.stride;
+        view.errors[c] += 71 * WIDTH * view.error_stride;
+    }
+    pyramid_put(pyramid, &view, 71, version);
+}
+
+static pyramid_t *pyramid_of(const made_t *made, uint32_t version)
+{
+    pyramid_t *pyramid = pyramid_new(WIDTH, HEIGHT, version);
+    assert_non_null(pyramid);
+    put(pyramid, made, version);
+    return pyramid;
+}
+
 static seen_t *ask(const pyramid_t *pyramid, uint32_t version, tile_query_t query)
 {
     uint8_t *bytes;
@@ -119,7 +141,7 @@ static void test_level_0_is_the_image_and_its_error(void **state)
 {
     (void)state;
     made_t *made = make();
-    pyramid_t *pyramid = pyramid_new(&made->view, 7, NULL);
+    pyramid_t *pyramid = pyramid_of(made, 7);
     seen_t *seen = ask(pyramid, 7, (tile_query_t){.rect = everything});
     assert_int_equal(seen->version, 7);
     assert_int_equal(seen->width, WIDTH);
@@ -150,7 +172,7 @@ static void test_a_level_holds_means_and_their_errors(void **state)
 {
     (void)state;
     made_t *made = make();
-    pyramid_t *pyramid = pyramid_new(&made->view, 7, NULL);
+    pyramid_t *pyramid = pyramid_of(made, 7);
     seen_t *seen = ask(pyramid, 7, (tile_query_t){.level = 1, .rect = everything});
     assert_int_equal(seen->count, 2 * 2);
     for (int y = 0; y < (HEIGHT + 1) / 2; y++)
@@ -174,25 +196,24 @@ static void test_only_tiles_that_changed_are_sent(void **state)
 {
     (void)state;
     made_t *made = make();
-    pyramid_t *first = pyramid_new(&made->view, 7, NULL);
+    pyramid_t *pyramid = pyramid_of(made, 7);
     made->rgb[3 * (70 * WIDTH + 150)] += 1; /* in the tile of column 2, row 1 */
-    pyramid_t *second = pyramid_new(&made->view, 9, first);
-    seen_t *seen = ask(second, 9, (tile_query_t){.since = 7, .rect = everything});
+    put(pyramid, made, 9);
+    seen_t *seen = ask(pyramid, 9, (tile_query_t){.since = 7, .rect = everything});
     assert_int_equal(seen->count, 1);
     assert_true(seen->got[1][2]);
     free(seen);
-    seen = ask(second, 9, (tile_query_t){.level = 1, .since = 8, .rect = everything});
+    seen = ask(pyramid, 9, (tile_query_t){.level = 1, .since = 8, .rect = everything});
     assert_int_equal(seen->count, 1);
     assert_true(seen->got[0][1]);
     free(seen);
-    seen = ask(second, 9, (tile_query_t){.since = 9, .rect = everything});
+    seen = ask(pyramid, 9, (tile_query_t){.since = 9, .rect = everything});
     assert_int_equal(seen->count, 0);
     free(seen);
-    seen = ask(second, 9, (tile_query_t){.since = 12, .rect = everything}); /* of a master that was ahead */
+    seen = ask(pyramid, 9, (tile_query_t){.since = 12, .rect = everything}); /* of a master that was ahead */
     assert_int_equal(seen->count, 12);
     free(seen);
-    pyramid_destroy(&first);
-    pyramid_destroy(&second);
+    pyramid_destroy(&pyramid);
     free(made);
 }
 
@@ -200,7 +221,7 @@ static void test_only_tiles_of_the_rectangle_are_sent(void **state)
 {
     (void)state;
     made_t *made = make();
-    pyramid_t *pyramid = pyramid_new(&made->view, 7, NULL);
+    pyramid_t *pyramid = pyramid_of(made, 7);
     seen_t *seen = ask(pyramid, 7, (tile_query_t){.rect = {64, 63, 129, 65}});
     assert_int_equal(seen->count, 4);
     assert_true(seen->got[0][1] && seen->got[0][2] && seen->got[1][1] && seen->got[1][2]);
@@ -215,6 +236,66 @@ static void test_only_tiles_of_the_rectangle_are_sent(void **state)
     free(made);
 }
 
+/* A made-up image of one layer. */
+static seen_t *show(const film_image_t *film, layer_t layer, uint32_t level)
+{
+    layer_view_t view;
+    assert_true(layer_of_film(film, layer, &view));
+    pyramid_t *pyramid = pyramid_new(WIDTH, HEIGHT, 1);
+    pyramid_put(pyramid, &view, 0, 1);
+    seen_t *seen = ask(pyramid, 1, (tile_query_t){.level = level, .rect = everything});
+    pyramid_destroy(&pyramid);
+    return seen;
+}
+
+static uint32_t id_of(const float texel[4])
+{
+    return (uint32_t)texel[0] + 2048 * (uint32_t)texel[1] + 2048 * 2048 * (uint32_t)texel[2];
+}
+
+static float id_at(int x, int y)
+{
+    return x == 8 && y == 4 ? 0 : (float)(16777215 - 3000 * x - y);
+}
+
+static void test_ids_stay_ids_at_every_level(void **state)
+{
+    (void)state;
+    float *ids = mem_alloc(sizeof *ids * WIDTH * HEIGHT);
+    for (int y = 0; y < HEIGHT; y++)
+        for (int x = 0; x < WIDTH; x++) ids[y * WIDTH + x] = id_at(x, y);
+    film_image_t film = {.width = WIDTH, .height = HEIGHT, .object = ids, .material = ids};
+    for (uint32_t level = 0; level < 3; level++) {
+        seen_t *seen = show(&film, level == 1 ? LAYER_MATERIAL : LAYER_OBJECT, level);
+        for (int y = 0; y < level_side(HEIGHT, level); y++)
+            for (int x = 0; x < level_side(WIDTH, level); x++)
+                assert_int_equal(id_of(seen->texels[y][x]), (uint32_t)id_at(x << level, y << level));
+        assert_true(seen->texels[1][1][3] == 0);
+        free(seen);
+    }
+    free(ids);
+}
+
+static void test_strategies_are_shares_of_the_light(void **state)
+{
+    (void)state;
+    float *eye = mem_zalloc(3 * WIDTH * HEIGHT, sizeof *eye),
+          *light = mem_zalloc(3 * WIDTH * HEIGHT, sizeof *light);
+    for (int c = 0; c < 3; c++) {
+        eye[3 + c] = 3; /* pixel 1: three quarters by eye paths */
+        light[3 + c] = 1;
+        light[6 + c] = 5; /* pixel 2: light paths alone; pixel 0: none */
+    }
+    film_image_t film = {.width = WIDTH, .height = HEIGHT, .eye = eye, .light = light};
+    seen_t *seen = show(&film, LAYER_STRATEGIES, 0);
+    const float expected[3][4] = {{0, 0, 0, 0}, {0.75f, 0, 0.25f, 0}, {0, 0, 1, 0}};
+    for (int x = 0; x < 3; x++)
+        for (int c = 0; c < 4; c++) assert_near(seen->texels[0][x][c], expected[x][c]);
+    free(seen);
+    free(eye);
+    free(light);
+}
+
 static void test_what_is_no_half_is_clamped(void **state)
 {
     (void)state;
@@ -222,7 +303,7 @@ static void test_what_is_no_half_is_clamped(void **state)
     made->rgb[0] = 1e9f;
     made->rgb[1] = -INFINITY;
     made->rgb[2] = NAN;
-    pyramid_t *pyramid = pyramid_new(&made->view, 7, NULL);
+    pyramid_t *pyramid = pyramid_of(made, 7);
     seen_t *seen = ask(pyramid, 7, (tile_query_t){.rect = {0, 0, 1, 1}});
     assert_true(seen->texels[0][0][0] == 65504 && seen->texels[0][0][1] == -65504);
     assert_true(seen->texels[0][0][2] == 0);
@@ -294,7 +375,10 @@ static seen_t *look(trial_t *trial, layer_t layer, uint32_t since)
     tile_query_t query = {.since = since, .rect = everything};
     result_t result = tiles_get(trial->tiles, trial->job, layer, &query, &bytes, &size);
     if (result.code != RESULT_OK) fail_msg("%s", result.message);
-    return decode(bytes, size);
+    uint8_t *copy = mem_alloc(size);
+    memcpy(copy, bytes, size);
+    tiles_release(trial->tiles, bytes, size);
+    return decode(copy, size);
 }
 
 /* Looks until there is something newer than `since`. */
@@ -312,9 +396,10 @@ static seen_t *look_until_newer(trial_t *trial, layer_t layer, uint32_t since)
 
 static void resolve(trial_t *trial, film_image_t *image)
 {
+    const film_extras_t extras = {.halves = true};
     job_t *job = farm_pin(trial->farm, trial->job);
     job_report_t report;
-    assert_int_equal(farm_resolve(trial->farm, 0, job, NULL, image, &report).code, RESULT_OK);
+    assert_int_equal(farm_resolve(trial->farm, 0, job, &extras, image, &report).code, RESULT_OK);
     farm_unpin(trial->farm, job);
 }
 
@@ -353,7 +438,9 @@ static void test_a_watched_job_shows_its_film(void **state)
                   {LAYER_EYE, offsetof(film_image_t, eye), 3, 1},
                   {LAYER_LIGHT, offsetof(film_image_t, light), 3, 1},
                   {LAYER_NOISE, offsetof(film_image_t, noise), 3, 1},
-                  {LAYER_SAMPLES, offsetof(film_image_t, samples), 1, 1.0 / 1024}};
+                  {LAYER_SAMPLES, offsetof(film_image_t, samples), 1, 1.0 / 1024},
+                  {LAYER_HALF0, offsetof(film_image_t, half[0]), 3, 1},
+                  {LAYER_HALF1, offsetof(film_image_t, half[1]), 3, 1}};
     for (size_t i = 0; i < ARRAY_LENGTH(layers); i++) free(look(trial, layers[i].layer, 0));
     deliver_one(trial, 1);
     film_image_t image = {0};
@@ -434,8 +521,128 @@ static void test_so_many_jobs_are_watched_and_no_more(void **state)
         tile_query_t query = {.rect = everything};
         result_t result = tiles_get(trial->tiles, trial->job, LAYER_PICTURE, &query, &bytes, &size);
         assert_int_equal(result.code, i < TILES_MAX_JOBS ? RESULT_OK : RESULT_LIMIT);
-        if (result.code == RESULT_OK) free(bytes);
+        if (result.code == RESULT_OK) tiles_release(trial->tiles, bytes, size);
     }
+}
+
+/* ---- room ---------------------------------------------------------------------------------------------- */
+
+enum { SMALL_ANSWERS = 40000 };
+
+/* As `begin`, with room for two layers of a job, and for few answers. */
+static int begin_small(void **state)
+{
+    begin(state);
+    trial_t *trial = *state;
+    tiles_stop(&trial->tiles);
+    tiles_options_t options = {.farm = trial->farm,
+                               .image_path = scratch_image,
+                               .data_dir = trial->folder,
+                               .max_bytes = 2 * pyramid_bytes(32, 32) + 1,
+                               .max_answers = SMALL_ANSWERS};
+    assert_int_equal(tiles_start(&options, &trial->tiles).code, RESULT_OK);
+    return 0;
+}
+
+/* The version that is seen of a layer, -1 for none because there is no room. */
+static int version_of(trial_t *trial, layer_t layer)
+{
+    uint8_t *bytes;
+    size_t size;
+    tile_query_t query = {.rect = everything};
+    result_t result = tiles_get(trial->tiles, trial->job, layer, &query, &bytes, &size);
+    if (result.code == RESULT_LIMIT) assert_non_null(strstr(result.message, "no memory to show"));
+    if (result.code != RESULT_OK) return -1;
+    int version = (int)word(bytes + 4, 4);
+    tiles_release(trial->tiles, bytes, size);
+    return version;
+}
+
+/* Three are looked at, and there is room for two: these two stay, and are refreshed. When nobody looks at one
+ * of them any more, the third takes its place. */
+static void test_layers_do_not_push_one_another_out(void **state)
+{
+    trial_t *trial = *state;
+    deliver_one(trial, 1);
+    free(look_until_newer(trial, LAYER_PICTURE, 0));
+    free(look_until_newer(trial, LAYER_EYE, 0));
+    deliver_one(trial, 2);
+    bool refused = false;
+    for (int i = 0; i < 150; i++, usleep(20000)) {
+        assert_true(version_of(trial, LAYER_PICTURE) >= 1);
+        assert_true(version_of(trial, LAYER_EYE) >= 1);
+        refused |= version_of(trial, LAYER_LIGHT) == -1;
+        assert_true(version_of(trial, LAYER_LIGHT) < 1);
+    }
+    assert_true(refused);
+    assert_int_equal(version_of(trial, LAYER_PICTURE), 2);
+    assert_int_equal(version_of(trial, LAYER_EYE), 2);
+    int version = -1;
+    for (int i = 0; i < 1000 && version < 1; i++, usleep(20000)) {
+        assert_int_equal(version_of(trial, LAYER_PICTURE), 2);
+        version = version_of(trial, LAYER_LIGHT);
+    }
+    assert_int_equal(version, 2);
+}
+
+static void test_answers_that_nobody_takes_are_limited(void **state)
+{
+    trial_t *trial = *state;
+    deliver_one(trial, 1);
+    free(look_until_newer(trial, LAYER_PICTURE, 0));
+    uint8_t *answers[100];
+    size_t size = 0, count = 0;
+    tile_query_t query = {.rect = everything};
+    result_t result = result_ok();
+    while (count < 100) {
+        result = tiles_get(trial->tiles, trial->job, LAYER_PICTURE, &query, &answers[count], &size);
+        if (result.code != RESULT_OK) break;
+        count++;
+    }
+    assert_int_equal(result.code, RESULT_LIMIT);
+    assert_non_null(strstr(result.message, "slow readers"));
+    assert_true(count * size >= SMALL_ANSWERS && (count - 1) * size < SMALL_ANSWERS);
+    tiles_release(trial->tiles, answers[--count], size);
+    assert_int_equal(version_of(trial, LAYER_PICTURE), 1);
+    while (count > 0) tiles_release(trial->tiles, answers[--count], size);
+}
+
+/* ---- what cannot be read ------------------------------------------------------------------------------- */
+
+static void test_a_file_that_cannot_be_read_is_said_once(void **state)
+{
+    trial_t *trial = *state;
+    toy_work_off(trial->farm, 1, trial->worker, trial->job);
+    film_image_t image = {0};
+    resolve(trial, &image);
+    char *path = scratch_image(trial->folder, trial->job);
+    scratch_write(path, "no image", 8);
+    assert_int_equal(toy_write_images(trial->farm, 2, result_ok()), 1);
+    log_init("test", LOG_WARNING);
+    scratch_capture_t capture = scratch_capture(trial->folder, 2);
+    uint8_t *bytes;
+    size_t size;
+    tile_query_t query = {.rect = everything};
+    result_t result = result_ok();
+    for (int i = 0; i < 200; i++, usleep(20000)) {
+        result = tiles_get(trial->tiles, trial->job, LAYER_PICTURE, &query, &bytes, &size);
+        if (result.code == RESULT_OK) tiles_release(trial->tiles, bytes, size);
+    }
+    char *said = scratch_uncapture(&capture);
+    assert_int_equal(result.code, RESULT_INPUT);
+    assert_non_null(strstr(result.message, "cannot be read"));
+    const char *once = strstr(said, "cannot be shown");
+    assert_non_null(once);
+    assert_null(strstr(once + 1, "cannot be shown"));
+    /* It is tried again, and shown when it can be. */
+    picture_meta_t meta = {.settings = toy_settings()};
+    assert_int_equal(picture_write_exr(path, &image, &meta, false).code, RESULT_OK);
+    while (tiles_get(trial->tiles, trial->job, LAYER_PICTURE, &query, &bytes, &size).code != RESULT_OK)
+        usleep(20000);
+    tiles_release(trial->tiles, bytes, size);
+    film_image_free(&image);
+    free(said);
+    free(path);
 }
 
 int main(void)
@@ -445,11 +652,16 @@ int main(void)
         cmocka_unit_test(test_a_level_holds_means_and_their_errors),
         cmocka_unit_test(test_only_tiles_that_changed_are_sent),
         cmocka_unit_test(test_only_tiles_of_the_rectangle_are_sent),
+        cmocka_unit_test(test_ids_stay_ids_at_every_level),
+        cmocka_unit_test(test_strategies_are_shares_of_the_light),
         cmocka_unit_test(test_what_is_no_half_is_clamped),
         cmocka_unit_test(test_questions_beyond_the_limits_are_refused),
         cmocka_unit_test_setup_teardown(test_a_watched_job_shows_its_film, begin, end),
         cmocka_unit_test_setup_teardown(test_a_watched_job_is_seen_to_go_on, begin, end),
         cmocka_unit_test_setup_teardown(test_a_job_that_is_over_shows_its_file, begin, end),
+        cmocka_unit_test_setup_teardown(test_layers_do_not_push_one_another_out, begin_small, end),
+        cmocka_unit_test_setup_teardown(test_answers_that_nobody_takes_are_limited, begin_small, end),
+        cmocka_unit_test_setup_teardown(test_a_file_that_cannot_be_read_is_said_once, begin, end),
         cmocka_unit_test_setup_teardown(test_what_is_not_there_is_refused, begin, end),
         cmocka_unit_test_setup_teardown(test_so_many_jobs_are_watched_and_no_more, begin, end),
     };
