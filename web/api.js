@@ -56,6 +56,12 @@ export const get = async (path, signal) => (await request(path, { signal })).jso
 /** GET as bytes. */
 export const getBytes = async (path, signal) => (await request(path, { signal })).arrayBuffer();
 
+/** GET as a file: { blob, name }. */
+export async function getFile(path) {
+  const answer = await request(path), name = /filename="([^"]+)"/.exec(answer.headers.get("Content-Disposition") ?? "");
+  return { blob: await answer.blob(), name: name ? name[1] : path.replace(/\?.*/, "").replace(/.*\//, "") };
+}
+
 /** An order to a job: "pause", "extend" with { spp }, ... or "delete". */
 export function order(job, what, body) {
   if (what === "delete") return request(`/jobs/${job}`, { method: "DELETE" });

@@ -1,11 +1,11 @@
 // app: puts the page together: what is chosen, what is asked of the master when, and what keys and buttons do.
 
-import { get, hasToken, order, setToken, takeToken, watchEvents } from "./api.js";
+import { get, getFile, hasToken, order, setToken, takeToken, watchEvents } from "./api.js";
 import { drawCurve, secondsToTarget, usable } from "./curve.js";
 import { Compare, WAYS } from "./compare.js";
 import { Region, SINGLE_NUMBERS, levelOf } from "./region.js";
 import { TONES } from "./shader.js";
-import { addEvent, format, jobNews, showJobs, showWorkers, workerNews } from "./tables.js";
+import { addEvent, format, jobNews, make, noteText, showJobs, showWorkers, workerNews, workerText } from "./tables.js";
 import { Tiles } from "./tiles.js";
 import { View } from "./view.js";
 
@@ -151,7 +151,7 @@ function choose(number) {
   state.points = [];
   if (number !== null) history.replaceState(null, "", `#job=${number}`);
   setText("answer", "");
-  setText("problem", "");
+  $("goal").value = $("at").value = "";
   showAll();
   tiles.show(number, $("layer").value);
   if (number !== null) view.show(tiles.layer, $("layer").value);
@@ -178,9 +178,38 @@ function showOrders() {
   $("pause").disabled = !one || over;
   $("cancel").disabled = !one || over;
   $("delete").disabled = !one || !over;
+  setText("retain", one?.retained ? "Release" : "Retain");
+  $("retain").disabled = !one;
+  setText("retain-why", one?.retained ? "Retained: it stays, with what it needs to go on, until you delete it." : "Not retained: when it is over, it may go when the master needs room.");
   for (const form of ["extend", "priority"]) for (const part of $(form).elements) part.disabled = !one;
   if (one && document.activeElement !== $("priority-value")) $("priority-value").value = one.priority;
-  if (one && document.activeElement !== $("spp") && $("spp").value === "") $("spp").placeholder = String(Math.min(2 * one.spp, 2 ** 30));
+  showGoal(one);
+  showFiles(one);
+}
+
+const BIG = 2 ** 30; // samples a pixel, at most
+// How a goal is given: [what the API calls it, its unit, the input's attributes, what it is by default, its number for the API].
+const GOALS = [
+  ["spp", "samples a pixel", { min: 1, max: BIG, step: 1 }, (one) => Math.min(2 * one.spp, BIG) || 1024, (v) => v],
+  ["error", "% error", { min: 0, max: 100, step: "any" }, (one) => format.number(50 * (one.error_target || one.error || 0.02)), (v) => v / 100],
+  ["time", "seconds from now", { min: 1, max: 1e9, step: "any" }, () => 600, (v) => v],
+];
+
+function showGoal(one) {
+  const [, , attributes, usual] = GOALS.find(([name]) => name === $("unit").value);
+  Object.assign($("goal"), attributes);
+  $("goal").required = !["cancelled", "failed"].includes(one?.state); // these go on to their old goals
+  if (one && $("goal").value === "") $("goal").placeholder = String(usual(one));
+}
+
+/** The images that can be had: as it is now, and those of --save-at. */
+function showFiles(one) {
+  const has = !!one && one.samples_done > 0;
+  for (const id of ["at", "exr", "png"]) $(id).disabled = !has;
+  const kept = (one?.save_at ?? []).map((spp) => [String(spp), `at ${spp} samples a pixel${spp > one.saved ? " (not yet)" : ""}`]);
+  const choices = [["", "now"], ...kept], wanted = choices.some(([value]) => value === $("at").value) ? $("at").value : "";
+  setOptions($("at"), choices, wanted);
+  for (const option of $("at").options) option.disabled = Number(option.value) > (one?.saved ?? 0);
 }
 
 function showTitle() {
@@ -213,8 +242,8 @@ function showAll() {
 
 // ---- what is asked of the master
 
-function note(text) {
-  addEvent($("events"), text);
+function note(what) {
+  addEvent($("events"), typeof what === "string" ? { text: what } : what);
 }
 
 /** Runs `work` when asked, never twice at a time and at most every `least` ms; asked meanwhile, once more. */
@@ -253,7 +282,7 @@ const ask = {
   workers: paced(1000, async (signal) => {
     const before = state.workers;
     state.workers = (await get("/workers", signal)).workers;
-    if (before) workerNews(before, state.workers).forEach(note);
+    if (before && state.line === "asking") workerNews(before, state.workers).forEach(note); // else events tell
     showWorkers($("workers"), state.workers);
     $("no-workers").hidden = state.workers.length > 0;
     const at = state.workers.filter((one) => one.connected), sum = (what) => at.reduce((total, one) => total + one[what], 0);
@@ -281,7 +310,14 @@ function announce(number, version) {
 
 const on = {
   job: () => ask.jobs(),
-  worker: () => ask.workers(),
+  worker(data) {
+    note(workerText(data));
+    ask.workers();
+  },
+  note(data) {
+    note(noteText(data));
+    ask.jobs();
+  },
   lost: () => ask.all(),
   image(data) {
     announce(data.job, data.version);
@@ -347,6 +383,41 @@ function pauseOrResume() {
   if (!one || OVER.includes(one.state)) return;
   if (one.state === "paused") give("resume", null, `Job ${one.job} goes on.`);
   else give("pause", null, `Job ${one.job} pauses.`);
+}
+
+function retainOrRelease() {
+  const one = job();
+  if (!one) return;
+  if (one.retained) give("release", null, `Job ${one.job} is not retained any more.`);
+  else give("retain", null, `Job ${one.job} is retained.`);
+}
+
+function extend() {
+  const [name, unit, , , toApi] = GOALS.find(([one]) => one === $("unit").value), value = $("goal").value;
+  if (value === "") give("extend", {}, `Job ${state.chosen} goes on to its old goals.`);
+  else give("extend", { [name]: toApi(Number(value)) }, `Job ${state.chosen} goes on to ${value} ${unit}.`);
+  $("goal").value = "";
+}
+
+/** Saves the image as a file. A link cannot show the token, so the page fetches it. */
+async function download(type) {
+  const number = state.chosen, at = $("at").value, query = new URLSearchParams();
+  if (number === null) return;
+  if (at) query.set("at", at);
+  if (type === "png") query.set("exposure", view.exposure);
+  $(type).disabled = true;
+  setText("answer", "The master writes the image ...");
+  try {
+    const { blob, name } = await getFile(`/jobs/${number}/image.${type}?${query}`), link = make("a", { href: URL.createObjectURL(blob), download: name });
+    link.click();
+    setTimeout(() => URL.revokeObjectURL(link.href), 60000);
+    setText("answer", `${name}: ${type === "png" ? "picture" : "all layers"}, ${format.count(blob.size)}B.`);
+  } catch (error) {
+    if (error.status === 401) return refused();
+    setText("answer", error.message);
+  } finally {
+    $(type).disabled = false;
+  }
 }
 
 async function cancelJob() {
@@ -479,12 +550,15 @@ function wire() {
   for (const id of ["other", "how"]) $(id).addEventListener("change", () => compare.choose($("other").value, $("how").value));
   $("divider").addEventListener("input", () => view.setDivider(Number($("divider").value) / 100));
   $("against").addEventListener("change", showCurve);
-  const buttons = { "zoom-in": () => view.zoom(2), "zoom-out": () => view.zoom(0.5), fit: () => view.fit(), actual: () => view.actual(), pause: pauseOrResume, cancel: cancelJob, delete: deleteJob, pin, both: toggleBoth, mark: toggleMark, unmark: () => view.setMark(null), "help-open": () => $("help").showModal() };
+  $("unit").addEventListener("change", () => {
+    $("goal").value = "";
+    showGoal(job());
+  });
+  const buttons = { "zoom-in": () => view.zoom(2), "zoom-out": () => view.zoom(0.5), fit: () => view.fit(), actual: () => view.actual(), pause: pauseOrResume, cancel: cancelJob, delete: deleteJob, retain: retainOrRelease, exr: () => download("exr"), png: () => download("png"), pin, both: toggleBoth, mark: toggleMark, unmark: () => view.setMark(null), "help-open": () => $("help").showModal() };
   for (const [id, act] of Object.entries(buttons)) $(id).addEventListener("click", act);
   $("extend").addEventListener("submit", (event) => {
     event.preventDefault();
-    give("extend", { spp: Number($("spp").value) }, `Job ${state.chosen} goes to ${$("spp").value} samples a pixel.`);
-    $("spp").value = "";
+    extend();
   });
   $("priority").addEventListener("submit", (event) => {
     event.preventDefault();
@@ -510,6 +584,7 @@ takeToken();
 wire();
 listKeys();
 setOptions($("how"), WAYS, WAYS[0][0]);
+setOptions($("unit"), GOALS.map(([name, unit]) => [name, unit]), GOALS[0][0]);
 setTone();
 if (!view.gl) setText("problem", "This browser has no WebGL2, so the image cannot be shown.");
 wake();

@@ -96,22 +96,34 @@ export function showWorkers(body, workers) {
 
 const MOST_EVENTS = 200;
 
-/** Adds a line to the list of events, newest first. */
-export function addEvent(list, text, when = new Date()) {
-  const time = make("time", { dateTime: when.toISOString() }, when.toTimeString().slice(0, 8));
-  list.prepend(make("li", {}, time, ` ${text}`));
+/** Adds a line to the list of events, newest first. What happens again and again (`kind`) keeps one line while nothing else does. */
+export function addEvent(list, { text, kind = "" }, when = new Date()) {
+  const time = make("time", { dateTime: when.toISOString() }, when.toTimeString().slice(0, 8)), first = list.firstChild;
+  if (kind && first?.dataset.kind === kind) first.remove();
+  const line = make("li", {}, time, ` ${text}`);
+  line.dataset.kind = kind;
+  list.prepend(line);
   while (list.children.length > MOST_EVENTS) list.lastChild.remove();
 }
 
-/** What has changed between two lists of jobs, and of workers, in words. */
+const WORKERS = { joined: () => "joined.", left: () => "left.", aside: (why) => `was put aside: ${why}`, back: () => "is given work again." };
+/** An event of a worker as a line. */
+export const workerText = ({ name, what, why }) => ({ text: `Worker ${name} ${WORKERS[what]?.(why) ?? what}` });
+
+const NOTES = { checkpoint: "a checkpoint was written ", verified: "work was verified: ", differs: "WORK THAT WAS RENDERED TWICE DIFFERS: ", saved: "kept ", extended: "goes on ", message: "" };
+/** A note on a job as a line. */
+export function noteText({ job, what, why }) {
+  const often = what === "checkpoint" || what === "verified";
+  return { text: `Job ${job}: ${NOTES[what] ?? `${what} `}${why}`, kind: often ? `${what} ${job}` : "" };
+}
+
+/** What has changed between two lists of jobs, and of workers, in words; of jobs, what no note tells. */
 export function jobNews(before, after) {
   const old = new Map(before.map((job) => [job.job, job])), news = [];
   for (const job of after) {
     const was = old.get(job.job);
     if (!was) news.push(`Job ${job.job} (${job.name}) was submitted.`);
-    else if (was.state !== job.state) news.push(`Job ${job.job} is ${job.state}${job.message ? `: ${job.message}` : "."}`);
-    else if (was.message !== job.message && job.message) news.push(`Job ${job.job}: ${job.message}`);
-    if (was && job.samples_total > was.samples_total && was.samples_total > 0) news.push(`Job ${job.job} was extended.`);
+    else if (was.state !== job.state) news.push(`Job ${job.job} is ${job.state}.`);
     old.delete(job.job);
   }
   for (const job of old.keys()) news.push(`Job ${job} was deleted.`);

@@ -1,6 +1,8 @@
 /* changes: see changes.h. */
 #include "master/http/changes.h"
 
+#include <inttypes.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -47,6 +49,64 @@ static json_t *image_change(const job_report_t *job)
     return data;
 }
 
+/* What happened to a job, in a word and in a sentence's part. Takes over `why`. */
+static void tell_note(const job_report_t *job, const char *what, char *why, change_fn tell, void *context)
+{
+    json_t *data = json_object();
+    put_count(data, "job", job->record.job);
+    put_text(data, "what", what);
+    put_text(data, "why", why);
+    free(why);
+    tell(context, "note", data);
+}
+
+static void tell_progress(const changes_t *before, const changes_t *after, const job_report_t *old,
+                          const job_report_t *now, change_fn tell, void *context)
+{
+    const job_record_t *was = &old->record, *is = &now->record;
+    double saved = after->time - now->checkpoint_age, last = before->time - old->checkpoint_age;
+    if (now->checkpoint_age >= 0 && (old->checkpoint_age < 0 || saved > last + 1e-3))
+        tell_note(now, "checkpoint", mem_printf("at %" PRIu64 " samples", is->samples_done), tell, context);
+    if (is->saved != was->saved)
+        tell_note(now, "saved", mem_printf("the image at %" PRIu32 " samples a pixel", is->saved), tell,
+                  context);
+    if (is->checks_passed != was->checks_passed || is->checks_failed != was->checks_failed)
+        tell_note(
+            now, is->checks_failed != was->checks_failed ? "differs" : "verified",
+            mem_printf("%" PRIu64 " passed, %" PRIu64 " failed so far", is->checks_passed, is->checks_failed),
+            tell, context);
+}
+
+static bool is_extended(const job_settings_t *was, const job_settings_t *is)
+{
+    return was->spp != is->spp || was->error != is->error || was->time_limit != is->time_limit;
+}
+
+/* "to 64 samples a pixel or an error of 1 %". */
+static char *goals(const job_settings_t *settings)
+{
+    char text[160] = "";
+    size_t used = 0;
+    if (settings->spp > 0)
+        used += (size_t)snprintf(text, sizeof text, "to %" PRIu32 " samples a pixel", settings->spp);
+    if (settings->error > 0)
+        used += (size_t)snprintf(text + used, sizeof text - used, "%s an error of %g %%", used ? " or" : "to",
+                                 100 * settings->error);
+    if (settings->time_limit > 0)
+        snprintf(text + used, sizeof text - used, "%s %g s", used ? " or" : "to", settings->time_limit);
+    return mem_strdup(text);
+}
+
+static void tell_notes(const changes_t *before, const changes_t *after, const job_report_t *old,
+                       const job_report_t *now, change_fn tell, void *context)
+{
+    tell_progress(before, after, old, now, tell, context);
+    if (is_extended(&old->record.settings, &now->record.settings))
+        tell_note(now, "extended", goals(&now->record.settings), tell, context);
+    if (now->record.message[0] != '\0' && strcmp(old->record.message, now->record.message) != 0)
+        tell_note(now, "message", mem_strdup(now->record.message), tell, context);
+}
+
 static void tell_jobs(const changes_t *before, const changes_t *after, change_fn tell, void *context)
 {
     for (size_t i = 0; i < after->job_count; i++) {
@@ -54,6 +114,7 @@ static void tell_jobs(const changes_t *before, const changes_t *after, change_fn
         if (old == NULL || job_differs(old, now)) tell(context, "job", job_change(now));
         if (now->record.batches != (old != NULL ? old->record.batches : 0))
             tell(context, "image", image_change(now));
+        if (old != NULL) tell_notes(before, after, old, now, tell, context);
     }
     for (size_t i = 0; i < before->job_count; i++) {
         if (find_job(after, before->jobs[i].record.job, i) != NULL) continue;
@@ -116,9 +177,9 @@ static changes_t look(farm_t *farm)
 {
     changes_t changes;
     uint32_t connected;
-    double now = clock_now();
-    changes.jobs = farm_report(farm, now, 0, &changes.job_count, &connected);
-    changes.workers = farm_worker_report(farm, now, &changes.worker_count);
+    changes.time = clock_now();
+    changes.jobs = farm_report(farm, changes.time, 0, &changes.job_count, &connected);
+    changes.workers = farm_worker_report(farm, changes.time, &changes.worker_count);
     return changes;
 }
 

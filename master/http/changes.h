@@ -7,6 +7,7 @@
 
 /* What was seen last. */
 typedef struct {
+    double time; /* of the look (clock_now) */
     job_report_t *jobs;
     size_t job_count;
     worker_report_t *workers;
@@ -18,7 +19,7 @@ typedef void (*change_fn)(void *context, const char *type, json_t *data);
 
 /* Looks at the farm, and tells nothing. */
 void changes_begin(changes_t *changes, farm_t *farm);
-/* Looks again, and calls `tell` for each change: "job", "image", "worker". */
+/* Looks again, and calls `tell` for each change: "job", "image", "note", "worker". */
 void changes_tell(changes_t *changes, farm_t *farm, change_fn tell, void *context);
 void changes_free(changes_t *changes);
 

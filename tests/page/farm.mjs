@@ -47,7 +47,10 @@ export class Farm {
     this.port = await freePorts();
     this.page = this.port + 2;
     await this.startMaster();
-    for (let i = 0; i < workers; i++) this.start("lightmill-worker", `127.0.0.1:${this.port}`, "--threads", "1", "--name", `worker-${i}`, "--cache", path.join(this.folder, `cache-${i}`));
+    for (let i = 0; i < workers; i++) this.startWorker(`worker-${i}`);
+  }
+  startWorker(name) {
+    return this.start("lightmill-worker", `127.0.0.1:${this.port}`, "--threads", "1", "--name", name, "--cache", path.join(this.folder, `cache-${name}`));
   }
   start(program, ...args) {
     const log = fs.openSync(path.join(this.folder, `${program}.log`), "a");

@@ -17,7 +17,7 @@ const axe = fs.readFileSync(require.resolve("axe-core/axe.min.js"), "utf8");
 const WIDTH = 200, HEIGHT = 136; // more than one tile, and some that are cut off
 const folder = fs.mkdtempSync(path.join(os.tmpdir(), "lightmill-page-"));
 const farm = new Farm(build, folder), errors = [];
-let browser, page, job, exr, pinned;
+let browser, page, job, second, exr, pinned;
 
 // ---- what the page has
 
@@ -336,10 +336,11 @@ const tests = {
     await page.keyboard.press("ArrowRight");
     await page.keyboard.press("ArrowDown");
     assert.match(await text("#probe"), /^\d+, \d+: /);
-    await tabTo("#spp");
+    await tabTo("#goal");
     await page.keyboard.type("2000000");
     await page.keyboard.press("Enter");
     await until("the extension", () => farm.status(job).spp === 2000000);
+    await said("#events", "goes on to 2000000 samples a pixel");
     await page.evaluate(() => document.activeElement.blur());
     await page.keyboard.press("p");
     await until("the job goes on", () => farm.status(job).state === "running");
@@ -381,7 +382,8 @@ const tests = {
 
   async "another job is compared, and one of another size refused"() {
     const submit = (...args) => Number(farm.ask("submit", "scenes/cornell", ...args));
-    const second = submit("--resolution", `${WIDTH}x${HEIGHT}`, "--spp", "4", "--seed", "5"), small = submit("--resolution", "64x48", "--spp", "1");
+    second = submit("--resolution", `${WIDTH}x${HEIGHT}`, "--spp", "4", "--save-at", "2", "--seed", "5");
+    const small = submit("--resolution", "64x48", "--spp", "1");
     await until("both", () => farm.status(second).state === "done" && farm.status(small).state === "done");
     const other = await fetchExr(second);
     await until("the choice", async () => (await page.locator(`#other option[value="job:${small}"]`).count()) === 1);
@@ -397,9 +399,64 @@ const tests = {
     assert.match(await text("#comparison"), /Job \d+ has 64 × 48 pixels, job 1 has 200 × 136: only images of one size/);
     await assertCanvas("");
     await page.selectOption("#other", "");
-    for (const number of [second, small]) farm.ask("delete", String(number));
+    farm.ask("delete", String(small));
+  },
+
+  async "images are downloaded: as they are now, and those that were kept"() {
+    await page.click("#jobs tr:nth-child(2) button");
+    await said("#image-title", `Job ${second}:`);
+    const download = async (button) => {
+      const coming = page.waitForEvent("download");
+      await page.click(button);
+      const got = await coming, file = path.join(folder, got.suggestedFilename());
+      await got.saveAs(file);
+      return file;
+    };
+    assert.deepEqual(await page.locator("#at option").allTextContents(), ["now", "at 2 samples a pixel"]);
+    const now = await download("#exr");
+    assert.match(path.basename(now), /^cornell.*\.exr$/);
+    assert.deepEqual(readExr(now).channels, (await fetchExr(second)).channels);
+    await page.selectOption("#at", "2");
+    const kept = await download("#exr"), same = path.join(folder, "kept.exr");
+    farm.ask("fetch", String(second), "--at", "2", "-o", same);
+    assert.deepEqual(readExr(kept).channels, readExr(same).channels);
+    assert.notDeepEqual(readExr(kept).channels.R, readExr(now).channels.R);
+    const png = fs.readFileSync(await download("#png"));
+    assert.equal(png.toString("latin1", 1, 4), "PNG");
+    assert.deepEqual([png.readUInt32BE(16), png.readUInt32BE(20)], [WIDTH, HEIGHT]);
+    await page.click("#jobs tr:nth-child(1) button");
+    farm.ask("delete", String(second));
+    await until("one job", async () => (await page.locator("#jobs tr").count()) === 1);
+  },
+
+  async "orders are given: retain and release, other goals"() {
+    await page.click("#retain");
+    await until("it is retained", () => farm.status(job).retained === true);
+    await said("#retain", "Release");
+    await page.click("#retain");
+    await until("it is released", () => farm.status(job).retained === false);
+    const goOn = async (unit, value) => {
+      await page.selectOption("#unit", unit);
+      await page.fill("#goal", value);
+      await page.press("#goal", "Enter");
+    };
+    await goOn("error", "0.02");
+    await until("another error", () => farm.status(job).error_target === 0.0002);
+    await goOn("time", "7200");
+    await until("a time", () => farm.status(job).time_limit >= 7200);
+    await page.evaluate(() => document.activeElement.blur());
     await page.keyboard.press("p");
     await until("the job goes on", () => farm.status(job).state === "running");
+  },
+
+  async "what happens on the farm is told"() {
+    const guest = farm.startWorker("guest");
+    await said("#events", "Worker guest joined");
+    guest.kill("SIGKILL");
+    await said("#events", "Worker guest left");
+    await said("#events", "a checkpoint was written at");
+    const lines = await page.locator("#events li").allTextContents();
+    assert.ok(lines.every((line, i) => !(line.includes("checkpoint") && lines[i + 1]?.includes("checkpoint"))), "one line of checkpoints");
   },
 
   async "a hidden page asks for nothing"() {

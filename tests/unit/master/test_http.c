@@ -459,6 +459,9 @@ static void events_tell_what_happens(void **state)
     free(expect_text(stream, "\"what\":\"left\""));
     assert_int_equal(post(t, job, "pause", t->tokens.operate, NULL), 200);
     free(expect_text(stream, "\"state\":\"paused\""));
+    assert_int_equal(post(t, job, "extend", t->tokens.operate, "{\"spp\": 70000, \"time\": 5.5}"), 200);
+    free(expect_text(stream, "event: note\ndata: {\"job\":1,\"what\":\"extended\",\"why\":"
+                             "\"to 70000 samples a pixel or 5.5 s\"}"));
     free(head);
     close(stream);
 }
