@@ -163,7 +163,7 @@ run-tests: $(PROGRAMS) $(CHOSEN)
 # The address sanitizer runs everything, the thread sanitizer TSAN_TESTS: what has threads and sockets. The rest
 # renders for long, which is some ten times slower under it.
 TSAN_TESTS ?= $(patsubst tests/%.c,%,$(filter tests/farm/test_%,$(TEST_SRC))) \
-    unit/master/test_shared_film unit/master/test_http unit/master/test_http_images unit/master/test_master unit/worker/test_render_pool unit/proto/test_grants \
+    unit/master/test_shared_film unit/master/test_http unit/master/test_http_images unit/master/test_http_submit unit/master/test_master unit/worker/test_render_pool unit/proto/test_grants \
     unit/proto/test_wire unit/tests/test_proxy
 asan tsan: export TEST_TIMEOUT ?= 3600
 asan tsan: CHECKED_FLAGS = -O1 -g -fno-omit-frame-pointer

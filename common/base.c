@@ -140,6 +140,12 @@ void hash_to_hex(const hash_t *hash, char text[2 * HASH_BYTES + 1])
     sodium_bin2hex(text, 2 * HASH_BYTES + 1, hash->bytes, HASH_BYTES);
 }
 
+bool hash_from_hex(const char *text, size_t length, hash_t *hash)
+{
+    return length == 2 * HASH_BYTES &&
+           sodium_hex2bin(hash->bytes, HASH_BYTES, text, length, NULL, NULL, NULL) == 0;
+}
+
 result_t file_read(const char *path, size_t limit, uint8_t **data, size_t *size)
 {
     *data = NULL;

@@ -85,6 +85,9 @@ bool hash_is_zero(const hash_t *hash);
 /* Writes 64 lower-case hex digits and a NUL to `text`. */
 void hash_to_hex(const hash_t *hash, char text[2 * HASH_BYTES + 1]);
 
+/* The reverse, of exactly 64 hex digits; false when the text is none such. */
+bool hash_from_hex(const char *text, size_t length, hash_t *hash);
+
 /* Reads a whole file into fresh memory (the caller frees *data), with a zero byte behind it. A file over
  * `limit` bytes is an error. */
 result_t file_read(const char *path, size_t limit, uint8_t **data, size_t *size);

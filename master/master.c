@@ -47,8 +47,9 @@ struct master {
     server_t *server;
     farm_service_t service; /* what it calls, */
     client_control_t client_control;
-    client_bulk_t client_bulk; /* and what clients ask of it */
-    http_calls_t http_calls;   /* what the page asks */
+    client_bulk_t client_bulk;  /* and what clients ask of it */
+    blob_writer_t *blob_writer; /* NULL: there is no page */
+    http_calls_t http_calls;    /* what the page asks */
     http_server_t *http;
 };
 
@@ -244,7 +245,9 @@ static result_t start_telling(master_t *master, const master_options_t *options)
 
 static result_t start_page(master_t *master, const master_options_t *options)
 {
-    master->http_calls = (http_calls_t){master->journal_writer, master->image_writer};
+    if (options->http.listen != NULL) TRY(blob_writer_start(master->store, &master->blob_writer));
+    master->http_calls =
+        (http_calls_t){master->journal_writer, master->image_writer, master->blob_writer, master->store};
     http_master_t calls = http_calls_master(&master->http_calls, master->farm, server_gate(master->server));
     return http_server_start(&options->http, &calls, options->data_dir, &master->http);
 }
@@ -270,6 +273,7 @@ static void dismantle(master_t *master)
     http_server_stop(&master->http);
     server_stop(master->server);
     if (master->farm != NULL) farm_shut_down(master->farm);
+    blob_writer_stop(&master->blob_writer);
     image_writer_stop(&master->image_writer);
     notifier_stop(&master->notifier);
     checkpointer_finish(master->checkpointer);

@@ -38,7 +38,8 @@ master/state                : master/store proto/serve
 master/trust                : master/state
 master/farm                 : master/trust
 master/http/access          : proto/wire
-master/http                 : master/farm master/http/access
+master/http/parse           : proto/wire
+master/http                 : master/farm master/http/access master/http/parse
 master/threads              : master/http common/notify
 master                      : master/threads
 relay                       : proto/uplink proto/serve

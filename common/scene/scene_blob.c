@@ -125,7 +125,9 @@ result_t blob_open(const void *bytes, uint64_t size, scene_blob_t *blob)
     return result_ok();
 }
 
-result_t blob_open_file(const char *path, scene_blob_t *blob)
+/* Maps a file and makes its view by `open_bytes`. */
+static result_t open_file(const char *path, result_t (*open_bytes)(const void *, uint64_t, scene_blob_t *),
+                          scene_blob_t *blob)
 {
     *blob = (scene_blob_t){0};
     int file = open(path, O_RDONLY | O_CLOEXEC);
@@ -144,13 +146,39 @@ result_t blob_open_file(const char *path, scene_blob_t *blob)
     close(file);
     if (error != 0) return result_fail(RESULT_IO, "%s: cannot be mapped: %s", path, strerror(error));
     if (bytes == MAP_FAILED) return result_fail(RESULT_INPUT, "%s: is empty, or no file", path);
-    result_t result = blob_open(bytes, (uint64_t)about.st_size, blob);
+    result_t result = open_bytes(bytes, (uint64_t)about.st_size, blob);
     if (result.code == RESULT_OK) {
         blob->mapped = true;
         return result;
     }
     munmap(bytes, (size_t)about.st_size);
     return result_fail(result.code, "%s: %s", path, result.message);
+}
+
+result_t blob_open_file(const char *path, scene_blob_t *blob)
+{
+    return open_file(path, blob_open, blob);
+}
+
+static result_t peek(const void *bytes, uint64_t size, scene_blob_t *blob)
+{
+    TRY(check_header(bytes, size));
+    TRY(check_sections(bytes, size));
+    const header_t *header = bytes;
+    const section_t *scene = &header->sections[BLOB_SECTION_SCENE],
+                    *lights = &header->sections[BLOB_SECTION_LIGHTS];
+    CHECK(scene->count == 1, "has %llu scenes, expected 1", (unsigned long long)scene->count);
+    *blob = (scene_blob_t){.bytes = bytes, .size = size};
+    blob->scene = (const blob_scene_t *)(blob->bytes + scene->offset);
+    blob->lights = (const blob_light_t *)(blob->bytes + lights->offset);
+    blob->counts[BLOB_SECTION_SCENE] = scene->count;
+    blob->counts[BLOB_SECTION_LIGHTS] = lights->count;
+    return result_ok();
+}
+
+result_t blob_peek_file(const char *path, scene_blob_t *blob)
+{
+    return open_file(path, peek, blob);
 }
 
 void blob_close(scene_blob_t *blob)

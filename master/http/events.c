@@ -171,12 +171,7 @@ static void on_gone(void *context)
 static uint64_t place_after(const http_events_t *events, const char *id)
 {
     uint64_t number;
-    char life[16];
-    snprintf(life, sizeof life, "%08" PRIx32 "-", events->life);
-    if (strncmp(id, life, 9) == 0 && http_number_parse(id + 9, strlen(id + 9), &number) &&
-        number < events->next)
-        return number + 1;
-    return 0;
+    return http_event_id_parse(id, events->life, &number) && number < events->next ? number + 1 : 0;
 }
 
 static stream_t *open_stream(http_events_t *events, http_request_t *request)

@@ -1,62 +1,10 @@
-/* orders: what the API orders done with jobs: the orders of `lightmill pause` and the like, by the same way.
- * An order is answered when it is safe on the disk. */
+/* orders: what the API orders done: jobs are submitted, and the orders of `lightmill pause` and the like
+ * given, by the same way as theirs. An order is answered when it is safe on the disk. */
 #include "master/http/routes.h"
 
-#include <math.h>
-#include <stdlib.h>
+#include <inttypes.h>
+#include <stdio.h>
 #include <string.h>
-
-/* ---- bodies -------------------------------------------------------------------------------------------- */
-
-/* A number of the body from `least` to `most`, whole if `whole`; *number stays as it is when there is none.
- */
-static result_t take_number(json_t *body, const char *key, double least, double most, bool whole,
-                            double *number)
-{
-    const json_t *value = json_object_get(body, key);
-    if (value == NULL) return result_ok();
-    double got = json_number_value(value);
-    bool good = whole ? json_is_integer(value) : json_is_number(value);
-    if (!good || !(got >= least && got <= most))
-        return result_fail(RESULT_USAGE, "%s is a %snumber from %g to %g", key, whole ? "whole " : "", least,
-                           most);
-    *number = got;
-    json_object_del(body, key);
-    return result_ok();
-}
-
-/* What was not taken has a name that nobody knows. */
-static result_t check_rest(json_t *body)
-{
-    void *rest = json_object_iter(body);
-    if (rest == NULL) return result_ok();
-    return result_fail(RESULT_USAGE, "this order knows no '%.60s'", json_object_iter_key(rest));
-}
-
-static result_t take_goals(json_t *body, job_order_t *order)
-{
-    double spp = 0;
-    TRY(take_number(body, "spp", 1, JOB_MAX_SPP, true, &spp));
-    TRY(take_number(body, "error", 1e-9, 1, false, &order->error));
-    TRY(take_number(body, "time", 0.1, 1e9, false, &order->time_limit));
-    order->spp = (uint32_t)spp;
-    return check_rest(body);
-}
-
-static result_t take_priority(json_t *body, job_order_t *order)
-{
-    double priority = NAN;
-    TRY(take_number(body, "priority", -JOB_MAX_PRIORITY, JOB_MAX_PRIORITY, true, &priority));
-    if (isnan(priority)) return result_fail(RESULT_USAGE, "say the priority: {\"priority\": 1}");
-    order->priority = (int32_t)priority;
-    return check_rest(body);
-}
-
-static result_t take_nothing(json_t *body, job_order_t *order)
-{
-    (void)order;
-    return check_rest(body);
-}
 
 /* ---- the order ----------------------------------------------------------------------------------------- */
 
@@ -86,15 +34,15 @@ static void tell(http_request_t *request)
     else if (strcmp(request->route->method, "DELETE") == 0)
         http_reply(request, MHD_HTTP_NO_CONTENT, NULL, "", 0, MHD_RESPMEM_PERSISTENT);
     else
-        http_reply_job(request, request->numbers[0]);
+        http_reply_job(request, MHD_HTTP_OK, request->numbers[0]);
 }
 
-static void give(http_request_t *request, order_kind_t kind, result_t (*take)(json_t *, job_order_t *))
+static void give(http_request_t *request, order_kind_t kind)
 {
     json_t *body = NULL;
-    job_order_t order = {.job = request->numbers[0], .kind = kind};
+    job_order_t order = {.job = request->numbers[0]};
     result_t result = http_body_object(request, &body);
-    if (result.code == RESULT_OK) result = take(body, &order);
+    if (result.code == RESULT_OK) result = body_order(body, kind, &order);
     json_decref(body);
     if (result.code != RESULT_OK) {
         http_reply_failure(request, &result);
@@ -105,21 +53,57 @@ static void give(http_request_t *request, order_kind_t kind, result_t (*take)(js
     if (result.code != RESULT_OK) on_done(request, &result, 0);
 }
 
-#define ORDER_HANDLER(name, kind, take)                                                                      \
+#define ORDER_HANDLER(name, kind)                                                                            \
     static void name(http_request_t *request)                                                                \
     {                                                                                                        \
-        give(request, kind, take);                                                                           \
+        give(request, kind);                                                                                 \
     }
-ORDER_HANDLER(cancel_job, ORDER_CANCEL, take_nothing)
-ORDER_HANDLER(pause_job, ORDER_PAUSE, take_nothing)
-ORDER_HANDLER(resume_job, ORDER_RESUME, take_nothing)
-ORDER_HANDLER(retain_job, ORDER_RETAIN, take_nothing)
-ORDER_HANDLER(release_job, ORDER_RELEASE, take_nothing)
-ORDER_HANDLER(delete_job, ORDER_DELETE, take_nothing)
-ORDER_HANDLER(extend_job, ORDER_EXTEND, take_goals)
-ORDER_HANDLER(set_priority, ORDER_PRIORITY, take_priority)
+ORDER_HANDLER(cancel_job, ORDER_CANCEL)
+ORDER_HANDLER(pause_job, ORDER_PAUSE)
+ORDER_HANDLER(resume_job, ORDER_RESUME)
+ORDER_HANDLER(retain_job, ORDER_RETAIN)
+ORDER_HANDLER(release_job, ORDER_RELEASE)
+ORDER_HANDLER(delete_job, ORDER_DELETE)
+ORDER_HANDLER(extend_job, ORDER_EXTEND)
+ORDER_HANDLER(set_priority, ORDER_PRIORITY)
 
-static const http_route_t routes[] = {{"POST", "/api/v1/jobs/#/cancel", HTTP_OPERATE, cancel_job},
+/* ---- submissions --------------------------------------------------------------------------------------- */
+
+/* The job is in the queue, or refused. */
+static void tell_submitted(http_request_t *request)
+{
+    if (request->result.code != RESULT_OK) {
+        http_reply_failure(request, &request->result);
+        return;
+    }
+    snprintf(request->location, sizeof request->location, "/api/v1/jobs/%" PRIu64, request->value);
+    http_reply_job(request, MHD_HTTP_CREATED, request->value);
+}
+
+static result_t read_submission(http_request_t *request, http_submission_t *submission)
+{
+    json_t *body = NULL;
+    result_t result = http_body_object(request, &body);
+    if (result.code == RESULT_OK) result = body_submission(body, submission);
+    json_decref(body);
+    return result;
+}
+
+static void submit_job(http_request_t *request)
+{
+    http_submission_t submission;
+    result_t result = read_submission(request, &submission);
+    if (result.code != RESULT_OK) {
+        http_reply_failure(request, &result);
+        return;
+    }
+    if (!http_wait(request, tell_submitted)) return;
+    result = request->master->submit(request->master->context, &submission, on_done, request);
+    if (result.code != RESULT_OK) on_done(request, &result, 0);
+}
+
+static const http_route_t routes[] = {{"POST", "/api/v1/jobs", HTTP_OPERATE, submit_job},
+                                      {"POST", "/api/v1/jobs/#/cancel", HTTP_OPERATE, cancel_job},
                                       {"POST", "/api/v1/jobs/#/pause", HTTP_OPERATE, pause_job},
                                       {"POST", "/api/v1/jobs/#/resume", HTTP_OPERATE, resume_job},
                                       {"POST", "/api/v1/jobs/#/retain", HTTP_OPERATE, retain_job},

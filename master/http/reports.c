@@ -1,8 +1,8 @@
 /* reports: what the API tells of jobs, workers and the farm. Names are those of `lightmill status --json`. */
 #include "master/farm/status_message.h"
+#include "master/farm/totals.h"
 #include "master/http/routes.h"
 #include "master/http/server_state.h"
-#include "master/http/totals.h"
 #include "proto/wire/status_json.h"
 
 #include <inttypes.h>
@@ -38,7 +38,7 @@ void http_reply_no_job(http_request_t *request, uint64_t job)
     http_reply_problem(request, MHD_HTTP_NOT_FOUND, detail);
 }
 
-void http_reply_job(http_request_t *request, uint64_t job)
+void http_reply_job(http_request_t *request, unsigned status, uint64_t job)
 {
     size_t count;
     uint32_t workers;
@@ -46,13 +46,13 @@ void http_reply_job(http_request_t *request, uint64_t job)
     if (report == NULL)
         http_reply_no_job(request, job);
     else
-        http_reply_json(request, MHD_HTTP_OK, job_object(report));
+        http_reply_json(request, status, job_object(report));
     free(report);
 }
 
 static void show_job(http_request_t *request)
 {
-    http_reply_job(request, request->numbers[0]);
+    http_reply_job(request, MHD_HTTP_OK, request->numbers[0]);
 }
 
 /* How the error fell: an empty list before the first estimate. */

@@ -44,17 +44,6 @@ result_t http_query_only(const http_request_t *request, const char *const names[
     return result_fail(RESULT_USAGE, "there is no '%.60s' to ask for here", known.unknown);
 }
 
-bool http_number_parse(const char *text, size_t length, uint64_t *value)
-{
-    *value = 0;
-    if (length == 0 || length > 19) return false; /* 19 digits fit */
-    for (size_t i = 0; i < length; i++) {
-        if (text[i] < '0' || text[i] > '9') return false;
-        *value = 10 * *value + (uint64_t)(text[i] - '0');
-    }
-    return true;
-}
-
 result_t http_query_number(const http_request_t *request, const char *name, uint64_t least, uint64_t most,
                            uint64_t missing, uint64_t *value)
 {
@@ -68,17 +57,7 @@ result_t http_query_number(const http_request_t *request, const char *name, uint
 
 result_t http_body_object(const http_request_t *request, json_t **object)
 {
-    json_error_t error;
-    *object = request->body_size == 0
-                  ? json_object()
-                  : json_loadb(request->body, request->body_size, JSON_REJECT_DUPLICATES, &error);
-    if (*object == NULL)
-        return result_fail(RESULT_USAGE, "the body is no JSON: line %d, column %d: %.200s", error.line,
-                           error.column, error.text);
-    if (json_is_object(*object)) return result_ok();
-    json_decref(*object);
-    *object = NULL;
-    return result_fail(RESULT_USAGE, "the body is to be a JSON object, like {\"spp\": 256}");
+    return body_parse(request->body, request->body_size, object);
 }
 
 /* ---- answers ------------------------------------------------------------------------------------------- */
@@ -111,6 +90,8 @@ void http_reply_response(http_request_t *request, unsigned status, const char *t
         MHD_add_response_header(response, security_headers[i].name, security_headers[i].value);
     MHD_add_response_header(response, MHD_HTTP_HEADER_CACHE_CONTROL, cache_control(request));
     if (type != NULL) MHD_add_response_header(response, MHD_HTTP_HEADER_CONTENT_TYPE, type);
+    if (request->location[0] != '\0')
+        MHD_add_response_header(response, MHD_HTTP_HEADER_LOCATION, request->location);
     request->answered = MHD_queue_response(request->connection, status, response);
     MHD_destroy_response(response);
 }

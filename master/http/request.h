@@ -6,15 +6,16 @@
 #ifndef LIGHTMILL_HTTP_REQUEST_H
 #define LIGHTMILL_HTTP_REQUEST_H
 
-#include "common/text/json.h"
 #include "master/http/access/tokens.h"
 #include "master/http/master_calls.h"
+#include "master/http/parse/fields.h"
 
 #include <microhttpd.h>
 
 enum {
     HTTP_MAX_NUMBERS = 4,    /* in a path */
     HTTP_MAX_BODY = 4 << 10, /* bytes */
+    HTTP_MAX_UPLOADS = 8,    /* at a time */
     HTTP_MAX_IMAGES = 32,    /* requests that wait for an image, or read one */
     HTTP_MAX_WAITING = 64    /* requests that wait for another thread */
 };
@@ -23,7 +24,9 @@ typedef struct http_server http_server_t;
 typedef struct http_request http_request_t;
 
 /* A kind of request. In the path a segment "#" stands for a whole number from 1, which is in
- * request->numbers. GET answers HEAD too. */
+ * request->numbers, and a segment "@" for a hash, in request->hash. GET answers HEAD too. The handler of a
+ * PUT is called before the body, which may have any length: it answers, or sets request->take and
+ * request->then. */
 typedef struct {
     const char *method, *path;
     http_right_t right;
@@ -41,14 +44,20 @@ struct http_request {
     const http_route_t *route;
     const char *path; /* of the URL; during the handler's call only */
     uint64_t numbers[HTTP_MAX_NUMBERS];
+    hash_t hash;
+    /* Takes bytes of a body as they come, *size of them; leaves in *size how many it could not take, which
+     * come again. NULL: the body is collected. */
+    void (*take)(http_request_t *request, const char *bytes, size_t *size);
     char *body; /* ends with '\0'; NULL: there is none */
     size_t body_size;
     bool body_too_large;
-    char allowed[32];                      /* the methods of this path, when the request's is none of them */
-    void (*then)(http_request_t *request); /* of http_wait; NULL: it does not wait */
-    result_t result;                       /* for `then`: what the other thread found, */
-    uint64_t value;                        /* and a number of it */
-    void *own;                             /* the handler's, */
+    char location[40]; /* where what was made is; empty: nothing was */
+    char allowed[32];  /* the methods of this path, when the request's is none of them */
+    void (*then)(
+        http_request_t *request); /* of http_wait, or what follows the body of a PUT; NULL: the handler */
+    result_t result;              /* for `then`: what the other thread found, */
+    uint64_t value;               /* and a number of it */
+    void *own;                    /* the handler's, */
     void (*release)(http_request_t *request); /* which frees it when the request has ended; NULL: nothing */
     enum MHD_Result answered;
 };
@@ -59,8 +68,6 @@ struct http_request {
 const char *http_header(const http_request_t *request, const char *name);
 /* RESULT_USAGE when the query has another parameter than these; NULL ends them. */
 result_t http_query_only(const http_request_t *request, const char *const names[]);
-/* A whole number in decimal digits; false when it is none. */
-bool http_number_parse(const char *text, size_t length, uint64_t *value);
 /* A parameter of the query ("?level=3"); NULL when there is none. */
 const char *http_query(const http_request_t *request, const char *name);
 /* The same as a whole number from `least` to `most`, or `missing` when there is none. RESULT_USAGE names the

@@ -7,7 +7,7 @@
 #include <string.h>
 
 static const http_table_t *const tables[] = {&http_report_routes, &http_order_routes, &http_metrics_routes,
-                                             &http_tile_routes, &http_image_routes};
+                                             &http_tile_routes,   &http_image_routes, &http_upload_routes};
 
 static void serve_file(http_request_t *request)
 {
@@ -16,19 +16,30 @@ static void serve_file(http_request_t *request)
 
 static const http_route_t file_route = {"GET", "", HTTP_ANYBODY, serve_file};
 
-/* Does the path fit the pattern? Each "#" takes a whole number from 1. */
-static bool fits(const char *pattern, const char *path, uint64_t numbers[HTTP_MAX_NUMBERS])
+/* The length of a number, from 1, at the beginning of the text, or of a hash; 0 when there is none. */
+static size_t take_number(http_request_t *request, size_t count, const char *text)
 {
+    size_t length = strspn(text, "0123456789");
+    uint64_t *number = &request->numbers[count];
+    return count < HTTP_MAX_NUMBERS && http_number_parse(text, length, number) && *number != 0 ? length : 0;
+}
+
+static size_t take_hash(http_request_t *request, const char *text)
+{
+    size_t length = strspn(text, "0123456789abcdef");
+    return hash_from_hex(text, length, &request->hash) ? length : 0;
+}
+
+/* Does the request's path fit the pattern? */
+static bool fits(const char *pattern, http_request_t *request)
+{
+    const char *path = request->path;
     for (size_t count = 0; *pattern != '\0'; pattern++) {
-        if (*pattern != '#') {
-            if (*path++ != *pattern) return false;
-            continue;
-        }
-        size_t length = strspn(path, "0123456789");
-        if (count == HTTP_MAX_NUMBERS || !http_number_parse(path, length, &numbers[count]) ||
-            numbers[count] == 0)
-            return false;
-        count++;
+        bool number = *pattern == '#', hash = *pattern == '@';
+        size_t length = number ? take_number(request, count++, path)
+                        : hash ? take_hash(request, path)
+                               : (size_t)(*path == *pattern);
+        if (length == 0) return false;
         path += length;
     }
     return *path == '\0';
@@ -58,8 +69,7 @@ unsigned http_route_find(http_request_t *request, const char *method)
     for (size_t t = 0; t < ARRAY_LENGTH(tables); t++)
         for (size_t r = 0; r < tables[t]->count; r++) {
             const http_route_t *route = &tables[t]->routes[r];
-            if (fits(route->path, request->path, request->numbers) && try_route(request, route, method))
-                return 0;
+            if (fits(route->path, request) && try_route(request, route, method)) return 0;
         }
     if (http_files_have(request->path) && try_route(request, &file_route, method)) return 0;
     return request->allowed[0] != '\0' ? MHD_HTTP_METHOD_NOT_ALLOWED : MHD_HTTP_NOT_FOUND;

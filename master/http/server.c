@@ -88,8 +88,12 @@ static bool body_fits(http_request_t *request)
 /* The headers are there: a refusal need not wait for the body. */
 static enum MHD_Result begin(http_request_t *request, const char *method)
 {
-    if (!admit(request, method) || !body_fits(request)) return request->answered;
-    return MHD_YES;
+    if (!admit(request, method)) return request->answered;
+    bool any_length = strcmp(request->route->method, MHD_HTTP_METHOD_PUT) == 0;
+    if (!any_length && !body_fits(request)) return request->answered;
+    request->answered = MHD_YES;
+    if (any_length) request->route->handle(request);
+    return request->answered;
 }
 
 /* A body without a length is read to its end, but not kept beyond what fits. */
@@ -129,6 +133,11 @@ static enum MHD_Result on_request(void *context, struct MHD_Connection *connecti
     request->path = url;
     if (first) return begin(request, method);
     if (*size == 0) return answer(request);
+    request->answered = MHD_YES;
+    if (request->take != NULL) {
+        request->take(request, data, size);
+        return request->answered;
+    }
     take_body(request, data, *size);
     *size = 0;
     return MHD_YES;

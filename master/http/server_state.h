@@ -22,7 +22,7 @@ struct http_server {
     tiles_t *tiles;
     http_events_t *events;
     double started;
-    int images;           /* requests for images, of the server's thread alone */
+    int images, uploads;  /* requests for images, uploads; of the server's thread alone */
     pthread_mutex_t lock; /* guards what follows */
     pthread_cond_t idle;  /* `waiting` has fallen */
     int waiting;

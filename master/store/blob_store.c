@@ -6,8 +6,6 @@
  * was last used is the time of its file, so that it outlives the process. */
 #include "master/store/blob_store.h"
 
-#include "common/scene/scene_blob.h"
-
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
@@ -25,6 +23,7 @@ enum {
     MAX_PARTS = 64,       /* uploads begun and not finished; more are refused */
     PART_KEEP =
         7 * 24 * 3600, /* seconds; one that nobody went on with for longer goes when a master starts */
+    MAX_PUTS = 4,      /* at a time */
     PART_IDLE = 3600   /* seconds; likewise when there are too many */
 };
 
@@ -51,6 +50,9 @@ struct blob_store {
     size_t item_count;
     need_t *needs;
     size_t need_count;
+    hash_t puts[MAX_PUTS]; /* what is written to by a thread at this moment */
+    size_t put_count;
+    pthread_cond_t put_ended;
 };
 
 static char *blob_path(const blob_store_t *store, const hash_t *hash, const char *suffix)
@@ -181,6 +183,7 @@ result_t blob_store_open(const blob_store_options_t *options, blob_store_t **out
     store->limit = options->limit;
     store->fleeting = options->fleeting;
     pthread_mutex_init(&store->lock, NULL);
+    pthread_cond_init(&store->put_ended, NULL);
     result_t result = scan(store);
     if (result.code != RESULT_OK) blob_store_close(&store);
     *out = store;
@@ -190,6 +193,7 @@ result_t blob_store_open(const blob_store_options_t *options, blob_store_t **out
 void blob_store_close(blob_store_t **store)
 {
     if (*store == NULL) return;
+    pthread_cond_destroy(&(*store)->put_ended);
     pthread_mutex_destroy(&(*store)->lock);
     free((*store)->items);
     free((*store)->needs);
@@ -208,6 +212,27 @@ bool blob_store_find(const blob_store_t *store, const hash_t *hash, uint64_t *si
     free(path);
     if (found) *size = (uint64_t)status.st_size;
     return found;
+}
+
+bool blob_store_find_part(const blob_store_t *store, const hash_t *hash, uint64_t *length)
+{
+    char *path = blob_path(store, hash, "part");
+    struct stat status;
+    bool found = stat(path, &status) == 0 && S_ISREG(status.st_mode);
+    free(path);
+    if (found) *length = (uint64_t)status.st_size;
+    return found;
+}
+
+result_t blob_store_peek(const blob_store_t *store, const hash_t *hash, scene_blob_t *blob)
+{
+    char *path = blob_path(store, hash, "blob");
+    uint64_t size;
+    result_t result = blob_store_find(store, hash, &size)
+                          ? blob_peek_file(path, blob)
+                          : result_fail(RESULT_INPUT, "this master does not have the scene: send it first");
+    free(path);
+    return result;
 }
 
 /* The hash of a file's bytes. False when it cannot be told: the disk does not give them, or *stop was set. */
@@ -459,8 +484,38 @@ static result_t finish(blob_store_t *store, const char *part, const char *path, 
     return result.code == RESULT_OK ? flush_directory(store) : result;
 }
 
-result_t blob_store_put(blob_store_t *store, const hash_t *hash, uint64_t offset, uint64_t size,
-                        const void *bytes, size_t length, uint64_t *next)
+static bool is_put(const blob_store_t *store, const hash_t *hash)
+{
+    for (size_t i = 0; i < store->put_count; i++)
+        if (hash_equal(&store->puts[i], hash)) return true;
+    return false;
+}
+
+/* Waits until nobody writes to the file: otherwise one thread could write to what the other has just found
+ * right. */
+static void begin_put(blob_store_t *store, const hash_t *hash)
+{
+    pthread_mutex_lock(&store->lock);
+    while (store->put_count == MAX_PUTS || is_put(store, hash))
+        pthread_cond_wait(&store->put_ended, &store->lock);
+    store->puts[store->put_count++] = *hash;
+    pthread_mutex_unlock(&store->lock);
+}
+
+static void end_put(blob_store_t *store, const hash_t *hash)
+{
+    pthread_mutex_lock(&store->lock);
+    for (size_t i = 0; i < store->put_count; i++)
+        if (hash_equal(&store->puts[i], hash)) {
+            store->puts[i] = store->puts[--store->put_count];
+            break;
+        }
+    pthread_cond_broadcast(&store->put_ended);
+    pthread_mutex_unlock(&store->lock);
+}
+
+static result_t put_piece(blob_store_t *store, const hash_t *hash, uint64_t offset, uint64_t size,
+                          const void *bytes, size_t length, uint64_t *next)
 {
     uint64_t known;
     if (blob_store_find(store, hash, &known)) {
@@ -478,6 +533,15 @@ result_t blob_store_put(blob_store_t *store, const hash_t *hash, uint64_t offset
     if (result.code == RESULT_OK && *next == size) result = finish(store, part, path, hash, size);
     free(part);
     free(path);
+    return result;
+}
+
+result_t blob_store_put(blob_store_t *store, const hash_t *hash, uint64_t offset, uint64_t size,
+                        const void *bytes, size_t length, uint64_t *next)
+{
+    begin_put(store, hash);
+    result_t result = put_piece(store, hash, offset, size, bytes, length, next);
+    end_put(store, hash);
     return result;
 }
 

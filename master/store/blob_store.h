@@ -5,12 +5,12 @@
  * The store has a limit on the disk. Where it would be passed, blobs that no job needs are deleted, the least
  * recently used first.
  *
- * Thread-safe; but the uploads come from one thread.
+ * Thread-safe. An upload that comes from two threads at a time goes on in one of them after the other.
  */
 #ifndef LIGHTMILL_BLOB_STORE_H
 #define LIGHTMILL_BLOB_STORE_H
 
-#include "common/base.h"
+#include "common/scene/scene_blob.h"
 
 #include <stdatomic.h>
 
@@ -29,6 +29,11 @@ void blob_store_close(blob_store_t **store);
 
 /* True when the blob is there, with its size in bytes. */
 bool blob_store_find(const blob_store_t *store, const hash_t *hash, uint64_t *size);
+/* True when a part of the blob is there, that was sent and is not complete, with its length in bytes. */
+bool blob_store_find_part(const blob_store_t *store, const hash_t *hash, uint64_t *length);
+/* The view of blob_peek_file of a blob that is there, to be closed by the caller. RESULT_INPUT when it is
+ * not. */
+result_t blob_store_peek(const blob_store_t *store, const hash_t *hash, scene_blob_t *blob);
 /* Reads a whole blob and checks it, until *stop is set. That may take long. False when the blob is not there,
  * or is damaged: then it is deleted, so that it can be sent again. A blob that the disk cannot read stays. */
 bool blob_store_check(blob_store_t *store, const hash_t *hash, const atomic_bool *stop);

@@ -564,10 +564,10 @@ static void the_master_says_that_it_lives(void **state)
 /* The description names the path and, below it, the method of each route. */
 static void check_described(const char *description, const http_route_t *route)
 {
-    const char *number = strchr(route->path, '#');
-    char *line = number == NULL
-                     ? mem_printf("\n  %s:\n", route->path)
-                     : mem_printf("\n  %.*s{job}%s:\n", (int)(number - route->path), route->path, number + 1);
+    const char *name = strpbrk(route->path, "#@");
+    char *line = name == NULL ? mem_printf("\n  %s:\n", route->path)
+                              : mem_printf("\n  %.*s{%s}%s:\n", (int)(name - route->path), route->path,
+                                           *name == '#' ? "job" : "blob", name + 1);
     char *method = mem_printf("\n    %s:", route->method);
     for (char *at = method; *at != '\0'; at++)
         if (*at >= 'A' && *at <= 'Z') *at = (char)(*at - 'A' + 'a');
@@ -583,7 +583,7 @@ static void every_request_is_described(void **state)
 {
     (void)state;
     const http_table_t *const tables[] = {&http_report_routes, &http_order_routes, &http_metrics_routes,
-                                          &http_tile_routes, &http_image_routes};
+                                          &http_tile_routes,   &http_image_routes, &http_upload_routes};
     uint8_t *text;
     size_t size;
     assert_int_equal(file_read("docs/openapi.yaml", 1 << 20, &text, &size).code, RESULT_OK);

@@ -1,6 +1,6 @@
 /* totals: what the farm has in all: jobs by state, workers, speed, and how many workers it could use. */
-#ifndef LIGHTMILL_HTTP_TOTALS_H
-#define LIGHTMILL_HTTP_TOTALS_H
+#ifndef LIGHTMILL_TOTALS_H
+#define LIGHTMILL_TOTALS_H
 
 #include "master/farm/farm.h"
 
