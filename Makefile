@@ -11,7 +11,7 @@ Q       := $(if $(V),,@)
 # -mtune changes none: bdpt gains 1 to 4 % by it.
 BASELINE := -march=x86-64-v3 -mtune=skylake -ffp-contract=off -fno-math-errno -fno-trapping-math
 WARNINGS := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Wvla
-PACKAGES := libmicrohttpd libzmq libprotobuf-c libsodium libzstd libpng zlib libturbojpeg OpenEXR jansson sqlite3 libcurl
+PACKAGES := libmicrohttpd libzmq libprotobuf-c libsodium libzstd libpng zlib libturbojpeg OpenEXR jansson sqlite3 libcurl libmurmurhash
 ifneq ($(filter-out help clean deps deps-dev deps-test deps-chaos check check-fast demo asan tsan fuzz chaos valgrind container-check sim bench bench-error bench-merge bench-farm bench-codec format lint,$(or $(MAKECMDGOALS),all)),)
 PKG_CFLAGS := $(shell pkg-config --cflags $(PACKAGES) 2>/dev/null)
 ifneq ($(.SHELLSTATUS),0)
@@ -42,7 +42,7 @@ PROGRAMS := $(BUILD)/lightmill $(BUILD)/lightmill-master $(BUILD)/lightmill-work
 TEST_SRC := $(sort $(shell find tests/unit -name "*.c" 2>/dev/null) $(wildcard tests/statistics/*.c tests/farm/*.c))
 TESTS    := $(patsubst tests/%.c,$(BUILD)/tests/%,$(filter tests/%,$(shell grep -l '^int main' $(TEST_SRC) /dev/null 2>/dev/null)))
 # Not of C: the page in a browser, Prometheus, and the Python package.
-TESTS    += $(BUILD)/tests/page/test_page $(BUILD)/tests/farm/test_monitoring $(BUILD)/tests/farm/test_python
+TESTS    += $(BUILD)/tests/page/test_page $(BUILD)/tests/farm/test_monitoring $(BUILD)/tests/farm/test_mattes $(BUILD)/tests/farm/test_python
 
 all: $(PROGRAMS)
 
@@ -111,7 +111,7 @@ $(BUILD)/tests/page/test_page: tests/page/test_page.sh tests/page/install.sh doc
 	@mkdir -p $(@D)
 	$(Q)install -m 755 $< $@
 
-$(BUILD)/tests/farm/test_monitoring $(BUILD)/tests/farm/test_python: $(BUILD)/%: %.py | $(PROGRAMS)
+$(BUILD)/tests/farm/test_monitoring $(BUILD)/tests/farm/test_python $(BUILD)/tests/farm/test_mattes: $(BUILD)/%: %.py | $(PROGRAMS)
 	@mkdir -p $(@D)
 	$(Q)install -m 755 $< $@
 

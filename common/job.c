@@ -129,6 +129,9 @@ result_t job_settings_check(const job_settings_t *settings)
     if (settings->adaptive && settings->spp < JOB_MAX_SPP)
         TRY(check_range("samples a pixel of an adaptive job", settings->spp, 1, JOB_MAX_ADAPTIVE_SPP));
     TRY(check_save_at(settings));
+    if (settings->cryptomatte && settings->integrator == INTEGRATOR_LIGHT)
+        return result_fail(RESULT_USAGE, "cryptomatte shows what eye rays meet, and the integrator light "
+                                         "follows none: use bdpt or path");
     return check_strategy(settings);
 }
 
@@ -219,6 +222,11 @@ bool job_has_features(const job_settings_t *settings)
     return settings->features && settings->integrator != INTEGRATOR_LIGHT;
 }
 
+bool job_has_mattes(const job_settings_t *settings)
+{
+    return settings->cryptomatte && settings->integrator != INTEGRATOR_LIGHT;
+}
+
 hash_t job_content_hash(const job_settings_t *settings, const hash_t *blob)
 {
     char hex[2 * HASH_BYTES + 1], text[400];
@@ -230,6 +238,8 @@ hash_t job_content_hash(const job_settings_t *settings, const hash_t *blob)
         hex, (int)settings->integrator, (int)settings->sampler, (unsigned long long)settings->seed,
         settings->width, settings->height, settings->max_depth, settings->tile_size, settings->film_scale,
         settings->strategy_s, settings->strategy_t, settings->unweighted, settings->features);
+    if (settings->cryptomatte)
+        length += snprintf(text + length, sizeof text - (size_t)length, " cryptomatte");
     return hash_bytes(text, (size_t)length);
 }
 

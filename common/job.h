@@ -51,6 +51,7 @@ typedef struct {
     int32_t strategy_s, strategy_t; /* of bdpt: only paths of so many light and eye vertices; both 0: all */
     bool unweighted;                /* that strategy without its weight in the combination */
     bool features;                  /* layers of what the eye rays meet first are wanted (film_sums.h) */
+    bool cryptomatte;               /* mattes are wanted (film_sums.h); not with the integrator light */
     double error;      /* the job ends when its estimated relative error is at most this; 0: not (film.h) */
     bool adaptive;     /* noisy tiles get more samples; spp is the mean (master/schedule/plan.h) */
     save_at_t save_at; /* not with adaptive; what lies beyond spp is never reached */
@@ -120,6 +121,8 @@ bool job_unit_valid(const job_settings_t *settings, const unit_t *unit);
 result_t job_check_units(const job_settings_t *settings, const unit_t *units, size_t count);
 /* True when the job makes features: they are wanted, and its integrator traces eye rays. */
 bool job_has_features(const job_settings_t *settings);
+/* True when it makes mattes. */
+bool job_has_mattes(const job_settings_t *settings);
 /* The hash of all that a sample depends on: the scene and the settings that change its value (others only say
  * how many samples there are). Sums may be added when this is the same, whatever number a job bears: a master
  * that lost its data gives the old numbers to new jobs. */

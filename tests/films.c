@@ -51,15 +51,14 @@ static size_t add_tile(film_t *film, const unit_t *unit, sum_kind_t kind, const 
 
 void merge_plainly(film_t *film, const batch_t *batch)
 {
-    const int64_t *eye = batch->sums[SUM_EYE].values, *features = batch->sums[SUM_FEATURES].values;
-    const sum_array_t *splats = &batch->sums[SUM_SPLAT];
-    for (size_t i = 0; i < batch->unit_count; i++) {
-        const unit_t *unit = &batch->units[i];
-        eye += add_tile(film, unit, SUM_EYE, eye);
-        if (job_has_features(&film->settings) && unit->first < FEATURE_SAMPLES)
-            features += add_tile(film, unit, SUM_FEATURES, features);
+    for (sum_kind_t k = 0; k < BATCH_SUMS; k++) {
+        const int64_t *values = batch->sums[k].values;
+        for (size_t i = 0; i < batch->unit_count && !film_sums[k].frame; i++)
+            if (sum_unit_values(&film->settings, k, &batch->units[i]) > 0)
+                values += add_tile(film, &batch->units[i], k, values);
+        for (size_t i = 0; i < batch->sums[k].count && film_sums[k].frame; i++)
+            add_value(film, &film->sums[k][i], values[i]);
     }
-    for (size_t i = 0; i < splats->count; i++) add_value(film, &film->sums[SUM_SPLAT][i], splats->values[i]);
     film_counts_add(&film->counts, &batch->counts);
 }
 

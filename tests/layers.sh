@@ -13,11 +13,11 @@ rules() {
     cat <<'END'
 common
 common/image                : common
-common/film                 : common/image
-common/scene                : common
 common/options              : common
 common/notify               : common/options
 common/text                 : common
+common/scene                : common/text
+common/film                 : common/image common/scene
 proto/wire                  : common/film common/scene common/options common/text
 proto/uplink                : proto/wire
 proto/serve                 : proto/wire

@@ -258,8 +258,10 @@ static void on_batch(scripted_t *script, const wire_message_t *message)
     assert_int_equal(
         wire_units_get(result->units, result->n_units, &script->settings, came->batch.units).code, RESULT_OK);
     wire_counts_get(result->counts, &came->batch.counts);
-    assert_int_equal(message->payload_count, BATCH_PAYLOADS);
-    assert_int_equal(payload_decode(message->payload, &came->batch).code, RESULT_OK);
+    zmq_msg_t payload[BATCH_PAYLOADS]; /* the message's, and empty ones for those that were left out */
+    for (int i = 0; i < BATCH_PAYLOADS; i++) zmq_msg_init(&payload[i]);
+    memcpy(payload, message->payload, (size_t)message->payload_count * sizeof *payload);
+    assert_int_equal(payload_decode(payload, &came->batch).code, RESULT_OK);
     script->question = question_of(message);
     script->question.sequence = result->sequence;
     if (script->answering) scripted_verdict(script, script->counting);

@@ -41,6 +41,9 @@ result_t strategies_settings(const overrides_t *overrides, const scene_blob_t *b
                            "--strategies gives all images the same samples: use --spp, not --time");
     if (settings->save_at.count > 0)
         return result_fail(RESULT_USAGE, "--strategies writes one file: use it without --save-at");
+    if (settings->cryptomatte)
+        return result_fail(RESULT_USAGE, "images of strategies have no mattes: use --strategies without "
+                                         "--cryptomatte");
     if (job_is_planned(settings))
         return result_fail(RESULT_USAGE, "--strategies gives all images the same samples: use --spp, not %s",
                            settings->adaptive ? "--adaptive" : "--error");

@@ -115,6 +115,10 @@ static const option_t rows[] = {
         OPTION_RANGE(FILM_MIN_SCALE, FILM_MAX_SCALE)),
     OPTION(overrides_t, no_layers, "no-layers", NULL,
            "without the layers of what is seen: albedo, normal, position, depth, ..."),
+    OPTION(
+        overrides_t, cryptomatte, "cryptomatte", NULL,
+        "with mattes of objects and of materials, as compositing programs read them: layers crypto_object00, "
+        "crypto_material00, ..."),
     OPTION(overrides_t, lenient, "lenient", NULL,
            "take the nearest substitute for what a scene has and Lightmill has not, and warn"),
 };

@@ -89,10 +89,20 @@ static void measured_values(const first_hit_t *hit, float values[MEASURED])
     values[FEATURE_DEPTH] = hit->depth;
 }
 
+static void add_matte(unit_result_t *result, size_t pixel, uint32_t sample, const first_hit_t *hit)
+{
+    if (result->sums[SUM_MATTES].count == 0 || sample >= MATTE_SAMPLES) return;
+    uint64_t code = hit->hit ? (uint64_t)hit->object - 1 + MATTE_FIRST_SHAPE : MATTE_NOTHING;
+    if (code > MATTE_MAX_CODE) code = MATTE_NOTHING;
+    result->sums[SUM_MATTES].values[MATTE_VALUES * pixel + sample / MATTE_SLOTS] +=
+        (int64_t)(code << (MATTE_BITS * (sample % MATTE_SLOTS)));
+}
+
 void unit_result_feature(unit_result_t *result, size_t pixel, uint32_t sample, const first_hit_t *hit)
 {
     const float limit = 0x1.fffffep24f; /* FEATURE_SAMPLES of it are below 2^62 units: nothing saturates */
     const double scale = (double)(UINT64_C(1) << FEATURE_SCALE);
+    add_matte(result, pixel, sample, hit);
     if (result->sums[SUM_FEATURES].count == 0 || sample >= FEATURE_SAMPLES) return;
     int64_t *sum = result->sums[SUM_FEATURES].values + FEATURE_VALUES * pixel;
     if (!hit->hit) {

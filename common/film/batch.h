@@ -51,9 +51,10 @@ typedef struct {
 /* Makes an empty result for a unit: zeroed tiles of the sums that it has; no splats. */
 void unit_result_reset(unit_result_t *result, const job_settings_t *settings, const unit_t *unit);
 void unit_result_free(unit_result_t *result);
-/* Adds what one sample met to a pixel (y * tile width + x in the tile). Values beyond +-2^25 are clamped, so
- * that no sum can overflow; a sample with a NaN or an infinity is dropped whole and counted as such. Does
- * nothing beyond FEATURE_SAMPLES and in units without features. */
+/* Adds what one sample met to a pixel (y * tile width + x in the tile), to its features and its mattes.
+ * Values beyond +-2^25 are clamped, so that no sum can overflow; a sample with a NaN or an infinity is
+ * dropped whole from the features and counted as such. Does nothing beyond FEATURE_SAMPLES, and in units
+ * without features and mattes. Once for each sample. */
 void unit_result_feature(unit_result_t *result, size_t pixel, uint32_t sample, const first_hit_t *hit);
 
 /* Units closed together, and the sums of exactly those units. */

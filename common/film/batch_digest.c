@@ -41,6 +41,13 @@ static void hash_values(crypto_generichash_state *state, const sum_array_t *sums
         crypto_generichash_update(state, (const uint8_t *)(sums->values + first), count * sizeof(int64_t));
 }
 
+/* Sums that only some jobs have leave no trace in the others' digests, but for features, which always did. */
+static bool is_hashed(const batch_t *batch, sum_kind_t kind, bool frame)
+{
+    bool in_job = kind == SUM_FEATURES || sum_image_values(&batch->settings, kind) > 0;
+    return film_sums[kind].frame == frame && in_job;
+}
+
 void batch_digest(const batch_t *batch, hash_t *hash)
 {
     crypto_generichash_state state;
@@ -53,12 +60,12 @@ void batch_digest(const batch_t *batch, hash_t *hash)
         const uint32_t name[] = {unit->tile, unit->first, unit->count};
         crypto_generichash_update(&state, (const uint8_t *)name, sizeof name);
         for (sum_kind_t k = 0; k < BATCH_SUMS; k++)
-            if (!film_sums[k].frame)
+            if (is_hashed(batch, k, false))
                 hash_values(&state, &batch->sums[k], places[i].first[k],
                             sum_unit_values(&batch->settings, k, unit));
     }
     for (sum_kind_t k = 0; k < BATCH_SUMS; k++)
-        if (film_sums[k].frame)
+        if (is_hashed(batch, k, true))
             hash_values(&state, &batch->sums[k], 0, sum_image_values(&batch->settings, k));
     crypto_generichash_final(&state, hash->bytes, HASH_BYTES);
     free(places);

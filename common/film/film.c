@@ -42,5 +42,6 @@ uint64_t film_bytes(const job_settings_t *settings)
     uint64_t pixels = (uint64_t)settings->width * (uint64_t)settings->height, bytes = 0;
     uint64_t features = job_has_features(settings) ? FEATURE_VALUES : 0;
     for (sum_kind_t k = 0; k < FILM_SUMS; k++) bytes += sum_image_values(settings, k) * film_sums[k].bytes;
-    return bytes + pixels * (13 + features) * sizeof(float);
+    uint64_t mattes = job_has_mattes(settings) ? 4 * MATTE_LEVELS * MATTE_KINDS : 0;
+    return bytes + pixels * (13 + features + mattes) * sizeof(float);
 }

@@ -8,6 +8,7 @@
 #define LIGHTMILL_FILM_H
 
 #include "common/film/batch.h"
+#include "common/scene/cryptomatte.h"
 
 /* The sums of a whole job. Not thread-safe: the owner locks. */
 typedef struct {
@@ -51,11 +52,17 @@ typedef struct {
 
     /* The picture as the even samples alone make it, and the odd ones; NULL unless they are wanted. */
     float *half[2];
+
+    /* Mattes, likewise: ids (cryptomatte.h) and the share of the samples that show each, those of the largest
+     * share first, then those of the lowest id; 0: nothing. Two ids a level, [height][width][4]. What a pixel
+     * met that is nothing counts like an object, with the id 0. */
+    float *mattes[MATTE_KINDS][MATTE_LEVELS];
 } film_image_t;
 
 /* What an image has only when it is wanted. */
 typedef struct {
     bool halves;
+    const mattes_t *mattes; /* of the film's scene; NULL, or a film that has none: no mattes */
 } film_extras_t;
 
 /* Resolves the sums: eye / own samples + splat * pixels / light paths, and the features. Pixels without
@@ -64,6 +71,8 @@ void film_resolve(const film_t *film, film_image_t *image);
 /* Adds to a resolved image of the film, of the same moment. A half is divided by its own samples and light
  * paths; where it has none it has no light. */
 void film_resolve_extras(const film_t *film, const film_extras_t *extras, film_image_t *image);
+/* The part of it that is about mattes. */
+void film_resolve_mattes(const film_t *film, const mattes_t *mattes, film_image_t *image);
 
 /* Some rows of an image, and what is wanted of them beside the picture. */
 typedef struct {

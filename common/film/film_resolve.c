@@ -163,6 +163,7 @@ void film_resolve(const film_t *film, film_image_t *image)
 void film_resolve_extras(const film_t *film, const film_extras_t *extras, film_image_t *image)
 {
     divisors_t divisors = film_divisors(film);
+    if (extras->mattes != NULL) film_resolve_mattes(film, extras->mattes, image);
     for (size_t h = 0; extras->halves && h < 2; h++) {
         image->half[h] = mem_zalloc(3 * divisors.pixels, sizeof(float));
         for (size_t p = 0; p < divisors.pixels; p++)
@@ -254,5 +255,7 @@ void film_image_free(film_image_t *image)
                          image->object, image->material, image->coverage};
     for (size_t i = 0; i < ARRAY_LENGTH(features); i++) free(features[i]);
     for (size_t h = 0; h < 2; h++) free(image->half[h]);
+    for (int k = 0; k < MATTE_KINDS; k++)
+        for (int l = 0; l < MATTE_LEVELS; l++) free(image->mattes[k][l]);
     *image = (film_image_t){0};
 }

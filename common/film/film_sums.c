@@ -29,9 +29,19 @@ const sum_layout_t film_sums[FILM_SUMS] = {
                       .in_job = job_has_features,
                       .samples = FEATURE_SAMPLES,
                       .sample_bits = 57},
+    [SUM_MATTES] = {.name = "matte",
+                    .bytes = sizeof(int64_t),
+                    .halves = 1,
+                    .values = MATTE_VALUES,
+                    .group_count = 6,
+                    .groups = {3, 3, 3, 3, 3, 1},
+                    .differences = true,
+                    .in_job = job_has_mattes,
+                    .samples = MATTE_SAMPLES,
+                    .sample_bits = 57},
     [SUM_SAMPLES] = {.name = "sample", .bytes = sizeof(uint32_t), .halves = 2, .values = 1}};
 
-const sum_kind_t film_page_order[FILM_SUMS] = {SUM_EYE, SUM_SPLAT, SUM_SAMPLES, SUM_FEATURES};
+const sum_kind_t film_page_order[FILM_SUMS] = {SUM_EYE, SUM_SPLAT, SUM_SAMPLES, SUM_FEATURES, SUM_MATTES};
 
 /* ---- how many values there are ------------------------------------------------------------------------- */
 

@@ -14,6 +14,9 @@
  * compositing. They are sums of the same kind, of the first FEATURE_SAMPLES samples of each pixel: enough for
  * smooth edges, and a bound on what is sent. They have one half only, and a scale of their own, since they do
  * not depend on how bright a scene is.
+ *
+ * Mattes are what the same samples met, one by one: a slot for each sample holds a code of the shape, so that
+ * adding, which only ever adds to an empty slot, merges them exactly. Who resolves the film counts them.
  */
 #ifndef LIGHTMILL_FILM_SUMS_H
 #define LIGHTMILL_FILM_SUMS_H
@@ -27,6 +30,7 @@ typedef enum {
     SUM_EYE,                  /* radiance of the strategies with t >= 2 eye vertices, by pixel */
     SUM_SPLAT,                /* radiance of those with t = 1, which may land anywhere */
     SUM_FEATURES,             /* what the eye rays meet first: FEATURE_ALBEDO and so on */
+    SUM_MATTES,               /* which shape each eye ray meets first: MATTE_SAMPLES and so on */
     BATCH_SUMS,               /* those above travel in a batch, a payload each in this order */
     SUM_SAMPLES = BATCH_SUMS, /* a film has these beside: eye samples, each as often as it weighs */
     FILM_SUMS
@@ -50,6 +54,19 @@ enum {
     FEATURE_OBJECT = 12, /* of sample 0 alone, so that it is an id and not a mean of ids */
     FEATURE_MATERIAL = 13,
     FEATURE_VALUES = 14
+};
+
+/* The sums of a pixel's mattes: MATTE_SLOTS samples in each, that of the lower index in the lower bits. A
+ * code is MATTE_FIRST_SHAPE + the index of a shape of the blob. */
+enum {
+    MATTE_SAMPLES = FEATURE_SAMPLES,
+    MATTE_SLOTS = 2,
+    MATTE_BITS = 28,
+    MATTE_VALUES = MATTE_SAMPLES / MATTE_SLOTS,
+    MATTE_NO_SAMPLE = 0, /* the sample is not in the film */
+    MATTE_NOTHING = 1,   /* it met nothing, or a shape that has no code */
+    MATTE_FIRST_SHAPE = 2,
+    MATTE_MAX_CODE = (1 << MATTE_BITS) - 1
 };
 
 /* How one of them is laid out: [halves][height][width][values], of the image or of a tile. */

@@ -2,6 +2,7 @@
 #include "common/film/picture.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -11,6 +12,8 @@ bool picture_half_fits(const char *channel)
                                          "depth.Z", "object.id",  "material.id"};
     for (size_t i = 0; i < ARRAY_LENGTH(floats); i++)
         if (strcmp(channel, floats[i]) == 0) return false;
+    for (int k = 0; k < MATTE_KINDS; k++)
+        if (strncmp(channel, matte_kind_names[k], strlen(matte_kind_names[k])) == 0) return false;
     return true;
 }
 
@@ -47,6 +50,35 @@ static void add_layers(image_t *image, const film_image_t *film, bool half)
         if (layers[i].data != NULL) add_views(image, layers[i].names, layers[i].count, half, layers[i].data);
 }
 
+static void add_mattes(image_t *image, const film_image_t *film)
+{
+    for (int k = 0; k < MATTE_KINDS; k++)
+        for (int l = 0; l < MATTE_LEVELS; l++)
+            for (size_t c = 0; c < 4 && film->mattes[k][l] != NULL; c++) {
+                char name[32];
+                snprintf(name, sizeof name, "%s%02d.%c", matte_kind_names[k], l, "RGBA"[c]);
+                image_add_view(image, name, PIXEL_FLOAT, film->mattes[k][l] + c, 4);
+            }
+}
+
+/* What decoders look for. */
+static void describe_mattes(image_t *image, const mattes_t *mattes)
+{
+    for (matte_kind_t k = 0; k < MATTE_KINDS; k++) {
+        char key[MATTE_KEY];
+        matte_key(k, key);
+        const char *const entries[][2] = {{"name", matte_kind_names[k]},
+                                          {"hash", "MurmurHash3_32"},
+                                          {"conversion", "uint32_to_float32"},
+                                          {"manifest", mattes->manifests[k]}};
+        for (size_t i = 0; i < ARRAY_LENGTH(entries); i++) {
+            char name[32];
+            snprintf(name, sizeof name, "cryptomatte/%s/%s", key, entries[i][0]);
+            if (entries[i][1] != NULL) image_set_string(image, name, entries[i][1]);
+        }
+    }
+}
+
 static void add_settings(image_t *image, const job_settings_t *settings)
 {
     image_set_string(image, "lightmill.integrator", integrator_name(settings->integrator));
@@ -58,6 +90,7 @@ static void add_settings(image_t *image, const job_settings_t *settings)
     image_set_int(image, "lightmill.tileSize", settings->tile_size);
     image_set_int(image, "lightmill.filmScale", settings->film_scale);
     image_set_int(image, "lightmill.layers", settings->features);
+    if (settings->cryptomatte) image_set_int(image, "lightmill.cryptomatte", 1);
     if (settings->error > 0) image_set_float(image, "lightmill.errorTarget", (float)settings->error);
     if (settings->adaptive) image_set_int(image, "lightmill.adaptive", 1);
     if (settings->strategy_t == 0) return;
@@ -105,6 +138,8 @@ result_t picture_write_exr(const char *path, const film_image_t *film, const pic
     image_t image;
     image_init(&image, film->width, film->height);
     add_layers(&image, film, half);
+    add_mattes(&image, film);
+    if (meta->mattes != NULL) describe_mattes(&image, meta->mattes);
     picture_describe(&image, meta, total_samples(film));
     if (isfinite(film->error)) image_set_float(&image, "lightmill.error", (float)film->error);
     result_t result = image_write_exr(path, &image);

@@ -19,6 +19,7 @@ typedef struct {
     int32_t tile_size;
     int32_t film_scale; /* -1: as the scene needs it */
     bool no_layers;
+    bool cryptomatte;
     bool lenient; /* for who imports the scene */
 } overrides_t;
 

@@ -224,15 +224,27 @@ bool blob_store_find_part(const blob_store_t *store, const hash_t *hash, uint64_
     return found;
 }
 
-result_t blob_store_peek(const blob_store_t *store, const hash_t *hash, scene_blob_t *blob)
+/* The view that `open_file` makes of a blob. */
+static result_t view(const blob_store_t *store, const hash_t *hash,
+                     result_t (*open_file)(const char *, scene_blob_t *), scene_blob_t *blob)
 {
     char *path = blob_path(store, hash, "blob");
     uint64_t size;
     result_t result = blob_store_find(store, hash, &size)
-                          ? blob_peek_file(path, blob)
+                          ? open_file(path, blob)
                           : result_fail(RESULT_INPUT, "this master does not have the scene: send it first");
     free(path);
     return result;
+}
+
+result_t blob_store_peek(const blob_store_t *store, const hash_t *hash, scene_blob_t *blob)
+{
+    return view(store, hash, blob_peek_file, blob);
+}
+
+result_t blob_store_map(const blob_store_t *store, const hash_t *hash, scene_blob_t *blob)
+{
+    return view(store, hash, blob_open_file, blob);
 }
 
 /* The hash of a file's bytes. False when it cannot be told: the disk does not give them, or *stop was set. */

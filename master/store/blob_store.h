@@ -53,6 +53,9 @@ void blob_store_on_full(blob_store_t *store, bool (*make_room)(void *context, ui
 result_t blob_store_put(blob_store_t *store, const hash_t *hash, uint64_t offset, uint64_t size,
                         const void *bytes, size_t length, uint64_t *next);
 
+/* The view of a blob, checked, to be closed by the caller; reads all of it. RESULT_INPUT when it is not
+ * there, or is damaged. */
+result_t blob_store_map(const blob_store_t *store, const hash_t *hash, scene_blob_t *blob);
 /* Reads up to `length` bytes at `offset`, which lies within the blob; *length says how many there were. */
 result_t blob_store_get(const blob_store_t *store, const hash_t *hash, uint64_t offset, void *bytes,
                         size_t *length);

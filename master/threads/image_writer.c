@@ -22,7 +22,8 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-enum { PIXEL_BYTES = 128 }; /* that a pixel of an image takes, at most: 13 channels, and as many of layers */
+/* That a pixel of an image takes, at most: 13 channels, as many of layers, 6 of halves and 24 of mattes. */
+enum { PIXEL_BYTES = 4 * (13 + 13 + 6 + 24) };
 
 typedef struct {
     uint64_t id; /* random; 0: vacant */
@@ -47,6 +48,8 @@ struct image_writer {
     char *data_dir;
     pthread_t thread;
     atomic_bool stop;
+    mattes_t *mattes;     /* the thread's own: of the scene that was needed last; NULL: none was */
+    hash_t mattes_scene;  /* its blob */
     pthread_mutex_t lock; /* guards what follows */
     bool closed;          /* image_writer_close */
     snapshot_t snapshots[IMAGE_WRITER_MAX_SNAPSHOTS];
@@ -112,12 +115,35 @@ static void end_at(job_settings_t *settings, uint32_t spp)
     settings->save_at.count = 0;
 }
 
+/* The names for the mattes of a job, kept for the next image; NULL when it has no mattes, or its scene is
+ * gone: then an image without them is better than none. */
+static const mattes_t *find_mattes(image_writer_t *image_writer, const job_t *job)
+{
+    job_record_t record = farm_record(image_writer->options.farm, clock_now(), job);
+    if (!job_has_mattes(&record.settings)) return NULL;
+    if (image_writer->mattes != NULL && hash_equal(&image_writer->mattes_scene, &record.blob))
+        return image_writer->mattes;
+    scene_blob_t blob;
+    result_t result = blob_store_map(image_writer->options.blobs, &record.blob, &blob);
+    if (result.code != RESULT_OK) {
+        log_warning("job %llu: its image is without mattes: %s", (unsigned long long)record.job,
+                    result.message);
+        return NULL;
+    }
+    mattes_free(&image_writer->mattes);
+    image_writer->mattes = mattes_new(&blob);
+    image_writer->mattes_scene = record.blob;
+    blob_close(&blob);
+    return image_writer->mattes;
+}
+
 /* Resolves the film as it is now and writes it. `milestone`: the samples a pixel that it stands at; 0: none.
  */
 static result_t write_film(image_writer_t *image_writer, job_t *job, const char *path, uint32_t milestone,
                            const image_format_t *format)
 {
-    film_extras_t extras = {.halves = format->halves || farm_job_halves(image_writer->options.farm, job)};
+    film_extras_t extras = {.halves = format->halves || farm_job_halves(image_writer->options.farm, job),
+                            .mattes = format->png ? NULL : find_mattes(image_writer, job)};
     film_image_t film = {0};
     job_report_t report;
     TRY(farm_resolve(image_writer->options.farm, clock_now(), job, &extras, &film, &report));
@@ -128,6 +154,7 @@ static result_t write_film(image_writer_t *image_writer, job_t *job, const char 
                            .workers = report.record.workers_seen,
                            .wall_seconds = report.record.elapsed,
                            .bits = report.record.fingerprint,
+                           .mattes = extras.mattes,
                            .note = report.record.message};
     if (milestone > 0) end_at(&meta.settings, milestone);
     result_t result = format->png ? picture_write_png(path, &film, format->exposure)
@@ -165,7 +192,8 @@ static result_t write_halves(const char *from, const char *path)
                        channel->data, channel->stride);
     }
     for (size_t i = 0; i < image.attribute_count; i++)
-        if (strncmp(image.attributes[i].name, "lightmill.", 10) == 0)
+        if (strncmp(image.attributes[i].name, "lightmill.", 10) == 0 ||
+            strncmp(image.attributes[i].name, "cryptomatte/", 12) == 0)
             copy_attribute(&halves, &image.attributes[i]);
     result_t result = image_write_exr(path, &halves);
     image_free(&halves);
@@ -513,6 +541,7 @@ static void free_image_writer(image_writer_t *image_writer)
 {
     for (size_t i = 0; i < IMAGE_WRITER_MAX_SNAPSHOTS; i++) snapshot_drop(&image_writer->snapshots[i]);
     pthread_mutex_destroy(&image_writer->lock);
+    mattes_free(&image_writer->mattes);
     free(image_writer->data_dir);
     free(image_writer);
 }

@@ -50,7 +50,9 @@ const char *wire_rights_name(unsigned rights)
     FIELD(height) FIELD(max_depth) FIELD(tile_size) FIELD(film_scale) FIELD(strategy_s) FIELD(strategy_t)
 #define SETTINGS(FIELD)                                                                                      \
     SMALL_SETTINGS(FIELD)                                                                                    \
-    FIELD(seed) FIELD(spp) FIELD(time_limit) FIELD(features) FIELD(unweighted) FIELD(error) FIELD(adaptive)
+    FIELD(seed)                                                                                              \
+    FIELD(spp)                                                                                               \
+    FIELD(time_limit) FIELD(features) FIELD(unweighted) FIELD(error) FIELD(adaptive) FIELD(cryptomatte)
 #define TERMS(FIELD) FIELD(priority) FIELD(verify) FIELD(mixed) FIELD(halves)
 #define ORDER(FIELD) FIELD(job) FIELD(kind) FIELD(priority) FIELD(spp) FIELD(error) FIELD(time_limit)
 #define COUNTS(FIELD) FIELD(dropped) FIELD(overflows) FIELD(rays) FIELD(cpu_us)

@@ -1,4 +1,4 @@
-/* fuzz_payload: any bytes as the three payloads of a batch. The decoder that unfolds them in memory and the
+/* fuzz_payload: any bytes as the payloads of a batch. The decoder that unfolds them in memory and the
  * one that adds them to a film piece by piece must agree: on whether they are sound, and on the film; what is
  * not sound leaves the film as it was. What was decoded comes back from the encoder.
  *
@@ -25,6 +25,7 @@ static job_settings_t settings_of(uint8_t choice)
     settings.tile_size = sizes[choice % 4].tile;
     settings.features = (choice & 4) != 0;
     settings.spp = 100;
+    settings.cryptomatte = (choice & 16) != 0;
     return settings;
 }
 
@@ -65,13 +66,13 @@ static void check_encoder(const batch_t *batch)
     batch_free(&again);
 }
 
-/* The film takes no features that a sample cannot have; the units here have one sample each. */
-static bool features_possible(const batch_t *batch)
+/* The film takes no features and mattes that a sample cannot have; the units here have one sample each. */
+static bool sums_possible(const batch_t *batch)
 {
     const int64_t limit = (int64_t)1 << 57;
-    for (size_t i = 0; i < batch->sums[SUM_FEATURES].count; i++)
-        if (batch->sums[SUM_FEATURES].values[i] >= limit || batch->sums[SUM_FEATURES].values[i] <= -limit)
-            return false;
+    for (sum_kind_t k = 0; k < BATCH_SUMS; k++)
+        for (size_t i = 0; i < batch->sums[k].count && film_sums[k].sample_bits > 0; i++)
+            if (batch->sums[k].values[i] >= limit || batch->sums[k].values[i] <= -limit) return false;
     return true;
 }
 
@@ -84,7 +85,7 @@ static void compare_decoders(const job_settings_t *settings, zmq_msg_t payload[B
     result_t merged = shared_film_merge_payload(shared_film, payload, batch, NULL, 1);
     shared_film_leave(shared_film);
     result_t decoded = payload_decode(payload, batch);
-    bool sound = decoded.code == RESULT_OK && features_possible(batch);
+    bool sound = decoded.code == RESULT_OK && sums_possible(batch);
     fuzz_expect((merged.code == RESULT_OK) == sound, "the decoders do not agree");
     fuzz_expect(decoded.code == RESULT_OK || decoded.message[0] != '\0', "an error without text");
     const film_t *result = shared_film_lock(shared_film);
@@ -110,7 +111,10 @@ int fuzz_payload(const uint8_t *data, size_t size)
     zmq_msg_t payload[BATCH_PAYLOADS];
     put_payload(&payload[0], bytes, first);
     put_payload(&payload[1], bytes + first, second);
-    put_payload(&payload[2], bytes + first + second, left - first - second);
+    /* With mattes, they take the second half of the rest. */
+    size_t rest = left - first - second, mattes = settings.cryptomatte ? rest / 2 : 0;
+    put_payload(&payload[2], bytes + first + second, rest - mattes);
+    put_payload(&payload[3], bytes + left - mattes, mattes);
     compare_decoders(&settings, payload, &batch);
     for (int i = 0; i < BATCH_PAYLOADS; i++) zmq_msg_close(&payload[i]);
     batch_free(&batch);

@@ -19,6 +19,7 @@ static job_settings_t small_job(void)
     settings.height = HEIGHT;
     settings.tile_size = 16;
     settings.spp = SPP;
+    settings.cryptomatte = true;
     return settings;
 }
 
@@ -246,6 +247,76 @@ static void feature_sums_are_those_of_the_samples(void **state)
         assert_true(sum[FEATURE_ALBEDO + 2] == albedo && sum[FEATURE_NORMAL + 1] == normal);
         assert_true(sum[FEATURE_POSITION] == position && sum[FEATURE_DEPTH] == depth);
     }
+    film_destroy(&film);
+}
+
+/* The slot of a sample in the mattes of a pixel. */
+static uint64_t slot(const film_t *film, uint64_t pixel, uint64_t sample)
+{
+    uint64_t slots = (uint64_t)film->sums[SUM_MATTES][MATTE_VALUES * pixel + sample / 2];
+    return slots >> (28 * (sample % 2)) & 0xFFFFFFF;
+}
+
+static void mattes_have_a_slot_for_each_sample(void **state)
+{
+    (void)state;
+    film_t *film = render_job(5, 4, 9);
+    for (uint64_t p = 0; p < PIXELS; p++)
+        for (uint64_t sample = 0; sample < MATTE_SAMPLES; sample++)
+            assert_int_equal(slot(film, p, sample), sample >= SPP              ? 0
+                                                    : first_hit(p, sample).hit ? p + MATTE_FIRST_SHAPE
+                                                                               : 1);
+    film_destroy(&film);
+}
+
+static void put_slot(film_t *film, size_t pixel, size_t sample, uint64_t code)
+{
+    film->sums[SUM_MATTES][MATTE_VALUES * pixel + sample / 2] += (int64_t)(code << (28 * (sample % 2)));
+}
+
+static void assert_rank(const film_image_t *image, matte_kind_t kind, size_t pixel, size_t rank, uint32_t id,
+                        float share)
+{
+    const float *pair = image->mattes[kind][rank / 2] + 4 * pixel + 2 * (rank % 2);
+    uint32_t bits;
+    memcpy(&bits, pair, sizeof bits);
+    if (bits != id || pair[1] != share)
+        fail_msg("pixel %zu, rank %zu: id %08x with %g, not %08x with %g", pixel, rank, bits, (double)pair[1],
+                 id, (double)share);
+}
+
+static void mattes_are_ranked_by_their_shares(void **state)
+{
+    (void)state;
+    /* Shapes 0 and 2 are of one material, 1 and 3 have one name. */
+    uint32_t objects[] = {0x50000000, 0x40000000, 0xC0000000, 0x40000000, 1 << 23, 2 << 23, 3 << 23, 4 << 23};
+    uint32_t materials[] = {7 << 23, 8 << 23, 7 << 23, 9 << 23, 7 << 23, 7 << 23, 7 << 23, 7 << 23};
+    const mattes_t mattes = {.shape_count = 8, .ids = {objects, materials}};
+    job_settings_t settings = small_job();
+    film_t *film;
+    film_image_t image;
+    assert_int_equal(film_new(&settings, &film).code, RESULT_OK);
+    const uint64_t mixed[] = {2, 1, 3, 5,
+                              4, 2, 1, 0}; /* in pixel 3, from sample 20 on: shapes 0 - 1 3 2 0 - */
+    for (size_t i = 0; i < ARRAY_LENGTH(mixed); i++) put_slot(film, 3, 20 + i, mixed[i]);
+    for (size_t i = 0; i < MATTE_SAMPLES; i++) put_slot(film, 4, i, i == 0 ? 2 : 2 + i % 8); /* all eight */
+    for (size_t v = 0; v < MATTE_VALUES; v++)
+        film->sums[SUM_MATTES][MATTE_VALUES * 5 + v] = -1; /* nonsense */
+    film_resolve(film, &image);
+    assert_null(image.mattes[MATTE_OBJECT][0]);
+    film_resolve_extras(film, &(film_extras_t){.mattes = &mattes}, &image);
+    assert_rank(&image, MATTE_OBJECT, 3, 0, 0, 2 / 7.0f); /* three ids have two samples: the lowest first */
+    assert_rank(&image, MATTE_OBJECT, 3, 1, 0x40000000, 2 / 7.0f);
+    assert_rank(&image, MATTE_OBJECT, 3, 2, 0x50000000, 2 / 7.0f);
+    assert_rank(&image, MATTE_OBJECT, 3, 3, 0xC0000000, 1 / 7.0f);
+    assert_rank(&image, MATTE_OBJECT, 3, 4, 0, 0);
+    assert_rank(&image, MATTE_MATERIAL, 3, 0, 7 << 23, 3 / 7.0f);
+    assert_rank(&image, MATTE_OBJECT, 4, 0, 0x40000000, 8 / 32.0f);
+    for (uint32_t r = 1; r < 5; r++) assert_rank(&image, MATTE_OBJECT, 4, r, r << 23, 4 / 32.0f);
+    assert_rank(&image, MATTE_OBJECT, 4, 5, 0x50000000, 4 / 32.0f); /* the seventh, 0xC0000000, is left out */
+    assert_rank(&image, MATTE_OBJECT, 5, 0, 0, 1);                  /* no shape has such a code */
+    assert_rank(&image, MATTE_OBJECT, 0, 0, 0, 0);                  /* no samples */
+    film_image_free(&image);
     film_destroy(&film);
 }
 
@@ -865,6 +936,8 @@ int main(void)
     const struct CMUnitTest tests[] = {cmocka_unit_test(any_cut_and_order_make_the_same_bits),
                                        cmocka_unit_test(sums_are_those_of_the_samples),
                                        cmocka_unit_test(feature_sums_are_those_of_the_samples),
+                                       cmocka_unit_test(mattes_have_a_slot_for_each_sample),
+                                       cmocka_unit_test(mattes_are_ranked_by_their_shares),
                                        cmocka_unit_test(features_end_after_the_first_samples),
                                        cmocka_unit_test(features_are_clamped_and_never_overflow),
                                        cmocka_unit_test(features_resolve_to_means),

@@ -28,6 +28,7 @@ static job_settings_t job_of_pages(void)
     settings.height = 301;
     settings.tile_size = 32;
     settings.spp = 1000;
+    settings.cryptomatte = true;
     return settings;
 }
 
@@ -132,23 +133,25 @@ static void pages_cover_the_film(void **state)
     (void)state;
     job_settings_t settings = job_of_pages();
     for (int features = 0; features < 2; features++) {
-        settings.features = features;
+        settings.features = settings.cryptomatte = features;
         film_t *film;
         assert_int_equal(film_new(&settings, &film).code, RESULT_OK);
         size_t sum = 0, size, pixels = (size_t)settings.width * (size_t)settings.height;
-        const uint8_t *end[4] = {
+        const uint8_t *end[5] = {
             (uint8_t *)(film->sums[SUM_EYE] + 6 * pixels), (uint8_t *)(film->sums[SUM_SPLAT] + 6 * pixels),
             (uint8_t *)(film->samples + 2 * pixels),
-            features ? (uint8_t *)(film->sums[SUM_FEATURES] + FEATURE_VALUES * pixels) : NULL};
+            features ? (uint8_t *)(film->sums[SUM_FEATURES] + FEATURE_VALUES * pixels) : NULL,
+            features ? (uint8_t *)(film->sums[SUM_MATTES] + MATTE_VALUES * pixels) : NULL};
         int ends = 0;
         for (size_t i = 0; i < shared_film_page_count(&settings); i++) {
             const uint8_t *page = shared_film_page(film, i, &size);
             assert_true(size > 0 && size <= SHARED_FILM_PAGE_BYTES);
-            for (int e = 0; e < 4; e++) ends += page + size == end[e];
+            for (int e = 0; e < 5; e++) ends += page + size == end[e];
             sum += size;
         }
-        assert_int_equal(ends, features ? 4 : 3);
-        assert_int_equal(sum, pixels * (6 * 8 + 6 * 8 + 2 * 4 + (features ? 8 * FEATURE_VALUES : 0)));
+        assert_int_equal(ends, features ? 5 : 3);
+        assert_int_equal(
+            sum, pixels * (6 * 8 + 6 * 8 + 2 * 4 + (features ? 8 * (FEATURE_VALUES + MATTE_VALUES) : 0)));
         film_destroy(&film);
     }
 }
@@ -253,7 +256,7 @@ static void damaged_batches_leave_no_trace(void **state)
     int refused = 0, rounds = 60;
     for (int i = 0; i < rounds; i++) {
         zmq_msg_t good[BATCH_PAYLOADS], bad[BATCH_PAYLOADS];
-        int which = i % BATCH_PAYLOADS;
+        int which = i / 4 % BATCH_PAYLOADS;
         assert_int_equal(payload_encode(&batch, i % 4 > 0, good).code, RESULT_OK);
         memcpy(bad, good, sizeof bad);
         size_t size = zmq_msg_size(&good[which]);

@@ -43,6 +43,15 @@ static void fill_features(batch_t *batch, uint64_t *seed)
     }
 }
 
+static void fill_mattes(batch_t *batch, uint64_t *seed)
+{
+    sum_array_t *sums = &batch->sums[SUM_MATTES];
+    sum_array_reserve(sums, batch_expected_values(batch, SUM_MATTES));
+    sums->count = batch_expected_values(batch, SUM_MATTES);
+    for (size_t i = 0; i < sums->count; i++)
+        sums->values[i] = draw(seed) % 50 == 0 ? (int64_t)draw(seed) : (int64_t)(i / 5000);
+}
+
 /* A batch of every second tile, with values of all kinds (every fourth without features), and splats at about
  * `occupancy` of 256 pixels, or no splat frame when it is negative. */
 static batch_t batch_of(const job_settings_t *settings, int occupancy, uint64_t seed)
@@ -66,6 +75,7 @@ static batch_t batch_of(const job_settings_t *settings, int occupancy, uint64_t 
     batch.sums[SUM_EYE].values[1] = INT64_MAX;
     batch.sums[SUM_EYE].values[2] = -1;
     if (job_has_features(settings)) fill_features(&batch, &seed);
+    fill_mattes(&batch, &seed);
     if (occupancy < 0) return batch;
     size_t values = sum_image_values(settings, SUM_SPLAT);
     batch_frame(&batch, SUM_SPLAT);
@@ -107,6 +117,7 @@ static void round_trips(void **state)
             for (int compress = 0; compress < 2; compress++) {
                 job_settings_t settings = settings_of(sizes[s][0], sizes[s][1]);
                 settings.features = o != 1;
+                settings.cryptomatte = o % 2 == 0;
                 batch_t sent = batch_of(&settings, occupancies[o], s + 1), got = receiver_of(&sent);
                 zmq_msg_t payload[BATCH_PAYLOADS];
                 assert_int_equal(payload_encode(&sent, compress, payload).code, RESULT_OK);
@@ -174,6 +185,7 @@ static void refuses_truncated_and_longer_frames(void **state)
 {
     (void)state;
     job_settings_t settings = settings_of(90, 50);
+    settings.cryptomatte = true;
     batch_t sent = batch_of(&settings, 40, 3), got = receiver_of(&sent);
     zmq_msg_t payload[BATCH_PAYLOADS];
     for (int i = 0; i < 2 * BATCH_PAYLOADS; i++) {
