@@ -106,26 +106,34 @@ static result_t add_primitives(document_t *document, uint32_t mesh, const target
     return result_ok();
 }
 
+/* What shapes are called: as the file calls their node or mesh, or by its place in the file. */
+static result_t name_shapes(document_t *document, top_t top, uint32_t index, uint32_t *offset)
+{
+    item_t item;
+    char place[PATH_ROOM];
+    const char *given = "";
+    TRY(document_item(document, top, index, &item));
+    TRY(item_string(&item, "name", &given));
+    item_name(&item, place, sizeof place);
+    *offset = blob_builder_string(document->builder->blob, given[0] != '\0' ? given : place);
+    return result_ok();
+}
+
 /* The primitives that are picked, in the world where the node stands. */
 static result_t add_to_world(document_t *document, const gltf_placement_t *place, pick_t pick)
 {
     bool emits;
-    char name[PATH_ROOM];
-    node_name(document, place->node, name, sizeof name);
-    target_t target = {pick, 0, blob_builder_string(document->builder->blob, name), place->world_from_node};
+    target_t target = {pick, 0, 0, place->world_from_node};
+    TRY(name_shapes(document, TOP_NODES, place->node, &target.name));
     return add_primitives(document, place->thing, &target, &emits);
 }
 
 /* The dark parts of a mesh, in its own space, as a new object. */
 static result_t make_object(document_t *document, uint32_t mesh, mesh_state_t *state)
 {
-    char name[PATH_ROOM];
-    item_t item;
     uint32_t next = (uint32_t)document->builder->object_count;
-    TRY(document_item(document, TOP_MESHES, mesh, &item));
-    item_name(&item, name, sizeof name);
-    target_t target = {PICK_DARK, next, blob_builder_string(document->builder->blob, name),
-                       affine_identity()};
+    target_t target = {PICK_DARK, next, 0, affine_identity()};
+    TRY(name_shapes(document, TOP_MESHES, mesh, &target.name));
     TRY(add_primitives(document, mesh, &target, &state->emits));
     state->made = true;
     if (document->builder->object_count > next) state->object = next;
