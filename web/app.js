@@ -225,7 +225,7 @@ function showCurve() {
   const one = job(), points = state.points, target = one?.error_target ?? 0, last = usable(points).at(-1);
   drawCurve($("curve"), points, target, $("against").value, format);
   const eta = secondsToTarget(points, target);
-  const now = last ? `${format.percent(last.error)} after ${format.duration(last.seconds)}` : "no error is known yet";
+  const now = last ? `${format.percent(last.error)} after ${format.duration(last.elapsed)}` : "no error is known yet";
   const goal = !(target > 0) ? "" : eta === null ? `; target ${format.percent(target)}` : eta === 0 ? `; the target of ${format.percent(target)} is reached` : `; ${format.percent(target)} in about ${format.duration(eta)}`;
   setText("eta", now + goal);
   $("curve").setAttribute("aria-label", `Error of the image: ${now}${goal}`);

@@ -5,7 +5,7 @@ const SVG = "http://www.w3.org/2000/svg";
 const WIDTH = 480, HEIGHT = 220, LEFT = 52, RIGHT = 10, TOP = 10, BOTTOM = 34;
 
 /** The points that a logarithm exists of. */
-export const usable = (points) => points.filter((p) => p.error > 0 && p.samples > 0 && p.seconds > 0 && isFinite(p.error));
+export const usable = (points) => points.filter((p) => p.error > 0 && p.samples > 0 && p.elapsed > 0 && isFinite(p.error));
 
 /**
  * The constant c of error = c * samples^-1/2, by least squares of the logarithms. The later half alone: the estimates of
@@ -21,7 +21,7 @@ export function fit(points) {
 export function secondsToTarget(points, target) {
   const c = fit(points), last = usable(points).at(-1);
   if (c === null || !(target > 0)) return null;
-  return Math.max(0, ((c / target) ** 2 / last.samples - 1) * last.seconds);
+  return Math.max(0, ((c / target) ** 2 / last.samples - 1) * last.elapsed);
 }
 
 function make(parent, name, attributes, text) {
@@ -53,23 +53,23 @@ function range(values, room) {
 function drawAxes(svg, x, y, xs, ys, by, format) {
   for (const v of ticks(...xs)) {
     make(svg, "path", { class: "grid", d: `M${x(v)} ${TOP}V${HEIGHT - BOTTOM}` });
-    make(svg, "text", { x: x(v), y: HEIGHT - BOTTOM + 14, "text-anchor": "middle" }, by === "seconds" ? format.duration(v) : format.count(v));
+    make(svg, "text", { x: x(v), y: HEIGHT - BOTTOM + 14, "text-anchor": "middle" }, by === "elapsed" ? format.duration(v) : format.count(v));
   }
   for (const v of ticks(...ys)) {
     make(svg, "path", { class: "grid", d: `M${LEFT} ${y(v)}H${WIDTH - RIGHT}` });
     make(svg, "text", { x: LEFT - 5, y: y(v) + 4, "text-anchor": "end" }, format.percent(v));
   }
-  make(svg, "text", { x: (LEFT + WIDTH - RIGHT) / 2, y: HEIGHT - 4, "text-anchor": "middle" }, by === "seconds" ? "time" : "samples");
+  make(svg, "text", { x: (LEFT + WIDTH - RIGHT) / 2, y: HEIGHT - 4, "text-anchor": "middle" }, by === "elapsed" ? "time" : "samples");
 }
 
 /** Where the fit is at a point of the horizontal axis; time and samples are proportional at the last point. */
 function fitAt(points, c, by) {
   const last = usable(points).at(-1);
-  const samples = by === "samples" ? (v) => v : (v) => (v * last.samples) / last.seconds;
+  const samples = by === "samples" ? (v) => v : (v) => (v * last.samples) / last.elapsed;
   return (v) => c / Math.sqrt(samples(v));
 }
 
-/** Draws the curve of `points` into an svg element. `by` is "seconds" or "samples", `target` 0 for none. */
+/** Draws the curve of `points` into an svg element. `by` is "elapsed" or "samples", `target` 0 for none. */
 export function drawCurve(svg, points, target, by, format) {
   svg.replaceChildren();
   svg.setAttribute("viewBox", `0 0 ${WIDTH} ${HEIGHT}`);

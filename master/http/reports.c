@@ -69,7 +69,7 @@ static void show_history(http_request_t *request)
     json_t *root = json_object(), *list = json_array();
     for (size_t i = 0; i < count; i++) {
         json_t *point = json_object();
-        put_real(point, "seconds", points[i].elapsed);
+        put_real(point, "elapsed", points[i].elapsed);
         put_count(point, "samples", points[i].samples);
         put_real(point, "error", points[i].error);
         json_array_append_new(list, point);

@@ -20,7 +20,7 @@ PATIENCE = 30  # seconds that a master may be busy with the images of others
 
 class History(NamedTuple):
     """How the estimated relative error fell: arrays of the same length, by seconds of work and pixel samples."""
-    seconds: np.ndarray
+    elapsed: np.ndarray
     samples: np.ndarray
     error: np.ndarray
 
@@ -50,9 +50,9 @@ class Job:
         return self._seen(self.connection.get(self._path()))
 
     def history(self):
-        """How its error fell: History(seconds, samples, error), empty before the first estimate."""
+        """How its error fell: History(elapsed, samples, error), empty before the first estimate."""
         points = self.connection.get(self._path("/history"))["points"]
-        return History(np.array([point["seconds"] for point in points], np.float64),
+        return History(np.array([point["elapsed"] for point in points], np.float64),
                        np.array([int(point["samples"]) for point in points], np.int64),
                        np.array([point["error"] for point in points], np.float64))
 

@@ -232,7 +232,7 @@ class OnAFarm(Case):
     def check_history(self, job):
         history = job.history()
         self.assertGreater(len(history.error), 2)
-        self.assertEqual(len(history.seconds), len(history.samples))
+        self.assertEqual(len(history.elapsed), len(history.samples))
         self.assertTrue((np.diff(history.samples) > 0).all())
         self.assertGreater(history.error[0], history.error[-1])
         self.assertEqual(history.samples[-1], job.last.samples_done)

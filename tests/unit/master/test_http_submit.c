@@ -1,5 +1,5 @@
-/* Tests of uploads.c and of submissions (orders.c, parse/bodies.c): a real master, to which scenes and jobs come by
- * HTTP. */
+/* Tests of uploads.c and of submissions (orders.c, parse/bodies.c): a real master, to which scenes and jobs
+ * come by HTTP. */
 #include "common/scene/blob_builder.h"
 #include "common/scene/overrides.h"
 #include "master/http/access/tokens.h"
