@@ -2,6 +2,7 @@
 
 Each request has a connection of its own. Proxies of the environment are not asked: a token goes to its master only.
 """
+import contextlib
 import http.client
 import json
 import os
@@ -54,6 +55,13 @@ def read_token(data, right="operate"):
     if not found:
         raise LightmillError(f"{path} has no token for the right to {right}")
     return found[1]
+
+
+def _plain(value):
+    """numpy's numbers and arrays as JSON has them."""
+    if not hasattr(value, "tolist"):
+        raise TypeError(f"{value!r} cannot be sent to a master")
+    return value.tolist()
 
 
 def _problem(status, reason, body):
@@ -118,7 +126,9 @@ class Connection:
         A refusal is a Problem."""
         connection, prefix = self._open(timeout or self.timeout)
         try:
-            connection.request(method, prefix + path, body, {"Authorization": f"Bearer {self.token}", **dict(headers)})
+            connection.connect()
+            with contextlib.suppress(BrokenPipeError, ConnectionResetError):  # a refusal does not wait for the body
+                connection.request(method, prefix + path, body, {"Authorization": f"Bearer {self.token}", **dict(headers)})
             response = connection.getresponse()
             if response.status >= 400:
                 raise _problem(response.status, response.reason, response.read(1 << 16))
@@ -146,7 +156,7 @@ class Connection:
 
     def post(self, path, members=None):
         """A JSON answer to an order."""
-        body = b"" if members is None else json.dumps(members).encode()
+        body = b"" if members is None else json.dumps(members, default=_plain).encode()
         headers = {} if members is None else {"Content-Type": "application/json"}
         answer = self.ask("POST", path, body, headers)
         return answer.json() if answer.body else None

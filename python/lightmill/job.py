@@ -15,7 +15,8 @@ from .report import Report
 from .tiles import LiveImage, fetch_tiles
 
 OVER = ("done", "cancelled", "failed", "deleted")
-PATIENCE = 30  # seconds that a master may be busy with the images of others
+PATIENCE = 30  # seconds that a master may be busy with the images of others,
+WRITING = 600  # and that it may take to write a large one
 
 
 class History(NamedTuple):
@@ -107,7 +108,7 @@ class Job:
         deadline = time.monotonic() + PATIENCE
         while True:
             try:
-                return self.connection.send("GET", path, headers=headers)
+                return self.connection.send("GET", path, headers=headers, timeout=max(WRITING, self.connection.timeout))
             except Problem as problem:
                 if problem.status != 503 or time.monotonic() > deadline:
                     raise

@@ -6,6 +6,7 @@ from .connection import Connection
 from .events import listen
 from .job import Job
 from .report import Report
+from .scene import blob_of, scene_name, send_blob
 
 
 class Master:
@@ -24,13 +25,27 @@ class Master:
 
     def jobs(self):
         """All jobs, in the order of submission; `last` of each is its Report."""
-        return [Job(self.connection, members["job"], Report.of(members)) for members in self.connection.get("/api/v1/jobs")["jobs"]]
+        found = self.connection.get("/api/v1/jobs")["jobs"]
+        return [Job(self.connection, members["job"], Report.of(members)) for members in found]
 
     def job(self, number):
         """The job of this number; Problem (404) when there is none."""
         job = Job(self.connection, number)
         job.status()
         return job
+
+    def submit(self, scene, name=None, lenient=False, program="lightmill", **settings):
+        """Submits a scene and returns its Job. The scene is what `lightmill submit` takes: a .pbrt, .gltf or .glb file, a
+        folder with a scene.pbrt, or a blob. All but blobs are read by the `lightmill` command, `program`; `lenient` as
+        there. `settings` are those of docs/http.md (Submitting): spp, error, time, adaptive, save_at, width and height,
+        integrator, max_depth, seed, priority, halves, ..."""
+        with blob_of(scene, program, lenient) as blob:
+            settings["blob"] = send_blob(self.connection, blob)
+        settings["name"] = scene_name(scene) if name is None else name
+        if settings.get("seed") is not None:
+            settings["seed"] = str(settings["seed"])  # JSON's numbers end at 2^53
+        members = self.connection.post("/api/v1/jobs", {key: value for key, value in settings.items() if value is not None})
+        return Job(self.connection, members["job"], Report.of(members))
 
     def workers(self):
         """All workers, those that are connected first: a list of Reports."""
@@ -45,8 +60,9 @@ class Master:
         return self.connection.get("/api/v1/demand")["workers"]
 
     def events(self, timeout=None):
-        """What happens, for ever or for `timeout` seconds: events with `kind` and `data` (docs/http.md, Events). "connected"
-        comes first and after each restart of the master: what happened meanwhile is not told; "away" while none answers."""
+        """What happens, for ever or for `timeout` seconds: events with `kind` and `data` (docs/http.md, Events), and two more:
+        "connected" comes first and after each break, "away" while no master answers. After "lost" and a restart of the
+        master events are missing: ask for the jobs again."""
         deadline = None if timeout is None else time.monotonic() + timeout
         with contextlib.closing(listen(self.connection, deadline)) as events:
             yield from events

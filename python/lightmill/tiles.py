@@ -91,7 +91,8 @@ class LiveImage:
 
     def update(self, timeout=10):
         """Fetches what has changed, and returns the number of tiles. The first call waits for the first image; it raises
-        TimeoutError when there is none within `timeout` seconds, since nothing was rendered yet."""
+        TimeoutError when there is none within `timeout` seconds, since nothing was rendered yet. While the master restarts it
+        raises Unreachable: call it again later."""
         deadline = time.monotonic() + timeout
         self._distrust_after_restart()
         while True:
