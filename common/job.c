@@ -132,6 +132,11 @@ result_t job_settings_check(const job_settings_t *settings)
     if (settings->cryptomatte && settings->integrator == INTEGRATOR_LIGHT)
         return result_fail(RESULT_USAGE, "cryptomatte shows what eye rays meet, and the integrator light "
                                          "follows none: use bdpt or path");
+    TRY(light_groups_check(settings->light_groups));
+    TRY(check_range("pixels in all times light groups",
+                    (int64_t)settings->width * settings->height *
+                        (int64_t)light_groups_count(settings->light_groups),
+                    0, JOB_MAX_GROUP_PIXELS));
     return check_strategy(settings);
 }
 
@@ -227,9 +232,14 @@ bool job_has_mattes(const job_settings_t *settings)
     return settings->cryptomatte && settings->integrator != INTEGRATOR_LIGHT;
 }
 
+bool job_has_splats(const job_settings_t *settings)
+{
+    return settings->integrator != INTEGRATOR_PATH;
+}
+
 hash_t job_content_hash(const job_settings_t *settings, const hash_t *blob)
 {
-    char hex[2 * HASH_BYTES + 1], text[400];
+    char hex[2 * HASH_BYTES + 1], text[400 + sizeof settings->light_groups];
     hash_to_hex(blob, hex);
     int length = snprintf(
         text, sizeof text,
@@ -240,6 +250,8 @@ hash_t job_content_hash(const job_settings_t *settings, const hash_t *blob)
         settings->strategy_s, settings->strategy_t, settings->unweighted, settings->features);
     if (settings->cryptomatte)
         length += snprintf(text + length, sizeof text - (size_t)length, " cryptomatte");
+    if (settings->light_groups[0] != '\0')
+        length += snprintf(text + length, sizeof text - (size_t)length, " groups %s", settings->light_groups);
     return hash_bytes(text, (size_t)length);
 }
 

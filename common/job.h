@@ -10,7 +10,7 @@
 #ifndef LIGHTMILL_JOB_H
 #define LIGHTMILL_JOB_H
 
-#include "common/base.h"
+#include "common/light_groups.h"
 
 typedef enum { INTEGRATOR_BDPT = 1, INTEGRATOR_PATH = 2, INTEGRATOR_LIGHT = 3 } integrator_t;
 typedef enum { SAMPLER_SOBOL = 1, SAMPLER_INDEPENDENT = 2 } sampler_kind_t;
@@ -18,9 +18,10 @@ typedef enum { SAMPLER_SOBOL = 1, SAMPLER_INDEPENDENT = 2 } sampler_kind_t;
 enum { FILM_DEFAULT_SCALE = 32, FILM_MIN_SCALE = 0, FILM_MAX_SCALE = 40 }; /* of film_scale, below */
 
 enum {
-    JOB_MAX_RESOLUTION = 32768, /* pixels a side */
-    JOB_MAX_PIXELS = 1 << 27,   /* pixels in all: 128 Mi */
-    JOB_MAX_SPP = 1 << 30,      /* samples a pixel; the film counts them in 32 bits */
+    JOB_MAX_RESOLUTION = 32768,     /* pixels a side */
+    JOB_MAX_PIXELS = 1 << 27,       /* pixels in all: 128 Mi */
+    JOB_MAX_GROUP_PIXELS = 1 << 28, /* times light groups */
+    JOB_MAX_SPP = 1 << 30,          /* samples a pixel; the film counts them in 32 bits */
     JOB_MAX_DEPTH = 100,
     JOB_MIN_TILE = 8,
     JOB_MAX_TILE = 256,
@@ -55,6 +56,7 @@ typedef struct {
     double error;      /* the job ends when its estimated relative error is at most this; 0: not (film.h) */
     bool adaptive;     /* noisy tiles get more samples; spp is the mean (master/schedule/plan.h) */
     save_at_t save_at; /* not with adaptive; what lies beyond spp is never reached */
+    char light_groups[LIGHT_GROUPS_TEXT + 1]; /* resolved (light_groups.h); empty: none */
 } job_settings_t;
 
 /* What is wanted of a job beside its picture. Nothing of it changes a sample. */
@@ -123,6 +125,8 @@ result_t job_check_units(const job_settings_t *settings, const unit_t *units, si
 bool job_has_features(const job_settings_t *settings);
 /* True when it makes mattes. */
 bool job_has_mattes(const job_settings_t *settings);
+/* True when its integrator traces light subpaths, which make splats. */
+bool job_has_splats(const job_settings_t *settings);
 /* The hash of all that a sample depends on: the scene and the settings that change its value (others only say
  * how many samples there are). Sums may be added when this is the same, whatever number a job bears: a master
  * that lost its data gives the old numbers to new jobs. */

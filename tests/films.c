@@ -38,7 +38,7 @@ static size_t add_tile(film_t *film, const unit_t *unit, sum_kind_t kind, const 
 {
     size_t width = (size_t)film->settings.width, height = (size_t)film->settings.height, next = 0;
     rect_t rect = job_tile_rect(&film->settings, unit->tile);
-    for (size_t half = 0; half < film_sums[kind].halves; half++)
+    for (size_t half = 0; half < sum_planes(&film->settings, kind); half++)
         for (int y = rect.y0; y < rect.y1; y++)
             for (int x = rect.x0; x < rect.x1; x++) {
                 size_t pixel = (half * height + (size_t)y) * width + (size_t)x;

@@ -258,10 +258,14 @@ static void on_batch(scripted_t *script, const wire_message_t *message)
     assert_int_equal(
         wire_units_get(result->units, result->n_units, &script->settings, came->batch.units).code, RESULT_OK);
     wire_counts_get(result->counts, &came->batch.counts);
-    zmq_msg_t payload[BATCH_PAYLOADS]; /* the message's, and empty ones for those that were left out */
-    for (int i = 0; i < BATCH_PAYLOADS; i++) zmq_msg_init(&payload[i]);
-    memcpy(payload, message->payload, (size_t)message->payload_count * sizeof *payload);
+    zmq_msg_t payload[BATCH_PAYLOADS]; /* empty ones are left out at the end */
+    assert_in_range(message->payload_count, BATCH_BASE_PAYLOADS, BATCH_PAYLOADS);
+    for (int i = 0; i < BATCH_PAYLOADS; i++) {
+        zmq_msg_init(&payload[i]);
+        if (i < message->payload_count) zmq_msg_copy(&payload[i], (zmq_msg_t *)&message->payload[i]);
+    }
     assert_int_equal(payload_decode(payload, &came->batch).code, RESULT_OK);
+    for (int i = 0; i < BATCH_PAYLOADS; i++) zmq_msg_close(&payload[i]);
     script->question = question_of(message);
     script->question.sequence = result->sequence;
     if (script->answering) scripted_verdict(script, script->counting);

@@ -196,14 +196,6 @@ static const char *const texture_kinds[] = {[TEXTURE_IMAGE] = "image",
 static const char *const mappings[] = {"",          "uv",          "second uv", "planar",
                                        "spherical", "cylindrical", "point",     "cylindrical"};
 
-static const char *const light_kinds[] = {[LIGHT_AREA] = "area",
-                                          [LIGHT_POINT] = "point",
-                                          [LIGHT_SPOT] = "spot",
-                                          [LIGHT_GONIOMETRIC] = "goniometric",
-                                          [LIGHT_PROJECTION] = "projection",
-                                          [LIGHT_DISTANT] = "distant",
-                                          [LIGHT_INFINITE] = "infinite"};
-
 static const char *const texel_formats[] = {[TEXELS_R8] = "grey, 8 bits",
                                             [TEXELS_RGBA8] = "RGBA, 8 bits",
                                             [TEXELS_R32F] = "grey, float",
@@ -333,7 +325,7 @@ static void print_light(const scene_blob_t *blob, size_t index)
         [LIGHT_GONIOMETRIC] = "intensity", [LIGHT_PROJECTION] = "intensity", [LIGHT_DISTANT] = "irradiance",
         [LIGHT_INFINITE] = "radiance"};
     const blob_light_t *light = &blob->lights[index];
-    printf("light %zu: %s", index, NAME_IN(light_kinds, light->kind));
+    printf("light %zu: %s", index, NAME_IN(light_kind_names, light->kind));
     print_value(NAME_IN(units, light->kind), &light->radiance, false);
     if (light->image != 0) printf("  image %u", light->image - 1);
     if ((light->flags & LIGHT_TWO_SIDED) != 0) fputs("  two-sided", stdout);

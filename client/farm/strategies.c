@@ -44,6 +44,9 @@ result_t strategies_settings(const overrides_t *overrides, const scene_blob_t *b
     if (settings->cryptomatte)
         return result_fail(RESULT_USAGE, "images of strategies have no mattes: use --strategies without "
                                          "--cryptomatte");
+    if (settings->light_groups[0] != '\0')
+        return result_fail(RESULT_USAGE,
+                           "--strategies shows strategies, not lights: use it without --light-groups");
     if (job_is_planned(settings))
         return result_fail(RESULT_USAGE, "--strategies gives all images the same samples: use --spp, not %s",
                            settings->adaptive ? "--adaptive" : "--error");

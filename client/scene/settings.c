@@ -119,6 +119,12 @@ static const option_t rows[] = {
         overrides_t, cryptomatte, "cryptomatte", NULL,
         "with mattes of objects and of materials, as compositing programs read them: layers crypto_object00, "
         "crypto_material00, ..."),
+    OPTION(
+        overrides_t, light_groups, "light-groups", "GROUPS",
+        "a pair of layers for each group of lights, which lightmill mix mixes anew: NAME=LIGHTS,..., such as "
+        "key=3+4,sky=infinite, by number, kind or place in the scene file (lightmill info SCENE lists them); "
+        "lights in no group make the group rest; or kinds: a group a kind; each: a group a light; at most 8 "
+        "groups"),
     OPTION(overrides_t, lenient, "lenient", NULL,
            "take the nearest substitute for what a scene has and Lightmill has not, and warn"),
 };

@@ -163,13 +163,18 @@ int64_t *batch_frame(batch_t *batch, sum_kind_t kind)
 static void add_splats(batch_t *batch, const unit_result_t *result)
 {
     if (result->splat_count == 0) return;
+    bool grouped = sum_planes(&batch->settings, SUM_GROUP_SPLAT) > 0;
     int64_t *frame = batch_frame(batch, SUM_SPLAT);
-    size_t half_values = batch->sums[SUM_SPLAT].count / 2;
+    int64_t *groups = grouped ? batch_frame(batch, SUM_GROUP_SPLAT) : NULL;
+    size_t plane = batch->sums[SUM_SPLAT].count / 2;
     for (size_t i = 0; i < result->splat_count; i++) {
         const splat_t *splat = &result->splats[i];
-        size_t half = splat->pixel & SPLAT_HALF_BIT ? half_values : 0;
-        int64_t *sum = frame + half + (size_t)3 * (splat->pixel & ~SPLAT_HALF_BIT);
+        size_t place = (size_t)3 * (splat->pixel & SPLAT_PIXEL_MASK);
+        int64_t *sum = frame + place + (splat->pixel & SPLAT_HALF_BIT ? plane : 0);
         batch->counts.overflows += film_add(sum, splat->rgb, batch->settings.film_scale);
+        if (grouped)
+            batch->counts.overflows +=
+                film_add(groups + place + splat_group(splat) * plane, splat->rgb, batch->settings.film_scale);
     }
 }
 

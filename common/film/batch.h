@@ -34,10 +34,19 @@ void film_counts_take_out(film_counts_t *sum, const film_counts_t *less);
 
 /* One splat, kept by a unit until it is complete. */
 typedef struct {
-    uint32_t pixel; /* y * width + x, with the half (0 or 1) in the top bit */
+    uint32_t
+        pixel; /* y * width + x in the lower bits, the light group above, the half (0 or 1) in the top bit */
     float rgb[3];
 } splat_t;
 #define SPLAT_HALF_BIT 0x80000000u
+enum { SPLAT_GROUP_SHIFT = 27, SPLAT_PIXEL_MASK = (1 << SPLAT_GROUP_SHIFT) - 1 };
+_Static_assert(JOB_MAX_PIXELS - 1 <= SPLAT_PIXEL_MASK, "a splat has too few bits for its pixel");
+_Static_assert(LIGHT_GROUPS_MAX <= 1 << (31 - SPLAT_GROUP_SHIFT), "or for its light group");
+/* The light group of a splat; 0 in jobs without groups. */
+static inline size_t splat_group(const splat_t *splat)
+{
+    return (splat->pixel & ~SPLAT_HALF_BIT) >> SPLAT_GROUP_SHIFT;
+}
 
 /* The result of one unit, in memory that is reused from unit to unit. */
 typedef struct {

@@ -44,7 +44,7 @@ static void hash_values(crypto_generichash_state *state, const sum_array_t *sums
 /* Sums that only some jobs have leave no trace in the others' digests, but for features, which always did. */
 static bool is_hashed(const batch_t *batch, sum_kind_t kind, bool frame)
 {
-    bool in_job = kind == SUM_FEATURES || sum_image_values(&batch->settings, kind) > 0;
+    bool in_job = kind == SUM_FEATURES || sum_planes(&batch->settings, kind) > 0;
     return film_sums[kind].frame == frame && in_job;
 }
 

@@ -43,5 +43,6 @@ uint64_t film_bytes(const job_settings_t *settings)
     uint64_t features = job_has_features(settings) ? FEATURE_VALUES : 0;
     for (sum_kind_t k = 0; k < FILM_SUMS; k++) bytes += sum_image_values(settings, k) * film_sums[k].bytes;
     uint64_t mattes = job_has_mattes(settings) ? 4 * MATTE_LEVELS * MATTE_KINDS : 0;
-    return bytes + pixels * (13 + features + mattes) * sizeof(float);
+    uint64_t groups = 3 * (sum_planes(settings, SUM_GROUP_EYE) + sum_planes(settings, SUM_GROUP_SPLAT));
+    return bytes + pixels * (13 + features + mattes + groups) * sizeof(float);
 }

@@ -57,11 +57,15 @@ typedef struct {
      * share first, then those of the lowest id; 0: nothing. Two ids a level, [height][width][4]. What a pixel
      * met that is nothing counts like an object, with the id 0. */
     float *mattes[MATTE_KINDS][MATTE_LEVELS];
+
+    /* What of `eye` and `light` comes from each light group, as many as the job has; NULL beyond them,
+     * group_light in a job without splats, and all unless they are wanted. */
+    float *group_eye[LIGHT_GROUPS_MAX], *group_light[LIGHT_GROUPS_MAX];
 } film_image_t;
 
 /* What an image has only when it is wanted. */
 typedef struct {
-    bool halves;
+    bool halves, groups;
     const mattes_t *mattes; /* of the film's scene; NULL, or a film that has none: no mattes */
 } film_extras_t;
 

@@ -160,6 +160,23 @@ void film_resolve(const film_t *film, film_image_t *image)
     image->error = film_noise(film, NULL);
 }
 
+/* An image of each group: what is in its plane of the sums, times a factor that a pixel has, or all have. */
+static void resolve_groups(const divisors_t *divisors, sum_kind_t kind, float *images[LIGHT_GROUPS_MAX])
+{
+    const film_t *film = divisors->film;
+    size_t pixels = divisors->pixels, planes = sum_planes(&film->settings, kind);
+    for (size_t g = 0; g < planes; g++) {
+        const int64_t *sums = film->sums[kind] + 3 * pixels * g;
+        images[g] = mem_zalloc(3 * pixels, sizeof(float));
+        for (size_t p = 0; p < pixels; p++) {
+            double samples = (double)film->samples[p] + film->samples[pixels + p];
+            double factor = kind == SUM_GROUP_EYE ? 1 / samples : divisors->light_factor[2];
+            for (size_t c = 0; c < 3 && samples > 0; c++)
+                images[g][3 * p + c] = (float)((double)sums[3 * p + c] * divisors->unit * factor);
+        }
+    }
+}
+
 void film_resolve_extras(const film_t *film, const film_extras_t *extras, film_image_t *image)
 {
     divisors_t divisors = film_divisors(film);
@@ -170,6 +187,9 @@ void film_resolve_extras(const film_t *film, const film_extras_t *extras, film_i
             if (film->samples[p] > 0 || film->samples[divisors.pixels + p] > 0)
                 resolve_half(&divisors, h, p, image->half[h] + 3 * p);
     }
+    if (!extras->groups) return;
+    resolve_groups(&divisors, SUM_GROUP_EYE, image->group_eye);
+    resolve_groups(&divisors, SUM_GROUP_SPLAT, image->group_light);
 }
 
 /* The rows that are looked at: the middle one of every `step`. */
@@ -257,5 +277,9 @@ void film_image_free(film_image_t *image)
     for (size_t h = 0; h < 2; h++) free(image->half[h]);
     for (int k = 0; k < MATTE_KINDS; k++)
         for (int l = 0; l < MATTE_LEVELS; l++) free(image->mattes[k][l]);
+    for (size_t g = 0; g < LIGHT_GROUPS_MAX; g++) {
+        free(image->group_eye[g]);
+        free(image->group_light[g]);
+    }
     *image = (film_image_t){0};
 }

@@ -4,56 +4,86 @@
 #include <stdlib.h>
 #include <string.h>
 
+static size_t feature_planes(const job_settings_t *settings)
+{
+    return job_has_features(settings) ? 1 : 0;
+}
+
+static size_t matte_planes(const job_settings_t *settings)
+{
+    return job_has_mattes(settings) ? 1 : 0;
+}
+
+static size_t group_planes(const job_settings_t *settings)
+{
+    return light_groups_count(settings->light_groups);
+}
+
+static size_t group_splat_planes(const job_settings_t *settings)
+{
+    return job_has_splats(settings) ? group_planes(settings) : 0;
+}
+
 const sum_layout_t film_sums[FILM_SUMS] = {
     [SUM_EYE] = {.name = "eye",
                  .bytes = sizeof(int64_t),
-                 .halves = 2,
                  .values = 3,
                  .group_count = 1,
                  .groups = {3},
                  .weighted = true},
     [SUM_SPLAT] = {.name = "splat",
                    .bytes = sizeof(int64_t),
-                   .halves = 2,
                    .values = 3,
                    .group_count = 1,
                    .groups = {3},
                    .frame = true},
     [SUM_FEATURES] = {.name = "feature",
                       .bytes = sizeof(int64_t),
-                      .halves = 1,
                       .values = FEATURE_VALUES,
                       .group_count = 6,
                       .groups = {3, 3, 3, 1, 2, 2}, /* albedo, normal, position, depth, counts, ids */
                       .differences = true,
-                      .in_job = job_has_features,
+                      .planes = feature_planes,
                       .samples = FEATURE_SAMPLES,
                       .sample_bits = 57},
     [SUM_MATTES] = {.name = "matte",
                     .bytes = sizeof(int64_t),
-                    .halves = 1,
                     .values = MATTE_VALUES,
                     .group_count = 6,
                     .groups = {3, 3, 3, 3, 3, 1},
                     .differences = true,
-                    .in_job = job_has_mattes,
+                    .planes = matte_planes,
                     .samples = MATTE_SAMPLES,
                     .sample_bits = 57},
-    [SUM_SAMPLES] = {.name = "sample", .bytes = sizeof(uint32_t), .halves = 2, .values = 1}};
+    [SUM_GROUP_EYE] = {.name = "light group eye",
+                       .bytes = sizeof(int64_t),
+                       .values = 3,
+                       .group_count = 1,
+                       .groups = {3},
+                       .weighted = true,
+                       .planes = group_planes},
+    [SUM_GROUP_SPLAT] = {.name = "light group splat",
+                         .bytes = sizeof(int64_t),
+                         .values = 3,
+                         .group_count = 1,
+                         .groups = {3},
+                         .frame = true,
+                         .planes = group_splat_planes},
+    [SUM_SAMPLES] = {.name = "sample", .bytes = sizeof(uint32_t), .values = 1}};
 
-const sum_kind_t film_page_order[FILM_SUMS] = {SUM_EYE, SUM_SPLAT, SUM_SAMPLES, SUM_FEATURES, SUM_MATTES};
+const sum_kind_t film_page_order[FILM_SUMS] = {SUM_EYE,    SUM_SPLAT,     SUM_SAMPLES,    SUM_FEATURES,
+                                               SUM_MATTES, SUM_GROUP_EYE, SUM_GROUP_SPLAT};
 
 /* ---- how many values there are ------------------------------------------------------------------------- */
 
-static bool in_job(const job_settings_t *settings, sum_kind_t kind)
+size_t sum_planes(const job_settings_t *settings, sum_kind_t kind)
 {
-    return film_sums[kind].in_job == NULL || film_sums[kind].in_job(settings);
+    return film_sums[kind].planes == NULL ? 2 : film_sums[kind].planes(settings);
 }
 
 size_t sum_image_values(const job_settings_t *settings, sum_kind_t kind)
 {
-    if (!in_job(settings, kind)) return 0;
-    return film_sums[kind].halves * film_sums[kind].values * (size_t)settings->width *
+    return sum_planes(settings, kind) * film_sums[kind].values * (size_t)settings->width *
            (size_t)settings->height;
 }
 
@@ -61,8 +91,8 @@ size_t sum_unit_values(const job_settings_t *settings, sum_kind_t kind, const un
 {
     const sum_layout_t *layout = &film_sums[kind];
     bool contributes = layout->samples == 0 || unit->first < layout->samples;
-    if (layout->frame || !contributes || !in_job(settings, kind)) return 0;
-    return layout->halves * layout->values * job_tile_pixels(settings, unit->tile);
+    if (layout->frame || !contributes) return 0;
+    return sum_planes(settings, kind) * layout->values * job_tile_pixels(settings, unit->tile);
 }
 
 size_t sum_unit_bytes(const job_settings_t *settings, const unit_t *unit)

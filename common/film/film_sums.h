@@ -31,6 +31,8 @@ typedef enum {
     SUM_SPLAT,                /* radiance of those with t = 1, which may land anywhere */
     SUM_FEATURES,             /* what the eye rays meet first: FEATURE_ALBEDO and so on */
     SUM_MATTES,               /* which shape each eye ray meets first: MATTE_SAMPLES and so on */
+    SUM_GROUP_EYE,            /* what of SUM_EYE comes from each group of lights (common/light_groups.h), */
+    SUM_GROUP_SPLAT,          /* and what of SUM_SPLAT */
     BATCH_SUMS,               /* those above travel in a batch, a payload each in this order */
     SUM_SAMPLES = BATCH_SUMS, /* a film has these beside: eye samples, each as often as it weighs */
     FILM_SUMS
@@ -69,12 +71,12 @@ enum {
     MATTE_MAX_CODE = (1 << MATTE_BITS) - 1
 };
 
-/* How one of them is laid out: [halves][height][width][values], of the image or of a tile. */
+/* How one of them is laid out: [planes][height][width][values], of the image or of a tile. Planes are the two
+ * halves of the samples, even and odd indices apart; or one for all samples; or one for each light group. */
 typedef struct {
     const char *name; /* in messages */
     size_t bytes;     /* of a value */
-    size_t halves;    /* 2: even and odd sample indices apart */
-    size_t values;    /* of a pixel in a half */
+    size_t values;    /* of a pixel in a plane */
     /* Values of a pixel that are of one kind; they are coded together. */
     size_t group_count;
     uint8_t groups[SUM_MAX_GROUPS];
@@ -82,8 +84,8 @@ typedef struct {
     bool frame;       /* a batch has one frame of the whole image, to which all units add, or none when it is
                          zero; otherwise a tile of each unit, one after the other */
     bool weighted;    /* a unit's tile counts as often as its samples weigh */
-    /* False for a job that does not make them; NULL: all do. */
-    bool (*in_job)(const job_settings_t *settings);
+    /* How many planes a job has, 0 when it does not make them; NULL: two halves, in every job. */
+    size_t (*planes)(const job_settings_t *settings);
     uint32_t samples; /* of a pixel, from index 0, that contribute; 0: all */
     int sample_bits;  /* one sample adds less than 2^sample_bits to any value; 0: there is no bound */
 } sum_layout_t;
@@ -92,6 +94,8 @@ extern const sum_layout_t film_sums[FILM_SUMS];
 /* The sums in the order in which the pages of a film, and so those of a checkpoint, are numbered. */
 extern const sum_kind_t film_page_order[FILM_SUMS];
 
+/* Planes in a job; 0 when it has none of this sum. */
+size_t sum_planes(const job_settings_t *settings, sum_kind_t kind);
 /* Values of the whole image; 0 when the job has none. */
 size_t sum_image_values(const job_settings_t *settings, sum_kind_t kind);
 /* Values of a unit's tile; 0 for frames, and when the job or the unit's samples have none. */

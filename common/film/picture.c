@@ -79,6 +79,23 @@ static void describe_mattes(image_t *image, const mattes_t *mattes)
     }
 }
 
+/* The layers of the light groups that the film has. */
+static void add_groups(image_t *image, const film_image_t *film, const char *light_groups, bool half)
+{
+    for (uint32_t g = 0; g < light_groups_count(light_groups); g++) {
+        char name[LIGHT_GROUP_NAME + 1], channels[6][2 * LIGHT_GROUP_NAME];
+        const char *names[6];
+        light_groups_name(light_groups, g, name);
+        for (int c = 0; c < 6; c++) {
+            snprintf(channels[c], sizeof channels[c], "group.%s.%s.%c", name, c < 3 ? "eye" : "light",
+                     "RGB"[c % 3]);
+            names[c] = channels[c];
+        }
+        if (film->group_eye[g] != NULL) add_views(image, names, 3, half, film->group_eye[g]);
+        if (film->group_light[g] != NULL) add_views(image, names + 3, 3, half, film->group_light[g]);
+    }
+}
+
 static void add_settings(image_t *image, const job_settings_t *settings)
 {
     image_set_string(image, "lightmill.integrator", integrator_name(settings->integrator));
@@ -93,6 +110,8 @@ static void add_settings(image_t *image, const job_settings_t *settings)
     if (settings->cryptomatte) image_set_int(image, "lightmill.cryptomatte", 1);
     if (settings->error > 0) image_set_float(image, "lightmill.errorTarget", (float)settings->error);
     if (settings->adaptive) image_set_int(image, "lightmill.adaptive", 1);
+    if (settings->light_groups[0] != '\0')
+        image_set_string(image, "lightmill.lightGroups", settings->light_groups);
     if (settings->strategy_t == 0) return;
     image_set_int(image, "lightmill.strategyS", settings->strategy_s);
     image_set_int(image, "lightmill.strategyT", settings->strategy_t);
@@ -140,6 +159,7 @@ result_t picture_write_exr(const char *path, const film_image_t *film, const pic
     add_layers(&image, film, half);
     add_mattes(&image, film);
     if (meta->mattes != NULL) describe_mattes(&image, meta->mattes);
+    add_groups(&image, film, meta->settings.light_groups, half);
     picture_describe(&image, meta, total_samples(film));
     if (isfinite(film->error)) image_set_float(&image, "lightmill.error", (float)film->error);
     result_t result = image_write_exr(path, &image);

@@ -4,10 +4,11 @@
  * noise.* (estimated standard error of R G B), samples (eye samples of each pixel). Where the job has
  * features (film_sums.h): albedo.R G B, normal.X Y Z and position.X Y Z in world space, depth.Z, object.id
  * and material.id, coverage. Where they are wanted: half0.R G B and half1.R G B, the picture of the even and
- * of the odd samples alone, two independent estimates; and mattes after the
- * Cryptomatte specification, crypto_object00.R G B A and so on, with the attributes that it asks for. The
- * attributes, all named lightmill.*, hold what it
- * takes to make the same bits again.
+ * of the odd samples alone, two independent estimates; and mattes after the Cryptomatte specification,
+ * crypto_object00.R G B A and so on, with the attributes that it asks for. Where the job has light groups
+ * (common/light_groups.h): group.NAME.eye.R G B and group.NAME.light.R G B, what of eye.* and light.* comes
+ * from the lights of each. The attributes, all named lightmill.*, hold what it takes to make the same bits
+ * again.
  */
 #ifndef LIGHTMILL_PICTURE_H
 #define LIGHTMILL_PICTURE_H

@@ -1,6 +1,8 @@
 /* overrides: see overrides.h. */
 #include "common/scene/overrides.h"
 
+#include <stdlib.h>
+
 overrides_t overrides_none(void)
 {
     return (overrides_t){.max_depth = -1, .film_scale = -1};
@@ -15,6 +17,16 @@ static result_t check_reached(const job_settings_t *settings)
     return result_fail(RESULT_USAGE,
                        "an image is to be kept at %u samples a pixel, and the job has %u: use %u or more",
                        last, settings->spp, last);
+}
+
+static result_t group_lights(const overrides_t *overrides, const scene_blob_t *blob, job_settings_t *settings)
+{
+    if (overrides->light_groups == NULL) return result_ok();
+    grouped_light_t *lights = blob_grouped_lights(blob);
+    result_t result = light_groups_resolve(overrides->light_groups, lights, blob->counts[BLOB_SECTION_LIGHTS],
+                                           settings->light_groups);
+    free(lights);
+    return result;
 }
 
 result_t overrides_apply(const overrides_t *overrides, const scene_blob_t *blob, job_settings_t *settings)
@@ -42,5 +54,6 @@ result_t overrides_apply(const overrides_t *overrides, const scene_blob_t *blob,
     /* Samples that count JOB_MEAN_BOOST times in the mean take two bits of the sums. */
     if (settings->adaptive) settings->film_scale = int_max(FILM_MIN_SCALE, settings->film_scale - 2);
     if (overrides->film_scale >= 0) settings->film_scale = overrides->film_scale;
+    TRY(group_lights(overrides, blob, settings));
     return job_settings_check(settings);
 }

@@ -20,7 +20,8 @@ typedef struct {
     int32_t film_scale; /* -1: as the scene needs it */
     bool no_layers;
     bool cryptomatte;
-    bool lenient; /* for who imports the scene */
+    const char *light_groups; /* as light_groups_resolve takes them; NULL: none */
+    bool lenient;             /* for who imports the scene */
 } overrides_t;
 
 /* Nothing is said. */

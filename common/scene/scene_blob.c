@@ -187,6 +187,23 @@ void blob_close(scene_blob_t *blob)
     *blob = (scene_blob_t){0};
 }
 
+/* ---- lights -------------------------------------------------------------------------------------------- */
+
+_Static_assert((int)LIGHT_INFINITE == (int)LIGHT_KINDS_COUNT, "light_kind_names has other kinds");
+
+grouped_light_t *blob_grouped_lights(const scene_blob_t *blob)
+{
+    size_t count = blob->counts[BLOB_SECTION_LIGHTS];
+    grouped_light_t *lights = mem_alloc((count + 1) * sizeof *lights);
+    for (size_t i = 0; i < count; i++) {
+        const blob_light_t *light = &blob->lights[i];
+        bool area = light->kind == LIGHT_AREA;
+        lights[i] =
+            (grouped_light_t){light->kind, area ? blob->strings + blob->shapes[light->shape].name : NULL};
+    }
+    return lights;
+}
+
 /* ---- defaults ------------------------------------------------------------------------------------------ */
 
 blob_scene_t blob_default_scene(void)

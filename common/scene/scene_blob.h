@@ -73,6 +73,10 @@ static inline blob_value_t blob_colour_value(rgb_t colour)
     return (blob_value_t){colour, 0};
 }
 
+/* The lights in the order of their numbers, as light_groups.h takes them, in fresh memory; their places are
+ * the blob's. */
+grouped_light_t *blob_grouped_lights(const scene_blob_t *blob);
+
 /* A scene record to start from: a pinhole camera of 90 degrees at the origin, nothing moving, a film of 640 x
  * 480 pixels as its own filter, bdpt, sobol, depth 5, 16 spp. */
 blob_scene_t blob_default_scene(void);

@@ -143,6 +143,7 @@ static result_t write_film(image_writer_t *image_writer, job_t *job, const char 
                            const image_format_t *format)
 {
     film_extras_t extras = {.halves = format->halves || farm_job_halves(image_writer->options.farm, job),
+                            .groups = !format->png,
                             .mattes = format->png ? NULL : find_mattes(image_writer, job)};
     film_image_t film = {0};
     job_report_t report;

@@ -1,9 +1,10 @@
 /* wire: messages on ZeroMQ sockets, and the hard limits on everything that a peer sends.
  *
- * A message is a header frame (the bytes "LMIL", a version byte, a checksum, then a protobuf Envelope) and up
- * to three payload frames. A socket of the master is a ROUTER, a peer's is a DEALER; on a ROUTER the identity
- * frame comes first. Whatever arrives is checked against the limits before anything is allocated for it; a
- * message that breaks them is an error value, never an abort, and the socket can go on being used.
+ * A message is a header frame (the bytes "LMIL", a version byte, a checksum, then a protobuf Envelope) and
+ * payload frames, at most one for each sum of a batch. A socket of the master is a ROUTER, a peer's is a
+ * DEALER; on a ROUTER the identity frame comes first. Whatever arrives is checked against the limits before
+ * anything is allocated for it; a message that breaks them is an error value, never an abort, and the socket
+ * can go on being used.
  */
 #ifndef LIGHTMILL_WIRE_H
 #define LIGHTMILL_WIRE_H
@@ -25,7 +26,8 @@ enum {
     WIRE_MAX_CHUNK = 4 << 20, /* bytes of a blob or an image in one message */
     WIRE_MAX_IDENTITY = 255
 };
-/* The largest payload frame: the raw splat frame of the largest film (6 GiB) fits. */
+/* The largest payload frame: the raw splat frame of the largest film (6 GiB), or of its light groups, fits.
+ */
 #define WIRE_MAX_PAYLOAD ((size_t)1 << 33)
 
 /* The life of a job, as JobStatus.state says it. */

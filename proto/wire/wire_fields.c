@@ -63,6 +63,7 @@ void wire_settings_put(const job_settings_t *from, Lm__Settings *to)
     SETTINGS(COPY);
     to->n_save_at = from->save_at.count;
     to->save_at = (uint32_t *)from->save_at.spp;
+    to->light_groups = (char *)from->light_groups;
 }
 
 /* job_settings_check looks at the counts themselves. */
@@ -87,6 +88,10 @@ result_t wire_settings_get(const Lm__Settings *from, job_settings_t *to)
     *to = (job_settings_t){0};
     SETTINGS(COPY);
     TRY(get_save_at(from, &to->save_at));
+    if (strlen(from->light_groups) > LIGHT_GROUPS_TEXT)
+        return result_fail(RESULT_PROTOCOL, "light groups of %zu bytes, the limit is %d",
+                           strlen(from->light_groups), LIGHT_GROUPS_TEXT);
+    strcpy(to->light_groups, from->light_groups);
     return job_settings_check(to);
 }
 

@@ -26,6 +26,7 @@ static job_settings_t settings_of(uint8_t choice)
     settings.features = (choice & 4) != 0;
     settings.spp = 100;
     settings.cryptomatte = (choice & 16) != 0;
+    if ((choice & 8) != 0) strcpy(settings.light_groups, "a=0,b=area,rest");
     return settings;
 }
 
@@ -102,19 +103,23 @@ int fuzz_payload(const uint8_t *data, size_t size)
 {
     if (size < HEADER) return 0;
     job_settings_t settings = settings_of(data[0]);
+    int count = settings.light_groups[0] != '\0' ? BATCH_PAYLOADS
+                : settings.cryptomatte           ? SUM_MATTES + 1
+                                                 : SUM_FEATURES + 1;
+    size_t header = 2 * (size_t)count, left = size - header;
+    if (size < header) return 0;
     batch_t batch;
     choose_units(&settings, data[1], &batch);
-    size_t left = size - HEADER, first = data[2] + 256u * data[3], second = data[4] + 256u * data[5];
-    if (first > left) first = left;
-    if (second > left - first) second = left - first;
-    const uint8_t *bytes = data + HEADER;
+    const uint8_t *bytes = data + header;
     zmq_msg_t payload[BATCH_PAYLOADS];
-    put_payload(&payload[0], bytes, first);
-    put_payload(&payload[1], bytes + first, second);
-    /* With mattes, they take the second half of the rest. */
-    size_t rest = left - first - second, mattes = settings.cryptomatte ? rest / 2 : 0;
-    put_payload(&payload[2], bytes + first + second, rest - mattes);
-    put_payload(&payload[3], bytes + left - mattes, mattes);
+    for (int i = 0; i < BATCH_PAYLOADS; i++) {
+        size_t length = i + 1 < count ? data[2 + 2 * i] + 256u * data[3 + 2 * i] : left;
+        if (length > left) length = left;
+        if (i >= count) length = 0;
+        put_payload(&payload[i], bytes, length);
+        bytes += length;
+        left -= length;
+    }
     compare_decoders(&settings, payload, &batch);
     for (int i = 0; i < BATCH_PAYLOADS; i++) zmq_msg_close(&payload[i]);
     batch_free(&batch);

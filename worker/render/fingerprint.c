@@ -212,7 +212,7 @@ static void add_render(chain_t *chain, const renderer_t *renderer, const job_set
         unit_t unit = {tile, 0, settings->spp};
         renderer_unit(renderer, &unit, &result, &cancel);
         for (sum_kind_t k = 0; k < BATCH_SUMS; k++)
-            if (!film_sums[k].frame)
+            if (result.sums[k].count > 0)
                 chain_add(chain, result.sums[k].values, result.sums[k].count * sizeof(int64_t));
         for (size_t i = 0; i < result.splat_count; i++)
             for (int c = 0; c < 3; c++) {

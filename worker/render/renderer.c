@@ -12,6 +12,7 @@ struct renderer {
     scene_t *scene;
     lights_t *lights;
     camera_t *camera;
+    uint8_t *light_groups; /* of each light; NULL: none */
     const integrator_ops_t *integrator;
 };
 
@@ -28,6 +29,18 @@ static void flush_denormals(void)
     _MM_SET_DENORMALS_ZERO_MODE(_MM_DENORMALS_ZERO_ON);
 }
 
+/* The group of each light, in fresh memory; NULL when the job has no groups. */
+static result_t sort_lights(const scene_blob_t *blob, const job_settings_t *settings, uint8_t **groups)
+{
+    if (settings->light_groups[0] == '\0') return result_ok();
+    size_t count = blob->counts[BLOB_SECTION_LIGHTS];
+    grouped_light_t *lights = blob_grouped_lights(blob);
+    *groups = mem_alloc(count + 1);
+    result_t result = light_groups_assign(settings->light_groups, lights, count, *groups);
+    free(lights);
+    return result;
+}
+
 result_t renderer_new(const scene_blob_t *blob, const job_settings_t *settings, renderer_t **result)
 {
     *result = NULL;
@@ -38,12 +51,18 @@ result_t renderer_new(const scene_blob_t *blob, const job_settings_t *settings, 
         free(renderer);
         return made;
     }
+    made = sort_lights(blob, settings, &renderer->light_groups);
+    if (made.code != RESULT_OK) {
+        renderer_destroy(&renderer);
+        return made;
+    }
     renderer->lights = lights_new(renderer->scene);
     renderer->camera = camera_new(blob->scene, settings->width, settings->height);
     renderer->integrator = integrators[settings->integrator];
     setup_t *setup = &renderer->setup;
     setup->scene = renderer->scene;
     setup->lights = renderer->lights;
+    setup->light_groups = renderer->light_groups;
     setup->settings = *settings;
     setup->camera = renderer->camera;
     setup->moves = scene_moves(renderer->scene) || camera_moves(renderer->camera);
@@ -60,6 +79,7 @@ void renderer_destroy(renderer_t **renderer)
     if (self == NULL) return;
     lights_destroy(&self->lights);
     free(self->camera);
+    free(self->light_groups);
     scene_destroy(&self->scene);
     free(self);
     *renderer = NULL;
@@ -73,19 +93,40 @@ static uint64_t thread_cpu_us(void)
     return (uint64_t)now.tv_sec * 1000000 + (uint64_t)now.tv_nsec / 1000;
 }
 
-/* Adds what the eye subpath of a sample brought to its pixel of the unit's tile. */
-static void add_eye_sample(const setup_t *setup, const sample_t *sample, size_t pixel, rgb_t value)
+/* Adds to one of the sums of the unit's tile. */
+static void add_rgb(const setup_t *setup, unit_result_t *result, sum_kind_t kind, size_t pixel, rgb_t value)
+{
+    result->counts.overflows += film_add(result->sums[kind].values + 3 * pixel,
+                                         (float[3]){value.x, value.y, value.z}, setup->settings.film_scale);
+}
+
+/* Likewise for what of the sample comes from each light group, scaled as the sample is. */
+static void add_groups(const setup_t *setup, const sample_t *sample, size_t pixel, size_t pixels, float scale)
+{
+    size_t count = sum_planes(&setup->settings, SUM_GROUP_EYE);
+    for (size_t g = 0; g < count; g++) {
+        rgb_t value = v_scale(sample->groups[g], scale);
+        if (v_is_finite(value)) add_rgb(setup, sample->result, SUM_GROUP_EYE, pixel + g * pixels, value);
+    }
+}
+
+/* Adds what the eye subpath of a sample brought to a pixel of the unit's tile, which has so many. */
+static void add_eye_sample(const setup_t *setup, const sample_t *sample, size_t pixel, size_t pixels,
+                           rgb_t value)
 {
     unit_result_t *result = sample->result;
-    float luminance = rgb_luminance(value);
-    if (luminance > setup->max_luminance) value = v_scale(value, setup->max_luminance / luminance);
+    float luminance = rgb_luminance(value), clamp = 1;
+    if (luminance > setup->max_luminance) {
+        clamp = setup->max_luminance / luminance;
+        value = v_scale(value, clamp);
+    }
     value = v_scale(value, sample->eye_weight);
     if (!v_is_finite(value)) {
         result->counts.dropped++;
         return;
     }
-    result->counts.overflows += film_add(result->sums[SUM_EYE].values + 3 * pixel,
-                                         (float[3]){value.x, value.y, value.z}, setup->settings.film_scale);
+    add_rgb(setup, result, SUM_EYE, pixel + (sample->sample & 1) * pixels, value);
+    if (setup->light_groups != NULL) add_groups(setup, sample, pixel, pixels, clamp * sample->eye_weight);
 }
 
 bool renderer_unit(const renderer_t *renderer, const unit_t *unit, unit_result_t *result,
@@ -111,7 +152,7 @@ bool renderer_unit(const renderer_t *renderer, const unit_t *unit, unit_result_t
                                    .result = result};
                 sample.time = sample_time(&sample);
                 rgb_t value = renderer->integrator->sample(&sample);
-                add_eye_sample(&renderer->setup, &sample, pixel + (i & 1) * half_pixels, value);
+                add_eye_sample(&renderer->setup, &sample, pixel, half_pixels, value);
                 unit_result_feature(result, pixel, i, &sample.first_hit);
             }
         }

@@ -40,6 +40,13 @@ static float contribution(uint64_t pixel, uint64_t sample, uint64_t channel)
     return (bits >> 40 & 7) == 0 ? -value : value;
 }
 
+/* The light group that a contribution belongs to. */
+static uint32_t group_of(const job_settings_t *settings, uint64_t pixel, uint64_t sample)
+{
+    uint32_t groups = light_groups_count(settings->light_groups);
+    return groups > 0 ? (uint32_t)(mix(pixel, sample + 99) % groups) : 0;
+}
+
 static void add_splat(unit_result_t *result, uint32_t pixel, int half, float r, float g, float b)
 {
     if (result->splat_count == result->splat_capacity) {
@@ -78,10 +85,14 @@ static void render_unit(const job_settings_t *settings, const unit_t *unit, unit
             for (size_t c = 0; c < 3; c++) rgb[c] = contribution(pixel, sample, c);
             result->counts.overflows += film_add(
                 result->sums[SUM_EYE].values + 3 * ((size_t)half * pixels + i), rgb, settings->film_scale);
+            uint32_t group = group_of(settings, pixel, sample);
+            if (settings->light_groups[0] != '\0')
+                film_add(result->sums[SUM_GROUP_EYE].values + 3 * (group * pixels + i), rgb,
+                         settings->film_scale);
             first_hit_t hit = first_hit(pixel, sample);
             unit_result_feature(result, i, sample, &hit);
             uint32_t target = (uint32_t)(mix(pixel, sample + 1000) % PIXELS);
-            add_splat(result, target, half, rgb[1], rgb[2], rgb[0]);
+            add_splat(result, target | group << SPLAT_GROUP_SHIFT, half, rgb[1], rgb[2], rgb[0]);
             result->counts.light_paths[half]++;
             result->counts.rays += 5;
         }
@@ -122,10 +133,14 @@ static void take_out(film_t *film, const batch_t *batch, const uint32_t *weights
     assert_int_equal(merge_as_master(film, batch, weights, -1).code, RESULT_OK);
 }
 
-/* Renders a job in units of `run` samples, in an order of its own, `per_batch` units a batch. */
-static film_t *render_job(uint32_t run, size_t per_batch, uint64_t seed)
+static const char GROUPS[] = "sky=infinite,key=3+4,rest"; /* of no scene */
+
+/* Renders a job, with light groups or without, in units of `run` samples, in an order of its own, `per_batch`
+ * units a batch. */
+static film_t *render_job(const char *groups, uint32_t run, size_t per_batch, uint64_t seed)
 {
     job_settings_t settings = small_job();
+    strcpy(settings.light_groups, groups);
     unit_list_t list = cut_job(&settings, run);
     unit_result_t result = {0};
     batch_t batch;
@@ -153,18 +168,17 @@ static void assert_same_film(const film_t *a, const film_t *b)
     assert_memory_equal(&a->counts, &b->counts, sizeof a->counts);
 }
 
-static void any_cut_and_order_make_the_same_bits(void **state)
+static void check_cuts(const char *groups)
 {
-    (void)state;
     const struct {
         uint32_t run;
         size_t per_batch;
     } cases[] = {{SPP, 1000}, {1, 1}, {1, 1000}, {5, 3}, {7, 2}, {2, 7}};
-    film_t *expected = render_job(SPP, 1, 0);
+    film_t *expected = render_job(groups, SPP, 1, 0);
     assert_int_equal(expected->counts.overflows, 0);
     assert_int_equal(expected->counts.light_paths[0] + expected->counts.light_paths[1], PIXELS * SPP);
     for (size_t i = 0; i < ARRAY_LENGTH(cases); i++) {
-        film_t *film = render_job(cases[i].run, cases[i].per_batch, i + 1);
+        film_t *film = render_job(groups, cases[i].run, cases[i].per_batch, i + 1);
         assert_same_film(expected, film);
         film_destroy(&film);
         assert_null(film);
@@ -172,10 +186,52 @@ static void any_cut_and_order_make_the_same_bits(void **state)
     film_destroy(&expected);
 }
 
+static void any_cut_and_order_make_the_same_bits(void **state)
+{
+    (void)state;
+    check_cuts("");
+    check_cuts(GROUPS);
+}
+
+/* And the picture has the same sums with groups as without. */
+static void groups_add_up_to_the_sums(void **state)
+{
+    (void)state;
+    film_t *plain = render_job("", 5, 4, 1), *film = render_job(GROUPS, 5, 4, 2);
+    const sum_kind_t pairs[][2] = {{SUM_EYE, SUM_GROUP_EYE}, {SUM_SPLAT, SUM_GROUP_SPLAT}};
+    assert_null(plain->sums[SUM_GROUP_EYE]);
+    for (size_t k = 0; k < ARRAY_LENGTH(pairs); k++) {
+        const int64_t *sums = film->sums[pairs[k][0]], *groups = film->sums[pairs[k][1]];
+        size_t values = (size_t)3 * PIXELS;
+        assert_memory_equal(plain->sums[pairs[k][0]], sums, 2 * values * sizeof *sums);
+        for (size_t v = 0; v < values; v++) {
+            assert_true(sums[v] + sums[values + v] ==
+                        groups[v] + groups[values + v] + groups[2 * values + v]);
+            assert_true(groups[v] != sums[v] + sums[values + v]);
+        }
+    }
+    film_image_t image;
+    film_resolve(film, &image);
+    assert_null(image.group_eye[0]);
+    film_resolve_extras(film, &(film_extras_t){.groups = true}, &image);
+    for (size_t v = 0; v < (size_t)3 * PIXELS; v++) {
+        double eye = 0, light = 0;
+        for (size_t g = 0; g < 3; g++) {
+            eye += (double)image.group_eye[g][v];
+            light += (double)image.group_light[g][v];
+        }
+        assert_true(fabs(eye - (double)image.eye[v]) < 1e-3 && fabs(light - (double)image.light[v]) < 1e-3);
+    }
+    assert_null(image.group_eye[3]);
+    film_image_free(&image);
+    film_destroy(&plain);
+    film_destroy(&film);
+}
+
 static void sums_are_those_of_the_samples(void **state)
 {
     (void)state;
-    film_t *film = render_job(5, 4, 9);
+    film_t *film = render_job("", 5, 4, 9);
     for (uint64_t p = 0; p < PIXELS; p++)
         for (size_t half = 0; half < 2; half++) {
             assert_int_equal(film->samples[half * PIXELS + p], SPP / 2);
@@ -226,7 +282,7 @@ static void overflows_are_counted_and_left_out(void **state)
 static void feature_sums_are_those_of_the_samples(void **state)
 {
     (void)state;
-    film_t *film = render_job(5, 4, 9);
+    film_t *film = render_job("", 5, 4, 9);
     for (uint64_t p = 0; p < PIXELS; p++) {
         const int64_t *sum = film->sums[SUM_FEATURES] + FEATURE_VALUES * p;
         int64_t hits = 0, albedo = 0, normal = 0, position = 0, depth = 0;
@@ -260,7 +316,7 @@ static uint64_t slot(const film_t *film, uint64_t pixel, uint64_t sample)
 static void mattes_have_a_slot_for_each_sample(void **state)
 {
     (void)state;
-    film_t *film = render_job(5, 4, 9);
+    film_t *film = render_job("", 5, 4, 9);
     for (uint64_t p = 0; p < PIXELS; p++)
         for (uint64_t sample = 0; sample < MATTE_SAMPLES; sample++)
             assert_int_equal(slot(film, p, sample), sample >= SPP              ? 0
@@ -659,6 +715,7 @@ static void digests_are_of_the_contents(void **state)
 {
     (void)state;
     job_settings_t settings = small_job();
+    strcpy(settings.light_groups, GROUPS);
     const unit_t units[] = {{0, 0, 3}, {4, 1, 2}, {0, 3, 4}, {1, 40, 1}},
                  other_order[] = {{1, 40, 1}, {0, 3, 4}, {0, 0, 3}, {4, 1, 2}};
     batch_t a, b;
@@ -673,6 +730,8 @@ static void digests_are_of_the_contents(void **state)
                          &b.sums[SUM_EYE].values[b.sums[SUM_EYE].count - 1],
                          &b.sums[SUM_FEATURES].values[FEATURE_VALUES + 2],
                          &b.sums[SUM_SPLAT].values[3],
+                         &b.sums[SUM_GROUP_EYE].values[b.sums[SUM_GROUP_EYE].count - 1],
+                         &b.sums[SUM_GROUP_SPLAT].values[b.sums[SUM_GROUP_SPLAT].count - 1],
                          &b.sums[SUM_FEATURES].values[b.sums[SUM_FEATURES].count - 1],
                          (int64_t *)&b.counts.light_paths[1]};
     for (size_t i = 0; i < ARRAY_LENGTH(places); i++) {
@@ -904,7 +963,7 @@ static void assert_rows(const float *some, const float *whole, int y0, int y1, s
 static void some_rows_are_those_of_the_whole(void **state)
 {
     (void)state;
-    film_t *film = render_job(2, 5, 7);
+    film_t *film = render_job("", 2, 5, 7);
     film_image_t whole, some;
     film_resolve(film, &whole);
     film_resolve_extras(film, &(film_extras_t){.halves = true}, &whole);
@@ -934,6 +993,7 @@ static void some_rows_are_those_of_the_whole(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {cmocka_unit_test(any_cut_and_order_make_the_same_bits),
+                                       cmocka_unit_test(groups_add_up_to_the_sums),
                                        cmocka_unit_test(sums_are_those_of_the_samples),
                                        cmocka_unit_test(feature_sums_are_those_of_the_samples),
                                        cmocka_unit_test(mattes_have_a_slot_for_each_sample),

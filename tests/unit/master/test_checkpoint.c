@@ -66,6 +66,8 @@ static job_film_t make_film(const job_settings_t *settings, uint64_t seed)
     fill(film->sums[SUM_SPLAT], values, seed + 1);
     if (film->sums[SUM_FEATURES] != NULL)
         fill(film->sums[SUM_FEATURES], values / 6 * FEATURE_VALUES, seed + 2);
+    for (sum_kind_t k = SUM_GROUP_EYE; k <= SUM_GROUP_SPLAT; k++)
+        if (film->sums[k] != NULL) fill(film->sums[k], sum_image_values(settings, k), seed + k);
     for (size_t i = 0; i < values / 3; i++) film->samples[i] = (uint32_t)(seed + i / 64);
     film->counts = (film_counts_t){{seed, 2}, 3, 0, 5, 6};
     uint32_t tiles = job_tile_count(settings);
@@ -192,6 +194,11 @@ static void what_is_written_comes_back(void **state)
         assert_round_trip(&settings, path, 1);
         settings.features = false;
         assert_round_trip(&settings, path, 4);
+        strcpy(settings.light_groups, "a=area,b=0+1,rest");
+        assert_round_trip(&settings, path, 2);
+        settings.features = true;
+        settings.integrator = INTEGRATOR_PATH;
+        assert_round_trip(&settings, path, 3);
     }
     assert_int_equal(scratch_count(folder), 1); /* no temporaries */
     free(path);

@@ -18,11 +18,13 @@ typedef struct {
     sample_t *sample;
     const setup_t *setup;
     rgb_t radiance;  /* of the eye subpath, so far */
+    uint32_t source; /* the light that the light subpath starts from */
     int light_count; /* stored light vertices, in the order of the subpath */
     vertex_t light[MAX_VERTICES];
     connections_t connections;         /* candidates of one vertex, or of the camera */
     vec2_t rasters[SCENE_PACKET];      /* where those to the camera fall */
     uint32_t dimensions[SCENE_PACKET]; /* of the vertices they come from */
+    uint32_t lights[SCENE_PACKET];     /* where the light of all of them comes from */
 } bidirectional_t;
 
 /* True when the job wants the strategy of s light and t eye vertices. */
@@ -45,6 +47,7 @@ static void trace_light_subpath(bidirectional_t *b)
     light_ray_t ray;
     b->light_count = 0;
     if (!walk_from_light(b->sample, roulette, &walk, &ray)) return;
+    b->source = ray.light;
     for (int i = 1; i < setup_max_segments(b->setup); i++) {
         vertex_t *y = &b->light[b->light_count];
         walk_arrive(&walk, b->sample, y);
@@ -57,6 +60,13 @@ static void trace_light_subpath(bidirectional_t *b)
 
 /* ---- strategies ---------------------------------------------------------------------------------------- */
 
+/* Adds what the eye subpath brings from a light. */
+static inline void add_radiance(bidirectional_t *b, rgb_t value, uint32_t light)
+{
+    b->radiance = v_add(b->radiance, value);
+    sample_lit(b->sample, light, value);
+}
+
 /* Traces the connections and takes what arrives, of those to the camera as splats. */
 static void take_connections(bidirectional_t *b, bool splats)
 {
@@ -65,9 +75,9 @@ static void take_connections(bidirectional_t *b, bool splats)
     for (int i = 0; i < count; i++) {
         if (lost >> i & 1) continue;
         if (splats)
-            sample_splat(b->sample, b->rasters[i], b->connections.values[i], b->dimensions[i]);
+            sample_splat(b->sample, b->rasters[i], b->connections.values[i], b->lights[i], b->dimensions[i]);
         else
-            b->radiance = v_add(b->radiance, b->connections.values[i]);
+            add_radiance(b, b->connections.values[i], b->lights[i]);
     }
 }
 
@@ -85,6 +95,7 @@ static void join_camera(bidirectional_t *b, const vertex_t *y)
     if (v_is_zero(value)) return;
     int n = connections_add(&b->connections, view.position, vertex_exit(y, view.w), vertex_medium(y, view.w),
                             v_length(v_sub(view.position, vertex_point(y))), value);
+    b->lights[n] = b->source;
     b->rasters[n] = view.raster;
     b->dimensions[n] = y->dimension;
 }
@@ -98,7 +109,7 @@ static void hit_lights(bidirectional_t *b, const vertex_t *z)
         light_hit_t hit;
         if (!vertex_light_hit(z, b->setup->lights, k, &hit)) continue;
         float weight = weight_of(b, z->depth == 1 ? 0 : mis_share(z, hit.pdf_place, hit.pdf_ray));
-        b->radiance = v_add(b->radiance, v_scale(v_mul(z->throughput, hit.radiance), weight));
+        add_radiance(b, v_scale(v_mul(z->throughput, hit.radiance), weight), hit.light);
     }
 }
 
@@ -121,8 +132,9 @@ static void join_light(bidirectional_t *b, const vertex_t *z)
     float factor = vertex_cosine(z, light.w) * light.geometry / light.pdf_place * weight;
     rgb_t value = v_mul(v_scale(v_mul(z->throughput, fz.f), factor), light.radiance);
     if (v_is_zero(value)) return;
-    connections_add(&b->connections, vertex_exit(z, light.w), light.target, vertex_medium(z, light.w),
-                    v_length(v_sub(light.target, vertex_point(z))), value);
+    int n = connections_add(&b->connections, vertex_exit(z, light.w), light.target, vertex_medium(z, light.w),
+                            v_length(v_sub(light.target, vertex_point(z))), value);
+    b->lights[n] = light.light;
 }
 
 /* s >= 2, t >= 2: joins an eye vertex to a light vertex. */
@@ -141,8 +153,9 @@ static void join_vertices(bidirectional_t *b, const vertex_t *z, const vertex_t 
     float factor = vertex_cosine(z, w) * vertex_cosine(y, w) * vertex_adjoint(y, back) / distance2 * weight;
     rgb_t value = v_mul(v_scale(v_mul(z->throughput, fz.f), factor), v_mul(y->throughput, fy.f));
     if (v_is_zero(value)) return;
-    connections_add(&b->connections, vertex_exit(z, w), vertex_exit(y, back), vertex_medium(z, w), distance,
-                    value);
+    int n = connections_add(&b->connections, vertex_exit(z, w), vertex_exit(y, back), vertex_medium(z, w),
+                            distance, value);
+    b->lights[n] = b->source;
 }
 
 /* Everything that joins an eye vertex to the lights. */

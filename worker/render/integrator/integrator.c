@@ -38,8 +38,16 @@ static rgb_t clamp_luminance(const setup_t *setup, rgb_t value)
     return luminance > setup->max_luminance ? v_scale(value, setup->max_luminance / luminance) : value;
 }
 
+/* What a splat says beside its pixel (splat_t): its half, and its light group. */
+static uint32_t splat_marks(const sample_t *sample, uint32_t light)
+{
+    const uint8_t *groups = sample->setup->light_groups;
+    uint32_t half = sample->sample & 1 ? SPLAT_HALF_BIT : 0;
+    return groups != NULL ? half | (uint32_t)groups[light] << SPLAT_GROUP_SHIFT : half;
+}
+
 /* A splat at one film position. */
-static void splat_at(sample_t *sample, vec2_t raster, rgb_t value, vec2_t u)
+static void splat_at(sample_t *sample, vec2_t raster, rgb_t value, uint32_t light, vec2_t u)
 {
     const setup_t *setup = sample->setup;
     unit_result_t *result = sample->result;
@@ -59,17 +67,17 @@ static void splat_at(sample_t *sample, vec2_t raster, rgb_t value, vec2_t u)
     }
     uint32_t pixel = (uint32_t)y * (uint32_t)width + (uint32_t)x;
     result->splats[result->splat_count++] =
-        (splat_t){pixel | (sample->sample & 1 ? SPLAT_HALF_BIT : 0), {value.x, value.y, value.z}};
+        (splat_t){pixel | splat_marks(sample, light), {value.x, value.y, value.z}};
 }
 
-void sample_splat(sample_t *sample, vec2_t raster, rgb_t value, uint32_t dimension)
+void sample_splat(sample_t *sample, vec2_t raster, rgb_t value, uint32_t light, uint32_t dimension)
 {
     const filter_t *filter = &sample->setup->filter;
     if (filter->x.is_pixel && filter->y.is_pixel) {
-        splat_at(sample, raster, value, (vec2_t){0, 0});
+        splat_at(sample, raster, value, light, (vec2_t){0, 0});
         return;
     }
     vec2_t images[CAMERA_IMAGES], u = sample_2d(sample, dimension + DIMENSION_JOIN_PIXEL);
     int count = camera_images(sample->setup->camera, raster, filter_reach(filter), images);
-    for (int i = 0; i < count; i++) splat_at(sample, images[i], value, u);
+    for (int i = 0; i < count; i++) splat_at(sample, images[i], value, light, u);
 }

@@ -20,9 +20,10 @@ typedef struct {
     const lights_t *lights;
     const camera_t *camera;
     filter_t filter;
-    bool moves;          /* the camera or something in the scene: samples have a time */
-    bool regularizes;    /* blob_scene_t */
-    float max_luminance; /* blob_scene_t */
+    bool moves;                  /* the camera or something in the scene: samples have a time */
+    bool regularizes;            /* blob_scene_t */
+    float max_luminance;         /* blob_scene_t */
+    const uint8_t *light_groups; /* of each light; NULL in a job without groups */
     job_settings_t settings;
 } setup_t;
 
@@ -30,11 +31,12 @@ typedef struct {
 typedef struct {
     const setup_t *setup;
     uint32_t pixel_x, pixel_y, sample;
-    sampler_t numbers;     /* at dimension 0 */
-    float time;            /* of the whole path, 0 to 1 */
-    float eye_weight;      /* factor on the eye subpath's radiance; set by sample_eye_ray */
-    first_hit_t first_hit; /* filled by integrators that trace eye subpaths */
-    unit_result_t *result; /* receives splats and counts */
+    sampler_t numbers;              /* at dimension 0 */
+    float time;                     /* of the whole path, 0 to 1 */
+    float eye_weight;               /* factor on the eye subpath's radiance; set by sample_eye_ray */
+    first_hit_t first_hit;          /* filled by integrators that trace eye subpaths */
+    rgb_t groups[LIGHT_GROUPS_MAX]; /* what of the radiance of the eye subpath comes from each light group */
+    unit_result_t *result;          /* receives splats and counts */
 } sample_t;
 
 typedef struct {
@@ -78,8 +80,17 @@ void sample_eye_ray(sample_t *sample, camera_ray_t *ray);
 float sample_time(const sample_t *sample);
 /* Joins a point to the camera; `dimension` is that of the point's vertex. */
 bool sample_join_camera(const sample_t *sample, vec3_t p, uint32_t dimension, camera_view_t *view);
-/* Adds a splat at a film position; `dimension` is that of the point's vertex. */
-void sample_splat(sample_t *sample, vec2_t raster, rgb_t value, uint32_t dimension);
+/* Adds a splat at a film position, of light from this light; `dimension` is that of the point's vertex. */
+void sample_splat(sample_t *sample, vec2_t raster, rgb_t value, uint32_t light, uint32_t dimension);
+/* Notes for the light groups, if the job has some, that so much of the eye subpath's radiance comes from this
+ * light. Integrators call it with all that they return. */
+static inline void sample_lit(sample_t *sample, uint32_t light, rgb_t value)
+{
+    const uint8_t *groups = sample->setup->light_groups;
+    if (groups == NULL) return;
+    rgb_t *sum = &sample->groups[groups[light]];
+    *sum = v_add(*sum, value);
+}
 
 /* Segments that a full path may have: pbrt's maxdepth counts scattering events. */
 static inline int setup_max_segments(const setup_t *setup)

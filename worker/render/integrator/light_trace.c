@@ -25,7 +25,7 @@ static void splat_vertex(sample_t *sample, const vertex_t *y, const walk_t *walk
     if (v_is_zero(result)) return;
     result = transmit(sample, vertex_exit(y, view.w), view.position, vertex_medium(y, view.w),
                       v_length(v_sub(view.position, vertex_point(y))), result);
-    if (!v_is_zero(result)) sample_splat(sample, view.raster, result, y->dimension);
+    if (!v_is_zero(result)) sample_splat(sample, view.raster, result, ray->light, y->dimension);
 }
 
 static void trace_light_path(sample_t *sample)
@@ -55,7 +55,10 @@ static rgb_t seen_light(sample_t *sample)
     walk_t walk = walk_from_camera(sample, roulette);
     walk_arrive(&walk, sample, &z);
     for (uint32_t k = 0; k < vertex_light_count(&z, setup->lights); k++)
-        if (vertex_light_hit(&z, setup->lights, k, &hit)) sum = v_add(sum, hit.radiance);
+        if (vertex_light_hit(&z, setup->lights, k, &hit)) {
+            sum = v_add(sum, hit.radiance);
+            sample_lit(sample, hit.light, hit.radiance);
+        }
     if (z.kind == VERTEX_SKY) return sum;
     vertex_shade(&z, setup, false);
     vertex_first_hit(&z, sample, walk.origin);

@@ -32,14 +32,17 @@ static rgb_t direct_light(sample_t *sample, const walk_t *walk, const vertex_t *
     }
     rgb_t result = v_scale(v_mul(value.f, light.radiance), vertex_cosine(z, light.w) / pdf * weight);
     if (v_is_zero(result)) return result;
-    return transmit(sample, vertex_exit(z, light.w), light.target, vertex_medium(z, light.w),
-                    v_length(v_sub(light.target, vertex_point(z))), result);
+    result = transmit(sample, vertex_exit(z, light.w), light.target, vertex_medium(z, light.w),
+                      v_length(v_sub(light.target, vertex_point(z))), result);
+    sample_lit(sample, light.light, v_mul(z->throughput, result));
+    return result;
 }
 
 /* Radiance of the lights that the walk ran into, weighted against next-event estimation from the vertex
  * before, where it could have found them. */
-static rgb_t emitted(const setup_t *setup, const walk_t *walk, const vertex_t *z)
+static rgb_t emitted(sample_t *sample, const walk_t *walk, const vertex_t *z)
 {
+    const setup_t *setup = sample->setup;
     rgb_t sum = vec3(0, 0, 0);
     for (uint32_t k = 0; k < vertex_light_count(z, setup->lights); k++) {
         light_hit_t hit;
@@ -50,7 +53,9 @@ static rgb_t emitted(const setup_t *setup, const walk_t *walk, const vertex_t *z
                             : v_length2(v_sub(vertex_point(z), walk->point)) / vertex_area_cosine(z, z->wo);
         bool found = z->depth > 1 && walk->joinable;
         float weight = found ? power_heuristic(walk->pdf, hit.pdf_place * measure) : 1;
-        sum = v_add(sum, v_scale(hit.radiance, weight));
+        rgb_t radiance = v_scale(hit.radiance, weight);
+        sum = v_add(sum, radiance);
+        sample_lit(sample, hit.light, v_mul(z->throughput, radiance));
     }
     return sum;
 }
@@ -66,7 +71,7 @@ static rgb_t path_sample(sample_t *sample)
         vertex_t z;
         walk_arrive(&walk, sample, &z);
         if (vertex_light_count(&z, setup->lights) > 0)
-            radiance = v_add(radiance, v_mul(z.throughput, emitted(setup, &walk, &z)));
+            radiance = v_add(radiance, v_mul(z.throughput, emitted(sample, &walk, &z)));
         if (z.kind == VERTEX_SKY || (i >= segments && i > 1)) return radiance;
         vertex_shade(&z, setup, walk.scattered);
         if (i == 1) vertex_first_hit(&z, sample, eye);

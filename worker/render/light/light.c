@@ -104,7 +104,7 @@ bool lights_emit(const lights_t *lights, float choice, vec2_t place, vec2_t ray,
 {
     emitter_t emitter = lights->emitters[alias_sample(&lights->alias, &choice)];
     const light_t *light = &lights->lights[emitter.light];
-    *out = (light_ray_t){.cosine = 1};
+    *out = (light_ray_t){.light = emitter.light, .cosine = 1};
     return kinds[light->record->kind]->emit(light, emitter.primitive, place, ray, out);
 }
 
@@ -112,12 +112,13 @@ bool lights_illuminate(const lights_t *lights, vec3_t point, float choice, vec2_
 {
     emitter_t emitter = lights->emitters[alias_sample(&lights->alias, &choice)];
     const light_t *light = &lights->lights[emitter.light];
-    *out = (light_view_t){.delta = false};
+    *out = (light_view_t){.light = emitter.light};
     return kinds[light->record->kind]->illuminate(light, emitter.primitive, point, place, out);
 }
 
 bool lights_hit(const lights_t *lights, const surface_t *surface, vec3_t wo, light_hit_t *out)
 {
+    out->light = surface->light;
     return light_area_hit(&lights->lights[surface->light], surface, wo, out);
 }
 
@@ -129,5 +130,6 @@ uint32_t lights_sky_count(const lights_t *lights)
 bool lights_escape(const lights_t *lights, uint32_t k, vec3_t w, light_hit_t *out)
 {
     const light_t *light = &lights->lights[lights->sky[k]];
+    out->light = lights->sky[k];
     return kinds[light->record->kind]->escape(light, w, out);
 }

@@ -30,6 +30,7 @@ bool lights_empty(const lights_t *lights);
 
 /* The start of a light subpath. */
 typedef struct {
+    uint32_t light;           /* its number; here and below */
     vec3_t origin, direction; /* the ray, off the light already */
     vec3_t point;             /* the place; at infinity meaningless */
     rgb_t throughput;         /* emitted radiance times cosine, over all densities */
@@ -42,6 +43,7 @@ typedef struct {
 
 /* A place on a light as a given point sees it. */
 typedef struct {
+    uint32_t light;
     vec3_t w;        /* unit direction from the point to the place */
     vec3_t target;   /* where the segment to it ends, off the light already */
     rgb_t radiance;  /* towards the point; of a point light the intensity */
@@ -55,6 +57,7 @@ typedef struct {
 
 /* A place that an eye subpath ran into. */
 typedef struct {
+    uint32_t light;
     rgb_t radiance;  /* towards where the subpath came from */
     float pdf_place; /* with which the other two would have drawn it */
     float pdf_ray;   /* as in light_ray_t */
