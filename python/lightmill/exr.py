@@ -3,8 +3,10 @@
 It reads what is one image of scanlines: compression none, ZIPS or ZIP; channels of half, float or uint. Other files
 are an ImageError. Only the channels that are asked for are unpacked. The format: "OpenEXR File Layout", openexr.com.
 """
+import os
 import struct
 import zlib
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
@@ -157,24 +159,22 @@ class Image:
         if len(self.data) < self.height * self._line_bytes / 1100:  # more than zlib can pack
             raise ImageError("the image is cut short")
         planes = {name: np.empty((self.height, self.width), types[name]) for name in names}
-        seen = 0
-        for offset in self._offsets:
-            y, data = self._chunk(offset)
-            rows = np.frombuffer(data, np.uint8).reshape(-1, self._line_bytes)
-            seen += len(rows)
-            self._cut(planes, y, rows)
+        with ThreadPoolExecutor(os.cpu_count()) as pool:  # zlib and numpy let other threads run
+            seen = sum(pool.map(lambda offset: self._unpack_chunk(offset, planes), self._offsets))
         if seen != self.height:
             raise ImageError("lines of the image are missing")
         return planes
 
-    def _cut(self, planes, y, rows):
-        """Lines hold one channel after the other."""
-        at = 0
+    def _unpack_chunk(self, offset, planes):
+        """Puts the lines of a chunk into their places, and returns their number. A line holds one channel after the other."""
+        y, data = self._chunk(offset)
+        rows, at = np.frombuffer(data, np.uint8).reshape(-1, self._line_bytes), 0
         for name, kind in self._channels:
             size = self.width * kind.itemsize
             if name in planes:
                 planes[name][y:y + len(rows)] = np.ascontiguousarray(rows[:, at:at + size]).view(kind)
             at += size
+        return len(rows)
 
     def layers(self):
         """{layer: its channels}, in the order R G B A or X Y Z; R, G and B themselves are the layer "picture"."""

@@ -264,9 +264,9 @@ class OnAFarm(Case):
         self.assertTrue((job.image("samples", at=16) == 16).all())
         with self.refused(409):
             job.exr(at=17)
-        self.check_live(job)
+        self.check_live(farm, job)
 
-    def check_live(self, job):
+    def check_live(self, farm, job):
         picture = job.image()
         live = job.live()
         self.assertGreater(live.update(timeout=PATIENCE), 0)
@@ -279,6 +279,12 @@ class OnAFarm(Case):
         np.testing.assert_allclose(small.array[..., :3], albedo, rtol=4e-3, atol=1e-4)
         tiles = job.tiles(rectangle=(0, 0, 64, 64))
         self.assertEqual([(x, y, texels.shape) for x, y, texels in tiles.tiles], [(0, 0, (64, 64, 4))])
+        farm.kill_master()
+        farm.start_master()
+        before = live.array.copy()
+        live.array[:] = 0  # as if it were of batches that the master has lost
+        live.update(timeout=PATIENCE)
+        np.testing.assert_array_equal(live.array, before)
 
     def check_orders(self, farm, job):
         with self.refused(409, "done"):
@@ -300,7 +306,7 @@ class OnAFarm(Case):
         next(watched)
         master = lightmill.Master(data=farm.data)
         self.assertEqual([(each.number, each.last.state) for each in master.jobs()], [(job.number, "cancelled")])
-        self.assertEqual([(worker.threads, worker.connected) for worker in master.workers()], [(1, True)])
+        wait_for("worker", lambda: [(worker.threads, worker.connected) for worker in master.workers()] == [(1, True)])
         self.assertEqual(master.farm().jobs["cancelled"], 1)
         self.assertEqual(master.demand(), 0)
         job.delete()
