@@ -213,6 +213,12 @@ demo: deps
 	$(SUBMAKE) $(JOBS) all
 	tests/demo.sh $(BUILD) $(BUILD)/demo
 
+# Takes minutes; done by hand, when the page has changed.
+pictures: deps
+	$(SUBMAKE) $(JOBS) all
+	tests/page/install.sh $(BUILD)/page
+	node tests/page/picture.mjs $(BUILD) docs
+
 deps:
 	@docker/install-packages.sh build
 
@@ -333,6 +339,7 @@ help:
 	@echo "make bench-merge  how fast a master merges, as a share of memcpy"
 	@echo "make bench-farm   CPU time of a farm beside its rendering; two workers against one"
 	@echo "make bench-codec  the codings of payloads that were weighed against one another"
+	@echo "make pictures   the pictures of the page in docs/, of a farm that renders scenes/seed-hidden: minutes"
 	@echo "make man        the manual pages, in $(BUILD)/man"
 	@echo "make install    into PREFIX ($(PREFIX)); DESTDIR is honoured; uninstall takes it back"
 	@echo "make deps       the Debian packages that building needs; deps-test: also tests; deps-dev: also format and lint"
@@ -340,5 +347,5 @@ help:
 	@echo "make compdb     compile_commands.json for editors"
 	@echo "make clean      remove $(BUILD)/"
 
-.PHONY: all check check-fast bench bench-error bench-codec tests fast-tests run-tests asan tsan fuzz demo deps deps-dev deps-chaos prometheus container-check install man uninstall format lint lint-files compdb clean help sim bench-merge bench-farm chaos chaos-programs valgrind deps-test
+.PHONY: all check check-fast bench bench-error bench-codec tests fast-tests run-tests asan tsan fuzz demo pictures deps deps-dev deps-chaos prometheus container-check install man uninstall format lint lint-files compdb clean help sim bench-merge bench-farm chaos chaos-programs valgrind deps-test
 .SECONDARY:

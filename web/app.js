@@ -1,15 +1,16 @@
 // app: puts the page together: what is chosen, what is asked of the master when, and what keys and buttons do.
 
-import { get, getFile, hasToken, order, setToken, takeToken, watchEvents } from "./api.js";
+import { get, hasToken, setToken, takeToken, watchEvents } from "./api.js";
 import { drawCurve, secondsToTarget, usable } from "./curve.js";
 import { Compare, WAYS } from "./compare.js";
+import { $, setOptions, setText } from "./dom.js";
+import { Orders } from "./orders.js";
 import { Region, SINGLE_NUMBERS, levelOf } from "./region.js";
 import { TONES } from "./shader.js";
-import { addEvent, format, jobNews, make, noteText, showJobs, showWorkers, workerNews, workerText } from "./tables.js";
+import { addEvent, format, jobNews, noteText, showJobs, showWorkers, workerNews, workerText } from "./tables.js";
 import { Tiles } from "./tiles.js";
 import { View } from "./view.js";
 
-const $ = (id) => document.getElementById(id);
 const EVERY = 5000; // ms: what changes without an event (times, speeds) is asked for again
 
 const state = { jobs: null, workers: null, chosen: null, points: [], operate: true, line: "connecting", wasLost: false };
@@ -26,10 +27,6 @@ const problemOf = (who) => (text) => {
 const tiles = new Tiles(view, { problem: problemOf("image") });
 const compare = new Compare(view, tiles, { problem: problemOf("other"), change: () => showComparison() });
 const region = new Region({ problem: problemOf("region"), change: () => showRegion() });
-
-function setText(id, text) {
-  if ($(id).textContent !== text) $(id).textContent = text;
-}
 
 let settle = 0;
 function moved() {
@@ -89,12 +86,6 @@ function toggleMark() {
 
 const LAYERS = () => [...$("layer").options].filter((one) => !one.disabled).map((one) => [one.value, one.text]);
 
-function setOptions(select, choices, value) {
-  const same = select.options.length === choices.length && choices.every(([v, text], i) => select.options[i].value === v && select.options[i].text === text);
-  if (!same) select.replaceChildren(...choices.map(([v, text]) => new Option(text, v)));
-  if (select.value !== value) select.value = value;
-}
-
 function showComparison() {
   setOptions($("other"), compare.choices(LAYERS()), compare.what);
   $("how").value = compare.how;
@@ -150,8 +141,7 @@ function choose(number) {
   state.chosen = number;
   state.points = [];
   if (number !== null) history.replaceState(null, "", `#job=${number}`);
-  setText("answer", "");
-  $("goal").value = $("at").value = "";
+  orders.clear();
   showAll();
   tiles.show(number, $("layer").value);
   if (number !== null) view.show(tiles.layer, $("layer").value);
@@ -169,48 +159,6 @@ function chooseSome() {
 }
 
 // ---- what is shown
-
-const OVER = ["done", "failed", "cancelled"];
-
-function showOrders() {
-  const one = job(), over = one && OVER.includes(one.state);
-  setText("pause", one?.state === "paused" ? "Resume" : "Pause");
-  $("pause").disabled = !one || over;
-  $("cancel").disabled = !one || over;
-  $("delete").disabled = !one || !over;
-  setText("retain", one?.retained ? "Release" : "Retain");
-  $("retain").disabled = !one;
-  setText("retain-why", one?.retained ? "Retained: it stays, with what it needs to go on, until you delete it." : "Not retained: when it is over, it may go when the master needs room.");
-  for (const form of ["extend", "priority"]) for (const part of $(form).elements) part.disabled = !one;
-  if (one && document.activeElement !== $("priority-value")) $("priority-value").value = one.priority;
-  showGoal(one);
-  showFiles(one);
-}
-
-const BIG = 2 ** 30; // samples a pixel, at most
-// How a goal is given: [what the API calls it, its unit, the input's attributes, what it is by default, its number for the API].
-const GOALS = [
-  ["spp", "samples a pixel", { min: 1, max: BIG, step: 1 }, (one) => Math.min(2 * one.spp, BIG) || 1024, (v) => v],
-  ["error", "% error", { min: 0, max: 100, step: "any" }, (one) => format.number(50 * (one.error_target || one.error || 0.02)), (v) => v / 100],
-  ["time", "seconds from now", { min: 1, max: 1e9, step: "any" }, () => 600, (v) => v],
-];
-
-function showGoal(one) {
-  const [, , attributes, usual] = GOALS.find(([name]) => name === $("unit").value);
-  Object.assign($("goal"), attributes);
-  $("goal").required = !["cancelled", "failed"].includes(one?.state); // these go on to their old goals
-  if (one && $("goal").value === "") $("goal").placeholder = String(usual(one));
-}
-
-/** The images that can be had: as it is now, and those of --save-at. */
-function showFiles(one) {
-  const has = !!one && one.samples_done > 0;
-  for (const id of ["at", "exr", "png"]) $(id).disabled = !has;
-  const kept = (one?.save_at ?? []).map((spp) => [String(spp), `at ${spp} samples a pixel${spp > one.saved ? " (not yet)" : ""}`]);
-  const choices = [["", "now"], ...kept], wanted = choices.some(([value]) => value === $("at").value) ? $("at").value : "";
-  setOptions($("at"), choices, wanted);
-  for (const option of $("at").options) option.disabled = Number(option.value) > (one?.saved ?? 0);
-}
 
 function showTitle() {
   const one = job();
@@ -236,7 +184,7 @@ function showAll() {
   showJobs($("jobs"), state.jobs, state.chosen, choose);
   $("no-jobs").hidden = state.jobs.length > 0;
   showTitle();
-  showOrders();
+  orders.show();
   showCurve();
 }
 
@@ -308,6 +256,8 @@ function announce(number, version) {
   for (const one of Tiles.all) if (one.job === number) one.announce(version);
 }
 
+const orders = new Orders({ job, refused: () => refused(), given: () => ask.jobs(), exposure: () => view.exposure });
+
 const on = {
   job: () => ask.jobs(),
   worker(data) {
@@ -356,80 +306,6 @@ function onState(line) {
   ask.all();
 }
 
-// ---- orders
-
-function sure(text) {
-  setText("sure-text", text);
-  $("sure").returnValue = "";
-  $("sure").showModal();
-  return new Promise((done) => $("sure").addEventListener("close", () => done($("sure").returnValue === "yes"), { once: true }));
-}
-
-async function give(what, body, said) {
-  const number = state.chosen;
-  if (number === null) return;
-  try {
-    await order(number, what, body);
-    setText("answer", said);
-  } catch (error) {
-    if (error.status === 401) return refused();
-    setText("answer", error.status === 403 ? `Not allowed: ${error.message}` : error.message);
-  }
-  ask.jobs();
-}
-
-function pauseOrResume() {
-  const one = job();
-  if (!one || OVER.includes(one.state)) return;
-  if (one.state === "paused") give("resume", null, `Job ${one.job} goes on.`);
-  else give("pause", null, `Job ${one.job} pauses.`);
-}
-
-function retainOrRelease() {
-  const one = job();
-  if (!one) return;
-  if (one.retained) give("release", null, `Job ${one.job} is not retained any more.`);
-  else give("retain", null, `Job ${one.job} is retained.`);
-}
-
-function extend() {
-  const [name, unit, , , toApi] = GOALS.find(([one]) => one === $("unit").value), value = $("goal").value;
-  if (value === "") give("extend", {}, `Job ${state.chosen} goes on to its old goals.`);
-  else give("extend", { [name]: toApi(Number(value)) }, `Job ${state.chosen} goes on to ${value} ${unit}.`);
-  $("goal").value = "";
-}
-
-/** Saves the image as a file. A link cannot show the token, so the page fetches it. */
-async function download(type) {
-  const number = state.chosen, at = $("at").value, query = new URLSearchParams();
-  if (number === null) return;
-  if (at) query.set("at", at);
-  if (type === "png") query.set("exposure", view.exposure);
-  $(type).disabled = true;
-  setText("answer", "The master writes the image ...");
-  try {
-    const { blob, name } = await getFile(`/jobs/${number}/image.${type}?${query}`), link = make("a", { href: URL.createObjectURL(blob), download: name });
-    link.click();
-    setTimeout(() => URL.revokeObjectURL(link.href), 60000);
-    setText("answer", `${name}: ${type === "png" ? "picture" : "all layers"}, ${format.count(blob.size)}B.`);
-  } catch (error) {
-    if (error.status === 401) return refused();
-    setText("answer", error.message);
-  } finally {
-    $(type).disabled = false;
-  }
-}
-
-async function cancelJob() {
-  const one = job();
-  if (one && (await sure(`Cancel job ${one.job} (${one.name})? Its image so far is kept.`))) give("cancel", null, `Job ${one.job} is cancelled.`);
-}
-
-async function deleteJob() {
-  const one = job();
-  if (one && (await sure(`Delete job ${one.job} (${one.name}), its film and its image?`))) give("delete", null, `Job ${one.job} is deleted.`);
-}
-
 // ---- keys
 
 const nudge = (id, by) => () => {
@@ -470,7 +346,7 @@ const KEYS = [
   [["u"], "takes the rectangle away", () => view.setMark(null)],
   [["j"], "next job", nextJob(1)],
   [["k"], "previous job", nextJob(-1)],
-  [["p"], "pauses or resumes the job", pauseOrResume],
+  [["p"], "pauses or resumes the job", () => orders.pauseOrResume()],
   [["i"], "goes to the image, where arrow keys move the probe, with Ctrl by 16, and with Shift the image", () => $("canvas").focus()],
 ];
 
@@ -550,20 +426,8 @@ function wire() {
   for (const id of ["other", "how"]) $(id).addEventListener("change", () => compare.choose($("other").value, $("how").value));
   $("divider").addEventListener("input", () => view.setDivider(Number($("divider").value) / 100));
   $("against").addEventListener("change", showCurve);
-  $("unit").addEventListener("change", () => {
-    $("goal").value = "";
-    showGoal(job());
-  });
-  const buttons = { "zoom-in": () => view.zoom(2), "zoom-out": () => view.zoom(0.5), fit: () => view.fit(), actual: () => view.actual(), pause: pauseOrResume, cancel: cancelJob, delete: deleteJob, retain: retainOrRelease, exr: () => download("exr"), png: () => download("png"), pin, both: toggleBoth, mark: toggleMark, unmark: () => view.setMark(null), "help-open": () => $("help").showModal() };
+  const buttons = { "zoom-in": () => view.zoom(2), "zoom-out": () => view.zoom(0.5), fit: () => view.fit(), actual: () => view.actual(), pin, both: toggleBoth, mark: toggleMark, unmark: () => view.setMark(null), "help-open": () => $("help").showModal() };
   for (const [id, act] of Object.entries(buttons)) $(id).addEventListener("click", act);
-  $("extend").addEventListener("submit", (event) => {
-    event.preventDefault();
-    extend();
-  });
-  $("priority").addEventListener("submit", (event) => {
-    event.preventDefault();
-    give("priority", { priority: Number($("priority-value").value) }, `Job ${state.chosen} has priority ${$("priority-value").value}.`);
-  });
   $("canvas").addEventListener("keydown", imageKey);
   document.addEventListener("keydown", onKey);
   document.addEventListener("visibilitychange", () => {
@@ -584,7 +448,6 @@ takeToken();
 wire();
 listKeys();
 setOptions($("how"), WAYS, WAYS[0][0]);
-setOptions($("unit"), GOALS.map(([name, unit]) => [name, unit]), GOALS[0][0]);
 setTone();
 if (!view.gl) setText("problem", "This browser has no WebGL2, so the image cannot be shown.");
 wake();

@@ -33,7 +33,7 @@ export class Compare {
   }
   pinName(i) {
     const pin = this.pins[i];
-    return `pin ${Number(i) + 1}: job ${pin.job}, ${pin.name}, ${Math.round(pin.samples)} samples a pixel${pin.level ? `, level ${pin.level}` : ""}`;
+    return `pin ${Number(i) + 1}: job ${pin.job}, ${pin.name}, ${+pin.samples.toPrecision(2)} samples a pixel${pin.level ? `, level ${pin.level}` : ""}`;
   }
 
   // ---- the choice

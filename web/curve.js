@@ -32,12 +32,20 @@ function make(parent, name, attributes, text) {
   return element;
 }
 
+/** Some round numbers of a range that holds hardly a power of ten. */
+function evenTicks(low, high) {
+  const step = 10 ** Math.floor(Math.log10(high - low)), by = (high - low) / step < 3 ? step / 2 : step;
+  const first = Math.ceil(low / by), count = Math.floor(high / by) - first + 1, every = Math.ceil(count / 5);
+  return Array.from({ length: count }, (_, i) => (first + i) * by).filter((_, i) => i % every === 0);
+}
+
 /** The powers of ten (and, in a short range, 2 and 5 times these) from `low` to `high`. */
 function ticks(low, high) {
   const steps = Math.log10(high / low) < 1.5 ? [1, 2, 5] : [1];
   const found = [];
   for (let e = Math.floor(Math.log10(low)); e <= Math.ceil(Math.log10(high)); e++)
     for (const s of steps) if (s * 10 ** e >= low * 0.999 && s * 10 ** e <= high * 1.001) found.push(s * 10 ** e);
+  if (found.length < 2) return evenTicks(low, high);
   const every = Math.ceil(found.length / 7);
   return found.filter((_, i) => i % every === 0);
 }
