@@ -4,11 +4,11 @@ import { get, hasToken, setToken, takeToken, watchEvents } from "./api.js";
 import { drawCurve, secondsToTarget, usable } from "./curve.js";
 import { Compare, WAYS } from "./compare.js";
 import { $, setOptions, setText } from "./dom.js";
-import { Orders } from "./orders.js";
+import { OVER, Orders } from "./orders.js";
 import { Region, SINGLE_NUMBERS, levelOf } from "./region.js";
 import { TONES } from "./shader.js";
 import { addEvent, format, jobNews, noteText, showJobs, showWorkers, workerNews, workerText } from "./tables.js";
-import { Tiles } from "./tiles.js";
+import { Tiles, idOf } from "./tiles.js";
 import { View } from "./view.js";
 
 const EVERY = 5000; // ms: what changes without an event (times, speeds) is asked for again
@@ -36,11 +36,13 @@ function moved() {
   showProbe();
 }
 
-const MEANS = { samples: (v) => `${Math.round(1024 * v)} samples`, depth: (v) => `depth ${format.number(v)}` };
+const percent = (share) => `${Math.round(100 * share)} %`;
+const idText = (kind) => (...rgb) => (idOf(rgb) ? `${kind} ${idOf(rgb)}` : `no ${kind}`);
+const MEANS = { samples: (v) => `${Math.round(1024 * v)} samples`, depth: (v) => `depth ${format.number(v)}`, object: idText("object"), material: idText("material"), strategies: (eye, _, light) => `eye ${percent(eye)}, light ${percent(light)}` };
 
 /** A pixel's value in a layer, in words. */
 function valueText(name, at, error = true) {
-  if (MEANS[name]) return MEANS[name](at.rgb[0]);
+  if (MEANS[name]) return MEANS[name](...at.rgb);
   return at.rgb.map(format.number).join("  ") + (error && name === "picture" ? ` ± ${format.number(at.error)}` : "");
 }
 
@@ -70,6 +72,7 @@ function showRegion() {
   if (!mark) return setText("region", "");
   const area = `Rectangle from ${mark.x0}, ${mark.y0}, ${mark.x1 - mark.x0} × ${mark.y1 - mark.y0}`;
   if (!found) return setText("region", `${area}: ...`);
+  if (found.ids !== undefined) return setText("region", `${area}: ${found.ids} different ids${found.level ? ` (of level ${found.level})` : ""}`);
   const level = levelOf(mark), unit = from.name === "samples" ? 1024 : 1, number = (v) => format.number(unit * v);
   const single = SINGLE_NUMBERS.includes(from.name), error = from.name === "picture" ? ` ± ${number(found.error)}` : "";
   const value = single ? `mean ${number(found.mean)}` : `mean ${found.rgb.map(format.number).join("  ")}`;
@@ -160,13 +163,17 @@ function chooseSome() {
 
 // ---- what is shown
 
+const FEATURES = ["albedo", "normal", "depth", "object", "material"], HALVES = ["half0", "half1"];
+/** A job may be without features; its halves are gone when it is over, unless its image has them. */
+const hasLayer = (one, name) => (FEATURES.includes(name) ? one.layers : HALVES.includes(name) ? one.halves || !OVER.includes(one.state) : true);
+
 function showTitle() {
   const one = job();
   const parts = one ? [`Job ${one.job}: ${one.name}`, `${one.width} × ${one.height}`, one.integrator, one.state] : ["No job"];
   setText("image-title", parts.join(", "));
   document.title = one ? `${one.name} (${one.state}) - Lightmill` : "Lightmill";
   view.setImage(one?.width ?? 0, one?.height ?? 0);
-  for (const option of $("layer").options) option.disabled = !!one && !one.layers && ["albedo", "normal", "depth"].includes(option.value);
+  for (const option of $("layer").options) option.disabled = !!one && !hasLayer(one, option.value);
 }
 
 function showCurve() {

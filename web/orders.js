@@ -4,7 +4,9 @@ import { getFile, order } from "./api.js";
 import { $, setOptions, setText } from "./dom.js";
 import { format, make } from "./tables.js";
 
-const OVER = ["done", "failed", "cancelled"], BIG = 2 ** 30; // samples a pixel, at most
+/** The states of a job that is over. */
+export const OVER = ["done", "failed", "cancelled"];
+const BIG = 2 ** 30; // samples a pixel, at most
 // How a goal is given: [what the API calls it, its unit, the input's attributes, what it is by default, its number for the API].
 const GOALS = [
   ["spp", "samples a pixel", { min: 1, max: BIG, step: 1 }, (one) => Math.min(2 * one.spp, BIG) || 1024, (v) => v],

@@ -4,7 +4,7 @@ import { SINGLE, TONES, compile } from "./shader.js";
 import { SIDE } from "./tiles.js";
 
 const SLOTS = 1024, FLOATS = 8; // of an instance: its area, its size, two slots
-const UNIFORMS = ["viewport", "place", "gain", "offset", "tone", "mode", "signedLayer"];
+const UNIFORMS = ["viewport", "place", "gain", "offset", "tone", "mode", "kind"];
 
 export class Painter {
   constructor(canvas, onRestored) {
@@ -71,7 +71,7 @@ export class Painter {
   /**
    * Draws `pairs` of tiles, [one, other], coarse ones first. `pass` has pane and clip (rectangles of the canvas, top
    * down), place (the image's left and top in the pane, and its scale), width and height (of the image), mode, gain,
-   * offset, tone, signed.
+   * offset, tone, kind.
    */
   draw(pairs, pass) {
     const { gl, canvas, at } = this, { pane, clip } = pass;
@@ -90,7 +90,7 @@ export class Painter {
     gl.uniform1f(at.offset, pass.offset);
     gl.uniform1i(at.tone, TONES.indexOf(pass.tone));
     gl.uniform1i(at.mode, pass.mode);
-    gl.uniform1i(at.signedLayer, pass.signed);
+    gl.uniform1i(at.kind, pass.kind);
     gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, some.length);
   }
   /** The canvas as RGBA bytes, bottom row first. */

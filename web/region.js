@@ -1,12 +1,14 @@
 // region: the mean of a rectangle of the image and the standard error of that mean, from its texels at the finest level
 // that can be fetched.
 
-import { SIDE, Tiles, halfToNumber } from "./tiles.js";
+import { SIDE, Tiles, halfToNumber, idOf } from "./tiles.js";
 
 const MOST_TILES = 1024; // that one question may ask for
 const LUMINANCE = [0.2126, 0.7152, 0.0722], FIRST = [1, 0, 0];
 /** Layers with one number a pixel, which is in the first channel. */
 export const SINGLE_NUMBERS = ["samples", "depth"];
+/** Layers of ids, of which there is no mean. */
+export const ID_LAYERS = ["object", "material"];
 
 /** The tiles that hold a rectangle of pixels at a level. */
 const tilesOf = (mark, level) => {
@@ -42,6 +44,8 @@ function addTile(sums, tile, mark) {
 function addTexel(sums, texels, at, pixels) {
   const rgb = [0, 1, 2].map((c) => halfToNumber(texels[at + c])), y = weighted(rgb, sums.weights);
   sums.pixels += pixels;
+  if (sums.ids && idOf(rgb) !== 0) sums.ids.add(idOf(rgb));
+  if (sums.ids) return;
   rgb.forEach((value, c) => (sums.rgb[c] += pixels * value));
   sums.variance += (pixels * halfToNumber(texels[at + 3])) ** 2;
   sums.least = Math.min(sums.least, y);
@@ -50,14 +54,15 @@ function addTexel(sums, texels, at, pixels) {
 
 /**
  * { level, pixels, rgb, mean, error, least, most } of a rectangle of a layer; null while tiles are missing. `mean` is of the
- * luminance, or of the layer's only number; `error` is the standard error of that mean, as if pixels were independent.
+ * luminance, or of the layer's only number; of ids there is only their number, `ids`; `error` is the standard error of that mean, as if pixels were independent.
  */
 export function measure(layer, name, mark, level) {
   const r = tilesOf(mark, level), tiles = [...layer.within(level, r)];
   if (tiles.length < (r.tx1 - r.tx0) * (r.ty1 - r.ty0)) return null;
   const weights = SINGLE_NUMBERS.includes(name) ? FIRST : LUMINANCE;
-  const sums = { weights, pixels: 0, rgb: [0, 0, 0], variance: 0, least: Infinity, most: -Infinity };
+  const sums = { weights, ids: ID_LAYERS.includes(name) ? new Set() : null, pixels: 0, rgb: [0, 0, 0], variance: 0, least: Infinity, most: -Infinity };
   for (const tile of tiles) addTile(sums, tile, mark);
+  if (sums.ids) return { level, pixels: sums.pixels, ids: sums.ids.size };
   const rgb = sums.rgb.map((sum) => sum / sums.pixels);
   return { level, pixels: sums.pixels, rgb, mean: weighted(rgb, weights), error: Math.sqrt(sums.variance) / sums.pixels, least: sums.least, most: sums.most };
 }

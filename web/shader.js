@@ -5,6 +5,8 @@ import { SIDE } from "./tiles.js";
 export const TONES = ["srgb", "filmic", "false", "relative"];
 /** What is drawn of a pair of tiles: the first, the signed difference of their luminances, or the absolute difference. */
 export const SINGLE = 0, SIGNED = 1, ABSOLUTE = 2;
+/** What the numbers of a layer are: light or the like, directions, or ids, which are red + 2048 green + 2048^2 blue. */
+export const LIGHT = 0, DIRECTIONS = 1, IDS = 2;
 
 const VERTEX = `#version 300 es
 uniform vec2 viewport; uniform vec3 place; // of the image: its left and top, and its scale, in pixels of the canvas
@@ -21,7 +23,7 @@ void main() {
 // the relative error (of two images: their relative difference) from 0.1 % to 100 %, on a ramp of five colours.
 const FRAGMENT = `#version 300 es
 precision highp float; precision highp sampler2DArray;
-uniform sampler2DArray tiles; uniform float gain, offset; uniform int tone, mode; uniform bool signedLayer;
+uniform sampler2DArray tiles; uniform float gain, offset; uniform int tone, mode, kind;
 in vec4 texel; out vec4 colour;
 vec3 srgb(vec3 c) {
   return mix(12.92 * c, 1.055 * pow(max(c, vec3(0)), vec3(1.0 / 2.4)) - 0.055, step(0.0031308, c));
@@ -39,11 +41,29 @@ vec3 toned(vec3 c, float error, float base) {
   if (tone == 2) return ramp(0.5 + log2(max(luminance(c), 1e-9) / 0.18) / 10.0);
   return srgb(clamp(tone == 1 ? filmic(c) : c, 0.0, 1.0));
 }
+// A colour that differs from those of most other ids; 0 is no id.
+vec3 idColour(vec3 id) {
+  uvec3 part = uvec3(id);
+  uint h = part.r + 2048u * part.g + 0x9e3779b9u * part.b;
+  if (h == 0u) return vec3(0);
+  h = (h ^ (h >> 16)) * 0x7feb352du;
+  h = (h ^ (h >> 15)) * 0x846ca68bu;
+  h ^= h >> 16;
+  vec3 hue = clamp(abs(mod(6.0 * float(h & 1023u) / 1024.0 + vec3(0, 4, 2), 6.0) - 3.0) - 1.0, 0.0, 1.0);
+  return mix(vec3(1), hue, 0.45 + 0.5 * float((h >> 10) & 255u) / 255.0) * (0.5 + 0.5 * float((h >> 18) & 255u) / 255.0);
+}
+vec3 shown(vec4 t) {
+  if (kind == ${IDS}) return idColour(t.rgb);
+  if (kind == ${DIRECTIONS} && tone != 3) return clamp(0.5 * t.rgb + 0.5, 0.0, 1.0);
+  return toned(t.rgb * gain + offset, t.a, luminance(t.rgb));
+}
 void main() {
   vec4 t = texture(tiles, texel.xyz);
-  vec3 c = t.rgb * gain + offset;
+  vec3 c;
   if (mode == ${SINGLE}) {
-    c = signedLayer && tone != 3 ? clamp(0.5 * t.rgb + 0.5, 0.0, 1.0) : toned(c, t.a, luminance(t.rgb));
+    c = shown(t);
+  } else if (kind == ${IDS}) {
+    c = vec3(any(notEqual(t.rgb, texture(tiles, texel.xyw).rgb)));
   } else {
     vec3 other = texture(tiles, texel.xyw).rgb;
     float d = luminance(t.rgb - other);

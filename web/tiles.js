@@ -37,6 +37,9 @@ export const levelCount = (width, height) => {
   return count;
 };
 
+/** The id in three channels of a texel: a half is a whole number up to 2048 only. */
+export const idOf = (rgb) => rgb[0] + 2048 * rgb[1] + 2048 ** 2 * rgb[2];
+
 /** The tiles that two rectangles of tiles have in common. */
 export const intersect = (a, b) => ({ tx0: Math.max(a.tx0, b.tx0), ty0: Math.max(a.ty0, b.ty0), tx1: Math.min(a.tx1, b.tx1), ty1: Math.min(a.ty1, b.ty1) });
 

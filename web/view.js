@@ -2,7 +2,7 @@
 // what is drawn: one image, or two beside or over one another.
 
 import { Painter } from "./painter.js";
-import { ABSOLUTE, SIGNED, SINGLE } from "./shader.js";
+import { ABSOLUTE, DIRECTIONS, IDS, LIGHT, SIGNED, SINGLE } from "./shader.js";
 import { SIDE, halfToNumber, intersect, levelCount, levelSide } from "./tiles.js";
 
 const MOST_TILES = 480, MAX_SCALE = 64;
@@ -10,10 +10,12 @@ const GREY = [0.13, 0.13, 0.13], WHITE = [1, 1, 1], BLACK = [0, 0, 0];
 const BESIDE = 1.5; // side by side is preferred by this factor of the scale
 const GAP = 2, NEAR = 12; // pixels: between two panes; from a handle, to hold it
 
+const KINDS = { normal: DIRECTIONS, object: IDS, material: IDS }; // LIGHT by default
+
 /** What a pane shows: the tiles of a layer, and how its numbers are meant. */
 class Source {
   constructor(layer, name) {
-    Object.assign(this, { layer, name, signed: name === "normal", measured: name === "samples" || name === "depth", most: 0, gain: 1 });
+    Object.assign(this, { layer, name, kind: KINDS[name] ?? LIGHT, measured: name === "samples" || name === "depth", most: 0, gain: 1 });
     if (this.measured) this.measure(layer.tiles.values());
   }
   /** Layers of counts and distances are shown from black to white: the largest value seen is white. */
@@ -102,7 +104,7 @@ export class View {
   }
   pass(source, mode, pane, clip, other = null) {
     const { width, height, offset, tone } = this, gain = source.gain * 2 ** this.exposure;
-    this.painter.draw(this.drawn(source, other), { mode, pane, clip, place: [this.x, this.y, this.scale], width, height, gain, offset, tone, signed: source.signed });
+    this.painter.draw(this.drawn(source, other), { mode, pane, clip, place: [this.x, this.y, this.scale], width, height, gain, offset, tone, kind: source.kind });
   }
   paint() {
     const { painter, canvas, source, other } = this;

@@ -84,7 +84,7 @@ function assertNear(is, wanted) {
 /** The job's image now, once the page has it too. */
 async function fetchExr(number = job) {
   const file = path.join(folder, `job-${number}.exr`);
-  farm.ask("fetch", String(number), "-o", file);
+  farm.ask("fetch", String(number), "-o", file, ...(number === job ? ["--halves"] : []));
   return readExr(file);
 }
 
@@ -191,7 +191,7 @@ const tests = {
   },
 
   async "every layer holds what the file's layer holds"() {
-    const layers = { picture: ["R", "G", "B"], eye: ["eye.R", "eye.G", "eye.B"], light: ["light.R", "light.G", "light.B"], noise: ["noise.R", "noise.G", "noise.B"], albedo: ["albedo.R", "albedo.G", "albedo.B"], normal: ["normal.X", "normal.Y", "normal.Z"], depth: ["depth.Z"], samples: ["samples"] };
+    const layers = { picture: ["R", "G", "B"], eye: ["eye.R", "eye.G", "eye.B"], light: ["light.R", "light.G", "light.B"], noise: ["noise.R", "noise.G", "noise.B"], albedo: ["albedo.R", "albedo.G", "albedo.B"], normal: ["normal.X", "normal.Y", "normal.Z"], depth: ["depth.Z"], samples: ["samples"], half0: ["half0.R", "half0.G", "half0.B"], half1: ["half1.R", "half1.G", "half1.B"] };
     const near = (is, was, what) => assert.ok(Math.abs(is - was) <= 1e-3 * Math.abs(was) + 1e-6, `${what}: ${is} instead of ${was}`);
     for (const [name, channels] of Object.entries(layers)) {
       const values = await chooseLayer(name);
@@ -200,6 +200,21 @@ const tests = {
       const error = (p) => 0.2126 * exr.channels["noise.R"][p] + 0.7152 * exr.channels["noise.G"][p] + 0.0722 * exr.channels["noise.B"][p];
       for (let p = 0; name === "picture" && p < WIDTH * HEIGHT; p++) near(values[4 * p + 3], error(p), `the error of pixel ${p}`);
       if (["eye", "light", "albedo"].includes(name)) await assertCanvas(`${name}.`);
+    }
+    for (const name of ["object", "material"]) {
+      const values = await chooseLayer(name), is = await canvas(), colours = new Map();
+      for (let p = 0; p < WIDTH * HEIGHT; p++) {
+        const id = exr.channels[`${name}.id`][p], colour = is.slice(3 * p, 3 * p + 3).join();
+        assert.equal(values[4 * p] + 2048 * values[4 * p + 1] + 2048 ** 2 * values[4 * p + 2], id);
+        assert.equal(colours.get(id) ?? colour, colour, `${name} ${id} has two colours`);
+        colours.set(id, colour);
+      }
+      assert.ok(colours.size > 3 && new Set(colours.values()).size === colours.size, `${colours.size} ids, ${new Set(colours.values()).size} colours`);
+    }
+    const values = await chooseLayer("strategies");
+    for (let p = 0; p < WIDTH * HEIGHT; p++) {
+      const eye = luminance(exr, p, "eye."), light = luminance(exr, p, "light."), sum = eye + light;
+      if (sum > 1e-4) assert.ok(Math.abs(values[4 * p] - eye / sum) < 2e-3 && Math.abs(values[4 * p + 2] - light / sum) < 2e-3, `the shares of pixel ${p}`);
     }
     await chooseLayer("picture");
   },
