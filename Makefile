@@ -42,7 +42,7 @@ PROGRAMS := $(BUILD)/lightmill $(BUILD)/lightmill-master $(BUILD)/lightmill-work
 TEST_SRC := $(sort $(shell find tests/unit -name "*.c" 2>/dev/null) $(wildcard tests/statistics/*.c tests/farm/*.c))
 TESTS    := $(patsubst tests/%.c,$(BUILD)/tests/%,$(filter tests/%,$(shell grep -l '^int main' $(TEST_SRC) /dev/null 2>/dev/null)))
 # Not of C: the page in a browser, Prometheus, and the Python package.
-TESTS    += $(BUILD)/tests/page/test_page $(BUILD)/tests/farm/test_monitoring $(BUILD)/tests/farm/test_mattes $(BUILD)/tests/farm/test_python
+TESTS    += $(BUILD)/tests/page/test_page $(BUILD)/tests/farm/test_monitoring $(BUILD)/tests/farm/test_mattes $(BUILD)/tests/farm/test_python $(BUILD)/tests/farm/test_openapi
 
 all: $(PROGRAMS)
 
@@ -111,7 +111,7 @@ $(BUILD)/tests/page/test_page: tests/page/test_page.sh tests/page/install.sh doc
 	@mkdir -p $(@D)
 	$(Q)install -m 755 $< $@
 
-$(BUILD)/tests/farm/test_monitoring $(BUILD)/tests/farm/test_python $(BUILD)/tests/farm/test_mattes: $(BUILD)/%: %.py | $(PROGRAMS)
+$(BUILD)/tests/farm/test_monitoring $(BUILD)/tests/farm/test_python $(BUILD)/tests/farm/test_mattes $(BUILD)/tests/farm/test_openapi: $(BUILD)/%: %.py | $(PROGRAMS)
 	@mkdir -p $(@D)
 	$(Q)install -m 755 $< $@
 

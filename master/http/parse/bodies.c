@@ -214,6 +214,7 @@ static result_t take_settings(json_t *body, overrides_t *overrides)
     TRY(take_count(body, "tile_size", JOB_MIN_TILE, JOB_MAX_TILE, 0, &overrides->tile_size));
     TRY(take_count(body, "film_scale", FILM_MIN_SCALE, FILM_MAX_SCALE, -1, &overrides->film_scale));
     TRY(take_flag(body, "layers", &layers));
+    TRY(take_flag(body, "cryptomatte", &overrides->cryptomatte));
     overrides->no_layers = !layers;
     return result_ok();
 }

@@ -390,6 +390,7 @@ static void a_job_is_as_its_scene_and_its_submission_say(void **state)
     expect_job(t, "\"adaptive\": true, \"spp\": 64", "\"adaptive\":true");
     expect_job(t, "\"save_at\": [2, 8]", "\"save_at\":[2,8]");
     expect_job(t, "\"layers\": false", "\"layers\":false");
+    expect_job(t, "\"cryptomatte\": true", "\"cryptomatte\":true");
     expect_job(t, "\"priority\": -3, \"verify\": 0.5, \"mixed\": true, \"halves\": true",
                "\"priority\":-3,\"verify\":0.5,\"mixed\":true,\"halves\":true");
     expect_job(t, "\"tile_size\": 64, \"film_scale\": 20", "\"state\":\"queued\"");
