@@ -62,6 +62,19 @@ static const char *pixel_type_name(pixel_type_t type)
     return type == PIXEL_HALF ? "half" : type == PIXEL_UINT ? "uint" : "float";
 }
 
+/* Of a Cryptomatte manifest, which may have very many names, how many there are; false for other attributes.
+ */
+static bool print_manifest(const image_attribute_t *attribute)
+{
+    const char *end = strrchr(attribute->name, '/');
+    if (strncmp(attribute->name, "cryptomatte/", 12) != 0 || strcmp(end, "/manifest") != 0) return false;
+    json_t *manifest = json_loads(attribute->text, 0, NULL);
+    bool good = json_is_object(manifest);
+    if (good) printf("%zu names; --json shows them", json_object_size(manifest));
+    json_decref(manifest);
+    return good;
+}
+
 static void print_image(const char *path, const image_t *image)
 {
     hash_t hash = image_hash(image);
@@ -84,7 +97,7 @@ static void print_image(const char *path, const image_t *image)
     for (size_t i = 0; i < image->attribute_count; i++) {
         text_print(image->attributes[i].name);
         fputs(": ", stdout);
-        text_print(image->attributes[i].text);
+        if (!print_manifest(&image->attributes[i])) text_print(image->attributes[i].text);
         putchar('\n');
     }
 }

@@ -8,13 +8,16 @@ import base64
 import json
 import math
 import os
+import socket
 import struct
 import subprocess
 import sys
 import tempfile
+import time
 import zlib
 
 BUILD = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(sys.argv[0]))))
+PATIENCE = 60  # seconds
 SIDE = 64
 RADIUS = 0.61  # of the sphere; the image is 2 wide
 LINES = [
@@ -196,6 +199,32 @@ def render(folder, name, scene, *options):
     return path
 
 
+def free_ports():
+    """A port of which the next one is free too."""
+    while True:
+        with socket.socket() as first, socket.socket() as second:
+            first.bind(("127.0.0.1", 0))
+            port = first.getsockname()[1]
+            try:
+                second.bind(("127.0.0.1", port + 1))
+            except (OSError, OverflowError):
+                continue
+            return port
+
+
+def wait_for(ask):
+    """Asks until the answer is true; a program that fails says that it is not."""
+    deadline = time.monotonic() + PATIENCE
+    while True:
+        try:
+            if ask():
+                return
+        except subprocess.CalledProcessError as error:
+            assert time.monotonic() < deadline, error.stderr
+        assert time.monotonic() < deadline, "no answer"
+        time.sleep(0.1)
+
+
 def place_of(text):
     """The name of the shape in the line that has this text."""
     (line,) = [n + 1 for n, content in enumerate(LINES) if text in content]
@@ -216,7 +245,9 @@ def corner_distances(pixel):
 
 
 def mattes_are_those_of_the_shapes(folder, scene):
-    image = Image(render(folder, "shapes", scene, "--spp", "40", "--cryptomatte"))
+    path = render(folder, "shapes", scene, "--spp", "40", "--cryptomatte")
+    image = Image(path)
+    assert "/manifest: 3 names;" in lightmill("info", path)
     objects, materials = Mattes(image, "crypto_object"), Mattes(image, "crypto_material")
     sphere, disk, dots = (objects.of(place_of(f"[{radius}]")) for radius in (RADIUS, "0.6", "0.2"))
     for mattes in (objects, materials):
@@ -277,6 +308,44 @@ def names_of_gltf_are_those_of_its_nodes(folder, _):
     assert Mattes(image, "crypto_material").of(rust) == matte
 
 
+def killed_masters_relays_and_checks_change_nothing(folder, scene):
+    """A worker, and a relay with another: they check half of the units of each other, and the master is killed."""
+    settings = ["--resolution", f"{SIDE}x{SIDE}", "--cryptomatte", "--spp", "1500"]
+    processes, port, listen = [], free_ports(), free_ports()
+    quick = ["--heartbeat", "0.2", "--lease", "2", "--batch-interval", "0.2"]
+
+    def start(program, *arguments):
+        with open(f"{folder}/{program}-{len(processes)}.log", "wb") as log:
+            processes.append(subprocess.Popen([f"{BUILD}/lightmill-{program}", *arguments], stdout=log, stderr=log))
+
+    def start_master():
+        start("master", "--listen", f"127.0.0.1:{port}", "--data", folder + "/data", "--checkpoint", "0.1", *quick)
+        wait_for(lambda: lightmill("status", "--master", f"127.0.0.1:{port}"))
+
+    try:
+        start_master()
+        start("relay", f"127.0.0.1:{port}", "--listen", f"127.0.0.1:{listen}", "--data", folder + "/relay", *quick)
+        for above in (port, listen):
+            start("worker", f"127.0.0.1:{above}", "--threads", "1", "--cache", f"{folder}/cache-{above}")
+        farm = ["--master", f"127.0.0.1:{port}"]
+        job = lightmill("submit", scene, "--verify", "0.5", *settings, *farm).strip()
+        done = lambda: json.loads(lightmill("status", job, "--json", *farm))["jobs"][0]
+        wait_for(lambda: done()["samples_done"] > 0 and done()["checkpoint_age"] >= 0)
+        processes[0].kill()
+        processes[0].wait()
+        assert not os.path.exists(f"{folder}/data/job-{job}.exr"), "the job was over too soon"
+        start_master()
+        lightmill("fetch", job, "--wait", "-o", folder + "/fetched.exr", *farm)
+        assert done()["checks_passed"] > 0
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
+    alone = folder + "/alone-long.exr"
+    lightmill("render", scene, "--quiet", "-o", alone, *settings)
+    assert lightmill("info", "--hash", alone) == lightmill("info", "--hash", folder + "/fetched.exr")
+
+
 def they_are_there_when_asked_for(folder, scene):
     image = Image(render(folder, "without", scene, "--spp", "1"))
     assert not [n for n in [*image.types, *image.texts] if "crypto" in n]
@@ -288,7 +357,7 @@ def they_are_there_when_asked_for(folder, scene):
 def main():
     tests = [mattes_are_those_of_the_shapes, samples_that_are_not_there_do_not_count,
              they_are_the_same_on_a_farm_and_stay_floats, names_of_gltf_are_those_of_its_nodes,
-             they_are_there_when_asked_for]  # fmt: skip
+             killed_masters_relays_and_checks_change_nothing, they_are_there_when_asked_for]  # fmt: skip
     assert id_of("bunny") == 0x13851A76, "the specification's example"
     with tempfile.TemporaryDirectory(prefix="lightmill-", ignore_cleanup_errors=True) as folder:
         scene = write_scene(folder)
