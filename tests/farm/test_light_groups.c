@@ -89,6 +89,41 @@ static void groups_add_up_and_leave_the_picture_alone(void **state)
     image_free(&two);
 }
 
+/* The mix of all groups is the picture; without a group it is the picture less that group. */
+static void mixes_are_made_of_what_was_rendered(void **state)
+{
+    rig_t *rig = *state;
+    image_t image = render(rig, "--threads", "2", "--light-groups", "kinds");
+    char *from = scratch_path(rig->folder, "image.exr"), *to = scratch_path(rig->folder, "mix.exr");
+    for (int out = 0; out < 2; out++) {
+        assert_int_equal(rig_run(rig, (const char *[]){"mix", from, "-o", to, out ? "spot=0" : NULL, NULL}),
+                         0);
+        image_t mixed = read_image(to);
+        for (int c = 0; c < 3; c++) {
+            const char colour[] = {"RGB"[c], 0};
+            char *eye = mem_printf("group.spot.eye.%s", colour),
+                 *light = mem_printf("group.spot.light.%s", colour);
+            const image_channel_t *was = image_find(&image, colour), *is = image_find(&mixed, colour);
+            const image_channel_t *parts[] = {image_find(&image, eye), image_find(&image, light)};
+            double most = 0;
+            for (size_t p = 0; p < (size_t)image.width * (size_t)image.height; p++) {
+                double less = out ? (double)parts[0]->data[p] + (double)parts[1]->data[p] : 0;
+                most = fmax(most, less);
+                if (!(fabs((double)was->data[p] - less - (double)is->data[p]) <= 1e-5 * (double)was->data[p]))
+                    fail_msg("pixel %zu is %g, was %g, less %g", p, (double)is->data[p], (double)was->data[p],
+                             less);
+            }
+            assert_true(!out || most > 0);
+            free(eye);
+            free(light);
+        }
+        image_free(&mixed);
+    }
+    image_free(&image);
+    free(from);
+    free(to);
+}
+
 static char *at_port(int port)
 {
     return mem_printf("127.0.0.1:%d", port);
@@ -194,7 +229,8 @@ static int tear_down(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        TEST(groups_add_up_and_leave_the_picture_alone), TEST(any_farm_makes_the_same_groups),
-        TEST(groups_of_another_scene_fail_the_job), TEST(mistakes_are_said_before_anything_is_done)};
+        TEST(groups_add_up_and_leave_the_picture_alone), TEST(mixes_are_made_of_what_was_rendered),
+        TEST(any_farm_makes_the_same_groups), TEST(groups_of_another_scene_fail_the_job),
+        TEST(mistakes_are_said_before_anything_is_done)};
     return cmocka_run_group_tests_name("light groups on a farm", tests, NULL, NULL);
 }
