@@ -44,6 +44,13 @@ static int read_address(rig_t *rig, pid_t process, char token[TOKEN + 1])
     return port;
 }
 
+/* It serves the page a moment after it answers workers. */
+static void start_master_with_page(rig_t *rig, const char *data)
+{
+    rig_start_master_on(rig, data, 1, ARGUMENTS("--http", "0"));
+    rig_wait_output(rig, rig->master, "the page is at");
+}
+
 static void open_finds_the_page_of_a_master(void **state)
 {
     rig_t *rig = *state;
@@ -53,7 +60,7 @@ static void open_finds_the_page_of_a_master(void **state)
     char *said = rig_output(rig, nobody);
     assert_non_null(strstr(said, "--http"));
     free(said);
-    rig_start_master_on(rig, data, 1, ARGUMENTS("--http", "0"));
+    start_master_with_page(rig, data);
     pid_t process = rig_start_command(rig, ARGUMENTS("open", "--print", "--data", data));
     assert_int_equal(rig_wait_exit(rig, process, 20), 0);
     int port = read_address(rig, process, token);
@@ -106,7 +113,7 @@ static void open_gives_the_browser_a_private_file_and_does_not_wait_for_it(void 
     char *other = scratch_path(keys, "open-source.html");
     struct stat status;
     put_opener_on_path(rig);
-    rig_start_master_on(rig, data, 1, ARGUMENTS("--http", "0"));
+    start_master_with_page(rig, data);
     scratch_write(stale, "", 0);
     scratch_write(other, "", 0);
     assert_int_equal(utimes(stale, (struct timeval[2]){{1000, 0}, {1000, 0}}), 0);
@@ -133,7 +140,7 @@ static void open_gives_no_token_to_the_address_of_a_dead_master(void **state)
 {
     rig_t *rig = *state;
     char *data = scratch_path(rig->folder, "data"), *file = scratch_path(data, "http");
-    rig_start_master_on(rig, data, 1, ARGUMENTS("--http", "0"));
+    start_master_with_page(rig, data);
     rig_kill_master(rig);
     assert_int_equal(access(file, F_OK), 0);
     pid_t process = rig_start_command(rig, ARGUMENTS("open", "--print", "--data", data));
@@ -153,13 +160,13 @@ static void a_render_on_this_machine_has_a_page(void **state)
                                                      "--time", "600", "--quiet", "--http", "0", "-o", image));
     rig_wait_output(rig, process, "#token=");
     int port = read_address(rig, process, token);
-    json_t *root = NULL;
-    for (size_t jobs = 0; jobs == 0; rig_sleep(0.1)) {
+    /* One without samples would be cancelled without an image. */
+    for (json_int_t samples = 0; samples == 0; rig_sleep(0.1)) {
+        json_t *root = http_json_of(http_ask(port, "GET", "/api/v1/jobs", token, NULL), 200);
+        const json_t *job = json_array_get(json_object_get(root, "jobs"), 0);
+        samples = json_integer_value(json_object_get(job, "samples_done"));
         json_decref(root);
-        root = http_json_of(http_ask(port, "GET", "/api/v1/jobs", token, NULL), 200);
-        jobs = json_array_size(json_object_get(root, "jobs"));
     }
-    json_decref(root);
     assert_int_equal(http_status_of(http_ask(port, "POST", "/api/v1/jobs/1/cancel", token, NULL)), 200);
     assert_int_equal(rig_wait_exit(rig, process, 60), 0);
     free(image);
