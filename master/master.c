@@ -220,6 +220,7 @@ static result_t start_serving(master_t *master, const master_options_t *options)
 {
     image_writer_options_t image_writer = {.farm = master->farm,
                                            .blobs = master->store,
+                                           .films = master->films,
                                            .checkpointer = master->checkpointer,
                                            .data_dir = options->data_dir,
                                            .image_wake = master->image_wake,

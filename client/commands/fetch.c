@@ -19,8 +19,8 @@ static const option_t rows[] = {
            "the image at so many samples a pixel, if the job keeps it: submit --save-at",
            OPTION_RANGE(1, JOB_MAX_SPP)),
     OPTION(values_t, output.halves, "halves", NULL,
-           "with the images of its even and of its odd samples, as layers half0 and half1; of a job that is "
-           "over, or at --at, only if it was submitted with --halves"),
+           "with the images of its even and of its odd samples, as layers half0 and half1; with --at only if "
+           "the job was submitted with --halves"),
     OPTION(values_t, wait, "wait", NULL,
            "wait for the end of the job, or with --at until that image is there, and show the progress"),
     OPTION(values_t, quiet, "quiet", NULL, "no progress"),
@@ -45,14 +45,15 @@ static result_t check_halves(remote_t *remote, uint64_t job)
     TRY(watch_poll(&watch));
     if (watch.halves) return result_ok();
     return result_fail(RESULT_USAGE,
-                       "job %" PRIu64 " was submitted without --halves: fetch them while it works, without "
-                       "--wait; what it keeps is without",
+                       "job %" PRIu64
+                       " was submitted without --halves, so the images that it keeps on the way "
+                       "are without",
                        job);
 }
 
 static result_t fetch_later(const values_t *values, remote_t *remote, uint64_t job)
 {
-    if (values->output.halves) TRY(check_halves(remote, job));
+    if (values->output.halves && values->at > 0) TRY(check_halves(remote, job));
     if (values->at > 0) return watch_to_milestone(remote, job, values->at, &values->output, values->quiet);
     return watch_to_end(remote, job, &values->output, false, &values->tell, values->quiet);
 }

@@ -137,6 +137,9 @@ void farm_restore(farm_t *farm, double now, const job_record_t *record);
 /* Pins the job whose film is wanted first (a restart, an extended job whose turn it is) and sets memory aside
  * for it; NULL when there is none, or no memory. It is answered with one of the next two, then unpinned. */
 job_t *farm_next_load(farm_t *farm);
+/* Sets memory aside for a film that somebody looks at beside those of jobs; false when there is none. */
+bool farm_claim_memory(farm_t *farm, uint64_t bytes);
+void farm_return_memory(farm_t *farm, uint64_t bytes);
 /* The film of a pinned job and the state of its schedule, both taken over (the state's arrays, not the
  * struct); film NULL: there is no checkpoint, it begins anew. RESULT_INPUT when the state does not fit the
  * job, which then begins anew. */

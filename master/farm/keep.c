@@ -147,6 +147,23 @@ job_t *farm_next_load(farm_t *farm)
     return found;
 }
 
+bool farm_claim_memory(farm_t *farm, uint64_t bytes)
+{
+    farm_lock(farm);
+    bool room = farm->film_bytes + bytes <= farm->options.film_limit;
+    if (room) farm->film_bytes += bytes;
+    farm_unlock(farm);
+    return room;
+}
+
+void farm_return_memory(farm_t *farm, uint64_t bytes)
+{
+    farm_lock(farm);
+    farm->film_bytes -= bytes;
+    wake_up(farm->options.checkpoint_wake); /* a film may have waited for it */
+    farm_unlock(farm);
+}
+
 /* The film is there, or there is none: the job no longer waits for it. */
 static void stop_waiting(farm_t *farm, job_t *job)
 {

@@ -10,6 +10,7 @@
 #include "common/film/picture.h"
 #include "common/thread.h"
 #include "common/wake.h"
+#include "master/threads/stored_film.h"
 
 #include <dirent.h>
 #include <errno.h>
@@ -137,8 +138,25 @@ static const mattes_t *find_mattes(image_writer_t *image_writer, const job_t *jo
     return image_writer->mattes;
 }
 
-/* Resolves the film as it is now and writes it. `milestone`: the samples a pixel that it stands at; 0: none.
- */
+/* Writes a resolved film. `milestone`: the samples a pixel that it stands at; 0: none. */
+static result_t write_image(const char *path, const film_image_t *film, const job_record_t *record,
+                            const mattes_t *mattes, uint32_t milestone, const image_format_t *format)
+{
+    picture_meta_t meta = {.scene = record->blob,
+                           .scene_name = record->terms.name,
+                           .settings = record->settings,
+                           .counts = record->counts,
+                           .workers = record->workers_seen,
+                           .wall_seconds = record->elapsed,
+                           .bits = record->fingerprint,
+                           .mattes = mattes,
+                           .note = record->message};
+    if (milestone > 0) end_at(&meta.settings, milestone);
+    return format->png ? picture_write_png(path, film, format->exposure)
+                       : picture_write_exr(path, film, &meta, format->half);
+}
+
+/* Resolves the film as it is now and writes it. */
 static result_t write_film(image_writer_t *image_writer, job_t *job, const char *path, uint32_t milestone,
                            const image_format_t *format)
 {
@@ -148,18 +166,21 @@ static result_t write_film(image_writer_t *image_writer, job_t *job, const char 
     film_image_t film = {0};
     job_report_t report;
     TRY(farm_resolve(image_writer->options.farm, clock_now(), job, &extras, &film, &report));
-    picture_meta_t meta = {.scene = report.record.blob,
-                           .scene_name = report.record.terms.name,
-                           .settings = report.record.settings,
-                           .counts = report.record.counts,
-                           .workers = report.record.workers_seen,
-                           .wall_seconds = report.record.elapsed,
-                           .bits = report.record.fingerprint,
-                           .mattes = extras.mattes,
-                           .note = report.record.message};
-    if (milestone > 0) end_at(&meta.settings, milestone);
-    result_t result = format->png ? picture_write_png(path, &film, format->exposure)
-                                  : picture_write_exr(path, &film, &meta, format->half);
+    result_t result = write_image(path, &film, &report.record, extras.mattes, milestone, format);
+    film_image_free(&film);
+    return result;
+}
+
+/* The same with the film of a job that is over, with halves. */
+static result_t write_stored(image_writer_t *image_writer, job_t *job, const char *path,
+                             const image_format_t *format)
+{
+    farm_t *farm = image_writer->options.farm;
+    film_extras_t extras = {.halves = true, .groups = true, .mattes = find_mattes(image_writer, job)};
+    film_image_t film = {0};
+    job_record_t record = farm_record(farm, clock_now(), job);
+    TRY(stored_film_resolve(farm, image_writer->options.films, &record, &extras, &film));
+    result_t result = write_image(path, &film, &record, extras.mattes, 0, format);
     film_image_free(&film);
     return result;
 }
@@ -320,16 +341,13 @@ static result_t no_image(const image_writer_t *image_writer, const job_t *job, c
                        snapshot->at, snapshot->at);
 }
 
-/* The film is gone from the memory, and an image that is kept has the halves only if the job was submitted
- * so.
- */
+/* An image of a milestone has the halves only if the job was submitted so, and there is no film of it. */
 static result_t no_halves(const snapshot_t *snapshot)
 {
-    return result_fail(
-        RESULT_INPUT,
-        "job %llu was submitted without --halves, so this image is kept without: extend the job "
-        "and fetch them while it works, or submit it again with --halves",
-        (unsigned long long)snapshot->job);
+    return result_fail(RESULT_INPUT,
+                       "job %llu was submitted without --halves, so its image at %u samples a pixel is kept "
+                       "without",
+                       (unsigned long long)snapshot->job, snapshot->at);
 }
 
 /* Writes the file of a snapshot and fills in its path. */
@@ -338,7 +356,8 @@ static result_t take_snapshot(image_writer_t *image_writer, job_t *job, snapshot
     char *final = snapshot->at > 0 ? milestone_path(image_writer->data_dir, snapshot->job, snapshot->at)
                                    : image_writer_image_path(image_writer->data_dir, snapshot->job);
     const image_format_t *format = &snapshot->format;
-    snapshot->keep = snapshot->over && !format->half && !format->png;
+    bool lacks_halves = snapshot->over && format->halves && !farm_job_halves(image_writer->options.farm, job);
+    snapshot->keep = snapshot->over && !format->half && !format->png && !lacks_halves;
     snapshot->path = snapshot->keep
                          ? mem_strdup(final)
                          : mem_printf("%s/snapshots/%016llx.%s", image_writer->data_dir,
@@ -348,8 +367,10 @@ static result_t take_snapshot(image_writer_t *image_writer, job_t *job, snapshot
         result = write_film(image_writer, job, snapshot->path, 0, format);
     else if (access(final, R_OK) != 0)
         result = no_image(image_writer, job, snapshot);
-    else if (format->halves && !farm_job_halves(image_writer->options.farm, job))
+    else if (lacks_halves && snapshot->at > 0)
         result = no_halves(snapshot);
+    else if (lacks_halves)
+        result = write_stored(image_writer, job, snapshot->path, format);
     else if (format->png)
         result = write_png(final, snapshot->path, format->exposure);
     else if (format->half)

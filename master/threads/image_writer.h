@@ -26,6 +26,7 @@ typedef struct image_writer image_writer_t;
 typedef struct {
     farm_t *farm;                 /* kept by the caller, outlives the image writer */
     const blob_store_t *blobs;    /* likewise; has the names for mattes */
+    film_store_t *films;          /* likewise; of jobs that are over */
     checkpointer_t *checkpointer; /* makes room on a full disk; NULL: there is none */
     const char *data_dir;         /* copied */
     int image_wake;               /* the farm's eventfd */

@@ -1,5 +1,5 @@
 /* The two halves of a picture (--halves), with real processes: their mean is the picture, they can be fetched
- * while the job works, and afterwards if the job was submitted so. */
+ * while the job works, and afterwards as long as its film is kept or if it was submitted so. */
 #include "common/image/image.h"
 #include "tests/rig.h"
 #include "tests/scratch.h"
@@ -113,11 +113,38 @@ static void a_job_that_works_can_be_asked_for_them(void **state)
     if (fetch(rig, "1", path, "--half", &said) != 0) fail_msg("%s", said);
     free(said);
     assert_true(has_halves(path));
-    /* It would be without when the job ends, so there is no point in waiting. */
-    assert_int_not_equal(fetch(rig, "1", path, "--wait", &said), 0);
+    free(path);
+}
+
+/* Deletes the films of the master, as if others had needed their place, by a master that keeps none. */
+static void forget_films(rig_t *rig)
+{
+    char *data = mem_strdup(rig->data);
+    rig_kill_master(rig);
+    rig_start_master_on(rig, data, 0.1, (const char *[]){"--keep", "0", NULL});
+    free(data);
+}
+
+static void a_job_that_is_over_too_as_long_as_its_film_is_kept(void **state)
+{
+    rig_t *rig = *state;
+    job_settings_t settings = rig_settings();
+    settings.spp = 6;
+    settings.save_at = (save_at_t){1, {4}};
+    char *path = scratch_path(rig->folder, "half.exr"), *said;
+    hash_t plain;
+    uint64_t job = rig_submit(rig, &settings);
+    assert_int_equal(rig_wait_job(rig, job).state, JOB_DONE);
+    plain = rig_image_hash(rig, job);
+    if (fetch(rig, "1", path, "--wait", &said) != 0) fail_msg("%s", said);
+    free(said);
+    assert_mean(path, 0.5, 1e-5);
+    hash_t after = rig_image_hash(rig, job); /* the image that is kept is as it was */
+    assert_true(hash_equal(&plain, &after));
+    /* There is no film of what it was on the way. */
+    assert_int_not_equal(fetch(rig, "1", path, "--at=4", &said), 0);
     assert_says(said, "submitted without --halves");
-    assert_int_equal(remote_cancel(rig->remote, job).code, RESULT_OK);
-    rig_wait_job(rig, job);
+    forget_films(rig);
     assert_int_not_equal(fetch(rig, "1", path, NULL, &said), 0);
     assert_says(said, "submit it again with --halves");
     free(path);
@@ -149,6 +176,8 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(the_mean_of_the_halves_is_the_picture, set_up, tear_down),
         cmocka_unit_test_setup_teardown(a_job_that_works_can_be_asked_for_them, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(a_job_that_is_over_too_as_long_as_its_film_is_kept, set_up,
+                                        tear_down),
         cmocka_unit_test_setup_teardown(images_of_a_job_that_keeps_them_have_them, set_up, tear_down),
     };
     return cmocka_run_group_tests_name("halves", tests, NULL, NULL);
