@@ -171,6 +171,10 @@ static result_t peek(const void *bytes, uint64_t size, scene_blob_t *blob)
     *blob = (scene_blob_t){.bytes = bytes, .size = size};
     blob->scene = (const blob_scene_t *)(blob->bytes + scene->offset);
     blob->lights = (const blob_light_t *)(blob->bytes + lights->offset);
+    blob->shapes = (const blob_shape_t *)(blob->bytes + header->sections[BLOB_SECTION_SHAPES].offset);
+    blob->strings = (const char *)(blob->bytes + header->sections[BLOB_SECTION_STRINGS].offset);
+    blob->counts[BLOB_SECTION_SHAPES] = header->sections[BLOB_SECTION_SHAPES].count;
+    blob->counts[BLOB_SECTION_STRINGS] = header->sections[BLOB_SECTION_STRINGS].count;
     blob->counts[BLOB_SECTION_SCENE] = scene->count;
     blob->counts[BLOB_SECTION_LIGHTS] = lights->count;
     return result_ok();
@@ -191,16 +195,21 @@ void blob_close(scene_blob_t *blob)
 
 _Static_assert((int)LIGHT_INFINITE == (int)LIGHT_KINDS_COUNT, "light_kind_names has other kinds");
 
+/* Where an area light comes from; NULL when the blob, of which little may have been checked, does not say. */
+static const char *light_place(const scene_blob_t *blob, const blob_light_t *light)
+{
+    uint64_t strings = blob->counts[BLOB_SECTION_STRINGS];
+    if (light->kind != LIGHT_AREA || light->shape >= blob->counts[BLOB_SECTION_SHAPES]) return NULL;
+    uint32_t name = blob->shapes[light->shape].name;
+    return name < strings && blob->strings[strings - 1] == '\0' ? blob->strings + name : NULL;
+}
+
 grouped_light_t *blob_grouped_lights(const scene_blob_t *blob)
 {
     size_t count = blob->counts[BLOB_SECTION_LIGHTS];
     grouped_light_t *lights = mem_alloc((count + 1) * sizeof *lights);
-    for (size_t i = 0; i < count; i++) {
-        const blob_light_t *light = &blob->lights[i];
-        bool area = light->kind == LIGHT_AREA;
-        lights[i] =
-            (grouped_light_t){light->kind, area ? blob->strings + blob->shapes[light->shape].name : NULL};
-    }
+    for (size_t i = 0; i < count; i++)
+        lights[i] = (grouped_light_t){blob->lights[i].kind, light_place(blob, &blob->lights[i])};
     return lights;
 }
 

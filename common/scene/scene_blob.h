@@ -56,7 +56,7 @@ bool blob_instance_is_traceable(const xform_t *start, const xform_t *end);
 /* Maps a file read-only and checks it. RESULT_IO when the system, not the file, is to blame. */
 result_t blob_open_file(const char *path, scene_blob_t *blob);
 /* Maps a file that was checked before, and looks only at what tells where its sections lie: quick, whatever
- * its size. Its view is for blob_default_settings and blob_film_scale alone. */
+ * its size. Its view is for blob_default_settings, blob_film_scale and blob_grouped_lights alone. */
 result_t blob_peek_file(const char *path, scene_blob_t *blob);
 /* Unmaps what these two mapped; harmless on a zeroed or an already closed view. */
 void blob_close(scene_blob_t *blob);

@@ -357,7 +357,7 @@ def check_submissions(asker, name):
                   {"integrator": "pt"}, {"sampler": 1}, {"seed": -1}, {"seed": "0x4"}, {"max_depth": 101}, {"tile_size": 7},
                   {"film_scale": 41}, {"layers": 1}, {"priority": 1001}, {"verify": 2}, {"mixed": "yes"}, {"halves": None},
                   {"save_at": [0]}, {"save_at": 4}, {"save_at": list(range(1, 66))}, {"name": ""}, {"name": 3}, {"blob": "12"},
-                  {"blob": None}, {"cryptomatte": 2}, {"adaptive": 0}):
+                  {"blob": None}, {"cryptomatte": 2}, {"light_groups": 3}, {"light_groups": "a=0,a=1"}, {"adaptive": 0}):
         submit(400, **wrong)
     submit(409, blob="0" * 64)
     asker.ask(401, "POST", "/api/v1/jobs", "{}", right=None)

@@ -198,6 +198,20 @@ static result_t take_end(json_t *body, overrides_t *overrides)
     return take_save_at(body, &overrides->save_at);
 }
 
+static result_t take_light_groups(json_t *body, http_submission_t *submission)
+{
+    const json_t *value = json_object_get(body, "light_groups");
+    if (value == NULL) return result_ok();
+    if (!json_is_string(value) || json_string_length(value) > LIGHT_GROUPS_TEXT)
+        return result_fail(RESULT_USAGE,
+                           "light_groups is a text of at most %d bytes, like \"key=3+4,sky=infinite\"",
+                           LIGHT_GROUPS_TEXT);
+    strcpy(submission->light_groups, json_string_value(value));
+    submission->overrides.light_groups = submission->light_groups;
+    json_object_del(body, "light_groups");
+    return result_ok();
+}
+
 static result_t take_settings(json_t *body, overrides_t *overrides)
 {
     int integrator, sampler;
@@ -233,6 +247,7 @@ result_t body_submission(json_t *body, http_submission_t *submission)
 {
     TRY(take_blob(body, &submission->blob));
     TRY(take_settings(body, &submission->overrides));
+    TRY(take_light_groups(body, submission));
     TRY(take_terms(body, &submission->blob, &submission->terms));
     return check_rest(body, "a submission");
 }

@@ -10,7 +10,8 @@
 /* A job to be. */
 typedef struct {
     hash_t blob;
-    overrides_t overrides; /* of the scene's own settings */
+    overrides_t overrides;                    /* of the scene's own settings */
+    char light_groups[LIGHT_GROUPS_TEXT + 1]; /* that overrides.light_groups points to, if it does */
     job_terms_t terms;
 } http_submission_t;
 

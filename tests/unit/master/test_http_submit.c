@@ -58,6 +58,9 @@ static void make_blob(trial_t *t)
     for (uint32_t i = 0; i < SIDE * SIDE; i++) texels[i] = i * 2654435761u;
     blob_builder_add(builder, BLOB_SECTION_SCENE, &scene, 1);
     blob_builder_add(builder, BLOB_SECTION_OBJECTS, &world, 1);
+    const blob_light_t lights[] = {{.kind = LIGHT_POINT, .world_from_light = xform_identity()},
+                                   {.kind = LIGHT_DISTANT, .world_from_light = xform_identity()}};
+    blob_builder_add(builder, BLOB_SECTION_LIGHTS, lights, 2);
     blob_builder_add(builder, BLOB_SECTION_IMAGES, &image, 1);
     blob_builder_add(builder, BLOB_SECTION_TEXELS, texels, SIDE * SIDE);
     result_t result = blob_builder_finish(builder, &t->blob, &t->size);
@@ -390,6 +393,9 @@ static void a_job_is_as_its_scene_and_its_submission_say(void **state)
     expect_job(t, "\"adaptive\": true, \"spp\": 64", "\"adaptive\":true");
     expect_job(t, "\"save_at\": [2, 8]", "\"save_at\":[2,8]");
     expect_job(t, "\"layers\": false", "\"layers\":false");
+    expect_job(t, "\"light_groups\": \"kinds\"", "\"light_groups\":\"point=point,distant=distant\"");
+    expect_job(t, "\"light_groups\": \"a=1\"", "\"light_groups\":\"a=1,rest\"");
+    expect_job(t, "", "\"light_groups\":\"\"");
     expect_job(t, "\"cryptomatte\": true", "\"cryptomatte\":true");
     expect_job(t, "\"priority\": -3, \"verify\": 0.5, \"mixed\": true, \"halves\": true",
                "\"priority\":-3,\"verify\":0.5,\"mixed\":true,\"halves\":true");
@@ -430,6 +436,8 @@ static void wrong_submissions_are_refused_with_the_reason(void **state)
         const char *members, *reason;
     } cases[] = {{"\"samples\": 3", "knows no 'samples'"},
                  {"\"light_groups_\": []", "knows no 'light_groups_'"},
+                 {"\"light_groups\": 1", "light_groups is a text of at most 511 bytes"},
+                 {"\"light_groups\": \"a=7\"", "the scene has no light '7'; it has point (0), distant (1)"},
                  {"\"spp\": 0", "spp is a whole number from 1 to 1073741824"},
                  {"\"spp\": 1.5", "spp is"},
                  {"\"spp\": \"64\"", "spp is"},
