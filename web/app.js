@@ -25,7 +25,7 @@ const problemOf = (who) => (text) => {
   setText("problem", [...problems.values()].find((one) => one) ?? "");
 };
 const tiles = new Tiles(view, { problem: problemOf("image") });
-const compare = new Compare(view, tiles, { problem: problemOf("other"), change: () => showComparison() });
+const compare = new Compare(view, tiles, { problem: problemOf("other"), change: () => showComparison(), title: (name) => [...$("layer").options].find((one) => one.value === name).text });
 const region = new Region({ problem: problemOf("region"), change: () => showRegion() });
 
 let settle = 0;

@@ -6,12 +6,12 @@ const PINS = 2;
 export const WAYS = [["side", "side by side"], ["wipe", "wipe"], ["signed", "difference"], ["absolute", "absolute difference"]];
 
 /** What the differences' colours mean. */
-const MEANING = { signed: " Orange: now brighter; blue: now darker; black: equal.", absolute: " Black: equal.", wipe: "", side: "" };
+const MEANING = { signed: " Orange: brighter; blue: darker; black: equal.", absolute: " Black: equal.", wipe: "", side: "" };
 
 export class Compare {
   /**
    * `view` draws; `first` are the tiles of the image that is shown; on.problem as Tiles has it, on.change() is told when the
-   * choice or the pins have changed. `what` is "" for nothing, "pin:0", "layer:light" or "job:3".
+   * choice or the pins have changed, on.title(name) is a layer's name for people. `what` is "" for nothing, "pin:0", "layer:light" or "job:3".
    */
   constructor(view, first, on) {
     Object.assign(this, { view, first, on, what: "", how: "side", pins: new Array(PINS).fill(null), nextPin: 0, job: null, jobs: [], refused: "" });
@@ -33,7 +33,7 @@ export class Compare {
   }
   pinName(i) {
     const pin = this.pins[i];
-    return `pin ${Number(i) + 1}: job ${pin.job}, ${pin.name}, ${+pin.samples.toPrecision(2)} samples a pixel${pin.level ? `, level ${pin.level}` : ""}`;
+    return `pin ${Number(i) + 1}: job ${pin.job}, ${this.on.title(pin.name)}, ${+pin.samples.toPrecision(2)} samples a pixel${pin.level ? `, level ${pin.level}` : ""}`;
   }
 
   // ---- the choice
@@ -87,8 +87,8 @@ export class Compare {
     if (this.refused) return this.refused;
     const [kind, value] = this.what.split(":");
     if (!this.job || kind === "") return "";
-    const now = `job ${this.job.job}, ${this.first.name}, now`;
-    const other = kind === "pin" ? this.pinName(value) : kind === "layer" ? `layer ${value}` : `job ${value}, ${this.first.name}`;
+    const layer = this.on.title(this.first.name), now = `job ${this.job.job}, ${layer}, now`;
+    const other = kind === "pin" ? this.pinName(value) : kind === "layer" ? `layer ${this.on.title(value)}` : `job ${value}, ${layer}`;
     if (this.how === "wipe") return `Left of the line: ${other}. Right: ${now}.`;
     const panes = this.view.panes();
     if (this.how === "side") return panes[1]?.y ? `Above: ${now}. Below: ${other}.` : `Left: ${now}. Right: ${other}.`;

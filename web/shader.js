@@ -11,11 +11,12 @@ export const LIGHT = 0, DIRECTIONS = 1, IDS = 2;
 const VERTEX = `#version 300 es
 uniform vec2 viewport; uniform vec3 place; // of the image: its left and top, and its scale, in pixels of the canvas
 in vec4 area; in vec2 size; in vec2 slots; // in pixels of the image: left, top, right, bottom; texels of the tile
-out vec4 texel;
+out vec4 texel; flat out vec2 last; // the middle of the tile's last texel
 void main() {
   vec2 corner = vec2(gl_VertexID & 1, gl_VertexID >> 1);
   vec2 at = place.xy + place.z * mix(area.xy, area.zw, corner);
   texel = vec4(corner * size / ${SIDE}.0, slots);
+  last = (size - 0.5) / ${SIDE}.0;
   gl_Position = vec4(at / viewport * vec2(2, -2) + vec2(-1, 1), 0, 1);
 }`;
 
@@ -24,7 +25,7 @@ void main() {
 const FRAGMENT = `#version 300 es
 precision highp float; precision highp sampler2DArray;
 uniform sampler2DArray tiles; uniform float gain, offset; uniform int tone, mode, kind;
-in vec4 texel; out vec4 colour;
+in vec4 texel; flat in vec2 last; out vec4 colour;
 vec3 srgb(vec3 c) {
   return mix(12.92 * c, 1.055 * pow(max(c, vec3(0)), vec3(1.0 / 2.4)) - 0.055, step(0.0031308, c));
 }
@@ -58,14 +59,16 @@ vec3 shown(vec4 t) {
   return toned(t.rgb * gain + offset, t.a, luminance(t.rgb));
 }
 void main() {
-  vec4 t = texture(tiles, texel.xyz);
+  // A pixel whose middle is on the tile's rim must not come round to its other side.
+  vec2 at = clamp(texel.xy, vec2(0.5 / ${SIDE}.0), last);
+  vec4 t = texture(tiles, vec3(at, texel.z));
   vec3 c;
   if (mode == ${SINGLE}) {
     c = shown(t);
   } else if (kind == ${IDS}) {
-    c = vec3(any(notEqual(t.rgb, texture(tiles, texel.xyw).rgb)));
+    c = vec3(any(notEqual(t.rgb, texture(tiles, vec3(at, texel.w)).rgb)));
   } else {
-    vec3 other = texture(tiles, texel.xyw).rgb;
+    vec3 other = texture(tiles, vec3(at, texel.w)).rgb;
     float d = luminance(t.rgb - other);
     if (mode == ${SIGNED}) c = srgb(clamp(gain * abs(d) * (d > 0.0 ? vec3(1.0, 0.45, 0.1) : vec3(0.1, 0.45, 1.0)), 0.0, 1.0));
     else c = toned(abs(t.rgb - other) * gain + offset, abs(d), abs(luminance(other)));
