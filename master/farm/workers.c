@@ -288,7 +288,8 @@ void farm_reclaim(farm_t *farm, double now, uint64_t id, uint64_t job_id, const 
 
 static worker_report_t report_worker(const farm_t *farm, double now, const worker_t *worker)
 {
-    worker_report_t report = {.threads = worker->threads,
+    worker_report_t report = {.number = worker->id,
+                              .threads = worker->threads,
                               .fingerprint = worker->fingerprint,
                               .relay = worker->relay,
                               .connected = worker->connected,

@@ -127,24 +127,18 @@ static void tell_jobs(const changes_t *before, const changes_t *after, change_fn
 
 /* ---- workers ------------------------------------------------------------------------------------------- */
 
-static bool same_worker(const worker_report_t *a, const worker_report_t *b)
+/* Names and keys are no one's own: two workers may have the same. */
+static int by_number(const void *a, const void *b)
 {
-    return strcmp(a->name, b->name) == 0 && strcmp(a->key, b->key) == 0;
+    const worker_report_t *left = a, *right = b;
+    return left->number < right->number ? -1 : left->number > right->number;
 }
 
-/* The worker of that name, which is connected rather than not; NULL when there is none. */
-static const worker_report_t *find_worker(const changes_t *changes, const worker_report_t *like, size_t hint)
+/* NULL: there is none of this number. */
+static const worker_report_t *find_worker(const changes_t *changes, const worker_report_t *like)
 {
-    const worker_report_t *found = NULL;
-    if (hint < changes->worker_count && changes->workers[hint].connected &&
-        same_worker(&changes->workers[hint], like))
-        return &changes->workers[hint];
-    for (size_t i = 0; i < changes->worker_count; i++) {
-        if (!same_worker(&changes->workers[i], like)) continue;
-        if (changes->workers[i].connected) return &changes->workers[i];
-        found = &changes->workers[i];
-    }
-    return found;
+    if (changes->worker_count == 0) return NULL;
+    return bsearch(like, changes->workers, changes->worker_count, sizeof *like, by_number);
 }
 
 static void tell_worker(const worker_report_t *worker, const char *what, change_fn tell, void *context)
@@ -159,14 +153,14 @@ static void tell_worker(const worker_report_t *worker, const char *what, change_
 static void tell_workers(const changes_t *before, const changes_t *after, change_fn tell, void *context)
 {
     for (size_t i = 0; i < after->worker_count; i++) {
-        const worker_report_t *now = &after->workers[i], *old = find_worker(before, now, i);
+        const worker_report_t *now = &after->workers[i], *old = find_worker(before, now);
         bool was_aside = old != NULL && old->aside[0] != '\0', is_aside = now->aside[0] != '\0';
         if (now->connected && (old == NULL || !old->connected)) tell_worker(now, "joined", tell, context);
         if (is_aside && !was_aside) tell_worker(now, "aside", tell, context);
         if (was_aside && !is_aside && now->connected) tell_worker(now, "back", tell, context);
     }
     for (size_t i = 0; i < before->worker_count; i++) {
-        const worker_report_t *old = &before->workers[i], *now = find_worker(after, old, i);
+        const worker_report_t *old = &before->workers[i], *now = find_worker(after, old);
         if (old->connected && (now == NULL || !now->connected)) tell_worker(old, "left", tell, context);
     }
 }
@@ -180,6 +174,8 @@ static changes_t look(farm_t *farm)
     changes.time = clock_now();
     changes.jobs = farm_report(farm, changes.time, 0, &changes.job_count, &connected);
     changes.workers = farm_worker_report(farm, changes.time, &changes.worker_count);
+    if (changes.worker_count > 0)
+        qsort(changes.workers, changes.worker_count, sizeof *changes.workers, by_number);
     return changes;
 }
 
