@@ -89,7 +89,7 @@ static void only_tiles_with_new_samples_are_sent(void **state)
     rig_destroy(&rig);
 }
 
-/* The same picture, in about the same time, and the exit code of success. */
+/* The same picture and the exit code of success, and no waiting for ever: a slow machine may take its time. */
 static void no_viewer_keeps_a_render_up(void **state)
 {
     (void)state;
@@ -107,13 +107,13 @@ static void no_viewer_keeps_a_render_up(void **state)
     double took = clock_now() - begin;
     hash_t hash = rig_file_hash(alone), other;
     pid_t process = rig_start_command(rig, second);
-    assert_int_equal(rig_wait_exit(rig, process, took + 10), 0);
+    assert_int_equal(rig_wait_exit(rig, process, 4 * took + 60), 0);
     other = rig_file_hash(absent);
     assert_true(hash_equal(&hash, &other));
     assert_told(rig, process, "no image viewer answers");
     assert_told(rig, process, "start tev");
     process = rig_start_command(rig, third);
-    assert_int_equal(rig_wait_exit(rig, process, took + 15), 0);
+    assert_int_equal(rig_wait_exit(rig, process, 4 * took + 60), 0);
     other = rig_file_hash(unread);
     assert_true(hash_equal(&hash, &other));
     assert_told(rig, process, "has not taken the last image");
@@ -186,7 +186,7 @@ static void ctrl_c_ends_the_showing_and_not_the_job(void **state)
     pid_t process = rig_start_command(rig, show);
     free(tev_wait(deaf, "connected", PATIENCE));
     kill(process, SIGINT);
-    assert_int_equal(rig_wait_exit(rig, process, 10), RESULT_CANCELLED);
+    assert_int_equal(rig_wait_exit(rig, process, 60), RESULT_CANCELLED);
     assert_told(rig, process, "the job goes on");
     assert_false(job_state_final(rig_status(rig, job).state));
     assert_int_equal(rig_run(rig, unknown), RESULT_INPUT);
