@@ -10,10 +10,13 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/socket.h>
 
 enum {
-    EVENTS_KEPT = 4096, /* in the ring */
+    EVENTS_KEPT = 4096, /* in the ring, unless it is told otherwise */
+    SOCKET = 64 << 10,  /* bytes of a stream that the kernel keeps, about */
     STREAMS = 128,      /* at a time; connections are left for everything else */
+    CALM = 32,          /* streams for which events come a second later: who hears of something asks for it */
     BLOCK = 4096        /* bytes of a stream's buffer */
 };
 static const double BEAT = 15;  /* seconds of silence after which a comment is sent */
@@ -42,7 +45,8 @@ struct http_events {
     stream_t *streams;
     size_t stream_count;
     uint32_t life; /* tells this process from the one before, in the ids of events */
-    char *ring[EVENTS_KEPT];
+    char **ring;
+    size_t kept;
     uint64_t first, next; /* events from here, to before here, are in the ring */
     changes_t changes;
 };
@@ -53,14 +57,14 @@ static void write_event(void *context, const char *type, json_t *data)
 {
     http_events_t *events = context;
     char *json = json_dumps(data, JSON_COMPACT | JSON_REAL_PRECISION(9)),
-         **place = &events->ring[events->next % EVENTS_KEPT];
+         **place = &events->ring[events->next % events->kept];
     json_decref(data);
     free(*place);
     *place = mem_printf("id: %08" PRIx32 "-%" PRIu64 "\nevent: %s\ndata: %s\n\n", events->life, events->next,
                         type, json != NULL ? json : "{}");
     free(json);
     events->next++;
-    if (events->next - events->first > EVENTS_KEPT) events->first = events->next - EVENTS_KEPT;
+    if (events->next - events->first > events->kept) events->first = events->next - events->kept;
 }
 
 /* What happens from now on is written. */
@@ -110,7 +114,7 @@ static bool load_next(stream_t *stream)
     if (stream->next < events->first)
         load(stream, lost_text(stream));
     else if (stream->next < events->next)
-        load(stream, mem_strdup(events->ring[stream->next++ % EVENTS_KEPT]));
+        load(stream, mem_strdup(events->ring[stream->next++ % events->kept]));
     else if (stream->beat)
         load(stream, mem_strdup(":\n\n"));
     else
@@ -196,8 +200,18 @@ static stream_t *open_stream(http_events_t *events, http_request_t *request)
     return NULL;
 }
 
+/* The kernel would keep megabytes for each reader who does not read. */
+static void limit_socket(const http_request_t *request)
+{
+    const int bytes = SOCKET / 2; /* the kernel doubles it */
+    const union MHD_ConnectionInfo *info =
+        MHD_get_connection_info(request->connection, MHD_CONNECTION_INFO_CONNECTION_FD);
+    if (info != NULL) setsockopt(info->connect_fd, SOL_SOCKET, SO_SNDBUF, &bytes, sizeof bytes);
+}
+
 void http_events_answer(http_events_t *events, http_request_t *request)
 {
+    limit_socket(request);
     stream_t *stream = open_stream(events, request);
     if (stream == NULL) {
         http_reply_problem(request, MHD_HTTP_SERVICE_UNAVAILABLE, "too many listen to events already");
@@ -228,11 +242,12 @@ static void tick(http_events_t *events, double now)
     if (events->stream_count == 0 && now - events->left > GRACE) unwatch(events);
 }
 
-static void wait_a_second(http_events_t *events)
+/* A second, and one more for each CALM that listen. */
+static void wait_a_while(http_events_t *events)
 {
     struct timespec until;
     clock_gettime(CLOCK_MONOTONIC, &until);
-    until.tv_sec++;
+    until.tv_sec += 1 + (time_t)(events->stream_count / CALM);
     pthread_cond_timedwait(&events->listened_to, &events->lock, &until);
 }
 
@@ -242,7 +257,7 @@ static void *events_run(void *context)
     pthread_mutex_lock(&events->lock);
     while (!events->ending) {
         if (events->watching)
-            wait_a_second(events);
+            wait_a_while(events);
         else
             pthread_cond_wait(&events->listened_to, &events->lock);
         if (events->watching && !events->ending) tick(events, clock_now());
@@ -253,12 +268,14 @@ static void *events_run(void *context)
 
 /* ---- the whole ----------------------------------------------------------------------------------------- */
 
-result_t http_events_start(farm_t *farm, http_events_t **out)
+result_t http_events_start(farm_t *farm, uint32_t kept, http_events_t **out)
 {
     http_events_t *events = mem_zalloc(1, sizeof *events);
     cond_init_monotonic(&events->listened_to);
     pthread_mutex_init(&events->lock, NULL);
     events->farm = farm;
+    events->kept = kept > 0 ? kept : EVENTS_KEPT;
+    events->ring = mem_zalloc(events->kept, sizeof *events->ring);
     events->first = events->next = 1;
     randombytes_buf(&events->life, sizeof events->life);
     *out = events;
@@ -282,7 +299,8 @@ void http_events_free(http_events_t **out)
 {
     http_events_t *events = *out;
     if (events == NULL) return;
-    for (size_t i = 0; i < EVENTS_KEPT; i++) free(events->ring[i]);
+    for (size_t i = 0; i < events->kept; i++) free(events->ring[i]);
+    free(events->ring);
     changes_free(&events->changes);
     pthread_cond_destroy(&events->listened_to);
     pthread_mutex_destroy(&events->lock);

@@ -11,8 +11,8 @@
 
 typedef struct http_events http_events_t;
 
-/* Starts the thread. The farm is kept by the caller. */
-result_t http_events_start(farm_t *farm, http_events_t **events);
+/* Starts the thread. The farm is kept by the caller. So many events are kept (0: 4096). */
+result_t http_events_start(farm_t *farm, uint32_t kept, http_events_t **events);
 /* Ends all streams and joins the thread; before the server's thread ends. NULL is allowed, here and below. */
 void http_events_end(http_events_t *events);
 /* Frees everything, after the server's thread has ended, and sets *events to NULL. */

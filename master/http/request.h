@@ -17,7 +17,7 @@ enum {
     HTTP_MAX_BODY = 4 << 10, /* bytes */
     HTTP_MAX_UPLOADS = 8,    /* at a time */
     HTTP_MAX_IMAGES = 32,    /* requests that wait for an image, or read one */
-    HTTP_MAX_WAITING = 64    /* requests that wait for another thread */
+    HTTP_MAX_WAITING = 256   /* requests that wait for another thread */
 };
 
 typedef struct http_server http_server_t;

@@ -18,9 +18,10 @@
 #include <unistd.h>
 
 enum {
-    CONNECTIONS = 256,           /* at a time */
-    CONNECTIONS_A_PEER = 160,    /* of them from one address, which may be a proxy's */
+    CONNECTIONS = 1024,          /* at a time */
+    CONNECTIONS_A_PEER = 160,    /* of them from one address, unless all come from this machine */
     IDLE = 30,                   /* seconds without a byte, after which a connection is closed */
+    HEADERS = 30,                /* seconds in which a connection is to say what it wants */
     CONNECTION_BYTES = 32 << 10, /* for the headers of a request */
     MAX_PEM = 1 << 20            /* bytes of a file with certificates */
 };
@@ -118,6 +119,25 @@ static enum MHD_Result answer(http_request_t *request)
     return request->answered;
 }
 
+static patient_t *patient_of(struct MHD_Connection *connection)
+{
+    const union MHD_ConnectionInfo *info =
+        MHD_get_connection_info(connection, MHD_CONNECTION_INFO_SOCKET_CONTEXT);
+    return info != NULL ? info->socket_context : NULL;
+}
+
+static void on_connection(void *context, struct MHD_Connection *connection, void **state,
+                          enum MHD_ConnectionNotificationCode what)
+{
+    http_server_t *server = context;
+    const union MHD_ConnectionInfo *info =
+        MHD_get_connection_info(connection, MHD_CONNECTION_INFO_CONNECTION_FD);
+    if (what == MHD_CONNECTION_NOTIFY_CLOSED)
+        patience_gone(server->patience, *state);
+    else if (info != NULL)
+        *state = patience_begin(server->patience, info->connect_fd);
+}
+
 static enum MHD_Result on_request(void *context, struct MHD_Connection *connection, const char *url,
                                   const char *method, const char *version, const char *data, size_t *size,
                                   void **state)
@@ -131,6 +151,7 @@ static enum MHD_Result on_request(void *context, struct MHD_Connection *connecti
         *request = (http_request_t){.server = server, .master = &server->master, .connection = connection};
     }
     request->path = url;
+    if (first) patience_asked(request->server->patience, patient_of(connection));
     if (first) return begin(request, method);
     if (*size == 0) return answer(request);
     request->answered = MHD_YES;
@@ -146,9 +167,10 @@ static enum MHD_Result on_request(void *context, struct MHD_Connection *connecti
 static void on_end(void *context, struct MHD_Connection *connection, void **state,
                    enum MHD_RequestTerminationCode code)
 {
-    (void)context, (void)connection, (void)code;
+    (void)code;
     http_request_t *request = *state;
     if (request == NULL) return;
+    patience_answered(((http_server_t *)context)->patience, patient_of(connection));
     if (request->release != NULL) request->release(request);
     free(request->body);
     free(request);
@@ -212,7 +234,9 @@ static char *make_url(const http_server_t *server, const http_options_t *options
     return mem_printf("http%s://%s:%d/", server->cert != NULL ? "s" : "", host, address->port);
 }
 
-static result_t start_daemon(http_server_t *server, const http_options_t *options)
+/* `exposed`: other machines reach it. Otherwise all come from one address, a proxy or the ends of tunnels,
+ * and a limit for it would be one for all. */
+static result_t start_daemon(http_server_t *server, const http_options_t *options, bool exposed)
 {
     unsigned flags =
         MHD_USE_EPOLL_INTERNAL_THREAD | MHD_ALLOW_SUSPEND_RESUME | MHD_USE_ITC | MHD_USE_ERROR_LOG;
@@ -225,10 +249,12 @@ static result_t start_daemon(http_server_t *server, const http_options_t *option
     if (server->cert != NULL) flags |= MHD_USE_TLS;
     server->daemon = MHD_start_daemon(
         flags, 0, NULL, NULL, on_request, server, MHD_OPTION_EXTERNAL_LOGGER, on_log, NULL,
-        MHD_OPTION_LISTEN_SOCKET, server->listener, MHD_OPTION_NOTIFY_COMPLETED, on_end, NULL,
-        MHD_OPTION_CONNECTION_LIMIT, (unsigned)CONNECTIONS, MHD_OPTION_PER_IP_CONNECTION_LIMIT,
-        (unsigned)CONNECTIONS_A_PEER, MHD_OPTION_CONNECTION_TIMEOUT, (unsigned)IDLE,
-        MHD_OPTION_CONNECTION_MEMORY_LIMIT, (size_t)CONNECTION_BYTES, MHD_OPTION_ARRAY, tls, MHD_OPTION_END);
+        MHD_OPTION_LISTEN_SOCKET, server->listener, MHD_OPTION_NOTIFY_COMPLETED, on_end, server,
+        MHD_OPTION_NOTIFY_CONNECTION, on_connection, server, MHD_OPTION_CONNECTION_LIMIT,
+        (unsigned)CONNECTIONS, MHD_OPTION_PER_IP_CONNECTION_LIMIT,
+        exposed ? (unsigned)CONNECTIONS_A_PEER : (unsigned)CONNECTIONS, MHD_OPTION_CONNECTION_TIMEOUT,
+        (unsigned)IDLE, MHD_OPTION_CONNECTION_MEMORY_LIMIT, (size_t)CONNECTION_BYTES, MHD_OPTION_ARRAY, tls,
+        MHD_OPTION_END);
     if (server->daemon != NULL) return result_ok();
     if (server->cert == NULL) return result_fail(RESULT_LIMIT, "cannot start the HTTP server's thread");
     return result_fail(RESULT_INPUT,
@@ -267,12 +293,14 @@ static result_t start(http_server_t *server, const http_options_t *options, cons
     tiles_options_t tiles = {
         .farm = server->master.farm, .image_path = server->master.image_path, .data_dir = data_dir};
     TRY(tiles_start(&tiles, &server->tiles));
-    TRY(http_events_start(server->master.farm, &server->events));
+    TRY(patience_start(options->patience > 0 ? options->patience : HEADERS, &server->patience));
+    TRY(pace_start(server->master.farm, &server->pace));
+    TRY(http_events_start(server->master.farm, options->events_kept, &server->events));
     TRY(http_listen(options->listen, server->cert != NULL, &listening));
     server->listener = listening.socket;
     TRY(guard_init(&server->guard, bound_host(&listening.address), &options->hosts));
     server->url = make_url(server, options, &listening.address);
-    TRY(start_daemon(server, options));
+    TRY(start_daemon(server, options, listening.exposed));
     TRY(write_url(server, data_dir));
     log_info("the page is at %s (lightmill open --data %s)", server->url, data_dir);
     return result_ok();
@@ -282,12 +310,15 @@ static result_t start(http_server_t *server, const http_options_t *options, cons
 static void dismantle(http_server_t *server)
 {
     http_events_end(server->events);
+    pace_end(server->pace);
     if (server->daemon != NULL)
         MHD_stop_daemon(server->daemon); /* closes the listener */
     else if (server->listener >= 0)
         close(server->listener);
     http_events_free(&server->events);
     tiles_stop(&server->tiles);
+    pace_free(&server->pace);
+    patience_stop(&server->patience);
     if (server->url_path != NULL) unlink(server->url_path);
     if (server->url_lock >= 0) close(server->url_lock);
     if (server->key != NULL) sodium_memzero(server->key, strlen(server->key));
@@ -326,6 +357,9 @@ void http_server_stop(http_server_t **out)
     if (server == NULL) return;
     pthread_mutex_lock(&server->lock);
     server->ending = true;
+    pthread_mutex_unlock(&server->lock);
+    pace_end(server->pace); /* what waits for its turn goes on */
+    pthread_mutex_lock(&server->lock);
     while (server->waiting > 0) pthread_cond_wait(&server->idle, &server->lock);
     pthread_mutex_unlock(&server->lock);
     dismantle(server);

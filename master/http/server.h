@@ -16,6 +16,8 @@ typedef struct {
     const char *listen;     /* "[HOST:]PORT"; NULL: no server */
     option_list_t hosts;    /* further names by which it is reached */
     const char *cert, *key; /* files in PEM; NULL: no TLS */
+    double patience;        /* seconds for the headers of a request (patience.h); 0: as long as usual */
+    uint32_t events_kept;   /* for who comes back; 0: as many as usual */
 } http_options_t;
 extern const option_group_t http_options;
 

@@ -3,8 +3,10 @@
 #define LIGHTMILL_HTTP_SERVER_STATE_H
 
 #include "master/http/access/guard.h"
+#include "master/http/access/patience.h"
 #include "master/http/access/tokens.h"
 #include "master/http/events.h"
+#include "master/http/pace.h"
 #include "master/http/server.h"
 #include "master/http/tiles.h"
 
@@ -20,6 +22,8 @@ struct http_server {
     guard_t guard;
     http_tokens_t tokens;
     tiles_t *tiles;
+    pace_t *pace;
+    patience_t *patience;
     http_events_t *events;
     double started;
     int images, uploads;  /* requests for images, uploads; of the server's thread alone */

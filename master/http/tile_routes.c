@@ -58,21 +58,52 @@ static void send_tiles(http_request_t *request, uint8_t *bytes, size_t size)
     http_reply_response(request, MHD_HTTP_OK, "application/octet-stream", response);
 }
 
+static void reply_tiles(http_request_t *request, const result_t *result, uint8_t *bytes, size_t size)
+{
+    if (result->code == RESULT_UNREACHABLE)
+        http_reply_no_job(request, request->numbers[0]);
+    else if (result->code != RESULT_OK)
+        http_reply_failure(request, result);
+    else
+        send_tiles(request, bytes, size);
+}
+
+/* What was asked was right when the request was put aside; its turn has come, or has not come in time. */
+static void show_tiles_in_turn(http_request_t *request)
+{
+    layer_t layer;
+    tile_query_t query;
+    uint8_t *bytes = NULL;
+    size_t size = 0;
+    tiles_t *tiles = request->server->tiles;
+    uint64_t job = request->numbers[0];
+    result_t result = read_query(request, &layer, &query);
+    if (result.code == RESULT_OK && request->value == 0)
+        result = tiles_get_nothing(tiles, job, &query, &bytes, &size);
+    else if (result.code == RESULT_OK)
+        result = tiles_get(tiles, job, layer, &query, &bytes, &size);
+    if (result.code == RESULT_OK) pace_sent(request->server->pace, size);
+    reply_tiles(request, &result, bytes, size);
+}
+
 static void show_tiles(http_request_t *request)
 {
     layer_t layer;
     tile_query_t query;
-    uint8_t *bytes;
-    size_t size;
+    uint8_t *bytes = NULL;
+    size_t size = 0;
+    http_server_t *server = request->server;
     result_t result = read_query(request, &layer, &query);
+    if (result.code == RESULT_OK && !pace_may_send(server->pace, query.since == 0) &&
+        tiles_newer(server->tiles, request->numbers[0], layer, &query)) {
+        tiles_note_wait(server->tiles);
+        pace_wait(server->pace, request, show_tiles_in_turn);
+        return;
+    }
     if (result.code == RESULT_OK)
-        result = tiles_get(request->server->tiles, request->numbers[0], layer, &query, &bytes, &size);
-    if (result.code == RESULT_UNREACHABLE)
-        http_reply_no_job(request, request->numbers[0]);
-    else if (result.code != RESULT_OK)
-        http_reply_failure(request, &result);
-    else
-        send_tiles(request, bytes, size);
+        result = tiles_get(server->tiles, request->numbers[0], layer, &query, &bytes, &size);
+    if (result.code == RESULT_OK) pace_sent(server->pace, size);
+    reply_tiles(request, &result, bytes, size);
 }
 
 static const http_route_t routes[] = {{"GET", "/api/v1/jobs/#/tiles", HTTP_VIEW, show_tiles}};

@@ -56,6 +56,7 @@ struct tiles {
     pthread_cond_t asked;
     bool stop;
     uint64_t unsent; /* bytes of answers */
+    double waited;   /* when somebody had to wait last */
     watch_t watches[TILES_MAX_JOBS];
 };
 
@@ -327,6 +328,16 @@ static job_t *watched_job(tiles_t *tiles, watch_t *watch, double now)
     return pinned;
 }
 
+/* When the layers of a watch that are there may be made anew. */
+static double refresh_time(const snapshot_t *snapshot, double now)
+{
+    tiles_t *tiles = snapshot->tiles;
+    pthread_mutex_lock(&tiles->lock);
+    bool busy = now - tiles->waited < TILES_BUSY_INTERVAL;
+    pthread_mutex_unlock(&tiles->lock);
+    return fmax(tiles->refresh, snapshot->watch->made + (busy ? TILES_BUSY_INTERVAL : 0));
+}
+
 /* Is a snapshot of the watch to be made now, by the layers that are looked at? */
 static bool is_due(snapshot_t *snapshot, double now)
 {
@@ -334,9 +345,10 @@ static bool is_due(snapshot_t *snapshot, double now)
     const watch_t *watch = snapshot->watch;
     bool due = false;
     if (!choose_layers(snapshot)) return false;
+    double refresh = refresh_time(snapshot, now);
     for (int l = 0; l < LAYERS; l++) {
         const watched_layer_t *layer = &watch->layers[l];
-        double turn = layer->version == 0 ? tiles->ready : tiles->refresh;
+        double turn = layer->version == 0 ? tiles->ready : refresh;
         due |= snapshot->wanted[l] && now >= layer->next && now >= turn;
     }
     return due;
@@ -487,6 +499,41 @@ result_t tiles_get(tiles_t *tiles, uint64_t job, layer_t layer, const tile_query
     return result;
 }
 
+bool tiles_newer(tiles_t *tiles, uint64_t job, layer_t layer, const tile_query_t *query)
+{
+    bool newer = false;
+    pthread_mutex_lock(&tiles->lock);
+    for (size_t i = 0; i < TILES_MAX_JOBS; i++) {
+        watch_t *watch = &tiles->watches[i];
+        if (watch->job != job) continue;
+        watched_layer_t *watched = &watch->layers[layer];
+        watch->asked = watched->asked = clock_now();
+        newer = watched->version != 0 && watched->version != query->since;
+    }
+    pthread_mutex_unlock(&tiles->lock);
+    return newer;
+}
+
+result_t tiles_get_nothing(tiles_t *tiles, uint64_t job, const tile_query_t *query, uint8_t **bytes,
+                           size_t *size)
+{
+    job_settings_t settings;
+    if (!settings_of(tiles, job, &settings))
+        return result_fail(RESULT_UNREACHABLE, "there is no job %llu", (unsigned long long)job);
+    TRY(pyramid_answer(NULL, settings.width, settings.height, query->since, query, bytes, size));
+    pthread_mutex_lock(&tiles->lock);
+    tiles->unsent += *size;
+    pthread_mutex_unlock(&tiles->lock);
+    return result_ok();
+}
+
+void tiles_note_wait(tiles_t *tiles)
+{
+    pthread_mutex_lock(&tiles->lock);
+    tiles->waited = clock_now();
+    pthread_mutex_unlock(&tiles->lock);
+}
+
 /* ---- life ---------------------------------------------------------------------------------------------- */
 
 static void tiles_free(tiles_t *tiles)
@@ -504,6 +551,7 @@ result_t tiles_start(const tiles_options_t *options, tiles_t **out)
     tiles_t *tiles = mem_zalloc(1, sizeof *tiles);
     tiles->options = *options;
     tiles->data_dir = mem_strdup(options->data_dir);
+    tiles->waited = -TILES_BUSY_INTERVAL;
     tiles->max_bytes = options->max_bytes;
     tiles->max_answers = options->max_answers > 0 ? options->max_answers : TILES_MAX_ANSWERS;
     uint64_t share = memory_limit() / 16;

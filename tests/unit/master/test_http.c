@@ -11,6 +11,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/socket.h>
 #include <sys/stat.h>
 #include <unistd.h>
 /* After setjmp and stdarg. */
@@ -369,7 +370,7 @@ static void orders_are_carried_out(void **state)
     json_decref(root);
     assert_int_equal(status(t, "DELETE", "/api/v1/jobs/1", token, NULL), 409); /* it is not over */
     assert_int_equal(post(t, job, "cancel", token, NULL), 200);
-    peer_wait(t->peer, job, 5);
+    peer_wait(t->peer, job, 30);
     assert_int_equal(status(t, "DELETE", "/api/v1/jobs/1", token, NULL), 204);
     assert_int_equal(status(t, "GET", "/api/v1/jobs/1", token, NULL), 404);
     assert_int_equal(post(t, job, "pause", token, NULL), 404);
@@ -466,6 +467,23 @@ static void events_tell_what_happens(void **state)
     close(stream);
 }
 
+/* Two workers that call themselves the same are two. */
+static void workers_of_one_name_are_told_apart(void **state)
+{
+    http_test_t *t = *state;
+    int stream = listen_to(t, NULL);
+    free(expect_text(stream, "retry:"));
+    peer_t *second = peer_new(master_control_port(t->master));
+    peer_hello(t->peer, WIRE_VERSION, 1, NULL);
+    free(expect_text(stream, "\"what\":\"joined\""));
+    peer_hello(second, WIRE_VERSION, 1, NULL);
+    free(expect_text(stream, "\"what\":\"joined\""));
+    peer_goodbye(second);
+    free(expect_text(stream, "\"what\":\"left\""));
+    peer_destroy(&second);
+    close(stream);
+}
+
 static void a_reader_that_comes_back_loses_nothing(void **state)
 {
     http_test_t *t = *state;
@@ -481,10 +499,10 @@ static void a_reader_that_comes_back_loses_nothing(void **state)
     usleep(3000000); /* it is written while nobody listens */
     assert_int_equal(post(t, job, "resume", t->tokens.operate, NULL), 200);
     stream = listen_to(t, id);
-    text = expect_text(stream, "\"paused\"");
+    text = expect_text(stream, "\"queued\""); /* both may come at once */
+    assert_non_null(strstr(text, "\"paused\""));
     assert_null(strstr(text, "event: lost"));
     free(text);
-    free(expect_text(stream, "\"queued\""));
     close(stream);
 }
 
@@ -498,6 +516,81 @@ static void who_has_lost_events_is_told(void **state)
         free(expect_text(stream, "event: lost\ndata: {}\n\n"));
         close(stream);
     }
+}
+
+/* Starts the master again, with few events kept, and one second for headers. */
+static void begin_short(http_test_t *t)
+{
+    peer_destroy(&t->peer);
+    master_stop(&t->master);
+    master_options_t options = options_of(t->folder);
+    options.http.events_kept = 64;
+    options.http.patience = 1;
+    assert_int_equal(master_start(&options, &t->master).code, RESULT_OK);
+    assert_int_equal(sscanf(master_page_url(t->master), "http://127.0.0.1:%d/", &t->port), 1);
+    t->peer = peer_new(master_control_port(t->master));
+}
+
+static void post_all(http_test_t *t, uint64_t first, uint64_t last, const char *what)
+{
+    for (uint64_t job = first; job <= last; job++)
+        assert_int_equal(post(t, job, what, t->tokens.operate, NULL), 200);
+}
+
+/* More events than are kept: who comes back is told so, and so is who has listened all the time and not read.
+ */
+static void a_ring_that_runs_over_is_told(void **state)
+{
+    http_test_t *t = *state;
+    enum { JOBS = 80, ROUNDS = 10 };
+    begin_short(t);
+    uint64_t first = submit(t), last = first;
+    int deaf = listen_to(t, NULL), stream = listen_to(t, NULL);
+    free(expect_text(deaf, "retry:"));
+    free(expect_text(stream, "retry:"));
+    assert_int_equal(post(t, first, "pause", t->tokens.operate, NULL), 200);
+    char id[64], *text = expect_text(stream, "\"paused\"");
+    assert_int_equal(sscanf(strstr(text, "id: "), "id: %63[^\n]", id), 1);
+    free(text);
+    close(stream);
+    while (last < first + JOBS) last = submit(t);
+    for (int round = 0; round < ROUNDS; round++) {
+        post_all(t, first + 1, last, round % 2 == 0 ? "pause" : "resume");
+        usleep(1100000); /* they are written once a second */
+    }
+    stream = listen_to(t, id);
+    free(expect_text(stream, "event: lost\ndata: {}\n\n"));
+    free(expect_text(deaf, "event: lost\ndata: {}\n\n"));
+    assert_int_equal(post(t, first, "resume", t->tokens.operate, NULL), 200);
+    free(expect_text(stream, "\"queued\"")); /* what happens from now on comes */
+    free(expect_text(deaf, "\"queued\""));
+    close(stream);
+    close(deaf);
+}
+
+/* A byte now and then does not keep a connection, before its first request or after one; a stream stays. */
+static void connections_that_dawdle_are_closed(void **state)
+{
+    http_test_t *t = *state;
+    begin_short(t);
+    int stream = listen_to(t, NULL), slow = http_open(t->port, "GET / HTTP/1.1\r\nHost: localhost\r\nX: "),
+        second = http_open(t->port, "GET /healthz HTTP/1.1\r\nHost: localhost\r\n\r\n");
+    free(expect_text(stream, "retry:"));
+    free(expect_text(second, "HTTP/1.1 200"));
+    double start = clock_now();
+    bool open = true;
+    while (open && clock_now() - start < 20) {
+        open = send(slow, "x", 1, MSG_NOSIGNAL) == 1 || send(second, "G", 1, MSG_NOSIGNAL) == 1;
+        usleep(100000);
+    }
+    assert_false(open);
+    assert_true(clock_now() - start > 0.5);
+    submit(t);
+    free(expect_text(stream, "\"queued\""));
+    assert_int_equal(status(t, "GET", "/healthz", NULL, NULL), 200);
+    close(stream);
+    close(slow);
+    close(second);
 }
 
 /* A master that ends does not wait for those who listen. */
@@ -660,8 +753,11 @@ int main(void)
         TEST(orders_are_durable),
         TEST(the_error_has_a_history),
         TEST(events_tell_what_happens),
+        TEST(workers_of_one_name_are_told_apart),
         TEST(a_reader_that_comes_back_loses_nothing),
         TEST(who_has_lost_events_is_told),
+        TEST(a_ring_that_runs_over_is_told),
+        TEST(connections_that_dawdle_are_closed),
         TEST(streams_end_with_the_master),
         TEST(streams_leave_room_for_others),
         TEST(metrics_follow_the_conventions),

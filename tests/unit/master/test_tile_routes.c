@@ -1,5 +1,6 @@
 /* Tests of tile_routes.c: a real master, real sockets, and questions of all sorts. */
 #include "master/http/access/tokens.h"
+#include "master/http/pace.h"
 #include "master/master.h"
 #include "tests/http_client.h"
 #include "tests/peer.h"
@@ -10,6 +11,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 /* After setjmp and stdarg. */
 #include <cmocka.h>
 
@@ -117,12 +119,89 @@ static void test_strangers_and_unknown_jobs_get_nothing(void **state)
         405);
 }
 
+/* A job of eight megabytes of tiles, of which something has been rendered. */
+static uint64_t large_job(trial_t *trial, peer_t *peer)
+{
+    hash_t blob;
+    uint64_t size, job;
+    free(peer_blob(0, &size, &blob)); /* the master has it */
+    job_settings_t settings = job_settings_default();
+    settings.width = settings.height = 1024;
+    settings.features = false;
+    assert_int_equal(peer_cancel(peer, trial->job).code, RESULT_OK);
+    assert_int_equal(peer_submit(peer, "large", &settings, &blob, &job).code, RESULT_OK);
+    peer_work_t work;
+    peer_hello(peer, WIRE_VERSION, 1, NULL);
+    peer_work(peer, 4096, 4096, &work);
+    assert_int_equal(work.job, job);
+    batch_t batch = peer_render(&work.settings, work.units, work.unit_count);
+    assert_int_equal(peer_send_batch(peer, job, &batch).code, RESULT_OK);
+    batch_free(&batch);
+    return job;
+}
+
+/* Asks; returns the bytes of the answer, and how long it took. */
+static size_t ask_timed(trial_t *trial, uint64_t job, const char *query, double *seconds)
+{
+    double start = clock_now();
+    http_answer_t answer = ask(trial, job, query);
+    assert_int_equal(answer.status, 200);
+    size_t size = answer.size;
+    http_answer_free(&answer);
+    *seconds = clock_now() - start;
+    return size;
+}
+
+/* Eight megabytes are two seconds' worth. Who has something to show waits until they are paid for; who has
+ * nothing yet does not, nor does who would get nothing new. */
+static void test_watchers_take_turns(void **state)
+{
+    trial_t *trial = *state;
+    double seconds;
+    peer_t *peer = peer_new(master_control_port(trial->master));
+    uint64_t job = large_job(trial, peer);
+    size_t whole = 256 * (8 + 64 * 64 * 8) + 28, got = 0;
+    for (int i = 0; i < 500 && got < whole; i++, usleep(20000)) got = ask_timed(trial, job, "", &seconds);
+    assert_int_equal(got, whole);
+    assert_int_equal(ask_timed(trial, job, "?since=1", &seconds), 28);
+    assert_true(seconds < 1);
+    assert_int_equal(ask_timed(trial, job, "?since=0", &seconds), whole);
+    assert_int_equal(ask_timed(trial, job, "?since=7", &seconds), whole); /* of another life of the master */
+    assert_true(seconds > 2 && seconds < PACE_PATIENCE);
+    peer_destroy(&peer);
+}
+
+/* A master that ends does not keep who waits. */
+static void test_who_waits_is_answered_at_the_end(void **state)
+{
+    trial_t *trial = *state;
+    double seconds;
+    peer_t *peer = peer_new(master_control_port(trial->master));
+    uint64_t job = large_job(trial, peer);
+    size_t got = 0;
+    for (int i = 0; i < 500 && got <= 28; i++, usleep(20000)) got = ask_timed(trial, job, "", &seconds);
+    for (int i = 0; i < 3; i++) ask_timed(trial, job, "", &seconds); /* eight seconds are to be paid */
+    char *question = mem_printf("GET /api/v1/jobs/%llu/tiles?since=7 HTTP/1.1\r\nHost: localhost\r\n"
+                                "Authorization: Bearer %s\r\n\r\n",
+                                (unsigned long long)job, trial->tokens.view);
+    int connection = http_open(trial->port, question);
+    assert_null(http_read_until(connection, "HTTP", 1)); /* it waits */
+    double start = clock_now();
+    peer_destroy(&peer);
+    master_stop(&trial->master);
+    assert_true(clock_now() - start < 5);
+    close(connection);
+    free(question);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(test_a_job_without_samples_has_a_size_and_no_tiles, set_up,
                                         tear_down),
         cmocka_unit_test_setup_teardown(test_a_wrong_question_is_refused_with_the_reason, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(test_watchers_take_turns, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(test_who_waits_is_answered_at_the_end, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_strangers_and_unknown_jobs_get_nothing, set_up, tear_down),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
