@@ -39,7 +39,8 @@ master/trust                : master/state
 master/farm                 : master/trust
 master/http/access          : proto/wire
 master/http/parse           : proto/wire
-master/http                 : master/farm master/http/access master/http/parse
+master/http/watch           : master/farm
+master/http                 : master/farm master/http/access master/http/parse master/http/watch
 master/threads              : master/http common/notify
 master                      : master/threads
 relay                       : proto/uplink proto/serve

@@ -8,7 +8,7 @@
 #include "master/http/events.h"
 #include "master/http/pace.h"
 #include "master/http/server.h"
-#include "master/http/tiles.h"
+#include "master/http/watch/tiles.h"
 
 #include <pthread.h>
 

@@ -1,7 +1,7 @@
 /* Tests of tile_pyramid.c and tiles.c: what the page sees of an image is the image. Answers are decoded here
  * by the words of tile_pyramid.h, with halves of its own. */
 #include "common/film/picture.h"
-#include "master/http/tiles.h"
+#include "master/http/watch/tiles.h"
 #include "tests/scratch.h"
 #include "tests/toy_farm.h"
 

@@ -13,7 +13,7 @@
 #define LIGHTMILL_TILES_H
 
 #include "master/farm/farm.h"
-#include "master/http/tile_pyramid.h"
+#include "master/http/watch/tile_pyramid.h"
 
 enum {
     TILES_MAX_JOBS = 8,            /* watched at a time */

@@ -14,7 +14,7 @@
  * When there is no room for a layer, the one that nobody has asked for since TILES_HOLD, and longest, goes.
  * When all are being looked at, the new one is refused: layers that push one another out would be made for
  * ever. */
-#include "master/http/tiles.h"
+#include "master/http/watch/tiles.h"
 
 #include "common/memory_limit.h"
 #include "common/thread.h"

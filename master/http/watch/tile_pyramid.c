@@ -1,5 +1,5 @@
 /* tile_pyramid: see tile_pyramid.h. */
-#include "master/http/tile_pyramid.h"
+#include "master/http/watch/tile_pyramid.h"
 
 #include <immintrin.h>
 #include <stdlib.h>
