@@ -124,6 +124,16 @@ export class View {
       if (second) this.line(second.x ? second.x - GAP : 0, second.y ? second.y - GAP : 0, second.x ? GAP : canvas.width, second.y ? GAP : canvas.height, 0);
     }
     this.panes().forEach((p) => this.paintMark(p));
+    if (second) [pane, second].forEach((p) => this.paintProbe(p));
+  }
+  /** A small frame around the probe, to find it in the other pane too. */
+  paintProbe(pane) {
+    const { probe, scale } = this;
+    if (!probe) return;
+    const middle = (at, from) => from + (at + 0.5) * scale, half = Math.max(4, scale / 2);
+    const x = middle(probe.x, this.x), y = middle(probe.y, this.y);
+    if (x < 0 || y < 0 || x >= pane.w || y >= pane.h) return;
+    this.frameAround(pane, x - half, y - half, x + half, y + half);
   }
   /** A white line with a dark rim, to be seen on everything. */
   line(x, y, w, h, rim = 1) {
@@ -132,11 +142,13 @@ export class View {
   }
   /** The outline of the rectangle, in one pane. */
   paintMark(pane) {
-    const { mark, scale } = this;
-    if (!mark) return;
-    const clip = (v, most) => Math.round(Math.min(Math.max(v, 0), most));
-    const x0 = clip(this.x + mark.x0 * scale - 1, pane.w), x1 = clip(this.x + mark.x1 * scale + 1, pane.w);
-    const y0 = clip(this.y + mark.y0 * scale - 1, pane.h), y1 = clip(this.y + mark.y1 * scale + 1, pane.h);
+    const { mark, scale, x, y } = this;
+    if (mark) this.frameAround(pane, x + mark.x0 * scale - 1, y + mark.y0 * scale - 1, x + mark.x1 * scale + 1, y + mark.y1 * scale + 1);
+  }
+  /** A white frame with a dark rim around a rectangle of a pane; it stays inside. */
+  frameAround(pane, left, top, right, bottom) {
+    const clip = (v, most) => Math.round(Math.min(Math.max(v, 1), most - 1));
+    const x0 = clip(left, pane.w), x1 = clip(right, pane.w), y0 = clip(top, pane.h), y1 = clip(bottom, pane.h);
     const frame = (d, colour) => {
       const x = pane.x + x0 - d, y = pane.y + y0 - d, w = x1 - x0 + 2 * d, h = y1 - y0 + 2 * d;
       for (const edge of [[x, y, w, 1], [x, y + h - 1, w, 1], [x, y, 1, h], [x + w - 1, y, 1, h]]) this.painter.fill(...edge, colour);
@@ -270,6 +282,7 @@ export class View {
     const inside = x >= 0 && y >= 0 && x < this.width && y < this.height;
     this.probe = inside ? { x, y } : null;
     if (this.stretching && this.probe) this.stretch(x, y);
+    if (this.panes().length > 1) this.draw();
     this.onProbe();
   }
   moveProbe(dx, dy) {

@@ -276,6 +276,7 @@ const tests = {
     await page.keyboard.press("1");
     await setRange("#exposure", 1);
     await until("the tiles", async () => (await shown()).layer === "eye" && (await complete()));
+    await page.evaluate(() => lightmill.view.setProbe(-1, -1)); // its frame is drawn in both panes
     await assertCanvas("eye.", 1, 0);
     await assertCanvas("light.", 1, 1);
     assert.match(await text("#comparison"), /Left: job \d+, eye, now. Right: layer light/);
@@ -397,6 +398,10 @@ const tests = {
     await settled();
     await page.selectOption("#other", "pin:0");
     await page.keyboard.press("1");
+    const plain = await canvas(1);
+    await page.evaluate(() => lightmill.view.setProbe(100, 50));
+    assert.notDeepEqual(await canvas(1), plain, "the probe is framed in the other pane too");
+    await page.evaluate(() => lightmill.view.setProbe(-1, -1));
     assertNear(await canvas(0), expected("", 0, exr));
     assertNear(await canvas(1), expected("", 0, pinned));
     await page.selectOption("#how", "wipe");
