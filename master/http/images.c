@@ -5,7 +5,6 @@
 
 #include <ctype.h>
 #include <inttypes.h>
-#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -24,11 +23,7 @@ typedef struct {
 static result_t read_exposure(const http_request_t *request, float *exposure)
 {
     const char *text = http_query(request, "exposure");
-    char *end;
-    if (text == NULL) return result_ok();
-    double value = strtod(text, &end);
-    *exposure = (float)value;
-    if (end != text && *end == '\0' && fabs(value) <= MAX_EXPOSURE) return result_ok();
+    if (text == NULL || http_stops_parse(text, MAX_EXPOSURE, exposure)) return result_ok();
     return result_fail(RESULT_USAGE, "exposure is a number of stops from -%d to %d, not '%.60s'",
                        MAX_EXPOSURE, MAX_EXPOSURE, text);
 }

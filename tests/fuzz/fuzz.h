@@ -12,8 +12,10 @@
 /* The targets. They return 0, as libFuzzer wants it. */
 int fuzz_allow_list(const uint8_t *data, size_t size);
 int fuzz_blob(const uint8_t *data, size_t size);
+int fuzz_body(const uint8_t *data, size_t size);
 int fuzz_checkpoint(const uint8_t *data, size_t size);
 int fuzz_gltf(const uint8_t *data, size_t size);
+int fuzz_http(const uint8_t *data, size_t size);
 int fuzz_payload(const uint8_t *data, size_t size);
 int fuzz_pbrt(const uint8_t *data, size_t size);
 int fuzz_ply(const uint8_t *data, size_t size);

@@ -48,6 +48,16 @@ static result_t take_count(json_t *body, const char *key, int32_t least, int32_t
     return result_ok();
 }
 
+/* A relative error; *error stays as it is when there is none. */
+static result_t take_error(json_t *body, double *error)
+{
+    double number = 0;
+    TRY(take_number(body, "error", 1e-9, 1, false, &number));
+    if (number >= 1) return result_fail(RESULT_USAGE, "error is a number below 1: 0.01 is 1 %%");
+    if (number > 0) *error = number;
+    return result_ok();
+}
+
 /* *flag stays as it is when there is none. */
 static result_t take_flag(json_t *body, const char *key, bool *flag)
 {
@@ -90,7 +100,7 @@ static result_t take_goals(json_t *body, job_order_t *order)
 {
     double spp = 0;
     TRY(take_number(body, "spp", 1, JOB_MAX_SPP, true, &spp));
-    TRY(take_number(body, "error", 1e-9, 1, false, &order->error));
+    TRY(take_error(body, &order->error));
     TRY(take_number(body, "time", 0.1, 1e9, false, &order->time_limit));
     order->spp = (uint32_t)spp;
     return result_ok();
@@ -193,7 +203,7 @@ static result_t take_end(json_t *body, overrides_t *overrides)
     TRY(take_count(body, "spp", 1, JOB_MAX_SPP, 0, &spp));
     overrides->spp = (uint32_t)spp;
     TRY(take_number(body, "time", 0.1, 1e9, false, &overrides->time_limit));
-    TRY(take_number(body, "error", 1e-9, 1, false, &overrides->error));
+    TRY(take_error(body, &overrides->error));
     TRY(take_flag(body, "adaptive", &overrides->adaptive));
     return take_save_at(body, &overrides->save_at);
 }

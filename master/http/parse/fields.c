@@ -2,7 +2,9 @@
 #include "master/http/parse/fields.h"
 
 #include <inttypes.h>
+#include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 bool http_number_parse(const char *text, size_t length, uint64_t *value)
@@ -13,6 +15,15 @@ bool http_number_parse(const char *text, size_t length, uint64_t *value)
         if (text[i] < '0' || text[i] > '9') return false;
         *value = 10 * *value + (uint64_t)(text[i] - '0');
     }
+    return true;
+}
+
+bool http_stops_parse(const char *text, int most, float *stops)
+{
+    char *end;
+    double value = strtod(text, &end);
+    if (end == text || *end != '\0' || !(fabs(value) <= most)) return false;
+    *stops = (float)value;
     return true;
 }
 

@@ -150,26 +150,30 @@ static void a_finished_image_is_the_file(void **state)
     free(at);
 }
 
-/* While the job works they can be had; of one that is over, only if they were wanted from the start. */
+static void expect_halves(trial_t *t, const char *path, bool halves)
+{
+    http_answer_t answer = ask(t, path, NULL);
+    image_t image;
+    result_t result = image_decode_exr("it", (uint8_t *)answer.body, answer.size, &image);
+    if (result.code != RESULT_OK) fail_msg("%s: %s", path, answer.body);
+    assert_int_equal(image_find(&image, "half1.R") != NULL, halves);
+    image_free(&image);
+    http_answer_free(&answer);
+}
+
+/* A film has them; an image that was kept on the way has them only if they were wanted from the start. */
 static void the_halves_are_layers(void **state)
 {
     trial_t *t = *state;
     uint64_t job = submit(t, 64);
     render(t, job, 64, 4);
-    http_answer_t answer = ask(t, "/api/v1/jobs/1/image.exr?halves=1", NULL);
-    image_t image;
-    assert_int_equal(image_decode_exr("it", (uint8_t *)answer.body, answer.size, &image).code, RESULT_OK);
-    assert_non_null(image_find(&image, "half1.R"));
-    image_free(&image);
-    http_answer_free(&answer);
-    answer = ask(t, "/api/v1/jobs/1/image.exr", NULL);
-    assert_int_equal(image_decode_exr("it", (uint8_t *)answer.body, answer.size, &image).code, RESULT_OK);
-    assert_null(image_find(&image, "half1.R"));
-    image_free(&image);
-    http_answer_free(&answer);
+    expect_halves(t, "/api/v1/jobs/1/image.exr?halves=1", true);
+    expect_halves(t, "/api/v1/jobs/1/image.exr", false);
     render(t, job, 64, 4);
     assert_int_equal(peer_wait(t->peer, job, 10), JOB_DONE);
-    answer = ask(t, "/api/v1/jobs/1/image.exr?halves=1", NULL);
+    expect_halves(t, "/api/v1/jobs/1/image.exr?halves=1", true);
+    expect_halves(t, "/api/v1/jobs/1/image.exr", false);
+    http_answer_t answer = ask(t, "/api/v1/jobs/1/image.exr?at=4&halves=1", NULL);
     assert_int_equal(answer.status, 409);
     assert_non_null(strstr(answer.body, "submitted without --halves"));
     http_answer_free(&answer);

@@ -98,8 +98,10 @@ static void run_seeds(const char *name, target_t *target)
     }
 SEEDS_END_WELL(allow_list)
 SEEDS_END_WELL(blob)
+SEEDS_END_WELL(body)
 SEEDS_END_WELL(checkpoint)
 SEEDS_END_WELL(gltf)
+SEEDS_END_WELL(http)
 SEEDS_END_WELL(payload)
 SEEDS_END_WELL(pbrt)
 SEEDS_END_WELL(ply)
@@ -122,8 +124,10 @@ int main(void)
         cmocka_unit_test(seeds_of_allow_list_end_well),
         cmocka_unit_test(seeds_of_blob_end_well),
         cmocka_unit_test(seeds_of_blob_render_or_are_refused),
+        cmocka_unit_test(seeds_of_body_end_well),
         cmocka_unit_test(seeds_of_checkpoint_end_well),
         cmocka_unit_test(seeds_of_gltf_end_well),
+        cmocka_unit_test(seeds_of_http_end_well),
         cmocka_unit_test(seeds_of_payload_end_well),
         cmocka_unit_test(seeds_of_pbrt_end_well),
         cmocka_unit_test(seeds_of_ply_end_well),
