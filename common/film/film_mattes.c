@@ -40,12 +40,13 @@ static int by_rank(const void *a, const void *b)
 static size_t rank_ids(const mattes_t *mattes, matte_kind_t kind, const uint32_t *codes, size_t count,
                        share_t shares[MATTE_SAMPLES])
 {
-    size_t found = 0;
+    size_t found = 0, k = 0;
     for (size_t i = 0; i < count; i++) {
-        uint32_t id = id_of(mattes, kind, codes[i]);
-        size_t k = 0;
-        while (k < found && shares[k].id != id) k++;
-        if (k == found) shares[found++] = (share_t){id, 0};
+        if (i == 0 || codes[i] != codes[i - 1]) { /* most samples meet what the one before has met */
+            uint32_t id = id_of(mattes, kind, codes[i]);
+            for (k = 0; k < found && shares[k].id != id;) k++;
+            if (k == found) shares[found++] = (share_t){id, 0};
+        }
         shares[k].samples++;
     }
     if (found > 1) qsort(shares, found, sizeof *shares, by_rank);

@@ -147,6 +147,31 @@ static void round_trips(void **state)
             }
 }
 
+/* What a message of this job takes. */
+static int count_of(const job_settings_t *settings)
+{
+    batch_t batch = batch_of(settings, 60, 1);
+    zmq_msg_t payload[BATCH_PAYLOADS];
+    assert_int_equal(payload_encode(&batch, true, payload).code, RESULT_OK);
+    int count = payload_count(payload);
+    close_all(payload);
+    batch_free(&batch);
+    return count;
+}
+
+static void messages_have_the_payloads_that_their_job_needs(void **state)
+{
+    (void)state;
+    job_settings_t settings = settings_of(64, 64);
+    assert_int_equal(count_of(&settings), 3);
+    settings.features = false;
+    assert_int_equal(count_of(&settings), 3); /* the last one is empty */
+    settings.cryptomatte = true;
+    assert_int_equal(count_of(&settings), SUM_MATTES + 1);
+    strcpy(settings.light_groups, "a=1,rest");
+    assert_int_equal(count_of(&settings), BATCH_PAYLOADS);
+}
+
 static void sparse_frames_are_small(void **state)
 {
     (void)state;
@@ -324,6 +349,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(round_trips),
+        cmocka_unit_test(messages_have_the_payloads_that_their_job_needs),
         cmocka_unit_test(sparse_frames_are_small),
         cmocka_unit_test(no_splats_after_some),
         cmocka_unit_test(refuses_truncated_and_longer_frames),
