@@ -312,6 +312,34 @@ static void it_belongs_to_its_picture(void **state)
     scratch_destroy(&folder);
 }
 
+/* Nor is the film of the same picture with other sums beside. */
+static void it_belongs_to_its_sums(void **state)
+{
+    (void)state;
+    char *folder = scratch_new(), *path = scratch_path(folder, "film");
+    job_settings_t settings[4];
+    for (size_t i = 0; i < ARRAY_LENGTH(settings); i++) settings[i] = settings_of(40, 40);
+    settings[1].cryptomatte = true;
+    strcpy(settings[2].light_groups, "key=0,rest");
+    strcpy(settings[3].light_groups, "key=1,rest");
+    for (size_t a = 0; a < ARRAY_LENGTH(settings); a++) {
+        job_film_t film = make_film(&settings[a], 1);
+        must(write_film(&film, path, 1));
+        for (size_t b = 0; b < ARRAY_LENGTH(settings); b++) {
+            film_t *loaded;
+            schedule_state_t saved;
+            result_t result = read_film(path, &settings[b], &loaded, &saved);
+            if (result.code != (a == b ? RESULT_OK : RESULT_INPUT))
+                fail_msg("the film of %zu, read for %zu: %d %s", a, b, result.code, result.message);
+            film_destroy(&loaded);
+            if (a == b) schedule_state_free(&saved);
+        }
+        free_film(&film);
+    }
+    free(path);
+    scratch_destroy(&folder);
+}
+
 /* ---- damage -------------------------------------------------------------------------------------------- */
 
 static void assert_refused(const char *path, const uint8_t *bytes, size_t size,
@@ -539,6 +567,7 @@ int main(void)
         cmocka_unit_test(a_long_schedule_comes_back),
         cmocka_unit_test(it_knows_all_of_its_job),
         cmocka_unit_test(it_belongs_to_its_picture),
+        cmocka_unit_test(it_belongs_to_its_sums),
         cmocka_unit_test(every_changed_byte_is_noticed),
         cmocka_unit_test(every_lost_end_is_noticed),
         cmocka_unit_test(a_page_of_another_generation_is_noticed),
