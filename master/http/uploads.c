@@ -209,6 +209,24 @@ static void finish(http_request_t *request)
         reply_outcome(request);
 }
 
+/* Can it be told already, without the body? What is there need not be sent by who waits to be asked for it.
+ */
+static bool is_answered(http_request_t *request, const upload_t *place)
+{
+    if (place->next < place->first)
+        reply_elsewhere(request, place->next);
+    else if (place->known && place->next != place->size)
+        http_reply_problem(request, MHD_HTTP_UNPROCESSABLE_CONTENT, "the blob of this hash has another size");
+    else if (place->known && http_header(request, MHD_HTTP_HEADER_EXPECT) != NULL)
+        reply_blob(request, MHD_HTTP_OK, &place->blob, place->next, true);
+    else if (request->server->uploads >= HTTP_MAX_UPLOADS)
+        http_reply_problem(request, MHD_HTTP_SERVICE_UNAVAILABLE,
+                           "too many scenes are being sent already: try again");
+    else
+        return false;
+    return true;
+}
+
 /* The headers are there. */
 static void put_blob(http_request_t *request)
 {
@@ -222,19 +240,7 @@ static void put_blob(http_request_t *request)
     place.blob = request->hash;
     place.start = place.first;
     place.next = request->master->find_blob(request->master->context, &place.blob, &place.known);
-    if (place.next < place.first) {
-        reply_elsewhere(request, place.next);
-        return;
-    }
-    if (place.known && place.next != place.size) {
-        http_reply_problem(request, MHD_HTTP_UNPROCESSABLE_CONTENT, "the blob of this hash has another size");
-        return;
-    }
-    if (request->server->uploads >= HTTP_MAX_UPLOADS) {
-        http_reply_problem(request, MHD_HTTP_SERVICE_UNAVAILABLE,
-                           "too many scenes are being sent already: try again");
-        return;
-    }
+    if (is_answered(request, &place)) return;
     request->own = upload = mem_alloc(sizeof *upload);
     *upload = place;
     upload->buffer = mem_alloc(PIECE);

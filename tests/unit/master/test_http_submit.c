@@ -183,6 +183,10 @@ static void a_blob_is_sent_whole(void **state)
     assert_int_equal(there(t, &complete), t->size);
     assert_true(complete);
     expect_put(t, 0, t->size, 200); /* again: it is there */
+    char *lines = mem_printf("Content-Length: %llu\r\nExpect: 100-continue\r\n", (unsigned long long)t->size);
+    assert_int_equal(read_status(open_put(t, t->tokens.operate, lines, t->blob, 0), NULL),
+                     200); /* without a byte */
+    free(lines);
     char *path = mem_printf("%s/blobs/%s.blob", t->folder, t->hex);
     size_t size;
     uint8_t *bytes = scratch_read(path, &size);
