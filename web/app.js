@@ -107,11 +107,6 @@ function toggleBoth() {
   setLayer(both ? "picture" : "eye");
 }
 
-function pin() {
-  const at = compare.pin(job());
-  setText("comparison", at < 0 ? "Nothing is in sight yet." : `Kept as ${compare.pinName(at)}.`);
-}
-
 function moveDivider(by) {
   if (view.wipes) view.setDivider(view.divider + by);
 }
@@ -342,7 +337,7 @@ const KEYS = [
   [["l"], "next layer", turn($("layer"), 1)],
   [["L"], "previous layer", turn($("layer"), -1)],
   [["c"], "next colours: sRGB, filmic, false colour, relative error", turn($("tone"), 1)],
-  [["a"], "pins what is in sight; two states are kept", pin],
+  [["a"], "pins what is in sight; two states are kept", () => compare.pin(job())],
   [["o"], "compares with the next pin, layer or job", turn($("other"), 1)],
   [["O"], "compares with the previous one", turn($("other"), -1)],
   [["w"], "compares side by side, by a wipe, by the difference, by the absolute difference", turn($("how"), 1)],
@@ -433,7 +428,7 @@ function wire() {
   for (const id of ["other", "how"]) $(id).addEventListener("change", () => compare.choose($("other").value, $("how").value));
   $("divider").addEventListener("input", () => view.setDivider(Number($("divider").value) / 100));
   $("against").addEventListener("change", showCurve);
-  const buttons = { "zoom-in": () => view.zoom(2), "zoom-out": () => view.zoom(0.5), fit: () => view.fit(), actual: () => view.actual(), pin, both: toggleBoth, mark: toggleMark, unmark: () => view.setMark(null), "help-open": () => $("help").showModal() };
+  const buttons = { "zoom-in": () => view.zoom(2), "zoom-out": () => view.zoom(0.5), fit: () => view.fit(), actual: () => view.actual(), pin: () => compare.pin(job()), both: toggleBoth, mark: toggleMark, unmark: () => view.setMark(null), "help-open": () => $("help").showModal() };
   for (const [id, act] of Object.entries(buttons)) $(id).addEventListener("click", act);
   $("canvas").addEventListener("keydown", imageKey);
   document.addEventListener("keydown", onKey);

@@ -14,22 +14,26 @@ export class Compare {
    * choice or the pins have changed, on.title(name) is a layer's name for people. `what` is "" for nothing, "pin:0", "layer:light" or "job:3".
    */
   constructor(view, first, on) {
-    Object.assign(this, { view, first, on, what: "", how: "side", pins: new Array(PINS).fill(null), nextPin: 0, job: null, jobs: [], refused: "" });
+    Object.assign(this, { view, first, on, what: "", how: "side", pins: new Array(PINS).fill(null), nextPin: 0, job: null, jobs: [], refused: "", note: "" });
     this.second = new Tiles({ wanted: () => view.wanted(), taken: (layer, fresh) => view.taken(layer, fresh) }, on);
   }
 
   // ---- pins
 
-  /** Keeps what is in sight of a job's image as it is now, in the place of the older pin; its number, or -1 when nothing is there. */
+  /** Keeps what is in sight of a job's image as it is now, in the place of the older pin. */
   pin(job) {
     const seen = this.view.inSight();
-    if (!job || !seen) return -1;
+    if (!job || !seen) return this.tell("Nothing is in sight yet.");
     const at = this.nextPin;
     this.nextPin = (at + 1) % PINS;
     this.pins[at] = { layer: Layer.hold(seen), name: this.first.name, job: job.job, width: job.width, height: job.height, samples: job.samples_done / (job.width * job.height), level: seen.level };
     if (this.what === `pin:${at}`) this.choose(this.what);
+    this.tell(`Kept as ${this.pinName(at)}.`);
+  }
+  /** Says something until the next choice. */
+  tell(note) {
+    this.note = note;
     this.on.change();
-    return at;
   }
   pinName(i) {
     const pin = this.pins[i];
@@ -64,6 +68,7 @@ export class Compare {
   }
   apply() {
     const [kind, value] = this.what.split(":");
+    this.note = "";
     if (!this.job || kind === "") this.set("", null, null, null);
     else if (kind === "pin") this.set(this.refusal(`Pin ${Number(value) + 1}`, this.pins[value]), null, this.pins[value].layer, this.pins[value].name);
     else if (kind === "layer") this.set("", this.job.job, null, value);
@@ -82,9 +87,11 @@ export class Compare {
   follow() {
     if (this.what.startsWith("job:")) this.apply();
   }
-  /** What is to be seen, in words. */
+  /** What is to be seen, and what there is to say. */
   describe() {
-    if (this.refused) return this.refused;
+    return [this.refused || this.legend(), this.note].filter((one) => one).join(" ");
+  }
+  legend() {
     const [kind, value] = this.what.split(":");
     if (!this.job || kind === "") return "";
     const layer = this.on.title(this.first.name), now = `job ${this.job.job}, ${layer}, now`;

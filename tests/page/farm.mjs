@@ -7,7 +7,7 @@ import path from "node:path";
 export const sleep = (ms) => new Promise((done) => setTimeout(done, ms));
 
 /** Waits until `test` answers something true, which is returned. */
-export async function until(what, test, ms = 20000) {
+export async function until(what, test, ms = 40000) {
   for (const end = Date.now() + ms; Date.now() < end; await sleep(50)) {
     const found = await test();
     if (found) return found;

@@ -102,7 +102,7 @@ async function fetchExr(number = job) {
 /** Pauses the job that renders, and waits until the page shows its last batch. */
 async function settled() {
   await until("the pause", () => farm.status(job).state === "paused");
-  await until("the last batches", () => farm.status(job).samples_out === 0, 10000);
+  await until("the last batches", () => farm.status(job).samples_out === 0);
   exr = await fetchExr();
   const { batches } = farm.status(job);
   await until("the last version", async () => (await shown()).version === batches);
@@ -327,6 +327,8 @@ const tests = {
   async "a state is pinned"() {
     await page.keyboard.press("a");
     await said("#comparison", "Kept as pin 1: job 1, picture");
+    await sleep(1500); // the queue is asked for again
+    await said("#comparison", "Kept as pin 1");
     pinned = exr;
   },
 
