@@ -75,6 +75,8 @@ def _read_channels(data):
         if kind not in TYPES or (wide, high) != (1, 1):
             raise ImageError(f"channel {name} has another type or resolution than Lightmill writes")
         channels.append((name, TYPES[kind]))
+    if not channels:
+        raise ImageError("the image has no channels")
     return channels
 
 
@@ -160,13 +162,14 @@ class Image:
             raise ImageError("the image is cut short")
         planes = {name: np.empty((self.height, self.width), types[name]) for name in names}
         with ThreadPoolExecutor(os.cpu_count()) as pool:  # zlib and numpy let other threads run
-            seen = sum(pool.map(lambda offset: self._unpack_chunk(offset, planes), self._offsets))
-        if seen != self.height:
+            seen = dict(pool.map(lambda offset: self._unpack_chunk(offset, planes), self._offsets))
+        if sum(seen.values()) != self.height:
             raise ImageError("lines of the image are missing")
         return planes
 
     def _unpack_chunk(self, offset, planes):
-        """Puts the lines of a chunk into their places, and returns their number. A line holds one channel after the other."""
+        """Puts the lines of a chunk into their places; returns the first and their number. A line holds one channel after the
+        other."""
         y, data = self._chunk(offset)
         rows, at = np.frombuffer(data, np.uint8).reshape(-1, self._line_bytes), 0
         for name, kind in self._channels:
@@ -174,7 +177,7 @@ class Image:
             if name in planes:
                 planes[name][y:y + len(rows)] = np.ascontiguousarray(rows[:, at:at + size]).view(kind)
             at += size
-        return len(rows)
+        return y, len(rows)
 
     def layers(self):
         """{layer: its channels}, in the order R G B A or X Y Z; R, G and B themselves are the layer "picture"."""

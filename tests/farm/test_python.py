@@ -205,6 +205,19 @@ class ExrFiles(Case):
                 errors += 1
         self.assertGreater(errors, len(whole))
 
+    def test_lines_that_come_twice_do_not_stand_for_others(self):
+        whole, _ = exr_file(2, 1, zipped)
+        table = lightmill.Image(whole)._offsets.tobytes()
+        with self.assertRaisesRegex(lightmill.ImageError, "lines of the image are missing"):
+            lightmill.Image(whole.replace(table, table[:8] + table[:8] + table[16:])).planes(["a"])
+
+    def test_a_file_without_channels_is_an_error(self):
+        whole, _ = exr_file(3, 16, zipped)
+        start = whole.index(b"chlist\0") + 7
+        size = struct.unpack_from("<i", whole, start)[0]
+        with self.assertRaisesRegex(lightmill.ImageError, "no channels"):
+            lightmill.Image(whole[:start] + struct.pack("<i", 1) + b"\0" + whole[start + 4 + size:])
+
 
 # ---- the farm ----
 
