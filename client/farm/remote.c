@@ -17,8 +17,9 @@
 #include <string.h>
 
 static const double SLOW_ANSWER = 120.0; /* seconds for answers that a master must work for */
-/* Images are checked against this before memory is allocated: 26 channels of the largest film, and more. */
-static const uint64_t MAX_IMAGE_BYTES = (uint64_t)JOB_MAX_PIXELS * 128;
+/* Images are checked against this before memory is allocated: 26 channels of the largest film, 6 of halves,
+ * 24 of mattes, those of light groups, and more. */
+static const uint64_t MAX_IMAGE_BYTES = (uint64_t)JOB_MAX_PIXELS * 256 + (uint64_t)JOB_MAX_GROUP_PIXELS * 24;
 
 /* One of the master's two sockets, as seen from here. */
 typedef struct {

@@ -23,7 +23,8 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-/* That a pixel of an image takes, at most: 13 channels, as many of layers, 6 of halves and 24 of mattes. */
+/* That a pixel of an image takes, at most, beside light groups: 13 channels, as many of layers, 6 of halves
+ * and 24 of mattes. */
 enum { PIXEL_BYTES = 4 * (13 + 13 + 6 + 24) };
 
 typedef struct {
@@ -233,6 +234,14 @@ static result_t write_png(const char *from, const char *path, float exposure)
     return result;
 }
 
+/* The bytes that its file takes, at most: as if nothing could be packed. */
+static uint64_t largest_file(const job_settings_t *settings)
+{
+    uint64_t pixels = (uint64_t)settings->width * (uint64_t)settings->height;
+    size_t groups = sum_planes(settings, SUM_GROUP_EYE) + sum_planes(settings, SUM_GROUP_SPLAT);
+    return pixels * (PIXEL_BYTES + groups * 3 * sizeof(float));
+}
+
 /* Writes an image that is to stay; on a full disk, films of jobs that are over make room for it. */
 static result_t write_kept(image_writer_t *image_writer, job_t *job, const char *path, uint32_t milestone)
 {
@@ -241,8 +250,7 @@ static result_t write_kept(image_writer_t *image_writer, job_t *job, const char 
     result_t result = write_film(image_writer, job, path, milestone, &format);
     if (result.code != RESULT_IO || checkpointer == NULL) return result;
     job_settings_t settings = farm_job_settings(image_writer->options.farm, job);
-    uint64_t bytes = (uint64_t)settings.width * (uint64_t)settings.height * PIXEL_BYTES;
-    return checkpointer_make_room(checkpointer, bytes)
+    return checkpointer_make_room(checkpointer, largest_file(&settings))
                ? write_film(image_writer, job, path, milestone, &format)
                : result;
 }
