@@ -45,6 +45,16 @@ void log_init(const char *name, log_level_t least)
     log_state.least = least;
 }
 
+/* Names come from strangers: what could command a terminal or begin a line of its own becomes '?'. C1
+ * controls are two bytes in UTF-8. */
+static void tame(char *text)
+{
+    for (uint8_t *b = (uint8_t *)text; *b != '\0'; b++) {
+        if (b[0] == 0xC2 && b[1] >= 0x80 && b[1] < 0xA0) b[0] = b[1] = '?';
+        if (b[0] < 0x20 || b[0] == 0x7F) b[0] = '?';
+    }
+}
+
 void log_write(log_level_t level, const char *format, ...)
 {
     static const char *const names[] = {"debug", "info", "warning", "error"};
@@ -54,6 +64,7 @@ void log_write(log_level_t level, const char *format, ...)
     va_start(arguments, format);
     vsnprintf(text, sizeof text, format, arguments);
     va_end(arguments);
+    tame(text);
     time_t now = time(NULL);
     struct tm local;
     localtime_r(&now, &local);
