@@ -505,16 +505,23 @@ static void serve_farm(image_writer_t *image_writer)
     }
 }
 
+/* Estimates one error that is due; false when there is none. */
+static bool estimate_error(image_writer_t *image_writer)
+{
+    farm_t *farm = image_writer->options.farm;
+    job_t *job = farm_next_estimate(farm, clock_now());
+    if (job == NULL) return false;
+    farm_estimate(farm, clock_now(), job);
+    farm_unpin(farm, job);
+    serve_farm(image_writer);
+    return true;
+}
+
 /* Estimates the errors that are due, as long as nobody waits for an image. */
 static void estimate_errors(image_writer_t *image_writer)
 {
-    farm_t *farm = image_writer->options.farm;
-    for (job_t *job; !atomic_load(&image_writer->stop) && !is_asked(image_writer) &&
-                     (job = farm_next_estimate(farm, clock_now())) != NULL;) {
-        farm_estimate(farm, clock_now(), job);
-        farm_unpin(farm, job);
-        serve_farm(image_writer);
-    }
+    while (!atomic_load(&image_writer->stop) && !is_asked(image_writer) && estimate_error(image_writer))
+        continue;
 }
 
 static void *image_writer_run(void *argument)
@@ -527,6 +534,7 @@ static void *image_writer_run(void *argument)
              !atomic_load(&image_writer->stop) && next_request(image_writer, &request);) {
             answer_request(image_writer, &request);
             serve_farm(image_writer);
+            estimate_error(image_writer); /* however many ask: a job that is to reach an error waits for it */
         }
         estimate_errors(image_writer);
         pthread_mutex_lock(&image_writer->lock);

@@ -1,13 +1,18 @@
 /* The estimated error of jobs and its history: points are thinned; every job gets them, at times that do not
  * disturb it; what was lost is not told of; a deleted job loses its history. Without sockets, in a time of
- * its own (tests/toy_farm.h). */
+ * its own (tests/toy_farm.h), but for the thread that makes them. */
+#include "common/wake.h"
+#include "master/threads/image_writer.h"
+#include "tests/scratch.h"
 #include "tests/toy_farm.h"
 
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
+#include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <unistd.h>
 /* After setjmp and stdarg. */
 #include <cmocka.h>
 
@@ -222,6 +227,43 @@ static void the_last_point_is_that_of_the_last_image(void **state)
     assert_int_equal(points(farm, job, &last), 0);
 }
 
+/* ---- the thread that makes them ------------------------------------------------------------------------ */
+
+/* People who ask for images without end, each before the last one is answered. */
+typedef struct {
+    image_writer_t *image_writer;
+    atomic_bool enough;
+} crowd_t;
+
+static void ask_again(void *context, const result_t *result, const image_file_t *file)
+{
+    (void)result, (void)file;
+    crowd_t *crowd = context;
+    image_request_t request = {.done = ask_again, .context = crowd, .job = 99}; /* that there is not */
+    if (!atomic_load(&crowd->enough)) image_writer_ask(crowd->image_writer, &request);
+}
+
+static void who_asks_for_images_holds_up_no_estimate(void **state)
+{
+    farm_t *farm = *state;
+    error_point_t last = {0};
+    crowd_t crowd = {.enough = false};
+    char *folder = scratch_new();
+    image_writer_options_t options = {.farm = farm, .data_dir = folder, .answer_wake = -1};
+    assert_int_equal(wake_new(&options.image_wake).code, RESULT_OK);
+    assert_int_equal(image_writer_start(&options, &crowd.image_writer).code, RESULT_OK);
+    ask_again(&crowd, NULL, NULL);
+    usleep(20000); /* from now on somebody waits at every moment */
+    uint64_t job = submit(farm, 1024);
+    work(farm, 1, toy_hello(farm, 0, 1), 1024);
+    for (int i = 0; i < 500 && points(farm, job, &last) == 0; i++) usleep(10000);
+    atomic_store(&crowd.enough, true);
+    assert_int_equal(points(farm, job, &last), 1);
+    image_writer_stop(&crowd.image_writer);
+    wake_close(options.image_wake);
+    scratch_destroy(&folder);
+}
+
 /* ---- what survives the process ------------------------------------------------------------------------- */
 
 /* The record and the history as the journal has them. */
@@ -300,6 +342,7 @@ int main(void)
         WITH_FARM(estimates_are_some_seconds_apart),
         cmocka_unit_test(an_estimate_changes_neither_rounds_nor_sums),
         WITH_FARM(the_last_point_is_that_of_the_last_image),
+        WITH_FARM(who_asks_for_images_holds_up_no_estimate),
         WITH_FARM(a_history_goes_on_after_a_restart),
         WITH_FARM(a_job_that_begins_anew_has_no_history),
     };
