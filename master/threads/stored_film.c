@@ -13,6 +13,17 @@ static result_t no_film(const job_record_t *record)
                        (unsigned long long)record->job);
 }
 
+/* The last checkpoint may be damaged, or was given up: then an earlier one is not the film of the image. */
+static result_t check_whole(const job_record_t *record, const film_load_t *load)
+{
+    if (load->info.samples == record->samples_done) return result_ok();
+    return result_fail(RESULT_INPUT,
+                       "the film of job %llu that is kept has %llu samples, and its image %llu: submit it "
+                       "again with --halves",
+                       (unsigned long long)record->job, (unsigned long long)load->info.samples,
+                       (unsigned long long)record->samples_done);
+}
+
 /* The film of an adaptive job knows the weights of its samples, the state their number. */
 static void show_samples(const job_record_t *record, const schedule_state_t *state, film_image_t *image)
 {
@@ -31,12 +42,15 @@ static result_t load_and_resolve(film_store_t *films, const job_record_t *record
 {
     film_load_t load = film_load(films, record, 1);
     if (load.film == NULL) return load.failure.code == RESULT_OK ? no_film(record) : load.failure;
-    film_resolve(load.film, image);
-    film_resolve_extras(load.film, extras, image);
-    if (record->settings.adaptive) show_samples(record, &load.state, image);
+    result_t result = check_whole(record, &load);
+    if (result.code == RESULT_OK) {
+        film_resolve(load.film, image);
+        film_resolve_extras(load.film, extras, image);
+        if (record->settings.adaptive) show_samples(record, &load.state, image);
+    }
     film_destroy(&load.film);
     schedule_state_free(&load.state);
-    return result_ok();
+    return result;
 }
 
 result_t stored_film_resolve(farm_t *farm, film_store_t *films, const job_record_t *record,

@@ -2,8 +2,10 @@
  * refuses leaves the older one as it was. And the store that keeps them. */
 #include "master/store/checkpoint.h"
 #include "master/store/film_store.h"
+#include "master/threads/stored_film.h"
 #include "tests/films.h"
 #include "tests/scratch.h"
+#include "tests/toy_farm.h"
 
 #include <setjmp.h>
 #include <signal.h>
@@ -340,6 +342,36 @@ static void it_belongs_to_its_sums(void **state)
     scratch_destroy(&folder);
 }
 
+/* What a job that is over is asked for comes from the film of its image, and not from an earlier one. */
+static void only_the_last_film_stands_for_the_image(void **state)
+{
+    (void)state;
+    char *folder = scratch_new();
+    job_settings_t settings = settings_of(40, 40);
+    job_film_t film = make_film(&settings, 1);
+    job_record_t record = film.info.record;
+    film_store_t *store;
+    must(film_store_open(folder, &store));
+    char *path = film_store_path(store, record.job, 1);
+    must(write_film(&film, path, 1));
+    film_store_add(store, &(film_file_t){record.job, 1, 4096}, 1);
+    farm_t *farm = toy_farm(true);
+    record.samples_done = schedule_done(film.schedule);
+    for (int missing = 0; missing < 2; missing++, record.samples_done++) {
+        film_image_t image = {0};
+        result_t result = stored_film_resolve(farm, store, &record, &(film_extras_t){.halves = true}, &image);
+        assert_int_equal(result.code, missing ? RESULT_INPUT : RESULT_OK);
+        if (missing) assert_non_null(strstr(result.message, "submit it again"));
+        assert_true((image.half[0] == NULL) == missing);
+        film_image_free(&image);
+    }
+    farm_destroy(&farm);
+    film_store_close(&store);
+    free_film(&film);
+    free(path);
+    scratch_destroy(&folder);
+}
+
 /* ---- damage -------------------------------------------------------------------------------------------- */
 
 static void assert_refused(const char *path, const uint8_t *bytes, size_t size,
@@ -568,6 +600,7 @@ int main(void)
         cmocka_unit_test(it_knows_all_of_its_job),
         cmocka_unit_test(it_belongs_to_its_picture),
         cmocka_unit_test(it_belongs_to_its_sums),
+        cmocka_unit_test(only_the_last_film_stands_for_the_image),
         cmocka_unit_test(every_changed_byte_is_noticed),
         cmocka_unit_test(every_lost_end_is_noticed),
         cmocka_unit_test(a_page_of_another_generation_is_noticed),
