@@ -132,6 +132,11 @@ static batch_t make_batch(const job_settings_t *settings, const unit_t *units, s
         fill_tile(tile, values, &units[i]);
         tile += values;
     }
+    sum_array_t *groups = &batch.sums[SUM_GROUP_EYE];
+    sum_array_reserve(groups, batch_expected_values(&batch, SUM_GROUP_EYE));
+    groups->count = batch_expected_values(&batch, SUM_GROUP_EYE);
+    for (size_t i = 0; i < groups->count; i++)
+        groups->values[i] = (int64_t)(i % 1000) << settings->film_scale;
     return batch;
 }
 

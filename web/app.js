@@ -4,6 +4,7 @@ import { get, hasToken, setToken, takeToken, watchEvents } from "./api.js";
 import { drawCurve, secondsToTarget, usable } from "./curve.js";
 import { Compare, WAYS } from "./compare.js";
 import { $, setOptions, setText } from "./dom.js";
+import { Mixer } from "./mixer.js";
 import { OVER, Orders } from "./orders.js";
 import { Region, SINGLE_NUMBERS, levelOf } from "./region.js";
 import { TONES } from "./shader.js";
@@ -25,14 +26,16 @@ const problemOf = (who) => (text) => {
   setText("problem", [...problems.values()].find((one) => one) ?? "");
 };
 const tiles = new Tiles(view, { problem: problemOf("image") });
-const compare = new Compare(view, tiles, { problem: problemOf("other"), change: () => showComparison(), title: (name) => [...$("layer").options].find((one) => one.value === name).text });
+const compare = new Compare(view, tiles, { problem: problemOf("other"), change: () => showComparison(), title: (name) => [...$("layer").options].find((one) => one.value === name)?.text ?? name });
+const mixer = new Mixer(view, tiles, { problem: problemOf("groups"), change: () => showMix() });
 const region = new Region({ problem: problemOf("region"), change: () => showRegion() });
 
 let settle = 0;
 function moved() {
   setText("zoom", `${format.number(100 * view.scale)} %`);
   clearTimeout(settle);
-  settle = setTimeout(() => [tiles, compare.second].forEach((one) => one.restart()), 80); // when the hand rests
+  settle = setTimeout(() => [tiles, compare.second, ...mixer.parts].forEach((one) => one.restart()), 80); // when the hand rests
+  mixer.refresh();
   showProbe();
 }
 
@@ -51,7 +54,7 @@ function showProbe() {
   if (!at) return setText("probe", "Point at a pixel to see its value.");
   const side = at.side > 1 ? ` (mean of ${at.side} × ${at.side})` : "";
   const second = other ? `; compared with ${valueText(view.other.name, other)}${other.side > 1 ? ` (mean of ${other.side} × ${other.side})` : ""}` : "";
-  setText("probe", `${at.x}, ${at.y}: ${valueText(tiles.name, at)}${side}${second}`);
+  setText("probe", `${at.x}, ${at.y}: ${valueText(mixer.active ? "mix" : tiles.name, at)}${side}${second}`);
 }
 
 // ---- the rectangle
@@ -62,14 +65,14 @@ function marked() {
   $("mark").setAttribute("aria-pressed", String(view.marking || view.stretching));
   $("divider").value = Math.round(100 * view.divider);
   clearTimeout(rest);
-  const measure = () => region.show(state.chosen, tiles.name, view.mark);
+  const measure = () => region.show(state.chosen, tiles.name, mixer.active ? null : view.mark);
   if (view.mark) rest = setTimeout(measure, 80);
   else measure();
 }
 
 function showRegion() {
   const { mark, found, tiles: from } = region;
-  if (!mark) return setText("region", "");
+  if (!mark) return setText("region", mixer.active && view.mark ? "A mix is not measured: reset the light groups first." : "");
   const area = `Rectangle from ${mark.x0}, ${mark.y0}, ${mark.x1 - mark.x0} × ${mark.y1 - mark.y0}`;
   if (!found) return setText("region", `${area}: ...`);
   if (found.ids !== undefined) return setText("region", `${area}: ${found.ids} different ids${found.level ? ` (of level ${found.level})` : ""}`);
@@ -83,6 +86,16 @@ function showRegion() {
 function toggleMark() {
   view.marking = !view.marking;
   marked();
+}
+
+// ---- the mix of light groups
+
+function showMix() {
+  compare.shown = mixer.active ? "mix" : "";
+  $("unmix").disabled = !mixer.active;
+  showComparison();
+  marked();
+  showProbe();
 }
 
 // ---- the comparison
@@ -121,6 +134,7 @@ function setTone() {
 }
 
 function setLayer(name) {
+  mixer.stop();
   $("layer").value = name;
   tiles.show(state.chosen, name);
   view.show(tiles.layer, name);
@@ -168,6 +182,7 @@ function showTitle() {
   setText("image-title", parts.join(", "));
   document.title = one ? `${one.name} (${one.state}) - Lightmill` : "Lightmill";
   view.setImage(one?.width ?? 0, one?.height ?? 0);
+  mixer.setJob(one ?? null);
   for (const option of $("layer").options) option.disabled = !!one && !hasLayer(one, option.value);
 }
 
@@ -428,7 +443,7 @@ function wire() {
   for (const id of ["other", "how"]) $(id).addEventListener("change", () => compare.choose($("other").value, $("how").value));
   $("divider").addEventListener("input", () => view.setDivider(Number($("divider").value) / 100));
   $("against").addEventListener("change", showCurve);
-  const buttons = { "zoom-in": () => view.zoom(2), "zoom-out": () => view.zoom(0.5), fit: () => view.fit(), actual: () => view.actual(), pin: () => compare.pin(job()), both: toggleBoth, mark: toggleMark, unmark: () => view.setMark(null), "help-open": () => $("help").showModal() };
+  const buttons = { "zoom-in": () => view.zoom(2), "zoom-out": () => view.zoom(0.5), fit: () => view.fit(), actual: () => view.actual(), pin: () => compare.pin(job()), both: toggleBoth, unmix: () => mixer.stop(), mark: toggleMark, unmark: () => view.setMark(null), "help-open": () => $("help").showModal() };
   for (const [id, act] of Object.entries(buttons)) $(id).addEventListener("click", act);
   $("canvas").addEventListener("keydown", imageKey);
   document.addEventListener("keydown", onKey);
@@ -455,4 +470,4 @@ if (!view.gl) setText("problem", "This browser has no WebGL2, so the image canno
 wake();
 
 /** What tests and the console may look at. */
-globalThis.lightmill = { view, tiles, compare, region, state };
+globalThis.lightmill = { view, tiles, compare, mixer, region, state };

@@ -14,7 +14,7 @@ export class Compare {
    * choice or the pins have changed, on.title(name) is a layer's name for people. `what` is "" for nothing, "pin:0", "layer:light" or "job:3".
    */
   constructor(view, first, on) {
-    Object.assign(this, { view, first, on, what: "", how: "side", pins: new Array(PINS).fill(null), nextPin: 0, job: null, jobs: [], refused: "", note: "" });
+    Object.assign(this, { view, first, on, what: "", how: "side", pins: new Array(PINS).fill(null), nextPin: 0, job: null, jobs: [], refused: "", note: "", shown: "" });
     this.second = new Tiles({ wanted: () => view.wanted(), taken: (layer, fresh) => view.taken(layer, fresh) }, on);
   }
 
@@ -26,7 +26,7 @@ export class Compare {
     if (!job || !seen) return this.tell("Nothing is in sight yet.");
     const at = this.nextPin;
     this.nextPin = (at + 1) % PINS;
-    this.pins[at] = { layer: Layer.hold(seen), name: this.first.name, job: job.job, width: job.width, height: job.height, samples: job.samples_done / (job.width * job.height), level: seen.level };
+    this.pins[at] = { layer: Layer.hold(seen), name: this.name, job: job.job, width: job.width, height: job.height, samples: job.samples_done / (job.width * job.height), level: seen.level };
     if (this.what === `pin:${at}`) this.choose(this.what);
     this.tell(`Kept as ${this.pinName(at)}.`);
   }
@@ -34,6 +34,10 @@ export class Compare {
   tell(note) {
     this.note = note;
     this.on.change();
+  }
+  /** What is shown: a layer, or what `shown` says instead. */
+  get name() {
+    return this.shown || this.first.name;
   }
   pinName(i) {
     const pin = this.pins[i];
@@ -94,7 +98,7 @@ export class Compare {
   legend() {
     const [kind, value] = this.what.split(":");
     if (!this.job || kind === "") return "";
-    const layer = this.on.title(this.first.name), now = `job ${this.job.job}, ${layer}, now`;
+    const layer = this.on.title(this.first.name), now = `job ${this.job.job}, ${this.on.title(this.name)}, now`;
     const other = kind === "pin" ? this.pinName(value) : kind === "layer" ? `layer ${this.on.title(value)}` : `job ${value}, ${layer}`;
     if (this.how === "wipe") return `Left of the line: ${other}. Right: ${now}.`;
     const panes = this.view.panes();

@@ -81,7 +81,7 @@ void film_resolve_mattes(const film_t *film, const mattes_t *mattes, film_image_
 /* Some rows of an image, and what is wanted of them beside the picture. */
 typedef struct {
     int y0, y1; /* from the first to before the last, inside the image */
-    bool features, halves;
+    bool features, halves, groups;
 } film_rows_t;
 /* Resolves some rows, as an image of its own: so a large film can be looked at without the memory of a large
  * image. The error is not estimated. Features are there, if they are wanted, as soon as the film has room for

@@ -117,6 +117,25 @@ static void resolve_half(const divisors_t *divisors, size_t half, size_t pixel, 
     }
 }
 
+/* An image of each group, of some pixels: what is in its plane of the sums, times a factor that a pixel has,
+ * or all have. */
+static void resolve_groups(const divisors_t *divisors, sum_kind_t kind, size_t first, size_t count,
+                           float *images[LIGHT_GROUPS_MAX])
+{
+    const film_t *film = divisors->film;
+    size_t pixels = divisors->pixels, planes = sum_planes(&film->settings, kind);
+    for (size_t g = 0; g < planes; g++) {
+        const int64_t *sums = film->sums[kind] + 3 * (pixels * g + first);
+        images[g] = mem_zalloc(3 * count, sizeof(float));
+        for (size_t p = 0; p < count; p++) {
+            double samples = (double)film->samples[first + p] + film->samples[pixels + first + p];
+            double factor = kind == SUM_GROUP_EYE ? 1 / samples : divisors->light_factor[2];
+            for (size_t c = 0; c < 3 && samples > 0; c++)
+                images[g][3 * p + c] = (float)((double)sums[3 * p + c] * divisors->unit * factor);
+        }
+    }
+}
+
 static void put_estimates(film_image_t *image, size_t p, const estimate_t estimates[3])
 {
     for (size_t c = 0; c < 3; c++) {
@@ -149,6 +168,9 @@ void film_resolve_rows(const film_t *film, const film_rows_t *rows, film_image_t
         for (size_t h = 0; rows->halves && h < 2; h++)
             resolve_half(&divisors, h, first + p, image->half[h] + 3 * p);
     }
+    if (!rows->groups) return;
+    resolve_groups(&divisors, SUM_GROUP_EYE, first, pixels, image->group_eye);
+    resolve_groups(&divisors, SUM_GROUP_SPLAT, first, pixels, image->group_light);
 }
 
 void film_resolve(const film_t *film, film_image_t *image)
@@ -158,23 +180,6 @@ void film_resolve(const film_t *film, film_image_t *image)
                        .features = any_features(film, (size_t)film->settings.width * (size_t)height)};
     film_resolve_rows(film, &all, image);
     image->error = film_noise(film, NULL);
-}
-
-/* An image of each group: what is in its plane of the sums, times a factor that a pixel has, or all have. */
-static void resolve_groups(const divisors_t *divisors, sum_kind_t kind, float *images[LIGHT_GROUPS_MAX])
-{
-    const film_t *film = divisors->film;
-    size_t pixels = divisors->pixels, planes = sum_planes(&film->settings, kind);
-    for (size_t g = 0; g < planes; g++) {
-        const int64_t *sums = film->sums[kind] + 3 * pixels * g;
-        images[g] = mem_zalloc(3 * pixels, sizeof(float));
-        for (size_t p = 0; p < pixels; p++) {
-            double samples = (double)film->samples[p] + film->samples[pixels + p];
-            double factor = kind == SUM_GROUP_EYE ? 1 / samples : divisors->light_factor[2];
-            for (size_t c = 0; c < 3 && samples > 0; c++)
-                images[g][3 * p + c] = (float)((double)sums[3 * p + c] * divisors->unit * factor);
-        }
-    }
 }
 
 void film_resolve_extras(const film_t *film, const film_extras_t *extras, film_image_t *image)
@@ -188,8 +193,8 @@ void film_resolve_extras(const film_t *film, const film_extras_t *extras, film_i
                 resolve_half(&divisors, h, p, image->half[h] + 3 * p);
     }
     if (!extras->groups) return;
-    resolve_groups(&divisors, SUM_GROUP_EYE, image->group_eye);
-    resolve_groups(&divisors, SUM_GROUP_SPLAT, image->group_light);
+    resolve_groups(&divisors, SUM_GROUP_EYE, 0, divisors.pixels, image->group_eye);
+    resolve_groups(&divisors, SUM_GROUP_SPLAT, 0, divisors.pixels, image->group_light);
 }
 
 /* The rows that are looked at: the middle one of every `step`. */

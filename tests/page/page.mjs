@@ -453,6 +453,55 @@ const tests = {
     farm.ask("delete", String(small));
   },
 
+  async "light groups are mixed: all at 1 are the picture, and one at 0 is gone"() {
+    const lit = Number(farm.ask("submit", "scenes/seed-hidden", "--resolution", `${WIDTH}x${HEIGHT}`, "--spp", "4", "--light-groups", "front=1,rest"));
+    assert.equal(await page.locator("#mixer").isVisible(), false, "this job has no groups");
+    await until("the end", () => farm.status(lit).state === "done");
+    await until("its row", async () => (await text("#jobs")).includes("seed-hidden"));
+    await page.evaluate((number) => (location.hash = `#job=${number}`), lit);
+    await until("its groups", () => page.locator("#mixer").isVisible());
+    assert.match(await text("#groups"), /front.*rest/);
+    await page.keyboard.press("1");
+    await until("the picture", async () => (await shown()).version > 0 && (await texels()));
+    const file = await fetchExr(lit);
+    /** What the canvas is to show of a mix: a factor of each group, or of each of its colours. */
+    const mixed = (factors) => {
+      const values = [], part = (name, c, p) => file.channels[`group.${name}.eye.${c}`][p] + file.channels[`group.${name}.light.${c}`][p];
+      for (let p = 0; p < WIDTH * HEIGHT; p++)
+        for (const [i, c] of [..."RGB"].entries()) values.push(srgb(Object.entries(factors).reduce((sum, [name, by]) => sum + (by[i] ?? by) * part(name, c, p), 0)));
+      return values;
+    };
+    assertNear(mixed({ front: 1, rest: 1 }), expected("", 0, file));
+    const mix = async (factors) => {
+      const wanted = mixed(factors), far = (is) => is.filter((v, i) => Math.abs(v - wanted[i]) > 1.5).length;
+      await until(`the mix ${JSON.stringify(factors)}`, async () => (await texels()) && far(await canvas()) === 0);
+      assertNear(await canvas(), wanted);
+    };
+    await setRange("#factor-0", 0);
+    await mix({ front: 0, rest: 1 });
+    await screenshot("mix");
+    await assertAccessible("light groups");
+    assert.match(await text("#probe"), /Point at|^\d/);
+    await setRange("#factor-0", 1);
+    await mix({ front: 1, rest: 1 });
+    await setRange("#factor-1", 1.5);
+    await setRange("#tint-0", "#ff0000");
+    await mix({ front: [1, 0, 0], rest: 1.5 });
+    await page.keyboard.press("a");
+    await said("#comparison", `job ${lit}, mix`);
+    await page.click("#unmix");
+    assert.equal(await page.inputValue("#factor-1"), "1");
+    await until("the picture", async () => JSON.stringify(await canvas()) !== JSON.stringify(mixed({ front: [1, 0, 0], rest: 0.5 })));
+    assertNear(await canvas(), expected("", 0, file));
+    await page.evaluate((number) => (location.hash = `#job=${number}`), job);
+    await until("the job from before", async () => (await text("#image-title")).includes(`Job ${job}:`));
+    assert.equal(await page.locator("#mixer").isVisible(), false);
+    farm.ask("delete", String(lit));
+    await page.keyboard.press("1");
+    await until("all tiles", async () => (await shown()).version > 0 && (await texels()));
+    await assertCanvas("");
+  },
+
   async "images are downloaded: as they are now, and those that were kept"() {
     await page.click("#jobs tr:nth-child(2) button");
     await said("#image-title", `Job ${second}:`);

@@ -2,6 +2,7 @@
 #include "master/http/watch/tile_pyramid.h"
 
 #include <immintrin.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -43,6 +44,8 @@ typedef struct {
     {                                                                                                        \
         channel, channel, channel                                                                            \
     }
+#define GROUP(number)                                                                                        \
+    [LAYER_GROUP0 + number] = {"group" #number, PLANE(group_eye[number]), 3, .scale = 1, .kind = TEXELS_SUMS}
 static const layer_row_t layers[LAYERS] = {
     [LAYER_PICTURE] = {"picture", PLANE(sum), 3, RGB(""), .error = true, .scale = 1},
     [LAYER_EYE] = {"eye", PLANE(eye), 3, RGB("eye."), .error = true, .scale = 1},
@@ -59,7 +62,15 @@ static const layer_row_t layers[LAYERS] = {
     [LAYER_STRATEGIES] = {"strategies", PLANE(eye), 3, RGB("eye."), .kind = TEXELS_SHARES},
     [LAYER_HALF0] = {"half0", PLANE(half[0]), 3, RGB("half0."), .scale = 1},
     [LAYER_HALF1] = {"half1", PLANE(half[1]), 3, RGB("half1."), .scale = 1},
-};
+    GROUP(0),
+    GROUP(1),
+    GROUP(2),
+    GROUP(3),
+    GROUP(4),
+    GROUP(5),
+    GROUP(6),
+    GROUP(7)};
+_Static_assert(LIGHT_GROUPS_MAX == 8, "the layers of light groups are others");
 
 const char *layer_name(layer_t layer)
 {
@@ -86,6 +97,17 @@ bool layer_is_half(layer_t layer)
     return layer == LAYER_HALF0 || layer == LAYER_HALF1;
 }
 
+bool layer_is_group(layer_t layer)
+{
+    return layer >= LAYER_GROUP0;
+}
+
+bool layer_of_job(const job_settings_t *settings, layer_t layer)
+{
+    if (layer_is_feature(layer)) return job_has_features(settings);
+    return !layer_is_group(layer) || layer - LAYER_GROUP0 < light_groups_count(settings->light_groups);
+}
+
 char *layer_names(void)
 {
     char *names = mem_strdup(layers[0].name);
@@ -105,6 +127,13 @@ static bool view_plane(const film_image_t *image, layer_t layer, const float *va
     return plane != NULL;
 }
 
+/* What is added to a group's eye image; without it the values are all. */
+static void view_rest(const float *plane, layer_view_t *view)
+{
+    if (plane == NULL) view->kind = TEXELS_MEANS;
+    for (size_t c = 0; plane != NULL && c < 3; c++) view->rest[c] = plane + c;
+}
+
 bool layer_of_film(const film_image_t *image, layer_t layer, layer_view_t *view)
 {
     const layer_row_t *row = &layers[layer];
@@ -115,6 +144,7 @@ bool layer_of_film(const film_image_t *image, layer_t layer, layer_view_t *view)
                            .error_stride = 3,
                            .scale = row->scale};
     if (row->kind == TEXELS_SHARES && !view_plane(image, LAYER_LIGHT, view->rest)) return false;
+    if (row->kind == TEXELS_SUMS) view_rest(image->group_light[layer - LAYER_GROUP0], view);
     for (size_t c = 0; c < 3; c++) view->errors[c] = row->error ? image->noise + c : NULL;
     return view_plane(image, layer, view->values);
 }
@@ -132,11 +162,29 @@ static bool view_channels(const image_t *image, const char *const names[3], cons
     return true;
 }
 
+/* A group's channels are called by its name, which the file's attributes tell. */
+static bool group_of_file(const image_t *image, uint32_t group, layer_view_t *view)
+{
+    const image_attribute_t *groups = image_attribute(image, "lightmill.lightGroups");
+    if (groups == NULL || light_groups_check(groups->text).code != RESULT_OK) return false;
+    char name[LIGHT_GROUP_NAME + 1], channels[2][3][2 * LIGHT_GROUP_NAME];
+    const char *names[2][3];
+    light_groups_name(groups->text, group, name);
+    for (int i = 0; i < 6; i++) {
+        snprintf(channels[i / 3][i % 3], sizeof channels[0][0], "group.%s.%s.%c", name,
+                 i < 3 ? "eye" : "light", "RGB"[i % 3]);
+        names[i / 3][i % 3] = channels[i / 3][i % 3];
+    }
+    if (!view_channels(image, names[1], view->rest, &view->stride)) view->kind = TEXELS_MEANS;
+    return view_channels(image, names[0], view->values, &view->stride);
+}
+
 bool layer_of_file(const image_t *image, layer_t layer, layer_view_t *view)
 {
     const layer_row_t *row = &layers[layer];
     *view = (layer_view_t){
         .width = image->width, .height = image->height, .kind = row->kind, .scale = row->scale};
+    if (row->kind == TEXELS_SUMS) return group_of_file(image, (uint32_t)(layer - LAYER_GROUP0), view);
     if (row->error && !view_channels(image, layers[LAYER_NOISE].channels, view->errors, &view->error_stride))
         memset(view->errors, 0, sizeof view->errors);
     if (row->kind == TEXELS_SHARES &&
@@ -234,6 +282,13 @@ static __m128 share_texel(const layer_view_t *view, size_t pixel)
     return _mm_setr_ps(part / (part + rest), 0, rest / (part + rest), 0);
 }
 
+static __m128 sum_texel(const layer_view_t *view, size_t pixel)
+{
+    size_t at = pixel * view->stride;
+    return _mm_setr_ps(view->values[0][at] + view->rest[0][at], view->values[1][at] + view->rest[1][at],
+                       view->values[2][at] + view->rest[2][at], 0);
+}
+
 /* Writes the row that has been made; tiles in which it changes something get the version. */
 static void store_row(level_t *level, int y, const uint16_t *row, uint32_t version)
 {
@@ -251,8 +306,10 @@ static void store_row(level_t *level, int y, const uint16_t *row, uint32_t versi
 
 static void fill_first(pyramid_t *pyramid, const layer_view_t *rows, int y, uint32_t version)
 {
-    static __m128 (*const makers[])(const layer_view_t *, size_t) = {
-        [TEXELS_MEANS] = value_texel, [TEXELS_IDS] = id_texel, [TEXELS_SHARES] = share_texel};
+    static __m128 (*const makers[])(const layer_view_t *, size_t) = {[TEXELS_MEANS] = value_texel,
+                                                                     [TEXELS_IDS] = id_texel,
+                                                                     [TEXELS_SHARES] = share_texel,
+                                                                     [TEXELS_SUMS] = sum_texel};
     level_t *level = &pyramid->levels[0];
     size_t width = (size_t)level->width;
     for (int v = 0; v < rows->height && y + v < level->height; v++) {

@@ -36,7 +36,8 @@ typedef enum {
     LAYER_STRATEGIES, /* the share of the luminance that is in LAYER_EYE (red), and in LAYER_LIGHT (blue) */
     LAYER_HALF0,      /* the picture of the even samples alone, */
     LAYER_HALF1,      /* and of the odd ones; an image file need not have them */
-    LAYERS
+    LAYER_GROUP0,     /* what of the picture comes from a light group: of the first, and so on */
+    LAYERS = LAYER_GROUP0 + LIGHT_GROUPS_MAX
 } layer_t;
 
 /* The layer's name, as in "?layer=picture". */
@@ -47,10 +48,14 @@ bool layer_parse(const char *name, layer_t *layer);
 bool layer_is_feature(layer_t layer);
 /* True when a film has to be resolved with its halves for it (film_rows_t). */
 bool layer_is_half(layer_t layer);
+/* True when it is of a light group (film_rows_t). */
+bool layer_is_group(layer_t layer);
+/* False when no job with these settings has it. */
+bool layer_of_job(const job_settings_t *settings, layer_t layer);
 /* All names, "picture, eye ... or half1", for people; fresh memory. */
 char *layer_names(void);
 
-typedef enum { TEXELS_MEANS, TEXELS_IDS, TEXELS_SHARES } texel_kind_t;
+typedef enum { TEXELS_MEANS, TEXELS_IDS, TEXELS_SHARES, TEXELS_SUMS } texel_kind_t;
 
 /* Where the values of some rows of a layer are: three channels, and the standard errors of the picture's
  * channels or NULLs where the layer has no error. Views. */
@@ -58,7 +63,8 @@ typedef struct {
     int width, height;
     texel_kind_t kind;
     const float *values[3], *errors[3];
-    const float *rest[3];        /* of TEXELS_SHARES: what the values are a share of, without them */
+    const float *rest[3];        /* of TEXELS_SHARES: what the values are a share of, without them; of
+                                    TEXELS_SUMS: what is added to them */
     size_t stride, error_stride; /* floats from pixel to pixel; that of the rest is that of the values */
     float scale;                 /* of the values */
 } layer_view_t;

@@ -163,11 +163,12 @@ static result_t read_film(snapshot_t *snapshot)
 {
     const watch_t *watch = snapshot->watch;
     int step = int_max(1, TILES_BAND_PIXELS / watch->width);
-    bool features = wants(snapshot, layer_is_feature), halves = wants(snapshot, layer_is_half);
+    bool features = wants(snapshot, layer_is_feature), halves = wants(snapshot, layer_is_half),
+         groups = wants(snapshot, layer_is_group);
     for (int y = 0; y < watch->height; y += step) {
         film_image_t image;
         layer_view_t view;
-        film_rows_t rows = {y, int_min(y + step, watch->height), features, halves};
+        film_rows_t rows = {y, int_min(y + step, watch->height), features, halves, groups};
         if (is_stopped(snapshot->tiles)) return result_fail(RESULT_CANCELLED, "the master ends");
         TRY(farm_resolve_rows(snapshot->tiles->options.farm, snapshot->job, &rows, &image));
         for (int l = 0; l < LAYERS; l++)
@@ -485,7 +486,7 @@ result_t tiles_get(tiles_t *tiles, uint64_t job, layer_t layer, const tile_query
     job_settings_t settings;
     if (!settings_of(tiles, job, &settings))
         return result_fail(RESULT_UNREACHABLE, "there is no job %llu", (unsigned long long)job);
-    if (layer_is_feature(layer) && !job_has_features(&settings))
+    if (!layer_of_job(&settings, layer))
         return result_fail(RESULT_INPUT, "job %llu has no layer %s", (unsigned long long)job,
                            layer_name(layer));
     pthread_mutex_lock(&tiles->lock);

@@ -963,13 +963,13 @@ static void assert_rows(const float *some, const float *whole, int y0, int y1, s
 static void some_rows_are_those_of_the_whole(void **state)
 {
     (void)state;
-    film_t *film = render_job("", 2, 5, 7);
+    film_t *film = render_job(GROUPS, 2, 5, 7);
     film_image_t whole, some;
     film_resolve(film, &whole);
     film_resolve_extras(film, &(film_extras_t){.halves = true}, &whole);
     const int cuts[] = {0, 1, 8, HEIGHT};
     for (size_t i = 0; i + 1 < ARRAY_LENGTH(cuts); i++) {
-        film_rows_t rows = {cuts[i], cuts[i + 1], true, true};
+        film_rows_t rows = {cuts[i], cuts[i + 1], true, true, true};
         film_resolve_rows(film, &rows, &some);
         assert_int_equal(some.height, rows.y1 - rows.y0);
         const float *const vectors[][2] = {{some.sum, whole.sum},         {some.eye, whole.eye},
@@ -982,7 +982,7 @@ static void some_rows_are_those_of_the_whole(void **state)
         assert_rows(some.object, whole.object, rows.y0, rows.y1, 1);
         film_image_free(&some);
     }
-    film_resolve_rows(film, &(film_rows_t){0, 1, false, false}, &some);
+    film_resolve_rows(film, &(film_rows_t){.y0 = 0, .y1 = 1}, &some);
     assert_null(some.albedo);
     assert_null(some.half[0]);
     film_image_free(&some);

@@ -396,7 +396,7 @@ static seen_t *look_until_newer(trial_t *trial, layer_t layer, uint32_t since)
 
 static void resolve(trial_t *trial, film_image_t *image)
 {
-    const film_extras_t extras = {.halves = true};
+    const film_extras_t extras = {.halves = true, .groups = true};
     job_t *job = farm_pin(trial->farm, trial->job);
     job_report_t report;
     assert_int_equal(farm_resolve(trial->farm, 0, job, &extras, image, &report).code, RESULT_OK);
@@ -494,6 +494,51 @@ static void test_a_job_that_is_over_shows_its_file(void **state)
     assert_shows(seen, image.samples, 1, 1.0 / 1024);
     free(seen);
     film_image_free(&image);
+}
+
+/* The layer of a group is its eye and its light image together. */
+static void assert_shows_groups(trial_t *trial, const film_image_t *image)
+{
+    float *sum = mem_alloc(3 * 32 * 32 * sizeof *sum);
+    for (int g = 0; g < 2; g++) {
+        for (size_t i = 0; i < 3 * 32 * 32; i++) sum[i] = image->group_eye[g][i] + image->group_light[g][i];
+        seen_t *seen = look_until_newer(trial, LAYER_GROUP0 + (layer_t)g, 0);
+        assert_shows(seen, sum, 3, 1);
+        free(seen);
+    }
+    free(sum);
+}
+
+static void test_light_groups_are_layers(void **state)
+{
+    trial_t *trial = *state;
+    job_settings_t settings = toy_settings();
+    toy_work_off(trial->farm, 1, trial->worker, trial->job); /* it is in the way */
+    assert_int_equal(toy_write_images(trial->farm, 1, result_ok()), 1);
+    strcpy(settings.light_groups, "key=0,rest");
+    trial->job = toy_submit(trial->farm, 1, &settings, 0);
+    deliver_one(trial, 1);
+    film_image_t image = {0};
+    resolve(trial, &image);
+    assert_shows_groups(trial, &image);
+    film_image_free(&image);
+    toy_work_off(trial->farm, 2, trial->worker, trial->job);
+    resolve(trial, &image);
+    char *path = scratch_image(trial->folder, trial->job);
+    picture_meta_t meta = {.settings = settings};
+    assert_int_equal(picture_write_exr(path, &image, &meta, false).code, RESULT_OK);
+    free(path);
+    assert_int_equal(toy_write_images(trial->farm, 3, result_ok()), 1);
+    tiles_stop(&trial->tiles); /* it knows nothing of the film any more */
+    tiles_options_t options = {.farm = trial->farm, .image_path = scratch_image, .data_dir = trial->folder};
+    assert_int_equal(tiles_start(&options, &trial->tiles).code, RESULT_OK);
+    assert_shows_groups(trial, &image);
+    film_image_free(&image);
+    uint8_t *bytes;
+    size_t size;
+    tile_query_t query = {.rect = everything};
+    assert_int_equal(tiles_get(trial->tiles, trial->job, LAYER_GROUP0 + 2, &query, &bytes, &size).code,
+                     RESULT_INPUT);
 }
 
 static void test_what_is_not_there_is_refused(void **state)
@@ -659,6 +704,7 @@ int main(void)
         cmocka_unit_test_setup_teardown(test_a_watched_job_shows_its_film, begin, end),
         cmocka_unit_test_setup_teardown(test_a_watched_job_is_seen_to_go_on, begin, end),
         cmocka_unit_test_setup_teardown(test_a_job_that_is_over_shows_its_file, begin, end),
+        cmocka_unit_test_setup_teardown(test_light_groups_are_layers, begin, end),
         cmocka_unit_test_setup_teardown(test_layers_do_not_push_one_another_out, begin_small, end),
         cmocka_unit_test_setup_teardown(test_answers_that_nobody_takes_are_limited, begin_small, end),
         cmocka_unit_test_setup_teardown(test_a_file_that_cannot_be_read_is_said_once, begin, end),
