@@ -41,7 +41,7 @@ function evenTicks(low, high) {
 
 /** The powers of ten (and, in a short range, 2 and 5 times these) from `low` to `high`. */
 function ticks(low, high) {
-  const steps = Math.log10(high / low) < 1.5 ? [1, 2, 5] : [1];
+  const steps = Math.log10(high / low) < 2.2 ? [1, 2, 5] : [1];
   const found = [];
   for (let e = Math.floor(Math.log10(low)); e <= Math.ceil(Math.log10(high)); e++)
     for (const s of steps) if (s * 10 ** e >= low * 0.999 && s * 10 ** e <= high * 1.001) found.push(s * 10 ** e);
