@@ -12,6 +12,7 @@
 enum { TURNS = 4 };              /* that are given at a time */
 static const double TICK = 0.05; /* seconds between two times */
 static const double COUNT = 5;   /* seconds after which the farm's threads are counted again */
+static const double LONG = 5;    /* seconds of waiting after which newcomers do not matter */
 
 typedef struct {
     http_request_t *request;
@@ -25,6 +26,7 @@ struct pace {
     pthread_cond_t waits;
     bool ending;
     double paid;          /* when all that was sent is paid for by the rate */
+    double turns_paid;    /* the same of what turns took alone, by half the rate */
     double rate, counted; /* bytes a second, and when that was found */
     waiting_t waiting[PACE_MAX_WAITING];
     size_t count;
@@ -46,17 +48,29 @@ static void release_impatient(pace_t *pace, double now)
         if (pace->ending || now - pace->waiting[i].since >= PACE_PATIENCE) release(pace, i, false);
 }
 
+static double longest_since(const pace_t *pace)
+{
+    double since = INFINITY;
+    for (size_t i = 0; i < pace->count; i++) since = fmin(since, pace->waiting[i].since);
+    return since;
+}
+
+/* When the next turn can be given. Newcomers take what they want at once, and one that asks again and again
+ * as if it had nothing would take everything: so half of the rate is for those who have waited for long. */
+static double next_turn(const pace_t *pace)
+{
+    return fmin(pace->paid, fmax(pace->turns_paid, longest_since(pace) + LONG));
+}
+
 static void give_turns(pace_t *pace, double now)
 {
-    for (int i = 0; i < TURNS && pace->count > 0 && pace->paid <= now; i++)
+    for (int i = 0; i < TURNS && pace->count > 0 && next_turn(pace) <= now; i++)
         release(pace, randombytes_uniform((uint32_t)pace->count), true);
 }
 
 static double next_look(const pace_t *pace, double now)
 {
-    double next = pace->paid;
-    for (size_t i = 0; i < pace->count; i++) next = fmin(next, pace->waiting[i].since + PACE_PATIENCE);
-    return fmax(next, now + TICK);
+    return fmax(fmin(next_turn(pace), longest_since(pace) + PACE_PATIENCE), now + TICK);
 }
 
 /* ---- the thread ---------------------------------------------------------------------------------------- */
@@ -144,7 +158,7 @@ static double farm_rate(farm_t *farm)
     return fmax(PACE_LEAST, PACE_A_THREAD * (double)totals_take(farm).threads);
 }
 
-void pace_sent(pace_t *pace, size_t bytes)
+void pace_sent(pace_t *pace, size_t bytes, bool turn)
 {
     double now = clock_now();
     pthread_mutex_lock(&pace->lock);
@@ -153,5 +167,6 @@ void pace_sent(pace_t *pace, size_t bytes)
         pace->counted = now;
     }
     pace->paid = fmax(pace->paid, now) + (double)bytes / pace->rate;
+    if (turn) pace->turns_paid = fmax(pace->turns_paid, now) + 2 * (double)bytes / pace->rate;
     pthread_mutex_unlock(&pace->lock);
 }

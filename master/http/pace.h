@@ -5,7 +5,7 @@
  * watching takes stays the same. Who is early waits, as a request that is put aside (request.h). Whose turn
  * comes is drawn by lot, so that nobody is left out for long, whatever the number of those who wait. After
  * PACE_PATIENCE the answer is that there is nothing new yet, and who asks again is in the next draw. A
- * watcher who has seen nothing yet hardly waits: the others pay for it.
+ * watcher who has seen nothing yet hardly waits: the others pay for it, but half of the rate stays theirs.
  *
  * Thread-safe.
  */
@@ -34,7 +34,7 @@ bool pace_may_send(pace_t *pace, bool first);
 /* Puts the request aside until its turn. `then` is called with the request's value 1, or 0 when the turn has
  * not come in time. The request may be answered with 503 instead, when too many wait. */
 void pace_wait(pace_t *pace, http_request_t *request, void (*then)(http_request_t *request));
-/* So many bytes are being sent. */
-void pace_sent(pace_t *pace, size_t bytes);
+/* So many bytes are being sent, `turn`: to somebody who has waited. */
+void pace_sent(pace_t *pace, size_t bytes, bool turn);
 
 #endif

@@ -82,7 +82,7 @@ static void show_tiles_in_turn(http_request_t *request)
         result = tiles_get_nothing(tiles, job, &query, &bytes, &size);
     else if (result.code == RESULT_OK)
         result = tiles_get(tiles, job, layer, &query, &bytes, &size);
-    if (result.code == RESULT_OK) pace_sent(request->server->pace, size);
+    if (result.code == RESULT_OK) pace_sent(request->server->pace, size, true);
     reply_tiles(request, &result, bytes, size);
 }
 
@@ -102,7 +102,7 @@ static void show_tiles(http_request_t *request)
     }
     if (result.code == RESULT_OK)
         result = tiles_get(server->tiles, request->numbers[0], layer, &query, &bytes, &size);
-    if (result.code == RESULT_OK) pace_sent(server->pace, size);
+    if (result.code == RESULT_OK) pace_sent(server->pace, size, false);
     reply_tiles(request, &result, bytes, size);
 }
 

@@ -171,6 +171,23 @@ static void test_watchers_take_turns(void **state)
     peer_destroy(&peer);
 }
 
+/* Somebody who asks again and again as if for the first time is sent more than there is; others are not left
+ * out for it. */
+static void test_newcomers_do_not_take_all(void **state)
+{
+    trial_t *trial = *state;
+    double seconds;
+    peer_t *peer = peer_new(master_control_port(trial->master));
+    uint64_t job = large_job(trial, peer);
+    size_t whole = 0;
+    for (int i = 0; i < 500 && whole <= 28; i++, usleep(20000)) whole = ask_timed(trial, job, "", &seconds);
+    for (int i = 0; i < 12; i++)
+        ask_timed(trial, job, "", &seconds); /* more than 20 seconds are to be paid */
+    assert_int_equal(ask_timed(trial, job, "?since=7", &seconds), whole);
+    assert_true(seconds > 2 && seconds < 12);
+    peer_destroy(&peer);
+}
+
 /* A master that ends does not keep who waits. */
 static void test_who_waits_is_answered_at_the_end(void **state)
 {
@@ -201,6 +218,7 @@ int main(void)
                                         tear_down),
         cmocka_unit_test_setup_teardown(test_a_wrong_question_is_refused_with_the_reason, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_watchers_take_turns, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(test_newcomers_do_not_take_all, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_who_waits_is_answered_at_the_end, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_strangers_and_unknown_jobs_get_nothing, set_up, tear_down),
     };
