@@ -12,7 +12,8 @@ import { addEvent, format, jobNews, noteText, showJobs, showWorkers, workerNews,
 import { Tiles, idOf } from "./tiles.js";
 import { View } from "./view.js";
 
-const EVERY = 5000; // ms: what changes without an event (times, speeds) is asked for again
+const EVERY = 5000; // ms: what changes is asked for again while no events come;
+const ROUNDS = 3; // while they do, every third time: times and speeds change without one
 
 const state = { jobs: null, workers: null, chosen: null, points: [], operate: true, line: "connecting", wasLost: false };
 let awake = null; // aborted when the page is hidden
@@ -426,7 +427,12 @@ function wake() {
   awake = new AbortController();
   showLine("connecting");
   watchEvents(awake.signal, { event: (type, data) => on[type]?.(data), state: onState });
-  const mine = awake, timer = setInterval(() => state.line !== "lost" && mine === awake && ask.all(), EVERY);
+  const mine = awake;
+  let rounds = 0;
+  const timer = setInterval(() => {
+    rounds++;
+    if (state.line !== "lost" && mine === awake && (state.line !== "live" || rounds % ROUNDS === 0)) ask.all();
+  }, EVERY);
   awake.signal.addEventListener("abort", () => clearInterval(timer));
 }
 

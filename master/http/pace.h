@@ -15,8 +15,8 @@
 #include "master/http/request.h"
 
 enum { PACE_MAX_WAITING = 160 }; /* requests */
-#define PACE_A_THREAD 2e6        /* bytes a second for each render thread of the farm; about 0.05 % of it */
-#define PACE_LEAST 4e6           /* bytes a second, in any case: the page takes 2.5e6 */
+#define PACE_A_THREAD 1e6        /* bytes a second for each render thread of the farm; 0.02 to 0.05 % of it */
+#define PACE_LEAST 3e6           /* bytes a second, in any case: the page takes 2.5e6 */
 #define PACE_PATIENCE 20.0       /* seconds; less than proxies have */
 #define PACE_ADVANCE 30.0        /* seconds by which a first answer may be early */
 

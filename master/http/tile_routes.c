@@ -78,6 +78,7 @@ static void show_tiles_in_turn(http_request_t *request)
     tiles_t *tiles = request->server->tiles;
     uint64_t job = request->numbers[0];
     result_t result = read_query(request, &layer, &query);
+    if (request->value == 0) tiles_note_wait(tiles);
     if (result.code == RESULT_OK && request->value == 0)
         result = tiles_get_nothing(tiles, job, &query, &bytes, &size);
     else if (result.code == RESULT_OK)
@@ -96,7 +97,6 @@ static void show_tiles(http_request_t *request)
     result_t result = read_query(request, &layer, &query);
     if (result.code == RESULT_OK && !pace_may_send(server->pace, query.since == 0) &&
         tiles_newer(server->tiles, request->numbers[0], layer, &query)) {
-        tiles_note_wait(server->tiles);
         pace_wait(server->pace, request, show_tiles_in_turn);
         return;
     }

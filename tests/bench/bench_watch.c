@@ -118,6 +118,7 @@ static uint64_t submit(remote_t *remote, const bench_options_t *options)
     settings.width = options->width;
     settings.height = options->height;
     settings.spp = JOB_MAX_SPP / 2;
+    settings.features = false;
     check(remote_put_blob(remote, &blob, NULL, NULL));
     check(remote_submit(remote, "bench", &settings, &blob.hash, &job));
     free(bytes);
@@ -159,7 +160,7 @@ static void end_farm(farm_run_t *run, const bench_options_t *options)
 
 /* At one moment, or between two. */
 typedef struct {
-    double time, batches, render, master, http, events, tiles; /* seconds, CPU seconds */
+    double time, batches, samples, render, master, http, events, tiles; /* seconds, CPU seconds */
 } reading_t;
 
 /* CPU seconds of a thread whose name begins so; in nanoseconds, unlike /proc/PID/stat. */
@@ -193,6 +194,7 @@ static reading_t read_farm(const farm_run_t *run, const bench_options_t *options
     check(remote_status(run->remote, run->job, &message));
     reading_t reading = {.time = clock_now(),
                          .batches = (double)message.envelope->job_status_reply->jobs[0]->batches,
+                         .samples = (double)message.envelope->job_status_reply->jobs[0]->samples_done,
                          .master = thread_cpu(run->master, ""),
                          .http = thread_cpu(run->master, "MHD"),
                          .events = thread_cpu(run->master, "lm-events"),
@@ -209,6 +211,7 @@ static reading_t measure(const farm_run_t *run, const bench_options_t *options)
     reading_t last = read_farm(run, options);
     return (reading_t){.time = last.time - first.time,
                        .batches = last.batches - first.batches,
+                       .samples = last.samples - first.samples,
                        .render = last.render - first.render,
                        .master = last.master - first.master,
                        .http = last.http - first.http,
@@ -220,6 +223,7 @@ static void add(reading_t *sum, const reading_t *turn)
 {
     sum->time += turn->time;
     sum->batches += turn->batches;
+    sum->samples += turn->samples;
     sum->render += turn->render;
     sum->master += turn->master;
     sum->http += turn->http;
@@ -230,10 +234,11 @@ static void add(reading_t *sum, const reading_t *turn)
 static void print_reading(const char *what, const reading_t *r)
 {
     double watching = r->http + r->events + r->tiles;
-    printf("%-8s %4.0f s, %3.0f batches; CPU seconds: rendering %.1f, master %.2f, of it watching %.3f (http "
+    printf("%-8s %4.0f s, %3.0f batches; CPU seconds: rendering %.1f (%.0f samples in each), master %.2f, of "
+           "it watching %.3f (http "
            "%.3f, events %.3f, tiles %.3f): %.2f %% of a core\n",
-           what, r->time, r->batches, r->render, r->master, watching, r->http, r->events, r->tiles,
-           100 * watching / r->time);
+           what, r->time, r->batches, r->render, r->samples / fmax(r->render, 1e-3), r->master, watching,
+           r->http, r->events, r->tiles, 100 * watching / r->time);
     fflush(stdout);
 }
 

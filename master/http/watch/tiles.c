@@ -56,7 +56,7 @@ struct tiles {
     pthread_cond_t asked;
     bool stop;
     uint64_t unsent; /* bytes of answers */
-    double waited;   /* when somebody had to wait last */
+    double waited;   /* when somebody had waited in vain last */
     watch_t watches[TILES_MAX_JOBS];
 };
 

@@ -17,13 +17,13 @@
 
 enum {
     TILES_MAX_JOBS = 8,            /* watched at a time */
-    TILES_BAND_PIXELS = 1 << 18,   /* that are resolved at a time, or one row: 32 to 48 MB */
+    TILES_BAND_PIXELS = 1 << 16,   /* that are resolved at a time, or one row: 12 MB at most */
     TILES_MAX_ANSWERS = 256 << 20, /* bytes of answers that are not sent yet, before the last of them */
 };
 #define TILES_MAX_BYTES                                                                                      \
     (UINT64_C(3) << 29)          /* of all pyramids; a sixteenth of the memory, where that is less */
 #define TILES_INTERVAL 1.0       /* seconds between two snapshots of a layer, at least */
-#define TILES_BUSY_INTERVAL 10.0 /* the same while watchers wait for their turn (pace.h) */
+#define TILES_BUSY_INTERVAL 20.0 /* the same while turns are long in coming (pace.h) */
 #define TILES_SHARE 0.015        /* of the thread's time */
 #define TILES_KEEP 30.0          /* seconds */
 #define TILES_HOLD 5.0           /* seconds for which a layer that was asked for does not go to make room */
@@ -57,7 +57,8 @@ bool tiles_newer(tiles_t *tiles, uint64_t job, layer_t layer, const tile_query_t
 /* As tiles_get, but says that nothing has changed since query->since. */
 result_t tiles_get_nothing(tiles_t *tiles, uint64_t job, const tile_query_t *query, uint8_t **bytes,
                            size_t *size);
-/* Somebody waits for tiles: those that are there are not all seen yet, and newer ones can wait too. */
+/* Somebody has waited for tiles in vain: those that are there will not be seen by all for long, and newer
+ * ones can wait too. */
 void tiles_note_wait(tiles_t *tiles);
 /* Frees an answer when it has been sent, from any thread. */
 void tiles_release(tiles_t *tiles, uint8_t *bytes, size_t size);
