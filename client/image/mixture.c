@@ -13,12 +13,13 @@ static const double MAX_FACTOR = 1e6;
 
 /* ---- groups -------------------------------------------------------------------------------------------- */
 
-/* The group of a channel "group.NAME.PART.COLOUR", with its part and colour; false for any other channel. */
+/* The group of a channel "group.NAME.PART.COLOUR", with its part and colour; false for any other channel, and
+ * for names that do things to a terminal on which they are shown. */
 static bool parse_channel(const char *channel, char name[64], int *part, int *colour)
 {
     char part_name[8], last[2];
     int used = 0;
-    if (sscanf(channel, "group.%63[^.].%7[^.].%1[RGB]%n", name, part_name, last, &used) != 3 ||
+    if (sscanf(channel, "group.%63[^.\001-\037\177].%7[^.].%1[RGB]%n", name, part_name, last, &used) != 3 ||
         channel[used] != '\0')
         return false;
     for (*part = 0; *part < MIXTURE_PARTS && strcmp(part_names[*part], part_name) != 0;) ++*part;

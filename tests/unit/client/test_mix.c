@@ -198,6 +198,7 @@ static void mistakes_are_named(void **state)
     image_t image;
     image_init(&image, WIDTH, HEIGHT);
     add(&image, NULL, true, true, -1);
+    add(&image, "group.k\033[2J.eye", true, false, 0); /* which would clear the terminal */
     assert_int_equal(image_write_exr(mix->from, &image).code, RESULT_OK);
     image_free(&image);
     result_t result = run(mix, (const char *[4]){output});
