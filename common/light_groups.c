@@ -185,7 +185,7 @@ enum { CLAIM_NONE, CLAIM_KIND, CLAIM_NUMBER };
 typedef struct {
     const grouped_light_t *lights;
     size_t count;
-    const group_t *groups;
+    group_t groups[LIGHT_GROUPS_MAX + 1];
     uint8_t *group_of; /* [count] */
     uint8_t *claims;   /* [count] */
 } sorting_t;
@@ -281,12 +281,12 @@ static result_t check_claims(sorting_t *sorting, size_t group_count, bool rest)
 result_t light_groups_assign(const char *resolved, const grouped_light_t *lights, size_t count,
                              uint8_t *groups)
 {
-    group_t parts[LIGHT_GROUPS_MAX + 1];
     TRY(light_groups_check(resolved));
-    size_t group_count = split_groups(resolved, parts);
-    sorting_t sorting = {lights, count, parts, groups, mem_zalloc(count + 1, 1)};
+    sorting_t sorting = {
+        .lights = lights, .count = count, .group_of = groups, .claims = mem_zalloc(count + 1, 1)};
+    size_t group_count = split_groups(resolved, sorting.groups);
     result_t result = claim_all(&sorting, group_count);
-    bool rest = group_count > 0 && part_is(parts[group_count - 1].name, REST);
+    bool rest = group_count > 0 && part_is(sorting.groups[group_count - 1].name, REST);
     if (result.code == RESULT_OK) result = check_claims(&sorting, group_count, rest);
     free(sorting.claims);
     return result;
@@ -376,10 +376,8 @@ static bool put_shorthand(writer_t *writer, const char *text, const grouped_ligh
 /* Appends the rest if there is one; then all must be well. */
 static result_t put_rest(writer_t *writer, sorting_t *sorting)
 {
-    group_t groups[LIGHT_GROUPS_MAX + 1];
     TRY(light_groups_check(writer->text));
-    sorting->groups = groups;
-    TRY(claim_all(sorting, split_groups(writer->text, groups)));
+    TRY(claim_all(sorting, split_groups(writer->text, sorting->groups)));
     bool left = sorting->count > 0 && memchr(sorting->group_of, NO_GROUP, sorting->count) != NULL;
     if (left) put(writer, writer->size > 0 ? "," REST : REST);
     return result_ok();
@@ -387,16 +385,14 @@ static result_t put_rest(writer_t *writer, sorting_t *sorting)
 
 static result_t resolve(const char *text, sorting_t *sorting, writer_t *writer)
 {
-    group_t groups[LIGHT_GROUPS_MAX + 1];
     if (strcmp(text, "each") == 0 && sorting->count > LIGHT_GROUPS_MAX)
         return result_fail(RESULT_USAGE,
                            "the scene has %zu lights, and there can be at most %d light groups: "
                            "name some, as in %s; the others make the group '" REST "'",
                            sorting->count, LIGHT_GROUPS_MAX, EXAMPLE);
     if (!put_shorthand(writer, text, sorting->lights, sorting->count)) {
-        size_t count = split_groups(text, groups);
-        TRY(check_groups(groups, count));
-        sorting->groups = groups;
+        size_t count = split_groups(text, sorting->groups);
+        TRY(check_groups(sorting->groups, count));
         TRY(put_groups(writer, sorting, count));
     }
     if (!writer->full) TRY(put_rest(writer, sorting));

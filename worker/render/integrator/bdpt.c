@@ -67,6 +67,13 @@ static inline void add_radiance(bidirectional_t *b, rgb_t value, uint32_t light)
     sample_lit(b->sample, light, value);
 }
 
+/* Notes for the light groups what arrived of so many connections. */
+static void light_connections(bidirectional_t *b, int count, uint32_t lost)
+{
+    for (int i = 0; i < count; i++)
+        if (!(lost >> i & 1)) sample_lit(b->sample, b->lights[i], b->connections.values[i]);
+}
+
 /* Traces the connections and takes what arrives, of those to the camera as splats. */
 static void take_connections(bidirectional_t *b, bool splats)
 {
@@ -77,8 +84,9 @@ static void take_connections(bidirectional_t *b, bool splats)
         if (splats)
             sample_splat(b->sample, b->rasters[i], b->connections.values[i], b->lights[i], b->dimensions[i]);
         else
-            add_radiance(b, b->connections.values[i], b->lights[i]);
+            b->radiance = v_add(b->radiance, b->connections.values[i]);
     }
+    if (!splats && b->setup->light_groups != NULL) light_connections(b, count, lost);
 }
 
 /* t = 1: joins a light vertex to the camera. */
