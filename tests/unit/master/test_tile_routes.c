@@ -181,8 +181,7 @@ static void test_newcomers_do_not_take_all(void **state)
     uint64_t job = large_job(trial, peer);
     size_t whole = 0;
     for (int i = 0; i < 500 && whole <= 28; i++, usleep(20000)) whole = ask_timed(trial, job, "", &seconds);
-    for (int i = 0; i < 9; i++)
-        ask_timed(trial, job, "", &seconds); /* more than 20 seconds are to be paid */
+    for (int i = 0; i < 9; i++) ask_timed(trial, job, "", &seconds); /* more than 20 seconds are to be paid */
     assert_int_equal(ask_timed(trial, job, "?since=7", &seconds), whole);
     assert_true(seconds > 2 && seconds < 12);
     peer_destroy(&peer);
