@@ -111,10 +111,10 @@ static bool make_room(tiles_t *tiles, uint64_t bytes)
     }
 }
 
-/* Sees to it that a layer has a pyramid; false when there is no memory for it. */
-static bool prepare_layer(tiles_t *tiles, const watch_t *watch, watched_layer_t *layer, uint32_t version)
+/* Sees to it that a layer has a pyramid, unless there is no memory for it. */
+static void prepare_layer(tiles_t *tiles, const watch_t *watch, watched_layer_t *layer, uint32_t version)
 {
-    if (layer->pyramid != NULL) return true;
+    if (layer->pyramid != NULL) return;
     pyramid_t *pyramid = make_room(tiles, pyramid_bytes(watch->width, watch->height))
                              ? pyramid_new(watch->width, watch->height, version)
                              : NULL;
@@ -122,7 +122,6 @@ static bool prepare_layer(tiles_t *tiles, const watch_t *watch, watched_layer_t 
     layer->pyramid = pyramid;
     layer->refused = pyramid == NULL;
     pthread_mutex_unlock(&tiles->lock);
-    return pyramid != NULL;
 }
 
 /* ---- snapshots: the thread alone ----------------------------------------------------------------------- */
@@ -266,20 +265,31 @@ static double note_failure(const snapshot_t *snapshot, const result_t *result)
     return ldexp(TILES_INTERVAL, int_min(watch->failures++, 6));
 }
 
+/* Sees to the memory of the layers that are wanted. One of them may have made room for another: it is not
+ * wanted any more. False when none is left. */
+static bool prepare_layers(snapshot_t *snapshot)
+{
+    watch_t *watch = snapshot->watch;
+    bool any = false;
+    for (int l = 0; l < LAYERS; l++) {
+        if (!snapshot->wanted[l]) continue;
+        watch->layers[l].next = watch->made + TILES_INTERVAL;
+        prepare_layer(snapshot->tiles, watch, &watch->layers[l], snapshot->version);
+    }
+    for (int l = 0; l < LAYERS; l++) {
+        snapshot->wanted[l] &= watch->layers[l].pyramid != NULL;
+        any |= snapshot->wanted[l];
+    }
+    return any;
+}
+
 static void take_snapshot(snapshot_t *snapshot)
 {
     tiles_t *tiles = snapshot->tiles;
     watch_t *watch = snapshot->watch;
     double begun = thread_seconds();
     watch->made = clock_now();
-    bool any = false;
-    for (int l = 0; l < LAYERS; l++) {
-        if (!snapshot->wanted[l]) continue;
-        watch->layers[l].next = watch->made + TILES_INTERVAL;
-        snapshot->wanted[l] = prepare_layer(tiles, watch, &watch->layers[l], snapshot->version);
-        any |= snapshot->wanted[l];
-    }
-    if (!any) return;
+    if (!prepare_layers(snapshot)) return;
     result_t result = snapshot->over ? read_file(snapshot) : read_film(snapshot);
     double now = clock_now(), cost = thread_seconds() - begun, pause = fmax(TILES_INTERVAL, 3 * cost);
     if (result.code == RESULT_OK)

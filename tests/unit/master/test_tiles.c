@@ -630,6 +630,20 @@ static void test_layers_do_not_push_one_another_out(void **state)
     assert_int_equal(version, 2);
 }
 
+/* A layer that is to be refreshed goes to make room for another one of the same snapshot. */
+static void test_a_layer_makes_room_while_it_is_due(void **state)
+{
+    trial_t *trial = *state;
+    deliver_one(trial, 1);
+    free(look_until_newer(trial, LAYER_PICTURE, 0));
+    free(look_until_newer(trial, LAYER_EYE, 0));
+    usleep(5500000); /* longer than TILES_HOLD: both may go, and are still looked at */
+    deliver_one(trial, 2);
+    int version = 0;
+    for (int i = 0; i < 1000 && version < 2; i++, usleep(10000)) version = version_of(trial, LAYER_LIGHT);
+    assert_int_equal(version, 2);
+}
+
 static void test_answers_that_nobody_takes_are_limited(void **state)
 {
     trial_t *trial = *state;
@@ -706,6 +720,7 @@ int main(void)
         cmocka_unit_test_setup_teardown(test_a_job_that_is_over_shows_its_file, begin, end),
         cmocka_unit_test_setup_teardown(test_light_groups_are_layers, begin, end),
         cmocka_unit_test_setup_teardown(test_layers_do_not_push_one_another_out, begin_small, end),
+        cmocka_unit_test_setup_teardown(test_a_layer_makes_room_while_it_is_due, begin_small, end),
         cmocka_unit_test_setup_teardown(test_answers_that_nobody_takes_are_limited, begin_small, end),
         cmocka_unit_test_setup_teardown(test_a_file_that_cannot_be_read_is_said_once, begin, end),
         cmocka_unit_test_setup_teardown(test_what_is_not_there_is_refused, begin, end),
