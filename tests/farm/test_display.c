@@ -89,7 +89,8 @@ static void only_tiles_with_new_samples_are_sent(void **state)
     rig_destroy(&rig);
 }
 
-/* The same picture and the exit code of success, and no waiting for ever: a slow machine may take its time. */
+/* The same picture and the exit code of success, and no waiting for ever: a slow machine may take its time.
+ */
 static void no_viewer_keeps_a_render_up(void **state)
 {
     (void)state;
