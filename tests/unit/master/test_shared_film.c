@@ -20,7 +20,7 @@ static uint64_t draw(uint64_t *random)
     return *random >> 20;
 }
 
-/* Large enough for several pages of each array, and for tiles cut by the rim. */
+/* With all sums that there are, large enough for several pages of each, and for tiles cut by the rim. */
 static job_settings_t job_of_pages(void)
 {
     job_settings_t settings = job_settings_default();
@@ -29,6 +29,7 @@ static job_settings_t job_of_pages(void)
     settings.tile_size = 32;
     settings.spp = 1000;
     settings.cryptomatte = true;
+    strcpy(settings.light_groups, "key=1,rest");
     return settings;
 }
 
@@ -37,6 +38,15 @@ static shared_film_t *shared_film_of(const job_settings_t *settings)
     film_t *film;
     assert_int_equal(film_new(settings, &film).code, RESULT_OK);
     return shared_film_new(film);
+}
+
+/* A frame with something at some of the pixels. */
+static void fill_frame(batch_t *batch, sum_kind_t kind, uint64_t *seed)
+{
+    int64_t *frame = batch_frame(batch, kind);
+    for (size_t i = 0; i < sum_image_values(&batch->settings, kind) / 3; i++)
+        if (draw(seed) % 8 < *seed % 9)
+            for (size_t c = 0; c < 3; c++) frame[3 * i + c] = (int64_t)draw(seed) >> 8;
 }
 
 /* Units of every third tile from `start` on, with splats at some of the pixels. */
@@ -49,11 +59,10 @@ static batch_t batch_of(const job_settings_t *settings, uint32_t start, uint32_t
     free(units);
     for (size_t i = 0; i < batch.sums[SUM_EYE].count; i++)
         batch.sums[SUM_EYE].values[i] -= (int64_t)(draw(&seed) % 1000000) << 10;
-    batch_frame(&batch, SUM_SPLAT);
-    for (size_t i = 0; i < sum_image_values(settings, SUM_SPLAT) / 3; i++)
-        if (draw(&seed) % 8 < seed % 9)
-            for (size_t c = 0; c < 3; c++)
-                batch.sums[SUM_SPLAT].values[3 * i + c] = (int64_t)draw(&seed) >> 8;
+    for (size_t i = 0; i < batch.sums[SUM_GROUP_EYE].count; i++)
+        batch.sums[SUM_GROUP_EYE].values[i] = (int64_t)(draw(&seed) % 1000000) << 10;
+    fill_frame(&batch, SUM_SPLAT, &seed);
+    fill_frame(&batch, SUM_GROUP_SPLAT, &seed);
     return batch;
 }
 
@@ -128,30 +137,38 @@ static void merge_one(shared_film_t *shared_film, const batch_t *batch, int sign
     close_all(payload);
 }
 
+/* True when the page ends with one of the sums. */
+static bool ends_a_sum(const film_t *film, const uint8_t *page, size_t size)
+{
+    bool ends = false;
+    for (sum_kind_t k = 0; k < FILM_SUMS; k++) {
+        size_t values = sum_image_values(&film->settings, k);
+        ends |= values > 0 && page + size == (uint8_t *)film_values(film, k) + values * film_sums[k].bytes;
+    }
+    return ends;
+}
+
 static void pages_cover_the_film(void **state)
 {
     (void)state;
-    job_settings_t settings = job_of_pages();
-    for (int features = 0; features < 2; features++) {
-        settings.features = settings.cryptomatte = features;
+    for (int all = 0; all < 2; all++) {
+        job_settings_t settings = job_of_pages();
+        settings.features = settings.cryptomatte = all;
+        if (!all) settings.light_groups[0] = '\0';
         film_t *film;
         assert_int_equal(film_new(&settings, &film).code, RESULT_OK);
         size_t sum = 0, size, pixels = (size_t)settings.width * (size_t)settings.height;
-        const uint8_t *end[5] = {
-            (uint8_t *)(film->sums[SUM_EYE] + 6 * pixels), (uint8_t *)(film->sums[SUM_SPLAT] + 6 * pixels),
-            (uint8_t *)(film->samples + 2 * pixels),
-            features ? (uint8_t *)(film->sums[SUM_FEATURES] + FEATURE_VALUES * pixels) : NULL,
-            features ? (uint8_t *)(film->sums[SUM_MATTES] + MATTE_VALUES * pixels) : NULL};
         int ends = 0;
         for (size_t i = 0; i < shared_film_page_count(&settings); i++) {
             const uint8_t *page = shared_film_page(film, i, &size);
             assert_true(size > 0 && size <= SHARED_FILM_PAGE_BYTES);
-            for (int e = 0; e < 5; e++) ends += page + size == end[e];
+            ends += ends_a_sum(film, page, size);
             sum += size;
         }
-        assert_int_equal(ends, features ? 5 : 3);
+        assert_int_equal(ends, all ? FILM_SUMS : 3);
+        size_t groups = 2 * (3 + 3) * 8;
         assert_int_equal(
-            sum, pixels * (6 * 8 + 6 * 8 + 2 * 4 + (features ? 8 * (FEATURE_VALUES + MATTE_VALUES) : 0)));
+            sum, pixels * (6 * 8 + 6 * 8 + 2 * 4 + (all ? 8 * (FEATURE_VALUES + MATTE_VALUES) + groups : 0)));
         film_destroy(&film);
     }
 }
@@ -190,11 +207,13 @@ static void eye_sums_and_samples_are_weighted(void **state)
     job_settings_t settings = job_of_pages();
     batch_t batch = batch_of(&settings, 0, 8, 1), weighted = batch_of(&settings, 0, 8, 1);
     uint32_t *weights = mem_alloc(batch.unit_count * sizeof *weights);
-    int64_t *value = weighted.sums[SUM_EYE].values;
+    int64_t *value = weighted.sums[SUM_EYE].values, *group = weighted.sums[SUM_GROUP_EYE].values;
     for (size_t i = 0; i < batch.unit_count; i++) {
         weights[i] = 1 + (uint32_t)i % JOB_MAX_BOOST;
         for (size_t v = sum_unit_values(&settings, SUM_EYE, &batch.units[i]); v > 0; v--)
             *value++ *= weights[i];
+        for (size_t v = sum_unit_values(&settings, SUM_GROUP_EYE, &batch.units[i]); v > 0; v--)
+            *group++ *= weights[i];
     }
     film_t *film = film_of(&weighted, 1);
     for (size_t i = 0; i < batch.unit_count; i++) { /* merge_plainly knows no weights */
