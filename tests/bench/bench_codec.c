@@ -176,8 +176,7 @@ static measure_t measure_payload(const job_settings_t *settings, int64_t *values
     m.decode = clock_cpu() - start;
     m.same =
         result.code == RESULT_OK && memcmp(values, got.sums[SUM_SPLAT].values, count * sizeof *values) == 0;
-    zmq_msg_close(&payload[0]);
-    zmq_msg_close(&payload[1]);
+    for (int i = 0; i < BATCH_PAYLOADS; i++) zmq_msg_close(&payload[i]);
     batch_free(&got);
     return m;
 }

@@ -183,7 +183,7 @@ static void send_batch(member_t *member, double now)
         member->squad->report.interval_sum += now - member->closed_before;
     }
     member->sent_at = member->closed_before = now;
-    send_message(member, true, &envelope, payload, BATCH_PAYLOADS);
+    send_message(member, true, &envelope, payload, payload_count(payload));
     free(body.units);
 }
 

@@ -219,5 +219,5 @@ void prepared_payloads(prepared_t *prepared, const unit_t *units, size_t count, 
     share(eye_frame(prepared, values), &payload[0]);
     pthread_mutex_unlock(&prepared->lock);
     share(&level_of(prepared, seconds)->frame, &payload[1]);
-    zmq_msg_init(&payload[2]);
+    for (int i = 2; i < BATCH_PAYLOADS; i++) zmq_msg_init(&payload[i]);
 }
