@@ -13,7 +13,7 @@ import { Tiles, idOf } from "./tiles.js";
 import { View } from "./view.js";
 
 const EVERY = 5000; // ms: what changes is asked for again while no events come;
-const ROUNDS = 3; // while they do, every third time: times and speeds change without one
+const ROUNDS = 5; // while they do, every fifth time: times and speeds change without one
 
 const state = { jobs: null, workers: null, chosen: null, points: [], operate: true, line: "connecting", wasLost: false };
 let awake = null; // aborted when the page is hidden

@@ -16,7 +16,7 @@ enum {
     EVENTS_KEPT = 4096, /* in the ring, unless it is told otherwise */
     SOCKET = 64 << 10,  /* bytes of a stream that the kernel keeps, about */
     STREAMS = 128,      /* at a time; connections are left for everything else */
-    CALM = 8,           /* streams for which events come a second later: who hears of something asks for it */
+    CALM = 4,           /* streams for which events come a second later: who hears of something asks for it */
     BLOCK = 4096        /* bytes of a stream's buffer */
 };
 static const double BEAT = 15;  /* seconds of silence after which a comment is sent */

@@ -19,7 +19,7 @@ typedef enum { ASK_JOBS, ASK_WORKERS, ASK_HISTORY, ASK_TILES, ASKS } ask_t;
 
 /* The page's pace: web/app.js and web/tiles.js. */
 static const double least[ASKS] = {0.5, 1, 1, 1}; /* seconds between two of a kind */
-static const double every = 15;                   /* seconds after which all but tiles are asked for anyway */
+static const double every = 25;                   /* seconds after which all but tiles are asked for anyway */
 static const double tile_speed = 2.5e6;           /* bytes a second of tiles, at most */
 static const double first_pause = 0.2;            /* while the first tiles are being made */
 
