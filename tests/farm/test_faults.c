@@ -221,6 +221,7 @@ static void a_client_sees_the_end_of_its_master(void **state)
     rig_t *rig = *state;
     rig_start_master(rig, BATCH_INTERVAL); /* with a client whose time-out is 20 s */
     kill(rig->master, SIGSTOP);
+    assert_int_equal(waitpid(rig->master, NULL, WUNTRACED), rig->master); /* not a thread of it answers */
     pid_t killer = fork();
     if (killer == 0) {
         rig_sleep(1);
