@@ -2,8 +2,8 @@
 # Runs test programs, each with a time-out, and sums up: the last line is "N passed, N failed", counting single cmocka
 # tests. A program that ends without its own summary (a crash, the time-out) counts as one failure.
 #
-# Unit tests come first, JOBS at a time and with their files in memory: they share nothing, and many of them wait more
-# than they compute. All others have the machine, and its disk, to themselves.
+# Statistics and unit tests come first, JOBS at a time and with their files in memory: they share nothing. The former
+# compute on one thread, and many of the latter wait. All others have the machine, and its disk, to themselves.
 #
 # usage: tests/run.sh [-j JOBS] PROGRAM...      TEST_TIMEOUT=SECONDS for one program (default 900)
 set -u
@@ -53,15 +53,21 @@ run() {
     echo "$ok $bad" >>"$scratch/counts"
 }
 
-running=0
+together=()
 for program in "$@"; do
-    case $program in */tests/unit/*) ;; *) continue ;; esac
+    case $program in */tests/statistics/*) together+=("$program") ;; esac
+done
+for program in "$@"; do
+    case $program in */tests/unit/*) together+=("$program") ;; esac
+done
+running=0
+for program in "${together[@]}"; do
     [ "$running" -lt "$jobs" ] || wait -n
     [ "$running" -ge "$jobs" ] || running=$((running + 1))
     TMPDIR=$scratch run "$program" &
 done
 wait
 for program in "$@"; do
-    case $program in */tests/unit/*) ;; *) run "$program" ;; esac
+    case $program in */tests/unit/* | */tests/statistics/*) ;; *) run "$program" ;; esac
 done
 awk '{ passed += $1; failed += $2 } END { print passed + 0 " passed, " failed + 0 " failed"; exit failed > 0 }' "$scratch/counts"
