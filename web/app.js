@@ -45,17 +45,18 @@ const idText = (kind) => (...rgb) => (idOf(rgb) ? `${kind} ${idOf(rgb)}` : `no $
 const MEANS = { samples: (v) => `${Math.round(1024 * v)} samples`, depth: (v) => `depth ${format.number(v)}`, object: idText("object"), material: idText("material"), strategies: (eye, _, light) => `eye ${percent(eye)}, light ${percent(light)}` };
 
 /** A pixel's value in a layer, in words. */
-function valueText(name, at, error = true) {
+function valueText(name, at) {
   if (MEANS[name]) return MEANS[name](...at.rgb);
-  return at.rgb.map(format.number).join("  ") + (error && name === "picture" ? ` ± ${format.number(at.error)}` : "");
+  return at.rgb.map(format.number).join("  ") + (name === "picture" ? ` ± ${format.number(at.error)}` : "");
 }
+
+const meanText = ({ side }) => (side > 1 ? ` (mean of ${side} × ${side})` : "");
 
 function showProbe() {
   const at = view.probed(), other = view.other && view.probed(view.other.layer);
   if (!at) return setText("probe", "Point at a pixel to see its value.");
-  const side = at.side > 1 ? ` (mean of ${at.side} × ${at.side})` : "";
-  const second = other ? `; compared with ${valueText(view.other.name, other)}${other.side > 1 ? ` (mean of ${other.side} × ${other.side})` : ""}` : "";
-  setText("probe", `${at.x}, ${at.y}: ${valueText(mixer.active ? "mix" : tiles.name, at)}${side}${second}`);
+  const second = other ? `; compared with ${valueText(view.other.name, other)}${meanText(other)}` : "";
+  setText("probe", `${at.x}, ${at.y}: ${valueText(mixer.active ? "mix" : tiles.name, at)}${meanText(at)}${second}`);
 }
 
 // ---- the rectangle
@@ -472,7 +473,7 @@ wire();
 listKeys();
 setOptions($("how"), WAYS, WAYS[0][0]);
 setTone();
-if (!view.gl) setText("problem", "This browser has no WebGL2, so the image cannot be shown.");
+if (!view.painter.gl) problemOf("browser")("This browser has no WebGL2, so the image cannot be shown.");
 wake();
 
 /** What tests and the console may look at. */

@@ -6,7 +6,7 @@ const PINS = 2;
 export const WAYS = [["side", "side by side"], ["wipe", "wipe"], ["signed", "difference"], ["absolute", "absolute difference"]];
 
 /** What the differences' colours mean. */
-const MEANING = { signed: " Orange: brighter; blue: darker; black: equal.", absolute: " Black: equal.", wipe: "", side: "" };
+const MEANING = { signed: " Orange: brighter; blue: darker; black: equal.", absolute: " Black: equal." };
 
 export class Compare {
   /**

@@ -3,6 +3,7 @@
 
 const SVG = "http://www.w3.org/2000/svg";
 const WIDTH = 480, HEIGHT = 220, LEFT = 52, RIGHT = 10, TOP = 10, BOTTOM = 34;
+const LETTER = 7; // the width of a letter, at most
 
 /** The points that a logarithm exists of. */
 export const usable = (points) => points.filter((p) => p.error > 0 && p.samples > 0 && p.elapsed > 0 && isFinite(p.error));
@@ -61,7 +62,8 @@ function range(values, room) {
 function drawAxes(svg, x, y, xs, ys, by, format) {
   for (const v of ticks(...xs)) {
     make(svg, "path", { class: "grid", d: `M${x(v)} ${TOP}V${HEIGHT - BOTTOM}` });
-    make(svg, "text", { x: x(v), y: HEIGHT - BOTTOM + 14, "text-anchor": "middle" }, by === "elapsed" ? format.duration(v) : format.count(v));
+    const text = by === "elapsed" ? format.duration(v) : format.count(v), last = WIDTH - (LETTER * text.length) / 2; // fits there
+    make(svg, "text", { x: Math.min(x(v), last), y: HEIGHT - BOTTOM + 14, "text-anchor": "middle" }, text);
   }
   for (const v of ticks(...ys)) {
     make(svg, "path", { class: "grid", d: `M${LEFT} ${y(v)}H${WIDTH - RIGHT}` });

@@ -2,7 +2,8 @@
 // groups, so that whatever draws, probes or keeps tiles takes a mix for a layer.
 
 import { $ } from "./dom.js";
-import { Layer, SIDE, Tiles, halfToNumber } from "./tiles.js";
+import { make } from "./tables.js";
+import { Layer, SIDE, Tiles, halfToNumber, holds } from "./tiles.js";
 
 const MOST = 4; // the largest factor
 const KEPT = 1000; // tiles of a group, at most, beside those in sight
@@ -55,21 +56,18 @@ export class Mixer {
     $("mixer").hidden = text === "";
   }
   control(name, g) {
-    const make = (tag, properties) => Object.assign(document.createElement(tag), properties);
     const factor = make("input", { type: "range", min: 0, max: MOST, step: 0.05, value: 1, id: `factor-${g}` });
     const tint = make("input", { type: "color", value: "#ffffff", id: `tint-${g}`, title: `tint of ${name}` });
     tint.setAttribute("aria-label", `tint of ${name}`);
-    const shown = make("output", { textContent: "1" }), label = make("label"), all = make("span", { className: "group" });
-    label.append(`${name} `, factor, " ", shown);
+    const shown = make("output", { textContent: "1" });
     const change = () => {
       shown.textContent = String(Number(factor.value));
       this.weights[g] = tintOf(tint.value).map((v) => v * factor.value);
       this.start();
     };
     for (const input of [factor, tint]) input.addEventListener("input", change);
-    all.append(label, " ", tint);
     this.weights[g] = [1, 1, 1];
-    return all;
+    return make("span", {}, make("label", {}, `${name} `, factor, " ", shown), " ", tint);
   }
 
   // ---- beginning and ending
@@ -136,8 +134,8 @@ export class Mixer {
   }
   taken(layer, fresh) {
     if (!this.active) return;
-    const wanted = this.view.wanted(), r = wanted?.rect;
-    layer.forget(KEPT, ({ level, tx, ty }) => level === wanted?.level && tx >= r.tx0 && tx < r.tx1 && ty >= r.ty0 && ty < r.ty1);
+    const wanted = this.view.wanted();
+    layer.forget(KEPT, (tile) => tile.level === wanted?.level && holds(wanted.rect, tile));
     this.put(fresh.flatMap((tile) => this.mix(tile)));
   }
   /** The mix of the groups' tiles at the place of a tile; none as long as one is missing. */

@@ -14,7 +14,6 @@ const GOALS = [
   ["time", "seconds from now", { min: 1, max: 1e9, step: "any" }, () => 600, (v) => v],
 ];
 
-
 /** Asks a question; true for yes. */
 function sure(text) {
   setText("sure-text", text);

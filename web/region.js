@@ -1,14 +1,14 @@
 // region: the mean of a rectangle of the image and the standard error of that mean, from its texels at the finest level
 // that can be fetched.
 
-import { SIDE, Tiles, halfToNumber, idOf } from "./tiles.js";
+import { SIDE, Tiles, countOf, halfToNumber, holds, idOf } from "./tiles.js";
 
 const MOST_TILES = 1024; // that one question may ask for
 const LUMINANCE = [0.2126, 0.7152, 0.0722], FIRST = [1, 0, 0];
 /** Layers with one number a pixel, which is in the first channel. */
 export const SINGLE_NUMBERS = ["samples", "depth"];
 /** Layers of ids, of which there is no mean. */
-export const ID_LAYERS = ["object", "material"];
+const ID_LAYERS = ["object", "material"];
 
 /** The tiles that hold a rectangle of pixels at a level. */
 const tilesOf = (mark, level) => {
@@ -18,10 +18,7 @@ const tilesOf = (mark, level) => {
 
 /** The finest level of which few enough tiles hold the rectangle. */
 export function levelOf(mark) {
-  for (let level = 0; ; level++) {
-    const r = tilesOf(mark, level);
-    if ((r.tx1 - r.tx0) * (r.ty1 - r.ty0) <= MOST_TILES) return level;
-  }
+  for (let level = 0; ; level++) if (countOf(tilesOf(mark, level)) <= MOST_TILES) return level;
 }
 
 /** The part of texel `i` of a level, in pixels, that lies between two pixels. */
@@ -58,7 +55,7 @@ function addTexel(sums, texels, at, pixels) {
  */
 export function measure(layer, name, mark, level) {
   const r = tilesOf(mark, level), tiles = [...layer.within(level, r)];
-  if (tiles.length < (r.tx1 - r.tx0) * (r.ty1 - r.ty0)) return null;
+  if (tiles.length < countOf(r)) return null;
   const weights = SINGLE_NUMBERS.includes(name) ? FIRST : LUMINANCE;
   const sums = { weights, ids: ID_LAYERS.includes(name) ? new Set() : null, pixels: 0, rgb: [0, 0, 0], variance: 0, least: Infinity, most: -Infinity };
   for (const tile of tiles) addTile(sums, tile, mark);
@@ -68,7 +65,7 @@ export function measure(layer, name, mark, level) {
 }
 
 export class Region {
-  /** on.problem as Tiles has it; on.change(found) is told what measure finds. */
+  /** on.problem as Tiles has it; on.change() is told when `found`, what measure finds, is another. */
   constructor(on) {
     Object.assign(this, { on, mark: null, found: null });
     this.tiles = new Tiles({ wanted: () => this.wanted(), taken: (layer) => this.taken(layer) }, on);
@@ -79,17 +76,16 @@ export class Region {
   }
   taken(layer) {
     const { level, rect } = this.wanted();
-    layer.forget(0, (t) => t.level === level && t.tx >= rect.tx0 && t.tx < rect.tx1 && t.ty >= rect.ty0 && t.ty < rect.ty1);
+    layer.forget(0, (tile) => tile.level === level && holds(rect, tile));
     this.found = measure(layer, this.tiles.name, this.mark, level);
-    this.on.change(this.found);
+    this.on.change();
   }
   /** Measures a rectangle of a job's layer, and again when the image changes; null: none. */
   show(job, name, mark) {
     if (job === this.tiles.job && name === this.tiles.name && mark && this.mark && ["x0", "y0", "x1", "y1"].every((k) => mark[k] === this.mark[k])) return;
     Object.assign(this, { mark, found: null });
     this.tiles.show(mark ? job : null, name);
-    const level = mark && levelOf(mark);
-    if (mark) this.found = measure(this.tiles.layer, name, mark, level); // as old as it is; what has changed comes
-    this.on.change(this.found);
+    if (mark) this.found = measure(this.tiles.layer, name, mark, levelOf(mark)); // as old as it is; what has changed comes
+    this.on.change();
   }
 }

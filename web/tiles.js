@@ -43,6 +43,10 @@ export const idOf = (rgb) => rgb[0] + 2048 * rgb[1] + 2048 ** 2 * rgb[2];
 /** The tiles that two rectangles of tiles have in common. */
 export const intersect = (a, b) => ({ tx0: Math.max(a.tx0, b.tx0), ty0: Math.max(a.ty0, b.ty0), tx1: Math.min(a.tx1, b.tx1), ty1: Math.min(a.ty1, b.ty1) });
 
+/** How many tiles a rectangle has, and whether a tile of its level is one of them. */
+export const countOf = (rect) => (rect.tx1 - rect.tx0) * (rect.ty1 - rect.ty0);
+export const holds = (rect, { tx, ty }) => tx >= rect.tx0 && tx < rect.tx1 && ty >= rect.ty0 && ty < rect.ty1;
+
 const keyOf = (level, tx, ty) => `${level}/${tx}/${ty}`;
 
 /** The tiles of one layer of one job. */

@@ -3,7 +3,7 @@
 
 import { Painter } from "./painter.js";
 import { ABSOLUTE, DIRECTIONS, IDS, LIGHT, SIGNED, SINGLE } from "./shader.js";
-import { SIDE, halfToNumber, intersect, levelCount, levelSide } from "./tiles.js";
+import { SIDE, countOf, halfToNumber, holds, intersect, levelCount, levelSide } from "./tiles.js";
 
 const MOST_TILES = 480, MAX_SCALE = 64;
 const GREY = [0.13, 0.13, 0.13], WHITE = [1, 1, 1], BLACK = [0, 0, 0];
@@ -94,7 +94,7 @@ export class View {
     const pairs = [], held = source.layer.held ?? other?.layer.held, finest = held ? held.level : this.level();
     for (let level = held ? held.level : levelCount(this.width, this.height) - 1; level >= finest; level--) {
       const rect = held ? intersect(held.rect, this.visible(level)) : this.visible(level);
-      if ((rect.tx1 - rect.tx0) * (rect.ty1 - rect.ty0) > MOST_TILES) continue;
+      if (countOf(rect) > MOST_TILES) continue;
       for (const tile of source.layer.within(level, rect)) {
         const second = other ? other.layer.get(level, tile.tx, tile.ty) : tile;
         if (second) pairs.push([tile, second]);
@@ -168,10 +168,7 @@ export class View {
   level() {
     const last = levelCount(this.width, this.height) - 1;
     let level = Math.min(last, Math.max(0, Math.round(-Math.log2(this.scale))));
-    for (; level < last; level++) {
-      const rect = this.visible(level);
-      if ((rect.tx1 - rect.tx0) * (rect.ty1 - rect.ty0) <= MOST_TILES) break;
-    }
+    while (level < last && countOf(this.visible(level)) > MOST_TILES) level++;
     return level;
   }
   /** The tiles of a level that are in sight. */
@@ -194,7 +191,7 @@ export class View {
   }
   taken(layer, fresh) {
     const finest = this.wanted()?.level ?? this.level(), rect = this.visible(finest);
-    layer.forget(4 * MOST_TILES, ({ level, tx, ty }) => level > finest || (level === finest && tx >= rect.tx0 && tx < rect.tx1 && ty >= rect.ty0 && ty < rect.ty1));
+    layer.forget(4 * MOST_TILES, (tile) => tile.level > finest || (tile.level === finest && holds(rect, tile)));
     for (const source of [this.source, this.other]) if (source?.layer === layer && source.measured) source.measure(fresh);
     this.draw();
     this.onProbe();
@@ -318,15 +315,19 @@ export class View {
     if (!this.probe) return;
     this.begin(this.probe.x, this.probe.y);
   }
-  begin(x, y) {
+  /** The pixel of the image that is nearest to a pixel. */
+  nearest(x, y) {
     const inside = (v, side) => Math.min(Math.max(Math.floor(v), 0), side - 1);
-    this.corner = { x: inside(x, this.width), y: inside(y, this.height) };
+    return { x: inside(x, this.width), y: inside(y, this.height) };
+  }
+  begin(x, y) {
+    this.corner = this.nearest(x, y);
     this.stretching = true;
     this.stretch(x, y);
   }
   stretch(x, y) {
-    const inside = (v, side) => Math.min(Math.max(Math.floor(v), 0), side - 1), u = inside(x, this.width), v = inside(y, this.height), { corner } = this;
-    this.setMark({ x0: Math.min(u, corner.x), y0: Math.min(v, corner.y), x1: Math.max(u, corner.x) + 1, y1: Math.max(v, corner.y) + 1 });
+    const at = this.nearest(x, y), { corner } = this;
+    this.setMark({ x0: Math.min(at.x, corner.x), y0: Math.min(at.y, corner.y), x1: Math.max(at.x, corner.x) + 1, y1: Math.max(at.y, corner.y) + 1 });
   }
 
   // ---- the pointer
@@ -365,7 +366,7 @@ export class View {
       canvas.setPointerCapture(event.pointerId);
       held.set(event.pointerId, at);
       if (held.size === 1) grip = this.grip(event, at);
-      if (held.size === 1 && grip === "mark" && this.width) this.begin(this.pixelAt(at).x, this.pixelAt(at).y);
+      if (held.size === 1 && grip === "mark") this.begin(this.pixelAt(at).x, this.pixelAt(at).y);
     });
     canvas.addEventListener("pointermove", (event) => {
       const to = this.point(event), from = held.get(event.pointerId);

@@ -15,11 +15,8 @@ static const option_group_t mix_options = OPTION_GROUP(NULL, rows);
 
 static result_t write_files(const output_t *output, const image_t *image)
 {
-    bool png_alone = output_is_png(output->path);
-    if (!png_alone) TRY(image_write_exr(output->path, image));
-    if (png_alone) TRY(image_write_png(output->path, image, (float)output->exposure));
-    if (output->png == NULL) return result_ok();
-    return image_write_png(output->png, image, (float)output->exposure);
+    if (!output_is_png(output->path)) TRY(image_write_exr(output->path, image));
+    return output_write_pngs(output, image);
 }
 
 static result_t mix(const call_t *call, const image_t *image)
@@ -57,8 +54,7 @@ const command_t mix_command = {
              "GROUP=R,G,B. Groups that are not named stay as they are. IMAGE is an OpenEXR file of a render "
              "with --light-groups.\n\n"
              "The new image has R G B, the layers eye and light, and those that no light changes (albedo, "
-             "depth, ...). With "
-             "every factor 1 its picture is that of IMAGE.",
+             "depth, ...). With every factor 1 its picture is that of IMAGE.",
     .after = "Examples:\n"
              "lightmill mix a.exr key=2 sky=0.5 -o b.exr\n"
              "lightmill mix a.exr lamp=1,0.7,0.4 -o b.png --exposure 1\n"

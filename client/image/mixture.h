@@ -8,7 +8,6 @@
 #define LIGHTMILL_MIXTURE_H
 
 #include "common/image/image.h"
-#include "common/light_groups.h"
 
 enum { MIXTURE_MAX_GROUPS = 64, MIXTURE_PARTS = 2 };
 

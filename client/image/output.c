@@ -108,6 +108,13 @@ static double relative_noise(const image_t *image)
     return error != NULL && error->kind == ATTRIBUTE_FLOAT ? (double)error->real : -1;
 }
 
+result_t output_write_pngs(const output_t *output, const image_t *image)
+{
+    float exposure = (float)output->exposure;
+    if (output_is_png(output->path)) TRY(image_write_png(output->path, image, exposure));
+    return output->png != NULL ? image_write_png(output->png, image, exposure) : result_ok();
+}
+
 result_t output_write(const output_t *output, const uint8_t *exr, size_t size, double *noise)
 {
     bool png_alone = output_is_png(output->path);
@@ -118,9 +125,7 @@ result_t output_write(const output_t *output, const uint8_t *exr, size_t size, d
     /* An EXR that is too large to be decoded here is whole all the same. */
     if (result.code != RESULT_OK) return png_alone || output->png ? result : result_ok();
     *noise = relative_noise(&image);
-    float exposure = (float)output->exposure;
-    if (png_alone) result = image_write_png(output->path, &image, exposure);
-    if (output->png && result.code == RESULT_OK) result = image_write_png(output->png, &image, exposure);
+    result = output_write_pngs(output, &image);
     image_free(&image);
     return result;
 }

@@ -2,6 +2,7 @@
 #ifndef LIGHTMILL_OUTPUT_H
 #define LIGHTMILL_OUTPUT_H
 
+#include "common/image/image.h"
 #include "common/job.h"
 #include "common/options/options.h"
 
@@ -34,5 +35,7 @@ result_t output_check_saves(const output_t *output, const save_at_t *save_at);
 /* Writes the files from the bytes of an EXR, each whole or not at all. `path` must be set. *noise becomes the
  * image's estimated relative error (common/film/film.h), negative when it is not known. */
 result_t output_write(const output_t *output, const uint8_t *exr, size_t size, double *noise);
+/* Writes the PNGs alone: --png, and the output itself when it is one. */
+result_t output_write_pngs(const output_t *output, const image_t *image);
 
 #endif

@@ -117,6 +117,18 @@ static void resolve_half(const divisors_t *divisors, size_t half, size_t pixel, 
     }
 }
 
+/* An image of each half, of some pixels. */
+static void resolve_halves(const divisors_t *divisors, size_t first, size_t count, float *images[2])
+{
+    const uint32_t *samples = divisors->film->samples + first;
+    for (size_t h = 0; h < 2; h++) {
+        images[h] = mem_zalloc(3 * count, sizeof(float));
+        for (size_t p = 0; p < count; p++)
+            if (samples[p] > 0 || samples[divisors->pixels + p] > 0)
+                resolve_half(divisors, h, first + p, images[h] + 3 * p);
+    }
+}
+
 /* An image of each group, of some pixels: what is in its plane of the sums, times a factor that a pixel has,
  * or all have. */
 static void resolve_groups(const divisors_t *divisors, sum_kind_t kind, size_t first, size_t count,
@@ -136,6 +148,16 @@ static void resolve_groups(const divisors_t *divisors, sum_kind_t kind, size_t f
     }
 }
 
+/* What some pixels have beside the picture, if it is wanted. */
+static void resolve_beside(const divisors_t *divisors, bool halves, bool groups, size_t first, size_t count,
+                           film_image_t *image)
+{
+    if (halves) resolve_halves(divisors, first, count, image->half);
+    if (!groups) return;
+    resolve_groups(divisors, SUM_GROUP_EYE, first, count, image->group_eye);
+    resolve_groups(divisors, SUM_GROUP_SPLAT, first, count, image->group_light);
+}
+
 static void put_estimates(film_image_t *image, size_t p, const estimate_t estimates[3])
 {
     for (size_t c = 0; c < 3; c++) {
@@ -151,9 +173,8 @@ void film_resolve_rows(const film_t *film, const film_rows_t *rows, film_image_t
     int width = film->settings.width, height = rows->y1 - rows->y0;
     size_t first = (size_t)rows->y0 * (size_t)width, pixels = (size_t)height * (size_t)width;
     *image = (film_image_t){.width = width, .height = height};
-    float **planes[] = {&image->sum,   &image->eye,     &image->light,
-                        &image->noise, &image->half[0], &image->half[1]};
-    for (size_t i = 0; i < (rows->halves ? 6 : 4); i++) *planes[i] = mem_zalloc(3 * pixels, sizeof(float));
+    float **planes[] = {&image->sum, &image->eye, &image->light, &image->noise};
+    for (size_t i = 0; i < ARRAY_LENGTH(planes); i++) *planes[i] = mem_zalloc(3 * pixels, sizeof(float));
     image->samples = mem_zalloc(pixels, sizeof(float));
     if (rows->features && film->sums[SUM_FEATURES] != NULL) resolve_features(film, image, first, pixels);
 
@@ -165,12 +186,8 @@ void film_resolve_rows(const film_t *film, const film_rows_t *rows, film_image_t
         image->samples[p] =
             ((float)film->samples[first + p] + (float)film->samples[divisors.pixels + first + p]) / weight;
         put_estimates(image, p, estimates);
-        for (size_t h = 0; rows->halves && h < 2; h++)
-            resolve_half(&divisors, h, first + p, image->half[h] + 3 * p);
     }
-    if (!rows->groups) return;
-    resolve_groups(&divisors, SUM_GROUP_EYE, first, pixels, image->group_eye);
-    resolve_groups(&divisors, SUM_GROUP_SPLAT, first, pixels, image->group_light);
+    resolve_beside(&divisors, rows->halves, rows->groups, first, pixels, image);
 }
 
 void film_resolve(const film_t *film, film_image_t *image)
@@ -186,15 +203,7 @@ void film_resolve_extras(const film_t *film, const film_extras_t *extras, film_i
 {
     divisors_t divisors = film_divisors(film);
     if (extras->mattes != NULL) film_resolve_mattes(film, extras->mattes, image);
-    for (size_t h = 0; extras->halves && h < 2; h++) {
-        image->half[h] = mem_zalloc(3 * divisors.pixels, sizeof(float));
-        for (size_t p = 0; p < divisors.pixels; p++)
-            if (film->samples[p] > 0 || film->samples[divisors.pixels + p] > 0)
-                resolve_half(&divisors, h, p, image->half[h] + 3 * p);
-    }
-    if (!extras->groups) return;
-    resolve_groups(&divisors, SUM_GROUP_EYE, 0, divisors.pixels, image->group_eye);
-    resolve_groups(&divisors, SUM_GROUP_SPLAT, 0, divisors.pixels, image->group_light);
+    resolve_beside(&divisors, extras->halves, extras->groups, 0, divisors.pixels, image);
 }
 
 /* The rows that are looked at: the middle one of every `step`. */

@@ -334,11 +334,18 @@ static result_t read_chunk(exr_reader_t *reader, const exr_chunk_info_t *chunk, 
     return result_ok();
 }
 
+static result_t read_chunk_lines(const exr_reader_t *reader, int32_t *lines)
+{
+    TRY_READ(exr_get_scanlines_per_chunk(reader->context, 0, lines));
+    if (*lines < 1) return result_fail(RESULT_INPUT, "%s: chunks of %d lines", reader->path, *lines);
+    return result_ok();
+}
+
 /* From now on the image has the rows of one chunk. */
 static result_t keep_rows_only(exr_reader_t *reader)
 {
     int32_t lines = 0;
-    TRY_READ(exr_get_scanlines_per_chunk(reader->context, 0, &lines));
+    TRY(read_chunk_lines(reader, &lines));
     reader->image->height = int_min(lines, reader->height);
     return result_ok();
 }
@@ -346,8 +353,7 @@ static result_t keep_rows_only(exr_reader_t *reader)
 static result_t read_scanlines(exr_reader_t *reader)
 {
     int32_t lines = 0;
-    TRY_READ(exr_get_scanlines_per_chunk(reader->context, 0, &lines));
-    if (lines < 1) return result_fail(RESULT_INPUT, "%s: chunks of %d lines", reader->path, lines);
+    TRY(read_chunk_lines(reader, &lines));
     for (int y = 0; y < reader->height; y += lines) {
         exr_chunk_info_t chunk;
         TRY_READ(exr_read_scanline_chunk_info(reader->context, 0, reader->origin_y + y, &chunk));

@@ -12,8 +12,8 @@ MAX_LINE = 1 << 20
 
 
 class Event:
-    """`kind` is job, image, worker, lost, or connected: the stream begins, after which all is to be asked for again.
-    `data` is a dict."""
+    """`kind` is job, image, worker, note or lost (docs/http.md, Events); connected: the stream begins, after which all is to
+    be asked for again; or away: there is none. `data` is a dict."""
 
     def __init__(self, kind, data, name=None):
         self.kind, self.data, self.name = kind, data, name
