@@ -20,3 +20,10 @@ void cond_init_monotonic(pthread_cond_t *condition)
     pthread_cond_init(condition, &attributes);
     pthread_condattr_destroy(&attributes);
 }
+
+void cond_wait_until(pthread_cond_t *condition, pthread_mutex_t *lock, double until)
+{
+    struct timespec time = {.tv_sec = (time_t)until};
+    time.tv_nsec = (long)(1e9 * (until - (double)time.tv_sec));
+    pthread_cond_timedwait(condition, lock, &time);
+}

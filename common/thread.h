@@ -13,5 +13,8 @@ result_t thread_start(pthread_t *thread, const char *name, void *(*run)(void *ar
 /* Initializes a condition whose timed waits go by CLOCK_MONOTONIC, so that setting the clock does not disturb
  * them. */
 void cond_init_monotonic(pthread_cond_t *condition);
+/* Waits for such a condition until a time (clock_now) at most. The caller holds the lock, as for
+ * pthread_cond_wait, and looks at what it waits for afterwards. */
+void cond_wait_until(pthread_cond_t *condition, pthread_mutex_t *lock, double until);
 
 #endif

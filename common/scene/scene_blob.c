@@ -79,7 +79,8 @@ static result_t check_sections(const uint8_t *bytes, uint64_t size)
 
 /* ---- opening ------------------------------------------------------------------------------------------- */
 
-result_t blob_make_view(const void *bytes, uint64_t size, scene_blob_t *blob)
+/* A view of sections whose contents are not checked. */
+static result_t find_sections(const void *bytes, uint64_t size, scene_blob_t *blob)
 {
     TRY(check_sections(bytes, size));
     const header_t *header = bytes;
@@ -108,6 +109,14 @@ result_t blob_make_view(const void *bytes, uint64_t size, scene_blob_t *blob)
     view.materials = at[BLOB_SECTION_MATERIALS];
     view.lights = at[BLOB_SECTION_LIGHTS];
     view.strings = at[BLOB_SECTION_STRINGS];
+    *blob = view;
+    return result_ok();
+}
+
+result_t blob_make_view(const void *bytes, uint64_t size, scene_blob_t *blob)
+{
+    scene_blob_t view;
+    TRY(find_sections(bytes, size, &view));
     TRY(blob_check_contents(&view));
     *blob = view;
     return result_ok();
@@ -162,21 +171,12 @@ result_t blob_open_file(const char *path, scene_blob_t *blob)
 
 static result_t peek(const void *bytes, uint64_t size, scene_blob_t *blob)
 {
+    scene_blob_t view;
     TRY(check_header(bytes, size));
-    TRY(check_sections(bytes, size));
-    const header_t *header = bytes;
-    const section_t *scene = &header->sections[BLOB_SECTION_SCENE],
-                    *lights = &header->sections[BLOB_SECTION_LIGHTS];
-    CHECK(scene->count == 1, "has %llu scenes, expected 1", (unsigned long long)scene->count);
-    *blob = (scene_blob_t){.bytes = bytes, .size = size};
-    blob->scene = (const blob_scene_t *)(blob->bytes + scene->offset);
-    blob->lights = (const blob_light_t *)(blob->bytes + lights->offset);
-    blob->shapes = (const blob_shape_t *)(blob->bytes + header->sections[BLOB_SECTION_SHAPES].offset);
-    blob->strings = (const char *)(blob->bytes + header->sections[BLOB_SECTION_STRINGS].offset);
-    blob->counts[BLOB_SECTION_SHAPES] = header->sections[BLOB_SECTION_SHAPES].count;
-    blob->counts[BLOB_SECTION_STRINGS] = header->sections[BLOB_SECTION_STRINGS].count;
-    blob->counts[BLOB_SECTION_SCENE] = scene->count;
-    blob->counts[BLOB_SECTION_LIGHTS] = lights->count;
+    TRY(find_sections(bytes, size, &view));
+    uint64_t scenes = view.counts[BLOB_SECTION_SCENE];
+    CHECK(scenes == 1, "has %llu scenes, expected 1", (unsigned long long)scenes);
+    *blob = view;
     return result_ok();
 }
 

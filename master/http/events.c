@@ -245,10 +245,8 @@ static void tick(http_events_t *events, double now)
 /* A second, and one more for each CALM that listen. */
 static void wait_a_while(http_events_t *events)
 {
-    struct timespec until;
-    clock_gettime(CLOCK_MONOTONIC, &until);
-    until.tv_sec += 1 + (time_t)(events->stream_count / CALM);
-    pthread_cond_timedwait(&events->listened_to, &events->lock, &until);
+    double until = clock_now() + 1 + (double)(events->stream_count / CALM);
+    cond_wait_until(&events->listened_to, &events->lock, until);
 }
 
 static void *events_run(void *context)

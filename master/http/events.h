@@ -1,9 +1,9 @@
 /* events: what happens on the farm, as a stream of server-sent events (docs/http.md).
  *
- * DESIGN. Once a second a thread compares jobs and workers with what they were, and writes what changed into
- * a ring. A stream is a place in that ring. One that is not read takes no memory: when the ring has gone past
- * it, it is told that it has lost events, and goes on with the newest. While nobody listens, the thread
- * sleeps. */
+ * DESIGN. Once a second, and less often when many listen, a thread compares jobs and workers with what they
+ * were, and writes what changed into a ring. A stream is a place in that ring. One that is not read takes no
+ * memory: when the ring has gone past it, it is told that it has lost events, and goes on with the newest. A
+ * while after the last reader has left, the thread sleeps. */
 #ifndef LIGHTMILL_HTTP_EVENTS_H
 #define LIGHTMILL_HTTP_EVENTS_H
 

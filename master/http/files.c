@@ -54,7 +54,6 @@ bool http_files_serve(http_request_t *request)
     hash_t hash = hash_bytes(file->bytes, file->size);
     hash_to_hex(&hash, hex);
     snprintf(etag, sizeof etag, "\"%.32s\"", hex);
-    http_reply_tagged(request, type_of(file->name), etag, (void *)file->bytes, file->size,
-                      MHD_RESPMEM_PERSISTENT);
+    http_reply_tagged(request, type_of(file->name), etag, file->bytes, file->size);
     return true;
 }

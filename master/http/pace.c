@@ -80,13 +80,10 @@ static void *pace_run(void *context)
     pace_t *pace = context;
     pthread_mutex_lock(&pace->lock);
     while (!pace->ending) {
-        if (pace->count == 0) {
+        if (pace->count == 0)
             pthread_cond_wait(&pace->waits, &pace->lock);
-        } else {
-            double until = next_look(pace, clock_now());
-            struct timespec time = {.tv_sec = (time_t)until, .tv_nsec = (long)(1e9 * (until - floor(until)))};
-            pthread_cond_timedwait(&pace->waits, &pace->lock, &time);
-        }
+        else
+            cond_wait_until(&pace->waits, &pace->lock, next_look(pace, clock_now()));
         double now = clock_now();
         release_impatient(pace, now);
         give_turns(pace, now);

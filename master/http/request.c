@@ -3,10 +3,7 @@
 
 #include "master/http/server_state.h"
 
-#include <errno.h>
 #include <inttypes.h>
-#include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
 /* ---- what was asked ------------------------------------------------------------------------------------ */
@@ -112,14 +109,12 @@ bool http_reply_unchanged(http_request_t *request, const char *etag)
     return true;
 }
 
-void http_reply_tagged(http_request_t *request, const char *type, const char *etag, void *bytes, size_t size,
-                       enum MHD_ResponseMemoryMode mode)
+void http_reply_tagged(http_request_t *request, const char *type, const char *etag, const void *bytes,
+                       size_t size)
 {
-    if (http_reply_unchanged(request, etag)) {
-        if (mode == MHD_RESPMEM_MUST_FREE) free(bytes);
-        return;
-    }
-    struct MHD_Response *response = MHD_create_response_from_buffer(size, bytes, mode);
+    if (http_reply_unchanged(request, etag)) return;
+    struct MHD_Response *response =
+        MHD_create_response_from_buffer(size, (void *)bytes, MHD_RESPMEM_PERSISTENT);
     if (response != NULL) MHD_add_response_header(response, MHD_HTTP_HEADER_ETAG, etag);
     http_reply_response(request, MHD_HTTP_OK, type, response);
 }

@@ -83,10 +83,10 @@ result_t http_body_object(const http_request_t *request, json_t **object);
 /* Bytes in memory, which are copied, freed with free(), or stay, as `mode` says. */
 void http_reply(http_request_t *request, unsigned status, const char *type, void *bytes, size_t size,
                 enum MHD_ResponseMemoryMode mode);
-/* The same with an ETag; a client that has these bytes already gets 304 without them. `etag` has its quotes.
+/* Bytes that stay, with an ETag; a client that has them already gets 304 without them. `etag` has its quotes.
  */
-void http_reply_tagged(http_request_t *request, const char *type, const char *etag, void *bytes, size_t size,
-                       enum MHD_ResponseMemoryMode mode);
+void http_reply_tagged(http_request_t *request, const char *type, const char *etag, const void *bytes,
+                       size_t size);
 /* True, and answered with 304, when the client has what `etag` names. */
 bool http_reply_unchanged(http_request_t *request, const char *etag);
 /* JSON in one line; frees the object. */

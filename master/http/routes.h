@@ -12,8 +12,8 @@ extern const http_table_t http_tile_routes;    /* images as they converge: tile_
 extern const http_table_t http_image_routes;   /* images as files: images.c */
 extern const http_table_t http_upload_routes;  /* scenes: uploads.c */
 
-/* Sets request->route and ->numbers for a method and request->path. 0, or the HTTP status of the refusal:
- * 404, or 405 with request->allowed set. */
+/* Sets request->route, ->numbers and ->hash for a method and request->path. 0, or the HTTP status of the
+ * refusal: 404, or 405 with request->allowed set. */
 unsigned http_route_find(http_request_t *request, const char *method);
 
 /* Answers with a job as it is now; or 404. */

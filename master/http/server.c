@@ -151,8 +151,10 @@ static enum MHD_Result on_request(void *context, struct MHD_Connection *connecti
         *request = (http_request_t){.server = server, .master = &server->master, .connection = connection};
     }
     request->path = url;
-    if (first) patience_asked(request->server->patience, patient_of(connection));
-    if (first) return begin(request, method);
+    if (first) {
+        patience_asked(request->server->patience, patient_of(connection));
+        return begin(request, method);
+    }
     if (*size == 0) return answer(request);
     request->answered = MHD_YES;
     if (request->take != NULL) {

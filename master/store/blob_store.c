@@ -204,9 +204,10 @@ void blob_store_close(blob_store_t **store)
 
 /* ---- what jobs ask ------------------------------------------------------------------------------------- */
 
-bool blob_store_find(const blob_store_t *store, const hash_t *hash, uint64_t *size)
+/* True when there is a file of the hash with this suffix, with its size in bytes. */
+static bool find_file(const blob_store_t *store, const hash_t *hash, const char *suffix, uint64_t *size)
 {
-    char *path = blob_path(store, hash, "blob");
+    char *path = blob_path(store, hash, suffix);
     struct stat status;
     bool found = stat(path, &status) == 0 && S_ISREG(status.st_mode);
     free(path);
@@ -214,14 +215,14 @@ bool blob_store_find(const blob_store_t *store, const hash_t *hash, uint64_t *si
     return found;
 }
 
+bool blob_store_find(const blob_store_t *store, const hash_t *hash, uint64_t *size)
+{
+    return find_file(store, hash, "blob", size);
+}
+
 bool blob_store_find_part(const blob_store_t *store, const hash_t *hash, uint64_t *length)
 {
-    char *path = blob_path(store, hash, "part");
-    struct stat status;
-    bool found = stat(path, &status) == 0 && S_ISREG(status.st_mode);
-    free(path);
-    if (found) *length = (uint64_t)status.st_size;
-    return found;
+    return find_file(store, hash, "part", length);
 }
 
 /* The view that `open_file` makes of a blob. */

@@ -3,7 +3,7 @@
 
 #include <stdlib.h>
 
-/* ---- orders and submissions ---------------------------------------------------------------------------- */
+/* ---- who waits ----------------------------------------------------------------------------------------- */
 
 /* Who is to be told. */
 typedef struct {
@@ -11,18 +11,32 @@ typedef struct {
     void *ticket;
 } waiter_t;
 
-static void on_written(void *context, const journal_writer_answer_t *answer)
+static waiter_t *new_waiter(http_done_fn done, void *ticket)
+{
+    waiter_t *waiter = mem_alloc(sizeof *waiter);
+    *waiter = (waiter_t){done, ticket};
+    return waiter;
+}
+
+/* Tells the waiter, and frees it. */
+static void tell(void *context, const result_t *result, uint64_t value)
 {
     waiter_t waiter = *(waiter_t *)context;
     free(context);
-    waiter.done(waiter.ticket, &answer->result, answer->job);
+    waiter.done(waiter.ticket, result, value);
+}
+
+/* ---- orders and submissions ---------------------------------------------------------------------------- */
+
+static void on_written(void *context, const journal_writer_answer_t *answer)
+{
+    tell(context, &answer->result, answer->job);
 }
 
 static result_t ask_journal(const http_calls_t *calls, journal_writer_request_t *request, http_done_fn done,
                             void *ticket)
 {
-    waiter_t *waiter = mem_alloc(sizeof *waiter);
-    *waiter = (waiter_t){done, ticket};
+    waiter_t *waiter = new_waiter(done, ticket);
     request->done = on_written;
     request->context = waiter;
     result_t result = journal_writer_ask(calls->journal_writer, request);
@@ -52,24 +66,16 @@ static result_t submit(void *context, const http_submission_t *submission, http_
 
 /* ---- scenes -------------------------------------------------------------------------------------------- */
 
-static void on_put(void *context, const result_t *result, uint64_t next)
-{
-    waiter_t waiter = *(waiter_t *)context;
-    free(context);
-    waiter.done(waiter.ticket, result, next);
-}
-
 static result_t put_blob(void *context, const http_piece_t *piece, http_done_fn done, void *ticket)
 {
     const http_calls_t *calls = context;
-    waiter_t *waiter = mem_alloc(sizeof *waiter);
-    *waiter = (waiter_t){done, ticket};
+    waiter_t *waiter = new_waiter(done, ticket);
     blob_piece_t put = {.hash = piece->blob,
                         .offset = piece->offset,
                         .size = piece->size,
                         .bytes = piece->bytes,
                         .length = piece->length,
-                        .done = on_put,
+                        .done = tell,
                         .context = waiter};
     result_t result = blob_writer_put(calls->blob_writer, &put);
     if (result.code != RESULT_OK) free(waiter);

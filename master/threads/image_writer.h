@@ -1,5 +1,5 @@
-/* image_writer: the thread that makes OpenEXR files of films, for finished jobs and for clients that ask
- * meanwhile. In between it estimates the errors of jobs.
+/* image_writer: the thread that makes OpenEXR and PNG files of films, for finished jobs and for clients that
+ * ask meanwhile. In between it estimates the errors of jobs.
  *
  * A finished job's image is DATA/job-<number>.exr and stays, and so do the images of its milestones
  * (job_settings_t.save_at), DATA/job-<number>-at-<samples>.exr, until the job is deleted. A client gets a

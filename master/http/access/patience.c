@@ -36,12 +36,10 @@ static void shut_slow_ones(patience_t *patience, double now)
 /* Waits for a quarter of the time, or, when there is no connection, for the first. Under the lock. */
 static void wait_a_while(patience_t *patience)
 {
-    double until = clock_now() + patience->seconds / 4;
-    struct timespec time = {.tv_sec = (time_t)until, .tv_nsec = (long)(1e9 * (until - floor(until)))};
     if (patience->patients == NULL)
         pthread_cond_wait(&patience->changed, &patience->lock);
     else
-        pthread_cond_timedwait(&patience->changed, &patience->lock, &time);
+        cond_wait_until(&patience->changed, &patience->lock, clock_now() + patience->seconds / 4);
 }
 
 static void *patience_run(void *context)

@@ -52,7 +52,7 @@ bool layer_is_half(layer_t layer);
 bool layer_is_group(layer_t layer);
 /* False when no job with these settings has it. */
 bool layer_of_job(const job_settings_t *settings, layer_t layer);
-/* All names, "picture, eye ... or half1", for people; fresh memory. */
+/* All names, "picture, eye ... or group7", for people; fresh memory. */
 char *layer_names(void);
 
 typedef enum { TEXELS_MEANS, TEXELS_IDS, TEXELS_SHARES, TEXELS_SUMS } texel_kind_t;

@@ -19,11 +19,9 @@
 #include "common/memory_limit.h"
 #include "common/thread.h"
 
-#include <errno.h>
 #include <math.h>
 #include <pthread.h>
 #include <stdlib.h>
-#include <string.h>
 
 /* A layer of a job that is watched. */
 typedef struct {
@@ -401,15 +399,8 @@ static bool any_watched(const tiles_t *tiles)
  */
 static bool wait_for_work(tiles_t *tiles)
 {
-    struct timespec until;
-    clock_gettime(CLOCK_MONOTONIC, &until);
-    until.tv_nsec += 250000000;
-    if (until.tv_nsec >= 1000000000) {
-        until.tv_nsec -= 1000000000;
-        until.tv_sec++;
-    }
     pthread_mutex_lock(&tiles->lock);
-    if (!tiles->stop && any_watched(tiles)) pthread_cond_timedwait(&tiles->asked, &tiles->lock, &until);
+    if (!tiles->stop && any_watched(tiles)) cond_wait_until(&tiles->asked, &tiles->lock, clock_now() + 0.25);
     while (!tiles->stop && !any_watched(tiles)) pthread_cond_wait(&tiles->asked, &tiles->lock);
     bool go_on = !tiles->stop;
     pthread_mutex_unlock(&tiles->lock);
