@@ -334,7 +334,7 @@ static result_t read_chunk(exr_reader_t *reader, const exr_chunk_info_t *chunk, 
     return result_ok();
 }
 
-static result_t read_chunk_lines(const exr_reader_t *reader, int32_t *lines)
+static result_t read_chunk_lines(exr_reader_t *reader, int32_t *lines)
 {
     TRY_READ(exr_get_scanlines_per_chunk(reader->context, 0, lines));
     if (*lines < 1) return result_fail(RESULT_INPUT, "%s: chunks of %d lines", reader->path, *lines);
