@@ -15,11 +15,11 @@
 
 static const double PATIENCE = 60; /* seconds for an answer, on a machine that does other things too */
 
-static void *connect_to(void *context, int port)
+static void *connect_to(void *context, const char *host, int port)
 {
     void *socket;
     char endpoint[64];
-    snprintf(endpoint, sizeof endpoint, "tcp://127.0.0.1:%d", port);
+    snprintf(endpoint, sizeof endpoint, "tcp://%s:0;127.0.0.1:%d", host, port);
     assert_int_equal(wire_socket(context, ZMQ_DEALER, &socket).code, RESULT_OK);
     assert_int_equal(zmq_connect(socket, endpoint), 0);
     return socket;
@@ -27,14 +27,19 @@ static void *connect_to(void *context, int port)
 
 peer_t *peer_new(int control_port)
 {
+    return peer_new_from("127.0.0.1", control_port);
+}
+
+peer_t *peer_new_from(const char *host, int control_port)
+{
     peer_t *peer = mem_zalloc(1, sizeof *peer);
     peer->context = zmq_ctx_new();
-    peer->control = connect_to(peer->context, control_port);
+    peer->control = connect_to(peer->context, host, control_port);
     Lm__JobStatusRequest request = LM__JOB_STATUS_REQUEST__INIT;
     Lm__Envelope envelope = WIRE_ENVELOPE(JOB_STATUS_REQUEST, job_status_request, &request);
     wire_message_t answer = peer_ask_control(peer, &envelope);
     assert_int_equal(answer.envelope->body_case, LM__ENVELOPE__BODY_JOB_STATUS_REPLY);
-    peer->bulk = connect_to(peer->context, (int)answer.envelope->job_status_reply->bulk_port);
+    peer->bulk = connect_to(peer->context, host, (int)answer.envelope->job_status_reply->bulk_port);
     wire_free(&answer);
     return peer;
 }

@@ -22,6 +22,8 @@ typedef struct {
 
 /* Connects to a master on loopback; asks it for its bulk port. */
 peer_t *peer_new(int control_port);
+/* The same from another address of this machine: another party to the master. */
+peer_t *peer_new_from(const char *host, int control_port);
 void peer_destroy(peer_t **peer);
 /* Socket without our limits, for hostile bytes; `bulk` chooses the master's socket. Close with zmq_close. */
 void *peer_raw_socket(peer_t *peer, bool bulk);

@@ -71,11 +71,20 @@ uint64_t toy_hello(farm_t *farm, double now, uint32_t threads)
     return toy_join(farm, now, "w", threads, 0);
 }
 
+result_t toy_say_hello(farm_t *farm, double now, worker_hello_t hello, uint64_t *worker)
+{
+    char host[WIRE_MAX_ADDRESS + 1];
+    snprintf(host, sizeof host, "%.*s", (int)strcspn(hello.name, ":"), hello.name);
+    hello.address = host;
+    if (hello.key == NULL) hello.key = "";
+    return farm_hello(farm, now, &nobody, &hello, worker);
+}
+
 uint64_t toy_join(farm_t *farm, double now, const char *name, uint32_t threads, uint8_t fingerprint)
 {
-    worker_hello_t hello = {.name = name, .key = "", .threads = threads, .fingerprint = {{fingerprint}}};
+    worker_hello_t hello = {.name = name, .threads = threads, .fingerprint = {{fingerprint}}};
     uint64_t worker;
-    assert_int_equal(farm_hello(farm, now, &nobody, &hello, &worker).code, RESULT_OK);
+    assert_int_equal(toy_say_hello(farm, now, hello, &worker).code, RESULT_OK);
     return worker;
 }
 

@@ -17,6 +17,8 @@ job_settings_t toy_settings(void);
 uint64_t toy_submit(farm_t *farm, double now, const job_settings_t *settings, int priority);
 uint64_t toy_submit_on(farm_t *farm, double now, const job_settings_t *settings, const job_terms_t *terms);
 uint64_t toy_hello(farm_t *farm, double now, uint32_t threads);
+/* Says hello from a host of the name's part before the colon: it is the party of workers without keys. */
+result_t toy_say_hello(farm_t *farm, double now, worker_hello_t hello, uint64_t *worker);
 /* A worker of some name and fingerprint (0: it does not say). */
 uint64_t toy_join(farm_t *farm, double now, const char *name, uint32_t threads, uint8_t fingerprint);
 /* A heartbeat; false when the worker is not known. */

@@ -214,6 +214,13 @@ static void print_worker(const Lm__WorkerStatus *worker)
     printf("  %7u  %6s  %5u  %9s  %7" PRIu64 "  %7" PRIu64 "  %6.1f s  %s%s\n", worker->threads, job,
            worker->units_held, speed, worker->batches, worker->batches_refused, worker->last_seen,
            worker->connected ? "" : "gone", worker->relay ? " relay" : "");
+    if (worker->key[0] != '\0' || worker->address[0] != '\0') {
+        printf("        %s", worker->key[0] != '\0' ? "key " : "");
+        text_print(worker->key);
+        printf("%sat ", worker->key[0] != '\0' ? " " : "");
+        text_print(worker->address[0] != '\0' ? worker->address : "(in the master)");
+        putchar('\n');
+    }
     if (worker->aside[0] == '\0') return;
     printf("        put aside: ");
     text_print(worker->aside);

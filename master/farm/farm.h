@@ -84,7 +84,8 @@ job_report_t *farm_report(farm_t *farm, double now, uint64_t job, size_t *count,
 typedef struct {
     uint64_t number; /* of this connection: no other worker has it, while the master lives */
     char name[FARM_MAX_NAME + 1];
-    char key[KEY_MAX_NAME + 1]; /* public key in Z85, or the name that the list of keys has for it */
+    char key[KEY_MAX_NAME + 1];         /* public key in Z85, or the name that the list of keys has for it */
+    char address[WIRE_MAX_ADDRESS + 1]; /* of its host */
     uint32_t threads;
     hash_t fingerprint;
     bool relay, connected;

@@ -61,6 +61,7 @@ void worker_message_fill(gate_t *gate, worker_report_t *report, Lm__WorkerStatus
     lm__worker_status__init(status);
     status->name = report->name;
     status->key = report->key;
+    status->address = report->address;
     status->threads = report->threads;
     if (!hash_is_zero(&report->fingerprint)) status->fingerprint = wire_hash_put(&report->fingerprint);
     status->relay = report->relay;

@@ -150,6 +150,7 @@ static worker_t make_worker(double now, const identity_t *identity, const worker
     if (hash_is_zero(&worker.fingerprint)) memset(&worker.fingerprint, 0xFF, sizeof worker.fingerprint);
     snprintf(worker.name, sizeof worker.name, "%s", hello->name[0] != '\0' ? hello->name : "(no name)");
     snprintf(worker.key, sizeof worker.key, "%s", hello->key);
+    snprintf(worker.address, sizeof worker.address, "%s", hello->address != NULL ? hello->address : "");
     return worker;
 }
 
@@ -166,8 +167,8 @@ result_t farm_hello(farm_t *farm, double now, const identity_t *identity, const 
         *id = worker->id;
         char bits[2 * HASH_BYTES + 1];
         hash_to_hex(&worker->fingerprint, bits);
-        log_info("%s %s joins with %u threads, bits %.8s%s%s", worker->relay ? "relay" : "worker",
-                 worker->name, worker->threads, bits, worker->key[0] != '\0' ? ", key " : "", worker->key);
+        log_info("%s %s joins with %u threads, bits %.8s, %s", worker->relay ? "relay" : "worker",
+                 worker->name, worker->threads, bits, worker->party_text);
     }
     farm_unlock(farm);
     return result;
@@ -304,6 +305,7 @@ static worker_report_t report_worker(const farm_t *farm, double now, const worke
     const char *aside = trust_reason(farm, now, worker);
     snprintf(report.name, sizeof report.name, "%s", worker->name);
     snprintf(report.key, sizeof report.key, "%s", worker->key);
+    snprintf(report.address, sizeof report.address, "%s", worker->address);
     snprintf(report.aside, sizeof report.aside, "%s", aside != NULL ? aside : "");
     return report;
 }

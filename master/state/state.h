@@ -17,19 +17,21 @@
 typedef struct {
     uint64_t id;
     char name[FARM_MAX_NAME + 1];
-    char key[WIRE_KEY_TEXT + 1]; /* empty without keys */
+    char key[WIRE_KEY_TEXT + 1];        /* empty without keys */
+    char address[WIRE_MAX_ADDRESS + 1]; /* of its host; empty in the same process */
+    char party_text[FARM_MAX_PARTY + 1];
     hash_t fingerprint;
     bool relay;
     identity_t identity;
     uint32_t threads;
     bool connected;
-    bool idle;        /* was told that there is no work */
-    bool begins;      /* no other machines that make the same bits have more threads, so it may begin jobs */
-    bool outcast;     /* put aside: nothing of it is taken any more */
-    bool charged;     /* that it died is held against its machine */
-    bool fell;        /* it fell silent, which is held for its death until it is heard of again */
-    uint64_t machine; /* names its machine (trust/standing.c) */
-    uint64_t source;  /* and the process itself */
+    bool idle;       /* was told that there is no work */
+    bool begins;     /* no other machines that make the same bits have more threads, so it may begin jobs */
+    bool outcast;    /* put aside: nothing of it is taken any more */
+    bool charged;    /* that it died is held against its party */
+    bool fell;       /* it fell silent, which is held for its death until it is heard of again */
+    uint64_t party;  /* who is judged for what it does (trust/standing.c) */
+    uint64_t source; /* the process, of all of the party */
     double joined, last_seen; /* seconds */
     double asked;             /* seconds, when it last asked for work, or joined */
     double delivered;         /* seconds, when it last sent a batch, or was given units and had none */

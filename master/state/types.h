@@ -12,11 +12,12 @@ enum {
     FARM_MAX_WORKERS = SERVE_MAX_WORKERS, /* connected, and as many again that were lost and may still send a
                                              batch */
     FARM_MAX_NAME = SERVE_MAX_NAME,
-    FARM_MAX_DECLINES = 3, /* of a job that no worker has rendered any of */
-    FARM_UNIT_DEATHS = 5,  /* workers that a unit has to end, at least, before it is left out */
-    FARM_MAX_FAILURES = 3  /* of a machine without a delivery between them, before it is put aside */
+    FARM_MAX_PARTY = WIRE_MAX_ADDRESS + 10, /* of "key ..." or "address ..." */
+    FARM_MAX_DECLINES = 3,                  /* of a job that no worker has rendered any of */
+    FARM_UNIT_DEATHS = 5, /* workers that a unit has to end, at least, before it is left out */
+    FARM_MAX_FAILURES = 3 /* of a party without a delivery between them, before it is put aside */
 };
-#define FARM_ASIDE_SECONDS 60.0 /* that a machine is put aside for the first time; trust/standing.c */
+#define FARM_ASIDE_SECONDS 60.0 /* that a party is put aside for the first time; trust/standing.c */
 /* The message of a job that is paused since it has no scene; it goes when the job is resumed. */
 #define FARM_NO_SCENE                                                                                        \
     "its scene is not in the data directory any more: send it again (submit another job with it), then "     \

@@ -4,7 +4,7 @@
  *
  *     8 bytes   "LMSPOOL1"
  *     hash      of the head
- *     head      head_t, the units, the sender's name and key without their NULs
+ *     head      head_t, the units, the sender's name and party without their NULs
  *     payloads  eye tiles, splat frame, features
  *
  * in the byte order of x86, which is all that this runs on. The head has the hash of the payloads, so that it
@@ -30,14 +30,14 @@ typedef struct {
     uint64_t light_paths[2], dropped, overflows, rays, cpu_us;
     uint64_t payload_size[BATCH_BASE_PAYLOADS];
     uint32_t unit_count;
-    uint16_t name_size, key_size;
+    uint16_t name_size, party_size;
 } head_t;
 
 enum {
     HASH_OFFSET = sizeof MAGIC + 1,
     HEAD_OFFSET = HASH_OFFSET + HASH_BYTES,
-    MAX_HEAD = HEAD_OFFSET + sizeof(head_t) + WIRE_MAX_UNITS * sizeof(unit_t) + JOB_MAX_NAME + WIRE_KEY_TEXT +
-               (BATCH_PAYLOADS - BATCH_BASE_PAYLOADS) * sizeof(uint64_t)
+    MAX_HEAD = HEAD_OFFSET + sizeof(head_t) + WIRE_MAX_UNITS * sizeof(unit_t) + JOB_MAX_NAME +
+               SPOOL_MAX_PARTY + (BATCH_PAYLOADS - BATCH_BASE_PAYLOADS) * sizeof(uint64_t)
 };
 
 void spool_head_free(spool_head_t *head)
@@ -118,19 +118,19 @@ static uint8_t *encode_head(uint64_t job, const spool_head_t *head, const zmq_ms
                     .cpu_us = counts->cpu_us,
                     .unit_count = (uint32_t)head->unit_count,
                     .name_size = (uint16_t)strlen(head->name),
-                    .key_size = (uint16_t)strlen(head->key)};
+                    .party_size = (uint16_t)strlen(head->party)};
     uint64_t sizes[BATCH_PAYLOADS];
     for (int i = 0; i < BATCH_PAYLOADS; i++) sizes[i] = zmq_msg_size(&payload[i]);
     memcpy(fixed.payload_size, sizes, sizeof fixed.payload_size);
     size_t more = (size_t)payload_count(payload) - BATCH_BASE_PAYLOADS, more_bytes = more * sizeof *sizes;
     size_t units = head->unit_count * sizeof *head->units;
-    *size = HEAD_OFFSET + sizeof fixed + units + fixed.name_size + fixed.key_size + more_bytes;
+    *size = HEAD_OFFSET + sizeof fixed + units + fixed.name_size + fixed.party_size + more_bytes;
     uint8_t *bytes = mem_alloc(*size), *at = bytes + HEAD_OFFSET;
     memcpy(at, &fixed, sizeof fixed);
     memcpy(at += sizeof fixed, head->units, units);
     memcpy(at += units, head->name, fixed.name_size);
-    memcpy(at += fixed.name_size, head->key, fixed.key_size);
-    memcpy(at + fixed.key_size, sizes + BATCH_BASE_PAYLOADS, more_bytes);
+    memcpy(at += fixed.name_size, head->party, fixed.party_size);
+    memcpy(at + fixed.party_size, sizes + BATCH_BASE_PAYLOADS, more_bytes);
     hash_t hash = hash_bytes(bytes + HEAD_OFFSET, *size - HEAD_OFFSET);
     memcpy(bytes, MAGIC, sizeof MAGIC);
     bytes[sizeof MAGIC] = (uint8_t)('1' + more);
@@ -208,11 +208,11 @@ static result_t check_head(const uint8_t *bytes, size_t present, uint64_t size, 
         return bad("it does not begin like one");
     memcpy(fixed, bytes + HEAD_OFFSET, sizeof *fixed);
     if (fixed->unit_count == 0 || fixed->unit_count > WIRE_MAX_UNITS || fixed->name_size > JOB_MAX_NAME ||
-        fixed->key_size > WIRE_KEY_TEXT)
+        fixed->party_size > SPOOL_MAX_PARTY)
         return bad("its head is out of all bounds");
     size_t more_bytes = more_payloads(bytes) * sizeof *sizes;
     *head_size = HEAD_OFFSET + sizeof *fixed + fixed->unit_count * sizeof(unit_t) + fixed->name_size +
-                 fixed->key_size + more_bytes;
+                 fixed->party_size + more_bytes;
     if (present < *head_size) return bad("its head is cut short");
     hash_t hash = hash_bytes(bytes + HEAD_OFFSET, *head_size - HEAD_OFFSET);
     if (memcmp(&hash, bytes + HASH_OFFSET, sizeof hash) != 0) return bad("the checksum of its head differs");
@@ -253,7 +253,7 @@ result_t spool_decode(const uint8_t *bytes, size_t present, uint64_t size, uint6
                            .unit_count = fixed.unit_count};
     memcpy(head->units, units, fixed.unit_count * sizeof(unit_t));
     memcpy(head->name, text, fixed.name_size);
-    memcpy(head->key, text + fixed.name_size, fixed.key_size);
+    memcpy(head->party, text + fixed.name_size, fixed.party_size);
     *payload_hash = fixed.payload_hash;
     uint64_t at = head_size;
     for (int i = 0; i < BATCH_PAYLOADS; i++) {

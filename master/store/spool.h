@@ -12,6 +12,8 @@
 
 #include "proto/wire/wire.h"
 
+enum { SPOOL_MAX_PARTY = WIRE_MAX_ADDRESS + 10 };
+
 typedef enum {
     SPOOL_KEPT,  /* in the film */
     SPOOL_CHECK, /* in the film, and being compared with another rendering */
@@ -26,8 +28,8 @@ typedef struct {
 
 /* What is known of a batch beside its sums. */
 typedef struct {
-    char name[JOB_MAX_NAME + 1]; /* of the sender */
-    char key[WIRE_KEY_TEXT + 1];
+    char name[JOB_MAX_NAME + 1];     /* of the sender */
+    char party[SPOOL_MAX_PARTY + 1]; /* who is judged for it; a key alone in files of earlier versions */
     hash_t fingerprint;
     film_counts_t counts;
     unit_t *units;

@@ -4,7 +4,7 @@
  * DESIGN. A share of the batches that were merged is chosen at random, when they are there: who rendered them
  * could not know. The same units are given to another worker, with a number, to be delivered as a batch of
  * their own, which is compared (batch_digest) and not merged. Another worker is one with the same bits, on
- * another machine if there is one. If the sums are equal, the first worker is vouched for: what it had
+ * of another party if there is one. If the sums are equal, the first worker is vouched for: what it had
  * delivered until then needs no further proof. If not, more workers render the same until two agree; whoever
  * differs from them is put aside (standing.c), and everything that it delivered since it was last
  * vouched for is taken out of the film again and re-rendered (evidence.c). The second worker knows that
@@ -65,15 +65,15 @@ void checks_free(job_checks_t **pointer)
     *pointer = NULL;
 }
 
-size_t checks_source(job_checks_t *checks, uint64_t id, uint64_t machine, const char *name, const char *key)
+size_t checks_source(job_checks_t *checks, uint64_t id, uint64_t party, const char *name, const char *text)
 {
     size_t known = id_table_find(&checks->by_id, id);
     if (known != SIZE_MAX) return known;
     checks->sources = mem_realloc(checks->sources, (checks->source_count + 1) * sizeof *checks->sources);
     source_t *source = &checks->sources[checks->source_count];
-    *source = (source_t){.id = id, .machine = machine, .condemned = -1};
+    *source = (source_t){.id = id, .party = party, .condemned = -1};
     snprintf(source->name, sizeof source->name, "%s", name);
-    snprintf(source->key, sizeof source->key, "%s", key);
+    snprintf(source->party_text, sizeof source->party_text, "%s", text);
     id_table_put(&checks->by_id, id, checks->source_count);
     return checks->source_count++;
 }
@@ -157,10 +157,10 @@ static bool rendered_by(const job_checks_t *checks, const check_t *check, const 
     return false;
 }
 
-static bool rendered_on(const job_checks_t *checks, const check_t *check, uint64_t machine)
+static bool rendered_on(const job_checks_t *checks, const check_t *check, uint64_t party)
 {
     for (size_t i = 0; i < check->rendering_count; i++)
-        if (checks->sources[check->renderings[i].source].machine == machine) return true;
+        if (checks->sources[check->renderings[i].source].party == party) return true;
     return false;
 }
 
@@ -180,18 +180,18 @@ static bool can_be_had(const farm_t *farm, double now, const job_checks_t *check
     return false;
 }
 
-/* True when nobody is better placed: on a machine that has not rendered it, or fast enough. */
+/* True when nobody is better placed: of a party that has not rendered it, or fast enough. */
 static bool suits(const farm_t *farm, double now, const job_checks_t *checks, const check_t *check,
                   const worker_t *worker)
 {
-    bool fresh = !rendered_on(checks, check, worker->machine);
+    bool fresh = !rendered_on(checks, check, worker->party);
     bool quick = check->samples <= worker->speed * FIT_SECONDS;
     for (size_t i = 0; i < farm->worker_count && !(fresh && quick); i++) {
         const worker_t *other = &farm->workers[i];
         if (other == worker || !may_render(checks, check, other) ||
             !farm_worker_asks(farm, now, other, FARM_ASK_BATCHES))
             continue;
-        bool other_fresh = !rendered_on(checks, check, other->machine);
+        bool other_fresh = !rendered_on(checks, check, other->party);
         if (other_fresh && !fresh) return false;
         if (other_fresh == fresh && !quick && other->speed > worker->speed) return false;
     }
@@ -331,9 +331,8 @@ static void conclude(farm_t *farm, double now, job_t *job, const check_t *check,
         source_t source = job->checks->sources[check->renderings[i].source];
         char why[FARM_MAX_NAME];
         passed = false;
-        snprintf(why, sizeof why, "sent other sums than two others for %zu units of job %llu%s%s",
-                 check->count, (unsigned long long)job->kept.job,
-                 source.key[0] != '\0' ? "; its key is " : "", source.key);
+        snprintf(why, sizeof why, "sent other sums than two others for %zu units of job %llu; it is %s",
+                 check->count, (unsigned long long)job->kept.job, source.party_text);
         evidence_condemn(farm, now, source.id);
         standing_lied(farm, now, source.id, source.name, why);
     }
@@ -406,7 +405,7 @@ result_t trust_compare(farm_t *farm, double now, job_t *job, uint64_t id, uint64
     if (check->with == id) check->with = 0;
     *merge = check->rendering_count == 0;
     add_rendering(check,
-                  checks_source(job->checks, worker->source, worker->machine, worker->name, worker->key),
+                  checks_source(job->checks, worker->source, worker->party, worker->name, worker->party_text),
                   digest);
     decide(farm, now, job, at);
     return result_ok();

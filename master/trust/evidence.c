@@ -98,7 +98,7 @@ trust_keep_t *trust_keep_begin(farm_t *farm, job_t *job, const worker_t *worker,
     if (checks->given_up) return NULL;
     trust_keep_t *keep = mem_zalloc(1, sizeof *keep);
     schedule_account_t account = schedule_account(job->schedule);
-    size_t source = checks_source(checks, worker->source, worker->machine, worker->name, worker->key);
+    size_t source = checks_source(checks, worker->source, worker->party, worker->name, worker->party_text);
     keep->evidence =
         (evidence_t){.clock = evidence_clock(&account), .serial = ++checks->last_serial, .source = source};
     keep->begun = checks_begun(checks, source, batch->units, batch->unit_count) != NULL;
@@ -109,7 +109,7 @@ trust_keep_t *trust_keep_begin(farm_t *farm, job_t *job, const worker_t *worker,
                                 .units = batch->units,
                                 .unit_count = batch->unit_count};
     memcpy(keep->head.name, worker->name, sizeof keep->head.name);
-    memcpy(keep->head.key, worker->key, sizeof keep->head.key);
+    memcpy(keep->head.party, worker->party_text, sizeof keep->head.party);
     return keep;
 }
 
@@ -344,14 +344,17 @@ static result_t load_one(farm_t *farm, job_t *job, const job_settings_t *setting
     }
     worker_t sender = {.id = 0};
     memcpy(sender.name, head.name, sizeof sender.name);
-    memcpy(sender.key, head.key, sizeof sender.key);
+    if (strchr(head.party, ' ') != NULL)
+        memcpy(sender.party_text, head.party, sizeof sender.party_text);
+    else
+        snprintf(sender.key, sizeof sender.key, "%.*s", WIRE_KEY_TEXT, head.party);
     standing_identify(&sender);
     bool counted = true;
     for (size_t i = 0; i < head.unit_count && evidence->state != EVIDENCE_OUT; i++)
         counted = counted && is_counted(state, &head.units[i]);
     farm_lock(farm);
     job_checks_t *checks = checks_of(job);
-    evidence->source = checks_source(checks, sender.source, sender.machine, sender.name, sender.key);
+    evidence->source = checks_source(checks, sender.source, sender.party, sender.name, sender.party_text);
     if (counted) add(checks, *evidence);
     if (counted && evidence->checked)
         checks_want(farm, job, evidence, head.units, head.unit_count, &head.fingerprint, &digest);

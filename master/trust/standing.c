@@ -1,35 +1,33 @@
-/* standing: what is held against machines and processes, and who is put aside for it.
+/* standing: what is held against parties, and who is put aside for it.
  *
- * DESIGN. Three things are held against a machine: it declines a job that others render, it dies while it
- * holds units, it sends batches that are malformed. FARM_MAX_FAILURES of them without a delivery in between,
- * and all its workers are put aside: they are disconnected, and refused when they say hello, with the reason.
- * The first time for FARM_ASIDE_SECONDS, each further time twice as long, until it has behaved for as long as
- * it was aside last. A machine is known by its workers' key and host: several machines may share a key, and a
- * worker that dies comes back as another process. A worker that is not named "host:process" is a machine of
- * its own.
+ * DESIGN. A party is who is judged: the public key of a connection; the address of its host where there are
+ * no keys; the master's own process. Never the name that a worker gives itself: a new name is no new party.
+ *
+ * Three things are held against a party: it declines a job that others render, it dies while it holds units,
+ * it sends batches that are malformed. FARM_MAX_FAILURES of them without a delivery in between, and all its
+ * workers are put aside: they are disconnected, and refused when they say hello, with the reason. The first
+ * time for FARM_ASIDE_SECONDS, each further time twice as long, until it has behaved for as long as it was
+ * aside last.
  *
  * Who is innocent must not be put aside, since a farm without workers does nothing:
- *   - a delivery of any of the machine's workers clears it;
- *   - a death counts only if the worker joined after the last thing that is held against the machine. So
+ *   - a delivery of any of the party's workers clears it;
+ *   - a death counts only if the worker joined after the last thing that is held against the party. So
  *     three generations of workers must have joined and died, and not one of them delivered. When a link
- *     breaks, all workers of a machine are lost at a time, which counts once;
+ *     breaks, all workers of a party are lost at a time, which counts once;
  *   - it does not count when the same process is connected again, and is forgiven when the process is heard
  *     of again: it was out of reach, not dead;
  *   - it does not count when the worker was alone with units that are suspects (suspects.c), or held one
- *     that a worker of another machine died with;
- *   - who dies is not put aside while no other machine is connected.
+ *     that a worker of another party died with;
+ *   - who dies is not put aside while no other party is connected.
  * When workers are killed at random, so that one lives for L seconds on average, and deliver every t seconds,
- * a machine with a single worker is put aside after about 1 in (L / t)^3 kills, one with more workers hardly
+ * a party with a single worker is put aside after about 1 in (L / t)^3 kills, one with more workers hardly
  * ever.
  *
- * Wrong sums are another matter (checks.c): the process that sent them is put aside at once, for ten
- * times as long. Only the process: a liar gives itself any name that it likes, so a list of keys is what
- * keeps it out (the log names the key), while a machine that makes mistakes will be found again.
+ * Wrong sums are another matter (checks.c): who sent them is put aside at once, for ten times as long.
  *
  * What is held against whom is forgotten when the master ends. */
 #include "master/trust/trust_state.h"
 
-#include <ctype.h>
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -37,14 +35,12 @@
 enum { MAX_STANDINGS = FARM_MAX_WORKERS, LIE_FACTOR = 10 };
 static const double LONGEST_ASIDE = 7 * 24 * 3600.0; /* seconds */
 
-/* ---- names --------------------------------------------------------------------------------------------- */
+/* ---- parties ---------------------------------------------------------------------------------------------
+ */
 
-/* A number for a key and the first `size` bytes of a name. */
-static uint64_t name_number(const char *key, const char *name, size_t size, char kind)
+static uint64_t number_of(const char *text)
 {
-    char text[WIRE_KEY_TEXT + FARM_MAX_NAME + 4];
-    int length = snprintf(text, sizeof text, "%c%s/%.*s", kind, key, (int)size, name);
-    hash_t hash = hash_bytes(text, (size_t)length);
+    hash_t hash = hash_bytes(text, strlen(text));
     uint64_t number;
     memcpy(&number, hash.bytes, sizeof number);
     return number;
@@ -52,11 +48,19 @@ static uint64_t name_number(const char *key, const char *name, size_t size, char
 
 void standing_identify(worker_t *worker)
 {
-    size_t size = strlen(worker->name), end = size;
-    while (end > 0 && isdigit((unsigned char)worker->name[end - 1])) end--;
-    bool numbered = end > 1 && end < size && worker->name[end - 1] == ':';
-    worker->machine = name_number(worker->key, worker->name, numbered ? end - 1 : size, 'm');
-    worker->source = name_number(worker->key, worker->name, size, 's');
+    char process[FARM_MAX_PARTY + FARM_MAX_NAME + 2];
+    const char *key = worker->key, *address = worker->address;
+    if (worker->party_text[0] != '\0')
+        ; /* it is known */
+    else if (key[0] != '\0')
+        snprintf(worker->party_text, sizeof worker->party_text, "key %s", key);
+    else if (address[0] != '\0')
+        snprintf(worker->party_text, sizeof worker->party_text, "address %s", address);
+    else
+        snprintf(worker->party_text, sizeof worker->party_text, "in the master's process");
+    snprintf(process, sizeof process, "%s/%s", worker->party_text, worker->name);
+    worker->party = number_of(worker->party_text);
+    worker->source = number_of(process);
 }
 
 /* ---- the list ------------------------------------------------------------------------------------------ */
@@ -98,9 +102,9 @@ static standing_t *find_or_make(farm_t *farm, double now, uint64_t who)
 
 static const standing_t *aside(const farm_t *farm, double now, const worker_t *worker)
 {
-    const standing_t *machine = find(farm, worker->machine), *source = find(farm, worker->source);
+    const standing_t *party = find(farm, worker->party), *source = find(farm, worker->source);
     if (source != NULL && now < source->until) return source;
-    return machine != NULL && now < machine->until ? machine : NULL;
+    return party != NULL && now < party->until ? party : NULL;
 }
 
 const char *trust_reason(const farm_t *farm, double now, const worker_t *worker)
@@ -119,12 +123,11 @@ result_t standing_check(const farm_t *farm, double now, const worker_t *worker)
 
 /* ---- putting aside ------------------------------------------------------------------------------------- */
 
-/* Nothing more is taken from workers of this machine or process. */
+/* Nothing more is taken from workers of this party or process. */
 static void cast_out(farm_t *farm, uint64_t who)
 {
     for (size_t i = 0; i < farm->worker_count; i++)
-        if (farm->workers[i].machine == who || farm->workers[i].source == who)
-            farm->workers[i].outcast = true;
+        if (farm->workers[i].party == who || farm->workers[i].source == who) farm->workers[i].outcast = true;
     farm->cast_out = true;
 }
 
@@ -139,10 +142,10 @@ static void put_aside(farm_t *farm, double now, standing_t *standing, const char
     cast_out(farm, standing->who);
 }
 
-/* One more thing is held against the worker's machine. */
+/* One more thing is held against the worker's party. */
 static void fail(farm_t *farm, double now, const worker_t *worker, const char *why)
 {
-    standing_t *standing = find_or_make(farm, now, worker->machine);
+    standing_t *standing = find_or_make(farm, now, worker->party);
     char name[FARM_MAX_NAME + 1];
     snprintf(name, sizeof name, "%s", worker->name);
     standing->last_failure = now;
@@ -157,32 +160,32 @@ void trust_failed(farm_t *farm, double now, worker_t *worker, const char *why)
     if (!worker->outcast) fail(farm, now, worker, why);
 }
 
-static bool is_the_only_machine(const farm_t *farm, uint64_t machine)
+static bool is_the_only_party(const farm_t *farm, uint64_t party)
 {
     for (size_t i = 0; i < farm->worker_count; i++)
-        if (farm->workers[i].connected && farm->workers[i].machine != machine) return false;
+        if (farm->workers[i].connected && farm->workers[i].party != party) return false;
     return true;
 }
 
 void standing_fell(farm_t *farm, double now, worker_t *worker)
 {
-    const standing_t *standing = find(farm, worker->machine);
+    const standing_t *standing = find(farm, worker->party);
     if (standing != NULL && worker->joined <= standing->last_failure) return;
-    if (is_the_only_machine(farm, worker->machine)) return;
+    if (is_the_only_party(farm, worker->party)) return;
     fail(farm, now, worker, "died with units in its hands");
     worker->charged = true;
 }
 
 void standing_lives(farm_t *farm, worker_t *worker)
 {
-    standing_t *standing = worker->charged ? find(farm, worker->machine) : NULL;
+    standing_t *standing = worker->charged ? find(farm, worker->party) : NULL;
     if (standing != NULL && standing->failures > 0) standing->failures--;
     worker->charged = false;
 }
 
 void standing_delivered(farm_t *farm, double now, const worker_t *worker)
 {
-    standing_t *standing = find(farm, worker->machine);
+    standing_t *standing = find(farm, worker->party);
     if (standing == NULL) return;
     standing->failures = 0;
     if (now > standing->until + standing->length) standing->length = 0;

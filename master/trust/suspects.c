@@ -49,7 +49,7 @@ static const double CHANCE = 1e-7, KNOWN_CHANCE = 1e-3;
 
 /* A worker that died with the unit. */
 typedef struct {
-    uint64_t worker, machine;
+    uint64_t worker, party;
     bool apart;     /* it had nothing but suspects */
     double seconds; /* that it was alone with it; 0: it was not */
 } death_t;
@@ -266,7 +266,7 @@ static record_t machine_record(const suspect_t *suspect, uint64_t machine)
 {
     record_t record = RECORD_CLEAN;
     for (uint32_t i = 0; i < suspect->death_count; i++) {
-        if (suspect->deaths[i].machine != machine) continue;
+        if (suspect->deaths[i].party != machine) continue;
         if (suspect->deaths[i].seconds > 0) return RECORD_DIED_ALONE;
         record = RECORD_DIED;
     }
@@ -279,8 +279,8 @@ static bool killed_several_machines(const suspect_t *suspect)
     for (uint32_t i = 0; i < suspect->death_count; i++) {
         const death_t *death = &suspect->deaths[i];
         if (death->seconds <= 0) continue;
-        if (first != 0 && death->machine != first) return true;
-        first = death->machine;
+        if (first != 0 && death->party != first) return true;
+        first = death->party;
     }
     return false;
 }
@@ -293,7 +293,7 @@ static bool better_machine(const farm_t *farm, double now, const job_t *job, con
     for (size_t i = 0; i < farm->worker_count; i++) {
         const worker_t *worker = &farm->workers[i];
         if (farm_worker_asks(farm, now, worker, batches) && farm_bits_fit(job, &worker->fingerprint) &&
-            machine_record(suspect, worker->machine) < record)
+            machine_record(suspect, worker->party) < record)
             return true;
     }
     return false;
@@ -365,7 +365,7 @@ static bool killed_elsewhere(const job_suspects_t *s, const unit_t *unit, uint64
     for (size_t at = suspect_at(s, unit->tile, unit->first); overlaps(s, at, unit->tile, unit_end(unit));
          at++)
         for (uint32_t i = 0; i < s->list[at].death_count; i++)
-            if (s->list[at].deaths[i].machine != machine) return true;
+            if (s->list[at].deaths[i].party != machine) return true;
     return false;
 }
 
@@ -383,12 +383,12 @@ bool suspects_died(farm_t *farm, double now, job_t *job, const worker_t *worker,
         given++;
         issued = s->list[i].issued;
     }
-    death_t death = {.worker = worker->id, .machine = worker->machine, .apart = given > 0};
+    death_t death = {.worker = worker->id, .party = worker->party, .apart = given > 0};
     /* It died some time between its last sign of life and now. */
     if (given == 1) death.seconds = fmax(worker->last_seen + 0.5 * farm->options.lease - issued, 1e-3);
     bool excused = given > 0;
     for (size_t i = 0; i < count; i++) {
-        excused = excused || killed_elsewhere(s, &units[i], worker->machine);
+        excused = excused || killed_elsewhere(s, &units[i], worker->party);
         note(s, &units[i], death);
     }
     free(units);
@@ -447,8 +447,8 @@ static size_t quarantined(const farm_t *farm, size_t *connected)
 static bool suits(const farm_t *farm, double now, const job_t *job, const suspect_t *suspect,
                   const worker_t *worker)
 {
-    return suspect->kept && !better_machine(farm, now, job, suspect, machine_record(suspect, worker->machine),
-                                            FARM_ASK_BATCHES);
+    return suspect->kept &&
+           !better_machine(farm, now, job, suspect, machine_record(suspect, worker->party), FARM_ASK_BATCHES);
 }
 
 /* The suspect that most died with; s->count when there is none for this worker. */

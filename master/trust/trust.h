@@ -3,7 +3,7 @@
  *
  * The folder knows four things. The farm sees only what follows from them:
  *
- *   - what is held against machines and processes, which are put aside for it (standing.c);
+ *   - what is held against parties, which are put aside for it (standing.c);
  *   - units that workers died with, which are handed out apart, or left out (suspects.c);
  *   - units that are rendered twice and compared (checks.c);
  *   - batches that are kept until their senders are vouched for, so that they can be taken out of the film
@@ -30,7 +30,7 @@ void trust_forget(job_t *job);
 
 /* ---- workers ------------------------------------------------------------------------------------------- */
 
-/* Names the machine and the process of a worker that says hello. RESULT_CANCELLED, with the reason, when it
+/* Finds the party of a worker that says hello. RESULT_CANCELLED, with the reason, when it
  * may not join now. */
 result_t trust_admit(const farm_t *farm, double now, worker_t *worker);
 /* Why the worker is put aside; NULL when it is not. */

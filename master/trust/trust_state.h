@@ -8,9 +8,9 @@
 #include "master/store/spool.h"
 #include "master/trust/trust.h"
 
-/* What is held against a machine or a process (standing.c). */
+/* What is held against a party or a process (standing.c). */
 typedef struct {
-    uint64_t who; /* worker_t.machine or .source */
+    uint64_t who; /* worker_t.party or .source */
     uint32_t failures;
     double last_failure, until, touched; /* seconds */
     double length;                       /* of the last time aside, seconds; 0: there was none */
@@ -29,7 +29,7 @@ struct trust {
 
 /* ---- standing.c ---- */
 
-/* Finds the names of a worker's machine and process. */
+/* Finds a worker's party (from its key and address, if party_text is empty), and its process. */
 void standing_identify(worker_t *worker);
 /* Why a worker may not join now, as a failure; RESULT_OK when it may. */
 result_t standing_check(const farm_t *farm, double now, const worker_t *worker);
@@ -63,9 +63,9 @@ void suspects_free(job_suspects_t **suspects);
 
 /* A source of batches of a job: a process, as it is known across its connections. */
 typedef struct {
-    uint64_t id, machine; /* worker_t.source, .machine */
+    uint64_t id, party; /* worker_t.source, .party */
     char name[FARM_MAX_NAME + 1];
-    char key[WIRE_KEY_TEXT + 1];
+    char party_text[FARM_MAX_PARTY + 1];
     uint32_t unvouched; /* batches since it was vouched for */
     uint32_t unkept;    /* those that could not be written to the disk, in all */
     double condemned;   /* seconds, when it was found to send wrong sums; < 0: it was not */
@@ -134,7 +134,7 @@ bool checks_waiting(const job_t *job);
 /* The state of a job's comparisons, made if need be. */
 job_checks_t *checks_of(job_t *job);
 /* The index of a source, made if need be. */
-size_t checks_source(job_checks_t *checks, uint64_t id, uint64_t machine, const char *name, const char *key);
+size_t checks_source(job_checks_t *checks, uint64_t id, uint64_t party, const char *name, const char *text);
 /* Wants another rendering of the units (copied) of a batch, whose own rendering has `digest`. */
 void checks_want(farm_t *farm, job_t *job, const evidence_t *evidence, const unit_t *units, size_t count,
                  const hash_t *fingerprint, const hash_t *digest);

@@ -38,8 +38,11 @@ static result_t admit(control_server_t *control, const wire_message_t *message, 
     const Lm__Hello *hello = message->envelope->hello;
     const serve_handler_t *handler = &control->handler;
     identity_t identity = peer_identity(message);
-    worker_hello_t said = {
-        .name = hello->name, .key = message->key, .threads = hello->threads, .relay = hello->relay};
+    worker_hello_t said = {.name = hello->name,
+                           .key = message->key,
+                           .address = message->address,
+                           .threads = hello->threads,
+                           .relay = hello->relay};
     if (hello->protocol_version != WIRE_VERSION)
         return result_fail(RESULT_PROTOCOL,
                            "the worker speaks protocol %u, this %s (" LIGHTMILL_VERSION

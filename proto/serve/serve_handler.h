@@ -24,7 +24,8 @@ typedef struct {
 /* What a worker says of itself, and what is known of it. */
 typedef struct {
     const char *name;
-    const char *key; /* public key in Z85, empty without keys */
+    const char *key;     /* public key in Z85, empty without keys */
+    const char *address; /* of its host; empty or NULL in the same process */
     uint32_t threads;
     hash_t fingerprint; /* of its bits; all zero: it has not said */
     bool relay;

@@ -101,6 +101,7 @@ json_t *status_json_worker(const Lm__WorkerStatus *worker)
     json_t *object = json_object();
     put_text(object, "name", worker->name);
     put_text(object, "key", worker->key);
+    put_text(object, "address", worker->address);
     put_count(object, "threads", worker->threads);
     put_hash_of(object, "fingerprint", &worker->fingerprint);
     put_flag(object, "relay", worker->relay);

@@ -16,7 +16,7 @@ class Report(dict):
         return cls({name: _count(name, value) for name, value in members.items()})
 
 
-_TEXTS = {"name", "state", "message", "scene", "fingerprint", "key", "version", "aside", "why", "what"}
+_TEXTS = {"name", "state", "message", "scene", "fingerprint", "key", "address", "version", "aside", "why", "what"}
 
 
 def _count(name, value):

@@ -60,6 +60,15 @@ static void assert_aside(rig_t *rig, const char *name, const char *why)
     wire_free(&message);
 }
 
+static void assert_address(rig_t *rig, const char *name, const char *address)
+{
+    wire_message_t message;
+    const Lm__WorkerStatus *worker = find_worker(rig, name, &message);
+    assert_non_null(worker);
+    assert_string_equal(worker->address, address);
+    wire_free(&message);
+}
+
 /* ---- lies ---------------------------------------------------------------------------------------------- */
 
 /* Sends sums that are valid and wrong, until the master has had enough. Returns why it is sent away. */
@@ -145,7 +154,7 @@ typedef struct {
 static void come_to_life(machines_t *machines, int i)
 {
     snprintf(machines->names[i], sizeof machines->names[i], "machine-%c:%d", 'a' + i % 2, ++machines->lives);
-    machines->peers[i] = peer_new(machines->port);
+    machines->peers[i] = peer_new_from(i % 2 ? "127.0.0.2" : "127.0.0.3", machines->port);
     machines->peers[i]->name = machines->names[i];
     peer_hello(machines->peers[i], WIRE_VERSION, 1, NULL);
     machines->dies[i] = 0;
@@ -278,7 +287,7 @@ static void who_sends_nonsense_is_put_aside(void **state)
     rig_t *rig = *state;
     static peer_work_t work;
     rig_start_master(rig, BATCH_INTERVAL);
-    peer_t *peer = peer_new(rig->port);
+    peer_t *peer = peer_new_from("127.0.0.2", rig->port);
     peer->name = "broken:1";
     assert_int_equal(renderer_fingerprint(&peer->fingerprint).code, RESULT_OK);
     job_settings_t settings = rig_settings();
@@ -293,11 +302,12 @@ static void who_sends_nonsense_is_put_aside(void **state)
     peer_work(peer, 4096, 1024, &work);
     assert_int_equal(work.refused.code, RESULT_UNREACHABLE);
     result_t refused;
-    peer->name = "broken:2"; /* the machine is meant, not the process */
+    peer->name = "other:2"; /* a new name is no new party */
     peer_hello(peer, WIRE_VERSION, 1, &refused);
     assert_int_equal(refused.code, RESULT_CANCELLED);
     assert_non_null(strstr(refused.message, "malformed"));
     assert_aside(rig, "broken:1", "malformed");
+    assert_address(rig, "broken:1", "127.0.0.2");
     rig_start_worker(rig);
     assert_int_equal(rig_wait_job(rig, job).state, JOB_DONE);
     peer_destroy(&peer);

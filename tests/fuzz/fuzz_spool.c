@@ -100,7 +100,7 @@ int fuzz_spool(const uint8_t *data, size_t size)
             fuzz_expect(job_unit_valid(&settings, &head.units[i]), "a unit of the job");
         for (int i = 0; i < BATCH_PAYLOADS; i++)
             fuzz_expect(offset[i] <= size && length[i] <= size - offset[i], "a payload in the file");
-        fuzz_expect(strlen(head.name) <= JOB_MAX_NAME && strlen(head.key) <= WIRE_KEY_TEXT, "names");
+        fuzz_expect(strlen(head.name) <= JOB_MAX_NAME && strlen(head.party) <= SPOOL_MAX_PARTY, "names");
     } else {
         fuzz_expect(result.message[0] != '\0' && head.units == NULL, "an error's leftovers");
     }

@@ -13,8 +13,6 @@
 
 #include <cmocka.h>
 
-static const identity_t nobody = {{0}, 1};
-
 typedef enum {
     HONEST,
     LIES,              /* always */
@@ -92,11 +90,10 @@ static bool is_lie(const actor_t *actor)
 static void join(trial_t *trial, actor_t *actor)
 {
     worker_hello_t hello = {.name = actor->name,
-                            .key = "",
                             .threads = 1,
                             .fingerprint = {{actor->fingerprint}},
                             .relay = actor->relay};
-    result_t result = farm_hello(trial->farm, trial->now, &nobody, &hello, &actor->worker);
+    result_t result = toy_say_hello(trial->farm, trial->now, hello, &actor->worker);
     actor->refused = result.code == RESULT_CANCELLED;
     if (result.code != RESULT_OK) actor->worker = 0;
     actor->work = (toy_work_t){0};
@@ -230,7 +227,7 @@ static void run_with_a_liar(double verify, honesty_t honesty)
     for (int i = 0; i < trial.actor_count; i++) assert_true(i == 2 || !trial.actors[i].refused);
     uint64_t worker;
     result_t refused =
-        farm_hello(trial.farm, trial.now, &nobody, &(worker_hello_t){.name = "liar", .key = ""}, &worker);
+        toy_say_hello(trial.farm, trial.now, (worker_hello_t){.name = "liar"}, &worker);
     assert_int_equal(refused.code, RESULT_CANCELLED);
     assert_non_null(strstr(refused.message, "sent other sums than two others"));
     end(&trial);
@@ -802,7 +799,7 @@ static void make_entry(spool_head_t *head, zmq_msg_t payload[BATCH_PAYLOADS])
 {
     static unit_t units[2] = {{0, 0, 4}, {3, 4, 2}};
     *head = (spool_head_t){.name = "host:1",
-                           .key = "KEY",
+                           .party = "key KEY",
                            .fingerprint = {{7}},
                            .counts = {.light_paths = {1, 2}, .rays = 5},
                            .units = units,
@@ -836,7 +833,7 @@ static void batches_come_back_from_the_spool(void **state)
     free(names);
     assert_int_equal(spool_read(folder, 5, &out, &wanted, &back, read).code, RESULT_OK);
     assert_string_equal(back.name, "host:1");
-    assert_string_equal(back.key, "KEY");
+    assert_string_equal(back.party, "key KEY");
     assert_int_equal(back.counts.rays, 5);
     assert_int_equal(back.unit_count, 2);
     assert_memory_equal(back.units, head.units, 2 * sizeof(unit_t));

@@ -10,8 +10,6 @@
 
 #include <cmocka.h>
 
-static const identity_t nobody = {{0}, 1};
-
 static int set_up(void **state)
 {
     *state = toy_farm(false);
@@ -299,7 +297,7 @@ static void a_mixed_job_takes_everybody_and_says_so(void **state)
 
 static result_t try_hello(farm_t *farm, double now, const char *name, uint64_t *worker)
 {
-    return farm_hello(farm, now, &nobody, &(worker_hello_t){.name = name, .key = "", .threads = 1}, worker);
+    return toy_say_hello(farm, now, (worker_hello_t){.name = name, .threads = 1}, worker);
 }
 
 /* A process of host:n joins, takes a unit, and is not heard of again. */
