@@ -1,6 +1,8 @@
 /* base: results, log, clocks, memory, hashing and whole-file input and output (see base.h). */
 #include "common/base.h"
 
+#include "common/plain_text.h"
+
 #include <errno.h>
 #include <fcntl.h>
 #include <pthread.h>
@@ -45,32 +47,31 @@ void log_init(const char *name, log_level_t least)
     log_state.least = least;
 }
 
-/* Names come from strangers: what could command a terminal or begin a line of its own becomes '?'. C1
- * controls are two bytes in UTF-8. */
-static void tame(char *text)
+/* ISO 8601 with the offset from UTC: unambiguous in every time zone, and on the night when clocks go back. */
+static void format_time(char text[64])
 {
-    for (uint8_t *b = (uint8_t *)text; *b != '\0'; b++) {
-        if (b[0] == 0xC2 && b[1] >= 0x80 && b[1] < 0xA0) b[0] = b[1] = '?';
-        if (b[0] < 0x20 || b[0] == 0x7F) b[0] = '?';
-    }
+    time_t now = time(NULL);
+    struct tm local;
+    localtime_r(&now, &local);
+    int minutes = (int)(local.tm_gmtoff / 60);
+    size_t used = strftime(text, 64, "%Y-%m-%dT%H:%M:%S", &local);
+    snprintf(text + used, 64 - used, "%c%02d:%02d", minutes < 0 ? '-' : '+', abs(minutes) / 60,
+             abs(minutes) % 60);
 }
 
 void log_write(log_level_t level, const char *format, ...)
 {
     static const char *const names[] = {"debug", "info", "warning", "error"};
     if (level < log_state.least) return;
-    char text[1024];
+    char text[1024], when[64];
     va_list arguments;
     va_start(arguments, format);
     vsnprintf(text, sizeof text, format, arguments);
     va_end(arguments);
-    tame(text);
-    time_t now = time(NULL);
-    struct tm local;
-    localtime_r(&now, &local);
+    plain_text_clean(text); /* names come from strangers */
+    format_time(when);
     /* One call, so that lines of threads and processes do not mix. */
-    fprintf(stderr, "%02d:%02d:%02d %s %s: %s\n", local.tm_hour, local.tm_min, local.tm_sec, log_state.name,
-            names[level], text);
+    fprintf(stderr, "%s %s %s: %s\n", when, log_state.name, names[level], text);
 }
 
 static double clock_read(clockid_t id)

@@ -51,7 +51,8 @@ typedef enum { LOG_DEBUG, LOG_INFO, LOG_WARNING, LOG_ERROR } log_level_t;
 /* Names the process in every line ("master", "worker 3") and sets the least level that is written. Call
  * before threads start. `name` is copied. */
 void log_init(const char *name, log_level_t least);
-/* Writes one line "HH:MM:SS name level: text" to stderr; thread-safe. */
+/* Writes one line "2026-01-31T09:05:00+01:00 name level: text", the time that of the machine's zone, to stderr;
+ * thread-safe. What must not be shown (plain_text.h) becomes '?'. */
 void log_write(log_level_t level, const char *format, ...) __attribute__((format(printf, 2, 3)));
 #define log_debug(...) log_write(LOG_DEBUG, __VA_ARGS__)
 #define log_info(...) log_write(LOG_INFO, __VA_ARGS__)

@@ -13,7 +13,8 @@
  * A message bears a checksum of all its frames. TCP's own is weak and made anew by every box on the way, so a
  * damaged sum could otherwise decode to a plausible batch and be counted.
  *
- * Strings end up in logs and on terminals, so control characters in them are replaced as they come in.
+ * Strings end up in logs and on terminals, so what must not be shown there is replaced as they come in
+ * (common/plain_text.h).
  *
  * Sending never blocks: the threads that own sockets serve many peers, and one that does not read must not
  * hold up the others. ZeroMQ decides at the first frame of a message whether there is room for all of it; a
@@ -21,6 +22,7 @@
  * handed over so that ZeroMQ discards the message whole. */
 #include "proto/wire/wire.h"
 
+#include "common/plain_text.h"
 #include "proto/wire/checksum.h"
 
 #include <errno.h>
@@ -254,8 +256,7 @@ static result_t string_check(char *text, const char *name)
     if (length > WIRE_MAX_STRING)
         return result_fail(RESULT_PROTOCOL, "%s has %zu characters, the limit is %d", name, length,
                            WIRE_MAX_STRING);
-    for (char *c = text; *c != '\0'; c++)
-        if ((unsigned char)*c < 0x20 || *c == 0x7f) *c = '?';
+    plain_text_clean(text);
     return result_ok();
 }
 

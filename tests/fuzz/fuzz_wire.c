@@ -3,6 +3,7 @@
  * master, a worker or a client does with it. */
 #include "tests/fuzz/fuzz.h"
 
+#include "common/plain_text.h"
 #include "proto/wire/checksum.h"
 #include "proto/wire/wire.h"
 
@@ -15,8 +16,11 @@ static void check_string(const char *text)
 {
     if (text == NULL) return;
     fuzz_expect(strlen(text) <= WIRE_MAX_STRING, "a string over the limit");
-    for (; *text != '\0'; text++)
-        fuzz_expect((unsigned char)*text >= 0x20 && *text != 0x7f, "a control character in a string");
+    for (size_t length; *text != '\0'; text += length) {
+        length = plain_text_character(text);
+        fuzz_expect(length > 0, "a character in a string that must not be shown");
+        if (length == 0) return;
+    }
 }
 
 static void check_settings(const Lm__Settings *message, job_settings_t *settings)

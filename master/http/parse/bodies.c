@@ -1,6 +1,8 @@
 /* bodies: see bodies.h. */
 #include "master/http/parse/bodies.h"
 
+#include "common/plain_text.h"
+
 #include <errno.h>
 #include <math.h>
 #include <stdio.h>
@@ -149,6 +151,7 @@ static result_t take_name(json_t *body, const hash_t *blob, char name[JOB_MAX_NA
     if (!json_is_string(value) || json_string_length(value) < 1 || json_string_length(value) > JOB_MAX_NAME)
         return result_fail(RESULT_USAGE, "name is a text of 1 to %d bytes", JOB_MAX_NAME);
     snprintf(name, JOB_MAX_NAME + 1, "%s", json_string_value(value));
+    plain_text_clean(name);
     json_object_del(body, "name");
     return result_ok();
 }

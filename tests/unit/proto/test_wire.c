@@ -314,7 +314,7 @@ static void too_many_payloads_are_errors(void **state)
     free(bytes);
 }
 
-static void long_strings_are_errors_and_control_characters_go(void **state)
+static void long_strings_are_errors_and_harmful_characters_go(void **state)
 {
     sockets_t *s = *state;
     Lm__Hello hello = LM__HELLO__INIT;
@@ -333,6 +333,20 @@ static void long_strings_are_errors_and_control_characters_go(void **state)
     assert_int_equal(strlen(message.envelope->hello->name), WIRE_MAX_STRING);
     assert_int_equal(strncmp(message.envelope->hello->name, "??aaa", 5), 0);
     wire_free(&message);
+    /* C1, overrides, isolates, marks, a separator, bytes that are not UTF-8; and what is harmless. */
+    hello.name = "a\xc2\x9b"
+                 "b\u202e"
+                 "c\u2066"
+                 "d\u200f"
+                 "e\u061c"
+                 "f\u2028"
+                 "g\xff"
+                 "h\xe2\x80 Größe \u2067λ 縫";
+    assert_int_equal(wire_send(s->dealer, NULL, 0, &envelope, NULL, 0).code, RESULT_OK);
+    assert_int_equal(receive(s->router, true, &message, &received).code, RESULT_OK);
+    assert_string_equal(message.envelope->hello->name, "a?b?c?d?e?f?g?h?? Größe ?λ 縫");
+    wire_free(&message);
+    hello.name = name;
     name[WIRE_MAX_STRING] = 'a';
     assert_int_equal(wire_send(s->dealer, NULL, 0, &envelope, NULL, 0).code, RESULT_OK);
     expect_malformed(s);
@@ -601,7 +615,7 @@ int main(void)
         WITH_SOCKETS(a_damaged_message_is_an_error),
         WITH_SOCKETS(another_version_is_named),
         WITH_SOCKETS(too_many_payloads_are_errors),
-        WITH_SOCKETS(long_strings_are_errors_and_control_characters_go),
+        WITH_SOCKETS(long_strings_are_errors_and_harmful_characters_go),
         WITH_SOCKETS(too_many_units_are_errors),
         WITH_SOCKETS(random_and_truncated_headers_do_no_harm),
         WITH_SOCKETS(a_frame_over_the_limit_drops_the_connection),
