@@ -41,8 +41,9 @@ archive     = $(BUILD)/lib/lib$(1).a
 PROGRAMS := $(BUILD)/lightmill $(BUILD)/lightmill-master $(BUILD)/lightmill-worker $(BUILD)/lightmill-relay
 TEST_SRC := $(sort $(shell find tests/unit -name "*.c" 2>/dev/null) $(wildcard tests/statistics/*.c tests/farm/*.c))
 TESTS    := $(patsubst tests/%.c,$(BUILD)/tests/%,$(filter tests/%,$(shell grep -l '^int main' $(TEST_SRC) /dev/null 2>/dev/null)))
-# Not of C: the page in a browser, Prometheus, and the Python package.
-TESTS    += $(BUILD)/tests/page/test_page $(BUILD)/tests/farm/test_monitoring $(BUILD)/tests/farm/test_mattes $(BUILD)/tests/farm/test_python $(BUILD)/tests/farm/test_openapi
+# Not of C: the page in a browser; Prometheus, the Python package, and farms with peers of the second implementation.
+PYTHON_TESTS := $(patsubst %.py,$(BUILD)/%,$(wildcard tests/farm/test_*.py))
+TESTS    += $(BUILD)/tests/page/test_page $(PYTHON_TESTS)
 
 all: $(PROGRAMS)
 
@@ -111,9 +112,17 @@ $(BUILD)/tests/page/test_page: tests/page/test_page.sh tests/page/install.sh doc
 	@mkdir -p $(@D)
 	$(Q)install -m 755 $< $@
 
-$(BUILD)/tests/farm/test_monitoring $(BUILD)/tests/farm/test_python $(BUILD)/tests/farm/test_mattes $(BUILD)/tests/farm/test_openapi: $(BUILD)/%: %.py | $(PROGRAMS)
+$(PYTHON_TESTS): $(BUILD)/%: %.py | $(PROGRAMS)
 	@mkdir -p $(@D)
 	$(Q)install -m 755 $< $@
+
+# The messages, for tests/kit.
+KIT_TESTS  := $(filter $(BUILD)/tests/farm/test_kit%,$(PYTHON_TESTS))
+KIT_SCHEMA := $(BUILD)/tests/kit/lightmill_pb2.py
+$(KIT_SCHEMA): proto/wire/lightmill.proto
+	@mkdir -p $(@D)
+	$(Q)protoc --proto_path=$(<D) --python_out=$(@D) $<
+$(KIT_TESTS): $(KIT_SCHEMA)
 
 # Prometheus, for the tests that ask it what it thinks; a test fails where it cannot be had, the build does not.
 prometheus:

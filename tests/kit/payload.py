@@ -1,0 +1,183 @@
+"""The sums of a batch, as numpy arrays of int64: reads both codecs, writes the raw one."""
+import hashlib
+import struct
+
+import numpy as np
+import zstandard
+
+from kit.wire import Malformed
+
+CHUNK = 65536  # pixels
+BDPT, PATH, LIGHT = 1, 2, 3  # Settings.integrator
+LAYERED_SAMPLES = 32  # features and mattes are of the first so many
+
+# The values of a pixel, and how they are shared out to the bands of a chunk.
+PLAIN = [range(0, 3)]
+FEATURES = [range(0, 3), range(3, 6), range(6, 9), range(9, 10), range(10, 12), range(12, 14)]
+MATTES = [range(0, 3), range(3, 6), range(6, 9), range(9, 12), range(12, 15), range(15, 16)]
+
+
+def content(settings, blob):
+    """The hash of all that a sample depends on."""
+    text = (f"scene {blob.hex()} integrator {settings.integrator} sampler {settings.sampler} seed {settings.seed} "
+            f"size {settings.width}x{settings.height} depth {settings.max_depth} tile {settings.tile_size} "
+            f"scale {settings.film_scale} strategy {settings.strategy_s} {settings.strategy_t} "
+            f"unweighted {int(settings.unweighted)} features {int(settings.features)}")
+    text += " cryptomatte" if settings.cryptomatte else ""
+    text += f" groups {settings.light_groups}" if settings.light_groups else ""
+    return hashlib.blake2b(text.encode(), digest_size=32).digest()
+
+
+def tile_size(settings, tile):
+    """(width, height) of a tile in pixels."""
+    size = settings.tile_size
+    row, column = divmod(tile, -(-settings.width // size))
+    return min(size, settings.width - column * size), min(size, settings.height - row * size)
+
+
+def tile_count(settings):
+    return -(-settings.width // settings.tile_size) * -(-settings.height // settings.tile_size)
+
+
+def unit_samples(settings, unit):
+    width, height = tile_size(settings, unit.tile)
+    return width * height * unit.count
+
+
+class Shape:
+    """What the payloads of a batch hold, which follows from the settings and the units: for each payload the values of a pixel,
+    by bands, and the number of values."""
+
+    def __init__(self, settings, units):
+        pixels = [int(np.prod(tile_size(settings, unit.tile))) for unit in units]
+        layered = [count for unit, count in zip(units, pixels) if unit.first < LAYERED_SAMPLES]
+        groups = len(settings.light_groups.split(",")) if settings.light_groups else 0
+        frame = settings.width * settings.height
+        splats = settings.integrator != PATH
+        self.eye = sum(pixels) * 6
+        self.splats = frame * 6 if splats else 0
+        self.features = sum(layered) * 14 if settings.features and settings.integrator != LIGHT else 0
+        self.mattes = sum(layered) * 16 if settings.cryptomatte else 0
+        self.group_eye = sum(pixels) * 3 * groups
+        self.group_splats = frame * 3 * groups if splats else 0
+
+    def parts(self):
+        return [(PLAIN, self.eye), (PLAIN, self.splats), (FEATURES, self.features), (MATTES, self.mattes), (PLAIN, self.group_eye),
+                (PLAIN, self.group_splats)]
+
+
+def encode(values):
+    """A frame of codec 0, raw. None, or no values, is an empty frame."""
+    if values is None or len(values) == 0:
+        return b""
+    return struct.pack("<BxxxI", 0, 0) + np.ascontiguousarray(values, dtype="<i8").tobytes()
+
+
+def decode(frame, bands, count):
+    """The values of a frame; None when the frame is empty, which stands for zeroes. Malformed when they are not `count` many."""
+    if len(frame) == 0:
+        return None
+    if len(frame) < 8:
+        raise Malformed("a payload without its head")
+    codec, number = struct.unpack_from("<BxxxI", frame)
+    if codec == 0:
+        values = np.frombuffer(frame, dtype="<i8", offset=8)
+        if len(values) != count:
+            raise Malformed(f"{len(values)} values, where {count} are expected")
+        return values.copy()
+    if codec != 1:
+        raise Malformed(f"codec {codec}")
+    return _decode_planes(frame, number, bands, count)
+
+
+def _decode_planes(frame, number, bands, count):
+    sizes = struct.unpack_from(f"<{number}I", frame, 8)
+    width = bands[-1].stop
+    pixels, rest = divmod(count, width)
+    chunks = [min(CHUNK, pixels - start) for start in range(0, pixels, CHUNK)]
+    if rest or number != len(chunks) * len(bands) or sum(sizes) != len(frame) - 8 - 4 * number:
+        raise Malformed("bands that do not fit the array")
+    values, offset, at = np.zeros((pixels, width), dtype="<i8"), 8 + 4 * number, 0
+    for index, chunk in enumerate(chunks):
+        for place, band in enumerate(bands):
+            size = sizes[index * len(bands) + place]
+            part = _decode_band(frame[offset : offset + size], chunk, len(band))
+            if len(bands) > 1:  # differences from the pixel before
+                part = np.cumsum(part, axis=0, dtype=np.int64)
+            values[at : at + chunk, band.start : band.stop] = part
+            offset += size
+        at += chunk
+    return values.reshape(-1)
+
+
+def _decode_band(data, pixels, width):
+    values = np.zeros((pixels, width), dtype=np.int64)
+    if len(data) == 0:
+        return values
+    mask, data = _block(data, -(-pixels // 8))
+    present = np.unpackbits(np.frombuffer(mask, dtype=np.uint8), bitorder="little").astype(bool)
+    if present[pixels:].any() or len(data) == 0 or data[0] > 8:
+        raise Malformed("a band with a wrong mask or number of planes")
+    present, planes, data = present[:pixels], data[0], data[1:]
+    number = int(present.sum()) * width
+    zigzag = np.zeros(number, dtype=np.uint64)
+    for plane in range(planes):
+        part, data = _block(data, number)
+        zigzag |= np.frombuffer(part, dtype=np.uint8).astype(np.uint64) << np.uint64(8 * plane)
+    if len(data) != 0:
+        raise Malformed("a band that goes on behind its last block")
+    signed = (zigzag >> np.uint64(1)) ^ (np.uint64(0) - (zigzag & np.uint64(1)))
+    values[present] = signed.view(np.int64).reshape(-1, width)
+    return values
+
+
+def _block(data, size):
+    """(bytes of the first block, what follows it)"""
+    if len(data) < 4:
+        raise Malformed("a block without its size")
+    head = struct.unpack_from("<I", data)[0]
+    stored, end = head >> 31, 4 + (head & 0x7FFFFFFF)
+    if end > len(data):
+        raise Malformed("a block that is longer than its band")
+    part = bytes(data[4:end])
+    if not stored:
+        part = zstandard.ZstdDecompressor().decompress(part, max_output_size=size)
+    if len(part) != size:
+        raise Malformed(f"a block of {len(part)} bytes, where {size} are expected")
+    return part, data[end:]
+
+
+class Sums:
+    """The six payloads of a batch as arrays; those that the batch does not have are None."""
+
+    NAMES = ("eye", "splats", "features", "mattes", "group_eye", "group_splats")
+
+    def __init__(self, settings, units, payloads=()):
+        self.units = list(units)
+        frames = [*payloads, *[b""] * (6 - len(payloads))]
+        for name, frame, (bands, count) in zip(self.NAMES, frames, Shape(settings, units).parts()):
+            setattr(self, name, decode(frame, bands, count))
+
+    @classmethod
+    def zero(cls, settings, units):
+        """Sums of the right sizes, all 0."""
+        sums = cls(settings, units)
+        for name, (_, count) in zip(cls.NAMES, Shape(settings, units).parts()):
+            setattr(sums, name, np.zeros(count, dtype=np.int64) if count else None)
+        return sums
+
+    def add(self, other):
+        """Appends another batch: tiles one after the other, splat frames summed."""
+        self.units += other.units
+        for name in self.NAMES:
+            mine, theirs = getattr(self, name), getattr(other, name)
+            if mine is None or theirs is None:
+                setattr(self, name, theirs if mine is None else mine)
+            else:
+                setattr(self, name, mine + theirs if "splats" in name else np.concatenate((mine, theirs)))
+
+    def payloads(self):
+        frames = [encode(getattr(self, name)) for name in self.NAMES]
+        while len(frames) > 3 and not frames[-1]:
+            frames.pop()
+        return frames
