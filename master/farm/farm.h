@@ -37,8 +37,7 @@ void farm_worker_threads(farm_t *farm, uint64_t worker, uint32_t threads);
 void farm_reclaim(farm_t *farm, double now, uint64_t worker, uint64_t job, const hash_t *content,
                   const unit_t *units, size_t count);
 /* The worker leaves: its units go back. `job` is one that it cannot render, for the reason it gives, or 0. A
- * job that nobody has delivered anything of fails when it was declined FARM_MAX_DECLINES times and nobody is
- * at it. */
+ * job that nobody can render fails one day (declines.c). */
 void farm_goodbye(farm_t *farm, double now, uint64_t worker, uint64_t job, const char *reason);
 /* Work for a worker. RESULT_UNREACHABLE when the worker is not known: it should say hello again. */
 result_t farm_take(farm_t *farm, double now, const identity_t *identity, uint64_t worker, uint64_t loaded_job,

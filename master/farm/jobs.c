@@ -113,7 +113,7 @@ void farm_job_install(farm_t *farm, double now, job_t *job, film_t *film, schedu
     job->image = IMAGE_NONE;
     job->save = SAVE_DONE;
     job->write = WRITE_IDLE;
-    job->declines = 0;
+    job->declines = job->decline_count = 0;
     farm_milestone_installed(job);
     farm_job_joins(farm, job);
     job->rate_time[0] = job->rate_time[1] = now;

@@ -1,5 +1,5 @@
 /* parts: what the files of this folder have for one another. Each calls those before it alone: shares, jobs
- * with errors and milestones, workers, take, report, news, batches; then keep, orders and farm. All is called
+ * with errors and milestones, declines, workers, take, report, news, batches; then keep, orders and farm. All is called
  * under the farm's lock. */
 #ifndef LIGHTMILL_FARM_PARTS_H
 #define LIGHTMILL_FARM_PARTS_H
@@ -82,6 +82,15 @@ void farm_milestone_closed(job_t *job, job_state_t outcome);
 void farm_milestone_give_up(job_t *job);
 /* Time passes. */
 void farm_milestone_tick(farm_t *farm, double now, job_t *job);
+
+/* ---- declines.c ---- */
+
+/* The worker, which held units of the job, cannot render it: the job may fail for that. */
+void farm_declined(farm_t *farm, double now, job_t *job, const worker_t *worker, const char *reason);
+/* True while the worker's process is not to be given units of the job, since it declined it. */
+bool farm_has_declined(const job_t *job, const worker_t *worker, double now);
+/* Writes what is to be said of a job that only was declined so far, "" for nothing. */
+void farm_decline_remark(const job_t *job, char *text, size_t size);
 
 /* ---- workers.c ---- */
 

@@ -64,6 +64,7 @@ static bool may_work(const worker_t *worker, const job_t *job)
 {
     if (worker->quarantine != 0 && worker->quarantine != job->kept.job)
         return false; /* it waits for units of another one */
+    if (farm_has_declined(job, worker, worker->asked)) return false;
     if (!farm_bits_fit(job, &worker->fingerprint)) return false;
     bool begins = !job->kept.terms.mixed && hash_is_zero(&job->kept.fingerprint);
     return !begins || worker->begins;

@@ -214,28 +214,6 @@ void farm_worker_threads(farm_t *farm, uint64_t id, uint32_t threads)
     farm_unlock(farm);
 }
 
-/* A worker cannot render a job. Another may, but if nobody ever could, the fault is the job's. */
-static void decline(farm_t *farm, double now, job_t *job, worker_t *worker, const char *reason)
-{
-    job->declines++;
-    job->scene_due = true;
-    wake_up(farm->options.checkpoint_wake);
-    if (job->kept.batches > 0) {
-        char why[FARM_MAX_NAME];
-        snprintf(why, sizeof why, "cannot render job %llu, which others can: %.120s",
-                 (unsigned long long)job->kept.job, reason);
-        trust_failed(farm, now, worker, why);
-        farm_cast_out(farm, now);
-        return;
-    }
-    if (job->kept.state != JOB_RUNNING || job->declines < FARM_MAX_DECLINES) return;
-    if (schedule_holders(job->schedule) > 0) return;
-    snprintf(job->kept.message, sizeof job->kept.message, "no worker can render it; %.100s says: %.350s",
-             worker->name, reason);
-    log_error("job %llu failed: %s", (unsigned long long)job->kept.job, job->kept.message);
-    farm_job_close(farm, now, job, JOB_FAILED);
-}
-
 void farm_goodbye(farm_t *farm, double now, uint64_t id, uint64_t job_id, const char *reason)
 {
     farm_lock(farm);
@@ -246,7 +224,7 @@ void farm_goodbye(farm_t *farm, double now, uint64_t id, uint64_t job_id, const 
         job_t *job = farm_find_job(farm, job_id);
         bool held = job != NULL && job->schedule != NULL && schedule_held(job->schedule, id) > 0;
         disconnect(farm, now, worker, why);
-        if (held) decline(farm, now, job, worker, reason);
+        if (held) farm_declined(farm, now, job, worker, reason);
     }
     farm_unlock(farm);
 }
@@ -352,10 +330,14 @@ static void remark_job(const farm_t *farm, double now, job_t *job)
                                  "others are connected",
                                  bits, connected);
     }
-    char more[280];
-    trust_remark(farm, now, job, more, sizeof more);
-    if (more[0] != '\0' && used < sizeof job->remark)
-        snprintf(job->remark + used, sizeof job->remark - used, "%s%s", used > 0 ? "; " : "", more);
+    char more[sizeof job->remark];
+    for (int part = 0; part < 2; part++) {
+        if (part == 0) farm_decline_remark(job, more, sizeof more);
+        if (part == 1) trust_remark(farm, now, job, more, sizeof more);
+        if (more[0] != '\0' && used < sizeof job->remark)
+            used += (size_t)snprintf(job->remark + used, sizeof job->remark - used, "%s%s",
+                                     used > 0 ? "; " : "", more);
+    }
 }
 
 /* Jobs that may be complete now, though nothing was delivered. Lets the lock go meanwhile. */

@@ -48,6 +48,13 @@ typedef struct {
     uint64_t batches, batches_refused, units_reissued, bytes;
 } worker_t;
 
+/* A process that cannot render a job. */
+typedef struct {
+    uint64_t source, party; /* worker_t.source, .party */
+    uint32_t count;
+    double until; /* seconds, before when it is given no units of the job */
+} decline_t;
+
 /* What trust knows of a farm's workers, */
 typedef struct trust trust_t;
 /* of the units of a job that are rendered twice (trust/checks.c), */
@@ -107,27 +114,31 @@ struct job {
     double milestone_retry;     /* seconds, likewise */
     job_save_t save;
     job_write_t write;
-    bool scene_due;             /* its scene has to be looked at: it may be damaged */
-    bool planning;              /* the next round is being planned */
-    bool gone;                  /* deleted: freed when the last pin goes */
-    bool record_due;            /* the record has changed since the journal got it */
-    double last_checkpoint;     /* seconds; 0: none */
-    double started, ended;      /* seconds; 0: not yet */
-    double flush_until;         /* seconds, while a flush goes on */
-    double service;             /* thread-seconds that it was given, in the sense of farm/shares.c */
-    uint32_t threads;           /* that work on it now */
-    double claim;               /* on the worker that is being served, likewise */
-    bool held_back;             /* likewise: it is not its turn to begin */
-    schedule_t *schedule;       /* NULL before the first assignment and when the job is over */
-    shared_film_t *shared_film; /* from FILM_OPEN to FILM_CONDEMNED, else NULL */
-    int shared_film_users;      /* that look at it without the farm's lock */
-    int merging;                /* batches that are counted and being added to the film */
-    error_history_t history;    /* of the estimated error (farm/errors.c) */
-    bool history_due;           /* it has changed since the journal got it */
-    double next_estimate;       /* seconds, when the error may be estimated again */
-    id_table_t seen;            /* workers that contributed to it in this process */
-    uint32_t declines;          /* workers that said they cannot render it */
-    double rate_time[2];        /* two earlier points of the progress, for the speed */
+    bool scene_due;                     /* its scene has to be looked at: it may be damaged */
+    bool planning;                      /* the next round is being planned */
+    bool gone;                          /* deleted: freed when the last pin goes */
+    bool record_due;                    /* the record has changed since the journal got it */
+    double last_checkpoint;             /* seconds; 0: none */
+    double started, ended;              /* seconds; 0: not yet */
+    double flush_until;                 /* seconds, while a flush goes on */
+    double service;                     /* thread-seconds that it was given, in the sense of farm/shares.c */
+    uint32_t threads;                   /* that work on it now */
+    double claim;                       /* on the worker that is being served, likewise */
+    bool held_back;                     /* likewise: it is not its turn to begin */
+    schedule_t *schedule;               /* NULL before the first assignment and when the job is over */
+    shared_film_t *shared_film;         /* from FILM_OPEN to FILM_CONDEMNED, else NULL */
+    int shared_film_users;              /* that look at it without the farm's lock */
+    int merging;                        /* batches that are counted and being added to the film */
+    error_history_t history;            /* of the estimated error (farm/errors.c) */
+    bool history_due;                   /* it has changed since the journal got it */
+    double next_estimate;               /* seconds, when the error may be estimated again */
+    id_table_t seen;                    /* workers that contributed to it in this process */
+    decline_t declined[FARM_DECLINERS]; /* who said that they cannot render it (farm/declines.c), */
+    uint32_t decline_count;             /* how many these are, */
+    uint32_t declines;                  /* how often it was said, */
+    double first_decline;               /* since when, seconds, */
+    char decline_reason[260];           /* and why, the last time */
+    double rate_time[2];                /* two earlier points of the progress, for the speed */
     uint64_t rate_samples[2];
     job_checks_t *checks;     /* NULL: none */
     job_suspects_t *suspects; /* NULL: none */

@@ -13,7 +13,9 @@ enum {
                                              batch */
     FARM_MAX_NAME = SERVE_MAX_NAME,
     FARM_MAX_PARTY = WIRE_MAX_ADDRESS + 10, /* of "key ..." or "address ..." */
-    FARM_MAX_DECLINES = 3,                  /* of a job that no worker has rendered any of */
+    FARM_MAX_DECLINES = 3,                  /* of a job that no worker has rendered any of; farm/declines.c */
+    FARM_LONE_DECLINES = 8,                 /* where only one party could */
+    FARM_DECLINERS = 16,                    /* processes that are remembered for it, of a job */
     FARM_UNIT_DEATHS = 5, /* workers that a unit has to end, at least, before it is left out */
     FARM_MAX_FAILURES = 3 /* of a party without a delivery between them, before it is put aside */
 };

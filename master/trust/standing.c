@@ -3,11 +3,10 @@
  * DESIGN. A party is who is judged: the public key of a connection; the address of its host where there are
  * no keys; the master's own process. Never the name that a worker gives itself: a new name is no new party.
  *
- * Three things are held against a party: it declines a job that others render, it dies while it holds units,
- * it sends batches that are malformed. FARM_MAX_FAILURES of them without a delivery in between, and all its
- * workers are put aside: they are disconnected, and refused when they say hello, with the reason. The first
- * time for FARM_ASIDE_SECONDS, each further time twice as long, until it has behaved for as long as it was
- * aside last.
+ * Two things are held against a party: it dies while it holds units, it sends batches that are malformed.
+ * FARM_MAX_FAILURES of them without a delivery in between, and all its workers are put aside: they are
+ * disconnected, and refused when they say hello, with the reason. The first time for FARM_ASIDE_SECONDS, each
+ * further time twice as long, until it has behaved for as long as it was aside last.
  *
  * Who is innocent must not be put aside, since a farm without workers does nothing:
  *   - a delivery of any of the party's workers clears it;

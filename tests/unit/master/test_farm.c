@@ -183,6 +183,61 @@ static void a_job_that_nobody_can_render_fails(void **state)
     assert_int_equal(report(farm, 7, other).record.state, JOB_QUEUED);
 }
 
+/* A machine with a full disk, say, is the only one: the job waits, says what the worker says, and fails only
+ * after the operator has had the time to mend it. */
+static void one_machine_alone_does_not_fail_a_job_at_once(void **state)
+{
+    farm_destroy((farm_t **)state);
+    farm_t *farm = *state = toy_farm(true);
+    uint64_t job = submit(farm), next, last = 0;
+    double now = 0;
+    unit_t unit;
+    while (report(farm, now, job).record.state != JOB_FAILED) {
+        assert_true(now < 3600);
+        uint64_t worker = toy_join(farm, now, "poor:1", 1, 0);
+        if (take(farm, now, worker, &unit)) {
+            farm_goodbye(farm, now, worker, job, "the disk is full");
+            last++;
+            farm_tick(farm, now + 2);
+            if (report(farm, now, job).record.state != JOB_FAILED)
+                assert_non_null(strstr(report(farm, now + 2, job).record.message, "the disk is full"));
+            if (last == 1) { /* it may do others meanwhile */
+                next = submit(farm);
+                worker = toy_join(farm, now + 2, "poor:1", 1, 0);
+                assert_true(take(farm, now + 2, worker, &unit));
+                assert_int_equal(deliver(farm, now + 3, worker, next, &unit).code, RESULT_OK);
+                assert_int_equal(farm_order(farm, now, &(job_order_t){.job = next, .kind = ORDER_PAUSE}).code,
+                                 RESULT_OK);
+                farm_goodbye(farm, now + 3, worker, 0, "");
+            }
+        } else {
+            farm_goodbye(farm, now, worker, 0, "");
+        }
+        now += 5;
+    }
+    assert_true(now > 600 && last >= FARM_LONE_DECLINES && last < 20);
+    assert_non_null(strstr(report(farm, now, job).record.message, "the disk is full"));
+}
+
+/* However often one declines: somebody else is connected who could, though busy for the moment. */
+static void a_job_waits_for_those_who_have_not_declined_it(void **state)
+{
+    farm_destroy((farm_t **)state);
+    farm_t *farm = *state = toy_farm(true);
+    uint64_t job = submit(farm);
+    unit_t unit;
+    uint64_t busy = toy_join(farm, 0, "good:1", 1, 0);
+    for (double now = 0; now < 2000; now += 150) {
+        toy_beat(farm, now, busy);
+        farm_take(farm, now, &(identity_t){{0}, 1}, busy, 0, 0, 1, &(work_t){.units = &unit}); /* enough */
+        come_and_decline(farm, now, job);
+        assert_int_equal(report(farm, now, job).record.state, JOB_RUNNING);
+    }
+    farm_goodbye(farm, 2000, busy, 0, "");
+    come_and_decline(farm, 2150, job);
+    assert_int_equal(report(farm, 2150, job).record.state, JOB_FAILED);
+}
+
 /* Who cannot render what others can does no harm. */
 static void a_job_that_somebody_can_render_goes_on(void **state)
 {
@@ -282,6 +337,8 @@ int main(void)
         WITH_FARM(a_pause_of_the_master_costs_no_worker_its_lease),
         WITH_FARM(jobs_wait_for_memory),
         WITH_FARM(a_job_that_nobody_can_render_fails),
+        WITH_FARM(one_machine_alone_does_not_fail_a_job_at_once),
+        WITH_FARM(a_job_waits_for_those_who_have_not_declined_it),
         WITH_FARM(a_job_that_somebody_can_render_goes_on),
         WITH_FARM(a_film_that_never_fits_is_refused),
         WITH_FARM(the_queue_has_an_end_and_forgets_the_finished),

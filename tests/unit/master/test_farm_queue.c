@@ -256,10 +256,10 @@ static uint64_t job_in_state(farm_t *farm, job_state_t state)
     if (state == JOB_FAILED) {
         farm_goodbye(farm, 1, worker, 0, "");
         job = submit(farm, 1, 4);
-        for (int i = 0; i < FARM_MAX_DECLINES; i++) {
-            worker = toy_hello(farm, 1, 1);
-            while (toy_take(farm, 1, worker, 4096, 512).job != job) continue;
-            farm_goodbye(farm, 1, worker, job, "no");
+        for (double now = 1; toy_state(farm, now, job) != JOB_FAILED; now += 150) {
+            worker = toy_hello(farm, now, 1);
+            while (toy_take(farm, now, worker, 4096, 512).job != job) continue;
+            farm_goodbye(farm, now, worker, job, "no");
         }
         toy_write_images(farm, 1, ok);
     }
