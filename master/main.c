@@ -10,6 +10,7 @@
 #include <pthread.h>
 #include <signal.h>
 #include <stdlib.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 /* How many signals asked us to end, and whether one asked us to read our files again. The variables that are
@@ -156,5 +157,6 @@ static const command_t command = {
 
 int main(int argc, char **argv)
 {
+    umask(077); /* what it writes is for its own user alone: scenes, images, keys */
     return command_main(&command, argc, argv);
 }

@@ -13,6 +13,7 @@
 #include "master/master.h"
 
 #include "common/memory_limit.h"
+#include "common/own_directory.h"
 #include "common/wake.h"
 #include "master/threads/client_bulk.h"
 #include "master/threads/client_control.h"
@@ -99,7 +100,7 @@ static result_t lock_directory(const char *path, int *descriptor)
 {
     char *name = mem_printf("%s/lock", path);
     result_t result = result_ok();
-    *descriptor = open(name, O_RDWR | O_CREAT | O_CLOEXEC, 0666);
+    *descriptor = open(name, O_RDWR | O_CREAT | O_CLOEXEC, 0600);
     if (*descriptor < 0)
         result = result_fail(RESULT_IO, "cannot write in the data directory: %s: %s", name, strerror(errno));
     else if (flock(*descriptor, LOCK_EX | LOCK_NB) != 0)
@@ -150,7 +151,9 @@ static result_t open_journal(master_t *master, const master_options_t *options)
 /* Opens all that is in the data directory. */
 static result_t open_data(master_t *master, const master_options_t *options)
 {
-    TRY(directory_make(options->data_dir, 0777));
+    static const char *const names[] = {"lock",      "lightmill.db*", "films", "blobs",     "spool",
+                                        "snapshots", "keys",          "http",  "job-*.exr", NULL};
+    TRY(own_directory_open(options->data_dir, names));
     TRY(lock_directory(options->data_dir, &master->lock_file));
     TRY(open_journal(master, options));
     TRY(open_films(master, options));

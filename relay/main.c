@@ -7,6 +7,7 @@
 
 #include <signal.h>
 #include <stdlib.h>
+#include <sys/stat.h>
 
 enum { DEFAULT_PORT = 7430 };
 
@@ -128,5 +129,6 @@ static const command_t command = {
 
 int main(int argc, char **argv)
 {
+    umask(077); /* what it writes is for its own user alone: scenes, images, keys */
     return command_main(&command, argc, argv);
 }

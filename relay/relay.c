@@ -7,6 +7,7 @@
 #include "relay/relay.h"
 
 #include "common/memory_limit.h"
+#include "common/own_directory.h"
 #include "common/wake.h"
 #include "proto/serve/server.h"
 #include "proto/uplink/control.h"
@@ -71,7 +72,9 @@ static server_options_t server_options(const relay_t *relay)
 
 static result_t start(relay_t *relay)
 {
+    static const char *const names[] = {"keys", "scenes", NULL};
     const relay_options_t *options = relay->options;
+    TRY(own_directory_open(options->data_dir, names));
     TRY(make_wakes(relay));
     relay->elsewhere = mem_printf("this is a relay, which only workers can use; the master is at %s",
                                   options->master_endpoint);

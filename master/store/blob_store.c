@@ -175,7 +175,7 @@ static result_t scan(blob_store_t *store)
 
 result_t blob_store_open(const blob_store_options_t *options, blob_store_t **out)
 {
-    if (mkdir(options->directory, 0777) != 0 && errno != EEXIST)
+    if (mkdir(options->directory, 0700) != 0 && errno != EEXIST)
         return result_fail(RESULT_IO, "cannot make the directory %s: %s", options->directory,
                            strerror(errno));
     blob_store_t *store = mem_zalloc(1, sizeof *store);
@@ -453,7 +453,7 @@ static result_t append_open(blob_store_t *store, int descriptor, const char *pat
 static result_t append(blob_store_t *store, const char *path, uint64_t offset, uint64_t size,
                        const void *bytes, size_t length, uint64_t *next)
 {
-    int descriptor = open(path, O_RDWR | O_CREAT | O_CLOEXEC, 0666);
+    int descriptor = open(path, O_RDWR | O_CREAT | O_CLOEXEC, 0600);
     if (descriptor < 0) return disk_failure(path, errno, 0, size);
     result_t result = append_open(store, descriptor, path, offset, size, bytes, length, next);
     close(descriptor);

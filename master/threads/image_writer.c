@@ -565,7 +565,7 @@ static result_t prepare_directory(const char *data_dir)
 {
     char *path = mem_printf("%s/snapshots", data_dir);
     result_t result = result_ok();
-    if (mkdir(path, 0777) != 0 && errno != EEXIST)
+    if (mkdir(path, 0700) != 0 && errno != EEXIST)
         result = result_fail(RESULT_IO, "cannot make the directory %s: %s", path, strerror(errno));
     DIR *directory = opendir(path);
     for (const struct dirent *entry; directory != NULL && (entry = readdir(directory)) != NULL;)

@@ -1,0 +1,103 @@
+/* What those who run a farm rely on, with real processes: nobody else reads its data, workers go and stay
+ * away when they are told to. */
+#include "tests/rig.h"
+#include "tests/scratch.h"
+
+#include <fts.h>
+#include <setjmp.h>
+#include <signal.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+/* After setjmp and stdarg. */
+#include <cmocka.h>
+
+#define ARGUMENTS(...) ((const char *[]){__VA_ARGS__, NULL})
+
+static int set_up(void **state)
+{
+    *state = rig_new();
+    return 0;
+}
+
+static int tear_down(void **state)
+{
+    rig_t *rig = *state;
+    rig_destroy(&rig);
+    return 0;
+}
+
+/* ---- the data directory -------------------------------------------------------------------------------- */
+
+/* Calls `look` with all that is in the folder, itself included; returns how many entries those were. */
+static size_t walk(const char *folder, void (*look)(const FTSENT *entry))
+{
+    char *const roots[] = {(char *)folder, NULL};
+    FTS *tree = fts_open(roots, FTS_PHYSICAL | FTS_NOCHDIR, NULL);
+    size_t count = 0;
+    for (FTSENT *entry; (entry = fts_read(tree)) != NULL;) {
+        if (entry->fts_info != FTS_D && entry->fts_info != FTS_F) continue;
+        look(entry);
+        count++;
+    }
+    fts_close(tree);
+    return count;
+}
+
+static void expect_private(const FTSENT *entry)
+{
+    if (strcmp(entry->fts_name, "notes") == 0) return; /* not ours */
+    if ((entry->fts_statp->st_mode & 077) != 0)
+        fail_msg("%s has the mode %o", entry->fts_path, entry->fts_statp->st_mode & 07777);
+}
+
+static void open_to_all(const FTSENT *entry)
+{
+    assert_int_equal(chmod(entry->fts_path, entry->fts_info == FTS_D ? 0755 : 0644), 0);
+}
+
+static job_settings_t small_settings(void)
+{
+    job_settings_t settings = rig_settings();
+    settings.width = 40;
+    settings.height = 30;
+    settings.spp = 4;
+    return settings;
+}
+
+static void the_data_directory_is_its_owners_alone(void **state)
+{
+    rig_t *rig = *state;
+    struct stat about;
+    mode_t before = umask(0);
+    job_settings_t settings = small_settings();
+    rig_start_master(rig, 0.2);
+    rig_start_worker(rig);
+    assert_int_equal(rig_wait_job(rig, rig_submit(rig, &settings)).state, JOB_DONE);
+    rig_kill_master(rig);
+    /* The directory, lock, journal with its log, scene, film, image and their folders. */
+    assert_true(walk(rig->data, expect_private) >= 9);
+    /* As an earlier version left it, with a file of somebody else. */
+    char *notes = scratch_path(rig->data, "notes");
+    scratch_write(notes, "x", 1);
+    assert_true(walk(rig->data, open_to_all) >= 10);
+    rig_restart_master(rig, 0.2);
+    walk(rig->data, expect_private);
+    assert_int_equal(stat(notes, &about), 0);
+    assert_int_equal(about.st_mode & 0777, 0644);
+    rig_wait_output(rig, rig->master, "other users of this machine had rights to");
+    free(notes);
+    umask(before);
+}
+
+int main(void)
+{
+#define OPERATORS(test) cmocka_unit_test_setup_teardown(test, set_up, tear_down)
+    const struct CMUnitTest tests[] = {
+        OPERATORS(the_data_directory_is_its_owners_alone),
+    };
+    return cmocka_run_group_tests_name("operators", tests, NULL, NULL);
+}
