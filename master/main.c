@@ -52,6 +52,11 @@ static const option_t rows[] = {
            "the least time between two checkpoints of a job (default: 10); it becomes longer where they "
            "would take more than 2% of the time. What a crash can cost is the work since the last",
            OPTION_RANGE(0, 1e6)),
+    OPTION(values_t, master.checkpoint_max, "checkpoint-max", "SECONDS",
+           "how much longer: the next checkpoint is on the disk before so much of a job's work is in none "
+           "(default: 120, or --checkpoint where that is more), even if they then take more than 2% of the "
+           "time, up to half of it",
+           OPTION_RANGE(0, 1e6)),
     OPTION_BY(option_gigabytes, values_t, master.keep_bytes, "keep", "GB",
               "what the films of jobs that are over may take, so that these can be extended (default: 20); "
               "those of retained jobs stay in any case",

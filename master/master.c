@@ -63,6 +63,7 @@ master_options_t master_options_default(void)
                               .lease = 5,
                               .batch_interval = 10,
                               .checkpoint = 10,
+                              .checkpoint_max = 120,
                               .keep_bytes = (uint64_t)20000000000,
                               .blob_limit = (uint64_t)100000000000};
 }
@@ -90,6 +91,7 @@ static result_t check_options(const master_t *master, const master_options_t *op
 {
     server_options_t server = server_options(master, options);
     TRY(server_check_seconds("checkpoint interval", options->checkpoint, 0.1));
+    TRY(server_check_seconds("longest checkpoint interval", options->checkpoint_max, 0.1));
     return server_check(&server);
 }
 
@@ -202,6 +204,7 @@ static result_t start_keeping(master_t *master, const master_options_t *options,
                                            .blobs = master->store,
                                            .journal = master->journal,
                                            .interval = options->checkpoint,
+                                           .most = options->checkpoint_max,
                                            .keep_bytes = options->keep_bytes,
                                            .checkpoint_wake = master->checkpoint_wake};
     if (!options->fleeting) {

@@ -18,6 +18,7 @@ typedef struct {
     double lease;          /* seconds of silence after which a worker loses its units, default 5 */
     double batch_interval; /* seconds between batches, default 10 */
     double checkpoint;     /* seconds between checkpoints of a job, at least; default 10 */
+    double checkpoint_max; /* and at most, default 120; no less than `checkpoint` */
     uint64_t keep_bytes;   /* what the films of jobs that are over may take on the disk, default 20 GB */
     uint64_t blob_limit;   /* what scenes may take on the disk, default 100 GB */
     uint64_t batch_memory; /* bytes for batches under way and waiting to be merged (docs/scale.md); 0: an

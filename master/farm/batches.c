@@ -264,6 +264,7 @@ static void note_batch(farm_t *farm, double now, const delivery_t *delivery)
         log_warning("job %llu: contributions that are NaN or infinite are dropped",
                     (unsigned long long)job->kept.job);
     job->kept.counts = counts;
+    if (job->save == SAVE_DONE) job->unsaved_since = now;
     job_unsaved(job);
     job->kept.batches++;
     if (worker != NULL) {

@@ -149,15 +149,15 @@ result_t farm_loaded(farm_t *farm, double now, job_t *job, film_t *film, schedul
 void farm_load_failed(farm_t *farm, double now, job_t *job, const char *why);
 
 /* Pins a job that has sums that no checkpoint holds: one that waits for its last checkpoint to be over (or
- * any, when the process ends), else the one whose last is oldest. NULL when there is none; *age is how long
- * ago its last one was, seconds, and *last whether it is waited for. */
+ * any, when the process ends), else the one whose last is oldest. NULL when there is none; *age is for how
+ * long, seconds, work on it has been in none, and *last whether it is waited for. */
 job_t *farm_next_checkpoint(farm_t *farm, double now, double *age, bool *last);
 /* A snapshot of a pinned job's film and exactly the samples that it holds. False when it has no film (any
  * more), or a snapshot is open. The snapshot is freed by the caller, then farm_checkpointed is called. */
 bool farm_snapshot(farm_t *farm, job_t *job, schedule_state_t *state, shared_film_snapshot_t **snapshot);
-/* A checkpoint was written; or it could not be: then farm_next_checkpoint gives the job out again, and one
- * that is finishing waits for a better time with its film. */
-void farm_checkpointed(farm_t *farm, double now, job_t *job, result_t written);
+/* A checkpoint was written of a snapshot that was `taken` then; or it could not be: then farm_next_checkpoint
+ * gives the job out again, and one that is finishing waits for a better time with its film. */
+void farm_checkpointed(farm_t *farm, double taken, job_t *job, result_t written);
 
 /* ---- batches ------------------------------------------------------------------------------------------- */
 

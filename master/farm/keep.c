@@ -245,9 +245,12 @@ void farm_load_failed(farm_t *farm, double now, job_t *job, const char *why)
 
 /* ---- checkpoints --------------------------------------------------------------------------------------- */
 
-static double checkpoint_age(const job_t *job, double now)
+/* For how long work is in no checkpoint. What the first batch after the last one brought was rendered within
+ * a batch interval; before that there was none. */
+static double checkpoint_age(const farm_t *farm, const job_t *job, double now)
 {
-    return now - fmax(job->last_checkpoint, job->started);
+    return now -
+           fmax(fmax(job->last_checkpoint, job->started), job->unsaved_since - farm->options.batch_interval);
 }
 
 job_t *farm_next_checkpoint(farm_t *farm, double now, double *age, bool *last)
@@ -261,10 +264,10 @@ job_t *farm_next_checkpoint(farm_t *farm, double now, double *age, bool *last)
         if (!job_has_film(job) || job->film == FILM_CONDEMNED) continue;
         if (job->save != SAVE_DUE || job_is_saving(job)) continue;
         bool waits = farm->shut || job->film == FILM_CLOSED;
-        if (found != NULL && (waits != *last ? *last : checkpoint_age(job, now) <= *age)) continue;
+        if (found != NULL && (waits != *last ? *last : checkpoint_age(farm, job, now) <= *age)) continue;
         found = job;
         *last = waits;
-        *age = checkpoint_age(job, now);
+        *age = checkpoint_age(farm, job, now);
     }
     if (found != NULL) found->pins++;
     farm_unlock(farm);
@@ -290,17 +293,18 @@ bool farm_snapshot(farm_t *farm, job_t *job, schedule_state_t *state, shared_fil
     return take;
 }
 
-void farm_checkpointed(farm_t *farm, double now, job_t *job, result_t written)
+void farm_checkpointed(farm_t *farm, double taken, job_t *job, result_t written)
 {
     farm_lock(farm);
     bool saving = job_is_saving(job), failed = job->write == WRITE_FAILED || job->write == WRITE_RETRIED;
     if (failed && job->image_failures == 0) job->remark[0] = '\0';
     job->write = written.code == RESULT_OK ? WRITE_IDLE : WRITE_FAILED;
     if (written.code == RESULT_OK) {
-        job->last_checkpoint = now;
+        job->last_checkpoint = taken;
         trust_checkpointed(job);
         farm_record_changed(farm, job);
     } else {
+        job->unsaved_since = 0; /* what came after the snapshot is not the first any more */
         job_unsaved(job);
         if (job->film != FILM_OPEN && job->image_failures == 0) {
             snprintf(job->remark, sizeof job->remark,

@@ -118,7 +118,8 @@ struct job {
     bool planning;                      /* the next round is being planned */
     bool gone;                          /* deleted: freed when the last pin goes */
     bool record_due;                    /* the record has changed since the journal got it */
-    double last_checkpoint;             /* seconds; 0: none */
+    double last_checkpoint;             /* seconds, when its snapshot was taken; 0: none */
+    double unsaved_since;               /* seconds, when the first batch after it was counted; 0: not known */
     double started, ended;              /* seconds; 0: not yet */
     double flush_until;                 /* seconds, while a flush goes on */
     double service;                     /* thread-seconds that it was given, in the sense of farm/shares.c */

@@ -21,6 +21,7 @@ void film_store_close(film_store_t **store);
 typedef struct {
     uint64_t job, generation;
     uint64_t bytes;
+    double seconds; /* that it took to write; 0: an earlier process wrote it */
 } film_file_t;
 
 /* The checkpoints of a job (0: of all), by job and then latest first, in fresh memory that the caller frees;

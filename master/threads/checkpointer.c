@@ -3,8 +3,10 @@
  * DESIGN. A checkpoint is a snapshot (shared_film.h) written at leisure: merging and scheduling go on. What
  * it costs is measured, as time and as a share of the cores, and after it there is a pause of REST times as
  * much, in which only last checkpoints of jobs that end are written: so checkpoints take less than 2% of the
- * time, however large the films and slow the disk. What a crash can cost is the longer of --checkpoint and of
- * that pause.
+ * time. Where that pause would be too long (a large film, a busy machine, a slow disk), --checkpoint-max ends
+ * it: the next checkpoint begins so early that it is on the disk before the samples of the last one are that
+ * old. It costs more then, but never more than half of the time. A whole film is written each time: while a
+ * job is at work each batch changes nearly every page, so that what did not change is not worth looking for.
  *
  * When the disk is full, nothing is lost: the films stay in memory and merging goes on. Films of jobs that
  * are over and not retained make room, oldest first. Where that is not enough, checkpoints pause, with a
@@ -30,7 +32,8 @@
 #include <unistd.h>
 
 enum {
-    REST = 49, /* times the cost of a checkpoint: 1 / 50 of the time is spent on it */
+    REST = 49,  /* times the cost of a checkpoint: 1 / 50 of the time is spent on it */
+    MARGIN = 2, /* a checkpoint may take so many times what the last one took, and be there in time */
     MAX_DOUBLINGS = 3,
     RETRY = 5,       /* seconds between attempts when checkpoints fail */
     WARN_EVERY = 60, /* seconds between warnings that they do */
@@ -47,6 +50,8 @@ struct checkpointer {
     int cores;
     /* the thread's own */
     double not_before; /* seconds, when checkpoints have cost so little that the next may be made */
+    double busy_until; /* seconds, when they have cost half of the time: none is made before */
+    double slow_told;  /* seconds, when it was last complained that they take too long */
     int failures;      /* since the last success */
     double retry_at;   /* seconds; after a failure */
     double warned_at;  /* seconds, when the last of them was complained of */
@@ -243,7 +248,8 @@ static void on_failure(checkpointer_t *checkpointer, uint64_t job, result_t fail
 {
     double now = clock_now();
     if (checkpointer->failures++ == 0) note(checkpointer, job, "checkpoints paused", failure.message);
-    checkpointer->retry_at = fmax(now + RETRY, checkpointer->not_before);
+    checkpointer->retry_at =
+        fmax(now + RETRY, fmin(checkpointer->not_before, now + checkpointer->options.most));
     if (checkpointer->warned_at > 0 && now - checkpointer->warned_at < WARN_EVERY) return;
     checkpointer->warned_at = now;
     log_error(
@@ -275,6 +281,14 @@ static void keep_file(checkpointer_t *checkpointer, const film_file_t *file, boo
     pthread_mutex_unlock(&checkpointer->custody);
 }
 
+/* Accounts for a checkpoint that took so many seconds, and what `cost` says. */
+static void rest(checkpointer_t *checkpointer, double seconds, const checkpoint_cost_t *cost)
+{
+    double now = clock_now();
+    checkpointer->not_before = now + REST * fmax(seconds, cost->cpu / checkpointer->cores);
+    checkpointer->busy_until = now + seconds;
+}
+
 /* Writes the checkpoint of a snapshot. */
 static result_t write_snapshot(checkpointer_t *checkpointer, checkpoint_info_t *info,
                                const schedule_state_t *state, shared_film_snapshot_t *snapshot)
@@ -286,23 +300,24 @@ static result_t write_snapshot(checkpointer_t *checkpointer, checkpoint_info_t *
     char *path = film_store_path(films, info->record.job, info->generation);
     double start = clock_now();
     result_t result = farm_sync(checkpointer->options.farm);
-    double synced = clock_now() - start; /* seconds */
     cost = (checkpoint_cost_t){.wall = 0};
     if (result.code == RESULT_OK)
         result = checkpoint_write(path, info, state, snapshot, int_max(1, checkpointer->cores / 2), &cost);
     free(path);
-    checkpointer->not_before = clock_now() + REST * fmax(synced + cost.wall, cost.cpu / checkpointer->cores);
+    double seconds = clock_now() - start;
+    rest(checkpointer, seconds, &cost);
     if (result.code != RESULT_OK) return result;
     log_debug("job %llu: checkpoint %llu of %llu pixel samples, %.1f MB in %.2f s, %.2f CPU s",
               (unsigned long long)info->record.job, (unsigned long long)info->generation,
               (unsigned long long)info->samples, 1e-6 * (double)cost.bytes, cost.wall, cost.cpu);
-    keep_file(checkpointer, &(film_file_t){info->record.job, info->generation, cost.bytes},
+    keep_file(checkpointer, &(film_file_t){info->record.job, info->generation, cost.bytes, seconds},
               info->record.state == JOB_FINISHING);
     return result;
 }
 
-/* Writes a checkpoint of a pinned job; RESULT_CANCELLED when its film is freed already. */
-static result_t write_film(checkpointer_t *checkpointer, job_t *job, checkpoint_info_t *info)
+/* Writes a checkpoint of a pinned job; *taken: when its snapshot was. RESULT_CANCELLED when its film is freed
+ * already. */
+static result_t write_film(checkpointer_t *checkpointer, job_t *job, checkpoint_info_t *info, double *taken)
 {
     farm_t *farm = checkpointer->options.farm;
     schedule_state_t state;
@@ -310,6 +325,7 @@ static result_t write_film(checkpointer_t *checkpointer, job_t *job, checkpoint_
     TRY(prepare_disk(checkpointer, &info->record));
     if (!farm_snapshot(farm, job, &state, &snapshot))
         return result_fail(RESULT_CANCELLED, "the film is gone");
+    *taken = clock_now();
     info->record = farm_record(farm, clock_now(), job);
     result_t result = write_snapshot(checkpointer, info, &state, snapshot);
     shared_film_snapshot_free(&snapshot);
@@ -322,9 +338,10 @@ static result_t save_film(checkpointer_t *checkpointer, job_t *job, bool last)
 {
     farm_t *farm = checkpointer->options.farm;
     checkpoint_info_t info = {.record = farm_record(farm, clock_now(), job)};
-    result_t result = write_film(checkpointer, job, &info);
+    double taken = clock_now();
+    result_t result = write_film(checkpointer, job, &info, &taken);
     if (result.code == RESULT_CANCELLED) return result;
-    farm_checkpointed(farm, clock_now(), job, result);
+    farm_checkpointed(farm, taken, job, result);
     if (result.code != RESULT_OK) {
         on_failure(checkpointer, info.record.job, result);
         return result;
@@ -338,6 +355,37 @@ static result_t save_film(checkpointer_t *checkpointer, job_t *job, bool last)
     return result;
 }
 
+/* Seconds that the job's last checkpoint took; 0: not known. */
+static double last_took(const checkpointer_t *checkpointer, uint64_t job)
+{
+    size_t count;
+    film_file_t *files = film_store_list(checkpointer->options.films, job, &count);
+    double seconds = count > 0 ? files[0].seconds : 0;
+    free(files);
+    return seconds;
+}
+
+/* In how many seconds the checkpoint of a job is due that has had work in none for `age` seconds. */
+static double next_in(const checkpointer_t *checkpointer, uint64_t job, double now, double age)
+{
+    double pause = fmax(checkpointer->options.interval - age, checkpointer->not_before - now);
+    double late = checkpointer->options.most - age - MARGIN * last_took(checkpointer, job);
+    return fmax(fmin(pause, late), checkpointer->busy_until - now);
+}
+
+/* Tells when what a crash costs was more than it is to be, although nothing failed. */
+static void check_age(checkpointer_t *checkpointer, uint64_t job, double age)
+{
+    double now = clock_now();
+    if (age <= checkpointer->options.most || checkpointer->failures > 0) return;
+    if (checkpointer->slow_told > 0 && now - checkpointer->slow_told < WARN_EVERY) return;
+    checkpointer->slow_told = now;
+    log_warning("job %llu: its work was in no checkpoint for %.0f s, longer than --checkpoint-max (%.0f s), "
+                "since one takes %.0f s: a faster disk helps, fewer large jobs at a time, or a longer "
+                "--checkpoint-max",
+                (unsigned long long)job, age, checkpointer->options.most, last_took(checkpointer, job));
+}
+
 /* Makes the checkpoints that are due; returns in how many seconds there may be one again. */
 static double save_films(checkpointer_t *checkpointer)
 {
@@ -349,9 +397,11 @@ static double save_films(checkpointer_t *checkpointer)
         if (now < checkpointer->retry_at) return patience;
         job_t *job = farm_next_checkpoint(farm, now, &age, &last);
         if (job == NULL) return patience;
-        double wait = last ? 0 : fmax(interval - age, checkpointer->not_before - now);
+        uint64_t number = farm_job_id(job);
+        double wait = last ? 0 : next_in(checkpointer, number, now, age);
         bool saved = wait <= 0 && save_film(checkpointer, job, last).code != RESULT_CANCELLED;
         farm_unpin(farm, job);
+        if (saved && !last) check_age(checkpointer, number, age + clock_now() - now);
         if (!saved) return wait > 0 ? fmin(patience, wait) : patience;
         if (last) enforce_limit(checkpointer);
     }
@@ -408,6 +458,7 @@ result_t checkpointer_start(const checkpointer_options_t *options, checkpointer_
 {
     checkpointer_t *checkpointer = mem_zalloc(1, sizeof *checkpointer);
     checkpointer->options = *options;
+    checkpointer->options.most = fmax(options->most, options->interval);
     checkpointer->cores = int_max(1, (int)sysconf(_SC_NPROCESSORS_ONLN));
     pthread_mutex_init(&checkpointer->custody, NULL);
     result_t result = thread_start(&checkpointer->thread, "lm-checkpointer", checkpointer_run, checkpointer);

@@ -20,6 +20,7 @@ typedef struct {
     blob_store_t *blobs;
     journal_t *journal;
     double interval;     /* seconds between the checkpoints of a job, at least */
+    double most;         /* seconds that a job's last checkpoint may be old; `interval` where that is more */
     uint64_t keep_bytes; /* what films of jobs that are over and not retained may take on the disk */
     int checkpoint_wake; /* the farm's eventfd */
 } checkpointer_options_t;

@@ -354,7 +354,7 @@ static void only_the_last_film_stands_for_the_image(void **state)
     must(film_store_open(folder, &store));
     char *path = film_store_path(store, record.job, 1);
     must(write_film(&film, path, 1));
-    film_store_add(store, &(film_file_t){record.job, 1, 4096}, 1);
+    film_store_add(store, &(film_file_t){record.job, 1, 4096, 0}, 1);
     farm_t *farm = toy_farm(true);
     record.samples_done = schedule_done(film.schedule);
     for (int missing = 0; missing < 2; missing++, record.samples_done++) {
@@ -570,21 +570,21 @@ static void the_store_keeps_the_latest(void **state)
     film_store_t *store;
     must(film_store_open(folder, &store));
     put_file(folder, "job-3.1.film");
-    film_store_add(store, &(film_file_t){3, 1, 4}, 2);
+    film_store_add(store, &(film_file_t){3, 1, 4, 0}, 2);
     put_file(folder, "job-3.2.film");
-    film_store_add(store, &(film_file_t){3, 2, 4}, 2);
+    film_store_add(store, &(film_file_t){3, 2, 4, 0}, 2);
     assert_true(has_file(folder, "job-3.1.film"));
     put_file(folder, "job-3.3.film");
-    film_store_add(store, &(film_file_t){3, 3, 4}, 2);
+    film_store_add(store, &(film_file_t){3, 3, 4, 0}, 2);
     assert_false(has_file(folder, "job-3.1.film"));
     film_store_set_aside(store, 3, 3);
     assert_true(has_file(folder, "job-3.3.film.damaged"));
     assert_true(film_store_next(store, 3) == 4); /* a number that was never used */
     put_file(folder, "job-3.4.film");
-    film_store_add(store, &(film_file_t){3, 4, 4}, 1);
+    film_store_add(store, &(film_file_t){3, 4, 4, 0}, 1);
     assert_false(has_file(folder, "job-3.2.film"));
     put_file(folder, "job-30.1.film");
-    film_store_add(store, &(film_file_t){30, 1, 4}, 1);
+    film_store_add(store, &(film_file_t){30, 1, 4, 0}, 1);
     assert_true(film_store_delete(store, 3) == 4);
     assert_int_equal(scratch_count(folder), 1);
     assert_true(has_file(folder, "job-30.1.film"));
