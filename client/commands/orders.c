@@ -1,5 +1,5 @@
 /* orders: the commands that tell a master what is to be done with its jobs: cancel, pause, resume, retain,
- * release, delete, priority, extend. */
+ * release, delete, priority, change, extend. */
 #include "client/commands/commands.h"
 #include "client/farm/master_option.h"
 #include "client/farm/watch.h"
@@ -100,6 +100,46 @@ const command_t priority_command = {
     .begin = master_option_begin,
     .run = run_priority};
 static_assert(JOB_MAX_PRIORITY == 1000, "the help of priority names the range");
+
+/* ---- change -------------------------------------------------------------------------------------------- */
+
+typedef struct {
+    master_option_t master;
+    bool mixed, rebind;
+} change_t;
+
+static const option_t change_rows[] = {
+    OPTION(change_t, mixed, "mixed", NULL, "machines of all kinds may work on it from now on"),
+    OPTION(change_t, rebind, "rebind", NULL,
+           "the kind of machines that has most threads now goes on with it"),
+};
+static const option_group_t change_options = OPTION_GROUP(NULL, change_rows);
+
+static result_t run_change(const call_t *call)
+{
+    const change_t *values = call->values;
+    job_order_t order = {.kind = values->mixed ? ORDER_MIXED : ORDER_REBIND};
+    TRY(job_number_parse(call->arguments[0], &order.job));
+    if (values->mixed == values->rebind)
+        return result_fail(RESULT_USAGE, "say what is to change: --mixed or --rebind");
+    return send_order(&values->master, &order);
+}
+
+const command_t change_command = {.name = "lightmill change",
+                                  .arguments = "JOB",
+                                  .summary = "let other kinds of machines go on with a job",
+                                  .about =
+                                      "A job belongs to the machines that make the same bits as its first "
+                                      "batch did, and waits for them when "
+                                      "they leave. After an upgrade of the workers, say, it can go on with "
+                                      "others: with those that have most "
+                                      "threads now (--rebind), or with all (--mixed). What was counted "
+                                      "stays. The last bits of the image then "
+                                      "depend on which machine rendered what, and the job's message says so.",
+                                  .groups = {{&change_options, 0}, MASTER_GROUPS(change_t, master)},
+                                  .size = sizeof(change_t),
+                                  .begin = master_option_begin, /* the first member */
+                                  .run = run_change};
 
 /* ---- extend -------------------------------------------------------------------------------------------- */
 

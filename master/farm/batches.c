@@ -229,7 +229,7 @@ static result_t count_units(farm_t *farm, double now, delivery_t *delivery)
     if (job->kept.terms.verify > 0 && worker != NULL && !worker->relay)
         TRY(batch_check_size(batch, most_compared(job, worker)));
     TRY(schedule_accept(job->schedule, batch->units, batch->unit_count));
-    if (worker != NULL) farm_note_bits(farm, job, worker);
+    if (worker != NULL) farm_note_bits(farm, now, job, worker);
     delivery->weights = unit_weights(job, batch);
     delivery->keep = trust_keep_begin(farm, job, worker, batch);
     delivery->counted = true;

@@ -256,6 +256,38 @@ static result_t extend(farm_t *farm, double now, job_t *job, const job_order_t *
     return result_ok();
 }
 
+/* ---- the kind of machines ---- */
+
+static result_t let_mix(farm_t *farm, job_t *job)
+{
+    if (job->kept.terms.mixed) return refuse(job, ", and machines of all kinds may work on it already");
+    job->kept.terms.mixed = true;
+    farm_notify_idle(farm);
+    return result_ok();
+}
+
+static result_t rebind(farm_t *farm, double now, job_t *job)
+{
+    if (job->kept.terms.mixed) return refuse(job, ", and machines of all kinds may work on it");
+    if (hash_is_zero(&job->kept.fingerprint))
+        return refuse(job, ": nothing of it is counted, so it is bound to no kind of machines yet");
+    const worker_t *worker = farm_largest_kind(farm, now);
+    if (worker == NULL)
+        return result_fail(RESULT_INPUT,
+                           "no worker is connected: connect those that are to go on with job %llu",
+                           (unsigned long long)job->kept.job);
+    if (hash_equal(&worker->fingerprint, &job->kept.fingerprint))
+        return refuse(job, ", and bound to the kind of machines that has most threads already");
+    char from[2 * HASH_BYTES + 1], to[2 * HASH_BYTES + 1];
+    hash_to_hex(&job->kept.fingerprint, from);
+    hash_to_hex(&worker->fingerprint, to);
+    farm_job_tell(
+        farm, job, "it is made of two kinds of bits: %.8s, and %.8s after %.4g samples a pixel", from, to,
+        (double)job->kept.samples_done / ((double)job->kept.settings.width * job->kept.settings.height));
+    farm_bind(farm, now, job, &worker->fingerprint);
+    return result_ok();
+}
+
 static result_t carry_out(farm_t *farm, double now, job_t *job, const job_order_t *order)
 {
     switch (order->kind) {
@@ -275,6 +307,10 @@ static result_t carry_out(farm_t *farm, double now, job_t *job, const job_order_
         return set_priority(farm, job, order->priority);
     case ORDER_EXTEND:
         return extend(farm, now, job, order);
+    case ORDER_MIXED:
+        return let_mix(farm, job);
+    case ORDER_REBIND:
+        return rebind(farm, now, job);
     }
     return result_fail(RESULT_INPUT, "there is no order of kind %d", (int)order->kind);
 }
@@ -286,7 +322,9 @@ static const char *const done_names[] = {[ORDER_CANCEL] = "is cancelled",
                                          [ORDER_RELEASE] = "may go",
                                          [ORDER_DELETE] = "is deleted",
                                          [ORDER_PRIORITY] = "is moved to another priority",
-                                         [ORDER_EXTEND] = "is extended"};
+                                         [ORDER_EXTEND] = "is extended",
+                                         [ORDER_MIXED] = "is open to machines of all kinds",
+                                         [ORDER_REBIND] = "is bound to another kind of machines"};
 
 result_t farm_order(farm_t *farm, double now, const job_order_t *order)
 {

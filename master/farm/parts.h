@@ -113,8 +113,14 @@ uint32_t farm_fitting_threads(const farm_t *farm, const job_t *job);
 
 /* ---- take.c ---- */
 
-/* A worker was given units, or delivers some: the bits are those of its machine. */
-void farm_note_bits(farm_t *farm, job_t *job, const worker_t *worker);
+/* A batch of this worker is counted: the bits are those of its machine. */
+void farm_note_bits(farm_t *farm, double now, job_t *job, const worker_t *worker);
+/* The job is made of these bits from now on; who makes others and holds units of it loses them. */
+void farm_bind(farm_t *farm, double now, job_t *job, const hash_t *fingerprint);
+/* If nothing of the job is counted (any more), it is bound to no kind of machines. */
+void farm_unbind(farm_t *farm, job_t *job);
+/* A worker of the kind that has most threads; NULL when none is connected. */
+const worker_t *farm_largest_kind(const farm_t *farm, double now);
 /* A batch of this worker was counted: its speed and its deadline are known anew. */
 void farm_worker_delivered(farm_t *farm, double now, worker_t *worker, job_t *job, const unit_t *units,
                            size_t count);

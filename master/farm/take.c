@@ -15,9 +15,11 @@
  * A batch counts whole or not at all, so whoever comes second loses what else is in its batch. That is why
  * not some of a straggler's units are taken, but all.
  *
- * The bits: a job belongs to the machines that have the same fingerprint as those with most threads when it
- * begins; others are told that there is no work. A mixed job takes everybody, and says so when the bits of
- * its machines do differ. */
+ * The bits: a job belongs to the machines that make the same bits as its first counted batch. Before there is
+ * one, the kind that has most threads is given units, of those workers that deliver what they are given. If
+ * kinds overtake each other, several have units of it; the first batch decides, and the others lose theirs.
+ * When nothing of it is counted any more, it is bound to nobody. A mixed job takes everybody, and says so
+ * when the bits that were counted do differ. */
 #include "master/farm/parts.h"
 
 #include <math.h>
@@ -26,7 +28,7 @@
 enum {
     OFFER_SECONDS = 30, /* for which a worker that has offered a batch is left alone: we make it wait, */
     GRANT_SECONDS = 60, /* until so long after it was first let send it, however often it offers it again */
-    MAX_GROUPS = 32     /* kinds of bits that are told apart */
+    MAX_KINDS = 32      /* kinds of bits that are told apart */
 };
 static const double SPEED_SECONDS = 60; /* over which the speed is measured, roughly */
 static const double HURRY = 2;          /* by what factor an idle worker has to be sooner, */
@@ -34,29 +36,49 @@ static const double HURRY_SECONDS = 1;  /* and by what time beside */
 
 /* ---- the bits of a job --------------------------------------------------------------------------------- */
 
-/* True when no other kind of connected workers, of those that do not hang, has more threads. */
-static bool in_largest_group(const farm_t *farm, double now, const worker_t *worker)
+/* A kind of connected workers. */
+typedef struct {
+    const worker_t *one;
+    uint64_t threads;
+} kind_t;
+
+/* The kinds of workers that ask for work, without those who were given units and did not deliver; returns how
+ * many. */
+static size_t list_kinds(const farm_t *farm, double now, kind_t kinds[MAX_KINDS])
 {
-    struct {
-        hash_t fingerprint;
-        uint32_t threads;
-    } groups[MAX_GROUPS] = {{worker->fingerprint, 0}};
-    size_t count = 1;
+    size_t count = 0;
     for (size_t i = 0; i < farm->worker_count; i++) {
-        const worker_t *other = &farm->workers[i];
-        size_t g = 0;
-        if (!farm_worker_asks(farm, now, other, FARM_LOAD_BATCHES)) continue;
-        while (g < count && !hash_equal(&groups[g].fingerprint, &other->fingerprint)) g++;
-        if (g == MAX_GROUPS) continue;
-        if (g == count) {
-            groups[count].threads = 0;
-            groups[count++].fingerprint = other->fingerprint;
-        }
-        groups[g].threads += other->threads;
+        const worker_t *worker = &farm->workers[i];
+        size_t k = 0;
+        if (worker->lapsed || !farm_worker_asks(farm, now, worker, FARM_LOAD_BATCHES)) continue;
+        while (k < count && !hash_equal(&kinds[k].one->fingerprint, &worker->fingerprint)) k++;
+        if (k == MAX_KINDS) continue;
+        if (k == count) kinds[count++] = (kind_t){.one = worker};
+        kinds[k].threads += worker->threads;
     }
-    for (size_t g = 1; g < count; g++)
-        if (groups[g].threads > groups[0].threads) return false;
-    return true;
+    return count;
+}
+
+const worker_t *farm_largest_kind(const farm_t *farm, double now)
+{
+    kind_t kinds[MAX_KINDS];
+    size_t count = list_kinds(farm, now, kinds), largest = 0;
+    for (size_t k = 1; k < count; k++)
+        if (kinds[k].threads > kinds[largest].threads) largest = k;
+    return count > 0 ? kinds[largest].one : NULL;
+}
+
+/* True when no other kind of workers has more threads. */
+static bool in_largest_kind(const farm_t *farm, double now, const worker_t *worker)
+{
+    kind_t kinds[MAX_KINDS];
+    size_t count = list_kinds(farm, now, kinds);
+    uint64_t most = 0, own = 0;
+    for (size_t k = 0; k < count; k++) {
+        if (kinds[k].threads > most) most = kinds[k].threads;
+        if (hash_equal(&kinds[k].one->fingerprint, &worker->fingerprint)) own = kinds[k].threads;
+    }
+    return own >= most;
 }
 
 /* Whether a worker may have units of a job at all. */
@@ -70,15 +92,46 @@ static bool may_work(const worker_t *worker, const job_t *job)
     return !begins || worker->begins;
 }
 
-void farm_note_bits(farm_t *farm, job_t *job, const worker_t *worker)
+/* Who holds units of the job and makes other bits loses them, and is told so. */
+static void dismiss_others(farm_t *farm, double now, job_t *job)
+{
+    for (size_t i = 0; i < farm->worker_count && job->schedule != NULL; i++) {
+        worker_t *worker = &farm->workers[i];
+        if (schedule_held(job->schedule, worker->id) == 0 || farm_bits_fit(job, &worker->fingerprint))
+            continue;
+        farm_count_reissued(job, worker, schedule_release(job->schedule, worker->id));
+        trust_released(farm, now, job, worker->id);
+        farm_notify(farm, worker->id, job->kept.job, false);
+    }
+}
+
+void farm_bind(farm_t *farm, double now, job_t *job, const hash_t *fingerprint)
+{
+    char bits[2 * HASH_BYTES + 1];
+    hash_to_hex(fingerprint, bits);
+    log_info("job %llu is made of the bits %.8s", (unsigned long long)job->kept.job, bits);
+    job->kept.fingerprint = *fingerprint;
+    dismiss_others(farm, now, job);
+    farm_record_changed(farm, job);
+    farm_notify_idle(farm);
+}
+
+void farm_unbind(farm_t *farm, job_t *job)
+{
+    if (job->film != FILM_OPEN || job->merging > 0 || schedule_done(job->schedule) > 0 ||
+        hash_is_zero(&job->kept.fingerprint))
+        return;
+    job->kept.fingerprint = (hash_t){{0}};
+    job->several_bits = false;
+    farm_record_changed(farm, job);
+    farm_notify_idle(farm);
+}
+
+void farm_note_bits(farm_t *farm, double now, job_t *job, const worker_t *worker)
 {
     if (hash_equal(&job->kept.fingerprint, &worker->fingerprint)) return;
     if (hash_is_zero(&job->kept.fingerprint)) {
-        char bits[2 * HASH_BYTES + 1];
-        hash_to_hex(&worker->fingerprint, bits);
-        log_info("job %llu is made of the bits %.8s", (unsigned long long)job->kept.job, bits);
-        job->kept.fingerprint = worker->fingerprint;
-        farm_record_changed(farm, job);
+        farm_bind(farm, now, job, &worker->fingerprint);
     } else if (!job->several_bits) {
         job->several_bits = true;
         static const char note[] = "its last bits depend on which machine rendered what, since they differ";
@@ -107,6 +160,7 @@ void farm_worker_delivered(farm_t *farm, double now, worker_t *worker, job_t *jo
     worker->speed = worker->rated_seconds > 0 ? worker->rated_samples / worker->rated_seconds : 0;
     worker->speed_job = job->kept.job;
     worker->delivered = now;
+    worker->lapsed = false;
     worker->offered = worker->granted = 0;
     worker->held = farm_worker_units(farm, worker) > 0 ? fmax(worker->held - samples, 0) : 0;
     farm_worker_expect(farm, now, worker);
@@ -165,6 +219,7 @@ static size_t recall_from(farm_t *farm, double now, const worker_t *idle, const 
         if (!late && !is_sooner(farm, now, speed, worker)) continue;
         double silent = now - worker->delivered;
         size_t recalled = farm_worker_take_back(farm, now, worker);
+        worker->lapsed = true;
         log_warning("worker %s has sent nothing for %.0f s%s: %zu units go to others", worker->name, silent,
                     late ? "" : " and holds others up", recalled);
         units += recalled;
@@ -213,7 +268,6 @@ static bool take_from_job(farm_t *farm, double now, job_t *job, worker_t *worker
         if (answer == TRUST_MARK && work->unit_count > 0) trust_mark(farm, now, job, worker, work);
     }
     if (work->unit_count == 0) return true;
-    farm_note_bits(farm, job, worker);
     if (held == 0) {
         worker->delivered = now;
         worker->held = worker->offered = worker->granted = 0;
@@ -251,7 +305,7 @@ result_t farm_take(farm_t *farm, double now, const identity_t *identity, uint64_
         .worker = id, .samples = samples, .unit_samples = unit_samples, .threads = worker->threads};
     worker->asked = now;
     if (farm_worker_units(farm, worker) == 0) worker->quarantine = 0;
-    worker->begins = in_largest_group(farm, now, worker);
+    worker->begins = in_largest_kind(farm, now, worker);
     bool waits = take_from_jobs(farm, now, worker, &wish, work);
     if (work->unit_count == 0 && !waits && samples > 0 && recall_slow(farm, now, worker))
         waits = take_from_jobs(farm, now, worker, &wish, work);

@@ -8,10 +8,9 @@
 #include <string.h>
 
 enum {
-    STALL_BATCHES = 12,    /* batch intervals until the deadline of who was not measured, */
-    SLACK = 4,             /* times the time that it should take otherwise (take.c) */
-    MAX_THREADS = 1 << 20, /* of one worker or relay, for sharing out */
-    REMARK_SECONDS = 1     /* between two looks at what is to be said of jobs */
+    STALL_BATCHES = 12, /* batch intervals until the deadline of who was not measured, */
+    SLACK = 4,          /* times the time that it should take otherwise (take.c) */
+    REMARK_SECONDS = 1  /* between two looks at what is to be said of jobs */
 };
 
 void farm_count_reissued(job_t *job, worker_t *worker, size_t units)
@@ -131,15 +130,24 @@ static worker_t *worker_add(farm_t *farm, const worker_t *joins)
     return worker;
 }
 
-static uint32_t sane_threads(uint32_t threads)
+static uint32_t most_threads(const worker_t *worker)
 {
-    return threads < 1 ? 1 : threads > MAX_THREADS ? MAX_THREADS : threads;
+    return worker->relay ? FARM_RELAY_THREADS : FARM_WORKER_THREADS;
+}
+
+/* A claim of very many would decide alone which bits jobs are made of, and how they share the farm. */
+static result_t check_threads(const worker_t *worker)
+{
+    if (worker->threads <= most_threads(worker)) return result_ok();
+    return result_fail(RESULT_LIMIT, "%s %.80s says that it has %u threads, and this master takes %u at most",
+                       worker->relay ? "relay" : "worker", worker->name, worker->threads,
+                       most_threads(worker));
 }
 
 static worker_t make_worker(double now, const identity_t *identity, const worker_hello_t *hello)
 {
     worker_t worker = {.identity = *identity,
-                       .threads = sane_threads(hello->threads),
+                       .threads = hello->threads > 0 ? hello->threads : 1,
                        .fingerprint = hello->fingerprint,
                        .relay = hello->relay,
                        .connected = true,
@@ -159,7 +167,8 @@ result_t farm_hello(farm_t *farm, double now, const identity_t *identity, const 
 {
     worker_t joins = make_worker(now, identity, hello);
     farm_lock(farm);
-    result_t result = trust_admit(farm, now, &joins);
+    result_t result = check_threads(&joins);
+    if (result.code == RESULT_OK) result = trust_admit(farm, now, &joins);
     worker_t *worker = result.code == RESULT_OK ? worker_add(farm, &joins) : NULL;
     if (result.code == RESULT_OK && worker == NULL)
         result = result_fail(RESULT_LIMIT, "this master has %d workers already", FARM_MAX_WORKERS);
@@ -210,7 +219,8 @@ void farm_worker_threads(farm_t *farm, uint64_t id, uint32_t threads)
 {
     farm_lock(farm);
     worker_t *worker = farm_find_worker(farm, id);
-    if (worker != NULL) worker->threads = sane_threads(threads);
+    if (worker != NULL && threads > 0)
+        worker->threads = threads < most_threads(worker) ? threads : most_threads(worker);
     farm_unlock(farm);
 }
 
@@ -314,12 +324,13 @@ uint32_t farm_fitting_threads(const farm_t *farm, const job_t *job)
 }
 
 /* What is to be known of a job that goes on. */
-static void remark_job(const farm_t *farm, double now, job_t *job)
+static void remark_job(farm_t *farm, double now, job_t *job)
 {
     size_t used = 0;
     if (job->film != FILM_OPEN || job->milestone == IMAGE_FAILED) return;
     job->remark[0] = '\0';
     if (job->kept.state == JOB_PAUSED) return;
+    farm_unbind(farm, job);
     if (farm_fitting_threads(farm, job) == 0) {
         char bits[2 * HASH_BYTES + 1];
         hash_to_hex(&job->kept.fingerprint, bits);

@@ -66,6 +66,8 @@ ORDER_HANDLER(release_job, ORDER_RELEASE)
 ORDER_HANDLER(delete_job, ORDER_DELETE)
 ORDER_HANDLER(extend_job, ORDER_EXTEND)
 ORDER_HANDLER(set_priority, ORDER_PRIORITY)
+ORDER_HANDLER(mix_job, ORDER_MIXED)
+ORDER_HANDLER(rebind_job, ORDER_REBIND)
 
 /* ---- submissions --------------------------------------------------------------------------------------- */
 
@@ -110,5 +112,7 @@ static const http_route_t routes[] = {{"POST", "/api/v1/jobs", HTTP_OPERATE, sub
                                       {"POST", "/api/v1/jobs/#/release", HTTP_OPERATE, release_job},
                                       {"POST", "/api/v1/jobs/#/extend", HTTP_OPERATE, extend_job},
                                       {"POST", "/api/v1/jobs/#/priority", HTTP_OPERATE, set_priority},
+                                      {"POST", "/api/v1/jobs/#/mixed", HTTP_OPERATE, mix_job},
+                                      {"POST", "/api/v1/jobs/#/rebind", HTTP_OPERATE, rebind_job},
                                       {"DELETE", "/api/v1/jobs/#", HTTP_OPERATE, delete_job}};
 const http_table_t http_order_routes = {routes, ARRAY_LENGTH(routes)};

@@ -25,6 +25,7 @@ typedef struct {
     identity_t identity;
     uint32_t threads;
     bool connected;
+    bool lapsed;     /* it lost units that it had not delivered, and has delivered none since */
     bool idle;       /* was told that there is no work */
     bool begins;     /* no other machines that make the same bits have more threads, so it may begin jobs */
     bool outcast;    /* put aside: nothing of it is taken any more */

@@ -13,6 +13,8 @@ enum {
                                              batch */
     FARM_MAX_NAME = SERVE_MAX_NAME,
     FARM_MAX_PARTY = WIRE_MAX_ADDRESS + 10, /* of "key ..." or "address ..." */
+    FARM_WORKER_THREADS = 4096,             /* at most, of a worker, */
+    FARM_RELAY_THREADS = 65536,             /* and of a relay, of all of its workers */
     FARM_MAX_DECLINES = 3,                  /* of a job that no worker has rendered any of; farm/declines.c */
     FARM_LONE_DECLINES = 8,                 /* where only one party could */
     FARM_DECLINERS = 16,                    /* processes that are remembered for it, of a job */

@@ -50,7 +50,9 @@ typedef enum {
     ORDER_RELEASE,  /* or may go when room is needed: the default */
     ORDER_DELETE,   /* a finished job goes, with its film and its image */
     ORDER_PRIORITY, /* order.priority */
-    ORDER_EXTEND    /* more samples, for a finished job or one that runs: order.spp, .error, .time_limit */
+    ORDER_EXTEND,   /* more samples, for a finished job or one that runs: order.spp, .error, .time_limit */
+    ORDER_MIXED,    /* machines of all kinds may work on it from now on */
+    ORDER_REBIND    /* it is bound to the kind of machines that has most threads now */
 } order_kind_t;
 
 typedef struct {

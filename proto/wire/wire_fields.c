@@ -116,7 +116,7 @@ void wire_order_put(const job_order_t *from, Lm__JobOrder *to)
 
 result_t wire_order_get(const Lm__JobOrder *from, job_order_t *to)
 {
-    if (from->kind < ORDER_CANCEL || from->kind > ORDER_EXTEND)
+    if (from->kind < ORDER_CANCEL || from->kind > ORDER_REBIND)
         return result_fail(RESULT_PROTOCOL, "an order of unknown kind %u", from->kind);
     *to = (job_order_t){0};
     ORDER(COPY);

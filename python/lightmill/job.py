@@ -179,6 +179,14 @@ class Job:
         """Jobs of a higher priority go first: -1000 to 1000."""
         return self._order("priority", {"priority": priority})
 
+    def mixed(self):
+        """Machines whose bits differ may work on it from now on."""
+        return self._order("mixed")
+
+    def rebind(self):
+        """The kind of machines that has most threads now goes on with it."""
+        return self._order("rebind")
+
     def retain(self):
         """Keeps it until it is deleted."""
         return self._order("retain")

@@ -429,7 +429,7 @@ def check_images(asker, job):
 def check_orders(asker, job):
     path = f"/api/v1/jobs/{job}"
     assert asker.ask(200, "POST", path + "/pause")["state"] == "paused"
-    for order in ("pause", "resume", "cancel", "retain", "release", "extend", "priority"):
+    for order in ("pause", "resume", "cancel", "retain", "release", "extend", "priority", "mixed", "rebind"):
         body = '{"priority": 1}' if order == "priority" else "{}"
         asker.ask(401, "POST", f"{path}/{order}", body, right=None)
         asker.ask(403, "POST", f"{path}/{order}", body, right="view")
@@ -448,6 +448,9 @@ def check_orders(asker, job):
     asker.ask(400, "POST", path + "/priority", "{}")
     asker.ask(400, "POST", path + "/extend", '{"error": 2}')
     asker.ask(400, "POST", path + "/extend", '{"samples": 2}')
+    asker.ask(200, "POST", path + "/mixed")
+    asker.ask(409, "POST", path + "/mixed")
+    asker.ask(409, "POST", path + "/rebind")
     asker.ask(200, "POST", path + "/retain")
     asker.ask(200, "POST", path + "/release")
     asker.ask(409, "DELETE", path)
@@ -469,7 +472,7 @@ def check_all_was_asked(asker):
         for method in METHODS:
             for status in item.get(method, {}).get("responses", {}):
                 key = (method.upper(), path, int(status))
-                always = path.endswith(("retain", "release", "priority")) and status == "409"  # whatever the job's state
+                always = (path.endswith("rebind") and status == "200") or path.endswith(("retain", "release", "priority")) and status == "409"  # one kind of machines; whatever the job's state
                 assert key in asker.seen or int(status) in rare or always, f"{key} was never seen"
 
 

@@ -352,6 +352,33 @@ static void a_job_stays_with_machines_of_the_same_bits(void **state)
     assert_non_null(strstr(rig_status(rig, mixed).message, "depend on which machine"));
 }
 
+/* Workers of another version join a long job, and those of the old one leave: the job waits, and its message
+ * says for what. It goes on when it is told to. (These make other bits as another version does.) */
+static void workers_are_upgraded_during_a_job(void **state)
+{
+    rig_t *rig = *state;
+    rig_start_master(rig, BATCH_INTERVAL);
+    pid_t old = rig_start_worker(rig);
+    rig_wait_workers(rig, 1);
+    job_settings_t settings = rig_settings();
+    uint64_t job = rig_submit(rig, &settings);
+    rig_wait_samples(rig, job, 100);
+    start_other_worker(rig);
+    rig_wait_workers(rig, 2);
+    kill(old, SIGTERM);
+    wait_for_message(rig, job, "waits for a machine that makes the same bits");
+    uint64_t counted = rig_status(rig, job).samples_done;
+    job_order_t order = {.job = job, .kind = ORDER_REBIND};
+    result_t result = remote_order(rig->remote, &order);
+    if (result.code != RESULT_OK) fail_msg("%s", result.message);
+    rig_status_t status = rig_wait_job(rig, job);
+    assert_int_equal(status.state, JOB_DONE);
+    assert_true(counted > 0 && counted < status.samples_total);
+    assert_int_equal(status.samples_done, status.samples_total);
+    assert_int_equal(status.issued, status.counted + status.returned);
+    assert_non_null(strstr(status.message, "made of two kinds of bits"));
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -361,6 +388,7 @@ int main(void)
         WITH_RIG(nobody_waits_for_a_straggler),
         WITH_RIG(who_sends_nonsense_is_put_aside),
         WITH_RIG(a_job_stays_with_machines_of_the_same_bits),
+        WITH_RIG(workers_are_upgraded_during_a_job),
     };
     return cmocka_run_group_tests_name("trust", tests, NULL, NULL);
 }

@@ -271,17 +271,18 @@ static void orders_fit_the_state_or_are_refused(void **state)
     enum { NO = RESULT_INPUT, YES = RESULT_OK };
     static const struct {
         job_state_t state;
-        int expected[8]; /* of cancel, pause, resume, retain, release, delete, priority, extend */
-    } rows[] = {{JOB_QUEUED, {YES, YES, NO, YES, YES, NO, YES, NO}},
-                {JOB_RUNNING, {YES, YES, NO, YES, YES, NO, YES, NO}},
-                {JOB_PAUSED, {YES, NO, YES, YES, YES, NO, YES, NO}},
-                {JOB_FINISHING, {YES, NO, NO, YES, YES, NO, YES, NO}},
-                {JOB_DONE, {NO, NO, NO, YES, YES, YES, YES, NO}},
-                {JOB_CANCELLED, {NO, NO, NO, YES, YES, YES, YES, YES}},
-                {JOB_FAILED, {NO, NO, NO, YES, YES, YES, YES, YES}}};
+        int expected[10]; /* of cancel, pause, resume, retain, release, delete, priority, extend, mixed,
+                             rebind */
+    } rows[] = {{JOB_QUEUED, {YES, YES, NO, YES, YES, NO, YES, NO, YES, NO}},
+                {JOB_RUNNING, {YES, YES, NO, YES, YES, NO, YES, NO, YES, NO}},
+                {JOB_PAUSED, {YES, NO, YES, YES, YES, NO, YES, NO, YES, NO}},
+                {JOB_FINISHING, {YES, NO, NO, YES, YES, NO, YES, NO, YES, NO}},
+                {JOB_DONE, {NO, NO, NO, YES, YES, YES, YES, NO, YES, NO}},
+                {JOB_CANCELLED, {NO, NO, NO, YES, YES, YES, YES, YES, YES, NO}},
+                {JOB_FAILED, {NO, NO, NO, YES, YES, YES, YES, YES, YES, NO}}};
     (void)state;
     for (size_t i = 0; i < ARRAY_LENGTH(rows); i++)
-        for (order_kind_t kind = ORDER_CANCEL; kind <= ORDER_EXTEND; kind++) {
+        for (order_kind_t kind = ORDER_CANCEL; kind <= ORDER_REBIND; kind++) {
             const int *expected = rows[i].expected;
             farm_t *farm = toy_farm(true);
             uint64_t job = job_in_state(farm, rows[i].state);

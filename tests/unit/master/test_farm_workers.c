@@ -241,8 +241,11 @@ static void a_job_belongs_to_the_machines_with_the_same_bits(void **state)
     assert_int_equal(work.job, job);
     assert_int_equal(take_one(farm, 0, many[1]).job, job);
     assert_int_equal(take_one(farm, 1, few).job, 0);
+    assert_int_equal(toy_report(farm, 1, job).record.fingerprint.bytes[0], 0); /* nothing is counted */
+    assert_int_equal(deliver(farm, 1, many[0], &work).code, RESULT_OK);
     assert_int_equal(toy_report(farm, 1, job).record.fingerprint.bytes[0], 2);
-    /* What they have of it, from the life of another master, is of no use. */
+    /* What others have of it, from the life of another master, is of no use. */
+    work.units[0].tile = 3;
     assert_int_equal(farm_batch_wanted(farm, 1, few, job, true).code, RESULT_MISMATCH);
     assert_int_equal(deliver(farm, 1, few, &work).code, RESULT_MISMATCH);
     /* Those who have it leave: it waits for others of their kind, and says so. */
@@ -266,6 +269,98 @@ static void a_job_belongs_to_the_machines_with_the_same_bits(void **state)
     assert_int_equal(take_one(farm, 5, few).job, next);
 }
 
+/* Who begins a job and leaves with nothing counted takes nothing with it. */
+static void a_job_with_nothing_counted_is_free(void **state)
+{
+    farm_t *farm = *state;
+    uint64_t job = submit(farm, 8), odd = toy_join(farm, 0, "odd", FARM_WORKER_THREADS, 1);
+    uint64_t even = toy_join(farm, 0, "even", 2, 2), both[] = {odd, even};
+    assert_int_equal(take_one(farm, 0, odd).job, job);
+    assert_int_equal(take_one(farm, 0, even).job, 0);
+    farm_goodbye(farm, 1, odd, 0, "");
+    assert_int_equal(take_one(farm, 1, even).job, job);
+    /* Nor does one freeze it that stays and delivers nothing, whatever it says of its threads. */
+    farm_destroy((farm_t **)state);
+    farm = *state = toy_farm(false);
+    job = submit(farm, 8);
+    odd = both[0] = toy_join(farm, 0, "odd", FARM_WORKER_THREADS, 1);
+    even = both[1] = toy_join(farm, 0, "even", 2, 2);
+    double now = 0;
+    take_all(farm, now, odd);
+    toy_work_t work = {0};
+    while (work.job == 0 && now < 300) {
+        pass(farm, &now, 5, both, 2);
+        (void)toy_take(farm, now, odd, 1, 1 << 20);
+        work = take_one(farm, now, even);
+    }
+    assert_int_equal(work.job, job);
+    assert_int_equal(deliver(farm, now, even, &work).code, RESULT_OK);
+    assert_int_equal(toy_report(farm, now, job).record.fingerprint.bytes[0], 2);
+    assert_int_equal(find_worker(farm, now, "odd").units_held, 0); /* what it held is not of these bits */
+}
+
+static void too_many_threads_are_refused(void **state)
+{
+    farm_t *farm = *state;
+    worker_hello_t hello = {.name = "much:1", .threads = FARM_WORKER_THREADS + 1};
+    uint64_t worker;
+    result_t refused = toy_say_hello(farm, 0, hello, &worker);
+    assert_int_equal(refused.code, RESULT_LIMIT);
+    assert_non_null(strstr(refused.message, "4096 at most"));
+    hello.threads = UINT32_MAX;
+    hello.relay = true;
+    assert_int_equal(toy_say_hello(farm, 0, hello, &worker).code, RESULT_LIMIT);
+    hello.threads = FARM_RELAY_THREADS;
+    assert_int_equal(toy_say_hello(farm, 0, hello, &worker).code, RESULT_OK);
+    farm_worker_threads(farm, worker, UINT32_MAX);
+    assert_int_equal(find_worker(farm, 0, "much:1").threads, FARM_RELAY_THREADS);
+}
+
+/* Workers are upgraded while a job runs: it waits for the old kind, until it is told to go on. */
+static void a_job_can_be_bound_anew(void **state)
+{
+    farm_t *farm = *state;
+    uint64_t job = submit(farm, 8), old = toy_join(farm, 0, "old", 2, 1);
+    assert_int_equal(toy_order(farm, 0, job, ORDER_REBIND).code, RESULT_INPUT); /* it is bound to none */
+    toy_work_t work = take_one(farm, 0, old), on_its_way = take_one(farm, 0, old);
+    assert_int_equal(deliver(farm, 1, old, &work).code, RESULT_OK);
+    assert_int_equal(toy_order(farm, 1, job, ORDER_REBIND).code, RESULT_INPUT); /* to them already */
+    uint64_t new = toy_join(farm, 1, "new", 4, 2);
+    assert_int_equal(take_one(farm, 1, new).job, 0);
+    assert_int_equal(toy_order(farm, 2, job, ORDER_REBIND).code, RESULT_OK);
+    job_report_t report = toy_report(farm, 2, job);
+    assert_int_equal(report.record.fingerprint.bytes[0], 2);
+    assert_non_null(
+        strstr(report.record.message, "two kinds of bits: 01000000, and 02000000 after 1 samples"));
+    assert_int_equal(report.record.samples_done, 4 * 16 * 16);
+    assert_int_equal(find_worker(farm, 2, "old").units_held, 0);
+    notice_t notice;
+    bool told = false;
+    while (farm_next_notice(farm, &notice)) told = told || (notice.job == job && !notice.flush);
+    assert_true(told);
+    assert_int_equal(take_one(farm, 2, old).job, 0);
+    assert_int_equal(deliver(farm, 2, old, &on_its_way).code, RESULT_MISMATCH);
+    toy_work_off(farm, 3, new, job);
+    assert_int_equal(toy_state(farm, 3, job), JOB_FINISHING);
+}
+
+static void a_job_can_be_opened_to_all_kinds(void **state)
+{
+    farm_t *farm = *state;
+    uint64_t job = submit(farm, 8), old = toy_join(farm, 0, "old", 2, 1),
+             new = toy_join(farm, 0, "new", 1, 2);
+    toy_work_t work = take_one(farm, 0, old);
+    assert_int_equal(deliver(farm, 1, old, &work).code, RESULT_OK);
+    assert_int_equal(toy_order(farm, 1, job, ORDER_MIXED).code, RESULT_OK);
+    assert_int_equal(toy_order(farm, 1, job, ORDER_MIXED).code, RESULT_INPUT);
+    assert_int_equal(toy_order(farm, 1, job, ORDER_REBIND).code, RESULT_INPUT);
+    assert_true(toy_report(farm, 1, job).record.terms.mixed);
+    work = take_one(farm, 1, new);
+    assert_int_equal(deliver(farm, 2, new, &work).code, RESULT_OK);
+    assert_non_null(strstr(toy_report(farm, 2, job).record.message, "depend on which machine"));
+    assert_int_equal(take_one(farm, 2, old).job, job);
+}
+
 /* A job that nobody was given anything of, since this master knows it, is made of the first bits that come.
  */
 static void the_first_batch_decides_on_the_bits(void **state)
@@ -287,9 +382,11 @@ static void a_mixed_job_takes_everybody_and_says_so(void **state)
     job_settings_t settings = toy_settings();
     uint64_t job = toy_submit_on(farm, 0, &settings, &(job_terms_t){.name = "mixed", .mixed = true});
     uint64_t a = toy_join(farm, 0, "a", 1, 1), b = toy_join(farm, 0, "b", 4, 2);
-    assert_int_equal(take_one(farm, 0, a).job, job);
+    toy_work_t work = take_one(farm, 0, a);
+    assert_int_equal(deliver(farm, 0, a, &work).code, RESULT_OK);
+    work = take_one(farm, 0, b);
     assert_string_equal(toy_report(farm, 0, job).record.message, "");
-    assert_int_equal(take_one(farm, 0, b).job, job);
+    assert_int_equal(deliver(farm, 0, b, &work).code, RESULT_OK);
     assert_non_null(strstr(toy_report(farm, 0, job).record.message, "depend on which machine"));
 }
 
@@ -653,6 +750,10 @@ int main(void)
         WITH_FARM(who_offers_for_ever_loses_its_units),
         WITH_FARM(units_are_reclaimed),
         WITH_FARM(a_job_belongs_to_the_machines_with_the_same_bits),
+        WITH_FARM(a_job_with_nothing_counted_is_free),
+        WITH_FARM(too_many_threads_are_refused),
+        WITH_FARM(a_job_can_be_bound_anew),
+        WITH_FARM(a_job_can_be_opened_to_all_kinds),
         WITH_FARM(the_first_batch_decides_on_the_bits),
         WITH_FARM(a_mixed_job_takes_everybody_and_says_so),
         WITH_FARM(who_dies_again_and_again_is_put_aside),
