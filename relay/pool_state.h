@@ -23,6 +23,8 @@ typedef struct {
     char name[SERVE_MAX_NAME + 1];
     identity_t identity;
     uint32_t threads;
+    bool reached;          /* it reaches the bulk socket; before that it gets no work */
+    bool troubled;         /* what hinders it was logged */
     bool idle;             /* was told that there is no work */
     double last_seen;      /* seconds */
     double delivered;      /* when it last sent or offered a batch, or was given units and had none */

@@ -82,6 +82,13 @@ static void flushed(pool_t *pool, relay_job_t *job, uint64_t worker)
     wake_up(pool->options.bulk_wake);
 }
 
+static void hear_trouble(member_t *member, const heartbeat_t *beat)
+{
+    if (beat->trouble[0] != '\0' && !member->troubled)
+        log_warning("worker %s gets no work: %.300s", member->name, beat->trouble);
+    member->troubled = member->troubled || beat->trouble[0] != '\0';
+}
+
 static bool heartbeat(void *self, double now, const identity_t *identity, const heartbeat_t *beat)
 {
     pool_t *pool = self;
@@ -89,6 +96,7 @@ static bool heartbeat(void *self, double now, const identity_t *identity, const 
     member_t *member = hear(pool, now, identity, beat->worker);
     if (member != NULL) {
         member->job = beat->job;
+        hear_trouble(member, beat);
         if (beat->threads > 0) member->threads = limit_threads(beat->threads);
         for (size_t i = 0; beat->units_held == 0 && i < pool->job_count; i++)
             if (pool->jobs[i]->flush) flushed(pool, pool->jobs[i], beat->worker);
@@ -243,7 +251,7 @@ static result_t take(void *self, double now, const identity_t *identity, const w
         member->delivered = now;
         member->granted = 0;
     }
-    if (!pool->draining && request->samples > 0) {
+    if (!pool->draining && member->reached && request->samples > 0) {
         take_from_jobs(pool, worker, request->job, request->samples, work);
         if (work->unit_count == 0 && recall_stalled(pool, now))
             take_from_jobs(pool, worker, request->job, request->samples, work);
@@ -254,6 +262,19 @@ static result_t take(void *self, double now, const identity_t *identity, const w
     wake_up(pool->options.control_wake); /* more may be wanted from above */
     pool_unlock(pool);
     return result_ok();
+}
+
+static result_t reached(void *self, double now, uint64_t worker)
+{
+    pool_t *pool = self;
+    pool_lock(pool);
+    member_t *member = pool_find_member(pool, worker);
+    if (member != NULL) {
+        member->reached = true;
+        member->last_seen = now;
+    }
+    pool_unlock(pool);
+    return member != NULL ? result_ok() : unknown_worker();
 }
 
 static bool next_notice(void *self, notice_t *notice)
@@ -485,6 +506,7 @@ serve_handler_t pool_serve(pool_t *pool)
                                         .take = take,
                                         .next_notice = next_notice,
                                         .tick = pool_tick,
+                                        .reached = reached,
                                         .offered = offered,
                                         .wanted = wanted,
                                         .granted = granted,

@@ -93,6 +93,7 @@ static result_t start(relay_t *relay)
     bulk_options_t bulk = {.context = server_context(relay->server),
                            .handler = pool_uplink(relay->pool),
                            .wake = relay->wakes[WAKE_BULK],
+                           .control_wake = relay->wakes[WAKE_CONTROL],
                            .cache_dir = relay->cache_dir,
                            .cache_limit = options->cache_limit,
                            .keys = options->keys,

@@ -180,6 +180,23 @@ void peer_hello(peer_t *peer, uint32_t version, uint32_t threads, result_t *refu
     assert_true(peer->worker != 0);
     assert_true(answer.envelope->welcome->heartbeat_ms > 0);
     wire_free(&answer);
+    if (peer->unprobed) return;
+    result = peer_probe(peer, 0);
+    if (result.code != RESULT_OK) fail_msg("%s", result.message);
+}
+
+result_t peer_probe(peer_t *peer, size_t bytes)
+{
+    Lm__Probe probe = LM__PROBE__INIT;
+    probe.worker = peer->worker;
+    Lm__Envelope envelope = WIRE_ENVELOPE(PROBE, probe, &probe);
+    zmq_msg_t payload;
+    zmq_msg_init_size(&payload, bytes);
+    memset(zmq_msg_data(&payload), 0, bytes);
+    wire_message_t answer = peer_ask_bulk(peer, &envelope, &payload, 1);
+    result_t result = verdict(&answer, LM__ENVELOPE__BODY_PROBE_REPLY);
+    if (result.code == RESULT_OK) wire_free(&answer);
+    return result;
 }
 
 bool peer_heartbeat(peer_t *peer, uint64_t job, uint32_t units_held)

@@ -15,6 +15,7 @@ typedef struct {
     /* What it says of itself; "peer" and nothing unless the test sets them. */
     const char *name;
     hash_t fingerprint;
+    bool unprobed; /* peer_hello does not probe the bulk socket */
     /* Pushed messages that came while an answer was awaited. */
     int job_ready, job_over, flush;
     uint64_t over_job;
@@ -41,6 +42,8 @@ void peer_seal(uint8_t *header, size_t size, const void *const *payloads, const 
 
 /* Says hello; *refused (may be NULL) takes the reason of a refusal, which otherwise ends the test. */
 void peer_hello(peer_t *peer, uint32_t version, uint32_t threads, result_t *refused);
+/* Sends a probe with so many bytes to the bulk socket; the master's verdict. */
+result_t peer_probe(peer_t *peer, size_t bytes);
 bool peer_heartbeat(peer_t *peer, uint64_t job, uint32_t units_held);
 void peer_goodbye(peer_t *peer);
 

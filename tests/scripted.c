@@ -137,6 +137,7 @@ static void on_heartbeat(scripted_t *script, const wire_message_t *message)
     Lm__HeartbeatReply reply = LM__HEARTBEAT_REPLY__INIT;
     script->heartbeats++;
     script->heartbeat_threads = message->envelope->heartbeat->threads;
+    snprintf(script->trouble, sizeof script->trouble, "%s", message->envelope->heartbeat->trouble);
     reply.known = knows(script, message->envelope->heartbeat->worker);
     Lm__Envelope envelope = WIRE_ENVELOPE(HEARTBEAT_REPLY, heartbeat_reply, &reply);
     answer(script->control, message, &envelope);
@@ -209,6 +210,19 @@ void scripted_grant(scripted_t *script)
     say(script->bulk, script->offer.identity, script->offer.identity_size, script->offer.request, &envelope,
         NULL);
     script->offer = (scripted_question_t){0};
+}
+
+static void on_probe(scripted_t *script, const wire_message_t *message)
+{
+    Lm__ProbeReply reply = LM__PROBE_REPLY__INIT;
+    Lm__Envelope envelope = WIRE_ENVELOPE(PROBE_REPLY, probe_reply, &reply);
+    assert_int_equal(message->payload_count, 1);
+    script->probes++;
+    script->probe_bytes = zmq_msg_size(&message->payload[0]);
+    if (!knows(script, message->envelope->probe->worker))
+        refuse(script->bulk, message, result_fail(RESULT_UNREACHABLE, "say hello again"));
+    else if (!script->deaf)
+        answer(script->bulk, message, &envelope);
 }
 
 static void on_offer(scripted_t *script, const wire_message_t *message)
@@ -320,6 +334,9 @@ static void dispatch(scripted_t *script, const wire_message_t *message)
         break;
     case LM__ENVELOPE__BODY_GOODBYE:
         on_goodbye(script, message);
+        break;
+    case LM__ENVELOPE__BODY_PROBE:
+        on_probe(script, message);
         break;
     case LM__ENVELOPE__BODY_BATCH_OFFER:
         on_offer(script, message);

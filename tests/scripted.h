@@ -33,6 +33,7 @@ typedef struct {
     job_settings_t settings;
 
     /* What it does; a test changes these at will. */
+    bool deaf;             /* probes are not answered */
     bool granting;         /* offers are granted at once */
     result_t refusal;      /* offers are refused with this, unless it is RESULT_OK */
     bool answering;        /* batches get their verdict at once, */
@@ -50,6 +51,9 @@ typedef struct {
     uint64_t offered_bytes;
     Lm__Hello *hello; /* the last one; owned */
     uint32_t heartbeat_threads;
+    char trouble[WIRE_MAX_STRING + 1]; /* of the last heartbeat */
+    int probes;
+    size_t probe_bytes;        /* of the last one */
     unit_t kept[SCRIPTED_MAX]; /* of the last request for work that had any */
     size_t kept_count;
     hash_t kept_content;

@@ -77,7 +77,8 @@ result_t toy_say_hello(farm_t *farm, double now, worker_hello_t hello, uint64_t 
     snprintf(host, sizeof host, "%.*s", (int)strcspn(hello.name, ":"), hello.name);
     hello.address = host;
     if (hello.key == NULL) hello.key = "";
-    return farm_hello(farm, now, &nobody, &hello, worker);
+    result_t result = farm_hello(farm, now, &nobody, &hello, worker);
+    return result.code == RESULT_OK ? farm_worker_reached(farm, now, *worker) : result;
 }
 
 uint64_t toy_join(farm_t *farm, double now, const char *name, uint32_t threads, uint8_t fingerprint)

@@ -66,6 +66,7 @@ static result_t run_threads(const worker_options_t *options, void *context, int 
     bulk_options_t bulk = {.context = context,
                            .handler = setup.handler,
                            .wake = wakes[1],
+                           .control_wake = wakes[0],
                            .cache_dir = cache_dir,
                            .cache_limit = options->cache_limit,
                            .keys = options->keys,

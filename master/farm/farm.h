@@ -30,6 +30,11 @@ result_t farm_hello(farm_t *farm, double now, const identity_t *identity, const 
  */
 bool farm_heartbeat(farm_t *farm, double now, const identity_t *identity, uint64_t worker, uint64_t job,
                     uint32_t units_held);
+/* The worker reaches the bulk socket; before that it gets no work. RESULT_UNREACHABLE when it is not known.
+ */
+result_t farm_worker_reached(farm_t *farm, double now, uint64_t worker);
+/* What a worker says hinders it, for people; empty: nothing does. A new trouble is logged. */
+void farm_worker_trouble(farm_t *farm, double now, uint64_t worker, const char *trouble);
 /* The threads of a relay are those of its workers, and change. */
 void farm_worker_threads(farm_t *farm, uint64_t worker, uint32_t threads);
 /* The worker has these units in hand, from an earlier life of this master or a lease that ended, of a job

@@ -301,6 +301,12 @@ result_t farm_take(farm_t *farm, double now, const identity_t *identity, uint64_
         farm_unlock(farm);
         return result_fail(RESULT_UNREACHABLE, "this master does not know the worker: say hello again");
     }
+    if (!worker->reached) { /* it could not deliver */
+        work->job = 0;
+        work->unit_count = 0;
+        farm_unlock(farm);
+        return result_ok();
+    }
     schedule_wish_t wish = {
         .worker = id, .samples = samples, .unit_samples = unit_samples, .threads = worker->threads};
     worker->asked = now;

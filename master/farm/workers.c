@@ -8,9 +8,10 @@
 #include <string.h>
 
 enum {
-    STALL_BATCHES = 12, /* batch intervals until the deadline of who was not measured, */
-    SLACK = 4,          /* times the time that it should take otherwise (take.c) */
-    REMARK_SECONDS = 1  /* between two looks at what is to be said of jobs */
+    STALL_BATCHES = 12,  /* batch intervals until the deadline of who was not measured, */
+    SLACK = 4,           /* times the time that it should take otherwise (take.c) */
+    REMARK_SECONDS = 1,  /* between two looks at what is to be said of jobs */
+    TROUBLE_SECONDS = 30 /* between two lines in the log on what hinders one worker */
 };
 
 void farm_count_reissued(job_t *job, worker_t *worker, size_t units)
@@ -215,6 +216,42 @@ bool farm_heartbeat(farm_t *farm, double now, const identity_t *identity, uint64
     return worker != NULL;
 }
 
+result_t farm_worker_reached(farm_t *farm, double now, uint64_t id)
+{
+    farm_lock(farm);
+    worker_t *worker = farm_find_worker(farm, id);
+    bool known = worker != NULL && worker->connected;
+    if (known) {
+        worker->reached = true;
+        worker->last_seen = now;
+    }
+    farm_unlock(farm);
+    if (known) return result_ok();
+    return result_fail(RESULT_UNREACHABLE, "this master does not know the worker: say hello again");
+}
+
+/* The words are the worker's own, which may change them at will: that must not fill the log. */
+static void hear_trouble(double now, worker_t *worker, const char *trouble)
+{
+    bool news = strncmp(worker->trouble, trouble, FARM_MAX_TROUBLE) != 0;
+    if (news) snprintf(worker->trouble, sizeof worker->trouble, "%s", trouble);
+    worker->told = worker->told && !news;
+    bool due = worker->troubled <= 0 || now - worker->troubled > TROUBLE_SECONDS;
+    if (worker->told || worker->trouble[0] == '\0' || !due) return;
+    log_warning("worker %s at %s gets no work: %s", worker->name,
+                worker->address[0] != '\0' ? worker->address : "this machine", worker->trouble);
+    worker->told = true;
+    worker->troubled = now;
+}
+
+void farm_worker_trouble(farm_t *farm, double now, uint64_t id, const char *trouble)
+{
+    farm_lock(farm);
+    worker_t *worker = farm_find_worker(farm, id);
+    if (worker != NULL && worker->connected) hear_trouble(now, worker, trouble);
+    farm_unlock(farm);
+}
+
 void farm_worker_threads(farm_t *farm, uint64_t id, uint32_t threads)
 {
     farm_lock(farm);
@@ -294,7 +331,8 @@ static worker_report_t report_worker(const farm_t *farm, double now, const worke
     snprintf(report.name, sizeof report.name, "%s", worker->name);
     snprintf(report.key, sizeof report.key, "%s", worker->key);
     snprintf(report.address, sizeof report.address, "%s", worker->address);
-    snprintf(report.aside, sizeof report.aside, "%s", aside != NULL ? aside : "");
+    snprintf(report.aside, sizeof report.aside, "%.*s", FARM_MAX_NAME,
+             aside != NULL ? aside : worker->trouble);
     return report;
 }
 

@@ -115,7 +115,7 @@ double farm_patience(const farm_t *farm, int batches)
 
 bool farm_worker_asks(const farm_t *farm, double now, const worker_t *worker, int batches)
 {
-    return worker->connected && worker->asked >= now - farm_patience(farm, batches);
+    return worker->connected && worker->reached && worker->asked >= now - farm_patience(farm, batches);
 }
 
 /* ---- jobs ---------------------------------------------------------------------------------------------- */

@@ -26,6 +26,7 @@ typedef struct {
     uint32_t threads;
     bool connected;
     bool lapsed;     /* it lost units that it had not delivered, and has delivered none since */
+    bool reached;    /* it reaches the bulk socket; before that it gets no work */
     bool idle;       /* was told that there is no work */
     bool begins;     /* no other machines that make the same bits have more threads, so it may begin jobs */
     bool outcast;    /* put aside: nothing of it is taken any more */
@@ -47,6 +48,9 @@ typedef struct {
     uint64_t quarantine; /* the job that it is alone with suspects of, or will be when it holds nothing; 0 */
     uint64_t job;        /* that it has loaded or was assigned last */
     uint64_t batches, batches_refused, units_reissued, bytes;
+    char trouble[FARM_MAX_TROUBLE + 1]; /* why it asks for no work, in its own words; empty: nothing does */
+    double troubled;                    /* seconds, when such words were logged last; 0: not yet */
+    bool told;                          /* these were */
 } worker_t;
 
 /* A process that cannot render a job. */
@@ -219,9 +223,9 @@ enum {
 };
 /* So many batch intervals, or seconds if that is longer. */
 double farm_patience(const farm_t *farm, int batches);
-/* True when a worker is connected and has asked for work within farm_patience. Those that have enough to do
- * ask every second or so; one that loads a scene, or waits for its batch to be let in, does not for a while;
- * one that hangs does not ask. */
+/* True when a worker is connected, reaches the bulk socket, and has asked for work within farm_patience.
+ * Those that have enough to do ask every second or so; one that loads a scene, or waits for its batch to be
+ * let in, does not for a while; one that hangs does not ask. */
 bool farm_worker_asks(const farm_t *farm, double now, const worker_t *worker, int batches);
 
 /* ---- jobs ---------------------------------------------------------------------------------------------- */

@@ -12,6 +12,7 @@ enum {
     FARM_MAX_WORKERS = SERVE_MAX_WORKERS, /* connected, and as many again that were lost and may still send a
                                              batch */
     FARM_MAX_NAME = SERVE_MAX_NAME,
+    FARM_MAX_TROUBLE = 300,                 /* characters of what hinders a worker */
     FARM_MAX_PARTY = WIRE_MAX_ADDRESS + 10, /* of "key ..." or "address ..." */
     FARM_WORKER_THREADS = 4096,             /* at most, of a worker, */
     FARM_RELAY_THREADS = 65536,             /* and of a relay, of all of its workers */

@@ -18,6 +18,7 @@ static bool heartbeat(void *self, double now, const identity_t *identity, const 
 {
     bool known = farm_heartbeat(farm_of(self), now, identity, beat->worker, beat->job, beat->units_held);
     if (known && beat->threads > 0) farm_worker_threads(farm_of(self), beat->worker, beat->threads);
+    if (known) farm_worker_trouble(farm_of(self), now, beat->worker, beat->trouble);
     return known;
 }
 
@@ -50,6 +51,11 @@ static void tick(void *self, double now)
 }
 
 /* ---- batches ------------------------------------------------------------------------------------------- */
+
+static result_t reached(void *self, double now, uint64_t worker)
+{
+    return farm_worker_reached(farm_of(self), now, worker);
+}
 
 static result_t offered(void *self, double now, const batch_offer_t *offer)
 {
@@ -115,6 +121,7 @@ serve_handler_t farm_service_handler(farm_service_t *service)
                                         .take = take,
                                         .next_notice = next_notice,
                                         .tick = tick,
+                                        .reached = reached,
                                         .offered = offered,
                                         .wanted = wanted,
                                         .granted = granted,

@@ -30,6 +30,23 @@ result_t bulk_hash_get(const ProtobufCBinaryData *bytes, hash_t *hash)
     return result_fail(RESULT_PROTOCOL, "a hash of %zu bytes, not %d", bytes->len, HASH_BYTES);
 }
 
+/* ---- probes -------------------------------------------------------------------------------------------- */
+
+static void on_probe(void *self, peer_server_t *server, const wire_message_t *message)
+{
+    const serve_handler_t *handler = &((bulk_server_t *)self)->handler;
+    Lm__ProbeReply answer = LM__PROBE_REPLY__INIT;
+    result_t result = result_ok();
+    if (message->payload_count != 1 || zmq_msg_size(&message->payload[0]) > WIRE_MAX_PROBE)
+        result = result_fail(RESULT_PROTOCOL, "a probe has one payload of at most %d bytes", WIRE_MAX_PROBE);
+    if (result.code == RESULT_OK)
+        result = handler->calls->reached(handler->self, clock_now(), message->envelope->probe->worker);
+    if (result.code == RESULT_OK)
+        peer_reply(server, message, LM__ENVELOPE__BODY_PROBE_REPLY, &answer, NULL);
+    else
+        peer_refuse(server, message, result);
+}
+
 /* ---- offers -------------------------------------------------------------------------------------------- */
 
 static result_t take_offer(bulk_server_t *bulk, const wire_message_t *message)
@@ -186,7 +203,8 @@ static void on_blob_get(void *self, peer_server_t *server, const wire_message_t 
 /* ---- the thread ---------------------------------------------------------------------------------------- */
 
 /* control_server.c says what a new kind takes. */
-static const message_kind_t kinds[] = {{LM__ENVELOPE__BODY_BATCH_OFFER, RIGHT_WORK, on_offer},
+static const message_kind_t kinds[] = {{LM__ENVELOPE__BODY_PROBE, RIGHT_WORK, on_probe},
+                                       {LM__ENVELOPE__BODY_BATCH_OFFER, RIGHT_WORK, on_offer},
                                        {LM__ENVELOPE__BODY_BATCH_RESULT, RIGHT_WORK, on_batch},
                                        {LM__ENVELOPE__BODY_BLOB_GET, RIGHT_WORK, on_blob_get}};
 

@@ -82,7 +82,11 @@ static void on_heartbeat(void *self, peer_server_t *server, const wire_message_t
     const Lm__Heartbeat *body = message->envelope->heartbeat;
     Lm__HeartbeatReply answer = LM__HEARTBEAT_REPLY__INIT;
     identity_t identity = peer_identity(message);
-    heartbeat_t beat = {body->worker, body->job, body->units_held, body->threads};
+    heartbeat_t beat = {.worker = body->worker,
+                        .job = body->job,
+                        .units_held = body->units_held,
+                        .threads = body->threads,
+                        .trouble = body->trouble};
     answer.known = handler->calls->heartbeat(handler->self, clock_now(), &identity, &beat);
     peer_reply(server, message, LM__ENVELOPE__BODY_HEARTBEAT_REPLY, &answer, NULL);
 }

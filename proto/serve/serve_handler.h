@@ -46,7 +46,8 @@ typedef struct {
 typedef struct {
     uint64_t worker, job; /* that it has loaded; 0: none */
     uint32_t units_held;
-    uint32_t threads; /* those of a relay change; 0: as it said at first */
+    uint32_t threads;    /* those of a relay change; 0: as it said at first */
+    const char *trouble; /* why it asks for no work, for people; empty: nothing hinders it */
 } heartbeat_t;
 
 /* A worker asks for work. */
@@ -115,6 +116,9 @@ typedef struct {
 
     /* ---- batches ---- */
 
+    /* A worker's probe has come, so it reaches the bulk socket: before that it gets no work.
+     * RESULT_UNREACHABLE when it is not known. */
+    result_t (*reached)(void *self, double now, uint64_t worker);
     /* An offer has come: may it wait to be granted? */
     result_t (*offered)(void *self, double now, const batch_offer_t *offer);
     /* Is it still wanted? Asked often while it waits. RESULT_LIMIT: not yet; else it waits no more. */

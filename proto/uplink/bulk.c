@@ -30,6 +30,7 @@
 #include "common/wake.h"
 #include "proto/uplink/blob_cache.h"
 #include "proto/uplink/link.h"
+#include "proto/uplink/probe.h"
 #include "proto/wire/wire.h"
 
 #include <stdatomic.h>
@@ -37,9 +38,10 @@
 #include <string.h>
 
 enum { CHUNK_BYTES = 1 << 20, CHUNK_WINDOW = 4, DOWNLOAD_ATTEMPTS = 3 };
-static const double BATCH_BYTES_PER_SECOND = 2e5; /* the slowest uplink that is waited for */
+static const double BATCH_BYTES_PER_SECOND = 2e5; /* of an uplink that is waited for, if it is not slower */
 static const double PAUSE = 0.25;                 /* seconds before something is tried again */
 static const double FIRST_RATIO = 0.3;            /* of coded to plain bytes, before any is known */
+static const double PROBE_TURN = 1;               /* second for an answer, before the thread looks around */
 
 /* Where the control thread says the master is. */
 typedef struct {
@@ -64,6 +66,11 @@ struct bulk {
     double batch_interval;
     double ratio;     /* of coded to plain bytes in the last batch */
     uint64_t request; /* the last number used */
+    probe_t probe;
+
+    /* For the control thread. */
+    atomic_ullong ready; /* the worker that the bulk socket answered; 0: it has to be probed */
+    atomic_bool silent;  /* it does not answer */
 };
 
 /* ---- the link ----------------------------------------------------------------------------------------- */
@@ -76,6 +83,7 @@ static void set_book(bulk_t *bulk, const char *endpoint, uint64_t worker, double
     bulk->book.worker = worker;
     bulk->book.batch_interval = batch_interval;
     bulk->book.changes++;
+    atomic_store(&bulk->ready, 0);
     pthread_mutex_unlock(&bulk->lock);
     wake_up(bulk->options.wake);
 }
@@ -157,6 +165,7 @@ static result_t on_denial(bulk_t *bulk, wire_message_t *message, bool *received)
     wire_free(message);
     *received = false;
     bulk->link.broken = true;
+    bulk->probe.silent = 0; /* this was an answer */
     return result;
 }
 
@@ -178,6 +187,121 @@ static result_t receive(bulk_t *bulk, double deadline, wire_message_t *message, 
     if (left <= 0) return result_fail(RESULT_UNREACHABLE, "the master does not answer");
     link_wait(&bulk->link, bulk->options.wake, left);
     return result_ok();
+}
+
+/* ---- probes ------------------------------------------------------------------------------------------- */
+
+bool bulk_ready(const bulk_t *bulk, uint64_t worker)
+{
+    return worker != 0 && atomic_load(&bulk->ready) == worker;
+}
+
+bool bulk_silent(const bulk_t *bulk)
+{
+    return atomic_load(&bulk->silent);
+}
+
+/* Tells the control thread what is new. */
+static void publish(bulk_t *bulk)
+{
+    bool ready = probe_done(&bulk->probe, bulk->link.conversation, bulk->worker);
+    bool silent = probe_is_silent(&bulk->probe, clock_now(), BULK_SILENT_SECONDS);
+    pthread_mutex_lock(&bulk->lock); /* so that it is of the number that holds now */
+    uint64_t worker = ready && bulk->changes == bulk->book.changes ? bulk->worker : 0;
+    uint64_t was = atomic_exchange(&bulk->ready, worker);
+    pthread_mutex_unlock(&bulk->lock);
+    bool was_silent = atomic_exchange(&bulk->silent, silent);
+    if (was != worker || was_silent != silent) wake_up(bulk->options.control_wake);
+}
+
+static result_t send_probe(bulk_t *bulk, size_t bytes)
+{
+    zmq_msg_t payload;
+    if (zmq_msg_init_size(&payload, bytes) != 0) return result_fail(RESULT_LIMIT, "no memory for a probe");
+    memset(zmq_msg_data(&payload), 0, bytes);
+    Lm__Probe probe = LM__PROBE__INIT;
+    probe.worker = bulk->worker;
+    Lm__Envelope envelope = WIRE_ENVELOPE(PROBE, probe, &probe);
+    envelope.request = ++bulk->request;
+    return say(bulk, &envelope, &payload, 1);
+}
+
+/* Waits for the answer to the probe that is under way, until the deadline. */
+static result_t await_probe(bulk_t *bulk, double deadline)
+{
+    probe_t *probe = &bulk->probe;
+    result_t result = result_ok();
+    while (result.code == RESULT_OK && probe->request != 0) {
+        wire_message_t message;
+        bool received;
+        TRY(receive(bulk, deadline, &message, &received));
+        if (!received) continue;
+        const Lm__Envelope *envelope = message.envelope;
+        bool answers = envelope->request == probe->request;
+        if (answers && envelope->body_case == LM__ENVELOPE__BODY_PROBE_REPLY) {
+            probe_answered(probe, clock_now(), !bulk->options.local);
+        } else if (answers) { /* it does not know this worker: the control thread is about to say hello */
+            probe->request = 0;
+            probe->silent = 0;
+            result = result_fail(RESULT_UNREACHABLE, "the master does not take a probe");
+        }
+        wire_free(&message);
+    }
+    return result;
+}
+
+/* The first: is the socket there? */
+static result_t reach(bulk_t *bulk)
+{
+    probe_t *probe = &bulk->probe;
+    if (probe->request == 0) {
+        TRY(send_probe(bulk, 0));
+        probe_sent(probe, clock_now(), bulk->request);
+    }
+    result_t result = await_probe(bulk, clock_now() + PROBE_TURN);
+    if (result.code == RESULT_UNREACHABLE && probe->request != 0 &&
+        clock_now() - probe->sent > bulk->options.patience)
+        bulk->link.broken = true; /* the next connection may fare better */
+    return result;
+}
+
+/* The second: how fast is it? */
+static result_t measure(bulk_t *bulk)
+{
+    probe_t *probe = &bulk->probe;
+    if (probe->request == 0) {
+        TRY(send_probe(bulk, PROBE_BYTES));
+        probe_sent(probe, clock_now(), bulk->request);
+    }
+    double deadline = probe->sent + BULK_SILENT_SECONDS;
+    result_t result = await_probe(bulk, deadline);
+    if (result.code == RESULT_UNREACHABLE && clock_now() >= deadline &&
+        probe->conversation == bulk->link.conversation) {
+        probe_give_up_measuring(probe, clock_now());
+        result = result_ok();
+    }
+    if (result.code == RESULT_OK)
+        log_debug("the link to %s carries %.0f kB/s", bulk->link.endpoint, 1e-3 * probe->rate);
+    return result;
+}
+
+/* Begins a conversation: RESULT_UNREACHABLE until the master's bulk socket has answered and the link is
+ * measured. Waits no longer than some seconds. */
+static result_t open_link(bulk_t *bulk)
+{
+    probe_t *probe = &bulk->probe;
+    if (bulk->link.socket == NULL) {
+        probe->silent = 0;
+        publish(bulk);
+        return result_fail(RESULT_UNREACHABLE, "there is no link to the master");
+    }
+    probe_follow(probe, bulk->link.conversation, bulk->worker);
+    if (probe->stage == PROBE_DONE) return result_ok();
+    publish(bulk);
+    result_t result = probe->stage == PROBE_REACHING ? reach(bulk) : result_ok();
+    if (result.code == RESULT_OK && probe->stage == PROBE_MEASURING) result = measure(bulk);
+    publish(bulk);
+    return result;
 }
 
 /* ---- scenes ------------------------------------------------------------------------------------------- */
@@ -253,7 +377,7 @@ static result_t download_blob(bulk_t *bulk, const assignment_t *assignment, scen
     blob_download_t download;
     bool busy;
     *done = false;
-    if (bulk->link.socket == NULL) return result_fail(RESULT_UNREACHABLE, "there is no link to the master");
+    TRY(open_link(bulk));
     TRY(blob_cache_download(bulk->cache, clock_now(), &assignment->blob, assignment->blob_size, &download,
                             &busy));
     if (busy) return result_ok();
@@ -329,6 +453,8 @@ typedef struct {
     bool granted;
     bool decided, counted; /* the verdict */
     double start;          /* clock at the first offer */
+    uint64_t mark; /* the probe behind what was put, which is answered when that has arrived; 0: none */
+    double marked; /* clock, when it was sent */
 } delivery_t;
 
 static bool same_conversation(const bulk_t *bulk, const delivery_t *delivery)
@@ -348,6 +474,16 @@ static result_t send_offer(bulk_t *bulk, delivery_t *delivery)
     Lm__Envelope envelope = WIRE_ENVELOPE(BATCH_OFFER, batch_offer, &message);
     envelope.request = delivery->offered = ++bulk->request;
     return say(bulk, &envelope, NULL, 0);
+}
+
+/* Messages are read in order, and probes are answered at once: when this one is, the batch has arrived,
+ * however long the master takes to add it up. */
+static result_t mark_end(bulk_t *bulk, delivery_t *delivery)
+{
+    TRY(send_probe(bulk, 0));
+    delivery->mark = bulk->request;
+    delivery->marked = clock_now();
+    return result_ok();
 }
 
 static result_t put_batch(bulk_t *bulk, delivery_t *delivery)
@@ -375,8 +511,9 @@ static result_t put_batch(bulk_t *bulk, delivery_t *delivery)
     }
     result_t result = say(bulk, &envelope, copies, count);
     free(units);
-    if (result.code == RESULT_OK) delivery->put_in = bulk->link.conversation;
-    return result;
+    if (result.code != RESULT_OK) return result;
+    delivery->put_in = bulk->link.conversation;
+    return bulk->options.local ? result : mark_end(bulk, delivery);
 }
 
 static void refused(const bulk_t *bulk, delivery_t *delivery, uint32_t code, const char *reason)
@@ -399,11 +536,14 @@ static result_t on_refusal(const bulk_t *bulk, delivery_t *delivery, const Lm__R
     return result_ok();
 }
 
-static result_t on_message(const bulk_t *bulk, delivery_t *delivery, const Lm__Envelope *envelope)
+static result_t on_message(bulk_t *bulk, delivery_t *delivery, const Lm__Envelope *envelope)
 {
     bool to_offer = envelope->request == delivery->offered;
     bool to_put = delivery->put_in != 0 && envelope->request == delivery->put;
-    if (envelope->body_case == LM__ENVELOPE__BODY_BATCH_GRANT && to_offer) {
+    if (envelope->body_case == LM__ENVELOPE__BODY_PROBE_REPLY && envelope->request == delivery->mark) {
+        if (delivery->mark != 0) probe_learn(&bulk->probe, delivery->bytes, clock_now() - delivery->marked);
+        delivery->mark = 0;
+    } else if (envelope->body_case == LM__ENVELOPE__BODY_BATCH_GRANT && to_offer) {
         delivery->granted = true;
         delivery->arrived = same_conversation(bulk, delivery);
     } else if (envelope->body_case == LM__ENVELOPE__BODY_BATCH_REPLY && delivery->closed.batch != NULL &&
@@ -418,12 +558,19 @@ static result_t on_message(const bulk_t *bulk, delivery_t *delivery, const Lm__E
     return result_ok();
 }
 
+/* Bytes a second that a batch is given time for. */
+static double slowest_rate(const bulk_t *bulk)
+{
+    double half = 0.5 * bulk->probe.rate;
+    return half > 0 && half < BATCH_BYTES_PER_SECOND ? half : BATCH_BYTES_PER_SECOND;
+}
+
 /* Waits until the offer is granted or (`verdict`) the batch is decided upon. RESULT_UNREACHABLE: it has to be
  * offered again. */
 static result_t await_master(bulk_t *bulk, delivery_t *delivery, bool verdict)
 {
     double patience = bulk->options.patience;
-    if (same_conversation(bulk, delivery)) patience += delivery->bytes / BATCH_BYTES_PER_SECOND;
+    if (same_conversation(bulk, delivery)) patience += delivery->bytes / slowest_rate(bulk);
     double deadline = clock_now() + patience;
     while (!delivery->decided && (verdict || !delivery->granted)) {
         wire_message_t message;
@@ -461,7 +608,7 @@ static result_t close_batch(bulk_t *bulk, delivery_t *delivery)
 /* One attempt: offers, closes when that is granted, sends, waits for the verdict. */
 static result_t attempt(bulk_t *bulk, delivery_t *delivery)
 {
-    if (bulk->link.socket == NULL) return result_fail(RESULT_UNREACHABLE, "there is no link to the master");
+    TRY(open_link(bulk));
     delivery->granted = false;
     TRY(send_offer(bulk, delivery));
     TRY(await_master(bulk, delivery, false));
@@ -514,6 +661,7 @@ static void *bulk_thread(void *argument)
     const uplink_handler_t *handler = &bulk->options.handler;
     while (!atomic_load(&bulk->quit)) {
         refresh_link(bulk);
+        open_link(bulk);
         duty_t duty = handler->calls->duty(handler->self, bulk->batch_interval);
         switch (duty.kind) {
         case DUTY_LOAD:

@@ -8,10 +8,13 @@
 
 typedef struct bulk bulk_t;
 
+enum { BULK_SILENT_SECONDS = 5 };
+
 typedef struct {
     void *context;            /* ZeroMQ context, kept by the caller */
     uplink_handler_t handler; /* likewise */
     int wake;                 /* eventfd that the handler and bulk_* write to; kept by the caller */
+    int control_wake;         /* likewise, written when bulk_ready or bulk_silent say something new */
     const char *cache_dir;
     uint64_t cache_limit; /* bytes */
     bool local;           /* payloads are not compressed */
@@ -29,5 +32,10 @@ void bulk_stop(bulk_t **bulk);
 void bulk_link_up(bulk_t *bulk, const char *endpoint, uint64_t worker, double batch_interval);
 /* The master refuses this worker: what is under way waits for the next welcome. */
 void bulk_link_down(bulk_t *bulk);
+
+/* True when the master's bulk socket has answered this worker: it is worth asking for work. */
+bool bulk_ready(const bulk_t *bulk, uint64_t worker);
+/* True when it has not answered for BULK_SILENT_SECONDS, and is asked on. */
+bool bulk_silent(const bulk_t *bulk);
 
 #endif

@@ -25,10 +25,12 @@
  */
 #include "proto/uplink/control_state.h"
 
+#include "common/address.h"
 #include "common/wake.h"
 
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 #include <unistd.h>
 
 static const double MAX_BACKOFF = 10.0;     /* seconds between Hellos */
@@ -125,10 +127,42 @@ void control_give_up_job(control_t *control, uint64_t job, result_t why)
     control_rest(control);
 }
 
+/* What hinders this worker, if anything does. */
+static void describe_trouble(const control_t *control, char *text, size_t size)
+{
+    address_t address;
+    const char *endpoint = control->setup.control_endpoint;
+    text[0] = '\0';
+    if (!bulk_silent(control->setup.bulk)) return;
+    if (control->bulk_port != 0 && address_parse(endpoint, WIRE_DEFAULT_PORT, &address).code == RESULT_OK)
+        snprintf(
+            text, size,
+            "port %u of %.100s does not answer: open it in the firewall, for workers need both %d and %u",
+            control->bulk_port, address.host, address.port, control->bulk_port);
+    else
+        snprintf(text, size, "the bulk socket of the master at %.200s does not answer", endpoint);
+}
+
+/* Says, here and to the master, what hinders this worker, as soon as that changes. */
+static void see_to_trouble(control_t *control)
+{
+    char text[sizeof control->trouble];
+    describe_trouble(control, text, sizeof text);
+    if (strcmp(text, control->trouble) == 0) return;
+    if (text[0] != '\0')
+        log_error("%s; no work is asked for until it does", text);
+    else
+        log_info("what hindered this worker is over");
+    memcpy(control->trouble, text, sizeof text);
+    control->next_heartbeat = 0;
+}
+
 static void report(control_t *control, const uplink_state_t *state)
 {
     control->next_report = clock_now() + REPORT_INTERVAL;
-    if (state->job == 0)
+    if (control->trouble[0] != '\0')
+        log_warning("still no work is asked for: %s", control->trouble);
+    else if (state->job == 0)
         log_info("waiting for work");
     else
         log_info("rendering job %llu: %.0f samples/s, %u units in hand", (unsigned long long)state->job,
@@ -162,13 +196,14 @@ static void drive_up(control_t *control)
         leave_group(control);
         return;
     }
+    see_to_trouble(control);
     if (now >= control->next_heartbeat) control_send_heartbeat(control, &state);
     if (control->work_request != 0 && now >= control->next_request) {
         control->work_request = 0;
         control->claims_asked = 0;
     }
     if ((state.samples > 0 || control_claims_pending(control)) && control->work_request == 0 &&
-        now >= control->next_request)
+        now >= control->next_request && bulk_ready(control->setup.bulk, control->worker))
         control_request_work(control, &state);
     if (now >= control->next_report) report(control, &state);
 }

@@ -43,6 +43,7 @@ void control_send_heartbeat(control_t *control, const uplink_state_t *state)
     heartbeat.job = state->job;
     heartbeat.units_held = state->units_held;
     heartbeat.threads = state->threads;
+    heartbeat.trouble = control->trouble;
     log_unsent("a heartbeat", send_body(control, &WIRE_ENVELOPE(HEARTBEAT, heartbeat, &heartbeat)));
     control->next_heartbeat = clock_now() + control->heartbeat;
 }
@@ -133,6 +134,7 @@ static void on_welcome(control_t *control, const Lm__Welcome *welcome)
     double now = clock_now();
     control->phase = PHASE_UP;
     control->worker = welcome->worker;
+    control->bulk_port = welcome->bulk_port;
     control->heartbeat = clamp(1e-3 * welcome->heartbeat_ms, 0.05, 60);
     control->lease = clamp(1e-3 * welcome->lease_ms, 0.5, 3600);
     control->batch_interval = clamp(1e-3 * welcome->batch_ms, 0.05, 3600);

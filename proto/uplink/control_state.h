@@ -28,6 +28,8 @@ typedef struct {
     uint64_t worker;
     double heartbeat, lease, batch_interval; /* seconds */
     double last_heard, next_heartbeat, next_report;
+    uint32_t bulk_port;    /* that the master names; 0: inproc */
+    char trouble[300];     /* why no work is asked for, for people; empty: nothing hinders us */
     uint64_t work_request; /* unanswered, 0: none */
     /* What was in hand at the welcome and is still to be named in requests for work. */
     unit_t *claims;

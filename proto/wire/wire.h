@@ -14,7 +14,7 @@
 #include "proto/wire/payload.h"
 
 enum {
-    WIRE_VERSION = 5,
+    WIRE_VERSION = 6,
     WIRE_DEFAULT_PORT = 7420,         /* control; bulk is the next one */
     WIRE_MAX_HEADER = 1 << 20,        /* bytes of a header frame, preamble included */
     WIRE_MAX_CONTROL_FRAME = 1 << 20, /* control messages have no payloads */
@@ -24,6 +24,7 @@ enum {
     WIRE_MAX_UNITS = 1 << 14, /* units in an assignment or a batch */
     WIRE_MAX_STRING = 1024,
     WIRE_MAX_CHUNK = 4 << 20, /* bytes of a blob or an image in one message */
+    WIRE_MAX_PROBE = 1 << 20, /* bytes of the payload of a probe */
     WIRE_MAX_IDENTITY = 255
 };
 /* The largest payload frame: the raw splat frame of the largest film (6 GiB), or of its light groups, fits.

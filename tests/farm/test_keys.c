@@ -101,6 +101,7 @@ static result_code_t send_kind(caller_t *caller, Lm__Envelope__BodyCase kind)
     Lm__Goodbye goodbye = LM__GOODBYE__INIT;
     Lm__BatchResult batch = LM__BATCH_RESULT__INIT;
     Lm__BatchOffer offer = LM__BATCH_OFFER__INIT;
+    Lm__Probe probe = LM__PROBE__INIT;
     Lm__BlobGet blob = LM__BLOB_GET__INIT;
     Lm__JobSubmit submit = LM__JOB_SUBMIT__INIT;
     Lm__JobStatusRequest status = LM__JOB_STATUS_REQUEST__INIT;
@@ -126,6 +127,7 @@ static result_code_t send_kind(caller_t *caller, Lm__Envelope__BodyCase kind)
         BODY(GOODBYE, goodbye, goodbye);
         BODY(BATCH_RESULT, batch_result, batch);
         BODY(BATCH_OFFER, batch_offer, offer);
+        BODY(PROBE, probe, probe);
         BODY(BLOB_GET, blob_get, blob);
         BODY(JOB_SUBMIT, job_submit, submit);
         BODY(JOB_STATUS_REQUEST, job_status_request, status);
@@ -174,8 +176,9 @@ static const Lm__Envelope__BodyCase CONTROL_WORK[] = {
 static const Lm__Envelope__BodyCase CONTROL_CLIENT[] = {
     LM__ENVELOPE__BODY_JOB_SUBMIT, LM__ENVELOPE__BODY_JOB_STATUS_REQUEST, LM__ENVELOPE__BODY_JOB_ORDER,
     LM__ENVELOPE__BODY_WORKER_LIST_REQUEST};
-static const Lm__Envelope__BodyCase BULK_WORK[] = {
-    LM__ENVELOPE__BODY_BATCH_RESULT, LM__ENVELOPE__BODY_BATCH_OFFER, LM__ENVELOPE__BODY_BLOB_GET};
+static const Lm__Envelope__BodyCase BULK_WORK[] = {LM__ENVELOPE__BODY_BATCH_RESULT,
+                                                   LM__ENVELOPE__BODY_BATCH_OFFER,
+                                                   LM__ENVELOPE__BODY_BLOB_GET, LM__ENVELOPE__BODY_PROBE};
 static const Lm__Envelope__BodyCase BULK_CLIENT[] = {LM__ENVELOPE__BODY_BLOB_PUT,
                                                      LM__ENVELOPE__BODY_IMAGE_GET};
 

@@ -20,7 +20,12 @@ class Worker:
         self.id = self.welcome.worker
         if self.bulk is None:
             self.bulk = Peer(f"tcp://{self.address}:{self.welcome.bulk_port}", self.keys, self.master_key)
+        self.probe()
         return self.welcome
+
+    def probe(self, size=0):
+        """Shows that it reaches the bulk socket; before that it gets no work."""
+        self.bulk.ask(lm.Probe(worker=self.id), [bytes(size)])
 
     def beat(self, job=0, units_held=0):
         """True when the master still knows this worker."""

@@ -107,6 +107,19 @@ static void send_beat(member_t *member, double now)
     member->next_beat = now + member->heartbeat;
 }
 
+/* Shows that the bulk socket is reached: work is given to no others. */
+static void send_probe(member_t *member)
+{
+    Lm__Probe probe = LM__PROBE__INIT;
+    Lm__Envelope envelope = LM__ENVELOPE__INIT;
+    zmq_msg_t payload;
+    zmq_msg_init(&payload);
+    probe.worker = member->id;
+    envelope.body_case = LM__ENVELOPE__BODY_PROBE;
+    envelope.probe = &probe;
+    send_message(member, true, &envelope, &payload, 1);
+}
+
 static double speed(const member_t *member)
 {
     return prepared_speed(member->crowd->options.prepared) * member->crowd->options.power;
@@ -208,8 +221,10 @@ static void on_welcome(member_t *member, const Lm__Welcome *welcome, double now)
     member->id = welcome->worker;
     member->heartbeat = 1e-3 * welcome->heartbeat_ms;
     member->batch_interval = 1e-3 * welcome->batch_ms;
-    member->next_beat = member->next_work = now;
+    member->next_beat = now;
+    member->next_work = now + REQUEST_TIMEOUT;
     if (member->bulk == NULL) connect_bulk(member, welcome->bulk_port);
+    send_probe(member);
 }
 
 static void on_assignment(member_t *member, const Lm__Assignment *assignment, double now)
@@ -285,6 +300,9 @@ static void on_message(member_t *member, const Lm__Envelope *envelope, double no
     case LM__ENVELOPE__BODY_NO_WORK:
         member->work_request = 0;
         member->next_work = now + 1e-3 * envelope->no_work->retry_ms;
+        break;
+    case LM__ENVELOPE__BODY_PROBE_REPLY:
+        member->next_work = now;
         break;
     case LM__ENVELOPE__BODY_JOB_READY:
         if (member->work_request == 0) member->next_work = now;

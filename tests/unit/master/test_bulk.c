@@ -110,6 +110,7 @@ static void hello(test_t *t, sender_t *sender)
     static const identity_t nobody = {{0}, 1};
     worker_hello_t said = {.name = "w", .key = "", .threads = 1};
     must(farm_hello(t->farm, clock_now(), &nobody, &said, &sender->worker));
+    must(farm_worker_reached(t->farm, clock_now(), sender->worker));
     must(wire_socket(t->context, ZMQ_DEALER, &sender->socket));
     assert_int_equal(zmq_connect(sender->socket, "inproc://bulk"), 0);
 }

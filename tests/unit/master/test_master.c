@@ -206,6 +206,25 @@ static void another_version_is_refused(void **state)
     assert_int_equal(refused.code, RESULT_OK);
 }
 
+static void who_does_not_reach_the_bulk_socket_gets_no_work(void **state)
+{
+    farm_test_t *t = *state;
+    job_settings_t settings = settings_of(4);
+    t->peer->unprobed = true;
+    peer_hello(t->peer, WIRE_VERSION, 2, NULL);
+    uint64_t job = submit(t, &settings);
+    peer_work(t->peer, 1000, 1000, t->work);
+    assert_int_equal(t->work->job, 0);
+    assert_int_equal(peer_probe(t->peer, WIRE_MAX_PROBE + 1).code, RESULT_PROTOCOL);
+    peer_work(t->peer, 1000, 1000, t->work);
+    assert_int_equal(t->work->job, 0);
+    assert_int_equal(peer_probe(t->peer, WIRE_MAX_PROBE).code, RESULT_OK);
+    peer_work(t->peer, 1000, 1000, t->work);
+    assert_true(t->work->job == job);
+    t->peer->worker++;
+    assert_int_equal(peer_probe(t->peer, 0).code, RESULT_UNREACHABLE);
+}
+
 static void unknown_scenes_jobs_and_workers_are_refused(void **state)
 {
     farm_test_t *t = *state;
@@ -774,6 +793,7 @@ int main(void)
 #define WITH_MASTER(test) cmocka_unit_test_setup_teardown(test, set_up, tear_down)
         WITH_MASTER(a_job_goes_through),
         WITH_MASTER(another_version_is_refused),
+        WITH_MASTER(who_does_not_reach_the_bulk_socket_gets_no_work),
         WITH_MASTER(unknown_scenes_jobs_and_workers_are_refused),
         WITH_MASTER(batches_count_once),
         WITH_MASTER(silent_workers_lose_their_units),

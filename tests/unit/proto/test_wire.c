@@ -196,7 +196,7 @@ static uint8_t *packed(const Lm__Envelope *envelope, size_t *size)
 {
     *size = PEER_ENVELOPE_AT + lm__envelope__get_packed_size(envelope);
     uint8_t *bytes = mem_alloc(*size);
-    memcpy(bytes, "LMIL\5", 5);
+    memcpy(bytes, "LMIL\6", 5);
     lm__envelope__pack(envelope, bytes + PEER_ENVELOPE_AT);
     peer_seal(bytes, *size, NULL, NULL, 0);
     return bytes;
@@ -260,11 +260,11 @@ static void bad_headers_are_errors(void **state)
         size_t size;
     } bad[] = {{"", 0},
                {"LMIL", 4},
-               {"LMIL\5", 5},
+               {"LMIL\6", 5},
                {"LMIX\1\10\1", 7},
-               {"LMIL\5\10\1", 7},
-               {"LMIL\5\0\0\0\0", 9},
-               {"LMIL\5\0\0\0\0\10\1", 11},
+               {"LMIL\6\10\1", 7},
+               {"LMIL\6\0\0\0\0", 9},
+               {"LMIL\6\0\0\0\0\10\1", 11},
                {"LMIL\2\377\377\377", 8},
                {"GET / HTTP/1.1\r\n\r\n", 18}};
     for (size_t i = 0; i < ARRAY_LENGTH(bad); i++) {
@@ -275,7 +275,7 @@ static void bad_headers_are_errors(void **state)
         expect_malformed(s);
     }
     char *huge = mem_zalloc(1, WIRE_MAX_HEADER + 1);
-    memcpy(huge, "LMIL\5", 5);
+    memcpy(huge, "LMIL\6", 5);
     send_raw(s->raw, huge, WIRE_MAX_HEADER + 1, false);
     expect_malformed(s);
     free(huge);
@@ -384,7 +384,7 @@ static void too_many_units_are_errors(void **state)
     /* A megabyte of empty units would take forty: the decoder stops at its budget. */
     size_t size = WIRE_MAX_HEADER - 16;
     uint8_t *bytes = mem_alloc(size), *field = bytes + PEER_ENVELOPE_AT;
-    memcpy(bytes, "LMIL\5", 5);
+    memcpy(bytes, "LMIL\6", 5);
     field[0] = 0x9A; /* field 19, batch_result */
     field[1] = 0x01;
     size_t inner = size - PEER_ENVELOPE_AT - 5;

@@ -36,6 +36,7 @@ static uint64_t hello(test_t *t, const char *name)
     worker_hello_t said = {.name = name, .key = "", .threads = 1};
     uint64_t worker = 0;
     assert_int_equal(t->serve.calls->hello(t->pool, 0, &identity, &said, &worker).code, RESULT_OK);
+    assert_int_equal(t->serve.calls->reached(t->pool, 0, worker).code, RESULT_OK);
     return worker;
 }
 
@@ -312,6 +313,7 @@ static void open_uplink(test_t *t, uplink_t *up, double patience)
     bulk_options_t options = {.context = up->context,
                               .handler = t->handler,
                               .wake = t->bulk_wake,
+                              .control_wake = -1,
                               .cache_dir = up->folder,
                               .cache_limit = 1 << 30,
                               .patience = patience};
@@ -327,6 +329,23 @@ static void close_uplink(uplink_t *up)
     scratch_destroy(&up->folder);
 }
 
+/* Answers a request and frees it. */
+static void answer(uplink_t *up, wire_message_t *request, Lm__Envelope *envelope, zmq_msg_t *payload)
+{
+    envelope->request = request->envelope->request;
+    assert_int_equal(
+        wire_send(up->socket, request->identity, request->identity_size, envelope, payload, payload != NULL)
+            .code,
+        RESULT_OK);
+    wire_free(request);
+}
+
+static void answer_probe(uplink_t *up, wire_message_t *request)
+{
+    Lm__ProbeReply reply = LM__PROBE_REPLY__INIT;
+    answer(up, request, &WIRE_ENVELOPE(PROBE_REPLY, probe_reply, &reply), NULL);
+}
+
 /* What the relay says next, which is of this kind; the caller frees it. */
 static wire_message_t hear(uplink_t *up, Lm__Envelope__BodyCase kind)
 {
@@ -336,6 +355,10 @@ static wire_message_t hear(uplink_t *up, Lm__Envelope__BodyCase kind)
         zmq_pollitem_t item = {.socket = up->socket, .events = ZMQ_POLLIN};
         zmq_poll(&item, 1, 10);
         assert_int_equal(wire_receive(up->socket, true, &message, &received).code, RESULT_OK);
+        if (received && message.envelope->body_case == LM__ENVELOPE__BODY_PROBE) {
+            answer_probe(up, &message);
+            received = false;
+        }
         if (clock_now() - start > PATIENCE) fail_msg("no message of kind %d comes", (int)kind);
     }
     assert_int_equal(message.envelope->body_case, kind);
@@ -351,17 +374,6 @@ static void hear_window(uplink_t *up, uint64_t offset, wire_message_t *requests)
         assert_int_equal(requests[i].identity_size, requests[0].identity_size);
         assert_memory_equal(requests[i].identity, requests[0].identity, requests[0].identity_size);
     }
-}
-
-/* Answers a request and frees it. */
-static void answer(uplink_t *up, wire_message_t *request, Lm__Envelope *envelope, zmq_msg_t *payload)
-{
-    envelope->request = request->envelope->request;
-    assert_int_equal(
-        wire_send(up->socket, request->identity, request->identity_size, envelope, payload, payload != NULL)
-            .code,
-        RESULT_OK);
-    wire_free(request);
 }
 
 static void answer_chunk(uplink_t *up, wire_message_t *request)

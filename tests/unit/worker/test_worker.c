@@ -1,5 +1,6 @@
 /* Tests of the worker as its master sees it: a real worker, with render threads and sockets, and a master
  * that withholds grants, forgets, breaks connections and comes back, as the test says (tests/scripted.h). */
+#include "proto/uplink/bulk.h"
 #include "tests/films.h"
 #include "tests/render_here.h"
 #include "tests/scratch.h"
@@ -123,6 +124,28 @@ static void a_hello_says_what_the_machine_is(void **state)
     assert_string_equal(s->hello->name, "test");
     assert_false(s->hello->relay);
     assert_int_equal(s->heartbeat_threads, 1);
+}
+
+/* It holds out until the socket answers, and says what is wrong meanwhile. */
+static void a_silent_bulk_socket_is_told_and_tried_on(void **state)
+{
+    fixture_t *t = *state;
+    scripted_t *s = t->script;
+    const unit_t unit = {0, 0, 4};
+    char text[100];
+    t->options.patience = BULK_SILENT_SECONDS + 1;
+    s->deaf = true;
+    scripted_assign(s, JOB, 0, &unit, 1);
+    double start = clock_now();
+    start_worker(t);
+    scripted_run(s, s->trouble[0] != '\0', PATIENCE);
+    assert_true(clock_now() - start < 2 * BULK_SILENT_SECONDS);
+    snprintf(text, sizeof text, "port %d of 127.0.0.1 does not answer: open it", s->bulk_port);
+    assert_non_null(strstr(s->trouble, text));
+    assert_int_equal(s->work_requests, 0);
+    s->deaf = false;
+    scripted_run(s, s->batch_count == 1 && s->trouble[0] == '\0', PATIENCE);
+    assert_true(s->probes >= 3 && s->hellos == 1);
 }
 
 static void a_batch_is_offered_before_it_is_closed(void **state)
@@ -410,6 +433,7 @@ int main(void)
 #define WITH_FIXTURE(test) cmocka_unit_test_setup_teardown(test, set_up, tear_down)
     const struct CMUnitTest tests[] = {
         WITH_FIXTURE(a_hello_says_what_the_machine_is),
+        WITH_FIXTURE(a_silent_bulk_socket_is_told_and_tried_on),
         WITH_FIXTURE(a_batch_is_offered_before_it_is_closed),
         WITH_FIXTURE(finished_work_outlives_the_master),
         WITH_FIXTURE(a_forgotten_worker_says_hello_and_keeps_its_batch),
