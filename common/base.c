@@ -158,17 +158,26 @@ bool hash_from_hex(const char *text, size_t length, hash_t *hash)
            sodium_hex2bin(hash->bytes, HASH_BYTES, text, length, NULL, NULL, NULL) == 0;
 }
 
+result_t file_open(const char *path, int *descriptor, struct stat *about)
+{
+    /* Opening a FIFO would wait for its other end. */
+    *descriptor = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
+    if (*descriptor < 0) return result_fail(RESULT_INPUT, "%s: cannot be opened: %s", path, strerror(errno));
+    if (fstat(*descriptor, about) == 0 && S_ISREG(about->st_mode)) return result_ok();
+    close(*descriptor);
+    *descriptor = -1;
+    return result_fail(RESULT_INPUT, "%s: is not a regular file", path);
+}
+
 result_t file_read(const char *path, size_t limit, uint8_t **data, size_t *size)
 {
     *data = NULL;
     *size = 0;
-    int file = open(path, O_RDONLY | O_CLOEXEC);
-    if (file < 0) return result_fail(RESULT_INPUT, "%s: cannot be opened: %s", path, strerror(errno));
+    int file;
     struct stat about;
+    TRY(file_open(path, &file, &about));
     result_t result = result_ok();
-    if (fstat(file, &about) != 0 || !S_ISREG(about.st_mode))
-        result = result_fail(RESULT_INPUT, "%s: is not a regular file", path);
-    else if ((uint64_t)about.st_size > limit)
+    if ((uint64_t)about.st_size > limit)
         result = result_fail(RESULT_INPUT, "%s: %lld bytes is over the limit of %zu", path,
                              (long long)about.st_size, limit);
     if (result.code == RESULT_OK) {

@@ -51,8 +51,8 @@ typedef enum { LOG_DEBUG, LOG_INFO, LOG_WARNING, LOG_ERROR } log_level_t;
 /* Names the process in every line ("master", "worker 3") and sets the least level that is written. Call
  * before threads start. `name` is copied. */
 void log_init(const char *name, log_level_t least);
-/* Writes one line "2026-01-31T09:05:00+01:00 name level: text", the time that of the machine's zone, to stderr;
- * thread-safe. What must not be shown (plain_text.h) becomes '?'. */
+/* Writes one line "2026-01-31T09:05:00+01:00 name level: text", the time that of the machine's zone, to
+ * stderr; thread-safe. What must not be shown (plain_text.h) becomes '?'. */
 void log_write(log_level_t level, const char *format, ...) __attribute__((format(printf, 2, 3)));
 #define log_debug(...) log_write(LOG_DEBUG, __VA_ARGS__)
 #define log_info(...) log_write(LOG_INFO, __VA_ARGS__)
@@ -89,6 +89,10 @@ void hash_to_hex(const hash_t *hash, char text[2 * HASH_BYTES + 1]);
 /* The reverse, of exactly 64 hex digits; false when the text is none such. */
 bool hash_from_hex(const char *text, size_t length, hash_t *hash);
 
+struct stat;
+/* Opens a file to read it; the caller closes *descriptor. RESULT_INPUT at once, and -1, for what is no
+ * regular file: a folder, a FIFO, a device. */
+result_t file_open(const char *path, int *descriptor, struct stat *about);
 /* Reads a whole file into fresh memory (the caller frees *data), with a zero byte behind it. A file over
  * `limit` bytes is an error. */
 result_t file_read(const char *path, size_t limit, uint8_t **data, size_t *size);

@@ -37,8 +37,9 @@ static char *scene_name(const char *path)
 static bool is_blob_file(const char *path)
 {
     uint8_t head[64];
-    int file = open(path, O_RDONLY | O_CLOEXEC);
-    if (file < 0) return false;
+    struct stat about;
+    int file;
+    if (file_open(path, &file, &about).code != RESULT_OK) return false;
     ssize_t size = read(file, head, sizeof head);
     close(file);
     return size > 0 && blob_recognise(head, (uint64_t)size);

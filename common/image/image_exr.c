@@ -145,13 +145,8 @@ static result_t read_error(exr_reader_t *reader, exr_result_t code)
 
 static result_t open_file(exr_reader_t *reader)
 {
-    reader->stream.descriptor = open(reader->path, O_RDONLY | O_CLOEXEC);
-    if (reader->stream.descriptor < 0)
-        return result_fail(RESULT_INPUT, "%s: cannot be opened: %s", reader->path, strerror(errno));
     struct stat about;
-    if (fstat(reader->stream.descriptor, &about) != 0 || !S_ISREG(about.st_mode))
-        return result_fail(RESULT_INPUT, "%s: is not a regular file", reader->path);
-    return result_ok();
+    return file_open(reader->path, &reader->stream.descriptor, &about);
 }
 
 static result_t reader_open(exr_reader_t *reader)

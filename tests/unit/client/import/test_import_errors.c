@@ -1,6 +1,8 @@
 /* What the pbrt importer refuses, with the place and the words; and that no input makes it crash. */
 #include "tests/unit/client/import/test_import.h"
 
+#include <sys/stat.h>
+
 #define TRIANGLE "Shape \"trianglemesh\" \"point3 P\" [0 0 0  1 0 0  0 1 0]\n"
 
 typedef struct {
@@ -342,6 +344,46 @@ static void wrong_includes_are_refused(void **state)
 }
 
 /* Few files may include one another very often. */
+/* Whatever names it: opening a FIFO must not wait for its other end, nor a device be read for ever. */
+static void only_regular_files_are_read(void **state)
+{
+    (void)state;
+    static const char *const worlds[] = {
+        "WorldBegin\nInclude \"%s\"\nWorldEnd\n",
+        "WorldBegin\nShape \"plymesh\" \"string filename\" \"%s\"\nWorldEnd\n",
+        "WorldBegin\nTexture \"t\" \"spectrum\" \"imagemap\" \"string filename\" \"%s\"\n"
+        "Material \"matte\" \"texture Kd\" \"t\"\n" TRIANGLE "WorldEnd\n",
+        "WorldBegin\nLightSource \"infinite\" \"string mapname\" \"%s\"\nWorldEnd\n",
+        "WorldBegin\nMaterial \"matte\" \"spectrum Kd\" \"%s\"\n" TRIANGLE "WorldEnd\n"};
+    bench_t bench = {0};
+    char *fifos[] = {bench_path(&bench, "fifo.png"),
+                     bench_path(&bench, "fifo.ply"),
+                     bench_path(&bench, "fifo.exr"),
+                     bench_path(&bench, "fifo.blob"),
+                     "/dev/zero",
+                     "/"};
+    for (int i = 0; i < 4; i++) assert_int_equal(mkfifo(fifos[i], 0600), 0);
+    for (size_t i = 0; i < ARRAY_LENGTH(worlds) * ARRAY_LENGTH(fifos); i++) {
+        const char *path = fifos[i % ARRAY_LENGTH(fifos)];
+        char *text = mem_printf(worlds[i / ARRAY_LENGTH(fifos)], path);
+        alarm(20);
+        bench_run(&bench, text);
+        alarm(0);
+        assert_int_equal(bench.result.code, RESULT_INPUT);
+        expect_text(bench.result.message, path);
+        free(text);
+    }
+    alarm(20);
+    scene_blob_t blob;
+    assert_int_equal(blob_open_file(fifos[3], &blob).code, RESULT_INPUT);
+    alarm(0);
+    for (int i = 0; i < 4; i++) {
+        unlink(fifos[i]);
+        free(fifos[i]);
+    }
+    bench_close(&bench);
+}
+
 static void includes_are_bounded(void **state)
 {
     (void)state;
@@ -478,6 +520,7 @@ int main(void)
         cmocka_unit_test(wrong_textures_are_refused),
         cmocka_unit_test(wrong_meshes_are_refused),
         cmocka_unit_test(wrong_includes_are_refused),
+        cmocka_unit_test(only_regular_files_are_read),
         cmocka_unit_test(includes_are_bounded),
         cmocka_unit_test(unused_parameters_of_v3_are_warnings),
         cmocka_unit_test(warnings_are_limited),
