@@ -27,14 +27,15 @@ export function make(name, properties = {}, ...children) {
   return element;
 }
 
-/** The share of a job that is done, 0 to 1: of its samples, its time or its error, whichever is nearest to the end. */
+/** The share of a job that is done, 0 to 1: of its samples, its time or its error, whichever is nearest to the end. It is 1
+ * when the job is done, and not before. */
 export function fraction(job) {
   if (job.state === "done") return 1;
   const parts = [0];
   if (job.samples_total > 0) parts.push(job.samples_done / job.samples_total);
   if (job.time_limit > 0) parts.push(job.elapsed / job.time_limit);
   if (job.error_target > 0 && job.error > 0) parts.push((job.error_target / job.error) ** 2);
-  return Math.min(1, Math.max(...parts));
+  return Math.min(0.9999, Math.max(...parts));
 }
 
 /** Fills a table's body; rows keep their elements, so that focus and what a screen reader reads stay. */

@@ -47,14 +47,18 @@ void format_count(double count, char text[32])
 
 double job_fraction(const Lm__JobStatus *status)
 {
+    /* An adaptive job may be done with fewer samples than it could have taken, and one that has all of them
+     * is not done before its image is written. */
+    static const double ALMOST = 0.9999;
     double done = 0;
+    if (status->state == JOB_DONE) return 1;
     if (status->samples_total > 0) done = (double)status->samples_done / (double)status->samples_total;
     double limit = status->settings ? status->settings->time_limit : 0;
     if (limit > 0) done = fmax(done, status->elapsed / limit);
     /* The error falls with the square root of the samples. */
     double error = status->settings ? status->settings->error : 0;
     if (error > 0 && status->error > 0) done = fmax(done, pow(error / status->error, 2));
-    return fmin(fmax(done, 0), 1);
+    return fmin(fmax(done, 0), ALMOST);
 }
 
 /* "  error 2.1% of 1%" of a job that is to reach one, or nothing. */

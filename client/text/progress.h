@@ -36,7 +36,7 @@ void progress_end(progress_t *progress);
 void format_duration(double seconds, char text[32]);
 /* "12.3 M" and the like into text[32]. */
 void format_count(double count, char text[32]);
-/* The share of a job that is done, 0 to 1. */
+/* The share of a job that is done, 0 to 1; 1 when it is done, and not before. */
 double job_fraction(const Lm__JobStatus *status);
 
 #endif
