@@ -66,3 +66,32 @@ result_t own_directory_open(const char *path, const char *const *names)
                     strerror(done.error));
     return result_ok();
 }
+
+/* True when what stands at `at`, `length` bytes long, is the path of the directory or the beginning of one in
+ * it, and no other name or word that it is a part of. */
+static bool is_whole(const char *message, const char *at, size_t length)
+{
+    static const char around[] = " \"'(:,;";
+    char after = at[length];
+    bool begins = at == message || strchr(around, at[-1]) != NULL;
+    return begins && (after == '/' || (*at == '/' && (after == '\0' || strchr(around, after) != NULL)));
+}
+
+bool own_directory_hide(const char *path, char *message)
+{
+    size_t length = path != NULL ? strlen(path) : 0;
+    while (length > 0 && path[length - 1] == '/') length--;
+    if (length == 0 || strcmp(path, ".") == 0) return false;
+    bool found = false;
+    for (char *at = message; (at = memmem(at, strlen(at), path, length)) != NULL;) {
+        if (!is_whole(message, at, length)) {
+            at++;
+            continue;
+        }
+        const char *rest = at + length;
+        rest += strspn(rest, "/");
+        memmove(at, rest, strlen(rest) + 1);
+        found = true;
+    }
+    return found;
+}

@@ -1,9 +1,11 @@
 /* request: see request.h. */
 #include "master/http/request.h"
 
+#include "common/own_directory.h"
 #include "master/http/server_state.h"
 
 #include <inttypes.h>
+#include <stdlib.h>
 #include <string.h>
 
 /* ---- what was asked ------------------------------------------------------------------------------------ */
@@ -155,7 +157,10 @@ void http_reply_problem(http_request_t *request, unsigned status, const char *de
     put_text(object, "type", "about:blank");
     put_text(object, "title", status_title(status));
     put_count(object, "status", status);
-    put_text(object, "detail", detail);
+    char *told = mem_strdup(detail);
+    if (own_directory_hide(request->server->data_dir, told)) log_warning("%s", detail);
+    put_text(object, "detail", told);
+    free(told);
     char *text = json_dumps(object, JSON_COMPACT);
     json_decref(object);
     struct MHD_Response *response =

@@ -345,6 +345,7 @@ result_t http_server_start(const http_options_t *options, const http_master_t *m
     server->master = *master;
     server->listener = server->url_lock = -1;
     server->started = clock_now();
+    server->data_dir = data_dir;
     pthread_mutex_init(&server->lock, NULL);
     pthread_cond_init(&server->idle, NULL);
     result_t result = start(server, options, data_dir);

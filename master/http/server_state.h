@@ -16,6 +16,7 @@ struct http_server {
     http_master_t master;
     struct MHD_Daemon *daemon;
     int listener;
+    const char *data_dir; /* the caller's; nobody is told its path */
     char *url, *url_path;
     int url_lock;     /* of the file at url_path; -1: none */
     char *cert, *key; /* the texts of the files; NULL: no TLS */

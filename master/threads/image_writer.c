@@ -8,6 +8,7 @@
 #include "master/threads/image_writer.h"
 
 #include "common/film/picture.h"
+#include "common/own_directory.h"
 #include "common/thread.h"
 #include "common/wake.h"
 #include "master/threads/stored_film.h"
@@ -248,11 +249,12 @@ static result_t write_kept(image_writer_t *image_writer, job_t *job, const char 
     checkpointer_t *checkpointer = image_writer->options.checkpointer;
     image_format_t format = {.half = false};
     result_t result = write_film(image_writer, job, path, milestone, &format);
-    if (result.code != RESULT_IO || checkpointer == NULL) return result;
     job_settings_t settings = farm_job_settings(image_writer->options.farm, job);
-    return checkpointer_make_room(checkpointer, largest_file(&settings))
-               ? write_film(image_writer, job, path, milestone, &format)
-               : result;
+    bool again = result.code == RESULT_IO && checkpointer != NULL &&
+                 checkpointer_make_room(checkpointer, largest_file(&settings));
+    if (again) result = write_film(image_writer, job, path, milestone, &format);
+    own_directory_hide(image_writer->data_dir, result.message); /* it becomes a message of the job */
+    return result;
 }
 
 static void save_milestone(image_writer_t *image_writer, job_t *job, uint32_t spp)

@@ -142,9 +142,10 @@ static void answer_batch(peer_server_t *server, const wire_message_t *message, r
     if (result->code != RESULT_OK)
         peer_complain(server, "a batch of job %llu is refused: %s", (unsigned long long)body->job,
                       result->message);
+    result_t told = peer_told(server, *result);
     answer.sequence = body->sequence;
     answer.accepted = result->code == RESULT_OK;
-    answer.reason = result->message;
+    answer.reason = told.message;
     peer_reply(server, message, LM__ENVELOPE__BODY_BATCH_REPLY, &answer, NULL);
 }
 
@@ -239,6 +240,7 @@ result_t bulk_server_start(const server_options_t *options, const served_socket_
                                  .threads = options->merge_threads,
                                  .wake = options->bulk_wake};
     peer_server_options_t thread = {.name = "bulk",
+                                    .data_dir = options->data_dir,
                                     .socket = served->socket,
                                     .gate = served->gate,
                                     .wake = options->bulk_wake,

@@ -203,6 +203,7 @@ result_t control_server_start(const server_options_t *options, const served_sock
 {
     control_server_t *control = mem_zalloc(1, sizeof *control);
     peer_server_options_t thread = {.name = "control",
+                                    .data_dir = options->data_dir,
                                     .elsewhere = options->elsewhere,
                                     .socket = served->socket,
                                     .gate = served->gate,

@@ -1,6 +1,7 @@
 /* peer_server: see peer_server.h. */
 #include "proto/serve/peer_server.h"
 
+#include "common/own_directory.h"
 #include "common/thread.h"
 #include "common/wake.h"
 #include "proto/serve/complaint.h"
@@ -42,6 +43,17 @@ identity_t peer_identity(const wire_message_t *message)
     return identity;
 }
 
+void peer_complain(peer_server_t *server, const char *format, ...)
+{
+    char text[700];
+    va_list arguments;
+    if (!complaint_allowed(&server->complaint, clock_now())) return;
+    va_start(arguments, format);
+    vsnprintf(text, sizeof text, format, arguments);
+    va_end(arguments);
+    log_warning("%s", text);
+}
+
 bool peer_send(peer_server_t *server, const identity_t *identity, uint64_t request,
                Lm__Envelope__BodyCase kind, void *body, zmq_msg_t *payload)
 {
@@ -55,11 +67,20 @@ bool peer_send(peer_server_t *server, const identity_t *identity, uint64_t reque
     return result.code == RESULT_OK;
 }
 
+result_t peer_told(peer_server_t *server, result_t reason)
+{
+    result_t told = reason;
+    if (own_directory_hide(server->options.data_dir, told.message))
+        peer_complain(server, "%s", reason.message);
+    return told;
+}
+
 bool peer_send_refusal(peer_server_t *server, const identity_t *identity, uint64_t request, result_t reason)
 {
     Lm__Refusal refusal = LM__REFUSAL__INIT;
-    refusal.code = reason.code;
-    refusal.reason = reason.message;
+    result_t told = peer_told(server, reason);
+    refusal.code = told.code;
+    refusal.reason = told.message;
     return peer_send(server, identity, request, LM__ENVELOPE__BODY_REFUSAL, &refusal, NULL);
 }
 
@@ -79,17 +100,6 @@ void peer_refuse(peer_server_t *server, const wire_message_t *message, result_t 
 {
     identity_t identity = peer_identity(message);
     peer_send_refusal(server, &identity, request_of(message), reason);
-}
-
-void peer_complain(peer_server_t *server, const char *format, ...)
-{
-    char text[700];
-    va_list arguments;
-    if (!complaint_allowed(&server->complaint, clock_now())) return;
-    va_start(arguments, format);
-    vsnprintf(text, sizeof text, format, arguments);
-    va_end(arguments);
-    log_warning("%s", text);
 }
 
 wire_message_t *peer_keep(peer_server_t *server)

@@ -33,6 +33,7 @@ typedef struct {
     const char *name;      /* of the socket, for people; kept by the caller */
     const char *elsewhere; /* told to who sends what is in no table; kept by the caller; NULL: just that */
     void *socket;          /* a bound ROUTER; closed by the server's thread */
+    const char *data_dir;  /* no peer is told its path; kept by the caller; NULL: there is none */
     gate_t *gate;          /* who may send what; kept by the caller; NULL: everybody everything */
     int wake;              /* eventfd that asks for a turn; kept by the caller */
     int turn_ms;           /* between turns when nothing happens */
@@ -77,6 +78,9 @@ void peer_server_stop(peer_server_t **server);
 void peer_reply(peer_server_t *server, const wire_message_t *message, Lm__Envelope__BodyCase kind, void *body,
                 zmq_msg_t *payload);
 void peer_refuse(peer_server_t *server, const wire_message_t *message, result_t reason);
+/* What a peer is told of a failure: the same without the path of our data directory, with which it is in the
+ * log then. Refusals have been through it. */
+result_t peer_told(peer_server_t *server, result_t reason);
 /* The same for a message that is gone: its sender and its number (0: nobody asked). False when the peer is
  * gone or does not keep up. */
 bool peer_send(peer_server_t *server, const identity_t *identity, uint64_t request,

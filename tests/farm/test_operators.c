@@ -93,11 +93,31 @@ static void the_data_directory_is_its_owners_alone(void **state)
     umask(before);
 }
 
+/* ---- what peers are told ------------------------------------------------------------------------------- */
+
+static void a_refusal_tells_no_path_of_the_master(void **state)
+{
+    rig_t *rig = *state;
+    rig_start_master(rig, 0.2);
+    char *blobs = scratch_path(rig->data, "blobs"), *port = mem_printf("127.0.0.1:%d", rig->port);
+    assert_int_equal(rmdir(blobs), 0);
+    pid_t submit = rig_start_command(rig, ARGUMENTS("submit", "scenes/cornell", "--master", port));
+    assert_int_not_equal(rig_wait_exit(rig, submit, 20), 0);
+    char *said = rig_output(rig, submit);
+    assert_non_null(strstr(said, "the master cannot write blobs/"));
+    assert_null(strstr(said, rig->data));
+    rig_wait_output(rig, rig->master, blobs); /* who runs it sees where */
+    free(said);
+    free(port);
+    free(blobs);
+}
+
 int main(void)
 {
 #define OPERATORS(test) cmocka_unit_test_setup_teardown(test, set_up, tear_down)
     const struct CMUnitTest tests[] = {
         OPERATORS(the_data_directory_is_its_owners_alone),
+        OPERATORS(a_refusal_tells_no_path_of_the_master),
     };
     return cmocka_run_group_tests_name("operators", tests, NULL, NULL);
 }
