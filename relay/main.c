@@ -78,10 +78,10 @@ static void begin(void *data)
 static result_t serve(values_t *values)
 {
     log_init("relay", service_log_level(&values->service));
-    const atomic_int *stop = interrupt_catch();
     signal(SIGPIPE, SIG_IGN);
     /* A master reads its list of keys anew; a relay sees by itself that it changed. */
     signal(SIGHUP, SIG_IGN);
+    const atomic_int *stop = interrupt_catch();
     file_limit_raise();
     health_t *health;
     values->relay.pulse = &values->pulse;

@@ -42,6 +42,7 @@ static result_t serve(values_t *values)
     log_init(name, service_log_level(&values->service));
     free(name);
     signal(SIGPIPE, SIG_IGN);
+    signal(SIGHUP, SIG_IGN); /* keys are read again for every connection anyway */
     const atomic_int *stop = interrupt_catch();
     health_t *health;
     values->worker.pulse = &values->pulse;
@@ -74,7 +75,7 @@ static const command_t command = {
                {&service_options, offsetof(values_t, service)},
                {&dial_options, offsetof(values_t, dial)}},
     .after =
-        "SIGTERM or Ctrl-C: finish and send what is in hand, then leave; twice: at once.\n\n"
+        "SIGTERM or Ctrl-C: finish and send what is in hand, then leave; twice: at once. SIGHUP is ignored.\n\n"
         "Exit codes: 0 left as asked and all was delivered, 1 wrong command line, 2 a bad key file, 3 the "
         "operating system refused, 5 out of memory, 6 the last batch could not be delivered within the grace "
         "period, 7 told twice to leave, 9 no key.",

@@ -135,9 +135,9 @@ static void assert_image(const char *path, int width, int height)
     image_free(&image);
 }
 
-/* Renders without end, sends SIGINT, and looks for the image: there is none when it has not even begun, which
+/* Renders without end, sends a signal, and looks for the image: there is none when it has not even begun, which
  * takes a busy machine longer. */
-static void interrupt_render(rig_t *rig, const char *option, const char *value)
+static void interrupt_render(rig_t *rig, int number, const char *option, const char *value)
 {
     char *path = scratch_path(rig->folder, "interrupted.exr"),
          *png = scratch_path(rig->folder, "interrupted.png");
@@ -146,7 +146,7 @@ static void interrupt_render(rig_t *rig, const char *option, const char *value)
             rig_start_command(rig, ARGUMENTS("render", SCENE, "--resolution", "40x30", "--spp", "1000000000",
                                              "-o", path, "--png", png, option, value));
         rig_sleep(seconds);
-        kill(process, SIGINT);
+        kill(process, number);
         assert_int_equal(rig_wait_exit(rig, process, 60), RESULT_CANCELLED);
     }
     assert_image(path, 40, 30);
@@ -159,8 +159,8 @@ static void interrupt_render(rig_t *rig, const char *option, const char *value)
 
 static void an_interrupted_render_writes_what_it_has(void **state)
 {
-    interrupt_render(*state, "--threads", "2");
-    interrupt_render(*state, "--workers", "2");
+    interrupt_render(*state, SIGINT, "--threads", "2");
+    interrupt_render(*state, SIGHUP, "--workers", "2"); /* the terminal was closed */
 }
 
 static void time_limits_a_render(void **state)

@@ -79,11 +79,14 @@ static void what_was_begun_is_delivered(void **state)
     assert_true(hash_equal(&hash, &reference));
 }
 
-static void an_idle_worker_leaves_at_once(void **state)
+static void an_idle_worker_survives_sighup_and_leaves_at_once(void **state)
 {
     rig_t *rig = *state;
     rig_start_master(rig, NO_BATCHES);
     pid_t worker = start_worker(rig, "30");
+    rig_wait_workers(rig, 1);
+    kill(worker, SIGHUP); /* does nothing */
+    rig_sleep(0.5);
     rig_wait_workers(rig, 1);
     kill(worker, SIGTERM);
     assert_int_equal(rig_wait_exit(rig, worker, 10), 0);
@@ -156,7 +159,7 @@ int main(void)
 #define DRAIN(test) cmocka_unit_test_setup_teardown(test, set_up, tear_down)
     const struct CMUnitTest tests[] = {
         DRAIN(what_was_begun_is_delivered),
-        DRAIN(an_idle_worker_leaves_at_once),
+        DRAIN(an_idle_worker_survives_sighup_and_leaves_at_once),
         DRAIN(a_worker_without_a_master_leaves_at_once),
         DRAIN(the_grace_period_is_kept),
         DRAIN(twice_means_now),
