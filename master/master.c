@@ -175,12 +175,15 @@ static result_t make_eventfds(master_t *master)
 /* The farm with the jobs that were there before. */
 static result_t make_farm(master_t *master, const master_options_t *options, uint64_t first_job)
 {
+    unit_secret_t secret;
+    TRY(unit_secret_load(options->data_dir, &secret));
     master->spool_dir = mem_printf("%s/spool", options->data_dir);
     farm_options_t farm = {.lease = options->lease,
                            .batch_interval = options->batch_interval,
                            .film_limit = film_limit(options),
                            .first_job = first_job,
                            .job_limit = options->job_limit,
+                           .secret = secret,
                            .spool_dir = options->fleeting ? NULL : master->spool_dir,
                            .control_wake = master->control_wake,
                            .image_wake = master->image_wake,

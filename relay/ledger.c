@@ -66,12 +66,10 @@ static void add_summed(ledger_t *ledger, const unit_t *unit)
 
 void ledger_put(ledger_t *ledger, const unit_t *units, size_t count)
 {
-    size_t most = ledger_units(ledger), waiting = unit_queue_length(&ledger->free);
-    unit_t *here = mem_alloc((most + 1) * sizeof *here);
-    size_t listed = ledger_list(ledger, here, most);
-    if (waiting > 0) memcpy(here + listed, ledger->free.units + ledger->free.first, waiting * sizeof *here);
+    size_t here_count;
+    unit_t *here = ledger_all(ledger, &here_count);
     for (size_t i = 0; i < count; i++)
-        unit_queue_push(&ledger->free, &ledger->settings, units[i], here, listed + waiting);
+        unit_queue_push(&ledger->free, &ledger->settings, units[i], here, here_count);
     free(here);
 }
 
@@ -223,6 +221,16 @@ size_t ledger_held(const ledger_t *ledger, uint64_t worker)
 size_t ledger_units(const ledger_t *ledger)
 {
     return unit_queue_length(&ledger->free) + ledger->out_count + ledger->summed_count;
+}
+
+unit_t *ledger_all(const ledger_t *ledger, size_t *count)
+{
+    size_t waiting = unit_queue_length(&ledger->free);
+    *count = ledger_units(ledger);
+    unit_t *units = mem_alloc((*count + 1) * sizeof *units);
+    size_t listed = ledger_list(ledger, units, *count);
+    if (waiting > 0) memcpy(units + listed, ledger->free.units + ledger->free.first, waiting * sizeof *units);
+    return units;
 }
 
 size_t ledger_list(const ledger_t *ledger, unit_t *units, size_t capacity)

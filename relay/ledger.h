@@ -53,6 +53,8 @@ void ledger_drop_free(ledger_t *ledger);
 size_t ledger_held(const ledger_t *ledger, uint64_t worker);
 /* Units in all. */
 size_t ledger_units(const ledger_t *ledger);
+/* The units that are free, out or summed, in fresh memory. */
+unit_t *ledger_all(const ledger_t *ledger, size_t *count);
 /* Copies the units that are out or summed; returns how many, at most `capacity`. */
 size_t ledger_list(const ledger_t *ledger, unit_t *units, size_t capacity);
 

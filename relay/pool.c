@@ -63,6 +63,7 @@ static void free_job(relay_job_t *job)
     }
     pool_parcel_free(job->under_way);
     ledger_free(&job->ledger);
+    issued_free(&job->issued);
     blob_close(&job->blob);
     pthread_rwlock_destroy(&job->adding);
     free(job);
@@ -188,6 +189,7 @@ void pool_check_remove(relay_job_t *job, size_t index)
 {
     relay_check_t *check = job->checks[index];
     free(check->units);
+    issued_free(&check->issued);
     batch_free(&check->batch);
     free(check);
     memmove(job->checks + index, job->checks + index + 1,

@@ -12,6 +12,7 @@
 #define LIGHTMILL_POOL_H
 
 #include "proto/serve/serve_handler.h"
+#include "proto/serve/unit_mac.h"
 #include "proto/uplink/uplink_handler.h"
 
 typedef struct pool pool_t;
@@ -20,6 +21,7 @@ typedef struct {
     double lease;          /* seconds of silence after which a worker is given up */
     double batch_interval; /* seconds between its batches */
     uint64_t memory;       /* bytes that this process may use */
+    unit_secret_t secret;  /* shows the relay which units its workers have from it */
     /* eventfds, kept by the caller: */
     int control_wake; /* written when the thread that talks to the master has something new to look at, */
     int bulk_wake;    /* when the one that delivers has, */

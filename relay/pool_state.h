@@ -4,6 +4,7 @@
 #define LIGHTMILL_POOL_STATE_H
 
 #include "common/wake.h"
+#include "proto/uplink/issued.h"
 #include "relay/ledger.h"
 #include "relay/pool.h"
 #include "relay/sums.h"
@@ -21,6 +22,7 @@ enum {
 typedef struct {
     uint64_t id;
     char name[SERVE_MAX_NAME + 1];
+    char party[WIRE_MAX_ADDRESS + 1]; /* its key, or the address of its host without keys */
     identity_t identity;
     uint32_t threads;
     bool reached;          /* it reaches the bulk socket; before that it gets no work */
@@ -37,6 +39,7 @@ typedef struct {
 typedef struct {
     uint64_t number;
     unit_t *units;
+    issued_t issued; /* how the master issued them */
     size_t count;
     uint64_t worker; /* that has it; 0: nobody */
     bool done;       /* the batch is here */
@@ -61,6 +64,7 @@ typedef struct {
     bool loaded;       /* the blob is here */
     scene_blob_t blob; /* mapped */
     ledger_t ledger;
+    issued_t issued; /* how the master issued what is in it */
     relay_check_t **checks;
     size_t check_count;
     pthread_rwlock_t adding; /* read to add to a parcel, written to close it; before the pool's lock */

@@ -59,6 +59,7 @@ static void add_check(relay_job_t *job, const assignment_t *assignment)
     check->units = mem_alloc((assignment->unit_count + 1) * sizeof *check->units);
     check->count = assignment->unit_count;
     memcpy(check->units, assignment->units, check->count * sizeof *check->units);
+    issued_add(&check->issued, assignment->units, assignment->macs, check->count);
     job->checks = mem_realloc(job->checks, (job->check_count + 1) * sizeof(relay_check_t *));
     job->checks[job->check_count++] = check;
 }
@@ -73,10 +74,12 @@ static void assign(void *self, const assignment_t *assignment)
         job->settings = assignment->settings;      /* the number of samples may have been extended */
         if (job->flush) pool_end_flush(pool, job); /* its workers were told to drop the rest */
         job->over = job->flush = false;
-        if (assignment->check != 0)
+        if (assignment->check != 0) {
             add_check(job, assignment);
-        else
+        } else {
             ledger_put(&job->ledger, assignment->units, assignment->unit_count);
+            issued_add(&job->issued, assignment->units, assignment->macs, assignment->unit_count);
+        }
         pool_notify_idle(pool);
         wake_up(pool->options.bulk_wake);
     }
@@ -142,12 +145,13 @@ static void forget(void *self)
     wake_up(pool->options.bulk_wake);
 }
 
-static size_t kept(void *self, uint64_t id, unit_t *units, size_t capacity)
+static size_t kept(void *self, uint64_t id, unit_t *units, issue_t *issues, size_t capacity)
 {
     pool_t *pool = self;
     pool_lock(pool);
-    const relay_job_t *job = pool_find_job(pool, id);
+    relay_job_t *job = pool_find_job(pool, id);
     size_t count = job != NULL ? ledger_list(&job->ledger, units, capacity) : 0;
+    if (count > 0) issued_find(&job->issued, units, count, issues);
     pool_unlock(pool);
     return count;
 }
@@ -375,8 +379,16 @@ static void refuse(void *self, uint64_t id, result_t why)
     wake_up(pool->options.control_wake);
 }
 
-/* Takes the first parcel; NULL when there is none. No lock held. */
-static const batch_t *close_parcel(pool_t *pool, relay_job_t *job)
+/* How the units of a batch were issued, in fresh memory. */
+static issue_t *issues_of(issued_t *issued, const batch_t *batch)
+{
+    issue_t *issues = mem_alloc((batch->unit_count + 1) * sizeof *issues);
+    issued_find(issued, batch->units, batch->unit_count, issues);
+    return issues;
+}
+
+/* Takes the first parcel, and how its units were issued; NULL when there is none. No lock held. */
+static const batch_t *close_parcel(pool_t *pool, relay_job_t *job, issue_t **issues)
 {
     const batch_t *batch = NULL;
     pthread_rwlock_wrlock(&job->adding); /* waits until what is being added is in */
@@ -387,17 +399,20 @@ static const batch_t *close_parcel(pool_t *pool, relay_job_t *job)
         job->under_way->next = NULL;
         if (job->parcels == NULL) job->hurry = false;
         batch = sum_batch(job->under_way->sum);
+        *issues = issues_of(&job->issued, batch);
     }
     pool_unlock(pool);
     pthread_rwlock_unlock(&job->adding);
     return batch;
 }
 
-static const batch_t *close_check(relay_job_t *job, uint64_t number)
+/* The batch of a check that is done; *issues are of its units. */
+static const batch_t *close_check(relay_job_t *job, uint64_t number, issue_t **issues)
 {
     for (size_t i = 0; i < job->check_count; i++) {
         if (job->checks[i]->number != number || !job->checks[i]->done) continue;
         job->checks[i]->under_way = true;
+        *issues = issues_of(&job->checks[i]->issued, &job->checks[i]->batch);
         return &job->checks[i]->batch;
     }
     return NULL;
@@ -410,15 +425,24 @@ static closed_batch_t close_batch(void *self, const offer_t *offer)
     pool_lock(pool);
     relay_job_t *job = pool_find_job(pool, offer->job);
     if (job != NULL) job->users++;
-    if (job != NULL && offer->check != 0) closed.batch = close_check(job, offer->check);
+    if (job != NULL && offer->check != 0) closed.batch = close_check(job, offer->check, &closed.issues);
     closed.sequence = ++pool->sequence;
     pool_unlock(pool);
     if (job == NULL) return closed;
-    if (offer->check == 0) closed.batch = close_parcel(pool, job);
+    if (offer->check == 0) closed.batch = close_parcel(pool, job, &closed.issues);
     pool_lock(pool);
     job->users--;
     pool_unlock(pool);
     return closed;
+}
+
+/* What has left the ledger need not be known any more. */
+static void forget_issued(relay_job_t *job)
+{
+    size_t count;
+    unit_t *units = ledger_all(&job->ledger, &count);
+    issued_keep(&job->issued, units, count);
+    free(units);
 }
 
 /* Lets go of what was sent of a job, if it was of this one. Lock held; the parcel is the caller's to free. */
@@ -432,6 +456,7 @@ static parcel_t *settle(relay_job_t *job, const closed_batch_t *closed)
     parcel_t *parcel = job->under_way;
     if (parcel == NULL || sum_batch(parcel->sum) != closed->batch) return NULL;
     ledger_settle(&job->ledger, closed->batch->units, closed->batch->unit_count);
+    forget_issued(job);
     job->under_way = NULL;
     return parcel;
 }

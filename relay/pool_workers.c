@@ -64,6 +64,8 @@ static result_t hello_from(void *self, double now, const identity_t *identity, c
                              .threads = limit_threads(hello->threads),
                              .last_seen = now,
                              .delivered = now};
+        const char *address = hello->address != NULL ? hello->address : "";
+        snprintf(member->party, sizeof member->party, "%s", hello->key[0] != '\0' ? hello->key : address);
         snprintf(member->name, sizeof member->name, "%s", hello->name[0] != '\0' ? hello->name : "(no name)");
         while (member->id == 0) randombytes_buf(&member->id, sizeof member->id);
         *worker = member->id;
@@ -135,11 +137,27 @@ static void goodbye(void *self, double now, uint64_t worker, uint64_t id, const 
     pool_unlock(pool);
 }
 
+/* ---- what was issued ----------------------------------------------------------------------------------- */
+
+/* For units of a job that a worker is issued, or delivers. */
+static unit_mac_t mac_for(const pool_t *pool, const member_t *member, const relay_job_t *job, uint64_t check)
+{
+    return unit_mac(&pool->options.secret, member->party, job->id, &job->content, check);
+}
+
 /* ---- giving -------------------------------------------------------------------------------------------- */
 
 static bool is_of(const relay_job_t *job, const claim_t *claim)
 {
     return job != NULL && !job->over && claim->content != NULL && hash_equal(&job->content, claim->content);
+}
+
+static bool may_claim(const pool_t *pool, const relay_job_t *job, const member_t *member,
+                      const claim_t *claim)
+{
+    unit_mac_t mac = mac_for(pool, member, job, 0);
+    return job_check_units(&job->settings, claim->units, claim->unit_count).code == RESULT_OK &&
+           unit_mac_check(&mac, claim->units, claim->issues, claim->unit_count).code == RESULT_OK;
 }
 
 static void claim_units(void *self, double now, const claim_t *claim)
@@ -148,8 +166,8 @@ static void claim_units(void *self, double now, const claim_t *claim)
     (void)now;
     pool_lock(pool);
     relay_job_t *job = pool_find_job(pool, claim->job);
-    if (is_of(job, claim) && pool_find_member(pool, claim->worker) != NULL &&
-        job_check_units(&job->settings, claim->units, claim->unit_count).code == RESULT_OK)
+    const member_t *member = pool_find_member(pool, claim->worker);
+    if (is_of(job, claim) && member != NULL && may_claim(pool, job, member, claim))
         for (size_t i = 0; i < claim->unit_count; i++)
             ledger_lend_unit(&job->ledger, claim->worker, &claim->units[i]);
     pool_unlock(pool);
@@ -195,6 +213,14 @@ static void take_from_jobs(pool_t *pool, uint64_t worker, uint64_t loaded, uint6
     if (job != NULL) take_from_job(job, worker, samples, work);
     for (size_t i = 0; i < pool->job_count && work->unit_count == 0; i++)
         take_from_job(pool->jobs[i], worker, samples, work);
+}
+
+/* Shows the worker's units to be from here. */
+static void issue(pool_t *pool, const member_t *member, work_t *work)
+{
+    if (work->unit_count == 0 || work->issues == NULL) return;
+    unit_mac_t mac = mac_for(pool, member, pool_find_job(pool, work->job), work->check);
+    unit_mac_issue(&mac, work->units, work->unit_count, work->issues);
 }
 
 static size_t units_of(const pool_t *pool, uint64_t worker)
@@ -256,6 +282,7 @@ static result_t take(void *self, double now, const identity_t *identity, const w
         if (work->unit_count == 0 && recall_stalled(pool, now))
             take_from_jobs(pool, worker, request->job, request->samples, work);
     }
+    issue(pool, member, work);
     if (work->unit_count == 0) work->job = 0;
     member->idle = work->unit_count == 0;
     member->job = work->unit_count > 0 ? work->job : request->job;
@@ -416,31 +443,48 @@ static void after_batch(pool_t *pool, double now, relay_job_t *job, uint64_t wor
 /* The job that a batch is for, which is used from here on; NULL when it is not wanted, for the reason in
  * *why. */
 static relay_job_t *hold_job(pool_t *pool, const incoming_batch_t *incoming, job_settings_t *settings,
-                             result_t *why)
+                             unit_mac_t *mac, result_t *why)
 {
     pool_lock(pool);
     *why = unknown_worker();
-    if (pool_find_member(pool, incoming->worker) != NULL)
-        *why = check_wanted(pool, incoming->job, incoming->content);
+    const member_t *member = pool_find_member(pool, incoming->worker);
+    if (member != NULL) *why = check_wanted(pool, incoming->job, incoming->content);
     relay_job_t *job = why->code == RESULT_OK ? pool_find_job(pool, incoming->job) : NULL;
     if (job != NULL) {
         *settings = job->settings;
+        *mac = mac_for(pool, member, job, incoming->check);
         job->users++;
     }
     pool_unlock(pool);
     return job;
 }
 
+/* Takes over a batch and reads it, if all of it was issued to who sends it. */
+static result_t read_batch(const pool_t *pool, const incoming_batch_t *incoming,
+                           const job_settings_t *settings, const unit_mac_t *mac, addend_t *addend)
+{
+    batch_t *batch = incoming->batch;
+    result_t result = unit_mac_check(mac, batch->units, incoming->issues, batch->unit_count);
+    if (result.code == RESULT_OK)
+        return sum_read(batch, incoming->payload, settings, pool_bytes_limit(pool), addend);
+    *addend = (addend_t){.batch = *batch};
+    *batch = (batch_t){0};
+    if (job_check_units(settings, addend->batch.units, addend->batch.unit_count).code != RESULT_OK)
+        addend->batch.unit_count = 0; /* nobody holds what is not of the job */
+    return result;
+}
+
 static result_t add(void *self, double now, const incoming_batch_t *incoming)
 {
     pool_t *pool = self;
     job_settings_t settings;
+    unit_mac_t mac;
     addend_t addend;
     bool adds = false;
     result_t result;
-    relay_job_t *job = hold_job(pool, incoming, &settings, &result);
+    relay_job_t *job = hold_job(pool, incoming, &settings, &mac, &result);
     if (job == NULL) return result;
-    result = sum_read(incoming->batch, incoming->payload, &settings, pool_bytes_limit(pool), &addend);
+    result = read_batch(pool, incoming, &settings, &mac, &addend);
     if (result.code == RESULT_OK && incoming->check != 0)
         result = payload_decode(incoming->payload, &addend.batch);
     pool_lock(pool);
@@ -460,6 +504,7 @@ static result_t add(void *self, double now, const incoming_batch_t *incoming)
     pool_notify_idle(pool);
     pool_unlock(pool);
     batch_free(&addend.batch);
+    if (result.code == RESULT_LIMIT) result.code = RESULT_MISMATCH; /* that is decided */
     return result;
 }
 

@@ -81,10 +81,13 @@ static result_t start(relay_t *relay)
     server_options_t server = server_options(relay);
     TRY(server_check(&server));
     TRY(server_open(&server, &relay->server));
+    unit_secret_t secret;
+    TRY(unit_secret_load(options->data_dir, &secret));
     relay->cache_dir = mem_printf("%s/scenes", options->data_dir);
     pool_options_t pool = {.lease = options->lease,
                            .batch_interval = options->batch_interval,
                            .memory = memory_limit(),
+                           .secret = secret,
                            .control_wake = relay->wakes[WAKE_CONTROL],
                            .bulk_wake = relay->wakes[WAKE_BULK],
                            .notice_wake = relay->wakes[WAKE_NOTICES],

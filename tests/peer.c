@@ -49,6 +49,7 @@ void peer_destroy(peer_t **peer)
     zmq_close((*peer)->control);
     zmq_close((*peer)->bulk);
     zmq_ctx_term((*peer)->context);
+    issued_free(&(*peer)->issued);
     free(*peer);
     *peer = NULL;
 }
@@ -248,8 +249,19 @@ void peer_work(peer_t *peer, uint64_t samples, uint64_t unit_samples, peer_work_
     work->unit_count = assignment->n_units;
     assert_int_equal(wire_settings_get(assignment->settings, &work->settings).code, RESULT_OK);
     assert_int_equal(
-        wire_units_get(assignment->units, assignment->n_units, &work->settings, work->units).code, RESULT_OK);
+        wire_units_get(assignment->units, assignment->n_units, &work->settings, work->units, work->issues)
+            .code,
+        RESULT_OK);
+    for (size_t i = 0; i < work->unit_count; i++)
+        issued_add(&peer->issued, &work->units[i], &work->issues[i].mac, 1);
     wire_free(&answer);
+}
+
+issue_t *peer_issues(peer_t *peer, const unit_t *units, size_t count)
+{
+    issue_t *issues = mem_alloc((count + 1) * sizeof *issues);
+    issued_find(&peer->issued, units, count, issues);
+    return issues;
 }
 
 batch_t peer_render(const job_settings_t *settings, const unit_t *units, size_t count)
@@ -300,7 +312,9 @@ result_t peer_send_check(peer_t *peer, uint64_t job, uint64_t check, const batch
     body.check = check;
     body.sequence = peer->requests;
     body.n_units = batch->unit_count;
-    body.units = wire_units_new(batch->units, batch->unit_count);
+    issue_t *issues = peer_issues(peer, batch->units, batch->unit_count);
+    body.units = wire_units_new(batch->units, issues, batch->unit_count);
+    free(issues);
     body.counts = &counts;
     Lm__Envelope envelope = WIRE_ENVELOPE(BATCH_RESULT, batch_result, &body);
     assert_int_equal(payload_encode(batch, true, payload).code, RESULT_OK);

@@ -5,7 +5,7 @@
 #ifndef LIGHTMILL_PEER_H
 #define LIGHTMILL_PEER_H
 
-#include "proto/wire/wire.h"
+#include "proto/uplink/issued.h"
 
 typedef struct {
     void *context; /* its own */
@@ -19,6 +19,7 @@ typedef struct {
     /* Pushed messages that came while an answer was awaited. */
     int job_ready, job_over, flush;
     uint64_t over_job;
+    issued_t issued; /* units of assignments, as a worker remembers them: batches bear their MACs */
 } peer_t;
 
 /* Connects to a master on loopback; asks it for its bulk port. */
@@ -53,11 +54,14 @@ typedef struct {
     uint64_t check;
     job_settings_t settings;
     unit_t units[WIRE_MAX_UNITS];
+    issue_t issues[WIRE_MAX_UNITS];
     size_t unit_count;
     result_t refused;
 } peer_work_t;
 void peer_work(peer_t *peer, uint64_t samples, uint64_t unit_samples, peer_work_t *work);
 
+/* How the peer was assigned units, to be freed with free(). */
+issue_t *peer_issues(peer_t *peer, const unit_t *units, size_t count);
 /* Renders units as no renderer would, but always the same way, into a batch that the caller frees. */
 batch_t peer_render(const job_settings_t *settings, const unit_t *units, size_t count);
 /* Sends a batch and returns the master's verdict: RESULT_OK, or RESULT_MISMATCH with the reason. */

@@ -132,6 +132,13 @@ static void on_hello(scripted_t *script, const wire_message_t *message)
     answer(script->control, message, &envelope);
 }
 
+uint64_t scripted_mac(const unit_t *unit, uint64_t check)
+{
+    return ((uint64_t)unit->tile << 40 ^ (uint64_t)unit->first << 20 ^ unit->count ^
+            check * 0x9E3779B97F4A7C15u) +
+           1;
+}
+
 static void on_heartbeat(scripted_t *script, const wire_message_t *message)
 {
     Lm__HeartbeatReply reply = LM__HEARTBEAT_REPLY__INIT;
@@ -141,6 +148,18 @@ static void on_heartbeat(scripted_t *script, const wire_message_t *message)
     reply.known = knows(script, message->envelope->heartbeat->worker);
     Lm__Envelope envelope = WIRE_ENVELOPE(HEARTBEAT_REPLY, heartbeat_reply, &reply);
     answer(script->control, message, &envelope);
+}
+
+/* A batch and what is kept bear the MACs of the units that they lie in. */
+static void check_issues(const unit_t *units, const issue_t *issues, size_t count, uint64_t check)
+{
+    for (size_t i = 0; i < count; i++) {
+        unit_t issued = {units[i].tile, units[i].first - issues[i].before,
+                         issues[i].before + units[i].count + issues[i].after};
+        if (issues[i].mac != scripted_mac(&issued, check))
+            fail_msg("tile %u, samples %u + %u (%u before, %u after) bear a wrong MAC", units[i].tile,
+                     units[i].first, units[i].count, issues[i].before, issues[i].after);
+    }
 }
 
 static void send_assignment(scripted_t *script, const wire_message_t *message)
@@ -154,7 +173,10 @@ static void send_assignment(scripted_t *script, const wire_message_t *message)
     assignment.blob = wire_hash_put(&script->blob->hash);
     assignment.blob_size = script->blob->size;
     assignment.n_units = script->unit_count;
-    assignment.units = wire_units_new(script->units, script->unit_count);
+    issue_t issues[SCRIPTED_MAX] = {0};
+    for (size_t i = 0; i < script->unit_count; i++)
+        issues[i].mac = scripted_mac(&script->units[i], script->check);
+    assignment.units = wire_units_new(script->units, issues, script->unit_count);
     Lm__Envelope envelope = WIRE_ENVELOPE(ASSIGNMENT, assignment, &assignment);
     answer(script->control, message, &envelope);
     free(assignment.units);
@@ -171,9 +193,11 @@ static void on_work_request(scripted_t *script, const wire_message_t *message)
     }
     if (request->n_kept > 0) {
         script->kept_count = request->n_kept < SCRIPTED_MAX ? request->n_kept : SCRIPTED_MAX;
+        issue_t issues[SCRIPTED_MAX];
         assert_int_equal(
-            wire_units_get(request->kept, script->kept_count, &script->settings, script->kept).code,
+            wire_units_get(request->kept, script->kept_count, &script->settings, script->kept, issues).code,
             RESULT_OK);
+        check_issues(script->kept, issues, script->kept_count, 0);
         assert_true(wire_hash_get(&request->content, &script->kept_content));
     }
     if (script->unit_count > 0) {
@@ -269,8 +293,12 @@ static void on_batch(scripted_t *script, const wire_message_t *message)
     batch_init(&came->batch, &script->settings);
     came->batch.units = mem_alloc((result->n_units + 1) * sizeof *came->batch.units);
     came->batch.unit_count = result->n_units;
+    issue_t *issues = mem_alloc((result->n_units + 1) * sizeof *issues);
     assert_int_equal(
-        wire_units_get(result->units, result->n_units, &script->settings, came->batch.units).code, RESULT_OK);
+        wire_units_get(result->units, result->n_units, &script->settings, came->batch.units, issues).code,
+        RESULT_OK);
+    check_issues(came->batch.units, issues, result->n_units, result->check);
+    free(issues);
     wire_counts_get(result->counts, &came->batch.counts);
     zmq_msg_t payload[BATCH_PAYLOADS]; /* empty ones are left out at the end */
     assert_in_range(message->payload_count, BATCH_BASE_PAYLOADS, BATCH_PAYLOADS);

@@ -83,6 +83,9 @@ void scripted_fail(const scripted_t *script, const char *condition);
 /* Runs for so long. */
 void scripted_sleep(scripted_t *script, double seconds);
 
+/* The MAC that it sends with a unit that it assigns. Batches and requests for work must bear it; a test fails
+ * if they do not. */
+uint64_t scripted_mac(const unit_t *unit, uint64_t check);
 /* Assigns units with the next request for work. */
 void scripted_assign(scripted_t *script, uint64_t job, uint64_t check, const unit_t *units, size_t count);
 /* Answers the offer, or the batch, that waits. */

@@ -1,6 +1,8 @@
 /* toy_farm: see toy_farm.h. */
 #include "tests/toy_farm.h"
 
+#include "master/state/state.h"
+
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -97,7 +99,8 @@ bool toy_beat(farm_t *farm, double now, uint64_t worker)
 toy_work_t toy_take(farm_t *farm, double now, uint64_t worker, uint64_t samples, uint64_t unit_samples)
 {
     unit_t units[WIRE_MAX_UNITS] = {0};
-    work_t work = {.units = units};
+    issue_t issues[WIRE_MAX_UNITS] = {0};
+    work_t work = {.units = units, .issues = issues};
     toy_work_t taken = {0};
     assert_int_equal(farm_take(farm, now, &nobody, worker, 0, samples, unit_samples, &work).code, RESULT_OK);
     taken.job = work.job;
@@ -106,6 +109,7 @@ toy_work_t toy_take(farm_t *farm, double now, uint64_t worker, uint64_t samples,
     taken.count = work.unit_count;
     taken.check = work.check;
     memcpy(taken.units, units, work.unit_count * sizeof *units);
+    memcpy(taken.issues, issues, work.unit_count * sizeof *issues);
     return taken;
 }
 
@@ -150,11 +154,29 @@ static batch_t make_batch(const job_settings_t *settings, const unit_t *units, s
     return batch;
 }
 
+void toy_issue(farm_t *farm, uint64_t worker, uint64_t job, uint64_t check, const unit_t *units, size_t count,
+               issue_t *issues)
+{
+    farm_lock(farm);
+    const worker_t *to = farm_find_worker(farm, worker);
+    const job_t *of = farm_find_job(farm, job);
+    unit_mac_t mac = {{0}};
+    if (to != NULL && of != NULL) mac = farm_unit_mac(farm, to, of, check);
+    farm_unlock(farm);
+    unit_mac_issue(&mac, units, count, issues);
+}
+
 static result_t deliver(farm_t *farm, double now, uint64_t worker, uint64_t id, uint64_t check,
-                        const unit_t *units, size_t count, int64_t lie)
+                        const unit_t *units, const issue_t *issues, size_t count, int64_t lie)
 {
     farm_batch_t open;
-    batch_head_t head = {.worker = worker, .job = id, .check = check, .bytes = 1000};
+    batch_head_t head = {.worker = worker,
+                         .job = id,
+                         .check = check,
+                         .units = units,
+                         .issues = issues,
+                         .unit_count = count,
+                         .bytes = 1000};
     TRY(farm_batch_begin(farm, now, &head, &open));
     batch_t batch = make_batch(&open.settings, units, count);
     for (size_t i = 0; i < batch.sums[SUM_EYE].count; i++) batch.sums[SUM_EYE].values[i] += lie;
@@ -166,15 +188,31 @@ static result_t deliver(farm_t *farm, double now, uint64_t worker, uint64_t id, 
     return result;
 }
 
+/* As if the units had been issued to the worker. */
+static result_t deliver_issued(farm_t *farm, double now, uint64_t worker, uint64_t job, uint64_t check,
+                               const unit_t *units, size_t count, int64_t lie)
+{
+    issue_t *issues = mem_alloc((count + 1) * sizeof *issues);
+    toy_issue(farm, worker, job, check, units, count, issues);
+    result_t result = deliver(farm, now, worker, job, check, units, issues, count, lie);
+    free(issues);
+    return result;
+}
+
 result_t toy_deliver(farm_t *farm, double now, uint64_t worker, uint64_t job, const unit_t *units,
                      size_t count)
 {
-    return deliver(farm, now, worker, job, 0, units, count, 0);
+    return deliver_issued(farm, now, worker, job, 0, units, count, 0);
 }
 
 result_t toy_deliver_work(farm_t *farm, double now, uint64_t worker, const toy_work_t *work, int64_t lie)
 {
-    return deliver(farm, now, worker, work->job, work->check, work->units, work->count, lie);
+    return deliver_issued(farm, now, worker, work->job, work->check, work->units, work->count, lie);
+}
+
+result_t toy_deliver_as(farm_t *farm, double now, uint64_t worker, const toy_work_t *work)
+{
+    return deliver(farm, now, worker, work->job, work->check, work->units, work->issues, work->count, 0);
 }
 
 void toy_work_off(farm_t *farm, double now, uint64_t worker, uint64_t job)

@@ -30,13 +30,19 @@ typedef struct {
     uint64_t check;
     size_t count;
     unit_t units[64];
+    issue_t issues[64];
 } toy_work_t;
 toy_work_t toy_take(farm_t *farm, double now, uint64_t worker, uint64_t samples, uint64_t unit_samples);
-/* Delivers units as one batch. */
+/* Fills issues[count] as if a worker had been given these units of a job, whose number it knows. */
+void toy_issue(farm_t *farm, uint64_t worker, uint64_t job, uint64_t check, const unit_t *units, size_t count,
+               issue_t *issues);
+/* Delivers units as one batch, as if they had been issued to the worker. */
 result_t toy_deliver(farm_t *farm, double now, uint64_t worker, uint64_t job, const unit_t *units,
                      size_t count);
 /* The same, with the number of the assignment, and `lie` added to every sum. */
 result_t toy_deliver_work(farm_t *farm, double now, uint64_t worker, const toy_work_t *work, int64_t lie);
+/* The same, as the units were issued: with the MACs that they came with. */
+result_t toy_deliver_as(farm_t *farm, double now, uint64_t worker, const toy_work_t *work);
 /* Takes and delivers all that there is of a job, at one moment. */
 void toy_work_off(farm_t *farm, double now, uint64_t worker, uint64_t job);
 

@@ -15,7 +15,7 @@ static void check_free(unit_check_t *check)
     free(check);
 }
 
-void checks_push(checks_t *checks, uint64_t number, unit_t *units, size_t count)
+void checks_push(checks_t *checks, uint64_t number, unit_t *units, const uint64_t *macs, size_t count)
 {
     if (checks->count == CHECKS_MAX || count == 0) {
         free(units);
@@ -28,6 +28,7 @@ void checks_push(checks_t *checks, uint64_t number, unit_t *units, size_t count)
     unit_check_t *check = mem_zalloc(1, sizeof *check);
     check->number = number;
     check->units = units;
+    check->macs = macs;
     check->count = count;
     check->results = mem_zalloc(count, sizeof *check->results);
     checks->list[checks->count++] = check;

@@ -14,6 +14,7 @@ enum { CHECKS_MAX = 4096 };
 typedef struct {
     uint64_t number;
     unit_t *units;
+    const uint64_t *macs; /* of these (assignment_t); NULL: not known */
     size_t count;
     unit_result_t *results; /* one for each unit */
     size_t begun;           /* units that were taken, */
@@ -30,9 +31,9 @@ typedef struct {
     size_t count, capacity;
 } checks_t;
 
-/* Adds a check; the units are taken over. Beyond CHECKS_MAX, which only a master reaches that gives without
- * being asked, it is dropped. */
-void checks_push(checks_t *checks, uint64_t number, unit_t *units, size_t count);
+/* Adds a check; the units, with their MACs, are taken over. Beyond CHECKS_MAX, which only a master reaches
+ * that gives without being asked, it is dropped. */
+void checks_push(checks_t *checks, uint64_t number, unit_t *units, const uint64_t *macs, size_t count);
 /* The one to take the next unit of (units[begun]); NULL when there is none. */
 unit_check_t *checks_next(const checks_t *checks);
 /* A unit of the check was finished. Its result's memory is taken over; NULL: the unit was given up, and the

@@ -198,6 +198,7 @@ void render_pool_destroy(render_pool_t **pool_pointer)
     pthread_mutex_destroy(&pool->fill);
     pthread_mutex_destroy(&pool->lock);
     unit_queue_free(&pool->queue);
+    issued_free(&pool->issued);
     free(pool->begun);
     free(pool->threads);
     free(pool);
@@ -240,21 +241,31 @@ bool render_pool_all_sent(render_pool_t *pool)
 
 /* ---- news from the master ----------------------------------------------------------------------------- */
 
+unit_t *render_pool_units(render_pool_t *pool, size_t *count)
+{
+    size_t queued = unit_queue_length(&pool->queue);
+    size_t most = queued + pool->begun_count + batched_units(pool);
+    unit_t *held = mem_alloc((most + 1) * sizeof *held);
+    *count = list_kept(pool, held, most);
+    if (queued > most - *count) queued = most - *count;
+    if (queued > 0) memcpy(held + *count, pool->queue.units + pool->queue.first, queued * sizeof *held);
+    *count += queued;
+    return held;
+}
+
 /* Queues the units of an assignment of the job in hand, without what is in hand already. */
 static void queue_units(render_pool_t *pool, const assignment_t *assignment)
 {
     if (assignment->check != 0) {
-        checks_push(&pool->checks, assignment->check, assignment->units, assignment->unit_count);
+        checks_push(&pool->checks, assignment->check, assignment->units, assignment->macs,
+                    assignment->unit_count);
         return;
     }
-    size_t queued = unit_queue_length(&pool->queue);
-    size_t most = queued + pool->begun_count + batched_units(pool);
-    unit_t *held = mem_alloc((most + 1) * sizeof *held);
-    size_t count = list_kept(pool, held, most);
-    if (queued > most - count) queued = most - count;
-    if (queued > 0) memcpy(held + count, pool->queue.units + pool->queue.first, queued * sizeof *held);
+    size_t count;
+    unit_t *held = render_pool_units(pool, &count);
     for (size_t i = 0; i < assignment->unit_count; i++)
-        unit_queue_push(&pool->queue, &assignment->settings, assignment->units[i], held, count + queued);
+        unit_queue_push(&pool->queue, &assignment->settings, assignment->units[i], held, count);
+    issued_add(&pool->issued, assignment->units, assignment->macs, assignment->unit_count);
     free(held);
     free(assignment->units);
 }
@@ -269,6 +280,7 @@ void render_pool_begin_job(render_pool_t *pool, const assignment_t *assignment)
     pool->measured = false;
     atomic_store(&pool->cancel, false);
     for (int i = 0; i < 2; i++) batch_init(&pool->slots[i].batch, &assignment->settings);
+    issued_clear(&pool->issued);
     queue_units(pool, assignment);
 }
 
@@ -362,12 +374,13 @@ static void forget(void *self)
     wake_up(pool->options.bulk_wake);
 }
 
-static size_t kept(void *self, uint64_t job, unit_t *units, size_t capacity)
+static size_t kept(void *self, uint64_t job, unit_t *units, issue_t *issues, size_t capacity)
 {
     render_pool_t *pool = self;
     pthread_mutex_lock(&pool->lock);
     bool in_hand = pool->stage != STAGE_EMPTY && pool->current.job == job;
     size_t count = in_hand ? list_kept(pool, units, capacity) : 0;
+    issued_find(&pool->issued, units, count, issues);
     pthread_mutex_unlock(&pool->lock);
     return count;
 }

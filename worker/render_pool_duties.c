@@ -2,6 +2,8 @@
  * uplink_handler.h and the note in render_pool.c). */
 #include "worker/render_pool_state.h"
 
+#include <stdlib.h>
+
 /* The job in hand is to be let go now: it is over, or finished and another one waits. A paused one may go on
  * later, so its scene stays until it is in the way. Lock held. */
 static bool time_to_release(render_pool_t *pool)
@@ -158,6 +160,25 @@ void render_pool_refuse(void *self, uint64_t job, result_t why)
     pthread_mutex_unlock(&pool->lock);
 }
 
+/* How the units of a batch were issued, in fresh memory. Lock held. */
+static issue_t *issues_of(render_pool_t *pool, const batch_t *batch, const unit_check_t *check)
+{
+    issue_t *issues = mem_zalloc(batch->unit_count + 1, sizeof *issues);
+    if (check == NULL) issued_find(&pool->issued, batch->units, batch->unit_count, issues);
+    for (size_t i = 0; check != NULL && check->macs != NULL && i < check->count; i++)
+        issues[i].mac = check->macs[i]; /* in the order of its units */
+    return issues;
+}
+
+/* What is not in hand any more need not be known. Lock held. */
+static void forget_issued(render_pool_t *pool)
+{
+    size_t count;
+    unit_t *units = render_pool_units(pool, &count);
+    issued_keep(&pool->issued, units, count);
+    free(units);
+}
+
 /* Closes the open batch; NULL when it is empty. Lock held. */
 static const batch_t *close_open(render_pool_t *pool)
 {
@@ -189,7 +210,10 @@ closed_batch_t render_pool_close(void *self, const offer_t *offer)
     } else if (wanted && offer->check == 0) {
         closed.batch = close_open(pool);
     }
-    if (closed.batch != NULL) closed.sequence = ++pool->sequence;
+    if (closed.batch != NULL) {
+        closed.sequence = ++pool->sequence;
+        closed.issues = issues_of(pool, closed.batch, check);
+    }
     pthread_mutex_unlock(&pool->lock);
     return closed;
 }
@@ -207,7 +231,10 @@ void render_pool_sent(void *self, const closed_batch_t *closed, bool counted)
     }
     checks_sweep(&pool->checks);
     pthread_cond_broadcast(&pool->work); /* the next check may begin */
-    if (closed->offer.check == 0) pool->under_way = false;
+    if (closed->offer.check == 0) {
+        pool->under_way = false;
+        forget_issued(pool);
+    }
     slot_t *slot = &pool->slots[!pool->open];
     pthread_mutex_unlock(&pool->lock);
     /* Only the bulk thread, which calls this, touches the closed slot: the long clearing needs no lock. */

@@ -3,6 +3,7 @@
 #define LIGHTMILL_RENDER_POOL_STATE_H
 
 #include "common/wake.h"
+#include "proto/uplink/issued.h"
 #include "proto/uplink/unit_queue.h"
 #include "proto/wire/wire.h"
 #include "worker/checks.h"
@@ -39,7 +40,8 @@ struct render_pool {
     scene_blob_t blob;    /* under the renderer, which keeps a pointer to it; the bulk thread's */
     renderer_t *renderer; /* NULL until the scene is loaded */
     unit_queue_t queue;
-    unit_t *begun; /* those of the queue that threads have in hand; room for one a thread */
+    issued_t issued; /* how the units of the queue, begun and batched, of the job in hand were issued */
+    unit_t *begun;   /* those of the queue that threads have in hand; room for one a thread */
     size_t begun_count;
     checks_t checks;
     int rendering;      /* units that threads have in hand, of the queue and of checks */
@@ -62,6 +64,9 @@ struct render_pool {
 
 /* ---- under the lock; render_pool.c ---- */
 
+/* The units of the job in hand that are queued, begun or finished, in fresh memory. Those of checks are not
+ * among them. */
+unit_t *render_pool_units(render_pool_t *pool, size_t *count);
 /* Everything that was asked of the job in hand has been done, sent and answered. */
 bool render_pool_all_sent(render_pool_t *pool);
 /* True when the assignment is of the job in hand. A number alone says nothing: a master that lost its data

@@ -2,10 +2,10 @@
  *
  * DESIGN. A batch takes the farm's lock three times on its way from the socket into the film:
  *
- *     farm_batch_begin    its job and its sender are found, the job is pinned, its film held
- *     count_units         in the film: it is refused, or its units are counted
- *     farm_batch_commit   in the film: what is merged is noted, what could not be is uncounted; film and job
- *                         are let go. (Or farm_batch_abort, instead of the second and the third.)
+ *     farm_batch_begin    its job and its sender are found, its units were issued to it, the job is pinned,
+ * its film held count_units         in the film: it is refused, or its units are counted farm_batch_commit in
+ * the film: what is merged is noted, what could not be is uncounted; film and job are let go. (Or
+ * farm_batch_abort, instead of the second and the third.)
  *
  * Between them its sums are decoded, added, and written to the disk, without the lock. */
 #include "master/farm/parts.h"
@@ -74,15 +74,29 @@ result_t farm_content_check(farm_t *farm, uint64_t id, const hash_t *content)
     return same ? result_ok() : other_content(id);
 }
 
-/* A worker has a batch of a job that is not begun: it was, before this process, and what is rendered of it is
- * as good as ever. */
-static void prepare_for_batch(farm_t *farm, double now, job_t *job, bool named)
+static result_t film_waits(const job_t *job)
 {
-    if (job->film == FILM_STORED) farm_want_film(farm, job);
-    if (job->kept.state == JOB_QUEUED && !job_awaits_film(job) && named) farm_job_start(farm, now, job);
+    return result_fail(RESULT_LIMIT, "the film of job %llu is being loaded, or waits for memory",
+                       (unsigned long long)job->kept.job);
 }
 
-result_t farm_batch_wanted(farm_t *farm, double now, uint64_t worker, uint64_t id, bool named)
+/* A job that has not begun in this process. If a batch of it was issued, it had begun before, and what is
+ * rendered of it is as good as ever: the job begins again. The batch shows that, not the offer. */
+static bool may_begin(const job_t *job)
+{
+    return job->film == FILM_STORED || (job->film == FILM_NONE && job->kept.state == JOB_QUEUED);
+}
+
+/* May a batch of the job be sent? */
+static result_t check_offer(const farm_t *farm, const job_t *job, const worker_t *sender)
+{
+    if (may_begin(job)) return farm_job_has_room(farm, job) ? result_ok() : film_waits(job);
+    if (job_awaits_film(job)) return film_waits(job);
+    if (job->film != FILM_OPEN) return job_over(job);
+    return farm_bits_fit(job, &sender->fingerprint) ? result_ok() : other_bits(job);
+}
+
+result_t farm_batch_wanted(farm_t *farm, double now, uint64_t worker, uint64_t id)
 {
     farm_lock(farm);
     job_t *job = farm_find_job(farm, id);
@@ -93,14 +107,7 @@ result_t farm_batch_wanted(farm_t *farm, double now, uint64_t worker, uint64_t i
     } else if (job == NULL) {
         result = unknown_job(id);
     } else {
-        prepare_for_batch(farm, now, job, named);
-        if (job_awaits_film(job))
-            result =
-                result_fail(RESULT_LIMIT, "the film of job %llu is being loaded", (unsigned long long)id);
-        else if (job->film != FILM_OPEN)
-            result = job_over(job);
-        else if (!farm_bits_fit(job, &sender->fingerprint))
-            result = other_bits(job);
+        result = check_offer(farm, job, sender);
         sender->offered = now;
     }
     farm_unlock(farm);
@@ -115,14 +122,56 @@ void farm_batch_granted(farm_t *farm, double now, uint64_t id)
     farm_unlock(farm);
 }
 
-static result_t check_head(worker_t *worker, job_t *job, const batch_head_t *head)
+/* What the sender holds of a batch that is no good goes back. */
+static void refuse(farm_t *farm, job_t *job, worker_t *worker, const unit_t *units, size_t count)
+{
+    job->kept.batches_refused++;
+    if (worker != NULL) {
+        worker->batches_refused++;
+        worker->offered = worker->granted = 0;
+        if (job->schedule != NULL)
+            farm_count_reissued(job, worker, schedule_release_units(job->schedule, worker->id, units, count));
+    }
+    farm_notify_idle(farm);
+}
+
+/* Whether all units of a batch were issued to who sends it. Without the lock, as long as it takes. */
+static result_t check_issued(farm_t *farm, const batch_head_t *head)
+{
+    unit_mac_t mac;
+    farm_lock(farm);
+    const worker_t *worker = farm_find_worker(farm, head->worker);
+    const job_t *job = farm_find_job(farm, head->job);
+    bool known = worker != NULL && job != NULL;
+    if (known) mac = farm_unit_mac(farm, worker, job, head->check);
+    farm_unlock(farm);
+    return known ? unit_mac_check(&mac, head->units, head->issues, head->unit_count) : result_ok();
+}
+
+/* The batch is of units that the sender was not given, or of the job as another one. */
+static void refuse_unissued(farm_t *farm, double now, job_t *job, worker_t *worker, const batch_head_t *head)
+{
+    bool valid = job_check_units(&job->kept.settings, head->units, head->unit_count).code == RESULT_OK;
+    refuse(farm, job, worker, head->units, valid ? head->unit_count : 0);
+    trust_failed(farm, now, worker, "delivers units that it was not given");
+    farm_cast_out(farm, now);
+}
+
+static result_t check_head(farm_t *farm, double now, worker_t *worker, job_t *job, const batch_head_t *head,
+                           const result_t *issued)
 {
     if (job != NULL && !farm_content_fits(job, head->content)) return other_content(head->job);
     if (worker == NULL || worker->outcast) return unknown_worker();
     worker->bytes += head->bytes;
     if (job == NULL) return unknown_job(head->job);
     job->kept.bytes += head->bytes;
+    if (issued->code != RESULT_OK) {
+        refuse_unissued(farm, now, job, worker, head);
+        return *issued;
+    }
+    if (may_begin(job)) farm_job_start(farm, now, job);
     if (job->film == FILM_OPEN) return result_ok();
+    if (may_begin(job) || job_awaits_film(job)) return film_waits(job);
     job->kept.batches_refused++;
     worker->batches_refused++;
     return job_over(job);
@@ -130,10 +179,11 @@ static result_t check_head(worker_t *worker, job_t *job, const batch_head_t *hea
 
 result_t farm_batch_begin(farm_t *farm, double now, const batch_head_t *head, farm_batch_t *open)
 {
+    result_t issued = check_issued(farm, head);
     farm_lock(farm);
     worker_t *worker = farm_find_worker(farm, head->worker);
     job_t *job = farm_find_job(farm, head->job);
-    result_t result = check_head(worker, job, head);
+    result_t result = check_head(farm, now, worker, job, head, &issued);
     if (result.code == RESULT_OK) {
         *open = (farm_batch_t){.settings = job->kept.settings,
                                .job = job,
@@ -290,21 +340,6 @@ static void uncount(const delivery_t *delivery)
     job->merging--;
 }
 
-/* What the sender holds of a batch that is no good goes back. */
-static void refuse(farm_t *farm, const farm_batch_t *open, const unit_t *units, size_t count)
-{
-    job_t *job = open->job;
-    worker_t *worker = farm_find_worker(farm, open->worker);
-    job->kept.batches_refused++;
-    if (worker != NULL) {
-        worker->batches_refused++;
-        worker->offered = worker->granted = 0;
-    }
-    if (job->schedule != NULL)
-        farm_count_reissued(job, worker, schedule_release_units(job->schedule, open->worker, units, count));
-    farm_notify_idle(farm);
-}
-
 static void conclude(farm_t *farm, double now, delivery_t *delivery, const result_t *result)
 {
     farm_batch_t *open = delivery->open;
@@ -313,7 +348,7 @@ static void conclude(farm_t *farm, double now, delivery_t *delivery, const resul
     if (delivery->keep != NULL) trust_keep_end(farm, open->job, &delivery->keep, delivery->batch, good);
     if (good && delivery->counted) note_batch(farm, now, delivery);
     if (!good && delivery->counted) uncount(delivery);
-    if (!good) refuse(farm, open, delivery->batch->units, delivery->batch->unit_count);
+    if (!good) refuse(farm, open->job, worker, delivery->batch->units, delivery->batch->unit_count);
     if (result->code == RESULT_PROTOCOL && worker != NULL)
         trust_failed(farm, now, worker, "sends batches that are malformed");
     farm_cast_out(farm, now);
@@ -351,7 +386,7 @@ result_t farm_batch_commit(farm_t *farm, double now, farm_batch_t *open, const b
 void farm_batch_abort(farm_t *farm, farm_batch_t *open, const unit_t *units, size_t count)
 {
     farm_lock(farm);
-    refuse(farm, open, units, count);
+    refuse(farm, open->job, farm_find_worker(farm, open->worker), units, count);
     end_batch(farm, open);
 }
 

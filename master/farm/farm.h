@@ -37,10 +37,10 @@ result_t farm_worker_reached(farm_t *farm, double now, uint64_t worker);
 void farm_worker_trouble(farm_t *farm, double now, uint64_t worker, const char *trouble);
 /* The threads of a relay are those of its workers, and change. */
 void farm_worker_threads(farm_t *farm, uint64_t worker, uint32_t threads);
-/* The worker has these units in hand, from an earlier life of this master or a lease that ended, of a job
- * that `content` identifies (job_content_hash): those that nobody else has are its own again. */
-void farm_reclaim(farm_t *farm, double now, uint64_t worker, uint64_t job, const hash_t *content,
-                  const unit_t *units, size_t count);
+/* The worker has units in hand, from an earlier life of this master or a lease that ended: those that nobody
+ * else has are its own again. A job that waits in the queue begins for it: it had begun before. Nothing
+ * happens when the units were not issued to it. */
+void farm_reclaim(farm_t *farm, double now, const claim_t *claim);
 /* The worker leaves: its units go back. `job` is one that it cannot render, for the reason it gives, or 0. A
  * job that nobody can render fails one day (declines.c). */
 void farm_goodbye(farm_t *farm, double now, uint64_t worker, uint64_t job, const char *reason);
@@ -167,9 +167,9 @@ void farm_checkpointed(farm_t *farm, double taken, job_t *job, result_t written)
 /* ---- batches ------------------------------------------------------------------------------------------- */
 
 /* May this worker send a batch of this job? RESULT_LIMIT: not yet, its film is being loaded (grant_wake tells
- * when); any other failure says why it is not wanted. A job that waits in the queue begins for it only when
- * the worker has named its content. */
-result_t farm_batch_wanted(farm_t *farm, double now, uint64_t worker, uint64_t job, bool named);
+ * when), or there is no memory for one; any other failure says why it is not wanted. One of a job that waits
+ * in the queue may come: it shows whether the job had begun before. */
+result_t farm_batch_wanted(farm_t *farm, double now, uint64_t worker, uint64_t job);
 /* It was told so. */
 void farm_batch_granted(farm_t *farm, double now, uint64_t worker);
 /* RESULT_INPUT when `content` is not the job_content_hash of the job: it is of another one, which had its
@@ -180,7 +180,10 @@ typedef struct {
     uint64_t worker, job;
     uint64_t check;        /* the number that it bears, 0: none */
     const hash_t *content; /* farm_content_check; NULL: not said */
-    uint64_t bytes;        /* of the message */
+    const unit_t *units;   /* not checked against the job, */
+    const issue_t *issues; /* and how they were issued */
+    size_t unit_count;
+    uint64_t bytes; /* of the message */
 } batch_head_t;
 
 /* A batch on its way into the film. */
@@ -194,8 +197,10 @@ typedef struct {
     size_t unit_count;
 } farm_batch_t;
 
-/* Pins the job that a batch is for; the reason for a failure is for the sender. After success exactly one of
- * the next two is called. */
+/* Pins the job that a batch is for; the reason for a failure is for the sender. RESULT_DENIED when not all of
+ * its units were issued to the sender, which is held against it; RESULT_LIMIT: not yet, the film of the job
+ * is being loaded or has no memory. A job that waits in the queue begins. After success exactly one of the
+ * next two is called. */
 result_t farm_batch_begin(farm_t *farm, double now, const batch_head_t *head, farm_batch_t *open);
 /* Counts and merges a batch whole, or refuses it whole: then what the sender holds of its units goes back.
  * `batch` has settings, checked units and counts; its sums are in the payloads. Takes as long as a pass over

@@ -157,14 +157,19 @@ static void open_first_round(job_t *job)
     round_free(&first);
 }
 
+bool farm_job_has_room(const farm_t *farm, const job_t *job)
+{
+    uint64_t bytes = film_bytes(&job->kept.settings);
+    return farm->film_bytes + awaited_bytes(farm) + bytes <= farm->options.film_limit;
+}
+
 bool farm_job_start(farm_t *farm, double now, job_t *job)
 {
     if (job_awaits_film(job)) {
         farm_want_film(farm, job);
         return false;
     }
-    uint64_t bytes = film_bytes(&job->kept.settings);
-    if (farm->film_bytes + awaited_bytes(farm) + bytes > farm->options.film_limit) return false;
+    if (!farm_job_has_room(farm, job)) return false;
     film_t *film;
     result_t result = film_new(&job->kept.settings, &film);
     if (result.code != RESULT_OK) {
@@ -173,7 +178,7 @@ bool farm_job_start(farm_t *farm, double now, job_t *job)
         farm_job_close(farm, now, job, JOB_FAILED);
         return false;
     }
-    farm->film_bytes += bytes;
+    farm->film_bytes += film_bytes(&job->kept.settings);
     farm_job_install(farm, now, job, film, schedule_new(&job->kept.settings));
     open_first_round(job);
     job->kept.state = JOB_RUNNING;

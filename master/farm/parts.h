@@ -1,6 +1,6 @@
 /* parts: what the files of this folder have for one another. Each calls those before it alone: shares, jobs
- * with errors and milestones, declines, workers, take, report, news, batches; then keep, orders and farm. All is called
- * under the farm's lock. */
+ * with errors and milestones, declines, workers, take, report, news, batches; then keep, orders and farm. All
+ * is called under the farm's lock. */
 #ifndef LIGHTMILL_FARM_PARTS_H
 #define LIGHTMILL_FARM_PARTS_H
 
@@ -33,6 +33,8 @@ void farm_job_unpin(farm_t *farm, job_t *job);
 /* Takes the job off the list. It is freed at once, or when its last pin goes; its record and its files are to
  * go. */
 void farm_job_remove(farm_t *farm, job_t *job);
+/* True when there is memory for one more film, that of this job. */
+bool farm_job_has_room(const farm_t *farm, const job_t *job);
 /* Makes film and schedule; false when it has to wait for memory, or for its film. A job that can never start
  * fails. */
 bool farm_job_start(farm_t *farm, double now, job_t *job);

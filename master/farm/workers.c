@@ -287,8 +287,6 @@ void farm_worker_expect(const farm_t *farm, double now, worker_t *worker)
 /* Under the lock. */
 static void reclaim(farm_t *farm, double now, worker_t *worker, job_t *job, const unit_t *units, size_t count)
 {
-    for (size_t i = 0; i < count; i++)
-        if (!job_unit_valid(&job->kept.settings, &units[i])) return;
     if (farm_worker_units(farm, worker) == 0) worker->delivered = now;
     worker->empty = 0;
     for (size_t i = 0; i < count; i++)
@@ -297,16 +295,31 @@ static void reclaim(farm_t *farm, double now, worker_t *worker, job_t *job, cons
     farm_worker_expect(farm, now, worker);
 }
 
-void farm_reclaim(farm_t *farm, double now, uint64_t id, uint64_t job_id, const hash_t *content,
-                  const unit_t *units, size_t count)
+/* True when the claim is of units that were issued to who makes it. */
+static bool was_issued(farm_t *farm, const claim_t *claim)
 {
-    if (count == 0) return;
+    unit_mac_t mac;
     farm_lock(farm);
-    worker_t *worker = farm_find_worker(farm, id);
-    job_t *job = farm_find_job(farm, job_id);
-    if (worker != NULL && worker->connected && job != NULL && job->film == FILM_OPEN &&
-        farm_bits_fit(job, &worker->fingerprint) && farm_content_fits(job, content))
-        reclaim(farm, now, worker, job, units, count);
+    const worker_t *worker = farm_find_worker(farm, claim->worker);
+    const job_t *job = farm_find_job(farm, claim->job);
+    bool known = worker != NULL && worker->connected && job != NULL &&
+                 farm_content_fits(job, claim->content) &&
+                 job_check_units(&job->kept.settings, claim->units, claim->unit_count).code == RESULT_OK;
+    if (known) mac = farm_unit_mac(farm, worker, job, 0);
+    farm_unlock(farm);
+    return known && unit_mac_check(&mac, claim->units, claim->issues, claim->unit_count).code == RESULT_OK;
+}
+
+void farm_reclaim(farm_t *farm, double now, const claim_t *claim)
+{
+    if (claim->unit_count == 0 || !was_issued(farm, claim)) return;
+    farm_lock(farm);
+    worker_t *worker = farm_find_worker(farm, claim->worker);
+    job_t *job = farm_find_job(farm, claim->job);
+    if (worker != NULL && worker->connected && job != NULL && farm_bits_fit(job, &worker->fingerprint)) {
+        if (job->kept.state == JOB_QUEUED) farm_job_start(farm, now, job); /* it had begun before */
+        if (job->film == FILM_OPEN) reclaim(farm, now, worker, job, claim->units, claim->unit_count);
+    }
     farm_unlock(farm);
 }
 

@@ -133,6 +133,12 @@ bool farm_bits_fit(const job_t *job, const hash_t *fingerprint)
            hash_equal(&job->kept.fingerprint, fingerprint);
 }
 
+unit_mac_t farm_unit_mac(const farm_t *farm, const worker_t *worker, const job_t *job, uint64_t check)
+{
+    hash_t content = job_content_hash(&job->kept.settings, &job->kept.blob);
+    return unit_mac(&farm->options.secret, worker->party_text, job->kept.job, &content, check);
+}
+
 bool job_has_film(const job_t *job)
 {
     return job->film >= FILM_OPEN;

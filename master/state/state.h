@@ -236,6 +236,9 @@ double farm_unit_samples(const job_t *job, const unit_t *units, size_t count);
 bool farm_bits_fit(const job_t *job, const hash_t *fingerprint);
 /* True when the job_content_hash that somebody knows a job by is that of this one, or NULL. */
 bool farm_content_fits(const job_t *job, const hash_t *content);
+/* The MACs of units of a job that a worker is issued, or delivers; `check` is the number of the check, or 0.
+ */
+unit_mac_t farm_unit_mac(const farm_t *farm, const worker_t *worker, const job_t *job, uint64_t check);
 /* True while the film of a job is in memory, */
 bool job_has_film(const job_t *job);
 /* has to be loaded first, */

@@ -6,6 +6,7 @@
 #include "master/film/shared_film.h"
 #include "master/schedule/schedule.h"
 #include "proto/serve/serve_handler.h"
+#include "proto/serve/unit_mac.h"
 
 enum {
     FARM_MAX_JOBS = 1000,                 /* known at a time; the oldest finished ones are forgotten */
@@ -37,6 +38,7 @@ typedef struct {
     uint64_t film_limit;   /* bytes that the films of all jobs may take */
     uint64_t first_job;    /* number of the first job */
     size_t job_limit;      /* jobs known at a time, at most FARM_MAX_JOBS */
+    unit_secret_t secret;  /* shows the farm which units workers have from it */
     const char *spool_dir; /* where batches wait to be vouched for; NULL: jobs cannot be verified */
     /* eventfds; -1: none */
     int control_wake;        /* written when there are notices to send */

@@ -29,8 +29,7 @@ static void goodbye(void *self, double now, uint64_t worker, uint64_t job, const
 
 static void claim_units(void *self, double now, const claim_t *claim)
 {
-    farm_reclaim(farm_of(self), now, claim->worker, claim->job, claim->content, claim->units,
-                 claim->unit_count);
+    farm_reclaim(farm_of(self), now, claim);
 }
 
 static result_t take(void *self, double now, const identity_t *identity, const work_request_t *request,
@@ -65,7 +64,7 @@ static result_t offered(void *self, double now, const batch_offer_t *offer)
 
 static result_t wanted(void *self, double now, const batch_offer_t *offer)
 {
-    return farm_batch_wanted(farm_of(self), now, offer->worker, offer->job, offer->named);
+    return farm_batch_wanted(farm_of(self), now, offer->worker, offer->job);
 }
 
 static void granted(void *self, double now, uint64_t worker)
@@ -81,6 +80,9 @@ static result_t add(void *self, double now, const incoming_batch_t *incoming)
                          .job = incoming->job,
                          .check = incoming->check,
                          .content = incoming->content,
+                         .units = batch->units,
+                         .issues = incoming->issues,
+                         .unit_count = batch->unit_count,
                          .bytes = incoming->bytes};
     farm_batch_t open;
     result_t result = farm_batch_begin(farm, now, &head, &open);
@@ -91,6 +93,7 @@ static result_t add(void *self, double now, const incoming_batch_t *incoming)
             result = farm_batch_commit(farm, now, &open, batch, incoming->payload);
         else
             farm_batch_abort(farm, &open, NULL, 0); /* nobody holds what is not of the job */
+        if (result.code == RESULT_LIMIT) result.code = RESULT_MISMATCH; /* that is decided */
     }
     /* Who was let send it and is not known any more has lost its units: that is decided. */
     if (result.code == RESULT_UNREACHABLE) result.code = RESULT_CANCELLED;

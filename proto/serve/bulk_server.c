@@ -119,19 +119,22 @@ static result_t add_batch(void *context, wire_message_t *message)
     const serve_handler_t *handler = context;
     const Lm__BatchResult *body = message->envelope->batch_result;
     batch_t batch = {0};
+    issue_t *issues = NULL;
     hash_t content;
     bool named = body->content.len > 0;
     if (named) TRY(bulk_hash_get(&body->content, &content));
-    result_t result = wire_batch_get(message, &batch);
+    result_t result = wire_batch_get(message, &batch, &issues);
     incoming_batch_t incoming = {.worker = body->worker,
                                  .job = body->job,
                                  .check = body->check,
                                  .content = named ? &content : NULL,
                                  .batch = &batch,
+                                 .issues = issues,
                                  .payload = message->payload,
                                  .bytes = message->bytes};
     if (result.code == RESULT_OK) result = handler->calls->add(handler->self, clock_now(), &incoming);
     batch_free(&batch);
+    free(issues);
     return result;
 }
 
@@ -153,7 +156,8 @@ static void send_verdicts(bulk_server_t *bulk, peer_server_t *server)
 {
     for (merge_verdict_t verdict; merge_pool_next(bulk->pool, &verdict);) {
         grants_release(bulk->grants, verdict.memory);
-        if (verdict.result.code == RESULT_UNREACHABLE) /* the worker keeps it, and offers it again */
+        /* The worker keeps it, and offers it again. */
+        if (verdict.result.code == RESULT_UNREACHABLE || verdict.result.code == RESULT_LIMIT)
             peer_refuse(server, verdict.message, verdict.result);
         else
             answer_batch(server, verdict.message, &verdict.result);

@@ -17,7 +17,8 @@ struct control_server {
     uint32_t bulk_port;
     peer_server_t *thread;
     char software[64];
-    unit_t *units; /* room for one assignment */
+    unit_t *units;   /* room for one assignment, */
+    issue_t *issues; /* and how it is issued */
     double last_tick;
 };
 
@@ -109,11 +110,14 @@ static void take_claim(control_server_t *control, const Lm__WorkRequest *request
     hash_t content;
     bool named = request->content.len > 0;
     if (request->n_kept == 0 || (named && !wire_hash_get(&request->content, &content))) return;
-    if (wire_units_get(request->kept, request->n_kept, NULL, control->units).code != RESULT_OK) return;
+    if (wire_units_get(request->kept, request->n_kept, NULL, control->units, control->issues).code !=
+        RESULT_OK)
+        return;
     claim_t claim = {.worker = request->worker,
                      .job = request->job,
                      .content = named ? &content : NULL,
                      .units = control->units,
+                     .issues = control->issues,
                      .unit_count = request->n_kept};
     handler->calls->claim(handler->self, clock_now(), &claim);
 }
@@ -129,7 +133,7 @@ static void send_assignment(peer_server_t *server, const wire_message_t *message
     assignment.blob_size = work->blob_size;
     assignment.check = work->check;
     assignment.n_units = work->unit_count;
-    assignment.units = wire_units_new(work->units, work->unit_count);
+    assignment.units = wire_units_new(work->units, work->issues, work->unit_count);
     peer_reply(server, message, LM__ENVELOPE__BODY_ASSIGNMENT, &assignment, NULL);
     free(assignment.units);
 }
@@ -142,7 +146,7 @@ static void on_work_request(void *self, peer_server_t *server, const wire_messag
     Lm__NoWork none = LM__NO_WORK__INIT;
     identity_t identity = peer_identity(message);
     work_request_t request = {body->worker, body->job, body->samples, body->unit_samples};
-    work_t work = {.units = control->units};
+    work_t work = {.units = control->units, .issues = control->issues};
     take_claim(control, body);
     result_t result = handler->calls->take(handler->self, clock_now(), &identity, &request, &work);
     none.retry_ms = RETRY_MS;
@@ -217,6 +221,7 @@ result_t control_server_start(const server_options_t *options, const served_sock
     control->handler = served->handler;
     control->bulk_port = bulk_port;
     control->units = mem_alloc(WIRE_MAX_UNITS * sizeof *control->units);
+    control->issues = mem_alloc(WIRE_MAX_UNITS * sizeof *control->issues);
     snprintf(control->software, sizeof control->software, "lightmill-%s " LIGHTMILL_VERSION,
              program(options));
     result_t result = peer_server_start(&thread, &control->thread);
@@ -231,6 +236,7 @@ void control_server_stop(control_server_t **out)
     if (control == NULL) return;
     peer_server_stop(&control->thread);
     free(control->units);
+    free(control->issues);
     free(control);
     *out = NULL;
 }

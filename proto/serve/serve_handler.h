@@ -37,7 +37,8 @@ typedef struct {
     job_settings_t settings;
     hash_t blob;
     uint64_t blob_size;
-    unit_t *units; /* the caller's, room for WIRE_MAX_UNITS */
+    unit_t *units;   /* the caller's, room for WIRE_MAX_UNITS, */
+    issue_t *issues; /* and for as many of these, of the units */
     size_t unit_count;
     uint64_t check; /* not 0: the units make a batch of their own */
 } work_t;
@@ -62,6 +63,7 @@ typedef struct {
     uint64_t worker, job;
     const hash_t *content; /* job_content_hash of that job; NULL: not said */
     const unit_t *units;   /* not checked against the job */
+    const issue_t *issues; /* of the units */
     size_t unit_count;
 } claim_t;
 
@@ -89,6 +91,7 @@ typedef struct {
     const hash_t *content; /* as in claim_t */
     batch_t *batch;        /* its counts and units, not checked against the job, without settings; who takes
                               it over leaves an empty one */
+    const issue_t *issues; /* of the units */
     const zmq_msg_t *payload; /* [BATCH_PAYLOADS]: its sums */
     size_t bytes;             /* of the message */
 } incoming_batch_t;
@@ -126,8 +129,8 @@ typedef struct {
     /* It was granted. */
     void (*granted)(void *self, double now, uint64_t worker);
     /* Counts and adds up a batch whole, or refuses it whole: then what the sender holds of its units goes to
-     * others. RESULT_UNREACHABLE: nothing is decided over it, and the sender keeps it. Takes as long as a
-     * pass over the film. */
+     * others. RESULT_UNREACHABLE and RESULT_LIMIT: nothing is decided over it, and the sender keeps it. Takes
+     * as long as a pass over the film. */
     result_t (*add)(void *self, double now, const incoming_batch_t *incoming);
 
     /* ---- scenes ---- */

@@ -489,7 +489,7 @@ static result_t mark_end(bulk_t *bulk, delivery_t *delivery)
 static result_t put_batch(bulk_t *bulk, delivery_t *delivery)
 {
     const batch_t *batch = delivery->closed.batch;
-    Lm__Unit **units = wire_units_new(batch->units, batch->unit_count);
+    Lm__Unit **units = wire_units_new(batch->units, delivery->closed.issues, batch->unit_count);
     Lm__Counts counts = LM__COUNTS__INIT;
     wire_counts_put(&batch->counts, &counts);
     Lm__BatchResult message = LM__BATCH_RESULT__INIT;
@@ -597,7 +597,8 @@ static result_t close_batch(bulk_t *bulk, delivery_t *delivery)
     if (result.code != RESULT_OK) {
         log_error("batch %llu is lost: %s", (unsigned long long)delivery->closed.sequence, result.message);
         handler->calls->sent(handler->self, &delivery->closed, false);
-        delivery->closed.batch = NULL;
+        free(delivery->closed.issues);
+        delivery->closed = (closed_batch_t){0};
         return result_fail(RESULT_CANCELLED, "the batch is lost");
     }
     for (int i = 0; i < BATCH_PAYLOADS; i++) delivery->bytes += (double)zmq_msg_size(&delivery->encoded[i]);
@@ -635,6 +636,7 @@ static void end_delivery(bulk_t *bulk, delivery_t *delivery)
                       1e-6 * delivery->bytes, clock_now() - delivery->start);
     }
     handler->calls->sent(handler->self, &delivery->closed, delivery->counted);
+    free(delivery->closed.issues);
 }
 
 static void deliver(bulk_t *bulk, const offer_t *offer)

@@ -306,6 +306,7 @@ result_t control_run(const control_setup_t *setup, const atomic_int *stop)
     }
     hang_up(&control, false);
     free(control.claims);
+    free(control.claim_issues);
     free(name);
     return control.fatal;
 }

@@ -6,7 +6,7 @@
 
 #include <stdlib.h>
 
-enum { CLAIMS_A_REQUEST = 512 };           /* so that it stays far below the limit of a control message */
+enum { CLAIMS_A_REQUEST = 384 };           /* of 41 bytes at most: a control message may have 16 KiB */
 static const double REQUEST_TIMEOUT = 2.0; /* seconds before an unanswered request for work is repeated */
 
 static result_t send_body(control_t *control, Lm__Envelope *envelope)
@@ -67,7 +67,8 @@ static void add_claims(control_t *control, Lm__WorkRequest *work)
 {
     size_t left = control->claim_count - control->claims_sent;
     work->n_kept = left < CLAIMS_A_REQUEST ? left : CLAIMS_A_REQUEST;
-    work->kept = wire_units_new(control->claims + control->claims_sent, work->n_kept);
+    work->kept = wire_units_new(control->claims + control->claims_sent,
+                                control->claim_issues + control->claims_sent, work->n_kept);
     work->job = control->claim_job;
     work->content = wire_hash_put(&control->claim_content);
     if (left > CLAIMS_A_REQUEST) work->samples = 0;
@@ -110,14 +111,17 @@ static double clamp(double value, double least, double most)
 static void note_claims(control_t *control)
 {
     uplink_state_t state = control_handler_state(control);
-    if (control->claims == NULL) control->claims = mem_alloc(WIRE_MAX_UNITS * sizeof *control->claims);
+    if (control->claims == NULL) {
+        control->claims = mem_alloc(WIRE_MAX_UNITS * sizeof *control->claims);
+        control->claim_issues = mem_alloc(WIRE_MAX_UNITS * sizeof *control->claim_issues);
+    }
     control->claim_job = state.job;
     control->claim_content = state.content;
     control->claims_sent = control->claims_asked = 0;
-    control->claim_count = state.job == 0
-                               ? 0
-                               : control_calls(control)->kept(control->setup.handler.self, state.job,
-                                                              control->claims, WIRE_MAX_UNITS);
+    control->claim_count =
+        state.job == 0 ? 0
+                       : control_calls(control)->kept(control->setup.handler.self, state.job, control->claims,
+                                                      control->claim_issues, WIRE_MAX_UNITS);
 }
 
 static void on_welcome(control_t *control, const Lm__Welcome *welcome)
@@ -156,6 +160,22 @@ static void on_welcome(control_t *control, const Lm__Welcome *welcome)
     free(endpoint);
 }
 
+/* The units of an assignment and their MACs, in one piece of memory. */
+static result_t read_units(const Lm__Assignment *message, assignment_t *assignment)
+{
+    size_t count = message->n_units;
+    if (count > WIRE_MAX_UNITS) return result_fail(RESULT_LIMIT, "an assignment of %zu units", count);
+    size_t macs_at = (count * sizeof(unit_t) + 7) & ~(size_t)7;
+    uint8_t *memory = mem_alloc(macs_at + (count + 1) * sizeof(uint64_t));
+    assignment->unit_count = count;
+    assignment->units = (unit_t *)memory;
+    assignment->macs = (uint64_t *)(memory + macs_at);
+    for (size_t i = 0; i < count; i++) assignment->macs[i] = message->units[i]->mac;
+    result_t result = wire_units_get(message->units, count, &assignment->settings, assignment->units, NULL);
+    if (result.code != RESULT_OK) free(memory);
+    return result;
+}
+
 static result_t read_assignment(const Lm__Assignment *message, assignment_t *assignment)
 {
     *assignment =
@@ -168,14 +188,7 @@ static result_t read_assignment(const Lm__Assignment *message, assignment_t *ass
     if (message->blob_size == 0 || message->blob_size > BLOB_MAX_BYTES)
         return result_fail(RESULT_LIMIT, "a scene of %llu bytes", (unsigned long long)message->blob_size);
     assignment->content = job_content_hash(&assignment->settings, &assignment->blob);
-    if (message->n_units > WIRE_MAX_UNITS)
-        return result_fail(RESULT_LIMIT, "an assignment of %zu units", message->n_units);
-    assignment->unit_count = message->n_units;
-    assignment->units = mem_alloc((message->n_units + 1) * sizeof *assignment->units);
-    result_t result =
-        wire_units_get(message->units, message->n_units, &assignment->settings, assignment->units);
-    if (result.code != RESULT_OK) free(assignment->units);
-    return result;
+    return read_units(message, assignment);
 }
 
 static void on_assignment(control_t *control, const Lm__Assignment *message)

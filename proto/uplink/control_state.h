@@ -33,6 +33,7 @@ typedef struct {
     uint64_t work_request; /* unanswered, 0: none */
     /* What was in hand at the welcome and is still to be named in requests for work. */
     unit_t *claims;
+    issue_t *claim_issues;                         /* of these */
     size_t claim_count, claims_sent, claims_asked; /* in all; answered; with the request that is not */
     uint64_t claim_job;
     hash_t claim_content;

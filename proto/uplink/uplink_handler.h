@@ -9,6 +9,7 @@
 
 #include "common/film/batch.h"
 #include "common/scene/scene_blob.h"
+#include "proto/wire/wire.h"
 
 /* Work from the master. */
 typedef struct {
@@ -20,6 +21,7 @@ typedef struct {
     hash_t content;     /* job_content_hash */
     unit_t *units;      /* valid for the job */
     size_t unit_count;
+    uint64_t *macs; /* that show that the units were issued, in the same piece of memory; NULL: not known */
 } assignment_t;
 
 /* A batch that is ready to be closed and sent. */
@@ -35,6 +37,7 @@ typedef struct {
     offer_t offer;
     uint64_t sequence;    /* the handler's own count of its batches */
     const batch_t *batch; /* NULL: there is none any more */
+    issue_t *issues;      /* of its units, in fresh memory that the caller of `close` frees */
 } closed_batch_t;
 
 typedef enum {
@@ -80,9 +83,9 @@ typedef struct {
     /* The master does not know this worker any more: units that were not begun are given to others and are
      * dropped; what was begun is finished, and the open batch is sent soon, since the master may want it. */
     void (*forget)(void *self);
-    /* The units of a job that were begun or finished and are not acknowledged, at most `capacity`; returns
-     * how many. */
-    size_t (*kept)(void *self, uint64_t job, unit_t *units, size_t capacity);
+    /* The units of a job that were begun or finished and are not acknowledged, at most `capacity`, and how
+     * they were issued; returns how many. */
+    size_t (*kept)(void *self, uint64_t job, unit_t *units, issue_t *issues, size_t capacity);
     /* Begins no more units, and closes the last batch when those begun are finished. */
     void (*drain)(void *self);
     /* Gives up the units being rendered, for good: after drain. */

@@ -146,7 +146,7 @@ void wire_counts_get(const Lm__Counts *from, film_counts_t *to)
     COUNTS(COPY);
 }
 
-Lm__Unit **wire_units_new(const unit_t *units, size_t count)
+Lm__Unit **wire_units_new(const unit_t *units, const issue_t *issues, size_t count)
 {
     if (count == 0) return NULL;
     Lm__Unit **messages = mem_alloc(count * (sizeof *messages + sizeof **messages));
@@ -156,24 +156,32 @@ Lm__Unit **wire_units_new(const unit_t *units, size_t count)
         storage[i].tile = units[i].tile;
         storage[i].first = units[i].first;
         storage[i].count = units[i].count;
+        if (issues != NULL) {
+            storage[i].mac = issues[i].mac;
+            storage[i].before = issues[i].before;
+            storage[i].after = issues[i].after;
+        }
         messages[i] = &storage[i];
     }
     return messages;
 }
 
 result_t wire_units_get(Lm__Unit *const *messages, size_t count, const job_settings_t *settings,
-                        unit_t *units)
+                        unit_t *units, issue_t *issues)
 {
     if (count > WIRE_MAX_UNITS)
         return result_fail(RESULT_PROTOCOL, "%zu units, the limit is %d", count, WIRE_MAX_UNITS);
     for (size_t i = 0; i < count; i++)
         units[i] = (unit_t){messages[i]->tile, messages[i]->first, messages[i]->count};
+    for (size_t i = 0; i < count && issues != NULL; i++)
+        issues[i] = (issue_t){messages[i]->mac, messages[i]->before, messages[i]->after};
     return settings != NULL ? job_check_units(settings, units, count) : result_ok();
 }
 
-result_t wire_batch_get(wire_message_t *message, batch_t *batch)
+result_t wire_batch_get(wire_message_t *message, batch_t *batch, issue_t **issues)
 {
     const Lm__BatchResult *body = message->envelope->batch_result;
+    *issues = NULL;
     if (message->payload_count < BATCH_BASE_PAYLOADS)
         return result_fail(RESULT_PROTOCOL, "a batch has %d payloads, and %d are the least",
                            message->payload_count, BATCH_BASE_PAYLOADS);
@@ -182,8 +190,9 @@ result_t wire_batch_get(wire_message_t *message, batch_t *batch)
     if (body->n_units == 0) return result_fail(RESULT_PROTOCOL, "a batch without units");
     batch->unit_count = batch->unit_capacity = body->n_units;
     batch->units = mem_alloc(body->n_units * sizeof *batch->units);
+    *issues = mem_alloc(body->n_units * sizeof **issues);
     wire_counts_get(body->counts, &batch->counts);
-    return wire_units_get(body->units, body->n_units, NULL, batch->units);
+    return wire_units_get(body->units, body->n_units, NULL, batch->units, *issues);
 }
 
 bool wire_hash_get(const ProtobufCBinaryData *bytes, hash_t *hash)

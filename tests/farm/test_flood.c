@@ -88,7 +88,7 @@ static int make_message(flooder_t *flooder, zmq_msg_t frames[2])
         return 1;
     case FLOOD_LARGE:
         batch.n_units = ARRAY_LENGTH(units);
-        batch.units = wire_units_new(units, ARRAY_LENGTH(units));
+        batch.units = wire_units_new(units, NULL, ARRAY_LENGTH(units));
         envelope.body_case = LM__ENVELOPE__BODY_BATCH_RESULT;
         envelope.batch_result = &batch;
         put_envelope(&envelope, NULL, &frames[0]);

@@ -271,7 +271,7 @@ static void send_nonsense(peer_t *peer, const peer_work_t *work)
     body.worker = peer->worker;
     body.job = work->job;
     body.n_units = work->unit_count;
-    body.units = wire_units_new(work->units, work->unit_count);
+    body.units = wire_units_new(work->units, work->issues, work->unit_count);
     body.counts = &counts;
     envelope.body_case = LM__ENVELOPE__BODY_BATCH_RESULT;
     envelope.batch_result = &body;

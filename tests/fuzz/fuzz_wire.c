@@ -42,7 +42,7 @@ static void check_units(Lm__Unit *const *messages, size_t count, const job_setti
 {
     fuzz_expect(count <= WIRE_MAX_UNITS, "too many units");
     unit_t *units = mem_alloc((count + 1) * sizeof *units);
-    if (wire_units_get(messages, count, settings, units).code == RESULT_OK)
+    if (wire_units_get(messages, count, settings, units, NULL).code == RESULT_OK)
         for (size_t i = 0; i < count; i++)
             fuzz_expect(job_unit_valid(settings, &units[i]), "a unit that is not of the job");
     free(units);

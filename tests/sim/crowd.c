@@ -6,6 +6,8 @@
  * sockets have contexts of their own, so that heartbeats do not wait for this process's own batches. */
 #include "tests/sim/crowd.h"
 
+#include "proto/uplink/issued.h"
+
 #include <math.h>
 #include <pthread.h>
 #include <stdatomic.h>
@@ -36,6 +38,7 @@ typedef struct {
     uint64_t job;
     unit_t *queue; /* assigned, not "rendered" yet */
     size_t queued, queue_capacity;
+    issued_t issued;  /* how they were issued, and those of the open batch */
     double head_done; /* clock, when its first unit is finished */
     unit_t *open;     /* the open batch */
     size_t opened, open_capacity;
@@ -184,7 +187,11 @@ static void send_batch(member_t *member, double now)
     body.job = member->job;
     body.sequence = ++member->sequence;
     body.n_units = member->opened;
-    body.units = wire_units_new(member->open, member->opened);
+    issue_t *issues = mem_alloc((member->opened + 1) * sizeof *issues);
+    issued_find(&member->issued, member->open, member->opened, issues);
+    issued_keep(&member->issued, member->queue, member->queued);
+    body.units = wire_units_new(member->open, issues, member->opened);
+    free(issues);
     body.counts = &counts_message;
     envelope.body_case = LM__ENVELOPE__BODY_BATCH_RESULT;
     envelope.batch_result = &body;
@@ -236,11 +243,15 @@ static void on_assignment(member_t *member, const Lm__Assignment *assignment, do
     }
     if (member->queued == 0 && assignment->n_units > 0) member->head_done = fmax(member->head_done, now);
     job_settings_t settings = *prepared_settings(member->crowd->options.prepared);
-    if (wire_units_get(assignment->units, assignment->n_units, &settings, member->queue + member->queued)
-            .code != RESULT_OK)
+    if (wire_units_get(assignment->units, assignment->n_units, &settings, member->queue + member->queued,
+                       NULL)
+            .code != RESULT_OK) {
         member->squad->report.failed++;
-    else
+    } else {
+        for (size_t i = 0; i < assignment->n_units; i++)
+            issued_add(&member->issued, &member->queue[member->queued + i], &assignment->units[i]->mac, 1);
         member->queued = count;
+    }
     member->job = assignment->job;
 }
 
@@ -473,6 +484,7 @@ static void crowd_free(crowd_t *crowd)
                 zmq_close(member->bulk);
             }
             free(member->queue);
+            issued_free(&member->issued);
             free(member->open);
         }
         if (squad->epoll > 0) close(squad->epoll);

@@ -6,6 +6,7 @@
 #include "tests/films.h"
 #include "tests/peer.h"
 #include "tests/scratch.h"
+#include "tests/toy_farm.h"
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -23,7 +24,7 @@ static const double PATIENCE = 20, MOMENT = 0.3; /* seconds: for what must come,
 typedef struct {
     void *socket;
     uint64_t worker, request;
-    unit_t units[64];
+    issue_t issues[WIRE_MAX_UNITS];
     batch_t batch;
 } sender_t;
 
@@ -37,7 +38,6 @@ typedef struct {
     bulk_server_t *server;
     job_settings_t settings;
     uint64_t job;
-    bool nameless; /* offers do not say what the job is */
     sender_t senders[PEERS];
 } test_t;
 
@@ -120,10 +120,10 @@ static void work(test_t *t, sender_t *sender)
 {
     static const identity_t nobody = {{0}, 1};
     unit_t *units = mem_alloc(WIRE_MAX_UNITS * sizeof *units);
-    work_t work = {.units = units};
+    work_t work = {.units = units, .issues = sender->issues};
     must(farm_take(t->farm, clock_now(), &nobody, sender->worker, 0, 10000, 5000, &work));
     assert_int_equal(work.job, t->job);
-    assert_true(work.unit_count > 0 && work.unit_count <= ARRAY_LENGTH(sender->units));
+    assert_true(work.unit_count > 0);
     sender->batch = peer_render(&t->settings, units, work.unit_count);
     free(units);
 }
@@ -147,7 +147,7 @@ static void offer(const test_t *t, sender_t *sender, uint64_t bytes)
     body.job = t->job;
     body.bytes = bytes;
     hash_t blob = {{0}}, content = job_content_hash(&t->settings, &blob);
-    if (!t->nameless) body.content = wire_hash_put(&content);
+    body.content = wire_hash_put(&content);
     envelope.request = ++sender->request;
     envelope.body_case = LM__ENVELOPE__BODY_BATCH_OFFER;
     envelope.batch_offer = &body;
@@ -168,7 +168,7 @@ static size_t send_batch(const test_t *t, sender_t *sender)
     body.worker = sender->worker;
     body.job = t->job;
     body.sequence = 77;
-    body.units = wire_units_new(sender->batch.units, sender->batch.unit_count);
+    body.units = wire_units_new(sender->batch.units, sender->issues, sender->batch.unit_count);
     body.n_units = sender->batch.unit_count;
     body.counts = &counts;
     envelope.request = ++sender->request;
@@ -179,8 +179,9 @@ static size_t send_batch(const test_t *t, sender_t *sender)
     return bytes;
 }
 
-/* The kind of the next answer to the last request, and a refusal's code; 0: none came. */
-static int answer(sender_t *sender, double seconds, uint32_t *code)
+/* The kind of the next answer to the last request, and a refusal's code; 0: none came. A batch must be
+ * merged, or refused for this reason. */
+static int answer_to(sender_t *sender, double seconds, uint32_t *code, const char *reason)
 {
     double deadline = clock_now() + seconds;
     do {
@@ -195,14 +196,27 @@ static int answer(sender_t *sender, double seconds, uint32_t *code)
         assert_true(message.envelope->request == sender->request);
         *code = kind == LM__ENVELOPE__BODY_REFUSAL ? message.envelope->refusal->code : 0;
         if (kind == LM__ENVELOPE__BODY_BATCH_REPLY) {
-            if (!message.envelope->batch_reply->accepted)
-                fail_msg("%s", message.envelope->batch_reply->reason);
+            const Lm__BatchReply *reply = message.envelope->batch_reply;
+            if (reply->accepted != (reason == NULL) ||
+                (reason != NULL && strstr(reply->reason, reason) == NULL))
+                fail_msg("%s", reply->reason);
             assert_int_equal(message.envelope->batch_reply->sequence, 77);
         }
         wire_free(&message);
         return kind;
     } while (clock_now() < deadline);
     return 0;
+}
+
+static int answer(sender_t *sender, double seconds, uint32_t *code)
+{
+    return answer_to(sender, seconds, code, NULL);
+}
+
+static void assert_not_merged(sender_t *sender, const char *reason)
+{
+    uint32_t code;
+    assert_int_equal(answer_to(sender, PATIENCE, &code, reason), LM__ENVELOPE__BODY_BATCH_REPLY);
 }
 
 static void assert_granted(sender_t *sender)
@@ -236,6 +250,21 @@ static job_t *find_job(test_t *t)
     job_t *job = farm_find_job(t->farm, t->job);
     farm_unlock(t->farm);
     return job;
+}
+
+static job_state_t state_of(test_t *t)
+{
+    farm_lock(t->farm);
+    job_state_t state = farm_find_job(t->farm, t->job)->kept.state;
+    farm_unlock(t->farm);
+    return state;
+}
+
+/* As if the units of its batch had been issued to the sender by an earlier process. */
+static void issue(test_t *t, sender_t *sender)
+{
+    toy_issue(t->farm, sender->worker, t->job, 0, sender->batch.units, sender->batch.unit_count,
+              sender->issues);
 }
 
 /* ---- tests --------------------------------------------------------------------------------------------- */
@@ -316,21 +345,29 @@ static void offers_that_are_not_wanted_are_refused(void **state)
     assert_refused(&s[2], RESULT_CANCELLED);
 }
 
-/* A job that waits in the queue is not begun by whoever says its number. */
-static void only_who_knows_a_job_begins_it(void **state)
+/* A job that waits in the queue does not begin for an offer, nor for a batch of units that nobody was given.
+ */
+static void only_who_was_given_units_begins_a_job(void **state)
 {
     test_t *t = *state;
     job_terms_t terms = {.name = "waits"};
     hash_t blob = {{0}};
     must(farm_submit(t->farm, clock_now(), &terms, &t->settings, &blob, 1, &t->job));
+    sender_t *s = t->senders;
+    const unit_t unit = {3, 0, 4};
     for (int i = 0; i < 2; i++) {
-        hello(t, &t->senders[i]);
-        t->nameless = i == 0;
-        offer(t, &t->senders[i], 1000);
+        hello(t, &s[i]);
+        s[i].batch = peer_render(&t->settings, &unit, 1);
+        if (i == 1) issue(t, &s[i]);
+        offer(t, &s[i], 1000);
+        assert_granted(&s[i]);
+        assert_int_equal(state_of(t), JOB_QUEUED);
+        send_batch(t, &s[i]);
         if (i == 0)
-            assert_refused(&t->senders[i], RESULT_CANCELLED);
+            assert_not_merged(&s[i], "not issued");
         else
-            assert_granted(&t->senders[i]);
+            assert_merged(&s[i]);
+        assert_int_equal(state_of(t), i == 0 ? JOB_QUEUED : JOB_RUNNING);
     }
 }
 
@@ -357,6 +394,7 @@ static void an_offer_waits_for_the_film_of_its_job(void **state)
     assert_granted(&s[0]);
     const unit_t units[] = {{3, 0, 4}, {7, 4, 4}};
     s[0].batch = peer_render(&t->settings, units, 2);
+    issue(t, &s[0]);
     send_batch(t, &s[0]);
     assert_merged(&s[0]);
 }
@@ -367,7 +405,7 @@ int main(void)
         cmocka_unit_test_setup_teardown(batches_wait_at_the_workers_while_nothing_is_merged, set_up,
                                         tear_down),
         cmocka_unit_test_setup_teardown(offers_that_are_not_wanted_are_refused, set_up, tear_down),
-        cmocka_unit_test_setup_teardown(only_who_knows_a_job_begins_it, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(only_who_was_given_units_begins_a_job, set_up, tear_down),
         cmocka_unit_test_setup_teardown(an_offer_waits_for_the_film_of_its_job, set_up, tear_down),
     };
     return cmocka_run_group_tests_name("bulk", tests, NULL, NULL);

@@ -89,10 +89,8 @@ static bool is_lie(const actor_t *actor)
 
 static void join(trial_t *trial, actor_t *actor)
 {
-    worker_hello_t hello = {.name = actor->name,
-                            .threads = 1,
-                            .fingerprint = {{actor->fingerprint}},
-                            .relay = actor->relay};
+    worker_hello_t hello = {
+        .name = actor->name, .threads = 1, .fingerprint = {{actor->fingerprint}}, .relay = actor->relay};
     result_t result = toy_say_hello(trial->farm, trial->now, hello, &actor->worker);
     actor->refused = result.code == RESULT_CANCELLED;
     if (result.code != RESULT_OK) actor->worker = 0;
@@ -226,8 +224,7 @@ static void run_with_a_liar(double verify, honesty_t honesty)
     assert_true(trial.actors[2].refused);
     for (int i = 0; i < trial.actor_count; i++) assert_true(i == 2 || !trial.actors[i].refused);
     uint64_t worker;
-    result_t refused =
-        toy_say_hello(trial.farm, trial.now, (worker_hello_t){.name = "liar"}, &worker);
+    result_t refused = toy_say_hello(trial.farm, trial.now, (worker_hello_t){.name = "liar"}, &worker);
     assert_int_equal(refused.code, RESULT_CANCELLED);
     assert_non_null(strstr(refused.message, "sent other sums than two others"));
     end(&trial);
@@ -398,7 +395,15 @@ static void what_nobody_asked_for_is_not_decoded(void **state)
         memset(zmq_msg_data(&payload[i]), 0x55, 100); /* which cannot be decoded */
     }
     farm_batch_t open;
-    batch_head_t head = {.worker = trial.actors[0].worker, .job = trial.job, .check = 77, .bytes = 100};
+    issue_t issue;
+    toy_issue(trial.farm, trial.actors[0].worker, trial.job, 77, &unit, 1, &issue);
+    batch_head_t head = {.worker = trial.actors[0].worker,
+                         .job = trial.job,
+                         .check = 77,
+                         .units = &unit,
+                         .issues = &issue,
+                         .unit_count = 1,
+                         .bytes = 100};
     assert_int_equal(farm_batch_begin(trial.farm, trial.now, &head, &open).code, RESULT_OK);
     assert_int_equal(farm_batch_commit(trial.farm, trial.now, &open, &batch, payload).code, RESULT_MISMATCH);
     for (int i = 0; i < BATCH_PAYLOADS; i++) zmq_msg_close(&payload[i]);

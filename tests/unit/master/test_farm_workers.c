@@ -200,7 +200,7 @@ static void who_offers_for_ever_loses_its_units(void **state)
         idle = toy_join(farm, now, "idle", 1, 0);
         uint64_t alive[] = {offers, idle};
         for (int i = 0; i < 20; i++) {
-            assert_int_equal(farm_batch_wanted(farm, now, offers, job, true).code, RESULT_OK);
+            assert_int_equal(farm_batch_wanted(farm, now, offers, job).code, RESULT_OK);
             if (granted == 1) farm_batch_granted(farm, now, offers);
             pass(farm, &now, 15, alive, 2);
         }
@@ -208,6 +208,15 @@ static void who_offers_for_ever_loses_its_units(void **state)
         farm_destroy((farm_t **)state);
         *state = toy_farm(false);
     }
+}
+
+/* Says what a worker has in hand, which was issued to it. */
+static void claim(farm_t *farm, uint64_t worker, uint64_t job, const hash_t *content, const unit_t *units,
+                  size_t count)
+{
+    issue_t issues[8];
+    toy_issue(farm, worker, job, 0, units, count, issues);
+    farm_reclaim(farm, 1, &(claim_t){worker, job, content, units, issues, count});
 }
 
 /* What a worker has in hand after a restart of the master is its own again. */
@@ -221,11 +230,11 @@ static void units_are_reclaimed(void **state)
     assert_int_equal(first.units[0].tile, 0);
     unit_t units[] = {{0, 0, 4}, {1, 0, 4}, {3, 0, 2}}, wrong = {9, 0, 4};
     hash_t blob = {{0}}, hash = job_content_hash(&settings, &blob);
-    farm_reclaim(farm, 1, worker, job, &hash, units, 3);
-    farm_reclaim(farm, 1, worker, job, &hash, &wrong, 1);
+    claim(farm, worker, job, &hash, units, 3);
+    claim(farm, worker, job, &hash, &wrong, 1);
     assert_int_equal(find_worker(farm, 1, "back").units_held, 2); /* but for what the other has */
     hash.bytes[0] ^= 1;
-    farm_reclaim(farm, 1, worker, job, &hash, &(unit_t){2, 0, 4}, 1);
+    claim(farm, worker, job, &hash, &(unit_t){2, 0, 4}, 1);
     assert_int_equal(find_worker(farm, 1, "back").units_held, 2); /* that was another job */
 }
 
@@ -246,7 +255,7 @@ static void a_job_belongs_to_the_machines_with_the_same_bits(void **state)
     assert_int_equal(toy_report(farm, 1, job).record.fingerprint.bytes[0], 2);
     /* What others have of it, from the life of another master, is of no use. */
     work.units[0].tile = 3;
-    assert_int_equal(farm_batch_wanted(farm, 1, few, job, true).code, RESULT_MISMATCH);
+    assert_int_equal(farm_batch_wanted(farm, 1, few, job).code, RESULT_MISMATCH);
     assert_int_equal(deliver(farm, 1, few, &work).code, RESULT_MISMATCH);
     /* Those who have it leave: it waits for others of their kind, and says so. */
     farm_goodbye(farm, 2, many[0], 0, "");
@@ -370,7 +379,7 @@ static void the_first_batch_decides_on_the_bits(void **state)
              two = toy_join(farm, 0, "two", 2, 2);
     toy_work_t work = {.job = job, .count = 1, .units = {{0, 0, 4}}}, other = work;
     other.units[0].tile = 1;
-    assert_int_equal(farm_batch_wanted(farm, 1, one, job, true).code, RESULT_OK);
+    assert_int_equal(farm_batch_wanted(farm, 1, one, job).code, RESULT_OK);
     assert_int_equal(deliver(farm, 1, one, &work).code, RESULT_OK);
     assert_int_equal(toy_report(farm, 1, job).record.fingerprint.bytes[0], 1);
     assert_int_equal(deliver(farm, 1, two, &other).code, RESULT_MISMATCH);

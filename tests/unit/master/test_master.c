@@ -474,16 +474,19 @@ static void overflow_fails_the_job(void **state)
 static void impossible_batches_are_refused(void **state)
 {
     farm_test_t *t = *state;
-    job_settings_t settings = settings_of(4);
+    job_settings_t settings = settings_of(16);
     uint64_t job = submit(t, &settings);
     peer_hello(t->peer, WIRE_VERSION, 1, NULL);
     peer_work(t->peer, 3000, 500, t->work);
     batch_t batch = peer_render(&settings, t->work->units, t->work->unit_count);
     unit_t good = batch.units[0];
-    const unit_t bad[] = {{1 << 20, 0, 1}, {0, 4, 1}, {0, 0, 5}, {0, UINT32_MAX, 1}, {0, 0, 0}};
+    const unit_t bad[] = {{1 << 20, 0, 1}, {0, 16, 1}, {0, 0, 17}, {0, UINT32_MAX, 1}, {0, 0, 0}};
     for (size_t i = 0; i < ARRAY_LENGTH(bad); i++) {
         batch.units[0] = bad[i];
         assert_int_equal(peer_send_batch(t->peer, job, &batch).code, RESULT_MISMATCH);
+        /* That is held against it, until it delivers. */
+        peer_work(t->peer, 1, 1, t->work);
+        assert_int_equal(send_work(t->peer, t->work).code, RESULT_OK);
     }
     batch.units[0] = batch.units[1]; /* twice the same */
     assert_int_equal(peer_send_batch(t->peer, job, &batch).code, RESULT_MISMATCH);
@@ -495,7 +498,9 @@ static void impossible_batches_are_refused(void **state)
     assert_int_equal(peer_send_batch(t->peer, job, &batch).code, RESULT_MISMATCH);
     batch.counts.rays = 0;
     assert_int_equal(peer_send_batch(t->peer, job + 1, &batch).code, RESULT_MISMATCH);
-    assert_int_equal(peer_send_batch(t->peer, job, &batch).code, RESULT_OK);
+    /* Units of the refused batches went back, and are given out again. */
+    peer_work(t->peer, 3000, 500, t->work);
+    assert_int_equal(send_work(t->peer, t->work).code, RESULT_OK);
     batch_free(&batch);
 }
 
@@ -604,7 +609,7 @@ static void hostile_bytes_do_no_harm(void **state)
             bytes[size] = (uint8_t)(random >> 33);
         }
         size = (random >> 40) % sizeof bytes;
-        if (i % 3 > 0) memcpy(bytes, "LMIL\5", 5);
+        if (i % 3 > 0) memcpy(bytes, "LMIL\6", 5);
         if (i % 3 > 1)
             bytes[PEER_ENVELOPE_AT] = (uint8_t)(8 * (2 + random % 25) + 2),
             bytes[PEER_ENVELOPE_AT + 1] = (uint8_t)(random >> 50) % 64;
@@ -638,7 +643,9 @@ static void send_damaged(peer_t *peer, uint64_t job, const batch_t *batch, int n
     body.worker = peer->worker;
     body.job = job;
     body.n_units = batch->unit_count;
-    body.units = wire_units_new(batch->units, batch->unit_count);
+    issue_t *issues = peer_issues(peer, batch->units, batch->unit_count);
+    body.units = wire_units_new(batch->units, issues, batch->unit_count);
+    free(issues);
     envelope.body_case = LM__ENVELOPE__BODY_BATCH_RESULT;
     envelope.batch_result = &body;
     assert_int_equal(payload_encode(batch, number % 2, good).code, RESULT_OK);

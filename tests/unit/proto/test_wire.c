@@ -196,7 +196,7 @@ static uint8_t *packed(const Lm__Envelope *envelope, size_t *size)
 {
     *size = PEER_ENVELOPE_AT + lm__envelope__get_packed_size(envelope);
     uint8_t *bytes = mem_alloc(*size);
-    memcpy(bytes, "LMIL\6", 5);
+    memcpy(bytes, (uint8_t[]){'L', 'M', 'I', 'L', WIRE_VERSION}, 5);
     lm__envelope__pack(envelope, bytes + PEER_ENVELOPE_AT);
     peer_seal(bytes, *size, NULL, NULL, 0);
     return bytes;
@@ -368,7 +368,7 @@ static void too_many_units_are_errors(void **state)
     Lm__Envelope envelope = LM__ENVELOPE__INIT;
     envelope.body_case = LM__ENVELOPE__BODY_BATCH_RESULT;
     envelope.batch_result = &batch;
-    batch.units = wire_units_new(units, count);
+    batch.units = wire_units_new(units, NULL, count);
     wire_message_t message;
     bool received;
     batch.n_units = count - 1;
@@ -384,7 +384,7 @@ static void too_many_units_are_errors(void **state)
     /* A megabyte of empty units would take forty: the decoder stops at its budget. */
     size_t size = WIRE_MAX_HEADER - 16;
     uint8_t *bytes = mem_alloc(size), *field = bytes + PEER_ENVELOPE_AT;
-    memcpy(bytes, "LMIL\6", 5);
+    memcpy(bytes, (uint8_t[]){'L', 'M', 'I', 'L', WIRE_VERSION}, 5);
     field[0] = 0x9A; /* field 19, batch_result */
     field[1] = 0x01;
     size_t inner = size - PEER_ENVELOPE_AT - 5;
@@ -538,17 +538,24 @@ static void settings_units_and_counts_are_checked(void **state)
 
     const unit_t good[] = {{0, 0, 64}, {5, 63, 1}},
                  bad[] = {{0, 0, 0}, {1 << 30, 0, 1}, {0, 1, 64}, {0, UINT32_MAX, 2}};
+    const issue_t issues[] = {{UINT64_MAX, 0, 0}, {1, 7, UINT32_MAX}};
     unit_t out[2];
-    Lm__Unit **units = wire_units_new(good, 2);
-    assert_int_equal(wire_units_get(units, 2, &settings, out).code, RESULT_OK);
+    issue_t how[2];
+    Lm__Unit **units = wire_units_new(good, issues, 2);
+    assert_int_equal(wire_units_get(units, 2, &settings, out, how).code, RESULT_OK);
     assert_memory_equal(good, out, sizeof good);
+    assert_memory_equal(issues, how, sizeof how);
+    free(units);
+    units = wire_units_new(good, NULL, 2);
+    assert_int_equal(wire_units_get(units, 2, &settings, out, how).code, RESULT_OK);
+    assert_memory_equal(how, (issue_t[2]){{0}}, sizeof how);
     free(units);
     for (size_t i = 0; i < ARRAY_LENGTH(bad); i++) {
-        units = wire_units_new(&bad[i], 1);
-        assert_int_equal(wire_units_get(units, 1, &settings, out).code, RESULT_PROTOCOL);
+        units = wire_units_new(&bad[i], NULL, 1);
+        assert_int_equal(wire_units_get(units, 1, &settings, out, NULL).code, RESULT_PROTOCOL);
         free(units);
     }
-    assert_null(wire_units_new(NULL, 0));
+    assert_null(wire_units_new(NULL, NULL, 0));
 
     film_counts_t counts = {{1, 2}, 3, 4, 5, 6}, back;
     Lm__Counts counts_message = LM__COUNTS__INIT;

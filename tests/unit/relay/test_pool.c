@@ -26,7 +26,8 @@ typedef struct {
     job_settings_t settings;
     hash_t blob;
     uint64_t ada, bob; /* workers */
-    unit_t *units;     /* of the last assignment to one */
+    unit_t *units;     /* of the last assignment to one, */
+    issue_t *issues;   /* and how they were issued */
     int bulk_wake;
 } test_t;
 
@@ -59,6 +60,7 @@ static int set_up(void **state)
     t->settings.width = t->settings.height = 64;
     t->blob = hash_bytes("blob", 4);
     t->units = mem_alloc(WIRE_MAX_UNITS * sizeof *t->units);
+    t->issues = mem_alloc(WIRE_MAX_UNITS * sizeof *t->issues);
     t->ada = hello(t, "ada");
     t->bob = hello(t, "bob");
     *state = t;
@@ -71,6 +73,7 @@ static int tear_down(void **state)
     pool_destroy(&t->pool);
     close(t->bulk_wake);
     free(t->units);
+    free(t->issues);
     free(t);
     return 0;
 }
@@ -121,9 +124,17 @@ static size_t take(test_t *t, double now, uint64_t worker, uint64_t samples)
 {
     identity_t identity = {{1}, 1};
     work_request_t request = {.worker = worker, .samples = samples, .unit_samples = 1};
-    work_t work = {.units = t->units};
+    work_t work = {.units = t->units, .issues = t->issues};
     assert_int_equal(t->serve.calls->take(t->pool, now, &identity, &request, &work).code, RESULT_OK);
     return work.job != 0 ? work.unit_count : 0;
+}
+
+/* As the relay issues units of the job to either worker: its secret is all zeroes, and they are one party. */
+static void issue(const test_t *t, const unit_t *units, size_t count, issue_t *issues)
+{
+    hash_t content = job_content_hash(&t->settings, &t->blob);
+    unit_mac_t mac = unit_mac(&(unit_secret_t){{0}}, "", JOB, &content, 0);
+    unit_mac_issue(&mac, units, count, issues);
 }
 
 static result_t deliver(test_t *t, uint64_t worker, const batch_t *batch)
@@ -134,10 +145,14 @@ static result_t deliver(test_t *t, uint64_t worker, const batch_t *batch)
     assert_int_equal(payload_encode(batch, true, payload).code, RESULT_OK);
     bare.units = mem_alloc(batch->unit_count * sizeof *bare.units);
     memcpy(bare.units, batch->units, batch->unit_count * sizeof *bare.units);
-    incoming_batch_t incoming = {.worker = worker, .job = JOB, .batch = &bare, .payload = payload};
+    issue_t *issues = mem_alloc(batch->unit_count * sizeof *issues);
+    issue(t, batch->units, batch->unit_count, issues);
+    incoming_batch_t incoming = {
+        .worker = worker, .job = JOB, .batch = &bare, .issues = issues, .payload = payload};
     result_t result = t->serve.calls->add(t->pool, 0, &incoming);
     for (int i = 0; i < BATCH_PAYLOADS; i++) zmq_msg_close(&payload[i]);
     batch_free(&bare);
+    free(issues);
     return result;
 }
 
@@ -173,6 +188,7 @@ static void what_the_master_would_refuse_is_refused_here(void **state)
     closed_batch_t closed = t->handler.calls->close(t->handler.self, &duty.offer);
     assert_int_equal(closed.batch->unit_count, 2);
     t->handler.calls->sent(t->handler.self, &closed, true);
+    free(closed.issues);
 }
 
 /* A master that lost its data gives the number to another job while the old one's scene is on its way. */
@@ -245,10 +261,12 @@ static void units_that_are_not_of_the_job_are_refused(void **state)
     assert_int_equal(take(t, 0, t->ada, MUCH), 1);
     batch_t batch = peer_render(&t->settings, &unit, 1);
     for (size_t i = 0; i < ARRAY_LENGTH(wrong); i++) {
-        claim_t claim = {t->bob, JOB, &content, &wrong[i], 1};
+        issue_t how;
+        issue(t, &wrong[i], 1, &how);
+        claim_t claim = {t->bob, JOB, &content, &wrong[i], &how, 1};
         t->serve.calls->claim(t->pool, 0, &claim);
         batch.units[0] = wrong[i];
-        assert_int_equal(deliver(t, t->ada, &batch).code, RESULT_PROTOCOL);
+        assert_int_equal(deliver(t, t->ada, &batch).code, i == 1 ? RESULT_DENIED : RESULT_PROTOCOL);
         assert_int_equal(take(t, 0, t->bob, MUCH), 0);
     }
     batch.units[0] = unit;

@@ -78,6 +78,22 @@ static int tear_down(void **state)
 
 /* ---- what the two threads do --------------------------------------------------------------------------- */
 
+/* What the master sends with a unit here. */
+static uint64_t mac_of(const unit_t *unit, uint64_t check)
+{
+    return ((uint64_t)unit->tile << 40 ^ (uint64_t)unit->first << 20 ^ unit->count ^ check << 60) + 1;
+}
+
+/* Units come back with the MACs of those that they lie in. */
+static void check_issues(const unit_t *units, const issue_t *issues, size_t count, uint64_t check)
+{
+    for (size_t i = 0; i < count; i++) {
+        unit_t issued = {units[i].tile, units[i].first - issues[i].before,
+                         issues[i].before + units[i].count + issues[i].after};
+        assert_true(issues[i].mac == mac_of(&issued, check));
+    }
+}
+
 static void assign_check(bench_t *b, uint64_t job, uint64_t check, const unit_t *units, size_t count)
 {
     assignment_t assignment = {.job = job,
@@ -87,8 +103,11 @@ static void assign_check(bench_t *b, uint64_t job, uint64_t check, const unit_t 
                                .blob_size = b->scene.blob.size,
                                .content = job_content_hash(&b->settings, &b->scene.blob.hash),
                                .unit_count = count};
-    assignment.units = mem_alloc((count + 1) * sizeof *units);
-    memcpy(assignment.units, units, count * sizeof *units);
+    /* In one piece of memory, which begins with the units. */
+    uint64_t *memory = mem_alloc((3 * count + 1) * sizeof *memory);
+    assignment.units = memcpy(memory, units, count * sizeof *units);
+    assignment.macs = memory + 2 * count;
+    for (size_t i = 0; i < count; i++) assignment.macs[i] = mac_of(&units[i], check);
     b->handler.calls->assign(b->handler.self, &assignment);
 }
 
@@ -130,8 +149,9 @@ static void load(bench_t *b, uint64_t job)
 static void await_rendered(bench_t *b, size_t units)
 {
     unit_t kept[64];
+    issue_t issues[64];
     for (double start = clock_now();; sleep_briefly()) {
-        size_t count = b->handler.calls->kept(b->handler.self, JOB, kept, ARRAY_LENGTH(kept));
+        size_t count = b->handler.calls->kept(b->handler.self, JOB, kept, issues, ARRAY_LENGTH(kept));
         if (count == units && state_of(b).rendering == 0) return;
         if (clock_now() - start > PATIENCE) fail_msg("%zu units, not %zu, are rendered", count, units);
     }
@@ -147,12 +167,16 @@ static closed_batch_t close_offer(bench_t *b, const duty_t *duty)
 {
     assert_int_equal(duty->kind, DUTY_OFFER);
     assert_true(duty->offer.bytes > 0);
-    return b->handler.calls->close(b->handler.self, &duty->offer);
+    closed_batch_t closed = b->handler.calls->close(b->handler.self, &duty->offer);
+    if (closed.batch != NULL)
+        check_issues(closed.batch->units, closed.issues, closed.batch->unit_count, duty->offer.check);
+    return closed;
 }
 
 static void sent(bench_t *b, const closed_batch_t *closed)
 {
     b->handler.calls->sent(b->handler.self, closed, true);
+    free(closed->issues);
 }
 
 /* Samples of a tile in a batch; fails when two units share one. */
@@ -326,14 +350,16 @@ static void a_forgotten_worker_keeps_what_was_begun(void **state)
     bench_t *b = *state;
     enum { UNITS = 40 };
     unit_t units[UNITS], kept[UNITS];
+    issue_t issues[UNITS];
     for (uint32_t i = 0; i < UNITS; i++) units[i] = (unit_t){i % 4, 16 * (i / 4), 16};
     assign(b, units, UNITS);
     assign_check(b, JOB, 8, units, 2);
     load(b, JOB);
     await_duty(b, DUTY_OFFER, AT_ONCE);
-    size_t count = b->handler.calls->kept(b->handler.self, JOB, kept, UNITS);
+    size_t count = b->handler.calls->kept(b->handler.self, JOB, kept, issues, UNITS);
     assert_true(count > 0 && count < UNITS);
-    assert_int_equal(b->handler.calls->kept(b->handler.self, JOB + 1, kept, UNITS), 0);
+    check_issues(kept, issues, count, 0);
+    assert_int_equal(b->handler.calls->kept(b->handler.self, JOB + 1, kept, issues, UNITS), 0);
     b->handler.calls->forget(b->handler.self);
     await_idle_threads(b);
     size_t held = state_of(b).units_held;
@@ -464,7 +490,8 @@ static void units_that_take_too_long_are_given_up(void **state)
     await_rendered(b, 1);
     assign(b, endless, 2);
     unit_t kept[4];
-    while (b->handler.calls->kept(b->handler.self, JOB, kept, 4) < 3) sleep_briefly();
+    issue_t issues[4];
+    while (b->handler.calls->kept(b->handler.self, JOB, kept, issues, 4) < 3) sleep_briefly();
     b->handler.calls->drain(b->handler.self);
     assert_int_equal(duty_of(b, NEVER).kind, DUTY_NONE);
     b->handler.calls->give_up(b->handler.self);
@@ -504,6 +531,7 @@ static void a_batch_fits_into_a_message(void **state)
     bench_t *b = *state;
     enum { MORE = 512, UNITS = WIRE_MAX_UNITS + MORE, THREADS = 2 };
     unit_t *units = mem_alloc(2 * UNITS * sizeof *units), *kept = units + UNITS;
+    issue_t *issues = mem_alloc(UNITS * sizeof *issues);
     for (uint32_t i = 0; i < UNITS; i++) units[i] = (unit_t){0, i, 1};
     b->settings.spp = 1 << 16;
     b->settings.width = b->settings.height = 2;
@@ -511,7 +539,7 @@ static void a_batch_fits_into_a_message(void **state)
     assign(b, units + WIRE_MAX_UNITS, MORE);
     load(b, JOB);
     double start = clock_now();
-    while (b->handler.calls->kept(b->handler.self, JOB, kept, UNITS) < WIRE_MAX_UNITS - THREADS) {
+    while (b->handler.calls->kept(b->handler.self, JOB, kept, issues, UNITS) < WIRE_MAX_UNITS - THREADS) {
         sleep_briefly();
         if (clock_now() - start > PATIENCE) fail_msg("the batch does not fill");
     }
@@ -527,6 +555,7 @@ static void a_batch_fits_into_a_message(void **state)
     closed = close_offer(b, &duty);
     assert_int_equal(first + closed.batch->unit_count, UNITS);
     sent(b, &closed);
+    free(issues);
     free(units);
 }
 
