@@ -37,16 +37,16 @@ static void limit_counts(film_counts_t *counts)
 
 result_t batch_check_counts(const batch_t *batch)
 {
-    uint64_t samples[2] = {0, 0};
-    for (size_t i = 0; i < batch->unit_count; i++)
+    uint64_t paths[2] = {0, 0};
+    for (size_t i = 0; i < batch->unit_count && job_has_splats(&batch->settings); i++)
         for (int half = 0; half < 2; half++)
-            samples[half] += (uint64_t)unit_half_count(&batch->units[i], half) *
-                             job_tile_pixels(&batch->settings, batch->units[i].tile);
+            paths[half] += (uint64_t)unit_half_count(&batch->units[i], half) *
+                           job_tile_pixels(&batch->settings, batch->units[i].tile);
     for (int half = 0; half < 2; half++)
-        if (batch->counts.light_paths[half] > samples[half])
-            return result_fail(RESULT_PROTOCOL, "%llu light paths for %llu samples",
+        if (batch->counts.light_paths[half] != paths[half])
+            return result_fail(RESULT_PROTOCOL, "%llu light paths, where its units trace %llu",
                                (unsigned long long)batch->counts.light_paths[half],
-                               (unsigned long long)samples[half]);
+                               (unsigned long long)paths[half]);
     const uint64_t others[] = {batch->counts.dropped, batch->counts.overflows, batch->counts.rays,
                                batch->counts.cpu_us};
     for (size_t i = 0; i < ARRAY_LENGTH(others); i++)

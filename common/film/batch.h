@@ -89,7 +89,8 @@ void batch_add(batch_t *batch, const unit_result_t *result);
 void batch_merge(batch_t *sum, const batch_t *more);
 /* Makes the frame of a sum, of zeroes, where the batch has none yet; returns its values. */
 int64_t *batch_frame(batch_t *batch, sum_kind_t kind);
-/* RESULT_PROTOCOL when a batch claims counts that its units, which are valid, cannot have. */
+/* RESULT_PROTOCOL when a batch claims counts that its units, which are valid, cannot have: light paths, which
+ * splats are divided by, are one a sample, or none in a job without splats. */
 result_t batch_check_counts(const batch_t *batch);
 /* RESULT_PROTOCOL when it has sums that no renderer makes of its units (sum_possible). */
 result_t batch_check_sums(const batch_t *batch);

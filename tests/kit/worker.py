@@ -55,8 +55,8 @@ class Worker:
             self.bulk.close()
 
 
-def full_light_paths(settings, units):
-    """Counts of a batch in which every sample traced its light path; 0 where the integrator traces none."""
+def light_paths(settings, units):
+    """The counts that a batch must have: every sample traces a light path, or none where the integrator is path."""
     halves = [0, 0]
     if settings.integrator != payload.PATH:
         for unit in units:
