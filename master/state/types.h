@@ -20,7 +20,8 @@ enum {
     FARM_MAX_DECLINES = 3,                  /* of a job that no worker has rendered any of; farm/declines.c */
     FARM_LONE_DECLINES = 8,                 /* where only one party could */
     FARM_DECLINERS = 16,                    /* processes that are remembered for it, of a job */
-    FARM_UNIT_DEATHS = 5, /* workers that a unit has to end, at least, before it is left out */
+    FARM_UNIT_DEATHS =
+        12, /* workers that a unit has to end, while it is all they have, before it is left out */
     FARM_MAX_FAILURES = 3 /* of a party without a delivery between them, before it is put aside */
 };
 #define FARM_ASIDE_SECONDS 60.0 /* that a party is put aside for the first time; trust/standing.c */

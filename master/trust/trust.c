@@ -5,8 +5,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-enum { RATE_SECONDS = 600 }; /* over which deaths are remembered as a rate */
-
 trust_t *trust_new(void)
 {
     return mem_zalloc(1, sizeof(trust_t));
@@ -37,13 +35,8 @@ result_t trust_admit(const farm_t *farm, double now, worker_t *worker)
 
 void trust_died(farm_t *farm, double now, worker_t *worker, bool back)
 {
-    bool excused = back || farm_worker_units(farm, worker) == 0, apart = false;
-    for (size_t i = 0; i < farm->job_count && !back; i++) {
-        bool here;
-        if (suspects_died(farm, now, farm->jobs[i], worker, &here)) excused = true;
-        apart = apart || here;
-    }
-    farm->trust->deaths += !apart;
+    bool excused = back || farm_worker_units(farm, worker) == 0;
+    for (size_t i = 0; i < farm->job_count && !back; i++) excused |= suspects_died(farm->jobs[i], worker);
     if (!excused) standing_fell(farm, now, worker);
 }
 
@@ -57,7 +50,7 @@ void trust_delivered(farm_t *farm, double now, const worker_t *worker, job_t *jo
                      size_t count)
 {
     standing_delivered(farm, now, worker);
-    suspects_delivered(farm, job, units, count);
+    suspects_delivered(job, units, count);
 }
 
 /* ---- giving -------------------------------------------------------------------------------------------- */
@@ -91,22 +84,8 @@ void trust_remark(const farm_t *farm, double now, const job_t *job, char *text, 
 
 /* ---- time ---------------------------------------------------------------------------------------------- */
 
-/* Counts how often workers die of late that have no suspects in their hands. */
-static void rate_tick(farm_t *farm, double now)
-{
-    trust_t *trust = farm->trust;
-    double seconds = fmin(fmax(now - trust->rated, 0), 1); /* beyond that, we were asleep */
-    double decay = exp(-seconds / RATE_SECONDS), connected = 0;
-    trust->rated = now;
-    for (size_t i = 0; i < farm->worker_count; i++)
-        connected += farm->workers[i].connected && farm->workers[i].quarantine == 0;
-    trust->deaths *= decay;
-    trust->worker_seconds = trust->worker_seconds * decay + connected * seconds;
-}
-
 void trust_tick(farm_t *farm, double now)
 {
-    rate_tick(farm, now);
     checks_tick(farm, now);
     evidence_tick(farm, now);
 }

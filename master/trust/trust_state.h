@@ -20,11 +20,9 @@ typedef struct {
 struct trust {
     standing_t *standings;
     size_t standing_count;
-    id_table_t by_who;             /* indices of standings */
-    double deaths, worker_seconds; /* of late: how often workers die of nothing in particular */
-    double rated;                  /* seconds, when these were counted */
-    double gone_looked;            /* seconds, when it was looked who is gone (evidence.c) */
-    bool spooled;                  /* batches were written that are not safe on the disk yet */
+    id_table_t by_who;  /* indices of standings */
+    double gone_looked; /* seconds, when it was looked who is gone (evidence.c) */
+    bool spooled;       /* batches were written that are not safe on the disk yet */
 };
 
 /* ---- standing.c ---- */
@@ -42,13 +40,13 @@ void standing_lied(farm_t *farm, double now, uint64_t source, const char *name, 
 
 /* ---- suspects.c ---- */
 
-/* A worker is held for dead, and what it holds is about to be released. *apart is true when it held nothing
- * but suspects. Returns true when its death may be the fault of what it held. */
-bool suspects_died(farm_t *farm, double now, job_t *job, const worker_t *worker, bool *apart);
+/* A worker is held for dead, and what it holds is about to be released. Returns true when its death may be
+ * the fault of what it held. */
+bool suspects_died(job_t *job, const worker_t *worker);
 /* A worker that was held for dead is alive. */
 void suspects_lives(farm_t *farm, uint64_t worker);
 /* Units were counted: they are above suspicion. */
-void suspects_delivered(farm_t *farm, job_t *job, const unit_t *units, size_t count);
+void suspects_delivered(job_t *job, const unit_t *units, size_t count);
 
 /* Suspects for a worker: TRUST_ANY when there are none for it, TRUST_WAIT when it is to have some once it
  * holds nothing else, or TRUST_GIVEN. */
