@@ -167,7 +167,8 @@ void toy_issue(farm_t *farm, uint64_t worker, uint64_t job, uint64_t check, cons
 }
 
 static result_t deliver(farm_t *farm, double now, uint64_t worker, uint64_t id, uint64_t check,
-                        const unit_t *units, const issue_t *issues, size_t count, int64_t lie)
+                        const unit_t *units, const issue_t *issues, size_t count, int64_t lie,
+                        uint64_t overflows)
 {
     farm_batch_t open;
     batch_head_t head = {.worker = worker,
@@ -180,6 +181,7 @@ static result_t deliver(farm_t *farm, double now, uint64_t worker, uint64_t id, 
     TRY(farm_batch_begin(farm, now, &head, &open));
     batch_t batch = make_batch(&open.settings, units, count);
     for (size_t i = 0; i < batch.sums[SUM_EYE].count; i++) batch.sums[SUM_EYE].values[i] += lie;
+    batch.counts.overflows = overflows;
     zmq_msg_t payload[BATCH_PAYLOADS];
     assert_int_equal(payload_encode(&batch, false, payload).code, RESULT_OK);
     result_t result = farm_batch_commit(farm, now, &open, &batch, payload);
@@ -194,7 +196,7 @@ static result_t deliver_issued(farm_t *farm, double now, uint64_t worker, uint64
 {
     issue_t *issues = mem_alloc((count + 1) * sizeof *issues);
     toy_issue(farm, worker, job, check, units, count, issues);
-    result_t result = deliver(farm, now, worker, job, check, units, issues, count, lie);
+    result_t result = deliver(farm, now, worker, job, check, units, issues, count, lie, 0);
     free(issues);
     return result;
 }
@@ -212,7 +214,12 @@ result_t toy_deliver_work(farm_t *farm, double now, uint64_t worker, const toy_w
 
 result_t toy_deliver_as(farm_t *farm, double now, uint64_t worker, const toy_work_t *work)
 {
-    return deliver(farm, now, worker, work->job, work->check, work->units, work->issues, work->count, 0);
+    return deliver(farm, now, worker, work->job, work->check, work->units, work->issues, work->count, 0, 0);
+}
+
+result_t toy_deliver_overflow(farm_t *farm, double now, uint64_t worker, const toy_work_t *work)
+{
+    return deliver(farm, now, worker, work->job, work->check, work->units, work->issues, work->count, 0, 1);
 }
 
 void toy_work_off(farm_t *farm, double now, uint64_t worker, uint64_t job)

@@ -43,6 +43,8 @@ result_t toy_deliver(farm_t *farm, double now, uint64_t worker, uint64_t job, co
 result_t toy_deliver_work(farm_t *farm, double now, uint64_t worker, const toy_work_t *work, int64_t lie);
 /* The same, as the units were issued: with the MACs that they came with. */
 result_t toy_deliver_as(farm_t *farm, double now, uint64_t worker, const toy_work_t *work);
+/* The right sums, with the claim that some overflowed. */
+result_t toy_deliver_overflow(farm_t *farm, double now, uint64_t worker, const toy_work_t *work);
 /* Takes and delivers all that there is of a job, at one moment. */
 void toy_work_off(farm_t *farm, double now, uint64_t worker, uint64_t job);
 

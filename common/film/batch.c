@@ -37,18 +37,24 @@ static void limit_counts(film_counts_t *counts)
 
 result_t batch_check_counts(const batch_t *batch)
 {
-    uint64_t paths[2] = {0, 0};
-    for (size_t i = 0; i < batch->unit_count && job_has_splats(&batch->settings); i++)
+    uint64_t samples[2] = {0, 0};
+    for (size_t i = 0; i < batch->unit_count; i++)
         for (int half = 0; half < 2; half++)
-            paths[half] += (uint64_t)unit_half_count(&batch->units[i], half) *
-                           job_tile_pixels(&batch->settings, batch->units[i].tile);
-    for (int half = 0; half < 2; half++)
-        if (batch->counts.light_paths[half] != paths[half])
+            samples[half] += (uint64_t)unit_half_count(&batch->units[i], half) *
+                             job_tile_pixels(&batch->settings, batch->units[i].tile);
+    for (int half = 0; half < 2; half++) {
+        uint64_t paths = job_has_splats(&batch->settings) ? samples[half] : 0;
+        if (batch->counts.light_paths[half] != paths)
             return result_fail(RESULT_PROTOCOL, "%llu light paths, where its units trace %llu",
                                (unsigned long long)batch->counts.light_paths[half],
-                               (unsigned long long)paths[half]);
-    const uint64_t others[] = {batch->counts.dropped, batch->counts.overflows, batch->counts.rays,
-                               batch->counts.cpu_us};
+                               (unsigned long long)paths);
+    }
+    /* Of a sample: what its eye subpath brings, its features, and a splat of each light vertex. */
+    if (batch->counts.dropped > (samples[0] + samples[1]) * ((uint64_t)batch->settings.max_depth + 4))
+        return result_fail(RESULT_PROTOCOL, "%llu contributions dropped of %llu samples",
+                           (unsigned long long)batch->counts.dropped,
+                           (unsigned long long)(samples[0] + samples[1]));
+    const uint64_t others[] = {batch->counts.overflows, batch->counts.rays, batch->counts.cpu_us};
     for (size_t i = 0; i < ARRAY_LENGTH(others); i++)
         if (others[i] > BATCH_MAX_COUNT)
             return result_fail(RESULT_PROTOCOL, "a count of %llu is out of all bounds",

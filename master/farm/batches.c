@@ -188,6 +188,8 @@ result_t farm_batch_begin(farm_t *farm, double now, const batch_head_t *head, fa
         *open = (farm_batch_t){.settings = job->kept.settings,
                                .job = job,
                                .worker = head->worker,
+                               .blob = job->kept.blob,
+                               .dark = job->brightest <= 0,
                                .check = head->check,
                                .shared_film = farm_job_film_hold(job)};
         job->pins++;
@@ -197,6 +199,14 @@ result_t farm_batch_begin(farm_t *farm, double now, const batch_head_t *head, fa
     }
     farm_unlock(farm);
     return result;
+}
+
+void farm_batch_lights(farm_t *farm, farm_batch_t *open, const scene_blob_t *blob)
+{
+    double brightest = plausible_brightest(blob);
+    farm_lock(farm);
+    open->job->brightest = brightest;
+    farm_unlock(farm);
 }
 
 /* Moves the points that the speed is measured from. */
@@ -214,8 +224,12 @@ typedef struct {
     farm_batch_t *open;
     const batch_t *batch;
     const zmq_msg_t *payload;
-    hash_t digest;      /* of its sums, when it bears a number */
-    bool counted;       /* its units are, and it goes into the film */
+    hash_t digest;   /* of its sums, when it bears a number or is doubted */
+    bool counted;    /* its units are, and it goes into the film */
+    bool believed;   /* whatever its sums are: it is of this process, or another one is the same */
+    bool doubted;    /* it is not merged, since it has sums that are too large */
+    bool comparable; /* then: its digest is known */
+    sum_limits_t limits;
     uint32_t *weights;  /* of its units; NULL: all 1 */
     trust_keep_t *keep; /* NULL: it is not kept */
 } delivery_t;
@@ -238,6 +252,16 @@ static uint64_t most_compared(const job_t *job, const worker_t *worker)
     return COMPARED_BYTES + worker->threads * sum_unit_bytes(&job->kept.settings, &largest);
 }
 
+/* What a batch is compared by. Sums that overflowed at the worker depend on the order in which it made them,
+ * so all batches of which that is said are the same. */
+static result_t find_digest(delivery_t *delivery)
+{
+    static const char overflow[] = "overflow";
+    TRY(payload_digest(delivery->payload, delivery->batch, &delivery->digest));
+    if (delivery->batch->counts.overflows > 0) delivery->digest = hash_bytes(overflow, sizeof overflow);
+    return result_ok();
+}
+
 /* A batch that bears a number is a rendering of units that two workers are asked for: it is compared with the
  * other by its digest. No memory is taken for what nobody asked for. */
 static result_t digest_rendering(delivery_t *delivery)
@@ -247,21 +271,26 @@ static result_t digest_rendering(delivery_t *delivery)
     if (open->asked.code != RESULT_OK) return open->asked;
     if (!units_same(open->units, open->unit_count, batch->units, batch->unit_count))
         return result_fail(RESULT_MISMATCH, "these are not the units that were to be compared");
-    return payload_digest(delivery->payload, batch, &delivery->digest);
+    return find_digest(delivery);
 }
 
 /* Compares a rendering with others; *wanted is false when it does not go into the film. */
-static result_t compare(farm_t *farm, double now, const delivery_t *delivery, bool *wanted)
+static result_t compare(farm_t *farm, double now, delivery_t *delivery, bool *wanted)
 {
     const farm_batch_t *open = delivery->open;
     TRY(trust_compare(farm, now, open->job, open->worker, open->check, delivery->batch->units,
-                      delivery->batch->unit_count, &delivery->digest, wanted));
+                      delivery->batch->unit_count, &delivery->digest, wanted, &delivery->believed));
     worker_t *worker = farm_find_worker(farm, open->worker);
     worker->delivered = now;
     worker->offered = worker->granted = 0;
     farm_worker_relieved(farm, worker);
     farm_cast_out(farm, now);
     return result_ok();
+}
+
+static bool is_of_this_process(const worker_t *worker)
+{
+    return worker != NULL && worker->key[0] == '\0' && worker->address[0] == '\0';
 }
 
 /* Under the lock, in the shared film: refuses the batch, or counts its units. They are in the film before the
@@ -283,8 +312,33 @@ static result_t count_units(farm_t *farm, double now, delivery_t *delivery)
     delivery->weights = unit_weights(job, batch);
     delivery->keep = trust_keep_begin(farm, job, worker, batch);
     delivery->counted = true;
+    delivery->comparable =
+        worker != NULL && batch_check_size(batch, most_compared(job, worker)).code == RESULT_OK;
+    if (trust_believes_all(job) || is_of_this_process(worker)) delivery->believed = true;
+    delivery->limits = delivery->believed ? plausible_anything() : plausible_limits(job);
     job->merging++;
     return result_ok();
+}
+
+/* Merges a batch, or doubts it. */
+static result_t merge(delivery_t *delivery)
+{
+    shared_film_t *shared_film = delivery->open->shared_film;
+    const batch_t *batch = delivery->batch;
+    bool claims = batch->counts.overflows > 0;
+    result_t result = result_fail(RESULT_CANCELLED, "sums that are said to be too large");
+    if (!claims || delivery->believed)
+        result = shared_film_merge_within(shared_film, delivery->payload, batch, delivery->weights,
+                                          &delivery->limits);
+    if (result.code != RESULT_CANCELLED) return result;
+    if (delivery->believed)
+        return shared_film_merge_payload(shared_film, delivery->payload, batch, delivery->weights, 1);
+    delivery->doubted = true;
+    if (!delivery->comparable)
+        return result_fail(RESULT_PROTOCOL, "it has sums that are too large, and too many to be compared");
+    TRY(find_digest(delivery));
+    return result_fail(RESULT_MISMATCH,
+                       "it has sums that are too large to be believed: its units are rendered once more");
 }
 
 /* In the shared film. */
@@ -295,8 +349,7 @@ static result_t add_batch(farm_t *farm, double now, delivery_t *delivery)
     result_t result = count_units(farm, now, delivery);
     farm_unlock(farm);
     if (result.code != RESULT_OK || !delivery->counted) return result;
-    TRY(shared_film_merge_payload(open->shared_film, delivery->payload, delivery->batch, delivery->weights,
-                                  1));
+    TRY(merge(delivery));
     if (delivery->keep != NULL)
         trust_keep_write(farm, open->job, delivery->keep, delivery->batch, delivery->payload);
     return result_ok();
@@ -348,6 +401,12 @@ static void conclude(farm_t *farm, double now, delivery_t *delivery, const resul
     if (delivery->keep != NULL) trust_keep_end(farm, open->job, &delivery->keep, delivery->batch, good);
     if (good && delivery->counted) note_batch(farm, now, delivery);
     if (!good && delivery->counted) uncount(delivery);
+    if (good && delivery->counted && open->check != 0) trust_answered(open->job, open->check);
+    if (good && delivery->believed) plausible_confirm(open->job, &delivery->limits);
+    if (delivery->doubted && result->code == RESULT_MISMATCH && worker != NULL &&
+        open->job->film == FILM_OPEN)
+        trust_doubt(farm, open->job, worker, open->check, delivery->batch->units, delivery->batch->unit_count,
+                    &delivery->digest);
     if (!good) refuse(farm, open->job, worker, delivery->batch->units, delivery->batch->unit_count);
     if (result->code == RESULT_PROTOCOL && worker != NULL)
         trust_failed(farm, now, worker, "sends batches that are malformed");

@@ -191,6 +191,8 @@ typedef struct {
     job_settings_t settings; /* of the job, to decode the batch with; the rest is the farm's */
     job_t *job;
     uint64_t worker, check;
+    hash_t blob; /* its job's scene, */
+    bool dark;   /* and nobody has looked yet how bright that is (farm_batch_lights) */
     shared_film_t *shared_film;
     result_t asked; /* of one that bears a number: whether it was asked for, */
     unit_t *units;  /* and which units were */
@@ -202,9 +204,12 @@ typedef struct {
  * is being loaded or has no memory. A job that waits in the queue begins. After success exactly one of the
  * next two is called. */
 result_t farm_batch_begin(farm_t *farm, double now, const batch_head_t *head, farm_batch_t *open);
+/* Tells how bright the scene of its job is, which was peeked at; it bounds the sums of batches. */
+void farm_batch_lights(farm_t *farm, farm_batch_t *open, const scene_blob_t *blob);
 /* Counts and merges a batch whole, or refuses it whole: then what the sender holds of its units goes back.
- * `batch` has settings, checked units and counts; its sums are in the payloads. Takes as long as a pass over
- * the film; batches of one job may be merged by several threads at once. */
+ * One whose sums are too large to be believed is refused (RESULT_MISMATCH), and its units are rendered once
+ * more. `batch` has settings, checked units and counts; its sums are in the payloads. Takes as long as a pass
+ * over the film; batches of one job may be merged by several threads at once. */
 result_t farm_batch_commit(farm_t *farm, double now, farm_batch_t *open, const batch_t *batch,
                            const zmq_msg_t payload[BATCH_PAYLOADS]);
 /* The batch was no good: what the sender holds of its units goes back. */

@@ -42,6 +42,19 @@ void shared_film_leave(shared_film_t *shared_film);
  * can have; then the film is as it was. Sums that overflow are left out and counted. */
 result_t shared_film_merge_payload(shared_film_t *shared_film, const zmq_msg_t payload[BATCH_PAYLOADS],
                                    const batch_t *batch, const uint32_t *weights, int sign);
+
+/* How large the values of a batch may be. The magnitude of one, before it is weighted, must be less than the
+ * next power of two after once + each * samples; samples are those of its unit, of a frame those of one pixel
+ * on average. What has no bound here has `once` 0. */
+typedef struct {
+    uint64_t once[BATCH_SUMS], each[BATCH_SUMS]; /* in the units of the sum, each at most 2^62 */
+    uint64_t top[BATCH_SUMS]; /* result: no magnitude was larger, and one is more than half of it */
+} sum_limits_t;
+/* Adds a batch as shared_film_merge_payload does with sign 1, unless it has a value beyond the limits or
+ * makes a sum of the film overflow: then RESULT_CANCELLED, and the film is as it was. `top` is then not
+ * known. */
+result_t shared_film_merge_within(shared_film_t *shared_film, const zmq_msg_t payload[BATCH_PAYLOADS],
+                                  const batch_t *batch, const uint32_t *weights, sum_limits_t *limits);
 /* The film's counts, at any time. */
 film_counts_t shared_film_counts(shared_film_t *shared_film);
 

@@ -8,7 +8,11 @@
  *
  * An overflow, which fails the job, must not be counted before the whole batch is known to be good, since
  * what does not count must leave no trace. So the first walk stops at one and is taken back too; the rest is
- * looked at; and if all is well the batch is added for good, without the sums that overflow. */
+ * looked at; and if all is well the batch is added for good, without the sums that overflow.
+ *
+ * With limits, a walk that meets a value beyond them is stopped and taken back in the same way. Limits are
+ * powers of two, so that it is enough to look at the bits of all magnitudes of a piece together: no
+ * comparison a value. */
 #include "master/film/shared_film_pages.h"
 
 #include <stdlib.h>
@@ -20,6 +24,8 @@ typedef struct {
     const job_settings_t *settings;
     const batch_t *batch;
     const uint32_t *weights;
+    sum_limits_t *limits;  /* NULL: none */
+    uint64_t mean_samples; /* of the batch, a pixel of the image, rounded up; with limits */
     payload_reader_t *reader;
     sum_kind_t kind; /* of the payload at hand */
     size_t *starts;  /* of each unit in it, in pixels, and the end */
@@ -32,11 +38,34 @@ static uint32_t weight_of(const walk_t *walk, size_t unit)
     return walk->weights == NULL ? 1 : walk->weights[unit];
 }
 
-/* These return RESULT_CANCELLED when the adder stopped. */
+/* These return RESULT_CANCELLED when the adder stopped, or a value is beyond the limits. */
 
 static result_t stopped(void)
 {
     return result_fail(RESULT_CANCELLED, "stopped");
+}
+
+/* ---- limits -------------------------------------------------------------------------------------------- */
+
+/* All bits that are set in the magnitudes (less 1 of those below zero) of some values. */
+static uint64_t magnitude_bits(const int64_t *values, size_t count)
+{
+    uint64_t bits = 0;
+    for (size_t i = 0; i < count; i++) bits |= (uint64_t)(values[i] ^ values[i] >> 63);
+    return bits;
+}
+
+/* True when values of the payload at hand, of as many samples, are within the limits. They were looked at
+ * before when the batch is added in another mode than the first. */
+static bool within_limits(walk_t *walk, uint64_t samples, const int64_t *values, size_t count)
+{
+    sum_limits_t *limits = walk->limits;
+    if (limits == NULL || walk->adder.mode != ADD_STRICT || limits->once[walk->kind] == 0) return true;
+    uint64_t more, bits = magnitude_bits(values, count), most = UINT64_C(1) << 62;
+    limits->top[walk->kind] |= bits;
+    if (__builtin_mul_overflow(limits->each[walk->kind], samples, &more) || more > most) more = most;
+    more += limits->once[walk->kind];
+    return bits >> (64 - __builtin_clzll(more)) == 0;
 }
 
 /* ---- samples ------------------------------------------------------------------------------------------- */
@@ -135,6 +164,7 @@ static result_t walk_tile_piece(walk_t *walk, const payload_piece_t *piece)
         size_t count = piece->lanes * run.count;
         if (!sum_possible(walk->kind, &walk->batch->units[walk->unit], values, count))
             return result_fail(RESULT_PROTOCOL, "%s sums that no sample can have", layout->name);
+        if (!within_limits(walk, walk->batch->units[walk->unit].count, values, count)) return stopped();
         if (!adder_add_strided(&walk->adder, walk->kind, layout->values * run.pixel + piece->offset,
                                layout->values, piece->lanes, weigh(walk, values, count), run.count))
             return stopped();
@@ -162,6 +192,10 @@ static void index_units(walk_t *walk)
 static result_t walk_frame_piece(walk_t *walk, const payload_piece_t *piece)
 {
     const int64_t *values = piece->values;
+    size_t marked = 0;
+    for (size_t i = 0; i < piece->pixels; i += 64)
+        marked += (size_t)__builtin_popcountll(payload_marked(piece, i));
+    if (!within_limits(walk, walk->mean_samples, values, 3 * marked)) return stopped();
     for (size_t i = 0; i < piece->pixels; i += 64) {
         uint64_t mask = payload_marked(piece, i);
         if (!adder_add_marked(&walk->adder, walk->kind, 3 * (piece->first + i), mask, values, piece->large))
@@ -208,6 +242,7 @@ static result_t merge(walk_t *walk, const zmq_msg_t payload[BATCH_PAYLOADS], boo
     walk_again(walk, payload, ADD_EXACT, !negative, walk->adder.steps);
     if (result.code != RESULT_CANCELLED) return result;
     TRY(walk_again(walk, payload, ADD_NOTHING, false, UINT64_MAX));
+    if (walk->limits != NULL) return result_fail(RESULT_CANCELLED, "sums that are too large");
     return walk_again(walk, payload, ADD_TOLERANT, false, UINT64_MAX);
 }
 
@@ -222,14 +257,25 @@ static void add_counts(shared_film_t *shared_film, const film_counts_t *counts, 
     pthread_mutex_unlock(&shared_film->counting);
 }
 
-result_t shared_film_merge_payload(shared_film_t *shared_film, const zmq_msg_t payload[BATCH_PAYLOADS],
-                                   const batch_t *batch, const uint32_t *weights, int sign)
+/* Samples of a batch for each pixel of the image, rounded up. */
+static uint64_t mean_samples(const batch_t *batch)
+{
+    uint64_t samples = 0, pixels = (uint64_t)batch->settings.width * (uint64_t)batch->settings.height;
+    for (size_t i = 0; i < batch->unit_count; i++)
+        samples += batch->units[i].count * (uint64_t)job_tile_pixels(&batch->settings, batch->units[i].tile);
+    return (samples + pixels - 1) / pixels;
+}
+
+static result_t merge_batch(shared_film_t *shared_film, const zmq_msg_t payload[BATCH_PAYLOADS],
+                            const batch_t *batch, const uint32_t *weights, sum_limits_t *limits, int sign)
 {
     walk_t *walk = mem_alloc(sizeof *walk);
     *walk = (walk_t){.adder.shared_film = shared_film,
                      .settings = &shared_film->film->settings,
                      .batch = batch,
                      .weights = weights,
+                     .limits = limits,
+                     .mean_samples = mean_samples(batch),
                      .reader = payload_reader_new(),
                      .starts = mem_alloc((batch->unit_count + 1) * sizeof *walk->starts)};
     result_t result = walk->reader == NULL ? result_fail(RESULT_LIMIT, "no memory for a decoder")
@@ -239,4 +285,17 @@ result_t shared_film_merge_payload(shared_film_t *shared_film, const zmq_msg_t p
     free(walk->starts);
     free(walk);
     return result;
+}
+
+result_t shared_film_merge_payload(shared_film_t *shared_film, const zmq_msg_t payload[BATCH_PAYLOADS],
+                                   const batch_t *batch, const uint32_t *weights, int sign)
+{
+    return merge_batch(shared_film, payload, batch, weights, NULL, sign);
+}
+
+result_t shared_film_merge_within(shared_film_t *shared_film, const zmq_msg_t payload[BATCH_PAYLOADS],
+                                  const batch_t *batch, const uint32_t *weights, sum_limits_t *limits)
+{
+    memset(limits->top, 0, sizeof limits->top);
+    return merge_batch(shared_film, payload, batch, weights, limits, 1);
 }

@@ -148,14 +148,17 @@ struct job {
     uint64_t rate_samples[2];
     job_checks_t *checks;     /* NULL: none */
     job_suspects_t *suspects; /* NULL: none */
-    bool several_bits;        /* machines with different bits have worked on it */
-    bool progress_due;        /* it may be complete: farm_tick sees to it */
-    bool stuck;               /* it is finishing, and its end waits for room on the disk */
-    uint32_t news_count;      /* what was to be told of it so far in this process */
-    uint32_t news_failures;   /* attempts to tell the last of it that failed */
-    double news_since;        /* seconds, the first of these attempts; 0: none yet */
-    double news_retry;        /* seconds, when to try again; 0: now */
-    char remark[300];         /* what is to be known of it for the moment, beside the message */
+    double brightest;         /* light of its scene (trust/plausible.c); 0: not looked for yet */
+    uint64_t
+        confirmed[BATCH_SUMS]; /* the largest magnitudes that two renderings agreed on beyond its bounds */
+    bool several_bits;         /* machines with different bits have worked on it */
+    bool progress_due;         /* it may be complete: farm_tick sees to it */
+    bool stuck;                /* it is finishing, and its end waits for room on the disk */
+    uint32_t news_count;       /* what was to be told of it so far in this process */
+    uint32_t news_failures;    /* attempts to tell the last of it that failed */
+    double news_since;         /* seconds, the first of these attempts; 0: none yet */
+    double news_retry;         /* seconds, when to try again; 0: now */
+    char remark[300];          /* what is to be known of it for the moment, beside the message */
     int pins;
 };
 

@@ -72,6 +72,16 @@ static void granted(void *self, double now, uint64_t worker)
     farm_batch_granted(farm_of(self), now, worker);
 }
 
+/* Once a job: it does not matter that there may be no scene any more. */
+static void look_at_lights(farm_service_t *service, farm_batch_t *open)
+{
+    scene_blob_t blob = {0};
+    if (!open->dark) return;
+    if (blob_store_peek(service->store, &open->blob, &blob).code == RESULT_OK)
+        farm_batch_lights(service->farm, open, &blob);
+    blob_close(&blob);
+}
+
 static result_t add(void *self, double now, const incoming_batch_t *incoming)
 {
     farm_t *farm = farm_of(self);
@@ -87,6 +97,7 @@ static result_t add(void *self, double now, const incoming_batch_t *incoming)
     farm_batch_t open;
     result_t result = farm_batch_begin(farm, now, &head, &open);
     if (result.code == RESULT_OK) {
+        look_at_lights(self, &open);
         batch->settings = open.settings;
         result = job_check_units(&batch->settings, batch->units, batch->unit_count);
         if (result.code == RESULT_OK)

@@ -91,6 +91,8 @@ static check_t remove_check(job_checks_t *checks, size_t at)
 static void drop_check(job_t *job, size_t at)
 {
     check_t check = remove_check(job->checks, at);
+    if (check.doubt == DOUBT_OPEN && job->schedule != NULL)
+        schedule_release_units(job->schedule, 0, check.units, check.count);
     check_free(&check);
     job->progress_due = true;
 }
@@ -133,8 +135,8 @@ check_t *checks_begun(job_checks_t *checks, size_t source, const unit_t *units, 
 {
     for (size_t i = 0; i < checks->check_count; i++) {
         check_t *check = &checks->checks[i];
-        if (check->evidence == 0 && check->rendering_count > 0 && check->renderings[0].source == source &&
-            units_same(check->units, check->count, units, count))
+        if (check->evidence == 0 && check->doubt == DOUBT_NONE && check->rendering_count > 0 &&
+            check->renderings[0].source == source && units_same(check->units, check->count, units, count))
             return check;
     }
     return NULL;
@@ -164,7 +166,7 @@ static bool rendered_on(const job_checks_t *checks, const check_t *check, uint64
     return false;
 }
 
-static bool may_render(const job_checks_t *checks, const check_t *check, const worker_t *worker)
+static bool may_compare(const job_checks_t *checks, const check_t *check, const worker_t *worker)
 {
     return worker->connected && hash_equal(&worker->fingerprint, &check->fingerprint) &&
            !rendered_by(checks, check, worker);
@@ -174,10 +176,19 @@ static bool may_render(const job_checks_t *checks, const check_t *check, const w
 static bool can_be_had(const farm_t *farm, double now, const job_checks_t *checks, const check_t *check)
 {
     for (size_t i = 0; i < farm->worker_count; i++)
-        if (may_render(checks, check, &farm->workers[i]) &&
+        if (may_compare(checks, check, &farm->workers[i]) &&
             farm_worker_asks(farm, now, &farm->workers[i], FARM_LOAD_BATCHES))
             return true;
     return false;
+}
+
+/* Whoever is there may render what is doubted and not in the film yet, if nobody is there who has not. */
+static bool may_render(const farm_t *farm, double now, const job_checks_t *checks, const check_t *check,
+                       const worker_t *worker)
+{
+    if (may_compare(checks, check, worker)) return true;
+    return check->doubt == DOUBT_OPEN && hash_equal(&worker->fingerprint, &check->fingerprint) &&
+           !can_be_had(farm, now, checks, check);
 }
 
 /* True when nobody is better placed: of a party that has not rendered it, or fast enough. */
@@ -188,7 +199,7 @@ static bool suits(const farm_t *farm, double now, const job_checks_t *checks, co
     bool quick = check->samples <= worker->speed * FIT_SECONDS;
     for (size_t i = 0; i < farm->worker_count && !(fresh && quick); i++) {
         const worker_t *other = &farm->workers[i];
-        if (other == worker || !may_render(checks, check, other) ||
+        if (other == worker || !may_compare(checks, check, other) ||
             !farm_worker_asks(farm, now, other, FARM_ASK_BATCHES))
             continue;
         bool other_fresh = !rendered_on(checks, check, other->party);
@@ -217,7 +228,7 @@ bool checks_take(farm_t *farm, double now, job_t *job, worker_t *worker, work_t 
     job_checks_t *checks = job->checks;
     for (size_t i = 0; checks != NULL && i < checks->check_count; i++) {
         check_t *check = &checks->checks[i];
-        if (check->with != 0 || !may_render(checks, check, worker) ||
+        if (check->with != 0 || !may_render(farm, now, checks, check, worker) ||
             !suits(farm, now, checks, check, worker))
             continue;
         check->with = worker->id;
@@ -324,19 +335,22 @@ static void give_up(farm_t *farm, job_t *job)
 static void conclude(farm_t *farm, double now, job_t *job, const check_t *check, const hash_t *digest)
 {
     bool passed = true;
-    if (hash_equal(&check->renderings[0].digest, digest))
+    if (check->doubt == DOUBT_NONE && hash_equal(&check->renderings[0].digest, digest))
         evidence_vouch(farm, job, check->renderings[0].source, check->clock);
     for (size_t i = 0; i < check->rendering_count; i++) {
         if (hash_equal(&check->renderings[i].digest, digest)) continue;
         source_t source = job->checks->sources[check->renderings[i].source];
         char why[FARM_MAX_NAME];
         passed = false;
-        snprintf(why, sizeof why, "sent other sums than two others for %zu units of job %llu; it is %s",
+        bool doubted = i == 0 && check->doubt != DOUBT_NONE;
+        snprintf(why, sizeof why, "sent %s for %zu units of job %llu; it is %s",
+                 doubted ? "sums that are too large, and that others do not make,"
+                         : "other sums than two others",
                  check->count, (unsigned long long)job->kept.job, source.party_text);
         evidence_condemn(farm, now, source.id);
         standing_lied(farm, now, source.id, source.name, why);
     }
-    job->kept.checks_passed += passed;
+    job->kept.checks_passed += passed && check->doubt == DOUBT_NONE;
     job->kept.checks_failed += !passed;
     farm_record_changed(farm, job);
 }
@@ -375,7 +389,7 @@ static result_t find_asked(const job_checks_t *checks, const worker_t *worker, u
         return result_fail(RESULT_UNREACHABLE, "this master does not know the worker");
     if (*at == SIZE_MAX)
         return result_fail(RESULT_MISMATCH, "these units are not (any more) to be compared with others");
-    if (rendered_by(checks, &checks->checks[*at], worker))
+    if (checks->checks[*at].doubt != DOUBT_OPEN && rendered_by(checks, &checks->checks[*at], worker))
         return result_fail(RESULT_MISMATCH, "the worker has rendered these units before");
     return result_ok();
 }
@@ -393,9 +407,9 @@ result_t trust_asked(const farm_t *farm, const job_t *job, uint64_t id, uint64_t
 }
 
 result_t trust_compare(farm_t *farm, double now, job_t *job, uint64_t id, uint64_t number,
-                       const unit_t *units, size_t count, const hash_t *digest, bool *merge)
+                       const unit_t *units, size_t count, const hash_t *digest, bool *merge, bool *confirmed)
 {
-    *merge = false;
+    *merge = *confirmed = false;
     const worker_t *worker = farm_find_worker(farm, id);
     size_t at;
     TRY(find_asked(job->checks, worker, number, &at));
@@ -403,12 +417,60 @@ result_t trust_compare(farm_t *farm, double now, job_t *job, uint64_t id, uint64
     if (!units_same(check->units, check->count, units, count))
         return result_fail(RESULT_MISMATCH, "these are not the units that were to be compared");
     if (check->with == id) check->with = 0;
-    *merge = check->rendering_count == 0;
+    *merge = check->rendering_count == 0 || check->doubt == DOUBT_OPEN;
     add_rendering(check,
                   checks_source(job->checks, worker->source, worker->party, worker->name, worker->party_text),
                   digest);
+    if (check->doubt == DOUBT_OPEN) {
+        hash_t agreed;
+        *confirmed = agreement(check, &agreed) && hash_equal(&agreed, digest);
+        schedule_release_units(job->schedule, 0, check->units, check->count);
+        check->doubt = DOUBT_TRIED;
+    }
     decide(farm, now, job, at);
     return result_ok();
+}
+
+/* ---- doubts -------------------------------------------------------------------------------------------- */
+
+/* Keeps the units of a doubted batch from others; false when they are not all free. */
+static bool set_apart(job_t *job, const unit_t *units, size_t count)
+{
+    size_t i = 0;
+    while (i < count && schedule_issue(job->schedule, 0, &units[i])) i++;
+    if (i < count) schedule_release_units(job->schedule, 0, units, i);
+    return i == count;
+}
+
+void trust_doubt(farm_t *farm, job_t *job, const worker_t *worker, uint64_t number, const unit_t *units,
+                 size_t count, const hash_t *digest)
+{
+    job_checks_t *checks = checks_of(job);
+    size_t at = find_check(checks, number);
+    bool again = at != SIZE_MAX;
+    log_warning("job %llu: %s sent sums that are too large to be believed; %zu units are rendered once more",
+                (unsigned long long)job->kept.job, worker->name, count);
+    if ((number != 0 && !again) || (!again && checks->check_count == MAX_CHECKS)) return;
+    if (!set_apart(job, units, count)) return;
+    check_t *check = again ? &checks->checks[at] : add_check(job, units, count, &worker->fingerprint);
+    check->doubt = DOUBT_OPEN;
+    if (!again)
+        add_rendering(check,
+                      checks_source(checks, worker->source, worker->party, worker->name, worker->party_text),
+                      digest);
+    farm_notify_idle(farm);
+}
+
+void trust_answered(job_t *job, uint64_t number)
+{
+    size_t at = find_check(job->checks, number);
+    if (at != SIZE_MAX && job->checks->checks[at].doubt == DOUBT_TRIED)
+        job->checks->checks[at].doubt = DOUBT_ANSWERED;
+}
+
+bool trust_believes_all(const job_t *job)
+{
+    return job->checks != NULL && job->checks->given_up;
 }
 
 void checks_forget(job_t *job, size_t source)
@@ -437,7 +499,8 @@ bool trust_pending(const job_t *job)
 /* Notes since when a comparison is not worth waiting for: nobody can make it, or nobody did. */
 static void note_hopeless(const farm_t *farm, double now, const job_checks_t *checks, check_t *check)
 {
-    bool open = check->with != 0 || check->rendering_count > 1;
+    bool open = check->with != 0 ||
+                (check->doubt == DOUBT_NONE ? check->rendering_count > 1 : check->doubt != DOUBT_ANSWERED);
     bool hopeless = !open && (check->tries >= MAX_TRIES || !can_be_had(farm, now, checks, check));
     if (!hopeless)
         check->hopeless = 0;
@@ -460,6 +523,23 @@ static bool is_late(const job_t *job, const check_t *check, double now)
            schedule_held(job->schedule, check->with) == 0;
 }
 
+/* Of two parties, one has made sums of the same units that can be believed, and nobody else is there to be
+ * asked. The other is not believed. A machine that differs from itself makes mistakes. */
+static void decide_alone(farm_t *farm, double now, job_t *job, size_t at)
+{
+    check_t check = remove_check(job->checks, at);
+    size_t last = check.rendering_count - 1;
+    const source_t *first = &job->checks->sources[check.renderings[0].source];
+    if (first->party != job->checks->sources[check.renderings[last].source].party)
+        conclude(farm, now, job, &check, &check.renderings[last].digest);
+    else
+        for (size_t i = 0; i < farm->worker_count; i++)
+            if (farm->workers[i].connected && farm->workers[i].source == first->id)
+                trust_failed(farm, now, &farm->workers[i], "makes other sums each time");
+    check_free(&check);
+    job->progress_due = true;
+}
+
 static void tick_job(farm_t *farm, double now, job_t *job)
 {
     job_checks_t *checks = job->checks;
@@ -472,13 +552,18 @@ static void tick_job(farm_t *farm, double now, job_t *job)
         size_t source = check->renderings[0].source;
         uint64_t clock = check->clock;
         note_hopeless(farm, now, checks, check);
+        if (check->hopeless > 0 && check->doubt == DOUBT_ANSWERED) {
+            decide_alone(farm, now, job, i);
+            i = 0; /* others may have gone with it */
+            continue;
+        }
         bool piles_up = is_long_hopeless(farm, now, check) && evidence_piles_up(farm, job, source);
         if (check->hopeless <= 0 || (!counted && !piles_up)) {
             i++;
             continue;
         }
+        checks->unmade += check->doubt == DOUBT_NONE;
         drop_check(job, i);
-        checks->unmade++;
         if (piles_up) evidence_vouch(farm, job, source, clock);
     }
     if (checks->unmade == unmade) return;
@@ -508,7 +593,7 @@ void checks_remark(const farm_t *farm, double now, const job_t *job, char *text,
                  "wrong sums are still to be taken out of the film, for which there is no room now");
     for (size_t i = 0; checks != NULL && i < checks->check_count; i++) {
         const check_t *check = &checks->checks[i];
-        if (check->with != 0 || can_be_had(farm, now, checks, check)) continue;
+        if (check->with != 0 || check->doubt != DOUBT_NONE || can_be_had(farm, now, checks, check)) continue;
         stuck++;
         if (check->rendering_count < 2) continue;
         snprintf(text, size, "%.60s and %.60s disagree, and a further worker is needed to decide",

@@ -20,6 +20,7 @@
 #ifndef LIGHTMILL_TRUST_H
 #define LIGHTMILL_TRUST_H
 
+#include "common/scene/scene_blob.h"
 #include "master/state/state.h"
 
 trust_t *trust_new(void);
@@ -70,11 +71,20 @@ void trust_mark(farm_t *farm, double now, job_t *job, const worker_t *worker, wo
  * in fresh memory. */
 result_t trust_asked(const farm_t *farm, const job_t *job, uint64_t worker, uint64_t check, unit_t **units,
                      size_t *count);
-/* Decides over a batch that bears a number: *merge is true when it is the first rendering of its units and
- * goes into the film. The digest is of its decoded sums. Fails as trust_asked does, or when the units are
- * others. */
+/* Decides over a batch that bears a number: *merge is true when no rendering of its units is in the film, and
+ * it goes there; *confirmed when it is then as another one that was doubted. The digest is of its decoded
+ * sums. Fails as trust_asked does, or when the units are others. */
 result_t trust_compare(farm_t *farm, double now, job_t *job, uint64_t worker, uint64_t check,
-                       const unit_t *units, size_t count, const hash_t *digest, bool *merge);
+                       const unit_t *units, size_t count, const hash_t *digest, bool *merge, bool *confirmed);
+/* A batch that a connected or lost worker delivered, with this number or 0, has sums that are too large to be
+ * believed (plausible.c), and is not in the film; its units are free. They are rendered once more, by another
+ * party if there is one, and compared. */
+void trust_doubt(farm_t *farm, job_t *job, const worker_t *worker, uint64_t check, const unit_t *units,
+                 size_t count, const hash_t *digest);
+/* The batch with this number was merged. */
+void trust_answered(job_t *job, uint64_t check);
+/* True when batches of the job are no longer doubted, since no two workers make the same bits of it. */
+bool trust_believes_all(const job_t *job);
 
 /* A batch that is kept until its sender is vouched for. */
 typedef struct trust_keep trust_keep_t;
@@ -88,6 +98,17 @@ void trust_keep_end(farm_t *farm, job_t *job, trust_keep_t **keep, const batch_t
 /* A batch of this worker was counted. */
 void trust_delivered(farm_t *farm, double now, const worker_t *worker, job_t *job, const unit_t *units,
                      size_t count);
+
+/* ---- plausible.c --------------------------------------------------------------------------------------- */
+
+/* The brightest light of a scene, in the sense of plausible.c. The blob was peeked at. */
+double plausible_brightest(const scene_blob_t *blob);
+/* What the values of a batch of the job may be, */
+sum_limits_t plausible_limits(const job_t *job);
+/* and of one that is believed, whatever it holds. */
+sum_limits_t plausible_anything(void);
+/* Values as large as in a batch that was merged within these limits are believed from now on. */
+void plausible_confirm(job_t *job, const sum_limits_t *limits);
 
 /* ---- jobs ---------------------------------------------------------------------------------------------- */
 

@@ -91,6 +91,14 @@ typedef struct {
 
 enum { CHECK_RENDERINGS = 5, MAX_CHECKS = 1024 };
 
+/* Whether a rendering is in the film of units whose first was doubted (plausible.c). */
+typedef enum {
+    DOUBT_NONE,    /* it was not */
+    DOUBT_OPEN,    /* no; they are kept from others meanwhile */
+    DOUBT_TRIED,   /* one is being merged */
+    DOUBT_ANSWERED /* yes */
+} doubt_t;
+
 /* Units that are rendered by several workers. */
 typedef struct {
     uint64_t number;   /* random, not 0 */
@@ -103,7 +111,8 @@ typedef struct {
     struct {
         size_t source;
         hash_t digest;
-    } renderings[CHECK_RENDERINGS]; /* the first is in the film */
+    } renderings[CHECK_RENDERINGS]; /* the first is in the film, */
+    doubt_t doubt;                  /* unless it was doubted */
     size_t rendering_count;
     uint64_t with;   /* the worker that renders it now; 0: none */
     double deadline; /* seconds, of that worker */

@@ -454,21 +454,50 @@ static void time_ends_a_job(void **state)
     wire_free(&message);
 }
 
-static void overflow_fails_the_job(void **state)
+/* Takes what is left of the work once, and delivers it with a value more at one place. */
+static result_t deliver_with(farm_test_t *t, peer_t *peer, const job_settings_t *settings, int64_t more)
+{
+    peer_work(peer, 500, 500, t->work);
+    assert_int_not_equal(t->work->job, 0);
+    batch_t batch = peer_render(settings, t->work->units, t->work->unit_count);
+    batch.sums[SUM_EYE].values[5] += more;
+    result_t result = peer_send_check(peer, t->work->job, t->work->check, &batch);
+    batch_free(&batch);
+    return result;
+}
+
+static void overflow_fails_the_job_the_second_time(void **state)
 {
     farm_test_t *t = *state;
     job_settings_t settings = settings_of(1);
     uint64_t job = submit(t, &settings);
     wire_message_t message;
     peer_hello(t->peer, WIRE_VERSION, 1, NULL);
-    peer_work(t->peer, 500, 500, t->work);
-    batch_t batch = peer_render(&settings, t->work->units, t->work->unit_count);
-    batch.sums[SUM_EYE].values[5] = INT64_MAX;
-    assert_int_equal(peer_send_batch(t->peer, job, &batch).code, RESULT_OK);
-    batch_free(&batch);
+    assert_int_equal(deliver_with(t, t->peer, &settings, INT64_C(1) << 62).code, RESULT_MISMATCH);
+    assert_int_equal(t->work->check, 0);
+    assert_int_equal(deliver_with(t, t->peer, &settings, INT64_C(1) << 62).code, RESULT_OK);
+    assert_int_not_equal(t->work->check, 0);
     assert_int_equal(peer_wait(t->peer, job, 5), JOB_FAILED);
     assert_non_null(strstr(peer_status(t->peer, job, &message)->message, "--film-scale 24"));
     wire_free(&message);
+}
+
+/* As above, but another worker does not agree: its sums count. */
+static void sums_that_are_too_large_are_rendered_by_another(void **state)
+{
+    farm_test_t *t = *state;
+    job_settings_t settings = settings_of(1);
+    uint64_t job = submit(t, &settings);
+    peer_t *other = peer_new(master_control_port(t->master));
+    peer_hello(t->peer, WIRE_VERSION, 1, NULL);
+    other->name = "other";
+    peer_hello(other, WIRE_VERSION, 1, NULL);
+    assert_int_equal(deliver_with(t, t->peer, &settings, (int64_t)411552 << 32).code, RESULT_MISMATCH);
+    assert_int_equal(deliver_with(t, other, &settings, 0).code, RESULT_OK);
+    assert_int_not_equal(t->work->check, 0);
+    work_off(other, t->work);
+    assert_int_equal(peer_wait(t->peer, job, 5), JOB_DONE);
+    peer_destroy(&other);
 }
 
 static void impossible_batches_are_refused(void **state)
@@ -809,7 +838,8 @@ int main(void)
         WITH_MASTER(a_cancelled_job_keeps_what_workers_have),
         WITH_MASTER(a_cancelled_job_does_not_wait_for_ever),
         WITH_MASTER(time_ends_a_job),
-        WITH_MASTER(overflow_fails_the_job),
+        WITH_MASTER(overflow_fails_the_job_the_second_time),
+        WITH_MASTER(sums_that_are_too_large_are_rendered_by_another),
         WITH_MASTER(impossible_batches_are_refused),
         WITH_MASTER(uploads_are_resumed_and_verified),
         WITH_MASTER(blobs_are_fetched_in_chunks),

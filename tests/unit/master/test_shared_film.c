@@ -306,6 +306,116 @@ static void damaged_batches_leave_no_trace(void **state)
     batch_free(&batch);
 }
 
+/* Limits that the batch is just within, at one value; its bound is the next power of two. */
+static sum_limits_t limits_of(int bits)
+{
+    sum_limits_t limits = {.once = {0}};
+    for (sum_kind_t k = 0; k < BATCH_SUMS; k++)
+        if (k != SUM_FEATURES && k != SUM_MATTES) limits.once[k] = (UINT64_C(1) << bits) - 1;
+    return limits;
+}
+
+static result_t merge_within(shared_film_t *shared_film, const zmq_msg_t payload[BATCH_PAYLOADS],
+                             const batch_t *batch, sum_limits_t *limits)
+{
+    shared_film_enter(shared_film);
+    result_t result = shared_film_merge_within(shared_film, payload, batch, NULL, limits);
+    shared_film_leave(shared_film);
+    return result;
+}
+
+/* One value of each of the sums of radiance, in turn, is as large as it may be, and one larger; each is found
+ * wherever it is, with either sign, and nothing of its batch stays in the film. */
+static void values_beyond_limits_leave_no_trace(void **state)
+{
+    (void)state;
+    static const sum_kind_t kinds[] = {SUM_EYE, SUM_SPLAT, SUM_GROUP_EYE, SUM_GROUP_SPLAT};
+    enum { BITS = 50 };
+    job_settings_t settings = job_of_pages();
+    batch_t before = batch_of(&settings, 1, 0, 2), batch = batch_of(&settings, 0, 0, 3);
+    film_t *film = film_of(&before, 1);
+    shared_film_t *shared_film = shared_film_of(&settings);
+    merge_one(shared_film, &before, 1);
+    uint64_t random = 1;
+    for (int i = 0; i < 32; i++) {
+        sum_kind_t kind = kinds[i % 4];
+        sum_array_t *sums = &batch.sums[kind];
+        size_t at = i < 4 ? 0 : i < 8 ? sums->count - 1 : draw(&random) % sums->count;
+        int64_t value = sums->values[at], most = (INT64_C(1) << BITS) - 1;
+        for (int beyond = 0; beyond < 2; beyond++) {
+            zmq_msg_t payload[BATCH_PAYLOADS];
+            sum_limits_t limits = limits_of(BITS);
+            sums->values[at] = i % 8 < 4 ? most + beyond : -most - 1 - beyond;
+            assert_int_equal(payload_encode(&batch, i % 3 > 0, payload).code, RESULT_OK);
+            assert_int_equal(merge_within(shared_film, payload, &batch, &limits).code,
+                             beyond ? RESULT_CANCELLED : RESULT_OK);
+            if (!beyond) {
+                assert_int_equal(limits.top[kind] >> (BITS - 1), 1);
+                assert_int_equal(merge_payload(shared_film, payload, &batch, -1).code, RESULT_OK);
+            }
+            assert_shared_film_is(shared_film, film);
+            close_all(payload);
+        }
+        sums->values[at] = value;
+    }
+    shared_film_destroy(&shared_film);
+    film_destroy(&film);
+    batch_free(&before);
+    batch_free(&batch);
+}
+
+/* A bound grows with the samples of the unit, and holds before values are weighted. */
+static void limits_grow_with_samples(void **state)
+{
+    (void)state;
+    job_settings_t settings = job_of_pages();
+    batch_t batch = batch_of(&settings, 0, 0, 3); /* units of 3 samples */
+    shared_film_t *shared_film = shared_film_of(&settings);
+    zmq_msg_t payload[BATCH_PAYLOADS];
+    uint32_t *weights = mem_alloc(batch.unit_count * sizeof *weights);
+    for (size_t i = 0; i < batch.unit_count; i++) weights[i] = JOB_MAX_BOOST;
+    batch.sums[SUM_EYE].values[7] = (INT64_C(1) << 52) - 1;
+    assert_int_equal(payload_encode(&batch, true, payload).code, RESULT_OK);
+    for (int more = 0; more < 2; more++) {
+        sum_limits_t limits = limits_of(50);
+        shared_film_enter(shared_film);
+        limits.once[SUM_EYE] = more ? (UINT64_C(1) << 50) - 1 : 1;
+        limits.each[SUM_EYE] = more ? UINT64_C(1) << 50 : UINT64_C(1) << 48;
+        result_t result = shared_film_merge_within(shared_film, payload, &batch, weights, &limits);
+        shared_film_leave(shared_film);
+        assert_int_equal(result.code, more ? RESULT_OK : RESULT_CANCELLED);
+    }
+    free(weights);
+    close_all(payload);
+    shared_film_destroy(&shared_film);
+    batch_free(&batch);
+}
+
+static void overflows_within_limits_leave_no_trace(void **state)
+{
+    (void)state;
+    job_settings_t settings = job_of_pages();
+    batch_t batch = batch_of(&settings, 0, 0, 3);
+    shared_film_t *shared_film = shared_film_of(&settings);
+    zmq_msg_t payload[BATCH_PAYLOADS], damaged[BATCH_PAYLOADS];
+    sum_limits_t limits = limits_of(62);
+    batch.sums[SUM_SPLAT].values[100000] = INT64_C(1) << 61;
+    film_t *film = film_of(&batch, 1);
+    assert_int_equal(payload_encode(&batch, true, payload).code, RESULT_OK);
+    assert_int_equal(merge_within(shared_film, payload, &batch, &limits).code, RESULT_OK);
+    assert_int_equal(merge_within(shared_film, payload, &batch, &limits).code, RESULT_CANCELLED);
+    assert_shared_film_is(shared_film, film);
+    memcpy(damaged, payload, sizeof damaged);
+    copy_frame(&damaged[2], &payload[2], zmq_msg_size(&payload[2]) - 1);
+    assert_int_equal(merge_within(shared_film, damaged, &batch, &limits).code, RESULT_PROTOCOL);
+    assert_shared_film_is(shared_film, film);
+    zmq_msg_close(&damaged[2]);
+    close_all(payload);
+    film_destroy(&film);
+    shared_film_destroy(&shared_film);
+    batch_free(&batch);
+}
+
 static void overflows_count_only_when_all_is_well(void **state)
 {
     (void)state;
@@ -470,6 +580,9 @@ int main(void)
         cmocka_unit_test(merging_makes_the_film),
         cmocka_unit_test(eye_sums_and_samples_are_weighted),
         cmocka_unit_test(damaged_batches_leave_no_trace),
+        cmocka_unit_test(values_beyond_limits_leave_no_trace),
+        cmocka_unit_test(limits_grow_with_samples),
+        cmocka_unit_test(overflows_within_limits_leave_no_trace),
         cmocka_unit_test(overflows_count_only_when_all_is_well),
         cmocka_unit_test(impossible_features_are_refused),
         cmocka_unit_test(a_snapshot_stays_as_it_was),
