@@ -10,6 +10,7 @@ It shares no code with the product, so it also tests that PROTOCOL.md is enough 
     client    submits, asks and fetches
     worker    says hello, beats, asks for units, delivers; it does not render
     between   stands between a real worker and the master, so that it can hold back or change what is delivered
+    lies      what it may do to them, and units that were never issued
     farm      real masters and workers for tests
 
 make puts the module of the schema, lightmill_pb2, into BUILD/tests/kit; it must be on sys.path.

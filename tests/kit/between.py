@@ -163,36 +163,3 @@ class Between:
     def _ask_bulk(self, body, payloads=()):
         self.requests += 1
         self.up_bulk.send_multipart(wire.pack(body, self.requests, payloads), copy=False)
-
-
-# ---- what a worker that lies may do to its sums ----
-
-
-def grey(sums, settings, value=0.5):
-    """Every pixel the same: what a picture of nothing looks like."""
-    at = 0
-    for unit in sums.units:
-        width, height = payload.tile_size(settings, unit.tile)
-        for half in (0, 1):
-            count = (unit.first + unit.count + 1 - half) // 2 - (unit.first + 1 - half) // 2
-            sums.eye[at : at + width * height * 3] = int(value * count * 2.0**settings.film_scale)
-            at += width * height * 3
-    return True
-
-
-def bit_flip(sums, _settings, value=12345, bit=20):
-    """One bit of one value is another, as bad memory makes it."""
-    sums.eye[value % len(sums.eye)] ^= 1 << bit
-    return True
-
-
-def poison(sums, _settings, size=2**60):
-    """One value far beyond what light can make, and yet within the range of the film."""
-    sums.eye[len(sums.eye) // 2] = size
-    return True
-
-
-def overflow(sums, _settings):
-    """A value that leaves the range of the film as soon as a second one like it is added."""
-    sums.eye[len(sums.eye) // 2] = 2**63 - 1
-    return True

@@ -173,6 +173,14 @@ class Case(unittest.TestCase):
         self.addCleanup(farm.close)
         return farm
 
+    def assert_undisturbed(self, farm, job, settings):
+        """Waits until the job is done, and finds the image that nobody has disturbed; the job's status."""
+        status = farm.client.wait(job)
+        self.assertEqual(status.state, client.DONE, status.message)
+        self.assertEqual(status.samples_skipped, 0)
+        self.assertEqual(farm.hash(job), self.programs.undisturbed(settings))
+        return status
+
 
 def main(cases, programs):
     """Runs the tests of a class, and says how many passed in the words that tests/run.sh reads. Arguments choose tests by parts of

@@ -1,0 +1,77 @@
+"""What a worker that lies may do to its sums: functions of (sums, settings) that alter the sums in place and return True. And when it
+does so, and units that it makes up."""
+import random
+
+from kit import payload
+from kit.wire import lm
+
+
+
+def grey(sums, settings, value=0.5):
+    """Every pixel the same: what a picture of nothing looks like."""
+    at = 0
+    for unit in sums.units:
+        width, height = payload.tile_size(settings, unit.tile)
+        for half in (0, 1):
+            count = (unit.first + unit.count + 1 - half) // 2 - (unit.first + 1 - half) // 2
+            sums.eye[at : at + width * height * 3] = int(value * count * 2.0**settings.film_scale)
+            at += width * height * 3
+    return True
+
+
+def bit_flip(sums, _settings, value=12345, bit=20):
+    """One bit of one value is another, as bad memory makes it."""
+    sums.eye[value % len(sums.eye)] ^= 1 << bit
+    return True
+
+
+def poison(sums, _settings, size=2**60):
+    """One value far beyond what light can make, and yet within the range of the film."""
+    sums.eye[len(sums.eye) // 2] = size
+    return True
+
+
+def overflow(sums, _settings):
+    """A value that leaves the range of the film as soon as a second one like it is added."""
+    sums.eye[len(sums.eye) // 2] = 2**63 - 1
+    return True
+
+
+# ---- when to lie ----
+
+
+class In:
+    """Changes one batch in so many, the first of them by chance."""
+
+    def __init__(self, lie, every=1):
+        self.lie, self.every, self.seen = lie, every, random.randrange(every)
+
+    def __call__(self, sums, _result, settings):
+        self.seen += 1
+        return self.seen % self.every == 0 and self.lie(sums, settings)
+
+
+def only_first(lie):
+    done = []
+
+    def change(sums, _result, settings):
+        return not done and not done.append(1) and lie(sums, settings)
+
+    return change
+
+
+# ---- units ----
+
+
+def everything(settings, count, but=()):
+    """Units of `count` samples a pixel that are all of a job, but those that overlap with some."""
+    taken = {(unit.tile, sample) for unit in but for sample in range(unit.first, unit.first + unit.count)}
+    units = [lm.Unit(tile=tile, first=first, count=count) for tile in range(payload.tile_count(settings))
+             for first in range(0, settings.spp, count)]
+    return [unit for unit in units if not any((unit.tile, unit.first + i) in taken for i in range(count))]
+
+
+def grey_batch(settings, units):
+    sums = payload.Sums.zero(settings, units)
+    grey(sums, settings)
+    return sums
