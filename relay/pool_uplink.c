@@ -315,11 +315,12 @@ static void find_load(pool_t *pool, duty_t *duty)
 
 /* Sums and scenes take turns: a scene gives way to a sum (pressing), but sums that are always ready do not
  * keep it away. */
-static duty_t find_duty(void *self, double batch_interval)
+static duty_t find_duty(void *self, double batch_interval, double rate)
 {
     pool_t *pool = self;
     duty_t duty = {.kind = DUTY_NONE, .wait = 1};
     pool_lock(pool);
+    (void)rate;
     pool->uplink_interval = batch_interval;
     pool_sweep(pool);
     find_any_offer(pool, &duty);

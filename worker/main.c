@@ -75,7 +75,8 @@ static const command_t command = {
                {&service_options, offsetof(values_t, service)},
                {&dial_options, offsetof(values_t, dial)}},
     .after =
-        "SIGTERM or Ctrl-C: finish and send what is in hand, then leave; twice: at once. SIGHUP is ignored.\n\n"
+        "SIGTERM or Ctrl-C: finish and send what is in hand, then leave; twice: at once. SIGHUP is "
+        "ignored.\n\n"
         "Exit codes: 0 left as asked and all was delivered, 1 wrong command line, 2 a bad key file, 3 the "
         "operating system refused, 5 out of memory, 6 the last batch could not be delivered within the grace "
         "period, 7 told twice to leave, 9 no key.",

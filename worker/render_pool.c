@@ -13,12 +13,16 @@
  * when half of it is gone. That hides a round trip of half a second; more would only sharpen the tail of a
  * job, when some workers still have a queue and others have nothing.
  *
+ * Where the link does not carry what the threads make, what is asked for is bounded by the link instead, from
+ * the queue to the batch that is under way (proto/uplink/pace.h).
+ *
  * A master that was restarted, or that gave this worker up, does not know what is in hand here and may assign
  * it once more. It is finished or will be soon, and must not be in a batch twice: samples that are in hand
  * are left out of an assignment. If the batch with them is refused, the master gives them out again.
  */
 #include "worker/render_pool_state.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -165,6 +169,7 @@ render_pool_t *render_pool_new(const render_pool_options_t *options)
     pthread_mutex_init(&pool->fill, NULL);
     pthread_cond_init(&pool->work, NULL);
     pool->speed = FIRST_SPEED;
+    pace_rest(&pool->pace, clock_now());
     pthread_mutex_lock(&pool->lock);
     start_threads(pool, options->threads);
     pthread_mutex_unlock(&pool->lock);
@@ -278,6 +283,7 @@ void render_pool_begin_job(render_pool_t *pool, const assignment_t *assignment)
     pool->stage = STAGE_LOADING;
     pool->over = pool->flush = false;
     pool->measured = false;
+    pace_begin(&pool->pace, &assignment->settings, clock_now());
     atomic_store(&pool->cancel, false);
     for (int i = 0; i < 2; i++) batch_init(&pool->slots[i].batch, &assignment->settings);
     issued_clear(&pool->issued);
@@ -421,16 +427,67 @@ static double good_unit(const render_pool_t *pool)
     return samples > MAX_UNIT_SAMPLES ? MAX_UNIT_SAMPLES : samples;
 }
 
+bool render_pool_slow(const render_pool_t *pool)
+{
+    return pace_is_slow(&pool->pace, pool->speed * pool->thread_count, good_unit(pool));
+}
+
+load_t render_pool_load(const render_pool_t *pool, const unit_t *units, size_t count)
+{
+    load_t load = {0};
+    for (size_t i = 0; i < count; i++) load_add(&load, &pool->current.settings, &units[i]);
+    return load;
+}
+
+/* Samples of a good unit, which a slow link may want to be of another size. */
+static double wanted_unit(const render_pool_t *pool)
+{
+    return render_pool_slow(pool) ? pace_unit_samples(&pool->pace, clock_now(), pool->speed)
+                                  : good_unit(pool);
+}
+
+/* What a slow link lets a worker ask for. Lock held. */
+static double samples_by_link(render_pool_t *pool)
+{
+    load_t queued =
+        render_pool_load(pool, pool->queue.units + pool->queue.first, unit_queue_length(&pool->queue));
+    load_t begun = render_pool_load(pool, pool->begun, pool->begun_count);
+    pthread_mutex_lock(&pool->fill);
+    const batch_t *open = &pool->slots[pool->open].batch;
+    load_t next = render_pool_load(pool, open->units, open->unit_count);
+    pthread_mutex_unlock(&pool->fill);
+    next.samples += queued.samples + begun.samples;
+    next.pixels += queued.pixels + begun.pixels;
+    return pace_wanted(&pool->pace, clock_now(), &next, wanted_unit(pool));
+}
+
 /* Pixel samples to ask for, given the units held. Lock held. */
 static uint64_t samples_wanted(render_pool_t *pool, size_t units_held)
 {
     if (pool->draining || pool->has_next || pool->failure.code != RESULT_OK) return 0;
     if (units_held > MAX_UNITS_HELD) return 0;
     if (pool->over && !(pool->flush && render_pool_all_sent(pool))) return 0;
+    bool slow = render_pool_slow(pool);
+    if (slow && !pool->over && pace_hopeless(&pool->pace) > 0) return 0;
     double hold = hold_samples(pool);
     double held = (double)(pool->queue.samples + checks_samples_left(&pool->checks, &pool->current.settings));
     if (hold < good_unit(pool)) hold = good_unit(pool);
+    if (slow) return (uint64_t)samples_by_link(pool);
     return held < 0.5 * hold ? (uint64_t)(hold - held) : 0;
+}
+
+/* Why nothing is asked for; empty when something is. Lock held. */
+static void describe_trouble(const render_pool_t *pool, char *text, size_t size)
+{
+    const pace_t *pace = &pool->pace;
+    double seconds = render_pool_slow(pool) && !pool->over ? pace_hopeless(pace) : 0;
+    text[0] = '\0';
+    if (seconds > 0)
+        snprintf(text, size,
+                 "its link carries %.0f kB/s, so the smallest batch of job %llu, %.0f kB, takes %.0f s: more "
+                 "than three batch intervals of %g s",
+                 1e-3 * pace->rate, (unsigned long long)pool->current.job, 1e-3 * seconds * pace->rate,
+                 seconds, pace->interval);
 }
 
 static uplink_state_t state(void *self)
@@ -448,7 +505,8 @@ static uplink_state_t state(void *self)
     s.units_held = (uint32_t)held;
     s.rendering = (uint32_t)pool->rendering;
     s.samples = samples_wanted(pool, held);
-    s.unit_samples = (uint64_t)good_unit(pool);
+    s.unit_samples = (uint64_t)wanted_unit(pool);
+    describe_trouble(pool, s.trouble, sizeof s.trouble);
     s.samples_per_second = pool->measured ? pool->speed * pool->thread_count : 0;
     s.idle = held == 0 || (dropped && pool->rendering == 0 && !pool->under_way);
     s.failure = pool->failure;

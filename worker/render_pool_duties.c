@@ -4,6 +4,8 @@
 
 #include <stdlib.h>
 
+static const double MEASURE_INTERVAL = 60; /* seconds between looks at a link that is too slow */
+
 /* The job in hand is to be let go now: it is over, or finished and another one waits. A paused one may go on
  * later, so its scene stays until it is in the way. Lock held. */
 static bool time_to_release(render_pool_t *pool)
@@ -30,6 +32,7 @@ static void release_job(render_pool_t *pool)
     }
     pool->renderer = NULL;
     pool->stage = STAGE_EMPTY;
+    pace_rest(&pool->pace, clock_now());
     pool->over = pool->flush = pool->hurry = false;
     atomic_store(&pool->full, false);
     if (pool->has_next) {
@@ -77,6 +80,24 @@ static void set_offer(const render_pool_t *pool, uint64_t check, uint64_t bytes,
         (offer_t){.job = pool->current.job, .check = check, .content = pool->current.content, .bytes = bytes};
 }
 
+/* A slow link has enough to do with what is in the open batch. Both locks held. */
+static bool enough_for_link(const render_pool_t *pool, const batch_t *batch)
+{
+    if (!render_pool_slow(pool)) return false;
+    load_t load = render_pool_load(pool, batch->units, batch->unit_count);
+    return pace_bytes(&pool->pace, &load) >= pace_batch_bytes(&pool->pace, clock_now());
+}
+
+/* The link is too slow for the job in hand, and it is time to see whether it is still. */
+static bool time_to_measure(render_pool_t *pool)
+{
+    if (!render_pool_slow(pool) || pace_hopeless(&pool->pace) <= 0) return false;
+    double now = clock_now();
+    bool first = pool->next_measure <= 0, due = !first && now >= pool->next_measure;
+    if (first || due) pool->next_measure = now + MEASURE_INTERVAL;
+    return due;
+}
+
 /* Finds a batch that is to be sent; else tells in duty->wait when one will be. Lock held. */
 static void find_batch(render_pool_t *pool, double batch_interval, duty_t *duty)
 {
@@ -90,18 +111,21 @@ static void find_batch(render_pool_t *pool, double batch_interval, duty_t *duty)
     size_t units = slot->batch.unit_count;
     if (units > 0 && !pool->under_way) {
         duty->wait = slot->since + batch_interval - clock_now();
-        bool full = units >= BATCH_MAX_UNITS || atomic_load(&pool->full);
+        bool full =
+            units >= BATCH_MAX_UNITS || atomic_load(&pool->full) || enough_for_link(pool, &slot->batch);
         if (duty->wait <= 0 || full || pool->hurry || nothing_coming(pool))
             set_offer(pool, 0, batch_bytes(&slot->batch), duty);
     }
     pthread_mutex_unlock(&pool->fill);
 }
 
-duty_t render_pool_duty(void *self, double batch_interval)
+duty_t render_pool_duty(void *self, double batch_interval, double rate)
 {
     render_pool_t *pool = self;
     duty_t duty = {.kind = DUTY_NONE, .wait = 1};
     pthread_mutex_lock(&pool->lock);
+    pool->pace.interval = batch_interval;
+    pool->pace.rate = rate;
     if (time_to_release(pool)) release_job(pool);
     if (pool->stage == STAGE_LOADING && !pool->over) {
         result_t memory = check_memory(pool);
@@ -114,6 +138,7 @@ duty_t render_pool_duty(void *self, double batch_interval)
         }
     } else if (pool->stage == STAGE_READY && !(pool->over && !pool->flush)) {
         find_batch(pool, batch_interval, &duty);
+        if (duty.kind == DUTY_NONE && time_to_measure(pool)) duty.kind = DUTY_MEASURE;
     }
     pthread_mutex_unlock(&pool->lock);
     return duty;
@@ -236,6 +261,10 @@ void render_pool_sent(void *self, const closed_batch_t *closed, bool counted)
         forget_issued(pool);
     }
     slot_t *slot = &pool->slots[!pool->open];
+    if (closed->offer.check == 0 && closed->coded[SUM_EYE] > 0) {
+        load_t load = render_pool_load(pool, slot->batch.units, slot->batch.unit_count);
+        pace_learn(&pool->pace, &load, closed->coded);
+    }
     pthread_mutex_unlock(&pool->lock);
     /* Only the bulk thread, which calls this, touches the closed slot: the long clearing needs no lock. */
     if (closed->offer.check == 0) batch_clear(&slot->batch);

@@ -4,6 +4,7 @@
 
 #include "common/wake.h"
 #include "proto/uplink/issued.h"
+#include "proto/uplink/pace.h"
 #include "proto/uplink/unit_queue.h"
 #include "proto/wire/wire.h"
 #include "worker/checks.h"
@@ -60,6 +61,8 @@ struct render_pool {
 
     double speed; /* pixel samples per thread and second */
     bool measured;
+    pace_t pace;         /* what the link delivers of the job in hand */
+    double next_measure; /* clock, when to measure a link that is too slow once more */
 };
 
 /* ---- under the lock; render_pool.c ---- */
@@ -79,10 +82,14 @@ void render_pool_begin_job(render_pool_t *pool, const assignment_t *assignment);
 void render_pool_resume_job(render_pool_t *pool);
 /* Lets the job in hand go. */
 void render_pool_end_job(render_pool_t *pool, bool flush);
+/* True when the link is too slow for what the threads make. */
+bool render_pool_slow(const render_pool_t *pool);
+/* What there is of units. */
+load_t render_pool_load(const render_pool_t *pool, const unit_t *units, size_t count);
 
 /* ---- the bulk thread's calls (uplink_handler.h); render_pool_duties.c ---- */
 
-duty_t render_pool_duty(void *self, double batch_interval);
+duty_t render_pool_duty(void *self, double batch_interval, double rate);
 bool render_pool_unwanted(void *self, uint64_t job);
 result_t render_pool_loaded(void *self, uint64_t job, scene_blob_t *blob);
 void render_pool_refuse(void *self, uint64_t job, result_t why);

@@ -601,7 +601,8 @@ static result_t close_batch(bulk_t *bulk, delivery_t *delivery)
         delivery->closed = (closed_batch_t){0};
         return result_fail(RESULT_CANCELLED, "the batch is lost");
     }
-    for (int i = 0; i < BATCH_PAYLOADS; i++) delivery->bytes += (double)zmq_msg_size(&delivery->encoded[i]);
+    for (int i = 0; i < BATCH_PAYLOADS; i++)
+        delivery->bytes += (double)(delivery->closed.coded[i] = zmq_msg_size(&delivery->encoded[i]));
     bulk->ratio = delivery->bytes / (double)batch_bytes(delivery->closed.batch);
     return result;
 }
@@ -664,13 +665,16 @@ static void *bulk_thread(void *argument)
     while (!atomic_load(&bulk->quit)) {
         refresh_link(bulk);
         open_link(bulk);
-        duty_t duty = handler->calls->duty(handler->self, bulk->batch_interval);
+        duty_t duty = handler->calls->duty(handler->self, bulk->batch_interval, bulk->probe.rate);
         switch (duty.kind) {
         case DUTY_LOAD:
             load(bulk, &duty.assignment);
             break;
         case DUTY_OFFER:
             deliver(bulk, &duty.offer);
+            break;
+        case DUTY_MEASURE:
+            bulk->probe.stage = PROBE_MEASURING; /* open_link goes on from there */
             break;
         case DUTY_NONE:
             link_wait(&bulk->link, bulk->options.wake, duty.wait);

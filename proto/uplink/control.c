@@ -128,11 +128,11 @@ void control_give_up_job(control_t *control, uint64_t job, result_t why)
 }
 
 /* What hinders this worker, if anything does. */
-static void describe_trouble(const control_t *control, char *text, size_t size)
+static void describe_trouble(const control_t *control, const uplink_state_t *state, char *text, size_t size)
 {
     address_t address;
     const char *endpoint = control->setup.control_endpoint;
-    text[0] = '\0';
+    snprintf(text, size, "%s", state->trouble);
     if (!bulk_silent(control->setup.bulk)) return;
     if (control->bulk_port != 0 && address_parse(endpoint, WIRE_DEFAULT_PORT, &address).code == RESULT_OK)
         snprintf(
@@ -144,13 +144,13 @@ static void describe_trouble(const control_t *control, char *text, size_t size)
 }
 
 /* Says, here and to the master, what hinders this worker, as soon as that changes. */
-static void see_to_trouble(control_t *control)
+static void see_to_trouble(control_t *control, const uplink_state_t *state)
 {
     char text[sizeof control->trouble];
-    describe_trouble(control, text, sizeof text);
+    describe_trouble(control, state, text, sizeof text);
     if (strcmp(text, control->trouble) == 0) return;
     if (text[0] != '\0')
-        log_error("%s; no work is asked for until it does", text);
+        log_error("no work is asked for: %s", text);
     else
         log_info("what hindered this worker is over");
     memcpy(control->trouble, text, sizeof text);
@@ -196,7 +196,7 @@ static void drive_up(control_t *control)
         leave_group(control);
         return;
     }
-    see_to_trouble(control);
+    see_to_trouble(control, &state);
     if (now >= control->next_heartbeat) control_send_heartbeat(control, &state);
     if (control->work_request != 0 && now >= control->next_request) {
         control->work_request = 0;

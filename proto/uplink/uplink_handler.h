@@ -35,15 +35,17 @@ typedef struct {
 /* A closed batch on its way: the handler's own until it is told that it was sent. */
 typedef struct {
     offer_t offer;
-    uint64_t sequence;    /* the handler's own count of its batches */
-    const batch_t *batch; /* NULL: there is none any more */
-    issue_t *issues;      /* of its units, in fresh memory that the caller of `close` frees */
+    uint64_t sequence;          /* the handler's own count of its batches */
+    const batch_t *batch;       /* NULL: there is none any more */
+    issue_t *issues;            /* of its units, in fresh memory that the caller of `close` frees */
+    uint64_t coded[BATCH_SUMS]; /* bytes of its sums as they were sent; 0: they were not */
 } closed_batch_t;
 
 typedef enum {
     DUTY_NONE,
-    DUTY_LOAD, /* fetch the blob of `assignment`, call loaded or refuse */
-    DUTY_OFFER /* ask the master to take `offer`; when it is granted, close, send, call sent */
+    DUTY_LOAD,   /* fetch the blob of `assignment`, call loaded or refuse */
+    DUTY_OFFER,  /* ask the master to take `offer`; when it is granted, close, send, call sent */
+    DUTY_MEASURE /* see how fast the link is by now */
 } duty_kind_t;
 
 typedef struct {
@@ -65,9 +67,10 @@ typedef struct {
     uint64_t samples;      /* pixel samples to ask for now; 0: there is enough in hand */
     uint64_t unit_samples; /* pixel samples of a good unit */
     double samples_per_second;
-    bool idle;        /* nothing is queued, rendering, open or under way */
-    result_t failure; /* of the last load, until clear_failure */
-    uint64_t failed;  /* the job that it was of */
+    bool idle;         /* nothing is queued, rendering, open or under way */
+    result_t failure;  /* of the last load, until clear_failure */
+    uint64_t failed;   /* the job that it was of */
+    char trouble[200]; /* why nothing is asked for, for people; empty: nothing hinders */
 } uplink_state_t;
 
 typedef struct {
@@ -97,8 +100,9 @@ typedef struct {
     /* ---- for the bulk thread ---- */
 
     /* The next thing to do. A batch is ready when it is `batch_interval` seconds old, or as soon as nothing
-     * is left to add to it; until it is closed it grows. */
-    duty_t (*duty)(void *self, double batch_interval);
+     * is left to add to it; until it is closed it grows. `rate`: bytes a second that the link carries; 0: not
+     * known, or without limit. */
+    duty_t (*duty)(void *self, double batch_interval, double rate);
     /* True when a job is over, so that loading its scene or offering its batch is to be given up. */
     bool (*unwanted)(void *self, uint64_t job);
     /* True when a batch is ready, so that a scene that is being fetched gives way to it after a while: `duty`

@@ -101,7 +101,7 @@ static void assign(test_t *t, const unit_t *units, size_t count)
 
 static duty_t duty_of(test_t *t)
 {
-    return t->handler.calls->duty(t->handler.self, 0);
+    return t->handler.calls->duty(t->handler.self, 0, 0);
 }
 
 static result_t load(test_t *t, const hash_t *hash)

@@ -123,7 +123,7 @@ static uplink_state_t state_of(bench_t *b)
 
 static duty_t duty_of(bench_t *b, double batch_interval)
 {
-    return b->handler.calls->duty(b->handler.self, batch_interval);
+    return b->handler.calls->duty(b->handler.self, batch_interval, 0);
 }
 
 /* Asks for duties until one of this kind comes; no other may. */
