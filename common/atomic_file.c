@@ -22,7 +22,8 @@ static result_t open_temporary(atomic_file_t *file, const char *path, mode_t mod
         char *temporary = mem_printf("%s.%ld-%d.part", path, (long)getpid(), attempt);
         int descriptor = open(temporary, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, mode);
         if (descriptor >= 0) {
-            *file = (atomic_file_t){mem_strdup(path), temporary, descriptor, 0};
+            *file =
+                (atomic_file_t){.path = mem_strdup(path), .temporary = temporary, .descriptor = descriptor};
             return result_ok();
         }
         free(temporary);
@@ -67,7 +68,7 @@ static void flush_directory(const char *path)
 
 result_t atomic_file_commit(atomic_file_t *file)
 {
-    if (file->error == 0 && fsync(file->descriptor) != 0) file->error = errno;
+    if (file->error == 0 && !file->fleeting && fsync(file->descriptor) != 0) file->error = errno;
     if (close(file->descriptor) != 0 && file->error == 0) file->error = errno;
     file->descriptor = -1;
     if (file->error == 0 && rename(file->temporary, file->path) != 0) file->error = errno;
@@ -76,7 +77,7 @@ result_t atomic_file_commit(atomic_file_t *file)
         atomic_file_abort(file);
         return result;
     }
-    flush_directory(file->path);
+    if (!file->fleeting) flush_directory(file->path);
     free(file->temporary);
     file->temporary = NULL;
     atomic_file_abort(file);

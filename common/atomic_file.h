@@ -13,7 +13,8 @@ typedef struct {
     char *path;      /* the target */
     char *temporary; /* in the target's directory; NULL when nothing is open */
     int descriptor;
-    int error; /* errno of the first write that failed, 0 for none */
+    int error;     /* errno of the first write that failed, 0 for none */
+    bool fleeting; /* set after opening: commit does not flush */
 } atomic_file_t;
 
 /* Opens the temporary. RESULT_IO names the path and the cause; `file` then needs no abort. */

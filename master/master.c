@@ -65,7 +65,8 @@ master_options_t master_options_default(void)
                               .checkpoint = 10,
                               .checkpoint_max = 120,
                               .keep_bytes = (uint64_t)20000000000,
-                              .blob_limit = (uint64_t)100000000000};
+                              .blob_limit = (uint64_t)100000000000,
+                              .snapshot_limit = (uint64_t)20000000000};
 }
 
 /* ---- options ------------------------------------------------------------------------------------------- */
@@ -233,10 +234,11 @@ static result_t start_serving(master_t *master, const master_options_t *options)
                                            .checkpointer = master->checkpointer,
                                            .data_dir = options->data_dir,
                                            .image_wake = master->image_wake,
-                                           .answer_wake = master->bulk_wake};
+                                           .answer_wake = master->bulk_wake,
+                                           .snapshot_limit = options->snapshot_limit};
     TRY(image_writer_start(&image_writer, &master->image_writer));
     master->service = (farm_service_t){master->farm, master->store};
-    master->client_bulk = (client_bulk_t){master->store, master->image_writer};
+    master->client_bulk = (client_bulk_t){.store = master->store, .image_writer = master->image_writer};
     master->client_control =
         (client_control_t){master->farm, master->journal_writer, server_gate(master->server),
                            (uint32_t)server_bulk_port(master->server)};

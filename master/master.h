@@ -12,17 +12,18 @@ typedef struct {
     void *context;                /* ZeroMQ context to share (inproc), or NULL to make one */
     const char *control_endpoint; /* "tcp://127.0.0.1:7420", "tcp://127.0.0.1:*" or "inproc://name" */
     const char *bulk_endpoint;    /* likewise */
-    const char *data_dir;  /* all that outlives the process (docs/durability.md); created when missing */
-    bool fleeting;         /* the directory goes with the process: nothing in it needs to be safe */
-    double heartbeat;      /* seconds between a worker's heartbeats, default 1 */
-    double lease;          /* seconds of silence after which a worker loses its units, default 5 */
-    double batch_interval; /* seconds between batches, default 10 */
-    double checkpoint;     /* seconds between checkpoints of a job, at least; default 10 */
-    double checkpoint_max; /* and at most, default 120; no less than `checkpoint` */
-    uint64_t keep_bytes;   /* what the films of jobs that are over may take on the disk, default 20 GB */
-    uint64_t blob_limit;   /* what scenes may take on the disk, default 100 GB */
-    uint64_t batch_memory; /* bytes for batches under way and waiting to be merged (docs/scale.md); 0: an
-                              eighth of the machine's memory, at least 1 GiB */
+    const char *data_dir;    /* all that outlives the process (docs/durability.md); created when missing */
+    bool fleeting;           /* the directory goes with the process: nothing in it needs to be safe */
+    double heartbeat;        /* seconds between a worker's heartbeats, default 1 */
+    double lease;            /* seconds of silence after which a worker loses its units, default 5 */
+    double batch_interval;   /* seconds between batches, default 10 */
+    double checkpoint;       /* seconds between checkpoints of a job, at least; default 10 */
+    double checkpoint_max;   /* and at most, default 120; no less than `checkpoint` */
+    uint64_t keep_bytes;     /* what the films of jobs that are over may take on the disk, default 20 GB */
+    uint64_t blob_limit;     /* what scenes may take on the disk, default 100 GB */
+    uint64_t snapshot_limit; /* what images that clients fetch may take on the disk, default 20 GB */
+    uint64_t batch_memory;   /* bytes for batches under way and waiting to be merged (docs/scale.md); 0: an
+                                eighth of the machine's memory, at least 1 GiB */
     uint64_t film_memory; /* bytes for the films of jobs at work; 0: three quarters of the machine's memory */
     size_t job_limit;     /* jobs known at a time; 0: as many as there can be (farm.h) */
     int merge_threads;    /* 0: one for each core */

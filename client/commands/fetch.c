@@ -33,6 +33,7 @@ static result_t fetch_now(const values_t *values, remote_t *remote, uint64_t job
     progress_t progress = progress_start(true);
     watch_t watch = {.remote = remote, .job = job, .progress = &progress};
     TRY(watch_poll(&watch));
+    progress.quiet = values->quiet;
     if (values->at > 0) return watch_deliver_at(&watch, values->at, &values->output, values->quiet);
     return watch_deliver(&watch, &values->output, values->quiet);
 }

@@ -12,11 +12,13 @@
 
 #include "common/address.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 static const double SLOW_ANSWER = 120.0; /* seconds for answers that a master must work for */
+static const double STUCK = 600.0; /* seconds without progress, after which an image is not waited for */
 /* Images are checked against this before memory is allocated: 26 channels of the largest film, 6 of halves,
  * 24 of mattes, those of light groups, and more. */
 static const uint64_t MAX_IMAGE_BYTES = (uint64_t)JOB_MAX_PIXELS * 256 + (uint64_t)JOB_MAX_GROUP_PIXELS * 24;
@@ -36,7 +38,11 @@ struct remote {
     dial_keys_t keys;
     line_t control, bulk;
     double timeout;
-    uint64_t request; /* the last number used */
+    uint64_t request;         /* the last number used */
+    const image_wish_t *wish; /* the image that the master makes; NULL: none */
+    uint32_t before;          /* what was last heard of it: images before it, */
+    double share;             /* how much of it is made, */
+    double progressed;        /* and when that changed, seconds */
 };
 
 static void close_line(line_t *line)
@@ -128,14 +134,32 @@ static result_t refused(const Lm__Refusal *refusal)
                        refusal->reason);
 }
 
+/* A master makes an image: notes how far it is. True when it is not stuck. */
+static bool note_progress(remote_t *remote, const Lm__ImageProgress *progress)
+{
+    const image_wish_t *wish = remote->wish;
+    double now = clock_now(), share = fmin(fmax((double)progress->share, 0), 1);
+    if (wish == NULL) return false;
+    if (progress->before != remote->before || share != remote->share) remote->progressed = now;
+    remote->before = progress->before;
+    remote->share = share;
+    if (wish->making != NULL) wish->making(wish->context, remote->before, share);
+    return now - remote->progressed < STUCK;
+}
+
 /* Waits for the answer with the number of the last request. */
-static result_t await_answer(const remote_t *remote, line_t *line, double timeout, wire_message_t *message)
+
+static result_t await_answer(remote_t *remote, line_t *line, double timeout, wire_message_t *message)
 {
     double deadline = clock_now() + timeout;
     for (;;) {
         bool received = false;
         TRY(wire_receive(line->socket, false, message, &received));
-        if (received && message->envelope->request == remote->request) return result_ok();
+        bool ours = received && message->envelope->request == remote->request;
+        bool news = ours && message->envelope->body_case == LM__ENVELOPE__BODY_IMAGE_PROGRESS;
+        if (ours && !news) return result_ok();
+        if (news && note_progress(remote, message->envelope->image_progress))
+            deadline = clock_now() + timeout;
         if (received) {
             wire_free(message);
             continue;
@@ -442,11 +466,17 @@ static result_t get_image_chunk(remote_t *remote, image_fetch_t *fetch)
     get.half = fetch->wish.half;
     get.at = fetch->wish.at;
     get.halves = fetch->wish.halves;
+    get.progress = fetch->snapshot == 0;
     Lm__Envelope envelope = WIRE_ENVELOPE(IMAGE_GET, image_get, &get);
     double timeout = fetch->snapshot == 0 && remote->timeout < SLOW_ANSWER ? SLOW_ANSWER : remote->timeout;
     wire_message_t answer;
-    TRY(ask(remote, &remote->bulk, &envelope, NULL, timeout, LM__ENVELOPE__BODY_IMAGE_CHUNK, &answer));
-    result_t result = take_image_chunk(fetch, &answer);
+    remote->wish = &fetch->wish;
+    remote->progressed = clock_now();
+    result_t result =
+        ask(remote, &remote->bulk, &envelope, NULL, timeout, LM__ENVELOPE__BODY_IMAGE_CHUNK, &answer);
+    remote->wish = NULL;
+    TRY(result);
+    result = take_image_chunk(fetch, &answer);
     wire_free(&answer);
     return result;
 }
@@ -461,6 +491,7 @@ result_t remote_fetch_image(remote_t *remote, const image_wish_t *wish, uint8_t 
             free(fetch.bytes);
             return result;
         }
+        if (wish->fetching != NULL) wish->fetching(wish->context, fetch.have, fetch.size);
     } while (fetch.have < fetch.size);
     *bytes = fetch.bytes;
     *size = fetch.size;

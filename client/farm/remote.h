@@ -1,7 +1,7 @@
 /* remote: the client's side of the protocol: questions to a master and their answers.
  *
  * Every call asks and waits for the answer, at most `timeout` seconds (longer where the master has long work
- * to do: taking a snapshot, checking a large scene). RESULT_UNREACHABLE names the address and the cure; the
+ * to do: making an image, checking a large scene). RESULT_UNREACHABLE names the address and the cure; the
  * call may be made again and again, since nothing of what was not answered stays queued. A Refusal becomes a
  * result with the master's own code and reason; RESULT_DENIED says that the keys do not fit, as soon as that
  * is seen. One thread at a time.
@@ -58,9 +58,14 @@ typedef struct {
     uint32_t at; /* the one kept at so many samples a pixel (job_settings_t.save_at); 0: as it is now */
     bool half;   /* half floats */
     bool halves; /* with the two halves of the picture as layers */
+    /* Told, about once a second, how the master gets on: how many images of others it makes before, and how
+     * much of this one it has made, 0 to 1; and then how many bytes of it are here. NULL: not told. */
+    void (*making)(void *context, uint32_t before, double share);
+    remote_progress_fn fetching;
+    void *context; /* of both */
 } image_wish_t;
 /* An image of a job, as the bytes of an EXR file; the caller frees *bytes. RESULT_INPUT when it is not there
- * (yet). */
+ * (yet). While the master says that it gets on with the image, the call waits. */
 result_t remote_fetch_image(remote_t *remote, const image_wish_t *wish, uint8_t **bytes, size_t *size);
 
 #endif

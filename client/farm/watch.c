@@ -112,14 +112,31 @@ result_t watch_wait(watch_t *watch)
     return wait_until(watch, UINT32_MAX);
 }
 
+static void show_making(void *progress, uint32_t before, double share)
+{
+    progress_making(progress, before, share);
+}
+
+static void show_fetching(void *progress, uint64_t done, uint64_t size)
+{
+    progress_fetch(progress, done, size);
+}
+
 /* Fetches the image; a patient watch begins again when the master goes away meanwhile. */
 static result_t fetch_image(const watch_t *watch, uint32_t at, const output_t *output, uint8_t **bytes,
                             size_t *size)
 {
-    const image_wish_t wish = {.job = watch->job, .at = at, .half = output->half, .halves = output->halves};
+    const image_wish_t wish = {.job = watch->job,
+                               .at = at,
+                               .half = output->half,
+                               .halves = output->halves,
+                               .making = show_making,
+                               .fetching = show_fetching,
+                               .context = watch->progress};
     result_t result;
     do result = remote_fetch_image(watch->remote, &wish, bytes, size);
     while (watch->patient && result.code == RESULT_UNREACHABLE && !interrupt_seen());
+    progress_erase(watch->progress);
     return result;
 }
 

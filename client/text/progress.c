@@ -141,6 +141,27 @@ void progress_upload(progress_t *progress, uint64_t done, uint64_t size)
     show(progress, (double)done / (double)size, text);
 }
 
+void progress_making(progress_t *progress, uint32_t before, double share)
+{
+    if (progress->quiet) return;
+    char text[100];
+    if (before > 0)
+        snprintf(text, sizeof text, "the master makes %u other image%s before", before,
+                 before == 1 ? "" : "s");
+    else
+        snprintf(text, sizeof text, "the master is writing the image: %.0f %%", floor(100 * share));
+    show(progress, share, text);
+}
+
+void progress_fetch(progress_t *progress, uint64_t done, uint64_t size)
+{
+    if (progress->quiet || size == 0) return;
+    char text[80];
+    snprintf(text, sizeof text, "fetching the image: %.1f of %.1f MB", 1e-6 * (double)done,
+             1e-6 * (double)size);
+    show(progress, (double)done / (double)size, text);
+}
+
 void progress_import(progress_t *progress, double fraction)
 {
     static const double first = 1.0, interval = 0.1; /* seconds */

@@ -25,6 +25,11 @@ typedef struct {
 void progress_series(progress_t *progress, const progress_series_t *series);
 /* Shows an upload. */
 void progress_upload(progress_t *progress, uint64_t done, uint64_t size);
+/* Shows how far a master is with an image that it makes: how many others it makes before, and the share of
+ * this one that is made, 0 to 1. */
+void progress_making(progress_t *progress, uint32_t before, double share);
+/* Shows how many bytes of how many of an image are here. */
+void progress_fetch(progress_t *progress, uint64_t done, uint64_t size);
 /* Shows how far a scene has been read, on a terminal and after the first second. May be called often. */
 void progress_import(progress_t *progress, double fraction);
 /* Takes the line from the terminal. */

@@ -156,6 +156,7 @@ result_t picture_write_exr(const char *path, const film_image_t *film, const pic
 {
     image_t image;
     image_init(&image, film->width, film->height);
+    image.writing = meta->writing;
     add_layers(&image, film, half);
     add_mattes(&image, film);
     if (meta->mattes != NULL) describe_mattes(&image, meta->mattes);

@@ -18,15 +18,16 @@
 
 /* The history of a picture. */
 typedef struct {
-    hash_t scene;            /* of the scene blob */
-    const char *scene_name;  /* for people, such as the file it came from; NULL for none */
-    job_settings_t settings; /* what was asked for */
-    film_counts_t counts;    /* what was done, CPU time and all */
-    uint32_t workers;        /* that took part */
-    double wall_seconds;     /* from the first assignment to now */
-    hash_t bits;             /* fingerprint of the machines that made it; all zero: not known */
-    const mattes_t *mattes;  /* of the scene, where the image has mattes; NULL: it has none */
-    const char *note;        /* what is to be known of it; NULL or empty: nothing */
+    hash_t scene;             /* of the scene blob */
+    const char *scene_name;   /* for people, such as the file it came from; NULL for none */
+    job_settings_t settings;  /* what was asked for */
+    film_counts_t counts;     /* what was done, CPU time and all */
+    uint32_t workers;         /* that took part */
+    double wall_seconds;      /* from the first assignment to now */
+    hash_t bits;              /* fingerprint of the machines that made it; all zero: not known */
+    const mattes_t *mattes;   /* of the scene, where the image has mattes; NULL: it has none */
+    image_writing_t *writing; /* see image.h; NULL: nobody asks how far it is */
+    const char *note;         /* what is to be known of it; NULL or empty: nothing */
 } picture_meta_t;
 
 /* Writes the EXR, whole or not at all, as 32-bit floats or, with `half`, as halves where

@@ -9,6 +9,8 @@
 
 #include "common/base.h"
 
+#include <stdatomic.h>
+
 enum {
     IMAGE_MAX_SIDE = 32768,
     IMAGE_MAX_PIXELS = 1 << 27,
@@ -38,8 +40,18 @@ typedef struct {
     float real;
 } image_attribute_t;
 
+/* What the writer of a large EXR tells another thread while it writes, and is told. */
+typedef struct {
+    atomic_size_t done, total; /* pieces; total 0: it has not begun */
+    atomic_bool cancel;        /* nobody wants the file any more: RESULT_CANCELLED */
+    uint64_t limit;            /* bytes that it may have, RESULT_LIMIT beyond; 0: any number */
+    bool too_large;            /* said by the writer: that was why it failed */
+    bool fleeting;             /* it needs not survive a power cut: it is not flushed */
+} image_writing_t;
+
 typedef struct {
     int width, height;
+    image_writing_t *writing; /* the caller's, for image_write_exr; NULL: nobody asks */
     image_channel_t *channels;
     size_t channel_count;
     image_attribute_t *attributes;
@@ -90,7 +102,8 @@ typedef result_t (*image_rows_fn)(void *context, const image_t *rows, int y, int
 result_t image_read_exr_rows(const char *path, image_rows_fn take, void *context);
 /* Writes a scanline OpenEXR file with ZIP compression, whole or not at all, on as many threads as there are
  * cores; the bytes do not depend on their number. Channels of type PIXEL_HALF are rounded to halves, finite
- * values clamped to the largest of them; all others are written as floats. */
+ * values clamped to the largest of them; all others are written as floats. image->writing may end it early.
+ */
 result_t image_write_exr(const char *path, const image_t *image);
 /* Writes R, G, B as an 8-bit sRGB PNG, scaled by 2^exposure and clipped, whole or not at all. */
 result_t image_write_png(const char *path, const image_t *image, float exposure);

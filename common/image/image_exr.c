@@ -35,13 +35,14 @@ enum {
 
 /* What our callbacks share with the caller. */
 typedef struct {
-    int descriptor;       /* of the file that is read, */
-    const uint8_t *data;  /* or its bytes in memory, */
-    size_t size;          /* this many */
-    atomic_file_t *file;  /* that is written */
-    int error;            /* errno of a failed read */
-    pthread_mutex_t lock; /* guards the message when several threads write */
-    char message[256];    /* the library's last words */
+    int descriptor;           /* of the file that is read, */
+    const uint8_t *data;      /* or its bytes in memory, */
+    size_t size;              /* this many */
+    atomic_file_t *file;      /* that is written, */
+    image_writing_t *writing; /* what is told of it; NULL: nobody asks */
+    int error;                /* errno of a failed read */
+    pthread_mutex_t lock;     /* guards the message when several threads write */
+    char message[256];        /* the library's last words */
 } exr_stream_t;
 
 static void keep_message(exr_const_context_t context, exr_result_t code, const char *message)
@@ -439,11 +440,20 @@ result_t image_decode_exr(const char *name, const uint8_t *data, size_t size, im
 
 /* ---- writing ---- */
 
+static bool may_write(exr_stream_t *stream, uint64_t end)
+{
+    image_writing_t *writing = stream->writing;
+    if (writing == NULL) return true;
+    if (writing->limit > 0 && end > writing->limit) writing->too_large = true;
+    return !writing->too_large && !atomic_load(&writing->cancel);
+}
+
 static int64_t stream_write(exr_const_context_t context, void *user, const void *data, uint64_t size,
                             uint64_t offset, exr_stream_error_func_ptr_t report)
 {
     (void)context, (void)report;
     exr_stream_t *stream = user;
+    if (!may_write(stream, offset + size)) return -1;
     return atomic_file_write_at(stream->file, data, size, offset) ? (int64_t)size : -1;
 }
 
@@ -559,6 +569,8 @@ static exr_result_t write_in_turn(exr_encode_pipeline_t *encoder)
     if (!writer->failed) {
         code = self->write(encoder);
         if (code == EXR_ERR_SUCCESS) writer->written++;
+        if (writer->image->writing != NULL)
+            atomic_store(&writer->image->writing->done, (size_t)writer->written);
         pthread_cond_broadcast(&writer->turn);
     }
     pthread_mutex_unlock(&writer->lock);
@@ -686,18 +698,34 @@ static result_t writer_run(exr_writer_t *writer)
     TRY_WRITE(exr_start_write(&writer->context, writer->path, EXR_WRITE_FILE_DIRECTLY, &options));
     TRY(write_header(writer));
     writer->chunks = (image->height + writer->lines - 1) / writer->lines;
+    if (image->writing != NULL) atomic_store(&image->writing->total, (size_t)writer->chunks);
     TRY(write_all_chunks(writer));
     TRY_WRITE(exr_finish(&writer->context)); /* writes the chunk table */
     return result_ok();
+}
+
+/* Why the file was given up by us, if it was. */
+static result_t given_up(const char *path, const image_writing_t *writing, result_t otherwise)
+{
+    if (writing != NULL && writing->too_large)
+        return result_fail(RESULT_LIMIT, "%s: the image takes more than %llu bytes", path,
+                           (unsigned long long)writing->limit);
+    if (writing != NULL && atomic_load(&writing->cancel))
+        return result_fail(RESULT_CANCELLED, "%s: the image is not wanted any more", path);
+    return otherwise;
 }
 
 result_t image_write_exr(const char *path, const image_t *image)
 {
     atomic_file_t file;
     TRY(atomic_file_open(&file, path));
+    file.fleeting = image->writing != NULL && image->writing->fleeting;
     exr_writer_t writer = {.path = path,
                            .image = image,
-                           .stream = {.descriptor = -1, .file = &file, .lock = PTHREAD_MUTEX_INITIALIZER},
+                           .stream = {.descriptor = -1,
+                                      .file = &file,
+                                      .writing = image->writing,
+                                      .lock = PTHREAD_MUTEX_INITIALIZER},
                            .lock = PTHREAD_MUTEX_INITIALIZER,
                            .turn = PTHREAD_COND_INITIALIZER};
     result_t result = writer_run(&writer);
@@ -705,5 +733,5 @@ result_t image_write_exr(const char *path, const image_t *image)
     /* A write that failed is known to the file with its cause, the library only knows that it did. */
     if (result.code == RESULT_OK || file.error != 0) return atomic_file_commit(&file);
     atomic_file_abort(&file);
-    return result;
+    return given_up(path, image->writing, result);
 }

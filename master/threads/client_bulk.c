@@ -6,6 +6,8 @@
 
 #include "proto/serve/bulk_server.h"
 
+static const double NEWS_INTERVAL = 1; /* seconds */
+
 /* ---- scenes -------------------------------------------------------------------------------------------- */
 
 static result_t put_blob(client_bulk_t *client, const wire_message_t *message, uint64_t *next)
@@ -82,7 +84,8 @@ static void on_image_get(void *self, peer_server_t *server, const wire_message_t
                                .format = {.half = get->half, .halves = get->halves},
                                .at = get->at,
                                .offset = get->offset,
-                               .length = get->length};
+                               .length = get->length,
+                               .progress = get->progress};
     if (get->snapshot != 0) {
         answer_image(client, server, &request, get->snapshot, result_ok());
         return;
@@ -91,7 +94,24 @@ static void on_image_get(void *self, peer_server_t *server, const wire_message_t
     if (result.code != RESULT_OK) peer_refuse(server, message, result);
 }
 
-/* Sends the images that were made. */
+/* Tells those who wait for images how it stands. Who cannot be told is gone, and waits no longer. */
+static void send_news(client_bulk_t *client, peer_server_t *server)
+{
+    image_news_t news[IMAGE_WRITER_MAX_NEWS];
+    if (clock_now() < client->next_news) return;
+    client->next_news = clock_now() + NEWS_INTERVAL;
+    size_t count = image_writer_news(client->image_writer, news);
+    for (size_t i = 0; i < count; i++) {
+        Lm__ImageProgress progress = LM__IMAGE_PROGRESS__INIT;
+        progress.before = news[i].before;
+        progress.share = news[i].share;
+        if (!peer_send(server, &news[i].identity, news[i].request, LM__ENVELOPE__BODY_IMAGE_PROGRESS,
+                       &progress, NULL))
+            image_writer_forget(client->image_writer, &news[i].identity, news[i].request);
+    }
+}
+
+/* Sends the images that were made, and news of the others. */
 static void turn(void *self, peer_server_t *server, bool more)
 {
     client_bulk_t *client = self;
@@ -101,6 +121,7 @@ static void turn(void *self, peer_server_t *server, bool more)
     (void)more;
     while (image_writer_next_answer(client->image_writer, &request, &result, &snapshot))
         answer_image(client, server, &request, snapshot, result);
+    send_news(client, server);
 }
 
 /* proto/serve/control_server.c says what a new kind takes. */

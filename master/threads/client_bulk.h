@@ -9,6 +9,7 @@
 typedef struct {
     blob_store_t *store;          /* kept by the caller, like the image writer, */
     image_writer_t *image_writer; /* whose answers wake the server */
+    double next_news;             /* seconds, when those who wait for images are told again; 0 at first */
 } client_bulk_t;
 
 /* The messages that are answered so; `client` is kept by the caller. */

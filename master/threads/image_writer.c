@@ -1,10 +1,12 @@
 /* image_writer: see image_writer.h.
  *
  * DESIGN. The thread sleeps on the farm's eventfd, which image_writer_ask writes as well. Woken, it first
- * sees to jobs that are over or stand at a milestone, then to requests. A snapshot is identified by what it
- * shows (job, number of batches merged, format), so that people who watch one job share one file. The final
- * image of a job is a snapshot too, whose file is not deleted with it; in another format it is made from the
- * float file, since the film is gone. */
+ * sees to jobs that are over or stand at a milestone, then to requests. The final image of a job is a
+ * snapshot too, whose file is not deleted with it; in another format it is made from the float file, since
+ * the film is gone.
+ *
+ * An image may take minutes. Those who wait for it can be told how far it is; when the last of them is gone,
+ * it is given up. */
 #include "master/threads/image_writer.h"
 
 #include "common/film/picture.h"
@@ -29,18 +31,6 @@
 enum { PIXEL_BYTES = 4 * (13 + 13 + 6 + 24) };
 
 typedef struct {
-    uint64_t id; /* random; 0: vacant */
-    uint64_t job, version;
-    bool over;
-    image_format_t format;
-    uint32_t at; /* image_request_t.at */
-    char *path;
-    bool keep; /* the file stays when the snapshot goes */
-    uint64_t size;
-    double last_used;
-} snapshot_t;
-
-typedef struct {
     image_request_t request;
     result_t result;
     uint64_t snapshot;
@@ -51,11 +41,14 @@ struct image_writer {
     char *data_dir;
     pthread_t thread;
     atomic_bool stop;
-    mattes_t *mattes;     /* the thread's own: of the scene that was needed last; NULL: none was */
-    hash_t mattes_scene;  /* its blob */
-    pthread_mutex_t lock; /* guards what follows */
-    bool closed;          /* image_writer_close */
-    snapshot_t snapshots[IMAGE_WRITER_MAX_SNAPSHOTS];
+    mattes_t *mattes;    /* the thread's own: of the scene that was needed last; NULL: none was */
+    hash_t mattes_scene; /* its blob */
+    snapshots_t *snapshots;
+    image_writing_t writing; /* of the file that is being written */
+    pthread_mutex_t lock;    /* guards what follows */
+    bool closed;             /* image_writer_close */
+    image_request_t current; /* the request that is being served; job 0: none */
+    bool abandoned;          /* who made it is gone */
     image_request_t waiting[IMAGE_WRITER_MAX_WAITING];
     size_t waiting_count;
     answer_t answers[IMAGE_WRITER_MAX_WAITING];
@@ -142,7 +135,8 @@ static const mattes_t *find_mattes(image_writer_t *image_writer, const job_t *jo
 
 /* Writes a resolved film. `milestone`: the samples a pixel that it stands at; 0: none. */
 static result_t write_image(const char *path, const film_image_t *film, const job_record_t *record,
-                            const mattes_t *mattes, uint32_t milestone, const image_format_t *format)
+                            const mattes_t *mattes, uint32_t milestone, const image_format_t *format,
+                            image_writing_t *writing)
 {
     picture_meta_t meta = {.scene = record->blob,
                            .scene_name = record->terms.name,
@@ -152,15 +146,16 @@ static result_t write_image(const char *path, const film_image_t *film, const jo
                            .wall_seconds = record->elapsed,
                            .bits = record->fingerprint,
                            .mattes = mattes,
+                           .writing = writing,
                            .note = record->message};
     if (milestone > 0) end_at(&meta.settings, milestone);
     return format->png ? picture_write_png(path, film, format->exposure)
                        : picture_write_exr(path, film, &meta, format->half);
 }
 
-/* Resolves the film as it is now and writes it. */
+/* Resolves the film as it is now and writes it; `writing`: a snapshot. */
 static result_t write_film(image_writer_t *image_writer, job_t *job, const char *path, uint32_t milestone,
-                           const image_format_t *format)
+                           const image_format_t *format, image_writing_t *writing)
 {
     film_extras_t extras = {.halves = format->halves || farm_job_halves(image_writer->options.farm, job),
                             .groups = !format->png,
@@ -168,7 +163,7 @@ static result_t write_film(image_writer_t *image_writer, job_t *job, const char 
     film_image_t film = {0};
     job_report_t report;
     TRY(farm_resolve(image_writer->options.farm, clock_now(), job, &extras, &film, &report));
-    result_t result = write_image(path, &film, &report.record, extras.mattes, milestone, format);
+    result_t result = write_image(path, &film, &report.record, extras.mattes, milestone, format, writing);
     film_image_free(&film);
     return result;
 }
@@ -182,7 +177,7 @@ static result_t write_stored(image_writer_t *image_writer, job_t *job, const cha
     film_image_t film = {0};
     job_record_t record = farm_record(farm, clock_now(), job);
     TRY(stored_film_resolve(farm, image_writer->options.films, &record, &extras, &film));
-    result_t result = write_image(path, &film, &record, extras.mattes, 0, format);
+    result_t result = write_image(path, &film, &record, extras.mattes, 0, format, &image_writer->writing);
     film_image_free(&film);
     return result;
 }
@@ -205,11 +200,12 @@ static void copy_attribute(image_t *image, const image_attribute_t *attribute)
 }
 
 /* Makes a file of halves from a finished image. */
-static result_t write_halves(const char *from, const char *path)
+static result_t write_halves(const char *from, const char *path, image_writing_t *writing)
 {
     image_t image = {0}, halves;
     TRY(image_read_exr(from, &image));
     image_init(&halves, image.width, image.height);
+    halves.writing = writing;
     for (size_t i = 0; i < image.channel_count; i++) {
         const image_channel_t *channel = &image.channels[i];
         image_add_view(&halves, channel->name, picture_half_fits(channel->name) ? PIXEL_HALF : PIXEL_FLOAT,
@@ -248,11 +244,11 @@ static result_t write_kept(image_writer_t *image_writer, job_t *job, const char 
 {
     checkpointer_t *checkpointer = image_writer->options.checkpointer;
     image_format_t format = {.half = false};
-    result_t result = write_film(image_writer, job, path, milestone, &format);
+    result_t result = write_film(image_writer, job, path, milestone, &format, NULL);
     job_settings_t settings = farm_job_settings(image_writer->options.farm, job);
     bool again = result.code == RESULT_IO && checkpointer != NULL &&
                  checkpointer_make_room(checkpointer, largest_file(&settings));
-    if (again) result = write_film(image_writer, job, path, milestone, &format);
+    if (again) result = write_film(image_writer, job, path, milestone, &format, NULL);
     own_directory_hide(image_writer->data_dir, result.message); /* it becomes a message of the job */
     return result;
 }
@@ -289,66 +285,20 @@ static void finish_job(image_writer_t *image_writer, job_t *job)
     free(path);
 }
 
-/* ---- snapshots; all under the lock --------------------------------------------------------------------- */
-
-static void snapshot_drop(snapshot_t *snapshot)
-{
-    if (snapshot->id != 0 && !snapshot->keep) unlink(snapshot->path);
-    free(snapshot->path);
-    *snapshot = (snapshot_t){0};
-}
-
-static void drop_old(image_writer_t *image_writer, double now)
-{
-    for (size_t i = 0; i < IMAGE_WRITER_MAX_SNAPSHOTS; i++)
-        if (image_writer->snapshots[i].id != 0 &&
-            now - image_writer->snapshots[i].last_used > IMAGE_WRITER_KEEP)
-            snapshot_drop(&image_writer->snapshots[i]);
-}
-
-/* A vacant entry; if need be the one that was not used for longest goes. */
-static snapshot_t *snapshot_make(image_writer_t *image_writer)
-{
-    snapshot_t *oldest = &image_writer->snapshots[0];
-    for (size_t i = 0; i < IMAGE_WRITER_MAX_SNAPSHOTS; i++) {
-        snapshot_t *snapshot = &image_writer->snapshots[i];
-        if (snapshot->id == 0) return snapshot;
-        if (snapshot->last_used < oldest->last_used) oldest = snapshot;
-    }
-    snapshot_drop(oldest);
-    return oldest;
-}
-
-static bool same_format(const image_format_t *a, const image_format_t *b)
-{
-    return a->half == b->half && a->halves == b->halves && a->png == b->png && a->exposure == b->exposure;
-}
-
-static snapshot_t *snapshot_find(image_writer_t *image_writer, const snapshot_t *like)
-{
-    for (size_t i = 0; i < IMAGE_WRITER_MAX_SNAPSHOTS; i++) {
-        snapshot_t *s = &image_writer->snapshots[i];
-        if (s->id != 0 && s->job == like->job && s->version == like->version && s->over == like->over &&
-            s->at == like->at && same_format(&s->format, &like->format))
-            return s;
-    }
-    return NULL;
-}
-
 /* ---- requests ------------------------------------------------------------------------------------------ */
 
 /* Why there is no file that a snapshot is to be made from. */
 static result_t no_image(const image_writer_t *image_writer, const job_t *job, const snapshot_t *snapshot)
 {
-    unsigned long long number = snapshot->job;
-    if (snapshot->at == 0) return result_fail(RESULT_INPUT, "job %llu has no image", number);
+    unsigned long long number = snapshot->key.job;
+    if (snapshot->key.at == 0) return result_fail(RESULT_INPUT, "job %llu has no image", number);
     job_settings_t settings = farm_job_settings(image_writer->options.farm, job);
-    if (job_next_milestone(&settings, snapshot->at - 1) == snapshot->at)
+    if (job_next_milestone(&settings, snapshot->key.at - 1) == snapshot->key.at)
         return result_fail(RESULT_INPUT, "job %llu has no image at %u samples a pixel yet", number,
-                           snapshot->at);
+                           snapshot->key.at);
     return result_fail(RESULT_INPUT,
                        "job %llu keeps no image at %u samples a pixel: submit it with --save-at %u", number,
-                       snapshot->at, snapshot->at);
+                       snapshot->key.at, snapshot->key.at);
 }
 
 /* An image of a milestone has the halves only if the job was submitted so, and there is no film of it. */
@@ -357,87 +307,91 @@ static result_t no_halves(const snapshot_t *snapshot)
     return result_fail(RESULT_INPUT,
                        "job %llu was submitted without --halves, so its image at %u samples a pixel is kept "
                        "without",
-                       (unsigned long long)snapshot->job, snapshot->at);
+                       (unsigned long long)snapshot->key.job, snapshot->key.at);
 }
 
-/* Writes the file of a snapshot and fills in its path. */
+/* Where the file of a snapshot is, or goes. */
+static char *snapshot_path(const image_writer_t *image_writer, const snapshot_t *snapshot, const char *final)
+{
+    if (snapshot->keep) return mem_strdup(final);
+    return mem_printf("%s/snapshots/%016llx.%s", image_writer->data_dir, (unsigned long long)snapshot->id,
+                      snapshot->key.format.png ? "png" : "exr");
+}
+
+/* Writes the file of a snapshot, unless it is there. */
+static result_t write_snapshot(image_writer_t *image_writer, job_t *job, const snapshot_t *snapshot,
+                               const char *final, bool lacks_halves)
+{
+    const image_format_t *format = &snapshot->key.format;
+    if (!snapshot->key.over)
+        return write_film(image_writer, job, snapshot->path, 0, format, &image_writer->writing);
+    if (access(final, R_OK) != 0) return no_image(image_writer, job, snapshot);
+    if (lacks_halves && snapshot->key.at > 0) return no_halves(snapshot);
+    if (lacks_halves) return write_stored(image_writer, job, snapshot->path, format);
+    if (format->png) return write_png(final, snapshot->path, format->exposure);
+    return format->half ? write_halves(final, snapshot->path, &image_writer->writing) : result_ok();
+}
+
+/* Prepares what is told of a snapshot, and how large its file may be. */
+static result_t begin_writing(image_writer_t *image_writer, const job_t *job, const snapshot_t *snapshot)
+{
+    image_writing_t *writing = &image_writer->writing;
+    job_settings_t settings = farm_job_settings(image_writer->options.farm, job);
+    uint64_t pixels = (uint64_t)settings.width * (uint64_t)settings.height;
+    uint64_t largest = snapshot->key.format.png ? 4 * pixels : largest_file(&settings), room = UINT64_MAX;
+    if (!snapshot->keep) TRY(snapshots_room(image_writer->snapshots, clock_now(), largest, &room));
+    if (snapshot->key.format.png && room < largest) return snapshots_refusal(image_writer->snapshots);
+    writing->limit = room;
+    writing->fleeting = true;
+    return result_ok();
+}
+
+/* Makes a snapshot of an id and a key: fills in the rest. */
 static result_t take_snapshot(image_writer_t *image_writer, job_t *job, snapshot_t *snapshot)
 {
-    char *final = snapshot->at > 0 ? milestone_path(image_writer->data_dir, snapshot->job, snapshot->at)
-                                   : image_writer_image_path(image_writer->data_dir, snapshot->job);
-    const image_format_t *format = &snapshot->format;
-    bool lacks_halves = snapshot->over && format->halves && !farm_job_halves(image_writer->options.farm, job);
-    snapshot->keep = snapshot->over && !format->half && !format->png && !lacks_halves;
-    snapshot->path = snapshot->keep
-                         ? mem_strdup(final)
-                         : mem_printf("%s/snapshots/%016llx.%s", image_writer->data_dir,
-                                      (unsigned long long)snapshot->id, format->png ? "png" : "exr");
-    result_t result = result_ok();
-    if (!snapshot->over)
-        result = write_film(image_writer, job, snapshot->path, 0, format);
-    else if (access(final, R_OK) != 0)
-        result = no_image(image_writer, job, snapshot);
-    else if (lacks_halves && snapshot->at > 0)
-        result = no_halves(snapshot);
-    else if (lacks_halves)
-        result = write_stored(image_writer, job, snapshot->path, format);
-    else if (format->png)
-        result = write_png(final, snapshot->path, format->exposure);
-    else if (format->half)
-        result = write_halves(final, snapshot->path);
-    free(final);
+    char *final = snapshot->key.at > 0
+                      ? milestone_path(image_writer->data_dir, snapshot->key.job, snapshot->key.at)
+                      : image_writer_image_path(image_writer->data_dir, snapshot->key.job);
+    const image_format_t *format = &snapshot->key.format;
+    bool lacks_halves =
+        snapshot->key.over && format->halves && !farm_job_halves(image_writer->options.farm, job);
+    double begin = clock_now();
     struct stat status;
+    snapshot->keep = snapshot->key.over && !format->half && !format->png && !lacks_halves;
+    snapshot->path = snapshot_path(image_writer, snapshot, final);
+    result_t result = begin_writing(image_writer, job, snapshot);
+    if (result.code == RESULT_OK) result = write_snapshot(image_writer, job, snapshot, final, lacks_halves);
+    if (image_writer->writing.too_large) result = snapshots_refusal(image_writer->snapshots);
     if (result.code == RESULT_OK && stat(snapshot->path, &status) != 0)
         result = result_fail(RESULT_IO, "cannot read %s: %s", snapshot->path, strerror(errno));
     if (result.code == RESULT_OK) snapshot->size = (uint64_t)status.st_size;
+    snapshot->seconds = clock_now() - begin;
+    free(final);
     return result;
+}
+
+static image_key_t request_key(const image_request_t *request)
+{
+    return (image_key_t){
+        .job = request->job, .format = request->format, .at = request->at, .over = request->at > 0};
 }
 
 /* Finds or makes the snapshot that a request asks for. */
 static result_t serve_request(image_writer_t *image_writer, job_t *job, const image_request_t *request,
                               uint64_t *id)
 {
-    snapshot_t wanted = {.job = request->job, .format = request->format, .at = request->at, .over = true};
-    if (request->at == 0) wanted.version = farm_image_version(image_writer->options.farm, job, &wanted.over);
-    pthread_mutex_lock(&image_writer->lock);
-    snapshot_t *found = snapshot_find(image_writer, &wanted);
-    if (found != NULL) {
-        found->last_used = clock_now();
-        *id = found->id;
-    }
-    pthread_mutex_unlock(&image_writer->lock);
-    if (found != NULL) return result_ok();
+    snapshot_t wanted = {.key = request_key(request)};
+    if (request->at == 0)
+        wanted.key.version = farm_image_version(image_writer->options.farm, job, &wanted.key.over);
+    *id = snapshots_find(image_writer->snapshots, clock_now(), &wanted.key);
+    if (*id != 0) return result_ok();
     while (wanted.id == 0) randombytes_buf(&wanted.id, sizeof wanted.id);
     result_t result = take_snapshot(image_writer, job, &wanted);
-    if (result.code != RESULT_OK) {
+    if (result.code == RESULT_OK)
+        snapshots_put(image_writer->snapshots, clock_now(), &wanted);
+    else
         free(wanted.path);
-        return result;
-    }
-    pthread_mutex_lock(&image_writer->lock);
-    wanted.last_used = clock_now();
-    *snapshot_make(image_writer) = wanted;
-    pthread_mutex_unlock(&image_writer->lock);
     *id = wanted.id;
-    return result;
-}
-
-/* A file that outlives its snapshot. */
-static result_t open_file(image_writer_t *image_writer, uint64_t id, image_file_t *file)
-{
-    result_t result = result_fail(RESULT_IO, "the image was not kept: ask again");
-    pthread_mutex_lock(&image_writer->lock);
-    for (size_t i = 0; id != 0 && i < IMAGE_WRITER_MAX_SNAPSHOTS; i++) {
-        const snapshot_t *snapshot = &image_writer->snapshots[i];
-        if (snapshot->id != id) continue;
-        *file = (image_file_t){.descriptor = open(snapshot->path, O_RDONLY | O_CLOEXEC),
-                               .size = snapshot->size,
-                               .version = snapshot->version,
-                               .over = snapshot->over};
-        result = file->descriptor >= 0
-                     ? result_ok()
-                     : result_fail(RESULT_IO, "cannot read %s: %s", snapshot->path, strerror(errno));
-    }
-    pthread_mutex_unlock(&image_writer->lock);
     return result;
 }
 
@@ -445,8 +399,21 @@ static result_t open_file(image_writer_t *image_writer, uint64_t id, image_file_
 static void tell(image_writer_t *image_writer, answer_t *answer)
 {
     image_file_t file = {.descriptor = -1};
-    if (answer->result.code == RESULT_OK) answer->result = open_file(image_writer, answer->snapshot, &file);
+    if (answer->result.code == RESULT_OK)
+        answer->result = snapshots_open(image_writer->snapshots, answer->snapshot, &file);
     answer->request.done(answer->request.context, &answer->result, &file);
+}
+
+/* The current request is served. Who is not told by a call gets the answer later, unless he is gone. */
+static void end_serving(image_writer_t *image_writer, const answer_t *answer)
+{
+    pthread_mutex_lock(&image_writer->lock);
+    image_writer->current = (image_request_t){.job = 0};
+    if (answer->request.done == NULL && !image_writer->abandoned) {
+        if (answer->result.code == RESULT_OK) snapshots_give(image_writer->snapshots, answer->snapshot);
+        image_writer->answers[image_writer->answer_count++] = *answer;
+    }
+    pthread_mutex_unlock(&image_writer->lock);
 }
 
 static void answer_request(image_writer_t *image_writer, const image_request_t *request)
@@ -459,14 +426,41 @@ static void answer_request(image_writer_t *image_writer, const image_request_t *
         answer.result = serve_request(image_writer, job, request, &answer.snapshot);
         farm_unpin(image_writer->options.farm, job);
     }
-    if (request->done != NULL) {
+    end_serving(image_writer, &answer);
+    if (request->done != NULL)
         tell(image_writer, &answer);
-        return;
+    else
+        wake_up(image_writer->options.answer_wake);
+}
+
+/* The one to be served next: whom an image that is there can serve does not wait for those before. */
+static size_t choose_request(const image_writer_t *image_writer)
+{
+    double now = clock_now();
+    for (size_t i = 1; i < image_writer->waiting_count; i++) {
+        image_key_t key = request_key(&image_writer->waiting[i]);
+        if (snapshots_fresh(image_writer->snapshots, now, &key)) return i;
     }
-    pthread_mutex_lock(&image_writer->lock);
-    image_writer->answers[image_writer->answer_count++] = answer;
-    pthread_mutex_unlock(&image_writer->lock);
-    wake_up(image_writer->options.answer_wake);
+    return 0;
+}
+
+static void remove_waiting(image_writer_t *image_writer, size_t at)
+{
+    image_request_t *waiting = image_writer->waiting;
+    image_writer->waiting_count--;
+    memmove(waiting + at, waiting + at + 1, (image_writer->waiting_count - at) * sizeof *waiting);
+}
+
+/* From now on the request is the current one; under the lock. */
+static void begin_serving(image_writer_t *image_writer, const image_request_t *request)
+{
+    image_writing_t *writing = &image_writer->writing;
+    image_writer->current = *request;
+    image_writer->abandoned = false;
+    atomic_store(&writing->done, 0);
+    atomic_store(&writing->total, 0);
+    atomic_store(&writing->cancel, false);
+    writing->too_large = false;
 }
 
 /* The next request, as long as there is room for its answer. */
@@ -475,10 +469,10 @@ static bool next_request(image_writer_t *image_writer, image_request_t *request)
     pthread_mutex_lock(&image_writer->lock);
     bool found = image_writer->waiting_count > 0 && image_writer->answer_count < IMAGE_WRITER_MAX_WAITING;
     if (found) {
-        *request = image_writer->waiting[0];
-        image_writer->waiting_count--;
-        memmove(image_writer->waiting, image_writer->waiting + 1,
-                image_writer->waiting_count * sizeof *request);
+        size_t at = choose_request(image_writer);
+        *request = image_writer->waiting[at];
+        remove_waiting(image_writer, at);
+        begin_serving(image_writer, request);
     }
     pthread_mutex_unlock(&image_writer->lock);
     return found;
@@ -539,9 +533,7 @@ static void *image_writer_run(void *argument)
             estimate_error(image_writer); /* however many ask: a job that is to reach an error waits for it */
         }
         estimate_errors(image_writer);
-        pthread_mutex_lock(&image_writer->lock);
-        drop_old(image_writer, clock_now());
-        pthread_mutex_unlock(&image_writer->lock);
+        snapshots_drop_old(image_writer->snapshots, clock_now());
     }
     serve_farm(image_writer);
     return NULL;
@@ -579,7 +571,7 @@ static result_t prepare_directory(const char *data_dir)
 
 static void free_image_writer(image_writer_t *image_writer)
 {
-    for (size_t i = 0; i < IMAGE_WRITER_MAX_SNAPSHOTS; i++) snapshot_drop(&image_writer->snapshots[i]);
+    snapshots_free(&image_writer->snapshots);
     pthread_mutex_destroy(&image_writer->lock);
     mattes_free(&image_writer->mattes);
     free(image_writer->data_dir);
@@ -593,6 +585,7 @@ result_t image_writer_start(const image_writer_options_t *options, image_writer_
     image_writer_t *image_writer = mem_zalloc(1, sizeof *image_writer);
     image_writer->options = *options;
     image_writer->data_dir = mem_strdup(options->data_dir);
+    image_writer->snapshots = snapshots_new(options->snapshot_limit);
     pthread_mutex_init(&image_writer->lock, NULL);
     result_t result = thread_start(&image_writer->thread, "lm-image_writer", image_writer_run, image_writer);
     if (result.code == RESULT_OK)
@@ -637,9 +630,7 @@ static bool take_told(image_writer_t *image_writer, image_request_t *request)
     bool found = at < image_writer->waiting_count;
     if (found) {
         *request = image_writer->waiting[at];
-        image_writer->waiting_count--;
-        memmove(image_writer->waiting + at, image_writer->waiting + at + 1,
-                (image_writer->waiting_count - at) * sizeof *request);
+        remove_waiting(image_writer, at);
     }
     pthread_mutex_unlock(&image_writer->lock);
     return found;
@@ -671,33 +662,69 @@ bool image_writer_next_answer(image_writer_t *image_writer, image_request_t *req
     return found;
 }
 
-/* Reads under the lock, so that the file is not deleted meanwhile. */
-static result_t read_snapshot(const snapshot_t *snapshot, uint64_t offset, void *bytes, size_t *length)
+/* Whether two requests are for the same image of a moment. */
+static bool same_wish(const image_request_t *a, const image_request_t *b)
 {
-    if (offset > snapshot->size)
-        return result_fail(RESULT_INPUT, "offset %llu is beyond the image's %llu bytes",
-                           (unsigned long long)offset, (unsigned long long)snapshot->size);
-    int descriptor = open(snapshot->path, O_RDONLY | O_CLOEXEC);
-    ssize_t got = descriptor < 0 ? -1 : pread(descriptor, bytes, *length, (off_t)offset);
-    result_t result = result_ok();
-    if (got < 0) result = result_fail(RESULT_IO, "cannot read %s: %s", snapshot->path, strerror(errno));
-    if (descriptor >= 0) close(descriptor);
-    *length = got < 0 ? 0 : (size_t)got;
-    return result;
+    return a->job == b->job && a->at == b->at && a->format.half == b->format.half &&
+           a->format.halves == b->format.halves && a->format.png == b->format.png &&
+           a->format.exposure == b->format.exposure;
+}
+
+/* Under the lock. */
+static image_news_t news_of(const image_writer_t *image_writer, const image_request_t *request, size_t before)
+{
+    const image_writing_t *writing = &image_writer->writing;
+    image_news_t news = {.identity = request->identity, .request = request->request};
+    bool current = image_writer->current.job != 0 && same_wish(request, &image_writer->current);
+    size_t total = atomic_load(&writing->total);
+    if (!current) news.before = (uint32_t)before;
+    if (current && total > 0) news.share = (float)atomic_load(&writing->done) / (float)total;
+    return news;
+}
+
+size_t image_writer_news(image_writer_t *image_writer, image_news_t news[IMAGE_WRITER_MAX_NEWS])
+{
+    size_t count = 0;
+    pthread_mutex_lock(&image_writer->lock);
+    const image_request_t *current = &image_writer->current;
+    size_t busy = current->job != 0;
+    if (busy && current->progress && !image_writer->abandoned)
+        news[count++] = news_of(image_writer, current, 0);
+    for (size_t i = 0; i < image_writer->waiting_count; i++)
+        if (image_writer->waiting[i].progress)
+            news[count++] = news_of(image_writer, &image_writer->waiting[i], i + busy);
+    pthread_mutex_unlock(&image_writer->lock);
+    return count;
+}
+
+static bool is_from(const image_request_t *request, const identity_t *identity, uint64_t number)
+{
+    return request->done == NULL && request->request == number && request->identity.size == identity->size &&
+           memcmp(request->identity.bytes, identity->bytes, identity->size) == 0;
+}
+
+/* Nobody waits for what is being made. */
+static bool is_unwanted(const image_writer_t *image_writer)
+{
+    bool wanted = !image_writer->abandoned;
+    for (size_t i = 0; i < image_writer->waiting_count; i++)
+        wanted |= same_wish(&image_writer->waiting[i], &image_writer->current);
+    return !wanted;
+}
+
+void image_writer_forget(image_writer_t *image_writer, const identity_t *identity, uint64_t request)
+{
+    pthread_mutex_lock(&image_writer->lock);
+    for (size_t i = image_writer->waiting_count; i-- > 0;)
+        if (is_from(&image_writer->waiting[i], identity, request)) remove_waiting(image_writer, i);
+    bool busy = image_writer->current.job != 0;
+    if (busy && is_from(&image_writer->current, identity, request)) image_writer->abandoned = true;
+    if (busy && is_unwanted(image_writer)) atomic_store(&image_writer->writing.cancel, true);
+    pthread_mutex_unlock(&image_writer->lock);
 }
 
 result_t image_writer_read(image_writer_t *image_writer, uint64_t id, uint64_t offset, void *bytes,
                            size_t *length, uint64_t *size)
 {
-    result_t result = result_fail(RESULT_INPUT, "this image is no longer kept: ask for a new one");
-    pthread_mutex_lock(&image_writer->lock);
-    for (size_t i = 0; id != 0 && i < IMAGE_WRITER_MAX_SNAPSHOTS; i++) {
-        snapshot_t *snapshot = &image_writer->snapshots[i];
-        if (snapshot->id != id) continue;
-        result = read_snapshot(snapshot, offset, bytes, length);
-        *size = snapshot->size;
-        snapshot->last_used = clock_now();
-    }
-    pthread_mutex_unlock(&image_writer->lock);
-    return result;
+    return snapshots_read(image_writer->snapshots, clock_now(), id, offset, bytes, length, size);
 }

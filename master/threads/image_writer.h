@@ -3,9 +3,9 @@
  *
  * A finished job's image is DATA/job-<number>.exr and stays, and so do the images of its milestones
  * (job_settings_t.save_at), DATA/job-<number>-at-<samples>.exr, until the job is deleted. A client gets a
- * snapshot: a file in DATA/snapshots that is deleted a while after its last use. There are at most
- * IMAGE_WRITER_MAX_SNAPSHOTS. To resolve and compress a large film takes seconds; in a thread of its own it
- * delays neither heartbeats nor batches.
+ * snapshot: a file in DATA/snapshots that is deleted a while after its last use (snapshots.h). People who ask
+ * for the same image at about the same time get the same. To resolve and compress a large film takes seconds;
+ * in a thread of its own it delays neither heartbeats nor batches.
  *
  * Thread-safe.
  */
@@ -14,12 +14,9 @@
 
 #include "master/farm/farm.h"
 #include "master/threads/checkpointer.h"
+#include "master/threads/snapshots.h"
 
-enum {
-    IMAGE_WRITER_MAX_SNAPSHOTS = 16,
-    IMAGE_WRITER_MAX_WAITING = 64, /* requests for new snapshots at a time */
-    IMAGE_WRITER_KEEP = 60         /* seconds after the last use of a snapshot */
-};
+enum { IMAGE_WRITER_MAX_WAITING = 64 /* requests for new snapshots at a time */ };
 
 typedef struct image_writer image_writer_t;
 
@@ -31,6 +28,7 @@ typedef struct {
     const char *data_dir;         /* copied */
     int image_wake;               /* the farm's eventfd */
     int answer_wake;              /* eventfd, written when image_writer_next_answer has something */
+    uint64_t snapshot_limit;      /* bytes that snapshots may take on the disk; 0: any number */
 } image_writer_options_t;
 
 /* Empties the snapshot directory and starts the thread. */
@@ -38,22 +36,6 @@ result_t image_writer_start(const image_writer_options_t *options, image_writer_
 /* Writes the images of all finished jobs that are still due, joins the thread, deletes the snapshots, frees
  * everything and sets *image_writer to NULL. */
 void image_writer_stop(image_writer_t **image_writer);
-
-/* How a snapshot is written. */
-typedef struct {
-    bool half;      /* EXR with half floats */
-    bool halves;    /* EXR with the two halves of the picture */
-    bool png;       /* not an EXR but a PNG, 8 bits sRGB, */
-    float exposure; /* brightened by so many stops */
-} image_format_t;
-
-/* A file for who is told by a call. */
-typedef struct {
-    int descriptor;   /* open for reading, the receiver's to close */
-    uint64_t size;    /* bytes */
-    uint64_t version; /* of the film when it was asked for (farm_image_version); 0 of a milestone */
-    bool over;        /* the job's last image, or a milestone's */
-} image_file_t;
 
 /* Who asked for a new snapshot, and for which part of it. */
 typedef struct {
@@ -68,6 +50,7 @@ typedef struct {
     uint32_t at; /* samples a pixel of a milestone; 0: the image as it is now */
     uint64_t offset;
     uint32_t length;
+    bool progress; /* it is to be told by image_writer_news; not with `done` */
 } image_request_t;
 
 /* Asks for a snapshot of a job. RESULT_LIMIT, and no answer, when too many wait, or after image_writer_close.
@@ -79,6 +62,19 @@ void image_writer_close(image_writer_t *image_writer);
 /* The next request that has been served: *snapshot names the image unless *result is a failure. */
 bool image_writer_next_answer(image_writer_t *image_writer, image_request_t *request, result_t *result,
                               uint64_t *snapshot);
+
+/* How it stands with a request. */
+typedef struct {
+    identity_t identity;
+    uint64_t request;
+    uint32_t before; /* images that are made before its own */
+    float share;     /* of its own that is made, 0 to 1 */
+} image_news_t;
+enum { IMAGE_WRITER_MAX_NEWS = IMAGE_WRITER_MAX_WAITING + 1 };
+/* How it stands with all requests that want to be told and have no answer yet; returns how many. */
+size_t image_writer_news(image_writer_t *image_writer, image_news_t news[IMAGE_WRITER_MAX_NEWS]);
+/* Who asked is gone: the request is forgotten, and an image that nobody else wants is not made. */
+void image_writer_forget(image_writer_t *image_writer, const identity_t *identity, uint64_t request);
 
 /* Reads up to `length` bytes of a snapshot at `offset`; *length says how many there were, *size the file's
  * size. RESULT_INPUT when the snapshot is gone or the offset beyond its end. */
