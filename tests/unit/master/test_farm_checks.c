@@ -390,6 +390,8 @@ static void what_nobody_asked_for_is_not_decoded(void **state)
     batch_init(&batch, &wanted);
     batch.units = &unit;
     batch.unit_count = 1;
+    for (int half = 0; half < 2 && job_has_splats(&wanted); half++)
+        batch.counts.light_paths[half] = job_tile_pixels(&wanted, 0);
     for (int i = 0; i < BATCH_PAYLOADS; i++) {
         assert_int_equal(zmq_msg_init_size(&payload[i], 100), 0);
         memset(zmq_msg_data(&payload[i]), 0x55, 100); /* which cannot be decoded */
