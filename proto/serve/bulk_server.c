@@ -18,6 +18,7 @@ static const double TRIM_INTERVAL = 10; /* seconds */
 struct bulk_server {
     server_options_t options;
     serve_handler_t handler;
+    gate_t *gate;
     peer_server_t *thread;
     merge_pool_t *pool;
     grants_t *grants;
@@ -54,6 +55,7 @@ static result_t take_offer(bulk_server_t *bulk, const wire_message_t *message)
     const serve_handler_t *handler = &bulk->handler;
     const Lm__BatchOffer *body = message->envelope->batch_offer;
     batch_offer_t offer = {.identity = peer_identity(message),
+                           .connection = message->connection,
                            .request = message->envelope->request,
                            .worker = body->worker,
                            .job = body->job,
@@ -80,6 +82,7 @@ static void grant(bulk_server_t *bulk, peer_server_t *server, const batch_offer_
 {
     const serve_handler_t *handler = &bulk->handler;
     Lm__BatchGrant body = LM__BATCH_GRANT__INIT;
+    gate_expect(bulk->gate, offer->connection, 2 * offer->bytes); /* a guess; more is refused */
     if (peer_send(server, &offer->identity, offer->request, LM__ENVELOPE__BODY_BATCH_GRANT, &body, NULL))
         handler->calls->granted(handler->self, clock_now(), offer->worker);
     else
@@ -238,6 +241,7 @@ result_t bulk_server_start(const server_options_t *options, const served_socket_
     bulk_server_t *bulk = mem_zalloc(1, sizeof *bulk);
     bulk->options = *options;
     bulk->handler = served->handler;
+    bulk->gate = served->gate;
     bulk->grants = grants_new(options->batch_memory > 0 ? options->batch_memory : grants_usual_credit());
     merge_pool_options_t pool = {.merge = add_batch,
                                  .context = &bulk->handler,

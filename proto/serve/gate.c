@@ -30,7 +30,8 @@ static const char ZAP_ENDPOINT[] = "inproc://zeromq.zap.01";
 static const char ZAP_DOMAIN[] = "lightmill";
 
 enum {
-    LOOK_MS = 500,        /* between looks at the list's file */
+    LOOK_MS = 500,        /* between looks at the list's file, */
+    PATROL_MS = 200,      /* and at the connections */
     HANDSHAKE_MS = 10000, /* a connection that has not shown its key by then is closed */
     SOCKETS = 2,
     ZAP_FRAMES = 7,
@@ -52,7 +53,7 @@ typedef struct {
 } file_mark_t;
 
 struct gate {
-    bool keys; /* false: everybody may do everything, and nothing else is used */
+    bool keys; /* false: everybody may do everything; there is no pair, list or zap */
     bool key_is_new;
     bool relay; /* what it guards is a relay */
     key_pair_t pair;
@@ -62,10 +63,12 @@ struct gate {
 
     /* The thread's own, once it runs. */
     void *context, *zap;
+    connections_t *connections[SOCKETS];
     handshakes_t *handshakes[SOCKETS];
     int sockets;
     file_mark_t read, seen; /* the file when it was last read, and at the last look */
-    complaint_t refused, broken;
+    complaint_t refused, broken, ended;
+    heard_t *heard; /* any thread's */
 
     pthread_t thread;
     bool started;
@@ -174,7 +177,6 @@ static result_t open_zap(gate_t *gate)
     int linger = 0;
     if (!zmq_has("curve"))
         return result_fail(RESULT_IO, "this libzmq cannot encrypt: it was built without CURVE");
-    TRY(wake_new(&gate->wake));
     gate->zap = zmq_socket(gate->context, ZMQ_REP);
     if (gate->zap != NULL) zmq_setsockopt(gate->zap, ZMQ_LINGER, &linger, sizeof linger);
     if (gate->zap != NULL && zmq_bind(gate->zap, ZAP_ENDPOINT) == 0) return result_ok();
@@ -208,27 +210,38 @@ result_t gate_new(const gate_options_t *options, const char *data_dir, void *con
     *out = gate;
     pthread_mutex_init(&gate->lock, NULL);
     gate->wake = -1;
+    gate->heard = mem_zalloc(1, sizeof *gate->heard);
     gate->context = context;
     gate->relay = options->relay;
     bool wanted = options->key != NULL || options->allow != NULL;
     if (options->insecure && wanted)
         return result_fail(RESULT_USAGE, "--insecure means without keys: leave it out, or --key and --allow");
     gate->keys = wanted || (exposed && !options->insecure);
+    TRY(wake_new(&gate->wake));
     return gate->keys ? set_up(gate, options, data_dir) : result_ok();
 }
 
-result_t gate_guard(gate_t *gate, void *socket, const char *name)
+static result_t give_key(const gate_t *gate, void *socket)
 {
-    if (!gate->keys || gate->sockets == SOCKETS) return result_ok();
-    int on = 1, patience = HANDSHAKE_MS;
-    if (zmq_setsockopt(socket, ZMQ_CURVE_SERVER, &on, sizeof on) != 0 ||
-        zmq_setsockopt(socket, ZMQ_CURVE_SECRETKEY, gate->pair.secret, KEY_TEXT + 1) != 0 ||
-        zmq_setsockopt(socket, ZMQ_ZAP_DOMAIN, ZAP_DOMAIN, sizeof ZAP_DOMAIN - 1) != 0 ||
-        zmq_setsockopt(socket, ZMQ_HANDSHAKE_IVL, &patience, sizeof patience) != 0)
-        return result_fail(RESULT_IO, "cannot give a key to a socket: %s", zmq_strerror(errno));
-    TRY(handshakes_watch(gate->context, socket, name, &gate->handshakes[gate->sockets]));
+    int on = 1;
+    if (zmq_setsockopt(socket, ZMQ_CURVE_SERVER, &on, sizeof on) == 0 &&
+        zmq_setsockopt(socket, ZMQ_CURVE_SECRETKEY, gate->pair.secret, KEY_TEXT + 1) == 0 &&
+        zmq_setsockopt(socket, ZMQ_ZAP_DOMAIN, ZAP_DOMAIN, sizeof ZAP_DOMAIN - 1) == 0)
+        return result_ok();
+    return result_fail(RESULT_IO, "cannot give a key to a socket: %s", zmq_strerror(errno));
+}
+
+result_t gate_guard(gate_t *gate, void *socket, const char *name, const connection_limits_t *limits)
+{
+    int patience = HANDSHAKE_MS, at = gate->sockets;
+    if (at == SOCKETS) return result_ok();
+    if (gate->keys) TRY(give_key(gate, socket));
+    if (zmq_setsockopt(socket, ZMQ_HANDSHAKE_IVL, &patience, sizeof patience) != 0)
+        return result_fail(RESULT_IO, "cannot limit a socket's handshakes: %s", zmq_strerror(errno));
     gate->sockets++;
-    return result_ok();
+    gate->connections[at] = connections_new(name, limits, gate->heard);
+    return handshakes_watch(gate->context, socket, name, gate->keys, gate->connections[at],
+                            &gate->handshakes[at]);
 }
 
 /* ---- admitting connections ----------------------------------------------------------------------------- */
@@ -323,23 +336,30 @@ static void answer_all(gate_t *gate)
 
 static void wait_events(gate_t *gate)
 {
-    zmq_pollitem_t items[2 + SOCKETS] = {{.socket = gate->zap, .events = ZMQ_POLLIN},
-                                         {.fd = gate->wake, .events = ZMQ_POLLIN}};
+    zmq_pollitem_t items[2 + SOCKETS] = {{.fd = gate->wake, .events = ZMQ_POLLIN}};
+    int count = 1;
     for (int i = 0; i < gate->sockets; i++)
-        items[2 + i] =
+        items[count++] =
             (zmq_pollitem_t){.socket = handshakes_socket(gate->handshakes[i]), .events = ZMQ_POLLIN};
-    zmq_poll(items, 2 + gate->sockets, LOOK_MS);
-    if (items[1].revents != 0) wake_clear(gate->wake);
+    if (gate->keys) items[count++] = (zmq_pollitem_t){.socket = gate->zap, .events = ZMQ_POLLIN};
+    zmq_poll(items, count, PATROL_MS);
+    if (items[0].revents != 0) wake_clear(gate->wake);
 }
 
 static void *gate_run(void *argument)
 {
     gate_t *gate = argument;
-    double next_look = 0;
+    double next_look = 0, next_patrol = 0;
     while (!atomic_load(&gate->stop)) {
         wait_events(gate);
-        answer_all(gate);
+        if (gate->keys) answer_all(gate);
         for (int i = 0; i < gate->sockets; i++) handshakes_report(gate->handshakes[i], &gate->broken);
+        if (clock_now() >= next_patrol) {
+            next_patrol = clock_now() + 1e-3 * PATROL_MS;
+            for (int i = 0; i < gate->sockets; i++)
+                connections_patrol(gate->connections[i], clock_now(), &gate->ended);
+        }
+        if (!gate->keys) continue;
         if (atomic_exchange(&gate->reload, false)) read_list_again(gate);
         if (clock_now() < next_look) continue;
         next_look = clock_now() + 1e-3 * LOOK_MS;
@@ -372,14 +392,19 @@ static void introduce(const gate_t *gate, const char *host, int port)
     fflush(stdout);
 }
 
-result_t gate_start(gate_t *gate, const char *host, int port)
+static void say_key(const gate_t *gate, const char *host, int port)
 {
-    if (!gate->keys) return result_ok();
     char name[256] = "";
     bool any = strcmp(host, "*") == 0 || strcmp(host, "0.0.0.0") == 0 || strcmp(host, "[::]") == 0;
     if (any && gethostname(name, sizeof name - 1) == 0 && name[0] != '\0') host = name;
     log_info("this %s's public key is %s", gate->relay ? "relay" : "master", gate->pair.open);
     if (gate->key_is_new) introduce(gate, host, port);
+}
+
+result_t gate_start(gate_t *gate, const char *host, int port)
+{
+    if (gate->keys) say_key(gate, host, port);
+    if (!gate->keys && gate->sockets == 0) return result_ok(); /* all is in this process */
     TRY(thread_start(&gate->thread, "lm-gate", gate_run, gate));
     gate->started = true;
     return result_ok();
@@ -392,7 +417,11 @@ void gate_stop(gate_t **out)
     atomic_store(&gate->stop, true);
     wake_up(gate->wake);
     if (gate->started) pthread_join(gate->thread, NULL);
-    for (int i = 0; i < gate->sockets; i++) handshakes_destroy(&gate->handshakes[i]);
+    for (int i = 0; i < gate->sockets; i++) {
+        handshakes_destroy(&gate->handshakes[i]);
+        connections_destroy(&gate->connections[i]);
+    }
+    free(gate->heard);
     if (gate->zap != NULL) zmq_close(gate->zap);
     wake_close(gate->wake);
     key_pair_forget(&gate->pair);
@@ -416,6 +445,18 @@ result_t gate_check(gate_t *gate, wire_message_t *message, unsigned needed)
     return result_fail(RESULT_DENIED,
                        "the key %s %s, but not what this message asks for: that needs a key that %s",
                        message->key, wire_rights_name(message->rights), wire_rights_name(needed));
+}
+
+void gate_heard(gate_t *gate, int connection)
+{
+    if (gate == NULL || connection < 0 || connection >= CONNECTIONS_MAX) return;
+    atomic_fetch_add(&gate->heard->messages[connection], 1);
+}
+
+void gate_expect(gate_t *gate, int connection, uint64_t bytes)
+{
+    if (gate == NULL || connection < 0 || connection >= CONNECTIONS_MAX) return;
+    atomic_store(&gate->heard->expected[connection], bytes);
 }
 
 void gate_key_name(gate_t *gate, const char *key, char name[KEY_MAX_NAME + 1])

@@ -3,11 +3,15 @@
  * On an address that other machines reach, the master's sockets use CURVE: connections are encrypted, peers
  * know the master's public key beforehand, and the master admits the keys of its list only (allow_list.h).
  * The list is read again when its file changes; what a connected peer may do is looked up in the list as it
- * is at every message, so a key that is taken out loses its rights at once. */
+ * is at every message, so a key that is taken out loses its rights at once.
+ *
+ * With keys and without, it ends connections that libzmq would let take memory, or a place, for ever
+ * (connections.h). */
 #ifndef LIGHTMILL_GATE_H
 #define LIGHTMILL_GATE_H
 
 #include "common/options/options.h"
+#include "proto/serve/connections.h"
 #include "proto/wire/wire.h"
 
 typedef struct {
@@ -25,16 +29,23 @@ typedef struct gate gate_t;
  * or a key was given, and gets ready to be asked by the sockets of the context. */
 result_t gate_new(const gate_options_t *options, const char *data_dir, void *context, bool exposed,
                   gate_t **gate);
-/* Gives a socket that is about to be bound the master's key; `name` is for the log. At most two sockets. */
-result_t gate_guard(gate_t *gate, void *socket, const char *name);
-/* Starts the thread that admits connections, and says for people which key this master has and, when it is
- * new, what to do with it. `host` and `port` are where it listens. */
+/* Gives a socket that is about to be bound to TCP the master's key, if keys are used, and watches its
+ * connections; `name` is for the log. At most two sockets. */
+result_t gate_guard(gate_t *gate, void *socket, const char *name, const connection_limits_t *limits);
+/* Starts the thread that admits connections and watches them, and says for people which key this master has
+ * and, when it is new, what to do with it. `host` and `port` are where it listens. */
 result_t gate_start(gate_t *gate, const char *host, int port);
 /* Ends the thread and frees everything; after the sockets that it guards were closed. Sets *gate to NULL. */
 void gate_stop(gate_t **gate);
 
 /* Reads the list again, soon. From any thread. */
 void gate_reload(gate_t *gate);
+
+/* A message was taken from a connection (wire_message_t.connection), well-formed or not. From any thread;
+ * `gate` NULL, and connections of -1, are allowed here and below. */
+void gate_heard(gate_t *gate, int connection);
+/* Messages from it may have so many bytes more than the limit of its socket, from now on. */
+void gate_expect(gate_t *gate, int connection, uint64_t bytes);
 
 /* Says what the sender may do now, in message->rights, and whether that covers what the message needs (0:
  * nothing but a key on the list): else RESULT_DENIED with the reason. From any thread. `gate` NULL: everybody

@@ -7,38 +7,32 @@
  * they are for people. */
 #include "proto/serve/handshakes.h"
 
-#include <arpa/inet.h>
 #include <errno.h>
-#include <netinet/in.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/socket.h>
 #include <zmq.h>
-
-enum { REMEMBERED = 1024 }; /* connections whose addresses are kept, by descriptor */
 
 static const int EVENTS = ZMQ_EVENT_ACCEPTED | ZMQ_EVENT_DISCONNECTED | ZMQ_EVENT_HANDSHAKE_FAILED_NO_DETAIL |
                           ZMQ_EVENT_HANDSHAKE_FAILED_PROTOCOL;
-
-typedef struct {
-    int descriptor;
-    char text[INET6_ADDRSTRLEN]; /* empty: not known */
-} caller_t;
 
 struct handshakes {
     void *monitor;
     const char *name;
     uint16_t failed; /* event that the next closed connection is about; 0: none */
     uint32_t detail; /* its value */
-    caller_t callers[REMEMBERED];
+    bool keys;
+    connections_t *connections;
 };
 
-result_t handshakes_watch(void *context, void *socket, const char *name, handshakes_t **out)
+result_t handshakes_watch(void *context, void *socket, const char *name, bool keys,
+                          connections_t *connections, handshakes_t **out)
 {
     char endpoint[64];
     handshakes_t *handshakes = mem_zalloc(1, sizeof *handshakes);
     handshakes->name = name;
+    handshakes->keys = keys;
+    handshakes->connections = connections;
     snprintf(endpoint, sizeof endpoint, "inproc://handshakes-%p", socket);
     *out = handshakes;
     if (zmq_socket_monitor(socket, endpoint, EVENTS) == 0) {
@@ -64,32 +58,13 @@ void handshakes_destroy(handshakes_t **handshakes)
     *handshakes = NULL;
 }
 
-static caller_t *caller(handshakes_t *handshakes, int descriptor)
+static const char *reason(uint16_t event, uint32_t detail, bool keys)
 {
-    return &handshakes->callers[(unsigned)descriptor % REMEMBERED];
-}
-
-static void on_accepted(handshakes_t *handshakes, int descriptor)
-{
-    struct sockaddr_storage address = {0};
-    socklen_t size = sizeof address;
-    caller_t *entry = caller(handshakes, descriptor);
-    *entry = (caller_t){.descriptor = descriptor};
-    /* The descriptor is libzmq's, and may be closed by now: then the address stays unknown. */
-    if (getpeername(descriptor, (struct sockaddr *)&address, &size) != 0) return;
-    const void *host = address.ss_family == AF_INET6
-                           ? (const void *)&((struct sockaddr_in6 *)&address)->sin6_addr
-                           : (const void *)&((struct sockaddr_in *)&address)->sin_addr;
-    if (address.ss_family == AF_INET || address.ss_family == AF_INET6)
-        inet_ntop(address.ss_family, host, entry->text, sizeof entry->text);
-}
-
-static const char *reason(uint16_t event, uint32_t detail)
-{
-    if (event == ZMQ_EVENT_HANDSHAKE_FAILED_NO_DETAIL) return "it broke off without showing a key";
+    if (event == ZMQ_EVENT_HANDSHAKE_FAILED_NO_DETAIL)
+        return keys ? "it broke off without showing a key" : "it broke off before it had begun";
     switch (detail) {
     case ZMQ_PROTOCOL_ERROR_ZMTP_MECHANISM_MISMATCH:
-        return "it uses no keys";
+        return keys ? "it uses no keys" : "it uses keys, and this socket does not";
     case ZMQ_PROTOCOL_ERROR_ZMTP_CRYPTOGRAPHIC:
         return "it was made for the key of another master";
     default:
@@ -99,20 +74,19 @@ static const char *reason(uint16_t event, uint32_t detail)
 
 static void on_closed(handshakes_t *handshakes, int descriptor, complaint_t *complaint)
 {
-    const caller_t *entry = caller(handshakes, descriptor);
-    const char *address =
-        entry->descriptor == descriptor && entry->text[0] != '\0' ? entry->text : "somewhere";
+    const char *address = connections_address(handshakes->connections, descriptor);
     if (handshakes->failed != 0 && complaint_allowed(complaint, clock_now()))
         log_warning("refused a connection from %s to the %s socket: %s", address, handshakes->name,
-                    reason(handshakes->failed, handshakes->detail));
+                    reason(handshakes->failed, handshakes->detail, handshakes->keys));
     handshakes->failed = 0;
+    connections_closed(handshakes->connections, descriptor);
 }
 
 static void on_event(handshakes_t *handshakes, uint16_t event, uint32_t value, complaint_t *complaint)
 {
     switch (event) {
     case ZMQ_EVENT_ACCEPTED:
-        on_accepted(handshakes, (int)value);
+        connections_opened(handshakes->connections, clock_now(), (int)value);
         break;
     case ZMQ_EVENT_DISCONNECTED:
         on_closed(handshakes, (int)value, complaint);

@@ -4,12 +4,14 @@
 #ifndef LIGHTMILL_HANDSHAKES_H
 #define LIGHTMILL_HANDSHAKES_H
 
-#include "proto/serve/complaint.h"
+#include "proto/serve/connections.h"
 
 typedef struct handshakes handshakes_t;
 
-/* Begins to watch a socket, before it is bound. `name` is for the log. */
-result_t handshakes_watch(void *context, void *socket, const char *name, handshakes_t **handshakes);
+/* Begins to watch a socket, before it is bound. `name` is for the log, `keys` says whether it wants them;
+ * `connections`, kept by the caller, is told which there are. */
+result_t handshakes_watch(void *context, void *socket, const char *name, bool keys,
+                          connections_t *connections, handshakes_t **handshakes);
 /* To be polled for ZMQ_POLLIN. */
 void *handshakes_socket(const handshakes_t *handshakes);
 /* Logs what has happened. */

@@ -203,6 +203,7 @@ static bool receive_one(peer_server_t *server)
     if (!received && result.code != RESULT_PROTOCOL) return false;
     server->messages++;
     server->bytes += message->bytes;
+    gate_heard(server->options.gate, message->connection);
     if (within_limit(server, message)) {
         if (received) result = wire_decode(message);
         if (result.code == RESULT_OK)

@@ -77,6 +77,7 @@ typedef struct {
 /* A batch that a worker would like to send. */
 typedef struct {
     identity_t identity;
+    int connection;   /* wire_message_t.connection */
     uint64_t request; /* to be repeated in the answer */
     uint64_t worker, job;
     bool named; /* it was said what the job is, */

@@ -4,6 +4,7 @@
 #include "common/address.h"
 #include "proto/serve/bulk_server.h"
 #include "proto/serve/control_server.h"
+#include "proto/serve/grants.h"
 
 #include <errno.h>
 #include <math.h>
@@ -15,7 +16,11 @@
 enum {
     MAX_INTERVAL = 3600, /* seconds, of heartbeats, leases and batches */
     ENDPOINT_SIZE = 300,
-    MAX_BULK_IO = 4 /* threads of libzmq for the bulk socket */
+    MAX_BULK_IO = 4, /* threads of libzmq for the bulk socket */
+    /* Seconds until a connection that says nothing is closed: those who dial the control socket have
+     * something to say, the bulk socket may be dialled long before it is needed. */
+    CONTROL_SILENCE = 30,
+    BULK_SILENCE = 300
 };
 /* Messages of a connection to the bulk socket that libzmq holds: they may be large. A peer that fetches
  * something has a few requests under way, and its batches are answered one by one. On a connection with keys
@@ -95,16 +100,29 @@ static result_t open_context(server_t *server)
     return result_ok();
 }
 
+/* What connections may leave unfinished. A message to the control socket has one small frame; one to the bulk
+ * socket is a part of a scene, or a batch, which was granted (gate_expect). */
+static connection_limits_t connection_limits(const server_t *server, bool bulk)
+{
+    static const uint64_t MB = 1 << 20;
+    uint64_t credit = server->options.batch_memory > 0 ? server->options.batch_memory : grants_usual_credit();
+    if (bulk) return (connection_limits_t){BULK_SILENCE, 64 * MB, 2 * credit + 256 * MB};
+    return (connection_limits_t){CONTROL_SILENCE, 2 * MB, 64 * MB};
+}
+
 /* Makes the socket; `threads` are the bits of the libzmq threads that serve it. */
-static result_t make_socket(server_t *server, const char *name, uint64_t threads, size_t largest_frame,
+static result_t make_socket(server_t *server, bool bulk, uint64_t threads, size_t largest_frame,
                             void **socket)
 {
+    const char *endpoint = bulk ? server->options.bulk_endpoint : server->options.control_endpoint;
+    connection_limits_t limits = connection_limits(server, bulk);
     TRY(wire_socket(server->context, ZMQ_ROUTER, socket));
     TRY(wire_socket_limit(*socket, largest_frame));
     if (server->options.context == NULL &&
         zmq_setsockopt(*socket, ZMQ_AFFINITY, &threads, sizeof threads) != 0)
         return result_fail(RESULT_IO, "cannot choose a socket's threads: %s", zmq_strerror(errno));
-    return gate_guard(server->gate, *socket, name);
+    if (strncmp(endpoint, "tcp://", 6) != 0) return result_ok(); /* all peers are in this process */
+    return gate_guard(server->gate, *socket, bulk ? "bulk" : "control", &limits);
 }
 
 /* `bound` becomes the endpoint with the port that was chosen. */
@@ -134,8 +152,8 @@ static result_t open_sockets(server_t *server)
     bool exposed = is_exposed(options->control_endpoint, host);
     if (is_exposed(options->bulk_endpoint, bulk_host)) exposed = true;
     TRY(gate_new(&options->gate, options->data_dir, server->context, exposed, &server->gate));
-    TRY(make_socket(server, "control", 1, WIRE_MAX_CONTROL_ASKED, &server->control_socket));
-    TRY(make_socket(server, "bulk", ~(uint64_t)1, WIRE_MAX_PAYLOAD, &server->bulk_socket));
+    TRY(make_socket(server, false, 1, WIRE_MAX_CONTROL_ASKED, &server->control_socket));
+    TRY(make_socket(server, true, ~(uint64_t)1, WIRE_MAX_PAYLOAD, &server->bulk_socket));
     TRY(wire_socket_queue(server->bulk_socket, BULK_RECEIVED, BULK_SENT));
     TRY(bind_socket(server, options->control_endpoint, server->control_socket, control,
                     &server->control_port));

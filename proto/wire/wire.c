@@ -448,6 +448,7 @@ static void receive_sender(void *socket, const zmq_msg_t *header, wire_message_t
     int mechanism = ZMQ_NULL;
     size_t size = sizeof mechanism;
     const char *address = zmq_msg_gets(header, "Peer-Address");
+    message->connection = zmq_msg_get(header, ZMQ_SRCFD);
     if (address != NULL) snprintf(message->address, sizeof message->address, "%s", address);
     if (zmq_getsockopt(socket, ZMQ_MECHANISM, &mechanism, &size) != 0 || mechanism == ZMQ_CURVE)
         read_user_id(zmq_msg_gets(header, "User-Id"), message);
@@ -463,6 +464,7 @@ result_t wire_receive_frames(void *socket, bool router, wire_message_t *message,
     message->rights = RIGHTS_ALL;
     message->key[0] = '\0';
     message->address[0] = '\0';
+    message->connection = -1;
     *received = false;
     if (router) {
         TRY(receive_identity(socket, message, received));

@@ -98,6 +98,7 @@ typedef struct {
     size_t memory;               /* and with what the decoded header takes */
     unsigned rights;             /* of the sender; RIGHTS_ALL on a connection without keys */
     char key[WIRE_KEY_TEXT + 1]; /* the sender's public key in Z85, empty on a connection without keys */
+    int connection;              /* libzmq's file descriptor of it; -1 on inproc and on a DEALER */
     char address[WIRE_MAX_ADDRESS + 1]; /* the sender's host; empty on inproc and on a DEALER */
 } wire_message_t;
 
