@@ -122,3 +122,12 @@ const allow_entry_t *allow_list_find(const allow_list_t *list, const char *key)
     snprintf(wanted.key, sizeof wanted.key, "%s", key);
     return bsearch(&wanted, list->entries, list->count, sizeof *list->entries, compare_keys);
 }
+
+bool allow_list_holds(const allow_list_t *list, const allow_list_t *other)
+{
+    for (size_t i = 0; i < other->count; i++) {
+        const allow_entry_t *entry = allow_list_find(list, other->entries[i].key);
+        if (entry == NULL || (other->entries[i].rights & ~entry->rights) != 0) return false;
+    }
+    return true;
+}

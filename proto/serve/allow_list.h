@@ -34,5 +34,7 @@ result_t allow_list_read(const char *path, allow_list_t *list);
 void allow_list_free(allow_list_t *list);
 /* NULL when the key is not on the list. */
 const allow_entry_t *allow_list_find(const allow_list_t *list, const char *key);
+/* True when `list` gives every key of `other` all the rights that it has there. */
+bool allow_list_holds(const allow_list_t *list, const allow_list_t *other);
 
 #endif

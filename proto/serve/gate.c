@@ -3,8 +3,8 @@
  * DESIGN. libzmq asks a ZAP handler (RFC 27) in the same context about every connection whose handshake has
  * shown a key. One thread answers, from the list in memory; it also looks at the list's file twice a second,
  * and reads it when it has changed and stayed the same from one look to the next, so that a file that an
- * editor is just writing is not taken for a list. A list with a mistake changes nothing: the one in force
- * stays.
+ * editor is just writing is not taken for a list. Lines that are only added count at once: a key that is not
+ * on the list makes the thread look too. A list with a mistake changes nothing: the one in force stays.
  *
  * A connection lives on when its key is taken out of the list, since libzmq cannot be told to end it. So a
  * right is not a property of a connection: the connection carries the key (its user id, which wire_receive
@@ -132,18 +132,23 @@ static bool same_mark(const file_mark_t *a, const file_mark_t *b)
            a->time.tv_sec == b->time.tv_sec && a->time.tv_nsec == b->time.tv_nsec;
 }
 
+static void use_list(gate_t *gate, const allow_list_t *fresh)
+{
+    pthread_mutex_lock(&gate->lock);
+    allow_list_t old = gate->list;
+    gate->list = *fresh;
+    pthread_mutex_unlock(&gate->lock);
+    log_info("%s lets in %zu key%s%s", gate->allow_path, fresh->count, fresh->count == 1 ? "" : "s",
+             fresh->count == 0 ? ": nobody can connect before it has a line for them" : "");
+    allow_list_free(&old);
+}
+
 static result_t read_list(gate_t *gate)
 {
     allow_list_t fresh;
     gate->read = gate->seen = mark_of(gate->allow_path);
     TRY(allow_list_read(gate->allow_path, &fresh));
-    pthread_mutex_lock(&gate->lock);
-    allow_list_t old = gate->list;
-    gate->list = fresh;
-    pthread_mutex_unlock(&gate->lock);
-    log_info("%s lets in %zu key%s%s", gate->allow_path, fresh.count, fresh.count == 1 ? "" : "s",
-             fresh.count == 0 ? ": nobody can connect before it has a line for them" : "");
-    allow_list_free(&old);
+    use_list(gate, &fresh);
     return result_ok();
 }
 
@@ -161,6 +166,21 @@ static void look_at_list(gate_t *gate)
     bool still = same_mark(&now, &gate->seen);
     gate->seen = now;
     if (still && !same_mark(&now, &gate->read)) read_list_again(gate);
+}
+
+/* Reads it at once if it has changed and takes nothing from anyone: somebody whose key is not known dials just
+ * after its line was written. */
+static void look_for_newcomers(gate_t *gate)
+{
+    allow_list_t fresh;
+    file_mark_t now = mark_of(gate->allow_path);
+    if (same_mark(&now, &gate->read) || allow_list_read(gate->allow_path, &fresh).code != RESULT_OK) return;
+    if (!allow_list_holds(&fresh, &gate->list)) {
+        allow_list_free(&fresh);
+        return;
+    }
+    gate->read = gate->seen = now;
+    use_list(gate, &fresh);
 }
 
 void gate_reload(gate_t *gate)
@@ -308,6 +328,10 @@ static void judge(gate_t *gate, const zap_request_t *request)
         return;
     }
     unsigned rights = rights_of(gate, key, name);
+    if (rights == 0) {
+        look_for_newcomers(gate);
+        rights = rights_of(gate, key, name);
+    }
     if (rights != 0) {
         log_debug("admitted a connection from %s: %s, key %s", request->frames[ADDRESS], name, key);
         wire_user_id(rights, key, user);
