@@ -145,9 +145,6 @@ static batch_t make_batch(const job_settings_t *settings, const unit_t *units, s
         size_t values = sum_unit_values(settings, SUM_EYE, &units[i]);
         fill_tile(tile, values, &units[i]);
         tile += values;
-        for (int half = 0; half < 2 && job_has_splats(settings); half++)
-            batch.counts.light_paths[half] +=
-                (uint64_t)unit_half_count(&units[i], half) * job_tile_pixels(settings, units[i].tile);
     }
     sum_array_t *groups = &batch.sums[SUM_GROUP_EYE];
     sum_array_reserve(groups, batch_expected_values(&batch, SUM_GROUP_EYE));
