@@ -130,6 +130,17 @@ static void fill_tile(int64_t *eye, size_t values, const unit_t *unit)
             eye[(s % 2) * (values / 2) + i] += noise(s, unit->tile, i) * (1 + (int64_t)unit->tile);
 }
 
+/* As many as its units trace. */
+static void count_light_paths(batch_t *batch)
+{
+    for (int half = 0; half < 2; half++) {
+        batch->counts.light_paths[half] = 0;
+        for (size_t i = 0; i < batch->unit_count && job_has_splats(&batch->settings); i++)
+            batch->counts.light_paths[half] += (uint64_t)unit_half_count(&batch->units[i], half) *
+                                               job_tile_pixels(&batch->settings, batch->units[i].tile);
+    }
+}
+
 static batch_t make_batch(const job_settings_t *settings, const unit_t *units, size_t count)
 {
     batch_t batch;
@@ -151,6 +162,7 @@ static batch_t make_batch(const job_settings_t *settings, const unit_t *units, s
     groups->count = batch_expected_values(&batch, SUM_GROUP_EYE);
     for (size_t i = 0; i < groups->count; i++)
         groups->values[i] = (int64_t)(i % 1000) << settings->film_scale;
+    count_light_paths(&batch);
     return batch;
 }
 
