@@ -168,8 +168,8 @@ static void look_at_list(gate_t *gate)
     if (still && !same_mark(&now, &gate->read)) read_list_again(gate);
 }
 
-/* Reads it at once if it has changed and takes nothing from anyone: somebody whose key is not known dials just
- * after its line was written. */
+/* Reads it at once if it has changed and takes nothing from anyone: somebody whose key is not known dials
+ * just after its line was written. */
 static void look_for_newcomers(gate_t *gate)
 {
     allow_list_t fresh;
