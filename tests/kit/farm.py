@@ -145,6 +145,10 @@ class Farm:
     def submit(self, settings, **terms):
         return self.client.submit(self.blob, settings, **terms)
 
+    def aside(self, name):
+        """Why the party of that key is put aside; empty: it is not."""
+        return " ".join(worker.aside for worker in self.client.workers() if worker.key == name)
+
     def hash(self, job):
         path = f"{self.folder}/{job}.exr"
         self.client.fetch(job, path)
@@ -157,7 +161,8 @@ class Farm:
         self.client.close()
         for peer in self.peers:
             (peer.stop if isinstance(peer, between.Between) else peer.close)()
-        shutil.rmtree(self.folder)
+        shutil.rmtree(self.folder, ignore_errors=True)
+        self.processes, self.peers = [], []
 
 
 # ---- tests ----

@@ -1,13 +1,12 @@
-"""What a worker that lies may do to its sums: functions of (sums, settings) that alter the sums in place and return True. And when it
-does so, and units that it makes up."""
+"""What a worker that lies may do to its sums: functions of (sums, settings, result) that alter them in place and return
+True. And when it does so, and units that it makes up."""
 import random
 
 from kit import payload
 from kit.wire import lm
 
 
-
-def grey(sums, settings, value=0.5):
+def grey(sums, settings, _result=None, value=0.5):
     """Every pixel the same: what a picture of nothing looks like."""
     at = 0
     for unit in sums.units:
@@ -19,21 +18,45 @@ def grey(sums, settings, value=0.5):
     return True
 
 
-def bit_flip(sums, _settings, value=12345, bit=20):
-    """One bit of one value is another, as bad memory makes it."""
-    sums.eye[value % len(sums.eye)] ^= 1 << bit
+def bit_flip(sums, settings, _result, value=12345, bit=20):
+    """One bit of each tile is another, as bad memory makes it."""
+    at = 0
+    for unit in sums.units:
+        size = 6 * payload.tile_size(settings, unit.tile)[0] * payload.tile_size(settings, unit.tile)[1]
+        sums.eye[at + value % size] ^= 1 << bit
+        at += size
     return True
 
 
-def poison(sums, _settings, size=2**60):
+def poison(sums, _settings, _result, size=2**60):
     """One value far beyond what light can make, and yet within the range of the film."""
     sums.eye[len(sums.eye) // 2] = size
     return True
 
 
-def overflow(sums, _settings):
+def negative(sums, _settings, _result):
+    """Far less than no light."""
+    sums.eye[len(sums.eye) // 3] = -(2**60)
+    return True
+
+
+def splat_poison(sums, settings, result):
+    """The same as poison where light paths meet the camera."""
+    if sums.splats is None:
+        sums.splats = payload.Sums.zero(settings, result.units).splats
+    sums.splats[len(sums.splats) // 2] = 2**60
+    return True
+
+
+def overflow(sums, _settings, _result):
     """A value that leaves the range of the film as soon as a second one like it is added."""
     sums.eye[len(sums.eye) // 2] = 2**63 - 1
+    return True
+
+
+def claimed_overflow(_sums, _settings, result):
+    """Right sums, of which it is said that some were too large."""
+    result.counts.overflows = 1
     return True
 
 
@@ -46,16 +69,16 @@ class In:
     def __init__(self, lie, every=1):
         self.lie, self.every, self.seen = lie, every, random.randrange(every)
 
-    def __call__(self, sums, _result, settings):
+    def __call__(self, sums, result, settings):
         self.seen += 1
-        return self.seen % self.every == 0 and self.lie(sums, settings)
+        return self.seen % self.every == 0 and self.lie(sums, settings, result)
 
 
 def only_first(lie):
     done = []
 
-    def change(sums, _result, settings):
-        return not done and not done.append(1) and lie(sums, settings)
+    def change(sums, result, settings):
+        return not done and not done.append(1) and lie(sums, settings, result)
 
     return change
 
