@@ -7,6 +7,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
 #include <sys/resource.h>
 #include <unistd.h>
 
@@ -80,4 +81,14 @@ uint64_t memory_limit(void)
     if (getrlimit(RLIMIT_AS, &space) == 0 && space.rlim_cur != RLIM_INFINITY)
         limit = least(limit, space.rlim_cur);
     return least(limit, control_group_limit());
+}
+
+bool memory_is_there(uint64_t bytes)
+{
+    if (bytes == 0) return true;
+    if (bytes > SIZE_MAX) return false;
+    void *trial = mmap(NULL, (size_t)bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    if (trial == MAP_FAILED) return false;
+    munmap(trial, (size_t)bytes);
+    return true;
 }

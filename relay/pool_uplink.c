@@ -2,6 +2,8 @@
  * pool.c). */
 #include "relay/pool_state.h"
 
+#include "common/memory_limit.h"
+
 #include <stdlib.h>
 #include <string.h>
 
@@ -248,7 +250,7 @@ static result_t check_memory(const pool_t *pool, const relay_job_t *job)
 {
     double need = 2.0 * (double)sum_frame_bytes(&job->settings);
     double have = (double)pool->options.memory;
-    if (need < 0.5 * have) return result_ok();
+    if (need < 0.5 * have && memory_is_there((uint64_t)need)) return result_ok();
     return result_fail(RESULT_LIMIT, "an image of %d x %d takes %.1f GB of sums; the relay has %.1f GB",
                        job->settings.width, job->settings.height, 1e-9 * need, 1e-9 * have);
 }

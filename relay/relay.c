@@ -99,6 +99,7 @@ static result_t start(relay_t *relay)
                            .control_wake = relay->wakes[WAKE_CONTROL],
                            .cache_dir = relay->cache_dir,
                            .cache_limit = options->cache_limit,
+                           .memory = pool.memory / 2,
                            .keys = options->keys,
                            .patience = options->patience};
     TRY(bulk_start(&bulk, &relay->bulk));

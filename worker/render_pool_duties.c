@@ -2,6 +2,8 @@
  * uplink_handler.h and the note in render_pool.c). */
 #include "worker/render_pool_state.h"
 
+#include "common/memory_limit.h"
+
 #include <stdlib.h>
 
 static const double MEASURE_INTERVAL = 60; /* seconds between looks at a link that is too slow */
@@ -46,15 +48,31 @@ static void release_job(render_pool_t *pool)
     pthread_mutex_lock(&pool->lock);
 }
 
-/* Two frames of sums must fit into memory with something to spare for the scene. */
-static result_t check_memory(const render_pool_t *pool)
+/* Bytes that rendering takes beside the scene: two batches with their frames, the coded form of one, and what
+ * the threads have in hand. */
+static double rendering_bytes(const render_pool_t *pool)
+{
+    const double thread = 16e6;
+    return 2.5 * (double)sum_frame_bytes(&pool->current.settings) + thread * pool->options.threads;
+}
+
+/* Two frames of sums must fit into memory with something to spare for the scene, and `more` bytes beside all
+ * that is needed to render must be there: nothing that follows survives if they are not. */
+static result_t check_memory(const render_pool_t *pool, double more)
 {
     const job_settings_t *settings = &pool->current.settings;
-    double need = 2.0 * (double)sum_frame_bytes(settings);
+    double frames = 2.0 * (double)sum_frame_bytes(settings), need = rendering_bytes(pool) + more;
     double have = (double)pool->options.memory;
-    if (need < 0.75 * have) return result_ok();
-    return result_fail(RESULT_LIMIT, "an image of %d x %d takes %.1f GB of sums; this machine has %.1f GB",
-                       settings->width, settings->height, 1e-9 * need, 1e-9 * have);
+    if (frames >= 0.75 * have)
+        return result_fail(RESULT_LIMIT,
+                           "an image of %d x %d takes %.1f GB of sums; this machine has %.1f GB",
+                           settings->width, settings->height, 1e-9 * frames, 1e-9 * have);
+    if (memory_is_there((uint64_t)need)) return result_ok();
+    return result_fail(
+        RESULT_LIMIT,
+        "an image of %d x %d with its scene takes %.1f GB more, which this process, limited to "
+        "%.1f GB, cannot get",
+        settings->width, settings->height, 1e-9 * need, 1e-9 * have);
 }
 
 /* Lets the job go that cannot be rendered here. Lock held. */
@@ -128,7 +146,7 @@ duty_t render_pool_duty(void *self, double batch_interval, double rate)
     pool->pace.rate = rate;
     if (time_to_release(pool)) release_job(pool);
     if (pool->stage == STAGE_LOADING && !pool->over) {
-        result_t memory = check_memory(pool);
+        result_t memory = check_memory(pool, (double)pool->current.blob_size);
         if (memory.code == RESULT_OK) {
             duty.kind = DUTY_LOAD;
             duty.assignment = pool->current;
@@ -161,7 +179,12 @@ result_t render_pool_loaded(void *self, uint64_t job, scene_blob_t *blob)
     double start = clock_now();
     renderer_t *renderer;
     pool->blob = *blob;
-    result_t result = renderer_new(&pool->blob, &pool->current.settings, &renderer);
+    result_t result = check_memory(pool, (double)renderer_memory(&pool->blob));
+    if (result.code == RESULT_OK) result = renderer_new(&pool->blob, &pool->current.settings, &renderer);
+    if (result.code == RESULT_OK) { /* the estimate may have been too low */
+        result = check_memory(pool, 0);
+        if (result.code != RESULT_OK) renderer_destroy(&renderer);
+    }
     if (result.code != RESULT_OK) {
         blob_close(&pool->blob);
         return result;

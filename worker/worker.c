@@ -69,6 +69,7 @@ static result_t run_threads(const worker_options_t *options, void *context, int 
                            .control_wake = wakes[0],
                            .cache_dir = cache_dir,
                            .cache_limit = options->cache_limit,
+                           .memory = pool_options.memory / 4 * 3,
                            .keys = options->keys,
                            .local = options->local,
                            .patience = options->patience};

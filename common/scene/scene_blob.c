@@ -134,34 +134,47 @@ result_t blob_open(const void *bytes, uint64_t size, scene_blob_t *blob)
     return result_ok();
 }
 
-/* Maps a file and makes its view by `open_bytes`. */
-static result_t open_file(const char *path, result_t (*open_bytes)(const void *, uint64_t, scene_blob_t *),
-                          scene_blob_t *blob)
+typedef result_t open_bytes_t(const void *bytes, uint64_t size, scene_blob_t *blob);
+
+/* Maps an open file and makes its view by `open_bytes`. */
+static result_t map_file(int file, const char *name, open_bytes_t *open_bytes, scene_blob_t *blob)
 {
-    *blob = (scene_blob_t){0};
-    int file = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK); /* a FIFO would wait for its other end */
-    if (file < 0) {
-        bool fault =
-            errno == EMFILE || errno == ENFILE || errno == ENOMEM || errno == EIO; /* not the file's */
-        return result_fail(fault ? RESULT_IO : RESULT_INPUT, "%s: cannot be opened: %s", path,
-                           strerror(errno));
-    }
     struct stat about = {.st_size = 0};
     void *bytes = MAP_FAILED;
     int error = fstat(file, &about) != 0 ? errno : 0;
     bool has_bytes = S_ISREG(about.st_mode) && about.st_size > 0;
     if (has_bytes) bytes = mmap(NULL, (size_t)about.st_size, PROT_READ, MAP_SHARED, file, 0);
     if (has_bytes && bytes == MAP_FAILED) error = errno;
-    close(file);
-    if (error != 0) return result_fail(RESULT_IO, "%s: cannot be mapped: %s", path, strerror(error));
-    if (bytes == MAP_FAILED) return result_fail(RESULT_INPUT, "%s: is empty, or no file", path);
+    if (error != 0) return result_fail(RESULT_IO, "%s: cannot be mapped: %s", name, strerror(error));
+    if (bytes == MAP_FAILED) return result_fail(RESULT_INPUT, "%s: is empty, or no file", name);
     result_t result = open_bytes(bytes, (uint64_t)about.st_size, blob);
     if (result.code == RESULT_OK) {
         blob->mapped = true;
         return result;
     }
     munmap(bytes, (size_t)about.st_size);
-    return result_fail(result.code, "%s: %s", path, result.message);
+    return result_fail(result.code, "%s: %s", name, result.message);
+}
+
+static result_t open_file(const char *path, open_bytes_t *open_bytes, scene_blob_t *blob)
+{
+    *blob = (scene_blob_t){0};
+    int file = open(path, O_RDONLY | O_CLOEXEC);
+    if (file < 0) {
+        bool fault =
+            errno == EMFILE || errno == ENFILE || errno == ENOMEM || errno == EIO; /* not the file's */
+        return result_fail(fault ? RESULT_IO : RESULT_INPUT, "%s: cannot be opened: %s", path,
+                           strerror(errno));
+    }
+    result_t result = map_file(file, path, open_bytes, blob);
+    close(file);
+    return result;
+}
+
+result_t blob_open_descriptor(int file, const char *name, scene_blob_t *blob)
+{
+    *blob = (scene_blob_t){0};
+    return map_file(file, name, blob_open, blob);
 }
 
 result_t blob_open_file(const char *path, scene_blob_t *blob)

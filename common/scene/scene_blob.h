@@ -55,6 +55,9 @@ bool blob_segment_is_traceable(const blob_curve_point_t points[4]);
 bool blob_instance_is_traceable(const xform_t *start, const xform_t *end);
 /* Maps a file read-only and checks it. RESULT_IO when the system, not the file, is to blame. */
 result_t blob_open_file(const char *path, scene_blob_t *blob);
+/* The same for an open file, which has no name or is not to be found by it; `name` is for messages. The file
+ * stays the caller's to close. */
+result_t blob_open_descriptor(int file, const char *name, scene_blob_t *blob);
 /* Maps a file that was checked before, and looks only at what tells where its sections lie: quick, whatever
  * its size. Its view is for blob_default_settings, blob_film_scale and blob_grouped_lights alone. */
 result_t blob_peek_file(const char *path, scene_blob_t *blob);

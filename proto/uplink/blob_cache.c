@@ -12,6 +12,10 @@
  * is needed. Removing a file that another worker has mapped is harmless: its pages live until they are
  * unmapped. A blob larger than the whole limit is still fetched, since the job needs it; it is then alone in
  * the cache.
+ *
+ * When a part cannot be made or written, the download goes on in memory (memfd), with what has come so far,
+ * and its mapping is all that remains of it: the next process, or the next job of the scene, fetches it
+ * again.
  */
 #include "proto/uplink/blob_cache.h"
 
@@ -23,6 +27,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/file.h>
+#include <sys/mman.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -36,6 +41,8 @@ struct blob_cache {
     char *dir;
     uint64_t limit;               /* bytes */
     char token[TOKEN_DIGITS + 1]; /* in the names of its own parts */
+    uint64_t memory;              /* bytes that a scene may take in memory */
+    bool told; /* it was logged that the disk takes no scenes, and it has taken none since */
 
     /* The part that another process had when it was looked at last. */
     hash_t watched;
@@ -78,6 +85,11 @@ result_t blob_cache_new(const char *dir, uint64_t limit, blob_cache_t **cache)
     (*cache)->limit = limit;
     snprintf((*cache)->token, sizeof(*cache)->token, "%08x", randombytes_random());
     return result_ok();
+}
+
+void blob_cache_allow_memory(blob_cache_t *cache, uint64_t bytes)
+{
+    cache->memory = bytes;
 }
 
 void blob_cache_destroy(blob_cache_t **cache)
@@ -279,10 +291,47 @@ static result_t lock_either_part(blob_cache_t *cache, double now, const hash_t *
     return result;
 }
 
+/* Copies what has come so far. */
+static bool copy_part(const blob_download_t *download, int to)
+{
+    uint8_t bytes[1 << 16];
+    for (uint64_t at = 0; at < download->have;) {
+        size_t left = download->have - at < sizeof bytes ? (size_t)(download->have - at) : sizeof bytes;
+        ssize_t size = pread(download->file, bytes, left, (off_t)at);
+        if (size <= 0 || pwrite(to, bytes, (size_t)size, (off_t)at) != size) return false;
+        at += (uint64_t)size;
+    }
+    return true;
+}
+
+/* Goes on in memory, since `why` stands against the disk: that is the result if memory cannot help. */
+static result_t move_to_memory(blob_download_t *download, result_t why)
+{
+    blob_cache_t *cache = download->cache;
+    if (download->size > cache->memory)
+        return result_fail(RESULT_IO, "%.350s; and the scene of %.1f MB does not fit into memory instead",
+                           why.message, 1e-6 * (double)download->size);
+    int memory = memfd_create("scene", MFD_CLOEXEC);
+    if (memory < 0 || !copy_part(download, memory)) {
+        if (memory >= 0) close(memory);
+        return why;
+    }
+    if (!cache->told) log_warning("%s: scenes are kept in memory until that works again", why.message);
+    cache->told = true;
+    if (download->file >= 0) {
+        unlink(download->part_path);
+        close(download->file);
+    }
+    free(download->part_path);
+    download->part_path = NULL;
+    download->file = memory;
+    return result_ok();
+}
+
 result_t blob_cache_download(blob_cache_t *cache, double now, const hash_t *hash, uint64_t size,
                              blob_download_t *download, bool *busy)
 {
-    *download = (blob_download_t){.file = -1, .size = size, .hash = *hash};
+    *download = (blob_download_t){.cache = cache, .file = -1, .size = size, .hash = *hash};
     char *path;
     bool mine;
     result_t result = lock_either_part(cache, now, hash, size, &path, &download->file, &mine);
@@ -290,7 +339,7 @@ result_t blob_cache_download(blob_cache_t *cache, double now, const hash_t *hash
     if (result.code != RESULT_OK || !mine) {
         download->file = -1;
         free(path);
-        return result;
+        return result.code == RESULT_IO ? move_to_memory(download, result) : result;
     }
     download->part_path = path;
     off_t have = lseek(download->file, 0, SEEK_END);
@@ -303,37 +352,64 @@ result_t blob_cache_download(blob_cache_t *cache, double now, const hash_t *hash
     return result_ok();
 }
 
-result_t blob_download_append(blob_download_t *download, const void *data, size_t size)
+static result_t write_bytes(const blob_download_t *download, const uint8_t *bytes, size_t size)
 {
-    if (size > download->size - download->have)
-        return result_fail(RESULT_PROTOCOL, "the master sent more bytes of a blob than the blob has");
-    const uint8_t *bytes = data;
     for (size_t done = 0; done < size;) {
         ssize_t written = pwrite(download->file, bytes + done, size - done, (off_t)(download->have + done));
         if (written < 0 && errno == EINTR) continue;
         if (written < 0)
-            return result_fail(RESULT_IO, "cannot write %s: %s", download->part_path, strerror(errno));
+            return result_fail(RESULT_IO, "cannot write %s: %s",
+                               download->part_path != NULL ? download->part_path : "a scene into memory",
+                               strerror(errno));
         done += (size_t)written;
     }
+    return result_ok();
+}
+
+result_t blob_download_append(blob_download_t *download, const void *data, size_t size)
+{
+    if (size > download->size - download->have)
+        return result_fail(RESULT_PROTOCOL, "the master sent more bytes of a blob than the blob has");
+    result_t result = write_bytes(download, data, size);
+    if (result.code != RESULT_OK && download->part_path != NULL) {
+        TRY(move_to_memory(download, result));
+        result = write_bytes(download, data, size);
+    }
+    TRY(result);
     download->have += size;
     return result_ok();
 }
 
-result_t blob_download_finish(blob_cache_t *cache, blob_download_t *download, scene_blob_t *blob)
+/* Maps and checks what is in memory. */
+static result_t finish_in_memory(const blob_download_t *download, scene_blob_t *blob)
+{
+    TRY(blob_open_descriptor(download->file, "the scene in memory", blob));
+    if (hash_equal(&blob->hash, &download->hash)) return result_ok();
+    blob_close(blob);
+    return result_fail(RESULT_INPUT, "the scene in memory does not have the hash that it should have");
+}
+
+/* The same for what is on the disk, which gets its name. Without one it can be used all the same. */
+static result_t finish_on_disk(blob_cache_t *cache, const blob_download_t *download, scene_blob_t *blob)
 {
     bool right;
     result_t result;
     open_checked(download->part_path, &download->hash, blob, &right, &result);
     if (right) {
         char *path = entry_path(cache, &download->hash, ".blob");
-        if (rename(download->part_path, path) != 0) {
-            result = result_fail(RESULT_IO, "cannot rename %s: %s", download->part_path, strerror(errno));
-            blob_close(blob);
-        }
+        cache->told = rename(download->part_path, path) != 0;
+        if (cache->told) log_warning("cannot rename %s: %s", download->part_path, strerror(errno));
         free(path);
     } else if (result.code == RESULT_INPUT) {
         unlink(download->part_path);
     }
+    return result;
+}
+
+result_t blob_download_finish(blob_cache_t *cache, blob_download_t *download, scene_blob_t *blob)
+{
+    result_t result = download->part_path != NULL ? finish_on_disk(cache, download, blob)
+                                                  : finish_in_memory(download, blob);
     blob_download_close(download);
     return result;
 }

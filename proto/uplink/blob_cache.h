@@ -3,6 +3,8 @@
  * Workers of one machine may share a directory: a blob is downloaded by one of them at a time, and appears
  * under its name only when it is whole and its hash is right. A download that broke off is taken up where it
  * ended, also by another process. One that stands still, since its process is stopped, is not waited for.
+ *
+ * What the disk does not take (it is full, broken, read-only) is kept in memory, as far as that is allowed.
  */
 #ifndef LIGHTMILL_BLOB_CACHE_H
 #define LIGHTMILL_BLOB_CACHE_H
@@ -13,11 +15,12 @@ typedef struct blob_cache blob_cache_t;
 
 /* A download in progress; it holds the lock on its file. */
 typedef struct {
+    blob_cache_t *cache;
     int file;      /* descriptor, -1 when closed */
     uint64_t have; /* bytes so far: the offset to go on from */
     uint64_t size; /* bytes of the whole blob */
     hash_t hash;
-    char *part_path; /* owned */
+    char *part_path; /* owned; NULL: the file is in memory */
 } blob_download_t;
 
 /* The directory that is used when none is given: $XDG_CACHE_HOME/lightmill or ~/.cache/lightmill. The caller
@@ -27,6 +30,10 @@ char *blob_cache_default_dir(void);
 /* Opens the cache and creates its directory. RESULT_IO when that is not possible. */
 result_t blob_cache_new(const char *dir, uint64_t limit, blob_cache_t **cache);
 void blob_cache_destroy(blob_cache_t **cache);
+
+/* A scene of up to so many bytes may be kept in memory when the disk does not take it; 0, the default: none.
+ */
+void blob_cache_allow_memory(blob_cache_t *cache, uint64_t bytes);
 
 /* Maps a blob that is in the cache and marks it as used now; *found is false when it is not there. A file
  * whose bytes do not have the hash any more is removed and counts as not there. */

@@ -371,6 +371,13 @@ static result_t fetch_rest(bulk_t *bulk, uint64_t job, blob_download_t *download
     return result_ok();
 }
 
+/* Bytes that the scene of a job may take of the memory: what two frames of sums leave. */
+static uint64_t scene_memory(const bulk_t *bulk, const job_settings_t *settings)
+{
+    uint64_t frames = 2 * (uint64_t)sum_frame_bytes(settings);
+    return frames < bulk->options.memory ? bulk->options.memory - frames : 0;
+}
+
 /* Downloads the blob unless another worker of this machine is at it; *done is false then. */
 static result_t download_blob(bulk_t *bulk, const assignment_t *assignment, scene_blob_t *blob, bool *done)
 {
@@ -378,6 +385,7 @@ static result_t download_blob(bulk_t *bulk, const assignment_t *assignment, scen
     bool busy;
     *done = false;
     TRY(open_link(bulk));
+    blob_cache_allow_memory(bulk->cache, scene_memory(bulk, &assignment->settings));
     TRY(blob_cache_download(bulk->cache, clock_now(), &assignment->blob, assignment->blob_size, &download,
                             &busy));
     if (busy) return result_ok();

@@ -17,6 +17,8 @@ typedef struct {
     int control_wake;         /* likewise, written when bulk_ready or bulk_silent say something new */
     const char *cache_dir;
     uint64_t cache_limit; /* bytes */
+    uint64_t memory;      /* bytes that a job may take, its frames included; scenes may be kept there that the
+                             disk does not take */
     bool local;           /* payloads are not compressed */
     dial_keys_t keys;     /* what they point to is kept by the caller */
     double patience;      /* seconds for an answer of the master, on a connection that lives */

@@ -133,7 +133,8 @@ static void describe_trouble(const control_t *control, const uplink_state_t *sta
     address_t address;
     const char *endpoint = control->setup.control_endpoint;
     snprintf(text, size, "%s", state->trouble);
-    if (!bulk_silent(control->setup.bulk)) return;
+    bool speaks = clock_now() - control->last_heard < 3 * control->heartbeat; /* else it is not the port */
+    if (!bulk_silent(control->setup.bulk) || !speaks) return;
     if (control->bulk_port != 0 && address_parse(endpoint, WIRE_DEFAULT_PORT, &address).code == RESULT_OK)
         snprintf(
             text, size,

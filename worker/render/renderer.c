@@ -73,6 +73,14 @@ result_t renderer_new(const scene_blob_t *blob, const job_settings_t *settings, 
     return result_ok();
 }
 
+uint64_t renderer_memory(const scene_blob_t *blob)
+{
+    /* Of Embree's trees, by primitive; and of tables for images and lights, which are smaller than these. */
+    const uint64_t primitive = 100;
+    return blob->size +
+           primitive * (blob->counts[BLOB_SECTION_TRIANGLES] + blob->counts[BLOB_SECTION_CURVE_POINTS]);
+}
+
 void renderer_destroy(renderer_t **renderer)
 {
     renderer_t *self = *renderer;

@@ -15,6 +15,8 @@ typedef struct renderer renderer_t;
  * passed job_settings_check. The build itself runs on one thread, so that the tree, and with it every bit of
  * the image, is the same on machines with other core counts. */
 result_t renderer_new(const scene_blob_t *blob, const job_settings_t *settings, renderer_t **renderer);
+/* Bytes that a renderer of this scene takes beside the blob, roughly. */
+uint64_t renderer_memory(const scene_blob_t *blob);
 /* Frees the renderer and sets *renderer to NULL. */
 void renderer_destroy(renderer_t **renderer);
 

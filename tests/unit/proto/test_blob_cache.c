@@ -1,16 +1,19 @@
 /* Tests of the worker's cache of scenes: what is in it has the right bytes, a download that broke off goes
  * on, one of several processes fetches, and the limit holds. */
+#include "common/scene/blob_builder.h"
 #include "proto/uplink/blob_cache.h"
 #include "tests/peer.h"
 #include "tests/scratch.h"
 
 #include <fcntl.h>
+#include <sched.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/file.h>
+#include <sys/mount.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -384,6 +387,106 @@ static void the_default_folder_is_the_users_own(void **state)
     free(old_home);
 }
 
+/* ---- disks that take nothing --------------------------------------------------------------------------- */
+
+/* The part cannot be written: a device that is always full stands in its place. */
+static void a_full_disk_leaves_the_scene_in_memory(void **state)
+{
+    fixture_t *t = *state;
+    scene_blob_t blob;
+    char *part = entry(t, &t->hash, ".part");
+    assert_int_equal(symlink("/dev/full", part), 0);
+    blob_download_t download = begin(t, &t->hash, t->size);
+    result_t result = blob_download_append(&download, t->bytes, t->size);
+    assert_int_equal(result.code, RESULT_IO); /* none is allowed */
+    assert_non_null(strstr(result.message, "No space left"));
+    assert_non_null(strstr(result.message, "does not fit into memory"));
+    blob_download_close(&download);
+    blob_cache_allow_memory(t->cache, t->size);
+    fetch(t, t->bytes, t->size, &t->hash);
+    assert_false(in_cache(t, &t->hash));
+    /* A wrong one is found out there, too. */
+    assert_int_equal(symlink("/dev/full", part), 0);
+    download = begin(t, &t->hash, t->size);
+    t->bytes[t->size - 1] ^= 1;
+    assert_int_equal(blob_download_append(&download, t->bytes, t->size).code, RESULT_OK);
+    assert_int_equal(blob_download_finish(t->cache, &download, &blob).code, RESULT_INPUT);
+    free(part);
+}
+
+static void a_missing_directory_leaves_the_scene_in_memory(void **state)
+{
+    fixture_t *t = *state;
+    assert_int_equal(rmdir(t->dir), 0);
+    blob_cache_allow_memory(t->cache, t->size);
+    fetch(t, t->bytes, t->size, &t->hash);
+    assert_int_equal(mkdir(t->dir, 0700), 0); /* it works again */
+    fetch(t, t->bytes, t->size, &t->hash);
+    assert_true(in_cache(t, &t->hash));
+}
+
+/* A scene with much text. */
+static uint8_t *large_blob(uint64_t *size, hash_t *hash)
+{
+    static char text[100000];
+    blob_builder_t *builder = blob_builder_new();
+    blob_scene_t scene = blob_default_scene();
+    blob_object_t world = {0};
+    uint8_t *bytes;
+    blob_builder_add(builder, BLOB_SECTION_SCENE, &scene, 1);
+    blob_builder_add(builder, BLOB_SECTION_OBJECTS, &world, 1);
+    memset(text, 'x', sizeof text - 1);
+    blob_builder_add(builder, BLOB_SECTION_STRINGS, text, sizeof text);
+    assert_int_equal(blob_builder_finish(builder, &bytes, size).code, RESULT_OK);
+    blob_builder_destroy(&builder);
+    *hash = hash_bytes(bytes, *size);
+    return bytes;
+}
+
+/* In a file system of its own, of 40 kB: 0 when all is well, 77 when there can be none. */
+static int fill_a_small_disk(const char *folder)
+{
+    uint64_t size;
+    hash_t hash;
+    scene_blob_t blob;
+    blob_download_t download;
+    blob_cache_t *cache;
+    bool busy;
+    bool separate = unshare(CLONE_NEWNS) == 0 || unshare(CLONE_NEWUSER | CLONE_NEWNS) == 0;
+    if (!separate || mount("none", "/", NULL, MS_REC | MS_PRIVATE, NULL) != 0) return 77;
+    if (mount("none", folder, "tmpfs", 0, "size=40k") != 0) return 77;
+    uint8_t *bytes = large_blob(&size, &hash);
+    if (blob_cache_new(folder, ROOMY, &cache).code != RESULT_OK) return 1;
+    blob_cache_allow_memory(cache, size);
+    if (blob_cache_download(cache, 0, &hash, size, &download, &busy).code != RESULT_OK || busy) return 2;
+    for (uint64_t at = 0, step = 10000; at < size; at += step)
+        if (blob_download_append(&download, bytes + at, size - at < step ? size - at : step).code !=
+            RESULT_OK)
+            return 3;
+    if (download.part_path != NULL || scratch_count(folder) != 0) return 4; /* its room is given back */
+    if (blob_download_finish(cache, &download, &blob).code != RESULT_OK) return 5;
+    if (blob.size != size || memcmp(blob.bytes, bytes, size) != 0) return 6;
+    blob_close(&blob);
+    blob_cache_destroy(&cache);
+    free(bytes);
+    return 0;
+}
+
+static void a_disk_that_fills_up_leaves_the_scene_in_memory(void **state)
+{
+    fixture_t *t = *state;
+    int status;
+    pid_t child = fork();
+    assert_true(child >= 0);
+    if (child == 0) _exit(fill_a_small_disk(t->folder));
+    assert_int_equal(waitpid(child, &status, 0), child);
+    if (WIFEXITED(status) && WEXITSTATUS(status) == 77) {
+        print_message("no file system of its own is allowed here\n");
+        skip();
+    }
+    assert_int_equal(status, 0);
+}
+
 int main(void)
 {
 #define WITH_FIXTURE(test) cmocka_unit_test_setup_teardown(test, set_up, tear_down)
@@ -401,6 +504,9 @@ int main(void)
         WITH_FIXTURE(a_part_in_use_and_other_files_stay),
         WITH_FIXTURE(a_folder_that_cannot_be_written_is_named),
         WITH_FIXTURE(the_default_folder_is_the_users_own),
+        WITH_FIXTURE(a_full_disk_leaves_the_scene_in_memory),
+        WITH_FIXTURE(a_missing_directory_leaves_the_scene_in_memory),
+        WITH_FIXTURE(a_disk_that_fills_up_leaves_the_scene_in_memory),
     };
     return cmocka_run_group_tests_name("blob cache", tests, NULL, NULL);
 }

@@ -8,9 +8,11 @@
 
 #include <setjmp.h>
 #include <stdarg.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/eventfd.h>
+#include <sys/resource.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -590,6 +592,93 @@ static void a_scene_that_cannot_be_loaded_is_declined(void **state)
     assert_true(state_of(b).idle);
 }
 
+/* Asks for a duty on a link of so many bytes a second. */
+static duty_kind_t duty_on_link(bench_t *b, double rate)
+{
+    return b->handler.calls->duty(b->handler.self, 10, rate).kind;
+}
+
+/* Two batches of what it delivers in a quarter of an interval are in hand, and nothing is asked for beyond.
+ */
+static void a_slow_link_bounds_what_is_in_hand(void **state)
+{
+    bench_t *b = *state;
+    const double rate = 5e3;
+    const unit_t unit = {0, 0, 1}, more[] = {{1, 0, 1}, {2, 0, 1}};
+    b->settings.width = b->settings.height = 512;
+    double fast = (double)state_of(b).samples;
+    duty_on_link(b, rate);
+    double first = (double)state_of(b).samples;
+    assert_true(first > 0 && first < 0.2 * fast); /* of a job that nothing is known of */
+    assign(b, &unit, 1);
+    load(b, JOB);
+    await_rendered(b, 1);
+    assert_int_equal(duty_on_link(b, 0), DUTY_NONE);
+    assert_int_equal(duty_on_link(b, rate), DUTY_OFFER); /* long before the interval is over */
+    duty_t duty = b->handler.calls->duty(b->handler.self, 10, rate);
+    closed_batch_t closed = close_offer(b, &duty);
+    assign(b, more, 2);
+    await_rendered(b, 3);
+    assert_int_equal(state_of(b).samples, 0);
+    closed.coded[SUM_EYE] = 15000;
+    closed.coded[SUM_SPLAT] = 20000; /* seven seconds */
+    sent(b, &closed);
+    assert_int_equal(state_of(b).samples, 0);
+    assert_string_equal(state_of(b).trouble, "");
+    duty = await_duty(b, DUTY_OFFER, AT_ONCE);
+    closed = close_offer(b, &duty);
+    duty_on_link(b, rate);
+    assert_int_equal(state_of(b).samples, 32 * 32); /* one unit, the smallest */
+    duty_on_link(b, rate / 5);                      /* 35 seconds: not worth it */
+    assert_int_equal(state_of(b).samples, 0);
+    assert_non_null(
+        strstr(state_of(b).trouble, "carries 1 kB/s, so the smallest batch of job 7, 35 kB, takes 35 s"));
+    duty_on_link(b, 1e9);
+    assert_string_equal(state_of(b).trouble, "");
+    assert_true(state_of(b).samples > 32 * 32);
+    sent(b, &closed);
+}
+
+/* Bytes of address space that this process has. */
+static uint64_t address_space(void)
+{
+    unsigned long long pages = 0;
+    FILE *file = fopen("/proc/self/statm", "r");
+    assert_non_null(file);
+    assert_int_equal(fscanf(file, "%llu", &pages), 1);
+    fclose(file);
+    return pages * (uint64_t)sysconf(_SC_PAGESIZE);
+}
+
+/* It says so, and lives on, instead of dying in the middle of it. */
+static void a_job_that_memory_is_missing_for_is_declined(void **state)
+{
+    bench_t *b = *state;
+    const unit_t unit = {0, 0, 1};
+    struct rlimit before, small;
+    job_settings_t settings = b->settings;
+    getrlimit(RLIMIT_AS, &before);
+    small = before;
+    small.rlim_cur = address_space() + (64 << 20);
+    b->settings.width = b->settings.height = 2048; /* 200 MB of frames a batch */
+    setrlimit(RLIMIT_AS, &small);
+    assign(b, &unit, 1);
+    duty_t duty = duty_of(b, NEVER);
+    setrlimit(RLIMIT_AS, &before);
+    assert_int_equal(duty.kind, DUTY_NONE);
+    uplink_state_t s = state_of(b);
+    assert_int_equal(s.failure.code, RESULT_LIMIT);
+    assert_true(s.failed == JOB && s.samples == 0);
+    assert_non_null(strstr(s.failure.message, "2048 x 2048"));
+    assert_non_null(strstr(s.failure.message, "cannot get"));
+    /* A smaller one goes. */
+    b->handler.calls->clear_failure(b->handler.self);
+    b->settings = settings;
+    duty_of(b, NEVER);
+    assign(b, &unit, 1);
+    assert_int_equal(duty_of(b, NEVER).kind, DUTY_LOAD);
+}
+
 int main(void)
 {
 #define WITH_FIXTURE(test) cmocka_unit_test_setup_teardown(test, set_up, tear_down)
@@ -611,6 +700,8 @@ int main(void)
         WITH_FIXTURE(a_batch_fits_into_a_message),
         WITH_FIXTURE(a_film_beyond_the_memory_is_declined),
         WITH_FIXTURE(a_scene_that_cannot_be_loaded_is_declined),
+        WITH_FIXTURE(a_slow_link_bounds_what_is_in_hand),
+        WITH_FIXTURE(a_job_that_memory_is_missing_for_is_declined),
     };
     return cmocka_run_group_tests_name("render_pool", tests, NULL, NULL);
 }
