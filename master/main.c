@@ -61,6 +61,11 @@ static const option_t rows[] = {
               "what the films of jobs that are over may take, so that these can be extended (default: 20); "
               "those of retained jobs stay in any case",
               OPTION_RANGE(0, 1e6)),
+    OPTION_BY(
+        option_gigabytes, values_t, master.evidence_bytes, "evidence", "GB",
+        "what is kept of verified jobs, so that it can be taken out of them again, may take on the disk "
+        "(default: 20); what does not fit stays in the image, and the job's message says so",
+        OPTION_RANGE(0, 1e6)),
     OPTION_BY(option_gigabytes, values_t, master.blob_limit, "blob-limit", "GB",
               "what scenes may take (default: 100); the ones that no job needs go first",
               OPTION_RANGE(0, 1e6)),

@@ -65,6 +65,7 @@ master_options_t master_options_default(void)
                               .checkpoint = 10,
                               .checkpoint_max = 120,
                               .keep_bytes = (uint64_t)20000000000,
+                              .evidence_bytes = (uint64_t)20000000000,
                               .blob_limit = (uint64_t)100000000000,
                               .snapshot_limit = (uint64_t)20000000000};
 }
@@ -186,6 +187,7 @@ static result_t make_farm(master_t *master, const master_options_t *options, uin
                            .job_limit = options->job_limit,
                            .secret = secret,
                            .spool_dir = options->fleeting ? NULL : master->spool_dir,
+                           .evidence_limit = options->evidence_bytes,
                            .control_wake = master->control_wake,
                            .image_wake = master->image_wake,
                            .journal_writer_wake = master->journal_writer_wake,

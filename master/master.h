@@ -20,6 +20,7 @@ typedef struct {
     double checkpoint;       /* seconds between checkpoints of a job, at least; default 10 */
     double checkpoint_max;   /* and at most, default 120; no less than `checkpoint` */
     uint64_t keep_bytes;     /* what the films of jobs that are over may take on the disk, default 20 GB */
+    uint64_t evidence_bytes; /* what batches of verified jobs may take on the disk, default 20 GB */
     uint64_t blob_limit;     /* what scenes may take on the disk, default 100 GB */
     uint64_t snapshot_limit; /* what images that clients fetch may take on the disk, default 20 GB */
     uint64_t batch_memory;   /* bytes for batches under way and waiting to be merged (docs/scale.md); 0: an

@@ -13,13 +13,14 @@
 
 static const identity_t nobody = {{0}, 1};
 
-static farm_t *make_farm(bool keeps, bool tells, const char *spool_dir)
+static farm_t *make_farm(bool keeps, bool tells, const char *spool_dir, uint64_t quota)
 {
     farm_options_t options = {.lease = 5,
                               .batch_interval = 10,
                               .film_limit = 1 << 20,
                               .first_job = 1,
                               .spool_dir = spool_dir,
+                              .evidence_limit = quota,
                               .control_wake = -1,
                               .image_wake = -1,
                               .journal_writer_wake = -1,
@@ -32,17 +33,22 @@ static farm_t *make_farm(bool keeps, bool tells, const char *spool_dir)
 
 farm_t *toy_farm(bool keeps)
 {
-    return make_farm(keeps, false, NULL);
+    return make_farm(keeps, false, NULL, 0);
 }
 
 farm_t *toy_verifying_farm(const char *spool_dir)
 {
-    return make_farm(true, false, spool_dir);
+    return toy_quota_farm(spool_dir, (uint64_t)1 << 30);
+}
+
+farm_t *toy_quota_farm(const char *spool_dir, uint64_t quota)
+{
+    return make_farm(true, false, spool_dir, quota);
 }
 
 farm_t *toy_telling_farm(void)
 {
-    return make_farm(true, true, NULL);
+    return make_farm(true, true, NULL, 0);
 }
 
 job_settings_t toy_settings(void)
@@ -179,7 +185,7 @@ void toy_issue(farm_t *farm, uint64_t worker, uint64_t job, uint64_t check, cons
 }
 
 static result_t deliver(farm_t *farm, double now, uint64_t worker, uint64_t id, uint64_t check,
-                        const unit_t *units, const issue_t *issues, size_t count, int64_t lie,
+                        const unit_t *units, const issue_t *issues, size_t count, int64_t lie, bool one_wrong,
                         uint64_t overflows)
 {
     farm_batch_t open;
@@ -192,7 +198,9 @@ static result_t deliver(farm_t *farm, double now, uint64_t worker, uint64_t id, 
                          .bytes = 1000};
     TRY(farm_batch_begin(farm, now, &head, &open));
     batch_t batch = make_batch(&open.settings, units, count);
-    for (size_t i = 0; i < batch.sums[SUM_EYE].count; i++) batch.sums[SUM_EYE].values[i] += lie;
+    size_t wrong =
+        one_wrong ? sum_unit_values(&open.settings, SUM_EYE, &units[0]) : batch.sums[SUM_EYE].count;
+    for (size_t i = 0; i < wrong; i++) batch.sums[SUM_EYE].values[i] += lie;
     batch.counts.overflows = overflows;
     zmq_msg_t payload[BATCH_PAYLOADS];
     assert_int_equal(payload_encode(&batch, false, payload).code, RESULT_OK);
@@ -204,11 +212,11 @@ static result_t deliver(farm_t *farm, double now, uint64_t worker, uint64_t id, 
 
 /* As if the units had been issued to the worker. */
 static result_t deliver_issued(farm_t *farm, double now, uint64_t worker, uint64_t job, uint64_t check,
-                               const unit_t *units, size_t count, int64_t lie)
+                               const unit_t *units, size_t count, int64_t lie, bool one_wrong)
 {
     issue_t *issues = mem_alloc((count + 1) * sizeof *issues);
     toy_issue(farm, worker, job, check, units, count, issues);
-    result_t result = deliver(farm, now, worker, job, check, units, issues, count, lie, 0);
+    result_t result = deliver(farm, now, worker, job, check, units, issues, count, lie, one_wrong, 0);
     free(issues);
     return result;
 }
@@ -216,22 +224,25 @@ static result_t deliver_issued(farm_t *farm, double now, uint64_t worker, uint64
 result_t toy_deliver(farm_t *farm, double now, uint64_t worker, uint64_t job, const unit_t *units,
                      size_t count)
 {
-    return deliver_issued(farm, now, worker, job, 0, units, count, 0);
+    return deliver_issued(farm, now, worker, job, 0, units, count, 0, false);
 }
 
 result_t toy_deliver_work(farm_t *farm, double now, uint64_t worker, const toy_work_t *work, int64_t lie)
 {
-    return deliver_issued(farm, now, worker, work->job, work->check, work->units, work->count, lie);
+    return deliver_issued(farm, now, worker, work->job, work->check, work->units, work->count, lie,
+                          work->one_wrong);
 }
 
 result_t toy_deliver_as(farm_t *farm, double now, uint64_t worker, const toy_work_t *work)
 {
-    return deliver(farm, now, worker, work->job, work->check, work->units, work->issues, work->count, 0, 0);
+    return deliver(farm, now, worker, work->job, work->check, work->units, work->issues, work->count, 0,
+                   false, 0);
 }
 
 result_t toy_deliver_overflow(farm_t *farm, double now, uint64_t worker, const toy_work_t *work)
 {
-    return deliver(farm, now, worker, work->job, work->check, work->units, work->issues, work->count, 0, 1);
+    return deliver(farm, now, worker, work->job, work->check, work->units, work->issues, work->count, 0,
+                   false, 1);
 }
 
 void toy_work_off(farm_t *farm, double now, uint64_t worker, uint64_t job)

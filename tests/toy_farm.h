@@ -10,6 +10,8 @@
 farm_t *toy_farm(bool keeps);
 /* The same, with a folder where jobs that are verified keep batches; it outlives the farm. */
 farm_t *toy_verifying_farm(const char *spool_dir);
+/* The same with room for so many bytes of evidence. */
+farm_t *toy_quota_farm(const char *spool_dir, uint64_t quota);
 /* A toy_farm(true) whose operator is told of its jobs. */
 farm_t *toy_telling_farm(void);
 /* 32 x 32 pixels in four tiles, 4 spp, no features. */
@@ -31,6 +33,7 @@ typedef struct {
     size_t count;
     unit_t units[64];
     issue_t issues[64];
+    bool one_wrong; /* a lie is about the first unit alone */
 } toy_work_t;
 toy_work_t toy_take(farm_t *farm, double now, uint64_t worker, uint64_t samples, uint64_t unit_samples);
 /* Fills issues[count] as if a worker had been given these units of a job, whose number it knows. */

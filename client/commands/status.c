@@ -162,8 +162,10 @@ static void print_account(const Lm__JobStatus *job)
 static void print_checks(const Lm__JobStatus *job)
 {
     if (job->terms && job->terms->verify > 0)
-        printf("  %-12s %.3g%% of the units; %" PRIu64 " passed, %" PRIu64 " failed\n", "verified",
-               100 * job->terms->verify, job->checks_passed, job->checks_failed);
+        printf("  %-12s %.3g%% of the samples; %" PRIu64 " passed, %" PRIu64
+               " failed; kept %.2f GB of at most %.3g GB of all jobs\n",
+               "verified", 100 * job->terms->verify, job->checks_passed, job->checks_failed,
+               1e-9 * (double)job->evidence, 1e-9 * (double)job->evidence_limit);
     hash_t hash;
     char hex[2 * HASH_BYTES + 1];
     if (!wire_hash_get(&job->fingerprint, &hash)) return;

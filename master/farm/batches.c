@@ -194,8 +194,7 @@ result_t farm_batch_begin(farm_t *farm, double now, const batch_head_t *head, fa
                                .shared_film = farm_job_film_hold(job)};
         job->pins++;
         worker->last_seen = fmax(worker->last_seen, now);
-        if (head->check != 0)
-            open->asked = trust_asked(farm, job, head->worker, head->check, &open->units, &open->unit_count);
+        if (head->check != 0) open->asked = trust_asked(farm, job, head->worker, head->check, &open->sample);
     }
     farm_unlock(farm);
     return result;
@@ -224,7 +223,7 @@ typedef struct {
     farm_batch_t *open;
     const batch_t *batch;
     const zmq_msg_t *payload;
-    hash_t digest;   /* of its sums, when it bears a number or is doubted */
+    hash_t digest;   /* of its sums, when it is doubted */
     bool counted;    /* its units are, and it goes into the film */
     bool believed;   /* whatever its sums are: it is of this process, or another one is the same */
     bool doubted;    /* it is not merged, since it has sums that are too large */
@@ -252,34 +251,21 @@ static uint64_t most_compared(const job_t *job, const worker_t *worker)
     return COMPARED_BYTES + worker->threads * sum_unit_bytes(&job->kept.settings, &largest);
 }
 
-/* What a batch is compared by. Sums that overflowed at the worker depend on the order in which it made them,
- * so all batches of which that is said are the same. */
-static result_t find_digest(delivery_t *delivery)
-{
-    static const char overflow[] = "overflow";
-    TRY(payload_digest(delivery->payload, delivery->batch, &delivery->digest));
-    if (delivery->batch->counts.overflows > 0) delivery->digest = hash_bytes(overflow, sizeof overflow);
-    return result_ok();
-}
-
 /* A batch that bears a number is a rendering of units that two workers are asked for: it is compared with the
  * other by its digest. No memory is taken for what nobody asked for. */
 static result_t digest_rendering(delivery_t *delivery)
 {
-    const farm_batch_t *open = delivery->open;
-    const batch_t *batch = delivery->batch;
+    farm_batch_t *open = delivery->open;
     if (open->asked.code != RESULT_OK) return open->asked;
-    if (!units_same(open->units, open->unit_count, batch->units, batch->unit_count))
-        return result_fail(RESULT_MISMATCH, "these are not the units that were to be compared");
-    return find_digest(delivery);
+    return trust_digest(delivery->payload, delivery->batch, &open->sample);
 }
 
 /* Compares a rendering with others; *wanted is false when it does not go into the film. */
 static result_t compare(farm_t *farm, double now, delivery_t *delivery, bool *wanted)
 {
     const farm_batch_t *open = delivery->open;
-    TRY(trust_compare(farm, now, open->job, open->worker, open->check, delivery->batch->units,
-                      delivery->batch->unit_count, &delivery->digest, wanted, &delivery->believed));
+    TRY(trust_compare(farm, now, open->job, open->worker, open->check, &open->sample.digest, wanted,
+                      &delivery->believed));
     worker_t *worker = farm_find_worker(farm, open->worker);
     worker->delivered = now;
     worker->offered = worker->granted = 0;
@@ -336,7 +322,9 @@ static result_t merge(delivery_t *delivery)
     delivery->doubted = true;
     if (!delivery->comparable)
         return result_fail(RESULT_PROTOCOL, "it has sums that are too large, and too many to be compared");
-    TRY(find_digest(delivery));
+    sample_t whole = {.units = batch->units, .count = batch->unit_count, .whole = true};
+    TRY(trust_digest(delivery->payload, batch, &whole));
+    delivery->digest = whole.digest;
     return result_fail(RESULT_MISMATCH,
                        "it has sums that are too large to be believed: its units are rendered once more");
 }
@@ -398,7 +386,7 @@ static void conclude(farm_t *farm, double now, delivery_t *delivery, const resul
     farm_batch_t *open = delivery->open;
     bool good = result->code == RESULT_OK;
     worker_t *worker = farm_find_worker(farm, open->worker);
-    if (delivery->keep != NULL) trust_keep_end(farm, open->job, &delivery->keep, delivery->batch, good);
+    if (delivery->keep != NULL) trust_keep_end(farm, open->job, &delivery->keep, good);
     if (good && delivery->counted) note_batch(farm, now, delivery);
     if (!good && delivery->counted) uncount(delivery);
     if (good && delivery->counted && open->check != 0) trust_answered(open->job, open->check);
@@ -419,7 +407,7 @@ static void end_batch(farm_t *farm, farm_batch_t *open)
     farm_job_film_let_go(farm, open->job);
     farm_job_unpin(farm, open->job);
     farm_unlock(farm);
-    free(open->units);
+    free(open->sample.units);
 }
 
 result_t farm_batch_commit(farm_t *farm, double now, farm_batch_t *open, const batch_t *batch,

@@ -72,12 +72,14 @@ void farm_scene_lost(farm_t *farm, double now, const hash_t *blob);
 
 /* A job as clients see it. */
 typedef struct {
-    job_record_t record;    /* as it is now; the message with what is true for the moment */
-    double checkpoint_age;  /* seconds; < 0: no checkpoint */
-    uint64_t samples_total; /* pixel samples; 0: only time ends the job */
-    double remaining;       /* seconds; < 0: not known */
-    uint32_t workers;       /* that hold units now */
-    double error;           /* of the image, when it was last estimated; 0: not known */
+    job_record_t record;     /* as it is now; the message with what is true for the moment */
+    double checkpoint_age;   /* seconds; < 0: no checkpoint */
+    uint64_t samples_total;  /* pixel samples; 0: only time ends the job */
+    double remaining;        /* seconds; < 0: not known */
+    uint32_t workers;        /* that hold units now */
+    double error;            /* of the image, when it was last estimated; 0: not known */
+    uint64_t evidence;       /* bytes on the disk of what can be taken out of it again, */
+    uint64_t evidence_limit; /* and that all jobs may take */
 } job_report_t;
 
 /* The reports of one job or (job 0) of all in the order of submission, in fresh memory that the caller frees;
@@ -194,9 +196,8 @@ typedef struct {
     hash_t blob; /* its job's scene, */
     bool dark;   /* and nobody has looked yet how bright that is (farm_batch_lights) */
     shared_film_t *shared_film;
-    result_t asked; /* of one that bears a number: whether it was asked for, */
-    unit_t *units;  /* and which units were */
-    size_t unit_count;
+    result_t asked;  /* of one that bears a number: whether it was asked for, */
+    sample_t sample; /* and what was */
 } farm_batch_t;
 
 /* Pins the job that a batch is for; the reason for a failure is for the sender. RESULT_DENIED when not all of

@@ -49,7 +49,8 @@ job_report_t farm_report_job(const job_t *job, double now)
                            .samples_total = job_total_samples(&job->kept.settings),
                            .remaining = remaining_time(job, now),
                            .workers = job->schedule != NULL ? (uint32_t)schedule_holders(job->schedule) : 0,
-                           .error = last != NULL ? last->error : job->kept.error};
+                           .error = last != NULL ? last->error : job->kept.error,
+                           .evidence = trust_evidence(job)};
     if (job->film == FILM_OPEN || job->kept.state == JOB_FINISHING)
         add_remark(report.record.message, sizeof report.record.message, job->remark);
     return report;
@@ -62,8 +63,10 @@ job_report_t *farm_report(farm_t *farm, double now, uint64_t id, size_t *count, 
     job_report_t *reports = mem_alloc((room + 1) * sizeof *reports);
     *count = 0;
     for (size_t i = 0; i < farm->job_count; i++)
-        if (id == 0 || farm->jobs[i]->kept.job == id)
-            reports[(*count)++] = farm_report_job(farm->jobs[i], now);
+        if (id == 0 || farm->jobs[i]->kept.job == id) {
+            reports[*count] = farm_report_job(farm->jobs[i], now);
+            reports[(*count)++].evidence_limit = farm->options.evidence_limit;
+        }
     *workers = 0;
     for (size_t i = 0; i < farm->worker_count; i++) *workers += farm->workers[i].connected;
     farm_unlock(farm);

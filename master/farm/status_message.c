@@ -49,6 +49,8 @@ void status_message_fill(job_report_t *report, status_message_t *out)
     status->units_reissued = report->record.units_reissued;
     status->checks_passed = report->record.checks_passed;
     status->checks_failed = report->record.checks_failed;
+    status->evidence = report->evidence;
+    status->evidence_limit = report->evidence_limit;
     status->message = report->record.message;
     fill_progress(report, status);
 }

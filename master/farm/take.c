@@ -242,11 +242,6 @@ static bool recall_slow(farm_t *farm, double now, const worker_t *idle)
 
 /* ---- giving -------------------------------------------------------------------------------------------- */
 
-static double wished_units(const schedule_wish_t *wish)
-{
-    return (double)wish->samples / fmax((double)wish->unit_samples, 1);
-}
-
 /* Issues units of one job, if it has any for this worker; false when the worker is to wait until it holds
  * nothing. */
 static bool take_from_job(farm_t *farm, double now, job_t *job, worker_t *worker, schedule_wish_t *wish,
@@ -258,14 +253,12 @@ static bool take_from_job(farm_t *farm, double now, job_t *job, worker_t *worker
     work->blob = job->kept.blob;
     work->blob_size = job->kept.blob_size;
     size_t held = farm_worker_units(farm, worker);
-    trust_answer_t answer = trust_take(farm, now, job, worker, wished_units(wish), work);
+    trust_answer_t answer = trust_take(farm, now, job, worker, work);
     if (answer == TRUST_COMPARES) return true;
     if (answer == TRUST_WAIT) return false;
     if (answer != TRUST_GIVEN) {
         wish->farm_threads = farm_fitting_threads(farm, job);
-        work->unit_count =
-            schedule_take(job->schedule, wish, work->units, answer == TRUST_MARK ? 1 : WIRE_MAX_UNITS);
-        if (answer == TRUST_MARK && work->unit_count > 0) trust_mark(farm, now, job, worker, work);
+        work->unit_count = schedule_take(job->schedule, wish, work->units, WIRE_MAX_UNITS);
     }
     if (work->unit_count == 0) return true;
     if (held == 0) {

@@ -33,14 +33,23 @@ enum {
 typedef struct farm farm_t;
 typedef struct job job_t; /* a job that the caller has pinned: it is not forgotten */
 
+/* What is compared of a batch (trust/checks.c). */
 typedef struct {
-    double lease;          /* seconds */
-    double batch_interval; /* seconds */
-    uint64_t film_limit;   /* bytes that the films of all jobs may take */
-    uint64_t first_job;    /* number of the first job */
-    size_t job_limit;      /* jobs known at a time, at most FARM_MAX_JOBS */
-    unit_secret_t secret;  /* shows the farm which units workers have from it */
-    const char *spool_dir; /* where batches wait to be vouched for; NULL: jobs cannot be verified */
+    unit_t *units; /* of whoever has it */
+    size_t count;
+    bool whole; /* the whole batch, splats too; else tiles alone */
+    hash_t digest;
+} sample_t;
+
+typedef struct {
+    double lease;            /* seconds */
+    double batch_interval;   /* seconds */
+    uint64_t film_limit;     /* bytes that the films of all jobs may take */
+    uint64_t first_job;      /* number of the first job */
+    size_t job_limit;        /* jobs known at a time, at most FARM_MAX_JOBS */
+    unit_secret_t secret;    /* shows the farm which units workers have from it */
+    const char *spool_dir;   /* where batches of verified jobs are kept; NULL: jobs cannot be verified */
+    uint64_t evidence_limit; /* bytes that they may take there */
     /* eventfds; -1: none */
     int control_wake;        /* written when there are notices to send */
     int image_wake;          /* when a job waits for its image */

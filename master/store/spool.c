@@ -162,6 +162,15 @@ static int create_file(const char *dir, uint64_t job, const char *path)
     return open(path, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600);
 }
 
+uint64_t spool_size(const spool_head_t *head, const zmq_msg_t payload[BATCH_PAYLOADS])
+{
+    uint64_t size = HEAD_OFFSET + sizeof(head_t) + head->unit_count * sizeof *head->units +
+                    strlen(head->name) + strlen(head->party) +
+                    ((size_t)payload_count(payload) - BATCH_BASE_PAYLOADS) * sizeof(uint64_t);
+    for (int i = 0; i < BATCH_PAYLOADS; i++) size += zmq_msg_size(&payload[i]);
+    return size;
+}
+
 result_t spool_write(const char *dir, uint64_t job, const spool_name_t *name, const spool_head_t *head,
                      const zmq_msg_t payload[BATCH_PAYLOADS])
 {
@@ -376,6 +385,8 @@ spool_name_t *spool_list(const char *dir, uint64_t job, size_t *count)
     for (const struct dirent *entry; folder != NULL && (entry = readdir(folder)) != NULL;) {
         if (!name_read(entry->d_name, &name)) continue;
         if (*count == capacity) names = mem_realloc(names, (capacity = 2 * capacity + 16) * sizeof *names);
+        struct stat status;
+        if (fstatat(dirfd(folder), entry->d_name, &status, 0) == 0) name.bytes = (uint64_t)status.st_size;
         names[(*count)++] = name;
     }
     if (folder != NULL) closedir(folder);

@@ -1,4 +1,4 @@
-/* spool: merged batches on the disk, as they came, until their senders are vouched for (trust/evidence.c).
+/* spool: merged batches on the disk, as they came, until their job is over (trust/evidence.c).
  *
  * DIR/job-<number>/<clock>-<serial>.<kind> is one batch: who sent it, its units and counts, and its payload
  * frames, with checksums over both. Whatever may change is in the name, so that a change is a rename. Clock
@@ -24,6 +24,7 @@ typedef enum {
 typedef struct {
     uint64_t clock, serial, out_clock;
     spool_kind_t kind;
+    uint64_t bytes; /* of the file, in a list */
 } spool_name_t;
 
 /* What is known of a batch beside its sums. */
@@ -38,6 +39,8 @@ typedef struct {
 
 void spool_head_free(spool_head_t *head);
 
+/* Bytes that the file of a batch takes. */
+uint64_t spool_size(const spool_head_t *head, const zmq_msg_t payload[BATCH_PAYLOADS]);
 /* Writes a batch; the folder is made if need be. Nothing is left behind on failure. */
 result_t spool_write(const char *dir, uint64_t job, const spool_name_t *name, const spool_head_t *head,
                      const zmq_msg_t payload[BATCH_PAYLOADS]);

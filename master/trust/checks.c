@@ -1,28 +1,28 @@
-/* checks: the units of a job that are rendered twice and compared (terms.verify), and what follows from
+/* checks: units of verified jobs (terms.verify) that are rendered twice and compared, and what follows from
  * it.
  *
- * DESIGN. A share of the batches that were merged is chosen at random, when they are there: who rendered them
- * could not know. The same units are given to another worker, with a number, to be delivered as a batch of
- * their own, which is compared (batch_digest) and not merged. Another worker is one with the same bits, on
- * of another party if there is one. If the sums are equal, the first worker is vouched for: what it had
- * delivered until then needs no further proof. If not, more workers render the same until two agree; whoever
- * differs from them is put aside (standing.c), and everything that it delivered since it was last
- * vouched for is taken out of the film again and re-rendered (evidence.c). The second worker knows that
- * it is watched, so its rendering does not vouch for itself, but it does for the first.
+ * DESIGN. What is compared is a share of the samples of every batch, chosen at random when the batch is
+ * there: who rendered it could not know. With probability verify / 2 it is the whole batch, with its splats.
+ * Else it is units that have verify / 2 of the batch's samples, one at least, whose tiles are compared: their
+ * splats lie in one frame with those of all others. So a batch that is wrong everywhere is always found, and
+ * one that is wrong somewhere with the probability that it was just there. Who has not earned trust, by
+ * EARNED batches that passed, is looked at more closely: NEW_SHARE of the samples of each batch. That is so
+ * for relays too.
  *
- * A worker is chosen for certain when it has delivered MUST_CHECK / verify batches since it was vouched for,
- * so that what has to be kept stays bounded.
+ * The units go to another worker, with a number, as a batch of their own, which is compared and not merged.
+ * It has the same bits, and is of another party when there is one. If both agree, that is all. If not, more
+ * workers render the same until two agree; who differs from them is put aside (standing.c), and all that it
+ * delivered to the job is taken out of the film again and rendered anew (evidence.c).
  *
- * A relay's batch is too large to be rendered by one worker, so of a relay's units one is chosen when they
- * are handed out, and asked for with a number from the first. That is weaker: whoever is behind the relay can
- * tell.
+ * Who is who: a party (standing.c) has one voice, however many processes it has. So two that agree are of
+ * different parties, unless nobody else has rendered the units at all. Who differs is condemned as a party;
+ * but as a process alone where other processes of the same party were right. A process is known by its name,
+ * which only its own party can be fooled with.
  *
- * With nobody else to render, no comparison can be made. That holds no job up, and does not fill the disk:
- * when all is counted, or too much is kept, those that nobody can make are dropped, and the message says so.
- * When two workers disagree, though, and there is no third, the job waits for one.
+ * With nobody else to render, no comparison can be made. That holds no job up, and what could not be compared
+ * is said. When two parties disagree, though, and there is no third, the job waits for one.
  *
- * All this finds machines that make mistakes, and liars with a probability of 1 - (1 - verify)^n after n
- * batches with wrong sums. It cannot find liars who outnumber the honest. */
+ * All this finds machines that make mistakes, and liars. It cannot find liars who outnumber the honest. */
 #include "master/trust/trust_state.h"
 
 #include <math.h>
@@ -32,12 +32,15 @@
 #include <string.h>
 
 enum {
-    MAX_TRIES = 3,     /* of a comparison that were in vain */
-    SLACK = 4,         /* times the time that it should take, until it is given to somebody else, */
-    STALL_BATCHES = 12 /* but batch intervals at least */
+    MAX_TRIES = 3,      /* of a comparison that were in vain */
+    SLACK = 4,          /* times the time that it should take, until it is given to somebody else, */
+    STALL_BATCHES = 12, /* but batch intervals at least */
+    EARNED = 8,         /* batches of a party that passed until it is trusted as others are */
+    MAX_HOPELESS = 64   /* comparisons that nobody can make, before the oldest are given up */
 };
-static const double FIT_SECONDS =
-    60; /* that a comparison should take at most, if somebody can do it so soon */
+static const double NEW_SHARE = 0.25; /* of the samples of a new party's batches that are compared */
+/* Seconds that a comparison should take at most, if somebody can do it so soon. */
+static const double FIT_SECONDS = 60;
 
 /* ---- the state ----------------------------------------------------------------------------------------- */
 
@@ -65,16 +68,16 @@ void checks_free(job_checks_t **pointer)
     *pointer = NULL;
 }
 
-size_t checks_source(job_checks_t *checks, uint64_t id, uint64_t party, const char *name, const char *text)
+size_t checks_source(job_checks_t *checks, const worker_t *worker)
 {
-    size_t known = id_table_find(&checks->by_id, id);
+    size_t known = id_table_find(&checks->by_id, worker->source);
     if (known != SIZE_MAX) return known;
     checks->sources = mem_realloc(checks->sources, (checks->source_count + 1) * sizeof *checks->sources);
     source_t *source = &checks->sources[checks->source_count];
-    *source = (source_t){.id = id, .party = party, .condemned = -1};
-    snprintf(source->name, sizeof source->name, "%s", name);
-    snprintf(source->party_text, sizeof source->party_text, "%s", text);
-    id_table_put(&checks->by_id, id, checks->source_count);
+    *source = (source_t){.id = worker->source, .party = worker->party, .condemned = -1};
+    memcpy(source->name, worker->name, sizeof source->name);
+    memcpy(source->party_text, worker->party_text, sizeof source->party_text);
+    id_table_put(&checks->by_id, source->id, checks->source_count);
     return checks->source_count++;
 }
 
@@ -82,6 +85,8 @@ size_t checks_source(job_checks_t *checks, uint64_t id, uint64_t party, const ch
 static check_t remove_check(job_checks_t *checks, size_t at)
 {
     check_t check = checks->checks[at];
+    evidence_t *evidence = evidence_find(checks, check.evidence);
+    if (evidence != NULL) evidence->checked = false; /* its name on the disk need not say so any more */
     memmove(checks->checks + at, checks->checks + at + 1,
             (--checks->check_count - at) * sizeof *checks->checks);
     return check;
@@ -116,38 +121,70 @@ static void add_rendering(check_t *check, size_t source, const hash_t *digest)
     check->renderings[check->rendering_count++].digest = *digest;
 }
 
-void checks_want(farm_t *farm, job_t *job, const evidence_t *evidence, const unit_t *units, size_t count,
-                 const hash_t *fingerprint, const hash_t *digest)
+void checks_want(farm_t *farm, job_t *job, sample_t *sample, uint64_t evidence, size_t source,
+                 const hash_t *fingerprint)
 {
     job_checks_t *checks = checks_of(job);
     if (checks->check_count == MAX_CHECKS) {
         checks->unmade++;
         return;
     }
-    check_t *check = add_check(job, units, count, fingerprint);
-    check->evidence = evidence->serial;
-    check->clock = evidence->clock;
-    add_rendering(check, evidence->source, digest);
+    check_t *check = add_check(job, sample->units, sample->count, fingerprint);
+    check->whole = sample->whole;
+    check->evidence = evidence;
+    add_rendering(check, source, &sample->digest);
     farm_notify_idle(farm);
 }
 
-check_t *checks_begun(job_checks_t *checks, size_t source, const unit_t *units, size_t count)
+/* ---- what is compared ---------------------------------------------------------------------------------- */
+
+/* True with a probability. */
+static bool happens(double probability)
 {
-    for (size_t i = 0; i < checks->check_count; i++) {
-        check_t *check = &checks->checks[i];
-        if (check->evidence == 0 && check->doubt == DOUBT_NONE && check->rendering_count > 0 &&
-            check->renderings[0].source == source && units_same(check->units, check->count, units, count))
-            return check;
-    }
-    return NULL;
+    return (double)randombytes_random() < probability * 0x1p32;
 }
 
-bool checks_open(const job_checks_t *checks, size_t source)
+/* True when somebody of another party can render so many samples soon, as far as is known. */
+static bool is_soon_rendered(const farm_t *farm, uint64_t party, double samples)
 {
-    for (size_t i = 0; i < checks->check_count; i++)
-        if (checks->checks[i].rendering_count > 0 && checks->checks[i].renderings[0].source == source)
+    for (size_t i = 0; i < farm->worker_count; i++) {
+        const worker_t *other = &farm->workers[i];
+        if (other->connected && other->party != party &&
+            (other->speed <= 0 || samples <= other->speed * FIT_SECONDS))
             return true;
+    }
     return false;
+}
+
+sample_t checks_sample(const farm_t *farm, const job_t *job, uint64_t party, const unit_t *units,
+                       size_t count)
+{
+    double verify = job->kept.terms.verify, samples = farm_unit_samples(job, units, count), chosen = 0;
+    double share = standing_passed(farm, party) < EARNED ? fmax(verify / 2, NEW_SHARE) : verify / 2;
+    bool fits = is_soon_rendered(farm, party, samples);
+    sample_t sample = {.whole = verify >= 1 || (fits && happens(verify / 2)),
+                       .units = mem_alloc(count * sizeof *units)};
+    memcpy(sample.units, units, count * sizeof *units);
+    if (sample.whole) sample.count = count;
+    while (!sample.whole && sample.count < count && chosen < fmax(share * samples, 1)) {
+        size_t at = sample.count + randombytes_uniform((uint32_t)(count - sample.count));
+        unit_t unit = sample.units[at];
+        sample.units[at] = sample.units[sample.count];
+        sample.units[sample.count++] = unit;
+        chosen += farm_unit_samples(job, &unit, 1);
+    }
+    return sample;
+}
+
+result_t checks_digest(const zmq_msg_t payload[BATCH_PAYLOADS], const batch_t *batch, sample_t *sample)
+{
+    static const char overflow[] = "overflow";
+    if (!sample->whole)
+        return payload_digest_units(payload, batch, sample->units, sample->count, &sample->digest);
+    TRY(payload_digest(payload, batch, &sample->digest));
+    /* Sums that overflowed at the worker depend on the order in which it made them. */
+    if (batch->counts.overflows > 0) sample->digest = hash_bytes(overflow, sizeof overflow);
+    return result_ok();
 }
 
 /* ---- who renders it ------------------------------------------------------------------------------------ */
@@ -159,17 +196,32 @@ static bool rendered_by(const job_checks_t *checks, const check_t *check, const 
     return false;
 }
 
-static bool rendered_on(const job_checks_t *checks, const check_t *check, uint64_t party)
+static uint64_t party_of(const job_checks_t *checks, const check_t *check, size_t rendering)
+{
+    return checks->sources[check->renderings[rendering].source].party;
+}
+
+static bool rendered_in(const job_checks_t *checks, const check_t *check, uint64_t party)
 {
     for (size_t i = 0; i < check->rendering_count; i++)
-        if (checks->sources[check->renderings[i].source].party == party) return true;
+        if (party_of(checks, check, i) == party) return true;
     return false;
 }
 
+/* True when all that rendered it are of one party. */
+static bool is_of_one_party(const job_checks_t *checks, const check_t *check)
+{
+    for (size_t i = 1; i < check->rendering_count; i++)
+        if (party_of(checks, check, i) != party_of(checks, check, 0)) return false;
+    return true;
+}
+
+/* True when a worker is one whose rendering can be compared. */
 static bool may_compare(const job_checks_t *checks, const check_t *check, const worker_t *worker)
 {
     return worker->connected && hash_equal(&worker->fingerprint, &check->fingerprint) &&
-           !rendered_by(checks, check, worker);
+           !rendered_by(checks, check, worker) &&
+           (is_of_one_party(checks, check) || !rendered_in(checks, check, worker->party));
 }
 
 /* True when somebody may render it who does not hang. */
@@ -195,14 +247,14 @@ static bool may_render(const farm_t *farm, double now, const job_checks_t *check
 static bool suits(const farm_t *farm, double now, const job_checks_t *checks, const check_t *check,
                   const worker_t *worker)
 {
-    bool fresh = !rendered_on(checks, check, worker->party);
+    bool fresh = !rendered_in(checks, check, worker->party);
     bool quick = check->samples <= worker->speed * FIT_SECONDS;
     for (size_t i = 0; i < farm->worker_count && !(fresh && quick); i++) {
         const worker_t *other = &farm->workers[i];
         if (other == worker || !may_compare(checks, check, other) ||
             !farm_worker_asks(farm, now, other, FARM_ASK_BATCHES))
             continue;
-        bool other_fresh = !rendered_on(checks, check, other->party);
+        bool other_fresh = !rendered_in(checks, check, other->party);
         if (other_fresh && !fresh) return false;
         if (other_fresh == fresh && !quick && other->speed > worker->speed) return false;
     }
@@ -251,56 +303,32 @@ bool checks_held(const farm_t *farm, const worker_t *worker)
     return false;
 }
 
-/* True with a probability. */
-static bool happens(double probability)
-{
-    return (double)randombytes_random() < probability * 0x1p32;
-}
-
-bool checks_marks(const farm_t *farm, const job_t *job, const worker_t *worker, double units)
-{
-    if (!worker->relay || job->kept.terms.verify <= 0 || farm->options.spool_dir == NULL) return false;
-    if (job->checks != NULL && (job->checks->given_up || job->checks->check_count == MAX_CHECKS))
-        return false;
-    double share = job->kept.terms.verify * fmax(units, 1); /* one unit of so many that it would be given */
-    return happens(share / (1 - job->kept.terms.verify + share));
-}
-
-void trust_mark(farm_t *farm, double now, job_t *job, const worker_t *worker, work_t *work)
-{
-    (void)checks_of(job);
-    check_t *check = add_check(job, work->units, work->unit_count, &worker->fingerprint);
-    check->with = worker->id;
-    check->deadline = deadline(farm, now, check, worker);
-    work->check = check->number;
-}
-
 /* The worker does not render it any more. */
-static void lose(job_t *job, size_t at)
+static void lose(check_t *check)
 {
-    check_t *check = &job->checks->checks[at];
     check->with = 0;
     check->tries++;
-    if (check->rendering_count == 0) drop_check(job, at);
 }
 
 void trust_left(farm_t *farm, const worker_t *worker)
 {
     for (size_t j = 0; j < farm->job_count; j++) {
         job_checks_t *checks = farm->jobs[j]->checks;
-        for (size_t i = checks != NULL ? checks->check_count : 0; i-- > 0;)
-            if (checks->checks[i].with == worker->id) lose(farm->jobs[j], i);
+        for (size_t i = 0; checks != NULL && i < checks->check_count; i++)
+            if (checks->checks[i].with == worker->id) lose(&checks->checks[i]);
     }
 }
 
 /* ---- what comes of it ---------------------------------------------------------------------------------- */
 
-/* Two renderings that agree; false when there are none. */
-static bool agreement(const check_t *check, hash_t *digest)
+/* Two renderings that agree, of different parties if there are several; false when there are none. */
+static bool agreement(const job_checks_t *checks, const check_t *check, hash_t *digest)
 {
+    bool alone = is_of_one_party(checks, check);
     for (size_t i = 0; i < check->rendering_count; i++)
         for (size_t j = 0; j < i; j++)
-            if (hash_equal(&check->renderings[i].digest, &check->renderings[j].digest)) {
+            if (hash_equal(&check->renderings[i].digest, &check->renderings[j].digest) &&
+                (alone || party_of(checks, check, i) != party_of(checks, check, j))) {
                 *digest = check->renderings[i].digest;
                 return true;
             }
@@ -331,15 +359,23 @@ static void give_up(farm_t *farm, job_t *job)
                   CHECK_RENDERINGS);
 }
 
+/* True when a process of this party made the sums that are right. */
+static bool was_right(const job_checks_t *checks, const check_t *check, uint64_t party, const hash_t *digest)
+{
+    for (size_t i = 0; i < check->rendering_count; i++)
+        if (party_of(checks, check, i) == party && hash_equal(&check->renderings[i].digest, digest))
+            return true;
+    return false;
+}
+
 /* A comparison is over: those who were right are trusted, those who were wrong are not. */
 static void conclude(farm_t *farm, double now, job_t *job, const check_t *check, const hash_t *digest)
 {
     bool passed = true;
-    if (check->doubt == DOUBT_NONE && hash_equal(&check->renderings[0].digest, digest))
-        evidence_vouch(farm, job, check->renderings[0].source, check->clock);
     for (size_t i = 0; i < check->rendering_count; i++) {
         if (hash_equal(&check->renderings[i].digest, digest)) continue;
         source_t source = job->checks->sources[check->renderings[i].source];
+        bool process = was_right(job->checks, check, source.party, digest);
         char why[FARM_MAX_NAME];
         passed = false;
         bool doubted = i == 0 && check->doubt != DOUBT_NONE;
@@ -347,9 +383,11 @@ static void conclude(farm_t *farm, double now, job_t *job, const check_t *check,
                  doubted ? "sums that are too large, and that others do not make,"
                          : "other sums than two others",
                  check->count, (unsigned long long)job->kept.job, source.party_text);
-        evidence_condemn(farm, now, source.id);
-        standing_lied(farm, now, source.id, source.name, why);
+        evidence_condemn(farm, now, process ? source.id : source.party);
+        standing_lied(farm, now, process ? source.id : source.party, source.name, why);
     }
+    if (passed && !is_of_one_party(job->checks, check))
+        standing_pass(farm, now, party_of(job->checks, check, 0));
     job->kept.checks_passed += passed && check->doubt == DOUBT_NONE;
     job->kept.checks_failed += !passed;
     farm_record_changed(farm, job);
@@ -360,7 +398,7 @@ static void decide(farm_t *farm, double now, job_t *job, size_t at)
     const check_t *check = &job->checks->checks[at];
     hash_t digest;
     job->progress_due = true;
-    if (agreement(check, &digest)) {
+    if (agreement(job->checks, check, &digest)) {
         check_t over = remove_check(job->checks, at);
         conclude(farm, now, job, &over, &digest);
         check_free(&over);
@@ -394,36 +432,38 @@ static result_t find_asked(const job_checks_t *checks, const worker_t *worker, u
     return result_ok();
 }
 
-result_t trust_asked(const farm_t *farm, const job_t *job, uint64_t id, uint64_t number, unit_t **units,
-                     size_t *count)
+result_t trust_asked(const farm_t *farm, const job_t *job, uint64_t id, uint64_t number, sample_t *sample)
 {
     size_t at;
     TRY(find_asked(job->checks, farm_find_worker(farm, id), number, &at));
     const check_t *check = &job->checks->checks[at];
-    *units = mem_alloc(check->count * sizeof **units);
-    *count = check->count;
-    memcpy(*units, check->units, check->count * sizeof **units);
+    *sample = (sample_t){
+        .units = mem_alloc(check->count * sizeof(unit_t)), .count = check->count, .whole = check->whole};
+    memcpy(sample->units, check->units, check->count * sizeof(unit_t));
     return result_ok();
 }
 
+result_t trust_digest(const zmq_msg_t payload[BATCH_PAYLOADS], const batch_t *batch, sample_t *sample)
+{
+    if (!units_same(sample->units, sample->count, batch->units, batch->unit_count))
+        return result_fail(RESULT_MISMATCH, "these are not the units that were to be compared");
+    return checks_digest(payload, batch, sample);
+}
+
 result_t trust_compare(farm_t *farm, double now, job_t *job, uint64_t id, uint64_t number,
-                       const unit_t *units, size_t count, const hash_t *digest, bool *merge, bool *confirmed)
+                       const hash_t *digest, bool *merge, bool *confirmed)
 {
     *merge = *confirmed = false;
     const worker_t *worker = farm_find_worker(farm, id);
     size_t at;
     TRY(find_asked(job->checks, worker, number, &at));
     check_t *check = &job->checks->checks[at];
-    if (!units_same(check->units, check->count, units, count))
-        return result_fail(RESULT_MISMATCH, "these are not the units that were to be compared");
     if (check->with == id) check->with = 0;
-    *merge = check->rendering_count == 0 || check->doubt == DOUBT_OPEN;
-    add_rendering(check,
-                  checks_source(job->checks, worker->source, worker->party, worker->name, worker->party_text),
-                  digest);
+    *merge = check->doubt == DOUBT_OPEN;
+    add_rendering(check, checks_source(job->checks, worker), digest);
     if (check->doubt == DOUBT_OPEN) {
         hash_t agreed;
-        *confirmed = agreement(check, &agreed) && hash_equal(&agreed, digest);
+        *confirmed = agreement(job->checks, check, &agreed) && hash_equal(&agreed, digest);
         schedule_release_units(job->schedule, 0, check->units, check->count);
         check->doubt = DOUBT_TRIED;
     }
@@ -454,10 +494,8 @@ void trust_doubt(farm_t *farm, job_t *job, const worker_t *worker, uint64_t numb
     if (!set_apart(job, units, count)) return;
     check_t *check = again ? &checks->checks[at] : add_check(job, units, count, &worker->fingerprint);
     check->doubt = DOUBT_OPEN;
-    if (!again)
-        add_rendering(check,
-                      checks_source(checks, worker->source, worker->party, worker->name, worker->party_text),
-                      digest);
+    check->whole = true;
+    if (!again) add_rendering(check, checks_source(checks, worker), digest);
     farm_notify_idle(farm);
 }
 
@@ -478,7 +516,7 @@ void checks_forget(job_t *job, size_t source)
     job_checks_t *checks = job->checks;
     for (size_t i = checks->check_count; i-- > 0;) {
         check_t *check = &checks->checks[i];
-        if (check->rendering_count > 0 && check->renderings[0].source == source) {
+        if (check->renderings[0].source == source) {
             drop_check(job, i);
             continue;
         }
@@ -514,15 +552,6 @@ static bool is_long_hopeless(const farm_t *farm, double now, const check_t *chec
     return check->hopeless > 0 && now - check->hopeless > farm_patience(farm, FARM_ASK_BATCHES);
 }
 
-/* True when a worker has lost what it was to compare. The first rendering of a unit may come as long as the
- * worker holds it. */
-static bool is_late(const job_t *job, const check_t *check, double now)
-{
-    if (check->with == 0 || now <= check->deadline) return false;
-    return check->rendering_count > 0 || job->schedule == NULL ||
-           schedule_held(job->schedule, check->with) == 0;
-}
-
 /* Of two parties, one has made sums of the same units that can be believed, and nobody else is there to be
  * asked. The other is not believed. A machine that differs from itself makes mistakes. */
 static void decide_alone(farm_t *farm, double now, job_t *job, size_t at)
@@ -540,37 +569,46 @@ static void decide_alone(farm_t *farm, double now, job_t *job, size_t at)
     job->progress_due = true;
 }
 
-static void tick_job(farm_t *farm, double now, job_t *job)
+/* Gives up comparisons that nobody can make, the oldest first: all of them when all else is counted, those
+ * beyond so many before. */
+static void drop_hopeless(farm_t *farm, double now, job_t *job)
 {
     job_checks_t *checks = job->checks;
-    uint64_t unmade = checks->unmade;
-    for (size_t i = checks->check_count; i-- > 0;)
-        if (is_late(job, &checks->checks[i], now)) lose(job, i);
     bool counted = job->schedule != NULL && schedule_round_counted(job->schedule);
-    for (size_t i = 0; i < checks->check_count;) { /* the oldest first */
-        check_t *check = &checks->checks[i];
-        size_t source = check->renderings[0].source;
-        uint64_t clock = check->clock;
-        note_hopeless(farm, now, checks, check);
-        if (check->hopeless > 0 && check->doubt == DOUBT_ANSWERED) {
-            decide_alone(farm, now, job, i);
-            i = 0; /* others may have gone with it */
-            continue;
-        }
-        bool piles_up = is_long_hopeless(farm, now, check) && evidence_piles_up(farm, job, source);
-        if (check->hopeless <= 0 || (!counted && !piles_up)) {
+    size_t hopeless = 0;
+    for (size_t i = 0; i < checks->check_count; i++)
+        hopeless += is_long_hopeless(farm, now, &checks->checks[i]);
+    for (size_t i = 0; i < checks->check_count;) {
+        const check_t *check = &checks->checks[i];
+        bool drop =
+            counted ? check->hopeless > 0 : hopeless > MAX_HOPELESS && is_long_hopeless(farm, now, check);
+        if (!drop) {
             i++;
             continue;
         }
         checks->unmade += check->doubt == DOUBT_NONE;
         drop_check(job, i);
-        if (piles_up) evidence_vouch(farm, job, source, clock);
+        hopeless -= hopeless > 0;
     }
+}
+
+static void tick_job(farm_t *farm, double now, job_t *job)
+{
+    job_checks_t *checks = job->checks;
+    uint64_t unmade = checks->unmade;
+    for (size_t i = 0; i < checks->check_count;) {
+        check_t *check = &checks->checks[i];
+        if (check->with != 0 && now > check->deadline) lose(check);
+        note_hopeless(farm, now, checks, check);
+        bool alone = check->hopeless > 0 && check->doubt == DOUBT_ANSWERED;
+        if (alone) decide_alone(farm, now, job, i);
+        i = alone ? 0 : i + 1; /* others may have gone with it */
+    }
+    drop_hopeless(farm, now, job);
     if (checks->unmade == unmade) return;
     if (strstr(job->kept.message, "could not be compared") == NULL)
         farm_job_tell(farm, job,
-                      "batches could not be compared: there was no other worker that makes the same "
-                      "bits");
+                      "batches could not be compared: there was no other worker that makes the same bits");
     log_warning("job %llu: %llu batches could not be compared, since nobody else rendered them",
                 (unsigned long long)job->kept.job, (unsigned long long)checks->unmade);
 }

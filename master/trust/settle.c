@@ -56,7 +56,7 @@ static result_t subtract(farm_t *farm, job_t *job, shared_film_t *shared_film, e
     const char *dir = farm->options.spool_dir;
     spool_name_t from = evidence_name(evidence);
     if (!begin(farm, job, evidence)) return result_fail(RESULT_CANCELLED, "the job is over");
-    evidence->state = EVIDENCE_OUT;
+    evidence->kind = SPOOL_OUT;
     spool_name_t to = evidence_name(evidence);
     result_t result = spool_rename(dir, job->kept.job, &from, &to);
     if (result.code == RESULT_OK) {
@@ -85,6 +85,7 @@ static void note_out(farm_t *farm, job_t *job, const evidence_t *out, film_count
     job->progress_due = true;
     if (evidence != NULL) {
         evidence->state = EVIDENCE_OUT;
+        evidence->kind = SPOOL_OUT;
         evidence->out_clock = out->out_clock;
         evidence->saved = job->checks->saved + job_is_saving(job);
     }
@@ -172,10 +173,13 @@ static evidence_t *take_needless(farm_t *farm, job_t *job, size_t *count)
     if (found > 0) needless = mem_alloc(found * sizeof *needless);
     for (size_t i = 0; i < all && found > 0; i++) {
         evidence_t evidence = checks->evidence[i];
-        if (is_needless(checks, &evidence))
-            needless[(*count)++] = evidence;
-        else
+        if (!is_needless(checks, &evidence)) {
             checks->evidence[kept++] = evidence;
+            continue;
+        }
+        needless[(*count)++] = evidence;
+        checks->bytes -= evidence.bytes;
+        farm->trust->evidence_bytes -= evidence.bytes;
     }
     if (found > 0) checks->evidence_count = kept;
     farm_unlock(farm);
@@ -193,15 +197,22 @@ static void delete_needless(farm_t *farm, job_t *job)
     free(needless);
 }
 
-typedef enum { TASK_NONE, TASK_BRAND, TASK_TAKE_OUT } task_t;
+typedef enum { TASK_NONE, TASK_RENAME, TASK_TAKE_OUT } task_t;
+
+/* What a batch should be called on the disk. */
+static spool_kind_t kind_of(const evidence_t *evidence)
+{
+    if (evidence->state == EVIDENCE_WRONG) return SPOOL_WRONG;
+    return evidence->checked ? SPOOL_CHECK : SPOOL_KEPT;
+}
 
 /* What is to be done about a batch. */
 static task_t task_for(const job_t *job, const evidence_t *evidence)
 {
-    if (evidence->state != EVIDENCE_WRONG) return TASK_NONE;
-    if (!evidence->branded) return TASK_BRAND;
+    if (evidence->state == EVIDENCE_OUT || evidence->state == EVIDENCE_NEEDLESS) return TASK_NONE;
+    if (evidence->kind != kind_of(evidence)) return TASK_RENAME;
     bool possible = job->schedule != NULL && job_has_film(job) && job->film != FILM_CONDEMNED;
-    return possible ? TASK_TAKE_OUT : TASK_NONE;
+    return evidence->state == EVIDENCE_WRONG && possible ? TASK_TAKE_OUT : TASK_NONE;
 }
 
 /* The next thing to do for a job, and a copy of what it is about: that batches are wrong is noted before the
@@ -211,7 +222,7 @@ static task_t next_task(farm_t *farm, job_t *job, evidence_t *about)
     task_t task = TASK_NONE;
     farm_lock(farm);
     const job_checks_t *checks = job->checks;
-    for (size_t i = 0; checks != NULL && i < checks->evidence_count && task != TASK_BRAND; i++) {
+    for (size_t i = 0; checks != NULL && i < checks->evidence_count && task != TASK_RENAME; i++) {
         task_t here = task_for(job, &checks->evidence[i]);
         if (here == TASK_NONE || (task != TASK_NONE && here >= task)) continue;
         task = here;
@@ -221,16 +232,16 @@ static task_t next_task(farm_t *farm, job_t *job, evidence_t *about)
     return task;
 }
 
-/* Notes on the disk that a batch is wrong; false when it cannot be done now. */
-static bool brand(farm_t *farm, job_t *job, evidence_t evidence)
+/* Notes on the disk what a batch is; false when it cannot be done now. */
+static bool rename_it(farm_t *farm, job_t *job, evidence_t evidence)
 {
     spool_name_t from = evidence_name(&evidence);
-    evidence.branded = true;
+    evidence.kind = kind_of(&evidence);
     spool_name_t to = evidence_name(&evidence);
     result_t result = spool_rename(farm->options.spool_dir, job->kept.job, &from, &to);
     farm_lock(farm);
     evidence_t *found = evidence_find(job->checks, evidence.serial);
-    if (found != NULL && result.code == RESULT_OK) found->branded = true;
+    if (found != NULL && result.code == RESULT_OK) found->kind = evidence.kind;
     farm->trust->spooled = true;
     if (result.code != RESULT_OK && result.code != RESULT_LIMIT)
         note_lost(farm, job, &evidence, result.message);
@@ -245,7 +256,7 @@ void trust_settle(farm_t *farm, job_t *job)
     bool goes_on = true;
     delete_needless(farm, job);
     for (task_t task; goes_on && (task = next_task(farm, job, &evidence)) != TASK_NONE;)
-        goes_on = task == TASK_BRAND ? brand(farm, job, evidence) : take_out(farm, job, evidence);
+        goes_on = task == TASK_RENAME ? rename_it(farm, job, evidence) : take_out(farm, job, evidence);
 }
 
 void trust_tidy(farm_t *farm)

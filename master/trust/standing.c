@@ -22,7 +22,8 @@
  * a party with a single worker is put aside after about 1 in (L / t)^3 kills, one with more workers hardly
  * ever.
  *
- * Wrong sums are another matter (checks.c): who sent them is put aside at once, for ten times as long.
+ * Wrong sums are another matter (checks.c): who sent them is put aside at once, for ten times as long: the
+ * party, or one of its processes where others of the same party were right.
  *
  * What is held against whom is forgotten when the master ends. */
 #include "master/trust/trust_state.h"
@@ -190,7 +191,20 @@ void standing_delivered(farm_t *farm, double now, const worker_t *worker)
     if (now > standing->until + standing->length) standing->length = 0;
 }
 
-void standing_lied(farm_t *farm, double now, uint64_t source, const char *name, const char *why)
+uint32_t standing_passed(const farm_t *farm, uint64_t party)
 {
-    put_aside(farm, now, find_or_make(farm, now, source), name, LIE_FACTOR * FARM_ASIDE_SECONDS, why);
+    const standing_t *standing = find(farm, party);
+    return standing != NULL ? standing->passed : 0;
+}
+
+void standing_pass(farm_t *farm, double now, uint64_t party)
+{
+    find_or_make(farm, now, party)->passed++;
+}
+
+void standing_lied(farm_t *farm, double now, uint64_t who, const char *name, const char *why)
+{
+    standing_t *standing = find_or_make(farm, now, who);
+    standing->passed = 0;
+    put_aside(farm, now, standing, name, LIE_FACTOR * FARM_ASIDE_SECONDS, why);
 }

@@ -19,8 +19,9 @@ void trust_destroy(trust_t **trust)
     *trust = NULL;
 }
 
-void trust_forget(job_t *job)
+void trust_forget(farm_t *farm, job_t *job)
 {
+    if (job->checks != NULL) farm->trust->evidence_bytes -= job->checks->bytes;
     checks_free(&job->checks);
     suspects_free(&job->suspects);
 }
@@ -55,12 +56,10 @@ void trust_delivered(farm_t *farm, double now, const worker_t *worker, job_t *jo
 
 /* ---- giving -------------------------------------------------------------------------------------------- */
 
-trust_answer_t trust_take(farm_t *farm, double now, job_t *job, worker_t *worker, double wished, work_t *work)
+trust_answer_t trust_take(farm_t *farm, double now, job_t *job, worker_t *worker, work_t *work)
 {
     if (worker->quarantine == 0 && checks_take(farm, now, job, worker, work)) return TRUST_COMPARES;
-    trust_answer_t answer = suspects_take(farm, now, job, worker, work);
-    if (answer == TRUST_ANY && checks_marks(farm, job, worker, wished)) return TRUST_MARK;
-    return answer;
+    return suspects_take(farm, now, job, worker, work);
 }
 
 /* ---- jobs ---------------------------------------------------------------------------------------------- */
@@ -87,5 +86,4 @@ void trust_remark(const farm_t *farm, double now, const job_t *job, char *text, 
 void trust_tick(farm_t *farm, double now)
 {
     checks_tick(farm, now);
-    evidence_tick(farm, now);
 }

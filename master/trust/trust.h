@@ -6,8 +6,8 @@
  *   - what is held against parties, which are put aside for it (standing.c);
  *   - units that workers died with, which are handed out apart, or left out (suspects.c);
  *   - units that are rendered twice and compared (checks.c);
- *   - batches that are kept until their senders are vouched for, so that they can be taken out of the film
- *     again (evidence.c, settle.c).
+ *   - batches that are kept until their job is over, so that they can be taken out of the film again
+ *     (evidence.c, settle.c).
  *
  * Trust calls nothing of the farm's. It writes its decisions into the state, and the farm acts on them:
  *
@@ -27,7 +27,7 @@ trust_t *trust_new(void);
 /* Frees it and sets *trust to NULL. */
 void trust_destroy(trust_t **trust);
 /* Frees what is known of a job. */
-void trust_forget(job_t *job);
+void trust_forget(farm_t *farm, job_t *job);
 
 /* ---- workers ------------------------------------------------------------------------------------------- */
 
@@ -52,30 +52,27 @@ void trust_left(farm_t *farm, const worker_t *worker);
 
 typedef enum {
     TRUST_ANY,     /* it may be given any units, */
-    TRUST_MARK,    /* or a single one, which is to be compared: trust_mark is called with it */
     TRUST_WAIT,    /* it gets nothing before it holds nothing */
     TRUST_GIVEN,   /* it was given units of the job */
     TRUST_COMPARES /* it was given units to render once more */
 } trust_answer_t;
 
-/* What a worker that asks for work is to be given of a job. `wished` is the number of units that it would be
- * given otherwise, about. */
-trust_answer_t trust_take(farm_t *farm, double now, job_t *job, worker_t *worker, double wished,
-                          work_t *work);
-/* A unit was issued after TRUST_MARK. */
-void trust_mark(farm_t *farm, double now, job_t *job, const worker_t *worker, work_t *work);
+/* What a worker that asks for work is to be given of a job. */
+trust_answer_t trust_take(farm_t *farm, double now, job_t *job, worker_t *worker, work_t *work);
 
 /* ---- batches ------------------------------------------------------------------------------------------- */
 
-/* RESULT_MISMATCH when nobody asked this worker for a batch with this number; else the units that it is of,
- * in fresh memory. */
-result_t trust_asked(const farm_t *farm, const job_t *job, uint64_t worker, uint64_t check, unit_t **units,
-                     size_t *count);
-/* Decides over a batch that bears a number: *merge is true when no rendering of its units is in the film, and
- * it goes there; *confirmed when it is then as another one that was doubted. The digest is of its decoded
- * sums. Fails as trust_asked does, or when the units are others. */
+/* RESULT_MISMATCH when nobody asked this worker for a batch with this number; else what it is of, in fresh
+ * memory, without the digest. */
+result_t trust_asked(const farm_t *farm, const job_t *job, uint64_t worker, uint64_t check, sample_t *sample);
+/* Finds the digest of a batch from its payloads; fails when it has other units. Called without the farm's
+ * lock. */
+result_t trust_digest(const zmq_msg_t payload[BATCH_PAYLOADS], const batch_t *batch, sample_t *sample);
+/* Decides over a batch that bears a number, by its digest: *merge is true when no rendering of its units is
+ * in the film, and it goes there; *confirmed when it is then as another one that was doubted. Fails as
+ * trust_asked does. */
 result_t trust_compare(farm_t *farm, double now, job_t *job, uint64_t worker, uint64_t check,
-                       const unit_t *units, size_t count, const hash_t *digest, bool *merge, bool *confirmed);
+                       const hash_t *digest, bool *merge, bool *confirmed);
 /* A batch that a connected or lost worker delivered, with this number or 0, has sums that are too large to be
  * believed (plausible.c), and is not in the film; its units are free. They are rendered once more, by another
  * party if there is one, and compared. */
@@ -86,7 +83,7 @@ void trust_answered(job_t *job, uint64_t check);
 /* True when batches of the job are no longer doubted, since no two workers make the same bits of it. */
 bool trust_believes_all(const job_t *job);
 
-/* A batch that is kept until its sender is vouched for. */
+/* A batch that is kept until its job is over. */
 typedef struct trust_keep trust_keep_t;
 /* The units of a batch were counted just now, inside the shared film; NULL when it is not to be kept. */
 trust_keep_t *trust_keep_begin(farm_t *farm, job_t *job, const worker_t *worker, const batch_t *batch);
@@ -94,7 +91,7 @@ trust_keep_t *trust_keep_begin(farm_t *farm, job_t *job, const worker_t *worker,
 void trust_keep_write(farm_t *farm, const job_t *job, trust_keep_t *keep, const batch_t *batch,
                       const zmq_msg_t payload[BATCH_PAYLOADS]);
 /* It is on the list from now on, if it was merged. Frees it and sets *keep to NULL. */
-void trust_keep_end(farm_t *farm, job_t *job, trust_keep_t **keep, const batch_t *batch, bool merged);
+void trust_keep_end(farm_t *farm, job_t *job, trust_keep_t **keep, bool merged);
 /* A batch of this worker was counted. */
 void trust_delivered(farm_t *farm, double now, const worker_t *worker, job_t *job, const unit_t *units,
                      size_t count);
@@ -118,6 +115,8 @@ bool trust_waiting(const job_t *job);
 /* True while renderings to compare are out or to be had, or sums are to be taken out of the film; the job is
  * not complete before. */
 bool trust_pending(const job_t *job);
+/* Bytes on the disk of what can be taken out of the job. */
+uint64_t trust_evidence(const job_t *job);
 /* True while there are sums to take out of the job's film. */
 bool trust_wrong(const job_t *job);
 /* True while that could not be done, and is tried again. */

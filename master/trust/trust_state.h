@@ -12,6 +12,7 @@
 typedef struct {
     uint64_t who; /* worker_t.party or .source */
     uint32_t failures;
+    uint32_t passed;                     /* comparisons of its batches since it last sent wrong sums */
     double last_failure, until, touched; /* seconds */
     double length;                       /* of the last time aside, seconds; 0: there was none */
     char reason[FARM_MAX_NAME + 1];
@@ -20,9 +21,9 @@ typedef struct {
 struct trust {
     standing_t *standings;
     size_t standing_count;
-    id_table_t by_who;  /* indices of standings */
-    double gone_looked; /* seconds, when it was looked who is gone (evidence.c) */
-    bool spooled;       /* batches were written that are not safe on the disk yet */
+    id_table_t by_who;       /* indices of standings */
+    uint64_t evidence_bytes; /* on the disk, of all jobs */
+    bool spooled;            /* batches were written that are not safe on the disk yet */
 };
 
 /* ---- standing.c ---- */
@@ -35,8 +36,11 @@ result_t standing_check(const farm_t *farm, double now, const worker_t *worker);
 void standing_fell(farm_t *farm, double now, worker_t *worker);
 void standing_lives(farm_t *farm, worker_t *worker);
 void standing_delivered(farm_t *farm, double now, const worker_t *worker);
-/* The process sent wrong sums: it is put aside, whoever of it is connected. */
-void standing_lied(farm_t *farm, double now, uint64_t source, const char *name, const char *why);
+/* Comparisons of a party's batches that have passed, by others. */
+uint32_t standing_passed(const farm_t *farm, uint64_t party);
+void standing_pass(farm_t *farm, double now, uint64_t party);
+/* A party or a process sent wrong sums: it is put aside, whoever of it is connected. */
+void standing_lied(farm_t *farm, double now, uint64_t who, const char *name, const char *why);
 
 /* ---- suspects.c ---- */
 
@@ -64,10 +68,8 @@ typedef struct {
     uint64_t id, party; /* worker_t.source, .party */
     char name[FARM_MAX_NAME + 1];
     char party_text[FARM_MAX_PARTY + 1];
-    uint32_t unvouched; /* batches since it was vouched for */
-    uint32_t unkept;    /* those that could not be written to the disk, in all */
-    double condemned;   /* seconds, when it was found to send wrong sums; < 0: it was not */
-    double seen;        /* seconds, when it was last seen to be connected, about; 0: not looked for yet */
+    uint32_t unkept;  /* batches that are in the film and not on the disk */
+    double condemned; /* seconds, when it was found to send wrong sums; < 0: it was not */
 } source_t;
 
 typedef enum {
@@ -82,14 +84,15 @@ typedef struct {
     uint64_t clock;     /* of the schedule, when it was in the film (evidence.c) */
     uint64_t serial;    /* names it, from 1 */
     uint64_t out_clock; /* when it was taken out */
+    uint64_t bytes;     /* on the disk */
     size_t source;      /* index */
     evidence_state_t state;
-    bool checked;   /* its units are being compared: its name on the disk says so, */
-    bool branded;   /* and that it is wrong */
-    uint64_t saved; /* checkpoints that were safe, or begun, when it was taken out */
+    spool_kind_t kind; /* what it is called on the disk */
+    bool checked;      /* it is being compared */
+    uint64_t saved;    /* checkpoints that were safe, or begun, when it was taken out */
 } evidence_t;
 
-enum { CHECK_RENDERINGS = 5, MAX_CHECKS = 1024 };
+enum { CHECK_RENDERINGS = 5, MAX_CHECKS = 1 << 16 };
 
 /* Whether a rendering is in the film of units whose first was doubted (plausible.c). */
 typedef enum {
@@ -102,8 +105,8 @@ typedef enum {
 /* Units that are rendered by several workers. */
 typedef struct {
     uint64_t number;   /* random, not 0 */
-    uint64_t evidence; /* serial of the batch that it is about; 0: that is not there yet */
-    uint64_t clock;    /* of that batch */
+    uint64_t evidence; /* serial of the batch that it is about; 0: that is not kept */
+    bool whole;        /* all of a batch, splats too; else tiles alone */
     unit_t *units;     /* sorted */
     size_t count;
     double samples; /* pixel samples */
@@ -126,11 +129,13 @@ struct job_checks {
     id_table_t by_id;     /* indices of sources */
     evidence_t *evidence; /* in no order */
     size_t evidence_count;
+    uint64_t bytes; /* of it on the disk */
     check_t *checks;
     size_t check_count;
     uint64_t last_serial;
     uint64_t saved;  /* checkpoints that are safe on the disk */
     uint64_t unmade; /* comparisons that nobody could make */
+    uint64_t unkept; /* batches that were not kept */
     bool given_up;   /* the job cannot be verified: its message says why */
     bool delayed;    /* wrong sums could not be taken out at the last attempt */
 };
@@ -140,24 +145,21 @@ void checks_free(job_checks_t **checks);
 bool checks_waiting(const job_t *job);
 /* The state of a job's comparisons, made if need be. */
 job_checks_t *checks_of(job_t *job);
-/* The index of a source, made if need be. */
-size_t checks_source(job_checks_t *checks, uint64_t id, uint64_t party, const char *name, const char *text);
-/* Wants another rendering of the units (copied) of a batch, whose own rendering has `digest`. */
-void checks_want(farm_t *farm, job_t *job, const evidence_t *evidence, const unit_t *units, size_t count,
-                 const hash_t *fingerprint, const hash_t *digest);
-/* The comparison that was begun with these units, by a source, and whose batch has just been merged; NULL
- * when there is none. */
-check_t *checks_begun(job_checks_t *checks, size_t source, const unit_t *units, size_t count);
-/* True while a batch of a source is to be compared. */
-bool checks_open(const job_checks_t *checks, size_t source);
+/* The index of the process that a worker is, made if need be. */
+size_t checks_source(job_checks_t *checks, const worker_t *worker);
+/* What is to be compared of a batch of a party: its units, or some of them, in fresh memory. */
+sample_t checks_sample(const farm_t *farm, const job_t *job, uint64_t party, const unit_t *units,
+                       size_t count);
+/* Finds the digest of what was chosen of a batch. Called without the lock. */
+result_t checks_digest(const zmq_msg_t payload[BATCH_PAYLOADS], const batch_t *batch, sample_t *sample);
+/* Wants another rendering of a sample (copied) of a batch: its evidence has this serial, 0: none. */
+void checks_want(farm_t *farm, job_t *job, sample_t *sample, uint64_t evidence, size_t source,
+                 const hash_t *fingerprint);
 /* A source was found to send wrong sums: comparisons of its own batches are needless, others need another
  * rendering. */
 void checks_forget(job_t *job, size_t source);
 /* Work that is to be compared, for a worker; false when there is none. */
 bool checks_take(farm_t *farm, double now, job_t *job, worker_t *worker, work_t *work);
-/* True when the next unit of a worker that cannot be checked afterwards, a relay, is to be chosen beforehand;
- * it would be given about so many. */
-bool checks_marks(const farm_t *farm, const job_t *job, const worker_t *worker, double units);
 /* True when a worker has units to compare. */
 bool checks_held(const farm_t *farm, const worker_t *worker);
 /* Deadlines of comparisons; those that nobody can make. */
@@ -173,16 +175,8 @@ uint64_t evidence_clock(const schedule_account_t *account);
 evidence_t *evidence_find(const job_checks_t *checks, uint64_t serial);
 /* What it is called on the disk. */
 spool_name_t evidence_name(const evidence_t *evidence);
-/* A source is vouched for up to a clock; its evidence goes, but for what is still being compared. */
-void evidence_vouch(farm_t *farm, job_t *job, size_t source, uint64_t clock);
-/* True when a source that is connected has delivered so many batches since it was vouched for that they must
- * not become more. */
-bool evidence_piles_up(const farm_t *farm, const job_t *job, size_t source);
-/* Evidence of sources that are gone goes. To be called now and then. */
-void evidence_tick(farm_t *farm, double now);
-/* All that a source has in the film of any job is wrong, and is taken out of those that can be rendered
- * again.
- */
-void evidence_condemn(farm_t *farm, double now, uint64_t source);
+/* All that a party or a process has in the film of any job is wrong, and is taken out of those that can be
+ * rendered again. */
+void evidence_condemn(farm_t *farm, double now, uint64_t who);
 
 #endif

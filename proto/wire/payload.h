@@ -31,6 +31,11 @@ result_t payload_decode(const zmq_msg_t payload[BATCH_PAYLOADS], batch_t *batch)
 result_t payload_decode_tiles(const zmq_msg_t payload[BATCH_PAYLOADS], batch_t *batch);
 /* The digest (batch_digest) of a batch that has its units and counts, and its sums in payloads. */
 result_t payload_digest(const zmq_msg_t payload[BATCH_PAYLOADS], const batch_t *batch, hash_t *digest);
+/* The same of the tiles of some of its units alone, without splats and light paths; `units` are of the
+ * batch's.
+ */
+result_t payload_digest_units(const zmq_msg_t payload[BATCH_PAYLOADS], const batch_t *batch,
+                              const unit_t *units, size_t count, hash_t *digest);
 
 /* Reading a frame piece by piece, for who adds the values up and need not have them all in memory. */
 

@@ -352,3 +352,119 @@ result_t payload_digest(const zmq_msg_t payload[BATCH_PAYLOADS], const batch_t *
     for (sum_kind_t k = 0; k < BATCH_SUMS; k++) sum_array_free(&decoded.sums[k]);
     return result;
 }
+
+/* ---- some units of a frame ----------------------------------------------------------------------------- */
+
+/* Where the tile of a chosen unit begins, in pixels. */
+typedef struct {
+    size_t from, pixels; /* in the payload */
+    size_t to;           /* among those chosen */
+} place_t;
+
+static size_t unit_pixels(const batch_t *batch, sum_kind_t kind, const unit_t *unit)
+{
+    return sum_unit_values(&batch->settings, kind, unit) / film_sums[kind].values;
+}
+
+/* Finds the places of the units of `part`, which are in the order of the batch. */
+static void find_places(const batch_t *batch, const batch_t *part, sum_kind_t kind, place_t *places)
+{
+    size_t from = 0, to = 0, next = 0;
+    for (size_t i = 0; i < batch->unit_count && next < part->unit_count; i++) {
+        size_t pixels = unit_pixels(batch, kind, &batch->units[i]);
+        if (memcmp(&batch->units[i], &part->units[next], sizeof(unit_t)) == 0) {
+            places[next++] = (place_t){from, pixels, to};
+            to += pixels;
+        }
+        from += pixels;
+    }
+}
+
+/* The first place that does not end before a pixel of the payload. */
+static size_t place_at(const place_t *places, size_t count, size_t pixel)
+{
+    size_t low = 0, high = count;
+    while (low < high) {
+        size_t middle = low + (high - low) / 2;
+        if (places[middle].from + places[middle].pixels > pixel)
+            high = middle;
+        else
+            low = middle + 1;
+    }
+    return low;
+}
+
+static void store_places(const payload_piece_t *piece, size_t stride, const place_t *places, size_t count,
+                         int64_t *values)
+{
+    const int64_t *value = piece->values;
+    size_t at = place_at(places, count, piece->first);
+    for (size_t i = 0; i < piece->pixels && at < count; i += 64)
+        for (uint64_t mask = payload_marked(piece, i); mask != 0; mask &= mask - 1, value += piece->lanes) {
+            size_t pixel = piece->first + i + (size_t)__builtin_ctzll(mask);
+            while (at < count && pixel >= places[at].from + places[at].pixels) at++;
+            if (at == count || pixel < places[at].from) continue;
+            memcpy(values + stride * (places[at].to + pixel - places[at].from) + piece->offset, value,
+                   piece->lanes * sizeof *value);
+        }
+}
+
+/* Passes over bands that none of the places lies in. */
+static void skip_bands(payload_reader_t *reader, const place_t *places, size_t count)
+{
+    while (!reader->raw && reader->next_pixel == reader->band.pixels &&
+           reader->next_band < reader->band_count) {
+        band_t next = band_at(reader->layout, reader->values, reader->next_band);
+        size_t at = place_at(places, count, next.pixel);
+        if (at < count && places[at].from < next.pixel + next.pixels) return;
+        (void)input_take(&reader->rest, get_u32(reader->table + 4 * reader->next_band++));
+    }
+}
+
+static result_t decode_places(payload_reader_t *reader, const zmq_msg_t *payload, sum_kind_t kind,
+                              const batch_t *batch, batch_t *part, place_t *places)
+{
+    sum_array_t *sums = &part->sums[kind];
+    TRY(payload_open(reader, payload, kind, batch_expected_values(batch, kind)));
+    if (reader->size == 0) return result_ok();
+    find_places(batch, part, kind, places);
+    sums->count = batch_expected_values(part, kind);
+    if (sums->count > 0) sums->values = calloc(sums->count, sizeof *sums->values);
+    if (sums->count > 0 && sums->values == NULL)
+        return result_fail(RESULT_LIMIT, "no memory for %zu %s values", sums->count, reader->layout->name);
+    skip_bands(reader, places, part->unit_count);
+    for (payload_piece_t piece; payload_read(reader, &piece);) {
+        store_places(&piece, reader->layout->values, places, part->unit_count, sums->values);
+        skip_bands(reader, places, part->unit_count);
+    }
+    return payload_end(reader);
+}
+
+/* Those of the batch's units that are among others (sorted), in the order of the batch. */
+static size_t pick_units(const batch_t *batch, const unit_t *sorted, size_t count, unit_t *picked)
+{
+    size_t found = 0;
+    for (size_t i = 0; i < batch->unit_count && found < count; i++)
+        if (bsearch(&batch->units[i], sorted, count, sizeof *sorted, unit_order) != NULL)
+            picked[found++] = batch->units[i];
+    return found;
+}
+
+result_t payload_digest_units(const zmq_msg_t payload[BATCH_PAYLOADS], const batch_t *batch,
+                              const unit_t *units, size_t count, hash_t *digest)
+{
+    unit_t *sorted = units_sorted(units, count);
+    batch_t part = {.settings = batch->settings, .units = mem_alloc((count + 1) * sizeof *units)};
+    place_t *places = mem_alloc((count + 1) * sizeof *places);
+    payload_reader_t *reader = payload_reader_new();
+    result_t result = reader != NULL ? result_ok() : result_fail(RESULT_LIMIT, "no memory for a decoder");
+    part.unit_count = pick_units(batch, sorted, count, part.units);
+    for (sum_kind_t k = 0; k < BATCH_SUMS && result.code == RESULT_OK; k++)
+        if (!film_sums[k].frame) result = decode_places(reader, &payload[k], k, batch, &part, places);
+    if (result.code == RESULT_OK) batch_digest(&part, digest);
+    payload_reader_free(&reader);
+    batch_free(&part);
+    free(places);
+    free(sorted);
+    return result;
+}

@@ -89,6 +89,8 @@ json_t *status_json_job(const Lm__JobStatus *job)
     put_count(object, "units_reissued", job->units_reissued);
     put_count(object, "checks_passed", job->checks_passed);
     put_count(object, "checks_failed", job->checks_failed);
+    put_count(object, "evidence", job->evidence);
+    put_count(object, "evidence_limit", job->evidence_limit);
     put_settings(object, job->settings);
     put_terms(object, job->terms);
     put_counts(object, job->counts);

@@ -309,6 +309,61 @@ static void refuses_frames_of_another_size(void **state)
     close_all(payload);
 }
 
+/* The digest of a batch's units alone, coded one way or the other. */
+static hash_t digest_of(const batch_t *batch, bool compress, const unit_t *units, size_t count)
+{
+    zmq_msg_t payload[BATCH_PAYLOADS];
+    hash_t digest;
+    assert_int_equal(payload_encode(batch, compress, payload).code, RESULT_OK);
+    assert_int_equal(payload_digest_units(payload, batch, units, count, &digest).code, RESULT_OK);
+    close_all(payload);
+    return digest;
+}
+
+/* Units have the same digest in whatever batch they come; another bit in one of them makes another one. */
+static void some_units_have_a_digest(void **state)
+{
+    (void)state;
+    job_settings_t settings = settings_of(200, 300);
+    for (int compress = 0; compress < 2; compress++) {
+        batch_t batch = batch_of(&settings, 100, 3), part;
+        unit_t chosen[] = {batch.units[5], batch.units[1]};
+        hash_t digest = digest_of(&batch, compress, chosen, 2), other;
+        batch_init(&part, &settings);
+        part.units = mem_alloc(2 * sizeof *part.units);
+        part.unit_count = part.unit_capacity = 2;
+        memcpy(part.units, chosen, sizeof chosen);
+        for (sum_kind_t k = 0; k < BATCH_SUMS; k++) {
+            if (film_sums[k].frame) continue;
+            sum_array_reserve(&part.sums[k], batch_expected_values(&part, k) + 1);
+            for (int c = 0; c < 2; c++) {
+                size_t from = 0, count = sum_unit_values(&settings, k, &chosen[c]);
+                for (size_t u = 0; memcmp(&batch.units[u], &chosen[c], sizeof(unit_t)) != 0; u++)
+                    from += sum_unit_values(&settings, k, &batch.units[u]);
+                memcpy(part.sums[k].values + part.sums[k].count, batch.sums[k].values + from,
+                       count * sizeof(int64_t));
+                part.sums[k].count += count;
+            }
+        }
+        other = digest_of(&part, !compress, chosen, 2);
+        assert_true(hash_equal(&digest, &other));
+        other = digest_of(&part, compress, chosen, 1);
+        assert_false(hash_equal(&digest, &other));
+        batch.sums[SUM_EYE].values[0] = 7; /* of no unit that was chosen */
+        other = digest_of(&batch, compress, chosen, 2);
+        assert_true(hash_equal(&digest, &other));
+        for (sum_kind_t k = 0; k < BATCH_SUMS; k++) {
+            if (film_sums[k].frame || part.sums[k].count == 0) continue;
+            part.sums[k].values[part.sums[k].count - 1] ^= 1;
+            other = digest_of(&part, compress, chosen, 2);
+            assert_false(hash_equal(&digest, &other));
+            part.sums[k].values[part.sums[k].count - 1] ^= 1;
+        }
+        batch_free(&part);
+        batch_free(&batch);
+    }
+}
+
 static void survives_mutations_of(int which)
 {
     job_settings_t settings = settings_of(90, 50);
@@ -356,6 +411,7 @@ int main(void)
         cmocka_unit_test(refuses_frames_of_another_size),
         cmocka_unit_test(refuses_features_of_units_without),
         cmocka_unit_test(flat_features_are_small),
+        cmocka_unit_test(some_units_have_a_digest),
         cmocka_unit_test(survives_mutations),
     };
     return cmocka_run_group_tests_name("payload", tests, NULL, NULL);
