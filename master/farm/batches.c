@@ -76,21 +76,22 @@ result_t farm_content_check(farm_t *farm, uint64_t id, const hash_t *content)
 
 static result_t film_waits(const job_t *job)
 {
-    return result_fail(RESULT_LIMIT, "the film of job %llu is being loaded, or waits for memory",
+    return result_fail(RESULT_LIMIT, "the film of job %llu is being loaded",
                        (unsigned long long)job->kept.job);
 }
 
 /* A job that has not begun in this process. If a batch of it was issued, it had begun before, and what is
  * rendered of it is as good as ever: the job begins again. The batch shows that, not the offer. */
-static bool may_begin(const job_t *job)
+static bool may_begin(const farm_t *farm, const job_t *job)
 {
-    return job->film == FILM_STORED || (job->film == FILM_NONE && job->kept.state == JOB_QUEUED);
+    bool waits = job->film == FILM_NONE && job->kept.state == JOB_QUEUED;
+    return job->film == FILM_STORED || (waits && farm_job_has_room(farm, job));
 }
 
 /* May a batch of the job be sent? */
 static result_t check_offer(const farm_t *farm, const job_t *job, const worker_t *sender)
 {
-    if (may_begin(job)) return farm_job_has_room(farm, job) ? result_ok() : film_waits(job);
+    if (may_begin(farm, job)) return result_ok();
     if (job_awaits_film(job)) return film_waits(job);
     if (job->film != FILM_OPEN) return job_over(job);
     return farm_bits_fit(job, &sender->fingerprint) ? result_ok() : other_bits(job);
@@ -169,9 +170,9 @@ static result_t check_head(farm_t *farm, double now, worker_t *worker, job_t *jo
         refuse_unissued(farm, now, job, worker, head);
         return *issued;
     }
-    if (may_begin(job)) farm_job_start(farm, now, job);
+    if (may_begin(farm, job)) farm_job_start(farm, now, job);
     if (job->film == FILM_OPEN) return result_ok();
-    if (may_begin(job) || job_awaits_film(job)) return film_waits(job);
+    if (job_awaits_film(job)) return film_waits(job);
     job->kept.batches_refused++;
     worker->batches_refused++;
     return job_over(job);

@@ -169,8 +169,8 @@ void farm_checkpointed(farm_t *farm, double taken, job_t *job, result_t written)
 /* ---- batches ------------------------------------------------------------------------------------------- */
 
 /* May this worker send a batch of this job? RESULT_LIMIT: not yet, its film is being loaded (grant_wake tells
- * when), or there is no memory for one; any other failure says why it is not wanted. One of a job that waits
- * in the queue may come: it shows whether the job had begun before. */
+ * when); any other failure says why it is not wanted. One of a job that waits in the queue may come, if there is
+ * memory for its film: it shows whether the job had begun before. */
 result_t farm_batch_wanted(farm_t *farm, double now, uint64_t worker, uint64_t job);
 /* It was told so. */
 void farm_batch_granted(farm_t *farm, double now, uint64_t worker);
@@ -202,7 +202,7 @@ typedef struct {
 
 /* Pins the job that a batch is for; the reason for a failure is for the sender. RESULT_DENIED when not all of
  * its units were issued to the sender, which is held against it; RESULT_LIMIT: not yet, the film of the job
- * is being loaded or has no memory. A job that waits in the queue begins. After success exactly one of the
+ * is being loaded. A job that waits in the queue begins. After success exactly one of the
  * next two is called. */
 result_t farm_batch_begin(farm_t *farm, double now, const batch_head_t *head, farm_batch_t *open);
 /* Tells how bright the scene of its job is, which was peeked at; it bounds the sums of batches. */

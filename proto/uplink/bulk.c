@@ -459,8 +459,9 @@ typedef struct {
     uint64_t put_in;       /* the conversation of the latter, 0: none */
     bool arrived;          /* the master has read what was put there */
     bool granted;
-    bool decided, counted; /* the verdict */
-    double start;          /* clock at the first offer */
+    bool decided, counted;  /* the verdict */
+    double start;           /* clock at the first offer */
+    char key[KEY_TEXT + 1]; /* our own, at the first offer: its units were issued to that */
     uint64_t mark; /* the probe behind what was put, which is answered when that has arrived; 0: none */
     double marked; /* clock, when it was sent */
 } delivery_t;
@@ -648,9 +649,20 @@ static void end_delivery(bulk_t *bulk, delivery_t *delivery)
     free(delivery->closed.issues);
 }
 
+/* With another key we are somebody else to the master, who takes nothing of what the first one was given. */
+static void drop_if_key_changed(const bulk_t *bulk, delivery_t *delivery)
+{
+    if (strcmp(delivery->key, bulk->options.keys.own.open) == 0) return;
+    log_warning(
+        "a batch of job %llu is dropped: it was rendered under another key, and is rendered once more",
+        (unsigned long long)delivery->offer.job);
+    delivery->decided = true;
+}
+
 static void deliver(bulk_t *bulk, const offer_t *offer)
 {
     delivery_t delivery = {.offer = *offer, .start = clock_now()};
+    memcpy(delivery.key, bulk->options.keys.own.open, sizeof delivery.key);
     while (!delivery.decided && !atomic_load(&bulk->quit)) {
         result_t result = attempt(bulk, &delivery);
         if (result.code == RESULT_CANCELLED) break;
@@ -658,6 +670,7 @@ static void deliver(bulk_t *bulk, const offer_t *offer)
         log_debug("a batch waits: %s", result.message);
         refresh_link(bulk);
         pause_briefly(bulk);
+        drop_if_key_changed(bulk, &delivery);
         if (delivery.closed.batch == NULL)
             break; /* it may have grown, or not be wanted: the handler is asked */
     }

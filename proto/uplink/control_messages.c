@@ -5,6 +5,7 @@
 #include "common/address.h"
 
 #include <stdlib.h>
+#include <string.h>
 
 enum { CLAIMS_A_REQUEST = 384 };           /* of 41 bytes at most: a control message may have 16 KiB */
 static const double REQUEST_TIMEOUT = 2.0; /* seconds before an unanswered request for work is repeated */
@@ -124,6 +125,15 @@ static void note_claims(control_t *control)
                                                       control->claim_issues, WIRE_MAX_UNITS);
 }
 
+/* With another key we are somebody else to the master, who takes nothing of what the first one was given. */
+static void drop_if_key_changed(control_t *control)
+{
+    if (strcmp(control->key, control->setup.keys.own.open) == 0) return;
+    uplink_state_t state;
+    while ((state = control_handler_state(control)).job != 0)
+        control_calls(control)->job_over(control->setup.handler.self, state.job, false);
+}
+
 static void on_welcome(control_t *control, const Lm__Welcome *welcome)
 {
     if (control->phase != PHASE_DIALLING) return;
@@ -152,10 +162,12 @@ static void on_welcome(control_t *control, const Lm__Welcome *welcome)
     log_info("joined the master at %s (%.100s), %u threads", control->setup.control_endpoint,
              welcome->software, control_handler_state(control).threads);
     if (control->was_up) {
+        drop_if_key_changed(control);
         control_calls(control)->forget(control->setup.handler.self);
         note_claims(control);
     }
     control->was_up = true;
+    memcpy(control->key, control->setup.keys.own.open, sizeof control->key);
     bulk_link_up(control->setup.bulk, endpoint, control->worker, control->batch_interval);
     free(endpoint);
 }

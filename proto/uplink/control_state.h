@@ -19,9 +19,10 @@ typedef struct {
     phase_t phase;
     double deadline; /* DIALLING, RESTING: when to dial again */
     double backoff;
-    uint64_t request; /* the last number used */
-    bool was_up;      /* there was a welcome before */
-    hash_t said;      /* the fingerprint in the last Hello */
+    uint64_t request;       /* the last number used */
+    bool was_up;            /* there was a welcome before, */
+    char key[KEY_TEXT + 1]; /* to this key of ours */
+    hash_t said;            /* the fingerprint in the last Hello */
     double last_complaint;
 
     /* While up. */

@@ -31,14 +31,19 @@ typedef struct {
     int bulk_wake;
 } test_t;
 
-static uint64_t hello(test_t *t, const char *name)
+static uint64_t hello_from(test_t *t, const char *name, const char *address)
 {
     identity_t identity = {{1}, 1};
-    worker_hello_t said = {.name = name, .key = "", .threads = 1};
+    worker_hello_t said = {.name = name, .key = "", .address = address, .threads = 1};
     uint64_t worker = 0;
     assert_int_equal(t->serve.calls->hello(t->pool, 0, &identity, &said, &worker).code, RESULT_OK);
     assert_int_equal(t->serve.calls->reached(t->pool, 0, worker).code, RESULT_OK);
     return worker;
+}
+
+static uint64_t hello(test_t *t, const char *name)
+{
+    return hello_from(t, name, NULL);
 }
 
 static int set_up(void **state)
@@ -80,6 +85,12 @@ static int tear_down(void **state)
 
 /* ---- the master ---------------------------------------------------------------------------------------- */
 
+/* What the master sends with a unit here. */
+static uint64_t master_mac(const unit_t *unit)
+{
+    return ((uint64_t)unit->tile << 40 ^ (uint64_t)unit->first << 20 ^ unit->count) + 1;
+}
+
 static void assign_job(test_t *t, uint64_t job, const hash_t *blob, uint64_t blob_size, const unit_t *units,
                        size_t count)
 {
@@ -88,9 +99,12 @@ static void assign_job(test_t *t, uint64_t job, const hash_t *blob, uint64_t blo
                                .blob = *blob,
                                .blob_size = blob_size,
                                .content = job_content_hash(&t->settings, blob),
-                               .units = mem_alloc(count * sizeof *units),
                                .unit_count = count};
-    memcpy(assignment.units, units, count * sizeof *units);
+    /* In one piece of memory, which begins with the units. */
+    uint64_t *memory = mem_alloc((3 * count + 1) * sizeof *memory);
+    assignment.units = memcpy(memory, units, count * sizeof *units);
+    assignment.macs = memory + 2 * count;
+    for (size_t i = 0; i < count; i++) assignment.macs[i] = master_mac(&units[i]);
     t->handler.calls->assign(t->handler.self, &assignment);
 }
 
@@ -137,7 +151,8 @@ static void issue(const test_t *t, const unit_t *units, size_t count, issue_t *i
     unit_mac_issue(&mac, units, count, issues);
 }
 
-static result_t deliver(test_t *t, uint64_t worker, const batch_t *batch)
+static result_t deliver_as(test_t *t, uint64_t worker, uint64_t check, const batch_t *batch,
+                           const issue_t *issues)
 {
     zmq_msg_t payload[BATCH_PAYLOADS];
     batch_t bare = {
@@ -145,13 +160,20 @@ static result_t deliver(test_t *t, uint64_t worker, const batch_t *batch)
     assert_int_equal(payload_encode(batch, true, payload).code, RESULT_OK);
     bare.units = mem_alloc(batch->unit_count * sizeof *bare.units);
     memcpy(bare.units, batch->units, batch->unit_count * sizeof *bare.units);
-    issue_t *issues = mem_alloc(batch->unit_count * sizeof *issues);
-    issue(t, batch->units, batch->unit_count, issues);
     incoming_batch_t incoming = {
-        .worker = worker, .job = JOB, .batch = &bare, .issues = issues, .payload = payload};
+        .worker = worker, .job = JOB, .check = check, .batch = &bare, .issues = issues, .payload = payload};
     result_t result = t->serve.calls->add(t->pool, 0, &incoming);
     for (int i = 0; i < BATCH_PAYLOADS; i++) zmq_msg_close(&payload[i]);
     batch_free(&bare);
+    return result;
+}
+
+/* As if all had been issued to the worker. */
+static result_t deliver(test_t *t, uint64_t worker, const batch_t *batch)
+{
+    issue_t *issues = mem_alloc(batch->unit_count * sizeof *issues);
+    issue(t, batch->units, batch->unit_count, issues);
+    result_t result = deliver_as(t, worker, 0, batch, issues);
     free(issues);
     return result;
 }
@@ -272,6 +294,68 @@ static void units_that_are_not_of_the_job_are_refused(void **state)
     batch.units[0] = unit;
     assert_int_equal(deliver(t, t->ada, &batch).code, RESULT_OK);
     batch_free(&batch);
+}
+
+/* As the master does, the relay takes from a worker what it gave to its party. */
+static void what_was_not_issued_is_refused(void **state)
+{
+    test_t *t = *state;
+    const unit_t units[] = {{0, 0, 4}, {1, 0, 4}};
+    uint64_t eve = hello_from(t, "eve", "192.0.2.1");
+    begin(t, units, 2);
+    assert_int_equal(take(t, 0, t->ada, 1), 1);
+    issue_t issues[2] = {t->issues[0], t->issues[0]};
+    assert_int_equal(t->units[0].tile, 0);
+    batch_t both = peer_render(&t->settings, units, 2), one = peer_render(&t->settings, units, 1);
+    assert_int_equal(deliver_as(t, t->ada, 0, &both, issues).code, RESULT_DENIED);
+    assert_int_equal(deliver_as(t, eve, 0, &one, issues).code, RESULT_DENIED);
+    assert_int_equal(deliver_as(t, t->ada, 7, &one, issues).code, RESULT_DENIED);
+    issues[0].mac ^= 1;
+    assert_int_equal(deliver_as(t, t->ada, 0, &one, issues).code, RESULT_DENIED);
+    hash_t content = job_content_hash(&t->settings, &t->blob);
+    claim_t claim = {eve, JOB, &content, &units[1], &issues[1], 1};
+    t->serve.calls->claim(t->pool, 0, &claim);
+    assert_int_equal(take(t, 0, t->bob, MUCH),
+                     2); /* what ada held went back with the batch; eve got nothing */
+    issues[0].mac ^= 1;
+    assert_int_equal(deliver_as(t, t->ada, 0, &one, issues).code, RESULT_OK);
+    batch_free(&both);
+    batch_free(&one);
+}
+
+/* The sum bears the master's MACs of the units that its own lie in. */
+static void a_sum_shows_how_its_units_were_issued(void **state)
+{
+    test_t *t = *state;
+    const unit_t units[] = {{0, 0, 8}, {1, 4, 4}}, pieces[] = {{1, 4, 4}, {0, 6, 2}, {0, 1, 3}, {0, 0, 1}};
+    const uint32_t before[] = {0, 6, 1, 0}, after[] = {0, 0, 4, 7};
+    issue_t issues[4];
+    begin(t, units, 2);
+    assert_int_equal(take(t, 0, t->ada, MUCH), 2);
+    for (int i = 0; i < 4; i++)
+        issues[i] = (issue_t){t->issues[pieces[i].tile == t->units[0].tile ? 0 : 1].mac, before[i], after[i]};
+    batch_t batch = peer_render(&t->settings, pieces, 4);
+    assert_int_equal(deliver_as(t, t->ada, 0, &batch, issues).code, RESULT_OK);
+    batch_free(&batch);
+    duty_t duty = duty_of(t);
+    assert_int_equal(duty.kind, DUTY_OFFER);
+    closed_batch_t closed = t->handler.calls->close(t->handler.self, &duty.offer);
+    assert_int_equal(closed.batch->unit_count, 4);
+    for (int i = 0; i < 4; i++) {
+        assert_true(closed.issues[i].mac == master_mac(&units[pieces[i].tile]));
+        assert_int_equal(closed.issues[i].before, before[i]);
+        assert_int_equal(closed.issues[i].after, after[i]);
+    }
+    /* The rest of a unit is known after that, too. */
+    t->handler.calls->sent(t->handler.self, &closed, true);
+    free(closed.issues);
+    const unit_t rest = {0, 4, 2};
+    assert_int_equal(render(t, t->ada, &rest, 1).code, RESULT_OK);
+    duty = duty_of(t);
+    closed = t->handler.calls->close(t->handler.self, &duty.offer);
+    assert_true(closed.issues[0].mac == master_mac(&units[0]) && closed.issues[0].before == 4);
+    t->handler.calls->sent(t->handler.self, &closed, true);
+    free(closed.issues);
 }
 
 /* Its workers were told to drop what they have not rendered: whoever asks gets it. */
@@ -481,6 +565,8 @@ int main(void)
         POOL(who_asks_for_nothing_gets_nothing),
         POOL(a_stranger_delivers_nothing),
         POOL(units_that_are_not_of_the_job_are_refused),
+        POOL(what_was_not_issued_is_refused),
+        POOL(a_sum_shows_how_its_units_were_issued),
         POOL(a_job_that_goes_on_at_once_goes_on_whole),
         POOL(sums_and_scenes_take_turns),
         POOL(a_sum_does_not_wait_for_a_scene),
