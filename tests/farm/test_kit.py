@@ -75,6 +75,33 @@ class Kit(Case):
             request, body, _ = worker.control.next(10)
             self.assertEqual((request, body.code), (0, wire.PROTOCOL))
 
+    def test_settings_out_of_their_range_are_refused(self):
+        farm = self.farm()
+        for wrong in (dict(integrator=4), dict(integrator=0), dict(sampler=0), dict(sampler=3), dict(width=0), dict(height=32769),
+                      dict(width=32768, height=4097), dict(max_depth=101), dict(spp=0), dict(spp=2**30 + 1), dict(tile_size=7),
+                      dict(tile_size=257), dict(film_scale=41), dict(time_limit=-1), dict(error=1), dict(strategy_s=1, strategy_t=1),
+                      dict(unweighted=True), dict(cryptomatte=True, integrator=payload.LIGHT)):
+            with self.assertRaises(wire.Refused) as caught:
+                farm.submit(client.settings(**wrong))
+            self.assertEqual(caught.exception.code, wire.USAGE, wrong)
+        for terms in (dict(priority=1001), dict(verify=1.5)):
+            with self.assertRaises(wire.Refused) as caught:
+                farm.submit(client.settings(), **terms)
+            self.assertEqual(caught.exception.code, wire.USAGE, terms)
+
+    def test_a_frame_over_the_limit_ends_a_connection_and_a_header_over_its_own_is_refused(self):
+        farm = self.farm()
+        peer = Peer(f"tcp://127.0.0.1:{farm.port}", farm.keys["client"], farm.master_key)
+        self.addCleanup(peer.close)
+        peer.ask(lm.JobStatusRequest())
+        peer.socket.send(bytes(17000))
+        with self.assertRaises(TimeoutError):
+            peer.ask(lm.JobStatusRequest(), timeout=0.1)  # it was lost with the connection
+        peer.ask(lm.JobStatusRequest())
+        farm.client.bulk.socket.send(wire.MAGIC + bytes([wire.VERSION]) + bytes(1 << 20))
+        request, body, _ = farm.client.bulk.next(10)
+        self.assertEqual((request, body.code), (0, wire.PROTOCOL))
+
     def test_a_key_that_is_not_listed_gets_no_answer(self):
         farm = self.farm()
         stranger = keys.make(farm.folder, "stranger")
