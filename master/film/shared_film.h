@@ -48,6 +48,7 @@ result_t shared_film_merge_payload(shared_film_t *shared_film, const zmq_msg_t p
  * on average. What has no bound here has `once` 0. */
 typedef struct {
     uint64_t once[BATCH_SUMS], each[BATCH_SUMS]; /* in the units of the sum, each at most 2^62 */
+    bool measured;                               /* the following is wanted */
     uint64_t top[BATCH_SUMS]; /* result: no magnitude was larger, and one is more than half of it */
 } sum_limits_t;
 /* Adds a batch as shared_film_merge_payload does with sign 1, unless it has a value beyond the limits or

@@ -11,8 +11,8 @@
  * looked at; and if all is well the batch is added for good, without the sums that overflow.
  *
  * With limits, a walk that meets a value beyond them is stopped and taken back in the same way. Limits are
- * powers of two, so that it is enough to look at the bits of all magnitudes of a piece together: no
- * comparison a value. */
+ * powers of two: most pieces are known to be within them by the bytes that their values take, and of others
+ * it is enough to look at the bits of all magnitudes together. */
 #include "master/film/shared_film_pages.h"
 
 #include <stdlib.h>
@@ -55,17 +55,19 @@ static uint64_t magnitude_bits(const int64_t *values, size_t count)
     return bits;
 }
 
-/* True when values of the payload at hand, of as many samples, are within the limits. They were looked at
- * before when the batch is added in another mode than the first. */
-static bool within_limits(walk_t *walk, uint64_t samples, const int64_t *values, size_t count)
+/* True when values of the payload at hand, from -2^bits to before 2^bits and of so many samples, are within
+ * the limits. They were looked at before when the batch is added in another mode than the first. */
+static bool within_limits(walk_t *walk, uint64_t samples, int bits, const int64_t *values, size_t count)
 {
     sum_limits_t *limits = walk->limits;
     if (limits == NULL || walk->adder.mode != ADD_STRICT || limits->once[walk->kind] == 0) return true;
-    uint64_t more, bits = magnitude_bits(values, count), most = UINT64_C(1) << 62;
-    limits->top[walk->kind] |= bits;
-    if (__builtin_mul_overflow(limits->each[walk->kind], samples, &more) || more > most) more = most;
-    more += limits->once[walk->kind];
-    return bits >> (64 - __builtin_clzll(more)) == 0;
+    uint64_t most, largest = UINT64_C(1) << 62;
+    if (__builtin_mul_overflow(limits->each[walk->kind], samples, &most) || most > largest) most = largest;
+    int allowed = 64 - __builtin_clzll(most + limits->once[walk->kind]);
+    if (bits <= allowed && !limits->measured) return true;
+    uint64_t set = magnitude_bits(values, count);
+    limits->top[walk->kind] |= set;
+    return set >> allowed == 0;
 }
 
 /* ---- samples ------------------------------------------------------------------------------------------- */
@@ -164,7 +166,8 @@ static result_t walk_tile_piece(walk_t *walk, const payload_piece_t *piece)
         size_t count = piece->lanes * run.count;
         if (!sum_possible(walk->kind, &walk->batch->units[walk->unit], values, count))
             return result_fail(RESULT_PROTOCOL, "%s sums that no sample can have", layout->name);
-        if (!within_limits(walk, walk->batch->units[walk->unit].count, values, count)) return stopped();
+        if (!within_limits(walk, walk->batch->units[walk->unit].count, piece->bits, values, count))
+            return stopped();
         if (!adder_add_strided(&walk->adder, walk->kind, layout->values * run.pixel + piece->offset,
                                layout->values, piece->lanes, weigh(walk, values, count), run.count))
             return stopped();
@@ -189,13 +192,19 @@ static void index_units(walk_t *walk)
 
 /* ---- frames -------------------------------------------------------------------------------------------- */
 
-static result_t walk_frame_piece(walk_t *walk, const payload_piece_t *piece)
+static size_t marked_pixels(const payload_piece_t *piece)
 {
-    const int64_t *values = piece->values;
     size_t marked = 0;
     for (size_t i = 0; i < piece->pixels; i += 64)
         marked += (size_t)__builtin_popcountll(payload_marked(piece, i));
-    if (!within_limits(walk, walk->mean_samples, values, 3 * marked)) return stopped();
+    return marked;
+}
+
+static result_t walk_frame_piece(walk_t *walk, const payload_piece_t *piece)
+{
+    const int64_t *values = piece->values;
+    if (!within_limits(walk, walk->mean_samples, piece->bits, values, 3 * marked_pixels(piece)))
+        return stopped();
     for (size_t i = 0; i < piece->pixels; i += 64) {
         uint64_t mask = payload_marked(piece, i);
         if (!adder_add_marked(&walk->adder, walk->kind, 3 * (piece->first + i), mask, values, piece->large))

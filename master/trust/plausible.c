@@ -62,7 +62,7 @@ sum_limits_t plausible_limits(const job_t *job)
 
 sum_limits_t plausible_anything(void)
 {
-    sum_limits_t limits = {.once = {0}};
+    sum_limits_t limits = {.measured = true};
     for (sum_kind_t k = 0; k < BATCH_SUMS; k++)
         if (is_radiance(k)) limits.once[k] = UINT64_C(1) << 62;
     return limits;

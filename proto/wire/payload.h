@@ -48,7 +48,8 @@ typedef struct {
     const uint64_t *mask;  /* a bit a pixel, from the lowest on; those not marked are zero. What is marked
                               beyond the last pixel means nothing */
     const int64_t *values; /* `lanes` for each pixel that is marked */
-    bool large;            /* some may be beyond +-2^55 */
+    int bits;              /* they are from -2^bits to before 2^bits */
+    bool large;            /* that is more than 2^55 */
 } payload_piece_t;
 
 /* NULL when memory lacks. */

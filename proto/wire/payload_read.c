@@ -10,7 +10,7 @@
 #include <string.h>
 #include <zstd.h>
 
-enum { PIECE_WORDS = PAYLOAD_PIECE / 64, SMALL_PLANES = 7 };
+enum { PIECE_WORDS = PAYLOAD_PIECE / 64, SMALL_PLANES = 7, VALUE_BITS = 63 };
 
 /* What is left of a frame or a band. */
 typedef struct {
@@ -226,6 +226,7 @@ static void unfold(payload_reader_t *reader, const uint64_t *mask, payload_piece
     }
     piece->values = reader->unfolded;
     piece->mask = reader->all_marked;
+    piece->bits = VALUE_BITS;
     piece->large = true;
 }
 
@@ -242,6 +243,7 @@ static void make_piece(payload_reader_t *reader, payload_piece_t *piece)
                                .lanes = band->lanes,
                                .mask = mask,
                                .values = reader->piece,
+                               .bits = reader->plane_count > 0 ? 8 * reader->plane_count - 1 : 0,
                                .large = reader->plane_count > SMALL_PLANES};
     join(reader, reader->piece, band->lanes * marked);
     if (band->differences) unfold(reader, mask, piece);
@@ -262,6 +264,7 @@ static void make_raw_piece(payload_reader_t *reader, payload_piece_t *piece)
                                .lanes = band->lanes,
                                .mask = reader->all_marked,
                                .values = reader->piece,
+                               .bits = VALUE_BITS,
                                .large = true};
     reader->next_pixel += pixels;
 }

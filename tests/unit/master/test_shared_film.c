@@ -309,7 +309,7 @@ static void damaged_batches_leave_no_trace(void **state)
 /* Limits that the batch is just within, at one value; its bound is the next power of two. */
 static sum_limits_t limits_of(int bits)
 {
-    sum_limits_t limits = {.once = {0}};
+    sum_limits_t limits = {.measured = true};
     for (sum_kind_t k = 0; k < BATCH_SUMS; k++)
         if (k != SUM_FEATURES && k != SUM_MATTES) limits.once[k] = (UINT64_C(1) << bits) - 1;
     return limits;
@@ -345,12 +345,13 @@ static void values_beyond_limits_leave_no_trace(void **state)
         for (int beyond = 0; beyond < 2; beyond++) {
             zmq_msg_t payload[BATCH_PAYLOADS];
             sum_limits_t limits = limits_of(BITS);
+            limits.measured = i / 8 % 2 > 0;
             sums->values[at] = i % 8 < 4 ? most + beyond : -most - 1 - beyond;
             assert_int_equal(payload_encode(&batch, i % 3 > 0, payload).code, RESULT_OK);
             assert_int_equal(merge_within(shared_film, payload, &batch, &limits).code,
                              beyond ? RESULT_CANCELLED : RESULT_OK);
             if (!beyond) {
-                assert_int_equal(limits.top[kind] >> (BITS - 1), 1);
+                if (limits.measured) assert_int_equal(limits.top[kind] >> (BITS - 1), 1);
                 assert_int_equal(merge_payload(shared_film, payload, &batch, -1).code, RESULT_OK);
             }
             assert_shared_film_is(shared_film, film);
