@@ -154,10 +154,6 @@ static batch_t make_batch(const job_settings_t *settings, const unit_t *units, s
     batch.units = mem_alloc(count * sizeof *units);
     memcpy(batch.units, units, count * sizeof *units);
     batch.unit_count = batch.unit_capacity = count;
-    for (size_t i = 0; i < count && job_has_splats(settings); i++)
-        for (int half = 0; half < 2; half++)
-            batch.counts.light_paths[half] +=
-                (uint64_t)unit_half_count(&units[i], half) * job_tile_pixels(settings, units[i].tile);
     for (size_t i = 0; i < count; i++)
         batch.sums[SUM_EYE].count += sum_unit_values(settings, SUM_EYE, &units[i]);
     batch.sums[SUM_EYE].values = mem_zalloc(batch.sums[SUM_EYE].count, sizeof *batch.sums[SUM_EYE].values);
