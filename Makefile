@@ -102,7 +102,7 @@ $(BUILD)/tests/%: $(BUILD)/tests/%.o $(call archive,tests) $(LIBRARIES)
 	$(Q)$(CC) $(ALL_CFLAGS) -o $@ $(filter %.o,$^) $(filter %.a,$^) $(ALL_LIBS) $(EXTRA_LIBS) -lcmocka
 
 $(BUILD)/tests/unit/tests/test_corpus: $(call objects,$(wildcard tests/fuzz/*.c))
-$(BUILD)/tests/unit/tests/test_proxy: $(call objects,tests/chaos/proxy.c tests/chaos/stream.c tests/chaos/zmtp.c)
+$(BUILD)/tests/unit/tests/test_proxy $(BUILD)/tests/farm/test_links: $(call objects,tests/chaos/proxy.c tests/chaos/stream.c tests/chaos/zmtp.c)
 CHAOS := $(BUILD)/tests/chaos/chaos $(BUILD)/tests/chaos/world.so $(PROGRAMS)
 $(BUILD)/tests/farm/test_chaos: $(call objects,tests/chaos/process.c tests/chaos/world.c) | $(CHAOS)
 $(BUILD)/tests/chaos/chaos: $(call objects,$(filter-out %/world_preload.c,$(wildcard tests/chaos/*.c tests/chaos/*/*.c)))

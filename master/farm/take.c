@@ -27,7 +27,8 @@
 
 enum {
     OFFER_SECONDS = 30, /* for which a worker that has offered a batch is left alone: we make it wait, */
-    GRANT_SECONDS = 60, /* until so long after it was first let send it, however often it offers it again */
+    GRANT_SECONDS = 60, /* until so long after it was first let send it, however often it offers it again, */
+    HURRY_GRANT = 2,    /* or only so long when somebody is idle who would be sooner: its link is thin */
     MAX_KINDS = 32      /* kinds of bits that are told apart */
 };
 static const double SPEED_SECONDS = 60; /* over which the speed is measured, roughly */
@@ -199,11 +200,11 @@ static bool is_sooner(const farm_t *farm, double now, double speed, const worker
     return expected(farm, now, holder) > HURRY * holder->held / speed + HURRY_SECONDS;
 }
 
-/* True when a worker has a batch that it is not let send yet, or not had the time to. */
-static bool made_to_wait(double now, const worker_t *worker)
+/* True when a worker has a batch that it is not let send yet, or for less than `seconds`. */
+static bool made_to_wait(double now, const worker_t *worker, double seconds)
 {
     bool offers = worker->offered > 0 && now - worker->offered < OFFER_SECONDS;
-    return offers && (worker->granted <= 0 || now - worker->granted < GRANT_SECONDS);
+    return offers && (worker->granted <= 0 || now - worker->granted < seconds);
 }
 
 /* Takes back from the slow ones what they hold of one job, and all else; returns how many units. */
@@ -213,9 +214,10 @@ static size_t recall_from(farm_t *farm, double now, const worker_t *idle, const 
     size_t units = 0;
     for (size_t i = 0; i < farm->worker_count; i++) {
         worker_t *worker = &farm->workers[i];
-        if (worker == idle || !worker->connected || made_to_wait(now, worker)) continue;
+        if (worker == idle || !worker->connected) continue;
         if (schedule_held(job->schedule, worker->id) == 0) continue;
         bool late = now > worker->deadline;
+        if (made_to_wait(now, worker, late ? GRANT_SECONDS : HURRY_GRANT)) continue;
         if (!late && !is_sooner(farm, now, speed, worker)) continue;
         double silent = now - worker->delivered;
         size_t recalled = farm_worker_take_back(farm, now, worker);

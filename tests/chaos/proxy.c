@@ -36,6 +36,7 @@ typedef struct {
     int socket;
     struct sockaddr_in target;
     proxy_link_t *link;
+    bool bulk; /* of the second port */
 } listener_t;
 
 struct proxy {
@@ -77,7 +78,8 @@ static void accept_one(proxy_t *proxy, const listener_t *listener)
     for (size_t i = 0; i < MAX_CONNECTIONS && place == NULL; i++)
         if (proxy->connections[i].socket[0] < 0) place = &proxy->connections[i];
     int master = socket(AF_INET, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
-    bool willing = place != NULL && master >= 0 && !atomic_load(&listener->link->refusing);
+    bool closed = listener->bulk && atomic_load(&listener->link->bulk_closed);
+    bool willing = place != NULL && master >= 0 && !closed && !atomic_load(&listener->link->refusing);
     if (willing && connect(master, (const struct sockaddr *)&listener->target, sizeof listener->target) != 0)
         willing = errno == EINPROGRESS;
     if (!willing) {
@@ -192,14 +194,15 @@ static void serve(proxy_t *proxy)
         if (polled[i].revents) accept_one(proxy, &proxy->listeners[i]);
 }
 
-static result_t listen_on(proxy_t *proxy, size_t link, const char *host, const char *target, int port)
+static result_t listen_on(proxy_t *proxy, size_t link, const char *host, const char *target, int port,
+                          bool bulk)
 {
     struct sockaddr_in address = {.sin_family = AF_INET, .sin_port = htons((uint16_t)port)}, on = address;
     int file = socket(AF_INET, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0), yes = 1;
     if (inet_pton(AF_INET, host, &address.sin_addr) != 1 || inet_pton(AF_INET, target, &on.sin_addr) != 1)
         return result_fail(RESULT_USAGE, "%s or %s is no address", host, target);
     setsockopt(file, SOL_SOCKET, SO_REUSEADDR, &yes, sizeof yes);
-    proxy->listeners[proxy->listener_count++] = (listener_t){file, on, &proxy->links[link]};
+    proxy->listeners[proxy->listener_count++] = (listener_t){file, on, &proxy->links[link], bulk};
     if (bind(file, (struct sockaddr *)&address, sizeof address) == 0 && listen(file, 64) == 0)
         return result_ok();
     return result_fail(RESULT_IO, "the proxy cannot listen on %s:%d: %s", host, port, strerror(errno));
@@ -211,7 +214,7 @@ static result_t open_links(proxy_t *proxy, const char *const *hosts, const char 
     proxy->links = mmap(NULL, bytes, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
     if (proxy->links == MAP_FAILED) return result_fail(RESULT_LIMIT, "no memory for the proxy");
     for (size_t i = 0; i < proxy->count; i++)
-        for (int p = 0; p < PROXY_PORTS; p++) TRY(listen_on(proxy, i, hosts[i], target, port + p));
+        for (int p = 0; p < PROXY_PORTS; p++) TRY(listen_on(proxy, i, hosts[i], target, port + p, p > 0));
     return result_ok();
 }
 
@@ -264,6 +267,7 @@ void proxy_heal(proxy_link_t *link)
     atomic_store(&link->bytes_per_second, 0);
     atomic_store(&link->stalled, false);
     atomic_store(&link->refusing, false);
+    atomic_store(&link->bulk_closed, false);
     for (int i = 0; i < PROXY_MISCHIEFS; i++) atomic_store(&link->todo[i], 0);
 }
 

@@ -34,6 +34,7 @@ typedef struct {
     atomic_uint bytes_per_second;    /* each way of a connection; 0: no limit */
     atomic_bool stalled;             /* connections stay, and nothing passes */
     atomic_bool refusing;            /* new connections are closed at once */
+    atomic_bool bulk_closed;         /* those to the second port */
     atomic_uint cuts;                /* counted up: all connections are reset */
     atomic_uint todo[PROXY_MISCHIEFS];
     /* Written by the proxy. */

@@ -106,6 +106,24 @@ static void an_idle_worker_takes_over_from_a_straggler(void **state)
     assert_int_not_equal(deliver(farm, 43, slow, &last).code, RESULT_OK);
 }
 
+/* A batch that was let in has some moments to come; then its link is the reason, and the end of the job does
+ * not wait for it. */
+static void a_thin_link_holds_nobody_up(void **state)
+{
+    farm_t *farm = *state;
+    uint64_t quick, slow, job = measured_pair(farm, 2, 20, &quick, &slow);
+    toy_work_t last = take_one(farm, 20, slow), work;
+    assert_int_equal(farm_batch_wanted(farm, 20, slow, job).code, RESULT_OK);
+    farm_batch_granted(farm, 21, slow);
+    while ((work = take_one(farm, 21, quick)).job != 0)
+        assert_int_equal(deliver(farm, 21, quick, &work).code, RESULT_OK);
+    assert_int_equal(toy_report(farm, 21, job).record.units_reissued, 0);
+    assert_int_equal(take_one(farm, 22, quick).job, 0);
+    work = take_one(farm, 24, quick);
+    assert_int_equal(work.job, job);
+    assert_int_equal(work.units[0].tile, last.units[0].tile);
+}
+
 static void equals_leave_each_other_alone(void **state)
 {
     farm_t *farm = *state;
@@ -753,6 +771,7 @@ int main(void)
 #define WITH_FARM(test) cmocka_unit_test_setup_teardown(test, set_up, tear_down)
         WITH_FARM(speed_is_measured),
         WITH_FARM(an_idle_worker_takes_over_from_a_straggler),
+        WITH_FARM(a_thin_link_holds_nobody_up),
         WITH_FARM(equals_leave_each_other_alone),
         WITH_FARM(deadlines_follow_the_speed),
         WITH_FARM(who_delivered_more_than_it_holds_has_a_deadline),
