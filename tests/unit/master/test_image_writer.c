@@ -71,7 +71,9 @@ struct test {
     client_bulk_t client_bulk;
     bulk_server_t *server;
     image_writer_t *image_writer;
-    shared_film_t *locked; /* by hold */
+    shared_film_t *locked; /* by hold; NULL: nothing is */
+    void *raw[2];          /* sockets of clients that will not wait */
+    int raw_count;
     client_t clients[CLIENTS];
 };
 
@@ -120,6 +122,8 @@ static int set_up(void **state)
 static int tear_down(void **state)
 {
     test_t *t = *state;
+    if (t->locked != NULL) shared_film_unlock(t->locked); /* the test has failed */
+    for (int i = 0; i < t->raw_count; i++) zmq_close(t->raw[i]);
     bulk_server_stop(&t->server);
     image_writer_stop(&t->image_writer);
     farm_destroy(&t->farm);
@@ -161,6 +165,7 @@ static void hold(test_t *t, uint64_t job)
 static void let_go(test_t *t, uint64_t job)
 {
     shared_film_unlock(t->locked);
+    t->locked = NULL;
     farm_lock(t->farm);
     job_t *found = farm_find_job(t->farm, job);
     farm_unlock(t->farm);
@@ -314,6 +319,7 @@ static void who_waits_is_told_how_many_are_before(void **state)
 static void *ask(test_t *t, uint64_t job)
 {
     void *socket;
+    assert_true(t->raw_count < (int)ARRAY_LENGTH(t->raw));
     Lm__ImageGet get = LM__IMAGE_GET__INIT;
     Lm__Envelope envelope = LM__ENVELOPE__INIT;
     get.job = job;
@@ -323,6 +329,7 @@ static void *ask(test_t *t, uint64_t job)
     envelope.body_case = LM__ENVELOPE__BODY_IMAGE_GET;
     envelope.image_get = &get;
     must(wire_socket(t->context, ZMQ_DEALER, &socket));
+    t->raw[t->raw_count++] = socket;
     assert_int_equal(zmq_connect(socket, "inproc://bulk"), 0);
     must(wire_send(socket, NULL, 0, &envelope, NULL, 0));
     return socket;
@@ -341,6 +348,12 @@ static void await_progress(void *socket)
     assert_int_equal(message.envelope->body_case, LM__ENVELOPE__BODY_IMAGE_PROGRESS);
     assert_int_equal(message.envelope->request, 7);
     wire_free(&message);
+}
+
+/* All of them go. */
+static void leave(test_t *t)
+{
+    while (t->raw_count > 0) zmq_close(t->raw[--t->raw_count]);
 }
 
 /* Waits until nobody waits for anything. */
@@ -365,8 +378,7 @@ static void nothing_is_made_for_who_is_gone(void **state)
     await_progress(current);
     void *waiting = ask(t, other);
     await_progress(waiting);
-    zmq_close(current);
-    zmq_close(waiting);
+    leave(t);
     await_quiet(t);
     let_go(t, job);
     fetch_once(t, 0, other); /* so that the writer has come past the first */
@@ -384,7 +396,7 @@ static void an_image_that_another_waits_for_is_made(void **state)
     await_progress(gone);
     client_t *stays = start_fetch(t, 0, job);
     await_news(stays);
-    zmq_close(gone);
+    leave(t);
     await_news(stays);
     await_news(stays);
     pass(10);
@@ -408,7 +420,7 @@ static void snapshots_have_a_limit(void **state)
 }
 
 /* Reads the first bytes of an image: who does so is taken to go on. */
-static void *begin_reading(test_t *t, uint64_t job)
+static void begin_reading(test_t *t, uint64_t job)
 {
     void *socket = ask(t, job);
     wire_message_t message;
@@ -420,7 +432,6 @@ static void *begin_reading(test_t *t, uint64_t job)
     assert_true(received);
     assert_int_equal(message.envelope->body_case, LM__ENVELOPE__BODY_IMAGE_CHUNK);
     wire_free(&message);
-    return socket;
 }
 
 static void what_nobody_reads_makes_room(void **state)
@@ -435,7 +446,7 @@ static void what_nobody_reads_makes_room(void **state)
     fetch_once(t, 1, job); /* the first has been read to its end: it goes */
     assert_int_equal(scratch_count(t->snapshots), 1);
     count_batch(t);
-    void *reader = begin_reading(t, job);
+    begin_reading(t, job);
     count_batch(t);
     pthread_join(start_fetch(t, 0, job)->thread, NULL);
     assert_int_equal(t->clients[0].result.code, RESULT_LIMIT);
@@ -443,7 +454,6 @@ static void what_nobody_reads_makes_room(void **state)
     pass(40); /* that reader does not come back */
     fetch_once(t, 1, job);
     assert_int_equal(scratch_count(t->snapshots), 1);
-    zmq_close(reader);
 }
 
 int main(void)
