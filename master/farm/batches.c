@@ -136,7 +136,8 @@ static void refuse(farm_t *farm, job_t *job, worker_t *worker, const unit_t *uni
     farm_notify_idle(farm);
 }
 
-/* Whether all units of a batch were issued to who sends it. Without the lock, as long as it takes. */
+/* Whether all units of a batch were issued to who sends it. Without the lock, as long as it takes. Nothing was
+ * issued of a job that there is only a moment later. */
 static result_t check_issued(farm_t *farm, const batch_head_t *head)
 {
     unit_mac_t mac;
@@ -146,7 +147,8 @@ static result_t check_issued(farm_t *farm, const batch_head_t *head)
     bool known = worker != NULL && job != NULL;
     if (known) mac = farm_unit_mac(farm, worker, job, head->check);
     farm_unlock(farm);
-    return known ? unit_mac_check(&mac, head->units, head->issues, head->unit_count) : result_ok();
+    if (!known) return result_fail(RESULT_DENIED, "nothing of this job was issued to who delivers it");
+    return unit_mac_check(&mac, head->units, head->issues, head->unit_count);
 }
 
 /* The batch is of units that the sender was not given, or of the job as another one. */
