@@ -12,7 +12,7 @@ Q       := $(if $(V),,@)
 BASELINE := -march=x86-64-v3 -mtune=skylake -ffp-contract=off -fno-math-errno -fno-trapping-math
 WARNINGS := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Wvla
 PACKAGES := libmicrohttpd libzmq libprotobuf-c libsodium libzstd libpng zlib libturbojpeg OpenEXR jansson sqlite3 libcurl libmurmurhash
-ifneq ($(filter-out help clean deps deps-dev deps-test deps-chaos check check-fast demo asan tsan fuzz chaos valgrind container-check sim bench bench-error bench-merge bench-farm bench-watch bench-large bench-codec format lint,$(or $(MAKECMDGOALS),all)),)
+ifneq ($(filter-out help clean deps deps-dev deps-test deps-chaos check check-fast demo asan tsan fuzz chaos hostile valgrind container-check sim bench bench-error bench-merge bench-farm bench-watch bench-large bench-codec format lint,$(or $(MAKECMDGOALS),all)),)
 PKG_CFLAGS := $(shell pkg-config --cflags $(PACKAGES) 2>/dev/null)
 ifneq ($(.SHELLSTATUS),0)
 $(error $(strip $(foreach package,$(PACKAGES),$(if $(shell pkg-config --exists $(package) && echo yes),,$(package)))) is missing: run make deps)
@@ -199,6 +199,12 @@ chaos: deps-chaos
 	    --least $$(($(CHAOS_SECONDS) / 3)) --least-kills $$(($(CHAOS_SECONDS) / 15))
 chaos-programs: $(CHAOS)
 
+# Workers that lie, by chance and so often that chance is ruled out: HOSTILE_RUNS of each sort.
+HOSTILE_RUNS ?= 100
+hostile: deps-test
+	$(SUBMAKE) $(JOBS) all $(BUILD)/tests/farm/test_kit_verify
+	HOSTILE_RUNS=$(HOSTILE_RUNS) $(BUILD)/tests/farm/test_kit_verify
+
 # Fuzzing: FUZZ_SECONDS for each of FUZZ_TARGETS, which are the tests/fuzz/fuzz_*.c by default.
 FUZZ_SECONDS ?= 60
 FUZZ_TARGETS ?= $(patsubst tests/fuzz/fuzz_%.c,%,$(wildcard tests/fuzz/fuzz_*.c))
@@ -349,6 +355,7 @@ help:
 	@echo "make check-fast the unit tests without the ten slow ones: seconds"
 	@echo "make asan       the tests under the address and undefined-behaviour sanitizers (tsan: threads)"
 	@echo "make chaos      a farm to which everything happens, for CHAOS_SECONDS ($(CHAOS_SECONDS)); SEED repeats a run"
+	@echo "make hostile    workers that lie in some of their batches are found, HOSTILE_RUNS ($(HOSTILE_RUNS)) times of each sort"
 	@echo "make valgrind   a master that served 50 jobs has no leaks"
 	@echo "make fuzz       libFuzzer on all that decodes bytes of others: FUZZ_SECONDS ($(FUZZ_SECONDS)) each; FUZZ_TARGETS=\"pbrt ply\""
 	@echo "make sim        a real master and 500 simulated workers for three minutes: what one master takes"
@@ -368,5 +375,5 @@ help:
 	@echo "make compdb     compile_commands.json for editors"
 	@echo "make clean      remove $(BUILD)/"
 
-.PHONY: all check check-fast bench bench-error bench-codec tests fast-tests run-tests asan tsan fuzz demo pictures deps deps-dev deps-chaos prometheus container-check install man uninstall format lint lint-files compdb clean help sim bench-merge bench-farm bench-watch bench-large chaos chaos-programs valgrind deps-test
+.PHONY: all check check-fast bench bench-error bench-codec tests fast-tests run-tests asan tsan fuzz demo pictures deps deps-dev deps-chaos prometheus container-check install man uninstall format lint lint-files compdb clean help sim bench-merge bench-farm bench-watch bench-large chaos chaos-programs hostile valgrind deps-test
 .SECONDARY:

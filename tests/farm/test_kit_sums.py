@@ -22,7 +22,7 @@ class Sums(Case):
         farm = self.farm(names=["honest", *(lie.__name__ for lie in told)])
         farm.start_worker()
         for lie in told:
-            middle = farm.start_between(lie.__name__, change=lies.only_first(lie))
+            middle = farm.start_between(lie.__name__, change=lies.In(lie, times=1))
             wait_for("liar", lambda middle=middle: middle.hello_message)
             job = farm.submit(settings)
             self.assert_undisturbed(farm, job, settings)

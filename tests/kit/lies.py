@@ -64,23 +64,17 @@ def claimed_overflow(_sums, _settings, result):
 
 
 class In:
-    """Changes one batch in so many, the first of them by chance."""
+    """Changes one batch in so many, the first of them by chance; with `times` only so often."""
 
-    def __init__(self, lie, every=1):
-        self.lie, self.every, self.seen = lie, every, random.randrange(every)
+    def __init__(self, lie, every=1, times=1 << 30):
+        self.lie, self.every, self.left, self.seen = lie, every, times, random.randrange(every)
 
     def __call__(self, sums, result, settings):
         self.seen += 1
-        return self.seen % self.every == 0 and self.lie(sums, settings, result)
-
-
-def only_first(lie):
-    done = []
-
-    def change(sums, result, settings):
-        return not done and not done.append(1) and lie(sums, settings, result)
-
-    return change
+        if self.seen % self.every != 0 or self.left == 0:
+            return False
+        self.left -= 1
+        return self.lie(sums, settings, result)
 
 
 # ---- units ----
