@@ -314,7 +314,8 @@ static bool next_notice(void *self, notice_t *notice)
         memmove(pool->notices, pool->notices + 1, --pool->notice_count * sizeof *pool->notices);
         const member_t *member = pool_find_member(pool, pending.worker);
         found = member != NULL;
-        if (found) *notice = (notice_t){member->identity, pending.job, pending.flush};
+        if (found)
+            *notice = (notice_t){.identity = member->identity, .job = pending.job, .flush = pending.flush};
     }
     pool_unlock(pool);
     return found;

@@ -23,12 +23,16 @@
 
 typedef struct {
     master_option_t master; /* first: see begin */
-    bool json, workers;
-    double watch; /* seconds between two reports; 0: one is enough */
+    bool json, workers, connected, aside;
+    const char *only; /* NULL: all */
+    double watch;     /* seconds between two reports; 0: one is enough */
 } values_t;
 
 static const option_t rows[] = {
     OPTION(values_t, workers, "workers", NULL, "the workers too"),
+    OPTION(values_t, connected, "connected", NULL, "of the workers only those that are connected"),
+    OPTION(values_t, aside, "aside", NULL, "of the workers only those that are put aside or drained"),
+    OPTION(values_t, only, "only", "NAME", "of the workers only those with this name, host, address or key"),
     OPTION(values_t, json, "json", NULL, "for programs: one JSON object, {\"workers\": N, \"jobs\": [...]}"),
     OPTION(values_t, watch, "watch", "SECONDS",
            "report again and again, every 2 seconds unless said otherwise, until Ctrl-C; with --json each "
@@ -52,9 +56,25 @@ static void put_history(json_t *object, const Lm__JobStatus *job)
     json_object_set_new(object, "history", list);
 }
 
+/* True when a worker has this name, is on this host, or came with this key. */
+static bool is_called(const Lm__WorkerStatus *worker, const char *name)
+{
+    size_t host = strcspn(worker->name, ":");
+    return strcmp(name, worker->name) == 0 || strcmp(name, worker->key) == 0 ||
+           strcmp(name, worker->address) == 0 ||
+           (strlen(name) == host && strncmp(name, worker->name, host) == 0);
+}
+
+/* True when the worker is one of those that were asked for. */
+static bool is_wanted(const values_t *values, const Lm__WorkerStatus *worker)
+{
+    return (!values->connected || worker->connected) && (!values->aside || worker->aside[0] != '\0') &&
+           (values->only == NULL || is_called(worker, values->only));
+}
+
 /* `workers` is NULL when they were not asked for, `history` says whether that of the only job was. */
-static void print_json(const Lm__JobStatusReply *jobs, const Lm__WorkerList *workers, bool history,
-                       int indent)
+static void print_json(const values_t *values, const Lm__JobStatusReply *jobs, const Lm__WorkerList *workers,
+                       bool history)
 {
     json_t *root = json_object(), *list = json_array();
     put_count(root, "workers", jobs->workers);
@@ -64,10 +84,11 @@ static void print_json(const Lm__JobStatusReply *jobs, const Lm__WorkerList *wor
     if (workers != NULL) {
         list = json_array();
         for (size_t i = 0; i < workers->n_workers; i++)
-            json_array_append_new(list, status_json_worker(workers->workers[i]));
+            if (is_wanted(values, workers->workers[i]))
+                json_array_append_new(list, status_json_worker(workers->workers[i]));
         json_object_set_new(root, "worker_list", list);
     }
-    json_print(root, indent, 15);
+    json_print(root, values->watch > 0 ? 0 : 2, 15);
 }
 
 /* ---- for people ---------------------------------------------------------------------------------------- */
@@ -224,17 +245,20 @@ static void print_worker(const Lm__WorkerStatus *worker)
         putchar('\n');
     }
     if (worker->aside[0] == '\0') return;
-    printf("        put aside: ");
+    printf("        %s", strncmp(worker->aside, "drained", 7) == 0 ? "" : "put aside: ");
     text_print(worker->aside);
     putchar('\n');
 }
 
-static void print_workers(const Lm__WorkerList *list)
+static void print_workers(const values_t *values, const Lm__WorkerList *list)
 {
-    if (list->n_workers == 0) return;
+    size_t count = 0;
+    for (size_t i = 0; i < list->n_workers; i++) count += is_wanted(values, list->workers[i]);
+    if (count == 0) return;
     printf("\n%-28s  %7s  %6s  %5s  %9s  %7s  %7s  %8s\n", "worker", "threads", "job", "units", "samples/s",
            "batches", "refused", "heard of");
-    for (size_t i = 0; i < list->n_workers; i++) print_worker(list->workers[i]);
+    for (size_t i = 0; i < list->n_workers; i++)
+        if (is_wanted(values, list->workers[i])) print_worker(list->workers[i]);
 }
 
 /* ---- the command --------------------------------------------------------------------------------------- */
@@ -253,14 +277,14 @@ static void print_report(const values_t *values, uint64_t job, const Lm__JobStat
                          const Lm__WorkerList *workers)
 {
     if (values->json) {
-        print_json(jobs, workers, job != 0, values->watch > 0 ? 0 : 2);
+        print_json(values, jobs, workers, job != 0);
         return;
     }
     if (values->watch > 0) begin_page();
     print_jobs(jobs);
     if (job != 0) print_details(jobs->jobs[0]);
     if (job != 0) print_plot(jobs->jobs[0]);
-    if (workers != NULL) print_workers(workers);
+    if (workers != NULL) print_workers(values, workers);
 }
 
 /* Of one job, or of all when `job` is 0. */
@@ -308,8 +332,9 @@ static result_t watch(const values_t *values, uint64_t job, remote_t *remote)
 
 static result_t run(const call_t *call)
 {
-    const values_t *values = call->values;
+    values_t *values = call->values;
     uint64_t job = 0;
+    values->workers |= values->connected || values->aside || values->only != NULL;
     if (call->count > 0) TRY(job_number_parse(call->arguments[0], &job));
     remote_t *remote;
     TRY(master_connect(&values->master, &remote));

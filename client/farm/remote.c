@@ -369,6 +369,22 @@ result_t remote_order(remote_t *remote, const job_order_t *order)
     return result_ok();
 }
 
+result_t remote_order_workers(remote_t *remote, worker_order_t kind, const char *who, uint32_t *count,
+                              char said[REMOTE_SAID])
+{
+    Lm__WorkerOrder body = LM__WORKER_ORDER__INIT;
+    body.kind = kind;
+    body.who = (char *)who;
+    Lm__Envelope envelope = WIRE_ENVELOPE(WORKER_ORDER, worker_order, &body);
+    wire_message_t answer;
+    TRY(ask(remote, &remote->control, &envelope, NULL, remote->timeout, LM__ENVELOPE__BODY_WORKER_ORDERED,
+            &answer));
+    *count = answer.envelope->worker_ordered->count;
+    snprintf(said, REMOTE_SAID, "%s", answer.envelope->worker_ordered->said);
+    wire_free(&answer);
+    return result_ok();
+}
+
 result_t remote_cancel(remote_t *remote, uint64_t job)
 {
     return remote_order(remote, &(job_order_t){.job = job, .kind = ORDER_CANCEL});

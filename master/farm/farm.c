@@ -21,7 +21,9 @@ enum { CLOCK_GAP = 2 }; /* seconds between ticks after which we, not the workers
 
 farm_t *farm_new(const farm_options_t *options)
 {
+    static const double LINES_A_SECOND = 1, LINES_AT_ONCE = 256; /* of one party, on coming and going */
     farm_t *farm = mem_zalloc(1, sizeof *farm);
+    farm->comings = rate_limit_new(LINES_A_SECOND, LINES_AT_ONCE, FARM_MAX_WORKERS);
     farm->options = *options;
     farm->next_job = options->first_job;
     if (farm->options.job_limit == 0 || farm->options.job_limit > FARM_MAX_JOBS)
@@ -41,6 +43,7 @@ void farm_destroy(farm_t **farm)
     free((*farm)->jobs);
     free((*farm)->workers);
     id_table_free(&(*farm)->by_id);
+    rate_limit_destroy(&(*farm)->comings);
     trust_destroy(&(*farm)->trust);
     free((*farm)->notices);
     free(*farm);
@@ -72,7 +75,7 @@ bool farm_next_notice(farm_t *farm, notice_t *notice)
         pending_t pending = farm->notices[farm->notice_first++];
         const worker_t *worker = farm_find_worker(farm, pending.worker);
         found = worker != NULL && worker->connected;
-        if (found) *notice = (notice_t){worker->identity, pending.job, pending.flush};
+        if (found) *notice = (notice_t){worker->identity, pending.job, pending.flush, pending.leave};
     }
     if (!found) farm->notice_first = farm->notice_count = 0;
     farm_unlock(farm);

@@ -296,7 +296,7 @@ result_t farm_take(farm_t *farm, double now, const identity_t *identity, uint64_
         farm_unlock(farm);
         return result_fail(RESULT_UNREACHABLE, "this master does not know the worker: say hello again");
     }
-    if (!worker->reached) { /* it could not deliver */
+    if (!worker->reached || worker->drained) { /* it could not deliver; it is to leave */
         work->job = 0;
         work->unit_count = 0;
         farm_unlock(farm);

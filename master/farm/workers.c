@@ -8,10 +8,13 @@
 #include <string.h>
 
 enum {
-    STALL_BATCHES = 12,  /* batch intervals until the deadline of who was not measured, */
-    SLACK = 4,           /* times the time that it should take otherwise (take.c) */
-    REMARK_SECONDS = 1,  /* between two looks at what is to be said of jobs */
-    TROUBLE_SECONDS = 30 /* between two lines in the log on what hinders one worker */
+    STALL_BATCHES = 12, /* batch intervals until the deadline of who was not measured, */
+    SLACK = 4,          /* times the time that it should take otherwise (take.c) */
+    UNTOLD_SECONDS = 60,
+    FORGET_SECONDS = 3600,     /* that a worker which is gone stays on the list, */
+    FORGET_IDLE_SECONDS = 300, /* and one which never delivered anything */
+    REMARK_SECONDS = 1,        /* between two looks at what is to be said of jobs */
+    TROUBLE_SECONDS = 30       /* between two lines in the log on what hinders one worker */
 };
 
 void farm_count_reissued(job_t *job, worker_t *worker, size_t units)
@@ -43,14 +46,36 @@ size_t farm_worker_take_back(farm_t *farm, double now, worker_t *worker)
     return total;
 }
 
+/* True when a line about a worker that comes or goes may be written: a process that does nothing else must
+ * not fill the log. */
+static bool may_tell(farm_t *farm, double now, const worker_t *worker)
+{
+    rate_verdict_t verdict = rate_limit_take(farm->comings, now, &worker->party, sizeof worker->party, 1);
+    if (verdict == RATE_TELL)
+        log_warning("workers of %s come and go all the time: not every line about it is written",
+                    worker->party_text);
+    farm->untold += verdict != RATE_PASS;
+    return verdict == RATE_PASS;
+}
+
+/* Says how many lines were left out, once a minute. */
+static void tell_untold(farm_t *farm, double now)
+{
+    if (farm->untold == 0) farm->untold_since = now;
+    if (now - farm->untold_since < UNTOLD_SECONDS) return;
+    log_info("workers have come and gone %llu times more than was written", (unsigned long long)farm->untold);
+    farm->untold = 0;
+}
+
 static void disconnect(farm_t *farm, double now, worker_t *worker, const char *why)
 {
     size_t units = farm_worker_take_back(farm, now, worker);
     trust_left(farm, worker);
     worker->connected = false;
-    log_info("worker %s %s; %zu units go back; it sent %llu batches (%llu refused), %.1f MB", worker->name,
-             why, units, (unsigned long long)worker->batches, (unsigned long long)worker->batches_refused,
-             1e-6 * (double)worker->bytes);
+    if (may_tell(farm, now, worker))
+        log_info("worker %s %s; %zu units go back; it sent %llu batches (%llu refused), %.1f MB",
+                 worker->name, why, units, (unsigned long long)worker->batches,
+                 (unsigned long long)worker->batches_refused, 1e-6 * (double)worker->bytes);
     farm_notify_idle(farm);
 }
 
@@ -131,6 +156,80 @@ static worker_t *worker_add(farm_t *farm, const worker_t *joins)
     return worker;
 }
 
+static void forget(farm_t *farm, size_t at)
+{
+    size_t last = --farm->worker_count;
+    id_table_remove(&farm->by_id, farm->workers[at].id);
+    if (at == last) return;
+    farm->workers[at] = farm->workers[last];
+    id_table_put(&farm->by_id, farm->workers[at].id, at);
+}
+
+/* Forgets the workers that are gone, after a while; those that are put aside stay on the list until they no
+ * longer are. Returns how many. */
+static size_t forget_gone(farm_t *farm, double now, double after, double after_idle)
+{
+    size_t count = 0;
+    for (size_t i = farm->worker_count; i-- > 0;) {
+        const worker_t *worker = &farm->workers[i];
+        double patience = worker->batches > 0 ? after : after_idle;
+        if (worker->connected || now - worker->last_seen < patience) continue;
+        if (trust_reason(farm, now, worker) != NULL) continue;
+        forget(farm, i);
+        count++;
+    }
+    return count;
+}
+
+size_t farm_purge(farm_t *farm, double now)
+{
+    farm_lock(farm);
+    size_t count = forget_gone(farm, now, 0, 0);
+    farm_unlock(farm);
+    return count;
+}
+
+/* ---- draining ------------------------------------------------------------------------------------------ */
+
+bool farm_worker_is(const char *name, const char *wanted)
+{
+    size_t host = strcspn(name, ":");
+    return strcmp(name, wanted) == 0 || (strlen(wanted) == host && strncmp(name, wanted, host) == 0);
+}
+
+static void drain(farm_t *farm, worker_t *worker)
+{
+    worker->drained = true;
+    farm_notify_leave(farm, worker->id);
+}
+
+size_t farm_drain(farm_t *farm, const char *wanted)
+{
+    size_t count = 0;
+    farm_lock(farm);
+    for (size_t i = 0; i < farm->worker_count; i++) {
+        worker_t *worker = &farm->workers[i];
+        if (!worker->connected || !farm_worker_is(worker->name, wanted)) continue;
+        log_info("worker %s is drained: it delivers what it has, and leaves", worker->name);
+        drain(farm, worker);
+        count++;
+    }
+    farm_unlock(farm);
+    return count;
+}
+
+/* The process lost its connection, or missed the notice: it is to leave all the same. */
+static bool was_drained(const farm_t *farm, const worker_t *joins)
+{
+    for (size_t i = 0; i < farm->worker_count; i++)
+        if (farm->workers[i].drained && farm->workers[i].source == joins->source &&
+            farm->workers[i].id != joins->id)
+            return true;
+    return false;
+}
+
+/* ---- coming -------------------------------------------------------------------------------------------- */
+
 static uint32_t most_threads(const worker_t *worker)
 {
     return worker->relay ? FARM_RELAY_THREADS : FARM_WORKER_THREADS;
@@ -175,10 +274,12 @@ result_t farm_hello(farm_t *farm, double now, const identity_t *identity, const 
         result = result_fail(RESULT_LIMIT, "this master has %d workers already", FARM_MAX_WORKERS);
     if (result.code == RESULT_OK) {
         *id = worker->id;
+        if (was_drained(farm, worker)) drain(farm, worker);
         char bits[2 * HASH_BYTES + 1];
         hash_to_hex(&worker->fingerprint, bits);
-        log_info("%s %s joins with %u threads, bits %.8s, %s", worker->relay ? "relay" : "worker",
-                 worker->name, worker->threads, bits, worker->party_text);
+        if (may_tell(farm, now, worker))
+            log_info("%s %s joins with %u threads, bits %.8s, %s", worker->relay ? "relay" : "worker",
+                     worker->name, worker->threads, bits, worker->party_text);
     }
     farm_unlock(farm);
     return result;
@@ -341,6 +442,8 @@ static worker_report_t report_worker(const farm_t *farm, double now, const worke
                               .bytes = worker->bytes,
                               .last_seen = fmax(now - worker->last_seen, 0)};
     const char *aside = trust_reason(farm, now, worker);
+    if (aside == NULL && worker->connected && worker->drained)
+        aside = "drained: it delivers what it has, and leaves";
     snprintf(report.name, sizeof report.name, "%s", worker->name);
     snprintf(report.key, sizeof report.key, "%s", worker->key);
     snprintf(report.address, sizeof report.address, "%s", worker->address);
@@ -417,9 +520,11 @@ static void progress(farm_t *farm, double now)
 void farm_workers_tick(farm_t *farm, double now)
 {
     trust_tick(farm, now);
+    tell_untold(farm, now);
     if (now - farm->remarked >= REMARK_SECONDS || now < farm->remarked) {
         for (size_t i = 0; i < farm->job_count; i++) remark_job(farm, now, farm->jobs[i]);
         farm->remarked = now;
+        forget_gone(farm, now, FORGET_SECONDS, FORGET_IDLE_SECONDS);
     }
     progress(farm, now);
 }

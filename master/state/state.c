@@ -40,14 +40,24 @@ worker_t *farm_find_worker(const farm_t *farm, uint64_t id)
 
 /* ---- noting -------------------------------------------------------------------------------------------- */
 
-void farm_notify(farm_t *farm, uint64_t worker, uint64_t job, bool flush)
+static void add_notice(farm_t *farm, pending_t pending)
 {
     if (farm->notice_count == farm->notice_capacity) {
         farm->notice_capacity = 2 * farm->notice_capacity + 16;
         farm->notices = mem_realloc(farm->notices, farm->notice_capacity * sizeof *farm->notices);
     }
-    farm->notices[farm->notice_count++] = (pending_t){worker, job, flush};
+    farm->notices[farm->notice_count++] = pending;
     wake_up(farm->options.control_wake);
+}
+
+void farm_notify(farm_t *farm, uint64_t worker, uint64_t job, bool flush)
+{
+    add_notice(farm, (pending_t){.worker = worker, .job = job, .flush = flush});
+}
+
+void farm_notify_leave(farm_t *farm, uint64_t worker)
+{
+    add_notice(farm, (pending_t){.worker = worker, .leave = true});
 }
 
 void farm_notify_idle(farm_t *farm)

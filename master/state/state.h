@@ -11,6 +11,7 @@
 #include "master/state/types.h"
 #include "master/store/error_history.h"
 #include "master/store/job_record.h"
+#include "proto/serve/rate_limit.h"
 
 #include <pthread.h>
 
@@ -29,6 +30,7 @@ typedef struct {
     bool reached;    /* it reaches the bulk socket; before that it gets no work */
     bool idle;       /* was told that there is no work */
     bool begins;     /* no other machines that make the same bits have more threads, so it may begin jobs */
+    bool drained;    /* it is to leave: it is given nothing more */
     bool outcast;    /* put aside: nothing of it is taken any more */
     bool charged;    /* that it died is held against its party */
     bool fell;       /* it fell silent, which is held for its death until it is heard of again */
@@ -165,7 +167,7 @@ struct job {
 /* A notice by worker number. */
 typedef struct {
     uint64_t worker, job;
-    bool flush;
+    bool flush, leave;
 } pending_t;
 
 struct farm {
@@ -180,7 +182,10 @@ struct farm {
     bool shut; /* nothing more is handed out or taken */
     worker_t *workers;
     size_t worker_count;
-    id_table_t by_id; /* indices of workers */
+    id_table_t by_id;      /* indices of workers */
+    rate_limit_t *comings; /* lines in the log on workers that come and go, by party, */
+    uint64_t untold;       /* and those that were left out since untold_since (seconds) */
+    double untold_since;
     trust_t *trust;
     double remarked; /* seconds, when the remarks of jobs were made */
     bool cast_out;   /* workers are outcasts that are connected still: farm_cast_out sees to it */
@@ -206,6 +211,8 @@ worker_t *farm_find_worker(const farm_t *farm, uint64_t id);
 void farm_notify_idle(farm_t *farm);
 /* A notice for a worker. */
 void farm_notify(farm_t *farm, uint64_t worker, uint64_t job, bool flush);
+/* Asks a worker to leave. */
+void farm_notify_leave(farm_t *farm, uint64_t worker);
 /* Tells the workers that have a job that it is over. */
 void farm_notify_over(farm_t *farm, const job_t *job, bool flush);
 /* The job's record has changed: the journal is to get it. */

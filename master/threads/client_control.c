@@ -67,6 +67,35 @@ static void on_worker_list(void *self, peer_server_t *server, const wire_message
                    send_report, &question);
 }
 
+/* Of drain and purge. */
+static result_t order_workers(client_control_t *client, const Lm__WorkerOrder *order, uint32_t *count)
+{
+    switch (order->kind) {
+    case WORKERS_DRAIN:
+        *count = (uint32_t)farm_drain(client->farm, order->who);
+        if (*count == 0)
+            return result_fail(RESULT_INPUT,
+                               "no worker called \"%.100s\" is connected, nor one on a host of this name",
+                               order->who);
+        return result_ok();
+    case WORKERS_PURGE:
+        *count = (uint32_t)farm_purge(client->farm, clock_now());
+        return result_ok();
+    default:
+        return result_fail(RESULT_PROTOCOL, "an order to workers of the unknown kind %u", order->kind);
+    }
+}
+
+static void on_worker_order(void *self, peer_server_t *server, const wire_message_t *message)
+{
+    Lm__WorkerOrdered ordered = LM__WORKER_ORDERED__INIT;
+    result_t result = order_workers(self, message->envelope->worker_order, &ordered.count);
+    if (result.code == RESULT_OK)
+        peer_reply(server, message, LM__ENVELOPE__BODY_WORKER_ORDERED, &ordered, NULL);
+    else
+        peer_refuse(server, message, result);
+}
+
 static void answer(peer_server_t *server, const journal_writer_answer_t *written)
 {
     Lm__JobAccepted accepted = LM__JOB_ACCEPTED__INIT;
@@ -96,6 +125,7 @@ static void turn(void *self, peer_server_t *server, bool more)
 static const message_kind_t kinds[] = {{LM__ENVELOPE__BODY_JOB_SUBMIT, RIGHT_CLIENT, on_submit},
                                        {LM__ENVELOPE__BODY_JOB_STATUS_REQUEST, RIGHT_CLIENT, on_status},
                                        {LM__ENVELOPE__BODY_WORKER_LIST_REQUEST, RIGHT_CLIENT, on_worker_list},
+                                       {LM__ENVELOPE__BODY_WORKER_ORDER, RIGHT_CLIENT, on_worker_order},
                                        {LM__ENVELOPE__BODY_JOB_ORDER, RIGHT_CLIENT, on_order}};
 
 message_table_t client_control_table(client_control_t *client)

@@ -180,9 +180,12 @@ static void send_notices(const serve_handler_t *handler, peer_server_t *server)
     for (notice_t notice; handler->calls->next_notice(handler->self, &notice);) {
         Lm__JobReady ready = LM__JOB_READY__INIT;
         Lm__JobOver over = LM__JOB_OVER__INIT;
+        Lm__Leave leave = LM__LEAVE__INIT;
         over.job = notice.job;
         over.flush = notice.flush;
-        if (notice.job == 0)
+        if (notice.leave)
+            peer_send(server, &notice.identity, 0, LM__ENVELOPE__BODY_LEAVE, &leave, NULL);
+        else if (notice.job == 0)
             peer_send(server, &notice.identity, 0, LM__ENVELOPE__BODY_JOB_READY, &ready, NULL);
         else
             peer_send(server, &notice.identity, 0, LM__ENVELOPE__BODY_JOB_OVER, &over, NULL);

@@ -67,11 +67,11 @@ typedef struct {
     size_t unit_count;
 } claim_t;
 
-/* Something to tell a worker unasked: JobReady (job 0) or JobOver. */
+/* Something to tell a worker unasked: JobReady (job 0) or JobOver, or Leave. */
 typedef struct {
     identity_t identity;
     uint64_t job;
-    bool flush;
+    bool flush, leave;
 } notice_t;
 
 /* A batch that a worker would like to send. */

@@ -294,7 +294,8 @@ result_t control_run(const control_setup_t *setup, const atomic_int *stop)
     while (control.fatal.code == RESULT_OK) {
         int asked = atomic_load(stop);
         if (asked >= 2) break;
-        if (asked == 1 && control.leave_by == 0) begin_leaving(&control);
+        bool leaves = asked == 1 || control.told_to_leave;
+        if (leaves && control.leave_by == 0) begin_leaving(&control);
         if (control.leave_by > 0 && ready_to_leave(&control)) {
             say_goodbye(&control);
             break;

@@ -271,6 +271,10 @@ static void dispatch(control_t *control, const Lm__Envelope *envelope)
         control_calls(control)->job_over(control->setup.handler.self, envelope->job_over->job,
                                          envelope->job_over->flush);
         break;
+    case LM__ENVELOPE__BODY_LEAVE:
+        if (!control->told_to_leave) log_info("the master asks this process to leave");
+        control->told_to_leave = true;
+        break;
     case LM__ENVELOPE__BODY_HEARTBEAT_REPLY:
         if (!envelope->heartbeat_reply->known)
             control_redial(control, "the master does not know this worker any more");

@@ -40,8 +40,9 @@ typedef struct {
     hash_t claim_content;
     double next_request; /* when to ask for work again */
 
-    double leave_by;   /* 0: not leaving */
-    double give_up_at; /* what is not finished then is given up */
+    bool told_to_leave; /* by the master */
+    double leave_by;    /* 0: not leaving */
+    double give_up_at;  /* what is not finished then is given up */
     bool gave_up;
     bool farewell; /* the Goodbye was answered */
     result_t fatal;

@@ -65,6 +65,12 @@ typedef struct {
     double time_limit; /* seconds from now; 0: as it was */
 } job_order_t;
 
+/* What a client orders done with workers, as WorkerOrder.kind says it. */
+typedef enum {
+    WORKERS_DRAIN = 1, /* they are given nothing more, deliver what they have and leave */
+    WORKERS_PURGE = 4  /* those that are gone are forgotten; `who` is not used */
+} worker_order_t;
+
 /* "queued", "running", ...; "unknown" for anything else. */
 const char *job_state_name(uint32_t state);
 /* True for JOB_DONE, JOB_CANCELLED and JOB_FAILED. */

@@ -112,12 +112,57 @@ static void a_refusal_tells_no_path_of_the_master(void **state)
     free(blobs);
 }
 
+/* ---- workers that are to go ---------------------------------------------------------------------------- */
+
+static char *master_of(const rig_t *rig)
+{
+    return mem_printf("--master=127.0.0.1:%d", rig->port);
+}
+
+/* Runs a command on the rig's master; it must end with this code and say this. */
+static void expect(rig_t *rig, int code, const char *said, const char *word, const char *argument)
+{
+    char *master = master_of(rig);
+    pid_t process = rig_start_command(rig, (const char *[]){word, master, argument, NULL});
+    int got = rig_wait_exit(rig, process, 20);
+    char *output = rig_output(rig, process);
+    if (got != code) fail_msg("%s: exit code %d instead of %d: %s", word, got, code, output);
+    if (strstr(output, said) == NULL) fail_msg("%s: '%s' is not in: %s", word, said, output);
+    free(output);
+    free(master);
+}
+
+static void a_drained_worker_delivers_and_ends_well(void **state)
+{
+    rig_t *rig = *state;
+    job_settings_t settings = rig_settings();
+    hash_t right = rig_reference();
+    rig_start_master(rig, 0.3);
+    uint64_t job = rig_submit(rig, &settings);
+    char *name = mem_printf("%d", rig->started_count); /* as the rig calls it */
+    pid_t worker = rig_start_worker(rig);
+    rig_wait_samples(rig, job, 1000);
+    expect(rig, RESULT_INPUT, "no worker called", "drain", "nobody");
+    expect(rig, 0, "1 worker asked to leave", "drain", name);
+    assert_int_equal(rig_wait_exit(rig, worker, 30), 0);
+    assert_int_equal(rig_status(rig, job).out, 0);
+    assert_int_equal(rig_status(rig, job).batches_refused, 0);
+    expect(rig, 0, name, "status", "--workers");
+    expect(rig, 0, "1 worker forgotten", "purge", NULL);
+    rig_start_worker(rig); /* another process of the same host is welcome */
+    rig_wait_job(rig, job);
+    hash_t hash = rig_image_hash(rig, job);
+    assert_true(hash_equal(&hash, &right));
+    free(name);
+}
+
 int main(void)
 {
 #define OPERATORS(test) cmocka_unit_test_setup_teardown(test, set_up, tear_down)
     const struct CMUnitTest tests[] = {
         OPERATORS(the_data_directory_is_its_owners_alone),
         OPERATORS(a_refusal_tells_no_path_of_the_master),
+        OPERATORS(a_drained_worker_delivers_and_ends_well),
     };
     return cmocka_run_group_tests_name("operators", tests, NULL, NULL);
 }

@@ -1,5 +1,6 @@
 /* Tests of workers.c, take.c, standing.c and suspects.c: deadlines and stragglers,
  * machines with other bits, who is put aside, and units that end whoever renders them. */
+#include "tests/scratch.h"
 #include "tests/toy_farm.h"
 
 #include <setjmp.h>
@@ -765,10 +766,99 @@ static void random_kills_leave_nothing_out(void **state)
     assert_true(kills > 100 * RANDOM_FARMS);
 }
 
+/* ---- operators ----------------------------------------------------------------------------------------- */
+
+static void a_drained_worker_gets_nothing_more_and_is_asked_to_leave(void **state)
+{
+    farm_t *farm = *state;
+    notice_t notice;
+    uint64_t job = submit(farm, 16), one = toy_join(farm, 0, "node-1:7", 1, 0);
+    uint64_t two = toy_join(farm, 0, "node-10:7", 1, 0), other = toy_join(farm, 0, "node-1:8", 1, 0);
+    toy_work_t work = take_one(farm, 0, one);
+    assert_int_equal(work.job, job);
+    while (farm_next_notice(farm, &notice)) {
+    }
+    assert_int_equal(farm_drain(farm, "node"), 0); /* no part of a host's name */
+    assert_int_equal(farm_drain(farm, "node-1:7"), 1);
+    assert_true(farm_next_notice(farm, &notice) && notice.leave);
+    assert_false(farm_next_notice(farm, &notice));
+    assert_int_equal(take_one(farm, 0, one).job, 0);
+    assert_int_equal(take_one(farm, 0, two).job, job);
+    assert_int_equal(deliver(farm, 1, one, &work).code, RESULT_OK); /* what it has counts */
+    assert_non_null(strstr(find_worker(farm, 1, "node-1:7").aside, "drained"));
+    /* It has lost its connection meanwhile: it is still to leave. */
+    farm_goodbye(farm, 1, one, 0, "");
+    uint64_t again = toy_join(farm, 1, "node-1:7", 1, 0);
+    assert_true(farm_next_notice(farm, &notice) && notice.leave);
+    assert_int_equal(take_one(farm, 1, again).job, 0);
+    assert_int_equal(take_one(farm, 1, other).job, job);
+    assert_int_equal(farm_drain(farm, "node-1"), 2); /* all of the host */
+    assert_int_equal(take_one(farm, 1, other).job, 0);
+    assert_int_equal(take_one(farm, 1, toy_join(farm, 1, "node-1:9", 1, 0)).job, job); /* a new process */
+}
+
+static size_t workers_listed(farm_t *farm, double now)
+{
+    size_t count;
+    free(farm_worker_report(farm, now, &count));
+    return count;
+}
+
+static void workers_that_are_gone_are_forgotten(void **state)
+{
+    farm_t *farm = *state;
+    submit(farm, 64);
+    uint64_t delivers = toy_join(farm, 0, "a:1", 1, 0), stays = toy_join(farm, 0, "b:1", 1, 0);
+    uint64_t idle = toy_join(farm, 0, "c:1", 1, 0);
+    toy_work_t work = take_one(farm, 0, delivers);
+    assert_int_equal(deliver(farm, 1, delivers, &work).code, RESULT_OK);
+    farm_goodbye(farm, 1, delivers, 0, "");
+    farm_goodbye(farm, 1, idle, 0, "");
+    double now = 2;
+    pass(farm, &now, 280, &stays, 1);
+    assert_int_equal(workers_listed(farm, now), 3);
+    pass(farm, &now, 40, &stays, 1);
+    assert_int_equal(workers_listed(farm, now), 2); /* who delivered nothing goes first */
+    assert_true(toy_beat(farm, now, stays));
+    pass(farm, &now, 3400, &stays, 1);
+    assert_int_equal(workers_listed(farm, now), 1);
+    farm_goodbye(farm, now, stays, 0, "");
+    assert_int_equal(farm_purge(farm, now), 1); /* at once */
+    assert_int_equal(workers_listed(farm, now), 0);
+}
+
+static void who_comes_and_goes_does_not_fill_the_log(void **state)
+{
+    farm_t *farm = *state;
+    enum { TIMES = 2000 };
+    char *folder = scratch_new();
+    log_init("test", LOG_INFO);
+    scratch_capture_t capture = scratch_capture(folder, 2);
+    for (int i = 0; i < TIMES; i++) {
+        char name[40];
+        snprintf(name, sizeof name, "flooder:%d", i);
+        farm_goodbye(farm, 0.01 * i, toy_join(farm, 0.01 * i, name, 1, 0), 0, "");
+    }
+    toy_join(farm, 0.01 * TIMES, "other:1", 1, 0); /* others are told of as ever */
+    for (double now = 0.01 * TIMES; now < 90; now += 0.5) farm_tick(farm, now);
+    char *text = scratch_uncapture(&capture);
+    size_t lines = 0;
+    for (const char *c = text; *c != '\0'; c++) lines += *c == '\n';
+    assert_in_range(lines, 100, 400);
+    assert_non_null(strstr(text, "worker other:1 joins"));
+    assert_non_null(strstr(text, "come and go all the time"));
+    assert_non_null(strstr(text, "times more than was written"));
+    free(text);
+    scratch_destroy(&folder);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
 #define WITH_FARM(test) cmocka_unit_test_setup_teardown(test, set_up, tear_down)
+        WITH_FARM(a_drained_worker_gets_nothing_more_and_is_asked_to_leave),
+        WITH_FARM(workers_that_are_gone_are_forgotten),
+        WITH_FARM(who_comes_and_goes_does_not_fill_the_log),
         WITH_FARM(speed_is_measured),
         WITH_FARM(an_idle_worker_takes_over_from_a_straggler),
         WITH_FARM(a_thin_link_holds_nobody_up),
