@@ -50,10 +50,10 @@ result_t batch_check_counts(const batch_t *batch)
                                (unsigned long long)paths);
     }
     /* Of a sample: what its eye subpath brings, its features, and a splat of each light vertex. */
-    if (batch->counts.dropped > (samples[0] + samples[1]) * ((uint64_t)batch->settings.max_depth + 4))
+    uint64_t both = samples[0] + samples[1];
+    if (batch->counts.dropped > both * ((uint64_t)batch->settings.max_depth + 4))
         return result_fail(RESULT_PROTOCOL, "%llu contributions dropped of %llu samples",
-                           (unsigned long long)batch->counts.dropped,
-                           (unsigned long long)(samples[0] + samples[1]));
+                           (unsigned long long)batch->counts.dropped, (unsigned long long)both);
     const uint64_t others[] = {batch->counts.overflows, batch->counts.rays, batch->counts.cpu_us};
     for (size_t i = 0; i < ARRAY_LENGTH(others); i++)
         if (others[i] > BATCH_MAX_COUNT)

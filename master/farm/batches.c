@@ -101,7 +101,7 @@ result_t farm_batch_wanted(farm_t *farm, double now, uint64_t worker, uint64_t i
 {
     farm_lock(farm);
     job_t *job = farm_find_job(farm, id);
-    result_t result = result_ok();
+    result_t result;
     worker_t *sender = farm_find_worker(farm, worker);
     if (sender == NULL || sender->outcast) {
         result = unknown_worker();
