@@ -136,8 +136,8 @@ static void refuse(farm_t *farm, job_t *job, worker_t *worker, const unit_t *uni
     farm_notify_idle(farm);
 }
 
-/* Whether all units of a batch were issued to who sends it. Without the lock, as long as it takes. Nothing was
- * issued of a job that there is only a moment later. */
+/* Whether all units of a batch were issued to who sends it. Without the lock, as long as it takes. Nothing
+ * was issued of a job that there is only a moment later. */
 static result_t check_issued(farm_t *farm, const batch_head_t *head)
 {
     unit_mac_t mac;

@@ -178,8 +178,8 @@ void farm_checkpointed(farm_t *farm, double taken, job_t *job, result_t written)
 /* ---- batches ------------------------------------------------------------------------------------------- */
 
 /* May this worker send a batch of this job? RESULT_LIMIT: not yet, its film is being loaded (grant_wake tells
- * when); any other failure says why it is not wanted. One of a job that waits in the queue may come, if there is
- * memory for its film: it shows whether the job had begun before. */
+ * when); any other failure says why it is not wanted. One of a job that waits in the queue may come, if there
+ * is memory for its film: it shows whether the job had begun before. */
 result_t farm_batch_wanted(farm_t *farm, double now, uint64_t worker, uint64_t job);
 /* It was told so. */
 void farm_batch_granted(farm_t *farm, double now, uint64_t worker);

@@ -70,10 +70,11 @@ void issued_find(issued_t *issued, const unit_t *units, size_t count, issue_t *i
     sort(issued);
     for (size_t i = 0; i < count; i++) {
         const issued_unit_t *found = find(issued, &units[i]);
-        issues[i] = found == NULL ? (issue_t){0}
-                                  : (issue_t){.mac = found->mac,
-                                              .before = units[i].first - found->unit.first,
-                                              .after = end_of(&found->unit) - end_of(&units[i])};
+        issues[i] = (issue_t){0};
+        if (found == NULL) continue;
+        issues[i].mac = found->mac;
+        issues[i].before = units[i].first - found->unit.first;
+        issues[i].after = end_of(&found->unit) - end_of(&units[i]);
     }
 }
 
