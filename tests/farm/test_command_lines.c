@@ -137,7 +137,7 @@ static void bash_completes_what_there_is(void **state)
     assert_completes("lightmill render scene.pbrt --integrator p", "path\n");
     assert_completes("lightmill status --ma", "--master --master-key --man\n");
     assert_completes("lightmill keygen --right w", "worker\n");
-    assert_completes("lightmill-master --ch", "--checkpoint\n");
+    assert_completes("lightmill-master --ch", "--checkpoint --checkpoint-max\n");
     assert_completes("lightmill-worker host --cache", "--cache --cache-limit\n");
     assert_completes("lightmill-relay --ask", "--ask-health\n");
     /* Nothing of ours: bash goes on to files. */
