@@ -51,7 +51,7 @@ static result_t stopped(void)
 static uint64_t magnitude_bits(const int64_t *values, size_t count)
 {
     uint64_t bits = 0;
-    for (size_t i = 0; i < count; i++) bits |= (uint64_t)(values[i] ^ values[i] >> 63);
+    for (size_t i = 0; i < count; i++) bits |= (uint64_t)(values[i] < 0 ? ~values[i] : values[i]);
     return bits;
 }
 

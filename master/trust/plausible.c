@@ -1,16 +1,16 @@
 /* plausible: how large the values of a batch may be, before another rendering is asked for.
  *
  * DESIGN. What an integrator adds to a pixel is, with multiple importance sampling, seldom more than the
- * radiance of the brightest light; a firefly is more, and a pixel that sees the light has it in every sample.
- * So the bound of a value is
+ * radiance of the brightest light; a firefly is more, and a pixel that sees the light has it in every sample,
+ * with what the light itself reflects. So the bound of a value is
  *
- *     brightest light * (samples + FIREFLIES)
+ *     brightest light * (2^FIREFLY_BITS + 2^SEEN_BITS * samples)
  *
  * with the samples of the unit, or of a splat frame those of a mean pixel. In none of the scenes of scenes/
- * comes path or bdpt nearer to it than 1 in 50. `light` weighs nothing, and its fireflies are LIGHT_GAIN
- * times as large. What a light without size, or an image of unknown values, makes of a surface near it or a
- * mirror is not known without rendering: such lights have UNKNOWN_GAIN as much. A scene that is dim all over
- * is taken for DIMMEST. A job with a smaller film scale than the usual one expects larger sums by as much.
+ * comes a value nearer to it than 1 in 7. `light` weighs nothing, and its fireflies are LIGHT_GAIN times as
+ * large. What a light without size, or an image of unknown values, makes of a surface near it or a mirror is
+ * not known without rendering: such lights have UNKNOWN_GAIN as much. A scene that is dim all over is taken
+ * for DIMMEST. A job with a smaller film scale than the usual one expects larger sums by as much.
  *
  * This bound does not follow what was counted, or else a liar could raise it in small steps. It rises only
  * when two renderings agree on a value beyond it, by far enough that this happens a few times at most in the
@@ -22,7 +22,7 @@
 
 #include <math.h>
 
-enum { RAISE_BITS = 4, FIREFLY_BITS = 7 };
+enum { RAISE_BITS = 4, FIREFLY_BITS = 7, SEEN_BITS = 2 };
 static const double LARGEST = 0x1p61, UNKNOWN_GAIN = 0x1p10, LIGHT_GAIN = 0x1p6, DIMMEST = 16;
 
 /* ---- lights -------------------------------------------------------------------------------------------- */
@@ -55,7 +55,7 @@ sum_limits_t plausible_limits(const job_t *job)
         if (!is_radiance(k)) continue;
         double raised = ldexp((double)job->confirmed[k], RAISE_BITS);
         limits.once[k] = (uint64_t)fmin(fmax(ldexp(light, FIREFLY_BITS), raised), LARGEST);
-        limits.each[k] = limits.once[k] >> FIREFLY_BITS;
+        limits.each[k] = limits.once[k] >> (FIREFLY_BITS - SEEN_BITS);
     }
     return limits;
 }
