@@ -108,8 +108,6 @@ void farm_cast_out(farm_t *farm, double now);
 void farm_workers_tick(farm_t *farm, double now);
 /* Adds units that were taken back to the counters. */
 void farm_count_reissued(job_t *job, worker_t *worker, size_t units);
-/* A worker was given work, or delivered some: when is the rest to be here? */
-void farm_worker_expect(const farm_t *farm, double now, worker_t *worker);
 /* Threads of connected workers whose bits fit a job. */
 uint32_t farm_fitting_threads(const farm_t *farm, const job_t *job);
 
@@ -123,10 +121,10 @@ void farm_bind(farm_t *farm, double now, job_t *job, const hash_t *fingerprint);
 void farm_unbind(farm_t *farm, job_t *job);
 /* A worker of the kind that has most threads; NULL when none is connected. */
 const worker_t *farm_largest_kind(const farm_t *farm, double now);
-/* A batch of this worker was counted: its speed and its deadline are known anew. */
+/* A batch of this worker was counted: its speed is known anew. */
 void farm_worker_delivered(farm_t *farm, double now, worker_t *worker, job_t *job, const unit_t *units,
                            size_t count);
-/* A worker has delivered something: if it holds nothing any more and waits for that, it is called. */
+/* A worker has delivered something: if it waits for that, it is called. */
 void farm_worker_relieved(farm_t *farm, worker_t *worker);
 
 /* ---- report.c ---- */

@@ -3,11 +3,10 @@
  * DESIGN. How long a worker will take for what it holds is told from what it has delivered of the same job in
  * the last minute: pixel samples a second.
  *
- * As long as there are free units, nobody is hurried. But when somebody has nothing to do, others lose units
- * to it in two cases. A worker that has passed its deadline, SLACK times the time that it should have taken,
- * loses what it holds (it hangs, or its machine sleeps with its heartbeat alive); as long as nothing was
- * measured (it fetches a scene over a slow link, it is the first batch) the deadline is STALL_BATCHES
- * intervals. And at the end of a job, or of a round that others wait for, a worker loses what it holds when
+ * A worker is given no more than its window lets it hold (trust/window.c). As long as there are free units,
+ * nobody is hurried. But when somebody has nothing to do, others lose units to it in two cases. A worker that
+ * has delivered nothing for longer than trust_patience loses what it holds (it hangs, or never meant to
+ * deliver). And at the end of a job, or of a round that others wait for, a worker loses what it holds when
  * the idle one is expected to be done with all of it in less than half of the time that the holder is
  * expected to take from now. (One that is late by so many seconds is expected to take as many again.) The
  * first result wins; the factor of two keeps units from going to and fro between equals.
@@ -31,9 +30,12 @@ enum {
     HURRY_GRANT = 2,    /* or only so long when somebody is idle who would be sooner: its link is thin */
     MAX_KINDS = 32      /* kinds of bits that are told apart */
 };
-static const double SPEED_SECONDS = 60; /* over which the speed is measured, roughly */
-static const double HURRY = 2;          /* by what factor an idle worker has to be sooner, */
-static const double HURRY_SECONDS = 1;  /* and by what time beside */
+static const double UNIT_SECONDS = 0.4;  /* of one thread, in what a worker calls a good unit */
+static const double GAP_DECAY = 0.7;     /* a batch, of the longest time between two */
+static const double SILENT_LEASES = 0.4; /* after which a worker may be dead, and is left to its lease */
+static const double SPEED_SECONDS = 60;  /* over which the speed is measured, roughly */
+static const double HURRY = 2;           /* by what factor an idle worker has to be sooner, */
+static const double HURRY_SECONDS = 1;   /* and by what time beside */
 
 /* ---- the bits of a job --------------------------------------------------------------------------------- */
 
@@ -141,12 +143,14 @@ void farm_note_bits(farm_t *farm, double now, job_t *job, const worker_t *worker
     }
 }
 
-/* ---- speed and deadlines ------------------------------------------------------------------------------- */
+/* ---- speed ------------------------------------------------------------------------------- */
 
 void farm_worker_relieved(farm_t *farm, worker_t *worker)
 {
-    if (worker->quarantine == 0 || farm_worker_units(farm, worker) > 0) return;
-    worker->idle = true; /* it had to wait until it held nothing */
+    bool waits = worker->quarantine != 0 && farm_worker_units(farm, worker) == 0;
+    if (!waits && !worker->limited) return;
+    worker->limited = false;
+    worker->idle = true;
     farm_notify_idle(farm);
 }
 
@@ -160,11 +164,10 @@ void farm_worker_delivered(farm_t *farm, double now, worker_t *worker, job_t *jo
     worker->rated_seconds = worker->rated_seconds * decay + fmax(seconds, 0);
     worker->speed = worker->rated_seconds > 0 ? worker->rated_samples / worker->rated_seconds : 0;
     worker->speed_job = job->kept.job;
+    worker->gap = fmax(seconds, GAP_DECAY * worker->gap);
     worker->delivered = now;
-    worker->lapsed = false;
     worker->offered = worker->granted = 0;
     worker->held = farm_worker_units(farm, worker) > 0 ? fmax(worker->held - samples, 0) : 0;
-    farm_worker_expect(farm, now, worker);
     trust_delivered(farm, now, worker, job, units, count);
     farm_worker_relieved(farm, worker);
 }
@@ -216,12 +219,14 @@ static size_t recall_from(farm_t *farm, double now, const worker_t *idle, const 
         worker_t *worker = &farm->workers[i];
         if (worker == idle || !worker->connected) continue;
         if (schedule_held(job->schedule, worker->id) == 0) continue;
-        bool late = now > worker->deadline;
-        if (made_to_wait(now, worker, late ? GRANT_SECONDS : HURRY_GRANT)) continue;
+        if (now - worker->last_seen > SILENT_LEASES * farm->options.lease) continue; /* it may have died */
+        bool late = now - worker->delivered > trust_patience(farm, worker, idle);
+        bool known = late && worker->batches > 0;
+        if (made_to_wait(now, worker, known ? GRANT_SECONDS : HURRY_GRANT)) continue;
         if (!late && !is_sooner(farm, now, speed, worker)) continue;
         double silent = now - worker->delivered;
+        if (late) trust_lapsed(farm, now, worker);
         size_t recalled = farm_worker_take_back(farm, now, worker);
-        worker->lapsed = true;
         log_warning("worker %s has sent nothing for %.0f s%s: %zu units go to others", worker->name, silent,
                     late ? "" : " and holds others up", recalled);
         units += recalled;
@@ -229,8 +234,8 @@ static size_t recall_from(farm_t *farm, double now, const worker_t *idle, const 
     return units;
 }
 
-/* Somebody is idle: workers that are past their deadline, or that it would overtake, lose their units. True
- * when any did. They may still deliver first. */
+/* Somebody is idle: workers that do not deliver, or that it would overtake, lose their units. True when any
+ * did. They may still deliver first. */
 static bool recall_slow(farm_t *farm, double now, const worker_t *idle)
 {
     size_t units = 0;
@@ -244,8 +249,43 @@ static bool recall_slow(farm_t *farm, double now, const worker_t *idle)
 
 /* ---- giving -------------------------------------------------------------------------------------------- */
 
-/* Issues units of one job, if it has any for this worker; false when the worker is to wait until it holds
- * nothing. */
+/* Threads of workers that share the job, of those that deliver what they are given. */
+static uint32_t working_threads(const farm_t *farm, const job_t *job)
+{
+    uint32_t threads = farm_fitting_threads(farm, job);
+    for (size_t i = 0; i < farm->worker_count; i++) {
+        const worker_t *worker = &farm->workers[i];
+        if (worker->connected && worker->lapsed && farm_bits_fit(job, &worker->fingerprint))
+            threads -= worker->threads;
+    }
+    return threads;
+}
+
+/* Pixel samples a second that a worker may do at a job: as it did before, or else by its own measure, but no
+ * more than others. */
+static double likely_speed(const farm_t *farm, const worker_t *worker, const job_t *job,
+                           const schedule_wish_t *wish)
+{
+    double measured = speed_at(farm, worker, job->kept.job);
+    if (worker->speed > 0 && worker->speed_job == job->kept.job) return worker->speed;
+    double claimed = (double)wish->unit_samples / UNIT_SECONDS * worker->threads;
+    return measured > 0 ? fmin(measured, claimed) : claimed;
+}
+
+/* Lets a worker wish for no more than its window has room for; false when that is nothing. One whose batch we
+ * make wait goes on meanwhile. */
+static bool limit_wish(const farm_t *farm, double now, const job_t *job, worker_t *worker,
+                       schedule_wish_t *wish)
+{
+    if (worker->batches > 0 && made_to_wait(now, worker, GRANT_SECONDS)) return true;
+    double room = trust_room(farm, now, job, worker, likely_speed(farm, worker, job, wish));
+    worker->limited = room <= 0;
+    if (room < (double)wish->samples) wish->samples = room > 1 ? (uint64_t)room : 1;
+    return !worker->limited;
+}
+
+/* Issues units of one job, if it has any for this worker; false when the worker is to wait until it has
+ * delivered. */
 static bool take_from_job(farm_t *farm, double now, job_t *job, worker_t *worker, schedule_wish_t *wish,
                           work_t *work)
 {
@@ -259,7 +299,8 @@ static bool take_from_job(farm_t *farm, double now, job_t *job, worker_t *worker
     if (answer == TRUST_COMPARES) return true;
     if (answer == TRUST_WAIT) return false;
     if (answer != TRUST_GIVEN) {
-        wish->farm_threads = farm_fitting_threads(farm, job);
+        if (!limit_wish(farm, now, job, worker, wish)) return false;
+        wish->farm_threads = working_threads(farm, job);
         work->unit_count = schedule_take(job->schedule, wish, work->units, WIRE_MAX_UNITS);
     }
     if (work->unit_count == 0) return true;
@@ -270,11 +311,10 @@ static bool take_from_job(farm_t *farm, double now, job_t *job, worker_t *worker
     if (worker->speed_job != job->kept.job) worker->speed = 0;
     worker->empty = 0;
     worker->held += farm_unit_samples(job, work->units, work->unit_count);
-    farm_worker_expect(farm, now, worker);
     return true;
 }
 
-/* True when the worker is to wait until it holds nothing. */
+/* True when the worker is to wait until it has delivered. */
 static bool take_from_jobs(farm_t *farm, double now, worker_t *worker, schedule_wish_t *wish, work_t *work)
 {
     bool waits = false;

@@ -8,8 +8,6 @@
 #include <string.h>
 
 enum {
-    STALL_BATCHES = 12, /* batch intervals until the deadline of who was not measured, */
-    SLACK = 4,          /* times the time that it should take otherwise (take.c) */
     UNTOLD_SECONDS = 60,
     FORGET_SECONDS = 3600,     /* that a worker which is gone stays on the list, */
     FORGET_IDLE_SECONDS = 300, /* and one which never delivered anything */
@@ -42,7 +40,6 @@ size_t farm_worker_take_back(farm_t *farm, double now, worker_t *worker)
     }
     worker->held = 0;
     worker->quarantine = 0;
-    worker->deadline = 0;
     return total;
 }
 
@@ -377,14 +374,6 @@ void farm_goodbye(farm_t *farm, double now, uint64_t id, uint64_t job_id, const 
     farm_unlock(farm);
 }
 
-void farm_worker_expect(const farm_t *farm, double now, worker_t *worker)
-{
-    double interval = farm->options.batch_interval, seconds = STALL_BATCHES * interval;
-    if (worker->speed > 0) seconds = SLACK * (worker->held / worker->speed + interval);
-    if (worker->delivered == 0) worker->delivered = now;
-    worker->deadline = worker->delivered + seconds;
-}
-
 /* Under the lock. */
 static void reclaim(farm_t *farm, double now, worker_t *worker, job_t *job, const unit_t *units, size_t count)
 {
@@ -393,7 +382,6 @@ static void reclaim(farm_t *farm, double now, worker_t *worker, job_t *job, cons
     for (size_t i = 0; i < count; i++)
         if (schedule_issue(job->schedule, worker->id, &units[i]))
             worker->held += farm_unit_samples(job, &units[i], 1);
-    farm_worker_expect(farm, now, worker);
 }
 
 /* True when the claim is of units that were issued to who makes it. */
@@ -520,6 +508,7 @@ static void progress(farm_t *farm, double now)
 void farm_workers_tick(farm_t *farm, double now)
 {
     trust_tick(farm, now);
+    farm_cast_out(farm, now);
     tell_untold(farm, now);
     if (now - farm->remarked >= REMARK_SECONDS || now < farm->remarked) {
         for (size_t i = 0; i < farm->job_count; i++) remark_job(farm, now, farm->jobs[i]);

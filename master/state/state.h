@@ -26,6 +26,7 @@ typedef struct {
     identity_t identity;
     uint32_t threads;
     bool connected;
+    bool limited;    /* it is to be given more when it has delivered */
     bool lapsed;     /* it lost units that it had not delivered, and has delivered none since */
     bool reached;    /* it reaches the bulk socket; before that it gets no work */
     bool idle;       /* was told that there is no work */
@@ -43,7 +44,7 @@ typedef struct {
     double speed;             /* pixel samples a second that it delivers; 0: not measured */
     uint64_t speed_job;       /* the job that it was measured with */
     double rated_samples, rated_seconds; /* what it was measured from */
-    double deadline;     /* seconds, when what it holds should have come; 0: it holds nothing */
+    double gap;                          /* seconds from one batch to the next, about; 0: there was none */
     double empty;        /* seconds, since when it says that it holds nothing, though it was given units; 0 */
     double offered;      /* seconds, when it last said that a batch is ready; 0: that was answered */
     double granted;      /* seconds, when it was first let send it; 0: not yet, or that was answered */

@@ -100,6 +100,16 @@ static standing_t *find_or_make(farm_t *farm, double now, uint64_t who)
     return standing;
 }
 
+standing_t *standing_of(farm_t *farm, double now, uint64_t who)
+{
+    return find_or_make(farm, now, who);
+}
+
+const standing_t *standing_known(const farm_t *farm, uint64_t who)
+{
+    return find(farm, who);
+}
+
 static const standing_t *aside(const farm_t *farm, double now, const worker_t *worker)
 {
     const standing_t *party = find(farm, worker->party), *source = find(farm, worker->source);
@@ -160,7 +170,7 @@ void trust_failed(farm_t *farm, double now, worker_t *worker, const char *why)
     if (!worker->outcast) fail(farm, now, worker, why);
 }
 
-static bool is_the_only_party(const farm_t *farm, uint64_t party)
+bool standing_alone(const farm_t *farm, uint64_t party)
 {
     for (size_t i = 0; i < farm->worker_count; i++)
         if (farm->workers[i].connected && farm->workers[i].party != party) return false;
@@ -171,7 +181,7 @@ void standing_fell(farm_t *farm, double now, worker_t *worker)
 {
     const standing_t *standing = find(farm, worker->party);
     if (standing != NULL && worker->joined <= standing->last_failure) return;
-    if (is_the_only_party(farm, worker->party)) return;
+    if (standing_alone(farm, worker->party)) return;
     fail(farm, now, worker, "died with units in its hands");
     worker->charged = true;
 }

@@ -5,6 +5,8 @@
  * when it fell silent are remembered. When anything of one is delivered, it is above suspicion and forgotten;
  * when the worker is heard of after all, its death is taken back.
  *
+ * What a worker lost to an idle one a moment before it died counts as well.
+ *
  * Units that two workers died with are kept from the others (the farm itself holds them, as worker 0) and
  * handed out apart: first up to GROUP together, after a further death one by one, to a worker that holds
  * nothing else. One that asks for work while it holds other units is told that there is none until it has
@@ -27,6 +29,7 @@ enum {
     GROUP = 8,            /* units handed out together, as long as they have no more than KEPT_DEATHS */
     QUARANTINE_SHARE = 4, /* one worker in so many may have suspects */
     KNOWN_DEATHS = 3,     /* instead of FARM_UNIT_DEATHS where a unit of the same tile was left out */
+    RECALLED_LEASES = 3,  /* for which a unit that was recalled is remembered */
     MAX_TOLD = 3          /* units that the message of the job names */
 };
 #define SEVERAL UINT64_MAX /* in the place of a party */
@@ -42,7 +45,16 @@ typedef struct {
     uint64_t holder;              /* the worker that it was handed out to apart; 0: none */
 } suspect_t;
 
+/* A unit that a worker lost while it lived, to one that was idle: it may be about to die of it. */
+typedef struct {
+    unit_t unit;
+    uint64_t worker;
+    double when; /* seconds */
+} recalled_t;
+
 struct job_suspects {
+    recalled_t *recalled;
+    size_t recalled_count;
     suspect_t *list; /* sorted by tile and sample, without overlap */
     size_t count;
     size_t kept;      /* of them by the farm */
@@ -129,6 +141,7 @@ void suspects_free(job_suspects_t **suspects)
 {
     if (*suspects == NULL) return;
     free((*suspects)->list);
+    free((*suspects)->recalled);
     free((*suspects)->deadly);
     free(*suspects);
     *suspects = NULL;
@@ -173,17 +186,53 @@ static bool note(job_suspects_t *s, size_t count, const worker_t *worker, const 
     return apart || fresh.party == SEVERAL;
 }
 
-bool suspects_died(job_t *job, const worker_t *worker)
+static job_suspects_t *suspects_of(job_t *job)
+{
+    if (job->suspects == NULL) {
+        job->suspects = mem_zalloc(1, sizeof *job->suspects);
+        job->suspects->list = mem_alloc(MAX_SUSPECTS * sizeof *job->suspects->list);
+        job->suspects->recalled = mem_alloc(MAX_SUSPECTS * sizeof *job->suspects->recalled);
+    }
+    return job->suspects;
+}
+
+void suspects_recalled(farm_t *farm, double now, job_t *job, uint64_t worker)
+{
+    size_t count, kept = 0;
+    if (job->schedule == NULL) return;
+    unit_t *units = schedule_units_of(job->schedule, worker, &count);
+    job_suspects_t *s = count > 0 ? suspects_of(job) : NULL;
+    for (size_t i = 0; s != NULL && i < s->recalled_count; i++)
+        if (now - s->recalled[i].when < RECALLED_LEASES * farm->options.lease)
+            s->recalled[kept++] = s->recalled[i];
+    for (size_t i = 0; i < count && kept < MAX_SUSPECTS; i++)
+        s->recalled[kept++] = (recalled_t){units[i], worker, now};
+    if (s != NULL) s->recalled_count = kept;
+    free(units);
+}
+
+/* What a worker holds, or lost a moment ago, in fresh memory. */
+static unit_t *last_units(const farm_t *farm, double now, const job_t *job, uint64_t worker, size_t *count)
+{
+    const job_suspects_t *s = job->suspects;
+    unit_t *units = schedule_units_of(job->schedule, worker, count);
+    for (size_t i = 0; s != NULL && i < s->recalled_count; i++) {
+        const recalled_t *recalled = &s->recalled[i];
+        if (recalled->worker != worker || now - recalled->when >= RECALLED_LEASES * farm->options.lease)
+            continue;
+        units = mem_realloc(units, (*count + 1) * sizeof *units);
+        units[(*count)++] = recalled->unit;
+    }
+    return units;
+}
+
+bool suspects_died(farm_t *farm, double now, job_t *job, const worker_t *worker)
 {
     if (job->schedule == NULL || job->flush_until > 0) return false;
     size_t count;
-    unit_t *units = schedule_units_of(job->schedule, worker->id, &count);
+    unit_t *units = last_units(farm, now, job, worker->id, &count);
     bool excused = false, alone = count == 1 && worker->quarantine == job->kept.job;
-    if (count > 0 && job->suspects == NULL) {
-        job->suspects = mem_zalloc(1, sizeof *job->suspects);
-        job->suspects->list = mem_alloc(MAX_SUSPECTS * sizeof *job->suspects->list);
-    }
-    size_t known = count > 0 ? job->suspects->count : 0;
+    size_t known = count > 0 ? suspects_of(job)->count : 0;
     for (size_t i = 0; i < count; i++) excused |= note(job->suspects, known, worker, &units[i], alone);
     if (count > 0) tidy(job);
     free(units);

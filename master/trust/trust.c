@@ -37,8 +37,11 @@ result_t trust_admit(const farm_t *farm, double now, worker_t *worker)
 void trust_died(farm_t *farm, double now, worker_t *worker, bool back)
 {
     bool excused = back || farm_worker_units(farm, worker) == 0;
-    for (size_t i = 0; i < farm->job_count && !back; i++) excused |= suspects_died(farm->jobs[i], worker);
-    if (!excused) standing_fell(farm, now, worker);
+    for (size_t i = 0; i < farm->job_count && !back; i++)
+        excused |= suspects_died(farm, now, farm->jobs[i], worker);
+    if (excused) return;
+    standing_fell(farm, now, worker);
+    window_lapsed(farm, now, worker);
 }
 
 void trust_lives(farm_t *farm, worker_t *worker)
@@ -47,10 +50,11 @@ void trust_lives(farm_t *farm, worker_t *worker)
     standing_lives(farm, worker);
 }
 
-void trust_delivered(farm_t *farm, double now, const worker_t *worker, job_t *job, const unit_t *units,
+void trust_delivered(farm_t *farm, double now, worker_t *worker, job_t *job, const unit_t *units,
                      size_t count)
 {
     standing_delivered(farm, now, worker);
+    window_delivered(farm, worker);
     suspects_delivered(job, units, count);
 }
 

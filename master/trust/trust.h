@@ -1,9 +1,10 @@
 /* trust: verdicts on workers. This is the only header of the folder that others include: what the farm tells
  * it, and asks it.
  *
- * The folder knows four things. The farm sees only what follows from them:
+ * The folder knows five things. The farm sees only what follows from them:
  *
  *   - what is held against parties, which are put aside for it (standing.c);
+ *   - how much a worker may hold, by what was delivered of late (window.c);
  *   - units that workers died with, which are handed out apart, or left out (suspects.c);
  *   - units that are rendered twice and compared (checks.c);
  *   - batches that are kept until their job is over, so that they can be taken out of the film again
@@ -60,6 +61,15 @@ typedef enum {
 /* What a worker that asks for work is to be given of a job. */
 trust_answer_t trust_take(farm_t *farm, double now, job_t *job, worker_t *worker, work_t *work);
 
+/* How many pixel samples more the worker may be given of a job at which it is expected to do `speed` a
+ * second; 0 or less: none before it delivers. */
+double trust_room(const farm_t *farm, double now, const job_t *job, const worker_t *worker, double speed);
+/* Seconds after its last delivery, or after it was given units, until a worker loses what it holds to one
+ * that is idle. */
+double trust_patience(const farm_t *farm, const worker_t *worker, const worker_t *idle);
+/* The worker lost units since it did not deliver them in that time. */
+void trust_lapsed(farm_t *farm, double now, worker_t *worker);
+
 /* ---- batches ------------------------------------------------------------------------------------------- */
 
 /* RESULT_MISMATCH when nobody asked this worker for a batch with this number; else what it is of, in fresh
@@ -93,7 +103,7 @@ void trust_keep_write(farm_t *farm, const job_t *job, trust_keep_t *keep, const 
 /* It is on the list from now on, if it was merged. Frees it and sets *keep to NULL. */
 void trust_keep_end(farm_t *farm, job_t *job, trust_keep_t **keep, bool merged);
 /* A batch of this worker was counted. */
-void trust_delivered(farm_t *farm, double now, const worker_t *worker, job_t *job, const unit_t *units,
+void trust_delivered(farm_t *farm, double now, worker_t *worker, job_t *job, const unit_t *units,
                      size_t count);
 
 /* ---- plausible.c --------------------------------------------------------------------------------------- */

@@ -1,7 +1,7 @@
 /* trust_state: what the files of this folder have for one another. Each calls those before it alone:
- * standing, then checks and evidence (which call each other: what is compared and what is kept are two sides
- * of one list), suspects, settle; trust.c turns the hooks of trust.h into their calls. All is called under
- * the farm's lock, unless it says otherwise. */
+ * standing, window, then checks and evidence (which call each other: what is compared and what is kept are
+ * two sides of one list), suspects, settle; trust.c turns the hooks of trust.h into their calls. All is
+ * called under the farm's lock, unless it says otherwise. */
 #ifndef LIGHTMILL_TRUST_STATE_H
 #define LIGHTMILL_TRUST_STATE_H
 
@@ -14,7 +14,10 @@ typedef struct {
     uint32_t failures;
     uint32_t passed;                     /* comparisons of its batches since it last sent wrong sums */
     double last_failure, until, touched; /* seconds */
-    double length;                       /* of the last time aside, seconds; 0: there was none */
+    uint32_t lapses;                     /* of units since they were made up for by deliveries (window.c) */
+    double lapsed;                       /* seconds, the last */
+    double fruitless; /* seconds, since when units lapse and nothing is delivered; 0: not so */
+    double length;    /* of the last time aside, seconds; 0: there was none */
     char reason[FARM_MAX_NAME + 1];
 } standing_t;
 
@@ -42,11 +45,28 @@ void standing_pass(farm_t *farm, double now, uint64_t party);
 /* A party or a process sent wrong sums: it is put aside, whoever of it is connected. */
 void standing_lied(farm_t *farm, double now, uint64_t who, const char *name, const char *why);
 
+/* What is known of a party or a process; a new entry if need be. */
+standing_t *standing_of(farm_t *farm, double now, uint64_t who);
+/* NULL when there is none. */
+const standing_t *standing_known(const farm_t *farm, uint64_t who);
+/* True when no other party is connected. */
+bool standing_alone(const farm_t *farm, uint64_t party);
+
+/* ---- window.c ---- */
+
+/* Units of the worker came back undelivered. True when its party has delivered nothing for very long, and
+ * this is to be held against it. */
+bool window_lapsed(farm_t *farm, double now, worker_t *worker);
+/* A batch of the worker was counted: the window of its party opens again. */
+void window_delivered(farm_t *farm, worker_t *worker);
+
 /* ---- suspects.c ---- */
 
 /* A worker is held for dead, and what it holds is about to be released. Returns true when its death may be
  * the fault of what it held. */
-bool suspects_died(job_t *job, const worker_t *worker);
+bool suspects_died(farm_t *farm, double now, job_t *job, const worker_t *worker);
+/* A worker is about to lose what it holds of the job, to one that is idle. */
+void suspects_recalled(farm_t *farm, double now, job_t *job, uint64_t worker);
 /* A worker that was held for dead is alive. */
 void suspects_lives(farm_t *farm, uint64_t worker);
 /* Units were counted: they are above suspicion. */

@@ -352,7 +352,7 @@ static void trust_is_earned(void **state)
     (void)state;
     trial_t trial;
     begin(&trial, 1e-6);
-    trial.samples = 1 << 13; /* 16 units */
+    trial.samples = 1 << 13; /* 16 units, but the first batch is smaller */
     add_actor(&trial, "a", HONEST);
     add_actor(&trial, "b", HONEST);
     size_t first = 0, last = 0;
@@ -363,7 +363,7 @@ static void trust_is_earned(void **state)
         if (units > 0) last = units;
     }
     check_result(&trial);
-    assert_true(first >= 4);
+    assert_true(first >= 2);
     assert_int_equal(last, 1);
     end(&trial);
 }

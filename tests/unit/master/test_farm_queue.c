@@ -623,7 +623,7 @@ static void room_is_kept_for_films_that_come_back(void **state)
     job_record_t records[MAX_RECORDS];
     for (int i = 0; i < BEGUN; i++) {
         jobs[i] = submit(farm, i, 4);
-        while (toy_take(farm, i, worker, 1024, 512).job != 0) continue;
+        while (toy_take(farm, i, worker, 1024, 1 << 16).job != 0) continue;
     }
     jobs[BEGUN] = submit(farm, BEGUN, 4);
     size_t count = end_process(&farm, BEGUN, records);
