@@ -1,5 +1,5 @@
 /* orders: the commands that tell a master what is to be done with its jobs: cancel, pause, resume, retain,
- * release, delete, priority, change, extend. */
+ * release, delete, priority, change, take-out, extend. */
 #include "client/commands/commands.h"
 #include "client/farm/master_option.h"
 #include "client/farm/watch.h"
@@ -140,6 +140,44 @@ const command_t change_command = {.name = "lightmill change",
                                   .size = sizeof(change_t),
                                   .begin = master_option_begin, /* the first member */
                                   .run = run_change};
+
+/* ---- take-out ------------------------------------------------------------------------------------------ */
+
+typedef struct {
+    master_option_t master;
+    const char *job; /* NULL: all */
+} take_out_t;
+
+static const option_t take_out_rows[] = {
+    OPTION(take_out_t, job, "job", "N", "out of this job alone (default: of all that are not over)"),
+};
+static const option_group_t take_out_options = OPTION_GROUP(NULL, take_out_rows);
+
+static result_t run_take_out(const call_t *call)
+{
+    const take_out_t *values = call->values;
+    job_order_t order = {.kind = ORDER_TAKE_OUT};
+    if (values->job != NULL) TRY(job_number_parse(values->job, &order.job));
+    if (call->arguments[0][0] == '\0' || strlen(call->arguments[0]) >= sizeof order.who)
+        return result_fail(RESULT_USAGE, "this is no key, address or name of a worker: %s",
+                           call->arguments[0]);
+    snprintf(order.who, sizeof order.who, "%s", call->arguments[0]);
+    return send_order(&values->master, &order);
+}
+
+const command_t take_out_command = {
+    .name = "lightmill take-out",
+    .arguments = "WHO",
+    .summary = "take out of jobs what somebody delivered",
+    .about =
+        "Takes out of jobs all that somebody delivered to them, exactly, and has it rendered again. WHO is a "
+        "public key or its name on the master's list, the address of a machine, or the name of a worker, as "
+        "lightmill status --workers shows them. Only jobs of submit --verify can do it, until they are over: "
+        "they keep what was delivered. Who is connected goes on delivering: take its key off the list first.",
+    .groups = {{&take_out_options, 0}, MASTER_GROUPS(take_out_t, master)},
+    .size = sizeof(take_out_t),
+    .begin = master_option_begin, /* the first member */
+    .run = run_take_out};
 
 /* ---- extend -------------------------------------------------------------------------------------------- */
 

@@ -288,6 +288,20 @@ static result_t rebind(farm_t *farm, double now, job_t *job)
     return result_ok();
 }
 
+/* What a party delivered is taken out, and rendered again. */
+static result_t take_out(farm_t *farm, job_t *job, const char *who)
+{
+    if (job->kept.terms.verify <= 0 || farm->options.spool_dir == NULL)
+        return result_fail(RESULT_INPUT,
+                           "job %llu keeps nothing that could be taken out: submit such jobs with --verify",
+                           (unsigned long long)job->kept.job);
+    if (job_awaits_film(job))
+        return result_fail(RESULT_INPUT, "the film of job %llu is not loaded: try again in a moment",
+                           (unsigned long long)job->kept.job);
+    if (job->film != FILM_OPEN) return refuse(job, ", there is nothing to take out: submit it again");
+    return trust_take_out(farm, job, who);
+}
+
 static result_t carry_out(farm_t *farm, double now, job_t *job, const job_order_t *order)
 {
     switch (order->kind) {
@@ -311,6 +325,8 @@ static result_t carry_out(farm_t *farm, double now, job_t *job, const job_order_
         return let_mix(farm, job);
     case ORDER_REBIND:
         return rebind(farm, now, job);
+    case ORDER_TAKE_OUT:
+        return take_out(farm, job, order->who);
     }
     return result_fail(RESULT_INPUT, "there is no order of kind %d", (int)order->kind);
 }
@@ -324,10 +340,26 @@ static const char *const done_names[] = {[ORDER_CANCEL] = "is cancelled",
                                          [ORDER_PRIORITY] = "is moved to another priority",
                                          [ORDER_EXTEND] = "is extended",
                                          [ORDER_MIXED] = "is open to machines of all kinds",
-                                         [ORDER_REBIND] = "is bound to another kind of machines"};
+                                         [ORDER_REBIND] = "is bound to another kind of machines",
+                                         [ORDER_TAKE_OUT] = "is rid of what somebody delivered"};
+
+/* Of every job that is not over; it succeeds when there is anything to take out. */
+static result_t take_out_of_all(farm_t *farm, const job_order_t *order)
+{
+    result_t result = result_fail(RESULT_INPUT,
+                                  "there is no job that keeps anything of %s: only jobs of "
+                                  "submit --verify do, until they are over",
+                                  order->who);
+    farm_lock(farm);
+    for (size_t i = 0; i < farm->job_count; i++)
+        if (take_out(farm, farm->jobs[i], order->who).code == RESULT_OK) result = result_ok();
+    farm_unlock(farm);
+    return result;
+}
 
 result_t farm_order(farm_t *farm, double now, const job_order_t *order)
 {
+    if (order->kind == ORDER_TAKE_OUT && order->job == 0) return take_out_of_all(farm, order);
     farm_lock(farm);
     job_t *job = farm_find_job(farm, order->job);
     if (job == NULL) {

@@ -34,6 +34,9 @@ static void on_order(void *self, peer_server_t *server, const wire_message_t *me
     client_control_t *client = self;
     journal_writer_request_t request = journal_writer_request(message, JOURNAL_WRITER_ORDER);
     result_t result = wire_order_get(message->envelope->job_order, &request.order);
+    char key[KEY_TEXT + 1];
+    if (gate_find_key(client->gate, request.order.who, key))
+        snprintf(request.order.who, sizeof request.order.who, "%s", key);
     if (result.code == RESULT_OK) result = journal_writer_ask(client->journal_writer, &request);
     if (result.code != RESULT_OK) peer_refuse(server, message, result);
 }

@@ -224,11 +224,21 @@ static bool may_compare(const job_checks_t *checks, const check_t *check, const 
            (is_of_one_party(checks, check) || !rendered_in(checks, check, worker->party));
 }
 
-/* True when somebody may render it who does not hang. */
-static bool can_be_had(const farm_t *farm, double now, const job_checks_t *checks, const check_t *check)
+/* True when a party has neither rendered it nor lost it. */
+static bool is_fresh(const job_checks_t *checks, const check_t *check, uint64_t party)
+{
+    for (size_t i = 0; i < CHECK_LOSERS; i++)
+        if (check->lost[i] == party) return false;
+    return !rendered_in(checks, check, party);
+}
+
+/* True when somebody may render it who does not hang; of a fresh party, if need be. */
+static bool can_be_had(const farm_t *farm, double now, const job_checks_t *checks, const check_t *check,
+                       bool fresh)
 {
     for (size_t i = 0; i < farm->worker_count; i++)
         if (may_compare(checks, check, &farm->workers[i]) &&
+            (!fresh || is_fresh(checks, check, farm->workers[i].party)) &&
             farm_worker_asks(farm, now, &farm->workers[i], FARM_LOAD_BATCHES))
             return true;
     return false;
@@ -240,21 +250,21 @@ static bool may_render(const farm_t *farm, double now, const job_checks_t *check
 {
     if (may_compare(checks, check, worker)) return true;
     return check->doubt == DOUBT_OPEN && hash_equal(&worker->fingerprint, &check->fingerprint) &&
-           !can_be_had(farm, now, checks, check);
+           !can_be_had(farm, now, checks, check, false);
 }
 
-/* True when nobody is better placed: of a party that has not rendered it, or fast enough. */
+/* True when nobody is better placed: of a fresh party, or fast enough. */
 static bool suits(const farm_t *farm, double now, const job_checks_t *checks, const check_t *check,
                   const worker_t *worker)
 {
-    bool fresh = !rendered_in(checks, check, worker->party);
+    bool fresh = is_fresh(checks, check, worker->party);
     bool quick = check->samples <= worker->speed * FIT_SECONDS;
     for (size_t i = 0; i < farm->worker_count && !(fresh && quick); i++) {
         const worker_t *other = &farm->workers[i];
         if (other == worker || !may_compare(checks, check, other) ||
             !farm_worker_asks(farm, now, other, FARM_ASK_BATCHES))
             continue;
-        bool other_fresh = !rendered_in(checks, check, other->party);
+        bool other_fresh = is_fresh(checks, check, other->party);
         if (other_fresh && !fresh) return false;
         if (other_fresh == fresh && !quick && other->speed > worker->speed) return false;
     }
@@ -304,10 +314,11 @@ bool checks_held(const farm_t *farm, const worker_t *worker)
 }
 
 /* The worker does not render it any more. */
-static void lose(check_t *check)
+static void lose(const farm_t *farm, check_t *check)
 {
+    const worker_t *worker = farm_find_worker(farm, check->with);
     check->with = 0;
-    check->tries++;
+    check->lost[check->tries++ % CHECK_LOSERS] = worker != NULL ? worker->party : 0;
 }
 
 void trust_left(farm_t *farm, const worker_t *worker)
@@ -315,7 +326,7 @@ void trust_left(farm_t *farm, const worker_t *worker)
     for (size_t j = 0; j < farm->job_count; j++) {
         job_checks_t *checks = farm->jobs[j]->checks;
         for (size_t i = 0; checks != NULL && i < checks->check_count; i++)
-            if (checks->checks[i].with == worker->id) lose(&checks->checks[i]);
+            if (checks->checks[i].with == worker->id) lose(farm, &checks->checks[i]);
     }
 }
 
@@ -404,10 +415,8 @@ static void decide(farm_t *farm, double now, job_t *job, size_t at)
         check_free(&over);
     } else if (check->rendering_count == CHECK_RENDERINGS) {
         give_up(farm, job);
-    } else if (check->rendering_count > 1) {
-        say_disputed(job, check);
-        farm_notify_idle(farm);
     } else {
+        if (check->rendering_count > 1) say_disputed(job, check);
         farm_notify_idle(farm);
     }
 }
@@ -534,12 +543,13 @@ bool trust_pending(const job_t *job)
     return job->checks != NULL && (job->checks->check_count > 0 || trust_wrong(job));
 }
 
-/* Notes since when a comparison is not worth waiting for: nobody can make it, or nobody did. */
+/* Notes since when a comparison is not worth waiting for: nobody can make it, or all that could have lost it.
+ * A few that lose what they are given on purpose cannot keep others from making it. */
 static void note_hopeless(const farm_t *farm, double now, const job_checks_t *checks, check_t *check)
 {
     bool open = check->with != 0 ||
                 (check->doubt == DOUBT_NONE ? check->rendering_count > 1 : check->doubt != DOUBT_ANSWERED);
-    bool hopeless = !open && (check->tries >= MAX_TRIES || !can_be_had(farm, now, checks, check));
+    bool hopeless = !open && !can_be_had(farm, now, checks, check, check->tries >= MAX_TRIES);
     if (!hopeless)
         check->hopeless = 0;
     else if (check->hopeless <= 0)
@@ -598,7 +608,7 @@ static void tick_job(farm_t *farm, double now, job_t *job)
     uint64_t unmade = checks->unmade;
     for (size_t i = 0; i < checks->check_count;) {
         check_t *check = &checks->checks[i];
-        if (check->with != 0 && now > check->deadline) lose(check);
+        if (check->with != 0 && now > check->deadline) lose(farm, check);
         note_hopeless(farm, now, checks, check);
         bool alone = check->hopeless > 0 && check->doubt == DOUBT_ANSWERED;
         if (alone) decide_alone(farm, now, job, i);
@@ -631,7 +641,8 @@ void checks_remark(const farm_t *farm, double now, const job_t *job, char *text,
                  "wrong sums are still to be taken out of the film, for which there is no room now");
     for (size_t i = 0; checks != NULL && i < checks->check_count; i++) {
         const check_t *check = &checks->checks[i];
-        if (check->with != 0 || check->doubt != DOUBT_NONE || can_be_had(farm, now, checks, check)) continue;
+        if (check->with != 0 || check->doubt != DOUBT_NONE || can_be_had(farm, now, checks, check, false))
+            continue;
         stuck++;
         if (check->rendering_count < 2) continue;
         snprintf(text, size, "%.60s and %.60s disagree, and a further worker is needed to decide",

@@ -185,20 +185,22 @@ static uint32_t brand(job_checks_t *checks, size_t source)
     return count;
 }
 
-static void condemn(farm_t *farm, double now, job_t *job, size_t index)
+/* Takes out what a process delivered to a job, unless that ends: nobody would render it again. */
+static void withdraw(farm_t *farm, job_t *job, size_t index)
 {
     job_checks_t *checks = job->checks;
     source_t *source = &checks->sources[index];
-    bool ends = job_has_film(job) && job->film != FILM_OPEN; /* nobody would render it again */
+    bool ends = job_has_film(job) && job->film != FILM_OPEN;
     uint32_t out = ends ? 0 : brand(checks, index);
     checks_forget(job, index);
-    source->condemned = now;
-    log_error("job %llu: %u batches of %s are taken out of the film", (unsigned long long)job->kept.job, out,
-              source->name);
+    log_warning("job %llu: %u batches of %s are taken out of the film", (unsigned long long)job->kept.job,
+                out, source->name);
+    wake_up(farm->options.checkpoint_wake);
     if (!ends && source->unkept == 0) return;
     log_error("job %llu: batches of %s stay in the film, since %s", (unsigned long long)job->kept.job,
               source->name, ends ? "the job has ended" : "they were not kept");
-    farm_job_tell(farm, job, "batches of %.60s, which sent wrong sums, are in the image: render it again",
+    farm_job_tell(farm, job,
+                  "batches of %.60s, with wrong sums, are in the image: render it again",
                   source->name);
     source->unkept = 0;
 }
@@ -208,10 +210,35 @@ void evidence_condemn(farm_t *farm, double now, uint64_t who)
     for (size_t j = 0; j < farm->job_count; j++) {
         const job_checks_t *checks = farm->jobs[j]->checks;
         for (size_t i = 0; checks != NULL && i < checks->source_count; i++)
-            if (checks->sources[i].id == who || checks->sources[i].party == who)
-                condemn(farm, now, farm->jobs[j], i);
+            if (checks->sources[i].id == who || checks->sources[i].party == who) {
+                checks->sources[i].condemned = now;
+                withdraw(farm, farm->jobs[j], i);
+            }
     }
-    wake_up(farm->options.checkpoint_wake);
+}
+
+/* True when somebody means this process by a key, an address or a name. */
+static bool is_meant(const source_t *source, const char *who)
+{
+    const char *space = strchr(source->party_text, ' '); /* "key ...", "address ..." */
+    return strcmp(source->name, who) == 0 || strcmp(source->party_text, who) == 0 ||
+           (space != NULL && strcmp(space + 1, who) == 0);
+}
+
+result_t trust_take_out(farm_t *farm, job_t *job, const char *who)
+{
+    const job_checks_t *checks = job->checks;
+    size_t found = 0;
+    for (size_t i = 0; checks != NULL && i < checks->source_count; i++) {
+        if (!is_meant(&checks->sources[i], who)) continue;
+        withdraw(farm, job, i);
+        found++;
+    }
+    if (found > 0) return result_ok();
+    return result_fail(RESULT_INPUT,
+                       "job %llu has nothing of %s: say a key, an address, or the name of a worker, as "
+                       "lightmill status --workers shows them",
+                       (unsigned long long)job->kept.job, who);
 }
 
 /* ---- checkpoints, and coming back ---------------------------------------------------------------------- */

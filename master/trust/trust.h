@@ -127,6 +127,9 @@ bool trust_waiting(const job_t *job);
 bool trust_pending(const job_t *job);
 /* Bytes on the disk of what can be taken out of the job. */
 uint64_t trust_evidence(const job_t *job);
+/* All that a party (by its key or address) or a worker (by its name) delivered to a job whose film is open is
+ * taken out, and rendered again. RESULT_INPUT when nothing of it is there. */
+result_t trust_take_out(farm_t *farm, job_t *job, const char *who);
 /* True while there are sums to take out of the job's film. */
 bool trust_wrong(const job_t *job);
 /* True while that could not be done, and is tried again. */

@@ -112,7 +112,7 @@ typedef struct {
     uint64_t saved;    /* checkpoints that were safe, or begun, when it was taken out */
 } evidence_t;
 
-enum { CHECK_RENDERINGS = 5, MAX_CHECKS = 1 << 16 };
+enum { CHECK_RENDERINGS = 5, CHECK_LOSERS = 8, MAX_CHECKS = 1 << 16 };
 
 /* Whether a rendering is in the film of units whose first was doubted (plausible.c). */
 typedef enum {
@@ -137,10 +137,11 @@ typedef struct {
     } renderings[CHECK_RENDERINGS]; /* the first is in the film, */
     doubt_t doubt;                  /* unless it was doubted */
     size_t rendering_count;
-    uint64_t with;   /* the worker that renders it now; 0: none */
-    double deadline; /* seconds, of that worker */
-    uint32_t tries;  /* that were in vain */
-    double hopeless; /* seconds, since when nobody can make it; 0: somebody can */
+    uint64_t with;               /* the worker that renders it now; 0: none */
+    double deadline;             /* seconds, of that worker */
+    uint32_t tries;              /* that were in vain, */
+    uint64_t lost[CHECK_LOSERS]; /* and the parties that lost it last */
+    double hopeless;             /* seconds, since when nobody can make it; 0: somebody can */
 } check_t;
 
 struct job_checks {

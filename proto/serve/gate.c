@@ -488,3 +488,16 @@ void gate_key_name(gate_t *gate, const char *key, char name[KEY_MAX_NAME + 1])
     name[0] = '\0';
     if (gate != NULL && gate->keys) rights_of(gate, key, name);
 }
+
+bool gate_find_key(gate_t *gate, const char *name, char key[KEY_TEXT + 1])
+{
+    bool found = false;
+    if (gate == NULL || !gate->keys) return false;
+    pthread_mutex_lock(&gate->lock);
+    for (size_t i = 0; i < gate->list.count && !found; i++) {
+        found = strcmp(gate->list.entries[i].name, name) == 0;
+        if (found) memcpy(key, gate->list.entries[i].key, KEY_TEXT + 1);
+    }
+    pthread_mutex_unlock(&gate->lock);
+    return found;
+}

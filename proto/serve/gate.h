@@ -53,5 +53,7 @@ void gate_expect(gate_t *gate, int connection, uint64_t bytes);
 result_t gate_check(gate_t *gate, wire_message_t *message, unsigned needed);
 /* The name that the list has for a key; "" when it has none. From any thread. */
 void gate_key_name(gate_t *gate, const char *key, char name[KEY_MAX_NAME + 1]);
+/* The key that the list has under a name; false when there is none. Likewise. */
+bool gate_find_key(gate_t *gate, const char *name, char key[KEY_TEXT + 1]);
 
 #endif

@@ -53,16 +53,18 @@ typedef enum {
     ORDER_PRIORITY, /* order.priority */
     ORDER_EXTEND,   /* more samples, for a finished job or one that runs: order.spp, .error, .time_limit */
     ORDER_MIXED,    /* machines of all kinds may work on it from now on */
-    ORDER_REBIND    /* it is bound to the kind of machines that has most threads now */
+    ORDER_REBIND,   /* it is bound to the kind of machines that has most threads now */
+    ORDER_TAKE_OUT  /* what order.who delivered to it is taken out and rendered again; job 0: to any */
 } order_kind_t;
 
 typedef struct {
     uint64_t job;
     order_kind_t kind;
     int32_t priority;
-    uint32_t spp;      /* 0: as it was */
-    double error;      /* likewise */
-    double time_limit; /* seconds from now; 0: as it was */
+    uint32_t spp;               /* 0: as it was */
+    double error;               /* likewise */
+    double time_limit;          /* seconds from now; 0: as it was */
+    char who[JOB_MAX_NAME + 1]; /* key, address, or name of a worker */
 } job_order_t;
 
 /* What a client orders done with workers, as WorkerOrder.kind says it. */

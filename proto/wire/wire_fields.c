@@ -112,14 +112,18 @@ result_t wire_terms_get(const Lm__Terms *from, const char *name, job_terms_t *to
 void wire_order_put(const job_order_t *from, Lm__JobOrder *to)
 {
     ORDER(COPY);
+    to->who = (char *)from->who;
 }
 
 result_t wire_order_get(const Lm__JobOrder *from, job_order_t *to)
 {
-    if (from->kind < ORDER_CANCEL || from->kind > ORDER_REBIND)
+    if (from->kind < ORDER_CANCEL || from->kind > ORDER_TAKE_OUT)
         return result_fail(RESULT_PROTOCOL, "an order of unknown kind %u", from->kind);
     *to = (job_order_t){0};
     ORDER(COPY);
+    snprintf(to->who, sizeof to->who, "%s", from->who);
+    if (to->kind == ORDER_TAKE_OUT && to->who[0] == '\0')
+        return result_fail(RESULT_USAGE, "whose samples are to be taken out is not said");
     if (to->spp > JOB_MAX_SPP)
         return result_fail(RESULT_USAGE, "samples a pixel is %u, must be at most %d", to->spp, JOB_MAX_SPP);
     if (!(to->error >= 0 && to->error < 1))

@@ -368,6 +368,55 @@ static void trust_is_earned(void **state)
     end(&trial);
 }
 
+static result_t take_out(trial_t *trial, uint64_t job, const char *who)
+{
+    job_order_t order = {.job = job, .kind = ORDER_TAKE_OUT};
+    snprintf(order.who, sizeof order.who, "%s", who);
+    return farm_order(trial->farm, trial->now, &order);
+}
+
+/* An operator knows better: all that somebody delivered goes out, by its address, its name or its key. */
+static void somebody_is_taken_out(void **state)
+{
+    (void)state;
+    static const char *const whos[] = {"liar", "liar:1", "address liar"};
+    for (size_t w = 0; w < ARRAY_LENGTH(whos); w++) {
+        trial_t trial;
+        begin(&trial, 1e-6);
+        add_actor(&trial, "liar:1", LIES);
+        for (int i = 0; i < 6; i++) step(&trial);
+        uint64_t before = toy_report(trial.farm, trial.now, trial.job).record.account.counted;
+        assert_true(before > 0);
+        assert_int_equal(take_out(&trial, trial.job, "nobody").code, RESULT_INPUT);
+        assert_int_equal(take_out(&trial, 77, "liar").code, RESULT_INPUT);
+        assert_int_equal(take_out(&trial, w == 0 ? 0 : trial.job, whos[w]).code, RESULT_OK);
+        farm_settle(trial.farm);
+        assert_int_equal(toy_report(trial.farm, trial.now, trial.job).record.account.counted, 0);
+        trial.actors[0].honesty = HONEST;
+        trial.actors[0].work = (toy_work_t){0};
+        add_actor(&trial, "a", HONEST);
+        job_report_t report = run(&trial);
+        check_result(&trial);
+        assert_int_equal(report.record.checks_failed, 0);
+        assert_int_equal(take_out(&trial, trial.job, "a").code, RESULT_INPUT); /* it has ended */
+        assert_int_equal(take_out(&trial, 0, "a").code, RESULT_INPUT);
+        end(&trial);
+    }
+}
+
+static void a_job_without_evidence_says_so(void **state)
+{
+    (void)state;
+    trial_t trial;
+    begin(&trial, 0);
+    add_actor(&trial, "a", HONEST);
+    for (int i = 0; i < 3; i++) step(&trial);
+    result_t result = take_out(&trial, trial.job, "a");
+    assert_int_equal(result.code, RESULT_INPUT);
+    assert_non_null(strstr(result.message, "--verify"));
+    end(&trial);
+}
+
 /* All that was merged can be taken out until the job is over. */
 static void everything_is_kept(void **state)
 {
@@ -628,6 +677,34 @@ static void a_relay_is_watched_too(void **state)
         assert_int_equal(report.record.checks_failed > 0, lies);
         end(&trial);
     }
+}
+
+/* A liar with other keys has them take the comparisons, and leave: others make them all the same. */
+static void nobody_spoils_comparisons(void **state)
+{
+    (void)state;
+    static const char *const names[] = {"liar", "x", "y", "z"};
+    trial_t trial;
+    begin(&trial, 0.05);
+    for (int i = 0; i < 4; i++) add_actor(&trial, names[i], i == 0 ? LIES : HONEST);
+    int left = 0;
+    for (int i = 0; i < 2000 && !is_over(&trial); i++) {
+        step(&trial);
+        for (int j = 1; j < 4; j++) {
+            actor_t *actor = &trial.actors[j];
+            if (actor->work.check == 0 || actor->worker == 0) continue;
+            farm_goodbye(trial.farm, trial.now, actor->worker, 0, "");
+            actor->worker = 0;
+            left++;
+        }
+        if (left >= 12 && trial.actor_count == 4) {
+            add_actor(&trial, "a", HONEST);
+            add_actor(&trial, "b", HONEST);
+        }
+    }
+    check_result(&trial);
+    assert_true(left >= 12 && trial.actors[0].refused);
+    end(&trial);
 }
 
 /* If no two workers make the same bits, it is not the workers. */
@@ -1015,6 +1092,8 @@ int main(void)
         cmocka_unit_test(who_lies_once_is_found),
         cmocka_unit_test(one_wrong_unit_is_found_by_chance),
         cmocka_unit_test(trust_is_earned),
+        cmocka_unit_test(somebody_is_taken_out),
+        cmocka_unit_test(a_job_without_evidence_says_so),
         cmocka_unit_test(everything_is_kept),
         cmocka_unit_test(the_evidence_has_a_quota),
         cmocka_unit_test(a_party_has_one_voice),
@@ -1026,6 +1105,7 @@ int main(void)
         cmocka_unit_test(a_pass_says_nothing_of_what_comes_later),
         cmocka_unit_test(a_third_worker_decides),
         cmocka_unit_test(a_lost_comparison_is_made_by_another),
+        cmocka_unit_test(nobody_spoils_comparisons),
         cmocka_unit_test(a_relay_is_watched_too),
         cmocka_unit_test(a_job_that_cannot_be_verified_says_so),
         cmocka_unit_test(without_a_disk_nothing_is_verified),
