@@ -5,6 +5,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 typedef struct {
     const char *directory, *right; /* NULL: the default */
@@ -33,6 +34,18 @@ static const char *right_of(const char *name)
     return works ? "worker" : "client";
 }
 
+/* Names the key after this machine: a list of twenty keys called "worker" tells nothing. */
+static void print_line(const char *right, const char *key, const char *name)
+{
+    char host[200] = "", called[KEY_MAX_NAME + 1];
+    bool known = gethostname(host, sizeof host - 1) == 0 && host[0] != '\0';
+    int length = snprintf(called, sizeof called, "%s%s%s", name, known ? "@" : "", host);
+    if (length >= (int)sizeof called) snprintf(called, sizeof called, "%s", name);
+    fprintf(stderr, "on the master's machine, in its directory: lightmill allow '%s %s %s'\n", right, key,
+            called);
+    printf("%s %s %s\n", right, key, called);
+}
+
 static result_t run(const call_t *call)
 {
     const values_t *values = call->values;
@@ -47,7 +60,7 @@ static result_t run(const call_t *call)
         if (strcmp(name, "master") == 0)
             printf("%s\n", pair.open);
         else
-            printf("%s %s %s\n", values->right ? values->right : right_of(name), pair.open, name);
+            print_line(values->right ? values->right : right_of(name), pair.open, name);
     }
     free(directory);
     return result;

@@ -29,8 +29,9 @@ static const option_t rows[] = {
     OPTION(values_t, terms.priority, "priority", "N",
            "jobs of a higher priority go first, those of the same share the workers (default: 0)",
            OPTION_RANGE(-JOB_MAX_PRIORITY, JOB_MAX_PRIORITY)),
-    OPTION_BY(option_share, values_t, terms.verify, "verify", "SHARE",
-              "render so much of it twice, on two workers, and compare (1% or 0.01); wrong sums are taken out"),
+    OPTION_BY(
+        option_share, values_t, terms.verify, "verify", "SHARE",
+        "render so much of it twice, on two workers, and compare (1% or 0.01); wrong sums are taken out"),
     OPTION(values_t, terms.mixed, "mixed", NULL, "let machines share it that do not make the same bits"),
     OPTION(values_t, terms.halves, "halves", NULL,
            "keep the images of the even and of the odd samples too, as layers half0 and half1 of its images"),

@@ -477,12 +477,12 @@ static void a_master_makes_its_key_and_says_what_to_do(void **state)
 
     pid_t keygen = rig_start_command(rig, (const char *[]){"keygen", "--out", mine, NULL});
     assert_int_equal(rig_wait_exit(rig, keygen, 20), 0);
-    char *output = rig_output(rig, keygen), *line = strstr(output, "client ");
+    char *output = rig_output(rig, keygen), *line = strstr(output, "\nclient ");
     assert_non_null(line);
-    FILE *list = fopen(allow, "a");
-    assert_non_null(list);
-    fprintf(list, "%.*s\n", (int)strcspn(line, "\n"), line);
-    assert_int_equal(fclose(list), 0);
+    line[1 + strcspn(line + 1, "\n")] = '\0';
+    assert_non_null(strstr(line, " client@")); /* and the name of this machine */
+    assert_int_equal(rig_run(rig, (const char *[]){"allow", line + 1, "--data", data, NULL}), 0);
+    assert_int_equal(access(allow, R_OK), 0);
     keygen = rig_start_command(rig, (const char *[]){"keygen", "relay", "--out", mine, NULL});
     assert_int_equal(rig_wait_exit(rig, keygen, 20), 0);
     assert_true(says(rig, keygen, "worker ")); /* which a relay is to its master */
@@ -490,6 +490,15 @@ static void a_master_makes_its_key_and_says_what_to_do(void **state)
     assert_int_equal(rig_run(rig, (const char *[]){"status", "--master", address, "--key", secret,
                                                    "--master-key", key, NULL}),
                      0);
+    /* Until it is excluded. */
+    const char *called = strrchr(line, ' ') + 1;
+    assert_int_equal(rig_run(rig, (const char *[]){"exclude", called, "--data", data, NULL}), 0);
+    int code = 0;
+    for (double deadline = clock_now() + 20; code != RESULT_DENIED && clock_now() < deadline;)
+        code = rig_run(
+            rig, (const char *[]){"status", "--master", address, "--key", secret, "--master-key", key, NULL});
+    assert_int_equal(code, RESULT_DENIED);
+    assert_int_equal(rig_run(rig, (const char *[]){"allow", line + 1, "--data", data, NULL}), 0);
     /* The second time it has its key. */
     kill(process, SIGTERM);
     assert_int_equal(rig_wait_exit(rig, process, 30), 0);
