@@ -12,7 +12,7 @@ Q       := $(if $(V),,@)
 BASELINE := -march=x86-64-v3 -mtune=skylake -ffp-contract=off -fno-math-errno -fno-trapping-math
 WARNINGS := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Wvla
 PACKAGES := libmicrohttpd libzmq libprotobuf-c libsodium libzstd libpng zlib libturbojpeg OpenEXR jansson sqlite3 libcurl libmurmurhash
-ifneq ($(filter-out help clean deps deps-dev deps-test deps-chaos check check-fast demo asan tsan fuzz chaos hostile valgrind container-check sim bench bench-error bench-merge bench-farm bench-watch bench-large bench-codec format lint,$(or $(MAKECMDGOALS),all)),)
+ifneq ($(filter-out help clean deps deps-dev deps-test deps-chaos check check-fast demo asan tsan fuzz chaos hostile valgrind container-check sim bench bench-error bench-merge bench-farm bench-watch bench-link bench-large bench-codec format lint,$(or $(MAKECMDGOALS),all)),)
 PKG_CFLAGS := $(shell pkg-config --cflags $(PACKAGES) 2>/dev/null)
 ifneq ($(.SHELLSTATUS),0)
 $(error $(strip $(foreach package,$(PACKAGES),$(if $(shell pkg-config --exists $(package) && echo yes),,$(package)))) is missing: run make deps)
@@ -277,6 +277,11 @@ bench-watch: deps-test
 	$(SUBMAKE) $(JOBS) all $(BUILD)/tests/bench/bench_watch
 	$(BUILD)/tests/bench/bench_watch
 
+# What a worker behind 1 Mbit/s costs a job at 1920x1080: two minutes; SPP=12 doubles that (docs/workers.md).
+bench-link: deps-test
+	$(SUBMAKE) $(JOBS) all
+	tests/bench/bench_link.sh $(BUILD) $(SPP)
+
 # A farm with an image of 7680 x 4320 that people fetch meanwhile: seven minutes (docs/scale.md).
 bench-large: deps
 	$(SUBMAKE) $(JOBS) all
@@ -366,6 +371,7 @@ help:
 	@echo "make bench-farm   CPU time of a farm beside its rendering; two workers against one"
 	@echo "make bench-watch  what a hundred people who watch a job cost the farm"
 	@echo "make bench-large  checkpoints, fetches and memory with an image of 7680 x 4320"
+	@echo "make bench-link  what a worker behind 1 Mbit/s costs a job"
 	@echo "make bench-codec  the codings of payloads that were weighed against one another"
 	@echo "make pictures   the pictures of the page in docs/, of a farm that renders scenes/seed-hidden: minutes"
 	@echo "make man        the manual pages, in $(BUILD)/man"
@@ -375,5 +381,5 @@ help:
 	@echo "make compdb     compile_commands.json for editors"
 	@echo "make clean      remove $(BUILD)/"
 
-.PHONY: all check check-fast bench bench-error bench-codec tests fast-tests run-tests asan tsan fuzz demo pictures deps deps-dev deps-chaos prometheus container-check install man uninstall format lint lint-files compdb clean help sim bench-merge bench-farm bench-watch bench-large chaos chaos-programs hostile valgrind deps-test
+.PHONY: all check check-fast bench bench-error bench-codec tests fast-tests run-tests asan tsan fuzz demo pictures deps deps-dev deps-chaos prometheus container-check install man uninstall format lint lint-files compdb clean help sim bench-merge bench-farm bench-watch bench-link bench-large chaos chaos-programs hostile valgrind deps-test
 .SECONDARY:
