@@ -199,8 +199,7 @@ static void withdraw(farm_t *farm, job_t *job, size_t index)
     if (!ends && source->unkept == 0) return;
     log_error("job %llu: batches of %s stay in the film, since %s", (unsigned long long)job->kept.job,
               source->name, ends ? "the job has ended" : "they were not kept");
-    farm_job_tell(farm, job,
-                  "batches of %.60s, with wrong sums, are in the image: render it again",
+    farm_job_tell(farm, job, "batches of %.60s, with wrong sums, are in the image: render it again",
                   source->name);
     source->unkept = 0;
 }

@@ -154,50 +154,7 @@ static bool take_out(farm_t *farm, job_t *job, evidence_t evidence)
 
 /* ---- settling ------------------------------------------------------------------------------------------ */
 
-static bool is_needless(const job_checks_t *checks, const evidence_t *evidence)
-{
-    return evidence->state == EVIDENCE_NEEDLESS ||
-           (evidence->state == EVIDENCE_OUT && checks->saved >= evidence->saved + SAFE_AFTER);
-}
-
-/* Takes what is needless off the list, and returns it in fresh memory that the caller frees. */
-static evidence_t *take_needless(farm_t *farm, job_t *job, size_t *count)
-{
-    evidence_t *needless = NULL;
-    size_t found = 0, kept = 0;
-    *count = 0;
-    farm_lock(farm);
-    job_checks_t *checks = job->checks;
-    size_t all = checks != NULL ? checks->evidence_count : 0;
-    for (size_t i = 0; i < all; i++) found += is_needless(checks, &checks->evidence[i]);
-    if (found > 0) needless = mem_alloc(found * sizeof *needless);
-    for (size_t i = 0; i < all && found > 0; i++) {
-        evidence_t evidence = checks->evidence[i];
-        if (!is_needless(checks, &evidence)) {
-            checks->evidence[kept++] = evidence;
-            continue;
-        }
-        needless[(*count)++] = evidence;
-        checks->bytes -= evidence.bytes;
-        farm->trust->evidence_bytes -= evidence.bytes;
-    }
-    if (found > 0) checks->evidence_count = kept;
-    farm_unlock(farm);
-    return needless;
-}
-
-static void delete_needless(farm_t *farm, job_t *job)
-{
-    size_t count;
-    evidence_t *needless = take_needless(farm, job, &count);
-    for (size_t i = 0; i < count; i++) {
-        spool_name_t name = evidence_name(&needless[i]);
-        spool_delete(farm->options.spool_dir, job->kept.job, &name);
-    }
-    free(needless);
-}
-
-typedef enum { TASK_NONE, TASK_RENAME, TASK_TAKE_OUT } task_t;
+typedef enum { TASK_NONE, TASK_DELETE, TASK_RENAME, TASK_TAKE_OUT } task_t;
 
 /* What a batch should be called on the disk. */
 static spool_kind_t kind_of(const evidence_t *evidence)
@@ -209,20 +166,22 @@ static spool_kind_t kind_of(const evidence_t *evidence)
 /* What is to be done about a batch. */
 static task_t task_for(const job_t *job, const evidence_t *evidence)
 {
-    if (evidence->state == EVIDENCE_OUT || evidence->state == EVIDENCE_NEEDLESS) return TASK_NONE;
+    bool safe = evidence->state == EVIDENCE_OUT && job->checks->saved >= evidence->saved + SAFE_AFTER;
+    if (safe || evidence->state == EVIDENCE_NEEDLESS) return TASK_DELETE;
+    if (evidence->state == EVIDENCE_OUT) return TASK_NONE;
     if (evidence->kind != kind_of(evidence)) return TASK_RENAME;
     bool possible = job->schedule != NULL && job_has_film(job) && job->film != FILM_CONDEMNED;
     return evidence->state == EVIDENCE_WRONG && possible ? TASK_TAKE_OUT : TASK_NONE;
 }
 
-/* The next thing to do for a job, and a copy of what it is about: that batches are wrong is noted before the
- * first is taken out. */
+/* The next thing to do for a job, and a copy of what it is about: room is made first; that batches are wrong
+ * is noted before the first is taken out. */
 static task_t next_task(farm_t *farm, job_t *job, evidence_t *about)
 {
     task_t task = TASK_NONE;
     farm_lock(farm);
     const job_checks_t *checks = job->checks;
-    for (size_t i = 0; checks != NULL && i < checks->evidence_count && task != TASK_RENAME; i++) {
+    for (size_t i = 0; checks != NULL && i < checks->evidence_count && task != TASK_DELETE; i++) {
         task_t here = task_for(job, &checks->evidence[i]);
         if (here == TASK_NONE || (task != TASK_NONE && here >= task)) continue;
         task = here;
@@ -230,6 +189,22 @@ static task_t next_task(farm_t *farm, job_t *job, evidence_t *about)
     }
     farm_unlock(farm);
     return task;
+}
+
+/* The file is needed no more. */
+static bool delete_it(farm_t *farm, job_t *job, evidence_t evidence)
+{
+    spool_name_t name = evidence_name(&evidence);
+    spool_delete(farm->options.spool_dir, job->kept.job, &name);
+    farm_lock(farm);
+    evidence_t *found = evidence_find(job->checks, evidence.serial);
+    if (found != NULL) {
+        *found = job->checks->evidence[--job->checks->evidence_count];
+        job->checks->bytes -= evidence.bytes;
+        farm->trust->evidence_bytes -= evidence.bytes;
+    }
+    farm_unlock(farm);
+    return true;
 }
 
 /* Notes on the disk what a batch is; false when it cannot be done now. */
@@ -252,11 +227,12 @@ static bool rename_it(farm_t *farm, job_t *job, evidence_t evidence)
 
 void trust_settle(farm_t *farm, job_t *job)
 {
+    static bool (*const carry_out[])(farm_t *, job_t *, evidence_t) = {
+        [TASK_DELETE] = delete_it, [TASK_RENAME] = rename_it, [TASK_TAKE_OUT] = take_out};
     evidence_t evidence;
     bool goes_on = true;
-    delete_needless(farm, job);
     for (task_t task; goes_on && (task = next_task(farm, job, &evidence)) != TASK_NONE;)
-        goes_on = task == TASK_RENAME ? rename_it(farm, job, evidence) : take_out(farm, job, evidence);
+        goes_on = carry_out[task](farm, job, evidence);
 }
 
 void trust_tidy(farm_t *farm)
