@@ -186,7 +186,7 @@ const command_t exclude_command = {
              "refuses every "
              "message of who has the key; what it had in hand goes to others when its lease ends. What it "
              "has delivered "
-             "stays counted.",
+             "stays counted, unless lightmill take-out takes it out.",
     .groups = {{&list_options, 0}},
     .after = "Without keys there is nobody to exclude: a firewall keeps an address away.",
     .size = sizeof(list_option_t),
