@@ -42,7 +42,7 @@ class Client:
     def workers(self):
         return list(self.control.ask(lm.WorkerListRequest())[0].workers)
 
-    def wait(self, job, until=lambda status: status.state in (DONE, CANCELLED, FAILED), timeout=60, every=0.05):
+    def wait(self, job, until=lambda status: status.state in (DONE, CANCELLED, FAILED), timeout=300, every=0.05):
         """The status of the job as soon as it is as wished."""
         deadline = time.monotonic() + timeout
         while not until(status := self.status(job)):
