@@ -109,7 +109,7 @@ static void a_late_worker_joins(void **state)
     assert_int_equal(rig_status(rig, job).workers_seen, 2);
 }
 
-/* No batch is due for a long time: what is counted came with the farewell. */
+/* After a first small one no batch is due for a long time: what is counted then came with the farewell. */
 static void a_worker_sent_away_leaves_its_work(void **state)
 {
     rig_t *rig = *state;
@@ -118,10 +118,10 @@ static void a_worker_sent_away_leaves_its_work(void **state)
     job_settings_t settings = rig_settings();
     uint64_t job = rig_submit(rig, &settings);
     rig_sleep(1.5);
-    assert_true(rig_status(rig, job).samples_done == 0);
+    uint64_t before = rig_status(rig, job).samples_done;
     kill(worker, SIGTERM);
     assert_int_equal(rig_wait_exit(rig, worker, 30), 0);
-    assert_true(rig_status(rig, job).samples_done > 0);
+    assert_true(rig_status(rig, job).samples_done > before);
     rig_wait_workers(rig, 0);
     rig_start_worker(rig);
     assert_reference(rig, job);
