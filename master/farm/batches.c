@@ -2,10 +2,10 @@
  *
  * DESIGN. A batch takes the farm's lock three times on its way from the socket into the film:
  *
- *     farm_batch_begin    its job and its sender are found, its units were issued to it, the job is pinned,
- * its film held count_units         in the film: it is refused, or its units are counted farm_batch_commit in
- * the film: what is merged is noted, what could not be is uncounted; film and job are let go. (Or
- * farm_batch_abort, instead of the second and the third.)
+ *     farm_batch_begin    its job and its sender are found, its units were issued to it, the film is held
+ *     count_units         in the film: it is refused, or its units are counted
+ *     farm_batch_commit   in the film: what is merged is noted, what could not be is uncounted; film and job
+ *                         are let go. (Or farm_batch_abort, instead of the second and the third.)
  *
  * Between them its sums are decoded, added, and written to the disk, without the lock. */
 #include "master/farm/parts.h"

@@ -135,8 +135,8 @@ static void assert_image(const char *path, int width, int height)
     image_free(&image);
 }
 
-/* Renders without end, sends a signal, and looks for the image: there is none when it has not even begun, which
- * takes a busy machine longer. */
+/* Renders without end, sends a signal, and looks for the image: there is none when it has not even begun,
+ * which takes a busy machine longer. */
 static void interrupt_render(rig_t *rig, int number, const char *option, const char *value)
 {
     char *path = scratch_path(rig->folder, "interrupted.exr"),
