@@ -159,7 +159,7 @@ static result_t map_file(int file, const char *name, open_bytes_t *open_bytes, s
 static result_t open_file(const char *path, open_bytes_t *open_bytes, scene_blob_t *blob)
 {
     *blob = (scene_blob_t){0};
-    int file = open(path, O_RDONLY | O_CLOEXEC);
+    int file = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK); /* a FIFO would wait for its other end */
     if (file < 0) {
         bool fault =
             errno == EMFILE || errno == ENFILE || errno == ENOMEM || errno == EIO; /* not the file's */

@@ -343,7 +343,6 @@ static void wrong_includes_are_refused(void **state)
     bench_close(&bench);
 }
 
-/* Few files may include one another very often. */
 /* Whatever names it: opening a FIFO must not wait for its other end, nor a device be read for ever. */
 static void only_regular_files_are_read(void **state)
 {
@@ -384,6 +383,7 @@ static void only_regular_files_are_read(void **state)
     bench_close(&bench);
 }
 
+/* Few files may include one another very often. */
 static void includes_are_bounded(void **state)
 {
     (void)state;
