@@ -105,7 +105,7 @@ void farm_decline_remark(const job_t *job, char *text, size_t size)
     text[0] = '\0';
     if (job->kept.batches > 0 || job->decline_count == 0) return;
     snprintf(text, size,
-             "%u workers cannot render it, and try again now and then: mend them or connect "
+             "those who tried (%u) cannot render it, and try again now and then: mend them or connect "
              "another; %s",
              job->decline_count, job->decline_reason);
 }

@@ -473,7 +473,7 @@ static void remark_job(farm_t *farm, double now, job_t *job)
     job->remark[0] = '\0';
     if (job->kept.state == JOB_PAUSED) return;
     farm_unbind(farm, job);
-    if (farm_fitting_threads(farm, job) == 0) {
+    if (!hash_is_zero(&job->kept.fingerprint) && farm_fitting_threads(farm, job) == 0) {
         char bits[2 * HASH_BYTES + 1];
         hash_to_hex(&job->kept.fingerprint, bits);
         uint32_t connected = 0;
