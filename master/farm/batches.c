@@ -1,13 +1,15 @@
 /* batches: what workers deliver, and the images made of it (see farm.h).
  *
- * DESIGN. A batch takes the farm's lock three times on its way from the socket into the film:
+ * DESIGN. A batch takes the farm's lock four times on its way from the socket into the film:
  *
+ *     farm_batch_begin    what its units were issued with is found
  *     farm_batch_begin    its job and its sender are found, its units were issued to it, the film is held
  *     count_units         in the film: it is refused, or its units are counted
  *     farm_batch_commit   in the film: what is merged is noted, what could not be is uncounted; film and job
- *                         are let go. (Or farm_batch_abort, instead of the second and the third.)
+ *                         are let go. (Or farm_batch_abort, instead of the third and the fourth.)
  *
- * Between them its sums are decoded, added, and written to the disk, without the lock. */
+ * Between them, without the lock, its MACs are checked, and its sums are decoded, added, and written to the
+ * disk. */
 #include "master/farm/parts.h"
 
 #include <math.h>
@@ -347,7 +349,7 @@ static result_t add_batch(farm_t *farm, double now, delivery_t *delivery)
     return result_ok();
 }
 
-/* The last of three times under the lock, for what follows. A batch is in the film: what that means for the
+/* The last time under the lock, for what follows. A batch is in the film: what that means for the
  * job. It may have been closed meanwhile, when a grace period ended: the batch still counts. */
 static void note_batch(farm_t *farm, double now, const delivery_t *delivery)
 {
