@@ -132,13 +132,17 @@ void progress_series(progress_t *progress, const progress_series_t *series)
     show(progress, done, text);
 }
 
-void progress_upload(progress_t *progress, uint64_t done, uint64_t size)
+static void show_bytes(progress_t *progress, const char *what, uint64_t done, uint64_t size)
 {
     if (progress->quiet || size == 0) return;
     char text[80];
-    snprintf(text, sizeof text, "uploading the scene: %.1f of %.1f MB", 1e-6 * (double)done,
-             1e-6 * (double)size);
+    snprintf(text, sizeof text, "%s: %.1f of %.1f MB", what, 1e-6 * (double)done, 1e-6 * (double)size);
     show(progress, (double)done / (double)size, text);
+}
+
+void progress_upload(progress_t *progress, uint64_t done, uint64_t size)
+{
+    show_bytes(progress, "uploading the scene", done, size);
 }
 
 void progress_making(progress_t *progress, uint32_t before, double share)
@@ -155,11 +159,7 @@ void progress_making(progress_t *progress, uint32_t before, double share)
 
 void progress_fetch(progress_t *progress, uint64_t done, uint64_t size)
 {
-    if (progress->quiet || size == 0) return;
-    char text[80];
-    snprintf(text, sizeof text, "fetching the image: %.1f of %.1f MB", 1e-6 * (double)done,
-             1e-6 * (double)size);
-    show(progress, (double)done / (double)size, text);
+    show_bytes(progress, "fetching the image", done, size);
 }
 
 void progress_import(progress_t *progress, double fraction)
