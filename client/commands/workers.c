@@ -19,13 +19,10 @@ static result_t order_each(worker_order_t kind, const call_t *call, const char *
     result_t first = result_ok();
     TRY(master_connect(call->values, &remote));
     for (int i = 0; i < (call->count > 0 ? call->count : 1) && first.code != RESULT_UNREACHABLE; i++) {
-        char said[REMOTE_SAID];
         uint32_t count = 0;
         const char *who = call->count > 0 ? call->arguments[i] : "";
-        result_t result = remote_order_workers(remote, kind, who, &count, said);
-        if (result.code == RESULT_OK && said[0] != '\0')
-            printf("%s\n", said);
-        else if (result.code == RESULT_OK)
+        result_t result = remote_order_workers(remote, kind, who, &count);
+        if (result.code == RESULT_OK)
             printf("%u worker%s %s\n", count, count == 1 ? "" : "s", done);
         else if (first.code == RESULT_OK)
             first = result;

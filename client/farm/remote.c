@@ -148,7 +148,6 @@ static bool note_progress(remote_t *remote, const Lm__ImageProgress *progress)
 }
 
 /* Waits for the answer with the number of the last request. */
-
 static result_t await_answer(remote_t *remote, line_t *line, double timeout, wire_message_t *message)
 {
     double deadline = clock_now() + timeout;
@@ -369,8 +368,7 @@ result_t remote_order(remote_t *remote, const job_order_t *order)
     return result_ok();
 }
 
-result_t remote_order_workers(remote_t *remote, worker_order_t kind, const char *who, uint32_t *count,
-                              char said[REMOTE_SAID])
+result_t remote_order_workers(remote_t *remote, worker_order_t kind, const char *who, uint32_t *count)
 {
     Lm__WorkerOrder body = LM__WORKER_ORDER__INIT;
     body.kind = kind;
@@ -380,7 +378,6 @@ result_t remote_order_workers(remote_t *remote, worker_order_t kind, const char 
     TRY(ask(remote, &remote->control, &envelope, NULL, remote->timeout, LM__ENVELOPE__BODY_WORKER_ORDERED,
             &answer));
     *count = answer.envelope->worker_ordered->count;
-    snprintf(said, REMOTE_SAID, "%s", answer.envelope->worker_ordered->said);
     wire_free(&answer);
     return result_ok();
 }

@@ -52,11 +52,8 @@ result_t remote_workers(remote_t *remote, wire_message_t *message);
 /* Has something done with a job. */
 result_t remote_order(remote_t *remote, const job_order_t *order);
 result_t remote_cancel(remote_t *remote, uint64_t job);
-enum { REMOTE_SAID = 500 };
-/* Has something done with workers. *count is to how many it was done, `said` what the master says of it, for
- * people. */
-result_t remote_order_workers(remote_t *remote, worker_order_t kind, const char *who, uint32_t *count,
-                              char said[REMOTE_SAID]);
+/* Has something done with workers; *count is to how many it was done. */
+result_t remote_order_workers(remote_t *remote, worker_order_t kind, const char *who, uint32_t *count);
 /* Which image of a job. */
 typedef struct {
     uint64_t job;
