@@ -5,14 +5,16 @@
  * when it fell silent are remembered. When anything of one is delivered, it is above suspicion and forgotten;
  * when the worker is heard of after all, its death is taken back.
  *
- * What a worker lost to an idle one a moment before it died counts as well.
+ * What a worker loses to an idle one while it lives is remembered too, for the case that it dies of it: it is
+ * held against the first of those who still live.
  *
  * Units that two workers died with are kept from the others (the farm itself holds them, as worker 0) and
  * handed out apart: first up to GROUP together, after a further death one by one, to a worker that holds
  * nothing else. One that asks for work while it holds other units is told that there is none until it has
- * delivered them, one worker in QUARANTINE_SHARE at a time, so that the job goes on meanwhile. After
- * FARM_UNIT_DEATHS workers in a row that died while they were alone with it, a unit is left out; they must be
- * of two parties, if another one could have it. In a tile that has lost a unit KNOWN_DEATHS are enough.
+ * delivered them, one worker in QUARANTINE_SHARE at a time, so
+ * that the job goes on meanwhile. After FARM_UNIT_DEATHS more, in a row, of workers that were alone with it,
+ * a unit is left out; they must be of two parties, if another one could have it. In a tile that has lost a
+ * unit KNOWN_DEATHS are enough.
  *
  * Chance: a unit alone takes a second or two. Workers that are killed at random, and live for 12 s, die in
  * that time with a probability of 15 %, twelve in a row with 1e-10.
@@ -25,36 +27,27 @@
 
 enum {
     MAX_SUSPECTS = 4096,  /* more are not remembered */
-    KEPT_DEATHS = 2,      /* from which on a unit is kept from others */
-    GROUP = 8,            /* units handed out together, as long as they have no more than KEPT_DEATHS */
+    KEPT_DEATHS = 2,      /* from which on a unit is kept from others, */
+    ALONE_DEATHS = 3,     /* and handed out alone; before that */
+    GROUP = 8,            /* so many together */
     QUARANTINE_SHARE = 4, /* one worker in so many may have suspects */
     KNOWN_DEATHS = 3,     /* instead of FARM_UNIT_DEATHS where a unit of the same tile was left out */
-    RECALLED_LEASES = 3,  /* for which a unit that was recalled is remembered */
     MAX_TOLD = 3          /* units that the message of the job names */
 };
 #define SEVERAL UINT64_MAX /* in the place of a party */
 
 typedef struct {
     unit_t unit;
-    uint32_t deaths, lonely;      /* workers that died with it, and in a row while they were alone with it */
-    uint64_t party, lonely_party; /* of these; 0: none yet */
-    uint64_t last;                /* who died last, */
-    bool last_alone;              /* and whether alone with it */
-    bool kept;                    /* the farm holds it */
-    bool over;                    /* it is to be forgotten */
-    uint64_t holder;              /* the worker that it was handed out to apart; 0: none */
+    uint32_t
+        deaths; /* workers that died with it; beyond ALONE_DEATHS, in a row while they were alone with it */
+    uint64_t party;  /* of these: up to ALONE_DEATHS, or beyond; 0: none yet */
+    uint64_t last;   /* who died with it last, or lives and lost it first */
+    bool kept;       /* the farm holds it */
+    bool over;       /* it is to be forgotten */
+    uint64_t holder; /* the worker that it was handed out to apart; 0: none */
 } suspect_t;
 
-/* A unit that a worker lost while it lived, to one that was idle: it may be about to die of it. */
-typedef struct {
-    unit_t unit;
-    uint64_t worker;
-    double when; /* seconds */
-} recalled_t;
-
 struct job_suspects {
-    recalled_t *recalled;
-    size_t recalled_count;
     suspect_t *list; /* sorted by tile and sample, without overlap */
     size_t count;
     size_t kept;      /* of them by the farm */
@@ -141,7 +134,6 @@ void suspects_free(job_suspects_t **suspects)
 {
     if (*suspects == NULL) return;
     free((*suspects)->list);
-    free((*suspects)->recalled);
     free((*suspects)->deadly);
     free(*suspects);
     *suspects = NULL;
@@ -162,28 +154,20 @@ size_t suspects_count(const job_t *job)
 
 /* ---- deaths -------------------------------------------------------------------------------------------- */
 
-/* A worker died with this unit, which takes the place of the suspects that it has samples of: of the first
- * `count`. True when the worker was given it apart, or others of another party died with it. */
-static bool note(job_suspects_t *s, size_t count, const worker_t *worker, const unit_t *unit, bool alone)
+/* Remembers that a worker had this unit, which takes the place of the suspects that it has samples of: of the
+ * first `count`. */
+static void note(job_suspects_t *s, size_t count, uint64_t worker, const unit_t *unit)
 {
-    suspect_t fresh = {
-        .unit = *unit, .party = worker->party, .last = worker->id, .last_alone = alone, .lonely = alone};
-    bool apart = false;
+    suspect_t fresh = {.deaths = 0};
     for (size_t at = suspect_at(s, count, unit->tile, unit->first);
          at < count && overlaps(&s->list[at], unit); at++) {
-        suspect_t *known = &s->list[at];
-        apart = apart || known->holder == worker->id;
-        if (known->party != fresh.party) fresh.party = SEVERAL;
-        if (known->lonely + alone > fresh.lonely) fresh.lonely = known->lonely + alone;
-        if (known->deaths > fresh.deaths) fresh.deaths = known->deaths;
-        if (known->lonely_party != 0) fresh.lonely_party = known->lonely_party;
-        known->over = true;
+        if (s->list[at].deaths > fresh.deaths) fresh = s->list[at];
+        s->list[at].over = true;
     }
-    fresh.deaths++;
-    if (alone && fresh.lonely_party != worker->party)
-        fresh.lonely_party = fresh.lonely_party == 0 ? worker->party : SEVERAL;
+    fresh.unit = *unit;
+    fresh.last = worker;
+    fresh.kept = fresh.over = false;
     if (s->count < MAX_SUSPECTS) s->list[s->count++] = fresh;
-    return apart || fresh.party == SEVERAL;
 }
 
 static job_suspects_t *suspects_of(job_t *job)
@@ -191,51 +175,59 @@ static job_suspects_t *suspects_of(job_t *job)
     if (job->suspects == NULL) {
         job->suspects = mem_zalloc(1, sizeof *job->suspects);
         job->suspects->list = mem_alloc(MAX_SUSPECTS * sizeof *job->suspects->list);
-        job->suspects->recalled = mem_alloc(MAX_SUSPECTS * sizeof *job->suspects->recalled);
     }
     return job->suspects;
 }
 
-void suspects_recalled(farm_t *farm, double now, job_t *job, uint64_t worker)
+/* True when a worker that lives lost the unit before. */
+static bool is_remembered(const farm_t *farm, const job_suspects_t *s, size_t count, const unit_t *unit)
 {
-    size_t count, kept = 0;
-    if (job->schedule == NULL) return;
-    unit_t *units = schedule_units_of(job->schedule, worker, &count);
-    job_suspects_t *s = count > 0 ? suspects_of(job) : NULL;
-    for (size_t i = 0; s != NULL && i < s->recalled_count; i++)
-        if (now - s->recalled[i].when < RECALLED_LEASES * farm->options.lease)
-            s->recalled[kept++] = s->recalled[i];
-    for (size_t i = 0; i < count && kept < MAX_SUSPECTS; i++)
-        s->recalled[kept++] = (recalled_t){units[i], worker, now};
-    if (s != NULL) s->recalled_count = kept;
-    free(units);
+    size_t at = suspect_at(s, count, unit->tile, unit->first);
+    const worker_t *last =
+        at < count && overlaps(&s->list[at], unit) ? farm_find_worker(farm, s->list[at].last) : NULL;
+    return last != NULL && last->connected;
 }
 
-/* What a worker holds, or lost a moment ago, in fresh memory. */
-static unit_t *last_units(const farm_t *farm, double now, const job_t *job, uint64_t worker, size_t *count)
+/* Remembers what a worker holds, that died or is about to lose it. */
+static void note_all(const farm_t *farm, job_t *job, uint64_t worker, bool died)
 {
-    const job_suspects_t *s = job->suspects;
-    unit_t *units = schedule_units_of(job->schedule, worker, count);
-    for (size_t i = 0; s != NULL && i < s->recalled_count; i++) {
-        const recalled_t *recalled = &s->recalled[i];
-        if (recalled->worker != worker || now - recalled->when >= RECALLED_LEASES * farm->options.lease)
-            continue;
-        units = mem_realloc(units, (*count + 1) * sizeof *units);
-        units[(*count)++] = recalled->unit;
-    }
-    return units;
-}
-
-bool suspects_died(farm_t *farm, double now, job_t *job, const worker_t *worker)
-{
-    if (job->schedule == NULL || job->flush_until > 0) return false;
     size_t count;
-    unit_t *units = last_units(farm, now, job, worker->id, &count);
-    bool excused = false, alone = count == 1 && worker->quarantine == job->kept.job;
+    unit_t *units = schedule_units_of(job->schedule, worker, &count);
     size_t known = count > 0 ? suspects_of(job)->count : 0;
-    for (size_t i = 0; i < count; i++) excused |= note(job->suspects, known, worker, &units[i], alone);
+    for (size_t i = 0; i < count; i++)
+        if (died || !is_remembered(farm, job->suspects, known, &units[i]))
+            note(job->suspects, known, worker, &units[i]);
     if (count > 0) tidy(job);
     free(units);
+}
+
+void suspects_recalled(const farm_t *farm, job_t *job, uint64_t worker)
+{
+    if (job->schedule != NULL) note_all(farm, job, worker, false);
+}
+
+/* A worker died with this unit, and perhaps with nothing else. True when that may be the unit's fault: it was
+ * handed out to the worker apart, or others of another party died with it. */
+static bool blame(suspect_t *suspect, const worker_t *worker, bool only)
+{
+    bool apart = suspect->holder == worker->id;
+    if (suspect->deaths >= ALONE_DEATHS && !(apart && only)) return apart || suspect->party != worker->party;
+    if (suspect->deaths == ALONE_DEATHS) suspect->party = 0;
+    suspect->deaths++;
+    suspect->party = suspect->party == 0 || suspect->party == worker->party ? worker->party : SEVERAL;
+    return apart || suspect->party == SEVERAL;
+}
+
+bool suspects_died(farm_t *farm, job_t *job, const worker_t *worker)
+{
+    if (job->schedule == NULL || job->flush_until > 0) return false;
+    note_all(farm, job, worker->id, true);
+    job_suspects_t *s = job->suspects;
+    size_t count = 0;
+    bool excused = false;
+    for (size_t i = 0; s != NULL && i < s->count; i++) count += s->list[i].last == worker->id;
+    for (size_t i = 0; count > 0 && i < s->count; i++)
+        if (s->list[i].last == worker->id) excused |= blame(&s->list[i], worker, count == 1);
     return excused;
 }
 
@@ -248,8 +240,8 @@ void suspects_lives(farm_t *farm, uint64_t worker)
             suspect_t *suspect = &s->list[i];
             if (suspect->last != worker) continue;
             suspect->last = 0;
-            suspect->lonely -= suspect->last_alone;
-            if (--suspect->deaths < KEPT_DEATHS) let_go(job, suspect);
+            if (suspect->deaths > 0) suspect->deaths--;
+            if (suspect->deaths < KEPT_DEATHS) let_go(job, suspect);
             suspect->over = suspect->deaths == 0;
         }
         if (s != NULL) tidy(job);
@@ -276,9 +268,8 @@ static bool is_killer(const farm_t *farm, double now, const job_t *job, const su
     const job_suspects_t *s = job->suspects;
     bool known = false;
     for (size_t i = 0; i < s->deadly_count; i++) known = known || s->deadly[i] == suspect->unit.tile;
-    if (suspect->lonely < (known ? KNOWN_DEATHS : FARM_UNIT_DEATHS)) return false;
-    return suspect->lonely_party == SEVERAL ||
-           !other_could(farm, now, job, suspect->lonely_party, FARM_LOAD_BATCHES);
+    if (suspect->deaths < ALONE_DEATHS + (known ? KNOWN_DEATHS : FARM_UNIT_DEATHS)) return false;
+    return suspect->party == SEVERAL || !other_could(farm, now, job, suspect->party, FARM_LOAD_BATCHES);
 }
 
 static void leave_out(farm_t *farm, job_t *job, suspect_t *suspect)
@@ -291,12 +282,12 @@ static void leave_out(farm_t *farm, job_t *job, suspect_t *suspect)
     log_error("job %llu: tile %u, samples %u to %u are left out: %u workers died while they had nothing else "
               "to render",
               (unsigned long long)job->kept.job, unit->tile, unit->first, unit_end(unit) - 1,
-              suspect->lonely);
+              suspect->deaths - ALONE_DEATHS);
     s->deadly = mem_realloc(s->deadly, (s->deadly_count + 1) * sizeof *s->deadly);
     s->deadly[s->deadly_count++] = unit->tile;
     if (s->deadly_count <= MAX_TOLD)
         farm_job_tell(farm, job, "tile %u, samples %u to %u are left out: they ended %u workers", unit->tile,
-                      unit->first, unit_end(unit) - 1, suspect->lonely);
+                      unit->first, unit_end(unit) - 1, suspect->deaths - ALONE_DEATHS);
     else if (strstr(job->kept.message, "more are left out") == NULL)
         farm_job_tell(farm, job, "more are left out: see the log");
     job->progress_due = true;
@@ -331,8 +322,7 @@ static bool suits(const farm_t *farm, double now, const job_t *job, const suspec
                   const worker_t *worker)
 {
     if (!suspect->kept) return false;
-    return (suspect->party != worker->party && suspect->lonely_party != worker->party) ||
-           !other_could(farm, now, job, worker->party, FARM_ASK_BATCHES);
+    return suspect->party != worker->party || !other_could(farm, now, job, worker->party, FARM_ASK_BATCHES);
 }
 
 /* The suspect that most died with; NULL when there is none for this worker. */
@@ -370,11 +360,9 @@ trust_answer_t suspects_take(farm_t *farm, double now, job_t *job, worker_t *wor
     worker->quarantine = job->kept.job;
     if (!empty) return TRUST_WAIT;
     work->unit_count = 0;
-    bool group = best->deaths == KEPT_DEATHS;
-    hand_out(job, best, worker, work);
-    for (size_t i = 0; group && i < s->count && work->unit_count < GROUP; i++)
-        if (s->list[i].deaths == KEPT_DEATHS && suits(farm, now, job, &s->list[i], worker))
-            hand_out(job, &s->list[i], worker, work);
+    for (size_t most = best->deaths < ALONE_DEATHS ? GROUP : 1;
+         best != NULL && best->kept && work->unit_count < most; best = choose(farm, now, job, worker))
+        hand_out(job, best, worker, work);
     if (work->unit_count > 0) return TRUST_GIVEN;
     worker->quarantine = 0;
     return TRUST_ANY;

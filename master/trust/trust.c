@@ -38,7 +38,7 @@ void trust_died(farm_t *farm, double now, worker_t *worker, bool back)
 {
     bool excused = back || farm_worker_units(farm, worker) == 0;
     for (size_t i = 0; i < farm->job_count && !back; i++)
-        excused |= suspects_died(farm, now, farm->jobs[i], worker);
+        excused |= suspects_died(farm, farm->jobs[i], worker);
     if (excused) return;
     standing_fell(farm, now, worker);
     window_lapsed(farm, now, worker);

@@ -64,9 +64,9 @@ void window_delivered(farm_t *farm, worker_t *worker);
 
 /* A worker is held for dead, and what it holds is about to be released. Returns true when its death may be
  * the fault of what it held. */
-bool suspects_died(farm_t *farm, double now, job_t *job, const worker_t *worker);
+bool suspects_died(farm_t *farm, job_t *job, const worker_t *worker);
 /* A worker is about to lose what it holds of the job, to one that is idle. */
-void suspects_recalled(farm_t *farm, double now, job_t *job, uint64_t worker);
+void suspects_recalled(const farm_t *farm, job_t *job, uint64_t worker);
 /* A worker that was held for dead is alive. */
 void suspects_lives(farm_t *farm, uint64_t worker);
 /* Units were counted: they are above suspicion. */

@@ -99,7 +99,7 @@ bool window_lapsed(farm_t *farm, double now, worker_t *worker)
 
 void trust_lapsed(farm_t *farm, double now, worker_t *worker)
 {
-    for (size_t i = 0; i < farm->job_count; i++) suspects_recalled(farm, now, farm->jobs[i], worker->id);
+    for (size_t i = 0; i < farm->job_count; i++) suspects_recalled(farm, farm->jobs[i], worker->id);
     if (window_lapsed(farm, now, worker) && !standing_alone(farm, worker->party))
         trust_failed(farm, now, worker, "takes units again and again and delivers none");
 }
