@@ -175,9 +175,7 @@ static result_t scan(blob_store_t *store)
 
 result_t blob_store_open(const blob_store_options_t *options, blob_store_t **out)
 {
-    if (mkdir(options->directory, 0700) != 0 && errno != EEXIST)
-        return result_fail(RESULT_IO, "cannot make the directory %s: %s", options->directory,
-                           strerror(errno));
+    TRY(directory_make(options->directory, 0700));
     blob_store_t *store = mem_zalloc(1, sizeof *store);
     store->directory = mem_strdup(options->directory);
     store->limit = options->limit;

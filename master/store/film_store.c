@@ -118,8 +118,7 @@ static result_t scan(film_store_t *store)
 
 result_t film_store_open(const char *directory, film_store_t **out)
 {
-    if (mkdir(directory, 0700) != 0 && errno != EEXIST)
-        return result_fail(RESULT_IO, "cannot make the directory %s: %s", directory, strerror(errno));
+    TRY(directory_make(directory, 0700));
     film_store_t *store = mem_zalloc(1, sizeof *store);
     store->directory = mem_strdup(directory);
     pthread_mutex_init(&store->lock, NULL);
