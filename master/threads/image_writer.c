@@ -18,7 +18,6 @@
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
-#include <sodium.h>
 #include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -310,14 +309,6 @@ static result_t no_halves(const snapshot_t *snapshot)
                        (unsigned long long)snapshot->key.job, snapshot->key.at);
 }
 
-/* Where the file of a snapshot is, or goes. */
-static char *snapshot_path(const image_writer_t *image_writer, const snapshot_t *snapshot, const char *final)
-{
-    if (snapshot->keep) return mem_strdup(final);
-    return mem_printf("%s/snapshots/%016llx.%s", image_writer->data_dir, (unsigned long long)snapshot->id,
-                      snapshot->key.format.png ? "png" : "exr");
-}
-
 /* Writes the file of a snapshot, unless it is there. */
 static result_t write_snapshot(image_writer_t *image_writer, job_t *job, const snapshot_t *snapshot,
                                const char *final, bool lacks_halves)
@@ -346,7 +337,7 @@ static result_t begin_writing(image_writer_t *image_writer, const job_t *job, co
     return result_ok();
 }
 
-/* Makes a snapshot of an id and a key: fills in the rest. */
+/* Makes a snapshot of a key: fills in the rest. */
 static result_t take_snapshot(image_writer_t *image_writer, job_t *job, snapshot_t *snapshot)
 {
     char *final = snapshot->key.at > 0
@@ -358,7 +349,8 @@ static result_t take_snapshot(image_writer_t *image_writer, job_t *job, snapshot
     double begin = clock_now();
     struct stat status;
     snapshot->keep = snapshot->key.over && !format->half && !format->png && !lacks_halves;
-    snapshot->path = snapshot_path(image_writer, snapshot, final);
+    if (snapshot->keep) snapshot->path = mem_strdup(final);
+    snapshots_name(image_writer->snapshots, snapshot);
     result_t result = begin_writing(image_writer, job, snapshot);
     if (result.code == RESULT_OK) result = write_snapshot(image_writer, job, snapshot, final, lacks_halves);
     if (image_writer->writing.too_large) result = snapshots_refusal(image_writer->snapshots);
@@ -385,7 +377,6 @@ static result_t serve_request(image_writer_t *image_writer, job_t *job, const im
         wanted.key.version = farm_image_version(image_writer->options.farm, job, &wanted.key.over);
     *id = snapshots_find(image_writer->snapshots, clock_now(), &wanted.key);
     if (*id != 0) return result_ok();
-    while (wanted.id == 0) randombytes_buf(&wanted.id, sizeof wanted.id);
     result_t result = take_snapshot(image_writer, job, &wanted);
     if (result.code == RESULT_OK)
         snapshots_put(image_writer->snapshots, clock_now(), &wanted);
@@ -439,7 +430,7 @@ static size_t choose_request(const image_writer_t *image_writer)
     double now = clock_now();
     for (size_t i = 1; i < image_writer->waiting_count; i++) {
         image_key_t key = request_key(&image_writer->waiting[i]);
-        if (snapshots_fresh(image_writer->snapshots, now, &key)) return i;
+        if (snapshots_find(image_writer->snapshots, now, &key) != 0) return i;
     }
     return 0;
 }
@@ -554,21 +545,6 @@ static void drop_leftovers(const char *data_dir)
     if (directory != NULL) closedir(directory);
 }
 
-/* Makes the snapshot directory, empty. */
-static result_t prepare_directory(const char *data_dir)
-{
-    char *path = mem_printf("%s/snapshots", data_dir);
-    result_t result = result_ok();
-    if (mkdir(path, 0700) != 0 && errno != EEXIST)
-        result = result_fail(RESULT_IO, "cannot make the directory %s: %s", path, strerror(errno));
-    DIR *directory = opendir(path);
-    for (const struct dirent *entry; directory != NULL && (entry = readdir(directory)) != NULL;)
-        if (entry->d_name[0] != '.') unlinkat(dirfd(directory), entry->d_name, 0);
-    if (directory != NULL) closedir(directory);
-    free(path);
-    return result;
-}
-
 static void free_image_writer(image_writer_t *image_writer)
 {
     snapshots_free(&image_writer->snapshots);
@@ -580,12 +556,13 @@ static void free_image_writer(image_writer_t *image_writer)
 
 result_t image_writer_start(const image_writer_options_t *options, image_writer_t **out)
 {
+    snapshots_t *snapshots;
+    TRY(snapshots_new(options->data_dir, options->snapshot_limit, &snapshots));
     drop_leftovers(options->data_dir);
-    TRY(prepare_directory(options->data_dir));
     image_writer_t *image_writer = mem_zalloc(1, sizeof *image_writer);
     image_writer->options = *options;
     image_writer->data_dir = mem_strdup(options->data_dir);
-    image_writer->snapshots = snapshots_new(options->snapshot_limit);
+    image_writer->snapshots = snapshots;
     pthread_mutex_init(&image_writer->lock, NULL);
     result_t result = thread_start(&image_writer->thread, "lm-image_writer", image_writer_run, image_writer);
     if (result.code == RESULT_OK)
@@ -665,9 +642,7 @@ bool image_writer_next_answer(image_writer_t *image_writer, image_request_t *req
 /* Whether two requests are for the same image of a moment. */
 static bool same_wish(const image_request_t *a, const image_request_t *b)
 {
-    return a->job == b->job && a->at == b->at && a->format.half == b->format.half &&
-           a->format.halves == b->format.halves && a->format.png == b->format.png &&
-           a->format.exposure == b->format.exposure;
+    return a->job == b->job && a->at == b->at && image_format_equal(&a->format, &b->format);
 }
 
 /* Under the lock. */

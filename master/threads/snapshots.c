@@ -1,9 +1,11 @@
 /* snapshots: see snapshots.h. */
 #include "master/threads/snapshots.h"
 
+#include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <pthread.h>
+#include <sodium.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
@@ -19,10 +21,16 @@ typedef struct {
 } entry_t;
 
 struct snapshots {
-    pthread_mutex_t lock; /* guards what follows */
+    char *directory;
     uint64_t limit;
+    pthread_mutex_t lock; /* guards what follows */
     entry_t entries[SNAPSHOTS_MAX];
 };
+
+bool image_format_equal(const image_format_t *a, const image_format_t *b)
+{
+    return a->half == b->half && a->halves == b->halves && a->png == b->png && a->exposure == b->exposure;
+}
 
 /* ---- under the lock ------------------------------------------------------------------------------------ */
 
@@ -40,17 +48,12 @@ static entry_t *find(snapshots_t *snapshots, uint64_t id)
     return NULL;
 }
 
-static bool same_format(const image_format_t *a, const image_format_t *b)
-{
-    return a->half == b->half && a->halves == b->halves && a->png == b->png && a->exposure == b->exposure;
-}
-
 /* Of the same job and kind, of any version. */
 static bool alike(const entry_t *entry, const image_key_t *key)
 {
     const image_key_t *own = &entry->snapshot.key;
     return entry->snapshot.id != 0 && own->job == key->job && own->over == key->over && own->at == key->at &&
-           same_format(&own->format, &key->format);
+           image_format_equal(&own->format, &key->format);
 }
 
 static bool fresh(const entry_t *entry, double now)
@@ -124,12 +127,28 @@ static result_t refuse(const snapshots_t *snapshots)
 
 /* ---- life ---------------------------------------------------------------------------------------------- */
 
-snapshots_t *snapshots_new(uint64_t limit)
+static void empty_directory(const char *path)
 {
-    snapshots_t *snapshots = mem_zalloc(1, sizeof *snapshots);
-    snapshots->limit = limit > 0 ? limit : UINT64_MAX;
-    pthread_mutex_init(&snapshots->lock, NULL);
-    return snapshots;
+    DIR *directory = opendir(path);
+    for (const struct dirent *entry; directory != NULL && (entry = readdir(directory)) != NULL;)
+        if (entry->d_name[0] != '.') unlinkat(dirfd(directory), entry->d_name, 0);
+    if (directory != NULL) closedir(directory);
+}
+
+result_t snapshots_new(const char *data_dir, uint64_t limit, snapshots_t **out)
+{
+    char *directory = mem_printf("%s/snapshots", data_dir);
+    result_t result = directory_make(directory, 0700);
+    if (result.code != RESULT_OK) {
+        free(directory);
+        return result;
+    }
+    empty_directory(directory);
+    *out = mem_zalloc(1, sizeof **out);
+    (*out)->directory = directory;
+    (*out)->limit = limit > 0 ? limit : UINT64_MAX;
+    pthread_mutex_init(&(*out)->lock, NULL);
+    return result;
 }
 
 void snapshots_free(snapshots_t **snapshots)
@@ -137,6 +156,7 @@ void snapshots_free(snapshots_t **snapshots)
     if (*snapshots == NULL) return;
     for (size_t i = 0; i < SNAPSHOTS_MAX; i++) drop(&(*snapshots)->entries[i]);
     pthread_mutex_destroy(&(*snapshots)->lock);
+    free((*snapshots)->directory);
     free(*snapshots);
     *snapshots = NULL;
 }
@@ -158,14 +178,12 @@ uint64_t snapshots_find(snapshots_t *snapshots, double now, const image_key_t *k
     return id;
 }
 
-bool snapshots_fresh(snapshots_t *snapshots, double now, const image_key_t *key)
+void snapshots_name(const snapshots_t *snapshots, snapshot_t *snapshot)
 {
-    bool found = false;
-    pthread_mutex_lock(&snapshots->lock);
-    for (size_t i = 0; i < SNAPSHOTS_MAX; i++)
-        found |= alike(&snapshots->entries[i], key) && fresh(&snapshots->entries[i], now);
-    pthread_mutex_unlock(&snapshots->lock);
-    return found;
+    while (snapshot->id == 0) randombytes_buf(&snapshot->id, sizeof snapshot->id);
+    if (snapshot->keep) return;
+    snapshot->path = mem_printf("%s/%016llx.%s", snapshots->directory, (unsigned long long)snapshot->id,
+                                snapshot->key.format.png ? "png" : "exr");
 }
 
 result_t snapshots_room(snapshots_t *snapshots, double now, uint64_t largest, uint64_t *room)

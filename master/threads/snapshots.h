@@ -1,4 +1,4 @@
-/* snapshots: the files of images that clients fetch, as long as they are fetched.
+/* snapshots: the files of images that clients fetch, in DATA/snapshots, as long as they are fetched.
  *
  * A snapshot is named by what it shows: job, number of batches, format. So people who look at one job share
  * one file: while nothing was counted since, and while one that took long to make is not older than that, so
@@ -25,6 +25,7 @@ typedef struct {
     bool png;       /* not an EXR but a PNG, 8 bits sRGB, */
     float exposure; /* brightened by so many stops */
 } image_format_t;
+bool image_format_equal(const image_format_t *a, const image_format_t *b);
 
 /* What it shows. */
 typedef struct {
@@ -38,8 +39,8 @@ typedef struct {
 typedef struct {
     uint64_t id; /* random, not 0 */
     image_key_t key;
+    bool keep; /* the file stays when the snapshot goes, and is not in DATA/snapshots */
     char *path;
-    bool keep;      /* the file stays when the snapshot goes */
     uint64_t size;  /* bytes */
     double seconds; /* that it took to make */
 } snapshot_t;
@@ -54,15 +55,17 @@ typedef struct {
 
 typedef struct snapshots snapshots_t;
 
-/* An empty set whose files, but those that stay, take so many bytes at most; 0: any number. */
-snapshots_t *snapshots_new(uint64_t limit);
+/* An empty set whose files, but those that stay, take so many bytes at most; 0: any number. What an earlier
+ * process left in the directory goes. */
+result_t snapshots_new(const char *data_dir, uint64_t limit, snapshots_t **snapshots);
 /* Deletes the files, frees everything and sets *snapshots to NULL. */
 void snapshots_free(snapshots_t **snapshots);
 
-/* One that shows this, or something that is fresh enough; 0: there is none. It is being used now. */
+/* One that shows this, or something that is fresh enough, whatever its version is; 0: there is none. It is
+ * being used now. */
 uint64_t snapshots_find(snapshots_t *snapshots, double now, const image_key_t *key);
-/* Whether there is one that is fresh enough, whatever its version is. */
-bool snapshots_fresh(snapshots_t *snapshots, double now, const image_key_t *key);
+/* Gives a new one its id; and a path in fresh memory, unless its file stays. */
+void snapshots_name(const snapshots_t *snapshots, snapshot_t *snapshot);
 /* How many bytes the file of a new one may take. To have room for `largest` those that nobody reads go, the
  * least recently used first. RESULT_LIMIT, with what to do about it, when there is no room at all. */
 result_t snapshots_room(snapshots_t *snapshots, double now, uint64_t largest, uint64_t *room);
