@@ -27,11 +27,13 @@ static const char MAGIC[7] = {'L', 'M', 'S', 'P', 'O', 'O', 'L'}; /* and a digit
 typedef struct {
     uint64_t job;
     hash_t fingerprint, payload_hash;
-    uint64_t light_paths[2], dropped, overflows, rays, cpu_us;
+    film_counts_t counts;
     uint64_t payload_size[BATCH_BASE_PAYLOADS];
     uint32_t unit_count;
     uint16_t name_size, party_size;
 } head_t;
+
+static_assert(sizeof(film_counts_t) == 6 * sizeof(uint64_t), "files of earlier versions have these counts");
 
 enum {
     HASH_OFFSET = sizeof MAGIC + 1,
@@ -107,15 +109,10 @@ static hash_t hash_payloads(const zmq_msg_t payload[BATCH_PAYLOADS])
 static uint8_t *encode_head(uint64_t job, const spool_head_t *head, const zmq_msg_t payload[BATCH_PAYLOADS],
                             size_t *size)
 {
-    const film_counts_t *counts = &head->counts;
     head_t fixed = {.job = job,
                     .fingerprint = head->fingerprint,
                     .payload_hash = hash_payloads(payload),
-                    .light_paths = {counts->light_paths[0], counts->light_paths[1]},
-                    .dropped = counts->dropped,
-                    .overflows = counts->overflows,
-                    .rays = counts->rays,
-                    .cpu_us = counts->cpu_us,
+                    .counts = head->counts,
                     .unit_count = (uint32_t)head->unit_count,
                     .name_size = (uint16_t)strlen(head->name),
                     .party_size = (uint16_t)strlen(head->party)};
@@ -253,11 +250,7 @@ result_t spool_decode(const uint8_t *bytes, size_t present, uint64_t size, uint6
         if (!job_unit_valid(settings, &unit)) return bad("its units do not lie in the job");
     }
     *head = (spool_head_t){.fingerprint = fixed.fingerprint,
-                           .counts = {.light_paths = {fixed.light_paths[0], fixed.light_paths[1]},
-                                      .dropped = fixed.dropped,
-                                      .overflows = fixed.overflows,
-                                      .rays = fixed.rays,
-                                      .cpu_us = fixed.cpu_us},
+                           .counts = fixed.counts,
                            .units = mem_alloc(fixed.unit_count * sizeof(unit_t)),
                            .unit_count = fixed.unit_count};
     memcpy(head->units, units, fixed.unit_count * sizeof(unit_t));

@@ -18,7 +18,8 @@ typedef enum {
     SPOOL_KEPT,  /* in the film */
     SPOOL_CHECK, /* in the film, and being compared with another rendering */
     SPOOL_WRONG, /* in the film, and to be taken out */
-    SPOOL_OUT    /* taken out of the film */
+    SPOOL_OUT,   /* taken out of the film */
+    SPOOL_NONE   /* of no use: never the name of a file */
 } spool_kind_t;
 
 typedef struct {

@@ -86,7 +86,7 @@ static check_t remove_check(job_checks_t *checks, size_t at)
 {
     check_t check = checks->checks[at];
     evidence_t *evidence = evidence_find(checks, check.evidence);
-    if (evidence != NULL) evidence->checked = false; /* its name on the disk need not say so any more */
+    if (evidence != NULL && evidence->kind == SPOOL_CHECK) evidence->kind = SPOOL_KEPT;
     memmove(checks->checks + at, checks->checks + at + 1,
             (--checks->check_count - at) * sizeof *checks->checks);
     return check;

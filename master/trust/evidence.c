@@ -37,24 +37,16 @@ uint64_t evidence_clock(const schedule_account_t *account)
 evidence_t *evidence_find(const job_checks_t *checks, uint64_t serial)
 {
     for (size_t i = 0; checks != NULL && i < checks->evidence_count; i++)
-        if (checks->evidence[i].serial == serial) return &checks->evidence[i];
+        if (checks->evidence[i].name.serial == serial) return &checks->evidence[i];
     return NULL;
-}
-
-spool_name_t evidence_name(const evidence_t *evidence)
-{
-    return (spool_name_t){.clock = evidence->clock,
-                          .serial = evidence->serial,
-                          .out_clock = evidence->out_clock,
-                          .kind = evidence->kind};
 }
 
 static void add(trust_t *trust, job_checks_t *checks, evidence_t evidence)
 {
     checks->evidence = mem_realloc(checks->evidence, (checks->evidence_count + 1) * sizeof evidence);
     checks->evidence[checks->evidence_count++] = evidence;
-    checks->bytes += evidence.bytes;
-    trust->evidence_bytes += evidence.bytes;
+    checks->bytes += evidence.name.bytes;
+    trust->evidence_bytes += evidence.name.bytes;
 }
 
 /* ---- a batch was merged -------------------------------------------------------------------------------- */
@@ -74,11 +66,10 @@ trust_keep_t *trust_keep_begin(farm_t *farm, job_t *job, const worker_t *worker,
     if (checks->given_up) return NULL;
     trust_keep_t *keep = mem_zalloc(1, sizeof *keep);
     schedule_account_t account = schedule_account(job->schedule);
-    keep->evidence = (evidence_t){.clock = evidence_clock(&account),
-                                  .serial = ++checks->last_serial,
-                                  .source = checks_source(checks, worker),
-                                  .checked = true,
-                                  .kind = SPOOL_CHECK};
+    keep->evidence = (evidence_t){
+        .name = {.clock = evidence_clock(&account), .serial = ++checks->last_serial, .kind = SPOOL_CHECK},
+        .kind = SPOOL_CHECK,
+        .source = checks_source(checks, worker)};
     keep->sample = checks_sample(farm, job, worker->party, batch->units, batch->unit_count);
     keep->joined = worker->joined;
     keep->head = (spool_head_t){.fingerprint = worker->fingerprint,
@@ -104,11 +95,11 @@ static result_t check_room(farm_t *farm, uint64_t bytes)
 void trust_keep_write(farm_t *farm, const job_t *job, trust_keep_t *keep, const batch_t *batch,
                       const zmq_msg_t payload[BATCH_PAYLOADS])
 {
-    spool_name_t name = evidence_name(&keep->evidence);
-    keep->evidence.bytes = spool_size(&keep->head, payload);
-    keep->written = check_room(farm, keep->evidence.bytes);
+    spool_name_t *name = &keep->evidence.name;
+    name->bytes = spool_size(&keep->head, payload);
+    keep->written = check_room(farm, name->bytes);
     if (keep->written.code == RESULT_OK)
-        keep->written = spool_write(farm->options.spool_dir, job->kept.job, &name, &keep->head, payload);
+        keep->written = spool_write(farm->options.spool_dir, job->kept.job, name, &keep->head, payload);
     keep->digested = checks_digest(payload, batch, &keep->sample);
 }
 
@@ -132,13 +123,13 @@ static void keep_it(farm_t *farm, job_t *job, trust_keep_t *keep)
     bool kept = keep->written.code == RESULT_OK;
     bool condemned = checks->sources[evidence->source].condemned >= keep->joined; /* found out meanwhile */
     if (!kept) note_unkept(farm, job, keep);
-    if (condemned && kept) evidence->state = EVIDENCE_WRONG;
-    if (keep->digested.code != RESULT_OK || condemned) evidence->checked = false;
+    if (keep->digested.code != RESULT_OK) evidence->kind = SPOOL_KEPT;
+    if (condemned) evidence->kind = SPOOL_WRONG;
     if (kept) add(farm->trust, checks, *evidence);
     farm->trust->spooled = farm->trust->spooled || kept;
     if (condemned) wake_up(farm->options.checkpoint_wake);
-    if (evidence->checked)
-        checks_want(farm, job, &keep->sample, kept ? evidence->serial : 0, evidence->source,
+    if (evidence->kind == SPOOL_CHECK)
+        checks_want(farm, job, &keep->sample, kept ? evidence->name.serial : 0, evidence->source,
                     &keep->head.fingerprint);
 }
 
@@ -157,7 +148,7 @@ bool trust_wrong(const job_t *job)
 {
     const job_checks_t *checks = job->checks;
     for (size_t i = 0; checks != NULL && i < checks->evidence_count; i++)
-        if (checks->evidence[i].state == EVIDENCE_WRONG) return true;
+        if (checks->evidence[i].kind == SPOOL_WRONG) return true;
     return false;
 }
 
@@ -177,9 +168,8 @@ static uint32_t brand(job_checks_t *checks, size_t source)
     uint32_t count = 0;
     for (size_t i = 0; i < checks->evidence_count; i++) {
         evidence_t *evidence = &checks->evidence[i];
-        if (evidence->source != source || evidence->state != EVIDENCE_KEPT) continue;
-        evidence->state = EVIDENCE_WRONG;
-        evidence->checked = false;
+        if (evidence->source != source || evidence->kind >= SPOOL_WRONG) continue;
+        evidence->kind = SPOOL_WRONG;
         count++;
     }
     return count;
@@ -275,16 +265,9 @@ static bool is_counted(const schedule_state_t *state, const unit_t *unit)
 /* What a batch on the disk is to a film with this clock; false when the film never had it. */
 static bool state_of(const spool_name_t *name, uint64_t clock, evidence_t *evidence)
 {
-    *evidence = (evidence_t){.clock = name->clock,
-                             .serial = name->serial,
-                             .out_clock = name->out_clock,
-                             .kind = name->kind,
-                             .bytes = name->bytes};
-    if (name->clock > clock) return false;
-    evidence->checked = name->kind == SPOOL_CHECK;
-    evidence->state = name->kind == SPOOL_WRONG ? EVIDENCE_WRONG : EVIDENCE_KEPT;
-    if (name->kind == SPOOL_OUT) evidence->state = name->out_clock <= clock ? EVIDENCE_OUT : EVIDENCE_WRONG;
-    return true;
+    *evidence = (evidence_t){.name = *name, .kind = name->kind};
+    if (name->kind == SPOOL_OUT && name->out_clock > clock) evidence->kind = SPOOL_WRONG;
+    return name->clock <= clock;
 }
 
 /* The sender of a batch from an earlier life of the master. */
@@ -326,31 +309,30 @@ static bool are_counted(const schedule_state_t *state, const spool_head_t *head)
 }
 
 /* Reads a batch that the film has, and puts it on the list. */
-static result_t load_one(farm_t *farm, job_t *job, const job_settings_t *settings, const spool_name_t *name,
-                         evidence_t *evidence, const schedule_state_t *state)
+static result_t load_one(farm_t *farm, job_t *job, const job_settings_t *settings, evidence_t *evidence,
+                         const schedule_state_t *state)
 {
+    const char *dir = farm->options.spool_dir;
     spool_head_t head;
     sample_t sample = {.units = NULL};
-    spool_name_t here = evidence_name(evidence);
-    if (evidence->state == EVIDENCE_WRONG && evidence->kind == SPOOL_OUT) { /* it is wrong again */
-        here.kind = evidence->kind = SPOOL_WRONG;
-        TRY(spool_rename(farm->options.spool_dir, job->kept.job, name, &here));
-    }
-    TRY(spool_read_head(farm->options.spool_dir, job->kept.job, &here, settings, &head));
+    spool_name_t from = evidence->name;
+    evidence->name.kind = evidence->kind; /* what was out may be wrong again */
+    if (from.kind != evidence->kind) TRY(spool_rename(dir, job->kept.job, &from, &evidence->name));
+    TRY(spool_read_head(dir, job->kept.job, &evidence->name, settings, &head));
     worker_t sender = sender_of(&head);
-    if (evidence->state != EVIDENCE_OUT && !are_counted(state, &head)) {
+    result_t result = result_ok();
+    if (evidence->kind != SPOOL_OUT && !are_counted(state, &head)) {
         /* It would be taken for evidence when others have rendered them again. */
-        spool_delete(farm->options.spool_dir, job->kept.job, &here);
-        spool_head_free(&head);
-        return result_fail(RESULT_INPUT, "the film does not have its samples");
+        spool_delete(dir, job->kept.job, &evidence->name);
+        result = result_fail(RESULT_INPUT, "the film does not have its samples");
+    } else if (evidence->kind == SPOOL_CHECK) {
+        result = sample_again(farm, job, settings, &evidence->name, &sender, &sample);
     }
-    result_t result =
-        evidence->checked ? sample_again(farm, job, settings, &here, &sender, &sample) : result_ok();
     farm_lock(farm);
     evidence->source = checks_source(checks_of(job), &sender);
     if (result.code == RESULT_OK) add(farm->trust, job->checks, *evidence);
-    if (result.code == RESULT_OK && evidence->checked)
-        checks_want(farm, job, &sample, evidence->serial, evidence->source, &head.fingerprint);
+    if (result.code == RESULT_OK && evidence->kind == SPOOL_CHECK)
+        checks_want(farm, job, &sample, evidence->name.serial, evidence->source, &head.fingerprint);
     farm_unlock(farm);
     free(sample.units);
     spool_head_free(&head);
@@ -382,9 +364,9 @@ void trust_loaded(farm_t *farm, job_t *job, const schedule_state_t *state)
             spool_delete(dir, job->kept.job, &names[i]);
             continue;
         }
-        result_t result = load_one(farm, job, &settings, &names[i], &evidence, state);
+        result_t result = load_one(farm, job, &settings, &evidence, state);
         kept += result.code == RESULT_OK;
-        wrong += evidence.state == EVIDENCE_WRONG;
+        wrong += evidence.kind == SPOOL_WRONG;
         if (result.code != RESULT_OK)
             log_error("job %llu: a batch cannot be taken out any more: %s", (unsigned long long)job->kept.job,
                       result.message);

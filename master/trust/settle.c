@@ -10,97 +10,79 @@ enum { SAFE_AFTER = 2 }; /* checkpoints after which a batch that was taken out i
 
 /* ---- taking out ---------------------------------------------------------------------------------------- */
 
-/* The batch is about to be taken out: finds the clock at which it is not in the film any more. Inside the
- * shared film no snapshot is taken, so that any clock will do between this moment and the one at which its
- * samples are free again. False when the job has no schedule any more. */
-static bool begin(farm_t *farm, job_t *job, evidence_t *evidence)
+/* The batch is about to be taken out: finds what its file is called then, and the weights with which its
+ * samples were added. Inside the shared film no snapshot is taken, so any clock will do between this moment
+ * and the one at which they are free again. NULL when the job has no schedule any more. */
+static uint32_t *begin(farm_t *farm, job_t *job, const spool_head_t *head, spool_name_t *out)
 {
+    uint32_t *weights = NULL;
     farm_lock(farm);
-    bool there = job->schedule != NULL;
-    if (there) {
+    if (job->schedule != NULL) {
         schedule_account_t account = schedule_account(job->schedule);
-        evidence->out_clock = evidence_clock(&account) + 1;
+        out->kind = SPOOL_OUT;
+        out->out_clock = evidence_clock(&account) + 1;
+        weights = mem_alloc(head->unit_count * sizeof *weights);
+        for (size_t i = 0; i < head->unit_count; i++)
+            weights[i] = schedule_weight(job->schedule, &head->units[i]);
         job->merging++;
     }
-    farm_unlock(farm);
-    return there;
-}
-
-static void end(farm_t *farm, job_t *job)
-{
-    farm_lock(farm);
-    job->merging--;
-    job->progress_due = true;
-    farm_unlock(farm);
-}
-
-/* The samples are free again, from now on. Returns the weights with which they were added. */
-static uint32_t *uncount(farm_t *farm, job_t *job, const spool_head_t *head)
-{
-    uint32_t *weights = mem_alloc(head->unit_count * sizeof *weights);
-    farm_lock(farm);
-    for (size_t i = 0; i < head->unit_count; i++)
-        weights[i] = schedule_weight(job->schedule, &head->units[i]);
-    schedule_uncount(job->schedule, head->units, head->unit_count);
     farm_unlock(farm);
     return weights;
 }
 
-/* Takes a batch out of the film. That it is out is noted on the disk before: the film on the disk has it
- * until a later snapshot is safe, and is told so by the clock. RESULT_CANCELLED: the job is over.
- * RESULT_LIMIT: not now. */
-static result_t subtract(farm_t *farm, job_t *job, shared_film_t *shared_film, evidence_t *evidence,
-                         const batch_t *batch, const spool_head_t *head,
-                         const zmq_msg_t payload[BATCH_PAYLOADS])
+/* The film is without the batch, whose file has this name now: its samples are free again. Under the lock. */
+static void note_out(farm_t *farm, job_t *job, const spool_head_t *head, const spool_name_t *name,
+                     film_counts_t counts)
 {
-    const char *dir = farm->options.spool_dir;
-    spool_name_t from = evidence_name(evidence);
-    if (!begin(farm, job, evidence)) return result_fail(RESULT_CANCELLED, "the job is over");
-    evidence->kind = SPOOL_OUT;
-    spool_name_t to = evidence_name(evidence);
-    result_t result = spool_rename(dir, job->kept.job, &from, &to);
-    if (result.code == RESULT_OK) {
-        uint32_t *weights = uncount(farm, job, head);
-        result = shared_film_merge_payload(shared_film, payload, batch, weights, -1);
-        free(weights);
-        if (result.code != RESULT_OK) {
-            farm_lock(farm);
-            (void)schedule_accept(job->schedule, head->units, head->unit_count);
-            farm_unlock(farm);
-            (void)spool_rename(dir, job->kept.job, &to, &from);
-        }
-    }
-    end(farm, job);
-    return result;
-}
-
-/* The film is without the batch. Under the lock. */
-static void note_out(farm_t *farm, job_t *job, const evidence_t *out, film_counts_t counts)
-{
-    evidence_t *evidence = evidence_find(job->checks, out->serial);
+    evidence_t *evidence = evidence_find(job->checks, name->serial);
+    schedule_uncount(job->schedule, head->units, head->unit_count);
     job->kept.counts = counts;
-    if (job->schedule != NULL) job->kept.samples_done = schedule_done(job->schedule);
+    job->kept.samples_done = schedule_done(job->schedule);
     job_unsaved(job);
     farm->trust->spooled = true;
-    job->progress_due = true;
     if (evidence != NULL) {
-        evidence->state = EVIDENCE_OUT;
+        evidence->name = *name;
         evidence->kind = SPOOL_OUT;
-        evidence->out_clock = out->out_clock;
         evidence->saved = job->checks->saved + job_is_saving(job);
     }
     farm_notify_idle(farm);
 }
 
+/* Takes a batch out of the film. That it is out is noted on the disk before: the film on the disk has it
+ * until a later snapshot is safe, and is told so by the clock. RESULT_CANCELLED: the job is over.
+ * RESULT_LIMIT: not now. */
+static result_t subtract(farm_t *farm, job_t *job, shared_film_t *shared_film, const spool_name_t *from,
+                         const batch_t *batch, const spool_head_t *head,
+                         const zmq_msg_t payload[BATCH_PAYLOADS])
+{
+    const char *dir = farm->options.spool_dir;
+    spool_name_t to = *from;
+    uint32_t *weights = begin(farm, job, head, &to);
+    if (weights == NULL) return result_fail(RESULT_CANCELLED, "the job is over");
+    result_t result = spool_rename(dir, job->kept.job, from, &to);
+    if (result.code == RESULT_OK) {
+        result = shared_film_merge_payload(shared_film, payload, batch, weights, -1);
+        if (result.code != RESULT_OK) (void)spool_rename(dir, job->kept.job, &to, from);
+    }
+    free(weights);
+    film_counts_t counts = shared_film_counts(shared_film);
+    farm_lock(farm);
+    if (result.code == RESULT_OK) note_out(farm, job, head, &to, counts);
+    job->merging--;
+    job->progress_due = true;
+    farm_unlock(farm);
+    return result;
+}
+
 /* The batch cannot be taken out. Under the lock. */
 static void note_lost(farm_t *farm, job_t *job, const evidence_t *lost, const char *why)
 {
-    evidence_t *evidence = evidence_find(job->checks, lost->serial);
+    evidence_t *evidence = evidence_find(job->checks, lost->name.serial);
     log_error("job %llu: a batch with wrong sums stays in the film: %s", (unsigned long long)job->kept.job,
               why);
     farm_job_tell(farm, job, "a batch with wrong sums is in the image: render it again");
     job->progress_due = true;
-    if (evidence != NULL) evidence->state = EVIDENCE_NEEDLESS;
+    if (evidence != NULL) evidence->kind = SPOOL_NONE;
 }
 
 /* False when it cannot be done now, for want of room or memory, and is to be tried again. Under the lock. */
@@ -128,23 +110,18 @@ static bool take_out(farm_t *farm, job_t *job, evidence_t evidence)
     job_settings_t settings = farm_job_settings(farm, job);
     shared_film_t *shared_film = job_film_hold(farm, job);
     if (shared_film == NULL) return true; /* the job was closed just now */
-    spool_name_t name = evidence_name(&evidence);
-    result_t result = spool_read(dir, job->kept.job, &name, &settings, &head, payload);
-    film_counts_t counts = {.rays = 0};
+    result_t result = spool_read(dir, job->kept.job, &evidence.name, &settings, &head, payload);
     if (result.code == RESULT_OK) {
         batch_t batch = {
             .settings = settings, .units = head.units, .unit_count = head.unit_count, .counts = head.counts};
         shared_film_enter(shared_film);
-        result = subtract(farm, job, shared_film, &evidence, &batch, &head, payload);
-        counts = shared_film_counts(shared_film);
+        result = subtract(farm, job, shared_film, &evidence.name, &batch, &head, payload);
         shared_film_leave(shared_film);
         spool_head_free(&head);
         for (int i = 0; i < BATCH_PAYLOADS; i++) zmq_msg_close(&payload[i]);
     }
     farm_lock(farm);
-    if (result.code == RESULT_OK)
-        note_out(farm, job, &evidence, counts);
-    else if (result.code != RESULT_LIMIT && result.code != RESULT_CANCELLED)
+    if (result.code != RESULT_OK && result.code != RESULT_LIMIT && result.code != RESULT_CANCELLED)
         note_lost(farm, job, &evidence, result.message);
     bool done = noted(job, &result);
     farm_unlock(farm);
@@ -156,22 +133,14 @@ static bool take_out(farm_t *farm, job_t *job, evidence_t evidence)
 
 typedef enum { TASK_NONE, TASK_DELETE, TASK_RENAME, TASK_TAKE_OUT } task_t;
 
-/* What a batch should be called on the disk. */
-static spool_kind_t kind_of(const evidence_t *evidence)
-{
-    if (evidence->state == EVIDENCE_WRONG) return SPOOL_WRONG;
-    return evidence->checked ? SPOOL_CHECK : SPOOL_KEPT;
-}
-
 /* What is to be done about a batch. */
 static task_t task_for(const job_t *job, const evidence_t *evidence)
 {
-    bool safe = evidence->state == EVIDENCE_OUT && job->checks->saved >= evidence->saved + SAFE_AFTER;
-    if (safe || evidence->state == EVIDENCE_NEEDLESS) return TASK_DELETE;
-    if (evidence->state == EVIDENCE_OUT) return TASK_NONE;
-    if (evidence->kind != kind_of(evidence)) return TASK_RENAME;
+    bool safe = evidence->kind == SPOOL_OUT && job->checks->saved >= evidence->saved + SAFE_AFTER;
+    if (safe || evidence->kind == SPOOL_NONE) return TASK_DELETE;
+    if (evidence->kind != evidence->name.kind) return TASK_RENAME;
     bool possible = job->schedule != NULL && job_has_film(job) && job->film != FILM_CONDEMNED;
-    return evidence->state == EVIDENCE_WRONG && possible ? TASK_TAKE_OUT : TASK_NONE;
+    return evidence->kind == SPOOL_WRONG && possible ? TASK_TAKE_OUT : TASK_NONE;
 }
 
 /* The next thing to do for a job, and a copy of what it is about: room is made first; that batches are wrong
@@ -194,14 +163,13 @@ static task_t next_task(farm_t *farm, job_t *job, evidence_t *about)
 /* The file is needed no more. */
 static bool delete_it(farm_t *farm, job_t *job, evidence_t evidence)
 {
-    spool_name_t name = evidence_name(&evidence);
-    spool_delete(farm->options.spool_dir, job->kept.job, &name);
+    spool_delete(farm->options.spool_dir, job->kept.job, &evidence.name);
     farm_lock(farm);
-    evidence_t *found = evidence_find(job->checks, evidence.serial);
+    evidence_t *found = evidence_find(job->checks, evidence.name.serial);
     if (found != NULL) {
         *found = job->checks->evidence[--job->checks->evidence_count];
-        job->checks->bytes -= evidence.bytes;
-        farm->trust->evidence_bytes -= evidence.bytes;
+        job->checks->bytes -= evidence.name.bytes;
+        farm->trust->evidence_bytes -= evidence.name.bytes;
     }
     farm_unlock(farm);
     return true;
@@ -210,13 +178,12 @@ static bool delete_it(farm_t *farm, job_t *job, evidence_t evidence)
 /* Notes on the disk what a batch is; false when it cannot be done now. */
 static bool rename_it(farm_t *farm, job_t *job, evidence_t evidence)
 {
-    spool_name_t from = evidence_name(&evidence);
-    evidence.kind = kind_of(&evidence);
-    spool_name_t to = evidence_name(&evidence);
-    result_t result = spool_rename(farm->options.spool_dir, job->kept.job, &from, &to);
+    spool_name_t to = evidence.name;
+    to.kind = evidence.kind;
+    result_t result = spool_rename(farm->options.spool_dir, job->kept.job, &evidence.name, &to);
     farm_lock(farm);
-    evidence_t *found = evidence_find(job->checks, evidence.serial);
-    if (found != NULL && result.code == RESULT_OK) found->kind = evidence.kind;
+    evidence_t *found = evidence_find(job->checks, to.serial);
+    if (found != NULL && result.code == RESULT_OK) found->name = to;
     farm->trust->spooled = true;
     if (result.code != RESULT_OK && result.code != RESULT_LIMIT)
         note_lost(farm, job, &evidence, result.message);

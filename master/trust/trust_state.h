@@ -92,23 +92,11 @@ typedef struct {
     double condemned; /* seconds, when it was found to send wrong sums; < 0: it was not */
 } source_t;
 
-typedef enum {
-    EVIDENCE_KEPT,    /* in the film, may have to be taken out */
-    EVIDENCE_WRONG,   /* in the film, is to be taken out */
-    EVIDENCE_OUT,     /* was taken out; kept until no checkpoint has it that may be needed */
-    EVIDENCE_NEEDLESS /* its file is to be deleted */
-} evidence_state_t;
-
-/* A batch that was merged, and is kept on the disk (spool.h). */
+/* A batch that was merged, and is kept on the disk. */
 typedef struct {
-    uint64_t clock;     /* of the schedule, when it was in the film (evidence.c) */
-    uint64_t serial;    /* names it, from 1 */
-    uint64_t out_clock; /* when it was taken out */
-    uint64_t bytes;     /* on the disk */
-    size_t source;      /* index */
-    evidence_state_t state;
-    spool_kind_t kind; /* what it is called on the disk */
-    bool checked;      /* it is being compared */
+    spool_name_t name; /* of its file; `clock` is that of the schedule when it was in the film (evidence.c) */
+    spool_kind_t kind; /* what the file is to be called; SPOOL_NONE: it is to be deleted */
+    size_t source;     /* index */
     uint64_t saved;    /* checkpoints that were safe, or begun, when it was taken out */
 } evidence_t;
 
@@ -194,8 +182,6 @@ void checks_remark(const farm_t *farm, double now, const job_t *job, char *text,
 uint64_t evidence_clock(const schedule_account_t *account);
 /* The batch of a serial; NULL when there is none. */
 evidence_t *evidence_find(const job_checks_t *checks, uint64_t serial);
-/* What it is called on the disk. */
-spool_name_t evidence_name(const evidence_t *evidence);
 /* All that a party or a process has in the film of any job is wrong, and is taken out of those that can be
  * rendered again. */
 void evidence_condemn(farm_t *farm, double now, uint64_t who);
