@@ -13,6 +13,7 @@
 #include "common/atomic_file.h"
 #include "common/image/image.h"
 #include "common/memory_limit.h"
+#include "common/plain_text.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -55,9 +56,7 @@ static void keep_message(exr_const_context_t context, exr_result_t code, const c
     /* The first message of a failure names the cause, later ones only its consequences. */
     if (stream->message[0] == '\0') {
         snprintf(stream->message, sizeof stream->message, "%s", message);
-        /* It may quote the file's bytes, which are not for a terminal. */
-        for (char *c = stream->message; *c != '\0'; c++)
-            if (*c < ' ' || *c > '~') *c = '?';
+        plain_text_clean(stream->message); /* it may quote the file's bytes */
     }
     pthread_mutex_unlock(&stream->lock);
 }

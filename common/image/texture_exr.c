@@ -1,6 +1,7 @@
 /* texture_exr: the colour channels of an OpenEXR file (see texture_image.h and image.h). */
 #include "common/image/image.h"
 #include "common/image/texture_codec.h"
+#include "common/plain_text.h"
 
 #include <stdio.h>
 
@@ -27,8 +28,7 @@ static result_t refuse(const char *name, const image_t *file)
         int n = snprintf(names + used, sizeof names - used, "%s%s", i > 0 ? " " : "", file->channels[i].name);
         used += n > 0 ? (size_t)n : 0;
     }
-    for (char *c = names; *c != '\0'; c++)
-        if (*c < ' ' || *c > '~') *c = '?';
+    plain_text_clean(names);
     return result_fail(RESULT_INPUT, "%s: has neither R, G and B nor Y nor one channel alone, but: %s", name,
                        names);
 }

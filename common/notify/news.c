@@ -1,6 +1,8 @@
 /* news: see news.h. */
 #include "common/notify/news.h"
 
+#include "common/plain_text.h"
+
 #include <ctype.h>
 #include <jansson.h>
 #include <math.h>
@@ -18,10 +20,8 @@ static json_t *clean_text(const char *text)
     char *copy = mem_strdup(text);
     for (char *c = copy; *c != '\0'; c++)
         if (iscntrl((unsigned char)*c)) *c = ' ';
+    plain_text_clean(copy);
     json_t *string = json_string(copy);
-    for (char *c = copy; string == NULL && *c != '\0'; c++)
-        if ((unsigned char)*c >= 0x80) *c = '?';
-    if (string == NULL) string = json_string(copy);
     free(copy);
     return string;
 }

@@ -1,6 +1,8 @@
 /* item: see item.h. */
 #include "client/import/gltf/item.h"
 
+#include "common/plain_text.h"
+
 #include <inttypes.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -34,8 +36,7 @@ void item_name(const item_t *item, char *text, size_t size)
 {
     text[0] = '\0';
     append_way(item, text, size);
-    for (char *c = text; *c; ++c)
-        if ((unsigned char)*c < ' ' || *c == 0x7f) *c = '?';
+    plain_text_clean(text);
 }
 
 static void format_message(const item_t *item, char *text, size_t size, const char *format, va_list arguments)

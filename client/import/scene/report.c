@@ -1,6 +1,8 @@
 /* report: see report.h. */
 #include "client/import/scene/report.h"
 
+#include "common/plain_text.h"
+
 #include <inttypes.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -28,8 +30,7 @@ static void format_message(char text[LONGEST_MESSAGE], position_t at, const char
     int used = format_position(text, LONGEST_MESSAGE, at);
     if (used >= 0 && used < LONGEST_MESSAGE)
         vsnprintf(text + used, (size_t)(LONGEST_MESSAGE - used), format, arguments);
-    for (char *c = text; *c; ++c) /* a name in a scene may hold what a terminal would obey */
-        if ((unsigned char)*c < ' ' || *c == 0x7f) *c = '?';
+    plain_text_clean(text); /* a name in a scene may hold what a terminal would obey */
 }
 
 static void say(const report_t *report, const char *message)

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "client/import/files/number.h"
+#include "common/plain_text.h"
 
 lexer_t lexer_begin(const char *path, const char *data, size_t size)
 {
@@ -143,7 +144,6 @@ const char *token_quote(const token_t *token, char out[TOKEN_QUOTE_SIZE])
     const char *mark = token->kind == TOKEN_STRING ? "\"" : "'";
     snprintf(out, TOKEN_QUOTE_SIZE, "%s%.*s%s%s", mark, length, token->text,
              token->length > (size_t)room ? "..." : "", mark);
-    for (char *c = out; *c; ++c)
-        if ((unsigned char)*c < ' ' || (unsigned char)*c >= 0x7f) *c = '?';
+    plain_text_clean(out);
     return out;
 }
