@@ -8,7 +8,6 @@
 
 #include "proto/serve/complaint.h"
 
-#include <netinet/in.h>
 #include <stdatomic.h>
 
 enum { CONNECTIONS_MAX = 1 << 16 }; /* those with a higher file descriptor are not watched */

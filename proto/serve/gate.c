@@ -6,9 +6,10 @@
  * editor is just writing is not taken for a list. Lines that are only added count at once: a key that is not
  * on the list makes the thread look too. A list with a mistake changes nothing: the one in force stays.
  *
- * A connection lives on when its key is taken out of the list, since libzmq cannot be told to end it. So a
- * right is not a property of a connection: the connection carries the key (its user id, which wire_receive
- * believes only on sockets with CURVE), and the servers ask at every message what the key may do now. */
+ * A connection lives on when its key is taken out of the list: its peer is told so, and may dial again with
+ * another key. So a right is not a property of a connection: the connection carries the key (its user id,
+ * which wire_receive believes only on sockets with CURVE), and the servers ask at every message what the key
+ * may do now. */
 #include "proto/serve/gate.h"
 
 #include "common/thread.h"

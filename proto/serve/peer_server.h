@@ -78,14 +78,14 @@ void peer_server_stop(peer_server_t **server);
 void peer_reply(peer_server_t *server, const wire_message_t *message, Lm__Envelope__BodyCase kind, void *body,
                 zmq_msg_t *payload);
 void peer_refuse(peer_server_t *server, const wire_message_t *message, result_t reason);
-/* What a peer is told of a failure: the same without the path of our data directory, with which it is in the
- * log then. Refusals have been through it. */
-result_t peer_told(peer_server_t *server, result_t reason);
 /* The same for a message that is gone: its sender and its number (0: nobody asked). False when the peer is
  * gone or does not keep up. */
 bool peer_send(peer_server_t *server, const identity_t *identity, uint64_t request,
                Lm__Envelope__BodyCase kind, void *body, zmq_msg_t *payload);
 bool peer_send_refusal(peer_server_t *server, const identity_t *identity, uint64_t request, result_t reason);
+/* What a peer is told of a failure: the same without the path of our data directory, with which it is in the
+ * log then. Refusals have been through it. */
+result_t peer_told(peer_server_t *server, result_t reason);
 /* A warning that a peer can provoke, at most a few a second. */
 void peer_complain(peer_server_t *server, const char *format, ...) __attribute__((format(printf, 2, 3)));
 /* Takes over the message that is being handled, to be freed with wire_free and free. */

@@ -29,7 +29,7 @@ typedef struct {
     uint8_t key[16];
 } unit_mac_t;
 
-/* `party` is who gets the units (serve_handler.h), `check` the number of a check, or 0. */
+/* `party` is a text for who gets the units, by key or address; `check` the number of a check, or 0. */
 unit_mac_t unit_mac(const unit_secret_t *secret, const char *party, uint64_t job, const hash_t *content,
                     uint64_t check);
 /* Fills issues[count] for units that are issued as they are. */

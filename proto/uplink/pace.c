@@ -31,9 +31,8 @@ static double mix(double mean, double newest, bool learned)
 
 void load_add(load_t *load, const job_settings_t *settings, const unit_t *unit)
 {
-    double samples = (double)unit_samples(settings, unit);
-    load->samples += samples;
-    load->pixels += samples / unit->count;
+    load->samples += (double)unit_samples(settings, unit);
+    load->pixels += job_tile_pixels(settings, unit->tile);
 }
 
 void pace_rest(pace_t *pace, double now)
@@ -48,12 +47,11 @@ void pace_begin(pace_t *pace, const job_settings_t *settings, double now)
 {
     const unit_t unit = {0, 0, 1};
     double pixels = (double)settings->width * settings->height;
-    bool splats = settings->integrator != INTEGRATOR_PATH;
     pace->begun = now;
     pace->learned = false;
-    pace->tile_pixels = (double)unit_samples(settings, &unit);
+    pace->tile_pixels = job_tile_pixels(settings, unit.tile);
     pace->tile_bytes = CODED * (double)sum_unit_bytes(settings, &unit) / pace->tile_pixels;
-    pace->frame_bytes = splats ? CODED * (double)sum_frame_bytes(settings) : 0;
+    pace->frame_bytes = job_has_splats(settings) ? CODED * (double)sum_frame_bytes(settings) : 0;
     double planes = pace->frame_bytes / (CODED * pixels * 6 * sizeof(int64_t));
     pace->sample_bytes = planes * SPLAT_BYTES * (settings->max_depth + 1);
 }

@@ -46,10 +46,7 @@ void probe_answered(probe_t *probe, double now, bool measures)
 
 void probe_give_up_measuring(probe_t *probe, double now)
 {
-    probe_learn(probe, PROBE_BYTES, now - probe->sent);
-    probe->request = 0;
-    probe->silent = 0;
-    probe->stage = PROBE_DONE;
+    probe_answered(probe, now, false);
 }
 
 bool probe_is_silent(const probe_t *probe, double now, double seconds)

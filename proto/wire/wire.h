@@ -151,6 +151,13 @@ void wire_free(wire_message_t *message);
  * What it made is freed with free(). `budget` must outlive the decoding. */
 ProtobufCAllocator wire_allocator(size_t *budget);
 
+/* How a unit was issued: what shows it, and the unit that was issued, of which the one at hand may be a
+ * piece. */
+typedef struct {
+    uint64_t mac;           /* of the issued unit (proto/serve/unit_mac.h); 0: it is not known */
+    uint32_t before, after; /* samples of it that lie before the piece and behind it */
+} issue_t;
+
 /* Settings, units and counts to and from their messages. From a message everything is checked
  * (job_settings_check, job_unit_valid, WIRE_MAX_UNITS); the message of a failure says which field is wrong.
  * A message of settings points to the list in `from`. */
@@ -163,14 +170,6 @@ void wire_order_put(const job_order_t *from, Lm__JobOrder *to);
 result_t wire_order_get(const Lm__JobOrder *from, job_order_t *to);
 void wire_counts_put(const film_counts_t *from, Lm__Counts *to);
 void wire_counts_get(const Lm__Counts *from, film_counts_t *to);
-/* How a unit was issued: what shows it, and the unit that was issued, of which the one at hand may be a
- * piece.
- */
-typedef struct {
-    uint64_t mac;           /* of the issued unit (proto/serve/unit_mac.h); 0: it is not known */
-    uint32_t before, after; /* samples of it that lie before the piece and behind it */
-} issue_t;
-
 /* The array of messages for `count` units, with how they were issued (NULL: not known), in one piece of
  * memory that the caller frees with free(); NULL for none. */
 Lm__Unit **wire_units_new(const unit_t *units, const issue_t *issues, size_t count);
@@ -181,8 +180,7 @@ result_t wire_units_get(Lm__Unit *const *messages, size_t count, const job_setti
 /* The units and counts of a BatchResult into a zeroed batch, to be freed also after a failure, and how the
  * units were issued, in fresh memory or NULL, to be freed likewise. They are not checked against the job, and
  * its settings are to be filled in; its sums are in the payloads, of which the message has all BATCH_PAYLOADS
- * then.
- */
+ * then. */
 result_t wire_batch_get(wire_message_t *message, batch_t *batch, issue_t **issues);
 /* False when the bytes field is not exactly HASH_BYTES long. */
 bool wire_hash_get(const ProtobufCBinaryData *bytes, hash_t *hash);
