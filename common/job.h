@@ -74,6 +74,12 @@ typedef struct {
     uint32_t count; /* samples a pixel, > 0 */
 } unit_t;
 
+/* The first sample index behind it. */
+static inline uint32_t unit_end(const unit_t *unit)
+{
+    return unit->first + unit->count;
+}
+
 /* A pixel rectangle, [x0, x1) by [y0, y1). */
 typedef struct {
     int32_t x0, y0, x1, y1;

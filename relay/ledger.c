@@ -20,16 +20,11 @@ void ledger_free(ledger_t *ledger)
     *ledger = (ledger_t){.settings = ledger->settings};
 }
 
-static uint32_t end_of(const unit_t *unit)
-{
-    return unit->first + unit->count;
-}
-
 /* Samples a pixel that two units share. */
 static uint32_t overlap(const unit_t *a, const unit_t *b)
 {
     uint32_t first = a->first > b->first ? a->first : b->first;
-    uint32_t end = end_of(a) < end_of(b) ? end_of(a) : end_of(b);
+    uint32_t end = unit_end(a) < unit_end(b) ? unit_end(a) : unit_end(b);
     return a->tile == b->tile && first < end ? end - first : 0;
 }
 
@@ -39,8 +34,8 @@ static int cut(const unit_t *unit, const unit_t *out, unit_t pieces[2])
     int count = 0;
     if (unit->first < out->first)
         pieces[count++] = (unit_t){unit->tile, unit->first, out->first - unit->first};
-    if (end_of(out) < end_of(unit))
-        pieces[count++] = (unit_t){unit->tile, end_of(out), end_of(unit) - end_of(out)};
+    if (unit_end(out) < unit_end(unit))
+        pieces[count++] = (unit_t){unit->tile, unit_end(out), unit_end(unit) - unit_end(out)};
     return count;
 }
 

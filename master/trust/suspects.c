@@ -57,11 +57,6 @@ struct job_suspects {
 
 /* ---- the list ------------------------------------------------------------------------------------------ */
 
-static uint32_t unit_end(const unit_t *unit)
-{
-    return unit->first + unit->count;
-}
-
 /* The first of `count` suspects that is not before a sample of a tile. */
 static size_t suspect_at(const job_suspects_t *s, size_t count, uint32_t tile, uint32_t sample)
 {

@@ -7,11 +7,6 @@
 
 #include <stdlib.h>
 
-static uint32_t end_of(const unit_t *unit)
-{
-    return unit->first + unit->count;
-}
-
 void issued_add(issued_t *issued, const unit_t *units, const uint64_t *macs, size_t count)
 {
     if (macs == NULL || count == 0) return;
@@ -31,21 +26,21 @@ static void sort(issued_t *issued)
     if (issued->count > 0) qsort(issued->list, issued->count, sizeof *issued->list, unit_order);
     for (size_t i = 0; i < issued->count; i++) {
         issued_unit_t *here = &issued->list[i], *before = i > 0 ? here - 1 : NULL;
-        here->reach = end_of(&here->unit);
+        here->reach = unit_end(&here->unit);
         if (before != NULL && before->unit.tile == here->unit.tile && before->reach > here->reach)
             here->reach = before->reach;
     }
     issued->sorted = true;
 }
 
-/* How many units begin where this one does, or before. */
-static size_t count_up_to(const issued_t *issued, const unit_t *unit)
+/* How many of a sorted list of what begins with a unit_t, each of `size` bytes, begin before a sample. */
+static size_t count_before(const void *list, size_t size, size_t count, uint32_t tile, uint64_t sample)
 {
-    size_t low = 0, high = issued->count;
+    size_t low = 0, high = count;
     while (low < high) {
         size_t middle = (low + high) / 2;
-        const unit_t *at = &issued->list[middle].unit;
-        if (at->tile < unit->tile || (at->tile == unit->tile && at->first <= unit->first))
+        const unit_t *at = (const void *)((const char *)list + middle * size);
+        if (at->tile < tile || (at->tile == tile && at->first < sample))
             low = middle + 1;
         else
             high = middle;
@@ -57,10 +52,12 @@ static size_t count_up_to(const issued_t *issued, const unit_t *unit)
 static const issued_unit_t *find(const issued_t *issued, const unit_t *unit)
 {
     const issued_unit_t *found = NULL;
-    for (size_t i = count_up_to(issued, unit); i > 0; i--) {
+    size_t begun = count_before(issued->list, sizeof *issued->list, issued->count, unit->tile,
+                                (uint64_t)unit->first + 1);
+    for (size_t i = begun; i > 0; i--) {
         const issued_unit_t *at = &issued->list[i - 1];
-        if (at->unit.tile != unit->tile || at->reach < end_of(unit)) break;
-        if (end_of(&at->unit) >= end_of(unit) && (found == NULL || at->age > found->age)) found = at;
+        if (at->unit.tile != unit->tile || at->reach < unit_end(unit)) break;
+        if (unit_end(&at->unit) >= unit_end(unit) && (found == NULL || at->age > found->age)) found = at;
     }
     return found;
 }
@@ -74,23 +71,15 @@ void issued_find(issued_t *issued, const unit_t *units, size_t count, issue_t *i
         if (found == NULL) continue;
         issues[i].mac = found->mac;
         issues[i].before = units[i].first - found->unit.first;
-        issues[i].after = end_of(&found->unit) - end_of(&units[i]);
+        issues[i].after = unit_end(&found->unit) - unit_end(&units[i]);
     }
 }
 
 /* True when one of the sorted units, which lie apart, shares samples with this one. */
 static bool shares(const unit_t *sorted, size_t count, const unit_t *unit)
 {
-    size_t low = 0, high = count; /* how many begin before its end */
-    while (low < high) {
-        size_t middle = (low + high) / 2;
-        const unit_t *at = &sorted[middle];
-        if (at->tile < unit->tile || (at->tile == unit->tile && at->first < end_of(unit)))
-            low = middle + 1;
-        else
-            high = middle;
-    }
-    return low > 0 && sorted[low - 1].tile == unit->tile && end_of(&sorted[low - 1]) > unit->first;
+    size_t begun = count_before(sorted, sizeof *sorted, count, unit->tile, unit_end(unit));
+    return begun > 0 && sorted[begun - 1].tile == unit->tile && unit_end(&sorted[begun - 1]) > unit->first;
 }
 
 void issued_keep(issued_t *issued, const unit_t *units, size_t count)

@@ -27,9 +27,9 @@ static void append(unit_queue_t *queue, const job_settings_t *settings, unit_t u
 void unit_queue_push(unit_queue_t *queue, const job_settings_t *settings, unit_t unit, const unit_t *held,
                      size_t held_count)
 {
-    uint32_t end = unit.first + unit.count;
+    uint32_t end = unit_end(&unit);
     for (size_t i = 0; i < held_count; i++) {
-        uint32_t held_end = held[i].first + held[i].count;
+        uint32_t held_end = unit_end(&held[i]);
         if (held[i].tile != unit.tile || held[i].first >= end || held_end <= unit.first) continue;
         /* What lies before and behind it may meet others of those that follow. */
         if (held[i].first > unit.first)
