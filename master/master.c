@@ -36,7 +36,7 @@ struct master {
     int lock_file;
     /* eventfds */
     int control_wake, bulk_wake, image_wake, journal_writer_wake, checkpoint_wake, news_wake;
-    char *spool_dir;
+    char *data_dir, *spool_dir;
     journal_t *journal;
     film_store_t *films;
     blob_store_t *store;
@@ -306,6 +306,7 @@ static void dismantle(master_t *master)
     wake_close(master->checkpoint_wake);
     wake_close(master->news_wake);
     if (master->lock_file >= 0) close(master->lock_file);
+    free(master->data_dir);
     free(master->spool_dir);
     free(master);
 }
@@ -315,7 +316,10 @@ result_t master_start(const master_options_t *options, master_t **out)
     master_t *master = mem_zalloc(1, sizeof *master);
     master->lock_file = master->control_wake = master->bulk_wake = master->image_wake = -1;
     master->journal_writer_wake = master->checkpoint_wake = master->news_wake = -1;
-    result_t result = start(master, options);
+    master->data_dir = mem_strdup(options->data_dir);
+    master_options_t kept = *options;
+    kept.data_dir = master->data_dir; /* the servers look at it as long as they run */
+    result_t result = start(master, &kept);
     if (result.code != RESULT_OK) dismantle(master);
     *out = result.code == RESULT_OK ? master : NULL;
     return result;

@@ -266,9 +266,9 @@ static result_t start_daemon(http_server_t *server, const http_options_t *option
 
 /* Writes the address down for lightmill open, in a file that stays locked while we serve it: one that was
  * left by a master that is gone is not. */
-static result_t write_url(http_server_t *server, const char *data_dir)
+static result_t write_url(http_server_t *server)
 {
-    server->url_path = http_url_path(data_dir);
+    server->url_path = http_url_path(server->data_dir);
     char *line = mem_printf("%s\n", server->url);
     result_t result = file_write_atomic(server->url_path, line, strlen(line));
     free(line);
@@ -287,13 +287,13 @@ bool http_url_is_served(int descriptor)
     return false;
 }
 
-static result_t start(http_server_t *server, const http_options_t *options, const char *data_dir)
+static result_t start(http_server_t *server, const http_options_t *options)
 {
     http_listen_t listening;
     TRY(read_certificate(server, options));
-    TRY(http_tokens_load(data_dir, &server->tokens));
+    TRY(http_tokens_load(server->data_dir, &server->tokens));
     tiles_options_t tiles = {
-        .farm = server->master.farm, .image_path = server->master.image_path, .data_dir = data_dir};
+        .farm = server->master.farm, .image_path = server->master.image_path, .data_dir = server->data_dir};
     TRY(tiles_start(&tiles, &server->tiles));
     TRY(patience_start(options->patience > 0 ? options->patience : HEADERS, &server->patience));
     TRY(pace_start(server->master.farm, &server->pace));
@@ -303,8 +303,8 @@ static result_t start(http_server_t *server, const http_options_t *options, cons
     TRY(guard_init(&server->guard, bound_host(&listening.address), &options->hosts));
     server->url = make_url(server, options, &listening.address);
     TRY(start_daemon(server, options, listening.exposed));
-    TRY(write_url(server, data_dir));
-    log_info("the page is at %s (lightmill open --data %s)", server->url, data_dir);
+    TRY(write_url(server));
+    log_info("the page is at %s (lightmill open --data %s)", server->url, server->data_dir);
     return result_ok();
 }
 
@@ -348,7 +348,7 @@ result_t http_server_start(const http_options_t *options, const http_master_t *m
     server->data_dir = data_dir;
     pthread_mutex_init(&server->lock, NULL);
     pthread_cond_init(&server->idle, NULL);
-    result_t result = start(server, options, data_dir);
+    result_t result = start(server, options);
     if (result.code != RESULT_OK) dismantle(server);
     *out = result.code == RESULT_OK ? server : NULL;
     return result;

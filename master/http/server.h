@@ -23,7 +23,8 @@ extern const option_group_t http_options;
 
 /* Makes the tokens if there are none, writes to DATA/http where the page is, and starts the thread. *server
  * is NULL, and nothing is done, without options->listen. RESULT_USAGE when it would be reached from other
- * machines without TLS. `master` is copied, what it points to is kept by the caller. */
+ * machines without TLS. `master` is copied, what it points to is kept by the caller, and so is
+ * `data_dir`. */
 result_t http_server_start(const http_options_t *options, const http_master_t *master, const char *data_dir,
                            http_server_t **server);
 /* Ends all requests, joins the thread, removes DATA/http and sets *server to NULL. What carries out calls of
