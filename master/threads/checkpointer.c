@@ -214,17 +214,24 @@ bool checkpointer_make_room(checkpointer_t *checkpointer, uint64_t needed)
     return film_store_room(checkpointer->options.films) >= needed;
 }
 
+/* The job's last checkpoint; all zero when there is none. */
+static film_file_t last_file(const checkpointer_t *checkpointer, uint64_t job)
+{
+    size_t count;
+    film_file_t *files = film_store_list(checkpointer->options.films, job, &count);
+    film_file_t last = count > 0 ? files[0] : (film_file_t){.bytes = 0};
+    free(files);
+    return last;
+}
+
 /* What the job's next checkpoint will take on the disk: about what its last one took, or, when there was
  * none, a quarter of the film; *sure says which. */
 static uint64_t expected_bytes(const checkpointer_t *checkpointer, const job_record_t *record, bool *sure)
 {
-    size_t count;
-    film_file_t *files = film_store_list(checkpointer->options.films, record->job, &count);
-    *sure = count > 0;
-    uint64_t bytes = *sure ? files[0].bytes + files[0].bytes / 10 + (1 << 20)
-                           : (uint64_t)shared_film_page_count(&record->settings) * SHARED_FILM_PAGE_BYTES / 4;
-    free(files);
-    return bytes;
+    uint64_t bytes = last_file(checkpointer, record->job).bytes;
+    *sure = bytes > 0;
+    return *sure ? bytes + bytes / 10 + (1 << 20)
+                 : (uint64_t)shared_film_page_count(&record->settings) * SHARED_FILM_PAGE_BYTES / 4;
 }
 
 /* Sees to it that there is room for a checkpoint. Where that is not certain it is tried. */
@@ -355,21 +362,11 @@ static result_t save_film(checkpointer_t *checkpointer, job_t *job, bool last)
     return result;
 }
 
-/* Seconds that the job's last checkpoint took; 0: not known. */
-static double last_took(const checkpointer_t *checkpointer, uint64_t job)
-{
-    size_t count;
-    film_file_t *files = film_store_list(checkpointer->options.films, job, &count);
-    double seconds = count > 0 ? files[0].seconds : 0;
-    free(files);
-    return seconds;
-}
-
 /* In how many seconds the checkpoint of a job is due that has had work in none for `age` seconds. */
 static double next_in(const checkpointer_t *checkpointer, uint64_t job, double now, double age)
 {
     double pause = fmax(checkpointer->options.interval - age, checkpointer->not_before - now);
-    double late = checkpointer->options.most - age - MARGIN * last_took(checkpointer, job);
+    double late = checkpointer->options.most - age - MARGIN * last_file(checkpointer, job).seconds;
     return fmax(fmin(pause, late), checkpointer->busy_until - now);
 }
 
@@ -383,7 +380,8 @@ static void check_age(checkpointer_t *checkpointer, uint64_t job, double age)
     log_warning("job %llu: its work was in no checkpoint for %.0f s, longer than --checkpoint-max (%.0f s), "
                 "since one takes %.0f s: a faster disk helps, fewer large jobs at a time, or a longer "
                 "--checkpoint-max",
-                (unsigned long long)job, age, checkpointer->options.most, last_took(checkpointer, job));
+                (unsigned long long)job, age, checkpointer->options.most,
+                last_file(checkpointer, job).seconds);
 }
 
 /* Makes the checkpoints that are due; returns in how many seconds there may be one again. */
