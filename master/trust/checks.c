@@ -160,7 +160,9 @@ sample_t checks_sample(const farm_t *farm, const job_t *job, uint64_t party, con
                        size_t count)
 {
     double verify = job->kept.terms.verify, samples = farm_unit_samples(job, units, count), chosen = 0;
-    double share = standing_passed(farm, party) < EARNED ? fmax(verify / 2, NEW_SHARE) : verify / 2;
+    const standing_t *standing = standing_find(farm, party);
+    bool earned = standing != NULL && standing->passed >= EARNED;
+    double share = earned ? verify / 2 : fmax(verify / 2, NEW_SHARE);
     bool fits = is_soon_rendered(farm, party, samples);
     sample_t sample = {.whole = verify >= 1 || (fits && happens(verify / 2)),
                        .units = mem_alloc(count * sizeof *units)};
@@ -398,7 +400,7 @@ static void conclude(farm_t *farm, double now, job_t *job, const check_t *check,
         standing_lied(farm, now, process ? source.id : source.party, source.name, why);
     }
     if (passed && !is_of_one_party(job->checks, check))
-        standing_pass(farm, now, party_of(job->checks, check, 0));
+        standing_of(farm, now, party_of(job->checks, check, 0))->passed++;
     job->kept.checks_passed += passed && check->doubt == DOUBT_NONE;
     job->kept.checks_failed += !passed;
     farm_record_changed(farm, job);
@@ -623,7 +625,7 @@ static void tick_job(farm_t *farm, double now, job_t *job)
                 (unsigned long long)job->kept.job, (unsigned long long)checks->unmade);
 }
 
-void checks_tick(farm_t *farm, double now)
+void trust_tick(farm_t *farm, double now)
 {
     for (size_t i = 0; i < farm->job_count; i++)
         if (farm->jobs[i]->checks != NULL) tick_job(farm, now, farm->jobs[i]);

@@ -65,7 +65,7 @@ void standing_identify(worker_t *worker)
 
 /* ---- the list ------------------------------------------------------------------------------------------ */
 
-static standing_t *find(const farm_t *farm, uint64_t who)
+standing_t *standing_find(const farm_t *farm, uint64_t who)
 {
     size_t at = id_table_find(&farm->trust->by_who, who);
     return at != SIZE_MAX ? &farm->trust->standings[at] : NULL;
@@ -86,10 +86,9 @@ static size_t make_room(trust_t *trust)
     return oldest;
 }
 
-/* The entry, a new one if need be. */
-static standing_t *find_or_make(farm_t *farm, double now, uint64_t who)
+standing_t *standing_of(farm_t *farm, double now, uint64_t who)
 {
-    standing_t *standing = find(farm, who);
+    standing_t *standing = standing_find(farm, who);
     if (standing == NULL) {
         size_t at = make_room(farm->trust);
         standing = &farm->trust->standings[at];
@@ -100,19 +99,10 @@ static standing_t *find_or_make(farm_t *farm, double now, uint64_t who)
     return standing;
 }
 
-standing_t *standing_of(farm_t *farm, double now, uint64_t who)
-{
-    return find_or_make(farm, now, who);
-}
-
-const standing_t *standing_known(const farm_t *farm, uint64_t who)
-{
-    return find(farm, who);
-}
-
 static const standing_t *aside(const farm_t *farm, double now, const worker_t *worker)
 {
-    const standing_t *party = find(farm, worker->party), *source = find(farm, worker->source);
+    const standing_t *party = standing_find(farm, worker->party),
+                     *source = standing_find(farm, worker->source);
     if (source != NULL && now < source->until) return source;
     return party != NULL && now < party->until ? party : NULL;
 }
@@ -123,8 +113,9 @@ const char *trust_reason(const farm_t *farm, double now, const worker_t *worker)
     return standing != NULL ? standing->reason : NULL;
 }
 
-result_t standing_check(const farm_t *farm, double now, const worker_t *worker)
+result_t trust_admit(const farm_t *farm, double now, worker_t *worker)
 {
+    standing_identify(worker);
     const standing_t *standing = aside(farm, now, worker);
     if (standing == NULL) return result_ok();
     return result_fail(RESULT_CANCELLED, "worker %s is put aside for %.0f s more: it %s", worker->name,
@@ -152,22 +143,15 @@ static void put_aside(farm_t *farm, double now, standing_t *standing, const char
     cast_out(farm, standing->who);
 }
 
-/* One more thing is held against the worker's party. */
-static void fail(farm_t *farm, double now, const worker_t *worker, const char *why)
-{
-    standing_t *standing = find_or_make(farm, now, worker->party);
-    char name[FARM_MAX_NAME + 1];
-    snprintf(name, sizeof name, "%s", worker->name);
-    standing->last_failure = now;
-    log_warning("worker %s %s (%u of %d before it is put aside)", name, why, ++standing->failures,
-                FARM_MAX_FAILURES);
-    if (standing->failures >= FARM_MAX_FAILURES)
-        put_aside(farm, now, standing, name, FARM_ASIDE_SECONDS, why);
-}
-
 void trust_failed(farm_t *farm, double now, worker_t *worker, const char *why)
 {
-    if (!worker->outcast) fail(farm, now, worker, why);
+    if (worker->outcast) return;
+    standing_t *standing = standing_of(farm, now, worker->party);
+    standing->last_failure = now;
+    log_warning("worker %s %s (%u of %d before it is put aside)", worker->name, why, ++standing->failures,
+                FARM_MAX_FAILURES);
+    if (standing->failures >= FARM_MAX_FAILURES)
+        put_aside(farm, now, standing, worker->name, FARM_ASIDE_SECONDS, why);
 }
 
 bool standing_alone(const farm_t *farm, uint64_t party)
@@ -179,42 +163,31 @@ bool standing_alone(const farm_t *farm, uint64_t party)
 
 void standing_fell(farm_t *farm, double now, worker_t *worker)
 {
-    const standing_t *standing = find(farm, worker->party);
+    const standing_t *standing = standing_find(farm, worker->party);
     if (standing != NULL && worker->joined <= standing->last_failure) return;
     if (standing_alone(farm, worker->party)) return;
-    fail(farm, now, worker, "died with units in its hands");
+    trust_failed(farm, now, worker, "died with units in its hands");
     worker->charged = true;
 }
 
 void standing_lives(farm_t *farm, worker_t *worker)
 {
-    standing_t *standing = worker->charged ? find(farm, worker->party) : NULL;
+    standing_t *standing = worker->charged ? standing_find(farm, worker->party) : NULL;
     if (standing != NULL && standing->failures > 0) standing->failures--;
     worker->charged = false;
 }
 
 void standing_delivered(farm_t *farm, double now, const worker_t *worker)
 {
-    standing_t *standing = find(farm, worker->party);
+    standing_t *standing = standing_find(farm, worker->party);
     if (standing == NULL) return;
     standing->failures = 0;
     if (now > standing->until + standing->length) standing->length = 0;
 }
 
-uint32_t standing_passed(const farm_t *farm, uint64_t party)
-{
-    const standing_t *standing = find(farm, party);
-    return standing != NULL ? standing->passed : 0;
-}
-
-void standing_pass(farm_t *farm, double now, uint64_t party)
-{
-    find_or_make(farm, now, party)->passed++;
-}
-
 void standing_lied(farm_t *farm, double now, uint64_t who, const char *name, const char *why)
 {
-    standing_t *standing = find_or_make(farm, now, who);
+    standing_t *standing = standing_of(farm, now, who);
     standing->passed = 0;
     put_aside(farm, now, standing, name, LIE_FACTOR * FARM_ASIDE_SECONDS, why);
 }

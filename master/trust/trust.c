@@ -28,12 +28,6 @@ void trust_forget(farm_t *farm, job_t *job)
 
 /* ---- workers ------------------------------------------------------------------------------------------- */
 
-result_t trust_admit(const farm_t *farm, double now, worker_t *worker)
-{
-    standing_identify(worker);
-    return standing_check(farm, now, worker);
-}
-
 void trust_died(farm_t *farm, double now, worker_t *worker, bool back)
 {
     bool excused = back || farm_worker_units(farm, worker) == 0;
@@ -42,6 +36,13 @@ void trust_died(farm_t *farm, double now, worker_t *worker, bool back)
     if (excused) return;
     standing_fell(farm, now, worker);
     window_lapsed(farm, now, worker);
+}
+
+void trust_lapsed(farm_t *farm, double now, worker_t *worker)
+{
+    for (size_t i = 0; i < farm->job_count; i++) suspects_recalled(farm, farm->jobs[i], worker->id);
+    if (window_lapsed(farm, now, worker) && !standing_alone(farm, worker->party))
+        trust_failed(farm, now, worker, "takes units again and again and delivers none");
 }
 
 void trust_lives(farm_t *farm, worker_t *worker)
@@ -83,11 +84,4 @@ void trust_remark(const farm_t *farm, double now, const job_t *job, char *text, 
     checks_remark(farm, now, job, checks, sizeof checks);
     if (checks[0] != '\0' && used < size)
         snprintf(text + used, size - used, "%s%s", used > 0 ? "; " : "", checks);
-}
-
-/* ---- time ---------------------------------------------------------------------------------------------- */
-
-void trust_tick(farm_t *farm, double now)
-{
-    checks_tick(farm, now);
 }

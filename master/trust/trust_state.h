@@ -33,22 +33,17 @@ struct trust {
 
 /* Finds a worker's party (from its key and address, if party_text is empty), and its process. */
 void standing_identify(worker_t *worker);
-/* Why a worker may not join now, as a failure; RESULT_OK when it may. */
-result_t standing_check(const farm_t *farm, double now, const worker_t *worker);
 /* A worker fell silent while it held units that are above suspicion; then it was heard of again after all. */
 void standing_fell(farm_t *farm, double now, worker_t *worker);
 void standing_lives(farm_t *farm, worker_t *worker);
 void standing_delivered(farm_t *farm, double now, const worker_t *worker);
-/* Comparisons of a party's batches that have passed, by others. */
-uint32_t standing_passed(const farm_t *farm, uint64_t party);
-void standing_pass(farm_t *farm, double now, uint64_t party);
 /* A party or a process sent wrong sums: it is put aside, whoever of it is connected. */
 void standing_lied(farm_t *farm, double now, uint64_t who, const char *name, const char *why);
 
 /* What is known of a party or a process; a new entry if need be. */
 standing_t *standing_of(farm_t *farm, double now, uint64_t who);
-/* NULL when there is none. */
-const standing_t *standing_known(const farm_t *farm, uint64_t who);
+/* NULL when nothing is. */
+standing_t *standing_find(const farm_t *farm, uint64_t who);
 /* True when no other party is connected. */
 bool standing_alone(const farm_t *farm, uint64_t party);
 
@@ -171,8 +166,6 @@ void checks_forget(job_t *job, size_t source);
 bool checks_take(farm_t *farm, double now, job_t *job, worker_t *worker, work_t *work);
 /* True when a worker has units to compare. */
 bool checks_held(const farm_t *farm, const worker_t *worker);
-/* Deadlines of comparisons; those that nobody can make. */
-void checks_tick(farm_t *farm, double now);
 /* Writes what is to be said of the comparisons of a job now, "" for nothing. */
 void checks_remark(const farm_t *farm, double now, const job_t *job, char *text, size_t size);
 

@@ -30,7 +30,7 @@ static const double FIRST_LEASES = 0.5;
 /* Lapses of the worker's party that deliveries have not made up for. */
 static uint32_t lapses_of(const farm_t *farm, const worker_t *worker)
 {
-    const standing_t *standing = standing_known(farm, worker->party);
+    const standing_t *standing = standing_find(farm, worker->party);
     return standing == NULL || standing_alone(farm, worker->party) ? 0 : standing->lapses;
 }
 
@@ -55,8 +55,7 @@ static double held_by_new(const farm_t *farm, uint64_t party)
 static bool may_try(const farm_t *farm, double now, const worker_t *worker, uint32_t lapses)
 {
     double pause = farm->options.lease * exp2(lapses);
-    return now - standing_known(farm, worker->party)->lapsed >= pause &&
-           held_by_new(farm, worker->party) <= 0;
+    return now - standing_find(farm, worker->party)->lapsed >= pause && held_by_new(farm, worker->party) <= 0;
 }
 
 double trust_room(const farm_t *farm, double now, const job_t *job, const worker_t *worker, double speed)
@@ -97,17 +96,10 @@ bool window_lapsed(farm_t *farm, double now, worker_t *worker)
     return now - standing->fruitless > FRUITLESS_LEASES * farm->options.lease;
 }
 
-void trust_lapsed(farm_t *farm, double now, worker_t *worker)
-{
-    for (size_t i = 0; i < farm->job_count; i++) suspects_recalled(farm, farm->jobs[i], worker->id);
-    if (window_lapsed(farm, now, worker) && !standing_alone(farm, worker->party))
-        trust_failed(farm, now, worker, "takes units again and again and delivers none");
-}
-
 void window_delivered(farm_t *farm, worker_t *worker)
 {
     worker->lapsed = false;
-    if (standing_known(farm, worker->party) == NULL) return;
+    if (standing_find(farm, worker->party) == NULL) return;
     standing_t *standing = standing_of(farm, worker->delivered, worker->party);
     standing->fruitless = 0;
     if (standing->lapses > 0) standing->lapses--;
