@@ -59,10 +59,8 @@ static void put_history(json_t *object, const Lm__JobStatus *job)
 /* True when a worker has this name, is on this host, or came with this key. */
 static bool is_called(const Lm__WorkerStatus *worker, const char *name)
 {
-    size_t host = strcspn(worker->name, ":");
-    return strcmp(name, worker->name) == 0 || strcmp(name, worker->key) == 0 ||
-           strcmp(name, worker->address) == 0 ||
-           (strlen(name) == host && strncmp(name, worker->name, host) == 0);
+    return wire_worker_is(worker->name, name) || strcmp(name, worker->key) == 0 ||
+           strcmp(name, worker->address) == 0;
 }
 
 /* True when the worker is one of those that were asked for. */

@@ -107,10 +107,8 @@ typedef struct {
  */
 worker_report_t *farm_worker_report(farm_t *farm, double now, size_t *count);
 
-/* True when `wanted` is a worker's name, or its host: "node-7" are all workers "node-7:PROCESS". */
-bool farm_worker_is(const char *name, const char *wanted);
-/* Connected workers of this name or host get no more units and are asked to leave; they deliver what they
- * have begun. Returns how many there are. */
+/* Connected workers of this name or host (wire_worker_is) get no more units and are asked to leave; they
+ * deliver what they have begun. Returns how many there are. */
 size_t farm_drain(farm_t *farm, const char *wanted);
 /* Forgets the workers that are gone, which farm_tick does after an hour, or 5 minutes when they delivered
  * nothing. Those that are put aside stay on the list. Returns how many went. */

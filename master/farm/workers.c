@@ -188,12 +188,6 @@ size_t farm_purge(farm_t *farm, double now)
 
 /* ---- draining ------------------------------------------------------------------------------------------ */
 
-bool farm_worker_is(const char *name, const char *wanted)
-{
-    size_t host = strcspn(name, ":");
-    return strcmp(name, wanted) == 0 || (strlen(wanted) == host && strncmp(name, wanted, host) == 0);
-}
-
 static void drain(farm_t *farm, worker_t *worker)
 {
     worker->drained = true;
@@ -206,7 +200,7 @@ size_t farm_drain(farm_t *farm, const char *wanted)
     farm_lock(farm);
     for (size_t i = 0; i < farm->worker_count; i++) {
         worker_t *worker = &farm->workers[i];
-        if (!worker->connected || !farm_worker_is(worker->name, wanted)) continue;
+        if (!worker->connected || !wire_worker_is(worker->name, wanted)) continue;
         log_info("worker %s is drained: it delivers what it has, and leaves", worker->name);
         drain(farm, worker);
         count++;

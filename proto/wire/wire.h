@@ -72,6 +72,8 @@ typedef enum {
     WORKERS_DRAIN = 1, /* they are given nothing more, deliver what they have and leave */
     WORKERS_PURGE = 4  /* those that are gone are forgotten; `who` is not used */
 } worker_order_t;
+/* True when `who` is the name of a worker, or its host: "node-7" are all workers "node-7:PROCESS". */
+bool wire_worker_is(const char *name, const char *who);
 
 /* "queued", "running", ...; "unknown" for anything else. */
 const char *job_state_name(uint32_t state);

@@ -23,6 +23,14 @@ bool job_state_final(uint32_t state)
     return state == JOB_DONE || state == JOB_CANCELLED || state == JOB_FAILED;
 }
 
+/* ---- workers ------------------------------------------------------------------------------------------- */
+
+bool wire_worker_is(const char *name, const char *who)
+{
+    size_t host = strcspn(name, ":");
+    return strcmp(name, who) == 0 || (strlen(who) == host && strncmp(name, who, host) == 0);
+}
+
 /* ---- rights -------------------------------------------------------------------------------------------- */
 
 const char *wire_rights_name(unsigned rights)
