@@ -35,8 +35,7 @@ enum {
     MAX_TRIES = 3,      /* of a comparison that were in vain */
     SLACK = 4,          /* times the time that it should take, until it is given to somebody else, */
     STALL_BATCHES = 12, /* but batch intervals at least */
-    EARNED = 8,         /* batches of a party that passed until it is trusted as others are */
-    MAX_HOPELESS = 64   /* comparisons that nobody can make, before the oldest are given up */
+    EARNED = 8          /* batches of a party that passed until it is trusted as others are */
 };
 static const double NEW_SHARE = 0.25; /* of the samples of a new party's batches that are compared */
 /* Seconds that a comparison should take at most, if somebody can do it so soon. */
@@ -74,7 +73,7 @@ size_t checks_source(job_checks_t *checks, const worker_t *worker)
     if (known != SIZE_MAX) return known;
     checks->sources = mem_realloc(checks->sources, (checks->source_count + 1) * sizeof *checks->sources);
     source_t *source = &checks->sources[checks->source_count];
-    *source = (source_t){.id = worker->source, .party = worker->party, .condemned = -1};
+    *source = (source_t){.id = worker->source, .party = worker->party};
     memcpy(source->name, worker->name, sizeof source->name);
     memcpy(source->party_text, worker->party_text, sizeof source->party_text);
     id_table_put(&checks->by_id, source->id, checks->source_count);
@@ -396,7 +395,7 @@ static void conclude(farm_t *farm, double now, job_t *job, const check_t *check,
                  doubted ? "sums that are too large, and that others do not make,"
                          : "other sums than two others",
                  check->count, (unsigned long long)job->kept.job, source.party_text);
-        evidence_condemn(farm, now, process ? source.id : source.party);
+        evidence_condemn(farm, process ? source.id : source.party);
         standing_lied(farm, now, process ? source.id : source.party, source.name, why);
     }
     if (passed && !is_of_one_party(job->checks, check))
@@ -545,23 +544,13 @@ bool trust_pending(const job_t *job)
     return job->checks != NULL && (job->checks->check_count > 0 || trust_wrong(job));
 }
 
-/* Notes since when a comparison is not worth waiting for: nobody can make it, or all that could have lost it.
- * A few that lose what they are given on purpose cannot keep others from making it. */
-static void note_hopeless(const farm_t *farm, double now, const job_checks_t *checks, check_t *check)
+/* True when a comparison is not worth waiting for: nobody can make it, or all that could have lost it. A few
+ * that lose what they are given on purpose cannot keep others from making it. */
+static bool is_hopeless(const farm_t *farm, double now, const job_checks_t *checks, const check_t *check)
 {
     bool open = check->with != 0 ||
                 (check->doubt == DOUBT_NONE ? check->rendering_count > 1 : check->doubt != DOUBT_ANSWERED);
-    bool hopeless = !open && !can_be_had(farm, now, checks, check, check->tries >= MAX_TRIES);
-    if (!hopeless)
-        check->hopeless = 0;
-    else if (check->hopeless <= 0)
-        check->hopeless = now;
-}
-
-/* True when those who could make it have had the time to come back. */
-static bool is_long_hopeless(const farm_t *farm, double now, const check_t *check)
-{
-    return check->hopeless > 0 && now - check->hopeless > farm_patience(farm, FARM_ASK_BATCHES);
+    return !open && !can_be_had(farm, now, checks, check, check->tries >= MAX_TRIES);
 }
 
 /* Of two parties, one has made sums of the same units that can be believed, and nobody else is there to be
@@ -581,26 +570,15 @@ static void decide_alone(farm_t *farm, double now, job_t *job, size_t at)
     job->progress_due = true;
 }
 
-/* Gives up comparisons that nobody can make, the oldest first: all of them when all else is counted, those
- * beyond so many before. */
-static void drop_hopeless(farm_t *farm, double now, job_t *job)
+/* Gives up comparisons that nobody can make, when all else is counted. */
+static void drop_hopeless(const farm_t *farm, double now, job_t *job)
 {
     job_checks_t *checks = job->checks;
-    bool counted = job->schedule != NULL && schedule_round_counted(job->schedule);
-    size_t hopeless = 0;
-    for (size_t i = 0; i < checks->check_count; i++)
-        hopeless += is_long_hopeless(farm, now, &checks->checks[i]);
-    for (size_t i = 0; i < checks->check_count;) {
-        const check_t *check = &checks->checks[i];
-        bool drop =
-            counted ? check->hopeless > 0 : hopeless > MAX_HOPELESS && is_long_hopeless(farm, now, check);
-        if (!drop) {
-            i++;
-            continue;
-        }
-        checks->unmade += check->doubt == DOUBT_NONE;
+    if (job->schedule == NULL || !schedule_round_counted(job->schedule)) return;
+    for (size_t i = checks->check_count; i-- > 0;) {
+        if (!is_hopeless(farm, now, checks, &checks->checks[i])) continue;
+        checks->unmade += checks->checks[i].doubt == DOUBT_NONE;
         drop_check(job, i);
-        hopeless -= hopeless > 0;
     }
 }
 
@@ -611,8 +589,7 @@ static void tick_job(farm_t *farm, double now, job_t *job)
     for (size_t i = 0; i < checks->check_count;) {
         check_t *check = &checks->checks[i];
         if (check->with != 0 && now > check->deadline) lose(farm, check);
-        note_hopeless(farm, now, checks, check);
-        bool alone = check->hopeless > 0 && check->doubt == DOUBT_ANSWERED;
+        bool alone = check->doubt == DOUBT_ANSWERED && is_hopeless(farm, now, checks, check);
         if (alone) decide_alone(farm, now, job, i);
         i = alone ? 0 : i + 1; /* others may have gone with it */
     }

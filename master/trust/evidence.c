@@ -54,7 +54,7 @@ static void add(trust_t *trust, job_checks_t *checks, evidence_t evidence)
 struct trust_keep {
     evidence_t evidence;
     spool_head_t head;
-    double joined; /* of the sender, seconds */
+    uint64_t worker; /* the sender */
     sample_t sample;
     result_t written, digested;
 };
@@ -71,7 +71,7 @@ trust_keep_t *trust_keep_begin(farm_t *farm, job_t *job, const worker_t *worker,
         .kind = SPOOL_CHECK,
         .source = checks_source(checks, worker)};
     keep->sample = checks_sample(farm, job, worker->party, batch->units, batch->unit_count);
-    keep->joined = worker->joined;
+    keep->worker = worker->id;
     keep->head = (spool_head_t){.fingerprint = worker->fingerprint,
                                 .counts = batch->counts,
                                 .units = batch->units,
@@ -121,7 +121,8 @@ static void keep_it(farm_t *farm, job_t *job, trust_keep_t *keep)
     job_checks_t *checks = job->checks;
     evidence_t *evidence = &keep->evidence;
     bool kept = keep->written.code == RESULT_OK;
-    bool condemned = checks->sources[evidence->source].condemned >= keep->joined; /* found out meanwhile */
+    const worker_t *worker = farm_find_worker(farm, keep->worker);
+    bool condemned = worker != NULL && worker->outcast; /* it was found out meanwhile */
     if (!kept) note_unkept(farm, job, keep);
     if (keep->digested.code != RESULT_OK) evidence->kind = SPOOL_KEPT;
     if (condemned) evidence->kind = SPOOL_WRONG;
@@ -194,15 +195,13 @@ static void withdraw(farm_t *farm, job_t *job, size_t index)
     source->unkept = 0;
 }
 
-void evidence_condemn(farm_t *farm, double now, uint64_t who)
+void evidence_condemn(farm_t *farm, uint64_t who)
 {
     for (size_t j = 0; j < farm->job_count; j++) {
         const job_checks_t *checks = farm->jobs[j]->checks;
         for (size_t i = 0; checks != NULL && i < checks->source_count; i++)
-            if (checks->sources[i].id == who || checks->sources[i].party == who) {
-                checks->sources[i].condemned = now;
+            if (checks->sources[i].id == who || checks->sources[i].party == who)
                 withdraw(farm, farm->jobs[j], i);
-            }
     }
 }
 
@@ -245,23 +244,6 @@ static uint64_t clock_of_state(const job_settings_t *settings, const schedule_st
     return evidence_clock(&account);
 }
 
-/* True when all samples of a unit are counted. */
-static bool is_counted(const schedule_state_t *state, const unit_t *unit)
-{
-    size_t low = 0, high = state->counted_count;
-    while (low < high) { /* the first range that does not end before the unit */
-        size_t middle = low + (high - low) / 2;
-        const unit_t *range = &state->counted[middle];
-        if (range->tile > unit->tile ||
-            (range->tile == unit->tile && range->first + range->count >= unit->first + unit->count))
-            high = middle;
-        else
-            low = middle + 1;
-    }
-    return low < state->counted_count && state->counted[low].tile == unit->tile &&
-           state->counted[low].first <= unit->first;
-}
-
 /* What a batch on the disk is to a film with this clock; false when the film never had it. */
 static bool state_of(const spool_name_t *name, uint64_t clock, evidence_t *evidence)
 {
@@ -301,16 +283,19 @@ static result_t sample_again(farm_t *farm, const job_t *job, const job_settings_
     return result;
 }
 
-static bool are_counted(const schedule_state_t *state, const spool_head_t *head)
+/* True when the film has the samples of a batch, and no other one had them: takes them from a copy of its
+ * schedule. */
+static bool take_samples(schedule_t *schedule, const job_t *job, const spool_head_t *head)
 {
-    bool counted = true;
-    for (size_t i = 0; i < head->unit_count && counted; i++) counted = is_counted(state, &head->units[i]);
-    return counted;
+    uint64_t before = schedule_done(schedule);
+    schedule_uncount(schedule, head->units, head->unit_count);
+    double taken = (double)(before - schedule_done(schedule));
+    return taken >= farm_unit_samples(job, head->units, head->unit_count);
 }
 
 /* Reads a batch that the film has, and puts it on the list. */
 static result_t load_one(farm_t *farm, job_t *job, const job_settings_t *settings, evidence_t *evidence,
-                         const schedule_state_t *state)
+                         schedule_t *schedule)
 {
     const char *dir = farm->options.spool_dir;
     spool_head_t head;
@@ -321,7 +306,7 @@ static result_t load_one(farm_t *farm, job_t *job, const job_settings_t *setting
     TRY(spool_read_head(dir, job->kept.job, &evidence->name, settings, &head));
     worker_t sender = sender_of(&head);
     result_t result = result_ok();
-    if (evidence->kind != SPOOL_OUT && !are_counted(state, &head)) {
+    if (evidence->kind != SPOOL_OUT && !take_samples(schedule, job, &head)) {
         /* It would be taken for evidence when others have rendered them again. */
         spool_delete(dir, job->kept.job, &evidence->name);
         result = result_fail(RESULT_INPUT, "the film does not have its samples");
@@ -339,14 +324,13 @@ static result_t load_one(farm_t *farm, job_t *job, const job_settings_t *setting
     return result;
 }
 
-/* True when the job will go on with this state. */
-static bool fits(const job_settings_t *settings, const schedule_state_t *state)
+/* The schedule that the job will go on with; NULL when it begins anew. */
+static schedule_t *restored(const job_settings_t *settings, const schedule_state_t *state)
 {
     schedule_t *schedule = NULL;
     job_settings_t copy = *settings;
-    if (state == NULL || schedule_restore(&copy, state, &schedule).code != RESULT_OK) return false;
-    schedule_destroy(&schedule);
-    return true;
+    if (state != NULL) (void)schedule_restore(&copy, state, &schedule);
+    return schedule;
 }
 
 void trust_loaded(farm_t *farm, job_t *job, const schedule_state_t *state)
@@ -356,15 +340,15 @@ void trust_loaded(farm_t *farm, job_t *job, const schedule_state_t *state)
     size_t count, kept = 0, wrong = 0;
     spool_name_t *names = spool_list(dir, job->kept.job, &count);
     job_settings_t settings = farm_job_settings(farm, job);
-    bool usable = count > 0 && job->kept.terms.verify > 0 && fits(&settings, state);
-    uint64_t clock = usable ? clock_of_state(&settings, state) : 0;
+    schedule_t *schedule = count > 0 && job->kept.terms.verify > 0 ? restored(&settings, state) : NULL;
+    uint64_t clock = schedule != NULL ? clock_of_state(&settings, state) : 0;
     for (size_t i = 0; i < count; i++) {
         evidence_t evidence;
-        if (!usable || !state_of(&names[i], clock, &evidence)) {
+        if (schedule == NULL || !state_of(&names[i], clock, &evidence)) {
             spool_delete(dir, job->kept.job, &names[i]);
             continue;
         }
-        result_t result = load_one(farm, job, &settings, &evidence, state);
+        result_t result = load_one(farm, job, &settings, &evidence, schedule);
         kept += result.code == RESULT_OK;
         wrong += evidence.kind == SPOOL_WRONG;
         if (result.code != RESULT_OK)
@@ -375,6 +359,7 @@ void trust_loaded(farm_t *farm, job_t *job, const schedule_state_t *state)
         farm_unlock(farm);
     }
     free(names);
+    if (schedule != NULL) schedule_destroy(&schedule);
     if (count == 0) return;
     farm_lock(farm);
     farm->trust->spooled = true; /* what was deleted must not come back after the next checkpoint */

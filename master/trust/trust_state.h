@@ -83,8 +83,7 @@ typedef struct {
     uint64_t id, party; /* worker_t.source, .party */
     char name[FARM_MAX_NAME + 1];
     char party_text[FARM_MAX_PARTY + 1];
-    uint32_t unkept;  /* batches that are in the film and not on the disk */
-    double condemned; /* seconds, when it was found to send wrong sums; < 0: it was not */
+    uint32_t unkept; /* batches that are in the film and not on the disk */
 } source_t;
 
 /* A batch that was merged, and is kept on the disk. */
@@ -124,7 +123,6 @@ typedef struct {
     double deadline;             /* seconds, of that worker */
     uint32_t tries;              /* that were in vain, */
     uint64_t lost[CHECK_LOSERS]; /* and the parties that lost it last */
-    double hopeless;             /* seconds, since when nobody can make it; 0: somebody can */
 } check_t;
 
 struct job_checks {
@@ -177,6 +175,6 @@ uint64_t evidence_clock(const schedule_account_t *account);
 evidence_t *evidence_find(const job_checks_t *checks, uint64_t serial);
 /* All that a party or a process has in the film of any job is wrong, and is taken out of those that can be
  * rendered again. */
-void evidence_condemn(farm_t *farm, double now, uint64_t who);
+void evidence_condemn(farm_t *farm, uint64_t who);
 
 #endif
