@@ -25,6 +25,7 @@ typedef struct {
     char party[WIRE_MAX_ADDRESS + 1]; /* its key, or the address of its host without keys */
     identity_t identity;
     uint32_t threads;
+    bool relay;            /* it is a relay itself */
     bool reached;          /* it reaches the bulk socket; before that it gets no work */
     bool troubled;         /* what hinders it was logged */
     bool idle;             /* was told that there is no work */

@@ -226,6 +226,7 @@ static uplink_state_t state(void *self)
     s.ready = pool->member_count > 0 || !pool_empty(pool);
     s.fingerprint = pool->group;
     for (size_t i = 0; i < pool->member_count; i++) s.threads += pool->members[i].threads;
+    if (s.threads > SERVE_RELAY_THREADS) s.threads = SERVE_RELAY_THREADS;
     for (size_t i = 0; i < pool->job_count; i++) {
         const relay_job_t *job = pool->jobs[i];
         if (job->gone) continue;

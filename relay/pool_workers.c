@@ -9,9 +9,8 @@
 #include <string.h>
 
 enum {
-    MAX_THREADS = 1 << 20, /* of one worker, which may be a relay */
-    STALL_BATCHES = 6,     /* batch intervals without a batch, after which others may have a worker's units */
-    MAX_DECLINES = 3       /* of a job that nobody has rendered any of */
+    STALL_BATCHES = 6, /* batch intervals without a batch, after which others may have a worker's units */
+    MAX_DECLINES = 3   /* of a job that nobody has rendered any of */
 };
 
 /* ---- coming and going ---------------------------------------------------------------------------------- */
@@ -26,9 +25,10 @@ static member_t *hear(pool_t *pool, double now, const identity_t *identity, uint
     return member;
 }
 
-static uint32_t limit_threads(uint32_t threads)
+static uint32_t limit_threads(uint32_t threads, bool relay)
 {
-    return threads < 1 ? 1 : threads > MAX_THREADS ? MAX_THREADS : threads;
+    uint32_t most = relay ? SERVE_RELAY_THREADS : SERVE_WORKER_THREADS;
+    return threads < 1 ? 1 : threads > most ? most : threads;
 }
 
 /* The first worker decides whose bits are made here, as long as it or a sum of such bits is here. */
@@ -61,7 +61,8 @@ static result_t hello_from(void *self, double now, const identity_t *identity, c
         pool->members = mem_realloc(pool->members, (pool->member_count + 1) * sizeof *pool->members);
         member_t *member = &pool->members[pool->member_count++];
         *member = (member_t){.identity = *identity,
-                             .threads = limit_threads(hello->threads),
+                             .threads = limit_threads(hello->threads, hello->relay),
+                             .relay = hello->relay,
                              .last_seen = now,
                              .delivered = now};
         const char *address = hello->address != NULL ? hello->address : "";
@@ -99,7 +100,7 @@ static bool heartbeat(void *self, double now, const identity_t *identity, const 
     if (member != NULL) {
         member->job = beat->job;
         hear_trouble(member, beat);
-        if (beat->threads > 0) member->threads = limit_threads(beat->threads);
+        if (beat->threads > 0) member->threads = limit_threads(beat->threads, member->relay);
         for (size_t i = 0; beat->units_held == 0 && i < pool->job_count; i++)
             if (pool->jobs[i]->flush) flushed(pool, pool->jobs[i], beat->worker);
     }

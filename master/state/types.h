@@ -15,11 +15,11 @@ enum {
     FARM_MAX_NAME = SERVE_MAX_NAME,
     FARM_MAX_TROUBLE = 300,                 /* characters of what hinders a worker */
     FARM_MAX_PARTY = WIRE_MAX_ADDRESS + 10, /* of "key ..." or "address ..." */
-    FARM_WORKER_THREADS = 4096,             /* at most, of a worker, */
-    FARM_RELAY_THREADS = 65536,             /* and of a relay, of all of its workers */
-    FARM_MAX_DECLINES = 3,                  /* of a job that no worker has rendered any of; farm/declines.c */
-    FARM_LONE_DECLINES = 8,                 /* where only one party could */
-    FARM_DECLINERS = 16,                    /* processes that are remembered for it, of a job */
+    FARM_WORKER_THREADS = SERVE_WORKER_THREADS,
+    FARM_RELAY_THREADS = SERVE_RELAY_THREADS,
+    FARM_MAX_DECLINES = 3,  /* of a job that no worker has rendered any of; farm/declines.c */
+    FARM_LONE_DECLINES = 8, /* where only one party could */
+    FARM_DECLINERS = 16,    /* processes that are remembered for it, of a job */
     FARM_UNIT_DEATHS =
         12, /* workers that a unit has to end, while it is all they have, before it is left out */
     FARM_MAX_FAILURES = 3 /* of a party without a delivery between them, before it is put aside */

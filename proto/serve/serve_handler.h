@@ -11,7 +11,9 @@
 #include "proto/wire/wire.h"
 
 enum {
-    SERVE_MAX_WORKERS = 4096, /* connected at a time */
+    SERVE_MAX_WORKERS = 4096,    /* connected at a time */
+    SERVE_WORKER_THREADS = 4096, /* that a worker may have, */
+    SERVE_RELAY_THREADS = 65536, /* and a relay, of all of its workers */
     SERVE_MAX_NAME = JOB_MAX_NAME
 };
 
