@@ -70,8 +70,8 @@ static const option_t rows[] = {
               "what scenes may take (default: 100); the ones that no job needs go first",
               OPTION_RANGE(0, 1e6)),
     OPTION_BY(option_gigabytes, values_t, master.snapshot_limit, "snapshot-limit", "GB",
-              "what images of jobs at work may take while they are fetched (default: 20); when they take "
-              "all of it, further ones are refused",
+              "what the files of images may take while they are fetched (default: 20), without those that "
+              "are kept; when they take all of it, further ones are refused",
               OPTION_RANGE(0.001, 1e6)),
     OPTION_BY(option_gigabytes, values_t, master.batch_memory, "batch-memory", "GB",
               "for batches that are under way or wait to be merged; workers wait to send more (default: an "
