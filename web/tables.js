@@ -89,7 +89,7 @@ const age = (seconds) => (seconds >= 0 ? `${format.duration(seconds)} ago` : "-"
 
 export function showWorkers(body, workers) {
   fill(body, workers.map((worker, i) => ({ ...worker, i })), (worker) => worker.i, (row, worker) => {
-    const state = worker.aside ? `put aside: ${worker.aside}` : !worker.connected ? "gone" : worker.relay ? "relay" : worker.units_held > 0 ? "at work" : "waits";
+    const state = worker.aside ? `gets no work: ${worker.aside}` : !worker.connected ? "gone" : worker.relay ? "relay" : worker.units_held > 0 ? "at work" : "waits";
     const speed = worker.speed > 0 ? `${format.count(worker.speed)}/s` : "-";
     cells(row, [worker.name, String(worker.threads), speed, worker.job ? `${worker.units_held} of job ${worker.job}` : "-", age(worker.last_seen), state]);
   });
@@ -107,7 +107,7 @@ export function addEvent(list, { text, kind = "" }, when = new Date()) {
   while (list.children.length > MOST_EVENTS) list.lastChild.remove();
 }
 
-const WORKERS = { joined: () => "joined.", left: () => "left.", aside: (why) => `was put aside: ${why}`, back: () => "is given work again." };
+const WORKERS = { joined: () => "joined.", left: () => "left.", aside: (why) => `gets no work: ${why}`, back: () => "is given work again." };
 /** An event of a worker as a line. */
 export const workerText = ({ name, what, why }) => ({ text: `Worker ${name} ${WORKERS[what]?.(why) ?? what}` });
 
@@ -137,6 +137,6 @@ export function workerNews(before, after) {
   for (const [key, w] of is) if (!was.has(key)) news.push(`Worker ${w.name} joined.`);
   for (const [key, w] of was) if (!is.has(key)) news.push(`Worker ${w.name} left.`);
   const aside = names(before, (w) => w.aside);
-  for (const [key, w] of names(after, (w) => w.aside)) if (!aside.has(key)) news.push(`Worker ${w.name} was put aside: ${w.aside}`);
+  for (const [key, w] of names(after, (w) => w.aside)) if (!aside.has(key)) news.push(`Worker ${w.name} gets no work: ${w.aside}`);
   return news;
 }

@@ -31,7 +31,7 @@ typedef struct {
 static const option_t rows[] = {
     OPTION(values_t, workers, "workers", NULL, "the workers too"),
     OPTION(values_t, connected, "connected", NULL, "of the workers only those that are connected"),
-    OPTION(values_t, aside, "aside", NULL, "of the workers only those that are put aside or drained"),
+    OPTION(values_t, aside, "aside", NULL, "of the workers only those that get no work, and why"),
     OPTION(values_t, only, "only", "NAME", "of the workers only those with this name, host, address or key"),
     OPTION(values_t, json, "json", NULL, "for programs: one JSON object, {\"workers\": N, \"jobs\": [...]}"),
     OPTION(values_t, watch, "watch", "SECONDS",
@@ -243,7 +243,7 @@ static void print_worker(const Lm__WorkerStatus *worker)
         putchar('\n');
     }
     if (worker->aside[0] == '\0') return;
-    printf("        %s", strncmp(worker->aside, "drained", 7) == 0 ? "" : "put aside: ");
+    printf("        gets no work: ");
     text_print(worker->aside);
     putchar('\n');
 }
