@@ -33,7 +33,8 @@
 
 enum {
     REST = 49,  /* times the cost of a checkpoint: 1 / 50 of the time is spent on it */
-    MARGIN = 2, /* a checkpoint may take so many times what the last one took, and be there in time */
+    MARGIN = 2, /* a checkpoint may take so many times what the last one took, and be there in time; */
+    THIN = 8,   /* or so many, while most of the film was empty then */
     MAX_DOUBLINGS = 3,
     RETRY = 5,       /* seconds between attempts when checkpoints fail */
     WARN_EVERY = 60, /* seconds between warnings that they do */
@@ -224,14 +225,27 @@ static film_file_t last_file(const checkpointer_t *checkpointer, uint64_t job)
     return last;
 }
 
+/* About what a checkpoint takes on the disk when every pixel has samples: a quarter of the film. */
+static uint64_t full_bytes(const job_record_t *record)
+{
+    return (uint64_t)shared_film_page_count(&record->settings) * SHARED_FILM_PAGE_BYTES / 4;
+}
+
 /* What the job's next checkpoint will take on the disk: about what its last one took, or, when there was
- * none, a quarter of the film; *sure says which. */
+ * none, what a full one takes; *sure says which. */
 static uint64_t expected_bytes(const checkpointer_t *checkpointer, const job_record_t *record, bool *sure)
 {
     uint64_t bytes = last_file(checkpointer, record->job).bytes;
     *sure = bytes > 0;
-    return *sure ? bytes + bytes / 10 + (1 << 20)
-                 : (uint64_t)shared_film_page_count(&record->settings) * SHARED_FILM_PAGE_BYTES / 4;
+    return *sure ? bytes + bytes / 10 + (1 << 20) : full_bytes(record);
+}
+
+/* Seconds that the job's next checkpoint may take: the last one may have found the film empty yet. */
+static double longest(const checkpointer_t *checkpointer, const job_record_t *record)
+{
+    film_file_t file = last_file(checkpointer, record->job);
+    if (file.bytes == 0) return 0;
+    return file.seconds * fmin(fmax((double)full_bytes(record) / (double)file.bytes, MARGIN), THIN);
 }
 
 /* Sees to it that there is room for a checkpoint. Where that is not certain it is tried. */
@@ -363,10 +377,11 @@ static result_t save_film(checkpointer_t *checkpointer, job_t *job, bool last)
 }
 
 /* In how many seconds the checkpoint of a job is due that has had work in none for `age` seconds. */
-static double next_in(const checkpointer_t *checkpointer, uint64_t job, double now, double age)
+static double next_in(const checkpointer_t *checkpointer, const job_t *job, double now, double age)
 {
+    job_record_t record = farm_record(checkpointer->options.farm, now, job);
     double pause = fmax(checkpointer->options.interval - age, checkpointer->not_before - now);
-    double late = checkpointer->options.most - age - MARGIN * last_file(checkpointer, job).seconds;
+    double late = checkpointer->options.most - age - longest(checkpointer, &record);
     return fmax(fmin(pause, late), checkpointer->busy_until - now);
 }
 
@@ -396,7 +411,7 @@ static double save_films(checkpointer_t *checkpointer)
         job_t *job = farm_next_checkpoint(farm, now, &age, &last);
         if (job == NULL) return patience;
         uint64_t number = farm_job_id(job);
-        double wait = last ? 0 : next_in(checkpointer, number, now, age);
+        double wait = last ? 0 : next_in(checkpointer, job, now, age);
         bool saved = wait <= 0 && save_film(checkpointer, job, last).code != RESULT_CANCELLED;
         farm_unpin(farm, job);
         if (saved && !last) check_age(checkpointer, number, age + clock_now() - now);
