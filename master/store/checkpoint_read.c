@@ -1,5 +1,6 @@
 /* checkpoint_read: reads checkpoints back (see checkpoint.h and the note in checkpoint_format.h). The bytes
  * are not trusted: a disk loses some, a user copies the wrong file. */
+#include "common/file_io.h"
 #include "master/store/checkpoint_format.h"
 #include "master/store/record.h"
 
@@ -32,17 +33,9 @@ static result_t damaged(const checkpoint_t *c, const char *what)
 /* Reads exactly so many bytes. */
 static result_t read_at(const checkpoint_t *c, void *bytes, size_t size, uint64_t offset)
 {
-    uint8_t *out = bytes;
-    while (size > 0) {
-        ssize_t got = pread(c->descriptor, out, size, (off_t)offset);
-        if (got < 0 && errno == EINTR) continue;
-        if (got < 0) return result_fail(RESULT_IO, "cannot read %.300s: %s", c->path, strerror(errno));
-        if (got == 0) return damaged(c, "it ends early");
-        out += got;
-        offset += (uint64_t)got;
-        size -= (size_t)got;
-    }
-    return result_ok();
+    if (file_read_all(c->descriptor, bytes, size, offset)) return result_ok();
+    if (errno == 0) return damaged(c, "it ends early");
+    return result_fail(RESULT_IO, "cannot read %.300s: %s", c->path, strerror(errno));
 }
 
 /* ---- the front ----------------------------------------------------------------------------------------- */

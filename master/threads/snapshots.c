@@ -1,7 +1,8 @@
 /* snapshots: see snapshots.h. */
 #include "master/threads/snapshots.h"
 
-#include <dirent.h>
+#include "common/file_io.h"
+
 #include <errno.h>
 #include <fcntl.h>
 #include <pthread.h>
@@ -127,14 +128,6 @@ static result_t refuse(const snapshots_t *snapshots)
 
 /* ---- life ---------------------------------------------------------------------------------------------- */
 
-static void empty_directory(const char *path)
-{
-    DIR *directory = opendir(path);
-    for (const struct dirent *entry; directory != NULL && (entry = readdir(directory)) != NULL;)
-        if (entry->d_name[0] != '.') unlinkat(dirfd(directory), entry->d_name, 0);
-    if (directory != NULL) closedir(directory);
-}
-
 result_t snapshots_new(const char *data_dir, uint64_t limit, snapshots_t **out)
 {
     char *directory = mem_printf("%s/snapshots", data_dir);
@@ -143,7 +136,7 @@ result_t snapshots_new(const char *data_dir, uint64_t limit, snapshots_t **out)
         free(directory);
         return result;
     }
-    empty_directory(directory);
+    directory_clear(directory);
     *out = mem_zalloc(1, sizeof **out);
     (*out)->directory = directory;
     (*out)->limit = limit > 0 ? limit : UINT64_MAX;

@@ -1,6 +1,8 @@
 /* keys: see keys.h. */
 #include "proto/wire/keys.h"
 
+#include "common/file_io.h"
+
 #include <errno.h>
 #include <fcntl.h>
 #include <sodium.h>
@@ -186,19 +188,6 @@ result_t key_file_read_open(const char *path, char key[KEY_TEXT + 1])
 
 /* ---- writing key files --------------------------------------------------------------------------------- */
 
-static bool write_all(int descriptor, const char *text)
-{
-    size_t left = strlen(text);
-    while (left > 0) {
-        ssize_t written = write(descriptor, text, left);
-        if (written < 0 && errno == EINTR) continue;
-        if (written <= 0) return false;
-        text += written;
-        left -= (size_t)written;
-    }
-    return fsync(descriptor) == 0;
-}
-
 /* Writes a file that must not exist yet. */
 static result_t write_new(const char *path, mode_t mode, const char *text)
 {
@@ -209,7 +198,7 @@ static result_t write_new(const char *path, mode_t mode, const char *text)
                            "name, or move it away",
                            path);
     if (descriptor < 0) return result_fail(RESULT_IO, "cannot write %.300s: %s", path, strerror(errno));
-    bool written = write_all(descriptor, text);
+    bool written = file_write_all(descriptor, text, strlen(text)) && fsync(descriptor) == 0;
     int error = errno;
     close(descriptor);
     if (written) return result_ok();
