@@ -395,7 +395,6 @@ static void conclude(farm_t *farm, double now, delivery_t *delivery, const resul
     if (delivery->keep != NULL) trust_keep_end(farm, open->job, &delivery->keep, good);
     if (good && delivery->counted) note_batch(farm, now, delivery);
     if (!good && delivery->counted) uncount(delivery);
-    if (good && delivery->counted && open->check != 0) trust_answered(open->job, open->check);
     if (good && delivery->believed) plausible_confirm(open->job, &delivery->limits);
     if (delivery->doubted && result->code == RESULT_MISMATCH && worker != NULL &&
         open->job->film == FILM_OPEN)

@@ -78,7 +78,7 @@ void farm_job_free(farm_t *farm, job_t *job)
 {
     farm_job_free_film(farm, job);
     schedule_destroy(&job->schedule);
-    trust_forget(farm, job);
+    trust_forget(job);
     id_table_free(&job->seen);
     free(job);
 }
@@ -375,7 +375,7 @@ static void put_away(farm_t *farm, job_t *job)
 {
     if (job->schedule != NULL) job->kept.account = schedule_account(job->schedule);
     schedule_destroy(&job->schedule);
-    trust_forget(farm, job);
+    trust_forget(job);
     farm_job_free_film(farm, job);
     farm_notify_idle(farm); /* a job may have waited for memory */
 }

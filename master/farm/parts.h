@@ -94,6 +94,11 @@ bool farm_has_declined(const job_t *job, const worker_t *worker, double now);
 /* Writes what is to be said of a job that only was declined so far, "" for nothing. */
 void farm_decline_remark(const job_t *job, char *text, size_t size);
 
+/* ---- report.c ---- */
+
+/* Adds a remark, unless it is "", to a text. */
+void farm_add_remark(char *text, size_t size, const char *remark);
+
 /* ---- workers.c ---- */
 
 /* A connected worker, which is hereby heard of; NULL when it is not known (any more). */

@@ -32,8 +32,7 @@ static double remaining_time(const job_t *job, double now)
     return remaining < 0 ? left : fmin(left, remaining);
 }
 
-/* Adds what is true for the moment to what stays so. */
-static void add_remark(char *message, size_t size, const char *remark)
+void farm_add_remark(char *message, size_t size, const char *remark)
 {
     size_t used = strlen(message);
     if (remark[0] != '\0' && used < size)
@@ -52,7 +51,7 @@ job_report_t farm_report_job(const job_t *job, double now)
                            .error = last != NULL ? last->error : job->kept.error,
                            .evidence = trust_evidence(job)};
     if (job->film == FILM_OPEN || job->kept.state == JOB_FINISHING)
-        add_remark(report.record.message, sizeof report.record.message, job->remark);
+        farm_add_remark(report.record.message, sizeof report.record.message, job->remark);
     return report;
 }
 

@@ -462,7 +462,6 @@ uint32_t farm_fitting_threads(const farm_t *farm, const job_t *job)
 /* What is to be known of a job that goes on. */
 static void remark_job(farm_t *farm, double now, job_t *job)
 {
-    size_t used = 0;
     if (job->film != FILM_OPEN || job->milestone == IMAGE_FAILED) return;
     job->remark[0] = '\0';
     if (job->kept.state == JOB_PAUSED) return;
@@ -472,18 +471,17 @@ static void remark_job(farm_t *farm, double now, job_t *job)
         hash_to_hex(&job->kept.fingerprint, bits);
         uint32_t connected = 0;
         for (size_t i = 0; i < farm->worker_count; i++) connected += farm->workers[i].connected;
-        used += (size_t)snprintf(job->remark, sizeof job->remark,
-                                 "waits for a machine that makes the same bits (%.8s); %u workers that make "
-                                 "others are connected",
-                                 bits, connected);
+        snprintf(job->remark, sizeof job->remark,
+                 "waits for a machine that makes the same bits (%.8s); %u workers that make others are "
+                 "connected",
+                 bits, connected);
     }
     char more[sizeof job->remark];
-    for (int part = 0; part < 2; part++) {
+    for (int part = 0; part < 3; part++) {
         if (part == 0) farm_decline_remark(job, more, sizeof more);
-        if (part == 1) trust_remark(farm, now, job, more, sizeof more);
-        if (more[0] != '\0' && used < sizeof job->remark)
-            used += (size_t)snprintf(job->remark + used, sizeof job->remark - used, "%s%s",
-                                     used > 0 ? "; " : "", more);
+        if (part == 1) suspects_remark(job, more, sizeof more);
+        if (part == 2) checks_remark(farm, now, job, more, sizeof more);
+        farm_add_remark(job->remark, sizeof job->remark, more);
     }
 }
 

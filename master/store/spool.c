@@ -12,6 +12,8 @@
  * each, are at the end of the head. */
 #include "master/store/spool.h"
 
+#include "common/file_io.h"
+
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
@@ -61,11 +63,10 @@ static char *job_folder(const char *dir, uint64_t job)
 
 static char *file_path(const char *dir, uint64_t job, const spool_name_t *name)
 {
-    if (name->kind == SPOOL_OUT)
-        return mem_printf("%s/job-%" PRIu64 "/%016" PRIx64 "-%016" PRIx64 "-%016" PRIx64 ".out", dir, job,
-                          name->clock, name->serial, name->out_clock);
-    return mem_printf("%s/job-%" PRIu64 "/%016" PRIx64 "-%016" PRIx64 ".%s", dir, job, name->clock,
-                      name->serial, kinds[name->kind]);
+    char out[20] = "";
+    if (name->kind == SPOOL_OUT) snprintf(out, sizeof out, "-%016" PRIx64, name->out_clock);
+    return mem_printf("%s/job-%" PRIu64 "/%016" PRIx64 "-%016" PRIx64 "%s.%s", dir, job, name->clock,
+                      name->serial, out, kinds[name->kind]);
 }
 
 /* Reads 16 hexadecimal digits and the character after them. */
@@ -79,19 +80,12 @@ static bool read_number(const char **text, char after, uint64_t *number)
 
 static bool name_read(const char *text, spool_name_t *name)
 {
-    *name = (spool_name_t){0};
+    *name = (spool_name_t){.kind = SPOOL_KEPT};
     if (!read_number(&text, '-', &name->clock)) return false;
-    if (read_number(&text, '-', &name->serial)) {
-        name->kind = SPOOL_OUT;
-        return read_number(&text, '.', &name->out_clock) && strcmp(text, "out") == 0;
-    }
-    if (!read_number(&text, '.', &name->serial)) return false;
-    for (int kind = SPOOL_KEPT; kind < SPOOL_OUT; kind++)
-        if (strcmp(text, kinds[kind]) == 0) {
-            name->kind = (spool_kind_t)kind;
-            return true;
-        }
-    return false;
+    bool out = read_number(&text, '-', &name->serial);
+    if (!read_number(&text, '.', out ? &name->out_clock : &name->serial)) return false;
+    while (name->kind < SPOOL_NONE && strcmp(text, kinds[name->kind]) != 0) name->kind++;
+    return out ? name->kind == SPOOL_OUT : name->kind < SPOOL_OUT;
 }
 
 /* ---- writing ------------------------------------------------------------------------------------------- */
@@ -103,6 +97,12 @@ static hash_t hash_payloads(const zmq_msg_t payload[BATCH_PAYLOADS])
     for (size_t i = 0; i < count; i++)
         hashes[i] = hash_bytes(zmq_msg_data((zmq_msg_t *)&payload[i]), zmq_msg_size(&payload[i]));
     return hash_bytes(hashes, count * sizeof *hashes);
+}
+
+static size_t head_size(const spool_head_t *head, const zmq_msg_t payload[BATCH_PAYLOADS])
+{
+    return HEAD_OFFSET + sizeof(head_t) + head->unit_count * sizeof *head->units + strlen(head->name) +
+           strlen(head->party) + ((size_t)payload_count(payload) - BATCH_BASE_PAYLOADS) * sizeof(uint64_t);
 }
 
 /* The bytes in front of the payloads, in fresh memory. */
@@ -121,7 +121,7 @@ static uint8_t *encode_head(uint64_t job, const spool_head_t *head, const zmq_ms
     memcpy(fixed.payload_size, sizes, sizeof fixed.payload_size);
     size_t more = (size_t)payload_count(payload) - BATCH_BASE_PAYLOADS, more_bytes = more * sizeof *sizes;
     size_t units = head->unit_count * sizeof *head->units;
-    *size = HEAD_OFFSET + sizeof fixed + units + fixed.name_size + fixed.party_size + more_bytes;
+    *size = head_size(head, payload);
     uint8_t *bytes = mem_alloc(*size), *at = bytes + HEAD_OFFSET;
     memcpy(at, &fixed, sizeof fixed);
     memcpy(at += sizeof fixed, head->units, units);
@@ -135,35 +135,19 @@ static uint8_t *encode_head(uint64_t job, const spool_head_t *head, const zmq_ms
     return bytes;
 }
 
-static bool write_all(int file, const void *data, size_t size)
-{
-    for (const uint8_t *bytes = data; size > 0;) {
-        ssize_t written = write(file, bytes, size);
-        if (written < 0 && errno == EINTR) continue;
-        if (written <= 0) return false;
-        bytes += written;
-        size -= (size_t)written;
-    }
-    return true;
-}
-
+/* Makes the folders too. */
 static int create_file(const char *dir, uint64_t job, const char *path)
 {
-    int file = open(path, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600);
-    if (file >= 0 || errno != ENOENT) return file;
     char *folder = job_folder(dir, job);
-    mkdir(dir, 0700); /* there already, but for the first batch of all */
-    int made = mkdir(folder, 0700);
+    mkdir(dir, 0700); /* where that fails, so does the file, unless they are there */
+    mkdir(folder, 0700);
     free(folder);
-    if (made != 0 && errno != EEXIST) return -1;
     return open(path, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600);
 }
 
 uint64_t spool_size(const spool_head_t *head, const zmq_msg_t payload[BATCH_PAYLOADS])
 {
-    uint64_t size = HEAD_OFFSET + sizeof(head_t) + head->unit_count * sizeof *head->units +
-                    strlen(head->name) + strlen(head->party) +
-                    ((size_t)payload_count(payload) - BATCH_BASE_PAYLOADS) * sizeof(uint64_t);
+    uint64_t size = head_size(head, payload);
     for (int i = 0; i < BATCH_PAYLOADS; i++) size += zmq_msg_size(&payload[i]);
     return size;
 }
@@ -179,9 +163,9 @@ result_t spool_write(const char *dir, uint64_t job, const spool_name_t *name, co
     } else {
         size_t size;
         uint8_t *bytes = encode_head(job, head, payload, &size);
-        bool good = write_all(file, bytes, size);
+        bool good = file_write_all(file, bytes, size);
         for (int i = 0; i < BATCH_PAYLOADS && good; i++)
-            good = write_all(file, zmq_msg_data((zmq_msg_t *)&payload[i]), zmq_msg_size(&payload[i]));
+            good = file_write_all(file, zmq_msg_data((zmq_msg_t *)&payload[i]), zmq_msg_size(&payload[i]));
         if (!good) result = result_fail(RESULT_IO, "cannot write %s: %s", path, strerror(errno));
         close(file);
         free(bytes);
@@ -198,8 +182,7 @@ static result_t bad(const char *what)
     return result_fail(RESULT_INPUT, "a spooled batch is damaged: %s", what);
 }
 
-/* Which payloads there are beyond those of every batch; more than there can be when it is no spooled batch.
- */
+/* How many payloads there are beyond those of every batch; too many when it is no spooled batch. */
 static size_t more_payloads(const uint8_t *bytes)
 {
     if (memcmp(bytes, MAGIC, sizeof MAGIC) != 0 || bytes[sizeof MAGIC] < '1') return BATCH_PAYLOADS;
@@ -265,19 +248,6 @@ result_t spool_decode(const uint8_t *bytes, size_t present, uint64_t size, uint6
     return result_ok();
 }
 
-static bool read_all(int file, void *data, size_t size, uint64_t offset)
-{
-    for (uint8_t *bytes = data; size > 0;) {
-        ssize_t count = pread(file, bytes, size, (off_t)offset);
-        if (count < 0 && errno == EINTR) continue;
-        if (count <= 0) return false;
-        bytes += count;
-        size -= (size_t)count;
-        offset += (uint64_t)count;
-    }
-    return true;
-}
-
 static result_t read_payloads(int file, const uint64_t offset[BATCH_PAYLOADS],
                               const uint64_t length[BATCH_PAYLOADS], const hash_t *hash,
                               zmq_msg_t payload[BATCH_PAYLOADS])
@@ -288,7 +258,7 @@ static result_t read_payloads(int file, const uint64_t offset[BATCH_PAYLOADS],
         if (zmq_msg_init_size(&payload[i], length[i]) != 0) {
             zmq_msg_init(&payload[i]);
             result = result_fail(RESULT_LIMIT, "no memory for a batch of %" PRIu64 " bytes", length[i]);
-        } else if (!read_all(file, zmq_msg_data(&payload[i]), length[i], offset[i])) {
+        } else if (!file_read_all(file, zmq_msg_data(&payload[i]), length[i], offset[i])) {
             result = bad("it cannot be read");
         }
     }
@@ -311,7 +281,7 @@ static result_t read_file(int file, uint64_t job, const job_settings_t *settings
     uint64_t size = (uint64_t)status.st_size;
     size_t present = size < MAX_HEAD ? (size_t)size : MAX_HEAD;
     uint8_t *bytes = mem_alloc(present + 1);
-    result_t result = read_all(file, bytes, present, 0)
+    result_t result = file_read_all(file, bytes, present, 0)
                           ? spool_decode(bytes, present, size, job, settings, head, offset, length, &hash)
                           : bad("it cannot be read");
     free(bytes);
@@ -408,11 +378,7 @@ uint64_t *spool_jobs(const char *dir, size_t *count)
 void spool_delete_job(const char *dir, uint64_t job)
 {
     char *path = job_folder(dir, job);
-    DIR *folder = opendir(path);
-    for (const struct dirent *entry; folder != NULL && (entry = readdir(folder)) != NULL;)
-        if (strcmp(entry->d_name, ".") != 0 && strcmp(entry->d_name, "..") != 0)
-            unlinkat(dirfd(folder), entry->d_name, 0);
-    if (folder != NULL) closedir(folder);
+    directory_clear(path);
     if (rmdir(path) != 0 && errno != ENOENT) log_warning("cannot delete %s: %s", path, strerror(errno));
     free(path);
 }
@@ -421,6 +387,7 @@ result_t spool_sync(const char *dir)
 {
     int folder = open(dir, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
     result_t result = result_ok();
+    if (folder < 0 && errno == ENOENT) return result; /* nothing was ever written */
     if (folder < 0 || syncfs(folder) != 0)
         result = result_fail(RESULT_IO, "cannot write out %s: %s", dir, strerror(errno));
     if (folder >= 0) close(folder);

@@ -49,16 +49,11 @@ job_checks_t *checks_of(job_t *job)
     return job->checks;
 }
 
-static void check_free(check_t *check)
-{
-    free(check->units);
-}
-
 void checks_free(job_checks_t **pointer)
 {
     job_checks_t *checks = *pointer;
     if (checks == NULL) return;
-    for (size_t i = 0; i < checks->check_count; i++) check_free(&checks->checks[i]);
+    for (size_t i = 0; i < checks->check_count; i++) free(checks->checks[i].units);
     free(checks->checks);
     free(checks->sources);
     id_table_free(&checks->by_id);
@@ -97,7 +92,7 @@ static void drop_check(job_t *job, size_t at)
     check_t check = remove_check(job->checks, at);
     if (check.doubt == DOUBT_OPEN && job->schedule != NULL)
         schedule_release_units(job->schedule, 0, check.units, check.count);
-    check_free(&check);
+    free(check.units);
     job->progress_due = true;
 }
 
@@ -190,22 +185,17 @@ result_t checks_digest(const zmq_msg_t payload[BATCH_PAYLOADS], const batch_t *b
 
 /* ---- who renders it ------------------------------------------------------------------------------------ */
 
-static bool rendered_by(const job_checks_t *checks, const check_t *check, const worker_t *worker)
-{
-    for (size_t i = 0; i < check->rendering_count; i++)
-        if (checks->sources[check->renderings[i].source].id == worker->source) return true;
-    return false;
-}
-
 static uint64_t party_of(const job_checks_t *checks, const check_t *check, size_t rendering)
 {
     return checks->sources[check->renderings[rendering].source].party;
 }
 
-static bool rendered_in(const job_checks_t *checks, const check_t *check, uint64_t party)
+/* True when a party or a process has rendered it. */
+static bool has_rendered(const job_checks_t *checks, const check_t *check, uint64_t who)
 {
     for (size_t i = 0; i < check->rendering_count; i++)
-        if (party_of(checks, check, i) == party) return true;
+        if (party_of(checks, check, i) == who || checks->sources[check->renderings[i].source].id == who)
+            return true;
     return false;
 }
 
@@ -221,8 +211,8 @@ static bool is_of_one_party(const job_checks_t *checks, const check_t *check)
 static bool may_compare(const job_checks_t *checks, const check_t *check, const worker_t *worker)
 {
     return worker->connected && hash_equal(&worker->fingerprint, &check->fingerprint) &&
-           !rendered_by(checks, check, worker) &&
-           (is_of_one_party(checks, check) || !rendered_in(checks, check, worker->party));
+           !has_rendered(checks, check, worker->source) &&
+           (is_of_one_party(checks, check) || !has_rendered(checks, check, worker->party));
 }
 
 /* True when a party has neither rendered it nor lost it. */
@@ -230,7 +220,7 @@ static bool is_fresh(const job_checks_t *checks, const check_t *check, uint64_t 
 {
     for (size_t i = 0; i < CHECK_LOSERS; i++)
         if (check->lost[i] == party) return false;
-    return !rendered_in(checks, check, party);
+    return !has_rendered(checks, check, party);
 }
 
 /* True when somebody may render it who does not hang; of a fresh party, if need be. */
@@ -254,20 +244,22 @@ static bool may_render(const farm_t *farm, double now, const job_checks_t *check
            !can_be_had(farm, now, checks, check, false);
 }
 
-/* True when nobody is better placed: of a fresh party, or fast enough. */
+/* How well placed a worker is: it is of a fresh party, or fast enough. */
+static double fitness(const job_checks_t *checks, const check_t *check, const worker_t *worker)
+{
+    return 2 * is_fresh(checks, check, worker->party) + fmin(worker->speed * FIT_SECONDS / check->samples, 1);
+}
+
+/* True when nobody else is better placed. */
 static bool suits(const farm_t *farm, double now, const job_checks_t *checks, const check_t *check,
                   const worker_t *worker)
 {
-    bool fresh = is_fresh(checks, check, worker->party);
-    bool quick = check->samples <= worker->speed * FIT_SECONDS;
-    for (size_t i = 0; i < farm->worker_count && !(fresh && quick); i++) {
+    double own = fitness(checks, check, worker);
+    for (size_t i = 0; i < farm->worker_count; i++) {
         const worker_t *other = &farm->workers[i];
-        if (other == worker || !may_compare(checks, check, other) ||
-            !farm_worker_asks(farm, now, other, FARM_ASK_BATCHES))
-            continue;
-        bool other_fresh = is_fresh(checks, check, other->party);
-        if (other_fresh && !fresh) return false;
-        if (other_fresh == fresh && !quick && other->speed > worker->speed) return false;
+        if (other != worker && fitness(checks, check, other) > own && may_compare(checks, check, other) &&
+            farm_worker_asks(farm, now, other, FARM_ASK_BATCHES))
+            return false;
     }
     return true;
 }
@@ -413,7 +405,7 @@ static void decide(farm_t *farm, double now, job_t *job, size_t at)
     if (agreement(job->checks, check, &digest)) {
         check_t over = remove_check(job->checks, at);
         conclude(farm, now, job, &over, &digest);
-        check_free(&over);
+        free(over.units);
     } else if (check->rendering_count == CHECK_RENDERINGS) {
         give_up(farm, job);
     } else {
@@ -437,7 +429,7 @@ static result_t find_asked(const job_checks_t *checks, const worker_t *worker, u
         return result_fail(RESULT_UNREACHABLE, "this master does not know the worker");
     if (*at == SIZE_MAX)
         return result_fail(RESULT_MISMATCH, "these units are not (any more) to be compared with others");
-    if (checks->checks[*at].doubt != DOUBT_OPEN && rendered_by(checks, &checks->checks[*at], worker))
+    if (checks->checks[*at].doubt != DOUBT_OPEN && has_rendered(checks, &checks->checks[*at], worker->source))
         return result_fail(RESULT_MISMATCH, "the worker has rendered these units before");
     return result_ok();
 }
@@ -475,7 +467,7 @@ result_t trust_compare(farm_t *farm, double now, job_t *job, uint64_t id, uint64
         hash_t agreed;
         *confirmed = agreement(job->checks, check, &agreed) && hash_equal(&agreed, digest);
         schedule_release_units(job->schedule, 0, check->units, check->count);
-        check->doubt = DOUBT_TRIED;
+        check->doubt = DOUBT_ANSWERED; /* or trust_doubt says otherwise */
     }
     decide(farm, now, job, at);
     return result_ok();
@@ -507,13 +499,6 @@ void trust_doubt(farm_t *farm, job_t *job, const worker_t *worker, uint64_t numb
     check->whole = true;
     if (!again) add_rendering(check, checks_source(checks, worker), digest);
     farm_notify_idle(farm);
-}
-
-void trust_answered(job_t *job, uint64_t number)
-{
-    size_t at = find_check(job->checks, number);
-    if (at != SIZE_MAX && job->checks->checks[at].doubt == DOUBT_TRIED)
-        job->checks->checks[at].doubt = DOUBT_ANSWERED;
 }
 
 bool trust_believes_all(const job_t *job)
@@ -548,8 +533,8 @@ bool trust_pending(const job_t *job)
  * that lose what they are given on purpose cannot keep others from making it. */
 static bool is_hopeless(const farm_t *farm, double now, const job_checks_t *checks, const check_t *check)
 {
-    bool open = check->with != 0 ||
-                (check->doubt == DOUBT_NONE ? check->rendering_count > 1 : check->doubt != DOUBT_ANSWERED);
+    bool open = check->with != 0 || check->doubt == DOUBT_OPEN ||
+                (check->doubt == DOUBT_NONE && check->rendering_count > 1);
     return !open && !can_be_had(farm, now, checks, check, check->tries >= MAX_TRIES);
 }
 
@@ -566,7 +551,7 @@ static void decide_alone(farm_t *farm, double now, job_t *job, size_t at)
         for (size_t i = 0; i < farm->worker_count; i++)
             if (farm->workers[i].connected && farm->workers[i].source == first->id)
                 trust_failed(farm, now, &farm->workers[i], "makes other sums each time");
-    check_free(&check);
+    free(check.units);
     job->progress_due = true;
 }
 
@@ -589,7 +574,8 @@ static void tick_job(farm_t *farm, double now, job_t *job)
     for (size_t i = 0; i < checks->check_count;) {
         check_t *check = &checks->checks[i];
         if (check->with != 0 && now > check->deadline) lose(farm, check);
-        bool alone = check->doubt == DOUBT_ANSWERED && is_hopeless(farm, now, checks, check);
+        bool alone =
+            check->doubt == DOUBT_ANSWERED && job->merging == 0 && is_hopeless(farm, now, checks, check);
         if (alone) decide_alone(farm, now, job, i);
         i = alone ? 0 : i + 1; /* others may have gone with it */
     }

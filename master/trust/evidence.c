@@ -41,12 +41,11 @@ evidence_t *evidence_find(const job_checks_t *checks, uint64_t serial)
     return NULL;
 }
 
-static void add(trust_t *trust, job_checks_t *checks, evidence_t evidence)
+static void add(job_checks_t *checks, evidence_t evidence)
 {
     checks->evidence = mem_realloc(checks->evidence, (checks->evidence_count + 1) * sizeof evidence);
     checks->evidence[checks->evidence_count++] = evidence;
     checks->bytes += evidence.name.bytes;
-    trust->evidence_bytes += evidence.name.bytes;
 }
 
 /* ---- a batch was merged -------------------------------------------------------------------------------- */
@@ -84,8 +83,9 @@ trust_keep_t *trust_keep_begin(farm_t *farm, job_t *job, const worker_t *worker,
 /* Room for so many bytes more in all evidence. */
 static result_t check_room(farm_t *farm, uint64_t bytes)
 {
+    uint64_t used = 0;
     farm_lock(farm);
-    uint64_t used = farm->trust->evidence_bytes;
+    for (size_t i = 0; i < farm->job_count; i++) used += trust_evidence(farm->jobs[i]);
     farm_unlock(farm);
     if (used + bytes <= farm->options.evidence_limit) return result_ok();
     return result_fail(RESULT_LIMIT, "the evidence of all jobs takes %.1f GB of %.1f GB already",
@@ -126,8 +126,7 @@ static void keep_it(farm_t *farm, job_t *job, trust_keep_t *keep)
     if (!kept) note_unkept(farm, job, keep);
     if (keep->digested.code != RESULT_OK) evidence->kind = SPOOL_KEPT;
     if (condemned) evidence->kind = SPOOL_WRONG;
-    if (kept) add(farm->trust, checks, *evidence);
-    farm->trust->spooled = farm->trust->spooled || kept;
+    if (kept) add(checks, *evidence);
     if (condemned) wake_up(farm->options.checkpoint_wake);
     if (evidence->kind == SPOOL_CHECK)
         checks_want(farm, job, &keep->sample, kept ? evidence->name.serial : 0, evidence->source,
@@ -265,24 +264,6 @@ static worker_t sender_of(const spool_head_t *head)
     return sender;
 }
 
-/* A batch that was not compared yet: what is to be compared of it is chosen anew. */
-static result_t sample_again(farm_t *farm, const job_t *job, const job_settings_t *settings,
-                             const spool_name_t *name, const worker_t *sender, sample_t *sample)
-{
-    spool_head_t head;
-    zmq_msg_t payload[BATCH_PAYLOADS];
-    TRY(spool_read(farm->options.spool_dir, job->kept.job, name, settings, &head, payload));
-    farm_lock(farm);
-    *sample = checks_sample(farm, job, sender->party, head.units, head.unit_count);
-    farm_unlock(farm);
-    batch_t batch = {
-        .settings = *settings, .units = head.units, .unit_count = head.unit_count, .counts = head.counts};
-    result_t result = checks_digest(payload, &batch, sample);
-    for (int i = 0; i < BATCH_PAYLOADS; i++) zmq_msg_close(&payload[i]);
-    spool_head_free(&head);
-    return result;
-}
-
 /* True when the film has the samples of a batch, and no other one had them: takes them from a copy of its
  * schedule. */
 static bool take_samples(schedule_t *schedule, const job_t *job, const spool_head_t *head)
@@ -293,32 +274,42 @@ static bool take_samples(schedule_t *schedule, const job_t *job, const spool_hea
     return taken >= farm_unit_samples(job, head->units, head->unit_count);
 }
 
-/* Reads a batch that the film has, and puts it on the list. */
+/* Reads a batch that the film has, and puts it on the list. What is to be compared of one that was not
+ * compared yet is chosen anew. */
 static result_t load_one(farm_t *farm, job_t *job, const job_settings_t *settings, evidence_t *evidence,
                          schedule_t *schedule)
 {
     const char *dir = farm->options.spool_dir;
     spool_head_t head;
-    sample_t sample = {.units = NULL};
+    zmq_msg_t payload[BATCH_PAYLOADS];
     spool_name_t from = evidence->name;
     evidence->name.kind = evidence->kind; /* what was out may be wrong again */
     if (from.kind != evidence->kind) TRY(spool_rename(dir, job->kept.job, &from, &evidence->name));
-    TRY(spool_read_head(dir, job->kept.job, &evidence->name, settings, &head));
+    bool compared = evidence->kind == SPOOL_CHECK;
+    TRY(compared ? spool_read(dir, job->kept.job, &evidence->name, settings, &head, payload)
+                 : spool_read_head(dir, job->kept.job, &evidence->name, settings, &head));
     worker_t sender = sender_of(&head);
+    batch_t batch = {
+        .settings = *settings, .units = head.units, .unit_count = head.unit_count, .counts = head.counts};
     result_t result = result_ok();
+    sample_t sample = {.units = NULL};
+    farm_lock(farm);
+    if (compared) sample = checks_sample(farm, job, sender.party, head.units, head.unit_count);
+    farm_unlock(farm);
     if (evidence->kind != SPOOL_OUT && !take_samples(schedule, job, &head)) {
         /* It would be taken for evidence when others have rendered them again. */
         spool_delete(dir, job->kept.job, &evidence->name);
         result = result_fail(RESULT_INPUT, "the film does not have its samples");
-    } else if (evidence->kind == SPOOL_CHECK) {
-        result = sample_again(farm, job, settings, &evidence->name, &sender, &sample);
+    } else if (compared) {
+        result = checks_digest(payload, &batch, &sample);
     }
     farm_lock(farm);
     evidence->source = checks_source(checks_of(job), &sender);
-    if (result.code == RESULT_OK) add(farm->trust, job->checks, *evidence);
-    if (result.code == RESULT_OK && evidence->kind == SPOOL_CHECK)
+    if (result.code == RESULT_OK) add(job->checks, *evidence);
+    if (result.code == RESULT_OK && compared)
         checks_want(farm, job, &sample, evidence->name.serial, evidence->source, &head.fingerprint);
     farm_unlock(farm);
+    for (int i = 0; compared && i < BATCH_PAYLOADS; i++) zmq_msg_close(&payload[i]);
     free(sample.units);
     spool_head_free(&head);
     return result;
@@ -361,9 +352,6 @@ void trust_loaded(farm_t *farm, job_t *job, const schedule_state_t *state)
     free(names);
     if (schedule != NULL) schedule_destroy(&schedule);
     if (count == 0) return;
-    farm_lock(farm);
-    farm->trust->spooled = true; /* what was deleted must not come back after the next checkpoint */
-    farm_unlock(farm);
     log_info("job %llu: %zu batches in its film can be taken out, %zu are to be",
              (unsigned long long)job->kept.job, kept, wrong);
 }

@@ -39,7 +39,6 @@ static void note_out(farm_t *farm, job_t *job, const spool_head_t *head, const s
     job->kept.counts = counts;
     job->kept.samples_done = schedule_done(job->schedule);
     job_unsaved(job);
-    farm->trust->spooled = true;
     if (evidence != NULL) {
         evidence->name = *name;
         evidence->kind = SPOOL_OUT;
@@ -169,7 +168,6 @@ static bool delete_it(farm_t *farm, job_t *job, evidence_t evidence)
     if (found != NULL) {
         *found = job->checks->evidence[--job->checks->evidence_count];
         job->checks->bytes -= evidence.name.bytes;
-        farm->trust->evidence_bytes -= evidence.name.bytes;
     }
     farm_unlock(farm);
     return true;
@@ -184,7 +182,6 @@ static bool rename_it(farm_t *farm, job_t *job, evidence_t evidence)
     farm_lock(farm);
     evidence_t *found = evidence_find(job->checks, to.serial);
     if (found != NULL && result.code == RESULT_OK) found->name = to;
-    farm->trust->spooled = true;
     if (result.code != RESULT_OK && result.code != RESULT_LIMIT)
         note_lost(farm, job, &evidence, result.message);
     bool done = noted(job, &result);
@@ -218,14 +215,10 @@ void trust_tidy(farm_t *farm)
 
 result_t trust_sync(farm_t *farm)
 {
+    bool due = false;
+    if (farm->options.spool_dir == NULL) return result_ok();
     farm_lock(farm);
-    bool due = farm->trust->spooled;
-    farm->trust->spooled = false;
+    for (size_t i = 0; i < farm->job_count; i++) due = due || farm->jobs[i]->checks != NULL;
     farm_unlock(farm);
-    if (!due) return result_ok();
-    result_t result = spool_sync(farm->options.spool_dir);
-    farm_lock(farm);
-    if (result.code != RESULT_OK) farm->trust->spooled = true;
-    farm_unlock(farm);
-    return result;
+    return due ? spool_sync(farm->options.spool_dir) : result_ok();
 }

@@ -35,8 +35,7 @@
 enum { MAX_STANDINGS = FARM_MAX_WORKERS, LIE_FACTOR = 10 };
 static const double LONGEST_ASIDE = 7 * 24 * 3600.0; /* seconds */
 
-/* ---- parties ---------------------------------------------------------------------------------------------
- */
+/* ---- parties ------------------------------------------------------------------------------------------- */
 
 static uint64_t number_of(const char *text)
 {
@@ -49,15 +48,12 @@ static uint64_t number_of(const char *text)
 void standing_identify(worker_t *worker)
 {
     char process[FARM_MAX_PARTY + FARM_MAX_NAME + 2];
-    const char *key = worker->key, *address = worker->address;
-    if (worker->party_text[0] != '\0')
-        ; /* it is known */
-    else if (key[0] != '\0')
-        snprintf(worker->party_text, sizeof worker->party_text, "key %s", key);
-    else if (address[0] != '\0')
-        snprintf(worker->party_text, sizeof worker->party_text, "address %s", address);
-    else
+    bool keyed = worker->key[0] != '\0';
+    const char *who = keyed ? worker->key : worker->address;
+    if (worker->party_text[0] == '\0' && who[0] == '\0')
         snprintf(worker->party_text, sizeof worker->party_text, "in the master's process");
+    else if (worker->party_text[0] == '\0')
+        snprintf(worker->party_text, sizeof worker->party_text, "%s %s", keyed ? "key" : "address", who);
     snprintf(process, sizeof process, "%s/%s", worker->party_text, worker->name);
     worker->party = number_of(worker->party_text);
     worker->source = number_of(process);

@@ -11,10 +11,9 @@
  * Units that two workers died with are kept from the others (the farm itself holds them, as worker 0) and
  * handed out apart: first up to GROUP together, after a further death one by one, to a worker that holds
  * nothing else. One that asks for work while it holds other units is told that there is none until it has
- * delivered them, one worker in QUARANTINE_SHARE at a time, so
- * that the job goes on meanwhile. After FARM_UNIT_DEATHS more, in a row, of workers that were alone with it,
- * a unit is left out; they must be of two parties, if another one could have it. In a tile that has lost a
- * unit KNOWN_DEATHS are enough.
+ * delivered them, one worker in QUARANTINE_SHARE at a time, so that the job goes on meanwhile. After
+ * FARM_UNIT_DEATHS more, in a row, of workers that were alone with it, a unit is left out; they must be of
+ * two parties, if another one could have it. In a tile that has lost a unit KNOWN_DEATHS are enough.
  *
  * Chance: a unit alone takes a second or two. Workers that are killed at random, and live for 12 s, die in
  * that time with a probability of 15 %, twelve in a row with 1e-10.
@@ -22,6 +21,7 @@
  * Suspects are forgotten when the master ends; what was left out stays so (schedule_skip). */
 #include "master/trust/trust_state.h"
 
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -38,8 +38,7 @@ enum {
 
 typedef struct {
     unit_t unit;
-    uint32_t
-        deaths; /* workers that died with it; beyond ALONE_DEATHS, in a row while they were alone with it */
+    uint32_t deaths; /* of workers with it; beyond ALONE_DEATHS, in a row while they were alone with it */
     uint64_t party;  /* of these: up to ALONE_DEATHS, or beyond; 0: none yet */
     uint64_t last;   /* who died with it last, or lives and lost it first */
     bool kept;       /* the farm holds it */
@@ -139,12 +138,13 @@ bool suspects_waiting(const job_t *job)
     return job->suspects != NULL && job->suspects->kept > 0;
 }
 
-size_t suspects_count(const job_t *job)
+void suspects_remark(const job_t *job, char *text, size_t size)
 {
     size_t apart = 0;
     for (size_t i = 0; job->suspects != NULL && i < job->suspects->count; i++)
         apart += job->suspects->list[i].kept || job->suspects->list[i].holder != 0;
-    return apart;
+    text[0] = '\0';
+    if (apart > 0) snprintf(text, size, "%zu units that workers died with are rendered apart", apart);
 }
 
 /* ---- deaths -------------------------------------------------------------------------------------------- */

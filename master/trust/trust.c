@@ -1,8 +1,6 @@
 /* trust: see trust.h. */
 #include "master/trust/trust_state.h"
 
-#include <math.h>
-#include <stdio.h>
 #include <stdlib.h>
 
 trust_t *trust_new(void)
@@ -19,9 +17,8 @@ void trust_destroy(trust_t **trust)
     *trust = NULL;
 }
 
-void trust_forget(farm_t *farm, job_t *job)
+void trust_forget(job_t *job)
 {
-    if (job->checks != NULL) farm->trust->evidence_bytes -= job->checks->bytes;
     checks_free(&job->checks);
     suspects_free(&job->suspects);
 }
@@ -72,16 +69,4 @@ trust_answer_t trust_take(farm_t *farm, double now, job_t *job, worker_t *worker
 bool trust_waiting(const job_t *job)
 {
     return suspects_waiting(job) || checks_waiting(job);
-}
-
-void trust_remark(const farm_t *farm, double now, const job_t *job, char *text, size_t size)
-{
-    size_t apart = suspects_count(job), used = 0;
-    text[0] = '\0';
-    if (apart > 0)
-        used = (size_t)snprintf(text, size, "%zu units that workers died with are rendered apart", apart);
-    char checks[200];
-    checks_remark(farm, now, job, checks, sizeof checks);
-    if (checks[0] != '\0' && used < size)
-        snprintf(text + used, size - used, "%s%s", used > 0 ? "; " : "", checks);
 }

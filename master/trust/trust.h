@@ -28,7 +28,7 @@ trust_t *trust_new(void);
 /* Frees it and sets *trust to NULL. */
 void trust_destroy(trust_t **trust);
 /* Frees what is known of a job. */
-void trust_forget(farm_t *farm, job_t *job);
+void trust_forget(job_t *job);
 
 /* ---- workers ------------------------------------------------------------------------------------------- */
 
@@ -88,8 +88,6 @@ result_t trust_compare(farm_t *farm, double now, job_t *job, uint64_t worker, ui
  * party if there is one, and compared. */
 void trust_doubt(farm_t *farm, job_t *job, const worker_t *worker, uint64_t check, const unit_t *units,
                  size_t count, const hash_t *digest);
-/* The batch with this number was merged. */
-void trust_answered(job_t *job, uint64_t check);
 /* True when batches of the job are no longer doubted, since no two workers make the same bits of it. */
 bool trust_believes_all(const job_t *job);
 
@@ -119,8 +117,7 @@ void plausible_confirm(job_t *job, const sum_limits_t *limits);
 
 /* ---- jobs ---------------------------------------------------------------------------------------------- */
 
-/* True when there are units to hand out of which the schedule says nothing: suspects, renderings to compare.
- */
+/* True when there are units to hand out of which the schedule says nothing: suspects, others to compare. */
 bool trust_waiting(const job_t *job);
 /* True while renderings to compare are out or to be had, or sums are to be taken out of the film; the job is
  * not complete before. */
@@ -134,8 +131,9 @@ result_t trust_take_out(farm_t *farm, job_t *job, const char *who);
 bool trust_wrong(const job_t *job);
 /* True while that could not be done, and is tried again. */
 bool trust_delayed(const job_t *job);
-/* Writes what is to be said of the job now, "" for nothing. */
-void trust_remark(const farm_t *farm, double now, const job_t *job, char *text, size_t size);
+/* Write what is to be said now of the job's suspects and comparisons, "" for nothing. */
+void suspects_remark(const job_t *job, char *text, size_t size);
+void checks_remark(const farm_t *farm, double now, const job_t *job, char *text, size_t size);
 
 /* ---- time, and the disk -------------------------------------------------------------------------------- */
 

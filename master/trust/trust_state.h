@@ -24,9 +24,7 @@ typedef struct {
 struct trust {
     standing_t *standings;
     size_t standing_count;
-    id_table_t by_who;       /* indices of standings */
-    uint64_t evidence_bytes; /* on the disk, of all jobs */
-    bool spooled;            /* batches were written that are not safe on the disk yet */
+    id_table_t by_who; /* indices of standings */
 };
 
 /* ---- standing.c ---- */
@@ -72,8 +70,6 @@ void suspects_delivered(job_t *job, const unit_t *units, size_t count);
 trust_answer_t suspects_take(farm_t *farm, double now, job_t *job, worker_t *worker, work_t *work);
 /* True while there are units that are handed out alone. */
 bool suspects_waiting(const job_t *job);
-/* Units that are kept apart. */
-size_t suspects_count(const job_t *job);
 void suspects_free(job_suspects_t **suspects);
 
 /* ---- checks.c ---- */
@@ -100,8 +96,7 @@ enum { CHECK_RENDERINGS = 5, CHECK_LOSERS = 8, MAX_CHECKS = 1 << 16 };
 typedef enum {
     DOUBT_NONE,    /* it was not */
     DOUBT_OPEN,    /* no; they are kept from others meanwhile */
-    DOUBT_TRIED,   /* one is being merged */
-    DOUBT_ANSWERED /* yes */
+    DOUBT_ANSWERED /* yes, or it is being merged */
 } doubt_t;
 
 /* Units that are rendered by several workers. */
@@ -164,8 +159,6 @@ void checks_forget(job_t *job, size_t source);
 bool checks_take(farm_t *farm, double now, job_t *job, worker_t *worker, work_t *work);
 /* True when a worker has units to compare. */
 bool checks_held(const farm_t *farm, const worker_t *worker);
-/* Writes what is to be said of the comparisons of a job now, "" for nothing. */
-void checks_remark(const farm_t *farm, double now, const job_t *job, char *text, size_t size);
 
 /* ---- evidence.c ---- */
 
