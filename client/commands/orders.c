@@ -125,21 +125,19 @@ static result_t run_change(const call_t *call)
     return send_order(&values->master, &order);
 }
 
-const command_t change_command = {.name = "lightmill change",
-                                  .arguments = "JOB",
-                                  .summary = "let other kinds of machines go on with a job",
-                                  .about =
-                                      "A job belongs to the machines that make the same bits as its first "
-                                      "batch did, and waits for them when "
-                                      "they leave. After an upgrade of the workers, say, it can go on with "
-                                      "others: with those that have most "
-                                      "threads now (--rebind), or with all (--mixed). What was counted "
-                                      "stays. The last bits of the image then "
-                                      "depend on which machine rendered what, and the job's message says so.",
-                                  .groups = {{&change_options, 0}, MASTER_GROUPS(change_t, master)},
-                                  .size = sizeof(change_t),
-                                  .begin = master_option_begin, /* the first member */
-                                  .run = run_change};
+const command_t change_command = {
+    .name = "lightmill change",
+    .arguments = "JOB",
+    .summary = "let other kinds of machines go on with a job",
+    .about =
+        "A job belongs to the machines that make the same bits as its first batch did, and waits for them "
+        "when they leave. After an upgrade of the workers, say, it can go on with others: with those that "
+        "have most threads now (--rebind), or with all (--mixed). What was counted stays. The last bits of "
+        "the image then depend on which machine rendered what, and the job's message says so.",
+    .groups = {{&change_options, 0}, MASTER_GROUPS(change_t, master)},
+    .size = sizeof(change_t),
+    .begin = master_option_begin, /* the first member */
+    .run = run_change};
 
 /* ---- take-out ------------------------------------------------------------------------------------------ */
 
@@ -173,7 +171,7 @@ const command_t take_out_command = {
         "Takes out of jobs all that somebody delivered to them, exactly, and has it rendered again. WHO is a "
         "public key or its name on the master's list, the address of a machine, or the name of a worker, as "
         "lightmill status --workers shows them. Only jobs of submit --verify can do it, until they are over: "
-        "they keep what was delivered. Who is connected goes on delivering: take its key off the list first.",
+        "they keep what was delivered. Who is connected goes on delivering: lightmill exclude its key first.",
     .groups = {{&take_out_options, 0}, MASTER_GROUPS(take_out_t, master)},
     .size = sizeof(take_out_t),
     .begin = master_option_begin, /* the first member */

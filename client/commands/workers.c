@@ -44,8 +44,8 @@ const command_t drain_command = {
     .summary = "let workers deliver what they have, and leave",
     .about =
         "Drains workers: they are given nothing more, finish and deliver what they hold, and end with exit "
-        "code 0. "
-        "WORKER is a name as lightmill status --workers shows it, or a host, which means all its workers.\n\n"
+        "code 0. WORKER is a name as lightmill status --workers shows it, or a host, which means all its "
+        "workers.\n\n"
         "What they do not finish within their --grace goes to others. Nothing is lost or counted twice.",
     .after = "A supervisor that starts ended processes again brings a worker back: under systemd say "
              "Restart=on-failure. docs/workers.md tells more.",
@@ -144,9 +144,8 @@ const command_t allow_command = {
     .summary = "let a key in, on the master's machine",
     .about =
         "Adds the line that lightmill keygen printed to the list of keys that a master lets in. Quote it "
-        "with "
-        "'...', since keys hold characters that a shell would take for its own; or leave it out and give it, "
-        "and others, on standard input.\n\n"
+        "with '...', since keys hold characters that a shell would take for its own; or leave it out and "
+        "give it, and others, on standard input.\n\n"
         "It is called on the master's machine by who may write the list. The master reads it within a "
         "second.",
     .groups = {{&list_options, 0}},
@@ -174,16 +173,13 @@ const command_t exclude_command = {
     .name = "lightmill exclude",
     .arguments = "KEY...",
     .summary = "let keys in no more, on the master's machine",
-    .about = "Takes keys from the list of those that a master lets in. KEY is the key, or its name on the "
-             "list, as "
-             "lightmill status --workers shows it. Its line becomes a comment with the date; lightmill allow "
-             "lets it in "
-             "again.\n\n"
-             "It is called on the master's machine by who may write the list. Within a second the master "
-             "refuses every "
-             "message of who has the key; what it had in hand goes to others when its lease ends. What it "
-             "has delivered "
-             "stays counted, unless lightmill take-out takes it out.",
+    .about =
+        "Takes keys from the list of those that a master lets in. KEY is the key, or its name on the list, "
+        "as lightmill status --workers shows it. Its line becomes a comment with the date; lightmill allow "
+        "lets it in again.\n\n"
+        "It is called on the master's machine by who may write the list. Within a second the master refuses "
+        "every message of who has the key; what it had in hand goes to others when its lease ends. What it "
+        "has delivered stays counted, unless lightmill take-out takes it out.",
     .groups = {{&list_options, 0}},
     .after = "Without keys there is nobody to exclude: a firewall keeps an address away.",
     .size = sizeof(list_option_t),
