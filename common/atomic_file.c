@@ -108,5 +108,8 @@ result_t file_write_atomic(const char *path, const void *data, size_t size)
 
 result_t file_write_private(const char *path, const void *data, size_t size)
 {
-    return write_whole(path, 0600, data, size);
+    char *copy = mem_strdup(path);
+    result_t result = directory_make(dirname(copy), 0700);
+    free(copy);
+    return result.code == RESULT_OK ? write_whole(path, 0600, data, size) : result;
 }

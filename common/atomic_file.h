@@ -27,7 +27,8 @@ result_t atomic_file_commit(atomic_file_t *file);
 void atomic_file_abort(atomic_file_t *file);
 /* All of the above for bytes that are at hand. */
 result_t file_write_atomic(const char *path, const void *data, size_t size);
-/* The same for a secret: nobody but the owner can read it, at any time (mode 0600). */
+/* The same for a secret: nobody but the owner can read it, at any time (mode 0600). Its directory is made
+ * where it is missing, for the owner alone. */
 result_t file_write_private(const char *path, const void *data, size_t size);
 
 #endif

@@ -37,19 +37,16 @@ static result_t read_secret(const char *path, unit_secret_t *secret)
                        "%s is damaged: delete it, and what workers have in hand is rendered once more", path);
 }
 
-static result_t make_secret(const char *directory, const char *path, unit_secret_t *secret)
+static result_t make_secret(const char *path, unit_secret_t *secret)
 {
-    TRY(directory_make(directory, 0700));
     *secret = unit_secret_new();
     return file_write_private(path, secret->bytes, sizeof secret->bytes);
 }
 
 result_t unit_secret_load(const char *data_dir, unit_secret_t *secret)
 {
-    char *directory = mem_printf("%s/keys", data_dir), *path = mem_printf("%s/units", directory);
-    result_t result =
-        access(path, F_OK) == 0 ? read_secret(path, secret) : make_secret(directory, path, secret);
-    free(directory);
+    char *path = mem_printf("%s/keys/units", data_dir);
+    result_t result = access(path, F_OK) == 0 ? read_secret(path, secret) : make_secret(path, secret);
     free(path);
     return result;
 }

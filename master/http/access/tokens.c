@@ -77,13 +77,9 @@ static void new_token(char token[HTTP_TOKEN_TEXT + 1])
     sodium_memzero(bytes, sizeof bytes);
 }
 
-static result_t make_file(const char *data_dir, const char *path)
+static result_t make_file(const char *path)
 {
     http_tokens_t tokens;
-    char *directory = mem_printf("%s/keys", data_dir);
-    result_t result = directory_make(directory, 0700);
-    free(directory);
-    TRY(result);
     new_token(tokens.view);
     new_token(tokens.operate);
     char *text =
@@ -91,7 +87,7 @@ static result_t make_file(const char *data_dir, const char *path)
                    "view %s\n"
                    "operate %s\n",
                    tokens.view, tokens.operate);
-    result = file_write_private(path, text, strlen(text));
+    result_t result = file_write_private(path, text, strlen(text));
     sodium_memzero(text, strlen(text));
     free(text);
     http_tokens_forget(&tokens);
@@ -102,7 +98,7 @@ result_t http_tokens_load(const char *data_dir, http_tokens_t *tokens)
 {
     char *path = tokens_path(data_dir);
     result_t result = result_ok();
-    if (access(path, F_OK) != 0 && errno == ENOENT) result = make_file(data_dir, path);
+    if (access(path, F_OK) != 0 && errno == ENOENT) result = make_file(path);
     if (result.code == RESULT_OK) {
         key_file_check_mode(path);
         result = read_file(path, tokens);
