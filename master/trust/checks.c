@@ -559,7 +559,7 @@ static void decide_alone(farm_t *farm, double now, job_t *job, size_t at)
 static void drop_hopeless(const farm_t *farm, double now, job_t *job)
 {
     job_checks_t *checks = job->checks;
-    if (job->schedule == NULL || !schedule_round_counted(job->schedule)) return;
+    if (job->schedule == NULL || job->merging > 0 || !schedule_round_counted(job->schedule)) return;
     for (size_t i = checks->check_count; i-- > 0;) {
         if (!is_hopeless(farm, now, checks, &checks->checks[i])) continue;
         checks->unmade += checks->checks[i].doubt == DOUBT_NONE;
