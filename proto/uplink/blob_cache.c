@@ -221,7 +221,7 @@ static bool remove_unused(const char *path)
 static void make_room(blob_cache_t *cache, uint64_t size, const char *keep)
 {
     listing_t listing = listing_read(cache->dir);
-    qsort(listing.entries, listing.count, sizeof *listing.entries, compare_use);
+    if (listing.count > 0) qsort(listing.entries, listing.count, sizeof *listing.entries, compare_use);
     for (size_t i = 0; i < listing.count && listing.total + size > cache->limit; i++) {
         const entry_t *entry = &listing.entries[i];
         if (strcmp(entry->path, keep) == 0 || !remove_unused(entry->path)) continue;
