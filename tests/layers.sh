@@ -48,12 +48,13 @@ client/import/scene         : common/scene common/image
 client/import/files         : client/import/scene
 client/import/tessellate    : client/import/scene
 client/import/gltf          : client/import/scene
+client/import/obj           : client/import/files
 client/import/pbrt/syntax    : client/import/files
 client/import/pbrt/state     : client/import/pbrt/syntax
 client/import/pbrt/materials : client/import/pbrt/state
 client/import/pbrt/shapes    : client/import/pbrt/materials client/import/tessellate
 client/import/pbrt           : client/import/pbrt/shapes
-client/import               : client/import/pbrt client/import/gltf
+client/import               : client/import/pbrt client/import/gltf client/import/obj
 client/text                 : proto/wire
 client/scene                : client/import client/text
 client/image                : common/options common/film

@@ -41,7 +41,7 @@ const command_t import_command = {
     .arguments = "SCENE",
     .summary = "a scene with all its files as one scene blob",
     .about =
-        "Reads a scene (a .pbrt, .gltf or .glb file, or a folder with a scene.pbrt) with all its meshes and "
+        "Reads a scene (a .pbrt, .gltf, .glb or .obj file, or a folder with a scene.pbrt) with all its meshes and "
         "textures and writes it as one scene blob, which render, submit and info take in its place, at "
         "once.",
     .groups = {{&import_options, 0}},

@@ -211,7 +211,7 @@ const command_t render_command = {
     .arguments = "SCENE",
     .summary = "render on this machine and write the image",
     .about =
-        "Renders a scene (a .pbrt, .gltf or .glb file, a folder with a scene.pbrt, or a scene blob) on this "
+        "Renders a scene (a .pbrt, .gltf, .glb or .obj file, a folder with a scene.pbrt, or a scene blob) on this "
         "machine. Ctrl-C ends the render and writes the image so far; twice: leaves at once. A "
         "terminal that is closed (SIGHUP) counts as one Ctrl-C.",
     .groups = {{&render_options, 0},

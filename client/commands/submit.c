@@ -122,7 +122,7 @@ const command_t submit_command = {
     .name = "lightmill submit",
     .arguments = "SCENE",
     .summary = "hand a scene to a master; with --wait also fetch the image",
-    .about = "Sends a scene (a .pbrt, .gltf or .glb file, a folder with a scene.pbrt, or a scene blob) to a "
+    .about = "Sends a scene (a .pbrt, .gltf, .glb or .obj file, a folder with a scene.pbrt, or a scene blob) to a "
              "master and prints the job's number.",
     .groups = {{&submit_options, 0},
                {&output_options, offsetof(values_t, output)},

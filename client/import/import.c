@@ -7,6 +7,7 @@
 #include <sys/stat.h>
 
 #include "client/import/gltf/gltf.h"
+#include "client/import/obj/obj.h"
 #include "client/import/pbrt/pbrt.h"
 
 typedef struct {
@@ -18,6 +19,7 @@ static const format_t formats[] = {
     {".pbrt", pbrt_import},
     {".gltf", gltf_import},
     {".glb", gltf_import},
+    {".obj", obj_import},
 };
 
 static const format_t *format_of(const char *path)
@@ -34,7 +36,7 @@ static result_t import_file(const char *path, blob_builder_t *builder, const imp
     const format_t *format = format_of(path);
     if (!format)
         return result_fail(RESULT_INPUT,
-                           "%s: not a scene format that Lightmill reads; it reads .pbrt, .gltf and .glb",
+                           "%s: not a scene format that Lightmill reads; it reads .pbrt, .gltf, .glb and .obj",
                            path);
     report_t report = report_begin(sink);
     scene_builder_t scene;

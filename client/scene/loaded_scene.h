@@ -10,7 +10,7 @@ typedef struct {
     char *name; /* owned; what to call the job and the image: "cornell" */
 } loaded_scene_t;
 
-/* Loads a scene file (.pbrt, .gltf, .glb), a directory that holds a scene.pbrt, or a scene blob. Warnings go
+/* Loads a scene file (.pbrt, .gltf, .glb, .obj), a directory that holds a scene.pbrt, or a scene blob. Warnings go
  * to the log. `lenient`: see import_report_t. */
 result_t scene_load(const char *path, bool lenient, loaded_scene_t *scene);
 /* Harmless on a zeroed scene. */

@@ -102,6 +102,7 @@ SEEDS_END_WELL(body)
 SEEDS_END_WELL(checkpoint)
 SEEDS_END_WELL(gltf)
 SEEDS_END_WELL(http)
+SEEDS_END_WELL(obj)
 SEEDS_END_WELL(payload)
 SEEDS_END_WELL(pbrt)
 SEEDS_END_WELL(ply)
@@ -128,6 +129,7 @@ int main(void)
         cmocka_unit_test(seeds_of_checkpoint_end_well),
         cmocka_unit_test(seeds_of_gltf_end_well),
         cmocka_unit_test(seeds_of_http_end_well),
+        cmocka_unit_test(seeds_of_obj_end_well),
         cmocka_unit_test(seeds_of_payload_end_well),
         cmocka_unit_test(seeds_of_pbrt_end_well),
         cmocka_unit_test(seeds_of_ply_end_well),

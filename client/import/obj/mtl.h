@@ -1,0 +1,44 @@
+/* mtl: Wavefront's libraries of materials (MTL), which OBJ files name.
+ *
+ * A library is read whole; a material is put into the blob, and its images are read, when a mesh has it
+ * first.
+ */
+#ifndef LIGHTMILL_MTL_H
+#define LIGHTMILL_MTL_H
+
+#include "client/import/files/intern.h"
+#include "client/import/scene/scene_builder.h"
+
+/* What a material becomes. */
+typedef struct {
+    bool made;
+    uint32_t index;        /* in the blob */
+    blob_value_t alpha;    /* of the shapes that have it; factor 0: invisible */
+    bool emits;            /* by its front */
+    blob_value_t emission; /* radiance */
+} mtl_material_t;
+
+/* Use it zeroed but for `scene`. Owned: all else (mtl_free). */
+typedef struct {
+    scene_builder_t *scene;
+    struct mtl_entry *entries; /* by the numbers of their names */
+    size_t entry_capacity;
+    intern_t names;
+    char **paths; /* of the libraries, for messages */
+    size_t path_count, path_capacity;
+    mtl_material_t otherwise; /* of what has none */
+} mtl_t;
+
+/* The path of an existing file that a file at `beside` names: as it is named, relative to the other's folder,
+ * else of that name in that folder. '\' counts as '/'. NULL when there is none; the caller frees it. */
+char *mtl_beside(const char *beside, const char *name);
+
+/* Adds the materials of a library; of two with one name the later one counts, with a warning. RESULT_INPUT:
+ * see docs/import.md. */
+result_t mtl_read(mtl_t *mtl, const char *path);
+/* The material of a name, NULL for none: then, and when no library has it, a diffuse one that reflects half
+ * of the light. *material is valid until mtl_free. */
+result_t mtl_material(mtl_t *mtl, const char *name, position_t at, const mtl_material_t **material);
+void mtl_free(mtl_t *mtl);
+
+#endif

@@ -1,0 +1,94 @@
+/* obj: see obj.h. */
+#include "client/import/obj/obj.h"
+
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "client/import/files/wavefront.h"
+#include "client/import/obj/mtl.h"
+#include "client/import/scene/scene_defaults.h"
+
+/* The libraries that the file names; one that is missing leaves its materials undefined. */
+static result_t read_libraries(const char *path, const wavefront_t *file, mtl_t *materials)
+{
+    for (size_t i = 0; i < file->libraries.count; ++i) {
+        char *library = mtl_beside(path, file->libraries.texts[i]);
+        result_t result = result_ok();
+        if (library)
+            result = mtl_read(materials, library);
+        else
+            report_warning(materials->scene->report, (position_t){path, 0, 0},
+                           "its library of materials %.200s is missing", file->libraries.texts[i]);
+        free(library);
+        TRY(result);
+    }
+    return result_ok();
+}
+
+/* What the shapes of a part are called: as the file calls them, else as their material. */
+static const char *name_of(const wavefront_t *file, const wavefront_part_t *part)
+{
+    if (part->name != WAVEFRONT_NONE) return file->names.texts[part->name];
+    return part->material != WAVEFRONT_NONE ? file->materials.texts[part->material] : "object";
+}
+
+static result_t add_part(scene_builder_t *scene, const wavefront_t *file, wavefront_part_t *part,
+                         mtl_t *materials)
+{
+    affine_t identity = affine_identity();
+    const mtl_material_t *material;
+    const char *wanted = part->material != WAVEFRONT_NONE ? file->materials.texts[part->material] : NULL;
+    TRY(mtl_material(materials, wanted, part->at, &material));
+    if (material->alpha.texture == 0 && material->alpha.factor.x <= 0) return result_ok();
+    blob_shape_t shape = {.material = material->index,
+                          .name = blob_builder_string(scene->blob, name_of(file, part)),
+                          .alpha = material->alpha,
+                          .shadow_alpha = blob_constant(1)};
+    TRY(mesh_add(scene, &part->mesh, &identity, false, part->at, &shape));
+    if (shape.geometry == BLOB_NONE) return result_ok();
+    blob_light_t light = {
+        .kind = LIGHT_AREA, .radiance = material->emission, .world_from_light = xform_identity()};
+    scene_add_shape(scene, 0, shape, material->emits ? &light : NULL);
+    return result_ok();
+}
+
+/* A camera that sees everything, and light where there is none. */
+static result_t finish(scene_builder_t *scene, position_t at)
+{
+    blob_scene_t record = blob_default_scene();
+    record.fov = 40;
+    record.max_depth = 8;
+    record.spp = 64;
+    record.width = 1280;
+    record.height = 720;
+    if (!scene_has_light(scene)) {
+        report_warning(scene->report, at, "nothing emits (Ke): a white sky of radiance 1 lights the scene");
+        scene_add_sky(scene);
+    }
+    TRY(scene_see_everything(scene, &record, at));
+    return scene_finish(scene, &record, at);
+}
+
+static result_t import(const char *path, scene_builder_t *scene, wavefront_t *file, mtl_t *materials)
+{
+    position_t at = {path, 0, 0};
+    size_t shapes;
+    TRY(wavefront_read(path, scene, file));
+    if (file->part_count == 0) return error_at(at, "has no face; is it a Wavefront OBJ file?");
+    TRY(read_libraries(path, file, materials));
+    for (size_t i = 0; i < file->part_count; ++i) TRY(add_part(scene, file, &file->parts[i], materials));
+    scene_shapes(scene, 0, &shapes);
+    if (shapes == 0) return error_at(at, "has no face that could be seen");
+    return finish(scene, at);
+}
+
+result_t obj_import(const char *path, scene_builder_t *builder)
+{
+    wavefront_t file = {0};
+    mtl_t materials = {.scene = builder};
+    result_t result = import(path, builder, &file, &materials);
+    mtl_free(&materials);
+    wavefront_free(&file);
+    return result;
+}
