@@ -9,8 +9,8 @@
 
 typedef result_t texture_reader_t(const char *name, const uint8_t *data, size_t size, texture_image_t *image);
 
-texture_reader_t texture_read_png, texture_read_jpeg, texture_read_tga, texture_read_hdr, texture_read_exr,
-    texture_read_pfm;
+texture_reader_t texture_read_png, texture_read_jpeg, texture_read_webp, texture_read_tga, texture_read_hdr,
+    texture_read_exr, texture_read_pfm;
 
 /* Sets width and height; an error when they are outside the limits. */
 result_t texture_set_size(const char *name, int64_t width, int64_t height, texture_image_t *image);

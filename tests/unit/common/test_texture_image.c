@@ -12,6 +12,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <turbojpeg.h>
+#include <webp/encode.h>
 
 #include <cmocka.h>
 
@@ -399,6 +400,76 @@ static void bad_jpeg_is_an_error(void **state)
     assert_fails("a.jpg", grey.bytes, grey.size, "is cut short");
     memcpy(frame + 5, "\x7f\xff\x7f\xff", 4);
     assert_fails("a.jpg", grey.bytes, grey.size, "32767 x 32767 pixels are outside the limits");
+}
+
+/* ---- WebP ---- */
+
+/* A ramp of colours and, where there are four channels, of alpha, never 0: the encoder drops colours there.
+ */
+static void make_ramp(size_t channels, uint8_t *pixels)
+{
+    for (size_t p = 0; p < SIDE * SIDE; p++) {
+        uint8_t x = (uint8_t)(p % SIDE), y = (uint8_t)(p / SIDE);
+        memcpy(pixels + p * channels, (uint8_t[4]){10 * x, 10 * y, 5 * x + 5 * y, 255 - 9 * x}, channels);
+    }
+}
+
+/* `quality` of a lossy file; above 100: lossless. */
+static file_t write_webp(size_t channels, float quality, uint8_t *pixels)
+{
+    uint8_t *bytes = NULL;
+    int stride = (int)(SIDE * channels);
+    make_ramp(channels, pixels);
+    bool lossless = quality > 100, alpha = channels == 4;
+    size_t size = lossless && alpha ? WebPEncodeLosslessRGBA(pixels, SIDE, SIDE, stride, &bytes)
+                  : lossless        ? WebPEncodeLosslessRGB(pixels, SIDE, SIDE, stride, &bytes)
+                  : alpha           ? WebPEncodeRGBA(pixels, SIDE, SIDE, stride, quality, &bytes)
+                                    : WebPEncodeRGB(pixels, SIDE, SIDE, stride, quality, &bytes);
+    file_t file = {.size = 0};
+    put(&file, bytes, size);
+    WebPFree(bytes);
+    return file;
+}
+
+static void webp_is_read(void **state)
+{
+    (void)state;
+    uint8_t pixels[SIDE * SIDE * 4];
+    for (size_t channels = 3; channels <= 4; channels++) {
+        file_t file = write_webp(channels, 101, pixels);
+        check_bytes("a.webp", &file, SIDE, SIDE, (uint32_t)channels, pixels);
+
+        file = write_webp(channels, 100, pixels);
+        texture_image_t image = decode("a.webp", &file);
+        assert_shape(&image, SIDE, SIDE, (uint32_t)channels, TEXELS_U8, true);
+        long difference = 0;
+        for (size_t i = 0; i < SIDE * SIDE * channels; i++)
+            difference += labs((long)image.bytes[i] - pixels[i]);
+        assert_true(difference > 0 && difference < 3 * (long)(SIDE * SIDE * channels));
+        for (size_t i = 3; channels == 4 && i < SIDE * SIDE * 4; i += 4)
+            assert_int_equal(image.bytes[i], pixels[i]); /* alpha is lossless at this quality */
+        texture_image_free(&image);
+    }
+}
+
+static void bad_webp_is_an_error(void **state)
+{
+    (void)state;
+    uint8_t pixels[SIDE * SIDE * 4];
+    for (int kind = 0; kind < 4; kind++) {
+        file_t file = write_webp(3 + (size_t)kind % 2, kind < 2 ? 101 : 50, pixels);
+        /* a last byte of 0 may fill up a chunk */
+        for (size_t size = 1; size + 2 < file.size; size++) assert_fails("a.webp", file.bytes, size, "");
+        check_damage("a.webp", &file);
+        assert_fails("a.webp", file.bytes, file.size / 2, "cannot be read as WebP: it is cut short");
+    }
+    assert_fails("a.webp", (const uint8_t *)"RIFF\4\0\0\0WAVEfmt ", 16, "it is damaged, or no WebP");
+    /* an extended header with the flag of animations; 24 x 24 pixels */
+    static const char animated[] = "RIFF\x16\0\0\0WEBPVP8X\x0a\0\0\0\2\0\0\0\x17\0\0\x17\0\0";
+    assert_fails("a.webp", (const uint8_t *)animated, sizeof animated - 1, "is an animation");
+    /* lossless, 16384 x 16384 pixels, of which nothing follows */
+    static const char large[] = "RIFF\x14\0\0\0WEBPVP8L\x08\0\0\0\x2f\xff\xff\xff\x0f\0\0";
+    assert_fails("a.webp", (const uint8_t *)large, sizeof large, "bytes for 16384 x 16384 pixels");
 }
 
 /* ---- TGA ---- */
@@ -799,6 +870,8 @@ int main(void)
                                        TEST(huge_png_is_refused),
                                        TEST(jpeg_is_read),
                                        TEST(bad_jpeg_is_an_error),
+                                       TEST(webp_is_read),
+                                       TEST(bad_webp_is_an_error),
                                        TEST(tga_is_turned_the_right_way_up),
                                        TEST(tga_of_all_depths_is_read),
                                        TEST(undeclared_alpha_counts_unless_empty),
