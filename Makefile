@@ -20,9 +20,11 @@ endif
 PKG_LIBS   := $(shell pkg-config --libs $(filter-out OpenEXR,$(PACKAGES))) -lOpenEXRCore-3_1
 endif
 ALL_CFLAGS = -std=gnu17 -D_GNU_SOURCE $(BASELINE) $(WARNINGS) $(CFLAGS) $(SANITIZE) -I. -I$(BUILD) $(patsubst -I%,-isystem%,$(PKG_CFLAGS)) -pthread
-ALL_LIBS   = $(LDFLAGS) -Wl,--as-needed $(PKG_LIBS) -lembree3 -lm -pthread
+# C++ is for shims before libraries that have no C interface.
+ALL_CXXFLAGS = -std=gnu++17 -D_GNU_SOURCE $(BASELINE) -Wall -Wextra -Wshadow $(CFLAGS) $(SANITIZE) -fno-sanitize=vptr -I. $(patsubst -I%,-isystem%,$(PKG_CFLAGS)) -pthread
+ALL_LIBS   = $(LDFLAGS) -Wl,--as-needed $(PKG_LIBS) -lembree3 -ldraco -lmeshoptimizer -lstdc++ -lm -pthread
 
-sources     = $(sort $(shell find $(1) -name '*.c' ! -name main.c))
+sources     = $(sort $(shell find $(1) \( -name '*.c' -o -name '*.cc' \) ! -name main.c))
 COMMON_SRC := $(call sources,common)
 WIRE_SRC   := $(call sources,proto/wire)
 UPLINK_SRC := $(call sources,proto/uplink)
@@ -35,7 +37,7 @@ CLIENT_SRC := $(call sources,client)
 LIB_SRC    := $(COMMON_SRC) $(WIRE_SRC) $(UPLINK_SRC) $(SERVE_SRC) $(RENDER_SRC) $(WORKER_SRC) $(MASTER_SRC) $(RELAY_SRC) $(CLIENT_SRC)
 SCHEMAS    := proto/wire/lightmill.proto master/store/record.proto
 SCHEMA_C   := $(patsubst %.proto,$(BUILD)/%.pb-c.c,$(SCHEMAS))
-objects     = $(patsubst %.c,$(BUILD)/%.o,$(1))
+objects     = $(patsubst %.cc,$(BUILD)/%.o,$(patsubst %.c,$(BUILD)/%.o,$(1)))
 archive     = $(BUILD)/lib/lib$(1).a
 
 PROGRAMS := $(BUILD)/lightmill $(BUILD)/lightmill-master $(BUILD)/lightmill-worker $(BUILD)/lightmill-relay
@@ -96,7 +98,12 @@ $(BUILD)/%.o: %.c
 	@echo "  cc $<"
 	$(Q)$(CC) $(ALL_CFLAGS) -MMD -MP -c -o $@ $<
 
-$(call archive,tests): $(call objects,$(wildcard tests/*.c))
+$(BUILD)/%.o: %.cc
+	@mkdir -p $(@D)
+	@echo "  c++ $<"
+	$(Q)$(CXX) $(ALL_CXXFLAGS) -MMD -MP -c -o $@ $<
+
+$(call archive,tests): $(call objects,$(wildcard tests/*.c tests/*.cc))
 $(BUILD)/tests/%: $(BUILD)/tests/%.o $(call archive,tests) $(LIBRARIES)
 	@echo "  link $@"
 	$(Q)$(CC) $(ALL_CFLAGS) -o $@ $(filter %.o,$^) $(filter %.a,$^) $(ALL_LIBS) $(EXTRA_LIBS) -lcmocka
@@ -213,7 +220,7 @@ FUZZ_CHECKS   = address,undefined,float-cast-overflow
 fuzz: CHECKED_FLAGS = -O1 -g -fno-omit-frame-pointer
 fuzz: SANITIZERS = -fsanitize=fuzzer-no-link,$(FUZZ_CHECKS) -fno-sanitize-recover=all
 fuzz: deps-dev
-	$(SUBMAKE) $(JOBS) CC=clang BUILD=$(BUILD)/fuzz CFLAGS="$(CHECKED_FLAGS)" SANITIZE="$(SANITIZERS)" \
+	$(SUBMAKE) $(JOBS) CC=clang CXX=clang++ BUILD=$(BUILD)/fuzz CFLAGS="$(CHECKED_FLAGS)" SANITIZE="$(SANITIZERS)" \
 	    $(FUZZ_TARGETS:%=$(BUILD)/fuzz/fuzz_%)
 	tests/fuzz/run.sh $(BUILD)/fuzz $(FUZZ_SECONDS) $(FUZZ_TARGETS)
 
@@ -317,10 +324,11 @@ uninstall:
 	rm -f $(addprefix $(INSTALL_TO)/bin/,$(notdir $(PROGRAMS))) $(COMPLETIONS) $(INSTALL_TO)/share/man/man1/lightmill*.1
 
 OUR_C  = $(shell git ls-files '*.c' 2>/dev/null)
+OUR_CC = $(shell git ls-files '*.cc' 2>/dev/null)
 OUR_H  = $(shell git ls-files '*.h' 2>/dev/null)
 OUR_SH = .ci/run $(shell git ls-files '*.sh' 2>/dev/null)
 format:
-	clang-format -i $(OUR_C) $(OUR_H)
+	clang-format -i $(OUR_C) $(OUR_CC) $(OUR_H)
 
 # Of cppcheck: a result_t holds no pointer; texels hold floats; NULL is a pointer here; a factor is never 0; an assert_true
 # that fails ends the test.
@@ -331,17 +339,23 @@ CPPCHECK_NOISE := normalCheckLevelMaxBranches returnDanglingLifetime invalidPoin
 lint:
 	@docker/install-packages.sh build test dev
 	@echo '  clang-format, shellcheck'
-	$(Q)clang-format --dry-run -Werror $(OUR_C) $(OUR_H)
+	$(Q)clang-format --dry-run -Werror $(OUR_C) $(OUR_CC) $(OUR_H)
 	$(Q)shellcheck --severity=warning $(OUR_SH)
 	$(SUBMAKE) $(JOBS) lint-files
 	@echo '  cppcheck'
-	$(Q)cppcheck --quiet -j$(shell nproc) --std=c11 --enable=warning,performance,portability \
-	    $(CPPCHECK_NOISE:%=--suppress=%) --error-exitcode=1 -I. $(OUR_C)
-lint-files: $(OUR_C:%.c=$(BUILD)/lint/%.ok)
+	$(Q)cppcheck --quiet -j$(shell nproc) --std=c11 --std=c++17 --enable=warning,performance,portability \
+	    $(CPPCHECK_NOISE:%=--suppress=%) --error-exitcode=1 -I. $(OUR_C) $(OUR_CC)
+lint-files: $(OUR_C:%.c=$(BUILD)/lint/%.ok) $(OUR_CC:%.cc=$(BUILD)/lint/%.ok)
 $(BUILD)/lint/%.ok: %.c $(BUILD)/%.o .clang-tidy
 	@mkdir -p $(@D)
 	@echo "  tidy $<"
 	$(Q)clang-tidy --quiet $< -- $(filter-out -ffp-contract=% -fno-trapping-math,$(ALL_CFLAGS)) 2>$@.log || { cat $@.log; exit 1; }
+	@touch $@
+
+$(BUILD)/lint/%.ok: %.cc $(BUILD)/%.o .clang-tidy
+	@mkdir -p $(@D)
+	@echo "  tidy $<"
+	$(Q)clang-tidy --quiet $< -- $(filter-out -ffp-contract=% -fno-trapping-math,$(ALL_CXXFLAGS)) 2>$@.log || { cat $@.log; exit 1; }
 	@touch $@
 
 # For editors and tools that ask how a file is compiled.

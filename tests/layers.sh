@@ -47,8 +47,9 @@ relay                       : proto/uplink proto/serve
 client/import/scene         : common/scene common/image
 client/import/files         : client/import/scene
 client/import/tessellate    : client/import/scene
-client/import/gltf          : client/import/scene
 client/import/obj           : client/import/files
+client/import/packed        : common
+client/import/gltf          : client/import/scene client/import/packed
 client/import/pbrt/syntax    : client/import/files
 client/import/pbrt/state     : client/import/pbrt/syntax
 client/import/pbrt/materials : client/import/pbrt/state
@@ -67,10 +68,10 @@ END
 max_pairs=16 # of a .c and its .h in a folder, headers alone counted too
 max_circle=4 # files that call one another in a circle, within a folder
 
-mapfile -t sources < <(find client common master proto relay worker -name '*.[ch]' | sort)
+mapfile -t sources < <(find client common master proto relay worker -name '*.[ch]' -o -name '*.cc' | sort)
 objects=()
 for source in "${sources[@]}"; do
-    case $source in *.c) objects+=("$build/${source%.c}.o") ;; esac
+    case $source in *.c | *.cc) objects+=("$build/${source%.*}.o") ;; esac
 done
 ls "${objects[@]}" >/dev/null || { echo "layers: objects are missing: make all tests" >&2; exit 1; }
 
@@ -100,9 +101,10 @@ $1 == "file" {
     file[++file_count] = $2
     is_file[$2] = 1
     stem = $2
-    sub(/\.[ch]$/, "", stem)
+    sub(/\.(c|h|cc)$/, "", stem)
     if (!(stem in stems)) ++pairs[folder($2)]
-    stems[stem] = 1
+    if ($2 !~ /h$/) stems[stem] = $2 # the file that its object is made of
+    else stems[stem]
 }
 $1 == "include" {
     from = folder($2); to = folder($4)
@@ -114,6 +116,7 @@ $1 == "include" {
     }
     if ($4 in is_file) { includes[$2] = includes[$2] " " $4; why["include", $2, $4] = "line " $3 }
 }
+$1 == "symbol" { sub(/\.c$/, "", $2); $2 = stems[$2] }
 $1 == "symbol" && $3 == "U" { wanted[++wanted_count] = $2 " " $4 }
 $1 == "symbol" && $3 ~ /[A-TVX-Z]/ && $4 != "main" { home[$4] = $2 }
 

@@ -154,6 +154,24 @@ result_t accessor_open(document_t *document, uint32_t index, accessor_t *accesso
     return open_sparse(document, &item, accessor);
 }
 
+result_t accessor_of_draco(document_t *document, uint32_t index, const draco_attribute_t *attribute,
+                           uint32_t count, accessor_t *accessor)
+{
+    component_t type = (component_t)attribute->type;
+    *accessor = (accessor_t){.count = count,
+                             .components = attribute->components,
+                             .type = type,
+                             .normalized = attribute->normalized,
+                             .data = attribute->data,
+                             .stride = attribute->components * component_size(type)};
+    if (index == ITEM_NONE) return result_ok();
+    item_t item;
+    component_t said;
+    TRY(document_item(document, TOP_ACCESSORS, index, &item));
+    TRY(read_component(&item, &said));
+    return said == type ? item_bool(&item, "normalized", &accessor->normalized) : result_ok();
+}
+
 /* The bytes of an element; NULL: zeroes. */
 static const uint8_t *element_at(const accessor_t *accessor, size_t index)
 {

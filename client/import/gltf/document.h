@@ -10,6 +10,7 @@
 #define LIGHTMILL_DOCUMENT_H
 
 #include "client/import/gltf/item.h"
+#include "client/import/packed/draco.h"
 #include "client/import/scene/mesh.h"
 #include "client/import/scene/scene_images.h"
 
@@ -80,7 +81,8 @@ typedef struct document {
     item_t root, tops[TOP_COUNT];
     bool blender; /* written by Blender's exporter */
 
-    bytes_t *buffers; /* as many as there are; data NULL: not read yet */
+    bytes_t *buffers;  /* as many as there are; data NULL: not read yet */
+    bytes_t *unpacked; /* buffer views, as many as there are; data NULL: not packed, or not unpacked yet */
     gltf_source_t *sources;
     size_t source_count, source_capacity;
 
@@ -104,8 +106,10 @@ void document_close(document_t *document);
 result_t document_item(const document_t *document, top_t which, uint32_t index, item_t *out);
 size_t document_count(const document_t *document, top_t which);
 
-/* The bytes of a buffer view, in memory that the document owns. */
+/* The bytes of a buffer view, unpacked, in memory that the document owns. */
 result_t document_view(document_t *document, uint32_t view, bytes_t *bytes);
+/* The bytes that the properties buffer, byteOffset and byteLength of an object name. */
+result_t document_range(document_t *document, const item_t *owner, bytes_t *bytes);
 /* The bytes that a property "uri" stands for: a data URI, or a file, relative to the glTF file. `path`, of
  * size PATH_ROOM, becomes a name for messages. */
 enum { PATH_ROOM = 200 };
@@ -116,6 +120,25 @@ result_t document_uri(document_t *document, const item_t *owner, const char *uri
 position_t document_at(document_t *document, const item_t *item);
 /* Counts vertices and indices that are about to be decoded: see scene_charge. */
 result_t document_charge(document_t *document, const item_t *item, uint64_t amount);
+
+/* ---- unpack.c ------------------------------------------------------------------------------------------ */
+
+/* A buffer view that has EXT_meshopt_compression, `packed`; unpacked once. */
+result_t unpack_view(document_t *document, uint32_t index, const item_t *packed, bytes_t *bytes);
+
+/* The mesh that a primitive holds by KHR_draco_mesh_compression. */
+typedef struct {
+    bool present;
+    const char *names[DRACO_MOST_ATTRIBUTES]; /* of its attributes; owned by the file's JSON */
+    uint32_t ids[DRACO_MOST_ATTRIBUTES];
+    size_t count;
+    draco_mesh_t mesh; /* owned: draco_free */
+} unpacked_t;
+
+/* Unpacks it; not present when the primitive is not packed. After an error there is nothing to free. */
+result_t unpack_primitive(document_t *document, const item_t *primitive, unpacked_t *unpacked);
+/* The attribute of that name; NULL when the packed mesh has none. */
+const draco_attribute_t *unpack_find(const unpacked_t *unpacked, const char *name);
 
 /* ---- accessor.c ---------------------------------------------------------------------------------------- */
 
@@ -142,6 +165,10 @@ typedef struct {
 } accessor_t;
 
 result_t accessor_open(document_t *document, uint32_t index, accessor_t *accessor);
+/* The values of an attribute that was unpacked; `index` is the accessor that stands for it, or ITEM_NONE.
+ * Where that says the same type, it also says whether integers are fractions. */
+result_t accessor_of_draco(document_t *document, uint32_t index, const draco_attribute_t *attribute,
+                           uint32_t count, accessor_t *accessor);
 /* The components of an element, index in range: four doubles, those that are missing unchanged. Normalized
  * integers become fractions. */
 void accessor_get(const accessor_t *accessor, size_t index, double values[4]);

@@ -37,13 +37,16 @@ static const struct {
     {"KHR_mesh_quantization", true, NULL},
     {"KHR_texture_transform", true, NULL},
     {"EXT_mesh_gpu_instancing", true, NULL},
-    {"KHR_draco_mesh_compression", false, "export without Draco compression"},
-    {"EXT_meshopt_compression", false, "export without meshopt compression"},
-    {"KHR_meshopt_compression", false, "export without meshopt compression"},
-    {"KHR_texture_basisu", false, "export textures as PNG or JPEG"},
-    {"EXT_texture_webp", false, "export textures as PNG or JPEG"},
-    {"EXT_texture_avif", false, "export textures as PNG or JPEG"},
+    {"KHR_draco_mesh_compression", true, NULL},
+    {"EXT_meshopt_compression", true, NULL},
+    {"EXT_texture_webp", true, NULL},
+    {"KHR_meshopt_compression", false, "export with EXT_meshopt_compression, or without compression"},
+    {"KHR_texture_basisu", false, "export textures as PNG, JPEG or WebP"},
+    {"EXT_texture_avif", false, "export textures as PNG, JPEG or WebP"},
 };
+
+/* Of these, those without which only textures are missing. */
+static const char *const texture_formats[] = {"KHR_texture_basisu", "EXT_texture_avif"};
 
 /* ---- places -------------------------------------------------------------------------------------------- */
 
@@ -75,7 +78,16 @@ static result_t fail(const document_t *document, const char *text)
     return error_at((position_t){document->path, 0, 0}, "%s", text);
 }
 
-/* The next chunk of a .glb that ends at `size`; false when it does not fit. */
+/* Whether a chunk of a known kind begins there. */
+static bool chunk_begins(const document_t *document, size_t size, size_t at)
+{
+    if (size - at < CHUNK_HEADER) return false;
+    uint32_t length = word_at(document->data + at), type = word_at(document->data + at + 4);
+    return (type == chunk_json || type == chunk_binary) && length <= size - at - CHUNK_HEADER;
+}
+
+/* The next chunk of a .glb that ends at `size`; false when it does not fit. A chunk's length is to be a
+ * multiple of 4. Where it is not, the bytes that were to fill it up may be missing or not counted. */
 static bool next_chunk(const document_t *document, size_t size, size_t *at, uint32_t *type, bytes_t *chunk)
 {
     if (size - *at < CHUNK_HEADER) return false;
@@ -86,6 +98,11 @@ static bool next_chunk(const document_t *document, size_t size, size_t *at, uint
     if (chunk->size > size - *at) return false;
     chunk->data = document->data + *at;
     *at += chunk->size;
+    if (chunk->size % 4 != 0)
+        report_warning(document->builder->report, (position_t){document->path, 0, 0},
+                       "a chunk of %zu bytes is not filled up to a multiple of 4; it is taken as it is",
+                       chunk->size);
+    if (chunk_begins(document, size, *at)) return true;
     while (*at % 4 != 0 && *at < size) ++*at;
     return true;
 }
@@ -95,8 +112,11 @@ static result_t split(document_t *document, bytes_t *json)
 {
     *json = (bytes_t){document->data, document->size};
     if (document->size < 4 || word_at(document->data) != glb_magic) return result_ok();
-    if (document->size < GLB_HEADER || word_at(document->data + 4) != 2)
-        return fail(document, "is not a binary glTF file of version 2; export it as glTF 2.0");
+    if (document->size < GLB_HEADER) return fail(document, "is cut short; copy or export it again");
+    uint32_t version = word_at(document->data + 4);
+    if (version != 2)
+        return error_at((position_t){document->path, 0, 0},
+                        "is not glTF 2.0 but %" PRIu32 ".0; export it as glTF 2.0", version);
     size_t size = word_at(document->data + 8), at = GLB_HEADER;
     if (size > document->size || size < GLB_HEADER)
         return fail(document, "is cut short: it is smaller than its header says; copy or export it again");
@@ -122,12 +142,25 @@ static result_t parse(document_t *document, bytes_t text)
     document->root =
         (item_t){.path = document->path, .report = document->builder->report, .json = document->json};
     if (!json_is_object(document->json)) return item_fail(&document->root, "must hold a JSON object");
+    return result_ok();
+}
+
+static result_t find_tops(document_t *document)
+{
     for (int i = 0; i < TOP_COUNT; ++i)
         TRY(item_member(&document->root, top_names[i], JSON_ARRAY, &document->tops[i]));
     for (int i = 0; i < TOP_COUNT; ++i)
         if (item_count(&document->tops[i]) >= ITEM_NONE - 1)
             return item_fail(&document->tops[i], "has too many elements");
     return result_ok();
+}
+
+/* In glTF 1.0 things have names, not numbers, and the file need not tell its version. */
+static bool looks_like_version_1(const document_t *document)
+{
+    for (int i = 0; i < TOP_COUNT; ++i)
+        if (json_is_object(json_object_get(document->json, top_names[i]))) return true;
+    return false;
 }
 
 static result_t check_version(document_t *document)
@@ -138,9 +171,11 @@ static result_t check_version(document_t *document)
     TRY(item_string(&asset, "version", &version));
     TRY(item_string(&asset, "minVersion", &least));
     TRY(item_string(&asset, "generator", &generator));
+    if (!version && looks_like_version_1(document)) version = "1.0";
     if (!version) return item_fail(&document->root, "has no asset.version: not a glTF file");
     if (strncmp(version, "2.", 2) != 0 || (least && strcmp(least, "2.0") != 0))
-        return item_fail(&asset, "is glTF %.20s; Lightmill reads glTF 2.0", least ? least : version);
+        return item_fail(&document->root, "is not glTF 2.0 but %.20s; export it as glTF 2.0",
+                         least ? least : version);
     document->blender = strstr(generator, "Khronos glTF Blender I/O") != NULL;
     return result_ok();
 }
@@ -153,18 +188,24 @@ static result_t check_extensions(document_t *document, const char *list, bool re
     for (size_t i = 0; i < item_count(&names); ++i) {
         item_t item;
         TRY(item_element(&names, i, JSON_STRING, &item));
-        const char *name = json_string_value(item.json), *cure = NULL;
+        const char *name = json_string_value(item.json), *cure = NULL, *substitute = NULL;
         bool done = false;
         for (size_t k = 0; k < ARRAY_LENGTH(extensions); ++k) {
             if (strcmp(name, extensions[k].name) != 0) continue;
             done = extensions[k].done;
             cure = extensions[k].cure;
         }
+        for (size_t k = 0; k < ARRAY_LENGTH(texture_formats); ++k)
+            if (strcmp(name, texture_formats[k]) == 0) substitute = "its textures are left out";
         if (done) continue;
-        if (required)
-            return item_fail(&item, "the file cannot be read without %.80s, which is not supported; %s", name,
-                             cure ? cure : "export without it");
-        item_warn(&item, "%.80s is ignored", name);
+        if (!required)
+            item_warn(&item, "%.80s is ignored", name);
+        else
+            TRY(report_excuse(item.report,
+                              item_fail(&item,
+                                        "the file cannot be read without %.80s, which is not supported; %s",
+                                        name, cure ? cure : "export without it"),
+                              substitute));
     }
     return result_ok();
 }
@@ -180,9 +221,12 @@ result_t document_open(document_t *document, const char *path, scene_builder_t *
     TRY(split(document, &text));
     TRY(parse(document, text));
     TRY(check_version(document));
+    TRY(find_tops(document));
     TRY(check_extensions(document, "extensionsRequired", true));
     TRY(check_extensions(document, "extensionsUsed", false));
     document->buffers = mem_zalloc(document_count(document, TOP_BUFFERS) + 1, sizeof *document->buffers);
+    document->unpacked =
+        mem_zalloc(document_count(document, TOP_BUFFER_VIEWS) + 1, sizeof *document->unpacked);
     for (int i = 0; i < 2; ++i)
         document->materials[i] =
             mem_zalloc(document_count(document, TOP_MATERIALS) + 1, sizeof *document->materials[i]);
@@ -193,6 +237,9 @@ void document_close(document_t *document)
 {
     free(document->folder);
     free(document->data);
+    for (size_t i = 0; document->unpacked && i < document_count(document, TOP_BUFFER_VIEWS); ++i)
+        free((void *)(uintptr_t)document->unpacked[i].data);
+    free(document->unpacked);
     json_decref(document->json);
     free(document->buffers);
     for (size_t i = 0; i < document->source_count; ++i) {
@@ -365,21 +412,28 @@ static result_t read_buffer(document_t *document, uint32_t index, bytes_t *bytes
     return result_ok();
 }
 
-result_t document_view(document_t *document, uint32_t index, bytes_t *bytes)
+result_t document_range(document_t *document, const item_t *owner, bytes_t *bytes)
 {
-    item_t view;
-    TRY(document_item(document, TOP_BUFFER_VIEWS, index, &view));
     uint32_t buffer = ITEM_NONE;
     uint64_t offset = 0, length = 0;
-    TRY(item_index(&view, "buffer", document_count(document, TOP_BUFFERS), &buffer));
-    TRY(item_whole(&view, "byteOffset", largest_offset, &offset));
-    TRY(item_whole(&view, "byteLength", largest_offset, &length));
-    if (buffer == ITEM_NONE) return item_fail(&view, "names no buffer");
-    if (length == 0) return item_fail(&view, "needs a byteLength above 0");
+    TRY(item_index(owner, "buffer", document_count(document, TOP_BUFFERS), &buffer));
+    TRY(item_whole(owner, "byteOffset", largest_offset, &offset));
+    TRY(item_whole(owner, "byteLength", largest_offset, &length));
+    if (buffer == ITEM_NONE) return item_fail(owner, "names no buffer");
+    if (length == 0) return item_fail(owner, "needs a byteLength above 0");
     bytes_t *whole = &document->buffers[buffer];
     if (!whole->data) TRY(read_buffer(document, buffer, whole));
     if (offset > whole->size || length > whole->size - offset)
-        return item_fail(&view, "reaches beyond its buffer of %zu bytes", whole->size);
+        return item_fail(owner, "reaches beyond its buffer of %zu bytes", whole->size);
     *bytes = (bytes_t){whole->data + offset, length};
     return result_ok();
+}
+
+result_t document_view(document_t *document, uint32_t index, bytes_t *bytes)
+{
+    item_t view, packed;
+    TRY(document_item(document, TOP_BUFFER_VIEWS, index, &view));
+    TRY(item_extension(&view, "EXT_meshopt_compression", &packed));
+    return packed.json ? unpack_view(document, index, &packed, bytes)
+                       : document_range(document, &view, bytes);
 }

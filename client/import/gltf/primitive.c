@@ -2,7 +2,7 @@
  *
  * Exporters let the primitives of a mesh share one set of vertices, so only the vertices that a primitive's
  * triangles use are decoded, in the order in which they first appear; the work then follows the indices, not
- * the shared arrays.
+ * the shared arrays. A primitive that is packed by Draco has its vertices and triangles in there instead.
  */
 #include "client/import/gltf/document.h"
 
@@ -18,6 +18,7 @@ typedef struct {
     const item_t *item;
     item_t attributes;
     uint64_t mode; /* topology_t, once checked */
+    unpacked_t packed;
     accessor_t position, indices;
     bool indexed;
     uint32_t *used; /* old numbers of the vertices in use, by their new ones */
@@ -27,15 +28,25 @@ typedef struct {
 
 /* ---- attributes ---------------------------------------------------------------------------------------- */
 
-/* Opens an attribute that has an element for each vertex; *present says whether it is there. */
+/* Opens an attribute, packed or not; *present says whether it is there. */
+static result_t find_attribute(reader_t *r, const char *name, uint32_t *index, accessor_t *accessor,
+                               bool *present)
+{
+    *index = ITEM_NONE;
+    TRY(item_index(&r->attributes, name, document_count(r->document, TOP_ACCESSORS), index));
+    const draco_attribute_t *packed = unpack_find(&r->packed, name);
+    *present = packed || *index != ITEM_NONE;
+    if (packed) return accessor_of_draco(r->document, *index, packed, r->packed.mesh.points, accessor);
+    return *present ? accessor_open(r->document, *index, accessor) : result_ok();
+}
+
+/* The same of one that has an element for each vertex. */
 static result_t open_attribute(reader_t *r, const char *name, size_t least, size_t most, accessor_t *accessor,
                                bool *present)
 {
-    uint32_t index = ITEM_NONE;
-    TRY(item_index(&r->attributes, name, document_count(r->document, TOP_ACCESSORS), &index));
-    *present = index != ITEM_NONE;
+    uint32_t index;
+    TRY(find_attribute(r, name, &index, accessor, present));
     if (!*present) return result_ok();
-    TRY(accessor_open(r->document, index, accessor));
     if (accessor->components < least || accessor->components > most)
         return item_fail(&r->attributes, "accessor %" PRIu32 " has the wrong number of components for %s",
                          index, name);
@@ -47,10 +58,10 @@ static result_t open_attribute(reader_t *r, const char *name, size_t least, size
 
 static result_t open_positions(reader_t *r)
 {
-    uint32_t index = ITEM_NONE;
-    TRY(item_index(&r->attributes, "POSITION", document_count(r->document, TOP_ACCESSORS), &index));
-    if (index == ITEM_NONE) return item_fail(r->item, "has no POSITION; the mesh is unusable");
-    TRY(accessor_open(r->document, index, &r->position));
+    uint32_t index;
+    bool present;
+    TRY(find_attribute(r, "POSITION", &index, &r->position, &present));
+    if (!present) return item_fail(r->item, "has no POSITION; the mesh is unusable");
     if (r->position.components != 3)
         return item_fail(&r->attributes, "accessor %" PRIu32 " must be a VEC3 to be a POSITION", index);
     return result_ok();
@@ -121,6 +132,10 @@ static result_t read_colours(reader_t *r)
 static result_t open_indices(reader_t *r, size_t *corners)
 {
     uint32_t index = ITEM_NONE;
+    if (r->packed.present) {
+        *corners = 3 * (size_t)r->packed.mesh.triangles;
+        return result_ok();
+    }
     TRY(item_index(r->item, "indices", document_count(r->document, TOP_ACCESSORS), &index));
     r->indexed = index != ITEM_NONE;
     *corners = r->position.count;
@@ -135,7 +150,9 @@ static result_t open_indices(reader_t *r, size_t *corners)
 /* The vertex at one corner of the run, under its new number. */
 static result_t corner(reader_t *r, size_t at, uint32_t *number)
 {
-    uint32_t vertex = r->indexed ? accessor_whole(&r->indices, at) : (uint32_t)at;
+    uint32_t vertex = r->packed.present ? r->packed.mesh.corners[at]
+                      : r->indexed      ? accessor_whole(&r->indices, at)
+                                        : (uint32_t)at;
     if (vertex >= r->position.count)
         return item_fail(r->item, "index %zu is vertex %" PRIu32 ", but there are %zu, counted from 0", at,
                          vertex, r->position.count);
@@ -211,6 +228,8 @@ static result_t read_triangles(reader_t *r)
 
 static result_t read_all(reader_t *r)
 {
+    TRY(unpack_primitive(r->document, r->item, &r->packed));
+    if (r->packed.present) r->mode = MODE_TRIANGLES; /* whatever it was before it was packed */
     TRY(open_positions(r));
     TRY(read_triangles(r));
     if (r->mesh->triangle_count == 0) return result_ok();
@@ -237,6 +256,7 @@ result_t primitive_read(document_t *document, const item_t *primitive, mesh_t *m
     if (item_count(&targets) > 0)
         item_warn(&targets, "morph targets are ignored: the base shape is rendered");
     result_t result = read_all(&r);
+    draco_free(&r.packed.mesh);
     free(r.used);
     return result;
 }

@@ -19,8 +19,7 @@ static result_t image_bytes(document_t *document, const item_t *image, bytes_t *
     return document_view(document, view, bytes);
 }
 
-/* The image in the blob. */
-static result_t image_ref(document_t *document, uint32_t index, encoding_t encoding, blob_ref_t *ref)
+static result_t find_or_add(document_t *document, uint32_t index, encoding_t encoding, blob_ref_t *ref)
 {
     item_t item;
     bytes_t bytes;
@@ -36,6 +35,14 @@ static result_t image_ref(document_t *document, uint32_t index, encoding_t encod
     }
     *ref = image->image;
     return result_ok();
+}
+
+/* The image in the blob; 0 when it cannot be read and --lenient has the texture left out. */
+static result_t image_ref(document_t *document, uint32_t index, encoding_t encoding, blob_ref_t *ref)
+{
+    *ref = 0;
+    return report_excuse(document->builder->report, find_or_add(document, index, encoding, ref),
+                         "the texture is left out");
 }
 
 /* ---- samplers and transforms --------------------------------------------------------------------------- */
@@ -97,6 +104,16 @@ static result_t read_mapping(const item_t *info, blob_texture_t *out)
 
 /* ---- textures ------------------------------------------------------------------------------------------ */
 
+/* The image of a texture; that of EXT_texture_webp goes before the one for programs that do not read it. */
+static result_t source_of(const document_t *document, const item_t *texture, uint32_t *source)
+{
+    item_t webp;
+    size_t images = document_count(document, TOP_IMAGES);
+    TRY(item_extension(texture, "EXT_texture_webp", &webp));
+    TRY(item_index(texture, "source", images, source));
+    return item_index(&webp, "source", images, source);
+}
+
 result_t texture_value(document_t *document, const item_t *owner, const char *key, encoding_t encoding,
                        channel_t channel, rgb_t factor, blob_value_t *value)
 {
@@ -108,14 +125,18 @@ result_t texture_value(document_t *document, const item_t *owner, const char *ke
     TRY(item_index(&info, "index", document_count(document, TOP_TEXTURES), &index));
     if (index == ITEM_NONE) return item_fail(&info, "names no texture");
     TRY(document_item(document, TOP_TEXTURES, index, &item));
-    TRY(item_index(&item, "source", document_count(document, TOP_IMAGES), &source));
+    TRY(source_of(document, &item, &source));
     if (source == ITEM_NONE)
-        return item_fail(&item, "has no image that can be read; export textures as PNG or JPEG");
+        return report_excuse(
+            item.report,
+            item_fail(&item, "has no image that can be read; export textures as PNG, JPEG or WebP"),
+            "the texture is left out");
     blob_texture_t texture = {.kind = TEXTURE_IMAGE, .channel = channel, .inputs = {blob_constant(1)}};
     texture.texture_from_world = xform_identity();
     TRY(read_mapping(&info, &texture));
     TRY(read_sampler(document, &item, &texture));
     TRY(image_ref(document, source, encoding, &texture.image));
+    if (texture.image == 0) return result_ok();
     value->texture = scene_add_texture(document->builder, &texture).texture;
     return result_ok();
 }

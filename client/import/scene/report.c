@@ -88,6 +88,16 @@ result_t report_refuse(report_t *report, position_t at, const char *format, ...)
     return result_ok();
 }
 
+result_t report_excuse(report_t *report, result_t failure, const char *substitute)
+{
+    if (failure.code != RESULT_INPUT || !substitute || !report->sink.lenient) return failure;
+    if (++report->warnings > REPORT_MAX_WARNINGS) return result_ok();
+    char message[LONGEST_MESSAGE];
+    snprintf(message, sizeof message, "%s; %s", failure.message, substitute);
+    say(report, message);
+    return result_ok();
+}
+
 void report_progress(const report_t *report, double fraction)
 {
     if (report->sink.progress) report->sink.progress(report->sink.context, fraction);

@@ -49,6 +49,11 @@ result_t error_at(position_t at, const char *format, ...) __attribute__((format(
 result_t report_refuse(report_t *report, position_t at, const char *format, ...)
     __attribute__((format(printf, 3, 4)));
 
+/* About a failure that has a substitute: itself, or, when it is RESULT_INPUT and the import is lenient,
+ * RESULT_OK and a warning of its message and of `substitute`, what is done instead. NULL: nothing can be
+ * done. */
+result_t report_excuse(report_t *report, result_t failure, const char *substitute);
+
 /* Tells how far the import is: see import_report_t. */
 void report_progress(const report_t *report, double fraction);
 

@@ -100,8 +100,10 @@ SEEDS_END_WELL(allow_list)
 SEEDS_END_WELL(blob)
 SEEDS_END_WELL(body)
 SEEDS_END_WELL(checkpoint)
+SEEDS_END_WELL(draco)
 SEEDS_END_WELL(gltf)
 SEEDS_END_WELL(http)
+SEEDS_END_WELL(meshopt)
 SEEDS_END_WELL(obj)
 SEEDS_END_WELL(payload)
 SEEDS_END_WELL(pbrt)
@@ -127,8 +129,10 @@ int main(void)
         cmocka_unit_test(seeds_of_blob_render_or_are_refused),
         cmocka_unit_test(seeds_of_body_end_well),
         cmocka_unit_test(seeds_of_checkpoint_end_well),
+        cmocka_unit_test(seeds_of_draco_end_well),
         cmocka_unit_test(seeds_of_gltf_end_well),
         cmocka_unit_test(seeds_of_http_end_well),
+        cmocka_unit_test(seeds_of_meshopt_end_well),
         cmocka_unit_test(seeds_of_obj_end_well),
         cmocka_unit_test(seeds_of_payload_end_well),
         cmocka_unit_test(seeds_of_pbrt_end_well),

@@ -597,14 +597,14 @@ static void files_that_are_wrong_are_refused(void **state)
         {"\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"indices\":0}]}],\"nodes\":[{"
          "\"mesh\":0}]",
          "must be unsigned integers"},
-        {"\"extensionsRequired\":[\"KHR_draco_mesh_compression\"]", "export without Draco"},
+        {"\"extensionsRequired\":[\"KHR_meshopt_compression\"]", "export with EXT_meshopt_compression"},
         {"\"scene\":0.5,\"scenes\":[{}]", "scene: must be a whole number"},
         {"\"nodes\":{}", "nodes: must be an array"},
         {"\"nodes\":[{}]", "no triangle"},
         {"\"cameras\":[{\"type\":\"perspective\"}]," LAMP MESH(
              POSITION) "\"mode\":4}]}],\"nodes\":[{\"mesh\":0,\"camera\":0}]",
          "needs perspective.yfov"},
-        {"\"asset\":{\"version\":\"1.0\"}", "is glTF 1.0"},
+        {"\"asset\":{\"version\":\"1.0\"}", "is not glTF 2.0 but 1.0"},
         {"\"buffers\":[{\"byteLength\":300,\"uri\":\"http://x/y\"}]," MESH(
              POSITION) "\"mode\":4}]}],\"nodes\":[{\"mesh\":0}]",
          "only data: and relative paths"},
