@@ -9,7 +9,7 @@
 
 typedef struct {
     const char *output; /* NULL: the default */
-    bool lenient, quiet;
+    bool lenient, strict, quiet;
 } values_t;
 
 static const option_t rows[] = {
@@ -17,6 +17,8 @@ static const option_t rows[] = {
            "the blob (default: the scene's name with .blob, in this folder)", .letter = 'o'),
     OPTION(values_t, lenient, "lenient", NULL,
            "take the nearest substitute for what a scene has and Lightmill has not, and warn"),
+    OPTION(values_t, strict, "strict", NULL,
+           "fail at slips in a scene that its own program forgives, instead of warning"),
     OPTION(values_t, quiet, "quiet", NULL, "say nothing but errors and warnings"),
 };
 static const option_group_t import_options = OPTION_GROUP(NULL, rows);
@@ -26,7 +28,8 @@ static result_t run(const call_t *call)
     const values_t *values = call->values;
     loaded_scene_t scene;
     if (values->output) TRY(output_writable(values->output));
-    TRY(scene_load(call->arguments[0], values->lenient, &scene));
+    scene_rules_t rules = {.lenient = values->lenient, .strict = values->strict};
+    TRY(scene_load(call->arguments[0], rules, &scene));
     char *path = values->output ? mem_strdup(values->output) : mem_printf("%s.blob", scene.name);
     result_t result = file_write_atomic(path, scene.blob.bytes, scene.blob.size);
     if (result.code == RESULT_OK && !values->quiet)

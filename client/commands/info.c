@@ -411,7 +411,7 @@ static void print_scene_json(const scene_blob_t *blob)
 static result_t info_scene(const char *path, const values_t *values)
 {
     loaded_scene_t scene;
-    TRY(scene_load(path, false, &scene));
+    TRY(scene_load(path, (scene_rules_t){0}, &scene));
     if (values->hash)
         print_hash("", &scene.blob.hash, "\n");
     else if (values->json)

@@ -195,7 +195,8 @@ static result_t run(const call_t *call)
     display_t *display = NULL;
     log_init("lightmill", values->farm.verbose ? LOG_DEBUG : values->quiet ? LOG_ERROR : LOG_WARNING);
     loaded_scene_t scene;
-    TRY(scene_load(call->arguments[0], values->overrides.lenient, &scene));
+    scene_rules_t rules = {.lenient = values->overrides.lenient, .strict = values->overrides.strict};
+    TRY(scene_load(call->arguments[0], rules, &scene));
     output_name(&values->output, scene.name, values->strategies);
     result_t result = check(values);
     if (result.code == RESULT_OK) result = display_open(values->viewer, &display);

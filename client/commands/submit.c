@@ -105,7 +105,8 @@ static result_t run(const call_t *call)
     TRY(check(values));
     log_init("lightmill", values->quiet ? LOG_ERROR : LOG_WARNING);
     loaded_scene_t scene;
-    TRY(scene_load(call->arguments[0], values->overrides.lenient, &scene));
+    scene_rules_t rules = {.lenient = values->overrides.lenient, .strict = values->overrides.strict};
+    TRY(scene_load(call->arguments[0], rules, &scene));
     output_name(&values->output, scene.name, values->strategies);
     remote_t *remote = NULL;
     result_t result = values->wait ? output_check(&values->output) : result_ok();

@@ -10,9 +10,14 @@ typedef struct {
     char *name; /* owned; what to call the job and the image: "cornell" */
 } loaded_scene_t;
 
-/* Loads a scene file (.pbrt, .gltf, .glb, .obj), a directory that holds a scene.pbrt, or a scene blob. Warnings go
- * to the log. `lenient`: see import_report_t. */
-result_t scene_load(const char *path, bool lenient, loaded_scene_t *scene);
+/* How severe an import is; see import_report_t. Zeros are the default. */
+typedef struct {
+    bool lenient, strict;
+} scene_rules_t;
+
+/* Loads a scene file (.pbrt, .gltf, .glb, .obj), a directory that holds a scene.pbrt, or a scene blob.
+ * Warnings go to the log. */
+result_t scene_load(const char *path, scene_rules_t rules, loaded_scene_t *scene);
 /* Harmless on a zeroed scene. */
 void scene_free(loaded_scene_t *scene);
 

@@ -127,5 +127,7 @@ static const option_t rows[] = {
         "groups"),
     OPTION(overrides_t, lenient, "lenient", NULL,
            "take the nearest substitute for what a scene has and Lightmill has not, and warn"),
+    OPTION(overrides_t, strict, "strict", NULL,
+           "fail at slips in a scene that its own program forgives, instead of warning"),
 };
 const option_group_t settings_options = OPTION_GROUP("How to render (default: as the scene says)", rows);

@@ -194,11 +194,12 @@ result_t pbrt_area_light(pbrt_t *p, position_t at)
 {
     size_t index;
     TRY(PBRT_READ_KIND(p, TARGET_LIGHT, area_lights, "the light's type", "area light", at, &index));
+    p->now.emits = index != LEFT_OUT;
+    if (index == LEFT_OUT) return result_ok();
     p->now.light = (area_light_t){.mean = 1, .at = at};
     TRY(area_lights[index].make(p, p->params, at, &p->now.light));
     if (!v_is_finite(p->now.light.light.radiance.factor))
         return error_at(at, "this light's radiance is not finite");
-    p->now.emits = true;
     return pbrt_finish_params(p, "AreaLightSource", p->arguments[0]);
 }
 
@@ -388,6 +389,7 @@ result_t pbrt_light(pbrt_t *p, position_t at)
 {
     size_t index;
     TRY(PBRT_READ_KIND(p, TARGET_LIGHT, lights, "the light's type", "light", at, &index));
+    if (index == LEFT_OUT) return result_ok();
     TRY(lights[index].make(p, p->params, at));
     return pbrt_finish_params(p, "LightSource", p->arguments[0]);
 }

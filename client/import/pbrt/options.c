@@ -8,16 +8,63 @@
 #include "client/import/pbrt/state/colour_spaces.h"
 
 #include <ctype.h>
+#include <stdlib.h>
 #include <string.h>
 
-/* Notes where an option stands; a second one is an error, since pbrt would drop the first in silence. */
-static result_t once(position_t *first, position_t at, const char *directive)
+/* ---- what is stored until WorldBegin ------------------------------------------------------------------- */
+
+/* Reads the type and the parameters. As in pbrt the last of each kind counts, and what was wrong with the
+ * others does not. */
+static result_t keep(pbrt_t *p, setting_kind_t kind, const char *directive, const char *what, position_t at)
 {
-    if (first->line)
-        return error_at(at, "a second %s; the first is in line %u of %s", directive, first->line,
-                        first->path);
-    *first = at;
+    setting_t *setting = &p->settings[kind];
+    TRY(pbrt_read_string(p, 0, what));
+    TRY(pbrt_read_params(p));
+    if (setting->type)
+        TRY(report_tolerate(p->report, at, "a second %s; the first, in line %u of %s, is dropped, as by pbrt",
+                            directive, setting->at.line, setting->at.path));
+    free(setting->type);
+    params_destroy(&setting->params);
+    *setting = (setting_t){mem_strdup(p->arguments[0]), p->params, at};
+    p->params = params_new();
     return result_ok();
+}
+
+/* The first entry of a table that the scene's dialect has. */
+static const char *first_type(const pbrt_t *p, const void *table, size_t count, size_t size)
+{
+    const dialect_entry_t *entry = table;
+    for (size_t i = 0; i < count && !(entry->dialects & p->dialect.dialect); ++i)
+        entry = (const dialect_entry_t *)((const char *)table + i * size);
+    return entry->name;
+}
+
+/* The entry of the recalled type in a table; of an unknown one a lenient import takes `nearest`. */
+static result_t find_type(pbrt_t *p, const void *table, size_t count, size_t size, const char *kind,
+                          const char *nearest, position_t at, size_t *index)
+{
+    const char *type = p->arguments[0];
+    if (entry_knows(table, count, size, type))
+        return entry_find(table, count, size, kind, type, &p->dialect, at, index);
+    TRY(report_refuse(p->report, at, "unknown %s \"%.40s\"; the nearest is \"%s\"", kind, type, nearest));
+    return entry_find(table, count, size, kind, nearest, &p->dialect, at, index);
+}
+#define FIND_TYPE(p, table, kind, nearest, at, index)                                                        \
+    find_type(p, table, ARRAY_LENGTH(table), sizeof *(table), kind, nearest, at, index)
+
+/* Puts a stored setting where its directive had it: in the state's arguments and parameters. False when there
+ * is none. */
+static bool recall(pbrt_t *p, setting_kind_t kind)
+{
+    setting_t *setting = &p->settings[kind];
+    if (!setting->type) return false;
+    free(p->arguments[0]);
+    params_destroy(&p->params);
+    p->arguments[0] = setting->type;
+    p->params = setting->params;
+    setting->type = NULL;
+    setting->params = NULL;
+    return true;
 }
 
 /* ---- camera -------------------------------------------------------------------------------------------- */
@@ -150,12 +197,13 @@ static const option_entry_t cameras[] = {
     {{"realistic", DIALECT_BOTH}, make_realistic},
 };
 
-/* Reads the type and the parameters of an option and lets the table's function make it. */
+/* Lets the table's function make the option that has been recalled. */
 static result_t make_option(pbrt_t *p, const option_entry_t *table, size_t count, const char *directive,
                             const char *kind, position_t at)
 {
     size_t index;
-    TRY(pbrt_read_kind(p, TARGET_NONE, table, count, sizeof *table, "a type", kind, at, &index));
+    const char *nearest = first_type(p, table, count, sizeof *table);
+    TRY(find_type(p, table, count, sizeof *table, kind, nearest, at, &index));
     TRY(table[index].make(p, p->params));
     return pbrt_finish_params(p, directive, p->arguments[0]);
 }
@@ -163,10 +211,16 @@ static result_t make_option(pbrt_t *p, const option_entry_t *table, size_t count
 /* A scale of the camera's space scales what is in it, as in pbrt. */
 result_t pbrt_camera(pbrt_t *p, position_t at)
 {
-    TRY(once(&p->camera_at, at, "Camera"));
+    TRY(keep(p, SETTING_CAMERA, "Camera", "a type", at));
     if (!affine_invert(&p->now.ctm, &p->camera[0]) || !affine_invert(&p->now.ctm_end, &p->camera[1]))
         return error_at(at, "the current transform is singular or not finite");
     pbrt_name_coordinates(p, "camera", &p->camera[0], &p->camera[1]);
+    return result_ok();
+}
+
+static result_t make_camera(pbrt_t *p, position_t at)
+{
+    p->camera_at = at;
     return make_option(p, cameras, ARRAY_LENGTH(cameras), "Camera", "camera", at);
 }
 
@@ -342,7 +396,12 @@ static const option_entry_t films[] = {
 
 result_t pbrt_film(pbrt_t *p, position_t at)
 {
-    TRY(once(&p->film_at, at, "Film"));
+    return keep(p, SETTING_FILM, "Film", "a type", at);
+}
+
+static result_t make_film(pbrt_t *p, position_t at)
+{
+    p->film_at = at;
     return make_option(p, films, ARRAY_LENGTH(films), "Film", "film", at);
 }
 
@@ -393,9 +452,13 @@ static result_t read_samples(pbrt_t *p, params_t *params, const char *type, int 
 
 result_t pbrt_sampler(pbrt_t *p, position_t at)
 {
+    return keep(p, SETTING_SAMPLER, "Sampler", "the sampler's type", at);
+}
+
+static result_t make_sampler(pbrt_t *p, position_t at)
+{
     size_t index;
-    TRY(once(&p->sampler_at, at, "Sampler"));
-    TRY(PBRT_READ_KIND(p, TARGET_NONE, samplers, "the sampler's type", "sampler", at, &index));
+    TRY(FIND_TYPE(p, samplers, "sampler", "sobol", at, &index));
     const sampler_entry_t *sampler = &samplers[index];
     p->scene.sampler = sampler->kind;
     if (!sampler->same)
@@ -499,9 +562,14 @@ static result_t read_regularize(pbrt_t *p)
 
 result_t pbrt_integrator(pbrt_t *p, position_t at)
 {
+    return keep(p, SETTING_INTEGRATOR, "Integrator", "the integrator's type", at);
+}
+
+static result_t make_integrator(pbrt_t *p, position_t at)
+{
     size_t index;
-    TRY(once(&p->integrator_at, at, "Integrator"));
-    TRY(PBRT_READ_KIND(p, TARGET_NONE, integrators, "the integrator's type", "integrator", at, &index));
+    p->integrator_at = at;
+    TRY(FIND_TYPE(p, integrators, "integrator", "path", at, &index));
     const integrator_entry_t *integrator = &integrators[index];
     if (!integrator->kind)
         TRY(report_refuse(p->report, at, "integrator \"%s\" is not supported; path is used",
@@ -563,9 +631,13 @@ static result_t read_filter(pbrt_t *p, const filter_entry_t *filter)
 
 result_t pbrt_pixel_filter(pbrt_t *p, position_t at)
 {
+    return keep(p, SETTING_FILTER, "PixelFilter", "a type", at);
+}
+
+static result_t make_filter(pbrt_t *p, position_t at)
+{
     size_t index;
-    TRY(once(&p->filter_at, at, "PixelFilter"));
-    TRY(PBRT_READ_KIND(p, TARGET_NONE, filters, "a type", "pixel filter", at, &index));
+    TRY(FIND_TYPE(p, filters, "pixel filter", "gaussian", at, &index));
     TRY(read_filter(p, &filters[index]));
     return pbrt_finish_params(p, "PixelFilter", p->arguments[0]);
 }
@@ -574,8 +646,11 @@ result_t pbrt_pixel_filter(pbrt_t *p, position_t at)
 
 result_t pbrt_accelerator(pbrt_t *p, position_t at)
 {
-    TRY(pbrt_read_string(p, 0, "the accelerator's type"));
-    TRY(pbrt_read_params(p));
+    return keep(p, SETTING_ACCELERATOR, "Accelerator", "the accelerator's type", at);
+}
+
+static result_t make_accelerator(pbrt_t *p, position_t at)
+{
     report_warning(p->report, at, "Accelerator is ignored: Embree builds its own");
     return result_ok();
 }
@@ -608,7 +683,7 @@ static result_t read_option(pbrt_t *p, position_t at)
 {
     token_t value;
     TRY(pbrt_read_string(p, 0, "the option's name"));
-    TRY(lexer_next(p->lexer, &value));
+    TRY(lexer_next(&p->lexer, &value));
     if (value.kind != TOKEN_WORD && value.kind != TOKEN_STRING)
         return error_at(value.at, "Option \"%.40s\" needs a value", p->arguments[0]);
     normalize_option(p->arguments[0]);
@@ -629,7 +704,7 @@ static result_t read_option(pbrt_t *p, position_t at)
 result_t pbrt_option(pbrt_t *p, position_t at)
 {
     token_t name;
-    TRY(lexer_peek(p->lexer, &name));
+    TRY(lexer_peek(&p->lexer, &name));
     if (!memchr(name.text, ' ', name.length)) return read_option(p, at);
     TRY(pbrt_read_params(p));
     TRY(params_apply(p->params, option_rules, ARRAY_LENGTH(option_rules), p->report));
@@ -669,8 +744,21 @@ static result_t place_camera(pbrt_t *p)
     return scene_place_camera(&p->scene, &open, &close, p->camera_at);
 }
 
+static result_t make_settings(pbrt_t *p)
+{
+    static result_t (*const makers[SETTING_COUNT])(pbrt_t * p, position_t at) = {
+        [SETTING_CAMERA] = make_camera,   [SETTING_FILM] = make_film,
+        [SETTING_SAMPLER] = make_sampler, [SETTING_INTEGRATOR] = make_integrator,
+        [SETTING_FILTER] = make_filter,   [SETTING_ACCELERATOR] = make_accelerator,
+    };
+    for (setting_kind_t kind = 0; kind < SETTING_COUNT; ++kind)
+        if (recall(p, kind)) TRY(makers[kind](p, p->settings[kind].at));
+    return result_ok();
+}
+
 result_t pbrt_options_finish(pbrt_t *p)
 {
+    TRY(make_settings(p));
     static const float automatic[4] = {0};
     blob_scene_t *scene = &p->scene;
     double film = (double)scene->width / scene->height, aspect = p->frame_aspect > 0 ? p->frame_aspect : film;

@@ -1,14 +1,12 @@
 /* pbrt: files, the table of directives, and the loop over them (see pbrt.h). */
 #include "client/import/pbrt/pbrt.h"
 
-#include <errno.h>
 #include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
 
-#include "client/import/files/gunzip.h"
+#include "client/import/pbrt/files.h"
 #include "client/import/pbrt/lights.h"
 #include "client/import/pbrt/materials/materials.h"
 #include "client/import/pbrt/materials/textures.h"
@@ -18,9 +16,7 @@
 #include "client/import/pbrt/state/colour_spaces.h"
 #include "client/import/pbrt/transforms.h"
 
-static const size_t largest_file = (size_t)1 << 34;
-
-static result_t parse_file(pbrt_t *p, const char *path, const char *label);
+static result_t parse(pbrt_t *p);
 
 /* ---- blocks and files ---------------------------------------------------------------------------------- */
 
@@ -77,28 +73,18 @@ static result_t attribute(pbrt_t *p, position_t at)
 static result_t include(pbrt_t *p, position_t at)
 {
     TRY(pbrt_read_string(p, 0, "the file's name"));
-    if (p->open_sources == MAX_INCLUDES)
-        return error_at(at, "files include one another deeper than %d", MAX_INCLUDES);
-    if (p->file_count == MAX_FILES) return error_at(at, "more than %d files are included", MAX_FILES - 1);
-    char *label = mem_strdup(p->arguments[0]), *path = pbrt_resolve(p, label);
-    struct stat included, open;
-    result_t result = result_ok();
-    if (stat(path, &included) != 0) result = error_at(at, "%s cannot be included: %s", path, strerror(errno));
-    for (int i = 0; result.code == RESULT_OK && i < p->open_sources; ++i)
-        if (stat(p->sources[i]->path, &open) == 0 && open.st_dev == included.st_dev &&
-            open.st_ino == included.st_ino)
-            result = error_at(at, "%s includes itself", path);
-    if (result.code == RESULT_OK) result = parse_file(p, path, label);
-    free(path);
-    free(label);
-    return result;
+    return pbrt_enter(p, p->arguments[0], false, at);
 }
 
 /* Import (v4): what the file sets ends with it. */
 static result_t import(pbrt_t *p, position_t at)
 {
+    TRY(pbrt_read_string(p, 0, "the file's name"));
     TRY(pbrt_push(p, SCOPE_IMPORT, at));
-    TRY(include(p, at));
+    int depth = p->open_sources;
+    TRY(pbrt_enter(p, p->arguments[0], true, at));
+    TRY(parse(p));
+    pbrt_leave_apart(p, depth);
     const scope_t *scope = &p->scopes[p->scope_count - 1];
     if (scope->kind != SCOPE_IMPORT) return error_at(scope->at, "the imported file leaves this block open");
     return pbrt_pop(p, SCOPE_IMPORT, "Import", at);
@@ -119,8 +105,12 @@ static result_t world_begin(pbrt_t *p, position_t at)
 static result_t world_end(pbrt_t *p, position_t at)
 {
     if (p->scope_count)
-        return error_at(at, "WorldEnd, but the block of line %" PRIu32 " is still open",
-                        p->scopes[p->scope_count - 1].at.line);
+        TRY(report_tolerate(p->report, at,
+                            "WorldEnd, but the block of line %" PRIu32 " is still open; it ends here, as by "
+                            "pbrt-v3",
+                            p->scopes[p->scope_count - 1].at.line));
+    p->scope_count = 0;
+    p->object = 0;
     p->phase = PHASE_DONE;
     return result_ok();
 }
@@ -131,10 +121,13 @@ static result_t object_begin(pbrt_t *p, position_t at)
 {
     uint32_t old;
     TRY(pbrt_read_string(p, 0, "the object's name"));
-    if (p->object) return error_at(at, "an object inside an object; close the first with ObjectEnd");
+    if (p->object)
+        TRY(pbrt_slip(p, at, "the first ends here",
+                      "an object inside an object; close the first with ObjectEnd"));
     if (names_find(&p->object_lines, p->arguments[0], &old))
-        return error_at(at, "the object \"%.60s\" has been defined before, in line %" PRIu32, p->arguments[0],
-                        old);
+        TRY(pbrt_slip(p, at, "it is replaced for what follows",
+                      "the object \"%.60s\" has been defined before, in line %" PRIu32, p->arguments[0],
+                      old));
     TRY(pbrt_push(p, SCOPE_OBJECT, at));
     p->object = scene_add_object(p->builder);
     names_add(&p->object_names, p->arguments[0], p->object);
@@ -144,9 +137,10 @@ static result_t object_begin(pbrt_t *p, position_t at)
 
 static result_t object_end(pbrt_t *p, position_t at)
 {
-    TRY(pbrt_pop(p, SCOPE_OBJECT, "ObjectEnd", at));
+    if (!p->object && p->scope_count > 0)
+        TRY(pbrt_slip(p, at, "it ends the innermost block", "ObjectEnd outside of an object"));
     p->object = 0;
-    return result_ok();
+    return pbrt_pop(p, SCOPE_OBJECT, "ObjectEnd", at);
 }
 
 static result_t object_instance(pbrt_t *p, position_t at)
@@ -155,9 +149,12 @@ static result_t object_instance(pbrt_t *p, position_t at)
     size_t shapes;
     affine_t open, close;
     TRY(pbrt_read_string(p, 0, "the object's name"));
-    if (p->object) return error_at(at, "an instance inside an object is not supported, as in pbrt");
+    if (p->object)
+        return pbrt_slip(p, at, "it is left out",
+                         "an instance inside an object is not supported, as in pbrt");
     if (!names_find(&p->object_names, p->arguments[0], &object))
-        return error_at(at, "no object \"%.60s\" has been defined before", p->arguments[0]);
+        return pbrt_slip(p, at, "it is left out", "no object \"%.60s\" has been defined before",
+                         p->arguments[0]);
     scene_shapes(p->builder, object, &shapes);
     if (shapes == 0) {
         report_warning(p->report, at, "the object \"%.60s\" is empty", p->arguments[0]);
@@ -184,7 +181,7 @@ static result_t medium_interface(pbrt_t *p, position_t at)
     token_t token;
     TRY(pbrt_read_string(p, 0, "the name of the medium inside"));
     bool empty = p->arguments[0][0] == '\0';
-    TRY(lexer_peek(p->lexer, &token));
+    TRY(lexer_peek(&p->lexer, &token));
     if (token.kind == TOKEN_STRING) {
         TRY(pbrt_read_string(p, 0, "the name of the medium outside"));
         empty = empty && p->arguments[0][0] == '\0';
@@ -251,12 +248,33 @@ static const directive_t directives[] = {
     {{"ObjectInstance", DIALECT_BOTH}, PHASE_WORLD, object_instance},
 };
 
-static result_t wrong_phase(const pbrt_t *p, const directive_t *directive, position_t at)
+static bool is_directive(const token_t *token)
+{
+    for (size_t i = 0; i < ARRAY_LENGTH(directives); ++i)
+        if (token_is(token, directives[i].entry.name)) return true;
+    return false;
+}
+
+/* Goes past all that follows a directive's name. */
+static result_t skip_arguments(pbrt_t *p)
+{
+    for (;;) {
+        token_t token;
+        TRY(lexer_peek(&p->lexer, &token));
+        if (token.kind == TOKEN_END || (token.kind == TOKEN_WORD && is_directive(&token))) return result_ok();
+        TRY(lexer_next(&p->lexer, &token));
+    }
+}
+
+static result_t wrong_phase(pbrt_t *p, const directive_t *directive, position_t at)
 {
     const char *name = directive->entry.name;
-    if (p->phase == PHASE_OPTIONS) return error_at(at, "%s must come after WorldBegin", name);
-    if (directive->run == world_begin) return error_at(at, "a second WorldBegin; a file holds one scene");
-    return error_at(at, "%s must come before WorldBegin", name);
+    if (directive->run == world_begin && p->phase == PHASE_WORLD)
+        TRY(pbrt_slip(p, at, "it is left out", "a second WorldBegin; a file holds one scene"));
+    else
+        TRY(pbrt_slip(p, at, "it is left out", "%s must come %s WorldBegin", name,
+                      p->phase == PHASE_OPTIONS ? "after" : "before"));
+    return skip_arguments(p);
 }
 
 static result_t run_directive(pbrt_t *p, const token_t *token)
@@ -301,6 +319,7 @@ static result_t apply_gain(pbrt_t *p, position_t at)
  * file. */
 static result_t finish(pbrt_t *p, position_t at)
 {
+    if (p->phase == PHASE_OPTIONS) TRY(pbrt_options_finish(p)); /* something else may be wrong first */
     if (p->phase == PHASE_OPTIONS)
         return error_at(at, "the file ends before WorldBegin; is it a whole scene?");
     if (p->scope_count) {
@@ -321,24 +340,14 @@ static result_t finish(pbrt_t *p, position_t at)
 
 /* ---- the loop ------------------------------------------------------------------------------------------ */
 
-/* Counts the bytes up to `cursor`, from `*counted` on; tells of them now and then. */
-static void count_bytes(pbrt_t *p, const char *cursor, const char **counted)
+/* Runs directives up to the end of the file that stands apart: the main one, or one that is imported. */
+static result_t parse(pbrt_t *p)
 {
-    enum { STEP = 1 << 16 };
-    p->bytes_done += (uint64_t)(cursor - *counted);
-    *counted = cursor;
-    if (p->bytes_done < p->bytes_told + STEP) return;
-    p->bytes_told = p->bytes_done;
-    report_progress(p->report, fmin((double)p->bytes_done / (double)p->builder->source_bytes, 1));
-}
-
-static result_t parse_source(pbrt_t *p)
-{
-    const char *counted = p->lexer->data;
     for (;;) {
-        count_bytes(p, p->lexer->cursor, &counted);
         token_t token;
-        TRY(lexer_next(p->lexer, &token));
+        TRY(lexer_next(&p->lexer, &token));
+        pbrt_drop_left_files(p);
+        pbrt_tell_progress(p);
         if (token.kind == TOKEN_END) return result_ok();
         if (p->phase == PHASE_DONE) {
             report_warning(p->report, token.at, "what follows WorldEnd is ignored");
@@ -348,41 +357,16 @@ static result_t parse_source(pbrt_t *p)
     }
 }
 
-static result_t open_source(pbrt_t *p, const char *path, const char *label, source_t **source, size_t *size)
+/* Reads the main file and all that it includes. */
+static result_t parse_scene(pbrt_t *p, const char *path, const char *label)
 {
-    uint8_t *data;
-    TRY(gunzip_read_file(path, largest_file, &data, size));
-    *source = mem_alloc(sizeof **source);
-    **source = (source_t){mem_strdup(path), mem_strdup(label), data};
-    p->files = grow(p->files, &p->file_capacity, p->file_count + 1, sizeof(source_t *));
-    p->files[p->file_count++] = *source;
-    return result_ok();
-}
-
-/* Reads one file: the main one or an included one. Positions keep pointing to its path until the end of the
- * import, its text is dropped when it has been read. */
-static result_t parse_file(pbrt_t *p, const char *path, const char *label)
-{
-    source_t *source, *outer_source = p->source;
-    lexer_t *outer_lexer = p->lexer;
-    size_t size;
-    TRY(open_source(p, path, label, &source, &size));
-    lexer_t lexer = lexer_begin(source->path, (const char *)source->data, size);
-    p->builder->source_bytes += size;
-    if (!outer_source) {
-        pbrt_set_defaults(p, dialect_detect(source->path, (const char *)source->data, size));
-        pbrt_default_material(p);
-    }
-    p->sources[p->open_sources++] = p->source = source;
-    p->lexer = &lexer;
-    result_t result = parse_source(p);
-    if (result.code == RESULT_OK && !outer_source) result = finish(p, lexer_position(&lexer));
-    p->lexer = outer_lexer;
-    p->source = outer_source;
-    --p->open_sources;
-    free(source->data);
-    source->data = NULL;
-    return result;
+    TRY(pbrt_open_main(p, path, label));
+    source_t *source = p->source;
+    pbrt_set_defaults(p, dialect_detect(source->path, (const char *)source->data, source->size));
+    if (p->dialect.dialect == DIALECT_V3) p->lexer.forgiving = p->report;
+    pbrt_default_material(p);
+    TRY(parse(p));
+    return finish(p, lexer_position(&p->lexer));
 }
 
 result_t pbrt_import(const char *path, scene_builder_t *builder)
@@ -391,7 +375,7 @@ result_t pbrt_import(const char *path, scene_builder_t *builder)
     pbrt_begin(p, builder);
     const char *slash = strrchr(path, '/');
     p->folder = slash ? mem_printf("%.*s", (int)(slash + 1 - path), path) : mem_strdup("");
-    result_t result = parse_file(p, path, slash ? slash + 1 : path);
+    result_t result = parse_scene(p, path, slash ? slash + 1 : path);
     pbrt_end(p);
     free(p);
     return result;

@@ -76,6 +76,14 @@ result_t error_at(position_t at, const char *format, ...)
     return result_fail(RESULT_INPUT, "%s", message);
 }
 
+/* An error, or a warning alone. */
+static result_t settle(report_t *report, bool is_error, const char *message)
+{
+    if (is_error) return result_fail(RESULT_INPUT, "%s", message);
+    if (++report->warnings <= REPORT_MAX_WARNINGS) say(report, message);
+    return result_ok();
+}
+
 result_t report_refuse(report_t *report, position_t at, const char *format, ...)
 {
     char message[LONGEST_MESSAGE];
@@ -83,9 +91,17 @@ result_t report_refuse(report_t *report, position_t at, const char *format, ...)
     va_start(arguments, format);
     format_message(message, at, format, arguments);
     va_end(arguments);
-    if (!report->sink.lenient) return result_fail(RESULT_INPUT, "%s", message);
-    if (++report->warnings <= REPORT_MAX_WARNINGS) say(report, message);
-    return result_ok();
+    return settle(report, !report->sink.lenient, message);
+}
+
+result_t report_tolerate(report_t *report, position_t at, const char *format, ...)
+{
+    char message[LONGEST_MESSAGE];
+    va_list arguments;
+    va_start(arguments, format);
+    format_message(message, at, format, arguments);
+    va_end(arguments);
+    return settle(report, report->sink.strict, message);
 }
 
 result_t report_excuse(report_t *report, result_t failure, const char *substitute)

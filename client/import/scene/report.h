@@ -16,6 +16,7 @@ typedef struct {
     void (*warn)(void *context, const char *message);
     void *context;
     bool lenient; /* what is not supported gets its nearest substitute and a warning instead of an error */
+    bool strict;  /* a slip that the scene's own program forgives is an error instead of a warning */
     void (*progress)(void *context, double fraction);
 } import_report_t;
 
@@ -53,6 +54,11 @@ result_t report_refuse(report_t *report, position_t at, const char *format, ...)
  * RESULT_OK and a warning of its message and of `substitute`, what is done instead. NULL: nothing can be
  * done. */
 result_t report_excuse(report_t *report, result_t failure, const char *substitute);
+
+/* About a slip in the file that the program which it was written for forgives: a warning, which says what
+ * that program does, and RESULT_OK; or, when the import is strict, an error like error_at. */
+result_t report_tolerate(report_t *report, position_t at, const char *format, ...)
+    __attribute__((format(printf, 3, 4)));
 
 /* Tells how far the import is: see import_report_t. */
 void report_progress(const report_t *report, double fraction);

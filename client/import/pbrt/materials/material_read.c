@@ -8,12 +8,8 @@ result_t material_read_index(pbrt_t *p, params_t *params, const char *name, floa
 {
     blob_value_t *eta = &record->values[VALUE_ETA];
     *eta = blob_constant(otherwise);
-    const params_t *owner;
-    const param_t *item = params_find(params, name, &owner);
-    if (item && item->type == PARAM_SPECTRUM)
-        TRY(pbrt_index(p, params, name, eta));
-    else
-        TRY(pbrt_float_value(p, params, name, eta));
+    TRY(pbrt_index(p, params, name, eta));
+    TRY(pbrt_float_value(p, params, name, eta)); /* goes before it, as in pbrt-v4 */
     if (eta->texture != 0 || eta->factor.x > 0) return result_ok();
     return error_at(params_where(params, name, at), "the index of refraction is %g, but must be positive",
                     (double)eta->factor.x);

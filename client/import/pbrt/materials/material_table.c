@@ -193,8 +193,16 @@ static const row_t rows[] = {
 };
 /* clang-format on */
 
-result_t material_find(const pbrt_t *p, const char *name, position_t at, size_t *entry)
+result_t material_find(pbrt_t *p, const char *name, position_t at, size_t *entry)
 {
+    bool v3 = p->dialect.dialect == DIALECT_V3;
+    if (!entry_knows(rows, ARRAY_LENGTH(rows), sizeof *rows, name)) {
+        const char *nearest = v3 ? "matte" : "diffuse";
+        TRY(v3 ? pbrt_slip(p, at, "that is \"matte\"", "unknown material \"%.40s\"", name)
+               : report_refuse(p->report, at, "unknown material \"%.40s\"; the nearest is \"%s\"", name,
+                               nearest));
+        name = nearest;
+    }
     return entry_find(rows, ARRAY_LENGTH(rows), sizeof *rows, "material", name, &p->dialect, at, entry);
 }
 

@@ -23,12 +23,13 @@ static result_t part_name(pbrt_t *p, params_t *params, position_t at, int part, 
     if (p->dialect.dialect == DIALECT_V3) {
         const char *parameter = part == 0 ? "namedmaterial2" : "namedmaterial1";
         TRY(params_string(params, parameter, name));
-        if (!*name) return error_at(at, "a mix needs \"string %s\"", parameter);
-        return result_ok();
+        if (*name) return result_ok();
+        *name = "";
+        return pbrt_slip(p, at, "that is \"matte\"", "a mix needs \"string %s\"", parameter);
     }
     const params_t *owner;
-    const param_t *item = params_find(params, "materials", &owner);
-    if (!item || item->type != PARAM_STRING || item->count != 2)
+    const param_t *item = params_find(params, "materials", PARAM_BIT(PARAM_STRING), &owner);
+    if (!item || item->count != 2)
         return error_at(params_where(params, "materials", at), "a mix needs two \"string materials\"");
     *name = params_text(owner, item, (size_t)part);
     return result_ok();
@@ -60,8 +61,11 @@ static result_t make_part(pbrt_t *p, params_t *params, const material_t *materia
     const char *name;
     uint32_t index = material->parts[i] - 1;
     TRY(part_name(p, params, material->at, i, &name));
-    if (material->parts[i] == 0 && !names_find(&p->material_names, name, &index))
-        return error_at(material->at, "no MakeNamedMaterial \"%.60s\" for this mix", name);
+    if (material->parts[i] == 0 && !names_find(&p->material_names, name, &index)) {
+        TRY(pbrt_slip(p, material->at, "that is \"matte\"", "no MakeNamedMaterial \"%.60s\" for this mix",
+                      name));
+        index = 0; /* the default */
+    }
     material_t *part = &p->materials[index];
     if (part->making) return error_at(material->at, "this mix contains itself");
     TRY(make_once(p, part));
@@ -146,7 +150,11 @@ result_t pbrt_make_named_material(pbrt_t *p, position_t at)
     TRY(pbrt_read_string(p, 0, "the material's name"));
     TRY(pbrt_read_params_for(p, TARGET_MATERIAL));
     TRY(params_string(p->params, "type", &type));
-    if (!type) return error_at(at, "MakeNamedMaterial needs a parameter \"string type\"");
+    if (!type) {
+        TRY(pbrt_slip(p, at, "that is an interface between media",
+                      "MakeNamedMaterial needs a parameter \"string type\""));
+        type = "";
+    }
     TRY(material_find(p, type, params_where(p->params, "type", at), &entry));
     if (names_find(&p->material_names, p->arguments[0], &old)) {
         if (!p->materials[old].params) {
@@ -170,7 +178,8 @@ result_t pbrt_named_material(pbrt_t *p, position_t at)
     TRY(pbrt_read_string(p, 0, "the material's name"));
     if (!names_find(&p->material_names, p->arguments[0], &index)) {
         if (p->dialect.dialect == DIALECT_V3)
-            return error_at(at, "no MakeNamedMaterial \"%.60s\" came before", p->arguments[0]);
+            return pbrt_slip(p, at, "the material stays what it was",
+                             "no MakeNamedMaterial \"%.60s\" came before", p->arguments[0]);
         index = store(p, 0, NULL, at, mem_strdup(p->arguments[0])); /* v4 lets it come later */
         names_add(&p->material_names, p->arguments[0], index);
     }

@@ -35,10 +35,12 @@ static result_t read_input(pbrt_t *p, params_t *params, const char *name, bool i
 
 /* ---- mappings ------------------------------------------------------------------------------------------ */
 
+/* Not finite where the transform cannot be inverted: scene_check_textures refuses it. */
 static affine_t from_world(const pbrt_t *p)
 {
     affine_t inverse;
-    return affine_invert(&p->now.ctm, &inverse) ? inverse : affine_identity();
+    (void)affine_invert(&p->now.ctm, &inverse);
+    return inverse;
 }
 
 static result_t map_uv(params_t *params, blob_texture_t *texture)
@@ -450,28 +452,37 @@ static const param_rule_t substitute_rules[] = {
 };
 
 /* A lenient import takes grey for what is not supported. */
-static result_t make_substitute(pbrt_t *p, position_t at, blob_value_t *value)
+static result_t make_substitute(pbrt_t *p, position_t at, bool known, blob_value_t *value)
 {
     *value = blob_constant(0.5f);
-    TRY(report_refuse(p->report, at, "texture \"%s\" is not supported; the nearest is a constant 0.5",
-                      p->arguments[2]));
+    TRY(report_refuse(p->report, at, "%stexture \"%.40s\"%s; the nearest is a constant 0.5",
+                      known ? "" : "unknown ", p->arguments[2], known ? " is not supported" : ""));
     return params_apply(p->params, substitute_rules, ARRAY_LENGTH(substitute_rules), p->report);
+}
+
+/* Makes a texture of a class that the scene's dialect has. */
+static result_t make_known(pbrt_t *p, position_t at, bool is_float, blob_value_t *value)
+{
+    size_t index;
+    TRY(entry_find(textures, ARRAY_LENGTH(textures), sizeof *textures, "texture", p->arguments[2],
+                   &p->dialect, at, &index));
+    return textures[index].read ? make_texture(p, &textures[index], at, is_float, value)
+                                : make_substitute(p, at, true, value);
 }
 
 result_t pbrt_texture(pbrt_t *p, position_t at)
 {
     blob_value_t value = blob_constant(1);
     bool is_float;
-    size_t index;
     TRY(pbrt_read_string(p, 0, "the texture's name"));
     TRY(pbrt_read_string(p, 1, "the type \"float\" or \"spectrum\""));
     TRY(pbrt_read_string(p, 2, "the texture's class"));
     TRY(pbrt_read_params_for(p, TARGET_TEXTURE));
     TRY(read_value_type(p, at, &is_float));
-    TRY(entry_find(textures, ARRAY_LENGTH(textures), sizeof *textures, "texture", p->arguments[2],
-                   &p->dialect, at, &index));
-    TRY(textures[index].read ? make_texture(p, &textures[index], at, is_float, &value)
-                             : make_substitute(p, at, &value));
+    bool known = entry_knows(textures, ARRAY_LENGTH(textures), sizeof *textures, p->arguments[2]);
+    if (!known && p->dialect.dialect == DIALECT_V3)
+        return pbrt_slip(p, at, "it is left out", "unknown texture \"%.40s\"", p->arguments[2]);
+    TRY(known ? make_known(p, at, is_float, &value) : make_substitute(p, at, false, &value));
     TRY(pbrt_finish_params(p, "Texture", p->arguments[2]));
     TRY(scene_check_textures(p->builder, at));
     store(p, is_float, value, at);

@@ -84,11 +84,8 @@ static result_t read_curve(pbrt_t *p, shape_work_t *work, curve_t *curve)
     TRY(params_float_in(params, "width1", 0, 1e18, &curve->widths[1]));
     TRY(params_int_in(params, "degree", 2, 3, &degree));
     curve->degree = degree;
-    if (params_has(params, "splitdepth")) { /* how pbrt goes about it; v3 takes a float as well */
-        const params_t *owner;
-        if (params_find(params, "splitdepth", &owner)->type != PARAM_FLOAT)
-            TRY(params_int_in(params, "splitdepth", INT32_MIN, INT32_MAX, &depth));
-    }
+    if (!params_find(params, "splitdepth", PARAM_BIT(PARAM_FLOAT), NULL))       /* v3 takes a float as well */
+        TRY(params_int_in(params, "splitdepth", INT32_MIN, INT32_MAX, &depth)); /* how pbrt goes about it */
     TRY(params_array(params, "P", PARAM_BIT(PARAM_POINT3), 3, &curve->points, &curve->point_count));
     curve->point_count /= 3;
     TRY(count_segments(work, curve));

@@ -161,8 +161,12 @@ result_t pbrt_shape(pbrt_t *p, position_t at)
     size_t index;
     affine_t open, close;
     TRY(PBRT_READ_KIND(p, TARGET_SHAPE, shapes, "the shape's type", "shape", at, &index));
+    if (index == LEFT_OUT) return result_ok();
     shape_work_t work = {.params = p->params, .at = at, .shape = {.geometry = BLOB_NONE}};
     bool moves = place(p, &work, &open, &close);
+    affine_t inverse;
+    if (!affine_invert(&open, &inverse) || !affine_invert(&close, &inverse))
+        return error_at(at, "the current transform is singular or not finite");
     TRY(shapes[index].make(p, &work));
     TRY(read_alpha(p, &shapes[index], &work));
     TRY(pbrt_shape_material(p, p->params,

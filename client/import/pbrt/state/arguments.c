@@ -8,7 +8,7 @@ result_t pbrt_read_string(pbrt_t *p, int slot, const char *what)
 {
     token_t token;
     char quote[TOKEN_QUOTE_SIZE];
-    TRY(lexer_next(p->lexer, &token));
+    TRY(lexer_next(&p->lexer, &token));
     if (token.kind != TOKEN_STRING)
         return error_at(token.at, "expected %s in quotes, found %s", what, token_quote(&token, quote));
     free(p->arguments[slot]);
@@ -20,17 +20,17 @@ result_t pbrt_read_numbers(pbrt_t *p, int count, double *numbers, const char *di
 {
     token_t token;
     char quote[TOKEN_QUOTE_SIZE];
-    TRY(lexer_peek(p->lexer, &token));
+    TRY(lexer_peek(&p->lexer, &token));
     bool bracket = token.kind == TOKEN_OPEN;
-    if (bracket) TRY(lexer_next(p->lexer, &token));
+    if (bracket) TRY(lexer_next(&p->lexer, &token));
     for (int i = 0; i < count; ++i) {
-        if (lexer_number(p->lexer, &numbers[i])) continue;
-        TRY(lexer_next(p->lexer, &token));
+        if (lexer_number(&p->lexer, &numbers[i])) continue;
+        TRY(lexer_next(&p->lexer, &token));
         return error_at(token.at, "%s takes %d numbers: expected number %d, found %s", directive, count,
                         i + 1, token_quote(&token, quote));
     }
     if (!bracket) return result_ok();
-    TRY(lexer_next(p->lexer, &token));
+    TRY(lexer_next(&p->lexer, &token));
     if (token.kind != TOKEN_CLOSE)
         return error_at(token.at, "%s in line %u takes %d numbers: expected ']', found %s", directive,
                         at.line, count, token_quote(&token, quote));
@@ -40,7 +40,7 @@ result_t pbrt_read_numbers(pbrt_t *p, int count, double *numbers, const char *di
 result_t pbrt_read_params(pbrt_t *p)
 {
     params_clear(p->params);
-    return params_parse(p->params, p->lexer);
+    return params_parse(p->params, &p->lexer, p->dialect.dialect, p->report);
 }
 
 result_t pbrt_read_params_for(pbrt_t *p, target_t target)
@@ -55,6 +55,12 @@ result_t pbrt_read_kind(pbrt_t *p, target_t target, const void *table, size_t co
 {
     TRY(pbrt_read_string(p, 0, what));
     TRY(pbrt_read_params_for(p, target));
+    *index = LEFT_OUT;
+    if (!entry_knows(table, count, size, p->arguments[0]))
+        return p->dialect.dialect == DIALECT_V3
+                   ? pbrt_slip(p, at, "it is left out", "unknown %s \"%.40s\"", kind, p->arguments[0])
+                   : report_refuse(p->report, at, "unknown %s \"%.40s\"; it is left out", kind,
+                                   p->arguments[0]);
     return entry_find(table, count, size, kind, p->arguments[0], &p->dialect, at, index);
 }
 

@@ -16,8 +16,10 @@ result_t pbrt_read_numbers(pbrt_t *p, int count, double *numbers, const char *di
 result_t pbrt_read_params(pbrt_t *p);
 /* The same with the defaults of an Attribute directive behind them. */
 result_t pbrt_read_params_for(pbrt_t *p, target_t target);
+enum { LEFT_OUT = 1 << 30 };
 /* Reads a type and its parameters, with the defaults of `target`: *index is its entry in a table as
- * entry_find takes it. `what` completes "expected ..." and `kind` "unknown ...". */
+ * entry_find takes it, or LEFT_OUT of an unknown type that pbrt-v3 or a lenient import leaves out. `what`
+ * completes "expected ..." and `kind` "unknown ...". */
 result_t pbrt_read_kind(pbrt_t *p, target_t target, const void *table, size_t count, size_t size,
                         const char *what, const char *kind, position_t at, size_t *index);
 #define PBRT_READ_KIND(p, target, table, what, kind, at, index)                                              \

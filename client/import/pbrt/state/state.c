@@ -2,6 +2,8 @@
 #include "client/import/pbrt/state/state.h"
 
 #include <inttypes.h>
+#include <stdarg.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
@@ -33,6 +35,10 @@ static void free_lists(pbrt_t *p)
     }
     for (size_t i = 0; i < p->kept_count; ++i) params_destroy(&p->kept[i]);
     for (int i = 0; i < ARGUMENTS; ++i) free(p->arguments[i]);
+    for (int i = 0; i < SETTING_COUNT; ++i) {
+        free(p->settings[i].type);
+        params_destroy(&p->settings[i].params);
+    }
 }
 
 void pbrt_end(pbrt_t *p)
@@ -45,6 +51,7 @@ void pbrt_end(pbrt_t *p)
     names_free(&p->object_names);
     names_free(&p->object_lines);
     free(p->files);
+    free(p->seen);
     free(p->folder);
     free(p->kept);
     free(p->scopes);
@@ -68,6 +75,19 @@ void pbrt_set_defaults(pbrt_t *p, dialect_choice_t dialect)
     p->crop[1] = p->crop[3] = INT32_MAX;
 }
 
+/* ---- slips --------------------------------------------------------------------------------------------- */
+
+result_t pbrt_slip(pbrt_t *p, position_t at, const char *does, const char *format, ...)
+{
+    char what[500];
+    va_list arguments;
+    va_start(arguments, format);
+    vsnprintf(what, sizeof what, format, arguments);
+    va_end(arguments);
+    if (p->dialect.dialect != DIALECT_V3) return error_at(at, "%s", what);
+    return report_tolerate(p->report, at, "%s; %s, as by pbrt-v3", what, does);
+}
+
 /* ---- scopes -------------------------------------------------------------------------------------------- */
 
 result_t pbrt_push(pbrt_t *p, scope_kind_t kind, position_t at)
@@ -83,26 +103,73 @@ result_t pbrt_push(pbrt_t *p, scope_kind_t kind, position_t at)
     return result_ok();
 }
 
-result_t pbrt_pop(pbrt_t *p, scope_kind_t kind, const char *directive, position_t at)
+static const char *const begins[] = {"AttributeBegin", "TransformBegin", "ObjectBegin", "Import"};
+
+static void restore_transform(pbrt_t *p, const scope_t *scope)
 {
-    static const char *const begins[] = {"AttributeBegin", "TransformBegin", "ObjectBegin", "Import"};
-    if (p->scope_count == 0) return error_at(at, "%s without %s", directive, begins[kind]);
+    p->now.ctm = scope->saved.ctm;
+    p->now.ctm_end = scope->saved.ctm_end;
+    p->now.active = scope->saved.active;
+}
+
+/* All of the state, and in v3 the names. */
+static void restore(pbrt_t *p, const scope_t *scope)
+{
+    p->now = scope->saved;
+    if (p->dialect.dialect != DIALECT_V3) return;
+    for (int i = 0; i < 2; ++i) names_cut(&p->texture_names[i], scope->textures[i]);
+    names_cut(&p->material_names, scope->materials);
+}
+
+/* pbrt-v3 has a stack of transforms, and one of the other state that AttributeBegin and ObjectBegin alone add
+ * to. An End takes the top of either, whatever Begin is there. */
+static void pop_two_stacks(pbrt_t *p, size_t other)
+{
+    size_t top = p->scope_count - 1;
+    restore(p, &p->scopes[other]);
+    restore_transform(p, &p->scopes[top]);
+    p->scopes[other].kind = SCOPE_TRANSFORM; /* whose transform is still on its stack */
+    --p->scope_count;
+}
+
+/* An End without a Begin, which is left out. */
+static result_t pop_nothing(pbrt_t *p, scope_kind_t kind, const char *directive, position_t at)
+{
+    if (p->dialect.dialect == DIALECT_V4 && kind != SCOPE_ATTRIBUTE)
+        return error_at(at, "%s without %s", directive, begins[kind]);
+    return report_tolerate(p->report, at, "%s without %s; it is left out, as by pbrt", directive,
+                           begins[kind]);
+}
+
+/* An End whose Begin is not the innermost one: whatever pbrt does about it. */
+static result_t pop_another(pbrt_t *p, scope_kind_t kind, const char *directive, position_t at)
+{
+    size_t other = p->scope_count;
+    while (other > 0 && p->scopes[other - 1].kind == SCOPE_TRANSFORM) --other;
+    bool v3 = p->dialect.dialect == DIALECT_V3;
+    if (p->scope_count == 0 || (v3 && kind != SCOPE_TRANSFORM && other == 0))
+        return pop_nothing(p, kind, directive, at);
     const scope_t *scope = &p->scopes[p->scope_count - 1];
-    if (scope->kind != kind)
+    if (!v3 || kind == SCOPE_TRANSFORM)
         return error_at(at, "%s, but the innermost open block is the %s of line %" PRIu32, directive,
                         begins[scope->kind], scope->at.line);
-    --p->scope_count;
-    if (kind == SCOPE_TRANSFORM) {
-        p->now.ctm = scope->saved.ctm;
-        p->now.ctm_end = scope->saved.ctm_end;
-        p->now.active = scope->saved.active;
-        return result_ok();
-    }
-    p->now = scope->saved;
-    if (p->dialect.dialect == DIALECT_V3) {
-        for (int i = 0; i < 2; ++i) names_cut(&p->texture_names[i], scope->textures[i]);
-        names_cut(&p->material_names, scope->materials);
-    }
+    TRY(report_tolerate(p->report, at,
+                        "%s, but the innermost open block is the %s of line %" PRIu32
+                        "; it is closed, as by pbrt-v3",
+                        directive, begins[scope->kind], scope->at.line));
+    pop_two_stacks(p, other - 1);
+    return result_ok();
+}
+
+result_t pbrt_pop(pbrt_t *p, scope_kind_t kind, const char *directive, position_t at)
+{
+    if (p->scope_count == 0 || p->scopes[p->scope_count - 1].kind != kind)
+        return pop_another(p, kind, directive, at);
+    const scope_t *scope = &p->scopes[--p->scope_count];
+    if (kind == SCOPE_TRANSFORM)
+        restore_transform(p, scope);
+    else
+        restore(p, scope);
     return result_ok();
 }
 

@@ -11,7 +11,7 @@
 #include "client/import/pbrt/syntax/params.h"
 #include "client/import/scene/scene_images.h"
 
-enum { MAX_SCOPES = 1000, MAX_INCLUDES = 32, MAX_FILES = 1 << 16, ARGUMENTS = 3 };
+enum { MAX_SCOPES = 1000, MAX_INCLUDES = 32, ARGUMENTS = 3 };
 
 /* The directives that `Attribute` (v4) sets default parameters for. */
 typedef enum {
@@ -79,7 +79,27 @@ typedef struct {
     char *path;  /* as opened, for messages */
     char *label; /* as the scene calls it, for names in the blob, which must not depend on the machine */
     uint8_t *data;
+    size_t size;
+    lexer_t outer; /* where to go on in the file that includes this one; see lexer_t */
 } source_t;
+
+/* What stands before WorldBegin. A directive only stores it: pbrt makes the last of each kind, at WorldBegin.
+ * Owned: type, params. */
+typedef enum {
+    SETTING_CAMERA,
+    SETTING_FILM,
+    SETTING_SAMPLER,
+    SETTING_INTEGRATOR,
+    SETTING_FILTER,
+    SETTING_ACCELERATOR,
+    SETTING_COUNT
+} setting_kind_t;
+
+typedef struct {
+    char *type; /* NULL: not there */
+    params_t *params;
+    position_t at;
+} setting_t;
 
 typedef enum { PHASE_OPTIONS = 1, PHASE_WORLD = 2, PHASE_DONE = 4 } phase_t;
 
@@ -89,13 +109,16 @@ typedef struct pbrt {
     dialect_choice_t dialect;
     phase_t phase;
 
-    lexer_t *lexer; /* of the file that is being read */
-    source_t *source;
-    source_t *sources[MAX_INCLUDES]; /* of the files that are open, outermost first */
+    lexer_t lexer;                   /* of the file that is being read */
+    source_t *source;                /* the innermost of: */
+    source_t *sources[MAX_INCLUDES]; /* the files that are open, outermost first */
     int open_sources;
     source_t **files; /* all of them; positions point to their paths */
     size_t file_count, file_capacity;
-    char *folder; /* of the main file, with a '/' at its end, or empty */
+    uint64_t *seen; /* a hash table of the files that have been opened: see files.c */
+    size_t seen_count, seen_capacity;
+    uint64_t seen_bytes; /* of all different files */
+    char *folder;        /* of the main file, with a '/' at its end, or empty */
 
     char *arguments[ARGUMENTS]; /* the strings of the current directive */
     params_t *params;           /* and its parameters */
@@ -129,7 +152,8 @@ typedef struct pbrt {
     double gain;                     /* of the film, on all light */
     rgb_t balance;                   /* the same by channel: v4's whitebalance */
     uint64_t bytes_done, bytes_told; /* of the files, for progress */
-    position_t film_at, camera_at, sampler_at, integrator_at, filter_at; /* line 0: not there yet */
+    setting_t settings[SETTING_COUNT];
+    position_t film_at, camera_at, integrator_at; /* once made; line 0: not there */
 } pbrt_t;
 
 void pbrt_begin(pbrt_t *p, scene_builder_t *builder);
@@ -139,9 +163,15 @@ void pbrt_end(pbrt_t *p);
 /* Sets what a scene of the dialect has when it says nothing. */
 void pbrt_set_defaults(pbrt_t *p, dialect_choice_t dialect);
 
+/* About a slip that pbrt-v3 goes on after and that ends pbrt-v4: tolerated in v3, an error in v4. `does` says
+ * what pbrt-v3 does about it. */
+result_t pbrt_slip(pbrt_t *p, position_t at, const char *does, const char *format, ...)
+    __attribute__((format(printf, 4, 5)));
+
 /* Saves the graphics state. Fails beyond MAX_SCOPES. */
 result_t pbrt_push(pbrt_t *p, scope_kind_t kind, position_t at);
-/* Restores it; fails when the innermost scope is of another kind. `directive` is the End directive's name. */
+/* Restores it; fails when the innermost scope is of another kind, unless pbrt goes on. `directive` is the End
+ * directive's name. */
 result_t pbrt_pop(pbrt_t *p, scope_kind_t kind, const char *directive, position_t at);
 
 /* Gives a transform a name for CoordSysTransform. */

@@ -8,8 +8,8 @@
 
 /* ---- textures ------------------------------------------------------------------------------------------ */
 
-/* What a parameter of type texture names. */
-static result_t texture_value(const pbrt_t *p, const params_t *owner, const param_t *item, const char *name,
+/* What a parameter of type texture names; *value stays when there is no such texture. */
+static result_t texture_value(pbrt_t *p, const params_t *owner, const param_t *item, const char *name,
                               bool is_float, blob_value_t *value)
 {
     uint32_t index;
@@ -19,8 +19,9 @@ static result_t texture_value(const pbrt_t *p, const params_t *owner, const para
     /* pbrt-v3 makes a material at its directive, v4 at the end of the scene. */
     bool own = p->dialect.dialect == DIALECT_V3 && p->in_the_making && owner == p->in_the_making->params;
     if (!names_find_before(names, own ? p->in_the_making->textures[is_float] : names->count, texture, &index))
-        return error_at(item->at, "no %s Texture \"%.60s\" has been defined before",
-                        is_float ? "float" : "spectrum", texture);
+        return pbrt_slip(p, item->at, "the parameter has its default",
+                         "no %s Texture \"%.60s\" has been defined before", is_float ? "float" : "spectrum",
+                         texture);
     *value = p->textures[index].value;
     return result_ok();
 }
@@ -32,7 +33,8 @@ static const double largest = 1e30;
 result_t pbrt_signed_value(pbrt_t *p, params_t *params, const char *name, blob_value_t *value)
 {
     const params_t *owner;
-    const param_t *item = params_find(params, name, &owner);
+    const param_t *item =
+        params_find(params, name, PARAM_BIT(PARAM_FLOAT) | PARAM_BIT(PARAM_TEXTURE), &owner);
     if (!item) return result_ok();
     if (item->type == PARAM_TEXTURE) return texture_value(p, owner, item, name, true, value);
     double number = 0;
@@ -134,7 +136,7 @@ static result_t rgb_value(const pbrt_t *p, const params_t *owner, const param_t 
 static result_t read_colour(pbrt_t *p, const params_t *owner, const param_t *item, const char *name,
                             colour_use_t use, blob_value_t *value)
 {
-    *value = blob_constant(0);
+    if (item->type != PARAM_TEXTURE) *value = blob_constant(0);
     switch (item->type) {
     case PARAM_RGB:
     case PARAM_XYZ:
@@ -169,7 +171,7 @@ result_t pbrt_colour_value(pbrt_t *p, params_t *params, const char *name, colour
                            blob_value_t *value)
 {
     const params_t *owner;
-    const param_t *item = params_find(params, name, &owner);
+    const param_t *item = params_find(params, name, PARAM_COLOURS | PARAM_BIT(PARAM_TEXTURE), &owner);
     if (!item) return result_ok();
     TRY(read_colour(p, owner, item, name, use, value));
     return value->texture ? result_ok() : check_constant(p, name, item->at, use, &value->factor);
@@ -186,11 +188,29 @@ result_t pbrt_colour(pbrt_t *p, params_t *params, const char *name, colour_use_t
     return result_ok();
 }
 
+/* pbrt-v4 makes a spectrum of it; there is no dispersion here. */
+static result_t index_of_rgb(pbrt_t *p, const params_t *owner, const param_t *item, const char *name,
+                             blob_value_t *value)
+{
+    rgb_t rgb;
+    TRY(rgb_value(p, owner, item, name, COLOUR_UNBOUNDED, &rgb));
+    float luminance = rgb_luminance(rgb);
+    if (rgb.x != rgb.y || rgb.y != rgb.z)
+        report_warning(p->report, item->at,
+                       "parameter \"%s\": there is no dispersion, %g is used for all colours", name,
+                       (double)luminance);
+    *value = blob_constant(luminance);
+    return result_ok();
+}
+
 result_t pbrt_index(pbrt_t *p, params_t *params, const char *name, blob_value_t *value)
 {
     const params_t *owner;
-    const param_t *item = params_find(params, name, &owner);
+    unsigned types = PARAM_BIT(PARAM_SPECTRUM);
+    if (p->dialect.dialect == DIALECT_V4) types |= PARAM_BIT(PARAM_RGB);
+    const param_t *item = params_find(params, name, types, &owner);
     if (!item) return result_ok();
+    if (item->type == PARAM_RGB) return index_of_rgb(p, owner, item, name, value);
     spectrum_t spectrum;
     TRY(read_spectrum(p, owner, item, name, &spectrum));
     *value = blob_constant((float)spectrum_at(&spectrum, SPECTRUM_D_LINE));

@@ -23,8 +23,8 @@ result_t pbrt_colour_value(pbrt_t *p, params_t *params, const char *name, colour
 /* The same of what cannot vary: a texture is an error, unless it is constant. */
 result_t pbrt_colour(pbrt_t *p, params_t *params, const char *name, colour_use_t use, rgb_t *value);
 
-/* A dielectric's index of refraction from a parameter of type spectrum: its value at the d line, 587.56 nm.
- */
+/* A dielectric's index of refraction from a parameter of type spectrum, its value at the d line, 587.56 nm;
+ * or in v4 of type rgb, its luminance. */
 result_t pbrt_index(pbrt_t *p, params_t *params, const char *name, blob_value_t *value);
 
 /* The index of a metal that is known by name; black when it is not. */

@@ -136,6 +136,15 @@ static result_t wrong_dialect(const dialect_entry_t *entry, const char *kind, co
                     choice->evidence, choice->at.line);
 }
 
+bool entry_knows(const void *table, size_t count, size_t size, const char *name)
+{
+    for (size_t i = 0; i < count; ++i) {
+        const dialect_entry_t *entry = (const dialect_entry_t *)((const char *)table + i * size);
+        if (strcmp(entry->name, name) == 0) return true;
+    }
+    return false;
+}
+
 result_t entry_find(const void *table, size_t count, size_t size, const char *kind, const char *name,
                     const dialect_choice_t *choice, position_t at, size_t *index)
 {

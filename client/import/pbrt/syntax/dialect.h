@@ -34,6 +34,9 @@ typedef struct {
 /* Looks through the main file. Malformed input only ends the search; the parser will report it. */
 dialect_choice_t dialect_detect(const char *path, const char *data, size_t size);
 
+/* Whether a table has an entry called `name`, of either dialect. */
+bool entry_knows(const void *table, size_t count, size_t size, const char *name);
+
 /* The entry called `name` in a table of `count` records of `size` bytes that begin with a dialect_entry_t:
  * *index. Fails at `at` when the name is unknown or belongs to the other dialect; `kind` says what it was to
  * be ("material"). */

@@ -79,8 +79,19 @@ static result_t next_word(lexer_t *lexer, token_t *token)
     return result_ok();
 }
 
+/* Goes past blanks, and from the end of an inner file on in the outer one. */
+static void skip_to_token(lexer_t *lexer)
+{
+    skip_blanks(lexer);
+    while (lexer->cursor == lexer->end && lexer->outer) {
+        *lexer = *lexer->outer;
+        skip_blanks(lexer);
+    }
+}
+
 result_t lexer_next(lexer_t *lexer, token_t *token)
 {
+    skip_to_token(lexer);
     *token = (token_t){.kind = TOKEN_END, .text = "", .at = lexer_position(lexer)};
     if (lexer->cursor == lexer->end) return result_ok();
     switch (*lexer->cursor) {
@@ -103,11 +114,28 @@ result_t lexer_peek(lexer_t *lexer, token_t *token)
     return lexer_next(&ahead, token);
 }
 
+/* What stands behind a number without a blank between. */
+static result_t forgive(lexer_t *lexer, const char *stop)
+{
+    token_t token;
+    char quote[TOKEN_QUOTE_SIZE];
+    position_t at = lexer_position(lexer);
+    int length = (int)(stop - lexer->cursor < 40 ? stop - lexer->cursor : 40);
+    const char *text = lexer->cursor;
+    TRY(lexer_peek(lexer, &token));
+    return report_tolerate(lexer->forgiving, at, "%s is read as %.*s, as by pbrt-v3",
+                           token_quote(&token, quote), length, text);
+}
+
 bool lexer_number(lexer_t *lexer, double *value)
 {
-    skip_blanks(lexer);
+    skip_to_token(lexer);
     const char *stop = number_parse(lexer->cursor, lexer->end, value);
-    if (!stop || (stop < lexer->end && !is_delimiter(*stop))) return false;
+    if (!stop) return false;
+    if (stop < lexer->end && !is_delimiter(*stop)) {
+        if (!lexer->forgiving || forgive(lexer, stop).code != RESULT_OK) return false;
+        while (stop < lexer->end && !is_delimiter(*stop)) ++stop;
+    }
     lexer->cursor = stop;
     return true;
 }

@@ -20,23 +20,28 @@ typedef struct {
     position_t at;
 } token_t;
 
-typedef struct {
+typedef struct lexer {
     const char *path; /* kept by the caller */
     const char *data, *cursor, *end;
     const char *line_start;
     uint32_t line;
+    /* Where to go on at the end of the file, as pbrt does: even in the middle of a directive. NULL: the end
+     * is the end. Kept by the caller, who sees by `path` where the lexer is. */
+    const struct lexer *outer;
+    report_t *forgiving; /* takes "0," for the number 0, as pbrt-v3 does, and warns here; NULL: does not */
 } lexer_t;
 
 /* Reads tokens from `size` bytes, which the caller keeps. */
 lexer_t lexer_begin(const char *path, const char *data, size_t size);
 
-/* The next token; TOKEN_END for ever at the end. Fails on an unterminated string or a control character. */
+/* The next token; TOKEN_END for ever at the end of the outermost file. Fails on an unterminated string or a
+ * control character. */
 result_t lexer_next(lexer_t *lexer, token_t *token);
 /* The same, without going past it. */
 result_t lexer_peek(lexer_t *lexer, token_t *token);
 /* When the next token is a number, goes past it; otherwise stays and returns false. */
 bool lexer_number(lexer_t *lexer, double *value);
-/* The place of the next token. */
+/* The place of the next token of this file, or its end. */
 position_t lexer_position(lexer_t *lexer);
 
 bool token_is(const token_t *token, const char *word);

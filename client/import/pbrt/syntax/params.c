@@ -18,6 +18,7 @@ struct params {
     char *text;
     size_t text_size, text_capacity;
     params_t *fallback;
+    bool v3; /* read by the rules of pbrt-v3 */
 };
 
 /* The type names of both dialects: those that only one has mean nothing else in the other. */
@@ -80,11 +81,37 @@ static void add_string(params_t *params, size_t offset)
     params->strings[params->string_count++] = offset;
 }
 
-static param_t *find_own(const params_t *params, const char *name)
+static const unsigned any_type = ~0u;
+
+static bool is_called(const params_t *params, const param_t *item, const char *name)
 {
-    for (size_t i = 0; i < params->count; ++i)
-        if (strcmp(params->text + params->items[i].name, name) == 0) return &params->items[i];
-    return NULL;
+    return strcmp(params->text + item->name, name) == 0;
+}
+
+/* The last of that name and one of the types; in v3 a texture before all else. */
+static param_t *find_own(const params_t *params, const char *name, unsigned types)
+{
+    param_t *found = NULL;
+    for (size_t i = params->count; i-- > 0;) {
+        param_t *item = &params->items[i];
+        if (!(types & PARAM_BIT(item->type)) || !is_called(params, item, name)) continue;
+        if (!params->v3 || item->type == PARAM_TEXTURE) return item;
+        if (!found) found = item;
+    }
+    return found;
+}
+
+/* The types that are one to the list's dialect. */
+static unsigned types_like(const params_t *params, param_type_t type)
+{
+    return params->v3 && PARAM_COLOURS & PARAM_BIT(type) ? PARAM_COLOURS : PARAM_BIT(type);
+}
+
+static void drop(params_t *params, const param_t *item)
+{
+    size_t index = (size_t)(item - params->items);
+    memmove(&params->items[index], item + 1, (params->count - index - 1) * sizeof *item);
+    --params->count;
 }
 
 static void append(params_t *params, param_t item)
@@ -129,12 +156,22 @@ static result_t parse_declaration(params_t *params, const token_t *token, param_
     if (row == ARRAY_LENGTH(type_names))
         return error_at(token->at, "unknown parameter type %s", token_quote(&type_token, quote));
     char *copy = mem_printf("%.*s", (int)length, name);
-    bool twice = find_own(params, copy) != NULL;
     *item = (param_t){.type = type_names[row].type, .at = token->at, .name = add_text(params, copy)};
     free(copy);
-    if (twice)
-        return error_at(token->at, "parameter \"%s\" is given twice; remove one", params->text + item->name);
     return result_ok();
+}
+
+/* A second one of the same name and type replaces the first. */
+static result_t drop_former(params_t *params, const param_t *item, report_t *report)
+{
+    const char *name = params->text + item->name;
+    const param_t *former = find_own(params, name, types_like(params, item->type));
+    if (!former) return result_ok();
+    position_t at = former->at;
+    drop(params, former);
+    return report_tolerate(report, item->at,
+                           "parameter \"%s\" is given twice; as in pbrt, that of line %u is dropped", name,
+                           at.line);
 }
 
 static bool type_is_quoted(param_type_t type)
@@ -209,8 +246,9 @@ static result_t parse_values(params_t *params, lexer_t *lexer, param_t *item)
     }
 }
 
-result_t params_parse(params_t *params, lexer_t *lexer)
+result_t params_parse(params_t *params, lexer_t *lexer, dialect_t dialect, report_t *report)
 {
+    params->v3 = dialect == DIALECT_V3;
     for (;;) {
         token_t token;
         TRY(lexer_peek(lexer, &token));
@@ -218,6 +256,7 @@ result_t params_parse(params_t *params, lexer_t *lexer)
         TRY(lexer_next(lexer, &token));
         param_t item;
         TRY(parse_declaration(params, &token, &item));
+        TRY(drop_former(params, &item, report));
         size_t numbers = params->number_count, strings = params->string_count;
         TRY(parse_values(params, lexer, &item));
         item.quoted = item.quoted || type_is_quoted(item.type);
@@ -228,10 +267,10 @@ result_t params_parse(params_t *params, lexer_t *lexer)
 
 /* ---- looking them up ----------------------------------------------------------------------------------- */
 
-static param_t *find(const params_t *params, const char *name, const params_t **owner)
+static param_t *find(const params_t *params, const char *name, unsigned types, const params_t **owner)
 {
     for (const params_t *list = params; list; list = list->fallback) {
-        param_t *item = find_own(list, name);
+        param_t *item = find_own(list, name, types);
         if (!item) continue;
         if (owner) *owner = list;
         return item;
@@ -239,21 +278,26 @@ static param_t *find(const params_t *params, const char *name, const params_t **
     return NULL;
 }
 
-const param_t *params_find(params_t *params, const char *name, const params_t **owner)
+const param_t *params_find(params_t *params, const char *name, unsigned types, const params_t **owner)
 {
-    param_t *item = find(params, name, owner);
-    if (item) item->used = true;
-    return item;
+    param_t *item = find(params, name, types, owner);
+    if (item) {
+        item->used = true;
+        return item;
+    }
+    item = find(params, name, any_type, NULL);
+    if (item) item->wanted |= types;
+    return NULL;
 }
 
 bool params_has(const params_t *params, const char *name)
 {
-    return find(params, name, NULL) != NULL;
+    return find(params, name, any_type, NULL) != NULL;
 }
 
 position_t params_where(const params_t *params, const char *name, position_t otherwise)
 {
-    const param_t *item = find(params, name, NULL);
+    const param_t *item = find(params, name, any_type, NULL);
     return item ? item->at : otherwise;
 }
 
@@ -282,12 +326,8 @@ bool params_textures_known(const params_t *params, bool (*known)(const void *con
 static result_t find_single(params_t *params, const char *name, param_type_t type, const param_t **item,
                             const params_t **owner)
 {
-    *item = params_find(params, name, owner);
-    if (!*item) return result_ok();
-    if ((*item)->type != type)
-        return error_at((*item)->at, "parameter \"%s\" must be of type %s, not %s", name,
-                        param_type_name(type), param_type_name((*item)->type));
-    if ((*item)->count != 1)
+    *item = params_find(params, name, PARAM_BIT(type), owner);
+    if (*item && (*item)->count != 1)
         return error_at((*item)->at, "parameter \"%s\" takes one value, found %zu", name, (*item)->count);
     return result_ok();
 }
@@ -304,7 +344,7 @@ result_t params_float(params_t *params, const char *name, double *value)
 result_t params_float_in(params_t *params, const char *name, double low, double high, double *value)
 {
     TRY(params_float(params, name, value));
-    const param_t *item = find(params, name, NULL);
+    const param_t *item = find(params, name, PARAM_BIT(PARAM_FLOAT), NULL);
     if (item && !(*value >= low && *value <= high))
         return error_at(item->at, "parameter \"%s\" is %g, but must be from %g to %g", name, *value, low,
                         high);
@@ -349,9 +389,9 @@ result_t params_array(params_t *params, const char *name, unsigned types, size_t
     *values = NULL;
     *count = 0;
     const params_t *owner;
-    const param_t *item = params_find(params, name, &owner);
+    const param_t *item = params_find(params, name, types, &owner);
     if (!item) return result_ok();
-    if (!(types & PARAM_BIT(item->type)) || item->quoted)
+    if (item->quoted)
         return error_at(item->at, "parameter \"%s\" cannot be of type %s", name, param_type_name(item->type));
     if (item->count % group)
         return error_at(item->at, "parameter \"%s\" takes groups of %zu numbers, but has %zu", name, group,
@@ -378,7 +418,7 @@ result_t params_point(params_t *params, const char *name, unsigned types, double
 
 static result_t apply(params_t *params, const param_rule_t *rule, const char *name, report_t *report)
 {
-    param_t *item = find(params, name, NULL);
+    param_t *item = find(params, name, any_type, NULL);
     if (!item || item->used) return result_ok();
     item->used = true;
     if (rule->fate == PARAM_REFUSE)
@@ -396,18 +436,39 @@ result_t params_apply(params_t *params, const param_rule_t *rules, size_t count,
     return result_ok();
 }
 
+/* The first of the types, of which there is one. */
+static param_type_t first_type(unsigned types)
+{
+    param_type_t type = PARAM_INTEGER;
+    while (!(types & PARAM_BIT(type))) ++type;
+    return type;
+}
+
+static result_t report_unread(const params_t *params, const param_t *item, const char *what, bool strict,
+                              report_t *report)
+{
+    const char *name = params->text + item->name, *type = param_type_name(item->type);
+    if (item->wanted && strict)
+        return report_refuse(report, item->at, "parameter \"%s\" must be of type %s, not %s; it is ignored",
+                             name, param_type_name(first_type(item->wanted)), type);
+    if (item->wanted)
+        return report_tolerate(report, item->at,
+                               "parameter \"%s\" must be of type %s, not %s; it is ignored, as by pbrt-v3",
+                               name, param_type_name(first_type(item->wanted)), type);
+    if (strict)
+        return report_refuse(report, item->at, "%s has no parameter \"%s %s\"; is it misspelled?", what, type,
+                             name);
+    report_warning(report, item->at, "unused parameter \"%s %s\" of %s", type, name, what);
+    return result_ok();
+}
+
 result_t params_finish(params_t *params, const char *what, bool strict, report_t *report)
 {
     for (size_t i = 0; i < params->count; ++i) {
         param_t *item = &params->items[i];
-        if (item->used) continue;
+        bool used = item->used;
         item->used = true;
-        const char *name = params->text + item->name;
-        if (strict)
-            return error_at(item->at, "%s has no parameter \"%s %s\"; is it misspelled?", what,
-                            param_type_name(item->type), name);
-        report_warning(report, item->at, "unused parameter \"%s %s\" of %s", param_type_name(item->type),
-                       name, what);
+        if (!used) TRY(report_unread(params, item, what, strict, report));
     }
     return result_ok();
 }

@@ -2,8 +2,12 @@
  *
  * A list remembers which of its parameters somebody read. What is left unread at the end is reported
  * (params_finish), so that nothing a user wrote is passed over in silence. Getters take the value's default
- * in the out argument and leave it alone when the parameter is not there; a parameter of the wrong type or
- * with the wrong number of values is an error at its place.
+ * in the out argument and leave it alone when the parameter is not there; a parameter with the wrong number
+ * of values is an error at its place.
+ *
+ * As in either pbrt a parameter is looked up by its name and its type together, so that one of the wrong type
+ * is not there, and stays unread. Of two with the same name and type the last counts. In pbrt-v3 all that
+ * says a colour is one type, and a texture goes before a colour or a number of the same name.
  *
  * A list may have a fallback, which is searched second: the defaults of an `Attribute` (pbrt-v4), or the
  * parameters of the material that a shape's own override (pbrt-v3).
@@ -11,7 +15,7 @@
 #ifndef LIGHTMILL_PARAMS_H
 #define LIGHTMILL_PARAMS_H
 
-#include "client/import/pbrt/syntax/lexer.h"
+#include "client/import/pbrt/syntax/dialect.h"
 
 typedef enum {
     PARAM_INTEGER,
@@ -31,6 +35,11 @@ typedef enum {
 } param_type_t;
 
 #define PARAM_BIT(type) (1u << (type))
+/* What says a colour, without textures. */
+enum {
+    PARAM_COLOURS =
+        PARAM_BIT(PARAM_RGB) | PARAM_BIT(PARAM_XYZ) | PARAM_BIT(PARAM_BLACKBODY) | PARAM_BIT(PARAM_SPECTRUM)
+};
 
 /* One parameter. `count` is of numbers (bools are numbers 0 and 1) or, where the values are quoted, of
  * strings. */
@@ -38,6 +47,7 @@ typedef struct {
     param_type_t type;
     bool quoted;
     bool used;
+    unsigned wanted; /* the types that somebody looked for under this name; of an unused parameter */
     position_t at;
     size_t name;  /* offset in the list's text */
     size_t first; /* index among the list's numbers, or strings */
@@ -54,11 +64,14 @@ void params_clear(params_t *params);
 /* `fallback` (may be NULL, may have a fallback itself) is kept by the caller while the list is used. */
 void params_set_fallback(params_t *params, params_t *fallback);
 
-/* Reads the parameters that come next in the file, adding to the list. */
-result_t params_parse(params_t *params, lexer_t *lexer);
+/* Reads the parameters that come next in the file, adding to the list, by the rules of a dialect. A parameter
+ * that is given twice is tolerated. */
+result_t params_parse(params_t *params, lexer_t *lexer, dialect_t dialect, report_t *report);
 
-/* The parameter, marked as used, or NULL. *owner is the list whose values it indexes. */
-const param_t *params_find(params_t *params, const char *name, const params_t **owner);
+/* The parameter of one of `types` (PARAM_BITs), marked as used, or NULL. *owner is the list whose values it
+ * indexes. */
+const param_t *params_find(params_t *params, const char *name, unsigned types, const params_t **owner);
+/* Whether there is one of any type. Does not mark it as used. */
 bool params_has(const params_t *params, const char *name);
 const double *params_numbers(const params_t *owner, const param_t *param);
 const char *params_text(const params_t *owner, const param_t *param, size_t index);
@@ -99,7 +112,7 @@ typedef struct {
 
 /* Applies the rules to those parameters that are there and unread. */
 result_t params_apply(params_t *params, const param_rule_t *rules, size_t count, report_t *report);
-/* Reports what nobody has read: `strict` (pbrt-v4, which does the same) fails, otherwise (pbrt-v3, which
+/* Reports what nobody has read: `strict` (pbrt-v4, which does the same) refuses, otherwise (pbrt-v3, which
  * ignores what it does not know) warns. `what` names the directive. Fallbacks are not looked at. */
 result_t params_finish(params_t *params, const char *what, bool strict, report_t *report);
 /* Parameters of the list itself that nobody has read so far. */

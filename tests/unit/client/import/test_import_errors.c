@@ -9,10 +9,11 @@ typedef struct {
     const char *text, *message;
 } case_t;
 
-/* Every text must fail with RESULT_INPUT and a message that holds "s.pbrt:" and the expected one. */
+/* Every text must fail with RESULT_INPUT and a message that holds "s.pbrt:" and the expected one, when the
+ * import is strict. */
 static void expect_errors(const case_t *cases, size_t count)
 {
-    bench_t bench = {0};
+    bench_t bench = {.strict = true};
     for (size_t i = 0; i < count; ++i) {
         bench_run(&bench, cases[i].text);
         if (bench.result.code != RESULT_INPUT) fail_msg("accepted: %s", cases[i].text);
@@ -85,8 +86,9 @@ static void directives_in_the_wrong_place_are_refused(void **state)
         {"WorldBegin\nCamera \"perspective\"", "2:1: Camera must come before WorldBegin"},
         {"WorldBegin\nWorldBegin", "2:1: a second WorldBegin"},
         {"WorldBegin\nAttributeEnd", "2:1: AttributeEnd without AttributeBegin"},
-        {"WorldBegin\nAttributeBegin\nObjectEnd", "3:1: ObjectEnd, but the innermost open block is the "
-                                                  "AttributeBegin of line 2"},
+        {"WorldBegin\nAttributeBegin\nObjectEnd", "3:1: ObjectEnd outside of an object"},
+        {"WorldBegin\nObjectBegin \"a\"\nAttributeBegin\nObjectEnd",
+         "4:1: ObjectEnd, but the innermost open block is the AttributeBegin of line 3"},
         {"WorldBegin\n AttributeBegin\n", "2:2: this block is never closed"},
         {"WorldBegin\nAttributeBegin\nWorldEnd", "3:1: WorldEnd, but the block of line 2 is still open"},
         {"WorldBegin\nObjectBegin \"a\"\nObjectBegin \"b\"", "3:1: an object inside an object"},
@@ -102,9 +104,9 @@ static void directives_in_the_wrong_place_are_refused(void **state)
          "type\" "
          "\"diffuse\"",
          "3:1: the material \"a\" has been made before, in line 2"},
-        {"Film \"rgb\"\nFilm \"rgb\"", "2:1: a second Film; the first is in line 1"},
+        {"Film \"rgb\"\nFilm \"rgb\"", "2:1: a second Film; the first, in line 1"},
         {"CoordSysTransform \"x\"", "1:1: no CoordinateSystem \"x\""},
-        {"Scale 1 0 1", "1:1: Scale by 0"},
+        {"Scale 1 0 1", "1:1: the current transform becomes singular"},
         {"Rotate 3 0 0 0", "1:1: the axis of this Rotate has no direction"},
         {"LookAt 0 0 0 0 0 0 0 1 0", "1:1: this LookAt has no direction"},
         {"TransformTimes 0 1\nWorldBegin\nActiveTransform EndTime\nScale 1 1 -1\nShape \"sphere\"",
@@ -196,7 +198,7 @@ static void wrong_materials_are_refused(void **state)
          "2:19: scattering below the surface is not supported"},
         {"WorldBegin\nMaterial \"matte\" \"float sigma\" -1" USE, "2:18: parameter \"sigma\" is -1"},
         {"WorldBegin\nMaterial \"matte\" \"float Kd\" 1" USE,
-         "2:18: parameter \"Kd\" must be a colour (rgb)"},
+         "2:18: parameter \"Kd\" must be of type rgb, not float"},
         {"WorldBegin\nMaterial \"matte\" \"texture Kd\" \"t\"" USE,
          "2:18: no spectrum Texture \"t\" has been defined before"},
         {"WorldBegin\nTexture \"t\" \"float\" \"constant\"\nMaterial \"matte\" \"texture Kd\" \"t\"" USE,
@@ -273,7 +275,7 @@ static void wrong_textures_are_refused(void **state)
          "2:57: parameter \"v1\" takes three numbers, found 6"},
         {TEXTURE("dots") "\"float uscale\" 1e9", "2:31: parameter \"uscale\" is 1e+09, but must be from"},
         {TEXTURE("dots") "\"texture inside\" \"t\"", "2:31: no spectrum Texture \"t\""},
-        {TEXTURE("dots") "\"float inside\" 1", "2:31: parameter \"inside\" must be a colour"},
+        {TEXTURE("dots") "\"float inside\" 1", "2:31: parameter \"inside\" must be of type rgb, not float"},
         {TEXTURE("dots") "\"rgb inside\" [1 -1 0]", "2:31: parameter \"inside\" must be a colour without"},
         {TEXTURE("checkerboard") "\"integer dimension\" 4", "2:39: parameter \"dimension\" is 4"},
         {TEXTURE("fbm") "\"integer octaves\" 1000", "2:30: parameter \"octaves\" is 1000"},
@@ -308,7 +310,7 @@ static void wrong_meshes_are_refused(void **state)
     static const case_t cases[] = {
         {MESH "\"integer indices\" [0 1 2]", "2:1: a triangle mesh needs vertices"},
         {MESH "\"point3 P\" [0 0 0 1]", "2:22: parameter \"P\" takes groups of 3 numbers, but has 4"},
-        {MESH "\"float P\" [0 0 0]", "2:22: parameter \"P\" cannot be of type float"},
+        {MESH "\"float P\" [0 0 0]", "2:22: a triangle mesh needs vertices: \"point3 P\""},
         {MESH "\"point3 P\" [0 0 0 1 0 0]", "2:1: a mesh of more than three vertices needs"},
         {MESH "\"point3 P\" [0 0 0 1 0 0 0 1 0] \"integer indices\" [0 1 3]",
          "2:53: index number 2 is 3, but must be an integer from 0 to 2"},
@@ -397,7 +399,7 @@ static void includes_are_bounded(void **state)
     }
     bench_write(&bench, "d.pbrt", "", 0);
     bench_run(&bench, "Include \"a.pbrt\"");
-    expect_text(bench.result.message, "more than 65535 files are included");
+    expect_text(bench.result.message, " files are included");
     bench_close(&bench);
 }
 

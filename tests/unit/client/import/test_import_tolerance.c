@@ -1,0 +1,491 @@
+/* Slips that pbrt forgives: each is taken with a warning that says what pbrt does, means what pbrt makes of
+ * it, and is an error when the import is strict. What pbrt refuses stays an error. */
+#include "tests/unit/client/import/test_import.h"
+
+#define SPHERE "Shape \"sphere\"\n"
+#define V3(text) text "\nWorldEnd\n"
+
+/* Imports a scene that only says `warning`, which the strict import fails with. */
+static void expect_forgiven(bench_t *bench, const char *text, const char *warning)
+{
+    bench->strict = true;
+    bench_run(bench, text);
+    assert_int_equal(bench->result.code, RESULT_INPUT);
+    char *place = mem_printf("%.*s", (int)strcspn(warning, " "), warning);
+    expect_text(bench->result.message, place);
+    free(place);
+    bench->strict = false;
+    bench_run(bench, text);
+    bench_expect_ok(bench);
+    char *expected = mem_printf("s.pbrt:%s", warning);
+    expect_text(bench->warnings, expected);
+    free(expected);
+}
+
+static void expect_refused(bench_t *bench, const char *text, const char *message)
+{
+    bench_run(bench, text);
+    if (bench->result.code != RESULT_INPUT) fail_msg("accepted: %s", text);
+    expect_text(bench->result.message, message);
+}
+
+static rgb_t colour_of(const bench_t *bench, uint64_t shape, material_value_t slot)
+{
+    assert_true(shape < bench->blob.counts[BLOB_SECTION_SHAPES]);
+    blob_value_t value = bench->blob.materials[bench->blob.shapes[shape].material].values[slot];
+    assert_int_equal(value.texture, 0);
+    return value.factor;
+}
+
+static vec3_t centre_of(const bench_t *bench, uint64_t shape)
+{
+    const blob_quadric_t *quadric = &bench->blob.quadrics[bench->blob.shapes[shape].geometry];
+    return xform_point(&quadric->object_from_quadric, vec3(0, 0, 0));
+}
+
+/* ---- settings ------------------------------------------------------------------------------------------ */
+
+static void the_last_setting_of_each_kind_counts(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    expect_forgiven(&bench,
+                    V3("Film \"image\" \"integer xresolution\" 100 \"float cropwindow\" [0 0.5 0 1]\n"
+                       "Film \"image\" \"integer yresolution\" 50\nWorldBegin " SPHERE),
+                    "2:1: a second Film; the first, in line 1 of");
+    assert_int_equal(bench.blob.scene->width, 1280); /* the default: nothing of the first is left */
+    assert_int_equal(bench.blob.scene->height, 50);
+    expect_forgiven(&bench,
+                    "Sampler \"sobol\" \"integer pixelsamples\" 9\n"
+                    "Sampler \"independent\" \"integer pixelsamples\" 7\nWorldBegin " SPHERE,
+                    "2:1: a second Sampler; the first, in line 1 of");
+    assert_int_equal(bench.blob.scene->spp, 7);
+    assert_int_equal(bench.blob.scene->sampler, SAMPLER_INDEPENDENT);
+    expect_forgiven(&bench,
+                    V3("Integrator \"bdpt\" \"integer maxdepth\" 3\nIntegrator \"path\"\nWorldBegin " SPHERE),
+                    "2:1: a second Integrator;");
+    assert_int_equal(bench.blob.scene->integrator, INTEGRATOR_PATH);
+    assert_int_equal(bench.blob.scene->max_depth, 5);
+    expect_forgiven(&bench,
+                    "PixelFilter \"box\"\nPixelFilter \"triangle\" \"float xradius\" 3\nWorldBegin " SPHERE,
+                    "2:1: a second PixelFilter;");
+    assert_int_equal(bench.blob.scene->filter.kind, FILTER_TRIANGLE);
+    expect_forgiven(&bench,
+                    "Camera \"orthographic\" \"float screenwindow\" [0 1 0 1]\n"
+                    "Translate 0 0 3\nCamera \"perspective\"\nWorldBegin " SPHERE,
+                    "3:1: a second Camera;");
+    assert_int_equal(bench.blob.scene->camera, CAMERA_PERSPECTIVE);
+    expect_near((double)bench.blob.scene->screen_window[0], 0, 0);
+    expect_vec3(xform_point(&bench.blob.scene->world_from_camera, vec3(0, 0, 0)), 0, 0, -3);
+    expect_forgiven(&bench, V3("Accelerator \"bvh\"\nAccelerator \"kdtree\"\nWorldBegin " SPHERE),
+                    "2:1: a second Accelerator;");
+    bench_close(&bench);
+}
+
+static void what_is_wrong_with_a_dropped_setting_does_not_count(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    bench_run(&bench, "Film \"wurst\" \"float xresolution\" 3\nFilm \"rgb\"\nWorldBegin " SPHERE);
+    bench_expect_ok(&bench);
+    assert_int_equal(bench.warning_count, 2); /* the second Film, and no light */
+    expect_refused(&bench, "Film \"rgb\"\nFilm \"wurst\"\nWorldBegin " SPHERE, "2:1: unknown film \"wurst\"");
+    bench_close(&bench);
+}
+
+/* ---- parameters ---------------------------------------------------------------------------------------- */
+
+static void the_last_of_two_parameters_counts(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    expect_forgiven(&bench, "Camera \"perspective\" \"float fov\" 40 \"float fov\" 41\nWorldBegin " SPHERE,
+                    "1:37: parameter \"fov\" is given twice; as in pbrt, that of line 1 is dropped");
+    expect_near((double)bench.blob.scene->fov, 41, 0);
+    /* v3: all colours are one type */
+    expect_forgiven(&bench,
+                    V3("WorldBegin\nMaterial \"matte\" \"rgb Kd\" [1 0 0] \"xyz Kd\" [0 0 0] \"color Kd\" [0 "
+                       "0 1]\n" SPHERE),
+                    "2:35: parameter \"Kd\" is given twice");
+    expect_vec3(colour_of(&bench, 0, VALUE_REFLECTANCE), 0, 0, 1);
+    bench_close(&bench);
+}
+
+/* v3 looks for a texture first; v4 takes what comes last, and refuses to have the other unused. */
+static void of_two_types_each_pbrt_takes_its_own(void **state)
+{
+    (void)state;
+    static const char texture[] =
+        "WorldBegin\nTexture \"t\" \"spectrum\" \"constant\" \"rgb value\" [0 1 0]\n";
+    bench_t bench = {0};
+    char *text = mem_printf(
+        "%sMaterial \"matte\" \"texture Kd\" \"t\" \"rgb Kd\" [1 0 0]\n" SPHERE "WorldEnd\n", texture);
+    bench_run(&bench, text);
+    bench_expect_ok(&bench);
+    expect_text(bench.warnings, "s.pbrt:3:35: unused parameter \"rgb Kd\"");
+    expect_vec3(colour_of(&bench, 0, VALUE_REFLECTANCE), 0, 1, 0);
+    free(text);
+    text = mem_printf(
+        "%sMaterial \"diffuse\" \"texture reflectance\" \"t\" \"rgb reflectance\" [1 0 0]\n" SPHERE, texture);
+    expect_refused(&bench, text, "3:20: this material has no parameter \"texture reflectance\"");
+    free(text);
+    bench_close(&bench);
+}
+
+static void a_parameter_of_the_wrong_type_is_not_there_in_v3(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    expect_forgiven(
+        &bench, V3("Camera \"perspective\" \"integer fov\" 40\nWorldBegin " SPHERE),
+        "1:22: parameter \"fov\" must be of type float, not integer; it is ignored, as by pbrt-v3");
+    expect_near((double)bench.blob.scene->fov, 90, 0);
+    expect_refused(&bench, "Camera \"perspective\" \"integer fov\" 40\nWorldBegin " SPHERE,
+                   "1:22: parameter \"fov\" must be of type float, not integer");
+    bench_close(&bench);
+}
+
+/* pbrt-v3 reads as much of a word as is a number. */
+static void commas_behind_numbers_are_v3s(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    expect_forgiven(&bench, V3("LookAt 0, 0, -4 0 0 0 0 1 0\nCamera \"perspective\"\nWorldBegin " SPHERE),
+                    "1:8: '0,' is read as 0, as by pbrt-v3");
+    expect_vec3(xform_point(&bench.blob.scene->world_from_camera, vec3(0, 0, 0)), 0, 0, -4);
+    expect_forgiven(&bench, V3("WorldBegin\nMaterial \"matte\" \"rgb Kd\" [.1, .2, .3]\n" SPHERE),
+                    "2:28: '.1,' is read as .1");
+    expect_vec3(colour_of(&bench, 0, VALUE_REFLECTANCE), 0.1, 0.2, 0.3);
+    expect_refused(&bench, V3("Scale 2,2,2\nWorldBegin " SPHERE), "2:1: Scale takes 3 numbers"); /* has one */
+    expect_refused(&bench, V3("Scale 2 2 , 2\nWorldBegin " SPHERE), "1:11: Scale takes 3 numbers");
+    expect_refused(&bench, "Scale 2, 2, 2\nWorldBegin " SPHERE, "1:7: Scale takes 3 numbers");
+    bench_close(&bench);
+}
+
+/* ---- files --------------------------------------------------------------------------------------------- */
+
+/* A file that ends within a directive goes on behind its Include: in either pbrt. */
+static void parameters_go_on_behind_an_include(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    static const char v3[] = "Material \"matte\" \"float sigma\" 30", v4[] = "Material \"dielectric\"";
+    bench_write(&bench, "material.pbrt", v3, strlen(v3));
+    bench_run_v3(&bench, "Include \"material.pbrt\" \"rgb Kd\" [.1 .2 .3] " SPHERE "LightSource \"point\"");
+    bench_expect_silence(&bench);
+    expect_vec3(colour_of(&bench, 0, VALUE_REFLECTANCE), 0.1, 0.2, 0.3);
+    expect_vec3(colour_of(&bench, 0, VALUE_SIGMA), 30, 30, 30);
+    bench_write(&bench, "material.pbrt", v4, strlen(v4));
+    static const char list[] = "Include \"material.pbrt\" \"float eta\" [1";
+    bench_write(&bench, "list.pbrt", list, strlen(list));
+    bench_run(&bench, "WorldBegin Include \"list.pbrt\"\n.25] " SPHERE "LightSource \"point\"");
+    expect_text(bench.result.message, "takes one value, found 2");
+    bench_run(&bench, "WorldBegin Include \"list.pbrt\"\n] " SPHERE "LightSource \"point\"");
+    bench_expect_silence(&bench);
+    expect_vec3(colour_of(&bench, 0, VALUE_ETA), 1, 1, 1);
+    /* what stands alone ends with its file */
+    bench_run(&bench, "WorldBegin Import \"list.pbrt\"\n] " SPHERE);
+    expect_text(bench.result.message, "this '[' has no ']'");
+    bench_close(&bench);
+}
+
+/* As many as there are directives, while files that include one another again and again are bounded
+ * (test_import_errors.c). */
+static void a_long_scene_may_include_many_files(void **state)
+{
+    (void)state;
+    enum { TIMES = 66000, LINE = 13 };
+    bench_t bench = {0};
+    char *text = mem_alloc(TIMES * LINE + 100), *end = text;
+    end += sprintf(end, "WorldBegin\n");
+    for (int i = 0; i < TIMES; ++i) end += sprintf(end, "Include\"e\"\n");
+    strcpy(end, SPHERE "LightSource \"point\"\n");
+    bench_write(&bench, "e", "", 0);
+    bench_run(&bench, text);
+    bench_expect_silence(&bench);
+    assert_int_equal(bench.blob.counts[BLOB_SECTION_SHAPES], 1);
+    free(text);
+    bench_close(&bench);
+}
+
+/* ---- names --------------------------------------------------------------------------------------------- */
+
+static void undefined_names_have_what_v3_gives_them(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    expect_forgiven(
+        &bench, V3("WorldBegin\nMaterial \"matte\" \"rgb Kd\" [1 0 0]\nNamedMaterial \"x\"\n" SPHERE),
+        "3:1: no MakeNamedMaterial \"x\" came before; the material stays what it was, as by pbrt-v3");
+    expect_vec3(colour_of(&bench, 0, VALUE_REFLECTANCE), 1, 0, 0);
+    expect_forgiven(&bench, V3("WorldBegin\nMaterial \"wurst\" \"rgb Kd\" [0 1 0]\n" SPHERE),
+                    "2:1: unknown material \"wurst\"; that is \"matte\", as by pbrt-v3");
+    expect_vec3(colour_of(&bench, 0, VALUE_REFLECTANCE), 0, 1, 0);
+    expect_forgiven(&bench,
+                    V3("WorldBegin\nTexture \"t\" \"spectrum\" \"wurst\"\n"
+                       "Material \"matte\" \"texture Kd\" \"t\"\n" SPHERE),
+                    "2:1: unknown texture \"wurst\"; it is left out, as by pbrt-v3");
+    expect_text(bench.warnings,
+                "3:18: no spectrum Texture \"t\" has been defined before; the parameter has its "
+                "default, as by pbrt-v3");
+    expect_vec3(colour_of(&bench, 0, VALUE_REFLECTANCE), 0.5, 0.5, 0.5);
+    expect_forgiven(&bench,
+                    V3("WorldBegin\nMakeNamedMaterial \"a\" \"string type\" \"mirror\"\n"
+                       "Material \"mix\" \"string namedmaterial1\" \"a\"\n" SPHERE),
+                    "3:1: a mix needs \"string namedmaterial2\"; that is \"matte\"");
+    expect_forgiven(&bench, V3("WorldBegin\nMakeNamedMaterial \"a\"\nNamedMaterial \"a\"\n" SPHERE),
+                    "2:1: MakeNamedMaterial needs a parameter \"string type\"; that is an interface");
+    assert_int_equal(bench.blob.counts[BLOB_SECTION_SHAPES], 0);
+    bench_close(&bench);
+}
+
+static void unknown_kinds_are_left_out_in_v3(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    expect_forgiven(&bench, V3("WorldBegin\nLightSource \"wurst\" \"float hot\" 3\n" SPHERE),
+                    "2:1: unknown light \"wurst\"; it is left out, as by pbrt-v3");
+    expect_forgiven(&bench, V3("WorldBegin\nAreaLightSource \"diffuse\"\nAreaLightSource \"wurst\"\n" SPHERE),
+                    "3:1: unknown area light \"wurst\"; it is left out");
+    assert_int_equal(bench.blob.counts[BLOB_SECTION_LIGHTS], 0);
+    expect_forgiven(&bench, V3("WorldBegin\nShape \"wurst\"\n" SPHERE),
+                    "2:1: unknown shape \"wurst\"; it is");
+    assert_int_equal(bench.blob.counts[BLOB_SECTION_SHAPES], 1);
+    expect_forgiven(&bench, V3("WorldBegin\nObjectInstance \"x\"\n" SPHERE),
+                    "2:1: no object \"x\" has been defined before; it is left out");
+    bench_close(&bench);
+}
+
+static void a_coordinate_system_that_nobody_named_changes_nothing(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    static const char warning[] = "3:1: no CoordinateSystem \"x\" has been named before; this is left out";
+    static const char text[] = "WorldBegin\nTranslate 1 2 3\nCoordSysTransform \"x\"\n" SPHERE;
+    expect_forgiven(&bench, text, warning);
+    expect_vec3(centre_of(&bench, 0), 1, 2, 3);
+    char *v3 = mem_printf("%sWorldEnd\n", text);
+    expect_forgiven(&bench, v3, warning);
+    expect_vec3(centre_of(&bench, 0), 1, 2, 3);
+    free(v3);
+    bench_close(&bench);
+}
+
+/* ---- blocks and objects -------------------------------------------------------------------------------- */
+
+static void an_object_is_redefined_in_v3(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    static const char text[] = "WorldBegin\nObjectBegin \"a\"\n" SPHERE "ObjectEnd\nObjectInstance \"a\"\n"
+                               "ObjectBegin \"a\" Shape \"disk\" ObjectEnd\nObjectInstance \"a\"\n";
+    expect_refused(&bench, text, "6:1: the object \"a\" has been defined before, in line 2");
+    char *v3 = mem_printf("%sWorldEnd\n", text);
+    expect_forgiven(&bench, v3,
+                    "6:1: the object \"a\" has been defined before, in line 2; it is replaced for");
+    assert_int_equal(bench.blob.counts[BLOB_SECTION_INSTANCES], 2);
+    assert_int_not_equal(bench.blob.instances[0].object, bench.blob.instances[1].object);
+    free(v3);
+    bench_close(&bench);
+}
+
+static void blocks_end_as_in_v3(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    expect_forgiven(
+        &bench,
+        V3("WorldBegin\nObjectBegin \"a\"\nTranslate 1 0 0\n" SPHERE "AttributeEnd\n" SPHERE
+           "ObjectEnd\n" SPHERE "ObjectInstance \"a\"\n"),
+        "5:1: AttributeEnd, but the innermost open block is the ObjectBegin of line 2; it is closed");
+    expect_text(bench.warnings, "s.pbrt:7:1: ObjectEnd without ObjectBegin; it is left out, as by pbrt");
+    assert_int_equal(bench.blob.objects[0].shape_count, 1); /* the world's, which is the last */
+    assert_int_equal(bench.blob.objects[1].shape_count, 2);
+    expect_vec3(centre_of(&bench, 0), 0, 0, 0);
+    expect_forgiven(&bench, V3("WorldBegin\nAttributeBegin\nTranslate 1 0 0\n" SPHERE),
+                    "6:1: WorldEnd, but the block of line 2 is still open; it ends here, as by pbrt-v3");
+    /* AttributeEnd has the transform of the inner TransformBegin, TransformEnd that of the outer block. */
+    expect_forgiven(&bench,
+                    V3("WorldBegin\nAttributeBegin\nTranslate 1 0 0\nTransformBegin\nTranslate 1 0 0\n"
+                       "AttributeEnd\n" SPHERE "TransformEnd\n" SPHERE),
+                    "6:1: AttributeEnd, but the innermost open block is the TransformBegin of line 4");
+    expect_vec3(centre_of(&bench, 0), 1, 0, 0);
+    expect_vec3(centre_of(&bench, 1), 0, 0, 0);
+    expect_forgiven(&bench,
+                    V3("WorldBegin\nTransformBegin\nTranslate 1 0 0\nAttributeEnd\n" SPHERE "TransformEnd"),
+                    "4:1: AttributeEnd without AttributeBegin; it is left out, as by pbrt");
+    expect_vec3(centre_of(&bench, 0), 1, 0, 0);
+    bench_close(&bench);
+}
+
+static void an_end_too_many_is_left_out_in_either(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    static const char warning[] = "2:1: AttributeEnd without AttributeBegin; it is left out, as by pbrt";
+    expect_forgiven(&bench, "WorldBegin\nAttributeEnd\n" SPHERE, warning);
+    expect_forgiven(&bench, V3("WorldBegin\nAttributeEnd\n" SPHERE), warning);
+    expect_refused(&bench, "WorldBegin\nObjectEnd\n" SPHERE, "2:1: ObjectEnd without ObjectBegin");
+    expect_refused(&bench, "WorldBegin\nObjectBegin \"a\"\nAttributeEnd\n" SPHERE,
+                   "3:1: AttributeEnd, but the innermost open block is the ObjectBegin of line 2");
+    bench_close(&bench);
+}
+
+static void directives_in_the_wrong_place_are_left_out_in_v3(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    expect_forgiven(&bench,
+                    V3("Shape \"trianglemesh\" \"point P\" [0 0 0 1 0 0 0 1 0]\nWorldBegin\n"
+                       "Film \"image\" \"integer xresolution\" [ 7 ]\n" SPHERE),
+                    "1:1: Shape must come after WorldBegin; it is left out, as by pbrt-v3");
+    expect_text(bench.warnings, "s.pbrt:3:1: Film must come before WorldBegin; it is left out");
+    assert_int_equal(bench.blob.scene->width, 1280);
+    assert_int_equal(bench.blob.counts[BLOB_SECTION_SHAPES], 1);
+    expect_refused(&bench, "WorldBegin\nFilm \"rgb\"\n" SPHERE, "2:1: Film must come before WorldBegin");
+    bench_close(&bench);
+}
+
+/* ---- transforms ---------------------------------------------------------------------------------------- */
+
+#define FLAT "AttributeBegin\nScale 1 0 1\n"
+#define SKEW "AttributeBegin\nConcatTransform [1 0 0 1 0 1 0 0 0 0 1 0 0 0 0 1]\n"
+
+static void a_singular_transform_that_nothing_uses_does_no_harm(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    static const char end[] = "LightSource \"infinite\" \"rgb L\" [1 2 3]\nAttributeEnd\n" SPHERE;
+    static const struct {
+        const char *begin, *warning;
+    } cases[] = {
+        {FLAT, "3:1: the current transform becomes singular or too large here; nothing must use it"},
+        {SKEW, "3:1: ConcatTransform: not an affine transform"},
+        {"AttributeBegin\nRotate 90 0 0 0\n", "3:1: the axis of this Rotate has no direction; nothing"}};
+    for (size_t i = 0; i < ARRAY_LENGTH(cases); ++i) {
+        for (int v3 = 0; v3 < 2; ++v3) {
+            char *text = mem_printf("WorldBegin\n%s%s%s", cases[i].begin, end, v3 ? "WorldEnd\n" : "");
+            expect_forgiven(&bench, text, cases[i].warning);
+            assert_int_equal(bench.warning_count, 1);
+            assert_int_equal(bench.blob.counts[BLOB_SECTION_LIGHTS], 1);
+            free(text);
+            text = mem_printf("WorldBegin\n%s\nScale 2 2 2\n" SPHERE "%s", cases[i].begin,
+                              v3 ? "WorldEnd\n" : "");
+            expect_refused(&bench, text, ":6:1: the current transform is singular or not finite");
+            free(text);
+        }
+    }
+    expect_refused(&bench, "WorldBegin\n" FLAT "ObjectBegin \"a\" ObjectEnd\n" SPHERE,
+                   "5:1: the current trans");
+    expect_refused(
+        &bench, V3("WorldBegin\n" FLAT "Texture \"t\" \"float\" \"dots\" \"string mapping\" \"spherical\""),
+        "4:1: a number of a texture is infinite");
+    expect_refused(&bench, V3("Scale 0 0 0\nCamera \"perspective\"\nWorldBegin\n" SPHERE),
+                   "2:1: the current transform is singular or not finite");
+    bench_close(&bench);
+}
+
+static void a_look_at_along_up_is_left_out_in_v3(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    expect_forgiven(
+        &bench, V3("LookAt 0 0 0 0 1 0 0 1 0\nTranslate 0 0 1\nCamera \"perspective\"\nWorldBegin\n" SPHERE),
+        "1:1: this LookAt has no direction");
+    expect_vec3(xform_point(&bench.blob.scene->world_from_camera, vec3(0, 0, 0)), 0, 0, -1);
+    expect_refused(&bench, "LookAt 0 0 0 0 1 0 0 1 0\nWorldBegin " SPHERE,
+                   "1:1: this LookAt has no direction");
+    expect_refused(&bench, V3("LookAt 0 0 0 0 0 0 0 1 0\nWorldBegin " SPHERE), "1:1: this LookAt has no");
+    bench_close(&bench);
+}
+
+/* ---- v4's index, and forks ------------------------------------------------------------------------------
+ */
+
+static void an_index_of_v4_may_be_a_colour(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    static const char grey[] =
+        "WorldBegin\nMaterial \"dielectric\" \"rgb eta\" [1.5 1.5 1.5]\n" SPHERE "LightSource \"point\"";
+    bench_run(&bench, grey);
+    bench_expect_silence(&bench);
+    expect_near((double)colour_of(&bench, 0, VALUE_ETA).x, 1.5, 1e-6);
+    bench_run(&bench, "WorldBegin\nMaterial \"coateddiffuse\" \"rgb eta\" [1 2 1]\n" SPHERE);
+    bench_expect_ok(&bench);
+    expect_text(bench.warnings, "2:26: parameter \"eta\": there is no dispersion, 1.71");
+    expect_near((double)colour_of(&bench, 0, VALUE_ETA).x, 1.7152, 1e-4);
+    expect_refused(&bench, "WorldBegin\nMaterial \"dielectric\" \"rgb eta\" [0 0 0]\n" SPHERE,
+                   "2:23: the index of refraction is 0, but must be positive");
+    bench_run_v3(&bench, "Material \"glass\" \"rgb eta\" [2 2 2]\n" SPHERE);
+    bench_expect_ok(&bench);
+    expect_text(bench.warnings, "2:18: parameter \"eta\" must be of type");
+    expect_near((double)colour_of(&bench, 0, VALUE_ETA).x, 1.5, 1e-6);
+    bench_close(&bench);
+}
+
+/* What no pbrt knows: a lenient import takes the nearest, or leaves it out. */
+static void kinds_of_forks_become_the_nearest(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *text, *warning;
+    } cases[] = {
+        {"Integrator \"guidedpath\" \"integer maxdepth\" 7 \"float share\" 1\nWorldBegin ",
+         "1:1: unknown integrator \"guidedpath\"; the nearest is \"path\""},
+        {"Film \"multi\" \"integer xresolution\" 9 \"bool aovs\" true\nWorldBegin ",
+         "1:1: unknown film \"multi\"; the nearest is \"rgb\""},
+        {"Camera \"fisheye\" \"float fov\" 60\nWorldBegin ",
+         "1:1: unknown camera \"fisheye\"; the nearest is"},
+        {"Sampler \"bluenoise\" \"integer pixelsamples\" 3\nWorldBegin ",
+         "1:1: unknown sampler \"bluenoise\"; the nearest is \"sobol\""},
+        {"PixelFilter \"tent\"\nWorldBegin ", "1:1: unknown pixel filter \"tent\"; the nearest is"},
+        {"WorldBegin\nLightSource \"sun\" \"float elevation\" 3\n",
+         "2:1: unknown light \"sun\"; it is left out"},
+        {"WorldBegin\nLightSource \"point\" \"float hot\" 3\n",
+         "2:21: LightSource \"point\" has no parameter \"float hot\""},
+        {"WorldBegin\nShape \"torus\"\n", "2:1: unknown shape \"torus\"; it is left out"},
+        {"WorldBegin\nMaterial \"principled\" \"rgb reflectance\" [1 0 0]\n",
+         "2:1: unknown material \"principled\"; the nearest is \"diffuse\""},
+        {"WorldBegin\nTexture \"t\" \"float\" \"gabor\"\n",
+         "2:1: unknown texture \"gabor\"; the nearest is a"},
+    };
+    bench_t bench = {0};
+    for (size_t i = 0; i < ARRAY_LENGTH(cases); ++i) {
+        char *text = mem_printf("%s" SPHERE, cases[i].text);
+        bench.lenient = false;
+        expect_refused(&bench, text, cases[i].warning);
+        bench.lenient = true;
+        bench_run(&bench, text);
+        bench_expect_ok(&bench);
+        expect_text(bench.warnings, cases[i].warning);
+        free(text);
+    }
+    bench_close(&bench);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(the_last_setting_of_each_kind_counts),
+        cmocka_unit_test(what_is_wrong_with_a_dropped_setting_does_not_count),
+        cmocka_unit_test(the_last_of_two_parameters_counts),
+        cmocka_unit_test(of_two_types_each_pbrt_takes_its_own),
+        cmocka_unit_test(a_parameter_of_the_wrong_type_is_not_there_in_v3),
+        cmocka_unit_test(commas_behind_numbers_are_v3s),
+        cmocka_unit_test(parameters_go_on_behind_an_include),
+        cmocka_unit_test(a_long_scene_may_include_many_files),
+        cmocka_unit_test(undefined_names_have_what_v3_gives_them),
+        cmocka_unit_test(unknown_kinds_are_left_out_in_v3),
+        cmocka_unit_test(a_coordinate_system_that_nobody_named_changes_nothing),
+        cmocka_unit_test(an_object_is_redefined_in_v3),
+        cmocka_unit_test(blocks_end_as_in_v3),
+        cmocka_unit_test(an_end_too_many_is_left_out_in_either),
+        cmocka_unit_test(directives_in_the_wrong_place_are_left_out_in_v3),
+        cmocka_unit_test(a_singular_transform_that_nothing_uses_does_no_harm),
+        cmocka_unit_test(a_look_at_along_up_is_left_out_in_v3),
+        cmocka_unit_test(an_index_of_v4_may_be_a_colour),
+        cmocka_unit_test(kinds_of_forks_become_the_nearest),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
