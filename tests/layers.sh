@@ -46,6 +46,7 @@ master                      : master/threads
 relay                       : proto/uplink proto/serve
 client/import/scene         : common/scene common/image
 client/import/files         : client/import/scene
+client/import/environment   : client/import/files
 client/import/tessellate    : client/import/scene
 client/import/obj           : client/import/files
 client/import/packed        : common
@@ -55,7 +56,7 @@ client/import/pbrt/state     : client/import/pbrt/syntax
 client/import/pbrt/materials : client/import/pbrt/state
 client/import/pbrt/shapes    : client/import/pbrt/materials client/import/tessellate
 client/import/pbrt           : client/import/pbrt/shapes
-client/import               : client/import/pbrt client/import/gltf client/import/obj
+client/import               : client/import/pbrt client/import/gltf client/import/obj client/import/environment
 client/text                 : proto/wire
 client/scene                : client/import client/text
 client/image                : common/options common/film

@@ -301,7 +301,7 @@ pid_t rig_start_worker(rig_t *rig)
 job_settings_t rig_settings(void)
 {
     loaded_scene_t scene;
-    must(scene_load(SCENE, (scene_rules_t){0}, &scene));
+    must(scene_load(SCENE, NULL, &scene));
     job_settings_t settings = blob_default_settings(&scene.blob);
     settings.width = settings.height = 64;
     settings.spp = (uint32_t)strtoul(RIG_SPP, NULL, 10);
@@ -320,7 +320,7 @@ uint64_t rig_submit_on(rig_t *rig, const job_settings_t *settings, const job_ter
 {
     loaded_scene_t scene;
     uint64_t job;
-    must(scene_load(SCENE, (scene_rules_t){0}, &scene));
+    must(scene_load(SCENE, NULL, &scene));
     must(remote_put_blob(rig->remote, &scene.blob, NULL, NULL));
     must(remote_submit_job(rig->remote, terms, settings, &scene.blob.hash, &job));
     scene_free(&scene);

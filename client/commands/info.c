@@ -1,6 +1,7 @@
 /* info: `lightmill info`: what is in an OpenEXR image, a scene blob or a scene file, and the hash of it. */
 #include "client/commands/commands.h"
 #include "client/scene/loaded_scene.h"
+#include "client/scene/scene_options.h"
 #include "common/image/image.h"
 #include "common/text/json.h"
 #include "common/text/text.h"
@@ -12,6 +13,7 @@
 #include <sys/stat.h>
 
 typedef struct {
+    import_wishes_t wishes;
     bool hash, json;
 } values_t;
 
@@ -411,7 +413,7 @@ static void print_scene_json(const scene_blob_t *blob)
 static result_t info_scene(const char *path, const values_t *values)
 {
     loaded_scene_t scene;
-    TRY(scene_load(path, (scene_rules_t){0}, &scene));
+    TRY(scene_load(path, &values->wishes, &scene));
     if (values->hash)
         print_hash("", &scene.blob.hash, "\n");
     else if (values->json)
@@ -442,6 +444,11 @@ static result_t recognise_exr(const char *path, bool *is_exr)
     return result_ok();
 }
 
+static void begin(void *values)
+{
+    ((values_t *)values)->wishes = import_wishes_none();
+}
+
 static result_t run(const call_t *call)
 {
     const values_t *values = call->values;
@@ -451,14 +458,15 @@ static result_t run(const call_t *call)
     return (is_exr ? info_image : info_scene)(call->arguments[0], values);
 }
 
-const command_t info_command = {
-    .name = "lightmill info",
-    .arguments = "FILE",
-    .summary = "describe a scene, a scene blob or an EXR",
-    .about = "Describes FILE, which may be\n"
-             "- an OpenEXR image: size, channels with their range, attributes\n"
-             "- a scene (.pbrt, .gltf, .glb, .obj, or a folder with a scene.pbrt) or a scene blob: counts, camera, "
-             "materials, textures, images, lights",
-    .groups = {{&info_options, 0}},
-    .size = sizeof(values_t),
-    .run = run};
+const command_t info_command = {.name = "lightmill info",
+                                .arguments = "FILE",
+                                .summary = "describe a scene, a scene blob or an EXR",
+                                .about = "Describes FILE, which may be\n"
+                                         "- an OpenEXR image: size, channels with their range, attributes\n"
+                                         "- a scene (.pbrt, .gltf, .glb, .obj, or a folder with a "
+                                         "scene.pbrt) or a scene blob: counts, camera, "
+                                         "materials, textures, images, lights",
+                                .groups = {{&info_options, 0}, {&scene_options, offsetof(values_t, wishes)}},
+                                .size = sizeof(values_t),
+                                .begin = begin,
+                                .run = run};

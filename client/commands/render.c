@@ -11,6 +11,7 @@
 #include "client/farm/watch.h"
 #include "client/image/output.h"
 #include "client/scene/loaded_scene.h"
+#include "client/scene/scene_options.h"
 #include "client/scene/settings.h"
 #include "common/film/picture.h"
 #include "common/interrupt.h"
@@ -21,6 +22,7 @@
 #include <string.h>
 
 typedef struct {
+    import_wishes_t wishes;
     overrides_t overrides;
     output_t output;
     local_farm_options_t farm;
@@ -54,7 +56,7 @@ static const option_group_t render_options = OPTION_GROUP(NULL, rows);
 
 static void begin(void *data)
 {
-    ((values_t *)data)->overrides = overrides_none();
+    *(values_t *)data = (values_t){.wishes = import_wishes_none(), .overrides = overrides_none()};
 }
 
 /* Seconds between batches: a large frame is costly to send, a small one should show its progress soon. */
@@ -195,8 +197,7 @@ static result_t run(const call_t *call)
     display_t *display = NULL;
     log_init("lightmill", values->farm.verbose ? LOG_DEBUG : values->quiet ? LOG_ERROR : LOG_WARNING);
     loaded_scene_t scene;
-    scene_rules_t rules = {.lenient = values->overrides.lenient, .strict = values->overrides.strict};
-    TRY(scene_load(call->arguments[0], rules, &scene));
+    TRY(scene_load(call->arguments[0], &values->wishes, &scene));
     output_name(&values->output, scene.name, values->strategies);
     result_t result = check(values);
     if (result.code == RESULT_OK) result = display_open(values->viewer, &display);
@@ -211,13 +212,14 @@ const command_t render_command = {
     .name = "lightmill render",
     .arguments = "SCENE",
     .summary = "render on this machine and write the image",
-    .about =
-        "Renders a scene (a .pbrt, .gltf, .glb or .obj file, a folder with a scene.pbrt, or a scene blob) on this "
-        "machine. Ctrl-C ends the render and writes the image so far; twice: leaves at once. A "
-        "terminal that is closed (SIGHUP) counts as one Ctrl-C.",
+    .about = "Renders a scene (a .pbrt, .gltf, .glb or .obj file, a folder with a scene.pbrt, or a scene "
+             "blob) on this "
+             "machine. Ctrl-C ends the render and writes the image so far; twice: leaves at once. A "
+             "terminal that is closed (SIGHUP) counts as one Ctrl-C.",
     .groups = {{&render_options, 0},
                {&output_options, offsetof(values_t, output)},
                {&tell_options, offsetof(values_t, tell)},
+               {&scene_options, offsetof(values_t, wishes)},
                {&settings_options, offsetof(values_t, overrides)},
                {&http_options, offsetof(values_t, farm.http)}},
     .size = sizeof(values_t),

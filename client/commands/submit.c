@@ -5,6 +5,7 @@
 #include "client/farm/watch.h"
 #include "client/image/output.h"
 #include "client/scene/loaded_scene.h"
+#include "client/scene/scene_options.h"
 #include "client/scene/settings.h"
 #include "common/film/picture.h"
 #include "common/interrupt.h"
@@ -17,6 +18,7 @@
 typedef struct {
     const char *name;
     job_terms_t terms; /* without the name */
+    import_wishes_t wishes;
     overrides_t overrides;
     output_t output;
     master_option_t master;
@@ -45,7 +47,8 @@ static const option_group_t submit_options = OPTION_GROUP(NULL, rows);
 
 static void begin(void *data)
 {
-    *(values_t *)data = (values_t){.overrides = overrides_none(), .master = master_option_default()};
+    *(values_t *)data = (values_t){
+        .wishes = import_wishes_none(), .overrides = overrides_none(), .master = master_option_default()};
 }
 
 static result_t check(const values_t *values)
@@ -105,8 +108,7 @@ static result_t run(const call_t *call)
     TRY(check(values));
     log_init("lightmill", values->quiet ? LOG_ERROR : LOG_WARNING);
     loaded_scene_t scene;
-    scene_rules_t rules = {.lenient = values->overrides.lenient, .strict = values->overrides.strict};
-    TRY(scene_load(call->arguments[0], rules, &scene));
+    TRY(scene_load(call->arguments[0], &values->wishes, &scene));
     output_name(&values->output, scene.name, values->strategies);
     remote_t *remote = NULL;
     result_t result = values->wait ? output_check(&values->output) : result_ok();
@@ -123,11 +125,13 @@ const command_t submit_command = {
     .name = "lightmill submit",
     .arguments = "SCENE",
     .summary = "hand a scene to a master; with --wait also fetch the image",
-    .about = "Sends a scene (a .pbrt, .gltf, .glb or .obj file, a folder with a scene.pbrt, or a scene blob) to a "
-             "master and prints the job's number.",
+    .about =
+        "Sends a scene (a .pbrt, .gltf, .glb or .obj file, a folder with a scene.pbrt, or a scene blob) to a "
+        "master and prints the job's number.",
     .groups = {{&submit_options, 0},
                {&output_options, offsetof(values_t, output)},
                {&tell_options, offsetof(values_t, tell)},
+               {&scene_options, offsetof(values_t, wishes)},
                {&settings_options, offsetof(values_t, overrides)},
                MASTER_GROUPS(values_t, master)},
     .size = sizeof(values_t),

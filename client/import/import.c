@@ -1,4 +1,4 @@
-/* import: the table of formats, and nothing else. */
+/* import: the table of formats, and what is done to scenes of all of them. */
 #include "client/import/import.h"
 
 #include <stdlib.h>
@@ -6,6 +6,7 @@
 #include <strings.h>
 #include <sys/stat.h>
 
+#include "client/import/environment/environment.h"
 #include "client/import/gltf/gltf.h"
 #include "client/import/obj/obj.h"
 #include "client/import/pbrt/pbrt.h"
@@ -31,17 +32,31 @@ static const format_t *format_of(const char *path)
     return NULL;
 }
 
-static result_t import_file(const char *path, blob_builder_t *builder, const import_report_t *sink)
+static result_t read_format(const char *path, scene_builder_t *scene)
 {
     const format_t *format = format_of(path);
-    if (!format)
-        return result_fail(RESULT_INPUT,
-                           "%s: not a scene format that Lightmill reads; it reads .pbrt, .gltf, .glb and .obj",
-                           path);
+    if (format) return format->import(path, scene);
+    return result_fail(RESULT_INPUT,
+                       "%s: not a scene format that Lightmill reads; it reads .pbrt, .gltf, .glb and .obj",
+                       path);
+}
+
+/* Fills the builder with a scene file (`path`) or with a blob, and grants the wishes that need no reader. */
+static result_t fill(const char *path, const scene_blob_t *blob, blob_builder_t *builder,
+                     const import_report_t *sink)
+{
+    import_wishes_t wishes = sink && sink->wishes ? *sink->wishes : import_wishes_none();
+    environment_t environment;
+    TRY(environment_parse(wishes.environment, &environment));
     report_t report = report_begin(sink);
     scene_builder_t scene;
     scene_begin(&scene, builder, &report);
-    result_t result = format->import(path, &scene);
+    result_t result = result_ok();
+    if (blob)
+        blob_builder_take(builder, blob);
+    else
+        result = read_format(path, &scene);
+    if (result.code == RESULT_OK) result = environment_add(&scene, &environment, &wishes);
     scene_end(&scene);
     report_end(&report);
     return result;
@@ -50,19 +65,35 @@ static result_t import_file(const char *path, blob_builder_t *builder, const imp
 result_t import_scene(const char *path, blob_builder_t *builder, const import_report_t *report)
 {
     struct stat status;
-    if (stat(path, &status) != 0 || !S_ISDIR(status.st_mode)) return import_file(path, builder, report);
+    if (stat(path, &status) != 0 || !S_ISDIR(status.st_mode)) return fill(path, NULL, builder, report);
     size_t length = strlen(path);
     char *inside = mem_printf("%s%sscene.pbrt", path, length && path[length - 1] == '/' ? "" : "/");
-    result_t result = import_file(inside, builder, report);
+    result_t result = fill(inside, NULL, builder, report);
     free(inside);
+    return result;
+}
+
+static result_t finish(result_t result, blob_builder_t *builder, uint8_t **bytes, uint64_t *size)
+{
+    if (result.code == RESULT_OK) result = blob_builder_finish(builder, bytes, size);
+    blob_builder_destroy(&builder);
     return result;
 }
 
 result_t import_scene_blob(const char *path, const import_report_t *report, uint8_t **bytes, uint64_t *size)
 {
     blob_builder_t *builder = blob_builder_new();
-    result_t result = import_scene(path, builder, report);
-    if (result.code == RESULT_OK) result = blob_builder_finish(builder, bytes, size);
-    blob_builder_destroy(&builder);
-    return result;
+    return finish(import_scene(path, builder, report), builder, bytes, size);
+}
+
+bool import_changes_blobs(const import_wishes_t *wishes)
+{
+    return wishes && wishes->environment;
+}
+
+result_t import_changed_blob(const scene_blob_t *blob, const import_report_t *report, uint8_t **bytes,
+                             uint64_t *size)
+{
+    blob_builder_t *builder = blob_builder_new();
+    return finish(fill(NULL, blob, builder, report), builder, bytes, size);
 }

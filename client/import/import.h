@@ -19,4 +19,10 @@ result_t import_scene(const char *path, blob_builder_t *builder, const import_re
  * see blob_recognise. */
 result_t import_scene_blob(const char *path, const import_report_t *report, uint8_t **bytes, uint64_t *size);
 
+/* True when the wishes ask for something that a scene which is a blob already can still be given. */
+bool import_changes_blobs(const import_wishes_t *wishes);
+/* Makes another blob of a checked one: with what the report's wishes ask for. The caller frees *bytes. */
+result_t import_changed_blob(const scene_blob_t *blob, const import_report_t *report, uint8_t **bytes,
+                             uint64_t *size);
+
 #endif

@@ -57,27 +57,41 @@ static void show_progress(void *context, double fraction)
     progress_import(context, fraction);
 }
 
-static result_t import_file(const char *path, scene_rules_t rules, loaded_scene_t *scene)
+/* Imports a scene file, or makes a blob what the wishes ask for. */
+static result_t import_file(const char *path, const scene_blob_t *blob, const import_wishes_t *wishes,
+                            loaded_scene_t *scene)
 {
     uint64_t size;
     progress_t progress = progress_start(false);
     import_report_t report = {.warn = warn,
                               .progress = show_progress,
                               .context = &progress,
-                              .lenient = rules.lenient,
-                              .strict = rules.strict};
-    result_t result = import_scene_blob(path, &report, &scene->bytes, &size);
+                              .lenient = wishes && wishes->lenient,
+                              .strict = wishes && wishes->strict,
+                              .wishes = wishes};
+    result_t result = blob ? import_changed_blob(blob, &report, &scene->bytes, &size)
+                           : import_scene_blob(path, &report, &scene->bytes, &size);
     progress_erase(&progress);
     return result.code == RESULT_OK ? blob_open(scene->bytes, size, &scene->blob) : result;
 }
 
-result_t scene_load(const char *path, scene_rules_t rules, loaded_scene_t *scene)
+static result_t load_blob(const char *path, const import_wishes_t *wishes, loaded_scene_t *scene)
+{
+    scene_blob_t blob;
+    if (!import_changes_blobs(wishes)) return blob_open_file(path, &scene->blob);
+    TRY(blob_open_file(path, &blob));
+    result_t result = import_file(path, &blob, wishes, scene);
+    blob_close(&blob);
+    return result;
+}
+
+result_t scene_load(const char *path, const import_wishes_t *wishes, loaded_scene_t *scene)
 {
     *scene = (loaded_scene_t){0};
     if (access(path, R_OK) != 0)
         return result_fail(RESULT_INPUT, "cannot read %.300s: %s", path, strerror(errno));
     result_t result =
-        is_blob_file(path) ? blob_open_file(path, &scene->blob) : import_file(path, rules, scene);
+        is_blob_file(path) ? load_blob(path, wishes, scene) : import_file(path, NULL, wishes, scene);
     if (result.code == RESULT_OK)
         scene->name = scene_name(path);
     else

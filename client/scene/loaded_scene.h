@@ -2,6 +2,7 @@
 #ifndef LIGHTMILL_LOADED_SCENE_H
 #define LIGHTMILL_LOADED_SCENE_H
 
+#include "client/import/scene/wishes.h"
 #include "common/scene/scene_blob.h"
 
 typedef struct {
@@ -10,14 +11,9 @@ typedef struct {
     char *name; /* owned; what to call the job and the image: "cornell" */
 } loaded_scene_t;
 
-/* How severe an import is; see import_report_t. Zeros are the default. */
-typedef struct {
-    bool lenient, strict;
-} scene_rules_t;
-
 /* Loads a scene file (.pbrt, .gltf, .glb, .obj), a directory that holds a scene.pbrt, or a scene blob.
- * Warnings go to the log. */
-result_t scene_load(const char *path, scene_rules_t rules, loaded_scene_t *scene);
+ * Warnings go to the log. `wishes` (NULL: none) is what is asked for beyond what the file says. */
+result_t scene_load(const char *path, const import_wishes_t *wishes, loaded_scene_t *scene);
 /* Harmless on a zeroed scene. */
 void scene_free(loaded_scene_t *scene);
 

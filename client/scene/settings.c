@@ -125,9 +125,5 @@ static const option_t rows[] = {
         "key=3+4,sky=infinite, by number, kind or place in the scene file (lightmill info SCENE lists them); "
         "lights in no group make the group rest; or kinds: a group a kind; each: a group a light; at most 8 "
         "groups"),
-    OPTION(overrides_t, lenient, "lenient", NULL,
-           "take the nearest substitute for what a scene has and Lightmill has not, and warn"),
-    OPTION(overrides_t, strict, "strict", NULL,
-           "fail at slips in a scene that its own program forgives, instead of warning"),
 };
 const option_group_t settings_options = OPTION_GROUP("How to render (default: as the scene says)", rows);

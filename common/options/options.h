@@ -93,7 +93,7 @@ typedef struct {
         .title = title_, .rows = rows_, .count = ARRAY_LENGTH(rows_)                                         \
     }
 
-enum { COMMAND_MAX_GROUPS = 6 };
+enum { COMMAND_MAX_GROUPS = 8 };
 
 /* A program or a subcommand. Of its texts blank lines part paragraphs, and help breaks the lines. */
 typedef struct command command_t;

@@ -67,6 +67,15 @@ uint32_t blob_builder_string(blob_builder_t *builder, const char *text)
     return *text == 0 ? 0 : blob_builder_add(builder, BLOB_SECTION_STRINGS, text, (uint32_t)strlen(text) + 1);
 }
 
+void blob_builder_take(blob_builder_t *builder, const scene_blob_t *blob)
+{
+    const header_t *header = (const header_t *)(const void *)blob->bytes;
+    builder->sections[BLOB_SECTION_STRINGS].count = 0; /* the blob has its own empty string */
+    for (int i = 0; i < BLOB_SECTION_COUNT; i++)
+        blob_builder_add(builder, (blob_section_t)i, blob->bytes + header->sections[i].offset,
+                         (uint32_t)blob->counts[i]);
+}
+
 static uint64_t align_up(uint64_t offset)
 {
     return (offset + SECTION_ALIGN - 1) / SECTION_ALIGN * SECTION_ALIGN;

@@ -19,6 +19,8 @@ void *blob_builder_records(blob_builder_t *builder, blob_section_t section);
 uint32_t blob_builder_count(const blob_builder_t *builder, blob_section_t section);
 /* Adds a name to the strings and returns its offset. */
 uint32_t blob_builder_string(blob_builder_t *builder, const char *text);
+/* Takes over all records of a blob that blob_open has let through; the builder must be new. */
+void blob_builder_take(blob_builder_t *builder, const scene_blob_t *blob);
 /* Lays the blob out in fresh memory (the caller frees *bytes), and checks it as blob_open does. The builder
  * is left without records, good only for blob_builder_destroy, unless the scene was too large. */
 result_t blob_builder_finish(blob_builder_t *builder, uint8_t **bytes, uint64_t *size);

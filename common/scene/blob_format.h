@@ -354,7 +354,8 @@ typedef enum {
 /* How an image is laid over the directions of its light; d is a unit direction in light space. */
 typedef enum {
     LIGHT_LATLONG = 1, /* rows from d = +z to -z, columns from +x towards +y: pbrt-v3's infinite light */
-    LIGHT_LATLONG_Y,   /* rows from +y to -y, columns from +x towards +z: pbrt-v3's goniometric light */
+    LIGHT_LATLONG_Y,   /* rows from +y to -y, columns from +x towards +z: pbrt-v3's goniometric light, and
+                          environments that pbrt does not have: of an infinite light rows end at the poles */
     LIGHT_OCTAHEDRAL   /* equal areas (Clarberg 2008), as pbrt-v4's */
 } light_mapping_t;
 

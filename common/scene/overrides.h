@@ -21,7 +21,6 @@ typedef struct {
     bool no_layers;
     bool cryptomatte;
     const char *light_groups; /* as light_groups_resolve takes them; NULL: none */
-    bool lenient, strict;     /* for who imports the scene */
 } overrides_t;
 
 /* Nothing is said. */

@@ -117,8 +117,7 @@ result_t light_add(document_t *document)
                   "written by Blender: its lamps are taken for exported with the lighting mode "
                   "\"Standard\", Blender's default; with \"Unitless\" they come out 683 times too dark");
     for (size_t i = 0; i < document->lights.count; ++i) TRY(add_one(document, &document->lights.items[i]));
-    if (scene_has_light(document->builder)) return result_ok();
-    item_warn(&document->root, "the scene has no light: a white sky of radiance 1 lights it");
-    scene_add_sky(document->builder);
+    scene_default_light(document->builder, document->lights.count > 0,
+                        document_at(document, &document->root));
     return result_ok();
 }

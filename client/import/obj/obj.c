@@ -62,10 +62,7 @@ static result_t finish(scene_builder_t *scene, position_t at)
     record.spp = 64;
     record.width = 1280;
     record.height = 720;
-    if (!scene_has_light(scene)) {
-        report_warning(scene->report, at, "nothing emits (Ke): a white sky of radiance 1 lights the scene");
-        scene_add_sky(scene);
-    }
+    scene_default_light(scene, false, at);
     TRY(scene_see_everything(scene, &record, at));
     return scene_finish(scene, &record, at);
 }

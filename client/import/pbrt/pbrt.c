@@ -333,8 +333,9 @@ static result_t finish(pbrt_t *p, position_t at)
     TRY(check_defaults(p));
     TRY(apply_gain(p, at));
     TRY(scene_finish(p->builder, &p->scene, at));
-    if (!scene_has_light(p->builder))
-        report_warning(p->report, at, "the scene has no light: its picture is black");
+    if (!scene_has_light(p->builder) && !scene_gets_environment(p->builder))
+        report_warning(p->report, at,
+                       "the scene has no light: its picture is black; --environment gives it one");
     return result_ok();
 }
 

@@ -7,6 +7,7 @@
 #ifndef LIGHTMILL_REPORT_H
 #define LIGHTMILL_REPORT_H
 
+#include "client/import/scene/wishes.h"
 #include "common/base.h"
 
 /* Where warnings go: `warn` gets one line for people, "file:line:column: text", valid during the call.
@@ -18,6 +19,8 @@ typedef struct {
     bool lenient; /* what is not supported gets its nearest substitute and a warning instead of an error */
     bool strict;  /* a slip that the scene's own program forgives is an error instead of a warning */
     void (*progress)(void *context, double fraction);
+    const import_wishes_t
+        *wishes; /* NULL: none; its own `lenient` and `strict` are for whoever fills this in */
 } import_report_t;
 
 enum { REPORT_MAX_WARNINGS = 100 };

@@ -109,6 +109,12 @@ bool scene_has_light(const scene_builder_t *scene)
     return blob_builder_count(scene->blob, BLOB_SECTION_LIGHTS) > 0;
 }
 
+bool scene_gets_environment(const scene_builder_t *scene)
+{
+    const import_wishes_t *wishes = scene->report->sink.wishes;
+    return wishes && wishes->environment;
+}
+
 blob_value_t scene_add_texture(scene_builder_t *scene, const blob_texture_t *texture)
 {
     return (blob_value_t){vec3(1, 1, 1),

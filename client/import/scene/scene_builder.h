@@ -76,6 +76,8 @@ result_t scene_add_instance(scene_builder_t *scene, uint32_t object, const affin
 result_t scene_add_light(scene_builder_t *scene, blob_light_t light, const affine_t *world_from_light,
                          position_t at);
 bool scene_has_light(const scene_builder_t *scene);
+/* True when the scene gets an environment that its file does not have: import_wishes_t.environment. */
+bool scene_gets_environment(const scene_builder_t *scene);
 
 /* Adds a texture and returns its value. */
 blob_value_t scene_add_texture(scene_builder_t *scene, const blob_texture_t *texture);

@@ -4,8 +4,20 @@
 #include <float.h>
 #include <stdlib.h>
 
-void scene_add_sky(scene_builder_t *scene)
+void scene_default_light(scene_builder_t *scene, bool lamps, position_t at)
 {
+    if (scene_gets_environment(scene)) return;
+    if (scene_has_light(scene)) {
+        if (!lamps)
+            report_warning(
+                scene->report, at,
+                "nothing lights the scene but its own surfaces that emit, so it may come out dark; "
+                "--environment sky, or 1,1,1, or an image, gives it light from all around");
+        return;
+    }
+    report_warning(
+        scene->report, at,
+        "the scene has no light: a white sky of radiance 1 lights it; --environment takes another");
     blob_light_t sky = {
         .kind = LIGHT_INFINITE, .radiance = blob_constant(1), .world_from_light = xform_identity()};
     blob_builder_add(scene->blob, BLOB_SECTION_LIGHTS, &sky, 1);

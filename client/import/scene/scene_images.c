@@ -269,9 +269,19 @@ blob_ref_t scene_grey_image(scene_builder_t *scene, blob_ref_t ref)
     return add_record(scene, &grey);
 }
 
+blob_ref_t scene_float_image(scene_builder_t *scene, const float *values, uint32_t width, uint32_t height,
+                             uint32_t channels)
+{
+    blob_image_t record = {
+        .format = channels == 1 ? TEXELS_R32F : TEXELS_RGB32F, .width = width, .height = height, .gamma = 1};
+    size_t size = (size_t)width * height * channels * sizeof *values;
+    float *to = add_texels(scene, size, &record.first_word);
+    if (to) memcpy(to, values, size);
+    return add_record(scene, &record);
+}
+
 blob_ref_t scene_white_image(scene_builder_t *scene)
 {
-    float white = 1;
-    return store(scene, &(texture_image_t){.width = 1, .height = 1, .channels = 1, .floats = &white}, true,
-                 true, 1);
+    const float white = 1;
+    return scene_float_image(scene, &white, 1, 1, 1);
 }

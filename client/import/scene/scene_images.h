@@ -41,6 +41,9 @@ double scene_image_mean(const scene_builder_t *scene, blob_ref_t image,
                         double (*weight)(const void *, double, double), const void *context);
 /* A copy of an image with the mean of its colours as grey; the image itself when it is grey. */
 blob_ref_t scene_grey_image(scene_builder_t *scene, blob_ref_t image);
+/* Adds an image of linear floats, rows from the top, of one channel or of three interleaved. */
+blob_ref_t scene_float_image(scene_builder_t *scene, const float *values, uint32_t width, uint32_t height,
+                             uint32_t channels);
 /* An image of one white pixel. */
 blob_ref_t scene_white_image(scene_builder_t *scene);
 

@@ -184,7 +184,7 @@ static void blobs_are_described_like_their_scene(void **state)
 {
     char *path = scratch_path(*state, "scene.blob"), *of_scene, *of_blob;
     loaded_scene_t scene;
-    assert_result(scene_load("scenes/caustic", (scene_rules_t){0}, &scene), RESULT_OK, "");
+    assert_result(scene_load("scenes/caustic", NULL, &scene), RESULT_OK, "");
     scratch_write(path, scene.blob.bytes, scene.blob.size);
     assert_result(run(*state, "--json", "scenes/caustic", &of_scene), RESULT_OK, "");
     assert_result(run(*state, "--json", path, &of_blob), RESULT_OK, "");

@@ -5,12 +5,12 @@
 
 #include <stdlib.h>
 
-/* pbrt-v3 looks its maps up bilinearly and lets both sides wrap around; pbrt-v4 takes the nearest texel of
- * its octahedral ones. */
+/* pbrt-v3 looks its maps up bilinearly and lets both sides wrap around, so that its poles meet; pbrt-v4 takes
+ * the nearest texel of its octahedral ones. */
 static rgb_t value_at(const light_map_t *map, vec2_t st)
 {
     if (map->mapping != LIGHT_OCTAHEDRAL)
-        return textures_image(map->textures, map->image, WRAP_REPEAT, WRAP_REPEAT, st);
+        return textures_image(map->textures, map->image, WRAP_REPEAT, map->rows, st);
     uint32_t width, height;
     textures_size(map->textures, map->image, &width, &height);
     uint32_t x = (uint32_t)(float_clamp(st.x, 0, 0x1.fffffep-1f) * (float)width);
@@ -54,7 +54,10 @@ void light_map_init(light_map_t *map, const light_t *light)
 {
     *map = (light_map_t){.textures = scene_textures(light->scene),
                          .image = light->record->image - 1,
-                         .mapping = (light_mapping_t)light->record->mapping};
+                         .mapping = (light_mapping_t)light->record->mapping,
+                         .rows = WRAP_REPEAT};
+    /* No light of pbrt's is this: the zenith of an environment is to show nothing of the ground. */
+    if (light->record->kind == LIGHT_INFINITE && map->mapping == LIGHT_LATLONG_Y) map->rows = WRAP_CLAMP;
     uint32_t width, height;
     textures_size(map->textures, map->image, &width, &height);
     uint32_t cells = refinement(map, width, height);

@@ -10,6 +10,7 @@ typedef struct {
     const textures_t *textures;
     uint32_t image;
     light_mapping_t mapping;
+    wrap_t rows;                  /* what is looked up beyond the first and the last */
     distribution_t *distribution; /* over (s, t) */
     double mean;                  /* luminance over all directions */
 } light_map_t;

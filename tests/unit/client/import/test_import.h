@@ -21,7 +21,8 @@ typedef struct {
     int file_count;
     char warnings[32768]; /* of the last import, one a line */
     int warning_count;
-    bool lenient, strict; /* set them before an import */
+    bool lenient, strict;          /* set them before an import */
+    const import_wishes_t *wishes; /* the same */
     result_t result;
     uint8_t *bytes;
     uint64_t size;
@@ -85,8 +86,11 @@ static inline void bench_close(bench_t *bench)
 static inline void bench_import(bench_t *bench, const char *path)
 {
     bench_drop_result(bench);
-    import_report_t report = {
-        .warn = bench_warn, .context = bench, .lenient = bench->lenient, .strict = bench->strict};
+    import_report_t report = {.warn = bench_warn,
+                              .context = bench,
+                              .lenient = bench->lenient,
+                              .strict = bench->strict,
+                              .wishes = bench->wishes};
     bench->result = import_scene_blob(path, &report, &bench->bytes, &bench->size);
     if (bench->result.code != RESULT_OK) return;
     result_t opened = blob_open(bench->bytes, bench->size, &bench->blob);

@@ -189,8 +189,9 @@ static void the_seed_scenes_are_read(void **state)
         bench_import(&pbrt, twin);
         bench_expect_ok(&gltf);
         bench_expect_ok(&pbrt);
-        assert_int_equal(gltf.warning_count, 1);
+        assert_int_equal(gltf.warning_count, 2);
         expect_text(gltf.warnings, "(lamp): is double-sided, but its light leaves the front alone");
+        expect_text(gltf.warnings, "nothing lights the scene but its own surfaces");
         vec3_t low[2], high[2];
         double area[2];
         measure(&gltf.blob, false, &low[0], &high[0], &area[0]);
@@ -218,7 +219,9 @@ static void a_square_becomes_two_triangles(void **state)
                     FULL ",\"TEXCOORD_1\":2,\"COLOR_0\":4") "\"material\":0}]}],"
                                                             "\"nodes\":[{\"mesh\":0},{\"camera\":0}],"
                                                             "\"scene\":0,\"scenes\":[{\"nodes\":[0,1]}]");
-    bench_expect_silence(&bench);
+    bench_expect_ok(&bench);
+    assert_int_equal(bench.warning_count, 1);
+    expect_text(bench.warnings, "nothing lights the scene but its own surfaces that emit");
     const blob_mesh_t *mesh = mesh_of(&bench, 0);
     assert_int_equal(mesh->triangle_count, 2);
     assert_int_equal(mesh->vertex_count, 4);
@@ -570,6 +573,16 @@ static void a_file_without_light_and_camera_gets_both(void **state)
         assert_true(fabsf(p.y / p.z) < tanf(scene->fov / 2 * PI_F / 180));
         assert_true(p.z > 0);
     }
+    import_wishes_t wishes = import_wishes_none();
+    wishes.environment = "1,2,3";
+    bench.wishes = &wishes;
+    run(&bench, CAMERA MESH(POSITION) "\"mode\":4}]}],\"nodes\":[{\"mesh\":0},{\"camera\":0}]");
+    bench_expect_silence(&bench);
+    assert_int_equal(count_of(&bench, BLOB_SECTION_LIGHTS), 1);
+    expect_vec3(bench.blob.lights[0].radiance.factor, 1, 2, 3);
+    run(&bench, CAMERA LAMP MESH(POSITION) "\"material\":0}]}],\"nodes\":[{\"mesh\":0},{\"camera\":0}]");
+    bench_expect_silence(&bench);
+    assert_int_equal(count_of(&bench, BLOB_SECTION_LIGHTS), 2);
     bench_close(&bench);
 }
 

@@ -205,7 +205,9 @@ static void a_file_without_light_gets_a_sky_and_a_camera_and_is_told(void **stat
     expect_near((double)bench.blob.scene->fov, 40, 0);
     assert_true(bench.blob.scene->world_from_camera.m[2][3] > 1);
     run_material(&bench, "Kd 1 1 1\nKe 2 3 4\n");
-    bench_expect_silence(&bench);
+    bench_expect_ok(&bench);
+    assert_int_equal(bench.warning_count, 1);
+    expect_text(bench.warnings, "nothing lights the scene but its own surfaces");
     assert_int_equal(count_of(&bench, BLOB_SECTION_LIGHTS), 1);
     assert_int_equal(bench.blob.lights[0].kind, LIGHT_AREA);
     expect_vec3(bench.blob.lights[0].radiance.factor, 2, 3, 4);

@@ -76,7 +76,7 @@ static void what_a_reader_adds_becomes_a_scene_with_the_world_first(void **state
     assert_int_equal(scene_add_instance(&site.scene, 1, &flat, &flat, here).code, RESULT_INPUT);
     assert_int_equal(scene_add_instance(&site.scene, 1, &identity, &mirror, here).code, RESULT_INPUT);
     assert_false(scene_has_light(&site.scene));
-    scene_add_sky(&site.scene);
+    scene_default_light(&site.scene, false, here);
     assert_true(scene_has_light(&site.scene));
 
     expect_near(mesh_area(&site.scene, 0), 1, 1e-6);

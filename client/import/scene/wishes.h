@@ -1,0 +1,25 @@
+/* wishes: what whoever imports a scene asks for beyond what its file says.
+ *
+ * A reader finds them in its report (report.h); those that concern every format are granted behind the reader
+ * (client/import/import.c). The texts are kept by the caller.
+ */
+#ifndef LIGHTMILL_WISHES_H
+#define LIGHTMILL_WISHES_H
+
+#include <stdbool.h>
+
+typedef struct {
+    bool lenient, strict;       /* see import_report_t */
+    const char *environment;    /* light from all around: see environment.h; NULL: the scene's own */
+    double environment_turn;    /* degrees about the axis that points up, counter-clockwise seen from above */
+    double environment_factor;  /* on its radiance */
+    const char *environment_up; /* "y" or "z": the axis of the world that points up; NULL: y */
+} import_wishes_t;
+
+/* Nothing is asked for. */
+static inline import_wishes_t import_wishes_none(void)
+{
+    return (import_wishes_t){.environment_factor = 1};
+}
+
+#endif
