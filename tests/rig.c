@@ -3,12 +3,11 @@
 
 #include "client/scene/loaded_scene.h"
 #include "common/image/image.h"
+#include "tests/ports.h"
 #include "tests/scratch.h"
 
-#include <arpa/inet.h>
 #include <errno.h>
 #include <fcntl.h>
-#include <netinet/in.h>
 #include <setjmp.h>
 #include <signal.h>
 #include <stdarg.h>
@@ -16,7 +15,6 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/prctl.h>
-#include <sys/socket.h>
 #include <sys/wait.h>
 #include <time.h>
 #include <unistd.h>
@@ -137,26 +135,9 @@ int rig_run(rig_t *rig, const char *const *arguments)
 
 /* ---- the farm ----------------------------------------------------------------------------------------- */
 
-static bool port_free(int port)
-{
-    int socket_file = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
-    struct sockaddr_in address = {.sin_family = AF_INET, .sin_port = htons((uint16_t)port)};
-    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-    bool available = bind(socket_file, (struct sockaddr *)&address, sizeof address) == 0;
-    close(socket_file);
-    return available;
-}
-
-/* A port of which the next one is free too, below the range that the system gives away by itself. */
 int rig_free_ports(void)
 {
-    unsigned seed = (unsigned)getpid() * 2654435761u + (unsigned)(1e6 * clock_now());
-    for (int i = 0; i < 1000; i++) {
-        int port = 20000 + (int)(rand_r(&seed) % 12000);
-        if (port_free(port) && port_free(port + 1)) return port;
-    }
-    fail_msg("no free ports");
-    return 0;
+    return ports_choose(2);
 }
 
 rig_t *rig_new(void)

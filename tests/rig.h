@@ -32,7 +32,7 @@ job_settings_t rig_settings(void);
 /* The pixel hash of that job, rendered by `lightmill render` without any farm; computed once a program. */
 hash_t rig_reference(void);
 
-/* A port of which the next one is free too. */
+/* A port of which the next one is free too (tests/ports.h). */
 int rig_free_ports(void);
 /* An empty rig with a free port. */
 rig_t *rig_new(void);

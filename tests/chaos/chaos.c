@@ -14,6 +14,7 @@
 #include "tests/chaos/faults/faults.h"
 #include "tests/chaos/jobs/job_list.h"
 #include "tests/chaos/process.h"
+#include "tests/ports.h"
 #include "tests/scratch.h"
 
 #include <errno.h>
@@ -158,7 +159,7 @@ static void prepare(chaos_t *chaos)
 /* A port that is free with the next one; in a network of our own every one is. */
 static int choose_port(const chaos_t *chaos)
 {
-    return chaos->separate ? PROCESSES_PORT : 20000 + getpid() % 12000;
+    return chaos->separate ? PROCESSES_PORT : ports_choose(PROCESSES_RELAY_PORT + 2);
 }
 
 /* One worker calls the master directly, two through the proxy, and where there are cables, two through those.

@@ -8,13 +8,17 @@ import base64
 import json
 import math
 import os
-import socket
 import struct
 import subprocess
 import sys
 import tempfile
 import time
 import zlib
+
+sys.path.insert(0, "tests")
+sys.dont_write_bytecode = True
+
+import ports  # noqa: E402
 
 BUILD = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(sys.argv[0]))))
 PATIENCE = 60  # seconds
@@ -199,19 +203,6 @@ def render(folder, name, scene, *options):
     return path
 
 
-def free_ports():
-    """A port of which the next one is free too."""
-    while True:
-        with socket.socket() as first, socket.socket() as second:
-            first.bind(("127.0.0.1", 0))
-            port = first.getsockname()[1]
-            try:
-                second.bind(("127.0.0.1", port + 1))
-            except (OSError, OverflowError):
-                continue
-            return port
-
-
 def wait_for(ask):
     """Asks until the answer is true; a program that fails says that it is not."""
     deadline = time.monotonic() + PATIENCE
@@ -311,7 +302,7 @@ def names_of_gltf_are_those_of_its_nodes(folder, _):
 def killed_masters_relays_and_checks_change_nothing(folder, scene):
     """A worker, and a relay with another: they check half of the units of each other, and the master is killed."""
     settings = ["--resolution", f"{SIDE}x{SIDE}", "--cryptomatte", "--spp", "1500"]
-    processes, port, listen = [], free_ports(), free_ports()
+    processes, port, listen = [], ports.choose_pair(), ports.choose_pair()
     quick = ["--heartbeat", "0.2", "--lease", "2", "--batch-interval", "0.2"]
 
     def start(program, *arguments):

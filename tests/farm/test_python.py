@@ -9,7 +9,6 @@ import hashlib
 import os
 import re
 import shutil
-import socket
 import struct
 import subprocess
 import sys
@@ -22,12 +21,13 @@ import zlib
 
 BUILD = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(sys.argv[0]))))
 TOP = os.getcwd()
-sys.path.insert(0, f"{TOP}/python")
+sys.path[:0] = [f"{TOP}/python", f"{TOP}/tests"]
 sys.dont_write_bytecode = True
 
 import numpy as np  # noqa: E402
 
 import lightmill  # noqa: E402
+import ports  # noqa: E402
 from lightmill.events import read_events  # noqa: E402
 
 PATIENCE = 60  # seconds for anything, on a machine that does other things too
@@ -51,22 +51,12 @@ def lightmill_command(*arguments, **more):
     return subprocess.run([f"{BUILD}/lightmill", *arguments], check=True, stdout=subprocess.PIPE, text=True, **more).stdout
 
 
-def free_ports():
-    """A port of which the next one is free too; not among those that the system gives to others."""
-    for port in np.random.default_rng().integers(20000, 32000, 1000):
-        with contextlib.suppress(OSError), socket.socket() as first, socket.socket() as second:
-            first.bind(("127.0.0.1", port))
-            second.bind(("127.0.0.1", port + 1))
-            return int(port)
-    raise AssertionError("there are no free ports")
-
-
 class Farm:
     """A master and workers in a folder, of real processes."""
 
     def __init__(self, *options):
         self.folder = tempfile.mkdtemp(prefix="lightmill-")
-        self.data, self.options, self.processes, self.port = f"{self.folder}/lightmill-data", options, [], free_ports()
+        self.data, self.options, self.processes, self.port = f"{self.folder}/lightmill-data", options, [], ports.choose_pair()
         self.start_master()
 
     def start(self, name, *arguments):

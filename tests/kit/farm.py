@@ -1,15 +1,13 @@
 """Real masters and workers, with a key for each, and the things that tests of them need."""
-import contextlib
 import os
-import random
 import shutil
-import socket
 import subprocess
 import sys
 import tempfile
 import time
 import unittest
 
+import ports
 from kit import between, client, keys, worker
 
 PATIENCE = 120  # seconds for anything, on a machine that does other things too, or with programs under a sanitizer
@@ -28,16 +26,6 @@ def wait_for(what, ask, timeout=PATIENCE):
 def read(path):
     with open(path, encoding="utf-8", errors="replace") as file:
         return file.read()
-
-
-def free_ports():
-    """A port of which the next one is free too; not among those that the system gives to others."""
-    for port in random.SystemRandom().sample(range(20000, 32000), 1000):
-        with contextlib.suppress(OSError), socket.socket() as first, socket.socket() as second:
-            first.bind(("127.0.0.1", port))
-            second.bind(("127.0.0.1", port + 1))
-            return port
-    raise AssertionError("there are no free ports")
 
 
 class Programs:
@@ -81,7 +69,7 @@ class Farm:
     def __init__(self, programs, *options, names=("honest", "second", "liar")):
         self.programs, self.processes, self.peers = programs, [], []
         self.folder = tempfile.mkdtemp(prefix="lightmill-kit-")
-        self.port = free_ports()
+        self.port = ports.choose_pair()
         self.master_key, _ = keys.make(self.folder, "master")
         self.keys = {name: keys.make(self.folder, name) for name in ("client", *names)}
         with open(f"{self.folder}/allow", "w", encoding="ascii") as allow:
@@ -135,7 +123,7 @@ class Farm:
 
     def fingerprint(self):
         """The fingerprint of this machine's workers: that of one which never gets to the master."""
-        middle = between.Between("127.0.0.1", free_ports()).start()  # nobody is there
+        middle = between.Between("127.0.0.1", ports.choose_pair()).start()  # nobody is there
         process = self.start_worker("nobody", middle.port)
         hello = wait_for("hello", lambda: middle.hello_message)
         process.kill()

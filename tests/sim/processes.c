@@ -1,7 +1,8 @@
 /* processes: see processes.h. */
 #include "tests/sim/processes.h"
 
-#include <arpa/inet.h>
+#include "tests/ports.h"
+
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
@@ -51,22 +52,14 @@ void processes_free(processes_t *processes)
     *processes = (processes_t){0};
 }
 
-static bool port_is_free(int port)
-{
-    struct sockaddr_in address = {
-        .sin_family = AF_INET, .sin_port = htons((uint16_t)port), .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
-    int descriptor = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
-    bool good = bind(descriptor, (struct sockaddr *)&address, sizeof address) == 0;
-    close(descriptor);
-    return good;
-}
-
 int process_ports(processes_t *processes)
 {
-    if (processes->next_port == 0) processes->next_port = 20000 + 2 * ((int)getpid() % 5000);
+    int first, last;
+    ports_range(&first, &last);
+    if (processes->next_port == 0) processes->next_port = ports_choose(2);
     for (;;) {
         int port = processes->next_port;
-        processes->next_port += 2;
+        processes->next_port = port + 3 <= last ? port + 2 : first;
         if (port_is_free(port) && port_is_free(port + 1)) return port;
     }
 }
