@@ -152,8 +152,8 @@ $(BUILD)/tests/farm/test_scale $(BUILD)/tests/sim/main $(BUILD)/tests/bench/benc
 JOBS     := $(if $(findstring -j,$(MAKEFLAGS)),,-j$(shell nproc))
 SUBMAKE   = +$(MAKE) --no-print-directory
 
-# The ten slowest unit tests: they wait for peers that are lost, or render.
-SLOW_TESTS := worker relay checkpoint farm_checks health master proxy shared_film bulk payload
+# The ten slowest unit tests: most wait for what is lost, late or slow.
+SLOW_TESTS := http tiles worker shared_film tile_routes farm_checks relay image_writer checkpointer viewer
 UNIT_TESTS := $(filter $(BUILD)/tests/unit/%,$(TESTS))
 FAST_TESTS := $(filter-out $(foreach name,$(SLOW_TESTS),$(filter %/test_$(name),$(UNIT_TESTS))),$(UNIT_TESTS))
 # All tests; or those of TEST="film relay", by the names of their programs without the test_.
@@ -174,7 +174,7 @@ tests: $(CHOSEN)
 fast-tests: $(FAST_TESTS)
 
 run-tests: $(PROGRAMS) $(CHOSEN)
-	@tests/run.sh -j $(shell nproc) $(CHOSEN)
+	@tests/run.sh -j $(shell nproc) $(if $(SANITIZE),--apart) $(CHOSEN)
 
 # The address sanitizer runs everything, the thread sanitizer TSAN_TESTS: what has threads and sockets. The rest
 # renders for long, which is some ten times slower under it.
