@@ -70,7 +70,7 @@ static bool take_description(confined_result_t *left, draco_attribute_t *attribu
     return about.components >= 1 && about.components <= 4 && size_of_type(about.type) > 0;
 }
 
-static bool lay_out(size_t attributes, draco_mesh_t *mesh)
+bool draco_lay_out(size_t attributes, draco_mesh_t *mesh)
 {
     confined_result_t left = mesh->memory;
     uint32_t counts[2];
@@ -105,7 +105,7 @@ result_t draco_unpack(const uint8_t *data, size_t size, const uint32_t *ids, siz
     draco_shim_request_t request = {data, size, ids, id_count};
     confined_limits_t limits = limits_for(size);
     result_t result = confined_run(unpack_here, &request, &limits, &mesh->memory);
-    if (result.code == RESULT_OK && (mesh->memory.failure != 0 || !lay_out(id_count, mesh)))
+    if (result.code == RESULT_OK && (mesh->memory.failure != 0 || !draco_lay_out(id_count, mesh)))
         result = failure_of(mesh->memory.failure);
     if (result.code != RESULT_OK) draco_free(mesh);
     return result;

@@ -33,6 +33,9 @@ typedef struct {
  * or memory than their size justifies; RESULT_LIMIT as confined_run. On failure there is nothing to free. */
 result_t draco_unpack(const uint8_t *data, size_t size, const uint32_t *ids, size_t id_count,
                       draco_mesh_t *mesh);
+/* What draco_unpack does with the bytes that came back, mesh->memory, which it does not trust: finds the
+ * parts of the mesh in them. False when they are not there. */
+bool draco_lay_out(size_t attributes, draco_mesh_t *mesh);
 void draco_free(draco_mesh_t *mesh);
 
 #endif
