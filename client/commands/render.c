@@ -198,6 +198,7 @@ static result_t run(const call_t *call)
     log_init("lightmill", values->farm.verbose ? LOG_DEBUG : values->quiet ? LOG_ERROR : LOG_WARNING);
     loaded_scene_t scene;
     TRY(scene_load(call->arguments[0], &values->wishes, &scene));
+    settings_tell_cut(&values->overrides, &scene.blob);
     output_name(&values->output, scene.name, values->strategies);
     result_t result = check(values);
     if (result.code == RESULT_OK) result = display_open(values->viewer, &display);

@@ -109,6 +109,7 @@ static result_t run(const call_t *call)
     log_init("lightmill", values->quiet ? LOG_ERROR : LOG_WARNING);
     loaded_scene_t scene;
     TRY(scene_load(call->arguments[0], &values->wishes, &scene));
+    settings_tell_cut(&values->overrides, &scene.blob);
     output_name(&values->output, scene.name, values->strategies);
     remote_t *remote = NULL;
     result_t result = values->wait ? output_check(&values->output) : result_ok();

@@ -10,17 +10,19 @@
 #include "client/import/gltf/gltf.h"
 #include "client/import/obj/obj.h"
 #include "client/import/pbrt/pbrt.h"
+#include "client/import/scene/scene_view.h"
 
 typedef struct {
     const char *extension;
     result_t (*import)(const char *path, scene_builder_t *scene);
+    bool cameras; /* it may have several, and its reader chooses */
 } format_t;
 
 static const format_t formats[] = {
-    {".pbrt", pbrt_import},
-    {".gltf", gltf_import},
-    {".glb", gltf_import},
-    {".obj", obj_import},
+    {".pbrt", pbrt_import, false},
+    {".gltf", gltf_import, true},
+    {".glb", gltf_import, true},
+    {".obj", obj_import, false},
 };
 
 static const format_t *format_of(const char *path)
@@ -32,13 +34,22 @@ static const format_t *format_of(const char *path)
     return NULL;
 }
 
+/* For a scene that cannot have several. */
+static result_t check_camera(const import_wishes_t *wishes)
+{
+    if (!wishes || !wishes->camera) return result_ok();
+    return result_fail(RESULT_USAGE, "--camera is for files with several cameras (glTF); this scene has one");
+}
+
 static result_t read_format(const char *path, scene_builder_t *scene)
 {
     const format_t *format = format_of(path);
-    if (format) return format->import(path, scene);
-    return result_fail(RESULT_INPUT,
-                       "%s: not a scene format that Lightmill reads; it reads .pbrt, .gltf, .glb and .obj",
-                       path);
+    if (!format)
+        return result_fail(
+            RESULT_INPUT, "%s: not a scene format that Lightmill reads; it reads .pbrt, .gltf, .glb and .obj",
+            path);
+    if (!format->cameras) TRY(check_camera(scene->report->sink.wishes));
+    return format->import(path, scene);
 }
 
 /* Fills the builder with a scene file (`path`) or with a blob, and grants the wishes that need no reader. */
@@ -51,11 +62,9 @@ static result_t fill(const char *path, const scene_blob_t *blob, blob_builder_t 
     report_t report = report_begin(sink);
     scene_builder_t scene;
     scene_begin(&scene, builder, &report);
-    result_t result = result_ok();
-    if (blob)
-        blob_builder_take(builder, blob);
-    else
-        result = read_format(path, &scene);
+    result_t result = blob ? check_camera(&wishes) : read_format(path, &scene);
+    if (blob) blob_builder_take(builder, blob);
+    if (result.code == RESULT_OK) result = scene_adjust_view(&scene, &wishes);
     if (result.code == RESULT_OK) result = environment_add(&scene, &environment, &wishes);
     scene_end(&scene);
     report_end(&report);
@@ -88,7 +97,8 @@ result_t import_scene_blob(const char *path, const import_report_t *report, uint
 
 bool import_changes_blobs(const import_wishes_t *wishes)
 {
-    return wishes && wishes->environment;
+    return wishes && (wishes->environment || wishes->camera || wishes->fov > 0 || wishes->lens_radius >= 0 ||
+                      wishes->focus);
 }
 
 result_t import_changed_blob(const scene_blob_t *blob, const import_report_t *report, uint8_t **bytes,

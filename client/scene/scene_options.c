@@ -20,5 +20,17 @@ static const option_t rows[] = {
            "multiply its radiance (default: 1)", OPTION_RANGE(0, 1e20)),
     OPTION(import_wishes_t, environment_up, "environment-up", "AXIS",
            "the axis of the world that points up: y (the default, glTF's) or z", .choices = axes),
+    OPTION(import_wishes_t, camera, "camera", "NAME|NUMBER",
+           "of a file with several cameras that one: by the name of its node, its own, or its number from 1 "
+           "(default: the first)"),
+    OPTION(import_wishes_t, fov, "fov", "DEGREES",
+           "field of view of a perspective camera, along the shorter side of the picture",
+           OPTION_RANGE(1e-3, 179.9)),
+    OPTION(
+        import_wishes_t, lens_radius, "lens-radius", "LENGTH",
+        "radius of its lens, in units of the scene (0: a pinhole); half the focal length over the f-number",
+        OPTION_RANGE(0, 1e18)),
+    OPTION(import_wishes_t, focus, "focus", "DISTANCE|OBJECT",
+           "what its lens shows sharp: the plane so far away, or that through the middle of an object"),
 };
 const option_group_t scene_options = OPTION_GROUP("What to make of the scene", rows);

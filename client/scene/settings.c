@@ -3,6 +3,7 @@
 
 #include <ctype.h>
 #include <errno.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -127,3 +128,37 @@ static const option_t rows[] = {
         "groups"),
 };
 const option_group_t settings_options = OPTION_GROUP("How to render (default: as the scene says)", rows);
+
+/* What a film of this size shows of a camera whose window follows the film: the shorter side spans 1. */
+static void window_of(int32_t width, int32_t height, double window[2])
+{
+    double aspect = (double)width / height;
+    window[0] = fmax(aspect, 1);
+    window[1] = fmax(1 / aspect, 1);
+}
+
+void settings_tell_cut(const overrides_t *overrides, const scene_blob_t *blob)
+{
+    const blob_scene_t *scene = blob->scene;
+    int32_t width = overrides->width, height = overrides->height;
+    if (width == 0) return;
+    double change = (double)width / height / ((double)scene->width / scene->height);
+    /* Half a pixel more or less is rounding. */
+    if (fabs(change - 1) * fmax(width, height) < 1 || fabs(change - 1) < 1e-3) return;
+    const float *w = scene->screen_window;
+    bool fixed = w[0] != 0 || w[1] != 0 || w[2] != 0 || w[3] != 0;
+    if (fixed || scene->camera == CAMERA_SPHERICAL || scene->camera == CAMERA_EQUAL_AREA) {
+        log_warning(
+            "--resolution %dx%d has another aspect than the scene's %dx%d, whose camera has a window of "
+            "its own: the picture is stretched to %.0f %% of its width",
+            width, height, scene->width, scene->height, 100 * change);
+        return;
+    }
+    double before[2], after[2];
+    window_of(scene->width, scene->height, before);
+    window_of(width, height, after);
+    log_warning("--resolution %dx%d has another aspect than the scene's %dx%d: it shows %.0f %% of the width "
+                "and %.0f %% of the height that the scene's camera frames",
+                width, height, scene->width, scene->height, 100 * after[0] / before[0],
+                100 * after[1] / before[1]);
+}

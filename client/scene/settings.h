@@ -12,4 +12,8 @@ result_t job_number_parse(const char *text, uint64_t *job);
 
 extern const option_group_t settings_options;
 
+/* Tells on the log what another aspect of --resolution does to the picture: which part of what the scene's
+ * camera frames is cut off or added, or how far it is stretched. */
+void settings_tell_cut(const overrides_t *overrides, const scene_blob_t *blob);
+
 #endif

@@ -1,4 +1,5 @@
-/* camera: the first camera of the scene, or one that sees everything (the glTF 2.0 specification, 3.10).
+/* camera: the camera of the scene that is asked for, its first, or one that sees everything (the glTF 2.0
+ * specification, 3.10).
  *
  * glTF's cameras look down -z with y up, in a right-handed space; the blob's look down +z with x to the right
  * and y up, so z is mirrored.
@@ -6,7 +7,9 @@
 #include "client/import/gltf/document.h"
 #include "client/import/scene/scene_defaults.h"
 
+#include <ctype.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 enum { WIDTH = 1280 };
@@ -82,26 +85,76 @@ static result_t use(document_t *document, const gltf_placement_t *place, blob_sc
     return scene_place_camera(scene, &frame, &frame, document_at(document, &camera));
 }
 
-/* Says which camera is taken and which ones are not. */
-static void warn_of_others(const document_t *document)
+/* ---- which one ----------------------------------------------------------------------------------------- */
+
+enum { LIST_ROOM = 240 };
+
+/* "1: nodes[4] (front), 2: nodes[7] (side)", cut short where there is no room. */
+static void list_cameras(const document_t *document, char names[LIST_ROOM])
 {
-    char names[240] = "", name[PATH_ROOM];
+    char name[PATH_ROOM];
+    names[0] = '\0';
     for (size_t i = 0; i < document->cameras.count; ++i) {
         size_t used = strlen(names);
         node_name(document, document->cameras.items[i].node, name, sizeof name);
-        if (used + strlen(name) + 3 >= sizeof names) break;
-        snprintf(names + used, sizeof names - used, "%s%s", i ? ", " : "", name);
+        if (used + strlen(name) + 24 >= LIST_ROOM) break;
+        snprintf(names + used, LIST_ROOM - used, "%s%zu: %s", i ? ", " : "", i + 1, name);
     }
-    item_warn(&document->root, "the scene has %zu cameras (%s); the first is taken", document->cameras.count,
-              names);
+}
+
+static bool has_name(const document_t *document, top_t top, uint32_t index, const char *name)
+{
+    item_t item;
+    const char *own = json_string_value(document_item(document, top, index, &item).code == RESULT_OK
+                                            ? json_object_get(item.json, "name")
+                                            : NULL);
+    return own && strcmp(own, name) == 0;
+}
+
+/* The camera of a name, of a node or its own; else of a number. *index is unchanged when there is none. */
+static bool find_camera(const document_t *document, const char *wanted, size_t *index)
+{
+    const placements_t *cameras = &document->cameras;
+    for (size_t i = 0; i < cameras->count; ++i) {
+        if (!has_name(document, TOP_NODES, cameras->items[i].node, wanted) &&
+            !has_name(document, TOP_CAMERAS, cameras->items[i].thing, wanted))
+            continue;
+        *index = i;
+        return true;
+    }
+    char *end;
+    unsigned long number = strtoul(wanted, &end, 10);
+    if (!isdigit((unsigned char)wanted[0]) || *end != '\0' || number < 1 || number > cameras->count)
+        return false;
+    *index = number - 1;
+    return true;
+}
+
+static result_t choose(document_t *document, size_t *index)
+{
+    const import_wishes_t *wishes = document->builder->report->sink.wishes;
+    char names[LIST_ROOM];
+    *index = 0;
+    list_cameras(document, names);
+    if (wishes && wishes->camera) {
+        if (find_camera(document, wishes->camera, index)) return result_ok();
+        return result_fail(RESULT_USAGE, "--camera: the scene has no camera '%.100s'; it has %zu%s%s",
+                           wishes->camera, document->cameras.count, names[0] ? ": " : "", names);
+    }
+    if (document->cameras.count > 1)
+        item_warn(&document->root,
+                  "the scene has %zu cameras (%s); the first is taken, --camera takes another",
+                  document->cameras.count, names);
+    return result_ok();
 }
 
 result_t camera_add(document_t *document)
 {
     blob_scene_t scene = defaults();
-    if (document->cameras.count > 1) warn_of_others(document);
+    size_t index;
+    TRY(choose(document, &index));
     if (document->cameras.count > 0) {
-        TRY(use(document, &document->cameras.items[0], &scene));
+        TRY(use(document, &document->cameras.items[index], &scene));
     } else {
         item_warn(&document->root, "the scene has no camera: one that sees all of it is put in front of it");
         set_resolution(&scene, wide);

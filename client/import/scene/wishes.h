@@ -14,12 +14,16 @@ typedef struct {
     double environment_turn;    /* degrees about the axis that points up, counter-clockwise seen from above */
     double environment_factor;  /* on its radiance */
     const char *environment_up; /* "y" or "z": the axis of the world that points up; NULL: y */
+    const char *camera; /* the name of one of several cameras, or its number from 1; NULL: the first */
+    double fov;         /* degrees along the shorter side of the picture; 0: the camera's */
+    double lens_radius; /* in units of the scene; below 0: the camera's */
+    const char *focus;  /* a distance along the view, or the name of an object; NULL: the camera's */
 } import_wishes_t;
 
 /* Nothing is asked for. */
 static inline import_wishes_t import_wishes_none(void)
 {
-    return (import_wishes_t){.environment_factor = 1};
+    return (import_wishes_t){.environment_factor = 1, .lens_radius = -1};
 }
 
 #endif

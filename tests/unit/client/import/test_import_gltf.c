@@ -533,7 +533,8 @@ static void a_camera_can_be_chosen(void **state)
                     POSITION) "\"material\":0}]}],\"nodes\":[{\"mesh\":0},{\"name\":\"one\",\"camera\":1,"
                               "\"scale\":[2,2,-2],\"translation\":[0,0,4]},{\"name\":\"two\",\"camera\":0}]");
     bench_expect_ok(&bench);
-    expect_text(bench.warnings, "2 cameras (nodes[1] (one), nodes[2] (two)); the first is taken");
+    expect_text(bench.warnings,
+                "2 cameras (1: nodes[1] (one), 2: nodes[2] (two)); the first is taken, --camera");
     const blob_scene_t *scene = bench.blob.scene;
     assert_int_equal(scene->camera, CAMERA_ORTHOGRAPHIC);
     expect_near((double)scene->screen_window[0], -3, 0);
@@ -547,6 +548,132 @@ static void a_camera_can_be_chosen(void **state)
     assert_int_equal(scene->height, 640);
     expect_vec3(xform_vector(&scene->world_from_camera, vec3(0, 0, 1)), 0, 0, -1);
     expect_vec3(xform_vector(&scene->world_from_camera, vec3(1, 0, 0)), 1, 0, 0);
+    bench_close(&bench);
+}
+
+#define TWO_CAMERAS                                                                                          \
+    CAMERA LAMP MESH(POSITION) "\"material\":0}]}],\"nodes\":[{\"mesh\":0,\"name\":\"square\"},"             \
+                               "{\"name\":\"one\",\"camera\":1},"                                            \
+                               "{\"name\":\"two\",\"camera\":0,\"translation\":[0,0,4]}]"
+
+/* Imports a file of two cameras with the wishes; the result is the bench's. */
+static void run_view(bench_t *bench, const import_wishes_t *wishes)
+{
+    bench->wishes = wishes;
+    run(bench, TWO_CAMERAS);
+}
+
+static void another_camera_can_be_asked_for(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *camera;
+        camera_kind_t kind;
+    } cases[] = {{"2", CAMERA_PERSPECTIVE},
+                 {"two", CAMERA_PERSPECTIVE},
+                 {"1", CAMERA_ORTHOGRAPHIC},
+                 {"one", CAMERA_ORTHOGRAPHIC}};
+    static const char *const none[] = {"0", "3", "two ", "-1", "", "2x"};
+    bench_t bench = {0};
+    import_wishes_t wishes = import_wishes_none();
+    for (size_t i = 0; i < ARRAY_LENGTH(cases); ++i) {
+        wishes.camera = cases[i].camera;
+        run_view(&bench, &wishes);
+        bench_expect_ok(&bench);
+        assert_int_equal(bench.blob.scene->camera, cases[i].kind);
+        assert_null(strstr(bench.warnings, "cameras"));
+    }
+    for (size_t i = 0; i < ARRAY_LENGTH(none); ++i) {
+        wishes.camera = none[i];
+        run_view(&bench, &wishes);
+        assert_int_equal(bench.result.code, RESULT_USAGE);
+        expect_text(bench.result.message, "it has 2: 1: nodes[1] (one), 2: nodes[2] (two)");
+    }
+    wishes.camera = "2";
+    bench_run_v3(&bench, "");
+    assert_int_equal(bench.result.code, RESULT_USAGE);
+    expect_text(bench.result.message, "--camera is for files with several cameras");
+    bench_close(&bench);
+}
+
+static void a_lens_opens_and_focuses(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    import_wishes_t wishes = import_wishes_none();
+    wishes.camera = "two";
+    wishes.fov = 33;
+    wishes.lens_radius = 0.1;
+    run_view(&bench, &wishes);
+    assert_int_equal(bench.result.code, RESULT_USAGE);
+    expect_text(bench.result.message, "--lens-radius needs --focus");
+    wishes.focus = "square"; /* which lies at z = 0, the camera at 4 */
+    run_view(&bench, &wishes);
+    bench_expect_ok(&bench);
+    const blob_scene_t *scene = bench.blob.scene;
+    expect_near((double)scene->fov, 33, 1e-5);
+    expect_near((double)scene->lens_radius, 0.1, 1e-7);
+    expect_near((double)scene->focal_distance, 4, 1e-6);
+    wishes.focus = "2.5";
+    run_view(&bench, &wishes);
+    bench_expect_ok(&bench);
+    expect_near((double)bench.blob.scene->focal_distance, 2.5, 1e-6);
+    static const char *const wrong[] = {"0", "-1", "nan", "inf", "squares", ""};
+    for (size_t i = 0; i < ARRAY_LENGTH(wrong); ++i) {
+        wishes.focus = wrong[i];
+        run_view(&bench, &wishes);
+        assert_int_equal(bench.result.code, RESULT_USAGE);
+        expect_text(bench.result.message, "--focus takes a distance");
+    }
+    wishes.lens_radius = 0;
+    wishes.focus = "1";
+    run_view(&bench, &wishes);
+    bench_expect_ok(&bench);
+    expect_text(bench.warnings, "--focus: the camera is a pinhole");
+    wishes.camera = "one";
+    run_view(&bench, &wishes);
+    assert_int_equal(bench.result.code, RESULT_USAGE);
+    expect_text(bench.result.message, "are for perspective cameras");
+    bench_close(&bench);
+}
+
+/* In pbrt an object is a shape's place in the file; an instance is found by the shape in it. */
+static void focus_finds_shapes_of_all_kinds(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *focus;
+        double distance; /* 0: there is none */
+        const char *message;
+    } cases[] = {{"s.pbrt:3", 7, NULL},
+                 {"s.pbrt:5", 9, NULL},
+                 {"s.pbrt:9", 0, "stands in 2 places"},
+                 {"s.pbrt:12", 0, "lies behind the camera"}};
+    bench_t bench = {0};
+    import_wishes_t wishes = import_wishes_none();
+    wishes.lens_radius = 1;
+    bench.wishes = &wishes;
+    for (size_t i = 0; i < ARRAY_LENGTH(cases); ++i) {
+        wishes.focus = cases[i].focus;
+        bench_run_v3(&bench, "Translate 0 0 7\n"
+                             "Shape \"sphere\" \"float radius\" 2\n"
+                             "Translate 0 0 1\n"
+                             "Shape \"cylinder\" \"float zmin\" 0 \"float zmax\" 2\n"
+                             "\n"
+                             "\n"
+                             "ObjectBegin \"a\"\n"
+                             "Shape \"sphere\"\n"
+                             "ObjectEnd ObjectInstance \"a\" Translate 1 0 0 ObjectInstance \"a\"\n"
+                             "Translate 0 0 -30\n"
+                             "Shape \"disk\"\n");
+        if (cases[i].distance > 0) {
+            bench_expect_ok(&bench);
+            expect_near((double)bench.blob.scene->focal_distance, cases[i].distance, 1e-5);
+        } else {
+            assert_int_equal(bench.result.code, RESULT_USAGE);
+            expect_text(bench.result.message, cases[i].message);
+        }
+    }
     bench_close(&bench);
 }
 
@@ -774,6 +901,9 @@ int main(void)
         cmocka_unit_test(lights_become_ours),
         cmocka_unit_test(lights_of_blender_have_the_right_unit),
         cmocka_unit_test(a_camera_can_be_chosen),
+        cmocka_unit_test(another_camera_can_be_asked_for),
+        cmocka_unit_test(a_lens_opens_and_focuses),
+        cmocka_unit_test(focus_finds_shapes_of_all_kinds),
         cmocka_unit_test(a_file_without_light_and_camera_gets_both),
         cmocka_unit_test(files_that_are_wrong_are_refused),
         cmocka_unit_test(a_chain_of_nodes_that_is_too_deep_is_refused),

@@ -1,0 +1,143 @@
+/* scene_view: see scene_view.h. */
+#include "client/import/scene/scene_view.h"
+
+#include <float.h>
+#include <stdlib.h>
+#include <string.h>
+
+typedef struct {
+    vec3_t low, high;
+} box_t;
+
+/* ---- where an object is -------------------------------------------------------------------------------- */
+
+static void extend(box_t *box, const xform_t *world_from_object, vec3_t p)
+{
+    p = xform_point(world_from_object, p);
+    box->low = vec3(float_min(box->low.x, p.x), float_min(box->low.y, p.y), float_min(box->low.z, p.z));
+    box->high = vec3(float_max(box->high.x, p.x), float_max(box->high.y, p.y), float_max(box->high.z, p.z));
+}
+
+static const void *records(const scene_builder_t *scene, blob_section_t section)
+{
+    return blob_builder_records(scene->blob, section);
+}
+
+static void extend_by_quadric(box_t *box, const blob_quadric_t *quadric, const xform_t *world_from_object)
+{
+    float r = quadric->radius, top = quadric->kind == QUADRIC_DISK ? quadric->z_min : quadric->z_max;
+    for (int i = 0; i < 8; ++i) {
+        vec3_t corner = vec3(i & 1 ? r : -r, i & 2 ? r : -r, i & 4 ? top : quadric->z_min);
+        extend(box, world_from_object, xform_point(&quadric->object_from_quadric, corner));
+    }
+}
+
+static void extend_by_shape(const scene_builder_t *scene, box_t *box, const blob_shape_t *shape,
+                            const xform_t *world_from_object)
+{
+    const vec3_t *positions = records(scene, BLOB_SECTION_POSITIONS);
+    const blob_curve_point_t *points = records(scene, BLOB_SECTION_CURVE_POINTS);
+    if (shape->kind == SHAPE_MESH) {
+        const blob_mesh_t *mesh = (const blob_mesh_t *)records(scene, BLOB_SECTION_MESHES) + shape->geometry;
+        for (uint32_t i = 0; i < mesh->vertex_count; ++i)
+            extend(box, world_from_object, positions[mesh->first_position + i]);
+    } else if (shape->kind == SHAPE_QUADRIC) {
+        const blob_quadric_t *quadrics = records(scene, BLOB_SECTION_QUADRICS);
+        extend_by_quadric(box, &quadrics[shape->geometry], world_from_object);
+    } else {
+        const blob_curves_t *curves =
+            (const blob_curves_t *)records(scene, BLOB_SECTION_CURVES) + shape->geometry;
+        for (uint32_t i = 0; i < 4 * curves->segment_count; ++i) {
+            const blob_curve_point_t *p = &points[curves->first_point + i];
+            extend(box, world_from_object, vec3(p->x, p->y, p->z));
+        }
+    }
+}
+
+/* Extends the box by the shapes of an object that have the name; returns how many they are. */
+static uint32_t extend_by_object(const scene_builder_t *scene, box_t *box, uint32_t object, const char *name,
+                                 const xform_t *world_from_object)
+{
+    const blob_object_t *objects = records(scene, BLOB_SECTION_OBJECTS);
+    const blob_shape_t *shapes = records(scene, BLOB_SECTION_SHAPES);
+    const char *strings = records(scene, BLOB_SECTION_STRINGS);
+    uint32_t found = 0;
+    for (uint32_t i = 0; i < objects[object].shape_count; ++i) {
+        const blob_shape_t *shape = &shapes[objects[object].first_shape + i];
+        if (strcmp(strings + shape->name, name) != 0) continue;
+        extend_by_shape(scene, box, shape, world_from_object);
+        ++found;
+    }
+    return found;
+}
+
+static result_t find_object(const scene_builder_t *scene, const char *name, vec3_t *middle)
+{
+    const xform_t identity = xform_identity();
+    const blob_instance_t *instances = records(scene, BLOB_SECTION_INSTANCES);
+    box_t box = {vec3(FLT_MAX, FLT_MAX, FLT_MAX), vec3(-FLT_MAX, -FLT_MAX, -FLT_MAX)};
+    uint32_t places = extend_by_object(scene, &box, 0, name, &identity) > 0;
+    for (uint32_t i = 0; i < blob_builder_count(scene->blob, BLOB_SECTION_INSTANCES); ++i)
+        places +=
+            extend_by_object(scene, &box, instances[i].object, name, &instances[i].world_from_object) > 0;
+    if (places == 0)
+        return result_fail(
+            RESULT_USAGE,
+            "--focus takes a distance above 0 or the name of an object (of a glTF file a node's or "
+            "a mesh's, of a pbrt file FILE:LINE of the shape); there is no '%.100s'",
+            name);
+    if (places > 1)
+        return result_fail(RESULT_USAGE, "--focus: '%.100s' stands in %u places; give the distance", name,
+                           places);
+    *middle = v_add(v_scale(box.low, 0.5f), v_scale(box.high, 0.5f));
+    return result_ok();
+}
+
+/* ---- the camera ---------------------------------------------------------------------------------------- */
+
+static result_t focus_on_object(const scene_builder_t *scene, const char *name, blob_scene_t *record)
+{
+    vec3_t middle = vec3(0, 0, 0);
+    xform_t camera_from_world;
+    TRY(find_object(scene, name, &middle));
+    if (!xform_invert(&record->world_from_camera, &camera_from_world))
+        return result_ok(); /* it was checked */
+    record->focal_distance = xform_point(&camera_from_world, middle).z;
+    if (record->focal_distance > 0 && isfinite(record->focal_distance)) return result_ok();
+    return result_fail(RESULT_USAGE, "--focus: '%.100s' lies behind the camera", name);
+}
+
+static result_t focus(scene_builder_t *scene, const char *text, blob_scene_t *record)
+{
+    char *end;
+    double distance = strtod(text, &end);
+    if (end == text || *end != '\0') return focus_on_object(scene, text, record);
+    if (!(distance >= 1e-30 && distance <= 1e30))
+        return result_fail(RESULT_USAGE,
+                           "--focus takes a distance from 1e-30 to 1e30, or an object, not '%.100s'", text);
+    record->focal_distance = (float)distance;
+    return result_ok();
+}
+
+result_t scene_adjust_view(scene_builder_t *scene, const import_wishes_t *wishes)
+{
+    static const position_t option = {.path = "--focus"};
+    blob_scene_t *record = blob_builder_records(scene->blob, BLOB_SECTION_SCENE);
+    if (wishes->fov == 0 && wishes->lens_radius < 0 && !wishes->focus) return result_ok();
+    if (record->camera != CAMERA_PERSPECTIVE)
+        return result_fail(RESULT_USAGE,
+                           "--fov, --lens-radius and --focus are for perspective cameras, and this "
+                           "scene's is another");
+    bool had_lens = record->lens_radius > 0;
+    if (wishes->fov > 0) record->fov = (float)wishes->fov;
+    if (wishes->lens_radius >= 0) record->lens_radius = (float)wishes->lens_radius;
+    if (wishes->focus) TRY(focus(scene, wishes->focus, record));
+    if (record->lens_radius > 0 && !had_lens && !wishes->focus)
+        return result_fail(RESULT_USAGE,
+                           "--lens-radius needs --focus DISTANCE|OBJECT: the scene's camera has no "
+                           "lens, and so no distance at which things are sharp");
+    if (record->lens_radius == 0 && wishes->focus)
+        report_warning(scene->report, option,
+                       "the camera is a pinhole, which shows everything sharp; --lens-radius opens it");
+    return result_ok();
+}
