@@ -87,6 +87,7 @@ weigh() {
         yes:unit/* | yes:statistics/*) cores=100 ;;
         *) cores=${idle[front]} ;;
     esac
+    [ "$cores" != all ] || { cores=${idle[$lane]} && seconds=$((10000 + seconds)); } # first, before others are in its way
     [ "$cores" -le "${idle[$lane]}" ] || cores=${idle[$lane]}
     seconds_of[$1]=$seconds
     cores_of[$1]=$cores
