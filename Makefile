@@ -11,7 +11,7 @@ Q       := $(if $(V),,@)
 # -mtune changes none: bdpt gains 1 to 4 % by it.
 BASELINE := -march=x86-64-v3 -mtune=skylake -ffp-contract=off -fno-math-errno -fno-trapping-math
 WARNINGS := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Wvla
-PACKAGES := libmicrohttpd libzmq libprotobuf-c libsodium libzstd libpng zlib libturbojpeg libwebp OpenEXR jansson sqlite3 libcurl libmurmurhash
+PACKAGES := expat libmicrohttpd libzmq libprotobuf-c libsodium libzstd libpng zlib libturbojpeg libwebp OpenEXR jansson sqlite3 libcurl libmurmurhash
 ifneq ($(filter-out help clean deps deps-dev deps-test deps-chaos check check-fast demo asan tsan fuzz chaos hostile valgrind container-check sim bench bench-error bench-merge bench-farm bench-watch bench-link bench-large bench-codec format lint,$(or $(MAKECMDGOALS),all)),)
 PKG_CFLAGS := $(shell pkg-config --cflags $(PACKAGES) 2>/dev/null)
 ifneq ($(.SHELLSTATUS),0)

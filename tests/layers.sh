@@ -49,6 +49,7 @@ client/import/files         : client/import/scene
 client/import/environment   : client/import/files
 client/import/tessellate    : client/import/scene
 client/import/obj           : client/import/files
+client/import/mitsuba       : client/import/files
 client/import/packed        : common
 client/import/gltf          : client/import/scene client/import/packed
 client/import/pbrt/syntax    : client/import/files
@@ -56,7 +57,7 @@ client/import/pbrt/state     : client/import/pbrt/syntax
 client/import/pbrt/materials : client/import/pbrt/state
 client/import/pbrt/shapes    : client/import/pbrt/materials client/import/tessellate
 client/import/pbrt           : client/import/pbrt/shapes
-client/import               : client/import/pbrt client/import/gltf client/import/obj client/import/environment
+client/import               : client/import/pbrt client/import/gltf client/import/obj client/import/mitsuba client/import/environment
 client/text                 : proto/wire
 client/scene                : client/import client/text
 client/image                : common/options common/film

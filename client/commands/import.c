@@ -45,10 +45,11 @@ const command_t import_command = {
     .name = "lightmill import",
     .arguments = "SCENE",
     .summary = "a scene with all its files as one scene blob",
-    .about = "Reads a scene (a .pbrt, .gltf, .glb or .obj file, or a folder with a scene.pbrt) with all its "
-             "meshes and "
-             "textures and writes it as one scene blob, which render, submit and info take in its place, at "
-             "once.",
+    .about =
+        "Reads a scene (a .pbrt, .gltf, .glb, .obj or .xml file, or a folder with a scene.pbrt) with all its "
+        "meshes and "
+        "textures and writes it as one scene blob, which render, submit and info take in its place, at "
+        "once.",
     .groups = {{&import_options, 0}, {&scene_options, offsetof(values_t, wishes)}},
     .size = sizeof(values_t),
     .begin = begin,

@@ -463,7 +463,7 @@ const command_t info_command = {.name = "lightmill info",
                                 .summary = "describe a scene, a scene blob or an EXR",
                                 .about = "Describes FILE, which may be\n"
                                          "- an OpenEXR image: size, channels with their range, attributes\n"
-                                         "- a scene (.pbrt, .gltf, .glb, .obj, or a folder with a "
+                                         "- a scene (.pbrt, .gltf, .glb, .obj, .xml, or a folder with a "
                                          "scene.pbrt) or a scene blob: counts, camera, "
                                          "materials, textures, images, lights",
                                 .groups = {{&info_options, 0}, {&scene_options, offsetof(values_t, wishes)}},

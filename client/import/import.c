@@ -8,6 +8,7 @@
 
 #include "client/import/environment/environment.h"
 #include "client/import/gltf/gltf.h"
+#include "client/import/mitsuba/mitsuba.h"
 #include "client/import/obj/obj.h"
 #include "client/import/pbrt/pbrt.h"
 #include "client/import/scene/scene_view.h"
@@ -19,10 +20,8 @@ typedef struct {
 } format_t;
 
 static const format_t formats[] = {
-    {".pbrt", pbrt_import, false},
-    {".gltf", gltf_import, true},
-    {".glb", gltf_import, true},
-    {".obj", obj_import, false},
+    {".pbrt", pbrt_import, false}, {".gltf", gltf_import, true},    {".glb", gltf_import, true},
+    {".obj", obj_import, false},   {".xml", mitsuba_import, false},
 };
 
 static const format_t *format_of(const char *path)
@@ -46,8 +45,8 @@ static result_t read_format(const char *path, scene_builder_t *scene)
     const format_t *format = format_of(path);
     if (!format)
         return result_fail(
-            RESULT_INPUT, "%s: not a scene format that Lightmill reads; it reads .pbrt, .gltf, .glb and .obj",
-            path);
+            RESULT_INPUT,
+            "%s: not a scene format that Lightmill reads; it reads .pbrt, .gltf, .glb, .obj and .xml", path);
     if (!format->cameras) TRY(check_camera(scene->report->sink.wishes));
     return format->import(path, scene);
 }

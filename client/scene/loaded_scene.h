@@ -11,7 +11,7 @@ typedef struct {
     char *name; /* owned; what to call the job and the image: "cornell" */
 } loaded_scene_t;
 
-/* Loads a scene file (.pbrt, .gltf, .glb, .obj), a directory that holds a scene.pbrt, or a scene blob.
+/* Loads a scene file (.pbrt, .gltf, .glb, .obj, .xml), a directory that holds a scene.pbrt, or a scene blob.
  * Warnings go to the log. `wishes` (NULL: none) is what is asked for beyond what the file says. */
 result_t scene_load(const char *path, const import_wishes_t *wishes, loaded_scene_t *scene);
 /* Harmless on a zeroed scene. */

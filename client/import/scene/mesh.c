@@ -184,6 +184,32 @@ result_t mesh_add(scene_builder_t *scene, mesh_t *mesh, const affine_t *object_f
     return result;
 }
 
+/* The angle at corner k. */
+static float corner_angle(const mesh_t *mesh, const blob_triangle_t *t, int k)
+{
+    vec3_t p = mesh->positions[t->v[k]];
+    vec3_t a = v_sub(mesh->positions[t->v[(k + 1) % 3]], p), b = v_sub(mesh->positions[t->v[(k + 2) % 3]], p);
+    return atan2f(v_length(v_cross(a, b)), v_dot(a, b));
+}
+
+result_t mesh_smooth(mesh_t *mesh, position_t at)
+{
+    TRY(check_indices(mesh, at));
+    free(mesh->normals);
+    mesh->normals = mem_zalloc(mesh->vertex_count, sizeof *mesh->normals);
+    for (uint32_t i = 0; i < mesh->triangle_count; ++i) {
+        const blob_triangle_t *t = &mesh->triangles[i];
+        vec3_t n = triangle_normal(mesh, t);
+        float length = v_length(n);
+        if (!(length > 0) || !isfinite(length)) continue;
+        for (int k = 0; k < 3; ++k) {
+            vec3_t *sum = &mesh->normals[t->v[k]];
+            *sum = v_mad(*sum, corner_angle(mesh, t, k) / length, n);
+        }
+    }
+    return result_ok();
+}
+
 double mesh_area(const scene_builder_t *scene, uint32_t geometry)
 {
     const blob_mesh_t *mesh =

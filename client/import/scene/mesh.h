@@ -29,6 +29,10 @@ void mesh_free(mesh_t *mesh);
  * triangle had an area. Errors and warnings name `at`, the shape in the scene file. */
 result_t mesh_add(scene_builder_t *scene, mesh_t *mesh, const affine_t *object_from_mesh, bool reverse,
                   position_t at, blob_shape_t *shape);
+/* Gives the mesh vertex normals: at each vertex the mean of its triangles' normals, weighted by their angles
+ * there (Thuermer and Wuethrich 1998, "Computing Vertex Normals from Polygonal Facets"). Indices must be in
+ * range: RESULT_INPUT otherwise. */
+result_t mesh_smooth(mesh_t *mesh, position_t at);
 /* The area of a mesh in the blob. */
 double mesh_area(const scene_builder_t *scene, uint32_t geometry);
 

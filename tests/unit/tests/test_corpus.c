@@ -104,6 +104,7 @@ SEEDS_END_WELL(draco)
 SEEDS_END_WELL(gltf)
 SEEDS_END_WELL(http)
 SEEDS_END_WELL(meshopt)
+SEEDS_END_WELL(mitsuba)
 SEEDS_END_WELL(obj)
 SEEDS_END_WELL(payload)
 SEEDS_END_WELL(pbrt)
@@ -133,6 +134,7 @@ int main(void)
         cmocka_unit_test(seeds_of_gltf_end_well),
         cmocka_unit_test(seeds_of_http_end_well),
         cmocka_unit_test(seeds_of_meshopt_end_well),
+        cmocka_unit_test(seeds_of_mitsuba_end_well),
         cmocka_unit_test(seeds_of_obj_end_well),
         cmocka_unit_test(seeds_of_payload_end_well),
         cmocka_unit_test(seeds_of_pbrt_end_well),

@@ -1,0 +1,267 @@
+/* sensor: see sensor.h. */
+#include "client/import/mitsuba/sensor.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "common/job.h"
+
+static const double degrees = 180 / 3.14159265358979323846;
+enum { DEEPEST = 100 };
+
+/* ---- film ---------------------------------------------------------------------------------------------- */
+
+static result_t read_filter(mitsuba_t *m, element_t *film)
+{
+    static const struct {
+        const char *type;
+        blob_filter_t filter;
+    } filters[] = {
+        {"box", {FILTER_BOX, 0.5f, 0.5f, {0, 0}}},
+        {"tent", {FILTER_TRIANGLE, 1, 1, {0, 0}}},
+        {"gaussian", {FILTER_GAUSSIAN, 2, 2, {0.5f, 0}}},
+        {"mitchell", {FILTER_MITCHELL, 2, 2, {1 / 3.0f, 1 / 3.0f}}},
+        {"catmullrom", {FILTER_MITCHELL, 2, 2, {0, 0.5f}}},
+        {"lanczos", {FILTER_SINC, 3, 3, {3, 0}}},
+    };
+    element_t *found;
+    m->record.filter = filters[2].filter;
+    TRY(object_only(m, film, "rfilter", &found));
+    if (!found) return result_ok();
+    size_t i = 0;
+    while (i < ARRAY_LENGTH(filters) && strcmp(object_type(found), filters[i].type) != 0) ++i;
+    if (i == ARRAY_LENGTH(filters))
+        return report_refuse(m->report, found->at,
+                             "filter \"%.40s\" is not supported; the nearest is gaussian",
+                             object_type(found));
+    blob_filter_t *filter = &m->record.filter;
+    *filter = filters[i].filter;
+    double sigma = 0.5, b = (double)filter->parameters[0], c = (double)filter->parameters[1], lobes = 3;
+    TRY(property_number(m, found, "stddev", 0.05, 8, &sigma));
+    TRY(property_number(m, found, "B", -10, 10, &b));
+    TRY(property_number(m, found, "C", -10, 10, &c));
+    TRY(property_number(m, found, "lobes", 1, 16, &lobes));
+    if (filter->kind == FILTER_MITCHELL) filter->parameters[0] = (float)b, filter->parameters[1] = (float)c;
+    if (filter->kind == FILTER_GAUSSIAN) {
+        filter->parameters[0] = (float)sigma;
+        filter->radius_x = filter->radius_y = (float)(4 * sigma);
+    }
+    if (filter->kind == FILTER_SINC)
+        filter->parameters[0] = filter->radius_x = filter->radius_y = (float)floor(lobes);
+    return object_finish(m, found);
+}
+
+/* What says how the image is written, or shown, not what it is. */
+static void ignore_formats(element_t *film)
+{
+    static const char *const names[] = {
+        "fileFormat", "pixelFormat",  "componentFormat", "banner", "attachLog", "highQualityEdges",
+        "gamma",      "exposure",     "tonemapMethod",   "key",    "burn",      "variable",
+        "digits",     "channelNames",
+    };
+    for (size_t i = 0; i < ARRAY_LENGTH(names); ++i) property_ignore(film, names[i]);
+}
+
+/* A crop shows its part of the whole film. */
+static result_t read_crop(mitsuba_t *m, const element_t *film, double width, double height)
+{
+    double x = 0, y = 0, crop_width = width, crop_height = height;
+    TRY(property_number(m, film, "cropOffsetX", 0, width - 1, &x));
+    TRY(property_number(m, film, "cropOffsetY", 0, height - 1, &y));
+    TRY(property_number(m, film, "cropWidth", 1, width - x, &crop_width));
+    TRY(property_number(m, film, "cropHeight", 1, height - y, &crop_height));
+    const float window[4] = {(float)(x / width), (float)((x + crop_width) / width), (float)(y / height),
+                             (float)((y + crop_height) / height)};
+    memcpy(m->record.film_window, window, sizeof window);
+    m->record.width = (int32_t)crop_width;
+    m->record.height = (int32_t)crop_height;
+    return result_ok();
+}
+
+/* *aspect is that of the whole film. */
+static result_t read_film(mitsuba_t *m, const element_t *sensor, double *aspect)
+{
+    element_t *film;
+    double width = 768, height = 576;
+    TRY(object_only(m, sensor, "film", &film));
+    if (film) {
+        TRY(property_number(m, film, "width", 1, 65535, &width));
+        TRY(property_number(m, film, "height", 1, 65535, &height));
+        TRY(read_filter(m, film));
+        TRY(read_crop(m, film, floor(width), floor(height)));
+        ignore_formats(film);
+        TRY(object_finish(m, film));
+    } else {
+        m->record.width = (int32_t)width;
+        m->record.height = (int32_t)height;
+        m->record.filter = (blob_filter_t){FILTER_GAUSSIAN, 2, 2, {0.5f, 0}};
+    }
+    *aspect = floor(width) / floor(height);
+    const float x = (float)fmax(*aspect, 1), y = (float)fmax(1 / *aspect, 1), window[4] = {-x, x, -y, y};
+    memcpy(m->record.screen_window, window, sizeof window);
+    return result_ok();
+}
+
+static result_t read_sampler(mitsuba_t *m, const element_t *sensor)
+{
+    element_t *sampler;
+    double count = 4;
+    TRY(object_only(m, sensor, "sampler", &sampler));
+    if (sampler) {
+        TRY(property_number(m, sampler, "sampleCount", 1, 1e9, &count));
+        property_ignore(sampler, "seed"); /* which numbers it draws */
+        property_ignore(sampler, "scramble");
+        property_ignore(sampler, "dimension");
+        TRY(object_finish(m, sampler));
+    }
+    m->record.spp = (uint32_t)count;
+    return result_ok();
+}
+
+/* ---- lenses -------------------------------------------------------------------------------------------- */
+
+/* Half the film's width at distance 1, from fov and its axis, or from a focal length for film of 36 x 24 mm.
+ */
+static result_t read_half_width(mitsuba_t *m, const element_t *sensor, double aspect, double *half)
+{
+    double fov = 0, length = 50;
+    const char *axis = "x", *text = NULL;
+    TRY(property_number(m, sensor, "fov", 1e-3, 179.99, &fov));
+    TRY(property_string(m, sensor, "fovAxis", &axis));
+    TRY(property_string(m, sensor, "focalLength", &text));
+    if (text) length = strtod(text, NULL);
+    if (!(length > 1e-3 && length < 1e6)) return error_at(sensor->at, "focalLength must be like \"50mm\"");
+    double diagonal = 1 / sqrt(1 + 1 / (aspect * aspect)); /* the width is this part of it */
+    double tangent = tan(fov / 2 / degrees);
+    if (strcmp(axis, "smaller") == 0) axis = aspect > 1 ? "y" : "x";
+    if (strcmp(axis, "larger") == 0) axis = aspect > 1 ? "x" : "y";
+    if (fov == 0)
+        *half = sqrt(36.0 * 36 + 24 * 24) / (2 * length) * diagonal;
+    else if (strcmp(axis, "x") == 0)
+        *half = tangent;
+    else if (strcmp(axis, "y") == 0)
+        *half = tangent * aspect;
+    else if (strcmp(axis, "diagonal") == 0)
+        *half = tangent * diagonal;
+    else
+        return error_at(sensor->at, "fovAxis must be x, y, diagonal, smaller or larger, found \"%.20s\"",
+                        axis);
+    return result_ok();
+}
+
+static result_t read_perspective(mitsuba_t *m, const element_t *sensor, double aspect, bool lens)
+{
+    double half = 0, radius = 0, focus = 1e4;
+    m->record.camera = CAMERA_PERSPECTIVE;
+    TRY(read_half_width(m, sensor, aspect, &half));
+    m->record.fov = (float)(2 * atan(aspect > 1 ? half / aspect : half) * degrees);
+    TRY(property_number(m, sensor, "farClip", 1e-18, 1e30, &focus));
+    TRY(property_number(m, sensor, "focusDistance", 1e-18, 1e18, &focus));
+    if (!lens) return result_ok();
+    if (!property_find(sensor, "apertureRadius"))
+        return error_at(sensor->at, "thinlens needs an apertureRadius");
+    TRY(property_number(m, sensor, "apertureRadius", 0, 1e18, &radius));
+    m->record.lens_radius = (float)radius;
+    m->record.focal_distance = (float)focus;
+    return result_ok();
+}
+
+/* The film spans [-1, 1] along x in the sensor's space, whose scale is the size of what is seen. */
+static void set_orthographic(mitsuba_t *m, const affine_t *world_from_sensor, double aspect)
+{
+    double size[2];
+    for (int k = 0; k < 2; ++k) {
+        double sum = 0;
+        for (int i = 0; i < 3; ++i) sum += world_from_sensor->m[i][k] * world_from_sensor->m[i][k];
+        size[k] = sqrt(sum);
+    }
+    const float x = (float)size[0], y = (float)(size[1] / aspect), window[4] = {-x, x, -y, y};
+    memcpy(m->record.screen_window, window, sizeof window);
+    m->record.camera = CAMERA_ORTHOGRAPHIC;
+}
+
+static result_t read_lens(mitsuba_t *m, element_t *sensor, const affine_t *world_from_sensor, double aspect)
+{
+    static const char *const ignored[] = {"nearClip", "farClip", "focusDistance", "shutterOpen",
+                                          "shutterClose"};
+    const char *type = object_type(sensor);
+    bool lens = strcmp(type, "thinlens") == 0, orthographic = strcmp(type, "orthographic") == 0;
+    if (!lens && !orthographic && strcmp(type, "perspective") != 0)
+        TRY(report_refuse(m->report, sensor->at,
+                          "sensor \"%.40s\" is not supported; the nearest is perspective", type));
+    if (orthographic)
+        set_orthographic(m, world_from_sensor, aspect);
+    else
+        TRY(read_perspective(m, sensor, aspect, lens));
+    for (size_t i = 0; i < ARRAY_LENGTH(ignored); ++i) property_ignore(sensor, ignored[i]);
+    return result_ok();
+}
+
+/* Mitsuba's sensors have x to the left of the image. */
+static result_t place(mitsuba_t *m, const element_t *sensor, const affine_t *world_from_sensor)
+{
+    static const double mirror[3] = {-1, 1, 1};
+    affine_t frame, flip = affine_scaling(mirror);
+    if (!affine_frame(world_from_sensor, &frame))
+        return error_at(sensor->at, "the sensor's transform has no direction, or lies beyond 1e18");
+    frame = affine_multiply(&frame, &flip);
+    return scene_place_camera(&m->record, &frame, &frame, sensor->at);
+}
+
+result_t sensor_read(mitsuba_t *m, element_t *sensor)
+{
+    affine_t transform;
+    double aspect;
+    TRY(property_transform(m, sensor, "toWorld", &transform));
+    TRY(read_film(m, sensor, &aspect));
+    TRY(read_sampler(m, sensor));
+    TRY(read_lens(m, sensor, &transform, aspect));
+    TRY(place(m, sensor, &transform));
+    return object_finish(m, sensor);
+}
+
+/* ---- integrators --------------------------------------------------------------------------------------- */
+
+/* Mitsuba's depth counts what is seen itself: 1 is light alone, 2 one bounce, -1 no bound. */
+static result_t read_depth(mitsuba_t *m, const element_t *integrator, double otherwise)
+{
+    double depth = otherwise;
+    TRY(property_number(m, integrator, "maxDepth", -1, 1e9, &depth));
+    m->record.max_depth = depth < 0 ? DEEPEST : (int32_t)fmin(fmax(depth - 1, 1), DEEPEST);
+    if (depth == 0 || depth == 1)
+        report_warning(m->report, integrator->at, "maxDepth %g shows light alone; one bounce is rendered",
+                       depth);
+    return result_ok();
+}
+
+result_t sensor_integrator(mitsuba_t *m, element_t *integrator)
+{
+    static const struct {
+        const char *type;
+        integrator_t integrator;
+        double depth;
+        bool substitute;
+    } rows[] = {
+        {"path", INTEGRATOR_PATH, -1, false},        {"bdpt", INTEGRATOR_BDPT, -1, false},
+        {"volpath", INTEGRATOR_PATH, -1, false},     {"volpath_simple", INTEGRATOR_PATH, -1, false},
+        {"direct", INTEGRATOR_PATH, 2, false},       {"ptracer", INTEGRATOR_LIGHT, -1, false},
+        {"photonmapper", INTEGRATOR_BDPT, -1, true}, {"ppm", INTEGRATOR_BDPT, -1, true},
+        {"sppm", INTEGRATOR_BDPT, -1, true},         {"pssmlt", INTEGRATOR_BDPT, -1, true},
+        {"mlt", INTEGRATOR_BDPT, -1, true},          {"erpt", INTEGRATOR_BDPT, -1, true},
+        {"vpl", INTEGRATOR_BDPT, -1, true},
+    };
+    const char *type = object_type(integrator);
+    for (size_t i = 0; i < ARRAY_LENGTH(rows); ++i) {
+        if (strcmp(type, rows[i].type) != 0) continue;
+        m->record.integrator = rows[i].integrator;
+        if (rows[i].substitute)
+            report_warning(m->report, integrator->at, "integrator \"%s\" becomes bdpt, which shows the same",
+                           type);
+        return read_depth(m, integrator, rows[i].depth);
+    }
+    m->record.integrator = INTEGRATOR_PATH;
+    TRY(report_refuse(m->report, integrator->at, "integrator \"%.40s\" is not supported; the nearest is path",
+                      type));
+    return read_depth(m, integrator, -1);
+}

@@ -1,0 +1,369 @@
+/* shape: see shape.h. Spheres, disks and cylinders stay what they are; all else becomes meshes. */
+#include "client/import/mitsuba/shape.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+
+#include "client/import/files/ply.h"
+#include "client/import/files/wavefront.h"
+#include "client/import/mitsuba/bsdf.h"
+#include "client/import/mitsuba/serialized.h"
+#include "client/import/scene/mesh.h"
+
+/* A shape while it is made. */
+typedef struct {
+    mitsuba_t *m;
+    element_t *element;
+    uint32_t object; /* where it goes: 0 for the world */
+    affine_t object_from_shape;
+    bool flip, flat;    /* flat: without vertex normals */
+    bool flipped;       /* its v is the other way round: see texture.h */
+    element_t *emitter; /* NULL: it does not emit */
+} work_t;
+
+/* ---- what it has in common ----------------------------------------------------------------------------- */
+
+static uint32_t name_of(const work_t *w)
+{
+    const char *id = element_attribute(w->element, "id");
+    char text[64];
+    snprintf(text, sizeof text, "%.40s:%u", object_type(w->element), w->element->at.line);
+    return blob_builder_string(w->m->scene->blob, id ? id : text);
+}
+
+static result_t read_light(const work_t *w, blob_light_t *light)
+{
+    rgb_t radiance = {1, 1, 1};
+    if (strcmp(object_type(w->emitter), "area") != 0)
+        return error_at(w->emitter->at, "a shape can have an \"area\" emitter only, found \"%.40s\"",
+                        object_type(w->emitter));
+    TRY(property_colour(w->m, w->emitter, "radiance", &radiance));
+    property_ignore(w->emitter, "samplingWeight");
+    TRY(object_finish(w->m, w->emitter));
+    *light = (blob_light_t){
+        .kind = LIGHT_AREA, .radiance = blob_colour_value(radiance), .world_from_light = xform_identity()};
+    return result_ok();
+}
+
+/* Adds what has its geometry, kind and flags already. */
+static result_t add_shape(const work_t *w, blob_shape_t *shape, const material_t *material)
+{
+    blob_light_t light;
+    if (shape->geometry == BLOB_NONE) return result_ok();
+    shape->material = material->index;
+    shape->alpha = material->alpha;
+    shape->shadow_alpha = blob_constant(1);
+    shape->name = name_of(w);
+    if (!w->emitter) {
+        scene_add_shape(w->m->scene, w->object, *shape, NULL);
+        return result_ok();
+    }
+    if (w->object != 0) return error_at(w->emitter->at, "a shape in a shapegroup cannot emit");
+    TRY(read_light(w, &light));
+    scene_add_shape(w->m->scene, 0, *shape, v_is_zero(light.radiance.factor) ? NULL : &light);
+    return result_ok();
+}
+
+/* The material; false when the shape cannot be seen at all. */
+static result_t get_material(const work_t *w, const char *wanted, material_t *material, bool *visible)
+{
+    TRY(bsdf_of_shape(w->m, w->element, wanted, w->flipped, material));
+    *visible = material->index != BLOB_NONE && (material->alpha.texture != 0 || material->alpha.factor.x > 0);
+    if (!*visible && w->emitter)
+        report_warning(w->m->report, w->element->at, "an invisible shape that emits is left out");
+    return result_ok();
+}
+
+/* ---- meshes -------------------------------------------------------------------------------------------- */
+
+/* Adds a mesh, if `made` is a success, and frees it. */
+static result_t add_mesh(const work_t *w, mesh_t *mesh, const char *wanted, position_t at, result_t made)
+{
+    material_t material;
+    blob_shape_t shape = {0};
+    bool visible = false;
+    if (made.code == RESULT_OK && w->flat) {
+        free(mesh->normals);
+        mesh->normals = NULL;
+    }
+    if (made.code == RESULT_OK && !w->flat && !mesh->normals) made = mesh_smooth(mesh, at);
+    if (made.code == RESULT_OK) made = get_material(w, wanted, &material, &visible);
+    if (made.code != RESULT_OK || !visible) {
+        mesh_free(mesh);
+        return made;
+    }
+    TRY(mesh_add(w->m->scene, mesh, &w->object_from_shape, w->flip, at, &shape));
+    return add_shape(w, &shape, &material);
+}
+
+static result_t read_file_name(work_t *w, char **path)
+{
+    const char *name = NULL;
+    double angle = 0;
+    TRY(property_string(w->m, w->element, "filename", &name));
+    TRY(property_bool(w->m, w->element, "faceNormals", &w->flat));
+    TRY(property_number(w->m, w->element, "maxSmoothAngle", 0, 180, &angle));
+    property_ignore(w->element, "srgb");
+    property_ignore(w->element, "collapse");
+    if (!name) return error_at(w->element->at, "shape \"%.20s\" needs a filename", object_type(w->element));
+    if (property_find(w->element, "maxSmoothAngle"))
+        TRY(report_refuse(w->m->report, w->element->at,
+                          "maxSmoothAngle is not supported; the nearest is to smooth all edges"));
+    *path = element_path(w->element, name);
+    return result_ok();
+}
+
+static result_t add_parts(work_t *w, wavefront_t *file)
+{
+    if (file->part_count == 0) return error_at(w->element->at, "its file has no face");
+    for (size_t i = 0; i < file->part_count; ++i) {
+        wavefront_part_t *part = &file->parts[i];
+        const char *name = part->material != WAVEFRONT_NONE ? file->materials.texts[part->material] : NULL;
+        TRY(add_mesh(w, &part->mesh, name, w->element->at, result_ok()));
+    }
+    return result_ok();
+}
+
+static result_t make_obj(work_t *w)
+{
+    char *path = NULL;
+    wavefront_t file;
+    w->flipped = true;
+    TRY(read_file_name(w, &path));
+    result_t result = property_bool(w->m, w->element, "flipTexCoords", &w->flipped);
+    if (result.code == RESULT_OK) {
+        result = wavefront_read(path, w->m->scene, &file);
+        if (result.code == RESULT_OK) result = add_parts(w, &file);
+        wavefront_free(&file);
+    }
+    free(path);
+    return result;
+}
+
+static result_t make_ply(work_t *w)
+{
+    char *path = NULL;
+    mesh_t mesh = {0};
+    TRY(read_file_name(w, &path));
+    struct stat status;
+    if (stat(path, &status) == 0 && status.st_size > 0) w->m->scene->source_bytes += (uint64_t)status.st_size;
+    result_t result = ply_read(path, w->m->report, &mesh);
+    if (result.code == RESULT_OK)
+        result = scene_charge(w->m->scene, SCENE_VERTICES, mesh.vertex_count, w->element->at);
+    result = add_mesh(w, &mesh, NULL, w->element->at, result);
+    free(path);
+    return result;
+}
+
+static result_t make_serialized(work_t *w)
+{
+    char *path = NULL;
+    mesh_t mesh = {0};
+    double index = 0;
+    bool flat = false;
+    TRY(property_number(w->m, w->element, "shapeIndex", 0, 1e9, &index));
+    TRY(read_file_name(w, &path));
+    result_t result = serialized_read(path, (uint64_t)index, w->m->scene, w->element->at, &mesh, &flat);
+    w->flat = w->flat || flat;
+    result = add_mesh(w, &mesh, NULL, w->element->at, result);
+    free(path);
+    return result;
+}
+
+/* Appends a square: corner, and its two edges. */
+static void add_square(mesh_t *mesh, vec3_t corner, vec3_t a, vec3_t b)
+{
+    static const uint32_t corners[2][3] = {{0, 1, 2}, {0, 2, 3}};
+    uint32_t first = mesh->vertex_count;
+    for (int i = 0; i < 4; ++i) {
+        float s = i == 1 || i == 2, t = i >= 2;
+        mesh->positions[first + (uint32_t)i] = v_mad(v_mad(corner, s, a), t, b);
+        mesh->uvs[first + (uint32_t)i] = (vec2_t){s, t};
+    }
+    for (int i = 0; i < 2; ++i)
+        for (int k = 0; k < 3; ++k)
+            mesh->triangles[mesh->triangle_count + (uint32_t)i].v[k] = first + corners[i][k];
+    mesh->vertex_count += 4;
+    mesh->triangle_count += 2;
+}
+
+static mesh_t room_for_squares(size_t count)
+{
+    return (mesh_t){.positions = mem_alloc(4 * count * sizeof(vec3_t)),
+                    .uvs = mem_alloc(4 * count * sizeof(vec2_t)),
+                    .triangles = mem_alloc(2 * count * sizeof(blob_triangle_t))};
+}
+
+/* From -1 to 1 in x and y, facing +z. */
+static result_t make_rectangle(work_t *w)
+{
+    mesh_t mesh = room_for_squares(1);
+    w->flat = true;
+    add_square(&mesh, vec3(-1, -1, 0), vec3(2, 0, 0), vec3(0, 2, 0));
+    return add_mesh(w, &mesh, NULL, w->element->at, result_ok());
+}
+
+/* From -1 to 1 along all axes, facing outward. */
+static result_t make_cube(work_t *w)
+{
+    mesh_t mesh = room_for_squares(6);
+    w->flat = true;
+    for (int axis = 0; axis < 3; ++axis) {
+        float unit[3][3] = {{0}};
+        for (int i = 0; i < 3; ++i) unit[i][(axis + i) % 3] = 2;
+        vec3_t n = vec3(unit[0][0], unit[0][1], unit[0][2]), a = vec3(unit[1][0], unit[1][1], unit[1][2]);
+        vec3_t b = vec3(unit[2][0], unit[2][1], unit[2][2]), corner = vec3(-1, -1, -1);
+        add_square(&mesh, v_add(corner, n), a, b);
+        add_square(&mesh, corner, b, a);
+    }
+    return add_mesh(w, &mesh, NULL, w->element->at, result_ok());
+}
+
+/* ---- quadrics ------------------------------------------------------------------------------------------ */
+
+static result_t add_quadric(work_t *w, blob_quadric_t quadric, const affine_t *object_from_quadric)
+{
+    material_t material;
+    bool visible;
+    xform_t inverse;
+    quadric.object_from_quadric = affine_to_xform(object_from_quadric);
+    quadric.phi_max = TWO_PI_F;
+    if (!xform_invert(&quadric.object_from_quadric, &inverse))
+        return error_at(w->element->at, "its transform is singular or not finite");
+    TRY(get_material(w, NULL, &material, &visible));
+    if (!visible) return result_ok();
+    blob_shape_t shape = {.kind = SHAPE_QUADRIC, .flags = w->flip ? SHAPE_FLIP : 0};
+    shape.geometry = blob_builder_add(w->m->scene->blob, BLOB_SECTION_QUADRICS, &quadric, 1);
+    return add_shape(w, &shape, &material);
+}
+
+/* v runs down from +z in Mitsuba, up in the blob. */
+static result_t make_sphere(work_t *w)
+{
+    double centre[3] = {0, 0, 0}, radius = 1;
+    TRY(property_point(w->m, w->element, "center", centre));
+    TRY(property_number(w->m, w->element, "radius", 1e-18, 1e18, &radius));
+    affine_t moved = affine_translation(centre), placed = affine_multiply(&w->object_from_shape, &moved);
+    float r = (float)radius;
+    w->flipped = true;
+    return add_quadric(w, (blob_quadric_t){.kind = QUADRIC_SPHERE, .radius = r, .z_min = -r, .z_max = r},
+                       &placed);
+}
+
+static result_t make_disk(work_t *w)
+{
+    return add_quadric(w, (blob_quadric_t){.kind = QUADRIC_DISK, .radius = 1}, &w->object_from_shape);
+}
+
+/* The frame at `origin` whose z axis runs along `direction`, of any length but 0; false then. */
+static bool frame_along(const double origin[3], const double direction[3], affine_t *frame)
+{
+    double target[3], up[3] = {0, 0, 0};
+    int least = 0;
+    affine_t view;
+    for (int i = 0; i < 3; ++i) {
+        target[i] = origin[i] + direction[i];
+        if (fabs(direction[i]) < fabs(direction[least])) least = i;
+    }
+    up[least] = 1;
+    return affine_look_at(origin, target, up, &view) && affine_invert(&view, frame);
+}
+
+static result_t make_cylinder(work_t *w)
+{
+    double from[3] = {0, 0, 0}, to[3] = {0, 0, 1}, along[3], radius = 1, length2 = 0;
+    affine_t frame;
+    TRY(property_point(w->m, w->element, "p0", from));
+    TRY(property_point(w->m, w->element, "p1", to));
+    TRY(property_number(w->m, w->element, "radius", 1e-18, 1e18, &radius));
+    for (int i = 0; i < 3; ++i) {
+        along[i] = to[i] - from[i];
+        length2 += along[i] * along[i];
+    }
+    double length = sqrt(length2);
+    if (!(length > 1e-18 && length < 1e18) || !frame_along(from, along, &frame))
+        return error_at(w->element->at, "the cylinder has no length between p0 and p1");
+    affine_t placed = affine_multiply(&w->object_from_shape, &frame);
+    return add_quadric(
+        w, (blob_quadric_t){.kind = QUADRIC_CYLINDER, .radius = (float)radius, .z_max = (float)length},
+        &placed);
+}
+
+/* ---- the table, groups and instances ------------------------------------------------------------------- */
+
+static const struct {
+    const char *type;
+    result_t (*make)(work_t *w);
+} shapes[] = {
+    {"obj", make_obj},
+    {"ply", make_ply},
+    {"serialized", make_serialized},
+    {"sphere", make_sphere},
+    {"rectangle", make_rectangle},
+    {"cube", make_cube},
+    {"disk", make_disk},
+    {"cylinder", make_cylinder},
+};
+
+/* Into an object, 0 for the world. */
+static result_t add_to(mitsuba_t *m, element_t *element, uint32_t object)
+{
+    work_t w = {.m = m, .element = element, .object = object};
+    TRY(property_transform(m, element, "toWorld", &w.object_from_shape));
+    TRY(property_bool(m, element, "flipNormals", &w.flip));
+    TRY(object_only(m, element, "emitter", &w.emitter));
+    for (size_t i = 0; i < ARRAY_LENGTH(shapes); ++i) {
+        if (strcmp(object_type(element), shapes[i].type) != 0) continue;
+        TRY(shapes[i].make(&w));
+        return object_finish(m, element);
+    }
+    return report_refuse(m->report, element->at,
+                         "shape \"%.40s\" is not supported; the nearest is to leave it out",
+                         object_type(element));
+}
+
+/* The object of a group, made when it is asked for first; 0 when there is nothing in it. */
+static result_t group_object(mitsuba_t *m, element_t *group, uint32_t *object)
+{
+    element_t *at = NULL, *found;
+    const char *name;
+    size_t count = 0;
+    if (group->object == 0) {
+        uint32_t made = scene_add_object(m->scene);
+        group->object = made;
+        for (;;) {
+            TRY(object_child(m, group, "shape", &at, &found, &name));
+            if (!found) break;
+            if (strcmp(object_type(found), "instance") == 0 || strcmp(object_type(found), "shapegroup") == 0)
+                return error_at(found->at, "a shapegroup may hold neither instances nor groups");
+            TRY(add_to(m, found, made));
+        }
+        TRY(object_finish(m, group));
+    }
+    scene_shapes(m->scene, group->object, &count);
+    *object = count ? group->object : 0;
+    return result_ok();
+}
+
+static result_t add_instance(mitsuba_t *m, element_t *instance)
+{
+    element_t *group;
+    affine_t transform;
+    uint32_t object = 0;
+    TRY(property_transform(m, instance, "toWorld", &transform));
+    TRY(object_only(m, instance, "shape", &group));
+    if (!group || strcmp(object_type(group), "shapegroup") != 0)
+        return error_at(instance->at, "an instance needs a reference to a shapegroup");
+    TRY(group_object(m, group, &object));
+    TRY(object_finish(m, instance));
+    return object ? scene_add_instance(m->scene, object, &transform, &transform, instance->at) : result_ok();
+}
+
+result_t shape_add(mitsuba_t *m, element_t *shape)
+{
+    if (strcmp(object_type(shape), "shapegroup") == 0) return result_ok(); /* its instances show it */
+    return strcmp(object_type(shape), "instance") == 0 ? add_instance(m, shape) : add_to(m, shape, 0);
+}

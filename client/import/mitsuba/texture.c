@@ -1,0 +1,191 @@
+/* texture: see texture.h. */
+#include "client/import/mitsuba/texture.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "client/import/scene/scene_images.h"
+
+enum { MOST_DEPTH = 16 };
+
+/* (s, t) = scale (u, v) + offset. */
+static result_t read_mapping(mitsuba_t *m, const element_t *object, bool flipped, blob_texture_t *texture)
+{
+    double scale[2] = {1, 1}, offset[2] = {0, 0};
+    const double most = 1e6;
+    TRY(property_number(m, object, "uvscale", -most, most, &scale[0]));
+    scale[1] = scale[0];
+    TRY(property_number(m, object, "uscale", -most, most, &scale[0]));
+    TRY(property_number(m, object, "vscale", -most, most, &scale[1]));
+    TRY(property_number(m, object, "uoffset", -most, most, &offset[0]));
+    TRY(property_number(m, object, "voffset", -most, most, &offset[1]));
+    texture->mapping = MAPPING_UV;
+    texture->texture_from_world = xform_identity();
+    texture->matrix[0][0] = (float)scale[0];
+    texture->matrix[0][2] = (float)offset[0];
+    texture->matrix[1][1] = (float)(flipped ? -scale[1] : scale[1]);
+    texture->matrix[1][2] = (float)(flipped ? scale[1] + offset[1] : offset[1]);
+    return result_ok();
+}
+
+static result_t read_wrap(mitsuba_t *m, const element_t *object, const char *name, const char *otherwise,
+                          uint32_t *wrap)
+{
+    static const struct {
+        const char *name;
+        wrap_t wrap;
+    } modes[] = {{"repeat", WRAP_REPEAT},
+                 {"clamp", WRAP_CLAMP},
+                 {"mirror", WRAP_MIRROR},
+                 {"zero", WRAP_BLACK},
+                 {"black", WRAP_BLACK}};
+    const char *mode = otherwise;
+    TRY(property_string(m, object, name, &mode));
+    for (size_t i = 0; i < ARRAY_LENGTH(modes); ++i) {
+        if (strcmp(mode, modes[i].name) != 0) continue;
+        *wrap = modes[i].wrap;
+        return result_ok();
+    }
+    *wrap = WRAP_CLAMP;
+    return report_refuse(
+        m->report, object->at,
+        "%s \"%.20s\" is not supported; it may be repeat, clamp, mirror or zero. The nearest "
+        "is clamp",
+        name, mode);
+}
+
+static result_t read_wraps(mitsuba_t *m, const element_t *object, blob_texture_t *texture)
+{
+    const char *both = "repeat";
+    TRY(property_string(m, object, "wrapMode", &both));
+    TRY(read_wrap(m, object, "wrapModeU", both, &texture->wrap_s));
+    return read_wrap(m, object, "wrapModeV", both, &texture->wrap_t);
+}
+
+static result_t read_channel(mitsuba_t *m, const element_t *object, texture_use_t use, uint32_t *channel)
+{
+    static const struct {
+        const char *name;
+        channel_t channel;
+    } channels[] = {{"r", CHANNEL_R}, {"g", CHANNEL_G}, {"b", CHANNEL_B}, {"a", CHANNEL_A}};
+    const char *name = "";
+    *channel = use == TEXTURE_NUMBERS ? CHANNEL_LUMINANCE : CHANNEL_RGB;
+    TRY(property_string(m, object, "channel", &name));
+    for (size_t i = 0; i < ARRAY_LENGTH(channels); ++i)
+        if (strcmp(name, channels[i].name) == 0) *channel = channels[i].channel;
+    return result_ok();
+}
+
+/* Mitsuba's gamma: 0 as the file says, -1 sRGB. */
+static result_t read_gamma(mitsuba_t *m, const element_t *object, texture_use_t use, float *gamma)
+{
+    double given = use == TEXTURE_NORMALS ? 1 : 0;
+    TRY(property_number(m, object, "gamma", -1, 100, &given));
+    if (given < 0 && given != -1) return error_at(object->at, "gamma must be -1 (sRGB), 0 or above");
+    *gamma = given == 0 ? SCENE_GAMMA_OF_FILE : given == -1 ? 0 : (float)given;
+    return result_ok();
+}
+
+static result_t make_bitmap(mitsuba_t *m, element_t *object, texture_use_t use, bool flipped,
+                            blob_value_t *value)
+{
+    const char *file = NULL, *filter = "";
+    float gamma = 1;
+    const scene_image_t *image;
+    blob_texture_t texture = {.kind = TEXTURE_IMAGE, .inputs = {blob_constant(1)}};
+    TRY(property_string(m, object, "filename", &file));
+    TRY(property_string(m, object, "filterType", &filter));
+    if (!file) return error_at(object->at, "a bitmap needs a filename");
+    TRY(read_mapping(m, object, flipped, &texture));
+    TRY(read_wraps(m, object, &texture));
+    TRY(read_channel(m, object, use, &texture.channel));
+    TRY(read_gamma(m, object, use, &gamma));
+    property_ignore(object, "maxAnisotropy"); /* how Mitsuba filters and caches */
+    property_ignore(object, "cache");
+    if (strcmp(filter, "nearest") == 0) texture.flags |= TEXTURE_NEAREST;
+    char *path = element_path(object, file);
+    result_t result = scene_image_of_file(m->scene, path, gamma, SCENE_ALPHA_WITHIN, object->at, &image);
+    free(path);
+    TRY(result);
+    texture.image = image->image;
+    *value = scene_add_texture(m->scene, &texture);
+    return result_ok();
+}
+
+/* color0 fills the cells in which u and v are in the same half. */
+static result_t make_checkerboard(mitsuba_t *m, element_t *object, bool flipped, blob_value_t *value)
+{
+    blob_texture_t texture = {.kind = TEXTURE_CHECKERBOARD, .channel = CHANNEL_RGB};
+    rgb_t colours[2] = {{0.4f, 0.4f, 0.4f}, {0.2f, 0.2f, 0.2f}};
+    TRY(property_colour(m, object, "color0", &colours[0]));
+    TRY(property_colour(m, object, "color1", &colours[1]));
+    TRY(read_mapping(m, object, flipped, &texture));
+    for (int i = 0; i < 2; ++i) {
+        texture.inputs[i] = blob_colour_value(colours[i]);
+        for (int k = 0; k < 3; ++k) texture.matrix[i][k] *= 2;
+    }
+    *value = scene_add_texture(m->scene, &texture);
+    return result_ok();
+}
+
+static result_t make_value(mitsuba_t *m, element_t *object, texture_use_t use, bool flipped, int depth,
+                           blob_value_t *value);
+
+static result_t make_scale(mitsuba_t *m, element_t *object, texture_use_t use, bool flipped, int depth,
+                           blob_value_t *value)
+{
+    element_t *inner;
+    rgb_t scale = {1, 1, 1}, colour = {1, 1, 1};
+    *value = blob_constant(1);
+    TRY(object_only(m, object, "texture", &inner));
+    if (inner) TRY(make_value(m, inner, use, flipped, depth + 1, value));
+    TRY(property_colour(m, object, "value", &colour));
+    TRY(property_colour(m, object, "scale", &scale));
+    value->factor = v_mul(value->factor, v_mul(scale, colour));
+    return result_ok();
+}
+
+static result_t make_value(mitsuba_t *m, element_t *object, texture_use_t use, bool flipped, int depth,
+                           blob_value_t *value)
+{
+    const char *type = object_type(object);
+    if (depth > MOST_DEPTH) return error_at(object->at, "more than %d textures in one another", MOST_DEPTH);
+    if (strcmp(type, "bitmap") == 0 || strcmp(type, "ldrtexture") == 0 || strcmp(type, "exrtexture") == 0) {
+        TRY(make_bitmap(m, object, use, flipped, value));
+    } else if (strcmp(type, "checkerboard") == 0) {
+        TRY(make_checkerboard(m, object, flipped, value));
+    } else if (strcmp(type, "scale") == 0) {
+        TRY(make_scale(m, object, use, flipped, depth, value));
+    } else if (strcmp(type, "vertexcolors") == 0) {
+        blob_texture_t texture = {.kind = TEXTURE_COLOUR, .channel = CHANNEL_RGB};
+        texture.texture_from_world = xform_identity();
+        *value = scene_add_texture(m->scene, &texture);
+    } else {
+        *value = blob_constant(0.5f);
+        return report_refuse(m->report, object->at, "texture \"%.40s\" is not supported; the nearest is grey",
+                             type);
+    }
+    return object_finish(m, object);
+}
+
+result_t texture_element(mitsuba_t *m, element_t *texture, texture_use_t use, bool flipped,
+                         blob_value_t *value)
+{
+    return make_value(m, texture, use, flipped, 0, value);
+}
+
+result_t texture_property(mitsuba_t *m, const element_t *object, const char *name, double otherwise,
+                          bool flipped, blob_value_t *value)
+{
+    element_t *at = NULL, *found;
+    const char *given;
+    *value = blob_constant((float)otherwise);
+    for (;;) {
+        TRY(object_child(m, object, "texture", &at, &found, &given));
+        if (!found) break;
+        if (strcmp(given, name) == 0) return texture_element(m, found, TEXTURE_COLOURS, flipped, value);
+        at->used = false; /* it is for somebody else */
+    }
+    TRY(property_colour(m, object, name, &value->factor));
+    return result_ok();
+}

@@ -1,0 +1,670 @@
+/* What the importer of Mitsuba's scenes makes of them, and what it says to files that are wrong or hostile.
+ */
+#include "tests/unit/client/import/test_import.h"
+
+#include <zlib.h>
+
+#include "common/base.h"
+#include "common/job.h"
+
+#define SCENE(body) "<scene version=\"0.6.0\">" body "</scene>"
+#define RECTANGLE "<shape type=\"rectangle\"/>"
+#define LAMP "<emitter type=\"constant\"/>"
+#define SENSOR(body) "<sensor type=\"perspective\"><float name=\"fov\" value=\"60\"/>" body "</sensor>"
+
+static void run_text(bench_t *bench, const char *text)
+{
+    bench_write(bench, "s.xml", text, strlen(text));
+    bench_import_file(bench, "s.xml");
+}
+
+/* A scene that has a sensor and light besides. */
+static void run(bench_t *bench, const char *body)
+{
+    char *text = mem_printf(SCENE("%s" SENSOR("") LAMP), body);
+    run_text(bench, text);
+    free(text);
+}
+
+/* A rectangle with that bsdf. */
+static void run_bsdf(bench_t *bench, const char *bsdf)
+{
+    char *body = mem_printf("<shape type=\"rectangle\">%s</shape>", bsdf);
+    run(bench, body);
+    free(body);
+}
+
+static const blob_material_t *material_of(const bench_t *bench)
+{
+    bench_expect_ok(bench);
+    assert_true(bench->blob.counts[BLOB_SECTION_SHAPES] > 0);
+    return &bench->blob.materials[bench->blob.shapes[0].material];
+}
+
+static double number(const bench_t *bench, material_value_t value)
+{
+    return (double)material_of(bench)->values[value].factor.x;
+}
+
+static void expect_error(bench_t *bench, const char *body, const char *text)
+{
+    run(bench, body);
+    assert_int_equal(bench->result.code, RESULT_INPUT);
+    expect_text(bench->result.message, text);
+}
+
+static void expect_bad_file(bench_t *bench, const char *file, const char *text)
+{
+    run_text(bench, file);
+    assert_int_equal(bench->result.code, RESULT_INPUT);
+    expect_text(bench->result.message, text);
+}
+
+static const vec3_t *positions_of(const bench_t *bench, uint64_t shape)
+{
+    return bench->blob.positions + bench->blob.meshes[bench->blob.shapes[shape].geometry].first_position;
+}
+
+/* ---- the file ------------------------------------------------------------------------------------------ */
+
+static void parameters_stand_for_their_values(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run_text(&bench,
+             SCENE("<default name=\"n\" value=\"16\"/><default name=\"n\" value=\"99\"/>"
+                   "<default name=\"name\" value=\"box\"/>" SENSOR(
+                       "<sampler type=\"halton\"><integer name=\"sampleCount\" value=\"$n\"/></sampler>"
+                       "<film type=\"ldrfilm\"><integer name=\"width\" value=\"$n4\"/>"
+                       "<rfilter type=\"$name\"/></film>") LAMP RECTANGLE));
+    bench_expect_ok(&bench);
+    assert_int_equal(bench.blob.scene->spp, 16);
+    assert_int_equal(bench.blob.scene->width, 164);
+    assert_int_equal(bench.blob.scene->filter.kind, FILTER_BOX);
+    expect_error(&bench, "<shape type=\"sphere\"><float name=\"radius\" value=\"$r\"/></shape>",
+                 "s.xml:1:45: the parameter $r has no value");
+    bench_close(&bench);
+}
+
+static void includes_are_read_and_may_not_go_in_circles(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    const char *part =
+        SCENE("<bsdf type=\"diffuse\" id=\"b\"><float name=\"reflectance\" value=\".3\"/></bsdf>"
+              "<alias id=\"b\" as=\"c\"/>");
+    bench_write(&bench, "part.xml", part, strlen(part));
+    run(&bench, "<include filename=\"part.xml\"/><shape type=\"rectangle\"><ref id=\"c\"/></shape>");
+    expect_near(number(&bench, VALUE_REFLECTANCE), 0.3, 1e-6);
+    expect_error(&bench, "<include filename=\"s.xml\"/>", "includes in one another");
+    expect_error(&bench, "<include filename=\"none.xml\"/>", "none.xml");
+    bench_close(&bench);
+}
+
+static void entities_are_refused_before_they_grow(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    expect_bad_file(&bench,
+                    "<!DOCTYPE s [<!ENTITY a \"aaaaaaaaaa\"><!ENTITY b \"&a;&a;&a;&a;&a;&a;&a;&a;\">"
+                    "<!ENTITY c \"&b;&b;&b;&b;&b;&b;&b;&b;\">]><scene version=\"&c;\"/>",
+                    "s.xml:1:25: entities may not be declared");
+    expect_bad_file(&bench,
+                    "<!DOCTYPE s [<!ENTITY x SYSTEM \"/etc/passwd\">]><scene version=\"0.6\">&x;</scene>",
+                    "entities may not be declared");
+    expect_bad_file(&bench, "<!DOCTYPE s [<!ENTITY % p SYSTEM \"http://127.0.0.1/x\">%p;]><scene/>",
+                    "entities may not be declared");
+    bench_close(&bench);
+}
+
+static void parameters_may_not_grow_without_bound(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    char *text = mem_printf("<scene version=\"0.6\"><default name=\"p0\" value=\"0123456789\"/>");
+    for (int i = 1; i < 30; ++i) {
+        char *more = mem_printf("%s<default name=\"p%d\" value=\"$p%d;$p%d;$p%d;$p%d;\"/>", text, i, i - 1,
+                                i - 1, i - 1, i - 1);
+        free(text);
+        text = more;
+    }
+    expect_bad_file(&bench, text, "make too much text");
+    free(text);
+    bench_close(&bench);
+}
+
+static void what_is_no_scene_is_told(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    expect_bad_file(&bench, "", "not XML");
+    expect_bad_file(&bench, "<scene version=\"0.6\">", "s.xml:1:22: not XML");
+    expect_bad_file(&bench, "<svg/>", "its root must be <scene>");
+    expect_bad_file(&bench, "<scene version=\"3.0.0\"/>", "is a scene of Mitsuba 3.0.0");
+    expect_bad_file(&bench, "<scene version=\"0.4.0\"/>", "open and save it with Mitsuba 0.6");
+    expect_bad_file(&bench, SCENE("hello"), "text between elements");
+    expect_bad_file(&bench, SCENE(""), "no shape that could be rendered");
+    char *deep = mem_zalloc(8 * 1000, 1);
+    for (int i = 0; i < 1000; ++i) strcat(deep, "<scene>");
+    expect_bad_file(&bench, deep, "elements deep");
+    free(deep);
+    bench_close(&bench);
+}
+
+static void unknown_things_are_errors_or_substitutes(void **state)
+{
+    (void)state;
+    static const char *const bodies[] = {
+        "<shape type=\"hair\"/>" RECTANGLE,
+        "<shape type=\"rectangle\"><float name=\"size\" value=\"1\"/></shape>",
+        "<shape type=\"rectangle\"><bsdf type=\"irawan\"/></shape>",
+        "<shape type=\"rectangle\"><medium type=\"homogeneous\" name=\"interior\"/></shape>",
+        "<shape type=\"rectangle\"><bsdf type=\"diffuse\"><texture type=\"wireframe\" name=\"reflectance\"/>"
+        "</bsdf></shape>",
+        "<emitter type=\"sunsky\"/>" RECTANGLE,
+        "<integrator type=\"ao\"/>" RECTANGLE,
+        "<hide/>" RECTANGLE,
+    };
+    bench_t bench = {0};
+    for (size_t i = 0; i < ARRAY_LENGTH(bodies); ++i) {
+        bench.lenient = false;
+        expect_error(&bench, bodies[i], "is not supported");
+        bench.lenient = true;
+        run(&bench, bodies[i]);
+        bench_expect_ok(&bench);
+        expect_text(bench.warnings, "the nearest is");
+    }
+    bench_close(&bench);
+}
+
+static void references_are_followed_and_checked(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    expect_error(&bench, "<shape type=\"rectangle\"><ref id=\"none\"/></shape>",
+                 "no object with the id \"none\"");
+    expect_error(&bench, "<bsdf type=\"diffuse\" id=\"a\"/><bsdf type=\"diffuse\" id=\"a\"/>", "given twice");
+    expect_error(
+        &bench,
+        "<bsdf type=\"twosided\" id=\"a\"><ref id=\"a\"/></bsdf><shape type=\"cube\"><ref id=\"a\"/></shape>",
+        "or one that holds itself");
+    expect_error(&bench,
+                 "<texture type=\"scale\" id=\"t\"><ref id=\"t\"/></texture><shape type=\"cube\">"
+                 "<bsdf type=\"diffuse\"><ref id=\"t\" name=\"reflectance\"/></bsdf></shape>",
+                 "textures in one another");
+    bench_close(&bench);
+}
+
+/* ---- camera -------------------------------------------------------------------------------------------- */
+
+static void sensors_look_where_mitsubas_do(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run_text(
+        &bench,
+        SCENE(
+            "<integrator type=\"bdpt\"><integer name=\"maxDepth\" value=\"7\"/></integrator>"
+            "<sensor type=\"thinlens\"><float name=\"fov\" value=\"60\"/>"
+            "<float name=\"apertureRadius\" value=\".25\"/><float name=\"focusDistance\" value=\"3\"/>"
+            "<transform name=\"toWorld\"><lookat origin=\"0,0,5\" target=\"0,0,0\" up=\"0,1,0\"/></transform>"
+            "<film type=\"hdrfilm\"><integer name=\"width\" value=\"200\"/>"
+            "<integer name=\"height\" value=\"100\"/><integer name=\"cropOffsetX\" value=\"50\"/>"
+            "<integer name=\"cropWidth\" value=\"100\"/></film></sensor>" LAMP RECTANGLE));
+    bench_expect_ok(&bench);
+    const blob_scene_t *scene = bench.blob.scene;
+    expect_near((double)scene->fov, 2 * atan(tan(30 / 57.29577951308232) / 2) * 57.29577951308232, 1e-4);
+    expect_vec3(xform_vector(&scene->world_from_camera, vec3(1, 0, 0)), 1, 0, 0); /* x is to the right */
+    expect_vec3(xform_vector(&scene->world_from_camera, vec3(0, 0, 1)), 0, 0, -1);
+    expect_near((double)scene->lens_radius, 0.25, 0);
+    expect_near((double)scene->focal_distance, 3, 0);
+    assert_int_equal(scene->width, 100);
+    assert_int_equal(scene->height, 100);
+    expect_near((double)scene->film_window[0], 0.25, 1e-6);
+    expect_near((double)scene->film_window[1], 0.75, 1e-6);
+    expect_near((double)scene->screen_window[1], 2, 1e-6);
+    assert_int_equal(scene->max_depth, 6);
+    assert_int_equal(scene->integrator, INTEGRATOR_BDPT);
+    assert_int_equal(scene->filter.kind, FILTER_GAUSSIAN);
+    bench_close(&bench);
+}
+
+static double fov_of(bench_t *bench, const char *lens)
+{
+    char *text = mem_printf(
+        SCENE("<sensor type=\"perspective\">%s<film type=\"hdrfilm\"><integer name=\"width\" "
+              "value=\"100\"/><integer name=\"height\" value=\"200\"/></film></sensor>" LAMP RECTANGLE),
+        lens);
+    run_text(bench, text);
+    free(text);
+    bench_expect_ok(bench);
+    return tan((double)bench->blob.scene->fov / 2 / 57.29577951308232);
+}
+
+/* Half the width at distance 1 of an image that is twice as high as wide. */
+static void the_field_of_view_has_its_axis(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    const double half = tan(20 / 57.29577951308232);
+#define FOV(axis) "<float name=\"fov\" value=\"40\"/><string name=\"fovAxis\" value=\"" axis "\"/>"
+    expect_near(fov_of(&bench, FOV("x")), half, 1e-6);
+    expect_near(fov_of(&bench, FOV("smaller")), half, 1e-6);
+    expect_near(fov_of(&bench, FOV("y")), half / 2, 1e-6);
+    expect_near(fov_of(&bench, FOV("larger")), half / 2, 1e-6);
+    expect_near(fov_of(&bench, FOV("diagonal")), half / sqrt(5), 1e-6);
+    expect_near(fov_of(&bench, "<string name=\"focalLength\" value=\"25mm\"/>"),
+                sqrt(36.0 * 36 + 24 * 24) / 50 / sqrt(5), 1e-6);
+    bench_close(&bench);
+}
+
+/* ---- shapes -------------------------------------------------------------------------------------------- */
+
+static void steps_of_a_transform_are_applied_in_their_order(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run(&bench,
+        "<shape type=\"rectangle\"><transform name=\"toWorld\"><translate x=\"1\"/><scale value=\"2\"/>"
+        "<rotate z=\"1\" angle=\"90\"/><matrix value=\"1 0 0 0 0 1 0 0 0 0 1 5 0 0 0 "
+        "1\"/></transform></shape>");
+    bench_expect_ok(&bench);
+    expect_vec3(positions_of(&bench, 0)[0], 2, 0, 5); /* from (-1 -1 0) */
+    expect_vec3(positions_of(&bench, 0)[2], -2, 4, 5);
+    bench_close(&bench);
+}
+
+/* The volume that a mesh encloses, positive when it winds outward. */
+static double volume_of(const bench_t *bench)
+{
+    const blob_mesh_t *mesh = &bench->blob.meshes[bench->blob.shapes[0].geometry];
+    double sum = 0;
+    for (uint32_t i = 0; i < mesh->triangle_count; ++i) {
+        const uint32_t *v = bench->blob.triangles[mesh->first_triangle + i].v;
+        const vec3_t *p = positions_of(bench, 0);
+        sum += (double)v_dot(p[v[0]], v_cross(p[v[1]], p[v[2]])) / 6;
+    }
+    return sum;
+}
+
+static void shapes_stand_where_mitsubas_do(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run(&bench, "<shape type=\"cube\"/>");
+    bench_expect_ok(&bench);
+    expect_near(volume_of(&bench), 8, 1e-5);
+    run(&bench, RECTANGLE);
+    const vec3_t *p = positions_of(&bench, 0);
+    assert_true(v_cross(v_sub(p[1], p[0]), v_sub(p[2], p[0])).z > 0);
+    run(&bench,
+        "<shape type=\"sphere\"><point name=\"center\" x=\"1\" y=\"2\" z=\"3\"/>"
+        "<float name=\"radius\" value=\"2\"/><boolean name=\"flipNormals\" value=\"true\"/></shape>"
+        "<shape type=\"cylinder\"><point name=\"p0\" x=\"1\"/><point name=\"p1\" x=\"1\" y=\"3\"/></shape>"
+        "<shape type=\"disk\"/>");
+    bench_expect_ok(&bench);
+    const blob_quadric_t *q = bench.blob.quadrics;
+    expect_vec3(xform_point(&q[0].object_from_quadric, vec3(0, 0, 0)), 1, 2, 3);
+    expect_near((double)q[0].radius, 2, 0);
+    assert_int_equal(bench.blob.shapes[0].flags, SHAPE_FLIP);
+    expect_vec3(xform_point(&q[1].object_from_quadric, vec3(0, 0, 0)), 1, 0, 0);
+    expect_vec3(xform_point(&q[1].object_from_quadric, vec3(0, 0, q[1].z_max)), 1, 3, 0);
+    assert_int_equal(q[2].kind, QUADRIC_DISK);
+    bench_close(&bench);
+}
+
+#define OBJ_SHAPE(body) "<shape type=\"obj\"><string name=\"filename\" value=\"a.obj\"/>" body "</shape>"
+
+static void meshes_without_normals_are_smooth_unless_asked(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    /* a roof: at the ridge the normals of both sides meet */
+    const char *obj = "v 0 0 0\nv 1 0 1\nv 2 0 0\nv 0 1 0\nv 1 1 1\nv 2 1 0\nvt .25 .25\n"
+                      "usemtl left\nf 1/1 2/1 5/1 4/1\nf 2/1 3/1 6/1 5/1\n";
+    bench_write(&bench, "a.obj", obj, strlen(obj));
+    run(&bench, OBJ_SHAPE(""));
+    bench_expect_ok(&bench);
+    const blob_mesh_t *mesh = &bench.blob.meshes[0];
+    assert_int_equal(mesh->vertex_count, 6);
+    const vec3_t *n = bench.blob.normals + mesh->first_normal;
+    expect_vec3(n[1], 0, 0, 1);
+    expect_vec3(n[0], -sqrt(0.5), 0, sqrt(0.5));
+    run(&bench, OBJ_SHAPE("<boolean name=\"faceNormals\" value=\"true\"/>"));
+    assert_int_equal(bench.blob.meshes[0].first_normal, BLOB_NONE);
+    run(&bench,
+        OBJ_SHAPE("<bsdf type=\"diffuse\" name=\"right\"/><bsdf type=\"dielectric\" name=\"left\"/>"));
+    assert_int_equal(material_of(&bench)->kind, MATERIAL_DIELECTRIC);
+    bench_close(&bench);
+}
+
+/* Mitsuba's v = 0 is the top row; it turns the v of OBJ files over. */
+static void the_v_of_obj_files_runs_up(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+#define CHECKER                                                                                              \
+    "<bsdf type=\"diffuse\"><texture type=\"checkerboard\" name=\"reflectance\">"                            \
+    "<float name=\"vscale\" value=\"3\"/><float name=\"voffset\" value=\".5\"/></texture></bsdf>"
+    const char *obj = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n";
+    bench_write(&bench, "a.obj", obj, strlen(obj));
+    run(&bench, OBJ_SHAPE(CHECKER));
+    const blob_texture_t *texture =
+        &bench.blob.textures[material_of(&bench)->values[VALUE_REFLECTANCE].texture - 1];
+    expect_near((double)texture->matrix[1][1], -6, 1e-6);
+    expect_near((double)texture->matrix[1][2], 7, 1e-6);
+    run(&bench, "<shape type=\"rectangle\">" CHECKER "</shape>");
+    texture = &bench.blob.textures[material_of(&bench)->values[VALUE_REFLECTANCE].texture - 1];
+    expect_near((double)texture->matrix[1][1], 6, 1e-6);
+    expect_near((double)texture->matrix[1][2], 1, 1e-6);
+    expect_near((double)texture->inputs[0].factor.x, 0.4, 1e-6);
+    bench_close(&bench);
+}
+
+/* A file of two triangles, the second at z = 7, of single or double precision and version 3 or 4. */
+static size_t write_serialized(uint8_t *file, bool wide, uint16_t version)
+{
+    size_t used = 0, starts[2];
+    for (int shape = 0; shape < 2; ++shape) {
+        uint8_t plain[512];
+        size_t size = 0;
+        uint32_t flags = 0x1 | (wide ? 0x2000 : 0x1000), corners[3] = {0, 1, 2};
+        uint64_t counts[2] = {3, 1};
+        starts[shape] = used;
+        memcpy(file + used, &(uint16_t){0x041C}, 2);
+        memcpy(file + used + 2, &version, 2);
+        memcpy(plain, &flags, 4), size += 4;
+        if (version == 4) memcpy(plain + size, "abc", 4), size += 4;
+        memcpy(plain + size, counts, 16), size += 16;
+        for (int i = 0; i < 18; ++i) { /* three positions, three normals */
+            double value = i < 9 ? (i == 3 || i == 7) + (i % 3 == 2) * 7.0 * shape : i % 3 == 2;
+            float narrow = (float)value;
+            memcpy(plain + size, wide ? (void *)&value : (void *)&narrow, wide ? 8 : 4);
+            size += wide ? 8 : 4;
+        }
+        memcpy(plain + size, corners, 12), size += 12;
+        uLongf packed = 512;
+        assert_int_equal(compress(file + used + 4, &packed, plain, size), Z_OK);
+        used += 4 + packed;
+    }
+    for (int shape = 0; shape < 2; ++shape) {
+        uint64_t start = starts[shape];
+        memcpy(file + used, &start, version == 4 ? 8 : 4);
+        used += version == 4 ? 8 : 4;
+    }
+    memcpy(file + used, &(uint32_t){2}, 4);
+    return used + 4;
+}
+
+#define SERIALIZED(index)                                                                                    \
+    "<shape type=\"serialized\"><string name=\"filename\" value=\"a.serialized\"/>"                          \
+    "<integer name=\"shapeIndex\" value=\"" index "\"/></shape>"
+
+static void serialized_meshes_are_read_in_both_precisions_and_versions(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    for (int i = 0; i < 4; ++i) {
+        uint8_t file[2048];
+        size_t size = write_serialized(file, i % 2, i < 2 ? 3 : 4);
+        bench_write(&bench, "a.serialized", file, size);
+        run(&bench, SERIALIZED("1"));
+        bench_expect_silence(&bench);
+        expect_vec3(positions_of(&bench, 0)[1], 1, 0, 7);
+        expect_vec3(bench.blob.normals[0], 0, 0, 1);
+        expect_error(&bench, SERIALIZED("2"), "has 2 meshes");
+        for (size_t cut = 0; cut < size; cut += 7) {
+            bench_write(&bench, "a.serialized", file, cut);
+            run(&bench, SERIALIZED("0"));
+            assert_int_equal(bench.result.code, RESULT_INPUT);
+        }
+        for (size_t at = 0; at < size; at += 3) { /* damage: refused or read, never worse */
+            file[at] ^= 0x55;
+            bench_write(&bench, "a.serialized", file, size);
+            run(&bench, SERIALIZED("0"));
+            file[at] ^= 0x55;
+        }
+    }
+    bench_close(&bench);
+}
+
+static void instances_show_their_group(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run(&bench, "<shape type=\"shapegroup\" id=\"g\"><shape type=\"cube\"/><shape type=\"sphere\"/></shape>"
+                "<shape type=\"instance\"><ref id=\"g\"/><transform name=\"toWorld\"><translate "
+                "x=\"3\"/></transform></shape>"
+                "<shape type=\"instance\"><ref id=\"g\"/></shape>");
+    bench_expect_ok(&bench);
+    assert_int_equal(bench.blob.counts[BLOB_SECTION_INSTANCES], 2);
+    assert_int_equal(bench.blob.counts[BLOB_SECTION_SHAPES], 2);
+    expect_near((double)bench.blob.instances[0].world_from_object.m[0][3], 3, 0);
+    expect_error(&bench, "<shape type=\"instance\"><shape type=\"cube\"/></shape>",
+                 "needs a reference to a shapegroup");
+    expect_error(
+        &bench,
+        "<shape type=\"shapegroup\" id=\"g\"><shape type=\"instance\"><ref id=\"g\"/></shape></shape>"
+        "<shape type=\"instance\"><ref id=\"g\"/></shape>",
+        "may hold neither");
+    bench_close(&bench);
+}
+
+/* ---- materials ----------------------------------------------------------------------------------------- */
+
+static void bsdfs_of_one_layer_become_their_materials(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run_bsdf(&bench, "<bsdf type=\"diffuse\"><srgb name=\"reflectance\" value=\"#ff8000\"/></bsdf>");
+    assert_int_equal(material_of(&bench)->kind, MATERIAL_DIFFUSE);
+    expect_vec3(material_of(&bench)->values[VALUE_REFLECTANCE].factor, 1, 0.2158605, 0);
+    run_bsdf(&bench, "<bsdf type=\"dielectric\"><string name=\"intIOR\" value=\"water\"/><float "
+                     "name=\"extIOR\" value=\"1\"/></bsdf>");
+    expect_near(number(&bench, VALUE_ETA), 1.333, 1e-6);
+    run_bsdf(&bench, "<bsdf type=\"thindielectric\"/>");
+    expect_near(number(&bench, VALUE_ETA), 1.5046 / 1.000277, 1e-6);
+    assert_int_equal(material_of(&bench)->flags, MATERIAL_THIN);
+    run_bsdf(&bench, "<bsdf type=\"roughdielectric\"><float name=\"alphaU\" value=\".2\"/><float "
+                     "name=\"alphaV\" value=\".3\"/></bsdf>");
+    expect_near(number(&bench, VALUE_ROUGHNESS_U), 0.2, 1e-6);
+    expect_near(number(&bench, VALUE_ROUGHNESS_V), 0.3, 1e-6);
+    expect_text(bench.warnings, "\"beckmann\" is taken for ggx");
+    run_bsdf(&bench,
+             "<bsdf type=\"conductor\"><rgb name=\"eta\" value=\"1,2,3\"/><rgb name=\"k\" value=\"4,5,6\"/>"
+             "<float name=\"extEta\" value=\"2\"/></bsdf>");
+    expect_vec3(material_of(&bench)->values[VALUE_ETA].factor, 0.5, 1, 1.5);
+    expect_vec3(material_of(&bench)->values[VALUE_K].factor, 2, 2.5, 3);
+    run_bsdf(&bench, "<bsdf type=\"conductor\"><string name=\"material\" value=\"none\"/></bsdf>");
+    assert_int_equal(material_of(&bench)->kind, MATERIAL_MIRROR);
+    run_bsdf(&bench, "<bsdf type=\"roughconductor\"><string name=\"material\" value=\"Au\"/></bsdf>");
+    assert_true(number(&bench, VALUE_ETA) < 0.3); /* gold in red */
+    run_bsdf(&bench, "<bsdf type=\"difftrans\"/>");
+    assert_int_equal(material_of(&bench)->kind, MATERIAL_DIFFUSE_TRANSMISSION);
+    run_bsdf(&bench, "<bsdf type=\"roughdiffuse\"><float name=\"alpha\" value=\".3\"/></bsdf>");
+    expect_near(number(&bench, VALUE_SIGMA), 0.3 / sqrt(2) * 57.29577951, 1e-4);
+    bench_close(&bench);
+}
+
+/* The inner reflectance of index 1.5 is 0.5964 (by an integral of Fresnel's equations elsewhere). */
+static void plastic_is_linear_in_its_colour_unless_asked(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+#define INDEX "<float name=\"intIOR\" value=\"1.5\"/><float name=\"extIOR\" value=\"1\"/>"
+    run_bsdf(&bench, "<bsdf type=\"plastic\">" INDEX "<boolean name=\"nonlinear\" value=\"true\"/></bsdf>");
+    assert_int_equal(material_of(&bench)->kind, MATERIAL_COATED_DIFFUSE);
+    expect_near(number(&bench, VALUE_REFLECTANCE), 0.5, 1e-6);
+    expect_near(number(&bench, VALUE_THICKNESS), 0, 0);
+    run_bsdf(&bench, "<bsdf type=\"plastic\">" INDEX "</bsdf>");
+    expect_near(number(&bench, VALUE_REFLECTANCE), 0.5 / (1 - 0.5964 + 0.5 * 0.5964), 1e-3);
+    run_bsdf(&bench, "<bsdf type=\"roughplastic\">" INDEX
+                     "<texture type=\"checkerboard\" name=\"diffuseReflectance\"/></bsdf>");
+    assert_int_equal(material_of(&bench)->kind, MATERIAL_MIX);
+    assert_true(material_of(&bench)->values[VALUE_AMOUNT].texture != 0);
+    const uint32_t *parts = material_of(&bench)->parts;
+    expect_near((double)bench.blob.materials[parts[0]].values[VALUE_REFLECTANCE].factor.x, 0, 0);
+    expect_near((double)bench.blob.materials[parts[1]].values[VALUE_REFLECTANCE].factor.x, 1, 0);
+    bench_close(&bench);
+}
+
+#define RED "<bsdf type=\"diffuse\"><rgb name=\"reflectance\" value=\"1,0,0\"/></bsdf>"
+#define BLUE "<bsdf type=\"diffuse\"><rgb name=\"reflectance\" value=\"0,0,1\"/></bsdf>"
+
+static void bsdfs_may_hold_others(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run_bsdf(&bench, "<bsdf type=\"mask\"><float name=\"opacity\" value=\".25\"/><bsdf type=\"twosided\">" RED
+                     "</bsdf></bsdf>");
+    bench_expect_silence(&bench);
+    expect_near((double)bench.blob.shapes[0].alpha.factor.x, 0.25, 0);
+    run_bsdf(&bench, "<bsdf type=\"blendbsdf\"><float name=\"weight\" value=\".3\"/>" RED BLUE "</bsdf>");
+    assert_int_equal(material_of(&bench)->kind, MATERIAL_MIX);
+    expect_near(number(&bench, VALUE_AMOUNT), 0.3, 1e-6);
+    run_bsdf(&bench,
+             "<bsdf type=\"mixturebsdf\"><string name=\"weights\" value=\".25, .25\"/>" RED BLUE "</bsdf>");
+    expect_near(number(&bench, VALUE_AMOUNT), 0.5, 1e-6); /* the other half is black */
+    const blob_material_t *inner = &bench.blob.materials[material_of(&bench)->parts[1]];
+    expect_near((double)inner->values[VALUE_AMOUNT].factor.x, 0.5, 1e-6);
+    run_bsdf(&bench, "<bsdf type=\"bumpmap\"><texture type=\"scale\"><float name=\"scale\" value=\"2\"/>"
+                     "<texture type=\"checkerboard\"/></texture>" RED "</bsdf>");
+    assert_true(material_of(&bench)->bump != 0);
+    expect_near((double)bench.blob.textures[material_of(&bench)->bump - 1].inputs[0].factor.x, 2, 0);
+    run_bsdf(&bench, "<bsdf type=\"normalmap\"><texture type=\"checkerboard\"/>" RED "</bsdf>");
+    assert_true(material_of(&bench)->normal_map != 0);
+    run_bsdf(&bench, "<bsdf type=\"coating\"><float name=\"sigmaA\" value=\".5\"/><float name=\"thickness\" "
+                     "value=\"2\"/>" RED "</bsdf>");
+    assert_int_equal(material_of(&bench)->kind, MATERIAL_COATED_DIFFUSE);
+    expect_near(number(&bench, VALUE_THICKNESS), 1, 1e-6);
+    run_bsdf(&bench, "<bsdf type=\"coating\"><bsdf type=\"roughconductor\"/></bsdf>");
+    assert_int_equal(material_of(&bench)->kind, MATERIAL_COATED_CONDUCTOR);
+    run(&bench, "<shape type=\"rectangle\"><bsdf type=\"null\"/></shape>" RECTANGLE);
+    assert_int_equal(bench.blob.counts[BLOB_SECTION_SHAPES], 1);
+    expect_error(
+        &bench,
+        "<shape type=\"cube\"><bsdf type=\"mixturebsdf\"><string name=\"weights\" value=\".25\"/>" RED BLUE
+        "</bsdf></shape>",
+        "for each of its 2 bsdfs");
+    expect_error(&bench, "<shape type=\"cube\"><bsdf type=\"mask\"/></shape>", "needs a bsdf within");
+    bench_close(&bench);
+}
+
+static void colours_are_what_their_elements_say(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+#define DIFFUSE(element) "<bsdf type=\"diffuse\">" element "</bsdf>"
+    run_bsdf(&bench, DIFFUSE("<spectrum name=\"reflectance\" value=\".25\"/>"));
+    expect_near(number(&bench, VALUE_REFLECTANCE), 0.25, 1e-6);
+    run_bsdf(&bench, DIFFUSE("<spectrum name=\"reflectance\" value=\"400:.2, 500:.2, 700:.2\"/>"));
+    expect_near(number(&bench, VALUE_REFLECTANCE), 0.2 * 1.202, 1e-3); /* equal energy, as pbrt-v3's */
+    run_bsdf(&bench, DIFFUSE("<rgb name=\"reflectance\" value=\".1 .2 .3\"/>"));
+    expect_vec3(material_of(&bench)->values[VALUE_REFLECTANCE].factor, .1, .2, .3);
+    run_bsdf(&bench, DIFFUSE("<rgb name=\"reflectance\" value=\".1 .2\"/>"));
+    expect_text(bench.result.message, "one number, three, or #rrggbb");
+    run_bsdf(&bench, DIFFUSE("<string name=\"reflectance\" value=\"red\"/>"));
+    expect_text(bench.result.message, "must be a colour");
+    run_bsdf(&bench, DIFFUSE("<spectrum name=\"reflectance\" value=\"400:.2 500\"/>"));
+    assert_int_equal(bench.result.code, RESULT_INPUT);
+    bench_close(&bench);
+}
+
+/* ---- emitters ------------------------------------------------------------------------------------------ */
+
+static void emitters_shine_where_mitsubas_do(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run_text(&bench,
+             SCENE(SENSOR("") "<emitter type=\"point\"><point name=\"position\" x=\"1\" y=\"2\" z=\"3\"/>"
+                              "<float name=\"intensity\" value=\"5\"/></emitter>"
+                              "<emitter type=\"directional\"><vector name=\"direction\" y=\"-1\" x=\"0\" "
+                              "z=\"0\"/></emitter>"
+                              "<emitter type=\"spot\"><transform name=\"toWorld\"><lookat origin=\"0 4 0\" "
+                              "target=\"0 0 0\" up=\"1 0 0\"/></transform></emitter>"
+                              "<shape type=\"rectangle\"><emitter type=\"area\"><rgb name=\"radiance\" "
+                              "value=\"1 2 3\"/></emitter></shape>"
+                              "<emitter type=\"constant\"><blackbody name=\"radiance\" temperature=\"5000K\" "
+                              "scale=\"1e-4\"/></emitter>"));
+    bench_expect_ok(&bench);
+    const blob_light_t *light = bench.blob.lights;
+    assert_int_equal(bench.blob.counts[BLOB_SECTION_LIGHTS], 5);
+    assert_int_equal(light[0].kind, LIGHT_AREA);
+    expect_vec3(light[0].radiance.factor, 1, 2, 3);
+    assert_int_equal(light[1].kind, LIGHT_POINT);
+    expect_vec3(xform_point(&light[1].world_from_light, vec3(0, 0, 0)), 1, 2, 3);
+    expect_vec3(xform_vector(&light[2].world_from_light, vec3(0, 0, 1)), 0, 1, 0); /* it stands above */
+    expect_vec3(xform_vector(&light[3].world_from_light, vec3(0, 0, 1)), 0, -1, 0);
+    expect_near((double)light[3].parameters[0], cos(20 / 57.29577951), 1e-6);
+    expect_near((double)light[3].parameters[1], cos(15 / 57.29577951), 1e-6);
+    /* Planck's law at 5000 K has 1.2e4 W / (m^2 sr nm) about 555 nm; red above blue */
+    expect_near((double)rgb_luminance(light[4].radiance.factor), 1.24, 0.05);
+    assert_true(light[4].radiance.factor.x > light[4].radiance.factor.z);
+    bench_close(&bench);
+}
+
+/* The image's first column is at -z, the next quarter at +x; the top row at +y. */
+static void an_environment_stands_as_mitsubas_does(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    uint8_t *bytes;
+    size_t size;
+    assert_int_equal(file_read("tests/fuzz/assets/sky.exr", 1 << 20, &bytes, &size).code, RESULT_OK);
+    bench_write(&bench, "sky.exr", bytes, size);
+    free(bytes);
+    run_text(&bench, SCENE(SENSOR("") RECTANGLE
+                           "<emitter type=\"envmap\"><string name=\"filename\" value=\"sky.exr\"/>"
+                           "<float name=\"scale\" value=\"2\"/></emitter>"));
+    bench_expect_ok(&bench);
+    const blob_light_t *light = bench.blob.lights;
+    assert_int_equal(light->mapping, LIGHT_LATLONG);
+    expect_near((double)light->radiance.factor.x, 2, 0);
+    expect_vec3(xform_vector(&light->world_from_light, vec3(1, 0, 0)), 0, 0, -1);
+    expect_vec3(xform_vector(&light->world_from_light, vec3(0, 1, 0)), 1, 0, 0);
+    expect_vec3(xform_vector(&light->world_from_light, vec3(0, 0, 1)), 0, 1, 0);
+    bench_close(&bench);
+}
+
+static void what_a_scene_lacks_is_told(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run_text(&bench, SCENE(RECTANGLE));
+    bench_expect_ok(&bench);
+    expect_text(bench.warnings, "no light: a white sky of radiance 1");
+    expect_text(bench.warnings, "no sensor: one that sees all of it");
+    assert_int_equal(bench.blob.lights[0].kind, LIGHT_INFINITE);
+    expect_bad_file(&bench, SCENE("<shape type=\"sphere\"/>"), "the scene has no sensor");
+    bench_close(&bench);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(parameters_stand_for_their_values),
+        cmocka_unit_test(includes_are_read_and_may_not_go_in_circles),
+        cmocka_unit_test(entities_are_refused_before_they_grow),
+        cmocka_unit_test(parameters_may_not_grow_without_bound),
+        cmocka_unit_test(what_is_no_scene_is_told),
+        cmocka_unit_test(unknown_things_are_errors_or_substitutes),
+        cmocka_unit_test(references_are_followed_and_checked),
+        cmocka_unit_test(sensors_look_where_mitsubas_do),
+        cmocka_unit_test(the_field_of_view_has_its_axis),
+        cmocka_unit_test(steps_of_a_transform_are_applied_in_their_order),
+        cmocka_unit_test(shapes_stand_where_mitsubas_do),
+        cmocka_unit_test(meshes_without_normals_are_smooth_unless_asked),
+        cmocka_unit_test(the_v_of_obj_files_runs_up),
+        cmocka_unit_test(serialized_meshes_are_read_in_both_precisions_and_versions),
+        cmocka_unit_test(instances_show_their_group),
+        cmocka_unit_test(bsdfs_of_one_layer_become_their_materials),
+        cmocka_unit_test(plastic_is_linear_in_its_colour_unless_asked),
+        cmocka_unit_test(bsdfs_may_hold_others),
+        cmocka_unit_test(colours_are_what_their_elements_say),
+        cmocka_unit_test(emitters_shine_where_mitsubas_do),
+        cmocka_unit_test(an_environment_stands_as_mitsubas_does),
+        cmocka_unit_test(what_a_scene_lacks_is_told),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
