@@ -2,10 +2,11 @@
 # Runs test programs, each with a time-out, and sums up: the last line is "N passed, N failed", counting single cmocka
 # tests. A program that ends without its own summary (a crash, the time-out) counts as one failure.
 #
-# Programs run side by side: as many as keep three quarters of JOBS cores busy, by what tests/costs.txt says of them, the
-# longest first. Most of them wait for something, so more than JOBS run. Statistics compute for minutes and wait for
-# nothing: they get, at the lowest priority, what the others leave of the cores. Each program has TCP ports of its own,
-# in TEST_PORTS. Those that start no other processes (unit, statistics) have their files in memory.
+# Programs run side by side: as many as keep JOBS cores busy, by what tests/costs.txt says of them, the longest first. Most
+# of them wait for something, so more than JOBS run. Statistics compute for minutes and wait for nothing: they get, at
+# the lowest priority, what the others leave, and where there are any a quarter of the cores is left to them. Each
+# program has TCP ports of its own, in TEST_PORTS. Those that start no other processes (unit, statistics) have their
+# files in memory.
 #
 # --apart, for programs that a sanitizer makes slow: those that start processes have the machine to themselves.
 #
@@ -72,8 +73,8 @@ while read -r name seconds cores; do
 done < <(grep -v '^#' "$here/costs.txt")
 
 # Hundredths of a core that are free, by lane.
-declare -A idle=([front]=$((75 * jobs)) [back]=$((100 * jobs)))
-[ -z "$apart" ] || idle[front]=$((100 * jobs))
+declare -A idle=([front]=$((100 * jobs)) [back]=$((100 * jobs)))
+case $apart:$* in :*/tests/statistics/*) idle[front]=$((75 * jobs)) ;; esac
 
 # weigh PROGRAM: its seconds, the hundredths of a core that it keeps busy, and the lane whose cores these are.
 weigh() {
