@@ -63,6 +63,13 @@ static void ignore_formats(element_t *film)
     for (size_t i = 0; i < ARRAY_LENGTH(names); ++i) property_ignore(film, names[i]);
 }
 
+/* The window of the whole film, whose shorter side spans [-1, 1]: of a film that is shown in part. */
+static void set_window(mitsuba_t *m, double aspect)
+{
+    const float x = (float)fmax(aspect, 1), y = (float)fmax(1 / aspect, 1), window[4] = {-x, x, -y, y};
+    memcpy(m->record.screen_window, window, sizeof window);
+}
+
 /* A crop shows its part of the whole film. */
 static result_t read_crop(mitsuba_t *m, const element_t *film, double width, double height)
 {
@@ -76,6 +83,7 @@ static result_t read_crop(mitsuba_t *m, const element_t *film, double width, dou
     memcpy(m->record.film_window, window, sizeof window);
     m->record.width = (int32_t)crop_width;
     m->record.height = (int32_t)crop_height;
+    if (crop_width != width || crop_height != height) set_window(m, width / height);
     return result_ok();
 }
 
@@ -98,8 +106,6 @@ static result_t read_film(mitsuba_t *m, const element_t *sensor, double *aspect)
         m->record.filter = (blob_filter_t){FILTER_GAUSSIAN, 2, 2, {0.5f, 0}};
     }
     *aspect = floor(width) / floor(height);
-    const float x = (float)fmax(*aspect, 1), y = (float)fmax(1 / *aspect, 1), window[4] = {-x, x, -y, y};
-    memcpy(m->record.screen_window, window, sizeof window);
     return result_ok();
 }
 

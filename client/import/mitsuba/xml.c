@@ -4,6 +4,7 @@
 #include <expat.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 static const size_t largest_file = (size_t)1 << 28;
 enum { MOST_DEPTH = 200, MOST_NESTED = 16, MOST_INCLUDES = 10000, LONGEST_VALUE = 1 << 16 };
@@ -277,9 +278,20 @@ const char *element_attribute(const element_t *element, const char *name)
     return NULL;
 }
 
-char *element_path(const element_t *element, const char *name)
+/* The path of `name` in the folder of the file `path`. */
+static char *beside(const char *path, const char *name)
 {
-    const char *path = element->at.path, *slash = strrchr(path, '/');
+    const char *slash = strrchr(path, '/');
     if (name[0] == '/' || !slash) return mem_strdup(name);
     return mem_printf("%.*s%s", (int)(slash + 1 - path), path, name);
+}
+
+char *element_path(const element_t *element, const char *name)
+{
+    const element_t *root = element;
+    while (root->parent) root = root->parent;
+    char *path = beside(root->at.path, name);
+    if (root->at.path == element->at.path || access(path, F_OK) == 0) return path;
+    free(path);
+    return beside(element->at.path, name);
 }

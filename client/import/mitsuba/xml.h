@@ -39,8 +39,8 @@ void xml_free(xml_t *xml);
 
 /* The value of an attribute, or NULL. */
 const char *element_attribute(const element_t *element, const char *name);
-/* The path of a file that the scene names, relative to the folder of the file that names it; the caller frees
- * it. */
+/* The path of a file that the scene names: relative to the main file's folder, as in Mitsuba, else to that of
+ * the included file that names it. The caller frees it. */
 char *element_path(const element_t *element, const char *name);
 
 #endif

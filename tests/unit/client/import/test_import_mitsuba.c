@@ -2,6 +2,7 @@
  */
 #include "tests/unit/client/import/test_import.h"
 
+#include <sys/stat.h>
 #include <zlib.h>
 
 #include "common/base.h"
@@ -98,6 +99,31 @@ static void includes_are_read_and_may_not_go_in_circles(void **state)
     expect_near(number(&bench, VALUE_REFLECTANCE), 0.3, 1e-6);
     expect_error(&bench, "<include filename=\"s.xml\"/>", "includes in one another");
     expect_error(&bench, "<include filename=\"none.xml\"/>", "none.xml");
+    bench_close(&bench);
+}
+
+static void files_are_relative_to_the_main_scene_first(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    char *folder = bench_path(&bench, "sub"), *included = bench_path(&bench, "sub/part.xml"),
+         *other = bench_path(&bench, "sub/b.obj");
+    const char *part = SCENE("<shape type=\"obj\"><string name=\"filename\" value=\"a.obj\"/></shape>"
+                             "<shape type=\"obj\"><string name=\"filename\" value=\"b.obj\"/></shape>");
+    const char *obj = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+    assert_int_equal(mkdir(folder, 0700), 0);
+    bench_write(&bench, "sub/part.xml", part, strlen(part));
+    bench_write(&bench, "a.obj", obj, strlen(obj));
+    bench_write(&bench, "sub/b.obj", obj, strlen(obj));
+    run(&bench, "<include filename=\"sub/part.xml\"/>");
+    bench_expect_silence(&bench);
+    assert_int_equal(bench.blob.counts[BLOB_SECTION_SHAPES], 2);
+    unlink(included);
+    unlink(other);
+    rmdir(folder);
+    free(folder);
+    free(included);
+    free(other);
     bench_close(&bench);
 }
 
@@ -238,6 +264,7 @@ static double fov_of(bench_t *bench, const char *lens)
     run_text(bench, text);
     free(text);
     bench_expect_ok(bench);
+    expect_near((double)bench->blob.scene->screen_window[1], 0, 0); /* made from the resolution */
     return tan((double)bench->blob.scene->fov / 2 / 57.29577951308232);
 }
 
@@ -645,6 +672,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(parameters_stand_for_their_values),
         cmocka_unit_test(includes_are_read_and_may_not_go_in_circles),
+        cmocka_unit_test(files_are_relative_to_the_main_scene_first),
         cmocka_unit_test(entities_are_refused_before_they_grow),
         cmocka_unit_test(parameters_may_not_grow_without_bound),
         cmocka_unit_test(what_is_no_scene_is_told),
