@@ -120,7 +120,10 @@ result_t pbrt_enter(pbrt_t *p, const char *name, bool apart, position_t at)
     if (p->open_sources == MAX_INCLUDES)
         return error_at(at, "files include one another deeper than %d", MAX_INCLUDES);
     char *path = pbrt_resolve(p, name);
-    result_t result = enter_path(p, path, name, apart, at);
+    bool missing = pbrt_is_missing(path) && p->dialect.dialect == DIALECT_V3;
+    result_t result =
+        missing ? pbrt_slip(p, at, "it is left out", "%.300s cannot be included: %s", path, strerror(ENOENT))
+                : enter_path(p, path, name, apart, at);
     free(path);
     return result;
 }

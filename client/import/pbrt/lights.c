@@ -3,6 +3,7 @@
  * v3 gives a colour times a "scale" that is a colour, too; v4 a colour, a number "scale", and for most lights
  * the "power" or "illuminance" that the whole is to have, in which the colour counts as if its luminance
  * were 1. Both place their lights with the current transform. */
+#include <stdlib.h>
 #include <string.h>
 
 #include "client/import/pbrt/lights.h"
@@ -111,8 +112,14 @@ static result_t read_image(pbrt_t *p, params_t *params, position_t at, blob_ref_
     *image = 0;
     TRY(params_string(params, name, &filename));
     if (filename[0] == '\0') return result_ok();
+    at = params_where(params, name, at);
+    char *path = pbrt_resolve(p, filename);
+    bool missing = pbrt_is_missing(path);
+    result_t slip = missing ? pbrt_missing(p, at, path, "the light has no image") : result_ok();
+    free(path);
+    if (missing) return slip;
     const scene_image_t *read;
-    TRY(pbrt_image(p, filename, v3 ? 1.0f : SCENE_GAMMA_OF_FILE, params_where(params, name, at), &read));
+    TRY(pbrt_image(p, filename, v3 ? 1.0f : SCENE_GAMMA_OF_FILE, at, &read));
     *image = read->image;
     return result_ok();
 }

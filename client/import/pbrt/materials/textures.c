@@ -354,11 +354,29 @@ static result_t read_scale(pbrt_t *p, params_t *params, blob_texture_t *texture)
     return result_ok();
 }
 
+/* Whether the file is missing, where that is no error. */
+static result_t find_image(pbrt_t *p, const char *filename, position_t at, bool *missing)
+{
+    char *path = pbrt_resolve(p, filename);
+    *missing = pbrt_is_missing(path);
+    result_t result = *missing ? pbrt_missing(p, at, path, "it is grey, 0.5") : result_ok();
+    free(path);
+    return result;
+}
+
+/* pbrt-v3 has 0.5 for each pixel of a file that is missing, which it decodes and scales like others. */
+static blob_value_t missing_image(const char *filename, float gamma, const blob_texture_t *texture)
+{
+    bool encoded = gamma == 0 || (gamma == SCENE_GAMMA_OF_FILE &&
+                                  (has_extension(filename, ".png") || has_extension(filename, ".tga")));
+    const float decoded = 0.21404114f; /* of 0.5, IEC 61966-2-1 */
+    return blob_constant((encoded ? decoded : 0.5f) * texture->inputs[0].factor.x);
+}
+
 static result_t read_image(pbrt_t *p, params_t *params, position_t at, bool is_float, blob_texture_t *texture,
                            blob_value_t *value)
 {
-    (void)value;
-    bool v3 = p->dialect.dialect == DIALECT_V3;
+    bool v3 = p->dialect.dialect == DIALECT_V3, missing;
     float gamma = SCENE_GAMMA_OF_FILE;
     const char *filename = NULL;
     const scene_image_t *file;
@@ -371,6 +389,12 @@ static result_t read_image(pbrt_t *p, params_t *params, position_t at, bool is_f
     if (!v3) TRY(read_filter(params, at, texture));
     TRY(v3 ? read_encoding_v3(params, &gamma) : read_encoding_v4(params, filename, at, &gamma));
     TRY(params_apply(params, filter_rules, ARRAY_LENGTH(filter_rules), p->report));
+    TRY(find_image(p, filename, at, &missing));
+    if (missing) {
+        texture->kind = 0;
+        *value = missing_image(filename, gamma, texture);
+        return result_ok();
+    }
     TRY(pbrt_image(p, filename, gamma, at, &file));
     texture->image = file->image;
     texture->channel = CHANNEL_RGB;

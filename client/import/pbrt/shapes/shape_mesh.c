@@ -1,6 +1,7 @@
 /* shape_mesh: shapes that become triangle meshes: those that are given as such, and those that the
  * tessellators turn into one. */
 #include <inttypes.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <sys/stat.h>
 
@@ -57,32 +58,42 @@ static vec3_t *copy_vec3(const double *numbers, size_t count)
     return copy;
 }
 
-static result_t read_positions(params_t *params, position_t at, mesh_t *mesh)
+/* About a mesh that pbrt-v3 leaves out: it has no triangles. */
+static result_t leave_out(pbrt_t *p, mesh_t *mesh, position_t at, const char *what)
+{
+    mesh->triangle_count = 0;
+    return pbrt_slip(p, at, "the shape is left out", "%s", what);
+}
+
+static result_t read_positions(pbrt_t *p, params_t *params, position_t at, mesh_t *mesh)
 {
     const double *numbers;
     size_t count;
     TRY(params_array(params, "P", PARAM_BIT(PARAM_POINT3), 3, &numbers, &count));
     if (count == 0)
-        return error_at(params_where(params, "P", at), "a triangle mesh needs vertices: \"point3 P\"");
+        return leave_out(p, mesh, params_where(params, "P", at),
+                         "a triangle mesh needs vertices: \"point3 P\"");
     if (count / 3 >= BLOB_NONE) return error_at(at, "too many vertices");
     mesh->vertex_count = (uint32_t)(count / 3);
     mesh->positions = copy_vec3(numbers, mesh->vertex_count);
     return result_ok();
 }
 
-static result_t read_normals(params_t *params, position_t at, mesh_t *mesh)
+static result_t read_normals(pbrt_t *p, params_t *params, position_t at, mesh_t *mesh)
 {
     const double *numbers;
     size_t count;
     TRY(params_array(params, "N", PARAM_BIT(PARAM_NORMAL3) | PARAM_BIT(PARAM_VECTOR3), 3, &numbers, &count));
     if (count == 0) return result_ok();
     if (count / 3 != mesh->vertex_count)
-        return error_at(params_where(params, "N", at), "%zu normals for %" PRIu32 " vertices", count / 3,
-                        mesh->vertex_count);
+        return report_tolerate(p->report, params_where(params, "N", at),
+                               "%zu normals for %" PRIu32 " vertices; they are ignored, as by pbrt",
+                               count / 3, mesh->vertex_count);
     mesh->normals = copy_vec3(numbers, mesh->vertex_count);
     return result_ok();
 }
 
+/* v4 ignores those that are too many as well; here the rest of them is left out. */
 static result_t read_uvs(pbrt_t *p, params_t *params, position_t at, mesh_t *mesh)
 {
     const char *name = params_has(params, "uv") ? "uv" : "st";
@@ -93,7 +104,9 @@ static result_t read_uvs(pbrt_t *p, params_t *params, position_t at, mesh_t *mes
     if (count == 0) return result_ok();
     at = params_where(params, name, at);
     if (count / 2 < mesh->vertex_count)
-        return error_at(at, "%zu uv coordinates for %" PRIu32 " vertices", count / 2, mesh->vertex_count);
+        return report_tolerate(p->report, at,
+                               "%zu uv coordinates for %" PRIu32 " vertices; they are ignored, as by pbrt",
+                               count / 2, mesh->vertex_count);
     if (count / 2 > mesh->vertex_count)
         report_warning(p->report, at, "%zu uv coordinates for %" PRIu32 " vertices; the rest is left out",
                        count / 2, mesh->vertex_count);
@@ -103,29 +116,43 @@ static result_t read_uvs(pbrt_t *p, params_t *params, position_t at, mesh_t *mes
     return result_ok();
 }
 
-static result_t read_triangles(params_t *params, position_t at, mesh_t *mesh)
+/* `count` is a multiple of three. */
+static result_t copy_triangles(pbrt_t *p, position_t at, const double *numbers, size_t count, mesh_t *mesh)
+{
+    mesh->triangle_count = (uint32_t)(count / 3);
+    mesh->triangles = mem_alloc(mesh->triangle_count * sizeof *mesh->triangles);
+    for (size_t i = 0; i < count; ++i) {
+        if (!(numbers[i] >= 0 && numbers[i] < mesh->vertex_count) || numbers[i] != floor(numbers[i])) {
+            char what[120];
+            snprintf(what, sizeof what, "index number %zu is %g, but must be an integer from 0 to %" PRIu32,
+                     i, numbers[i], mesh->vertex_count - 1);
+            return leave_out(p, mesh, at, what);
+        }
+        mesh->triangles[i / 3].v[i % 3] = (uint32_t)numbers[i];
+    }
+    return result_ok();
+}
+
+static result_t read_triangles(pbrt_t *p, params_t *params, position_t at, mesh_t *mesh)
 {
     static const double one_triangle[3] = {0, 1, 2};
     const double *numbers;
     size_t count;
-    TRY(params_array(params, "indices", PARAM_BIT(PARAM_INTEGER), 3, &numbers, &count));
+    TRY(params_array(params, "indices", PARAM_BIT(PARAM_INTEGER), 1, &numbers, &count));
     at = params_where(params, "indices", at);
     if (count == 0) {
         if (params_has(params, "indices") || mesh->vertex_count != 3)
-            return error_at(at, "a mesh of more than three vertices needs \"integer indices\"");
+            return leave_out(p, mesh, at, "a mesh of more than three vertices needs \"integer indices\"");
         numbers = one_triangle;
         count = 3;
     }
     if (count / 3 >= BLOB_NONE) return error_at(at, "too many triangles");
-    mesh->triangle_count = (uint32_t)(count / 3);
-    mesh->triangles = mem_alloc(mesh->triangle_count * sizeof *mesh->triangles);
-    for (size_t i = 0; i < count; ++i) {
-        if (!(numbers[i] >= 0 && numbers[i] < mesh->vertex_count) || numbers[i] != floor(numbers[i]))
-            return error_at(at, "index number %zu is %g, but must be an integer from 0 to %" PRIu32, i,
-                            numbers[i], mesh->vertex_count - 1);
-        mesh->triangles[i / 3].v[i % 3] = (uint32_t)numbers[i];
-    }
-    return result_ok();
+    if (count % 3 != 0)
+        TRY(report_tolerate(p->report, at,
+                            "parameter \"indices\" takes groups of 3 numbers, but has %zu; the rest is left "
+                            "out, as by pbrt",
+                            count));
+    return copy_triangles(p, at, numbers, count - count % 3, mesh);
 }
 
 static const param_rule_t trianglemesh_rules[] = {
@@ -134,12 +161,18 @@ static const param_rule_t trianglemesh_rules[] = {
     {{"discarddegenerateUVs"}, PARAM_IGNORE, "such triangles are handled anyway"},
 };
 
+static const param_rule_t left_out_rules[] = {
+    {{"N", "uv", "st", "indices", "S", "faceIndices"}, PARAM_ACCEPT, NULL},
+};
+
 static result_t fill_trianglemesh(pbrt_t *p, params_t *params, position_t at, mesh_t *mesh)
 {
-    TRY(read_positions(params, at, mesh));
-    TRY(read_normals(params, at, mesh));
+    TRY(read_positions(p, params, at, mesh));
+    if (mesh->vertex_count == 0) /* what else it has has no use */
+        return params_apply(params, left_out_rules, ARRAY_LENGTH(left_out_rules), p->report);
+    TRY(read_normals(p, params, at, mesh));
     TRY(read_uvs(p, params, at, mesh));
-    TRY(read_triangles(params, at, mesh));
+    TRY(read_triangles(p, params, at, mesh));
     return params_apply(params, trianglemesh_rules, ARRAY_LENGTH(trianglemesh_rules), p->report);
 }
 
@@ -165,6 +198,11 @@ result_t pbrt_make_plymesh(pbrt_t *p, shape_work_t *work)
     char *path = pbrt_resolve(p, filename);
     uint64_t size = stat(path, &status) == 0 && status.st_size > 0 ? (uint64_t)status.st_size : 0;
     p->builder->source_bytes += size;
+    if (pbrt_is_missing(path)) {
+        result_t slip = pbrt_missing(p, work->at, path, "the shape is left out");
+        free(path);
+        return slip;
+    }
     result_t result = ply_read(path, p->report, &mesh);
     p->bytes_done += size;
     if (result.code != RESULT_OK)

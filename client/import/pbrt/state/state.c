@@ -1,6 +1,7 @@
 /* state: see state.h. */
 #include "client/import/pbrt/state/state.h"
 
+#include <errno.h>
 #include <inttypes.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -228,6 +229,19 @@ char *pbrt_resolve(const pbrt_t *p, const char *filename)
     bool there = access(beside, F_OK) == 0;
     free(there ? path : beside);
     return there ? beside : path;
+}
+
+bool pbrt_is_missing(const char *path)
+{
+    return access(path, F_OK) != 0 && errno == ENOENT;
+}
+
+result_t pbrt_missing(pbrt_t *p, position_t at, const char *path, const char *does)
+{
+    if (p->dialect.dialect == DIALECT_V3)
+        return pbrt_slip(p, at, does, "%.300s: cannot be opened: %s", path, strerror(ENOENT));
+    return report_refuse(p->report, at, "%.300s: cannot be opened: %s; the nearest: %s", path,
+                         strerror(ENOENT), does);
 }
 
 result_t pbrt_image(pbrt_t *p, const char *filename, float gamma, position_t at, const scene_image_t **image)

@@ -186,6 +186,12 @@ uint32_t pbrt_name_of_place(pbrt_t *p, position_t at);
  * from that of the file which names it. The caller frees it. */
 char *pbrt_resolve(const pbrt_t *p, const char *filename);
 
+/* Whether there is no such file. */
+bool pbrt_is_missing(const char *path);
+/* About a file that is missing: tolerated in v3, refused in v4. `does` says what pbrt-v3, or a lenient
+ * import, does without it. */
+result_t pbrt_missing(pbrt_t *p, position_t at, const char *path, const char *does);
+
 /* Finds or reads an image file that the scene names, as pbrt does: v4 makes two images of one that is
  * transparent. */
 result_t pbrt_image(pbrt_t *p, const char *filename, float gamma, position_t at, const scene_image_t **image);

@@ -86,6 +86,18 @@ static result_t read_spectrum(pbrt_t *p, const params_t *owner, const param_t *i
     return result.code == RESULT_OK ? result : error_at(item->at, "%s", result.message);
 }
 
+/* Whether v3 names a file that is missing, which is black there. */
+static result_t find_spectrum(pbrt_t *p, const params_t *owner, const param_t *item, bool *missing)
+{
+    *missing = false;
+    if (p->dialect.dialect != DIALECT_V3 || !item->quoted || item->count != 1) return result_ok();
+    char *path = pbrt_resolve(p, params_text(owner, item, 0));
+    *missing = pbrt_is_missing(path);
+    result_t result = *missing ? pbrt_missing(p, item->at, path, "it is black") : result_ok();
+    free(path);
+    return result;
+}
+
 static spectrum_rules_t rules_of(const pbrt_t *p)
 {
     return p->dialect.dialect == DIALECT_V3 ? SPECTRUM_PBRT_V3 : SPECTRUM_PBRT_V4;
@@ -99,6 +111,12 @@ static result_t spectrum_value(pbrt_t *p, const params_t *owner, const param_t *
                                           [COLOUR_INDEX] = SPECTRUM_INDEX,
                                           [COLOUR_LIGHT] = SPECTRUM_EMISSION};
     spectrum_t spectrum;
+    bool missing;
+    TRY(find_spectrum(p, owner, item, &missing));
+    if (missing) {
+        *value = vec3(0, 0, 0);
+        return result_ok();
+    }
     TRY(read_spectrum(p, owner, item, name, &spectrum));
     *value = spectrum_colour(&spectrum, uses[use], rules_of(p));
     spectrum_free(&spectrum);

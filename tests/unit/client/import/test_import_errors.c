@@ -456,9 +456,9 @@ static void files_of_other_formats_are_refused(void **state)
 {
     (void)state;
     bench_t bench = {0};
-    bench_write(&bench, "s.obj", "", 0);
-    bench_import_file(&bench, "s.obj");
-    expect_text(bench.result.message, "s.obj: not a scene format that Lightmill reads");
+    bench_write(&bench, "s.dae", "", 0);
+    bench_import_file(&bench, "s.dae");
+    expect_text(bench.result.message, "s.dae: not a scene format that Lightmill reads");
     bench_import_file(&bench, "none.pbrt");
     expect_text(bench.result.message, "none.pbrt: cannot be opened");
     bench_import(&bench, bench.folder);

@@ -285,7 +285,7 @@ static void lights_beyond_limits_are_refused(void **state)
     run(&bench, false, "LightSource \"point\" \"rgb I\" [0 0 0]");
     bench_expect_ok(&bench);
     expect_text(bench.warnings, "no light");
-    run(&bench, false, "LightSource \"infinite\" \"string mapname\" \"absent.exr\"");
+    run(&bench, true, "LightSource \"infinite\" \"string filename\" \"absent.exr\"");
     expect_text(bench.result.message, "absent.exr");
     run(&bench, true, "LightSource \"spot\" \"float coneangle\" 0");
     expect_text(bench.result.message, "coneangle");

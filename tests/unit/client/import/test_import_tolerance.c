@@ -208,6 +208,89 @@ static void a_long_scene_may_include_many_files(void **state)
     bench_close(&bench);
 }
 
+/* v3 does without; v4 does not, but a lenient import. */
+static void missing_files_have_what_v3_puts_in_their_place(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *v3, *v4, *warning;
+    } cases[] = {
+        {"Texture \"t\" \"spectrum\" \"imagemap\" \"string filename\" \"no.exr\" \"float scale\" 0.5\n"
+         "Material \"matte\" \"texture Kd\" \"t\"\n",
+         "Texture \"t\" \"spectrum\" \"imagemap\" \"string filename\" \"no.exr\" \"float scale\" 0.5\n"
+         "Material \"diffuse\" \"texture reflectance\" \"t\"\n",
+         "it is grey, 0.5"},
+        {"LightSource \"infinite\" \"string mapname\" \"no.exr\" \"rgb L\" [1 2 3]\n",
+         "LightSource \"infinite\" \"string filename\" \"no.exr\"\n", "the light has no image"},
+        {"Shape \"plymesh\" \"string filename\" \"no.ply\"\n",
+         "Shape \"plymesh\" \"string filename\" \"no.ply\"\n", "the shape is left out"},
+    };
+    bench_t bench = {0};
+    for (size_t i = 0; i < ARRAY_LENGTH(cases); ++i) {
+        char *text = mem_printf("WorldBegin\n%s" SPHERE "WorldEnd\n", cases[i].v3);
+        expect_forgiven(&bench, text, "2:");
+        expect_text(bench.warnings, cases[i].warning);
+        free(text);
+        text = mem_printf("WorldBegin\n%s" SPHERE, cases[i].v4);
+        expect_refused(&bench, text, "cannot be opened: No such file");
+        bench.lenient = true;
+        bench_run(&bench, text);
+        bench_expect_ok(&bench);
+        expect_text(bench.warnings, cases[i].warning);
+        assert_int_equal(bench.blob.counts[BLOB_SECTION_SHAPES], 1);
+        bench.lenient = false;
+        free(text);
+    }
+    bench_run_v3(&bench, cases[0].v3);
+    expect_forgiven(&bench,
+                    V3("WorldBegin\nTexture \"t\" \"float\" \"imagemap\" \"string filename\" \"n.png\"\n"
+                       "Material \"matte\" \"texture sigma\" \"t\" \"spectrum Kd\" \"n.spd\"\n" SPHERE),
+                    "2:");
+    expect_text(bench.warnings,
+                "n.spd: cannot be opened: No such file or directory; it is black, as by pbrt-v3");
+    expect_vec3(colour_of(&bench, 0, VALUE_REFLECTANCE), 0, 0, 0);
+    expect_vec3(colour_of(&bench, 0, VALUE_SIGMA), 0.214041, 0.214041, 0.214041); /* decoded */
+    expect_forgiven(&bench, V3("WorldBegin\nInclude \"no.pbrt\"\n" SPHERE), "2:1: ");
+    expect_text(bench.warnings, "no.pbrt cannot be included: No such file or directory; it is left out");
+    expect_refused(&bench, "WorldBegin\nInclude \"no.pbrt\"\n" SPHERE, "no.pbrt cannot be included");
+    bench_close(&bench);
+}
+
+/* ---- meshes -------------------------------------------------------------------------------------------- */
+
+#define MESH "WorldBegin\n" SPHERE "Shape \"trianglemesh\" "
+#define CORNERS "\"point3 P\" [0 0 0 1 0 0 0 1 0] "
+
+static void meshes_lose_what_does_not_fit(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    static const struct {
+        const char *text, *warning;
+    } left_out[] = {
+        {MESH "\"point3 P\" [] \"integer indices\" [0 1 2]", "3:22: a triangle mesh needs vertices"},
+        {MESH "\"point3 P\" [0 0 0]", "3:1: a mesh of more than three vertices needs"},
+        {MESH CORNERS "\"integer indices\" [0 1 3]", "3:53: index number 2 is 3"}};
+    for (size_t i = 0; i < ARRAY_LENGTH(left_out); ++i) {
+        expect_refused(&bench, left_out[i].text, left_out[i].warning);
+        char *v3 = mem_printf("%s\nWorldEnd\n", left_out[i].text);
+        expect_forgiven(&bench, v3, left_out[i].warning);
+        expect_text(bench.warnings, "; the shape is left out, as by pbrt-v3");
+        assert_int_equal(bench.blob.counts[BLOB_SECTION_SHAPES], 1);
+        free(v3);
+    }
+    expect_forgiven(&bench, MESH CORNERS "\"normal N\" [0 0 1]",
+                    "3:53: 1 normals for 3 vertices; they are ignored, as by pbrt");
+    assert_int_equal(bench.blob.counts[BLOB_SECTION_NORMALS], 0);
+    expect_forgiven(&bench, V3(MESH CORNERS "\"integer indices\" [0 1 2 0] \"point2 uv\" [0 0]"),
+                    "3:81: 1 uv coordinates for 3 vertices; they are ignored, as by pbrt");
+    expect_text(bench.warnings,
+                "3:53: parameter \"indices\" takes groups of 3 numbers, but has 4; the rest is");
+    assert_int_equal(bench.blob.counts[BLOB_SECTION_TRIANGLES], 1);
+    assert_int_equal(bench.blob.counts[BLOB_SECTION_UVS], 0);
+    bench_close(&bench);
+}
+
 /* ---- names --------------------------------------------------------------------------------------------- */
 
 static void undefined_names_have_what_v3_gives_them(void **state)
@@ -475,6 +558,8 @@ int main(void)
         cmocka_unit_test(commas_behind_numbers_are_v3s),
         cmocka_unit_test(parameters_go_on_behind_an_include),
         cmocka_unit_test(a_long_scene_may_include_many_files),
+        cmocka_unit_test(missing_files_have_what_v3_puts_in_their_place),
+        cmocka_unit_test(meshes_lose_what_does_not_fit),
         cmocka_unit_test(undefined_names_have_what_v3_gives_them),
         cmocka_unit_test(unknown_kinds_are_left_out_in_v3),
         cmocka_unit_test(a_coordinate_system_that_nobody_named_changes_nothing),
