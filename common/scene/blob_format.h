@@ -362,7 +362,8 @@ typedef enum {
 enum {
     LIGHT_TWO_SIDED = 1,
     LIGHT_SMOOTHSTEP = 2, /* a spot's rim is a smooth step of the cosine (pbrt-v4) ... */
-    LIGHT_SQUARE = 4      /* ... the square of its fraction (glTF); else its fourth power (pbrt-v3) */
+    LIGHT_SQUARE = 4,     /* ... the square of its fraction (glTF); else its fourth power (pbrt-v3) */
+    LIGHT_UNSEEN = 8      /* an area light that no ray runs into; its shape's alpha is the number 0 */
 };
 
 typedef struct {

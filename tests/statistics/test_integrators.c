@@ -142,6 +142,17 @@ static const case_t cases[] = {
                   "AreaLightSource \"diffuse\" \"rgb L\" [20 15 12]\nShape \"disk\" \"float radius\" [1] "
                   "\"float innerradius\" [0.4] \"float phimax\" [220]\nAttributeEnd\n" END3,
      ALL},
+    {"unseen-lights",
+     HEAD4 PLACE4
+     "AttributeBegin\nAttribute \"shape\" \"float alpha\" [0]\nAreaLightSource \"diffuse\" \"rgb L\" [12 11 "
+     "9]\n" QUAD(
+         "-0.5 1.6 -0.5  0.5 1.6 -0.5  0.5 1.6 0.5  -0.5 1.6 0.5") "AreaLightSource \"diffuse\" \"rgb L\" [2 "
+                                                                   "5 9] "
+                                                                   "\"bool twosided\" true\nTranslate -0.9 "
+                                                                   "0.6 "
+                                                                   "0\nShape \"sphere\" \"float radius\" "
+                                                                   "[0.3]\nAttributeEnd\n",
+     ALL},
     {"cylinder-light",
      HEAD3 PLACE3
      "AttributeBegin\nTranslate -0.6 1.6 0\nRotate 30 1 1 0\nScale 0.5 0.2 0.7\nAreaLightSource \"diffuse\" "

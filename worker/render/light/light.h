@@ -5,7 +5,8 @@
  *   s = 1,  lights_illuminate: draw a place on a light and join it to a given point;
  *   s = 0,  lights_hit, lights_escape: what about this place that an eye subpath ran into?
  * A place is a point of a surface (measured by area), a direction of the sky (by solid angle), or the one
- * place of a light that has no extent (counted, not measured: `delta`).
+ * place of a light that has no extent (counted, not measured: `delta`). A surface may be `delta`, too, when
+ * it lets all rays through: then places on it are measured by area, but no eye subpath runs into one.
  *
  * What is chosen is an emitter: one triangle of an emissive mesh, or a whole light of another kind; an alias
  * table makes the choice O(1). Since a triangle is chosen in proportion to area x luminance and then sampled

@@ -1,7 +1,9 @@
 /* light_area: diffuse emission of a shape, on one side or both, the same everywhere or by a texture.
  *
  * Triangles are chosen in proportion to their area and sampled uniformly; quadrics are sampled uniformly in
- * their own space. Where the shape lets rays through (alpha), as much of the emission is missing.
+ * their own space. Where the shape lets rays through (alpha), as much of the emission is missing. A light
+ * that is unseen lets all rays through, and has all of its emission: no subpath runs into it, as into one
+ * without extent.
  *
  * What sampling needs of each triangle is kept in one place: it would else take four dependent look-ups in
  * the blob and a square root.
@@ -43,6 +45,11 @@ static bool is_two_sided(const light_t *light)
     return light->record->flags & LIGHT_TWO_SIDED;
 }
 
+static bool is_unseen(const light_t *light)
+{
+    return light->record->flags & LIGHT_UNSEEN;
+}
+
 static void *prepare(const light_t *light)
 {
     const scene_blob_t *blob = scene_blob(light->scene);
@@ -51,8 +58,8 @@ static void *prepare(const light_t *light)
     uint32_t count = mesh != NULL ? mesh->triangle_count : 0;
     area_state_t *state = mem_zalloc(1, sizeof *state + count * sizeof *state->triangles);
     state->shape = shape;
-    state->plain =
-        light->record->radiance.texture == 0 && shape->alpha.texture == 0 && shape->alpha.factor.x >= 1;
+    bool opaque = is_unseen(light) || (shape->alpha.texture == 0 && shape->alpha.factor.x >= 1);
+    state->plain = light->record->radiance.texture == 0 && opaque;
     state->curved = mesh != NULL && mesh->first_normal != BLOB_NONE;
     if (shape->kind == SHAPE_QUADRIC) state->quadric = scene_quadric(light->scene, shape);
     for (uint32_t i = 0; i < count; i++) {
@@ -156,7 +163,7 @@ static rgb_t radiance_at(const light_t *light, const surface_t *surface, bool se
 {
     const blob_value_t *value = &light->record->radiance;
     const blob_value_t *alpha = &surface->shape->alpha;
-    bool opaque = seen || (alpha->texture == 0 && alpha->factor.x >= 1);
+    bool opaque = seen || is_unseen(light) || (alpha->texture == 0 && alpha->factor.x >= 1);
     if (value->texture == 0 && opaque) return value->factor;
     surface_details_t details;
     scene_details(light->scene, surface, &details);
@@ -213,6 +220,7 @@ static bool emit(const light_t *light, uint32_t primitive, vec2_t place, vec2_t 
     float cosine = v_dot(spot.n, out->direction);
     out->pdf_ray = ray_pdf(light, cosine);
     if (!(out->pdf_ray > 0) || !(spot.pdf > 0)) return false;
+    out->delta = is_unseen(light);
     out->point = spot.p;
     out->origin = offset(&spot, out->direction);
     out->pdf_place = spot.pdf;
@@ -234,6 +242,7 @@ static bool illuminate(const light_t *light, uint32_t primitive, vec3_t point, v
     if (cosine == 0 || (cosine < 0 && !is_two_sided(light))) return false;
     out->radiance = radiance_of_spot(light, &spot);
     out->target = offset(&spot, v_neg(out->w));
+    out->delta = is_unseen(light);
     out->pdf_place = spot.pdf;
     out->geometry = fabsf(cosine) / distance2;
     out->arrival = ray_pdf(light, cosine) / distance2;

@@ -85,6 +85,16 @@ static result_t apply_power(pbrt_t *p, const shape_work_t *work, blob_light_t *l
     return result_ok();
 }
 
+/* A light whose alpha is the number 0: pbrt-v4 lets it shine unseen. In v3 what it lights by samples is lit,
+ * and what runs into it is not. */
+static void become_unseen(pbrt_t *p, const shape_work_t *work, blob_light_t *light)
+{
+    light->flags |= LIGHT_UNSEEN;
+    if (p->dialect.dialect == DIALECT_V3)
+        report_warning(p->report, work->at,
+                       "a light with an alpha of 0 shines unseen; pbrt-v3 loses a part of its light");
+}
+
 /* The light that the shape emits; *emits is false when it is none. */
 static result_t make_light(pbrt_t *p, shape_work_t *work, bool moves, blob_light_t *light, bool *emits)
 {
@@ -102,11 +112,7 @@ static result_t make_light(pbrt_t *p, shape_work_t *work, bool moves, blob_light
         report_warning(p->report, work->at, "this shape has an area of %g and does not emit", work->area);
         return result_ok();
     }
-    if (work->shape.alpha.texture == 0 && work->shape.alpha.factor.x == 0) {
-        work->shape.alpha = blob_constant(1);
-        TRY(report_refuse(p->report, work->at,
-                          "a light that is invisible (alpha 0) is not supported; it is visible"));
-    }
+    if (work->shape.alpha.texture == 0 && work->shape.alpha.factor.x == 0) become_unseen(p, work, light);
     if (moves)
         report_warning(p->report, work->at,
                        "a shape that emits does not move: it stands where it is when the shutter opens");
