@@ -12,7 +12,7 @@ Q       := $(if $(V),,@)
 BASELINE := -march=x86-64-v3 -mtune=skylake -ffp-contract=off -fno-math-errno -fno-trapping-math
 WARNINGS := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Wvla
 PACKAGES := expat libmicrohttpd libzmq libprotobuf-c libsodium libzstd libpng zlib libturbojpeg libwebp OpenEXR jansson sqlite3 libcurl libmurmurhash
-ifneq ($(filter-out help clean deps deps-dev deps-test deps-chaos check check-fast demo asan tsan fuzz chaos hostile valgrind container-check sim bench bench-error bench-merge bench-farm bench-watch bench-link bench-large bench-codec format lint,$(or $(MAKECMDGOALS),all)),)
+ifneq ($(filter-out help clean deps deps-dev deps-test deps-chaos census check check-fast demo asan tsan fuzz chaos hostile valgrind container-check sim bench bench-error bench-merge bench-farm bench-watch bench-link bench-large bench-codec format lint,$(or $(MAKECMDGOALS),all)),)
 PKG_CFLAGS := $(shell pkg-config --cflags $(PACKAGES) 2>/dev/null)
 ifneq ($(.SHELLSTATUS),0)
 $(error $(strip $(foreach package,$(PACKAGES),$(if $(shell pkg-config --exists $(package) && echo yes),,$(package)))) is missing: run make deps)
@@ -212,6 +212,11 @@ hostile: deps-test
 	$(SUBMAKE) $(JOBS) all $(BUILD)/tests/farm/test_kit_verify
 	HOSTILE_RUNS=$(HOSTILE_RUNS) $(BUILD)/tests/farm/test_kit_verify
 
+# Imports every scene below DIR, and prints how many come in, and why the others do not.
+census: deps
+	$(SUBMAKE) $(JOBS) all
+	tests/census.sh "$(DIR)" $(BUILD)
+
 # Fuzzing: FUZZ_SECONDS for each of FUZZ_TARGETS, which are the tests/fuzz/fuzz_*.c by default.
 FUZZ_SECONDS ?= 60
 FUZZ_TARGETS ?= $(patsubst tests/fuzz/fuzz_%.c,%,$(wildcard tests/fuzz/fuzz_*.c))
@@ -377,6 +382,7 @@ help:
 	@echo "make hostile    workers that lie in some of their batches are found, HOSTILE_RUNS ($(HOSTILE_RUNS)) times of each sort"
 	@echo "make valgrind   a master that served 50 jobs has no leaks"
 	@echo "make fuzz       libFuzzer on all that decodes bytes of others: FUZZ_SECONDS ($(FUZZ_SECONDS)) each; FUZZ_TARGETS=\"pbrt ply\""
+	@echo "make census DIR=...  imports every scene below a folder, and prints a table of what comes in"
 	@echo "make sim        a real master and 500 simulated workers for three minutes: what one master takes"
 	@echo "make container-check  build the images of docker/Dockerfile, render a job through them (root)"
 	@echo "make bench      error and speed of the renderer against the figures of pbrt-v3"
@@ -395,5 +401,5 @@ help:
 	@echo "make compdb     compile_commands.json for editors"
 	@echo "make clean      remove $(BUILD)/"
 
-.PHONY: all check check-fast bench bench-error bench-codec tests fast-tests run-tests asan tsan fuzz demo pictures deps deps-dev deps-chaos prometheus container-check install man uninstall format lint lint-files compdb clean help sim bench-merge bench-farm bench-watch bench-link bench-large chaos chaos-programs hostile valgrind deps-test
+.PHONY: all census check check-fast bench bench-error bench-codec tests fast-tests run-tests asan tsan fuzz demo pictures deps deps-dev deps-chaos prometheus container-check install man uninstall format lint lint-files compdb clean help sim bench-merge bench-farm bench-watch bench-link bench-large chaos chaos-programs hostile valgrind deps-test
 .SECONDARY:
