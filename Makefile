@@ -11,7 +11,7 @@ Q       := $(if $(V),,@)
 # -mtune changes none: bdpt gains 1 to 4 % by it.
 BASELINE := -march=x86-64-v3 -mtune=skylake -ffp-contract=off -fno-math-errno -fno-trapping-math
 WARNINGS := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Wvla
-PACKAGES := expat libmicrohttpd libzmq libprotobuf-c libsodium libzstd libpng zlib libturbojpeg libwebp OpenEXR jansson sqlite3 libcurl libmurmurhash
+PACKAGES := expat libmicrohttpd libzmq libprotobuf-c libsodium libzstd libpng zlib libturbojpeg libwebp draco OpenEXR jansson sqlite3 libcurl libmurmurhash
 ifneq ($(filter-out help clean deps deps-dev deps-test deps-chaos census check check-fast demo asan tsan fuzz chaos hostile valgrind container-check sim bench bench-error bench-merge bench-farm bench-watch bench-link bench-large bench-codec format lint,$(or $(MAKECMDGOALS),all)),)
 PKG_CFLAGS := $(shell pkg-config --cflags $(PACKAGES) 2>/dev/null)
 ifneq ($(.SHELLSTATUS),0)
@@ -22,7 +22,7 @@ endif
 ALL_CFLAGS = -std=gnu17 -D_GNU_SOURCE $(BASELINE) $(WARNINGS) $(CFLAGS) $(SANITIZE) -I. -I$(BUILD) $(patsubst -I%,-isystem%,$(PKG_CFLAGS)) -pthread
 # C++ is for shims before libraries that have no C interface.
 ALL_CXXFLAGS = -std=gnu++17 -D_GNU_SOURCE $(BASELINE) -Wall -Wextra -Wshadow $(CFLAGS) $(SANITIZE) -fno-sanitize=vptr -I. $(patsubst -I%,-isystem%,$(PKG_CFLAGS)) -pthread
-ALL_LIBS   = $(LDFLAGS) -Wl,--as-needed $(PKG_LIBS) -lembree3 -ldraco -lmeshoptimizer -lstdc++ -lm -pthread
+ALL_LIBS   = $(LDFLAGS) -Wl,--as-needed $(PKG_LIBS) -lembree3 -lmeshoptimizer -lstdc++ -lm -pthread
 
 sources     = $(sort $(shell find $(1) \( -name '*.c' -o -name '*.cc' \) ! -name main.c))
 COMMON_SRC := $(call sources,common)

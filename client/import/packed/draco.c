@@ -31,8 +31,9 @@ static result_t failure_of(int failure)
         return result_fail(RESULT_INPUT, "its Draco data have no such attribute");
     case DRACO_SHIM_NO_MEMORY:
     case DRACO_SHIM_NOT_WRITTEN:
-        return result_fail(RESULT_INPUT, "its Draco data ask for more memory than their size justifies; "
-                                         "export without Draco compression");
+        return result_fail(RESULT_INPUT,
+                           "its Draco data ask for more memory than their size justifies; copy or "
+                           "export the file again, or export without Draco compression");
     default:
         return result_fail(RESULT_INPUT,
                            "its Draco data are damaged or no mesh; copy or export the file again, "

@@ -1,7 +1,8 @@
 /* draco: meshes packed by Draco (KHR_draco_mesh_compression), through libdraco.
  *
- * libdraco is known to write beyond its memory for some damaged files, so it runs confined (confined.h), and
- * what it made is checked here.
+ * There are open reports of damaged bytes that make libdraco write beyond its memory (google/draco, issues
+ * 1102 and 1103), and few bytes can make it ask for much memory. So it runs confined (confined.h), and what
+ * it made is checked here.
  */
 #ifndef LIGHTMILL_DRACO_H
 #define LIGHTMILL_DRACO_H
