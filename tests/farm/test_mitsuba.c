@@ -12,11 +12,7 @@
 
 #include "common/base.h"
 
-#ifdef __SANITIZE_THREAD__
-#define SPP "16"
-#else
 #define SPP "64"
-#endif
 
 /* ---- a room: textures, plastic, metal, glass, a mask, smooth normals, an area light -------------------- */
 
