@@ -5,7 +5,7 @@
 # usage: tests/census.sh DIR [BUILD]      CENSUS_SECONDS (60) and CENSUS_MEGABYTES (4096) bound each import
 #
 # A scene is a .pbrt file with a WorldBegin, an .xml file with a <scene, or a .gltf, .glb or .obj file. The report, a line
-# a scene, is left in BUILD/census.tsv: what came of it (strict, warned, lenient, refused, slow, crash), the file, and why it did not come in
+# a scene, is left in BUILD/census.tsv (CENSUS_REPORT names another file): what came of it (strict, warned, lenient, refused, slow, crash), the file, and why it did not come in
 # strictly, or with warnings.
 set -euo pipefail
 
@@ -13,7 +13,7 @@ folder=${1:?usage: tests/census.sh DIR [BUILD]}
 build=${2:-build}
 seconds=${CENSUS_SECONDS:-60}
 megabytes=${CENSUS_MEGABYTES:-4096}
-report=$build/census.tsv
+report=${CENSUS_REPORT:-$build/census.tsv}
 scratch=$(mktemp -d)
 trap 'rm -rf "$scratch"' EXIT
 
