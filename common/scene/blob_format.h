@@ -5,7 +5,7 @@
 
 #include "common/vec.h"
 
-enum { BLOB_VERSION = 2 };
+enum { BLOB_VERSION = 3 };
 #define BLOB_NONE 0xFFFFFFFFu
 #define BLOB_MAX_BYTES ((uint64_t)1 << 36)
 enum {
@@ -363,7 +363,8 @@ enum {
     LIGHT_TWO_SIDED = 1,
     LIGHT_SMOOTHSTEP = 2, /* a spot's rim is a smooth step of the cosine (pbrt-v4) ... */
     LIGHT_SQUARE = 4,     /* ... the square of its fraction (glTF); else its fourth power (pbrt-v3) */
-    LIGHT_UNSEEN = 8      /* an area light that no ray runs into; its shape's alpha is the number 0 */
+    LIGHT_UNSEEN = 8,     /* an area light that no ray runs into; its shape's alpha is the number 0 */
+    LIGHT_COSINE = 16     /* all of a spot is also dimmed by the cosine (Cycles of Blender before 3.5) */
 };
 
 typedef struct {

@@ -117,7 +117,7 @@ void fuzz_import(const char *name)
  */
 
 /* Where a blob's header has them: see scene_blob.c. */
-enum { SIZE_AT = 16, CHECKSUM_AT = 24, SECTIONS_AT = CHECKSUM_AT + HASH_BYTES };
+enum { VERSION_AT = 8, SIZE_AT = 16, CHECKSUM_AT = 24, SECTIONS_AT = CHECKSUM_AT + HASH_BYTES };
 enum { HEADER_SIZE = SECTIONS_AT + 16 * BLOB_SECTION_COUNT };
 
 uint8_t *fuzz_mend_blob(const uint8_t *data, size_t size)
@@ -126,6 +126,8 @@ uint8_t *fuzz_mend_blob(const uint8_t *data, size_t size)
     if (size > 0) memcpy(bytes, data, size);
     if (size >= HEADER_SIZE) {
         uint64_t whole = size;
+        uint32_t version = BLOB_VERSION; /* seeds outlive versions */
+        memcpy(bytes + VERSION_AT, &version, sizeof version);
         hash_t checksum = hash_bytes(bytes + HEADER_SIZE, size - HEADER_SIZE);
         memcpy(bytes + SIZE_AT, &whole, sizeof whole);
         memcpy(bytes + CHECKSUM_AT, &checksum, sizeof checksum);

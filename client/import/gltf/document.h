@@ -79,7 +79,9 @@ typedef struct document {
     bytes_t binary; /* the BIN chunk of a .glb; data NULL: none */
     json_t *json;
     item_t root, tops[TOP_COUNT];
-    bool blender; /* written by Blender's exporter */
+    bool blender;             /* written by Blender's exporter ... */
+    unsigned blender_version; /* ... of this version, 304 for 3.4; a large number when it does not say */
+    bool told_of_sides;       /* the warning about emission of doubleSided materials */
 
     bytes_t *buffers;  /* as many as there are; data NULL: not read yet */
     bytes_t *unpacked; /* buffer views, as many as there are; data NULL: not packed, or not unpacked yet */

@@ -163,6 +163,18 @@ static bool looks_like_version_1(const document_t *document)
     return false;
 }
 
+/* The exporter's version is that of Blender, from 3.2 on; before, it is lower than any of these. */
+static void recognise_blender(document_t *document, const char *generator)
+{
+    static const char mark[] = "Khronos glTF Blender I/O";
+    const char *found = strstr(generator, mark);
+    unsigned major = 0, minor = 0;
+    document->blender = found != NULL;
+    if (!found) return;
+    bool said = sscanf(found + sizeof mark - 1, " v%3u.%2u", &major, &minor) == 2;
+    document->blender_version = said ? 100 * major + minor : UINT32_MAX;
+}
+
 static result_t check_version(document_t *document)
 {
     item_t asset;
@@ -176,7 +188,7 @@ static result_t check_version(document_t *document)
     if (strncmp(version, "2.", 2) != 0 || (least && strcmp(least, "2.0") != 0))
         return item_fail(&document->root, "is not glTF 2.0 but %.20s; export it as glTF 2.0",
                          least ? least : version);
-    document->blender = strstr(generator, "Khronos glTF Blender I/O") != NULL;
+    recognise_blender(document, generator);
     return result_ok();
 }
 

@@ -41,7 +41,18 @@ static result_t radiance_of(const document_t *document, const item_t *item, blob
     return result_ok();
 }
 
-static result_t cone_of(const item_t *item, blob_light_t *light)
+/* Cycles' spots: a smooth step of the cosine from the rim of the cone to a share of the way to the axis, the
+ * lamp's Blend, which Blender's exporter writes as a share of the angle. Before 3.5 the cosine is a factor,
+ * too. */
+static void soften_as_cycles(const document_t *document, double inner, double outer, blob_light_t *light)
+{
+    double rim = cos(outer), blend = 1 - inner / outer;
+    light->flags = LIGHT_SMOOTHSTEP;
+    if (document->blender_version < 305) light->flags |= LIGHT_COSINE;
+    light->parameters[1] = fmaxf((float)(rim + (1 - rim) * blend), light->parameters[0]);
+}
+
+static result_t cone_of(const document_t *document, const item_t *item, blob_light_t *light)
 {
     item_t spot;
     const double right_angle = 1.57079632679489662;
@@ -52,6 +63,7 @@ static result_t cone_of(const item_t *item, blob_light_t *light)
     light->flags = LIGHT_SQUARE;
     light->parameters[0] = (float)cos(outer);
     light->parameters[1] = (float)fmax(cos(inner), cos(outer));
+    if (document->blender) soften_as_cycles(document, inner, outer, light);
     return result_ok();
 }
 
@@ -104,7 +116,7 @@ static result_t add_one(document_t *document, const gltf_placement_t *place)
     TRY(item_element(&lights, place->thing, JSON_OBJECT, &item));
     TRY(kind_of(&item, &light.kind));
     TRY(radiance_of(document, &item, &light));
-    if (light.kind == LIGHT_SPOT) TRY(cone_of(&item, &light));
+    if (light.kind == LIGHT_SPOT) TRY(cone_of(document, &item, &light));
     if (v_max(light.radiance.factor) <= 0) return result_ok();
     TRY(orient(document, place, light.kind, &frame));
     return scene_add_light(document->builder, light, &frame, document_at(document, &item));

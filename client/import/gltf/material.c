@@ -116,8 +116,9 @@ static result_t emission(maker_t *m)
                          &m->out->emission);
 }
 
-/* A material of Blender is doubleSided unless it culls back faces, so the mark says nothing about lamps:
- * light leaves the front alone unless the material also has the custom property lightmill_two_sided. */
+/* Exporters mark nearly all materials as doubleSided, so the mark says nothing about lamps: light leaves the
+ * front alone unless the material also has the custom property lightmill_two_sided. Blender's do it unless
+ * back faces are culled, which docs/blender.md tells; of others a file is told of once. */
 static result_t emitting_sides(maker_t *m)
 {
     bool double_sided = false;
@@ -125,9 +126,11 @@ static result_t emitting_sides(maker_t *m)
     if (!m->out->emits || !double_sided) return result_ok();
     const json_t *wish = json_object_get(json_object_get(m->item->json, "extras"), "lightmill_two_sided");
     m->out->two_sided = json_is_true(wish) || json_number_value(wish) > 0;
-    if (!m->out->two_sided)
+    if (!m->out->two_sided && !m->document->blender && !m->document->told_of_sides) {
+        m->document->told_of_sides = true;
         item_warn(m->item, "is double-sided, but its light leaves the front alone; for both sides give the "
                            "material the custom property lightmill_two_sided");
+    }
     return result_ok();
 }
 
@@ -210,6 +213,22 @@ static result_t unlit(maker_t *m)
     return result_ok();
 }
 
+/* Blender's exporter writes a surface that it does not understand as a material without any value, which is
+ * glTF's default: rough white metal. What it understands has a metallicFactor, since that is 0 in Blender. */
+static result_t tell_of_lost_nodes(const maker_t *m)
+{
+    item_t pbr, unlit;
+    TRY(item_member(m->item, "pbrMetallicRoughness", JSON_OBJECT, &pbr));
+    TRY(item_extension(m->item, "KHR_materials_unlit", &unlit));
+    bool lost = pbr.json && json_object_size(pbr.json) == 0 && !m->out->emits && !unlit.json;
+    if (!m->document->blender || !lost) return result_ok();
+    item_warn(
+        &pbr,
+        "is empty, as Blender writes a surface whose node is not a Principled BSDF: it arrives as rough "
+        "white metal; give the material a Principled BSDF, or bake it");
+    return result_ok();
+}
+
 /* ---- the whole ----------------------------------------------------------------------------------------- */
 
 static result_t fill(maker_t *m)
@@ -224,6 +243,7 @@ static result_t fill(maker_t *m)
     TRY(transmission(m));
     TRY(volume(m));
     TRY(unlit(m));
+    TRY(tell_of_lost_nodes(m));
     return emitting_sides(m);
 }
 

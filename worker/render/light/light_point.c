@@ -137,11 +137,12 @@ static rgb_t spot_intensity(const light_t *light, vec3_t d)
 {
     float outer = light->record->parameters[0], inner = light->record->parameters[1];
     if (d.z <= outer) return vec3(0, 0, 0);
-    if (d.z >= inner) return light->record->radiance.factor;
+    float full = light->record->flags & LIGHT_COSINE ? d.z : 1;
+    if (d.z >= inner) return v_scale(light->record->radiance.factor, full);
     float x = (d.z - outer) / (inner - outer), fall = x * x * x * x;
     if (light->record->flags & LIGHT_SMOOTHSTEP) fall = x * x * (3 - 2 * x);
     if (light->record->flags & LIGHT_SQUARE) fall = x * x;
-    return v_scale(light->record->radiance.factor, fall);
+    return v_scale(light->record->radiance.factor, fall * full);
 }
 
 /* Steradians of the cone. */
