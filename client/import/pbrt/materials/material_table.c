@@ -3,6 +3,7 @@
 #include "client/import/pbrt/materials/material_table.h"
 
 #include "client/import/pbrt/materials/material_read.h"
+#include "client/import/pbrt/materials/named_media.h"
 
 /* A value of the record: from a parameter, or always the same. Colours are reflectances. */
 typedef enum { END, NUMBER, SIGNED, COLOUR, CONSTANT } rule_kind_t;
@@ -100,11 +101,16 @@ static const param_rule_t substitute_rules[] = {
     {{"vroughness", "remaproughness"}, PARAM_ACCEPT, NULL},
 };
 
-/* The first colour that looks like one of the surface. */
+/* The first colour that looks like one of the surface, or that of a medium with a name. */
 static result_t read_substitute(pbrt_t *p, params_t *params, position_t at, blob_material_t *record)
 {
     static const char *const names[] = {"reflectance", "Kd", "color"};
+    const char *medium = NULL;
+    rgb_t colour;
     (void)at;
+    TRY(params_string(params, "name", &medium));
+    if (medium && named_medium_colour(medium, &colour))
+        record->values[VALUE_REFLECTANCE] = blob_colour_value(colour);
     for (size_t i = ARRAY_LENGTH(names); i-- > 0;)
         TRY(pbrt_colour_value(p, params, names[i], COLOUR_REFLECTANCE, &record->values[VALUE_REFLECTANCE]));
     return params_apply(params, substitute_rules, ARRAY_LENGTH(substitute_rules), p->report);
