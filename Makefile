@@ -12,7 +12,7 @@ Q       := $(if $(V),,@)
 BASELINE := -march=x86-64-v3 -mtune=skylake -ffp-contract=off -fno-math-errno -fno-trapping-math
 WARNINGS := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Wvla
 PACKAGES := expat libmicrohttpd libzmq libprotobuf-c libsodium libzstd libpng zlib libturbojpeg libwebp draco OpenEXR jansson sqlite3 libcurl libmurmurhash
-ifneq ($(filter-out help clean deps deps-dev deps-test deps-chaos census check check-fast demo asan tsan fuzz chaos hostile valgrind container-check sim bench bench-error bench-merge bench-farm bench-watch bench-link bench-large bench-codec format lint,$(or $(MAKECMDGOALS),all)),)
+ifneq ($(filter-out help clean deps deps-dev deps-test deps-chaos census check check-fast demo asan tsan fuzz chaos hostile valgrind container-check sim bench bench-error bench-environment bench-merge bench-farm bench-watch bench-link bench-large bench-codec format lint,$(or $(MAKECMDGOALS),all)),)
 PKG_CFLAGS := $(shell pkg-config --cflags $(PACKAGES) 2>/dev/null)
 ifneq ($(.SHELLSTATUS),0)
 $(error $(strip $(foreach package,$(PACKAGES),$(if $(shell pkg-config --exists $(package) && echo yes),,$(package)))) is missing: run make deps)
@@ -274,6 +274,11 @@ bench-error: deps-test
 	$(SUBMAKE) $(JOBS) $(BUILD)/tests/bench/bench_error
 	$(BUILD)/tests/bench/bench_error
 
+# What docs/import.md says of --environment: half a minute.
+bench-environment: deps-test
+	$(SUBMAKE) $(JOBS) $(BUILD)/tests/bench/bench_environment
+	$(BUILD)/tests/bench/bench_environment
+
 # The master's merge rate as a share of memcpy's (docs/scale.md).
 bench-merge: deps-test
 	$(SUBMAKE) $(JOBS) $(BUILD)/tests/bench/bench_merge
@@ -387,6 +392,7 @@ help:
 	@echo "make container-check  build the images of docker/Dockerfile, render a job through them (root)"
 	@echo "make bench      error and speed of the renderer against the figures of pbrt-v3"
 	@echo "make bench-error  jobs that end by --error: is it the error?"
+	@echo "make bench-environment  --environment against a dome of triangles with the same image"
 	@echo "make bench-merge  how fast a master merges, as a share of memcpy"
 	@echo "make bench-farm   CPU time of a farm beside its rendering; two workers against one"
 	@echo "make bench-watch  what a hundred people who watch a job cost the farm"
@@ -401,5 +407,5 @@ help:
 	@echo "make compdb     compile_commands.json for editors"
 	@echo "make clean      remove $(BUILD)/"
 
-.PHONY: all census check check-fast bench bench-error bench-codec tests fast-tests run-tests asan tsan fuzz demo pictures deps deps-dev deps-chaos prometheus container-check install man uninstall format lint lint-files compdb clean help sim bench-merge bench-farm bench-watch bench-link bench-large chaos chaos-programs hostile valgrind deps-test
+.PHONY: all census check check-fast bench bench-error bench-environment bench-codec tests fast-tests run-tests asan tsan fuzz demo pictures deps deps-dev deps-chaos prometheus container-check install man uninstall format lint lint-files compdb clean help sim bench-merge bench-farm bench-watch bench-link bench-large chaos chaos-programs hostile valgrind deps-test
 .SECONDARY:
