@@ -43,6 +43,8 @@ static const struct {
     {"KHR_meshopt_compression", false, "export with EXT_meshopt_compression, or without compression"},
     {"KHR_texture_basisu", false, "export textures as PNG, JPEG or WebP"},
     {"EXT_texture_avif", false, "export textures as PNG, JPEG or WebP"},
+    {"EXT_lights_image_based", false, "give the scene its surroundings with --environment"},
+    {"KHR_environment_map", false, "give the scene its surroundings with --environment"},
 };
 
 /* Of these, those without which only textures are missing. */
@@ -211,7 +213,7 @@ static result_t check_extensions(document_t *document, const char *list, bool re
             if (strcmp(name, texture_formats[k]) == 0) substitute = "its textures are left out";
         if (done) continue;
         if (!required)
-            item_warn(&item, "%.80s is ignored", name);
+            item_warn(&item, "%.80s is ignored%s%s", name, cure ? "; " : "", cure ? cure : "");
         else
             TRY(report_excuse(item.report,
                               item_fail(&item,

@@ -600,6 +600,18 @@ static void a_node_that_blender_cannot_export_is_told_of(void **state)
 }
 
 /* Blender marks nearly all materials as doubleSided; of other programs' files one warning is enough. */
+static void a_light_of_images_that_is_not_read_names_the_option(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run(&bench, "\"extensionsUsed\":[\"EXT_lights_image_based\"]," MESH(
+                    POSITION) "\"mode\":4}]}],\"nodes\":[{\"mesh\":0}]");
+    bench_expect_ok(&bench);
+    expect_text(bench.warnings,
+                "EXT_lights_image_based is ignored; give the scene its surroundings with --environment");
+    bench_close(&bench);
+}
+
 static void emission_of_one_side_is_told_of_once(void **state)
 {
     (void)state;
@@ -1002,6 +1014,7 @@ int main(void)
         cmocka_unit_test(another_camera_can_be_asked_for),
         cmocka_unit_test(spots_of_blender_fall_off_as_in_cycles),
         cmocka_unit_test(a_node_that_blender_cannot_export_is_told_of),
+        cmocka_unit_test(a_light_of_images_that_is_not_read_names_the_option),
         cmocka_unit_test(emission_of_one_side_is_told_of_once),
         cmocka_unit_test(a_lens_opens_and_focuses),
         cmocka_unit_test(focus_finds_shapes_of_all_kinds),
