@@ -20,7 +20,7 @@ RUNS = int(os.environ.get("HOSTILE_RUNS", "1"))
 
 class Verified(Case):
     def lied(self, **how):
-        """One job beside a liar; whether it lied at all before the job was done."""
+        """One job beside a liar; whether a lie of it was taken at all before the job was done."""
         settings = client.settings(spp=256)
         farm = self.farm("--batch-interval", "0.1")
         middle = farm.start_between(**how)
@@ -28,7 +28,7 @@ class Verified(Case):
         farm.start_worker("second")  # decides when two disagree
         job = farm.submit(settings, verify=0.05)
         self.assert_undisturbed(farm, job, settings)
-        told = middle.changed
+        told = middle.told
         if told:
             self.assertNotEqual(farm.aside("liar"), "", f"{told} lies of {middle.batches} batches\n{farm.log()}")
         self.assertEqual(farm.aside("honest") + farm.aside("second"), "")

@@ -32,6 +32,7 @@ class Between:
         self.held = {}  # of a job: the BatchResult and the Sums that wait
         self.sending = None  # what was offered: (result, sums)
         self.batches, self.changed, self.refusals, self.requests = 0, 0, [], OWN
+        self.lies, self.told = set(), 0  # requests with batches that were changed, and how many of these were accepted
         self.hello_message, self.assignments, self.error = None, [], None
         self.over = threading.Event()
         self.thread = threading.Thread(target=self._run, daemon=True)
@@ -113,30 +114,36 @@ class Between:
                 self._hold(body, sums)
                 self._to_worker(request, lm.BatchReply(sequence=body.sequence, accepted=True), socket=self.down_bulk)
                 return
-            payloads = self._altered(body, sums, payloads)
+            payloads = self._altered(request, body, sums, payloads)
         elif isinstance(body, lm.BatchOffer) and self.gather:
             self._to_worker(request, lm.BatchGrant(), socket=self.down_bulk)
             return
         self.up_bulk.send_multipart(wire.pack(body, request, payloads), copy=False)
 
-    def _altered(self, result, sums, payloads):
+    def _altered(self, request, result, sums, payloads):
         self.batches += 1
         if self.change is None or not self.change(sums, result, self.settings[result.job]):
             return payloads
         self.changed += 1
+        self.lies.add(request)
         return sums.payloads()
+
+    def _answered(self, request, reply):
+        accepted = isinstance(reply, lm.BatchReply) and reply.accepted
+        if not accepted:
+            self.refusals.append(reply.reason)
+        self.told += accepted and request in self.lies
 
     def _bulk_from_master(self, request, body, payloads):
         if request < OWN:
-            if isinstance(body, lm.BatchReply) and not body.accepted:
-                self.refusals.append(body.reason)
+            if isinstance(body, lm.BatchReply):
+                self._answered(request, body)
             self._to_worker(request, body, payloads, socket=self.down_bulk)
         elif isinstance(body, lm.BatchGrant) and self.sending:
             result, sums = self.sending
-            self._ask_bulk(result, self._altered(result, sums, sums.payloads()))
+            self._ask_bulk(result, self._altered(self.requests + 1, result, sums, sums.payloads()))
         else:
-            if isinstance(body, lm.Refusal) or not body.accepted:
-                self.refusals.append(body.reason)
+            self._answered(request, body)
             self.sending = None
 
     # ---- batches that wait ----
