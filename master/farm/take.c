@@ -196,11 +196,14 @@ static double speed_at(const farm_t *farm, const worker_t *worker, uint64_t job)
 }
 
 /* True when the idle worker, with this speed at their job, would be done with what another holds long before
- * that one is. */
-static bool is_sooner(const farm_t *farm, double now, double speed, const worker_t *holder)
+ * that one is: after what it holds itself. If the other delivered first, all that was in one batch with these
+ * units would be lost. */
+static bool is_sooner(const farm_t *farm, double now, const worker_t *idle, double speed,
+                      const worker_t *holder)
 {
     if (speed <= 0 || holder->held <= 0) return false;
-    return expected(farm, now, holder) > HURRY * holder->held / speed + HURRY_SECONDS;
+    double own = farm_worker_units(farm, idle) > 0 ? idle->held : 0;
+    return expected(farm, now, holder) > HURRY * (own + holder->held) / speed + HURRY_SECONDS;
 }
 
 /* True when a worker has a batch that it is not let send yet, or for less than `seconds`. */
@@ -223,7 +226,7 @@ static size_t recall_from(farm_t *farm, double now, const worker_t *idle, const 
         bool late = now - worker->delivered > trust_patience(farm, worker, idle);
         bool known = late && worker->batches > 0;
         if (made_to_wait(now, worker, known ? GRANT_SECONDS : HURRY_GRANT)) continue;
-        if (!late && !is_sooner(farm, now, speed, worker)) continue;
+        if (!late && !is_sooner(farm, now, idle, speed, worker)) continue;
         double silent = now - worker->delivered;
         if (late) trust_lapsed(farm, now, worker);
         size_t recalled = farm_worker_take_back(farm, now, worker);
