@@ -21,11 +21,6 @@ static const option_t rows[] = {
 };
 static const option_group_t import_options = OPTION_GROUP(NULL, rows);
 
-static void begin(void *values)
-{
-    ((values_t *)values)->wishes = import_wishes_none();
-}
-
 static result_t run(const call_t *call)
 {
     const values_t *values = call->values;
@@ -47,10 +42,9 @@ const command_t import_command = {
     .summary = "a scene with all its files as one scene blob",
     .about =
         "Reads a scene (a .pbrt, .gltf, .glb, .obj or .xml file, or a folder with a scene.pbrt) with all its "
-        "meshes and "
-        "textures and writes it as one scene blob, which render, submit and info take in its place, at "
-        "once.",
+        "meshes and textures and writes it as one scene blob, which render, submit and info take in its "
+        "place, at once.",
     .groups = {{&import_options, 0}, {&scene_options, offsetof(values_t, wishes)}},
     .size = sizeof(values_t),
-    .begin = begin,
+    .begin = scene_options_begin, /* the first member */
     .run = run};

@@ -445,11 +445,6 @@ static result_t recognise_exr(const char *path, bool *is_exr)
     return result_ok();
 }
 
-static void begin(void *values)
-{
-    ((values_t *)values)->wishes = import_wishes_none();
-}
-
 static result_t run(const call_t *call)
 {
     const values_t *values = call->values;
@@ -459,15 +454,15 @@ static result_t run(const call_t *call)
     return (is_exr ? info_image : info_scene)(call->arguments[0], values);
 }
 
-const command_t info_command = {.name = "lightmill info",
-                                .arguments = "FILE",
-                                .summary = "describe a scene, a scene blob or an EXR",
-                                .about = "Describes FILE, which may be\n"
-                                         "- an OpenEXR image: size, channels with their range, attributes\n"
-                                         "- a scene (.pbrt, .gltf, .glb, .obj, .xml, or a folder with a "
-                                         "scene.pbrt) or a scene blob: counts, camera, "
-                                         "materials, textures, images, lights",
-                                .groups = {{&info_options, 0}, {&scene_options, offsetof(values_t, wishes)}},
-                                .size = sizeof(values_t),
-                                .begin = begin,
-                                .run = run};
+const command_t info_command = {
+    .name = "lightmill info",
+    .arguments = "FILE",
+    .summary = "describe a scene, a scene blob or an EXR",
+    .about = "Describes FILE, which may be\n"
+             "- an OpenEXR image: size, channels with their range, attributes\n"
+             "- a scene (.pbrt, .gltf, .glb, .obj, .xml, or a folder with a scene.pbrt) or a scene blob: "
+             "counts, camera, materials, textures, images, lights",
+    .groups = {{&info_options, 0}, {&scene_options, offsetof(values_t, wishes)}},
+    .size = sizeof(values_t),
+    .begin = scene_options_begin, /* the first member */
+    .run = run};

@@ -215,8 +215,7 @@ const command_t render_command = {
     .summary = "render on this machine and write the image",
     .about =
         "Renders a scene (a .pbrt, .gltf, .glb, .obj or .xml file, a folder with a scene.pbrt, or a scene "
-        "blob) on this "
-        "machine. Ctrl-C ends the render and writes the image so far; twice: leaves at once. A "
+        "blob) on this machine. Ctrl-C ends the render and writes the image so far; twice: leaves at once. A "
         "terminal that is closed (SIGHUP) counts as one Ctrl-C.",
     .groups = {{&render_options, 0},
                {&output_options, offsetof(values_t, output)},

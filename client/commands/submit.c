@@ -122,18 +122,18 @@ static result_t run(const call_t *call)
     return result;
 }
 
-const command_t submit_command = {.name = "lightmill submit",
-                                  .arguments = "SCENE",
-                                  .summary = "hand a scene to a master; with --wait also fetch the image",
-                                  .about = "Sends a scene (a .pbrt, .gltf, .glb, .obj or .xml file, a folder "
-                                           "with a scene.pbrt, or a scene blob) to a "
-                                           "master and prints the job's number.",
-                                  .groups = {{&submit_options, 0},
-                                             {&output_options, offsetof(values_t, output)},
-                                             {&tell_options, offsetof(values_t, tell)},
-                                             {&scene_options, offsetof(values_t, wishes)},
-                                             {&settings_options, offsetof(values_t, overrides)},
-                                             MASTER_GROUPS(values_t, master)},
-                                  .size = sizeof(values_t),
-                                  .begin = begin,
-                                  .run = run};
+const command_t submit_command = {
+    .name = "lightmill submit",
+    .arguments = "SCENE",
+    .summary = "hand a scene to a master; with --wait also fetch the image",
+    .about = "Sends a scene (a .pbrt, .gltf, .glb, .obj or .xml file, a folder with a scene.pbrt, or a scene "
+             "blob) to a master and prints the job's number.",
+    .groups = {{&submit_options, 0},
+               {&output_options, offsetof(values_t, output)},
+               {&tell_options, offsetof(values_t, tell)},
+               {&scene_options, offsetof(values_t, wishes)},
+               {&settings_options, offsetof(values_t, overrides)},
+               MASTER_GROUPS(values_t, master)},
+    .size = sizeof(values_t),
+    .begin = begin,
+    .run = run};

@@ -34,3 +34,8 @@ static const option_t rows[] = {
            "what its lens shows sharp: the plane so far away, or that through the middle of an object"),
 };
 const option_group_t scene_options = OPTION_GROUP("What to make of the scene", rows);
+
+void scene_options_begin(void *values)
+{
+    *(import_wishes_t *)values = import_wishes_none();
+}

@@ -7,5 +7,7 @@
 
 /* Of an import_wishes_t. */
 extern const option_group_t scene_options;
+/* For command_t.begin where the wishes are the first member of the values: asks for nothing. */
+void scene_options_begin(void *values);
 
 #endif
