@@ -2,6 +2,7 @@
 #include "client/import/pbrt/files.h"
 
 #include <errno.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -16,43 +17,13 @@ static const size_t largest_file = (size_t)1 << 34;
  * every Include that its bytes have room for, as far as they are of different files. */
 enum { FREE_INCLUDES = 1 << 16, SHORTEST_INCLUDE = sizeof "Include\"a\"" };
 
-/* What tells files apart; 0 is an empty place of the table. Two files of the same number only tighten the
- * bound. */
-static uint64_t number_of(const struct stat *about)
-{
-    uint64_t number =
-        ((uint64_t)about->st_dev ^ (uint64_t)about->st_ino * 0x9e3779b97f4a7c15u) * 0xff51afd7ed558ccdu;
-    return number ? number : 1;
-}
-
-/* Puts a number into the table, which has room; false when it was there. */
-static bool note(uint64_t *table, size_t capacity, uint64_t number)
-{
-    size_t place = (size_t)(number >> 32) % capacity;
-    while (table[place] != 0 && table[place] != number) place = (place + 1) % capacity;
-    if (table[place] == number) return false;
-    table[place] = number;
-    return true;
-}
-
-static void enlarge(pbrt_t *p)
-{
-    size_t capacity = p->seen_capacity ? 2 * p->seen_capacity : 64;
-    uint64_t *table = mem_zalloc(capacity, sizeof *table);
-    for (size_t i = 0; i < p->seen_capacity; ++i)
-        if (p->seen[i] != 0) note(table, capacity, p->seen[i]);
-    free(p->seen);
-    p->seen = table;
-    p->seen_capacity = capacity;
-}
-
 static result_t count_file(pbrt_t *p, const struct stat *about, position_t at)
 {
-    if (2 * p->seen_count >= p->seen_capacity) enlarge(p);
-    if (note(p->seen, p->seen_capacity, number_of(about))) {
-        ++p->seen_count;
-        p->seen_bytes += (uint64_t)about->st_size;
-    }
+    char name[2 * 16 + 2]; /* what tells files apart */
+    size_t before = p->seen.count;
+    int length = snprintf(name, sizeof name, "%jx:%jx", (uintmax_t)about->st_dev, (uintmax_t)about->st_ino);
+    intern_add(&p->seen, name, (size_t)length);
+    if (p->seen.count > before) p->seen_bytes += (uint64_t)about->st_size;
     uint64_t most = FREE_INCLUDES + p->seen_bytes / SHORTEST_INCLUDE;
     if (p->file_count < most) return result_ok();
     return error_at(at, "more than %zu files are included", p->file_count - 1);

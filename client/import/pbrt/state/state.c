@@ -52,7 +52,7 @@ void pbrt_end(pbrt_t *p)
     names_free(&p->object_names);
     names_free(&p->object_lines);
     free(p->files);
-    free(p->seen);
+    intern_free(&p->seen);
     free(p->folder);
     free(p->kept);
     free(p->scopes);

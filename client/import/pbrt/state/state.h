@@ -6,6 +6,7 @@
 #ifndef LIGHTMILL_STATE_H
 #define LIGHTMILL_STATE_H
 
+#include "client/import/files/intern.h"
 #include "client/import/pbrt/syntax/dialect.h"
 #include "client/import/pbrt/syntax/names.h"
 #include "client/import/pbrt/syntax/params.h"
@@ -115,9 +116,8 @@ typedef struct pbrt {
     int open_sources;
     source_t **files; /* all of them; positions point to their paths */
     size_t file_count, file_capacity;
-    uint64_t *seen; /* a hash table of the files that have been opened: see files.c */
-    size_t seen_count, seen_capacity;
-    uint64_t seen_bytes; /* of all different files */
+    intern_t seen;       /* the different files that have been opened: see files.c */
+    uint64_t seen_bytes; /* of all of them */
     char *folder;        /* of the main file, with a '/' at its end, or empty */
 
     char *arguments[ARGUMENTS]; /* the strings of the current directive */
