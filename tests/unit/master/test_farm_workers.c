@@ -184,6 +184,34 @@ static toy_work_t take_all(farm_t *farm, double now, uint64_t worker)
     return all;
 }
 
+/* Who asks ahead is not idle: it takes over only what it would be done with sooner after its own work. (Both
+ * would be in one batch, and lost if the other was first.) */
+static void who_has_work_of_its_own_takes_over_later(void **state)
+{
+    farm_t *farm = *state;
+    uint64_t quick, slow, job = measured_pair(farm, 2, 20, &quick, &slow);
+    toy_work_t work, last, own;
+    double now = 20;
+    for (int i = 0; i < 7; i++) {
+        work = take_one(farm, now, quick);
+        now += 2;
+        assert_int_equal(deliver(farm, now, quick, &work).code, RESULT_OK);
+    }
+    last = take_one(farm, now, slow); /* three samples of its tile: 15 seconds of work */
+    assert_int_equal(last.units[0].count, 3);
+    own = take_all(farm, now, quick); /* 12.5 seconds; with the other's 14, which is not sooner */
+    assert_int_equal(toy_report(farm, now, job).record.units_reissued, 0);
+    assert_int_equal(take_one(farm, now + 1, quick).job, 0);
+    assert_int_equal(toy_report(farm, now + 1, job).record.units_reissued, 0);
+    now += 6;
+    toy_beat(farm, now, slow);
+    assert_int_equal(deliver(farm, now, quick, &own).code, RESULT_OK);
+    work = take_one(farm, now, quick); /* it is idle: less than 2 seconds, and the other needs 9 more */
+    assert_int_equal(toy_report(farm, now, job).record.units_reissued, 1);
+    assert_int_equal(work.units[0].tile, last.units[0].tile);
+    assert_int_equal(work.units[0].first, last.units[0].first);
+}
+
 /* A worker delivers what it had lost, and then stalls with more: that goes to others, too. */
 static void who_delivered_once_and_stalls_loses_its_units(void **state)
 {
@@ -865,6 +893,7 @@ int main(void)
         WITH_FARM(a_thin_link_holds_nobody_up),
         WITH_FARM(equals_leave_each_other_alone),
         WITH_FARM(deadlines_follow_the_speed),
+        WITH_FARM(who_has_work_of_its_own_takes_over_later),
         WITH_FARM(who_delivered_once_and_stalls_loses_its_units),
         WITH_FARM(who_offers_for_ever_loses_its_units),
         WITH_FARM(units_are_reclaimed),
