@@ -4,12 +4,13 @@
  * the last minute: pixel samples a second.
  *
  * A worker is given no more than its window lets it hold (trust/window.c). As long as there are free units,
- * nobody is hurried. But when somebody has nothing to do, others lose units to it in two cases. A worker that
- * has delivered nothing for longer than trust_patience loses what it holds (it hangs, or never meant to
- * deliver). And at the end of a job, or of a round that others wait for, a worker loses what it holds when
- * the idle one is expected to be done with all of it in less than half of the time that the holder is
- * expected to take from now. (One that is late by so many seconds is expected to take as many again.) The
- * first result wins; the factor of two keeps units from going to and fro between equals.
+ * nobody is hurried, and only a worker whose batches are long on their way gets none of the last ones, when
+ * others would have rendered all before it had delivered. But when somebody has nothing to do, others lose
+ * units to it in two cases. A worker that has delivered nothing for longer than trust_patience loses what it
+ * holds (it hangs, or never meant to deliver). And at the end of a job, or of a round that others wait for, a
+ * worker loses what it holds when the idle one is expected to be done with all of it in less than half of the
+ * time that the holder is expected to take from now. (One that is late by so many seconds is expected to take
+ * as many again.) The first result wins; the factor of two keeps units from going to and fro between equals.
  *
  * A batch counts whole or not at all, so whoever comes second loses what else is in its batch. That is why
  * not some of a straggler's units are taken, but all.
@@ -31,11 +32,12 @@ enum {
     MAX_KINDS = 32      /* kinds of bits that are told apart */
 };
 static const double UNIT_SECONDS = 0.4;  /* of one thread, in what a worker calls a good unit */
-static const double GAP_DECAY = 0.7;     /* a batch, of the longest time between two */
+static const double GAP_DECAY = 0.7;     /* a batch, of the longest time between two, and on the way */
 static const double SILENT_LEASES = 0.4; /* after which a worker may be dead, and is left to its lease */
 static const double SPEED_SECONDS = 60;  /* over which the speed is measured, roughly */
 static const double HURRY = 2;           /* by what factor an idle worker has to be sooner, */
 static const double HURRY_SECONDS = 1;   /* and by what time beside */
+static const double THIN_SECONDS = 1;    /* for a batch to come, from which on a link is thin */
 
 /* ---- the bits of a job --------------------------------------------------------------------------------- */
 
@@ -165,6 +167,8 @@ void farm_worker_delivered(farm_t *farm, double now, worker_t *worker, job_t *jo
     worker->speed = worker->rated_seconds > 0 ? worker->rated_samples / worker->rated_seconds : 0;
     worker->speed_job = job->kept.job;
     worker->gap = fmax(seconds, GAP_DECAY * worker->gap);
+    double transfer = worker->granted > 0 ? now - worker->granted : 0;
+    worker->transfer = fmax(transfer, GAP_DECAY * worker->transfer);
     worker->delivered = now;
     worker->offered = worker->granted = 0;
     worker->held = farm_worker_units(farm, worker) > 0 ? fmax(worker->held - samples, 0) : 0;
@@ -287,6 +291,28 @@ static bool limit_wish(const farm_t *farm, double now, const job_t *job, worker_
     return !worker->limited;
 }
 
+/* True when a worker has delivered, or been given its first units, not long ago. */
+static bool delivers(const farm_t *farm, double now, const worker_t *worker)
+{
+    bool present = worker->connected && !worker->lapsed && !worker->drained;
+    return present && now - worker->delivered < 2 * fmax(farm->options.batch_interval, worker->gap);
+}
+
+/* True when a worker has so thin a link that the others, whose links are twice as good, would have rendered
+ * all that is free before a batch of it was here, after the one that it may be sending now. */
+static bool comes_too_late(const farm_t *farm, double now, const job_t *job, const worker_t *worker)
+{
+    double others = 0;
+    if (worker->transfer < THIN_SECONDS) return false;
+    for (size_t i = 0; i < farm->worker_count; i++) {
+        const worker_t *other = &farm->workers[i];
+        if (other->speed_job == job->kept.job && 2 * other->transfer < worker->transfer &&
+            delivers(farm, now, other))
+            others += other->speed;
+    }
+    return (double)schedule_free(job->schedule) < 2 * worker->transfer * others;
+}
+
 /* Issues units of one job, if it has any for this worker; false when the worker is to wait until it has
  * delivered. */
 static bool take_from_job(farm_t *farm, double now, job_t *job, worker_t *worker, schedule_wish_t *wish,
@@ -302,6 +328,7 @@ static bool take_from_job(farm_t *farm, double now, job_t *job, worker_t *worker
     if (answer == TRUST_COMPARES) return true;
     if (answer == TRUST_WAIT) return false;
     if (answer != TRUST_GIVEN) {
+        if (comes_too_late(farm, now, job, worker)) return true;
         if (!limit_wish(farm, now, job, worker, wish)) return false;
         wish->farm_threads = working_threads(farm, job);
         work->unit_count = schedule_take(job->schedule, wish, work->units, WIRE_MAX_UNITS);

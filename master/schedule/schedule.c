@@ -266,8 +266,7 @@ static uint64_t most(uint64_t a, uint64_t b)
 static uint64_t fair_share(const schedule_t *s, const schedule_wish_t *wish)
 {
     uint64_t threads = most(wish->threads, 1), all = most(wish->farm_threads, threads);
-    uint64_t free_samples = s->open - s->counted - s->skipped - s->out;
-    return most(free_samples / (2 * all), 1) * threads;
+    return most(schedule_free(s) / (2 * all), 1) * threads;
 }
 
 /* Issues one unit of about `samples` pixel samples from the tile at the top of the heap. */
@@ -415,6 +414,11 @@ void schedule_skip(schedule_t *s, const unit_t *unit)
 bool schedule_available(const schedule_t *s)
 {
     return s->tiles[s->heap[0]].key != NONE_FREE;
+}
+
+uint64_t schedule_free(const schedule_t *s)
+{
+    return s->open - s->counted - s->skipped - s->out;
 }
 
 size_t schedule_held(const schedule_t *s, uint64_t worker)

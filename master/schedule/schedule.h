@@ -49,6 +49,8 @@ size_t schedule_release(schedule_t *schedule, uint64_t worker);
 
 /* True while there are free samples. */
 bool schedule_available(const schedule_t *schedule);
+/* Pixel samples that are free. */
+uint64_t schedule_free(const schedule_t *schedule);
 /* Units that a worker holds. */
 size_t schedule_held(const schedule_t *schedule, uint64_t worker);
 /* Workers that hold units; the farm itself is none. */

@@ -45,6 +45,7 @@ typedef struct {
     uint64_t speed_job;       /* the job that it was measured with */
     double rated_samples, rated_seconds; /* what it was measured from */
     double gap;                          /* seconds from one batch to the next, about; 0: there was none */
+    double transfer;                     /* seconds that a batch is on its way to us, about */
     double empty;        /* seconds, since when it says that it holds nothing, though it was given units; 0 */
     double offered;      /* seconds, when it last said that a batch is ready; 0: that was answered */
     double granted;      /* seconds, when it was first let send it; 0: not yet, or that was answered */

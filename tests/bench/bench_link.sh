@@ -1,13 +1,14 @@
 #!/bin/bash
 # What a worker behind a thin link costs a job: the wall time of a normal worker alone, and of both together, at
 # 1920 x 1080 and 1 Mbit/s each way. The far worker sits in a network namespace at the end of a virtual cable (ip, tc).
-# Usage: bench_link.sh BUILD [SPP [RATE [SCENE]]]; as root, or where user namespaces are allowed. No verdict.
+# Usage: bench_link.sh BUILD [SPP [TURNS [RATE [SCENE]]]]; as root, or where user namespaces are allowed. The turns
+# alternate, and their times are summed, since the speed of a machine wanders. No verdict.
 set -eu
 if [ "${1:-}" != --separate ]; then
     exec unshare --net --mount --map-root-user "$0" --separate "$@"
 fi
 shift
-build=$1 spp=${2:-6} rate=${3:-1mbit} scene=${4:-scenes/seed-hidden}
+build=$1 spp=${2:-6} turns=${3:-3} rate=${4:-1mbit} scene=${5:-scenes/seed-hidden}
 folder=$(mktemp -d)
 trap 'kill $(jobs -p) 2>/dev/null; wait; rm -rf "$folder"' EXIT
 
@@ -24,17 +25,18 @@ far ip link set far up
 tc qdisc add dev near root tbf rate "$rate" burst 16kb latency 300ms
 far tc qdisc add dev far root tbf rate "$rate" burst 16kb latency 300ms
 
-# One job with a fresh master; $1: whether the far worker takes part. Sets $took, milliseconds.
+# One job with a fresh master; $1: whether the far worker takes part. Adds to $total, milliseconds.
+declare -A total=([alone]=0 [both]=0)
 run() {
-    local data=$folder/$1 begin
+    local data=$folder/data begin took
     "$build/lightmill-master" --listen 0.0.0.0 --insecure --data "$data" 2>"$folder/$1.master" &
     local master=$! workers=()
     sleep 1
     "$build/lightmill-worker" --threads 1 --name normal --cache "$folder/cache" 2>/dev/null &
     workers+=($!)
     if [ "$1" = both ]; then
-        far "$build/lightmill-worker" 10.77.1.1 --insecure --threads 1 --name far --cache "$folder/far" \
-            2>"$folder/far.log" &
+        nsenter --target "$site" --net "$build/lightmill-worker" 10.77.1.1 --insecure --threads 1 --name far \
+            --cache "$folder/far" 2>"$folder/far.log" &
         workers+=($!)
     fi
     sleep 2
@@ -46,10 +48,13 @@ run() {
     wait "${workers[@]}" || true
     kill "$master"
     wait "$master" || true
+    rm -rf "$data"
+    total[$1]=$((total[$1] + took))
     echo "$1: $((took / 1000)) s, pixels $("$build/lightmill" info --hash "$folder/$1.exr")"
 }
 
-run alone
-alone=$took
-run both
-echo "with the far worker: $((100 * (took - alone) / alone)) % more time"
+for ((turn = 0; turn < turns; turn++)); do
+    run alone
+    run both
+done
+echo "with the far worker: $((100 * (total[both] - total[alone]) / total[alone])) % more time"

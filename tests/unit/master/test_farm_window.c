@@ -30,6 +30,7 @@ typedef struct {
     double sends;    /* until when it sends a batch of `sent` units, 0: it does not; those are the first */
     size_t sent;
     int delivered;
+    double last; /* seconds, when it delivered */
     uint64_t samples;
 } actor_t;
 
@@ -69,6 +70,7 @@ static void deliver(farm_t *farm, double now, actor_t *actor)
     memcpy(work.units, actor->units, actor->sent * sizeof *work.units);
     if (toy_deliver_work(farm, now, actor->id, &work, 0).code == RESULT_OK) {
         actor->delivered++;
+        actor->last = now;
         for (size_t i = 0; i < actor->sent; i++) actor->samples += (uint64_t)unit_size(&actor->units[i]);
     }
     actor->count -= actor->sent;
@@ -102,6 +104,8 @@ static void act(farm_t *farm, double now, actor_t *actor)
     if (actor->sends > 0 || actor->done == 0 || !(full || (none && actor->done == actor->count))) return;
     actor->sent = actor->done < 64 ? actor->done : 64;
     actor->sends = now + actor->transfer;
+    assert_int_equal(farm_batch_wanted(farm, now, actor->id, actor->job).code, RESULT_OK);
+    farm_batch_granted(farm, now, actor->id);
     if (actor->transfer <= 0) deliver(farm, now, actor);
 }
 
@@ -219,6 +223,23 @@ static void a_slow_link_holds_little(void **state)
     farm_destroy(&farm);
 }
 
+/* A link that takes three seconds for a batch: its batches count, and nobody waits for the last of them. */
+static void a_thin_link_gets_none_of_the_last_units(void **state)
+{
+    (void)state;
+    farm_t *farm = toy_farm(false);
+    actor_t actors[] = {join(farm, 0, "thin:1", 2000), join(farm, 0, "quick:1", 2000)};
+    actors[0].transfer = 3;
+    uint64_t job = submit(farm, 0, 128);
+    double now = run(farm, 0, job, actors, 2);
+    print_message("%.1f s, %.1f s after the last batch of the thin link; %d of it count\n", now,
+                  now - actors[0].last, actors[0].delivered);
+    assert_int_equal(toy_report(farm, now, job).record.units_reissued, 0);
+    assert_true(actors[0].delivered >= 3);
+    assert_true(actors[1].last > actors[0].last);
+    farm_destroy(&farm);
+}
+
 /* Takes units of job after job, for others to render: in the end it gets none. */
 static void who_takes_and_never_delivers_is_put_aside(void **state)
 {
@@ -256,6 +277,7 @@ int main(void)
         cmocka_unit_test(workers_of_one_party_work_at_full_speed),
         cmocka_unit_test(a_slow_start_is_no_failure),
         cmocka_unit_test(a_slow_link_holds_little),
+        cmocka_unit_test(a_thin_link_gets_none_of_the_last_units),
         cmocka_unit_test(who_takes_and_never_delivers_is_put_aside),
     };
     return cmocka_run_group_tests_name("farm window", tests, NULL, NULL);
