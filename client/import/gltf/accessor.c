@@ -38,15 +38,18 @@ static result_t read_component(const item_t *item, component_t *type)
 
 static result_t read_type(const item_t *item, size_t *components)
 {
-    static const char *const names[] = {"SCALAR", "VEC2", "VEC3", "VEC4"};
+    static const struct {
+        const char *name;
+        size_t components;
+    } types[] = {{"SCALAR", 1}, {"VEC2", 2}, {"VEC3", 3}, {"VEC4", 4}, {"MAT4", 16}};
     const char *name = "";
     TRY(item_string(item, "type", &name));
-    for (size_t i = 0; i < ARRAY_LENGTH(names); ++i) {
-        if (strcmp(name, names[i]) != 0) continue;
-        *components = i + 1;
+    for (size_t i = 0; i < ARRAY_LENGTH(types); ++i) {
+        if (strcmp(name, types[i].name) != 0) continue;
+        *components = types[i].components;
         return result_ok();
     }
-    return item_fail(item, "its type must be SCALAR, VEC2, VEC3 or VEC4 here, found \"%.20s\"", name);
+    return item_fail(item, "its type must be SCALAR, VEC2, VEC3, VEC4 or MAT4 here, found \"%.20s\"", name);
 }
 
 /* The bytes from the item's byteOffset in the buffer view it names, with room for `count` elements; NULL when
@@ -214,7 +217,7 @@ static double component_at(const uint8_t *data, component_t type, bool normalize
     return 0;
 }
 
-void accessor_get(const accessor_t *accessor, size_t index, double values[4])
+void accessor_get(const accessor_t *accessor, size_t index, double *values)
 {
     const uint8_t *element = element_at(accessor, index);
     size_t size = component_size(accessor->type);

@@ -26,6 +26,7 @@ typedef enum {
     TOP_NODES,
     TOP_SAMPLERS,
     TOP_SCENES,
+    TOP_SKINS,
     TOP_TEXTURES,
     TOP_COUNT
 } top_t;
@@ -56,7 +57,22 @@ typedef struct {
 typedef struct {
     uint32_t node, thing; /* thing: index of the mesh, the camera or the light */
     affine_t world_from_node;
+    uint32_t skin; /* of a mesh; ITEM_NONE: none */
+    bool posed;    /* a mesh whose vertices are elsewhere than at other places: by a skin, or by weights */
 } gltf_placement_t;
+
+/* A skin as its joints stand. Owned: joints. */
+typedef struct {
+    affine_t *joints; /* world from mesh; NULL: not made yet */
+    size_t count;
+} gltf_skin_t;
+
+/* What puts the vertices of a mesh elsewhere than its arrays say. Owned: weights. */
+typedef struct {
+    double *weights;         /* of the morph targets, finite */
+    size_t count;            /* targets behind these weigh 0 */
+    const gltf_skin_t *skin; /* or NULL */
+} deform_t;
 
 typedef struct {
     gltf_placement_t *items;
@@ -91,6 +107,9 @@ typedef struct document {
     gltf_material_t *materials[2]; /* without and with colours at the vertices; the last is glTF's default */
 
     placements_t meshes, cameras, lights;
+    uint8_t *visits;  /* of each node: what node.c did with it */
+    affine_t *worlds; /* world from node, of those that are in the scene */
+    gltf_skin_t *skins;
 
     mark_t *marks;
     size_t mark_capacity;
@@ -156,7 +175,7 @@ typedef enum {
 /* An array of small vectors, checked, in the file's memory. */
 typedef struct {
     size_t count;      /* at least 1 */
-    size_t components; /* 1 to 4 */
+    size_t components; /* 1 to 4, or 16: a matrix, column by column */
     component_t type;
     bool normalized;
     const uint8_t *data; /* NULL: zeroes */
@@ -171,9 +190,9 @@ result_t accessor_open(document_t *document, uint32_t index, accessor_t *accesso
  * Where that says the same type, it also says whether integers are fractions. */
 result_t accessor_of_draco(document_t *document, uint32_t index, const draco_attribute_t *attribute,
                            uint32_t count, accessor_t *accessor);
-/* The components of an element, index in range: four doubles, those that are missing unchanged. Normalized
- * integers become fractions. */
-void accessor_get(const accessor_t *accessor, size_t index, double values[4]);
+/* The components of an element, index in range: as many doubles; those behind them stay as they are.
+ * Normalized integers become fractions. */
+void accessor_get(const accessor_t *accessor, size_t index, double *values);
 /* The same for an index of a vertex. */
 uint32_t accessor_whole(const accessor_t *accessor, size_t index);
 bool accessor_is_unsigned(const accessor_t *accessor);
@@ -182,8 +201,18 @@ bool accessor_is_unsigned(const accessor_t *accessor);
 
 /* Reads a primitive; without triangles when it has none that can be seen (with a warning). The caller frees
  * the mesh. The texture coordinates' v is turned over (1 - v), so that the tangents are those that glTF's
- * normal maps refer to. */
-result_t primitive_read(document_t *document, const item_t *primitive, mesh_t *mesh);
+ * normal maps refer to. *skinned: a skin has put the vertices into the world. */
+result_t primitive_read(document_t *document, const item_t *primitive, const deform_t *deform, mesh_t *mesh,
+                        bool *skinned);
+
+/* ---- skin.c, deform.c ---------------------------------------------------------------------------------- */
+
+/* The skin of that index, made when it is asked for first. Valid until document_close. */
+result_t skin_get(document_t *document, uint32_t index, const gltf_skin_t **skin);
+
+/* What deforms a mesh: at a place, or, without one (NULL), by the mesh's own weights alone. */
+result_t deform_begin(document_t *document, uint32_t mesh, const gltf_placement_t *place, deform_t *deform);
+void deform_end(deform_t *deform);
 
 /* ---- texture.c ----------------------------------------------------------------------------------------- */
 
@@ -209,6 +238,8 @@ result_t material_get(document_t *document, uint32_t index, bool coloured, const
 
 /* Walks the scene and gathers document->meshes, cameras and lights. */
 result_t node_walk(document_t *document);
+/* The transform of a node after that; NULL when it is not in the scene. */
+const affine_t *node_world(const document_t *document, uint32_t node);
 /* A name for messages and for the blob. */
 void node_name(const document_t *document, uint32_t node, char *text, size_t size);
 

@@ -17,7 +17,7 @@ static const char *const top_names[TOP_COUNT] = {
     [TOP_IMAGES] = "images",       [TOP_MATERIALS] = "materials",
     [TOP_MESHES] = "meshes",       [TOP_NODES] = "nodes",
     [TOP_SAMPLERS] = "samplers",   [TOP_SCENES] = "scenes",
-    [TOP_TEXTURES] = "textures",
+    [TOP_SKINS] = "skins",         [TOP_TEXTURES] = "textures",
 };
 
 /* What is known of an extension. */
@@ -244,6 +244,9 @@ result_t document_open(document_t *document, const char *path, scene_builder_t *
     for (int i = 0; i < 2; ++i)
         document->materials[i] =
             mem_zalloc(document_count(document, TOP_MATERIALS) + 1, sizeof *document->materials[i]);
+    document->visits = mem_zalloc(document_count(document, TOP_NODES) + 1, sizeof *document->visits);
+    document->worlds = mem_zalloc(document_count(document, TOP_NODES) + 1, sizeof *document->worlds);
+    document->skins = mem_zalloc(document_count(document, TOP_SKINS) + 1, sizeof *document->skins);
     return result_ok();
 }
 
@@ -254,7 +257,6 @@ void document_close(document_t *document)
     for (size_t i = 0; document->unpacked && i < document_count(document, TOP_BUFFER_VIEWS); ++i)
         free((void *)(uintptr_t)document->unpacked[i].data);
     free(document->unpacked);
-    json_decref(document->json);
     free(document->buffers);
     for (size_t i = 0; i < document->source_count; ++i) {
         free(document->sources[i].path);
@@ -265,8 +267,14 @@ void document_close(document_t *document)
     free(document->meshes.items);
     free(document->cameras.items);
     free(document->lights.items);
+    free(document->visits);
+    free(document->worlds);
+    for (size_t i = 0; document->skins && i < document_count(document, TOP_SKINS); ++i)
+        free(document->skins[i].joints);
+    free(document->skins);
     free(document->place);
     free(document->marks);
+    json_decref(document->json);
     *document = (document_t){0};
 }
 

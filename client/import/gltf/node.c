@@ -9,11 +9,6 @@ static const double largest = 1e18;
 
 typedef enum { NODE_NEW, NODE_OPEN, NODE_DONE } visit_t;
 
-typedef struct {
-    document_t *document;
-    uint8_t *visits; /* visit_t of each node */
-} walk_t;
-
 void node_name(const document_t *document, uint32_t node, char *text, size_t size)
 {
     item_t item;
@@ -58,10 +53,12 @@ static result_t local_transform(const item_t *node, affine_t *out)
 
 /* ---- what a node holds --------------------------------------------------------------------------------- */
 
-static void place(placements_t *list, uint32_t node, uint32_t thing, const affine_t *transform)
+static gltf_placement_t *place(placements_t *list, uint32_t node, uint32_t thing, const affine_t *transform)
 {
     list->items = grow(list->items, &list->capacity, list->count + 1, sizeof *list->items);
-    list->items[list->count++] = (gltf_placement_t){node, thing, *transform};
+    gltf_placement_t *placement = &list->items[list->count++];
+    *placement = (gltf_placement_t){node, thing, *transform, ITEM_NONE, false};
+    return placement;
 }
 
 /* EXT_mesh_gpu_instancing: one of its attributes; `least` components. */
@@ -106,14 +103,20 @@ static result_t place_instances(document_t *document, const item_t *extension, u
 static result_t place_mesh(document_t *document, const item_t *item, uint32_t node, const affine_t *transform)
 {
     uint32_t mesh = ITEM_NONE, skin = ITEM_NONE;
-    item_t instancing;
+    item_t instancing, weights;
     TRY(item_index(item, "mesh", document_count(document, TOP_MESHES), &mesh));
     if (mesh == ITEM_NONE) return result_ok();
-    TRY(item_index(item, "skin", ITEM_NONE, &skin));
-    if (skin != ITEM_NONE) item_warn(item, "its skin is ignored: the mesh is rendered in its rest pose");
+    TRY(item_index(item, "skin", document_count(document, TOP_SKINS), &skin));
+    TRY(item_member(item, "weights", JSON_ARRAY, &weights));
     TRY(item_extension(item, "EXT_mesh_gpu_instancing", &instancing));
-    if (instancing.json) return place_instances(document, &instancing, node, mesh, transform);
-    place(&document->meshes, node, mesh, transform);
+    if (instancing.json) {
+        if (skin != ITEM_NONE || weights.json)
+            item_warn(item, "its skin and weights are ignored, since it has EXT_mesh_gpu_instancing");
+        return place_instances(document, &instancing, node, mesh, transform);
+    }
+    gltf_placement_t *placement = place(&document->meshes, node, mesh, transform);
+    placement->skin = skin;
+    placement->posed = skin != ITEM_NONE || weights.json != NULL;
     return result_ok();
 }
 
@@ -130,52 +133,55 @@ static result_t place_others(document_t *document, const item_t *item, uint32_t 
 
 /* ---- the walk ------------------------------------------------------------------------------------------ */
 
-static result_t visit(walk_t *w, uint32_t node, const affine_t *parent, int depth);
+static result_t visit(document_t *document, uint32_t node, const affine_t *parent, int depth);
 
 /* Visits all nodes of a list of indices, a property of `owner`. */
-static result_t visit_all(walk_t *w, const item_t *owner, const char *key, const affine_t *parent, int depth)
+static result_t visit_all(document_t *document, const item_t *owner, const char *key, const affine_t *parent,
+                          int depth)
 {
     item_t list;
-    size_t nodes = document_count(w->document, TOP_NODES);
+    size_t nodes = document_count(document, TOP_NODES);
     TRY(item_member(owner, key, JSON_ARRAY, &list));
     for (size_t i = 0; i < item_count(&list); ++i) {
         const json_t *index = json_array_get(list.json, i);
         json_int_t value = json_is_integer(index) ? json_integer_value(index) : -1;
         if (value < 0 || (uint64_t)value >= nodes)
             return item_fail(&list, "element %zu must be the index of one of the %zu nodes", i, nodes);
-        TRY(visit(w, (uint32_t)value, parent, depth));
+        TRY(visit(document, (uint32_t)value, parent, depth));
     }
     return result_ok();
 }
 
-static result_t visit(walk_t *w, uint32_t node, const affine_t *parent, int depth)
+static result_t visit(document_t *document, uint32_t node, const affine_t *parent, int depth)
 {
     item_t item;
     affine_t local;
-    TRY(document_item(w->document, TOP_NODES, node, &item));
-    if (w->visits[node] == NODE_OPEN) return item_fail(&item, "is a child of itself: the nodes form a cycle");
-    if (w->visits[node] == NODE_DONE)
+    TRY(document_item(document, TOP_NODES, node, &item));
+    if (document->visits[node] == NODE_OPEN)
+        return item_fail(&item, "is a child of itself: the nodes form a cycle");
+    if (document->visits[node] == NODE_DONE)
         return item_fail(&item, "stands in the scene twice; a node may have one parent only");
     if (depth > MAX_DEPTH) return item_fail(&item, "lies more than %d nodes deep", MAX_DEPTH);
-    w->visits[node] = NODE_OPEN;
+    document->visits[node] = NODE_OPEN;
     TRY(local_transform(&item, &local));
     affine_t transform = affine_multiply(parent, &local);
-    TRY(place_mesh(w->document, &item, node, &transform));
-    TRY(place_others(w->document, &item, node, &transform));
-    TRY(visit_all(w, &item, "children", &transform, depth + 1));
-    w->visits[node] = NODE_DONE;
+    document->worlds[node] = transform;
+    TRY(place_mesh(document, &item, node, &transform));
+    TRY(place_others(document, &item, node, &transform));
+    TRY(visit_all(document, &item, "children", &transform, depth + 1));
+    document->visits[node] = NODE_DONE;
     return result_ok();
 }
 
 /* A file without scenes: all nodes that are no one's child. */
-static result_t visit_roots(walk_t *w)
+static result_t visit_roots(document_t *document)
 {
-    uint32_t count = (uint32_t)document_count(w->document, TOP_NODES);
+    uint32_t count = (uint32_t)document_count(document, TOP_NODES);
     affine_t identity = affine_identity();
     bool *child = mem_zalloc(count + (size_t)1, sizeof *child);
     for (uint32_t i = 0; i < count; ++i) {
         const json_t *children =
-            json_object_get(json_array_get(w->document->tops[TOP_NODES].json, i), "children");
+            json_object_get(json_array_get(document->tops[TOP_NODES].json, i), "children");
         for (size_t k = 0; k < json_array_size(children); ++k) {
             json_int_t index = json_integer_value(json_array_get(children, k));
             if (index >= 0 && index < count) child[index] = true;
@@ -183,29 +189,25 @@ static result_t visit_roots(walk_t *w)
     }
     result_t result = result_ok();
     for (uint32_t i = 0; i < count && result.code == RESULT_OK; ++i)
-        if (!child[i]) result = visit(w, i, &identity, 0);
+        if (!child[i]) result = visit(document, i, &identity, 0);
     free(child);
     return result;
 }
 
-static result_t visit_scene(walk_t *w)
+result_t node_walk(document_t *document)
 {
-    const document_t *document = w->document;
     uint32_t index = 0;
     item_t scene;
     affine_t identity = affine_identity();
     size_t count = document_count(document, TOP_SCENES);
-    if (count == 0) return visit_roots(w);
+    if (count == 0) return visit_roots(document);
     TRY(item_index(&document->root, "scene", count, &index));
     TRY(document_item(document, TOP_SCENES, index, &scene));
     if (count > 1) item_warn(&scene, "is rendered; the other %zu scenes are left out", count - 1);
-    return visit_all(w, &scene, "nodes", &identity, 0);
+    return visit_all(document, &scene, "nodes", &identity, 0);
 }
 
-result_t node_walk(document_t *document)
+const affine_t *node_world(const document_t *document, uint32_t node)
 {
-    walk_t w = {document, mem_zalloc(document_count(document, TOP_NODES) + 1, 1)};
-    result_t result = visit_scene(&w);
-    free(w.visits);
-    return result;
+    return document->visits[node] == NODE_DONE ? &document->worlds[node] : NULL;
 }

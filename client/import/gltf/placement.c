@@ -13,6 +13,7 @@ typedef struct {
     pick_t pick;
     uint32_t object, name; /* object: 0 for the world */
     affine_t transform;
+    deform_t deform;
 } target_t;
 
 /* How often a mesh stands in the scene, and what became of it. */
@@ -33,16 +34,18 @@ static void flatten(mesh_t *mesh, const affine_t *transform)
 
 /* Reads a primitive and appends it to the blob; the shape's geometry is BLOB_NONE when there is nothing to
  * see. */
-static result_t add_geometry(document_t *document, const item_t *primitive, affine_t transform,
+static result_t add_geometry(document_t *document, const item_t *primitive, const target_t *target,
                              blob_shape_t *shape)
 {
     mesh_t mesh = {0};
-    affine_t inverse;
-    result_t result = primitive_read(document, primitive, &mesh);
+    affine_t transform = target->transform, inverse;
+    bool skinned;
+    result_t result = primitive_read(document, primitive, &target->deform, &mesh, &skinned);
     if (result.code != RESULT_OK || mesh.triangle_count == 0) {
         mesh_free(&mesh);
         return result;
     }
+    if (skinned) transform = affine_identity();
     if (!affine_invert(&transform, &inverse)) {
         flatten(&mesh, &transform);
         transform = affine_identity();
@@ -82,7 +85,7 @@ static result_t add_primitive(document_t *document, const item_t *primitive, con
                           .name = target->name,
                           .alpha = material->alpha,
                           .shadow_alpha = blob_constant(1)};
-    TRY(add_geometry(document, primitive, target->transform, &shape));
+    TRY(add_geometry(document, primitive, target, &shape));
     if (shape.geometry == BLOB_NONE) return result_ok();
     if (material->cutout) shape.flags |= SHAPE_CUTOUT;
     blob_light_t light = light_of(material);
@@ -123,18 +126,24 @@ static result_t name_shapes(document_t *document, top_t top, uint32_t index, uin
 static result_t add_to_world(document_t *document, const gltf_placement_t *place, pick_t pick)
 {
     bool emits;
-    target_t target = {pick, 0, 0, place->world_from_node};
+    target_t target = {.pick = pick, .transform = place->world_from_node};
     TRY(name_shapes(document, TOP_NODES, place->node, &target.name));
-    return add_primitives(document, place->thing, &target, &emits);
+    TRY(deform_begin(document, place->thing, place, &target.deform));
+    result_t result = add_primitives(document, place->thing, &target, &emits);
+    deform_end(&target.deform);
+    return result;
 }
 
 /* The dark parts of a mesh, in its own space, as a new object. */
 static result_t make_object(document_t *document, uint32_t mesh, mesh_state_t *state)
 {
     uint32_t next = (uint32_t)document->builder->object_count;
-    target_t target = {PICK_DARK, next, 0, affine_identity()};
+    target_t target = {.pick = PICK_DARK, .object = next, .transform = affine_identity()};
     TRY(name_shapes(document, TOP_MESHES, mesh, &target.name));
-    TRY(add_primitives(document, mesh, &target, &state->emits));
+    TRY(deform_begin(document, mesh, NULL, &target.deform));
+    result_t result = add_primitives(document, mesh, &target, &state->emits);
+    deform_end(&target.deform);
+    TRY(result);
     state->made = true;
     if (document->builder->object_count > next) state->object = next;
     return result_ok();
@@ -144,7 +153,7 @@ static result_t add_place(document_t *document, const gltf_placement_t *place, m
 {
     const affine_t *transform = &place->world_from_node;
     xform_t world_from_node = affine_to_xform(transform);
-    if (state->places == 1 || !blob_instance_is_traceable(&world_from_node, &world_from_node))
+    if (place->posed || state->places == 1 || !blob_instance_is_traceable(&world_from_node, &world_from_node))
         return add_to_world(document, place, PICK_ALL);
     if (!state->made) TRY(make_object(document, place->thing, state));
     if (state->object != 0)
@@ -157,7 +166,8 @@ result_t placement_meshes(document_t *document)
 {
     mesh_state_t *states = mem_zalloc(document_count(document, TOP_MESHES) + 1, sizeof *states);
     const placements_t *places = &document->meshes;
-    for (size_t i = 0; i < places->count; ++i) ++states[places->items[i].thing].places;
+    for (size_t i = 0; i < places->count; ++i)
+        if (!places->items[i].posed) ++states[places->items[i].thing].places;
     result_t result = result_ok();
     for (size_t i = 0; i < places->count && result.code == RESULT_OK; ++i)
         result = add_place(document, &places->items[i], &states[places->items[i].thing]);

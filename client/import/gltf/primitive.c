@@ -4,7 +4,7 @@
  * triangles use are decoded, in the order in which they first appear; the work then follows the indices, not
  * the shared arrays. A primitive that is packed by Draco has its vertices and triangles in there instead.
  */
-#include "client/import/gltf/document.h"
+#include "client/import/gltf/primitive.h"
 
 #include <inttypes.h>
 #include <stdlib.h>
@@ -12,46 +12,33 @@
 
 typedef enum { MODE_TRIANGLES = 4, MODE_STRIP = 5, MODE_FAN = 6 } topology_t;
 
-/* A primitive while it is read. */
-typedef struct {
-    document_t *document;
-    const item_t *item;
-    item_t attributes;
-    uint64_t mode; /* topology_t, once checked */
-    unpacked_t packed;
-    accessor_t position, indices;
-    bool indexed;
-    uint32_t *used; /* old numbers of the vertices in use, by their new ones */
-    size_t used_capacity;
-    mesh_t *mesh;
-} reader_t;
-
 /* ---- attributes ---------------------------------------------------------------------------------------- */
 
-/* Opens an attribute, packed or not; *present says whether it is there. */
-static result_t find_attribute(reader_t *r, const char *name, uint32_t *index, accessor_t *accessor,
-                               bool *present)
+/* Opens an attribute, packed or not; *present says whether it is there. Those of morph targets are not
+ * packed.
+ */
+static result_t find_attribute(reader_t *r, const item_t *attributes, const char *name, uint32_t *index,
+                               accessor_t *accessor, bool *present)
 {
     *index = ITEM_NONE;
-    TRY(item_index(&r->attributes, name, document_count(r->document, TOP_ACCESSORS), index));
-    const draco_attribute_t *packed = unpack_find(&r->packed, name);
+    TRY(item_index(attributes, name, document_count(r->document, TOP_ACCESSORS), index));
+    const draco_attribute_t *packed = attributes == &r->attributes ? unpack_find(&r->packed, name) : NULL;
     *present = packed || *index != ITEM_NONE;
     if (packed) return accessor_of_draco(r->document, *index, packed, r->packed.mesh.points, accessor);
     return *present ? accessor_open(r->document, *index, accessor) : result_ok();
 }
 
-/* The same of one that has an element for each vertex. */
-static result_t open_attribute(reader_t *r, const char *name, size_t least, size_t most, accessor_t *accessor,
-                               bool *present)
+result_t reader_open(reader_t *r, const item_t *attributes, const char *name, size_t least, size_t most,
+                     accessor_t *accessor, bool *present)
 {
     uint32_t index;
-    TRY(find_attribute(r, name, &index, accessor, present));
+    TRY(find_attribute(r, attributes, name, &index, accessor, present));
     if (!*present) return result_ok();
     if (accessor->components < least || accessor->components > most)
-        return item_fail(&r->attributes, "accessor %" PRIu32 " has the wrong number of components for %s",
-                         index, name);
+        return item_fail(attributes, "accessor %" PRIu32 " has the wrong number of components for %s", index,
+                         name);
     if (accessor->count < r->position.count)
-        return item_fail(&r->attributes, "%s has %zu elements for %zu vertices", name, accessor->count,
+        return item_fail(attributes, "%s has %zu elements for %zu vertices", name, accessor->count,
                          r->position.count);
     return result_ok();
 }
@@ -60,7 +47,7 @@ static result_t open_positions(reader_t *r)
 {
     uint32_t index;
     bool present;
-    TRY(find_attribute(r, "POSITION", &index, &r->position, &present));
+    TRY(find_attribute(r, &r->attributes, "POSITION", &index, &r->position, &present));
     if (!present) return item_fail(r->item, "has no POSITION; the mesh is unusable");
     if (r->position.components != 3)
         return item_fail(&r->attributes, "accessor %" PRIu32 " must be a VEC3 to be a POSITION", index);
@@ -83,7 +70,7 @@ static result_t read_uvs(reader_t *r, const char *name, vec2_t **out)
 {
     accessor_t accessor;
     bool present;
-    TRY(open_attribute(r, name, 2, 2, &accessor, &present));
+    TRY(reader_open(r, &r->attributes, name, 2, 2, &accessor, &present));
     if (!present) return result_ok();
     uint32_t count = r->mesh->vertex_count;
     *out = mem_alloc(count * sizeof **out);
@@ -99,7 +86,7 @@ static result_t read_normals(reader_t *r)
 {
     accessor_t accessor;
     bool present;
-    TRY(open_attribute(r, "NORMAL", 3, 3, &accessor, &present));
+    TRY(reader_open(r, &r->attributes, "NORMAL", 3, 3, &accessor, &present));
     if (present) r->mesh->normals = read_vec3(r, &accessor);
     return result_ok();
 }
@@ -114,7 +101,7 @@ static result_t read_colours(reader_t *r)
 {
     accessor_t accessor;
     bool present;
-    TRY(open_attribute(r, "COLOR_0", 3, 4, &accessor, &present));
+    TRY(reader_open(r, &r->attributes, "COLOR_0", 3, 4, &accessor, &present));
     if (!present) return result_ok();
     uint32_t count = r->mesh->vertex_count;
     r->mesh->colours = mem_alloc(count * sizeof *r->mesh->colours);
@@ -226,7 +213,7 @@ static result_t read_triangles(reader_t *r)
 
 /* ---- the whole ----------------------------------------------------------------------------------------- */
 
-static result_t read_all(reader_t *r)
+static result_t read_all(reader_t *r, const deform_t *deform, bool *skinned)
 {
     TRY(unpack_primitive(r->document, r->item, &r->packed));
     if (r->packed.present) r->mode = MODE_TRIANGLES; /* whatever it was before it was packed */
@@ -238,24 +225,23 @@ static result_t read_all(reader_t *r)
     TRY(read_normals(r));
     TRY(read_uvs(r, "TEXCOORD_0", &r->mesh->uvs));
     TRY(read_uvs(r, "TEXCOORD_1", &r->mesh->uvs2));
-    return read_colours(r);
+    TRY(read_colours(r));
+    return deform_vertices(r, deform, skinned);
 }
 
-result_t primitive_read(document_t *document, const item_t *primitive, mesh_t *mesh)
+result_t primitive_read(document_t *document, const item_t *primitive, const deform_t *deform, mesh_t *mesh,
+                        bool *skinned)
 {
     reader_t r = {.document = document, .item = primitive, .mode = MODE_TRIANGLES, .mesh = mesh};
-    item_t targets;
+    *skinned = false;
     TRY(item_whole(primitive, "mode", MODE_FAN, &r.mode));
     TRY(item_member(primitive, "attributes", JSON_OBJECT, &r.attributes));
-    TRY(item_member(primitive, "targets", JSON_ARRAY, &targets));
     if (!r.attributes.json) return item_fail(primitive, "has no attributes");
     if (r.mode < MODE_TRIANGLES) {
         item_warn(primitive, "points and lines have no surface and are left out");
         return result_ok();
     }
-    if (item_count(&targets) > 0)
-        item_warn(&targets, "morph targets are ignored: the base shape is rendered");
-    result_t result = read_all(&r);
+    result_t result = read_all(&r, deform, skinned);
     draco_free(&r.packed.mesh);
     free(r.used);
     return result;

@@ -879,9 +879,9 @@ static void files_that_are_wrong_are_refused(void **state)
         {"\"accessors\":[{\"componentType\":5126,\"count\":4294967290,\"type\":\"VEC3\"}]," MESH(
              POSITION) "\"mode\":4}]}],\"nodes\":[{\"mesh\":0}]",
          "too many for files of"},
-        {"\"accessors\":[{\"componentType\":5126,\"count\":4,\"type\":\"MAT4\"}]," MESH(
+        {"\"accessors\":[{\"componentType\":5126,\"count\":4,\"type\":\"MAT3\"}]," MESH(
              POSITION) "\"mode\":4}]}],\"nodes\":[{\"mesh\":0}]",
-         "SCALAR, VEC2, VEC3 or VEC4"},
+         "SCALAR, VEC2, VEC3, VEC4 or MAT4"},
         {"\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":2,\"type\":\"VEC3\",\"sparse\":{"
          "\"count\":1,"
          "\"indices\":{\"bufferView\":6,\"componentType\":5121},\"values\":{\"bufferView\":7}}}]," MESH(

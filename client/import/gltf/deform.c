@@ -1,0 +1,239 @@
+/* deform: morph targets and skins put the vertices of a mesh elsewhere (the glTF 2.0 specification, sections
+ * 3.7.2.2 and 3.7.3.3): first the targets, each by its weight, then the mean of what the joints do.
+ */
+#include "client/import/gltf/primitive.h"
+
+#include <inttypes.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+static const double largest_weight = 1e6;
+
+/* ---- what deforms a mesh ------------------------------------------------------------------------------- */
+
+/* The property "weights" of a node or of a mesh; *present says whether it is there. */
+static result_t read_weights(const item_t *owner, deform_t *deform, bool *present)
+{
+    item_t list;
+    TRY(item_member(owner, "weights", JSON_ARRAY, &list));
+    *present = list.json != NULL;
+    if (!*present) return result_ok();
+    deform->count = item_count(&list);
+    deform->weights = mem_zalloc(deform->count + 1, sizeof *deform->weights);
+    return item_numbers(owner, "weights", deform->count, -largest_weight, largest_weight, deform->weights,
+                        NULL);
+}
+
+static result_t begin(document_t *document, uint32_t mesh, const gltf_placement_t *place, deform_t *deform)
+{
+    bool present = false;
+    item_t item;
+    if (place && place->posed) {
+        TRY(document_item(document, TOP_NODES, place->node, &item));
+        TRY(read_weights(&item, deform, &present));
+        if (place->skin != ITEM_NONE)
+            TRY(report_excuse(document->builder->report, skin_get(document, place->skin, &deform->skin),
+                              "the mesh is rendered in its rest pose"));
+    }
+    if (present) return result_ok();
+    TRY(document_item(document, TOP_MESHES, mesh, &item));
+    return read_weights(&item, deform, &present);
+}
+
+result_t deform_begin(document_t *document, uint32_t mesh, const gltf_placement_t *place, deform_t *deform)
+{
+    *deform = (deform_t){0};
+    result_t result = begin(document, mesh, place, deform);
+    if (result.code != RESULT_OK) deform_end(deform);
+    return result;
+}
+
+void deform_end(deform_t *deform)
+{
+    free(deform->weights);
+    *deform = (deform_t){0};
+}
+
+/* ---- morph targets ------------------------------------------------------------------------------------- */
+
+static vec3_t moved(vec3_t p, double weight, const double delta[3])
+{
+    return vec3((float)(p.x + weight * delta[0]), (float)(p.y + weight * delta[1]),
+                (float)(p.z + weight * delta[2]));
+}
+
+/* Adds what a target says of an attribute; `to` NULL: the mesh has none. */
+static result_t add_deltas(reader_t *r, const item_t *target, const char *name, double weight, vec3_t *to)
+{
+    accessor_t deltas;
+    bool present;
+    TRY(reader_open(r, target, name, 3, 3, &deltas, &present));
+    if (!present || !to) return result_ok();
+    TRY(document_charge(r->document, r->item, r->mesh->vertex_count));
+    for (uint32_t i = 0; i < r->mesh->vertex_count; ++i) {
+        double delta[4];
+        accessor_get(&deltas, r->used[i], delta);
+        to[i] = moved(to[i], weight, delta);
+    }
+    return result_ok();
+}
+
+static result_t morph(reader_t *r, const deform_t *deform)
+{
+    item_t targets, target;
+    TRY(item_member(r->item, "targets", JSON_ARRAY, &targets));
+    for (size_t i = 0; i < item_count(&targets) && i < deform->count; ++i) {
+        if (deform->weights[i] == 0) continue;
+        TRY(item_element(&targets, i, JSON_OBJECT, &target));
+        TRY(add_deltas(r, &target, "POSITION", deform->weights[i], r->mesh->positions));
+        TRY(add_deltas(r, &target, "NORMAL", deform->weights[i], r->mesh->normals));
+        if (json_object_get(target.json, "TEXCOORD_0") || json_object_get(target.json, "TEXCOORD_1") ||
+            json_object_get(target.json, "COLOR_0"))
+            item_warn(&target, "what it says of texture coordinates and colours is ignored");
+    }
+    return result_ok();
+}
+
+/* ---- skins --------------------------------------------------------------------------------------------- */
+
+/* Four joints of each vertex, and how much of each it takes. */
+typedef struct {
+    accessor_t joints, weights;
+} influences_t;
+
+/* A primitive while its skin is laid on. Owned: sets. */
+typedef struct {
+    reader_t *r;
+    const gltf_skin_t *skin;
+    influences_t *sets;
+    size_t count, capacity;
+    uint32_t loose;    /* vertices without a weight */
+    uint32_t mirrored; /* vertices that are turned inside out */
+} binding_t;
+
+/* Opens JOINTS_0 and WEIGHTS_0, then JOINTS_1 and so on, as long as there are both. */
+static result_t open_sets(binding_t *b)
+{
+    reader_t *r = b->r;
+    for (bool both = true; both;) {
+        char joints[32], weights[32];
+        bool weighted;
+        influences_t set;
+        snprintf(joints, sizeof joints, "JOINTS_%zu", b->count);
+        snprintf(weights, sizeof weights, "WEIGHTS_%zu", b->count);
+        TRY(reader_open(r, &r->attributes, joints, 4, 4, &set.joints, &both));
+        TRY(reader_open(r, &r->attributes, weights, 4, 4, &set.weights, &weighted));
+        both = both && weighted;
+        if (!both) continue;
+        if (!accessor_is_unsigned(&set.joints) || set.joints.normalized)
+            return item_fail(&r->attributes, "%s must be unsigned integers", joints);
+        TRY(document_charge(r->document, r->item, 2 * (uint64_t)r->mesh->vertex_count));
+        b->sets = grow(b->sets, &b->capacity, b->count + 1, sizeof *b->sets);
+        b->sets[b->count++] = set;
+    }
+    return result_ok();
+}
+
+static void add_share(affine_t *sum, const affine_t *joint, double weight)
+{
+    for (int i = 0; i < 3; ++i)
+        for (int j = 0; j < 4; ++j) sum->m[i][j] += weight * joint->m[i][j];
+}
+
+static result_t check_joint(const binding_t *b, uint32_t vertex, double joint)
+{
+    if (joint < (double)b->skin->count) return result_ok();
+    return item_fail(&b->r->attributes,
+                     "vertex %" PRIu32 " follows joint %.0f, but its skin has %zu, counted from 0", vertex,
+                     joint, b->skin->count);
+}
+
+/* Adds what the joints of a set do to a vertex, and their weights; those that are not above 0, or not finite,
+ * count as 0. */
+static result_t add_set(const binding_t *b, size_t set, uint32_t vertex, affine_t *sum, double *total)
+{
+    double joints[4], weights[4];
+    accessor_get(&b->sets[set].joints, vertex, joints);
+    accessor_get(&b->sets[set].weights, vertex, weights);
+    for (int k = 0; k < 4; ++k) {
+        if (!(weights[k] > 0) || !isfinite(weights[k])) continue;
+        TRY(check_joint(b, vertex, joints[k]));
+        add_share(sum, &b->skin->joints[(size_t)joints[k]], weights[k]);
+        *total += weights[k];
+    }
+    return result_ok();
+}
+
+/* What the skin does to a vertex. One that has no weights follows the first joint that it names. */
+static result_t blend(binding_t *b, uint32_t vertex, affine_t *out)
+{
+    double total = 0, joints[4];
+    *out = (affine_t){0};
+    for (size_t set = 0; set < b->count; ++set) TRY(add_set(b, set, vertex, out, &total));
+    for (int i = 0; i < 3 && total > 0; ++i)
+        for (int j = 0; j < 4; ++j) out->m[i][j] /= total;
+    if (total > 0) return result_ok();
+    ++b->loose;
+    accessor_get(&b->sets[0].joints, vertex, joints);
+    TRY(check_joint(b, vertex, joints[0]));
+    *out = b->skin->joints[(size_t)joints[0]];
+    return result_ok();
+}
+
+/* A normal without direction is left for mesh_add to mend. */
+static vec3_t turned(const affine_t *transform, vec3_t normal)
+{
+    affine_t inverse;
+    return affine_invert(transform, &inverse) ? affine_normal(&inverse, normal) : vec3(0, 0, 0);
+}
+
+static result_t move_vertices(binding_t *b)
+{
+    mesh_t *mesh = b->r->mesh;
+    for (uint32_t i = 0; i < mesh->vertex_count; ++i) {
+        affine_t transform;
+        TRY(blend(b, b->r->used[i], &transform));
+        mesh->positions[i] = affine_point(&transform, mesh->positions[i]);
+        if (mesh->normals) mesh->normals[i] = turned(&transform, mesh->normals[i]);
+        b->mirrored += affine_determinant(&transform) < 0;
+    }
+    return result_ok();
+}
+
+/* What stands for a transform that mirrors, which mesh_add would see: the triangles wind the other way. */
+static void turn_over(mesh_t *mesh)
+{
+    for (uint32_t i = 0; i < mesh->triangle_count; ++i) {
+        uint32_t *v = mesh->triangles[i].v, second = v[1];
+        v[1] = v[2];
+        v[2] = second;
+    }
+}
+
+static result_t lay_skin(binding_t *b, bool *skinned)
+{
+    TRY(open_sets(b));
+    *skinned = b->count > 0;
+    if (!*skinned) {
+        item_warn(b->r->item, "has no JOINTS_0 and WEIGHTS_0: the skin does not move it");
+        return result_ok();
+    }
+    TRY(move_vertices(b));
+    if (b->mirrored > b->r->mesh->vertex_count / 2) turn_over(b->r->mesh);
+    if (b->loose > 0)
+        item_warn(b->r->item,
+                  "%" PRIu32 " of %" PRIu32 " vertices have no weight above 0; they follow the first "
+                  "joint that they name",
+                  b->loose, b->r->mesh->vertex_count);
+    return result_ok();
+}
+
+result_t deform_vertices(reader_t *r, const deform_t *deform, bool *skinned)
+{
+    TRY(morph(r, deform));
+    if (!deform->skin) return result_ok();
+    binding_t binding = {.r = r, .skin = deform->skin};
+    result_t result = lay_skin(&binding, skinned);
+    free(binding.sets);
+    return result;
+}
