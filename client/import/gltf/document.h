@@ -221,6 +221,9 @@ typedef enum { ENCODING_LINEAR, ENCODING_SRGB } encoding_t;
 /* factor times the texture that the property `key` of the material (or of its extension) refers to. */
 result_t texture_value(document_t *document, const item_t *owner, const char *key, encoding_t encoding,
                        channel_t channel, rgb_t factor, blob_value_t *value);
+/* 1 - factor times that texture, for a factor from 0 to 1. */
+result_t texture_complement(document_t *document, const item_t *owner, const char *key, encoding_t encoding,
+                            channel_t channel, float factor, blob_value_t *value);
 /* a times b, where either may vary. */
 blob_value_t texture_product(document_t *document, blob_value_t a, blob_value_t b);
 /* The colours at the vertices: RGB or A. */

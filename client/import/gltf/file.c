@@ -30,6 +30,7 @@ static const struct {
     {"KHR_materials_clearcoat", true, NULL},
     {"KHR_materials_emissive_strength", true, NULL},
     {"KHR_materials_ior", true, NULL},
+    {"KHR_materials_pbrSpecularGlossiness", true, NULL},
     {"KHR_materials_specular", true, NULL},
     {"KHR_materials_transmission", true, NULL},
     {"KHR_materials_unlit", true, NULL},

@@ -1,5 +1,6 @@
 /* material: glTF's metallic-roughness material with its extensions (the glTF 2.0 specification, section 3.9
- * and appendix B; KHR_materials_*). */
+ * and appendix B; KHR_materials_*), and the specular-glossiness material that stands in its place.
+ */
 #include "client/import/gltf/document.h"
 
 #include <string.h>
@@ -11,6 +12,9 @@ typedef struct {
     document_t *document;
     const item_t *item; /* json NULL: glTF's default */
     bool coloured;      /* for meshes with colours at their vertices */
+    item_t base;        /* what holds the base colour, whose names are ... */
+    const char *factor, *texture;
+    bool is_glossy; /* KHR_materials_pbrSpecularGlossiness */
     blob_material_t record;
     gltf_material_t *out;
 } maker_t;
@@ -36,13 +40,21 @@ static result_t number_value(maker_t *m, const item_t *owner, const char *factor
 
 /* ---- the base ------------------------------------------------------------------------------------------ */
 
-static result_t base_colour(maker_t *m, const item_t *pbr)
+static result_t find_base(maker_t *m)
+{
+    TRY(item_extension(m->item, "KHR_materials_pbrSpecularGlossiness", &m->base));
+    m->is_glossy = m->base.json != NULL;
+    m->factor = m->is_glossy ? "diffuseFactor" : "baseColorFactor";
+    m->texture = m->is_glossy ? "diffuseTexture" : "baseColorTexture";
+    return m->is_glossy ? result_ok() : item_member(m->item, "pbrMetallicRoughness", JSON_OBJECT, &m->base);
+}
+
+static result_t base_colour(maker_t *m)
 {
     double factor[4] = {1, 1, 1, 1};
     blob_value_t *colour = &m->record.values[VALUE_REFLECTANCE];
-    TRY(item_numbers(pbr, "baseColorFactor", 4, 0, 1, factor, NULL));
-    TRY(texture_value(m->document, pbr, "baseColorTexture", ENCODING_SRGB, CHANNEL_RGB, to_rgb(factor),
-                      colour));
+    TRY(item_numbers(&m->base, m->factor, 4, 0, 1, factor, NULL));
+    TRY(texture_value(m->document, &m->base, m->texture, ENCODING_SRGB, CHANNEL_RGB, to_rgb(factor), colour));
     if (m->coloured)
         *colour = texture_product(m->document, *colour, texture_vertex_colour(m->document, CHANNEL_RGB));
     return result_ok();
@@ -50,11 +62,9 @@ static result_t base_colour(maker_t *m, const item_t *pbr)
 
 static result_t metallic_roughness(maker_t *m)
 {
-    item_t pbr;
-    TRY(item_member(m->item, "pbrMetallicRoughness", JSON_OBJECT, &pbr));
-    TRY(base_colour(m, &pbr));
-    TRY(number_value(m, &pbr, "metallicFactor", 1, "metallicRoughnessTexture", CHANNEL_B, VALUE_METALLIC));
-    return number_value(m, &pbr, "roughnessFactor", 1, "metallicRoughnessTexture", CHANNEL_G,
+    TRY(number_value(m, &m->base, "metallicFactor", 1, "metallicRoughnessTexture", CHANNEL_B,
+                     VALUE_METALLIC));
+    return number_value(m, &m->base, "roughnessFactor", 1, "metallicRoughnessTexture", CHANNEL_G,
                         VALUE_ROUGHNESS_U);
 }
 
@@ -74,12 +84,10 @@ static result_t normal_map(maker_t *m)
 /* The alpha of the base colour, of its texture and of the vertices. */
 static result_t base_alpha(maker_t *m)
 {
-    item_t pbr;
     double factor[4] = {1, 1, 1, 1};
     blob_value_t *alpha = &m->out->alpha;
-    TRY(item_member(m->item, "pbrMetallicRoughness", JSON_OBJECT, &pbr));
-    TRY(item_numbers(&pbr, "baseColorFactor", 4, 0, 1, factor, NULL));
-    TRY(texture_value(m->document, &pbr, "baseColorTexture", ENCODING_SRGB, CHANNEL_A, to_grey(factor[3]),
+    TRY(item_numbers(&m->base, m->factor, 4, 0, 1, factor, NULL));
+    TRY(texture_value(m->document, &m->base, m->texture, ENCODING_SRGB, CHANNEL_A, to_grey(factor[3]),
                       alpha));
     if (m->coloured)
         *alpha = texture_product(m->document, *alpha, texture_vertex_colour(m->document, CHANNEL_A));
@@ -202,6 +210,35 @@ static result_t volume(maker_t *m)
     return result_ok();
 }
 
+/* KHR_materials_pbrSpecularGlossiness: the specular colour is the reflectance at normal incidence, for which
+ * an index of refraction of 0 leaves the specular colour as it is. The extension dims the diffuse colour by
+ * 1 - max(specular), as the appendix B of its time dimmed that of metallic-roughness by 1 - 0.04. Today's
+ * leaves to the base what reflection leaves at the angle in question, which is the same at normal incidence:
+ * so does ours, and a specular colour of 0.04 is the same dielectric in both. */
+static result_t specular_glossiness(maker_t *m)
+{
+    double specular[3] = {1, 1, 1}, glossiness = 1;
+    const char *texture = "specularGlossinessTexture";
+    TRY(item_numbers(&m->base, "specularFactor", 3, 0, 1, specular, NULL));
+    TRY(item_number(&m->base, "glossinessFactor", 0, 1, &glossiness));
+    m->record.values[VALUE_SPECULAR] = blob_constant(1);
+    TRY(texture_value(m->document, &m->base, texture, ENCODING_SRGB, CHANNEL_RGB, to_rgb(specular),
+                      &m->record.values[VALUE_SPECULAR_COLOUR]));
+    return texture_complement(m->document, &m->base, texture, ENCODING_SRGB, CHANNEL_A, (float)glossiness,
+                              &m->record.values[VALUE_ROUGHNESS_U]);
+}
+
+/* These do not go together with specular-glossiness. */
+static result_t extensions_of_metallic_roughness(maker_t *m)
+{
+    if (m->is_glossy) return result_ok();
+    TRY(ior(m));
+    TRY(specular(m));
+    TRY(clearcoat(m));
+    TRY(transmission(m));
+    return volume(m);
+}
+
 /* A surface without shading has no place in a path tracer: its colour is taken for a diffuse one. */
 static result_t unlit(maker_t *m)
 {
@@ -217,13 +254,12 @@ static result_t unlit(maker_t *m)
  * glTF's default: rough white metal. What it understands has a metallicFactor, since that is 0 in Blender. */
 static result_t tell_of_lost_nodes(const maker_t *m)
 {
-    item_t pbr, unlit;
-    TRY(item_member(m->item, "pbrMetallicRoughness", JSON_OBJECT, &pbr));
+    item_t unlit;
     TRY(item_extension(m->item, "KHR_materials_unlit", &unlit));
-    bool lost = pbr.json && json_object_size(pbr.json) == 0 && !m->out->emits && !unlit.json;
-    if (!m->document->blender || !lost) return result_ok();
+    bool empty = !m->is_glossy && m->base.json && json_object_size(m->base.json) == 0;
+    if (!m->document->blender || !empty || m->out->emits || unlit.json) return result_ok();
     item_warn(
-        &pbr,
+        &m->base,
         "is empty, as Blender writes a surface whose node is not a Principled BSDF: it arrives as rough "
         "white metal; give the material a Principled BSDF, or bake it");
     return result_ok();
@@ -233,15 +269,13 @@ static result_t tell_of_lost_nodes(const maker_t *m)
 
 static result_t fill(maker_t *m)
 {
-    TRY(metallic_roughness(m));
+    TRY(find_base(m));
+    TRY(base_colour(m));
+    TRY(m->is_glossy ? specular_glossiness(m) : metallic_roughness(m));
     TRY(normal_map(m));
     TRY(alpha(m));
     TRY(emission(m));
-    TRY(ior(m));
-    TRY(specular(m));
-    TRY(clearcoat(m));
-    TRY(transmission(m));
-    TRY(volume(m));
+    TRY(extensions_of_metallic_roughness(m));
     TRY(unlit(m));
     TRY(tell_of_lost_nodes(m));
     return emitting_sides(m);

@@ -114,10 +114,12 @@ static result_t source_of(const document_t *document, const item_t *texture, uin
     return item_index(&webp, "source", images, source);
 }
 
-result_t texture_value(document_t *document, const item_t *owner, const char *key, encoding_t encoding,
-                       channel_t channel, rgb_t factor, blob_value_t *value)
+/* The texture that the property `key` of an object refers to. *present is false when there is none, or when
+ * --lenient has it left out. */
+static result_t open_texture(document_t *document, const item_t *owner, const char *key, encoding_t encoding,
+                             channel_t channel, blob_texture_t *texture, bool *present)
 {
-    *value = blob_colour_value(factor);
+    *present = false;
     item_t info, item;
     TRY(item_member(owner, key, JSON_OBJECT, &info));
     if (!info.json) return result_ok();
@@ -131,13 +133,37 @@ result_t texture_value(document_t *document, const item_t *owner, const char *ke
             item.report,
             item_fail(&item, "has no image that can be read; export textures as PNG, JPEG or WebP"),
             "the texture is left out");
-    blob_texture_t texture = {.kind = TEXTURE_IMAGE, .channel = channel, .inputs = {blob_constant(1)}};
-    texture.texture_from_world = xform_identity();
-    TRY(read_mapping(&info, &texture));
-    TRY(read_sampler(document, &item, &texture));
-    TRY(image_ref(document, source, encoding, &texture.image));
-    if (texture.image == 0) return result_ok();
-    value->texture = scene_add_texture(document->builder, &texture).texture;
+    *texture = (blob_texture_t){.kind = TEXTURE_IMAGE, .channel = channel, .inputs = {blob_constant(1)}};
+    texture->texture_from_world = xform_identity();
+    TRY(read_mapping(&info, texture));
+    TRY(read_sampler(document, &item, texture));
+    TRY(image_ref(document, source, encoding, &texture->image));
+    *present = texture->image != 0;
+    return result_ok();
+}
+
+result_t texture_value(document_t *document, const item_t *owner, const char *key, encoding_t encoding,
+                       channel_t channel, rgb_t factor, blob_value_t *value)
+{
+    blob_texture_t texture;
+    bool present;
+    *value = blob_colour_value(factor);
+    TRY(open_texture(document, owner, key, encoding, channel, &texture, &present));
+    if (present) value->texture = scene_add_texture(document->builder, &texture).texture;
+    return result_ok();
+}
+
+result_t texture_complement(document_t *document, const item_t *owner, const char *key, encoding_t encoding,
+                            channel_t channel, float factor, blob_value_t *value)
+{
+    blob_texture_t texture;
+    bool present;
+    *value = blob_constant(1 - factor);
+    TRY(open_texture(document, owner, key, encoding, channel, &texture, &present));
+    if (!present) return result_ok();
+    texture.inputs[0] = blob_constant(factor);
+    texture.flags |= TEXTURE_INVERT;
+    *value = scene_add_texture(document->builder, &texture);
     return result_ok();
 }
 

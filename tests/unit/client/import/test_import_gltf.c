@@ -393,6 +393,42 @@ static rgb_t look(const bench_t *bench, const blob_value_t *value, double u, dou
     return result;
 }
 
+/* The reflectance at normal incidence is the specular colour; what metallic-roughness says beside it counts
+ * no more. */
+static void a_glossy_material_keeps_its_numbers(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run_material(&bench, FULL,
+                 "\"pbrMetallicRoughness\":{\"metallicFactor\":1,\"roughnessFactor\":0.9},\"extensions\":{"
+                 "\"KHR_materials_ior\":{\"ior\":1.3},\"KHR_materials_pbrSpecularGlossiness\":{"
+                 "\"diffuseFactor\":[0.1,0.2,0.3,0.4],\"specularFactor\":[0.5,0.6,0.7],"
+                 "\"glossinessFactor\":0.75}},\"alphaMode\":\"BLEND\"");
+    bench_expect_ok(&bench);
+    expect_vec3(value_of(&bench, VALUE_REFLECTANCE).factor, 0.1, 0.2, 0.3);
+    expect_vec3(value_of(&bench, VALUE_SPECULAR_COLOUR).factor, 0.5, 0.6, 0.7);
+    expect_near((double)value_of(&bench, VALUE_SPECULAR).factor.x, 1, 0);
+    expect_near((double)value_of(&bench, VALUE_ETA).factor.x, 0, 0);
+    expect_near((double)value_of(&bench, VALUE_METALLIC).factor.x, 0, 0);
+    expect_near((double)value_of(&bench, VALUE_ROUGHNESS_U).factor.x, 0.25, 1e-6);
+    expect_near((double)bench.blob.shapes[0].alpha.factor.x, 0.4, 1e-6);
+    run_material(&bench, FULL,
+                 "\"extensions\":{\"KHR_materials_pbrSpecularGlossiness\":{\"diffuseTexture\":{\"index\":0},"
+                 "\"specularFactor\":[1,0.5,0.5],\"glossinessFactor\":0.5,"
+                 "\"specularGlossinessTexture\":{\"index\":0}}},\"alphaMode\":\"BLEND\"");
+    bench_expect_ok(&bench);
+    blob_value_t colour = value_of(&bench, VALUE_REFLECTANCE),
+                 specular = value_of(&bench, VALUE_SPECULAR_COLOUR),
+                 roughness = value_of(&bench, VALUE_ROUGHNESS_U), alpha = bench.blob.shapes[0].alpha;
+    expect_vec3(look(&bench, &colour, 0.75, 0.25), 0, 1, 0);
+    expect_vec3(look(&bench, &specular, 0.25, 0.25), 1, 0, 0);
+    expect_near((double)look(&bench, &specular, 0.75, 0.75).y, 0.5 * 0.502886, 1e-4);
+    expect_near((double)look(&bench, &roughness, 0.25, 0.25).x, 0.5, 1e-6);
+    expect_near((double)look(&bench, &roughness, 0.75, 0.75).x, 1 - 0.5 * 0.2, 1e-6);
+    expect_near((double)look(&bench, &alpha, 0.75, 0.75).x, 0.2, 1e-6);
+    bench_close(&bench);
+}
+
 static void textures_are_read_with_their_samplers(void **state)
 {
     (void)state;
@@ -1004,6 +1040,7 @@ int main(void)
         cmocka_unit_test(gpu_instancing_becomes_instances),
         cmocka_unit_test(no_material_is_the_default_one),
         cmocka_unit_test(extensions_of_materials_are_read),
+        cmocka_unit_test(a_glossy_material_keeps_its_numbers),
         cmocka_unit_test(textures_are_read_with_their_samplers),
         cmocka_unit_test(masks_and_texture_transforms_are_read),
         cmocka_unit_test(second_coordinates_are_used_where_they_are_named),
