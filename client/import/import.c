@@ -16,7 +16,7 @@
 typedef struct {
     const char *extension;
     result_t (*import)(const char *path, scene_builder_t *scene);
-    bool cameras; /* it may have several, and its reader chooses */
+    bool chooses; /* it may have several cameras and variants, and its reader chooses */
 } format_t;
 
 static const format_t formats[] = {
@@ -33,11 +33,16 @@ static const format_t *format_of(const char *path)
     return NULL;
 }
 
-/* For a scene that cannot have several. */
-static result_t check_camera(const import_wishes_t *wishes)
+/* For a scene that has nothing to choose from. */
+static result_t check_choices(const import_wishes_t *wishes)
 {
-    if (!wishes || !wishes->camera) return result_ok();
-    return result_fail(RESULT_USAGE, "--camera is for files with several cameras (glTF); this scene has one");
+    if (wishes && wishes->camera)
+        return result_fail(RESULT_USAGE,
+                           "--camera is for files with several cameras (glTF); this scene has one");
+    if (wishes && wishes->variant)
+        return result_fail(RESULT_USAGE,
+                           "--variant is for files with several variants (glTF); this scene has none");
+    return result_ok();
 }
 
 static result_t read_format(const char *path, scene_builder_t *scene)
@@ -47,7 +52,7 @@ static result_t read_format(const char *path, scene_builder_t *scene)
         return result_fail(
             RESULT_INPUT,
             "%s: not a scene format that Lightmill reads; it reads .pbrt, .gltf, .glb, .obj and .xml", path);
-    if (!format->cameras) TRY(check_camera(scene->report->sink.wishes));
+    if (!format->chooses) TRY(check_choices(scene->report->sink.wishes));
     return format->import(path, scene);
 }
 
@@ -61,7 +66,7 @@ static result_t fill(const char *path, const scene_blob_t *blob, blob_builder_t 
     report_t report = report_begin(sink);
     scene_builder_t scene;
     scene_begin(&scene, builder, &report);
-    result_t result = blob ? check_camera(&wishes) : read_format(path, &scene);
+    result_t result = blob ? check_choices(&wishes) : read_format(path, &scene);
     if (blob) blob_builder_take(builder, blob);
     if (result.code == RESULT_OK) result = scene_adjust_view(&scene, &wishes);
     if (result.code == RESULT_OK) result = environment_add(&scene, &environment, &wishes);
@@ -96,8 +101,8 @@ result_t import_scene_blob(const char *path, const import_report_t *report, uint
 
 bool import_changes_blobs(const import_wishes_t *wishes)
 {
-    return wishes && (wishes->environment || wishes->camera || wishes->fov > 0 || wishes->lens_radius >= 0 ||
-                      wishes->focus);
+    return wishes && (wishes->environment || wishes->camera || wishes->variant || wishes->fov > 0 ||
+                      wishes->lens_radius >= 0 || wishes->focus);
 }
 
 result_t import_changed_blob(const scene_blob_t *blob, const import_report_t *report, uint8_t **bytes,

@@ -23,6 +23,10 @@ static const option_t rows[] = {
     OPTION(import_wishes_t, camera, "camera", "NAME|NUMBER",
            "of a file with several cameras that one: by the name of its node, its own, or its number from 1 "
            "(default: the first)"),
+    OPTION(
+        import_wishes_t, variant, "variant", "NAME|NUMBER",
+        "of a glTF file with several variants of its materials that one: by its name, or its number from 1 "
+        "(default: the materials as they stand)"),
     OPTION(import_wishes_t, fov, "fov", "DEGREES",
            "field of view of a perspective camera, along the shorter side of the picture",
            OPTION_RANGE(1e-3, 179.9)),

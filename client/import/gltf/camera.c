@@ -7,7 +7,6 @@
 #include "client/import/gltf/document.h"
 #include "client/import/scene/scene_defaults.h"
 
-#include <ctype.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -122,12 +121,7 @@ static bool find_camera(const document_t *document, const char *wanted, size_t *
         *index = i;
         return true;
     }
-    char *end;
-    unsigned long number = strtoul(wanted, &end, 10);
-    if (!isdigit((unsigned char)wanted[0]) || *end != '\0' || number < 1 || number > cameras->count)
-        return false;
-    *index = number - 1;
-    return true;
+    return item_wanted_number(wanted, cameras->count, index);
 }
 
 static result_t choose(document_t *document, size_t *index)

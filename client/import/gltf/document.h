@@ -111,6 +111,8 @@ typedef struct document {
     affine_t *worlds; /* world from node, of those that are in the scene */
     gltf_skin_t *skins;
 
+    uint32_t variant; /* of KHR_materials_variants, the one that is asked for; ITEM_NONE: none */
+
     mark_t *marks;
     size_t mark_capacity;
     uint32_t stamp;
@@ -236,6 +238,13 @@ blob_value_t texture_threshold(document_t *document, blob_value_t value, float c
 /* The material of that index, or glTF's default (ITEM_NONE), made when it is asked for first. The pointer is
  * good until document_close. */
 result_t material_get(document_t *document, uint32_t index, bool coloured, const gltf_material_t **material);
+
+/* ---- variant.c ----------------------------------------------------------------------------------------- */
+
+/* Finds the variant of the materials that is asked for (--variant). RESULT_USAGE when there is none such. */
+result_t variant_choose(document_t *document);
+/* The material of a primitive in that variant; unchanged when it has none. */
+result_t variant_material(const document_t *document, const item_t *primitive, uint32_t *material);
 
 /* ---- node.c, placement.c, light.c, camera.c ----------------------------------------------------------- */
 

@@ -34,6 +34,7 @@ static const struct {
     {"KHR_materials_specular", true, NULL},
     {"KHR_materials_transmission", true, NULL},
     {"KHR_materials_unlit", true, NULL},
+    {"KHR_materials_variants", true, NULL},
     {"KHR_materials_volume", true, NULL},
     {"KHR_mesh_quantization", true, NULL},
     {"KHR_texture_transform", true, NULL},

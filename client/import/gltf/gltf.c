@@ -9,6 +9,7 @@ static result_t import(document_t *document)
     TRY(item_member(&document->root, "animations", JSON_ARRAY, &animations));
     if (item_count(&animations) > 0)
         item_warn(&animations, "are ignored: everything stands as the nodes say");
+    TRY(variant_choose(document));
     TRY(node_walk(document));
     TRY(placement_meshes(document));
     TRY(light_add(document));

@@ -74,7 +74,7 @@ static result_t add_primitive(document_t *document, const item_t *primitive, con
     item_t attributes;
     const gltf_material_t *material;
     TRY(document_charge(document, primitive, 1));
-    TRY(item_index(primitive, "material", document_count(document, TOP_MATERIALS), &index));
+    TRY(variant_material(document, primitive, &index));
     TRY(item_member(primitive, "attributes", JSON_OBJECT, &attributes));
     TRY(material_get(document, index, json_object_get(attributes.json, "COLOR_0") != NULL, &material));
     *emits = *emits || material->emits;

@@ -15,6 +15,8 @@ typedef struct {
     double environment_factor;  /* on its radiance */
     const char *environment_up; /* "y" or "z": the axis of the world that points up; NULL: y */
     const char *camera; /* the name of one of several cameras, or its number from 1; NULL: the first */
+    const char
+        *variant;       /* the name of one of several looks, or its number from 1; NULL: as the file stands */
     double fov;         /* degrees along the shorter side of the picture; 0: the camera's */
     double lens_radius; /* in units of the scene; below 0: the camera's */
     const char *focus;  /* a distance along the view, or the name of an object; NULL: the camera's */

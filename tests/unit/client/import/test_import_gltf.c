@@ -742,6 +742,63 @@ static void another_camera_can_be_asked_for(void **state)
     bench_close(&bench);
 }
 
+/* Three squares: the first has a material of its own in both variants, the second in one of them. */
+#define VARIANTS(mapping)                                                                                    \
+    "\"extensions\":{\"KHR_materials_variants\":{\"variants\":[{\"name\":\"beach\"},{\"name\":"              \
+    "\"\\u001b2\"}]}},\"materials\":[{\"name\":\"a\",\"emissiveFactor\":[1,1,1]},{\"name\":\"b\"},"          \
+    "{\"name\":\"c\"}],\"meshes\":[{\"primitives\":["                                                        \
+    "{\"attributes\":{" POSITION "},\"material\":0,\"extensions\":{\"KHR_materials_variants\":{"             \
+    "\"mappings\":[{\"variants\":[1],\"material\":1}," mapping "]}}},"                                       \
+    "{\"attributes\":{" POSITION "},\"material\":0,\"extensions\":{\"KHR_materials_variants\":{"             \
+    "\"mappings\":[{\"variants\":[0,1],\"material\":2}]}}},"                                                 \
+    "{\"attributes\":{" POSITION "},\"material\":0}]}],\"nodes\":[{\"mesh\":0}]"
+
+static void expect_looks(bench_t *bench, const char *variant, const char *names)
+{
+    import_wishes_t wishes = import_wishes_none();
+    wishes.variant = variant;
+    bench->wishes = &wishes;
+    run(bench, VARIANTS("{\"variants\":[0],\"material\":2}"));
+    bench_expect_ok(bench);
+    for (int i = 0; i < 3; ++i) {
+        const blob_material_t *material = &bench->blob.materials[bench->blob.shapes[i].material];
+        assert_int_equal((bench->blob.strings + material->name)[0], names[i]);
+    }
+}
+
+static void a_variant_can_be_asked_for(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    expect_looks(&bench, NULL, "aaa");
+    expect_text(bench.warnings,
+                "the scene has 2 variants (1: beach, 2: ?2); its materials are taken as they");
+    expect_looks(&bench, "beach", "cca");
+    assert_null(strstr(bench.warnings, "variants"));
+    expect_looks(&bench, "1", "cca");
+    expect_looks(&bench, "2", "bca");
+    import_wishes_t wishes = import_wishes_none();
+    bench.wishes = &wishes;
+    static const char *const unknown[] = {"street", "0", "3", "2x", ""};
+    for (size_t i = 0; i < ARRAY_LENGTH(unknown); ++i) {
+        wishes.variant = unknown[i];
+        run(&bench, VARIANTS("{\"variants\":[0],\"material\":2}"));
+        assert_int_equal(bench.result.code, RESULT_USAGE);
+        expect_text(bench.result.message, "it has 2: 1: beach, 2: ?2");
+    }
+    wishes.variant = "2";
+    run(&bench, VARIANTS("{\"variants\":[2],\"material\":2}"));
+    bench_expect_ok(&bench); /* the mapping before it is taken */
+    wishes.variant = "1";
+    run(&bench, VARIANTS("{\"variants\":[2],\"material\":2}"));
+    expect_text(bench.result.message, "element 0 must be the index of one of the 2 variants");
+    run(&bench, VARIANTS("{\"variants\":[0],\"material\":3}"));
+    expect_text(bench.result.message, "material: is 3, but there are 3, counted from 0");
+    run(&bench, MESH(POSITION) "\"mode\":4}]}],\"nodes\":[{\"mesh\":0}]");
+    expect_text(bench.result.message, "--variant: the scene has no variant '1'; it has 0");
+    bench_close(&bench);
+}
+
 static void a_lens_opens_and_focuses(void **state)
 {
     (void)state;
@@ -1049,6 +1106,7 @@ int main(void)
         cmocka_unit_test(lights_of_blender_have_the_right_unit),
         cmocka_unit_test(a_camera_can_be_chosen),
         cmocka_unit_test(another_camera_can_be_asked_for),
+        cmocka_unit_test(a_variant_can_be_asked_for),
         cmocka_unit_test(spots_of_blender_fall_off_as_in_cycles),
         cmocka_unit_test(a_node_that_blender_cannot_export_is_told_of),
         cmocka_unit_test(a_light_of_images_that_is_not_read_names_the_option),
