@@ -89,9 +89,9 @@ static void tell_loss(checkpointer_t *checkpointer, job_t *job, const job_record
              load->failure.message,
              load->film != NULL ? "the one before is" : "there is no other, the job begins anew",
              load->most > 0 ? "" : "about ", (unsigned long long)lost);
-    log_error("job %llu: %s", (unsigned long long)record->job, text);
     note(checkpointer, record->job, "checkpoint damaged", text);
     farm_note(checkpointer->options.farm, job, text);
+    log_error("job %llu: %s", (unsigned long long)record->job, text);
 }
 
 static void tell_loaded(const job_record_t *record, const film_load_t *load, double seconds)
