@@ -44,7 +44,7 @@ master/http                 : master/farm master/http/access master/http/parse m
 master/threads              : master/http common/notify
 master                      : master/threads
 relay                       : proto/uplink proto/serve
-client/import/scene         : common/scene common/image
+client/import/scene         : common/scene common/image common/options
 client/import/files         : client/import/scene
 client/import/environment   : client/import/files
 client/import/tessellate    : client/import/scene

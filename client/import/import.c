@@ -16,12 +16,14 @@
 typedef struct {
     const char *extension;
     result_t (*import)(const char *path, scene_builder_t *scene);
-    bool chooses; /* it may have several cameras and variants, and its reader chooses */
+    bool chooses;    /* it may have several cameras and variants, and its reader chooses */
+    bool parameters; /* its reader takes definitions */
 } format_t;
 
 static const format_t formats[] = {
-    {".pbrt", pbrt_import, false}, {".gltf", gltf_import, true},    {".glb", gltf_import, true},
-    {".obj", obj_import, false},   {".xml", mitsuba_import, false},
+    {".pbrt", pbrt_import, false, false},  {".gltf", gltf_import, true, false},
+    {".glb", gltf_import, true, false},    {".obj", obj_import, false, false},
+    {".xml", mitsuba_import, false, true},
 };
 
 static const format_t *format_of(const char *path)
@@ -33,26 +35,29 @@ static const format_t *format_of(const char *path)
     return NULL;
 }
 
-/* For a scene that has nothing to choose from. */
-static result_t check_choices(const import_wishes_t *wishes)
+/* Refuses wishes that no reader would ever see. `chooses`, `parameters`: see format_t. */
+static result_t check_wishes(const import_wishes_t *wishes, bool chooses, bool parameters)
 {
-    if (wishes && wishes->camera)
+    if (wishes->camera && !chooses)
         return result_fail(RESULT_USAGE,
                            "--camera is for files with several cameras (glTF); this scene has one");
-    if (wishes && wishes->variant)
+    if (wishes->variant && !chooses)
         return result_fail(RESULT_USAGE,
                            "--variant is for files with several variants (glTF); this scene has none");
+    if (wishes->definitions.count > 0 && !parameters)
+        return result_fail(RESULT_USAGE,
+                           "--define is for scenes of Mitsuba (.xml); this scene has no parameters");
     return result_ok();
 }
 
-static result_t read_format(const char *path, scene_builder_t *scene)
+static result_t read_format(const char *path, const import_wishes_t *wishes, scene_builder_t *scene)
 {
     const format_t *format = format_of(path);
     if (!format)
         return result_fail(
             RESULT_INPUT,
             "%s: not a scene format that Lightmill reads; it reads .pbrt, .gltf, .glb, .obj and .xml", path);
-    if (!format->chooses) TRY(check_choices(scene->report->sink.wishes));
+    TRY(check_wishes(wishes, format->chooses, format->parameters));
     return format->import(path, scene);
 }
 
@@ -66,7 +71,7 @@ static result_t fill(const char *path, const scene_blob_t *blob, blob_builder_t 
     report_t report = report_begin(sink);
     scene_builder_t scene;
     scene_begin(&scene, builder, &report);
-    result_t result = blob ? check_choices(&wishes) : read_format(path, &scene);
+    result_t result = blob ? check_wishes(&wishes, false, false) : read_format(path, &wishes, &scene);
     if (blob) blob_builder_take(builder, blob);
     if (result.code == RESULT_OK) result = scene_adjust_view(&scene, &wishes);
     if (result.code == RESULT_OK) result = environment_add(&scene, &environment, &wishes);
@@ -102,7 +107,7 @@ result_t import_scene_blob(const char *path, const import_report_t *report, uint
 bool import_changes_blobs(const import_wishes_t *wishes)
 {
     return wishes && (wishes->environment || wishes->camera || wishes->variant || wishes->fov > 0 ||
-                      wishes->lens_radius >= 0 || wishes->focus);
+                      wishes->lens_radius >= 0 || wishes->focus || wishes->definitions.count > 0);
 }
 
 result_t import_changed_blob(const scene_blob_t *blob, const import_report_t *report, uint8_t **bytes,

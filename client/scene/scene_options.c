@@ -36,6 +36,9 @@ static const option_t rows[] = {
         OPTION_RANGE(0, 1e18)),
     OPTION(import_wishes_t, focus, "focus", "DISTANCE|OBJECT",
            "what its lens shows sharp: the plane so far away, or that through the middle of an object"),
+    OPTION(import_wishes_t, definitions, "define", "NAME=VALUE",
+           "what $NAME stands for in a Mitsuba scene, whatever its <default> says; once for each parameter",
+           .letter = 'D'),
 };
 const option_group_t scene_options = OPTION_GROUP("What to make of the scene", rows);
 

@@ -38,68 +38,106 @@ static void stop(reader_t *r, result_t result)
 
 /* ---- parameters ---------------------------------------------------------------------------------------- */
 
-static bool is_name(char c)
+enum { LONGEST_NAME = 256 };
+
+/* The parameter of that name, which is added where it is new. */
+static parameter_t *add_parameter(xml_t *xml, const char *name, size_t length)
 {
-    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_';
+    size_t known = xml->names.count;
+    uint32_t number = intern_add(&xml->names, name, length);
+    xml->parameters =
+        grow(xml->parameters, &xml->parameter_capacity, xml->names.count, sizeof *xml->parameters);
+    if (number == known) xml->parameters[number] = (parameter_t){0};
+    return &xml->parameters[number];
 }
 
-/* The longest parameter whose name begins at `text`. */
-static bool find_parameter(const xml_t *xml, const char *text, size_t *length, uint32_t *parameter)
+static void set_value(parameter_t *parameter, const char *value)
 {
-    for (*length = 0; *length < 256 && is_name(text[*length]);) ++*length;
-    for (; *length > 0; --*length)
-        if (intern_find(&xml->parameters, text, *length, parameter)) return true;
-    return false;
+    free(parameter->value);
+    parameter->value = mem_strdup(value);
 }
 
-/* The value with its parameters replaced, in fresh memory. */
-static result_t replace_parameters(xml_t *xml, const char *value, position_t at, char **out)
+/* The last definition of a name counts, and goes before the scene's defaults, as in Mitsuba. */
+static result_t add_definitions(xml_t *xml, const option_list_t *definitions)
 {
-    size_t size = strlen(value), capacity = 0;
-    char *text = NULL;
-    *out = NULL;
-    size_t used = 0;
-    for (size_t i = 0; i <= size; ++i) {
-        uint32_t parameter;
-        size_t length;
-        const char *from = value + i;
-        size_t count = 1;
-        if (value[i] == '$') {
-            if (!find_parameter(xml, value + i + 1, &length, &parameter)) {
-                free(text);
-                return error_at(at,
-                                "the parameter %.40s has no value; add <default name=\"...\" value=\"...\"/>",
-                                value + i);
-            }
-            from = xml->values[parameter];
-            count = strlen(from);
-            xml->replaced += count;
-            i += length;
-        }
-        text = grow(text, &capacity, used + count, 1);
-        memcpy(text + used, from, count);
-        used += count;
-        if (used > size + LONGEST_VALUE ||
-            xml->replaced > ((uint64_t)1 << 24) + 16 * xml->scene->source_bytes) {
-            free(text);
-            return error_at(at, "the parameters of this scene make too much text");
-        }
+    for (size_t i = 0; i < definitions->count; ++i) {
+        const char *text = definitions->texts[i], *equals = strchr(text, '=');
+        if (!equals || equals == text || equals - text > LONGEST_NAME)
+            return result_fail(RESULT_USAGE, "--define takes NAME=VALUE, not '%.100s'", text);
+        parameter_t *parameter = add_parameter(xml, text, (size_t)(equals - text));
+        set_value(parameter, equals + 1);
+        parameter->defined = true;
     }
-    *out = text;
     return result_ok();
 }
 
-/* The first value of a parameter counts, as in Mitsuba. */
+static void tell_unused(const xml_t *xml)
+{
+    for (size_t i = 0; i < xml->names.count; ++i)
+        if (xml->parameters[i].defined && !xml->parameters[i].used)
+            report_warning(xml->scene->report, (position_t){"--define", 0, 0},
+                           "nothing in the scene uses the parameter $%.60s", xml->names.texts[i]);
+}
+
+/* The first default of a parameter counts, as in Mitsuba. */
 static result_t add_default(reader_t *r, const element_t *element)
 {
     const char *name = element_attribute(element, "name"), *value = element_attribute(element, "value");
-    xml_t *xml = r->xml;
-    uint32_t number;
     if (!name || !value || !*name) return error_at(element->at, "<default> needs a name and a value");
-    if (intern_find(&xml->parameters, name, strlen(name), &number)) return result_ok();
-    number = intern_add(&xml->parameters, name, strlen(name));
-    xml->values = grow(xml->values, &xml->value_capacity, xml->parameters.count, sizeof *xml->values);
-    xml->values[number] = mem_strdup(value);
+    parameter_t *parameter = add_parameter(r->xml, name, strlen(name));
+    if (!parameter->value) set_value(parameter, value);
+    return result_ok();
+}
+
+/* The parameter with the longest name that `text` begins with; NULL: none. */
+static parameter_t *find_parameter(const xml_t *xml, const char *text, size_t *length)
+{
+    uint32_t number;
+    for (*length = 0; *length < LONGEST_NAME && text[*length] && text[*length] != '$';) ++*length;
+    for (; *length > 0; --*length)
+        if (intern_find(&xml->names, text, *length, &number)) return &xml->parameters[number];
+    return NULL;
+}
+
+static result_t no_value(position_t at, const char *text)
+{
+    int length = (int)strspn(text, "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_");
+    if (length > 60) length = 60;
+    return error_at(at,
+                    "the parameter $%.*s has no value; give it one by the option --define %.*s=VALUE, or by "
+                    "<default name=\"%.*s\" value=\"...\"/> above",
+                    length, text, length, text, length, text);
+}
+
+/* Appends to a text of *used bytes. */
+static char *append_bytes(char *text, size_t *capacity, size_t *used, const char *from, size_t count)
+{
+    text = grow(text, capacity, *used + count + 1, 1);
+    memcpy(text + *used, from, count);
+    text[ *used += count] = '\0';
+    return text;
+}
+
+/* Writes the value with its parameters replaced to *out, which is the caller's, also after an error. */
+static result_t replace_parameters(xml_t *xml, const char *value, position_t at, char **out)
+{
+    size_t capacity = 0, used = 0;
+    const size_t most = strlen(value) + LONGEST_VALUE;
+    *out = append_bytes(NULL, &capacity, &used, "", 0);
+    while (*value) {
+        size_t length = strcspn(value, "$");
+        *out = append_bytes(*out, &capacity, &used, value, length);
+        value += length;
+        if (!*value) break;
+        parameter_t *parameter = find_parameter(xml, ++value, &length);
+        if (!parameter) return no_value(at, value);
+        parameter->used = true;
+        value += length;
+        *out = append_bytes(*out, &capacity, &used, parameter->value, strlen(parameter->value));
+        xml->replaced += strlen(parameter->value);
+        if (used > most || xml->replaced > ((uint64_t)1 << 24) + 16 * xml->scene->source_bytes)
+            return error_at(at, "the parameters of this scene make too much text");
+    }
     return result_ok();
 }
 
@@ -111,10 +149,9 @@ static result_t copy_attributes(reader_t *r, element_t *element, const char **at
     while (attributes[count]) ++count;
     element->attributes = mem_zalloc(count + 1, sizeof *element->attributes);
     for (size_t i = 0; i < count; i += 2) {
-        char *value;
-        TRY(replace_parameters(r->xml, attributes[i + 1], element->at, &value));
         element->attributes[i] = mem_strdup(attributes[i]);
-        element->attributes[i + 1] = value;
+        char **value = (char **)&element->attributes[i + 1];
+        TRY(replace_parameters(r->xml, attributes[i + 1], element->at, value));
     }
     return result_ok();
 }
@@ -246,10 +283,14 @@ static result_t read_file(xml_t *xml, const char *path, const reader_t *includin
 
 result_t xml_read(const char *path, scene_builder_t *scene, xml_t *xml)
 {
+    const import_wishes_t *wishes = scene->report->sink.wishes;
     *xml = (xml_t){.scene = scene};
+    if (wishes) TRY(add_definitions(xml, &wishes->definitions));
     TRY(read_file(xml, path, NULL, NULL, (position_t){path, 0, 0}));
-    if (xml->root && strcmp(xml->root->tag, "scene") == 0) return result_ok();
-    return error_at((position_t){path, 1, 0}, "its root must be <scene>: it is no scene of Mitsuba's");
+    if (!xml->root || strcmp(xml->root->tag, "scene") != 0)
+        return error_at((position_t){path, 1, 0}, "its root must be <scene>: it is no scene of Mitsuba's");
+    tell_unused(xml);
+    return result_ok();
 }
 
 void xml_free(xml_t *xml)
@@ -264,10 +305,10 @@ void xml_free(xml_t *xml)
         free(element);
     }
     for (size_t i = 0; i < xml->path_count; ++i) free(xml->paths[i]);
-    for (size_t i = 0; i < xml->parameters.count; ++i) free(xml->values[i]);
+    for (size_t i = 0; i < xml->names.count; ++i) free(xml->parameters[i].value);
     free(xml->paths);
-    free(xml->values);
-    intern_free(&xml->parameters);
+    free(xml->parameters);
+    intern_free(&xml->names);
     *xml = (xml_t){0};
 }
 

@@ -1,6 +1,7 @@
 /* xml: a Mitsuba scene's file as a tree of elements, by expat.
  *
- * Includes are read into the tree, and the $parameters in attributes are replaced by what <default> says.
+ * Includes are read into the tree, and the $parameters in attributes are replaced by what --define or
+ * <default> says.
  * expat reads no other file: whoever declares an entity, of its own or of another file, is refused before it
  * could grow. What includes and parameters may amount to is bounded.
  */
@@ -21,19 +22,27 @@ typedef struct element {
     uint32_t variant; /* the same, of a material on flipped coordinates */
 } element_t;
 
+/* What stands for $NAME. Owned: value. */
+typedef struct {
+    char *value;
+    bool defined; /* by the command line, not by the scene */
+    bool used;
+} parameter_t;
+
 /* Owned: all (xml_free). */
 typedef struct {
     element_t *root, *newest;
     scene_builder_t *scene;
     char **paths; /* of all files, for messages */
     size_t path_count, path_capacity;
-    intern_t parameters; /* the names that <default> gives a value ... */
-    char **values;       /* ... and the values */
-    size_t value_capacity;
+    intern_t names; /* of the parameters, by their numbers */
+    parameter_t *parameters;
+    size_t parameter_capacity;
     uint64_t replaced; /* bytes that parameters have been replaced by */
 } xml_t;
 
-/* Reads the file and what it includes. The caller calls xml_free, also after an error. */
+/* Reads the file and what it includes, with the definitions of the scene's wishes. A definition that nothing
+ * uses is a warning. RESULT_USAGE: one is not NAME=VALUE. The caller calls xml_free, also after an error. */
 result_t xml_read(const char *path, scene_builder_t *scene, xml_t *xml);
 void xml_free(xml_t *xml);
 

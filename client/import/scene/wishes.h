@@ -6,7 +6,7 @@
 #ifndef LIGHTMILL_WISHES_H
 #define LIGHTMILL_WISHES_H
 
-#include <stdbool.h>
+#include "common/options/options.h"
 
 typedef struct {
     bool lenient, strict;       /* see import_report_t */
@@ -20,6 +20,7 @@ typedef struct {
     double fov;         /* degrees along the shorter side of the picture; 0: the camera's */
     double lens_radius; /* in units of the scene; below 0: the camera's */
     const char *focus;  /* a distance along the view, or the name of an object; NULL: the camera's */
+    option_list_t definitions; /* NAME=VALUE: of a Mitsuba scene's parameters */
 } import_wishes_t;
 
 /* Nothing is asked for. */

@@ -83,7 +83,53 @@ static void parameters_stand_for_their_values(void **state)
     assert_int_equal(bench.blob.scene->width, 164);
     assert_int_equal(bench.blob.scene->filter.kind, FILTER_BOX);
     expect_error(&bench, "<shape type=\"sphere\"><float name=\"radius\" value=\"$r\"/></shape>",
-                 "s.xml:1:45: the parameter $r has no value");
+                 "s.xml:1:45: the parameter $r has no value; give it one by the option --define r=VALUE");
+    bench_close(&bench);
+}
+
+/* Imports the text with these definitions. */
+static void run_defined(bench_t *bench, const char *text, const char **definitions, size_t count)
+{
+    import_wishes_t wishes = import_wishes_none();
+    wishes.definitions = (option_list_t){definitions, count};
+    bench->wishes = &wishes;
+    run_text(bench, text);
+    bench->wishes = NULL;
+}
+
+static void definitions_go_before_the_defaults_of_the_scene(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    const char *scene = SCENE(SENSOR(
+        "<sampler type=\"halton\"><integer name=\"sampleCount\" value=\"$n\"/></sampler>"
+        "<film type=\"ldrfilm\"><default name=\"my-w\" value=\"70\"/><integer name=\"width\" "
+        "value=\"$my-w\"/>"
+        "<default name=\"h\" value=\"90\"/><integer name=\"height\" value=\"$h\"/></film>") LAMP RECTANGLE);
+    run_defined(&bench, scene, (const char *[]){"n=3", "my-w=80", "n=5"}, 3);
+    bench_expect_silence(&bench);
+    assert_int_equal(bench.blob.scene->spp, 5); /* the last */
+    assert_int_equal(bench.blob.scene->width, 80);
+    assert_int_equal(bench.blob.scene->height, 90);
+    run_defined(&bench, scene, (const char *[]){"n=3", "weight=1"}, 2);
+    bench_expect_ok(&bench);
+    expect_text(bench.warnings, "--define: nothing in the scene uses the parameter $weight");
+    run_defined(&bench, scene, (const char *[]){"n"}, 1);
+    assert_int_equal(bench.result.code, RESULT_USAGE);
+    expect_text(bench.result.message, "--define takes NAME=VALUE, not 'n'");
+    bench_close(&bench);
+}
+
+static void definitions_are_for_scenes_that_have_parameters(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    import_wishes_t wishes = import_wishes_none();
+    wishes.definitions = (option_list_t){(const char *[]){"n=3"}, 1};
+    bench.wishes = &wishes;
+    bench_run_v3(&bench, "");
+    assert_int_equal(bench.result.code, RESULT_USAGE);
+    expect_text(bench.result.message, "--define is for scenes of Mitsuba");
     bench_close(&bench);
 }
 
@@ -671,6 +717,8 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(parameters_stand_for_their_values),
+        cmocka_unit_test(definitions_go_before_the_defaults_of_the_scene),
+        cmocka_unit_test(definitions_are_for_scenes_that_have_parameters),
         cmocka_unit_test(includes_are_read_and_may_not_go_in_circles),
         cmocka_unit_test(files_are_relative_to_the_main_scene_first),
         cmocka_unit_test(entities_are_refused_before_they_grow),
