@@ -5,7 +5,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "client/import/environment/sky.h"
+#include "client/import/environment/daylight.h"
 #include "client/import/files/number.h"
 #include "client/import/scene/scene_images.h"
 
@@ -113,60 +113,19 @@ static result_t add_colour(scene_builder_t *scene, const double colour[3], doubl
     return scene_add_light(scene, light, &frame, option);
 }
 
-static result_t add_dome(scene_builder_t *scene, const sky_t *sky, const import_wishes_t *wishes)
-{
-    enum { HEIGHT = 256, WIDTH = 2 * HEIGHT };
-    vec3_t *pixels = mem_alloc(sizeof *pixels * WIDTH * HEIGHT);
-    for (int y = 0; y < HEIGHT; ++y)
-        for (int x = 0; x < WIDTH; ++x) {
-            double theta = (y + 0.5) * pi / HEIGHT, phi = (x + 0.5) * 2 * pi / WIDTH, s = sin(theta);
-            pixels[y * WIDTH + x] = sky_radiance(sky, (double[3]){s * cos(phi), cos(theta), s * sin(phi)});
-        }
-    blob_ref_t image = scene_float_image(scene, &pixels[0].x, WIDTH, HEIGHT, 3);
-    free(pixels);
-    return add_image_light(scene, image, wishes, 0);
-}
-
-enum { SUN_ROWS = 4096, SUN_LIT = 8 }; /* SUN_LIT: rows from the pole that may be lit */
-
-/* The solid angle of a disc of radiance 1 at the pole of an image of one column, looked up linearly between
- * its rows. */
-static double solid_angle(const float *rows)
-{
-    enum { STEPS = 256 };
-    double sum = 0, width = pi / SUN_ROWS;
-    for (int i = 0; i < SUN_LIT * STEPS; ++i) {
-        double at = (i + 0.5) / STEPS, below = floor(at - 0.5), t = at - 0.5 - below;
-        double low = (double)rows[below < 0 ? 0 : (int)below], high = (double)rows[(int)below + 1];
-        sum += ((1 - t) * low + t * high) * 2 * pi * sin(at * width) * width / STEPS;
-    }
-    return sum;
-}
-
-/* The sun's disc is the pole of an image of one column, so that it takes 16 KiB and is sampled alone. */
-static result_t add_sun(scene_builder_t *scene, const sky_t *sky, const import_wishes_t *wishes)
-{
-    float *rows = mem_zalloc(SUN_ROWS, sizeof *rows);
-    for (int i = 0; i < SUN_LIT; ++i) rows[i] = (float)fmin(fmax(SKY_SUN_RADIUS / 180 * SUN_ROWS - i, 0), 1);
-    double scale = wishes->environment_factor / solid_angle(rows);
-    blob_light_t light = {.kind = LIGHT_INFINITE,
-                          .radiance = blob_colour_value(v_scale(sky->sun_irradiance, (float)scale)),
-                          .image = scene_float_image(scene, rows, 1, SUN_ROWS, 1),
-                          .mapping = LIGHT_LATLONG_Y};
-    free(rows);
-    /* The pole, y, along the sun. */
-    affine_t pole = {{{sky->sun[1], sky->sun[0], 0, 0}, {-sky->sun[0], sky->sun[1], 0, 0}, {0, 0, 1, 0}}};
-    affine_t frame = world_from_turned(wishes, 0);
-    frame = affine_multiply(&frame, &pole);
-    return scene_add_light(scene, light, &frame, option);
-}
-
 static result_t add_sky(scene_builder_t *scene, double elevation, const import_wishes_t *wishes)
 {
     sky_t sky;
-    sky_init(&sky, elevation);
-    TRY(add_dome(scene, &sky, wishes));
-    return add_sun(scene, &sky, wishes);
+    sky_init(&sky, elevation, SKY_TURBIDITY);
+    const daylight_t light = {.sky = &sky,
+                              .world_from_sky = world_from_turned(wishes, 0),
+                              .factor = wishes->environment_factor,
+                              .stretch = 1,
+                              .below = DAYLIGHT_GROUND,
+                              .sun_radius = SKY_SUN_RADIUS,
+                              .at = option};
+    TRY(daylight_add_sky(scene, &light));
+    return daylight_add_sun(scene, &light);
 }
 
 /* ---- the whole ----------------------------------------------------------------------------------------- */

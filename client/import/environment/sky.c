@@ -5,7 +5,6 @@
 #include "client/import/files/spectrum_data.h"
 
 static const double pi = 3.14159265358979323846;
-static const double turbidity = 3;
 static const double ground_albedo = 0.2;
 /* Of the sun outside the atmosphere, on a surface that faces it, in klx (CIE 85, 1989, rounded). */
 static const double solar_illuminance = 128;
@@ -26,14 +25,14 @@ static void set_scale(sky_perez_t *p, double zenith, double sun)
 }
 
 /* A cubic in the sun's angle from the zenith, whose coefficients are quadratic in the turbidity. */
-static double zenith_chromaticity(const double m[3][4], double sun)
+static double zenith_chromaticity(const double m[3][4], double turbidity, double sun)
 {
     double t[3] = {turbidity * turbidity, turbidity, 1}, sum = 0;
     for (int i = 0; i < 3; ++i) sum += t[i] * (((m[i][0] * sun + m[i][1]) * sun + m[i][2]) * sun + m[i][3]);
     return sum;
 }
 
-static void set_sky(sky_t *sky, double sun)
+static void set_sky(sky_t *sky)
 {
     static const double x[3][4] = {{0.00166, -0.00375, 0.00209, 0},
                                    {-0.02903, 0.06377, -0.03202, 0.00394},
@@ -41,7 +40,7 @@ static void set_sky(sky_t *sky, double sun)
     static const double y[3][4] = {{0.00275, -0.00610, 0.00317, 0},
                                    {-0.04214, 0.08970, -0.04153, 0.00516},
                                    {0.15346, -0.26756, 0.06670, 0.26688}};
-    double t = turbidity, chi = (4.0 / 9 - t / 120) * (pi - 2 * sun);
+    double t = sky->turbidity, sun = sky->sun_angle, chi = (4.0 / 9 - t / 120) * (pi - 2 * sun);
     sky->luminance = (sky_perez_t){.a = 0.1787 * t - 1.4630,
                                    .b = -0.3554 * t + 0.4275,
                                    .c = -0.0227 * t + 5.3251,
@@ -58,8 +57,8 @@ static void set_sky(sky_t *sky, double sun)
                            .d = -0.0441 * t - 1.6537,
                            .e = -0.0109 * t + 0.0529};
     set_scale(&sky->luminance, (4.0453 * t - 4.9710) * tan(chi) - 0.2155 * t + 2.4192, sun);
-    set_scale(&sky->x, zenith_chromaticity(x, sun), sun);
-    set_scale(&sky->y, zenith_chromaticity(y, sun), sun);
+    set_scale(&sky->x, zenith_chromaticity(x, t, sun), sun);
+    set_scale(&sky->y, zenith_chromaticity(y, t, sun), sun);
 }
 
 /* Linear sRGB (IEC 61966-2-1); what lies outside of it is 0. */
@@ -96,7 +95,7 @@ enum { SUN_FIRST = 380, SUN_STEP = 10, SUN_COUNT = 38, OZONE_FIRST = 450, OZONE_
  * haze (Angstrom), absorption by ozone (0.35 cm of it). Water vapour and other gases absorb where the eye
  * sees next to nothing, beyond 689 nm: they are left out. `mass` is the way through the air, 1 at the zenith.
  */
-static double transmittance(double lambda, double mass)
+static double transmittance(double lambda, double turbidity, double mass)
 {
     /* per cm, from 450 nm by 10 nm */
     static const double ozone[OZONE_COUNT] = {0.003, 0.006, 0.009, 0.014, 0.021, 0.030, 0.040, 0.048, 0.063,
@@ -126,7 +125,7 @@ static double luminous(const double power[SUN_COUNT])
 }
 
 /* Its illuminance on a surface that faces it, in klx; *colour has luminance 1. */
-static double sun_illuminance(double sun, rgb_t *colour)
+static double sun_illuminance(const sky_t *sky, rgb_t *colour)
 {
     /* Their table 2, from 380 nm by 10 nm; only its shape counts here. */
     static const double outside[SUN_COUNT] = {
@@ -136,7 +135,7 @@ static double sun_illuminance(double sun, rgb_t *colour)
     double lambda[SUN_COUNT], here[SUN_COUNT];
     for (int i = 0; i < SUN_COUNT; ++i) {
         lambda[i] = SUN_FIRST + SUN_STEP * i;
-        here[i] = outside[i] * transmittance(lambda[i], air_mass(sun));
+        here[i] = outside[i] * transmittance(lambda[i], sky->turbidity, air_mass(sky->sun_angle));
     }
     spectrum_t spectrum = {.lambda = lambda, .value = here, .count = SUN_COUNT};
     *colour = spectrum_colour(&spectrum, SPECTRUM_EMISSION, SPECTRUM_PBRT_V4);
@@ -164,13 +163,13 @@ static rgb_t flat_illuminance(const sky_t *sky)
     return vec3((float)sum[0], (float)sum[1], (float)sum[2]);
 }
 
-void sky_init(sky_t *sky, double elevation)
+void sky_init(sky_t *sky, double elevation, double turbidity)
 {
     double sun = (90 - elevation) * pi / 180;
-    *sky = (sky_t){.sun = {sin(sun), cos(sun), 0}};
-    set_sky(sky, sun);
+    *sky = (sky_t){.turbidity = turbidity, .sun_angle = sun, .sun = {sin(sun), cos(sun), 0}};
+    set_sky(sky);
     rgb_t colour;
-    double beam = sun_illuminance(sun, &colour);
+    double beam = sun_illuminance(sky, &colour);
     rgb_t flat = v_mad(flat_illuminance(sky), (float)(beam * fmax(cos(sun), 0)), colour);
     sky->illuminance = (double)rgb_luminance(flat);
     sky->scale = (float)(pi / sky->illuminance);

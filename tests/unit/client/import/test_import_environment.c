@@ -147,7 +147,7 @@ static void a_sky_has_the_light_of_nature(void **state)
 {
     (void)state;
     sky_t sky;
-    sky_init(&sky, 40);
+    sky_init(&sky, 40, SKY_TURBIDITY);
     assert_true(sky.illuminance > 60 && sky.illuminance < 80);
     /* Their zenith luminance at turbidity 3: (4.0453 T - 4.9710) tan chi - 0.2155 T + 2.4192. */
     double zenith = (double)rgb_luminance(sky_radiance(&sky, (double[3]){0, 1, 0}));
