@@ -65,7 +65,7 @@ static const char room_pbrt[] =
     "Material \"diffuse\" \"texture reflectance\" \"checks\"\n"
     "Shape \"trianglemesh\" \"point3 P\" [-3 0 3  3 0 3  3 0 -3  -3 0 -3] \"point2 uv\" [0 0 1 0 1 1 0 1] "
     "\"integer indices\" [0 1 2 0 2 3]\n"
-    "AttributeBegin\nMaterial \"diffuse\" \"rgb reflectance\" [0.5 0.5 0.5]\n"
+    "AttributeBegin\nMaterial \"diffuse\" \"rgb reflectance\" [0 0 0]\n"
     "AreaLightSource \"diffuse\" \"rgb L\" [8 8 7]\n"
     "Shape \"trianglemesh\" \"point3 P\" [-0.7 3 -0.7  0.7 3 -0.7  0.7 3 0.7  -0.7 3 0.7] "
     "\"integer indices\" [0 1 2 0 2 3]\nAttributeEnd\n"

@@ -220,6 +220,7 @@ static result_t fill_phong(maker_t *k)
     TRY(report_refuse(k->m->report, k->object->at,
                       "bsdf \"%.20s\" is not supported; the nearest is a glossy surface of the same width",
                       object_type(k->object)));
+    property_ignore(k->object, "variant");
     k->record.kind = MATERIAL_GLTF;
     k->record.flags = MATERIAL_THIN;
     k->record.values[VALUE_SPECULAR] = blob_constant(1);
@@ -286,19 +287,26 @@ static result_t linear_plastic(maker_t *k, blob_value_t base)
     return result_ok();
 }
 
+/* A coat reflects what Fresnel's equations say. */
+static result_t refuse_tint(maker_t *k)
+{
+    rgb_t tint = {1, 1, 1};
+    TRY(property_colour(k->m, k->object, "specularReflectance", &tint));
+    if (tint.x == 1 && tint.y == 1 && tint.z == 1) return result_ok();
+    return report_refuse(k->m->report, k->object->at,
+                         "the specularReflectance of a \"%.20s\" is not supported; the nearest is 1",
+                         object_type(k->object));
+}
+
 static result_t fill_plastic(maker_t *k)
 {
     bool nonlinear = false;
-    rgb_t specular = {1, 1, 1};
     no_medium(&k->record);
     TRY(read_relative_index(k, 1.49));
     if (strcmp(object_type(k->object), "roughplastic") == 0) TRY(read_surface_alphas(k));
     TRY(value(k, "diffuseReflectance", 0.5, VALUE_REFLECTANCE));
     TRY(property_bool(k->m, k->object, "nonlinear", &nonlinear));
-    TRY(property_colour(k->m, k->object, "specularReflectance", &specular));
-    if (!(specular.x == 1 && specular.y == 1 && specular.z == 1))
-        TRY(report_refuse(k->m->report, k->object->at,
-                          "a plastic's specularReflectance is not supported; the nearest is 1"));
+    TRY(refuse_tint(k));
     return nonlinear ? result_ok() : linear_plastic(k, k->record.values[VALUE_REFLECTANCE]);
 }
 
@@ -488,6 +496,7 @@ static result_t hold_coating(maker_t *k)
         TRY(report_refuse(k->m->report, k->object->at,
                           "a coat's coloured sigmaA is not supported; the nearest is "
                           "its mean"));
+    TRY(refuse_tint(k));
     no_medium(&k->record);
     TRY(read_relative_index(k, glass));
     double eta = (double)k->record.values[VALUE_ETA].factor.x;
@@ -611,7 +620,7 @@ static result_t make(mitsuba_t *m, element_t *object, bool flipped, material_t *
     return result_ok();
 }
 
-/* An OBJ file's materials are bsdfs of their names. */
+/* The last bsdf of a shape that is for all of it, or for the material `wanted`; NULL: none. */
 static result_t choose(mitsuba_t *m, const element_t *shape, const char *wanted, element_t **chosen)
 {
     element_t *at = NULL, *found;
@@ -620,11 +629,27 @@ static result_t choose(mitsuba_t *m, const element_t *shape, const char *wanted,
     for (;;) {
         TRY(object_child(m, shape, "bsdf", &at, &found, &name));
         if (!found) return result_ok();
-        if (!*chosen) *chosen = found;
-        if (!wanted || strcmp(name, wanted) != 0) continue;
-        *chosen = found;
-        return result_ok();
+        if (!wanted || !*name || strcmp(name, wanted) == 0) *chosen = found;
     }
+}
+
+static bool has_child(const element_t *object, const char *tag)
+{
+    const element_t *child = object->first;
+    while (child && strcmp(child->tag, tag) != 0) child = child->next;
+    return child != NULL;
+}
+
+/* A diffuse material of that reflectance, which `memory` is for: see mitsuba_t.plain. */
+static uint32_t plain(mitsuba_t *m, uint32_t *memory, const char *name, float reflectance)
+{
+    if (*memory == 0) {
+        blob_material_t record = {.kind = MATERIAL_DIFFUSE};
+        record.values[VALUE_REFLECTANCE] = blob_constant(reflectance);
+        record.name = blob_builder_string(m->scene->blob, name);
+        *memory = 1 + blob_builder_add(m->scene->blob, BLOB_SECTION_MATERIALS, &record, 1);
+    }
+    return *memory - 1;
 }
 
 result_t bsdf_of_shape(mitsuba_t *m, const element_t *shape, const char *wanted, bool flipped,
@@ -633,12 +658,12 @@ result_t bsdf_of_shape(mitsuba_t *m, const element_t *shape, const char *wanted,
     element_t *found;
     TRY(choose(m, shape, wanted, &found));
     if (found) return make(m, found, flipped, material);
-    if (m->plain == 0) {
-        blob_material_t record = {.kind = MATERIAL_DIFFUSE};
-        record.values[VALUE_REFLECTANCE] = blob_constant(0.5f);
-        record.name = blob_builder_string(m->scene->blob, "default");
-        m->plain = 1 + blob_builder_add(m->scene->blob, BLOB_SECTION_MATERIALS, &record, 1);
-    }
-    *material = (material_t){.index = m->plain - 1, .alpha = blob_constant(1)};
+    material->alpha = blob_constant(1);
+    if (has_child(shape, "emitter"))
+        material->index = plain(m, &m->black, "black", 0);
+    else if (has_child(shape, "medium"))
+        material->index = BLOB_NONE;
+    else
+        material->index = plain(m, &m->plain, "default", 0.5f);
     return result_ok();
 }

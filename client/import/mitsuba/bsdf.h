@@ -4,8 +4,10 @@
 
 #include "client/import/mitsuba/property.h"
 
-/* The material of a shape: its bsdf of that name, else its first; a diffuse one that reflects half where it
- * has none. `wanted` NULL: the first. `flipped`: see texture.h. */
+/* The material of a shape: its last bsdf. Of a shape from an OBJ file, whose material is called `wanted` (""
+ * where it has none), those of other names do not count. Where it has none it is a diffuse one that reflects
+ * half, or nothing where the shape emits; what holds a medium is invisible. `wanted` NULL: it is from no OBJ
+ * file. `flipped`: see texture.h. */
 result_t bsdf_of_shape(mitsuba_t *m, const element_t *shape, const char *wanted, bool flipped,
                        material_t *material);
 

@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "client/import/mitsuba/daylight_emitter.h"
 #include "client/import/scene/scene_images.h"
 
 static const double radians = 3.14159265358979323846 / 180;
@@ -135,12 +136,38 @@ static result_t add_environment(work_t *w)
     return add(w, &frame);
 }
 
+static result_t add_daylight(work_t *w)
+{
+    affine_t frame;
+    TRY(take_frame(w, &frame));
+    for (int i = 0; i < 3; ++i) frame.m[i][3] = 0;
+    return daylight_emitter_add(w->m, w->element, &frame);
+}
+
+/* A ray becomes a cone of half a degree with the ray's power. Its solid angle is that of the cosine that the
+ * renderer has. */
+static result_t add_collimated(work_t *w)
+{
+    affine_t frame;
+    rgb_t power = {1, 1, 1};
+    w->light.kind = LIGHT_SPOT;
+    TRY(property_colour(w->m, w->element, "power", &power));
+    float cosine = (float)cos(0.25 * radians);
+    w->light.parameters[0] = w->light.parameters[1] = cosine;
+    w->light.radiance = blob_colour_value(v_scale(power, 1 / (TWO_PI_F * (1 - cosine))));
+    report_warning(w->m->report, w->element->at,
+                   "a collimated beam is a ray without width in Mitsuba; here it is a cone of half a degree");
+    TRY(take_frame(w, &frame));
+    return add(w, &frame);
+}
+
 static const struct {
     const char *type;
     result_t (*add)(work_t *w);
 } emitters[] = {
     {"point", add_point},       {"spot", add_spot},          {"directional", add_directional},
-    {"constant", add_constant}, {"envmap", add_environment},
+    {"constant", add_constant}, {"envmap", add_environment}, {"collimated", add_collimated},
+    {"sky", add_daylight},      {"sun", add_daylight},       {"sunsky", add_daylight},
 };
 
 result_t emitter_add(mitsuba_t *m, element_t *emitter)

@@ -72,6 +72,15 @@ static result_t read_integrator(mitsuba_t *m)
     return integrator ? sensor_integrator(m, integrator) : result_ok();
 }
 
+/* How Mitsuba builds the tree over its shapes. */
+static void ignore_tree(const mitsuba_t *m)
+{
+    for (element_t *child = m->xml.root->first; child; child = child->next) {
+        const char *name = element_attribute(child, "name");
+        if (name && strncmp(name, "kd", 2) == 0) child->used = true;
+    }
+}
+
 static result_t add_scene(mitsuba_t *m)
 {
     size_t shapes;
@@ -87,6 +96,7 @@ static result_t add_scene(mitsuba_t *m)
     scene_default_light(m->scene, true, m->xml.root->at);
     TRY(read_integrator(m));
     TRY(read_sensor(m));
+    ignore_tree(m);
     TRY(object_finish(m, m->xml.root));
     return scene_finish(m->scene, &m->record, m->xml.root->at);
 }

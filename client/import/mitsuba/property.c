@@ -98,34 +98,57 @@ result_t object_only(mitsuba_t *m, const element_t *object, const char *tag, ele
     return object_child(m, object, tag, &at, found, &name);
 }
 
+static bool is_property(const element_t *element)
+{
+    static const char *const tags[] = {"integer",   "float",     "boolean", "string",   "point", "vector",
+                                       "transform", "animation", "rgb",     "spectrum", "srgb",  "blackbody"};
+    for (size_t i = 0; i < ARRAY_LENGTH(tags); ++i)
+        if (strcmp(element->tag, tags[i]) == 0) return true;
+    return false;
+}
+
+static result_t tell_unused(const mitsuba_t *m, const element_t *object, const element_t *child)
+{
+    const char *name = element_attribute(child, "name"), *type = element_attribute(child, "type");
+    const char *what = name ? name : type ? type : "", *of = object_type(object);
+    if (is_property(child))
+        return report_tolerate(m->report, child->at,
+                               "%s \"%.60s\" means nothing in %s \"%.60s\": Mitsuba ignores it", child->tag,
+                               what, object->tag, of);
+    return report_refuse(m->report, child->at,
+                         "%s \"%.60s\" is not supported in %s \"%.60s\"; the nearest is to leave it out",
+                         child->tag, what, object->tag, of);
+}
+
 result_t object_finish(mitsuba_t *m, const element_t *object)
 {
+    static const char *const silent[] = {"default", "include", "alias"};
     for (const element_t *child = object->first; child; child = child->next) {
-        if (child->used || strcmp(child->tag, "default") == 0 || strcmp(child->tag, "include") == 0 ||
-            strcmp(child->tag, "alias") == 0)
-            continue;
-        const char *name = element_attribute(child, "name"), *type = element_attribute(child, "type");
-        const char *what = name ? name : type ? type : "";
-        TRY(report_refuse(m->report, child->at,
-                          "%s \"%.60s\" is not supported in %s \"%.60s\"; the nearest "
-                          "is to leave it out",
-                          child->tag, what, object->tag, object_type(object)));
+        bool told = child->used;
+        for (size_t i = 0; i < ARRAY_LENGTH(silent); ++i) told = told || strcmp(child->tag, silent[i]) == 0;
+        if (!told) TRY(tell_unused(m, object, child));
+        if (child->replaced)
+            TRY(report_tolerate(m->report, child->at,
+                                "\"%.60s\" is given again below: Mitsuba takes the last",
+                                element_attribute(child, "name")));
     }
     return result_ok();
 }
 
 element_t *property_find(const element_t *object, const char *name)
 {
+    element_t *found = NULL;
     for (element_t *child = object->first; child; child = child->next) {
         const char *given = element_attribute(child, "name");
         if (!given || strcmp(given, name) != 0) continue;
+        if (found) found->replaced = true;
         child->used = true;
-        return child;
+        found = child;
     }
-    return NULL;
+    return found;
 }
 
-void property_ignore(element_t *object, const char *name)
+void property_ignore(const element_t *object, const char *name)
 {
     property_find(object, name);
 }

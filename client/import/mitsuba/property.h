@@ -24,7 +24,7 @@ typedef struct {
     size_t id_capacity;
     material_t *materials; /* element_t.object and .variant are 1 + an index into them */
     size_t material_count, material_capacity;
-    uint32_t plain; /* 1 + the material of shapes that have none; 0: not made yet */
+    uint32_t plain, black; /* 1 + the material of shapes that have none, and emit; 0: not made yet */
     blob_scene_t record;
     int material_depth;
     bool said_one_sided, said_beckmann;
@@ -43,12 +43,14 @@ result_t object_child(mitsuba_t *m, const element_t *object, const char *tag, el
                       element_t **found, const char **name);
 /* A child that only one of is expected: the first; NULL: none. */
 result_t object_only(mitsuba_t *m, const element_t *object, const char *tag, element_t **found);
-/* Tells of each child that nobody has asked for: an error, or, when the import is lenient, a warning. */
+/* Tells of each child that nobody has asked for. Of an object it is an error, or, when the import is lenient,
+ * a warning; Mitsuba ignores properties that it does not know: see report_tolerate. Also of those that are
+ * given twice. */
 result_t object_finish(mitsuba_t *m, const element_t *object);
 /* Marks children of that name as used. */
-void property_ignore(element_t *object, const char *name);
+void property_ignore(const element_t *object, const char *name);
 
-/* The child of that name, of any tag; NULL: none. */
+/* The child of that name, of any tag, the last of several, as in Mitsuba; NULL: none. */
 element_t *property_find(const element_t *object, const char *name);
 /* Each leaves *value as it is where there is no property of that name. A number beyond its bounds is an
  * error.

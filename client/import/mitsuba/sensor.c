@@ -37,11 +37,14 @@ static result_t read_filter(mitsuba_t *m, element_t *film)
                              object_type(found));
     blob_filter_t *filter = &m->record.filter;
     *filter = filters[i].filter;
-    double sigma = 0.5, b = (double)filter->parameters[0], c = (double)filter->parameters[1], lobes = 3;
+    double sigma = 0.5, radius = 0.5, b = (double)filter->parameters[0], c = (double)filter->parameters[1],
+           lobes = 3;
     TRY(property_number(m, found, "stddev", 0.05, 8, &sigma));
     TRY(property_number(m, found, "B", -10, 10, &b));
     TRY(property_number(m, found, "C", -10, 10, &c));
     TRY(property_number(m, found, "lobes", 1, 16, &lobes));
+    TRY(property_number(m, found, "radius", 0.05, 8, &radius));
+    if (filter->kind == FILTER_BOX) filter->radius_x = filter->radius_y = (float)radius;
     if (filter->kind == FILTER_MITCHELL) filter->parameters[0] = (float)b, filter->parameters[1] = (float)c;
     if (filter->kind == FILTER_GAUSSIAN) {
         filter->parameters[0] = (float)sigma;
@@ -192,26 +195,32 @@ static result_t read_lens(mitsuba_t *m, element_t *sensor, const affine_t *world
     static const char *const ignored[] = {"nearClip", "farClip", "focusDistance", "shutterOpen",
                                           "shutterClose"};
     const char *type = object_type(sensor);
-    bool lens = strcmp(type, "thinlens") == 0, orthographic = strcmp(type, "orthographic") == 0;
-    if (!lens && !orthographic && strcmp(type, "perspective") != 0)
+    bool lens = strcmp(type, "thinlens") == 0, known = lens || strcmp(type, "perspective") == 0;
+    for (size_t i = 0; i < ARRAY_LENGTH(ignored); ++i) property_ignore(sensor, ignored[i]);
+    if (strcmp(type, "orthographic") == 0) {
+        set_orthographic(m, world_from_sensor, aspect);
+        return result_ok();
+    }
+    if (strcmp(type, "spherical") == 0) {
+        m->record.camera = CAMERA_SPHERICAL;
+        return result_ok();
+    }
+    if (!known)
         TRY(report_refuse(m->report, sensor->at,
                           "sensor \"%.40s\" is not supported; the nearest is perspective", type));
-    if (orthographic)
-        set_orthographic(m, world_from_sensor, aspect);
-    else
-        TRY(read_perspective(m, sensor, aspect, lens));
-    for (size_t i = 0; i < ARRAY_LENGTH(ignored); ++i) property_ignore(sensor, ignored[i]);
-    return result_ok();
+    return read_perspective(m, sensor, aspect, lens);
 }
 
-/* Mitsuba's sensors have x to the left of the image. */
+/* Mitsuba's sensors have x to the left of the image; a spherical one begins at -z and goes to +x, where the
+ * blob's goes from +x to +z. */
 static result_t place(mitsuba_t *m, const element_t *sensor, const affine_t *world_from_sensor)
 {
-    static const double mirror[3] = {-1, 1, 1};
-    affine_t frame, flip = affine_scaling(mirror);
+    static const affine_t flip = {{{-1, 0, 0, 0}, {0, 1, 0, 0}, {0, 0, 1, 0}}};
+    static const affine_t turn = {{{0, 0, 1, 0}, {0, 1, 0, 0}, {-1, 0, 0, 0}}};
+    affine_t frame;
     if (!affine_frame(world_from_sensor, &frame))
         return error_at(sensor->at, "the sensor's transform has no direction, or lies beyond 1e18");
-    frame = affine_multiply(&frame, &flip);
+    frame = affine_multiply(&frame, m->record.camera == CAMERA_SPHERICAL ? &turn : &flip);
     return scene_place_camera(&m->record, &frame, &frame, sensor->at);
 }
 
@@ -229,6 +238,8 @@ result_t sensor_read(mitsuba_t *m, element_t *sensor)
 
 /* ---- integrators --------------------------------------------------------------------------------------- */
 
+static result_t read_integrator(mitsuba_t *m, element_t *integrator, int depth);
+
 /* Mitsuba's depth counts what is seen itself: 1 is light alone, 2 one bounce, -1 no bound. */
 static result_t read_depth(mitsuba_t *m, const element_t *integrator, double otherwise)
 {
@@ -241,8 +252,46 @@ static result_t read_depth(mitsuba_t *m, const element_t *integrator, double oth
     return result_ok();
 }
 
-result_t sensor_integrator(mitsuba_t *m, element_t *integrator)
+static result_t hidden_emitters(mitsuba_t *m, const element_t *integrator)
 {
+    bool hide = false;
+    TRY(property_bool(m, integrator, "hideEmitters", &hide));
+    if (hide)
+        report_warning(
+            m->report, integrator->at,
+            "hideEmitters: they stay where the camera sees them; Mitsuba would not show their light");
+    return result_ok();
+}
+
+/* An integrator's other parameters say how it works, not what it shows. */
+static result_t read_parameters(mitsuba_t *m, const element_t *integrator, double depth)
+{
+    TRY(hidden_emitters(m, integrator));
+    return read_depth(m, integrator, depth);
+}
+
+/* One that works on the picture of another: what shows the light. */
+static result_t read_inner(mitsuba_t *m, element_t *integrator, int depth)
+{
+    enum { MOST_NESTED = 8 };
+    element_t *at = NULL, *inner;
+    const char *name;
+    if (depth == MOST_NESTED)
+        return error_at(integrator->at, "more than %d integrators in one another", depth);
+    do TRY(object_child(m, integrator, "integrator", &at, &inner, &name));
+    while (inner && strcmp(object_type(inner), "field") == 0);
+    if (!inner)
+        return report_refuse(m->report, integrator->at,
+                             "integrator \"%.40s\" holds none that shows light; the nearest is path",
+                             object_type(integrator));
+    report_warning(m->report, integrator->at, "of integrator \"%s\" only \"%.40s\" within is rendered",
+                   object_type(integrator), object_type(inner));
+    return read_integrator(m, inner, depth + 1);
+}
+
+static result_t read_integrator(mitsuba_t *m, element_t *integrator, int depth)
+{
+    static const char *const outer[] = {"adaptive", "irrcache", "multichannel"};
     static const struct {
         const char *type;
         integrator_t integrator;
@@ -258,16 +307,23 @@ result_t sensor_integrator(mitsuba_t *m, element_t *integrator)
         {"vpl", INTEGRATOR_BDPT, -1, true},
     };
     const char *type = object_type(integrator);
+    m->record.integrator = INTEGRATOR_PATH;
+    for (size_t i = 0; i < ARRAY_LENGTH(outer); ++i)
+        if (strcmp(type, outer[i]) == 0) return read_inner(m, integrator, depth);
     for (size_t i = 0; i < ARRAY_LENGTH(rows); ++i) {
         if (strcmp(type, rows[i].type) != 0) continue;
         m->record.integrator = rows[i].integrator;
         if (rows[i].substitute)
             report_warning(m->report, integrator->at, "integrator \"%s\" becomes bdpt, which shows the same",
                            type);
-        return read_depth(m, integrator, rows[i].depth);
+        return read_parameters(m, integrator, rows[i].depth);
     }
-    m->record.integrator = INTEGRATOR_PATH;
     TRY(report_refuse(m->report, integrator->at, "integrator \"%.40s\" is not supported; the nearest is path",
                       type));
-    return read_depth(m, integrator, -1);
+    return read_parameters(m, integrator, -1);
+}
+
+result_t sensor_integrator(mitsuba_t *m, element_t *integrator)
+{
+    return read_integrator(m, integrator, 0);
 }

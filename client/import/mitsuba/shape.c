@@ -121,7 +121,7 @@ static result_t add_parts(work_t *w, wavefront_t *file)
     if (file->part_count == 0) return error_at(w->element->at, "its file has no face");
     for (size_t i = 0; i < file->part_count; ++i) {
         wavefront_part_t *part = &file->parts[i];
-        const char *name = part->material != WAVEFRONT_NONE ? file->materials.texts[part->material] : NULL;
+        const char *name = part->material != WAVEFRONT_NONE ? file->materials.texts[part->material] : "";
         TRY(add_mesh(w, &part->mesh, name, w->element->at, result_ok()));
     }
     return result_ok();
@@ -132,6 +132,9 @@ static result_t make_obj(work_t *w)
     char *path = NULL;
     wavefront_t file;
     w->flipped = true;
+    if (property_find(w->element, "shapeIndex"))
+        TRY(report_refuse(w->m->report, w->element->at,
+                          "shapeIndex is not supported in an obj; the nearest is all of the file"));
     TRY(read_file_name(w, &path));
     result_t result = property_bool(w->m, w->element, "flipTexCoords", &w->flipped);
     if (result.code == RESULT_OK) {

@@ -19,6 +19,7 @@ static result_t read_mapping(mitsuba_t *m, const element_t *object, bool flipped
     TRY(property_number(m, object, "vscale", -most, most, &scale[1]));
     TRY(property_number(m, object, "uoffset", -most, most, &offset[0]));
     TRY(property_number(m, object, "voffset", -most, most, &offset[1]));
+    property_ignore(object, "coordinates"); /* uv is all that there is */
     texture->mapping = MAPPING_UV;
     texture->texture_from_world = xform_identity();
     texture->matrix[0][0] = (float)scale[0];

@@ -143,6 +143,12 @@ static result_t replace_parameters(xml_t *xml, const char *value, position_t at,
 
 /* ---- elements ------------------------------------------------------------------------------------------ */
 
+static void lower(char *text)
+{
+    for (; *text; ++text)
+        if (*text >= 'A' && *text <= 'Z') *text = (char)(*text - 'A' + 'a');
+}
+
 static result_t copy_attributes(reader_t *r, element_t *element, const char **attributes)
 {
     size_t count = 0;
@@ -152,6 +158,7 @@ static result_t copy_attributes(reader_t *r, element_t *element, const char **at
         element->attributes[i] = mem_strdup(attributes[i]);
         char **value = (char **)&element->attributes[i + 1];
         TRY(replace_parameters(r->xml, attributes[i + 1], element->at, value));
+        if (strcmp(attributes[i], "type") == 0) lower(*value); /* Mitsuba does not tell them apart */
     }
     return result_ok();
 }
@@ -220,9 +227,12 @@ static void on_end(void *data, const char *tag)
 static void on_text(void *data, const char *text, int length)
 {
     reader_t *r = data;
-    for (int i = 0; i < length; ++i)
-        if (!strchr(" \t\r\n", text[i]) && r->result.code == RESULT_OK)
-            stop(r, error_at(here(r), "text between elements means nothing here"));
+    int i = 0;
+    while (i < length && strchr(" \t\r\n", text[i])) ++i;
+    if (i == length || r->result.code != RESULT_OK) return;
+    result_t result = report_tolerate(r->xml->scene->report, here(r),
+                                      "text between elements means nothing: Mitsuba ignores it");
+    if (result.code != RESULT_OK) stop(r, result);
 }
 
 static void on_entity(void *data, const char *name, int is_parameter, const char *value, int length,

@@ -18,6 +18,7 @@ typedef struct element {
     struct element *parent, *first, *last, *next; /* its children, and the next child of its parent */
     struct element *older;                        /* the one that was read before it; all are in that list */
     bool used;                                    /* somebody asked for it: see property.h */
+    bool replaced;    /* a property of the same name follows, which counts instead */
     uint32_t object;  /* what it became, where only one thing is made of it; 0: nothing */
     uint32_t variant; /* the same, of a material on flipped coordinates */
 } element_t;
