@@ -30,12 +30,13 @@ static const option_t rows[] = {
     OPTION(import_wishes_t, fov, "fov", "DEGREES",
            "field of view of a perspective camera, along the shorter side of the picture",
            OPTION_RANGE(1e-3, 179.9)),
-    OPTION(
-        import_wishes_t, lens_radius, "lens-radius", "LENGTH",
-        "radius of its lens, in units of the scene (0: a pinhole); half the focal length over the f-number",
-        OPTION_RANGE(0, 1e18)),
+    OPTION(import_wishes_t, lens_radius, "lens-radius", "LENGTH",
+           "radius of the lens of a perspective or orthographic camera, in units of the scene (0: all is "
+           "sharp); "
+           "half the focal length over the f-number",
+           OPTION_RANGE(0, 1e18)),
     OPTION(import_wishes_t, focus, "focus", "DISTANCE|OBJECT",
-           "what its lens shows sharp: the plane so far away, or that through the middle of an object"),
+           "what that lens shows sharp: the plane so far away, or that through the middle of an object"),
     OPTION(import_wishes_t, definitions, "define", "NAME=VALUE",
            "what $NAME stands for in a Mitsuba scene, whatever its <default> says; once for each parameter",
            .letter = 'D'),

@@ -5,7 +5,7 @@
 
 #include "common/vec.h"
 
-enum { BLOB_VERSION = 3 };
+enum { BLOB_VERSION = 4 };
 #define BLOB_NONE 0xFFFFFFFFu
 #define BLOB_MAX_BYTES ((uint64_t)1 << 36)
 enum {
@@ -56,7 +56,8 @@ typedef struct {
 
 typedef enum {
     CAMERA_PERSPECTIVE = 1,  /* pinhole or thin lens */
-    CAMERA_ORTHOGRAPHIC = 2, /* screen window in units of camera space */
+    CAMERA_ORTHOGRAPHIC = 2, /* screen window in units of camera space; with a lens it is telecentric: through
+                                each of its points pass parallel rays */
     CAMERA_SPHERICAL = 3, /* latitude-longitude: film y is the angle from camera +y, film x the angle about y
                              from +x towards +z (pbrt-v3's environment camera) */
     CAMERA_EQUAL_AREA = 4 /* the octahedral equal-area map of pbrt-v4's spherical camera */
@@ -68,7 +69,7 @@ typedef struct {
     xform_t world_from_camera;     /* camera space: x right, y up, looks down +z, as in pbrt */
     xform_t world_from_camera_end; /* at time 1; equal to world_from_camera when the camera stands still */
     float fov;              /* degrees, along the shorter side of the screen window; perspective alone */
-    float lens_radius;      /* 0: pinhole */
+    float lens_radius;      /* 0: all is sharp; perspective and orthographic */
     float focal_distance;   /* of the plane in focus, along z; > 0 */
     float screen_window[4]; /* x min, x max, y min, y max in units of the window with half-height 1; all 0:
                                made from the resolution, the shorter side spanning [-1, 1] */

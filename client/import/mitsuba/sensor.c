@@ -159,17 +159,21 @@ static result_t read_half_width(mitsuba_t *m, const element_t *sensor, double as
     return result_ok();
 }
 
-static result_t read_perspective(mitsuba_t *m, const element_t *sensor, double aspect, bool lens)
+static result_t read_perspective(mitsuba_t *m, const element_t *sensor, double aspect)
 {
-    double half = 0, radius = 0, focus = 1e4;
+    double half = 0;
     m->record.camera = CAMERA_PERSPECTIVE;
     TRY(read_half_width(m, sensor, aspect, &half));
     m->record.fov = (float)(2 * atan(aspect > 1 ? half / aspect : half) * degrees);
+    return result_ok();
+}
+
+/* Of thinlens and telecentric, in the world's units. */
+static result_t read_aperture(mitsuba_t *m, const element_t *sensor)
+{
+    double radius = 0, focus = 1e4;
     TRY(property_number(m, sensor, "farClip", 1e-18, 1e30, &focus));
     TRY(property_number(m, sensor, "focusDistance", 1e-18, 1e18, &focus));
-    if (!lens) return result_ok();
-    if (!property_find(sensor, "apertureRadius"))
-        return error_at(sensor->at, "thinlens needs an apertureRadius");
     TRY(property_number(m, sensor, "apertureRadius", 0, 1e18, &radius));
     m->record.lens_radius = (float)radius;
     m->record.focal_distance = (float)focus;
@@ -195,9 +199,13 @@ static result_t read_lens(mitsuba_t *m, element_t *sensor, const affine_t *world
     static const char *const ignored[] = {"nearClip", "farClip", "focusDistance", "shutterOpen",
                                           "shutterClose"};
     const char *type = object_type(sensor);
-    bool lens = strcmp(type, "thinlens") == 0, known = lens || strcmp(type, "perspective") == 0;
+    bool thin = strcmp(type, "thinlens") == 0, telecentric = strcmp(type, "telecentric") == 0;
+    bool known = thin || strcmp(type, "perspective") == 0;
+    if (thin && !property_find(sensor, "apertureRadius"))
+        return error_at(sensor->at, "thinlens needs an apertureRadius");
+    if (thin || telecentric) TRY(read_aperture(m, sensor));
     for (size_t i = 0; i < ARRAY_LENGTH(ignored); ++i) property_ignore(sensor, ignored[i]);
-    if (strcmp(type, "orthographic") == 0) {
+    if (telecentric || strcmp(type, "orthographic") == 0) {
         set_orthographic(m, world_from_sensor, aspect);
         return result_ok();
     }
@@ -208,7 +216,7 @@ static result_t read_lens(mitsuba_t *m, element_t *sensor, const affine_t *world
     if (!known)
         TRY(report_refuse(m->report, sensor->at,
                           "sensor \"%.40s\" is not supported; the nearest is perspective", type));
-    return read_perspective(m, sensor, aspect, lens);
+    return read_perspective(m, sensor, aspect);
 }
 
 /* Mitsuba's sensors have x to the left of the image; a spherical one begins at -z and goes to +x, where the

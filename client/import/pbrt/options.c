@@ -1,228 +1,18 @@
-/* options: the directives before WorldBegin: camera, film, sampler, integrator, pixel filter.
+/* options: the directives before WorldBegin but the camera: film, sampler, integrator, pixel filter.
  *
  * Each has a table of the kinds that pbrt knows. A sampler or an integrator of ours stands in for one that we
  * do not have, with a warning, since the converged picture is the same or nearly so; a camera, film or filter
  * that we do not have makes another picture and is an error. */
 #include "client/import/pbrt/options.h"
+
+#include "client/import/pbrt/cameras.h"
+#include "client/import/pbrt/settings.h"
 #include "client/import/pbrt/state/arguments.h"
 #include "client/import/pbrt/state/colour_spaces.h"
 
 #include <ctype.h>
 #include <stdlib.h>
 #include <string.h>
-
-/* ---- what is stored until WorldBegin ------------------------------------------------------------------- */
-
-/* Reads the type and the parameters. As in pbrt the last of each kind counts, and what was wrong with the
- * others does not. */
-static result_t keep(pbrt_t *p, setting_kind_t kind, const char *directive, const char *what, position_t at)
-{
-    setting_t *setting = &p->settings[kind];
-    TRY(pbrt_read_string(p, 0, what));
-    TRY(pbrt_read_params(p));
-    if (setting->type)
-        TRY(report_tolerate(p->report, at, "a second %s; the first, in line %u of %s, is dropped, as by pbrt",
-                            directive, setting->at.line, setting->at.path));
-    free(setting->type);
-    params_destroy(&setting->params);
-    *setting = (setting_t){mem_strdup(p->arguments[0]), p->params, at};
-    p->params = params_new();
-    return result_ok();
-}
-
-/* The first entry of a table that the scene's dialect has. */
-static const char *first_type(const pbrt_t *p, const void *table, size_t count, size_t size)
-{
-    const dialect_entry_t *entry = table;
-    for (size_t i = 0; i < count && !(entry->dialects & p->dialect.dialect); ++i)
-        entry = (const dialect_entry_t *)((const char *)table + i * size);
-    return entry->name;
-}
-
-/* The entry of the recalled type in a table; of an unknown one a lenient import takes `nearest`. */
-static result_t find_type(pbrt_t *p, const void *table, size_t count, size_t size, const char *kind,
-                          const char *nearest, position_t at, size_t *index)
-{
-    const char *type = p->arguments[0];
-    if (entry_knows(table, count, size, type))
-        return entry_find(table, count, size, kind, type, &p->dialect, at, index);
-    TRY(report_refuse(p->report, at, "unknown %s \"%.40s\"; the nearest is \"%s\"", kind, type, nearest));
-    return entry_find(table, count, size, kind, nearest, &p->dialect, at, index);
-}
-#define FIND_TYPE(p, table, kind, nearest, at, index)                                                        \
-    find_type(p, table, ARRAY_LENGTH(table), sizeof *(table), kind, nearest, at, index)
-
-/* Puts a stored setting where its directive had it: in the state's arguments and parameters. False when there
- * is none. */
-static bool recall(pbrt_t *p, setting_kind_t kind)
-{
-    setting_t *setting = &p->settings[kind];
-    if (!setting->type) return false;
-    free(p->arguments[0]);
-    params_destroy(&p->params);
-    p->arguments[0] = setting->type;
-    p->params = setting->params;
-    setting->type = NULL;
-    setting->params = NULL;
-    return true;
-}
-
-/* ---- camera -------------------------------------------------------------------------------------------- */
-
-static result_t read_fov(pbrt_t *p, params_t *params)
-{
-    const double most = 179.9;
-    double fov = (double)p->scene.fov, half;
-    TRY(params_float_in(params, "fov", 1e-3, most, &fov));
-    if (p->dialect.dialect == DIALECT_V3 && params_has(params, "halffov")) {
-        half = fov / 2;
-        TRY(params_float_in(params, "halffov", 5e-4, most / 2, &half));
-        fov = 2 * half;
-    }
-    p->scene.fov = (float)fov;
-    return result_ok();
-}
-
-static result_t read_window(pbrt_t *p, params_t *params)
-{
-    const double *window;
-    size_t count;
-    TRY(params_float_in(params, "frameaspectratio", 1e-3, 1e3, &p->frame_aspect));
-    TRY(params_array(params, "screenwindow", PARAM_BIT(PARAM_FLOAT), 4, &window, &count));
-    if (count == 0) return result_ok();
-    if (count != 4 || !(window[0] < window[1]) || !(window[2] < window[3]))
-        return error_at(params_where(params, "screenwindow", p->camera_at),
-                        "screenwindow takes x min, x max, y min, y max, each minimum below its maximum");
-    for (int i = 0; i < 4; ++i) p->scene.screen_window[i] = (float)window[i];
-    return result_ok();
-}
-
-/* A shutter that closes before it opens is turned round in v3, as in pbrt; in v4 it lets no light in. */
-static result_t read_shutter(pbrt_t *p, params_t *params)
-{
-    double open = 0, close = 1;
-    TRY(params_float_in(params, "shutteropen", -1e30, 1e30, &open));
-    TRY(params_float_in(params, "shutterclose", -1e30, 1e30, &close));
-    if (p->dialect.dialect == DIALECT_V4 && !(close > open))
-        return error_at(params_where(params, "shutterclose", p->camera_at),
-                        "the shutter closes at %g, but opens at %g: no light comes in", close, open);
-    p->shutter[0] = fmin(open, close);
-    p->shutter[1] = fmax(open, close);
-    return result_ok();
-}
-
-static result_t read_lens(pbrt_t *p, params_t *params)
-{
-    double radius = 0, distance = 1e6;
-    TRY(params_float_in(params, "lensradius", 0, 1e18, &radius));
-    TRY(params_float_in(params, "focaldistance", -1e30, 1e30, &distance));
-    if (radius > 0 && !((float)distance > 0))
-        return error_at(params_where(params, "focaldistance", p->camera_at),
-                        "focaldistance is %g, but must be positive", distance);
-    p->scene.lens_radius = (float)radius;
-    p->scene.focal_distance = (float)distance > 0 ? (float)distance : 1e6f;
-    return result_ok();
-}
-
-static result_t make_perspective(pbrt_t *p, params_t *params)
-{
-    TRY(read_fov(p, params));
-    TRY(read_window(p, params));
-    TRY(read_lens(p, params));
-    return read_shutter(p, params);
-}
-
-static result_t make_orthographic(pbrt_t *p, params_t *params)
-{
-    p->scene.camera = CAMERA_ORTHOGRAPHIC;
-    TRY(read_window(p, params));
-    TRY(read_lens(p, params));
-    TRY(read_shutter(p, params));
-    if (p->scene.lens_radius == 0) return result_ok();
-    p->scene.lens_radius = 0;
-    return report_refuse(p->report, params_where(params, "lensradius", p->camera_at),
-                         "a lens on an orthographic camera is not supported; everything is in focus");
-}
-
-/* The lens and the window mean nothing to a camera that looks everywhere; pbrt reads them, too. */
-static const param_rule_t sphere_rules[] = {
-    {{"lensradius", "focaldistance", "frameaspectratio", "screenwindow"}, PARAM_ACCEPT, NULL},
-};
-
-static result_t make_environment(pbrt_t *p, params_t *params)
-{
-    p->scene.camera = CAMERA_SPHERICAL;
-    TRY(read_shutter(p, params));
-    return params_apply(params, sphere_rules, ARRAY_LENGTH(sphere_rules), p->report);
-}
-
-static result_t make_spherical(pbrt_t *p, params_t *params)
-{
-    const char *mapping = "equalarea";
-    TRY(params_string(params, "mapping", &mapping));
-    TRY(make_environment(p, params));
-    if (strcmp(mapping, "equirectangular") == 0) return result_ok();
-    if (strcmp(mapping, "equalarea") != 0)
-        return error_at(params_where(params, "mapping", p->camera_at),
-                        "a spherical camera's mapping is \"equalarea\" or \"equirectangular\", not \"%.40s\"",
-                        mapping);
-    p->scene.camera = CAMERA_EQUAL_AREA;
-    return result_ok();
-}
-
-static const param_rule_t realistic_rules[] = {
-    {{"lensfile", "aperturediameter", "aperture", "focusdistance", "simpleweighting"},
-     PARAM_IGNORE,
-     "lenses of several elements are not supported"},
-};
-
-static result_t make_realistic(pbrt_t *p, params_t *params)
-{
-    TRY(report_refuse(
-        p->report, p->camera_at,
-        "the realistic camera is not supported; a perspective one is used, with an angle of %g degrees",
-        (double)p->scene.fov));
-    TRY(read_shutter(p, params));
-    return params_apply(params, realistic_rules, ARRAY_LENGTH(realistic_rules), p->report);
-}
-
-typedef struct {
-    dialect_entry_t entry;
-    result_t (*make)(pbrt_t *p, params_t *params);
-} option_entry_t;
-
-static const option_entry_t cameras[] = {
-    {{"perspective", DIALECT_BOTH}, make_perspective}, {{"orthographic", DIALECT_BOTH}, make_orthographic},
-    {{"environment", DIALECT_V3}, make_environment},   {{"spherical", DIALECT_V4}, make_spherical},
-    {{"realistic", DIALECT_BOTH}, make_realistic},
-};
-
-/* Lets the table's function make the option that has been recalled. */
-static result_t make_option(pbrt_t *p, const option_entry_t *table, size_t count, const char *directive,
-                            const char *kind, position_t at)
-{
-    size_t index;
-    const char *nearest = first_type(p, table, count, sizeof *table);
-    TRY(find_type(p, table, count, sizeof *table, kind, nearest, at, &index));
-    TRY(table[index].make(p, p->params));
-    return pbrt_finish_params(p, directive, p->arguments[0]);
-}
-
-/* A scale of the camera's space scales what is in it, as in pbrt. */
-result_t pbrt_camera(pbrt_t *p, position_t at)
-{
-    TRY(keep(p, SETTING_CAMERA, "Camera", "a type", at));
-    if (!affine_invert(&p->now.ctm, &p->camera[0]) || !affine_invert(&p->now.ctm_end, &p->camera[1]))
-        return error_at(at, "the current transform is singular or not finite");
-    pbrt_name_coordinates(p, "camera", &p->camera[0], &p->camera[1]);
-    return result_ok();
-}
-
-static result_t make_camera(pbrt_t *p, position_t at)
-{
-    p->camera_at = at;
-    return make_option(p, cameras, ARRAY_LENGTH(cameras), "Camera", "camera", at);
-}
 
 /* ---- film ---------------------------------------------------------------------------------------------- */
 
@@ -387,7 +177,7 @@ static result_t make_spectral_film(pbrt_t *p, params_t *params)
     return make_rgb_film(p, params);
 }
 
-static const option_entry_t films[] = {
+static const setting_entry_t films[] = {
     {{"image", DIALECT_V3}, make_image_film},
     {{"rgb", DIALECT_V4}, make_rgb_film},
     {{"gbuffer", DIALECT_V4}, make_gbuffer_film},
@@ -396,13 +186,13 @@ static const option_entry_t films[] = {
 
 result_t pbrt_film(pbrt_t *p, position_t at)
 {
-    return keep(p, SETTING_FILM, "Film", "a type", at);
+    return setting_keep(p, SETTING_FILM, "Film", "a type", at);
 }
 
 static result_t make_film(pbrt_t *p, position_t at)
 {
     p->film_at = at;
-    return make_option(p, films, ARRAY_LENGTH(films), "Film", "film", at);
+    return setting_make(p, films, ARRAY_LENGTH(films), "Film", "film", at);
 }
 
 /* ---- sampler ------------------------------------------------------------------------------------------- */
@@ -452,13 +242,13 @@ static result_t read_samples(pbrt_t *p, params_t *params, const char *type, int 
 
 result_t pbrt_sampler(pbrt_t *p, position_t at)
 {
-    return keep(p, SETTING_SAMPLER, "Sampler", "the sampler's type", at);
+    return setting_keep(p, SETTING_SAMPLER, "Sampler", "the sampler's type", at);
 }
 
 static result_t make_sampler(pbrt_t *p, position_t at)
 {
     size_t index;
-    TRY(FIND_TYPE(p, samplers, "sampler", "sobol", at, &index));
+    TRY(SETTING_FIND(p, samplers, "sampler", "sobol", at, &index));
     const sampler_entry_t *sampler = &samplers[index];
     p->scene.sampler = sampler->kind;
     if (!sampler->same)
@@ -562,14 +352,14 @@ static result_t read_regularize(pbrt_t *p)
 
 result_t pbrt_integrator(pbrt_t *p, position_t at)
 {
-    return keep(p, SETTING_INTEGRATOR, "Integrator", "the integrator's type", at);
+    return setting_keep(p, SETTING_INTEGRATOR, "Integrator", "the integrator's type", at);
 }
 
 static result_t make_integrator(pbrt_t *p, position_t at)
 {
     size_t index;
     p->integrator_at = at;
-    TRY(FIND_TYPE(p, integrators, "integrator", "path", at, &index));
+    TRY(SETTING_FIND(p, integrators, "integrator", "path", at, &index));
     const integrator_entry_t *integrator = &integrators[index];
     if (!integrator->kind)
         TRY(report_refuse(p->report, at, "integrator \"%s\" is not supported; path is used",
@@ -631,13 +421,13 @@ static result_t read_filter(pbrt_t *p, const filter_entry_t *filter)
 
 result_t pbrt_pixel_filter(pbrt_t *p, position_t at)
 {
-    return keep(p, SETTING_FILTER, "PixelFilter", "a type", at);
+    return setting_keep(p, SETTING_FILTER, "PixelFilter", "a type", at);
 }
 
 static result_t make_filter(pbrt_t *p, position_t at)
 {
     size_t index;
-    TRY(FIND_TYPE(p, filters, "pixel filter", "gaussian", at, &index));
+    TRY(SETTING_FIND(p, filters, "pixel filter", "gaussian", at, &index));
     TRY(read_filter(p, &filters[index]));
     return pbrt_finish_params(p, "PixelFilter", p->arguments[0]);
 }
@@ -646,7 +436,7 @@ static result_t make_filter(pbrt_t *p, position_t at)
 
 result_t pbrt_accelerator(pbrt_t *p, position_t at)
 {
-    return keep(p, SETTING_ACCELERATOR, "Accelerator", "the accelerator's type", at);
+    return setting_keep(p, SETTING_ACCELERATOR, "Accelerator", "the accelerator's type", at);
 }
 
 static result_t make_accelerator(pbrt_t *p, position_t at)
@@ -747,12 +537,12 @@ static result_t place_camera(pbrt_t *p)
 static result_t make_settings(pbrt_t *p)
 {
     static result_t (*const makers[SETTING_COUNT])(pbrt_t * p, position_t at) = {
-        [SETTING_CAMERA] = make_camera,   [SETTING_FILM] = make_film,
-        [SETTING_SAMPLER] = make_sampler, [SETTING_INTEGRATOR] = make_integrator,
-        [SETTING_FILTER] = make_filter,   [SETTING_ACCELERATOR] = make_accelerator,
+        [SETTING_CAMERA] = pbrt_make_camera, [SETTING_FILM] = make_film,
+        [SETTING_SAMPLER] = make_sampler,    [SETTING_INTEGRATOR] = make_integrator,
+        [SETTING_FILTER] = make_filter,      [SETTING_ACCELERATOR] = make_accelerator,
     };
     for (setting_kind_t kind = 0; kind < SETTING_COUNT; ++kind)
-        if (recall(p, kind)) TRY(makers[kind](p, p->settings[kind].at));
+        if (setting_recall(p, kind)) TRY(makers[kind](p, p->settings[kind].at));
     return result_ok();
 }
 

@@ -1,10 +1,9 @@
-/* options: the directives before WorldBegin. */
+/* options: the directives before WorldBegin but the camera. */
 #ifndef LIGHTMILL_PBRT_OPTIONS_H
 #define LIGHTMILL_PBRT_OPTIONS_H
 
 #include "client/import/pbrt/state/state.h"
 
-result_t pbrt_camera(pbrt_t *p, position_t at);
 result_t pbrt_film(pbrt_t *p, position_t at);
 result_t pbrt_sampler(pbrt_t *p, position_t at);
 result_t pbrt_integrator(pbrt_t *p, position_t at);

@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "client/import/pbrt/cameras.h"
 #include "client/import/pbrt/files.h"
 #include "client/import/pbrt/lights.h"
 #include "client/import/pbrt/materials/materials.h"

@@ -124,10 +124,15 @@ result_t scene_adjust_view(scene_builder_t *scene, const import_wishes_t *wishes
     static const position_t option = {.path = "--focus"};
     blob_scene_t *record = blob_builder_records(scene->blob, BLOB_SECTION_SCENE);
     if (wishes->fov == 0 && wishes->lens_radius < 0 && !wishes->focus) return result_ok();
-    if (record->camera != CAMERA_PERSPECTIVE)
+    bool orthographic = record->camera == CAMERA_ORTHOGRAPHIC;
+    if (record->camera != CAMERA_PERSPECTIVE && !orthographic)
         return result_fail(RESULT_USAGE,
-                           "--fov, --lens-radius and --focus are for perspective cameras, and this "
-                           "scene's is another");
+                           "--fov, --lens-radius and --focus are for perspective and orthographic cameras, "
+                           "and this scene's is another");
+    if (orthographic && wishes->fov > 0)
+        return result_fail(RESULT_USAGE,
+                           "--fov is for perspective cameras, and this scene's is orthographic, "
+                           "which has no angle");
     bool had_lens = record->lens_radius > 0;
     if (wishes->fov > 0) record->fov = (float)wishes->fov;
     if (wishes->lens_radius >= 0) record->lens_radius = (float)wishes->lens_radius;
@@ -138,6 +143,6 @@ result_t scene_adjust_view(scene_builder_t *scene, const import_wishes_t *wishes
                            "lens, and so no distance at which things are sharp");
     if (record->lens_radius == 0 && wishes->focus)
         report_warning(scene->report, option,
-                       "the camera is a pinhole, which shows everything sharp; --lens-radius opens it");
+                       "the camera has no lens and shows everything sharp; --lens-radius opens one");
     return result_ok();
 }

@@ -6,8 +6,8 @@
 
 /* Grants fov, lens_radius and focus. An object's focus is the middle of the box about its shapes, where they
  * are when the shutter opens. RESULT_USAGE when the camera has no such thing (only perspective ones have a
- * field of view and a lens), when a lens has no focus, or when there is no such object, or it lies behind the
- * camera or stands in several places. */
+ * field of view, only these and orthographic ones a lens), when a lens has no focus, or when there is no such
+ * object, or it lies behind the camera or stands in several places. */
 result_t scene_adjust_view(scene_builder_t *scene, const import_wishes_t *wishes);
 
 #endif

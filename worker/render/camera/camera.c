@@ -2,7 +2,8 @@
  *
  * A kind of camera maps film positions to rays in camera space and points back to film positions. The thin
  * lens is at z = 0 and focuses the plane z = focal_distance; its density is that of a pinhole, since the
- * point of the lens is drawn uniformly (Pharr, Jakob and Humphreys, PBR 3rd edition, 16.1.1).
+ * point of the lens is drawn uniformly (Pharr, Jakob and Humphreys, PBR 3rd edition, 16.1.1). So is that of
+ * an orthographic camera's (telecentric) lens: a point of it stands for one direction of parallel rays.
  */
 #include "worker/render/camera/camera.h"
 
@@ -83,17 +84,32 @@ static bool perspective_project(const camera_t *camera, vec3_t q, vec3_t *lens, 
 
 /* ---- orthographic -------------------------------------------------------------------------------------- */
 
+/* Of the rays through one point of the lens, which is as far from the ray's own axis everywhere. */
+static vec3_t orthographic_direction(const camera_t *camera, vec3_t lens)
+{
+    return camera->lens_radius > 0 ? vec3(-lens.x, -lens.y, camera->focal_distance) : vec3(0, 0, 1);
+}
+
+/* Density per area across the rays: the window lies across the axis. */
+static float orthographic_pdf(const camera_t *camera, vec3_t direction)
+{
+    float pdf = 1 / camera->area;
+    return camera->lens_radius > 0 ? pdf * v_length(direction) / direction.z : pdf;
+}
+
 static void orthographic_ray(const camera_t *camera, vec2_t film, vec3_t lens, film_ray_t *ray)
 {
-    (void)lens;
-    *ray = (film_ray_t){vec3(film.x, film.y, 0), vec3(0, 0, 1), 1 / camera->area};
+    ray->origin = vec3(film.x + lens.x, film.y + lens.y, 0);
+    ray->direction = orthographic_direction(camera, lens);
+    ray->pdf = orthographic_pdf(camera, ray->direction);
 }
 
 static bool orthographic_project(const camera_t *camera, vec3_t q, vec3_t *lens, vec2_t *film, float *pdf)
 {
-    *lens = vec3(q.x, q.y, 0);
-    *film = (vec2_t){q.x, q.y};
-    *pdf = 1 / camera->area;
+    vec3_t d = orthographic_direction(camera, *lens), origin = v_mad(q, -q.z / d.z, d);
+    *film = (vec2_t){origin.x - lens->x, origin.y - lens->y};
+    *lens = vec3(origin.x, origin.y, 0);
+    *pdf = orthographic_pdf(camera, d);
     return q.z > 0;
 }
 
@@ -191,7 +207,8 @@ camera_t *camera_new(const blob_scene_t *scene, int width, int height)
     camera->still.world_from_camera = scene->world_from_camera;
     xform_invert(&scene->world_from_camera, &camera->still.camera_from_world);
     camera->still.stretch = fabsf(xform_determinant(&scene->world_from_camera));
-    camera->lens_radius = scene->camera == CAMERA_PERSPECTIVE ? scene->lens_radius : 0;
+    bool lens = scene->camera == CAMERA_PERSPECTIVE || scene->camera == CAMERA_ORTHOGRAPHIC;
+    camera->lens_radius = lens ? scene->lens_radius : 0;
     camera->focal_distance = scene->focal_distance;
     camera->width = (float)width;
     camera->height = (float)height;
@@ -239,9 +256,9 @@ static vec3_t lens_point(const camera_t *camera, vec2_t lens)
 static float density_factor(const camera_t *camera, const camera_place_t *at, vec3_t direction)
 {
     const xform_t *t = &at->world_from_camera;
-    if (camera->ops->parallel) return v_length(vec3(t->m[0][2], t->m[1][2], t->m[2][2])) / at->stretch;
+    if (camera->ops->parallel && camera->lens_radius == 0) direction = vec3(0, 0, 1); /* to the last bit */
     float length = v_length(xform_vector(t, v_normalize(direction)));
-    return length * length * length / at->stretch;
+    return (camera->ops->parallel ? length : length * length * length) / at->stretch;
 }
 
 static vec2_t film_of_raster(const camera_t *camera, vec2_t raster)

@@ -832,11 +832,17 @@ static void a_lens_opens_and_focuses(void **state)
     wishes.focus = "1";
     run_view(&bench, &wishes);
     bench_expect_ok(&bench);
-    expect_text(bench.warnings, "--focus: the camera is a pinhole");
-    wishes.camera = "one";
+    expect_text(bench.warnings, "--focus: the camera has no lens");
+    wishes.camera = "one"; /* which is orthographic */
     run_view(&bench, &wishes);
     assert_int_equal(bench.result.code, RESULT_USAGE);
-    expect_text(bench.result.message, "are for perspective cameras");
+    expect_text(bench.result.message, "--fov is for perspective cameras");
+    wishes.fov = 0;
+    wishes.lens_radius = 0.2;
+    run_view(&bench, &wishes);
+    bench_expect_ok(&bench);
+    expect_near((double)bench.blob.scene->lens_radius, 0.2, 1e-7);
+    expect_near((double)bench.blob.scene->focal_distance, 1, 0);
     bench_close(&bench);
 }
 

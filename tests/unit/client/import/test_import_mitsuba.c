@@ -361,6 +361,22 @@ static void integrators_about_others_become_those(void **state)
     bench_close(&bench);
 }
 
+static void a_telecentric_sensor_is_orthographic_with_a_lens(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run_text(&bench, SCENE("<sensor type=\"telecentric\"><float name=\"apertureRadius\" value=\".25\"/>"
+                           "<float name=\"focusDistance\" value=\"3\"/><transform name=\"toWorld\">"
+                           "<scale value=\"4\"/></transform></sensor>" LAMP RECTANGLE));
+    bench_expect_ok(&bench);
+    const blob_scene_t *scene = bench.blob.scene;
+    assert_int_equal(scene->camera, CAMERA_ORTHOGRAPHIC);
+    expect_near((double)scene->screen_window[1], 4, 1e-6);
+    expect_near((double)scene->lens_radius, 0.25, 0); /* the world's units, whatever the scale */
+    expect_near((double)scene->focal_distance, 3, 0);
+    bench_close(&bench);
+}
+
 static double fov_of(bench_t *bench, const char *lens)
 {
     char *text = mem_printf(
@@ -876,6 +892,7 @@ int main(void)
         cmocka_unit_test(sensors_look_where_mitsubas_do),
         cmocka_unit_test(a_spherical_sensor_begins_behind_itself),
         cmocka_unit_test(integrators_about_others_become_those),
+        cmocka_unit_test(a_telecentric_sensor_is_orthographic_with_a_lens),
         cmocka_unit_test(the_field_of_view_has_its_axis),
         cmocka_unit_test(steps_of_a_transform_are_applied_in_their_order),
         cmocka_unit_test(shapes_stand_where_mitsubas_do),

@@ -79,14 +79,36 @@ static void other_cameras_become_ours(void **state)
     assert_int_equal(run(&bench, true, "Camera \"spherical\" \"string mapping\" \"equirectangular\"")->camera,
                      CAMERA_SPHERICAL);
     expect_error(&bench, true, "Camera \"spherical\" \"string mapping\" \"cube\"", "cube");
-    expect_error(&bench, false, "Camera \"orthographic\" \"float lensradius\" 1", "in focus");
     expect_error(&bench, false, "Camera \"realistic\" \"string lensfile\" \"l.dat\"", "realistic camera");
     bench.lenient = true;
     assert_int_equal(run(&bench, false, "Camera \"realistic\" \"string lensfile\" \"l.dat\"")->camera,
                      CAMERA_PERSPECTIVE);
     expect_text(bench.warnings, "realistic camera");
-    expect_near((double)run(&bench, false, "Camera \"orthographic\" \"float lensradius\" 1")->lens_radius, 0,
-                0);
+    bench_close(&bench);
+}
+
+/* pbrt's rays start on the lens, and meet the film's place in the plane of focus. */
+static void a_lens_gives_an_orthographic_camera_perspective(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    const blob_scene_t *scene = run(&bench, false,
+                                    "Camera \"orthographic\" \"float screenwindow\" [-3 3 -2 2] \"float "
+                                    "lensradius\" .5 \"float focaldistance\" 7");
+    bench_expect_ok(&bench);
+    expect_text(bench.warnings, "all rays start on the lens");
+    assert_int_equal(scene->camera, CAMERA_PERSPECTIVE);
+    expect_four(scene->screen_window, -3, 3, -2, 2);
+    expect_near(7 * tan((double)scene->fov * M_PI / 360), 1, 1e-6);
+    expect_near((double)scene->lens_radius, 0.5, 0);
+    expect_near((double)scene->focal_distance, 7, 0);
+    static const char *const distances[] = {"1e-4", "1e9"};
+    for (size_t i = 0; i < ARRAY_LENGTH(distances); ++i) {
+        char *camera = mem_printf("Camera \"orthographic\" \"float lensradius\" 1 \"float focaldistance\" %s",
+                                  distances[i]);
+        expect_error(&bench, true, camera, "needs a focaldistance from 1e-3 to 1e8");
+        free(camera);
+    }
     bench_close(&bench);
 }
 
@@ -265,6 +287,7 @@ int main(void)
         cmocka_unit_test(what_is_not_said_has_its_default),
         cmocka_unit_test(a_lens_has_its_focus_and_radius),
         cmocka_unit_test(other_cameras_become_ours),
+        cmocka_unit_test(a_lens_gives_an_orthographic_camera_perspective),
         cmocka_unit_test(a_camera_may_move),
         cmocka_unit_test(camera_coordinates_keep_both_places),
         cmocka_unit_test(a_crop_is_a_part_of_the_film),
