@@ -112,7 +112,7 @@ static result_t check_save_at(const job_settings_t *settings)
 
 result_t job_settings_check(const job_settings_t *settings)
 {
-    TRY(check_range("integrator", settings->integrator, INTEGRATOR_BDPT, INTEGRATOR_LIGHT));
+    TRY(check_range("integrator", settings->integrator, INTEGRATOR_BDPT, INTEGRATOR_AO));
     TRY(check_range("sampler", settings->sampler, SAMPLER_SOBOL, SAMPLER_INDEPENDENT));
     TRY(check_range("width", settings->width, 1, JOB_MAX_RESOLUTION));
     TRY(check_range("height", settings->height, 1, JOB_MAX_RESOLUTION));
@@ -133,6 +133,9 @@ result_t job_settings_check(const job_settings_t *settings)
         return result_fail(RESULT_USAGE, "cryptomatte shows what eye rays meet, and the integrator light "
                                          "follows none: use bdpt or path");
     TRY(light_groups_check(settings->light_groups));
+    if (settings->light_groups[0] != '\0' && settings->integrator == INTEGRATOR_AO)
+        return result_fail(RESULT_USAGE, "light groups tell lights apart, and the integrator ao (ambient "
+                                         "occlusion) looks at none: use bdpt or path");
     TRY(check_range("pixels in all times light groups",
                     (int64_t)settings->width * settings->height *
                         (int64_t)light_groups_count(settings->light_groups),
@@ -234,7 +237,7 @@ bool job_has_mattes(const job_settings_t *settings)
 
 bool job_has_splats(const job_settings_t *settings)
 {
-    return settings->integrator != INTEGRATOR_PATH;
+    return settings->integrator == INTEGRATOR_BDPT || settings->integrator == INTEGRATOR_LIGHT;
 }
 
 hash_t job_content_hash(const job_settings_t *settings, const hash_t *blob)
@@ -261,7 +264,7 @@ uint32_t unit_half_count(const unit_t *unit, int half)
     return half == 0 ? even : unit->count - even;
 }
 
-const char *const integrator_names[] = {"bdpt", "path", "light", NULL};
+const char *const integrator_names[] = {"bdpt", "path", "light", "ao", NULL};
 const char *const sampler_names[] = {"sobol", "independent", NULL};
 
 const char *integrator_name(integrator_t integrator)

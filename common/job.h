@@ -12,7 +12,12 @@
 
 #include "common/light_groups.h"
 
-typedef enum { INTEGRATOR_BDPT = 1, INTEGRATOR_PATH = 2, INTEGRATOR_LIGHT = 3 } integrator_t;
+typedef enum {
+    INTEGRATOR_BDPT = 1,
+    INTEGRATOR_PATH = 2,
+    INTEGRATOR_LIGHT = 3,
+    INTEGRATOR_AO = 4 /* ambient occlusion */
+} integrator_t;
 typedef enum { SAMPLER_SOBOL = 1, SAMPLER_INDEPENDENT = 2 } sampler_kind_t;
 
 enum { FILM_DEFAULT_SCALE = 32, FILM_MIN_SCALE = 0, FILM_MAX_SCALE = 40 }; /* of film_scale, below */

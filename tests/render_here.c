@@ -122,6 +122,8 @@ test_scene_t test_scene_begin(vec3_t eye, float fov, int resolution)
                            .focal_distance = 1,
                            .film_window = {0, 1, 0, 1},
                            .max_luminance = INFINITY,
+                           .occlusion_distance = INFINITY,
+                           .occlusion_radiance = {1, 1, 1},
                            .filter = {.kind = FILTER_BOX, .radius_x = 0.5f, .radius_y = 0.5f},
                            .width = resolution,
                            .height = resolution,

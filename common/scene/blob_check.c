@@ -82,6 +82,9 @@ static result_t check_scene(const scene_blob_t *blob)
     CHECK((filter->kind != FILTER_GAUSSIAN && filter->kind != FILTER_SINC) || filter->parameters[0] > 0,
           "the pixel filter's parameter must be positive");
     CHECK(scene->max_luminance > 0, "the largest luminance of a sample must be positive");
+    CHECK(scene->occlusion_distance > 0, "the distance of ambient occlusion must be positive");
+    CHECK(rgb_is_valid(scene->occlusion_radiance),
+          "the radiance of ambient occlusion is negative or infinite");
     CHECK(scene->regularize <= 1, "regularize must be 0 or 1");
     job_settings_t settings = blob_default_settings(blob);
     result_t checked = job_settings_check(&settings);

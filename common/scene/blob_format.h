@@ -83,6 +83,9 @@ typedef struct {
     uint32_t sampler;    /* sampler_kind_t */
     float max_luminance; /* samples brighter than this are scaled down to it; INFINITY: none. A bias that the
                             scene asks for */
+    float
+        occlusion_distance; /* of the integrator ao: what lies farther away hides nothing; may be INFINITY */
+    rgb_t occlusion_radiance; /* what it shows where nothing is hidden */
     uint32_t regularize; /* 1: near-specular lobes are roughened behind the first scattering that is not */
 } blob_scene_t;
 

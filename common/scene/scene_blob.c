@@ -243,14 +243,16 @@ blob_scene_t blob_default_scene(void)
                           .spp = 16,
                           .integrator = INTEGRATOR_BDPT,
                           .sampler = SAMPLER_SOBOL,
-                          .max_luminance = INFINITY};
+                          .max_luminance = INFINITY,
+                          .occlusion_distance = INFINITY,
+                          .occlusion_radiance = {1, 1, 1}};
 }
 
 /* ---- what a job starts from ---------------------------------------------------------------------------- */
 
 int blob_film_scale(const scene_blob_t *blob)
 {
-    float brightest = 0;
+    float brightest = v_max(blob->scene->occlusion_radiance);
     for (uint64_t i = 0; i < blob->counts[BLOB_SECTION_LIGHTS]; i++)
         brightest = float_max(brightest, v_max(blob->lights[i].radiance.factor));
     int excess = brightest > 0 ? ilogbf(brightest) - 9 : 0;

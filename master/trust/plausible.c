@@ -29,7 +29,7 @@ static const double LARGEST = 0x1p61, UNKNOWN_GAIN = 0x1p10, LIGHT_GAIN = 0x1p6,
 
 double plausible_brightest(const scene_blob_t *blob)
 {
-    double brightest = DIMMEST;
+    double brightest = fmax(DIMMEST, (double)v_max(blob->scene->occlusion_radiance));
     for (uint64_t i = 0; i < blob->counts[BLOB_SECTION_LIGHTS]; i++) {
         const blob_light_t *light = &blob->lights[i];
         bool bounded = light->kind == LIGHT_AREA && light->radiance.texture == 0;

@@ -46,7 +46,7 @@ class Programs:
 
     def undisturbed(self, settings):
         """The hash of the image that `lightmill render` makes with these settings."""
-        integrator = ("bdpt", "path", "light")[settings.integrator - 1]
+        integrator = ("bdpt", "path", "light", "ao")[settings.integrator - 1]
         options = ["--integrator", integrator, "--spp", str(settings.spp), "--max-depth", str(settings.max_depth), "--seed",
                    str(settings.seed), "--resolution", f"{settings.width}x{settings.height}", "--tile-size", str(settings.tile_size),
                    "--film-scale", str(settings.film_scale), "--sampler", ("sobol", "independent")[settings.sampler - 1]]

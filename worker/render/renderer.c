@@ -20,6 +20,7 @@ static const integrator_ops_t *const integrators[] = {
     [INTEGRATOR_BDPT] = &integrator_bdpt,
     [INTEGRATOR_PATH] = &integrator_path,
     [INTEGRATOR_LIGHT] = &integrator_light,
+    [INTEGRATOR_AO] = &integrator_ao,
 };
 
 /* Embree's and our own results depend on it: denormals are flushed on every thread that renders. */

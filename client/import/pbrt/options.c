@@ -264,7 +264,7 @@ static result_t make_sampler(pbrt_t *p, position_t at)
 
 typedef struct {
     dialect_entry_t entry;
-    integrator_t kind;   /* ours; 0: nothing comes near */
+    integrator_t kind;   /* ours */
     const char *warning; /* how ours differs; NULL: not at all */
 } integrator_entry_t;
 
@@ -280,7 +280,7 @@ static const integrator_entry_t integrators[] = {
     {{"sppm", DIALECT_BOTH}, INTEGRATOR_BDPT, "only the noise differs"},
     {{"directlighting", DIALECT_V3}, INTEGRATOR_PATH, "indirect light comes in addition"},
     {{"whitted", DIALECT_V3}, INTEGRATOR_PATH, "indirect light comes in addition"},
-    {{"ambientocclusion", DIALECT_BOTH}, 0, NULL},
+    {{"ambientocclusion", DIALECT_BOTH}, INTEGRATOR_AO, NULL},
 };
 
 static const param_rule_t integrator_rules[] = {
@@ -299,7 +299,6 @@ static const param_rule_t substitute_rules[] = {
     {{"iterations", "numiterations"}, PARAM_IGNORE, "only sppm uses it; --spp sets the samples"},
     {{"photonsperiteration", "imagewritefrequency", "radius"}, PARAM_IGNORE, "only sppm uses it"},
     {{"seed"}, PARAM_IGNORE, "lightmill --seed chooses it"},
-    {{"cossample", "nsamples", "maxdistance"}, PARAM_IGNORE, "only ambient occlusion uses it"},
 };
 
 static result_t apply_integrator_rules(pbrt_t *p, const integrator_entry_t *integrator)
@@ -311,7 +310,7 @@ static result_t apply_integrator_rules(pbrt_t *p, const integrator_entry_t *inte
         report_warning(p->report, params_where(p->params, name, p->integrator_at),
                        "parameter \"%s\" is ignored: lights are chosen by their power", name);
     TRY(params_apply(p->params, integrator_rules, ARRAY_LENGTH(integrator_rules), p->report));
-    if (integrator->warning || !integrator->kind)
+    if (integrator->warning)
         return params_apply(p->params, substitute_rules, ARRAY_LENGTH(substitute_rules), p->report);
     return result_ok();
 }
@@ -350,6 +349,36 @@ static result_t read_regularize(pbrt_t *p)
     return result_ok();
 }
 
+/* v3 traces `nsamples` rays in each sample of a pixel, and shows pi where all is open. */
+static result_t read_v3_occlusion(pbrt_t *p, position_t at)
+{
+    int32_t rays = 64, spp = (int32_t)p->scene.spp;
+    TRY(params_int_in(p->params, "nsamples", 1, 1 << 20, &rays));
+    p->scene.occlusion_radiance = vec3(PI_F, PI_F, PI_F);
+    p->scene.spp = (uint32_t)(spp <= JOB_MAX_SPP / rays ? spp * rays : JOB_MAX_SPP);
+    if (rays > 1)
+        report_warning(
+            p->report, params_where(p->params, "nsamples", at),
+            "ambient occlusion with %d rays in each of %d samples a pixel: it becomes %u samples with a "
+            "ray each",
+            rays, spp, p->scene.spp);
+    return result_ok();
+}
+
+static result_t read_occlusion(pbrt_t *p, position_t at)
+{
+    bool cosine = true;
+    double distance = INFINITY;
+    TRY(params_bool(p->params, "cossample", &cosine));
+    if (!cosine)
+        report_warning(p->report, params_where(p->params, "cossample", at),
+                       "directions are drawn by their cosine all the same; only the noise differs");
+    if (p->dialect.dialect == DIALECT_V3) return read_v3_occlusion(p, at);
+    TRY(params_float_in(p->params, "maxdistance", 1e-30, INFINITY, &distance));
+    p->scene.occlusion_distance = distance <= 1e30 ? (float)distance : INFINITY;
+    return result_ok();
+}
+
 result_t pbrt_integrator(pbrt_t *p, position_t at)
 {
     return setting_keep(p, SETTING_INTEGRATOR, "Integrator", "the integrator's type", at);
@@ -361,16 +390,14 @@ static result_t make_integrator(pbrt_t *p, position_t at)
     p->integrator_at = at;
     TRY(SETTING_FIND(p, integrators, "integrator", "path", at, &index));
     const integrator_entry_t *integrator = &integrators[index];
-    if (!integrator->kind)
-        TRY(report_refuse(p->report, at, "integrator \"%s\" is not supported; path is used",
-                          integrator->entry.name));
-    p->scene.integrator = integrator->kind ? integrator->kind : INTEGRATOR_PATH;
+    p->scene.integrator = integrator->kind;
     if (integrator->warning)
         report_warning(p->report, at, "integrator \"%s\": %s is used instead; %s", integrator->entry.name,
                        integrator_name(integrator->kind), integrator->warning);
     TRY(read_depth(p, at));
     TRY(read_integrator_bounds(p, at));
     TRY(read_regularize(p));
+    if (integrator->kind == INTEGRATOR_AO) TRY(read_occlusion(p, at));
     TRY(apply_integrator_rules(p, integrator));
     return pbrt_finish_params(p, "Integrator", p->arguments[0]);
 }

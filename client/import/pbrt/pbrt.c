@@ -301,11 +301,13 @@ static result_t check_defaults(pbrt_t *p)
     return result_ok();
 }
 
-/* The film's gain is put into the lights. */
+/* The film's gain is put into the lights, and into what ambient occlusion shows. */
 static result_t apply_gain(pbrt_t *p, position_t at)
 {
     uint32_t count = blob_builder_count(p->builder->blob, BLOB_SECTION_LIGHTS);
     blob_light_t *lights = blob_builder_records(p->builder->blob, BLOB_SECTION_LIGHTS);
+    rgb_t *open = &p->scene.occlusion_radiance;
+    *open = v_mul(v_scale(*open, (float)p->gain), p->balance);
     for (uint32_t i = 0; i < count; ++i) {
         rgb_t *factor = &lights[i].radiance.factor;
         if (p->gain != 1) *factor = v_scale(*factor, (float)p->gain);
@@ -313,6 +315,8 @@ static result_t apply_gain(pbrt_t *p, position_t at)
         if (!v_is_finite(*factor))
             return error_at(p->film_at.line ? p->film_at : at, "the scene's lights are too bright: infinite");
     }
+    if (!v_is_finite(*open))
+        return error_at(p->film_at.line ? p->film_at : at, "the film's scale is too large");
     return result_ok();
 }
 
@@ -334,7 +338,8 @@ static result_t finish(pbrt_t *p, position_t at)
     TRY(check_defaults(p));
     TRY(apply_gain(p, at));
     TRY(scene_finish(p->builder, &p->scene, at));
-    if (!scene_has_light(p->builder) && !scene_gets_environment(p->builder))
+    bool needs_light = p->scene.integrator != INTEGRATOR_AO;
+    if (needs_light && !scene_has_light(p->builder) && !scene_gets_environment(p->builder))
         report_warning(p->report, at,
                        "the scene has no light: its picture is black; --environment gives it one");
     return result_ok();

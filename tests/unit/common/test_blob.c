@@ -157,7 +157,9 @@ static void add_scene(blob_builder_t *builder)
                                 .spp = 16,
                                 .integrator = INTEGRATOR_PATH,
                                 .sampler = SAMPLER_SOBOL,
-                                .max_luminance = INFINITY};
+                                .max_luminance = INFINITY,
+                                .occlusion_distance = 2,
+                                .occlusion_radiance = {1, 1, 1}};
     blob_builder_add(builder, BLOB_SECTION_SCENE, &scene, 1);
 }
 
@@ -542,6 +544,8 @@ static void bad_numbers_are_errors(void **state)
         {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, fov), bits_of(180.0f), "fov"},
         {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, fov), nan, "fov"},
         {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, lens_radius), minus, "lens radius"},
+        {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, occlusion_distance), nan, "ambient occlusion"},
+        {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, occlusion_radiance.y), minus, "ambient occlusion"},
         {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, focal_distance), 0, "focal distance"},
         {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, screen_window[1]), minus, "screen window is empty"},
         {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, screen_window[3]), infinite,

@@ -5,6 +5,7 @@
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -174,6 +175,14 @@ static void settings_are_checked(void **state)
     bad = good;
     bad.integrator = (integrator_t)0;
     assert_refused(bad, "integrator");
+    bad.integrator = (integrator_t)(INTEGRATOR_AO + 1);
+    assert_refused(bad, "integrator");
+    bad = good;
+    bad.integrator = INTEGRATOR_AO;
+    assert_int_equal(job_settings_check(&bad).code, RESULT_OK);
+    assert_false(job_has_splats(&bad));
+    snprintf(bad.light_groups, sizeof bad.light_groups, "all=1");
+    assert_refused(bad, "looks at none");
     bad = good;
     bad.sampler = (sampler_kind_t)3;
     assert_refused(bad, "sampler");
@@ -278,7 +287,8 @@ static void every_kind_has_its_name(void **state)
     assert_string_equal(integrator_name(INTEGRATOR_BDPT), "bdpt");
     assert_string_equal(integrator_name(INTEGRATOR_PATH), "path");
     assert_string_equal(integrator_name(INTEGRATOR_LIGHT), "light");
-    assert_null(integrator_names[INTEGRATOR_LIGHT]);
+    assert_string_equal(integrator_name(INTEGRATOR_AO), "ao");
+    assert_null(integrator_names[INTEGRATOR_AO]);
     assert_string_equal(sampler_name(SAMPLER_SOBOL), "sobol");
     assert_string_equal(sampler_name(SAMPLER_INDEPENDENT), "independent");
     assert_null(sampler_names[SAMPLER_INDEPENDENT]);

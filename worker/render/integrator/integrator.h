@@ -45,7 +45,7 @@ typedef struct {
     bool traces_light; /* every sample traces one light subpath */
 } integrator_ops_t;
 
-extern const integrator_ops_t integrator_bdpt, integrator_path, integrator_light;
+extern const integrator_ops_t integrator_bdpt, integrator_path, integrator_light, integrator_ao;
 
 /* Where the streams of random numbers of the two subpaths begin, and how many numbers (pairs) lie between one
  * vertex and the next. They alternate: dimensions never collide however long the paths, and those of the

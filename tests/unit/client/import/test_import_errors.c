@@ -155,8 +155,6 @@ static void what_is_unsupported_is_refused(void **state)
         {"Camera \"perspective\" \"float screenwindow\" [1 0 0 1]", "1:22: screenwindow takes x min"},
         {"PixelFilter \"wurst\"", "1:1: unknown pixel filter \"wurst\""},
         {"PixelFilter \"box\" \"float xradius\" 0", "1:19: parameter \"xradius\" is 0, but must be from"},
-        {"Film \"rgb\" Integrator \"ambientocclusion\"",
-         "1:12: integrator \"ambientocclusion\" is not supported"},
         {"Integrator \"path\" \"integer maxdepth\" -1", "1:19: parameter \"maxdepth\" is -1"},
         {"WorldBegin\nLightSource \"wurst\"", "2:1: unknown light \"wurst\""},
         {"WorldBegin\nAreaLightSource \"wurst\"", "2:1: unknown area light \"wurst\""},

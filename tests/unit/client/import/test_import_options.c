@@ -233,12 +233,34 @@ static void integrators_are_read_with_their_depth(void **state)
     bench_t bench = {0};
     assert_int_equal(run(&bench, true, "Integrator \"path\" \"bool regularize\" true")->regularize, 1);
     assert_int_equal(run(&bench, true, "Integrator \"bdpt\"")->regularize, 0);
-    expect_error(&bench, true, "Integrator \"ambientocclusion\" \"float maxdistance\" 1",
-                 "\"ambientocclusion\" is not supported");
     expect_error(&bench, false, "Integrator \"path\" \"integer pixelbounds\" [0 1 0 1]", "cropwindow");
-    bench.lenient = true;
-    assert_int_equal(run(&bench, true, "Integrator \"ambientocclusion\" \"float maxdistance\" 1")->integrator,
-                     INTEGRATOR_PATH);
+    bench_close(&bench);
+}
+
+static void ambient_occlusion_is_as_bright_as_in_pbrt(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    const blob_scene_t *scene = run(&bench, true, "Integrator \"ambientocclusion\" \"float maxdistance\" 3");
+    bench_expect_silence(&bench);
+    assert_int_equal(scene->integrator, INTEGRATOR_AO);
+    expect_near((double)scene->occlusion_distance, 3, 0);
+    expect_near((double)scene->occlusion_radiance.y, 1, 0);
+    scene = run(&bench, true,
+                "Integrator \"ambientocclusion\" \"bool cossample\" false Film \"rgb\" \"float iso\" 50");
+    bench_expect_ok(&bench);
+    expect_text(bench.warnings, "only the noise differs");
+    assert_true(isinf(scene->occlusion_distance));
+    expect_near((double)scene->occlusion_radiance.y, 0.5, 0);
+    scene = run(&bench, false,
+                "Sampler \"random\" \"integer pixelsamples\" 3 Integrator \"ambientocclusion\" \"integer "
+                "nsamples\" 10 Film \"image\" \"float scale\" 2");
+    bench_expect_ok(&bench);
+    expect_text(bench.warnings, "10 rays in each of 3 samples a pixel: it becomes 30 samples");
+    expect_near((double)scene->occlusion_radiance.y, 2 * M_PI, 1e-6);
+    assert_int_equal(scene->spp, 30);
+    expect_error(&bench, true, "Integrator \"ambientocclusion\" \"float maxdistance\" 0", "maxdistance");
+    expect_error(&bench, false, "Integrator \"ambientocclusion\" \"integer nsamples\" 0", "nsamples");
     bench_close(&bench);
 }
 
@@ -294,6 +316,7 @@ int main(void)
         cmocka_unit_test(films_have_their_size_and_scale),
         cmocka_unit_test(filters_become_ours),
         cmocka_unit_test(integrators_are_read_with_their_depth),
+        cmocka_unit_test(ambient_occlusion_is_as_bright_as_in_pbrt),
         cmocka_unit_test(progress_is_told),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -175,19 +175,6 @@ static void the_crop_window_goes_before_pixel_bounds(void **state)
     bench_close(&bench);
 }
 
-static void ambient_occlusion_is_replaced_by_path(void **state)
-{
-    (void)state;
-    bench_t bench = {.lenient = true};
-    bench_run(
-        &bench,
-        "Integrator \"ambientocclusion\" \"float maxdistance\" 3\nFilm \"rgb\"\nWorldBegin\n" POINT_LIGHT
-            SPHERE);
-    bench_expect_ok(&bench);
-    expect_text(bench.warnings, "integrator \"ambientocclusion\" is not supported; path is used");
-    bench_close(&bench);
-}
-
 /* ---- textures ------------------------------------------------------------------------------------------ */
 
 #define PFM_2X1 "PF\n2 1\n-1\n\0\0\200?\0\0\200?\0\0\200?\0\0\0\0\0\0\0\0\0\0\0\0"
@@ -301,7 +288,6 @@ int main(void)
         cmocka_unit_test(sensors_have_their_gain),
         cmocka_unit_test(white_is_balanced_by_bradfords_matrix),
         cmocka_unit_test(the_crop_window_goes_before_pixel_bounds),
-        cmocka_unit_test(ambient_occlusion_is_replaced_by_path),
         cmocka_unit_test(height_on_a_cylinder_is_its_coordinate),
         cmocka_unit_test(what_is_reflected_is_at_most_one),
         cmocka_unit_test(names_may_come_later),
