@@ -182,6 +182,24 @@ void rig_destroy(rig_t **rig_pointer)
     if (!silent) fail_msg("a sanitizer found something");
 }
 
+int rig_set_up(void **state)
+{
+    *state = rig_new();
+    return 0;
+}
+
+int rig_set_up_with_reference(void **state)
+{
+    rig_reference();
+    return rig_set_up(state);
+}
+
+int rig_tear_down(void **state)
+{
+    rig_destroy((rig_t **)state);
+    return 0;
+}
+
 void rig_use_keys(rig_t *rig)
 {
     key_pair_t master, worker, client;

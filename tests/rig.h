@@ -9,6 +9,9 @@
 
 enum { RIG_MAX_PROCESSES = 32 };
 
+/* The arguments of a program. */
+#define ARGUMENTS(...) ((const char *[]){__VA_ARGS__, NULL})
+
 typedef struct {
     char *folder; /* scratch: logs, caches, data, images */
     char *data;   /* the data directory of the last master of rig_start_master */
@@ -38,6 +41,10 @@ int rig_free_ports(void);
 rig_t *rig_new(void);
 /* Kills everything and removes the folder. */
 void rig_destroy(rig_t **rig);
+/* For tests whose state is an empty rig; with rig_reference computed, so that no test takes longer for it. */
+int rig_set_up(void **state);
+int rig_set_up_with_reference(void **state);
+int rig_tear_down(void **state);
 
 /* Makes keys for the farm, which is to use them from now on; before anything is started. */
 void rig_use_keys(rig_t *rig);

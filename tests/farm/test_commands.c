@@ -16,20 +16,6 @@
 #include <cmocka.h>
 
 #define SCENE "scenes/seed-hidden"
-#define ARGUMENTS(...) ((const char *[]){__VA_ARGS__, NULL})
-
-static int set_up(void **state)
-{
-    *state = rig_new();
-    return 0;
-}
-
-static int tear_down(void **state)
-{
-    rig_t *rig = *state;
-    rig_destroy(&rig);
-    return 0;
-}
 
 /* Runs a command; it must end with this code and say this (NULL: anything). */
 static void expect(rig_t *rig, int code, const char *said, const char *const *arguments)
@@ -253,7 +239,7 @@ static void a_render_without_workers_ends(void **state)
 
 int main(void)
 {
-#define COMMAND(test) cmocka_unit_test_setup_teardown(test, set_up, tear_down)
+#define COMMAND(test) cmocka_unit_test_setup_teardown(test, rig_set_up, rig_tear_down)
     const struct CMUnitTest tests[] = {
         COMMAND(an_imported_scene_is_the_scene),
         COMMAND(wrong_usage_is_told),

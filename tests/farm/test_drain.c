@@ -12,20 +12,6 @@
 
 static const double NO_BATCHES = 1000; /* seconds: what is counted came with a farewell */
 
-static int set_up(void **state)
-{
-    rig_reference();
-    *state = rig_new();
-    return 0;
-}
-
-static int tear_down(void **state)
-{
-    rig_t *rig = *state;
-    rig_destroy(&rig);
-    return 0;
-}
-
 static pid_t start_worker(rig_t *rig, const char *grace)
 {
     char *address = mem_printf("127.0.0.1:%d", rig->port);
@@ -156,7 +142,7 @@ static void a_wrong_grace_is_refused(void **state)
 
 int main(void)
 {
-#define DRAIN(test) cmocka_unit_test_setup_teardown(test, set_up, tear_down)
+#define DRAIN(test) cmocka_unit_test_setup_teardown(test, rig_set_up_with_reference, rig_tear_down)
     const struct CMUnitTest tests[] = {
         DRAIN(what_was_begun_is_delivered),
         DRAIN(an_idle_worker_survives_sighup_and_leaves_at_once),

@@ -15,20 +15,6 @@
 
 static const double BATCH_INTERVAL = 0.2; /* seconds */
 
-static int set_up(void **state)
-{
-    rig_reference();
-    *state = rig_new();
-    return 0;
-}
-
-static int tear_down(void **state)
-{
-    rig_t *rig = *state;
-    rig_destroy(&rig);
-    return 0;
-}
-
 static void assert_reference(rig_t *rig, uint64_t job)
 {
     rig_status_t status = rig_wait_job(rig, job);
@@ -238,7 +224,7 @@ static void a_client_sees_the_end_of_its_master(void **state)
 
 int main(void)
 {
-#define FAULT(test) cmocka_unit_test_setup_teardown(test, set_up, tear_down)
+#define FAULT(test) cmocka_unit_test_setup_teardown(test, rig_set_up_with_reference, rig_tear_down)
     const struct CMUnitTest tests[] = {
         FAULT(a_killed_worker_is_replaced),
         FAULT(a_stopped_worker_is_replaced_and_comes_back),

@@ -22,12 +22,6 @@ static int set_up(void **state)
     return 0;
 }
 
-static int tear_down(void **state)
-{
-    rig_destroy((rig_t **)state);
-    return 0;
-}
-
 /* Finds a channel of the image; NULL when it has none. */
 static const image_channel_t *find(const image_t *image, const char *layer, char colour)
 {
@@ -174,11 +168,11 @@ static void images_of_a_job_that_keeps_them_have_them(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test_setup_teardown(the_mean_of_the_halves_is_the_picture, set_up, tear_down),
-        cmocka_unit_test_setup_teardown(a_job_that_works_can_be_asked_for_them, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(the_mean_of_the_halves_is_the_picture, set_up, rig_tear_down),
+        cmocka_unit_test_setup_teardown(a_job_that_works_can_be_asked_for_them, set_up, rig_tear_down),
         cmocka_unit_test_setup_teardown(a_job_that_is_over_too_as_long_as_its_film_is_kept, set_up,
-                                        tear_down),
-        cmocka_unit_test_setup_teardown(images_of_a_job_that_keeps_them_have_them, set_up, tear_down),
+                                        rig_tear_down),
+        cmocka_unit_test_setup_teardown(images_of_a_job_that_keeps_them_have_them, set_up, rig_tear_down),
     };
     return cmocka_run_group_tests_name("halves", tests, NULL, NULL);
 }

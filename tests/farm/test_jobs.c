@@ -15,7 +15,6 @@
 #include <cmocka.h>
 
 #define SCENE "scenes/seed-hidden"
-#define ARGUMENTS(...) ((const char *[]){__VA_ARGS__, NULL})
 
 static const double INTERVAL = 0.2; /* seconds between batches */
 
@@ -25,13 +24,6 @@ static int set_up(void **state)
     char *address = mem_printf("127.0.0.1:%d", rig->port);
     setenv("LIGHTMILL_MASTER", address, 1);
     free(address);
-    return 0;
-}
-
-static int tear_down(void **state)
-{
-    rig_t *rig = *state;
-    rig_destroy(&rig);
     return 0;
 }
 
@@ -352,7 +344,7 @@ static void jobs_share_and_priorities_rule(void **state)
 
 int main(void)
 {
-#define JOBS(test) cmocka_unit_test_setup_teardown(test, set_up, tear_down)
+#define JOBS(test) cmocka_unit_test_setup_teardown(test, set_up, rig_tear_down)
     const struct CMUnitTest tests[] = {
         JOBS(the_life_of_a_job_in_orders),      JOBS(an_extended_job_has_the_bits_of_a_longer_one),
         JOBS(a_status_is_watched_until_ctrl_c), JOBS(a_waiting_client_outlives_its_master),

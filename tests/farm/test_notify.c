@@ -29,12 +29,6 @@ static int set_up(void **state)
     return 0;
 }
 
-static int tear_down(void **state)
-{
-    rig_destroy((rig_t **)state);
-    return 0;
-}
-
 static void start_master(rig_t *rig, const char *target)
 {
     rig_start_master_on(rig, rig->data, INTERVAL, (const char *[]){"--notify", target, NULL});
@@ -331,7 +325,7 @@ static void what_cannot_be_told_is_refused(void **state)
     assert_refused(rig, other_scheme, "http:// and https:// only");
 }
 
-#define TEST(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
+#define TEST(name) cmocka_unit_test_setup_teardown(name, set_up, rig_tear_down)
 
 int main(void)
 {

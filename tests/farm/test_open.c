@@ -15,21 +15,7 @@
 /* After setjmp and stdarg. */
 #include <cmocka.h>
 
-#define ARGUMENTS(...) ((const char *[]){__VA_ARGS__, NULL})
 enum { TOKEN = 64 }; /* characters */
-
-static int set_up(void **state)
-{
-    *state = rig_new();
-    return 0;
-}
-
-static int tear_down(void **state)
-{
-    rig_t *rig = *state;
-    rig_destroy(&rig);
-    return 0;
-}
 
 /* The port and the token of the page's address in what a process has written. */
 static int read_address(rig_t *rig, pid_t process, char token[TOKEN + 1])
@@ -175,12 +161,12 @@ static void a_render_on_this_machine_has_a_page(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test_setup_teardown(open_finds_the_page_of_a_master, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(open_finds_the_page_of_a_master, rig_set_up, rig_tear_down),
         cmocka_unit_test_setup_teardown(open_gives_the_browser_a_private_file_and_does_not_wait_for_it,
-                                        set_up, tear_down),
-        cmocka_unit_test_setup_teardown(open_gives_no_token_to_the_address_of_a_dead_master, set_up,
-                                        tear_down),
-        cmocka_unit_test_setup_teardown(a_render_on_this_machine_has_a_page, set_up, tear_down),
+                                        rig_set_up, rig_tear_down),
+        cmocka_unit_test_setup_teardown(open_gives_no_token_to_the_address_of_a_dead_master, rig_set_up,
+                                        rig_tear_down),
+        cmocka_unit_test_setup_teardown(a_render_on_this_machine_has_a_page, rig_set_up, rig_tear_down),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -15,21 +15,6 @@
 /* After setjmp and stdarg. */
 #include <cmocka.h>
 
-#define ARGUMENTS(...) ((const char *[]){__VA_ARGS__, NULL})
-
-static int set_up(void **state)
-{
-    *state = rig_new();
-    return 0;
-}
-
-static int tear_down(void **state)
-{
-    rig_t *rig = *state;
-    rig_destroy(&rig);
-    return 0;
-}
-
 /* ---- the data directory -------------------------------------------------------------------------------- */
 
 /* Calls `look` with all that is in the folder, itself included; returns how many entries those were. */
@@ -160,7 +145,7 @@ static void a_drained_worker_delivers_and_ends_well(void **state)
 
 int main(void)
 {
-#define OPERATORS(test) cmocka_unit_test_setup_teardown(test, set_up, tear_down)
+#define OPERATORS(test) cmocka_unit_test_setup_teardown(test, rig_set_up, rig_tear_down)
     const struct CMUnitTest tests[] = {
         OPERATORS(the_data_directory_is_its_owners_alone),
         OPERATORS(a_refusal_tells_no_path_of_the_master),

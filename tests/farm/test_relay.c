@@ -12,20 +12,6 @@
 
 static const double BATCH_INTERVAL = 0.2; /* seconds */
 
-static int set_up(void **state)
-{
-    rig_reference();
-    *state = rig_new();
-    return 0;
-}
-
-static int tear_down(void **state)
-{
-    rig_t *rig = *state;
-    rig_destroy(&rig);
-    return 0;
-}
-
 /* One of the rig's key files, or NULL when it has none; the caller frees it. */
 static char *key_file(const rig_t *rig, const char *name)
 {
@@ -298,7 +284,7 @@ static void a_relay_has_keys_in_both_directions(void **state)
 
 int main(void)
 {
-#define RELAY(test) cmocka_unit_test_setup_teardown(test, set_up, tear_down)
+#define RELAY(test) cmocka_unit_test_setup_teardown(test, rig_set_up_with_reference, rig_tear_down)
     const struct CMUnitTest tests[] = {
         RELAY(nobody_can_tell_from_the_image),
         RELAY(workers_beside_and_below_share_a_job),

@@ -16,20 +16,6 @@
 
 static const double BATCH_INTERVAL = 0.2; /* seconds */
 
-static int set_up(void **state)
-{
-    rig_reference();
-    *state = rig_new();
-    return 0;
-}
-
-static int tear_down(void **state)
-{
-    rig_t *rig = *state;
-    rig_destroy(&rig);
-    return 0;
-}
-
 static void assert_reference(rig_t *rig, uint64_t job)
 {
     rig_status_t status = rig_wait_job(rig, job);
@@ -382,7 +368,7 @@ static void workers_are_upgraded_during_a_job(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-#define WITH_RIG(test) cmocka_unit_test_setup_teardown(test, set_up, tear_down)
+#define WITH_RIG(test) cmocka_unit_test_setup_teardown(test, rig_set_up_with_reference, rig_tear_down)
         WITH_RIG(the_image_is_right_though_a_worker_lies),
         WITH_RIG(a_unit_that_kills_workers_is_left_out),
         WITH_RIG(nobody_waits_for_a_straggler),
