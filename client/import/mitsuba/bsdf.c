@@ -8,7 +8,7 @@
 #include <strings.h>
 
 #include "client/import/files/number.h"
-#include "client/import/files/spectrum.h"
+#include "client/import/mitsuba/metals.h"
 #include "client/import/mitsuba/texture.h"
 
 enum { MOST_PARTS = BLOB_MAX_MIX_DEPTH + 1 };
@@ -150,49 +150,39 @@ static result_t fill_rough_dielectric(maker_t *k)
     return read_surface_alphas(k);
 }
 
-/* The measured spectra of pbrt-v4 have other names for the same metals. */
-static result_t read_metal(maker_t *k, const char *name, double outer, rgb_t *eta, rgb_t *absorption)
+static result_t read_metal(maker_t *k, const char *name, rgb_t *eta, rgb_t *absorption)
 {
-    spectrum_t spectra[2];
-    char text[64];
-    for (int i = 0; i < 2; ++i) {
-        snprintf(text, sizeof text, "metal-%.20s-%s", name, i == 0 ? "eta" : "k");
-        if (!spectrum_named(text, &spectra[i])) {
-            if (i == 1) spectrum_free(&spectra[0]);
-            TRY(report_refuse(
-                k->m->report, k->object->at,
-                "no index is known for the metal \"%.20s\"; give eta and k. The nearest is copper", name));
-            return strcmp(name, "Cu") == 0 ? result_ok() : read_metal(k, "Cu", outer, eta, absorption);
-        }
-    }
-    *eta = v_scale(spectrum_colour(&spectra[0], SPECTRUM_INDEX, SPECTRUM_PBRT_V3), (float)(1 / outer));
-    *absorption = v_scale(spectrum_colour(&spectra[1], SPECTRUM_INDEX, SPECTRUM_PBRT_V3), (float)(1 / outer));
-    spectrum_free(&spectra[0]);
-    spectrum_free(&spectra[1]);
+    if (metal_index(name, eta, absorption)) return result_ok();
+    metal_index("Cu", eta, absorption);
+    return report_refuse(k->m->report, k->object->at,
+                         "no index is known for the metal \"%.20s\"; give eta and k. The nearest is copper",
+                         name);
+}
+
+/* eta and k, or what is missing of them by the name of a metal, in the medium outside. */
+static result_t read_complex_index(maker_t *k, const char *name)
+{
+    double outer = air;
+    rgb_t eta = {0, 0, 0}, absorption = {0, 0, 0};
+    TRY(read_index(k, "extEta", &outer));
+    if (!property_find(k->object, "eta") || !property_find(k->object, "k"))
+        TRY(read_metal(k, name, &eta, &absorption));
+    TRY(property_colour(k->m, k->object, "eta", &eta));
+    TRY(property_colour(k->m, k->object, "k", &absorption));
+    k->record.values[VALUE_ETA] = blob_colour_value(v_scale(eta, (float)(1 / outer)));
+    k->record.values[VALUE_K] = blob_colour_value(v_scale(absorption, (float)(1 / outer)));
     return result_ok();
 }
 
 static result_t fill_conductor(maker_t *k)
 {
     const char *name = "Cu";
-    double outer = air;
-    rgb_t eta = {0, 0, 0}, absorption = {1, 1, 1};
     TRY(value(k, "specularReflectance", 1, VALUE_REFLECTANCE));
     TRY(property_string(k->m, k->object, "material", &name));
-    TRY(read_index(k, "extEta", &outer));
-    k->record.kind = strcmp(name, "none") == 0 ? MATERIAL_MIRROR : MATERIAL_CONDUCTOR;
-    if (k->record.kind == MATERIAL_MIRROR) return result_ok();
     bool own = property_find(k->object, "eta") || property_find(k->object, "k");
-    if (own) {
-        TRY(property_colour(k->m, k->object, "eta", &eta));
-        TRY(property_colour(k->m, k->object, "k", &absorption));
-        eta = v_scale(eta, (float)(1 / outer));
-        absorption = v_scale(absorption, (float)(1 / outer));
-    } else {
-        TRY(read_metal(k, name, outer, &eta, &absorption));
-    }
-    k->record.values[VALUE_ETA] = blob_colour_value(eta);
-    k->record.values[VALUE_K] = blob_colour_value(absorption);
+    k->record.kind = !own && strcasecmp(name, "none") == 0 ? MATERIAL_MIRROR : MATERIAL_CONDUCTOR;
+    if (k->record.kind == MATERIAL_CONDUCTOR) return read_complex_index(k, name);
+    property_ignore(k->object, "extEta");
     return result_ok();
 }
 
@@ -551,6 +541,7 @@ static const row_t rows[] = {
     {"twosided", NULL, hold_two_sided, false},
     {"mask", NULL, hold_mask, false},
     {"bumpmap", NULL, hold_bump, false},
+    {"bump", NULL, hold_bump, false}, /* until 0.4 */
     {"normalmap", NULL, hold_normal_map, false},
     {"blendbsdf", NULL, hold_blend, false},
     {"mixturebsdf", NULL, hold_mixture, false},

@@ -14,11 +14,11 @@ static result_t check_version(mitsuba_t *m)
 {
     const char *text = element_attribute(m->xml.root, "version");
     double version = text ? strtod(text, NULL) : 0.6;
-    if (version < 0.5)
+    if (version < 0.4)
         return error_at(m->xml.root->at,
                         "is a scene of Mitsuba %.10s; open and save it with Mitsuba 0.6 first", text);
     if (version >= 1)
-        return error_at(m->xml.root->at, "is a scene of Mitsuba %.10s; Lightmill reads those of 0.5 and 0.6",
+        return error_at(m->xml.root->at, "is a scene of Mitsuba %.10s; Lightmill reads those of 0.4 to 0.6",
                         text);
     return result_ok();
 }

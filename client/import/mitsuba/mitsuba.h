@@ -1,4 +1,4 @@
-/* mitsuba: scenes of Mitsuba 0.5 and 0.6 (.xml).
+/* mitsuba: scenes of Mitsuba 0.4 to 0.6 (.xml).
  *
  * From the bottom up: xml reads the files into a tree; property reads numbers, colours and transforms in it;
  * texture, bsdf, shape, emitter and sensor each make a family of objects; mitsuba is the order of things.

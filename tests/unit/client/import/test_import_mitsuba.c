@@ -214,7 +214,7 @@ static void what_is_no_scene_is_told(void **state)
     expect_bad_file(&bench, "<scene version=\"0.6\">", "s.xml:1:22: not XML");
     expect_bad_file(&bench, "<svg/>", "its root must be <scene>");
     expect_bad_file(&bench, "<scene version=\"3.0.0\"/>", "is a scene of Mitsuba 3.0.0");
-    expect_bad_file(&bench, "<scene version=\"0.4.0\"/>", "open and save it with Mitsuba 0.6");
+    expect_bad_file(&bench, "<scene version=\"0.3.0\"/>", "open and save it with Mitsuba 0.6");
     expect_bad_file(&bench, SCENE(""), "no shape that could be rendered");
     char *deep = mem_zalloc(8 * 1000, 1);
     for (int i = 0; i < 1000; ++i) strcat(deep, "<scene>");
@@ -628,6 +628,13 @@ static void bsdfs_of_one_layer_become_their_materials(void **state)
     assert_int_equal(material_of(&bench)->kind, MATERIAL_MIRROR);
     run_bsdf(&bench, "<bsdf type=\"roughconductor\"><string name=\"material\" value=\"Au\"/></bsdf>");
     assert_true(number(&bench, VALUE_ETA) < 0.3); /* gold in red */
+    run_bsdf(&bench, "<bsdf type=\"conductor\"><string name=\"material\" value=\"Cr_palik\"/>"
+                     "<float name=\"extEta\" value=\"1\"/><float name=\"k\" value=\"9\"/></bsdf>");
+    /* Palik's at 600 nm; colours of equal energy are 1.2 times that in red */
+    expect_near(number(&bench, VALUE_ETA) / 1.202, 3.5, 0.2);
+    expect_near(number(&bench, VALUE_K), 9, 0);
+    run_bsdf(&bench, "<bsdf type=\"conductor\"><string name=\"material\" value=\"Xx\"/></bsdf>");
+    expect_text(bench.result.message, "no index is known for the metal \"Xx\"");
     run_bsdf(&bench, "<bsdf type=\"difftrans\"/>");
     assert_int_equal(material_of(&bench)->kind, MATERIAL_DIFFUSE_TRANSMISSION);
     run_bsdf(&bench, "<bsdf type=\"roughdiffuse\"><float name=\"alpha\" value=\".3\"/></bsdf>");
@@ -680,6 +687,10 @@ static void bsdfs_may_hold_others(void **state)
                      "<texture type=\"checkerboard\"/></texture>" RED "</bsdf>");
     assert_true(material_of(&bench)->bump != 0);
     expect_near((double)bench.blob.textures[material_of(&bench)->bump - 1].inputs[0].factor.x, 2, 0);
+    run_text(&bench, "<scene version=\"0.4.0\">" SENSOR("") LAMP
+             "<shape type=\"rectangle\"><bsdf type=\"bump\"><texture type=\"checkerboard\"/>" RED
+             "</bsdf></shape></scene>");
+    assert_true(material_of(&bench)->bump != 0); /* what bumpmap was called */
     run_bsdf(&bench, "<bsdf type=\"normalmap\"><texture type=\"checkerboard\"/>" RED "</bsdf>");
     assert_true(material_of(&bench)->normal_map != 0);
     run_bsdf(&bench, "<bsdf type=\"coating\"><float name=\"sigmaA\" value=\".5\"/><float name=\"thickness\" "
