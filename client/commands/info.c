@@ -345,6 +345,7 @@ static void print_light(const scene_blob_t *blob, size_t index)
     if (light->image != 0) printf("  image %u", light->image - 1);
     if ((light->flags & LIGHT_TWO_SIDED) != 0) fputs("  two-sided", stdout);
     if ((light->flags & LIGHT_UNSEEN) != 0) fputs("  unseen", stdout);
+    if ((light->flags & LIGHT_PICTURE) != 0) fputs("  a picture: only the camera sees it", stdout);
     print_name(blob, light->kind == LIGHT_AREA ? blob->shapes[light->shape].name : 0);
 }
 

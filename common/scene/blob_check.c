@@ -382,14 +382,17 @@ static result_t check_lights(const scene_blob_t *blob)
         CHECK(all_finite(light->parameters, 4), "light %llu: its parameters are not finite", id);
         CHECK(ref_is_valid(light->image, blob->counts[BLOB_SECTION_IMAGES]), "light %llu: no image %u", id,
               light->image);
-        CHECK((light->flags & LIGHT_UNSEEN) == 0 || light->kind == LIGHT_AREA,
-              "light %llu: only area lights are unseen", id);
+        CHECK((light->flags & (LIGHT_UNSEEN | LIGHT_PICTURE)) == 0 || light->kind == LIGHT_AREA,
+              "light %llu: only area lights are unseen, or pictures", id);
         if (light->kind == LIGHT_AREA) {
             CHECK(light->shape < world->shape_count && blob->shapes[light->shape].light == i,
                   "light %llu does not belong to a shape of the world", id);
             const blob_value_t *alpha = &blob->shapes[light->shape].alpha;
             CHECK((light->flags & LIGHT_UNSEEN) == 0 || (alpha->texture == 0 && alpha->factor.x == 0),
                   "light %llu: rays run into its shape, but it is to be unseen", id);
+            CHECK((light->flags & LIGHT_PICTURE) == 0 ||
+                      ((light->flags & LIGHT_UNSEEN) == 0 && blob->shapes[light->shape].kind == SHAPE_MESH),
+                  "light %llu: only a mesh that is seen can be a picture", id);
             CHECK(value_is_valid(&light->radiance, blob->counts[BLOB_SECTION_TEXTURES]),
                   "light %llu: no such texture", id);
             continue;

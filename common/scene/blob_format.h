@@ -368,7 +368,10 @@ enum {
     LIGHT_SMOOTHSTEP = 2, /* a spot's rim is a smooth step of the cosine (pbrt-v4) ... */
     LIGHT_SQUARE = 4,     /* ... the square of its fraction (glTF); else its fourth power (pbrt-v3) */
     LIGHT_UNSEEN = 8,     /* an area light that no ray runs into; its shape's alpha is the number 0 */
-    LIGHT_COSINE = 16     /* all of a spot is also dimmed by the cosine (Cycles of Blender before 3.5) */
+    LIGHT_COSINE = 16,    /* all of a spot is also dimmed by the cosine (Cycles of Blender before 3.5) */
+    LIGHT_PICTURE = 32 /* an area light that lights nothing: only rays of the camera meet its shape, straight
+                          or by mirrors and clear glass; all others go through. Its shape is a mesh, whose
+                          material scatters nothing */
 };
 
 typedef struct {

@@ -207,7 +207,7 @@ static void by_places(const lit_t *lit, uint32_t i, tally_t *tally)
     light_view_t view;
     tally->draws++;
     if (lights_illuminate(lit->lights, point, choice, place, &view) &&
-        !scene_occluded(lit->scene, point, view.target, 0)) {
+        !scene_occluded(lit->scene, point, view.target, 0, false)) {
         assert_true(view.pdf_place > 0 && view.geometry > 0 && view.arrival >= 0);
         assert_float_equal(v_length(view.w), 1, 1e-5f);
         float cos = v_dot(view.w, normal());
@@ -217,7 +217,7 @@ static void by_places(const lit_t *lit, uint32_t i, tally_t *tally)
         add(tally, CROSSINGS, (double)(view.arrival * fabsf(cos) * disc_area()));
     }
     if (!lights_illuminate(lit->lights, centre, choice, place, &view) ||
-        scene_occluded(lit->scene, centre, view.target, 0))
+        scene_occluded(lit->scene, centre, view.target, 0, false))
         return;
     add(tally, FIRST_PLACE + cell_of(view.w), (double)view.geometry);
     add(tally, FIRST_RAY + cell_of(view.w), (double)view.arrival);
@@ -238,7 +238,7 @@ static void by_rays(const lit_t *lit, uint32_t i, tally_t *tally)
     float distance = v_dot(v_sub(centre, ray.origin), normal()) / cos;
     if (!(distance > 0)) return;
     vec3_t crossing = v_mad(ray.origin, distance, ray.direction);
-    if (!(v_length(v_sub(crossing, centre)) <= radius) || scene_occluded(lit->scene, ray.origin, crossing, 0))
+    if (!(v_length(v_sub(crossing, centre)) <= radius) || scene_occluded(lit->scene, ray.origin, crossing, 0, false))
         return;
     add(tally, CROSSINGS, 1);
     if (cos > 0) return;

@@ -50,6 +50,7 @@ typedef struct {
     blob_value_t alpha;    /* of the shapes that have it; factor 0: invisible */
     bool cutout;           /* alpha is 0 or 1 */
     bool emits, two_sided; /* two_sided: emission leaves the back as well */
+    bool unlit;            /* emits to the camera alone */
     blob_value_t emission; /* radiance */
 } gltf_material_t;
 

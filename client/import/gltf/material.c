@@ -239,14 +239,15 @@ static result_t extensions_of_metallic_roughness(maker_t *m)
     return volume(m);
 }
 
-/* A surface without shading has no place in a path tracer: its colour is taken for a diffuse one. */
+/* KHR_materials_unlit: the camera sees the base colour as it is, and nothing else sees the surface at all.
+ * Its values stay 0, so that it scatters nothing. */
 static result_t unlit(maker_t *m)
 {
-    item_t extension;
-    TRY(item_extension(m->item, "KHR_materials_unlit", &extension));
-    if (!extension.json) return result_ok();
-    item_warn(&extension, "an unlit surface is rendered as a diffuse one of its base colour");
-    m->record.values[VALUE_METALLIC] = m->record.values[VALUE_SPECULAR] = blob_constant(0);
+    blob_value_t *colour = &m->record.values[VALUE_REFLECTANCE];
+    TRY(alpha(m));
+    m->out->emits = m->out->two_sided = m->out->unlit = true;
+    m->out->emission = *colour;
+    *colour = blob_constant(0);
     return result_ok();
 }
 
@@ -254,10 +255,8 @@ static result_t unlit(maker_t *m)
  * glTF's default: rough white metal. What it understands has a metallicFactor, since that is 0 in Blender. */
 static result_t tell_of_lost_nodes(const maker_t *m)
 {
-    item_t unlit;
-    TRY(item_extension(m->item, "KHR_materials_unlit", &unlit));
     bool empty = !m->is_glossy && m->base.json && json_object_size(m->base.json) == 0;
-    if (!m->document->blender || !empty || m->out->emits || unlit.json) return result_ok();
+    if (!m->document->blender || !empty || m->out->emits) return result_ok();
     item_warn(
         &m->base,
         "is empty, as Blender writes a surface whose node is not a Principled BSDF: it arrives as rough "
@@ -269,14 +268,16 @@ static result_t tell_of_lost_nodes(const maker_t *m)
 
 static result_t fill(maker_t *m)
 {
+    item_t unshaded;
+    TRY(item_extension(m->item, "KHR_materials_unlit", &unshaded));
     TRY(find_base(m));
     TRY(base_colour(m));
+    if (unshaded.json) return unlit(m);
     TRY(m->is_glossy ? specular_glossiness(m) : metallic_roughness(m));
     TRY(normal_map(m));
     TRY(alpha(m));
     TRY(emission(m));
     TRY(extensions_of_metallic_roughness(m));
-    TRY(unlit(m));
     TRY(tell_of_lost_nodes(m));
     return emitting_sides(m);
 }

@@ -56,8 +56,9 @@ static result_t add_geometry(document_t *document, const item_t *primitive, cons
 /* What a shape of the world emits. */
 static blob_light_t light_of(const gltf_material_t *material)
 {
+    uint32_t sides = material->two_sided ? LIGHT_TWO_SIDED : 0, picture = material->unlit ? LIGHT_PICTURE : 0;
     return (blob_light_t){.kind = LIGHT_AREA,
-                          .flags = material->two_sided ? LIGHT_TWO_SIDED : 0,
+                          .flags = sides | picture,
                           .radiance = material->emission,
                           .world_from_light = xform_identity()};
 }

@@ -106,7 +106,11 @@ result_t scene_add_light(scene_builder_t *scene, blob_light_t light, const affin
 
 bool scene_has_light(const scene_builder_t *scene)
 {
-    return blob_builder_count(scene->blob, BLOB_SECTION_LIGHTS) > 0;
+    const blob_light_t *lights = blob_builder_records(scene->blob, BLOB_SECTION_LIGHTS);
+    uint32_t count = blob_builder_count(scene->blob, BLOB_SECTION_LIGHTS);
+    for (uint32_t i = 0; i < count; ++i)
+        if ((lights[i].flags & LIGHT_PICTURE) == 0) return true;
+    return false;
 }
 
 bool scene_gets_environment(const scene_builder_t *scene)

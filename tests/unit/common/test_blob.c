@@ -479,6 +479,8 @@ static void bad_indices_are_errors(void **state)
         {BLOB_SECTION_LIGHTS, FIELD(blob_light_t, 3, kind), 8, "light 3: unknown kind 8"},
         {BLOB_SECTION_LIGHTS, FIELD(blob_light_t, 0, shape), 1, "light 0 does not belong"},
         {BLOB_SECTION_LIGHTS, FIELD(blob_light_t, 0, shape), 3, "light 0 does not belong"},
+        {BLOB_SECTION_LIGHTS, FIELD(blob_light_t, 1, flags), LIGHT_PICTURE, "light 1: only area lights are"},
+        {BLOB_SECTION_LIGHTS, FIELD(blob_light_t, 0, flags), LIGHT_UNSEEN | LIGHT_PICTURE, "light 0: "},
         {BLOB_SECTION_LIGHTS, FIELD(blob_light_t, 0, radiance.texture), 4, "light 0: no such texture"},
         {BLOB_SECTION_LIGHTS, FIELD(blob_light_t, 1, radiance.texture), 1, "light 1: only area lights"},
         {BLOB_SECTION_LIGHTS, FIELD(blob_light_t, 3, image), 3, "light 3: no image 3"},

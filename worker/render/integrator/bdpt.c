@@ -78,7 +78,7 @@ static void light_connections(bidirectional_t *b, int count, uint32_t lost)
 static void take_connections(bidirectional_t *b, bool splats)
 {
     int count = b->connections.segments.count;
-    uint32_t lost = connections_transmit(b->sample, &b->connections);
+    uint32_t lost = connections_transmit(b->sample, &b->connections, splats);
     for (int i = 0; i < count; i++) {
         if (lost >> i & 1) continue;
         if (splats)

@@ -24,7 +24,7 @@ static void splat_vertex(sample_t *sample, const vertex_t *y, const walk_t *walk
     rgb_t result = v_scale(v_mul(y->throughput, value.f), factor);
     if (v_is_zero(result)) return;
     result = transmit(sample, vertex_exit(y, view.w), view.position, vertex_medium(y, view.w),
-                      v_length(v_sub(view.position, vertex_point(y))), result);
+                      v_length(v_sub(view.position, vertex_point(y))), true, result);
     if (!v_is_zero(result)) sample_splat(sample, view.raster, result, ray->light, y->dimension);
 }
 

@@ -40,7 +40,8 @@ static rgb_t occlusion_sample(sample_t *sample)
     vertex_first_hit(&z, sample, walk.origin);
     float distance = float_min(record->occlusion_distance, beyond_everything(setup->scene, vertex_point(&z)));
     vec3_t w = open_direction(sample, &z), from = vertex_exit(&z, w);
-    return transmit(sample, from, v_mad(from, distance, w), vacuum, distance, record->occlusion_radiance);
+    return transmit(sample, from, v_mad(from, distance, w), vacuum, distance, false,
+                    record->occlusion_radiance);
 }
 
 const integrator_ops_t integrator_ao = {.sample = occlusion_sample, .traces_light = false};

@@ -33,7 +33,7 @@ static rgb_t direct_light(sample_t *sample, const walk_t *walk, const vertex_t *
     rgb_t result = v_scale(v_mul(value.f, light.radiance), vertex_cosine(z, light.w) / pdf * weight);
     if (v_is_zero(result)) return result;
     result = transmit(sample, vertex_exit(z, light.w), light.target, vertex_medium(z, light.w),
-                      v_length(v_sub(light.target, vertex_point(z))), result);
+                      v_length(v_sub(light.target, vertex_point(z))), false, result);
     sample_lit(sample, light.light, v_mul(z->throughput, result));
     return result;
 }

@@ -4,8 +4,9 @@
 void walk_arrive(walk_t *walk, sample_t *sample, vertex_t *vertex)
 {
     sample->result->counts.rays++;
-    bool hit =
-        scene_intersect(sample->setup->scene, walk->origin, walk->direction, sample->time, &vertex->surface);
+    bool looks = walk->mode == TRANSPORT_RADIANCE && !walk->scattered;
+    bool hit = (looks ? scene_look : scene_intersect)(sample->setup->scene, walk->origin, walk->direction,
+                                                      sample->time, &vertex->surface);
     vertex->kind = hit ? VERTEX_SURFACE : VERTEX_SKY;
     vertex->mode = walk->mode;
     vertex->depth = ++walk->depth;

@@ -23,6 +23,11 @@
  *   share_i = r_i^2 (direct_i + q^2 inner_i),    direct_i = c_i / p_i^2,
  *   inner_i = g^2 / p_i^2 (direct_{i-1} + q_{i-1}^2 inner_{i-1}).
  *
+ * Pictures (LIGHT_PICTURE) are met only by eye subpaths that nothing but mirrors and clear glass has turned,
+ * and by the segments that join light vertices to the camera. No light subpath starts or ends on one and no
+ * vertex is joined to one, so what an eye subpath sees of it has weight 1. All other segments lie beyond a
+ * vertex that scatters, as seen from the camera, whichever strategy makes them: all let them through alike.
+ *
  * The weight of a connected path is 1 / (1 + share of the light side + share of the eye side). A Dirac lobe
  * has the same probability both ways, so its density cancels in r / p: discrete probabilities stand in for
  * densities.

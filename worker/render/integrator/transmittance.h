@@ -26,12 +26,12 @@ static inline rgb_t medium_transmittance(const medium_t *medium, float distance)
 }
 
 /* What of light (or of importance) arrives that sets out from one point to another. `from` and `to` are off
- * the surfaces of the points, which are `length` apart. */
+ * the surfaces of the points, which are `length` apart. `look`: one of them is the camera (segments_t). */
 static inline rgb_t transmit(sample_t *sample, vec3_t from, vec3_t to, medium_t medium, float length,
-                             rgb_t value)
+                             bool look, rgb_t value)
 {
     sample->result->counts.rays++;
-    if (scene_occluded(sample->setup->scene, from, to, sample->time)) return vec3(0, 0, 0);
+    if (scene_occluded(sample->setup->scene, from, to, sample->time, look)) return vec3(0, 0, 0);
     return medium_absorbs(&medium) ? v_mul(value, medium_transmittance(&medium, length)) : value;
 }
 
@@ -60,10 +60,11 @@ static inline int connections_add(connections_t *connections, vec3_t from, vec3_
 }
 
 /* Leaves of the values what arrives, and empties the packet. Bit i of the answer is set where nothing does.
- */
-static inline uint32_t connections_transmit(sample_t *sample, connections_t *connections)
+ * `look` as in transmit. */
+static inline uint32_t connections_transmit(sample_t *sample, connections_t *connections, bool look)
 {
     connections->segments.time = sample->time;
+    connections->segments.look = look;
     sample->result->counts.rays += (uint64_t)connections->segments.count;
     uint32_t lost = scene_occluded_packet(sample->setup->scene, &connections->segments);
     for (int i = 0; connections->absorbing >> i != 0; i++)

@@ -3,7 +3,7 @@
  * Triangles are chosen in proportion to their area and sampled uniformly; quadrics are sampled uniformly in
  * their own space. Where the shape lets rays through (alpha), as much of the emission is missing. A light
  * that is unseen lets all rays through, and has all of its emission: no subpath runs into it, as into one
- * without extent.
+ * without extent. A picture lights nothing: it has no power, so that it is never chosen.
  *
  * What sampling needs of each triangle is kept in one place: it would else take four dependent look-ups in
  * the blob and a square root.
@@ -94,6 +94,7 @@ static rgb_t mean_radiance(const light_t *light)
 /* Per area. */
 static double power(const light_t *light)
 {
+    if (light->record->flags & LIGHT_PICTURE) return 0;
     return M_PI * (double)rgb_luminance(mean_radiance(light)) * (is_two_sided(light) ? 2 : 1);
 }
 

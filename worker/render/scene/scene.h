@@ -54,6 +54,9 @@ bool scene_moves(const scene_t *scene);
 /* Finds the first surface along a ray from `origin` in the unit direction, at a time from 0 to 1. False when
  * there is none. */
 bool scene_intersect(const scene_t *scene, vec3_t origin, vec3_t direction, float time, surface_t *surface);
+/* The same for a ray that the camera looks along, at most mirrored or let through since: it meets pictures
+ * (LIGHT_PICTURE), too. */
+bool scene_look(const scene_t *scene, vec3_t origin, vec3_t direction, float time, surface_t *surface);
 void scene_details(const scene_t *scene, const surface_t *surface, surface_details_t *details);
 
 /* True when the ray hits anything; finds the nearest hit and forgets it: for measuring Embree alone. */
@@ -64,6 +67,7 @@ enum { SCENE_PACKET = 8 };
  * side as Embree takes them; those behind `count` may be anything that is set. */
 typedef struct {
     int count;
+    bool look; /* to or from the camera: pictures are in the way */
     float time;
     float from[3][SCENE_PACKET], to[3][SCENE_PACKET];
 } segments_t;
@@ -75,8 +79,8 @@ static inline void segments_set(segments_t *segments, int i, vec3_t from, vec3_t
     segments->to[0][i] = to.x, segments->to[1][i] = to.y, segments->to[2][i] = to.z;
 }
 
-/* True when something lies between the points. */
-bool scene_occluded(const scene_t *scene, vec3_t from, vec3_t to, float time);
+/* True when something lies between the points. `look`: see segments_t. */
+bool scene_occluded(const scene_t *scene, vec3_t from, vec3_t to, float time, bool look);
 /* Bit i of the answer is set when something lies between from[i] and to[i]. Quickest when all start close
  * together. */
 uint32_t scene_occluded_packet(const scene_t *scene, const segments_t *segments);

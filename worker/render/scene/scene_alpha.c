@@ -1,5 +1,5 @@
-/* scene_alpha: surfaces that let rays through with probability 1 - alpha, decided by a hash of the ray and of
- * what it hits, so that the answer is a function of these alone.
+/* scene_alpha: surfaces that let rays through: with probability 1 - alpha, decided by a hash of the ray and
+ * of what it hits, so that the answer is a function of these alone; and pictures all rays but the camera's.
  */
 #include "common/sampler.h"
 #include "worker/render/scene/scene_internal.h"
@@ -23,6 +23,7 @@ static float hit_number(const hit_t *hit, uint32_t shape)
 bool alpha_stops(const geometry_t *geometry, const hit_t *hit, bool shadow)
 {
     const blob_shape_t *shape = geometry->shape;
+    if (alpha_is_opaque(&shape->alpha) && (!shadow || alpha_is_opaque(&shape->shadow_alpha))) return true;
     surface_t surface;
     surface_details_t details;
     if (!scene_fill_surface(geometry->scene, shape, hit, true, vec3(0, 0, 1), &surface)) return true;
@@ -43,9 +44,13 @@ static void filter(const struct RTCFilterFunctionNArguments *arguments, bool sha
     const geometry_t *geometry = arguments->geometryUserPtr;
     unsigned n = arguments->N;
     const float *floats = (const float *)arguments->hit;
-    const uint32_t *ids = (const uint32_t *)arguments->hit;
+    const uint32_t *ids = (const uint32_t *)arguments->hit, *rays = (const uint32_t *)arguments->ray;
     for (unsigned i = 0; i < n; i++) {
         if (arguments->valid[i] != -1) continue;
+        if (geometry->picture && rays[RAY_ID * n + i] != RAY_LOOK) {
+            arguments->valid[i] = 0;
+            continue;
+        }
         hit_t hit = lane_hit((const float *)arguments->ray, n, i);
         hit.place = (vec2_t){floats[HIT_U * n + i], floats[HIT_V * n + i]};
         hit.primitive = ids[HIT_PRIMITIVE * n + i];

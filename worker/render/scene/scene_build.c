@@ -2,7 +2,7 @@
  *
  * Meshes and curves share the blob's arrays with Embree; quadrics are user geometry. Every object of the blob
  * is an Embree scene; the world's holds its own shapes (geometry id = shape index within the world) and then
- * the instances. Shapes with an alpha have filters that let rays through.
+ * the instances. Shapes with an alpha, and pictures, have filters that let rays through.
  */
 #include "worker/render/scene/scene_internal.h"
 
@@ -44,11 +44,16 @@ static void attach(RTCScene scene, RTCGeometry geometry, uint32_t id)
     rtcReleaseGeometry(geometry);
 }
 
+static bool is_picture(const scene_blob_t *blob, const blob_shape_t *shape)
+{
+    return shape->light != BLOB_NONE && (blob->lights[shape->light].flags & LIGHT_PICTURE) != 0;
+}
+
 static void add_shape(scene_t *scene, RTCScene to, uint32_t shape_index, uint32_t id)
 {
     const blob_shape_t *shape = &scene->blob->shapes[shape_index];
     geometry_t *geometry = &scene->geometries[shape_index];
-    *geometry = (geometry_t){.scene = scene, .shape = shape};
+    *geometry = (geometry_t){.scene = scene, .shape = shape, .picture = is_picture(scene->blob, shape)};
     RTCGeometry made = NULL;
     switch ((shape_kind_t)shape->kind) {
     case SHAPE_MESH:
@@ -63,10 +68,10 @@ static void add_shape(scene_t *scene, RTCScene to, uint32_t shape_index, uint32_
         break;
     }
     rtcSetGeometryUserData(made, geometry);
-    if (shape->kind == SHAPE_MESH && !alpha_is_opaque(&shape->alpha))
+    bool stops_all = alpha_is_opaque(&shape->alpha) && !geometry->picture;
+    if (shape->kind == SHAPE_MESH && !stops_all)
         rtcSetGeometryIntersectFilterFunction(made, alpha_filter_nearest);
-    if (shape->kind == SHAPE_MESH &&
-        (!alpha_is_opaque(&shape->alpha) || !alpha_is_opaque(&shape->shadow_alpha)))
+    if (shape->kind == SHAPE_MESH && (!stops_all || !alpha_is_opaque(&shape->shadow_alpha)))
         rtcSetGeometryOccludedFilterFunction(made, alpha_filter_shadow);
     attach(to, made, id);
 }

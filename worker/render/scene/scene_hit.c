@@ -76,7 +76,7 @@ bool scene_fill_surface(const scene_t *scene, const blob_shape_t *shape, const h
 }
 
 /* Embree's nearest hit along a ray; false when there is none. */
-static bool nearest_hit(const scene_t *scene, vec3_t origin, vec3_t direction, float time,
+static bool nearest_hit(const scene_t *scene, vec3_t origin, vec3_t direction, float time, uint32_t id,
                         struct RTCRayHit *query)
 {
     struct RTCIntersectContext context;
@@ -91,7 +91,8 @@ static bool nearest_hit(const scene_t *scene, vec3_t origin, vec3_t direction, f
                                    .dir_z = direction.z,
                                    .time = time,
                                    .tfar = INFINITY,
-                                   .mask = 0xFFFFFFFFu},
+                                   .mask = 0xFFFFFFFFu,
+                                   .id = id},
                            .hit = {.geomID = RTC_INVALID_GEOMETRY_ID, .instID = {RTC_INVALID_GEOMETRY_ID}}};
     if (!scene_can_trace(scene, origin) || !scene_can_trace(scene, direction)) return false;
     rtcIntersect1(scene->world, &context, query);
@@ -101,13 +102,14 @@ static bool nearest_hit(const scene_t *scene, vec3_t origin, vec3_t direction, f
 bool scene_probe(const scene_t *scene, vec3_t origin, vec3_t direction)
 {
     struct RTCRayHit query;
-    return nearest_hit(scene, origin, direction, 0, &query);
+    return nearest_hit(scene, origin, direction, 0, RAY_PLAIN, &query);
 }
 
-bool scene_intersect(const scene_t *scene, vec3_t origin, vec3_t direction, float time, surface_t *surface)
+static bool intersect(const scene_t *scene, vec3_t origin, vec3_t direction, float time, uint32_t id,
+                      surface_t *surface)
 {
     struct RTCRayHit query;
-    if (!nearest_hit(scene, origin, direction, time, &query)) return false;
+    if (!nearest_hit(scene, origin, direction, time, id, &query)) return false;
     const scene_blob_t *blob = scene->blob;
     hit_t hit = {.origin = origin,
                  .direction = direction,
@@ -121,4 +123,14 @@ bool scene_intersect(const scene_t *scene, vec3_t origin, vec3_t direction, floa
     const blob_shape_t *shape = &blob->shapes[blob->objects[object].first_shape + query.hit.geomID];
     vec3_t ng = vec3(query.hit.Ng_x, query.hit.Ng_y, query.hit.Ng_z);
     return scene_fill_surface(scene, shape, &hit, false, ng, surface);
+}
+
+bool scene_intersect(const scene_t *scene, vec3_t origin, vec3_t direction, float time, surface_t *surface)
+{
+    return intersect(scene, origin, direction, time, RAY_PLAIN, surface);
+}
+
+bool scene_look(const scene_t *scene, vec3_t origin, vec3_t direction, float time, surface_t *surface)
+{
+    return intersect(scene, origin, direction, time, RAY_LOOK, surface);
 }

@@ -10,6 +10,7 @@ typedef struct {
     const scene_t *scene;
     const blob_shape_t *shape;
     const quadric_t *quadric; /* or NULL */
+    bool picture;             /* LIGHT_PICTURE */
 } geometry_t;
 
 struct scene {
@@ -49,8 +50,19 @@ typedef struct {
 } hit_t;
 
 /* Rows of Embree's packet layout, N lanes each (RTCRayN and RTCHitN; their accessors are C++ only). */
-enum { RAY_ORIGIN = 0, RAY_NEAR = 3, RAY_DIRECTION = 4, RAY_TIME = 7, RAY_FAR = 8, RAY_ROWS = 12 };
+enum {
+    RAY_ORIGIN = 0,
+    RAY_NEAR = 3,
+    RAY_DIRECTION = 4,
+    RAY_TIME = 7,
+    RAY_FAR = 8,
+    RAY_ID = 10,
+    RAY_ROWS = 12
+};
 enum { HIT_U = 3, HIT_V = 4, HIT_PRIMITIVE = 5, HIT_GEOMETRY = 6, HIT_INSTANCE = 7 };
+
+/* The ids of rays: those that the camera looks along meet pictures, others do not. */
+enum { RAY_PLAIN = 0, RAY_LOOK = 1 };
 
 /* The ray of a lane, in the space of the scene that is traced. */
 static inline hit_t lane_hit(const float *rays, unsigned n, unsigned i)

@@ -4,7 +4,7 @@
 /* Segments end just short of their target, which lies off its surface by more than that. */
 static const float segment_end = 1.0f - 0x1p-20f;
 
-bool scene_occluded(const scene_t *scene, vec3_t from, vec3_t to, float time)
+bool scene_occluded(const scene_t *scene, vec3_t from, vec3_t to, float time, bool look)
 {
     struct RTCIntersectContext context;
     rtcInitIntersectContext(&context);
@@ -19,7 +19,8 @@ bool scene_occluded(const scene_t *scene, vec3_t from, vec3_t to, float time)
                          .dir_z = d.z,
                          .time = time,
                          .tfar = segment_end,
-                         .mask = 0xFFFFFFFFu};
+                         .mask = 0xFFFFFFFFu,
+                         .id = look ? RAY_LOOK : RAY_PLAIN};
     rtcOccluded1(scene->world, &context, &ray);
     return ray.tfar < 0;
 }
@@ -28,7 +29,7 @@ bool scene_occluded(const scene_t *scene, vec3_t from, vec3_t to, float time)
 static uint32_t only_occluded(const scene_t *scene, const segments_t *s)
 {
     vec3_t from = vec3(s->from[0][0], s->from[1][0], s->from[2][0]);
-    return scene_occluded(scene, from, vec3(s->to[0][0], s->to[1][0], s->to[2][0]), s->time);
+    return scene_occluded(scene, from, vec3(s->to[0][0], s->to[1][0], s->to[2][0]), s->time, s->look);
 }
 
 /* One coordinate of a packet's rays; counts in *lost those beyond the reach. */
@@ -56,7 +57,7 @@ uint32_t scene_occluded_packet(const scene_t *scene, const segments_t *segments)
     for (int i = 0; i < SCENE_PACKET; i++) {
         valid[i] = i < segments->count && lost[i] == 0 ? -1 : 0;
         rays.tnear[i] = 0, rays.tfar[i] = segment_end, rays.time[i] = segments->time;
-        rays.mask[i] = 0xFFFFFFFFu, rays.id[i] = 0, rays.flags[i] = 0;
+        rays.mask[i] = 0xFFFFFFFFu, rays.id[i] = segments->look ? RAY_LOOK : RAY_PLAIN, rays.flags[i] = 0;
     }
     rtcOccluded8(valid, scene->world, &context, &rays);
     /* Where nobody can say what lies between, it is as good as occluded. */

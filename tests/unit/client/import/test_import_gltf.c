@@ -382,6 +382,29 @@ static void extensions_of_materials_are_read(void **state)
     bench_close(&bench);
 }
 
+/* Only its colour and its alpha count, and it is no light: the scene gets a sky. */
+static void an_unlit_material_is_a_picture(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run_material(&bench, FULL,
+                 "\"pbrMetallicRoughness\":{\"baseColorFactor\":[0.1,0.2,0.3,0.4],\"metallicFactor\":0.5},"
+                 "\"emissiveFactor\":[1,1,1],\"normalTexture\":{\"index\":0},\"alphaMode\":\"BLEND\","
+                 "\"extensions\":{\"KHR_materials_unlit\":{},"
+                 "\"KHR_materials_clearcoat\":{\"clearcoatFactor\":1}}");
+    bench_expect_ok(&bench);
+    expect_text(bench.warnings, "the scene has no light: a white sky");
+    assert_int_equal(count_of(&bench, BLOB_SECTION_LIGHTS), 2);
+    const blob_light_t *light = &bench.blob.lights[bench.blob.shapes[0].light];
+    assert_int_equal(light->flags, LIGHT_PICTURE | LIGHT_TWO_SIDED);
+    expect_vec3(light->radiance.factor, 0.1, 0.2, 0.3);
+    expect_near((double)bench.blob.shapes[0].alpha.factor.x, 0.4, 1e-6);
+    for (int i = 0; i < MATERIAL_VALUES; ++i)
+        expect_vec3(value_of(&bench, (material_value_t)i).factor, 0, 0, 0);
+    assert_int_equal(bench.blob.materials[0].normal_map, 0);
+    bench_close(&bench);
+}
+
 /* What a value is at the vertex of the mesh whose glTF coordinates are (u, v). */
 static rgb_t look(const bench_t *bench, const blob_value_t *value, double u, double v)
 {
@@ -1103,6 +1126,7 @@ int main(void)
         cmocka_unit_test(gpu_instancing_becomes_instances),
         cmocka_unit_test(no_material_is_the_default_one),
         cmocka_unit_test(extensions_of_materials_are_read),
+        cmocka_unit_test(an_unlit_material_is_a_picture),
         cmocka_unit_test(a_glossy_material_keeps_its_numbers),
         cmocka_unit_test(textures_are_read_with_their_samplers),
         cmocka_unit_test(masks_and_texture_transforms_are_read),

@@ -133,8 +133,8 @@ static void embree_agrees(void **state)
                      (double)aside);
         assert_true(v_length(v_sub(surface.p, centre)) <= radius);
         /* The segment to the hit is free, and the one beyond it is not. */
-        assert_false(scene_occluded(scene, from, v_mad(surface.p, -2e-3f, d), time));
-        assert_true(scene_occluded(scene, from, v_mad(surface.p, 2e-3f, d), time));
+        assert_false(scene_occluded(scene, from, v_mad(surface.p, -2e-3f, d), time, false));
+        assert_true(scene_occluded(scene, from, v_mad(surface.p, 2e-3f, d), time, false));
     }
     for (int i = 0; i < 4; i++) assert_true(hits[i] > 100);
     scene_destroy(&scene);
