@@ -35,6 +35,11 @@ void scattering_begin(scattering_t *scattering, blob_material_t material)
     blob_builder_add(b, BLOB_SECTION_POSITIONS, positions, 3);
     blob_builder_add(b, BLOB_SECTION_TRIANGLES, &triangle, 1);
     blob_builder_add(b, BLOB_SECTION_MESHES, &mesh, 1);
+    const blob_texture_t tilted = {.kind = TEXTURE_SCALE,
+                                   .channel = CHANNEL_RGB,
+                                   .texture_from_world = xform_identity(),
+                                   .inputs = {blob_colour_value(vec3(0.7f, 0.4f, 1)), blob_constant(1)}};
+    blob_builder_add(b, BLOB_SECTION_TEXTURES, &tilted, 1);
     blob_builder_add(b, BLOB_SECTION_MATERIALS, &material, 1);
     blob_builder_add(b, BLOB_SECTION_SHAPES, &shape, 1);
     blob_builder_add(b, BLOB_SECTION_OBJECTS, &(blob_object_t){0, 1}, 1);

@@ -305,6 +305,7 @@ static void print_material(const scene_blob_t *blob, size_t index)
     }
     if (m->bump != 0) printf("  bumps of texture %u", m->bump - 1);
     if (m->normal_map != 0) printf("  normals of texture %u", m->normal_map - 1);
+    if (m->coat_normal_map != 0) printf("  normals of the coat of texture %u", m->coat_normal_map - 1);
     print_name(blob, m->name);
 }
 

@@ -317,7 +317,7 @@ typedef enum {
     MATERIAL_DIFFUSE_TRANSMISSION, /* [REFLECTANCE, TRANSMITTANCE] */
     MATERIAL_GLTF,                 /* [REFLECTANCE, METALLIC, ROUGHNESS_U, ETA, SPECULAR, SPECULAR_COLOUR,
                                       CLEARCOAT, CLEARCOAT_ROUGHNESS, TRANSMISSION, ATTENUATION]; THIN without
-                                      a volume */
+                                      a volume; COAT_NORMAL */
     MATERIAL_KIND_END
 } material_kind_t;
 
@@ -326,7 +326,9 @@ enum {
     MATERIAL_REMAP_SQRT = 2,   /* pbrt-v4's: alpha = sqrt(roughness) */
     MATERIAL_REMAP_SQUARE = 4, /* glTF's: alpha = roughness^2 */
     MATERIAL_THIN = 8,
-    MATERIAL_UNIT = 32,    /* pbrt-v4's: REFLECTANCE, TRANSMITTANCE, ALBEDO and AMOUNT are at most 1 */
+    MATERIAL_UNIT = 32,        /* pbrt-v4's: REFLECTANCE, TRANSMITTANCE, ALBEDO and AMOUNT are at most 1 */
+    MATERIAL_COAT_NORMAL = 64, /* the coat has a normal of its own: that of the surface, turned by the
+                                  coat_normal_map where there is one */
     MATERIAL_ALPHA_V3 = 16 /* alphas as pbrt-v3 bounds them: smooth is only a dielectric whose roughness is 0
                               in both axes; else they are at least 1e-3. REMAP_V3 implies it */
 };
@@ -335,10 +337,12 @@ typedef struct {
     uint32_t kind; /* material_kind_t */
     uint32_t name; /* offset in the strings */
     uint32_t flags;
-    uint32_t parts[2];     /* of a mix: materials before this one */
-    blob_ref_t normal_map; /* texture whose value 2 v - 1 is the normal along (dp/du, dp/dv, n) */
-    float normal_scale;    /* of its x and y */
-    blob_ref_t bump;       /* texture of a displacement along the normal, which turns the normal alone */
+    uint32_t parts[2];          /* of a mix: materials before this one */
+    blob_ref_t normal_map;      /* texture whose value 2 v - 1 is the normal along (dp/du, dp/dv, n) */
+    float normal_scale;         /* of its x and y */
+    blob_ref_t bump;            /* texture of a displacement along the normal, which turns the normal alone */
+    blob_ref_t coat_normal_map; /* as normal_map, of the coat; 0 without MATERIAL_COAT_NORMAL */
+    float coat_normal_scale;
     blob_value_t values[MATERIAL_VALUES];
 } blob_material_t;
 

@@ -38,6 +38,17 @@ static blob_material_t solid(blob_material_t m)
     return m;
 }
 
+/* White below a coat whose normal is tilted, as scattering.h has it. */
+static blob_material_t tilted_coat(float metallic, float roughness, float coat_roughness)
+{
+    blob_material_t m = with(plain(metallic, roughness), VALUE_CLEARCOAT, 0.8f);
+    m = with(with(m, VALUE_REFLECTANCE, 1), VALUE_CLEARCOAT_ROUGHNESS, coat_roughness);
+    m.flags |= MATERIAL_COAT_NORMAL;
+    m.coat_normal_map = 1;
+    m.coat_normal_scale = 1;
+    return m;
+}
+
 /* ---- the standard's formulas --------------------------------------------------------------------------- */
 
 typedef struct {
@@ -115,6 +126,38 @@ static void values_are_the_standards(void **state)
     }
 }
 
+/* The coat's part is that of a level one, where both directions are turned back by what the normal is turned,
+ * times the ratio of the cosines. */
+static void a_tilted_coat_is_a_level_one_turned(void **state)
+{
+    (void)state;
+    const vec3_t n = v_normalize(vec3(0.4f, -0.2f, 1));
+    vec3_t s, t;
+    v_frame(n, &s, &t);
+    scattering_t tilted;
+    scattering_begin(&tilted, tilted_coat(0, 1, 0.4f));
+    double alpha = 0.16, seen = 0;
+    for (uint32_t i = 0; i < 1000; i++) {
+        sampler_t sampler = sampler_new(SAMPLER_INDEPENDENT, 9, 0, i);
+        vec3_t a = warp_cosine_hemisphere(sampler_2d(&sampler)),
+               b = warp_cosine_hemisphere(sampler_2d(&sampler));
+        double v = (double)v_dot(a, n), l = (double)v_dot(b, n), h = (double)v_length(v_add(a, b)) / 2;
+        double most = 1 - 0.96 * pow(1 - h, 5) - 0.04, grazing = fmin(fabs(v), fabs(l));
+        double below = 1 - 0.8 * schlick(0.04, 1, grazing), coat = 0, base = below * most / M_PI;
+        base +=
+            below * schlick(0.04, 1, h) * facets(1, (double)a.z, (double)b.z, (double)(a.z + b.z) / (2 * h));
+        if (v > 1e-3 && l > 1e-3)
+            coat = 0.8 * schlick(0.04, 1, h) * facets(alpha, v, l, (v + l) / (2 * h)) * l / (double)b.z;
+        bsdf_value_t value;
+        assert_true(bsdf_eval(&tilted.bsdf, a, b, TRANSPORT_RADIANCE, &value));
+        if (fabs(v) < 1e-3 || fabs(l) < 1e-3) continue;
+        assert_float_equal((double)value.f.y, base + coat, 2e-3 * (base + coat));
+        seen += coat > 0.1 * base;
+    }
+    assert_true(seen > 10);
+    scattering_end(&tilted);
+}
+
 /* What Blender writes of a surface without specular reflection, and of a mirror. */
 static void no_specular_colour_is_lambert(void **state)
 {
@@ -160,6 +203,8 @@ static void sampling_matches_densities(void **state)
         with(plain(0, 0.6f), VALUE_TRANSMISSION, 0.7f),
         with(solid(plain(0, 0.6f)), VALUE_TRANSMISSION, 0.7f),
         with(solid(plain(0.2f, 0.6f)), VALUE_TRANSMISSION, 1),
+        tilted_coat(1, 0.6f, 0.5f),
+        with(tilted_coat(0, 1, 0), VALUE_TRANSMISSION, 0.5f),
     };
     for (size_t i = 0; i < sizeof materials / sizeof *materials; i++) {
         scattering_t s;
@@ -184,6 +229,7 @@ static void scattering_is_reciprocal(void **state)
         with(coated, VALUE_TRANSMISSION, 0.7f),
         with(solid(plain(0, 0.6f)), VALUE_TRANSMISSION, 0.7f),
         with(solid(coated), VALUE_TRANSMISSION, 0.7f),
+        with(tilted_coat(0.5f, 0.6f, 0.5f), VALUE_TRANSMISSION, 0.7f),
     };
     for (size_t k = 0; k < sizeof materials / sizeof *materials; k++) {
         scattering_t s;
@@ -204,15 +250,33 @@ static void scattering_is_reciprocal(void **state)
     }
 }
 
-static double albedo(blob_material_t m, float cos)
+static double albedo_from(blob_material_t m, vec3_t wo, transport_t mode)
 {
     scattering_t s;
     scattering_begin(&s, m);
-    scattering_mean_t mean =
-        scattering_albedo(&s.bsdf, scattering_direction(cos, 1), TRANSPORT_IMPORTANCE, 100000);
+    scattering_mean_t mean = scattering_albedo(&s.bsdf, wo, mode, 100000);
     assert_true(mean.error < 0.005);
     scattering_end(&s);
     return mean.mean;
+}
+
+static double albedo(blob_material_t m, float cos)
+{
+    return albedo_from(m, scattering_direction(cos, 1), TRANSPORT_IMPORTANCE);
+}
+
+/* In a white furnace nothing is brighter than white, from whatever side of the coat one looks. */
+static void a_tilted_coat_adds_no_energy(void **state)
+{
+    (void)state;
+    for (int i = 0; i < 12; i++) {
+        vec3_t wo = scattering_direction(0.15f + 0.2f * (float)(i % 4), 2 * (float)i);
+        for (int k = 0; k < 4; k++) {
+            double a =
+                albedo_from(tilted_coat(1, k & 1 ? 0.5f : 0, k & 2 ? 0.4f : 0), wo, TRANSPORT_RADIANCE);
+            if (!(a > 0.2 && a < 1.005)) fail_msg("albedo %g at cosine %g", a, (double)wo.z);
+        }
+    }
 }
 
 static void clear_and_metal_surfaces_keep_energy(void **state)
@@ -322,6 +386,8 @@ int main(void)
         cmocka_unit_test(no_specular_colour_is_lambert),
         cmocka_unit_test(sampling_matches_densities),
         cmocka_unit_test(scattering_is_reciprocal),
+        cmocka_unit_test(a_tilted_coat_is_a_level_one_turned),
+        cmocka_unit_test(a_tilted_coat_adds_no_energy),
         cmocka_unit_test(clear_and_metal_surfaces_keep_energy),
         cmocka_unit_test(white_dielectric_is_near_one),
         cmocka_unit_test(solids_absorb_and_sheets_do_not),

@@ -68,16 +68,17 @@ static result_t metallic_roughness(maker_t *m)
                         VALUE_ROUGHNESS_U);
 }
 
-static result_t normal_map(maker_t *m)
+static result_t normal_map(const maker_t *m, const item_t *owner, const char *key, blob_ref_t *texture,
+                           float *factor)
 {
     item_t info;
     double scale = 1;
     blob_value_t map;
-    TRY(item_member(m->item, "normalTexture", JSON_OBJECT, &info));
+    TRY(item_member(owner, key, JSON_OBJECT, &info));
     TRY(item_number(&info, "scale", -1e3, 1e3, &scale));
-    TRY(texture_value(m->document, m->item, "normalTexture", ENCODING_LINEAR, CHANNEL_RGB, white, &map));
-    m->record.normal_map = map.texture;
-    m->record.normal_scale = (float)scale;
+    TRY(texture_value(m->document, owner, key, ENCODING_LINEAR, CHANNEL_RGB, white, &map));
+    *texture = map.texture;
+    *factor = (float)scale;
     return result_ok();
 }
 
@@ -171,16 +172,18 @@ static result_t specular(maker_t *m)
                          to_rgb(colour), &m->record.values[VALUE_SPECULAR_COLOUR]);
 }
 
+/* A normal map of the base does not turn the coat. */
 static result_t clearcoat(maker_t *m)
 {
-    item_t extension, normal;
+    item_t extension;
     TRY(item_extension(m->item, "KHR_materials_clearcoat", &extension));
     TRY(number_value(m, &extension, "clearcoatFactor", 0, "clearcoatTexture", CHANNEL_R, VALUE_CLEARCOAT));
     TRY(number_value(m, &extension, "clearcoatRoughnessFactor", 0, "clearcoatRoughnessTexture", CHANNEL_G,
                      VALUE_CLEARCOAT_ROUGHNESS));
-    TRY(item_member(&extension, "clearcoatNormalTexture", JSON_OBJECT, &normal));
-    if (normal.json && m->record.values[VALUE_CLEARCOAT].factor.x > 0)
-        item_warn(&normal, "a normal map of a coat is ignored; the coat takes the base's");
+    if (!(m->record.values[VALUE_CLEARCOAT].factor.x > 0)) return result_ok();
+    TRY(normal_map(m, &extension, "clearcoatNormalTexture", &m->record.coat_normal_map,
+                   &m->record.coat_normal_scale));
+    if (m->record.normal_map != 0 || m->record.coat_normal_map != 0) m->record.flags |= MATERIAL_COAT_NORMAL;
     return result_ok();
 }
 
@@ -274,7 +277,7 @@ static result_t fill(maker_t *m)
     TRY(base_colour(m));
     if (unshaded.json) return unlit(m);
     TRY(m->is_glossy ? specular_glossiness(m) : metallic_roughness(m));
-    TRY(normal_map(m));
+    TRY(normal_map(m, m->item, "normalTexture", &m->record.normal_map, &m->record.normal_scale));
     TRY(alpha(m));
     TRY(emission(m));
     TRY(extensions_of_metallic_roughness(m));

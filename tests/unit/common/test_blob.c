@@ -472,6 +472,7 @@ static void bad_indices_are_errors(void **state)
         {BLOB_SECTION_MATERIALS, FIELD(blob_material_t, 3, name), 1000, "material 3 is malformed"},
         {BLOB_SECTION_MATERIALS, FIELD(blob_material_t, 1, bump), 4, "material 1 is malformed"},
         {BLOB_SECTION_MATERIALS, FIELD(blob_material_t, 2, normal_map), 4, "material 2 is malformed"},
+        {BLOB_SECTION_MATERIALS, FIELD(blob_material_t, 2, coat_normal_map), 4, "material 2 is malformed"},
         {BLOB_SECTION_MATERIALS, FIELD(blob_material_t, 4, parts[0]), 4, "material 4 is malformed"},
         {BLOB_SECTION_MATERIALS, FIELD(blob_material_t, 4, parts[1]), UINT32_MAX, "material 4 is malformed"},
         {BLOB_SECTION_MATERIALS, VALUE(0, VALUE_ATTENUATION) + 12, 4, "material 0 is malformed"},

@@ -78,7 +78,8 @@ typedef struct {
 
 /* The lobes of glTF's materials. */
 typedef struct {
-    float coat;   /* weight of a clear coat above */
+    float coat; /* weight of a clear coat above */
+    vec3_t coat_normal;
     rgb_t f0;     /* reflectance at normal incidence */
     rgb_t f90;    /* at grazing incidence */
     float factor; /* of the lobes that are what reflection leaves */
@@ -204,6 +205,7 @@ extern const lobe_kind_t lobe_lambert, lobe_lambert_transmission, lobe_oren_naya
     lobe_rough_dielectric, lobe_rough_reflection, lobe_rough_transmission, lobe_fresnel_blend,
     lobe_disney_diffuse, lobe_disney_sheen, lobe_disney_specular, lobe_disney_clearcoat, lobe_layered,
     lobe_coated_lambert, lobe_smooth_coat, lobe_smooth_layers, lobe_schlick_reflection, lobe_schlick_mirror,
-    lobe_schlick_diffuse, lobe_schlick_through, lobe_schlick_straight;
+    lobe_schlick_diffuse, lobe_schlick_through, lobe_schlick_straight, lobe_schlick_coat,
+    lobe_schlick_coat_mirror;
 
 #endif

@@ -5,7 +5,7 @@
  *
  * A clear coat of weight c leaves 1 - c F of what is below it. The standard takes F at the angle of the
  * viewer; here it is that of the more grazing of both directions, so that the sum is reciprocal and still not
- * more than what comes in. */
+ * more than what comes in. The angles are those to the coat's normal, which may be its own. */
 #include "worker/render/bsdf/lobe.h"
 
 #include "worker/render/bsdf/microfacet.h"
@@ -27,7 +27,8 @@ static float below_coat(const lobe_t *lobe, vec3_t wo, vec3_t wi)
 {
     float coat = lobe->schlick.coat;
     if (coat == 0) return 1;
-    float grazing = fresnel_schlick_weight(float_min(fabsf(wo.z), fabsf(wi.z)));
+    vec3_t n = lobe->schlick.coat_normal;
+    float grazing = fresnel_schlick_weight(float_min(fabsf(v_dot(wo, n)), fabsf(v_dot(wi, n))));
     return 1 - coat * (SCHLICK_COAT_F0 + (1 - SCHLICK_COAT_F0) * grazing);
 }
 
@@ -39,7 +40,7 @@ static bool facets(const lobe_t *lobe, vec3_t wo, vec3_t wi, microfacet_t *facet
                    bsdf_value_t *value)
 {
     if (!microfacet_reflection(lobe->alpha[0], lobe->alpha[1], wo, wi, facet)) return false;
-    *f = facet->density * microfacet_correlated(facet->lambda_o, facet->lambda_i) * below_coat(lobe, wo, wi);
+    *f = facet->density * microfacet_correlated(facet->lambda_o, facet->lambda_i);
     value->pdf = facet->pdf;
     value->pdf_rev = facet->pdf_rev;
     return true;
@@ -50,7 +51,7 @@ static bool eval_reflection(const lobe_t *lobe, vec3_t wo, vec3_t wi, bsdf_value
     microfacet_t facet;
     float f;
     if (!facets(lobe, wo, wi, &facet, &f, value)) return false;
-    value->f = v_scale(reflectance(lobe, facet.cos), f);
+    value->f = v_scale(reflectance(lobe, facet.cos), f * below_coat(lobe, wo, wi));
     return true;
 }
 
@@ -59,9 +60,8 @@ static bool eval_through(const lobe_t *lobe, vec3_t wo, vec3_t wi, bsdf_value_t 
 {
     microfacet_t facet;
     float f;
-    wi.z = -wi.z;
-    if (!facets(lobe, wo, wi, &facet, &f, value)) return false;
-    f *= passed(lobe, facet.cos);
+    if (!facets(lobe, wo, vec3(wi.x, wi.y, -wi.z), &facet, &f, value)) return false;
+    f = f * below_coat(lobe, wo, wi) * passed(lobe, facet.cos);
     value->f = vec3(f, f, f);
     return true;
 }
@@ -128,6 +128,87 @@ static bool sample_straight(const lobe_t *lobe, vec3_t wo, vec2_t u, float choic
     return true;
 }
 
+/* ---- a coat with a normal of its own ------------------------------------------------------------------- */
+
+/* Its frame, whose tangents are any, in shading coordinates. */
+typedef struct {
+    vec3_t s, t, n;
+} coat_frame_t;
+
+static coat_frame_t coat_frame(const lobe_t *lobe)
+{
+    coat_frame_t frame = {.n = lobe->schlick.coat_normal};
+    v_frame(frame.n, &frame.s, &frame.t);
+    return frame;
+}
+
+static vec3_t to_coat(const coat_frame_t *frame, vec3_t w)
+{
+    return vec3(v_dot(w, frame->s), v_dot(w, frame->t), v_dot(w, frame->n));
+}
+
+static vec3_t from_coat(const coat_frame_t *frame, vec3_t w)
+{
+    return v_add(v_add(v_scale(frame->s, w.x), v_scale(frame->t, w.y)), v_scale(frame->n, w.z));
+}
+
+/* Below it directions count as along the surface, where nothing is seen. */
+#define LEAST_COSINE 1e-6f
+
+/* The coat receives light by the cosine to its own normal, while that to the shading normal is what values
+ * are multiplied by: their ratio, for the direction to the light, belongs to the value (Veach 1997, section
+ * 5.3: shading normals). Both directions lie above both surfaces, else there is nothing. */
+static bool eval_coat_above(const lobe_t *lobe, const coat_frame_t *frame, vec3_t wo, vec3_t wi,
+                            transport_t mode, bsdf_value_t *value)
+{
+    vec3_t o = to_coat(frame, wo), i = to_coat(frame, wi);
+    bool above = o.z > LEAST_COSINE && i.z > LEAST_COSINE && wo.z > LEAST_COSINE && wi.z > LEAST_COSINE;
+    if (!above || !eval_reflection(lobe, o, i, value)) return false;
+    value->f = v_scale(value->f, mode == TRANSPORT_RADIANCE ? i.z / wi.z : o.z / wo.z);
+    return true;
+}
+
+static bool eval_coat(const lobe_t *lobe, vec3_t wo, vec3_t wi, bool reflect, transport_t mode,
+                      bsdf_value_t *value)
+{
+    (void)reflect;
+    coat_frame_t frame = coat_frame(lobe);
+    if (!(wo.z > 0)) wo = v_neg(wo), wi = v_neg(wi);
+    return eval_coat_above(lobe, &frame, wo, wi, mode, value);
+}
+
+static bool sample_coat(const lobe_t *lobe, vec3_t wo, vec2_t u, float choice, transport_t mode,
+                        bsdf_sample_t *s)
+{
+    coat_frame_t frame = coat_frame(lobe);
+    vec3_t up = wo.z > 0 ? wo : v_neg(wo), o = to_coat(&frame, up), i;
+    bsdf_value_t value;
+    if (!(o.z > LEAST_COSINE) || !draw_reflection(lobe, o, u, choice, &i)) return false;
+    vec3_t wi = from_coat(&frame, i);
+    return eval_coat_above(lobe, &frame, up, wi, mode, &value) && lobe_complete(wo, wi, &value, s);
+}
+
+/* The same as a Dirac lobe: both cosines to the coat's normal are equal, so that only those to the shading
+ * normal are left. */
+static bool sample_coat_mirror(const lobe_t *lobe, vec3_t wo, vec2_t u, float choice, transport_t mode,
+                               bsdf_sample_t *s)
+{
+    (void)u, (void)choice;
+    vec3_t n = lobe->schlick.coat_normal, up = wo.z > 0 ? wo : v_neg(wo);
+    float cos = v_dot(up, n);
+    vec3_t wi = v_mad(v_neg(up), 2 * cos, n);
+    if (!(cos > LEAST_COSINE && wi.z > LEAST_COSINE && up.z > LEAST_COSINE)) return false;
+    rgb_t weight = v_scale(reflectance(lobe, cos), mode == TRANSPORT_RADIANCE ? 1 : wi.z / up.z);
+    set_specular(lobe, wo, wo.z > 0 ? wi : v_neg(wi), weight, s);
+    return true;
+}
+
+static void regularize_coat_mirror(lobe_t *lobe)
+{
+    lobe->kind = &lobe_schlick_coat;
+    lobe_regularize_alphas(lobe);
+}
+
 static void regularize_mirror(lobe_t *lobe)
 {
     lobe->kind = &lobe_schlick_reflection;
@@ -161,3 +242,8 @@ const lobe_kind_t lobe_schlick_mirror = {
     .flags = LOBE_REFLECTS | LOBE_SPECULAR, .sample = sample_mirror, .regularize = regularize_mirror};
 const lobe_kind_t lobe_schlick_straight = {
     .flags = LOBE_TRANSMITS | LOBE_SPECULAR, .sample = sample_straight, .regularize = regularize_straight};
+const lobe_kind_t lobe_schlick_coat = {
+    .flags = LOBE_REFLECTS, .eval = eval_coat, .sample = sample_coat, .regularize = lobe_regularize_alphas};
+const lobe_kind_t lobe_schlick_coat_mirror = {.flags = LOBE_REFLECTS | LOBE_SPECULAR,
+                                              .sample = sample_coat_mirror,
+                                              .regularize = regularize_coat_mirror};

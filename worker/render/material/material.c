@@ -22,6 +22,7 @@ void material_bsdf(const scene_t *scene, const surface_t *surface, bsdf_t *bsdf)
     bsdf->attenuation = vec3(0, 0, 0);
     bsdf->absorbs = false;
     bsdf->count = 0;
+    vec3_t coat_normal = {0, 0, 1};
     if (scene_material_varies(scene, surface->material)) {
         surface_details_t details;
         scene_details(scene, surface, &details);
@@ -29,10 +30,12 @@ void material_bsdf(const scene_t *scene, const surface_t *surface, bsdf_t *bsdf)
         at.uv2 = details.uv2;
         at.colour = details.colour;
         shading_frame_turn(bsdf, scene, surface->material, &details, &at);
+        if (surface->material->flags & MATERIAL_COAT_NORMAL)
+            coat_normal = shading_frame_coat(bsdf, scene, surface->material, &details, &at);
     } else {
         v_frame(bsdf->ns, &bsdf->s, &bsdf->t);
     }
-    shading_t shading = {scene, surface->material, &at, vec3(1, 1, 1), bsdf, shade};
+    shading_t shading = {scene, surface->material, &at, vec3(1, 1, 1), bsdf, shade, coat_normal};
     shade(&shading);
     bsdf_complete(bsdf);
 }

@@ -8,6 +8,7 @@ typedef struct {
     float alpha[2];
     bool smooth;
     float coat;
+    vec3_t coat_normal;
 } surface_finish_t;
 
 static float unit(const shading_t *shading, material_value_t value)
@@ -30,6 +31,7 @@ static void set_finish(lobe_t *lobe, const surface_finish_t *finish)
     lobe->alpha[0] = finish->alpha[0];
     lobe->alpha[1] = finish->alpha[1];
     lobe->schlick.coat = finish->coat;
+    lobe->schlick.coat_normal = finish->coat_normal;
 }
 
 /* Schlick's reflectance weighed by the cosine. */
@@ -39,13 +41,12 @@ static rgb_t mean_reflectance(rgb_t f0, rgb_t f90)
 }
 
 /* The mean goes into the scale, which then is about the albedo. */
-static void add_reflection(const shading_t *shading, rgb_t f0, rgb_t f90, float weight,
-                           const surface_finish_t *finish)
+static void add_reflection(const shading_t *shading, const lobe_kind_t *kind, rgb_t f0, rgb_t f90,
+                           float weight, const surface_finish_t *finish)
 {
     rgb_t mean = mean_reflectance(f0, f90), factor = vec3(inverse(mean.x), inverse(mean.y), inverse(mean.z));
     rgb_t scale = v_scale(mean, weight);
-    lobe_t *lobe = shading_add(shading, finish->smooth ? &lobe_schlick_mirror : &lobe_schlick_reflection,
-                               scale, v_max(scale));
+    lobe_t *lobe = shading_add(shading, kind, scale, v_max(scale));
     if (lobe == NULL) return;
     set_finish(lobe, finish);
     lobe->schlick.f0 = v_mul(f0, factor);
@@ -82,11 +83,15 @@ static void add_solid(const shading_t *shading, rgb_t colour, rgb_t tint, float 
 
 static void add_clearcoat(const shading_t *shading, float weight)
 {
-    surface_finish_t finish = {.coat = 0};
+    surface_finish_t finish = {.coat = 0, .coat_normal = shading->coat_normal};
     rgb_t white = {1, 1, 1};
+    bool own = shading->material->flags & MATERIAL_COAT_NORMAL;
     finish.smooth =
         !shading_alphas(shading, VALUE_CLEARCOAT_ROUGHNESS, VALUE_CLEARCOAT_ROUGHNESS, finish.alpha);
-    add_reflection(shading, v_scale(white, SCHLICK_COAT_F0), white, weight, &finish);
+    const lobe_kind_t *kind = own             ? finish.smooth ? &lobe_schlick_coat_mirror : &lobe_schlick_coat
+                              : finish.smooth ? &lobe_schlick_mirror
+                                              : &lobe_schlick_reflection;
+    add_reflection(shading, kind, v_scale(white, SCHLICK_COAT_F0), white, weight, &finish);
 }
 
 void material_gltf(const shading_t *shading)
@@ -96,7 +101,7 @@ void material_gltf(const shading_t *shading)
     float metallic = unit(shading, VALUE_METALLIC), transmission = unit(shading, VALUE_TRANSMISSION);
     float specular = unit(shading, VALUE_SPECULAR), ior = float_max(shading_number(shading, VALUE_ETA), 0);
     bool thin = shading->material->flags & MATERIAL_THIN;
-    surface_finish_t finish = {.coat = unit(shading, VALUE_CLEARCOAT)};
+    surface_finish_t finish = {.coat = unit(shading, VALUE_CLEARCOAT), .coat_normal = shading->coat_normal};
     finish.smooth = !shading_alphas(shading, VALUE_ROUGHNESS_U, VALUE_ROUGHNESS_U, finish.alpha);
 
     /* An index of 0 stands for complete reflection, as the standard has it. A reflectance below that of any
@@ -111,7 +116,8 @@ void material_gltf(const shading_t *shading)
 
     float solid = thin ? 0 : transmission, dielectric = (1 - metallic) * (1 - solid);
     rgb_t base = v_scale(colour, 1 - metallic);
-    add_reflection(shading, v_mad(v_scale(f0, dielectric), metallic, colour),
+    add_reflection(shading, finish.smooth ? &lobe_schlick_mirror : &lobe_schlick_reflection,
+                   v_mad(v_scale(f0, dielectric), metallic, colour),
                    v_mad(v_scale(f90, dielectric), metallic, white), 1, &finish);
     add_rest(shading, &lobe_schlick_diffuse, v_scale(base, 1 - transmission), f0, f90, &finish);
     if (thin)

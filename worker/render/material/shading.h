@@ -17,6 +17,7 @@ struct shading {
     rgb_t scale; /* of all lobes: what a mix leaves to this part */
     bsdf_t *bsdf;
     material_shade_t *shade; /* any material, by its kind */
+    vec3_t coat_normal;      /* of a coat, in the BSDF's frame: (0, 0, 1) where it has none of its own */
 };
 
 /* Values of the material at the point, bounded by 1e6; colours are not negative. */

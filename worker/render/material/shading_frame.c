@@ -47,11 +47,11 @@ static void bump(bsdf_t *bsdf, const textures_t *textures, uint32_t map, const s
 }
 
 /* The map's colour is (n + 1) / 2, with n along dp/du, dp/dv and the normal. */
-static void map_normal(bsdf_t *bsdf, const textures_t *textures, const blob_material_t *material,
+static void map_normal(bsdf_t *bsdf, const textures_t *textures, uint32_t map, float scale,
                        const surface_details_t *details, const texture_point_t *at)
 {
-    rgb_t colour = textures_eval(textures, material->normal_map - 1, at);
-    float x = (2 * colour.x - 1) * material->normal_scale, y = (2 * colour.y - 1) * material->normal_scale;
+    rgb_t colour = textures_eval(textures, map, at);
+    float x = (2 * colour.x - 1) * scale, y = (2 * colour.y - 1) * scale;
     set_tangents(bsdf, details->dpdu);
     if (v_dot(bsdf->t, details->dpdv) < 0) y = -y;
     set_normal(bsdf, bsdf_to_world(bsdf, vec3(x, y, 2 * colour.z - 1)));
@@ -61,7 +61,21 @@ void shading_frame_turn(bsdf_t *bsdf, const scene_t *scene, const blob_material_
                         const surface_details_t *details, const texture_point_t *at)
 {
     vec3_t dpdu = details->dpdu;
-    if (material->normal_map != 0) map_normal(bsdf, scene_textures(scene), material, details, at);
+    if (material->normal_map != 0)
+        map_normal(bsdf, scene_textures(scene), material->normal_map - 1, material->normal_scale, details,
+                   at);
     if (material->bump != 0) bump(bsdf, scene_textures(scene), material->bump - 1, details, at, &dpdu);
     set_tangents(bsdf, dpdu);
+}
+
+vec3_t shading_frame_coat(const bsdf_t *bsdf, const scene_t *scene, const blob_material_t *material,
+                          const surface_details_t *details, const texture_point_t *at)
+{
+    bsdf_t coat;
+    coat.ng = bsdf->ng;
+    coat.ns = at->n;
+    if (material->coat_normal_map != 0)
+        map_normal(&coat, scene_textures(scene), material->coat_normal_map - 1, material->coat_normal_scale,
+                   details, at);
+    return bsdf_to_local(bsdf, coat.ns);
 }

@@ -11,5 +11,8 @@
  * derivatives or the maps. */
 void shading_frame_turn(bsdf_t *bsdf, const scene_t *scene, const blob_material_t *material,
                         const surface_details_t *details, const texture_point_t *at);
+/* The normal of a coat that has its own (MATERIAL_COAT_NORMAL), in the coordinates of that frame. */
+vec3_t shading_frame_coat(const bsdf_t *bsdf, const scene_t *scene, const blob_material_t *material,
+                          const surface_details_t *details, const texture_point_t *at);
 
 #endif

@@ -382,6 +382,36 @@ static void extensions_of_materials_are_read(void **state)
     bench_close(&bench);
 }
 
+/* The coat of a base whose normals are turned keeps those of the mesh, unless it has a map of its own. */
+static void a_coat_has_normals_of_its_own(void **state)
+{
+    (void)state;
+#define COAT "\"KHR_materials_clearcoat\":{\"clearcoatFactor\":0.5"
+    static const struct {
+        const char *material;
+        bool base, own, flag;
+    } cases[] = {
+        {"\"extensions\":{" COAT "}}", false, false, false},
+        {"\"normalTexture\":{\"index\":0},\"extensions\":{" COAT "}}", true, false, true},
+        {"\"extensions\":{" COAT ",\"clearcoatNormalTexture\":{\"index\":0,\"scale\":0.25}}}", false, true,
+         true},
+        {"\"normalTexture\":{\"index\":0},\"extensions\":{\"KHR_materials_clearcoat\":{"
+         "\"clearcoatNormalTexture\":{\"index\":0}}}",
+         true, false, false},
+    };
+    for (size_t i = 0; i < ARRAY_LENGTH(cases); ++i) {
+        bench_t bench = {0};
+        run_material(&bench, FULL, cases[i].material);
+        bench_expect_ok(&bench);
+        const blob_material_t *m = &bench.blob.materials[0];
+        assert_int_equal(m->normal_map != 0, cases[i].base);
+        assert_int_equal(m->coat_normal_map != 0, cases[i].own);
+        assert_int_equal((m->flags & MATERIAL_COAT_NORMAL) != 0, cases[i].flag);
+        if (cases[i].own) expect_near((double)m->coat_normal_scale, 0.25, 0);
+        bench_close(&bench);
+    }
+}
+
 /* Only its colour and its alpha count, and it is no light: the scene gets a sky. */
 static void an_unlit_material_is_a_picture(void **state)
 {
@@ -1126,6 +1156,7 @@ int main(void)
         cmocka_unit_test(gpu_instancing_becomes_instances),
         cmocka_unit_test(no_material_is_the_default_one),
         cmocka_unit_test(extensions_of_materials_are_read),
+        cmocka_unit_test(a_coat_has_normals_of_its_own),
         cmocka_unit_test(an_unlit_material_is_a_picture),
         cmocka_unit_test(a_glossy_material_keeps_its_numbers),
         cmocka_unit_test(textures_are_read_with_their_samplers),
