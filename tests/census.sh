@@ -2,7 +2,7 @@
 # Imports every scene below a folder three times: strictly, with warnings, leniently. Prints how many come in, for each
 # folder below it, and why the others do not: what a collection of public scenes costs its users.
 #
-# usage: tests/census.sh DIR [BUILD]      CENSUS_SECONDS (60) and CENSUS_MEGABYTES (4096) bound each import
+# usage: tests/census.sh DIR [BUILD]      CENSUS_SECONDS (60) and CENSUS_MEGABYTES (4096, or unlimited) bound each import
 #
 # A scene is a .pbrt file with a WorldBegin, an .xml file with a <scene, or a .gltf, .glb or .obj file. The report, a line
 # a scene, is left in BUILD/census.tsv (CENSUS_REPORT names another file): what came of it (strict, warned, lenient, refused, slow, crash), the file, and why it did not come in
@@ -27,7 +27,7 @@ scenes() {
 import() {
     local status=0
     (
-        ulimit -v $((megabytes * 1024))
+        [[ $megabytes == unlimited ]] || ulimit -v $((megabytes * 1024))
         exec timeout --kill-after=5 "$seconds" "$build/lightmill" import "$@" --quiet -o "$scratch/scene.blob"
     ) >/dev/null 2>"$scratch/log" || status=$?
     rm -f "$scratch/scene.blob"

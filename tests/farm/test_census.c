@@ -13,6 +13,13 @@
 /* After setjmp and stdarg. */
 #include <cmocka.h>
 
+/* Sanitizers reserve more addresses than any scene needs. */
+#if defined __SANITIZE_ADDRESS__ || defined __SANITIZE_THREAD__
+static const char memory[] = "unlimited";
+#else
+static const char memory[] = "4096";
+#endif
+
 /* As the test was called. */
 static const char *program;
 
@@ -53,9 +60,9 @@ static char *build_folder(void)
 static char *census(const char *folder, const char *output)
 {
     char *build = build_folder();
-    char *command = mem_printf("CENSUS_REPORT='%s/report' CENSUS_SECONDS=50 tests/census.sh '%s/scenes' '%s' "
-                               ">'%s' 2>&1",
-                               folder, folder, build, output);
+    char *command = mem_printf("CENSUS_REPORT='%s/report' CENSUS_SECONDS=50 CENSUS_MEGABYTES=%s "
+                               "tests/census.sh '%s/scenes' '%s' >'%s' 2>&1",
+                               folder, memory, folder, build, output);
     free(build);
     assert_int_equal(system(command), 0);
     free(command);
