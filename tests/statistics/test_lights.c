@@ -238,7 +238,8 @@ static void by_rays(const lit_t *lit, uint32_t i, tally_t *tally)
     float distance = v_dot(v_sub(centre, ray.origin), normal()) / cos;
     if (!(distance > 0)) return;
     vec3_t crossing = v_mad(ray.origin, distance, ray.direction);
-    if (!(v_length(v_sub(crossing, centre)) <= radius) || scene_occluded(lit->scene, ray.origin, crossing, 0, false))
+    if (!(v_length(v_sub(crossing, centre)) <= radius) ||
+        scene_occluded(lit->scene, ray.origin, crossing, 0, false))
         return;
     add(tally, CROSSINGS, 1);
     if (cos > 0) return;
