@@ -152,7 +152,7 @@ static const param_rule_t sample_rules[] = {
     {{"samples", "nsamples"}, PARAM_IGNORE, "every light is sampled as its power asks for"},
 };
 
-/* v4's image on the surface: its rows run down from v = 1, and texels are not interpolated. */
+/* v4's image on the surface: its rows run down from v = 1. */
 static result_t read_surface_image(pbrt_t *p, params_t *params, position_t at, area_light_t *light)
 {
     blob_ref_t image;
@@ -168,7 +168,6 @@ static result_t read_surface_image(pbrt_t *p, params_t *params, position_t at, a
                               .channel = CHANNEL_RGB,
                               .wrap_s = WRAP_CLAMP,
                               .wrap_t = WRAP_CLAMP,
-                              .flags = TEXTURE_NEAREST,
                               .inputs = {blob_constant(1)}};
     light->light.radiance.texture = scene_add_texture(p->builder, &texture).texture;
     light->mean = scene_image_mean(p->builder, image, NULL, NULL);

@@ -411,6 +411,7 @@ static void an_image_colours_a_light(void **state)
     assert_int_equal(l->radiance.texture, 1);
     const blob_texture_t *t = &bench.blob.textures[0];
     assert_int_equal(t->kind, TEXTURE_IMAGE);
+    assert_int_equal(t->flags & TEXTURE_NEAREST, 0);
     /* v = 1 is the top row, t = 0 */
     expect_near((double)(t->matrix[1][1] * 1 + t->matrix[1][2]), 0, 0);
     expect_near((double)l->radiance.factor.x, 2 / (RADIANS(180) * RADIANS(180)), 1e-6);
