@@ -347,6 +347,9 @@ static void print_light(const scene_blob_t *blob, size_t index)
     if ((light->flags & LIGHT_TWO_SIDED) != 0) fputs("  two-sided", stdout);
     if ((light->flags & LIGHT_UNSEEN) != 0) fputs("  unseen", stdout);
     if ((light->flags & LIGHT_PICTURE) != 0) fputs("  a picture: only the camera sees it", stdout);
+    if ((light->flags & LIGHT_PORTAL) != 0)
+        printf("  through a portal of %g x %g", (double)v_length(light->portal[1]),
+               (double)v_length(light->portal[2]));
     print_name(blob, light->kind == LIGHT_AREA ? blob->shapes[light->shape].name : 0);
 }
 

@@ -370,6 +370,15 @@ static result_t check_materials(const scene_blob_t *blob)
     return result;
 }
 
+/* The sides' lengths must also be such that their squares and products are numbers. */
+static bool portal_is_valid(const vec3_t portal[3])
+{
+    const float shortest = 1e-9f, longest = 1e9f, most_cosine = 1e-5f;
+    float a = v_length(portal[1]), b = v_length(portal[2]);
+    return v_is_finite(portal[0]) && v_length(portal[0]) <= longest && a >= shortest && a <= longest &&
+           b >= shortest && b <= longest && fabsf(v_dot(portal[1], portal[2])) <= most_cosine * a * b;
+}
+
 static result_t check_lights(const scene_blob_t *blob)
 {
     const blob_object_t *world = &blob->objects[0];
@@ -404,6 +413,10 @@ static result_t check_lights(const scene_blob_t *blob)
         CHECK(light->image == 0 || light->kind == LIGHT_PROJECTION ||
                   is_one_of(light->mapping, LIGHT_LATLONG, LIGHT_OCTAHEDRAL + 1),
               "light %llu: unknown mapping %u", id, light->mapping);
+        CHECK((light->flags & LIGHT_PORTAL) == 0 || light->kind == LIGHT_INFINITE,
+              "light %llu: only infinite lights have portals", id);
+        CHECK((light->flags & LIGHT_PORTAL) == 0 || portal_is_valid(light->portal),
+              "light %llu: its portal is no rectangle", id);
         CHECK((light->kind != LIGHT_GONIOMETRIC && light->kind != LIGHT_PROJECTION) || light->image != 0,
               "light %llu has no image", id);
         CHECK(light->kind != LIGHT_PROJECTION || (light->parameters[0] < light->parameters[1] &&

@@ -373,9 +373,11 @@ enum {
     LIGHT_SQUARE = 4,     /* ... the square of its fraction (glTF); else its fourth power (pbrt-v3) */
     LIGHT_UNSEEN = 8,     /* an area light that no ray runs into; its shape's alpha is the number 0 */
     LIGHT_COSINE = 16,    /* all of a spot is also dimmed by the cosine (Cycles of Blender before 3.5) */
-    LIGHT_PICTURE = 32 /* an area light that lights nothing: only rays of the camera meet its shape, straight
-                          or by mirrors and clear glass; all others go through. Its shape is a mesh, whose
-                          material scatters nothing */
+    LIGHT_PICTURE = 32, /* an area light that lights nothing: only rays of the camera meet its shape, straight
+                        or by mirrors and clear glass; all others go through. Its shape is a mesh, whose
+                        material scatters nothing */
+    LIGHT_PORTAL = 64,  /* all of an infinite light comes through a rectangle: see `portal` */
+    LIGHT_SMOOTH = 128  /* an octahedral image is looked up bilinearly, not at the nearest texel */
 };
 
 typedef struct {
@@ -387,6 +389,9 @@ typedef struct {
     uint32_t mapping; /* light_mapping_t of the image */
     xform_t world_from_light;
     float parameters[4];
+    vec3_t portal[3]; /* of LIGHT_PORTAL, in the world: a corner of the rectangle and its sides a and b from
+                         there, at right angles. A segment to the sky shows the light where it crosses the
+                         rectangle towards a x b, the side on which the sky is; else nothing */
 } blob_light_t;
 
 #endif

@@ -98,6 +98,10 @@ static const light_case_t lights_of[] = {
     {"octahedral sky",
      V4("Rotate 50 1 0.3 0.2\nLightSource \"infinite\" \"string filename\" \"square.pfm\"\n"),
      FOUND_BY_LOOKING},
+    {"sky through a portal",
+     V4("Rotate 50 1 0.3 0.2\nLightSource \"infinite\" \"string filename\" \"square.pfm\" \"point3 portal\" "
+        "[-0.7 1.2 -0.6  0.7 1.2 -0.6  0.7 1.2 0.6  -0.7 1.2 0.6]\n"),
+     FOUND_BY_LOOKING},
     {"many",
      V3("LightSource \"infinite\" \"rgb L\" [0.3 0.2 0.1]\nLightSource \"infinite\" \"string mapname\" "
         "[\"wide.pfm\"]\n" AREA3(
@@ -268,7 +272,7 @@ static void look(const lit_t *lit, vec3_t point, vec3_t w, bool in_middle, tally
     float cos = v_dot(w, normal());
     if (!scene_intersect(lit->scene, point, w, 0, &surface)) {
         for (uint32_t k = 0; k < lights_sky_count(lit->lights); k++)
-            if (lights_escape(lit->lights, k, w, &hit)) add_found(tally, &hit, cos, w, in_middle, 1);
+            if (lights_escape(lit->lights, k, point, w, &hit)) add_found(tally, &hit, cos, w, in_middle, 1);
     } else if (surface.light != BLOB_NONE && lights_hit(lit->lights, &surface, v_neg(w), &hit)) {
         add_found(tally, &hit, cos, w, in_middle, fabs((double)v_dot(surface.ng, w)));
     }

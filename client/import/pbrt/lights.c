@@ -345,9 +345,68 @@ static double upper_cosine(const void *context, double s, double t)
     return inside > 0 ? 1 - r * r : 0;
 }
 
-static const param_rule_t portal_rules[] = {
-    {{"portal"}, PARAM_IGNORE, "light comes from all directions"},
-};
+/* The cosine of the angle between the ways from a to b and from c to d. */
+static double cosine_between(const double *a, const double *b, const double *c, const double *d)
+{
+    double product = 0, first = 0, second = 0;
+    for (int i = 0; i < 3; ++i) {
+        product += (b[i] - a[i]) * (d[i] - c[i]);
+        first += (b[i] - a[i]) * (b[i] - a[i]);
+        second += (d[i] - c[i]) * (d[i] - c[i]);
+    }
+    return product / sqrt(first * second);
+}
+
+/* As exact as pbrt-v4 wants it. A side without length makes cosines that are no numbers. */
+static bool is_rectangle(const double *p)
+{
+    const double tolerance = 1e-3;
+    const double *a = p, *b = p + 3, *c = p + 6, *d = p + 9;
+    return fabs(cosine_between(a, b, d, c) - 1) <= tolerance &&
+           fabs(cosine_between(b, c, a, d) - 1) <= tolerance &&
+           fabs(cosine_between(a, b, b, c)) <= tolerance && fabs(cosine_between(b, c, d, c)) <= tolerance &&
+           fabs(cosine_between(d, c, a, d)) <= tolerance && fabs(cosine_between(a, d, a, b)) <= tolerance;
+}
+
+/* The sides of a rectangle whose diagonal runs between its first and its third corner, the first side along
+ * that to the fourth. */
+static void set_portal(const double *p, blob_light_t *light)
+{
+    double length2 = 0, along = 0, sides[2][3];
+    for (int i = 0; i < 3; ++i) {
+        length2 += (p[9 + i] - p[i]) * (p[9 + i] - p[i]);
+        along += (p[9 + i] - p[i]) * (p[6 + i] - p[i]);
+    }
+    for (int i = 0; i < 3; ++i) {
+        sides[0][i] = (p[9 + i] - p[i]) * (along / length2);
+        sides[1][i] = p[6 + i] - p[i] - sides[0][i];
+    }
+    light->portal[0] = vec3((float)p[0], (float)p[1], (float)p[2]);
+    for (int k = 0; k < 2; ++k)
+        light->portal[1 + k] = vec3((float)sides[k][0], (float)sides[k][1], (float)sides[k][2]);
+    light->flags |= LIGHT_PORTAL;
+}
+
+/* v4's "portal": four corners in the world, whatever the current transform is. */
+static result_t read_portal(pbrt_t *p, params_t *params, blob_light_t *light)
+{
+    const double *corners;
+    size_t count;
+    TRY(params_array(params, "portal", PARAM_BIT(PARAM_POINT3), 3, &corners, &count));
+    if (count == 0) return result_ok();
+    position_t at = params_where(params, "portal", (position_t){0});
+    if (count != 12) return error_at(at, "a portal has 4 corners, this one has %zu", count / 3);
+    if (!is_rectangle(corners))
+        return report_refuse(p->report, at,
+                             "this portal is no rectangle; without it light comes from all directions");
+    set_portal(corners, light);
+    for (int k = 0; k < 3; ++k) {
+        float length = v_length(light->portal[k]);
+        if (!(length <= 1e9f) || (k > 0 && !(length >= 1e-9f)))
+            return error_at(at, "this portal is too far away, too large or too small");
+    }
+    return result_ok();
+}
 
 static result_t make_infinite(pbrt_t *p, params_t *params, position_t at)
 {
@@ -364,12 +423,16 @@ static result_t make_infinite(pbrt_t *p, params_t *params, position_t at)
         if (params_has(params, "illuminance"))
             illuminance = 2 * pi * scene_image_mean(p->builder, light.image, upper_cosine, NULL);
     }
+    if (!v3) TRY(read_portal(p, params, &light));
+    /* pbrt-v4 makes an image of one pixel, at the zenith, of a colour that it wants to show through a portal;
+     * and it interpolates images when it lays them out as portals are seen. */
+    if (light.flags & LIGHT_PORTAL && !light.image) illuminance = 2 * pi;
+    if (light.flags & LIGHT_PORTAL && light.image) light.flags |= LIGHT_SMOOTH;
     if (light.image && light.mapping != LIGHT_OCTAHEDRAL && !v3 && params_has(params, "illuminance"))
         return error_at(params_where(params, "illuminance", at),
                         "\"illuminance\" is only supported with a square image");
     TRY(scale_to(p, params, "illuminance", illuminance, &light.radiance.factor));
-    TRY(v3 ? params_apply(params, sample_rules, ARRAY_LENGTH(sample_rules), p->report)
-           : params_apply(params, portal_rules, ARRAY_LENGTH(portal_rules), p->report));
+    if (v3) TRY(params_apply(params, sample_rules, ARRAY_LENGTH(sample_rules), p->report));
     affine_t t = light_transform(p, at);
     if (light.image) t = without_scale(p, t, at);
     for (int i = 0; i < 3; ++i) t.m[i][3] = 0;

@@ -13,7 +13,10 @@ bool vertex_eval_split(const vertex_t *vertex, vec3_t w, bool delta, float pdf_p
 
 bool vertex_light_hit(const vertex_t *vertex, const lights_t *lights, uint32_t k, light_hit_t *hit)
 {
-    if (vertex->kind == VERTEX_SKY) return lights_escape(lights, k, v_neg(vertex->wo), hit);
+    if (vertex->kind == VERTEX_SKY) {
+        vec3_t w = v_neg(vertex->wo);
+        return lights_escape(lights, k, vertex_point(vertex), w, hit);
+    }
     return lights_hit(lights, &vertex->surface, vertex->wo, hit);
 }
 

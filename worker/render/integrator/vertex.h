@@ -38,7 +38,7 @@ static inline void vertex_shade(vertex_t *vertex, const setup_t *setup, bool sca
     if (setup->regularizes && scattered) bsdf_regularize(&vertex->bsdf);
 }
 
-/* Where it is; the sky is nowhere. */
+/* Where it is; the sky is nowhere: the vertex before. */
 static inline vec3_t vertex_point(const vertex_t *vertex)
 {
     return vertex->surface.p;

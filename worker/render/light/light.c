@@ -127,9 +127,16 @@ uint32_t lights_sky_count(const lights_t *lights)
     return lights->sky_count;
 }
 
-bool lights_escape(const lights_t *lights, uint32_t k, vec3_t w, light_hit_t *out)
+bool lights_escape(const lights_t *lights, uint32_t k, vec3_t point, vec3_t w, light_hit_t *out)
 {
     const light_t *light = &lights->lights[lights->sky[k]];
     out->light = lights->sky[k];
-    return kinds[light->record->kind]->escape(light, w, out);
+    return kinds[light->record->kind]->escape(light, point, w, out);
+}
+
+float lights_enter(const lights_t *lights, uint32_t number, vec3_t point)
+{
+    const light_t *light = &lights->lights[number];
+    const light_ops_t *kind = kinds[light->record->kind];
+    return kind->enter != NULL ? kind->enter(light, point) : 1;
 }

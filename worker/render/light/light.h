@@ -38,6 +38,7 @@ typedef struct {
     float pdf_place;          /* of the place, the choice of the emitter included */
     float pdf_ray; /* of the direction, per steradian; at infinity of the ray, per area across it */
     float cosine;  /* at the place between normal and direction; 1 where there is no normal */
+    float gate;    /* how far along the ray the light's portal is; 0 without one. See lights_enter */
     bool at_infinity;
     bool delta; /* eye subpaths cannot run into the place */
 } light_ray_t;
@@ -72,8 +73,13 @@ bool lights_illuminate(const lights_t *lights, vec3_t point, float choice, vec2_
 bool lights_hit(const lights_t *lights, const surface_t *surface, vec3_t wo, light_hit_t *out);
 /* How many lights fill the sky. */
 uint32_t lights_sky_count(const lights_t *lights);
-/* The k-th of them in the unit direction w; false when it is dark there. */
-bool lights_escape(const lights_t *lights, uint32_t k, vec3_t w, light_hit_t *out);
+/* The k-th of them as seen from a point in the unit direction w; false when it is dark there. */
+bool lights_escape(const lights_t *lights, uint32_t k, vec3_t point, vec3_t w, light_hit_t *out);
+/* What became of a ray that lights_emit sent through a portal, to a point behind it. From there the same
+ * direction would have been drawn with another density, since of the sky only what is seen through the portal
+ * is: the product of pdf_place and pdf_ray stays, but pdf_ray is to be multiplied by what is returned, and
+ * pdf_place divided by it. 0 when the portal shows nothing to the point. */
+float lights_enter(const lights_t *lights, uint32_t light, vec3_t point);
 
 /* ---- for kinds of light -------------------------------------------------------------------------------- */
 
@@ -98,7 +104,9 @@ typedef struct {
     bool (*illuminate)(const light_t *light, uint32_t primitive, vec3_t point, vec2_t place,
                        light_view_t *out);
     /* As lights_escape; NULL for lights that are not of the sky. */
-    bool (*escape)(const light_t *light, vec3_t w, light_hit_t *out);
+    bool (*escape)(const light_t *light, vec3_t point, vec3_t w, light_hit_t *out);
+    /* As lights_enter; NULL for lights that have no portals. */
+    float (*enter)(const light_t *light, vec3_t point);
 } light_ops_t;
 
 /* Every kind of light, by its name in the blob: the one place that a new one is entered. */

@@ -266,4 +266,4 @@ bool light_area_hit(const light_t *light, const surface_t *surface, vec3_t wo, l
     return !v_is_zero(out->radiance);
 }
 
-const light_ops_t light_area = {prepare, free, power, emit, illuminate, NULL};
+const light_ops_t light_area = {prepare, free, power, emit, illuminate, NULL, NULL};

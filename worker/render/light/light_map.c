@@ -5,14 +5,42 @@
 
 #include <stdlib.h>
 
+/* A texel of the octahedral map, at most one beyond its edges, each of which is folded about its middle. */
+static rgb_t octahedral_texel(const light_map_t *map, int x, int y, int width, int height)
+{
+    if (x < 0 || x >= width) {
+        x = x < 0 ? 0 : width - 1;
+        y = height - 1 - y;
+    }
+    if (y < 0 || y >= height) {
+        y = y < 0 ? 0 : height - 1;
+        x = width - 1 - x;
+    }
+    return textures_texel(map->textures, map->image, (uint32_t)x, (uint32_t)y);
+}
+
+static rgb_t octahedral_smooth(const light_map_t *map, vec2_t st, int width, int height)
+{
+    float x = float_clamp(st.x, 0, 1) * (float)width - 0.5f, left = floorf(x), right_part = x - left;
+    float y = float_clamp(st.y, 0, 1) * (float)height - 0.5f, above = floorf(y), lower_part = y - above;
+    rgb_t sum = vec3(0, 0, 0);
+    for (int k = 0; k < 4; k++) {
+        float weight = (k & 1 ? right_part : 1 - right_part) * (k & 2 ? lower_part : 1 - lower_part);
+        sum = v_mad(sum, weight,
+                    octahedral_texel(map, (int)left + (k & 1), (int)above + (k >> 1), width, height));
+    }
+    return sum;
+}
+
 /* pbrt-v3 looks its maps up bilinearly and lets both sides wrap around, so that its poles meet; pbrt-v4 takes
- * the nearest texel of its octahedral ones. */
+ * the nearest texel of its octahedral ones, but where it lays them out anew for a portal. */
 static rgb_t value_at(const light_map_t *map, vec2_t st)
 {
     if (map->mapping != LIGHT_OCTAHEDRAL)
         return textures_image(map->textures, map->image, WRAP_REPEAT, map->rows, st);
     uint32_t width, height;
     textures_size(map->textures, map->image, &width, &height);
+    if (map->smooth) return octahedral_smooth(map, st, (int)width, (int)height);
     uint32_t x = (uint32_t)(float_clamp(st.x, 0, 0x1.fffffep-1f) * (float)width);
     uint32_t y = (uint32_t)(float_clamp(st.y, 0, 0x1.fffffep-1f) * (float)height);
     return textures_texel(map->textures, map->image, x < width ? x : width - 1, y < height ? y : height - 1);
@@ -44,20 +72,26 @@ static vec2_t place_of(light_mapping_t mapping, vec3_t d)
 /* Cells a texel's side is cut into, so that steps follow what is interpolated; fewer for large images. */
 static uint32_t refinement(const light_map_t *map, uint32_t width, uint32_t height)
 {
-    if (map->mapping == LIGHT_OCTAHEDRAL) return 1; /* nothing is interpolated */
+    if (map->mapping == LIGHT_OCTAHEDRAL && !map->smooth) return 1; /* nothing is interpolated */
     uint32_t cells = 4;
     while (cells > 1 && (uint64_t)width * height * cells * cells > 1 << 22) cells--;
     return cells;
 }
 
-void light_map_init(light_map_t *map, const light_t *light)
+void light_map_init_values(light_map_t *map, const light_t *light)
 {
     *map = (light_map_t){.textures = scene_textures(light->scene),
                          .image = light->record->image - 1,
                          .mapping = (light_mapping_t)light->record->mapping,
-                         .rows = WRAP_REPEAT};
+                         .rows = WRAP_REPEAT,
+                         .smooth = (light->record->flags & LIGHT_SMOOTH) != 0};
     /* No light of pbrt's is this: the zenith of an environment is to show nothing of the ground. */
     if (light->record->kind == LIGHT_INFINITE && map->mapping == LIGHT_LATLONG_Y) map->rows = WRAP_CLAMP;
+}
+
+void light_map_init(light_map_t *map, const light_t *light)
+{
+    light_map_init_values(map, light);
     uint32_t width, height;
     textures_size(map->textures, map->image, &width, &height);
     uint32_t cells = refinement(map, width, height);

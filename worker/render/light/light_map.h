@@ -11,12 +11,15 @@ typedef struct {
     uint32_t image;
     light_mapping_t mapping;
     wrap_t rows;                  /* what is looked up beyond the first and the last */
+    bool smooth;                  /* an octahedral one is interpolated */
     distribution_t *distribution; /* over (s, t) */
     double mean;                  /* luminance over all directions */
 } light_map_t;
 
 /* Of the light's image; a projection's is not laid over directions, only its mean is of use. */
 void light_map_init(light_map_t *map, const light_t *light);
+/* The same for looking up alone: light_map_value. */
+void light_map_init_values(light_map_t *map, const light_t *light);
 void light_map_free(light_map_t *map);
 
 /* The image in the unit direction d of light space. */

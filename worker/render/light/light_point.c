@@ -128,7 +128,7 @@ static double point_power(const light_t *light)
 
 static const beam_t point_beam = {point_intensity, point_draw, point_pdf};
 DEFINE_WAYS(point)
-const light_ops_t light_point = {prepare, release, point_power, point_emit, point_illuminate, NULL};
+const light_ops_t light_point = {prepare, release, point_power, point_emit, point_illuminate, NULL, NULL};
 
 /* ---- spot ---------------------------------------------------------------------------------------------- */
 
@@ -171,7 +171,7 @@ static double spot_power(const light_t *light)
 
 static const beam_t spot_beam = {spot_intensity, spot_draw, spot_pdf};
 DEFINE_WAYS(spot)
-const light_ops_t light_spot = {prepare, release, spot_power, spot_emit, spot_illuminate, NULL};
+const light_ops_t light_spot = {prepare, release, spot_power, spot_emit, spot_illuminate, NULL, NULL};
 
 /* ---- goniometric --------------------------------------------------------------------------------------- */
 
@@ -198,7 +198,7 @@ static double goniometric_power(const light_t *light)
 static const beam_t goniometric_beam = {goniometric_intensity, goniometric_draw, goniometric_pdf};
 DEFINE_WAYS(goniometric)
 const light_ops_t light_goniometric = {
-    prepare, release, goniometric_power, goniometric_emit, goniometric_illuminate, NULL};
+    prepare, release, goniometric_power, goniometric_emit, goniometric_illuminate, NULL, NULL};
 
 /* ---- projection ---------------------------------------------------------------------------------------- */
 
@@ -249,4 +249,4 @@ static double projection_power(const light_t *light)
 static const beam_t projection_beam = {projection_intensity, projection_draw, projection_pdf};
 DEFINE_WAYS(projection)
 const light_ops_t light_projection = {
-    prepare, release, projection_power, projection_emit, projection_illuminate, NULL};
+    prepare, release, projection_power, projection_emit, projection_illuminate, NULL, NULL};

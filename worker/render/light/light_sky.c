@@ -1,7 +1,8 @@
 /* light_sky: lights at infinity: the distant one, in a single direction, and the infinite one, in all. Their
- * rays start on a disc across the direction that covers the sphere about the scene. */
-#include "worker/render/light/light.h"
+ * rays start on a disc across the direction that covers the sphere about the scene; those of an infinite
+ * light with a portal on the portal, or rather so far before it that all of the scene is in front of them. */
 #include "worker/render/light/light_map.h"
+#include "worker/render/light/light_portal.h"
 #include "worker/render/sampling/warp.h"
 
 #include <stdlib.h>
@@ -9,12 +10,18 @@
 typedef struct {
     vec3_t towards; /* the distant light's direction, in the world */
     xform_t light_from_world;
-    light_map_t map; /* of an infinite light with an image */
+    light_map_t map; /* of an infinite light with an image; with a portal of values alone */
+    light_portal_t portal;
 } sky_state_t;
 
 static const sky_state_t *state_of(const light_t *light)
 {
     return light->state;
+}
+
+static bool has_portal(const light_t *light)
+{
+    return (light->record->flags & LIGHT_PORTAL) != 0;
 }
 
 static void *prepare(const light_t *light)
@@ -23,13 +30,15 @@ static void *prepare(const light_t *light)
     sky_state_t *state = mem_zalloc(1, sizeof *state);
     state->towards = v_normalize(vec3(t->m[0][2], t->m[1][2], t->m[2][2]));
     xform_invert(t, &state->light_from_world);
-    if (light->record->image != 0) light_map_init(&state->map, light);
+    if (light->record->image != 0)
+        (has_portal(light) ? light_map_init_values : light_map_init)(&state->map, light);
     return state;
 }
 
 static void release(void *state)
 {
     light_map_free(&((sky_state_t *)state)->map);
+    light_portal_free(&((sky_state_t *)state)->portal);
     free(state);
 }
 
@@ -90,7 +99,8 @@ static double distant_power(const light_t *light)
            (double)rgb_luminance(light->record->radiance.factor);
 }
 
-const light_ops_t light_distant = {prepare, release, distant_power, distant_emit, distant_illuminate, NULL};
+const light_ops_t light_distant = {prepare, release, distant_power, distant_emit, distant_illuminate,
+                                   NULL,    NULL};
 
 /* ---- infinite ------------------------------------------------------------------------------------------ */
 
@@ -112,6 +122,14 @@ static rgb_t infinite_radiance(const light_t *light, vec3_t w)
     return tinted(light, light_map_value(&state_of(light)->map, to_light_space(light, w)));
 }
 
+static void *infinite_prepare(const light_t *light)
+{
+    light_t itself = *light; /* with the state that its radiance is looked up by */
+    sky_state_t *state = itself.state = prepare(light);
+    if (has_portal(light)) light_portal_init(&state->portal, &itself, infinite_radiance);
+    return state;
+}
+
 static vec3_t infinite_draw(const light_t *light, vec2_t u, float *pdf)
 {
     if (light->record->image == 0) {
@@ -123,10 +141,30 @@ static vec3_t infinite_draw(const light_t *light, vec2_t u, float *pdf)
     return v_normalize(xform_vector(&light->record->world_from_light, d));
 }
 
+/* A ray through the portal, at a uniform point of it, from any direction beyond. */
+static bool portal_emit(const light_t *light, vec2_t place, vec2_t ray, light_ray_t *out)
+{
+    const light_portal_t *portal = &state_of(light)->portal;
+    const portal_view_t all = {.window = {{0, 0}, {1, 1}}, .integral = portal->total};
+    vec3_t w = light_portal_sample(portal, &all, place, &out->pdf_place);
+    float cosine = v_dot(w, portal->z);
+    out->pdf_place *= light->chance;
+    if (!(out->pdf_place > 0) || !(cosine > 1e-6f)) return false;
+    vec3_t point = v_mad(v_mad(portal->corner, ray.x, portal->side_x), ray.y, portal->side_y);
+    out->gate = v_length(v_sub(point, light->centre)) + light->radius;
+    out->origin = v_mad(point, out->gate, w);
+    out->direction = v_neg(w);
+    out->pdf_ray = 1 / (portal->area * cosine);
+    out->at_infinity = true;
+    out->throughput = v_scale(infinite_radiance(light, w), 1 / (out->pdf_place * out->pdf_ray));
+    return !v_is_zero(out->throughput);
+}
+
 static bool infinite_emit(const light_t *light, uint32_t primitive, vec2_t place, vec2_t ray,
                           light_ray_t *out)
 {
     (void)primitive;
+    if (has_portal(light)) return portal_emit(light, place, ray, out);
     vec3_t w = infinite_draw(light, place, &out->pdf_place);
     if (!(out->pdf_place > 0)) return false;
     start_ray(light, w, ray, out);
@@ -134,10 +172,37 @@ static bool infinite_emit(const light_t *light, uint32_t primitive, vec2_t place
     return !v_is_zero(out->throughput);
 }
 
+/* What lights_enter says, for a view from a point. */
+static float portal_enter(const light_portal_t *portal, const portal_view_t *view)
+{
+    return (float)(view->integral / portal->total);
+}
+
+/* Density, per area across it, of the rays that portal_emit sends along w, where it is given that place. */
+static float portal_arrival(const light_portal_t *portal, const portal_view_t *view, vec3_t w)
+{
+    return portal_enter(portal, view) / (portal->area * float_max(v_dot(w, portal->z), 1e-6f));
+}
+
+static bool portal_illuminate(const light_t *light, vec3_t point, vec2_t place, light_view_t *out)
+{
+    const light_portal_t *portal = &state_of(light)->portal;
+    portal_view_t view;
+    if (!light_portal_look(portal, point, &view)) return false;
+    vec3_t w = light_portal_sample(portal, &view, place, &out->pdf_place);
+    out->pdf_place *= light->chance;
+    if (!(out->pdf_place > 0)) return false;
+    look_at(light, point, w, out);
+    out->arrival = portal_arrival(portal, &view, w);
+    out->radiance = infinite_radiance(light, w);
+    return !v_is_zero(out->radiance);
+}
+
 static bool infinite_illuminate(const light_t *light, uint32_t primitive, vec3_t point, vec2_t place,
                                 light_view_t *out)
 {
     (void)primitive;
+    if (has_portal(light)) return portal_illuminate(light, point, place, out);
     vec3_t w = infinite_draw(light, place, &out->pdf_place);
     if (!(out->pdf_place > 0)) return false;
     look_at(light, point, w, out);
@@ -145,8 +210,21 @@ static bool infinite_illuminate(const light_t *light, uint32_t primitive, vec3_t
     return !v_is_zero(out->radiance);
 }
 
-static bool infinite_escape(const light_t *light, vec3_t w, light_hit_t *out)
+static bool portal_escape(const light_t *light, vec3_t point, vec3_t w, light_hit_t *out)
 {
+    const light_portal_t *portal = &state_of(light)->portal;
+    portal_view_t view;
+    if (!light_portal_look(portal, point, &view)) return false;
+    out->pdf_place = light->chance * light_portal_pdf(portal, &view, w);
+    if (!(out->pdf_place > 0)) return false; /* past the portal */
+    out->pdf_ray = portal_arrival(portal, &view, w);
+    out->radiance = infinite_radiance(light, w);
+    return !v_is_zero(out->radiance);
+}
+
+static bool infinite_escape(const light_t *light, vec3_t point, vec3_t w, light_hit_t *out)
+{
+    if (has_portal(light)) return portal_escape(light, point, w, out);
     out->pdf_ray = disc_pdf(light);
     if (light->record->image == 0) {
         out->radiance = light->record->radiance.factor;
@@ -161,13 +239,25 @@ static bool infinite_escape(const light_t *light, vec3_t w, light_hit_t *out)
 }
 
 /* What falls on the scene's disc, counted with the mean radiance alone (as pbrt does): the flux over all
- * directions would leave next to nothing to small lights near things. */
+ * directions would leave next to nothing to small lights near things. What comes through a portal is counted
+ * as if the portal shone itself. */
 static double infinite_power(const light_t *light)
 {
+    const light_portal_t *portal = &state_of(light)->portal;
+    double disc = M_PI * (double)light->radius * (double)light->radius;
+    if (has_portal(light)) return fmin((double)portal->area, disc) * portal->flux;
     double mean = light->record->image != 0 ? state_of(light)->map.mean : 1;
     return M_PI * (double)light->radius * (double)light->radius * mean *
            (double)rgb_luminance(light->record->radiance.factor);
 }
 
-const light_ops_t light_infinite = {
-    prepare, release, infinite_power, infinite_emit, infinite_illuminate, infinite_escape};
+static float infinite_enter(const light_t *light, vec3_t point)
+{
+    const light_portal_t *portal = &state_of(light)->portal;
+    portal_view_t view;
+    if (!has_portal(light)) return 1;
+    return light_portal_look(portal, point, &view) ? portal_enter(portal, &view) : 0;
+}
+
+const light_ops_t light_infinite = {infinite_prepare,    release,         infinite_power, infinite_emit,
+                                    infinite_illuminate, infinite_escape, infinite_enter};

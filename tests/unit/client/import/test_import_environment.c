@@ -38,7 +38,7 @@ static rgb_t seen(const lit_t *lit, double x, double y, double z)
     light_hit_t hit;
     vec3_t w = v_normalize(vec3((float)x, (float)y, (float)z));
     for (uint32_t k = 0; k < lights_sky_count(lit->lights); ++k)
-        if (lights_escape(lit->lights, k, w, &hit)) sum = v_add(sum, hit.radiance);
+        if (lights_escape(lit->lights, k, vec3(0, 0, 0), w, &hit)) sum = v_add(sum, hit.radiance);
     return sum;
 }
 

@@ -221,7 +221,7 @@ static void an_infinite_light_becomes_a_sky(void **state)
     run(&bench, true,
         "LightSource \"infinite\" \"string filename\" \"square.pfm\" \"float scale\" 3 "
         "\"point3 portal\" [0 0 0 1 0 0 1 1 0 0 1 0]");
-    expect_text(bench.warnings, "portal");
+    bench_expect_silence(&bench);
     assert_int_equal(light(&bench, 0)->mapping, LIGHT_OCTAHEDRAL);
     expect_vec3(light(&bench, 0)->radiance.factor, 3, 3, 3);
     run(&bench, true, "LightSource \"infinite\" \"rgb L\" [1 1 1] \"float illuminance\" 6");
@@ -237,6 +237,44 @@ static void an_infinite_light_becomes_a_sky(void **state)
     bench_expect_ok(&bench);
     expect_text(bench.warnings, "2 x 1 pixels");
     assert_int_equal(light(&bench, 0)->mapping, LIGHT_LATLONG);
+    bench_close(&bench);
+}
+
+static void a_portal_is_a_rectangle_of_the_world(void **state)
+{
+    (void)state;
+    const float pixels[12] = {1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1};
+    bench_t bench = {0};
+    write_pfm(&bench, "square.pfm", 2, 2, pixels);
+#define PORTAL(corners) "LightSource \"infinite\" \"point3 portal\" [" corners "]"
+    run(&bench, true, "Translate 5 6 7 Rotate 30 1 2 3 " PORTAL("1 2 3  1 4 3  4 4 3  4 2 3"));
+    bench_expect_silence(&bench);
+    const blob_light_t *l = light(&bench, 0);
+    assert_int_equal(l->flags, LIGHT_PORTAL);
+    expect_vec3(l->portal[0], 1, 2, 3);
+    expect_vec3(l->portal[1], 3, 0, 0);
+    expect_vec3(l->portal[2], 0, 2, 0);
+    run(&bench, true,
+        "LightSource \"infinite\" \"string filename\" \"square.pfm\" \"point3 portal\" [0 0 0 1 0 0 1 1 0 0 "
+        "1 0]");
+    assert_int_equal(light(&bench, 0)->flags, LIGHT_PORTAL | LIGHT_SMOOTH);
+    run(&bench, true, PORTAL("0 0 0 1 0 0 1 1 0 0 1 0") "\"float illuminance\" 6");
+    expect_near((double)light(&bench, 0)->radiance.factor.x, 3 / pi, 1e-5);
+    run(&bench, true, PORTAL("0 0 0 1 0 0 1 1 0"));
+    expect_text(bench.result.message, "has 4 corners, this one has 3");
+    static const char *const crooked[] = {
+        PORTAL("0 0 0 1 0 0 1.1 1 0 0.1 1 0"), PORTAL("0 0 0 1 0 0 1 1 0.1 0 1 0"),
+        PORTAL("0 0 0 0 0 0 1 1 0 1 1 0"), PORTAL("0 0 0 1e300 0 0 1e300 1 0 0 1 0")};
+    for (size_t i = 0; i < ARRAY_LENGTH(crooked); ++i) {
+        bench.lenient = false;
+        run(&bench, true, crooked[i]);
+        expect_text(bench.result.message, "no rectangle");
+        bench.lenient = true;
+        run(&bench, true, crooked[i]);
+        expect_text(bench.warnings, "from all directions");
+        assert_int_equal(light(&bench, 0)->flags, 0);
+    }
+#undef PORTAL
     bench_close(&bench);
 }
 
@@ -334,6 +372,7 @@ int main(void)
         cmocka_unit_test(a_projection_light_has_its_image),
         cmocka_unit_test(a_distant_light_becomes_ours),
         cmocka_unit_test(an_infinite_light_becomes_a_sky),
+        cmocka_unit_test(a_portal_is_a_rectangle_of_the_world),
         cmocka_unit_test(the_illuminance_of_a_sky_is_its_integral),
         cmocka_unit_test(the_gain_of_the_film_scales_all_light),
         cmocka_unit_test(lights_beyond_limits_are_refused),
