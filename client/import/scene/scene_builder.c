@@ -3,6 +3,7 @@
 
 #include <inttypes.h>
 #include <stdlib.h>
+#include <sys/stat.h>
 
 /* Owned: shapes. */
 struct scene_object {
@@ -43,6 +44,14 @@ result_t scene_charge(scene_builder_t *scene, scene_amount_t what, uint64_t amou
     if (*sum <= limit) return result_ok();
     return error_at(at, "%" PRIu64 " %s so far are too many for files of %" PRIu64 " bytes; %s", *sum,
                     bounds[what].name, scene->source_bytes, bounds[what].cure);
+}
+
+uint64_t scene_count_file(scene_builder_t *scene, const char *path)
+{
+    struct stat status;
+    uint64_t size = stat(path, &status) == 0 && status.st_size > 0 ? (uint64_t)status.st_size : 0;
+    scene->source_bytes += size;
+    return size;
 }
 
 /* ---- objects and shapes -------------------------------------------------------------------------------- */

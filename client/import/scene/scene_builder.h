@@ -55,6 +55,9 @@ void scene_end(scene_builder_t *scene);
  * SCENE_PIXELS: 2^27 + 512 a byte. */
 result_t scene_charge(scene_builder_t *scene, scene_amount_t what, uint64_t amount, position_t at);
 
+/* Counts the bytes of a file of the scene that is opened by its path; returns them, 0 where it is missing. */
+uint64_t scene_count_file(scene_builder_t *scene, const char *path);
+
 /* ---- objects and shapes -------------------------------------------------------------------------------- */
 
 /* A new, empty object. */

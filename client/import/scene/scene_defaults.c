@@ -2,7 +2,8 @@
 #include "client/import/scene/scene_defaults.h"
 
 #include <float.h>
-#include <stdlib.h>
+
+#include "client/import/scene/scene_box.h"
 
 void scene_default_light(scene_builder_t *scene, bool lamps, position_t at)
 {
@@ -21,54 +22,6 @@ void scene_default_light(scene_builder_t *scene, bool lamps, position_t at)
     blob_light_t sky = {
         .kind = LIGHT_INFINITE, .radiance = blob_constant(1), .world_from_light = xform_identity()};
     blob_builder_add(scene->blob, BLOB_SECTION_LIGHTS, &sky, 1);
-}
-
-typedef struct {
-    vec3_t low, high;
-} box_t;
-
-static void extend(box_t *box, vec3_t p)
-{
-    box->low = vec3(float_min(box->low.x, p.x), float_min(box->low.y, p.y), float_min(box->low.z, p.z));
-    box->high = vec3(float_max(box->high.x, p.x), float_max(box->high.y, p.y), float_max(box->high.z, p.z));
-}
-
-static box_t object_box(const scene_builder_t *scene, uint32_t object)
-{
-    size_t count;
-    const blob_shape_t *shapes = scene_shapes(scene, object, &count);
-    const blob_mesh_t *meshes = blob_builder_records(scene->blob, BLOB_SECTION_MESHES);
-    const vec3_t *positions = blob_builder_records(scene->blob, BLOB_SECTION_POSITIONS);
-    box_t box = {vec3(FLT_MAX, FLT_MAX, FLT_MAX), vec3(-FLT_MAX, -FLT_MAX, -FLT_MAX)};
-    for (size_t i = 0; i < count; ++i) {
-        if (shapes[i].kind != SHAPE_MESH) continue;
-        const blob_mesh_t *mesh = &meshes[shapes[i].geometry];
-        for (uint32_t k = 0; k < mesh->vertex_count; ++k) extend(&box, positions[mesh->first_position + k]);
-    }
-    return box;
-}
-
-static void extend_by_instance(box_t *world, const box_t *box, const xform_t *transform)
-{
-    for (int i = 0; i < 8; ++i) {
-        vec3_t p = vec3(i & 1 ? box->high.x : box->low.x, i & 2 ? box->high.y : box->low.y,
-                        i & 4 ? box->high.z : box->low.z);
-        p = xform_point(transform, p);
-        if (v_is_finite(p)) extend(world, p);
-    }
-}
-
-static box_t scene_box(const scene_builder_t *scene)
-{
-    const blob_instance_t *instances = blob_builder_records(scene->blob, BLOB_SECTION_INSTANCES);
-    uint32_t count = blob_builder_count(scene->blob, BLOB_SECTION_INSTANCES);
-    box_t *boxes = mem_zalloc(scene->object_count, sizeof *boxes);
-    for (uint32_t i = 0; i < scene->object_count; ++i) boxes[i] = object_box(scene, i);
-    for (uint32_t i = 0; i < count; ++i)
-        extend_by_instance(&boxes[0], &boxes[instances[i].object], &instances[i].world_from_object);
-    box_t world = boxes[0];
-    free(boxes);
-    return world;
 }
 
 result_t scene_see_everything(const scene_builder_t *scene, blob_scene_t *record, position_t at)

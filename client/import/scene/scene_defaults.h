@@ -8,8 +8,8 @@
  * nothing emits, with a warning; a warning alone where only surfaces do (`lamps` false). Such a file may be a
  * room with its lights, or be made for programs that bring an environment, where it comes out dark. */
 void scene_default_light(scene_builder_t *scene, bool lamps, position_t at);
-/* Places a camera that sees all meshes: in front of them (+z), a little to the right and above, y up, so far
- * away that the sphere about their box fits into `fov`. There must be one mesh at least. */
+/* Places a camera that sees all shapes: in front of them (+z), a little to the right and above, y up, so far
+ * away that the sphere about their box fits into `fov`. There must be one shape at least. */
 result_t scene_see_everything(const scene_builder_t *scene, blob_scene_t *record, position_t at);
 
 #endif

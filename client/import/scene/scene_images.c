@@ -5,7 +5,6 @@
 #include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
 
 #include "common/image/texture_image.h"
 
@@ -198,8 +197,7 @@ result_t scene_image_of_file(scene_builder_t *scene, const char *path, float gam
     *image = scene_find_image(scene, path, gamma);
     if (*image) return result_ok();
     texture_image_t pixels;
-    struct stat status;
-    if (stat(path, &status) == 0 && status.st_size > 0) scene->source_bytes += (uint64_t)status.st_size;
+    scene_count_file(scene, path);
     result_t read = texture_image_read(path, &pixels);
     return add(scene, path, path, gamma, alpha, at, read, &pixels, image);
 }

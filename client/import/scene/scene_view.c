@@ -1,57 +1,16 @@
 /* scene_view: see scene_view.h. */
 #include "client/import/scene/scene_view.h"
 
-#include <float.h>
 #include <stdlib.h>
 #include <string.h>
 
-typedef struct {
-    vec3_t low, high;
-} box_t;
+#include "client/import/scene/scene_box.h"
 
 /* ---- where an object is -------------------------------------------------------------------------------- */
-
-static void extend(box_t *box, const xform_t *world_from_object, vec3_t p)
-{
-    p = xform_point(world_from_object, p);
-    box->low = vec3(float_min(box->low.x, p.x), float_min(box->low.y, p.y), float_min(box->low.z, p.z));
-    box->high = vec3(float_max(box->high.x, p.x), float_max(box->high.y, p.y), float_max(box->high.z, p.z));
-}
 
 static const void *records(const scene_builder_t *scene, blob_section_t section)
 {
     return blob_builder_records(scene->blob, section);
-}
-
-static void extend_by_quadric(box_t *box, const blob_quadric_t *quadric, const xform_t *world_from_object)
-{
-    float r = quadric->radius, top = quadric->kind == QUADRIC_DISK ? quadric->z_min : quadric->z_max;
-    for (int i = 0; i < 8; ++i) {
-        vec3_t corner = vec3(i & 1 ? r : -r, i & 2 ? r : -r, i & 4 ? top : quadric->z_min);
-        extend(box, world_from_object, xform_point(&quadric->object_from_quadric, corner));
-    }
-}
-
-static void extend_by_shape(const scene_builder_t *scene, box_t *box, const blob_shape_t *shape,
-                            const xform_t *world_from_object)
-{
-    const vec3_t *positions = records(scene, BLOB_SECTION_POSITIONS);
-    const blob_curve_point_t *points = records(scene, BLOB_SECTION_CURVE_POINTS);
-    if (shape->kind == SHAPE_MESH) {
-        const blob_mesh_t *mesh = (const blob_mesh_t *)records(scene, BLOB_SECTION_MESHES) + shape->geometry;
-        for (uint32_t i = 0; i < mesh->vertex_count; ++i)
-            extend(box, world_from_object, positions[mesh->first_position + i]);
-    } else if (shape->kind == SHAPE_QUADRIC) {
-        const blob_quadric_t *quadrics = records(scene, BLOB_SECTION_QUADRICS);
-        extend_by_quadric(box, &quadrics[shape->geometry], world_from_object);
-    } else {
-        const blob_curves_t *curves =
-            (const blob_curves_t *)records(scene, BLOB_SECTION_CURVES) + shape->geometry;
-        for (uint32_t i = 0; i < 4 * curves->segment_count; ++i) {
-            const blob_curve_point_t *p = &points[curves->first_point + i];
-            extend(box, world_from_object, vec3(p->x, p->y, p->z));
-        }
-    }
 }
 
 /* Extends the box by the shapes of an object that have the name; returns how many they are. */
@@ -65,7 +24,7 @@ static uint32_t extend_by_object(const scene_builder_t *scene, box_t *box, uint3
     for (uint32_t i = 0; i < objects[object].shape_count; ++i) {
         const blob_shape_t *shape = &shapes[objects[object].first_shape + i];
         if (strcmp(strings + shape->name, name) != 0) continue;
-        extend_by_shape(scene, box, shape, world_from_object);
+        box_extend(box, scene, shape, world_from_object);
         ++found;
     }
     return found;
@@ -75,7 +34,7 @@ static result_t find_object(const scene_builder_t *scene, const char *name, vec3
 {
     const xform_t identity = xform_identity();
     const blob_instance_t *instances = records(scene, BLOB_SECTION_INSTANCES);
-    box_t box = {vec3(FLT_MAX, FLT_MAX, FLT_MAX), vec3(-FLT_MAX, -FLT_MAX, -FLT_MAX)};
+    box_t box = box_empty();
     uint32_t places = extend_by_object(scene, &box, 0, name, &identity) > 0;
     for (uint32_t i = 0; i < blob_builder_count(scene->blob, BLOB_SECTION_INSTANCES); ++i)
         places +=

@@ -3,7 +3,6 @@
 #include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
-#include <sys/stat.h>
 
 #include "client/import/files/ply.h"
 #include "client/import/pbrt/shapes/shapes.h"
@@ -194,10 +193,8 @@ result_t pbrt_make_plymesh(pbrt_t *p, shape_work_t *work)
     if (!filename) return error_at(work->at, "a plymesh needs its file: \"string filename\"");
     TRY(params_apply(work->params, plymesh_rules, ARRAY_LENGTH(plymesh_rules), p->report));
     mesh_t mesh = {0};
-    struct stat status;
     char *path = pbrt_resolve(p, filename);
-    uint64_t size = stat(path, &status) == 0 && status.st_size > 0 ? (uint64_t)status.st_size : 0;
-    p->builder->source_bytes += size;
+    uint64_t size = scene_count_file(p->builder, path);
     if (pbrt_is_missing(path)) {
         result_t slip = pbrt_missing(p, work->at, path, "the shape is left out");
         free(path);
