@@ -196,32 +196,33 @@ static result_t check_version(document_t *document)
     return result_ok();
 }
 
-/* Every extension in the list: one that is not done is an error when the file requires it. */
+/* One that is not done: an error when the file requires it. */
+static result_t tell_extension(const item_t *item, const char *name, const char *cure, bool required)
+{
+    const char *substitute = NULL;
+    for (size_t i = 0; i < ARRAY_LENGTH(texture_formats); ++i)
+        if (strcmp(name, texture_formats[i]) == 0) substitute = "its textures are left out";
+    if (!required) {
+        item_warn(item, "%.80s is ignored%s%s", name, cure ? "; " : "", cure ? cure : "");
+        return result_ok();
+    }
+    result_t failure = item_fail(item, "the file cannot be read without %.80s, which is not supported; %s",
+                                 name, cure ? cure : "export without it");
+    return report_excuse(item->report, failure, substitute);
+}
+
 static result_t check_extensions(document_t *document, const char *list, bool required)
 {
-    item_t names;
+    item_t names, item;
     TRY(item_member(&document->root, list, JSON_ARRAY, &names));
     for (size_t i = 0; i < item_count(&names); ++i) {
-        item_t item;
         TRY(item_element(&names, i, JSON_STRING, &item));
-        const char *name = json_string_value(item.json), *cure = NULL, *substitute = NULL;
-        bool done = false;
-        for (size_t k = 0; k < ARRAY_LENGTH(extensions); ++k) {
-            if (strcmp(name, extensions[k].name) != 0) continue;
-            done = extensions[k].done;
-            cure = extensions[k].cure;
-        }
-        for (size_t k = 0; k < ARRAY_LENGTH(texture_formats); ++k)
-            if (strcmp(name, texture_formats[k]) == 0) substitute = "its textures are left out";
-        if (done) continue;
-        if (!required)
-            item_warn(&item, "%.80s is ignored%s%s", name, cure ? "; " : "", cure ? cure : "");
-        else
-            TRY(report_excuse(item.report,
-                              item_fail(&item,
-                                        "the file cannot be read without %.80s, which is not supported; %s",
-                                        name, cure ? cure : "export without it"),
-                              substitute));
+        const char *name = json_string_value(item.json);
+        size_t k = 0;
+        while (k < ARRAY_LENGTH(extensions) && strcmp(name, extensions[k].name) != 0) ++k;
+        bool known = k < ARRAY_LENGTH(extensions);
+        if (known && extensions[k].done) continue;
+        TRY(tell_extension(&item, name, known ? extensions[k].cure : NULL, required));
     }
     return result_ok();
 }

@@ -7,8 +7,7 @@
 #include <inttypes.h>
 #include <string.h>
 
-/* ---- meshopt ----------------------------------------------------------------------------------------------
- */
+/* ---- meshopt ------------------------------------------------------------------------------------------- */
 
 /* The number of the name that a property has, `given` when it is absent. */
 static result_t read_name(const item_t *object, const char *key, const char *const *names, size_t count,
@@ -62,8 +61,7 @@ result_t unpack_view(document_t *document, uint32_t index, const item_t *packed,
     return result_ok();
 }
 
-/* ---- Draco ------------------------------------------------------------------------------------------------
- */
+/* ---- Draco --------------------------------------------------------------------------------------------- */
 
 /* Which attributes there are, by name. */
 static result_t read_ids(const item_t *packed, unpacked_t *unpacked)

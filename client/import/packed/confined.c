@@ -22,8 +22,7 @@ enum { NOT_CONFINED = 101 };
 /* Time on the clock for a second of CPU time, for machines that do other things too. */
 enum { PATIENCE = 10 };
 
-/* ---- in the process of the work ---------------------------------------------------------------------------
- */
+/* ---- in the process of the work ------------------------------------------------------------------------ */
 
 /* BPF (Linux: Documentation/userspace-api/seccomp_filter.rst): the number of the call, or the low word of an
  * argument, is loaded and compared. */
@@ -91,8 +90,7 @@ static bool confine(const confined_limits_t *limits, uint64_t address_space, int
            limit(RLIMIT_AS, address_space + limits->memory) && allow_little(output);
 }
 
-/* ---- in this process --------------------------------------------------------------------------------------
- */
+/* ---- in this process ----------------------------------------------------------------------------------- */
 
 /* Bytes of the address space that are in use; 0 when the kernel does not tell. */
 static uint64_t address_space_in_use(void)

@@ -41,8 +41,7 @@ static result_t failure_of(int failure)
     }
 }
 
-/* ---- what came back ---------------------------------------------------------------------------------------
- */
+/* ---- what came back ------------------------------------------------------------------------------------ */
 
 /* Takes `size` bytes from the front of what is left; NULL when there are not so many. */
 static const uint8_t *take(confined_result_t *left, uint64_t size)
@@ -94,8 +93,7 @@ bool draco_lay_out(size_t attributes, draco_mesh_t *mesh)
     return true;
 }
 
-/* ---- the whole --------------------------------------------------------------------------------------------
- */
+/* ---- the whole ----------------------------------------------------------------------------------------- */
 
 result_t draco_unpack(const uint8_t *data, size_t size, const uint32_t *ids, size_t id_count,
                       draco_mesh_t *mesh)

@@ -10,8 +10,7 @@
 enum { MOST_BYTES_PER_BYTE = 64 };
 enum { MOST_STRIDE = 256 };
 
-/* ---- the rules of the extension --------------------------------------------------------------------------
- */
+/* ---- the rules of the extension ------------------------------------------------------------------------ */
 
 static bool stride_fits_mode(const meshopt_layout_t *layout)
 {
@@ -49,8 +48,7 @@ result_t meshopt_check(const meshopt_layout_t *layout, size_t size)
     return result_ok();
 }
 
-/* ---- unpacking -------------------------------------------------------------------------------------------
- */
+/* ---- unpacking ----------------------------------------------------------------------------------------- */
 
 static int decode(const meshopt_layout_t *layout, const uint8_t *data, size_t size, uint8_t *out)
 {

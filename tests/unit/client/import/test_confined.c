@@ -35,8 +35,7 @@ static int end_of(confined_work_t *work, const void *context)
     return end;
 }
 
-/* ---- work -------------------------------------------------------------------------------------------------
- */
+/* ---- work ---------------------------------------------------------------------------------------------- */
 
 static int write_twice(const void *context, int output)
 {
@@ -103,8 +102,7 @@ static int write_without_end(const void *context, int output)
     return 1;
 }
 
-/* ---- tests ------------------------------------------------------------------------------------------------
- */
+/* ---- tests --------------------------------------------------------------------------------------------- */
 
 static void its_result_comes_back(void **state)
 {

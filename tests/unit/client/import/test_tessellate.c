@@ -65,8 +65,7 @@ static void check_mesh(const mesh_t *mesh, float side, bool unit_uv)
 
 #define ACCEPTED(call) assert_string_equal((call).message, "")
 
-/* ---- surfaces of revolution ------------------------------------------------------------------------------
- */
+/* ---- surfaces of revolution ---------------------------------------------------------------------------- */
 
 static void a_cone_has_its_area_and_normals(void **state)
 {
@@ -178,8 +177,7 @@ static void a_hyperboloid_has_its_area_and_normals(void **state)
             "on its axis");
 }
 
-/* ---- subdivision -----------------------------------------------------------------------------------------
- */
+/* ---- subdivision --------------------------------------------------------------------------------------- */
 
 static const double octahedron_points[] = {1, 0, 0, -1, 0, 0, 0, 1, 0, 0, -1, 0, 0, 0, 1, 0, 0, -1};
 static const double octahedron_faces[] = {0, 2, 4, 2, 1, 4, 1, 3, 4, 3, 0, 4,
@@ -275,8 +273,7 @@ static void meshes_that_cannot_be_subdivided_are_refused(void **state)
     mesh_free(&mesh);
 }
 
-/* ---- grids -----------------------------------------------------------------------------------------------
- */
+/* ---- grids --------------------------------------------------------------------------------------------- */
 
 static void a_height_field_has_its_heights_and_normals(void **state)
 {
@@ -352,8 +349,7 @@ static void a_bilinear_patch_has_its_area_and_normals(void **state)
     REFUSED(tessellate_bilinear(&bad, here, &refused), "9 uv coordinates for 8");
 }
 
-/* ---- NURBS -----------------------------------------------------------------------------------------------
- */
+/* ---- NURBS --------------------------------------------------------------------------------------------- */
 
 /* A quarter of a cylinder about z: a rational quadratic in u, linear in v. */
 static void a_rational_patch_is_a_true_cylinder(void **state)
