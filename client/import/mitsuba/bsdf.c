@@ -447,6 +447,19 @@ static result_t read_weights(maker_t *k, double weights[MOST_PARTS], size_t expe
 }
 
 /* Weights of less than 1 together leave the rest black. */
+static result_t fill_up(maker_t *k, size_t count, double sum)
+{
+    if (sum > 1 + 1e-6)
+        report_warning(k->m->report, k->object->at, "the weights sum to %g, and are scaled to 1", sum);
+    if (!(sum < 1 - 1e-6)) return result_ok();
+    if (count == MOST_PARTS)
+        return error_at(k->object->at, "more than %d bsdfs whose weights sum to less than 1", MOST_PARTS - 1);
+    k->record = (blob_material_t){.kind = MATERIAL_DIFFUSE};
+    uint32_t black = add_record(k);
+    k->out.index = mix(k, black, k->out.index, blob_constant((float)sum));
+    return result_ok();
+}
+
 static result_t hold_mixture(maker_t *k)
 {
     uint32_t parts[MOST_PARTS];
@@ -462,56 +475,56 @@ static result_t hold_mixture(maker_t *k)
         if (weights[i] > 0)
             k->out.index = mix(k, k->out.index, parts[i], blob_constant((float)(weights[i] / sum)));
     }
-    if (sum > 1 + 1e-6)
-        report_warning(k->m->report, k->object->at, "the weights sum to %g, and are scaled to 1", sum);
-    if (!(sum < 1 - 1e-6)) return result_ok();
-    if (count == MOST_PARTS)
-        return error_at(k->object->at, "more than %d bsdfs whose weights sum to less than 1", MOST_PARTS - 1);
-    k->record = (blob_material_t){.kind = MATERIAL_DIFFUSE};
-    uint32_t black = add_record(k);
-    k->out.index = mix(k, black, k->out.index, blob_constant((float)sum));
-    return result_ok();
+    return fill_up(k, count, sum);
 }
 
-/* A coat over what Lightmill has a coated form of. Its absorption is grey. */
-static result_t hold_coating(maker_t *k)
+/* Its optical depth, seen straight on: absorption, which is grey, times thickness. */
+static result_t read_depth(maker_t *k, double *depth)
 {
     rgb_t sigma = {0, 0, 0};
     double thickness = 1;
-    TRY(nested(k, &k->out));
-    blob_material_t base = *record_of(k->m, k->out.index);
     TRY(property_number(k->m, k->object, "thickness", 0, 1e6, &thickness));
     TRY(property_colour(k->m, k->object, "sigmaA", &sigma));
     if (sigma.x != sigma.y || sigma.y != sigma.z)
         TRY(report_refuse(k->m->report, k->object->at,
-                          "a coat's coloured sigmaA is not supported; the nearest is "
-                          "its mean"));
+                          "a coat's coloured sigmaA is not supported; the nearest is its mean"));
+    *depth = fmin((double)(sigma.x + sigma.y + sigma.z) / 3 * thickness, 1e4);
+    return result_ok();
+}
+
+/* The renderer divides a metal's index by the coat's; Mitsuba's metal is one in air. */
+static void coat_conductor(const blob_material_t *base, blob_material_t *coat)
+{
+    blob_value_t *values = coat->values;
+    coat->kind = MATERIAL_COATED_CONDUCTOR;
+    values[VALUE_BASE_ETA] = base->values[VALUE_ETA];
+    values[VALUE_K] = base->values[VALUE_K];
+    values[VALUE_BASE_ETA].factor = v_scale(values[VALUE_BASE_ETA].factor, values[VALUE_ETA].factor.x);
+    values[VALUE_K].factor = v_scale(values[VALUE_K].factor, values[VALUE_ETA].factor.x);
+    values[VALUE_BASE_ROUGHNESS_U] = base->values[VALUE_ROUGHNESS_U];
+    values[VALUE_BASE_ROUGHNESS_V] = base->values[VALUE_ROUGHNESS_V];
+}
+
+/* A coat over what Lightmill has a coated form of. */
+static result_t hold_coating(maker_t *k)
+{
+    double depth;
+    TRY(nested(k, &k->out));
+    blob_material_t base = *record_of(k->m, k->out.index);
     TRY(refuse_tint(k));
     no_medium(&k->record);
     TRY(read_relative_index(k, glass));
-    double eta = (double)k->record.values[VALUE_ETA].factor.x;
+    TRY(read_depth(k, &depth));
     if (strcmp(object_type(k->object), "roughcoating") == 0) TRY(read_surface_alphas(k));
-    double depth = fmin((double)(sigma.x + sigma.y + sigma.z) / 3 * thickness, 1e4);
     k->record.values[VALUE_THICKNESS] = blob_constant((float)depth);
-    if (base.kind == MATERIAL_DIFFUSE && base.values[VALUE_SIGMA].factor.x == 0) {
+    if (base.kind == MATERIAL_DIFFUSE && base.values[VALUE_SIGMA].factor.x == 0)
         k->record.values[VALUE_REFLECTANCE] = base.values[VALUE_REFLECTANCE];
-    } else if (base.kind == MATERIAL_CONDUCTOR) {
-        k->record.kind = MATERIAL_COATED_CONDUCTOR;
-        /* The renderer divides both by the coat's index; Mitsuba's metal is one in air. */
-        k->record.values[VALUE_BASE_ETA] = base.values[VALUE_ETA];
-        k->record.values[VALUE_K] = base.values[VALUE_K];
-        for (int i = 0; i < 2; ++i) {
-            blob_value_t *scaled = &k->record.values[i == 0 ? VALUE_BASE_ETA : VALUE_K];
-            scaled->factor = v_scale(scaled->factor, (float)eta);
-        }
-        k->record.values[VALUE_BASE_ROUGHNESS_U] = base.values[VALUE_ROUGHNESS_U];
-        k->record.values[VALUE_BASE_ROUGHNESS_V] = base.values[VALUE_ROUGHNESS_V];
-    } else {
-        return report_refuse(
-            k->m->report, k->object->at,
-            "a coat over anything but diffuse and conductor is not supported; the nearest is "
-            "to do without it");
-    }
+    else if (base.kind == MATERIAL_CONDUCTOR)
+        coat_conductor(&base, &k->record);
+    else
+        return report_refuse(k->m->report, k->object->at,
+                             "a coat over anything but diffuse and conductor is not supported; the nearest "
+                             "is to do without it");
     k->out.index = add_record(k);
     return result_ok();
 }

@@ -72,20 +72,15 @@ static result_t add_spot(work_t *w)
 /* The blob's light stands at +z; Mitsuba's shines along it. */
 static result_t add_directional(work_t *w)
 {
-    double direction[3] = {0, 0, 1}, toward[3], up[3] = {0, 0, 0};
-    const double nowhere[3] = {0, 0, 0};
-    int least = 0;
-    affine_t view, frame;
+    static const double nowhere[3] = {0, 0, 0};
+    double direction[3] = {0, 0, 1}, toward[3] = {0, 0, 0};
+    affine_t frame;
     w->light.kind = LIGHT_DISTANT;
     TRY(read_colour(w, "irradiance"));
     TRY(property_point(w->m, w->element, "direction", direction));
-    for (int i = 0; i < 3; ++i) {
-        toward[i] = 0;
+    for (int i = 0; i < 3; ++i)
         for (int k = 0; k < 3; ++k) toward[i] -= w->world_from_light.m[i][k] * direction[k];
-        if (fabs(toward[i]) < fabs(toward[least])) least = i;
-    }
-    up[least] = 1;
-    if (!affine_look_at(nowhere, toward, up, &view) || !affine_invert(&view, &frame))
+    if (!frame_towards(nowhere, toward, NULL, &frame))
         return error_at(w->element->at, "this light has no direction");
     return add(w, &frame);
 }

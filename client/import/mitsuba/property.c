@@ -384,24 +384,27 @@ static result_t read_vector(const element_t *element, const char *name, double v
     return error_at(element->at, "%s needs \"%s\", three numbers", element->tag, name);
 }
 
+bool frame_towards(const double origin[3], const double target[3], const double *up, affine_t *frame)
+{
+    double across[3] = {0, 0, 0};
+    int least = 0;
+    affine_t view;
+    for (int i = 1; i < 3; ++i)
+        if (fabs(target[i] - origin[i]) < fabs(target[least] - origin[least])) least = i;
+    across[least] = 1;
+    return affine_look_at(origin, target, up ? up : across, &view) && affine_invert(&view, frame);
+}
+
 /* A frame at the origin that looks along +z, y up and x = y x z. */
 static result_t read_look_at(const element_t *element, affine_t *out)
 {
     double origin[3], target[3], up[3] = {0, 0, 0};
-    affine_t view;
     TRY(read_vector(element, "origin", origin));
     TRY(read_vector(element, "target", target));
-    if (element_attribute(element, "up")) {
-        TRY(read_vector(element, "up", up));
-    } else {
-        int least = 0;
-        for (int i = 1; i < 3; ++i)
-            if (fabs(target[i] - origin[i]) < fabs(target[least] - origin[least])) least = i;
-        up[least] = 1;
-    }
-    if (!affine_look_at(origin, target, up, &view) || !affine_invert(&view, out))
-        return error_at(element->at, "lookat has no direction, or \"up\" lies along it");
-    return result_ok();
+    if (element_attribute(element, "up")) TRY(read_vector(element, "up", up));
+    bool given = up[0] != 0 || up[1] != 0 || up[2] != 0;
+    if (frame_towards(origin, target, given ? up : NULL, out)) return result_ok();
+    return error_at(element->at, "lookat has no direction, or \"up\" lies along it");
 }
 
 /* 16 numbers, row by row, or 9. */
@@ -421,36 +424,46 @@ static result_t read_matrix(const element_t *element, affine_t *out)
     return result_ok();
 }
 
-static result_t read_step(mitsuba_t *m, const element_t *element, affine_t *out)
+static result_t read_translation(const element_t *element, affine_t *out)
+{
+    double v[3] = {0, 0, 0};
+    TRY(read_axes(element, v));
+    *out = affine_translation(v);
+    return result_ok();
+}
+
+static result_t read_rotation(const element_t *element, affine_t *out)
 {
     double v[3] = {0, 0, 0}, angle = 0;
-    (void)m;
-    *out = affine_identity();
-    if (strcmp(element->tag, "translate") == 0) {
-        TRY(read_axes(element, v));
-        *out = affine_translation(v);
-    } else if (strcmp(element->tag, "rotate") == 0) {
-        TRY(read_axes(element, v));
-        TRY(number_attribute(element, "angle", &angle));
-        if (!affine_rotation(angle, v, out)) return error_at(element->at, "rotate needs an axis");
-    } else if (strcmp(element->tag, "scale") == 0) {
-        v[0] = v[1] = v[2] = 1;
-        if (element_attribute(element, "value")) {
-            TRY(number_attribute(element, "value", &v[0]));
-            v[1] = v[2] = v[0];
-        }
-        TRY(read_axes(element, v));
-        *out = affine_scaling(v);
-    } else if (strcmp(element->tag, "lookat") == 0 || strcmp(element->tag, "lookAt") == 0) {
-        return read_look_at(element, out);
-    } else if (strcmp(element->tag, "matrix") == 0) {
-        return read_matrix(element, out);
-    } else {
-        return error_at(element->at,
-                        "%.60s is no transform; it must be translate, rotate, scale, lookat or matrix",
-                        element->tag);
-    }
+    TRY(read_axes(element, v));
+    TRY(number_attribute(element, "angle", &angle));
+    return affine_rotation(angle, v, out) ? result_ok() : error_at(element->at, "rotate needs an axis");
+}
+
+static result_t read_scaling(const element_t *element, affine_t *out)
+{
+    double v[3] = {1, 1, 1};
+    if (element_attribute(element, "value")) TRY(number_attribute(element, "value", &v[0]));
+    v[1] = v[2] = v[0];
+    TRY(read_axes(element, v));
+    *out = affine_scaling(v);
     return result_ok();
+}
+
+static result_t read_step(const element_t *element, affine_t *out)
+{
+    static const struct {
+        const char *tag;
+        result_t (*read)(const element_t *element, affine_t *out);
+    } steps[] = {
+        {"translate", read_translation}, {"rotate", read_rotation}, {"scale", read_scaling},
+        {"lookat", read_look_at},        {"lookAt", read_look_at},  {"matrix", read_matrix},
+    };
+    for (size_t i = 0; i < ARRAY_LENGTH(steps); ++i)
+        if (strcmp(element->tag, steps[i].tag) == 0) return steps[i].read(element, out);
+    return error_at(element->at,
+                    "%.60s is no transform; it must be translate, rotate, scale, lookat or matrix",
+                    element->tag);
 }
 
 /* Of an animation the first transform. */
@@ -475,7 +488,7 @@ result_t property_transform(mitsuba_t *m, const element_t *object, const char *n
     TRY(expect_tag(found, "transform", "transform"));
     for (const element_t *step = found->first; step; step = step->next) {
         affine_t local;
-        TRY(read_step(m, step, &local));
+        TRY(read_step(step, &local));
         *value = affine_multiply(&local, value);
     }
     return result_ok();

@@ -65,5 +65,8 @@ result_t property_colour(mitsuba_t *m, const element_t *object, const char *name
 bool element_is_colour(const element_t *element);
 result_t element_colour(mitsuba_t *m, const element_t *element, rgb_t *value);
 result_t property_transform(mitsuba_t *m, const element_t *object, const char *name, affine_t *value);
+/* The frame at `origin` whose z axis points to `target`; false when they are one. `up` NULL: y lies as near
+ * as it can to the axis that is most across. */
+bool frame_towards(const double origin[3], const double target[3], const double *up, affine_t *frame);
 
 #endif

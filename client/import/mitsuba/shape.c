@@ -5,7 +5,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
 
 #include "client/import/files/ply.h"
 #include "client/import/files/wavefront.h"
@@ -151,14 +150,12 @@ static result_t make_ply(work_t *w)
     char *path = NULL;
     mesh_t mesh = {0};
     TRY(read_file_name(w, &path));
-    struct stat status;
-    if (stat(path, &status) == 0 && status.st_size > 0) w->m->scene->source_bytes += (uint64_t)status.st_size;
+    scene_count_file(w->m->scene, path);
     result_t result = ply_read(path, w->m->report, &mesh);
     if (result.code == RESULT_OK)
         result = scene_charge(w->m->scene, SCENE_VERTICES, mesh.vertex_count, w->element->at);
-    result = add_mesh(w, &mesh, NULL, w->element->at, result);
     free(path);
-    return result;
+    return add_mesh(w, &mesh, NULL, w->element->at, result);
 }
 
 static result_t make_serialized(work_t *w)
@@ -171,9 +168,8 @@ static result_t make_serialized(work_t *w)
     TRY(read_file_name(w, &path));
     result_t result = serialized_read(path, (uint64_t)index, w->m->scene, w->element->at, &mesh, &flat);
     w->flat = w->flat || flat;
-    result = add_mesh(w, &mesh, NULL, w->element->at, result);
     free(path);
-    return result;
+    return add_mesh(w, &mesh, NULL, w->element->at, result);
 }
 
 /* Appends a square: corner, and its two edges. */
@@ -261,33 +257,16 @@ static result_t make_disk(work_t *w)
     return add_quadric(w, (blob_quadric_t){.kind = QUADRIC_DISK, .radius = 1}, &w->object_from_shape);
 }
 
-/* The frame at `origin` whose z axis runs along `direction`, of any length but 0; false then. */
-static bool frame_along(const double origin[3], const double direction[3], affine_t *frame)
-{
-    double target[3], up[3] = {0, 0, 0};
-    int least = 0;
-    affine_t view;
-    for (int i = 0; i < 3; ++i) {
-        target[i] = origin[i] + direction[i];
-        if (fabs(direction[i]) < fabs(direction[least])) least = i;
-    }
-    up[least] = 1;
-    return affine_look_at(origin, target, up, &view) && affine_invert(&view, frame);
-}
-
 static result_t make_cylinder(work_t *w)
 {
-    double from[3] = {0, 0, 0}, to[3] = {0, 0, 1}, along[3], radius = 1, length2 = 0;
+    double from[3] = {0, 0, 0}, to[3] = {0, 0, 1}, radius = 1, length2 = 0;
     affine_t frame;
     TRY(property_point(w->m, w->element, "p0", from));
     TRY(property_point(w->m, w->element, "p1", to));
     TRY(property_number(w->m, w->element, "radius", 1e-18, 1e18, &radius));
-    for (int i = 0; i < 3; ++i) {
-        along[i] = to[i] - from[i];
-        length2 += along[i] * along[i];
-    }
+    for (int i = 0; i < 3; ++i) length2 += (to[i] - from[i]) * (to[i] - from[i]);
     double length = sqrt(length2);
-    if (!(length > 1e-18 && length < 1e18) || !frame_along(from, along, &frame))
+    if (!(length > 1e-18 && length < 1e18) || !frame_towards(from, to, NULL, &frame))
         return error_at(w->element->at, "the cylinder has no length between p0 and p1");
     affine_t placed = affine_multiply(&w->object_from_shape, &frame);
     return add_quadric(
