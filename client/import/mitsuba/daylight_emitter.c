@@ -97,18 +97,43 @@ static affine_t light_from_sky(const double sun[3])
 
 /* ---- the emitters -------------------------------------------------------------------------------------- */
 
+/* What an emitter says. */
+typedef struct {
+    bool has_sky, has_sun;
+    double sun[3]; /* towards it, in the light's space */
+    double turbidity, sky_scale, sun_scale, sun_radius, stretch;
+    daylight_below_t below;
+} day_t;
+
+static result_t add_day(mitsuba_t *m, const day_t *day, const affine_t *world_from_light, position_t at)
+{
+    if (!(day->sun[1] >= 0)) return error_at(at, "the sun is below the horizon, where it gives no light");
+    sky_t sky;
+    sky_init(&sky, asin(fmin(day->sun[1], 1)) * 180 / pi, day->turbidity);
+    const affine_t turned = light_from_sky(day->sun);
+    const double unit = mitsuba_unit / (double)sky.scale;
+    daylight_t light = {.sky = &sky,
+                        .world_from_sky = affine_multiply(world_from_light, &turned),
+                        .factor = day->sky_scale * unit,
+                        .stretch = day->stretch,
+                        .below = day->below,
+                        .sun_radius = day->sun_radius * SKY_SUN_RADIUS,
+                        .at = at};
+    if (day->has_sky) TRY(daylight_add_sky(m->scene, &light));
+    light.factor = day->sun_scale * unit;
+    return day->has_sun ? daylight_add_sun(m->scene, &light) : result_ok();
+}
+
 /* What a sky has besides its sun. */
-static result_t read_sky(mitsuba_t *m, element_t *emitter, daylight_t *light)
+static result_t read_sky(mitsuba_t *m, const element_t *emitter, day_t *day)
 {
     bool fading = false;
-    TRY(property_number(m, emitter, "stretch", 1, 2, &light->stretch));
     TRY(property_bool(m, emitter, "extend", &fading));
-    light->below = fading ? DAYLIGHT_FADING : DAYLIGHT_BLACK;
+    day->below = fading ? DAYLIGHT_FADING : DAYLIGHT_BLACK;
     property_ignore(emitter, "albedo");
-    report_warning(
-        m->report, emitter->at,
-        "the sky is Preetham's here, Hosek and Wilkie's in Mitsuba: it differs most about the sun and "
-        "the horizon, and knows no albedo");
+    report_warning(m->report, emitter->at,
+                   "the sky is Preetham's here, Hosek and Wilkie's in Mitsuba: it differs most about the sun "
+                   "and the horizon, and knows no albedo");
     return result_ok();
 }
 
@@ -130,27 +155,37 @@ static result_t read_scale(mitsuba_t *m, const element_t *emitter, const char *o
     return property_number(m, emitter, own, 0, 1e20, scale);
 }
 
-result_t daylight_emitter_add(mitsuba_t *m, element_t *emitter, const affine_t *world_from_light)
+result_t daylight_emitter_add(mitsuba_t *m, const element_t *emitter, const affine_t *world_from_light)
 {
-    const bool has_sky = strcmp(object_type(emitter), "sun") != 0;
-    const bool has_sun = strcmp(object_type(emitter), "sky") != 0;
-    double sun[3], turbidity, sky_scale, sun_scale, radius = 1;
-    sky_t sky;
-    daylight_t light = {.sky = &sky, .stretch = 1, .at = emitter->at};
+    day_t day = {.has_sky = strcmp(object_type(emitter), "sun") != 0,
+                 .has_sun = strcmp(object_type(emitter), "sky") != 0,
+                 .sun_radius = 1,
+                 .stretch = 1};
     property_ignore(emitter, "resolution");
-    TRY(read_turbidity(m, emitter, &turbidity));
-    TRY(read_scale(m, emitter, "skyScale", &sky_scale));
-    TRY(read_scale(m, emitter, "sunScale", &sun_scale));
-    TRY(property_number(m, emitter, "sunRadiusScale", 0, 100, &radius));
-    TRY(read_sun(m, emitter, world_from_light, sun));
-    if (has_sky) TRY(read_sky(m, emitter, &light));
-    if (!(sun[1] >= 0)) return error_at(emitter->at, "the sun is below the horizon, where it gives no light");
-    sky_init(&sky, asin(fmin(sun[1], 1)) * 180 / pi, turbidity);
-    affine_t turned = light_from_sky(sun);
-    light.world_from_sky = affine_multiply(world_from_light, &turned);
-    light.sun_radius = radius * SKY_SUN_RADIUS;
-    light.factor = sky_scale * mitsuba_unit / (double)sky.scale;
-    if (has_sky) TRY(daylight_add_sky(m->scene, &light));
-    light.factor = sun_scale * mitsuba_unit / (double)sky.scale;
-    return has_sun ? daylight_add_sun(m->scene, &light) : result_ok();
+    TRY(read_turbidity(m, emitter, &day.turbidity));
+    TRY(read_scale(m, emitter, "skyScale", &day.sky_scale));
+    TRY(read_scale(m, emitter, "sunScale", &day.sun_scale));
+    TRY(property_number(m, emitter, "sunRadiusScale", 0, 100, &day.sun_radius));
+    TRY(property_number(m, emitter, "stretch", 1, 2, &day.stretch));
+    TRY(read_sun(m, emitter, world_from_light, day.sun));
+    if (day.has_sky) TRY(read_sky(m, emitter, &day));
+    return add_day(m, &day, world_from_light, emitter->at);
+}
+
+result_t daylight_emitter_default(mitsuba_t *m, position_t at)
+{
+    static const element_t nothing = {.tag = "emitter"};
+    static const double y[3] = {0, 1, 0};
+    day_t day = {.has_sky = true,
+                 .has_sun = true,
+                 .turbidity = SKY_TURBIDITY,
+                 .sky_scale = 2,
+                 .sun_scale = 2,
+                 .sun_radius = 15,
+                 .stretch = 1,
+                 .below = DAYLIGHT_FADING};
+    affine_t turn;
+    affine_rotation(-120, y, &turn);
+    TRY(read_place(m, &nothing, day.sun));
+    return add_day(m, &day, &turn, at);
 }

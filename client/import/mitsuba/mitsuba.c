@@ -4,10 +4,10 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "client/import/mitsuba/daylight_emitter.h"
 #include "client/import/mitsuba/emitter.h"
 #include "client/import/mitsuba/sensor.h"
 #include "client/import/mitsuba/shape.h"
-#include "client/import/scene/scene_defaults.h"
 
 /* Older and newer files have other names for the same things. */
 static result_t check_version(mitsuba_t *m)
@@ -42,34 +42,40 @@ static result_t leave(mitsuba_t *m, element_t *object)
     return result_ok();
 }
 
+/* The last of several counts, as in Mitsuba. */
 static result_t read_sensor(mitsuba_t *m)
 {
-    element_t *at = NULL, *sensor, *second;
+    element_t *at = NULL, *sensor, *next;
     const char *name;
     TRY(object_child(m, m->xml.root, "sensor", &at, &sensor, &name));
-    if (!sensor && blob_builder_count(m->scene->blob, BLOB_SECTION_MESHES) == 0)
-        return error_at(m->xml.root->at, "the scene has no sensor");
     if (!sensor) {
+        box_t box = scene_box(m->scene);
         report_warning(m->report, m->xml.root->at,
-                       "the scene has no sensor: one that sees all of it is put in front of it");
-        m->record.fov = 40;
-        m->record.width = 768;
-        m->record.height = 576;
-        m->record.spp = 64;
-        return scene_see_everything(m->scene, &m->record, m->xml.root->at);
+                       "the scene has no sensor: one that sees all of it is put in front of it, at -z");
+        return sensor_default(m, &box);
     }
-    TRY(sensor_read(m, sensor));
-    TRY(object_child(m, m->xml.root, "sensor", &at, &second, &name));
-    if (second) report_warning(m->report, second->at, "the scene has several sensors; the first is taken");
-    return add_all(m, "sensor", leave);
+    for (;; sensor = next) {
+        TRY(object_child(m, m->xml.root, "sensor", &at, &next, &name));
+        if (!next) return sensor_read(m, sensor);
+        report_warning(m->report, sensor->at, "another sensor follows, which is taken instead");
+    }
 }
 
 static result_t read_integrator(mitsuba_t *m)
 {
     element_t *integrator;
-    m->record.max_depth = 100;
     TRY(object_only(m, m->xml.root, "integrator", &integrator));
-    return integrator ? sensor_integrator(m, integrator) : result_ok();
+    return sensor_integrator(m, integrator);
+}
+
+/* Mitsuba gives a scene that has no light a day of its own. */
+static result_t add_default_light(mitsuba_t *m)
+{
+    if (scene_has_light(m->scene) || scene_gets_environment(m->scene)) return result_ok();
+    report_warning(
+        m->report, m->xml.root->at,
+        "the scene has no light: a clear day lights it, as in Mitsuba; --environment takes another");
+    return daylight_emitter_default(m, m->xml.root->at);
 }
 
 /* How Mitsuba builds the tree over its shapes. */
@@ -93,7 +99,7 @@ static result_t add_scene(mitsuba_t *m)
     scene_shapes(m->scene, 0, &shapes);
     if (shapes == 0 && m->scene->object_count == 1)
         return error_at(m->xml.root->at, "the scene has no shape that could be rendered");
-    scene_default_light(m->scene, true, m->xml.root->at);
+    TRY(add_default_light(m));
     TRY(read_integrator(m));
     TRY(read_sensor(m));
     ignore_tree(m);

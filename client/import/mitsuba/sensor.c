@@ -12,38 +12,29 @@ enum { DEEPEST = 100 };
 
 /* ---- film ---------------------------------------------------------------------------------------------- */
 
-static result_t read_filter(mitsuba_t *m, element_t *film)
+static const struct {
+    const char *type;
+    blob_filter_t filter;
+} filters[] = {
+    {"box", {FILTER_BOX, 0.5f, 0.5f, {0, 0}}},
+    {"tent", {FILTER_TRIANGLE, 1, 1, {0, 0}}},
+    {"gaussian", {FILTER_GAUSSIAN, 2, 2, {0.5f, 0}}},
+    {"mitchell", {FILTER_MITCHELL, 2, 2, {1 / 3.0f, 1 / 3.0f}}},
+    {"catmullrom", {FILTER_MITCHELL, 2, 2, {0, 0.5f}}},
+    {"lanczos", {FILTER_SINC, 3, 3, {3, 0}}},
+};
+enum { GAUSSIAN = 2 }; /* what there is by default */
+
+/* What a filter says of itself. */
+static result_t read_shape(mitsuba_t *m, const element_t *element, blob_filter_t *filter)
 {
-    static const struct {
-        const char *type;
-        blob_filter_t filter;
-    } filters[] = {
-        {"box", {FILTER_BOX, 0.5f, 0.5f, {0, 0}}},
-        {"tent", {FILTER_TRIANGLE, 1, 1, {0, 0}}},
-        {"gaussian", {FILTER_GAUSSIAN, 2, 2, {0.5f, 0}}},
-        {"mitchell", {FILTER_MITCHELL, 2, 2, {1 / 3.0f, 1 / 3.0f}}},
-        {"catmullrom", {FILTER_MITCHELL, 2, 2, {0, 0.5f}}},
-        {"lanczos", {FILTER_SINC, 3, 3, {3, 0}}},
-    };
-    element_t *found;
-    m->record.filter = filters[2].filter;
-    TRY(object_only(m, film, "rfilter", &found));
-    if (!found) return result_ok();
-    size_t i = 0;
-    while (i < ARRAY_LENGTH(filters) && strcmp(object_type(found), filters[i].type) != 0) ++i;
-    if (i == ARRAY_LENGTH(filters))
-        return report_refuse(m->report, found->at,
-                             "filter \"%.40s\" is not supported; the nearest is gaussian",
-                             object_type(found));
-    blob_filter_t *filter = &m->record.filter;
-    *filter = filters[i].filter;
-    double sigma = 0.5, radius = 0.5, b = (double)filter->parameters[0], c = (double)filter->parameters[1],
-           lobes = 3;
-    TRY(property_number(m, found, "stddev", 0.05, 8, &sigma));
-    TRY(property_number(m, found, "B", -10, 10, &b));
-    TRY(property_number(m, found, "C", -10, 10, &c));
-    TRY(property_number(m, found, "lobes", 1, 16, &lobes));
-    TRY(property_number(m, found, "radius", 0.05, 8, &radius));
+    double sigma = 0.5, radius = 0.5, lobes = 3, b = (double)filter->parameters[0],
+           c = (double)filter->parameters[1];
+    TRY(property_number(m, element, "stddev", 0.05, 8, &sigma));
+    TRY(property_number(m, element, "B", -10, 10, &b));
+    TRY(property_number(m, element, "C", -10, 10, &c));
+    TRY(property_number(m, element, "lobes", 1, 16, &lobes));
+    TRY(property_number(m, element, "radius", 0.05, 8, &radius));
     if (filter->kind == FILTER_BOX) filter->radius_x = filter->radius_y = (float)radius;
     if (filter->kind == FILTER_MITCHELL) filter->parameters[0] = (float)b, filter->parameters[1] = (float)c;
     if (filter->kind == FILTER_GAUSSIAN) {
@@ -52,7 +43,23 @@ static result_t read_filter(mitsuba_t *m, element_t *film)
     }
     if (filter->kind == FILTER_SINC)
         filter->parameters[0] = filter->radius_x = filter->radius_y = (float)floor(lobes);
-    return object_finish(m, found);
+    return object_finish(m, element);
+}
+
+static result_t read_filter(mitsuba_t *m, element_t *film)
+{
+    element_t *found;
+    m->record.filter = filters[GAUSSIAN].filter;
+    TRY(object_only(m, film, "rfilter", &found));
+    if (!found) return result_ok();
+    size_t i = 0;
+    while (i < ARRAY_LENGTH(filters) && strcmp(object_type(found), filters[i].type) != 0) ++i;
+    if (i == ARRAY_LENGTH(filters))
+        return report_refuse(m->report, found->at,
+                             "filter \"%.40s\" is not supported; the nearest is gaussian",
+                             object_type(found));
+    m->record.filter = filters[i].filter;
+    return read_shape(m, found, &m->record.filter);
 }
 
 /* What says how the image is written, or shown, not what it is. */
@@ -90,11 +97,23 @@ static result_t read_crop(mitsuba_t *m, const element_t *film, double width, dou
     return result_ok();
 }
 
+/* What Mitsuba has without a film and a sampler. */
+enum { WIDTH = 768, HEIGHT = 576, SAMPLES = 4 };
+
+static void default_film(mitsuba_t *m)
+{
+    m->record.width = WIDTH;
+    m->record.height = HEIGHT;
+    m->record.filter = filters[GAUSSIAN].filter;
+    m->record.spp = SAMPLES;
+}
+
 /* *aspect is that of the whole film. */
 static result_t read_film(mitsuba_t *m, const element_t *sensor, double *aspect)
 {
     element_t *film;
-    double width = 768, height = 576;
+    double width = WIDTH, height = HEIGHT;
+    default_film(m);
     TRY(object_only(m, sensor, "film", &film));
     if (film) {
         TRY(property_number(m, film, "width", 1, 65535, &width));
@@ -103,10 +122,6 @@ static result_t read_film(mitsuba_t *m, const element_t *sensor, double *aspect)
         TRY(read_crop(m, film, floor(width), floor(height)));
         ignore_formats(film);
         TRY(object_finish(m, film));
-    } else {
-        m->record.width = (int32_t)width;
-        m->record.height = (int32_t)height;
-        m->record.filter = (blob_filter_t){FILTER_GAUSSIAN, 2, 2, {0.5f, 0}};
     }
     *aspect = floor(width) / floor(height);
     return result_ok();
@@ -115,7 +130,7 @@ static result_t read_film(mitsuba_t *m, const element_t *sensor, double *aspect)
 static result_t read_sampler(mitsuba_t *m, const element_t *sensor)
 {
     element_t *sampler;
-    double count = 4;
+    double count = SAMPLES;
     TRY(object_only(m, sensor, "sampler", &sampler));
     if (sampler) {
         TRY(property_number(m, sampler, "sampleCount", 1, 1e9, &count));
@@ -244,6 +259,21 @@ result_t sensor_read(mitsuba_t *m, element_t *sensor)
     return object_finish(m, sensor);
 }
 
+result_t sensor_default(mitsuba_t *m, const box_t *box)
+{
+    const double fov = 45, half = tan(fov / 2 / degrees);
+    const double width =
+        fmax((double)box->high.x - (double)box->low.x, (double)box->high.y - (double)box->low.y);
+    const double from[3] = {((double)box->low.x + (double)box->high.x) / 2,
+                            ((double)box->low.y + (double)box->high.y) / 2,
+                            (double)box->low.z - width / (2 * half)};
+    const affine_t world_from_sensor = affine_translation(from);
+    default_film(m);
+    m->record.camera = CAMERA_PERSPECTIVE;
+    m->record.fov = (float)(2 * atan(half * HEIGHT / WIDTH) * degrees);
+    return place(m, m->xml.root, &world_from_sensor);
+}
+
 /* ---- integrators --------------------------------------------------------------------------------------- */
 
 static result_t read_integrator(mitsuba_t *m, element_t *integrator, int depth);
@@ -333,5 +363,8 @@ static result_t read_integrator(mitsuba_t *m, element_t *integrator, int depth)
 
 result_t sensor_integrator(mitsuba_t *m, element_t *integrator)
 {
-    return read_integrator(m, integrator, 0);
+    if (integrator) return read_integrator(m, integrator, 0);
+    m->record.integrator = INTEGRATOR_PATH;
+    m->record.max_depth = 1;
+    return result_ok();
 }

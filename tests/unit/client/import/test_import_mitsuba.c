@@ -873,16 +873,35 @@ static void an_environment_stands_as_mitsubas_does(void **state)
     bench_close(&bench);
 }
 
-static void what_a_scene_lacks_is_told(void **state)
+static void what_a_scene_lacks_is_as_in_mitsuba(void **state)
 {
     (void)state;
     bench_t bench = {0};
-    run_text(&bench, SCENE(RECTANGLE));
+    run_text(&bench, SCENE("<shape type=\"sphere\"><float name=\"radius\" value=\"2\"/></shape>"));
     bench_expect_ok(&bench);
-    expect_text(bench.warnings, "no light: a white sky of radiance 1");
+    expect_text(bench.warnings, "no light: a clear day lights it, as in Mitsuba");
     expect_text(bench.warnings, "no sensor: one that sees all of it");
+    assert_int_equal(bench.blob.counts[BLOB_SECTION_LIGHTS], 2); /* sky and sun */
     assert_int_equal(bench.blob.lights[0].kind, LIGHT_INFINITE);
-    expect_bad_file(&bench, SCENE("<shape type=\"sphere\"/>"), "the scene has no sensor");
+    const blob_scene_t *scene = bench.blob.scene;
+    expect_near((double)scene->fov, 2 * atan(tan(22.5 / 57.29577951) * 0.75) * 57.29577951, 1e-4);
+    expect_vec3(xform_point(&scene->world_from_camera, vec3(0, 0, 0)), 0, 0,
+                -2 - 2 / tan(22.5 / 57.29577951));
+    expect_vec3(xform_vector(&scene->world_from_camera, vec3(1, 0, 0)), -1, 0, 0);
+    assert_int_equal(scene->integrator, INTEGRATOR_PATH);
+    assert_int_equal(scene->max_depth, 1);
+    assert_int_equal(scene->spp, 4);
+    bench_close(&bench);
+}
+
+static void the_last_of_several_sensors_counts(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run_text(&bench, SCENE("<sensor type=\"orthographic\"/>" SENSOR("") LAMP RECTANGLE));
+    bench_expect_ok(&bench);
+    assert_int_equal(bench.blob.scene->camera, CAMERA_PERSPECTIVE);
+    expect_text(bench.warnings, "s.xml:1:24: another sensor follows");
     bench_close(&bench);
 }
 
@@ -921,7 +940,8 @@ int main(void)
         cmocka_unit_test(daylight_comes_from_where_it_is_said_to),
         cmocka_unit_test(a_beam_keeps_its_power),
         cmocka_unit_test(an_environment_stands_as_mitsubas_does),
-        cmocka_unit_test(what_a_scene_lacks_is_told),
+        cmocka_unit_test(what_a_scene_lacks_is_as_in_mitsuba),
+        cmocka_unit_test(the_last_of_several_sensors_counts),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
