@@ -9,7 +9,7 @@ typedef struct {
     uint8_t *bytes;
     scene_blob_t blob;
     scene_t *scene;
-    bsdf_t bsdf; /* on a surface whose frame is that of the world */
+    bsdf_t bsdf; /* on a surface whose frame is that of the world, if nothing turns it */
 } scattering_t;
 
 /* Makes the BSDF of the material. There is one texture, a map of the normal (0.4, -0.2, 1) everywhere. */

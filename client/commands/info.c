@@ -264,6 +264,14 @@ static const struct {
     [VALUE_FLATNESS] = {"flatness", true},
     [VALUE_DIFFUSE_TRANSMISSION] = {"diffuse transmission", true},
     [VALUE_ATTENUATION] = {"attenuation", false},
+    [VALUE_SHEEN_COLOUR] = {"sheen colour", false},
+    [VALUE_SHEEN_ROUGHNESS] = {"sheen roughness", true},
+    [VALUE_IRIDESCENCE] = {"iridescence", true},
+    [VALUE_IRIDESCENCE_ETA] = {"film eta", true},
+    [VALUE_IRIDESCENCE_THICKNESS] = {"film nm", true},
+    [VALUE_DISPERSION] = {"dispersion", true},
+    [VALUE_ANISOTROPY_DIRECTION] = {"anisotropy direction", false},
+    [VALUE_ANISOTROPY_TURN] = {"turned by", false},
 };
 
 static void print_rgb(const char *name, rgb_t value)

@@ -260,7 +260,7 @@ typedef struct {
 /* The places of a material's values. Colours are factors on what physics gives. */
 typedef enum {
     VALUE_REFLECTANCE,   /* of the diffuse part, the base, or the metal (a factor); pbrt-v3's Kd */
-    VALUE_TRANSMITTANCE, /* Kt */
+    VALUE_TRANSMITTANCE, /* Kt; glTF's colour of diffuse transmission */
     VALUE_SPECULAR,      /* of the glossy part; Ks */
     VALUE_MIRROR,        /* of the mirror part; Kr */
     VALUE_REFLECT,       /* pbrt-v3's translucent */
@@ -291,6 +291,14 @@ typedef enum {
     VALUE_FLATNESS,
     VALUE_DIFFUSE_TRANSMISSION,
     VALUE_ATTENUATION, /* glTF's volume: per unit length, light fades as exp(-a d) */
+    VALUE_SHEEN_COLOUR,
+    VALUE_SHEEN_ROUGHNESS,
+    VALUE_IRIDESCENCE,           /* weight of a thin film ... */
+    VALUE_IRIDESCENCE_ETA,       /* ... its index of refraction ... */
+    VALUE_IRIDESCENCE_THICKNESS, /* ... and its thickness in nanometres */
+    VALUE_DISPERSION,            /* glTF's: 20 / Abbe number */
+    VALUE_ANISOTROPY_DIRECTION,  /* glTF's: (x + 1) / 2 and (y + 1) / 2 of it, along the tangents ... */
+    VALUE_ANISOTROPY_TURN,       /* ... and cosine and sine of the angle by which it is turned */
     MATERIAL_VALUES
 } material_value_t;
 
@@ -316,8 +324,10 @@ typedef enum {
                                       BASE_ROUGHNESS] */
     MATERIAL_DIFFUSE_TRANSMISSION, /* [REFLECTANCE, TRANSMITTANCE] */
     MATERIAL_GLTF,                 /* [REFLECTANCE, METALLIC, ROUGHNESS_U, ETA, SPECULAR, SPECULAR_COLOUR,
-                                      CLEARCOAT, CLEARCOAT_ROUGHNESS, TRANSMISSION, ATTENUATION]; THIN without
-                                      a volume; COAT_NORMAL */
+                                      CLEARCOAT, CLEARCOAT_ROUGHNESS, TRANSMISSION, ATTENUATION, SHEEN_COLOUR,
+                                      SHEEN_ROUGHNESS, ANISOTROPIC, ANISOTROPY_DIRECTION, ANISOTROPY_TURN,
+                                      DIFFUSE_TRANSMISSION, TRANSMITTANCE, IRIDESCENCE, IRIDESCENCE_ETA,
+                                      IRIDESCENCE_THICKNESS, DISPERSION]; THIN without a volume; COAT_NORMAL */
     MATERIAL_KIND_END
 } material_kind_t;
 

@@ -59,8 +59,8 @@ static void add_textures(blob_builder_t *b)
     blob_builder_add(b, BLOB_SECTION_TEXTURES, textures, ARRAY_LENGTH(textures));
 }
 
-/* Materials 0 to 8 are those of the spheres; 9 is the walls'. */
-enum { SPHERES = 9, WALLS = 9, MATERIALS = 10 };
+/* Materials 0 to 8 are those of the spheres; 9 is the walls', 10 the panel's. */
+enum { SPHERES = 9, WALLS = 9, PANEL = 10, MATERIALS = 11 };
 
 static void add_materials(blob_builder_t *b)
 {
@@ -73,7 +73,8 @@ static void add_materials(blob_builder_t *b)
                                     {.kind = MATERIAL_MIX, .parts = {0, 2}},
                                     {.kind = MATERIAL_DIELECTRIC},
                                     {.kind = MATERIAL_UBER, .flags = MATERIAL_REMAP_V3},
-                                    {.kind = MATERIAL_DIFFUSE, .bump = 2}};
+                                    {.kind = MATERIAL_DIFFUSE, .bump = 2},
+                                    {.kind = MATERIAL_GLTF, .flags = MATERIAL_REMAP_SQUARE}};
     for (uint32_t i = 0; i < MATERIALS; i++) {
         m[i].values[VALUE_REFLECTANCE] = (blob_value_t){{0.8f, 0.7f, 0.6f}, i % 2 == 0 ? 3 : 1};
         m[i].values[VALUE_TRANSMITTANCE] = blob_constant(0.9f);
@@ -91,7 +92,14 @@ static void add_materials(blob_builder_t *b)
     m[4].values[VALUE_THICKNESS] = blob_constant(0.02f);
     m[4].values[VALUE_ALBEDO] = blob_constant(0.3f);
     m[5].values[VALUE_TRANSMISSION] = blob_constant(0.3f);
+    m[5].values[VALUE_DIFFUSE_TRANSMISSION] = m[5].values[VALUE_IRIDESCENCE] = blob_constant(0.5f);
+    m[5].values[VALUE_IRIDESCENCE_ETA] = blob_constant(1.3f);
+    m[5].values[VALUE_IRIDESCENCE_THICKNESS] = blob_constant(400);
     m[6].values[VALUE_AMOUNT] = blob_constant(0.4f);
+    m[PANEL].values[VALUE_TRANSMISSION] = m[PANEL].values[VALUE_SHEEN_COLOUR] = blob_constant(0.5f);
+    m[PANEL].values[VALUE_SHEEN_ROUGHNESS] = m[PANEL].values[VALUE_ANISOTROPIC] = blob_constant(0.5f);
+    m[PANEL].values[VALUE_ANISOTROPY_TURN] = blob_colour_value(vec3(0.8f, 0.6f, 0));
+    m[PANEL].values[VALUE_DISPERSION] = blob_constant(1);
     m[7].values[VALUE_ROUGHNESS_U] = m[7].values[VALUE_ROUGHNESS_V] = blob_constant(0);
     blob_builder_add(b, BLOB_SECTION_MATERIALS, m, MATERIALS);
 }
@@ -155,7 +163,7 @@ static void add_shapes(blob_builder_t *b)
     add_shape(b, SHAPE_CURVES, blob_builder_add(b, BLOB_SECTION_CURVES, &curve, 1), 3, BLOB_NONE);
     uint32_t world = blob_builder_count(b, BLOB_SECTION_SHAPES);
     add_shape(b, SHAPE_MESH,
-              add_rectangle(b, vec3(-0.3f, -0.3f, 0), vec3(0.6f, 0, 0.1f), vec3(0, 0.6f, 0.1f)), 6,
+              add_rectangle(b, vec3(-0.3f, -0.3f, 0), vec3(0.6f, 0, 0.1f), vec3(0, 0.6f, 0.1f)), PANEL,
               BLOB_NONE);
     const blob_object_t objects[] = {{0, world}, {world, 1}};
     const blob_instance_t instance = {1, placed(0.8f, 0.8f, -1), placed(0.7f, 0.9f, -1)};

@@ -229,6 +229,8 @@ result_t texture_complement(document_t *document, const item_t *owner, const cha
                             channel_t channel, float factor, blob_value_t *value);
 /* a times b, where either may vary. */
 blob_value_t texture_product(document_t *document, blob_value_t a, blob_value_t b);
+/* (1 - amount) a + amount b. */
+blob_value_t texture_mix(document_t *document, blob_value_t a, blob_value_t b, blob_value_t amount);
 /* The colours at the vertices: RGB or A. */
 blob_value_t texture_vertex_colour(document_t *document, channel_t channel);
 /* 1 where the value is at least the cutoff, else 0. */

@@ -27,10 +27,15 @@ static const struct {
     const char *cure; /* what to say when it is not; NULL: that it is ignored */
 } extensions[] = {
     {"KHR_lights_punctual", true, NULL},
+    {"KHR_materials_anisotropy", true, NULL},
     {"KHR_materials_clearcoat", true, NULL},
+    {"KHR_materials_diffuse_transmission", true, NULL},
+    {"KHR_materials_dispersion", true, NULL},
     {"KHR_materials_emissive_strength", true, NULL},
     {"KHR_materials_ior", true, NULL},
+    {"KHR_materials_iridescence", true, NULL},
     {"KHR_materials_pbrSpecularGlossiness", true, NULL},
+    {"KHR_materials_sheen", true, NULL},
     {"KHR_materials_specular", true, NULL},
     {"KHR_materials_transmission", true, NULL},
     {"KHR_materials_unlit", true, NULL},

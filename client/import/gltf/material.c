@@ -231,6 +231,99 @@ static result_t specular_glossiness(maker_t *m)
                               &m->record.values[VALUE_ROUGHNESS_U]);
 }
 
+/* A colour with a texture in sRGB. */
+static result_t colour_value(maker_t *m, const item_t *extension, const char *factor_key, double factor,
+                             const char *texture_key, material_value_t value)
+{
+    double c[3] = {factor, factor, factor};
+    TRY(item_numbers(extension, factor_key, 3, 0, 1, c, NULL));
+    return texture_value(m->document, extension, texture_key, ENCODING_SRGB, CHANNEL_RGB, to_rgb(c),
+                         &m->record.values[value]);
+}
+
+/* Without a colour there is none, whatever its roughness. */
+static result_t sheen(maker_t *m)
+{
+    item_t extension;
+    TRY(item_extension(m->item, "KHR_materials_sheen", &extension));
+    TRY(colour_value(m, &extension, "sheenColorFactor", 0, "sheenColorTexture", VALUE_SHEEN_COLOUR));
+    return number_value(m, &extension, "sheenRoughnessFactor", 0, "sheenRoughnessTexture", CHANNEL_A,
+                        VALUE_SHEEN_ROUGHNESS);
+}
+
+/* The texture's blue is the strength, its red and green are the direction; without one that is the tangent.
+ */
+static result_t anisotropy(maker_t *m)
+{
+    item_t extension;
+    double angle = 0;
+    blob_value_t *direction = &m->record.values[VALUE_ANISOTROPY_DIRECTION];
+    TRY(item_extension(m->item, "KHR_materials_anisotropy", &extension));
+    TRY(number_value(m, &extension, "anisotropyStrength", 0, "anisotropyTexture", CHANNEL_B,
+                     VALUE_ANISOTROPIC));
+    if (m->record.values[VALUE_ANISOTROPIC].factor.x == 0) return result_ok();
+    TRY(item_number(&extension, "anisotropyRotation", -1e6, 1e6, &angle));
+    TRY(texture_value(m->document, &extension, "anisotropyTexture", ENCODING_LINEAR, CHANNEL_RGB, white,
+                      direction));
+    if (direction->texture == 0) *direction = blob_colour_value(vec3(1, 0.5f, 0));
+    m->record.values[VALUE_ANISOTROPY_TURN] =
+        blob_colour_value(vec3((float)cos(angle), (float)sin(angle), 0));
+    return result_ok();
+}
+
+/* Between both ends by the texture's green, or the latter of them. */
+static result_t film_thickness(maker_t *m, const item_t *extension, blob_value_t *value)
+{
+    double least = 100, most = 400;
+    blob_value_t amount;
+    TRY(item_number(extension, "iridescenceThicknessMinimum", 0, 1e6, &least));
+    TRY(item_number(extension, "iridescenceThicknessMaximum", 0, 1e6, &most));
+    TRY(texture_value(m->document, extension, "iridescenceThicknessTexture", ENCODING_LINEAR, CHANNEL_G,
+                      white, &amount));
+    *value = blob_constant((float)most);
+    if (amount.texture != 0) *value = texture_mix(m->document, blob_constant((float)least), *value, amount);
+    return result_ok();
+}
+
+static result_t iridescence(maker_t *m)
+{
+    item_t extension;
+    double eta = 1.3;
+    blob_value_t *values = m->record.values;
+    TRY(item_extension(m->item, "KHR_materials_iridescence", &extension));
+    TRY(number_value(m, &extension, "iridescenceFactor", 0, "iridescenceTexture", CHANNEL_R,
+                     VALUE_IRIDESCENCE));
+    if (values[VALUE_IRIDESCENCE].factor.x == 0) return result_ok();
+    TRY(item_number(&extension, "iridescenceIor", 1, 100, &eta));
+    values[VALUE_IRIDESCENCE_ETA] = blob_constant((float)eta);
+    return film_thickness(m, &extension, &values[VALUE_IRIDESCENCE_THICKNESS]);
+}
+
+static result_t diffuse_transmission(maker_t *m)
+{
+    item_t extension;
+    TRY(item_extension(m->item, "KHR_materials_diffuse_transmission", &extension));
+    if (!extension.json) return result_ok();
+    TRY(number_value(m, &extension, "diffuseTransmissionFactor", 0, "diffuseTransmissionTexture", CHANNEL_A,
+                     VALUE_DIFFUSE_TRANSMISSION));
+    return colour_value(m, &extension, "diffuseTransmissionColorFactor", 1, "diffuseTransmissionColorTexture",
+                        VALUE_TRANSMITTANCE);
+}
+
+/* Of a solid alone; the interface of a film does not disperse. */
+static result_t dispersion(maker_t *m)
+{
+    item_t extension;
+    double amount = 0;
+    TRY(item_extension(m->item, "KHR_materials_dispersion", &extension));
+    TRY(item_number(&extension, "dispersion", 0, 1e6, &amount));
+    if (amount > 0 && m->record.values[VALUE_IRIDESCENCE].factor.x > 0)
+        item_warn(&extension, "is ignored beside KHR_materials_iridescence, whose film does not disperse");
+    else
+        m->record.values[VALUE_DISPERSION] = blob_constant((float)amount);
+    return result_ok();
+}
+
 /* These do not go together with specular-glossiness. */
 static result_t extensions_of_metallic_roughness(maker_t *m)
 {
@@ -239,7 +332,12 @@ static result_t extensions_of_metallic_roughness(maker_t *m)
     TRY(specular(m));
     TRY(clearcoat(m));
     TRY(transmission(m));
-    return volume(m);
+    TRY(volume(m));
+    TRY(sheen(m));
+    TRY(anisotropy(m));
+    TRY(iridescence(m));
+    TRY(diffuse_transmission(m));
+    return dispersion(m);
 }
 
 /* KHR_materials_unlit: the camera sees the base colour as it is, and nothing else sees the surface at all.

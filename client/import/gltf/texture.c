@@ -182,6 +182,13 @@ blob_value_t texture_product(document_t *document, blob_value_t a, blob_value_t 
     return scene_add_texture(document->builder, &texture);
 }
 
+blob_value_t texture_mix(document_t *document, blob_value_t a, blob_value_t b, blob_value_t amount)
+{
+    blob_texture_t texture = {.kind = TEXTURE_MIX, .channel = CHANNEL_RGB, .inputs = {a, b, amount}};
+    texture.texture_from_world = xform_identity();
+    return scene_add_texture(document->builder, &texture);
+}
+
 blob_value_t texture_vertex_colour(document_t *document, channel_t channel)
 {
     blob_texture_t texture = {.kind = TEXTURE_COLOUR, .channel = channel};

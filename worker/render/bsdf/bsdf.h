@@ -45,9 +45,19 @@ enum { BSDF_LOBES = 10 };
  * refraction are those of the inside (below the surface) over the outside. A `factor` on the value is
  * 1 / the lobe's scale, which is about its albedo. */
 typedef struct {
+    float strength;  /* share of the surface that it covers; 0: no film */
+    float ior;       /* at least 1 */
+    float thickness; /* in nanometres */
+} lobe_film_t;
+
+typedef struct {
     float ior;
-    bool separable; /* shadowing and masking are independent */
-    rgb_t r, t;     /* factors on what is reflected and transmitted */
+    bool separable;   /* shadowing and masking are independent */
+    rgb_t r, t;       /* factors on what is reflected and transmitted */
+    lobe_film_t film; /* on the outside; of the interfaces that both reflect and transmit */
+    float film_f0;    /* reflectance at normal incidence without it */
+    float spread;     /* dispersion: the indices of blue and red are so much above and below `ior` */
+    uint32_t only;    /* of a dispersing one: 1 + the only channel that is carried, or 0: all */
 } lobe_dielectric_t;
 
 typedef struct {
@@ -76,14 +86,29 @@ typedef struct {
     float alpha; /* of Burley's distribution */
 } lobe_disney_coat_t;
 
+/* What lies above a lobe of glTF's materials and takes its part of the light first. */
+typedef struct {
+    float coat;            /* weight of a clear coat ... */
+    vec3_t coat_normal;    /* ... and its normal, which may be its own */
+    float sheen;           /* largest channel of a sheen's colour ... */
+    float sheen_roughness; /* ... and its roughness */
+} lobe_cover_t;
+
 /* The lobes of glTF's materials. */
 typedef struct {
-    float coat; /* weight of a clear coat above */
-    vec3_t coat_normal;
+    lobe_cover_t cover;
     rgb_t f0;     /* reflectance at normal incidence */
     rgb_t f90;    /* at grazing incidence */
     float factor; /* of the lobes that are what reflection leaves */
+    lobe_film_t film;
+    rgb_t gain; /* where there is a film: the factor on what is reflected */
 } lobe_schlick_t;
+
+typedef struct {
+    lobe_cover_t cover; /* a coat alone */
+    float roughness;
+    float factor;
+} lobe_sheen_t;
 
 /* From the outside: the interface of a dielectric (the coat, whose alphas are the lobe's), a medium, and an
  * opaque base. From below the surface the same layers are met in the same order. */
@@ -125,6 +150,7 @@ typedef struct {
         lobe_disney_specular_t disney_specular;
         lobe_disney_coat_t disney_coat;
         lobe_schlick_t schlick;
+        lobe_sheen_t sheen;
     };
 } lobe_t;
 static_assert(sizeof(lobe_t) <= 112, "a BSDF has ten of them, and is made at every vertex");
@@ -132,7 +158,8 @@ static_assert(sizeof(lobe_t) <= 112, "a BSDF has ten of them, and is made at eve
 enum {
     LOBE_REFLECTS = 1,  /* may carry light to the same side of the surface */
     LOBE_TRANSMITS = 2, /* may carry light through */
-    LOBE_SPECULAR = 4   /* Dirac: cannot be evaluated, only sampled */
+    LOBE_SPECULAR = 4,  /* Dirac: cannot be evaluated, only sampled */
+    LOBE_DISPERSES = 8  /* refracts each channel its own way */
 };
 
 /* Directions are in shading coordinates (s, t, ns): z is the cosine to the shading normal. */
@@ -179,6 +206,14 @@ bool bsdf_sample(const bsdf_t *bsdf, vec3_t wo, vec2_t u, float choice, transpor
                  bsdf_sample_t *sample);
 /* Roughens what is nearly specular. */
 void bsdf_regularize(bsdf_t *bsdf);
+/* Tells what the subpath that is to be scattered carries: where that is one channel alone, a BSDF that
+ * disperses goes on with it. Changes what bsdf_sample draws, not what densities it claims, nor any value. */
+static inline void bsdf_carry(bsdf_t *bsdf, rgb_t throughput)
+{
+    if (bsdf->count != 1 || !(bsdf->lobes[0].kind->flags & LOBE_DISPERSES)) return;
+    bool r = throughput.x != 0, g = throughput.y != 0, b = throughput.z != 0;
+    bsdf->lobes[0].dielectric.only = r + g + b == 1 ? (r ? 1 : g ? 2 : 3) : 0;
+}
 /* About how much light the surface throws back or lets through, 0 to 1: the sum of the lobes' scales. For
  * the albedo layer. */
 rgb_t bsdf_albedo(const bsdf_t *bsdf);
@@ -206,6 +241,7 @@ extern const lobe_kind_t lobe_lambert, lobe_lambert_transmission, lobe_oren_naya
     lobe_disney_diffuse, lobe_disney_sheen, lobe_disney_specular, lobe_disney_clearcoat, lobe_layered,
     lobe_coated_lambert, lobe_smooth_coat, lobe_smooth_layers, lobe_schlick_reflection, lobe_schlick_mirror,
     lobe_schlick_diffuse, lobe_schlick_through, lobe_schlick_straight, lobe_schlick_coat,
-    lobe_schlick_coat_mirror;
+    lobe_schlick_coat_mirror, lobe_schlick_diffuse_through, lobe_sheen, lobe_smooth_dispersion,
+    lobe_rough_dispersion;
 
 #endif

@@ -20,6 +20,21 @@ void lobe_regularize_pair(float alpha[2]);
  * cos) where R is the Fresnel reflectance from inside. `ior` is that of the inside over the outside. */
 float lobe_layered_returns(float ior, float thickness);
 
+/* Charlie sheen of weight one at the cosine `cos` >= 0: the share of the light that it reflects. */
+float lobe_sheen_albedo(float cos, float roughness);
+/* The mean of it over the hemisphere, weighed by the cosine. */
+float lobe_sheen_mean(float roughness);
+/* A sheen's roughness within the limits of its table. */
+float lobe_sheen_roughness(float roughness);
+
+/* What the cover of a lobe leaves to it of the light between wo and wi: 1 - c F of a coat of weight c, and
+ * 1 - c E of a sheen. The standard takes the coat's F at the angle of the viewer; here it is that of the more
+ * grazing of both directions, as it is for the sheen, so that the sum is reciprocal and still not more than
+ * what comes in. The coat's angles are those to its normal, which may be its own. */
+float lobe_cover_passes(const lobe_cover_t *cover, vec3_t wo, vec3_t wi);
+/* About the mean of that. */
+float lobe_cover_mean(const lobe_cover_t *cover);
+
 /* Evaluate and sample a lobe that is the same from both sides and in both modes, by its eval_above and
  * draw_above. */
 bool lobe_eval_mirrored(const lobe_t *lobe, vec3_t wo, vec3_t wi, bool reflect, transport_t mode,

@@ -3,6 +3,7 @@
  * which it chooses between at the visible normal that it has drawn; and its reflection alone. */
 #include "worker/render/bsdf/lobe.h"
 
+#include "worker/render/bsdf/film.h"
 #include "worker/render/bsdf/microfacet.h"
 
 /* Index of the far side over that of the near side, as seen from w. */
@@ -17,15 +18,26 @@ static float shadowing(const lobe_t *lobe, float lambda_o, float lambda_i)
                                       : microfacet_correlated(lambda_o, lambda_i);
 }
 
+/* The factors on what is reflected and transmitted; the film is on the outside. `eta` and Fresnel's
+ * reflectance are as seen from the near side. */
+static void find_factors(const lobe_t *lobe, float eta, float near_cos, float far_cos, float f, rgb_t *r,
+                         rgb_t *t)
+{
+    *r = lobe->dielectric.r;
+    *t = lobe->dielectric.t;
+    film_on_interface(&lobe->dielectric, eta == lobe->dielectric.ior ? near_cos : far_cos, f, r, t);
+}
+
 /* For wo and wi above the surface; eta as seen from there. */
 static bool eval_reflection(const lobe_t *lobe, float eta, vec3_t wo, vec3_t wi, bsdf_value_t *value)
 {
     microfacet_t facet;
     float cos_t, chance;
     if (!microfacet_reflection(lobe->alpha[0], lobe->alpha[1], wo, wi, &facet)) return false;
-    rgb_t r = lobe->dielectric.r;
+    rgb_t r, t;
     float f = fresnel_dielectric(facet.cos, eta, &cos_t);
-    if (!lobe_reflect_chance(f, r, lobe->dielectric.t, &chance) || chance == 0) return false;
+    find_factors(lobe, eta, facet.cos, cos_t, f, &r, &t);
+    if (!lobe_reflect_chance(f, r, t, &chance) || chance == 0) return false;
     value->f = v_scale(r, f * facet.density * shadowing(lobe, facet.lambda_o, facet.lambda_i));
     value->pdf = chance * facet.pdf;
     value->pdf_rev = chance * facet.pdf_rev;
@@ -45,11 +57,12 @@ static bool eval_transmission(const lobe_t *lobe, float eta, vec3_t wo, vec3_t w
     m = v_scale(m, (m.z < 0 ? -1 : 1) / sqrtf(length2));
     float co = float_min(v_dot(wo, m), 1), ci = -v_dot(wi, m), cos_t, chance;
     if (!(co > 0 && ci > 0)) return false;
-    rgb_t t = lobe->dielectric.t;
+    rgb_t r, t;
     /* The same from both sides, but near total reflection only known well from the thinner one. */
     float f = eta >= 1 ? fresnel_dielectric(co, eta, &cos_t)
                        : fresnel_dielectric(float_min(ci, 1), 1 / eta, &cos_t);
-    if (!lobe_reflect_chance(f, lobe->dielectric.r, t, &chance) || chance == 1) return false;
+    find_factors(lobe, eta, co, ci, f, &r, &t);
+    if (!lobe_reflect_chance(f, r, t, &chance) || chance == 1) return false;
     float d = microfacet_distribution(ax, ay, m), lo = microfacet_lambda(ax, ay, wo),
           li = microfacet_lambda(ax, ay, wi), cos_m = co - eta * ci;
     /* d(m) over what all three have in common; the Jacobians of refraction are eta^2 ci / (co - eta ci)^2
@@ -85,7 +98,9 @@ static bool draw(const lobe_t *lobe, float eta, vec3_t w, vec2_t u, float choice
     float cos = float_min(v_dot(w, m), 1), cos_t, chance;
     if (!(cos > 0)) return false;
     float f = fresnel_dielectric(cos, eta, &cos_t);
-    if (!lobe_reflect_chance(f, lobe->dielectric.r, lobe->dielectric.t, &chance)) return false;
+    rgb_t r, t;
+    find_factors(lobe, eta, cos, cos_t, f, &r, &t);
+    if (!lobe_reflect_chance(f, r, t, &chance)) return false;
     *reflect = choice < chance;
     if (*reflect) {
         *wi = v_sub(v_scale(m, 2 * cos), w);

@@ -1,20 +1,26 @@
 /* lobe_schlick: the parts of glTF's metallic-roughness material (glTF 2.0, appendix B, with the extensions of
- * specular, clear coat and transmission): a microfacet reflection with Schlick's Fresnel reflectance F, a
- * diffuse base and a thin transmission with what it leaves, 1 - F at the microfacet normal. They are the same
- * from both sides. Alphas that count as smooth make Dirac lobes (mirror, straight).
- *
- * A clear coat of weight c leaves 1 - c F of what is below it. The standard takes F at the angle of the
- * viewer; here it is that of the more grazing of both directions, so that the sum is reciprocal and still not
- * more than what comes in. The angles are those to the coat's normal, which may be its own. */
+ * specular, clear coat, sheen, iridescence and transmission): a microfacet reflection with Schlick's Fresnel
+ * reflectance F, and with what it leaves, 1 - F at the microfacet normal, a diffuse base that reflects and
+ * transmits, and a thin transmission. They are the same from both sides. Alphas that count as smooth make
+ * Dirac lobes (mirror, straight). */
 #include "worker/render/bsdf/lobe.h"
 
+#include "worker/render/bsdf/film.h"
 #include "worker/render/bsdf/microfacet.h"
 #include "worker/render/sampling/warp.h"
 
 static rgb_t reflectance(const lobe_t *lobe, float cos)
 {
     float grazing = fresnel_schlick_weight(cos);
-    return v_mad(v_scale(lobe->schlick.f0, 1 - grazing), grazing, lobe->schlick.f90);
+    rgb_t plain = v_mad(v_scale(lobe->schlick.f0, 1 - grazing), grazing, lobe->schlick.f90);
+    return film_cover(&lobe->schlick.film, lobe->schlick.f0, plain, cos);
+}
+
+/* Without a film the factor is in both reflectances. */
+static rgb_t reflected(const lobe_t *lobe, float cos)
+{
+    rgb_t share = reflectance(lobe, cos);
+    return lobe->schlick.film.strength == 0 ? share : v_mul(lobe->schlick.gain, share);
 }
 
 /* The standard takes the largest channel, so that the base keeps its hue. */
@@ -23,13 +29,10 @@ static float passed(const lobe_t *lobe, float cos)
     return lobe->schlick.factor * float_max(0, 1 - v_max(reflectance(lobe, cos)));
 }
 
-static float below_coat(const lobe_t *lobe, vec3_t wo, vec3_t wi)
+static float below_cover(const lobe_t *lobe, vec3_t wo, vec3_t wi)
 {
-    float coat = lobe->schlick.coat;
-    if (coat == 0) return 1;
-    vec3_t n = lobe->schlick.coat_normal;
-    float grazing = fresnel_schlick_weight(float_min(fabsf(v_dot(wo, n)), fabsf(v_dot(wi, n))));
-    return 1 - coat * (SCHLICK_COAT_F0 + (1 - SCHLICK_COAT_F0) * grazing);
+    const lobe_cover_t *cover = &lobe->schlick.cover;
+    return cover->coat == 0 && cover->sheen == 0 ? 1 : lobe_cover_passes(cover, wo, wi);
 }
 
 /* All of the following are for wo above the surface. */
@@ -51,7 +54,7 @@ static bool eval_reflection(const lobe_t *lobe, vec3_t wo, vec3_t wi, bsdf_value
     microfacet_t facet;
     float f;
     if (!facets(lobe, wo, wi, &facet, &f, value)) return false;
-    value->f = v_scale(reflectance(lobe, facet.cos), f * below_coat(lobe, wo, wi));
+    value->f = v_scale(reflected(lobe, facet.cos), f * below_cover(lobe, wo, wi));
     return true;
 }
 
@@ -61,7 +64,7 @@ static bool eval_through(const lobe_t *lobe, vec3_t wo, vec3_t wi, bsdf_value_t 
     microfacet_t facet;
     float f;
     if (!facets(lobe, wo, vec3(wi.x, wi.y, -wi.z), &facet, &f, value)) return false;
-    f = f * below_coat(lobe, wo, wi) * passed(lobe, facet.cos);
+    f = f * below_cover(lobe, wo, wi) * passed(lobe, facet.cos);
     value->f = vec3(f, f, f);
     return true;
 }
@@ -81,16 +84,27 @@ static bool draw_through(const lobe_t *lobe, vec3_t wo, vec2_t u, float choice, 
 
 /* ---- diffuse ------------------------------------------------------------------------------------------- */
 
-static bool eval_diffuse(const lobe_t *lobe, vec3_t wo, vec3_t wi, bsdf_value_t *value)
+/* `up` is wi above the surface. */
+static bool diffuse(const lobe_t *lobe, vec3_t wo, vec3_t wi, vec3_t up, bsdf_value_t *value)
 {
-    float length2 = v_length2(v_add(wo, wi));
-    if (!(wo.z > 0 && wi.z > 0)) return false;
+    float length2 = v_length2(v_add(wo, up));
+    if (!(wo.z > 0 && up.z > 0)) return false;
     /* |wo + wi| is twice the cosine between either and the vector half-way. */
-    float f = INV_PI_F * passed(lobe, float_min(0.5f * sqrtf(length2), 1)) * below_coat(lobe, wo, wi);
+    float f = INV_PI_F * passed(lobe, float_min(0.5f * sqrtf(length2), 1)) * below_cover(lobe, wo, wi);
     value->f = vec3(f, f, f);
-    value->pdf = wi.z * INV_PI_F;
+    value->pdf = up.z * INV_PI_F;
     value->pdf_rev = wo.z * INV_PI_F;
     return true;
+}
+
+static bool eval_diffuse(const lobe_t *lobe, vec3_t wo, vec3_t wi, bsdf_value_t *value)
+{
+    return diffuse(lobe, wo, wi, wi, value);
+}
+
+static bool eval_diffuse_through(const lobe_t *lobe, vec3_t wo, vec3_t wi, bsdf_value_t *value)
+{
+    return diffuse(lobe, wo, wi, vec3(wi.x, wi.y, -wi.z), value);
 }
 
 static bool draw_diffuse(const lobe_t *lobe, vec3_t wo, vec2_t u, float choice, vec3_t *wi)
@@ -100,12 +114,19 @@ static bool draw_diffuse(const lobe_t *lobe, vec3_t wo, vec2_t u, float choice, 
     return true;
 }
 
+static bool draw_diffuse_through(const lobe_t *lobe, vec3_t wo, vec2_t u, float choice, vec3_t *wi)
+{
+    draw_diffuse(lobe, wo, u, choice, wi);
+    wi->z = -wi->z;
+    return true;
+}
+
 /* ---- Dirac --------------------------------------------------------------------------------------------- */
 
 static void set_specular(const lobe_t *lobe, vec3_t wo, vec3_t wi, rgb_t weight, bsdf_sample_t *s)
 {
     *s = (bsdf_sample_t){.wi = wi,
-                         .weight = v_scale(weight, below_coat(lobe, wo, wi)),
+                         .weight = v_scale(weight, below_cover(lobe, wo, wi)),
                          .pdf = 1,
                          .pdf_rev = 1,
                          .specular = true};
@@ -115,7 +136,7 @@ static bool sample_mirror(const lobe_t *lobe, vec3_t wo, vec2_t u, float choice,
                           bsdf_sample_t *s)
 {
     (void)u, (void)choice, (void)mode;
-    set_specular(lobe, wo, vec3(-wo.x, -wo.y, wo.z), reflectance(lobe, fabsf(wo.z)), s);
+    set_specular(lobe, wo, vec3(-wo.x, -wo.y, wo.z), reflected(lobe, fabsf(wo.z)), s);
     return true;
 }
 
@@ -137,7 +158,7 @@ typedef struct {
 
 static coat_frame_t coat_frame(const lobe_t *lobe)
 {
-    coat_frame_t frame = {.n = lobe->schlick.coat_normal};
+    coat_frame_t frame = {.n = lobe->schlick.cover.coat_normal};
     v_frame(frame.n, &frame.s, &frame.t);
     return frame;
 }
@@ -194,7 +215,7 @@ static bool sample_coat_mirror(const lobe_t *lobe, vec3_t wo, vec2_t u, float ch
                                bsdf_sample_t *s)
 {
     (void)u, (void)choice;
-    vec3_t n = lobe->schlick.coat_normal, up = wo.z > 0 ? wo : v_neg(wo);
+    vec3_t n = lobe->schlick.cover.coat_normal, up = wo.z > 0 ? wo : v_neg(wo);
     float cos = v_dot(up, n);
     vec3_t wi = v_mad(v_neg(up), 2 * cos, n);
     if (!(cos > LEAST_COSINE && wi.z > LEAST_COSINE && up.z > LEAST_COSINE)) return false;
@@ -232,6 +253,11 @@ const lobe_kind_t lobe_schlick_diffuse = {.flags = LOBE_REFLECTS,
                                           .sample = lobe_sample_mirrored,
                                           .eval_above = eval_diffuse,
                                           .draw_above = draw_diffuse};
+const lobe_kind_t lobe_schlick_diffuse_through = {.flags = LOBE_TRANSMITS,
+                                                  .eval = lobe_eval_mirrored,
+                                                  .sample = lobe_sample_mirrored,
+                                                  .eval_above = eval_diffuse_through,
+                                                  .draw_above = draw_diffuse_through};
 const lobe_kind_t lobe_schlick_through = {.flags = LOBE_TRANSMITS,
                                           .eval = lobe_eval_mirrored,
                                           .sample = lobe_sample_mirrored,

@@ -3,6 +3,8 @@
  * from both ends of the path, so its reverse probability equals the forward one. */
 #include "worker/render/bsdf/lobe.h"
 
+#include "worker/render/bsdf/film.h"
+
 static void set_mirrored(vec3_t wo, rgb_t weight, float probability, bsdf_sample_t *s)
 {
     *s = (bsdf_sample_t){.wi = vec3(-wo.x, -wo.y, wo.z),
@@ -52,6 +54,7 @@ static bool sample_dielectric(const lobe_t *lobe, vec3_t wo, vec2_t u, float cho
     rgb_t r = lobe->dielectric.r, t = lobe->dielectric.t;
     float eta = wo.z > 0 ? lobe->dielectric.ior : 1 / lobe->dielectric.ior, cos_t;
     float f = fresnel_dielectric(fabsf(wo.z), eta, &cos_t), chance;
+    film_on_interface(&lobe->dielectric, wo.z > 0 ? wo.z : cos_t, f, &r, &t);
     if (!lobe_reflect_chance(f, r, t, &chance)) return false;
     if (choice < chance) {
         set_mirrored(wo, v_scale(r, f / chance), chance, s);

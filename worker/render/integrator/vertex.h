@@ -36,6 +36,7 @@ static inline void vertex_shade(vertex_t *vertex, const setup_t *setup, bool sca
 {
     material_bsdf(setup->scene, &vertex->surface, &vertex->bsdf);
     if (setup->regularizes && scattered) bsdf_regularize(&vertex->bsdf);
+    bsdf_carry(&vertex->bsdf, vertex->throughput);
 }
 
 /* Where it is; the sky is nowhere: the vertex before. */

@@ -57,6 +57,18 @@ static void map_normal(bsdf_t *bsdf, const textures_t *textures, uint32_t map, f
     set_normal(bsdf, bsdf_to_world(bsdf, vec3(x, y, 2 * colour.z - 1)));
 }
 
+/* Turns the tangents so that s is the direction of the greater roughness of glTF's material. */
+static void follow_anisotropy(bsdf_t *bsdf, const textures_t *textures, const blob_value_t *values,
+                              const surface_details_t *details, const texture_point_t *at)
+{
+    rgb_t colour = textures_value(textures, &values[VALUE_ANISOTROPY_DIRECTION], at),
+          turn = values[VALUE_ANISOTROPY_TURN].factor;
+    float along = 2 * colour.x - 1, across = 2 * colour.y - 1;
+    float x = turn.x * along - turn.y * across, y = turn.y * along + turn.x * across;
+    if (v_dot(bsdf->t, details->dpdv) < 0) y = -y;
+    if (x * x + y * y > 1e-10f) set_tangents(bsdf, bsdf_to_world(bsdf, vec3(x, y, 0)));
+}
+
 void shading_frame_turn(bsdf_t *bsdf, const scene_t *scene, const blob_material_t *material,
                         const surface_details_t *details, const texture_point_t *at)
 {
@@ -66,6 +78,8 @@ void shading_frame_turn(bsdf_t *bsdf, const scene_t *scene, const blob_material_
                    at);
     if (material->bump != 0) bump(bsdf, scene_textures(scene), material->bump - 1, details, at, &dpdu);
     set_tangents(bsdf, dpdu);
+    if (material->kind == MATERIAL_GLTF && material->values[VALUE_ANISOTROPIC].factor.x != 0)
+        follow_anisotropy(bsdf, scene_textures(scene), material->values, details, at);
 }
 
 vec3_t shading_frame_coat(const bsdf_t *bsdf, const scene_t *scene, const blob_material_t *material,

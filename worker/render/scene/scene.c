@@ -16,7 +16,8 @@ static bool material_varies(const bool *before, const blob_material_t *m)
     bool varies = m->normal_map != 0 || m->coat_normal_map != 0 || m->bump != 0 || m->kind == MATERIAL_DISNEY;
     for (int i = 0; i < MATERIAL_VALUES; i++) varies = varies || m->values[i].texture != 0;
     return varies || m->values[VALUE_ROUGHNESS_U].factor.x != m->values[VALUE_ROUGHNESS_V].factor.x ||
-           m->values[VALUE_BASE_ROUGHNESS_U].factor.x != m->values[VALUE_BASE_ROUGHNESS_V].factor.x;
+           m->values[VALUE_BASE_ROUGHNESS_U].factor.x != m->values[VALUE_BASE_ROUGHNESS_V].factor.x ||
+           m->values[VALUE_ANISOTROPIC].factor.x != 0;
 }
 
 static void prepare_tables(scene_t *scene)

@@ -513,6 +513,93 @@ static void textures_are_read_with_their_samplers(void **state)
     bench_close(&bench);
 }
 
+/* Lobes of their own; without their textures first, then with them. */
+static void extensions_that_scatter_are_read(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run_material(&bench, FULL,
+                 "\"extensions\":{"
+                 "\"KHR_materials_sheen\":{\"sheenColorFactor\":[0.9,0.6,0.3],\"sheenRoughnessFactor\":0.4},"
+                 "\"KHR_materials_anisotropy\":{\"anisotropyStrength\":0.7,\"anisotropyRotation\":0.5},"
+                 "\"KHR_materials_iridescence\":{\"iridescenceFactor\":0.8},"
+                 "\"KHR_materials_diffuse_transmission\":{\"diffuseTransmissionFactor\":0.25}}");
+    bench_expect_ok(&bench);
+    expect_text(bench.warnings, "no light"); /* and no word of the extensions */
+    assert_null(strstr(bench.warnings, "KHR_materials"));
+    expect_vec3(value_of(&bench, VALUE_SHEEN_COLOUR).factor, 0.9, 0.6, 0.3);
+    expect_near((double)value_of(&bench, VALUE_SHEEN_ROUGHNESS).factor.x, 0.4, 1e-6);
+    expect_near((double)value_of(&bench, VALUE_ANISOTROPIC).factor.x, 0.7, 1e-6);
+    expect_vec3(value_of(&bench, VALUE_ANISOTROPY_DIRECTION).factor, 1, 0.5, 0);
+    expect_vec3(value_of(&bench, VALUE_ANISOTROPY_TURN).factor, cos(0.5), sin(0.5), 0);
+    expect_near((double)value_of(&bench, VALUE_IRIDESCENCE).factor.x, 0.8, 1e-6);
+    expect_near((double)value_of(&bench, VALUE_IRIDESCENCE_ETA).factor.x, 1.3, 1e-6);
+    expect_near((double)value_of(&bench, VALUE_IRIDESCENCE_THICKNESS).factor.x, 400, 1e-4);
+    expect_near((double)value_of(&bench, VALUE_DIFFUSE_TRANSMISSION).factor.x, 0.25, 1e-6);
+    expect_vec3(value_of(&bench, VALUE_TRANSMITTANCE).factor, 1, 1, 1);
+    run_material(
+        &bench, FULL,
+        "\"extensions\":{\"KHR_materials_sheen\":{\"sheenColorFactor\":[1,1,1],"
+        "\"sheenColorTexture\":{\"index\":1},\"sheenRoughnessFactor\":1,\"sheenRoughnessTexture\":{"
+        "\"index\":1}},\"KHR_materials_anisotropy\":{\"anisotropyStrength\":0.5,\"anisotropyTexture\":{"
+        "\"index\":1}},\"KHR_materials_iridescence\":{\"iridescenceFactor\":1,\"iridescenceTexture\":{"
+        "\"index\":1},\"iridescenceThicknessTexture\":{\"index\":1}},"
+        "\"KHR_materials_diffuse_transmission\":{\"diffuseTransmissionFactor\":1,"
+        "\"diffuseTransmissionTexture\":{\"index\":1},\"diffuseTransmissionColorTexture\":{\"index\":1}}}");
+    bench_expect_ok(&bench);
+    const double grey = 188 / 255.0, linear = 0.502886, clear = 0.2;
+    const struct {
+        material_value_t value;
+        double r, g, b;
+    } table[] = {
+        {VALUE_SHEEN_COLOUR, linear, linear, linear},
+        {VALUE_SHEEN_ROUGHNESS, clear, clear, clear},
+        {VALUE_ANISOTROPIC, grey / 2, grey / 2, grey / 2},
+        {VALUE_ANISOTROPY_DIRECTION, grey, grey, grey},
+        {VALUE_IRIDESCENCE, grey, grey, grey},
+        {VALUE_IRIDESCENCE_THICKNESS, 100 + 300 * grey, 100 + 300 * grey, 100 + 300 * grey},
+        {VALUE_DIFFUSE_TRANSMISSION, clear, clear, clear},
+        {VALUE_TRANSMITTANCE, linear, linear, linear},
+    };
+    for (size_t i = 0; i < ARRAY_LENGTH(table); i++) {
+        blob_value_t value = value_of(&bench, table[i].value);
+        rgb_t found = look(&bench, &value, 0.75, 0.75);
+        expect_near((double)found.x, table[i].r, 1e-4 * fmax(1, table[i].r));
+        expect_near((double)found.y, table[i].g, 1e-4 * fmax(1, table[i].g));
+        expect_near((double)found.z, table[i].b, 1e-4 * fmax(1, table[i].b));
+    }
+    /* What the channels are: at red all but those of red and alpha are 0. */
+    blob_value_t strength = value_of(&bench, VALUE_ANISOTROPIC), film = value_of(&bench, VALUE_IRIDESCENCE),
+                 thickness = value_of(&bench, VALUE_IRIDESCENCE_THICKNESS);
+    expect_near((double)look(&bench, &strength, 0.25, 0.25).x, 0, 0);
+    expect_near((double)look(&bench, &film, 0.25, 0.25).x, 1, 0);
+    expect_near((double)look(&bench, &thickness, 0.25, 0.25).x, 100, 1e-4);
+    expect_near((double)look(&bench, &thickness, 0.75, 0.25).x, 400, 1e-4);
+    bench_close(&bench);
+}
+
+static void dispersion_is_read_and_a_film_goes_before_it(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run_material(&bench, FULL,
+                 "\"extensions\":{\"KHR_materials_transmission\":{\"transmissionFactor\":1},"
+                 "\"KHR_materials_volume\":{\"thicknessFactor\":1},"
+                 "\"KHR_materials_dispersion\":{\"dispersion\":0.36}}");
+    bench_expect_ok(&bench);
+    expect_near((double)value_of(&bench, VALUE_DISPERSION).factor.x, 0.36, 1e-6);
+    run_material(&bench, FULL,
+                 "\"extensions\":{\"KHR_materials_iridescence\":{\"iridescenceFactor\":0.5,"
+                 "\"iridescenceIor\":0.5},\"KHR_materials_dispersion\":{\"dispersion\":0.36}}");
+    bench_expect_ok(&bench);
+    expect_near((double)value_of(&bench, VALUE_DISPERSION).factor.x, 0, 0);
+    expect_near((double)value_of(&bench, VALUE_IRIDESCENCE_ETA).factor.x, 1, 0);
+    expect_text(bench.warnings, "materials[0] (m).KHR_materials_dispersion: is ignored beside "
+                                "KHR_materials_iridescence");
+    expect_text(bench.warnings, "iridescenceIor");
+    bench_close(&bench);
+}
+
 static void masks_and_texture_transforms_are_read(void **state)
 {
     (void)state;
@@ -1160,6 +1247,8 @@ int main(void)
         cmocka_unit_test(an_unlit_material_is_a_picture),
         cmocka_unit_test(a_glossy_material_keeps_its_numbers),
         cmocka_unit_test(textures_are_read_with_their_samplers),
+        cmocka_unit_test(extensions_that_scatter_are_read),
+        cmocka_unit_test(dispersion_is_read_and_a_film_goes_before_it),
         cmocka_unit_test(masks_and_texture_transforms_are_read),
         cmocka_unit_test(second_coordinates_are_used_where_they_are_named),
         cmocka_unit_test(what_the_mask_hides_is_left_out),
