@@ -16,7 +16,7 @@
 typedef struct {
     const char *extension;
     result_t (*import)(const char *path, scene_builder_t *scene);
-    bool chooses;    /* it may have several cameras and variants, and its reader chooses */
+    bool chooses;    /* it may have several cameras, variants and animations; its reader chooses */
     bool parameters; /* its reader takes definitions */
 } format_t;
 
@@ -44,6 +44,10 @@ static result_t check_wishes(const import_wishes_t *wishes, bool chooses, bool p
     if (wishes->variant && !chooses)
         return result_fail(RESULT_USAGE,
                            "--variant is for files with several variants (glTF); this scene has none");
+    if (wishes_have_moment(wishes) && !chooses)
+        return result_fail(
+            RESULT_USAGE,
+            "--time-point and --frame are for files with animations (glTF); this scene has none");
     if (wishes->definitions.count > 0 && !parameters)
         return result_fail(RESULT_USAGE,
                            "--define is for scenes of Mitsuba (.xml); this scene has no parameters");
@@ -61,6 +65,16 @@ static result_t read_format(const char *path, const import_wishes_t *wishes, sce
     return format->import(path, scene);
 }
 
+/* What cannot be asked for together, or alone. */
+static result_t check_moment(const import_wishes_t *wishes)
+{
+    if (!isnan(wishes->time_point) && !isnan(wishes->frame))
+        return result_fail(RESULT_USAGE, "--time-point and --frame say the same; give one of them");
+    if (wishes->animation && !wishes_have_moment(wishes))
+        return result_fail(RESULT_USAGE, "--animation needs --time-point or --frame");
+    return result_ok();
+}
+
 /* Fills the builder with a scene file (`path`) or with a blob, and grants the wishes that need no reader. */
 static result_t fill(const char *path, const scene_blob_t *blob, blob_builder_t *builder,
                      const import_report_t *sink)
@@ -68,6 +82,7 @@ static result_t fill(const char *path, const scene_blob_t *blob, blob_builder_t 
     import_wishes_t wishes = sink && sink->wishes ? *sink->wishes : import_wishes_none();
     environment_t environment;
     TRY(environment_parse(wishes.environment, &environment));
+    TRY(check_moment(&wishes));
     report_t report = report_begin(sink);
     scene_builder_t scene;
     scene_begin(&scene, builder, &report);
@@ -107,7 +122,8 @@ result_t import_scene_blob(const char *path, const import_report_t *report, uint
 bool import_changes_blobs(const import_wishes_t *wishes)
 {
     return wishes && (wishes->environment || wishes->camera || wishes->variant || wishes->fov > 0 ||
-                      wishes->lens_radius >= 0 || wishes->focus || wishes->definitions.count > 0);
+                      wishes->lens_radius >= 0 || wishes->focus || wishes->definitions.count > 0 ||
+                      wishes_have_moment(wishes) || wishes->animation);
 }
 
 result_t import_changed_blob(const scene_blob_t *blob, const import_report_t *report, uint8_t **bytes,

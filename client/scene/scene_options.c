@@ -27,6 +27,17 @@ static const option_t rows[] = {
         import_wishes_t, variant, "variant", "NAME|NUMBER",
         "of a glTF file with several variants of its materials that one: by its name, or its number from 1 "
         "(default: the materials as they stand)"),
+    OPTION(import_wishes_t, time_point, "time-point", "SECONDS",
+           "the moment of a file's animations that is rendered (default: none, everything stands as the file "
+           "says without them)",
+           OPTION_RANGE(-1e9, 1e9)),
+    OPTION(import_wishes_t, frame, "frame", "NUMBER", "the same as the number of a frame, counted from 0",
+           OPTION_RANGE(-1e9, 1e9)),
+    OPTION(import_wishes_t, frames_per_second, "frames-per-second", "RATE",
+           "frames that make a second, for --frame (default: 24)", OPTION_RANGE(1e-3, 1e6)),
+    OPTION(import_wishes_t, animation, "animation", "NAME|NUMBER",
+           "of several animations that one alone: by its name, or its number from 1 (default: all but those "
+           "that move what one before them moves)"),
     OPTION(import_wishes_t, fov, "fov", "DEGREES",
            "field of view of a perspective camera, along the shorter side of the picture",
            OPTION_RANGE(1e-3, 179.9)),

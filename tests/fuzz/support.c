@@ -82,10 +82,11 @@ static void count_warning(void *context, const char *message)
     ++*(int *)context;
 }
 
-static bool import(const char *path, bool lenient, int *warnings)
+static bool import(const char *path, const import_wishes_t *wishes, bool lenient, int *warnings)
 {
     *warnings = 0;
-    import_report_t report = {.warn = count_warning, .context = warnings, .lenient = lenient};
+    import_report_t report = {
+        .warn = count_warning, .context = warnings, .lenient = lenient, .wishes = wishes};
     blob_builder_t *builder = blob_builder_new();
     uint8_t *bytes = NULL;
     uint64_t size;
@@ -105,12 +106,24 @@ static bool import(const char *path, bool lenient, int *warnings)
     return accepted;
 }
 
-void fuzz_import(const char *name)
+static void import_twice(const char *name, const import_wishes_t *wishes)
 {
     int warnings;
     char *path = mem_strdup(fuzz_path(name));
-    if (import(path, true, &warnings) && warnings) import(path, false, &warnings);
+    if (import(path, wishes, true, &warnings) && warnings) import(path, wishes, false, &warnings);
     free(path);
+}
+
+void fuzz_import(const char *name)
+{
+    import_twice(name, NULL);
+}
+
+void fuzz_import_at(const char *name, double time)
+{
+    import_wishes_t wishes = import_wishes_none();
+    wishes.time_point = time;
+    import_twice(name, &wishes);
 }
 
 /* ---- blobs ----------------------------------------------------------------------------------------------

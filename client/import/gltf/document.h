@@ -17,6 +17,7 @@
 /* The arrays at the root of the file that others refer to by index. */
 typedef enum {
     TOP_ACCESSORS,
+    TOP_ANIMATIONS,
     TOP_BUFFER_VIEWS,
     TOP_BUFFERS,
     TOP_CAMERAS,
@@ -109,8 +110,11 @@ typedef struct document {
 
     placements_t meshes, cameras, lights;
     uint8_t *visits;  /* of each node: what node.c did with it */
-    affine_t *worlds; /* world from node, of those that are in the scene */
+    affine_t *worlds; /* world from node, of those that were visited */
+    bool joints_only; /* the nodes that are visited now are not in the scene, but may be joints */
     gltf_skin_t *skins;
+    struct animation *animation; /* NULL: nothing moves */
+    double time;                 /* of the animations, seconds */
 
     uint32_t variant; /* of KHR_materials_variants, the one that is asked for; ITEM_NONE: none */
 
@@ -208,10 +212,22 @@ bool accessor_is_unsigned(const accessor_t *accessor);
 result_t primitive_read(document_t *document, const item_t *primitive, const deform_t *deform, mesh_t *mesh,
                         bool *skinned);
 
-/* ---- skin.c, deform.c ---------------------------------------------------------------------------------- */
+/* ---- animation.c --------------------------------------------------------------------------------------- */
 
-/* The skin of that index, made when it is asked for first. Valid until document_close. */
-result_t skin_get(document_t *document, uint32_t index, const gltf_skin_t **skin);
+/* The properties of a node that animations move. */
+typedef enum { MOVING_TRANSLATION, MOVING_ROTATION, MOVING_SCALE, MOVING_WEIGHTS, MOVING_COUNT } moving_t;
+
+/* Reads the animations that the wishes ask for. animation_close frees them, also after an error. */
+result_t animation_open(document_t *document);
+void animation_close(document_t *document);
+/* Numbers of a property: 3, of a rotation 4, of weights any number; 0 when no animation moves it. */
+size_t animation_width(const document_t *document, uint32_t node, moving_t property);
+/* Sets so many values to what they are at a time in seconds; leaves them alone when no animation moves the
+ * property. RESULT_INPUT when they are not finite. */
+result_t animation_value(const document_t *document, uint32_t node, moving_t property, double time,
+                         double *values);
+
+/* ---- deform.c ------------------------------------------------------------------------------------------ */
 
 /* What deforms a mesh: at a place, or, without one (NULL), by the mesh's own weights alone. */
 result_t deform_begin(document_t *document, uint32_t mesh, const gltf_placement_t *place, deform_t *deform);
@@ -253,7 +269,7 @@ result_t variant_material(const document_t *document, const item_t *primitive, u
 
 /* Walks the scene and gathers document->meshes, cameras and lights. */
 result_t node_walk(document_t *document);
-/* The transform of a node after that; NULL when it is not in the scene. */
+/* The transform of a node after that, in the scene or not; NULL when it hangs from itself. */
 const affine_t *node_world(const document_t *document, uint32_t node);
 /* A name for messages and for the blob. */
 void node_name(const document_t *document, uint32_t node, char *text, size_t size);

@@ -12,12 +12,11 @@ static const size_t largest_file = (size_t)1 << 36;
 static const uint64_t largest_offset = (uint64_t)1 << 40;
 
 static const char *const top_names[TOP_COUNT] = {
-    [TOP_ACCESSORS] = "accessors", [TOP_BUFFER_VIEWS] = "bufferViews",
-    [TOP_BUFFERS] = "buffers",     [TOP_CAMERAS] = "cameras",
-    [TOP_IMAGES] = "images",       [TOP_MATERIALS] = "materials",
-    [TOP_MESHES] = "meshes",       [TOP_NODES] = "nodes",
-    [TOP_SAMPLERS] = "samplers",   [TOP_SCENES] = "scenes",
-    [TOP_SKINS] = "skins",         [TOP_TEXTURES] = "textures",
+    [TOP_ACCESSORS] = "accessors", [TOP_ANIMATIONS] = "animations", [TOP_BUFFER_VIEWS] = "bufferViews",
+    [TOP_BUFFERS] = "buffers",     [TOP_CAMERAS] = "cameras",       [TOP_IMAGES] = "images",
+    [TOP_MATERIALS] = "materials", [TOP_MESHES] = "meshes",         [TOP_NODES] = "nodes",
+    [TOP_SAMPLERS] = "samplers",   [TOP_SCENES] = "scenes",         [TOP_SKINS] = "skins",
+    [TOP_TEXTURES] = "textures",
 };
 
 /* What is known of an extension. */
@@ -26,6 +25,7 @@ static const struct {
     bool done;        /* by this importer */
     const char *cure; /* what to say when it is not; NULL: that it is ignored */
 } extensions[] = {
+    {"KHR_animation_pointer", true, NULL}, /* with a warning at each channel */
     {"KHR_lights_punctual", true, NULL},
     {"KHR_materials_anisotropy", true, NULL},
     {"KHR_materials_clearcoat", true, NULL},
@@ -275,6 +275,7 @@ void document_close(document_t *document)
     free(document->meshes.items);
     free(document->cameras.items);
     free(document->lights.items);
+    animation_close(document);
     free(document->visits);
     free(document->worlds);
     for (size_t i = 0; document->skins && i < document_count(document, TOP_SKINS); ++i)

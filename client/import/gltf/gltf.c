@@ -5,11 +5,8 @@
 
 static result_t import(document_t *document)
 {
-    item_t animations;
-    TRY(item_member(&document->root, "animations", JSON_ARRAY, &animations));
-    if (item_count(&animations) > 0)
-        item_warn(&animations, "are ignored: everything stands as the nodes say");
     TRY(variant_choose(document));
+    TRY(animation_open(document));
     TRY(node_walk(document));
     TRY(placement_meshes(document));
     TRY(light_add(document));

@@ -34,12 +34,18 @@ static affine_t from_trs(const double t[3], const double r[4], const double s[3]
     return out;
 }
 
-static result_t local_transform(const item_t *node, affine_t *out)
+/* Of a node, at the document's time. */
+static result_t local_transform(const document_t *document, uint32_t index, const item_t *node, affine_t *out)
 {
     double matrix[16], t[3] = {0, 0, 0}, r[4] = {0, 0, 0, 1}, s[3] = {1, 1, 1};
     bool present;
+    bool moves = animation_width(document, index, MOVING_TRANSLATION) ||
+                 animation_width(document, index, MOVING_ROTATION) ||
+                 animation_width(document, index, MOVING_SCALE);
     TRY(item_numbers(node, "matrix", 16, -largest, largest, matrix, &present));
-    if (present) {
+    if (present && moves)
+        item_warn(node, "has a matrix and is animated, which may not be; its matrix is ignored");
+    if (present && !moves) {
         if (!affine_from_columns(matrix, out))
             return item_fail(node, "its matrix is projective; the last row must be 0 0 0 1");
         return result_ok();
@@ -47,6 +53,9 @@ static result_t local_transform(const item_t *node, affine_t *out)
     TRY(item_numbers(node, "translation", 3, -largest, largest, t, NULL));
     TRY(item_numbers(node, "rotation", 4, -1e6, 1e6, r, NULL));
     TRY(item_numbers(node, "scale", 3, -largest, largest, s, NULL));
+    TRY(animation_value(document, index, MOVING_TRANSLATION, document->time, t));
+    TRY(animation_value(document, index, MOVING_ROTATION, document->time, r));
+    TRY(animation_value(document, index, MOVING_SCALE, document->time, s));
     *out = from_trs(t, r, s);
     return result_ok();
 }
@@ -116,7 +125,8 @@ static result_t place_mesh(document_t *document, const item_t *item, uint32_t no
     }
     gltf_placement_t *placement = place(&document->meshes, node, mesh, transform);
     placement->skin = skin;
-    placement->posed = skin != ITEM_NONE || weights.json != NULL;
+    placement->posed =
+        skin != ITEM_NONE || weights.json != NULL || animation_width(document, node, MOVING_WEIGHTS) > 0;
     return result_ok();
 }
 
@@ -152,28 +162,39 @@ static result_t visit_all(document_t *document, const item_t *owner, const char 
     return result_ok();
 }
 
+/* A node in the scene has one parent. */
+static result_t check_visit(const document_t *document, const item_t *item, uint32_t node, int depth)
+{
+    if (document->visits[node] == NODE_OPEN)
+        return item_fail(item, "is a child of itself: the nodes form a cycle");
+    if (document->visits[node] == NODE_DONE)
+        return item_fail(item, "stands in the scene twice; a node may have one parent only");
+    if (depth > MAX_DEPTH) return item_fail(item, "lies more than %d nodes deep", MAX_DEPTH);
+    return result_ok();
+}
+
 static result_t visit(document_t *document, uint32_t node, const affine_t *parent, int depth)
 {
     item_t item;
     affine_t local;
     TRY(document_item(document, TOP_NODES, node, &item));
-    if (document->visits[node] == NODE_OPEN)
-        return item_fail(&item, "is a child of itself: the nodes form a cycle");
-    if (document->visits[node] == NODE_DONE)
-        return item_fail(&item, "stands in the scene twice; a node may have one parent only");
-    if (depth > MAX_DEPTH) return item_fail(&item, "lies more than %d nodes deep", MAX_DEPTH);
+    if (document->joints_only && (document->visits[node] != NODE_NEW || depth > MAX_DEPTH))
+        return result_ok();
+    TRY(check_visit(document, &item, node, depth));
     document->visits[node] = NODE_OPEN;
-    TRY(local_transform(&item, &local));
+    TRY(local_transform(document, node, &item, &local));
     affine_t transform = affine_multiply(parent, &local);
     document->worlds[node] = transform;
-    TRY(place_mesh(document, &item, node, &transform));
-    TRY(place_others(document, &item, node, &transform));
+    if (!document->joints_only) {
+        TRY(place_mesh(document, &item, node, &transform));
+        TRY(place_others(document, &item, node, &transform));
+    }
     TRY(visit_all(document, &item, "children", &transform, depth + 1));
     document->visits[node] = NODE_DONE;
     return result_ok();
 }
 
-/* A file without scenes: all nodes that are no one's child. */
+/* All nodes that are no one's child: the scene of a file without scenes. */
 static result_t visit_roots(document_t *document)
 {
     uint32_t count = (uint32_t)document_count(document, TOP_NODES);
@@ -194,7 +215,7 @@ static result_t visit_roots(document_t *document)
     return result;
 }
 
-result_t node_walk(document_t *document)
+static result_t visit_scene(document_t *document)
 {
     uint32_t index = 0;
     item_t scene;
@@ -205,6 +226,13 @@ result_t node_walk(document_t *document)
     TRY(document_item(document, TOP_SCENES, index, &scene));
     if (count > 1) item_warn(&scene, "is rendered; the other %zu scenes are left out", count - 1);
     return visit_all(document, &scene, "nodes", &identity, 0);
+}
+
+result_t node_walk(document_t *document)
+{
+    TRY(visit_scene(document));
+    document->joints_only = true;
+    return document_count(document, TOP_SKINS) > 0 ? visit_roots(document) : result_ok();
 }
 
 const affine_t *node_world(const document_t *document, uint32_t node)

@@ -6,6 +6,8 @@
 #ifndef LIGHTMILL_WISHES_H
 #define LIGHTMILL_WISHES_H
 
+#include <math.h>
+
 #include "common/options/options.h"
 
 typedef struct {
@@ -21,12 +23,33 @@ typedef struct {
     double lens_radius; /* in units of the scene; below 0: the camera's */
     const char *focus;  /* a distance along the view, or the name of an object; NULL: the camera's */
     option_list_t definitions; /* NAME=VALUE: of a Mitsuba scene's parameters */
+    double time_point;         /* of animations, seconds; NaN: none, or `frame` */
+    double frame;              /* instead of it; NaN: none */
+    double frames_per_second;  /* what makes a time of a frame */
+    const char *animation; /* the name of one of several animations, or its number from 1; NULL: all that go
+                              together */
 } import_wishes_t;
 
 /* Nothing is asked for. */
 static inline import_wishes_t import_wishes_none(void)
 {
-    return (import_wishes_t){.environment_factor = 1, .lens_radius = -1};
+    return (import_wishes_t){.environment_factor = 1,
+                             .lens_radius = -1,
+                             .time_point = (double)NAN,
+                             .frame = (double)NAN,
+                             .frames_per_second = 24};
+}
+
+/* True when they ask for a moment of the scene's animations. */
+static inline bool wishes_have_moment(const import_wishes_t *wishes)
+{
+    return !isnan(wishes->time_point) || !isnan(wishes->frame);
+}
+
+/* That moment in seconds. */
+static inline double wishes_moment(const import_wishes_t *wishes)
+{
+    return isnan(wishes->frame) ? wishes->time_point : wishes->frame / wishes->frames_per_second;
 }
 
 #endif

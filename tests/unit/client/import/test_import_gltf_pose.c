@@ -1,4 +1,4 @@
-/* Skins and morph targets of glTF files: a mesh that they deform is a mesh placed by hand. */
+/* Skins, morph targets and animations of glTF files: what they make of a mesh is a mesh placed by hand. */
 #include "tests/unit/client/import/test_import.h"
 
 #include "common/base.h"
@@ -14,6 +14,7 @@ typedef struct {
     uint8_t sparse_index, pad2[3];
     float sparse_value[3];
     int8_t small[4][4];
+    float times[3], moves[3][3], turns[3][4], spline[6][3], target_weights[3][2], bad_moves[3][3];
 } data_t;
 
 static const data_t data = {
@@ -35,6 +36,12 @@ static const data_t data = {
     .tilt = {{1, 0, -1}, {1, 0, -1}, {1, 0, -1}, {1, 0, -1}},
     .sparse_index = 2,
     .sparse_value = {0, 8, 0},
+    .times = {1, 2, 4},
+    .moves = {{0, 0, 0}, {2, 0, 0}, {6, 0, 4}},
+    .turns = {{0, 0, 0, 1}, {0, 0, -0.70710678f, -0.70710678f}, {0, 0, 1, 0}}, /* 0, 90 and 180 degrees */
+    .spline = {{9, 9, 9}, {0, 0, 0}, {1, 0, 0}, {3, 0, 0}, {1, 2, 0}, {9, 9, 9}},
+    .target_weights = {{0, 0}, {0.5f, 2}, {1, 0}},
+    .bad_moves = {{0, 0, 0}, {NAN, 0, 0}, {0, 0, 0}},
     .small = {{0, 127, 0, 0}, {0, 127, 0, 0}, {0, 127, 0, 0}, {0, 127, 0, 0}},
 };
 
@@ -66,12 +73,19 @@ static const row_t rows[] = {
     /* 15 */ ROW(sparse_index, "\"componentType\":5121,\"count\":1,\"type\":\"SCALAR\""),
     /* 16 */ ROW(sparse_value, "\"componentType\":5126,\"count\":1,\"type\":\"VEC3\""),
     /* 17 */ ROW(inverses, "\"componentType\":5126,\"count\":1,\"type\":\"MAT4\""),
+    /* 18 */ ROW(times, "\"componentType\":5126,\"count\":3,\"type\":\"SCALAR\""),
+    /* 19 */ ROW(moves, "\"componentType\":5126,\"count\":3,\"type\":\"VEC3\""),
+    /* 20 */ ROW(turns, "\"componentType\":5126,\"count\":3,\"type\":\"VEC4\""),
+    /* 21 */ ROW(spline, "\"componentType\":5126,\"count\":6,\"type\":\"VEC3\""),
+    /* 22 */ ROW(target_weights, "\"componentType\":5126,\"count\":6,\"type\":\"SCALAR\""),
+    /* 23 */ ROW(bad_moves, "\"componentType\":5126,\"count\":3,\"type\":\"VEC3\""),
+    /* 24 */ ROW(times, "\"componentType\":5126,\"count\":2,\"type\":\"SCALAR\""),
 };
-/* Two more: 18: zeroes but for one element, 19: signed bytes, four of them an element. */
+/* Two more: 25: zeroes but for one element, 26: signed bytes, four of them an element. */
 static const char more[] = "{\"componentType\":5126,\"count\":4,\"type\":\"VEC3\",\"sparse\":{\"count\":1,"
                            "\"indices\":{\"bufferView\":15,\"componentType\":5121},"
                            "\"values\":{\"bufferView\":16}}},"
-                           "{\"bufferView\":18,\"componentType\":5120,\"normalized\":true,\"count\":4,"
+                           "{\"bufferView\":25,\"componentType\":5120,\"normalized\":true,\"count\":4,"
                            "\"type\":\"VEC3\"}";
 
 /* Imports a scene of these accessors and `rest`: further properties of the root. */
@@ -242,8 +256,12 @@ static void broken_skins_are_errors(void **state)
     expect_failure(SKINNED("10", "5"), "vertex 1 follows joint 2, but its skin has 2");
     expect_failure(SKINNED("4", "4"), "JOINTS_0 must be unsigned integers");
     expect_failure(SKINNED("3", "0"), "wrong number of components for WEIGHTS_0");
-    expect_failure(SKINNED("3", "4") ",\"scenes\":[{\"nodes\":[0]}]",
-                   "element 0, node 1, is not in the scene");
+    expect_failure(
+        MESH(SQUARE ",\"JOINTS_0\":3,\"WEIGHTS_0\":4",
+             "}") "," SKIN
+                  ",\"scenes\":[{\"nodes\":[0]}],\"nodes\":[{\"mesh\":0,\"skin\":0},{\"children\":[2]},"
+                  "{\"children\":[1]}]",
+        "element 0, node 1, hangs from itself");
 #define WITH_SKIN(skin) MESH(SQUARE ",\"JOINTS_0\":3,\"WEIGHTS_0\":4", "}") ",\"skins\":[" skin "]," NODES
     expect_failure(WITH_SKIN(""), "nodes[0] (n).skin: is 0, but there are 0");
     expect_failure(WITH_SKIN("{\"joints\":[]}"), "skins[0]: needs joints");
@@ -251,6 +269,12 @@ static void broken_skins_are_errors(void **state)
     expect_failure(WITH_SKIN("{\"joints\":[1,2],\"inverseBindMatrices\":17}"),
                    "has 1 inverseBindMatrices for 2 joints");
     expect_failure(WITH_SKIN("{\"joints\":[1,2],\"inverseBindMatrices\":0}"), "must be a MAT4 of floats");
+}
+
+static void joints_need_not_be_in_the_scene(void **state)
+{
+    (void)state;
+    expect_same(SKINNED("3", "4") ",\"scenes\":[{\"nodes\":[0]}]", SKINNED("3", "4"));
 }
 
 static void a_joint_that_weighs_nothing_need_not_exist(void **state)
@@ -272,7 +296,7 @@ static void a_broken_skin_is_left_off_leniently(void **state)
 
 /* ---- morph targets ------------------------------------------------------------------------------------- */
 
-#define TARGETS ",\"targets\":[{\"POSITION\":13,\"NORMAL\":14},{\"POSITION\":18},{\"POSITION\":19}]}"
+#define TARGETS ",\"targets\":[{\"POSITION\":13,\"NORMAL\":14},{\"POSITION\":25},{\"POSITION\":26}]}"
 #define MORPHED(weights, attributes)                                                                         \
     "\"meshes\":[{\"weights\":" weights ",\"primitives\":[{\"attributes\":{" attributes                      \
     "},\"indices\":2" TARGETS "]}]"
@@ -332,9 +356,249 @@ static void broken_targets_are_errors(void **state)
     "},\"indices\":2,\"targets\":[" target "]}]}],\"nodes\":[{\"mesh\":0}]"
     expect_failure(WITH_TARGET("{\"POSITION\":3}"), "wrong number of components for POSITION");
     expect_failure(WITH_TARGET("{\"POSITION\":16}"), "POSITION has 1 elements for 4 vertices");
-    expect_failure(WITH_TARGET("{\"NORMAL\":99}"), "NORMAL: is 99, but there are 20");
+    expect_failure(WITH_TARGET("{\"NORMAL\":99}"), "NORMAL: is 99, but there are 27");
     expect_failure(WITH_TARGET("7"), "targets[0]: must be an object");
     expect_failure(MORPHED("[\"a\"]", SQUARE) ",\"nodes\":[{\"mesh\":0}]", "weights[0]: must be a number");
+}
+
+/* ---- animations ---------------------------------------------------------------------------------------- */
+
+#define PLAIN MESH(SQUARE, "}")
+#define CHANNEL(path, node) "{\"sampler\":0,\"target\":{\"node\":" node ",\"path\":\"" path "\"}}"
+#define SAMPLER(input, output, how)                                                                          \
+    "{\"input\":" input ",\"output\":" output ",\"interpolation\":\"" how "\"}"
+#define ANIMATION(name, channels, samplers)                                                                  \
+    "{\"name\":\"" name "\",\"channels\":[" channels "],\"samplers\":[" samplers "]}"
+#define ANIMATED(mesh, path, output, how)                                                                    \
+    mesh ",\"nodes\":[{\"mesh\":0,\"name\":\"n\"}],\"animations\":[" ANIMATION(                              \
+        "a", CHANNEL(path, "0"), SAMPLER("18", output, how)) "]"
+
+/* Imports the scene as it is at that time. */
+static void run_at(bench_t *bench, const char *rest, double time)
+{
+    import_wishes_t wishes = import_wishes_none();
+    wishes.time_point = time;
+    bench->wishes = &wishes;
+    run(bench, rest);
+    bench->wishes = NULL;
+}
+
+/* Where a corner of the square is at that time; 0: its origin, 1: x = 1. */
+static vec3_t corner_at(const char *rest, double time, uint32_t corner)
+{
+    bench_t bench = {0};
+    run_at(&bench, rest, time);
+    bench_expect_ok(&bench);
+    if (strstr(bench.warnings, "animation")) fail_msg("%s", bench.warnings);
+    vec3_t p = position(&bench, corner);
+    bench_close(&bench);
+    return p;
+}
+
+static void nodes_stand_between_their_keys(void **state)
+{
+    (void)state;
+    static const char linear[] = ANIMATED(PLAIN, "translation", "19", "LINEAR"),
+                      step[] = ANIMATED(PLAIN, "translation", "19", "STEP");
+    expect_vec3(corner_at(linear, 3, 0), 4, 0, 2);
+    expect_vec3(corner_at(linear, 2, 0), 2, 0, 0);
+    expect_vec3(corner_at(linear, 0, 0), 0, 0, 0); /* before the first key */
+    expect_vec3(corner_at(linear, 99, 0), 6, 0, 4);
+    expect_vec3(corner_at(step, 3.9, 0), 2, 0, 0);
+    expect_vec3(corner_at(step, 4, 0), 6, 0, 4);
+}
+
+static void rotations_take_the_shorter_arc(void **state)
+{
+    (void)state;
+    static const char turning[] = ANIMATED(PLAIN, "rotation", "20", "LINEAR");
+    expect_vec3(corner_at(turning, 1 + 1 / 3.0, 1), sqrt(0.75), 0.5, 0); /* 30 degrees */
+    expect_vec3(corner_at(turning, 3, 1), -sqrt(0.5), sqrt(0.5), 0);
+}
+
+static void splines_are_cubic(void **state)
+{
+    (void)state;
+    static const char spline[] = PLAIN ",\"nodes\":[{\"mesh\":0}],\"animations\":[" ANIMATION(
+        "a", CHANNEL("translation", "0"), SAMPLER("24", "21", "CUBICSPLINE")) "]";
+    expect_vec3(corner_at(spline, 1.5, 0), 0.25, 1, 0); /* x: 1/8 + 1/2 - 3/8 */
+    expect_vec3(corner_at(spline, 2, 0), 1, 2, 0);
+}
+
+static void weights_are_animated(void **state)
+{
+    (void)state;
+    /* at 1.5 seconds the weights are 0.25 and 1 */
+    expect_vec3(corner_at(ANIMATED(MORPHED("[7,7]", SQUARE), "weights", "22", "LINEAR"), 1.5, 2), 2, 9, 0.5);
+}
+
+static void a_joint_that_moves_takes_its_mesh_along(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run_at(&bench,
+           SKINNED("3", "4") ",\"animations\":[" ANIMATION("a", CHANNEL("translation", "1"),
+                                                           SAMPLER("18", "19", "LINEAR")) "]",
+           4);
+    bench_expect_ok(&bench);
+    expect_vec3(position(&bench, 0), 7 + 6, 5, 4); /* joint 1 hangs from joint 0 */
+    bench_close(&bench);
+}
+
+static void an_animated_mesh_is_one_placed_by_hand(void **state)
+{
+    (void)state;
+    bench_t a = {0}, b = {0};
+    run_at(&a, ANIMATED(PLAIN, "translation", "19", "LINEAR"), 3);
+    run(&b, PLAIN ",\"nodes\":[{\"mesh\":0,\"name\":\"n\",\"translation\":[4,0,2]}]");
+    hash_t left = name_of(&a), right = name_of(&b);
+    assert_memory_equal(&left, &right, sizeof left);
+    bench_close(&a);
+    bench_close(&b);
+}
+
+static void cameras_and_lamps_move_too(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run_at(&bench,
+           PLAIN ",\"cameras\":[{\"type\":\"perspective\",\"perspective\":{\"yfov\":0.5}}],"
+                 "\"extensions\":{\"KHR_lights_punctual\":{\"lights\":[{\"type\":\"point\"}]}},"
+                 "\"nodes\":[{\"mesh\":0},{\"camera\":0,\"children\":[2]},"
+                 "{\"extensions\":{\"KHR_lights_punctual\":{\"light\":0}}}],\"animations\":[" ANIMATION(
+                     "a", CHANNEL("translation", "1"), SAMPLER("18", "19", "LINEAR")) "]",
+           3);
+    bench_expect_silence(&bench);
+    expect_near((double)bench.blob.scene->world_from_camera.m[0][3], 4, 1e-6);
+    expect_near((double)bench.blob.lights[0].world_from_light.m[2][3], 2, 1e-6);
+    bench_close(&bench);
+}
+
+static void a_frame_is_a_time(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    import_wishes_t wishes = import_wishes_none();
+    wishes.frame = 72;
+    bench.wishes = &wishes;
+    run(&bench, ANIMATED(PLAIN, "translation", "19", "LINEAR"));
+    bench_expect_ok(&bench);
+    expect_vec3(position(&bench, 0), 4, 0, 2);
+    wishes.frames_per_second = 48;
+    run(&bench, ANIMATED(PLAIN, "translation", "19", "LINEAR"));
+    expect_vec3(position(&bench, 0), 1, 0, 0);
+    bench_close(&bench);
+}
+
+/* Three animations: the second moves what the first does, the third something else. */
+#define THREE                                                                                                \
+    PLAIN ",\"nodes\":[{\"mesh\":0}],\"animations\":[" ANIMATION(                                            \
+        "walk", CHANNEL("translation", "0"),                                                                 \
+        SAMPLER("18", "19",                                                                                  \
+                "LINEAR")) "," ANIMATION("run", CHANNEL("translation", "0"),                                 \
+                                         SAMPLER("18", "19",                                                 \
+                                                 "STEP")) "," ANIMATION("turn", CHANNEL("rotation", "0"),    \
+                                                                        SAMPLER("18", "20", "LINEAR")) "]"
+
+static void expect_choice(const char *animation, vec3_t corner, const char *warning)
+{
+    bench_t bench = {0};
+    import_wishes_t wishes = import_wishes_none();
+    wishes.time_point = 3;
+    wishes.animation = animation;
+    bench.wishes = &wishes;
+    run(&bench, THREE);
+    bench_expect_ok(&bench);
+    expect_vec3(position(&bench, 1), (double)corner.x, (double)corner.y, (double)corner.z);
+    expect_text(bench.warnings, warning);
+    bench_close(&bench);
+}
+
+static void animations_that_go_together_are_taken_together(void **state)
+{
+    (void)state;
+    const float half = 0.70710678f;
+    expect_choice(NULL, vec3(4 - half, half, 2), "1 of 3 (animations[1] (run)) move what one before them");
+    expect_choice("run", vec3(3, 0, 0), "");
+    expect_choice("3", vec3(-half, half, 0), "");
+}
+
+static void expect_usage(const import_wishes_t *wishes, const char *rest, const char *message)
+{
+    bench_t bench = {.wishes = wishes};
+    run(&bench, rest);
+    assert_int_equal(bench.result.code, RESULT_USAGE);
+    expect_text(bench.result.message, message);
+    bench_close(&bench);
+}
+
+static void moments_that_make_no_sense_are_refused(void **state)
+{
+    (void)state;
+    import_wishes_t wishes = import_wishes_none();
+    wishes.animation = "fly";
+    expect_usage(&wishes, THREE, "--animation needs --time-point or --frame");
+    wishes.frame = 1;
+    expect_usage(&wishes, THREE, "no animation 'fly'; it has 3");
+    wishes.time_point = 1;
+    expect_usage(&wishes, THREE, "give one of them");
+    bench_t bench = {.wishes = &wishes};
+    wishes = import_wishes_none();
+    wishes.time_point = 0;
+    bench_run_v3(&bench, "");
+    assert_int_equal(bench.result.code, RESULT_USAGE);
+    expect_text(bench.result.message, "--time-point and --frame are for files with animations");
+    bench_close(&bench);
+}
+
+static void without_a_moment_nothing_is_animated(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run(&bench, ANIMATED(PLAIN, "translation", "23", "LINEAR"));
+    bench_expect_ok(&bench);
+    expect_text(bench.warnings, "--time-point or --frame takes a moment");
+    expect_vec3(position(&bench, 1), 1, 0, 0);
+    run_at(&bench, PLAIN ",\"nodes\":[{\"mesh\":0}]", 1);
+    bench_expect_ok(&bench);
+    expect_text(bench.warnings, "has no animations");
+    bench_close(&bench);
+}
+
+static void a_pointer_is_ignored(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run_at(&bench,
+           "\"extensionsUsed\":[\"KHR_animation_pointer\"]," ANIMATED(PLAIN, "pointer", "19", "LINEAR"), 3);
+    bench_expect_ok(&bench);
+    expect_text(bench.warnings, "animations[0] (a).channels[0]: moves no node; it is ignored");
+    bench_close(&bench);
+}
+
+static void expect_failure_at(const char *rest, const char *message)
+{
+    bench_t bench = {0};
+    run_at(&bench, rest, 2);
+    assert_int_equal(bench.result.code, RESULT_INPUT);
+    expect_text(bench.result.message, message);
+    bench_close(&bench);
+}
+
+static void broken_animations_are_errors(void **state)
+{
+    (void)state;
+#define WITH_SAMPLER(sampler)                                                                                \
+    PLAIN ",\"nodes\":[{\"mesh\":0}],\"animations\":[" ANIMATION("a", CHANNEL("translation", "0"),           \
+                                                                 sampler) "]"
+    expect_failure_at(ANIMATED(PLAIN, "translation", "23", "LINEAR"),
+                      "animated translation is not finite at 2");
+    expect_failure_at(ANIMATED(PLAIN, "rotation", "19", "LINEAR"), "wrong number of components");
+    expect_failure_at(ANIMATED(PLAIN, "translation", "19", "CUBICSPLINE"), "has 3 values for 3 keys");
+    expect_failure_at(ANIMATED(PLAIN, "translation", "19", "SMOOTH"), "found \"SMOOTH\"");
+    expect_failure_at(WITH_SAMPLER(SAMPLER("19", "19", "STEP")), "input (accessor 19) must be SCALAR floats");
+    expect_failure_at(WITH_SAMPLER("{\"output\":19}"), "needs input and output");
+    expect_failure_at(WITH_SAMPLER(""), "sampler: is 0, but there are 0");
 }
 
 int main(void)
@@ -348,6 +612,7 @@ int main(void)
         cmocka_unit_test(a_vertex_without_weights_follows_its_first_joint),
         cmocka_unit_test(a_primitive_without_joints_stands_where_its_node_does),
         cmocka_unit_test(broken_skins_are_errors),
+        cmocka_unit_test(joints_need_not_be_in_the_scene),
         cmocka_unit_test(a_joint_that_weighs_nothing_need_not_exist),
         cmocka_unit_test(a_broken_skin_is_left_off_leniently),
         cmocka_unit_test(targets_move_vertices_by_their_weights),
@@ -355,6 +620,19 @@ int main(void)
         cmocka_unit_test(places_with_weights_of_their_own_share_no_object),
         cmocka_unit_test(a_skin_takes_what_targets_have_moved),
         cmocka_unit_test(broken_targets_are_errors),
+        cmocka_unit_test(nodes_stand_between_their_keys),
+        cmocka_unit_test(rotations_take_the_shorter_arc),
+        cmocka_unit_test(splines_are_cubic),
+        cmocka_unit_test(weights_are_animated),
+        cmocka_unit_test(a_joint_that_moves_takes_its_mesh_along),
+        cmocka_unit_test(an_animated_mesh_is_one_placed_by_hand),
+        cmocka_unit_test(cameras_and_lamps_move_too),
+        cmocka_unit_test(a_frame_is_a_time),
+        cmocka_unit_test(animations_that_go_together_are_taken_together),
+        cmocka_unit_test(moments_that_make_no_sense_are_refused),
+        cmocka_unit_test(without_a_moment_nothing_is_animated),
+        cmocka_unit_test(a_pointer_is_ignored),
+        cmocka_unit_test(broken_animations_are_errors),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
