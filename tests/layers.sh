@@ -49,7 +49,7 @@ client/import/files         : client/import/scene
 client/import/environment   : client/import/files
 client/import/tessellate    : client/import/scene
 client/import/obj           : client/import/files
-client/import/mitsuba       : client/import/environment
+client/import/mitsuba       : client/import/environment client/import/obj
 client/import/packed        : common
 client/import/gltf          : client/import/scene client/import/packed
 client/import/pbrt/syntax    : client/import/files

@@ -48,17 +48,46 @@ static const struct {
 static const uint8_t scalar_sizes[] = {1, 1, 2, 2, 4, 4, 4, 8};
 
 /* What a property of a vertex means. */
-typedef enum { SLOT_X, SLOT_Y, SLOT_Z, SLOT_NX, SLOT_NY, SLOT_NZ, SLOT_U, SLOT_V, SLOT_COUNT } slot_t;
+typedef enum {
+    SLOT_X,
+    SLOT_Y,
+    SLOT_Z,
+    SLOT_NX,
+    SLOT_NY,
+    SLOT_NZ,
+    SLOT_U,
+    SLOT_V,
+    SLOT_RED,
+    SLOT_GREEN,
+    SLOT_BLUE,
+    SLOT_COUNT
+} slot_t;
 enum { SLOT_DROPPED = SLOT_COUNT };
 
 static const struct {
     const char *name;
     slot_t slot;
 } slot_names[] = {
-    {"x", SLOT_X},         {"y", SLOT_Y},         {"z", SLOT_Z},         {"nx", SLOT_NX},
-    {"ny", SLOT_NY},       {"nz", SLOT_NZ},       {"u", SLOT_U},         {"v", SLOT_V},
-    {"s", SLOT_U},         {"t", SLOT_V},         {"texture_u", SLOT_U}, {"texture_v", SLOT_V},
-    {"texture_s", SLOT_U}, {"texture_t", SLOT_V},
+    {"x", SLOT_X},
+    {"y", SLOT_Y},
+    {"z", SLOT_Z},
+    {"nx", SLOT_NX},
+    {"ny", SLOT_NY},
+    {"nz", SLOT_NZ},
+    {"u", SLOT_U},
+    {"v", SLOT_V},
+    {"s", SLOT_U},
+    {"t", SLOT_V},
+    {"texture_u", SLOT_U},
+    {"texture_v", SLOT_V},
+    {"texture_s", SLOT_U},
+    {"texture_t", SLOT_V},
+    {"red", SLOT_RED},
+    {"green", SLOT_GREEN},
+    {"blue", SLOT_BLUE},
+    {"diffuse_red", SLOT_RED},
+    {"diffuse_green", SLOT_GREEN},
+    {"diffuse_blue", SLOT_BLUE},
 };
 
 typedef struct {
@@ -379,11 +408,16 @@ static result_t read_vertex(ply_t *ply, const element_t *element, uint32_t index
             TRY(skip_list(ply, property, "vertex", index));
         else if (!read_scalar(ply, property->value, &slots[property->slot]))
             return scalar_missing(ply, "vertex", index);
+        else if (property->slot >= SLOT_RED && property->value == SCALAR_UINT8)
+            slots[property->slot] /= 255;
     }
     mesh->positions[index] = vec3((float)slots[SLOT_X], (float)slots[SLOT_Y], (float)slots[SLOT_Z]);
     if (mesh->normals)
         mesh->normals[index] = vec3((float)slots[SLOT_NX], (float)slots[SLOT_NY], (float)slots[SLOT_NZ]);
     if (mesh->uvs) mesh->uvs[index] = (vec2_t){(float)slots[SLOT_U], (float)slots[SLOT_V]};
+    if (mesh->colours)
+        mesh->colours[index] =
+            (blob_colour_t){(float)slots[SLOT_RED], (float)slots[SLOT_GREEN], (float)slots[SLOT_BLUE], 1};
     if (!v_is_finite(mesh->positions[index])) return fail(ply, "vertex %" PRIu32 " is not finite", index);
     return result_ok();
 }
@@ -400,6 +434,8 @@ static result_t read_vertices(ply_t *ply, const element_t *element)
     if (present[SLOT_NX] && present[SLOT_NY] && present[SLOT_NZ])
         mesh->normals = mem_alloc(room * sizeof *mesh->normals);
     if (present[SLOT_U] && present[SLOT_V]) mesh->uvs = mem_alloc(room * sizeof *mesh->uvs);
+    if (present[SLOT_RED] && present[SLOT_GREEN] && present[SLOT_BLUE])
+        mesh->colours = mem_alloc(room * sizeof *mesh->colours);
     for (uint32_t i = 0; i < mesh->vertex_count; ++i) TRY(read_vertex(ply, element, i));
     return result_ok();
 }

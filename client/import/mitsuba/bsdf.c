@@ -637,6 +637,14 @@ static result_t choose(mitsuba_t *m, const element_t *shape, const char *wanted,
     }
 }
 
+result_t bsdf_is_given(mitsuba_t *m, const element_t *shape, const char *wanted, bool *given)
+{
+    element_t *found;
+    TRY(choose(m, shape, wanted, &found));
+    *given = found != NULL;
+    return result_ok();
+}
+
 static bool has_child(const element_t *object, const char *tag)
 {
     const element_t *child = object->first;

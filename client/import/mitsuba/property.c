@@ -7,6 +7,7 @@
 
 #include "client/import/files/number.h"
 #include "client/import/files/spectrum.h"
+#include "client/import/scene/scene_images.h"
 
 static const double largest = 1e30;
 
@@ -249,11 +250,6 @@ result_t property_point(mitsuba_t *m, const element_t *object, const char *name,
 
 /* ---- colours ------------------------------------------------------------------------------------------- */
 
-static double decode_srgb(double c)
-{
-    return c <= 0.04045 ? c / 12.92 : pow((c + 0.055) / 1.055, 2.4);
-}
-
 /* One number, three, or #rrggbb. */
 static result_t read_triple(const element_t *element, double c[3])
 {
@@ -359,7 +355,7 @@ result_t element_colour(mitsuba_t *m, const element_t *element, rgb_t *value)
     if (strcmp(element->tag, "spectrum") == 0) return read_spectrum(element, value);
     if (strcmp(element->tag, "blackbody") == 0) return read_blackbody(element, value);
     TRY(read_triple(element, c));
-    for (int i = 0; i < 3 && strcmp(element->tag, "srgb") == 0; ++i) c[i] = decode_srgb(c[i]);
+    for (int i = 0; i < 3 && strcmp(element->tag, "srgb") == 0; ++i) c[i] = scene_decode_srgb(c[i]);
     *value = to_rgb(c);
     return result_ok();
 }

@@ -27,7 +27,7 @@ typedef struct {
     uint32_t plain, black; /* 1 + the material of shapes that have none, and emit; 0: not made yet */
     blob_scene_t record;
     int material_depth;
-    bool said_one_sided, said_beckmann;
+    bool said_one_sided, said_beckmann, said_library;
 } mitsuba_t;
 
 /* Gathers the ids of all elements. RESULT_INPUT: one is given twice. */

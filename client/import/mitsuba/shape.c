@@ -10,7 +10,9 @@
 #include "client/import/files/wavefront.h"
 #include "client/import/mitsuba/bsdf.h"
 #include "client/import/mitsuba/serialized.h"
+#include "client/import/obj/mtl.h"
 #include "client/import/scene/mesh.h"
+#include "client/import/scene/scene_images.h"
 
 /* A shape while it is made. */
 typedef struct {
@@ -21,6 +23,7 @@ typedef struct {
     bool flip, flat;    /* flat: without vertex normals */
     bool flipped;       /* its v is the other way round: see texture.h */
     element_t *emitter; /* NULL: it does not emit */
+    mtl_t *library;     /* materials of an OBJ file; NULL: none */
 } work_t;
 
 /* ---- what it has in common ----------------------------------------------------------------------------- */
@@ -66,10 +69,31 @@ static result_t add_shape(const work_t *w, blob_shape_t *shape, const material_t
     return result_ok();
 }
 
+/* A material of an OBJ file's own library. */
+static result_t get_from_library(const work_t *w, const char *wanted, material_t *material)
+{
+    const mtl_material_t *found;
+    TRY(mtl_material(w->library, wanted, w->element->at, &found));
+    *material = (material_t){found->index, found->alpha};
+    const blob_material_t *records = blob_builder_records(w->m->scene->blob, BLOB_SECTION_MATERIALS);
+    if (records[found->index].kind == MATERIAL_DIFFUSE || w->m->said_library) return result_ok();
+    report_warning(w->m->report, w->element->at,
+                   "material \"%.60s\" of its MTL library becomes what it is in an OBJ file, which shines a "
+                   "little differently from Mitsuba's Phong, glass and aluminium",
+                   wanted);
+    w->m->said_library = true;
+    return result_ok();
+}
+
 /* The material; false when the shape cannot be seen at all. */
 static result_t get_material(const work_t *w, const char *wanted, material_t *material, bool *visible)
 {
-    TRY(bsdf_of_shape(w->m, w->element, wanted, w->flipped, material));
+    bool given;
+    TRY(bsdf_is_given(w->m, w->element, wanted, &given));
+    if (!given && w->library && mtl_has(w->library, wanted))
+        TRY(get_from_library(w, wanted, material));
+    else
+        TRY(bsdf_of_shape(w->m, w->element, wanted, w->flipped, material));
     *visible = material->index != BLOB_NONE && (material->alpha.texture != 0 || material->alpha.factor.x > 0);
     if (!*visible && w->emitter)
         report_warning(w->m->report, w->element->at, "an invisible shape that emits is left out");
@@ -105,7 +129,6 @@ static result_t read_file_name(work_t *w, char **path)
     TRY(property_string(w->m, w->element, "filename", &name));
     TRY(property_bool(w->m, w->element, "faceNormals", &w->flat));
     TRY(property_number(w->m, w->element, "maxSmoothAngle", 0, 180, &angle));
-    property_ignore(w->element, "srgb");
     property_ignore(w->element, "collapse");
     if (!name) return error_at(w->element->at, "shape \"%.20s\" needs a filename", object_type(w->element));
     if (property_find(w->element, "maxSmoothAngle"))
@@ -126,32 +149,60 @@ static result_t add_parts(work_t *w, wavefront_t *file)
     return result_ok();
 }
 
+/* With its library's materials, unless loadMaterials is false. */
+static result_t add_file(work_t *w, const char *path, wavefront_t *file)
+{
+    mtl_t library = {.scene = w->m->scene, .encoded = true};
+    bool load = true;
+    TRY(property_bool(w->m, w->element, "loadMaterials", &load));
+    TRY(wavefront_read(path, w->m->scene, file));
+    result_t result = result_ok();
+    if (load && file->libraries.count > 0) {
+        w->library = &library;
+        result = mtl_read_libraries(&library, path, &file->libraries);
+    }
+    if (result.code == RESULT_OK) result = add_parts(w, file);
+    w->library = NULL;
+    mtl_free(&library);
+    return result;
+}
+
 static result_t make_obj(work_t *w)
 {
     char *path = NULL;
-    wavefront_t file;
+    wavefront_t file = {0};
     w->flipped = true;
+    TRY(property_bool(w->m, w->element, "flipTexCoords", &w->flipped));
     if (property_find(w->element, "shapeIndex"))
         TRY(report_refuse(w->m->report, w->element->at,
                           "shapeIndex is not supported in an obj; the nearest is all of the file"));
     TRY(read_file_name(w, &path));
-    result_t result = property_bool(w->m, w->element, "flipTexCoords", &w->flipped);
-    if (result.code == RESULT_OK) {
-        result = wavefront_read(path, w->m->scene, &file);
-        if (result.code == RESULT_OK) result = add_parts(w, &file);
-        wavefront_free(&file);
-    }
+    result_t result = add_file(w, path, &file);
+    wavefront_free(&file);
     free(path);
     return result;
+}
+
+static void decode_colours(mesh_t *mesh)
+{
+    for (uint32_t i = 0; mesh->colours && i < mesh->vertex_count; ++i) {
+        blob_colour_t *c = &mesh->colours[i];
+        c->r = (float)scene_decode_srgb((double)c->r);
+        c->g = (float)scene_decode_srgb((double)c->g);
+        c->b = (float)scene_decode_srgb((double)c->b);
+    }
 }
 
 static result_t make_ply(work_t *w)
 {
     char *path = NULL;
     mesh_t mesh = {0};
+    bool encoded = true;
+    TRY(property_bool(w->m, w->element, "srgb", &encoded));
     TRY(read_file_name(w, &path));
     scene_count_file(w->m->scene, path);
     result_t result = ply_read(path, w->m->report, &mesh);
+    if (result.code == RESULT_OK && encoded) decode_colours(&mesh);
     if (result.code == RESULT_OK)
         result = scene_charge(w->m->scene, SCENE_VERTICES, mesh.vertex_count, w->element->at);
     free(path);

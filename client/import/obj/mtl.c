@@ -81,6 +81,7 @@ static result_t read_colour(mtl_t *mtl, entry_t *entry, colour_t which, line_t *
     for (int i = 0; i < 3; ++i) {
         if (c[i] < 0) report_warning(mtl->scene->report, line->at, "a colour below 0 is taken for 0");
         c[i] = fmin(fmax(c[i], 0), 1e12);
+        if (mtl->encoded) c[i] = scene_decode_srgb(c[i]);
     }
     entry->has_colour[which] = true;
     return result_ok();
@@ -265,6 +266,28 @@ result_t mtl_read(mtl_t *mtl, const char *path)
     result_t result = read_lines(mtl, lines_begin(kept, (const char *)data, size));
     free(data);
     return result;
+}
+
+result_t mtl_read_libraries(mtl_t *mtl, const char *beside, const intern_t *libraries)
+{
+    for (size_t i = 0; i < libraries->count; ++i) {
+        char *library = mtl_beside(beside, libraries->texts[i]);
+        result_t result = result_ok();
+        if (library)
+            result = mtl_read(mtl, library);
+        else
+            report_warning(mtl->scene->report, (position_t){beside, 0, 0},
+                           "its library of materials %.200s is missing", libraries->texts[i]);
+        free(library);
+        TRY(result);
+    }
+    return result_ok();
+}
+
+bool mtl_has(const mtl_t *mtl, const char *name)
+{
+    uint32_t number;
+    return intern_find(&mtl->names, name, strlen(name), &number);
 }
 
 /* ---- maps ---------------------------------------------------------------------------------------------- */

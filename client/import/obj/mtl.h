@@ -18,9 +18,10 @@ typedef struct {
     blob_value_t emission; /* radiance */
 } mtl_material_t;
 
-/* Use it zeroed but for `scene`. Owned: all else (mtl_free). */
+/* Use it zeroed but for `scene` and `encoded`. Owned: all else (mtl_free). */
 typedef struct {
     scene_builder_t *scene;
+    bool encoded;              /* colours are sRGB, as Mitsuba takes them; else linear */
     struct mtl_entry *entries; /* by the numbers of their names */
     size_t entry_capacity;
     intern_t names;
@@ -36,6 +37,10 @@ char *mtl_beside(const char *beside, const char *name);
 /* Adds the materials of a library; of two with one name the later one counts, with a warning. RESULT_INPUT:
  * see docs/import.md. */
 result_t mtl_read(mtl_t *mtl, const char *path);
+/* The same for the libraries that the OBJ file `beside` names. One that is missing is a warning. */
+result_t mtl_read_libraries(mtl_t *mtl, const char *beside, const intern_t *libraries);
+/* Whether a library has a material of that name. */
+bool mtl_has(const mtl_t *mtl, const char *name);
 /* The material of a name, NULL for none: then, and when no library has it, a diffuse one that reflects half
  * of the light. *material is valid until mtl_free. */
 result_t mtl_material(mtl_t *mtl, const char *name, position_t at, const mtl_material_t **material);

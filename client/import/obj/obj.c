@@ -1,30 +1,9 @@
 /* obj: see obj.h. */
 #include "client/import/obj/obj.h"
 
-#include <stdlib.h>
-#include <string.h>
-#include <unistd.h>
-
 #include "client/import/files/wavefront.h"
 #include "client/import/obj/mtl.h"
 #include "client/import/scene/scene_defaults.h"
-
-/* The libraries that the file names; one that is missing leaves its materials undefined. */
-static result_t read_libraries(const char *path, const wavefront_t *file, mtl_t *materials)
-{
-    for (size_t i = 0; i < file->libraries.count; ++i) {
-        char *library = mtl_beside(path, file->libraries.texts[i]);
-        result_t result = result_ok();
-        if (library)
-            result = mtl_read(materials, library);
-        else
-            report_warning(materials->scene->report, (position_t){path, 0, 0},
-                           "its library of materials %.200s is missing", file->libraries.texts[i]);
-        free(library);
-        TRY(result);
-    }
-    return result_ok();
-}
 
 /* What the shapes of a part are called: as the file calls them, else as their material. */
 static const char *name_of(const wavefront_t *file, const wavefront_part_t *part)
@@ -73,7 +52,7 @@ static result_t import(const char *path, scene_builder_t *scene, wavefront_t *fi
     size_t shapes;
     TRY(wavefront_read(path, scene, file));
     if (file->part_count == 0) return error_at(at, "has no face; is it a Wavefront OBJ file?");
-    TRY(read_libraries(path, file, materials));
+    TRY(mtl_read_libraries(materials, path, &file->libraries));
     for (size_t i = 0; i < file->part_count; ++i) TRY(add_part(scene, file, &file->parts[i], materials));
     scene_shapes(scene, 0, &shapes);
     if (shapes == 0) return error_at(at, "has no face that could be seen");

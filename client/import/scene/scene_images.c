@@ -15,11 +15,14 @@ static float gamma_of(float asked, bool encoded)
     return asked >= 0 ? asked : encoded ? 0.0f : 1.0f;
 }
 
-/* The sRGB transfer function (IEC 61966-2-1), or a power. */
+double scene_decode_srgb(double encoded)
+{
+    return encoded <= 0.04045 ? encoded / 12.92 : pow((encoded + 0.055) / 1.055, 2.4);
+}
+
 static double decode(double encoded, float gamma)
 {
-    if (gamma > 0) return pow(encoded, (double)gamma);
-    return encoded <= 0.04045 ? encoded / 12.92 : pow((encoded + 0.055) / 1.055, 2.4);
+    return gamma > 0 ? pow(encoded, (double)gamma) : scene_decode_srgb(encoded);
 }
 
 /* Beyond 1 it goes on as it is; below 0 there is nothing to decode. */

@@ -34,6 +34,8 @@ result_t scene_add_image(scene_builder_t *scene, const char *key, const char *na
 result_t scene_image_of_file(scene_builder_t *scene, const char *path, float gamma, scene_alpha_t alpha,
                              position_t at, const scene_image_t **image);
 
+/* The light of a value that is encoded as sRGB (IEC 61966-2-1). */
+double scene_decode_srgb(double encoded);
 blob_image_t scene_image_record(const scene_builder_t *scene, blob_ref_t image);
 /* The mean over an image of the blob of its luminance times weight(context, s, t), where (s, t) is a pixel's
  * centre in [0, 1]^2 with the first row at t = 0; `weight` NULL: 1. */

@@ -201,6 +201,8 @@ result_t pbrt_make_plymesh(pbrt_t *p, shape_work_t *work)
         return slip;
     }
     result_t result = ply_read(path, p->report, &mesh);
+    free(mesh.colours); /* pbrt knows none */
+    mesh.colours = NULL;
     p->bytes_done += size;
     if (result.code != RESULT_OK)
         result = result_fail(result.code, "%s (asked for in %s:%" PRIu32 ":%" PRIu32 ")", result.message,

@@ -577,6 +577,27 @@ static void serialized_meshes_are_read_in_both_precisions_and_versions(void **st
     bench_close(&bench);
 }
 
+#define PLY_SHAPE(body) "<shape type=\"ply\"><string name=\"filename\" value=\"a.ply\"/>" body "</shape>"
+
+static void ply_files_have_colours(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    const char *ply = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
+                      "property float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n"
+                      "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+                      "0 0 0 255 128 0\n1 0 0 0 0 0\n0 1 0 0 0 51\n3 0 1 2\n";
+    bench_write(&bench, "a.ply", ply, strlen(ply));
+    run(&bench, PLY_SHAPE(""));
+    bench_expect_ok(&bench);
+    const blob_colour_t *c = bench.blob.colours;
+    expect_vec3(vec3(c[0].r, c[0].g, c[0].b), 1, 0.2158605, 0);
+    run(&bench, PLY_SHAPE("<boolean name=\"srgb\" value=\"false\"/>"));
+    c = bench.blob.colours;
+    expect_vec3(vec3(c[2].r, c[2].g, c[2].b), 0, 0, 0.2);
+    bench_close(&bench);
+}
+
 static void instances_show_their_group(void **state)
 {
     (void)state;
@@ -729,6 +750,32 @@ static void shapes_have_the_bsdf_that_mitsuba_gives_them(void **state)
     run(&bench, "<shape type=\"cube\"><medium type=\"homogeneous\" name=\"interior\"/></shape>" RECTANGLE);
     bench_expect_ok(&bench);
     assert_int_equal(bench.blob.counts[BLOB_SECTION_SHAPES], 1);
+    bench_close(&bench);
+}
+
+/* Mitsuba takes a library's colours as sRGB; a bsdf of the scene goes before its material. */
+static void obj_files_bring_their_materials(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    const char *obj = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl left\nf 1 2 3\n";
+    const char *mtl = "newmtl left\nKd 1 0.50196 0\nd 0.5\n";
+    bench_write(&bench, "a.obj", obj, strlen(obj));
+    bench_write(&bench, "a.mtl", mtl, strlen(mtl));
+    run(&bench, OBJ_SHAPE(""));
+    bench_expect_silence(&bench);
+    expect_vec3(material_of(&bench)->values[VALUE_REFLECTANCE].factor, 1, 0.2158605, 0);
+    expect_near((double)bench.blob.shapes[0].alpha.factor.x, 0.5, 0);
+    run(&bench, OBJ_SHAPE(BLUE));
+    expect_vec3(material_of(&bench)->values[VALUE_REFLECTANCE].factor, 0, 0, 1);
+    run(&bench, OBJ_SHAPE("<boolean name=\"loadMaterials\" value=\"false\"/>"));
+    expect_vec3(material_of(&bench)->values[VALUE_REFLECTANCE].factor, 0.5, 0.5, 0.5);
+    bench_write(&bench, "a.mtl", "newmtl left\nillum 7\n", 20);
+    run(&bench, OBJ_SHAPE(""));
+    assert_int_equal(material_of(&bench)->kind, MATERIAL_DIELECTRIC);
+    expect_text(bench.warnings, "\"left\" of its MTL library becomes what it is in an OBJ file");
+    bench_write(&bench, "a.mtl", "Kd 1 1 1\n", 9);
+    expect_error(&bench, OBJ_SHAPE(""), "a.mtl:1:");
     bench_close(&bench);
 }
 
@@ -929,11 +976,13 @@ int main(void)
         cmocka_unit_test(meshes_without_normals_are_smooth_unless_asked),
         cmocka_unit_test(the_v_of_obj_files_runs_up),
         cmocka_unit_test(serialized_meshes_are_read_in_both_precisions_and_versions),
+        cmocka_unit_test(ply_files_have_colours),
         cmocka_unit_test(instances_show_their_group),
         cmocka_unit_test(bsdfs_of_one_layer_become_their_materials),
         cmocka_unit_test(plastic_is_linear_in_its_colour_unless_asked),
         cmocka_unit_test(bsdfs_may_hold_others),
         cmocka_unit_test(shapes_have_the_bsdf_that_mitsuba_gives_them),
+        cmocka_unit_test(obj_files_bring_their_materials),
         cmocka_unit_test(colours_are_what_their_elements_say),
         cmocka_unit_test(emitters_shine_where_mitsubas_do),
         cmocka_unit_test(the_sun_stands_where_it_does),
