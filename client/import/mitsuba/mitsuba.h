@@ -1,7 +1,8 @@
 /* mitsuba: scenes of Mitsuba 0.4 to 0.6 (.xml).
  *
  * From the bottom up: xml reads the files into a tree; property reads numbers, colours and transforms in it;
- * texture, bsdf, shape, emitter and sensor each make a family of objects; mitsuba is the order of things.
+ * texture, bsdf (with metals), shape (with serialized), emitter (with daylight_emitter) and sensor each make
+ * a family of objects; mitsuba is the order of things.
  */
 #ifndef LIGHTMILL_MITSUBA_H
 #define LIGHTMILL_MITSUBA_H

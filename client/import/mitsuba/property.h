@@ -14,7 +14,7 @@ typedef struct {
     blob_value_t alpha; /* of the shapes that have it */
 } material_t;
 
-/* A scene on its way. Owned: all but `scene`. */
+/* A scene on its way. Owned: all but `scene` and `report`. */
 typedef struct {
     scene_builder_t *scene;
     report_t *report;

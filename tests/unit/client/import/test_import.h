@@ -132,6 +132,24 @@ static inline void bench_expect_silence(const bench_t *bench)
     assert_string_equal(bench->warnings, "");
 }
 
+/* How many records of a kind the import made. */
+static inline uint64_t count_of(const bench_t *bench, blob_section_t section)
+{
+    return bench->blob.counts[section];
+}
+
+/* The mesh of a shape, and its positions. */
+static inline const blob_mesh_t *mesh_of(const bench_t *bench, uint64_t shape)
+{
+    assert_true(shape < count_of(bench, BLOB_SECTION_SHAPES));
+    return &bench->blob.meshes[bench->blob.shapes[shape].geometry];
+}
+
+static inline const vec3_t *positions_of(const bench_t *bench, uint64_t shape)
+{
+    return bench->blob.positions + mesh_of(bench, shape)->first_position;
+}
+
 static inline void expect_text(const char *text, const char *part)
 {
     if (!strstr(text, part)) fail_msg("expected \"%s\" in \"%s\"", part, text);

@@ -94,22 +94,6 @@ static void run_material(bench_t *bench, const char *attributes, const char *mat
 #define POSITION "\"POSITION\":0"
 #define FULL POSITION ",\"NORMAL\":1,\"TEXCOORD_0\":2"
 
-static uint64_t count_of(const bench_t *bench, blob_section_t section)
-{
-    return bench->blob.counts[section];
-}
-
-static const blob_mesh_t *mesh_of(const bench_t *bench, uint64_t shape)
-{
-    assert_true(shape < count_of(bench, BLOB_SECTION_SHAPES));
-    return &bench->blob.meshes[bench->blob.shapes[shape].geometry];
-}
-
-static const vec3_t *positions_of(const bench_t *bench, uint64_t shape)
-{
-    return bench->blob.positions + mesh_of(bench, shape)->first_position;
-}
-
 static blob_value_t value_of(const bench_t *bench, material_value_t value)
 {
     return bench->blob.materials[bench->blob.shapes[0].material].values[value];

@@ -62,11 +62,6 @@ static void expect_bad_file(bench_t *bench, const char *file, const char *text)
     expect_text(bench->result.message, text);
 }
 
-static const vec3_t *positions_of(const bench_t *bench, uint64_t shape)
-{
-    return bench->blob.positions + bench->blob.meshes[bench->blob.shapes[shape].geometry].first_position;
-}
-
 /* ---- the file ------------------------------------------------------------------------------------------ */
 
 static void parameters_stand_for_their_values(void **state)

@@ -22,17 +22,6 @@ static void run_material(bench_t *bench, const char *statements)
     free(mtl);
 }
 
-static uint64_t count_of(const bench_t *bench, blob_section_t section)
-{
-    return bench->blob.counts[section];
-}
-
-static const blob_mesh_t *mesh_of(const bench_t *bench, uint64_t shape)
-{
-    assert_true(shape < count_of(bench, BLOB_SECTION_SHAPES));
-    return &bench->blob.meshes[bench->blob.shapes[shape].geometry];
-}
-
 static const blob_material_t *material_of(const bench_t *bench, uint64_t shape)
 {
     assert_true(shape < count_of(bench, BLOB_SECTION_SHAPES));
