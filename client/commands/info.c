@@ -225,7 +225,8 @@ static const char *const filters[] = {[FILTER_BOX] = "box",
 static const char *const cameras[] = {[CAMERA_PERSPECTIVE] = "perspective",
                                       [CAMERA_ORTHOGRAPHIC] = "orthographic",
                                       [CAMERA_SPHERICAL] = "spherical",
-                                      [CAMERA_EQUAL_AREA] = "equal-area sphere"};
+                                      [CAMERA_EQUAL_AREA] = "equal-area sphere",
+                                      [CAMERA_REALISTIC] = "realistic"};
 
 /* A material's values in the order of their slots; those with one number are not colours. */
 static const struct {
@@ -369,6 +370,10 @@ static void print_camera(const blob_scene_t *scene)
     if (scene->lens_radius > 0)
         printf(", lens of radius %g in focus at %g", (double)scene->lens_radius,
                (double)scene->focal_distance);
+    if (scene->camera == CAMERA_REALISTIC)
+        printf(", a lens of elements before a film of %g x %g",
+               (double)(scene->screen_window[1] - scene->screen_window[0]),
+               (double)(scene->screen_window[3] - scene->screen_window[2]));
     print_rgb("at", vec3(m[0][3], m[1][3], m[2][3]));
     print_rgb("looks along", v_normalize(vec3(m[0][2], m[1][2], m[2][2])));
     printf("\nfilter: %s, radius %g x %g pixels\n", NAME_IN(filters, scene->filter.kind),

@@ -49,7 +49,7 @@ static bool value_is_valid(const blob_value_t *value, uint64_t textures)
 
 static result_t check_camera(const blob_scene_t *scene)
 {
-    CHECK(is_one_of(scene->camera, CAMERA_PERSPECTIVE, CAMERA_EQUAL_AREA + 1), "unknown camera %u",
+    CHECK(is_one_of(scene->camera, CAMERA_PERSPECTIVE, CAMERA_REALISTIC + 1), "unknown camera %u",
           scene->camera);
     CHECK(xform_is_usable(&scene->world_from_camera) && xform_is_usable(&scene->world_from_camera_end),
           "the camera's transform is singular or not finite");
@@ -68,12 +68,44 @@ static result_t check_camera(const blob_scene_t *scene)
     return result_ok();
 }
 
+/* The lens of a camera that has one. Any that passes can be traced, if with no light behind it. */
+static result_t check_lens(const scene_blob_t *blob)
+{
+    uint64_t count = blob->counts[BLOB_SECTION_LENS], pupils = blob->counts[BLOB_SECTION_PUPILS];
+    const float *w = blob->scene->screen_window, exposure = blob->scene->lens_exposure;
+    if (blob->scene->camera != CAMERA_REALISTIC) {
+        CHECK(count == 0 && pupils == 0, "has a lens, but its camera takes none");
+        return result_ok();
+    }
+    CHECK(count > 0 && count <= LENS_MAX_ELEMENTS, "its lens has %llu elements, must have 1 to %d",
+          (unsigned long long)count, LENS_MAX_ELEMENTS);
+    CHECK(pupils == LENS_PUPILS, "its lens has %llu pupils, must have %d", (unsigned long long)pupils,
+          LENS_PUPILS);
+    CHECK(w[0] < w[1], "the film behind its lens has no size");
+    CHECK(exposure >= 0 && isfinite(exposure), "the exposure of its lens is negative or infinite");
+    blob_ref_t aperture = blob->scene->aperture;
+    CHECK(ref_is_valid(aperture, blob->counts[BLOB_SECTION_IMAGES]), "its lens has no image %u", aperture);
+    CHECK(aperture == 0 || blob->images[aperture - 1].format == TEXELS_R32F,
+          "the image of its lens's aperture is not of grey floats");
+    for (uint64_t i = 0; i < count; i++) {
+        const blob_lens_element_t *e = &blob->lens[i];
+        CHECK(isfinite(e->curvature_radius) && isfinite(e->thickness) && isfinite(e->eta) && e->eta > 0 &&
+                  isfinite(e->aperture_radius) && e->aperture_radius > 0,
+              "lens element %llu is malformed", (unsigned long long)i);
+    }
+    CHECK(blob->lens[count - 1].thickness > 0, "the film does not lie behind the lens");
+    for (uint64_t i = 0; i < pupils; i++)
+        CHECK(all_finite(&blob->pupils[i].x_min, 4), "pupil %llu is not finite", (unsigned long long)i);
+    return result_ok();
+}
+
 static result_t check_scene(const scene_blob_t *blob)
 {
     CHECK(blob->counts[BLOB_SECTION_SCENE] == 1, "must have one scene record, has %llu",
           (unsigned long long)blob->counts[BLOB_SECTION_SCENE]);
     const blob_scene_t *scene = blob->scene;
     TRY(check_camera(scene));
+    TRY(check_lens(blob));
     const blob_filter_t *filter = &scene->filter;
     CHECK(is_one_of(filter->kind, FILTER_BOX, FILTER_SINC + 1), "unknown pixel filter %u", filter->kind);
     CHECK(filter->radius_x > 0 && filter->radius_x <= 32 && filter->radius_y > 0 && filter->radius_y <= 32,

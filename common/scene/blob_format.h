@@ -11,7 +11,9 @@ enum { BLOB_VERSION = 4 };
 enum {
     BLOB_MAX_IMAGE_SIDE = 65536,
     BLOB_MAX_TEXTURE_COST = 1000, /* textures that one look-up evaluates */
-    BLOB_MAX_MIX_DEPTH = 8        /* mixes of mixes */
+    BLOB_MAX_MIX_DEPTH = 8,       /* mixes of mixes */
+    LENS_MAX_ELEMENTS = 100,
+    LENS_PUPILS = 64
 };
 
 typedef enum {
@@ -33,9 +35,14 @@ typedef enum {
     BLOB_SECTION_TEXELS,       /* 32-bit words, the pixels of the images */
     BLOB_SECTION_MATERIALS,    /* blob_material_t; a mix refers only to materials before it */
     BLOB_SECTION_LIGHTS,       /* blob_light_t */
+    BLOB_SECTION_LENS,         /* blob_lens_element_t, of CAMERA_REALISTIC, from the scene to the film */
+    BLOB_SECTION_PUPILS,       /* blob_pupil_t, LENS_PUPILS of CAMERA_REALISTIC, else none */
     BLOB_SECTION_STRINGS,      /* char, NUL-terminated names; offset 0 is the empty string */
     BLOB_SECTION_COUNT
 } blob_section_t;
+
+/* A reference that may be absent: 0 for none, else 1 + an index. */
+typedef uint32_t blob_ref_t;
 
 /* ---- the scene ----------------------------------------------------------------------------------------- */
 
@@ -58,9 +65,11 @@ typedef enum {
     CAMERA_PERSPECTIVE = 1,  /* pinhole or thin lens */
     CAMERA_ORTHOGRAPHIC = 2, /* screen window in units of camera space; with a lens it is telecentric: through
                                 each of its points pass parallel rays */
-    CAMERA_SPHERICAL = 3, /* latitude-longitude: film y is the angle from camera +y, film x the angle about y
-                             from +x towards +z (pbrt-v3's environment camera) */
-    CAMERA_EQUAL_AREA = 4 /* the octahedral equal-area map of pbrt-v4's spherical camera */
+    CAMERA_SPHERICAL = 3,  /* latitude-longitude: film y is the angle from camera +y, film x the angle about y
+                              from +x towards +z (pbrt-v3's environment camera) */
+    CAMERA_EQUAL_AREA = 4, /* the octahedral equal-area map of pbrt-v4's spherical camera */
+    CAMERA_REALISTIC = 5   /* a film at z = 0 behind a lens of elements; the screen window is the film as it
+                              shows the scene: upright, in units of camera space */
 } camera_kind_t;
 
 /* Camera, filter and what the scene file asks for; the job's settings start from these. */
@@ -75,6 +84,10 @@ typedef struct {
                                made from the resolution, the shorter side spanning [-1, 1] */
     float film_window[4];   /* the part of the film that is rendered (a crop): x min, x max, y min, y max as
                                fractions of the screen window from the top left; 0 1 0 1: all of it */
+    float lens_exposure;    /* of CAMERA_REALISTIC: a sample through the lens counts this times cos^4 of its
+                               angle at the film times the area of the pupil's box */
+    blob_ref_t aperture; /* of CAMERA_REALISTIC: an image of TEXELS_R32F, what the stop lets through over the
+                            square about it, as seen with x to the right; 0: the stop is round */
     blob_filter_t filter;
     int32_t width, height; /* pixels asked for */
     int32_t max_depth;
@@ -88,6 +101,22 @@ typedef struct {
     rgb_t occlusion_radiance; /* what it shows where nothing is hidden */
     uint32_t regularize; /* 1: near-specular lobes are roughened behind the first scattering that is not */
 } blob_scene_t;
+
+/* One surface of a lens, in units of camera space. */
+typedef struct {
+    float curvature_radius; /* positive: the middle lies towards the film; 0: a flat stop, which bends nothing
+                             */
+    float thickness;        /* along the axis, from this surface to the next, or to the film */
+    float eta;              /* index of refraction of what follows towards the film; > 0 */
+    float aperture_radius;  /* > 0 */
+} blob_lens_element_t;
+
+/* A box on the plane through the rear of the lens, which all light passes from it to a piece of the film: the
+ * i-th of LENS_PUPILS is of film places on the positive x axis, from i to i + 1 LENS_PUPILS-ths of the film's
+ * half diagonal from the middle. For others it is turned with them about the axis. Empty: no light comes. */
+typedef struct {
+    float x_min, x_max, y_min, y_max;
+} blob_pupil_t;
 
 /* ---- shapes -------------------------------------------------------------------------------------------- */
 
@@ -149,9 +178,6 @@ typedef enum { SHAPE_MESH = 1, SHAPE_QUADRIC = 2, SHAPE_CURVES = 3 } shape_kind_
 enum { SHAPE_FLIP = 1, SHAPE_CUTOUT = 2, SHAPE_BUMPS_V3 = 4, SHAPE_NORMALS_V3 = 8 };
 
 /* ---- values and textures ------------------------------------------------------------------------------- */
-
-/* A reference that may be absent: 0 for none, else 1 + an index. */
-typedef uint32_t blob_ref_t;
 
 /* A number or a colour that may vary over a surface: `factor`, times the texture's value there if there is
  * one. Numbers are the x of a colour. All zeroes are the constant 0. */

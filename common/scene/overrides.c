@@ -55,5 +55,6 @@ result_t overrides_apply(const overrides_t *overrides, const scene_blob_t *blob,
     if (settings->adaptive) settings->film_scale = int_max(FILM_MIN_SCALE, settings->film_scale - 2);
     if (overrides->film_scale >= 0) settings->film_scale = overrides->film_scale;
     TRY(group_lights(overrides, blob, settings));
+    TRY(blob_check_settings(blob, settings));
     return job_settings_check(settings);
 }

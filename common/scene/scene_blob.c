@@ -27,6 +27,8 @@ const section_type_t blob_section_types[BLOB_SECTION_COUNT] = {
     [BLOB_SECTION_TEXELS] = {"texels", sizeof(uint32_t)},
     [BLOB_SECTION_MATERIALS] = {"materials", sizeof(blob_material_t)},
     [BLOB_SECTION_LIGHTS] = {"lights", sizeof(blob_light_t)},
+    [BLOB_SECTION_LENS] = {"lens", sizeof(blob_lens_element_t)},
+    [BLOB_SECTION_PUPILS] = {"pupils", sizeof(blob_pupil_t)},
     [BLOB_SECTION_STRINGS] = {"strings", 1},
 };
 
@@ -108,6 +110,8 @@ static result_t find_sections(const void *bytes, uint64_t size, scene_blob_t *bl
     view.texels = at[BLOB_SECTION_TEXELS];
     view.materials = at[BLOB_SECTION_MATERIALS];
     view.lights = at[BLOB_SECTION_LIGHTS];
+    view.lens = at[BLOB_SECTION_LENS];
+    view.pupils = at[BLOB_SECTION_PUPILS];
     view.strings = at[BLOB_SECTION_STRINGS];
     *blob = view;
     return result_ok();
@@ -257,6 +261,14 @@ int blob_film_scale(const scene_blob_t *blob)
         brightest = float_max(brightest, v_max(blob->lights[i].radiance.factor));
     int excess = brightest > 0 ? ilogbf(brightest) - 9 : 0;
     return int_max(FILM_MIN_SCALE, FILM_DEFAULT_SCALE - int_max(0, excess));
+}
+
+result_t blob_check_settings(const scene_blob_t *blob, const job_settings_t *settings)
+{
+    if (settings->integrator != INTEGRATOR_LIGHT || blob->scene->camera != CAMERA_REALISTIC)
+        return result_ok();
+    return result_fail(RESULT_USAGE, "the integrator light joins paths from the lights to the camera, which "
+                                     "cannot be done through this scene's lens: use bdpt or path");
 }
 
 job_settings_t blob_default_settings(const scene_blob_t *blob)

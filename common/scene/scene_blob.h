@@ -39,6 +39,8 @@ typedef struct {
     const uint32_t *texels;
     const blob_material_t *materials;
     const blob_light_t *lights;
+    const blob_lens_element_t *lens;
+    const blob_pupil_t *pupils;
     const char *strings;
     uint64_t counts[BLOB_SECTION_COUNT]; /* records in each section */
 } scene_blob_t;
@@ -88,6 +90,9 @@ blob_scene_t blob_default_scene(void);
  * or less by one for each doubling of the brightest light over 2^10. */
 int blob_film_scale(const scene_blob_t *blob);
 
+/* RESULT_USAGE when the scene cannot be rendered so: light tracing sees nothing through a lens of elements.
+ */
+result_t blob_check_settings(const scene_blob_t *blob, const job_settings_t *settings);
 /* Settings that the scene itself asks for, the rest at their defaults. */
 job_settings_t blob_default_settings(const scene_blob_t *blob);
 

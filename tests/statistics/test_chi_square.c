@@ -328,7 +328,7 @@ static void camera_draws_its_density(void **state)
     (void)state;
     blob_scene_t record =
         scene_record((xform_t){{{-1, 0, 0, 2}, {0, 0.8f, -0.6f, 1}, {0, 0.6f, 0.8f, -3}}}, 75);
-    camera_t *camera = camera_new(&record, 64, 40);
+    camera_t *camera = camera_new(&(scene_blob_t){.scene = &record}, 64, 40);
     double *observed = calloc(CELLS, sizeof *observed), *expected = calloc(CELLS, sizeof *expected);
     for (uint32_t i = 0; i < DRAWS; i++) {
         sampler_t sampler = sampler_new(SAMPLER_INDEPENDENT, 6, 0, i);

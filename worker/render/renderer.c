@@ -46,6 +46,7 @@ result_t renderer_new(const scene_blob_t *blob, const job_settings_t *settings, 
 {
     *result = NULL;
     flush_denormals();
+    TRY(blob_check_settings(blob, settings));
     renderer_t *renderer = mem_zalloc(1, sizeof *renderer);
     result_t made = scene_new(blob, &renderer->scene);
     if (made.code != RESULT_OK) {
@@ -58,7 +59,7 @@ result_t renderer_new(const scene_blob_t *blob, const job_settings_t *settings, 
         return made;
     }
     renderer->lights = lights_new(renderer->scene);
-    renderer->camera = camera_new(blob->scene, settings->width, settings->height);
+    renderer->camera = camera_new(blob, settings->width, settings->height);
     renderer->integrator = integrators[settings->integrator];
     setup_t *setup = &renderer->setup;
     setup->scene = renderer->scene;

@@ -1,6 +1,7 @@
 /* cameras: see cameras.h. A camera that we do not have makes another picture and is an error. */
 #include "client/import/pbrt/cameras.h"
 
+#include "client/import/pbrt/realistic.h"
 #include "client/import/pbrt/settings.h"
 #include "client/import/pbrt/state/arguments.h"
 
@@ -122,20 +123,16 @@ static result_t make_spherical(pbrt_t *p, params_t *params)
     return result_ok();
 }
 
-static const param_rule_t realistic_rules[] = {
-    {{"lensfile", "aperturediameter", "aperture", "focusdistance", "simpleweighting"},
-     PARAM_IGNORE,
-     "lenses of several elements are not supported"},
-};
-
+/* A lens that cannot be had becomes a pinhole when lenient. */
 static result_t make_realistic(pbrt_t *p, params_t *params)
 {
-    TRY(report_refuse(
-        p->report, p->camera_at,
-        "the realistic camera is not supported; a perspective one is used, with an angle of %g degrees",
-        (double)p->scene.fov));
     TRY(read_shutter(p, params));
-    return params_apply(params, realistic_rules, ARRAY_LENGTH(realistic_rules), p->report);
+    result_t result = pbrt_make_realistic(p, params);
+    if (result.code == RESULT_OK) return result;
+    static const float automatic[4] = {0};
+    memcpy(p->scene.screen_window, automatic, sizeof automatic);
+    p->scene.aperture = 0;
+    return report_excuse(p->report, result, "a perspective camera of 90 degrees is used");
 }
 
 static const setting_entry_t cameras[] = {

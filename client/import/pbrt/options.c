@@ -17,13 +17,13 @@
 /* ---- film ---------------------------------------------------------------------------------------------- */
 
 static const param_rule_t film_rules[] = {
-    /* lightmill -o names the output; only the realistic camera uses the diagonal */
-    {{"filename", "savefp16", "diagonal"}, PARAM_ACCEPT, NULL},
+    {{"filename", "savefp16"}, PARAM_ACCEPT, NULL}, /* lightmill -o names the output */
 };
 
 static result_t read_resolution(pbrt_t *p, params_t *params)
 {
     blob_scene_t *scene = &p->scene;
+    TRY(params_float(params, "diagonal", &p->film_diagonal));
     TRY(params_int_in(params, "xresolution", 1, JOB_MAX_RESOLUTION, &scene->width));
     TRY(params_int_in(params, "yresolution", 1, JOB_MAX_RESOLUTION, &scene->height));
     if ((int64_t)scene->width * scene->height > JOB_MAX_PIXELS)

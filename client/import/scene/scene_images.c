@@ -254,6 +254,20 @@ double scene_image_mean(const scene_builder_t *scene, blob_ref_t ref,
     return sum / ((double)image.width * image.height);
 }
 
+float *scene_image_greys(const scene_builder_t *scene, blob_ref_t ref)
+{
+    blob_image_t image = scene_image_record(scene, ref);
+    const uint32_t *texels = blob_builder_records(scene->blob, BLOB_SECTION_TEXELS);
+    size_t count = (size_t)image.width * image.height;
+    float *greys = mem_alloc(count * sizeof *greys);
+    for (size_t i = 0; i < count; ++i) {
+        double rgb[3];
+        pixel(&image, texels, i, rgb);
+        greys[i] = (float)((rgb[0] + rgb[1] + rgb[2]) / 3);
+    }
+    return greys;
+}
+
 blob_ref_t scene_grey_image(scene_builder_t *scene, blob_ref_t ref)
 {
     blob_image_t image = scene_image_record(scene, ref);

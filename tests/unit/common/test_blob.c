@@ -541,7 +541,8 @@ static void bad_numbers_are_errors(void **state)
         {BLOB_SECTION_LIGHTS, FIELD(blob_light_t, 1, parameters[0]), bits_of(0.95f), "light 1: its cone"},
         {BLOB_SECTION_LIGHTS, FIELD(blob_light_t, 1, parameters[1]), bits_of(1.5f), "light 1: its cone"},
         {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, camera), 0, "unknown camera 0"},
-        {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, camera), 5, "unknown camera 5"},
+        {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, camera), 6, "unknown camera 6"},
+        {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, camera), CAMERA_REALISTIC, "its lens has 0 elements"},
         {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, world_from_camera.m[0][0]), nan, "camera"},
         {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, world_from_camera_end.m[0][0]), 0, "camera"},
         {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, fov), bits_of(180.0f), "fov"},
@@ -623,6 +624,61 @@ static void hopeless_transforms_are_errors(void **state)
     }
     /* Each for itself, but not the way from one to the other: 200 x 566 > 1e5. */
     assert_false(blob_instance_is_traceable(&skewed, &leaning));
+}
+
+/* A blob whose camera has a lens of two elements, made worse by `spoil`. */
+static result_t lens_result(void (*spoil)(blob_scene_t *, blob_lens_element_t *, blob_pupil_t *))
+{
+    blob_lens_element_t lens[2] = {{0.1f, 0.01f, 1.5f, 0.01f}, {-0.1f, 0.1f, 1, 0.01f}};
+    blob_pupil_t pupils[LENS_PUPILS] = {{0}};
+    blob_builder_t *builder = make_builder();
+    blob_scene_t *scene = blob_builder_records(builder, BLOB_SECTION_SCENE);
+    scene->camera = CAMERA_REALISTIC;
+    spoil(scene, lens, pupils);
+    blob_builder_add(builder, BLOB_SECTION_LENS, lens, 2);
+    blob_builder_add(builder, BLOB_SECTION_PUPILS, pupils, LENS_PUPILS);
+    uint8_t *bytes;
+    uint64_t size;
+    result_t result = blob_builder_finish(builder, &bytes, &size);
+    free(bytes);
+    blob_builder_destroy(&builder);
+    return result;
+}
+
+#define SPOILED(name, what)                                                                                  \
+    static void name(blob_scene_t *scene, blob_lens_element_t *lens, blob_pupil_t *pupils)                   \
+    {                                                                                                        \
+        (void)scene, (void)lens, (void)pupils;                                                               \
+        what;                                                                                                \
+    }
+SPOILED(nothing_spoiled, )
+SPOILED(curvature_spoiled, lens[1].curvature_radius = NAN)
+SPOILED(thickness_spoiled, lens[0].thickness = INFINITY)
+SPOILED(eta_spoiled, lens[0].eta = 0)
+SPOILED(aperture_spoiled, lens[1].aperture_radius = -1)
+SPOILED(film_spoiled, lens[1].thickness = 0)
+SPOILED(pupil_spoiled, pupils[63].y_max = NAN)
+SPOILED(exposure_spoiled, scene->lens_exposure = -1)
+SPOILED(window_spoiled, memset(scene->screen_window, 0, sizeof scene->screen_window))
+SPOILED(image_spoiled, scene->aperture = 99)
+SPOILED(format_spoiled, scene->aperture = 1)
+SPOILED(camera_spoiled, scene->camera = CAMERA_PERSPECTIVE)
+
+static void lenses_are_checked(void **state)
+{
+    (void)state;
+    assert_int_equal(lens_result(nothing_spoiled).code, RESULT_OK);
+    assert_fails(lens_result(curvature_spoiled), "lens element 1 is malformed");
+    assert_fails(lens_result(thickness_spoiled), "lens element 0 is malformed");
+    assert_fails(lens_result(eta_spoiled), "lens element 0 is malformed");
+    assert_fails(lens_result(aperture_spoiled), "lens element 1 is malformed");
+    assert_fails(lens_result(film_spoiled), "the film does not lie behind the lens");
+    assert_fails(lens_result(pupil_spoiled), "pupil 63 is not finite");
+    assert_fails(lens_result(exposure_spoiled), "exposure");
+    assert_fails(lens_result(window_spoiled), "has no size");
+    assert_fails(lens_result(image_spoiled), "no image 99");
+    assert_fails(lens_result(format_spoiled), "not of grey floats");
+    assert_fails(lens_result(camera_spoiled), "its camera takes none");
 }
 
 static void depths_and_costs_are_limited(void **state)
@@ -796,7 +852,8 @@ int main(void)
         cmocka_unit_test(builders_grow_and_fill_in_late), cmocka_unit_test(files_are_mapped),
         cmocka_unit_test(every_truncation_is_an_error),   cmocka_unit_test(every_flipped_byte_is_an_error),
         cmocka_unit_test(bad_indices_are_errors),         cmocka_unit_test(bad_numbers_are_errors),
-        cmocka_unit_test(hopeless_transforms_are_errors), cmocka_unit_test(depths_and_costs_are_limited),
-        cmocka_unit_test(bad_headers_are_errors),         cmocka_unit_test(random_contents_are_survived)};
+        cmocka_unit_test(hopeless_transforms_are_errors), cmocka_unit_test(lenses_are_checked),
+        cmocka_unit_test(depths_and_costs_are_limited),   cmocka_unit_test(bad_headers_are_errors),
+        cmocka_unit_test(random_contents_are_survived)};
     return cmocka_run_group_tests_name("blob", tests, NULL, NULL);
 }

@@ -8,6 +8,7 @@
 #include "worker/render/camera/camera.h"
 
 #include "common/base.h"
+#include "common/scene/lens_trace.h"
 #include "worker/render/sampling/octahedral.h"
 #include "worker/render/sampling/warp.h"
 #include "worker/render/scene/motion.h"
@@ -18,6 +19,7 @@
 typedef struct {
     vec3_t origin, direction; /* not of unit length yet */
     float pdf;
+    float weight; /* 1 unless set */
 } film_ray_t;
 
 /* Film coordinates that show the same as (x, y): (sx x + tx, sy y + ty). */
@@ -26,7 +28,7 @@ typedef struct {
 } film_wrap_t;
 
 typedef struct {
-    bool parallel;
+    bool parallel, joinable;
     /* Of a film whose edges meet one another, where it shows the same again beyond them. */
     const film_wrap_t *wraps;
     int wrap_count;
@@ -47,6 +49,10 @@ struct camera {
     motion_t motion;
     camera_place_t still; /* at time 0 */
     float lens_radius, focal_distance;
+    lens_t lens; /* of elements; count 0: none */
+    const blob_pupil_t *pupils;
+    float exposure;      /* blob_scene_t.lens_exposure */
+    float film_radius;   /* half the diagonal of the whole film */
     float window[4];     /* what the film shows: x min, x max, y min, y max; y upwards */
     float width, height; /* pixels */
     float area;          /* of the window, in the units of the kind */
@@ -163,7 +169,9 @@ static void equal_area_ray(const camera_t *camera, vec2_t film, vec3_t lens, fil
     fold(&film.x, &film.y);
     fold(&film.y, &film.x);
     vec3_t d = octahedral_to_sphere((vec2_t){float_clamp(film.x, 0, 1), float_clamp(film.y, 0, 1)});
-    *ray = (film_ray_t){lens, vec3(d.x, d.z, d.y), 1 / (4 * PI_F * camera->area)};
+    ray->origin = lens;
+    ray->direction = vec3(d.x, d.z, d.y);
+    ray->pdf = 1 / (4 * PI_F * camera->area);
 }
 
 static bool equal_area_project(const camera_t *camera, vec3_t q, vec3_t *lens, vec2_t *film, float *pdf)
@@ -175,15 +183,65 @@ static bool equal_area_project(const camera_t *camera, vec3_t q, vec3_t *lens, v
     return true;
 }
 
+/* ---- a lens of elements -------------------------------------------------------------------------------- */
+
+/* The box of the pupil for a place so far from the film's middle. */
+static const blob_pupil_t *pupil_at(const camera_t *camera, float radius)
+{
+    int i = (int)float_min(radius / camera->film_radius * LENS_PUPILS, LENS_PUPILS - 1);
+    return &camera->pupils[i];
+}
+
+/* A place in a pupil's box, turned about the axis as the place on the film is. */
+static vec3_t pupil_place(const blob_pupil_t *pupil, vec3_t film, float radius, vec3_t u)
+{
+    float x = pupil->x_min + (pupil->x_max - pupil->x_min) * u.x,
+          y = pupil->y_min + (pupil->y_max - pupil->y_min) * u.y;
+    float cos = radius > 0 ? film.x / radius : 1, sin = radius > 0 ? film.y / radius : 0;
+    return vec3(cos * x - sin * y, sin * x + cos * y, 0);
+}
+
+static vec3_t float_vector(lens_vec_t v)
+{
+    return vec3((float)v.x, (float)v.y, (float)v.z);
+}
+
+/* `u`: two uniform numbers. The image on the film is upside down. The weight is the estimate of Kolb et al.'s
+ * equation for what arrives, relative to the exposure; the density that of rays from a small pupil, which
+ * only stands in for the true one where somebody wants to compare. */
+static void realistic_ray(const camera_t *camera, vec2_t film, vec3_t u, film_ray_t *ray)
+{
+    vec3_t from = vec3(-film.x, -film.y, 0);
+    float radius = v_length(from), rear = (float)lens_rear(&camera->lens);
+    const blob_pupil_t *pupil = pupil_at(camera, radius);
+    vec3_t way = v_sub(pupil_place(pupil, from, radius, u), from);
+    lens_ray_t traced = {{(double)from.x, (double)from.y, 0}, {(double)way.x, (double)way.y, (double)rear}};
+    float cos = rear / v_length(vec3(way.x, way.y, rear)), cos2 = cos * cos;
+    float area = (pupil->x_max - pupil->x_min) * (pupil->y_max - pupil->y_min);
+    float share = area > 0 ? lens_trace_from_film(&camera->lens, &traced) : 0;
+    bool open = share > 0;
+    ray->origin = open ? float_vector(traced.origin) : from;
+    ray->direction = open ? float_vector(traced.direction) : vec3(0, 0, 1);
+    ray->pdf = rear * rear / (camera->area * cos2 * cos);
+    ray->weight = open ? camera->exposure * cos2 * cos2 * area * share : 0;
+}
+
+static bool realistic_project(const camera_t *camera, vec3_t q, vec3_t *lens, vec2_t *film, float *pdf)
+{
+    (void)camera, (void)q, (void)lens, (void)film, (void)pdf;
+    return false;
+}
+
 /* ---- all of them --------------------------------------------------------------------------------------- */
 
 static const camera_ops_t kinds[] = {
-    [CAMERA_PERSPECTIVE] = {false, NULL, 0, perspective_ray, perspective_project},
-    [CAMERA_ORTHOGRAPHIC] = {true, NULL, 0, orthographic_ray, orthographic_project},
-    [CAMERA_SPHERICAL] = {false, spherical_wraps, ARRAY_LENGTH(spherical_wraps), spherical_ray,
+    [CAMERA_PERSPECTIVE] = {false, true, NULL, 0, perspective_ray, perspective_project},
+    [CAMERA_ORTHOGRAPHIC] = {true, true, NULL, 0, orthographic_ray, orthographic_project},
+    [CAMERA_SPHERICAL] = {false, true, spherical_wraps, ARRAY_LENGTH(spherical_wraps), spherical_ray,
                           spherical_project},
-    [CAMERA_EQUAL_AREA] = {false, equal_area_wraps, ARRAY_LENGTH(equal_area_wraps), equal_area_ray,
+    [CAMERA_EQUAL_AREA] = {false, true, equal_area_wraps, ARRAY_LENGTH(equal_area_wraps), equal_area_ray,
                            equal_area_project},
+    [CAMERA_REALISTIC] = {false, false, NULL, 0, realistic_ray, realistic_project},
 };
 
 /* The screen window in the camera's units; for spherical cameras the unit square, y downwards. */
@@ -199,8 +257,20 @@ static void whole_window(const camera_t *camera, const blob_scene_t *scene, floa
     for (int i = 0; i < 4; i++) window[i] = spherical ? square[i] : scale * (given ? w[i] : automatic[i]);
 }
 
-camera_t *camera_new(const blob_scene_t *scene, int width, int height)
+static lens_t lens_of(const scene_blob_t *blob)
 {
+    lens_t lens = {.elements = blob->lens, .count = (uint32_t)blob->counts[BLOB_SECTION_LENS]};
+    if (blob->scene->aperture == 0) return lens;
+    const blob_image_t *image = &blob->images[blob->scene->aperture - 1];
+    lens.aperture = (const float *)(const void *)(blob->texels + image->first_word);
+    lens.aperture_width = image->width;
+    lens.aperture_height = image->height;
+    return lens;
+}
+
+camera_t *camera_new(const scene_blob_t *blob, int width, int height)
+{
+    const blob_scene_t *scene = blob->scene;
     camera_t *camera = mem_zalloc(1, sizeof *camera);
     camera->ops = &kinds[scene->camera];
     camera->motion = motion_between(&scene->world_from_camera, &scene->world_from_camera_end);
@@ -210,11 +280,15 @@ camera_t *camera_new(const blob_scene_t *scene, int width, int height)
     bool lens = scene->camera == CAMERA_PERSPECTIVE || scene->camera == CAMERA_ORTHOGRAPHIC;
     camera->lens_radius = lens ? scene->lens_radius : 0;
     camera->focal_distance = scene->focal_distance;
+    if (scene->camera == CAMERA_REALISTIC) camera->lens = lens_of(blob);
+    camera->pupils = blob->pupils;
+    camera->exposure = scene->lens_exposure;
     camera->width = (float)width;
     camera->height = (float)height;
     float w[4];
     const float *part = scene->film_window;
     whole_window(camera, scene, w);
+    camera->film_radius = 0.5f * hypotf(w[1] - w[0], w[3] - w[2]);
     camera->window[0] = w[0] + (w[1] - w[0]) * part[0];
     camera->window[1] = w[0] + (w[1] - w[0]) * part[1];
     camera->window[2] = w[3] + (w[2] - w[3]) * part[3];
@@ -230,7 +304,7 @@ bool camera_moves(const camera_t *camera)
 
 bool camera_has_lens(const camera_t *camera)
 {
-    return camera->lens_radius != 0;
+    return camera->lens_radius != 0 || camera->lens.count > 0;
 }
 
 /* A camera that stands still has its placement at hand; that of another is made in *moved. */
@@ -244,8 +318,10 @@ static const camera_place_t *place_at(const camera_t *camera, float time, camera
     return moved;
 }
 
+/* A point of a thin lens; of a lens of elements the numbers themselves. */
 static vec3_t lens_point(const camera_t *camera, vec2_t lens)
 {
+    if (camera->lens.count > 0) return vec3(lens.x, lens.y, 0);
     if (camera->lens_radius == 0) return vec3(0, 0, 0);
     vec2_t d = warp_disc(lens);
     return vec3(camera->lens_radius * d.x, camera->lens_radius * d.y, 0);
@@ -299,7 +375,7 @@ int camera_images(const camera_t *camera, vec2_t raster, float margin, vec2_t im
 
 void camera_ray(const camera_t *camera, vec2_t raster, vec2_t lens, float time, camera_ray_t *ray)
 {
-    film_ray_t local;
+    film_ray_t local = {.weight = 1};
     camera_place_t moved;
     const camera_place_t *at = place_at(camera, time, &moved);
     camera->ops->ray(camera, film_of_raster(camera, raster), lens_point(camera, lens), &local);
@@ -307,6 +383,8 @@ void camera_ray(const camera_t *camera, vec2_t raster, vec2_t lens, float time, 
     ray->direction = v_normalize(xform_vector(&at->world_from_camera, local.direction));
     ray->pdf = local.pdf * density_factor(camera, at, local.direction);
     ray->parallel = camera->ops->parallel;
+    ray->joinable = camera->ops->joinable;
+    ray->weight = local.weight;
 }
 
 bool camera_project(const camera_t *camera, vec3_t p, vec2_t lens, float time, float margin,

@@ -4,6 +4,10 @@
  * at the lens); so one number, the density of eye rays, is both the density in the weights and the value of
  * a splat, and film.h's factor pixels / light paths makes it the pixel's (Veach 1997, section 8.3.2). A lens
  * is sampled uniformly by area; a point of it is drawn anew for each connection.
+ *
+ * A lens of elements (CAMERA_REALISTIC) is another thing. Its eye rays have weights, and no point of the
+ * scene can be joined to the film, since the way through the lens must be found: nothing projects, and the
+ * rays say that they are not joinable, so that weights know of no such strategy.
  */
 #ifndef LIGHTMILL_CAMERA_H
 #define LIGHTMILL_CAMERA_H
@@ -16,6 +20,8 @@ typedef struct {
     vec3_t origin, direction;
     float pdf;     /* per steradian over the whole film; of parallel rays per area across them */
     bool parallel; /* orthographic */
+    bool joinable; /* points of the scene can be joined to the camera */
+    float weight;  /* factor on what the ray sees; 0: it is lost in the lens */
 } camera_ray_t;
 
 /* A point as the camera sees it. */
@@ -26,8 +32,8 @@ typedef struct {
     float density;   /* of eye rays at the point, per area across them, over the whole film */
 } camera_view_t;
 
-/* Of a film of width x height pixels. Owned by the caller, who frees it with free(). */
-camera_t *camera_new(const blob_scene_t *scene, int width, int height);
+/* Of a film of width x height pixels. Owned by the caller, who frees it with free(); the blob outlives it. */
+camera_t *camera_new(const scene_blob_t *blob, int width, int height);
 bool camera_moves(const camera_t *camera);
 /* False when the `lens` numbers below do not matter. */
 bool camera_has_lens(const camera_t *camera);

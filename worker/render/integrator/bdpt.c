@@ -5,6 +5,9 @@
  * pays for the shadow ray, and traces the rays of those that carry anything as one packet. (Leaving faint
  * ones to Russian roulette was tried: it saves as much time as it adds noise.)
  *
+ * Where nothing can be joined to the camera (camera.h) there is no t = 1, and a sample whose eye ray is lost
+ * in the lens ends at once.
+ *
  * A job may ask for one strategy alone, with its weight or without (job_settings_t): Veach's pyramid.
  */
 #include "worker/render/integrator/subpath.h"
@@ -198,9 +201,10 @@ static rgb_t bdpt_sample(sample_t *sample)
     b.connections.absorbing = 0;
     int segments = setup_max_segments(b.setup);
 
-    trace_light_subpath(&b);
-    splat_light_subpath(&b);
     walk_t walk = walk_from_camera(sample, roulette);
+    if (sample->eye_weight == 0 && !walk.joinable) return b.radiance;
+    trace_light_subpath(&b);
+    if (walk.joinable) splat_light_subpath(&b);
     vec3_t eye = walk.origin;
     for (int i = 1; i <= segments; i++) {
         vertex_t z;

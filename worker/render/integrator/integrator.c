@@ -17,6 +17,7 @@ void sample_eye_ray(sample_t *sample, camera_ray_t *ray)
                      (float)sample->pixel_y + 0.5f + filter_sample(&setup->filter.y, u.y, &weight_y)};
     sample->eye_weight = weight_x * weight_y;
     camera_ray(setup->camera, raster, lens, sample->time, ray);
+    sample->eye_weight *= ray->weight;
 }
 
 float sample_time(const sample_t *sample)

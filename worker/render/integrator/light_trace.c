@@ -1,6 +1,7 @@
 /* light_trace: paths from the lights, every vertex of which is connected to the camera (Dutre, Lafortune and
  * Willems 1993); an eye ray of one segment adds the lights that are seen directly. It sees all but what is
- * seen through mirrors and lenses, and checks the light half of bdpt.
+ * seen through mirrors and lenses, and checks the light half of bdpt. Through a camera's lens of elements it
+ * would see nothing: such a job is refused (renderer.c).
  */
 #include "worker/render/integrator/subpath.h"
 

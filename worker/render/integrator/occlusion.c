@@ -34,6 +34,7 @@ static rgb_t occlusion_sample(sample_t *sample)
     const medium_t vacuum = {{0, 0, 0}};
     vertex_t z;
     walk_t walk = walk_from_camera(sample, roulette);
+    if (sample->eye_weight == 0) return vec3(0, 0, 0);
     walk_arrive(&walk, sample, &z);
     if (z.kind == VERTEX_SKY) return vec3(0, 0, 0);
     vertex_shade(&z, setup, false);

@@ -66,6 +66,7 @@ static rgb_t path_sample(sample_t *sample)
     int segments = setup_max_segments(setup);
     rgb_t radiance = vec3(0, 0, 0);
     walk_t walk = walk_from_camera(sample, roulette);
+    if (sample->eye_weight == 0) return radiance;
     vec3_t eye = walk.origin;
     for (int i = 1;; i++) {
         vertex_t z;

@@ -8,7 +8,8 @@
  *   p_i       density per area of vertex i as its own subpath makes it,
  *   r_i       density per area of vertex i as the opposite subpath would make it,
  *   c_i       1 when the strategy that joins vertices i - 1 and i exists: neither is specular, and for i = 0
- *             the end can be run into (a light can, a pinhole cannot); else 0.
+ *             the end can be run into (a light can, a pinhole cannot); else 0. Of the eye subpath c_1 is 0,
+ *             too, where points cannot be joined to the camera (camera.h).
  *
  * Moving the junction towards this end multiplies a path's density by r_i / p_i a vertex, so that its share
  * of the weight is
@@ -71,7 +72,7 @@ typedef struct {
     bool scattered;      /* by something that is not specular */
 } walk_t;
 
-/* The eye subpath of the sample. Settles the sample's weight. */
+/* The eye subpath of the sample. Settles the sample's weight: where that is 0 nothing is to be seen. */
 static inline walk_t walk_from_camera(sample_t *sample, roulette_t roulette)
 {
     camera_ray_t ray;
@@ -86,7 +87,7 @@ static inline walk_t walk_from_camera(sample_t *sample, roulette_t roulette)
                     .cosine = 1,
                     .throughput = vec3(1, 1, 1),
                     .pdf = ray.pdf,
-                    .joinable = true,
+                    .joinable = ray.joinable,
                     .parallel = ray.parallel}; /* direct 0: nothing runs into a camera */
 }
 

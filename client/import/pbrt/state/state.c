@@ -20,6 +20,7 @@ void pbrt_begin(pbrt_t *p, scene_builder_t *builder)
     p->camera[0] = p->camera[1] = affine_identity();
     p->transform_times[1] = p->shutter[1] = p->gain = 1;
     p->balance = vec3(1, 1, 1);
+    p->film_diagonal = 35;
 }
 
 static void free_lists(pbrt_t *p)

@@ -87,8 +87,8 @@ typedef struct {
 /* What stands before WorldBegin. A directive only stores it: pbrt makes the last of each kind, at WorldBegin.
  * Owned: type, params. */
 typedef enum {
+    SETTING_FILM, /* before the camera, some of which depend on it */
     SETTING_CAMERA,
-    SETTING_FILM,
     SETTING_SAMPLER,
     SETTING_INTEGRATOR,
     SETTING_FILTER,
@@ -150,6 +150,7 @@ typedef struct pbrt {
     bool early_motion;               /* it has been said that motion ends inside the shutter's time */
     int32_t crop[4];                 /* x first, x end, y first, y end in pixels of the film */
     double gain;                     /* of the film, on all light */
+    double film_diagonal;            /* mm; only the realistic camera asks */
     rgb_t balance;                   /* the same by channel: v4's whitebalance */
     uint64_t bytes_done, bytes_told; /* of the files, for progress */
     setting_t settings[SETTING_COUNT];

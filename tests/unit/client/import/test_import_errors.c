@@ -147,7 +147,7 @@ static void what_is_unsupported_is_refused(void **state)
 {
     (void)state;
     static const case_t cases[] = {
-        {"Camera \"realistic\"", "1:1: the realistic camera is not supported"},
+        {"Camera \"realistic\"", "1:1: the realistic camera needs a \"lensfile\""},
         {"Camera \"wurst\"", "1:1: unknown camera \"wurst\""},
         {"Camera \"perspective\" \"float fov\" 180", "1:22: parameter \"fov\" is 180, but must be from"},
         {"Camera \"perspective\" \"float screenwindow\" [0 1 2]",

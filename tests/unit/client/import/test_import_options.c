@@ -79,11 +79,12 @@ static void other_cameras_become_ours(void **state)
     assert_int_equal(run(&bench, true, "Camera \"spherical\" \"string mapping\" \"equirectangular\"")->camera,
                      CAMERA_SPHERICAL);
     expect_error(&bench, true, "Camera \"spherical\" \"string mapping\" \"cube\"", "cube");
-    expect_error(&bench, false, "Camera \"realistic\" \"string lensfile\" \"l.dat\"", "realistic camera");
+    expect_error(&bench, false, "Camera \"realistic\" \"string lensfile\" \"l.dat\"", "l.dat");
+    expect_error(&bench, false, "Camera \"realistic\"", "needs a \"lensfile\"");
     bench.lenient = true;
     assert_int_equal(run(&bench, false, "Camera \"realistic\" \"string lensfile\" \"l.dat\"")->camera,
                      CAMERA_PERSPECTIVE);
-    expect_text(bench.warnings, "realistic camera");
+    expect_text(bench.warnings, "a perspective camera of 90 degrees is used");
     bench_close(&bench);
 }
 

@@ -49,7 +49,7 @@ static void rays_of_a_pixel_meet_in_focus(void **state)
     const vec2_t raster = {13.5f, 30};
     for (size_t k = 0; k < ARRAY_LENGTH(lens_kinds); ++k) {
         blob_scene_t record = lens_record(lens_kinds[k], 1);
-        camera_t *camera = camera_new(&record, WIDTH, HEIGHT);
+        camera_t *camera = camera_new(&(scene_blob_t){.scene = &record}, WIDTH, HEIGHT);
         assert_true(camera_has_lens(camera));
         camera_ray_t ray, other;
         camera_ray(camera, raster, (vec2_t){0.5f, 0.5f}, 0, &ray);
@@ -70,7 +70,7 @@ static void projection_undoes_rays(void **state)
     (void)state;
     for (size_t k = 0; k < 2 * ARRAY_LENGTH(lens_kinds); ++k) {
         blob_scene_t record = lens_record(lens_kinds[k / 2], k % 2 ? 1.7f : 1);
-        camera_t *camera = camera_new(&record, WIDTH, HEIGHT);
+        camera_t *camera = camera_new(&(scene_blob_t){.scene = &record}, WIDTH, HEIGHT);
         for (int i = 0; i < 64; ++i) {
             vec2_t raster = {(float)i * 0.9f, (float)(i % 8) * 4.5f},
                    lens = {(float)i / 64, (float)(i % 7) / 7};
@@ -98,7 +98,7 @@ static void densities_are_of_the_whole_film(void **state)
     const float side = 16;
     for (size_t k = 0; k < 2 * ARRAY_LENGTH(lens_kinds); ++k) {
         blob_scene_t record = lens_record(lens_kinds[k / 2], k % 2 ? 1.7f : 1);
-        camera_t *camera = camera_new(&record, WIDTH, HEIGHT);
+        camera_t *camera = camera_new(&(scene_blob_t){.scene = &record}, WIDTH, HEIGHT);
         const xform_t *t = &record.world_from_camera;
         vec3_t ex = xform_vector(t, vec3(side / CELLS, 0, 0)), ey = xform_vector(t, vec3(0, side / CELLS, 0)),
                area = v_cross(ex, ey);
