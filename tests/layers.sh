@@ -24,7 +24,7 @@ proto/serve                 : proto/wire
 worker/render/sampling      : common
 worker/render/texture       : worker/render/sampling common/scene
 worker/render/scene         : worker/render/texture
-worker/render/bsdf          : worker/render/sampling
+worker/render/bsdf          : worker/render/sampling common/scene
 worker/render/material      : worker/render/bsdf worker/render/scene
 worker/render/camera        : worker/render/scene
 worker/render/light         : worker/render/scene

@@ -2,7 +2,6 @@
 #include "tests/scattering.h"
 
 #include "common/sampler.h"
-#include "common/scene/blob_builder.h"
 #include "tests/chi_square.h"
 #include "worker/render/sampling/warp.h"
 
@@ -17,8 +16,12 @@ enum { DRAWS = 200000, ROWS = 20, COLUMNS = 40, CELLS = ROWS * COLUMNS, FINE = 1
 
 void scattering_begin(scattering_t *scattering, blob_material_t material)
 {
+    scattering_begin_in(scattering, blob_builder_new(), material);
+}
+
+void scattering_begin_in(scattering_t *scattering, blob_builder_t *b, blob_material_t material)
+{
     *scattering = (scattering_t){.bytes = NULL};
-    blob_builder_t *b = blob_builder_new();
     blob_scene_t scene = blob_default_scene();
     /* With pbrt's default (u, v), dp/du is along x. */
     const vec3_t positions[] = {{-1, -1, 0}, {1, -1, 0}, {1, 1, 0}};

@@ -3,6 +3,7 @@
 #ifndef LIGHTMILL_SCATTERING_H
 #define LIGHTMILL_SCATTERING_H
 
+#include "common/scene/blob_builder.h"
 #include "worker/render/material/material.h"
 
 typedef struct {
@@ -14,6 +15,8 @@ typedef struct {
 
 /* Makes the BSDF of the material. There is one texture, a map of the normal (0.4, -0.2, 1) everywhere. */
 void scattering_begin(scattering_t *scattering, blob_material_t material);
+/* The same with a builder that has the tables of the material; it is destroyed. */
+void scattering_begin_in(scattering_t *scattering, blob_builder_t *builder, blob_material_t material);
 void scattering_end(scattering_t *scattering);
 
 /* Fails the test unless bsdf_sample draws from the density of bsdf_eval. What is drawn of specular lobes is

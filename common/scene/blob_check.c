@@ -394,6 +394,7 @@ static result_t check_materials(const scene_blob_t *blob)
             if (valid) depths[i] = (uint8_t)(1 + int_max(depths[m->parts[0]], depths[m->parts[1]]));
             valid = valid && depths[i] <= BLOB_MAX_MIX_DEPTH;
         }
+        if (m->kind == MATERIAL_FOURIER) valid = valid && m->table < blob->counts[BLOB_SECTION_FOURIERS];
         if (!valid)
             result =
                 result_fail(RESULT_INPUT, "scene blob: material %llu is malformed", (unsigned long long)i);
@@ -482,6 +483,7 @@ result_t blob_check_contents(const scene_blob_t *blob)
     TRY(check_textures(blob));
     TRY(check_shapes(blob));
     TRY(check_objects(blob));
+    TRY(blob_check_tables(blob));
     TRY(check_materials(blob));
     return check_lights(blob);
 }

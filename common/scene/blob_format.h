@@ -5,6 +5,8 @@
 
 #include "common/vec.h"
 
+#include <stdint.h>
+
 enum { BLOB_VERSION = 4 };
 #define BLOB_NONE 0xFFFFFFFFu
 #define BLOB_MAX_BYTES ((uint64_t)1 << 36)
@@ -13,7 +15,9 @@ enum {
     BLOB_MAX_TEXTURE_COST = 1000, /* textures that one look-up evaluates */
     BLOB_MAX_MIX_DEPTH = 8,       /* mixes of mixes */
     LENS_MAX_ELEMENTS = 100,
-    LENS_PUPILS = 64
+    LENS_PUPILS = 64,
+    BLOB_MAX_FOURIER_NODES = 1024,
+    BLOB_MAX_FOURIER_ORDER = 16384 /* terms of a series */
 };
 
 typedef enum {
@@ -37,6 +41,9 @@ typedef enum {
     BLOB_SECTION_LIGHTS,       /* blob_light_t */
     BLOB_SECTION_LENS,         /* blob_lens_element_t, of CAMERA_REALISTIC, from the scene to the film */
     BLOB_SECTION_PUPILS,       /* blob_pupil_t, LENS_PUPILS of CAMERA_REALISTIC, else none */
+    BLOB_SECTION_FOURIERS,     /* blob_fourier_t */
+    BLOB_SECTION_SERIES,       /* blob_series_t */
+    BLOB_SECTION_NUMBERS,      /* float, of the tables of BSDFs; at most 1e9 in size */
     BLOB_SECTION_STRINGS,      /* char, NUL-terminated names; offset 0 is the empty string */
     BLOB_SECTION_COUNT
 } blob_section_t;
@@ -354,6 +361,7 @@ typedef enum {
                                       SHEEN_ROUGHNESS, ANISOTROPIC, ANISOTROPY_DIRECTION, ANISOTROPY_TURN,
                                       DIFFUSE_TRANSMISSION, TRANSMITTANCE, IRIDESCENCE, IRIDESCENCE_ETA,
                                       IRIDESCENCE_THICKNESS, DISPERSION]; THIN without a volume; COAT_NORMAL */
+    MATERIAL_FOURIER,              /* table: one of the fouriers */
     MATERIAL_KIND_END
 } material_kind_t;
 
@@ -374,6 +382,7 @@ typedef struct {
     uint32_t name; /* offset in the strings */
     uint32_t flags;
     uint32_t parts[2];          /* of a mix: materials before this one */
+    uint32_t table;             /* of a material that is one; else 0 */
     blob_ref_t normal_map;      /* texture whose value 2 v - 1 is the normal along (dp/du, dp/dv, n) */
     float normal_scale;         /* of its x and y */
     blob_ref_t bump;            /* texture of a displacement along the normal, which turns the normal alone */
@@ -381,6 +390,35 @@ typedef struct {
     float coat_normal_scale;
     blob_value_t values[MATERIAL_VALUES];
 } blob_material_t;
+
+/* ---- tables of BSDFs ----------------------------------------------------------------------------------- */
+
+/* A BSDF between `nodes` cosines as Fourier series in the difference of azimuths (Jakob, d'Eon, Jakob and
+ * Marschner 2014, "A Comprehensive Framework for Rendering Layered Materials"). What light does is told by
+ * mu_i, the cosine of the direction in which it arrives, and mu_o, that of the one in which it leaves:
+ * reflection turns the sign, transmission keeps it. Between the nodes lie Catmull-Rom splines in both.
+ *
+ * For sampling alone there are, for each outgoing node, the probabilities of cells: between two nodes of
+ * mu_i, and there between the azimuths pi (k / FOURIER_AZIMUTHS)^2. They are kept as cumulative sums, from 0
+ * to 1. */
+enum { FOURIER_AZIMUTHS = 32 };
+typedef struct {
+    uint32_t nodes;             /* from 2 on */
+    uint32_t channels;          /* 1: luminance; 3: luminance, red, blue */
+    uint32_t first_node;        /* in the numbers: the cosines, ascending */
+    uint32_t first_series;      /* that of nodes i and o is the (o nodes + i)th */
+    uint32_t first_marginal;    /* in the numbers: `nodes` sums for each outgoing node */
+    uint32_t first_conditional; /* FOURIER_AZIMUTHS + 1 sums for each cell between nodes of mu_i, nodes - 1
+                                   for each outgoing node */
+    float eta;                  /* index of refraction of the inside over the outside */
+    rgb_t albedo;               /* about */
+} blob_fourier_t;
+
+/* value(phi) = sum over k < count of a_k cos(k phi), times |mu_i|; of channel c a_k is the number first +
+ * c count + k. */
+typedef struct {
+    uint32_t first, count;
+} blob_series_t;
 
 /* ---- lights -------------------------------------------------------------------------------------------- */
 

@@ -37,6 +37,9 @@ result_t blob_make_view(const void *bytes, uint64_t size, scene_blob_t *blob);
 /* Checks the contents of all sections, in one pass over every array. RESULT_INPUT names the record. */
 result_t blob_check_contents(const scene_blob_t *blob);
 
+/* The part of it about the tables of BSDFs: blob_check_tables.c. */
+result_t blob_check_tables(const scene_blob_t *blob);
+
 /* In a function that returns a result: fails it unless the condition holds. */
 #define CHECK(condition, ...)                                                                                \
     do {                                                                                                     \

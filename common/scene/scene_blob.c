@@ -29,6 +29,9 @@ const section_type_t blob_section_types[BLOB_SECTION_COUNT] = {
     [BLOB_SECTION_LIGHTS] = {"lights", sizeof(blob_light_t)},
     [BLOB_SECTION_LENS] = {"lens", sizeof(blob_lens_element_t)},
     [BLOB_SECTION_PUPILS] = {"pupils", sizeof(blob_pupil_t)},
+    [BLOB_SECTION_FOURIERS] = {"fouriers", sizeof(blob_fourier_t)},
+    [BLOB_SECTION_SERIES] = {"series", sizeof(blob_series_t)},
+    [BLOB_SECTION_NUMBERS] = {"numbers", sizeof(float)},
     [BLOB_SECTION_STRINGS] = {"strings", 1},
 };
 
@@ -112,6 +115,9 @@ static result_t find_sections(const void *bytes, uint64_t size, scene_blob_t *bl
     view.lights = at[BLOB_SECTION_LIGHTS];
     view.lens = at[BLOB_SECTION_LENS];
     view.pupils = at[BLOB_SECTION_PUPILS];
+    view.fouriers = at[BLOB_SECTION_FOURIERS];
+    view.series = at[BLOB_SECTION_SERIES];
+    view.numbers = at[BLOB_SECTION_NUMBERS];
     view.strings = at[BLOB_SECTION_STRINGS];
     *blob = view;
     return result_ok();

@@ -41,6 +41,9 @@ typedef struct {
     const blob_light_t *lights;
     const blob_lens_element_t *lens;
     const blob_pupil_t *pupils;
+    const blob_fourier_t *fouriers;
+    const blob_series_t *series;
+    const float *numbers;
     const char *strings;
     uint64_t counts[BLOB_SECTION_COUNT]; /* records in each section */
 } scene_blob_t;

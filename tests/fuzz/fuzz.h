@@ -15,6 +15,7 @@ int fuzz_blob(const uint8_t *data, size_t size);
 int fuzz_body(const uint8_t *data, size_t size);
 int fuzz_checkpoint(const uint8_t *data, size_t size);
 int fuzz_draco(const uint8_t *data, size_t size);
+int fuzz_fourier(const uint8_t *data, size_t size);
 int fuzz_gltf(const uint8_t *data, size_t size);
 int fuzz_http(const uint8_t *data, size_t size);
 int fuzz_meshopt(const uint8_t *data, size_t size);

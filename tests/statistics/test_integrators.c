@@ -2,6 +2,7 @@
  * not show: they share cameras, lights and shapes, but each asks other questions of them. Scenes are pbrt
  * text, so that the importer is tested as well. */
 #include "client/import/import.h"
+#include "tests/bsdf_files.h"
 #include "tests/reference.h"
 #include "tests/render_here.h"
 #include "tests/scratch.h"
@@ -328,6 +329,10 @@ static const case_t cases[] = {
                                                     "\"float radius\" [0.4]\nAttributeEnd\n" LAMP("12 11 9")
                                                         END3,
      BDPT | PATH},
+    {"fourier", /* from a table that is not reciprocal, and lets light through */
+     HEAD3 STAGE("matte", "Kd") "Material \"fourier\" \"string bsdffile\" \"skewed.bsdf\"\n" BALL QUAD(
+         "-1.4 0.2 -0.3  -0.2 0.2 -0.6  -0.1 1.6 -0.1  -1.3 1.6 0.2") LAMP("12 11 9") END3,
+     ALL},
     /* sizes */
     {"tiny",
      "LookAt 0 1.6e-4 -5e-4  0 1e-4 0  0 1 0\nCamera \"perspective\" \"float fov\" [40]\n" FILM3 BOX DEPTH5
@@ -800,10 +805,21 @@ static void write_plain(const char *name, float value)
     free(path);
 }
 
+static void write_fourier(const char *name)
+{
+    size_t size;
+    uint8_t *bytes = fourier_file(12, 3, 16, 1.2f, fourier_skewed, &size);
+    char *path = scratch_path(folder, name);
+    scratch_write(path, bytes, size);
+    free(path);
+    free(bytes);
+}
+
 static int begin(void **state)
 {
     (void)state;
     folder = scratch_new();
+    write_fourier("skewed.bsdf");
     scratch_write_light_image(folder, "wide.pfm", 16, 8, 1);
     scratch_write_light_image(folder, "square.pfm", 8, 8, 1);
     write_plain("white.pfm", 1);

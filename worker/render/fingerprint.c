@@ -59,8 +59,26 @@ static void add_textures(blob_builder_t *b)
     blob_builder_add(b, BLOB_SECTION_TEXTURES, textures, ARRAY_LENGTH(textures));
 }
 
-/* Materials 0 to 8 are those of the spheres; 9 is the walls', 10 the panel's. */
-enum { SPHERES = 9, WALLS = 9, PANEL = 10, MATERIALS = 11 };
+/* A surface that scatters both ways, by series of three terms between two nodes. */
+static void add_fourier(blob_builder_t *b)
+{
+    enum { NODES = 2, CELLS = FOURIER_AZIMUTHS + 1 };
+    static const float series[3] = {0.3f, 0.1f, 0.05f}, nodes[NODES] = {-1, 1},
+                       rows[2 * NODES] = {0, 1, 0, 1};
+    float cells[NODES * CELLS];
+    for (uint32_t i = 0; i < NODES * CELLS; i++) cells[i] = (float)(i % CELLS) / FOURIER_AZIMUTHS;
+    uint32_t first = blob_builder_add(b, BLOB_SECTION_NUMBERS, series, 3);
+    const blob_series_t pairs[NODES * NODES] = {{first, 2}, {first, 3}, {first, 3}, {first, 2}};
+    blob_fourier_t table = {.nodes = NODES, .channels = 1, .eta = 1.2f, .albedo = {0.5f, 0.5f, 0.5f}};
+    table.first_series = blob_builder_add(b, BLOB_SECTION_SERIES, pairs, NODES * NODES);
+    table.first_node = blob_builder_add(b, BLOB_SECTION_NUMBERS, nodes, NODES);
+    table.first_marginal = blob_builder_add(b, BLOB_SECTION_NUMBERS, rows, 2 * NODES);
+    table.first_conditional = blob_builder_add(b, BLOB_SECTION_NUMBERS, cells, NODES * CELLS);
+    blob_builder_add(b, BLOB_SECTION_FOURIERS, &table, 1);
+}
+
+/* Materials 0 to 8 are those of the spheres; 9 is the walls', 10 the panel's, 11 the hair's. */
+enum { SPHERES = 9, WALLS = 9, PANEL = 10, HAIR = 11, MATERIALS = 12 };
 
 static void add_materials(blob_builder_t *b)
 {
@@ -74,7 +92,8 @@ static void add_materials(blob_builder_t *b)
                                     {.kind = MATERIAL_DIELECTRIC},
                                     {.kind = MATERIAL_UBER, .flags = MATERIAL_REMAP_V3},
                                     {.kind = MATERIAL_DIFFUSE, .bump = 2},
-                                    {.kind = MATERIAL_GLTF, .flags = MATERIAL_REMAP_SQUARE}};
+                                    {.kind = MATERIAL_GLTF, .flags = MATERIAL_REMAP_SQUARE},
+                                    {.kind = MATERIAL_FOURIER}};
     for (uint32_t i = 0; i < MATERIALS; i++) {
         m[i].values[VALUE_REFLECTANCE] = (blob_value_t){{0.8f, 0.7f, 0.6f}, i % 2 == 0 ? 3 : 1};
         m[i].values[VALUE_TRANSMITTANCE] = blob_constant(0.9f);
@@ -160,7 +179,7 @@ static void add_shapes(blob_builder_t *b)
         add_shape(b, SHAPE_QUADRIC,
                   add_sphere(b, 1.6f * ((float)(i % 3) - 1), 1.6f * ((float)(i / 3) - 1), 0, 0.7f), i,
                   BLOB_NONE);
-    add_shape(b, SHAPE_CURVES, blob_builder_add(b, BLOB_SECTION_CURVES, &curve, 1), 3, BLOB_NONE);
+    add_shape(b, SHAPE_CURVES, blob_builder_add(b, BLOB_SECTION_CURVES, &curve, 1), HAIR, BLOB_NONE);
     uint32_t world = blob_builder_count(b, BLOB_SECTION_SHAPES);
     add_shape(b, SHAPE_MESH,
               add_rectangle(b, vec3(-0.3f, -0.3f, 0), vec3(0.6f, 0, 0.1f), vec3(0, 0.6f, 0.1f)), PANEL,
@@ -192,6 +211,7 @@ static result_t make_blob(uint8_t **bytes, uint64_t *size)
     add_scene(b);
     add_textures(b);
     add_materials(b);
+    add_fourier(b);
     add_shapes(b);
     add_lights(b);
     result_t result = blob_builder_finish(b, bytes, size);

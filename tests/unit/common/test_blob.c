@@ -127,18 +127,39 @@ static void add_textures(blob_builder_t *builder)
 
 static void add_materials(blob_builder_t *builder)
 {
-    blob_material_t materials[5] = {{.kind = MATERIAL_DIFFUSE},
-                                    {.kind = MATERIAL_MIRROR, .bump = 2},
-                                    {.kind = MATERIAL_DIELECTRIC, .normal_map = 1, .normal_scale = 1},
-                                    {.kind = MATERIAL_CONDUCTOR, .flags = MATERIAL_REMAP_SQRT},
-                                    {.kind = MATERIAL_MIX, .parts = {3, 1}}};
+    blob_material_t materials[5] = {
+        {.kind = MATERIAL_DIFFUSE},
+        {.kind = MATERIAL_MIRROR, .bump = 2},
+        {.kind = MATERIAL_FOURIER, .table = 1, .normal_map = 1, .normal_scale = 1},
+        {.kind = MATERIAL_CONDUCTOR, .flags = MATERIAL_REMAP_SQRT},
+        {.kind = MATERIAL_MIX, .parts = {3, 1}}};
     materials[0].values[VALUE_REFLECTANCE] = (blob_value_t){{0.5f, 0.4f, 0.3f}, 3};
     materials[1].values[VALUE_REFLECTANCE] = blob_constant(0.9f);
-    materials[2].values[VALUE_ETA] = blob_constant(1.5f);
     materials[3].values[VALUE_K] = blob_colour_value(vec3(3.9f, 2.4f, 2.2f));
     materials[3].values[VALUE_ROUGHNESS_V] = blob_constant(0.2f);
     materials[4].values[VALUE_AMOUNT] = blob_constant(0.25f);
     blob_builder_add(builder, BLOB_SECTION_MATERIALS, materials, 5);
+}
+
+/* A fourier of 2 nodes, and a second one like it. */
+static void add_tables(blob_builder_t *builder)
+{
+    enum { NODES = 2, ROWS = NODES, COLUMNS = FOURIER_AZIMUTHS + 1 };
+    const float nodes[NODES] = {-1, 1}, marginal[NODES * NODES] = {0, 1, 0, 1},
+                coefficients[2] = {0.5f, 0.1f};
+    float conditional[ROWS * COLUMNS];
+    for (uint32_t i = 0; i < ROWS * COLUMNS; i++) conditional[i] = (float)(i % COLUMNS) / FOURIER_AZIMUTHS;
+    for (int i = 0; i < 2; i++) {
+        uint32_t first = blob_builder_add(builder, BLOB_SECTION_NUMBERS, coefficients, 2);
+        const blob_series_t series[NODES * NODES] = {{0, 0}, {first, 1}, {first, 2}, {0, 0}};
+        blob_fourier_t table = {.nodes = NODES, .channels = 1, .eta = 1.5f, .albedo = {1, 1, 1}};
+        table.first_series = blob_builder_add(builder, BLOB_SECTION_SERIES, series, NODES * NODES);
+        table.first_node = blob_builder_add(builder, BLOB_SECTION_NUMBERS, nodes, NODES);
+        table.first_marginal = blob_builder_add(builder, BLOB_SECTION_NUMBERS, marginal, NODES * NODES);
+        table.first_conditional =
+            blob_builder_add(builder, BLOB_SECTION_NUMBERS, conditional, ROWS * COLUMNS);
+        blob_builder_add(builder, BLOB_SECTION_FOURIERS, &table, 1);
+    }
 }
 
 static void add_scene(blob_builder_t *builder)
@@ -171,6 +192,7 @@ static blob_builder_t *make_builder(void)
     add_lights(builder);
     add_textures(builder);
     add_materials(builder);
+    add_tables(builder);
     return builder;
 }
 
@@ -476,6 +498,22 @@ static void bad_indices_are_errors(void **state)
         {BLOB_SECTION_MATERIALS, FIELD(blob_material_t, 4, parts[0]), 4, "material 4 is malformed"},
         {BLOB_SECTION_MATERIALS, FIELD(blob_material_t, 4, parts[1]), UINT32_MAX, "material 4 is malformed"},
         {BLOB_SECTION_MATERIALS, VALUE(0, VALUE_ATTENUATION) + 12, 4, "material 0 is malformed"},
+        {BLOB_SECTION_MATERIALS, FIELD(blob_material_t, 2, table), 2, "material 2 is malformed"},
+        {BLOB_SECTION_FOURIERS, FIELD(blob_fourier_t, 0, nodes), 1, "fourier 0: 1 nodes"},
+        {BLOB_SECTION_FOURIERS, FIELD(blob_fourier_t, 0, nodes), 1025, "fourier 0: 1025 nodes"},
+        {BLOB_SECTION_FOURIERS, FIELD(blob_fourier_t, 0, nodes), 3, "fourier 0: its numbers"},
+        {BLOB_SECTION_FOURIERS, FIELD(blob_fourier_t, 1, channels), 2, "fourier 1: 2 nodes, 2 channels"},
+        {BLOB_SECTION_FOURIERS, FIELD(blob_fourier_t, 1, first_node), 2, "fourier 1: its numbers"},
+        {BLOB_SECTION_FOURIERS, FIELD(blob_fourier_t, 1, first_node), UINT32_MAX, "fourier 1: its numbers"},
+        {BLOB_SECTION_FOURIERS, FIELD(blob_fourier_t, 1, first_marginal), UINT32_MAX,
+         "fourier 1: its numbers"},
+        {BLOB_SECTION_FOURIERS, FIELD(blob_fourier_t, 1, first_conditional), UINT32_MAX,
+         "fourier 1: its numbers"},
+        {BLOB_SECTION_FOURIERS, FIELD(blob_fourier_t, 1, first_series), 3, "fourier 1: its series"},
+        {BLOB_SECTION_FOURIERS, FIELD(blob_fourier_t, 1, first_series), UINT32_MAX, "fourier 1: its series"},
+        {BLOB_SECTION_SERIES, FIELD(blob_series_t, 1, first), UINT32_MAX, "fourier 0: a series"},
+        {BLOB_SECTION_SERIES, FIELD(blob_series_t, 5, count), BLOB_MAX_FOURIER_ORDER + 1,
+         "fourier 1: a series is too long"},
         {BLOB_SECTION_LIGHTS, FIELD(blob_light_t, 1, kind), 0, "light 1: unknown kind 0"},
         {BLOB_SECTION_LIGHTS, FIELD(blob_light_t, 3, kind), 8, "light 3: unknown kind 8"},
         {BLOB_SECTION_LIGHTS, FIELD(blob_light_t, 0, shape), 1, "light 0 does not belong"},
@@ -533,6 +571,15 @@ static void bad_numbers_are_errors(void **state)
         {BLOB_SECTION_MATERIALS, VALUE(0, VALUE_REFLECTANCE), nan, "material 0 is malformed"},
         {BLOB_SECTION_MATERIALS, VALUE(3, VALUE_K) + 8, infinite, "material 3 is malformed"},
         {BLOB_SECTION_MATERIALS, FIELD(blob_material_t, 2, normal_scale), nan, "material 2 is malformed"},
+        {BLOB_SECTION_FOURIERS, FIELD(blob_fourier_t, 0, eta), 0, "fourier 0: its index"},
+        {BLOB_SECTION_FOURIERS, FIELD(blob_fourier_t, 1, eta), nan, "fourier 1: its index"},
+        {BLOB_SECTION_FOURIERS, FIELD(blob_fourier_t, 0, albedo.y), 0, "fourier 0: its index or albedo"},
+        {BLOB_SECTION_NUMBERS, 0, nan, "number 0 is not finite"},
+        {BLOB_SECTION_NUMBERS, 2 * sizeof(float), bits_of(1), "fourier 0: its cosines do not ascend"},
+        {BLOB_SECTION_NUMBERS, 3 * sizeof(float), bits_of(2), "fourier 0: its cosines do not ascend"},
+        {BLOB_SECTION_NUMBERS, 4 * sizeof(float), bits_of(0.5f), "fourier 0: its probabilities"},
+        {BLOB_SECTION_NUMBERS, 7 * sizeof(float), bits_of(0.5f), "fourier 0: its probabilities"},
+        {BLOB_SECTION_NUMBERS, 10 * sizeof(float), bits_of(0.5f), "fourier 0: its probabilities"},
         {BLOB_SECTION_LIGHTS, FIELD(blob_light_t, 0, radiance.factor.x), infinite, "radiance"},
         {BLOB_SECTION_LIGHTS, FIELD(blob_light_t, 3, radiance.factor.z), minus, "radiance"},
         {BLOB_SECTION_LIGHTS, FIELD(blob_light_t, 3, parameters[2]), nan, "light 3: its parameters"},
@@ -804,6 +851,20 @@ static double touch_light(const scene_blob_t *blob, const blob_light_t *light)
     return light->kind == LIGHT_AREA ? sum + blob->shapes[light->shape].kind : sum;
 }
 
+static double touch_fourier(const scene_blob_t *blob, const blob_fourier_t *table)
+{
+    uint32_t n = table->nodes;
+    double sum = (double)blob->numbers[table->first_node + n - 1];
+    sum += (double)blob->numbers[table->first_marginal + n * n - 1];
+    sum += (double)blob->numbers[table->first_conditional + n * (n - 1) * (FOURIER_AZIMUTHS + 1) - 1];
+    for (uint32_t i = 0; i < n * n; i++) {
+        const blob_series_t *series = &blob->series[table->first_series + i];
+        for (uint32_t k = 0; k < series->count * table->channels; k++)
+            sum += (double)blob->numbers[series->first + k];
+    }
+    return sum;
+}
+
 /* Follows every reference that a renderer would. */
 static void touch_everything(const scene_blob_t *blob)
 {
@@ -817,6 +878,8 @@ static void touch_everything(const scene_blob_t *blob)
         sum += touch_light(blob, &blob->lights[i]);
     for (uint64_t i = 0; i < blob->counts[BLOB_SECTION_TEXTURES]; i++)
         sum += touch_texture(blob, &blob->textures[i]);
+    for (uint64_t i = 0; i < blob->counts[BLOB_SECTION_FOURIERS]; i++)
+        sum += touch_fourier(blob, &blob->fouriers[i]);
     job_settings_t settings = blob_default_settings(blob);
     assert_int_equal(job_settings_check(&settings).code, RESULT_OK);
 }

@@ -101,6 +101,7 @@ SEEDS_END_WELL(blob)
 SEEDS_END_WELL(body)
 SEEDS_END_WELL(checkpoint)
 SEEDS_END_WELL(draco)
+SEEDS_END_WELL(fourier)
 SEEDS_END_WELL(gltf)
 SEEDS_END_WELL(http)
 SEEDS_END_WELL(meshopt)
@@ -131,6 +132,7 @@ int main(void)
         cmocka_unit_test(seeds_of_body_end_well),
         cmocka_unit_test(seeds_of_checkpoint_end_well),
         cmocka_unit_test(seeds_of_draco_end_well),
+        cmocka_unit_test(seeds_of_fourier_end_well),
         cmocka_unit_test(seeds_of_gltf_end_well),
         cmocka_unit_test(seeds_of_http_end_well),
         cmocka_unit_test(seeds_of_meshopt_end_well),

@@ -15,7 +15,7 @@
 #ifndef LIGHTMILL_BSDF_H
 #define LIGHTMILL_BSDF_H
 
-#include "common/vec.h"
+#include "common/scene/blob_format.h"
 
 #include <assert.h>
 #include <stddef.h>
@@ -110,6 +110,14 @@ typedef struct {
     float factor;
 } lobe_sheen_t;
 
+/* A table of Fourier series; `series` are the table's own. */
+typedef struct {
+    const blob_fourier_t *table;
+    const blob_series_t *series;
+    const float *numbers; /* of the blob */
+    rgb_t factor;
+} lobe_fourier_t;
+
 /* From the outside: the interface of a dielectric (the coat, whose alphas are the lobe's), a medium, and an
  * opaque base. From below the surface the same layers are met in the same order. */
 typedef struct {
@@ -151,6 +159,7 @@ typedef struct {
         lobe_disney_coat_t disney_coat;
         lobe_schlick_t schlick;
         lobe_sheen_t sheen;
+        lobe_fourier_t fourier;
     };
 } lobe_t;
 static_assert(sizeof(lobe_t) <= 112, "a BSDF has ten of them, and is made at every vertex");
@@ -242,6 +251,6 @@ extern const lobe_kind_t lobe_lambert, lobe_lambert_transmission, lobe_oren_naya
     lobe_coated_lambert, lobe_smooth_coat, lobe_smooth_layers, lobe_schlick_reflection, lobe_schlick_mirror,
     lobe_schlick_diffuse, lobe_schlick_through, lobe_schlick_straight, lobe_schlick_coat,
     lobe_schlick_coat_mirror, lobe_schlick_diffuse_through, lobe_sheen, lobe_smooth_dispersion,
-    lobe_rough_dispersion;
+    lobe_rough_dispersion, lobe_fourier;
 
 #endif

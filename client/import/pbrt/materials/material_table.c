@@ -2,6 +2,7 @@
  * `rest`. */
 #include "client/import/pbrt/materials/material_table.h"
 
+#include "client/import/pbrt/materials/bsdf_files.h"
 #include "client/import/pbrt/materials/material_read.h"
 #include "client/import/pbrt/materials/named_media.h"
 
@@ -96,7 +97,7 @@ static result_t read_scale(pbrt_t *p, params_t *params, position_t at, blob_mate
 
 static const param_rule_t substitute_rules[] = {
     {{"name", "sigma_a", "sigma_s", "mfp", "g", "scale"}, PARAM_ACCEPT, NULL},
-    {{"Kr", "Kt", "filename", "bsdffile", "eumelanin", "pheomelanin"}, PARAM_ACCEPT, NULL},
+    {{"Kr", "Kt", "filename", "eumelanin", "pheomelanin"}, PARAM_ACCEPT, NULL},
     {{"eta", "beta_m", "beta_n", "alpha", "roughness", "uroughness"}, PARAM_ACCEPT, NULL},
     {{"vroughness", "remaproughness"}, PARAM_ACCEPT, NULL},
 };
@@ -166,7 +167,7 @@ static const row_t rows[] = {
                 {NUMBER, "clearcoatgloss", VALUE_CLEARCOAT_GLOSS, 1}, {NUMBER, "spectrans", VALUE_TRANSMISSION, 0},
                 {NUMBER, "flatness", VALUE_FLATNESS, 0}, {NUMBER, "difftrans", VALUE_DIFFUSE_TRANSMISSION, 1}},
      .index = {"eta", NULL, 1.5f}, .rest = read_thin},
-    {{"fourier", DIALECT_V3}, DIFFUSE_INSTEAD},
+    {{"fourier", DIALECT_V3}, MATERIAL_FOURIER, .rest = pbrt_read_fourier},
     {{"kdsubsurface", DIALECT_V3}, COATED_INSTEAD},
     {{"mix", DIALECT_V3}, MATERIAL_MIX, .values = {{COLOUR, "amount", VALUE_AMOUNT, 0.5f}}},
 

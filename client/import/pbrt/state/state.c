@@ -50,6 +50,7 @@ void pbrt_end(pbrt_t *p)
     names_free(&p->coordinates);
     names_free(&p->material_names);
     for (int i = 0; i < 2; ++i) names_free(&p->texture_names[i]);
+    names_free(&p->bsdf_files);
     names_free(&p->object_names);
     names_free(&p->object_lines);
     free(p->files);

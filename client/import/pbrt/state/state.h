@@ -134,6 +134,7 @@ typedef struct pbrt {
 
     names_t material_names, object_names, object_lines; /* of objects: indices, and lines in the file */
     names_t texture_names[2];        /* of spectrum and of float textures, which are two name spaces */
+    names_t bsdf_files;              /* by their paths: indices of tables in the blob */
     const material_t *in_the_making; /* the material that is being made, or NULL */
     material_t *materials;
     size_t material_count, material_capacity;

@@ -186,8 +186,6 @@ static void wrong_materials_are_refused(void **state)
     (void)state;
     static const case_t cases[] = {
         {"WorldBegin\nMaterial \"wurst\"" USE, "2:1: unknown material \"wurst\""},
-        {"WorldBegin\nMaterial \"fourier\"" USE,
-         "2:1: material \"fourier\" is not supported; the nearest is a diffuse surface"},
         {"WorldBegin\nMaterial \"kdsubsurface\"" USE, "2:1: material \"kdsubsurface\" is not supported"},
         {"WorldBegin\nMaterial \"measured\"" USE, "2:1: material \"measured\" is not supported"},
         {"WorldBegin\nMaterial \"hair\"" USE, "2:1: material \"hair\" is not supported"},

@@ -1,0 +1,103 @@
+/* blob_check_tables: what the tables of BSDFs may say (see blob_layout.h). Samplers search sums that ascend
+ * and divide by widths that are not 0; nothing that is read lies outside. Tables own their sums, which follow
+ * one another, so that the checks are linear in the blob's size. */
+#include "common/scene/blob_layout.h"
+
+static bool lies_inside(uint32_t first, uint64_t count, uint64_t total)
+{
+    return (uint64_t)first + count <= total;
+}
+
+/* The same for a range that follows others, which end at *next; moves this on. */
+static bool follows(uint32_t first, uint64_t count, uint64_t total, uint64_t *next)
+{
+    bool does = first >= *next && lies_inside(first, count, total);
+    *next = (uint64_t)first + count;
+    return does;
+}
+
+/* Where the tables so far end. */
+typedef struct {
+    uint64_t number, series;
+} ends_t;
+
+static result_t check_numbers(const scene_blob_t *blob)
+{
+    const float largest = 1e9f; /* so that no sum of products overflows */
+    for (uint64_t i = 0; i < blob->counts[BLOB_SECTION_NUMBERS]; i++)
+        CHECK(fabsf(blob->numbers[i]) <= largest, "number %llu is not finite, or too large",
+              (unsigned long long)i);
+    return result_ok();
+}
+
+/* Rows of cumulative sums: each ascends from 0 to 1. */
+static bool are_sums(const float *sums, uint64_t rows, uint32_t columns)
+{
+    for (uint64_t row = 0; row < rows; row++, sums += columns) {
+        if (sums[0] != 0 || sums[columns - 1] != 1) return false;
+        for (uint32_t i = 1; i < columns; i++)
+            if (!(sums[i - 1] <= sums[i])) return false;
+    }
+    return true;
+}
+
+static bool are_nodes(const float *nodes, uint32_t count)
+{
+    const float least = 1e-12f; /* so that their distances are no denormal numbers */
+    if (!(nodes[0] >= -1 && nodes[count - 1] <= 1)) return false;
+    for (uint32_t i = 1; i < count; i++)
+        if (!(nodes[i] - nodes[i - 1] >= least)) return false;
+    return true;
+}
+
+static bool is_share(float x)
+{
+    return x >= 1e-3f && x <= 1;
+}
+
+static result_t check_series(const scene_blob_t *blob, const blob_fourier_t *table, ends_t *ends,
+                             unsigned long long id)
+{
+    uint64_t count = (uint64_t)table->nodes * table->nodes;
+    CHECK(follows(table->first_series, count, blob->counts[BLOB_SECTION_SERIES], &ends->series),
+          "fourier %llu: its series lie outside the series, or are another's", id);
+    for (uint64_t i = 0; i < count; i++) {
+        const blob_series_t *series = &blob->series[table->first_series + i];
+        CHECK(series->count <= BLOB_MAX_FOURIER_ORDER &&
+                  lies_inside(series->first, (uint64_t)series->count * table->channels,
+                              blob->counts[BLOB_SECTION_NUMBERS]),
+              "fourier %llu: a series is too long, or lies outside the numbers", id);
+    }
+    return result_ok();
+}
+
+static result_t check_fourier(const scene_blob_t *blob, const blob_fourier_t *table, ends_t *ends,
+                              unsigned long long id)
+{
+    uint64_t numbers = blob->counts[BLOB_SECTION_NUMBERS], nodes = table->nodes;
+    CHECK(nodes >= 2 && nodes <= BLOB_MAX_FOURIER_NODES && (table->channels == 1 || table->channels == 3),
+          "fourier %llu: %u nodes, %u channels", id, table->nodes, table->channels);
+    uint64_t cells = nodes * (nodes - 1);
+    CHECK(follows(table->first_node, nodes, numbers, &ends->number) &&
+              follows(table->first_marginal, nodes * nodes, numbers, &ends->number) &&
+              follows(table->first_conditional, cells * (FOURIER_AZIMUTHS + 1), numbers, &ends->number),
+          "fourier %llu: its numbers lie outside the numbers, or are another's", id);
+    CHECK(are_nodes(blob->numbers + table->first_node, table->nodes),
+          "fourier %llu: its cosines do not ascend from -1 to 1", id);
+    CHECK(are_sums(blob->numbers + table->first_marginal, nodes, table->nodes) &&
+              are_sums(blob->numbers + table->first_conditional, cells, FOURIER_AZIMUTHS + 1),
+          "fourier %llu: its probabilities do not add up to 1", id);
+    CHECK(table->eta >= 0.01f && table->eta <= 100 && is_share(table->albedo.x) &&
+              is_share(table->albedo.y) && is_share(table->albedo.z),
+          "fourier %llu: its index or albedo is out of range", id);
+    return check_series(blob, table, ends, id);
+}
+
+result_t blob_check_tables(const scene_blob_t *blob)
+{
+    ends_t ends = {0, 0};
+    TRY(check_numbers(blob));
+    for (uint64_t i = 0; i < blob->counts[BLOB_SECTION_FOURIERS]; i++)
+        TRY(check_fourier(blob, &blob->fouriers[i], &ends, i));
+    return result_ok();
+}
