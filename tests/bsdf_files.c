@@ -97,3 +97,134 @@ uint8_t *fourier_file(uint32_t nodes, uint32_t channels, uint32_t terms, float e
     *size = (words + used) * sizeof *file;
     return (uint8_t *)file;
 }
+
+/* ---- measured ------------------------------------------------------------------------------------------ */
+
+enum { THETAS = 6, PHIS = 9, WAVES = 5, WIDE = 20, HIGH = 24, FINE = 8 };
+
+/* Trowbridge and Reitz's normals, and the area that they show in a direction. */
+static double facets(double theta, double phi, bool isotropic)
+{
+    const double a2 = 0.16;
+    double c = cos(theta), d = c * c * (a2 - 1) + 1;
+    return a2 / (M_PI * d * d) * (isotropic ? 1 : 1 + 0.4 * cos(2 * phi));
+}
+
+static double shown_area(double theta)
+{
+    return 0.5 * (cos(theta) + sqrt(cos(theta) * cos(theta) + 0.16 * sin(theta) * sin(theta)));
+}
+
+static double theta_at(double x)
+{
+    return x * x * M_PI / 2;
+}
+
+static double phi_at(double y)
+{
+    return (2 * y - 1) * M_PI;
+}
+
+/* The density of visible normals on the unit square. */
+static double visible(double theta_o, double phi_o, double x, double y, bool isotropic)
+{
+    double theta = theta_at(x), phi = phi_at(y), between = isotropic ? phi : phi - phi_o;
+    double cosine = cos(theta) * cos(theta_o) + sin(theta) * sin(theta_o) * cos(between);
+    return fmax(cosine, 0) * facets(theta, phi, isotropic) / shown_area(theta_o) * 2 * M_PI * M_PI * x *
+               sin(theta) +
+           1e-4;
+}
+
+static double brightness(double x, double y)
+{
+    return 1 + 0.4 * x - 0.3 * y;
+}
+
+/* A file under construction. */
+typedef struct {
+    uint8_t *bytes;
+    size_t fields, data; /* where the next go */
+} tensor_t;
+
+static void put(uint8_t *bytes, size_t *at, const void *what, size_t size)
+{
+    memcpy(bytes + *at, what, size);
+    *at += size;
+}
+
+/* Adds a field, and returns where its floats go. They need not be aligned, which these are. */
+static float *add_field(tensor_t *t, const char *name, uint16_t dimensions, const uint64_t *shape)
+{
+    uint16_t length = (uint16_t)strlen(name);
+    const uint8_t type = 10;
+    uint64_t offset = t->data, count = 1;
+    put(t->bytes, &t->fields, &length, 2);
+    put(t->bytes, &t->fields, name, length);
+    put(t->bytes, &t->fields, &dimensions, 2);
+    put(t->bytes, &t->fields, &type, 1);
+    put(t->bytes, &t->fields, &offset, 8);
+    put(t->bytes, &t->fields, shape, 8 * (size_t)dimensions);
+    for (uint16_t i = 0; i < dimensions; i++) count *= shape[i];
+    t->data += count * sizeof(float);
+    return (float *)(void *)(t->bytes + offset);
+}
+
+static void add_axis(tensor_t *t, const char *name, uint64_t count, double first, double last)
+{
+    float *values = add_field(t, name, 1, &count);
+    for (uint64_t i = 0; i < count; i++)
+        values[i] = count == 1 ? 0 : (float)(first + (last - first) * (double)i / (double)(count - 1));
+}
+
+static double along(uint64_t i, uint64_t count)
+{
+    return (double)i / (double)(count - 1);
+}
+
+static void add_normals(tensor_t *t, bool isotropic)
+{
+    const uint64_t shape[2] = {HIGH, WIDE};
+    float *ndf = add_field(t, "ndf", 2, shape), *sigma = add_field(t, "sigma", 2, shape);
+    for (uint64_t y = 0; y < HIGH; y++)
+        for (uint64_t x = 0; x < WIDE; x++) {
+            double theta = theta_at(along(x, WIDE));
+            ndf[y * WIDE + x] = (float)facets(theta, phi_at(along(y, HIGH)), isotropic);
+            sigma[y * WIDE + x] = (float)shown_area(theta);
+        }
+}
+
+static void add_slices(tensor_t *t, bool isotropic, bool red, double level)
+{
+    uint64_t phis = isotropic ? 1 : PHIS;
+    const uint64_t normals[4] = {phis, THETAS, HIGH, WIDE}, lights[4] = {phis, THETAS, FINE, FINE},
+                   spectra[5] = {phis, THETAS, WAVES, FINE, FINE};
+    float *vndf = add_field(t, "vndf", 4, normals), *luminance = add_field(t, "luminance", 4, lights),
+          *colours = add_field(t, "spectra", 5, spectra);
+    for (uint64_t s = 0; s < phis * THETAS; s++) {
+        double theta = along(s % THETAS, THETAS) * 1.4, phi = isotropic ? 0 : phi_at(along(s / THETAS, PHIS));
+        for (uint64_t i = 0; i < HIGH * WIDE; i++)
+            *vndf++ = (float)visible(theta, phi, along(i % WIDE, WIDE), along(i / WIDE, HIGH), isotropic);
+        for (uint64_t i = 0; i < FINE * FINE; i++)
+            *luminance++ = (float)brightness(along(i % FINE, FINE), along(i / FINE, FINE));
+        for (uint64_t i = 0; i < WAVES * FINE * FINE; i++)
+            *colours++ = (float)(brightness(along(i % FINE, FINE), along(i / FINE % FINE, FINE)) * level *
+                                 (red ? 1 - 0.2 * (double)(i / (FINE * FINE)) : 1));
+    }
+}
+
+uint8_t *measured_file(bool isotropic, bool red, double level, size_t *size)
+{
+    static const char head[] = "tensor_file\0\1\0\10\0\0"; /* and the NUL: 8 fields */
+    uint64_t phis = isotropic ? 1 : PHIS;
+    tensor_t t = {.fields = sizeof head, .data = 512};
+    t.bytes = mem_zalloc(
+        1, 512 + 4 * (2 * HIGH * WIDE + 64 + phis * THETAS * (HIGH * WIDE + FINE * FINE * (1 + WAVES))));
+    memcpy(t.bytes, head, sizeof head);
+    add_axis(&t, "theta_i", THETAS, 0, 1.4);
+    add_axis(&t, "phi_i", phis, -M_PI, M_PI);
+    add_axis(&t, "wavelengths", WAVES, 400, 700);
+    add_normals(&t, isotropic);
+    add_slices(&t, isotropic, red, level);
+    *size = t.data;
+    return t.bytes;
+}

@@ -2,6 +2,7 @@
 #ifndef LIGHTMILL_BSDF_FILES_H
 #define LIGHTMILL_BSDF_FILES_H
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -31,5 +32,9 @@ float fourier_node(uint32_t nodes, uint32_t node);
 double fourier_white(double mu_i, double mu_o, double phi, int channel);
 double fourier_glossy(double mu_i, double mu_o, double phi, int channel);
 double fourier_skewed(double mu_i, double mu_o, double phi, int channel);
+
+/* A file in pbrt-v4's format: an isotropic rough surface, or one whose roughness depends on the azimuth. Its
+ * spectra are `level`, times the luminance, at all wavelengths, or fall towards red. */
+uint8_t *measured_file(bool isotropic, bool red, double level, size_t *size);
 
 #endif

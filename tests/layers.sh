@@ -25,7 +25,8 @@ worker/render/sampling      : common
 worker/render/texture       : worker/render/sampling common/scene
 worker/render/scene         : worker/render/texture
 worker/render/bsdf          : worker/render/sampling common/scene
-worker/render/material      : worker/render/bsdf worker/render/scene
+worker/render/tabulated     : worker/render/bsdf
+worker/render/material      : worker/render/tabulated worker/render/scene
 worker/render/camera        : worker/render/scene
 worker/render/light         : worker/render/scene
 worker/render/integrator    : worker/render/material worker/render/camera worker/render/light common/film

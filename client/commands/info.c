@@ -191,7 +191,8 @@ static const char *const material_kinds[] = {[MATERIAL_DIFFUSE] = "diffuse",
                                              [MATERIAL_COATED_CONDUCTOR] = "coated conductor",
                                              [MATERIAL_DIFFUSE_TRANSMISSION] = "diffuse transmission",
                                              [MATERIAL_GLTF] = "gltf",
-                                             [MATERIAL_FOURIER] = "fourier"};
+                                             [MATERIAL_FOURIER] = "fourier",
+                                             [MATERIAL_MEASURED] = "measured"};
 
 static const char *const texture_kinds[] = {[TEXTURE_IMAGE] = "image",
                                             [TEXTURE_SCALE] = "scale",

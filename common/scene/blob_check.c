@@ -395,6 +395,7 @@ static result_t check_materials(const scene_blob_t *blob)
             valid = valid && depths[i] <= BLOB_MAX_MIX_DEPTH;
         }
         if (m->kind == MATERIAL_FOURIER) valid = valid && m->table < blob->counts[BLOB_SECTION_FOURIERS];
+        if (m->kind == MATERIAL_MEASURED) valid = valid && m->table < blob->counts[BLOB_SECTION_MEASUREMENTS];
         if (!valid)
             result =
                 result_fail(RESULT_INPUT, "scene blob: material %llu is malformed", (unsigned long long)i);

@@ -93,11 +93,91 @@ static result_t check_fourier(const scene_blob_t *blob, const blob_fourier_t *ta
     return check_series(blob, table, ends, id);
 }
 
+/* ---- measured ------------------------------------------------------------------------------------------ */
+
+static bool ascends(const float *values, uint32_t count)
+{
+    const float least = 1e-6f;
+    for (uint32_t i = 1; i < count; i++)
+        if (!(values[i] - values[i - 1] >= least)) return false;
+    return true;
+}
+
+/* Numbers that are not negative. */
+static bool are_positive(const float *values, uint64_t count)
+{
+    for (uint64_t i = 0; i < count; i++)
+        if (!(values[i] >= 0)) return false;
+    return true;
+}
+
+static bool has_grid(const scene_blob_t *blob, const blob_grid_t *grid, uint64_t numbers, ends_t *ends)
+{
+    return grid->width >= 2 && grid->width <= BLOB_MAX_MEASURED_SIDE && grid->height >= 2 &&
+           grid->height <= BLOB_MAX_MEASURED_SIDE &&
+           follows(grid->first, numbers, blob->counts[BLOB_SECTION_NUMBERS], &ends->number) &&
+           are_positive(blob->numbers + grid->first, numbers);
+}
+
+static uint64_t pixels_of(const blob_grid_t *grid)
+{
+    return (uint64_t)grid->width * grid->height;
+}
+
+/* Sums along each row, which start from 0 and ascend. */
+static bool are_parts(const float *sums, uint64_t rows, uint32_t columns)
+{
+    for (uint64_t row = 0; row < rows; row++, sums += columns) {
+        if (sums[0] != 0) return false;
+        for (uint32_t i = 1; i < columns; i++)
+            if (!(sums[i - 1] <= sums[i])) return false;
+    }
+    return true;
+}
+
+static bool has_warp(const scene_blob_t *blob, const blob_grid_t *grid, uint64_t slices, ends_t *ends)
+{
+    uint64_t all = slices * pixels_of(grid), rows = slices * grid->height;
+    if (!has_grid(blob, grid, 2 * all + rows, ends)) return false;
+    const float *sums = blob->numbers + grid->first + all;
+    return are_sums(sums, slices, grid->height) && are_parts(sums + rows, rows, grid->width);
+}
+
+static result_t check_measured(const scene_blob_t *blob, const blob_measured_t *table, ends_t *ends,
+                               unsigned long long id)
+{
+    uint64_t numbers = blob->counts[BLOB_SECTION_NUMBERS];
+    CHECK(table->azimuths > 0 && table->azimuths <= BLOB_MAX_MEASURED_SIDE && table->elevations > 0 &&
+              table->elevations <= BLOB_MAX_MEASURED_SIDE && table->isotropic <= 1,
+          "measured %llu: %u azimuths, %u elevations", id, table->azimuths, table->elevations);
+    uint64_t slices = (uint64_t)table->azimuths * table->elevations;
+    CHECK(follows(table->first_azimuth, table->azimuths, numbers, &ends->number) &&
+              follows(table->first_elevation, table->elevations, numbers, &ends->number) &&
+              ascends(blob->numbers + table->first_azimuth, table->azimuths) &&
+              ascends(blob->numbers + table->first_elevation, table->elevations),
+          "measured %llu: its directions lie outside the numbers, are another's, or do not ascend", id);
+    CHECK(has_grid(blob, &table->ndf, pixels_of(&table->ndf), ends) &&
+              has_grid(blob, &table->sigma, pixels_of(&table->sigma), ends) &&
+              has_warp(blob, &table->visible, slices, ends) &&
+              has_warp(blob, &table->luminance, slices, ends),
+          "measured %llu: a grid is too large, or lies outside the numbers, or does not ascend", id);
+    uint64_t colours = 3 * slices * pixels_of(&table->luminance);
+    CHECK(follows(table->first_colour, colours, numbers, &ends->number) &&
+              are_positive(blob->numbers + table->first_colour, colours),
+          "measured %llu: its colours lie outside the numbers, are another's, or are negative", id);
+    CHECK(is_share(table->albedo.x) && is_share(table->albedo.y) && is_share(table->albedo.z),
+          "measured %llu: its albedo is out of range", id);
+    return result_ok();
+}
+
 result_t blob_check_tables(const scene_blob_t *blob)
 {
     ends_t ends = {0, 0};
     TRY(check_numbers(blob));
     for (uint64_t i = 0; i < blob->counts[BLOB_SECTION_FOURIERS]; i++)
         TRY(check_fourier(blob, &blob->fouriers[i], &ends, i));
+    ends.number = 0; /* of these no table of the other kind is read */
+    for (uint64_t i = 0; i < blob->counts[BLOB_SECTION_MEASUREMENTS]; i++)
+        TRY(check_measured(blob, &blob->measurements[i], &ends, i));
     return result_ok();
 }

@@ -17,7 +17,8 @@ enum {
     LENS_MAX_ELEMENTS = 100,
     LENS_PUPILS = 64,
     BLOB_MAX_FOURIER_NODES = 1024,
-    BLOB_MAX_FOURIER_ORDER = 16384 /* terms of a series */
+    BLOB_MAX_FOURIER_ORDER = 16384, /* terms of a series */
+    BLOB_MAX_MEASURED_SIDE = 4096
 };
 
 typedef enum {
@@ -43,6 +44,7 @@ typedef enum {
     BLOB_SECTION_PUPILS,       /* blob_pupil_t, LENS_PUPILS of CAMERA_REALISTIC, else none */
     BLOB_SECTION_FOURIERS,     /* blob_fourier_t */
     BLOB_SECTION_SERIES,       /* blob_series_t */
+    BLOB_SECTION_MEASUREMENTS, /* blob_measured_t */
     BLOB_SECTION_NUMBERS,      /* float, of the tables of BSDFs; at most 1e9 in size */
     BLOB_SECTION_STRINGS,      /* char, NUL-terminated names; offset 0 is the empty string */
     BLOB_SECTION_COUNT
@@ -362,6 +364,7 @@ typedef enum {
                                       DIFFUSE_TRANSMISSION, TRANSMITTANCE, IRIDESCENCE, IRIDESCENCE_ETA,
                                       IRIDESCENCE_THICKNESS, DISPERSION]; THIN without a volume; COAT_NORMAL */
     MATERIAL_FOURIER,              /* table: one of the fouriers */
+    MATERIAL_MEASURED,             /* table: one of the measurements */
     MATERIAL_KIND_END
 } material_kind_t;
 
@@ -419,6 +422,33 @@ typedef struct {
 typedef struct {
     uint32_t first, count;
 } blob_series_t;
+
+/* A table of width x height numbers, rows one behind the other, over the unit square: the first and the last
+ * of a row lie at 0 and 1. In between they are interpolated. */
+typedef struct {
+    uint32_t first; /* in the numbers */
+    uint32_t width, height;
+} blob_grid_t;
+
+/* A measured BRDF (Dupuy and Jakob 2018, "An Adaptive Parameterization for Efficient Material Acquisition and
+ * Rendering"). A direction of elevation theta (from the normal) and azimuth phi is the point
+ * (sqrt(2 theta / pi), phi / (2 pi) + 1/2) of the unit square.
+ *
+ * What depends on the outgoing direction is a slice for each of some azimuths and elevations, the elevation
+ * varying faster; in between slices are interpolated. A grid with sums has the densities of all slices, each
+ * of which integrates to 1 when the square's sides are width - 1 and height - 1; then for each slice the
+ * integral over its rows up to each of them; then for each row the integral up to each column. */
+typedef struct {
+    uint32_t azimuths, elevations;
+    uint32_t first_azimuth, first_elevation; /* in the numbers: radians, ascending */
+    uint32_t isotropic;    /* 1: azimuths of normals count from that of the outgoing direction */
+    blob_grid_t ndf;       /* the density of microfacet normals */
+    blob_grid_t sigma;     /* their projected area, over the outgoing direction */
+    blob_grid_t visible;   /* with sums: the visible normals */
+    blob_grid_t luminance; /* with sums: over what `visible` makes uniform */
+    uint32_t first_colour; /* in the numbers: linear sRGB for each number of luminance's slices */
+    rgb_t albedo;          /* about */
+} blob_measured_t;
 
 /* ---- lights -------------------------------------------------------------------------------------------- */
 

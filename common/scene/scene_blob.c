@@ -31,6 +31,7 @@ const section_type_t blob_section_types[BLOB_SECTION_COUNT] = {
     [BLOB_SECTION_PUPILS] = {"pupils", sizeof(blob_pupil_t)},
     [BLOB_SECTION_FOURIERS] = {"fouriers", sizeof(blob_fourier_t)},
     [BLOB_SECTION_SERIES] = {"series", sizeof(blob_series_t)},
+    [BLOB_SECTION_MEASUREMENTS] = {"measurements", sizeof(blob_measured_t)},
     [BLOB_SECTION_NUMBERS] = {"numbers", sizeof(float)},
     [BLOB_SECTION_STRINGS] = {"strings", 1},
 };
@@ -117,6 +118,7 @@ static result_t find_sections(const void *bytes, uint64_t size, scene_blob_t *bl
     view.pupils = at[BLOB_SECTION_PUPILS];
     view.fouriers = at[BLOB_SECTION_FOURIERS];
     view.series = at[BLOB_SECTION_SERIES];
+    view.measurements = at[BLOB_SECTION_MEASUREMENTS];
     view.numbers = at[BLOB_SECTION_NUMBERS];
     view.strings = at[BLOB_SECTION_STRINGS];
     *blob = view;

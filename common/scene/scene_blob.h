@@ -43,6 +43,7 @@ typedef struct {
     const blob_pupil_t *pupils;
     const blob_fourier_t *fouriers;
     const blob_series_t *series;
+    const blob_measured_t *measurements;
     const float *numbers;
     const char *strings;
     uint64_t counts[BLOB_SECTION_COUNT]; /* records in each section */

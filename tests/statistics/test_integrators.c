@@ -333,6 +333,11 @@ static const case_t cases[] = {
      HEAD3 STAGE("matte", "Kd") "Material \"fourier\" \"string bsdffile\" \"skewed.bsdf\"\n" BALL QUAD(
          "-1.4 0.2 -0.3  -0.2 0.2 -0.6  -0.1 1.6 -0.1  -1.3 1.6 0.2") LAMP("12 11 9") END3,
      ALL},
+    {"measured", /* not reciprocal either */
+     HEAD4 STAGE("diffuse",
+                 "reflectance") "Material \"measured\" \"string filename\" \"measured.bsdf\"\n" BALL
+         QUAD_UV4("-1.4 0.2 -0.3  -0.2 0.2 -0.6  -0.1 1.6 -0.1  -1.3 1.6 0.2", "") LAMP("12 11 9"),
+     ALL},
     /* sizes */
     {"tiny",
      "LookAt 0 1.6e-4 -5e-4  0 1e-4 0  0 1 0\nCamera \"perspective\" \"float fov\" [40]\n" FILM3 BOX DEPTH5
@@ -805,10 +810,8 @@ static void write_plain(const char *name, float value)
     free(path);
 }
 
-static void write_fourier(const char *name)
+static void write_table(const char *name, uint8_t *bytes, size_t size)
 {
-    size_t size;
-    uint8_t *bytes = fourier_file(12, 3, 16, 1.2f, fourier_skewed, &size);
     char *path = scratch_path(folder, name);
     scratch_write(path, bytes, size);
     free(path);
@@ -819,7 +822,11 @@ static int begin(void **state)
 {
     (void)state;
     folder = scratch_new();
-    write_fourier("skewed.bsdf");
+    size_t size;
+    uint8_t *table = fourier_file(12, 3, 16, 1.2f, fourier_skewed, &size);
+    write_table("skewed.bsdf", table, size);
+    table = measured_file(false, true, 0.7, &size);
+    write_table("measured.bsdf", table, size);
     scratch_write_light_image(folder, "wide.pfm", 16, 8, 1);
     scratch_write_light_image(folder, "square.pfm", 8, 8, 1);
     write_plain("white.pfm", 1);

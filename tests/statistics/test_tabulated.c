@@ -1,6 +1,7 @@
 /* BSDFs from tables against the tables' definitions, written down again in other arithmetic, and against what
  * every BSDF must obey. The files are made here, of formulas. */
 #include "client/import/files/fourier_table.h"
+#include "client/import/files/measured_table.h"
 #include "common/sampler.h"
 #include "tests/bsdf_files.h"
 #include "tests/scattering.h"
@@ -220,6 +221,206 @@ static void white_series_are_white(void **state)
     fourier_end(&f);
 }
 
+/* ---- measured BRDFs ------------------------------------------------------------------------------------ */
+
+typedef struct {
+    measured_table_t table;
+    scattering_t s;
+} measured_t;
+
+static void measured_begin(measured_t *m, bool isotropic, bool red, double level)
+{
+    size_t size;
+    uint8_t *file = measured_file(isotropic, red, level, &size);
+    blob_builder_t *builder = blob_builder_new();
+    assert_string_equal(measured_table_decode("a.bsdf", file, size, &m->table).message, "");
+    blob_material_t material = {.kind = MATERIAL_MEASURED, .table = measured_table_add(&m->table, builder)};
+    scattering_begin_in(&m->s, builder, material);
+    free(file);
+}
+
+static void measured_end(measured_t *m)
+{
+    scattering_end(&m->s);
+    measured_table_free(&m->table);
+}
+
+/* Slices that are interpolated at an outgoing direction. */
+typedef struct {
+    size_t index[4];
+    double weight[4];
+} mixture_t;
+
+static size_t bracket(const float *values, size_t count, double x, double *t)
+{
+    size_t i = 0;
+    *t = 0;
+    if (count == 1) return 0;
+    while (i + 2 < count && (double)values[i + 1] <= x) i++;
+    *t = fmin(fmax((x - (double)values[i]) / ((double)values[i + 1] - (double)values[i]), 0), 1);
+    return i;
+}
+
+static mixture_t mixture(const measured_table_t *table, double phi, double theta)
+{
+    double t[2];
+    mixture_t m;
+    size_t a = bracket(table->azimuth, table->azimuths, phi, &t[0]),
+           e = bracket(table->elevation, table->elevations, theta, &t[1]);
+    for (size_t k = 0; k < 4; k++) {
+        size_t up[2] = {k < 2 || table->azimuths == 1 ? 0 : 1, k % 2};
+        m.index[k] = (a + up[0]) * table->elevations + e + up[1];
+        m.weight[k] = (k < 2 ? 1 - t[0] : t[0]) * (k % 2 == 0 ? 1 - t[1] : t[1]);
+    }
+    return m;
+}
+
+/* A slice's numbers between four texels; `channel` of `channels`. */
+static double bilinear(const measured_grid_t *g, size_t slice, size_t channels, size_t channel, double x,
+                       double y)
+{
+    double px = x * (g->width - 1), py = y * (g->height - 1);
+    size_t ix = (size_t)fmin(px, g->width - 2), iy = (size_t)fmin(py, g->height - 2);
+    const float *v = g->values + ((slice * g->height + iy) * g->width + ix) * channels + channel;
+    double fx = px - (double)ix, fy = py - (double)iy;
+    double low = (1 - fx) * (double)v[0] + fx * (double)v[channels];
+    v += (size_t)g->width * channels;
+    return (1 - fy) * low + fy * ((1 - fx) * (double)v[0] + fx * (double)v[channels]);
+}
+
+/* The whole of a slice, by the mean of each cell's corners. */
+static double whole(const measured_grid_t *g, size_t slice)
+{
+    double sum = 0;
+    for (uint32_t y = 0; y + 1 < g->height; y++)
+        for (uint32_t x = 0; x + 1 < g->width; x++)
+            sum += bilinear(g, slice, 1, 0, (x + 0.5) / (g->width - 1), (y + 0.5) / (g->height - 1));
+    return sum / (g->width - 1) / (g->height - 1);
+}
+
+static double density_at(const measured_grid_t *g, const mixture_t *m, double x, double y)
+{
+    double sum = 0;
+    for (int k = 0; k < 4; k++)
+        if (m->weight[k] > 0)
+            sum += m->weight[k] * bilinear(g, m->index[k], 1, 0, x, y) / whole(g, m->index[k]);
+    return sum;
+}
+
+/* The integrals of the density over all x up to y, and along y up to x over that along all of y, by the
+ * trapezoidal rule in steps that no texel lies within. */
+static void inverse(const measured_grid_t *g, const mixture_t *m, double x, double y, double u[2])
+{
+    double wholes[4], along = 0, part = 0, below = 0;
+    for (int k = 0; k < 4; k++) wholes[k] = m->weight[k] > 0 ? whole(g, m->index[k]) : 1;
+    for (uint32_t i = 0; i + 1 < g->width; i++)
+        for (int k = 0; k < 4; k++) {
+            double from = (double)i / (g->width - 1), to = (double)(i + 1) / (g->width - 1);
+            double end = fmin(fmax(x, from), to), scale = m->weight[k] / wholes[k];
+            if (scale == 0) continue;
+            along += scale * (to - from) * bilinear(g, m->index[k], 1, 0, (from + to) / 2, y);
+            part += scale * (end - from) * bilinear(g, m->index[k], 1, 0, (from + end) / 2, y);
+            for (uint32_t j = 0; j + 1 < g->height; j++) {
+                double low = (double)j / (g->height - 1), high = (double)(j + 1) / (g->height - 1);
+                if (y <= low) break;
+                high = fmin(high, y);
+                below += scale * (to - from) * (high - low) *
+                         bilinear(g, m->index[k], 1, 0, (from + to) / 2, (low + high) / 2);
+            }
+        }
+    u[0] = part / along;
+    u[1] = below;
+}
+
+/* Radiance by the definition, and its density. */
+static double measured_definition(const measured_table_t *t, vec3_t wo, vec3_t wi, double rgb[3])
+{
+    double hx = (double)wo.x + (double)wi.x, hy = (double)wo.y + (double)wi.y,
+           hz = (double)wo.z + (double)wi.z;
+    double theta = acos((double)wo.z), phi = atan2((double)wo.y, (double)wo.x), r = hypot(hx, hy);
+    double around = atan2(hy, hx) - (t->isotropic ? phi : 0), tilt = atan2(r, hz), u[2];
+    double x = sqrt(tilt * 2 / M_PI), y = around / (2 * M_PI) + 0.5;
+    y -= floor(y);
+    mixture_t m = mixture(t, phi, theta);
+    inverse(&t->visible, &m, x, y, u);
+    double sigma = bilinear(&t->sigma, 0, 1, 0, sqrt(theta * 2 / M_PI), phi / (2 * M_PI) + 0.5);
+    double scale = bilinear(&t->ndf, 0, 1, 0, x, y) / (4 * sigma * (double)wi.z);
+    for (size_t c = 0; c < 3; c++) {
+        rgb[c] = 0;
+        for (int k = 0; k < 4; k++)
+            if (m.weight[k] > 0)
+                rgb[c] += m.weight[k] * scale * bilinear(&t->colours, m.index[k], 3, c, u[0], u[1]);
+    }
+    double length = sqrt(r * r + hz * hz), cosine = length / 2; /* of the angle to the normal */
+    return density_at(&t->luminance, &m, u[0], u[1]) * density_at(&t->visible, &m, x, y) /
+           (2 * M_PI * M_PI * x * r / length * 4 * cosine);
+}
+
+static void measurements_have_their_values(void **state)
+{
+    (void)state;
+    for (int isotropic = 0; isotropic < 2; isotropic++) {
+        measured_t m;
+        measured_begin(&m, isotropic == 1, true, 0.8);
+        for (uint32_t n = 0; n < 400; n++) {
+            sampler_t sampler = sampler_new(SAMPLER_INDEPENDENT, 7, 0, n);
+            vec3_t wo = warp_cosine_hemisphere(sampler_2d(&sampler)),
+                   wi = warp_cosine_hemisphere(sampler_2d(&sampler));
+            bsdf_value_t value, back;
+            double rgb[3], pdf;
+            pdf = measured_definition(&m.table, wo, wi, rgb);
+            assert_true(bsdf_eval(&m.s.bsdf, wo, wi, TRANSPORT_RADIANCE, &value));
+            const float f[3] = {value.f.x, value.f.y, value.f.z};
+            for (int c = 0; c < 3; c++)
+                if (!(fabs((double)f[c] - rgb[c]) <= 1e-3 * rgb[c] + 1e-6))
+                    fail_msg("isotropic %d, channel %d: %g for %g", isotropic, c, (double)f[c], rgb[c]);
+            assert_float_equal((double)value.pdf / pdf, 1, 2e-3);
+            /* Importance is scattered as radiance on the way back, and from below as from above. */
+            assert_true(bsdf_eval(&m.s.bsdf, v_neg(wi), v_neg(wo), TRANSPORT_IMPORTANCE, &back));
+            if (isotropic == 1) assert_float_equal(back.f.x / value.f.x, 1, 1e-3);
+            assert_true(bsdf_eval(&m.s.bsdf, wi, wo, TRANSPORT_IMPORTANCE, &back));
+            assert_true(back.f.x == value.f.x && back.f.z == value.f.z);
+            assert_true(back.pdf == value.pdf_rev && back.pdf_rev == value.pdf);
+            assert_false(bsdf_eval(&m.s.bsdf, wo, v_neg(wi), TRANSPORT_RADIANCE, &value));
+        }
+        measured_end(&m);
+    }
+}
+
+static void measured_directions_follow_their_densities(void **state)
+{
+    (void)state;
+    for (int isotropic = 0; isotropic < 2; isotropic++) {
+        measured_t m;
+        measured_begin(&m, isotropic == 1, false, 1);
+        scattering_check_densities(&m.s.bsdf);
+        scattering_check_draws(&m.s.bsdf, scattering_direction(isotropic == 1 ? 0.7f : -0.5f, 2));
+        for (uint32_t n = 0; n < 20; n++) scattering_check_finite(&m.s.bsdf, n, 1e-6f);
+        measured_end(&m);
+    }
+}
+
+/* What throws back all light but what meets the surface again: nearly white, and grey for a grey spectrum.
+ * Each sample's weight is that of its colour alone, as the table says of surfaces whose parts fit together.
+ */
+static void white_measurements_are_nearly_white(void **state)
+{
+    (void)state;
+    measured_t m;
+    measured_begin(&m, true, false, 0.5);
+    rgb_t colour = bsdf_albedo(&m.s.bsdf);
+    assert_float_equal(colour.x, 0.5 * 1.05, 1e-3); /* the mean luminance is 1.05 */
+    assert_float_equal(colour.x, colour.y, 1e-5);
+    assert_float_equal(colour.x, colour.z, 1e-5);
+    for (int k = 1; k <= 4; k++) {
+        vec3_t wo = scattering_direction(0.25f * (float)k, (float)k);
+        scattering_mean_t mean = scattering_albedo(&m.s.bsdf, wo, TRANSPORT_RADIANCE, 20000);
+        print_message("cos %g: %g +- %g\n", (double)wo.z, mean.mean, mean.error);
+        assert_true(mean.mean < 0.55 && mean.mean > 0.4);
+    }
+    measured_end(&m);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -227,6 +428,9 @@ int main(void)
         cmocka_unit_test(tables_have_their_formulas),
         cmocka_unit_test(directions_follow_their_densities),
         cmocka_unit_test(white_series_are_white),
+        cmocka_unit_test(measurements_have_their_values),
+        cmocka_unit_test(measured_directions_follow_their_densities),
+        cmocka_unit_test(white_measurements_are_nearly_white),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -77,8 +77,26 @@ static void add_fourier(blob_builder_t *b)
     blob_builder_add(b, BLOB_SECTION_FOURIERS, &table, 1);
 }
 
-/* Materials 0 to 8 are those of the spheres; 9 is the walls', 10 the panel's, 11 the hair's. */
-enum { SPHERES = 9, WALLS = 9, PANEL = 10, HAIR = 11, MATERIALS = 12 };
+/* A measured BRDF of one slice with grids of 2 x 2 numbers. */
+static void add_measured(blob_builder_t *b)
+{
+    static const float directions[2] = {0, 0}, flat[4] = {1.1f, 0.9f, 0.8f, 1.2f};
+    static const float warp[10] = {0.8f, 1.2f, 0.9f, 1.1f, 0, 1, 0, 1, 0, 1}; /* densities and sums */
+    static const float colours[12] = {0.5f, 0.6f, 0.3f, 0.4f, 0.2f, 0.7f, 0.3f, 0.5f, 0.6f, 0.1f, 0.2f, 0.9f};
+    blob_measured_t table = {.azimuths = 1, .elevations = 1, .isotropic = 1, .albedo = {0.5f, 0.5f, 0.5f}};
+    table.first_azimuth = blob_builder_add(b, BLOB_SECTION_NUMBERS, directions, 2);
+    table.first_elevation = table.first_azimuth + 1;
+    table.ndf = (blob_grid_t){blob_builder_add(b, BLOB_SECTION_NUMBERS, flat, 4), 2, 2};
+    table.sigma = (blob_grid_t){blob_builder_add(b, BLOB_SECTION_NUMBERS, flat, 4), 2, 2};
+    table.visible = (blob_grid_t){blob_builder_add(b, BLOB_SECTION_NUMBERS, warp, 10), 2, 2};
+    table.luminance = (blob_grid_t){blob_builder_add(b, BLOB_SECTION_NUMBERS, warp, 10), 2, 2};
+    table.first_colour = blob_builder_add(b, BLOB_SECTION_NUMBERS, colours, 12);
+    blob_builder_add(b, BLOB_SECTION_MEASUREMENTS, &table, 1);
+}
+
+/* Materials 0 to 8 are those of the spheres; 9 is the walls', 10 the panel's, 11 the hair's, 12 the floor's.
+ */
+enum { SPHERES = 9, WALLS = 9, PANEL = 10, HAIR = 11, FLOOR = 12, MATERIALS = 13 };
 
 static void add_materials(blob_builder_t *b)
 {
@@ -93,7 +111,8 @@ static void add_materials(blob_builder_t *b)
                                     {.kind = MATERIAL_UBER, .flags = MATERIAL_REMAP_V3},
                                     {.kind = MATERIAL_DIFFUSE, .bump = 2},
                                     {.kind = MATERIAL_GLTF, .flags = MATERIAL_REMAP_SQUARE},
-                                    {.kind = MATERIAL_FOURIER}};
+                                    {.kind = MATERIAL_FOURIER},
+                                    {.kind = MATERIAL_MEASURED}};
     for (uint32_t i = 0; i < MATERIALS; i++) {
         m[i].values[VALUE_REFLECTANCE] = (blob_value_t){{0.8f, 0.7f, 0.6f}, i % 2 == 0 ? 3 : 1};
         m[i].values[VALUE_TRANSMITTANCE] = blob_constant(0.9f);
@@ -173,7 +192,7 @@ static void add_shapes(blob_builder_t *b)
     add_shape(b, SHAPE_MESH, add_rectangle(b, vec3(-1, 2.9f, -2), vec3(2, 0, 0), vec3(0, 0, 2)), WALLS, 0);
     add_shape(b, SHAPE_MESH, add_rectangle(b, vec3(-4, -3, 2), vec3(8, 0, 0), vec3(0, 6, 0)), WALLS,
               BLOB_NONE);
-    add_shape(b, SHAPE_MESH, add_rectangle(b, vec3(-4, -3, 2), vec3(8, 0, 0), vec3(0, 0, -5)), WALLS,
+    add_shape(b, SHAPE_MESH, add_rectangle(b, vec3(-4, -3, 2), vec3(8, 0, 0), vec3(0, 0, -5)), FLOOR,
               BLOB_NONE);
     for (uint32_t i = 0; i < SPHERES; i++)
         add_shape(b, SHAPE_QUADRIC,
@@ -212,6 +231,7 @@ static result_t make_blob(uint8_t **bytes, uint64_t *size)
     add_textures(b);
     add_materials(b);
     add_fourier(b);
+    add_measured(b);
     add_shapes(b);
     add_lights(b);
     result_t result = blob_builder_finish(b, bytes, size);

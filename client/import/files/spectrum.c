@@ -316,6 +316,24 @@ static rgb_t under_d65(const spectrum_t *s)
     return clipped(relative_to(rgb_from_xyz(seen), rgb_from_xyz(white), 1));
 }
 
+void spectrum_reflectance_weights(const double *lambda, size_t count, double *weights)
+{
+    spectrum_t d65, s = allocate(count);
+    triple_t white = rgb_from_xyz(d65_xyz(&d65));
+    for (size_t i = 0; i < count; ++i) {
+        s.lambda[i] = lambda[i];
+        s.value[i] = 0;
+    }
+    for (size_t i = 0; i < count; ++i) {
+        s.value[i] = 1;
+        triple_t rgb = relative_to(rgb_from_xyz(xyz_of(&s, &d65)), white, 1);
+        s.value[i] = 0;
+        for (size_t c = 0; c < 3; ++c) weights[3 * i + c] = rgb.v[c];
+    }
+    spectrum_free(&s);
+    spectrum_free(&d65);
+}
+
 rgb_t spectrum_colour(const spectrum_t *spectrum, spectrum_use_t use, spectrum_rules_t rules)
 {
     /* pbrt-v3 sums 471 samples as if they spanned 470 nm. */

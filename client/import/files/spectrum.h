@@ -46,6 +46,11 @@ typedef enum { SPECTRUM_PBRT_V3, SPECTRUM_PBRT_V4 } spectrum_rules_t;
  * (1, 1, 1), an emission with D65 as (1, 1, 1) and its luminance made 1 (black when it has none). */
 rgb_t spectrum_colour(const spectrum_t *spectrum, spectrum_use_t use, spectrum_rules_t rules);
 
+/* What each of `count` samples of a reflectance, at wavelengths in nm that ascend, adds to its colour by the
+ * rules of v4: weights[3 i + c] of sample i to channel c. Components that come out negative are the caller's.
+ */
+void spectrum_reflectance_weights(const double *lambda, size_t count, double *weights);
+
 /* Linear sRGB of a black body's emission, at a temperature in kelvin; black when that is not above 0. v3:
  * Planck's law with its greatest value over all wavelengths made 1. v4: with its luminance made 1. */
 rgb_t spectrum_blackbody(double kelvin, spectrum_rules_t rules);

@@ -131,7 +131,7 @@ static void add_materials(blob_builder_t *builder)
         {.kind = MATERIAL_DIFFUSE},
         {.kind = MATERIAL_MIRROR, .bump = 2},
         {.kind = MATERIAL_FOURIER, .table = 1, .normal_map = 1, .normal_scale = 1},
-        {.kind = MATERIAL_CONDUCTOR, .flags = MATERIAL_REMAP_SQRT},
+        {.kind = MATERIAL_MEASURED, .flags = MATERIAL_REMAP_SQRT},
         {.kind = MATERIAL_MIX, .parts = {3, 1}}};
     materials[0].values[VALUE_REFLECTANCE] = (blob_value_t){{0.5f, 0.4f, 0.3f}, 3};
     materials[1].values[VALUE_REFLECTANCE] = blob_constant(0.9f);
@@ -160,6 +160,24 @@ static void add_tables(blob_builder_t *builder)
             blob_builder_add(builder, BLOB_SECTION_NUMBERS, conditional, ROWS * COLUMNS);
         blob_builder_add(builder, BLOB_SECTION_FOURIERS, &table, 1);
     }
+}
+
+/* A measured BRDF of one azimuth, two elevations, and grids of 2 x 2 numbers. */
+static void add_measured(blob_builder_t *builder)
+{
+    const float directions[3] = {0, 0, 1}, flat[4] = {1, 1, 1, 1};
+    /* of two slices: densities, sums over rows, sums along them */
+    const float warp[20] = {1, 1, 1, 1, 1, 1, 1, 1, 0, 1, 0, 1, 0, 1, 0, 1, 0, 1, 0, 1};
+    const float colours[24] = {0.5f};
+    blob_measured_t table = {.azimuths = 1, .elevations = 2, .isotropic = 1, .albedo = {1, 1, 1}};
+    table.first_azimuth = blob_builder_add(builder, BLOB_SECTION_NUMBERS, directions, 3);
+    table.first_elevation = table.first_azimuth + 1;
+    table.ndf = (blob_grid_t){blob_builder_add(builder, BLOB_SECTION_NUMBERS, flat, 4), 2, 2};
+    table.sigma = (blob_grid_t){blob_builder_add(builder, BLOB_SECTION_NUMBERS, flat, 4), 2, 2};
+    table.visible = (blob_grid_t){blob_builder_add(builder, BLOB_SECTION_NUMBERS, warp, 20), 2, 2};
+    table.luminance = (blob_grid_t){blob_builder_add(builder, BLOB_SECTION_NUMBERS, warp, 20), 2, 2};
+    table.first_colour = blob_builder_add(builder, BLOB_SECTION_NUMBERS, colours, 24);
+    blob_builder_add(builder, BLOB_SECTION_MEASUREMENTS, &table, 1);
 }
 
 static void add_scene(blob_builder_t *builder)
@@ -193,6 +211,7 @@ static blob_builder_t *make_builder(void)
     add_textures(builder);
     add_materials(builder);
     add_tables(builder);
+    add_measured(builder);
     return builder;
 }
 
@@ -511,6 +530,18 @@ static void bad_indices_are_errors(void **state)
          "fourier 1: its numbers"},
         {BLOB_SECTION_FOURIERS, FIELD(blob_fourier_t, 1, first_series), 3, "fourier 1: its series"},
         {BLOB_SECTION_FOURIERS, FIELD(blob_fourier_t, 1, first_series), UINT32_MAX, "fourier 1: its series"},
+        {BLOB_SECTION_MATERIALS, FIELD(blob_material_t, 3, table), 1, "material 3 is malformed"},
+        {BLOB_SECTION_MEASUREMENTS, FIELD(blob_measured_t, 0, azimuths), 0, "measured 0: 0 azimuths"},
+        {BLOB_SECTION_MEASUREMENTS, FIELD(blob_measured_t, 0, elevations), UINT32_MAX, "measured 0: 1 azim"},
+        {BLOB_SECTION_MEASUREMENTS, FIELD(blob_measured_t, 0, isotropic), 2, "measured 0: 1 azimuths"},
+        {BLOB_SECTION_MEASUREMENTS, FIELD(blob_measured_t, 0, first_azimuth), UINT32_MAX, "its directions"},
+        {BLOB_SECTION_MEASUREMENTS, FIELD(blob_measured_t, 0, first_elevation), 0, "its directions"},
+        {BLOB_SECTION_MEASUREMENTS, FIELD(blob_measured_t, 0, ndf.width), 1, "measured 0: a grid"},
+        {BLOB_SECTION_MEASUREMENTS, FIELD(blob_measured_t, 0, ndf.height), 4097, "measured 0: a grid"},
+        {BLOB_SECTION_MEASUREMENTS, FIELD(blob_measured_t, 0, sigma.first), UINT32_MAX, "measured 0: a grid"},
+        {BLOB_SECTION_MEASUREMENTS, FIELD(blob_measured_t, 0, visible.first), 0, "measured 0: a grid"},
+        {BLOB_SECTION_MEASUREMENTS, FIELD(blob_measured_t, 0, luminance.height), 4096, "measured 0: a grid"},
+        {BLOB_SECTION_MEASUREMENTS, FIELD(blob_measured_t, 0, first_colour), UINT32_MAX, "its colours"},
         {BLOB_SECTION_SERIES, FIELD(blob_series_t, 1, first), UINT32_MAX, "fourier 0: a series"},
         {BLOB_SECTION_SERIES, FIELD(blob_series_t, 5, count), BLOB_MAX_FOURIER_ORDER + 1,
          "fourier 1: a series is too long"},
@@ -532,6 +563,7 @@ static void bad_indices_are_errors(void **state)
 static void bad_numbers_are_errors(void **state)
 {
     (void)state;
+    enum { MEASURED_AT = 2 * (2 + 2 + 4 + 2 * (FOURIER_AZIMUTHS + 1)) }; /* behind the fouriers' numbers */
     const uint32_t nan = bits_of(NAN), infinite = bits_of(INFINITY), minus = bits_of(-1.0f);
     const corruption_t corruptions[] = {
         {BLOB_SECTION_POSITIONS, FIELD(vec3_t, 7, z), nan, "position 7"},
@@ -574,6 +606,13 @@ static void bad_numbers_are_errors(void **state)
         {BLOB_SECTION_FOURIERS, FIELD(blob_fourier_t, 0, eta), 0, "fourier 0: its index"},
         {BLOB_SECTION_FOURIERS, FIELD(blob_fourier_t, 1, eta), nan, "fourier 1: its index"},
         {BLOB_SECTION_FOURIERS, FIELD(blob_fourier_t, 0, albedo.y), 0, "fourier 0: its index or albedo"},
+        {BLOB_SECTION_MEASUREMENTS, FIELD(blob_measured_t, 0, albedo.z), nan, "measured 0: its albedo"},
+        {BLOB_SECTION_NUMBERS, 4 * (MEASURED_AT + 2), 0, "measured 0: its directions"},
+        {BLOB_SECTION_NUMBERS, 4 * (MEASURED_AT + 4), minus, "measured 0: a grid"},
+        {BLOB_SECTION_NUMBERS, 4 * (MEASURED_AT + 19), bits_of(0.5f), "measured 0: a grid"},
+        {BLOB_SECTION_NUMBERS, 4 * (MEASURED_AT + 20), bits_of(2), "measured 0: a grid"},
+        {BLOB_SECTION_NUMBERS, 4 * (MEASURED_AT + 23), bits_of(0.5f), "measured 0: a grid"},
+        {BLOB_SECTION_NUMBERS, 4 * (MEASURED_AT + 60), minus, "measured 0: its colours"},
         {BLOB_SECTION_NUMBERS, 0, nan, "number 0 is not finite"},
         {BLOB_SECTION_NUMBERS, 2 * sizeof(float), bits_of(1), "fourier 0: its cosines do not ascend"},
         {BLOB_SECTION_NUMBERS, 3 * sizeof(float), bits_of(2), "fourier 0: its cosines do not ascend"},
@@ -865,6 +904,21 @@ static double touch_fourier(const scene_blob_t *blob, const blob_fourier_t *tabl
     return sum;
 }
 
+static double touch_measured(const scene_blob_t *blob, const blob_measured_t *table)
+{
+    uint64_t slices = (uint64_t)table->azimuths * table->elevations;
+    const blob_grid_t *grids[] = {&table->ndf, &table->sigma, &table->visible, &table->luminance};
+    double sum = (double)blob->numbers[table->first_azimuth + table->azimuths - 1];
+    sum += (double)blob->numbers[table->first_elevation + table->elevations - 1];
+    for (size_t i = 0; i < ARRAY_LENGTH(grids); i++) {
+        uint64_t pixels = (uint64_t)grids[i]->width * grids[i]->height;
+        uint64_t count = i < 2 ? pixels : slices * (2 * pixels + grids[i]->height);
+        sum += (double)blob->numbers[grids[i]->first + count - 1];
+        if (i == 3) sum += (double)blob->numbers[table->first_colour + 3 * slices * pixels - 1];
+    }
+    return sum;
+}
+
 /* Follows every reference that a renderer would. */
 static void touch_everything(const scene_blob_t *blob)
 {
@@ -880,6 +934,8 @@ static void touch_everything(const scene_blob_t *blob)
         sum += touch_texture(blob, &blob->textures[i]);
     for (uint64_t i = 0; i < blob->counts[BLOB_SECTION_FOURIERS]; i++)
         sum += touch_fourier(blob, &blob->fouriers[i]);
+    for (uint64_t i = 0; i < blob->counts[BLOB_SECTION_MEASUREMENTS]; i++)
+        sum += touch_measured(blob, &blob->measurements[i]);
     job_settings_t settings = blob_default_settings(blob);
     assert_int_equal(job_settings_check(&settings).code, RESULT_OK);
 }

@@ -118,6 +118,13 @@ typedef struct {
     rgb_t factor;
 } lobe_fourier_t;
 
+/* A measured BRDF. */
+typedef struct {
+    const blob_measured_t *table;
+    const float *numbers; /* of the blob */
+    rgb_t factor;
+} lobe_measured_t;
+
 /* From the outside: the interface of a dielectric (the coat, whose alphas are the lobe's), a medium, and an
  * opaque base. From below the surface the same layers are met in the same order. */
 typedef struct {
@@ -160,6 +167,7 @@ typedef struct {
         lobe_schlick_t schlick;
         lobe_sheen_t sheen;
         lobe_fourier_t fourier;
+        lobe_measured_t measured;
     };
 } lobe_t;
 static_assert(sizeof(lobe_t) <= 112, "a BSDF has ten of them, and is made at every vertex");
@@ -243,7 +251,7 @@ static inline rgb_t bsdf_attenuation(const bsdf_t *bsdf, vec3_t w)
     return bsdf->absorbs && v_dot(w, bsdf->ng) < 0 ? bsdf->attenuation : vec3(0, 0, 0);
 }
 
-/* The lobes; each file says what it does. */
+/* The lobes; each file says what it does. lobe_fourier and lobe_measured are in tabulated/. */
 extern const lobe_kind_t lobe_lambert, lobe_lambert_transmission, lobe_oren_nayar, lobe_mirror,
     lobe_smooth_dielectric, lobe_smooth_conductor, lobe_pane, lobe_straight, lobe_rough_conductor,
     lobe_rough_dielectric, lobe_rough_reflection, lobe_rough_transmission, lobe_fresnel_blend,
@@ -251,6 +259,6 @@ extern const lobe_kind_t lobe_lambert, lobe_lambert_transmission, lobe_oren_naya
     lobe_coated_lambert, lobe_smooth_coat, lobe_smooth_layers, lobe_schlick_reflection, lobe_schlick_mirror,
     lobe_schlick_diffuse, lobe_schlick_through, lobe_schlick_straight, lobe_schlick_coat,
     lobe_schlick_coat_mirror, lobe_schlick_diffuse_through, lobe_sheen, lobe_smooth_dispersion,
-    lobe_rough_dispersion, lobe_fourier;
+    lobe_rough_dispersion, lobe_fourier, lobe_measured;
 
 #endif

@@ -18,3 +18,13 @@ void material_fourier(const shading_t *shading)
                                      .numbers = blob->numbers,
                                      .factor = reciprocal(table->albedo)};
 }
+
+void material_measured(const shading_t *shading)
+{
+    const scene_blob_t *blob = scene_blob(shading->scene);
+    const blob_measured_t *table = &blob->measurements[shading->material->table];
+    lobe_t *lobe = shading_add(shading, &lobe_measured, table->albedo, v_max(table->albedo));
+    if (lobe == NULL) return;
+    lobe->measured =
+        (lobe_measured_t){.table = table, .numbers = blob->numbers, .factor = reciprocal(table->albedo)};
+}

@@ -97,7 +97,7 @@ static result_t read_scale(pbrt_t *p, params_t *params, position_t at, blob_mate
 
 static const param_rule_t substitute_rules[] = {
     {{"name", "sigma_a", "sigma_s", "mfp", "g", "scale"}, PARAM_ACCEPT, NULL},
-    {{"Kr", "Kt", "filename", "eumelanin", "pheomelanin"}, PARAM_ACCEPT, NULL},
+    {{"Kr", "Kt", "eumelanin", "pheomelanin"}, PARAM_ACCEPT, NULL},
     {{"eta", "beta_m", "beta_n", "alpha", "roughness", "uroughness"}, PARAM_ACCEPT, NULL},
     {{"vroughness", "remaproughness"}, PARAM_ACCEPT, NULL},
 };
@@ -189,7 +189,7 @@ static const row_t rows[] = {
      .values = {{COLOUR, "reflectance", VALUE_REFLECTANCE, 0.25f},
                 {COLOUR, "transmittance", VALUE_TRANSMITTANCE, 0.25f}},
      .rest = read_scale},
-    {{"measured", DIALECT_V4}, DIFFUSE_INSTEAD},
+    {{"measured", DIALECT_V4}, MATERIAL_MEASURED, .rest = pbrt_read_measured},
     {{"interface", DIALECT_V4}, .kind = 0},
     {{"mix", DIALECT_V4}, MATERIAL_MIX, .values = {{NUMBER, "amount", VALUE_AMOUNT, 0.5f}}},
 

@@ -187,7 +187,8 @@ static void wrong_materials_are_refused(void **state)
     static const case_t cases[] = {
         {"WorldBegin\nMaterial \"wurst\"" USE, "2:1: unknown material \"wurst\""},
         {"WorldBegin\nMaterial \"kdsubsurface\"" USE, "2:1: material \"kdsubsurface\" is not supported"},
-        {"WorldBegin\nMaterial \"measured\"" USE, "2:1: material \"measured\" is not supported"},
+        {"WorldBegin\nAttribute \"shape\" \"float alpha\" 1\nMaterial \"measured\"" USE,
+         "3:1: a measured material needs a \"string filename\""},
         {"WorldBegin\nMaterial \"hair\"" USE, "2:1: material \"hair\" is not supported"},
         {"WorldBegin\nMaterial \"subsurface\"" USE, "2:1: material \"subsurface\" is not supported"},
         {"WorldBegin\nMaterial \"disney\" \"rgb scatterdistance\" [1 0 0]" USE,
