@@ -868,7 +868,19 @@ static void daylight_comes_from_where_it_is_said_to(void **state)
     assert_int_equal(bench.blob.counts[BLOB_SECTION_LIGHTS], 2);
     vec3_t side = xform_vector(&light[0].world_from_light, vec3(1, 0, 0)); /* the sky's, below its sun */
     expect_vec3(side, 0, 0, -1);
+    expect_vec3(xform_vector(&light[0].world_from_light, vec3(0, 0, 1)), 1, 0, 0);      /* not mirrored */
     expect_vec3(xform_vector(&light[1].world_from_light, vec3(0, 1, 0)), 0, 0.6, -0.8); /* the disc's pole */
+    /* noon of the June solstice at the equator: 23.4 degrees to the north, which is -z */
+    run_text(&bench, SCENE(SENSOR("") RECTANGLE
+                           "<emitter type=\"sun\"><float name=\"sunRadiusScale\" value=\"0\"/>"
+                           "<integer name=\"month\" value=\"6\"/><integer name=\"day\" value=\"21\"/>"
+                           "<float name=\"hour\" value=\"13\"/><float name=\"minute\" value=\"1.8\"/>"
+                           "<float name=\"timezone\" value=\"1\"/><float name=\"latitude\" value=\"0\"/>"
+                           "<float name=\"longitude\" value=\"0\"/></emitter>"));
+    bench_expect_silence(&bench);
+    vec3_t noon = xform_vector(&bench.blob.lights->world_from_light, vec3(0, 0, 1));
+    expect_near((double)noon.z, -sin(23.44 / 57.29577951), 1e-3);
+    expect_near((double)noon.y, cos(23.44 / 57.29577951), 1e-3);
     expect_error(&bench, RECTANGLE "<emitter type=\"sky\"><vector name=\"sunDirection\" y=\"-1\"/></emitter>",
                  "the sun is below the horizon");
     expect_error(&bench, RECTANGLE "<emitter type=\"sky\"><float name=\"turbidity\" value=\"11\"/></emitter>",
