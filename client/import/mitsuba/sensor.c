@@ -1,6 +1,7 @@
 /* sensor: see sensor.h. */
 #include "client/import/mitsuba/sensor.h"
 
+#include <float.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -308,6 +309,20 @@ static result_t read_parameters(mitsuba_t *m, const element_t *integrator, doubl
     return read_depth(m, integrator, depth);
 }
 
+/* Mitsuba's rays are half as long as the radius of the sphere about the scene's box, unless it is told. */
+static result_t read_occlusion(mitsuba_t *m, const element_t *integrator)
+{
+    const box_t box = scene_box(m->scene);
+    double length = -1, radius = (double)v_length(v_sub(v_scale(box.high, 0.5f), v_scale(box.low, 0.5f)));
+    TRY(property_number(m, integrator, "rayLength", -1e30, 1e30, &length));
+    if (length < 0) length = radius / 2;
+    m->record.integrator = INTEGRATOR_AO;
+    m->record.occlusion_distance = fmaxf((float)length, FLT_MIN);
+    report_warning(m->report, integrator->at,
+                   "ambient occlusion is black here where there is no surface, and white in Mitsuba");
+    return result_ok();
+}
+
 /* One that works on the picture of another: what shows the light. */
 static result_t read_inner(mitsuba_t *m, element_t *integrator, int depth)
 {
@@ -346,6 +361,7 @@ static result_t read_integrator(mitsuba_t *m, element_t *integrator, int depth)
     };
     const char *type = object_type(integrator);
     m->record.integrator = INTEGRATOR_PATH;
+    if (strcmp(type, "ao") == 0) return read_occlusion(m, integrator);
     for (size_t i = 0; i < ARRAY_LENGTH(outer); ++i)
         if (strcmp(type, outer[i]) == 0) return read_inner(m, integrator, depth);
     for (size_t i = 0; i < ARRAY_LENGTH(rows); ++i) {

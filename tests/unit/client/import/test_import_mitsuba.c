@@ -228,7 +228,7 @@ static void unknown_things_are_errors_or_substitutes(void **state)
         "<shape type=\"rectangle\"><bsdf type=\"diffuse\"><texture type=\"wireframe\" name=\"reflectance\"/>"
         "</bsdf></shape>",
         "<emitter type=\"moon\"/>" RECTANGLE,
-        "<integrator type=\"ao\"/>" RECTANGLE,
+        "<integrator type=\"motion\"/>" RECTANGLE,
         "<hide/>" RECTANGLE,
     };
     bench_t bench = {0};
@@ -369,6 +369,20 @@ static void a_telecentric_sensor_is_orthographic_with_a_lens(void **state)
     expect_near((double)scene->screen_window[1], 4, 1e-6);
     expect_near((double)scene->lens_radius, 0.25, 0); /* the world's units, whatever the scale */
     expect_near((double)scene->focal_distance, 3, 0);
+    bench_close(&bench);
+}
+
+static void occlusion_reaches_as_far_as_in_mitsuba(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run(&bench, "<integrator type=\"ao\"/><shape type=\"cube\"/>");
+    bench_expect_ok(&bench);
+    assert_int_equal(bench.blob.scene->integrator, INTEGRATOR_AO);
+    expect_near((double)bench.blob.scene->occlusion_distance, sqrt(3) / 2, 1e-6);
+    run(&bench, "<integrator type=\"ao\"><float name=\"rayLength\" value=\"7\"/></integrator>" RECTANGLE);
+    bench_expect_ok(&bench);
+    expect_near((double)bench.blob.scene->occlusion_distance, 7, 0);
     bench_close(&bench);
 }
 
@@ -977,6 +991,7 @@ int main(void)
         cmocka_unit_test(a_spherical_sensor_begins_behind_itself),
         cmocka_unit_test(integrators_about_others_become_those),
         cmocka_unit_test(a_telecentric_sensor_is_orthographic_with_a_lens),
+        cmocka_unit_test(occlusion_reaches_as_far_as_in_mitsuba),
         cmocka_unit_test(the_field_of_view_has_its_axis),
         cmocka_unit_test(steps_of_a_transform_are_applied_in_their_order),
         cmocka_unit_test(shapes_stand_where_mitsubas_do),
