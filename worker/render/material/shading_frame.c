@@ -85,9 +85,7 @@ void shading_frame_turn(bsdf_t *bsdf, const scene_t *scene, const blob_material_
 vec3_t shading_frame_coat(const bsdf_t *bsdf, const scene_t *scene, const blob_material_t *material,
                           const surface_details_t *details, const texture_point_t *at)
 {
-    bsdf_t coat;
-    coat.ng = bsdf->ng;
-    coat.ns = at->n;
+    bsdf_t coat = {.ng = bsdf->ng, .ns = at->n};
     if (material->coat_normal_map != 0)
         map_normal(&coat, scene_textures(scene), material->coat_normal_map - 1, material->coat_normal_scale,
                    details, at);
