@@ -258,8 +258,6 @@ blob_value_t texture_threshold(document_t *document, blob_value_t value, float c
  * good until document_close. */
 result_t material_get(document_t *document, uint32_t index, bool coloured, const gltf_material_t **material);
 
-/* ---- variant.c ----------------------------------------------------------------------------------------- */
-
 /* Finds the variant of the materials that is asked for (--variant). RESULT_USAGE when there is none such. */
 result_t variant_choose(document_t *document);
 /* The material of a primitive in that variant; unchanged when it has none. */
