@@ -52,7 +52,7 @@ client/import/tessellate    : client/import/scene
 client/import/obj           : client/import/files
 client/import/mitsuba       : client/import/environment client/import/obj
 client/import/packed        : common
-client/import/gltf          : client/import/scene client/import/packed
+client/import/gltf          : client/import/environment client/import/packed
 client/import/pbrt/syntax    : client/import/files
 client/import/pbrt/state     : client/import/pbrt/syntax
 client/import/pbrt/materials : client/import/pbrt/state

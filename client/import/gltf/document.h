@@ -243,6 +243,8 @@ result_t texture_value(document_t *document, const item_t *owner, const char *ke
 /* 1 - factor times that texture, for a factor from 0 to 1. */
 result_t texture_complement(document_t *document, const item_t *owner, const char *key, encoding_t encoding,
                             channel_t channel, float factor, blob_value_t *value);
+/* The bytes of an image of the file, and a name for messages. */
+result_t texture_bytes(document_t *document, const item_t *image, bytes_t *bytes, char name[PATH_ROOM]);
 /* a times b, where either may vary. */
 blob_value_t texture_product(document_t *document, blob_value_t a, blob_value_t b);
 /* (1 - amount) a + amount b. */
@@ -263,7 +265,8 @@ result_t variant_choose(document_t *document);
 /* The material of a primitive in that variant; unchanged when it has none. */
 result_t variant_material(const document_t *document, const item_t *primitive, uint32_t *material);
 
-/* ---- node.c, placement.c, light.c, camera.c ----------------------------------------------------------- */
+/* ---- node.c, placement.c, light.c, camera.c
+ * ----------------------------------------------------------- */
 
 /* Walks the scene and gathers document->meshes, cameras and lights. */
 result_t node_walk(document_t *document);

@@ -50,8 +50,9 @@ static const struct {
     {"KHR_meshopt_compression", false, "export with EXT_meshopt_compression, or without compression"},
     {"KHR_texture_basisu", false, "export textures as PNG, JPEG or WebP"},
     {"EXT_texture_avif", false, "export textures as PNG, JPEG or WebP"},
-    {"EXT_lights_image_based", false, "give the scene its surroundings with --environment"},
-    {"KHR_environment_map", false, "give the scene its surroundings with --environment"},
+    {"EXT_lights_image_based", true, NULL},
+    {"KHR_environment_map", false,
+     "its cube maps are KTX2 files, which are not read: give the scene its surroundings with --environment"},
 };
 
 /* Of these, those without which only textures are missing. */

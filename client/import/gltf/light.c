@@ -1,13 +1,15 @@
-/* light: KHR_lights_punctual.
+/* light: KHR_lights_punctual, and EXT_lights_image_based.
  *
  * The extension speaks of candela and lux, the core of nits for what surfaces emit; one nit is our radiance
  * 1, so one candela is our intensity 1 and one lux our irradiance 1. Blender's exporter writes radiance as it
  * is, but multiplies its lamps' watts by 683 lumens a watt (its lighting mode "Standard", the default), which
  * is undone for its files, so that lamps and emitting surfaces are as bright beside one another as in Cycles.
  */
+#include "client/import/environment/cube.h"
 #include "client/import/gltf/document.h"
 #include "client/import/scene/scene_defaults.h"
 
+#include <inttypes.h>
 #include <string.h>
 
 static const double lumens_per_watt = 683;
@@ -122,14 +124,129 @@ static result_t add_one(document_t *document, const gltf_placement_t *place)
     return scene_add_light(document->builder, light, &frame, document_at(document, &item));
 }
 
+/* ---- light from all around (EXT_lights_image_based) ---------------------------------------------------- */
+
+/* The largest cube of the light is what a path tracer needs; the blurred ones and the spherical harmonics
+ * beside it are for others. */
+static result_t keep_face(document_t *document, const item_t *item, const texture_image_t *image, int face,
+                          cube_t *cube)
+{
+    uint64_t pixels = (uint64_t)image->width * image->height;
+    TRY(scene_charge(document->builder, SCENE_PIXELS, pixels, document_at(document, item)));
+    if (cube_set_face(cube, face, image)) return result_ok();
+    return item_fail(item, "has %" PRIu32 " x %" PRIu32 " pixels; the faces of a cube are equal squares",
+                     image->width, image->height);
+}
+
+static result_t read_face(document_t *document, const item_t *indices, int face, cube_t *cube)
+{
+    const json_t *element = json_array_get(indices->json, (size_t)face);
+    json_int_t index = json_is_integer(element) ? json_integer_value(element) : -1;
+    size_t count = document_count(document, TOP_IMAGES);
+    if (index < 0 || (uint64_t)index >= count)
+        return item_fail(indices, "element %d must be the index of one of the %zu images", face, count);
+    item_t item;
+    bytes_t bytes;
+    char name[PATH_ROOM];
+    texture_image_t image;
+    TRY(document_item(document, TOP_IMAGES, (uint32_t)index, &item));
+    TRY(texture_bytes(document, &item, &bytes, name));
+    result_t result = texture_image_decode(name, bytes.data, bytes.size, &image);
+    if (result.code != RESULT_OK) return item_fail(&item, "%s", result.message);
+    result = keep_face(document, &item, &image, face, cube);
+    texture_image_free(&image);
+    return result;
+}
+
+static result_t read_cube(document_t *document, const item_t *levels, cube_t *cube)
+{
+    item_t faces;
+    TRY(item_element(levels, 0, JSON_ARRAY, &faces));
+    if (item_count(&faces) != CUBE_FACES)
+        return item_fail(&faces, "must be the %d faces of a cube, found %zu", CUBE_FACES, item_count(&faces));
+    for (int i = 0; i < CUBE_FACES; ++i) TRY(read_face(document, &faces, i, cube));
+    return result_ok();
+}
+
+static affine_t turn_of(const double q[4])
+{
+    affine_t turn = affine_identity();
+    double length = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2]);
+    double degrees = 2 * atan2(length, q[3]) * 180 / 3.14159265358979323846;
+    affine_rotation(degrees, q, &turn); /* which stays as it is without an axis */
+    return turn;
+}
+
+static result_t add_cube(document_t *document, const item_t *item, cube_t *cube, bool *added)
+{
+    double intensity = 1, rotation[4] = {0, 0, 0, 1};
+    item_t levels;
+    TRY(item_number(item, "intensity", 0, 1e20, &intensity));
+    TRY(item_numbers(item, "rotation", 4, -1e6, 1e6, rotation, NULL));
+    TRY(item_member(item, "specularImages", JSON_ARRAY, &levels));
+    if (item_count(&levels) == 0) {
+        item_warn(item, "has no specularImages, which the extension demands, and is left out; --environment "
+                        "gives the scene its surroundings");
+        return result_ok();
+    }
+    TRY(read_cube(document, &levels, cube));
+    *added = true;
+    blob_light_t light = {.kind = LIGHT_INFINITE,
+                          .radiance = blob_constant((float)intensity),
+                          .image = cube_add_image(document->builder, cube),
+                          .mapping = LIGHT_LATLONG_Y};
+    affine_t turn = turn_of(rotation);
+    return scene_add_light(document->builder, light, &turn, document_at(document, item));
+}
+
+/* The light that the scene names; json NULL when it names none. */
+static result_t find_surroundings(const document_t *document, item_t *scene, item_t *root, item_t *lights,
+                                  item_t *light)
+{
+    static const char name[] = "EXT_lights_image_based";
+    uint32_t scenes = (uint32_t)document_count(document, TOP_SCENES), number = 0, index = ITEM_NONE;
+    item_t extension;
+    light->json = NULL;
+    if (scenes == 0) return result_ok();
+    TRY(item_index(&document->root, "scene", scenes, &number));
+    TRY(document_item(document, TOP_SCENES, number, scene));
+    TRY(item_extension(scene, name, &extension));
+    if (!extension.json) return result_ok();
+    TRY(item_extension(&document->root, name, root));
+    TRY(item_member(root, "lights", JSON_ARRAY, lights));
+    TRY(item_index(&extension, "light", item_count(lights), &index));
+    if (index == ITEM_NONE) return item_fail(&extension, "names no light");
+    return item_element(lights, index, JSON_OBJECT, light);
+}
+
+static result_t add_surroundings(document_t *document, bool *added)
+{
+    item_t scene, root, lights, light;
+    cube_t cube = {.side = 0};
+    *added = false;
+    TRY(find_surroundings(document, &scene, &root, &lights, &light));
+    if (!light.json) return result_ok();
+    if (scene_gets_environment(document->builder)) {
+        item_warn(&light, "gives way to --environment");
+        return result_ok();
+    }
+    result_t result = add_cube(document, &light, &cube, added);
+    cube_free(&cube);
+    return report_excuse(document->builder->report, result, "the scene's surroundings are left out");
+}
+
+/* ---- all of them --------------------------------------------------------------------------------------- */
+
 result_t light_add(document_t *document)
 {
+    bool surrounded;
     if (document->blender && document->lights.count > 0)
         item_warn(&document->root,
                   "written by Blender: its lamps are taken for exported with the lighting mode "
                   "\"Standard\", Blender's default; with \"Unitless\" they come out 683 times too dark");
     for (size_t i = 0; i < document->lights.count; ++i) TRY(add_one(document, &document->lights.items[i]));
-    scene_default_light(document->builder, document->lights.count > 0,
+    TRY(add_surroundings(document, &surrounded));
+    scene_default_light(document->builder, document->lights.count > 0 || surrounded,
                         document_at(document, &document->root));
     return result_ok();
 }

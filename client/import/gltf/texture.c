@@ -7,7 +7,7 @@
 
 /* ---- images -------------------------------------------------------------------------------------------- */
 
-static result_t image_bytes(document_t *document, const item_t *image, bytes_t *bytes, char name[PATH_ROOM])
+result_t texture_bytes(document_t *document, const item_t *image, bytes_t *bytes, char name[PATH_ROOM])
 {
     uint32_t view = ITEM_NONE;
     const char *uri = NULL;
@@ -29,7 +29,7 @@ static result_t find_or_add(document_t *document, uint32_t index, encoding_t enc
     const scene_image_t *image = scene_find_image(document->builder, key, gamma);
     if (!image) {
         TRY(document_item(document, TOP_IMAGES, index, &item));
-        TRY(image_bytes(document, &item, &bytes, name));
+        TRY(texture_bytes(document, &item, &bytes, name));
         TRY(scene_add_image(document->builder, key, name, bytes.data, bytes.size, gamma, SCENE_ALPHA_WITHIN,
                             document_at(document, &item), &image));
     }
