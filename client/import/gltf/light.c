@@ -237,9 +237,39 @@ static result_t add_surroundings(document_t *document, bool *added)
 
 /* ---- all of them --------------------------------------------------------------------------------------- */
 
+/* Whether a node is what Blender's exporter leaves of an area lamp: nothing but a place, called as Blender
+ * calls these lamps, "Area" and "Area.001". Its extras do not tell: those of a lamp go with the lamp. */
+static bool looks_like_area_lamp(const item_t *node)
+{
+    static const char *const contents[] = {"mesh", "camera", "children", "skin", "extensions"};
+    for (size_t i = 0; i < ARRAY_LENGTH(contents); ++i)
+        if (json_object_get(node->json, contents[i])) return false;
+    const char *name = json_string_value(json_object_get(node->json, "name"));
+    return name && strncmp(name, "Area", 4) == 0 && (name[4] == '\0' || name[4] == '.');
+}
+
+static result_t tell_of_area_lamps(const document_t *document)
+{
+    item_t first = document->root, node;
+    size_t lost = 0;
+    for (uint32_t i = 0; document->blender && i < document_count(document, TOP_NODES); ++i) {
+        TRY(document_item(document, TOP_NODES, i, &node));
+        if (!node_world(document, i) || !looks_like_area_lamp(&node)) continue;
+        if (lost++ == 0) first = node;
+    }
+    if (lost > 0)
+        item_warn(
+            &first,
+            "holds nothing: it looks like an area lamp, which Blender does not export (%zu in all); put a "
+            "plane with an emitting material there",
+            lost);
+    return result_ok();
+}
+
 result_t light_add(document_t *document)
 {
     bool surrounded;
+    TRY(tell_of_area_lamps(document));
     if (document->blender && document->lights.count > 0)
         item_warn(&document->root,
                   "written by Blender: its lamps are taken for exported with the lighting mode "

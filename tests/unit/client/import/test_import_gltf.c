@@ -760,6 +760,33 @@ static void a_node_that_blender_cannot_export_is_told_of(void **state)
 }
 
 /* Blender marks nearly all materials as doubleSided; of other programs' files one warning is enough. */
+static void area_lamps_that_blender_left_out_are_told_of(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *node, *generator;
+        bool told;
+    } cases[] = {{"\"name\":\"Area\"", "Khronos glTF Blender I/O v4.2.57", true},
+                 {"\"name\":\"Area.001\",\"translation\":[1,2,3]", "Khronos glTF Blender I/O v4.2.57", true},
+                 {"\"name\":\"Area\"", "another", false},
+                 {"\"name\":\"Arena\"", "Khronos glTF Blender I/O v4.2.57", false},
+                 {"\"name\":\"Area\",\"mesh\":0", "Khronos glTF Blender I/O v4.2.57", false},
+                 {"\"name\":\"Area\",\"children\":[]", "Khronos glTF Blender I/O v4.2.57", false}};
+    for (size_t i = 0; i < ARRAY_LENGTH(cases); ++i) {
+        bench_t bench = {0};
+        char *rest =
+            mem_printf(MESH(POSITION) "\"mode\":4}]}],\"nodes\":[{\"mesh\":0},{%s},{\"name\":\"Area\"}],"
+                                      "\"scenes\":[{\"nodes\":[0,1]}]," GENERATOR("%s"),
+                       cases[i].node, cases[i].generator);
+        run(&bench, rest);
+        bench_expect_ok(&bench);
+        assert_int_equal(strstr(bench.warnings, "it looks like an area lamp") != NULL, cases[i].told);
+        if (cases[i].told) expect_text(bench.warnings, "(1 in all)");
+        free(rest);
+        bench_close(&bench);
+    }
+}
+
 static void a_light_of_images_that_is_not_read_names_the_option(void **state)
 {
     (void)state;
@@ -1246,6 +1273,7 @@ int main(void)
         cmocka_unit_test(a_variant_can_be_asked_for),
         cmocka_unit_test(spots_of_blender_fall_off_as_in_cycles),
         cmocka_unit_test(a_node_that_blender_cannot_export_is_told_of),
+        cmocka_unit_test(area_lamps_that_blender_left_out_are_told_of),
         cmocka_unit_test(a_light_of_images_that_is_not_read_names_the_option),
         cmocka_unit_test(emission_of_one_side_is_told_of_once),
         cmocka_unit_test(a_lens_opens_and_focuses),
