@@ -12,7 +12,7 @@ Q       := $(if $(V),,@)
 BASELINE := -march=x86-64-v3 -mtune=skylake -ffp-contract=off -fno-math-errno -fno-trapping-math
 WARNINGS := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Wvla
 PACKAGES := expat libmicrohttpd libzmq libprotobuf-c libsodium libzstd libpng zlib libturbojpeg libwebp draco OpenEXR jansson sqlite3 libcurl libmurmurhash
-ifneq ($(filter-out help clean deps deps-dev deps-test deps-chaos census check check-fast demo asan tsan fuzz chaos hostile valgrind container-check sim bench bench-error bench-environment bench-merge bench-farm bench-watch bench-link bench-large bench-codec format lint,$(or $(MAKECMDGOALS),all)),)
+ifneq ($(filter-out help clean deps deps-dev deps-test deps-chaos census check check-fast demo asan tsan fuzz chaos hostile valgrind container-check sim bench bench-error bench-environment bench-merge bench-farm bench-watch bench-link bench-large bench-textures bench-codec format lint,$(or $(MAKECMDGOALS),all)),)
 PKG_CFLAGS := $(shell pkg-config --cflags $(PACKAGES) 2>/dev/null)
 ifneq ($(.SHELLSTATUS),0)
 $(error $(strip $(foreach package,$(PACKAGES),$(if $(shell pkg-config --exists $(package) && echo yes),,$(package)))) is missing: run make deps)
@@ -304,6 +304,11 @@ bench-large: deps
 	$(SUBMAKE) $(JOBS) all
 	tests/bench/large.sh $(BUILD)
 
+# A scene with 4 GB of images in 1 GB of memory: minutes, as root, 20 GB of disk (docs/scale.md).
+bench-textures: deps-test
+	$(SUBMAKE) $(JOBS) all
+	tests/bench/textures.sh $(BUILD)
+
 # What docs/codec.md says of the alternatives to our payload coding.
 bench-codec: deps-dev
 	$(SUBMAKE) $(JOBS) EXTRA_LIBS=-lblosc $(BUILD)/tests/bench/bench_codec
@@ -397,6 +402,7 @@ help:
 	@echo "make bench-farm   CPU time of a farm beside its rendering; two workers against one"
 	@echo "make bench-watch  what a hundred people who watch a job cost the farm"
 	@echo "make bench-large  checkpoints, fetches and memory with an image of 7680 x 4320"
+	@echo "make bench-textures  a scene with 4 GB of images in 1 GB of memory"
 	@echo "make bench-link  what a worker behind 1 Mbit/s costs a job"
 	@echo "make bench-codec  the codings of payloads that were weighed against one another"
 	@echo "make pictures   the pictures of the page in docs/, of a farm that renders scenes/seed-hidden: minutes"
@@ -407,5 +413,5 @@ help:
 	@echo "make compdb     compile_commands.json for editors"
 	@echo "make clean      remove $(BUILD)/"
 
-.PHONY: all census check check-fast bench bench-error bench-environment bench-codec tests fast-tests run-tests asan tsan fuzz demo pictures deps deps-dev deps-chaos prometheus container-check install man uninstall format lint lint-files compdb clean help sim bench-merge bench-farm bench-watch bench-link bench-large chaos chaos-programs hostile valgrind deps-test
+.PHONY: all census check check-fast bench bench-error bench-environment bench-codec tests fast-tests run-tests asan tsan fuzz demo pictures deps deps-dev deps-chaos prometheus container-check install man uninstall format lint lint-files compdb clean help sim bench-merge bench-farm bench-watch bench-link bench-large bench-textures chaos chaos-programs hostile valgrind deps-test
 .SECONDARY:

@@ -106,17 +106,27 @@ result_t import_scene(const char *path, blob_builder_t *builder, const import_re
     return result;
 }
 
-static result_t finish(result_t result, blob_builder_t *builder, uint8_t **bytes, uint64_t *size)
+static result_t finish(result_t result, blob_builder_t *builder, int *file)
 {
-    if (result.code == RESULT_OK) result = blob_builder_finish(builder, bytes, size);
+    *file = -1;
+    if (result.code == RESULT_OK) result = blob_builder_write(builder, file);
     blob_builder_destroy(&builder);
     return result;
+}
+
+result_t import_scene_file(const char *path, const import_report_t *report, int *file)
+{
+    blob_builder_t *builder = blob_builder_new();
+    return finish(import_scene(path, builder, report), builder, file);
 }
 
 result_t import_scene_blob(const char *path, const import_report_t *report, uint8_t **bytes, uint64_t *size)
 {
     blob_builder_t *builder = blob_builder_new();
-    return finish(import_scene(path, builder, report), builder, bytes, size);
+    result_t result = import_scene(path, builder, report);
+    if (result.code == RESULT_OK) result = blob_builder_finish(builder, bytes, size);
+    blob_builder_destroy(&builder);
+    return result;
 }
 
 bool import_changes_blobs(const import_wishes_t *wishes)
@@ -126,9 +136,8 @@ bool import_changes_blobs(const import_wishes_t *wishes)
                       wishes_have_moment(wishes) || wishes->animation);
 }
 
-result_t import_changed_blob(const scene_blob_t *blob, const import_report_t *report, uint8_t **bytes,
-                             uint64_t *size)
+result_t import_changed_file(const scene_blob_t *blob, const import_report_t *report, int *file)
 {
     blob_builder_t *builder = blob_builder_new();
-    return finish(fill(NULL, blob, builder, report), builder, bytes, size);
+    return finish(fill(NULL, blob, builder, report), builder, file);
 }

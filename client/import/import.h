@@ -15,14 +15,15 @@
  * destroyed. RESULT_INPUT: the file, or one it refers to, is missing, malformed or not supported. */
 result_t import_scene(const char *path, blob_builder_t *builder, const import_report_t *report);
 
-/* The same as one finished blob; the caller frees *bytes. A file that already is a blob is not a scene here:
- * see blob_recognise. */
+/* The same as one blob in a file without a name, as blob_builder_write makes it; the caller closes *file. A
+ * file that already is a blob is not a scene here: see blob_recognise. */
+result_t import_scene_file(const char *path, const import_report_t *report, int *file);
+/* The same as one finished blob in memory; the caller frees *bytes. */
 result_t import_scene_blob(const char *path, const import_report_t *report, uint8_t **bytes, uint64_t *size);
 
 /* True when the wishes ask for something that a scene which is a blob already can still be given. */
 bool import_changes_blobs(const import_wishes_t *wishes);
-/* Makes another blob of a checked one: with what the report's wishes ask for. The caller frees *bytes. */
-result_t import_changed_blob(const scene_blob_t *blob, const import_report_t *report, uint8_t **bytes,
-                             uint64_t *size);
+/* Makes another blob of a checked one, with what the report's wishes ask for, as import_scene_file does. */
+result_t import_changed_file(const scene_blob_t *blob, const import_report_t *report, int *file);
 
 #endif

@@ -61,7 +61,7 @@ static void show_progress(void *context, double fraction)
 static result_t import_file(const char *path, const scene_blob_t *blob, const import_wishes_t *wishes,
                             loaded_scene_t *scene)
 {
-    uint64_t size;
+    int file;
     progress_t progress = progress_start(false);
     import_report_t report = {.warn = warn,
                               .progress = show_progress,
@@ -69,10 +69,14 @@ static result_t import_file(const char *path, const scene_blob_t *blob, const im
                               .lenient = wishes && wishes->lenient,
                               .strict = wishes && wishes->strict,
                               .wishes = wishes};
-    result_t result = blob ? import_changed_blob(blob, &report, &scene->bytes, &size)
-                           : import_scene_blob(path, &report, &scene->bytes, &size);
+    result_t result =
+        blob ? import_changed_file(blob, &report, &file) : import_scene_file(path, &report, &file);
+    if (result.code == RESULT_OK) {
+        result = blob_open_descriptor(file, path, &scene->blob);
+        close(file);
+    }
     progress_erase(&progress);
-    return result.code == RESULT_OK ? blob_open(scene->bytes, size, &scene->blob) : result;
+    return result;
 }
 
 static result_t load_blob(const char *path, const import_wishes_t *wishes, loaded_scene_t *scene)
@@ -102,7 +106,6 @@ result_t scene_load(const char *path, const import_wishes_t *wishes, loaded_scen
 void scene_free(loaded_scene_t *scene)
 {
     blob_close(&scene->blob);
-    free(scene->bytes);
     free(scene->name);
     *scene = (loaded_scene_t){0};
 }

@@ -1,4 +1,4 @@
-/* loaded_scene: a scene as it is named on a command line, as one blob in memory. */
+/* loaded_scene: a scene as it is named on a command line, as one blob. */
 #ifndef LIGHTMILL_LOADED_SCENE_H
 #define LIGHTMILL_LOADED_SCENE_H
 
@@ -6,9 +6,8 @@
 #include "common/scene/scene_blob.h"
 
 typedef struct {
-    uint8_t *bytes; /* of an imported scene, owned; NULL when the blob is mapped from a file */
-    scene_blob_t blob;
-    char *name; /* owned; what to call the job and the image: "cornell" */
+    scene_blob_t blob; /* mapped from its file, or from one without a name */
+    char *name;        /* owned; what to call the job and the image: "cornell" */
 } loaded_scene_t;
 
 /* Loads a scene file (.pbrt, .gltf, .glb, .obj, .xml), a directory that holds a scene.pbrt, or a scene blob.

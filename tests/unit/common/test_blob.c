@@ -11,6 +11,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include <cmocka.h>
 
@@ -338,6 +339,53 @@ static void builders_grow_and_fill_in_late(void **state)
     assert_fails(blob_builder_finish(builder, &bytes, &size), "no world object");
     blob_builder_destroy(&builder);
     blob_builder_destroy(&builder);
+}
+
+/* A scene with so many more texels, in two parts, so that the section grows when it is large already. */
+static blob_builder_t *large_scene(uint32_t words)
+{
+    blob_builder_t *builder = make_builder();
+    uint32_t part = words - words / 4, first = blob_builder_add(builder, BLOB_SECTION_TEXELS, NULL, part);
+    uint32_t *texels = blob_builder_records(builder, BLOB_SECTION_TEXELS);
+    for (uint32_t i = 0; i < part; i += 509) texels[first + i] = i;
+    blob_builder_add(builder, BLOB_SECTION_TEXELS, NULL, words - part);
+    texels = blob_builder_records(builder, BLOB_SECTION_TEXELS);
+    texels[first + words - 1] = 7;
+    return builder;
+}
+
+/* In a file and in memory the blob is the same, whether its sections were in files or not. */
+static void blobs_are_written_to_files(void **state)
+{
+    (void)state;
+    const uint32_t sizes[] = {1000, 23 << 20, 17 << 20};
+    char *kept = getenv("TMPDIR") ? mem_strdup(getenv("TMPDIR")) : NULL;
+    for (size_t k = 0; k < ARRAY_LENGTH(sizes); k++) {
+        if (k == 2) setenv("TMPDIR", "/nowhere", 1); /* no disk: memory */
+        blob_builder_t *builder = large_scene(sizes[k]);
+        int file;
+        uint8_t *bytes;
+        uint64_t size;
+        scene_blob_t blob;
+        assert_int_equal(blob_builder_write(builder, &file).code, RESULT_OK);
+        blob_builder_destroy(&builder);
+        assert_int_equal(blob_open_descriptor(file, "it", &blob).code, RESULT_OK);
+        close(file);
+        builder = large_scene(sizes[k]);
+        assert_int_equal(blob_builder_finish(builder, &bytes, &size).code, RESULT_OK);
+        blob_builder_destroy(&builder);
+        assert_true(blob.size == size && memcmp(blob.bytes, bytes, size) == 0);
+        uint32_t first = (uint32_t)blob.counts[BLOB_SECTION_TEXELS] - sizes[k];
+        assert_int_equal(blob.texels[first + 509], 509);
+        assert_int_equal(blob.texels[first + sizes[k] - 1], 7);
+        free(bytes);
+        blob_close(&blob);
+    }
+    if (kept)
+        setenv("TMPDIR", kept, 1);
+    else
+        unsetenv("TMPDIR");
+    free(kept);
 }
 
 static void files_are_mapped(void **state)
@@ -966,13 +1014,19 @@ static void random_contents_are_survived(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(everything_comes_back),          cmocka_unit_test(the_same_scene_has_the_same_name),
-        cmocka_unit_test(builders_grow_and_fill_in_late), cmocka_unit_test(files_are_mapped),
-        cmocka_unit_test(every_truncation_is_an_error),   cmocka_unit_test(every_flipped_byte_is_an_error),
-        cmocka_unit_test(bad_indices_are_errors),         cmocka_unit_test(bad_numbers_are_errors),
-        cmocka_unit_test(hopeless_transforms_are_errors), cmocka_unit_test(lenses_are_checked),
-        cmocka_unit_test(depths_and_costs_are_limited),   cmocka_unit_test(bad_headers_are_errors),
-        cmocka_unit_test(random_contents_are_survived)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(everything_comes_back),
+                                       cmocka_unit_test(the_same_scene_has_the_same_name),
+                                       cmocka_unit_test(builders_grow_and_fill_in_late),
+                                       cmocka_unit_test(blobs_are_written_to_files),
+                                       cmocka_unit_test(files_are_mapped),
+                                       cmocka_unit_test(every_truncation_is_an_error),
+                                       cmocka_unit_test(every_flipped_byte_is_an_error),
+                                       cmocka_unit_test(bad_indices_are_errors),
+                                       cmocka_unit_test(bad_numbers_are_errors),
+                                       cmocka_unit_test(hopeless_transforms_are_errors),
+                                       cmocka_unit_test(lenses_are_checked),
+                                       cmocka_unit_test(depths_and_costs_are_limited),
+                                       cmocka_unit_test(bad_headers_are_errors),
+                                       cmocka_unit_test(random_contents_are_survived)};
     return cmocka_run_group_tests_name("blob", tests, NULL, NULL);
 }

@@ -194,19 +194,19 @@ static void a_blob_can_be_given_one_too(void **state)
     wishes.environment = "4,5,6";
     assert_true(import_changes_blobs(&wishes));
     import_report_t report = {.warn = bench_warn, .context = &bench, .wishes = &wishes};
-    uint8_t *bytes;
-    uint64_t size;
+    int file;
     scene_blob_t blob;
-    assert_int_equal(import_changed_blob(&bench.blob, &report, &bytes, &size).code, RESULT_OK);
-    assert_int_equal(blob_open(bytes, size, &blob).code, RESULT_OK);
+    assert_int_equal(import_changed_file(&bench.blob, &report, &file).code, RESULT_OK);
+    assert_int_equal(blob_open_descriptor(file, "it", &blob).code, RESULT_OK);
+    close(file);
     assert_int_equal(blob.counts[BLOB_SECTION_LIGHTS], 3);
     expect_vec3(blob.lights[2].radiance.factor, 4, 5, 6);
     /* and is the one that importing with the wish makes */
     bench.wishes = &wishes;
     bench_run(&bench, LIT);
-    assert_int_equal(bench.size, size);
-    assert_memory_equal(bench.bytes, bytes, size);
-    free(bytes);
+    assert_int_equal(bench.size, blob.size);
+    assert_memory_equal(bench.bytes, blob.bytes, blob.size);
+    blob_close(&blob);
     bench_close(&bench);
 }
 
