@@ -5,6 +5,7 @@
 #include "tests/scattering.h"
 #include "worker/render/bsdf/film.h"
 #include "worker/render/bsdf/lobe.h"
+#include "worker/render/material/shading_frame.h"
 #include "worker/render/sampling/warp.h"
 
 #include <setjmp.h>
@@ -346,6 +347,24 @@ static void anisotropy_follows_its_formula(void **state)
     assert_true(kept.c[0] > 0.9 && kept.c[0] < 1.001);
 }
 
+/* Counter-clockwise as the texture has it: the other way round where that is mirrored. */
+static void anisotropy_turns_with_the_texture(void **state)
+{
+    (void)state;
+    scattering_t s;
+    blob_material_t m = brushed(white(1, 0.5f), 0.7f, 0.5f);
+    scattering_begin(&s, m);
+    for (int mirrored = 0; mirrored < 2; mirrored++) {
+        float sign = mirrored ? -1.0f : 1.0f;
+        surface_details_t details = {.dpdu = {1, 0, 0}, .dpdv = {0, sign, 0}};
+        texture_point_t at = {.p = {0, 0, 0}};
+        shading_frame_turn(&s.bsdf, s.scene, &m, &details, &at);
+        assert_float_equal(s.bsdf.s.x, cosf(0.5f), 1e-6f);
+        assert_float_equal(s.bsdf.s.y, sign * sinf(0.5f), 1e-6f);
+    }
+    scattering_end(&s);
+}
+
 /* ---- iridescence --------------------------------------------------------------------------------------- */
 
 static double schlick(double f0, double cos)
@@ -561,19 +580,13 @@ static void one_colour_is_chosen_once(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(sampling_matches_densities),
-        cmocka_unit_test(scattering_is_reciprocal),
-        cmocka_unit_test(extreme_values_are_harmless),
-        cmocka_unit_test(sheen_keeps_its_table),
-        cmocka_unit_test(sheen_follows_its_formula),
-        cmocka_unit_test(sheen_gains_nothing),
-        cmocka_unit_test(anisotropy_follows_its_formula),
-        cmocka_unit_test(films_interfere_as_waves),
-        cmocka_unit_test(films_cover_by_their_strength),
-        cmocka_unit_test(films_lose_nothing_of_glass),
-        cmocka_unit_test(leaves_share_out_the_light),
-        cmocka_unit_test(prisms_split_colours),
-        cmocka_unit_test(prisms_lose_nothing),
+        cmocka_unit_test(sampling_matches_densities),     cmocka_unit_test(scattering_is_reciprocal),
+        cmocka_unit_test(extreme_values_are_harmless),    cmocka_unit_test(sheen_keeps_its_table),
+        cmocka_unit_test(sheen_follows_its_formula),      cmocka_unit_test(sheen_gains_nothing),
+        cmocka_unit_test(anisotropy_follows_its_formula), cmocka_unit_test(anisotropy_turns_with_the_texture),
+        cmocka_unit_test(films_interfere_as_waves),       cmocka_unit_test(films_cover_by_their_strength),
+        cmocka_unit_test(films_lose_nothing_of_glass),    cmocka_unit_test(leaves_share_out_the_light),
+        cmocka_unit_test(prisms_split_colours),           cmocka_unit_test(prisms_lose_nothing),
         cmocka_unit_test(one_colour_is_chosen_once),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -669,23 +669,38 @@ static void sheets_stop_independently(void **state)
     }
 }
 
-/* A ball of rough glass that absorbs most of the blue. */
-static void glass_absorbs(void **state)
+/* glTF's solid glass. */
+static blob_material_t glass_of(float roughness)
 {
-    (void)state;
-    test_scene_t scene = test_scene_begin(vec3(0, 0, -2), 50, SIDE);
-    blob_material_t glass = {.kind = MATERIAL_GLTF}, matte = {.kind = MATERIAL_DIFFUSE};
+    blob_material_t glass = {.kind = MATERIAL_GLTF};
     glass.values[VALUE_REFLECTANCE] = glass.values[VALUE_TRANSMISSION] = blob_constant(1);
-    glass.values[VALUE_ROUGHNESS_U] = blob_constant(0.3f);
+    glass.values[VALUE_ROUGHNESS_U] = blob_constant(roughness);
     glass.values[VALUE_ETA] = blob_constant(1.4f);
     glass.values[VALUE_SPECULAR] = glass.values[VALUE_SPECULAR_COLOUR] = blob_constant(1);
-    glass.values[VALUE_ATTENUATION] = blob_colour_value(vec3(0.5f, 1, 2));
+    return glass;
+}
+
+/* A ball of it in a room. */
+static test_scene_t glass_scene(blob_material_t glass)
+{
+    test_scene_t scene = test_scene_begin(vec3(0, 0, -2), 50, SIDE);
+    blob_material_t matte = {.kind = MATERIAL_DIFFUSE};
     matte.values[VALUE_REFLECTANCE] = blob_constant(0.6f);
     uint32_t ball = test_scene_material(&scene, glass), wall = test_scene_material(&scene, matte);
     test_scene_room(&scene, vec3(-1.5f, -1.5f, -2.5f), vec3(1.5f, 1.5f, 1.5f), wall, vec3(0, 0, 0));
     test_scene_rectangle(&scene, vec3(-0.5f, 1.4f, -0.5f), vec3(1, 0, 0), vec3(0, 0, 1), wall, vec3(6, 6, 6));
     test_scene_sphere(&scene, vec3(0, 0, 0), 0.8f, ball, vec3(0, 0, 0));
     test_scene_finish(&scene);
+    return scene;
+}
+
+/* Rough glass that absorbs most of the blue. */
+static void glass_absorbs(void **state)
+{
+    (void)state;
+    blob_material_t glass = glass_of(0.3f);
+    glass.values[VALUE_ATTENUATION] = blob_colour_value(vec3(0.5f, 1, 2));
+    test_scene_t scene = glass_scene(glass);
     estimate_image_t path = render_blob(&scene.blob, INTEGRATOR_PATH, 512),
                      bdpt = render_blob(&scene.blob, INTEGRATOR_BDPT, 128),
                      light = render_blob(&scene.blob, INTEGRATOR_LIGHT, 512);
@@ -698,6 +713,24 @@ static void glass_absorbs(void **state)
     estimate_image_free(&light);
     test_scene_end(&scene);
     assert_true(holds);
+}
+
+/* Glass that refracts each colour its own way: the subpaths of a path come to their colours apart. */
+static void glass_disperses(void **state)
+{
+    (void)state;
+    for (int rough = 0; rough < 2; rough++) {
+        blob_material_t glass = glass_of(rough ? 0.4f : 0);
+        glass.values[VALUE_DISPERSION] = blob_constant(8);
+        test_scene_t scene = glass_scene(glass);
+        estimate_image_t path = render_blob(&scene.blob, INTEGRATOR_PATH, 128),
+                         bdpt = render_blob(&scene.blob, INTEGRATOR_BDPT, 32);
+        bool holds = agree(rough ? "rough prism" : "smooth prism", "bdpt", &bdpt, &path);
+        estimate_image_free(&path);
+        estimate_image_free(&bdpt);
+        test_scene_end(&scene);
+        assert_true(holds);
+    }
 }
 
 /* Deep paths: eye and light subpaths never use the same numbers. */
@@ -845,11 +878,17 @@ int main(int argc, char **argv)
 {
     only_scene = argc > 1 ? argv[1] : NULL;
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(integrators_agree),         cmocka_unit_test(crops_are_parts),
-        cmocka_unit_test(filters_keep_the_mean),     cmocka_unit_test(white_things_vanish),
-        cmocka_unit_test(poor_scenes_render),        cmocka_unit_test(shadow_alpha_lets_light_through),
-        cmocka_unit_test(sheets_stop_independently), cmocka_unit_test(glass_absorbs),
-        cmocka_unit_test(deep_paths_agree),          cmocka_unit_test(biases_render),
+        cmocka_unit_test(integrators_agree),
+        cmocka_unit_test(crops_are_parts),
+        cmocka_unit_test(filters_keep_the_mean),
+        cmocka_unit_test(white_things_vanish),
+        cmocka_unit_test(poor_scenes_render),
+        cmocka_unit_test(shadow_alpha_lets_light_through),
+        cmocka_unit_test(sheets_stop_independently),
+        cmocka_unit_test(glass_absorbs),
+        cmocka_unit_test(glass_disperses),
+        cmocka_unit_test(deep_paths_agree),
+        cmocka_unit_test(biases_render),
         cmocka_unit_test(first_hits_tell_the_scene),
     };
     return cmocka_run_group_tests(tests, begin, end);
