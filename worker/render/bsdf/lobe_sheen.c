@@ -146,7 +146,7 @@ float lobe_cover_mean(const lobe_cover_t *cover)
 
 /* ---- the lobe ------------------------------------------------------------------------------------------ */
 
-/* Of the logarithm of Lambda, fitted by Conty Estevez and Kulla at the roughnesses 0 and 1 (table 1). */
+/* Of the logarithm of Lambda, fitted by Conty Estevez and Kulla at both ends of the roughness. */
 static float fit(float x, float alpha)
 {
     float smooth = (1 - alpha) * (1 - alpha);
