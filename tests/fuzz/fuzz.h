@@ -18,6 +18,7 @@ int fuzz_draco(const uint8_t *data, size_t size);
 int fuzz_fourier(const uint8_t *data, size_t size);
 int fuzz_gltf(const uint8_t *data, size_t size);
 int fuzz_http(const uint8_t *data, size_t size);
+int fuzz_lens(const uint8_t *data, size_t size);
 int fuzz_measured(const uint8_t *data, size_t size);
 int fuzz_meshopt(const uint8_t *data, size_t size);
 int fuzz_mitsuba(const uint8_t *data, size_t size);

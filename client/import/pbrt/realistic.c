@@ -132,7 +132,7 @@ static result_t make_aperture(pbrt_t *p, const char *name, position_t at)
 
 /* ---- the lens ------------------------------------------------------------------------------------------ */
 
-/* Sets the stop's aperture, which an image fills to the corners of its square. */
+/* Opens the stop as far as it is asked for. */
 static void set_stop(pbrt_t *p, const wish_t *wish, position_t at, blob_lens_element_t *elements,
                      uint32_t count)
 {
@@ -160,7 +160,7 @@ static result_t set_film(pbrt_t *p, position_t at)
     return result_ok();
 }
 
-/* The boxes hold whatever an aperture's image lets through, turned as it may be. */
+/* The boxes hold whatever an aperture's image, which has corners, lets through, turned as it may be. */
 static bool find_pupils(const pbrt_t *p, const lens_t *lens, blob_pupil_t pupils[LENS_PUPILS])
 {
     blob_lens_element_t open[LENS_MAX_ELEMENTS];

@@ -28,11 +28,11 @@ result_t lens_focus(const lens_t *lens, double height, double distance, double *
      * how far the lens moves towards the scene. */
     double length = principal[0] - focus[0], free = distance - principal[1] + principal[0],
            under_root = free * (free - 4 * length);
-    /* The root of d that is nearer to the film, without cancellation. */
     if (!(length > 0)) return result_fail(RESULT_INPUT, "does not focus light, but spreads it");
     if (!(under_root > 0))
         return result_fail(RESULT_INPUT, "cannot focus on %g: the nearest is %g", distance,
                            4 * length + principal[1] - principal[0]);
+    /* The root of d that is nearer to the film, without cancellation. */
     *thickness = lens_rear(lens) - principal[0] + 2 * length * free / (free + sqrt(under_root));
     if (*thickness > 0) return result_ok();
     return result_fail(RESULT_INPUT, "focuses on %g only within itself", distance);

@@ -104,6 +104,7 @@ SEEDS_END_WELL(draco)
 SEEDS_END_WELL(fourier)
 SEEDS_END_WELL(gltf)
 SEEDS_END_WELL(http)
+SEEDS_END_WELL(lens)
 SEEDS_END_WELL(measured)
 SEEDS_END_WELL(meshopt)
 SEEDS_END_WELL(mitsuba)
@@ -136,6 +137,7 @@ int main(void)
         cmocka_unit_test(seeds_of_fourier_end_well),
         cmocka_unit_test(seeds_of_gltf_end_well),
         cmocka_unit_test(seeds_of_http_end_well),
+        cmocka_unit_test(seeds_of_lens_end_well),
         cmocka_unit_test(seeds_of_measured_end_well),
         cmocka_unit_test(seeds_of_meshopt_end_well),
         cmocka_unit_test(seeds_of_mitsuba_end_well),

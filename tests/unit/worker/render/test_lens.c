@@ -279,7 +279,8 @@ static quarters_t quarters_of(const scene_blob_t *blob, integrator_t integrator,
     return q;
 }
 
-/* A room with a lamp, seen through the lens; `glow`: all of its walls shine, and nothing is reflected. */
+/* A room with a lamp close before its wall, where light subpaths are dense, so that weights must know what
+ * does not exist; `glow`: all of its walls shine, and nothing is reflected. */
 static test_scene_t room_behind(const optics_t *o, bool glow)
 {
     test_scene_t scene = test_scene_begin(vec3(0, 0, -0.9f), 60, SIDE);
@@ -296,9 +297,9 @@ static test_scene_t room_behind(const optics_t *o, bool glow)
     rgb_t black = vec3(0, 0, 0);
     test_scene_room(&scene, vec3(-1, -1, -1), vec3(1, 1, 1), wall, glow ? vec3(1, 1, 1) : black);
     if (!glow) {
-        test_scene_rectangle(&scene, vec3(-0.5f, 0.95f, -0.2f), vec3(0.9f, 0, 0), vec3(0, 0, 0.9f), wall,
-                             vec3(5, 5, 5));
-        test_scene_sphere(&scene, vec3(-0.05f, -0.05f, 0.5f), 0.1f, wall, black);
+        test_scene_rectangle(&scene, vec3(-0.05f, -0.05f, 0.85f), vec3(0.1f, 0, 0), vec3(0, 0.1f, 0), wall,
+                             vec3(30, 30, 30));
+        test_scene_sphere(&scene, vec3(0.1f, 0.1f, 0.5f), 0.05f, wall, black);
     }
     test_scene_finish(&scene);
     return scene;
