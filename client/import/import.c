@@ -72,6 +72,8 @@ static result_t check_moment(const import_wishes_t *wishes)
         return result_fail(RESULT_USAGE, "--time-point and --frame say the same; give one of them");
     if (wishes->animation && !wishes_have_moment(wishes))
         return result_fail(RESULT_USAGE, "--animation needs --time-point or --frame");
+    if (wishes->shutter && !wishes_have_moment(wishes))
+        return result_fail(RESULT_USAGE, "--shutter needs --time-point or --frame");
     return result_ok();
 }
 
@@ -133,7 +135,7 @@ bool import_changes_blobs(const import_wishes_t *wishes)
 {
     return wishes && (wishes->environment || wishes->camera || wishes->variant || wishes->fov > 0 ||
                       wishes->lens_radius >= 0 || wishes->focus || wishes->definitions.count > 0 ||
-                      wishes_have_moment(wishes) || wishes->animation);
+                      wishes_have_moment(wishes) || wishes->animation || wishes->shutter);
 }
 
 result_t import_changed_file(const scene_blob_t *blob, const import_report_t *report, int *file)

@@ -38,6 +38,9 @@ static const option_t rows[] = {
     OPTION(import_wishes_t, animation, "animation", "NAME|NUMBER",
            "of several animations that one alone: by its name, or its number from 1 (default: all but those "
            "that move what one before them moves)"),
+    OPTION(import_wishes_t, shutter, "shutter", "SECONDS|OPEN,CLOSE",
+           "blur what moves while the shutter is open: so long about the moment, or from OPEN to CLOSE, in "
+           "seconds after it"),
     OPTION(import_wishes_t, fov, "fov", "DEGREES",
            "field of view of a perspective camera, along the shorter side of the picture",
            OPTION_RANGE(1e-3, 179.9)),

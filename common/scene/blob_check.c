@@ -138,7 +138,7 @@ static bool range_inside(uint32_t first, uint64_t count, uint64_t total)
 }
 
 /* The same for a range that may be absent. */
-static bool range_inside_or_none(uint32_t first, uint32_t count, uint64_t total)
+static bool range_inside_or_none(uint32_t first, uint64_t count, uint64_t total)
 {
     return first == BLOB_NONE || range_inside(first, count, total);
 }
@@ -146,9 +146,12 @@ static bool range_inside_or_none(uint32_t first, uint32_t count, uint64_t total)
 static result_t check_mesh_arrays(const scene_blob_t *blob, const blob_mesh_t *mesh, unsigned long long id)
 {
     uint32_t count = mesh->vertex_count;
-    CHECK(range_inside(mesh->first_position, count, blob->counts[BLOB_SECTION_POSITIONS]),
+    CHECK(mesh->steps != 1 && mesh->steps <= BLOB_MAX_STEPS, "mesh %llu: is given at %u times", id,
+          mesh->steps);
+    uint64_t placed = blob_mesh_places(mesh);
+    CHECK(range_inside(mesh->first_position, placed, blob->counts[BLOB_SECTION_POSITIONS]),
           "mesh %llu: its vertices lie outside the positions", id);
-    CHECK(range_inside_or_none(mesh->first_normal, count, blob->counts[BLOB_SECTION_NORMALS]),
+    CHECK(range_inside_or_none(mesh->first_normal, placed, blob->counts[BLOB_SECTION_NORMALS]),
           "mesh %llu: its normals lie outside the normals", id);
     CHECK(range_inside_or_none(mesh->first_uv, count, blob->counts[BLOB_SECTION_UVS]) &&
               range_inside_or_none(mesh->first_uv2, count, blob->counts[BLOB_SECTION_UVS]),
@@ -286,6 +289,9 @@ static result_t check_shapes(const scene_blob_t *blob)
                    blob->lights[shape->light].kind == LIGHT_AREA && blob->lights[shape->light].shape == id),
               "shape %llu: light %u does not belong to it", id, shape->light);
         CHECK(shape->light == BLOB_NONE || shape->kind != SHAPE_CURVES, "shape %llu: curves cannot emit", id);
+        CHECK(shape->light == BLOB_NONE || shape->kind != SHAPE_MESH ||
+                  blob->meshes[shape->geometry].steps == 0,
+              "shape %llu: a mesh that changes cannot emit", id);
         CHECK(shape->kind == SHAPE_MESH || !(shape->flags & SHAPE_BUMPS_V3),
               "shape %llu: is no mesh, and has the bumps of one", id);
         CHECK(shape->name < blob->counts[BLOB_SECTION_STRINGS],

@@ -14,6 +14,7 @@ enum {
     BLOB_MAX_IMAGE_SIDE = 65536,
     BLOB_MAX_TEXTURE_COST = 1000, /* textures that one look-up evaluates */
     BLOB_MAX_MIX_DEPTH = 8,       /* mixes of mixes */
+    BLOB_MAX_STEPS = 129,         /* times at which a mesh is given; Embree's most */
     LENS_MAX_ELEMENTS = 100,
     LENS_PUPILS = 64,
     BLOB_MAX_FOURIER_NODES = 1024,
@@ -139,7 +140,10 @@ typedef struct {
 
 typedef struct {
     uint32_t first_position, vertex_count;
-    uint32_t first_normal;                   /* BLOB_NONE: flat; else vertex_count normals from here */
+    uint32_t first_normal; /* BLOB_NONE: flat; else vertex_count normals from here */
+    uint32_t steps; /* 0: still. Else 2 or more: its positions, and its normals, are given at so many times,
+                       evenly from 0 to 1, one set behind the other; in between they move in straight lines.
+                       Such a mesh does not emit */
     uint32_t first_uv;                       /* BLOB_NONE: pbrt's (0,0) (1,0) (1,1) in every triangle */
     uint32_t first_uv2;                      /* a second set of uvs, or BLOB_NONE: the first */
     uint32_t first_colour;                   /* BLOB_NONE: white */

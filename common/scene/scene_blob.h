@@ -72,6 +72,12 @@ void blob_close(scene_blob_t *blob);
 /* True when the bytes begin like a blob, whatever follows. */
 bool blob_recognise(const void *bytes, uint64_t size);
 
+/* Positions of a mesh, at all its times. */
+static inline uint64_t blob_mesh_places(const blob_mesh_t *mesh)
+{
+    return (uint64_t)mesh->vertex_count * (mesh->steps ? mesh->steps : 1);
+}
+
 /* A value that does not vary. */
 static inline blob_value_t blob_constant(float number)
 {

@@ -42,8 +42,8 @@ void fuzz_write(const char *name, const void *data, size_t size);
 /* Imports the file of that name as a scene: leniently, and strictly when there was a warning. Whatever is
  * accepted must be a blob that passes its checks. */
 void fuzz_import(const char *name);
-/* The same of a scene as it is at a time of its animations. */
-void fuzz_import_at(const char *name, double time);
+/* The same of a scene as it is at a time of its animations, blurred by a shutter. */
+void fuzz_import_at(const char *name, double time, const char *shutter);
 
 /* A copy of what may be a blob, with the size and the checksum that its header should have. The caller frees
  * it. */

@@ -1,5 +1,6 @@
 /* fuzz_gltf: any bytes as a glTF file: the JSON of a .gltf beside the files of tests/fuzz/assets, or, when
- * they begin like one, a .glb. What may have animations is imported in the middle of them, too. */
+ * they begin like one, a .glb. What may have animations is imported in the middle of them and blurred, too.
+ */
 #include "tests/fuzz/fuzz.h"
 
 #include <string.h>
@@ -10,6 +11,6 @@ int fuzz_gltf(const uint8_t *data, size_t size)
     const char *name = binary ? "scene.glb" : "scene.gltf";
     fuzz_write(name, data, size);
     fuzz_import(name);
-    if (memmem(data, size, "\"animations\"", 12)) fuzz_import_at(name, 0.5);
+    if (memmem(data, size, "\"animations\"", 12)) fuzz_import_at(name, 0.5, "0.5");
     return 0;
 }

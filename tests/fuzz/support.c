@@ -119,10 +119,11 @@ void fuzz_import(const char *name)
     import_twice(name, NULL);
 }
 
-void fuzz_import_at(const char *name, double time)
+void fuzz_import_at(const char *name, double time, const char *shutter)
 {
     import_wishes_t wishes = import_wishes_none();
     wishes.time_point = time;
+    wishes.shutter = shutter;
     import_twice(name, &wishes);
 }
 

@@ -213,6 +213,34 @@ static result_t read_one(document_t *document, const item_t *animations, const c
     return read_animation(document, &item);
 }
 
+/* "SECONDS", half of them before the moment and half after, or "OPEN,CLOSE", from the moment on. */
+static result_t read_shutter(const char *text, double *open, double *close)
+{
+    static const double longest = 1e9;
+    char *end;
+    *open = strtod(text, &end);
+    bool both = *end == ',';
+    *close = both ? strtod(end + 1, &end) : *open / 2;
+    if (!both) *open = -*close;
+    if (*end == '\0' && *open < *close && *open >= -longest && *close <= longest) return result_ok();
+    return result_fail(
+        RESULT_USAGE,
+        "--shutter takes SECONDS above 0, or OPEN,CLOSE in seconds, OPEN below CLOSE, not '%.60s'", text);
+}
+
+/* The times of the poses. Where nothing moves, one is enough. */
+static result_t open_shutter(document_t *document, const import_wishes_t *wishes)
+{
+    double moment = wishes_moment(wishes), open = 0, close = 0;
+    if (wishes->shutter) TRY(read_shutter(wishes->shutter, &open, &close));
+    document->pose_count = open < close && document->animation->count > 0 ? MOST_POSES : 1;
+    document->pose = &document->poses[document->pose_count / 2];
+    double last = (double)MOST_POSES - 1;
+    for (size_t i = 0; i < document->pose_count; ++i)
+        document->poses[i].time = moment + open + (close - open) * (double)i / last;
+    return result_ok();
+}
+
 result_t animation_open(document_t *document)
 {
     const import_wishes_t *wishes = document->builder->report->sink.wishes;
@@ -226,13 +254,13 @@ result_t animation_open(document_t *document)
     }
     if (item_count(&animations) == 0 && !wishes->animation)
         item_warn(&document->root, "has no animations: it is the same at every time");
-    document->time = wishes_moment(wishes);
     size_t nodes = document_count(document, TOP_NODES);
     document->animation = mem_zalloc(1, sizeof *document->animation);
     document->animation->firsts = mem_alloc((nodes + 1) * sizeof *document->animation->firsts);
     for (size_t i = 0; i < nodes; ++i) document->animation->firsts[i] = ITEM_NONE;
-    return wishes->animation ? read_one(document, &animations, wishes->animation)
-                             : read_together(document, &animations);
+    TRY(wishes->animation ? read_one(document, &animations, wishes->animation)
+                          : read_together(document, &animations));
+    return open_shutter(document, wishes);
 }
 
 void animation_close(document_t *document)

@@ -63,12 +63,13 @@ static result_t orthographic(const item_t *camera, blob_scene_t *scene)
     return result_ok();
 }
 
-static result_t use(document_t *document, const gltf_placement_t *place, blob_scene_t *scene)
+static result_t use(document_t *document, size_t index, blob_scene_t *scene)
 {
+    const gltf_placement_t *place = &document->pose->cameras.items[index];
     static const affine_t turn = {{{1, 0, 0, 0}, {0, 1, 0, 0}, {0, 0, -1, 0}}};
     item_t camera, node;
     const char *type = "";
-    affine_t frame;
+    affine_t ends[2];
     TRY(document_item(document, TOP_CAMERAS, place->thing, &camera));
     TRY(document_item(document, TOP_NODES, place->node, &node));
     TRY(item_string(&camera, "type", &type));
@@ -78,10 +79,13 @@ static result_t use(document_t *document, const gltf_placement_t *place, blob_sc
         TRY(orthographic(&camera, scene));
     else
         return item_fail(&camera, "its type must be perspective or orthographic, found \"%.20s\"", type);
-    if (!affine_frame(&place->world_from_node, &frame))
-        return item_fail(&node, "its camera has no direction, or lies beyond 1e18");
-    frame = affine_multiply(&frame, &turn);
-    return scene_place_camera(scene, &frame, &frame, document_at(document, &camera));
+    for (size_t i = 0; i < 2; ++i) {
+        const pose_t *pose = &document->poses[i * (document->pose_count - 1)];
+        if (!affine_frame(&pose->cameras.items[index].world_from_node, &ends[i]))
+            return item_fail(&node, "its camera has no direction, or lies beyond 1e18");
+        ends[i] = affine_multiply(&ends[i], &turn);
+    }
+    return scene_place_camera(scene, &ends[0], &ends[1], document_at(document, &camera));
 }
 
 /* ---- which one ----------------------------------------------------------------------------------------- */
@@ -93,9 +97,9 @@ static void list_cameras(const document_t *document, char names[LIST_ROOM])
 {
     char name[PATH_ROOM];
     names[0] = '\0';
-    for (size_t i = 0; i < document->cameras.count; ++i) {
+    for (size_t i = 0; i < document->pose->cameras.count; ++i) {
         size_t used = strlen(names);
-        node_name(document, document->cameras.items[i].node, name, sizeof name);
+        node_name(document, document->pose->cameras.items[i].node, name, sizeof name);
         if (used + strlen(name) + 24 >= LIST_ROOM) break;
         snprintf(names + used, LIST_ROOM - used, "%s%zu: %s", i ? ", " : "", i + 1, name);
     }
@@ -113,7 +117,7 @@ static bool has_name(const document_t *document, top_t top, uint32_t index, cons
 /* The camera of a name, of a node or its own; else of a number. *index is unchanged when there is none. */
 static bool find_camera(const document_t *document, const char *wanted, size_t *index)
 {
-    const placements_t *cameras = &document->cameras;
+    const placements_t *cameras = &document->pose->cameras;
     for (size_t i = 0; i < cameras->count; ++i) {
         if (!has_name(document, TOP_NODES, cameras->items[i].node, wanted) &&
             !has_name(document, TOP_CAMERAS, cameras->items[i].thing, wanted))
@@ -133,12 +137,12 @@ static result_t choose(document_t *document, size_t *index)
     if (wishes && wishes->camera) {
         if (find_camera(document, wishes->camera, index)) return result_ok();
         return result_fail(RESULT_USAGE, "--camera: the scene has no camera '%.100s'; it has %zu%s%s",
-                           wishes->camera, document->cameras.count, names[0] ? ": " : "", names);
+                           wishes->camera, document->pose->cameras.count, names[0] ? ": " : "", names);
     }
-    if (document->cameras.count > 1)
+    if (document->pose->cameras.count > 1)
         item_warn(&document->root,
                   "the scene has %zu cameras (%s); the first is taken, --camera takes another",
-                  document->cameras.count, names);
+                  document->pose->cameras.count, names);
     return result_ok();
 }
 
@@ -147,8 +151,8 @@ result_t camera_add(document_t *document)
     blob_scene_t scene = defaults();
     size_t index;
     TRY(choose(document, &index));
-    if (document->cameras.count > 0) {
-        TRY(use(document, &document->cameras.items[index], &scene));
+    if (document->pose->cameras.count > 0) {
+        TRY(use(document, index, &scene));
     } else {
         item_warn(&document->root, "the scene has no camera: one that sees all of it is put in front of it");
         set_resolution(&scene, wide);

@@ -77,7 +77,7 @@ static result_t make_skin(document_t *document, const item_t *item, gltf_skin_t 
 /* The skin of that index, made when it is asked for first. Valid until document_close. */
 static result_t skin_get(document_t *document, uint32_t index, const gltf_skin_t **skin)
 {
-    gltf_skin_t *known = &document->skins[index];
+    gltf_skin_t *known = &document->pose->skins[index];
     item_t item;
     *skin = NULL;
     if (!known->joints) {
@@ -116,7 +116,7 @@ static result_t animated_weights(const document_t *document, uint32_t node, defo
     if (!*present) return result_ok();
     deform->count = count;
     deform->weights = mem_zalloc(count, sizeof *deform->weights);
-    return animation_value(document, node, MOVING_WEIGHTS, document->time, deform->weights);
+    return animation_value(document, node, MOVING_WEIGHTS, document->pose->time, deform->weights);
 }
 
 static result_t begin(document_t *document, uint32_t mesh, const gltf_placement_t *place, deform_t *deform)

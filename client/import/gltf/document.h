@@ -2,9 +2,9 @@
  * ask of one another.
  *
  * The order of work: file.c opens the file; node.c walks the scene and gathers where meshes, cameras and
- * lights stand; then each mesh is put into the world, or, when it stands in several places, into an object
- * with instances; materials and textures are made when a mesh first has them. Work is bounded by what the
- * file holds: see scene_charge.
+ * lights stand, at several times while a shutter is open; then each mesh is put into the world, or, when it
+ * stands in several places, into an object with instances; materials and textures are made when a mesh first
+ * has them. Work is bounded by what the file holds: see scene_charge.
  */
 #ifndef LIGHTMILL_DOCUMENT_H
 #define LIGHTMILL_DOCUMENT_H
@@ -81,6 +81,16 @@ typedef struct {
     size_t count, capacity;
 } placements_t;
 
+/* Everything at one time. Owned: all. */
+typedef struct {
+    double time;                          /* of the animations, seconds */
+    placements_t meshes, cameras, lights; /* the same things in the same order in all poses */
+    uint8_t *visits;                      /* of each node: what node.c did with it */
+    affine_t *worlds;                     /* world from node, of those that were visited */
+    gltf_skin_t *skins;
+} pose_t;
+enum { MOST_POSES = 5 };
+
 /* For each vertex of an accessor, its new number in the mesh that is being read. */
 typedef struct {
     uint32_t stamp, number;
@@ -108,13 +118,11 @@ typedef struct document {
 
     gltf_material_t *materials[2]; /* without and with colours at the vertices; the last is glTF's default */
 
-    placements_t meshes, cameras, lights;
-    uint8_t *visits;  /* of each node: what node.c did with it */
-    affine_t *worlds; /* world from node, of those that were visited */
-    bool joints_only; /* the nodes that are visited now are not in the scene, but may be joints */
-    gltf_skin_t *skins;
+    pose_t poses[MOST_POSES];    /* at even distances from the opening of the shutter to its close */
+    size_t pose_count;           /* 1 without a shutter */
+    pose_t *pose;                /* the one that is looked at: first and last the middle one */
+    bool joints_only;            /* the nodes that are visited now are not in the scene, but may be joints */
     struct animation *animation; /* NULL: nothing moves */
-    double time;                 /* of the animations, seconds */
 
     uint32_t variant; /* of KHR_materials_variants, the one that is asked for; ITEM_NONE: none */
 
@@ -217,7 +225,8 @@ result_t primitive_read(document_t *document, const item_t *primitive, const def
 /* The properties of a node that animations move. */
 typedef enum { MOVING_TRANSLATION, MOVING_ROTATION, MOVING_SCALE, MOVING_WEIGHTS, MOVING_COUNT } moving_t;
 
-/* Reads the animations that the wishes ask for. animation_close frees them, also after an error. */
+/* Reads the animations that the wishes ask for, and sets the times of the poses. animation_close frees them,
+ * also after an error. */
 result_t animation_open(document_t *document);
 void animation_close(document_t *document);
 /* Numbers of a property: 3, of a rotation 4, of weights any number; 0 when no animation moves it. */
@@ -268,7 +277,7 @@ result_t variant_material(const document_t *document, const item_t *primitive, u
 /* ---- node.c, placement.c, light.c, camera.c
  * ----------------------------------------------------------- */
 
-/* Walks the scene and gathers document->meshes, cameras and lights. */
+/* Walks the scene and gathers meshes, cameras and lights, in all poses. */
 result_t node_walk(document_t *document);
 /* The transform of a node after that, in the scene or not; NULL when it hangs from itself. */
 const affine_t *node_world(const document_t *document, uint32_t node);

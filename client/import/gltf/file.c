@@ -253,10 +253,20 @@ result_t document_open(document_t *document, const char *path, scene_builder_t *
     for (int i = 0; i < 2; ++i)
         document->materials[i] =
             mem_zalloc(document_count(document, TOP_MATERIALS) + 1, sizeof *document->materials[i]);
-    document->visits = mem_zalloc(document_count(document, TOP_NODES) + 1, sizeof *document->visits);
-    document->worlds = mem_zalloc(document_count(document, TOP_NODES) + 1, sizeof *document->worlds);
-    document->skins = mem_zalloc(document_count(document, TOP_SKINS) + 1, sizeof *document->skins);
+    document->pose_count = 1;
+    document->pose = document->poses;
     return result_ok();
+}
+
+static void close_pose(pose_t *pose, size_t skins)
+{
+    free(pose->meshes.items);
+    free(pose->cameras.items);
+    free(pose->lights.items);
+    free(pose->visits);
+    free(pose->worlds);
+    for (size_t i = 0; pose->skins && i < skins; ++i) free(pose->skins[i].joints);
+    free(pose->skins);
 }
 
 void document_close(document_t *document)
@@ -273,15 +283,9 @@ void document_close(document_t *document)
     }
     free(document->sources);
     for (int i = 0; i < 2; ++i) free(document->materials[i]);
-    free(document->meshes.items);
-    free(document->cameras.items);
-    free(document->lights.items);
     animation_close(document);
-    free(document->visits);
-    free(document->worlds);
-    for (size_t i = 0; document->skins && i < document_count(document, TOP_SKINS); ++i)
-        free(document->skins[i].joints);
-    free(document->skins);
+    for (size_t i = 0; i < document->pose_count; ++i)
+        close_pose(&document->poses[i], document_count(document, TOP_SKINS));
     free(document->place);
     free(document->marks);
     json_decref(document->json);

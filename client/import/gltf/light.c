@@ -109,6 +109,16 @@ static result_t kind_of(const item_t *item, uint32_t *kind)
     return item_fail(item, "its type must be point, spot or directional, found \"%.20s\"", name);
 }
 
+/* Whether a light stands elsewhere at another time while the shutter is open. */
+static bool moves(const document_t *document, size_t index)
+{
+    for (size_t i = 0; i < document->pose_count; ++i)
+        if (memcmp(&document->poses[i].lights.items[index].world_from_node,
+                   &document->pose->lights.items[index].world_from_node, sizeof(affine_t)) != 0)
+            return true;
+    return false;
+}
+
 static result_t add_one(document_t *document, const gltf_placement_t *place)
 {
     item_t root, lights, item;
@@ -121,6 +131,8 @@ static result_t add_one(document_t *document, const gltf_placement_t *place)
     if (light.kind == LIGHT_SPOT) TRY(cone_of(document, &item, &light));
     if (v_max(light.radiance.factor) <= 0) return result_ok();
     TRY(orient(document, place, light.kind, &frame));
+    if (moves(document, (size_t)(place - document->pose->lights.items)))
+        item_warn(&item, "moves while the shutter is open; it stands where it is in the middle of that");
     return scene_add_light(document->builder, light, &frame, document_at(document, &item));
 }
 
@@ -270,13 +282,14 @@ result_t light_add(document_t *document)
 {
     bool surrounded;
     TRY(tell_of_area_lamps(document));
-    if (document->blender && document->lights.count > 0)
+    if (document->blender && document->pose->lights.count > 0)
         item_warn(&document->root,
                   "written by Blender: its lamps are taken for exported with the lighting mode "
                   "\"Standard\", Blender's default; with \"Unitless\" they come out 683 times too dark");
-    for (size_t i = 0; i < document->lights.count; ++i) TRY(add_one(document, &document->lights.items[i]));
+    for (size_t i = 0; i < document->pose->lights.count; ++i)
+        TRY(add_one(document, &document->pose->lights.items[i]));
     TRY(add_surroundings(document, &surrounded));
-    scene_default_light(document->builder, document->lights.count > 0 || surrounded,
+    scene_default_light(document->builder, document->pose->lights.count > 0 || surrounded,
                         document_at(document, &document->root));
     return result_ok();
 }

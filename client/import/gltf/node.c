@@ -53,9 +53,9 @@ static result_t local_transform(const document_t *document, uint32_t index, cons
     TRY(item_numbers(node, "translation", 3, -largest, largest, t, NULL));
     TRY(item_numbers(node, "rotation", 4, -1e6, 1e6, r, NULL));
     TRY(item_numbers(node, "scale", 3, -largest, largest, s, NULL));
-    TRY(animation_value(document, index, MOVING_TRANSLATION, document->time, t));
-    TRY(animation_value(document, index, MOVING_ROTATION, document->time, r));
-    TRY(animation_value(document, index, MOVING_SCALE, document->time, s));
+    TRY(animation_value(document, index, MOVING_TRANSLATION, document->pose->time, t));
+    TRY(animation_value(document, index, MOVING_ROTATION, document->pose->time, r));
+    TRY(animation_value(document, index, MOVING_SCALE, document->pose->time, s));
     *out = from_trs(t, r, s);
     return result_ok();
 }
@@ -104,7 +104,7 @@ static result_t place_instances(document_t *document, const item_t *extension, u
         if (rotation.count) accessor_get(&rotation, i, r);
         if (scale.count) accessor_get(&scale, i, s);
         affine_t local = from_trs(t, r, s), world = affine_multiply(transform, &local);
-        place(&document->meshes, node, mesh, &world);
+        place(&document->pose->meshes, node, mesh, &world);
     }
     return result_ok();
 }
@@ -123,7 +123,7 @@ static result_t place_mesh(document_t *document, const item_t *item, uint32_t no
             item_warn(item, "its skin and weights are ignored, since it has EXT_mesh_gpu_instancing");
         return place_instances(document, &instancing, node, mesh, transform);
     }
-    gltf_placement_t *placement = place(&document->meshes, node, mesh, transform);
+    gltf_placement_t *placement = place(&document->pose->meshes, node, mesh, transform);
     placement->skin = skin;
     placement->posed =
         skin != ITEM_NONE || weights.json != NULL || animation_width(document, node, MOVING_WEIGHTS) > 0;
@@ -135,9 +135,9 @@ static result_t place_others(document_t *document, const item_t *item, uint32_t 
 {
     uint32_t camera = ITEM_NONE, light = ITEM_NONE;
     TRY(item_index(item, "camera", document_count(document, TOP_CAMERAS), &camera));
-    if (camera != ITEM_NONE) place(&document->cameras, node, camera, transform);
+    if (camera != ITEM_NONE) place(&document->pose->cameras, node, camera, transform);
     TRY(light_find(document, item, &light));
-    if (light != ITEM_NONE) place(&document->lights, node, light, transform);
+    if (light != ITEM_NONE) place(&document->pose->lights, node, light, transform);
     return result_ok();
 }
 
@@ -165,9 +165,9 @@ static result_t visit_all(document_t *document, const item_t *owner, const char 
 /* A node in the scene has one parent. */
 static result_t check_visit(const document_t *document, const item_t *item, uint32_t node, int depth)
 {
-    if (document->visits[node] == NODE_OPEN)
+    if (document->pose->visits[node] == NODE_OPEN)
         return item_fail(item, "is a child of itself: the nodes form a cycle");
-    if (document->visits[node] == NODE_DONE)
+    if (document->pose->visits[node] == NODE_DONE)
         return item_fail(item, "stands in the scene twice; a node may have one parent only");
     if (depth > MAX_DEPTH) return item_fail(item, "lies more than %d nodes deep", MAX_DEPTH);
     return result_ok();
@@ -178,19 +178,19 @@ static result_t visit(document_t *document, uint32_t node, const affine_t *paren
     item_t item;
     affine_t local;
     TRY(document_item(document, TOP_NODES, node, &item));
-    if (document->joints_only && (document->visits[node] != NODE_NEW || depth > MAX_DEPTH))
+    if (document->joints_only && (document->pose->visits[node] != NODE_NEW || depth > MAX_DEPTH))
         return result_ok();
     TRY(check_visit(document, &item, node, depth));
-    document->visits[node] = NODE_OPEN;
+    document->pose->visits[node] = NODE_OPEN;
     TRY(local_transform(document, node, &item, &local));
     affine_t transform = affine_multiply(parent, &local);
-    document->worlds[node] = transform;
+    document->pose->worlds[node] = transform;
     if (!document->joints_only) {
         TRY(place_mesh(document, &item, node, &transform));
         TRY(place_others(document, &item, node, &transform));
     }
     TRY(visit_all(document, &item, "children", &transform, depth + 1));
-    document->visits[node] = NODE_DONE;
+    document->pose->visits[node] = NODE_DONE;
     return result_ok();
 }
 
@@ -228,14 +228,35 @@ static result_t visit_scene(document_t *document)
     return visit_all(document, &scene, "nodes", &identity, 0);
 }
 
-result_t node_walk(document_t *document)
+static result_t walk_pose(document_t *document)
 {
+    size_t nodes = document_count(document, TOP_NODES), skins = document_count(document, TOP_SKINS);
+    pose_t *pose = document->pose;
+    pose->visits = mem_zalloc(nodes + 1, sizeof *pose->visits);
+    pose->worlds = mem_zalloc(nodes + 1, sizeof *pose->worlds);
+    pose->skins = mem_zalloc(skins + 1, sizeof *pose->skins);
+    document->joints_only = false;
     TRY(visit_scene(document));
     document->joints_only = true;
-    return document_count(document, TOP_SKINS) > 0 ? visit_roots(document) : result_ok();
+    return skins > 0 ? visit_roots(document) : result_ok();
+}
+
+result_t node_walk(document_t *document)
+{
+    pose_t *middle = document->pose;
+    TRY(walk_pose(document));
+    result_t result = result_ok();
+    document->builder->report->quiet = true; /* the others say the same */
+    for (size_t i = 0; i < document->pose_count && result.code == RESULT_OK; ++i) {
+        document->pose = &document->poses[i];
+        if (document->pose != middle) result = walk_pose(document);
+    }
+    document->builder->report->quiet = false;
+    document->pose = middle;
+    return result;
 }
 
 const affine_t *node_world(const document_t *document, uint32_t node)
 {
-    return document->visits[node] == NODE_DONE ? &document->worlds[node] : NULL;
+    return document->pose->visits[node] == NODE_DONE ? &document->pose->worlds[node] : NULL;
 }

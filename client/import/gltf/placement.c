@@ -5,6 +5,7 @@
 #include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 typedef enum { PICK_ALL, PICK_DARK, PICK_EMITTING } pick_t;
 
@@ -14,6 +15,8 @@ typedef struct {
     uint32_t object, name; /* object: 0 for the world */
     affine_t transform;
     deform_t deform;
+    bool changes; /* read it in all poses, and put it where they say; then what follows holds, not `deform` */
+    size_t place; /* index in the meshes of a pose */
 } target_t;
 
 /* How often a mesh stands in the scene, and what became of it. */
@@ -53,6 +56,111 @@ static result_t add_geometry(document_t *document, const item_t *primitive, cons
     return mesh_add(document->builder, &mesh, &transform, false, document_at(document, primitive), shape);
 }
 
+/* Reads a primitive as it stands in the world in the pose that is looked at. */
+static result_t read_pose(document_t *document, const item_t *primitive, size_t index, mesh_t *mesh,
+                          bool *mirrored)
+{
+    const gltf_placement_t *place = &document->pose->meshes.items[index];
+    const affine_t *world = &place->world_from_node;
+    affine_t inverse;
+    deform_t deform;
+    bool skinned;
+    TRY(deform_begin(document, place->thing, place, &deform));
+    result_t result = primitive_read(document, primitive, &deform, mesh, &skinned);
+    deform_end(&deform);
+    TRY(result);
+    *mirrored = !skinned && affine_determinant(world) < 0;
+    if (skinned) return result_ok();
+    bool solid = affine_invert(world, &inverse);
+    for (uint32_t i = 0; i < mesh->vertex_count; ++i) {
+        mesh->positions[i] = affine_point(world, mesh->positions[i]);
+        if (mesh->normals)
+            mesh->normals[i] = solid ? affine_normal(&inverse, mesh->normals[i]) : vec3(0, 0, 0);
+    }
+    return result_ok();
+}
+
+/* The vectors of all poses one behind the other; `more` are those of one of them. */
+static vec3_t *keep_step(vec3_t *all, vec3_t *more, uint32_t count, size_t step)
+{
+    if (!more) return all;
+    all = mem_realloc(all, (size_t)count * (step + 1) * sizeof *all);
+    memcpy(all + (size_t)count * step, more, (size_t)count * sizeof *all);
+    return all;
+}
+
+/* Reads a primitive in all poses. */
+static result_t read_poses(document_t *document, const item_t *primitive, size_t index, mesh_t *mesh,
+                           bool *mirrored)
+{
+    pose_t *middle = document->pose;
+    result_t result = result_ok();
+    for (size_t i = 0; i < document->pose_count && result.code == RESULT_OK; ++i) {
+        mesh_t now = {0};
+        document->pose = &document->poses[i];
+        document->builder->report->quiet = document->pose != middle;
+        result = read_pose(document, primitive, index, &now, mirrored);
+        if (result.code == RESULT_OK && now.vertex_count > UINT32_MAX / MOST_POSES)
+            result = item_fail(primitive, "has too many vertices for motion blur; leave out --shutter");
+        if (i == 0) {
+            *mesh = now;
+            continue;
+        }
+        mesh->positions = keep_step(mesh->positions, now.positions, mesh->vertex_count, i);
+        mesh->normals = keep_step(mesh->normals, now.normals, mesh->vertex_count, i);
+        mesh_free(&now);
+    }
+    document->pose = middle;
+    document->builder->report->quiet = false;
+    mesh->steps = (uint32_t)document->pose_count;
+    return result;
+}
+
+/* True when a mesh is not the same at all its steps. */
+static bool changes(const mesh_t *mesh)
+{
+    size_t size = mesh->vertex_count * sizeof(vec3_t);
+    for (size_t i = 1; i < mesh->steps; ++i) {
+        size_t first = i * mesh->vertex_count;
+        if (memcmp(mesh->positions, mesh->positions + first, size) != 0) return true;
+        if (mesh->normals && memcmp(mesh->normals, mesh->normals + first, size) != 0) return true;
+    }
+    return false;
+}
+
+/* Leaves one of the steps of a mesh, which then stands still. */
+static void hold(mesh_t *mesh, size_t step)
+{
+    size_t first = step * mesh->vertex_count, size = mesh->vertex_count * sizeof(vec3_t);
+    memmove(mesh->positions, mesh->positions + first, size);
+    if (mesh->normals) memmove(mesh->normals, mesh->normals + first, size);
+    mesh->steps = 0;
+}
+
+static const char moving_light[] =
+    "emits light and moves while the shutter is open; it stands where it is in "
+    "the middle of that";
+
+/* The same of a primitive that may change while the shutter is open. */
+static result_t add_changing(document_t *document, const item_t *primitive, const target_t *target,
+                             bool emits, blob_shape_t *shape)
+{
+    mesh_t mesh = {0};
+    bool mirrored = false;
+    affine_t identity = affine_identity();
+    result_t result = read_poses(document, primitive, target->place, &mesh, &mirrored);
+    if (result.code != RESULT_OK || mesh.triangle_count == 0) {
+        mesh_free(&mesh);
+        return result;
+    }
+    bool moves = changes(&mesh);
+    if (moves && emits) item_warn(primitive, "%s", moving_light);
+    if (!moves || emits) hold(&mesh, mesh.steps / 2);
+    TRY(mesh_add(document->builder, &mesh, &identity, false, document_at(document, primitive), shape));
+    if (mirrored) shape->flags ^= SHAPE_FLIP;
+    return result_ok();
+}
+
 /* What a shape of the world emits. */
 static blob_light_t light_of(const gltf_material_t *material)
 {
@@ -86,7 +194,8 @@ static result_t add_primitive(document_t *document, const item_t *primitive, con
                           .name = target->name,
                           .alpha = material->alpha,
                           .shadow_alpha = blob_constant(1)};
-    TRY(add_geometry(document, primitive, target, &shape));
+    TRY(target->changes ? add_changing(document, primitive, target, material->emits, &shape)
+                        : add_geometry(document, primitive, target, &shape));
     if (shape.geometry == BLOB_NONE) return result_ok();
     if (material->cutout) shape.flags |= SHAPE_CUTOUT;
     blob_light_t light = light_of(material);
@@ -150,8 +259,51 @@ static result_t make_object(document_t *document, uint32_t mesh, mesh_state_t *s
     return result_ok();
 }
 
+/* The same in all poses. */
+static result_t add_changing_to_world(document_t *document, const gltf_placement_t *place)
+{
+    bool emits;
+    target_t target = {.changes = true, .place = (size_t)(place - document->pose->meshes.items)};
+    TRY(name_shapes(document, TOP_NODES, place->node, &target.name));
+    return add_primitives(document, place->thing, &target, &emits);
+}
+
+/* An instance that moves from the opening of the shutter to its close. */
+static result_t add_moving(document_t *document, const gltf_placement_t *place, const affine_t ends[2],
+                           mesh_state_t *state)
+{
+    item_t mesh;
+    if (!state->made) TRY(make_object(document, place->thing, state));
+    if (state->object != 0)
+        TRY(scene_add_instance(document->builder, state->object, &ends[0], &ends[1],
+                               (position_t){document->path, 0, 0}));
+    if (!state->emits) return result_ok();
+    TRY(document_item(document, TOP_MESHES, place->thing, &mesh));
+    item_warn(&mesh, "%s", moving_light);
+    return add_to_world(document, place, PICK_EMITTING);
+}
+
+/* What stands where a shutter is open. *done: it is in the blob; else it stands still. */
+static result_t add_blurred(document_t *document, const gltf_placement_t *place, mesh_state_t *state,
+                            bool *done)
+{
+    size_t index = (size_t)(place - document->pose->meshes.items);
+    affine_t ends[2] = {document->poses[0].meshes.items[index].world_from_node,
+                        document->poses[document->pose_count - 1].meshes.items[index].world_from_node};
+    xform_t open = affine_to_xform(&ends[0]), close = affine_to_xform(&ends[1]);
+    *done = place->posed || memcmp(&open, &close, sizeof open) != 0;
+    if (!*done) return result_ok();
+    bool inverts = (affine_determinant(&ends[0]) < 0) != (affine_determinant(&ends[1]) < 0);
+    if (place->posed || inverts || !blob_instance_is_traceable(&open, &close))
+        return add_changing_to_world(document, place);
+    return add_moving(document, place, ends, state);
+}
+
 static result_t add_place(document_t *document, const gltf_placement_t *place, mesh_state_t *state)
 {
+    bool done = false;
+    if (document->pose_count > 1) TRY(add_blurred(document, place, state, &done));
+    if (done) return result_ok();
     const affine_t *transform = &place->world_from_node;
     xform_t world_from_node = affine_to_xform(transform);
     if (place->posed || state->places == 1 || !blob_instance_is_traceable(&world_from_node, &world_from_node))
@@ -166,7 +318,7 @@ static result_t add_place(document_t *document, const gltf_placement_t *place, m
 result_t placement_meshes(document_t *document)
 {
     mesh_state_t *states = mem_zalloc(document_count(document, TOP_MESHES) + 1, sizeof *states);
-    const placements_t *places = &document->meshes;
+    const placements_t *places = &document->pose->meshes;
     for (size_t i = 0; i < places->count; ++i)
         if (!places->items[i].posed) ++states[places->items[i].thing].places;
     result_t result = result_ok();

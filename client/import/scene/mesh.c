@@ -25,15 +25,30 @@ static bool coordinates_usable(vec3_t p)
            fabsf(p.z) < largest_coordinate;
 }
 
+/* The times at which the mesh is given. */
+static uint32_t steps_of(const mesh_t *mesh)
+{
+    return mesh->steps ? mesh->steps : 1;
+}
+
+/* What the mesh is at one of them; the arrays stay the mesh's. */
+static mesh_t at_step(const mesh_t *mesh, uint32_t step)
+{
+    mesh_t out = *mesh;
+    size_t first = (size_t)step * mesh->vertex_count;
+    out.positions += first;
+    if (out.normals) out.normals += first;
+    return out;
+}
+
 static result_t transform_positions(mesh_t *mesh, const affine_t *object_from_mesh, position_t at)
 {
-    for (uint32_t i = 0; i < mesh->vertex_count; ++i) {
+    for (size_t i = 0; i < (size_t)mesh->vertex_count * steps_of(mesh); ++i) {
         vec3_t p = mesh->positions[i];
         mesh->positions[i] = affine_point(object_from_mesh, p);
         if (!coordinates_usable(mesh->positions[i]))
-            return error_at(
-                at, "vertex %" PRIu32 " lies at (%g %g %g): coordinates must be finite and below 1e18", i,
-                (double)p.x, (double)p.y, (double)p.z);
+            return error_at(at, "vertex %zu lies at (%g %g %g): coordinates must be finite and below 1e18",
+                            i % mesh->vertex_count, (double)p.x, (double)p.y, (double)p.z);
     }
     return result_ok();
 }
@@ -75,15 +90,22 @@ static vec3_t triangle_normal(const mesh_t *mesh, const blob_triangle_t *t)
     return v_cross(v_sub(mesh->positions[t->v[1]], p), v_sub(mesh->positions[t->v[2]], p));
 }
 
-/* Removes triangles whose area is zero, or so small that its square is a denormal, which the renderer
- * flushes. */
+/* Whether a triangle has an area, at any time, whose square is not a denormal, which the renderer flushes. */
+static bool has_area(const mesh_t *mesh, const blob_triangle_t *triangle)
+{
+    for (uint32_t k = 0; k < steps_of(mesh); ++k) {
+        mesh_t now = at_step(mesh, k);
+        if (v_length2(triangle_normal(&now, triangle)) >= FLT_MIN) return true;
+    }
+    return false;
+}
+
+/* Removes triangles without area. */
 static void drop_degenerate(mesh_t *mesh, position_t at, report_t *report)
 {
     uint32_t kept = 0, total = mesh->triangle_count;
-    for (uint32_t i = 0; i < total; ++i) {
-        vec3_t n = triangle_normal(mesh, &mesh->triangles[i]);
-        if (v_length2(n) >= FLT_MIN) mesh->triangles[kept++] = mesh->triangles[i];
-    }
+    for (uint32_t i = 0; i < total; ++i)
+        if (has_area(mesh, &mesh->triangles[i])) mesh->triangles[kept++] = mesh->triangles[i];
     mesh->triangle_count = kept;
     if (kept < total)
         report_warning(report, at, "%" PRIu32 " of %" PRIu32 " triangles have no area and are left out",
@@ -138,13 +160,14 @@ static uint32_t append(mesh_t *mesh, blob_builder_t *builder)
     uint32_t vertices = mesh->vertex_count, triangles = mesh->triangle_count;
     blob_mesh_t record = {.vertex_count = vertices,
                           .triangle_count = triangles,
+                          .steps = mesh->steps,
                           .first_normal = BLOB_NONE,
                           .first_uv = BLOB_NONE,
                           .first_uv2 = BLOB_NONE,
                           .first_colour = BLOB_NONE};
-    record.first_position = hand_over(builder, BLOB_SECTION_POSITIONS, mesh->positions, vertices);
-    if (mesh->normals)
-        record.first_normal = hand_over(builder, BLOB_SECTION_NORMALS, mesh->normals, vertices);
+    uint32_t places = vertices * steps_of(mesh);
+    record.first_position = hand_over(builder, BLOB_SECTION_POSITIONS, mesh->positions, places);
+    if (mesh->normals) record.first_normal = hand_over(builder, BLOB_SECTION_NORMALS, mesh->normals, places);
     if (mesh->uvs) record.first_uv = hand_over(builder, BLOB_SECTION_UVS, mesh->uvs, vertices);
     if (mesh->uvs2) record.first_uv2 = hand_over(builder, BLOB_SECTION_UVS, mesh->uvs2, vertices);
     if (mesh->colours)
@@ -171,7 +194,10 @@ static result_t add(scene_builder_t *scene, mesh_t *mesh, const affine_t *object
     shape->flags = flip ? SHAPE_FLIP : 0;
     shape->geometry = BLOB_NONE;
     if (mesh->triangle_count == 0) return result_ok();
-    if (mesh->normals) transform_normals(mesh, &inverse, reverse, flip, at, scene->report);
+    for (uint32_t k = 0; mesh->normals && k < steps_of(mesh); ++k) {
+        mesh_t now = at_step(mesh, k);
+        transform_normals(&now, &inverse, reverse, flip, at, scene->report);
+    }
     shape->geometry = append(mesh, scene->blob);
     return result_ok();
 }

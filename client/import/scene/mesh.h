@@ -9,7 +9,9 @@
 
 #include "client/import/scene/scene_builder.h"
 
-/* Owns its arrays (mesh_free). `normals`, `uvs`, `uvs2` and `colours` are NULL or hold vertex_count each. */
+/* Owns its arrays (mesh_free). `normals`, `uvs`, `uvs2` and `colours` are NULL or hold vertex_count each. Of
+ * a mesh that changes while the shutter is open `positions` and `normals` hold `steps` times as many: see
+ * blob_mesh_t. */
 typedef struct {
     vec3_t *positions;
     vec3_t *normals;
@@ -18,6 +20,7 @@ typedef struct {
     blob_colour_t *colours;
     blob_triangle_t *triangles;
     uint32_t vertex_count, triangle_count;
+    uint32_t steps; /* 0: it stands still */
 } mesh_t;
 
 /* Frees the arrays and empties the mesh. */

@@ -57,7 +57,7 @@ void report_end(report_t *report)
 
 void report_warning(report_t *report, position_t at, const char *format, ...)
 {
-    if (++report->warnings > REPORT_MAX_WARNINGS) return;
+    if (report->quiet || ++report->warnings > REPORT_MAX_WARNINGS) return;
     char message[LONGEST_MESSAGE];
     va_list arguments;
     va_start(arguments, format);

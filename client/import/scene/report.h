@@ -35,6 +35,7 @@ typedef struct {
 typedef struct {
     import_report_t sink;
     uint64_t warnings;
+    bool quiet; /* what warns now has warned before */
 } report_t;
 
 report_t report_begin(const import_report_t *sink);

@@ -43,7 +43,7 @@ void box_extend(box_t *box, const scene_builder_t *scene, const blob_shape_t *sh
     const blob_curve_point_t *points = records(scene, BLOB_SECTION_CURVE_POINTS);
     if (shape->kind == SHAPE_MESH) {
         const blob_mesh_t *mesh = (const blob_mesh_t *)records(scene, BLOB_SECTION_MESHES) + shape->geometry;
-        for (uint32_t i = 0; i < mesh->vertex_count; ++i)
+        for (size_t i = 0; i < blob_mesh_places(mesh); ++i)
             extend(box, world_from_object, positions[mesh->first_position + i]);
     } else if (shape->kind == SHAPE_QUADRIC) {
         const blob_quadric_t *quadrics = records(scene, BLOB_SECTION_QUADRICS);

@@ -28,6 +28,7 @@ typedef struct {
     double frames_per_second;  /* what makes a time of a frame */
     const char *animation; /* the name of one of several animations, or its number from 1; NULL: all that go
                               together */
+    const char *shutter;   /* how long it is open then: "SECONDS" or "OPEN,CLOSE"; NULL: nothing moves */
 } import_wishes_t;
 
 /* Nothing is asked for. */

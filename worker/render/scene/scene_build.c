@@ -1,8 +1,9 @@
 /* scene_build: the blob's shapes and instances as Embree's trees.
  *
- * Meshes and curves share the blob's arrays with Embree; quadrics are user geometry. Every object of the blob
- * is an Embree scene; the world's holds its own shapes (geometry id = shape index within the world) and then
- * the instances. Shapes with an alpha, and pictures, have filters that let rays through.
+ * Meshes and curves share the blob's arrays with Embree, those of a mesh that changes one for each time;
+ * quadrics are user geometry. Every object of the blob is an Embree scene; the world's holds its own shapes
+ * (geometry id = shape index within the world) and then the instances. Shapes with an alpha, and pictures,
+ * have filters that let rays through.
  */
 #include "worker/render/scene/scene_internal.h"
 
@@ -10,8 +11,12 @@ static RTCGeometry new_mesh(const scene_t *scene, const blob_mesh_t *mesh)
 {
     const scene_blob_t *blob = scene->blob;
     RTCGeometry geometry = rtcNewGeometry(scene->device, RTC_GEOMETRY_TYPE_TRIANGLE);
-    rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
-                               blob->positions + mesh->first_position, 0, sizeof(vec3_t), mesh->vertex_count);
+    uint32_t steps = mesh->steps ? mesh->steps : 1;
+    if (steps > 1) rtcSetGeometryTimeStepCount(geometry, steps);
+    for (uint32_t k = 0; k < steps; k++)
+        rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, k, RTC_FORMAT_FLOAT3,
+                                   blob->positions + mesh->first_position + (size_t)k * mesh->vertex_count, 0,
+                                   sizeof(vec3_t), mesh->vertex_count);
     rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
                                blob->triangles + mesh->first_triangle, 0, sizeof(blob_triangle_t),
                                mesh->triangle_count);
@@ -58,6 +63,7 @@ static void add_shape(scene_t *scene, RTCScene to, uint32_t shape_index, uint32_
     switch ((shape_kind_t)shape->kind) {
     case SHAPE_MESH:
         made = new_mesh(scene, &scene->blob->meshes[shape->geometry]);
+        scene->moves = scene->moves || scene->blob->meshes[shape->geometry].steps > 0;
         break;
     case SHAPE_QUADRIC:
         geometry->quadric = &scene->quadrics[shape->geometry];

@@ -45,12 +45,13 @@ static void mesh_details(const scene_blob_t *blob, const surface_t *surface, sur
     vec2_t d1 = {uv[1].x - uv[0].x, uv[1].y - uv[0].y}, d2 = {uv[2].x - uv[0].x, uv[2].y - uv[0].y};
     float determinant = d1.x * d2.y - d1.y * d2.x;
     if (!(fabsf(determinant) > 0x1p-100f)) return;
-    const vec3_t *p = blob->positions + mesh->first_position;
-    differentiate(d1, d2, 1 / determinant, v_sub(p[v[1]], p[v[0]]), v_sub(p[v[2]], p[v[0]]), &details->dpdu,
+    vec3_t p[3], n[3];
+    mesh_corners(blob->positions + mesh->first_position, mesh, v, surface->time, p);
+    differentiate(d1, d2, 1 / determinant, v_sub(p[1], p[0]), v_sub(p[2], p[0]), &details->dpdu,
                   &details->dpdv);
     if (mesh->first_normal == BLOB_NONE) return;
-    const vec3_t *n = blob->normals + mesh->first_normal;
-    differentiate(d1, d2, 1 / determinant, v_sub(n[v[1]], n[v[0]]), v_sub(n[v[2]], n[v[0]]), &details->dndu,
+    mesh_corners(blob->normals + mesh->first_normal, mesh, v, surface->time, n);
+    differentiate(d1, d2, 1 / determinant, v_sub(n[1], n[0]), v_sub(n[2], n[0]), &details->dndu,
                   &details->dndv);
 }
 
@@ -62,9 +63,10 @@ static void smooth_bumps(const scene_blob_t *blob, const surface_t *surface, sur
     const blob_mesh_t *mesh = &blob->meshes[surface->shape->geometry];
     const uint32_t *v = blob->triangles[mesh->first_triangle + surface->primitive].v;
     if (mesh->first_normal == BLOB_NONE) return;
-    const vec3_t *n = blob->normals + mesh->first_normal;
+    vec3_t n[3];
+    mesh_corners(blob->normals + mesh->first_normal, mesh, v, surface->time, n);
     float b1 = surface->place.x, b2 = surface->place.y, b0 = 1 - b1 - b2;
-    vec3_t ns = v_normalize(v_mad(v_mad(v_scale(n[v[0]], b0), b1, n[v[1]]), b2, n[v[2]]));
+    vec3_t ns = v_normalize(v_mad(v_mad(v_scale(n[0], b0), b1, n[1]), b2, n[2]));
     vec3_t s = v_normalize(v_mad(details->dpdu, -v_dot(details->dpdu, ns), ns));
     if (!v_is_finite(ns) || !v_is_finite(s)) return;
     details->bump_u = v_neg(s);

@@ -11,15 +11,16 @@ static inline place_t mesh_place(const scene_blob_t *blob, const blob_shape_t *s
 {
     const blob_mesh_t *mesh = &blob->meshes[shape->geometry];
     const uint32_t *v = blob->triangles[mesh->first_triangle + hit->primitive].v;
-    const vec3_t *p = blob->positions + mesh->first_position;
-    vec3_t e1 = v_sub(p[v[1]], p[v[0]]), e2 = v_sub(p[v[2]], p[v[0]]);
+    vec3_t p[3], n[3];
+    mesh_corners(blob->positions + mesh->first_position, mesh, v, hit->time, p);
+    vec3_t e1 = v_sub(p[1], p[0]), e2 = v_sub(p[2], p[0]);
     float b1 = hit->place.x, b2 = hit->place.y, b0 = 1 - b1 - b2;
     place_t at;
-    at.p = v_add(v_add(v_scale(p[v[0]], b0), v_scale(p[v[1]], b1)), v_scale(p[v[2]], b2));
+    at.p = v_add(v_add(v_scale(p[0], b0), v_scale(p[1], b1)), v_scale(p[2], b2));
     at.ng = v_cross(e1, e2);
     if (mesh->first_normal != BLOB_NONE) {
-        const vec3_t *n = blob->normals + mesh->first_normal;
-        at.ns = v_add(v_add(v_scale(n[v[0]], b0), v_scale(n[v[1]], b1)), v_scale(n[v[2]], b2));
+        mesh_corners(blob->normals + mesh->first_normal, mesh, v, hit->time, n);
+        at.ns = v_add(v_add(v_scale(n[0], b0), v_scale(n[1], b1)), v_scale(n[2], b2));
         if (v_is_zero(at.ns)) at.ns = at.ng;
         if (v_dot(at.ns, at.ng) < 0) at.ng = v_neg(at.ng);
     } else {

@@ -74,6 +74,23 @@ static inline hit_t lane_hit(const float *rays, unsigned n, unsigned i)
                    .distance = rays[RAY_FAR * n + i]};
 }
 
+/* What a triangle with the vertices v has of `values`, positions or normals of its mesh, at a time from 0 to
+ * 1. */
+static inline void mesh_corners(const vec3_t *values, const blob_mesh_t *mesh, const uint32_t v[3],
+                                float time, vec3_t corners[3])
+{
+    if (mesh->steps == 0) {
+        for (int i = 0; i < 3; i++) corners[i] = values[v[i]];
+        return;
+    }
+    float at = time * (float)(mesh->steps - 1);
+    uint32_t step = (uint32_t)float_max(at, 0);
+    if (step > mesh->steps - 2) step = mesh->steps - 2;
+    const vec3_t *a = values + (size_t)step * mesh->vertex_count, *b = a + mesh->vertex_count;
+    float share = at - (float)step;
+    for (int i = 0; i < 3; i++) corners[i] = v_add(v_scale(a[v[i]], 1 - share), v_scale(b[v[i]], share));
+}
+
 /* Makes the trees (scene_build.c). */
 void scene_build(scene_t *scene);
 /* A quadric as Embree's user geometry (scene_quadric.c). */

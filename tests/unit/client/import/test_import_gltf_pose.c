@@ -601,6 +601,150 @@ static void broken_animations_are_errors(void **state)
     expect_failure_at(WITH_SAMPLER(""), "sampler: is 0, but there are 0");
 }
 
+/* ---- motion blur --------------------------------------------------------------------------------------- */
+
+/* Imports the scene as a shutter sees it that is open from 2 to 4 seconds. */
+static void run_blurred(bench_t *bench, const char *rest)
+{
+    import_wishes_t wishes = import_wishes_none();
+    wishes.time_point = 3;
+    wishes.shutter = "2";
+    bench->wishes = &wishes;
+    run(bench, rest);
+    bench->wishes = NULL;
+    bench_expect_ok(bench);
+}
+
+static void what_moves_as_a_whole_becomes_a_moving_instance(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run_blurred(&bench, ANIMATED(PLAIN, "translation", "19", "LINEAR"));
+    assert_int_equal(bench.blob.counts[BLOB_SECTION_INSTANCES], 1);
+    const blob_instance_t *instance = bench.blob.instances;
+    expect_near((double)instance->world_from_object.m[0][3], 2, 0);
+    expect_near((double)instance->world_from_object_end.m[0][3], 6, 0);
+    assert_int_equal(bench.blob.meshes[0].steps, 0);
+    bench_close(&bench);
+}
+
+/* Vertex i of the first mesh at one of its five times. */
+static vec3_t position_at(const bench_t *bench, uint32_t step, uint32_t i)
+{
+    const blob_mesh_t *mesh = &bench->blob.meshes[bench->blob.shapes[0].geometry];
+    assert_int_equal(mesh->steps, 5);
+    return bench->blob.positions[mesh->first_position + step * mesh->vertex_count + i];
+}
+
+static void what_a_skin_moves_is_given_at_several_times(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run_blurred(&bench, SKINNED("3", "4") ",\"animations\":[" ANIMATION("a", CHANNEL("translation", "1"),
+                                                                        SAMPLER("18", "19", "LINEAR")) "]");
+    assert_int_equal(bench.blob.counts[BLOB_SECTION_INSTANCES], 0);
+    for (uint32_t k = 0; k < 5; ++k) expect_vec3(position_at(&bench, k, 1), 9 + k, 6, k);
+    assert_true(bench.blob.meshes[0].first_normal != BLOB_NONE);
+    bench_close(&bench);
+}
+
+static void what_targets_move_is_given_at_several_times(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run_blurred(&bench, ANIMATED(MORPHED("[7,7]", SQUARE), "weights", "22", "LINEAR"));
+    expect_vec3(position_at(&bench, 0, 2), 1 + 4 * 0.5, 1 + 16, 1); /* weights 0.5 and 2 */
+    expect_vec3(position_at(&bench, 2, 2), 1 + 4 * 0.75, 1 + 8, 1.5);
+    expect_vec3(position_at(&bench, 4, 2), 1 + 4, 1, 2);
+    bench_close(&bench);
+}
+
+static void what_is_flattened_is_given_at_several_times(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    /* the scale of y is 0, that of z begins with 0: no instance may be so */
+    run_blurred(&bench, PLAIN
+                ",\"nodes\":[{\"children\":[1]},{\"mesh\":0,\"rotation\":[0.70710678,0,0,0.70710678]}],"
+                "\"animations\":[" ANIMATION("a", CHANNEL("scale", "0"), SAMPLER("18", "19", "LINEAR")) "]");
+    assert_int_equal(bench.blob.counts[BLOB_SECTION_INSTANCES], 0);
+    expect_vec3(position_at(&bench, 0, 2), 2, 0, 0);
+    expect_vec3(position_at(&bench, 4, 2), 6, 0, 4);
+    bench_close(&bench);
+}
+
+static void a_camera_moves_while_the_shutter_is_open(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run_blurred(&bench,
+                PLAIN ",\"cameras\":[{\"type\":\"perspective\",\"perspective\":{\"yfov\":0.5}}],"
+                      "\"extensions\":{\"KHR_lights_punctual\":{\"lights\":[{\"type\":\"point\"}]}},"
+                      "\"nodes\":[{\"mesh\":0},{\"camera\":0,\"children\":[2]},"
+                      "{\"extensions\":{\"KHR_lights_punctual\":{\"light\":0}}}],\"animations\":[" ANIMATION(
+                          "a", CHANNEL("translation", "1"), SAMPLER("18", "19", "LINEAR")) "]");
+    expect_near((double)bench.blob.scene->world_from_camera.m[0][3], 2, 1e-6);
+    expect_near((double)bench.blob.scene->world_from_camera_end.m[0][3], 6, 1e-6);
+    expect_near((double)bench.blob.lights[0].world_from_light.m[0][3], 4, 1e-6); /* lamps stand still */
+    expect_text(bench.warnings, "it stands where it is in the middle of that");
+    assert_int_equal(bench.blob.meshes[0].steps, 0);
+    bench_close(&bench);
+}
+
+#define GLOW "\"materials\":[{\"emissiveFactor\":[1,1,1]}],"
+#define GLOWING(targets)                                                                                     \
+    GLOW "\"meshes\":[{\"primitives\":[{\"material\":0,\"attributes\":{" SQUARE "},\"indices\":2" targets    \
+         "]}]"
+
+static void what_emits_stands_still(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run_blurred(&bench, ANIMATED(GLOWING("}"), "translation", "19", "LINEAR"));
+    expect_text(bench.warnings, "emits light and moves while the shutter is open");
+    expect_vec3(position(&bench, 0), 4, 0, 2);
+    run_blurred(&bench, ANIMATED(GLOWING(TARGETS), "weights", "22", "LINEAR"));
+    expect_text(bench.warnings, "emits light and moves while the shutter is open");
+    assert_int_equal(bench.blob.meshes[0].steps, 0);
+    expect_vec3(position(&bench, 2), 4, 9, 1.5);
+    bench_close(&bench);
+}
+
+static void what_stands_still_is_not_blurred(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run_blurred(&bench,
+                SKINNED("3", "4") ",\"cameras\":[{\"type\":\"perspective\",\"perspective\":{\"yfov\":0.5}}],"
+                                  "\"animations\":[" ANIMATION(
+                                      "a", "{\"sampler\":0,\"target\":{\"node\":0,\"path\":\"scale\"}}",
+                                      SAMPLER("18", "19", "LINEAR")) "]");
+    assert_int_equal(bench.blob.meshes[0].steps, 0);
+    assert_int_equal(bench.blob.counts[BLOB_SECTION_POSITIONS], 4);
+    bench_close(&bench);
+}
+
+static void shutters_are_read(void **state)
+{
+    (void)state;
+    static const char *const wrong[] = {"0", "-1", "1,1", "2,1", "x", "1,", "nan", "0,inf", "1s"};
+    import_wishes_t wishes = import_wishes_none();
+    bench_t bench = {.wishes = &wishes};
+    wishes.shutter = "1";
+    expect_usage(&wishes, THREE, "--shutter needs --time-point or --frame");
+    wishes.time_point = 2;
+    for (size_t i = 0; i < ARRAY_LENGTH(wrong); ++i) {
+        wishes.shutter = wrong[i];
+        expect_usage(&wishes, THREE, "--shutter takes SECONDS above 0, or OPEN,CLOSE");
+    }
+    wishes.shutter = "0,1"; /* from 2 to 3 seconds */
+    run(&bench, ANIMATED(PLAIN, "translation", "19", "LINEAR"));
+    bench_expect_ok(&bench);
+    expect_near((double)bench.blob.instances[0].world_from_object.m[0][3], 2, 0);
+    expect_near((double)bench.blob.instances[0].world_from_object_end.m[0][3], 4, 0);
+    bench_close(&bench);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -633,6 +777,14 @@ int main(void)
         cmocka_unit_test(without_a_moment_nothing_is_animated),
         cmocka_unit_test(a_pointer_is_ignored),
         cmocka_unit_test(broken_animations_are_errors),
+        cmocka_unit_test(what_moves_as_a_whole_becomes_a_moving_instance),
+        cmocka_unit_test(what_a_skin_moves_is_given_at_several_times),
+        cmocka_unit_test(what_targets_move_is_given_at_several_times),
+        cmocka_unit_test(what_is_flattened_is_given_at_several_times),
+        cmocka_unit_test(a_camera_moves_while_the_shutter_is_open),
+        cmocka_unit_test(what_emits_stands_still),
+        cmocka_unit_test(what_stands_still_is_not_blurred),
+        cmocka_unit_test(shutters_are_read),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -143,6 +143,64 @@ static void embree_agrees(void **state)
     scratch_destroy(&folder);
 }
 
+/* A square that rises from z = 0 to 1 by time 0.5, and by time 1 turns up into the plane x = z: its normals
+ * with it. */
+static void meshes_change_between_their_times(void **state)
+{
+    (void)state;
+    const vec3_t positions[] = {{-1, -1, 0}, {1, -1, 0}, {1, 1, 0},   {-1, 1, 0}, {-1, -1, 1}, {1, -1, 1},
+                                {1, 1, 1},   {-1, 1, 1}, {-1, -1, 0}, {1, -1, 2}, {1, 1, 2},   {-1, 1, 0}};
+    const float half = 0.70710678f;
+    const vec3_t up = vec3(0, 0, 1), tilted = vec3(-half, 0, half),
+                 normals[] = {up, up, up, up, up, up, up, up, tilted, tilted, tilted, tilted};
+    const blob_triangle_t triangles[] = {{{0, 1, 2}}, {{0, 2, 3}}};
+    const blob_material_t material = {.kind = MATERIAL_DIFFUSE};
+    const blob_scene_t settings = blob_default_scene();
+    blob_builder_t *builder = blob_builder_new();
+    blob_mesh_t mesh = {.vertex_count = 4, .triangle_count = 2, .steps = 3};
+    mesh.first_uv = mesh.first_uv2 = mesh.first_colour = BLOB_NONE;
+    mesh.first_position = blob_builder_add(builder, BLOB_SECTION_POSITIONS, positions, 12);
+    mesh.first_normal = blob_builder_add(builder, BLOB_SECTION_NORMALS, normals, 12);
+    mesh.first_triangle = blob_builder_add(builder, BLOB_SECTION_TRIANGLES, triangles, 2);
+    const blob_shape_t shape = {
+        .kind = SHAPE_MESH, .light = BLOB_NONE, .alpha = blob_constant(1), .shadow_alpha = blob_constant(1)};
+    const blob_object_t world = {.shape_count = 1};
+    blob_builder_add(builder, BLOB_SECTION_MESHES, &mesh, 1);
+    blob_builder_add(builder, BLOB_SECTION_MATERIALS, &material, 1);
+    blob_builder_add(builder, BLOB_SECTION_SHAPES, &shape, 1);
+    blob_builder_add(builder, BLOB_SECTION_OBJECTS, &world, 1);
+    blob_builder_add(builder, BLOB_SECTION_SCENE, &settings, 1);
+    uint8_t *bytes;
+    uint64_t size;
+    scene_blob_t blob;
+    scene_t *scene;
+    assert_int_equal(blob_builder_finish(builder, &bytes, &size).code, RESULT_OK);
+    blob_builder_destroy(&builder);
+    result_t opened = blob_open(bytes, size, &blob);
+    assert_string_equal(opened.message, "");
+    assert_int_equal(scene_new(&blob, &scene).code, RESULT_OK);
+    assert_true(scene_moves(scene));
+    for (int i = 0; i <= 16; i++) {
+        float time = (float)i / 16, tilt = time < 0.5f ? 0 : 2 * time - 1, x = 0.6f;
+        float height = time < 0.5f ? 2 * time : 1 + tilt * x;
+        surface_t surface;
+        surface_details_t details;
+        assert_true(scene_intersect(scene, vec3(x, 0.2f, 5), vec3(0, 0, -1), time, &surface));
+        assert_float_equal(surface.p.z, height, 1e-5f);
+        assert_float_equal(surface.p.x, x, 1e-5f);
+        float length = sqrtf(1 + tilt * tilt), nx = -half * tilt, nz = 1 - tilt + half * tilt;
+        assert_float_equal(surface.ng.x, -tilt / length, 1e-5f);
+        assert_float_equal(surface.ns.x, nx / sqrtf(nx * nx + nz * nz), 1e-5f);
+        scene_details(scene, &surface, &details);
+        assert_float_equal(v_dot(details.dpdu, surface.ng), 0, 1e-5f);
+        assert_true(
+            scene_occluded(scene, vec3(x, 0.2f, height + 0.01f), vec3(x, 0.2f, height - 0.01f), time, false));
+        assert_false(scene_occluded(scene, vec3(x, 0.2f, 5), vec3(x, 0.2f, height + 0.01f), time, false));
+    }
+    scene_destroy(&scene);
+    free(bytes);
+}
+
 /* An axis of a random direction, 1e-10 to 1e10 long, or 0.03 to 30 where `near`. */
 static vec3_t random_axis(uint32_t i, uint32_t first, bool near)
 {
@@ -216,6 +274,7 @@ int main(void)
         cmocka_unit_test(ends_are_reproduced),
         cmocka_unit_test(between_is_even),
         cmocka_unit_test(embree_agrees),
+        cmocka_unit_test(meshes_change_between_their_times),
         cmocka_unit_test(embree_inverts_all_that_is_let_in),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
