@@ -146,11 +146,12 @@ static result_t check_shapes(const char *name, const field_t f[FIELDS])
 
 static result_t check_ascent(const char *name, const field_t *field, const char *what)
 {
-    const float least = 1e-6f;
-    bool good = isfinite(number(field, 0));
+    const float least = 1e-6f, most = 1e6f;
+    bool good = fabsf(number(field, 0)) <= most && fabsf(number(field, field->count - 1)) <= most;
     for (uint64_t i = 1; i < field->count; ++i)
-        good = good && number(field, i) - number(field, i - 1) >= least && isfinite(number(field, i));
-    return good ? result_ok() : result_fail(RESULT_INPUT, "%s: %s does not ascend", name, what);
+        good = good && number(field, i) - number(field, i - 1) >= least;
+    return good ? result_ok()
+                : result_fail(RESULT_INPUT, "%s: %s does not ascend, or is too large", name, what);
 }
 
 /* pbrt-v4 takes tables of all azimuths alone, or of none. */

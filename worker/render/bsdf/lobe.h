@@ -56,6 +56,17 @@ static inline float lobe_sane_ior(float ior)
     return ior == 0 ? 1 : float_clamp(ior, 0.01f, 100);
 }
 
+/* Whether values and densities of a table can be divided by one another without overflow; a density that is
+ * next to nothing becomes 0. Tables of files may say anything. */
+static inline bool lobe_is_sane(bsdf_value_t *value)
+{
+    const float largest = 1e15f, least = 1e-20f;
+    if (!(value->pdf >= least)) value->pdf = 0;
+    if (!(value->pdf_rev >= least)) value->pdf_rev = 0;
+    return v_is_finite(value->f) && v_max(value->f) <= largest && value->pdf <= largest &&
+           value->pdf_rev <= largest;
+}
+
 /* The probability of reflecting, where the Fresnel reflectance is `f` and the rest is transmitted, each with
  * its factor. False when neither carries anything. */
 static inline bool lobe_reflect_chance(float f, rgb_t reflected, rgb_t transmitted, float *chance)

@@ -222,7 +222,8 @@ static bool eval(const lobe_t *lobe, vec3_t wo, vec3_t wi, bool reflect, transpo
     value->f = radiance_value(f, -from.z, to.z, phi);
     value->pdf = density(f, wo.z, -wi.z, phi);
     value->pdf_rev = density(f, wi.z, -wo.z, phi);
-    return (value->pdf > 0 || value->pdf_rev > 0 || !v_is_zero(value->f)) && !is_useless(lobe, value->f);
+    return lobe_is_sane(value) && (value->pdf > 0 || value->pdf_rev > 0 || !v_is_zero(value->f)) &&
+           !is_useless(lobe, value->f);
 }
 
 /* The direction of light that arrives along mu_i and is turned by `phi` from the azimuth of wo. */

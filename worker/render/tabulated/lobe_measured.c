@@ -278,7 +278,7 @@ static bool eval(const lobe_t *lobe, vec3_t wo, vec3_t wi, bool reflect, transpo
     value->f = mode == TRANSPORT_RADIANCE ? there.f : back.f;
     value->pdf = there.pdf;
     value->pdf_rev = back.pdf;
-    return v_is_finite(value->f) && isfinite(there.pdf) && isfinite(back.pdf);
+    return lobe_is_sane(value);
 }
 
 /* Draws wi for wo above the surface. */

@@ -247,7 +247,7 @@ static void damaged_measurements_are_refused(void **state)
 {
     (void)state;
     const uint64_t huge = UINT64_MAX, large = 1 << 20, one = 1;
-    const float nan = NAN, minus = -1, infinite = INFINITY;
+    const float nan = NAN, minus = -1, infinite = INFINITY, far = 2e9f;
     uint8_t type = 11;
     expect_measured_refusal(12, "\2", 1, "does not begin with tensor_file");
     expect_measured_refusal(14, "\7", 1, "has no field spectra");
@@ -267,6 +267,7 @@ static void damaged_measurements_are_refused(void **state)
     expect_measured_refusal(numbers, &nan, 4, "theta_i does not ascend");
     expect_measured_refusal(numbers + 8, &minus, 4, "theta_i does not ascend");
     expect_measured_refusal(numbers + 4 * 6, &infinite, 4, "phi_i does not ascend");
+    expect_measured_refusal(numbers + 4 * 5, &far, 4, "theta_i does not ascend, or is too large");
     expect_measured_refusal(numbers + 4 * 8, &minus, 4, "wavelengths does not ascend");
     expect_measured_refusal(numbers + 4 * 20, &nan, 4, "a number in field ndf is not finite");
     size_t size;
