@@ -914,7 +914,6 @@ static void expect_looks(bench_t *bench, const char *names)
         const blob_material_t *material = &bench->blob.materials[bench->blob.shapes[i].material];
         assert_int_equal((bench->blob.strings + material->name)[0], names[i]);
     }
-    bench->wishes = NULL;
 }
 
 static void a_variant_can_be_asked_for(void **state)
