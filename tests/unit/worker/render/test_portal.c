@@ -288,11 +288,12 @@ static void rooms_look_the_same_with_a_portal(void **state)
     expect_like(picture(HEAD TURNED SKY "\nAttributeEnd\n" ROOM, INTEGRATOR_PATH, 256), sky, 0.04);
 }
 
-/* What is outside, and stops the light, has none for the room. */
+/* What is outside, and scatters the light, has none for the room. */
 static void light_before_a_portal_is_lost(void **state)
 {
     (void)state;
-    static const char shut[] = HEAD COLOURED PORTAL ROOM "Shape \"sphere\" \"float radius\" [50]\n";
+    static const char shut[] = HEAD COLOURED PORTAL ROOM
+        "Material \"diffusetransmission\"\nShape \"sphere\" \"float radius\" [50]\n";
     assert_true(picture(shut, INTEGRATOR_PATH, 4) == 0);
     assert_true(picture(shut, INTEGRATOR_BDPT, 4) == 0);
     assert_true(picture(shut, INTEGRATOR_LIGHT, 16) == 0);
