@@ -17,7 +17,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const double SLOW_ANSWER = 120.0; /* seconds for answers that a master must work for */
+static const double SLOW_ANSWER = 120.0; /* seconds for answers that a master must work for, */
+static const double SLOW_BYTES = 1e7;    /* and bytes a second that it reads at least, from a slow disk */
 static const double STUCK = 600.0; /* seconds without progress, after which an image is not waited for */
 /* Images are checked against this before memory is allocated: 26 channels of the largest film, 6 of halves,
  * 24 of mattes, those of light groups, and more. */
@@ -402,8 +403,9 @@ static result_t put_chunk(remote_t *remote, const scene_blob_t *blob, uint64_t o
     zmq_msg_t payload;
     if (zmq_msg_init_size(&payload, length) != 0) return result_fail(RESULT_LIMIT, "out of memory");
     if (length > 0) memcpy(zmq_msg_data(&payload), blob->bytes + offset, length);
-    /* The last chunk makes the master hash the whole blob. */
-    double timeout = offset + length == blob->size ? SLOW_ANSWER : remote->timeout;
+    /* The last chunk makes the master hash the whole blob, which may not fit into its memory. */
+    bool last = offset + length == blob->size;
+    double timeout = last ? SLOW_ANSWER + (double)blob->size / SLOW_BYTES : remote->timeout;
     if (timeout < remote->timeout) timeout = remote->timeout;
     wire_message_t answer;
     TRY(ask(remote, &remote->bulk, &envelope, &payload, timeout, LM__ENVELOPE__BODY_BLOB_PUT_REPLY, &answer));

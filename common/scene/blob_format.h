@@ -106,16 +106,14 @@ typedef struct {
     uint32_t sampler;    /* sampler_kind_t */
     float max_luminance; /* samples brighter than this are scaled down to it; INFINITY: none. A bias that the
                             scene asks for */
-    float
-        occlusion_distance; /* of the integrator ao: what lies farther away hides nothing; may be INFINITY */
+    float occlusion_distance; /* of the integrator ao: what is farther hides nothing; may be INFINITY */
     rgb_t occlusion_radiance; /* what it shows where nothing is hidden */
     uint32_t regularize; /* 1: near-specular lobes are roughened behind the first scattering that is not */
 } blob_scene_t;
 
 /* One surface of a lens, in units of camera space. */
 typedef struct {
-    float curvature_radius; /* positive: the middle lies towards the film; 0: a flat stop, which bends nothing
-                             */
+    float curvature_radius; /* positive: the middle lies towards the film; 0: a flat stop, bends nothing */
     float thickness;        /* along the axis, from this surface to the next, or to the film */
     float eta;              /* index of refraction of what follows towards the film; > 0 */
     float aperture_radius;  /* > 0 */
