@@ -8,6 +8,7 @@
 #define LIGHTMILL_FUZZ_H
 
 #include "common/scene/blob_builder.h"
+#include "worker/render/bsdf/bsdf.h"
 
 /* The targets. They return 0, as libFuzzer wants it. */
 int fuzz_allow_list(const uint8_t *data, size_t size);
@@ -51,6 +52,12 @@ uint8_t *fuzz_mend_blob(const uint8_t *data, size_t size);
 
 /* Looks up every texture and image of a blob. */
 void fuzz_walk(const scene_blob_t *blob);
+/* A blob with a scene that has nothing in it but what the caller adds, and how it ends: opened, by its
+ * checks; `bytes` is the caller's to free, after the blob's last use. */
+blob_builder_t *fuzz_begin_blob(void);
+void fuzz_end_blob(blob_builder_t **builder, uint8_t **bytes, scene_blob_t *blob);
+/* Draws directions from all sides: whatever comes must be finite, and have a density. */
+void fuzz_scatter(const lobe_t *lobe);
 
 /* Ends the process with a message unless the condition holds. */
 void fuzz_expect(bool condition, const char *what);

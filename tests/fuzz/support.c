@@ -127,8 +127,7 @@ void fuzz_import_at(const char *name, double time, const char *shutter)
     import_twice(name, &wishes);
 }
 
-/* ---- blobs ----------------------------------------------------------------------------------------------
- */
+/* ---- blobs --------------------------------------------------------------------------------------------- */
 
 /* Where a blob's header has them: see scene_blob.c. */
 enum { VERSION_AT = 8, SIZE_AT = 16, CHECKSUM_AT = 24, SECTIONS_AT = CHECKSUM_AT + HASH_BYTES };
@@ -182,4 +181,47 @@ static void walk_textures(const scene_blob_t *blob)
 void fuzz_walk(const scene_blob_t *blob)
 {
     walk_textures(blob);
+}
+
+/* ---- scattering ---------------------------------------------------------------------------------------- */
+
+blob_builder_t *fuzz_begin_blob(void)
+{
+    blob_builder_t *builder = blob_builder_new();
+    blob_scene_t scene = blob_default_scene();
+    blob_object_t world = {0, 0};
+    blob_builder_add(builder, BLOB_SECTION_SCENE, &scene, 1);
+    blob_builder_add(builder, BLOB_SECTION_OBJECTS, &world, 1);
+    return builder;
+}
+
+void fuzz_end_blob(blob_builder_t **builder, uint8_t **bytes, scene_blob_t *blob)
+{
+    uint64_t size;
+    result_t result = blob_builder_finish(*builder, bytes, &size);
+    fuzz_expect(result.code == RESULT_OK, result.message);
+    result = blob_open(*bytes, size, blob);
+    fuzz_expect(result.code == RESULT_OK, result.message);
+    blob_builder_destroy(builder);
+}
+
+static void check_sample(const lobe_t *lobe, vec3_t wo, vec2_t u)
+{
+    bsdf_sample_t sample;
+    for (int mode = TRANSPORT_RADIANCE; mode <= TRANSPORT_IMPORTANCE; ++mode) {
+        if (!lobe->kind->sample(lobe, wo, u, u.x, (transport_t)mode, &sample)) continue;
+        fuzz_expect(v_is_finite(sample.wi) && v_is_finite(sample.weight), "a sample that is not finite");
+        fuzz_expect(sample.pdf > 0 && isfinite(sample.pdf) && sample.pdf_rev >= 0,
+                    "a sample without density");
+    }
+}
+
+void fuzz_scatter(const lobe_t *lobe)
+{
+    static const float places[] = {0, 0.3f, 0.5f, 0.8f, 0x1.fffffep-1f};
+    for (size_t i = 0; i < ARRAY_LENGTH(places); ++i)
+        for (size_t k = 0; k < ARRAY_LENGTH(places); ++k) {
+            float z = 2 * places[i] - 1, r = sqrtf(1 - z * z);
+            check_sample(lobe, vec3(r, 0, z), (vec2_t){places[k], places[(i + k) % ARRAY_LENGTH(places)]});
+        }
 }

@@ -1,6 +1,7 @@
 /* Cameras with lenses: what is sharp, densities, and that all integrators see the same through them. */
 #include "worker/render/camera/camera.h"
 
+#include "tests/quarters.h"
 #include "tests/render_here.h"
 
 #include <setjmp.h>
@@ -117,36 +118,7 @@ static void densities_are_of_the_whole_film(void **state)
 
 /* ---- pictures ------------------------------------------------------------------------------------------ */
 
-enum { SIDE = 16, PARTS = 4 };
-
-/* The means of the quarters of a picture, and their standard errors. */
-typedef struct {
-    double mean[PARTS], error[PARTS];
-} quarters_t;
-
-static quarters_t quarters_of(const scene_blob_t *blob, integrator_t integrator, uint32_t spp)
-{
-    job_settings_t settings = blob_default_settings(blob);
-    settings.integrator = integrator;
-    settings.spp = spp;
-    settings.seed = 5;
-    film_t *film = render_here(blob, &settings);
-    film_image_t image;
-    film_resolve(film, &image);
-    assert_int_equal(film->counts.dropped, 0);
-    quarters_t q = {0};
-    const double share = PARTS / (double)(SIDE * SIDE);
-    for (int i = 0; i < SIDE * SIDE; ++i) {
-        int part = (i % SIDE >= SIDE / 2) + 2 * (i / SIDE >= SIDE / 2);
-        double noise = (double)image.noise[3 * i];
-        q.mean[part] += (double)image.sum[3 * i] * share;
-        q.error[part] += noise * noise * share * share;
-    }
-    for (int i = 0; i < PARTS; ++i) q.error[i] = sqrt(q.error[i]);
-    film_image_free(&image);
-    film_destroy(&film);
-    return q;
-}
+enum { SIDE = 16 };
 
 /* A room with a lamp at its ceiling and a ball, seen by such a camera. */
 static test_scene_t room_before(camera_kind_t kind)
@@ -170,16 +142,6 @@ static test_scene_t room_before(camera_kind_t kind)
     return scene;
 }
 
-static void expect_same(const char *what, const quarters_t *a, const quarters_t *b)
-{
-    for (int i = 0; i < PARTS; ++i) {
-        double error = hypot(a->error[i], b->error[i]);
-        if (!(fabs(a->mean[i] - b->mean[i]) < 4.5 * error && error < 0.05 * b->mean[i]))
-            fail_msg("%s, quarter %d: %g +- %g and %g +- %g", what, i, a->mean[i], a->error[i], b->mean[i],
-                     b->error[i]);
-    }
-}
-
 static void integrators_agree_through_lenses(void **state)
 {
     (void)state;
@@ -188,8 +150,8 @@ static void integrators_agree_through_lenses(void **state)
         quarters_t path = quarters_of(&scene.blob, INTEGRATOR_PATH, 64),
                    bdpt = quarters_of(&scene.blob, INTEGRATOR_BDPT, 32),
                    light = quarters_of(&scene.blob, INTEGRATOR_LIGHT, 256);
-        expect_same("bdpt", &bdpt, &path);
-        expect_same("light", &light, &path);
+        quarters_expect_same("bdpt", &bdpt, &path, 0.05);
+        quarters_expect_same("light", &light, &path, 0.05);
         test_scene_end(&scene);
     }
 }

@@ -2,6 +2,7 @@
  * against pbrt's formula for its weights, and all integrators against one another. */
 #include "client/import/scene/lens.h"
 #include "common/sampler.h"
+#include "tests/quarters.h"
 #include "tests/render_here.h"
 #include "worker/render/camera/camera.h"
 
@@ -251,34 +252,6 @@ static void lenses_that_do_not_focus_are_told(void **state)
 
 /* ---- pictures ------------------------------------------------------------------------------------------ */
 
-enum { PARTS = 4 };
-
-typedef struct {
-    double mean[PARTS], error[PARTS];
-} quarters_t;
-
-static quarters_t quarters_of(const scene_blob_t *blob, integrator_t integrator, uint32_t spp)
-{
-    job_settings_t settings = blob_default_settings(blob);
-    settings.integrator = integrator;
-    settings.spp = spp;
-    film_t *sums = render_here(blob, &settings);
-    film_image_t image;
-    film_resolve(sums, &image);
-    quarters_t q = {0};
-    const double share = PARTS / (double)(SIDE * SIDE);
-    for (int i = 0; i < SIDE * SIDE; ++i) {
-        int part = (i % SIDE >= SIDE / 2) + 2 * (i / SIDE >= SIDE / 2);
-        double noise = (double)image.noise[3 * i];
-        q.mean[part] += (double)image.sum[3 * i] * share;
-        q.error[part] += noise * noise * share * share;
-    }
-    for (int i = 0; i < PARTS; ++i) q.error[i] = sqrt(q.error[i]);
-    film_image_free(&image);
-    film_destroy(&sums);
-    return q;
-}
-
 /* A room with a lamp close before its wall, where light subpaths are dense, so that weights must know what
  * does not exist; `glow`: all of its walls shine, and nothing is reflected. */
 static test_scene_t room_behind(const optics_t *o, bool glow)
@@ -313,12 +286,7 @@ static void integrators_agree_behind_a_lens(void **state)
     test_scene_t scene = room_behind(&o, false);
     quarters_t path = quarters_of(&scene.blob, INTEGRATOR_PATH, 128),
                bdpt = quarters_of(&scene.blob, INTEGRATOR_BDPT, 128);
-    for (int i = 0; i < PARTS; ++i) {
-        double error = hypot(path.error[i], bdpt.error[i]);
-        if (!(fabs(path.mean[i] - bdpt.mean[i]) < 4.5 * error && error < 0.03 * path.mean[i]))
-            fail_msg("quarter %d: %g +- %g and %g +- %g", i, path.mean[i], path.error[i], bdpt.mean[i],
-                     bdpt.error[i]);
-    }
+    quarters_expect_same("bdpt", &bdpt, &path, 0.03);
     job_settings_t settings = blob_default_settings(&scene.blob);
     settings.integrator = INTEGRATOR_LIGHT;
     renderer_t *renderer;
@@ -339,7 +307,7 @@ static void a_glowing_room_shows_the_weights(void **state)
                  (SIDE * SIDE / 4.0);
     test_scene_t scene = room_behind(&o, true);
     quarters_t bdpt = quarters_of(&scene.blob, INTEGRATOR_BDPT, 64);
-    for (int i = 0; i < PARTS; ++i)
+    for (int i = 0; i < QUARTERS; ++i)
         if (!(fabs(bdpt.mean[i] - truth) < 0.02 * truth))
             fail_msg("quarter %d: %g, not %g", i, bdpt.mean[i], truth);
     test_scene_end(&scene);
