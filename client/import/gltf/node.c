@@ -173,23 +173,34 @@ static result_t check_visit(const document_t *document, const item_t *item, uint
     return result_ok();
 }
 
+/* Notes where a node is, and what stands there; *item is NULL when the walk is not to go on below it. Apart
+ * from `visit`, so that what this takes of the stack is not taken for every level. */
+__attribute__((noinline)) static result_t enter(document_t *document, uint32_t node, const affine_t *parent,
+                                                int depth, item_t *item)
+{
+    affine_t local;
+    pose_t *pose = document->pose;
+    TRY(document_item(document, TOP_NODES, node, item));
+    if (document->joints_only && (pose->visits[node] != NODE_NEW || depth > MAX_DEPTH)) {
+        item->json = NULL;
+        return result_ok();
+    }
+    TRY(check_visit(document, item, node, depth));
+    pose->visits[node] = NODE_OPEN;
+    TRY(local_transform(document, node, item, &local));
+    affine_t transform = affine_multiply(parent, &local);
+    pose->worlds[node] = transform;
+    if (document->joints_only) return result_ok();
+    TRY(place_mesh(document, item, node, &transform));
+    return place_others(document, item, node, &transform);
+}
+
 static result_t visit(document_t *document, uint32_t node, const affine_t *parent, int depth)
 {
     item_t item;
-    affine_t local;
-    TRY(document_item(document, TOP_NODES, node, &item));
-    if (document->joints_only && (document->pose->visits[node] != NODE_NEW || depth > MAX_DEPTH))
-        return result_ok();
-    TRY(check_visit(document, &item, node, depth));
-    document->pose->visits[node] = NODE_OPEN;
-    TRY(local_transform(document, node, &item, &local));
-    affine_t transform = affine_multiply(parent, &local);
-    document->pose->worlds[node] = transform;
-    if (!document->joints_only) {
-        TRY(place_mesh(document, &item, node, &transform));
-        TRY(place_others(document, &item, node, &transform));
-    }
-    TRY(visit_all(document, &item, "children", &transform, depth + 1));
+    TRY(enter(document, node, parent, depth, &item));
+    if (item.json == NULL) return result_ok();
+    TRY(visit_all(document, &item, "children", &document->pose->worlds[node], depth + 1));
     document->pose->visits[node] = NODE_DONE;
     return result_ok();
 }
