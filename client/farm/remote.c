@@ -240,8 +240,12 @@ result_t remote_submit_job(remote_t *remote, const job_terms_t *terms, const job
     submit.blob = wire_hash_put(blob);
     Lm__Envelope envelope = WIRE_ENVELOPE(JOB_SUBMIT, job_submit, &submit);
     wire_message_t answer;
-    TRY(ask(remote, &remote->control, &envelope, NULL, remote->timeout, LM__ENVELOPE__BODY_JOB_ACCEPTED,
-            &answer));
+    result_t result = ask(remote, &remote->control, &envelope, NULL, remote->timeout,
+                          LM__ENVELOPE__BODY_JOB_ACCEPTED, &answer);
+    if (result.code == RESULT_UNREACHABLE)
+        return result_fail(result.code, "%s (the job may be there all the same: lightmill status tells)",
+                           result.message);
+    TRY(result);
     *job = answer.envelope->job_accepted->job;
     if (answer.envelope->job_accepted->save_at != settings->save_at.count)
         log_warning("this master is older than --save-at: it keeps no images on the way");

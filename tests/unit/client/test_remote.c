@@ -4,6 +4,7 @@
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include <cmocka.h>
 
@@ -59,10 +60,33 @@ static void a_master_that_is_away_can_be_asked_for_ever(void **state)
     zmq_ctx_term(context);
 }
 
+/* An order may have been done, though nobody said so: who gave it is told, and does not give it again
+ * blindly. */
+static void an_order_without_an_answer_may_have_been_done(void **state)
+{
+    (void)state;
+    void *context = zmq_ctx_new();
+    char endpoint[64];
+    size_t size = sizeof endpoint;
+    void *router = bind_router(context, "tcp://127.0.0.1:*");
+    assert_int_equal(zmq_getsockopt(router, ZMQ_LAST_ENDPOINT, endpoint, &size), 0);
+    remote_t *remote;
+    uint64_t job;
+    assert_int_equal(remote_open(NULL, endpoint, endpoint, MOMENT, &remote).code, RESULT_OK);
+    result_t result = remote_submit(remote, "a", &(job_settings_t){0}, &(hash_t){0}, &job);
+    assert_int_equal(result.code, RESULT_UNREACHABLE);
+    assert_non_null(strstr(result.message, "lightmill status tells"));
+    assert_int_equal(count_messages(router), 1);
+    remote_close(&remote);
+    zmq_close(router);
+    zmq_ctx_term(context);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_master_that_is_away_can_be_asked_for_ever),
+        cmocka_unit_test(an_order_without_an_answer_may_have_been_done),
     };
     return cmocka_run_group_tests_name("remote", tests, NULL, NULL);
 }
