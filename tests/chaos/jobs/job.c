@@ -80,6 +80,7 @@ static void submit(job_t *job)
     words_add_all(&words, job->kind->terms);
     WORDS_ADD(&words, "--name", job->name);
     start_command(job, &words, ".submit.log");
+    job->sent++;
 }
 
 /* A command about the job: "COMMAND NUMBER OPTION VALUE"; the last two may be missing. */
@@ -133,15 +134,23 @@ static bool has_lost_samples(job_t *job, const job_answer_t *answer)
     return lost;
 }
 
+/* An order to submit it that nobody answered may be done after it was given anew: then there are two of them.
+ * The other was deleted, this one is left alone. */
+static bool is_twin(const job_t *job)
+{
+    return job->deleted != 0 && job->account.job != job->deleted && job->sent > 1;
+}
+
 static const char *check(job_t *job, const job_answer_t *answer)
 {
     const char *wrong = account_check(&job->account);
+    if (is_twin(job)) return wrong;
     if (has_lost_samples(job, answer)) wrong = "counted samples were lost";
     bool later = answer->asked > job->changed;
     if (later && job->resumed && account_is(&job->account, "paused")) wrong = "it is paused again";
     if (later && job->lasting && job->account.total == job->first_total)
         wrong = "its extension was forgotten";
-    if (later && job->deleted) wrong = "it was deleted and is back";
+    if (later && job->deleted != 0) wrong = "it was deleted and is back";
     return wrong;
 }
 
@@ -322,7 +331,7 @@ void job_tick(job_t *job, double now)
         break;
     case JOB_DELETING:
         if (!succeed(job, now, delete_job, &failed)) break;
-        job->deleted = true;
+        job->deleted = job->account.job;
         enter(job, JOB_PROVED, now);
         break;
     default:

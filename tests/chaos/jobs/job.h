@@ -44,10 +44,11 @@ typedef struct {
     char *name;
     unsigned seed;
     job_stage_t stage;
-    bool promised; /* its submission succeeded: the master may never forget it, until it is deleted */
-    bool resumed;  /* so did the order to go on after a pause */
-    bool deleted;  /* and that to delete it: it may never come back */
-    bool lasting;  /* and that to extend it: it may never want as little as before */
+    unsigned sent;    /* orders to submit it */
+    bool promised;    /* its submission succeeded: the master may never forget it, until it is deleted */
+    bool resumed;     /* so did the order to go on after a pause */
+    uint64_t deleted; /* and that to delete the job of this number: it may never come back */
+    bool lasting;     /* and that to extend it: it may never want as little as before */
     bool extended, paused;
     uint64_t first_total; /* samples that were wanted before it was extended */
     command_t command;

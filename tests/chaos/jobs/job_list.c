@@ -59,14 +59,18 @@ void job_list_new_master(job_list_t *job_list)
 
 /* ---- what the master says ----------------------------------------------------------------------------- */
 
-static const json_t *find_job(const json_t *jobs, const char *name)
+/* The one that it was last time, or the first of its name. */
+static const json_t *find_job(const json_t *jobs, const job_t *job)
 {
+    const json_t *found = NULL;
     for (size_t i = 0; i < json_array_size(jobs); i++) {
         const json_t *object = json_array_get(jobs, i);
-        const char *its_name = json_string_value(json_object_get(object, "name"));
-        if (its_name && strcmp(its_name, name) == 0) return object;
+        const char *name = json_string_value(json_object_get(object, "name"));
+        if (name == NULL || strcmp(name, job->name) != 0) continue;
+        bool same = json_integer_value(json_object_get(object, "job")) == (json_int_t)job->account.job;
+        if (found == NULL || same) found = object;
     }
-    return NULL;
+    return found;
 }
 
 static void take_jobs(job_list_t *job_list, const json_t *jobs, double now)
@@ -76,7 +80,7 @@ static void take_jobs(job_list_t *job_list, const json_t *jobs, double now)
     job_list->questions++;
     for (size_t i = 0; i < job_list->job_count; i++) {
         job_t *job = &job_list->jobs[i];
-        job_take(job, find_job(jobs, job->name), &answer, now);
+        job_take(job, find_job(jobs, job), &answer, now);
     }
 }
 
