@@ -1,6 +1,8 @@
 /* filter: tabulated separable pixel filters (see filter.h). */
 #include "worker/render/camera/filter.h"
 
+#include "worker/render/sampling/interval.h"
+
 /* Mitchell and Netravali 1988, "Reconstruction Filters in Computer Graphics", equation 8; |x| <= 2. */
 static double mitchell(double b, double c, double x)
 {
@@ -66,18 +68,11 @@ float filter_sample(const filter_axis_t *axis, float u, float *weight)
 {
     *weight = 1;
     if (axis->is_pixel) return u - 0.5f;
-    int low = 0, high = FILTER_TABLE; /* cumulative[low] <= u < cumulative[high] */
-    while (high - low > 1) {
-        int middle = (low + high) / 2;
-        if (axis->cumulative[middle] <= u)
-            low = middle;
-        else
-            high = middle;
-    }
-    float span = axis->cumulative[low + 1] - axis->cumulative[low];
-    float in_bin = span > 0 ? (u - axis->cumulative[low]) / span : 0.5f;
-    *weight = axis->weight[low];
-    return axis->radius * (2 * ((float)low + in_bin) / FILTER_TABLE - 1);
+    uint32_t bin = interval_find(axis->cumulative, FILTER_TABLE, u);
+    float span = axis->cumulative[bin + 1] - axis->cumulative[bin];
+    float in_bin = span > 0 ? (u - axis->cumulative[bin]) / span : 0.5f;
+    *weight = axis->weight[bin];
+    return axis->radius * (2 * ((float)bin + in_bin) / FILTER_TABLE - 1);
 }
 
 /* The bin of an offset, or -1. */

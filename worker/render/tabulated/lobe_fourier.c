@@ -10,23 +10,18 @@
  * (client/import/files/fourier_table.c says why not by the series themselves, as pbrt does.) */
 #include "worker/render/bsdf/lobe.h"
 
+#include "worker/render/sampling/interval.h"
+
 /* ---- values -------------------------------------------------------------------------------------------- */
 
 /* Between which nodes a cosine lies, and where between them, 0 to 1; false when it is beyond them. */
 static bool find_nodes(const lobe_fourier_t *f, float mu, uint32_t *low, float *t)
 {
     const float *nodes = f->numbers + f->table->first_node;
-    uint32_t last = f->table->nodes - 1, first = 0;
+    uint32_t last = f->table->nodes - 1;
     if (!(mu >= nodes[0] && mu <= nodes[last])) return false;
-    while (last - first > 1) {
-        uint32_t middle = (first + last) / 2;
-        if (nodes[middle] <= mu)
-            first = middle;
-        else
-            last = middle;
-    }
-    *low = first;
-    *t = float_min((mu - nodes[first]) / (nodes[last] - nodes[first]), 1);
+    *low = interval_find(nodes, last, mu);
+    *t = float_min((mu - nodes[*low]) / (nodes[*low + 1] - nodes[*low]), 1);
     return true;
 }
 
@@ -143,16 +138,9 @@ static rgb_t radiance_value(const lobe_fourier_t *f, float mu_i, float mu_o, flo
  * again. */
 static uint32_t find_cell(const float *sums, uint32_t count, float *u)
 {
-    uint32_t first = 0, last = count;
-    while (last - first > 1) {
-        uint32_t middle = (first + last) / 2;
-        if (sums[middle] <= *u)
-            first = middle;
-        else
-            last = middle;
-    }
-    *u = float_clamp((*u - sums[first]) / (sums[last] - sums[first]), 0, 0x1.fffffep-1f);
-    return first;
+    uint32_t cell = interval_find(sums, count, *u);
+    *u = float_clamp((*u - sums[cell]) / (sums[cell + 1] - sums[cell]), 0, 0x1.fffffep-1f);
+    return cell;
 }
 
 static float azimuth_edge(uint32_t k)

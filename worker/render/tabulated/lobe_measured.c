@@ -11,6 +11,8 @@
  * from either end tell of the same surface. Like pbrt's, the surface is the same from below. */
 #include "worker/render/bsdf/lobe.h"
 
+#include "worker/render/sampling/interval.h"
+
 /* ---- slices -------------------------------------------------------------------------------------------- */
 
 /* The slices about an outgoing direction, and what each counts. */
@@ -23,17 +25,10 @@ typedef struct {
  */
 static uint32_t find_between(const float *values, uint32_t count, float x, float *t)
 {
-    uint32_t first = 0, last = count - 1;
     *t = 0;
     if (count == 1) return 0;
-    while (last - first > 1) {
-        uint32_t middle = (first + last) / 2;
-        if (values[middle] <= x)
-            first = middle;
-        else
-            last = middle;
-    }
-    *t = float_clamp((x - values[first]) / (values[last] - values[first]), 0, 1);
+    uint32_t first = interval_find(values, count - 1, x);
+    *t = float_clamp((x - values[first]) / (values[first + 1] - values[first]), 0, 1);
     return first;
 }
 
