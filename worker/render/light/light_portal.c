@@ -80,9 +80,9 @@ static float weigh_cell(const light_portal_t *portal, const light_t *light,
         float dx = ((float)(k % points) + 0.5f) / (float)points;
         float dy = ((float)(k / points) + 0.5f) / (float)points;
         vec3_t d = local_at((vec2_t){((float)x + dx) / (float)side, ((float)y + dy) / (float)side});
-        float brightness = float_max(rgb_luminance(radiance(light, to_world(portal, d))), 0);
-        sum += (double)(brightness * stretch_at(d)) / (points * points);
-        *crossing += (double)(brightness * stretch_at(d) * d.z) / (points * points);
+        float weight = float_max(rgb_luminance(radiance(light, to_world(portal, d))), 0) * stretch_at(d);
+        sum += (double)weight / (points * points);
+        *crossing += (double)(weight * d.z) / (points * points);
     }
     return (float)sum;
 }
@@ -117,7 +117,8 @@ void light_portal_init(light_portal_t *portal, const light_t *light,
     lift(weights, count);
     portal->flux = crossing / (double)count;
     portal->table = window_table_new(weights, side, side);
-    portal->total = light_portal_all(portal).integral;
+    portal->all.window = (window_t){{0, 0}, {1, 1}};
+    portal->all.integral = window_integral(portal->table, &portal->all.window);
     free(weights);
 }
 
@@ -138,13 +139,6 @@ bool light_portal_look(const light_portal_t *portal, vec3_t point, portal_view_t
     if (view->window.low.x > view->window.high.x || view->window.low.y > view->window.high.y) return false;
     view->integral = window_integral(portal->table, &view->window);
     return view->integral > 0;
-}
-
-portal_view_t light_portal_all(const light_portal_t *portal)
-{
-    portal_view_t all = {.window = {{0, 0}, {1, 1}}};
-    all.integral = window_integral(portal->table, &all.window);
-    return all;
 }
 
 /* Per steradian. */

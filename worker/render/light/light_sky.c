@@ -42,6 +42,12 @@ static void release(void *state)
     free(state);
 }
 
+/* Of the disc that rays start on. */
+static double disc_area(const light_t *light)
+{
+    return M_PI * (double)light->radius * (double)light->radius;
+}
+
 static float disc_pdf(const light_t *light)
 {
     return 1 / (PI_F * light->radius * light->radius);
@@ -95,8 +101,7 @@ static bool distant_illuminate(const light_t *light, uint32_t primitive, vec3_t 
 
 static double distant_power(const light_t *light)
 {
-    return M_PI * (double)light->radius * (double)light->radius *
-           (double)rgb_luminance(light->record->radiance.factor);
+    return disc_area(light) * (double)rgb_luminance(light->record->radiance.factor);
 }
 
 const light_ops_t light_distant = {prepare, release, distant_power, distant_emit, distant_illuminate,
@@ -145,8 +150,7 @@ static vec3_t infinite_draw(const light_t *light, vec2_t u, float *pdf)
 static bool portal_emit(const light_t *light, vec2_t place, vec2_t ray, light_ray_t *out)
 {
     const light_portal_t *portal = &state_of(light)->portal;
-    const portal_view_t all = {.window = {{0, 0}, {1, 1}}, .integral = portal->total};
-    vec3_t w = light_portal_sample(portal, &all, place, &out->pdf_place);
+    vec3_t w = light_portal_sample(portal, &portal->all, place, &out->pdf_place);
     float cosine = v_dot(w, portal->z);
     out->pdf_place *= light->chance;
     if (!(out->pdf_place > 0) || !(cosine > 1e-6f)) return false;
@@ -175,7 +179,7 @@ static bool infinite_emit(const light_t *light, uint32_t primitive, vec2_t place
 /* What lights_enter says, for a view from a point. */
 static float portal_enter(const light_portal_t *portal, const portal_view_t *view)
 {
-    return (float)(view->integral / portal->total);
+    return (float)(view->integral / portal->all.integral);
 }
 
 /* Density, per area across it, of the rays that portal_emit sends along w, where it is given that place. */
@@ -244,18 +248,15 @@ static bool infinite_escape(const light_t *light, vec3_t point, vec3_t w, light_
 static double infinite_power(const light_t *light)
 {
     const light_portal_t *portal = &state_of(light)->portal;
-    double disc = M_PI * (double)light->radius * (double)light->radius;
-    if (has_portal(light)) return fmin((double)portal->area, disc) * portal->flux;
+    if (has_portal(light)) return fmin((double)portal->area, disc_area(light)) * portal->flux;
     double mean = light->record->image != 0 ? state_of(light)->map.mean : 1;
-    return M_PI * (double)light->radius * (double)light->radius * mean *
-           (double)rgb_luminance(light->record->radiance.factor);
+    return disc_area(light) * mean * (double)rgb_luminance(light->record->radiance.factor);
 }
 
 static float infinite_enter(const light_t *light, vec3_t point)
 {
     const light_portal_t *portal = &state_of(light)->portal;
     portal_view_t view;
-    if (!has_portal(light)) return 1;
     return light_portal_look(portal, point, &view) ? portal_enter(portal, &view) : 0;
 }
 
