@@ -5,14 +5,11 @@
  * behind it the densities become those that belong to the point. */
 static void enter_portal(walk_t *walk, const sample_t *sample, vertex_t *vertex)
 {
-    vec3_t p = vertex_point(vertex);
-    float enter = 0;
-    if (v_length(v_sub(p, walk->origin)) > walk->gate)
-        enter = lights_enter(sample->setup->lights, walk->light, p);
+    float enter = lights_enter(sample->setup->lights, walk->light, vertex_point(vertex));
     if (!(enter > 0)) vertex->kind = VERTEX_SKY;
     walk->pdf *= enter;
     walk->direct *= square(enter);
-    walk->gate = 0;
+    walk->gated = false;
 }
 
 void walk_arrive(walk_t *walk, sample_t *sample, vertex_t *vertex)
@@ -27,9 +24,11 @@ void walk_arrive(walk_t *walk, sample_t *sample, vertex_t *vertex)
     vertex->dimension = walk->dimension += DIMENSION_STRIDE;
     vertex->wo = v_neg(walk->direction);
     vertex->throughput = walk->throughput;
-    if (!hit) vertex->surface.p = walk->point;
-    if (!hit) return;
-    if (walk->gate > 0) enter_portal(walk, sample, vertex);
+    if (!hit) {
+        vertex->surface.p = walk->point;
+        return;
+    }
+    if (walk->gated) enter_portal(walk, sample, vertex);
     if (medium_absorbs(&walk->medium))
         vertex->throughput =
             v_mul(vertex->throughput,

@@ -65,8 +65,8 @@ typedef struct {
     float pdf;           /* of the ray: per steradian, of parallel rays per area across */
     float pdf_rev;       /* of the way back at vertex i - 1: q_{i-1} */
     float direct, inner; /* of vertex i - 1, were it not specular */
-    float gate;          /* of light_ray_t, while vertex i - 1 is at infinity */
     uint32_t light;      /* that a light subpath starts from */
+    bool gated;          /* vertex i - 1 is at infinity, beyond the portal of its light */
     bool joinable;       /* vertex i - 1 is not specular */
     bool parallel;       /* vertex i - 1 is at infinity, or the camera orthographic */
     bool scattered;      /* by something that is not specular */
@@ -111,8 +111,8 @@ static inline bool walk_from_light(const sample_t *sample, roulette_t roulette, 
                      .throughput = ray->throughput,
                      .pdf = ray->pdf_ray,
                      .direct = ray->delta ? 0 : 1 / square(ray->pdf_place),
-                     .gate = ray->gate,
                      .light = ray->light,
+                     .gated = ray->gate > 0,
                      .joinable = true,
                      .parallel = ray->at_infinity};
     return true;

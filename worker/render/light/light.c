@@ -137,6 +137,5 @@ bool lights_escape(const lights_t *lights, uint32_t k, vec3_t point, vec3_t w, l
 float lights_enter(const lights_t *lights, uint32_t number, vec3_t point)
 {
     const light_t *light = &lights->lights[number];
-    const light_ops_t *kind = kinds[light->record->kind];
-    return kind->enter != NULL ? kind->enter(light, point) : 1;
+    return kinds[light->record->kind]->enter(light, point);
 }

@@ -75,10 +75,10 @@ bool lights_hit(const lights_t *lights, const surface_t *surface, vec3_t wo, lig
 uint32_t lights_sky_count(const lights_t *lights);
 /* The k-th of them as seen from a point in the unit direction w; false when it is dark there. */
 bool lights_escape(const lights_t *lights, uint32_t k, vec3_t point, vec3_t w, light_hit_t *out);
-/* What became of a ray that lights_emit sent through a portal, to a point behind it. From there the same
- * direction would have been drawn with another density, since of the sky only what is seen through the portal
- * is: the product of pdf_place and pdf_ray stays, but pdf_ray is to be multiplied by what is returned, and
- * pdf_place divided by it. 0 when the portal shows nothing to the point. */
+/* What became of a ray that lights_emit sent through a portal, at a point on its way. From behind the portal
+ * the same direction would have been drawn with another density, since of the sky only what is seen through
+ * the portal is: the product of pdf_place and pdf_ray stays, but pdf_ray is to be multiplied by what is
+ * returned, and pdf_place divided by it. 0 when the portal shows nothing to the point; so it is before it. */
 float lights_enter(const lights_t *lights, uint32_t light, vec3_t point);
 
 /* ---- for kinds of light -------------------------------------------------------------------------------- */
