@@ -13,12 +13,6 @@ void cube_free(cube_t *cube)
 
 /* ---- faces --------------------------------------------------------------------------------------------- */
 
-/* The sRGB transfer function undone (IEC 61966-2-1). */
-static double decode(double encoded)
-{
-    return encoded <= 0.04045 ? encoded / 12.92 : pow((encoded + 0.055) / 1.055, 2.4);
-}
-
 static double value_at(const texture_image_t *image, size_t index)
 {
     return image->type == TEXELS_U8 ? image->bytes[index] / 255.0 : fmax((double)image->floats[index], 0);
@@ -33,7 +27,7 @@ static vec3_t colour_at(const texture_image_t *image, size_t pixel)
     if (image->encoded && channels % 2 == 0) divisor = fmax(value_at(image, first + channels - 1), 1 / 255.0);
     for (size_t i = 0; i < 3; ++i) {
         double value = value_at(image, first + (channels < 3 ? 0 : i));
-        rgb[i] = (image->encoded ? decode(value) : value) / divisor;
+        rgb[i] = (image->encoded ? scene_decode_srgb(value) : value) / divisor;
     }
     return vec3((float)rgb[0], (float)rgb[1], (float)rgb[2]);
 }

@@ -1,7 +1,6 @@
 /* environment: see environment.h. */
 #include "client/import/environment/environment.h"
 
-#include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
