@@ -43,15 +43,11 @@ static result_t open_inverses(document_t *document, const item_t *item, size_t j
 
 static result_t find_joint(const document_t *document, const item_t *joints, size_t i, const affine_t **world)
 {
-    const json_t *element = json_array_get(joints->json, i);
-    json_int_t node = json_is_integer(element) ? json_integer_value(element) : -1;
-    size_t nodes = document_count(document, TOP_NODES);
-    if (node < 0 || (uint64_t)node >= nodes)
-        return item_fail(joints, "element %zu must be the index of one of the %zu nodes", i, nodes);
-    *world = node_world(document, (uint32_t)node);
-    return *world ? result_ok()
-                  : item_fail(joints, "element %zu, node %" PRIu32 ", hangs from itself, or too deep", i,
-                              (uint32_t)node);
+    uint32_t node = 0;
+    TRY(item_index_at(joints, i, document_count(document, TOP_NODES), "nodes", &node));
+    *world = node_world(document, node);
+    if (*world) return result_ok();
+    return item_fail(joints, "element %zu, node %" PRIu32 ", hangs from itself, or too deep", i, node);
 }
 
 static result_t make_skin(document_t *document, const item_t *item, gltf_skin_t *skin)

@@ -170,6 +170,16 @@ result_t item_index(const item_t *object, const char *key, size_t count, uint32_
     return result_ok();
 }
 
+result_t item_index_at(const item_t *array, size_t i, size_t count, const char *things, uint32_t *index)
+{
+    const json_t *element = json_array_get(array->json, i);
+    json_int_t value = json_is_integer(element) ? json_integer_value(element) : -1;
+    if (value < 0 || (uint64_t)value >= count)
+        return item_fail(array, "element %zu must be the index of one of the %zu %s", i, count, things);
+    *index = (uint32_t)value;
+    return result_ok();
+}
+
 result_t item_bool(const item_t *object, const char *key, bool *value)
 {
     item_t item = child(object, json_object_get(object->json, key), key, 0);

@@ -48,6 +48,9 @@ result_t item_numbers(const item_t *object, const char *key, size_t count, doubl
 result_t item_whole(const item_t *object, const char *key, uint64_t most, uint64_t *value);
 /* An index below `count`. */
 result_t item_index(const item_t *object, const char *key, size_t count, uint32_t *index);
+/* The i-th element of an array, in range, which must be an index below `count`; `things` are what it counts,
+ * for messages: "nodes". */
+result_t item_index_at(const item_t *array, size_t i, size_t count, const char *things, uint32_t *index);
 result_t item_bool(const item_t *object, const char *key, bool *value);
 /* The index that a text asks for that is a number from 1 to `count`; false when it is none. */
 bool item_wanted_number(const char *text, size_t count, size_t *index);

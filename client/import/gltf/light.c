@@ -138,8 +138,6 @@ static result_t add_one(document_t *document, const gltf_placement_t *place)
 
 /* ---- light from all around (EXT_lights_image_based) ---------------------------------------------------- */
 
-/* The largest cube of the light is what a path tracer needs; the blurred ones and the spherical harmonics
- * beside it are for others. */
 static result_t keep_face(document_t *document, const item_t *item, const texture_image_t *image, int face,
                           cube_t *cube)
 {
@@ -152,16 +150,13 @@ static result_t keep_face(document_t *document, const item_t *item, const textur
 
 static result_t read_face(document_t *document, const item_t *indices, int face, cube_t *cube)
 {
-    const json_t *element = json_array_get(indices->json, (size_t)face);
-    json_int_t index = json_is_integer(element) ? json_integer_value(element) : -1;
-    size_t count = document_count(document, TOP_IMAGES);
-    if (index < 0 || (uint64_t)index >= count)
-        return item_fail(indices, "element %d must be the index of one of the %zu images", face, count);
+    uint32_t index = 0;
     item_t item;
     bytes_t bytes;
     char name[PATH_ROOM];
     texture_image_t image;
-    TRY(document_item(document, TOP_IMAGES, (uint32_t)index, &item));
+    TRY(item_index_at(indices, (size_t)face, document_count(document, TOP_IMAGES), "images", &index));
+    TRY(document_item(document, TOP_IMAGES, index, &item));
     TRY(texture_bytes(document, &item, &bytes, name));
     result_t result = texture_image_decode(name, bytes.data, bytes.size, &image);
     if (result.code != RESULT_OK) return item_fail(&item, "%s", result.message);
@@ -170,6 +165,8 @@ static result_t read_face(document_t *document, const item_t *indices, int face,
     return result;
 }
 
+/* The largest cube of the light is what a path tracer needs; the blurred ones and the spherical harmonics
+ * beside it are for others. */
 static result_t read_cube(document_t *document, const item_t *levels, cube_t *cube)
 {
     item_t faces;

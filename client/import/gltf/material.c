@@ -491,11 +491,9 @@ static result_t is_meant(const document_t *document, const item_t *mapping, size
     *meant = false;
     TRY(item_member(mapping, "variants", JSON_ARRAY, &list));
     for (size_t i = 0; i < item_count(&list); ++i) {
-        const json_t *element = json_array_get(list.json, i);
-        json_int_t variant = json_is_integer(element) ? json_integer_value(element) : -1;
-        if (variant < 0 || (uint64_t)variant >= count)
-            return item_fail(&list, "element %zu must be the index of one of the %zu variants", i, count);
-        *meant = *meant || (uint64_t)variant == document->variant;
+        uint32_t variant = 0;
+        TRY(item_index_at(&list, i, count, "variants", &variant));
+        *meant = *meant || variant == document->variant;
     }
     return result_ok();
 }
