@@ -5,9 +5,7 @@
  */
 #include "client/import/gltf/document.h"
 
-#include <ctype.h>
 #include <inttypes.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -160,8 +158,9 @@ static result_t meets_another(const document_t *document, const item_t *item, bo
 }
 
 /* All animations but those that move what one before them moves. */
-static result_t read_together(document_t *document, const item_t *animations)
+static result_t read_together(document_t *document)
 {
+    const item_t *animations = &document->tops[TOP_ANIMATIONS];
     char first[PATH_ROOM] = "";
     size_t left = 0;
     for (size_t i = 0; i < item_count(animations); ++i) {
@@ -184,32 +183,15 @@ static result_t read_together(document_t *document, const item_t *animations)
 }
 
 /* The animation of a name, else of a number from 1. */
-static bool is_named(const item_t *animations, size_t i, const char *wanted)
+static result_t read_one(document_t *document, const char *wanted)
 {
-    const char *name = json_string_value(json_object_get(json_array_get(animations->json, i), "name"));
-    return name && strcmp(name, wanted) == 0;
-}
-
-static result_t choose(const item_t *animations, const char *wanted, size_t *index)
-{
-    size_t count = item_count(animations);
-    for (*index = 0; *index < count; ++*index)
-        if (is_named(animations, *index, wanted)) return result_ok();
-    char *end;
-    unsigned long number = strtoul(wanted, &end, 10);
-    if (!isdigit((unsigned char)wanted[0]) || *end != '\0' || number < 1 || number > count)
+    size_t count = document_count(document, TOP_ANIMATIONS), index = 0;
+    item_t item;
+    while (index < count && !document_is_named(document, TOP_ANIMATIONS, (uint32_t)index, wanted)) ++index;
+    if (index == count && !item_wanted_number(wanted, count, &index))
         return result_fail(RESULT_USAGE, "--animation: the scene has no animation '%.100s'; it has %zu",
                            wanted, count);
-    *index = number - 1;
-    return result_ok();
-}
-
-static result_t read_one(document_t *document, const item_t *animations, const char *wanted)
-{
-    size_t index;
-    item_t item;
-    TRY(choose(animations, wanted, &index));
-    TRY(item_element(animations, index, JSON_OBJECT, &item));
+    TRY(document_item(document, TOP_ANIMATIONS, (uint32_t)index, &item));
     return read_animation(document, &item);
 }
 
@@ -244,22 +226,20 @@ static result_t open_shutter(document_t *document, const import_wishes_t *wishes
 result_t animation_open(document_t *document)
 {
     const import_wishes_t *wishes = document->builder->report->sink.wishes;
-    item_t animations;
-    TRY(item_member(&document->root, "animations", JSON_ARRAY, &animations));
+    const item_t *animations = &document->tops[TOP_ANIMATIONS];
     if (!wishes || !wishes_have_moment(wishes)) {
-        if (item_count(&animations) > 0)
-            item_warn(&animations, "are ignored: everything stands as the nodes say; --time-point or --frame "
-                                   "takes a moment");
+        if (item_count(animations) > 0)
+            item_warn(animations, "are ignored: everything stands as the nodes say; --time-point or --frame "
+                                  "takes a moment");
         return result_ok();
     }
-    if (item_count(&animations) == 0 && !wishes->animation)
+    if (item_count(animations) == 0 && !wishes->animation)
         item_warn(&document->root, "has no animations: it is the same at every time");
     size_t nodes = document_count(document, TOP_NODES);
     document->animation = mem_zalloc(1, sizeof *document->animation);
     document->animation->firsts = mem_alloc((nodes + 1) * sizeof *document->animation->firsts);
     for (size_t i = 0; i < nodes; ++i) document->animation->firsts[i] = ITEM_NONE;
-    TRY(wishes->animation ? read_one(document, &animations, wishes->animation)
-                          : read_together(document, &animations));
+    TRY(wishes->animation ? read_one(document, wishes->animation) : read_together(document));
     return open_shutter(document, wishes);
 }
 

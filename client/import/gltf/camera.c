@@ -8,7 +8,6 @@
 #include "client/import/scene/scene_defaults.h"
 
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
 enum { WIDTH = 1280 };
@@ -95,23 +94,17 @@ enum { LIST_ROOM = 240 };
 /* "1: nodes[4] (front), 2: nodes[7] (side)", cut short where there is no room. */
 static void list_cameras(const document_t *document, char names[LIST_ROOM])
 {
+    const placements_t *cameras = &document->pose->cameras;
+    item_t node;
     char name[PATH_ROOM];
     names[0] = '\0';
-    for (size_t i = 0; i < document->pose->cameras.count; ++i) {
+    for (size_t i = 0; i < cameras->count; ++i) {
         size_t used = strlen(names);
-        node_name(document, document->pose->cameras.items[i].node, name, sizeof name);
+        if (document_item(document, TOP_NODES, cameras->items[i].node, &node).code != RESULT_OK) break;
+        item_name(&node, name, sizeof name);
         if (used + strlen(name) + 24 >= LIST_ROOM) break;
         snprintf(names + used, LIST_ROOM - used, "%s%zu: %s", i ? ", " : "", i + 1, name);
     }
-}
-
-static bool has_name(const document_t *document, top_t top, uint32_t index, const char *name)
-{
-    item_t item;
-    const char *own = json_string_value(document_item(document, top, index, &item).code == RESULT_OK
-                                            ? json_object_get(item.json, "name")
-                                            : NULL);
-    return own && strcmp(own, name) == 0;
 }
 
 /* The camera of a name, of a node or its own; else of a number. *index is unchanged when there is none. */
@@ -119,8 +112,8 @@ static bool find_camera(const document_t *document, const char *wanted, size_t *
 {
     const placements_t *cameras = &document->pose->cameras;
     for (size_t i = 0; i < cameras->count; ++i) {
-        if (!has_name(document, TOP_NODES, cameras->items[i].node, wanted) &&
-            !has_name(document, TOP_CAMERAS, cameras->items[i].thing, wanted))
+        if (!document_is_named(document, TOP_NODES, cameras->items[i].node, wanted) &&
+            !document_is_named(document, TOP_CAMERAS, cameras->items[i].thing, wanted))
             continue;
         *index = i;
         return true;

@@ -141,6 +141,8 @@ void document_close(document_t *document);
 /* An element of an array at the root. */
 result_t document_item(const document_t *document, top_t which, uint32_t index, item_t *out);
 size_t document_count(const document_t *document, top_t which);
+/* Whether an element has that name. */
+bool document_is_named(const document_t *document, top_t which, uint32_t index, const char *name);
 
 /* The bytes of a buffer view, unpacked, in memory that the document owns. */
 result_t document_view(document_t *document, uint32_t view, bytes_t *bytes);
@@ -274,15 +276,12 @@ result_t variant_choose(document_t *document);
 /* The material of a primitive in that variant; unchanged when it has none. */
 result_t variant_material(const document_t *document, const item_t *primitive, uint32_t *material);
 
-/* ---- node.c, placement.c, light.c, camera.c
- * ----------------------------------------------------------- */
+/* ---- node.c, placement.c, light.c, camera.c ------------------------------------------------------------ */
 
 /* Walks the scene and gathers meshes, cameras and lights, in all poses. */
 result_t node_walk(document_t *document);
 /* The transform of a node after that, in the scene or not; NULL when it hangs from itself. */
 const affine_t *node_world(const document_t *document, uint32_t node);
-/* A name for messages and for the blob. */
-void node_name(const document_t *document, uint32_t node, char *text, size_t size);
 
 /* Puts all meshes into the blob: shapes, objects, instances and area lights. */
 result_t placement_meshes(document_t *document);

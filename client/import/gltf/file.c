@@ -302,6 +302,13 @@ size_t document_count(const document_t *document, top_t which)
     return item_count(&document->tops[which]);
 }
 
+bool document_is_named(const document_t *document, top_t which, uint32_t index, const char *name)
+{
+    const json_t *element = json_array_get(document->tops[which].json, index);
+    const char *own = json_string_value(json_object_get(element, "name"));
+    return own && strcmp(own, name) == 0;
+}
+
 /* ---- URIs ---------------------------------------------------------------------------------------------- */
 
 static int hex_digit(char c)

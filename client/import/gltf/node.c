@@ -1,20 +1,12 @@
 /* node: walks the hierarchy of nodes, in double precision (the glTF 2.0 specification, section 3.5). */
 #include "client/import/gltf/document.h"
 
-#include <inttypes.h>
 #include <stdlib.h>
 
 enum { MAX_DEPTH = 500 };
 static const double largest = 1e18;
 
 typedef enum { NODE_NEW, NODE_OPEN, NODE_DONE } visit_t;
-
-void node_name(const document_t *document, uint32_t node, char *text, size_t size)
-{
-    item_t item;
-    if (document_item(document, TOP_NODES, node, &item).code != RESULT_OK) item = document->root;
-    item_name(&item, text, size);
-}
 
 /* ---- transforms ---------------------------------------------------------------------------------------- */
 
@@ -70,7 +62,7 @@ static gltf_placement_t *place(placements_t *list, uint32_t node, uint32_t thing
     return placement;
 }
 
-/* EXT_mesh_gpu_instancing: one of its attributes; `least` components. */
+/* EXT_mesh_gpu_instancing: one of its attributes. */
 static result_t open_instancing(document_t *document, const item_t *attributes, const char *name,
                                 size_t components, accessor_t *accessor, size_t *count)
 {
@@ -153,11 +145,9 @@ static result_t visit_all(document_t *document, const item_t *owner, const char 
     size_t nodes = document_count(document, TOP_NODES);
     TRY(item_member(owner, key, JSON_ARRAY, &list));
     for (size_t i = 0; i < item_count(&list); ++i) {
-        const json_t *index = json_array_get(list.json, i);
-        json_int_t value = json_is_integer(index) ? json_integer_value(index) : -1;
-        if (value < 0 || (uint64_t)value >= nodes)
-            return item_fail(&list, "element %zu must be the index of one of the %zu nodes", i, nodes);
-        TRY(visit(document, (uint32_t)value, parent, depth));
+        uint32_t node = 0;
+        TRY(item_index_at(&list, i, nodes, "nodes", &node));
+        TRY(visit(document, node, parent, depth));
     }
     return result_ok();
 }
