@@ -2,8 +2,6 @@
  * instances. Shapes in objects do not emit, so what emits is put into the world at every place. */
 #include "client/import/gltf/document.h"
 
-#include <inttypes.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -138,8 +136,7 @@ static void hold(mesh_t *mesh, size_t step)
 }
 
 static const char moving_light[] =
-    "emits light and moves while the shutter is open; it stands where it is in "
-    "the middle of that";
+    "emits light and moves while the shutter is open; it stands where it is in the middle of that";
 
 /* The same of a primitive that may change while the shutter is open. */
 static result_t add_changing(document_t *document, const item_t *primitive, const target_t *target,

@@ -4,7 +4,6 @@
 
 #include "client/import/packed/meshopt.h"
 
-#include <inttypes.h>
 #include <string.h>
 
 /* ---- meshopt ------------------------------------------------------------------------------------------- */
