@@ -272,16 +272,10 @@ blob_ref_t scene_grey_image(scene_builder_t *scene, blob_ref_t ref)
 {
     blob_image_t image = scene_image_record(scene, ref);
     if (image.format == TEXELS_R8 || image.format == TEXELS_R32F) return ref;
-    size_t count = (size_t)image.width * image.height;
-    blob_image_t grey = {.format = TEXELS_R32F, .width = image.width, .height = image.height, .gamma = 1};
-    float *to = add_texels(scene, count * sizeof *to, &grey.first_word);
-    const uint32_t *texels = blob_builder_records(scene->blob, BLOB_SECTION_TEXELS);
-    for (size_t i = 0; to && i < count; ++i) {
-        double rgb[3];
-        pixel(&image, texels, i, rgb);
-        to[i] = (float)((rgb[0] + rgb[1] + rgb[2]) / 3);
-    }
-    return add_record(scene, &grey);
+    float *greys = scene_image_greys(scene, ref);
+    blob_ref_t grey = scene_float_image(scene, greys, image.width, image.height, 1);
+    free(greys);
+    return grey;
 }
 
 blob_ref_t scene_float_image(scene_builder_t *scene, const float *values, uint32_t width, uint32_t height,
