@@ -33,6 +33,12 @@ static void format_message(char text[LONGEST_MESSAGE], position_t at, const char
     plain_text_clean(text); /* a name in a scene may hold what a terminal would obey */
 }
 
+/* Counts a warning; true when it is one of those that are told. */
+static bool is_told(report_t *report)
+{
+    return !report->quiet && ++report->warnings <= REPORT_MAX_WARNINGS;
+}
+
 static void say(const report_t *report, const char *message)
 {
     if (report->sink.warn)
@@ -57,7 +63,7 @@ void report_end(report_t *report)
 
 void report_warning(report_t *report, position_t at, const char *format, ...)
 {
-    if (report->quiet || ++report->warnings > REPORT_MAX_WARNINGS) return;
+    if (!is_told(report)) return;
     char message[LONGEST_MESSAGE];
     va_list arguments;
     va_start(arguments, format);
@@ -80,7 +86,7 @@ result_t error_at(position_t at, const char *format, ...)
 static result_t settle(report_t *report, bool is_error, const char *message)
 {
     if (is_error) return result_fail(RESULT_INPUT, "%s", message);
-    if (++report->warnings <= REPORT_MAX_WARNINGS) say(report, message);
+    if (is_told(report)) say(report, message);
     return result_ok();
 }
 
@@ -107,7 +113,7 @@ result_t report_tolerate(report_t *report, position_t at, const char *format, ..
 result_t report_excuse(report_t *report, result_t failure, const char *substitute)
 {
     if (failure.code != RESULT_INPUT || !substitute || !report->sink.lenient) return failure;
-    if (++report->warnings > REPORT_MAX_WARNINGS) return result_ok();
+    if (!is_told(report)) return result_ok();
     char message[LONGEST_MESSAGE];
     snprintf(message, sizeof message, "%s; %s", failure.message, substitute);
     say(report, message);
