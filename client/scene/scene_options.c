@@ -46,8 +46,7 @@ static const option_t rows[] = {
            OPTION_RANGE(1e-3, 179.9)),
     OPTION(import_wishes_t, lens_radius, "lens-radius", "LENGTH",
            "radius of the lens of a perspective or orthographic camera, in units of the scene (0: all is "
-           "sharp); "
-           "half the focal length over the f-number",
+           "sharp); half the focal length over the f-number",
            OPTION_RANGE(0, 1e18)),
     OPTION(import_wishes_t, focus, "focus", "DISTANCE|OBJECT",
            "what that lens shows sharp: the plane so far away, or that through the middle of an object"),

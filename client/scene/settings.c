@@ -98,8 +98,7 @@ static const option_t rows[] = {
         "beside the image: a.exr, a-0016.exr, ..."),
     OPTION_BY(option_choice, overrides_t, integrator, "integrator", "NAME",
               "bdpt, path or light; ao: ambient occlusion, how open to all sides what is seen lies, without "
-              "lights or "
-              "materials",
+              "lights or materials",
               .choices = integrator_names),
     OPTION(overrides_t, max_depth, "max-depth", "N", "longest path: N + 1 segments, as pbrt counts",
            OPTION_RANGE(0, JOB_MAX_DEPTH)),
