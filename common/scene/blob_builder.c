@@ -111,10 +111,10 @@ void blob_builder_destroy(blob_builder_t **builder)
 }
 
 uint32_t blob_builder_add(blob_builder_t *builder, blob_section_t section, const void *records,
-                          uint32_t count)
+                          uint64_t count)
 {
     uint64_t size = blob_section_types[section].size, first = builder->sections[section].count;
-    if (first + count >= BLOB_NONE) {
+    if (count >= BLOB_NONE - first) {
         builder->full = true;
         return 0;
     }
@@ -142,7 +142,7 @@ uint32_t blob_builder_count(const blob_builder_t *builder, blob_section_t sectio
 
 uint32_t blob_builder_string(blob_builder_t *builder, const char *text)
 {
-    return *text == 0 ? 0 : blob_builder_add(builder, BLOB_SECTION_STRINGS, text, (uint32_t)strlen(text) + 1);
+    return *text == 0 ? 0 : blob_builder_add(builder, BLOB_SECTION_STRINGS, text, strlen(text) + 1);
 }
 
 void blob_builder_take(blob_builder_t *builder, const scene_blob_t *blob)
@@ -151,7 +151,7 @@ void blob_builder_take(blob_builder_t *builder, const scene_blob_t *blob)
     builder->sections[BLOB_SECTION_STRINGS].count = 0; /* the blob has its own empty string */
     for (int i = 0; i < BLOB_SECTION_COUNT; i++)
         blob_builder_add(builder, (blob_section_t)i, blob->bytes + header->sections[i].offset,
-                         (uint32_t)blob->counts[i]);
+                         blob->counts[i]);
 }
 
 /* ---- the blob ------------------------------------------------------------------------------------------ */

@@ -15,7 +15,7 @@ void blob_builder_destroy(blob_builder_t **builder);
 /* Appends `count` records to a section and returns the index of the first; `records` may be NULL for zeroes.
  * Records are sizeof(the section's type) each. Sections hold less than 2^32 - 1 records. */
 uint32_t blob_builder_add(blob_builder_t *builder, blob_section_t section, const void *records,
-                          uint32_t count);
+                          uint64_t count);
 /* The records gathered so far, valid until the next add; writable, so that references can be filled in late.
  */
 void *blob_builder_records(blob_builder_t *builder, blob_section_t section);

@@ -292,15 +292,10 @@ static rgb_t albedo(const fourier_table_t *table)
     return vec3(share(r), share(1.39829 * y - 0.100913 * b - 0.297375 * r), share(b));
 }
 
-static uint32_t add_numbers(blob_builder_t *blob, const float *numbers, uint64_t count)
-{
-    return blob_builder_add(blob, BLOB_SECTION_NUMBERS, numbers,
-                            count < BLOB_NONE ? (uint32_t)count : BLOB_NONE);
-}
-
 static uint32_t add_series(const fourier_table_t *table, blob_builder_t *blob)
 {
-    uint32_t first = add_numbers(blob, table->coefficients, table->coefficient_count);
+    uint32_t first =
+        blob_builder_add(blob, BLOB_SECTION_NUMBERS, table->coefficients, table->coefficient_count);
     size_t count = (size_t)table->nodes * table->nodes;
     blob_series_t *series = mem_alloc(count * sizeof *series);
     for (size_t i = 0; i < count; ++i) {
@@ -308,7 +303,7 @@ static uint32_t add_series(const fourier_table_t *table, blob_builder_t *blob)
         series[i].count = terms;
         series[i].first = terms > 0 ? first + table->series[i].first : 0;
     }
-    uint32_t at = blob_builder_add(blob, BLOB_SECTION_SERIES, series, (uint32_t)count);
+    uint32_t at = blob_builder_add(blob, BLOB_SECTION_SERIES, series, count);
     free(series);
     return at;
 }
@@ -322,9 +317,9 @@ uint32_t fourier_table_add(const fourier_table_t *table, blob_builder_t *blob)
     blob_fourier_t record = {
         .nodes = table->nodes, .channels = table->channels, .eta = table->eta, .albedo = albedo(table)};
     record.first_series = add_series(table, blob);
-    record.first_node = add_numbers(blob, table->mu, nodes);
-    record.first_marginal = add_numbers(blob, marginal, sums);
-    record.first_conditional = add_numbers(blob, conditional, cells);
+    record.first_node = blob_builder_add(blob, BLOB_SECTION_NUMBERS, table->mu, nodes);
+    record.first_marginal = blob_builder_add(blob, BLOB_SECTION_NUMBERS, marginal, sums);
+    record.first_conditional = blob_builder_add(blob, BLOB_SECTION_NUMBERS, conditional, cells);
     free(marginal);
     free(conditional);
     return blob_builder_add(blob, BLOB_SECTION_FOURIERS, &record, 1);

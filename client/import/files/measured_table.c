@@ -320,16 +320,11 @@ static void sum_slice(float *values, uint32_t width, uint32_t height, float *row
 
 /* ---- adding -------------------------------------------------------------------------------------------- */
 
-static uint32_t add_numbers(blob_builder_t *blob, const float *numbers, uint64_t count)
-{
-    return blob_builder_add(blob, BLOB_SECTION_NUMBERS, numbers,
-                            count < BLOB_NONE ? (uint32_t)count : BLOB_NONE);
-}
-
 static blob_grid_t add_grid(blob_builder_t *blob, const measured_grid_t *grid, uint64_t slices)
 {
     uint64_t count = slices * grid->width * grid->height;
-    return (blob_grid_t){add_numbers(blob, grid->values, count), grid->width, grid->height};
+    return (blob_grid_t){blob_builder_add(blob, BLOB_SECTION_NUMBERS, grid->values, count), grid->width,
+                         grid->height};
 }
 
 /* A grid with its sums: the values of all slices, then the sums over rows of all, then those along them. */
@@ -342,7 +337,7 @@ static blob_grid_t add_warp(blob_builder_t *blob, const measured_grid_t *grid, u
     for (uint64_t slice = 0; slice < slices; ++slice)
         sum_slice(numbers + slice * pixels, grid->width, grid->height, numbers + all + slice * grid->height,
                   numbers + all + rows + slice * pixels);
-    uint32_t first = add_numbers(blob, numbers, 2 * all + rows);
+    uint32_t first = blob_builder_add(blob, BLOB_SECTION_NUMBERS, numbers, 2 * all + rows);
     free(numbers);
     return (blob_grid_t){first, grid->width, grid->height};
 }
@@ -380,13 +375,14 @@ uint32_t measured_table_add(const measured_table_t *table, blob_builder_t *blob)
                               .elevations = table->elevations,
                               .isotropic = table->isotropic,
                               .albedo = albedo(table)};
-    record.first_azimuth = add_numbers(blob, table->azimuth, table->azimuths);
-    record.first_elevation = add_numbers(blob, table->elevation, table->elevations);
+    record.first_azimuth = blob_builder_add(blob, BLOB_SECTION_NUMBERS, table->azimuth, table->azimuths);
+    record.first_elevation =
+        blob_builder_add(blob, BLOB_SECTION_NUMBERS, table->elevation, table->elevations);
     record.ndf = add_grid(blob, &table->ndf, 1);
     record.sigma = add_grid(blob, &table->sigma, 1);
     record.visible = add_warp(blob, &table->visible, slices);
     record.luminance = add_warp(blob, &table->luminance, slices);
-    record.first_colour =
-        add_numbers(blob, table->colours.values, 3 * slices * table->colours.width * table->colours.height);
+    record.first_colour = blob_builder_add(blob, BLOB_SECTION_NUMBERS, table->colours.values,
+                                           3 * slices * table->colours.width * table->colours.height);
     return blob_builder_add(blob, BLOB_SECTION_MEASUREMENTS, &record, 1);
 }
