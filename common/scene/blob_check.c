@@ -131,13 +131,7 @@ static result_t check_vectors(const char *what, const vec3_t *v, uint64_t count)
     return result_ok();
 }
 
-/* True when [first, first + count) lies inside [0, total). */
-static bool range_inside(uint32_t first, uint64_t count, uint64_t total)
-{
-    return (uint64_t)first + count <= total;
-}
-
-/* The same for a range that may be absent. */
+/* As range_inside, for a range that may be absent. */
 static bool range_inside_or_none(uint32_t first, uint64_t count, uint64_t total)
 {
     return first == BLOB_NONE || range_inside(first, count, total);

@@ -3,15 +3,10 @@
  * one another, so that the checks are linear in the blob's size. */
 #include "common/scene/blob_layout.h"
 
-static bool lies_inside(uint32_t first, uint64_t count, uint64_t total)
-{
-    return (uint64_t)first + count <= total;
-}
-
-/* The same for a range that follows others, which end at *next; moves this on. */
+/* As range_inside, for a range that follows others, which end at *next; moves this on. */
 static bool follows(uint32_t first, uint64_t count, uint64_t total, uint64_t *next)
 {
-    bool does = first >= *next && lies_inside(first, count, total);
+    bool does = first >= *next && range_inside(first, count, total);
     *next = (uint64_t)first + count;
     return does;
 }
@@ -30,24 +25,34 @@ static result_t check_numbers(const scene_blob_t *blob)
     return result_ok();
 }
 
-/* Rows of cumulative sums: each ascends from 0 to 1. */
+/* Each number exceeds the one before it by `least` or more. */
+static bool ascends(const float *values, uint32_t count, float least)
+{
+    for (uint32_t i = 1; i < count; i++)
+        if (!(values[i] - values[i - 1] >= least)) return false;
+    return true;
+}
+
+/* Rows of cumulative sums: each ascends from 0. */
 static bool are_sums(const float *sums, uint64_t rows, uint32_t columns)
 {
-    for (uint64_t row = 0; row < rows; row++, sums += columns) {
-        if (sums[0] != 0 || sums[columns - 1] != 1) return false;
-        for (uint32_t i = 1; i < columns; i++)
-            if (!(sums[i - 1] <= sums[i])) return false;
-    }
+    for (uint64_t row = 0; row < rows; row++, sums += columns)
+        if (sums[0] != 0 || !ascends(sums, columns, 0)) return false;
     return true;
+}
+
+/* The same, to 1. */
+static bool are_sums_to_1(const float *sums, uint64_t rows, uint32_t columns)
+{
+    for (uint64_t row = 0; row < rows; row++)
+        if (sums[row * columns + columns - 1] != 1) return false;
+    return are_sums(sums, rows, columns);
 }
 
 static bool are_nodes(const float *nodes, uint32_t count)
 {
     const float least = 1e-12f; /* so that their distances are no denormal numbers */
-    if (!(nodes[0] >= -1 && nodes[count - 1] <= 1)) return false;
-    for (uint32_t i = 1; i < count; i++)
-        if (!(nodes[i] - nodes[i - 1] >= least)) return false;
-    return true;
+    return nodes[0] >= -1 && nodes[count - 1] <= 1 && ascends(nodes, count, least);
 }
 
 static bool is_share(float x)
@@ -64,8 +69,8 @@ static result_t check_series(const scene_blob_t *blob, const blob_fourier_t *tab
     for (uint64_t i = 0; i < count; i++) {
         const blob_series_t *series = &blob->series[table->first_series + i];
         CHECK(series->count <= BLOB_MAX_FOURIER_ORDER &&
-                  lies_inside(series->first, (uint64_t)series->count * table->channels,
-                              blob->counts[BLOB_SECTION_NUMBERS]),
+                  range_inside(series->first, (uint64_t)series->count * table->channels,
+                               blob->counts[BLOB_SECTION_NUMBERS]),
               "fourier %llu: a series is too long, or lies outside the numbers", id);
     }
     return result_ok();
@@ -84,8 +89,8 @@ static result_t check_fourier(const scene_blob_t *blob, const blob_fourier_t *ta
           "fourier %llu: its numbers lie outside the numbers, or are another's", id);
     CHECK(are_nodes(blob->numbers + table->first_node, table->nodes),
           "fourier %llu: its cosines do not ascend from -1 to 1", id);
-    CHECK(are_sums(blob->numbers + table->first_marginal, nodes, table->nodes) &&
-              are_sums(blob->numbers + table->first_conditional, cells, FOURIER_AZIMUTHS + 1),
+    CHECK(are_sums_to_1(blob->numbers + table->first_marginal, nodes, table->nodes) &&
+              are_sums_to_1(blob->numbers + table->first_conditional, cells, FOURIER_AZIMUTHS + 1),
           "fourier %llu: its probabilities do not add up to 1", id);
     CHECK(table->eta >= 0.01f && table->eta <= 100 && is_share(table->albedo.x) &&
               is_share(table->albedo.y) && is_share(table->albedo.z),
@@ -94,14 +99,6 @@ static result_t check_fourier(const scene_blob_t *blob, const blob_fourier_t *ta
 }
 
 /* ---- measured ------------------------------------------------------------------------------------------ */
-
-static bool ascends(const float *values, uint32_t count)
-{
-    const float least = 1e-6f;
-    for (uint32_t i = 1; i < count; i++)
-        if (!(values[i] - values[i - 1] >= least)) return false;
-    return true;
-}
 
 /* Numbers that are not negative. */
 static bool are_positive(const float *values, uint64_t count)
@@ -124,28 +121,18 @@ static uint64_t pixels_of(const blob_grid_t *grid)
     return (uint64_t)grid->width * grid->height;
 }
 
-/* Sums along each row, which start from 0 and ascend. */
-static bool are_parts(const float *sums, uint64_t rows, uint32_t columns)
-{
-    for (uint64_t row = 0; row < rows; row++, sums += columns) {
-        if (sums[0] != 0) return false;
-        for (uint32_t i = 1; i < columns; i++)
-            if (!(sums[i - 1] <= sums[i])) return false;
-    }
-    return true;
-}
-
 static bool has_warp(const scene_blob_t *blob, const blob_grid_t *grid, uint64_t slices, ends_t *ends)
 {
     uint64_t all = slices * pixels_of(grid), rows = slices * grid->height;
     if (!has_grid(blob, grid, 2 * all + rows, ends)) return false;
     const float *sums = blob->numbers + grid->first + all;
-    return are_sums(sums, slices, grid->height) && are_parts(sums + rows, rows, grid->width);
+    return are_sums_to_1(sums, slices, grid->height) && are_sums(sums + rows, rows, grid->width);
 }
 
 static result_t check_measured(const scene_blob_t *blob, const blob_measured_t *table, ends_t *ends,
                                unsigned long long id)
 {
+    const float least = 1e-6f; /* between two directions */
     uint64_t numbers = blob->counts[BLOB_SECTION_NUMBERS];
     CHECK(table->azimuths > 0 && table->azimuths <= BLOB_MAX_MEASURED_SIDE && table->elevations > 0 &&
               table->elevations <= BLOB_MAX_MEASURED_SIDE && table->isotropic <= 1,
@@ -153,8 +140,8 @@ static result_t check_measured(const scene_blob_t *blob, const blob_measured_t *
     uint64_t slices = (uint64_t)table->azimuths * table->elevations;
     CHECK(follows(table->first_azimuth, table->azimuths, numbers, &ends->number) &&
               follows(table->first_elevation, table->elevations, numbers, &ends->number) &&
-              ascends(blob->numbers + table->first_azimuth, table->azimuths) &&
-              ascends(blob->numbers + table->first_elevation, table->elevations),
+              ascends(blob->numbers + table->first_azimuth, table->azimuths, least) &&
+              ascends(blob->numbers + table->first_elevation, table->elevations, least),
           "measured %llu: its directions lie outside the numbers, are another's, or do not ascend", id);
     CHECK(has_grid(blob, &table->ndf, pixels_of(&table->ndf), ends) &&
               has_grid(blob, &table->sigma, pixels_of(&table->sigma), ends) &&

@@ -40,6 +40,12 @@ result_t blob_check_contents(const scene_blob_t *blob);
 /* The part of it about the tables of BSDFs: blob_check_tables.c. */
 result_t blob_check_tables(const scene_blob_t *blob);
 
+/* True when [first, first + count) lies inside [0, total). */
+static inline bool range_inside(uint32_t first, uint64_t count, uint64_t total)
+{
+    return (uint64_t)first + count <= total;
+}
+
 /* In a function that returns a result: fails it unless the condition holds. */
 #define CHECK(condition, ...)                                                                                \
     do {                                                                                                     \
