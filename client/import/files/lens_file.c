@@ -5,7 +5,6 @@
 
 #include <math.h>
 #include <stdlib.h>
-#include <string.h>
 
 enum { LARGEST_FILE = 1 << 20, COLUMNS = 4 };
 static const double largest = 1e6, metres = 1e-3;
@@ -15,27 +14,17 @@ typedef struct {
     position_t place; /* of `at`, without a column */
 } reader_t;
 
-static bool is_blank(char c)
-{
-    return c == ' ' || (c >= '\t' && c <= '\r');
-}
-
 /* Goes to the next number; false at the end. */
-static bool skip_blanks(reader_t *r)
+static bool find_number(reader_t *r)
 {
-    for (; r->at < r->end; ++r->at) {
-        if (*r->at == '#') r->at = memchr(r->at, '\n', (size_t)(r->end - r->at));
-        if (!r->at) return false;
-        if (!is_blank(*r->at)) return true;
-        r->place.line += *r->at == '\n';
-    }
-    return false;
+    r->at = number_find(r->at, r->end, &r->place.line);
+    return r->at != NULL;
 }
 
 static result_t read_number(reader_t *r, double *number)
 {
-    const char *behind = number_parse(r->at, r->end, number);
-    if (!behind || (behind < r->end && !is_blank(*behind) && *behind != '#'))
+    const char *behind = number_parse_alone(r->at, r->end, number);
+    if (!behind)
         return error_at(r->place,
                         "expected a number: a lens file has rows of radius of curvature, thickness, "
                         "index of refraction and aperture diameter, and comments behind '#'");
@@ -50,7 +39,7 @@ static result_t read_row(reader_t *r, double row[COLUMNS])
 {
     uint32_t line = r->place.line;
     for (int i = 0; i < COLUMNS; ++i) {
-        if (i > 0 && !skip_blanks(r))
+        if (i > 0 && !find_number(r))
             return error_at((position_t){r->place.path, line, 0},
                             "a lens's surface takes 4 numbers, found %d at the end of the file", i);
         TRY(read_number(r, &row[i]));
@@ -75,7 +64,7 @@ static result_t make_element(const double row[COLUMNS], position_t at, blob_lens
 static result_t read_elements(reader_t *r, blob_lens_element_t *elements, uint32_t *count)
 {
     position_t before = r->place;
-    for (*count = 0; skip_blanks(r); ++*count) {
+    for (*count = 0; find_number(r); ++*count) {
         double row[COLUMNS];
         position_t at = r->place;
         if (*count == LENS_MAX_ELEMENTS)

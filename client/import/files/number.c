@@ -2,7 +2,7 @@
 #include "client/import/files/number.h"
 
 #include <math.h>
-#include <stdint.h>
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -74,4 +74,26 @@ const char *number_parse(const char *text, const char *end, double *value)
         return s;
     }
     return parse_slowly(text, s, value) ? s : NULL;
+}
+
+static bool is_blank(char c)
+{
+    return c == ' ' || (c >= '\t' && c <= '\r');
+}
+
+const char *number_find(const char *text, const char *end, uint32_t *line)
+{
+    for (; text < end; ++text) {
+        if (*text == '#') text = memchr(text, '\n', (size_t)(end - text));
+        if (!text) return NULL;
+        if (!is_blank(*text)) return text;
+        *line += *text == '\n';
+    }
+    return NULL;
+}
+
+const char *number_parse_alone(const char *text, const char *end, double *value)
+{
+    const char *behind = number_parse(text, end, value);
+    return behind && (behind == end || is_blank(*behind) || *behind == '#') ? behind : NULL;
 }

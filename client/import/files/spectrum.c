@@ -97,26 +97,6 @@ typedef struct {
     bool half; /* the last sample has no value yet */
 } reader_t;
 
-static bool is_blank(char c)
-{
-    return c == ' ' || c == '\t' || c == '\r' || c == '\n' || c == '\f' || c == '\v';
-}
-
-/* Goes to the next number; false at the end. */
-static bool skip_blanks(reader_t *r)
-{
-    for (; r->at < r->end; ++r->at) {
-        if (*r->at == '#') {
-            const char *newline = memchr(r->at, '\n', (size_t)(r->end - r->at));
-            if (!newline) return false;
-            r->at = newline;
-        }
-        if (!is_blank(*r->at)) return true;
-        r->line += *r->at == '\n';
-    }
-    return false;
-}
-
 static void store_number(reader_t *r, double number)
 {
     if (r->half) {
@@ -130,10 +110,10 @@ static void store_number(reader_t *r, double number)
 
 static result_t read_samples(reader_t *r, position_t file)
 {
-    while (skip_blanks(r)) {
+    while ((r->at = number_find(r->at, r->end, &r->line)) != NULL) {
         double number;
-        const char *behind = number_parse(r->at, r->end, &number);
-        if (!behind || (behind < r->end && !is_blank(*behind) && *behind != '#'))
+        const char *behind = number_parse_alone(r->at, r->end, &number);
+        if (!behind)
             return error_at(on_line(file, r->line),
                             "expected a number: a spectrum file has pairs of wavelength and value, and "
                             "comments behind '#'");
