@@ -45,7 +45,9 @@ static char *existing(char *path)
     return NULL;
 }
 
-char *mtl_beside(const char *beside, const char *name)
+/* The path of an existing file that a file at `beside` names: as it is named, relative to the other's folder,
+ * else of that name in that folder. '\' counts as '/'. NULL when there is none; the caller frees it. */
+static char *path_beside(const char *beside, const char *name)
 {
     const char *slash = strrchr(beside, '/');
     int folder = slash ? (int)(slash + 1 - beside) : 0;
@@ -255,7 +257,7 @@ static result_t read_lines(mtl_t *mtl, lines_t lines)
     return result_ok();
 }
 
-result_t mtl_read(mtl_t *mtl, const char *path)
+static result_t read_library(mtl_t *mtl, const char *path)
 {
     uint8_t *data;
     size_t size;
@@ -271,10 +273,10 @@ result_t mtl_read(mtl_t *mtl, const char *path)
 result_t mtl_read_libraries(mtl_t *mtl, const char *beside, const intern_t *libraries)
 {
     for (size_t i = 0; i < libraries->count; ++i) {
-        char *library = mtl_beside(beside, libraries->texts[i]);
+        char *library = path_beside(beside, libraries->texts[i]);
         result_t result = result_ok();
         if (library)
-            result = mtl_read(mtl, library);
+            result = read_library(mtl, library);
         else
             report_warning(mtl->scene->report, (position_t){beside, 0, 0},
                            "its library of materials %.200s is missing", libraries->texts[i]);
@@ -305,7 +307,7 @@ static result_t find_image(const maker_t *m, const map_t *map, float gamma, cons
 {
     report_t *report = m->scene->report;
     *image = NULL;
-    char *path = mtl_beside(map->at.path, map->name);
+    char *path = path_beside(map->at.path, map->name);
     if (!path)
         return report_refuse(report, map->at, "the image %.200s is missing; the nearest is to do without",
                              map->name);

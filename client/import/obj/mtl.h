@@ -30,14 +30,8 @@ typedef struct {
     mtl_material_t otherwise; /* of what has none */
 } mtl_t;
 
-/* The path of an existing file that a file at `beside` names: as it is named, relative to the other's folder,
- * else of that name in that folder. '\' counts as '/'. NULL when there is none; the caller frees it. */
-char *mtl_beside(const char *beside, const char *name);
-
-/* Adds the materials of a library; of two with one name the later one counts, with a warning. RESULT_INPUT:
- * see docs/import.md. */
-result_t mtl_read(mtl_t *mtl, const char *path);
-/* The same for the libraries that the OBJ file `beside` names. One that is missing is a warning. */
+/* Adds the materials of the libraries that the OBJ file `beside` names; of two with one name the later one
+ * counts. That is a warning, and so is a library that is missing. RESULT_INPUT: see docs/import.md. */
 result_t mtl_read_libraries(mtl_t *mtl, const char *beside, const intern_t *libraries);
 /* Whether a library has a material of that name. */
 bool mtl_has(const mtl_t *mtl, const char *name);
