@@ -637,12 +637,13 @@ static result_t choose(mitsuba_t *m, const element_t *shape, const char *wanted,
     }
 }
 
-result_t bsdf_is_given(mitsuba_t *m, const element_t *shape, const char *wanted, bool *given)
+result_t bsdf_of_shape(mitsuba_t *m, const element_t *shape, const char *wanted, bool flipped,
+                       material_t *material, bool *given)
 {
     element_t *found;
     TRY(choose(m, shape, wanted, &found));
     *given = found != NULL;
-    return result_ok();
+    return found ? make(m, found, flipped, material) : result_ok();
 }
 
 static bool has_child(const element_t *object, const char *tag)
@@ -664,18 +665,12 @@ static uint32_t plain(mitsuba_t *m, uint32_t *memory, const char *name, float re
     return *memory - 1;
 }
 
-result_t bsdf_of_shape(mitsuba_t *m, const element_t *shape, const char *wanted, bool flipped,
-                       material_t *material)
+material_t bsdf_default(mitsuba_t *m, const element_t *shape)
 {
-    element_t *found;
-    TRY(choose(m, shape, wanted, &found));
-    if (found) return make(m, found, flipped, material);
-    material->alpha = blob_constant(1);
+    uint32_t index = BLOB_NONE;
     if (has_child(shape, "emitter"))
-        material->index = plain(m, &m->black, "black", 0);
-    else if (has_child(shape, "medium"))
-        material->index = BLOB_NONE;
-    else
-        material->index = plain(m, &m->plain, "default", 0.5f);
-    return result_ok();
+        index = plain(m, &m->black, "black", 0);
+    else if (!has_child(shape, "medium"))
+        index = plain(m, &m->plain, "default", 0.5f);
+    return (material_t){index, blob_constant(1)};
 }

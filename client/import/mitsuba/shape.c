@@ -89,11 +89,11 @@ static result_t get_from_library(const work_t *w, const char *wanted, material_t
 static result_t get_material(const work_t *w, const char *wanted, material_t *material, bool *visible)
 {
     bool given;
-    TRY(bsdf_is_given(w->m, w->element, wanted, &given));
+    TRY(bsdf_of_shape(w->m, w->element, wanted, w->flipped, material, &given));
     if (!given && w->library && mtl_has(w->library, wanted))
         TRY(get_from_library(w, wanted, material));
-    else
-        TRY(bsdf_of_shape(w->m, w->element, wanted, w->flipped, material));
+    else if (!given)
+        *material = bsdf_default(w->m, w->element);
     *visible = material->index != BLOB_NONE && (material->alpha.texture != 0 || material->alpha.factor.x > 0);
     if (!*visible && w->emitter)
         report_warning(w->m->report, w->element->at, "an invisible shape that emits is left out");
