@@ -114,7 +114,8 @@ static char *append_bytes(char *text, size_t *capacity, size_t *used, const char
 {
     text = grow(text, capacity, *used + count + 1, 1);
     memcpy(text + *used, from, count);
-    text[ *used += count] = '\0';
+    *used += count;
+    text[*used] = '\0';
     return text;
 }
 
