@@ -21,7 +21,8 @@ result_t import_scene_file(const char *path, const import_report_t *report, int 
 /* The same as one finished blob in memory; the caller frees *bytes. */
 result_t import_scene_blob(const char *path, const import_report_t *report, uint8_t **bytes, uint64_t *size);
 
-/* True when the wishes ask for something that a scene which is a blob already can still be given. */
+/* True when the wishes ask for something that import_changed_file gives a scene which is a blob already, or
+ * refuses. */
 bool import_changes_blobs(const import_wishes_t *wishes);
 /* Makes another blob of a checked one, with what the report's wishes ask for, as import_scene_file does. */
 result_t import_changed_file(const scene_blob_t *blob, const import_report_t *report, int *file);

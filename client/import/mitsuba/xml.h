@@ -1,9 +1,8 @@
 /* xml: a Mitsuba scene's file as a tree of elements, by expat.
  *
  * Includes are read into the tree, and the $parameters in attributes are replaced by what --define or
- * <default> says.
- * expat reads no other file: whoever declares an entity, of its own or of another file, is refused before it
- * could grow. What includes and parameters may amount to is bounded.
+ * <default> says. expat reads no other file: whoever declares an entity, of its own or of another file, is
+ * refused before it could grow. What includes and parameters may amount to is bounded.
  */
 #ifndef LIGHTMILL_XML_H
 #define LIGHTMILL_XML_H

@@ -1,8 +1,8 @@
 /* options: the directives before WorldBegin but the camera: film, sampler, integrator, pixel filter.
  *
  * Each has a table of the kinds that pbrt knows. A sampler or an integrator of ours stands in for one that we
- * do not have, with a warning, since the converged picture is the same or nearly so; a camera, film or filter
- * that we do not have makes another picture and is an error. */
+ * do not have, with a warning, since the converged picture is the same or nearly so; a film or filter that we
+ * do not have makes another picture and is an error. */
 #include "client/import/pbrt/options.h"
 
 #include "client/import/pbrt/cameras.h"
