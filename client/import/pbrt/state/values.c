@@ -61,9 +61,26 @@ static rgb_t rgb_from_xyz(const double xyz[3])
                 (float)(0.055648 * xyz[0] - 0.204043 * xyz[1] + 1.057311 * xyz[2]));
 }
 
-static result_t three_numbers(const params_t *owner, const param_t *item, const char *name, rgb_t *value)
+/* How many of its numbers a parameter has that takes `unit` at a time: v3 leaves out those behind the last
+ * unit that is whole. */
+static result_t count_numbers(pbrt_t *p, const param_t *item, const char *name, size_t unit, size_t *count)
 {
-    if (item->count != 3)
+    size_t excess = item->count % unit;
+    *count = item->count;
+    if (p->dialect.dialect != DIALECT_V3 || excess == 0 || *count < unit) return result_ok();
+    *count -= excess;
+    return report_tolerate(p->report, item->at,
+                           "parameter \"%s\" takes %zu numbers at a time, found %zu; as in pbrt-v3, the last "
+                           "%zu are left out",
+                           name, unit, item->count, excess);
+}
+
+static result_t three_numbers(pbrt_t *p, const params_t *owner, const param_t *item, const char *name,
+                              rgb_t *value)
+{
+    size_t count;
+    TRY(count_numbers(p, item, name, 3, &count));
+    if (count != 3)
         return error_at(item->at, "parameter \"%s\" takes three numbers, found %zu", name, item->count);
     const double *v = params_numbers(owner, item);
     *value = item->type == PARAM_XYZ ? rgb_from_xyz(v) : vec3((float)v[0], (float)v[1], (float)v[2]);
@@ -74,8 +91,11 @@ static result_t three_numbers(const params_t *owner, const param_t *item, const 
 static result_t read_spectrum(pbrt_t *p, const params_t *owner, const param_t *item, const char *name,
                               spectrum_t *spectrum)
 {
-    if (!item->quoted)
-        return spectrum_from_pairs(params_numbers(owner, item), item->count, item->at, spectrum);
+    size_t count;
+    if (!item->quoted) {
+        TRY(count_numbers(p, item, name, 2, &count));
+        return spectrum_from_pairs(params_numbers(owner, item), count, item->at, spectrum);
+    }
     if (item->count != 1)
         return error_at(item->at, "parameter \"%s\" takes one spectrum, found %zu", name, item->count);
     const char *text = params_text(owner, item, 0);
@@ -124,12 +144,13 @@ static result_t spectrum_value(pbrt_t *p, const params_t *owner, const param_t *
 }
 
 /* A temperature in kelvin; in v3 with a scale behind it. */
-static result_t blackbody_value(const pbrt_t *p, const params_t *owner, const param_t *item, const char *name,
+static result_t blackbody_value(pbrt_t *p, const params_t *owner, const param_t *item, const char *name,
                                 rgb_t *value)
 {
-    size_t numbers = p->dialect.dialect == DIALECT_V3 ? 2 : 1;
+    size_t numbers = p->dialect.dialect == DIALECT_V3 ? 2 : 1, count;
     const double *v = params_numbers(owner, item);
-    if (item->count != numbers)
+    TRY(count_numbers(p, item, name, numbers, &count));
+    if (count != numbers)
         return error_at(item->at, "parameter \"%s\": a blackbody takes %s, found %zu numbers", name,
                         numbers == 2 ? "a temperature and a scale" : "a temperature", item->count);
     if (!(v[0] > 0 && v[0] <= 1e6))
@@ -141,10 +162,10 @@ static result_t blackbody_value(const pbrt_t *p, const params_t *owner, const pa
 }
 
 /* Three numbers; what a colour space without sRGB's gamut makes negative is 0. */
-static result_t rgb_value(const pbrt_t *p, const params_t *owner, const param_t *item, const char *name,
+static result_t rgb_value(pbrt_t *p, const params_t *owner, const param_t *item, const char *name,
                           colour_use_t use, rgb_t *value)
 {
-    TRY(three_numbers(owner, item, name, value));
+    TRY(three_numbers(p, owner, item, name, value));
     if (item->type == PARAM_XYZ || value->x < 0 || value->y < 0 || value->z < 0) return result_ok();
     rgb_t c = pbrt_srgb(p, *value, use == COLOUR_LIGHT);
     *value = vec3(fmaxf(c.x, 0), fmaxf(c.y, 0), fmaxf(c.z, 0));

@@ -111,6 +111,33 @@ static void the_last_of_two_parameters_counts(void **state)
     bench_close(&bench);
 }
 
+static void v3_leaves_out_numbers_too_many(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *parameter, *warning;
+        double red, green;
+    } cases[] = {
+        {"\"rgb Kd\" [.1 .2 .3 .4]", "1:29: parameter \"Kd\" takes 3 numbers at a time, found 4;", 0.1, 0.2},
+        {"\"spectrum Kd\" [500 .5 600]", "1:29: parameter \"Kd\" takes 2 numbers at a time, found 3;", 0.601,
+         0.473},
+        {"\"blackbody Kd\" [6500 0 1]", "1:29: parameter \"Kd\" takes 2 numbers at a time, found 3;", 0, 0},
+    };
+    bench_t bench = {0};
+    for (size_t i = 0; i < ARRAY_LENGTH(cases); ++i) {
+        char *text = mem_printf(V3("WorldBegin Material \"matte\" %s\n" SPHERE), cases[i].parameter);
+        expect_forgiven(&bench, text, cases[i].warning);
+        rgb_t colour = colour_of(&bench, 0, VALUE_REFLECTANCE);
+        expect_near((double)colour.x, cases[i].red, 1e-3);
+        expect_near((double)colour.y, cases[i].green, 1e-3);
+        free(text);
+    }
+    expect_refused(&bench, V3("WorldBegin Material \"matte\" \"rgb Kd\" [.1 .2]\n" SPHERE), "three numbers");
+    expect_refused(&bench, "WorldBegin Material \"diffuse\" \"rgb reflectance\" [.1 .2 .3 .4]\n" SPHERE,
+                   "three numbers, found 4");
+    bench_close(&bench);
+}
+
 /* v3 looks for a texture first; v4 takes what comes last, and refuses to have the other unused. */
 static void of_two_types_each_pbrt_takes_its_own(void **state)
 {
@@ -570,6 +597,7 @@ int main(void)
         cmocka_unit_test(the_last_setting_of_each_kind_counts),
         cmocka_unit_test(what_is_wrong_with_a_dropped_setting_does_not_count),
         cmocka_unit_test(the_last_of_two_parameters_counts),
+        cmocka_unit_test(v3_leaves_out_numbers_too_many),
         cmocka_unit_test(of_two_types_each_pbrt_takes_its_own),
         cmocka_unit_test(a_parameter_of_the_wrong_type_is_not_there_in_v3),
         cmocka_unit_test(commas_behind_numbers_are_v3s),
