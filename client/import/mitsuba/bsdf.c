@@ -203,13 +203,25 @@ static result_t fill_diffuse_transmitter(maker_t *k)
     return value(k, "transmittance", 0.5, VALUE_TRANSMITTANCE);
 }
 
-/* Phong's lobe has no Fresnel reflectance; the nearest is glTF's of the same reflectance straight on. */
+/* One for both directions: glTF's lobe has another way to say how they differ. */
+static result_t read_ward_alpha(maker_t *k)
+{
+    double u = 0.1, v = 0.1;
+    if (!property_find(k->object, "alphaU") && !property_find(k->object, "alphaV"))
+        return value(k, "alpha", 0.1, VALUE_ROUGHNESS_U);
+    TRY(property_number(k->m, k->object, "alphaU", 0, 100, &u));
+    TRY(property_number(k->m, k->object, "alphaV", 0, 100, &v));
+    k->record.values[VALUE_ROUGHNESS_U] = blob_constant((float)sqrt(u * v));
+    return result_ok();
+}
+
+/* These lobes have no Fresnel reflectance; the nearest is glTF's of the same reflectance straight on. */
 static result_t fill_phong(maker_t *k)
 {
     double exponent = 30;
-    TRY(report_refuse(k->m->report, k->object->at,
-                      "bsdf \"%.20s\" is not supported; the nearest is a glossy surface of the same width",
-                      object_type(k->object)));
+    report_warning(k->m->report, k->object->at,
+                   "bsdf \"%.20s\" is taken for a glossy surface of the same width and reflectance",
+                   object_type(k->object));
     property_ignore(k->object, "variant");
     k->record.kind = MATERIAL_GLTF;
     k->record.flags = MATERIAL_THIN;
@@ -217,7 +229,7 @@ static result_t fill_phong(maker_t *k)
     k->record.values[VALUE_ETA] = blob_constant(1e4f);
     TRY(value(k, "diffuseReflectance", 0.5, VALUE_REFLECTANCE));
     TRY(value(k, "specularReflectance", 0.2, VALUE_SPECULAR_COLOUR));
-    if (strcmp(object_type(k->object), "phong") != 0) return value(k, "alpha", 0.1, VALUE_ROUGHNESS_U);
+    if (strcmp(object_type(k->object), "phong") != 0) return read_ward_alpha(k);
     TRY(property_number(k->m, k->object, "exponent", 0, 1e7, &exponent));
     k->record.values[VALUE_ROUGHNESS_U] = blob_constant((float)sqrt(2 / (exponent + 2)));
     return result_ok();

@@ -665,6 +665,12 @@ static void bsdfs_of_one_layer_become_their_materials(void **state)
     expect_near(number(&bench, VALUE_K), 9, 0);
     run_bsdf(&bench, "<bsdf type=\"conductor\"><string name=\"material\" value=\"Xx\"/></bsdf>");
     expect_text(bench.result.message, "no index is known for the metal \"Xx\"");
+    run_bsdf(&bench, "<bsdf type=\"phong\"><float name=\"exponent\" value=\"48\"/></bsdf>");
+    expect_text(bench.warnings, "bsdf \"phong\" is taken for a glossy surface of the same width");
+    expect_near(number(&bench, VALUE_ROUGHNESS_U), 0.2, 1e-6);
+    run_bsdf(&bench, "<bsdf type=\"ward\"><float name=\"alphaU\" value=\".1\"/><float name=\"alphaV\" "
+                     "value=\".4\"/></bsdf>");
+    expect_near(number(&bench, VALUE_ROUGHNESS_U), 0.2, 1e-6);
     run_bsdf(&bench, "<bsdf type=\"difftrans\"/>");
     assert_int_equal(material_of(&bench)->kind, MATERIAL_DIFFUSE_TRANSMISSION);
     run_bsdf(&bench, "<bsdf type=\"roughdiffuse\"><float name=\"alpha\" value=\".3\"/></bsdf>");
