@@ -24,7 +24,7 @@ typedef struct {
 } corners_t;
 
 /* What has been warned of, once a file. */
-typedef enum { SAID_LINES, SAID_COLOURS, SAID_SMOOTH, SAID_IGNORED, SAID_COUNT } said_t;
+typedef enum { SAID_LINES, SAID_COLOURS, SAID_SMOOTH, SAID_ABSENT, SAID_IGNORED, SAID_COUNT } said_t;
 
 typedef struct {
     lines_t lines;
@@ -116,8 +116,20 @@ static bool read_index(const char **at, const char *end, size_t count, uint32_t 
     return true;
 }
 
+/* The same of texture coordinates or normals. Some programs write indices of what the file has none of. */
+static bool read_other_index(reader_t *r, position_t where, const char **at, const char *end, size_t count,
+                             uint32_t *index)
+{
+    uint32_t absent;
+    if (count > 0) return read_index(at, end, count, index);
+    if (!read_index(at, end, UINT32_MAX, &absent)) return false;
+    say_once(r, SAID_ABSENT, where,
+             "faces have indices of vt or vn, of which there is none above: they do without");
+    return true;
+}
+
 /* position, position/uv, position//normal or position/uv/normal. */
-static result_t read_corner(const reader_t *r, position_t where, word_t word, corner_t *corner)
+static result_t read_corner(reader_t *r, position_t where, word_t word, corner_t *corner)
 {
     const char *at = word.text, *end = at + word.length;
     char quote[WORD_QUOTE_SIZE];
@@ -125,10 +137,10 @@ static result_t read_corner(const reader_t *r, position_t where, word_t word, co
     corner->uv = corner->normal = WAVEFRONT_NONE;
     if (good && at < end && *at == '/') {
         ++at;
-        if (at < end && *at != '/') good = read_index(&at, end, r->uv_count, &corner->uv);
+        if (at < end && *at != '/') good = read_other_index(r, where, &at, end, r->uv_count, &corner->uv);
         if (good && at < end && *at == '/') {
             ++at;
-            if (at < end) good = read_index(&at, end, r->normal_count, &corner->normal);
+            if (at < end) good = read_other_index(r, where, &at, end, r->normal_count, &corner->normal);
         }
     }
     if (good && at == end) return result_ok();
@@ -371,6 +383,7 @@ result_t wavefront_read(const char *path, scene_builder_t *scene, wavefront_t *o
     r.name = r.material = r.part[0] = r.part[1] = WAVEFRONT_NONE;
     result_t result = read_lines(&r, size);
     if (result.code == RESULT_OK) result = make_meshes(&r);
+    out->position_count = r.position_count;
     free_reader(&r);
     free(data);
     return result;

@@ -26,6 +26,7 @@ typedef struct {
 typedef struct {
     wavefront_part_t *parts;
     size_t part_count, part_capacity;
+    size_t position_count; /* of all v in the file */
     intern_t names, materials;
     intern_t libraries; /* the files that mtllib names, in the order of the file */
 } wavefront_t;

@@ -1,6 +1,7 @@
 /* placement: meshes become shapes of the world, or, where they stand in several places, of an object with
  * instances. Shapes in objects do not emit, so what emits is put into the world at every place. */
 #include "client/import/gltf/document.h"
+#include "client/import/scene/scene_defaults.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -322,9 +323,6 @@ result_t placement_meshes(document_t *document)
     for (size_t i = 0; i < places->count && result.code == RESULT_OK; ++i)
         result = add_place(document, &places->items[i], &states[places->items[i].thing]);
     free(states);
-    size_t shapes;
-    scene_shapes(document->builder, 0, &shapes);
-    if (result.code == RESULT_OK && shapes == 0 && document->builder->object_count == 1)
-        result = item_fail(&document->root, "the scene has no triangle that could be rendered");
-    return result;
+    TRY(result);
+    return scene_expect_shapes(document->builder, (position_t){document->path, 0, 0});
 }

@@ -8,6 +8,7 @@
 #include "client/import/mitsuba/emitter.h"
 #include "client/import/mitsuba/sensor.h"
 #include "client/import/mitsuba/shape.h"
+#include "client/import/scene/scene_defaults.h"
 
 /* Older and newer files have other names for the same things. */
 static result_t check_version(mitsuba_t *m)
@@ -78,6 +79,15 @@ static result_t add_default_light(mitsuba_t *m)
     return daylight_emitter_default(m, m->xml.root->at);
 }
 
+/* Other programs have files with a <scene>, too; Mitsuba asks for a version. */
+static result_t expect_shapes(mitsuba_t *m)
+{
+    if (!element_attribute(m->xml.root, "version") && scene_is_empty(m->scene))
+        return error_at(m->xml.root->at,
+                        "the scene has neither a shape nor a version; is it one of Mitsuba?");
+    return scene_expect_shapes(m->scene, m->xml.root->at);
+}
+
 /* How Mitsuba builds the tree over its shapes. */
 static void ignore_tree(const mitsuba_t *m)
 {
@@ -89,16 +99,13 @@ static void ignore_tree(const mitsuba_t *m)
 
 static result_t add_scene(mitsuba_t *m)
 {
-    size_t shapes;
     TRY(check_version(m));
     TRY(property_collect_ids(m));
     TRY(add_all(m, "bsdf", leave));
     TRY(add_all(m, "texture", leave));
     TRY(add_all(m, "shape", shape_add));
     TRY(add_all(m, "emitter", emitter_add));
-    scene_shapes(m->scene, 0, &shapes);
-    if (shapes == 0 && m->scene->object_count == 1)
-        return error_at(m->xml.root->at, "the scene has no shape that could be rendered");
+    TRY(expect_shapes(m));
     TRY(add_default_light(m));
     TRY(read_integrator(m));
     TRY(read_sensor(m));

@@ -49,13 +49,11 @@ static result_t finish(scene_builder_t *scene, position_t at)
 static result_t import(const char *path, scene_builder_t *scene, wavefront_t *file, mtl_t *materials)
 {
     position_t at = {path, 0, 0};
-    size_t shapes;
     TRY(wavefront_read(path, scene, file));
-    if (file->part_count == 0) return error_at(at, "has no face; is it a Wavefront OBJ file?");
+    if (file->position_count == 0) return error_at(at, "has no vertex; is it a Wavefront OBJ file?");
     TRY(mtl_read_libraries(materials, path, &file->libraries));
     for (size_t i = 0; i < file->part_count; ++i) TRY(add_part(scene, file, &file->parts[i], materials));
-    scene_shapes(scene, 0, &shapes);
-    if (shapes == 0) return error_at(at, "has no face that could be seen");
+    TRY(scene_expect_shapes(scene, at));
     return finish(scene, at);
 }
 

@@ -82,5 +82,6 @@ box_t scene_box(const scene_builder_t *scene)
     }
     box_t world = boxes[0];
     free(boxes);
+    if (world.low.x > world.high.x) world = (box_t){vec3(-1, -1, -1), vec3(1, 1, 1)};
     return world;
 }

@@ -44,3 +44,18 @@ result_t scene_see_everything(const scene_builder_t *scene, blob_scene_t *record
     frame = affine_multiply(&frame, &turn);
     return scene_place_camera(record, &frame, &frame, at);
 }
+
+bool scene_is_empty(const scene_builder_t *scene)
+{
+    size_t count;
+    scene_shapes(scene, 0, &count);
+    return count == 0 && scene->object_count == 1;
+}
+
+result_t scene_expect_shapes(const scene_builder_t *scene, position_t at)
+{
+    if (!scene_is_empty(scene)) return result_ok();
+    return report_tolerate(
+        scene->report, at,
+        "the scene has no shape that could be rendered: the picture shows its lights alone");
+}

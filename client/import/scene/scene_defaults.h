@@ -9,7 +9,12 @@
  * room with its lights, or be made for programs that bring an environment, where it comes out dark. */
 void scene_default_light(scene_builder_t *scene, bool lamps, position_t at);
 /* Places a camera that sees all shapes: in front of them (+z), a little to the right and above, y up, so far
- * away that the sphere about their box fits into `fov`. There must be one shape at least. */
+ * away that the sphere about their box fits into `fov`. */
 result_t scene_see_everything(const scene_builder_t *scene, blob_scene_t *record, position_t at);
+/* Whether there is neither a shape nor an object. */
+bool scene_is_empty(const scene_builder_t *scene);
+/* Tells when there is no shape to be seen: a warning, since other programs show their background then; with
+ * --strict an error. */
+result_t scene_expect_shapes(const scene_builder_t *scene, position_t at);
 
 #endif

@@ -620,13 +620,38 @@ static void second_coordinates_are_used_where_they_are_named(void **state)
     bench_close(&bench);
 }
 
+/* Viewers show points and lines, or an empty scene: there is a picture, but nothing on it. */
+static void a_scene_may_have_nothing_to_render(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    static const char *const scenes[] = {MESH(POSITION) "\"mode\":0}]}],\"nodes\":[{\"mesh\":0}]",
+                                         "\"nodes\":[{}]", "\"scenes\":[]"};
+    for (size_t i = 0; i < ARRAY_LENGTH(scenes); ++i) {
+        bench.strict = false;
+        run(&bench, scenes[i]);
+        bench_expect_ok(&bench);
+        expect_text(bench.warnings, "s.gltf: the scene has no shape that could be rendered");
+        assert_int_equal(bench.blob.counts[BLOB_SECTION_SHAPES], 0);
+        /* The camera sees a cube about the origin. */
+        vec3_t eye = xform_point(&bench.blob.scene->world_from_camera, vec3(0, 0, 0));
+        assert_true(v_is_finite(eye) && v_length(eye) > 1.8f && v_length(eye) < 100);
+        bench.strict = true;
+        run(&bench, scenes[i]);
+        assert_int_equal(bench.result.code, RESULT_INPUT);
+    }
+    bench_close(&bench);
+}
+
 static void what_the_mask_hides_is_left_out(void **state)
 {
     (void)state;
     bench_t bench = {0};
     run_material(&bench, POSITION,
                  "\"alphaMode\":\"MASK\",\"pbrMetallicRoughness\":{\"baseColorFactor\":[1,1,1,0.4]}");
-    expect_text(bench.result.message, "no triangle");
+    bench_expect_ok(&bench);
+    expect_text(bench.warnings, "no shape that could be rendered");
+    assert_int_equal(bench.blob.counts[BLOB_SECTION_SHAPES], 0);
     run_material(&bench, POSITION,
                  "\"alphaMode\":\"MASK\",\"pbrMetallicRoughness\":{\"baseColorFactor\":[1,1,1,0.6]}");
     bench_expect_ok(&bench);
@@ -1102,7 +1127,6 @@ static void files_that_are_wrong_are_refused(void **state)
         {"\"extensionsRequired\":[\"KHR_meshopt_compression\"]", "export with EXT_meshopt_compression"},
         {"\"scene\":0.5,\"scenes\":[{}]", "scene: must be a whole number"},
         {"\"nodes\":{}", "nodes: must be an array"},
-        {"\"nodes\":[{}]", "no triangle"},
         {"\"cameras\":[{\"type\":\"perspective\"}]," LAMP MESH(
              POSITION) "\"mode\":4}]}],\"nodes\":[{\"mesh\":0,\"camera\":0}]",
          "needs perspective.yfov"},
@@ -1264,6 +1288,7 @@ int main(void)
         cmocka_unit_test(dispersion_is_read_and_a_film_goes_before_it),
         cmocka_unit_test(masks_and_texture_transforms_are_read),
         cmocka_unit_test(second_coordinates_are_used_where_they_are_named),
+        cmocka_unit_test(a_scene_may_have_nothing_to_render),
         cmocka_unit_test(what_the_mask_hides_is_left_out),
         cmocka_unit_test(lights_become_ours),
         cmocka_unit_test(lights_of_blender_have_the_right_unit),
