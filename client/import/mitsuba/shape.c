@@ -11,7 +11,7 @@
 #include "client/import/mitsuba/bsdf.h"
 #include "client/import/mitsuba/serialized.h"
 #include "client/import/obj/mtl.h"
-#include "client/import/scene/mesh.h"
+#include "client/import/scene/crease.h"
 #include "client/import/scene/scene_images.h"
 
 /* A shape while it is made. */
@@ -20,7 +20,9 @@ typedef struct {
     element_t *element;
     uint32_t object; /* where it goes: 0 for the world */
     affine_t object_from_shape;
-    bool flip, flat;    /* flat: without vertex normals */
+    bool flip, flat; /* flat: without vertex normals */
+    bool creased;    /* its edges are smoothed up to `crease` degrees, whatever normals its file has */
+    double crease;
     bool flipped;       /* its v is the other way round: see texture.h */
     element_t *emitter; /* NULL: it does not emit */
     mtl_t *library;     /* materials of an OBJ file; NULL: none */
@@ -112,6 +114,7 @@ static result_t add_mesh(const work_t *w, mesh_t *mesh, const char *wanted, posi
         free(mesh->normals);
         mesh->normals = NULL;
     }
+    if (made.code == RESULT_OK && !w->flat && w->creased) made = mesh_crease(mesh, w->crease, at);
     if (made.code == RESULT_OK && !w->flat && !mesh->normals) made = mesh_smooth(mesh, at);
     if (made.code == RESULT_OK) made = get_material(w, wanted, &material, &visible);
     if (made.code != RESULT_OK || !visible) {
@@ -125,15 +128,12 @@ static result_t add_mesh(const work_t *w, mesh_t *mesh, const char *wanted, posi
 static result_t read_file_name(work_t *w, char **path)
 {
     const char *name = NULL;
-    double angle = 0;
     TRY(property_string(w->m, w->element, "filename", &name));
     TRY(property_bool(w->m, w->element, "faceNormals", &w->flat));
-    TRY(property_number(w->m, w->element, "maxSmoothAngle", 0, 180, &angle));
+    TRY(property_number(w->m, w->element, "maxSmoothAngle", 0, 180, &w->crease));
+    w->creased = property_find(w->element, "maxSmoothAngle");
     property_ignore(w->element, "collapse");
     if (!name) return error_at(w->element->at, "shape \"%.20s\" needs a filename", object_type(w->element));
-    if (property_find(w->element, "maxSmoothAngle"))
-        TRY(report_refuse(w->m->report, w->element->at,
-                          "maxSmoothAngle is not supported; the nearest is to smooth all edges"));
     *path = element_path(w->element, name);
     return result_ok();
 }

@@ -499,6 +499,59 @@ static void meshes_without_normals_are_smooth_unless_asked(void **state)
     bench_close(&bench);
 }
 
+/* The same roof, its left side of two faces; at the ridge they are 90 degrees apart. */
+static void edges_are_smooth_up_to_the_angle(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    const char *obj =
+        "v -1 0 -1\nv 0 0 0\nv 1 0 1\nv 2 0 0\nv -1 1 -1\nv 0 1 0\nv 1 1 1\nv 2 1 0\n"
+        "vn 1 0 0\nvn 0 1 0\nf 1//1 2//1 6//1 5//1\nf 2//2 3//2 7//2 6//2\nf 3//1 4//1 8//1 7//1\n";
+    bench_write(&bench, "a.obj", obj, strlen(obj));
+    run(&bench, OBJ_SHAPE("<float name=\"maxSmoothAngle\" value=\"80\"/>"));
+    bench_expect_ok(&bench);
+    const blob_mesh_t *mesh = &bench.blob.meshes[0];
+    assert_int_equal(mesh->triangle_count, 6);
+    assert_int_equal(mesh->vertex_count, 10); /* those of the ridge are two each */
+    for (uint32_t i = 0; i < mesh->triangle_count; ++i) {
+        const blob_triangle_t *triangle = &bench.blob.triangles[mesh->first_triangle + i];
+        double side = i < 4 ? -sqrt(0.5) : sqrt(0.5);
+        for (int k = 0; k < 3; ++k)
+            expect_vec3(bench.blob.normals[mesh->first_normal + triangle->v[k]], side, 0, sqrt(0.5));
+    }
+    run(&bench, OBJ_SHAPE("<float name=\"maxSmoothAngle\" value=\"100\"/>"));
+    mesh = &bench.blob.meshes[0];
+    assert_int_equal(mesh->vertex_count, 8);
+    const blob_triangle_t *last = &bench.blob.triangles[mesh->first_triangle + 5];
+    for (int k = 0; k < 3; ++k) {
+        vec3_t p = bench.blob.positions[mesh->first_position + last->v[k]];
+        if (p.z == 1) expect_vec3(bench.blob.normals[mesh->first_normal + last->v[k]], 0, 0, 1);
+    }
+    bench_close(&bench);
+}
+
+/* Of a fan whose triangles all look elsewhere each corner gets a vertex of its own, in no time. */
+static void a_vertex_of_very_many_edges_is_parted(void **state)
+{
+    (void)state;
+    enum { LEAVES = 20000 };
+    bench_t bench = {0};
+    char *obj = mem_alloc(LEAVES * 80 + 100), *at = obj;
+    at += sprintf(at, "v 0 0 0\n");
+    for (int i = 0; i < LEAVES; ++i) {
+        double angle = 6.28 * i / LEAVES;
+        at +=
+            sprintf(at, "v %g %g 1\nv %g %g 2\nf 1 -2 -1\n", cos(angle), sin(angle), cos(angle), sin(angle));
+    }
+    bench_write(&bench, "a.obj", obj, (size_t)(at - obj));
+    free(obj);
+    run(&bench, OBJ_SHAPE("<float name=\"maxSmoothAngle\" value=\"0\"/>"));
+    bench_expect_ok(&bench);
+    assert_int_equal(bench.blob.meshes[0].triangle_count, LEAVES);
+    assert_in_range(bench.blob.meshes[0].vertex_count, 3 * LEAVES - 64, 3 * LEAVES);
+    bench_close(&bench);
+}
+
 /* Mitsuba's v = 0 is the top row; it turns the v of OBJ files over. */
 static void the_v_of_obj_files_runs_up(void **state)
 {
@@ -1005,6 +1058,8 @@ int main(void)
         cmocka_unit_test(steps_of_a_transform_are_applied_in_their_order),
         cmocka_unit_test(shapes_stand_where_mitsubas_do),
         cmocka_unit_test(meshes_without_normals_are_smooth_unless_asked),
+        cmocka_unit_test(edges_are_smooth_up_to_the_angle),
+        cmocka_unit_test(a_vertex_of_very_many_edges_is_parted),
         cmocka_unit_test(the_v_of_obj_files_runs_up),
         cmocka_unit_test(serialized_meshes_are_read_in_both_precisions_and_versions),
         cmocka_unit_test(ply_files_have_colours),
