@@ -191,6 +191,27 @@ static result_t medium_interface(pbrt_t *p, position_t at)
     return report_refuse(p->report, at, "media are not supported; the nearest is empty space");
 }
 
+/* ---- pbrt-v2 ------------------------------------------------------------------------------------------- */
+
+static result_t surface_integrator(pbrt_t *p, position_t at)
+{
+    TRY(report_refuse(
+        p->report, at,
+        "SurfaceIntegrator is pbrt-v2's, whose scenes are not supported; the nearest is to read "
+        "this one as pbrt-v3's"));
+    return pbrt_integrator(p, at);
+}
+
+/* What else comes with it. */
+static result_t drop_v2(pbrt_t *p, position_t at)
+{
+    TRY(pbrt_read_string(p, 0, "the type"));
+    TRY(pbrt_read_params(p));
+    return report_refuse(p->report, at,
+                         "\"%.40s\" belongs to a directive of pbrt-v2; the nearest is to leave it out",
+                         p->arguments[0]);
+}
+
 /* ---- the table ----------------------------------------------------------------------------------------- */
 
 typedef struct {
@@ -228,6 +249,9 @@ static const directive_t directives[] = {
     {{"Film", DIALECT_BOTH}, PHASE_OPTIONS, pbrt_film},
     {{"Sampler", DIALECT_BOTH}, PHASE_OPTIONS, pbrt_sampler},
     {{"Integrator", DIALECT_BOTH}, PHASE_OPTIONS, pbrt_integrator},
+    {{"SurfaceIntegrator", DIALECT_V3}, PHASE_OPTIONS, surface_integrator},
+    {{"VolumeIntegrator", DIALECT_V3}, PHASE_OPTIONS, drop_v2},
+    {{"Renderer", DIALECT_V3}, PHASE_OPTIONS, drop_v2},
     {{"PixelFilter", DIALECT_BOTH}, PHASE_OPTIONS, pbrt_pixel_filter},
     {{"Accelerator", DIALECT_BOTH}, PHASE_OPTIONS, pbrt_accelerator},
     {{"ColorSpace", DIALECT_V4}, ANY_PHASE, pbrt_color_space},
@@ -243,6 +267,7 @@ static const directive_t directives[] = {
     {{"LightSource", DIALECT_BOTH}, PHASE_WORLD, pbrt_light},
     {{"MakeNamedMedium", DIALECT_BOTH}, ANY_PHASE, make_named_medium},
     {{"MediumInterface", DIALECT_BOTH}, ANY_PHASE, medium_interface},
+    {{"Volume", DIALECT_V3}, PHASE_WORLD, drop_v2},
 
     {{"ObjectBegin", DIALECT_BOTH}, PHASE_WORLD, object_begin},
     {{"ObjectEnd", DIALECT_BOTH}, PHASE_WORLD, object_end},

@@ -591,6 +591,25 @@ static void a_named_medium_keeps_its_colour(void **state)
     bench_close(&bench);
 }
 
+static void scenes_of_pbrt_2_are_read_as_v3s(void **state)
+{
+    (void)state;
+    static const char text[] =
+        "Renderer \"sampler\"\nSurfaceIntegrator \"photonmap\" \"integer maxdepth\" 7\n"
+        "VolumeIntegrator \"emission\" \"float stepsize\" 1\nWorldBegin\n"
+        "Volume \"homogeneous\" \"color sigma_a\" [1 1 1]\n"
+        "Material \"matte\" \"color Kd\" [.1 .2 .3]\n" SPHERE "WorldEnd\n";
+    bench_t bench = {0};
+    expect_refused(&bench, text, "s.pbrt:1:1: \"sampler\" belongs to a directive of pbrt-v2");
+    expect_refused(&bench, text + strlen("Renderer \"sampler\"\n"), "SurfaceIntegrator is pbrt-v2's");
+    bench.lenient = true;
+    bench_run(&bench, text);
+    bench_expect_ok(&bench);
+    assert_int_equal(bench.blob.scene->max_depth, 7);
+    expect_near((double)colour_of(&bench, 0, VALUE_REFLECTANCE).y, 0.2, 1e-6);
+    bench_close(&bench);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -617,6 +636,7 @@ int main(void)
         cmocka_unit_test(an_index_of_v4_may_be_a_colour),
         cmocka_unit_test(a_named_medium_keeps_its_colour),
         cmocka_unit_test(kinds_of_forks_become_the_nearest),
+        cmocka_unit_test(scenes_of_pbrt_2_are_read_as_v3s),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
