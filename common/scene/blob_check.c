@@ -147,6 +147,9 @@ static result_t check_mesh_arrays(const scene_blob_t *blob, const blob_mesh_t *m
           "mesh %llu: its vertices lie outside the positions", id);
     CHECK(range_inside_or_none(mesh->first_normal, placed, blob->counts[BLOB_SECTION_NORMALS]),
           "mesh %llu: its normals lie outside the normals", id);
+    CHECK(mesh->first_tangent == 0 ||
+              range_inside(mesh->first_tangent - 1, 2 * placed, blob->counts[BLOB_SECTION_NORMALS]),
+          "mesh %llu: its tangents lie outside the normals", id);
     CHECK(range_inside_or_none(mesh->first_uv, count, blob->counts[BLOB_SECTION_UVS]) &&
               range_inside_or_none(mesh->first_uv2, count, blob->counts[BLOB_SECTION_UVS]),
           "mesh %llu: its uvs lie outside the uvs", id);

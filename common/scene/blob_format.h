@@ -7,7 +7,7 @@
 
 #include <stdint.h>
 
-enum { BLOB_VERSION = 4 };
+enum { BLOB_VERSION = 5 };
 #define BLOB_NONE 0xFFFFFFFFu
 #define BLOB_MAX_BYTES ((uint64_t)1 << 36)
 enum {
@@ -25,7 +25,7 @@ enum {
 typedef enum {
     BLOB_SECTION_SCENE,        /* blob_scene_t, exactly one */
     BLOB_SECTION_POSITIONS,    /* vec3_t, object space of the shape's object */
-    BLOB_SECTION_NORMALS,      /* vec3_t, unit length, same space */
+    BLOB_SECTION_NORMALS,      /* vec3_t, unit length, same space; tangents as well */
     BLOB_SECTION_UVS,          /* vec2_t */
     BLOB_SECTION_COLOURS,      /* blob_colour_t */
     BLOB_SECTION_TRIANGLES,    /* blob_triangle_t */
@@ -138,12 +138,15 @@ typedef struct {
 
 typedef struct {
     uint32_t first_position, vertex_count;
-    uint32_t first_normal; /* BLOB_NONE: flat; else vertex_count normals from here */
-    uint32_t steps; /* 0: still. Else 2 or more: its positions, and its normals, are given at so many times,
-                       evenly from 0 to 1, one set behind the other; in between they move in straight lines.
-                       Such a mesh does not emit */
-    uint32_t first_uv;                       /* BLOB_NONE: pbrt's (0,0) (1,0) (1,1) in every triangle */
-    uint32_t first_uv2;                      /* a second set of uvs, or BLOB_NONE: the first */
+    uint32_t first_normal;    /* BLOB_NONE: flat; else vertex_count normals from here */
+    blob_ref_t first_tangent; /* 0: normal maps and anisotropy follow the uvs. Else 1 + the place, among the
+                                 normals, of as many tangents as there are normals, then as many bitangents:
+                                 what these maps' x and y run along. Where one is (0,0,0), the uvs count */
+    uint32_t steps;     /* 0: still. Else 2 or more: its positions, normals and tangents are given at so many
+                           times, evenly from 0 to 1, one set behind the other; in between they move in
+                           straight lines. Such a mesh does not emit */
+    uint32_t first_uv;  /* BLOB_NONE: pbrt's (0,0) (1,0) (1,1) in every triangle */
+    uint32_t first_uv2; /* a second set of uvs, or BLOB_NONE: the first */
     uint32_t first_colour;                   /* BLOB_NONE: white */
     uint32_t first_triangle, triangle_count; /* > 0; behind those of the mesh before */
 } blob_mesh_t;

@@ -170,7 +170,7 @@ static result_t add_deltas(reader_t *r, const item_t *target, const char *name, 
     return result_ok();
 }
 
-static result_t morph(reader_t *r, const deform_t *deform)
+result_t deform_morph(reader_t *r, const deform_t *deform)
 {
     item_t targets, target;
     TRY(item_member(r->item, "targets", JSON_ARRAY, &targets));
@@ -179,6 +179,7 @@ static result_t morph(reader_t *r, const deform_t *deform)
         TRY(item_element(&targets, i, JSON_OBJECT, &target));
         TRY(add_deltas(r, &target, "POSITION", deform->weights[i], r->mesh->positions));
         TRY(add_deltas(r, &target, "NORMAL", deform->weights[i], r->mesh->normals));
+        TRY(add_deltas(r, &target, "TANGENT", deform->weights[i], r->mesh->tangents));
         if (json_object_get(target.json, "TEXCOORD_0") || json_object_get(target.json, "TEXCOORD_1") ||
             json_object_get(target.json, "COLOR_0"))
             item_warn(&target, "what it says of texture coordinates and colours is ignored");
@@ -287,6 +288,8 @@ static result_t move_vertices(binding_t *b)
         TRY(blend(b, b->r->used[i], &transform));
         mesh->positions[i] = affine_point(&transform, mesh->positions[i]);
         if (mesh->normals) mesh->normals[i] = turned(&transform, mesh->normals[i]);
+        if (mesh->tangents) mesh->tangents[i] = affine_direction(&transform, mesh->tangents[i]);
+        if (mesh->tangents) mesh->bitangents[i] = affine_direction(&transform, mesh->bitangents[i]);
         b->mirrored += affine_determinant(&transform) < 0;
     }
     return result_ok();
@@ -320,9 +323,8 @@ static result_t lay_skin(binding_t *b, bool *skinned)
     return result_ok();
 }
 
-result_t deform_vertices(reader_t *r, const deform_t *deform, bool *skinned)
+result_t deform_skin(reader_t *r, const deform_t *deform, bool *skinned)
 {
-    TRY(morph(r, deform));
     if (!deform->skin) return result_ok();
     binding_t binding = {.r = r, .skin = deform->skin};
     result_t result = lay_skin(&binding, skinned);

@@ -52,6 +52,7 @@ typedef struct {
     bool cutout;           /* alpha is 0 or 1 */
     bool emits, two_sided; /* two_sided: emission leaves the back as well */
     bool unlit;            /* emits to the camera alone */
+    bool needs_tangents;   /* has normal maps or anisotropy */
     blob_value_t emission; /* radiance */
 } gltf_material_t;
 
@@ -217,10 +218,11 @@ bool accessor_is_unsigned(const accessor_t *accessor);
 /* ---- primitive.c --------------------------------------------------------------------------------------- */
 
 /* Reads a primitive; without triangles when it has none that can be seen (with a warning). The caller frees
- * the mesh. The texture coordinates' v is turned over (1 - v), so that the tangents are those that glTF's
- * normal maps refer to. *skinned: a skin has put the vertices into the world. */
-result_t primitive_read(document_t *document, const item_t *primitive, const deform_t *deform, mesh_t *mesh,
-                        bool *skinned);
+ * the mesh. The texture coordinates' v is turned over (1 - v), so that dp/du and dp/dv are the tangents that
+ * glTF's normal maps refer to. Tangents of its own are read only for a material that needs them. *skinned: a
+ * skin has put the vertices into the world. */
+result_t primitive_read(document_t *document, const item_t *primitive, const gltf_material_t *material,
+                        const deform_t *deform, mesh_t *mesh, bool *skinned);
 
 /* ---- animation.c --------------------------------------------------------------------------------------- */
 

@@ -405,6 +405,8 @@ result_t material_get(document_t *document, uint32_t index, bool coloured, const
     TRY(fill(&m));
     m.record.name = blob_builder_string(document->builder->blob, name);
     out->index = blob_builder_add(document->builder->blob, BLOB_SECTION_MATERIALS, &m.record, 1);
+    out->needs_tangents = m.record.normal_map != 0 || m.record.coat_normal_map != 0 ||
+                          m.record.values[VALUE_ANISOTROPIC].factor.x != 0;
     out->made = true;
     return result_ok();
 }

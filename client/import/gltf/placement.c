@@ -31,18 +31,20 @@ static void flatten(mesh_t *mesh, const affine_t *transform)
     for (uint32_t i = 0; i < mesh->vertex_count; ++i)
         mesh->positions[i] = affine_point(transform, mesh->positions[i]);
     free(mesh->normals);
-    mesh->normals = NULL;
+    free(mesh->tangents);
+    free(mesh->bitangents);
+    mesh->normals = mesh->tangents = mesh->bitangents = NULL;
 }
 
 /* Reads a primitive and appends it to the blob; the shape's geometry is BLOB_NONE when there is nothing to
  * see. */
-static result_t add_geometry(document_t *document, const item_t *primitive, const target_t *target,
-                             blob_shape_t *shape)
+static result_t add_geometry(document_t *document, const item_t *primitive, const gltf_material_t *material,
+                             const target_t *target, blob_shape_t *shape)
 {
     mesh_t mesh = {0};
     affine_t transform = target->transform, inverse;
     bool skinned;
-    result_t result = primitive_read(document, primitive, &target->deform, &mesh, &skinned);
+    result_t result = primitive_read(document, primitive, material, &target->deform, &mesh, &skinned);
     if (result.code != RESULT_OK || mesh.triangle_count == 0) {
         mesh_free(&mesh);
         return result;
@@ -56,8 +58,8 @@ static result_t add_geometry(document_t *document, const item_t *primitive, cons
 }
 
 /* Reads a primitive as it stands in the world in the pose that is looked at. */
-static result_t read_pose(document_t *document, const item_t *primitive, size_t index, mesh_t *mesh,
-                          bool *mirrored)
+static result_t read_pose(document_t *document, const item_t *primitive, const gltf_material_t *material,
+                          size_t index, mesh_t *mesh, bool *mirrored)
 {
     const gltf_placement_t *place = &document->pose->meshes.items[index];
     const affine_t *world = &place->world_from_node;
@@ -65,7 +67,7 @@ static result_t read_pose(document_t *document, const item_t *primitive, size_t 
     deform_t deform;
     bool skinned;
     TRY(deform_begin(document, place->thing, place, &deform));
-    result_t result = primitive_read(document, primitive, &deform, mesh, &skinned);
+    result_t result = primitive_read(document, primitive, material, &deform, mesh, &skinned);
     deform_end(&deform);
     TRY(result);
     *mirrored = !skinned && affine_determinant(world) < 0;
@@ -75,6 +77,8 @@ static result_t read_pose(document_t *document, const item_t *primitive, size_t 
         mesh->positions[i] = affine_point(world, mesh->positions[i]);
         if (mesh->normals)
             mesh->normals[i] = solid ? affine_normal(&inverse, mesh->normals[i]) : vec3(0, 0, 0);
+        if (mesh->tangents) mesh->tangents[i] = affine_direction(world, mesh->tangents[i]);
+        if (mesh->tangents) mesh->bitangents[i] = affine_direction(world, mesh->bitangents[i]);
     }
     return result_ok();
 }
@@ -89,8 +93,8 @@ static vec3_t *keep_step(vec3_t *all, vec3_t *more, uint32_t count, size_t step)
 }
 
 /* Reads a primitive in all poses. */
-static result_t read_poses(document_t *document, const item_t *primitive, size_t index, mesh_t *mesh,
-                           bool *mirrored)
+static result_t read_poses(document_t *document, const item_t *primitive, const gltf_material_t *material,
+                           size_t index, mesh_t *mesh, bool *mirrored)
 {
     pose_t *middle = document->pose;
     result_t result = result_ok();
@@ -98,7 +102,7 @@ static result_t read_poses(document_t *document, const item_t *primitive, size_t
         mesh_t now = {0};
         document->pose = &document->poses[i];
         document->builder->report->quiet = document->pose != middle;
-        result = read_pose(document, primitive, index, &now, mirrored);
+        result = read_pose(document, primitive, material, index, &now, mirrored);
         if (result.code == RESULT_OK && now.vertex_count > UINT32_MAX / MOST_POSES)
             result = item_fail(primitive, "has too many vertices for motion blur; leave out --shutter");
         if (i == 0) {
@@ -107,6 +111,8 @@ static result_t read_poses(document_t *document, const item_t *primitive, size_t
         }
         mesh->positions = keep_step(mesh->positions, now.positions, mesh->vertex_count, i);
         mesh->normals = keep_step(mesh->normals, now.normals, mesh->vertex_count, i);
+        mesh->tangents = keep_step(mesh->tangents, now.tangents, mesh->vertex_count, i);
+        mesh->bitangents = keep_step(mesh->bitangents, now.bitangents, mesh->vertex_count, i);
         mesh_free(&now);
     }
     document->pose = middle;
@@ -130,9 +136,10 @@ static bool changes(const mesh_t *mesh)
 /* Leaves one of the steps of a mesh, which then stands still. */
 static void hold(mesh_t *mesh, size_t step)
 {
+    vec3_t *all[] = {mesh->positions, mesh->normals, mesh->tangents, mesh->bitangents};
     size_t first = step * mesh->vertex_count, size = mesh->vertex_count * sizeof(vec3_t);
-    memmove(mesh->positions, mesh->positions + first, size);
-    if (mesh->normals) memmove(mesh->normals, mesh->normals + first, size);
+    for (size_t i = 0; i < ARRAY_LENGTH(all); ++i)
+        if (all[i]) memmove(all[i], all[i] + first, size);
     mesh->steps = 0;
 }
 
@@ -140,18 +147,18 @@ static const char moving_light[] =
     "emits light and moves while the shutter is open; it stands where it is in the middle of that";
 
 /* The same of a primitive that may change while the shutter is open. */
-static result_t add_changing(document_t *document, const item_t *primitive, const target_t *target,
-                             bool emits, blob_shape_t *shape)
+static result_t add_changing(document_t *document, const item_t *primitive, const gltf_material_t *material,
+                             const target_t *target, blob_shape_t *shape)
 {
     mesh_t mesh = {0};
     bool mirrored = false;
     affine_t identity = affine_identity();
-    result_t result = read_poses(document, primitive, target->place, &mesh, &mirrored);
+    result_t result = read_poses(document, primitive, material, target->place, &mesh, &mirrored);
     if (result.code != RESULT_OK || mesh.triangle_count == 0) {
         mesh_free(&mesh);
         return result;
     }
-    bool moves = changes(&mesh);
+    bool moves = changes(&mesh), emits = material->emits;
     if (moves && emits) item_warn(primitive, "%s", moving_light);
     if (!moves || emits) hold(&mesh, mesh.steps / 2);
     TRY(mesh_add(document->builder, &mesh, &identity, false, document_at(document, primitive), shape));
@@ -192,8 +199,8 @@ static result_t add_primitive(document_t *document, const item_t *primitive, con
                           .name = target->name,
                           .alpha = material->alpha,
                           .shadow_alpha = blob_constant(1)};
-    TRY(target->changes ? add_changing(document, primitive, target, material->emits, &shape)
-                        : add_geometry(document, primitive, target, &shape));
+    TRY(target->changes ? add_changing(document, primitive, material, target, &shape)
+                        : add_geometry(document, primitive, material, target, &shape));
     if (shape.geometry == BLOB_NONE) return result_ok();
     if (material->cutout) shape.flags |= SHAPE_CUTOUT;
     blob_light_t light = light_of(material);

@@ -91,6 +91,33 @@ static result_t read_normals(reader_t *r)
     return result_ok();
 }
 
+/* TANGENT means nothing without NORMAL. */
+static result_t read_tangents(reader_t *r)
+{
+    bool present;
+    if (!r->mesh->normals) return result_ok();
+    TRY(reader_open(r, &r->attributes, "TANGENT", 4, 4, &r->tangent, &present));
+    if (!present) return result_ok();
+    TRY(document_charge(r->document, r->item, r->mesh->vertex_count));
+    r->mesh->tangents = read_vec3(r, &r->tangent);
+    return result_ok();
+}
+
+/* The bitangents, of normals and tangents that morph targets have moved: the cross product of the two, turned
+ * over where TANGENT's fourth number is negative. */
+static void add_bitangents(reader_t *r)
+{
+    mesh_t *mesh = r->mesh;
+    if (!mesh->tangents) return;
+    mesh->bitangents = mem_alloc(mesh->vertex_count * sizeof *mesh->bitangents);
+    for (uint32_t i = 0; i < mesh->vertex_count; ++i) {
+        double v[4];
+        accessor_get(&r->tangent, r->used[i], v);
+        vec3_t across = v_cross(mesh->normals[i], mesh->tangents[i]);
+        mesh->bitangents[i] = v[3] < 0 ? v_neg(across) : across;
+    }
+}
+
 /* Colours are factors between 0 and 1. A NaN stays, for mesh_add to find. */
 static float colour_of(double value)
 {
@@ -213,7 +240,7 @@ static result_t read_triangles(reader_t *r)
 
 /* ---- the whole ----------------------------------------------------------------------------------------- */
 
-static result_t read_all(reader_t *r, const deform_t *deform, bool *skinned)
+static result_t read_all(reader_t *r, const gltf_material_t *material, const deform_t *deform, bool *skinned)
 {
     TRY(unpack_primitive(r->document, r->item, &r->packed));
     if (r->packed.present) r->mode = MODE_TRIANGLES; /* whatever it was before it was packed */
@@ -223,14 +250,17 @@ static result_t read_all(reader_t *r, const deform_t *deform, bool *skinned)
     TRY(document_charge(r->document, r->item, r->mesh->vertex_count));
     r->mesh->positions = read_vec3(r, &r->position);
     TRY(read_normals(r));
+    if (material->needs_tangents) TRY(read_tangents(r));
     TRY(read_uvs(r, "TEXCOORD_0", &r->mesh->uvs));
     TRY(read_uvs(r, "TEXCOORD_1", &r->mesh->uvs2));
     TRY(read_colours(r));
-    return deform_vertices(r, deform, skinned);
+    TRY(deform_morph(r, deform));
+    add_bitangents(r);
+    return deform_skin(r, deform, skinned);
 }
 
-result_t primitive_read(document_t *document, const item_t *primitive, const deform_t *deform, mesh_t *mesh,
-                        bool *skinned)
+result_t primitive_read(document_t *document, const item_t *primitive, const gltf_material_t *material,
+                        const deform_t *deform, mesh_t *mesh, bool *skinned)
 {
     reader_t r = {.document = document, .item = primitive, .mode = MODE_TRIANGLES, .mesh = mesh};
     *skinned = false;
@@ -241,7 +271,7 @@ result_t primitive_read(document_t *document, const item_t *primitive, const def
         item_warn(primitive, "points and lines have no surface and are left out");
         return result_ok();
     }
-    result_t result = read_all(&r, deform, skinned);
+    result_t result = read_all(&r, material, deform, skinned);
     draco_free(&r.packed.mesh);
     free(r.used);
     return result;

@@ -14,6 +14,7 @@ typedef struct {
     uint64_t mode; /* 4 to 6, once checked */
     unpacked_t packed;
     accessor_t position, indices;
+    accessor_t tangent; /* of a mesh that has tangents */
     bool indexed;
     uint32_t *used; /* old numbers of the vertices in use, by their new ones */
     size_t used_capacity;
@@ -26,8 +27,10 @@ typedef struct {
 result_t reader_open(reader_t *r, const item_t *attributes, const char *name, size_t least, size_t most,
                      accessor_t *accessor, bool *present);
 
-/* Moves the vertices and normals that were read to where morph targets and skin put them. *skinned: they are
- * in the world now; otherwise in the mesh's own space. */
-result_t deform_vertices(reader_t *r, const deform_t *deform, bool *skinned);
+/* Adds to what was read what morph targets say. */
+result_t deform_morph(reader_t *r, const deform_t *deform);
+/* Moves the vertices, with normals, tangents and bitangents, to where the skin puts them. *skinned: they are
+ * in the world now; otherwise in the mesh's own space, since there is no skin. */
+result_t deform_skin(reader_t *r, const deform_t *deform, bool *skinned);
 
 #endif

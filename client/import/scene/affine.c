@@ -288,6 +288,14 @@ vec3_t affine_point(const affine_t *t, vec3_t p)
                 (float)(t->m[2][0] * p.x + t->m[2][1] * p.y + t->m[2][2] * p.z + t->m[2][3]));
 }
 
+vec3_t affine_direction(const affine_t *t, vec3_t v)
+{
+    double out[3];
+    for (int i = 0; i < 3; ++i) out[i] = t->m[i][0] * v.x + t->m[i][1] * v.y + t->m[i][2] * v.z;
+    if (!unit(out)) return vec3(0, 0, 0);
+    return vec3((float)out[0], (float)out[1], (float)out[2]);
+}
+
 vec3_t affine_normal(const affine_t *inverse, vec3_t n)
 {
     double v[3];

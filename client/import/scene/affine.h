@@ -40,6 +40,8 @@ bool affine_frame(const affine_t *t, affine_t *frame);
 xform_t affine_to_xform(const affine_t *t);
 
 vec3_t affine_point(const affine_t *t, vec3_t p);
+/* A direction under the transform, of unit length; (0, 0, 0) when none is left of it. */
+vec3_t affine_direction(const affine_t *t, vec3_t v);
 /* A normal under the transform whose inverse is given, of unit length; (0, 0, 0) when it has no direction. */
 vec3_t affine_normal(const affine_t *inverse, vec3_t n);
 

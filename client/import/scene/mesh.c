@@ -12,6 +12,8 @@ void mesh_free(mesh_t *mesh)
 {
     free(mesh->positions);
     free(mesh->normals);
+    free(mesh->tangents);
+    free(mesh->bitangents);
     free(mesh->uvs);
     free(mesh->uvs2);
     free(mesh->colours);
@@ -147,6 +149,14 @@ static void transform_normals(mesh_t *mesh, const affine_t *inverse, bool revers
     if (missing) mend_normals(mesh, flip, missing, at, report);
 }
 
+static void transform_tangents(const mesh_t *mesh, const affine_t *object_from_mesh)
+{
+    for (size_t i = 0; mesh->tangents && i < (size_t)mesh->vertex_count * steps_of(mesh); ++i) {
+        mesh->tangents[i] = affine_direction(object_from_mesh, mesh->tangents[i]);
+        mesh->bitangents[i] = affine_direction(object_from_mesh, mesh->bitangents[i]);
+    }
+}
+
 /* Appends an array and frees it, so that no large mesh is in memory twice. */
 static uint32_t hand_over(blob_builder_t *builder, blob_section_t section, void *records, uint32_t count)
 {
@@ -168,6 +178,10 @@ static uint32_t append(mesh_t *mesh, blob_builder_t *builder)
     uint32_t places = vertices * steps_of(mesh);
     record.first_position = hand_over(builder, BLOB_SECTION_POSITIONS, mesh->positions, places);
     if (mesh->normals) record.first_normal = hand_over(builder, BLOB_SECTION_NORMALS, mesh->normals, places);
+    if (mesh->tangents) {
+        record.first_tangent = 1 + hand_over(builder, BLOB_SECTION_NORMALS, mesh->tangents, places);
+        hand_over(builder, BLOB_SECTION_NORMALS, mesh->bitangents, places);
+    }
     if (mesh->uvs) record.first_uv = hand_over(builder, BLOB_SECTION_UVS, mesh->uvs, vertices);
     if (mesh->uvs2) record.first_uv2 = hand_over(builder, BLOB_SECTION_UVS, mesh->uvs2, vertices);
     if (mesh->colours)
@@ -198,6 +212,7 @@ static result_t add(scene_builder_t *scene, mesh_t *mesh, const affine_t *object
         mesh_t now = at_step(mesh, k);
         transform_normals(&now, &inverse, reverse, flip, at, scene->report);
     }
+    transform_tangents(mesh, object_from_mesh);
     shape->geometry = append(mesh, scene->blob);
     return result_ok();
 }

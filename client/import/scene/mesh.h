@@ -2,19 +2,20 @@
  *
  * A reader of some format fills a mesh_t in the shape's own space; mesh_add checks it, takes it to the
  * object's space and appends it. It guarantees what the blob promises: finite vertices, indices in range, no
- * triangle without area, normals of unit length.
+ * triangle without area, normals of unit length, tangents of unit length or 0.
  */
 #ifndef LIGHTMILL_MESH_H
 #define LIGHTMILL_MESH_H
 
 #include "client/import/scene/scene_builder.h"
 
-/* Owns its arrays (mesh_free). `normals`, `uvs`, `uvs2` and `colours` are NULL or hold vertex_count each. Of
- * a mesh that changes while the shutter is open `positions` and `normals` hold `steps` times as many: see
- * blob_mesh_t. */
+/* Owns its arrays (mesh_free). All but `positions` and `triangles` may be NULL; those of vertices hold
+ * vertex_count each. Of a mesh that changes while the shutter is open `positions`, `normals`, `tangents` and
+ * `bitangents` hold `steps` times as many: see blob_mesh_t. */
 typedef struct {
     vec3_t *positions;
     vec3_t *normals;
+    vec3_t *tangents, *bitangents; /* both, beside normals, or none */
     vec2_t *uvs;
     vec2_t *uvs2;
     blob_colour_t *colours;

@@ -27,7 +27,9 @@ static void assert_fails(result_t result, const char *part)
 static void add_mesh(blob_builder_t *builder, bool smooth)
 {
     const vec3_t positions[4] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}},
-                 normals[4] = {{0, 0, 1}, {0, 0, 1}, {1, 0, 0}, {0, 1, 0}};
+                 normals[4] = {{0, 0, 1}, {0, 0, 1}, {1, 0, 0}, {0, 1, 0}},
+                 tangents[8] = {{1, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1},
+                                {0, 1, 0}, {0, 1, 0}, {0, 0, 1}, {1, 0, 0}};
     const vec2_t uvs[4] = {{0, 0}, {1, 0}, {0, 1}, {1, 1}};
     const blob_triangle_t triangles[2] = {{{0, 1, 2}}, {{1, 2, 3}}};
     blob_mesh_t mesh = {.first_position = blob_builder_add(builder, BLOB_SECTION_POSITIONS, positions, 4),
@@ -39,6 +41,7 @@ static void add_mesh(blob_builder_t *builder, bool smooth)
                         .first_triangle = blob_builder_add(builder, BLOB_SECTION_TRIANGLES, triangles, 2),
                         .triangle_count = 2};
     if (smooth) mesh.first_normal = blob_builder_add(builder, BLOB_SECTION_NORMALS, normals, 4);
+    if (smooth) mesh.first_tangent = 1 + blob_builder_add(builder, BLOB_SECTION_NORMALS, tangents, 8);
     if (smooth) mesh.first_uv = blob_builder_add(builder, BLOB_SECTION_UVS, uvs, 4);
     if (smooth) mesh.first_uv2 = mesh.first_uv;
     if (smooth) mesh.first_colour = blob_builder_add(builder, BLOB_SECTION_COLOURS, NULL, 4);
@@ -499,8 +502,10 @@ static void bad_indices_are_errors(void **state)
         {BLOB_SECTION_MESHES, FIELD(blob_mesh_t, 1, first_position), UINT32_MAX, "its vertices"},
         {BLOB_SECTION_MESHES, FIELD(blob_mesh_t, 0, vertex_count), UINT32_MAX, "its vertices"},
         {BLOB_SECTION_MESHES, FIELD(blob_mesh_t, 0, vertex_count), 3, "uses vertex 3 of 3"},
-        {BLOB_SECTION_MESHES, FIELD(blob_mesh_t, 1, first_normal), 5, "its normals"},
+        {BLOB_SECTION_MESHES, FIELD(blob_mesh_t, 1, first_normal), 13, "its normals"},
         {BLOB_SECTION_MESHES, FIELD(blob_mesh_t, 0, first_normal), UINT32_MAX - 1, "its normals"},
+        {BLOB_SECTION_MESHES, FIELD(blob_mesh_t, 1, first_tangent), 10, "its tangents"},
+        {BLOB_SECTION_MESHES, FIELD(blob_mesh_t, 0, first_tangent), UINT32_MAX, "its tangents"},
         {BLOB_SECTION_MESHES, FIELD(blob_mesh_t, 1, steps), 1, "is given at 1 times"},
         {BLOB_SECTION_MESHES, FIELD(blob_mesh_t, 1, steps), BLOB_MAX_STEPS + 1, "is given at 130 times"},
         {BLOB_SECTION_MESHES, FIELD(blob_mesh_t, 1, steps), BLOB_MAX_STEPS, "its vertices"},
@@ -517,7 +522,7 @@ static void bad_indices_are_errors(void **state)
         {BLOB_SECTION_CURVES, FIELD(blob_curves_t, 1, first_point), 5, "curves 1: its points"},
         {BLOB_SECTION_CURVES, FIELD(blob_curves_t, 1, segment_count), UINT32_MAX, "curves 1: its points"},
         {BLOB_SECTION_CURVES, FIELD(blob_curves_t, 0, first_normal), 0, "curves 0: its normals"},
-        {BLOB_SECTION_CURVES, FIELD(blob_curves_t, 1, first_normal), 5, "curves 1: its normals"},
+        {BLOB_SECTION_CURVES, FIELD(blob_curves_t, 1, first_normal), 13, "curves 1: its normals"},
         {BLOB_SECTION_CURVES, FIELD(blob_curves_t, 1, first_normal), BLOB_NONE, "curves 1: its normals"},
         {BLOB_SECTION_SHAPES, FIELD(blob_shape_t, 0, kind), 4, "shape 0: unknown kind 4"},
         {BLOB_SECTION_SHAPES, FIELD(blob_shape_t, 0, geometry), 2, "shape 0: no geometry 2"},
@@ -839,7 +844,7 @@ static void bad_headers_are_errors(void **state)
         uint64_t value;
         const char *expected;
     } cases[] = {{0, 0, "magic"},
-                 {8, BLOB_VERSION + 1 + ((uint64_t)BLOB_SECTION_COUNT << 32), "version 5"},
+                 {8, BLOB_VERSION + 1 + ((uint64_t)BLOB_SECTION_COUNT << 32), "version 6"},
                  {8, BLOB_VERSION + ((uint64_t)(BLOB_SECTION_COUNT + 1) << 32), "sections"},
                  {16, UINT64_MAX, "says it has"}};
     for (size_t i = 0; i < ARRAY_LENGTH(cases); i++) {
@@ -875,6 +880,8 @@ static double touch_mesh(const scene_blob_t *blob, const blob_mesh_t *mesh)
             uint32_t v = blob->triangles[mesh->first_triangle + t].v[k];
             sum += (double)blob->positions[mesh->first_position + v].x;
             if (mesh->first_normal != BLOB_NONE) sum += (double)blob->normals[mesh->first_normal + v].x;
+            if (mesh->first_tangent != 0)
+                sum += (double)blob->normals[mesh->first_tangent - 1 + mesh->vertex_count + v].x;
             if (mesh->first_uv != BLOB_NONE) sum += (double)blob->uvs[mesh->first_uv + v].x;
         }
     return sum;

@@ -27,7 +27,7 @@ typedef struct {
 /* What only textures and turned frames ask for. Derivatives are in world space. */
 typedef struct {
     vec2_t uv, uv2;
-    vec3_t dpdu, dpdv;
+    vec3_t dpdu, dpdv;     /* or what a mesh has in their place: only their directions count */
     vec3_t dndu, dndv;     /* of the shading normal */
     vec3_t bump_u, bump_v; /* what a bump map takes for dp/du and dp/dv */
     blob_colour_t colour;

@@ -16,6 +16,11 @@ static vec2_t uv_mean(const vec2_t uv[3], vec2_t place)
                     b0 * uv[0].y + place.x * uv[1].y + place.y * uv[2].y};
 }
 
+static vec3_t vector_mean(const vec3_t c[3], vec2_t place)
+{
+    return v_mad(v_mad(v_scale(c[0], 1 - place.x - place.y), place.x, c[1]), place.y, c[2]);
+}
+
 static blob_colour_t colour_mean(const blob_colour_t *c, const uint32_t v[3], vec2_t place)
 {
     float b[3] = {1 - place.x - place.y, place.x, place.y};
@@ -65,12 +70,28 @@ static void smooth_bumps(const scene_blob_t *blob, const surface_t *surface, sur
     if (mesh->first_normal == BLOB_NONE) return;
     vec3_t n[3];
     mesh_corners(blob->normals + mesh->first_normal, mesh, v, surface->time, n);
-    float b1 = surface->place.x, b2 = surface->place.y, b0 = 1 - b1 - b2;
-    vec3_t ns = v_normalize(v_mad(v_mad(v_scale(n[0], b0), b1, n[1]), b2, n[2]));
+    vec3_t ns = v_normalize(vector_mean(n, surface->place));
     vec3_t s = v_normalize(v_mad(details->dpdu, -v_dot(details->dpdu, ns), ns));
     if (!v_is_finite(ns) || !v_is_finite(s)) return;
     details->bump_u = v_neg(s);
     details->bump_v = v_cross(s, ns);
+}
+
+/* Tangents that a mesh has of its own take the place of dp/du and dp/dv. Bump maps, to which their lengths
+ * matter, do without. */
+static void use_tangents(const scene_blob_t *blob, const surface_t *surface, surface_details_t *details)
+{
+    const blob_mesh_t *mesh = &blob->meshes[surface->shape->geometry];
+    const uint32_t *v = blob->triangles[mesh->first_triangle + surface->primitive].v;
+    if (mesh->first_tangent == 0) return;
+    const vec3_t *tangents = blob->normals + mesh->first_tangent - 1;
+    vec3_t along[3], across[3];
+    mesh_corners(tangents, mesh, v, surface->time, along);
+    mesh_corners(tangents + blob_mesh_places(mesh), mesh, v, surface->time, across);
+    vec3_t tangent = vector_mean(along, surface->place), bitangent = vector_mean(across, surface->place);
+    if (v_is_zero(tangent) || v_is_zero(bitangent)) return;
+    details->dpdu = tangent;
+    details->dpdv = bitangent;
 }
 
 static void curve_details(const scene_blob_t *blob, const surface_t *surface, vec3_t ng,
@@ -117,6 +138,7 @@ void scene_details(const scene_t *scene, const surface_t *surface, surface_detai
     details->bump_u = details->dpdu;
     details->bump_v = details->dpdv;
     if (surface->shape->flags & SHAPE_BUMPS_V3) smooth_bumps(blob, surface, details);
+    if (surface->shape->kind == SHAPE_MESH) use_tangents(blob, surface, details);
     if (instanced) {
         const xform_t *world = &placement->world_from_object, *inverse = &placement->object_from_world;
         details->dpdu = xform_vector(world, details->dpdu);
