@@ -148,26 +148,36 @@ void deform_end(deform_t *deform)
 
 /* ---- morph targets ------------------------------------------------------------------------------------- */
 
-static vec3_t moved(vec3_t p, double weight, const double delta[3])
-{
-    return vec3((float)(p.x + weight * delta[0]), (float)(p.y + weight * delta[1]),
-                (float)(p.z + weight * delta[2]));
-}
-
-/* Adds what a target says of an attribute; `to` NULL: the mesh has none. */
-static result_t add_deltas(reader_t *r, const item_t *target, const char *name, double weight, vec3_t *to)
+/* Adds what a target says of an attribute to the `width` numbers that each vertex has of it; `to` NULL: the
+ * mesh has none. A width of 2 are texture coordinates, whose v is turned over; of 4 colours, whose alpha a
+ * target may leave out. */
+static result_t add_deltas(reader_t *r, const item_t *target, const char *name, double weight, float *to,
+                           size_t width)
 {
     accessor_t deltas;
     bool present;
-    TRY(reader_open(r, target, name, 3, 3, &deltas, &present));
+    TRY(reader_open(r, target, name, width == 4 ? 3 : width, width, &deltas, &present));
     if (!present || !to) return result_ok();
     TRY(document_charge(r->document, r->item, r->mesh->vertex_count));
     for (uint32_t i = 0; i < r->mesh->vertex_count; ++i) {
         double delta[4];
         accessor_get(&deltas, r->used[i], delta);
-        to[i] = moved(to[i], weight, delta);
+        if (width == 2) delta[1] = -delta[1];
+        for (size_t k = 0; k < deltas.components; ++k)
+            to[width * i + k] = (float)(to[width * i + k] + weight * delta[k]);
     }
     return result_ok();
+}
+
+static result_t add_target(reader_t *r, const item_t *target, double weight)
+{
+    mesh_t *mesh = r->mesh;
+    TRY(add_deltas(r, target, "POSITION", weight, (float *)mesh->positions, 3));
+    TRY(add_deltas(r, target, "NORMAL", weight, (float *)mesh->normals, 3));
+    TRY(add_deltas(r, target, "TANGENT", weight, (float *)mesh->tangents, 3));
+    TRY(add_deltas(r, target, "TEXCOORD_0", weight, (float *)mesh->uvs, 2));
+    TRY(add_deltas(r, target, "TEXCOORD_1", weight, (float *)mesh->uvs2, 2));
+    return add_deltas(r, target, "COLOR_0", weight, (float *)mesh->colours, 4);
 }
 
 result_t deform_morph(reader_t *r, const deform_t *deform)
@@ -177,12 +187,7 @@ result_t deform_morph(reader_t *r, const deform_t *deform)
     for (size_t i = 0; i < item_count(&targets) && i < deform->count; ++i) {
         if (deform->weights[i] == 0) continue;
         TRY(item_element(&targets, i, JSON_OBJECT, &target));
-        TRY(add_deltas(r, &target, "POSITION", deform->weights[i], r->mesh->positions));
-        TRY(add_deltas(r, &target, "NORMAL", deform->weights[i], r->mesh->normals));
-        TRY(add_deltas(r, &target, "TANGENT", deform->weights[i], r->mesh->tangents));
-        if (json_object_get(target.json, "TEXCOORD_0") || json_object_get(target.json, "TEXCOORD_1") ||
-            json_object_get(target.json, "COLOR_0"))
-            item_warn(&target, "what it says of texture coordinates and colours is ignored");
+        TRY(add_target(r, &target, deform->weights[i]));
     }
     return result_ok();
 }

@@ -92,7 +92,16 @@ static vec3_t *keep_step(vec3_t *all, vec3_t *more, uint32_t count, size_t step)
     return all;
 }
 
-/* Reads a primitive in all poses. */
+/* What is the same at all times: `from` gets the mesh's. */
+static void swap_still(mesh_t *mesh, mesh_t *from)
+{
+    mesh_t before = *mesh;
+    mesh->uvs = from->uvs, from->uvs = before.uvs;
+    mesh->uvs2 = from->uvs2, from->uvs2 = before.uvs2;
+    mesh->colours = from->colours, from->colours = before.colours;
+}
+
+/* Reads a primitive in all poses. Its texture coordinates and colours are those of the middle one. */
 static result_t read_poses(document_t *document, const item_t *primitive, const gltf_material_t *material,
                            size_t index, mesh_t *mesh, bool *mirrored)
 {
@@ -113,6 +122,7 @@ static result_t read_poses(document_t *document, const item_t *primitive, const 
         mesh->normals = keep_step(mesh->normals, now.normals, mesh->vertex_count, i);
         mesh->tangents = keep_step(mesh->tangents, now.tangents, mesh->vertex_count, i);
         mesh->bitangents = keep_step(mesh->bitangents, now.bitangents, mesh->vertex_count, i);
+        if (document->pose == middle) swap_still(mesh, &now);
         mesh_free(&now);
     }
     document->pose = middle;

@@ -118,12 +118,6 @@ static void add_bitangents(reader_t *r)
     }
 }
 
-/* Colours are factors between 0 and 1. A NaN stays, for mesh_add to find. */
-static float colour_of(double value)
-{
-    return (float)(value < 0 ? 0 : value > 1 ? 1 : value);
-}
-
 static result_t read_colours(reader_t *r)
 {
     accessor_t accessor;
@@ -135,10 +129,18 @@ static result_t read_colours(reader_t *r)
     for (uint32_t i = 0; i < count; ++i) {
         double c[4] = {1, 1, 1, 1};
         accessor_get(&accessor, r->used[i], c);
-        r->mesh->colours[i] =
-            (blob_colour_t){colour_of(c[0]), colour_of(c[1]), colour_of(c[2]), colour_of(c[3])};
+        r->mesh->colours[i] = (blob_colour_t){(float)c[0], (float)c[1], (float)c[2], (float)c[3]};
     }
     return result_ok();
+}
+
+/* Colours are factors between 0 and 1, also where morph targets have changed them. A NaN stays, for mesh_add
+ * to find. */
+static void limit_colours(mesh_t *mesh)
+{
+    float *c = (float *)mesh->colours;
+    for (size_t i = 0; c && i < 4 * (size_t)mesh->vertex_count; ++i)
+        c[i] = c[i] < 0 ? 0 : c[i] > 1 ? 1 : c[i];
 }
 
 /* ---- triangles ----------------------------------------------------------------------------------------- */
@@ -255,6 +257,7 @@ static result_t read_all(reader_t *r, const gltf_material_t *material, const def
     TRY(read_uvs(r, "TEXCOORD_1", &r->mesh->uvs2));
     TRY(read_colours(r));
     TRY(deform_morph(r, deform));
+    limit_colours(r->mesh);
     add_bitangents(r);
     return deform_skin(r, deform, skinned);
 }

@@ -1,5 +1,6 @@
-/* The tangents of glTF's meshes, TANGENT or those of the texture coordinates: what normal maps and anisotropy
- * follow, as the renderer sees it. */
+/* Attributes of glTF's meshes: tangents, TANGENT or those of the texture coordinates, which normal maps and
+ * anisotropy follow, as the renderer sees it; and what morph targets make of texture coordinates and colours.
+ */
 #include "tests/unit/client/import/test_import.h"
 
 #include "worker/render/material/material.h"
@@ -9,6 +10,7 @@ typedef struct {
     float positions[4][3], normals[4][3], uvs[4][2];
     float up[4][4], up_mirrored[4][4], right[4][4], turn[4][3], wrong[4][4];
     float times[2], turns[2][4], weights[4][4];
+    float slide[4][2], colours[4][4], paint[4][3], fade[4][4];
     uint16_t indices[6];
     uint8_t joints[4][4], pad[4];
 } data_t;
@@ -25,6 +27,10 @@ static const data_t data = {
     .times = {0, 1},
     .turns = {{0, 0, 0, 1}, {0, 0, 0.70710678f, 0.70710678f}}, /* a quarter turn about z */
     .weights = {{1, 0, 0, 0}, {1, 0, 0, 0}, {1, 0, 0, 0}, {1, 0, 0, 0}},
+    .slide = {{1, 0}, {0, 2}, {0, 0}, {0, 0}},
+    .colours = {{0.5f, 0.5f, 0.5f, 0.5f}, {0, 0, 0, 1}, {0, 0, 0, 1}, {7, 0, 0, 1}},
+    .paint = {{4, -2, 0.25f}, {0, 0, 0}, {0, 0, 0}, {0, 0, 0}},
+    .fade = {{0, 0, 0, 0.5f}, {0, 0, 0, 0}, {0, 0, 0, 0}, {-6.5f, 0, 0, 0}},
     .indices = {0, 1, 2, 0, 2, 3},
 };
 
@@ -50,6 +56,11 @@ static const struct {
     /* 10 */ ROW(weights, FLOATS, "\"count\":4,\"type\":\"VEC4\""),
     /* 11 */ ROW(indices, "5123", "\"count\":6,\"type\":\"SCALAR\""),
     /* 12 */ ROW(joints, "5121", "\"count\":4,\"type\":\"VEC4\""),
+    /* 13 */ ROW(slide, FLOATS, "\"count\":4,\"type\":\"VEC2\""),
+    /* 14 */ ROW(colours, FLOATS, "\"count\":4,\"type\":\"VEC4\""),
+    /* 15 */ ROW(paint, FLOATS, "\"count\":4,\"type\":\"VEC3\""),
+    /* 16 */ ROW(fade, FLOATS, "\"count\":4,\"type\":\"VEC4\""),
+    /* 17 */ ROW(times, FLOATS, "\"count\":2,\"type\":\"SCALAR\""),
 };
 
 /* Two maps of one texel: what is 0.6 along the tangent and 0.8 along the normal, and the same along the
@@ -244,6 +255,78 @@ static void tangents_that_are_none_are_errors(void **state)
     bench_close(&bench);
 }
 
+/* ---- texture coordinates and colours of morph targets -------------------------------------------------- */
+
+#define TARGETS(targets, weights)                                                                            \
+    MESH(",\"TEXCOORD_1\":2,\"COLOR_0\":14", ",\"targets\":[" targets "]")                                   \
+    "\"nodes\":[{\"mesh\":0,\"weights\":" weights "}]"
+
+static void expect_uv(const bench_t *bench, uint32_t first, uint32_t vertex, double u, double v)
+{
+    expect_near((double)bench->blob.uvs[first + vertex].x, u, 1e-6);
+    expect_near((double)bench->blob.uvs[first + vertex].y, 1 - v, 1e-6);
+}
+
+static void expect_colour(const bench_t *bench, uint32_t vertex, double r, double g, double b, double a)
+{
+    blob_colour_t c = bench->blob.colours[bench->blob.meshes[0].first_colour + vertex];
+    expect_near((double)c.r, r, 1e-6);
+    expect_near((double)c.g, g, 1e-6);
+    expect_near((double)c.b, b, 1e-6);
+    expect_near((double)c.a, a, 1e-6);
+}
+
+static void targets_move_texture_coordinates(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run(&bench, MAP, TARGETS("{\"TEXCOORD_0\":13},{\"TEXCOORD_1\":13}", "[0.5,-1]"));
+    bench_expect_ok(&bench);
+    const blob_mesh_t *mesh = bench.blob.meshes;
+    expect_uv(&bench, mesh->first_uv, 0, 0.5, 1);
+    expect_uv(&bench, mesh->first_uv, 1, 1, 2);
+    expect_uv(&bench, mesh->first_uv, 2, 1, 0);
+    expect_uv(&bench, mesh->first_uv2, 0, -1, 1);
+    expect_uv(&bench, mesh->first_uv2, 1, 1, -1);
+    run(&bench, MAP, TARGETS("{\"TEXCOORD_0\":15}", "[1]"));
+    expect_text(bench.result.message, "accessor 15 has the wrong number of components for TEXCOORD_0");
+    bench_close(&bench);
+}
+
+/* The sum is cut off, not its parts. */
+static void targets_change_colours(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run(&bench, MAP, TARGETS("{\"COLOR_0\":15},{\"COLOR_0\":16}", "[0.5,1]"));
+    bench_expect_ok(&bench);
+    expect_colour(&bench, 0, 1, 0, 0.625, 1);
+    expect_colour(&bench, 1, 0, 0, 0, 1);
+    expect_colour(&bench, 3, 0.5, 0, 0, 1);
+    run(&bench, MAP, TARGETS("{\"COLOR_0\":15}", "[0]"));
+    expect_colour(&bench, 3, 1, 0, 0, 1);
+    bench_close(&bench);
+}
+
+static void a_shutter_shows_colours_of_its_middle(void **state)
+{
+    (void)state;
+    import_wishes_t wishes = import_wishes_none();
+    wishes.time_point = 0.5, wishes.shutter = "1";
+    bench_t bench = {.wishes = &wishes};
+    run(&bench, MAP,
+        TARGETS(
+            "{\"TEXCOORD_0\":13,\"COLOR_0\":15,\"POSITION\":6}",
+            "[0]") ",\"animations\":[{\"channels\":["
+                   "{\"sampler\":0,\"target\":{\"node\":0,\"path\":\"weights\"}}],\"samplers\":[{\"input\":8,"
+                   "\"output\":17}]}]");
+    bench_expect_ok(&bench);
+    assert_int_equal(bench.blob.meshes[0].steps, 5);
+    expect_uv(&bench, bench.blob.meshes[0].first_uv, 0, 0.5, 1);
+    expect_colour(&bench, 0, 1, 0, 0.625, 0.5);
+    bench_close(&bench);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -254,6 +337,9 @@ int main(void)
         cmocka_unit_test(tangents_are_kept_where_something_follows_them),
         cmocka_unit_test(anisotropy_follows_the_tangents_of_the_file),
         cmocka_unit_test(tangents_that_are_none_are_errors),
+        cmocka_unit_test(targets_move_texture_coordinates),
+        cmocka_unit_test(targets_change_colours),
+        cmocka_unit_test(a_shutter_shows_colours_of_its_middle),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
