@@ -69,27 +69,31 @@ static result_t cone_of(const document_t *document, const item_t *item, blob_lig
     return result_ok();
 }
 
-/* Lights shine along the node's -z; the blob's spot lights shine along +z, its distant ones stand at +z. */
-static result_t orient(const document_t *document, const gltf_placement_t *place, uint32_t kind,
-                       affine_t *frame)
+/* Lights shine along the node's -z; the blob's spot lights shine along +z, its distant ones stand at +z.
+ * False when there is no such direction, or no such place. */
+static bool orient(const gltf_placement_t *place, uint32_t kind, affine_t *frame)
 {
     static const affine_t turn = {{{-1, 0, 0, 0}, {0, 1, 0, 0}, {0, 0, -1, 0}}};
+    if (kind != LIGHT_POINT) {
+        if (!affine_frame(&place->world_from_node, frame)) return false;
+        if (kind == LIGHT_SPOT) *frame = affine_multiply(frame, &turn);
+        return true;
+    }
     bool usable = true;
     *frame = affine_identity();
-    if (kind == LIGHT_POINT) {
-        for (int i = 0; i < 3; ++i) {
-            frame->m[i][3] = place->world_from_node.m[i][3];
-            usable = usable && fabs(frame->m[i][3]) <= 1e18;
-        }
-    } else {
-        usable = affine_frame(&place->world_from_node, frame);
+    for (int i = 0; i < 3; ++i) {
+        frame->m[i][3] = place->world_from_node.m[i][3];
+        usable = usable && fabs(frame->m[i][3]) <= 1e18;
     }
-    if (!usable) {
-        item_t node;
-        TRY(document_item(document, TOP_NODES, place->node, &node));
-        return item_fail(&node, "its light has no direction, or lies beyond 1e18");
-    }
-    if (kind == LIGHT_SPOT) *frame = affine_multiply(frame, &turn);
+    return usable;
+}
+
+/* Animations hide lights by a scale of 0, as they do meshes. */
+static result_t leave_out(const document_t *document, const gltf_placement_t *place)
+{
+    item_t node;
+    TRY(document_item(document, TOP_NODES, place->node, &node));
+    item_warn(&node, "its light has no direction, or lies beyond 1e18, and is left out");
     return result_ok();
 }
 
@@ -130,7 +134,7 @@ static result_t add_one(document_t *document, const gltf_placement_t *place)
     TRY(radiance_of(document, &item, &light));
     if (light.kind == LIGHT_SPOT) TRY(cone_of(document, &item, &light));
     if (v_max(light.radiance.factor) <= 0) return result_ok();
-    TRY(orient(document, place, light.kind, &frame));
+    if (!orient(place, light.kind, &frame)) return leave_out(document, place);
     if (moves(document, (size_t)(place - document->pose->lights.items)))
         item_warn(&item, "moves while the shutter is open; it stands where it is in the middle of that");
     return scene_add_light(document->builder, light, &frame, document_at(document, &item));

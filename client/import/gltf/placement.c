@@ -314,9 +314,40 @@ static result_t add_blurred(document_t *document, const gltf_placement_t *place,
     return add_moving(document, place, ends, state);
 }
 
+/* True when a transform leaves nothing of any area: all that it makes of the axes lies on one line. */
+static bool is_collapsed(const affine_t *t)
+{
+    for (int i = 0; i < 3; ++i)
+        for (int j = 0; j < 3; ++j) {
+            int a = (i + 1) % 3, b = (i + 2) % 3, c = (j + 1) % 3, d = (j + 2) % 3;
+            if (t->m[a][c] * t->m[b][d] != t->m[a][d] * t->m[b][c]) return false;
+        }
+    return true;
+}
+
+/* A scale of 0 hides what a node holds, which animations do (the glTF 2.0 specification, section 3.5); but
+ * not what a skin puts elsewhere. */
+static bool is_hidden(const document_t *document, const gltf_placement_t *place)
+{
+    size_t index = (size_t)(place - document->pose->meshes.items);
+    bool hidden = place->skin == ITEM_NONE;
+    for (size_t i = 0; i < document->pose_count && hidden; ++i)
+        hidden = is_collapsed(&document->poses[i].meshes.items[index].world_from_node);
+    return hidden;
+}
+
+static result_t tell_of_hidden(const document_t *document, const gltf_placement_t *place)
+{
+    item_t node;
+    TRY(document_item(document, TOP_NODES, place->node, &node));
+    item_warn(&node, "is scaled to nothing, so its mesh is left out");
+    return result_ok();
+}
+
 static result_t add_place(document_t *document, const gltf_placement_t *place, mesh_state_t *state)
 {
     bool done = false;
+    if (is_hidden(document, place)) return tell_of_hidden(document, place);
     if (document->pose_count > 1) TRY(add_blurred(document, place, state, &done));
     if (done) return result_ok();
     const affine_t *transform = &place->world_from_node;

@@ -694,6 +694,39 @@ static void lights_become_ours(void **state)
     bench_close(&bench);
 }
 
+/* Animations hide things so. */
+static void what_a_scale_of_0_hides_is_left_out(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run(&bench,
+        LIGHTS MESH(FULL) "\"mode\":4}]}],\"nodes\":[{\"mesh\":0},{\"mesh\":0,\"scale\":[0,0,0]},"
+                          "{\"scale\":[0,1,1],\"children\":[3]},{\"mesh\":0,\"rotation\":[0,0,"
+                          "0.6,0.8],\"scale\":[1,1,0]}," LIGHT_NODE("1", ",\"scale\":[0,0,0]") "," LIGHT_NODE(
+                              "2", ",\"scale\":[1,1,0]") "]");
+    bench_expect_ok(&bench);
+    expect_text(bench.warnings, "nodes[1]: is scaled to nothing, so its mesh is left out");
+    expect_text(bench.warnings, "nodes[3]: is scaled to nothing, so its mesh is left out");
+    expect_text(bench.warnings, "nodes[4]: its light has no direction, or lies beyond 1e18, and is left out");
+    expect_text(bench.warnings, "nodes[5]: its light has no direction, or lies beyond 1e18, and is left out");
+    assert_int_equal(count_of(&bench, BLOB_SECTION_SHAPES), 1);
+    assert_int_equal(count_of(&bench, BLOB_SECTION_LIGHTS), 1); /* the white sky */
+    bench_close(&bench);
+}
+
+static void what_a_scale_of_0_flattens_is_drawn_flat(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run(&bench, LAMP MESH(FULL) "\"material\":0}]}],\"nodes\":[{\"mesh\":0,\"translation\":[0,0,3],"
+                                "\"rotation\":[0.70710678,0,0,0.70710678],\"scale\":[2,1,0]}]");
+    bench_expect_ok(&bench);
+    expect_vec3(positions_of(&bench, 0)[2], 2, 0, 4);
+    assert_int_equal(mesh_of(&bench, 0)->first_normal, BLOB_NONE);
+    assert_int_equal(count_of(&bench, BLOB_SECTION_LIGHTS), 1);
+    bench_close(&bench);
+}
+
 /* Blender's lamps come in candela at 683 lumens a watt, its emission does not. */
 static void lights_of_blender_have_the_right_unit(void **state)
 {
@@ -1291,6 +1324,8 @@ int main(void)
         cmocka_unit_test(a_scene_may_have_nothing_to_render),
         cmocka_unit_test(what_the_mask_hides_is_left_out),
         cmocka_unit_test(lights_become_ours),
+        cmocka_unit_test(what_a_scale_of_0_hides_is_left_out),
+        cmocka_unit_test(what_a_scale_of_0_flattens_is_drawn_flat),
         cmocka_unit_test(lights_of_blender_have_the_right_unit),
         cmocka_unit_test(a_camera_can_be_chosen),
         cmocka_unit_test(another_camera_can_be_asked_for),

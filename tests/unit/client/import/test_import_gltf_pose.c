@@ -163,6 +163,15 @@ static void a_skinned_mesh_is_one_placed_by_hand(void **state)
                                                      "[0,1,0,0, -1,0,0,0, 0,0,1,0, 7,5,1,1]}]");
 }
 
+static void a_scale_of_0_hides_nothing_that_a_skin_moves(void **state)
+{
+    (void)state;
+    expect_same(MESH(SQUARE ",\"JOINTS_0\":3,\"WEIGHTS_0\":4",
+                     "}") "," SKIN
+                          ",\"nodes\":[{\"mesh\":0,\"skin\":0,\"name\":\"n\",\"scale\":[0,0,0]}," JOINTS "]",
+                SKINNED("3", "4"));
+}
+
 static void weights_that_are_no_weights_count_as_0(void **state)
 {
     (void)state;
@@ -749,6 +758,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_skinned_mesh_is_one_placed_by_hand),
+        cmocka_unit_test(a_scale_of_0_hides_nothing_that_a_skin_moves),
         cmocka_unit_test(weights_that_are_no_weights_count_as_0),
         cmocka_unit_test(vertices_follow_the_mean_of_their_joints),
         cmocka_unit_test(several_sets_of_joints_are_added_up),
