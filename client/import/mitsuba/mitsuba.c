@@ -43,6 +43,15 @@ static result_t leave(mitsuba_t *m, element_t *object)
     return result_ok();
 }
 
+/* So do media, which are of no use as long as no shape has one. */
+static result_t ignore_medium(mitsuba_t *m, element_t *object)
+{
+    report_warning(m->report, object->at,
+                   "%s \"%.40s\" is ignored: media are not supported, using it is an error", object->tag,
+                   object_type(object));
+    return result_ok();
+}
+
 /* The last of several counts, as in Mitsuba. */
 static result_t read_sensor(mitsuba_t *m)
 {
@@ -103,6 +112,8 @@ static result_t add_scene(mitsuba_t *m)
     TRY(property_collect_ids(m));
     TRY(add_all(m, "bsdf", leave));
     TRY(add_all(m, "texture", leave));
+    TRY(add_all(m, "medium", ignore_medium));
+    TRY(add_all(m, "phase", ignore_medium));
     TRY(add_all(m, "shape", shape_add));
     TRY(add_all(m, "emitter", emitter_add));
     TRY(expect_shapes(m));

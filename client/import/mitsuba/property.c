@@ -70,22 +70,44 @@ const char *object_type(const element_t *object)
     return type ? type : "";
 }
 
+/* The child itself, or what it refers to. */
+static result_t follow(const mitsuba_t *m, element_t *child, element_t **target)
+{
+    *target = child;
+    if (strcmp(child->tag, "ref") != 0) return result_ok();
+    const char *id = element_attribute(child, "id");
+    *target = find_id(m, id);
+    if (*target) return result_ok();
+    return error_at(child->at, "there is no object with the id \"%.60s\"", id ? id : "");
+}
+
 result_t object_child(mitsuba_t *m, const element_t *object, const char *tag, element_t **at,
                       element_t **found, const char **name)
 {
     for (element_t *child = *at ? (*at)->next : object->first; child; child = child->next) {
-        element_t *target = child;
-        if (strcmp(child->tag, "ref") == 0) {
-            const char *id = element_attribute(child, "id");
-            target = find_id(m, id);
-            if (!target) return error_at(child->at, "there is no object with the id \"%.60s\"", id ? id : "");
-        }
+        element_t *target;
+        TRY(follow(m, child, &target));
         if (strcmp(target->tag, tag) != 0) continue;
         child->used = target->used = true;
         const char *given = element_attribute(child, "name");
         *name = given ? given : "";
         *at = child;
         *found = target;
+        return result_ok();
+    }
+    *found = NULL;
+    return result_ok();
+}
+
+result_t object_named(mitsuba_t *m, const element_t *object, const char *tag, const char *name,
+                      element_t **found)
+{
+    for (element_t *child = object->first; child; child = child->next) {
+        const char *given = element_attribute(child, "name");
+        if (!given || strcmp(given, name) != 0) continue;
+        TRY(follow(m, child, found));
+        if (strcmp((*found)->tag, tag) != 0) continue;
+        child->used = (*found)->used = true;
         return result_ok();
     }
     *found = NULL;

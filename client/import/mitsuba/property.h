@@ -35,6 +35,10 @@ result_t property_collect_ids(mitsuba_t *m);
 
 /* The type of an object: its attribute, or "". */
 const char *object_type(const element_t *object);
+/* The first child object of that tag and name, which may be a reference, or NULL. RESULT_INPUT: a reference
+ * to what is not there. */
+result_t object_named(mitsuba_t *m, const element_t *object, const char *tag, const char *name,
+                      element_t **found);
 /* The child objects of that tag, one by one: begin with `after` NULL; references are followed. *found is NULL
  * at the end, else *name is the name that it has there, or "". RESULT_INPUT: a reference to what is not
  * there.

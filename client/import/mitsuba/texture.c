@@ -178,15 +178,9 @@ result_t texture_element(mitsuba_t *m, element_t *texture, texture_use_t use, bo
 result_t texture_property(mitsuba_t *m, const element_t *object, const char *name, double otherwise,
                           bool flipped, blob_value_t *value)
 {
-    element_t *at = NULL, *found;
-    const char *given;
+    element_t *found;
     *value = blob_constant((float)otherwise);
-    for (;;) {
-        TRY(object_child(m, object, "texture", &at, &found, &given));
-        if (!found) break;
-        if (strcmp(given, name) == 0) return texture_element(m, found, TEXTURE_COLOURS, flipped, value);
-        at->used = false; /* it is for somebody else */
-    }
-    TRY(property_colour(m, object, name, &value->factor));
-    return result_ok();
+    TRY(object_named(m, object, "texture", name, &found));
+    if (found) return texture_element(m, found, TEXTURE_COLOURS, flipped, value);
+    return property_colour(m, object, name, &value->factor);
 }

@@ -734,6 +734,34 @@ static void bsdfs_of_one_layer_become_their_materials(void **state)
     bench_close(&bench);
 }
 
+/* Each of several textures is read, in whatever order the bsdf asks for them. */
+static void a_bsdf_may_have_several_textures(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    bench.strict = true;
+    run(&bench,
+        "<texture type=\"checkerboard\" id=\"t\"/><shape type=\"rectangle\"><bsdf type=\"dielectric\">"
+        "<ref name=\"specularReflectance\" id=\"t\"/><ref name=\"specularTransmittance\" id=\"t\"/>"
+        "</bsdf></shape>");
+    assert_true(material_of(&bench)->values[VALUE_REFLECTANCE].texture != 0);
+    assert_true(material_of(&bench)->values[VALUE_TRANSMITTANCE].texture != 0);
+    bench_close(&bench);
+}
+
+static void a_medium_matters_where_a_shape_has_it(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+#define MEDIUM "<medium type=\"homogeneous\" id=\"m\"><float name=\"scale\" value=\"2\"/></medium>"
+    run(&bench, MEDIUM "<shape type=\"sphere\"/>");
+    bench_expect_ok(&bench);
+    expect_text(bench.warnings, "medium \"homogeneous\" is ignored");
+    expect_error(&bench, MEDIUM "<shape type=\"sphere\"><ref name=\"interior\" id=\"m\"/></shape>",
+                 "ref \"interior\" is not supported in shape \"sphere\"");
+    bench_close(&bench);
+}
+
 /* The inner reflectance of index 1.5 is 0.5964 (by an integral of Fresnel's equations elsewhere). */
 static void plastic_is_linear_in_its_colour_unless_asked(void **state)
 {
@@ -1065,6 +1093,8 @@ int main(void)
         cmocka_unit_test(ply_files_have_colours),
         cmocka_unit_test(instances_show_their_group),
         cmocka_unit_test(bsdfs_of_one_layer_become_their_materials),
+        cmocka_unit_test(a_bsdf_may_have_several_textures),
+        cmocka_unit_test(a_medium_matters_where_a_shape_has_it),
         cmocka_unit_test(plastic_is_linear_in_its_colour_unless_asked),
         cmocka_unit_test(bsdfs_may_hold_others),
         cmocka_unit_test(shapes_have_the_bsdf_that_mitsuba_gives_them),
