@@ -123,6 +123,7 @@ typedef struct document {
     size_t pose_count;           /* 1 without a shutter */
     pose_t *pose;                /* the one that is looked at: first and last the middle one */
     bool joints_only;            /* the nodes that are visited now are not in the scene, but may be joints */
+    bool hidden;                 /* what the nodes that are visited now hold (KHR_node_visibility) */
     struct animation *animation; /* NULL: nothing moves */
 
     uint32_t variant; /* of KHR_materials_variants, the one that is asked for; ITEM_NONE: none */

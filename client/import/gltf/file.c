@@ -42,6 +42,7 @@ static const struct {
     {"KHR_materials_variants", true, NULL},
     {"KHR_materials_volume", true, NULL},
     {"KHR_mesh_quantization", true, NULL},
+    {"KHR_node_visibility", true, NULL},
     {"KHR_texture_transform", true, NULL},
     {"EXT_mesh_gpu_instancing", true, NULL},
     {"KHR_draco_mesh_compression", true, NULL},

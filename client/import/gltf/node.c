@@ -129,7 +129,18 @@ static result_t place_others(document_t *document, const item_t *item, uint32_t 
     TRY(item_index(item, "camera", document_count(document, TOP_CAMERAS), &camera));
     if (camera != ITEM_NONE) place(&document->pose->cameras, node, camera, transform);
     TRY(light_find(document, item, &light));
-    if (light != ITEM_NONE) place(&document->pose->lights, node, light, transform);
+    if (light != ITEM_NONE && !document->hidden) place(&document->pose->lights, node, light, transform);
+    return result_ok();
+}
+
+/* KHR_node_visibility: meshes and lights are hidden with all below them, cameras are not. */
+static result_t hide(document_t *document, const item_t *item)
+{
+    item_t extension;
+    bool visible = true;
+    TRY(item_extension(item, "KHR_node_visibility", &extension));
+    TRY(item_bool(&extension, "visible", &visible));
+    document->hidden = document->hidden || !visible;
     return result_ok();
 }
 
@@ -181,17 +192,20 @@ __attribute__((noinline)) static result_t enter(document_t *document, uint32_t n
     affine_t transform = affine_multiply(parent, &local);
     pose->worlds[node] = transform;
     if (document->joints_only) return result_ok();
-    TRY(place_mesh(document, item, node, &transform));
+    TRY(hide(document, item));
+    if (!document->hidden) TRY(place_mesh(document, item, node, &transform));
     return place_others(document, item, node, &transform);
 }
 
 static result_t visit(document_t *document, uint32_t node, const affine_t *parent, int depth)
 {
     item_t item;
+    bool hidden = document->hidden;
     TRY(enter(document, node, parent, depth, &item));
     if (item.json == NULL) return result_ok();
     TRY(visit_all(document, &item, "children", &document->pose->worlds[node], depth + 1));
     document->pose->visits[node] = NODE_DONE;
+    document->hidden = hidden;
     return result_ok();
 }
 

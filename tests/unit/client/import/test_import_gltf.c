@@ -727,6 +727,31 @@ static void what_a_scale_of_0_flattens_is_drawn_flat(void **state)
     bench_close(&bench);
 }
 
+static void nodes_that_are_not_visible_are_left_out(void **state)
+{
+    (void)state;
+#define VISIBLE(word) "\"extensions\":{\"KHR_node_visibility\":{\"visible\":" word "}}"
+#define SOME_HIDDEN(word)                                                                                    \
+    CAMERA LIGHTS MESH(                                                                                      \
+        FULL) "\"mode\":4}]}],\"extensionsRequired\":[\"KHR_node_visibility\"],"                             \
+              "\"nodes\":[{\"mesh\":0," VISIBLE("true") "},{\"mesh\":0,\"children\":[2,3,4]," VISIBLE(       \
+                  word) "},{\"mesh\":0," VISIBLE("true") "},{\"camera\":0}," LIGHT_NODE("1",                 \
+                                                                                        "") ",{\"mesh\":0}]"
+    bench_t bench = {0};
+    run(&bench, SOME_HIDDEN("false"));
+    bench_expect_ok(&bench);
+    assert_int_equal(count_of(&bench, BLOB_SECTION_INSTANCES), 2);
+    assert_int_equal(bench.blob.lights[0].kind, LIGHT_INFINITE); /* the white sky */
+    assert_int_equal(bench.warning_count, 1);
+    run(&bench, SOME_HIDDEN("true"));
+    bench_expect_silence(&bench);
+    assert_int_equal(count_of(&bench, BLOB_SECTION_INSTANCES), 4);
+    assert_int_equal(bench.blob.lights[0].kind, LIGHT_SPOT);
+    run(&bench, SOME_HIDDEN("7"));
+    expect_text(bench.result.message, "nodes[1].KHR_node_visibility.visible: must be true or false");
+    bench_close(&bench);
+}
+
 /* Blender's lamps come in candela at 683 lumens a watt, its emission does not. */
 static void lights_of_blender_have_the_right_unit(void **state)
 {
@@ -1324,6 +1349,7 @@ int main(void)
         cmocka_unit_test(a_scene_may_have_nothing_to_render),
         cmocka_unit_test(what_the_mask_hides_is_left_out),
         cmocka_unit_test(lights_become_ours),
+        cmocka_unit_test(nodes_that_are_not_visible_are_left_out),
         cmocka_unit_test(what_a_scale_of_0_hides_is_left_out),
         cmocka_unit_test(what_a_scale_of_0_flattens_is_drawn_flat),
         cmocka_unit_test(lights_of_blender_have_the_right_unit),
