@@ -216,6 +216,8 @@ static const sampler_entry_t samplers[] = {
     {{"02sequence", DIALECT_V3}, SAMPLER_SOBOL, false, 16},
     {{"lowdiscrepancy", DIALECT_V3}, SAMPLER_SOBOL, false, 16},
     {{"maxmindist", DIALECT_V3}, SAMPLER_SOBOL, false, 16},
+    {{"adaptive", DIALECT_V3}, SAMPLER_SOBOL, false, 32}, /* this and the next are pbrt-v2's */
+    {{"bestcandidate", DIALECT_V3}, SAMPLER_SOBOL, false, 4},
 };
 
 static const param_rule_t sampler_rules[] = {

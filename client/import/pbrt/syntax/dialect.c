@@ -25,6 +25,8 @@ static const struct {
     {"Sampler", "02sequence", DIALECT_V3},
     {"Sampler", "lowdiscrepancy", DIALECT_V3},
     {"Sampler", "maxmindist", DIALECT_V3},
+    {"Sampler", "adaptive", DIALECT_V3},
+    {"Sampler", "bestcandidate", DIALECT_V3},
     {"Sampler", "independent", DIALECT_V4},
     {"Sampler", "paddedsobol", DIALECT_V4},
     {"Sampler", "zsobol", DIALECT_V4},

@@ -607,6 +607,12 @@ static void scenes_of_pbrt_2_are_read_as_v3s(void **state)
     bench_expect_ok(&bench);
     assert_int_equal(bench.blob.scene->max_depth, 7);
     expect_near((double)colour_of(&bench, 0, VALUE_REFLECTANCE).y, 0.2, 1e-6);
+    bench.lenient = false; /* what its samplers draw has the same mean */
+    bench_run(&bench, V3("Sampler \"bestcandidate\" \"integer pixelsamples\" 9\nWorldBegin " SPHERE));
+    bench_expect_ok(&bench);
+    expect_text(bench.warnings, "s.pbrt:1:1: sampler \"bestcandidate\"");
+    assert_int_equal(bench.blob.scene->spp, 9);
+    assert_int_equal(bench.blob.scene->sampler, SAMPLER_SOBOL);
     bench_close(&bench);
 }
 
