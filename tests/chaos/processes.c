@@ -10,7 +10,8 @@
 #include <string.h>
 
 static const double LEAVE_LIMIT = 60; /* seconds that one who was told to end may take */
-static const double RETRY = 0.5;      /* seconds between attempts of a master that has no room to start */
+static const double YOUNG = 3; /* seconds, in which a program may not have come so far as to catch signals */
+static const double RETRY = 0.5; /* seconds between attempts of a master that has no room to start */
 static const char *const HEARTBEAT = "0.3", *const BATCH_INTERVAL = "0.5", *const CHECKPOINT = "0.4";
 
 static void member_init(processes_t *processes, member_t *member, const char *name)
@@ -148,7 +149,8 @@ static void judge_end(processes_t *processes, member_t *member, int how)
 {
     bool master = member == &processes->master;
     char *text = process_how(how);
-    if (member->leaving && how == 0)
+    bool ended = how == 0 || (member->young && how == PROCESS_SIGNALLED + SIGTERM);
+    if (member->leaving && ended)
         report_line(processes->report, "%s has left", member->name);
     else if (master && processes->disk_full && how < PROCESS_SIGNALLED && !member->leaving)
         processes->master_failures++;
@@ -215,6 +217,7 @@ bool processes_dismiss(processes_t *processes, member_t *member, double away)
     processes_continue(member);
     kill(member->process, SIGTERM);
     member->leaving = true;
+    member->young = processes->now < member->started + YOUNG;
     member->started = processes->now; /* from now on it is timed */
     member->back_at = processes->now + away;
     return true;

@@ -25,7 +25,8 @@ typedef struct {
     pid_t process;  /* 0: none */
     double back_at; /* when it is started again, clock_now(); INFINITY: it is not */
     bool stopped;   /* SIGSTOP */
-    bool leaving;   /* it was told to end */
+    bool leaving;   /* it was told to end, */
+    bool young;     /* a moment after its start */
     bool busy;      /* a fault is at work on it */
     bool retired;   /* it is not started again when it has left */
     double started;
