@@ -108,6 +108,7 @@ typedef struct document {
     bytes_t binary; /* the BIN chunk of a .glb; data NULL: none */
     json_t *json;
     item_t root, tops[TOP_COUNT];
+    bool needs_meshopt;       /* KHR_meshopt_compression: there are no buffers that are not packed */
     bool blender;             /* written by Blender's exporter ... */
     unsigned blender_version; /* ... of this version, 304 for 3.4; a large number when it does not say */
     bool told_of_sides;       /* the warning about emission of doubleSided materials */

@@ -47,8 +47,8 @@ static const struct {
     {"EXT_mesh_gpu_instancing", true, NULL},
     {"KHR_draco_mesh_compression", true, NULL},
     {"EXT_meshopt_compression", true, NULL},
+    {"KHR_meshopt_compression", true, NULL},
     {"EXT_texture_webp", true, NULL},
-    {"KHR_meshopt_compression", false, "export with EXT_meshopt_compression, or without compression"},
     {"KHR_texture_basisu", false, "export textures as PNG, JPEG or WebP"},
     {"EXT_texture_avif", false, "export textures as PNG, JPEG or WebP"},
     {"EXT_lights_image_based", true, NULL},
@@ -228,6 +228,7 @@ static result_t check_extensions(document_t *document, const char *list, bool re
         size_t k = 0;
         while (k < ARRAY_LENGTH(extensions) && strcmp(name, extensions[k].name) != 0) ++k;
         bool known = k < ARRAY_LENGTH(extensions);
+        if (required && strcmp(name, "KHR_meshopt_compression") == 0) document->needs_meshopt = true;
         if (known && extensions[k].done) continue;
         TRY(tell_extension(&item, name, known ? extensions[k].cure : NULL, required));
     }
@@ -478,6 +479,8 @@ result_t document_view(document_t *document, uint32_t index, bytes_t *bytes)
     item_t view, packed;
     TRY(document_item(document, TOP_BUFFER_VIEWS, index, &view));
     TRY(item_extension(&view, "EXT_meshopt_compression", &packed));
+    if (!packed.json && document->needs_meshopt)
+        TRY(item_extension(&view, "KHR_meshopt_compression", &packed));
     return packed.json ? unpack_view(document, index, &packed, bytes)
                        : document_range(document, &view, bytes);
 }

@@ -1,5 +1,5 @@
-/* unpack: what the extensions for packed files hold, EXT_meshopt_compression and KHR_draco_mesh_compression.
- */
+/* unpack: what the extensions for packed files hold: EXT_meshopt_compression, KHR_meshopt_compression, whose
+ * newer bit streams are not read, and KHR_draco_mesh_compression. */
 #include "client/import/gltf/document.h"
 
 #include "client/import/packed/meshopt.h"
@@ -20,7 +20,8 @@ static result_t read_name(const item_t *object, const char *key, const char *con
         *number = (int)i;
         if (strcmp(name, names[i]) == 0) return result_ok();
     }
-    return item_fail(object, "its %s \"%.20s\" is not one that the extension knows", key, name ? name : "");
+    return item_fail(object, "its %s \"%.20s\" is not one that EXT_meshopt_compression knows", key,
+                     name ? name : "");
 }
 
 static result_t read_layout(const item_t *packed, meshopt_layout_t *layout)

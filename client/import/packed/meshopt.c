@@ -87,8 +87,9 @@ result_t meshopt_unpack(const meshopt_layout_t *layout, const uint8_t *data, siz
     if (!out) return result_fail(RESULT_LIMIT, "no memory for %" PRIu64 " elements", layout->count);
     if (decode(layout, data, size, out) != 0) {
         free(out);
-        return result_fail(RESULT_INPUT, "its meshopt data are damaged, or of a version that is not read; "
-                                         "copy or export the file again");
+        return result_fail(RESULT_INPUT,
+                           "its meshopt data are damaged, or of a version that only KHR_meshopt_compression "
+                           "has; copy the file again, or export it with EXT_meshopt_compression");
     }
     undo_filter(layout, out);
     *unpacked = out;

@@ -1182,7 +1182,6 @@ static void files_that_are_wrong_are_refused(void **state)
         {"\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"indices\":0}]}],\"nodes\":[{"
          "\"mesh\":0}]",
          "must be unsigned integers"},
-        {"\"extensionsRequired\":[\"KHR_meshopt_compression\"]", "export with EXT_meshopt_compression"},
         {"\"scene\":0.5,\"scenes\":[{}]", "scene: must be a whole number"},
         {"\"nodes\":{}", "nodes: must be an array"},
         {"\"cameras\":[{\"type\":\"perspective\"}]," LAMP MESH(

@@ -258,6 +258,32 @@ static void what_meshopt_packed_is_as_before(void **state)
     bench_close(&plain);
 }
 
+/* The name is as long as the other. */
+static void name_khronos(buffer_t *buffer)
+{
+    for (char *at = buffer->views; (at = strstr(at, "EXT_meshopt")) != NULL;) memcpy(at, "KHR", 3);
+}
+
+/* Khronos's extension has the same streams, and newer ones, which are told. */
+static void what_khronos_packed_is_as_before(void **state)
+{
+    (void)state;
+    static const char required[] = ",\"extensionsRequired\":[\"KHR_meshopt_compression\"]";
+    bench_t plain = {0}, packed = {0};
+    import_plain(&plain);
+    buffer_t buffer = {.size = 0};
+    put_meshopt(&buffer, "INDICES");
+    name_khronos(&buffer);
+    import_hills(&packed, &buffer, true, FLOAT_NORMALS, NO_EXTENSION, required);
+    expect_same_blob(&packed, &plain);
+    buffer.bytes[0] = 0xa1;
+    import_hills(&packed, &buffer, true, FLOAT_NORMALS, NO_EXTENSION, required);
+    assert_int_equal(packed.result.code, RESULT_INPUT);
+    expect_text(packed.result.message, "of a version that only KHR_meshopt_compression has");
+    bench_close(&packed);
+    bench_close(&plain);
+}
+
 /* Normals by the octahedral filter, in 8 and in 16 bits, and positions by the exponential one. */
 static void filters_of_meshopt_are_undone(void **state)
 {
@@ -654,6 +680,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(what_meshopt_packed_is_as_before),
+        cmocka_unit_test(what_khronos_packed_is_as_before),
         cmocka_unit_test(filters_of_meshopt_are_undone),
         cmocka_unit_test(rotations_of_meshopt_are_undone),
         cmocka_unit_test(wrong_meshopt_is_refused),
