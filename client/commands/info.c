@@ -192,7 +192,11 @@ static const char *const material_kinds[] = {[MATERIAL_DIFFUSE] = "diffuse",
                                              [MATERIAL_DIFFUSE_TRANSMISSION] = "diffuse transmission",
                                              [MATERIAL_GLTF] = "gltf",
                                              [MATERIAL_FOURIER] = "fourier",
-                                             [MATERIAL_MEASURED] = "measured"};
+                                             [MATERIAL_MEASURED] = "measured",
+                                             [MATERIAL_PHONG] = "phong",
+                                             [MATERIAL_WARD] = "ward",
+                                             [MATERIAL_WARD_DUER] = "ward-duer",
+                                             [MATERIAL_WARD_BALANCED] = "balanced ward"};
 
 static const char *const texture_kinds[] = {[TEXTURE_IMAGE] = "image",
                                             [TEXTURE_SCALE] = "scale",

@@ -339,6 +339,7 @@ typedef enum {
     VALUE_DISPERSION,            /* glTF's: 20 / Abbe number */
     VALUE_ANISOTROPY_DIRECTION,  /* glTF's: (x + 1) / 2 and (y + 1) / 2 of it, along the tangents ... */
     VALUE_ANISOTROPY_TURN,       /* ... and cosine and sine of the angle by which it is turned */
+    VALUE_EXPONENT,              /* Phong's */
     MATERIAL_VALUES
 } material_value_t;
 
@@ -370,6 +371,10 @@ typedef enum {
                                       IRIDESCENCE_THICKNESS, DISPERSION]; THIN without a volume; COAT_NORMAL */
     MATERIAL_FOURIER,              /* table: one of the fouriers */
     MATERIAL_MEASURED,             /* table: one of the measurements */
+    MATERIAL_PHONG,                /* Mitsuba's [REFLECTANCE, SPECULAR, EXPONENT] */
+    MATERIAL_WARD,                 /* Mitsuba's [REFLECTANCE, SPECULAR, ROUGHNESS]; the model of 1992 ... */
+    MATERIAL_WARD_DUER,            /* ... that of 2006 ... */
+    MATERIAL_WARD_BALANCED,        /* ... and that of 2010 */
     MATERIAL_KIND_END
 } material_kind_t;
 

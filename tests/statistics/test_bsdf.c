@@ -23,7 +23,8 @@
 typedef struct {
     const char *name;
     blob_material_t material;
-    bool lossy; /* may not throw back more than it gets; the rest is Disney's, which does not promise that */
+    bool lossy; /* may not throw back more than it gets; the rest are Disney's and Duer's, which do not
+                   promise that */
 } test_case_t;
 
 #define NUMBER(place, x) .values[place] = {{x, x, x}, 0}
@@ -34,6 +35,8 @@ typedef struct {
 #define DISNEY                                                                                               \
     .kind = MATERIAL_DISNEY, COLOUR(VALUE_REFLECTANCE, 0.6f, 0.4f, 0.2f), NUMBER(VALUE_ETA, 1.5f),           \
     NUMBER(VALUE_DIFFUSE_TRANSMISSION, 1)
+
+#define WARD COLOUR(VALUE_REFLECTANCE, 0.2f, 0.5f, 0.1f), COLOUR(VALUE_SPECULAR, 0.8f, 0.4f, 0.2f)
 
 /* Order as in `cases`; a mix refers to what is before it. */
 enum { MATTE, VELVET, CONDUCTOR, FROSTED };
@@ -101,6 +104,14 @@ static const test_case_t cases[] = {
       COLOUR(VALUE_REFLECTANCE, 0.2f, 0.3f, 0.1f),
       COLOUR(VALUE_TRANSMITTANCE, 0.6f, 0.2f, 0.5f)},
      true},
+    {"phong",
+     {.kind = MATERIAL_PHONG,
+      COLOUR(VALUE_REFLECTANCE, 0.3f, 0.5f, 0.1f),
+      COLOUR(VALUE_SPECULAR, 0.7f, 0.5f, 0.2f),
+      NUMBER(VALUE_EXPONENT, 20)},
+     true},
+    {"ward-duer", {WARD, .kind = MATERIAL_WARD_DUER, ROUGHNESS(0.3f, 0.15f)}, false},
+    {"balanced ward", {WARD, .kind = MATERIAL_WARD_BALANCED, ROUGHNESS(0.6f, 0.2f)}, true},
     {"mix",
      {.kind = MATERIAL_MIX, .parts = {MATTE, FROSTED}, COLOUR(VALUE_AMOUNT, 0.25f, 0.5f, 0.75f)},
      true},
@@ -545,6 +556,55 @@ static void values_follow_their_formulas(void **state)
                        0.5f * value_at(&matte, slant, steep) + 0.5f * value_at(&glass, slant, steep), 1e-5f);
 }
 
+/* The formulas of Mitsuba's documentation and of the papers, by angles. */
+static double ward_by_angles(uint32_t model, double ax, double ay, vec3_t wo, vec3_t wi)
+{
+    vec3_t h = v_normalize(v_add(wo, wi));
+    double to = acos((double)wo.z), ti = acos((double)wi.z), th = acos((double)h.z),
+           ph = atan2((double)h.y, (double)h.x),
+           apart = atan2((double)wo.y, (double)wo.x) - atan2((double)wi.y, (double)wi.x);
+    double e = exp(-pow(tan(th), 2) * (pow(cos(ph) / ax, 2) + pow(sin(ph) / ay, 2))) / (M_PI * ax * ay);
+    if (model == MATERIAL_WARD) return e / (4 * sqrt(cos(to) * cos(ti)));
+    if (model == MATERIAL_WARD_DUER) return e / (4 * cos(to) * cos(ti));
+    return e * 2 * (1 + cos(to) * cos(ti) + sin(to) * sin(ti) * cos(apart)) / pow(cos(to) + cos(ti), 4);
+}
+
+static void highlights_follow_their_formulas(void **state)
+{
+    (void)state;
+    vec3_t wo = direction(0.5f, 0.2f, 0.6f), up = vec3(0, 0, 1);
+    for (uint32_t model = MATERIAL_WARD; model <= MATERIAL_WARD_BALANCED; model++) {
+        bsdf_t ward =
+            bsdf_alone((blob_material_t){.kind = model, NUMBER(VALUE_SPECULAR, 1), ROUGHNESS(0.4f, 0.2f)});
+        for (int i = 0; i < 20; i++) {
+            vec3_t wi = direction(0.1f * (float)(i % 5) - 0.6f, 0.1f * (float)(i / 5) - 0.3f, 0.5f);
+            double expected = ward_by_angles(model, 0.4, 0.2, wo, wi);
+            assert_true(fabs((double)value_at(&ward, wo, wi) / expected - 1) < 1e-4);
+            assert_true(fabs((double)value_at(&ward, v_neg(wo), v_neg(wi)) / expected - 1) < 1e-4);
+        }
+    }
+    blob_material_t material = {.kind = MATERIAL_PHONG, NUMBER(VALUE_SPECULAR, 1), NUMBER(VALUE_EXPONENT, 7)};
+    bsdf_t phong = bsdf_alone(material);
+    const float cosine = v_dot(direction(-0.5f, -0.2f, 0.6f), up);
+    assert_float_equal(value_at(&phong, wo, up), 9 / (2 * PI_F) * powf(cosine, 7), 1e-5f);
+    assert_float_equal(value_at(&phong, direction(1, 0, 0.5f), direction(1, 0, 0.5f)), 0, 0);
+    /* Straight on nothing is lost, and of a narrow one what the cosine takes; it is still drawn and valued.
+     */
+    assert_float_equal(albedo(&phong, up, TRANSPORT_IMPORTANCE).x, 1, 2e-3f);
+    material.values[VALUE_EXPONENT] = blob_constant(1e6f);
+    bsdf_t narrow = bsdf_alone(material);
+    assert_float_equal(albedo(&narrow, wo, TRANSPORT_IMPORTANCE).x, wo.z, 2e-3f);
+    assert_float_equal(value_at(&narrow, wo, vec3(-wo.x, -wo.y, wo.z)) * TWO_PI_F, 1e6f, 10);
+    /* An alpha of 0.1 for 2 / (n + 2) below its square, twice the alpha below 0.3. */
+    bsdf_regularize(&narrow);
+    assert_float_equal(narrow.lobes[0].phong.exponent, 198, 1e-2f);
+    bsdf_regularize(&narrow);
+    assert_float_equal(narrow.lobes[0].phong.exponent, 48, 1e-2f);
+    check_density("roughened phong", &narrow, wo);
+    bsdf_regularize(&phong);
+    assert_float_equal(phong.lobes[0].phong.exponent, 7, 1e-4f);
+}
+
 /* ---- alphas, regularisation ---------------------------------------------------------------------------- */
 
 static blob_material_t rough(material_kind_t kind, uint32_t flags, float u, float v)
@@ -761,6 +821,7 @@ int main(void)
         cmocka_unit_test(panes_reflect_with_both_faces),
         cmocka_unit_test(uber_shares_out_the_light),
         cmocka_unit_test(values_follow_their_formulas),
+        cmocka_unit_test(highlights_follow_their_formulas),
         cmocka_unit_test(roughness_becomes_alpha),
         cmocka_unit_test(regularizing_roughens_what_is_smooth),
         cmocka_unit_test(maps_turn_the_normal),

@@ -94,9 +94,9 @@ static void add_measured(blob_builder_t *b)
     blob_builder_add(b, BLOB_SECTION_MEASUREMENTS, &table, 1);
 }
 
-/* Materials 0 to 8 are those of the spheres; 9 is the walls', 10 the panel's, 11 the hair's, 12 the floor's.
- */
-enum { SPHERES = 9, WALLS = 9, PANEL = 10, HAIR = 11, FLOOR = 12, MATERIALS = 13 };
+/* Materials 0 to 8 are those of the spheres; 9 is the walls', 10 the panel's, 11 the hair's, 12 the floor's,
+ * 13 the ceiling's. */
+enum { SPHERES = 9, WALLS = 9, PANEL = 10, HAIR = 11, FLOOR = 12, CEILING = 13, MATERIALS = 14 };
 
 static void add_materials(blob_builder_t *b)
 {
@@ -109,10 +109,11 @@ static void add_materials(blob_builder_t *b)
                                     {.kind = MATERIAL_MIX, .parts = {0, 2}},
                                     {.kind = MATERIAL_DIELECTRIC},
                                     {.kind = MATERIAL_UBER, .flags = MATERIAL_REMAP_V3},
-                                    {.kind = MATERIAL_DIFFUSE, .bump = 2},
+                                    {.kind = MATERIAL_PHONG, .bump = 2},
                                     {.kind = MATERIAL_GLTF, .flags = MATERIAL_REMAP_SQUARE},
                                     {.kind = MATERIAL_FOURIER},
-                                    {.kind = MATERIAL_MEASURED}};
+                                    {.kind = MATERIAL_MEASURED},
+                                    {.kind = MATERIAL_WARD_BALANCED}};
     for (uint32_t i = 0; i < MATERIALS; i++) {
         m[i].values[VALUE_REFLECTANCE] = (blob_value_t){{0.8f, 0.7f, 0.6f}, i % 2 == 0 ? 3 : 1};
         m[i].values[VALUE_TRANSMITTANCE] = blob_constant(0.9f);
@@ -124,6 +125,7 @@ static void add_materials(blob_builder_t *b)
         m[i].values[VALUE_METALLIC] = m[i].values[VALUE_CLEARCOAT] = blob_constant(0.4f);
         m[i].values[VALUE_CLEARCOAT_GLOSS] = m[i].values[VALUE_SHEEN] = blob_constant(0.5f);
     }
+    m[WALLS].values[VALUE_EXPONENT] = blob_constant(30);
     m[0].values[VALUE_SIGMA] = blob_constant(20);
     m[2].values[VALUE_REFLECTANCE] = blob_constant(1);
     m[2].values[VALUE_K] = blob_colour_value(vec3(3.9f, 2.4f, 2.2f));
@@ -182,7 +184,8 @@ static uint32_t add_sphere(blob_builder_t *b, float x, float y, float z, float r
     return blob_builder_add(b, BLOB_SECTION_QUADRICS, &sphere, 1);
 }
 
-/* The world: a lamp, two walls, nine spheres and a hair; and a moving instance of a small panel. */
+/* The world: a lamp, a wall, floor and ceiling, nine spheres and a hair; and a moving instance of a small
+ * panel. */
 static void add_shapes(blob_builder_t *b)
 {
     static const blob_curve_point_t points[4] = {
@@ -193,6 +196,8 @@ static void add_shapes(blob_builder_t *b)
     add_shape(b, SHAPE_MESH, add_rectangle(b, vec3(-4, -3, 2), vec3(8, 0, 0), vec3(0, 6, 0)), WALLS,
               BLOB_NONE);
     add_shape(b, SHAPE_MESH, add_rectangle(b, vec3(-4, -3, 2), vec3(8, 0, 0), vec3(0, 0, -5)), FLOOR,
+              BLOB_NONE);
+    add_shape(b, SHAPE_MESH, add_rectangle(b, vec3(-4, 3, 2), vec3(8, 0, 0), vec3(0, 0, -5)), CEILING,
               BLOB_NONE);
     for (uint32_t i = 0; i < SPHERES; i++)
         add_shape(b, SHAPE_QUADRIC,
@@ -275,7 +280,7 @@ static void add_render(chain_t *chain, const renderer_t *renderer, const job_set
 /* The C library's functions that the renderer uses. */
 static void add_functions(chain_t *chain)
 {
-    float (*const singles[])(float) = {sinf, cosf, expf, logf, acosf, log1pf};
+    float (*const singles[])(float) = {sinf, cosf, expf, logf, acosf, log1pf, expm1f};
     double (*const doubles[])(double) = {sin, cos, tan, exp, log};
     struct {
         float f[ARRAY_LENGTH(singles) + 2];

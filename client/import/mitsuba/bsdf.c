@@ -84,6 +84,16 @@ static result_t read_relative_index(maker_t *k, double inner)
     return result_ok();
 }
 
+static result_t read_widths(maker_t *k, material_value_t u, material_value_t v)
+{
+    TRY(value(k, "alpha", 0.1, u));
+    k->record.values[v] = k->record.values[u];
+    bool own = property_find(k->object, "alphaU") || property_find(k->object, "alphaV");
+    if (!own) return result_ok();
+    TRY(value(k, "alphaU", 0.1, u));
+    return value(k, "alphaV", 0.1, v);
+}
+
 static result_t read_alphas(maker_t *k, material_value_t u, material_value_t v)
 {
     const char *distribution = "beckmann";
@@ -96,12 +106,7 @@ static result_t read_alphas(maker_t *k, material_value_t u, material_value_t v)
                        distribution);
         k->m->said_beckmann = true;
     }
-    TRY(value(k, "alpha", 0.1, u));
-    k->record.values[v] = k->record.values[u];
-    bool own = property_find(k->object, "alphaU") || property_find(k->object, "alphaV");
-    if (!own) return result_ok();
-    TRY(value(k, "alphaU", 0.1, u));
-    return value(k, "alphaV", 0.1, v);
+    return read_widths(k, u, v);
 }
 
 static result_t read_surface_alphas(maker_t *k)
@@ -203,36 +208,56 @@ static result_t fill_diffuse_transmitter(maker_t *k)
     return value(k, "transmittance", 0.5, VALUE_TRANSMITTANCE);
 }
 
-/* One for both directions: glTF's lobe has another way to say how they differ. */
-static result_t read_ward_alpha(maker_t *k)
+/* Mitsuba makes reflectances weaker that add up to more than 1 where each is at its largest. `second` may be
+ * NULL. */
+static result_t conserve_energy(maker_t *k, blob_value_t *first, blob_value_t *second)
 {
-    double u = 0.1, v = 0.1;
-    if (!property_find(k->object, "alphaU") && !property_find(k->object, "alphaV"))
-        return value(k, "alpha", 0.1, VALUE_ROUGHNESS_U);
-    TRY(property_number(k->m, k->object, "alphaU", 0, 100, &u));
-    TRY(property_number(k->m, k->object, "alphaV", 0, 100, &v));
-    k->record.values[VALUE_ROUGHNESS_U] = blob_constant((float)sqrt(u * v));
+    bool wanted = true;
+    TRY(property_bool(k->m, k->object, "ensureEnergyConservation", &wanted));
+    rgb_t sum = texture_most(k->m, first);
+    if (second) sum = v_add(sum, texture_most(k->m, second));
+    float most = v_max(sum);
+    if (!wanted || !(most > 1)) return result_ok();
+    report_warning(k->m->report, k->object->at,
+                   "the reflectances of bsdf \"%.20s\" add up to %g, and are scaled to 0.99, as in Mitsuba",
+                   object_type(k->object), (double)most);
+    first->factor = v_scale(first->factor, 0.99f / most);
+    if (second) second->factor = v_scale(second->factor, 0.99f / most);
     return result_ok();
 }
 
-/* These lobes have no Fresnel reflectance; the nearest is glTF's of the same reflectance straight on. */
+static result_t read_reflectances(maker_t *k)
+{
+    TRY(value(k, "diffuseReflectance", 0.5, VALUE_REFLECTANCE));
+    TRY(value(k, "specularReflectance", 0.2, VALUE_SPECULAR));
+    return conserve_energy(k, &k->record.values[VALUE_REFLECTANCE], &k->record.values[VALUE_SPECULAR]);
+}
+
 static result_t fill_phong(maker_t *k)
 {
-    double exponent = 30;
-    report_warning(k->m->report, k->object->at,
-                   "bsdf \"%.20s\" is taken for a glossy surface of the same width and reflectance",
-                   object_type(k->object));
-    property_ignore(k->object, "variant");
-    k->record.kind = MATERIAL_GLTF;
-    k->record.flags = MATERIAL_THIN;
-    k->record.values[VALUE_SPECULAR] = blob_constant(1);
-    k->record.values[VALUE_ETA] = blob_constant(1e4f);
-    TRY(value(k, "diffuseReflectance", 0.5, VALUE_REFLECTANCE));
-    TRY(value(k, "specularReflectance", 0.2, VALUE_SPECULAR_COLOUR));
-    if (strcmp(object_type(k->object), "phong") != 0) return read_ward_alpha(k);
-    TRY(property_number(k->m, k->object, "exponent", 0, 1e7, &exponent));
-    k->record.values[VALUE_ROUGHNESS_U] = blob_constant((float)sqrt(2 / (exponent + 2)));
-    return result_ok();
+    k->record.kind = MATERIAL_PHONG;
+    TRY(read_reflectances(k));
+    return value(k, "exponent", 30, VALUE_EXPONENT);
+}
+
+static result_t fill_ward(maker_t *k)
+{
+    static const struct {
+        const char *name;
+        material_kind_t kind;
+    } variants[] = {
+        {"ward", MATERIAL_WARD}, {"ward-duer", MATERIAL_WARD_DUER}, {"balanced", MATERIAL_WARD_BALANCED}};
+    const char *variant = "balanced";
+    TRY(read_reflectances(k));
+    TRY(read_widths(k, VALUE_ROUGHNESS_U, VALUE_ROUGHNESS_V));
+    TRY(property_string(k->m, k->object, "variant", &variant));
+    for (size_t i = 0; i < ARRAY_LENGTH(variants); ++i) {
+        if (strcasecmp(variant, variants[i].name) != 0) continue;
+        k->record.kind = variants[i].kind;
+        return result_ok();
+    }
+    return error_at(k->object->at,
+                    "the variant of a ward must be ward, ward-duer or balanced, found \"%.20s\"", variant);
 }
 
 /* ---- plastic ------------------------------------------------------------------------------------------- */
@@ -562,7 +587,7 @@ static const row_t rows[] = {
     {"roughplastic", fill_plastic, NULL, true},
     {"difftrans", fill_diffuse_transmitter, NULL, false},
     {"phong", fill_phong, NULL, true},
-    {"ward", fill_phong, NULL, true},
+    {"ward", fill_ward, NULL, true},
     {"twosided", NULL, hold_two_sided, false},
     {"mask", NULL, hold_mask, false},
     {"bumpmap", NULL, hold_bump, false},

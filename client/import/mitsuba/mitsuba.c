@@ -134,5 +134,6 @@ result_t mitsuba_import(const char *path, scene_builder_t *builder)
     intern_free(&m.ids);
     free(m.by_id);
     free(m.materials);
+    free(m.image_most);
     return result;
 }

@@ -24,6 +24,8 @@ typedef struct {
     size_t id_capacity;
     material_t *materials; /* element_t.object and .variant are 1 + an index into them */
     size_t material_count, material_capacity;
+    rgb_t *image_most; /* of the blob's images: see texture_most */
+    size_t image_most_capacity;
     uint32_t plain, black; /* 1 + the material of shapes that have none, and emit; 0: not made yet */
     blob_scene_t record;
     int material_depth;

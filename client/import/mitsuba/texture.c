@@ -169,6 +169,37 @@ static result_t make_value(mitsuba_t *m, element_t *object, texture_use_t use, b
     return object_finish(m, object);
 }
 
+/* Of an image, looked at once. */
+static rgb_t image_most(mitsuba_t *m, blob_ref_t image)
+{
+    size_t known = m->image_most_capacity;
+    m->image_most = grow(m->image_most, &m->image_most_capacity, image, sizeof *m->image_most);
+    for (; known < m->image_most_capacity; ++known) m->image_most[known] = vec3(-1, -1, -1);
+    if (m->image_most[image - 1].x < 0) m->image_most[image - 1] = scene_image_most(m->scene, image);
+    return m->image_most[image - 1];
+}
+
+static rgb_t channel_of(rgb_t most, uint32_t channel)
+{
+    if (channel == CHANNEL_R) return vec3(most.x, most.x, most.x);
+    if (channel == CHANNEL_G) return vec3(most.y, most.y, most.y);
+    if (channel == CHANNEL_B) return vec3(most.z, most.z, most.z);
+    return channel == CHANNEL_A ? vec3(1, 1, 1) : most;
+}
+
+rgb_t texture_most(mitsuba_t *m, const blob_value_t *value)
+{
+    const blob_texture_t *texture = blob_builder_records(m->scene->blob, BLOB_SECTION_TEXTURES);
+    if (value->texture == 0) return value->factor;
+    texture += value->texture - 1;
+    rgb_t a = texture->inputs[0].factor, b = texture->inputs[1].factor;
+    if (texture->kind == TEXTURE_IMAGE)
+        return v_mul(value->factor, channel_of(image_most(m, texture->image), texture->channel));
+    if (texture->kind == TEXTURE_CHECKERBOARD)
+        return v_mul(value->factor, vec3(float_max(a.x, b.x), float_max(a.y, b.y), float_max(a.z, b.z)));
+    return value->factor;
+}
+
 result_t texture_element(mitsuba_t *m, element_t *texture, texture_use_t use, bool flipped,
                          blob_value_t *value)
 {

@@ -15,6 +15,9 @@ typedef enum { TEXTURE_COLOURS, TEXTURE_NUMBERS, TEXTURE_NORMALS } texture_use_t
  * none. RESULT_INPUT: a texture that is not supported, unless the import is lenient. */
 result_t texture_property(mitsuba_t *m, const element_t *object, const char *name, double otherwise,
                           bool flipped, blob_value_t *value);
+/* The most that a value is anywhere, of each channel, by what Mitsuba knows of textures: colours of vertices
+ * count as white. */
+rgb_t texture_most(mitsuba_t *m, const blob_value_t *value);
 /* The value of a texture element. */
 result_t texture_element(mitsuba_t *m, element_t *texture, texture_use_t use, bool flipped,
                          blob_value_t *value);

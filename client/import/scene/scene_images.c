@@ -254,6 +254,24 @@ double scene_image_mean(const scene_builder_t *scene, blob_ref_t ref,
     return sum / ((double)image.width * image.height);
 }
 
+/* Decoding keeps the order of what is encoded. */
+rgb_t scene_image_most(const scene_builder_t *scene, blob_ref_t ref)
+{
+    blob_image_t image = scene_image_record(scene, ref);
+    const uint32_t *texels =
+        (const uint32_t *)blob_builder_records(scene->blob, BLOB_SECTION_TEXELS) + image.first_word;
+    bool floats = image.format == TEXELS_R32F || image.format == TEXELS_RGB32F;
+    size_t stride = image.format == TEXELS_RGBA8 ? 4 : image.format == TEXELS_RGB32F ? 3 : 1;
+    size_t count = (size_t)image.width * image.height * stride;
+    double most[3] = {0, 0, 0};
+    for (size_t i = 0; i < 3; ++i)
+        for (size_t k = stride > 1 ? i : 0; k < count; k += stride)
+            most[i] = fmax(most[i], floats ? (double)((const float *)texels)[k]
+                                           : ((const uint8_t *)texels)[k] / 255.0);
+    for (size_t i = 0; i < 3 && !floats; ++i) most[i] = decode(most[i], image.gamma);
+    return vec3((float)most[0], (float)most[1], (float)most[2]);
+}
+
 float *scene_image_greys(const scene_builder_t *scene, blob_ref_t ref)
 {
     blob_image_t image = scene_image_record(scene, ref);

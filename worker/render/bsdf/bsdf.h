@@ -110,6 +110,14 @@ typedef struct {
     float factor;
 } lobe_sheen_t;
 
+typedef struct {
+    float exponent;
+} lobe_phong_t;
+
+typedef struct {
+    uint32_t model; /* MATERIAL_WARD, MATERIAL_WARD_DUER or MATERIAL_WARD_BALANCED */
+} lobe_ward_t;
+
 /* A table of Fourier series; `series` are the table's own. */
 typedef struct {
     const blob_fourier_t *table;
@@ -154,7 +162,7 @@ typedef struct {
     rgb_t scale;    /* factor on the lobe's value */
     float chance;   /* of being the one that is sampled; those of a BSDF add up to one */
     float alpha[2]; /* of the Trowbridge-Reitz distribution, along s and t: of lobes with microfacets, and the
-                       smooth ones that bsdf_regularize makes into such */
+                       smooth ones that bsdf_regularize makes into such; of Ward's lobe */
     union {
         lobe_layered_t layered;
         lobe_dielectric_t dielectric;
@@ -166,6 +174,8 @@ typedef struct {
         lobe_disney_coat_t disney_coat;
         lobe_schlick_t schlick;
         lobe_sheen_t sheen;
+        lobe_phong_t phong;
+        lobe_ward_t ward;
         lobe_fourier_t fourier;
         lobe_measured_t measured;
     };
@@ -259,6 +269,6 @@ extern const lobe_kind_t lobe_lambert, lobe_lambert_transmission, lobe_oren_naya
     lobe_coated_lambert, lobe_smooth_coat, lobe_smooth_layers, lobe_schlick_reflection, lobe_schlick_mirror,
     lobe_schlick_diffuse, lobe_schlick_through, lobe_schlick_straight, lobe_schlick_coat,
     lobe_schlick_coat_mirror, lobe_schlick_diffuse_through, lobe_sheen, lobe_smooth_dispersion,
-    lobe_rough_dispersion, lobe_fourier, lobe_measured;
+    lobe_rough_dispersion, lobe_phong, lobe_ward, lobe_fourier, lobe_measured;
 
 #endif

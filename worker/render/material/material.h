@@ -28,7 +28,11 @@ void material_bsdf(const scene_t *scene, const surface_t *surface, bsdf_t *bsdf)
     ENTRY(MATERIAL_COATED_CONDUCTOR, material_coated_conductor)                                              \
     ENTRY(MATERIAL_GLTF, material_gltf)                                                                      \
     ENTRY(MATERIAL_FOURIER, material_fourier)                                                                \
-    ENTRY(MATERIAL_MEASURED, material_measured)
+    ENTRY(MATERIAL_MEASURED, material_measured)                                                              \
+    ENTRY(MATERIAL_PHONG, material_phong)                                                                    \
+    ENTRY(MATERIAL_WARD, material_ward)                                                                      \
+    ENTRY(MATERIAL_WARD_DUER, material_ward)                                                                 \
+    ENTRY(MATERIAL_WARD_BALANCED, material_ward)
 #define MATERIAL_DECLARE(kind, shade) extern material_shade_t shade;
 MATERIALS(MATERIAL_DECLARE)
 #undef MATERIAL_DECLARE

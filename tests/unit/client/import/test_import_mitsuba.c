@@ -721,12 +721,6 @@ static void bsdfs_of_one_layer_become_their_materials(void **state)
     expect_near(number(&bench, VALUE_K), 9, 0);
     run_bsdf(&bench, "<bsdf type=\"conductor\"><string name=\"material\" value=\"Xx\"/></bsdf>");
     expect_text(bench.result.message, "no index is known for the metal \"Xx\"");
-    run_bsdf(&bench, "<bsdf type=\"phong\"><float name=\"exponent\" value=\"48\"/></bsdf>");
-    expect_text(bench.warnings, "bsdf \"phong\" is taken for a glossy surface of the same width");
-    expect_near(number(&bench, VALUE_ROUGHNESS_U), 0.2, 1e-6);
-    run_bsdf(&bench, "<bsdf type=\"ward\"><float name=\"alphaU\" value=\".1\"/><float name=\"alphaV\" "
-                     "value=\".4\"/></bsdf>");
-    expect_near(number(&bench, VALUE_ROUGHNESS_U), 0.2, 1e-6);
     run_bsdf(&bench, "<bsdf type=\"difftrans\"/>");
     assert_int_equal(material_of(&bench)->kind, MATERIAL_DIFFUSE_TRANSMISSION);
     run_bsdf(&bench, "<bsdf type=\"roughdiffuse\"><float name=\"alpha\" value=\".3\"/></bsdf>");
@@ -781,6 +775,84 @@ static void plastic_is_linear_in_its_colour_unless_asked(void **state)
     const uint32_t *parts = material_of(&bench)->parts;
     expect_near((double)bench.blob.materials[parts[0]].values[VALUE_REFLECTANCE].factor.x, 0, 0);
     expect_near((double)bench.blob.materials[parts[1]].values[VALUE_REFLECTANCE].factor.x, 1, 0);
+    bench_close(&bench);
+}
+
+static void phong_and_ward_are_read(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run_bsdf(&bench, "<bsdf type=\"twosided\"><bsdf type=\"phong\"/></bsdf>");
+    bench_expect_silence(&bench);
+    assert_int_equal(material_of(&bench)->kind, MATERIAL_PHONG);
+    expect_near(number(&bench, VALUE_REFLECTANCE), 0.5, 0);
+    expect_near(number(&bench, VALUE_SPECULAR), 0.2, 1e-6);
+    expect_near(number(&bench, VALUE_EXPONENT), 30, 0);
+    run_bsdf(&bench, "<bsdf type=\"phong\"><texture name=\"exponent\" type=\"checkerboard\"/></bsdf>");
+    assert_true(material_of(&bench)->values[VALUE_EXPONENT].texture != 0);
+    static const struct {
+        const char *variant;
+        material_kind_t kind;
+    } variants[] = {
+        {"", MATERIAL_WARD_BALANCED},
+        {"<string name=\"variant\" value=\"ward\"/>", MATERIAL_WARD},
+        {"<string name=\"variant\" value=\"Ward-Duer\"/>", MATERIAL_WARD_DUER},
+        {"<string name=\"variant\" value=\"balanced\"/>", MATERIAL_WARD_BALANCED},
+    };
+    for (size_t i = 0; i < ARRAY_LENGTH(variants); ++i) {
+        char *bsdf = mem_printf("<bsdf type=\"twosided\"><bsdf type=\"ward\">%s<float name=\"alphaU\" "
+                                "value=\".3\"/></bsdf></bsdf>",
+                                variants[i].variant);
+        run_bsdf(&bench, bsdf);
+        free(bsdf);
+        bench_expect_silence(&bench);
+        assert_int_equal(material_of(&bench)->kind, variants[i].kind);
+        expect_near(number(&bench, VALUE_ROUGHNESS_U), 0.3, 1e-6);
+        expect_near(number(&bench, VALUE_ROUGHNESS_V), 0.1, 1e-6);
+    }
+    run_bsdf(&bench, "<bsdf type=\"ward\"><string name=\"variant\" value=\"x\"/></bsdf>");
+    expect_text(bench.result.message, "must be ward, ward-duer or balanced, found \"x\"");
+    bench_close(&bench);
+}
+
+/* An image of two pixels, the brighter one (1, 0.25, 0) when its numbers are linear. */
+static void write_pixels(bench_t *bench)
+{
+    static const float pixels[6] = {0.5f, 0.125f, 0, 1, 0.25f, 0};
+    char file[64];
+    int header = snprintf(file, sizeof file, "PF\n2 1\n-1\n");
+    memcpy(file + header, pixels, sizeof pixels);
+    bench_write(bench, "a.pfm", file, (size_t)header + sizeof pixels);
+}
+
+static void reflectances_that_gain_energy_are_scaled_as_in_mitsuba(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+#define WHITE_PHONG                                                                                          \
+    "<bsdf type=\"phong\"><rgb name=\"diffuseReflectance\" value=\".3,.8,.3\"/><rgb "                        \
+    "name=\"specularReflectance\" value=\".6,.6,.1\"/>"
+    run_bsdf(&bench, WHITE_PHONG "</bsdf>");
+    expect_vec3(material_of(&bench)->values[VALUE_SPECULAR].factor, 0.6 * 0.99 / 1.4, 0.6 * 0.99 / 1.4,
+                0.1 * 0.99 / 1.4);
+    expect_near(number(&bench, VALUE_REFLECTANCE), 0.3 * 0.99 / 1.4, 1e-6);
+    expect_text(bench.warnings, "add up to 1.4, and are scaled to 0.99");
+    run_bsdf(&bench, WHITE_PHONG "<boolean name=\"ensureEnergyConservation\" value=\"false\"/></bsdf>");
+    expect_near(number(&bench, VALUE_REFLECTANCE), 0.3, 1e-6);
+    /* Of textures by their largest values: 0.4 of a checkerboard, 1 in red of the image. */
+    run_bsdf(&bench, "<bsdf type=\"ward\"><texture name=\"diffuseReflectance\" type=\"checkerboard\"/><float "
+                     "name=\"specularReflectance\" value=\".8\"/></bsdf>");
+    expect_near(number(&bench, VALUE_REFLECTANCE), 0.99 / 1.2, 1e-6);
+    write_pixels(&bench);
+#define IMAGE                                                                                                \
+    "<texture name=\"diffuseReflectance\" type=\"bitmap\"><string name=\"filename\" "                        \
+    "value=\"a.pfm\"/></texture>"
+    run_bsdf(&bench,
+             "<bsdf type=\"phong\"><rgb name=\"specularReflectance\" value=\".5,.7,.9\"/>" IMAGE "</bsdf>");
+    expect_near(number(&bench, VALUE_SPECULAR), 0.5 * 0.99 / 1.5, 1e-6);
+    run_bsdf(&bench,
+             "<bsdf type=\"phong\"><rgb name=\"specularReflectance\" value=\"0,.75,1\"/>" IMAGE "</bsdf>");
+    expect_near(number(&bench, VALUE_REFLECTANCE), 1, 0);
     bench_close(&bench);
 }
 
@@ -1095,6 +1167,8 @@ int main(void)
         cmocka_unit_test(bsdfs_of_one_layer_become_their_materials),
         cmocka_unit_test(a_bsdf_may_have_several_textures),
         cmocka_unit_test(a_medium_matters_where_a_shape_has_it),
+        cmocka_unit_test(phong_and_ward_are_read),
+        cmocka_unit_test(reflectances_that_gain_energy_are_scaled_as_in_mitsuba),
         cmocka_unit_test(plastic_is_linear_in_its_colour_unless_asked),
         cmocka_unit_test(bsdfs_may_hold_others),
         cmocka_unit_test(shapes_have_the_bsdf_that_mitsuba_gives_them),
