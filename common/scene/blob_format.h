@@ -360,9 +360,9 @@ typedef enum {
     MATERIAL_DISNEY,               /* pbrt-v3's [REFLECTANCE, METALLIC, ETA, ROUGHNESS_U, SPECULAR_TINT,
                                       ANISOTROPIC, SHEEN, SHEEN_TINT, CLEARCOAT, CLEARCOAT_GLOSS, TRANSMISSION,
                                       FLATNESS, DIFFUSE_TRANSMISSION]; THIN */
-    MATERIAL_COATED_DIFFUSE,       /* pbrt-v4's [REFLECTANCE, ETA, ROUGHNESS, THICKNESS, ALBEDO, G] */
+    MATERIAL_COATED_DIFFUSE,       /* pbrt-v4's [REFLECTANCE, ETA, ROUGHNESS, THICKNESS, ALBEDO, G]; TINTED */
     MATERIAL_COATED_CONDUCTOR,     /* pbrt-v4's [ETA, ROUGHNESS, THICKNESS, ALBEDO, G, BASE_ETA, K,
-                                      BASE_ROUGHNESS] */
+                                      BASE_ROUGHNESS]; TINTED */
     MATERIAL_DIFFUSE_TRANSMISSION, /* [REFLECTANCE, TRANSMITTANCE] */
     MATERIAL_GLTF,                 /* [REFLECTANCE, METALLIC, ROUGHNESS_U, ETA, SPECULAR, SPECULAR_COLOUR,
                                       CLEARCOAT, CLEARCOAT_ROUGHNESS, TRANSMISSION, ATTENUATION, SHEEN_COLOUR,
@@ -386,6 +386,7 @@ enum {
     MATERIAL_UNIT = 32,        /* pbrt-v4's: REFLECTANCE, TRANSMITTANCE, ALBEDO and AMOUNT are at most 1 */
     MATERIAL_COAT_NORMAL = 64, /* the coat has a normal of its own: that of the surface, turned by the
                                   coat_normal_map where there is one */
+    MATERIAL_TINTED = 128,     /* SPECULAR is a factor on what the coat of a coated material reflects */
     MATERIAL_ALPHA_V3 = 16 /* alphas as pbrt-v3 bounds them: smooth is only a dielectric whose roughness is 0
                               in both axes; else they are at least 1e-3. REMAP_V3 implies it */
 };

@@ -28,6 +28,7 @@ typedef struct {
     bool metal;
     double reflectance;         /* of Lambert */
     double eta, k, metal_alpha; /* of metal, against vacuum */
+    double tint;                /* of what the coat reflects; 0: none */
 } layer_stack_t;
 
 typedef struct {
@@ -120,7 +121,7 @@ static double photon(const layer_stack_t *stack, dir_t *w, bool *mirrored, dice_
 {
     double weight = meet(stack->alpha, stack->ior, false, w, dice), z = stack->thickness;
     *mirrored = w->z > 0;
-    if (*mirrored) return weight;
+    if (*mirrored) return stack->tint > 0 ? weight * stack->tint : weight;
     while (weight > 0) {
         double free = -log(roll(dice)) * fabs(w->z), way = w->z < 0 ? z : stack->thickness - z;
         if (free < way) {
@@ -159,19 +160,22 @@ static blob_material_t material_of(const layer_stack_t *s)
     m.values[VALUE_K] = blob_constant((float)s->k);
     m.values[VALUE_BASE_ROUGHNESS_U] = m.values[VALUE_BASE_ROUGHNESS_V] =
         blob_constant((float)s->metal_alpha);
+    m.values[VALUE_SPECULAR] = blob_constant((float)s->tint);
+    if (s->tint > 0) m.flags = MATERIAL_TINTED;
     return m;
 }
 
 static const layer_stack_t stacks[] = {
-    {"smooth, Lambert", 1.5, 0, 0.01, 0, 0, false, 0.7, 0, 0, 0},
-    {"smooth, absorbing, Lambert", 1.4, 0, 0.4, 0, 0, false, 0.9, 0, 0, 0},
-    {"smooth, scattering, Lambert", 1.5, 0, 0.5, 0.8, 0.4, false, 0.5, 0, 0, 0},
-    {"rough, Lambert", 1.5, 0.3, 0.01, 0, 0, false, 0.7, 0, 0, 0},
-    {"rough, scattering, Lambert", 1.6, 0.4, 0.7, 0.9, -0.3, false, 0.4, 0, 0, 0},
-    {"smooth, metal", 1.5, 0, 0.3, 0, 0, true, 0, 0.2, 3.9, 0.2},
-    {"rough, metal", 1.5, 0.25, 0.01, 0, 0, true, 0, 0.2, 3.9, 0.3},
-    {"rough, scattering, metal", 1.5, 0.4, 0.6, 0.9, 0.2, true, 0, 1.5, 7, 0.2},
-    {"rough, smooth metal", 1.5, 0.3, 0.01, 0, 0, true, 0, 0.2, 3.9, 0},
+    {"smooth, Lambert", 1.5, 0, 0.01, 0, 0, false, 0.7, 0, 0, 0, 0},
+    {"smooth, absorbing, Lambert", 1.4, 0, 0.4, 0, 0, false, 0.9, 0, 0, 0, 0},
+    {"smooth, scattering, Lambert", 1.5, 0, 0.5, 0.8, 0.4, false, 0.5, 0, 0, 0, 0},
+    {"rough, Lambert", 1.5, 0.3, 0.01, 0, 0, false, 0.7, 0, 0, 0, 0},
+    {"rough, scattering, Lambert", 1.6, 0.4, 0.7, 0.9, -0.3, false, 0.4, 0, 0, 0, 0},
+    {"smooth, metal", 1.5, 0, 0.3, 0, 0, true, 0, 0.2, 3.9, 0.2, 0},
+    {"rough, metal", 1.5, 0.25, 0.01, 0, 0, true, 0, 0.2, 3.9, 0.3, 0},
+    {"rough, scattering, metal", 1.5, 0.4, 0.6, 0.9, 0.2, true, 0, 1.5, 7, 0.2, 0},
+    {"rough, smooth metal", 1.5, 0.3, 0.01, 0, 0, true, 0, 0.2, 3.9, 0, 0},
+    {"rough and tinted, metal", 1.5, 0.25, 0.3, 0, 0, true, 0, 0.2, 3.9, 0.3, 0.3},
 };
 
 /* ---- light that leaves, by direction ------------------------------------------------------------------- */
@@ -270,7 +274,7 @@ static void smooth_coat_over_lambert_is_a_series(void **state)
     }
     assert_true(fabs(back - 0.596) < 1e-3); /* the known value */
     assert_true(fabs((double)lobe_layered_returns(1.5f, 0) - back) < 1e-3);
-    layer_stack_t stack = {"", 1.5, 0, 0, 0, 0, false, 0.8, 0, 0, 0};
+    layer_stack_t stack = {"", 1.5, 0, 0, 0, 0, false, 0.8, 0, 0, 0, 0};
     scattering_t s;
     scattering_begin(&s, material_of(&stack));
     const float cosines[] = {1, 0.8f, 0.5f, 0.2f};
@@ -284,6 +288,28 @@ static void smooth_coat_over_lambert_is_a_series(void **state)
             assert_true(fabs((double)value.f.x / truth - 1) < 2e-3);
         }
     scattering_end(&s);
+}
+
+/* A tint is on what the coat reflects alone, and leaves smooth layers without walks for Lambert. */
+static void tints_are_of_the_coat_alone(void **state)
+{
+    (void)state;
+    layer_stack_t stack = {"", 1.5, 0, 0.1, 0, 0, false, 0.8, 0, 0, 0, 0.25};
+    scattering_t plain, tinted;
+    scattering_begin(&tinted, material_of(&stack));
+    stack.tint = 0;
+    scattering_begin(&plain, material_of(&stack));
+    vec3_t wo = scattering_direction(0.3f, 1), wi = scattering_direction(0.6f, 4);
+    bsdf_value_t a, b;
+    bsdf_sample_t mirrored;
+    assert_true(bsdf_eval(&plain.bsdf, wo, wi, TRANSPORT_RADIANCE, &a));
+    assert_true(bsdf_eval(&tinted.bsdf, wo, wi, TRANSPORT_RADIANCE, &b));
+    assert_float_equal(b.f.x, a.f.x, 1e-6f);
+    assert_true(bsdf_sample(&tinted.bsdf, wo, (vec2_t){0.5f, 0.5f}, 0.9999f, TRANSPORT_RADIANCE, &mirrored));
+    assert_true(mirrored.specular);
+    assert_true(fabs((double)(mirrored.weight.x * mirrored.pdf) - 0.25 * fresnel((double)wo.z, 1.5)) < 1e-5);
+    scattering_end(&plain);
+    scattering_end(&tinted);
 }
 
 /* The walks, where the closed form holds. */
@@ -320,9 +346,9 @@ static void layers_keep_energy(void **state)
 {
     (void)state;
     const layer_stack_t clear[] = {
-        {"clear, Lambert", 1.5, 0, 0, 0, 0, false, 1, 0, 0, 0},
-        {"scattering, Lambert", 1.5, 0, 0.5, 1, 0.3, false, 1, 0, 0, 0},
-        {"clear, perfect mirror", 1.5, 0, 0, 0, 0, true, 0, 0, 3, 0},
+        {"clear, Lambert", 1.5, 0, 0, 0, 0, false, 1, 0, 0, 0, 0},
+        {"scattering, Lambert", 1.5, 0, 0.5, 1, 0.3, false, 1, 0, 0, 0, 0},
+        {"clear, perfect mirror", 1.5, 0, 0, 0, 0, true, 0, 0, 3, 0, 0},
     };
     for (size_t i = 0; i < sizeof clear / sizeof *clear; i++) {
         scattering_t s;
@@ -438,6 +464,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(smooth_coat_over_lambert_is_a_series),
+        cmocka_unit_test(tints_are_of_the_coat_alone),
         cmocka_unit_test(walks_agree_with_the_series),
         cmocka_unit_test(light_leaves_like_photons),
         cmocka_unit_test(layers_keep_energy),

@@ -314,15 +314,15 @@ static result_t linear_plastic(maker_t *k, blob_value_t base)
     return result_ok();
 }
 
-/* A coat reflects what Fresnel's equations say. */
-static result_t refuse_tint(maker_t *k)
+/* The factor on what a coat reflects. */
+static result_t read_tint(maker_t *k)
 {
-    rgb_t tint = {1, 1, 1};
-    TRY(property_colour(k->m, k->object, "specularReflectance", &tint));
-    if (tint.x == 1 && tint.y == 1 && tint.z == 1) return result_ok();
-    return report_refuse(k->m->report, k->object->at,
-                         "the specularReflectance of a \"%.20s\" is not supported; the nearest is 1",
-                         object_type(k->object));
+    blob_value_t *tint = &k->record.values[VALUE_SPECULAR];
+    TRY(value(k, "specularReflectance", 1, VALUE_SPECULAR));
+    TRY(conserve_energy(k, tint, NULL));
+    if (tint->texture != 0 || tint->factor.x != 1 || tint->factor.y != 1 || tint->factor.z != 1)
+        k->record.flags |= MATERIAL_TINTED;
+    return result_ok();
 }
 
 static result_t fill_plastic(maker_t *k)
@@ -333,7 +333,7 @@ static result_t fill_plastic(maker_t *k)
     if (strcmp(object_type(k->object), "roughplastic") == 0) TRY(read_surface_alphas(k));
     TRY(value(k, "diffuseReflectance", 0.5, VALUE_REFLECTANCE));
     TRY(property_bool(k->m, k->object, "nonlinear", &nonlinear));
-    TRY(refuse_tint(k));
+    TRY(read_tint(k));
     return nonlinear ? result_ok() : linear_plastic(k, k->record.values[VALUE_REFLECTANCE]);
 }
 
@@ -548,7 +548,7 @@ static result_t hold_coating(maker_t *k)
     double depth;
     TRY(nested(k, &k->out));
     blob_material_t base = *record_of(k->m, k->out.index);
-    TRY(refuse_tint(k));
+    TRY(read_tint(k));
     no_medium(&k->record);
     TRY(read_relative_index(k, glass));
     TRY(read_depth(k, &depth));

@@ -142,7 +142,8 @@ typedef struct {
     float seed;      /* of the walks: differs from point to point */
     rgb_t albedo;    /* of the medium; black: it only absorbs */
     rgb_t factor;
-    bool smooth;    /* the coat, whose mirror reflection is a lobe of its own */
+    bool smooth;    /* the coat */
+    bool reflects;  /* the lobe has what the coat reflects; else that is a lobe of its own */
     bool has_metal; /* the base is a metal, else Lambertian */
     union {
         struct {
@@ -266,8 +267,8 @@ extern const lobe_kind_t lobe_lambert, lobe_lambert_transmission, lobe_oren_naya
     lobe_smooth_dielectric, lobe_smooth_conductor, lobe_pane, lobe_straight, lobe_rough_conductor,
     lobe_rough_dielectric, lobe_rough_reflection, lobe_rough_transmission, lobe_fresnel_blend,
     lobe_disney_diffuse, lobe_disney_sheen, lobe_disney_specular, lobe_disney_clearcoat, lobe_layered,
-    lobe_coated_lambert, lobe_smooth_coat, lobe_smooth_layers, lobe_schlick_reflection, lobe_schlick_mirror,
-    lobe_schlick_diffuse, lobe_schlick_through, lobe_schlick_straight, lobe_schlick_coat,
+    lobe_coated_lambert, lobe_smooth_coat, lobe_rough_coat, lobe_smooth_layers, lobe_schlick_reflection,
+    lobe_schlick_mirror, lobe_schlick_diffuse, lobe_schlick_through, lobe_schlick_straight, lobe_schlick_coat,
     lobe_schlick_coat_mirror, lobe_schlick_diffuse_through, lobe_sheen, lobe_smooth_dispersion,
     lobe_rough_dispersion, lobe_phong, lobe_ward, lobe_fourier, lobe_measured;
 

@@ -13,9 +13,10 @@
  * normals of the coat; for metal, visible normals of the base as if seen through a smooth coat (the base then
  * counts as rougher by what the real coat adds); and the cosine.
  *
- * Where the coat is smooth, its mirror reflection is a specular lobe of its own (lobe_smooth_coat). Two cases
- * need no walks: the smooth coat and absorbing medium over Lambert (lobe_coated_lambert), where light below
- * the coat is a geometric series, and both interfaces smooth (lobe_smooth_layers), likewise. */
+ * Where the coat is smooth or tinted, its reflection is a lobe of its own (lobe_smooth_coat,
+ * lobe_rough_coat). Two cases need no walks: the smooth coat and absorbing medium over Lambert
+ * (lobe_coated_lambert), where light below the coat is a geometric series, and both interfaces smooth
+ * (lobe_smooth_layers), likewise. */
 #include "worker/render/bsdf/lobe.h"
 
 #include "common/sampler.h"
@@ -314,7 +315,7 @@ typedef struct {
 static mixture_t mixture_at(const lobe_t *lobe, vec3_t wo)
 {
     mixture_t mixture = {0, 0, 0};
-    if (!lobe->layered.smooth) {
+    if (lobe->layered.reflects) {
         float cos_t, f = fresnel_dielectric(float_min(wo.z, 1), lobe->layered.ior, &cos_t);
         mixture.coat = float_clamp(f / (f + 0.5f * (1 - f)), 0.05f, 0.9f);
     }
@@ -409,7 +410,7 @@ static bool eval_above(const lobe_t *lobe, vec3_t wo, vec3_t wi, bsdf_value_t *v
     float ax = lobe->alpha[0], ay = lobe->alpha[1], cos_t;
     if (!(wo.z > 0 && wi.z > 0)) return false;
     microfacet_t coat;
-    bool reflects = !lobe->layered.smooth && microfacet_reflection(ax, ay, wo, wi, &coat);
+    bool reflects = lobe->layered.reflects && microfacet_reflection(ax, ay, wo, wi, &coat);
     set_densities(lobe, wo, wi, reflects ? &coat : NULL, value);
     value->f = eval_inside(lobe, wo, wi);
     if (reflects) {
@@ -547,6 +548,7 @@ static void regularize_smooth_layers(lobe_t *lobe)
 {
     lobe->kind = &lobe_layered;
     lobe->layered.smooth = false;
+    lobe->layered.reflects = true;
     regularize(lobe);
 }
 
@@ -566,11 +568,11 @@ static bool sample_rough_coat(const lobe_t *lobe, vec3_t wo, vec2_t u, float cho
     return true;
 }
 
-/* What bsdf_regularize makes of the smooth coat: rough reflection, the same from both sides. */
-static const lobe_kind_t lobe_rough_coat = {.flags = LOBE_REFLECTS,
-                                            .eval = eval_rough_coat,
-                                            .sample = sample_rough_coat,
-                                            .regularize = lobe_regularize_alphas};
+/* Rough reflection, the same from both sides. */
+const lobe_kind_t lobe_rough_coat = {.flags = LOBE_REFLECTS,
+                                     .eval = eval_rough_coat,
+                                     .sample = sample_rough_coat,
+                                     .regularize = lobe_regularize_alphas};
 
 static void regularize_smooth_coat(lobe_t *lobe)
 {

@@ -13,7 +13,9 @@
 typedef struct {
     float ior, alpha[2], thickness, g;
     rgb_t albedo;
+    rgb_t tint; /* of what the coat itself reflects */
     bool smooth;
+    bool apart; /* what it reflects is a lobe of its own */
 } coat_t;
 
 static rgb_t at_most_one(rgb_t c)
@@ -26,9 +28,13 @@ static coat_t read_coat(const shading_t *shading)
     coat_t coat = {.ior = lobe_sane_ior(shading_number(shading, VALUE_ETA)),
                    .thickness = float_clamp(shading_number(shading, VALUE_THICKNESS), 0, 1e4f),
                    .g = float_clamp(shading_number(shading, VALUE_G), -0.99f, 0.99f),
-                   .albedo = at_most_one(shading_colour(shading, VALUE_ALBEDO))};
+                   .albedo = at_most_one(shading_colour(shading, VALUE_ALBEDO)),
+                   .tint = {1, 1, 1}};
+    bool tinted = shading->material->flags & MATERIAL_TINTED;
+    if (tinted) coat.tint = shading_colour(shading, VALUE_SPECULAR);
     coat.smooth = !shading_alphas(shading, VALUE_ROUGHNESS_U, VALUE_ROUGHNESS_V, coat.alpha) ||
                   fabsf(coat.ior - 1) < LOBE_LEAST_REFRACTION;
+    coat.apart = coat.smooth || tinted;
     if (coat.thickness == 0) coat.albedo = vec3(0, 0, 0);
     return coat;
 }
@@ -61,7 +67,7 @@ static float seed_of(vec3_t p)
  * layers have in common. */
 static lobe_t *add_layers(const shading_t *shading, const lobe_kind_t *kind, const coat_t *coat, rgb_t base)
 {
-    float mirror = kind == &lobe_smooth_layers || !coat->smooth ? fresnel_dielectric_mean(coat->ior) : 0;
+    float mirror = kind == &lobe_smooth_layers || !coat->apart ? fresnel_dielectric_mean(coat->ior) : 0;
     rgb_t albedo = vec3(mirror + mean_below(coat, base.x, coat->albedo.x),
                         mirror + mean_below(coat, base.y, coat->albedo.y),
                         mirror + mean_below(coat, base.z, coat->albedo.z));
@@ -73,19 +79,22 @@ static lobe_t *add_layers(const shading_t *shading, const lobe_kind_t *kind, con
     lobe->layered.thickness = coat->thickness;
     lobe->layered.g = coat->g;
     lobe->layered.smooth = coat->smooth;
+    lobe->layered.reflects = !coat->apart;
     lobe->layered.seed = seed_of(shading->at->p);
     lobe->layered.albedo = coat->albedo;
     lobe->layered.factor = vec3(inverse(albedo.x), inverse(albedo.y), inverse(albedo.z));
     return lobe;
 }
 
-/* The mirror reflection of a smooth coat; its mean goes into the scale. */
-static void add_smooth_coat(const shading_t *shading, const coat_t *coat)
+/* What the coat itself reflects; the mean goes into the scale. */
+static void add_coat(const shading_t *shading, const coat_t *coat)
 {
     if (coat->ior == 1) return;
     float mean = fresnel_dielectric_mean(coat->ior);
-    lobe_t *lobe = shading_add(shading, &lobe_smooth_coat, vec3(mean, mean, mean), mean);
+    lobe_t *lobe = shading_add(shading, coat->smooth ? &lobe_smooth_coat : &lobe_rough_coat,
+                               v_scale(coat->tint, mean), mean * v_max(coat->tint));
     if (lobe == NULL) return;
+    for (int i = 0; i < 2 && !coat->smooth; i++) lobe->alpha[i] = coat->alpha[i];
     lobe->dielectric.ior = coat->ior;
     lobe->dielectric.r = vec3(1 / mean, 1 / mean, 1 / mean);
 }
@@ -100,7 +109,7 @@ void material_coated_diffuse(const shading_t *shading)
         lobe->layered.reflectance = reflectance;
         if (!walks) lobe->layered.returns = lobe_layered_returns(coat.ior, coat.thickness);
     }
-    if (coat.smooth) add_smooth_coat(shading, &coat);
+    if (coat.apart) add_coat(shading, &coat);
 }
 
 void material_coated_conductor(const shading_t *shading)
@@ -111,7 +120,8 @@ void material_coated_conductor(const shading_t *shading)
     /* The metal meets the coat's index. */
     rgb_t eta = v_scale(shading_colour(shading, VALUE_BASE_ETA), 1 / coat.ior);
     rgb_t k = v_scale(shading_colour(shading, VALUE_K), 1 / coat.ior);
-    bool mirror = coat.smooth && !rough && v_is_zero(coat.albedo);
+    bool mirror =
+        coat.smooth && !rough && v_is_zero(coat.albedo) && !(shading->material->flags & MATERIAL_TINTED);
     lobe_t *lobe = add_layers(shading, mirror ? &lobe_smooth_layers : &lobe_layered, &coat,
                               fresnel_conductor(1, eta, k));
     if (lobe != NULL) {
@@ -120,5 +130,5 @@ void material_coated_conductor(const shading_t *shading)
         lobe->layered.metal.k = k;
         lobe->layered.has_metal = true;
     }
-    if (coat.smooth && !mirror) add_smooth_coat(shading, &coat);
+    if (coat.apart && !mirror) add_coat(shading, &coat);
 }

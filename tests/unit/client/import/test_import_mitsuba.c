@@ -856,6 +856,27 @@ static void reflectances_that_gain_energy_are_scaled_as_in_mitsuba(void **state)
     bench_close(&bench);
 }
 
+static void coats_may_be_tinted(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run_bsdf(&bench,
+             "<bsdf type=\"roughplastic\"><rgb name=\"specularReflectance\" value=\".2,.4,.6\"/></bsdf>");
+    assert_int_equal(material_of(&bench)->flags & MATERIAL_TINTED, MATERIAL_TINTED);
+    expect_vec3(material_of(&bench)->values[VALUE_SPECULAR].factor, 0.2, 0.4, 0.6);
+    run_bsdf(&bench, "<bsdf type=\"plastic\"><float name=\"specularReflectance\" value=\"1\"/></bsdf>");
+    assert_int_equal(material_of(&bench)->flags & MATERIAL_TINTED, 0);
+    run_bsdf(&bench,
+             "<bsdf type=\"coating\"><texture name=\"specularReflectance\" type=\"checkerboard\"/><bsdf "
+             "type=\"conductor\"/></bsdf>");
+    assert_int_equal(material_of(&bench)->kind, MATERIAL_COATED_CONDUCTOR);
+    assert_int_equal(material_of(&bench)->flags & MATERIAL_TINTED, MATERIAL_TINTED);
+    assert_true(material_of(&bench)->values[VALUE_SPECULAR].texture != 0);
+    run_bsdf(&bench, "<bsdf type=\"plastic\"><float name=\"specularReflectance\" value=\"4\"/></bsdf>");
+    expect_near(number(&bench, VALUE_SPECULAR), 0.99, 1e-6);
+    bench_close(&bench);
+}
+
 #define RED "<bsdf type=\"diffuse\"><rgb name=\"reflectance\" value=\"1,0,0\"/></bsdf>"
 #define BLUE "<bsdf type=\"diffuse\"><rgb name=\"reflectance\" value=\"0,0,1\"/></bsdf>"
 
@@ -1169,6 +1190,7 @@ int main(void)
         cmocka_unit_test(a_medium_matters_where_a_shape_has_it),
         cmocka_unit_test(phong_and_ward_are_read),
         cmocka_unit_test(reflectances_that_gain_energy_are_scaled_as_in_mitsuba),
+        cmocka_unit_test(coats_may_be_tinted),
         cmocka_unit_test(plastic_is_linear_in_its_colour_unless_asked),
         cmocka_unit_test(bsdfs_may_hold_others),
         cmocka_unit_test(shapes_have_the_bsdf_that_mitsuba_gives_them),
