@@ -52,23 +52,26 @@ static result_t ignore_medium(mitsuba_t *m, element_t *object)
     return result_ok();
 }
 
-/* The last of several counts, as in Mitsuba. */
-static result_t read_sensor(mitsuba_t *m)
+/* The last of several counts, as in Mitsuba; NULL: there is none. */
+static result_t find_sensor(mitsuba_t *m, element_t **sensor)
 {
-    element_t *at = NULL, *sensor, *next;
+    element_t *at = NULL, *next;
     const char *name;
-    TRY(object_child(m, m->xml.root, "sensor", &at, &sensor, &name));
-    if (!sensor) {
-        box_t box = scene_box(m->scene);
-        report_warning(m->report, m->xml.root->at,
-                       "the scene has no sensor: one that sees all of it is put in front of it, at -z");
-        return sensor_default(m, &box);
-    }
-    for (;; sensor = next) {
+    *sensor = NULL;
+    for (;; *sensor = next) {
         TRY(object_child(m, m->xml.root, "sensor", &at, &next, &name));
-        if (!next) return sensor_read(m, sensor);
-        report_warning(m->report, sensor->at, "another sensor follows, which is taken instead");
+        if (!next) return *sensor ? sensor_shutter(m, *sensor) : result_ok();
+        if (*sensor)
+            report_warning(m->report, (*sensor)->at, "another sensor follows, which is taken instead");
     }
+}
+
+static result_t add_default_sensor(mitsuba_t *m)
+{
+    box_t box = scene_box(m->scene);
+    report_warning(m->report, m->xml.root->at,
+                   "the scene has no sensor: one that sees all of it is put in front of it, at -z");
+    return sensor_default(m, &box);
 }
 
 static result_t read_integrator(mitsuba_t *m)
@@ -108,8 +111,10 @@ static void ignore_tree(const mitsuba_t *m)
 
 static result_t add_scene(mitsuba_t *m)
 {
+    element_t *sensor;
     TRY(check_version(m));
     TRY(property_collect_ids(m));
+    TRY(find_sensor(m, &sensor));
     TRY(add_all(m, "bsdf", leave));
     TRY(add_all(m, "texture", leave));
     TRY(add_all(m, "medium", ignore_medium));
@@ -119,7 +124,7 @@ static result_t add_scene(mitsuba_t *m)
     TRY(expect_shapes(m));
     TRY(add_default_light(m));
     TRY(read_integrator(m));
-    TRY(read_sensor(m));
+    TRY(sensor ? sensor_read(m, sensor) : add_default_sensor(m));
     ignore_tree(m);
     TRY(object_finish(m, m->xml.root));
     return scene_finish(m->scene, &m->record, m->xml.root->at);

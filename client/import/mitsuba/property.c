@@ -484,30 +484,104 @@ static result_t read_step(const element_t *element, affine_t *out)
                     element->tag);
 }
 
-/* Of an animation the first transform. */
-static result_t settle_animation(mitsuba_t *m, const element_t **found)
+static result_t read_transform(const element_t *element, affine_t *value)
 {
-    if (strcmp((*found)->tag, "animation") != 0) return result_ok();
-    TRY(report_refuse(m->report, (*found)->at,
-                      "animations are not supported; the nearest is to stand still as at first"));
-    const element_t *first = (*found)->first;
-    if (!first || strcmp(first->tag, "transform") != 0)
-        return error_at((*found)->at, "an animation needs transforms");
-    *found = first;
-    return result_ok();
-}
-
-result_t property_transform(mitsuba_t *m, const element_t *object, const char *name, affine_t *value)
-{
-    const element_t *found = property_find(object, name);
+    TRY(expect_tag(element, "transform", "transform"));
     *value = affine_identity();
-    if (!found) return result_ok();
-    TRY(settle_animation(m, &found));
-    TRY(expect_tag(found, "transform", "transform"));
-    for (const element_t *step = found->first; step; step = step->next) {
+    for (const element_t *step = element->first; step; step = step->next) {
         affine_t local;
         TRY(read_step(step, &local));
         *value = affine_multiply(&local, value);
     }
     return result_ok();
+}
+
+/* A transform of an animation. */
+typedef struct {
+    double time;
+    affine_t transform;
+} keyframe_t;
+
+static int compare_times(const void *a, const void *b)
+{
+    double x = ((const keyframe_t *)a)->time, y = ((const keyframe_t *)b)->time;
+    return (x > y) - (x < y);
+}
+
+static result_t read_keys(const element_t *animation, keyframe_t *keys, size_t count)
+{
+    const element_t *child = animation->first;
+    for (size_t i = 0; i < count; ++i, child = child->next) {
+        TRY(read_transform(child, &keys[i].transform));
+        TRY(number_attribute(child, "time", &keys[i].time));
+    }
+    qsort(keys, count, sizeof *keys, compare_times);
+    for (size_t i = 1; i < count; ++i)
+        if (keys[i].time == keys[i - 1].time)
+            return error_at(animation->at, "the animation has two transforms for the time %g", keys[i].time);
+    return result_ok();
+}
+
+static affine_t transform_at(const keyframe_t *keys, size_t count, double time)
+{
+    affine_t between;
+    size_t next = 0;
+    while (next < count && keys[next].time < time) ++next;
+    if (next == 0) return keys[0].transform;
+    if (next == count) return keys[count - 1].transform;
+    const keyframe_t *a = &keys[next - 1], *b = &keys[next];
+    affine_interpolate(&a->transform, &b->transform, (time - a->time) / (b->time - a->time), &between);
+    return between;
+}
+
+static result_t settle_animation(mitsuba_t *m, const element_t *animation, keyframe_t *keys, size_t count,
+                                 affine_t motion[2])
+{
+    TRY(read_keys(animation, keys, count));
+    for (int i = 0; i < 2; ++i) motion[i] = transform_at(keys, count, m->shutter[i]);
+    for (size_t i = 0; i < count; ++i)
+        if (m->shutter[0] < keys[i].time && keys[i].time < m->shutter[1])
+            return report_refuse(m->report, animation->at,
+                                 "an animation that turns while the shutter is open is not supported; the "
+                                 "nearest is the straight way from where it is then to where it ends");
+    return result_ok();
+}
+
+static result_t read_animation(mitsuba_t *m, const element_t *animation, affine_t motion[2])
+{
+    size_t count = 0;
+    for (const element_t *child = animation->first; child; child = child->next) ++count;
+    if (count == 0) return error_at(animation->at, "an animation needs transforms");
+    keyframe_t *keys = mem_alloc(count * sizeof *keys);
+    result_t result = settle_animation(m, animation, keys, count, motion);
+    free(keys);
+    return result;
+}
+
+result_t property_motion(mitsuba_t *m, const element_t *object, const char *name, affine_t motion[2])
+{
+    const element_t *found = property_find(object, name);
+    motion[0] = motion[1] = affine_identity();
+    if (!found) return result_ok();
+    if (strcmp(found->tag, "animation") == 0) return read_animation(m, found, motion);
+    TRY(read_transform(found, &motion[0]));
+    motion[1] = motion[0];
+    return result_ok();
+}
+
+bool motion_is_still(const affine_t motion[2])
+{
+    return memcmp(&motion[0], &motion[1], sizeof motion[0]) == 0;
+}
+
+result_t property_transform(mitsuba_t *m, const element_t *object, const char *name, affine_t *value)
+{
+    affine_t motion[2];
+    TRY(property_motion(m, object, name, motion));
+    *value = motion[0];
+    if (motion_is_still(motion)) return result_ok();
+    return report_refuse(m->report, object->at,
+                         "%.20s \"%.40s\" that moves is not supported; the nearest is to stand still as "
+                         "when the shutter opens",
+                         object->tag, object_type(object));
 }

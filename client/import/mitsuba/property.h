@@ -28,6 +28,7 @@ typedef struct {
     size_t image_most_capacity;
     uint32_t plain, black; /* 1 + the material of shapes that have none, and emit; 0: not made yet */
     blob_scene_t record;
+    double shutter[2]; /* when it opens and closes */
     int material_depth;
     bool said_one_sided, said_beckmann, said_library;
 } mitsuba_t;
@@ -70,6 +71,11 @@ result_t property_colour(mitsuba_t *m, const element_t *object, const char *name
 /* The colour that an element rgb, srgb, spectrum, blackbody or float is; false: it is none of these. */
 bool element_is_colour(const element_t *element);
 result_t element_colour(mitsuba_t *m, const element_t *element, rgb_t *value);
+/* A transform, or an animation at the times when the shutter opens and closes: mitsuba_t.shutter. */
+result_t property_motion(mitsuba_t *m, const element_t *object, const char *name, affine_t motion[2]);
+bool motion_is_still(const affine_t motion[2]);
+/* The same of what cannot move: as when the shutter opens. RESULT_INPUT when it would move after that, unless
+ * the import is lenient. */
 result_t property_transform(mitsuba_t *m, const element_t *object, const char *name, affine_t *value);
 /* The frame at `origin` whose z axis points to `target`; false when they are one. `up` NULL: y lies as near
  * as it can to the axis that is most across. */

@@ -212,8 +212,7 @@ static void set_orthographic(mitsuba_t *m, const affine_t *world_from_sensor, do
 
 static result_t read_lens(mitsuba_t *m, element_t *sensor, const affine_t *world_from_sensor, double aspect)
 {
-    static const char *const ignored[] = {"nearClip", "farClip", "focusDistance", "shutterOpen",
-                                          "shutterClose"};
+    static const char *const ignored[] = {"nearClip", "farClip", "focusDistance"};
     const char *type = object_type(sensor);
     bool thin = strcmp(type, "thinlens") == 0, telecentric = strcmp(type, "telecentric") == 0;
     bool known = thin || strcmp(type, "perspective") == 0;
@@ -237,26 +236,38 @@ static result_t read_lens(mitsuba_t *m, element_t *sensor, const affine_t *world
 
 /* Mitsuba's sensors have x to the left of the image; a spherical one begins at -z and goes to +x, where the
  * blob's goes from +x to +z. */
-static result_t place(mitsuba_t *m, const element_t *sensor, const affine_t *world_from_sensor)
+static result_t place(mitsuba_t *m, const element_t *sensor, const affine_t world_from_sensor[2])
 {
     static const affine_t flip = {{{-1, 0, 0, 0}, {0, 1, 0, 0}, {0, 0, 1, 0}}};
     static const affine_t turn = {{{0, 0, 1, 0}, {0, 1, 0, 0}, {-1, 0, 0, 0}}};
-    affine_t frame;
-    if (!affine_frame(world_from_sensor, &frame))
-        return error_at(sensor->at, "the sensor's transform has no direction, or lies beyond 1e18");
-    frame = affine_multiply(&frame, m->record.camera == CAMERA_SPHERICAL ? &turn : &flip);
-    return scene_place_camera(&m->record, &frame, &frame, sensor->at);
+    affine_t frames[2];
+    for (int i = 0; i < 2; ++i) {
+        if (!affine_frame(&world_from_sensor[i], &frames[i]))
+            return error_at(sensor->at, "the sensor's transform has no direction, or lies beyond 1e18");
+        frames[i] = affine_multiply(&frames[i], m->record.camera == CAMERA_SPHERICAL ? &turn : &flip);
+    }
+    return scene_place_camera(&m->record, &frames[0], &frames[1], sensor->at);
+}
+
+result_t sensor_shutter(mitsuba_t *m, const element_t *sensor)
+{
+    const double most = 1e30;
+    TRY(property_number(m, sensor, "shutterOpen", -most, most, &m->shutter[0]));
+    TRY(property_number(m, sensor, "shutterClose", -most, most, &m->shutter[1]));
+    if (m->shutter[0] <= m->shutter[1]) return result_ok();
+    return error_at(sensor->at, "shutterClose (%g) must not come before shutterOpen (%g)", m->shutter[1],
+                    m->shutter[0]);
 }
 
 result_t sensor_read(mitsuba_t *m, element_t *sensor)
 {
-    affine_t transform;
+    affine_t motion[2];
     double aspect;
-    TRY(property_transform(m, sensor, "toWorld", &transform));
+    TRY(property_motion(m, sensor, "toWorld", motion));
     TRY(read_film(m, sensor, &aspect));
     TRY(read_sampler(m, sensor));
-    TRY(read_lens(m, sensor, &transform, aspect));
-    TRY(place(m, sensor, &transform));
+    TRY(read_lens(m, sensor, &motion[0], aspect));
+    TRY(place(m, sensor, motion));
     return object_finish(m, sensor);
 }
 
@@ -268,11 +279,11 @@ result_t sensor_default(mitsuba_t *m, const box_t *box)
     const double from[3] = {((double)box->low.x + (double)box->high.x) / 2,
                             ((double)box->low.y + (double)box->high.y) / 2,
                             (double)box->low.z - width / (2 * half)};
-    const affine_t world_from_sensor = affine_translation(from);
+    const affine_t there = affine_translation(from), world_from_sensor[2] = {there, there};
     default_film(m);
     m->record.camera = CAMERA_PERSPECTIVE;
     m->record.fov = (float)(2 * atan(half * HEIGHT / WIDTH) * degrees);
-    return place(m, m->xml.root, &world_from_sensor);
+    return place(m, m->xml.root, world_from_sensor);
 }
 
 /* ---- integrators --------------------------------------------------------------------------------------- */

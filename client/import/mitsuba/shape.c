@@ -65,7 +65,8 @@ static result_t add_shape(const work_t *w, blob_shape_t *shape, const material_t
         scene_add_shape(w->m->scene, w->object, *shape, NULL);
         return result_ok();
     }
-    if (w->object != 0) return error_at(w->emitter->at, "a shape in a shapegroup cannot emit");
+    if (w->object != 0)
+        return error_at(w->emitter->at, "a shape that moves, or lies in a shapegroup, cannot emit");
     TRY(read_light(w, &light));
     scene_add_shape(w->m->scene, 0, *shape, v_is_zero(light.radiance.factor) ? NULL : &light);
     return result_ok();
@@ -342,10 +343,9 @@ static const struct {
 };
 
 /* Into an object, 0 for the world. */
-static result_t add_to(mitsuba_t *m, element_t *element, uint32_t object)
+static result_t add_to(mitsuba_t *m, element_t *element, uint32_t object, const affine_t *object_from_shape)
 {
-    work_t w = {.m = m, .element = element, .object = object};
-    TRY(property_transform(m, element, "toWorld", &w.object_from_shape));
+    work_t w = {.m = m, .element = element, .object = object, .object_from_shape = *object_from_shape};
     TRY(property_bool(m, element, "flipNormals", &w.flip));
     TRY(object_only(m, element, "emitter", &w.emitter));
     for (size_t i = 0; i < ARRAY_LENGTH(shapes); ++i) {
@@ -358,45 +358,70 @@ static result_t add_to(mitsuba_t *m, element_t *element, uint32_t object)
                          object_type(element));
 }
 
-/* The object of a group, made when it is asked for first; 0 when there is nothing in it. */
+static result_t add_instance_of(mitsuba_t *m, uint32_t object, const affine_t motion[2], position_t at)
+{
+    size_t count;
+    scene_shapes(m->scene, object, &count);
+    return count ? scene_add_instance(m->scene, object, &motion[0], &motion[1], at) : result_ok();
+}
+
+/* A shape of the world. One that moves is an instance of an object of its own. */
+static result_t add_shape_of_world(mitsuba_t *m, element_t *shape)
+{
+    static const affine_t still = {{{1, 0, 0, 0}, {0, 1, 0, 0}, {0, 0, 1, 0}}};
+    affine_t motion[2];
+    TRY(property_motion(m, shape, "toWorld", motion));
+    if (motion_is_still(motion)) return add_to(m, shape, 0, &motion[0]);
+    uint32_t object = scene_add_object(m->scene);
+    TRY(add_to(m, shape, object, &still));
+    return add_instance_of(m, object, motion, shape->at);
+}
+
+static result_t add_shape_of_group(mitsuba_t *m, element_t *shape, uint32_t object)
+{
+    affine_t object_from_shape;
+    if (strcmp(object_type(shape), "instance") == 0 || strcmp(object_type(shape), "shapegroup") == 0)
+        return error_at(shape->at, "a shapegroup may hold neither instances nor groups");
+    TRY(property_transform(m, shape, "toWorld", &object_from_shape));
+    return add_to(m, shape, object, &object_from_shape);
+}
+
+/* The object of a group, made when it is asked for first. */
 static result_t group_object(mitsuba_t *m, element_t *group, uint32_t *object)
 {
     element_t *at = NULL, *found;
     const char *name;
-    size_t count = 0;
     if (group->object == 0) {
         uint32_t made = scene_add_object(m->scene);
         group->object = made;
         for (;;) {
             TRY(object_child(m, group, "shape", &at, &found, &name));
             if (!found) break;
-            if (strcmp(object_type(found), "instance") == 0 || strcmp(object_type(found), "shapegroup") == 0)
-                return error_at(found->at, "a shapegroup may hold neither instances nor groups");
-            TRY(add_to(m, found, made));
+            TRY(add_shape_of_group(m, found, made));
         }
         TRY(object_finish(m, group));
     }
-    scene_shapes(m->scene, group->object, &count);
-    *object = count ? group->object : 0;
+    *object = group->object;
     return result_ok();
 }
 
 static result_t add_instance(mitsuba_t *m, element_t *instance)
 {
     element_t *group;
-    affine_t transform;
-    uint32_t object = 0;
-    TRY(property_transform(m, instance, "toWorld", &transform));
+    affine_t motion[2];
+    uint32_t object;
+    TRY(property_motion(m, instance, "toWorld", motion));
     TRY(object_only(m, instance, "shape", &group));
     if (!group || strcmp(object_type(group), "shapegroup") != 0)
         return error_at(instance->at, "an instance needs a reference to a shapegroup");
     TRY(group_object(m, group, &object));
     TRY(object_finish(m, instance));
-    return object ? scene_add_instance(m->scene, object, &transform, &transform, instance->at) : result_ok();
+    return add_instance_of(m, object, motion, instance->at);
 }
 
 result_t shape_add(mitsuba_t *m, element_t *shape)
 {
     if (strcmp(object_type(shape), "shapegroup") == 0) return result_ok(); /* its instances show it */
-    return strcmp(object_type(shape), "instance") == 0 ? add_instance(m, shape) : add_to(m, shape, 0);
+    return strcmp(object_type(shape), "instance") == 0 ? add_instance(m, shape)
+                                                       : add_shape_of_world(m, shape);
 }

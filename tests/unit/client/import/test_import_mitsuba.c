@@ -685,6 +685,88 @@ static void instances_show_their_group(void **state)
     bench_close(&bench);
 }
 
+/* ---- motion -------------------------------------------------------------------------------------------- */
+
+#define KEY(time, x) "<transform time=\"" time "\"><translate x=\"" x "\"/></transform>"
+#define MOTION(keys) "<animation name=\"toWorld\">" keys "</animation>"
+#define MOVING_SENSOR(open, close, keys)                                                                     \
+    "<sensor type=\"perspective\"><float name=\"shutterOpen\" value=\"" open                                 \
+    "\"/><float name=\"shutterClose\" value=\"" close "\"/>" MOTION(keys) "</sensor>"
+
+static void run_motion(bench_t *bench, const char *sensor, const char *body)
+{
+    char *text = mem_printf(SCENE("%s%s" LAMP), body, sensor);
+    run_text(bench, text);
+    free(text);
+}
+
+static void expect_way(const bench_t *bench, double open, double close)
+{
+    const blob_instance_t *instance = bench->blob.instances;
+    bench_expect_silence((bench_t *)bench);
+    assert_int_equal(bench->blob.counts[BLOB_SECTION_INSTANCES], 1);
+    expect_near((double)instance->world_from_object.m[0][3], open, 1e-6);
+    expect_near((double)instance->world_from_object_end.m[0][3], close, 1e-6);
+}
+
+static void animations_move_while_the_shutter_is_open(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    const char *sphere = "<shape type=\"sphere\">" MOTION(KEY("3", "6") KEY("1", "2")) "</shape>";
+    /* In between, beyond, and at one time alone, where it needs no instance. */
+    run_motion(&bench, MOVING_SENSOR("1.5", "2", KEY("1", "1") KEY("3", "3")), sphere);
+    expect_way(&bench, 3, 4);
+    expect_near((double)bench.blob.scene->world_from_camera.m[0][3], 1.5, 1e-6);
+    expect_near((double)bench.blob.scene->world_from_camera_end.m[0][3], 2, 1e-6);
+    run_motion(&bench, MOVING_SENSOR("0", "9", KEY("0", "1")), sphere);
+    assert_int_equal(bench.result.code, RESULT_INPUT);
+    expect_text(bench.result.message, "an animation that turns while the shutter is open is not supported");
+    bench.lenient = true;
+    run_motion(&bench, MOVING_SENSOR("0", "9", KEY("0", "1")), sphere);
+    bench_expect_ok(&bench);
+    expect_near((double)bench.blob.instances->world_from_object_end.m[0][3], 6, 1e-6);
+    bench.lenient = false;
+    run_motion(&bench, MOVING_SENSOR("2", "2", KEY("0", "1")), sphere);
+    bench_expect_silence(&bench);
+    assert_int_equal(bench.blob.counts[BLOB_SECTION_INSTANCES], 0);
+    expect_near((double)bench.blob.quadrics->object_from_quadric.m[0][3], 4, 1e-6);
+    run_motion(
+        &bench, MOVING_SENSOR("1", "3", KEY("0", "1")),
+        "<shape type=\"shapegroup\" id=\"g\"><shape type=\"cube\"/></shape><shape type=\"instance\"><ref "
+        "id=\"g\"/>" MOTION(KEY("1", "2") KEY("3", "6")) "</shape>");
+    expect_way(&bench, 2, 6);
+    bench_close(&bench);
+}
+
+static void animations_that_cannot_be_are_told(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    static const struct {
+        const char *sensor, *body, *text;
+    } scenes[] = {
+        {SENSOR(""), "<shape type=\"cube\">" MOTION("") "</shape>", "an animation needs transforms"},
+        {SENSOR(""), "<shape type=\"cube\">" MOTION("<transform/>") "</shape>", "transform needs \"time\""},
+        {SENSOR(""), "<shape type=\"cube\">" MOTION(KEY("1", "2") KEY("1", "3")) "</shape>",
+         "two transforms for the time 1"},
+        {SENSOR(""), "<shape type=\"cube\">" MOTION("<lookat/>") "</shape>", "must be a transform"},
+        {MOVING_SENSOR("1", "0", KEY("0", "0")), RECTANGLE, "must not come before shutterOpen"},
+        {MOVING_SENSOR("0", "1", KEY("0", "0")),
+         RECTANGLE "<emitter type=\"spot\">" MOTION(KEY("0", "0") KEY("1", "1")) "</emitter>",
+         "emitter \"spot\" that moves is not supported"},
+        {MOVING_SENSOR("0", "1", KEY("0", "0")),
+         "<shape type=\"cube\"><emitter type=\"area\"/>" MOTION(KEY("0", "0") KEY("1", "1")) "</shape>",
+         "a shape that moves, or lies in a shapegroup, cannot emit"},
+    };
+    for (size_t i = 0; i < ARRAY_LENGTH(scenes); ++i) {
+        run_motion(&bench, scenes[i].sensor, scenes[i].body);
+        assert_int_equal(bench.result.code, RESULT_INPUT);
+        expect_text(bench.result.message, scenes[i].text);
+    }
+    bench_close(&bench);
+}
+
 /* ---- materials ----------------------------------------------------------------------------------------- */
 
 static void bsdfs_of_one_layer_become_their_materials(void **state)
@@ -1188,6 +1270,8 @@ int main(void)
         cmocka_unit_test(bsdfs_of_one_layer_become_their_materials),
         cmocka_unit_test(a_bsdf_may_have_several_textures),
         cmocka_unit_test(a_medium_matters_where_a_shape_has_it),
+        cmocka_unit_test(animations_move_while_the_shutter_is_open),
+        cmocka_unit_test(animations_that_cannot_be_are_told),
         cmocka_unit_test(phong_and_ward_are_read),
         cmocka_unit_test(reflectances_that_gain_energy_are_scaled_as_in_mitsuba),
         cmocka_unit_test(coats_may_be_tinted),
