@@ -30,12 +30,13 @@ static uint64_t read_limit(const char *path)
     return end != NULL && end != line && value > 0 ? value : UINT64_MAX;
 }
 
-/* The least limit of a group and those that it is in; `group` is a path from the hierarchy's root. */
-static uint64_t group_limit(char *group)
+/* The least limit of a group and those that it is in; `group` is a path from the hierarchy's root, and the
+ * limits are in `file`. */
+static uint64_t group_limit(const char *root, char *group, const char *file)
 {
     uint64_t limit = UINT64_MAX;
     for (;;) {
-        char *path = mem_printf("/sys/fs/cgroup%s/memory.max", group);
+        char *path = mem_printf("%s%s/%s", root, group, file);
         limit = least(limit, read_limit(path));
         free(path);
         char *slash = strrchr(group, '/');
@@ -44,16 +45,23 @@ static uint64_t group_limit(char *group)
     }
 }
 
+/* What a line of /proc/self/cgroup says, "0::/group" of version 2 or "4:memory:/group" of version 1. */
+static uint64_t line_limit(char *line)
+{
+    static const char v1[] = ":memory:";
+    char *memory = strstr(line, v1);
+    line[strcspn(line, "\n")] = '\0';
+    if (strncmp(line, "0::/", 4) == 0) return group_limit("/sys/fs/cgroup", line + 3, "memory.max");
+    if (memory == NULL) return UINT64_MAX;
+    return group_limit("/sys/fs/cgroup/memory", memory + strlen(v1), "memory.limit_in_bytes");
+}
+
 static uint64_t control_group_limit(void)
 {
     uint64_t limit = read_limit("/sys/fs/cgroup/memory/memory.limit_in_bytes");
     char line[4096];
     FILE *file = fopen("/proc/self/cgroup", "re");
-    while (file != NULL && fgets(line, sizeof line, file) != NULL) {
-        if (strncmp(line, "0::/", 4) != 0) continue;
-        line[strcspn(line, "\n")] = '\0';
-        limit = least(limit, group_limit(line + 3));
-    }
+    while (file != NULL && fgets(line, sizeof line, file) != NULL) limit = least(limit, line_limit(line));
     if (file != NULL) fclose(file);
     return limit;
 }
