@@ -1,8 +1,10 @@
 /* local_farm: see local_farm.h.
  *
- * DESIGN. The master's store and the workers' cache live in one temporary directory that is removed at the
- * end. Worker processes get a process group of their own, so that Ctrl-C reaches only this process, which
- * decides what to do about it; and they are killed by the kernel when this process dies, however it dies.
+ * DESIGN. The master's data live in a temporary directory that is removed at the end. The folder in which it
+ * keeps scenes is the workers' cache, too, where files have the same names: so they find each scene there and
+ * check it, and none is copied, which for a large one would take minutes and its size again. Worker processes
+ * get a process group of their own, so that Ctrl-C reaches only this process, which decides what to do about
+ * it; and they are killed by the kernel when this process dies, however it dies.
  */
 #include "client/farm/local_farm.h"
 
@@ -32,7 +34,7 @@ static const char BULK_ENDPOINT[] = "inproc://bulk";
 struct local_farm {
     local_farm_options_t options;
     void *context; /* inproc */
-    char *dir;     /* temporary, holds `cache` and the master's data */
+    char *dir;     /* temporary, holds the master's data */
     char *cache_dir;
     char *endpoint; /* control, of whichever transport */
     master_t *master;
@@ -62,7 +64,7 @@ static result_t make_directory(local_farm_t *farm)
         farm->dir = NULL;
         return result;
     }
-    farm->cache_dir = mem_printf("%s/cache", farm->dir);
+    farm->cache_dir = mem_printf("%s/master/blobs", farm->dir); /* master.c's name of it */
     return result_ok();
 }
 
