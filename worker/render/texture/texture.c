@@ -22,6 +22,7 @@ void textures_destroy(textures_t **textures)
     if (*textures == NULL) return;
     free((*textures)->images);
     free((*textures)->tables);
+    texture_blocks_free((*textures)->blocks);
     free(*textures);
     *textures = NULL;
 }

@@ -64,11 +64,13 @@ void images_init(textures_t *textures)
     const scene_blob_t *blob = textures->blob;
     uint64_t count = blob->counts[BLOB_SECTION_IMAGES];
     size_t tables = make_tables(textures);
+    textures->blocks = texture_blocks_new(blob);
     textures->images = mem_zalloc(count + 1, sizeof *textures->images);
     for (uint64_t i = 0; i < count; i++) {
         const blob_image_t *from = &blob->images[i];
         image_view_t *image = &textures->images[i];
         *image = (image_view_t){.words = blob->texels + from->first_word,
+                                .blocks = textures->blocks,
                                 .format = from->format,
                                 .width = from->width,
                                 .height = from->height};
@@ -125,6 +127,15 @@ static inline rgb_t texel_alpha(const image_view_t *image, size_t index)
 }
 
 /* ---- looking up ---------------------------------------------------------------------------------------- */
+
+static const uint8_t texel_bytes[] = {
+    [TEXELS_R8] = 1, [TEXELS_RGBA8] = 4, [TEXELS_R32F] = 4, [TEXELS_RGB32F] = 12};
+
+/* Has a texel read that may not be in memory. */
+static void fetch(const image_view_t *image, size_t index)
+{
+    texture_blocks_touch(image->blocks, (const uint8_t *)image->words + index * texel_bytes[image->format]);
+}
 
 /* The two texels about a coordinate along one axis, and their weights. */
 typedef struct {
@@ -201,6 +212,11 @@ static inline __attribute__((always_inline)) rgb_t weighted(const image_view_t *
     return v_mad(v_scale(upper, y->weight[0]), y->weight[1], lower);
 }
 
+static void fetch_taps(const image_view_t *image, const taps_t *x, const taps_t *y)
+{
+    for (int k = 0; k < 4; k++) fetch(image, (size_t)y->index[k >> 1] * image->width + x->index[k & 1]);
+}
+
 rgb_t rgb_channel(rgb_t c, channel_t channel)
 {
     float value;
@@ -233,6 +249,7 @@ rgb_t image_lookup(const image_view_t *image, const image_lookup_t *how, vec2_t 
 {
     taps_t x = axis_taps(st.x, image->width, how->wrap_s, how->nearest);
     taps_t y = axis_taps(st.y, image->height, how->wrap_t, how->nearest);
+    if (image->blocks != NULL) fetch_taps(image, &x, &y);
     if (how->channel == CHANNEL_A && image->format == TEXELS_RGBA8)
         return weighted(image, texel_alpha, &x, &y);
     rgb_t colour;
@@ -263,6 +280,7 @@ rgb_t textures_texel(const textures_t *textures, uint32_t index, uint32_t x, uin
 {
     const image_view_t *image = &textures->images[index];
     size_t at = (size_t)y * image->width + x;
+    if (image->blocks != NULL) fetch(image, at);
     switch ((texels_t)image->format) {
     case TEXELS_R8:
         return texel_r8(image, at);

@@ -3,6 +3,7 @@
 #define LIGHTMILL_TEXTURE_INTERNAL_H
 
 #include "worker/render/texture/texture.h"
+#include "worker/render/texture/texture_blocks.h"
 
 #include <stdint.h>
 
@@ -15,14 +16,16 @@ typedef struct {
 typedef struct {
     const uint32_t *words;       /* the texels, in the blob */
     const decode_table_t *table; /* of 8-bit formats, else NULL */
+    texture_blocks_t *blocks;    /* of the scene, or NULL: the kernel reads without help */
     uint32_t format;             /* texels_t */
     uint32_t width, height;
 } image_view_t;
 
 struct textures {
     const scene_blob_t *blob;
-    image_view_t *images;   /* one for each of the blob's */
-    decode_table_t *tables; /* one for each gamma, ascending */
+    image_view_t *images;     /* one for each of the blob's */
+    decode_table_t *tables;   /* one for each gamma, ascending */
+    texture_blocks_t *blocks; /* NULL when images are few */
 };
 
 /* Coordinates beyond this are cut off: all floats there are even whole numbers, and fit an int. */
