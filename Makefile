@@ -304,7 +304,7 @@ bench-large: deps
 	$(SUBMAKE) $(JOBS) all
 	tests/bench/large.sh $(BUILD)
 
-# A scene with 4 GB of images in 1 GB of memory: minutes, as root, 20 GB of disk (docs/scale.md).
+# A scene with 4 GB of images in 1 GB of memory: minutes, as root, 14 GB of disk (docs/scale.md).
 bench-textures: deps-test
 	$(SUBMAKE) $(JOBS) all
 	tests/bench/textures.sh $(BUILD)

@@ -5,6 +5,7 @@
 
 #include "common/vec.h"
 
+#include <stddef.h>
 #include <stdint.h>
 
 enum { BLOB_VERSION = 5 };
@@ -12,6 +13,7 @@ enum { BLOB_VERSION = 5 };
 #define BLOB_MAX_BYTES ((uint64_t)1 << 36)
 enum {
     BLOB_MAX_IMAGE_SIDE = 65536,
+    BLOB_BAND_ROWS = 32,          /* of an image; 32 x 32 pixels of 4 bytes are a page of memory */
     BLOB_MAX_TEXTURE_COST = 1000, /* textures that one look-up evaluates */
     BLOB_MAX_MIX_DEPTH = 8,       /* mixes of mixes */
     BLOB_MAX_STEPS = 129,         /* times at which a mesh is given; Embree's most */
@@ -224,13 +226,25 @@ typedef struct {
 
 typedef enum { TEXELS_R8 = 1, TEXELS_RGBA8 = 2, TEXELS_R32F = 3, TEXELS_RGB32F = 4 } texels_t;
 
-/* An image: rows from the top, without gaps; the whole starts at a word of the texels. */
+/* An image, cut from the top into bands of BLOB_BAND_ROWS rows, the last of as many as are left. A band is
+ * its columns from the left, each from the top, so that what is close to each other in the image is close in
+ * the file, too. There are no gaps; the whole starts at a word of the texels. See blob_image_row. */
 typedef struct {
     uint32_t format; /* texels_t; alpha is never encoded */
     uint32_t width, height;
     uint32_t first_word;
     float gamma; /* of 8-bit formats: 0: sRGB transfer function; else linear = encoded ^ gamma, 1: linear */
 } blob_image_t;
+
+/* Where the pixels of a row of an image lie: the pixel in column x is the image's (first + x * step)-th. */
+typedef struct {
+    size_t first, step;
+} blob_row_t;
+static inline blob_row_t blob_image_row(uint32_t width, uint32_t height, uint32_t y)
+{
+    uint32_t within = y % BLOB_BAND_ROWS, top = y - within, rows = height - top;
+    return (blob_row_t){(size_t)top * width + within, rows < BLOB_BAND_ROWS ? rows : BLOB_BAND_ROWS};
+}
 
 typedef enum { WRAP_REPEAT = 1, WRAP_CLAMP = 2, WRAP_BLACK = 3, WRAP_MIRROR = 4 } wrap_t;
 

@@ -91,7 +91,8 @@ static bool pass_surface(const blob_lens_element_t *element, double z, double et
 static float aperture_texel(const lens_t *lens, double column, double row)
 {
     if (!(column >= 0 && column < lens->aperture_width && row >= 0 && row < lens->aperture_height)) return 0;
-    return lens->aperture[(size_t)row * lens->aperture_width + (size_t)column];
+    blob_row_t at = blob_image_row(lens->aperture_width, lens->aperture_height, (uint32_t)row);
+    return lens->aperture[at.first + (size_t)column * at.step];
 }
 
 /* The image of the stop's square, bilinearly; black around it. */

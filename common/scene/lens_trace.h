@@ -24,7 +24,8 @@ typedef struct {
 typedef struct {
     const blob_lens_element_t *elements; /* from the scene to the film */
     uint32_t count;                      /* > 0 */
-    const float *aperture; /* what the stop lets through (blob_scene_t), rows from +y; NULL: round */
+    const float *aperture; /* what the stop lets through (blob_scene_t), +y above, in the order of a blob's
+                              image; NULL: round */
     uint32_t aperture_width, aperture_height;
 } lens_t;
 

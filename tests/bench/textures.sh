@@ -5,7 +5,7 @@
 #
 # usage: tests/bench/textures.sh [BUILD]
 #   IMAGES=16    SIDE=8192 (pixels; an image takes 4 bytes a pixel)    LIMIT=1024 (MiB)    SPP=4    SIZE=640x640
-#   DISK=/var/tmp (has room for four times the images)
+#   DISK=/var/tmp (has room for three times the images)
 set -eu
 build=$(realpath "${1:-build}")
 images=${IMAGES:-16} side=${SIDE:-8192} limit=${LIMIT:-1024} spp=${SPP:-4} size=${SIZE:-640x640}

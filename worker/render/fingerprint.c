@@ -39,7 +39,7 @@ static void add_scene(blob_builder_t *b)
 /* Texture 1 is an image in sRGB, 2 is noise, 3 their mixture. */
 static void add_textures(blob_builder_t *b)
 {
-    static const uint32_t texels[4] = {0xFF2040C0u, 0xFFE08010u, 0xFF30A050u, 0xFF907060u};
+    static const uint32_t texels[4] = {0xFF2040C0u, 0xFF30A050u, 0xFFE08010u, 0xFF907060u};
     const blob_image_t image = {TEXELS_RGBA8, 2, 2, blob_builder_add(b, BLOB_SECTION_TEXELS, texels, 4), 0};
     const blob_texture_t textures[] = {
         {.kind = TEXTURE_IMAGE,

@@ -42,26 +42,33 @@ static uint8_t byte_at(const texture_image_t *image, size_t at)
     return (uint8_t)(float_clamp(image->floats[at], 0, 1) * 255.0f + 0.5f);
 }
 
-static void write_bytes(const texture_image_t *source, bool grey, uint8_t *to)
+/* One pixel: grey, or four channels, of which the last is alpha. */
+static void write_bytes(const texture_image_t *source, size_t pixel, bool grey, uint8_t *to)
 {
-    size_t pixels = (size_t)source->width * source->height, channels = source->channels;
-    for (size_t i = 0; i < pixels; ++i) {
-        size_t from = i * channels;
-        if (grey) {
-            to[i] = byte_at(source, from);
-            continue;
-        }
-        for (size_t k = 0; k < 3; ++k) to[4 * i + k] = byte_at(source, from + (channels == 2 ? 0 : k));
-        to[4 * i + 3] = channels % 2 == 0 ? byte_at(source, from + channels - 1) : 255;
-    }
+    size_t channels = source->channels, from = pixel * channels;
+    for (size_t k = 0; k < (grey ? 1 : 3); ++k) to[k] = byte_at(source, from + (channels == 2 ? 0 : k));
+    if (!grey) to[3] = channels % 2 == 0 ? byte_at(source, from + channels - 1) : 255;
 }
 
-static void write_floats(const texture_image_t *source, bool grey, float gamma, float *to)
+static void write_floats(const texture_image_t *source, size_t pixel, bool grey, float gamma, float *to)
 {
-    size_t pixels = (size_t)source->width * source->height, channels = grey ? 1 : 3;
-    for (size_t i = 0; i < pixels; ++i)
-        for (size_t k = 0; k < channels; ++k)
-            to[i * channels + k] = decode_float(source->floats[i * source->channels + k], gamma);
+    for (size_t k = 0; k < (grey ? 1 : 3); ++k)
+        to[k] = decode_float(source->floats[pixel * source->channels + k], gamma);
+}
+
+/* All pixels, from rows to the order of the blob. */
+static void write_pixels(const texture_image_t *source, bool floats, bool grey, float gamma, void *to)
+{
+    for (uint32_t y = 0; y < source->height; ++y) {
+        blob_row_t row = blob_image_row(source->width, source->height, y);
+        for (uint32_t x = 0; x < source->width; ++x) {
+            size_t from = (size_t)y * source->width + x, at = row.first + x * row.step;
+            if (floats)
+                write_floats(source, from, grey, gamma, (float *)to + at * (grey ? 1 : 3));
+            else
+                write_bytes(source, from, grey, (uint8_t *)to + at * (grey ? 1 : 4));
+        }
+    }
 }
 
 /* Room for so many bytes among the texels; NULL when they are full, which finishing the blob tells. */
@@ -81,17 +88,11 @@ static blob_ref_t add_record(scene_builder_t *scene, const blob_image_t *record)
 static blob_ref_t store(scene_builder_t *scene, const texture_image_t *source, bool floats, bool grey,
                         float gamma)
 {
-    size_t pixels = (size_t)source->width * source->height;
     blob_image_t record = {.width = source->width, .height = source->height, .gamma = floats ? 1 : gamma};
-    if (floats) {
-        record.format = grey ? TEXELS_R32F : TEXELS_RGB32F;
-        float *to = add_texels(scene, pixels * (grey ? 1 : 3) * sizeof *to, &record.first_word);
-        if (to) write_floats(source, grey, gamma, to);
-    } else {
-        record.format = grey ? TEXELS_R8 : TEXELS_RGBA8;
-        uint8_t *to = add_texels(scene, pixels * (grey ? 1 : 4), &record.first_word);
-        if (to) write_bytes(source, grey, to);
-    }
+    size_t pixels = (size_t)source->width * source->height;
+    record.format = floats ? (grey ? TEXELS_R32F : TEXELS_RGB32F) : grey ? TEXELS_R8 : TEXELS_RGBA8;
+    void *to = add_texels(scene, pixels * (floats ? (grey ? 4 : 12) : grey ? 1 : 4), &record.first_word);
+    if (to) write_pixels(source, floats, grey, gamma, to);
     return add_record(scene, &record);
 }
 
@@ -241,15 +242,17 @@ double scene_image_mean(const scene_builder_t *scene, blob_ref_t ref,
     const uint32_t *texels = blob_builder_records(scene->blob, BLOB_SECTION_TEXELS);
     double sum = 0;
     for (uint32_t y = 0; y < image.height; ++y) {
-        double row = 0;
+        double sum_of_row = 0;
+        blob_row_t row = blob_image_row(image.width, image.height, y);
         for (uint32_t x = 0; x < image.width; ++x) {
             double rgb[3];
-            pixel(&image, texels, (size_t)y * image.width + x, rgb);
+            pixel(&image, texels, row.first + x * row.step, rgb);
             double luminance = 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2];
-            row += weight ? luminance * weight(context, (x + 0.5) / image.width, (y + 0.5) / image.height)
-                          : luminance;
+            sum_of_row += weight
+                              ? luminance * weight(context, (x + 0.5) / image.width, (y + 0.5) / image.height)
+                              : luminance;
         }
-        sum += row;
+        sum += sum_of_row;
     }
     return sum / ((double)image.width * image.height);
 }
@@ -276,12 +279,14 @@ float *scene_image_greys(const scene_builder_t *scene, blob_ref_t ref)
 {
     blob_image_t image = scene_image_record(scene, ref);
     const uint32_t *texels = blob_builder_records(scene->blob, BLOB_SECTION_TEXELS);
-    size_t count = (size_t)image.width * image.height;
-    float *greys = mem_alloc(count * sizeof *greys);
-    for (size_t i = 0; i < count; ++i) {
-        double rgb[3];
-        pixel(&image, texels, i, rgb);
-        greys[i] = (float)((rgb[0] + rgb[1] + rgb[2]) / 3);
+    float *greys = mem_alloc((size_t)image.width * image.height * sizeof *greys), *to = greys;
+    for (uint32_t y = 0; y < image.height; ++y) {
+        blob_row_t row = blob_image_row(image.width, image.height, y);
+        for (uint32_t x = 0; x < image.width; ++x) {
+            double rgb[3];
+            pixel(&image, texels, row.first + x * row.step, rgb);
+            *to++ = (float)((rgb[0] + rgb[1] + rgb[2]) / 3);
+        }
     }
     return greys;
 }
@@ -299,12 +304,12 @@ blob_ref_t scene_grey_image(scene_builder_t *scene, blob_ref_t ref)
 blob_ref_t scene_float_image(scene_builder_t *scene, const float *values, uint32_t width, uint32_t height,
                              uint32_t channels)
 {
-    blob_image_t record = {
-        .format = channels == 1 ? TEXELS_R32F : TEXELS_RGB32F, .width = width, .height = height, .gamma = 1};
-    size_t size = (size_t)width * height * channels * sizeof *values;
-    float *to = add_texels(scene, size, &record.first_word);
-    if (to) memcpy(to, values, size);
-    return add_record(scene, &record);
+    const texture_image_t source = {.width = width,
+                                    .height = height,
+                                    .channels = channels,
+                                    .type = TEXELS_FLOAT,
+                                    .floats = (float *)values}; /* nothing is written there */
+    return store(scene, &source, true, channels == 1, 1);
 }
 
 blob_ref_t scene_white_image(scene_builder_t *scene)

@@ -1,14 +1,14 @@
 /* texture_blocks: reads images that may not fit into memory, piece by piece.
  *
  * DESIGN. Texels lie in the blob, which is a mapped file: the kernel keeps of it what there is room for. Left
- * alone it reads too little or too much at a time: one page after the other, a wait for the disk each, or
- * megabytes about each page, of which nothing else is looked up before they have to make room. So when a
- * scene has many texels the kernel is told to read blocks of 64 KiB, each when something in it is looked up
- * and was not of late. A table of recent blocks says so: a slot for each residue of the block's number, with
- * the block that was asked for last. It covers a part of the memory, so that what it knows is still there.
+ * alone it reads the wrong amount: megabytes about each place that is looked up, most of which has to make
+ * room before it is looked up itself; or one page after the other, a wait for the disk each. So when a scene
+ * has many texels it is told to read blocks of 64 KiB, each when something in it is looked up and was not of
+ * late. A table of recent blocks says so: a block's slot is its number modulo the number of slots, and holds
+ * the one that was read last. The table covers a part of the memory only, so that what it knows is there.
  *
- * The table steers reading alone, never what is read: the texels are there in any case. So threads share it
- * without locks, and a slot that another thread takes over costs a call at most.
+ * It decides when something is read ahead, never what a texel is: that is read from the mapping in any case.
+ * So threads share the table without locks, and what one of them overwrites costs another a call at most.
  */
 #ifndef LIGHTMILL_TEXTURE_BLOCKS_H
 #define LIGHTMILL_TEXTURE_BLOCKS_H
@@ -26,7 +26,7 @@ typedef struct {
     uint32_t mask;           /* the number of slots is a power of 2; mask is one less */
 } texture_blocks_t;
 
-/* Memory that a scene with so many bytes of texels is given `limit` bytes of: the number of slots, 0 when the
+/* The number of slots for so many bytes of texels in a process that may use `limit` bytes of memory; 0: the
  * kernel needs no help. */
 uint32_t texture_blocks_slots(uint64_t texels, uint64_t limit);
 /* NULL when the blob's texels are few, or no mapped file. */

@@ -197,9 +197,18 @@ static inline taps_t axis_taps(float s, uint32_t size, wrap_t wrap, bool nearest
 
 typedef rgb_t (*texel_t)(const image_view_t *image, size_t index);
 
-static inline rgb_t weighted_row(const image_view_t *image, texel_t texel, size_t start, const taps_t *x)
+/* Where a texel lies, counted in texels from the image's first. */
+static inline size_t place(const image_view_t *image, uint32_t x, uint32_t y)
 {
-    rgb_t left = texel(image, start + x->index[0]), right = texel(image, start + x->index[1]);
+    blob_row_t row = blob_image_row(image->width, image->height, y);
+    return row.first + x * row.step;
+}
+
+static inline rgb_t weighted_row(const image_view_t *image, texel_t texel, uint32_t y, const taps_t *x)
+{
+    blob_row_t row = blob_image_row(image->width, image->height, y);
+    rgb_t left = texel(image, row.first + x->index[0] * row.step),
+          right = texel(image, row.first + x->index[1] * row.step);
     return v_mad(v_scale(left, x->weight[0]), x->weight[1], right);
 }
 
@@ -207,14 +216,14 @@ static inline rgb_t weighted_row(const image_view_t *image, texel_t texel, size_
 static inline __attribute__((always_inline)) rgb_t weighted(const image_view_t *image, texel_t texel,
                                                             const taps_t *x, const taps_t *y)
 {
-    rgb_t upper = weighted_row(image, texel, (size_t)y->index[0] * image->width, x);
-    rgb_t lower = weighted_row(image, texel, (size_t)y->index[1] * image->width, x);
+    rgb_t upper = weighted_row(image, texel, y->index[0], x);
+    rgb_t lower = weighted_row(image, texel, y->index[1], x);
     return v_mad(v_scale(upper, y->weight[0]), y->weight[1], lower);
 }
 
 static void fetch_taps(const image_view_t *image, const taps_t *x, const taps_t *y)
 {
-    for (int k = 0; k < 4; k++) fetch(image, (size_t)y->index[k >> 1] * image->width + x->index[k & 1]);
+    for (int k = 0; k < 4; k++) fetch(image, place(image, x->index[k & 1], y->index[k >> 1]));
 }
 
 rgb_t rgb_channel(rgb_t c, channel_t channel)
@@ -279,7 +288,7 @@ rgb_t textures_image(const textures_t *textures, uint32_t image, wrap_t along_s,
 rgb_t textures_texel(const textures_t *textures, uint32_t index, uint32_t x, uint32_t y)
 {
     const image_view_t *image = &textures->images[index];
-    size_t at = (size_t)y * image->width + x;
+    size_t at = place(image, x, y);
     if (image->blocks != NULL) fetch(image, at);
     switch ((texels_t)image->format) {
     case TEXELS_R8:

@@ -128,8 +128,8 @@ static void a_goniometric_light_has_its_image(void **state)
     assert_int_equal(image->format, TEXELS_R32F);
     float grey[4];
     memcpy(grey, bench.blob.texels + image->first_word, sizeof grey);
-    expect_near((double)grey[1], 4, 0); /* the upper row comes first */
-    expect_near((double)grey[2], 2, 0); /* the mean of 1, 2, 3 */
+    expect_near((double)grey[2], 4, 0); /* the right column comes second, in it the upper row first */
+    expect_near((double)grey[1], 2, 0); /* the mean of 1, 2, 3 */
     expect_near((double)l->radiance.factor.x, 10 / (4 * pi * 2), 1e-6);
 
     run(&bench, true, "LightSource \"goniometric\"");

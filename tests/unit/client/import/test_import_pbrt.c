@@ -1,6 +1,7 @@
 /* What the pbrt importer makes of a scene: each directive in both dialects. */
 #include "common/atomic_file.h"
 #include "tests/unit/client/import/test_import.h"
+#include "worker/render/texture/texture.h"
 
 #define TRIANGLE "Shape \"trianglemesh\" \"point3 P\" [0 0 0  1 0 0  0 1 0]\n"
 #define SPHERE "Shape \"sphere\"\n"
@@ -1008,6 +1009,69 @@ static void images_are_stored_with_their_settings(void **state)
     bench_close(&bench);
 }
 
+/* A byte that no other pixel nearby has, from 0 to 250. */
+static uint8_t code_at(uint32_t x, uint32_t y, uint32_t channel)
+{
+    return (uint8_t)((x * 7 + y * 11 + channel * 50) % 251);
+}
+
+/* An image of these bytes, as a TGA or as the floats of a PFM; rows from the bottom, blue first in the TGA.
+ */
+static void write_codes(bench_t *bench, const char *name, bool floats, uint32_t width, uint32_t height,
+                        uint32_t channels)
+{
+    uint8_t tga[18] = {[2] = channels == 1 ? 3 : 2, [12] = (uint8_t)width, [14] = (uint8_t)height};
+    tga[16] = (uint8_t)(8 * channels);
+    char *pfm = mem_printf("%s\n%u %u\n-1\n", channels == 1 ? "Pf" : "PF", width, height);
+    size_t head = floats ? strlen(pfm) : sizeof tga, unit = floats ? sizeof(float) : 1;
+    uint8_t *data = mem_alloc(head + (size_t)width * height * channels * unit), *to = data + head;
+    memcpy(data, floats ? (const uint8_t *)pfm : tga, head);
+    for (uint32_t i = 0; i < width * height * channels; ++i, to += unit) {
+        uint32_t pixel = i / channels, c = i % channels;
+        uint8_t code = code_at(pixel % width, height - 1 - pixel / width, floats ? c : channels - 1 - c);
+        float value = (float)code;
+        if (floats)
+            memcpy(to, &value, sizeof value);
+        else
+            *to = code;
+    }
+    bench_write(bench, name, data, (size_t)(to - data));
+    free(data);
+    free(pfm);
+}
+
+static void expect_codes(const bench_t *bench, uint32_t width, uint32_t height, uint32_t channels,
+                         double unit)
+{
+    textures_t *textures = textures_new(&bench->blob);
+    assert_int_equal(bench->blob.images[0].width, width);
+    assert_int_equal(bench->blob.images[0].height, height);
+    for (uint32_t y = 0; y < height; ++y)
+        for (uint32_t x = 0; x < width; ++x) {
+            rgb_t texel = textures_texel(textures, 0, x, y);
+            expect_near((double)texel.x, unit * code_at(x, y, 0), 1e-6);
+            expect_near((double)texel.z, unit * code_at(x, y, channels == 1 ? 0 : 2), 1e-6);
+        }
+    textures_destroy(&textures);
+}
+
+/* Images lie in bands of 32 rows: of fewer rows, of whole bands and of more, every pixel is where it was. */
+static void images_of_all_sizes_keep_their_pixels(void **state)
+{
+    (void)state;
+    static const uint32_t sizes[][2] = {{1, 1}, {3, 31}, {2, 32}, {5, 33}, {33, 2}, {34, 97}};
+    bench_t bench = {0};
+    for (size_t i = 0; i < 4 * ARRAY_LENGTH(sizes); ++i) {
+        const uint32_t *size = sizes[i / 4], channels = i & 1 ? 3 : 1;
+        bool floats = i & 2;
+        write_codes(&bench, "a.tga", floats, size[0], size[1], channels); /* a PFM is known by its bytes */
+        run_texture(&bench, true,
+                    TEXTURE("imagemap") "\"string filename\" \"a.tga\" \"bool gamma\" \"false\"");
+        expect_codes(&bench, size[0], size[1], channels, floats ? 1 : 1 / 255.0);
+    }
+    bench_close(&bench);
+}
+
 static void encodings_of_images_are_applied(void **state)
 {
     (void)state;
@@ -1246,6 +1310,7 @@ int main(void)
         cmocka_unit_test(patterns_become_ours),
         cmocka_unit_test(mappings_of_textures_become_ours),
         cmocka_unit_test(images_are_stored_with_their_settings),
+        cmocka_unit_test(images_of_all_sizes_keep_their_pixels),
         cmocka_unit_test(encodings_of_images_are_applied),
         cmocka_unit_test(a_file_is_stored_once),
         cmocka_unit_test(options_of_v4_images_are_applied),

@@ -217,7 +217,7 @@ static void boxes_hold_their_pupils(void **state)
 static void an_aperture_weighs_what_passes(void **state)
 {
     (void)state;
-    const float half[] = {0, 0, 1, 1}; /* open for y < 0 alone, see blob_scene_t */
+    const float half[] = {0, 1, 0, 1}; /* open for y < 0 alone, see blob_scene_t and blob_image_t */
     optics_t o;
     focus(&o, glass_and_stop, 3, 0);
     o.lens.aperture = half;

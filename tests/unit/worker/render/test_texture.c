@@ -4,6 +4,7 @@
 #include "worker/render/texture/texture.h"
 
 #include "common/base.h"
+#include "worker/render/texture/texture_blocks.h"
 
 #include <float.h>
 #include <math.h>
@@ -11,6 +12,8 @@
 #include <stdarg.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
+#include <unistd.h>
 
 #include <cmocka.h>
 
@@ -138,11 +141,21 @@ static int wrapped(int i, int n, wrap_t wrap)
     }
 }
 
+/* Where a pixel lies in an image by what blob_image_t says: behind the bands above it, behind the columns to
+ * its left in its own, and behind the pixels above it there. */
+static size_t in_bands(uint32_t width, uint32_t height, uint32_t x, uint32_t y)
+{
+    uint32_t band = y / 32, rows = band == height / 32 ? height % 32 : 32;
+    return (size_t)band * 32 * width + (size_t)x * rows + y % 32;
+}
+
 static double reference_texel(const rig_t *rig, int width, int height, int x, int y, wrap_t wrap_x,
                               wrap_t wrap_y, int channel)
 {
     int i = wrapped(x, width, wrap_x), j = wrapped(y, height, wrap_y);
-    return i < 0 || j < 0 ? 0 : srgb((int)(rig->texels[j * width + i] >> (8 * channel) & 255));
+    if (i < 0 || j < 0) return 0;
+    size_t at = in_bands((uint32_t)width, (uint32_t)height, (uint32_t)i, (uint32_t)j);
+    return srgb((int)(rig->texels[at] >> (8 * channel) & 255));
 }
 
 static double reference_lookup(const rig_t *rig, int width, int height, wrap_t wrap_x, wrap_t wrap_y,
@@ -158,20 +171,18 @@ static double reference_lookup(const rig_t *rig, int width, int height, wrap_t w
 }
 
 /* Every pair of wrap modes, inside and far outside, at texel centres, edges and in between. */
-static void an_image_wraps_and_interpolates(void **state)
+static void expect_wraps(int width, int height)
 {
-    (void)state;
-    enum { WIDTH = 5, HEIGHT = 3 };
     rig_t *rig = rig_new();
     fill_bytes(rig);
-    uint32_t image = add_image(rig, TEXELS_RGBA8, WIDTH, HEIGHT, 0, 0);
+    uint32_t image = add_image(rig, TEXELS_RGBA8, (uint32_t)width, (uint32_t)height, 0, 0);
     for (uint32_t wraps = 0; wraps < 16; wraps++) {
         blob_texture_t texture = image_texture(image);
         texture.wrap_s = WRAP_REPEAT + wraps % 4;
         texture.wrap_t = WRAP_REPEAT + wraps / 4;
         add(rig, texture);
     }
-    for (int k = 0; k < 16 * 4000; k++) {
+    for (int k = 0; k < 16 * 2000; k++) {
         uint32_t index = (uint32_t)k % 16;
         const blob_texture_t *t = &rig->list[index];
         int a = k / 16 * 37 % 1201 - 600, b = k / 16 * 53 % 997 - 498;
@@ -180,12 +191,19 @@ static void an_image_wraps_and_interpolates(void **state)
         float expected[3];
         for (int c = 0; c < 3; c++)
             expected[c] =
-                (float)reference_lookup(rig, WIDTH, HEIGHT, t->wrap_s, t->wrap_t, (double)u, (double)v, c);
+                (float)reference_lookup(rig, width, height, t->wrap_s, t->wrap_t, (double)u, (double)v, c);
         assert_rgb(got, expected[0], expected[1], expected[2], 1e-5f);
         rgb_t direct = textures_image(rig->textures, image, t->wrap_s, t->wrap_t, (vec2_t){u, v});
         assert_memory_equal(&direct, &got, sizeof got);
     }
     rig_free(rig);
+}
+
+static void an_image_wraps_and_interpolates(void **state)
+{
+    (void)state;
+    expect_wraps(5, 3);
+    expect_wraps(14, 70); /* two bands of rows and a part of one */
 }
 
 static void at_their_centres_texels_are_exact(void **state)
@@ -199,8 +217,9 @@ static void at_their_centres_texels_are_exact(void **state)
     for (uint32_t y = 0; y < 4; y++)
         for (uint32_t x = 0; x < 8; x++) {
             vec2_t at = {((float)x + 0.5f) / 8, ((float)y + 0.5f) / 4};
-            uint32_t word = rig->texels[7 + 8 * y + x];
-            uint8_t byte = ((const uint8_t *)(rig->texels + 7))[8 * y + x];
+            size_t place = in_bands(8, 4, x, y);
+            uint32_t word = rig->texels[7 + place];
+            uint8_t byte = ((const uint8_t *)(rig->texels + 7))[place];
             rgb_t colour = textures_texel(rig->textures, 0, x, y),
                   level = textures_texel(rig->textures, 1, x, y);
             assert_rgb(colour, (float)(word & 255) / 255, (float)(word >> 8 & 255) / 255,
@@ -212,6 +231,69 @@ static void at_their_centres_texels_are_exact(void **state)
             assert_memory_equal(&looked, &level, sizeof looked);
         }
     rig_free(rig);
+}
+
+static void tables_of_blocks_fit_the_memory(void **state)
+{
+    (void)state;
+    const uint64_t mib = 1 << 20;
+    assert_int_equal(texture_blocks_slots(0, 1024 * mib), 0);
+    assert_int_equal(texture_blocks_slots(64 * mib, 1024 * mib), 0); /* few */
+    assert_int_equal(texture_blocks_slots(4096 * mib, 1024 * mib), 128 * 16);
+    assert_int_equal(texture_blocks_slots(100 * mib, 64 * 1024 * mib), 64 * 16);
+    assert_int_equal(texture_blocks_slots(4096 * mib, 1), 64);
+    assert_int_equal(texture_blocks_slots(BLOB_MAX_BYTES, UINT64_MAX), 1 << 20);
+}
+
+/* An image of 71.5 million bytes that begins amid a page, in a file. */
+static void many_texels_are_read_in_blocks(void **state)
+{
+    (void)state;
+    enum { WIDTH = 65000, HEIGHT = 1100, FIRST = 300 };
+    rig_t *rig = rig_new();
+    uint64_t words = FIRST + WIDTH / 4 * HEIGHT, size = words * sizeof(uint32_t);
+    int file = memfd_create("texels", MFD_CLOEXEC);
+    assert_int_equal(ftruncate(file, (off_t)size), 0);
+    uint8_t *bytes = mmap(NULL, size, PROT_READ | PROT_WRITE, MAP_SHARED, file, 0);
+    assert_ptr_not_equal(bytes, MAP_FAILED);
+    rig->blob.texels = (const uint32_t *)(const void *)bytes;
+    rig->blob.counts[BLOB_SECTION_TEXELS] = words;
+    rig->blob.mapped = true;
+    add_image(rig, TEXELS_R8, WIDTH, HEIGHT, FIRST, 1);
+    rig->textures = textures_new(&rig->blob);
+    static const uint32_t places[][2] = {{0, 0}, {64999, 0}, {777, 555}, {0, 1099}, {64999, 1099}};
+    for (size_t i = 0; i < ARRAY_LENGTH(places); i++) {
+        uint32_t x = places[i][0], y = places[i][1];
+        bytes[4 * FIRST + in_bands(WIDTH, HEIGHT, x, y)] = (uint8_t)(51 * (i + 1));
+        for (int again = 0; again < 2; again++)
+            assert_grey(textures_texel(rig->textures, 0, x, y), 0.2f * (float)(i + 1), 1e-7f);
+        vec2_t at = {((float)x + 0.5f) / WIDTH, ((float)y + 0.5f) / HEIGHT};
+        rgb_t looked = textures_image(rig->textures, 0, WRAP_REPEAT, WRAP_REPEAT, at);
+        assert_grey(looked, 0.2f * (float)(i + 1), 0.02f);
+    }
+    rig_free(rig);
+    munmap(bytes, size);
+    close(file);
+}
+
+/* A block stays known until another takes its slot. */
+static void blocks_are_known_until_others_come(void **state)
+{
+    (void)state;
+    enum { SLOTS = 64 };
+    uint64_t size = (uint64_t)(SLOTS + 2) << TEXTURE_BLOCK_BITS;
+    uint8_t *bytes = mem_zalloc(1, size);
+    texture_blocks_t blocks = {.start = bytes, .end = bytes + size - 5, .mask = SLOTS - 1};
+    blocks.slots = mem_zalloc(SLOTS, sizeof *blocks.slots);
+    texture_blocks_touch(&blocks, bytes + (2 << TEXTURE_BLOCK_BITS) - 1);
+    assert_int_equal(atomic_load(&blocks.slots[1]), 2);
+    texture_blocks_touch(&blocks, blocks.end - 1);
+    assert_int_equal(atomic_load(&blocks.slots[1]), SLOTS + 2);
+    assert_int_equal(atomic_load(&blocks.slots[0]), 0);
+    texture_blocks_touch(&blocks, bytes + (1 << TEXTURE_BLOCK_BITS));
+    assert_int_equal(atomic_load(&blocks.slots[1]), 2);
+    free((void *)blocks.slots);
+    free(bytes);
 }
 
 /* Black and white sRGB: half way is half the light, not the light of code 128. */
@@ -236,7 +318,7 @@ static void every_image_format_gives_its_values(void **state)
 {
     (void)state;
     rig_t *rig = rig_new();
-    set_floats(rig, 3, (const float[]){0.25f, -3, 1e4f, 7}, 4);
+    set_floats(rig, 3, (const float[]){0.25f, 1e4f, -3, 7}, 4);
     set_floats(rig, 9, (const float[]){1, 2, 3, 4, 5, 6}, 6);
     add_image(rig, TEXELS_R32F, 2, 2, 3, 0);
     add_image(rig, TEXELS_RGB32F, 1, 2, 9, 0);
@@ -583,6 +665,9 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(an_image_wraps_and_interpolates),
         cmocka_unit_test(at_their_centres_texels_are_exact),
+        cmocka_unit_test(tables_of_blocks_fit_the_memory),
+        cmocka_unit_test(many_texels_are_read_in_blocks),
+        cmocka_unit_test(blocks_are_known_until_others_come),
         cmocka_unit_test(an_image_is_decoded_before_it_is_interpolated),
         cmocka_unit_test(every_image_format_gives_its_values),
         cmocka_unit_test(a_channel_of_an_image_can_be_chosen),
