@@ -542,6 +542,14 @@ static void coat_conductor(const blob_material_t *base, blob_material_t *coat)
     values[VALUE_BASE_ROUGHNESS_V] = base->values[VALUE_ROUGHNESS_V];
 }
 
+/* Glass looks nearly the same without a clear coat. */
+static result_t leave_coat_out(const maker_t *k)
+{
+    report_warning(k->m->report, k->object->at,
+                   "a clear coat over a dielectric is left out: it would reflect a little more");
+    return result_ok();
+}
+
 /* A coat over what Lightmill has a coated form of. */
 static result_t hold_coating(maker_t *k)
 {
@@ -558,6 +566,8 @@ static result_t hold_coating(maker_t *k)
         k->record.values[VALUE_REFLECTANCE] = base.values[VALUE_REFLECTANCE];
     else if (base.kind == MATERIAL_CONDUCTOR)
         coat_conductor(&base, &k->record);
+    else if (base.kind == MATERIAL_DIELECTRIC && depth == 0)
+        return leave_coat_out(k);
     else
         return report_refuse(k->m->report, k->object->at,
                              "a coat over anything but diffuse and conductor is not supported; the nearest "

@@ -838,6 +838,19 @@ static void a_medium_matters_where_a_shape_has_it(void **state)
     bench_close(&bench);
 }
 
+static void glass_does_without_a_clear_coat(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+#define COATED(rest) "<bsdf type=\"coating\"><bsdf type=\"dielectric\"/>" rest "</bsdf>"
+    run_bsdf(&bench, COATED(""));
+    assert_int_equal(material_of(&bench)->kind, MATERIAL_DIELECTRIC);
+    expect_text(bench.warnings, "a clear coat over a dielectric is left out");
+    run_bsdf(&bench, COATED("<spectrum name=\"sigmaA\" value=\"1\"/>"));
+    assert_int_equal(bench.result.code, RESULT_INPUT);
+    bench_close(&bench);
+}
+
 /* The inner reflectance of index 1.5 is 0.5964 (by an integral of Fresnel's equations elsewhere). */
 static void plastic_is_linear_in_its_colour_unless_asked(void **state)
 {
@@ -1275,6 +1288,7 @@ int main(void)
         cmocka_unit_test(phong_and_ward_are_read),
         cmocka_unit_test(reflectances_that_gain_energy_are_scaled_as_in_mitsuba),
         cmocka_unit_test(coats_may_be_tinted),
+        cmocka_unit_test(glass_does_without_a_clear_coat),
         cmocka_unit_test(plastic_is_linear_in_its_colour_unless_asked),
         cmocka_unit_test(bsdfs_may_hold_others),
         cmocka_unit_test(shapes_have_the_bsdf_that_mitsuba_gives_them),
