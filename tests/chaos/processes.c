@@ -150,8 +150,11 @@ static void judge_end(processes_t *processes, member_t *member, int how)
     bool master = member == &processes->master;
     char *text = process_how(how);
     bool ended = how == 0 || (member->young && how == PROCESS_SIGNALLED + SIGTERM);
+    bool cut_off = how == RESULT_UNREACHABLE && !master;
     if (member->leaving && ended)
         report_line(processes->report, "%s has left", member->name);
+    else if (member->leaving && cut_off) /* as it promises: what it had is rendered by others */
+        report_line(processes->report, "%s has left, and could not deliver its last batch", member->name);
     else if (master && processes->disk_full && how < PROCESS_SIGNALLED && !member->leaving)
         processes->master_failures++;
     else
