@@ -11,11 +11,16 @@
 enum { QUESTIONS = 80 };                          /* more than a socket queues */
 static const double TIMEOUT = 0.02, MOMENT = 0.5; /* seconds */
 
-static void *bind_router(void *context, const char *endpoint)
+enum { ENDPOINT_ROOM = 64 };
+
+/* Where a master would listen; `endpoint` becomes its address. */
+static void *open_router(void *context, char endpoint[ENDPOINT_ROOM])
 {
     void *router;
+    size_t size = ENDPOINT_ROOM;
     assert_int_equal(wire_socket(context, ZMQ_ROUTER, &router).code, RESULT_OK);
-    assert_int_equal(zmq_bind(router, endpoint), 0);
+    assert_int_equal(zmq_bind(router, "tcp://127.0.0.1:*"), 0);
+    assert_int_equal(zmq_getsockopt(router, ZMQ_LAST_ENDPOINT, endpoint, &size), 0);
     return router;
 }
 
@@ -41,10 +46,8 @@ static void a_master_that_is_away_can_be_asked_for_ever(void **state)
 {
     (void)state;
     void *context = zmq_ctx_new();
-    char endpoint[64];
-    size_t size = sizeof endpoint;
-    void *router = bind_router(context, "tcp://127.0.0.1:*");
-    assert_int_equal(zmq_getsockopt(router, ZMQ_LAST_ENDPOINT, endpoint, &size), 0);
+    char endpoint[ENDPOINT_ROOM];
+    void *router = open_router(context, endpoint);
     assert_int_equal(zmq_unbind(router, endpoint), 0);
     remote_t *remote;
     wire_message_t message;
@@ -66,10 +69,8 @@ static void an_order_without_an_answer_may_have_been_done(void **state)
 {
     (void)state;
     void *context = zmq_ctx_new();
-    char endpoint[64];
-    size_t size = sizeof endpoint;
-    void *router = bind_router(context, "tcp://127.0.0.1:*");
-    assert_int_equal(zmq_getsockopt(router, ZMQ_LAST_ENDPOINT, endpoint, &size), 0);
+    char endpoint[ENDPOINT_ROOM];
+    void *router = open_router(context, endpoint);
     remote_t *remote;
     uint64_t job;
     assert_int_equal(remote_open(NULL, endpoint, endpoint, MOMENT, &remote).code, RESULT_OK);
