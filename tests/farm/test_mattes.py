@@ -301,7 +301,7 @@ def names_of_gltf_are_those_of_its_nodes(folder, _):
 
 def killed_masters_relays_and_checks_change_nothing(folder, scene):
     """A worker, and a relay with another: they check half of the units of each other, and the master is killed."""
-    settings = ["--resolution", f"{SIDE}x{SIDE}", "--cryptomatte", "--spp", "1500"]
+    settings = ["--resolution", f"{SIDE}x{SIDE}", "--cryptomatte", "--spp", "2500"]
     processes, port, listen = [], ports.choose_pair(), ports.choose_pair()
     quick = ["--heartbeat", "0.2", "--lease", "2", "--batch-interval", "0.2"]
 
