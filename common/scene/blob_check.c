@@ -328,8 +328,6 @@ static result_t check_objects(const scene_blob_t *blob)
 
 static result_t check_images(const scene_blob_t *blob)
 {
-    static const uint32_t bytes[] = {
-        [TEXELS_R8] = 1, [TEXELS_RGBA8] = 4, [TEXELS_R32F] = 4, [TEXELS_RGB32F] = 12};
     for (uint64_t i = 0; i < blob->counts[BLOB_SECTION_IMAGES]; i++) {
         const blob_image_t *image = &blob->images[i];
         unsigned long long id = i;
@@ -338,7 +336,7 @@ static result_t check_images(const scene_blob_t *blob)
         CHECK(image->width > 0 && image->width <= BLOB_MAX_IMAGE_SIDE && image->height > 0 &&
                   image->height <= BLOB_MAX_IMAGE_SIDE,
               "image %llu: %u x %u pixels", id, image->width, image->height);
-        uint64_t size = (uint64_t)image->width * image->height * bytes[image->format];
+        uint64_t size = (uint64_t)image->width * image->height * blob_texel_bytes(image->format);
         CHECK(range_inside(image->first_word, (size + 3) / 4, blob->counts[BLOB_SECTION_TEXELS]),
               "image %llu: its pixels lie outside the texels", id);
         CHECK(image->gamma >= 0 && image->gamma <= 10, "image %llu: its gamma must be from 0 to 10", id);

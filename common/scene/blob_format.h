@@ -226,6 +226,12 @@ typedef struct {
 
 typedef enum { TEXELS_R8 = 1, TEXELS_RGBA8 = 2, TEXELS_R32F = 3, TEXELS_RGB32F = 4 } texels_t;
 
+/* Of one pixel, of a known format. */
+static inline uint32_t blob_texel_bytes(uint32_t format)
+{
+    return format == TEXELS_R8 ? 1 : format == TEXELS_RGB32F ? 12 : 4;
+}
+
 /* An image, cut from the top into bands of BLOB_BAND_ROWS rows, the last of as many as are left. A band is
  * its columns from the left, each from the top, so that what is close to each other in the image is close in
  * the file, too. There are no gaps; the whole starts at a word of the texels. See blob_image_row. */

@@ -91,7 +91,7 @@ static blob_ref_t store(scene_builder_t *scene, const texture_image_t *source, b
     blob_image_t record = {.width = source->width, .height = source->height, .gamma = floats ? 1 : gamma};
     size_t pixels = (size_t)source->width * source->height;
     record.format = floats ? (grey ? TEXELS_R32F : TEXELS_RGB32F) : grey ? TEXELS_R8 : TEXELS_RGBA8;
-    void *to = add_texels(scene, pixels * (floats ? (grey ? 4 : 12) : grey ? 1 : 4), &record.first_word);
+    void *to = add_texels(scene, pixels * blob_texel_bytes(record.format), &record.first_word);
     if (to) write_pixels(source, floats, grey, gamma, to);
     return add_record(scene, &record);
 }

@@ -128,13 +128,11 @@ static inline rgb_t texel_alpha(const image_view_t *image, size_t index)
 
 /* ---- looking up ---------------------------------------------------------------------------------------- */
 
-static const uint8_t texel_bytes[] = {
-    [TEXELS_R8] = 1, [TEXELS_RGBA8] = 4, [TEXELS_R32F] = 4, [TEXELS_RGB32F] = 12};
-
 /* Has a texel read that may not be in memory. */
 static void fetch(const image_view_t *image, size_t index)
 {
-    texture_blocks_touch(image->blocks, (const uint8_t *)image->words + index * texel_bytes[image->format]);
+    texture_blocks_touch(image->blocks,
+                         (const uint8_t *)image->words + index * blob_texel_bytes(image->format));
 }
 
 /* The two texels about a coordinate along one axis, and their weights. */
