@@ -99,7 +99,7 @@ static result_t read_alphas(maker_t *k, material_value_t u, material_value_t v)
     const char *distribution = "beckmann";
     TRY(property_string(k->m, k->object, "distribution", &distribution));
     property_ignore(k->object, "sampleVisible");
-    if (strcmp(distribution, "ggx") != 0 && !k->m->said_beckmann) {
+    if (strcasecmp(distribution, "ggx") != 0 && !k->m->said_beckmann) {
         report_warning(k->m->report, k->object->at,
                        "the distribution \"%.20s\" is taken for ggx of the same alpha, whose highlights have "
                        "longer tails",

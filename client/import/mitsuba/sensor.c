@@ -5,6 +5,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 
 #include "common/job.h"
 
@@ -159,15 +160,15 @@ static result_t read_half_width(mitsuba_t *m, const element_t *sensor, double as
     if (!(length > 1e-3 && length < 1e6)) return error_at(sensor->at, "focalLength must be like \"50mm\"");
     double diagonal = 1 / sqrt(1 + 1 / (aspect * aspect)); /* the width is this part of it */
     double tangent = tan(fov / 2 / degrees);
-    if (strcmp(axis, "smaller") == 0) axis = aspect > 1 ? "y" : "x";
-    if (strcmp(axis, "larger") == 0) axis = aspect > 1 ? "x" : "y";
+    if (strcasecmp(axis, "smaller") == 0) axis = aspect > 1 ? "y" : "x";
+    if (strcasecmp(axis, "larger") == 0) axis = aspect > 1 ? "x" : "y";
     if (fov == 0)
         *half = sqrt(36.0 * 36 + 24 * 24) / (2 * length) * diagonal;
-    else if (strcmp(axis, "x") == 0)
+    else if (strcasecmp(axis, "x") == 0)
         *half = tangent;
-    else if (strcmp(axis, "y") == 0)
+    else if (strcasecmp(axis, "y") == 0)
         *half = tangent * aspect;
-    else if (strcmp(axis, "diagonal") == 0)
+    else if (strcasecmp(axis, "diagonal") == 0)
         *half = tangent * diagonal;
     else
         return error_at(sensor->at, "fovAxis must be x, y, diagonal, smaller or larger, found \"%.20s\"",

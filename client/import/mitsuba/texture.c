@@ -3,6 +3,7 @@
 
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 
 #include "client/import/scene/scene_images.h"
 
@@ -43,7 +44,7 @@ static result_t read_wrap(mitsuba_t *m, const element_t *object, const char *nam
     const char *mode = otherwise;
     TRY(property_string(m, object, name, &mode));
     for (size_t i = 0; i < ARRAY_LENGTH(modes); ++i) {
-        if (strcmp(mode, modes[i].name) != 0) continue;
+        if (strcasecmp(mode, modes[i].name) != 0) continue;
         *wrap = modes[i].wrap;
         return result_ok();
     }
@@ -72,9 +73,15 @@ static result_t read_channel(mitsuba_t *m, const element_t *object, texture_use_
     const char *name = "";
     *channel = use == TEXTURE_NUMBERS ? CHANNEL_LUMINANCE : CHANNEL_RGB;
     TRY(property_string(m, object, "channel", &name));
-    for (size_t i = 0; i < ARRAY_LENGTH(channels); ++i)
-        if (strcmp(name, channels[i].name) == 0) *channel = channels[i].channel;
-    return result_ok();
+    for (size_t i = 0; i < ARRAY_LENGTH(channels); ++i) {
+        if (strcasecmp(name, channels[i].name) != 0) continue;
+        *channel = channels[i].channel;
+        return result_ok();
+    }
+    if (*name == '\0') return result_ok();
+    return report_refuse(
+        m->report, object->at,
+        "channel \"%.20s\" is not supported; it may be r, g, b or a. The nearest is all of them", name);
 }
 
 /* Mitsuba's gamma: 0 as the file says, -1 sRGB. */
@@ -103,7 +110,7 @@ static result_t make_bitmap(mitsuba_t *m, element_t *object, texture_use_t use, 
     TRY(read_gamma(m, object, use, &gamma));
     property_ignore(object, "maxAnisotropy"); /* how Mitsuba filters and caches */
     property_ignore(object, "cache");
-    if (strcmp(filter, "nearest") == 0) texture.flags |= TEXTURE_NEAREST;
+    if (strcasecmp(filter, "nearest") == 0) texture.flags |= TEXTURE_NEAREST;
     char *path = element_path(object, file);
     result_t result = scene_image_of_file(m->scene, path, gamma, SCENE_ALPHA_WITHIN, object->at, &image);
     free(path);

@@ -413,7 +413,7 @@ static void the_field_of_view_has_its_axis(void **state)
     expect_near(fov_of(&bench, FOV("smaller")), half, 1e-6);
     expect_near(fov_of(&bench, FOV("y")), half / 2, 1e-6);
     expect_near(fov_of(&bench, FOV("larger")), half / 2, 1e-6);
-    expect_near(fov_of(&bench, FOV("diagonal")), half / sqrt(5), 1e-6);
+    expect_near(fov_of(&bench, FOV("Diagonal")), half / sqrt(5), 1e-6); /* in any case */
     expect_near(fov_of(&bench, "<string name=\"focalLength\" value=\"25mm\"/>"),
                 sqrt(36.0 * 36 + 24 * 24) / 50 / sqrt(5), 1e-6);
     bench_close(&bench);
@@ -796,6 +796,9 @@ static void bsdfs_of_one_layer_become_their_materials(void **state)
     assert_int_equal(material_of(&bench)->kind, MATERIAL_MIRROR);
     run_bsdf(&bench, "<bsdf type=\"roughconductor\"><string name=\"material\" value=\"Au\"/></bsdf>");
     assert_true(number(&bench, VALUE_ETA) < 0.3); /* gold in red */
+    run_bsdf(&bench, "<bsdf type=\"twosided\"><bsdf type=\"roughconductor\"><string name=\"distribution\" "
+                     "value=\"GGX\"/></bsdf></bsdf>");
+    bench_expect_silence(&bench);
     run_bsdf(&bench, "<bsdf type=\"conductor\"><string name=\"material\" value=\"Cr_palik\"/>"
                      "<float name=\"extEta\" value=\"1\"/><float name=\"k\" value=\"9\"/></bsdf>");
     /* Palik's at 600 nm; colours of equal energy are 1.2 times that in red */
@@ -948,6 +951,22 @@ static void reflectances_that_gain_energy_are_scaled_as_in_mitsuba(void **state)
     run_bsdf(&bench,
              "<bsdf type=\"phong\"><rgb name=\"specularReflectance\" value=\"0,.75,1\"/>" IMAGE "</bsdf>");
     expect_near(number(&bench, VALUE_REFLECTANCE), 1, 0);
+    bench_close(&bench);
+}
+
+static void a_channel_of_an_image_is_taken_or_told(void **state)
+{
+    (void)state;
+#define CHANNEL(name)                                                                                        \
+    "<bsdf type=\"diffuse\"><texture name=\"reflectance\" type=\"bitmap\"><string name=\"filename\" "        \
+    "value=\"a.pfm\"/><string name=\"channel\" value=\"" name "\"/></texture></bsdf>"
+    bench_t bench = {0};
+    write_pixels(&bench);
+    run_bsdf(&bench, CHANNEL("G"));
+    assert_int_equal(material_of(&bench)->values[VALUE_REFLECTANCE].texture, 1);
+    assert_int_equal(bench.blob.textures[0].channel, CHANNEL_G);
+    expect_error(&bench, "<shape type=\"cube\">" CHANNEL("z") "</shape>",
+                 "channel \"z\" is not supported; it may be r, g, b or a");
     bench_close(&bench);
 }
 
@@ -1287,6 +1306,7 @@ int main(void)
         cmocka_unit_test(animations_that_cannot_be_are_told),
         cmocka_unit_test(phong_and_ward_are_read),
         cmocka_unit_test(reflectances_that_gain_energy_are_scaled_as_in_mitsuba),
+        cmocka_unit_test(a_channel_of_an_image_is_taken_or_told),
         cmocka_unit_test(coats_may_be_tinted),
         cmocka_unit_test(glass_does_without_a_clear_coat),
         cmocka_unit_test(plastic_is_linear_in_its_colour_unless_asked),
