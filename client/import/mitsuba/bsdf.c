@@ -550,6 +550,17 @@ static result_t leave_coat_out(const maker_t *k)
     return result_ok();
 }
 
+/* A material has one map, which is that of its coat, too. */
+static void keep_maps(const maker_t *k, const blob_material_t *base, blob_material_t *coat)
+{
+    if (base->bump == 0 && base->normal_map == 0) return;
+    report_warning(k->m->report, k->object->at,
+                   "the bumps of what is coated are those of the coat, too, which is smooth in Mitsuba");
+    coat->bump = base->bump;
+    coat->normal_map = base->normal_map;
+    coat->normal_scale = base->normal_scale;
+}
+
 /* A coat over what Lightmill has a coated form of. */
 static result_t hold_coating(maker_t *k)
 {
@@ -572,6 +583,7 @@ static result_t hold_coating(maker_t *k)
         return report_refuse(k->m->report, k->object->at,
                              "a coat over anything but diffuse and conductor is not supported; the nearest "
                              "is to do without it");
+    keep_maps(k, &base, &k->record);
     k->out.index = add_record(k);
     return result_ok();
 }

@@ -1026,6 +1026,11 @@ static void bsdfs_may_hold_others(void **state)
     expect_near(number(&bench, VALUE_THICKNESS), 1, 1e-6);
     run_bsdf(&bench, "<bsdf type=\"coating\"><bsdf type=\"roughconductor\"/></bsdf>");
     assert_int_equal(material_of(&bench)->kind, MATERIAL_COATED_CONDUCTOR);
+    run_bsdf(&bench, "<bsdf type=\"coating\"><bsdf type=\"bumpmap\"><texture type=\"checkerboard\"/>" RED
+                     "</bsdf></bsdf>");
+    assert_int_equal(material_of(&bench)->kind, MATERIAL_COATED_DIFFUSE);
+    assert_true(material_of(&bench)->bump != 0);
+    expect_text(bench.warnings, "the bumps of what is coated are those of the coat, too");
     run(&bench, "<shape type=\"rectangle\"><bsdf type=\"null\"/></shape>" RECTANGLE);
     assert_int_equal(bench.blob.counts[BLOB_SECTION_SHAPES], 1);
     expect_error(
