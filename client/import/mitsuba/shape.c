@@ -66,9 +66,12 @@ static result_t add_shape(const work_t *w, blob_shape_t *shape, const material_t
         return result_ok();
     }
     if (w->object != 0)
-        return error_at(w->emitter->at, "a shape that moves, or lies in a shapegroup, cannot emit");
+        TRY(report_refuse(w->m->report, w->emitter->at,
+                          "a shape that moves, or lies in a shapegroup, cannot emit; the nearest is a dark "
+                          "one"));
     TRY(read_light(w, &light));
-    scene_add_shape(w->m->scene, 0, *shape, v_is_zero(light.radiance.factor) ? NULL : &light);
+    bool dark = w->object != 0 || v_is_zero(light.radiance.factor);
+    scene_add_shape(w->m->scene, w->object, *shape, dark ? NULL : &light);
     return result_ok();
 }
 

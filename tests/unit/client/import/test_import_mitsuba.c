@@ -682,6 +682,13 @@ static void instances_show_their_group(void **state)
         "<shape type=\"shapegroup\" id=\"g\"><shape type=\"instance\"><ref id=\"g\"/></shape></shape>"
         "<shape type=\"instance\"><ref id=\"g\"/></shape>",
         "may hold neither");
+    bench.lenient = true;
+    run(&bench, "<shape type=\"shapegroup\" id=\"g\"><shape type=\"cube\"><emitter type=\"area\"/></shape>"
+                "</shape><shape type=\"instance\"><ref id=\"g\"/></shape>");
+    bench_expect_ok(&bench);
+    expect_text(bench.warnings, "cannot emit; the nearest is a dark one");
+    assert_int_equal(bench.blob.counts[BLOB_SECTION_SHAPES], 1);
+    assert_int_equal(bench.blob.counts[BLOB_SECTION_LIGHTS], 1); /* the sky */
     bench_close(&bench);
 }
 
