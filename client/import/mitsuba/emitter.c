@@ -97,7 +97,7 @@ static result_t read_image(work_t *w)
 {
     const char *file = NULL;
     double gamma = 0;
-    const scene_image_t *image;
+    const scene_image_t *image = NULL;
     TRY(property_string(w->m, w->element, "filename", &file));
     TRY(property_number(w->m, w->element, "gamma", -1, 100, &gamma));
     property_ignore(w->element, "cache");
@@ -109,8 +109,8 @@ static result_t read_image(work_t *w)
                                                       : (float)gamma,
                                           SCENE_ALPHA_DROPPED, w->element->at, &image);
     free(path);
-    TRY(result);
-    w->light.image = image->image;
+    TRY(report_excuse(w->m->report, result, "the light has no image"));
+    if (image) w->light.image = image->image;
     return result_ok();
 }
 

@@ -5,6 +5,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "client/import/files/ply.h"
 #include "client/import/files/wavefront.h"
@@ -24,6 +25,7 @@ typedef struct {
     bool creased;    /* its edges are smoothed up to `crease` degrees, whatever normals its file has */
     double crease;
     bool flipped;       /* its v is the other way round: see texture.h */
+    bool left_out;      /* its file is missing */
     element_t *emitter; /* NULL: it does not emit */
     mtl_t *library;     /* materials of an OBJ file; NULL: none */
 } work_t;
@@ -129,6 +131,7 @@ static result_t add_mesh(const work_t *w, mesh_t *mesh, const char *wanted, posi
     return add_shape(w, &shape, &material);
 }
 
+/* The path of its file, which is the caller's unless the shape is left out. */
 static result_t read_file_name(work_t *w, char **path)
 {
     const char *name = NULL;
@@ -139,7 +142,14 @@ static result_t read_file_name(work_t *w, char **path)
     property_ignore(w->element, "collapse");
     if (!name) return error_at(w->element->at, "shape \"%.20s\" needs a filename", object_type(w->element));
     *path = element_path(w->element, name);
-    return result_ok();
+    w->left_out = access(*path, F_OK) != 0;
+    if (!w->left_out) return result_ok();
+    result_t result =
+        report_refuse(w->m->report, w->element->at,
+                      "the file %.300s is missing; the nearest is to leave the shape out", *path);
+    free(*path);
+    *path = NULL;
+    return result;
 }
 
 static result_t add_parts(work_t *w, wavefront_t *file)
@@ -181,6 +191,7 @@ static result_t make_obj(work_t *w)
         TRY(report_refuse(w->m->report, w->element->at,
                           "shapeIndex is not supported in an obj; the nearest is all of the file"));
     TRY(read_file_name(w, &path));
+    if (w->left_out) return result_ok();
     result_t result = add_file(w, path, &file);
     wavefront_free(&file);
     free(path);
@@ -204,6 +215,7 @@ static result_t make_ply(work_t *w)
     bool encoded = true;
     TRY(property_bool(w->m, w->element, "srgb", &encoded));
     TRY(read_file_name(w, &path));
+    if (w->left_out) return result_ok();
     scene_count_file(w->m->scene, path);
     result_t result = ply_read(path, w->m->report, &mesh);
     if (result.code == RESULT_OK && encoded) decode_colours(&mesh);
@@ -221,6 +233,7 @@ static result_t make_serialized(work_t *w)
     bool flat = false;
     TRY(property_number(w->m, w->element, "shapeIndex", 0, 1e9, &index));
     TRY(read_file_name(w, &path));
+    if (w->left_out) return result_ok();
     result_t result = serialized_read(path, (uint64_t)index, w->m->scene, w->element->at, &mesh, &flat);
     w->flat = w->flat || flat;
     free(path);
@@ -354,7 +367,7 @@ static result_t add_to(mitsuba_t *m, element_t *element, uint32_t object, const 
     for (size_t i = 0; i < ARRAY_LENGTH(shapes); ++i) {
         if (strcmp(object_type(element), shapes[i].type) != 0) continue;
         TRY(shapes[i].make(&w));
-        return object_finish(m, element);
+        return w.left_out ? result_ok() : object_finish(m, element);
     }
     return report_refuse(m->report, element->at,
                          "shape \"%.40s\" is not supported; the nearest is to leave it out",

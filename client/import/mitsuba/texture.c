@@ -99,7 +99,7 @@ static result_t make_bitmap(mitsuba_t *m, element_t *object, texture_use_t use, 
 {
     const char *file = NULL, *filter = "";
     float gamma = 1;
-    const scene_image_t *image;
+    const scene_image_t *image = NULL;
     blob_texture_t texture = {.kind = TEXTURE_IMAGE, .inputs = {blob_constant(1)}};
     TRY(property_string(m, object, "filename", &file));
     TRY(property_string(m, object, "filterType", &filter));
@@ -114,7 +114,9 @@ static result_t make_bitmap(mitsuba_t *m, element_t *object, texture_use_t use, 
     char *path = element_path(object, file);
     result_t result = scene_image_of_file(m->scene, path, gamma, SCENE_ALPHA_WITHIN, object->at, &image);
     free(path);
-    TRY(result);
+    TRY(report_excuse(m->report, result, "the texture is grey"));
+    *value = blob_constant(0.5f);
+    if (!image) return result_ok();
     texture.image = image->image;
     *value = scene_add_texture(m->scene, &texture);
     return result_ok();

@@ -11,6 +11,7 @@
 
 #define SCENE(body) "<scene version=\"0.6.0\">" body "</scene>"
 #define RECTANGLE "<shape type=\"rectangle\"/>"
+#define RED "<bsdf type=\"diffuse\"><rgb name=\"reflectance\" value=\"1,0,0\"/></bsdf>"
 #define LAMP "<emitter type=\"constant\"/>"
 #define SENSOR(body) "<sensor type=\"perspective\"><float name=\"fov\" value=\"60\"/>" body "</sensor>"
 
@@ -242,6 +243,40 @@ static void unknown_things_are_errors_or_substitutes(void **state)
         run(&bench, bodies[i]);
         bench_expect_ok(&bench);
         expect_text(bench.warnings, "the nearest is");
+    }
+    bench_close(&bench);
+}
+
+/* As in other formats. Mitsuba does not go on without them. */
+static void a_lenient_import_does_without_files_that_are_missing(void **state)
+{
+    (void)state;
+#define NAMED(name) "<string name=\"filename\" value=\"" name "\"/>"
+    static const struct {
+        const char *body, *place, *warning;
+    } cases[] = {
+        {"<shape type=\"rectangle\"><bsdf type=\"diffuse\"><texture type=\"bitmap\" "
+         "name=\"reflectance\">" NAMED("no.png") "</texture></bsdf></shape>",
+         "s.xml:1:69: ", "the texture is grey"},
+        {"<emitter type=\"envmap\">" NAMED("no.exr") "</emitter>" RECTANGLE,
+         "s.xml:1:24: ", "the light has no image"},
+        {"<shape type=\"ply\">" NAMED("no.ply") RED "</shape>" RECTANGLE,
+         "s.xml:1:24: ", "the nearest is to leave the shape out"},
+        {"<shape type=\"obj\">" NAMED("no.obj") RED "</shape>" RECTANGLE,
+         "s.xml:1:24: ", "the nearest is to leave the shape out"},
+        {"<shape type=\"serialized\">" NAMED("no.serialized") RED "</shape>" RECTANGLE,
+         "s.xml:1:24: ", "the nearest is to leave the shape out"},
+    };
+    bench_t bench = {0};
+    for (size_t i = 0; i < ARRAY_LENGTH(cases); ++i) {
+        bench.lenient = false;
+        expect_error(&bench, cases[i].body, cases[i].place);
+        bench.lenient = true;
+        run(&bench, cases[i].body);
+        bench_expect_ok(&bench);
+        expect_text(bench.warnings, cases[i].warning);
+        assert_null(strstr(bench.warnings, "is not supported"));
+        assert_int_equal(bench.blob.counts[BLOB_SECTION_SHAPES], 1);
     }
     bench_close(&bench);
 }
@@ -998,7 +1033,6 @@ static void coats_may_be_tinted(void **state)
     bench_close(&bench);
 }
 
-#define RED "<bsdf type=\"diffuse\"><rgb name=\"reflectance\" value=\"1,0,0\"/></bsdf>"
 #define BLUE "<bsdf type=\"diffuse\"><rgb name=\"reflectance\" value=\"0,0,1\"/></bsdf>"
 
 static void bsdfs_may_hold_others(void **state)
@@ -1294,6 +1328,7 @@ int main(void)
         cmocka_unit_test(parameters_may_not_grow_without_bound),
         cmocka_unit_test(what_is_no_scene_is_told),
         cmocka_unit_test(unknown_things_are_errors_or_substitutes),
+        cmocka_unit_test(a_lenient_import_does_without_files_that_are_missing),
         cmocka_unit_test(slips_are_taken_as_mitsuba_takes_them),
         cmocka_unit_test(references_are_followed_and_checked),
         cmocka_unit_test(sensors_look_where_mitsubas_do),
