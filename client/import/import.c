@@ -16,15 +16,18 @@
 typedef struct {
     const char *extension;
     result_t (*import)(const char *path, scene_builder_t *scene);
-    bool chooses;    /* it may have several cameras, variants and animations; its reader chooses */
-    bool parameters; /* its reader takes definitions */
+    /* What its reader takes: which of several cameras, which variant and moment, and definitions. */
+    bool cameras, looks, parameters;
 } format_t;
 
 static const format_t formats[] = {
-    {".pbrt", pbrt_import, false, false},  {".gltf", gltf_import, true, false},
-    {".glb", gltf_import, true, false},    {".obj", obj_import, false, false},
-    {".xml", mitsuba_import, false, true},
+    {.extension = ".pbrt", .import = pbrt_import},
+    {.extension = ".gltf", .import = gltf_import, .cameras = true, .looks = true},
+    {.extension = ".glb", .import = gltf_import, .cameras = true, .looks = true},
+    {.extension = ".obj", .import = obj_import},
+    {.extension = ".xml", .import = mitsuba_import, .cameras = true, .parameters = true},
 };
+static const format_t blobs = {.extension = ".blob"};
 
 static const format_t *format_of(const char *path)
 {
@@ -35,20 +38,20 @@ static const format_t *format_of(const char *path)
     return NULL;
 }
 
-/* Refuses wishes that no reader would ever see. `chooses`, `parameters`: see format_t. */
-static result_t check_wishes(const import_wishes_t *wishes, bool chooses, bool parameters)
+/* Refuses wishes that no reader would ever see. */
+static result_t check_wishes(const import_wishes_t *wishes, const format_t *format)
 {
-    if (wishes->camera && !chooses)
+    if (wishes->camera && !format->cameras)
         return result_fail(RESULT_USAGE,
-                           "--camera is for files with several cameras (glTF); this scene has one");
-    if (wishes->variant && !chooses)
+                           "--camera is for files with several cameras (glTF, Mitsuba); this scene has one");
+    if (wishes->variant && !format->looks)
         return result_fail(RESULT_USAGE,
                            "--variant is for files with several variants (glTF); this scene has none");
-    if (wishes_have_moment(wishes) && !chooses)
+    if (wishes_have_moment(wishes) && !format->looks)
         return result_fail(
             RESULT_USAGE,
             "--time-point and --frame are for files with animations (glTF); this scene has none");
-    if (wishes->definitions.count > 0 && !parameters)
+    if (wishes->definitions.count > 0 && !format->parameters)
         return result_fail(RESULT_USAGE,
                            "--define is for scenes of Mitsuba (.xml); this scene has no parameters");
     return result_ok();
@@ -61,7 +64,7 @@ static result_t read_format(const char *path, const import_wishes_t *wishes, sce
         return result_fail(
             RESULT_INPUT,
             "%s: not a scene format that Lightmill reads; it reads .pbrt, .gltf, .glb, .obj and .xml", path);
-    TRY(check_wishes(wishes, format->chooses, format->parameters));
+    TRY(check_wishes(wishes, format));
     return format->import(path, scene);
 }
 
@@ -88,7 +91,7 @@ static result_t fill(const char *path, const scene_blob_t *blob, blob_builder_t 
     report_t report = report_begin(sink);
     scene_builder_t scene;
     scene_begin(&scene, builder, &report);
-    result_t result = blob ? check_wishes(&wishes, false, false) : read_format(path, &wishes, &scene);
+    result_t result = blob ? check_wishes(&wishes, &blobs) : read_format(path, &wishes, &scene);
     if (blob) blob_builder_take(builder, blob);
     if (result.code == RESULT_OK) result = scene_adjust_view(&scene, &wishes);
     if (result.code == RESULT_OK) result = environment_add(&scene, &environment, &wishes);

@@ -22,7 +22,7 @@ static const option_t rows[] = {
            "the axis of the world that points up: y (the default, glTF's) or z", .choices = axes),
     OPTION(import_wishes_t, camera, "camera", "NAME|NUMBER",
            "of a file with several cameras that one: by the name of its node, its own, or its number from 1 "
-           "(default: the first)"),
+           "(default: the first, and of a Mitsuba file the last)"),
     OPTION(
         import_wishes_t, variant, "variant", "NAME|NUMBER",
         "of a glTF file with several variants of its materials that one: by its name, or its number from 1 "

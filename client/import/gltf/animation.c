@@ -188,7 +188,7 @@ static result_t read_one(document_t *document, const char *wanted)
     size_t count = document_count(document, TOP_ANIMATIONS), index = 0;
     item_t item;
     while (index < count && !document_is_named(document, TOP_ANIMATIONS, (uint32_t)index, wanted)) ++index;
-    if (index == count && !item_wanted_number(wanted, count, &index))
+    if (index == count && !wishes_number(wanted, count, &index))
         return result_fail(RESULT_USAGE, "--animation: the scene has no animation '%.100s'; it has %zu",
                            wanted, count);
     TRY(document_item(document, TOP_ANIMATIONS, (uint32_t)index, &item));

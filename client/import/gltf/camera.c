@@ -118,7 +118,7 @@ static bool find_camera(const document_t *document, const char *wanted, size_t *
         *index = i;
         return true;
     }
-    return item_wanted_number(wanted, cameras->count, index);
+    return wishes_number(wanted, cameras->count, index);
 }
 
 static result_t choose(document_t *document, size_t *index)

@@ -3,7 +3,6 @@
 
 #include "common/plain_text.h"
 
-#include <ctype.h>
 #include <inttypes.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -187,15 +186,6 @@ result_t item_bool(const item_t *object, const char *key, bool *value)
     if (!json_is_boolean(item.json)) return item_fail(&item, "must be true or false");
     *value = json_is_true(item.json);
     return result_ok();
-}
-
-bool item_wanted_number(const char *text, size_t count, size_t *index)
-{
-    char *end;
-    unsigned long number = strtoul(text, &end, 10);
-    if (!isdigit((unsigned char)text[0]) || *end != '\0' || number < 1 || number > count) return false;
-    *index = number - 1;
-    return true;
 }
 
 result_t item_string(const item_t *object, const char *key, const char **value)

@@ -52,8 +52,6 @@ result_t item_index(const item_t *object, const char *key, size_t count, uint32_
  * for messages: "nodes". */
 result_t item_index_at(const item_t *array, size_t i, size_t count, const char *things, uint32_t *index);
 result_t item_bool(const item_t *object, const char *key, bool *value);
-/* The index that a text asks for that is a number from 1 to `count`; false when it is none. */
-bool item_wanted_number(const char *text, size_t count, size_t *index);
 /* Owned by the file's JSON. */
 result_t item_string(const item_t *object, const char *key, const char **value);
 

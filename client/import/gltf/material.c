@@ -455,7 +455,7 @@ static result_t find_variant(const item_t *variants, const char *wanted, size_t 
         TRY(variant_name(variants, *index, &name));
         if (strcmp(name, wanted) == 0) return result_ok();
     }
-    *found = item_wanted_number(wanted, item_count(variants), index);
+    *found = wishes_number(wanted, item_count(variants), index);
     return result_ok();
 }
 

@@ -52,18 +52,36 @@ static result_t ignore_medium(mitsuba_t *m, element_t *object)
     return result_ok();
 }
 
-/* The last of several counts, as in Mitsuba; NULL: there is none. */
+/* Whether --camera asks for a sensor: by its id, or its number from 1. */
+static bool is_wanted(const char *wanted, const element_t *sensor, size_t index)
+{
+    const char *id = element_attribute(sensor, "id");
+    size_t number;
+    if (id && strcmp(id, wanted) == 0) return true;
+    return wishes_number(wanted, SIZE_MAX, &number) && number == index;
+}
+
+/* The sensor that --camera asks for, else the last, as in Mitsuba; NULL: there is none. */
 static result_t find_sensor(mitsuba_t *m, element_t **sensor)
 {
+    const import_wishes_t *wishes = m->report->sink.wishes;
+    const char *wanted = wishes ? wishes->camera : NULL, *name;
     element_t *at = NULL, *next;
-    const char *name;
+    size_t count = 0;
     *sensor = NULL;
-    for (;; *sensor = next) {
+    for (;; ++count) {
         TRY(object_child(m, m->xml.root, "sensor", &at, &next, &name));
-        if (!next) return *sensor ? sensor_shutter(m, *sensor) : result_ok();
+        if (!next) break;
+        if (wanted && (*sensor || !is_wanted(wanted, next, count))) continue;
         if (*sensor)
-            report_warning(m->report, (*sensor)->at, "another sensor follows, which is taken instead");
+            report_warning(m->report, (*sensor)->at,
+                           "another sensor follows, which is taken instead; --camera takes this one");
+        *sensor = next;
     }
+    if (wanted && !*sensor)
+        return result_fail(RESULT_USAGE, "--camera: the scene has no sensor '%.100s'; it has %zu", wanted,
+                           count);
+    return *sensor ? sensor_shutter(m, *sensor) : result_ok();
 }
 
 static result_t add_default_sensor(mitsuba_t *m)

@@ -6,7 +6,9 @@
 #ifndef LIGHTMILL_WISHES_H
 #define LIGHTMILL_WISHES_H
 
+#include <ctype.h>
 #include <math.h>
+#include <stdlib.h>
 
 #include "common/options/options.h"
 
@@ -16,7 +18,7 @@ typedef struct {
     double environment_turn;    /* degrees about the axis that points up, counter-clockwise seen from above */
     double environment_factor;  /* on its radiance */
     const char *environment_up; /* "y" or "z": the axis of the world that points up; NULL: y */
-    const char *camera; /* the name of one of several cameras, or its number from 1; NULL: the first */
+    const char *camera; /* the name of one of several cameras, or its number from 1; NULL: the usual one */
     const char
         *variant;       /* the name of one of several looks, or its number from 1; NULL: as the file stands */
     double fov;         /* degrees along the shorter side of the picture; 0: the camera's */
@@ -51,6 +53,16 @@ static inline bool wishes_have_moment(const import_wishes_t *wishes)
 static inline double wishes_moment(const import_wishes_t *wishes)
 {
     return isnan(wishes->frame) ? wishes->time_point : wishes->frame / wishes->frames_per_second;
+}
+
+/* The index of what a text asks for that is a number from 1 to `count`; false when it is none. */
+static inline bool wishes_number(const char *text, size_t count, size_t *index)
+{
+    char *end;
+    unsigned long number = strtoul(text, &end, 10);
+    if (!isdigit((unsigned char)text[0]) || *end != '\0' || number < 1 || number > count) return false;
+    *index = number - 1;
+    return true;
 }
 
 #endif

@@ -1316,6 +1316,34 @@ static void the_last_of_several_sensors_counts(void **state)
     bench_close(&bench);
 }
 
+static void run_camera(bench_t *bench, const char *wanted)
+{
+    import_wishes_t wishes = import_wishes_none();
+    wishes.camera = wanted;
+    bench->wishes = &wishes;
+    run_text(bench, SCENE("<sensor type=\"orthographic\" id=\"plan\"/>" SENSOR("") LAMP RECTANGLE));
+    bench->wishes = NULL;
+}
+
+static void a_sensor_is_taken_by_its_id_or_number(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *wanted;
+        camera_kind_t camera;
+    } cases[] = {{"plan", CAMERA_ORTHOGRAPHIC}, {"1", CAMERA_ORTHOGRAPHIC}, {"2", CAMERA_PERSPECTIVE}};
+    bench_t bench = {0};
+    for (size_t i = 0; i < ARRAY_LENGTH(cases); ++i) {
+        run_camera(&bench, cases[i].wanted);
+        bench_expect_silence(&bench);
+        assert_int_equal(bench.blob.scene->camera, cases[i].camera);
+    }
+    run_camera(&bench, "3");
+    expect_text(bench.result.message, "--camera: the scene has no sensor '3'; it has 2");
+    assert_int_equal(bench.result.code, RESULT_USAGE);
+    bench_close(&bench);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -1368,6 +1396,7 @@ int main(void)
         cmocka_unit_test(an_environment_stands_as_mitsubas_does),
         cmocka_unit_test(what_a_scene_lacks_is_as_in_mitsuba),
         cmocka_unit_test(the_last_of_several_sensors_counts),
+        cmocka_unit_test(a_sensor_is_taken_by_its_id_or_number),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
