@@ -390,6 +390,12 @@ static void area_lights_of_objects_do_not_emit(void **state)
     bench_expect_silence(&bench);
     assert_int_equal(bench.blob.lights[0].flags, LIGHT_UNSEEN);
     expect_near((double)bench.blob.shapes[0].alpha.factor.x, 0, 0);
+    bench_run_v3(&bench, "AreaLightSource \"diffuse\" Shape \"trianglemesh\" "
+                         "\"point P\" [0 0 0 1 0 0 0 1 0] \"float alpha\" 0");
+    bench_expect_ok(&bench);
+    expect_text(bench.warnings,
+                "a light with an alpha of 0 shines unseen; pbrt-v3 loses a part of its light");
+    assert_int_equal(bench.blob.lights[0].flags, LIGHT_UNSEEN);
     bench_close(&bench);
 }
 
