@@ -72,19 +72,29 @@ static result_t map_planar(pbrt_t *p, params_t *params, blob_texture_t *texture)
     return result_ok();
 }
 
+/* Either pbrt takes plain uv for a mapping that it does not know. */
+static result_t map_plainly(const pbrt_t *p, position_t at, const char *type, blob_texture_t *texture)
+{
+    texture->mapping = MAPPING_UV;
+    texture->matrix[0][0] = texture->matrix[1][1] = 1;
+    return report_tolerate(p->report, at, "unknown mapping \"%.40s\"; it is \"uv\", as by pbrt", type);
+}
+
 static result_t map_2d(pbrt_t *p, params_t *params, position_t at, blob_texture_t *texture)
 {
     const char *type = "uv";
     TRY(params_string(params, "mapping", &type));
+    bool sphere = strcmp(type, "spherical") == 0;
     if (strcmp(type, "uv") == 0) return map_uv(params, texture);
     if (strcmp(type, "planar") == 0) return map_planar(p, params, texture);
+    if (!sphere && strcmp(type, "cylindrical") != 0)
+        return map_plainly(p, params_where(params, "mapping", at), type, texture);
     affine_t space = from_world(p);
     texture->texture_from_world = affine_to_xform(&space);
-    texture->mapping = MAPPING_SPHERICAL;
-    if (strcmp(type, "spherical") == 0) return result_ok();
-    texture->mapping = p->dialect.dialect == DIALECT_V3 ? MAPPING_CYLINDRICAL : MAPPING_CYLINDER;
-    if (strcmp(type, "cylindrical") == 0) return result_ok();
-    return error_at(params_where(params, "mapping", at), "unknown mapping \"%.40s\"", type);
+    texture->mapping = sphere                             ? MAPPING_SPHERICAL
+                       : p->dialect.dialect == DIALECT_V3 ? MAPPING_CYLINDRICAL
+                                                          : MAPPING_CYLINDER;
+    return result_ok();
 }
 
 /* pbrt-v3 applies the current transform itself to the point in the world, pbrt-v4 its inverse. */
@@ -264,10 +274,11 @@ static result_t read_wrap(pbrt_t *p, params_t *params, position_t at, blob_textu
     for (size_t i = 0; i < ARRAY_LENGTH(wraps); ++i)
         if (strcmp(name, wraps[i].name) == 0) texture->wrap_s = texture->wrap_t = wraps[i].wrap;
     if (texture->wrap_s == 0) {
-        if (strcmp(name, "octahedralsphere") != 0 || p->dialect.dialect == DIALECT_V3)
-            return error_at(at, "unknown wrap \"%.40s\"; repeat, clamp and black are known", name);
-        TRY(report_refuse(p->report, at, "wrap \"octahedralsphere\" is not supported; the nearest is clamp"));
-        texture->wrap_s = texture->wrap_t = WRAP_CLAMP;
+        bool known = strcmp(name, "octahedralsphere") == 0 && p->dialect.dialect == DIALECT_V4;
+        TRY(known ? report_refuse(p->report, at, "wrap \"%s\" is not supported; the nearest is clamp", name)
+                  : pbrt_slip(p, at, "it is \"repeat\"",
+                              "unknown wrap \"%.40s\"; repeat, clamp and black are known", name));
+        texture->wrap_s = texture->wrap_t = known ? WRAP_CLAMP : WRAP_REPEAT;
     }
     if (texture->mapping == MAPPING_CYLINDRICAL && texture->wrap_s != WRAP_REPEAT) {
         TRY(report_refuse(p->report, at, "an image on a cylinder can only repeat; remove \"wrap\""));
@@ -281,7 +292,7 @@ static const param_rule_t filter_rules[] = {
     {{"trilinear", "maxanisotropy"}, PARAM_ACCEPT, NULL},
 };
 
-static result_t read_filter(params_t *params, position_t at, blob_texture_t *texture)
+static result_t read_filter(const pbrt_t *p, params_t *params, position_t at, blob_texture_t *texture)
 {
     static const char *const smooth[] = {"bilinear", "trilinear", "ewa", "EWA"};
     const char *filter = "bilinear";
@@ -292,7 +303,8 @@ static result_t read_filter(params_t *params, position_t at, blob_texture_t *tex
     }
     for (size_t i = 0; i < ARRAY_LENGTH(smooth); ++i)
         if (strcmp(filter, smooth[i]) == 0) return result_ok();
-    return error_at(params_where(params, "filter", at), "unknown filter \"%.40s\"", filter);
+    return report_tolerate(p->report, params_where(params, "filter", at),
+                           "unknown filter \"%.40s\"; it is that of other images, as by pbrt", filter);
 }
 
 static result_t read_encoding_v3(params_t *params, float *gamma)
@@ -386,7 +398,7 @@ static result_t read_image(pbrt_t *p, params_t *params, position_t at, bool is_f
     flip_t(texture);
     TRY(read_wrap(p, params, at, texture));
     TRY(read_scale(p, params, texture));
-    if (!v3) TRY(read_filter(params, at, texture));
+    if (!v3) TRY(read_filter(p, params, at, texture));
     TRY(v3 ? read_encoding_v3(params, &gamma) : read_encoding_v4(params, filename, at, &gamma));
     TRY(params_apply(params, filter_rules, ARRAY_LENGTH(filter_rules), p->report));
     TRY(find_image(p, filename, at, &missing));
@@ -452,12 +464,12 @@ static result_t make_texture(pbrt_t *p, const texture_entry_t *entry, position_t
     return result_ok();
 }
 
-static result_t read_value_type(const pbrt_t *p, position_t at, bool *is_float)
+/* What v3 leaves out: a texture of another type, or of a class that nobody knows. */
+static result_t leave_out(pbrt_t *p, position_t at, bool typed)
 {
-    const char *type = p->arguments[1];
-    *is_float = strcmp(type, "float") == 0;
-    if (*is_float || strcmp(type, "spectrum") == 0 || strcmp(type, "color") == 0) return result_ok();
-    return error_at(at, "a Texture is of type \"float\" or \"spectrum\", not \"%.40s\"", type);
+    if (typed) return pbrt_slip(p, at, "it is left out", "unknown texture \"%.40s\"", p->arguments[2]);
+    return pbrt_slip(p, at, "it is left out", "a Texture is of type \"float\" or \"spectrum\", not \"%.40s\"",
+                     p->arguments[1]);
 }
 
 static void store(pbrt_t *p, bool is_float, blob_value_t value, position_t at)
@@ -497,15 +509,15 @@ static result_t make_known(pbrt_t *p, position_t at, bool is_float, blob_value_t
 result_t pbrt_texture(pbrt_t *p, position_t at)
 {
     blob_value_t value = blob_constant(1);
-    bool is_float;
     TRY(pbrt_read_string(p, 0, "the texture's name"));
     TRY(pbrt_read_string(p, 1, "the type \"float\" or \"spectrum\""));
     TRY(pbrt_read_string(p, 2, "the texture's class"));
     TRY(pbrt_read_params_for(p, TARGET_TEXTURE));
-    TRY(read_value_type(p, at, &is_float));
+    const char *type = p->arguments[1];
+    bool is_float = strcmp(type, "float") == 0;
+    bool typed = is_float || strcmp(type, "spectrum") == 0 || strcmp(type, "color") == 0;
     bool known = entry_knows(textures, ARRAY_LENGTH(textures), sizeof *textures, p->arguments[2]);
-    if (!known && p->dialect.dialect == DIALECT_V3)
-        return pbrt_slip(p, at, "it is left out", "unknown texture \"%.40s\"", p->arguments[2]);
+    if (!typed || (!known && p->dialect.dialect == DIALECT_V3)) return leave_out(p, at, typed);
     TRY(known ? make_known(p, at, is_float, &value) : make_substitute(p, at, false, &value));
     TRY(pbrt_finish_params(p, "Texture", p->arguments[2]));
     TRY(scene_check_textures(p->builder, at));

@@ -27,8 +27,10 @@ static result_t read_kind(pbrt_t *p, shape_work_t *work, curve_t *curve)
     curve->kind = strcmp(type, "ribbon") == 0 ? CURVES_RIBBON : CURVES_ROUND;
     curve->spline = strcmp(basis, "bspline") == 0;
     if (curve->kind == CURVES_ROUND && strcmp(type, "flat") != 0 && strcmp(type, "cylinder") != 0)
-        return error_at(params_where(work->params, "type", work->at),
-                        "a curve is of type \"flat\", \"ribbon\" or \"cylinder\", not \"%.40s\"", type);
+        TRY(report_tolerate(p->report, params_where(work->params, "type", work->at),
+                            "a curve is of type \"flat\", \"ribbon\" or \"cylinder\", not \"%.40s\"; it is "
+                            "\"cylinder\", as by pbrt",
+                            type));
     if (!curve->spline && strcmp(basis, "bezier") != 0)
         return error_at(params_where(work->params, "basis", work->at),
                         "the basis of a curve is \"bezier\" or \"bspline\", not \"%.40s\"", basis);

@@ -296,6 +296,37 @@ static void missing_files_have_what_v3_puts_in_their_place(void **state)
     bench_close(&bench);
 }
 
+/* ---- textures ------------------------------------------------------------------------------------------ */
+
+static const blob_texture_t *only_texture(const bench_t *bench)
+{
+    assert_int_equal(bench->blob.counts[BLOB_SECTION_TEXTURES], 1);
+    return bench->blob.textures;
+}
+
+static void unknown_ways_to_look_an_image_up_are_the_usual_ones(void **state)
+{
+    (void)state;
+#define IMAGE "WorldBegin\nTexture \"t\" \"float\" \"imagemap\" \"string filename\" \"t.pfm\"\n"
+    static const char image[] = "Pf\n1 1\n-1\n\0\0\0";
+    bench_t bench = {0};
+    bench_write(&bench, "t.pfm", image, sizeof image);
+    static const char mapping[] = IMAGE "\"string mapping\" \"cubic\"\n" SPHERE;
+    for (int v3 = 0; v3 < 2; ++v3) {
+        expect_forgiven_in(&bench, v3, mapping, "3:1: unknown mapping \"cubic\"; it is \"uv\", as by pbrt");
+        assert_int_equal(only_texture(&bench)->mapping, MAPPING_UV);
+        expect_near((double)only_texture(&bench)->matrix[0][0], 1, 0);
+    }
+    expect_forgiven(&bench, V3(IMAGE "\"string wrap\" \"mirror\"\n" SPHERE),
+                    "3:1: unknown wrap \"mirror\"; repeat, clamp and black are known; it is \"repeat\"");
+    assert_int_equal(only_texture(&bench)->wrap_s, WRAP_REPEAT);
+    expect_refused(&bench, IMAGE "\"string wrap\" \"mirror\"\n" SPHERE, "3:1: unknown wrap \"mirror\"");
+    expect_forgiven(&bench, IMAGE "\"string filter\" \"sharp\"\n" SPHERE,
+                    "3:1: unknown filter \"sharp\"; it is that of other images, as by pbrt");
+    assert_int_equal(only_texture(&bench)->flags & TEXTURE_NEAREST, 0);
+    bench_close(&bench);
+}
+
 /* ---- meshes -------------------------------------------------------------------------------------------- */
 
 #define MESH "WorldBegin\n" SPHERE "Shape \"trianglemesh\" "
@@ -331,6 +362,21 @@ static void meshes_lose_what_does_not_fit(void **state)
     bench_close(&bench);
 }
 
+static void a_curve_of_an_unknown_type_is_round(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    for (int v3 = 0; v3 < 2; ++v3) {
+        expect_forgiven_in(
+            &bench, v3,
+            "WorldBegin\nShape \"curve\" \"point3 P\" [0 0 0 1 0 0 1 1 0 0 1 0]\n"
+            "\"string type\" \"tape\"",
+            "3:1: a curve is of type \"flat\", \"ribbon\" or \"cylinder\", not \"tape\"; it is");
+        assert_int_equal(bench.blob.curves[0].kind, CURVES_ROUND);
+    }
+    bench_close(&bench);
+}
+
 /* ---- names --------------------------------------------------------------------------------------------- */
 
 static void undefined_names_have_what_v3_gives_them(void **state)
@@ -352,6 +398,8 @@ static void undefined_names_have_what_v3_gives_them(void **state)
                 "3:18: no spectrum Texture \"t\" has been defined before; the parameter has its "
                 "default, as by pbrt-v3");
     expect_vec3(colour_of(&bench, 0, VALUE_REFLECTANCE), 0.5, 0.5, 0.5);
+    expect_forgiven(&bench, V3("WorldBegin\nTexture \"t\" \"rgb\" \"constant\"\n" SPHERE),
+                    "2:1: a Texture is of type \"float\" or \"spectrum\", not \"rgb\"; it is left out");
     expect_forgiven(&bench,
                     V3("WorldBegin\nMakeNamedMaterial \"a\" \"string type\" \"mirror\"\n"
                        "Material \"mix\" \"string namedmaterial1\" \"a\"\n" SPHERE),
@@ -644,7 +692,9 @@ int main(void)
         cmocka_unit_test(parameters_go_on_behind_an_include),
         cmocka_unit_test(a_long_scene_may_include_many_files),
         cmocka_unit_test(missing_files_have_what_v3_puts_in_their_place),
+        cmocka_unit_test(unknown_ways_to_look_an_image_up_are_the_usual_ones),
         cmocka_unit_test(meshes_lose_what_does_not_fit),
+        cmocka_unit_test(a_curve_of_an_unknown_type_is_round),
         cmocka_unit_test(undefined_names_have_what_v3_gives_them),
         cmocka_unit_test(unknown_kinds_are_left_out_in_v3),
         cmocka_unit_test(a_coordinate_system_that_nobody_named_changes_nothing),
