@@ -322,13 +322,19 @@ bool params_textures_known(const params_t *params, bool (*known)(const void *con
     return true;
 }
 
-/* The parameter with one value of the given type; *item is NULL when it is not there. */
+/* The parameter with one value of the given type; *item is NULL when it is not there. To pbrt-v3 it is not
+ * when it has another number of values. */
 static result_t find_single(params_t *params, const char *name, param_type_t type, const param_t **item,
                             const params_t **owner)
 {
     *item = params_find(params, name, PARAM_BIT(type), owner);
-    if (*item && (*item)->count != 1)
+    if (!*item || (*item)->count == 1) return result_ok();
+    if (!params->v3)
         return error_at((*item)->at, "parameter \"%s\" takes one value, found %zu", name, (*item)->count);
+    param_t *unread = find(params, name, PARAM_BIT(type), NULL);
+    unread->used = false;
+    unread->miscounted = true;
+    *item = NULL;
     return result_ok();
 }
 
@@ -448,6 +454,10 @@ static result_t report_unread(const params_t *params, const param_t *item, const
                               report_t *report)
 {
     const char *name = params->text + item->name, *type = param_type_name(item->type);
+    if (item->miscounted)
+        return report_tolerate(report, item->at,
+                               "parameter \"%s\" takes one value, found %zu; it is ignored, as by pbrt-v3",
+                               name, item->count);
     if (item->wanted && strict)
         return report_refuse(report, item->at, "parameter \"%s\" must be of type %s, not %s; it is ignored",
                              name, param_type_name(first_type(item->wanted)), type);

@@ -3,7 +3,7 @@
  * A list remembers which of its parameters somebody read. What is left unread at the end is reported
  * (params_finish), so that nothing a user wrote is passed over in silence. Getters take the value's default
  * in the out argument and leave it alone when the parameter is not there; a parameter with the wrong number
- * of values is an error at its place.
+ * of values is an error at its place, or, to pbrt-v3, not there.
  *
  * As in either pbrt a parameter is looked up by its name and its type together, so that one of the wrong type
  * is not there, and stays unread. Of two with the same name and type the last counts. In pbrt-v3 all that
@@ -47,6 +47,7 @@ typedef struct {
     param_type_t type;
     bool quoted;
     bool used;
+    bool miscounted; /* somebody looked for one value; of an unused parameter */
     unsigned wanted; /* the types that somebody looked for under this name; of an unused parameter */
     position_t at;
     size_t name;  /* offset in the list's text */

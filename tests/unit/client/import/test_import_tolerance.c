@@ -183,6 +183,24 @@ static void a_parameter_of_the_wrong_type_is_not_there_in_v3(void **state)
     bench_close(&bench);
 }
 
+static void a_parameter_of_several_values_is_not_the_one_of_v3(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    static const char *const values[] = {"[2 3]", "[]"};
+    for (size_t i = 0; i < ARRAY_LENGTH(values); ++i) {
+        char *text = mem_printf("WorldBegin\nShape \"sphere\" \"float radius\" %s", values[i]);
+        expect_refused(&bench, text, "2:16: parameter \"radius\" takes one value, found");
+        char *v3 = mem_printf("%s\nWorldEnd\n", text);
+        expect_forgiven(&bench, v3, "2:16: parameter \"radius\" takes one value, found");
+        expect_text(bench.warnings, "; it is ignored, as by pbrt-v3");
+        expect_near((double)bench.blob.quadrics[0].radius, 1, 0);
+        free(v3);
+        free(text);
+    }
+    bench_close(&bench);
+}
+
 /* pbrt-v3 reads as much of a word as is a number. */
 static void commas_behind_numbers_are_v3s(void **state)
 {
@@ -688,6 +706,7 @@ int main(void)
         cmocka_unit_test(v3_leaves_out_numbers_too_many),
         cmocka_unit_test(of_two_types_each_pbrt_takes_its_own),
         cmocka_unit_test(a_parameter_of_the_wrong_type_is_not_there_in_v3),
+        cmocka_unit_test(a_parameter_of_several_values_is_not_the_one_of_v3),
         cmocka_unit_test(commas_behind_numbers_are_v3s),
         cmocka_unit_test(parameters_go_on_behind_an_include),
         cmocka_unit_test(a_long_scene_may_include_many_files),
