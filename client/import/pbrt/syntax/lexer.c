@@ -114,17 +114,21 @@ result_t lexer_peek(lexer_t *lexer, token_t *token)
     return lexer_next(&ahead, token);
 }
 
-/* What stands behind a number without a blank between. */
+/* What stands behind a number without a blank between: of a line the first time. */
 static result_t forgive(lexer_t *lexer, const char *stop)
 {
     token_t token;
     char quote[TOKEN_QUOTE_SIZE];
     position_t at = lexer_position(lexer);
+    if (lexer->forgiven == at.line) return result_ok();
     int length = (int)(stop - lexer->cursor < 40 ? stop - lexer->cursor : 40);
     const char *text = lexer->cursor;
     TRY(lexer_peek(lexer, &token));
-    return report_tolerate(lexer->forgiving, at, "%s is read as %.*s, as by pbrt-v3",
-                           token_quote(&token, quote), length, text);
+    TRY(report_tolerate(lexer->forgiving, at,
+                        "%s is read as %.*s, as by pbrt-v3, and others in this line likewise",
+                        token_quote(&token, quote), length, text));
+    lexer->forgiven = at.line;
+    return result_ok();
 }
 
 bool lexer_number(lexer_t *lexer, double *value)

@@ -29,6 +29,7 @@ typedef struct lexer {
      * is the end. Kept by the caller, who sees by `path` where the lexer is. */
     const struct lexer *outer;
     report_t *forgiving; /* takes "0," for the number 0, as pbrt-v3 does, and warns here; NULL: does not */
+    uint32_t forgiven;   /* the last line of which it warned */
 } lexer_t;
 
 /* Reads tokens from `size` bytes, which the caller keeps. */

@@ -207,7 +207,8 @@ static void commas_behind_numbers_are_v3s(void **state)
     (void)state;
     bench_t bench = {0};
     expect_forgiven(&bench, V3("LookAt 0, 0, -4 0 0 0 0 1 0\nCamera \"perspective\"\nWorldBegin " SPHERE),
-                    "1:8: '0,' is read as 0, as by pbrt-v3");
+                    "1:8: '0,' is read as 0, as by pbrt-v3, and others in this line likewise");
+    assert_int_equal(bench.warning_count, 2); /* one of two commas, and no light */
     expect_vec3(xform_point(&bench.blob.scene->world_from_camera, vec3(0, 0, 0)), 0, 0, -4);
     expect_forgiven(&bench, V3("WorldBegin\nMaterial \"matte\" \"rgb Kd\" [.1, .2, .3]\n" SPHERE),
                     "2:28: '.1,' is read as .1");
