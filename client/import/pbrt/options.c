@@ -516,7 +516,8 @@ static result_t read_option(pbrt_t *p, position_t at)
         report_warning(p->report, at, "Option \"%s\" is ignored: %s", name, rule->why);
         return result_ok();
     }
-    return error_at(at, "unknown Option \"%.40s\"", p->arguments[0]);
+    return report_refuse(p->report, at, "unknown Option \"%.40s\"; the nearest is to do without it",
+                         p->arguments[0]);
 }
 
 /* The name alone, as pbrt has it, or "type name" like a parameter. */

@@ -637,6 +637,8 @@ static void kinds_of_forks_become_the_nearest(void **state)
          "2:1: unknown material \"principled\"; the nearest is \"diffuse\""},
         {"WorldBegin\nTexture \"t\" \"float\" \"gabor\"\n",
          "2:1: unknown texture \"gabor\"; the nearest is a"},
+        {"Option \"denoise\" true\nWorldBegin\n",
+         "1:1: unknown Option \"denoise\"; the nearest is to do without it"},
     };
     enum { SETTINGS = 5 };
     bench_t bench = {0};
