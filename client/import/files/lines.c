@@ -6,9 +6,14 @@
 
 #include "client/import/files/number.h"
 
+size_t byte_order_mark(const char *data, size_t size)
+{
+    return size >= 3 && memcmp(data, "\xEF\xBB\xBF", 3) == 0 ? 3 : 0;
+}
+
 lines_t lines_begin(const char *path, const char *data, size_t size)
 {
-    return (lines_t){path, data, data + size, 1};
+    return (lines_t){path, data + byte_order_mark(data, size), data + size, 1};
 }
 
 /* How many bytes the end of a line that goes on takes: a backslash, and the newline behind it; 0: none. */

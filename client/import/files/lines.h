@@ -27,6 +27,9 @@ typedef struct {
     position_t at; /* of the keyword */
 } line_t;
 
+/* How many bytes the mark takes that some programs put before text in UTF-8: 3, or 0 without one. */
+size_t byte_order_mark(const char *data, size_t size);
+
 lines_t lines_begin(const char *path, const char *data, size_t size);
 /* The next line that has a keyword; false at the end of the file. */
 bool lines_next(lines_t *lines, line_t *line);

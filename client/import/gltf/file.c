@@ -1,6 +1,8 @@
 /* file: the container: .glb chunks, JSON, buffers, URIs (the glTF 2.0 specification, sections 3.6 and 4). */
 #include "client/import/gltf/document.h"
 
+#include "client/import/files/lines.h"
+
 #include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -145,7 +147,9 @@ static result_t split(document_t *document, bytes_t *json)
 static result_t parse(document_t *document, bytes_t text)
 {
     json_error_t error;
-    document->json = json_loadb((const char *)text.data, text.size, 0, &error);
+    const char *begin = (const char *)text.data;
+    size_t mark = byte_order_mark(begin, text.size);
+    document->json = json_loadb(begin + mark, text.size - mark, 0, &error);
     if (!document->json)
         return error_at((position_t){document->path, error.line > 0 ? (uint32_t)error.line : 1,
                                      error.column > 0 ? (uint32_t)error.column : 0},

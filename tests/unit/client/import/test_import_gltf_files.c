@@ -654,6 +654,18 @@ static void chunks_that_are_not_filled_up_are_taken(void **state)
     bench_close(&right);
 }
 
+/* The specification lets a reader pass it over. */
+static void a_byte_order_mark_is_passed_over(void **state)
+{
+    (void)state;
+    static const char text[] = "\xEF\xBB\xBF{\"asset\":{\"version\":\"2.0\"}}";
+    bench_t bench = {0};
+    bench_write(&bench, "s.gltf", text, strlen(text));
+    bench_import_file(&bench, "s.gltf");
+    bench_expect_ok(&bench);
+    bench_close(&bench);
+}
+
 static void the_first_version_gets_one_message(void **state)
 {
     (void)state;
@@ -691,6 +703,7 @@ int main(void)
         cmocka_unit_test(a_webp_picture_is_the_same_picture),
         cmocka_unit_test(a_missing_texture_is_left_out_leniently),
         cmocka_unit_test(chunks_that_are_not_filled_up_are_taken),
+        cmocka_unit_test(a_byte_order_mark_is_passed_over),
         cmocka_unit_test(the_first_version_gets_one_message),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

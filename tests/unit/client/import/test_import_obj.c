@@ -159,6 +159,19 @@ static void lines_may_be_joined_and_commented(void **state)
     bench_close(&bench);
 }
 
+/* As many programs on Windows write text. */
+static void a_byte_order_mark_is_no_part_of_a_line(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run(&bench, "\xEF\xBB\xBFmtllib a.mtl\n" SQUARE "usemtl m\nf 1 2 3 4\n",
+        "\xEF\xBB\xBFnewmtl m\nKd 1 0 0\n");
+    bench_expect_ok(&bench);
+    expect_vec3(material_of(&bench, 0)->values[VALUE_REFLECTANCE].factor, 1, 0, 0);
+    assert_null(strstr(bench.warnings, "mtllib"));
+    bench_close(&bench);
+}
+
 static void what_a_file_lacks_is_done_without(void **state)
 {
     (void)state;
@@ -355,6 +368,7 @@ int main(void)
         cmocka_unit_test(a_polygon_of_thousands_of_teeth_is_cut_at_once),
         cmocka_unit_test(parts_are_by_name_material_and_normals),
         cmocka_unit_test(lines_may_be_joined_and_commented),
+        cmocka_unit_test(a_byte_order_mark_is_no_part_of_a_line),
         cmocka_unit_test(what_a_file_lacks_is_done_without),
         cmocka_unit_test(what_is_wrong_is_named),
         cmocka_unit_test(a_file_without_light_gets_a_sky_and_a_camera_and_is_told),
