@@ -210,7 +210,7 @@ static result_t check_version(document_t *document)
 /* One that is not done: an error when the file requires it. */
 static result_t tell_extension(const item_t *item, const char *name, const char *cure, bool required)
 {
-    const char *substitute = NULL;
+    const char *substitute = "it is ignored";
     for (size_t i = 0; i < ARRAY_LENGTH(texture_formats); ++i)
         if (strcmp(name, texture_formats[i]) == 0) substitute = "its textures are left out";
     if (!required) {

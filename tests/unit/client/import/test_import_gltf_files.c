@@ -609,6 +609,22 @@ static void a_missing_texture_is_left_out_leniently(void **state)
     bench_close(&bench);
 }
 
+static void a_lenient_import_ignores_extensions_that_a_file_requires(void **state)
+{
+    (void)state;
+    static const char text[] = "{\"asset\":{\"version\":\"2.0\"},\"extensionsUsed\":[\"ACME_fur\"],"
+                               "\"extensionsRequired\":[\"ACME_fur\"]}";
+    bench_t bench = {0};
+    bench_write(&bench, "s.gltf", text, strlen(text));
+    bench_import_file(&bench, "s.gltf");
+    expect_text(bench.result.message, "extensionsRequired[0]: the file cannot be read without ACME_fur");
+    bench.lenient = true;
+    bench_import_file(&bench, "s.gltf");
+    bench_expect_ok(&bench);
+    expect_text(bench.warnings, "which is not supported; export without it; it is ignored");
+    bench_close(&bench);
+}
+
 /* ---- containers -------------------------------------------------------------------------------------------
  */
 
@@ -702,6 +718,7 @@ int main(void)
         cmocka_unit_test(damaged_draco_is_read_or_refused),
         cmocka_unit_test(a_webp_picture_is_the_same_picture),
         cmocka_unit_test(a_missing_texture_is_left_out_leniently),
+        cmocka_unit_test(a_lenient_import_ignores_extensions_that_a_file_requires),
         cmocka_unit_test(chunks_that_are_not_filled_up_are_taken),
         cmocka_unit_test(a_byte_order_mark_is_passed_over),
         cmocka_unit_test(the_first_version_gets_one_message),
