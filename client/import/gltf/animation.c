@@ -188,9 +188,12 @@ static result_t read_one(document_t *document, const char *wanted)
     size_t count = document_count(document, TOP_ANIMATIONS), index = 0;
     item_t item;
     while (index < count && !document_is_named(document, TOP_ANIMATIONS, (uint32_t)index, wanted)) ++index;
-    if (index == count && !wishes_number(wanted, count, &index))
-        return result_fail(RESULT_USAGE, "--animation: the scene has no animation '%.100s'; it has %zu",
-                           wanted, count);
+    if (index == count && !wishes_number(wanted, count, &index)) {
+        char list[ITEM_LIST_ROOM];
+        TRY(item_list_names(&document->tops[TOP_ANIMATIONS], list));
+        return result_fail(RESULT_USAGE, "--animation: the scene has no animation '%.100s'; it has %zu%s%s",
+                           wanted, count, list[0] ? ": " : "", list);
+    }
     TRY(document_item(document, TOP_ANIMATIONS, (uint32_t)index, &item));
     return read_animation(document, &item);
 }

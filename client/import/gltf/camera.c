@@ -89,10 +89,8 @@ static result_t use(document_t *document, size_t index, blob_scene_t *scene)
 
 /* ---- which one ----------------------------------------------------------------------------------------- */
 
-enum { LIST_ROOM = 240 };
-
 /* "1: nodes[4] (front), 2: nodes[7] (side)", cut short where there is no room. */
-static void list_cameras(const document_t *document, char names[LIST_ROOM])
+static void list_cameras(const document_t *document, char names[ITEM_LIST_ROOM])
 {
     const placements_t *cameras = &document->pose->cameras;
     item_t node;
@@ -102,8 +100,8 @@ static void list_cameras(const document_t *document, char names[LIST_ROOM])
         size_t used = strlen(names);
         if (document_item(document, TOP_NODES, cameras->items[i].node, &node).code != RESULT_OK) break;
         item_name(&node, name, sizeof name);
-        if (used + strlen(name) + 24 >= LIST_ROOM) break;
-        snprintf(names + used, LIST_ROOM - used, "%s%zu: %s", i ? ", " : "", i + 1, name);
+        if (used + strlen(name) + 24 >= ITEM_LIST_ROOM) break;
+        snprintf(names + used, ITEM_LIST_ROOM - used, "%s%zu: %s", i ? ", " : "", i + 1, name);
     }
 }
 
@@ -124,7 +122,7 @@ static bool find_camera(const document_t *document, const char *wanted, size_t *
 static result_t choose(document_t *document, size_t *index)
 {
     const import_wishes_t *wishes = document->builder->report->sink.wishes;
-    char names[LIST_ROOM];
+    char names[ITEM_LIST_ROOM];
     *index = 0;
     list_cameras(document, names);
     if (wishes && wishes->camera) {

@@ -195,3 +195,24 @@ result_t item_string(const item_t *object, const char *key, const char **value)
     if (item.json) *value = json_string_value(item.json);
     return result_ok();
 }
+
+result_t item_name_at(const item_t *array, size_t index, const char **name)
+{
+    item_t item;
+    *name = "";
+    TRY(item_element(array, index, JSON_OBJECT, &item));
+    return item_string(&item, "name", name);
+}
+
+result_t item_list_names(const item_t *array, char list[ITEM_LIST_ROOM])
+{
+    size_t used = 0;
+    list[0] = '\0';
+    for (size_t i = 0; i < item_count(array) && used + 80 < ITEM_LIST_ROOM; ++i) {
+        const char *name;
+        TRY(item_name_at(array, i, &name));
+        used = append(list, ITEM_LIST_ROOM, used, "%s%zu: %.50s", i ? ", " : "", i + 1, name);
+    }
+    plain_text_clean(list);
+    return result_ok();
+}

@@ -55,4 +55,10 @@ result_t item_bool(const item_t *object, const char *key, bool *value);
 /* Owned by the file's JSON. */
 result_t item_string(const item_t *object, const char *key, const char **value);
 
+/* The "name" of an array's object; "" when it has none. Owned by the file's JSON. */
+result_t item_name_at(const item_t *array, size_t index, const char **name);
+enum { ITEM_LIST_ROOM = 240 };
+/* "1: beach, 2: street": all of these, for messages; cut short where there is no room. */
+result_t item_list_names(const item_t *array, char list[ITEM_LIST_ROOM]);
+
 #endif

@@ -2,7 +2,6 @@
  * and appendix B; KHR_materials_*), and the specular-glossiness material that stands in its place.
  */
 #include "client/import/gltf/document.h"
-#include "common/plain_text.h"
 
 #include <stdio.h>
 #include <string.h>
@@ -415,35 +414,11 @@ result_t material_get(document_t *document, uint32_t index, bool coloured, const
 
 /* The file names its variants once; a primitive says which material it has in which of them. */
 static const char variants_extension[] = "KHR_materials_variants";
-enum { LIST_ROOM = 240 };
 
 static result_t all_variants(const document_t *document, item_t *extension, item_t *variants)
 {
     TRY(item_extension(&document->root, variants_extension, extension));
     return item_member(extension, "variants", JSON_ARRAY, variants);
-}
-
-static result_t variant_name(const item_t *variants, size_t index, const char **name)
-{
-    item_t item;
-    *name = "";
-    TRY(item_element(variants, index, JSON_OBJECT, &item));
-    return item_string(&item, "name", name);
-}
-
-/* "1: beach, 2: street", cut short where there is no room. */
-static result_t list_variants(const item_t *variants, char list[LIST_ROOM])
-{
-    size_t used = 0;
-    list[0] = '\0';
-    for (size_t i = 0; i < item_count(variants) && used + 80 < LIST_ROOM; ++i) {
-        const char *name;
-        TRY(variant_name(variants, i, &name));
-        int added = snprintf(list + used, LIST_ROOM - used, "%s%zu: %.50s", i ? ", " : "", i + 1, name);
-        used += added > 0 ? (size_t)added : 0;
-    }
-    plain_text_clean(list);
-    return result_ok();
 }
 
 /* By its name, else by its number. */
@@ -452,7 +427,7 @@ static result_t find_variant(const item_t *variants, const char *wanted, size_t 
     *found = true;
     for (*index = 0; *index < item_count(variants); ++*index) {
         const char *name;
-        TRY(variant_name(variants, *index, &name));
+        TRY(item_name_at(variants, *index, &name));
         if (strcmp(name, wanted) == 0) return result_ok();
     }
     *found = wishes_number(wanted, item_count(variants), index);
@@ -463,10 +438,10 @@ result_t variant_choose(document_t *document)
 {
     const import_wishes_t *wishes = document->builder->report->sink.wishes;
     item_t extension, variants;
-    char list[LIST_ROOM];
+    char list[ITEM_LIST_ROOM];
     document->variant = ITEM_NONE;
     TRY(all_variants(document, &extension, &variants));
-    TRY(list_variants(&variants, list));
+    TRY(item_list_names(&variants, list));
     size_t count = item_count(&variants), index = 0;
     if (!wishes || !wishes->variant) {
         if (count > 0)

@@ -548,7 +548,7 @@ static void moments_that_make_no_sense_are_refused(void **state)
     wishes.animation = "fly";
     expect_usage(&wishes, THREE, "--animation needs --time-point or --frame");
     wishes.frame = 1;
-    expect_usage(&wishes, THREE, "no animation 'fly'; it has 3");
+    expect_usage(&wishes, THREE, "no animation 'fly'; it has 3: 1: walk, 2: run, 3: turn");
     wishes.time_point = 1;
     expect_usage(&wishes, THREE, "give one of them");
     bench_t bench = {.wishes = &wishes};
