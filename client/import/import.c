@@ -68,9 +68,26 @@ static result_t read_format(const char *path, const import_wishes_t *wishes, sce
     return format->import(path, scene);
 }
 
-/* What cannot be asked for together, or alone. */
-static result_t check_moment(const import_wishes_t *wishes)
+/* The options that only say more about another. */
+static bool adjusts_environment(const import_wishes_t *wishes)
 {
+    return wishes->environment_turn != 0 || wishes->environment_factor != 1 || wishes->environment_up;
+}
+
+static bool sets_frame_rate(const import_wishes_t *wishes)
+{
+    return wishes->frames_per_second != import_wishes_none().frames_per_second;
+}
+
+/* What cannot be asked for together, or means nothing alone. */
+static result_t check_company(const import_wishes_t *wishes)
+{
+    if (adjusts_environment(wishes) && !wishes->environment)
+        return result_fail(
+            RESULT_USAGE,
+            "--environment-rotation, --environment-strength and --environment-up need --environment");
+    if (sets_frame_rate(wishes) && isnan(wishes->frame))
+        return result_fail(RESULT_USAGE, "--frames-per-second needs --frame");
     if (!isnan(wishes->time_point) && !isnan(wishes->frame))
         return result_fail(RESULT_USAGE, "--time-point and --frame say the same; give one of them");
     if (wishes->animation && !wishes_have_moment(wishes))
@@ -87,7 +104,7 @@ static result_t fill(const char *path, const scene_blob_t *blob, blob_builder_t 
     import_wishes_t wishes = sink && sink->wishes ? *sink->wishes : import_wishes_none();
     environment_t environment;
     TRY(environment_parse(wishes.environment, &environment));
-    TRY(check_moment(&wishes));
+    TRY(check_company(&wishes));
     report_t report = report_begin(sink);
     scene_builder_t scene;
     scene_begin(&scene, builder, &report);
@@ -138,7 +155,8 @@ bool import_changes_blobs(const import_wishes_t *wishes)
 {
     return wishes && (wishes->environment || wishes->camera || wishes->variant || wishes->fov > 0 ||
                       wishes->lens_radius >= 0 || wishes->focus || wishes->definitions.count > 0 ||
-                      wishes_have_moment(wishes) || wishes->animation || wishes->shutter);
+                      wishes_have_moment(wishes) || wishes->animation || wishes->shutter ||
+                      adjusts_environment(wishes) || sets_frame_rate(wishes));
 }
 
 result_t import_changed_file(const scene_blob_t *blob, const import_report_t *report, int *file)

@@ -235,6 +235,24 @@ static void what_is_no_environment_is_refused(void **state)
     bench_close(&bench);
 }
 
+/* Of a scene and of a blob, which is not read again where nothing changes it. */
+static void how_an_environment_stands_says_nothing_without_one(void **state)
+{
+    (void)state;
+    for (int i = 0; i < 3; ++i) {
+        import_wishes_t wishes = import_wishes_none();
+        bench_t bench = {.wishes = &wishes};
+        if (i == 0) wishes.environment_turn = 10;
+        if (i == 1) wishes.environment_factor = 2;
+        if (i == 2) wishes.environment_up = "z";
+        assert_true(import_changes_blobs(&wishes));
+        bench_run(&bench, SPHERE);
+        assert_int_equal(bench.result.code, RESULT_USAGE);
+        expect_text(bench.result.message, "need --environment");
+        bench_close(&bench);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -245,6 +263,7 @@ int main(void)
         cmocka_unit_test(the_scene_s_own_environment_gives_way),
         cmocka_unit_test(a_blob_can_be_given_one_too),
         cmocka_unit_test(what_is_no_environment_is_refused),
+        cmocka_unit_test(how_an_environment_stands_says_nothing_without_one),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

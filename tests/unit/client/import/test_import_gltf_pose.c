@@ -551,6 +551,9 @@ static void moments_that_make_no_sense_are_refused(void **state)
     expect_usage(&wishes, THREE, "no animation 'fly'; it has 3: 1: walk, 2: run, 3: turn");
     wishes.time_point = 1;
     expect_usage(&wishes, THREE, "give one of them");
+    wishes.frame = (double)NAN;
+    wishes.frames_per_second = 30;
+    expect_usage(&wishes, THREE, "--frames-per-second needs --frame");
     bench_t bench = {.wishes = &wishes};
     wishes = import_wishes_none();
     wishes.time_point = 0;
