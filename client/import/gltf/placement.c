@@ -283,15 +283,26 @@ static result_t add_changing_to_world(document_t *document, const gltf_placement
     return add_primitives(document, place->thing, &target, &emits);
 }
 
+/* An instance of a mesh, which has the name of its node. */
+static result_t add_instance(document_t *document, const gltf_placement_t *place, uint32_t object,
+                             const affine_t *open, const affine_t *close)
+{
+    item_t node;
+    const char *name = "";
+    TRY(scene_add_instance(document->builder, object, open, close, (position_t){document->path, 0, 0}));
+    TRY(document_item(document, TOP_NODES, place->node, &node));
+    TRY(item_string(&node, "name", &name));
+    scene_name_instance(document->builder, name);
+    return result_ok();
+}
+
 /* An instance that moves from the opening of the shutter to its close. */
 static result_t add_moving(document_t *document, const gltf_placement_t *place, const affine_t ends[2],
                            mesh_state_t *state)
 {
     item_t mesh;
     if (!state->made) TRY(make_object(document, place->thing, state));
-    if (state->object != 0)
-        TRY(scene_add_instance(document->builder, state->object, &ends[0], &ends[1],
-                               (position_t){document->path, 0, 0}));
+    if (state->object != 0) TRY(add_instance(document, place, state->object, &ends[0], &ends[1]));
     if (!state->emits) return result_ok();
     TRY(document_item(document, TOP_MESHES, place->thing, &mesh));
     item_warn(&mesh, "%s", moving_light);
@@ -355,9 +366,7 @@ static result_t add_place(document_t *document, const gltf_placement_t *place, m
     if (place->posed || state->places == 1 || !blob_instance_is_traceable(&world_from_node, &world_from_node))
         return add_to_world(document, place, PICK_ALL);
     if (!state->made) TRY(make_object(document, place->thing, state));
-    if (state->object != 0)
-        TRY(scene_add_instance(document->builder, state->object, transform, transform,
-                               (position_t){document->path, 0, 0}));
+    if (state->object != 0) TRY(add_instance(document, place, state->object, transform, transform));
     return state->emits ? add_to_world(document, place, PICK_EMITTING) : result_ok();
 }
 

@@ -374,11 +374,16 @@ static result_t add_to(mitsuba_t *m, element_t *element, uint32_t object, const 
                          object_type(element));
 }
 
-static result_t add_instance_of(mitsuba_t *m, uint32_t object, const affine_t motion[2], position_t at)
+static result_t add_instance_of(mitsuba_t *m, const element_t *element, uint32_t object,
+                                const affine_t motion[2])
 {
     size_t count;
+    const char *id = element_attribute(element, "id");
     scene_shapes(m->scene, object, &count);
-    return count ? scene_add_instance(m->scene, object, &motion[0], &motion[1], at) : result_ok();
+    if (count == 0) return result_ok();
+    TRY(scene_add_instance(m->scene, object, &motion[0], &motion[1], element->at));
+    if (id) scene_name_instance(m->scene, id);
+    return result_ok();
 }
 
 /* A shape of the world. One that moves is an instance of an object of its own. */
@@ -390,7 +395,7 @@ static result_t add_shape_of_world(mitsuba_t *m, element_t *shape)
     if (motion_is_still(motion)) return add_to(m, shape, 0, &motion[0]);
     uint32_t object = scene_add_object(m->scene);
     TRY(add_to(m, shape, object, &still));
-    return add_instance_of(m, object, motion, shape->at);
+    return add_instance_of(m, shape, object, motion);
 }
 
 static result_t add_shape_of_group(mitsuba_t *m, element_t *shape, uint32_t object)
@@ -432,7 +437,7 @@ static result_t add_instance(mitsuba_t *m, element_t *instance)
         return error_at(instance->at, "an instance needs a reference to a shapegroup");
     TRY(group_object(m, group, &object));
     TRY(object_finish(m, instance));
-    return add_instance_of(m, object, motion, instance->at);
+    return add_instance_of(m, instance, object, motion);
 }
 
 result_t shape_add(mitsuba_t *m, element_t *shape)

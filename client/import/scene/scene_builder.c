@@ -3,6 +3,7 @@
 
 #include <inttypes.h>
 #include <stdlib.h>
+#include <string.h>
 #include <sys/stat.h>
 
 /* Owned: shapes. */
@@ -24,6 +25,7 @@ void scene_end(scene_builder_t *scene)
     free(scene->objects);
     free(scene->images);
     free(scene->texture_costs);
+    free(scene->focused);
     *scene = (scene_builder_t){0};
 }
 
@@ -97,6 +99,15 @@ result_t scene_add_instance(scene_builder_t *scene, uint32_t object, const affin
                         "what moves from a transform to its mirror image would turn inside out on the way");
     blob_builder_add(scene->blob, BLOB_SECTION_INSTANCES, &instance, 1);
     return result_ok();
+}
+
+void scene_name_instance(scene_builder_t *scene, const char *name)
+{
+    const import_wishes_t *wishes = scene->report->sink.wishes;
+    if (!wishes || !wishes->focus || !*name || strcmp(wishes->focus, name) != 0) return;
+    scene->focused =
+        grow(scene->focused, &scene->focused_capacity, scene->focused_count + 1, sizeof *scene->focused);
+    scene->focused[scene->focused_count++] = blob_builder_count(scene->blob, BLOB_SECTION_INSTANCES) - 1;
 }
 
 /* ---- lights, textures, the camera ---------------------------------------------------------------------- */

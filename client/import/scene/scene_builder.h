@@ -42,6 +42,8 @@ typedef struct {
     size_t texture_count, texture_capacity;
     scene_image_t *images;
     size_t image_count, image_capacity;
+    uint32_t *focused; /* the instances whose name --focus asks for */
+    size_t focused_count, focused_capacity;
 } scene_builder_t;
 
 /* An empty scene, whose world has no shape; `blob` and `report` are kept by the caller. */
@@ -71,6 +73,8 @@ blob_shape_t *scene_shapes(const scene_builder_t *scene, uint32_t object, size_t
  * its transforms, or when one mirrors and the other does not. */
 result_t scene_add_instance(scene_builder_t *scene, uint32_t object, const affine_t *open,
                             const affine_t *close, position_t at);
+/* Says what the last instance is called where its file has a name for it, so that --focus finds it. */
+void scene_name_instance(scene_builder_t *scene, const char *name);
 
 /* ---- lights, textures, the camera ---------------------------------------------------------------------- */
 

@@ -13,7 +13,7 @@ static const void *records(const scene_builder_t *scene, blob_section_t section)
     return blob_builder_records(scene->blob, section);
 }
 
-/* Extends the box by the shapes of an object that have the name; returns how many they are. */
+/* Extends the box by the shapes of an object that have the name, NULL: all; returns how many they are. */
 static uint32_t extend_by_object(const scene_builder_t *scene, box_t *box, uint32_t object, const char *name,
                                  const xform_t *world_from_object)
 {
@@ -23,27 +23,41 @@ static uint32_t extend_by_object(const scene_builder_t *scene, box_t *box, uint3
     uint32_t found = 0;
     for (uint32_t i = 0; i < objects[object].shape_count; ++i) {
         const blob_shape_t *shape = &shapes[objects[object].first_shape + i];
-        if (strcmp(strings + shape->name, name) != 0) continue;
+        if (name && strcmp(strings + shape->name, name) != 0) continue;
         box_extend(box, scene, shape, world_from_object);
         ++found;
     }
     return found;
 }
 
+/* Instances that have the name themselves go before those of objects whose shapes have it. */
+static uint32_t extend_by_instances(const scene_builder_t *scene, box_t *box, const char *name)
+{
+    const blob_instance_t *instances = records(scene, BLOB_SECTION_INSTANCES), *at;
+    uint32_t places = 0;
+    for (size_t i = 0; i < scene->focused_count; ++i) {
+        at = &instances[scene->focused[i]];
+        extend_by_object(scene, box, at->object, NULL, &at->world_from_object);
+    }
+    if (scene->focused_count > 0) return (uint32_t)scene->focused_count;
+    for (at = instances; at < instances + blob_builder_count(scene->blob, BLOB_SECTION_INSTANCES); ++at)
+        places += extend_by_object(scene, box, at->object, name, &at->world_from_object) > 0;
+    return places;
+}
+
 static result_t find_object(const scene_builder_t *scene, const char *name, vec3_t *middle)
 {
     const xform_t identity = xform_identity();
-    const blob_instance_t *instances = records(scene, BLOB_SECTION_INSTANCES);
     box_t box = box_empty();
-    uint32_t places = extend_by_object(scene, &box, 0, name, &identity) > 0;
-    for (uint32_t i = 0; i < blob_builder_count(scene->blob, BLOB_SECTION_INSTANCES); ++i)
-        places +=
-            extend_by_object(scene, &box, instances[i].object, name, &instances[i].world_from_object) > 0;
+    bool in_world = extend_by_object(scene, &box, 0, name, &identity) > 0;
+    uint32_t places = extend_by_instances(scene, &box, name);
+    if (in_world && scene->focused_count == 0) ++places; /* else what emits of an instance */
     if (places == 0)
         return result_fail(
             RESULT_USAGE,
             "--focus takes a distance above 0 or the name of an object (of a glTF file a node's or "
-            "a mesh's, of a pbrt file FILE:LINE of the shape); there is no '%.100s'",
+            "a mesh's, of a pbrt file FILE:LINE of the shape, of a Mitsuba file its id); there is no "
+            "'%.100s'",
             name);
     if (places > 1)
         return result_fail(RESULT_USAGE, "--focus: '%.100s' stands in %u places; give the distance", name,

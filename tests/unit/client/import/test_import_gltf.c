@@ -1082,6 +1082,38 @@ static void a_lens_opens_and_focuses(void **state)
     bench_close(&bench);
 }
 
+/* A mesh that stands in several places has its own name there; its nodes tell them apart. Its first part is
+ * dark and an instance, its second shines and stands in the world. */
+static void focus_finds_one_of_several_places(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *focus;
+        double distance; /* 0: there is none */
+    } cases[] = {{"near", 4}, {"far", 9}, {"twin", 0}, {"sq", 0}};
+    import_wishes_t wishes = import_wishes_none();
+    wishes.lens_radius = 1;
+    wishes.camera = "eye";
+    bench_t bench = {.wishes = &wishes};
+    for (size_t i = 0; i < ARRAY_LENGTH(cases); ++i) {
+        wishes.focus = cases[i].focus;
+        run(&bench, CAMERA LAMP "\"meshes\":[{\"name\":\"sq\",\"primitives\":[{\"attributes\":{" POSITION
+                                "}},{\"attributes\":{" POSITION "},\"indices\":3,\"material\":0}]}],"
+                                "\"nodes\":[{\"mesh\":0,\"name\":\"near\"},"
+                                "{\"mesh\":0,\"name\":\"far\",\"translation\":[0,0,-5]},"
+                                "{\"mesh\":0,\"name\":\"twin\"},{\"mesh\":0,\"name\":\"twin\"},"
+                                "{\"name\":\"eye\",\"camera\":0,\"translation\":[0,0,4]}]");
+        if (cases[i].distance > 0) {
+            bench_expect_ok(&bench);
+            expect_near((double)bench.blob.scene->focal_distance, cases[i].distance, 1e-5);
+        } else {
+            assert_int_equal(bench.result.code, RESULT_USAGE);
+            expect_text(bench.result.message, i == 2 ? "stands in 2 places" : "stands in 4 places");
+        }
+    }
+    bench_close(&bench);
+}
+
 /* In pbrt an object is a shape's place in the file; an instance is found by the shape in it. */
 static void focus_finds_shapes_of_all_kinds(void **state)
 {
@@ -1361,6 +1393,7 @@ int main(void)
         cmocka_unit_test(a_light_of_images_that_is_not_read_names_the_option),
         cmocka_unit_test(emission_of_one_side_is_told_of_once),
         cmocka_unit_test(a_lens_opens_and_focuses),
+        cmocka_unit_test(focus_finds_one_of_several_places),
         cmocka_unit_test(focus_finds_shapes_of_all_kinds),
         cmocka_unit_test(a_file_without_light_and_camera_gets_both),
         cmocka_unit_test(files_that_are_wrong_are_refused),

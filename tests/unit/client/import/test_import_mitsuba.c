@@ -1344,6 +1344,30 @@ static void a_sensor_is_taken_by_its_id_or_number(void **state)
     bench_close(&bench);
 }
 
+/* An instance by its own id, which tells it from others of its group. */
+static void focus_finds_an_instance(void **state)
+{
+    (void)state;
+    import_wishes_t wishes = import_wishes_none();
+    wishes.lens_radius = 1;
+    bench_t bench = {.wishes = &wishes};
+    static const char *const ids[] = {"first", "second"};
+    for (int i = 0; i < 2; ++i) {
+        wishes.focus = ids[i];
+        run(&bench, "<shape type=\"shapegroup\" id=\"g\"><shape type=\"cube\" id=\"c\"/></shape>"
+                    "<shape type=\"instance\" id=\"first\"><ref id=\"g\"/><transform name=\"toWorld\">"
+                    "<translate z=\"5\"/></transform></shape>"
+                    "<shape type=\"instance\" id=\"second\"><ref id=\"g\"/><transform name=\"toWorld\">"
+                    "<translate z=\"8\"/></transform></shape>");
+        bench_expect_ok(&bench);
+        expect_near((double)bench.blob.scene->focal_distance, i == 0 ? 5 : 8, 1e-5);
+    }
+    wishes.focus = "c";
+    run(&bench, "<shape type=\"cube\" id=\"d\"/>");
+    expect_text(bench.result.message, "of a Mitsuba file its id); there is no 'c'");
+    bench_close(&bench);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -1397,6 +1421,7 @@ int main(void)
         cmocka_unit_test(what_a_scene_lacks_is_as_in_mitsuba),
         cmocka_unit_test(the_last_of_several_sensors_counts),
         cmocka_unit_test(a_sensor_is_taken_by_its_id_or_number),
+        cmocka_unit_test(focus_finds_an_instance),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
