@@ -2,6 +2,7 @@
 #include "common/image/texture_codec.h"
 
 #include <stdlib.h>
+#include <string.h>
 
 result_t texture_set_size(const char *name, int64_t width, int64_t height, texture_image_t *image)
 {
@@ -28,4 +29,13 @@ result_t texture_allocate(const char *name, uint32_t channels, texel_type_t type
         return result_fail(RESULT_LIMIT, "%s: no memory for %u x %u pixels of %u channels", name,
                            image->width, image->height, channels);
     return result_ok();
+}
+
+void texture_drop_empty_alpha(texture_image_t *image)
+{
+    size_t pixels = texture_pixels(image);
+    for (size_t p = 0; p < pixels; p++)
+        if (image->bytes[4 * p + 3] != 0) return;
+    for (size_t p = 0; p < pixels; p++) memmove(image->bytes + 3 * p, image->bytes + 4 * p, 3);
+    image->channels = 3;
 }

@@ -34,6 +34,7 @@ static texture_reader_t *find_reader(const char *name, const uint8_t *data, size
                    {"\xff\xd8\xff", 3, texture_read_jpeg},
                    {"RIFF", 4, texture_read_webp},
                    {"\x76\x2f\x31\x01", 4, texture_read_exr},
+                   {"BM", 2, texture_read_bmp},
                    {"#?", 2, texture_read_hdr},
                    {"PF", 2, texture_read_pfm},
                    {"Pf", 2, texture_read_pfm}};
@@ -58,9 +59,9 @@ result_t texture_image_decode(const char *name, const uint8_t *data, size_t size
     if (size == 0) return result_fail(RESULT_INPUT, "%s: is empty, expected an image", name);
     texture_reader_t *read = find_reader(name, data, size);
     if (read == NULL)
-        return result_fail(RESULT_INPUT,
-                           "%s: is not an image that can be read (PNG, JPEG, WebP, TGA, HDR, EXR or PFM)",
-                           name);
+        return result_fail(
+            RESULT_INPUT, "%s: is not an image that can be read (PNG, JPEG, WebP, TGA, BMP, HDR, EXR or PFM)",
+            name);
     result_t result = read(name, data, size, image);
     if (result.code != RESULT_OK)
         texture_image_free(image);

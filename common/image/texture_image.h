@@ -1,6 +1,6 @@
 /* texture_image: pictures that scenes use as textures, in the formats that people keep them in.
  *
- * PNG, JPEG, WebP, TGA, Radiance HDR, OpenEXR and PFM are read whole or not at all; the values are the
+ * PNG, JPEG, WebP, TGA, BMP, Radiance HDR, OpenEXR and PFM are read whole or not at all; the values are the
  * file's own, no colour space is converted. A file that is cut short, too large or damaged is an error, never
  * half an image. Nothing is allocated for pixels that the bytes present cannot hold.
  */
@@ -19,8 +19,8 @@ typedef struct {
     uint32_t channels; /* 1 grey, 2 grey and alpha, 3 RGB, 4 RGBA */
     texel_type_t type;
     /* The colour channels are sRGB-encoded by the convention of their format (PNG of 8 and 16 bits, JPEG,
-     * WebP, TGA); false: linear (EXR, HDR, PFM). Alpha is linear always, and not multiplied into the colours
-     * by convention (EXR: it is). */
+     * WebP, TGA, BMP); false: linear (EXR, HDR, PFM). Alpha is linear always, and not multiplied into the
+     * colours by convention (EXR: it is). */
     bool encoded;
     uint8_t *bytes; /* owned; TEXELS_U8: [height][width][channels] */
     float *floats;  /* owned; TEXELS_FLOAT: the same layout; a 16-bit PNG's values are divided by 65535 */
@@ -35,7 +35,8 @@ typedef struct {
  * ignored. JPEG: grey and colour, baseline and progressive; CMYK is refused, and so is a file about which
  * the decoder has a complaint. WebP: lossy and lossless, with and without alpha; animations are refused,
  * profiles ignored. TGA: types 1, 2, 3, 9, 10, 11; a fourth byte that the header does not call
- * alpha counts as alpha unless it is 0 everywhere. HDR: RGBE, flat or new run-length coding, lines along x;
+ * alpha counts as alpha unless it is 0 everywhere. BMP: what is not packed; alpha that is 0 everywhere is
+ * none. HDR: RGBE, flat or new run-length coding, lines along x;
  * EXPOSURE is not undone. EXR: what image_read_exr reads; R, G, B, or Y, or the only channel, and A.
  * PFM: multiplied by the absolute value of its scale. */
 result_t texture_image_read(const char *path, texture_image_t *image);

@@ -162,16 +162,6 @@ static result_t read_packets(tga_t *tga)
     return result_ok();
 }
 
-/* Many files call nothing alpha and have it all the same; where all are 0, there is none indeed. */
-static void drop_empty_alpha(texture_image_t *image)
-{
-    size_t pixels = texture_pixels(image);
-    for (size_t p = 0; p < pixels; p++)
-        if (image->bytes[4 * p + 3] != 0) return;
-    for (size_t p = 0; p < pixels; p++) memmove(image->bytes + 3 * p, image->bytes + 4 * p, 3);
-    image->channels = 3;
-}
-
 result_t texture_read_tga(const char *name, const uint8_t *data, size_t size, texture_image_t *image)
 {
     tga_t tga = {.name = name, .image = image};
@@ -180,6 +170,6 @@ result_t texture_read_tga(const char *name, const uint8_t *data, size_t size, te
     TRY(texture_allocate(name, count_channels(&tga), TEXELS_U8, image));
     image->encoded = true;
     TRY(tga.packed ? read_packets(&tga) : read_pixels(&tga, texture_pixels(image), false));
-    if (image->channels == 4 && tga.alpha_bits == 0) drop_empty_alpha(image);
+    if (image->channels == 4 && tga.alpha_bits == 0) texture_drop_empty_alpha(image);
     return result_ok();
 }

@@ -606,6 +606,108 @@ static void bad_tga_is_an_error(void **state)
     assert_fails("a.tga", flat.bytes, flat.size, "header");
 }
 
+/* ---- BMP ---- */
+
+enum { BMP_HEADERS = 54 };
+
+/* Both headers of an image of two by two pixels, from the top, and what stands behind them; `behind` of these
+ * bytes are masks or a colour map. */
+static file_t write_bmp(uint8_t bits, uint8_t packing, uint8_t colours, uint8_t behind, const char *bytes,
+                        size_t size)
+{
+    uint8_t headers[BMP_HEADERS] = {'B',           'M',         [10] = (uint8_t)(BMP_HEADERS + behind),
+                                    [14] = 40,     [18] = 2,    [22] = 0xFE,
+                                    0xFF,          0xFF,        0xFF,
+                                    [26] = 1,      [28] = bits, [30] = packing,
+                                    [46] = colours};
+    file_t file = {.size = 0};
+    put(&file, headers, sizeof headers);
+    put(&file, bytes, size);
+    return file;
+}
+
+static void bmp_of_all_depths_is_read(void **state)
+{
+    (void)state;
+    file_t file = write_bmp(24, 0, 0, 0, "abcdef..ghijkl..", 16);
+    check_bytes("a.dat", &file, 2, 2, 3, (const uint8_t *)"cbafedihglkj");
+    file.size -= 2; /* what fills up the last row may be missing */
+    check_bytes("a.dat", &file, 2, 2, 3, (const uint8_t *)"cbafedihglkj");
+    file = write_bmp(16, 0, 0, 0, "\x00\x7c\xe0\x03\x1f\x00\x10\x42", 8);
+    check_bytes("a.dat", &file, 2, 2, 3, (const uint8_t[]){255, 0, 0, 0, 255, 0, 0, 0, 255, 132, 132, 132});
+    file = write_bmp(8, 0, 3, 12, "abc.def.ghi.\0\1..\2\0..", 20);
+    check_bytes("a.dat", &file, 2, 2, 3, (const uint8_t *)"cbafedihgcba");
+    file = write_bmp(4, 0, 3, 12, "abc.def.ghi.\x01...\x20...", 20);
+    check_bytes("a.dat", &file, 2, 2, 3, (const uint8_t *)"cbafedihgcba");
+    file = write_bmp(1, 0, 0, 8, "abc.def.\x40...\x80...", 16);
+    check_bytes("a.dat", &file, 2, 2, 3, (const uint8_t *)"cbafedfedcba");
+}
+
+static void bmp_with_a_positive_height_is_upside_down(void **state)
+{
+    (void)state;
+    file_t file = write_bmp(24, 0, 0, 0, "abcdef..ghijkl..", 16);
+    memcpy(file.bytes + 22, "\2\0\0", 4);
+    check_bytes("a.dat", &file, 2, 2, 3, (const uint8_t *)"ihglkjcbafed");
+}
+
+static void bmp_alpha_counts_unless_it_is_empty(void **state)
+{
+    (void)state;
+    file_t file = write_bmp(32, 0, 0, 0, "abc\0efg\0ijk\1mno\0", 16);
+    check_bytes("a.dat", &file, 2, 2, 4, (const uint8_t *)"cba\0gfe\0kji\1onm");
+    file = write_bmp(32, 0, 0, 0, "abc\0efg\0ijk\0mno\0", 16);
+    check_bytes("a.dat", &file, 2, 2, 3, (const uint8_t *)"cbagfekjionm");
+}
+
+static void bmp_masks_say_where_the_colours_are(void **state)
+{
+    (void)state;
+    static const char rgb[] = "\xff\0\0\0\0\xff\0\0\0\0\xff\0"
+                              "abc.def.ghi.jkl.";
+    file_t file = write_bmp(32, 3, 0, 12, rgb, sizeof rgb - 1);
+    check_bytes("a.dat", &file, 2, 2, 3, (const uint8_t *)"abcdefghijkl");
+    static const char rgba[] = "\0\xff\0\0\0\0\xff\0\0\0\0\xff\xff\0\0\0"
+                               "abcdefghijklmnop";
+    file = write_bmp(32, 3, 0, 16, rgba, sizeof rgba - 1);
+    file.bytes[14] = 56; /* a longer header, which has a mask of alpha */
+    check_bytes("a.dat", &file, 2, 2, 4, (const uint8_t *)"bcdafghejklinopm");
+}
+
+static void old_bmp_of_os2_is_read(void **state)
+{
+    (void)state;
+    static const char bytes[] = "BM........\x20\0\0\0\x0c\0\0\0\2\0\1\0\1\0\1\0"
+                                "abcdef\x40...............................";
+    file_t file = {.size = 0};
+    put(&file, bytes, sizeof bytes - 1);
+    check_bytes("a.dat", &file, 2, 1, 3, (const uint8_t *)"cbafed");
+}
+
+static void bad_bmp_is_an_error(void **state)
+{
+    (void)state;
+    file_t flat = write_bmp(24, 0, 0, 0, "abcdef..ghijkl", 14);
+    file_t mapped = write_bmp(8, 0, 2, 8, "abc.def.\0\1..\1\0", 14);
+    check_truncations("a.bmp", &flat);
+    check_truncations("a.bmp", &mapped);
+    check_damage("a.bmp", &flat);
+    check_damage("a.bmp", &mapped);
+    assert_fails("a.bmp", flat.bytes, flat.size - 1, "a.bmp: cannot be read as BMP: it is cut short");
+    mapped.bytes[mapped.size - 1] = 2;
+    assert_fails("a.bmp", mapped.bytes, mapped.size, "outside the colour map");
+    mapped.bytes[30] = 1;
+    assert_fails("a.bmp", mapped.bytes, mapped.size, "packed pixels");
+    mapped.bytes[30] = 3;
+    assert_fails("a.bmp", mapped.bytes, mapped.size, "masks");
+    flat.bytes[28] = 23;
+    assert_fails("a.bmp", flat.bytes, flat.size, "depth");
+    memset(flat.bytes + 18, 0xFF, 3);
+    assert_fails("a.bmp", flat.bytes, flat.size, "outside the limits");
+    flat.bytes[14] = 39;
+    assert_fails("a.bmp", flat.bytes, flat.size, "header");
+}
+
 /* ---- Radiance HDR ---- */
 
 static file_t start_hdr(const char *size)
@@ -878,6 +980,12 @@ int main(void)
                                        TEST(tga_packets_go_on_from_row_to_row),
                                        TEST(tga_colour_maps_are_looked_up),
                                        TEST(bad_tga_is_an_error),
+                                       TEST(bmp_of_all_depths_is_read),
+                                       TEST(bmp_with_a_positive_height_is_upside_down),
+                                       TEST(bmp_alpha_counts_unless_it_is_empty),
+                                       TEST(bmp_masks_say_where_the_colours_are),
+                                       TEST(old_bmp_of_os2_is_read),
+                                       TEST(bad_bmp_is_an_error),
                                        TEST(flat_hdr_is_read_in_all_directions),
                                        TEST(coded_hdr_is_read),
                                        TEST(bad_hdr_is_an_error),
