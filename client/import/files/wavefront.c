@@ -116,15 +116,17 @@ static bool read_index(const char **at, const char *end, size_t count, uint32_t 
     return true;
 }
 
-/* The same of texture coordinates or normals. Some programs write indices of what the file has none of. */
+/* The same of texture coordinates or normals, which a corner can do without: some programs write indices of
+ * what the file has none of, or too few. */
 static bool read_other_index(reader_t *r, position_t where, const char **at, const char *end, size_t count,
                              uint32_t *index)
 {
+    const char *begin = *at;
     uint32_t absent;
-    if (count > 0) return read_index(at, end, count, index);
+    if (read_index(at, end, count, index)) return true;
+    *at = begin;
     if (!read_index(at, end, UINT32_MAX, &absent)) return false;
-    say_once(r, SAID_ABSENT, where,
-             "faces have indices of vt or vn, of which there is none above: they do without");
+    say_once(r, SAID_ABSENT, where, "corners do without the vt or vn of their indices, which are not above");
     return true;
 }
 

@@ -178,10 +178,16 @@ static void what_a_file_lacks_is_done_without(void **state)
     bench_t bench = {0};
     run(&bench, SQUARE "f 1/1/1 2/2/1 3/3/1\nf 1//7 3//7 4//7\n", NULL);
     bench_expect_ok(&bench);
-    expect_text(bench.warnings, "s.obj:5: faces have indices of vt or vn, of which there is none");
+    expect_text(bench.warnings, "s.obj:5: corners do without the vt or vn of their indices");
     assert_int_equal(mesh_of(&bench, 0)->triangle_count, 2);
     assert_int_equal(mesh_of(&bench, 0)->first_normal, BLOB_NONE);
     assert_int_equal(mesh_of(&bench, 0)->first_uv, BLOB_NONE);
+    run(&bench, SQUARE "vt 0 0\nvn 0 0 1\nf 1/1/1 2/2/1 3/1/-2\nf 1//1 3//1 4//1\n", NULL);
+    bench_expect_ok(&bench);
+    expect_text(bench.warnings, "s.obj:7: corners do without the vt or vn of their indices");
+    assert_int_equal(count_of(&bench, BLOB_SECTION_SHAPES), 2);
+    assert_true(mesh_of(&bench, 0)->first_uv != BLOB_NONE && mesh_of(&bench, 1)->first_normal != BLOB_NONE);
+    assert_int_equal(mesh_of(&bench, 0)->first_normal, BLOB_NONE);
     static const char *const nothing[] = {SQUARE, SQUARE "p 1 2\nl 3 4\n", SQUARE "f 1 1 2\n"};
     for (size_t i = 0; i < ARRAY_LENGTH(nothing); ++i) {
         run(&bench, nothing[i], NULL);
@@ -201,9 +207,9 @@ static void what_is_wrong_is_named(void **state)
     expect_error(&bench, SQUARE "f 1 2 5\n", "s.obj:5: \"5\" is no corner of a face");
     expect_error(&bench, SQUARE "f 0 1 2\n", "\"0\" is no corner");
     expect_error(&bench, SQUARE "f 1 2 -5\n", "\"-5\" is no corner");
-    expect_error(&bench, SQUARE "vt 0 0\nf 1/1 2/2 3/1\n", "1 vt");
     expect_error(&bench, SQUARE "f 1/0 2/1 3/1\n", "0 vt");
     expect_error(&bench, SQUARE "f 1 2x 3\n", "\"2x\" is no corner");
+    expect_error(&bench, SQUARE "f 1/1/0 2/1/1 3/1/1\n", "0 vn");
     expect_error(&bench, SQUARE "f 1 2\n", "at least 3 corners");
     expect_error(&bench, "hello\nworld\n", "is it a Wavefront OBJ file?");
     expect_error(&bench, SQUARE "f 1 2 3\ncstype bezier\n", "free-form");
