@@ -46,6 +46,8 @@ typedef struct {
     size_t polygon_capacity, outline_capacity;
 } reader_t;
 
+static const char nothing_to_see[] = "points and lines have no surface and are left out";
+
 static void say_once(reader_t *r, said_t what, position_t at, const char *text)
 {
     if (!r->said[what]) report_warning(r->scene->report, at, "%s", text);
@@ -196,7 +198,10 @@ static result_t add_face(reader_t *r, line_t *line)
         smooth = smooth && r->polygon[count].normal != WAVEFRONT_NONE;
         ++count;
     }
-    if (count < 3) return error_at(line->at, "a face has at least 3 corners, this one has %zu", count);
+    if (count < 3) {
+        say_once(r, SAID_LINES, line->at, nothing_to_see);
+        return result_ok();
+    }
     if (!smooth && r->smoothing)
         say_once(r, SAID_SMOOTH, line->at,
                  "this face is in a smoothing group but has no normals, and is flat; export with normals");
@@ -262,7 +267,7 @@ static result_t read_line(reader_t *r, line_t *line)
     else if (word_is(word, "s"))
         r->smoothing = line_word(line, &group) && !word_is(group, "off") && !word_is(group, "0");
     else if (word_is(word, "l") || word_is(word, "p"))
-        say_once(r, SAID_LINES, line->at, "points and lines have no surface and are left out");
+        say_once(r, SAID_LINES, line->at, nothing_to_see);
     else
         return ignore(r, line);
     return result_ok();

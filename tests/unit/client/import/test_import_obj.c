@@ -188,7 +188,8 @@ static void what_a_file_lacks_is_done_without(void **state)
     assert_int_equal(count_of(&bench, BLOB_SECTION_SHAPES), 2);
     assert_true(mesh_of(&bench, 0)->first_uv != BLOB_NONE && mesh_of(&bench, 1)->first_normal != BLOB_NONE);
     assert_int_equal(mesh_of(&bench, 0)->first_normal, BLOB_NONE);
-    static const char *const nothing[] = {SQUARE, SQUARE "p 1 2\nl 3 4\n", SQUARE "f 1 1 2\n"};
+    static const char *const nothing[] = {SQUARE, SQUARE "p 1 2\nl 3 4\n", SQUARE "f 1 1 2\n",
+                                          SQUARE "f 1 2\nf 3\n"};
     for (size_t i = 0; i < ARRAY_LENGTH(nothing); ++i) {
         run(&bench, nothing[i], NULL);
         bench_expect_ok(&bench);
@@ -210,7 +211,6 @@ static void what_is_wrong_is_named(void **state)
     expect_error(&bench, SQUARE "f 1/0 2/1 3/1\n", "0 vt");
     expect_error(&bench, SQUARE "f 1 2x 3\n", "\"2x\" is no corner");
     expect_error(&bench, SQUARE "f 1/1/0 2/1/1 3/1/1\n", "0 vn");
-    expect_error(&bench, SQUARE "f 1 2\n", "at least 3 corners");
     expect_error(&bench, "hello\nworld\n", "is it a Wavefront OBJ file?");
     expect_error(&bench, SQUARE "f 1 2 3\ncstype bezier\n", "free-form");
     bench.lenient = true;
