@@ -27,6 +27,7 @@ static const struct {
     bool done;        /* by this importer */
     const char *cure; /* what to say when it is not; NULL: that it is ignored */
 } extensions[] = {
+    {"CESIUM_RTC", true, NULL},            /* where on the globe all of it stands: nothing looks different */
     {"KHR_animation_pointer", true, NULL}, /* with a warning at each channel */
     {"KHR_lights_punctual", true, NULL},
     {"KHR_materials_anisotropy", true, NULL},

@@ -625,6 +625,23 @@ static void a_lenient_import_ignores_extensions_that_a_file_requires(void **stat
     bench_close(&bench);
 }
 
+#define PICTURE "\"textures\":[{\"source\":0}],\"images\":[{\"uri\":\"a.png\"}]"
+
+static void where_on_the_globe_a_file_stands_is_no_matter(void **state)
+{
+    (void)state;
+    bench_t here = {0}, there = {0};
+    write_png(&here, "a.png");
+    import_textured(&here, PICTURE);
+    write_png(&there, "a.png");
+    import_textured(&there, PICTURE ",\"extensionsUsed\":[\"CESIUM_RTC\"],"
+                                    "\"extensionsRequired\":[\"CESIUM_RTC\"],"
+                                    "\"extensions\":{\"CESIUM_RTC\":{\"center\":[6378137,0,0]}}");
+    expect_same_blob(&there, &here);
+    bench_close(&there);
+    bench_close(&here);
+}
+
 /* ---- containers -------------------------------------------------------------------------------------------
  */
 
@@ -719,6 +736,7 @@ int main(void)
         cmocka_unit_test(a_webp_picture_is_the_same_picture),
         cmocka_unit_test(a_missing_texture_is_left_out_leniently),
         cmocka_unit_test(a_lenient_import_ignores_extensions_that_a_file_requires),
+        cmocka_unit_test(where_on_the_globe_a_file_stands_is_no_matter),
         cmocka_unit_test(chunks_that_are_not_filled_up_are_taken),
         cmocka_unit_test(a_byte_order_mark_is_passed_over),
         cmocka_unit_test(the_first_version_gets_one_message),
