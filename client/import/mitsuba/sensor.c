@@ -25,7 +25,7 @@ static const struct {
     {"catmullrom", {FILTER_MITCHELL, 2, 2, {0, 0.5f}}},
     {"lanczos", {FILTER_SINC, 3, 3, {3, 0}}},
 };
-enum { GAUSSIAN = 2 }; /* what there is by default */
+enum { BOX = 0, GAUSSIAN = 2 }; /* what there is by default */
 
 /* What a filter says of itself. */
 static result_t read_shape(mitsuba_t *m, const element_t *element, blob_filter_t *filter)
@@ -48,10 +48,10 @@ static result_t read_shape(mitsuba_t *m, const element_t *element, blob_filter_t
     return object_finish(m, element);
 }
 
-static result_t read_filter(mitsuba_t *m, element_t *film)
+static result_t read_filter(mitsuba_t *m, element_t *film, bool numbers)
 {
     element_t *found;
-    m->record.filter = filters[GAUSSIAN].filter;
+    m->record.filter = filters[numbers ? BOX : GAUSSIAN].filter;
     TRY(object_only(m, film, "rfilter", &found));
     if (!found) return result_ok();
     size_t i = 0;
@@ -110,7 +110,8 @@ static void default_film(mitsuba_t *m)
     m->record.spp = SAMPLES;
 }
 
-/* *aspect is that of the whole film. */
+/* *aspect is that of the whole film. A film for other programs to count with is one pixel if it does not say.
+ */
 static result_t read_film(mitsuba_t *m, const element_t *sensor, double *aspect)
 {
     element_t *film;
@@ -118,9 +119,11 @@ static result_t read_film(mitsuba_t *m, const element_t *sensor, double *aspect)
     default_film(m);
     TRY(object_only(m, sensor, "film", &film));
     if (film) {
+        bool numbers = strcmp(object_type(film), "mfilm") == 0;
+        if (numbers) width = height = 1;
         TRY(property_number(m, film, "width", 1, 65535, &width));
         TRY(property_number(m, film, "height", 1, 65535, &height));
-        TRY(read_filter(m, film));
+        TRY(read_filter(m, film, numbers));
         TRY(read_crop(m, film, floor(width), floor(height)));
         ignore_formats(film);
         TRY(object_finish(m, film));
@@ -227,6 +230,11 @@ static result_t read_lens(mitsuba_t *m, element_t *sensor, const affine_t *world
     }
     if (strcmp(type, "spherical") == 0) {
         m->record.camera = CAMERA_SPHERICAL;
+        return result_ok();
+    }
+    if (strcmp(type, "radiancemeter") == 0) { /* the limit of perspective */
+        m->record.camera = CAMERA_PERSPECTIVE;
+        m->record.fov = 1e-3f;
         return result_ok();
     }
     if (!known)

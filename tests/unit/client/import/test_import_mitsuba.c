@@ -410,6 +410,32 @@ static void a_telecentric_sensor_is_orthographic_with_a_lens(void **state)
     bench_close(&bench);
 }
 
+static void a_radiance_meter_looks_along_one_ray(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run_text(&bench, SCENE("<sensor type=\"radiancemeter\"/>" LAMP RECTANGLE));
+    bench_expect_ok(&bench);
+    const blob_scene_t *scene = bench.blob.scene;
+    assert_int_equal(scene->camera, CAMERA_PERSPECTIVE);
+    expect_near((double)scene->fov, 1e-3, 1e-9);
+    expect_near((double)scene->world_from_camera.m[2][2], 1, 0);
+    bench_close(&bench);
+}
+
+static void a_film_of_numbers_is_one_pixel(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run_text(&bench, SCENE("<sensor type=\"perspective\"><film type=\"mfilm\"/></sensor>" LAMP RECTANGLE));
+    bench_expect_ok(&bench);
+    const blob_scene_t *scene = bench.blob.scene;
+    assert_int_equal(scene->width, 1);
+    assert_int_equal(scene->height, 1);
+    assert_int_equal(scene->filter.kind, FILTER_BOX);
+    bench_close(&bench);
+}
+
 static void occlusion_reaches_as_far_as_in_mitsuba(void **state)
 {
     (void)state;
@@ -1387,6 +1413,8 @@ int main(void)
         cmocka_unit_test(a_spherical_sensor_begins_behind_itself),
         cmocka_unit_test(integrators_about_others_become_those),
         cmocka_unit_test(a_telecentric_sensor_is_orthographic_with_a_lens),
+        cmocka_unit_test(a_radiance_meter_looks_along_one_ray),
+        cmocka_unit_test(a_film_of_numbers_is_one_pixel),
         cmocka_unit_test(occlusion_reaches_as_far_as_in_mitsuba),
         cmocka_unit_test(the_field_of_view_has_its_axis),
         cmocka_unit_test(steps_of_a_transform_are_applied_in_their_order),
