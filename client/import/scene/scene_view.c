@@ -33,15 +33,16 @@ static uint32_t extend_by_object(const scene_builder_t *scene, box_t *box, uint3
 /* Instances that have the name themselves go before those of objects whose shapes have it. */
 static uint32_t extend_by_instances(const scene_builder_t *scene, box_t *box, const char *name)
 {
-    const blob_instance_t *instances = records(scene, BLOB_SECTION_INSTANCES), *at;
+    const blob_instance_t *instances = records(scene, BLOB_SECTION_INSTANCES);
     uint32_t places = 0;
     for (size_t i = 0; i < scene->focused_count; ++i) {
-        at = &instances[scene->focused[i]];
+        const blob_instance_t *at = &instances[scene->focused[i]];
         extend_by_object(scene, box, at->object, NULL, &at->world_from_object);
     }
     if (scene->focused_count > 0) return (uint32_t)scene->focused_count;
-    for (at = instances; at < instances + blob_builder_count(scene->blob, BLOB_SECTION_INSTANCES); ++at)
-        places += extend_by_object(scene, box, at->object, name, &at->world_from_object) > 0;
+    for (uint32_t i = 0; i < blob_builder_count(scene->blob, BLOB_SECTION_INSTANCES); ++i)
+        places +=
+            extend_by_object(scene, box, instances[i].object, name, &instances[i].world_from_object) > 0;
     return places;
 }
 
