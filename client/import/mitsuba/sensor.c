@@ -48,20 +48,19 @@ static result_t read_shape(mitsuba_t *m, const element_t *element, blob_filter_t
     return object_finish(m, element);
 }
 
-static result_t read_filter(mitsuba_t *m, element_t *film, bool numbers)
+/* `otherwise`: the filter of a film that names none. */
+static result_t read_filter(mitsuba_t *m, element_t *film, size_t otherwise)
 {
     element_t *found;
-    m->record.filter = filters[numbers ? BOX : GAUSSIAN].filter;
     TRY(object_only(m, film, "rfilter", &found));
-    if (!found) return result_ok();
-    size_t i = 0;
-    while (i < ARRAY_LENGTH(filters) && strcmp(object_type(found), filters[i].type) != 0) ++i;
+    size_t i = found ? 0 : otherwise;
+    while (found && i < ARRAY_LENGTH(filters) && strcmp(object_type(found), filters[i].type) != 0) ++i;
     if (i == ARRAY_LENGTH(filters))
         return report_refuse(m->report, found->at,
                              "filter \"%.40s\" is not supported; the nearest is gaussian",
                              object_type(found));
     m->record.filter = filters[i].filter;
-    return read_shape(m, found, &m->record.filter);
+    return found ? read_shape(m, found, &m->record.filter) : result_ok();
 }
 
 /* What says how the image is written, or shown, not what it is. */
@@ -123,7 +122,7 @@ static result_t read_film(mitsuba_t *m, const element_t *sensor, double *aspect)
         if (numbers) width = height = 1;
         TRY(property_number(m, film, "width", 1, 65535, &width));
         TRY(property_number(m, film, "height", 1, 65535, &height));
-        TRY(read_filter(m, film, numbers));
+        TRY(read_filter(m, film, numbers ? BOX : GAUSSIAN));
         TRY(read_crop(m, film, floor(width), floor(height)));
         ignore_formats(film);
         TRY(object_finish(m, film));
