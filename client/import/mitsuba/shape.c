@@ -25,7 +25,7 @@ typedef struct {
     bool creased;    /* its edges are smoothed up to `crease` degrees, whatever normals its file has */
     double crease;
     bool flipped;       /* its v is the other way round: see texture.h */
-    bool left_out;      /* its file is missing */
+    char *path;         /* of its file; NULL: it has none */
     element_t *emitter; /* NULL: it does not emit */
     mtl_t *library;     /* materials of an OBJ file; NULL: none */
 } work_t;
@@ -131,8 +131,9 @@ static result_t add_mesh(const work_t *w, mesh_t *mesh, const char *wanted, posi
     return add_shape(w, &shape, &material);
 }
 
-/* The path of its file, which is the caller's unless the shape is left out. */
-static result_t read_file_name(work_t *w, char **path)
+/* What all shapes say that lie in a file. Leaves the path NULL when the file is missing and is done without.
+ */
+static result_t read_file_name(work_t *w)
 {
     const char *name = NULL;
     TRY(property_string(w->m, w->element, "filename", &name));
@@ -141,14 +142,15 @@ static result_t read_file_name(work_t *w, char **path)
     w->creased = property_find(w->element, "maxSmoothAngle");
     property_ignore(w->element, "collapse");
     if (!name) return error_at(w->element->at, "shape \"%.20s\" needs a filename", object_type(w->element));
-    *path = element_path(w->element, name);
-    w->left_out = access(*path, F_OK) != 0;
-    if (!w->left_out) return result_ok();
+    char *path = element_path(w->element, name);
+    if (access(path, F_OK) == 0) {
+        w->path = path;
+        return result_ok();
+    }
     result_t result =
         report_refuse(w->m->report, w->element->at,
-                      "the file %.300s is missing; the nearest is to leave the shape out", *path);
-    free(*path);
-    *path = NULL;
+                      "the file %.300s is missing; the nearest is to leave the shape out", path);
+    free(path);
     return result;
 }
 
@@ -164,16 +166,16 @@ static result_t add_parts(work_t *w, wavefront_t *file)
 }
 
 /* With its library's materials, unless loadMaterials is false. */
-static result_t add_file(work_t *w, const char *path, wavefront_t *file)
+static result_t add_file(work_t *w, wavefront_t *file)
 {
     mtl_t library = {.scene = w->m->scene, .encoded = true};
     bool load = true;
     TRY(property_bool(w->m, w->element, "loadMaterials", &load));
-    TRY(wavefront_read(path, w->m->scene, file));
+    TRY(wavefront_read(w->path, w->m->scene, file));
     result_t result = result_ok();
     if (load && file->libraries.count > 0) {
         w->library = &library;
-        result = mtl_read_libraries(&library, path, &file->libraries);
+        result = mtl_read_libraries(&library, w->path, &file->libraries);
     }
     if (result.code == RESULT_OK) result = add_parts(w, file);
     w->library = NULL;
@@ -183,18 +185,14 @@ static result_t add_file(work_t *w, const char *path, wavefront_t *file)
 
 static result_t make_obj(work_t *w)
 {
-    char *path = NULL;
     wavefront_t file = {0};
     w->flipped = true;
     TRY(property_bool(w->m, w->element, "flipTexCoords", &w->flipped));
     if (property_find(w->element, "shapeIndex"))
         TRY(report_refuse(w->m->report, w->element->at,
                           "shapeIndex is not supported in an obj; the nearest is all of the file"));
-    TRY(read_file_name(w, &path));
-    if (w->left_out) return result_ok();
-    result_t result = add_file(w, path, &file);
+    result_t result = add_file(w, &file);
     wavefront_free(&file);
-    free(path);
     return result;
 }
 
@@ -210,33 +208,25 @@ static void decode_colours(mesh_t *mesh)
 
 static result_t make_ply(work_t *w)
 {
-    char *path = NULL;
     mesh_t mesh = {0};
     bool encoded = true;
     TRY(property_bool(w->m, w->element, "srgb", &encoded));
-    TRY(read_file_name(w, &path));
-    if (w->left_out) return result_ok();
-    scene_count_file(w->m->scene, path);
-    result_t result = ply_read(path, w->m->report, &mesh);
+    scene_count_file(w->m->scene, w->path);
+    result_t result = ply_read(w->path, w->m->report, &mesh);
     if (result.code == RESULT_OK && encoded) decode_colours(&mesh);
     if (result.code == RESULT_OK)
         result = scene_charge(w->m->scene, SCENE_VERTICES, mesh.vertex_count, w->element->at);
-    free(path);
     return add_mesh(w, &mesh, NULL, w->element->at, result);
 }
 
 static result_t make_serialized(work_t *w)
 {
-    char *path = NULL;
     mesh_t mesh = {0};
     double index = 0;
     bool flat = false;
     TRY(property_number(w->m, w->element, "shapeIndex", 0, 1e9, &index));
-    TRY(read_file_name(w, &path));
-    if (w->left_out) return result_ok();
-    result_t result = serialized_read(path, (uint64_t)index, w->m->scene, w->element->at, &mesh, &flat);
+    result_t result = serialized_read(w->path, (uint64_t)index, w->m->scene, w->element->at, &mesh, &flat);
     w->flat = w->flat || flat;
-    free(path);
     return add_mesh(w, &mesh, NULL, w->element->at, result);
 }
 
@@ -347,15 +337,16 @@ static result_t make_cylinder(work_t *w)
 static const struct {
     const char *type;
     result_t (*make)(work_t *w);
+    bool in_file;
 } shapes[] = {
-    {"obj", make_obj},
-    {"ply", make_ply},
-    {"serialized", make_serialized},
-    {"sphere", make_sphere},
-    {"rectangle", make_rectangle},
-    {"cube", make_cube},
-    {"disk", make_disk},
-    {"cylinder", make_cylinder},
+    {"obj", make_obj, true},
+    {"ply", make_ply, true},
+    {"serialized", make_serialized, true},
+    {"sphere", make_sphere, false},
+    {"rectangle", make_rectangle, false},
+    {"cube", make_cube, false},
+    {"disk", make_disk, false},
+    {"cylinder", make_cylinder, false},
 };
 
 /* Into an object, 0 for the world. */
@@ -366,8 +357,12 @@ static result_t add_to(mitsuba_t *m, element_t *element, uint32_t object, const 
     TRY(object_only(m, element, "emitter", &w.emitter));
     for (size_t i = 0; i < ARRAY_LENGTH(shapes); ++i) {
         if (strcmp(object_type(element), shapes[i].type) != 0) continue;
-        TRY(shapes[i].make(&w));
-        return w.left_out ? result_ok() : object_finish(m, element);
+        if (shapes[i].in_file) TRY(read_file_name(&w));
+        if (shapes[i].in_file && !w.path) return result_ok();
+        result_t result = shapes[i].make(&w);
+        free(w.path);
+        TRY(result);
+        return object_finish(m, element);
     }
     return report_refuse(m->report, element->at,
                          "shape \"%.40s\" is not supported; the nearest is to leave it out",
